@@ -1,0 +1,22 @@
+use std::io::Write;
+
+use super::CommandResult;
+use crate::config::ServeConfig;
+use crate::demo::{self, DemoArgs};
+use crate::{serve, telemetry};
+
+/// Starts a service of its own, drives it through the main job, and stops it unless it shall stay.
+pub(super) fn run(arguments: &DemoArgs) -> CommandResult {
+    telemetry::start_log("warn");
+    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
+    let running = runtime.block_on(serve::start(ServeConfig::new(arguments.out.join("service"))))?;
+    let url = running.url();
+    writeln!(std::io::stdout(), "the service listens on {url}")?;
+    let done = demo::run(arguments, url.clone());
+    if arguments.keep && done.is_ok() {
+        writeln!(std::io::stdout(), "the service stays up on {url}; ctrl-c ends it")?;
+        runtime.block_on(async { tokio::signal::ctrl_c().await })?;
+    }
+    runtime.block_on(running.shut_down());
+    Ok(done?)
+}

@@ -1,0 +1,50 @@
+//! The command line.
+//!
+//! Invariant: everything it does is a call of the library; it alone writes to stdout.
+
+mod demo;
+mod openapi;
+mod serve;
+
+use std::io::Write;
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Predicts the face after the jaw is cut and moved. Not a medical device.
+#[derive(Debug, Parser)]
+#[command(name = "prosopon", version, about)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Serve the HTTP API.
+    Serve(serve::ServeArguments),
+    /// Run the main job on a phantom head or a patient, over HTTP, and write the results.
+    Demo(crate::demo::DemoArgs),
+    /// Print the API's description, OpenAPI 3.1.
+    Openapi,
+}
+
+/// Runs the command that the process was called with.
+#[must_use]
+pub fn run() -> ExitCode {
+    let done = match Arguments::parse().command {
+        Command::Serve(arguments) => serve::run(arguments),
+        Command::Demo(arguments) => demo::run(&arguments),
+        Command::Openapi => openapi::run(),
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            writeln!(std::io::stderr(), "prosopon: {}", crate::session::chain(error.as_ref())).ok();
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// What a command comes back with.
+type CommandResult = Result<(), Box<dyn std::error::Error>>;

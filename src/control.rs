@@ -1,0 +1,98 @@
+//! Cancellation and progress for long numerical work, on plain atomics.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+
+/// The caller asked the computation to stop.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("cancelled")]
+pub struct Cancelled;
+
+/// Handle that every long function takes: it says when to stop and is told how far the work is.
+///
+/// Clones share the same cancel flag and progress value. [`Control::part`] maps the progress of a
+/// stage into a share of the whole.
+#[derive(Debug, Clone)]
+pub struct Control {
+    cancel: Arc<AtomicBool>,
+    progress: Arc<AtomicU64>,
+    from: f64,
+    to: f64,
+}
+
+impl Default for Control {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Control {
+    /// A control with progress 0 that nobody has cancelled.
+    #[must_use]
+    pub fn new() -> Self {
+        Self {
+            cancel: Arc::new(AtomicBool::new(false)),
+            progress: Arc::new(AtomicU64::new(0f64.to_bits())),
+            from: 0.0,
+            to: 1.0,
+        }
+    }
+
+    /// Asks the computation to stop at its next check.
+    pub fn cancel(&self) {
+        self.cancel.store(true, Ordering::Relaxed);
+    }
+
+    /// Whether [`Control::cancel`] was called.
+    #[must_use]
+    pub fn is_cancelled(&self) -> bool {
+        self.cancel.load(Ordering::Relaxed)
+    }
+
+    /// Returns early from the computation when it was cancelled.
+    ///
+    /// # Errors
+    /// [`Cancelled`] when [`Control::cancel`] was called on this control or a clone.
+    pub fn check(&self) -> Result<(), Cancelled> {
+        if self.is_cancelled() { Err(Cancelled) } else { Ok(()) }
+    }
+
+    /// Reports the done share of this part, 0 to 1.
+    pub fn report(&self, fraction: f64) {
+        let whole = self.from + fraction.clamp(0.0, 1.0) * (self.to - self.from);
+        self.progress.store(whole.to_bits(), Ordering::Relaxed);
+    }
+
+    /// Progress of the whole work, 0 to 1.
+    #[must_use]
+    pub fn progress(&self) -> f64 {
+        f64::from_bits(self.progress.load(Ordering::Relaxed))
+    }
+
+    /// A control for a stage that covers the shares `from` to `to` (0 to 1) of this one.
+    #[must_use]
+    pub fn part(&self, from: f64, to: f64) -> Self {
+        let span = self.to - self.from;
+        Self {
+            cancel: Arc::clone(&self.cancel),
+            progress: Arc::clone(&self.progress),
+            from: self.from + from * span,
+            to: self.from + to * span,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Control;
+
+    #[test]
+    fn a_part_reports_its_share_of_the_whole_and_shares_the_cancel_flag() {
+        let whole = Control::new();
+        let part = whole.part(0.5, 1.0).part(0.0, 0.5);
+        part.report(1.0);
+        assert!((whole.progress() - 0.75).abs() < 1e-12);
+        whole.cancel();
+        assert!(part.check().is_err());
+    }
+}

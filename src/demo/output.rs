@@ -1,0 +1,48 @@
+use std::fs;
+use std::path::Path;
+
+use super::DemoError;
+use crate::evaluate::{Layer, View, picture};
+use crate::geometry::{TriMesh, Vector};
+use crate::import;
+
+/// Writes a result, replacing what was there.
+pub(super) fn write(folder: &Path, name: &str, bytes: &[u8]) -> Result<(), DemoError> {
+    let path = folder.join(name);
+    if let Some(parent) = path.parent() {
+        fs::create_dir_all(parent).map_err(|e| DemoError::file(parent, e))?;
+    }
+    fs::write(&path, bytes).map_err(|e| DemoError::file(&path, e))
+}
+
+/// Half of a three-quarter view and a profile, in pixels.
+const PANEL_PX: [u32; 2] = [640, 720];
+
+/// Before and after, in profile and in three-quarter view, and how far each point of the skin moved.
+pub(super) fn before_after(out: &Path, before_ply: &[u8], after_ply: &[u8]) -> Result<(), DemoError> {
+    let before = surface("skin before", before_ply)?;
+    let after = surface("skin after", after_ply)?;
+    let moved: Vec<f32> =
+        before.positions().iter().zip(after.positions()).map(|(b, a)| (a - b).norm() as f32).collect();
+    let limit = f64::from(moved.iter().copied().fold(1.0, f32::max)).ceil();
+    for (name, direction) in [
+        ("before_after.png", Vector::new(-0.7, 0.7, 0.0)),
+        ("before_after_profile.png", Vector::new(-1.0, 0.0, 0.0)),
+        ("before_after_front.png", Vector::new(0.0, 1.0, 0.0)),
+    ] {
+        let view = View { direction: direction.normalize(), up: Vector::z(), size_px: PANEL_PX };
+        let plain = |mesh| Layer { mesh, values: None };
+        let panels = [
+            ("before", plain(&before)),
+            ("after", plain(&after)),
+            ("displacement", Layer { mesh: &after, values: Some((&moved, limit)) }),
+        ];
+        write(out, name, &picture(&panels, &view))?;
+    }
+    Ok(())
+}
+
+fn surface(what: &'static str, ply: &[u8]) -> Result<TriMesh, DemoError> {
+    let read = import::surface(ply, import::SurfaceFormat::Ply, &import::Limits::default());
+    read.map(|(mesh, _)| mesh).map_err(|_| DemoError::Answer { path: what.to_owned(), field: "surface" })
+}

@@ -1,0 +1,17 @@
+//! Surfaces and volume meshes to bytes: GLB, PLY, STL, VTU.
+//!
+//! Invariants: output is a function of the input only (no clock, no host), little-endian, LPS mm.
+
+mod glb;
+mod ply;
+mod stl;
+#[cfg(test)]
+mod tests;
+mod view;
+mod vtu;
+
+pub use glb::glb;
+pub use ply::ply;
+pub use stl::stl;
+pub use view::SurfaceView;
+pub use vtu::vtu;

@@ -1,0 +1,324 @@
+//! Energy, forces and stiffness of all elements.
+//!
+//! Elements are evaluated in parallel into buffers, then each force and each block of the matrix gathers its
+//! contributions in the order of elements: the same bits at any number of threads.
+
+mod kernel;
+mod law;
+mod pattern;
+mod scatter;
+
+pub(in crate::fem) use law::{Curvature, Law};
+pub(in crate::fem) use pattern::Pattern;
+
+use super::dofs::Dofs;
+use super::element::ElementBlock;
+use super::error::SolveError;
+use super::material::Inverted;
+use crate::geometry::Vector;
+use crate::mesh::Tissue;
+use kernel::{Element, n_slots};
+use nalgebra::Matrix3;
+use rayon::prelude::*;
+use scatter::ForceSources;
+
+/// Elements with their material laws, one law a tissue.
+#[derive(Debug, Clone)]
+pub(in crate::fem) struct Part {
+    pub(in crate::fem) block: ElementBlock,
+    pub(in crate::fem) laws: [Law; 4],
+}
+
+impl Part {
+    fn law(&self, element: usize) -> &Law {
+        &self.laws[self.block.tissue[element] as usize]
+    }
+}
+
+/// An element that is inverted in the configuration asked for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(in crate::fem) struct Inversion {
+    /// Index of the part.
+    pub(in crate::fem) part: usize,
+    /// Element in it.
+    pub(in crate::fem) element: usize,
+}
+
+/// All elements, the matrix's pattern, and buffers.
+#[derive(Debug, Clone)]
+pub(in crate::fem) struct Assembly {
+    parts: Vec<Part>,
+    pattern: Pattern,
+    sources: pattern::Sources,
+    force_sources: ForceSources,
+    element_forces: Vec<f64>,
+    element_blocks: Vec<f64>,
+}
+
+/// Elements evaluated by one task: about the same work for each kind.
+const fn chunk(n_functions: usize, n_points: usize) -> usize {
+    let work = n_functions * n_functions * n_points;
+    if work >= 4096 { 8 } else { 8192 / (work + 1) + 1 }
+}
+
+/// Calls `$method::<N>` for the block's number of functions; blocks of other sizes were refused by [`Assembly::new`].
+macro_rules! by_width {
+    ($part:expr, $function:ident ( $($argument:expr),* )) => {
+        match $part.block.n_functions {
+            4 => $function::<4>($($argument),*),
+            6 => $function::<6>($($argument),*),
+            _ => $function::<12>($($argument),*),
+        }
+    };
+}
+
+impl Assembly {
+    pub(in crate::fem) fn new(parts: Vec<Part>, dofs: &Dofs) -> Result<Self, SolveError> {
+        let blocks: Vec<ElementBlock> = parts.iter().map(|p| p.block.clone()).collect();
+        for b in &blocks {
+            let n = b.n_elements();
+            let complete = b.nodes.len() == n * b.n_functions
+                && b.weights.len() == n * b.n_points
+                && b.gradients.len() == n * b.n_points * b.n_functions;
+            if !matches!(b.n_functions, 4 | 6 | 12) || !complete {
+                let detail = format!("the block of {}s is not complete", b.kind);
+                return Err(SolveError::Problem { detail });
+            }
+        }
+        let slots = pattern::total_slots(&blocks);
+        if slots > (u32::MAX / 2) as usize {
+            let detail = format!("{slots} element blocks, at most {} are possible", u32::MAX / 2);
+            return Err(SolveError::Problem { detail });
+        }
+        let (pattern, sources) = pattern::build(&blocks, dofs);
+        let force_sources = ForceSources::new(&blocks, dofs.n_nodes());
+        let functions: usize = blocks.iter().map(|b| b.nodes.len()).sum();
+        Ok(Self {
+            parts,
+            pattern,
+            sources,
+            force_sources,
+            element_forces: vec![0.0; 3 * functions],
+            element_blocks: vec![0.0; 9 * slots],
+        })
+    }
+
+    pub(in crate::fem) fn pattern(&self) -> &Pattern {
+        &self.pattern
+    }
+
+    pub(in crate::fem) fn parts(&self) -> &[Part] {
+        &self.parts
+    }
+
+    /// Energy (mJ) at `x`.
+    pub(in crate::fem) fn energy(&self, x: &[Vector]) -> Result<f64, Inversion> {
+        let mut total = 0.0;
+        for (index, part) in self.parts.iter().enumerate() {
+            total += by_width!(part, part_energy(index, part, x))?;
+        }
+        Ok(total)
+    }
+
+    /// Energy at `x`, and its gradient by every generalised node in `forces`.
+    pub(in crate::fem) fn forces(&mut self, x: &[Vector], forces: &mut [Vector]) -> Result<f64, Inversion> {
+        let mut total = 0.0;
+        let mut rest = self.element_forces.as_mut_slice();
+        for (index, part) in self.parts.iter().enumerate() {
+            let (buffer, tail) = rest.split_at_mut(3 * part.block.nodes.len());
+            rest = tail;
+            total += by_width!(part, part_forces(index, part, x, buffer))?;
+        }
+        self.force_sources.gather(&self.element_forces, forces);
+        Ok(total)
+    }
+
+    /// First-order change of the forces for a change `dx` of the nodes.
+    pub(in crate::fem) fn force_change(
+        &mut self,
+        x: &[Vector],
+        dx: &[Vector],
+        change: &mut [Vector],
+    ) -> Result<(), Inversion> {
+        let mut rest = self.element_forces.as_mut_slice();
+        for (index, part) in self.parts.iter().enumerate() {
+            let (buffer, tail) = rest.split_at_mut(3 * part.block.nodes.len());
+            rest = tail;
+            by_width!(part, part_force_change(index, part, x, dx, buffer))?;
+        }
+        self.force_sources.gather(&self.element_forces, change);
+        Ok(())
+    }
+
+    /// Forces and stiffness matrix at `x`.
+    pub(in crate::fem) fn tangent(
+        &mut self,
+        x: &[Vector],
+        curvature: Curvature,
+        forces: &mut [Vector],
+        values: &mut [f64],
+    ) -> Result<(), Inversion> {
+        let mut rest = self.element_forces.as_mut_slice();
+        let mut rest_blocks = self.element_blocks.as_mut_slice();
+        for (index, part) in self.parts.iter().enumerate() {
+            let (buffer, tail) = rest.split_at_mut(3 * part.block.nodes.len());
+            rest = tail;
+            let n = 9 * part.block.n_elements() * n_slots(part.block.n_functions);
+            let (blocks, tail) = rest_blocks.split_at_mut(n);
+            rest_blocks = tail;
+            by_width!(part, part_tangent(index, part, curvature, x, buffer, blocks))?;
+        }
+        self.force_sources.gather(&self.element_forces, forces);
+        scatter::gather_matrix(&self.pattern, &self.sources, &self.element_blocks, values);
+        Ok(())
+    }
+
+    /// Share of `dx`, at most 1, at which an element is first inverted.
+    pub(in crate::fem) fn first_inversion(&self, x: &[Vector], dx: &[Vector]) -> (f64, Option<Inversion>) {
+        let mut least = (1.0, None);
+        for (index, part) in self.parts.iter().enumerate() {
+            let shares = by_width!(part, part_first_inversion(part, x, dx));
+            for (element, share) in shares.into_iter().enumerate() {
+                if share < least.0 {
+                    least = (share, Some(Inversion { part: index, element }));
+                }
+            }
+        }
+        least
+    }
+
+    /// Smallest det F in each element, by part.
+    pub(in crate::fem) fn min_det(&self, x: &[Vector]) -> Vec<Vec<f64>> {
+        self.parts.iter().map(|part| by_width!(part, part_min_det(part, x))).collect()
+    }
+
+    /// Deformation gradients at the points of one element.
+    pub(in crate::fem) fn deformations(&self, at: Inversion, x: &[Vector]) -> Vec<Matrix3<f64>> {
+        let part = &self.parts[at.part];
+        by_width!(part, element_deformations(part, at.element, x))
+    }
+
+    /// Tissue of an element.
+    pub(in crate::fem) fn tissue(&self, at: Inversion) -> Tissue {
+        self.parts[at.part].block.tissue[at.element]
+    }
+}
+
+/// Sum of the energies of chunks, in order; the first inverted element when there is one.
+fn in_order(index: usize, chunks: Vec<Result<f64, usize>>) -> Result<f64, Inversion> {
+    chunks.into_iter().try_fold(0.0, |sum, c| c.map(|c| sum + c)).map_err(|element| Inversion { part: index, element })
+}
+
+fn part_energy<const N: usize>(index: usize, part: &Part, x: &[Vector]) -> Result<f64, Inversion> {
+    let size = chunk(N, part.block.n_points);
+    let n = part.block.n_elements();
+    let energies: Vec<Result<f64, usize>> = (0..n.div_ceil(size))
+        .into_par_iter()
+        .map(|c| {
+            (c * size..n.min((c + 1) * size)).try_fold(0.0, |sum, e| {
+                let element = Element::<N>::new(&part.block, e);
+                element.energy(part.law(e), &element.collect(x)).map(|w| sum + w).map_err(|_: Inverted| e)
+            })
+        })
+        .collect();
+    in_order(index, energies)
+}
+
+fn part_forces<const N: usize>(index: usize, part: &Part, x: &[Vector], buffer: &mut [f64]) -> Result<f64, Inversion> {
+    let size = chunk(N, part.block.n_points);
+    let energies: Vec<Result<f64, usize>> = buffer
+        .par_chunks_mut(3 * N * size)
+        .enumerate()
+        .map(|(c, out)| {
+            out.fill(0.0);
+            out.chunks_exact_mut(3 * N).enumerate().try_fold(0.0, |sum, (i, out)| {
+                let e = c * size + i;
+                let element = Element::<N>::new(&part.block, e);
+                element.forces(part.law(e), &element.collect(x), out).map(|w| sum + w).map_err(|_: Inverted| e)
+            })
+        })
+        .collect();
+    in_order(index, energies)
+}
+
+fn part_force_change<const N: usize>(
+    index: usize,
+    part: &Part,
+    x: &[Vector],
+    dx: &[Vector],
+    buffer: &mut [f64],
+) -> Result<f64, Inversion> {
+    let size = chunk(N, part.block.n_points);
+    let done: Vec<Result<f64, usize>> = buffer
+        .par_chunks_mut(3 * N * size)
+        .enumerate()
+        .map(|(c, out)| {
+            out.fill(0.0);
+            for (i, out) in out.chunks_exact_mut(3 * N).enumerate() {
+                let e = c * size + i;
+                let element = Element::<N>::new(&part.block, e);
+                let dx = element.collect(dx);
+                if dx.iter().any(|d| *d != Vector::zeros()) {
+                    element.force_change(part.law(e), &element.collect(x), &dx, out).map_err(|_: Inverted| e)?;
+                }
+            }
+            Ok(0.0)
+        })
+        .collect();
+    in_order(index, done)
+}
+
+fn part_tangent<const N: usize>(
+    index: usize,
+    part: &Part,
+    curvature: Curvature,
+    x: &[Vector],
+    buffer: &mut [f64],
+    blocks: &mut [f64],
+) -> Result<f64, Inversion> {
+    let size = chunk(N, part.block.n_points);
+    let slots = 9 * n_slots(N);
+    let done: Vec<Result<f64, usize>> = buffer
+        .par_chunks_mut(3 * N * size)
+        .zip(blocks.par_chunks_mut(slots * size))
+        .enumerate()
+        .map(|(c, (out, blocks))| {
+            out.fill(0.0);
+            for (i, (out, blocks)) in out.chunks_exact_mut(3 * N).zip(blocks.chunks_exact_mut(slots)).enumerate() {
+                let e = c * size + i;
+                let element = Element::<N>::new(&part.block, e);
+                let x = element.collect(x);
+                element.tangent(part.law(e), curvature, &x, out, blocks).map_err(|_: Inverted| e)?;
+            }
+            Ok(0.0)
+        })
+        .collect();
+    in_order(index, done)
+}
+
+fn part_first_inversion<const N: usize>(part: &Part, x: &[Vector], dx: &[Vector]) -> Vec<f64> {
+    (0..part.block.n_elements())
+        .into_par_iter()
+        .with_min_len(chunk(N, part.block.n_points))
+        .map(|e| {
+            let element = Element::<N>::new(&part.block, e);
+            element.first_inversion(&element.collect(x), &element.collect(dx))
+        })
+        .collect()
+}
+
+fn part_min_det<const N: usize>(part: &Part, x: &[Vector]) -> Vec<f64> {
+    (0..part.block.n_elements())
+        .into_par_iter()
+        .with_min_len(chunk(N, part.block.n_points))
+        .map(|e| {
+            let element = Element::<N>::new(&part.block, e);
+            element.min_det(&element.collect(x))
+        })
+        .collect()
+}
+
+fn element_deformations<const N: usize>(part: &Part, element: usize, x: &[Vector]) -> Vec<Matrix3<f64>> {
+    let element = Element::<N>::new(&part.block, element);
+    element.deformations(element.collect(x)).collect()
+}

@@ -1,0 +1,244 @@
+//! Frictionless unilateral contact of tissue with moved bone, by penalty and augmented Lagrangian (Wang 2009, eq. 0.9 to 0.13).
+//!
+//! A contact point is a sliding vertex or the barycentre of a bone face with at least one sliding vertex; together they
+//! are the quadrature points of eq. 0.13 over the faces at rest: half of a face's area at its barycentre, a sixth at each vertex.
+//! With gap `g` (negative inside), multiplier `p` and stiffness `k` the energy per area is `(max(0, p - k g)² - p²) / (2 k)`,
+//! which is `k g²/2` for `g < 0` when `p = 0`. The multipliers grow until the penetration is below the tolerance.
+//! Only the Gauss-Newton part `k n nᵀ` of the Hessian is used: with the distance's curvature Newton stalls.
+
+use super::dofs::Dofs;
+use super::settings::ContactBody;
+use crate::geometry::{Motion, Point, Vector};
+use crate::mesh::{Attachment, MixedMesh};
+use rayon::prelude::*;
+
+/// Contact points one task looks at.
+const TASK: usize = 64;
+
+/// A point of the tissue's inner surface, as weighted mean of nodes.
+#[derive(Debug, Clone, Copy)]
+struct ContactPoint {
+    nodes: [u32; 3],
+    weights: [f64; 3],
+    /// Share of the surface at rest, mm².
+    area: f64,
+}
+
+impl ContactPoint {
+    fn at(&self, x: &[Vector]) -> Point {
+        let [a, b, c] = self.nodes.map(|n| x[n as usize]);
+        Point::from(a * self.weights[0] + b * self.weights[1] + c * self.weights[2])
+    }
+
+    /// Its nodes, each once, with weights.
+    fn terms(&self) -> impl Iterator<Item = (u32, f64)> {
+        (0..3).map(|i| (self.nodes[i], self.weights[i])).filter(|(_, w)| *w > 0.0)
+    }
+}
+
+/// A contact point that pushes.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Touch {
+    point: usize,
+    body: usize,
+    /// Signed gap after the overlap at rest is taken off, mm.
+    gap: f64,
+    /// Gradient of the gap by the point.
+    normal: Vector,
+    /// `p - k g`, MPa; positive.
+    pressure: f64,
+}
+
+/// All contact of one tissue.
+pub(super) struct Contact<'a> {
+    points: Vec<ContactPoint>,
+    bodies: Vec<ContactBody<'a>>,
+    /// MPa/mm.
+    stiffness: f64,
+    /// Overlap at rest by point and body, mm.
+    overlap: Vec<f64>,
+    /// Multipliers by point and body, MPa.
+    multipliers: Vec<f64>,
+}
+
+impl std::fmt::Debug for Contact<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Contact")
+            .field("points", &self.points.len())
+            .field("bodies", &self.bodies)
+            .finish_non_exhaustive()
+    }
+}
+
+impl<'a> Contact<'a> {
+    /// Contact points of `mesh`; `stiffness` in MPa/mm. The second value says what was found overlapping at rest.
+    pub(super) fn new(mesh: &MixedMesh, bodies: Vec<ContactBody<'a>>, stiffness: f64) -> (Self, Option<String>) {
+        let points = contact_points(mesh);
+        let mut contact = Self { points, bodies, stiffness, overlap: Vec::new(), multipliers: Vec::new() };
+        let rest: Vec<Vector> = mesh.positions.iter().map(|p| p.coords).collect();
+        let gaps: Vec<f64> = contact
+            .points
+            .par_iter()
+            .with_min_len(TASK)
+            .flat_map_iter(|p| contact.bodies.iter().map(|b| b.solid.value(&p.at(&rest))))
+            .collect();
+        contact.multipliers = vec![0.0; gaps.len()];
+        contact.overlap = gaps.iter().map(|g| (-g).max(0.0)).collect();
+        let overlapping = gaps.iter().filter(|g| **g < 0.0).count();
+        let deepest = gaps.iter().fold(0.0, |m: f64, g| m.max(-g));
+        let warning = (overlapping > 0).then(|| {
+            format!("{overlapping} contact points lie up to {deepest:.3} mm inside bone at rest; contact is measured from there")
+        });
+        (contact, warning)
+    }
+
+    pub(super) fn bodies(&self) -> &[ContactBody<'a>] {
+        &self.bodies
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.points.is_empty() || self.bodies.is_empty()
+    }
+
+    /// Points that push at `x` when body `b` has moved by `motions[b]` from rest, in the order of points.
+    pub(super) fn touches(&self, x: &[Vector], motions: &[Motion]) -> Vec<Touch> {
+        let n = self.bodies.len();
+        self.points
+            .par_iter()
+            .enumerate()
+            .with_min_len(TASK)
+            .flat_map_iter(|(point, p)| {
+                let at = p.at(x);
+                self.bodies.iter().enumerate().filter_map(move |(body, b)| {
+                    let pair = point * n + body;
+                    let (value, gradient) = b.solid.value_gradient(&motions[body].inverse_transform_point(&at));
+                    let gap = value + self.overlap[pair];
+                    let pressure = self.multipliers[pair] - self.stiffness * gap;
+                    let normal = motions[body].rotation * gradient;
+                    (pressure > 0.0).then_some(Touch { point, body, gap, normal, pressure })
+                })
+            })
+            .collect()
+    }
+
+    /// Contact energy, mJ.
+    pub(super) fn energy(&self, touches: &[Touch]) -> f64 {
+        let n = self.bodies.len();
+        let pushed: f64 = touches.iter().map(|t| self.points[t.point].area * t.pressure * t.pressure).sum();
+        let held: f64 = (self.multipliers.iter().enumerate()).map(|(i, p)| self.points[i / n].area * p * p).sum();
+        (pushed - held) / (2.0 * self.stiffness)
+    }
+
+    /// Adds the gradient of the energy to `forces`.
+    pub(super) fn add_forces(&self, touches: &[Touch], forces: &mut [Vector]) {
+        for t in touches {
+            let p = &self.points[t.point];
+            for (node, weight) in p.terms() {
+                forces[node as usize] -= t.normal * (weight * p.area * t.pressure);
+            }
+        }
+    }
+
+    /// Gauss-Newton blocks of the Hessian: row and column among the unknowns (`row >= column`), outer product with its factor.
+    pub(super) fn hessian(
+        &self,
+        touches: &[Touch],
+        dofs: &Dofs,
+        mut add: impl FnMut(u32, u32, &nalgebra::Matrix3<f64>),
+    ) {
+        for t in touches {
+            let p = &self.points[t.point];
+            let nn = t.normal * t.normal.transpose() * (self.stiffness * p.area);
+            for (a, wa) in p.terms() {
+                for (b, wb) in p.terms() {
+                    if let (Some(row), Some(column)) = (dofs.unknown(a), dofs.unknown(b))
+                        && row >= column
+                    {
+                        add(row, column, &(nn * (wa * wb)));
+                    }
+                }
+            }
+        }
+    }
+
+    /// Force of each body on the tissue, N.
+    pub(super) fn forces_by_body(&self, touches: &[Touch]) -> Vec<Vector> {
+        let mut forces = vec![Vector::zeros(); self.bodies.len()];
+        for t in touches {
+            forces[t.body] += t.normal * (self.points[t.point].area * t.pressure);
+        }
+        forces
+    }
+
+    /// Augmented Lagrangian step: the present pressures become the multipliers.
+    pub(super) fn augment(&mut self, touches: &[Touch]) {
+        let n = self.bodies.len();
+        self.multipliers.fill(0.0);
+        for t in touches {
+            self.multipliers[t.point * n + t.body] = t.pressure;
+        }
+    }
+
+    pub(super) fn multipliers(&self) -> &[f64] {
+        &self.multipliers
+    }
+
+    pub(super) fn set_multipliers(&mut self, multipliers: Vec<f64>) {
+        self.multipliers = multipliers;
+    }
+
+    /// Makes contact `factor` times as stiff.
+    pub(super) fn stiffen(&mut self, factor: f64) {
+        self.stiffness *= factor;
+    }
+
+    /// How far bone near the contact points moves between two sets of motions, mm. Points farther than `reach` from a body
+    /// do not count for it.
+    pub(super) fn largest_motion(&self, x: &[Vector], from: &[Motion], to: &[Motion], reach: f64) -> f64 {
+        let per_point: Vec<f64> = self
+            .points
+            .par_iter()
+            .with_min_len(TASK)
+            .map(|p| {
+                let at = p.at(x);
+                let mut largest = 0.0f64;
+                for (body, b) in self.bodies.iter().enumerate() {
+                    let local = from[body].inverse_transform_point(&at);
+                    if from[body] != to[body] && b.solid.value(&local) < reach {
+                        largest = largest.max((to[body] * local - at).norm());
+                    }
+                }
+                largest
+            })
+            .collect();
+        per_point.into_iter().fold(0.0, f64::max)
+    }
+}
+
+/// Largest penetration, mm.
+pub(super) fn penetration(touches: &[Touch]) -> f64 {
+    touches.iter().map(|t| -t.gap).fold(0.0, f64::max)
+}
+
+fn contact_points(mesh: &MixedMesh) -> Vec<ContactPoint> {
+    let sliding = |n: u32| mesh.attachment[n as usize] == Attachment::Sliding;
+    let mut vertex_area = vec![0.0; mesh.positions.len()];
+    let mut points = Vec::new();
+    for face in &mesh.bone_faces {
+        if !face.iter().any(|&n| sliding(n)) {
+            continue;
+        }
+        let [a, b, c] = face.map(|n| mesh.positions[n as usize]);
+        let area = 0.5 * (b - a).cross(&(c - a)).norm();
+        points.push(ContactPoint { nodes: *face, weights: [1.0 / 3.0; 3], area: 0.5 * area });
+        for &n in face {
+            vertex_area[n as usize] += area / 6.0;
+        }
+    }
+    for (node, &area) in vertex_area.iter().enumerate() {
+        if area > 0.0 && sliding(node as u32) {
+            points.push(ContactPoint { nodes: [node as u32; 3], weights: [1.0, 0.0, 0.0], area });
+        }
+    }
+    points
+}

@@ -1,0 +1,24 @@
+//! Shape functions of tetrahedra, wedges and C1 prisms, evaluated at quadrature points of the rest configuration.
+//!
+//! A block holds only gradients and weights: nothing downstream knows which element it came from. Every block handed out has
+//! positive weights.
+
+mod blended_cubic;
+mod block;
+mod c1_prism;
+mod c1_surface;
+mod linear;
+mod normal_jump;
+mod prism_split;
+mod quadrature;
+mod rest_shape;
+#[cfg(test)]
+mod sample_meshes;
+
+pub use block::{ElementBlock, ElementError};
+pub use c1_prism::c1_prisms;
+pub use c1_surface::C1Surface;
+pub use linear::{tetrahedra, wedges};
+pub use normal_jump::NormalJump;
+pub use prism_split::prisms_as_tetrahedra;
+pub use quadrature::TriangleRule;

@@ -1,0 +1,340 @@
+use nalgebra::{Matrix3, SMatrix, SVector};
+
+/// Second derivative of the energy by `F`, both indices column-major (`F[(r, c)]` is entry `r + 3 c`), MPa.
+pub type Tangent = SMatrix<f64, 9, 9>;
+
+/// The deformation gradient is not admissible: `det F <= 0` or not finite.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[error("det F is {det_f:.3e}, it must be positive")]
+pub struct Inverted {
+    /// The determinant.
+    pub det_f: f64,
+}
+
+/// Isochoric part of an energy, on `F / J^(1/3)`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Isochoric {
+    /// `c10 (J^(-2/3) I1 - 3) + c01 (J^(-4/3) I2 - 3)`, MPa (Wang 2009, eq. 0.21, made stress-free at rest). `c01 = 0` is neo-Hookean.
+    MooneyRivlin {
+        /// C10, MPa.
+        c10: f64,
+        /// C01, MPa.
+        c01: f64,
+    },
+}
+
+/// A compressible hyperelastic material: isochoric part plus `bulk/2 (J - 1)²`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Material {
+    /// Isochoric part.
+    pub isochoric: Isochoric,
+    /// Bulk modulus K, MPa.
+    pub bulk: f64,
+}
+
+/// Derivatives of `W(I1, I2, J)`, which is linear in `I1 = tr C` and `I2 = (tr² C - tr C²) / 2`.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Derivatives {
+    pub(super) w1: f64,
+    pub(super) w2: f64,
+    pub(super) wj: f64,
+    pub(super) w1j: f64,
+    pub(super) w2j: f64,
+    pub(super) wjj: f64,
+}
+
+/// What stress and tangent share: invariants and their gradients at one `F`.
+struct State {
+    c: Matrix3<f64>,
+    i1: f64,
+    i2: f64,
+    j: f64,
+    /// dJ/dF.
+    cofactor: Matrix3<f64>,
+}
+
+impl State {
+    fn new(f: &Matrix3<f64>) -> Result<Self, Inverted> {
+        let cofactor = cofactor(f);
+        let j = f.column(0).dot(&cofactor.column(0));
+        if !(j > 0.0 && j.is_finite()) {
+            return Err(Inverted { det_f: j });
+        }
+        let c = f.tr_mul(f);
+        Ok(Self { c, i1: c.trace(), i2: cofactor.norm_squared(), j, cofactor })
+    }
+
+    /// dI2/dF = 2 (I1 F - F C).
+    fn i2_gradient(&self, f: &Matrix3<f64>) -> Matrix3<f64> {
+        (f * self.i1 - f * self.c) * 2.0
+    }
+}
+
+/// `det(F) F^-T`, defined for singular `F` too.
+fn cofactor(f: &Matrix3<f64>) -> Matrix3<f64> {
+    let [a, b, c] = [f.column(0), f.column(1), f.column(2)];
+    Matrix3::from_columns(&[b.cross(&c), c.cross(&a), a.cross(&b)])
+}
+
+impl Material {
+    /// Neo-Hookean with shear modulus `shear` (MPa) and Poisson ratio `poisson`: K = 2 mu (1 + nu) / (3 (1 - 2 nu)).
+    #[must_use]
+    pub fn neo_hookean(shear: f64, poisson: f64) -> Self {
+        Self::mooney_rivlin(0.5 * shear, 0.0, poisson)
+    }
+
+    /// Mooney-Rivlin with constants in MPa and the bulk modulus that gives Poisson ratio `poisson` at rest.
+    #[must_use]
+    pub fn mooney_rivlin(c10: f64, c01: f64, poisson: f64) -> Self {
+        let shear = 2.0 * (c10 + c01);
+        let bulk = 2.0 * shear * (1.0 + poisson) / (3.0 * (1.0 - 2.0 * poisson));
+        Self { isochoric: Isochoric::MooneyRivlin { c10, c01 }, bulk }
+    }
+
+    /// Small-strain shear modulus, MPa.
+    #[must_use]
+    pub fn shear_modulus(&self) -> f64 {
+        let Isochoric::MooneyRivlin { c10, c01 } = self.isochoric;
+        2.0 * (c10 + c01)
+    }
+
+    /// Small-strain Poisson ratio.
+    #[must_use]
+    pub fn poisson_ratio(&self) -> f64 {
+        let mu = self.shear_modulus();
+        (3.0 * self.bulk - 2.0 * mu) / (2.0 * (3.0 * self.bulk + mu))
+    }
+
+    pub(super) fn derivatives(&self, i1: f64, i2: f64, j: f64) -> Derivatives {
+        let Isochoric::MooneyRivlin { c10, c01 } = self.isochoric;
+        let root = j.cbrt();
+        let inverse = 1.0 / j;
+        let w1 = c10 / (root * root);
+        let w2 = c01 * inverse / root;
+        let (w1j, w2j) = (-2.0 / 3.0 * w1 * inverse, -4.0 / 3.0 * w2 * inverse);
+        Derivatives {
+            w1,
+            w2,
+            wj: w1j * i1 + w2j * i2 + self.bulk * (j - 1.0),
+            w1j,
+            w2j,
+            wjj: (-5.0 / 3.0 * w1j * i1 - 7.0 / 3.0 * w2j * i2) * inverse + self.bulk,
+        }
+    }
+
+    /// Energy density, MPa = mJ/mm³.
+    ///
+    /// # Errors
+    /// [`Inverted`] when `det F` is not positive.
+    pub fn energy(&self, f: &Matrix3<f64>) -> Result<f64, Inverted> {
+        let s = State::new(f)?;
+        let Isochoric::MooneyRivlin { c10, c01 } = self.isochoric;
+        let root = s.j.cbrt();
+        Ok(c10 * (s.i1 / (root * root) - 3.0)
+            + c01 * (s.i2 / (s.j * root) - 3.0)
+            + 0.5 * self.bulk * (s.j - 1.0) * (s.j - 1.0))
+    }
+
+    /// First Piola-Kirchhoff stress, MPa.
+    ///
+    /// # Errors
+    /// [`Inverted`] when `det F` is not positive.
+    pub fn first_piola(&self, f: &Matrix3<f64>) -> Result<Matrix3<f64>, Inverted> {
+        let s = State::new(f)?;
+        let d = self.derivatives(s.i1, s.i2, s.j);
+        Ok(f * (2.0 * d.w1) + s.i2_gradient(f) * d.w2 + s.cofactor * d.wj)
+    }
+
+    /// First Piola-Kirchhoff stress and the tangent dP/dF, MPa.
+    ///
+    /// # Errors
+    /// [`Inverted`] when `det F` is not positive.
+    pub fn stress_and_tangent(&self, f: &Matrix3<f64>) -> Result<(Matrix3<f64>, Tangent), Inverted> {
+        let s = State::new(f)?;
+        let d = self.derivatives(s.i1, s.i2, s.j);
+        let i2_gradient = s.i2_gradient(f);
+        let stress = f * (2.0 * d.w1) + i2_gradient * d.w2 + s.cofactor * d.wj;
+
+        // Curvature in the invariants: g hᵀ + h gᵀ with g = dJ/dF.
+        let half = f * (2.0 * d.w1j) + i2_gradient * d.w2j + s.cofactor * (0.5 * d.wjj);
+        let g = SVector::<f64, 9>::from_column_slice(s.cofactor.as_slice());
+        let h = SVector::<f64, 9>::from_column_slice(half.as_slice());
+        let mut t = g * h.transpose();
+        t += t.transpose();
+        add_second_derivative_of_j(&mut t, &(f * d.wj));
+        for a in 0..9 {
+            t[(a, a)] += 2.0 * d.w1;
+        }
+        if d.w2 != 0.0 {
+            add_second_derivative_of_i2(&mut t, f, &s, d.w2);
+        }
+        Ok((stress, t))
+    }
+}
+
+/// Adds d²J/dF², times the factor that `f` was multiplied with: the derivative of `b x c` by `b` is `-[c]x`.
+fn add_second_derivative_of_j(t: &mut Tangent, f: &Matrix3<f64>) {
+    for (row, col, sign, of) in [(0, 1, -1.0, 2), (0, 2, 1.0, 1), (1, 2, -1.0, 0)] {
+        let [x, y, z] = [sign * f[(0, of)], sign * f[(1, of)], sign * f[(2, of)]];
+        let (r, c) = (3 * row, 3 * col);
+        for (i, k, v) in [(0, 1, -z), (0, 2, y), (1, 0, z), (1, 2, -x), (2, 0, -y), (2, 1, x)] {
+            t[(r + i, c + k)] += v;
+            t[(c + k, r + i)] += v;
+        }
+    }
+}
+
+/// Adds `factor` d²I2/dF²: applied to `A` it is 4 (F:A) F + 2 I1 A - 2 A C - 2 F Aᵀ F - 2 F Fᵀ A.
+fn add_second_derivative_of_i2(t: &mut Tangent, f: &Matrix3<f64>, s: &State, factor: f64) {
+    let b = f * f.transpose();
+    let w = 2.0 * factor;
+    for col in 0..3 {
+        for k in 0..3 {
+            for row in 0..3 {
+                for i in 0..3 {
+                    let mut v = 2.0 * f[(i, row)] * f[(k, col)] - f[(i, col)] * f[(k, row)];
+                    if i == k {
+                        v -= s.c[(row, col)];
+                    }
+                    if row == col {
+                        v -= b[(i, k)];
+                    }
+                    t[(3 * row + i, 3 * col + k)] += w * v;
+                }
+            }
+            t[(3 * col + k, 3 * col + k)] += w * s.i1;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fem::material::Materials;
+    use crate::fem::material::principal::tests::admissible_gradients;
+
+    fn materials() -> Vec<Material> {
+        let m = Materials::wang2009();
+        vec![
+            Material::mooney_rivlin(4.7105788e-3, 1.1776447e-3, 0.45),
+            Material::neo_hookean(0.07, 0.3),
+            Material::neo_hookean(0.01, 0.49),
+            m.skin,
+            m.fat,
+        ]
+    }
+
+    fn basis(a: usize) -> Matrix3<f64> {
+        let mut m = Matrix3::zeros();
+        m[a] = 1.0;
+        m
+    }
+
+    #[test]
+    fn rest_is_free_of_energy_and_stress_and_has_the_moduli() {
+        for m in materials() {
+            let scale = m.shear_modulus() + m.bulk;
+            assert!(m.energy(&Matrix3::identity()).unwrap().abs() < 1e-15 * scale);
+            assert!(m.first_piola(&Matrix3::identity()).unwrap().norm() < 1e-14 * scale);
+            let (_, t) = m.stress_and_tangent(&Matrix3::identity()).unwrap();
+            // Hooke: T[(ij),(kl)] = lambda d_ij d_kl + mu (d_ik d_jl + d_il d_jk).
+            let (mu, lambda) = (m.shear_modulus(), m.bulk - 2.0 / 3.0 * m.shear_modulus());
+            let hooke = Tangent::from_fn(|a, b| {
+                let (i, j, k, l) = (a % 3, a / 3, b % 3, b / 3);
+                let d = |p: usize, q: usize| f64::from(u8::from(p == q));
+                lambda * d(i, j) * d(k, l) + mu * (d(i, k) * d(j, l) + d(i, l) * d(j, k))
+            });
+            assert!((t - hooke).norm() < 1e-14 * scale);
+        }
+        let nu = Material::neo_hookean(0.02, 0.45).poisson_ratio();
+        assert!((nu - 0.45).abs() < 1e-14);
+    }
+
+    /// Central differences at two steps: the error must fall with h² until rounding takes over.
+    #[test]
+    fn stress_and_tangent_are_derivatives_of_the_energy() {
+        for m in materials() {
+            for f in admissible_gradients(12, 0.35) {
+                let (p, t) = m.stress_and_tangent(&f).unwrap();
+                assert!((p - m.first_piola(&f).unwrap()).norm() <= 1e-14 * p.norm());
+                assert!((t - t.transpose()).norm() <= 1e-14 * t.norm());
+                let error = |h: f64| {
+                    let mut worst: (f64, f64) = (0.0, 0.0);
+                    for a in 0..9 {
+                        let (plus, minus) = (f + basis(a) * h, f - basis(a) * h);
+                        let de = (m.energy(&plus).unwrap() - m.energy(&minus).unwrap()) / (2.0 * h);
+                        let dp = (m.first_piola(&plus).unwrap() - m.first_piola(&minus).unwrap()) / (2.0 * h);
+                        worst.0 = worst.0.max((de - p[a]).abs());
+                        let column = Matrix3::from_column_slice(t.column(a).as_slice());
+                        worst.1 = worst.1.max((dp - column).norm());
+                    }
+                    worst
+                };
+                let (coarse, fine) = (error(1e-3), error(1e-4));
+                let scale = t.norm();
+                assert!(fine.0 < 0.02 * coarse.0 + 1e-11 * scale, "{coarse:?} {fine:?}");
+                assert!(fine.1 < 0.02 * coarse.1 + 1e-11 * scale, "{coarse:?} {fine:?}");
+                assert!(fine.0 < 1e-6 * scale && fine.1 < 1e-6 * scale);
+            }
+        }
+    }
+
+    #[test]
+    fn a_rotation_turns_the_stress_and_keeps_the_energy() {
+        let q = nalgebra::Rotation3::from_euler_angles(0.7, -1.1, 2.3).into_inner();
+        for m in materials() {
+            for f in admissible_gradients(8, 0.3) {
+                let (e, p) = (m.energy(&f).unwrap(), m.first_piola(&f).unwrap());
+                let scale = m.bulk;
+                assert!((m.energy(&(q * f)).unwrap() - e).abs() < 1e-13 * scale);
+                assert!((m.first_piola(&(q * f)).unwrap() - q * p).norm() < 1e-13 * scale);
+                // Isotropy: a rotation before the deformation.
+                assert!((m.energy(&(f * q)).unwrap() - e).abs() < 1e-13 * scale);
+            }
+        }
+    }
+
+    #[test]
+    fn inverted_and_broken_gradients_are_refused() {
+        let m = Material::neo_hookean(1.0, 0.3);
+        let mirrored = Matrix3::from_diagonal(&nalgebra::Vector3::new(1.0, 1.0, -1.0));
+        for f in [mirrored, Matrix3::zeros(), Matrix3::repeat(f64::NAN), Matrix3::identity() * f64::INFINITY] {
+            assert!(m.energy(&f).is_err() && m.first_piola(&f).is_err() && m.stress_and_tangent(&f).is_err());
+            assert!(m.projected_tangent(&f).is_err());
+            assert!(!m.is_elliptic(&f));
+        }
+        assert_eq!(m.energy(&mirrored), Err(Inverted { det_f: -1.0 }));
+    }
+
+    /// Rows of an independent table of homogeneous states, made with 30-digit arithmetic (fat, nu 0.45; C10 4.7105788, C01 1.1776447,
+    /// K 113.838987667 kPa): the lateral stretch is the one that frees the sides, `P11` and `P22` nominal stress in kPa.
+    #[test]
+    fn homogeneous_states_agree_with_an_independent_table() {
+        let m = Material { isochoric: Isochoric::MooneyRivlin { c10: 4.7105788, c01: 1.1776447 }, bulk: 113.838987667 };
+        let rows = [
+            ([0.7, 1.1740087642117, 1.1740087642117], -16.565470766958, 0.0, 0.0),
+            ([1.6346473814667, 0.7, 0.7], 0.0, -38.887247324874, -38.887247324874),
+            ([0.7, 1.0, 1.319772395047], -22.442496211724, -8.3190722857326, 0.0),
+            ([0.7, 1.0, 1.0], -41.79664711173, -21.230454625895, -21.230454625895),
+            ([1.05, 0.97830171029292, 0.97830171029292], 1.6107347849214, 0.0, 0.0),
+            ([1.05, 1.0, 0.96072471211164], 1.999306704668, 0.91895308044216, 0.0),
+        ];
+        for (stretch, p1, p2, p3) in rows {
+            let p = m.first_piola(&Matrix3::from_diagonal(&stretch.into())).unwrap();
+            let expected = Matrix3::from_diagonal(&[p1, p2, p3].into());
+            assert!((p - expected).norm() < 1e-8 * expected.norm(), "{stretch:?}: {p}");
+        }
+        // Simple shear of 1/2: P12, then the Cauchy stresses 11, 22, 33.
+        let shear = Matrix3::new(1.0, 0.5, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0);
+        let p = m.first_piola(&shear).unwrap();
+        assert!((p[(0, 1)] - 5.8882235).abs() < 1e-8 * 5.9);
+        let cauchy = p * shear.transpose();
+        for (i, expected) in [1.76646705, -1.1776447, -0.58882235].into_iter().enumerate() {
+            assert!((cauchy[(i, i)] - expected).abs() < 1e-8 * 5.9);
+        }
+        // Neo-Hookean skin.
+        let m = Material { isochoric: Isochoric::MooneyRivlin { c10: 35.0714615, c01: 0.0 }, bulk: 678.048255667 };
+        let p = m.first_piola(&Matrix3::from_diagonal(&[0.7, 1.1756426109909, 1.1756426109909].into())).unwrap();
+        assert!((p - Matrix3::from_diagonal(&[-91.386956342544, 0.0, 0.0].into())).norm() < 1e-8 * 91.4);
+    }
+}

@@ -1,0 +1,13 @@
+//! Strain energies with stress, tangent and a check of stability. MPa.
+//!
+//! Every energy here is isotropic, vanishes and is stress-free at rest, and grows without bound only as far as its constants
+//! allow: [`Material::is_elliptic`] tells where a deformation has left the range in which equilibrium is well posed.
+
+mod ellipticity;
+mod energy;
+mod presets;
+mod principal;
+mod projection;
+
+pub use energy::{Inverted, Isochoric, Material, Tangent};
+pub use presets::Materials;

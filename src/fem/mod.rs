@@ -1,0 +1,32 @@
+//! Elements, materials, contact and the Newton solver for soft tissue.
+//!
+//! Invariants: knows meshes and implicit bodies only, no patients, plans or files; the same input gives the same bits
+//! at any thread count; every failure has a name and says where; a step that would invert an element is cut, never taken.
+//!
+//! All elements are treated alike: a *generalised node* carries one 3-vector (a position, or a tangent vector of the C1
+//! prism's outer surface), and an [`element::ElementBlock`] holds gradients of its shape functions at quadrature points.
+
+mod assembly;
+mod contact;
+mod diagnosis;
+mod dofs;
+pub mod element;
+mod error;
+mod factor;
+mod line_search;
+mod linear_solve;
+pub mod material;
+mod newton;
+mod ordering;
+mod report;
+mod settings;
+mod setup;
+mod solver;
+
+pub use error::SolveError;
+pub use report::{IterationRecord, StepReport};
+pub use settings::{ContactBody, Model, Preset, SkinElement, SolveSettings};
+pub use solver::Solver;
+
+#[cfg(test)]
+mod tests;

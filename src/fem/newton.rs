@@ -1,0 +1,393 @@
+//! Newton's method on the total potential energy at one position of the bones.
+
+use super::assembly::{Assembly, Curvature, Inversion};
+use super::contact::{Contact, Touch, penetration};
+use super::dofs::{Dofs, Hold};
+use super::line_search::{self, Cut, Start};
+use super::linear_solve::{LinearSolver, dot};
+use super::report::IterationRecord;
+use crate::control::{Cancelled, Control};
+use crate::geometry::{Motion, Vector};
+
+/// A step counts as converged only when the remaining displacement is estimated below this, mm.
+const DISPLACEMENT_TOLERANCE_MM: f64 = 1e-3;
+/// Bone near contact points moves at most this far in one substep, and no line search lets a point sink deeper, mm: else a point
+/// could come out on the other side of a thin wall.
+pub(super) const MAX_CONTACT_MOTION_MM: f64 = 2.0;
+/// Relative residual at which multipliers are updated.
+const COARSE_RESIDUAL: f64 = 1e-2;
+/// Augmented Lagrangian steps before contact is given up.
+const MAX_AUGMENTATIONS: usize = 20;
+
+/// Why there is no equilibrium.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Failure {
+    Inverted(Inversion),
+    NotConverged { iterations: usize, residual_n: f64, tolerance_n: f64 },
+    Penetration { found_mm: f64 },
+    Indefinite,
+    Cancelled,
+}
+
+impl From<Cancelled> for Failure {
+    fn from(_: Cancelled) -> Self {
+        Self::Cancelled
+    }
+}
+
+impl From<Inversion> for Failure {
+    fn from(at: Inversion) -> Self {
+        Self::Inverted(at)
+    }
+}
+
+/// What Newton's method needs to know beside the equations.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Limits {
+    pub(super) relative_residual: f64,
+    pub(super) max_iterations: usize,
+    pub(super) penetration_tolerance_mm: f64,
+    /// Reactions below this count as this, N: scales with shear modulus times element size squared.
+    pub(super) force_floor_n: f64,
+    /// Size of an element, mm; generalised forces of tangent vectors (N mm) are compared after division by it.
+    pub(super) element_size_mm: f64,
+    /// Round-off of the energy at rest, mJ: scales with shear modulus times volume.
+    pub(super) energy_noise_mj: f64,
+    /// The forces are linear in the displacements.
+    pub(super) linear: bool,
+}
+
+/// Equations of the whole tissue, with their buffers.
+#[derive(Debug)]
+pub(super) struct Equations<'a> {
+    pub(super) dofs: Dofs,
+    pub(super) assembly: Assembly,
+    pub(super) contact: Contact<'a>,
+    pub(super) solver: LinearSolver,
+    pub(super) limits: Limits,
+    pub(super) records: Vec<IterationRecord>,
+    pub(super) values: Vec<f64>,
+    forces: Vec<Vector>,
+    pub(super) residual: Vec<f64>,
+    failed_at: Vec<Vector>,
+}
+
+/// A state that was reached.
+#[derive(Debug, Clone)]
+pub(super) struct Equilibrium {
+    pub(super) iterations: usize,
+    /// Residual relative to the reaction, or to the floor when the reaction is smaller.
+    pub(super) relative_residual: f64,
+    pub(super) touches: Vec<Touch>,
+}
+
+/// Forces out of balance at one state.
+#[derive(Debug)]
+pub(super) struct Balance {
+    pub(super) energy: f64,
+    residual_n: f64,
+    reaction_n: f64,
+    pub(super) touches: Vec<Touch>,
+}
+
+impl<'a> Equations<'a> {
+    pub(super) fn new(
+        dofs: Dofs,
+        assembly: Assembly,
+        contact: Contact<'a>,
+        solver: LinearSolver,
+        limits: Limits,
+    ) -> Self {
+        let values = vec![0.0; assembly.pattern().n_values()];
+        let forces = vec![Vector::zeros(); dofs.n_nodes()];
+        let residual = vec![0.0; 3 * dofs.n_unknown()];
+        Self {
+            dofs,
+            assembly,
+            contact,
+            solver,
+            limits,
+            records: Vec::new(),
+            values,
+            forces,
+            residual,
+            failed_at: Vec::new(),
+        }
+    }
+
+    /// Total energy (mJ) and largest penetration (mm) at `x`.
+    pub(super) fn energy(&self, x: &[Vector], motions: &[Motion]) -> Result<(f64, f64), Inversion> {
+        let touches = self.contact.touches(x, motions);
+        Ok((self.assembly.energy(x)? + self.contact.energy(&touches), penetration(&touches)))
+    }
+
+    /// Gradient of the total energy by the unknowns, in `self.residual`, and of the elements' part by all nodes in `self.forces`.
+    pub(super) fn balance(&mut self, x: &[Vector], motions: &[Motion]) -> Result<Balance, Inversion> {
+        let touches = self.contact.touches(x, motions);
+        let energy = self.assembly.forces(x, &mut self.forces)? + self.contact.energy(&touches);
+        let mut pushed = vec![Vector::zeros(); self.dofs.n_nodes()];
+        self.contact.add_forces(&touches, &mut pushed);
+        let mut reaction = 0.0;
+        for (node, hold) in self.dofs.holds().iter().enumerate() {
+            let scale = self.unit(node);
+            reaction += scale * scale * pushed[node].norm_squared();
+            if *hold != Hold::Free {
+                reaction += scale * scale * self.forces[node].norm_squared();
+            }
+        }
+        let total: Vec<Vector> = self.forces.iter().zip(&pushed).map(|(a, b)| a + b).collect();
+        self.dofs.restrict(&total, &mut self.residual);
+        let residual: f64 = (self.dofs.nodes().iter().zip(self.residual.chunks_exact(3)))
+            .map(|(&node, r)| self.unit(node as usize).powi(2) * (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]))
+            .sum();
+        Ok(Balance { energy, residual_n: residual.sqrt(), reaction_n: reaction.sqrt(), touches })
+    }
+
+    fn unit(&self, node: usize) -> f64 {
+        if self.dofs.is_position(node) { 1.0 } else { 1.0 / self.limits.element_size_mm }
+    }
+
+    /// Stiffness at `x` with the contact's Gauss-Newton part.
+    pub(super) fn stiffness(&mut self, x: &[Vector], curvature: Curvature, touches: &[Touch]) -> Result<(), Inversion> {
+        self.assembly.tangent(x, curvature, &mut self.forces, &mut self.values)?;
+        let (pattern, values) = (self.assembly.pattern(), &mut self.values);
+        self.contact.hessian(touches, &self.dofs, |row, column, block| pattern.add(row, column, block, values));
+        Ok(())
+    }
+
+    /// Linear estimate of the state after the bones have moved to `motions`: held nodes go where they must, the others
+    /// follow by the tangent at `x`.
+    pub(super) fn predict(
+        &mut self,
+        x: &[Vector],
+        motions: &[Motion],
+        motion_of: &dyn Fn(u32) -> Motion,
+    ) -> Result<Vec<Vector>, Failure> {
+        self.failed_at.clear();
+        let mut target = x.to_vec();
+        self.dofs.prescribe(motion_of, &mut target);
+        let change: Vec<Vector> = target.iter().zip(x).map(|(a, b)| a - b).collect();
+        self.balance(x, motions)?;
+        let touches = self.contact.touches(x, motions);
+        let mut coupling = vec![Vector::zeros(); x.len()];
+        self.assembly.force_change(x, &change, &mut coupling)?;
+        let mut rhs = vec![0.0; self.residual.len()];
+        self.dofs.restrict(&coupling, &mut rhs);
+        for (rhs, r) in rhs.iter_mut().zip(&self.residual) {
+            *rhs = -(*rhs + r);
+        }
+        let mut d = vec![0.0; rhs.len()];
+        for curvature in [Curvature::Exact, Curvature::Projected] {
+            self.stiffness(x, curvature, &touches)?;
+            if self.solver.solve(self.assembly.pattern(), &self.values, &rhs, &mut d, 1e-2).is_ok() {
+                self.dofs.add(1.0, &d, &mut target);
+                let (_, found_mm) = self.energy(&target, motions)?;
+                if found_mm > 2.0 * MAX_CONTACT_MOTION_MM {
+                    return Err(Failure::Penetration { found_mm });
+                }
+                return Ok(target);
+            }
+            self.solver.refresh();
+        }
+        Err(Failure::Indefinite)
+    }
+
+    /// Brings `x`, whose held nodes are in place and in which no element is inverted, to equilibrium.
+    pub(super) fn equilibrate(
+        &mut self,
+        x: &mut [Vector],
+        motions: &[Motion],
+        t: f64,
+        control: &Control,
+    ) -> Result<Equilibrium, Failure> {
+        self.failed_at.clear();
+        let result = self.augmented(x, motions, t, control);
+        if result.is_err() {
+            self.failed_at = x.to_vec();
+        }
+        result
+    }
+
+    /// Newton's method within the augmented Lagrangian's outer iteration.
+    fn augmented(
+        &mut self,
+        x: &mut [Vector],
+        motions: &[Motion],
+        t: f64,
+        control: &Control,
+    ) -> Result<Equilibrium, Failure> {
+        let mut iterations = 0;
+        let mut last_penetration = f64::INFINITY;
+        let full = self.limits.relative_residual;
+        // The multipliers need no exact equilibrium to grow towards the contact pressure.
+        let mut aim = if self.contact.is_empty() { full } else { full.max(COARSE_RESIDUAL) };
+        for _ in 0..=MAX_AUGMENTATIONS {
+            let found = self.newton(x, motions, t, aim, control)?;
+            iterations += found.iterations;
+            let depth = penetration(&found.touches);
+            if depth > self.limits.penetration_tolerance_mm {
+                self.contact.augment(&found.touches);
+                if depth > 0.25 * last_penetration {
+                    self.contact.stiffen(4.0);
+                }
+                last_penetration = depth;
+            } else if aim > full {
+                aim = full;
+            } else {
+                return Ok(Equilibrium { iterations, ..found });
+            }
+        }
+        Err(Failure::Penetration { found_mm: last_penetration })
+    }
+
+    /// Iterates until the residual is below `aim` relative to the reactions.
+    fn newton(
+        &mut self,
+        x: &mut [Vector],
+        motions: &[Motion],
+        t: f64,
+        aim: f64,
+        control: &Control,
+    ) -> Result<Equilibrium, Failure> {
+        let mut curvature = Curvature::Exact;
+        let mut last = (f64::INFINITY, 0.0);
+        for iteration in 0..=self.limits.max_iterations {
+            control.check()?;
+            let balance = self.balance(x, motions)?;
+            let tolerance = aim * balance.reaction_n.max(self.limits.force_floor_n);
+            last = (balance.residual_n, tolerance);
+            if balance.residual_n <= tolerance && self.remaining_change() <= DISPLACEMENT_TOLERANCE_MM {
+                return Ok(Equilibrium {
+                    iterations: iteration,
+                    relative_residual: aim * balance.residual_n / tolerance,
+                    touches: balance.touches,
+                });
+            }
+            if iteration == self.limits.max_iterations {
+                break;
+            }
+            // Inexact Newton: the linear system needs no more digits than the next residual can use.
+            let forcing = (0.25 * balance.residual_n / balance.reaction_n.max(self.limits.force_floor_n))
+                .max(0.1 * tolerance / balance.residual_n)
+                .clamp(1e-6, 0.05);
+            let mut record = IterationRecord {
+                t,
+                residual_n: balance.residual_n,
+                reaction_n: balance.reaction_n,
+                displacement_mm: 0.0,
+                step: 0.0,
+                projected: false,
+                factorised: false,
+                cg_iterations: 0,
+                active_contacts: balance.touches.len(),
+            };
+            let d = self.direction(x, &balance, &mut curvature, forcing, &mut record)?;
+            let slope = dot(&d, &self.residual);
+            let taken = line_search::along(
+                self,
+                x,
+                motions,
+                &d,
+                &Start { energy: balance.energy, slope, depth: penetration(&balance.touches) },
+            );
+            match taken {
+                Ok(step) => {
+                    self.dofs.add(step, &d, x);
+                    record.step = step;
+                    record.displacement_mm = step * self.dofs.max_position_change(&d);
+                    // A short step says that the quadratic model was poor.
+                    curvature = if step < 0.5 { Curvature::Projected } else { Curvature::Exact };
+                    self.records.push(record);
+                }
+                Err(cut) => {
+                    self.records.push(record);
+                    if curvature == Curvature::Exact && !self.limits.linear {
+                        curvature = Curvature::Projected;
+                        self.solver.refresh();
+                        continue;
+                    }
+                    return Err(match cut {
+                        Cut::Inverted(at) => Failure::Inverted(at),
+                        Cut::NoDescent => Failure::NotConverged {
+                            iterations: iteration + 1,
+                            residual_n: balance.residual_n,
+                            tolerance_n: tolerance,
+                        },
+                    });
+                }
+            }
+        }
+        let (residual_n, tolerance_n) = last;
+        Err(Failure::NotConverged { iterations: self.limits.max_iterations, residual_n, tolerance_n })
+    }
+
+    /// Displacement that the last factor predicts from the present residual, mm; infinite when there is no factor.
+    fn remaining_change(&mut self) -> f64 {
+        if !self.solver.has_factor() {
+            return if self.residual.iter().all(|r| *r == 0.0) { 0.0 } else { f64::INFINITY };
+        }
+        let mut d = self.residual.clone();
+        self.solver.precondition(&mut d);
+        self.dofs.max_position_change(&d)
+    }
+
+    /// A descent direction: Newton's with the tangent asked for, with the projected one when that is not positive definite.
+    fn direction(
+        &mut self,
+        x: &[Vector],
+        balance: &Balance,
+        curvature: &mut Curvature,
+        forcing: f64,
+        record: &mut IterationRecord,
+    ) -> Result<Vec<f64>, Failure> {
+        let rhs: Vec<f64> = self.residual.iter().map(|r| -r).collect();
+        let mut d = vec![0.0; rhs.len()];
+        loop {
+            self.stiffness(x, *curvature, &balance.touches)?;
+            let solved = self.solver.solve(self.assembly.pattern(), &self.values, &rhs, &mut d, forcing);
+            if let Ok(work) = solved {
+                record.projected = *curvature == Curvature::Projected;
+                record.factorised |= work.factorised;
+                record.cg_iterations += work.cg_iterations;
+                if dot(&d, &rhs) > 0.0 {
+                    return Ok(d);
+                }
+            }
+            // A projected tangent is positive definite: if the factor says otherwise, its precision was too low.
+            if *curvature == Curvature::Exact && !self.limits.linear {
+                *curvature = Curvature::Projected;
+            } else if self.solver.is_double() {
+                return Err(Failure::Indefinite);
+            } else {
+                self.solver.use_double();
+            }
+            self.solver.refresh();
+        }
+    }
+
+    /// Force of tied nodes and contact of each segment on the tissue at `x`, N.
+    pub(super) fn reactions(&mut self, x: &[Vector], motions: &[Motion], segments: &[u32]) -> Vec<(u32, [f64; 3])> {
+        let mut sums = vec![Vector::zeros(); segments.len()];
+        let touches = self.contact.touches(x, motions);
+        if self.balance(x, motions).is_ok() {
+            for (node, hold) in self.dofs.holds().iter().enumerate() {
+                if let (Hold::Segment(segment), true) = (hold, self.dofs.is_position(node))
+                    && let Ok(place) = segments.binary_search(segment)
+                {
+                    sums[place] += self.forces[node];
+                }
+            }
+        }
+        for (body, force) in self.contact.bodies().iter().zip(self.contact.forces_by_body(&touches)) {
+            if let Ok(place) = segments.binary_search(&body.segment) {
+                sums[place] += force;
+            }
+        }
+        segments.iter().zip(sums).map(|(s, f)| (*s, f.into())).collect()
+    }
+
+    /// The last configuration that Newton's method looked at when it failed.
+    pub(super) fn last_iterate(&self) -> Option<&[Vector]> {
+        (!self.failed_at.is_empty()).then_some(self.failed_at.as_slice())
+    }
+}

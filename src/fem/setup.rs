@@ -1,0 +1,187 @@
+//! From mesh and settings to equations.
+
+use super::assembly::{Assembly, Law, Part};
+use super::contact::Contact;
+use super::dofs::Dofs;
+use super::element::{self, C1Surface, ElementBlock};
+use super::error::SolveError;
+use super::linear_solve::LinearSolver;
+use super::material::{Material, Materials};
+use super::newton::{Equations, Limits};
+use super::settings::{ContactBody, Model, SkinElement, SolveSettings};
+use crate::control::Control;
+use crate::mesh::{Attachment, MixedMesh, Tissue};
+
+/// Contact stiffness in units of the tissue's confined modulus over its mean thickness: a layer compressed by a third of its
+/// thickness sinks some 0.003 of the thickness into bone before the multipliers take over.
+const CONTACT_STIFFNESS: f64 = 100.0;
+/// Reaction force below which the residual is compared with this, in units of shear modulus times element size squared.
+const FORCE_FLOOR: f64 = 1e-3;
+
+const TISSUES: [Tissue; 4] = [Tissue::Skin, Tissue::Muscle, Tissue::Fat, Tissue::Mucosa];
+
+/// Name of a tissue for messages.
+pub(super) fn tissue_name(tissue: Tissue) -> &'static str {
+    match tissue {
+        Tissue::Skin => "skin",
+        Tissue::Muscle => "muscle",
+        Tissue::Fat => "fat",
+        Tissue::Mucosa => "mucosa",
+    }
+}
+
+/// Sets up the equations; also the outer surface when the skin is made of C1 prisms, and warnings.
+pub(super) fn equations<'a>(
+    mesh: &MixedMesh,
+    bodies: Vec<ContactBody<'a>>,
+    settings: &SolveSettings,
+    control: &Control,
+) -> Result<(Equations<'a>, Option<C1Surface>, Vec<String>), SolveError> {
+    settings.check()?;
+    check_mesh(mesh)?;
+    check_bodies(&bodies)?;
+    let (blocks, surface) = element_blocks(mesh, settings)?;
+    control.check()?;
+    control.report(0.2);
+    let dofs = Dofs::new(mesh, surface.as_ref(), &blocks)?;
+    control.check()?;
+    control.report(0.5);
+    let scale = Scale::new(mesh, &blocks, &settings.materials);
+    let laws = laws(settings)?;
+    let parts = blocks.into_iter().map(|block| Part { block, laws: laws.clone() }).collect();
+    let assembly = Assembly::new(parts, &dofs)?;
+    control.check()?;
+    control.report(0.7);
+    let solver = LinearSolver::new(assembly.pattern())?;
+    control.report(0.9);
+    let (contact, overlap) = Contact::new(mesh, bodies, CONTACT_STIFFNESS * scale.modulus / scale.thickness_mm);
+    let limits = Limits {
+        relative_residual: settings.relative_residual,
+        max_iterations: settings.max_iterations,
+        penetration_tolerance_mm: settings.penetration_tolerance_mm,
+        force_floor_n: FORCE_FLOOR * scale.shear * scale.element_size_mm.powi(2),
+        element_size_mm: scale.element_size_mm,
+        energy_noise_mj: 1e-13 * scale.shear * scale.volume,
+        linear: settings.model == Model::Linear,
+    };
+    let equations = Equations::new(dofs, assembly, contact, solver, limits);
+    control.report(1.0);
+    Ok((equations, surface, overlap.into_iter().collect()))
+}
+
+fn element_blocks(
+    mesh: &MixedMesh,
+    settings: &SolveSettings,
+) -> Result<(Vec<ElementBlock>, Option<C1Surface>), SolveError> {
+    let mut blocks = vec![element::tetrahedra(mesh)?];
+    let mut surface = None;
+    match (settings.model, settings.skin_element) {
+        (Model::Linear, _) | (Model::Mixed, SkinElement::Wedge) => blocks.push(element::wedges(mesh)?),
+        (Model::Mixed, SkinElement::C1Prism) => {
+            let c1 = C1Surface::new(mesh);
+            blocks.push(element::c1_prisms(mesh, &c1)?);
+            surface = Some(c1);
+        }
+    }
+    blocks.retain(|b| b.n_elements() > 0);
+    Ok((blocks, surface))
+}
+
+fn laws(settings: &SolveSettings) -> Result<[Law; 4], SolveError> {
+    let law = |tissue: Tissue| {
+        let material = *settings.materials.of(tissue);
+        match settings.model {
+            Model::Mixed => Ok(Law::Hyperelastic(material)),
+            Model::Linear => Law::small_strain(&material).map_err(|e| SolveError::Problem { detail: e.to_string() }),
+        }
+    };
+    let [a, b, c, d] = TISSUES;
+    Ok([law(a)?, law(b)?, law(c)?, law(d)?])
+}
+
+/// Sizes that tolerances and contact stiffness are measured by.
+struct Scale {
+    /// mm³.
+    volume: f64,
+    /// Volume mean of the shear modulus, MPa.
+    shear: f64,
+    /// Volume mean of the confined modulus K + 4/3 mu, MPa.
+    modulus: f64,
+    /// Edge of a regular tetrahedron of the mean element volume, mm.
+    element_size_mm: f64,
+    /// Volume over the area of bone faces, mm.
+    thickness_mm: f64,
+}
+
+impl Scale {
+    fn new(mesh: &MixedMesh, blocks: &[ElementBlock], materials: &Materials) -> Self {
+        let (mut volume, mut shear, mut modulus, mut elements) = (0.0, 0.0, 0.0, 0.0);
+        for block in blocks {
+            for (weights, tissue) in block.weights.chunks_exact(block.n_points).zip(&block.tissue) {
+                let v: f64 = weights.iter().sum();
+                let material: &Material = materials.of(*tissue);
+                volume += v;
+                shear += v * material.shear_modulus();
+                modulus += v * (material.bulk + 4.0 / 3.0 * material.shear_modulus());
+                elements += 1.0;
+            }
+        }
+        let area: f64 = (mesh.bone_faces.iter())
+            .map(|face| {
+                let [a, b, c] = face.map(|n| mesh.positions[n as usize]);
+                0.5 * (b - a).cross(&(c - a)).norm()
+            })
+            .sum();
+        let element_size_mm = (6.0 * 2.0f64.sqrt() * volume / elements).cbrt();
+        let thickness_mm = if area > 0.0 { volume / area } else { element_size_mm };
+        Self { volume, shear: shear / volume, modulus: modulus / volume, element_size_mm, thickness_mm }
+    }
+}
+
+fn problem(detail: String) -> SolveError {
+    SolveError::Problem { detail }
+}
+
+fn check_mesh(mesh: &MixedMesh) -> Result<(), SolveError> {
+    let n = mesh.positions.len();
+    if mesh.attachment.len() != n {
+        return Err(problem(format!("{} attachments for {n} nodes", mesh.attachment.len())));
+    }
+    if mesh.tetrahedron_tissue.len() != mesh.tetrahedra.len() {
+        let (tissues, tetrahedra) = (mesh.tetrahedron_tissue.len(), mesh.tetrahedra.len());
+        return Err(problem(format!("{tissues} tissues for {tetrahedra} tetrahedra")));
+    }
+    if let Some(node) = mesh.positions.iter().position(|p| !p.iter().all(|c| c.is_finite())) {
+        return Err(problem(format!("node {node} has a coordinate that is not finite")));
+    }
+    let named = (mesh.tetrahedra.iter().flatten())
+        .chain(mesh.prisms.iter().flatten())
+        .chain(mesh.bone_faces.iter().flatten())
+        .max();
+    match named {
+        Some(&node) if node as usize >= n => Err(problem(format!("node {node} is named, but there are only {n}"))),
+        _ => Ok(()),
+    }
+}
+
+fn check_bodies(bodies: &[ContactBody<'_>]) -> Result<(), SolveError> {
+    let mut segments: Vec<u32> = bodies.iter().map(|b| b.segment).collect();
+    segments.sort_unstable();
+    match segments.windows(2).find(|w| w[0] == w[1]) {
+        Some(w) => Err(problem(format!("segment {} is given twice", w[0]))),
+        None => Ok(()),
+    }
+}
+
+/// Segments that tissue is tied to, ascending.
+pub(super) fn tied_segments(mesh: &MixedMesh) -> Vec<u32> {
+    let mut segments: Vec<u32> = (mesh.attachment.iter())
+        .filter_map(|a| match a {
+            Attachment::Tied(segment) => Some(*segment),
+            Attachment::Free | Attachment::Sliding | Attachment::Fixed => None,
+        })
+        .collect();
+    segments.sort_unstable();
+    segments.dedup();
+    segments
+}

@@ -1,0 +1,246 @@
+//! Static equilibrium of one mesh under moving bone, advanced along a path.
+
+use super::element::C1Surface;
+use super::error::SolveError;
+use super::newton::{Equations, Equilibrium, Failure, MAX_CONTACT_MOTION_MM};
+use super::report::{IterationRecord, StepReport};
+use super::settings::{ContactBody, Model, SolveSettings};
+use super::{diagnosis, setup};
+use crate::control::Control;
+use crate::geometry::{Motion, Point, Vector};
+use crate::mesh::MixedMesh;
+
+/// Contact points farther from a body than this do not limit its substeps, mm.
+const CONTACT_REACH_MM: f64 = 10.0;
+
+/// Static equilibrium of one mesh under moving bone, advanced along a path.
+#[derive(Debug)]
+pub struct Solver<'a> {
+    mesh: &'a MixedMesh,
+    surface: Option<C1Surface>,
+    settings: SolveSettings,
+    pub(super) equations: Equations<'a>,
+    /// Segments that a report gives reactions for, ascending.
+    segments: Vec<u32>,
+    pub(super) state: State,
+    /// Substep that worked last.
+    substep: f64,
+    /// Found while setting up; told with the first step.
+    warnings: Vec<String>,
+}
+
+/// An equilibrium.
+#[derive(Debug, Clone)]
+pub(super) struct State {
+    t: f64,
+    /// Values of the generalised nodes.
+    pub(super) x: Vec<Vector>,
+    /// Motion of moving segments from rest.
+    motions: Vec<(u32, Motion)>,
+}
+
+impl<'a> Solver<'a> {
+    /// Sets up elements, unknowns and the symbolic factorisation; the state is the rest configuration at path parameter 0.
+    ///
+    /// # Errors
+    /// [`SolveError`] when elements are inverted at rest or the problem does not fit together (for example nothing is held).
+    pub fn new(
+        mesh: &'a MixedMesh,
+        bodies: Vec<ContactBody<'a>>,
+        settings: SolveSettings,
+        control: &Control,
+    ) -> Result<Self, SolveError> {
+        let mut segments = setup::tied_segments(mesh);
+        segments.extend(bodies.iter().map(|b| b.segment));
+        segments.sort_unstable();
+        segments.dedup();
+        let (equations, surface, warnings) = setup::equations(mesh, bodies, &settings, control)?;
+        let state = State { t: 0.0, x: equations.dofs.rest().to_vec(), motions: Vec::new() };
+        Ok(Self { mesh, surface, settings, equations, segments, state, substep: f64::INFINITY, warnings })
+    }
+
+    /// Advances from the present path parameter to `t`: `motions(t)` gives each moving segment's motion from rest; segments
+    /// that it does not list stay at rest. Substeps are chosen here. On error the state stays at the last converged substep.
+    ///
+    /// # Errors
+    /// [`SolveError`].
+    pub fn advance(
+        &mut self,
+        t: f64,
+        motions: &dyn Fn(f64) -> Vec<(u32, Motion)>,
+        control: &Control,
+    ) -> Result<StepReport, SolveError> {
+        if !t.is_finite() {
+            return Err(SolveError::Problem { detail: format!("the path parameter is {t}") });
+        }
+        self.equations.records.clear();
+        let from = self.state.t;
+        let factorisations = self.equations.solver.factorisations();
+        let mut report = Progress::default();
+        let found = loop {
+            control.check()?;
+            let remaining = t - self.state.t;
+            let wanted = remaining.abs().min(self.substep);
+            let length = self.limit_contact_motion(wanted, remaining.signum(), motions);
+            let goal =
+                if length >= remaining.abs() * (1.0 - 1e-9) { t } else { self.state.t + length * remaining.signum() };
+            match self.substep_to(goal, motions, control) {
+                Ok(found) => {
+                    report.substeps += 1;
+                    report.iterations += found.iterations;
+                    if self.substep.is_finite() {
+                        self.substep *= 2.0;
+                    }
+                    control.report(if t == from { 1.0 } else { (goal - from) / (t - from) });
+                    if goal == t {
+                        break found;
+                    }
+                }
+                Err(Failure::Cancelled) => return Err(crate::control::Cancelled.into()),
+                Err(failure) => {
+                    report.halvings += 1;
+                    self.substep = 0.5 * length;
+                    if self.substep < self.settings.min_substep || length == 0.0 {
+                        return Err(diagnosis::name(&self.equations, self.mesh, failure, goal, &self.state.x));
+                    }
+                }
+            }
+        };
+        Ok(self.report(&found, &report, self.equations.solver.factorisations() - factorisations))
+    }
+
+    /// Present positions of the mesh nodes, LPS mm.
+    #[must_use]
+    pub fn positions(&self) -> Vec<Point> {
+        self.state.x[..self.mesh.positions.len()].iter().map(|x| Point::from(*x)).collect()
+    }
+
+    /// Path parameter of the present state.
+    #[must_use]
+    pub fn path_parameter(&self) -> f64 {
+        self.state.t
+    }
+
+    /// Displacement (mm) of the point of the outer surface at barycentric `l` of prism `prism`, interpolated with the skin
+    /// element's own functions; zero when there is no such prism.
+    #[must_use]
+    pub fn outer_displacement(&self, prism: u32, l: [f64; 3]) -> Vector {
+        let prism = prism as usize;
+        let Some(corners) = self.mesh.prisms.get(prism) else { return Vector::zeros() };
+        let moved = |node: u32| self.state.x[node as usize] - self.equations.dofs.rest()[node as usize];
+        match &self.surface {
+            Some(surface) => {
+                let functions = surface.outer_functions(self.mesh, prism, l);
+                let nodes = surface.outer_nodes_of(self.mesh, prism);
+                nodes.iter().zip(functions).map(|(&node, n)| moved(node) * n).sum()
+            }
+            None => corners[..3].iter().zip(l).map(|(&node, l)| moved(node) * l).sum(),
+        }
+    }
+
+    /// Smallest det F in each element at the present state, with the kind of element, in the order of the mesh.
+    #[must_use]
+    pub fn det_f_per_element(&self) -> Vec<(&'static str, Vec<f64>)> {
+        let parts = self.equations.assembly.parts().iter().map(|p| p.block.kind);
+        parts.zip(self.equations.assembly.min_det(&self.state.x)).collect()
+    }
+
+    /// Newton iterations of the last call of [`Solver::advance`].
+    #[must_use]
+    pub fn iterations(&self) -> &[IterationRecord] {
+        &self.equations.records
+    }
+
+    fn substep_to(
+        &mut self,
+        goal: f64,
+        motions: &dyn Fn(f64) -> Vec<(u32, Motion)>,
+        control: &Control,
+    ) -> Result<Equilibrium, Failure> {
+        let listed = motions(goal);
+        let body_motions = self.body_motions(&listed);
+        let multipliers = self.equations.contact.multipliers().to_vec();
+        let attempt = self
+            .equations
+            .predict(&self.state.x, &body_motions, &|segment| motion_of(&listed, segment))
+            .and_then(|mut x| {
+                let found = self.equations.equilibrate(&mut x, &body_motions, goal, control)?;
+                Ok((x, found))
+            });
+        match attempt {
+            Ok((x, found)) => {
+                self.state = State { t: goal, x, motions: listed };
+                Ok(found)
+            }
+            Err(failure) => {
+                self.equations.contact.set_multipliers(multipliers);
+                Err(failure)
+            }
+        }
+    }
+
+    fn body_motions(&self, listed: &[(u32, Motion)]) -> Vec<Motion> {
+        self.equations.contact.bodies().iter().map(|b| motion_of(listed, b.segment)).collect()
+    }
+
+    /// Shortens a substep until bone near contact points moves at most [`MAX_CONTACT_MOTION_MM`], but not below the shortest allowed.
+    fn limit_contact_motion(&self, wanted: f64, sign: f64, motions: &dyn Fn(f64) -> Vec<(u32, Motion)>) -> f64 {
+        if self.equations.contact.is_empty() {
+            return wanted;
+        }
+        let from = self.body_motions(&self.state.motions);
+        let mut length = wanted;
+        loop {
+            let to = self.body_motions(&motions(self.state.t + sign * length));
+            let moved = self.equations.contact.largest_motion(&self.state.x, &from, &to, CONTACT_REACH_MM);
+            // A little more than the limit is allowed, so that a step of twice the limit is not cut in three.
+            if moved <= 1.01 * MAX_CONTACT_MOTION_MM || length <= self.settings.min_substep {
+                return length;
+            }
+            length = (wanted / (wanted / length * moved / MAX_CONTACT_MOTION_MM).ceil()).max(self.settings.min_substep);
+        }
+    }
+
+    fn report(&mut self, found: &Equilibrium, progress: &Progress, factorisations: usize) -> StepReport {
+        let mut warnings = std::mem::take(&mut self.warnings);
+        if progress.halvings > 0 {
+            warnings.push(format!(
+                "substeps were shortened {} times to keep Newton's method on its way",
+                progress.halvings
+            ));
+        }
+        let min_det_f =
+            self.equations.assembly.min_det(&self.state.x).into_iter().flatten().fold(f64::INFINITY, f64::min);
+        if self.settings.model == Model::Linear && min_det_f <= 0.0 {
+            warnings.push(format!("the linear model turns elements inside out (det F down to {min_det_f:.3}): strains are too large for it"));
+        }
+        warnings.extend(diagnosis::ellipticity_warning(&self.equations, &self.state.x));
+        let body_motions = self.body_motions(&self.state.motions);
+        let reactions_n = self.equations.reactions(&self.state.x, &body_motions, &self.segments);
+        StepReport {
+            converged: true,
+            newton_iterations: progress.iterations,
+            substeps: progress.substeps,
+            factorisations,
+            relative_residual: found.relative_residual,
+            min_det_f,
+            max_penetration_mm: super::contact::penetration(&found.touches),
+            active_contacts: found.touches.len(),
+            reactions_n,
+            unknowns: 3 * self.equations.dofs.n_unknown(),
+            warnings,
+        }
+    }
+}
+
+/// Counts of one call of [`Solver::advance`].
+#[derive(Debug, Default)]
+struct Progress {
+    substeps: usize,
+    iterations: usize,
+    halvings: usize,
+}
+
+fn motion_of(listed: &[(u32, Motion)], segment: u32) -> Motion {
+    listed.iter().find(|(s, _)| *s == segment).map_or_else(Motion::identity, |(_, m)| *m)
+}

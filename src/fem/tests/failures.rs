@@ -1,0 +1,134 @@
+//! Refusals, each with its own name, cancellation, and determinism.
+
+use super::blocks::{Slab, attach};
+use super::bodies::Ball;
+use crate::control::Control;
+use crate::fem::{ContactBody, Model, Preset, SolveError, SolveSettings, Solver};
+use crate::geometry::{Motion, Point};
+use crate::mesh::{Attachment, MixedMesh};
+
+fn slab() -> MixedMesh {
+    let mut mesh = Slab { cells: [4, 4, 2], origin: [-8.0, -8.0, 0.0], size: [16.0, 16.0, 6.0], skin: 1.5 }.mesh();
+    attach(&mut mesh, |p| {
+        let tied = if p.x.abs().max(p.y.abs()) < 5.0 { Attachment::Tied(1) } else { Attachment::Fixed };
+        (p.z == 0.0).then_some(tied)
+    });
+    mesh
+}
+
+fn settings() -> SolveSettings {
+    SolveSettings::new(Model::Mixed, Preset::Wang2009Stable.materials())
+}
+
+fn push(d: f64) -> impl Fn(f64) -> Vec<(u32, Motion)> {
+    move |t| vec![(1, Motion::translation(0.0, 0.0, d * t))]
+}
+
+#[test]
+fn unusable_problems_are_refused() {
+    let control = Control::new();
+    let refused =
+        |mesh: &MixedMesh, settings: SolveSettings, part: &str| match Solver::new(mesh, vec![], settings, &control) {
+            Err(SolveError::Problem { detail }) => assert!(detail.contains(part), "{detail}"),
+            other => panic!("{other:?}"),
+        };
+    let mut free = slab();
+    free.attachment.fill(Attachment::Free);
+    refused(&free, settings(), "0 tied or fixed nodes");
+    // Held on one edge only.
+    attach(&mut free, |p| (p.z == 0.0 && p.x == -8.0).then_some(Attachment::Fixed));
+    refused(&free, settings(), "not on one line");
+    let mut short = slab();
+    short.attachment.pop();
+    refused(&short, settings(), "attachments for");
+    let mut wild = slab();
+    wild.tetrahedra[3][1] = 9999;
+    refused(&wild, settings(), "node 9999");
+    refused(&slab(), SolveSettings { min_substep: 0.0, ..settings() }, "min_substep is 0");
+    refused(&slab(), SolveSettings { relative_residual: f64::NAN, ..settings() }, "relative_residual is NaN");
+    let (mesh, ball) = (slab(), Ball { centre: Point::origin(), radius: 1.0 });
+    let twice = vec![ContactBody { segment: 1, solid: &ball }; 2];
+    assert!(matches!(Solver::new(&mesh, twice, settings(), &control), Err(SolveError::Problem { .. })));
+}
+
+#[test]
+fn an_impossible_step_is_named_and_leaves_the_state_where_it_was() {
+    let (mesh, control) = (slab(), Control::new());
+    let mut solver = Solver::new(&mesh, vec![], SolveSettings { min_substep: 1.0, ..settings() }, &control).unwrap();
+    let before = solver.positions();
+    match solver.advance(1.0, &push(40.0), &control) {
+        Err(SolveError::Inverted { path_share, .. }) => assert_eq!(path_share, 1.0),
+        other => panic!("{other:?}"),
+    }
+    assert_eq!(before, solver.positions());
+    let few = SolveSettings { max_iterations: 1, min_substep: 1.0, relative_residual: 1e-10, ..settings() };
+    let mut solver = Solver::new(&mesh, vec![], few, &control).unwrap();
+    match solver.advance(1.0, &push(2.0), &control) {
+        Err(SolveError::NotConverged { iterations, residual_n, tolerance_n, .. }) => {
+            assert!(iterations == 1 && residual_n > tolerance_n);
+        }
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn a_large_motion_is_reached_in_substeps() {
+    let (mesh, control) = (slab(), Control::new());
+    let mut solver = Solver::new(&mesh, vec![], settings(), &control).unwrap();
+    let report = solver.advance(1.0, &push(30.0), &control).unwrap();
+    assert!(report.substeps > 1 && report.min_det_f > 0.0, "{report:?}");
+    assert!(report.warnings.iter().any(|w| w.contains("shortened")), "{report:?}");
+}
+
+#[test]
+fn the_published_constants_fail_with_the_tissue_that_lost_ellipticity() {
+    let (mesh, control) = (slab(), Control::new());
+    let published = SolveSettings::new(Model::Mixed, Preset::Wang2009.materials());
+    let mut solver = Solver::new(&mesh, vec![], published, &control).unwrap();
+    match solver.advance(1.0, &push(5.0), &control) {
+        Err(SolveError::Unstable { stretch, .. }) => assert!(stretch > 1.0),
+        other => panic!("{other:?}"),
+    }
+    // A little of the way is possible, with a warning.
+    assert!(solver.path_parameter() < 1.0);
+}
+
+#[test]
+fn cancelling_stops_before_the_next_iteration() {
+    let (mesh, control) = (slab(), Control::new());
+    let mut solver = Solver::new(&mesh, vec![], settings(), &control).unwrap();
+    let stop = |t: f64| {
+        control.cancel();
+        push(2.0)(t)
+    };
+    let result = solver.advance(1.0, &stop, &control);
+    assert!(matches!(result, Err(SolveError::Cancelled(_))), "{result:?}");
+    assert!(solver.iterations().is_empty());
+    assert_eq!(solver.path_parameter(), 0.0);
+}
+
+#[test]
+fn any_number_of_threads_gives_the_same_bits() {
+    // Large enough for faer to work in parallel.
+    let mut mesh = Slab { cells: [16, 16, 4], origin: [-24.0, -24.0, 0.0], size: [48.0, 48.0, 10.0], skin: 1.5 }.mesh();
+    attach(&mut mesh, |p| {
+        let r = p.x.abs().max(p.y.abs());
+        if r > 23.9 { Some(Attachment::Fixed) } else { (p.z == 0.0).then_some(Attachment::Sliding) }
+    });
+    let ball = Ball { centre: Point::new(1.0, 2.0, -20.0), radius: 20.0 };
+    let run = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let control = Control::new();
+            let body = ContactBody { segment: 1, solid: &ball };
+            let mut solver = Solver::new(&mesh, vec![body], settings(), &control).unwrap();
+            let report = solver.advance(1.0, &push(1.5), &control).unwrap();
+            let bits: Vec<u64> = solver.positions().iter().flat_map(|p| [p.x, p.y, p.z].map(f64::to_bits)).collect();
+            (bits, report)
+        })
+    };
+    let one = run(1);
+    assert!(one.1.unknowns > 3000 && one.1.active_contacts > 0);
+    assert_eq!(one, run(2));
+    assert_eq!(one, run(3));
+}

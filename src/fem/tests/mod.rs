@@ -1,0 +1,8 @@
+//! Tests of the whole solver on structured blocks.
+
+mod blocks;
+mod bodies;
+mod calculix;
+mod closed_forms;
+mod contact;
+mod failures;

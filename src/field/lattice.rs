@@ -1,0 +1,84 @@
+use crate::geometry::{Aabb, Point, Vector};
+
+/// Fine nodes along the edge of a brick.
+pub(super) const EDGE: usize = 8;
+/// Fine nodes in a brick.
+pub(super) const BRICK: usize = EDGE * EDGE * EDGE;
+/// Coarse nodes beyond the bricks on every side: one whose coefficient is read, one for its second differences.
+const RING: usize = 2;
+
+/// A box of bricks, each of 8³ fine nodes around one coarse node.
+///
+/// Fine node (i, j, k) lies at `origin + spacing (i, j, k)`; coarse nodes lie in the middle of their brick, so the cell of a
+/// coarse coefficient (half a coarse spacing to every side) is exactly the cells of the brick's fine coefficients, and both
+/// splines together are one quadratic polynomial in every fine cell. The domain is the union of those cells.
+#[derive(Debug, Clone)]
+pub(super) struct Lattice {
+    pub(super) origin: Point,
+    pub(super) spacing: f64,
+    /// Bricks along each axis.
+    pub(super) bricks: [usize; 3],
+}
+
+impl Lattice {
+    /// Covers `bounds`; `None` when that takes more than `most` coarse nodes.
+    pub(super) fn covering(bounds: &Aabb, spacing: f64, most: u64) -> Result<Self, u64> {
+        let coarse = spacing * EDGE as f64;
+        let extent = bounds.max - bounds.min;
+        let needed = [0, 1, 2].map(|a| (extent[a] / coarse).ceil().max(1.0));
+        let samples: f64 = needed.iter().map(|n| n + 2.0 * RING as f64).product();
+        if samples > most as f64 {
+            return Err(samples as u64);
+        }
+        let bricks = needed.map(|n| n as usize);
+        let size = Vector::new(bricks[0] as f64, bricks[1] as f64, bricks[2] as f64) * coarse;
+        let origin = bounds.center() - size * 0.5 + Vector::repeat(0.5 * spacing);
+        Ok(Self { origin, spacing, bricks })
+    }
+
+    pub(super) fn n_bricks(&self) -> usize {
+        self.bricks.iter().product()
+    }
+
+    /// Place of brick `index` along each axis.
+    pub(super) fn brick_at(&self, index: usize) -> [usize; 3] {
+        let [nx, ny, _] = self.bricks;
+        [index % nx, index / nx % ny, index / (nx * ny)]
+    }
+
+    pub(super) fn brick_index(&self, [i, j, k]: [usize; 3]) -> usize {
+        i + self.bricks[0] * (j + self.bricks[1] * k)
+    }
+
+    /// Position of the first fine node of brick `at`.
+    pub(super) fn brick_origin(&self, at: [usize; 3]) -> Point {
+        self.origin + Vector::new(at[0] as f64, at[1] as f64, at[2] as f64) * (self.spacing * EDGE as f64)
+    }
+
+    /// Coarse nodes with their ring, along each axis.
+    pub(super) fn coarse_dims(&self) -> [usize; 3] {
+        self.bricks.map(|n| n + 2 * RING)
+    }
+
+    pub(super) fn coarse_spacing(&self) -> f64 {
+        self.spacing * EDGE as f64
+    }
+
+    /// Position of the first coarse node, in the ring's corner.
+    pub(super) fn coarse_origin(&self) -> Point {
+        self.origin + Vector::repeat(self.spacing * (0.5 * (EDGE as f64 - 1.0) - (RING * EDGE) as f64))
+    }
+
+    /// Index among the coarse nodes of the one in brick `at`.
+    pub(super) fn coarse_index(&self, at: [usize; 3]) -> usize {
+        let dims = self.coarse_dims();
+        (at[0] + RING) + dims[0] * ((at[1] + RING) + dims[1] * (at[2] + RING))
+    }
+
+    /// The domain's box.
+    pub(super) fn domain(&self) -> Aabb {
+        let min = self.origin - Vector::repeat(0.5 * self.spacing);
+        let [x, y, z] = self.bricks.map(|n| n as f64 * self.coarse_spacing());
+        Aabb { min, max: min + Vector::new(x, y, z) }
+    }
+}

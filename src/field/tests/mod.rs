@@ -1,0 +1,5 @@
+mod accuracy;
+mod envelopes;
+mod shapes;
+mod signs;
+mod smoothness;

@@ -1,0 +1,185 @@
+use super::triangle::closest_point;
+use crate::geometry::{Point, TriMesh};
+
+/// Most triangles in a leaf.
+const LEAF: usize = 4;
+
+/// Box over a contiguous range of the tree's triangles. The first child follows its parent.
+#[derive(Debug, Clone)]
+pub(super) struct Node {
+    min: [f64; 3],
+    max: [f64; 3],
+    /// Range of triangles in tree order.
+    pub(super) first: u32,
+    pub(super) last: u32,
+    /// Index of the second child; 0 for a leaf.
+    pub(super) second: u32,
+}
+
+impl Node {
+    fn distance_sq(&self, p: &Point) -> f64 {
+        let mut sum = 0.0;
+        for a in 0..3 {
+            let d = (self.min[a] - p[a]).max(p[a] - self.max[a]).max(0.0);
+            sum += d * d;
+        }
+        sum
+    }
+}
+
+/// Nearest triangle of a query.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Nearest {
+    pub(super) point: Point,
+    /// Triangle in tree order: a good `hint` for a query close by.
+    pub(super) slot: u32,
+    pub(super) distance_sq: f64,
+}
+
+/// Bounding volume hierarchy over triangles, split at the median of the longest axis of their centres.
+#[derive(Debug, Clone)]
+pub(super) struct Tree {
+    pub(super) nodes: Vec<Node>,
+    /// Corners in tree order.
+    pub(super) corners: Vec<[Point; 3]>,
+    /// Index in the mesh of each triangle in tree order.
+    pub(super) original: Vec<u32>,
+}
+
+impl Tree {
+    pub(super) fn new(mesh: &TriMesh) -> Self {
+        let n = mesh.triangles().len();
+        let corners: Vec<[Point; 3]> = (0..n).map(|t| mesh.corners(t)).collect();
+        let centers: Vec<[f64; 3]> =
+            corners.iter().map(|c| [0, 1, 2].map(|a| (c[0][a] + c[1][a] + c[2][a]) / 3.0)).collect();
+        let mut order: Vec<u32> = (0..n as u32).collect();
+        let mut nodes = Vec::with_capacity(n);
+        split(&mut order, 0, &corners, &centers, &mut nodes);
+        let corners = order.iter().map(|&t| corners[t as usize]).collect();
+        Self { nodes, corners, original: order }
+    }
+
+    /// Nearest point on the surface to `p`; `hint` is a triangle (tree order) that is probably close.
+    pub(super) fn nearest(&self, p: &Point, hint: u32) -> Nearest {
+        let mut best = self.of_triangle(p, hint);
+        // Deep enough: a median split halves the range at every level.
+        let mut stack = [(0u32, 0.0f64); 64];
+        let mut top = 1;
+        stack[0] = (0, self.nodes[0].distance_sq(p));
+        while top > 0 {
+            top -= 1;
+            let (index, bound) = stack[top];
+            if bound >= best.distance_sq {
+                continue;
+            }
+            let node = &self.nodes[index as usize];
+            if node.second == 0 {
+                for slot in node.first..node.last {
+                    let candidate = self.of_triangle(p, slot);
+                    if candidate.distance_sq < best.distance_sq {
+                        best = candidate;
+                    }
+                }
+                continue;
+            }
+            let near = (index + 1, self.nodes[index as usize + 1].distance_sq(p));
+            let far = (node.second, self.nodes[node.second as usize].distance_sq(p));
+            let (near, far) = if near.1 <= far.1 { (near, far) } else { (far, near) };
+            stack[top] = far;
+            stack[top + 1] = near;
+            top += 2;
+        }
+        best
+    }
+
+    /// The leaves that come within `radius` of `center`, nearest first, each with its distance: all that holds the nearest
+    /// triangles of points around `center`.
+    pub(super) fn leaves_near(&self, center: &Point, radius: f64, leaves: &mut Vec<(f64, u32)>) {
+        leaves.clear();
+        let mut stack = [0u32; 64];
+        let mut top = 1;
+        while top > 0 {
+            top -= 1;
+            let index = stack[top];
+            let node = &self.nodes[index as usize];
+            let distance_sq = node.distance_sq(center);
+            if distance_sq > radius * radius {
+                continue;
+            }
+            if node.second == 0 {
+                leaves.push((distance_sq.sqrt(), index));
+            } else {
+                stack[top] = node.second;
+                stack[top + 1] = index + 1;
+                top += 2;
+            }
+        }
+        leaves.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    }
+
+    /// Like [`Tree::nearest`] for a point at `offset` from the centre of [`Tree::leaves_near`].
+    pub(super) fn nearest_among(&self, leaves: &[(f64, u32)], p: &Point, offset: f64, hint: u32) -> Nearest {
+        let mut best = self.of_triangle(p, hint);
+        let mut stop = best.distance_sq.sqrt() + offset;
+        for &(from_center, leaf) in leaves {
+            if from_center > stop {
+                break;
+            }
+            let node = &self.nodes[leaf as usize];
+            if node.distance_sq(p) >= best.distance_sq {
+                continue;
+            }
+            for slot in node.first..node.last {
+                let candidate = self.of_triangle(p, slot);
+                if candidate.distance_sq < best.distance_sq {
+                    best = candidate;
+                    stop = best.distance_sq.sqrt() + offset;
+                }
+            }
+        }
+        best
+    }
+
+    fn of_triangle(&self, p: &Point, slot: u32) -> Nearest {
+        let point = closest_point(p, &self.corners[slot as usize]);
+        Nearest { point, slot, distance_sq: (point - p).norm_squared() }
+    }
+
+    pub(super) fn bytes(&self) -> usize {
+        size_of_val(&self.nodes[..]) + size_of_val(&self.corners[..]) + size_of_val(&self.original[..])
+    }
+}
+
+/// Appends the subtree over `order`, whose first triangle has tree index `first`.
+fn split(order: &mut [u32], first: u32, corners: &[[Point; 3]], centers: &[[f64; 3]], nodes: &mut Vec<Node>) {
+    let mut node =
+        Node { min: [f64::INFINITY; 3], max: [-f64::INFINITY; 3], first, last: first + order.len() as u32, second: 0 };
+    let mut low = [f64::INFINITY; 3];
+    let mut high = [-f64::INFINITY; 3];
+    for &t in order.iter() {
+        for a in 0..3 {
+            for corner in &corners[t as usize] {
+                node.min[a] = node.min[a].min(corner[a]);
+                node.max[a] = node.max[a].max(corner[a]);
+            }
+            low[a] = low[a].min(centers[t as usize][a]);
+            high[a] = high[a].max(centers[t as usize][a]);
+        }
+    }
+    let index = nodes.len();
+    nodes.push(node);
+    if order.len() <= LEAF {
+        return;
+    }
+    let extent = [0, 1, 2].map(|a| high[a] - low[a]);
+    let axis = (0..3).fold(0, |best, a| if extent[a] > extent[best] { a } else { best });
+    let middle = order.len() / 2;
+    // The index settles ties, so that the tree does not depend on the order of selection.
+    order.select_nth_unstable_by(middle, |&s, &t| {
+        centers[s as usize][axis].total_cmp(&centers[t as usize][axis]).then(s.cmp(&t))
+    });
+    let (left, right) = order.split_at_mut(middle);
+    split(left, first, corners, centers, nodes);
+    nodes[index].second = nodes.len() as u32;
+    split(right, first + middle as u32, corners, centers, nodes);
+}

@@ -1,0 +1,24 @@
+//! Points, triangle meshes, rigid motions and implicit solids. Patient LPS, mm, `f64`.
+//!
+//! Invariants: a [`TriMesh`] has finite coordinates and indices in range; nothing here reads files or
+//! knows what a mesh stands for.
+
+mod crossing;
+mod grid;
+mod implicit;
+mod quality;
+mod self_crossing;
+mod topology;
+mod trimesh;
+
+pub use grid::ScalarGrid;
+pub use implicit::Implicit;
+pub use quality::{SurfaceReport, surface_report};
+pub use trimesh::{Aabb, GeometryError, TriMesh};
+
+/// A point in patient LPS, mm.
+pub type Point = nalgebra::Point3<f64>;
+/// A vector in patient LPS, mm unless its name says otherwise.
+pub type Vector = nalgebra::Vector3<f64>;
+/// A rigid motion `target_from_source`: rotation, then translation in mm.
+pub type Motion = nalgebra::Isometry3<f64>;

@@ -1,0 +1,290 @@
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+use uuid::Uuid;
+
+use super::SessionSettings;
+use super::check::Check;
+use crate::http::problem::ProblemDocument;
+use crate::jobs::{AttachmentRecord, JobStatus, MaterialsPreset, SolveModel};
+use crate::session::{BoxDocument, Fault, FaultKind};
+use crate::store::{JobKind, JobRecord, JobState};
+
+/// Steps that a job may have.
+pub(super) const MAX_STEPS: u32 = 200;
+const DEFAULT_STEPS: u32 = 6;
+
+/// Mechanical model.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ModelName {
+    /// The service chooses; `mixed` in this version.
+    #[default]
+    Auto,
+    /// Small strain on linear elements (LFEM).
+    Linear,
+    /// Not in this version (MTM).
+    MassTensor,
+    /// Not in this version (NFEM).
+    Nonlinear,
+    /// Hyperelastic with a C1 skin layer (NFM-EM).
+    Mixed,
+}
+
+/// Materials.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub enum PresetName {
+    /// Stable neo-Hookean with the published small-strain moduli.
+    #[default]
+    #[serde(rename = "wang_2009_stable")]
+    Wang2009Stable,
+    /// The published constants.
+    #[serde(rename = "wang_2009")]
+    Wang2009,
+}
+
+impl From<PresetName> for MaterialsPreset {
+    fn from(name: PresetName) -> Self {
+        match name {
+            PresetName::Wang2009Stable => Self::Wang2009Stable,
+            PresetName::Wang2009 => Self::Wang2009,
+        }
+    }
+}
+
+/// A result to keep besides skin and report, which are always kept.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum OutputName {
+    /// Deformed skin of each step.
+    Skin,
+    /// Error maps, where there is something to compare with.
+    Error,
+    /// The deformed volume.
+    Tissue,
+}
+
+/// What `auto` has to keep to.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Budget {
+    /// Largest error, mm.
+    #[serde(default)]
+    pub max_error_mm: Option<f64>,
+    /// Longest time, s.
+    #[serde(default)]
+    pub max_wall_s: Option<f64>,
+}
+
+/// Which inner nodes are tied to bone, which slide.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct AttachmentRequest {
+    /// Boundary nodes nearer to bone than this are tied, mm.
+    pub tie_gap_mm: f64,
+    /// Boxes in which nodes slide instead.
+    #[serde(default)]
+    pub sliding: Vec<BoxDocument>,
+}
+
+/// A solve.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct CreateJob {
+    /// The plan to follow.
+    pub plan: Uuid,
+    /// Mechanical model.
+    #[serde(default)]
+    pub model: ModelName,
+    /// Streamed steps, 1 to 200; the session's, else 6.
+    #[serde(default)]
+    pub steps: Option<u32>,
+    /// What `auto` has to keep to; not in this version.
+    #[serde(default)]
+    pub budget: Option<Budget>,
+    /// Results to keep; `skin` and `error` when absent.
+    #[serde(default)]
+    pub outputs: Option<Vec<OutputName>>,
+    /// A finished job to compare with, where the session has no target.
+    #[serde(default)]
+    pub reference_job: Option<Uuid>,
+    /// Materials; the session's, else `wang_2009_stable`.
+    #[serde(default)]
+    pub preset: Option<PresetName>,
+    /// Attachment; chosen from the landmarks when absent.
+    #[serde(default)]
+    pub attachment: Option<AttachmentRequest>,
+}
+
+/// A checked solve, without what the session adds.
+#[derive(Debug, Clone, PartialEq)]
+pub(in crate::http) struct CheckedJob {
+    pub(in crate::http) model: SolveModel,
+    pub(in crate::http) model_chosen: bool,
+    pub(in crate::http) steps: u32,
+    pub(in crate::http) preset: MaterialsPreset,
+    pub(in crate::http) attachment: Option<AttachmentRecord>,
+    pub(in crate::http) error_maps: bool,
+    pub(in crate::http) tissue: bool,
+}
+
+impl CreateJob {
+    pub(in crate::http) fn check(&self, settings: &SessionSettings) -> Result<CheckedJob, Fault> {
+        let (model, model_chosen) = match self.model {
+            ModelName::Auto => (SolveModel::Mixed, true),
+            ModelName::Mixed => (SolveModel::Mixed, false),
+            ModelName::Linear => (SolveModel::Linear, false),
+            ModelName::MassTensor | ModelName::Nonlinear => {
+                let detail = "the models in this version are auto, linear and mixed";
+                return Err(Fault::new(FaultKind::NotAvailable, detail).at("/model"));
+            }
+        };
+        if self.budget.is_some() {
+            return Err(Fault::new(FaultKind::NotAvailable, "budgets are not available in this version").at("/budget"));
+        }
+        let mut check = Check::default();
+        let steps = self.steps.or(settings.steps).unwrap_or(DEFAULT_STEPS);
+        check.number("/steps", f64::from(steps), 1.0, f64::from(MAX_STEPS));
+        let attachment = self.attachment.as_ref().map(|a| AttachmentRecord {
+            tie_gap_mm: check.number("/attachment/tie_gap_mm", a.tie_gap_mm, 0.0, 50.0),
+            sliding: a
+                .sliding
+                .iter()
+                .enumerate()
+                .map(|(index, b)| check.bounds(&format!("/attachment/sliding/{index}"), *b))
+                .collect(),
+        });
+        check.finish()?;
+        let wants = |output| self.outputs.as_ref().map(|o| o.contains(&output));
+        Ok(CheckedJob {
+            model,
+            model_chosen,
+            steps,
+            preset: self.preset.or(settings.preset).unwrap_or_default().into(),
+            attachment,
+            error_maps: wants(OutputName::Error).unwrap_or(true),
+            tissue: wants(OutputName::Tissue).unwrap_or(false),
+        })
+    }
+}
+
+/// A job and how it stands.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct JobView {
+    /// Its id.
+    pub id: Uuid,
+    /// Its session.
+    pub session: Uuid,
+    /// `import`, `field`, `mesh` or `solve`.
+    pub kind: String,
+    /// `accepted`, `running`, `succeeded`, `failed`, `cancelled` or `interrupted` (it will run again).
+    pub state: String,
+    /// Stage of the work: `waiting`, `reading`, `surfaces`, `field`, `cut`, `mesh`, `solve`, `writing`, `done`.
+    pub phase: String,
+    /// Done share, 0 to 1.
+    pub progress: f64,
+    /// Steps that are there.
+    pub step: u32,
+    /// Steps in all; 0 for a job without steps.
+    pub steps: u32,
+    /// Time left, s, while it runs.
+    pub eta_s: Option<f64>,
+    /// Jobs before it, while it waits.
+    pub queue_position: Option<u32>,
+    /// How often it was started.
+    pub attempt: u32,
+    /// What a caller should know.
+    pub warnings: Vec<String>,
+    /// Why it failed.
+    pub problem: Option<ProblemDocument>,
+    /// When it was accepted.
+    pub created_at: String,
+    /// When the last attempt began.
+    pub started_at: Option<String>,
+    /// When it ended.
+    pub finished_at: Option<String>,
+    /// Paths: `self`, `events`, `cancel`, and what has come of it.
+    pub links: BTreeMap<String, String>,
+}
+
+impl JobView {
+    /// The view of a row alone.
+    pub(in crate::http) fn new(record: &JobRecord) -> Self {
+        let fault: Option<Fault> = record.fault.as_deref().and_then(|f| serde_json::from_str(f).ok());
+        Self {
+            id: record.id.uuid(),
+            session: record.session.uuid(),
+            kind: record.kind.as_str().to_owned(),
+            state: record.state.as_str().to_owned(),
+            phase: record.phase.clone(),
+            progress: record.progress,
+            step: 0,
+            steps: record.steps,
+            eta_s: None,
+            queue_position: None,
+            attempt: record.attempt,
+            warnings: record.warnings.clone(),
+            problem: fault.as_ref().map(ProblemDocument::from),
+            created_at: record.created_at.clone(),
+            started_at: record.started_at.clone(),
+            finished_at: record.finished_at.clone(),
+            links: links(record, 0),
+        }
+    }
+}
+
+impl From<&JobStatus> for JobView {
+    fn from(status: &JobStatus) -> Self {
+        Self {
+            step: status.steps_done,
+            eta_s: status.eta_s,
+            queue_position: status.queue_position,
+            links: links(&status.record, status.steps_done),
+            ..Self::new(&status.record)
+        }
+    }
+}
+
+fn links(record: &JobRecord, steps_done: u32) -> BTreeMap<String, String> {
+    let own = format!("/v1/jobs/{}", record.id);
+    let mut links = BTreeMap::from([("self".to_owned(), own.clone())]);
+    let mut add = |name: &str, path: String| links.insert(name.to_owned(), path);
+    add("events", format!("{own}/events"));
+    if !record.state.has_ended() {
+        add("cancel", format!("{own}/cancel"));
+    }
+    let session = format!("/v1/sessions/{}", record.session);
+    match (record.kind, record.state) {
+        (JobKind::Import, JobState::Succeeded) => {
+            add("skin", format!("{session}/skin"));
+            add("skull", format!("{session}/skull"));
+        }
+        (JobKind::Field, JobState::Succeeded) => _ = add("field", format!("{session}/field")),
+        (JobKind::Mesh, JobState::Succeeded) => _ = add("mesh", format!("{session}/mesh")),
+        (JobKind::Solve, state) => {
+            if steps_done > 0 {
+                add("topology", format!("{own}/topology"));
+                add("last_skin", format!("{own}/steps/{steps_done}/skin"));
+            }
+            if state == JobState::Succeeded {
+                add("report", format!("{own}/report"));
+                if record.tissue_blob.is_some() {
+                    add("tissue", format!("{own}/tissue"));
+                }
+            }
+        }
+        _ => {}
+    }
+    links
+}
+
+/// A page of jobs, newest first.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct JobList {
+    /// The jobs.
+    pub jobs: Vec<JobView>,
+    /// Path of the next page.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub next: Option<String>,
+}

@@ -1,0 +1,27 @@
+//! JSON of requests and answers, and the checks that turn requests into domain values.
+
+mod bone;
+mod check;
+mod compare;
+mod event;
+mod inputs;
+mod job;
+mod mesh;
+mod plan;
+mod session;
+
+pub use bone::{CreateOsteotomy, CutRequest, OsteotomyList, OsteotomyView, TemplateName, TemplateRequest};
+pub use compare::{CompareRequest, CompareView, ErrorView, PartName, RegisterRequest, SurfaceRef};
+pub(super) use compare::{Named, finite};
+pub(super) use event::render_event;
+pub(super) use inputs::import_request;
+pub use inputs::{
+    CtQuery, FieldView, PointQuery, PointValues, PutFieldSettings, PutLandmarks, SliceAxis, SliceQuery, SolidName,
+};
+pub use job::{AttachmentRequest, Budget, CreateJob, JobList, JobView, ModelName, OutputName, PresetName};
+pub use mesh::{BuildMesh, MeshView};
+pub use plan::{
+    AxisAngle, CreatePlan, Hinge, PathRequest, PitchRollYaw, PlanList, PlanView, RotationRequest, WaypointRequest,
+};
+pub(super) use session::view_of;
+pub use session::{CreateSession, PartView, SessionList, SessionSettings, SessionView};

@@ -1,0 +1,294 @@
+use nalgebra::{Quaternion, Unit, UnitQuaternion};
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+use uuid::Uuid;
+
+use super::check::Check;
+use crate::geometry::{Motion, Point, Vector};
+use crate::plan::{Path, Plan, PlanError};
+use crate::session::{Fault, Halt, OsteotomyDocument, PlanDocument, motion_from};
+use crate::store::PlanRecord;
+
+/// A rotation about an axis.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct AxisAngle {
+    /// The axis.
+    pub axis: [f64; 3],
+    /// Right-handed angle, degrees.
+    pub angle_deg: f64,
+}
+
+/// Angles as surgeons give them. Roll is applied first, then pitch, then yaw; each right-handed.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PitchRollYaw {
+    /// About x (to the patient's left): positive brings the front down.
+    #[serde(default)]
+    pub pitch_deg: f64,
+    /// About y (backwards): positive brings the patient's left side down.
+    #[serde(default)]
+    pub roll_deg: f64,
+    /// About z (up): positive brings the front to the patient's left.
+    #[serde(default)]
+    pub yaw_deg: f64,
+}
+
+/// A rotation: exactly one of the three forms.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct RotationRequest {
+    /// Quaternion x, y, z, w; brought to unit length.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub quaternion_xyzw: Option<[f64; 4]>,
+    /// Axis and angle.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub axis_angle: Option<AxisAngle>,
+    /// Pitch, roll and yaw.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pitch_roll_yaw: Option<PitchRollYaw>,
+    /// Point that the rotation leaves in place; the segment's centroid when absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pivot_mm: Option<[f64; 3]>,
+}
+
+/// A turn about a fixed axis.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Hinge {
+    /// A point of the axis.
+    pub point_mm: [f64; 3],
+    /// Direction of the axis.
+    pub axis: [f64; 3],
+    /// Right-handed angle, degrees.
+    pub angle_deg: f64,
+}
+
+/// A motion from rest at `t`: translation and rotation, or a hinge.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct WaypointRequest {
+    /// Path parameter, 0 to 1.
+    pub t: f64,
+    /// Translation, LPS mm: forward is -y, down is -z.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub translation_mm: Option<[f64; 3]>,
+    /// Rotation.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rotation: Option<RotationRequest>,
+    /// A hinge instead.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub hinge: Option<Hinge>,
+}
+
+/// Path of one segment.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PathRequest {
+    /// The segment that moves; not 0.
+    pub segment: u32,
+    /// Motions from rest at rising t, the last at t = 1; joined by screw motions.
+    pub waypoints: Vec<WaypointRequest>,
+}
+
+/// Where the bone shall go.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct CreatePlan {
+    /// The osteotomy whose segments move.
+    pub osteotomy: Uuid,
+    /// An opaque tag.
+    #[serde(default)]
+    pub label: Option<String>,
+    /// One path a moving segment.
+    pub paths: Vec<PathRequest>,
+}
+
+impl CreatePlan {
+    /// Label and checked paths.
+    pub(in crate::http) fn check(self, osteotomy: &OsteotomyDocument) -> Result<(Option<String>, Plan), Fault> {
+        let mut check = Check::default();
+        let label = check.label("/label", self.label);
+        if !(1..=32).contains(&self.paths.len()) {
+            check.fault("/paths", format!("has {} paths, allowed are 1 to 32", self.paths.len()));
+        }
+        let mut waypoints = Vec::new();
+        for (index, path) in self.paths.iter().enumerate() {
+            let pointer = format!("/paths/{index}");
+            if self.paths[..index].iter().any(|p| p.segment == path.segment) {
+                check.fault(format!("{pointer}/segment"), format!("segment {} has a path already", path.segment));
+            }
+            waypoints.push(motions(&mut check, &pointer, path, osteotomy));
+        }
+        check.finish()?;
+        let path = |(index, (request, motions)): (usize, (&PathRequest, Vec<(f64, Motion)>))| {
+            Path::new(request.segment, motions).map_err(|e| below(index, e))
+        };
+        let paths = self.paths.iter().zip(waypoints).enumerate().map(path).collect::<Result<_, _>>()?;
+        Ok((label, Plan { paths }))
+    }
+}
+
+/// The room's own refusal, with its pointer below the path.
+fn below(index: usize, error: PlanError) -> Fault {
+    let mut fault = Fault::from(Halt::from(error));
+    for field in &mut fault.errors {
+        field.pointer = format!("/paths/{index}{}", field.pointer);
+    }
+    fault
+}
+
+fn motions(check: &mut Check, pointer: &str, path: &PathRequest, osteotomy: &OsteotomyDocument) -> Vec<(f64, Motion)> {
+    let segment = osteotomy.segments.iter().find(|s| s.id == path.segment);
+    if path.segment == 0 {
+        check.fault(format!("{pointer}/segment"), "segment 0 is the skull that stays");
+    } else if segment.is_none() {
+        let highest = osteotomy.segments.len().saturating_sub(1);
+        let detail = format!("there is no segment {}, the osteotomy has 1 to {highest}", path.segment);
+        check.fault(format!("{pointer}/segment"), detail);
+    }
+    let pivot = segment.map_or([0.0; 3], |s| s.centroid_mm);
+    if !(1..=1000).contains(&path.waypoints.len()) {
+        let detail = format!("has {} waypoints, allowed are 1 to 1000", path.waypoints.len());
+        check.fault(format!("{pointer}/waypoints"), detail);
+    }
+    let mut motions: Vec<(f64, Motion)> = Vec::new();
+    for (index, waypoint) in path.waypoints.iter().enumerate() {
+        let pointer = format!("{pointer}/waypoints/{index}");
+        check.number(&format!("{pointer}/t"), waypoint.t, 0.0, 1.0);
+        if let Some((before, _)) = motions.last()
+            && waypoint.t <= *before
+        {
+            check
+                .fault(format!("{pointer}/t"), format!("is {}, but must rise: the one before is {before}", waypoint.t));
+        }
+        motions.push((waypoint.t, motion(check, &pointer, waypoint, pivot)));
+    }
+    if let Some((last, _)) = motions.last()
+        && *last != 1.0
+    {
+        let index = motions.len() - 1;
+        check.fault(format!("{pointer}/waypoints/{index}/t"), format!("is {last}, but the last must be 1"));
+    }
+    motions
+}
+
+fn motion(check: &mut Check, pointer: &str, waypoint: &WaypointRequest, centroid: [f64; 3]) -> Motion {
+    if let Some(hinge) = &waypoint.hinge {
+        if waypoint.translation_mm.is_some() || waypoint.rotation.is_some() {
+            check.fault(format!("{pointer}/hinge"), "cannot stand beside translation_mm or rotation");
+        }
+        let axis = check.direction(&format!("{pointer}/hinge/axis"), hinge.axis);
+        let angle = check.number(&format!("{pointer}/hinge/angle_deg"), hinge.angle_deg, -90.0, 90.0);
+        let turn = UnitQuaternion::from_axis_angle(&Unit::new_unchecked(axis), angle.to_radians());
+        let point = check.vector(&format!("{pointer}/hinge/point_mm"), hinge.point_mm);
+        return motion_from(Vector::zeros(), turn, Point::from(point));
+    }
+    if waypoint.translation_mm.is_none() && waypoint.rotation.is_none() {
+        check.fault(pointer, "must have translation_mm, rotation or hinge");
+    }
+    let translation = waypoint.translation_mm.unwrap_or_default();
+    for (axis, length) in translation.into_iter().enumerate() {
+        check.number(&format!("{pointer}/translation_mm/{axis}"), length, -100.0, 100.0);
+    }
+    let (rotation, pivot) = match &waypoint.rotation {
+        Some(r) => rotation(check, &format!("{pointer}/rotation"), r, centroid),
+        None => (UnitQuaternion::identity(), centroid),
+    };
+    motion_from(Vector::from(translation), rotation, Point::from(pivot))
+}
+
+fn rotation(
+    check: &mut Check,
+    pointer: &str,
+    r: &RotationRequest,
+    centroid: [f64; 3],
+) -> (UnitQuaternion<f64>, [f64; 3]) {
+    let pivot = r.pivot_mm.map_or(centroid, |p| check.vector(&format!("{pointer}/pivot_mm"), p));
+    let angle = |check: &mut Check, name: &str, deg: f64| {
+        check.number(&format!("{pointer}/{name}"), deg, -180.0, 180.0).to_radians()
+    };
+    let rotation = match (r.quaternion_xyzw, r.axis_angle, r.pitch_roll_yaw) {
+        (Some([x, y, z, w]), None, None) => {
+            let quaternion = Quaternion::new(w, x, y, z);
+            let norm = quaternion.norm();
+            check.number(&format!("{pointer}/quaternion_xyzw"), norm, 0.5, 2.0);
+            if (0.5..=2.0).contains(&norm) {
+                UnitQuaternion::new_normalize(quaternion)
+            } else {
+                UnitQuaternion::identity()
+            }
+        }
+        (None, Some(a), None) => {
+            let axis = check.direction(&format!("{pointer}/axis_angle/axis"), a.axis);
+            let angle = angle(check, "axis_angle/angle_deg", a.angle_deg);
+            UnitQuaternion::from_axis_angle(&Unit::new_unchecked(axis), angle)
+        }
+        (None, None, Some(a)) => {
+            let pitch = angle(check, "pitch_roll_yaw/pitch_deg", a.pitch_deg);
+            let roll = angle(check, "pitch_roll_yaw/roll_deg", a.roll_deg);
+            let yaw = angle(check, "pitch_roll_yaw/yaw_deg", a.yaw_deg);
+            let about = |axis, angle| UnitQuaternion::from_axis_angle(&axis, angle);
+            about(Vector::z_axis(), yaw) * about(Vector::x_axis(), pitch) * about(Vector::y_axis(), roll)
+        }
+        _ => {
+            check.fault(pointer, "must have exactly one of quaternion_xyzw, axis_angle and pitch_roll_yaw");
+            UnitQuaternion::identity()
+        }
+    };
+    (rotation, pivot)
+}
+
+/// A plan.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct PlanView {
+    /// Its id.
+    pub id: Uuid,
+    /// The osteotomy whose segments move.
+    pub osteotomy: Uuid,
+    /// When it was made.
+    pub created_at: String,
+    /// Paths and what they meet.
+    #[serde(flatten)]
+    pub content: PlanDocument,
+}
+
+impl PlanView {
+    pub(in crate::http) fn new(record: &PlanRecord, content: PlanDocument) -> Self {
+        Self {
+            id: record.id.uuid(),
+            osteotomy: record.osteotomy.uuid(),
+            created_at: record.created_at.clone(),
+            content,
+        }
+    }
+}
+
+/// All plans of a session, oldest first.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct PlanList {
+    /// The plans.
+    pub plans: Vec<PlanView>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Where pitch, roll and yaw of 90° bring the front (0, -1, 0) or the patient's left (1, 0, 0).
+    #[test]
+    fn angles_turn_the_way_their_docs_say() {
+        let turn = |a: PitchRollYaw| {
+            let request =
+                RotationRequest { quaternion_xyzw: None, axis_angle: None, pitch_roll_yaw: Some(a), pivot_mm: None };
+            let mut check = Check::default();
+            rotation(&mut check, "", &request, [0.0; 3]).0
+        };
+        let zero = PitchRollYaw { pitch_deg: 0.0, roll_deg: 0.0, yaw_deg: 0.0 };
+        let front = -Vector::y();
+        let near = |a: Vector, b: Vector| assert!((a - b).norm() < 1e-12, "{a}");
+        near(turn(PitchRollYaw { pitch_deg: 90.0, ..zero }) * front, -Vector::z());
+        near(turn(PitchRollYaw { roll_deg: 90.0, ..zero }) * Vector::x(), -Vector::z());
+        near(turn(PitchRollYaw { yaw_deg: 90.0, ..zero }) * front, Vector::x());
+    }
+}

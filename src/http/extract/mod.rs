@@ -1,0 +1,11 @@
+//! Extractors whose refusals are problems.
+
+mod creating;
+mod json;
+mod path;
+mod query;
+
+pub(super) use creating::{Answering, Creating};
+pub(super) use json::Body;
+pub(super) use path::Ids;
+pub(super) use query::Params;

@@ -1,0 +1,53 @@
+use std::panic::AssertUnwindSafe;
+use std::time::Duration;
+
+use axum::extract::{Request, State};
+use axum::http::{StatusCode, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+use futures::FutureExt;
+
+use crate::http::Problem;
+use crate::http::problem::PROBLEM_JSON;
+use crate::session::FaultKind;
+
+/// Makes a problem of everything that goes wrong outside our own code: panics, time-outs, answers of libraries.
+pub(in crate::http) async fn safety_net(State(limit): State<Duration>, request: Request, next: Next) -> Response {
+    let answer = AssertUnwindSafe(next.run(request)).catch_unwind();
+    let response = match tokio::time::timeout(limit, answer).await {
+        Ok(Ok(response)) => response,
+        Ok(Err(_)) => {
+            tracing::error!("a handler panicked");
+            return Problem::new(FaultKind::Internal, "a handler broke off; the log says more").into_response();
+        }
+        Err(_) => {
+            let detail = format!("no answer within {} s", limit.as_secs());
+            return Problem::new(FaultKind::Timeout, detail).into_response();
+        }
+    };
+    let status = response.status();
+    let is_problem = response.headers().get(header::CONTENT_TYPE).is_some_and(|t| t == PROBLEM_JSON);
+    if !(status.is_client_error() || status.is_server_error()) || is_problem {
+        return response;
+    }
+    let kind = match status {
+        StatusCode::NOT_FOUND => FaultKind::NotFound,
+        StatusCode::METHOD_NOT_ALLOWED => FaultKind::MethodNotAllowed,
+        StatusCode::PAYLOAD_TOO_LARGE => FaultKind::TooLarge,
+        StatusCode::REQUEST_TIMEOUT => FaultKind::Timeout,
+        StatusCode::UNSUPPORTED_MEDIA_TYPE => FaultKind::UnsupportedFormat,
+        status if status.is_client_error() => FaultKind::MalformedRequest,
+        _ => FaultKind::Internal,
+    };
+    let detail = match kind {
+        FaultKind::NotFound => "there is nothing at this path",
+        FaultKind::MethodNotAllowed => "the Allow header names the methods of this path",
+        _ => status.canonical_reason().unwrap_or("refused"),
+    };
+    let allow = response.headers().get(header::ALLOW).cloned();
+    let mut problem = Problem::new(kind, detail).into_response();
+    if let Some(allow) = allow {
+        problem.headers_mut().insert(header::ALLOW, allow);
+    }
+    problem
+}

@@ -1,0 +1,149 @@
+use utoipa::OpenApi as _;
+use utoipa::openapi::path::{Operation, ParameterBuilder, ParameterIn, PathItem};
+use utoipa::openapi::{Content, ContentBuilder, OpenApi, Ref, RefOr, Required, ResponseBuilder, Schema, schema};
+
+use super::problem::PROBLEM_JSON;
+use super::{ProblemDocument, routes};
+
+#[derive(utoipa::OpenApi)]
+#[openapi(
+    info(
+        title = "Prosopon",
+        description = "Predicts a patient's face after jaw surgery. Coordinates are patient LPS in mm. Every error is a problem \
+            document (RFC 9457); `api/problems.md` explains each type. Not a medical device."
+    ),
+    tags(
+        (name = "sessions", description = "A patient's session"),
+        (name = "inputs", description = "CT, surfaces, landmarks"),
+        (name = "field", description = "Distance fields"),
+        (name = "mesh", description = "Tissue mesh"),
+        (name = "bone", description = "Cuts and where the bone goes"),
+        (name = "jobs", description = "Long work"),
+        (name = "results", description = "What came of it"),
+        (name = "health", description = "For operators")
+    ),
+    components(schemas(ProblemDocument))
+)]
+struct Description;
+
+/// The description of all routes, OpenAPI 3.1.
+#[must_use]
+pub fn openapi() -> OpenApi {
+    let (plain, uploads) = routes::all();
+    let mut api = Description::openapi();
+    api.merge(plain.split_for_parts().1);
+    api.merge(uploads.split_for_parts().1);
+    for (path, item) in &mut api.paths.paths {
+        for (method, operation) in operations(item) {
+            operation.operation_id = Some(operation_id(method, path));
+            add_problem(operation);
+            say_binary(operation);
+        }
+        if let Some(post) = &mut item.post
+            && creates(path)
+        {
+            add_idempotency_key(post);
+        }
+    }
+    api
+}
+
+/// The description as it is checked in at `api/openapi.json`.
+///
+/// # Errors
+/// When it cannot be written as JSON.
+pub fn openapi_json() -> Result<String, serde_json::Error> {
+    Ok(openapi().to_pretty_json()? + "\n")
+}
+
+fn operations(item: &mut PathItem) -> impl Iterator<Item = (&'static str, &mut Operation)> {
+    [("get", &mut item.get), ("put", &mut item.put), ("post", &mut item.post), ("delete", &mut item.delete)]
+        .into_iter()
+        .filter_map(|(method, operation)| Some((method, operation.as_mut()?)))
+}
+
+/// Method and words of the path: `get_sessions_session_field`.
+fn operation_id(method: &str, path: &str) -> String {
+    let word = |w: &str| w.chars().filter(|c| *c != '{' && *c != '}').map(|c| if c == '.' { '_' } else { c }).collect();
+    let words = path.split('/').filter(|w| !w.is_empty() && *w != "v1").map(word);
+    std::iter::once(method.to_owned()).chain(words).collect::<Vec<String>>().join("_")
+}
+
+/// Bodies that are no text are bytes, not lists of numbers.
+fn say_binary(operation: &mut Operation) {
+    let bytes = || {
+        let format = schema::SchemaFormat::KnownFormat(schema::KnownFormat::Binary);
+        Schema::Object(schema::ObjectBuilder::new().schema_type(schema::Type::String).format(Some(format)).build())
+    };
+    let is_bytes = |media_type: &str| !media_type.contains("json") && !media_type.starts_with("text/");
+    let say = |media_type: &str, content: &mut RefOr<Content>| {
+        if let RefOr::T(content) = content
+            && is_bytes(media_type)
+        {
+            content.schema = Some(bytes().into());
+        }
+    };
+    if let Some(RefOr::T(body)) = &mut operation.request_body {
+        body.content.iter_mut().for_each(|(media_type, content)| say(media_type, content));
+    }
+    for response in operation.responses.responses.values_mut() {
+        if let RefOr::T(response) = response {
+            response.content.iter_mut().for_each(|(media_type, content)| say(media_type, content));
+        }
+    }
+}
+
+/// Every operation may answer with a problem.
+fn add_problem(operation: &mut Operation) {
+    let content = ContentBuilder::new().schema(Some(Ref::from_schema_name("ProblemDocument"))).build();
+    let problem = ResponseBuilder::new().description("a problem").content(PROBLEM_JSON, content).build();
+    operation.responses.responses.insert("default".to_owned(), problem.into());
+}
+
+/// POSTs that make something new; the others look or cancel.
+fn creates(path: &str) -> bool {
+    path == "/v1/sessions"
+        || ["/field", "/mesh", "/osteotomies", "/plans", "/jobs"].iter().any(|end| path.ends_with(end))
+}
+
+fn add_idempotency_key(operation: &mut Operation) {
+    let text = schema::ObjectBuilder::new().schema_type(schema::Type::String).max_length(Some(200)).build();
+    let header = ParameterBuilder::new()
+        .name("Idempotency-Key")
+        .parameter_in(ParameterIn::Header)
+        .required(Required::False)
+        .description(Some("Same key and payload: the first answer again. Same key, other payload: 422."))
+        .schema(Some(Schema::Object(text)))
+        .build();
+    operation.parameters.get_or_insert_default().push(header.into());
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_checked_in_description_is_that_of_the_routes() {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/api/openapi.json");
+        let checked_in = std::fs::read_to_string(path).unwrap_or_default();
+        assert!(
+            checked_in == openapi_json().unwrap(),
+            "run `cargo run -- openapi > api/openapi.json` and read the diff"
+        );
+    }
+
+    #[test]
+    fn every_operation_can_answer_with_a_problem() {
+        let api = openapi();
+        let mut ids = std::collections::BTreeSet::new();
+        assert!(api.paths.paths.len() > 25);
+        for (path, mut item) in api.paths.paths {
+            for (_, operation) in operations(&mut item) {
+                assert!(operation.summary.as_ref().is_some_and(|s| !s.is_empty()), "{path}");
+                assert!(ids.insert(operation.operation_id.clone()), "{path}");
+                assert!(operation.responses.responses.contains_key("default"), "{path}");
+                assert!(operation.responses.responses.len() > 1, "{path}");
+            }
+        }
+    }
+}

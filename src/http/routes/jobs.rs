@@ -1,0 +1,166 @@
+use std::time::Duration;
+
+use axum::Json;
+use axum::extract::State;
+use axum::http::StatusCode;
+use axum::response::Response;
+use serde::Deserialize;
+use utoipa::IntoParams;
+use uuid::Uuid;
+
+use super::accepted::accept;
+use super::osteotomies::fresh_osteotomy;
+use super::plans;
+use crate::http::dto::{CreateJob, JobList, JobView, SessionSettings};
+use crate::http::extract::{Creating, Ids, Params};
+use crate::http::{AppState, Problem};
+use crate::jobs::SolveRequest;
+use crate::session::{Fault, FaultKind, SessionParts};
+use crate::store::{JobFilter, JobId, JobKind, JobState, SessionId};
+
+/// Longest long poll, s.
+const MAX_WAIT_S: f64 = 60.0;
+
+/// Which jobs to list.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(in crate::http) struct Page {
+    /// Only of this session.
+    session: Option<Uuid>,
+    /// Only in this state.
+    state: Option<String>,
+    /// Only those made before this one.
+    before: Option<Uuid>,
+    /// At most so many, 1 to 100; 20 when absent.
+    limit: Option<u32>,
+}
+
+/// How long to wait.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(in crate::http) struct Wait {
+    /// Answer when the job has ended, or after so many seconds (at most 60).
+    wait_s: Option<f64>,
+}
+
+/// Solve
+///
+/// Moves the bone along a plan; a `solve` job with streamed steps. Needs fields and mesh.
+#[utoipa::path(post, path = "/v1/sessions/{session}/jobs", tag = "jobs", params(("session" = Uuid, Path)),
+    request_body = CreateJob,
+    responses((status = 202, description = "the job", body = JobView, headers(("Location" = String), ("Retry-After" = u32)))))]
+pub(in crate::http) async fn create(
+    State(state): State<AppState>,
+    Ids(session): Ids<SessionId>,
+    creating: Creating<CreateJob>,
+) -> Result<Response, Problem> {
+    let (request, answering) = creating.split();
+    let parts = SessionParts::load(state.service.store(), session).await?;
+    let defaults = state.service.store().session(session).await?.map(|s| s.settings).unwrap_or_default();
+    let defaults: SessionSettings = serde_json::from_str(&defaults).unwrap_or_default();
+    let checked = request.check(&defaults)?;
+    let mesh = parts.require_mesh()?;
+    let plan = plans::find(&state, session, request.plan.into()).await.map_err(|p| in_body(p, "/plan"))?;
+    let (osteotomy, bone) = fresh_osteotomy(&state, &parts, session, plan.osteotomy, "/plan").await?;
+    let reference_job = request.reference_job.map(JobId::from);
+    if let Some(id) = reference_job {
+        check_reference(&state, id).await?;
+    }
+    let solve = SolveRequest {
+        plan_id: plan.id,
+        osteotomy_id: osteotomy.id,
+        plan: plans::content(&plan)?,
+        cuts: bone.cuts,
+        cut_warnings: bone.warnings,
+        cut_s: osteotomy.wall_s,
+        mesh_key: parts.mesh_key(&mesh.settings, mesh.cuts.as_deref())?,
+        mesh,
+        model: checked.model,
+        model_chosen: checked.model_chosen,
+        steps: checked.steps,
+        preset: checked.preset,
+        attachment: checked.attachment,
+        error_maps: checked.error_maps,
+        tissue: checked.tissue,
+        reference_job,
+    };
+    accept(&state, session, JobKind::Solve, solve.steps, &solve, Some(&answering)).await
+}
+
+/// An id in the body that names nothing: the value is wrong, the path is right.
+fn in_body(Problem(fault): Problem, pointer: &str) -> Problem {
+    Fault { kind: FaultKind::InvalidRequest, ..fault.at(pointer) }.into()
+}
+
+async fn check_reference(state: &AppState, id: JobId) -> Result<(), Problem> {
+    let job = state.service.job(id).await.map_err(|f| in_body(f.into(), "/reference_job"))?;
+    if job.kind == JobKind::Solve && job.state == JobState::Succeeded {
+        return Ok(());
+    }
+    let detail = format!("job {id} is no solve that has succeeded: it is {} and {}", job.kind.as_str(), job.state);
+    Err(Fault::new(FaultKind::InvalidRequest, detail).at("/reference_job").into())
+}
+
+/// List jobs
+///
+/// Newest first, in pages.
+#[utoipa::path(get, path = "/v1/jobs", tag = "jobs", params(Page),
+    responses((status = 200, description = "a page", body = JobList)))]
+pub(in crate::http) async fn list(
+    State(state): State<AppState>,
+    Params(page): Params<Page>,
+) -> Result<Json<JobList>, Problem> {
+    let limit = page.limit.unwrap_or(20).clamp(1, 100);
+    let wanted = page.state.as_deref().map(str::parse::<JobState>).transpose();
+    let filter = JobFilter {
+        session: page.session.map(SessionId::from),
+        state: wanted.map_err(|detail| Problem::new(FaultKind::MalformedRequest, detail))?,
+        before: page.before.map(JobId::from),
+        limit,
+    };
+    let records = state.service.store().jobs(&filter).await?;
+    let next = records.last().filter(|_| records.len() == limit as usize).map(|last| next_page(&page, last.id, limit));
+    let mut jobs = Vec::new();
+    for record in records {
+        jobs.push(JobView::from(&state.service.status_of(record).await?));
+    }
+    Ok(Json(JobList { jobs, next }))
+}
+
+fn next_page(page: &Page, last: JobId, limit: u32) -> String {
+    let session = page.session.map(|s| format!("&session={s}")).unwrap_or_default();
+    let state = page.state.as_ref().map(|s| format!("&state={s}")).unwrap_or_default();
+    format!("/v1/jobs?before={last}&limit={limit}{session}{state}")
+}
+
+/// A job
+///
+/// State, phase, progress, what has come of it. `wait_s` makes it a long poll.
+#[utoipa::path(get, path = "/v1/jobs/{job}", tag = "jobs", params(("job" = Uuid, Path), Wait),
+    responses((status = 200, description = "how it stands", body = JobView)))]
+pub(in crate::http) async fn get(
+    State(state): State<AppState>,
+    Ids(job): Ids<JobId>,
+    Params(wait): Params<Wait>,
+) -> Result<Json<JobView>, Problem> {
+    let wait_s = wait.wait_s.unwrap_or(0.0);
+    if !(0.0..=MAX_WAIT_S).contains(&wait_s) {
+        let detail = format!("wait_s is {wait_s}, allowed is 0 to {MAX_WAIT_S}");
+        return Err(Problem::new(FaultKind::MalformedRequest, detail));
+    }
+    Ok(Json(JobView::from(&state.service.wait(job, Duration::from_secs_f64(wait_s)).await?)))
+}
+
+/// Cancel a job
+///
+/// One that waits at once, one that runs within a Newton iteration.
+#[utoipa::path(post, path = "/v1/jobs/{job}/cancel", tag = "jobs", params(("job" = Uuid, Path)),
+    responses((status = 202, description = "it will stop", body = JobView)))]
+pub(in crate::http) async fn cancel(
+    State(state): State<AppState>,
+    Ids(job): Ids<JobId>,
+) -> Result<(StatusCode, Json<JobView>), Problem> {
+    Ok((StatusCode::ACCEPTED, Json(JobView::from(&state.service.cancel(job).await?))))
+}

@@ -1,0 +1,65 @@
+//! Handlers: extract, convert, call one function of the domain, convert back.
+
+mod accepted;
+mod compare;
+mod events;
+mod field;
+mod health;
+mod inputs;
+mod jobs;
+mod landmarks;
+mod mesh;
+mod osteotomies;
+mod page;
+mod plans;
+mod report;
+mod report_page;
+mod results;
+mod sessions;
+
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
+
+use super::AppState;
+
+/// Every route with its description. Uploads come without a limit of their own: they check the length themselves.
+pub(super) fn all() -> (OpenApiRouter<AppState>, OpenApiRouter<AppState>) {
+    let plain = OpenApiRouter::new()
+        .routes(routes!(sessions::list, sessions::create))
+        .routes(routes!(sessions::get, sessions::delete))
+        .routes(routes!(landmarks::get, landmarks::put))
+        .routes(routes!(field::put_settings))
+        .routes(routes!(field::get, field::build))
+        .routes(routes!(field::slice))
+        .routes(routes!(field::query))
+        .routes(routes!(mesh::get, mesh::build))
+        .routes(routes!(osteotomies::list, osteotomies::create))
+        .routes(routes!(osteotomies::get, osteotomies::delete))
+        .routes(routes!(osteotomies::segment))
+        .routes(routes!(plans::list, plans::create))
+        .routes(routes!(plans::get, plans::delete))
+        .routes(routes!(jobs::create))
+        .routes(routes!(jobs::list))
+        .routes(routes!(jobs::get))
+        .routes(routes!(jobs::cancel))
+        .routes(routes!(events::events))
+        .routes(routes!(results::topology))
+        .routes(routes!(results::skin))
+        .routes(routes!(results::frame))
+        .routes(routes!(results::error))
+        .routes(routes!(results::error_picture))
+        .routes(routes!(results::picture))
+        .routes(routes!(results::tissue))
+        .routes(routes!(report::report))
+        .routes(routes!(compare::compare))
+        .routes(routes!(health::livez))
+        .routes(routes!(health::readyz))
+        .routes(routes!(health::metrics))
+        .routes(routes!(page::page));
+    let uploads = OpenApiRouter::new()
+        .routes(routes!(inputs::put_ct))
+        .routes(routes!(inputs::get_skin, inputs::put_skin))
+        .routes(routes!(inputs::get_skull, inputs::put_skull))
+        .routes(routes!(inputs::get_target, inputs::put_target));
+    (plain, uploads)
+}

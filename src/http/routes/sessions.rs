@@ -1,0 +1,114 @@
+use axum::Json;
+use axum::extract::State;
+use axum::http::{StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use serde::Deserialize;
+use utoipa::IntoParams;
+use uuid::Uuid;
+
+use crate::http::dto::{CreateSession, JobView, SessionList, SessionView};
+use crate::http::extract::{Creating, Ids, Params};
+use crate::http::{AppState, Problem};
+use crate::session::SessionParts;
+use crate::store::{JobFilter, SessionId, SessionRecord, now_rfc3339};
+
+/// Which page of sessions.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(in crate::http) struct Page {
+    /// Only those made before this one.
+    before: Option<Uuid>,
+    /// At most so many, 1 to 100; 20 when absent.
+    limit: Option<u32>,
+}
+
+/// Make a session
+///
+/// A session holds what belongs to one patient.
+#[utoipa::path(post, path = "/v1/sessions", tag = "sessions", request_body = CreateSession,
+    responses((status = 201, description = "made", body = SessionView, headers(("Location" = String)))))]
+pub(in crate::http) async fn create(
+    State(state): State<AppState>,
+    creating: Creating<CreateSession>,
+) -> Result<Response, Problem> {
+    let (request, answering) = creating.split();
+    let request = request.check()?;
+    let record = SessionRecord {
+        id: SessionId::new(),
+        label: request.label,
+        settings: serde_json::to_string(&request.settings).unwrap_or_default(),
+        created_at: now_rfc3339(),
+    };
+    let view = SessionView::new(&record);
+    let location = format!("/v1/sessions/{}", record.id);
+    let answer = answering.remember(StatusCode::CREATED, &location, None, &view, record.id);
+    state.service.store().insert_session(&record, answer.as_ref()).await?;
+    Ok((StatusCode::CREATED, [(header::LOCATION, location)], Json(view)).into_response())
+}
+
+/// List sessions
+///
+/// Newest first, in pages.
+#[utoipa::path(get, path = "/v1/sessions", tag = "sessions", params(Page),
+    responses((status = 200, description = "a page", body = SessionList)))]
+pub(in crate::http) async fn list(
+    State(state): State<AppState>,
+    Params(page): Params<Page>,
+) -> Result<Json<SessionList>, Problem> {
+    let limit = page.limit.unwrap_or(20).clamp(1, 100);
+    let records = state.service.store().sessions(page.before.map(SessionId::from), limit).await?;
+    let next = records.last().filter(|_| records.len() == limit as usize);
+    let next = next.map(|r| format!("/v1/sessions?before={}&limit={limit}", r.id));
+    let mut sessions = Vec::new();
+    for record in &records {
+        sessions.push(view(&state, record).await?);
+    }
+    Ok(Json(SessionList { sessions, next }))
+}
+
+/// A session
+///
+/// With the state of every part, its osteotomies, plans and jobs.
+#[utoipa::path(get, path = "/v1/sessions/{session}", tag = "sessions", params(("session" = Uuid, Path)),
+    responses((status = 200, description = "the session", body = SessionView)))]
+pub(in crate::http) async fn get(
+    State(state): State<AppState>,
+    Ids(session): Ids<SessionId>,
+) -> Result<Json<SessionView>, Problem> {
+    SessionParts::load(state.service.store(), session).await?;
+    match state.service.store().session(session).await? {
+        Some(record) => Ok(Json(view(&state, &record).await?)),
+        None => Err(Problem::new(crate::session::FaultKind::Gone, "the session was deleted meanwhile")),
+    }
+}
+
+/// Delete a session
+///
+/// With everything in it, at once and for good; its running job is stopped.
+#[utoipa::path(delete, path = "/v1/sessions/{session}", tag = "sessions", params(("session" = Uuid, Path)),
+    responses((status = 204, description = "deleted")))]
+pub(in crate::http) async fn delete(
+    State(state): State<AppState>,
+    Ids(session): Ids<SessionId>,
+) -> Result<StatusCode, Problem> {
+    SessionParts::load(state.service.store(), session).await?;
+    state.service.delete_session(session).await?;
+    Ok(StatusCode::NO_CONTENT)
+}
+
+async fn view(state: &AppState, record: &SessionRecord) -> Result<SessionView, Problem> {
+    let store = state.service.store();
+    let parts = SessionParts::load(store, record.id).await?;
+    let filter = JobFilter { session: Some(record.id), limit: 100, ..JobFilter::default() };
+    let jobs = store.jobs(&filter).await?;
+    let mut view = SessionView::new(record);
+    view.fill_parts(&parts, &jobs);
+    view.bytes = store.session_bytes(record.id).await?;
+    view.osteotomies = store.osteotomies(record.id).await?.iter().map(|o| o.id.uuid()).collect();
+    view.plans = store.plans(record.id).await?.iter().map(|p| p.id.uuid()).collect();
+    for job in jobs {
+        view.jobs.push(JobView::from(&state.service.status_of(job).await?));
+    }
+    Ok(view)
+}

@@ -1,0 +1,83 @@
+use axum::http::{HeaderMap, header};
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::Problem;
+use crate::export::{SurfaceView, glb, ply, stl};
+use crate::session::FaultKind;
+
+/// Format of a surface that is sent.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub(in crate::http) enum SurfaceOutput {
+    /// Binary glTF 2.0.
+    Glb,
+    /// Binary PLY.
+    Ply,
+    /// Binary STL, without values.
+    Stl,
+}
+
+impl SurfaceOutput {
+    /// What `?format=` says, else what Accept says, else GLB.
+    pub(super) fn choose(asked: Option<Self>, headers: &HeaderMap) -> Result<Self, Problem> {
+        if let Some(asked) = asked {
+            return Ok(asked);
+        }
+        let accept = headers.get(header::ACCEPT).and_then(|a| a.to_str().ok()).unwrap_or("*/*");
+        for range in accept.split(',') {
+            match range.split(';').next().unwrap_or_default().trim() {
+                "*/*" | "model/*" | "model/gltf-binary" => return Ok(Self::Glb),
+                "application/ply" | "model/ply" | "application/x-ply" => return Ok(Self::Ply),
+                "model/stl" | "application/sla" | "model/x.stl-binary" => return Ok(Self::Stl),
+                _ => {}
+            }
+        }
+        let detail = "surfaces are sent as model/gltf-binary, application/ply and model/stl";
+        Err(Problem::new(FaultKind::NotAcceptable, detail))
+    }
+
+    pub(super) fn as_str(self) -> &'static str {
+        match self {
+            Self::Glb => "glb",
+            Self::Ply => "ply",
+            Self::Stl => "stl",
+        }
+    }
+
+    pub(super) fn media_type(self) -> &'static str {
+        match self {
+            Self::Glb => "model/gltf-binary",
+            Self::Ply => "application/ply",
+            Self::Stl => "model/stl",
+        }
+    }
+
+    /// The bytes of a surface; computes.
+    pub(super) fn write(self, surface: &SurfaceView<'_>) -> Vec<u8> {
+        match self {
+            Self::Glb => glb(surface),
+            Self::Ply => ply(surface),
+            Self::Stl => stl(surface.mesh),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use axum::http::HeaderValue;
+
+    fn accepting(value: &'static str) -> Result<SurfaceOutput, Problem> {
+        let headers = HeaderMap::from_iter([(header::ACCEPT, HeaderValue::from_static(value))]);
+        SurfaceOutput::choose(None, &headers)
+    }
+
+    #[test]
+    fn accept_chooses_and_the_query_wins() {
+        assert_eq!(accepting("model/stl;q=0.9, */*;q=0.1").unwrap(), SurfaceOutput::Stl);
+        assert_eq!(accepting("text/html, */*").unwrap(), SurfaceOutput::Glb);
+        assert!(accepting("text/html").is_err());
+        assert_eq!(SurfaceOutput::choose(Some(SurfaceOutput::Ply), &HeaderMap::new()).unwrap(), SurfaceOutput::Ply);
+    }
+}

@@ -1,0 +1,112 @@
+//! NIfTI-1 in one file, plain or gzipped.
+//!
+//! The `nifti` crate reads the 348 bytes of the header. The voxels are read here, since its volumes are allocated from
+//! the header's word alone and its affine panics on a negative spacing.
+
+mod frame;
+#[cfg(test)]
+pub(super) mod tests;
+mod voxels;
+
+use std::io::{ErrorKind, Read};
+
+use flate2::read::MultiGzDecoder;
+use nifti::NiftiHeader;
+
+use super::error::{at_most, check_size, malformed};
+use super::{ImportError, Limits, Volume};
+use crate::geometry::{Aabb, Point};
+
+const FORMAT: &str = "NIfTI-1";
+const HEADER: u64 = 348;
+const GZIP: [u8; 2] = [0x1f, 0x8b];
+/// Deflate never makes more of a byte than this.
+const MAX_INFLATION: u64 = 1032;
+
+/// Whether these may be the bytes of a NIfTI file; a gzipped one shows only once it is unpacked.
+pub(super) fn looks_like(bytes: &[u8]) -> bool {
+    let size = bytes.first_chunk::<4>();
+    bytes.starts_with(&GZIP)
+        || size.is_some_and(|b| [348u32, 540].iter().any(|n| n.to_le_bytes() == *b || n.to_be_bytes() == *b))
+}
+
+/// Reads header and voxels.
+pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<(Volume, Vec<String>), ImportError> {
+    let zipped = bytes.starts_with(&GZIP);
+    let mut stream: Box<dyn Read + '_> = if zipped { Box::new(MultiGzDecoder::new(bytes)) } else { Box::new(bytes) };
+    let most = (bytes.len() as u64).saturating_mul(if zipped { MAX_INFLATION } else { 1 });
+
+    let header = read_header(&mut stream)?;
+    let dims = read_dims(&header)?;
+    let n_voxels = dims.iter().fold(1u64, |n, d| n.saturating_mul(*d as u64));
+    at_most("voxels", n_voxels, limits.max_voxels)?;
+
+    let kind = voxels::Kind::of(&header)?;
+    let start = f64::from(header.vox_offset);
+    if !(start >= HEADER as f64 && start <= 1e9) {
+        return Err(malformed(FORMAT, format!("the voxels start at byte {start}, expected 352 or more")));
+    }
+    let start = start as u64;
+    let needed = start.saturating_add(n_voxels.saturating_mul(kind.size() as u64));
+    if needed > most {
+        let found = bytes.len();
+        let detail = format!("{n_voxels} voxels end at byte {needed}, which cannot be in a file of {found} bytes");
+        return Err(malformed(FORMAT, detail));
+    }
+
+    let mut warnings = Vec::new();
+    let (origin, axes) = frame::read(&header, dims, &mut warnings)?;
+    let far = dims.map(|d| d.saturating_sub(1) as f64);
+    let corners = (0..8u8).map(|c| {
+        let step = |a: u8| if c >> a & 1 == 1 { 1.0 } else { 0.0 };
+        frame::position(&origin, &axes, [step(0) * far[0], step(1) * far[1], step(2) * far[2]])
+    });
+    let diagonal = Aabb::of(&corners.collect::<Vec<Point>>()).map_or(0.0, |b| b.diagonal());
+    check_size(diagonal, &mut warnings)?;
+
+    let skipped = std::io::copy(&mut (&mut stream).take(start.saturating_sub(HEADER)), &mut std::io::sink());
+    skipped.map_err(|e| unreadable(&e))?;
+    let hu = voxels::read(&mut stream, &header, kind, n_voxels as usize, &mut warnings)?;
+    // Reaching the end also checks the sum of a gzipped file.
+    match stream.read(&mut [0]).map_err(|e| unreadable(&e))? {
+        0 => {}
+        _ => warnings.push("bytes after the last voxel were ignored".to_owned()),
+    }
+    Ok((Volume { dims, origin, axes, hu }, warnings))
+}
+
+fn read_header(stream: &mut dyn Read) -> Result<NiftiHeader, ImportError> {
+    let mut bytes = [0u8; HEADER as usize];
+    stream.read_exact(&mut bytes).map_err(|e| unreadable(&e))?;
+    if bytes.starts_with(&540u32.to_le_bytes()) || bytes.starts_with(&540u32.to_be_bytes()) {
+        return Err(malformed(FORMAT, "this is NIfTI-2, only NIfTI-1 is read"));
+    }
+    let header = NiftiHeader::from_reader(&bytes[..]).map_err(|_| malformed(FORMAT, "no NIfTI-1 header"))?;
+    if header.sizeof_hdr != HEADER as i32 {
+        return Err(malformed(FORMAT, format!("the header states {} bytes, expected {HEADER}", header.sizeof_hdr)));
+    }
+    if &header.magic != nifti::header::MAGIC_CODE_NIP1 {
+        return Err(malformed(FORMAT, "header and voxels are in two files (.hdr, .img), expected one (.nii)"));
+    }
+    Ok(header)
+}
+
+fn read_dims(header: &NiftiHeader) -> Result<[usize; 3], ImportError> {
+    let dims = header
+        .dim()
+        .map_err(|_| malformed(FORMAT, "the dimensions are out of range, expected 1 to 7 of at least 1"))?;
+    // Sizes are signed in the format.
+    match *dims {
+        [i, j, k, ref more @ ..]
+            if [i, j, k].iter().all(|d| (2..=0x7fff).contains(d)) && more.iter().all(|d| *d == 1) =>
+        {
+            Ok([i, j, k].map(usize::from))
+        }
+        _ => Err(malformed(FORMAT, format!("{dims:?} voxels, expected three dimensions of 2 to 32767"))),
+    }
+}
+
+fn unreadable(error: &std::io::Error) -> ImportError {
+    let detail = if error.kind() == ErrorKind::UnexpectedEof { "cut off" } else { "the gzip stream is damaged" };
+    malformed(FORMAT, detail)
+}

@@ -1,0 +1,200 @@
+//! Header of a PLY file.
+
+use super::super::ImportError;
+use super::super::error::malformed;
+use super::FORMAT;
+use super::payload::Values;
+
+/// How numbers are written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Encoding {
+    Ascii,
+    LittleEndian,
+    BigEndian,
+}
+
+/// Type of a number.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Kind {
+    I8,
+    U8,
+    I16,
+    U16,
+    I32,
+    U32,
+    F32,
+    F64,
+}
+
+impl Kind {
+    fn named(word: &[u8]) -> Option<Self> {
+        Some(match word {
+            b"char" | b"int8" => Self::I8,
+            b"uchar" | b"uint8" => Self::U8,
+            b"short" | b"int16" => Self::I16,
+            b"ushort" | b"uint16" => Self::U16,
+            b"int" | b"int32" => Self::I32,
+            b"uint" | b"uint32" => Self::U32,
+            b"float" | b"float32" => Self::F32,
+            b"double" | b"float64" => Self::F64,
+            _ => return None,
+        })
+    }
+
+    /// Bytes in a binary file.
+    pub(super) fn size(self) -> u64 {
+        match self {
+            Self::I8 | Self::U8 => 1,
+            Self::I16 | Self::U16 => 2,
+            Self::I32 | Self::U32 | Self::F32 => 4,
+            Self::F64 => 8,
+        }
+    }
+
+    fn is_integer(self) -> bool {
+        !matches!(self, Self::F32 | Self::F64)
+    }
+}
+
+/// What a property is read for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Role {
+    X,
+    Y,
+    Z,
+    Corners,
+    Other,
+}
+
+/// One value, or a list of them, of every instance of an element.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Property {
+    pub(super) role: Role,
+    pub(super) kind: Kind,
+    /// Type of the length, of a list.
+    pub(super) count_kind: Option<Kind>,
+}
+
+/// What an element is read for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum What {
+    Vertex,
+    Face,
+    Other,
+}
+
+/// A table of the file.
+#[derive(Debug)]
+pub(super) struct Element {
+    pub(super) what: What,
+    pub(super) count: u64,
+    pub(super) properties: Vec<Property>,
+}
+
+impl Element {
+    /// Whether exactly one property plays `role`.
+    fn has_one(&self, role: Role) -> bool {
+        self.properties.iter().filter(|p| p.role == role).count() == 1
+    }
+}
+
+/// What the header says: tables in the order of the file.
+#[derive(Debug)]
+pub(super) struct Header {
+    pub(super) elements: Vec<Element>,
+}
+
+impl Header {
+    /// Reads up to `end_header`; what follows comes back as values to be read.
+    pub(super) fn read(bytes: &[u8]) -> Result<(Self, Values<'_>), ImportError> {
+        let mut elements: Vec<Element> = Vec::new();
+        let mut encoding = None;
+        let mut rest = bytes;
+        for line in 1u64.. {
+            let Some(end) = rest.iter().position(|&c| c == b'\n') else {
+                return Err(malformed(FORMAT, format!("line {line}: cut off before `end_header`")));
+            };
+            let (text, tail) = rest.split_at(end);
+            rest = tail.get(1..).unwrap_or_default();
+            let words: Vec<&[u8]> = text.split(u8::is_ascii_whitespace).filter(|w| !w.is_empty()).take(6).collect();
+            let fault = |what: &str| malformed(FORMAT, format!("line {line}: {what}"));
+            match *words.as_slice() {
+                [b"ply"] if line == 1 => {}
+                _ if line == 1 => return Err(fault("expected `ply`")),
+                [] | [b"comment" | b"obj_info", ..] => {}
+                [b"format", name, b"1.0"] if encoding.is_none() => {
+                    encoding = Some(match name {
+                        b"ascii" => Encoding::Ascii,
+                        b"binary_little_endian" => Encoding::LittleEndian,
+                        b"binary_big_endian" => Encoding::BigEndian,
+                        _ => return Err(fault("unknown encoding")),
+                    });
+                }
+                [b"element", name, count] => {
+                    let count = std::str::from_utf8(count).ok().and_then(|c| c.parse().ok());
+                    let count = count.ok_or_else(|| fault("the count of an element is not a number"))?;
+                    let what = match name {
+                        b"vertex" => What::Vertex,
+                        b"face" => What::Face,
+                        _ => What::Other,
+                    };
+                    elements.push(Element { what, count, properties: Vec::new() });
+                }
+                [b"property", ref definition @ ..] => {
+                    let element = elements.last_mut().ok_or_else(|| fault("a property before any element"))?;
+                    let property = property(definition, element.what).ok_or_else(|| fault("unknown property type"))?;
+                    element.properties.push(property);
+                }
+                [b"end_header"] => {
+                    let encoding = encoding.ok_or_else(|| fault("no `format … 1.0` before the end of the header"))?;
+                    check(&elements)?;
+                    return Ok((Self { elements }, Values::new(rest, encoding, line.saturating_add(1))));
+                }
+                _ => return Err(fault("not a header line of PLY 1.0, or a second `format`")),
+            }
+        }
+        Err(malformed(FORMAT, "no `end_header`"))
+    }
+}
+
+fn property(definition: &[&[u8]], what: What) -> Option<Property> {
+    let (count_kind, kind, name) = match *definition {
+        [b"list", count, kind, name] => (Some(Kind::named(count)?).filter(|k| k.is_integer()), kind, name),
+        [kind, name] => (None, kind, name),
+        _ => return None,
+    };
+    let is_list = definition.len() == 4;
+    if is_list && count_kind.is_none() {
+        return None; // The length of a list is an integer.
+    }
+    let kind = Kind::named(kind)?;
+    let role = match (what, name) {
+        (What::Vertex, b"x") if !is_list => Role::X,
+        (What::Vertex, b"y") if !is_list => Role::Y,
+        (What::Vertex, b"z") if !is_list => Role::Z,
+        (What::Face, b"vertex_indices" | b"vertex_index") if is_list && kind.is_integer() => Role::Corners,
+        _ => Role::Other,
+    };
+    Some(Property { role, kind, count_kind })
+}
+
+/// One table of vertices, then one of faces, each with what is needed.
+fn check(elements: &[Element]) -> Result<(), ImportError> {
+    let only = |what| {
+        let mut found = elements.iter().enumerate().filter(move |(_, e)| e.what == what);
+        found.next().filter(|_| found.next().is_none())
+    };
+    let (Some((at_vertex, vertex)), Some((at_face, face))) = (only(What::Vertex), only(What::Face)) else {
+        return Err(malformed(FORMAT, "expected one element `vertex` and one element `face`"));
+    };
+    if ![Role::X, Role::Y, Role::Z].iter().all(|role| vertex.has_one(*role)) {
+        return Err(malformed(FORMAT, "expected the properties x, y and z of `vertex`, each once"));
+    }
+    if !face.has_one(Role::Corners) {
+        return Err(malformed(FORMAT, "expected one list of integers `vertex_indices` or `vertex_index` of `face`"));
+    }
+    if at_face < at_vertex {
+        return Err(malformed(FORMAT, "the faces come before the vertices, expected after"));
+    }
+    Ok(())
+}

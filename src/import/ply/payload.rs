@@ -1,0 +1,124 @@
+//! Numbers after the header of a PLY file.
+
+use super::super::ImportError;
+use super::super::error::malformed;
+use super::super::text::Words;
+use super::FORMAT;
+use super::header::{Element, Encoding, Kind, Property};
+
+/// Reads one number after the other.
+#[derive(Debug)]
+pub(super) enum Values<'a> {
+    Ascii(Words<'a>),
+    Binary { rest: &'a [u8], little_endian: bool },
+}
+
+impl<'a> Values<'a> {
+    /// Numbers in `bytes`, which begin on line `line` of the file.
+    pub(super) fn new(bytes: &'a [u8], encoding: Encoding, line: u64) -> Self {
+        match encoding {
+            Encoding::Ascii => Self::Ascii(Words::new(bytes, line)),
+            Encoding::LittleEndian => Self::Binary { rest: bytes, little_endian: true },
+            Encoding::BigEndian => Self::Binary { rest: bytes, little_endian: false },
+        }
+    }
+
+    /// Refuses more instances of `element` than the bytes that are left can hold.
+    pub(super) fn check_length(&self, element: &Element) -> Result<(), ImportError> {
+        let smallest = match self {
+            // A digit and a space for each number.
+            Self::Ascii(_) => (element.properties.len() as u64).saturating_mul(2),
+            Self::Binary { .. } => {
+                element.properties.iter().map(|p| p.count_kind.unwrap_or(p.kind).size()).fold(0, u64::saturating_add)
+            }
+        };
+        let left = match self {
+            Self::Ascii(words) => (words.bytes_left() as u64).saturating_add(1),
+            Self::Binary { rest, .. } => rest.len() as u64,
+        };
+        let needed = element.count.saturating_mul(smallest);
+        if needed > left {
+            let count = element.count;
+            let detail =
+                format!("{count} elements are stated, which take at least {needed} bytes, but {left} are left");
+            return Err(malformed(FORMAT, detail));
+        }
+        Ok(())
+    }
+
+    /// The next number.
+    pub(super) fn scalar(&mut self, kind: Kind) -> Option<f64> {
+        let (rest, little_endian) = match self {
+            Self::Ascii(words) => return words.next_number(),
+            Self::Binary { rest, little_endian } => (rest, *little_endian),
+        };
+        macro_rules! read {
+            ($number:ty) => {{
+                let (bytes, tail) = rest.split_first_chunk()?;
+                *rest = tail;
+                f64::from(if little_endian {
+                    <$number>::from_le_bytes(*bytes)
+                } else {
+                    <$number>::from_be_bytes(*bytes)
+                })
+            }};
+        }
+        Some(match kind {
+            Kind::I8 => read!(i8),
+            Kind::U8 => read!(u8),
+            Kind::I16 => read!(i16),
+            Kind::U16 => read!(u16),
+            Kind::I32 => read!(i32),
+            Kind::U32 => read!(u32),
+            Kind::F32 => read!(f32),
+            Kind::F64 => read!(f64),
+        })
+    }
+
+    /// The next number as a count or index; `None` unless it is whole and not negative.
+    pub(super) fn index(&mut self, kind: Kind) -> Option<u32> {
+        let number = self.scalar(kind)?;
+        let index = number as u32;
+        (f64::from(index) == number).then_some(index)
+    }
+
+    /// Passes over the next value or list.
+    pub(super) fn skip(&mut self, property: &Property) -> Option<()> {
+        let count = match property.count_kind {
+            Some(kind) => self.index(kind)?,
+            None => 1,
+        };
+        match self {
+            Self::Ascii(words) => (0..count).try_for_each(|_| words.next().map(|_| ())),
+            Self::Binary { rest, .. } => {
+                let bytes = usize::try_from(property.kind.size().checked_mul(u64::from(count))?).ok()?;
+                *rest = rest.get(bytes..)?;
+                Some(())
+            }
+        }
+    }
+
+    /// Whether the instance ends here: in a text file each has a line of its own.
+    pub(super) fn end_of_element(&self) -> bool {
+        match self {
+            Self::Ascii(words) => words.line_is_done(),
+            Self::Binary { .. } => true,
+        }
+    }
+
+    /// Bytes that were not read.
+    pub(super) fn left_over(&self) -> usize {
+        match self {
+            Self::Ascii(words) => words.bytes_left(),
+            Self::Binary { rest, .. } => rest.len(),
+        }
+    }
+
+    /// Where the reading stands, for an error.
+    pub(super) fn place(&self) -> String {
+        match self {
+            Self::Ascii(words) => format!(" (line {})", words.line()),
+            Self::Binary { .. } => String::new(),
+        }
+    }
+}

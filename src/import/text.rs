@@ -1,0 +1,77 @@
+//! Words of a text file.
+
+/// Words parted by white space, with the line they stand on.
+#[derive(Debug)]
+pub(super) struct Words<'a> {
+    rest: &'a [u8],
+    line: u64,
+}
+
+impl<'a> Words<'a> {
+    /// Words of `bytes`, whose first line has the number `line`.
+    pub(super) fn new(bytes: &'a [u8], line: u64) -> Self {
+        Self { rest: bytes, line }
+    }
+
+    /// The next word on this or a later line.
+    pub(super) fn next(&mut self) -> Option<&'a [u8]> {
+        while let Some((first, tail)) = self.rest.split_first() {
+            if !first.is_ascii_whitespace() {
+                break;
+            }
+            self.line = self.line.saturating_add(u64::from(*first == b'\n'));
+            self.rest = tail;
+        }
+        let end = self.rest.iter().position(u8::is_ascii_whitespace).unwrap_or(self.rest.len());
+        let (word, tail) = self.rest.split_at(end);
+        self.rest = tail;
+        (!word.is_empty()).then_some(word)
+    }
+
+    /// The next word as a number.
+    pub(super) fn next_number(&mut self) -> Option<f64> {
+        number(self.next()?)
+    }
+
+    /// Skips what is left of the line.
+    pub(super) fn skip_line(&mut self) {
+        let end = self.rest.iter().position(|&c| c == b'\n').unwrap_or(self.rest.len());
+        self.rest = self.rest.split_at(end).1;
+    }
+
+    /// Whether no word is left on the line.
+    pub(super) fn line_is_done(&self) -> bool {
+        self.rest.iter().find(|c| **c == b'\n' || !c.is_ascii_whitespace()).is_none_or(|c| *c == b'\n')
+    }
+
+    /// Bytes from here on, less white space at the end.
+    pub(super) fn bytes_left(&self) -> usize {
+        self.rest.trim_ascii().len()
+    }
+
+    /// Line of the word that came last.
+    pub(super) fn line(&self) -> u64 {
+        self.line
+    }
+}
+
+/// The number that `word` spells; it may be NaN or infinite.
+pub(super) fn number(word: &[u8]) -> Option<f64> {
+    std::str::from_utf8(word).ok()?.parse().ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_know_their_line() {
+        let mut words = Words::new(b" a b\r\nskip this\n -1.5e1", 1);
+        assert_eq!((words.next(), words.line()), (Some(&b"a"[..]), 1));
+        assert_eq!((words.next(), words.line()), (Some(&b"b"[..]), 1));
+        assert_eq!((words.next(), words.line()), (Some(&b"skip"[..]), 2));
+        words.skip_line();
+        assert_eq!((words.next_number(), words.line()), (Some(-15.0), 3));
+        assert_eq!(words.next(), None);
+    }
+}

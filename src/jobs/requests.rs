@@ -1,0 +1,151 @@
+//! What a job was asked to do, as stored in its row.
+
+use serde::{Deserialize, Serialize};
+
+use crate::fem::{Model, Preset, SkinElement};
+use crate::geometry::Aabb;
+use crate::session::{
+    BoxDocument, FieldSettingsDocument, MeshDocument, MeshSettingsDocument, PlanDocument, PlaneDocument,
+};
+use crate::simulate::{AttachmentRules, RunSettings};
+use crate::store::{JobId, OsteotomyId, PlanId};
+use crate::surface::CtSettings;
+
+/// Skin and skull from a CT.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ImportRequest {
+    /// SHA-256 of the CT.
+    pub ct_sha256: String,
+    /// Skin level, HU.
+    pub skin_hu: f64,
+    /// Bone level, HU.
+    pub bone_hu: f64,
+    /// Geometric error allowed when surfaces are simplified, mm.
+    pub max_error_mm: f64,
+}
+
+impl From<&ImportRequest> for CtSettings {
+    fn from(r: &ImportRequest) -> Self {
+        Self { skin_hu: r.skin_hu, bone_hu: r.bone_hu, max_error_mm: r.max_error_mm }
+    }
+}
+
+/// Distance fields.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct FieldRequest {
+    /// Settings.
+    pub settings: FieldSettingsDocument,
+    /// Key of the inputs and settings at the time of asking.
+    pub key: String,
+}
+
+/// Tissue mesh.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct MeshRequest {
+    /// Settings.
+    pub settings: MeshSettingsDocument,
+    /// Cuts whose segments choose the region.
+    pub cuts: Option<Vec<PlaneDocument>>,
+    /// Key of the inputs and settings at the time of asking.
+    pub key: String,
+}
+
+/// Mechanical model, as asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SolveModel {
+    /// Small strain on linear elements.
+    Linear,
+    /// Hyperelastic with a C1 skin layer.
+    Mixed,
+}
+
+impl SolveModel {
+    /// Its name on the wire.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Linear => "linear",
+            Self::Mixed => "mixed",
+        }
+    }
+}
+
+/// Materials, as asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum MaterialsPreset {
+    /// Stable neo-Hookean with the published small-strain moduli.
+    #[serde(rename = "wang_2009_stable")]
+    Wang2009Stable,
+    /// The published constants.
+    #[serde(rename = "wang_2009")]
+    Wang2009,
+}
+
+/// Which inner nodes are tied to bone, which slide.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct AttachmentRecord {
+    /// Boundary nodes nearer to bone than this are tied, mm.
+    pub tie_gap_mm: f64,
+    /// Boxes in which nodes slide instead.
+    pub sliding: Vec<BoxDocument>,
+}
+
+/// Deformed skin along a plan. Holds copies of plan and mesh settings: the job outlives them.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SolveRequest {
+    /// The plan's id.
+    pub plan_id: PlanId,
+    /// Its osteotomy's id.
+    pub osteotomy_id: OsteotomyId,
+    /// The plan.
+    pub plan: PlanDocument,
+    /// Cuts of its osteotomy.
+    pub cuts: Vec<PlaneDocument>,
+    /// Time that the cut took, s.
+    pub cut_s: f64,
+    /// What is doubtful about the cuts.
+    pub cut_warnings: Vec<String>,
+    /// The mesh, as it was at the time of asking.
+    pub mesh: MeshDocument,
+    /// Key of the mesh at the time of asking.
+    pub mesh_key: String,
+    /// Model.
+    pub model: SolveModel,
+    /// Whether the model was chosen by the service.
+    pub model_chosen: bool,
+    /// Steps.
+    pub steps: u32,
+    /// Materials.
+    pub preset: MaterialsPreset,
+    /// Attachment; chosen from the landmarks when absent.
+    pub attachment: Option<AttachmentRecord>,
+    /// Whether error maps are made where there is something to compare with.
+    pub error_maps: bool,
+    /// Whether the deformed volume is kept.
+    pub tissue: bool,
+    /// Job to compare with when the session has no target.
+    pub reference_job: Option<JobId>,
+}
+
+impl From<&SolveRequest> for RunSettings {
+    fn from(r: &SolveRequest) -> Self {
+        Self {
+            model: match r.model {
+                SolveModel::Linear => Model::Linear,
+                SolveModel::Mixed => Model::Mixed,
+            },
+            skin_element: SkinElement::C1Prism,
+            steps: r.steps as usize,
+            preset: match r.preset {
+                MaterialsPreset::Wang2009Stable => Preset::Wang2009Stable,
+                MaterialsPreset::Wang2009 => Preset::Wang2009,
+            },
+            attachment: r.attachment.as_ref().map(|a| AttachmentRules {
+                tie_gap_mm: a.tie_gap_mm,
+                sliding: a.sliding.iter().map(Aabb::from).collect(),
+            }),
+        }
+    }
+}

@@ -1,0 +1,13 @@
+//! Work that is done within a request, computed on the pool all the same.
+
+mod bone;
+mod compare;
+mod results;
+mod slice;
+mod surface;
+
+pub use bone::{cut_bone, make_plan};
+pub use compare::{Comparison, RegisterOn, compare};
+pub use results::{read_frame, rest_of};
+pub use slice::field_slice;
+pub use surface::take_surface;

@@ -1,0 +1,54 @@
+use std::time::Instant;
+
+use super::{Context, Done, changed_meanwhile};
+use crate::jobs::requests::ImportRequest;
+use crate::jobs::running::Phase;
+use crate::session::{Halt, PreparedSurface, SurfaceOrigin, surface_part};
+use crate::store::PartKind;
+use crate::surface::CtSettings;
+
+/// Skin, skull and air of the session's CT.
+pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
+    let request: ImportRequest = context.request()?;
+    let parts = context.parts().await?;
+    let ct = parts.require(PartKind::Ct)?;
+    if ct.key != request.ct_sha256 {
+        return Err(changed_meanwhile().into());
+    }
+    let store = &context.service.store;
+    let bytes = store.blobs().get(ct.blob.as_deref().unwrap_or_default()).await?;
+    let started = Instant::now();
+    context.running.set_phase(Phase::Surfaces);
+    let origin = SurfaceOrigin {
+        kind: "ct".to_owned(),
+        format: "nifti".to_owned(),
+        bytes: ct.bytes,
+        sha256: request.ct_sha256.clone(),
+    };
+    let (surfaces, warnings) = context
+        .compute(move |engine, control| {
+            let found = engine.surfaces(&bytes, &CtSettings::from(&request), control)?;
+            drop(bytes);
+            let prepare = |mesh, warnings| PreparedSurface::new(mesh, origin.clone(), warnings);
+            let mut surfaces = vec![
+                (PartKind::Skin, prepare(&found.skin, found.warnings.clone())),
+                (PartKind::Skull, prepare(&found.skull, Vec::new())),
+            ];
+            surfaces.extend(found.air.as_ref().map(|air| (PartKind::Air, prepare(air, Vec::new()))));
+            Ok((surfaces, found.warnings))
+        })
+        .await?;
+    context.running.set_phase(Phase::Writing);
+    let has_air = surfaces.iter().any(|(kind, _)| *kind == PartKind::Air);
+    let mut records = Vec::new();
+    for (kind, surface) in surfaces {
+        // The whole time is booked on the skin, so that the sum over the parts is right.
+        let wall_s = if kind == PartKind::Skin { started.elapsed().as_secs_f64() } else { 0.0 };
+        records.push(surface_part(store, context.job.session, kind, surface, wall_s).await?.0);
+    }
+    store.put_parts(context.job.session, &records).await?;
+    if !has_air {
+        store.delete_part(context.job.session, PartKind::Air).await?;
+    }
+    Ok(Done { warnings, ..Done::default() })
+}

@@ -1,0 +1,25 @@
+use std::time::Instant;
+
+use super::{Context, Done, changed_meanwhile, to_json};
+use crate::jobs::requests::MeshRequest;
+use crate::jobs::running::Phase;
+use crate::session::{Halt, MeshDocument};
+use crate::store::PartKind;
+
+/// The tissue mesh of the session.
+pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
+    let request: MeshRequest = context.request()?;
+    let parts = context.parts().await?;
+    let tissue = parts.tissue_request(&request.settings, request.cuts.as_deref())?;
+    if tissue.key != request.key {
+        return Err(changed_meanwhile().into());
+    }
+    let case = parts.case(&context.service.store).await?;
+    let started = Instant::now();
+    context.running.set_phase(Phase::Mesh);
+    let report = context.compute(move |engine, control| engine.tissue(&case, &tissue, control)).await?;
+    let wall_s = started.elapsed().as_secs_f64();
+    let document = MeshDocument::new(request.settings, request.cuts, &report);
+    context.put_document(PartKind::Mesh, request.key, wall_s, to_json(&document)?).await?;
+    Ok(Done { warnings: report.warnings, ..Done::default() })
+}

@@ -1,0 +1,90 @@
+//! What each kind of job does: read, compute on the pool, write.
+
+mod compare;
+mod field;
+mod import;
+mod mesh;
+mod report;
+mod solve;
+mod solve_watch;
+
+use std::sync::Arc;
+
+use serde::de::DeserializeOwned;
+
+use super::Service;
+use super::running::Running;
+use super::service::panicked;
+use crate::control::Control;
+use crate::session::{Engine, Fault, FaultKind, Halt, SessionParts};
+use crate::store::{BlobInfo, JobKind, JobRecord, PartKind, PartRecord, now_rfc3339};
+
+/// What a job leaves in its row.
+#[derive(Debug, Default)]
+pub(super) struct Done {
+    pub(super) report: Option<String>,
+    pub(super) tissue: Option<BlobInfo>,
+    pub(super) warnings: Vec<String>,
+}
+
+/// Everything that a job's work is given.
+#[derive(Debug, Clone)]
+struct Context {
+    service: Arc<Service>,
+    job: Arc<JobRecord>,
+    running: Arc<Running>,
+}
+
+pub(super) async fn perform(service: Arc<Service>, job: JobRecord, running: Arc<Running>) -> Result<Done, Halt> {
+    let context = Context { service, job: Arc::new(job), running };
+    match context.job.kind {
+        JobKind::Import => import::perform(&context).await,
+        JobKind::Field => field::perform(&context).await,
+        JobKind::Mesh => mesh::perform(&context).await,
+        JobKind::Solve => solve::perform(&context).await,
+    }
+}
+
+impl Context {
+    fn request<T: DeserializeOwned>(&self) -> Result<T, Fault> {
+        serde_json::from_str(&self.job.request).map_err(|error| {
+            tracing::error!(%error, "a job's request cannot be read");
+            Fault::new(FaultKind::Internal, "the stored request cannot be read; the log says more")
+        })
+    }
+
+    async fn parts(&self) -> Result<SessionParts, Halt> {
+        match SessionParts::load(&self.service.store, self.job.session).await {
+            Err(fault) if fault.kind == FaultKind::Gone => Err(Halt::Cancelled),
+            other => Ok(other?),
+        }
+    }
+
+    /// Runs numerics on the pool under the job's control.
+    async fn compute<T: Send + 'static>(
+        &self,
+        work: impl FnOnce(&dyn Engine, &Control) -> Result<T, Halt> + Send + 'static,
+    ) -> Result<T, Halt> {
+        let (engine, control) = (Arc::clone(&self.service.engine), self.running.control.clone());
+        self.service.cpu.run(move || work(engine.as_ref(), &control)).await.map_err(|_| panicked())?
+    }
+
+    /// Stores a derived part without a file.
+    async fn put_document(&self, kind: PartKind, key: String, wall_s: f64, document: String) -> Result<(), Halt> {
+        let bytes = document.len() as u64;
+        let part = PartRecord { kind, key, blob: None, bytes, wall_s, document, updated_at: now_rfc3339() };
+        Ok(self.service.store.put_parts(self.job.session, &[part]).await?)
+    }
+}
+
+/// Inputs changed between the request and its turn.
+fn changed_meanwhile() -> Fault {
+    Fault::new(FaultKind::Stale, "inputs or settings were changed after the job was accepted; send it again")
+}
+
+fn to_json<T: serde::Serialize>(value: &T) -> Result<String, Fault> {
+    serde_json::to_string(value).map_err(|error| {
+        tracing::error!(%error, "a document cannot be written");
+        Fault::new(FaultKind::Internal, "a document cannot be written; the log says more")
+    })
+}

@@ -1,0 +1,96 @@
+use std::collections::BTreeMap;
+
+use serde::de::DeserializeOwned;
+use serde_json::json;
+
+use crate::jobs::requests::SolveRequest;
+use crate::session::{
+    CtDocument, ErrorDocument, Fault, FaultKind, FieldDocument, PhasesDocument, ReportDocument, ReportInput,
+    SessionParts, StepDocument, SurfaceDocument,
+};
+use crate::simulate::Outcome;
+use crate::store::{JobRecord, PartKind, StepRecord, now_rfc3339};
+
+/// What a report is made of.
+#[derive(Debug)]
+pub(super) struct Ingredients<'a> {
+    pub(super) job: &'a JobRecord,
+    pub(super) request: &'a SolveRequest,
+    pub(super) parts: &'a SessionParts,
+    pub(super) outcome: &'a Outcome,
+    pub(super) steps: &'a [StepRecord],
+    pub(super) regions_from_landmarks: bool,
+    pub(super) solve_s: f64,
+    pub(super) warnings: &'a [String],
+}
+
+pub(super) fn compile(i: &Ingredients<'_>) -> Result<ReportDocument, Fault> {
+    let field: FieldDocument = i.parts.require_field()?;
+    let steps = i.steps.iter().map(|s| read::<StepDocument>(&s.document)).collect::<Result<Vec<_>, _>>()?;
+    let error = i.steps.last().and_then(|s| s.error.as_deref()).map(read::<ErrorDocument>).transpose()?;
+    let mut warnings = i.warnings.to_vec();
+    warnings.extend(field.warnings.iter().chain(&i.request.cut_warnings).chain(&i.request.mesh.warnings).cloned());
+    warnings.extend(steps.iter().flat_map(|s| s.warnings.iter().map(|w| format!("step {}: {w}", s.k))));
+    Ok(ReportDocument {
+        format_version: 1,
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        job: i.job.id.to_string(),
+        session: i.job.session.to_string(),
+        finished_at: now_rfc3339(),
+        attempt: i.job.attempt,
+        model: i.request.model.as_str().to_owned(),
+        parameters: json!({
+            "steps": i.request.steps,
+            "preset": i.request.preset,
+            "model_chosen_by_the_service": i.request.model_chosen,
+            "attachment": i.request.attachment,
+            "plan": i.request.plan_id,
+            "osteotomy": i.request.osteotomy_id,
+            "cuts": i.request.cuts,
+            "reference_job": i.request.reference_job,
+        }),
+        inputs: inputs(i.parts)?,
+        phases: phases(i),
+        field,
+        mesh: i.request.mesh.clone(),
+        plan: i.request.plan.clone(),
+        steps,
+        regions: i.outcome.regions.iter().map(|r| (r.name.to_owned(), r.into())).collect(),
+        error,
+        regions_from_landmarks: i.regions_from_landmarks,
+        warnings,
+    })
+}
+
+/// Times of the jobs that made the parts; this job's own for the steps.
+fn phases(i: &Ingredients<'_>) -> PhasesDocument {
+    let wall_s = |kind| i.parts.get(kind).map_or(0.0, |p| p.wall_s);
+    let surfaces_s = [PartKind::Skin, PartKind::Skull, PartKind::Air].map(wall_s).iter().sum();
+    let (field_s, cut_s, mesh_s) = (wall_s(PartKind::Field), i.request.cut_s, wall_s(PartKind::Mesh));
+    let total_s = surfaces_s + field_s + cut_s + mesh_s + i.solve_s;
+    PhasesDocument { surfaces_s, field_s, cut_s, mesh_s, solve_s: i.solve_s, total_s }
+}
+
+fn inputs(parts: &SessionParts) -> Result<BTreeMap<String, ReportInput>, Fault> {
+    let mut inputs = BTreeMap::new();
+    for part in parts.all() {
+        let source_sha256 = match part.kind {
+            PartKind::Skin | PartKind::Skull | PartKind::Air | PartKind::Target => {
+                Some(read::<SurfaceDocument>(&part.document)?.origin.sha256)
+            }
+            PartKind::Ct => Some(read::<CtDocument>(&part.document)?.sha256),
+            PartKind::Landmarks => None,
+            // Derived from the others.
+            PartKind::FieldSettings | PartKind::Field | PartKind::Mesh => continue,
+        };
+        inputs.insert(part.kind.as_str().to_owned(), ReportInput { sha256: part.key.clone(), source_sha256 });
+    }
+    Ok(inputs)
+}
+
+fn read<T: DeserializeOwned>(text: &str) -> Result<T, Fault> {
+    serde_json::from_str(text).map_err(|error| {
+        tracing::error!(%error, "a stored document cannot be read");
+        Fault::new(FaultKind::Internal, "a stored document cannot be read; the log says more")
+    })
+}

@@ -1,0 +1,154 @@
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use tokio::sync::mpsc;
+
+use super::compare::Reference;
+use super::report::{Ingredients, compile};
+use super::solve_watch::{FinishedStep, SolveWatch};
+use super::{Context, Done, changed_meanwhile, to_json};
+use crate::jobs::requests::SolveRequest;
+use crate::jobs::running::Phase;
+use crate::jobs::service::warning_event;
+use crate::session::{Fault, Halt, Run};
+use crate::simulate::{Outcome, RunSettings};
+use crate::store::{StepRecord, encode_mesh};
+
+/// What comes back from the pool.
+struct Solved {
+    outcome: Outcome,
+    tissue: Option<Vec<u8>>,
+    solving: Duration,
+    regions_from_landmarks: bool,
+    warnings: Vec<String>,
+}
+
+/// Moves the bone along the plan; each step is stored as soon as it is solved.
+pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
+    let request: SolveRequest = context.request()?;
+    let parts = context.parts().await?;
+    let tissue = parts.tissue_request(&request.mesh.settings, request.mesh.cuts.as_deref())?;
+    if tissue.key != request.mesh_key {
+        return Err(changed_meanwhile().into());
+    }
+    let store = &context.service.store;
+    let case = parts.case(store).await?;
+    let rest = store.blobs().put(context.job.session, encode_mesh(&case.anatomy.skin)).await?;
+    store.set_rest(context.job.id, &rest).await?;
+    let reference = Reference::load(context, &parts, &request).await?;
+    let run = Run {
+        case,
+        cuts: request.cuts.iter().map(Into::into).collect(),
+        tissue,
+        plan: request.plan.plan()?,
+        settings: RunSettings::from(&request),
+    };
+
+    let (sender, receiver) = mpsc::channel(2);
+    let computing = compute(context, run, request.tissue, reference, sender);
+    let (solved, written) = tokio::join!(computing, write_steps(context, receiver));
+    // A failed write cancels the solver: its reason is the one to tell.
+    written?;
+    let solved = solved?;
+
+    context.running.set_phase(Phase::Writing);
+    let steps = store.steps(context.job.id).await?;
+    let tissue = match solved.tissue {
+        Some(file) => Some(store.blobs().put(context.job.session, file).await?),
+        None => None,
+    };
+    let mut warnings = solved.outcome.warnings.clone();
+    warnings.extend(solved.warnings.iter().cloned());
+    let ingredients = Ingredients {
+        job: &context.job,
+        request: &request,
+        parts: &parts,
+        outcome: &solved.outcome,
+        steps: &steps,
+        regions_from_landmarks: solved.regions_from_landmarks,
+        solve_s: solved.solving.as_secs_f64(),
+        warnings: &warnings,
+    };
+    Ok(Done { report: Some(to_json(&compile(&ingredients)?)?), tissue, warnings })
+}
+
+async fn compute(
+    context: &Context,
+    run: Run,
+    tissue: bool,
+    reference: Option<Reference>,
+    steps: mpsc::Sender<FinishedStep>,
+) -> Result<Solved, Halt> {
+    let running = Arc::clone(&context.running);
+    context
+        .compute(move |engine, control| {
+            let (regions, regions_from_landmarks) =
+                if reference.is_some() { engine.regions(&run.case) } else { (Vec::new(), false) };
+            let in_face = |p| regions.iter().any(|r| r.bounds.contains(p));
+            let mask = run.case.anatomy.skin.positions().iter().map(in_face).collect();
+            let mut watch = SolveWatch {
+                engine,
+                control: control.clone(),
+                running,
+                steps,
+                reference,
+                regions,
+                mask,
+                warnings: Vec::new(),
+                step_began: Instant::now(),
+                solving: Duration::ZERO,
+            };
+            let outcome = engine.solve(&run, control, &mut watch)?;
+            let solving = watch.solving + watch.step_began.elapsed();
+            let warnings = watch.warnings;
+            let tissue = tissue.then(|| engine.tissue_file(&run, &outcome.nodes, control)).transpose()?;
+            Ok(Solved { outcome, tissue, solving, regions_from_landmarks, warnings })
+        })
+        .await
+}
+
+/// Stores steps as they come: the file first, then the row that makes it visible.
+async fn write_steps(context: &Context, mut steps: mpsc::Receiver<FinishedStep>) -> Result<(), Halt> {
+    let mut first_failure = Ok(());
+    while let Some(step) = steps.recv().await {
+        if first_failure.is_err() {
+            continue;
+        }
+        first_failure = write_step(context, step).await;
+        if first_failure.is_err() {
+            context.running.control.cancel();
+        }
+    }
+    first_failure
+}
+
+async fn write_step(context: &Context, step: FinishedStep) -> Result<(), Halt> {
+    let FinishedStep { document, error, frame } = step;
+    let store = &context.service.store;
+    let frame = store.blobs().put(context.job.session, frame).await?;
+    let mut event = serde_json::to_value(&document).map_err(internal)?;
+    if let Some(members) = event.as_object_mut() {
+        members.insert("steps".to_owned(), context.job.steps.into());
+        members.insert("has_error".to_owned(), error.is_some().into());
+    }
+    let record = StepRecord {
+        k: document.k,
+        t: document.t,
+        document: to_json(&document)?,
+        error: error.as_ref().map(to_json).transpose()?,
+        blob: frame.key.clone(),
+        sha256: frame.sha256.clone(),
+    };
+    let mut events: Vec<_> =
+        document.warnings.iter().map(|w| warning_event(&format!("step {}: {w}", document.k))).collect();
+    events.push(("step", event.to_string()));
+    store.commit_step(context.job.id, &record, &frame, &events).await?;
+    tracing::info!(step = document.k, steps = context.job.steps, duration_s = document.wall_s, "step stored");
+    context.service.announce();
+    Ok(())
+}
+
+fn internal(error: serde_json::Error) -> Fault {
+    tracing::error!(%error, "a document cannot be written");
+    Fault::new(crate::session::FaultKind::Internal, "a document cannot be written; the log says more")
+}

@@ -1,0 +1,45 @@
+//! Prosopon predicts the face after the jaw is cut and moved.
+//!
+//! The implementation follows Wang, Yang and Gee, *Int J Med Robotics* 2009, DOI 10.1002/rcs.286; where it departs,
+//! the item says so and why. Not a medical device.
+//!
+//! # Rooms
+//! A room imports only rooms listed before it; `tests/layers.rs` holds the code to that. Each room's docs state its invariants.
+//!
+//! - [`control`]: cancel and progress. [`geometry`]: points, meshes, implicit solids, surface reports.
+//! - [`import`]: untrusted bytes to volumes and surfaces. [`export`]: surfaces and meshes to bytes.
+//! - [`surface`]: volumes and grids to surfaces. [`phantom`]: the analytic head.
+//! - [`field`]: smooth signed distance fields and the bone's outer envelope. [`mesh`]: the mixed mesh.
+//! - [`fem`]: elements, materials, contact, Newton. [`plan`]: osteotomies and paths. [`evaluate`]: error maps and pictures.
+//! - [`simulate`]: from surfaces and a plan to steps of deformed skin.
+//!
+//! So far synchronous and pure: no HTTP, tokio, serialisation, files, network, environment or clock. Behind this wall:
+//!
+//! - [`store`], [`session`], [`jobs`], [`http`]: records, what a session may do, the queue, the API.
+//! - [`config`], [`telemetry`], [`serve`], [`demo`], [`cli`]: the program.
+//!
+//! Units everywhere: mm, N, MPa, s, radian; coordinates patient LPS.
+
+pub mod control;
+pub mod evaluate;
+pub mod export;
+pub mod fem;
+pub mod field;
+pub mod geometry;
+pub mod import;
+pub mod mesh;
+pub mod phantom;
+pub mod plan;
+pub mod simulate;
+pub mod surface;
+// ---- wall ----
+pub mod demo;
+pub mod http;
+pub mod jobs;
+pub mod session;
+pub mod store;
+// ---- the program ----
+pub mod cli;
+pub mod config;
+pub mod serve;
+pub mod telemetry;

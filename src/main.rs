@@ -1,0 +1,7 @@
+//! The `prosopon` command.
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    prosopon::cli::run()
+}

@@ -1,0 +1,123 @@
+use rayon::prelude::*;
+
+use super::adjacency::{BoundaryFace, boundary, sorted};
+use super::classify::{Shape, assemble};
+use super::domain::{Domain, InnerTissue, MeshSettings, Side};
+use super::parts::keep_large_parts;
+use super::prisms::Layer;
+use super::report::{MeshReport, report};
+use super::smooth::Relaxation;
+use super::stuffing::{TetMesh, stuff};
+use super::thin::press;
+use super::{MeshError, MixedMesh};
+use crate::control::Control;
+
+/// A boundary face is on the skin side when its normal and the skin's agree at least this much (cosine).
+const LEAST_COSINE: f64 = 0.3;
+
+/// Meshes the tissue by lattice-based isosurface stuffing; all inner boundary nodes that face bone start as [`Attachment::Sliding`](super::Attachment::Sliding),
+/// cut faces of the region as [`Attachment::Fixed`](super::Attachment::Fixed), all else as [`Attachment::Free`](super::Attachment::Free).
+///
+/// # Errors
+/// [`MeshError`]; a mesh that is handed out has no inverted element.
+///
+/// # Source
+/// Labelle and Shewchuk, Isosurface stuffing, SIGGRAPH 2007.
+pub fn build(
+    domain: &Domain<'_>,
+    settings: &MeshSettings,
+    control: &Control,
+) -> Result<(MixedMesh, MeshReport), MeshError> {
+    settings.check()?;
+    let inner = InnerTissue::new(domain, settings);
+    let mut warnings = Vec::new();
+    let mut mesh = stuff(&inner, settings.edge_mm, &control.part(0.0, 0.3))?;
+    let faces = boundary(&mesh.tetrahedra);
+    let mut sides = boundary_sides(&inner, &mesh, &faces);
+    let skin_faces = skin_side(&inner, &mesh, &sides, &faces);
+    let stuffed_faces: Vec<[u32; 3]> = faces.iter().map(|f| sorted(f.nodes)).collect();
+    if skin_faces.is_empty() {
+        return Err(MeshError::NoTissue);
+    }
+    control.report(0.35);
+
+    let pressed = press(&inner, &mut mesh, &sides, control)?;
+    let faces = boundary(&mesh.tetrahedra);
+    label_exposed(&inner, &mesh, &faces, &mut sides);
+    for (side, dropped) in sides.iter_mut().zip(&pressed.dropped) {
+        if dropped.is_some() {
+            *side = *dropped;
+        }
+    }
+    {
+        let mut relaxation = Relaxation::new(&inner, &mut mesh, &sides, &pressed.dipping, &faces);
+        relaxation.towards_neighbours(4, control)?;
+        control.report(0.5);
+        relaxation.improve(4, control)?;
+    }
+    control.report(0.6);
+
+    let skin_faces: Vec<[u32; 3]> =
+        skin_faces.into_iter().filter(|f| !f.iter().any(|&n| pressed.holes[n as usize])).collect();
+    let (mut layer, lost) = Layer::extrude(&inner, &mesh, &skin_faces);
+    layer.mend(&inner, &mut mesh, &sides, control)?;
+    let bad = layer.drop_bad(&mesh);
+    if lost + bad.len() > 0 {
+        warnings.push(format!(
+            "{} of {} prisms could not be formed under folds of the skin and were left out",
+            lost + bad.len(),
+            skin_faces.len()
+        ));
+    }
+    control.report(0.7);
+    warnings.extend(keep_large_parts(&mut mesh, &mut layer));
+    let mixed =
+        assemble(&Shape { inner: &inner, mesh: &mesh, layer: &layer, sides: &sides, stuffed_faces: &stuffed_faces });
+    control.check()?;
+    control.report(0.8);
+    let mut quality = report(&mixed, Some((domain, settings)));
+    if quality.inverted > 0 {
+        return Err(first_inverted(&mixed, quality.inverted));
+    }
+    warnings.append(&mut quality.warnings);
+    quality.warnings = warnings;
+    control.report(1.0);
+    Ok((mixed, quality))
+}
+
+/// Surface that each boundary node lies on.
+fn boundary_sides(inner: &InnerTissue<'_>, mesh: &TetMesh, faces: &[BoundaryFace]) -> Vec<Option<Side>> {
+    let mut on_boundary = vec![false; mesh.positions.len()];
+    for &node in faces.iter().flat_map(|f| &f.nodes) {
+        on_boundary[node as usize] = true;
+    }
+    mesh.positions.par_iter().zip(&on_boundary).map(|(p, on)| on.then(|| inner.value_side(p).1)).collect()
+}
+
+/// Faces below the skin: all nodes on the skin side, and facing the skin.
+fn skin_side(inner: &InnerTissue<'_>, mesh: &TetMesh, sides: &[Option<Side>], faces: &[BoundaryFace]) -> Vec<[u32; 3]> {
+    let on_skin_side = |face: &&BoundaryFace| {
+        let [a, b, c] = face.nodes.map(|n| mesh.positions[n as usize]);
+        face.nodes.iter().all(|&n| sides[n as usize] == Some(Side::Skin)) && {
+            let normal = (b - a).cross(&(c - a));
+            let gradient = inner.domain.skin.value_gradient(&nalgebra::center(&a, &nalgebra::center(&b, &c))).1;
+            normal.dot(&gradient) > LEAST_COSINE * normal.norm() * gradient.norm()
+        }
+    };
+    faces.iter().filter(on_skin_side).map(|f| f.nodes).collect()
+}
+
+/// Nodes that pressing laid bare belong to the nearer of bone and air.
+fn label_exposed(inner: &InnerTissue<'_>, mesh: &TetMesh, faces: &[BoundaryFace], sides: &mut [Option<Side>]) {
+    for &node in faces.iter().flat_map(|f| &f.nodes) {
+        let side = &mut sides[node as usize];
+        if side.is_none() {
+            *side = Some(inner.obstacle(&mesh.positions[node as usize]).1);
+        }
+    }
+}
+
+fn first_inverted(mesh: &MixedMesh, count: usize) -> MeshError {
+    let centre = super::report::first_inverted_centre(mesh);
+    MeshError::Inverted { count, x: centre.x, y: centre.y, z: centre.z }
+}

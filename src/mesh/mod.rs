@@ -1,0 +1,38 @@
+//! The mixed mesh: one layer of prisms under the skin, tetrahedra inside, conforming.
+//!
+//! Invariants: every element has positive volume; each prism's inner triangle is a face of a tetrahedron (or lies on
+//! the bone); node classes say what each inner node does.
+//!
+//! Way of [`build`]: stuff the inner tissue (`stuffing`, `lattice`, `stencil`), press it onto bone where it is thin
+//! (`thin`), improve the tetrahedra (`smooth`), move the skin side out to the skin (`prisms`), drop crumbs (`parts`),
+//! label (`classify`) and measure (`report`).
+
+mod adjacency;
+mod build;
+mod classify;
+mod domain;
+mod embedding;
+mod error;
+mod lattice;
+mod mixed_mesh;
+mod parts;
+mod prisms;
+mod quality;
+mod report;
+mod smooth;
+mod stencil;
+mod stuffing;
+#[cfg(test)]
+mod test_domain;
+#[cfg(test)]
+mod tests;
+mod thin;
+mod volume;
+
+pub use build::build;
+pub use classify::tie;
+pub use domain::{Domain, MeshSettings, Region};
+pub use embedding::{Embedding, embed};
+pub use error::MeshError;
+pub use mixed_mesh::{Attachment, MixedMesh, Tissue};
+pub use report::{MeshReport, report};

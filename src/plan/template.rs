@@ -1,0 +1,116 @@
+//! Ready-made sets of cuts.
+
+use super::cut::{Blade, BoundedPlane};
+use super::parting::{crossings, lattice};
+use crate::control::Control;
+use crate::field::Envelope;
+use crate::geometry::{Point, Vector};
+
+/// Half width of the cuts, mm: wider than a maxilla at its alveolar process (some 65 mm), narrower than the distance
+/// between the rami (some 85 mm).
+const HALF_WIDTH: f64 = 38.0;
+/// Half width of the Le Fort I plane, mm: in front of the tuberosities there is no mandible, but the zygoma may reach down.
+const HALF_WIDTH_ABOVE: f64 = 60.0;
+/// Half width of the occlusal cut, mm: streaks of dental metal reach beyond the arch.
+const HALF_WIDTH_TEETH: f64 = 45.0;
+/// Neighbouring rectangles overlap by this, mm. Where a cut ends in bone it leaves no mark.
+const OVERLAP: f64 = 2.0;
+/// Where the tuberosities end when the bone does not show it: behind the foremost alveolar bone, mm.
+const ARCH_DEPTH: f64 = 48.0;
+
+/// Cuts that make a Le Fort I segment: the horizontal plane above the apices, the plane behind the tuberosities, and the
+/// occlusal plane that parts the teeth.
+///
+/// - `plane`: a point of the Le Fort I plane and its normal, LPS
+/// - `midline_x_mm`, `occlusal_z_mm`: the midsagittal plane and the occlusal plane
+/// - returns: one to three rectangles, the Le Fort I plane first. The others are left out where they meet no bone: teeth
+///   that are apart need no cut. An empty list when the plane's normal is not within 45° of z or a value is not finite
+///
+/// The plane behind is put where the cross-section of the alveolar bone, seen from the front, has fallen to a quarter of
+/// its size at the molars, 35 to 55 mm behind the foremost, or else 48 mm behind it. It passes between the tuberosities
+/// and the pterygoid plates, but it does not follow the bone: a part of either may lie on the wrong side. The rectangles
+/// overlap by two millimetres.
+#[must_use]
+pub fn le_fort_1(plane: (Point, Vector), midline_x_mm: f64, occlusal_z_mm: f64, bone: &Envelope) -> Vec<BoundedPlane> {
+    let Some(frame) = Frame::new(plane, midline_x_mm, occlusal_z_mm) else { return Vec::new() };
+    let (front, back) = frame.arch(bone);
+    let front = front - 15.0;
+    let middle = 0.5 * (front + back + OVERLAP);
+    let half_depth = 0.5 * (back + OVERLAP - front);
+    let level = |height: f64, half_width: f64| BoundedPlane {
+        point: frame.at(middle, height),
+        normal: frame.up,
+        bounds: Some((frame.left, half_width, half_depth)),
+    };
+    let behind = BoundedPlane {
+        point: frame.at(back, 0.5 * frame.occlusal),
+        normal: frame.back,
+        bounds: Some((frame.left, HALF_WIDTH, 0.5 * -frame.occlusal + OVERLAP)),
+    };
+    let mut cuts = vec![level(0.0, HALF_WIDTH_ABOVE)];
+    cuts.extend([behind, level(frame.occlusal, HALF_WIDTH_TEETH)].into_iter().filter(|c| meets(bone, c)));
+    cuts
+}
+
+fn meets(bone: &Envelope, cut: &BoundedPlane) -> bool {
+    let Ok(blade) = Blade::new(0, cut) else { return false };
+    crossings(&bone.grid, &[blade], false, &Control::new()).is_ok_and(|c| !c.is_empty())
+}
+
+/// Axes of the Le Fort I plane with the origin in the midline.
+struct Frame {
+    origin: Point,
+    left: Vector,
+    back: Vector,
+    up: Vector,
+    /// Height of the occlusal plane, negative, mm.
+    occlusal: f64,
+}
+
+impl Frame {
+    fn new((point, normal): (Point, Vector), midline: f64, occlusal_z: f64) -> Option<Self> {
+        let up = normal.try_normalize(1e-9)? * normal.z.signum();
+        if up.z.is_nan() || up.z < 0.7 || !point.iter().chain([&midline, &occlusal_z]).all(|c| c.is_finite()) {
+            return None;
+        }
+        let left = (Vector::x() - up * up.x).normalize();
+        let back = up.cross(&left);
+        // The point of the plane straight above or below in the midline.
+        let origin = point + left * ((midline - point.x) / left.x);
+        let occlusal = (occlusal_z - origin.z) * up.z;
+        (occlusal < -5.0).then_some(Self { origin, left, back, up, occlusal })
+    }
+
+    /// The point of the midline at `depth` behind and `height` above the origin.
+    fn at(&self, depth: f64, height: f64) -> Point {
+        self.origin + self.back * depth + self.up * height
+    }
+
+    /// Depths of the foremost alveolar bone and of the end of the tuberosities, behind the origin, mm.
+    fn arch(&self, bone: &Envelope) -> (f64, f64) {
+        let grid = &bone.grid;
+        // The teeth and their streaks are left out below, the floor of the nose above.
+        let band = 0.7 * self.occlusal..0.1 * self.occlusal;
+        let reach = (grid.dims.iter().sum::<usize>() as f64 * grid.spacing).ceil();
+        let mut area = vec![0.0f64; 2 * reach as usize + 1];
+        for (node, _) in grid.values.iter().enumerate().filter(|(_, v)| **v < 0.0) {
+            let [i, j, k] = lattice(grid, node);
+            let d = grid.position(i, j, k) - self.origin;
+            let depth = self.back.dot(&d);
+            if band.contains(&self.up.dot(&d)) && self.left.dot(&d).abs() < HALF_WIDTH && depth.abs() < 80.0 {
+                area[(depth + reach).round() as usize] += grid.spacing.powi(3);
+            }
+        }
+        // Bins are 1 mm deep: mm³ in a bin are mm² of section. A running mean evens out grids of other spacings.
+        let n = area.len();
+        let mean = |i: usize| area[i.saturating_sub(1)..(i + 2).min(n)].iter().sum::<f64>() / 3.0;
+        let section: Vec<f64> = (0..n).map(mean).collect();
+        let Some(first) = section.iter().position(|a| *a > 20.0) else { return (-25.0, ARCH_DEPTH - 25.0) };
+        let front = first as f64 - reach;
+        let window = |from: usize, to: usize| (first + from).min(n)..(first + to).min(n);
+        let molars = section[window(25, 40)].iter().copied().fold(0.0, f64::max);
+        // An envelope with the mouth filled, or stout pterygoid plates, do not show the end.
+        let end = window(35, 56).find(|i| section[*i] < 0.25 * molars);
+        (front, end.map_or(front + ARCH_DEPTH, |i| i as f64 - reach))
+    }
+}

@@ -1,0 +1,69 @@
+use std::sync::Arc;
+
+use crate::geometry::{Point, Vector};
+use crate::plan::{BoundedPlane, Plan};
+use crate::simulate::{Anatomy, FieldsSettings, RunSettings, TissueSettings};
+
+/// A patient's surfaces with the settings of their fields.
+#[derive(Debug, Clone)]
+pub struct Case {
+    /// Surfaces and landmarks.
+    pub anatomy: Arc<Anatomy>,
+    /// How the fields are built.
+    pub fields: FieldsSettings,
+    /// Key of everything that the fields are made from.
+    pub key: String,
+    /// x of the midline, mm, where known.
+    pub midline_x_mm: Option<f64>,
+}
+
+/// Cuts asked for.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Cuts {
+    /// Planes as they are.
+    Planes(Vec<BoundedPlane>),
+    /// The Le Fort I template; what is `None` is proposed from the skin.
+    LeFort1 {
+        /// Point and unit normal of the horizontal cut.
+        plane: Option<(Point, Vector)>,
+        /// x of the midline, mm.
+        midline_x_mm: Option<f64>,
+        /// z of the occlusal plane, mm.
+        occlusal_z_mm: Option<f64>,
+    },
+}
+
+/// A tissue mesh asked for.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TissueRequest {
+    /// Settings of the mesh.
+    pub settings: TissueSettings,
+    /// Cuts whose segments choose the region; the front of the face when `None`.
+    pub cuts: Option<Vec<BoundedPlane>>,
+    /// Key of everything that the mesh is made from.
+    pub key: String,
+}
+
+/// Everything that a solve needs.
+#[derive(Debug, Clone)]
+pub struct Run {
+    /// The patient.
+    pub case: Case,
+    /// Cuts of the plan's osteotomy.
+    pub cuts: Vec<BoundedPlane>,
+    /// The tissue mesh.
+    pub tissue: TissueRequest,
+    /// Bone paths.
+    pub plan: Plan,
+    /// Model, steps, materials, attachment.
+    pub settings: RunSettings,
+}
+
+/// A solid whose field can be asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Solid {
+    /// Inside of the skin.
+    Skin,
+    /// Outer envelope of bone.
+    Bone,
+}

@@ -1,0 +1,20 @@
+//! Documents: results as they are stored and served. Once written they never change; members are only ever added.
+
+mod bone;
+mod error_map;
+mod field;
+mod mesh;
+mod report;
+mod solve;
+mod surface;
+
+pub use bone::{
+    OsteotomyDocument, PathDocument, PathReportDocument, PathSample, PlanDocument, PlaneBoundsDocument, PlaneDocument,
+    SegmentDocument, WaypointDocument,
+};
+pub use error_map::{ErrorDocument, HistogramBin, StatisticsDocument};
+pub use field::{FieldDocument, FieldQualityDocument};
+pub use mesh::MeshDocument;
+pub use report::{PhasesDocument, ReportDocument, ReportInput};
+pub use solve::{ReactionDocument, RegionMotionDocument, StepDocument};
+pub use surface::{CtDocument, SurfaceDocument, SurfaceOrigin};

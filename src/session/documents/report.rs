@@ -1,0 +1,73 @@
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::{ErrorDocument, FieldDocument, MeshDocument, PlanDocument, RegionMotionDocument, StepDocument};
+
+/// Time by phase, s. Surfaces, field, cut and mesh are those of the jobs that made them.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, ToSchema)]
+pub struct PhasesDocument {
+    /// Import, surfaces included.
+    pub surfaces_s: f64,
+    /// Distance fields.
+    pub field_s: f64,
+    /// Cutting the bone.
+    pub cut_s: f64,
+    /// Tissue mesh.
+    pub mesh_s: f64,
+    /// The steps.
+    pub solve_s: f64,
+    /// Sum of all.
+    pub total_s: f64,
+}
+
+/// An input that the result depends on.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct ReportInput {
+    /// SHA-256 of the stored part.
+    pub sha256: String,
+    /// SHA-256 of the file that it came from.
+    pub source_sha256: Option<String>,
+}
+
+/// Everything worth keeping about a finished job.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ReportDocument {
+    /// Layout of this document.
+    pub format_version: u32,
+    /// Version of the software.
+    pub version: String,
+    /// The job.
+    pub job: String,
+    /// Its session.
+    pub session: String,
+    /// When it ended, RFC 3339.
+    pub finished_at: String,
+    /// Attempt that succeeded.
+    pub attempt: u32,
+    /// Mechanical model that was used.
+    pub model: String,
+    /// Steps, materials and attachment as used.
+    pub parameters: serde_json::Value,
+    /// Input parts by name.
+    pub inputs: BTreeMap<String, ReportInput>,
+    /// Time by phase.
+    pub phases: PhasesDocument,
+    /// The distance fields.
+    pub field: FieldDocument,
+    /// The tissue mesh.
+    pub mesh: MeshDocument,
+    /// Where the bone went.
+    pub plan: PlanDocument,
+    /// What each step needed and reached.
+    pub steps: Vec<StepDocument>,
+    /// Mean movement of the parts of the face at the end of the path.
+    pub regions: BTreeMap<String, RegionMotionDocument>,
+    /// Error of the last step, where there is something to compare with.
+    pub error: Option<ErrorDocument>,
+    /// Whether landmarks placed the regions of the face (else the proportions of the skin did).
+    pub regions_from_landmarks: bool,
+    /// What a reader should know.
+    pub warnings: Vec<String>,
+}

@@ -1,0 +1,91 @@
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use crate::simulate::{Frame, RegionMotion};
+
+/// Force on a bone segment.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ReactionDocument {
+    /// The segment; 0 is the skull that stays.
+    pub segment: u32,
+    /// Sum of the forces of tied nodes and contact, N, LPS.
+    pub force_n: [f64; 3],
+}
+
+/// What a step needed and reached.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct StepDocument {
+    /// Number, 1 to n.
+    pub k: u32,
+    /// Path parameter, 0 to 1.
+    pub t: f64,
+    /// Whether the convergence test was met.
+    pub converged: bool,
+    /// Smallest det F over all quadrature points.
+    pub min_det_f: f64,
+    /// Largest penetration of a contact point, mm.
+    pub max_penetration_mm: f64,
+    /// Residual force relative to the reaction force.
+    pub relative_residual: f64,
+    /// Newton iterations, substeps included.
+    pub newton_iterations: usize,
+    /// Substeps that the step was cut into.
+    pub substeps: usize,
+    /// Factorisations.
+    pub factorisations: usize,
+    /// Contact points that push.
+    pub active_contacts: usize,
+    /// Number of unknowns.
+    pub unknowns: usize,
+    /// Forces on the bone.
+    pub reactions: Vec<ReactionDocument>,
+    /// Largest displacement of a skin vertex, mm.
+    pub max_displacement_mm: f64,
+    /// Time since the step before, s.
+    pub wall_s: f64,
+    /// What was done to get there.
+    pub warnings: Vec<String>,
+}
+
+impl StepDocument {
+    /// The document of a frame that took `wall_s`.
+    #[must_use]
+    pub fn new(frame: &Frame, wall_s: f64) -> Self {
+        let r = &frame.report;
+        let max_displacement = frame.displacement_mm.iter().copied().fold(0.0f32, f32::max);
+        Self {
+            k: u32::try_from(frame.k).unwrap_or(u32::MAX),
+            t: frame.t,
+            converged: r.converged,
+            min_det_f: r.min_det_f,
+            max_penetration_mm: r.max_penetration_mm,
+            relative_residual: r.relative_residual,
+            newton_iterations: r.newton_iterations,
+            substeps: r.substeps,
+            factorisations: r.factorisations,
+            active_contacts: r.active_contacts,
+            unknowns: r.unknowns,
+            reactions: r.reactions_n.iter().map(|&(segment, force_n)| ReactionDocument { segment, force_n }).collect(),
+            max_displacement_mm: f64::from(max_displacement),
+            wall_s,
+            warnings: r.warnings.clone(),
+        }
+    }
+}
+
+/// Mean movement of a part of the face at the end of the path, mm.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct RegionMotionDocument {
+    /// Forward (towards -y).
+    pub forward_mm: f64,
+    /// Down (towards -z).
+    pub down_mm: f64,
+    /// To the patient's left (+x).
+    pub left_mm: f64,
+}
+
+impl From<&RegionMotion> for RegionMotionDocument {
+    fn from(r: &RegionMotion) -> Self {
+        Self { forward_mm: r.forward_mm, down_mm: r.down_mm, left_mm: r.left_mm }
+    }
+}

@@ -1,0 +1,113 @@
+use std::fmt::Debug;
+
+use super::{Case, Cuts, Halt, Run, Solid, TissueRequest};
+use crate::control::Control;
+use crate::evaluate::{ErrorMap, FaceRegion};
+use crate::field::FieldReport;
+use crate::geometry::{Motion, Point, TriMesh, Vector};
+use crate::mesh::MeshReport;
+use crate::plan::{BoundedPlane, Osteotomy, PathReport, Plan};
+use crate::simulate::{Frame, Outcome};
+use crate::surface::{CtSettings, CtSurfaces};
+
+/// What a solve tells while it runs.
+pub trait RunWatch {
+    /// A stage begins: `field`, `cut`, `mesh` or `solve`.
+    fn stage(&mut self, name: &'static str);
+    /// A step is solved.
+    fn frame(&mut self, frame: Frame);
+}
+
+/// The numerics as the service sees them; heavy intermediate results stay behind it.
+///
+/// Every method is a function of its arguments: results may be remembered, and are rebuilt the same when they are not.
+/// All of them compute for long and must be called on the CPU pool.
+pub trait Engine: Debug + Send + Sync {
+    /// Skin, skull and air of a CT file.
+    ///
+    /// # Errors
+    /// [`Halt`].
+    fn surfaces(&self, ct: &[u8], settings: &CtSettings, control: &Control) -> Result<CtSurfaces, Halt>;
+
+    /// Builds the fields of a case: reports of skin and bone, and warnings.
+    ///
+    /// # Errors
+    /// [`Halt`].
+    fn fields(&self, case: &Case, control: &Control) -> Result<(FieldReport, FieldReport, Vec<String>), Halt>;
+
+    /// Signed distances (mm) and gradients at `points`.
+    ///
+    /// # Errors
+    /// [`Halt`].
+    fn distances(
+        &self,
+        case: &Case,
+        solid: Solid,
+        points: &[Point],
+        control: &Control,
+    ) -> Result<Vec<(f64, Vector)>, Halt>;
+
+    /// Cuts the bone.
+    ///
+    /// # Errors
+    /// [`Halt`].
+    fn cut(&self, case: &Case, cuts: &Cuts, control: &Control) -> Result<Osteotomy, Halt>;
+
+    /// Follows the paths of a plan.
+    ///
+    /// # Errors
+    /// [`Halt`].
+    fn follow(
+        &self,
+        case: &Case,
+        cuts: &[BoundedPlane],
+        plan: &Plan,
+        control: &Control,
+    ) -> Result<Vec<PathReport>, Halt>;
+
+    /// Meshes the tissue.
+    ///
+    /// # Errors
+    /// [`Halt`].
+    fn tissue(&self, case: &Case, request: &TissueRequest, control: &Control) -> Result<MeshReport, Halt>;
+
+    /// Moves the bone and hands out steps.
+    ///
+    /// # Errors
+    /// [`Halt`]; frames that were handed out stay valid.
+    fn solve(&self, run: &Run, control: &Control, watch: &mut dyn RunWatch) -> Result<Outcome, Halt>;
+
+    /// The deformed volume as a VTU file: displacement, tissue, attachment, and volume ratio of every cell.
+    ///
+    /// # Errors
+    /// [`Halt`].
+    fn tissue_file(&self, run: &Run, nodes: &[Point], control: &Control) -> Result<Vec<u8>, Halt>;
+
+    /// Parts of the face, and whether landmarks were used to find them.
+    fn regions(&self, case: &Case) -> (Vec<FaceRegion>, bool);
+
+    /// Signed error of `prediction` against `reference`.
+    ///
+    /// # Errors
+    /// [`Halt`].
+    fn error_map(
+        &self,
+        prediction: &TriMesh,
+        reference: &TriMesh,
+        mask: Option<&[bool]>,
+        regions: &[FaceRegion],
+        control: &Control,
+    ) -> Result<ErrorMap, Halt>;
+
+    /// Rigid motion that brings `source` onto `target` over the unaltered vertices.
+    ///
+    /// # Errors
+    /// [`Halt`].
+    fn register(
+        &self,
+        source: &TriMesh,
+        target: &TriMesh,
+        unaltered: Option<&[bool]>,
+        control: &Control,
+    ) -> Result<Motion, Halt>;
+}

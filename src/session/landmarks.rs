@@ -1,0 +1,45 @@
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use crate::geometry::{Point, Vector};
+
+/// A plane as it stands in documents.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PlacedPlane {
+    /// A point of the plane, LPS mm.
+    pub point_mm: [f64; 3],
+    /// Its normal; unit length in answers.
+    pub normal: [f64; 3],
+}
+
+impl PlacedPlane {
+    /// Point and unit normal; `None` when the normal is zero.
+    #[must_use]
+    pub fn plane(&self) -> Option<(Point, Vector)> {
+        Some((Point::from(self.point_mm), Vector::from(self.normal).try_normalize(1e-9)?))
+    }
+}
+
+/// Landmarks and planes of a head, LPS mm.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct LandmarksDocument {
+    /// Points by name: `ans`, `pronasale`, `pogonion`, `menton`, `soft_pogonion`, `nasal_bone_tip` and others.
+    pub points: BTreeMap<String, [f64; 3]>,
+    /// x of the midline.
+    pub midline_x_mm: Option<f64>,
+    /// z of the occlusal plane.
+    pub occlusal_plane_z_mm: Option<f64>,
+    /// The horizontal cut of a Le Fort I osteotomy.
+    pub le_fort_1_plane: Option<PlacedPlane>,
+}
+
+impl LandmarksDocument {
+    /// Names and points as the numerics take them.
+    #[must_use]
+    pub fn named_points(&self) -> Vec<(String, Point)> {
+        self.points.iter().map(|(name, p)| (name.clone(), Point::from(*p))).collect()
+    }
+}

@@ -1,0 +1,37 @@
+//! What a patient session holds, what it needs before the next thing can be done, and the numerics behind it.
+//!
+//! Invariants: knows no HTTP; numerics are reached through [`Engine`] only; every derived thing has a key made from
+//! all that it was derived from, so that it can be dropped and rebuilt the same.
+
+mod case;
+mod documents;
+mod engine;
+mod fault;
+mod fault_from;
+mod inputs;
+mod keys;
+mod landmarks;
+mod motion;
+mod numerics;
+mod recent;
+mod settings;
+mod surface_part;
+mod tissue_file;
+
+pub use case::{Case, Cuts, Run, Solid, TissueRequest};
+pub use documents::{
+    CtDocument, ErrorDocument, FieldDocument, FieldQualityDocument, HistogramBin, MeshDocument, OsteotomyDocument,
+    PathDocument, PathReportDocument, PathSample, PhasesDocument, PlanDocument, PlaneBoundsDocument, PlaneDocument,
+    ReactionDocument, RegionMotionDocument, ReportDocument, ReportInput, SegmentDocument, StatisticsDocument,
+    StepDocument, SurfaceDocument, SurfaceOrigin, WaypointDocument,
+};
+pub use engine::{Engine, RunWatch};
+pub use fault::{Fault, FaultKind, FieldFault, Halt};
+pub(crate) use fault_from::{chain, import_fault};
+pub use inputs::{SessionParts, load_mesh};
+pub use keys::key_of;
+pub use landmarks::{LandmarksDocument, PlacedPlane};
+pub use motion::{motion_from, motion_parts};
+pub use numerics::Numerics;
+pub use settings::{BoxDocument, FieldMethod, FieldSettingsDocument, MeshSettingsDocument};
+pub use surface_part::{PreparedSurface, surface_part};

@@ -1,0 +1,197 @@
+use std::fmt;
+use std::sync::Arc;
+
+use super::fault::{Fault, FaultKind};
+use super::fault_from::import_fault;
+use super::recent::Recent;
+use super::tissue_file::tissue_file;
+use super::{Case, Cuts, Engine, Halt, Run, RunWatch, Solid, TissueRequest, key_of};
+use crate::control::Control;
+use crate::evaluate::{self, ErrorMap, FaceRegion};
+use crate::field::FieldReport;
+use crate::geometry::{Implicit, Motion, Point, TriMesh, Vector};
+use crate::import::{self, Limits};
+use crate::mesh::MeshReport;
+use crate::plan::{self, BoundedPlane, Osteotomy, PathReport, Plan};
+use crate::simulate::{self, CutBone, Fields, Outcome, TissueModel};
+use crate::surface::{self, CtSettings, CtSurfaces};
+
+/// Said when landmarks do not place a template.
+const PROPOSED_PLANE: &str = "the landmarks do not place the cuts fully: what is missing was put at an adult's usual distances below \
+     the tip of the nose and needs to be checked";
+
+/// Fields, cut bones and meshes that are kept; each takes some 100 MB at most.
+const KEPT: usize = 4;
+
+/// The real numerics, with the last few intermediate results in memory.
+pub struct Numerics {
+    limits: Limits,
+    fields: Recent<Fields>,
+    bones: Recent<CutBone>,
+    tissues: Recent<TissueModel>,
+}
+
+impl fmt::Debug for Numerics {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Numerics").field("limits", &self.limits).finish_non_exhaustive()
+    }
+}
+
+impl Numerics {
+    /// Numerics that refuse inputs above `limits`.
+    #[must_use]
+    pub fn new(limits: Limits) -> Self {
+        Self { limits, fields: Recent::new(KEPT), bones: Recent::new(KEPT), tissues: Recent::new(KEPT) }
+    }
+
+    fn fields_of(&self, case: &Case, control: &Control) -> Result<Arc<Fields>, Halt> {
+        self.fields.get_or(&case.key, || Ok(simulate::build_fields(&case.anatomy, &case.fields, control)?))
+    }
+
+    fn bone_of(&self, case: &Case, cuts: &[BoundedPlane], control: &Control) -> Result<Arc<CutBone>, Halt> {
+        let key = bone_key(case, cuts);
+        if let Some(found) = self.bones.get(&key) {
+            return Ok(found);
+        }
+        let fields = self.fields_of(case, &control.part(0.0, 0.5))?;
+        let bone = Arc::new(simulate::cut_bone(&fields, cuts, &case.fields.field, &control.part(0.5, 1.0))?);
+        self.bones.put(&key, Arc::clone(&bone));
+        Ok(bone)
+    }
+
+    fn tissue_of(&self, case: &Case, request: &TissueRequest, control: &Control) -> Result<Arc<TissueModel>, Halt> {
+        if let Some(found) = self.tissues.get(&request.key) {
+            return Ok(found);
+        }
+        let fields = self.fields_of(case, &control.part(0.0, 0.3))?;
+        let bone = match &request.cuts {
+            Some(cuts) => Some(self.bone_of(case, cuts, &control.part(0.3, 0.4))?),
+            None => None,
+        };
+        let control = control.part(0.4, 1.0);
+        let built = simulate::build_tissue(&case.anatomy, &fields, bone.as_deref(), &request.settings, &control)?;
+        let built = Arc::new(built);
+        self.tissues.put(&request.key, Arc::clone(&built));
+        Ok(built)
+    }
+}
+
+/// Shortest decimal forms of the numbers tell every bit apart.
+fn bone_key(case: &Case, cuts: &[BoundedPlane]) -> String {
+    key_of(&[&case.key, &format!("{cuts:?}")])
+}
+
+impl Engine for Numerics {
+    fn surfaces(&self, ct: &[u8], settings: &CtSettings, control: &Control) -> Result<CtSurfaces, Halt> {
+        let (volume, warnings) =
+            import::volume(ct, &self.limits).map_err(|e| import_fault(&e, FaultKind::VolumeNotUsable))?;
+        control.check()?;
+        let mut surfaces = surface::from_ct(&volume, settings, control)?;
+        surfaces.warnings.splice(0..0, warnings);
+        Ok(surfaces)
+    }
+
+    fn fields(&self, case: &Case, control: &Control) -> Result<(FieldReport, FieldReport, Vec<String>), Halt> {
+        let fields = self.fields_of(case, control)?;
+        Ok((fields.skin_report.clone(), fields.bone_report.clone(), fields.warnings.clone()))
+    }
+
+    fn distances(
+        &self,
+        case: &Case,
+        solid: Solid,
+        points: &[Point],
+        control: &Control,
+    ) -> Result<Vec<(f64, Vector)>, Halt> {
+        let fields = self.fields_of(case, control)?;
+        let field = match solid {
+            Solid::Skin => &fields.skin,
+            Solid::Bone => &fields.bone_field,
+        };
+        Ok(points.iter().map(|p| field.value_gradient(p)).collect())
+    }
+
+    fn cut(&self, case: &Case, cuts: &Cuts, control: &Control) -> Result<Osteotomy, Halt> {
+        let fields = self.fields_of(case, &control.part(0.0, 0.5))?;
+        let mut proposed = None;
+        let planes = match cuts {
+            Cuts::Planes(planes) => planes.clone(),
+            Cuts::LeFort1 { plane, midline_x_mm, occlusal_z_mm } => {
+                let guess = simulate::propose_landmarks(&case.anatomy.skin);
+                if plane.is_none() || midline_x_mm.is_none() || occlusal_z_mm.is_none() {
+                    proposed = Some(PROPOSED_PLANE.to_owned());
+                }
+                plan::le_fort_1(
+                    plane.unwrap_or(guess.le_fort_1_plane),
+                    midline_x_mm.unwrap_or(guess.midline_x_mm),
+                    occlusal_z_mm.unwrap_or(guess.occlusal_plane_z_mm),
+                    &fields.bone,
+                )
+            }
+        };
+        let mut osteotomy = self.bone_of(case, &planes, &control.part(0.5, 1.0))?.osteotomy.clone();
+        osteotomy.warnings.extend(proposed);
+        Ok(osteotomy)
+    }
+
+    fn follow(
+        &self,
+        case: &Case,
+        cuts: &[BoundedPlane],
+        plan: &Plan,
+        control: &Control,
+    ) -> Result<Vec<PathReport>, Halt> {
+        let bone = self.bone_of(case, cuts, &control.part(0.0, 0.5))?;
+        Ok(plan::follow(&bone.osteotomy, plan, &control.part(0.5, 1.0))?)
+    }
+
+    fn tissue(&self, case: &Case, request: &TissueRequest, control: &Control) -> Result<MeshReport, Halt> {
+        Ok(self.tissue_of(case, request, control)?.report.clone())
+    }
+
+    fn solve(&self, run: &Run, control: &Control, watch: &mut dyn RunWatch) -> Result<Outcome, Halt> {
+        // Shares as measured on a head: a rebuilt field and mesh cost about as much as a quarter of the path.
+        let shares = if self.tissues.get(&run.tissue.key).is_some() { [0.0, 0.02, 0.03] } else { [0.1, 0.15, 0.25] };
+        watch.stage("field");
+        self.fields_of(&run.case, &control.part(0.0, shares[0]))?;
+        watch.stage("cut");
+        let bone = self.bone_of(&run.case, &run.cuts, &control.part(shares[0], shares[1]))?;
+        watch.stage("mesh");
+        let tissue = self.tissue_of(&run.case, &run.tissue, &control.part(shares[1], shares[2]))?;
+        watch.stage("solve");
+        let control = control.part(shares[2], 1.0);
+        let mut on_frame = |frame| watch.frame(frame);
+        Ok(simulate::solve(&run.case.anatomy, &tissue, &bone, &run.plan, &run.settings, &control, &mut on_frame)?)
+    }
+
+    fn tissue_file(&self, run: &Run, nodes: &[Point], control: &Control) -> Result<Vec<u8>, Halt> {
+        let tissue = self.tissue_of(&run.case, &run.tissue, control)?;
+        tissue_file(&tissue.mesh, nodes)
+            .ok_or_else(|| Fault::new(FaultKind::Internal, "the deformed nodes are not those of the mesh").into())
+    }
+
+    fn regions(&self, case: &Case) -> (Vec<FaceRegion>, bool) {
+        evaluate::face_regions(&case.anatomy.skin, &case.anatomy.landmarks, case.midline_x_mm)
+    }
+
+    fn error_map(
+        &self,
+        prediction: &TriMesh,
+        reference: &TriMesh,
+        mask: Option<&[bool]>,
+        regions: &[FaceRegion],
+        control: &Control,
+    ) -> Result<ErrorMap, Halt> {
+        Ok(evaluate::error_map(prediction, reference, mask, regions, control)?)
+    }
+
+    fn register(
+        &self,
+        source: &TriMesh,
+        target: &TriMesh,
+        unaltered: Option<&[bool]>,
+        control: &Control,
+    ) -> Result<Motion, Halt> {
+        Ok(evaluate::register(source, target, unaltered, control)?)
+    }
+}

@@ -1,0 +1,58 @@
+use std::sync::Arc;
+
+use super::{Fields, SimulateError};
+use crate::control::Control;
+use crate::fem::ContactBody;
+use crate::field::{DistanceField, FieldSettings};
+use crate::geometry::{Aabb, Implicit};
+use crate::plan::{BoundedPlane, Osteotomy, cut};
+
+/// Bone in pieces, each with its own field in its rest frame.
+#[derive(Debug)]
+pub struct CutBone {
+    /// The pieces.
+    pub osteotomy: Osteotomy,
+    /// Field of each segment, in the order of the osteotomy's segments.
+    pub fields: Vec<Arc<DistanceField>>,
+}
+
+impl CutBone {
+    /// The segments as solids for ties and contact.
+    #[must_use]
+    pub fn bodies(&self) -> Vec<ContactBody<'_>> {
+        let segments = self.osteotomy.segments.iter();
+        segments.zip(&self.fields).map(|(s, f)| ContactBody { segment: s.id, solid: f.as_ref() }).collect()
+    }
+
+    /// Each segment's number and solid.
+    #[must_use]
+    pub fn solids(&self) -> Vec<(u32, &dyn Implicit)> {
+        self.bodies().into_iter().map(|b| (b.segment, b.solid)).collect()
+    }
+
+    /// Box around the segments that can move; `None` when there is only the skull.
+    #[must_use]
+    pub fn movable_bounds(&self) -> Option<Aabb> {
+        Aabb::of(self.osteotomy.segments.iter().filter(|s| s.id != 0).flat_map(|s| s.surface.positions()))
+    }
+}
+
+/// Cuts the bone and builds a field for each segment.
+///
+/// # Errors
+/// [`SimulateError::Plan`] when the cuts do not part the bone, [`SimulateError::Field`].
+pub fn cut_bone(
+    fields: &Fields,
+    cuts: &[BoundedPlane],
+    settings: &FieldSettings,
+    control: &Control,
+) -> Result<CutBone, SimulateError> {
+    let osteotomy = cut(&fields.bone, cuts, &control.part(0.0, 0.4))?;
+    let n = osteotomy.segments.len() as f64;
+    let mut built = Vec::with_capacity(osteotomy.segments.len());
+    for (i, segment) in osteotomy.segments.iter().enumerate() {
+        let part = control.part(0.4 + 0.6 * i as f64 / n, 0.4 + 0.6 * (i + 1) as f64 / n);
+        built.push(Arc::new(DistanceField::build(&segment.surface, settings, &part)?.0));
+    }
+    Ok(CutBone { osteotomy, fields: built })
+}

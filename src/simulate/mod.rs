@@ -1,0 +1,17 @@
+//! From a patient's surfaces and a plan to steps of deformed skin.
+//!
+//! Invariants: calls the rooms above, knows no HTTP and no storage; all results are functions of the inputs and settings.
+
+mod bone;
+mod error;
+mod fields;
+mod landmarks;
+mod run;
+mod tissue;
+
+pub use bone::{CutBone, cut_bone};
+pub use error::SimulateError;
+pub use fields::{Anatomy, Fields, FieldsSettings, build_fields};
+pub use landmarks::propose_landmarks;
+pub use run::{Frame, Outcome, RegionMotion, RunSettings, solve};
+pub use tissue::{AttachmentRules, TissueModel, TissueSettings, build_tissue};

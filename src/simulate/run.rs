@@ -1,0 +1,161 @@
+use super::tissue::attach;
+use super::{Anatomy, AttachmentRules, CutBone, SimulateError, TissueModel};
+use crate::control::Control;
+use crate::evaluate::{FaceRegion, face_regions};
+use crate::fem::{Model, Preset, SkinElement, SolveSettings, Solver, StepReport};
+use crate::geometry::{Point, TriMesh, Vector};
+use crate::plan::{Plan, PlanError};
+
+/// Settings of [`solve`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct RunSettings {
+    /// Mechanical model.
+    pub model: Model,
+    /// Element of the skin layer under [`Model::Mixed`].
+    pub skin_element: SkinElement,
+    /// Streamed steps along the path.
+    pub steps: usize,
+    /// Materials.
+    pub preset: Preset,
+    /// Attachment; [`AttachmentRules::standard`] when `None`.
+    pub attachment: Option<AttachmentRules>,
+}
+
+/// One streamed step.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Frame {
+    /// Step number, 1 to n.
+    pub k: usize,
+    /// Path parameter, 0 to 1.
+    pub t: f64,
+    /// The user's skin, deformed: positions in the order of the anatomy's skin, LPS mm.
+    pub skin: TriMesh,
+    /// Length of each vertex' displacement, mm.
+    pub displacement_mm: Vec<f32>,
+    /// What the solver needed.
+    pub report: StepReport,
+}
+
+/// Movement of a part of the face at the end of the path.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RegionMotion {
+    /// Name of the region.
+    pub name: &'static str,
+    /// Mean movement forward (towards -y), mm.
+    pub forward_mm: f64,
+    /// Mean movement down (towards -z), mm.
+    pub down_mm: f64,
+    /// Mean movement to the patient's left (+x), mm.
+    pub left_mm: f64,
+}
+
+/// A finished path.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Outcome {
+    /// Reports of all steps.
+    pub steps: Vec<StepReport>,
+    /// Mean movement of each region of the face.
+    pub regions: Vec<RegionMotion>,
+    /// The regions used.
+    pub face: Vec<FaceRegion>,
+    /// Deformed mesh nodes, LPS mm.
+    pub nodes: Vec<Point>,
+    /// What a caller should know.
+    pub warnings: Vec<String>,
+}
+
+/// Moves the bone along the plan and hands out each step as soon as it is solved.
+///
+/// # Errors
+/// [`SimulateError`]; frames that were handed out before stay valid.
+pub fn solve(
+    anatomy: &Anatomy,
+    tissue: &TissueModel,
+    bone: &CutBone,
+    plan: &Plan,
+    settings: &RunSettings,
+    control: &Control,
+    on_frame: &mut dyn FnMut(Frame),
+) -> Result<Outcome, SimulateError> {
+    let moving = moving_segments(bone, plan)?;
+    if settings.steps == 0 {
+        let detail = "found 0, allowed is 1 or more".to_owned();
+        return Err(PlanError::Value { what: "steps".to_owned(), detail }.into());
+    }
+    let rules = settings.attachment.clone().unwrap_or_else(|| AttachmentRules::standard(bone, &moving));
+    let mut mesh = tissue.mesh.clone();
+    let mut warnings = attach(&mut mesh, bone, &moving, &rules);
+    let solver_settings = SolveSettings {
+        skin_element: settings.skin_element,
+        ..SolveSettings::new(settings.model, settings.preset.materials())
+    };
+    let mut solver = Solver::new(&mesh, bone.bodies(), solver_settings, control)?;
+    let mut steps = Vec::with_capacity(settings.steps);
+    let mut last = vec![Vector::zeros(); anatomy.skin.positions().len()];
+    for k in 1..=settings.steps {
+        let share = |k: usize| k as f64 / settings.steps as f64;
+        let report = solver.advance(share(k), &|t| plan.motions(t), &control.part(share(k - 1), share(k)))?;
+        last = skin_displacements(tissue, &solver);
+        steps.push(report.clone());
+        on_frame(frame(anatomy, &last, k, share(k), report)?);
+    }
+    let (face, from_landmarks) = face_regions(&anatomy.skin, &anatomy.landmarks, None);
+    if !from_landmarks {
+        warnings.push("no landmarks: the regions of the face come from the proportions of the skin's box".to_owned());
+    }
+    let regions = face.iter().filter_map(|region| region_motion(&anatomy.skin, &last, region)).collect();
+    control.report(1.0);
+    Ok(Outcome { steps, regions, face, nodes: solver.positions(), warnings })
+}
+
+fn moving_segments(bone: &CutBone, plan: &Plan) -> Result<Vec<u32>, PlanError> {
+    let moving: Vec<u32> = plan.paths.iter().map(crate::plan::Path::segment).collect();
+    let known = |id: u32| id != 0 && bone.osteotomy.segments.iter().any(|s| s.id == id);
+    match moving.iter().position(|&id| !known(id)) {
+        Some(index) => Err(PlanError::Value {
+            what: format!("paths[{index}].segment"),
+            detail: format!("segment {} does not exist or is the skull that stays", moving[index]),
+        }),
+        None => Ok(moving),
+    }
+}
+
+fn skin_displacements(tissue: &TissueModel, solver: &Solver<'_>) -> Vec<Vector> {
+    let anchors = tissue.embedding.anchors.iter();
+    anchors.map(|a| a.map_or_else(Vector::zeros, |(prism, l)| solver.outer_displacement(prism, l))).collect()
+}
+
+fn frame(
+    anatomy: &Anatomy,
+    displacements: &[Vector],
+    k: usize,
+    t: f64,
+    report: StepReport,
+) -> Result<Frame, SimulateError> {
+    let moved = anatomy.skin.positions().iter().zip(displacements).map(|(p, u)| p + u).collect();
+    let skin = anatomy
+        .skin
+        .with_positions(moved)
+        .map_err(|e| SimulateError::Anatomy { detail: format!("the deformed skin is not usable: {e}") })?;
+    let displacement_mm = displacements.iter().map(|u| u.norm() as f32).collect();
+    Ok(Frame { k, t, skin, displacement_mm, report })
+}
+
+/// Area-weighted mean movement of the skin in `region`; `None` when it holds no vertex.
+fn region_motion(skin: &TriMesh, displacements: &[Vector], region: &FaceRegion) -> Option<RegionMotion> {
+    let mut weight = 0.0;
+    let mut sum = Vector::zeros();
+    for (triangle, corners) in skin.triangles().iter().enumerate() {
+        let third = skin.scaled_normal(triangle).norm() / 6.0;
+        for &v in corners {
+            if region.bounds.contains(&skin.positions()[v as usize]) {
+                weight += third;
+                sum += displacements[v as usize] * third;
+            }
+        }
+    }
+    (weight > 0.0).then(|| {
+        let mean = sum / weight;
+        RegionMotion { name: region.name, forward_mm: -mean.y, down_mm: -mean.z, left_mm: mean.x }
+    })
+}

@@ -1,0 +1,63 @@
+/// Why the store could not do what it was asked.
+#[derive(Debug, thiserror::Error)]
+pub enum StoreError {
+    /// SQLite.
+    #[error("the database failed")]
+    Database(#[from] sqlx::Error),
+    /// A file of results or inputs.
+    #[error("the blob store failed")]
+    Blob(#[from] object_store::Error),
+    /// The data directory.
+    #[error("the data directory failed")]
+    Io(#[from] std::io::Error),
+    /// A stored document is not what was written.
+    #[error("a stored record cannot be read: {detail}")]
+    Record {
+        /// Which, and why.
+        detail: String,
+    },
+    /// Written by a later version.
+    #[error("the data directory has format {found}, this version reads up to {known}")]
+    Newer {
+        /// Version found.
+        found: i64,
+        /// Newest version that is known.
+        known: i64,
+    },
+    /// Another process has it.
+    #[error("the data directory is in use by another process")]
+    InUse,
+    /// The session that the row belongs to was deleted meanwhile.
+    #[error("the session was deleted meanwhile")]
+    SessionGone,
+    /// An idempotency key was taken meanwhile.
+    #[error("the idempotency key was used meanwhile")]
+    KeyTaken,
+    /// The upload is longer than allowed.
+    #[error("more than {allowed} bytes")]
+    TooLarge {
+        /// Bytes allowed.
+        allowed: u64,
+    },
+}
+
+impl StoreError {
+    pub(super) fn record(detail: impl Into<String>) -> Self {
+        Self::Record { detail: detail.into() }
+    }
+
+    /// Whether the disk is full.
+    #[must_use]
+    pub fn is_disk_full(&self) -> bool {
+        let mut source: Option<&(dyn std::error::Error + 'static)> = Some(self);
+        while let Some(error) = source {
+            if let Some(io) = error.downcast_ref::<std::io::Error>()
+                && io.kind() == std::io::ErrorKind::StorageFull
+            {
+                return true;
+            }
+            source = error.source();
+        }
+        false
+    }
+}

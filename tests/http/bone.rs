@@ -1,0 +1,172 @@
+use axum::http::StatusCode;
+use serde_json::{Value, json};
+
+use crate::app::{Answer, TestApp};
+
+fn pointers(answer: &Answer) -> Vec<String> {
+    let problem = answer.problem(422, "invalid-request");
+    problem["errors"].as_array().unwrap().iter().map(|e| e["pointer"].as_str().unwrap().to_owned()).collect()
+}
+
+fn plane(z: f64) -> Value {
+    json!({"cuts": [{"plane": {"point_mm": [0, 0, z], "normal": [0, 0, 1]}}]})
+}
+
+#[tokio::test]
+async fn a_cut_gives_segments_with_surfaces() {
+    let app = TestApp::new().await;
+    let session = app.session_with_field().await;
+    let answer = app.post(&format!("{session}/osteotomies"), plane(0.0)).await;
+    assert_eq!(answer.status, StatusCode::CREATED);
+    let path = answer.header("location").to_owned();
+    let made = answer.json();
+    assert_eq!(made["segments"].as_array().unwrap().len(), 2);
+    assert!((made["segments"][1]["volume_mm3"].as_f64().unwrap() - 64000.0).abs() < 1e-6);
+    assert_eq!(app.get(&path).await.ok(), made);
+    assert_eq!(app.get(&format!("{session}/osteotomies")).await.ok()["osteotomies"], json!([made]));
+    let surface = app.get(&format!("{path}/segments/1?format=stl")).await;
+    assert_eq!((surface.status, surface.body.len()), (StatusCode::OK, 84 + 50 * 12));
+    app.get(&format!("{path}/segments/7")).await.problem(404, "not-found");
+    assert_eq!(app.delete(&path).await.status, StatusCode::NO_CONTENT);
+    app.get(&path).await.problem(410, "gone");
+}
+
+#[tokio::test]
+async fn a_template_takes_the_sessions_landmarks() {
+    let app = TestApp::new().await;
+    let session = app.session_with_field().await;
+    let path = format!("{session}/osteotomies");
+    let template = json!({"template": {"name": "le_fort_1"}});
+    let far = json!({"template": {"name": "le_fort_1", "midline_x_mm": 1e6}});
+    assert_eq!(pointers(&app.post(&path, far).await), ["/template/midline_x_mm"]);
+    let landmarks = json!({"midline_x_mm": 6, "occlusal_plane_z_mm": 17,
+        "le_fort_1_plane": {"point_mm": [6, -60, 38], "normal": [0, 0, 1]}});
+    app.put_json(&format!("{session}/landmarks"), landmarks).await.ok();
+    let made = app.post(&path, template).await.ok();
+    assert_eq!((&made["template"], &made["cuts"][0]["point_mm"]), (&json!("le_fort_1"), &json!([6.0, -60.0, 38.0])));
+}
+
+#[tokio::test]
+async fn cuts_that_cannot_be_are_refused() {
+    let app = TestApp::new().await;
+    let path = format!("{}/osteotomies", app.session_with_surfaces().await);
+    let problem = app.post(&path, plane(0.0)).await.problem(409, "missing-input");
+    assert_eq!(problem["missing"], json!(["field"]));
+
+    let path = format!("{}/osteotomies", app.session_with_field().await);
+    let problem = app.post(&path, plane(500.0)).await.problem(422, "cut-misses-bone");
+    assert_eq!((&problem["cut"], &problem["distance_mm"]), (&json!(0), &json!(440.0)));
+    assert_eq!(problem["errors"][0]["pointer"], "/cuts/0");
+    assert_eq!(pointers(&app.post(&path, json!({})).await), [""]);
+    assert_eq!(pointers(&app.post(&path, json!({"cuts": []})).await), ["/cuts"]);
+    let slanted = json!({"cuts": [{"plane": {"point_mm": [0, 0, 1e7], "normal": [0, 0, 0],
+        "bounds": {"direction": [0, 0, 1], "half_length_mm": -1, "half_width_mm": 10}}}]});
+    assert_eq!(
+        pointers(&app.post(&path, slanted).await),
+        [
+            "/cuts/0/plane/normal",
+            "/cuts/0/plane/bounds/direction",
+            "/cuts/0/plane/bounds/half_length_mm",
+            "/cuts/0/plane/point_mm/2"
+        ]
+    );
+    app.post(&path, json!({"template": {"name": "bsso_left"}})).await.problem(422, "not-available");
+    app.post(&path, json!({"cuts": [{"polyline": {"points": []}}]})).await.problem(422, "not-available");
+    assert_eq!(pointers(&app.post(&path, json!({"cut": []})).await), ["/cut"]);
+}
+
+async fn osteotomy(app: &TestApp) -> (String, Value) {
+    let session = app.session_with_field().await;
+    let id = app.post(&format!("{session}/osteotomies"), plane(0.0)).await.ok()["id"].clone();
+    (format!("{session}/plans"), id)
+}
+
+#[tokio::test]
+async fn a_plan_keeps_its_motions_and_says_what_they_meet() {
+    let app = TestApp::new().await;
+    let (path, osteotomy) = osteotomy(&app).await;
+    let quarter = 0.5f64.sqrt();
+    let rotations = [
+        json!({"quaternion_xyzw": [0, 0, quarter, quarter], "pivot_mm": [10, 0, 0]}),
+        json!({"axis_angle": {"axis": [0, 0, 3], "angle_deg": 90}, "pivot_mm": [10, 0, 0]}),
+        json!({"pitch_roll_yaw": {"yaw_deg": 90}, "pivot_mm": [10, 0, 0]}),
+    ];
+    for rotation in rotations {
+        let waypoints = json!([{"t": 0.5, "translation_mm": [0, -3, 0]}, {"t": 1, "rotation": rotation}]);
+        let body = json!({"osteotomy": osteotomy, "paths": [{"segment": 1, "waypoints": waypoints}]});
+        let made = app.post(&path, body).await.ok();
+        let last = made["paths"][0]["waypoints"].as_array().unwrap().last().unwrap().clone();
+        // A quarter turn about z through (10, 0, 0) brings the origin to (10, -10, 0).
+        for (found, expected) in last["translation_mm"].as_array().unwrap().iter().zip([10.0, -10.0, 0.0]) {
+            assert!((found.as_f64().unwrap() - expected).abs() < 1e-12, "{last}");
+        }
+        assert_eq!(made["reports"][0]["segment"], 1);
+        let own = format!("{path}/{}", made["id"].as_str().unwrap());
+        assert_eq!(app.get(&own).await.ok(), made);
+        assert_eq!(app.delete(&own).await.status, StatusCode::NO_CONTENT);
+        app.get(&own).await.problem(410, "gone");
+    }
+    assert_eq!(app.get(&path).await.ok()["plans"], json!([]));
+}
+
+#[tokio::test]
+async fn a_hinge_turns_about_its_axis() {
+    let app = TestApp::new().await;
+    let (path, osteotomy) = osteotomy(&app).await;
+    let hinge = json!({"point_mm": [0, 10, 0], "axis": [1, 0, 0], "angle_deg": 10});
+    let waypoints = json!([{"t": 1, "hinge": hinge}]);
+    let body = json!({"osteotomy": osteotomy, "paths": [{"segment": 1, "waypoints": waypoints}]});
+    let made = app.post(&path, body).await.ok();
+    let moved = made["paths"][0]["waypoints"][1]["translation_mm"][2].as_f64().unwrap();
+    assert!((moved + 10.0 * 10f64.to_radians().sin()).abs() < 1e-12);
+}
+
+#[tokio::test]
+async fn every_fault_of_a_path_is_named() {
+    let app = TestApp::new().await;
+    let (path, osteotomy) = osteotomy(&app).await;
+    let body = json!({"osteotomy": osteotomy, "paths": [
+        {"segment": 1, "waypoints": [
+            {"t": 0.6, "translation_mm": [0, -3, 0]},
+            {"t": 0.4, "translation_mm": [0, -4, 0]},
+            {"t": 0.9, "translation_mm": [0, 1e6, 0]},
+        ]},
+        {"segment": 0, "waypoints": [{"t": 1}]},
+        {"segment": 9, "waypoints": []},
+        {"segment": 1, "waypoints": [{"t": 1, "rotation": {}}]},
+    ]});
+    assert_eq!(
+        pointers(&app.post(&path, body).await),
+        [
+            "/paths/0/waypoints/1/t",
+            "/paths/0/waypoints/2/translation_mm/1",
+            "/paths/0/waypoints/2/t",
+            "/paths/1/segment",
+            "/paths/1/waypoints/0",
+            "/paths/2/segment",
+            "/paths/2/waypoints",
+            "/paths/3/segment",
+            "/paths/3/waypoints/0/rotation",
+        ]
+    );
+    let at_start = json!([{"t": 0, "translation_mm": [0, 1, 0]}, {"t": 1, "translation_mm": [0, 2, 0]}]);
+    let body = json!({"osteotomy": osteotomy, "paths": [{"segment": 1, "waypoints": at_start}]});
+    let problem = app.post(&path, body).await.problem(422, "plan-not-usable");
+    assert_eq!(problem["errors"][0]["pointer"], "/paths/0/waypoints/0");
+    let unknown = json!({"osteotomy": "00000000-0000-0000-0000-000000000000", "paths": []});
+    assert_eq!(pointers(&app.post(&path, unknown).await), ["/osteotomy"]);
+}
+
+#[tokio::test]
+async fn bone_cut_from_settings_that_changed_is_stale() {
+    let app = TestApp::new().await;
+    let (plans, osteotomy) = osteotomy(&app).await;
+    let session = plans.trim_end_matches("/plans");
+    app.put_json(&format!("{session}/field/settings"), json!({"spacing_mm": 2})).await.ok();
+    let waypoints = json!([{"t": 1, "translation_mm": [0, -1, 0]}]);
+    let body = json!({"osteotomy": osteotomy, "paths": [{"segment": 1, "waypoints": waypoints}]});
+    let problem = app.post(&plans, body).await.problem(409, "stale");
+    assert_eq!(problem["stale"], "osteotomy");
+    let path = format!("{session}/osteotomies/{}", osteotomy.as_str().unwrap());
+    assert_eq!(app.get(&path).await.ok()["stale"], true);
+}

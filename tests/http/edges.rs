@@ -1,0 +1,108 @@
+//! Requests that fit nowhere.
+
+use axum::body::Body;
+use axum::http::{Method, StatusCode};
+use serde_json::{Value, json};
+
+use crate::app::TestApp;
+
+#[tokio::test]
+async fn whatever_goes_wrong_is_a_problem() {
+    let app = TestApp::new().await;
+    app.get("/nowhere").await.problem(404, "not-found");
+    app.get("/docs/nothing.js").await.problem(404, "not-found");
+    app.get("/v1/sessions/x").await.problem(404, "not-found");
+    app.get("/v1/sessions?limit=many").await.problem(400, "malformed-request");
+    app.get("/v1/sessions?colour=red").await.problem(400, "malformed-request");
+    let wrong = app.call(Method::PATCH, "/v1/sessions", &[], Body::empty()).await;
+    wrong.problem(405, "method-not-allowed");
+    assert!(wrong.header("allow").contains("POST"));
+    let json_type = [("content-type", "application/json")];
+    app.call(Method::POST, "/v1/sessions", &json_type, "{").await.problem(400, "malformed-request");
+    app.call(Method::POST, "/v1/sessions", &json_type, r#"{"label": 1e999}"#).await.problem(400, "malformed-request");
+    app.call(Method::POST, "/v1/sessions", &[("content-type", "text/plain")], "{}")
+        .await
+        .problem(415, "unsupported-format");
+    app.call(Method::POST, "/v1/sessions", &json_type, "[]").await.problem(422, "invalid-request");
+    let unknown = app.post("/v1/sessions", json!({"name": "Jane Doe"})).await.problem(422, "invalid-request");
+    assert_eq!(unknown["errors"][0]["pointer"], "/name");
+    let long = app.post("/v1/sessions", json!({"label": "x".repeat(201)})).await.problem(422, "invalid-request");
+    assert_eq!(long["errors"][0]["pointer"], "/label");
+    let huge = json!({"label": "x".repeat(9 << 20)});
+    app.post("/v1/sessions", huge).await.problem(413, "too-large");
+}
+
+#[tokio::test]
+async fn only_requests_for_this_host_are_served() {
+    let app = TestApp::with(|config| config.allowed_hosts = vec!["plan.example".to_owned()]).await;
+    for (host, status) in [("127.0.0.1:8080", 200), ("localhost", 200), ("plan.example", 200), ("evil.example", 421)] {
+        let answer = app.call(Method::GET, "/v1/sessions", &[("host", host)], Body::empty()).await;
+        assert_eq!(answer.status.as_u16(), status, "{host}");
+    }
+    let refused = app.call(Method::GET, "/", &[("host", "evil.example")], Body::empty()).await;
+    refused.problem(421, "foreign-host");
+}
+
+#[tokio::test]
+async fn a_request_keeps_a_harmless_id_of_the_client() {
+    let app = TestApp::new().await;
+    let given = app.call(Method::GET, "/nowhere", &[("x-request-id", "abc-1")], Body::empty()).await;
+    assert_eq!(given.problem(404, "not-found")["request_id"], "abc-1");
+    let harmful = app.call(Method::GET, "/livez", &[("x-request-id", "a b\"c")], Body::empty()).await;
+    assert_ne!(harmful.header("x-request-id"), "a b\"c");
+}
+
+/// Every path of the description is routed with every method it names: none answers that there is no such path.
+#[tokio::test]
+async fn the_description_and_the_router_agree() {
+    let app = TestApp::new().await;
+    let description: Value = serde_json::from_str(include_str!("../../api/openapi.json")).unwrap();
+    let nil = "00000000-0000-0000-0000-000000000000";
+    for (path, item) in description["paths"].as_object().unwrap() {
+        let mut filled = path.replace("{k}", "1").replace("{segment}", "1");
+        while let Some((before, rest)) = filled.split_once('{') {
+            filled = format!("{before}{nil}{}", rest.split_once('}').unwrap().1);
+        }
+        for method in item.as_object().unwrap().keys() {
+            let method: Method = method.to_uppercase().parse().unwrap();
+            let answer = app.call(method.clone(), &filled, &[], Body::empty()).await;
+            assert_ne!(answer.status, StatusCode::METHOD_NOT_ALLOWED, "{method} {path}");
+            let body = String::from_utf8_lossy(&answer.body).into_owned();
+            assert!(!body.contains("nothing at this path"), "{method} {path}");
+        }
+    }
+}
+
+/// Every body in `api/examples` is one that the service understands.
+#[tokio::test]
+async fn the_examples_are_understood() {
+    let app = TestApp::new().await;
+    let directory = concat!(env!("CARGO_MANIFEST_DIR"), "/api/examples");
+    let mut tried = 0;
+    for entry in std::fs::read_dir(directory).unwrap() {
+        let path = entry.unwrap().path();
+        if path.extension().is_none_or(|e| e != "json") {
+            continue;
+        }
+        let example: Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+        let (session, plan) = app.session_with_plan().await;
+        let osteotomy = app.get(&session).await.ok()["osteotomies"][0].clone();
+        let fill = |text: &str| {
+            text.replace("{session}", session.rsplit('/').next().unwrap())
+                .replace("{plan}", &plan)
+                .replace("{osteotomy}", osteotomy.as_str().unwrap())
+        };
+        let method: Method = example["method"].as_str().unwrap().parse().unwrap();
+        let target = fill(example["path"].as_str().unwrap());
+        let body = fill(&example["body"].to_string());
+        let answer = app.call(method, &target, &[("content-type", "application/json")], body).await;
+        assert_eq!(
+            answer.status.as_u16(),
+            example["status"].as_u64().unwrap() as u16,
+            "{}: {answer:?}",
+            path.display()
+        );
+        tried += 1;
+    }
+    assert!(tried >= 6);
+}

@@ -1,0 +1,86 @@
+use axum::body::Body;
+use axum::http::{Method, StatusCode};
+use serde_json::{Value, json};
+
+use crate::app::TestApp;
+
+/// Events of a finished job as lines.
+async fn lines(app: &TestApp, job: &str, last: Option<&str>) -> Vec<Value> {
+    let mut headers = vec![("accept", "application/x-ndjson")];
+    headers.extend(last.map(|last| ("last-event-id", last)));
+    let answer = app.call(Method::GET, &format!("{job}/events"), &headers, Body::empty()).await;
+    assert_eq!((answer.status, answer.header("content-type")), (StatusCode::OK, "application/x-ndjson"));
+    let text = String::from_utf8(answer.body.to_vec()).unwrap();
+    text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+}
+
+#[tokio::test]
+async fn events_count_up_and_tell_the_whole_story() {
+    let app = TestApp::new().await;
+    let (session, plan) = app.session_with_plan().await;
+    let job = app.solve(&session, &plan, json!({"steps": 3})).await;
+    let events = lines(&app, &job, None).await;
+    let ids: Vec<u64> = events.iter().map(|e| e["id"].as_u64().unwrap()).collect();
+    assert_eq!(ids, (1..=events.len() as u64).collect::<Vec<_>>());
+    let names: Vec<&str> = events.iter().map(|e| e["event"].as_str().unwrap()).filter(|e| *e != "progress").collect();
+    assert_eq!(names, ["status", "status", "step", "step", "step", "warning", "end"]);
+    assert_eq!(events[events.len() - 2]["data"], json!({"text": "a stand-in"}));
+    let step = &events.iter().find(|e| e["event"] == "step").unwrap()["data"];
+    assert_eq!((&step["k"], &step["steps"], &step["converged"]), (&json!(1), &json!(3), &json!(true)));
+    assert_eq!(step["links"]["skin"], format!("{job}/steps/1/skin"));
+    let end = &events.last().unwrap()["data"];
+    assert_eq!((&end["state"], &end["links"]["report"]), (&json!("succeeded"), &json!(format!("{job}/report"))));
+}
+
+#[tokio::test]
+async fn last_event_id_replays_from_there_and_nothing_is_left_after_the_end() {
+    let app = TestApp::new().await;
+    let (session, plan) = app.session_with_plan().await;
+    let job = app.solve(&session, &plan, json!({})).await;
+    let all = lines(&app, &job, None).await;
+    assert_eq!(lines(&app, &job, Some("3")).await, all[3..]);
+    let last = all.len().to_string();
+    let headers = [("last-event-id", last.as_str())];
+    let answer = app.call(Method::GET, &format!("{job}/events"), &headers, Body::empty()).await;
+    assert_eq!(answer.status, StatusCode::NO_CONTENT);
+    let faulty = app.call(Method::GET, &format!("{job}/events"), &[("last-event-id", "x")], Body::empty()).await;
+    faulty.problem(400, "malformed-request");
+}
+
+#[tokio::test]
+async fn the_same_events_come_as_a_stream() {
+    let app = TestApp::new().await;
+    let (session, plan) = app.session_with_plan().await;
+    app.stand_in.hold_after(1);
+    let job = app.solve(&session, &plan, json!({})).await;
+    app.until_step(&job, 1).await;
+    // The stream is opened while the job runs, and ends with it.
+    let path = format!("{job}/events");
+    let release = async {
+        tokio::time::sleep(std::time::Duration::from_millis(30)).await;
+        app.stand_in.release();
+    };
+    let (answer, ()) = tokio::join!(app.get(&path), release);
+    assert_eq!(answer.header("content-type"), "text/event-stream");
+    let text = String::from_utf8(answer.body.to_vec()).unwrap();
+    let blocks: Vec<&str> = text.split("\n\n").filter(|b| b.contains("event: ")).collect();
+    let expected = lines(&app, &job, None).await;
+    assert_eq!(blocks.len(), expected.len());
+    for (block, event) in blocks.iter().zip(expected) {
+        assert!(block.contains(&format!("id: {}\n", event["id"])), "{block}");
+        assert!(block.contains(&format!("event: {}\n", event["event"].as_str().unwrap())), "{block}");
+        let data = block.lines().find_map(|l| l.strip_prefix("data: ")).unwrap();
+        assert_eq!(serde_json::from_str::<Value>(data).unwrap(), event["data"]);
+    }
+}
+
+#[tokio::test]
+async fn a_failed_end_carries_the_problem() {
+    let app = TestApp::new().await;
+    let (session, plan) = app.session_with_plan().await;
+    app.stand_in.fails_after.store(1, std::sync::atomic::Ordering::SeqCst);
+    let job = app.solve(&session, &plan, json!({})).await;
+    let end = lines(&app, &job, None).await.pop().unwrap();
+    assert_eq!(end["data"]["problem"]["type"], "/problems/solver-not-converged");
+    assert_eq!(end["data"]["state"], "failed");
+}

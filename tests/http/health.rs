@@ -1,0 +1,51 @@
+use std::time::{Duration, Instant};
+
+use axum::http::StatusCode;
+use serde_json::json;
+
+use crate::app::TestApp;
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn health_answers_fast_while_a_solve_runs() {
+    let app = TestApp::new().await;
+    let (session, plan) = app.session_with_plan().await;
+    app.stand_in.hold_after(1);
+    let job = app.solve(&session, &plan, json!({})).await;
+    app.until_step(&job, 1).await;
+    for path in ["/livez", "/readyz", "/metrics", &job] {
+        let asked = Instant::now();
+        assert_eq!(app.get(path).await.status, StatusCode::OK);
+        assert!(asked.elapsed() < Duration::from_millis(500), "{path} took {:?}", asked.elapsed());
+    }
+    app.stand_in.release();
+    app.get(&format!("{job}?wait_s=10")).await.ok();
+}
+
+#[tokio::test]
+async fn a_service_that_stops_is_not_ready_and_takes_no_jobs() {
+    let app = TestApp::new().await;
+    let session = app.session_with_surfaces().await;
+    app.state.service.shut_down(Duration::from_secs(5)).await;
+    app.get("/readyz").await.problem(503, "shutting-down");
+    app.post(&format!("{session}/field"), json!({})).await.problem(503, "shutting-down");
+    assert_eq!(app.get("/livez").await.status, StatusCode::OK);
+}
+
+#[tokio::test]
+async fn metrics_docs_and_description_are_there() {
+    let app = TestApp::new().await;
+    app.get("/livez").await;
+    let metrics = String::from_utf8(app.get("/metrics").await.body.to_vec()).unwrap();
+    assert!(metrics.contains("prosopon_http_requests_total") && metrics.contains("prosopon_jobs_waiting"));
+    let description = app.get("/openapi.json").await.ok();
+    assert_eq!(description["openapi"], "3.1.0");
+    let checked_in: serde_json::Value = serde_json::from_str(include_str!("../../api/openapi.json")).unwrap();
+    assert_eq!(description, checked_in);
+    let docs = app.get("/docs/").await;
+    let page = String::from_utf8(docs.body.to_vec()).unwrap();
+    assert!(docs.status.is_success() && page.contains("swagger-ui"));
+    assert!(!page.contains("https://"), "works offline");
+    let page = app.get("/").await;
+    assert!(page.header("content-type").starts_with("text/html"));
+    assert!(String::from_utf8(page.body.to_vec()).unwrap().contains("/docs/"));
+}

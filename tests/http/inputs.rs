@@ -1,0 +1,168 @@
+use axum::body::{Body, Bytes};
+use axum::http::{Method, StatusCode};
+use futures::stream;
+use serde_json::json;
+
+use crate::app::TestApp;
+use crate::shapes::{cube, nifti, ply_with, skin, skull, stl};
+
+fn files_below(path: &std::path::Path) -> usize {
+    let below = |p: std::path::PathBuf| if p.is_dir() { files_below(&p) } else { 1 };
+    std::fs::read_dir(path).map(|d| d.map(|e| below(e.unwrap().path())).sum()).unwrap_or(0)
+}
+
+#[tokio::test]
+async fn an_uploaded_surface_is_measured_and_comes_back_in_every_format() {
+    let app = TestApp::new().await;
+    let session = app.session().await;
+    let path = format!("{session}/skin");
+    app.get(&path).await.problem(404, "not-found");
+    let report = app.upload(&path, skin()).await.ok();
+    assert_eq!((&report["triangles"], &report["vertices"]), (&json!(12), &json!(8)));
+    assert_eq!((&report["closed"], &report["open_edges"]), (&json!(true), &json!(0)));
+    assert!((report["volume_mm3"].as_f64().unwrap() - 8e6).abs() < 1e-3);
+    assert_eq!(app.get(&format!("{path}?format=json")).await.ok(), report);
+    for (format, media_type, magic) in [
+        ("glb", "model/gltf-binary", b"glTF".as_slice()),
+        ("ply", "application/ply", b"ply\n".as_slice()),
+        ("stl", "model/stl", b"".as_slice()),
+    ] {
+        let answer = app.get(&format!("{path}?format={format}")).await;
+        assert_eq!((answer.status, answer.header("content-type")), (StatusCode::OK, media_type));
+        assert!(answer.body.starts_with(magic));
+        let accepted = app.call(Method::GET, &path, &[("accept", media_type)], Body::empty()).await;
+        assert_eq!(accepted.body, answer.body);
+        let known = [("if-none-match", answer.header("etag"))];
+        let again = app.call(Method::GET, &format!("{path}?format={format}"), &known, Body::empty()).await;
+        assert_eq!((again.status, again.body.len()), (StatusCode::NOT_MODIFIED, 0));
+    }
+    let refused = app.call(Method::GET, &path, &[("accept", "text/html")], Body::empty()).await;
+    refused.problem(406, "not-acceptable");
+    app.get(&format!("{path}?format=xyz")).await.problem(400, "malformed-request");
+}
+
+#[tokio::test]
+async fn faulty_surfaces_are_refused_with_what_and_where_and_leave_nothing() {
+    let app = TestApp::new().await;
+    let session = app.session().await;
+    let path = format!("{session}/skin");
+    let whole = skin();
+    let check = async |bytes: Vec<u8>, status: u16, kind: &str, words: &str| {
+        let problem = app.upload(&path, bytes).await.problem(status, kind);
+        assert!(problem["detail"].as_str().unwrap().contains(words), "{problem}");
+    };
+    check(Vec::new(), 422, "surface-not-usable", "empty").await;
+    check(whole[..whole.len() - 30].to_vec(), 422, "surface-not-usable", "12").await;
+    check(ply_with(&cube([0.0; 3], 100.0), "nan"), 422, "surface-not-usable", "vertex 0").await;
+    check(b"<html>not a surface</html>".to_vec(), 415, "unsupported-format", "STL").await;
+    check(vec![0xff; 5000], 415, "unsupported-format", "STL").await;
+    assert_eq!(files_below(&app.directory().join("blobs")), 0);
+    // The service goes on.
+    app.upload(&path, whole).await.ok();
+    assert_eq!(files_below(&app.directory().join("blobs")), 1);
+    app.upload(&path, skull()).await.ok();
+    assert_eq!(files_below(&app.directory().join("blobs")), 1, "the surface before is replaced");
+}
+
+#[tokio::test]
+async fn an_upload_that_announces_too_much_is_refused_at_once() {
+    let app = TestApp::new().await;
+    let session = app.session().await;
+    for (part, allowed) in [("ct", 2u64 << 30), ("skin", 512 << 20)] {
+        // Three announced gigabytes, of which nothing is ever sent.
+        let never = Body::from_stream(stream::pending::<Result<Bytes, std::io::Error>>());
+        let headers = [("content-length", "3221225472")];
+        let answer = app.call(Method::PUT, &format!("{session}/{part}"), &headers, never).await;
+        let problem = answer.problem(413, "too-large");
+        assert_eq!(problem["allowed_bytes"], allowed);
+    }
+    assert_eq!(files_below(&app.directory().join("blobs")), 0);
+}
+
+#[tokio::test]
+async fn an_upload_without_length_is_stopped_at_the_limit() {
+    let app = TestApp::with(|config| config.limits.max_surface_bytes = 1 << 20).await;
+    let session = app.session().await;
+    let endless = stream::repeat_with(|| Ok::<_, std::io::Error>(Bytes::from(vec![0u8; 1 << 16])));
+    let answer = app.call(Method::PUT, &format!("{session}/skin"), &[], Body::from_stream(endless)).await;
+    answer.problem(413, "too-large");
+    assert_eq!(files_below(&app.directory().join("blobs")), 0);
+}
+
+#[tokio::test]
+async fn an_upload_that_breaks_off_leaves_nothing() {
+    let app = TestApp::new().await;
+    let session = app.session().await;
+    let pieces = vec![Ok(Bytes::from_static(b"solid")), Err(std::io::Error::other("gone"))];
+    let answer = app.call(Method::PUT, &format!("{session}/skin"), &[], Body::from_stream(stream::iter(pieces))).await;
+    answer.problem(400, "malformed-request");
+    assert_eq!(files_below(&app.directory().join("blobs")), 0);
+}
+
+#[tokio::test]
+async fn a_ct_becomes_skin_skull_and_air() {
+    let app = TestApp::new().await;
+    let session = app.session().await;
+    let accepted = app.upload(&format!("{session}/ct?bone_hu=250"), nifti()).await;
+    assert_eq!(accepted.header("retry-after"), "1");
+    assert_eq!(accepted.json()["kind"], "import");
+    let job = app.finish(accepted).await;
+    assert_eq!((&job["state"], &job["warnings"][0]), (&json!("succeeded"), &json!("a head-rest was removed")));
+    let parts = app.get(&session).await.ok()["parts"].clone();
+    for part in ["ct", "skin", "skull", "air"] {
+        assert_eq!(parts[part]["state"], "ready", "{part}");
+    }
+    let report = app.get(&format!("{session}/skin?format=json")).await.ok();
+    assert_eq!(report["origin"]["kind"], "ct");
+    assert_eq!(report["origin"]["sha256"], parts["ct"]["sha256"]);
+}
+
+#[tokio::test]
+async fn a_file_that_is_no_ct_is_refused() {
+    let app = TestApp::new().await;
+    let session = app.session().await;
+    let path = format!("{session}/ct");
+    app.upload(&path, Vec::new()).await.problem(422, "volume-not-usable");
+    app.upload(&path, skin()).await.problem(415, "unsupported-format");
+    app.upload(&format!("{path}?skin_hu=400"), nifti()).await.problem(422, "invalid-request");
+    app.upload(&format!("{path}?skin=400"), nifti()).await.problem(400, "malformed-request");
+    // Recognised but broken: the job says so.
+    let mut broken = vec![0x1f, 0x8b];
+    broken.extend([0; 20]);
+    let job = app.finish(app.upload(&path, broken).await).await;
+    assert_eq!((&job["state"], &job["problem"]["status"]), (&json!("failed"), &json!(422)));
+}
+
+#[tokio::test]
+async fn landmarks_are_checked_and_kept() {
+    let app = TestApp::new().await;
+    let path = format!("{}/landmarks", app.session().await);
+    app.get(&path).await.problem(404, "not-found");
+    let landmarks = json!({
+        "points": {"ans": [6, -84, 45]}, "midline_x_mm": 6, "occlusal_plane_z_mm": 17,
+        "le_fort_1_plane": {"point_mm": [6, -60, 38], "normal": [0, 0, 2]}
+    });
+    let stored = app.put_json(&path, landmarks).await.ok();
+    assert_eq!(stored["le_fort_1_plane"]["normal"], json!([0.0, 0.0, 1.0]));
+    assert_eq!(app.get(&path).await.ok(), stored);
+
+    let faulty = json!({
+        "points": {"ans": [1e9, 0, 0], "Nose Tip": [0, 0, 0]},
+        "le_fort_1_plane": {"point_mm": [0, 0, 0], "normal": [0, 0, 0]}
+    });
+    let problem = app.put_json(&path, faulty).await.problem(422, "invalid-request");
+    let pointers: Vec<&str> =
+        problem["errors"].as_array().unwrap().iter().map(|e| e["pointer"].as_str().unwrap()).collect();
+    assert_eq!(pointers, ["/points/Nose Tip", "/points/ans/0", "/le_fort_1_plane/normal"]);
+}
+
+#[tokio::test]
+async fn a_skin_inside_the_skull_is_refused_by_the_field() {
+    let app = TestApp::new().await;
+    let session = app.session().await;
+    app.upload(&format!("{session}/skin"), skull()).await.ok();
+    app.upload(&format!("{session}/skull"), stl(&cube([0.0; 3], 200.0))).await.ok();
+    let job = app.finish(app.post(&format!("{session}/field"), json!({})).await).await;
+    assert_eq!((&job["state"], &job["problem"]["status"]), (&json!("failed"), &json!(422)));
+    assert_eq!(job["problem"]["type"], "/problems/anatomy-not-usable");
+}

@@ -1,0 +1,183 @@
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+use axum::http::StatusCode;
+use serde_json::json;
+
+use crate::app::TestApp;
+
+#[tokio::test]
+async fn a_solve_goes_its_way_and_leaves_a_report() {
+    let app = TestApp::new().await;
+    let (session, plan) = app.session_with_plan().await;
+    let body = json!({"plan": plan, "model": "mixed", "steps": 3, "outputs": ["skin", "tissue"]});
+    let accepted = app.post(&format!("{session}/jobs"), body).await;
+    assert_eq!(accepted.json()["state"], "accepted");
+    let job = app.finish(accepted).await;
+    assert_eq!((&job["state"], &job["progress"], &job["step"]), (&json!("succeeded"), &json!(1.0), &json!(3)));
+    assert_eq!(job["warnings"], json!(["a stand-in"]));
+    let report = app.get(job["links"]["report"].as_str().unwrap()).await.ok();
+    assert_eq!((&report["model"], &report["version"]), (&json!("mixed"), &json!(env!("CARGO_PKG_VERSION"))));
+    assert_eq!(report["regions"]["upper_lip"]["forward_mm"], 6.0);
+    assert_eq!(report["mesh"]["tetrahedra"], 60_000);
+    assert_eq!(report["steps"][2]["newton_iterations"], 4);
+    assert_eq!(report["steps"][2]["converged"], true);
+    assert_eq!(report["inputs"]["skin"]["sha256"].as_str().unwrap().len(), 64);
+    for phase in ["surfaces_s", "field_s", "cut_s", "mesh_s", "solve_s", "total_s"] {
+        assert!(report["phases"][phase].as_f64().unwrap() >= 0.0, "{phase}");
+    }
+    assert_eq!(report["warnings"], json!(["a stand-in", "the skull has crumbs", "thin over the nose"]));
+    assert_eq!(app.get(job["links"]["tissue"].as_str().unwrap()).await.body.as_ref(), b"<VTKFile/>");
+    let listed = app.get(&format!("/v1/jobs?session={}&state=succeeded", job["session"].as_str().unwrap())).await.ok();
+    let kinds: Vec<&str> = listed["jobs"].as_array().unwrap().iter().map(|j| j["kind"].as_str().unwrap()).collect();
+    assert_eq!(kinds, ["solve", "mesh", "field"]);
+}
+
+#[tokio::test]
+async fn what_a_job_lacks_is_named() {
+    let app = TestApp::new().await;
+    let nil = json!({"plan": "00000000-0000-0000-0000-000000000000"});
+    let empty = app.session().await;
+    let problem = app.post(&format!("{empty}/jobs"), nil.clone()).await.problem(409, "missing-input");
+    assert_eq!(problem["missing"], json!(["skin", "skull"]));
+    let problem = app.post(&format!("{empty}/field"), json!({})).await.problem(409, "missing-input");
+    assert_eq!(problem["missing"], json!(["skin", "skull"]));
+    let session = app.session_with_surfaces().await;
+    let problem = app.post(&format!("{session}/mesh"), json!({})).await.problem(409, "missing-input");
+    assert_eq!(problem["missing"], json!(["field"]));
+    let session = app.session_with_field().await;
+    let problem = app.post(&format!("{session}/jobs"), nil).await.problem(409, "missing-input");
+    assert_eq!(problem["missing"], json!(["mesh"]));
+    assert!(problem["detail"].as_str().unwrap().contains("/mesh first"));
+}
+
+#[tokio::test]
+async fn what_a_job_asks_for_is_checked() {
+    let app = TestApp::new().await;
+    let (session, plan) = app.session_with_plan().await;
+    let path = format!("{session}/jobs");
+    for model in ["mass_tensor", "nonlinear"] {
+        app.post(&path, json!({"plan": plan, "model": model})).await.problem(422, "not-available");
+    }
+    app.post(&path, json!({"plan": plan, "budget": {"max_wall_s": 10}})).await.problem(422, "not-available");
+    let check = async |body, pointer| {
+        let problem = app.post(&path, body).await.problem(422, "invalid-request");
+        assert_eq!(problem["errors"][0]["pointer"], pointer, "{problem}");
+    };
+    check(json!({"plan": plan, "model": "quick"}), "/model").await;
+    check(json!({"plan": plan, "steps": 0}), "/steps").await;
+    check(json!({"plan": plan, "steps": 1000}), "/steps").await;
+    check(json!({"plan": plan, "outputs": ["skin", "soul"]}), "/outputs/1").await;
+    check(json!({"plan": plan, "reference_job": plan}), "/reference_job").await;
+    check(json!({"plan": session.rsplit('/').next().unwrap()}), "/plan").await;
+    check(json!({"plan": plan, "attachment": {"tie_gap_mm": -1}}), "/attachment/tie_gap_mm").await;
+    check(json!({"plan": plan, "speed": 1}), "/speed").await;
+    check(json!({}), "").await;
+}
+
+#[tokio::test]
+async fn a_panic_or_refusal_of_the_numerics_fails_the_job_and_the_service_goes_on() {
+    let app = TestApp::new().await;
+    let (session, plan) = app.session_with_plan().await;
+    app.stand_in.panics.store(true, Ordering::SeqCst);
+    let job = app.get(&format!("{}?wait_s=10", app.solve(&session, &plan, json!({})).await)).await.ok();
+    assert_eq!((&job["state"], &job["problem"]["type"]), (&json!("failed"), &json!("/problems/internal")));
+    assert!(!job["problem"]["detail"].as_str().unwrap().contains("planted"), "nothing of the inside leaks");
+
+    app.stand_in.panics.store(false, Ordering::SeqCst);
+    app.stand_in.fails_after.store(2, Ordering::SeqCst);
+    let job = app.get(&format!("{}?wait_s=10", app.solve(&session, &plan, json!({})).await)).await.ok();
+    assert_eq!(job["problem"]["type"], "/problems/solver-not-converged");
+    assert_eq!(job["problem"]["residual_n"], 0.4);
+    assert_eq!(job["step"], 2, "steps before stay");
+    let own = job["links"]["self"].as_str().unwrap();
+    assert_eq!(app.get(&format!("{own}/steps/2/frame")).await.status, StatusCode::OK);
+    app.get(&format!("{own}/report")).await.problem(404, "not-ready");
+    app.get(&format!("{own}/steps/3/frame")).await.problem(404, "not-ready");
+    app.get(&format!("{own}/steps/7/frame")).await.problem(404, "not-found");
+
+    app.stand_in.fails_after.store(0, Ordering::SeqCst);
+    let job = app.get(&format!("{}?wait_s=10", app.solve(&session, &plan, json!({})).await)).await.ok();
+    assert_eq!(job["state"], "succeeded");
+}
+
+#[tokio::test]
+async fn one_job_runs_and_the_others_wait_in_line() {
+    let app = TestApp::with(|config| config.service.max_waiting = 2).await;
+    let (session, plan) = app.session_with_plan().await;
+    app.stand_in.hold_after(1);
+    let first = app.solve(&session, &plan, json!({})).await;
+    app.until_step(&first, 1).await;
+    let second = app.solve(&session, &plan, json!({})).await;
+    let third = app.solve(&session, &plan, json!({})).await;
+    assert_eq!(app.get(&second).await.ok()["queue_position"], 1);
+    assert_eq!(app.get(&third).await.ok()["queue_position"], 2);
+    let full = app.post(&format!("{session}/jobs"), json!({"plan": plan})).await;
+    full.problem(503, "queue-full");
+    assert_eq!(full.header("retry-after"), "10");
+    app.stand_in.release();
+    for job in [first, second, third] {
+        assert_eq!(app.get(&format!("{job}?wait_s=10")).await.ok()["state"], "succeeded");
+    }
+    assert_eq!(app.stand_in.solves.load(Ordering::SeqCst), 3);
+}
+
+#[tokio::test]
+async fn a_cancelled_job_stops_at_once_and_only_once() {
+    let app = TestApp::new().await;
+    let (session, plan) = app.session_with_plan().await;
+    app.stand_in.hold_after(2);
+    let running = app.solve(&session, &plan, json!({})).await;
+    let waiting = app.solve(&session, &plan, json!({})).await;
+    app.until_step(&running, 2).await;
+
+    let answer = app.post(&format!("{waiting}/cancel"), json!({})).await;
+    assert_eq!((answer.status, &answer.json()["state"]), (StatusCode::ACCEPTED, &json!("cancelled")));
+    let asked = Instant::now();
+    app.post(&format!("{running}/cancel"), json!({})).await.ok();
+    let ended = app.get(&format!("{running}?wait_s=10")).await.ok();
+    assert!(asked.elapsed() < Duration::from_secs(2));
+    assert_eq!((&ended["state"], &ended["step"]), (&json!("cancelled"), &json!(2)));
+    let again = app.post(&format!("{running}/cancel"), json!({})).await.problem(409, "wrong-state");
+    assert_eq!(again["state"], "cancelled");
+    assert_eq!(app.get(&format!("{running}/steps/1/skin")).await.status, StatusCode::OK);
+}
+
+#[tokio::test]
+async fn a_long_poll_answers_when_the_job_ends_or_the_time_is_up() {
+    let app = TestApp::new().await;
+    let (session, plan) = app.session_with_plan().await;
+    app.stand_in.hold_after(0);
+    let job = app.solve(&session, &plan, json!({})).await;
+    let asked = Instant::now();
+    let state = app.get(&format!("{job}?wait_s=0.2")).await.ok()["state"].clone();
+    assert!(asked.elapsed() >= Duration::from_millis(200) && state != "succeeded");
+    let release = async {
+        tokio::time::sleep(Duration::from_millis(50)).await;
+        app.stand_in.release();
+    };
+    let path = format!("{job}?wait_s=30");
+    let (answer, ()) = tokio::join!(app.get(&path), release);
+    assert_eq!(answer.ok()["state"], "succeeded");
+    assert!(asked.elapsed() < Duration::from_secs(10));
+    app.get(&format!("{job}?wait_s=1000")).await.problem(400, "malformed-request");
+    app.get("/v1/jobs/00000000-0000-0000-0000-000000000000").await.problem(404, "not-found");
+    app.get("/v1/jobs/nonsense").await.problem(404, "not-found");
+}
+
+#[tokio::test]
+async fn a_job_whose_inputs_were_replaced_while_it_waited_says_so() {
+    let app = TestApp::new().await;
+    let (session, plan) = app.session_with_plan().await;
+    app.stand_in.hold_after(0);
+    let first = app.solve(&session, &plan, json!({})).await;
+    let second = app.solve(&session, &plan, json!({})).await;
+    while app.get(&first).await.ok()["phase"] != "solve" {
+        tokio::time::sleep(Duration::from_millis(5)).await;
+    }
+    app.upload(&format!("{session}/skin"), crate::shapes::stl(&crate::shapes::cube([1.0; 3], 90.0))).await.ok();
+    app.stand_in.release();
+    assert_eq!(app.get(&format!("{first}?wait_s=10")).await.ok()["state"], "succeeded", "it has its inputs already");
+    let job = app.get(&format!("{second}?wait_s=10")).await.ok();
+    assert_eq!(job["problem"]["type"], "/problems/stale");
+}

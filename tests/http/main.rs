@@ -1,0 +1,21 @@
+//! The HTTP API, in process and over a real socket.
+//!
+//! Numerics are a fast stand-in (`stand_in.rs`), so that these tests are of the service and not of the solver.
+
+#![allow(clippy::unwrap_used, clippy::panic, clippy::print_stderr, reason = "test code")]
+
+mod app;
+mod bone;
+mod edges;
+mod events;
+mod health;
+mod idempotency;
+mod inputs;
+mod jobs;
+mod journey;
+mod kill;
+mod restart;
+mod results;
+mod sessions;
+mod shapes;
+mod stand_in;

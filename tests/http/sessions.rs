@@ -1,0 +1,84 @@
+use axum::http::StatusCode;
+use serde_json::json;
+
+use crate::app::TestApp;
+use crate::shapes::skin;
+
+#[tokio::test]
+async fn a_session_begins_with_everything_missing() {
+    let app = TestApp::new().await;
+    let answer = app.post("/v1/sessions", json!({"label": "case 1", "settings": {"steps": 4}})).await;
+    assert_eq!(answer.status, StatusCode::CREATED);
+    let made = answer.json();
+    let seen = app.get(answer.header("location")).await.ok();
+    assert_eq!(seen, made);
+    assert_eq!((&seen["label"], &seen["settings"]["steps"]), (&json!("case 1"), &json!(4)));
+    for part in ["ct", "skin", "skull", "air", "target", "landmarks", "field_settings", "field", "mesh"] {
+        assert_eq!(seen["parts"][part]["state"], "missing", "{part}");
+    }
+}
+
+#[tokio::test]
+async fn parts_show_their_state_and_bytes() {
+    let app = TestApp::new().await;
+    let session = app.session_with_field().await;
+    let seen = app.get(&session).await.ok();
+    for (part, state) in [("skin", "ready"), ("field", "ready"), ("mesh", "missing"), ("target", "missing")] {
+        assert_eq!(seen["parts"][part]["state"], state, "{part}");
+    }
+    assert!(seen["bytes"].as_u64().unwrap() > 500);
+    app.put_json(&format!("{session}/field/settings"), json!({"spacing_mm": 1.5})).await.ok();
+    assert_eq!(app.get(&session).await.ok()["parts"]["field"]["state"], "stale");
+}
+
+#[tokio::test]
+async fn sessions_are_listed_in_pages() {
+    let app = TestApp::new().await;
+    let mut made = Vec::new();
+    for _ in 0..5 {
+        made.insert(0, app.session().await);
+    }
+    let mut listed = Vec::new();
+    let mut next = Some("/v1/sessions?limit=2".to_owned());
+    while let Some(path) = next {
+        let page = app.get(&path).await.ok();
+        let ids = page["sessions"].as_array().unwrap().iter();
+        listed.extend(ids.map(|s| format!("/v1/sessions/{}", s["id"].as_str().unwrap())));
+        next = page["next"].as_str().map(str::to_owned);
+    }
+    assert_eq!(listed, made);
+}
+
+#[tokio::test]
+async fn a_deleted_session_is_gone_with_its_files() {
+    let app = TestApp::new().await;
+    let (session, plan) = app.session_with_plan().await;
+    let job = app.solve(&session, &plan, json!({})).await;
+    app.get(&format!("{job}?wait_s=10")).await.ok();
+    let kept = app.session().await;
+    app.upload(&format!("{kept}/skin"), skin()).await.ok();
+
+    assert_eq!(app.delete(&session).await.status, StatusCode::NO_CONTENT);
+    app.get(&session).await.problem(410, "gone");
+    app.get(&job).await.problem(410, "gone");
+    app.get(&format!("{session}/plans/{plan}")).await.problem(410, "gone");
+    app.delete(&session).await.problem(410, "gone");
+    assert_eq!(app.get(&kept).await.status, StatusCode::OK);
+    let sessions = std::fs::read_dir(app.directory().join("blobs")).unwrap().count();
+    assert_eq!(sessions, 1, "only the other session's files are left");
+}
+
+#[tokio::test]
+async fn a_session_deleted_in_mid_solve_leaves_nothing() {
+    let app = TestApp::new().await;
+    let (session, plan) = app.session_with_plan().await;
+    app.stand_in.hold_after(1);
+    let job = app.solve(&session, &plan, json!({})).await;
+    app.until_step(&job, 1).await;
+    assert_eq!(app.delete(&session).await.status, StatusCode::NO_CONTENT);
+    // The queue goes on with others.
+    app.stand_in.release();
+    app.session_with_field().await;
+    let sessions = std::fs::read_dir(app.directory().join("blobs")).unwrap().count();
+    assert_eq!(sessions, 1);
+}

@@ -1,0 +1,251 @@
+//! Numerics that take no time: boxes for surfaces, and skin that moves with the bone.
+
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Condvar, Mutex};
+use std::time::Duration;
+
+use prosopon::control::Control;
+use prosopon::evaluate::{ErrorMap, FaceRegion, Statistics};
+use prosopon::fem::StepReport;
+use prosopon::field::FieldReport;
+use prosopon::geometry::{Motion, Point, TriMesh, Vector};
+use prosopon::mesh::MeshReport;
+use prosopon::plan::{BoundedPlane, Osteotomy, PathReport, Plan, PlanError, Segment};
+use prosopon::session::{Case, Cuts, Engine, Fault, FaultKind, Halt, Run, RunWatch, Solid, TissueRequest};
+use prosopon::simulate::{Frame, Outcome, RegionMotion, SimulateError};
+use prosopon::surface::{CtSettings, CtSurfaces};
+
+use crate::shapes::cube;
+
+/// What the stand-in is told to do.
+#[derive(Debug, Default)]
+pub(crate) struct StandIn {
+    /// Steps that a solve may finish before it waits for more; `None` is all.
+    allowed_steps: Mutex<Option<usize>>,
+    changed: Condvar,
+    /// Solves begun.
+    pub(crate) solves: AtomicUsize,
+    /// Panic in the solve.
+    pub(crate) panics: AtomicBool,
+    /// Fail the solve after this step, when above 0.
+    pub(crate) fails_after: AtomicUsize,
+}
+
+impl StandIn {
+    /// Lets solves finish `steps` steps each and then wait.
+    pub(crate) fn hold_after(&self, steps: usize) {
+        *self.allowed_steps.lock().unwrap() = Some(steps);
+        self.changed.notify_all();
+    }
+
+    /// Lets solves go on.
+    pub(crate) fn release(&self) {
+        *self.allowed_steps.lock().unwrap() = None;
+        self.changed.notify_all();
+    }
+
+    /// Waits, as a Newton iteration would, until step `k` is allowed or the control is cancelled.
+    fn wait_for(&self, k: usize, control: &Control) -> Result<(), Halt> {
+        let mut allowed = self.allowed_steps.lock().unwrap();
+        while allowed.is_some_and(|steps| k > steps) {
+            control.check()?;
+            allowed = self.changed.wait_timeout(allowed, Duration::from_millis(5)).unwrap().0;
+        }
+        Ok(control.check()?)
+    }
+}
+
+fn field_report() -> FieldReport {
+    FieldReport {
+        bricks: 8,
+        bytes: 4096,
+        max_error_mm: 0.05,
+        rms_error_mm: 0.01,
+        checked_points: 100,
+        warnings: Vec::new(),
+    }
+}
+
+fn segment(id: u32, surface: TriMesh, bounded_by: Vec<usize>) -> Segment {
+    let centroid = surface.bounds().center();
+    Segment { id, volume_mm3: surface.volume(), area_mm2: surface.area(), centroid, bounded_by, surface }
+}
+
+fn statistics(value: f64) -> Statistics {
+    Statistics {
+        count: 8,
+        mean: value,
+        mean_abs: value.abs(),
+        rms: value.abs(),
+        p50: value.abs(),
+        p90: value.abs(),
+        p95: value.abs(),
+        max: value.abs(),
+        l2_norm: value.abs() * 8f64.sqrt(),
+        variance: 0.0,
+        share_below: [1.0; 3],
+    }
+}
+
+impl Engine for StandIn {
+    fn surfaces(&self, ct: &[u8], _: &CtSettings, _: &Control) -> Result<CtSurfaces, Halt> {
+        if ct.len() < 100 {
+            return Err(Fault::new(FaultKind::VolumeNotUsable, "too short").into());
+        }
+        Ok(CtSurfaces {
+            skin: cube([0.0; 3], 100.0),
+            skull: cube([0.0; 3], 60.0),
+            air: Some(cube([0.0; 3], 5.0)),
+            warnings: vec!["a head-rest was removed".to_owned()],
+        })
+    }
+
+    fn fields(&self, case: &Case, control: &Control) -> Result<(FieldReport, FieldReport, Vec<String>), Halt> {
+        control.report(0.5);
+        if case.anatomy.skull.area() > case.anatomy.skin.area() {
+            let detail = "the skull lies outside the skin".to_owned();
+            return Err(SimulateError::Anatomy { detail }.into());
+        }
+        Ok((field_report(), field_report(), vec!["the skull has crumbs".to_owned()]))
+    }
+
+    fn distances(&self, _: &Case, solid: Solid, points: &[Point], _: &Control) -> Result<Vec<(f64, Vector)>, Halt> {
+        let radius = if solid == Solid::Skin { 100.0 } else { 60.0 };
+        Ok(points.iter().map(|p| (p.coords.norm() - radius, p.coords.normalize())).collect())
+    }
+
+    fn cut(&self, _: &Case, cuts: &Cuts, _: &Control) -> Result<Osteotomy, Halt> {
+        let planes = match cuts {
+            Cuts::Planes(planes) => planes.clone(),
+            Cuts::LeFort1 { plane, .. } => {
+                let (point, normal) = plane.unwrap_or((Point::origin(), Vector::z()));
+                vec![BoundedPlane { point, normal, bounds: None }]
+            }
+        };
+        for (cut, plane) in planes.iter().enumerate() {
+            let distance_mm = plane.point.z.abs() - 60.0;
+            if distance_mm > 0.0 {
+                return Err(PlanError::MissesBone { cut, distance_mm }.into());
+            }
+        }
+        let segments = vec![
+            segment(0, cube([0.0, 0.0, 30.0], 30.0), vec![0]),
+            segment(1, cube([0.0, -20.0, -30.0], 20.0), vec![0]),
+        ];
+        Ok(Osteotomy { cuts: planes, segments, warnings: Vec::new() })
+    }
+
+    fn follow(&self, _: &Case, _: &[BoundedPlane], plan: &Plan, _: &Control) -> Result<Vec<PathReport>, Halt> {
+        let report = |path: &prosopon::plan::Path| {
+            let moved: Vector = path.at(1.0).translation.vector;
+            PathReport {
+                segment: path.segment(),
+                max_displacement_mm: moved.norm(),
+                centroid_displacement_mm: moved.into(),
+                path_length_mm: moved.norm(),
+                along: vec![(0.0, 0.0, 0.0), (1.0, 0.0, 0.5)],
+            }
+        };
+        Ok(plan.paths.iter().map(report).collect())
+    }
+
+    fn tissue(&self, _: &Case, request: &TissueRequest, _: &Control) -> Result<MeshReport, Halt> {
+        Ok(MeshReport {
+            tetrahedra: 60_000,
+            prisms: 6_000,
+            nodes: 20_000,
+            inverted: 0,
+            min_dihedral_deg: 12.0,
+            max_dihedral_deg: 150.0,
+            min_scaled_jacobian: 0.3,
+            volume_error: request.settings.mesh.edge_mm * 1e-3,
+            max_skin_distance_mm: 0.1,
+            nonmanifold_edges: 0,
+            warnings: vec!["thin over the nose".to_owned()],
+        })
+    }
+
+    fn solve(&self, run: &Run, control: &Control, watch: &mut dyn RunWatch) -> Result<Outcome, Halt> {
+        self.solves.fetch_add(1, Ordering::SeqCst);
+        watch.stage("solve");
+        let skin = &run.case.anatomy.skin;
+        let mut steps = Vec::new();
+        for k in 1..=run.settings.steps {
+            self.wait_for(k, control)?;
+            assert!(!self.panics.load(Ordering::SeqCst), "planted");
+            let t = k as f64 / run.settings.steps as f64;
+            let moved: Vector = run.plan.motions(t)[0].1.translation.vector;
+            let report = StepReport {
+                converged: true,
+                newton_iterations: 4,
+                substeps: 1,
+                factorisations: 4,
+                relative_residual: 1e-6,
+                min_det_f: 0.5,
+                max_penetration_mm: 0.01,
+                active_contacts: 3,
+                reactions_n: vec![(1, [0.0, 1.0, 0.0])],
+                unknowns: 60_000,
+                warnings: Vec::new(),
+            };
+            let positions = skin.positions().iter().map(|p| p + moved).collect();
+            watch.frame(Frame {
+                k,
+                t,
+                skin: skin.with_positions(positions).unwrap(),
+                displacement_mm: vec![moved.norm() as f32; skin.positions().len()],
+                report: report.clone(),
+            });
+            steps.push(report);
+            control.report(t);
+            if k == self.fails_after.load(Ordering::SeqCst) {
+                let error = prosopon::fem::SolveError::NotConverged {
+                    path_share: t,
+                    iterations: 30,
+                    residual_n: 0.4,
+                    tolerance_n: 0.001,
+                };
+                return Err(error.into());
+            }
+        }
+        let moved: Vector = run.plan.motions(1.0)[0].1.translation.vector;
+        let regions =
+            vec![RegionMotion { name: "upper_lip", forward_mm: -moved.y, down_mm: -moved.z, left_mm: moved.x }];
+        Ok(Outcome { steps, regions, face: Vec::new(), nodes: Vec::new(), warnings: vec!["a stand-in".to_owned()] })
+    }
+
+    fn tissue_file(&self, _: &Run, _: &[Point], _: &Control) -> Result<Vec<u8>, Halt> {
+        Ok(b"<VTKFile/>".to_vec())
+    }
+
+    fn regions(&self, case: &Case) -> (Vec<FaceRegion>, bool) {
+        let region = FaceRegion { name: "upper_lip", bounds: case.anatomy.skin.bounds() };
+        (vec![region], !case.anatomy.landmarks.is_empty())
+    }
+
+    /// The mean shift along -y: what a box moved forward has.
+    fn error_map(
+        &self,
+        prediction: &TriMesh,
+        reference: &TriMesh,
+        _: Option<&[bool]>,
+        regions: &[FaceRegion],
+        _: &Control,
+    ) -> Result<ErrorMap, Halt> {
+        let shift = reference.bounds().center().y - prediction.bounds().center().y;
+        Ok(ErrorMap {
+            signed_mm: vec![shift as f32; prediction.positions().len()],
+            whole: statistics(shift),
+            backward: statistics(-shift),
+            regions: regions.iter().map(|r| (r.name, statistics(shift))).collect(),
+            histogram: vec![(-3.0, 0.0), (0.0, 1.0)],
+            excluded: 0,
+            registration: Motion::identity(),
+        })
+    }
+
+    fn register(&self, source: &TriMesh, target: &TriMesh, _: Option<&[bool]>, _: &Control) -> Result<Motion, Halt> {
+        let shift = target.bounds().center() - source.bounds().center();
+        Ok(Motion::translation(shift.x, shift.y, shift.z))
+    }
+}

@@ -1,0 +1,10 @@
+//! Known answers for the numerics, from small problems solved densely.
+
+#[cfg(test)]
+mod dense;
+#[cfg(test)]
+mod patch;
+#[cfg(test)]
+mod plate;
+#[cfg(test)]
+mod slab;

@@ -4,7 +4,8 @@
 //! are the quadrature points of eq. 0.13 over the faces at rest: half of a face's area at its barycentre, a sixth at each vertex.
 //! With gap `g` (negative inside), multiplier `p` and stiffness `k` the energy per area is `(max(0, p - k g)² - p²) / (2 k)`,
 //! which is `k g²/2` for `g < 0` when `p = 0`. The multipliers grow until the penetration is below the tolerance.
-//! Only the Gauss-Newton part `k n nᵀ` of the Hessian is used: with the distance's curvature Newton stalls.
+//! Far from equilibrium only the Gauss-Newton part `k n nᵀ` of the Hessian is used: with the distance's curvature Newton
+//! stalls there, without it the last iterations gain a fifth each instead of digits.
 
 use super::dofs::Dofs;
 use super::settings::ContactBody;
@@ -36,7 +37,7 @@ impl ContactPoint {
     }
 }
 
-/// A contact point that pushes.
+/// A contact point at a body.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Touch {
     point: usize,
@@ -45,8 +46,18 @@ pub(super) struct Touch {
     gap: f64,
     /// Gradient of the gap by the point.
     normal: Vector,
-    /// `p - k g`, MPa; positive.
+    /// `p - k g`, MPa; it pushes where this is positive.
     pressure: f64,
+}
+
+impl Touch {
+    pub(super) fn pushes(&self) -> bool {
+        self.pressure > 0.0
+    }
+
+    pub(super) fn same_pair(&self, other: &Self) -> bool {
+        (self.point, self.body) == (other.point, other.body)
+    }
 }
 
 /// All contact of one tissue.
@@ -102,6 +113,11 @@ impl<'a> Contact<'a> {
 
     /// Points that push at `x` when body `b` has moved by `motions[b]` from rest, in the order of points.
     pub(super) fn touches(&self, x: &[Vector], motions: &[Motion]) -> Vec<Touch> {
+        self.near(x, motions, f64::NEG_INFINITY)
+    }
+
+    /// Points that push or whose gap is below `reach` mm, in the order of points.
+    pub(super) fn near(&self, x: &[Vector], motions: &[Motion], reach: f64) -> Vec<Touch> {
         let n = self.bodies.len();
         self.points
             .par_iter()
@@ -115,7 +131,7 @@ impl<'a> Contact<'a> {
                     let gap = value + self.overlap[pair];
                     let pressure = self.multipliers[pair] - self.stiffness * gap;
                     let normal = motions[body].rotation * gradient;
-                    (pressure > 0.0).then_some(Touch { point, body, gap, normal, pressure })
+                    (pressure > 0.0 || gap < reach).then_some(Touch { point, body, gap, normal, pressure })
                 })
             })
             .collect()
@@ -139,22 +155,39 @@ impl<'a> Contact<'a> {
         }
     }
 
-    /// Gauss-Newton blocks of the Hessian: row and column among the unknowns (`row >= column`), outer product with its factor.
+    /// Pressure at `touch` after the unknowns have changed by `d`, to first order, MPa.
+    pub(super) fn pressure_after(&self, touch: &Touch, dofs: &Dofs, d: &[f64]) -> f64 {
+        let moved: f64 = (self.points[touch.point].terms())
+            .filter_map(|(node, weight)| dofs.unknown(node).map(|u| (3 * u as usize, weight)))
+            .map(|(i, weight)| weight * (touch.normal.x * d[i] + touch.normal.y * d[i + 1] + touch.normal.z * d[i + 2]))
+            .sum();
+        touch.pressure - self.stiffness * moved
+    }
+
+    /// Blocks of the energy's Hessian: row and column among the unknowns (`row >= column`) and the block. Gauss-Newton,
+    /// or exact when `motions` of the bodies and the positions `x` are given.
     pub(super) fn hessian(
         &self,
         touches: &[Touch],
+        exact: Option<(&[Vector], &[Motion])>,
         dofs: &Dofs,
         mut add: impl FnMut(u32, u32, &nalgebra::Matrix3<f64>),
     ) {
         for t in touches {
             let p = &self.points[t.point];
-            let nn = t.normal * t.normal.transpose() * (self.stiffness * p.area);
+            let mut block = t.normal * t.normal.transpose() * (self.stiffness * p.area);
+            if let Some((x, motions)) = exact {
+                let motion = &motions[t.body];
+                let curvature = self.bodies[t.body].solid.hessian(&motion.inverse_transform_point(&p.at(x)));
+                let r = motion.rotation.to_rotation_matrix();
+                block -= r.matrix() * curvature * r.matrix().transpose() * (t.pressure.max(0.0) * p.area);
+            }
             for (a, wa) in p.terms() {
                 for (b, wb) in p.terms() {
                     if let (Some(row), Some(column)) = (dofs.unknown(a), dofs.unknown(b))
                         && row >= column
                     {
-                        add(row, column, &(nn * (wa * wb)));
+                        add(row, column, &(block * (wa * wb)));
                     }
                 }
             }

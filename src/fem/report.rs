@@ -26,7 +26,7 @@ pub struct StepReport {
 }
 
 /// One Newton iteration.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct IterationRecord {
     /// Path parameter that was aimed at.
     pub t: f64,

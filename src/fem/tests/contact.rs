@@ -56,7 +56,7 @@ fn forces_and_stiffness_with_contact_are_derivatives_of_the_energy() {
         let slope = dot(&equations.residual, &d);
         // Central differences lose h² and 1e-16/h.
         assert!(((after - before) / (2.0 * h) - slope).abs() < 1e-6 * slope.abs(), "{slope}");
-        equations.stiffness(&x, Curvature::Exact, &touches).unwrap();
+        equations.stiffness(&x, Curvature::Exact, &touches, Some(&motions)).unwrap();
         let mut kd = vec![0.0; n];
         equations.assembly.pattern().multiply(&equations.values, &d, &mut kd);
         let scale = dot(&kd, &kd).sqrt();

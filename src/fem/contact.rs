@@ -51,12 +51,9 @@ pub(super) struct Touch {
 }
 
 impl Touch {
-    pub(super) fn pushes(&self) -> bool {
-        self.pressure > 0.0
-    }
-
-    pub(super) fn same_pair(&self, other: &Self) -> bool {
-        (self.point, self.body) == (other.point, other.body)
+    /// Contact point and body.
+    pub(super) fn pair(&self) -> (usize, usize) {
+        (self.point, self.body)
     }
 }
 

@@ -78,6 +78,8 @@ pub(super) struct Equations<'a> {
     pub(super) values: Vec<f64>,
     /// The elements' part of `values`.
     elastic: Vec<f64>,
+    /// Pairs that push in the last model, ascending.
+    active: Vec<(usize, usize)>,
     forces: Vec<Vector>,
     pub(super) residual: Vec<f64>,
     failed_at: Vec<Vector>,
@@ -122,6 +124,7 @@ impl<'a> Equations<'a> {
             records: Vec::new(),
             values,
             elastic,
+            active: Vec::new(),
             forces,
             residual,
             failed_at: Vec::new(),
@@ -193,7 +196,9 @@ impl<'a> Equations<'a> {
     ) -> Result<Vec<f64>, Indefinite> {
         let n = self.residual.len();
         let (mut d, mut change, mut rhs) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
-        let mut active: Vec<Touch> = near.iter().filter(|t| t.pushes()).copied().collect();
+        // What the last model found is nearer to its answer than what touches after a whole step of the bone.
+        let mut active: Vec<Touch> =
+            near.iter().filter(|t| self.active.binary_search(&t.pair()).is_ok()).copied().collect();
         for round in 0..MAX_ACTIVE_SETS {
             self.add_contact(&active, exact);
             let mut gradient = load.to_vec();
@@ -204,18 +209,21 @@ impl<'a> Equations<'a> {
                 rhs.iter_mut().zip(&change).for_each(|(r, c)| *r += c);
             }
             rhs.iter_mut().for_each(|r| *r = -*r);
+            let t0=std::time::Instant::now();
             let work = self.solver.solve(self.assembly.pattern(), &self.values, &rhs, &mut change, forcing)?;
+            if std::env::var_os("TRACE").is_some() { eprintln!("TR    round {round} act {} {work:?} forcing {forcing:.1e} {:.3}", active.len(), t0.elapsed().as_secs_f64()); }
             record.factorised |= work.factorised;
             record.cg_iterations += work.cg_iterations;
             d.iter_mut().zip(&change).for_each(|(d, c)| *d += c);
             let next: Vec<Touch> =
                 near.iter().filter(|t| self.contact.pressure_after(t, &self.dofs, &d) > 0.0).copied().collect();
-            let same = next.len() == active.len() && next.iter().zip(&active).all(|(a, b)| a.same_pair(b));
+            let same = next.len() == active.len() && next.iter().zip(&active).all(|(a, b)| a.pair() == b.pair());
             active = next;
             if same {
                 break;
             }
         }
+        self.active = active.iter().map(Touch::pair).collect();
         Ok(d)
     }
 
@@ -310,7 +318,7 @@ impl<'a> Equations<'a> {
         control: &Control,
     ) -> Result<Equilibrium, Failure> {
         let mut curvature = Curvature::Exact;
-        let mut curved = false;
+        let (mut curved, mut wait) = (false, 0usize);
         let enough =
             if aim > self.limits.relative_residual { COARSE_DISPLACEMENT_MM } else { DISPLACEMENT_TOLERANCE_MM };
         let mut last = (f64::INFINITY, 0.0);
@@ -347,7 +355,7 @@ impl<'a> Equations<'a> {
                 x,
                 motions,
                 &d,
-                &Start { energy: balance.energy, slope, depth: penetration(&balance.touches) },
+                &Start { energy: balance.energy, slope, depth: penetration(&balance.touches), unstable: record.unstable },
             );
             match taken {
                 Ok(step) => {
@@ -356,7 +364,8 @@ impl<'a> Equations<'a> {
                     record.displacement_mm = step * self.dofs.max_position_change(&d);
                     // A short step says that the quadratic model was poor.
                     curvature = if step < 0.5 { Curvature::Projected } else { Curvature::Exact };
-                    curved = step == 1.0 && record.displacement_mm < CURVED_BELOW_MM;
+                    wait = if record.unstable { 2 } else { wait.saturating_sub(1) };
+                    curved = wait == 0 && step >= 1.0 && record.displacement_mm < CURVED_BELOW_MM;
             if std::env::var_os("TRACE").is_some() { eprintln!("TR t {t:.4} it {iteration} res {:.3e} tol {tolerance:.2e} E {:.6e} proj {} fact {} cg {} act {} -> {step:.3} moved {:.4}", balance.residual_n, balance.energy, record.projected, record.factorised, record.cg_iterations, record.active_contacts, record.displacement_mm); }
                     self.records.push(record);
                 }
@@ -403,8 +412,12 @@ impl<'a> Equations<'a> {
         record: &mut IterationRecord,
     ) -> Result<Vec<f64>, Failure> {
         let near = self.contact.near(x, motions, NEAR_MM);
+        let mut assembled = None;
         loop {
-            self.assembly.tangent(x, *curvature, &mut self.forces, &mut self.elastic)?;
+            if assembled != Some(*curvature) {
+                self.assembly.tangent(x, *curvature, &mut self.forces, &mut self.elastic)?;
+                assembled = Some(*curvature);
+            }
             let load = self.forces.clone();
             let exact = curved.then_some((x, motions));
             if let Ok(d) = self.minimise_model(&load, &near, exact, forcing, record) {
@@ -416,8 +429,10 @@ impl<'a> Equations<'a> {
             // A projected tangent is positive definite: if the factor says otherwise, its precision was too low.
             if *curved {
                 *curved = false;
+                record.unstable = true;
             } else if *curvature == Curvature::Exact && !self.limits.linear {
                 *curvature = Curvature::Projected;
+                record.unstable = true;
             } else if self.solver.is_double() {
                 return Err(Failure::Indefinite);
             } else {

@@ -40,6 +40,8 @@ pub struct IterationRecord {
     pub step: f64,
     /// Whether the tangent was projected to be positive semi-definite.
     pub projected: bool,
+    /// Whether the exact tangent was not positive definite.
+    pub unstable: bool,
     /// Whether the matrix was factorised anew; otherwise an older factor preconditioned conjugate gradients.
     pub factorised: bool,
     /// Conjugate gradient iterations.

@@ -13,6 +13,8 @@ use crate::geometry::{Motion, Point, Vector};
 use crate::mesh::{Attachment, MixedMesh};
 use rayon::prelude::*;
 
+/// Overlap at rest that is told, mm.
+const TOLD_OVERLAP_MM: f64 = 0.1;
 /// Contact points one task looks at.
 const TASK: usize = 64;
 
@@ -92,10 +94,14 @@ impl<'a> Contact<'a> {
             .collect();
         contact.multipliers = vec![0.0; gaps.len()];
         contact.overlap = gaps.iter().map(|g| (-g).max(0.0)).collect();
-        let overlapping = gaps.iter().filter(|g| **g < 0.0).count();
+        let overlapping = gaps.iter().filter(|g| **g < -TOLD_OVERLAP_MM).count();
         let deepest = gaps.iter().fold(0.0, |m: f64, g| m.max(-g));
         let warning = (overlapping > 0).then(|| {
-            format!("{overlapping} contact points lie up to {deepest:.3} mm inside bone at rest; contact is measured from there")
+            format!(
+                "{overlapping} of {} contact points lie {TOLD_OVERLAP_MM} to {deepest:.2} mm inside bone at rest; contact and penetration are \
+                 measured from there",
+                contact.points.len()
+            )
         });
         (contact, warning)
     }

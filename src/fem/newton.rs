@@ -3,8 +3,8 @@
 use super::assembly::{Assembly, Curvature, Inversion};
 use super::contact::{Contact, Touch, penetration};
 use super::dofs::{Dofs, Hold};
-use super::line_search::{self, Cut, Start};
 use super::factor::Indefinite;
+use super::line_search::{self, Cut, Start};
 use super::linear_solve::{LinearSolver, dot};
 use super::report::IterationRecord;
 use crate::control::{Cancelled, Control};
@@ -163,16 +163,11 @@ impl<'a> Equations<'a> {
         if self.dofs.is_position(node) { 1.0 } else { 1.0 / self.limits.element_size_mm }
     }
 
-    /// Stiffness of elements and contact at `x`; the contact's curvature counts when the bodies' `motions` are given.
-    pub(super) fn stiffness(
-        &mut self,
-        x: &[Vector],
-        curvature: Curvature,
-        touches: &[Touch],
-        motions: Option<&[Motion]>,
-    ) -> Result<(), Inversion> {
-        self.assembly.tangent(x, curvature, &mut self.forces, &mut self.elastic)?;
-        self.add_contact(touches, motions.map(|m| (x, m)));
+    /// Exact stiffness of elements and contact at `x`, in `self.values`.
+    #[cfg(test)]
+    pub(super) fn stiffness(&mut self, x: &[Vector], touches: &[Touch], motions: &[Motion]) -> Result<(), Inversion> {
+        self.assembly.tangent(x, Curvature::Exact, &mut self.forces, &mut self.elastic)?;
+        self.add_contact(touches, Some((x, motions)));
         Ok(())
     }
 
@@ -209,9 +204,7 @@ impl<'a> Equations<'a> {
                 rhs.iter_mut().zip(&change).for_each(|(r, c)| *r += c);
             }
             rhs.iter_mut().for_each(|r| *r = -*r);
-            let t0=std::time::Instant::now();
             let work = self.solver.solve(self.assembly.pattern(), &self.values, &rhs, &mut change, forcing)?;
-            if std::env::var_os("TRACE").is_some() { eprintln!("TR    round {round} act {} {work:?} forcing {forcing:.1e} {:.3}", active.len(), t0.elapsed().as_secs_f64()); }
             record.factorised |= work.factorised;
             record.cg_iterations += work.cg_iterations;
             d.iter_mut().zip(&change).for_each(|(d, c)| *d += c);
@@ -292,7 +285,6 @@ impl<'a> Equations<'a> {
             let found = self.newton(x, motions, t, aim, control)?;
             iterations += found.iterations;
             let depth = penetration(&found.touches);
-            if std::env::var_os("TRACE").is_some() { eprintln!("TR augment t {t:.4} depth {depth:.4} its {iterations}"); }
             if depth > self.limits.penetration_tolerance_mm {
                 self.contact.augment(&found.touches);
                 if depth > 0.25 * last_penetration {
@@ -355,7 +347,12 @@ impl<'a> Equations<'a> {
                 x,
                 motions,
                 &d,
-                &Start { energy: balance.energy, slope, depth: penetration(&balance.touches), unstable: record.unstable },
+                &Start {
+                    energy: balance.energy,
+                    slope,
+                    depth: penetration(&balance.touches),
+                    unstable: record.unstable,
+                },
             );
             match taken {
                 Ok(step) => {
@@ -366,7 +363,6 @@ impl<'a> Equations<'a> {
                     curvature = if step < 0.5 { Curvature::Projected } else { Curvature::Exact };
                     wait = if record.unstable { 2 } else { wait.saturating_sub(1) };
                     curved = wait == 0 && step >= 1.0 && record.displacement_mm < CURVED_BELOW_MM;
-            if std::env::var_os("TRACE").is_some() { eprintln!("TR t {t:.4} it {iteration} res {:.3e} tol {tolerance:.2e} E {:.6e} proj {} fact {} cg {} act {} -> {step:.3} moved {:.4}", balance.residual_n, balance.energy, record.projected, record.factorised, record.cg_iterations, record.active_contacts, record.displacement_mm); }
                     self.records.push(record);
                 }
                 Err(cut) => {

@@ -30,6 +30,7 @@ impl From<StoreError> for Fault {
             | StoreError::Io(_)
             | StoreError::Record { .. }
             | StoreError::Newer { .. }
+            | StoreError::Foreign
             | StoreError::InUse => {
                 tracing::error!(error = chain(&error), "the store failed");
                 Self::new(FaultKind::Internal, "the store failed; the log says more")

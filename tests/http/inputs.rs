@@ -107,7 +107,7 @@ async fn a_ct_becomes_skin_skull_and_air() {
     assert_eq!(accepted.header("retry-after"), "1");
     assert_eq!(accepted.json()["kind"], "import");
     let job = app.finish(accepted).await;
-    assert_eq!((&job["state"], &job["warnings"][0]), (&json!("succeeded"), &json!("a head-rest was removed")));
+    assert_eq!((&job["status"], &job["warnings"][0]), (&json!("succeeded"), &json!("a head-rest was removed")));
     let parts = app.get(&session).await.ok()["parts"].clone();
     for part in ["ct", "skin", "skull", "air"] {
         assert_eq!(parts[part]["state"], "ready", "{part}");
@@ -130,7 +130,7 @@ async fn a_file_that_is_no_ct_is_refused() {
     let mut broken = vec![0x1f, 0x8b];
     broken.extend([0; 20]);
     let job = app.finish(app.upload(&path, broken).await).await;
-    assert_eq!((&job["state"], &job["problem"]["status"]), (&json!("failed"), &json!(422)));
+    assert_eq!((&job["status"], &job["problem"]["status"]), (&json!("failed"), &json!(422)));
 }
 
 #[tokio::test]
@@ -163,6 +163,6 @@ async fn a_skin_inside_the_skull_is_refused_by_the_field() {
     app.upload(&format!("{session}/skin"), skull()).await.ok();
     app.upload(&format!("{session}/skull"), stl(&cube([0.0; 3], 200.0))).await.ok();
     let job = app.finish(app.post(&format!("{session}/field"), json!({})).await).await;
-    assert_eq!((&job["state"], &job["problem"]["status"]), (&json!("failed"), &json!(422)));
+    assert_eq!((&job["status"], &job["problem"]["status"]), (&json!("failed"), &json!(422)));
     assert_eq!(job["problem"]["type"], "/problems/anatomy-not-usable");
 }

@@ -161,7 +161,15 @@ async fn a_skin_inside_the_skull_is_refused_by_the_field() {
     let app = TestApp::new().await;
     let session = app.session().await;
     app.upload(&format!("{session}/skin"), skull()).await.ok();
-    app.upload(&format!("{session}/skull"), stl(&cube([0.0; 3], 200.0))).await.ok();
+    let refused = async |skull| {
+        app.upload(&format!("{session}/skull"), stl(&skull)).await.ok();
+        let problem = app.post(&format!("{session}/field"), json!({})).await.problem(422, "anatomy-not-usable");
+        problem["detail"].as_str().unwrap().to_owned()
+    };
+    assert!(refused(cube([0.0; 3], 200.0)).await.contains("swapped"));
+    assert!(refused(cube([0.0, 0.0, 500.0], 60.0)).await.contains("apart"));
+    // Boxes that cross leave it to the numerics, which see more skull than skin here.
+    app.upload(&format!("{session}/skull"), stl(&cube([150.0, 0.0, 0.0], 200.0))).await.ok();
     let job = app.finish(app.post(&format!("{session}/field"), json!({})).await).await;
     assert_eq!((&job["status"], &job["problem"]["status"]), (&json!("failed"), &json!(422)));
     assert_eq!(job["problem"]["type"], "/problems/anatomy-not-usable");

@@ -60,7 +60,11 @@ impl Client {
         on_event: &mut dyn FnMut(&str, &Value) -> Result<bool, DemoError>,
     ) -> Result<(), DemoError> {
         let path = format!("/v1/jobs/{job}/events");
-        let request = self.agent.get(self.url(&path)).header("accept", "text/event-stream").header("last-event-id", last.to_string());
+        let request = self
+            .agent
+            .get(self.url(&path))
+            .header("accept", "text/event-stream")
+            .header("last-event-id", last.to_string());
         let response = refuse_problem("GET", &path, request.call()?)?;
         let mut name = String::new();
         for line in BufReader::new(response.into_body().into_reader()).lines() {

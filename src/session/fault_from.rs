@@ -41,10 +41,7 @@ impl From<StoreError> for Fault {
 
 impl From<StoreError> for Halt {
     fn from(error: StoreError) -> Self {
-        match error {
-            StoreError::SessionGone => Self::Cancelled,
-            other => Fault::from(other).into(),
-        }
+        if matches!(error, StoreError::SessionGone) { Self::Cancelled } else { Fault::from(error).into() }
     }
 }
 

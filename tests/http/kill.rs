@@ -28,7 +28,10 @@ fn blobs(data: &Path) -> Vec<String> {
         std::fs::read_dir(path).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect()
     };
     let sessions = names(&data.join("blobs"));
-    sessions.iter().flat_map(|s| names(&data.join("blobs").join(s)).into_iter().map(move |f| format!("{s}/{f}"))).collect()
+    sessions
+        .iter()
+        .flat_map(|s| names(&data.join("blobs").join(s)).into_iter().map(move |f| format!("{s}/{f}")))
+        .collect()
 }
 
 /// Killed between two steps and in the middle of an upload: what was finished is there, what was not is gone, and the job
@@ -111,7 +114,10 @@ fn a_database_of_another_format_is_named_with_what_to_do() {
     let output = serve(directory.path(), "127.0.0.1:0").output().unwrap();
     assert!(!output.status.success());
     let message = String::from_utf8_lossy(&output.stderr);
-    assert!(message.contains("not of this version's format") && message.contains("name another directory"), "{message}");
+    assert!(
+        message.contains("not of this version's format") && message.contains("name another directory"),
+        "{message}"
+    );
     assert!(message.contains(&directory.path().display().to_string()), "{message}");
 }
 

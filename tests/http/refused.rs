@@ -132,7 +132,8 @@ fn upload_endlessly(server: &Server, path: &str, chunked: bool) -> String {
 }
 
 fn bytes_below(path: &Path) -> u64 {
-    let below = |e: std::fs::DirEntry| if e.path().is_dir() { bytes_below(&e.path()) } else { e.metadata().unwrap().len() };
+    let below =
+        |e: std::fs::DirEntry| if e.path().is_dir() { bytes_below(&e.path()) } else { e.metadata().unwrap().len() };
     std::fs::read_dir(path).map(|d| d.map(|e| below(e.unwrap())).sum()).unwrap_or(0)
 }
 

@@ -104,7 +104,8 @@ async fn compute(
             let outcome = engine.solve(&run, &control.part(0.0, SOLVING), &mut watch)?;
             let solving = watch.solving + watch.step_began.elapsed();
             let warnings = watch.warnings;
-            let tissue = tissue.then(|| engine.tissue_file(&run, &outcome.nodes, &control.part(SOLVING, 1.0))).transpose()?;
+            let tissue =
+                tissue.then(|| engine.tissue_file(&run, &outcome.nodes, &control.part(SOLVING, 1.0))).transpose()?;
             Ok(Solved { outcome, tissue, solving, regions_from_landmarks, warnings })
         })
         .await

@@ -86,6 +86,13 @@ impl Case<'_> {
         say(self.bars, line);
     }
 
+    /// What an answer that is no job warns of.
+    fn warn(&self, name: &str, answer: &Value) {
+        for warning in answer["warnings"].as_array().into_iter().flatten().filter_map(Value::as_str) {
+            self.say(&format!("{name}: {warning}"));
+        }
+    }
+
     fn upload(&self, patient: &Patient) -> Result<(), DemoError> {
         if let Some(ct) = &patient.ct {
             let import = self.client.upload(&self.path("ct"), ct)?;
@@ -95,6 +102,7 @@ impl Case<'_> {
             for (name, file) in [("skin", skin), ("skull", skull)] {
                 let report = self.client.upload(&self.path(name), file)?;
                 self.say(&format!("{name}: {} triangles, {} parts", report["triangles"], report["components"]));
+                self.warn(name, &report);
             }
         }
         if let Some(landmarks) = &patient.landmarks {
@@ -106,6 +114,7 @@ impl Case<'_> {
     fn osteotomy(&self) -> Result<Cut, DemoError> {
         let path = self.path("osteotomies");
         let answer = self.client.post(&path, &json!({ "template": { "name": "le_fort_1" } }))?;
+        self.warn("cut", &answer);
         let segments = answer["segments"].as_array().cloned().unwrap_or_default();
         for segment in &segments {
             let cm3 = segment["volume_mm3"].as_f64().unwrap_or_default() / 1e3;

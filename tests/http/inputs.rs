@@ -115,6 +115,18 @@ async fn a_ct_becomes_skin_skull_and_air() {
     let report = app.get(&format!("{session}/skin?format=json")).await.ok();
     assert_eq!(report["origin"]["kind"], "ct");
     assert_eq!(report["origin"]["sha256"], parts["ct"]["sha256"]);
+
+    // The import's time counts once in a report, although it made three surfaces.
+    let import_s = parts["skin"]["wall_s"].as_f64().unwrap();
+    app.finish(app.post(&format!("{session}/field"), json!({})).await).await;
+    let plan = app.plan(&session).await;
+    let job = app.solve(&session, &plan, json!({})).await;
+    assert_eq!(app.get(&format!("{job}?wait_s=10")).await.ok()["status"], "succeeded");
+    let phases = app.get(&format!("{job}/report")).await.ok()["phases"].clone();
+    assert!(import_s > 0.0 && phases["surfaces_s"] == import_s, "{import_s} {phases}");
+    let members = phases.as_object().unwrap();
+    let sum: f64 = members.iter().filter(|(name, _)| *name != "total_s").map(|(_, s)| s.as_f64().unwrap()).sum();
+    assert!((sum - phases["total_s"].as_f64().unwrap()).abs() < 1e-9, "{phases}");
 }
 
 #[tokio::test]

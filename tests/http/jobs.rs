@@ -34,6 +34,30 @@ async fn a_solve_goes_its_way_and_leaves_a_report() {
 }
 
 #[tokio::test]
+async fn progress_is_that_of_the_path_and_residuals_are_those_of_its_steps() {
+    let app = TestApp::new().await;
+    let (session, plan) = app.session_with_plan().await;
+    app.upload(&format!("{session}/target"), crate::shapes::skin()).await.ok();
+    app.stand_in.hold_after(2);
+    let job = app.solve(&session, &plan, json!({"steps": 4})).await;
+    app.until_step(&job, 2).await;
+    let view = app.get(&job).await.ok();
+    // Half of the path; comparing two steps with the target has moved nothing.
+    let progress = view["progress"].as_f64().unwrap();
+    assert!((0.4..0.5).contains(&progress), "{view}");
+    assert_eq!((&view["step"], &view["steps"], &view["phase"]), (&json!(2), &json!(4), &json!("solve")));
+    assert!(view["eta_s"].as_f64().unwrap() >= 0.0);
+    assert_eq!(view["residuals"], json!([1e-6, 1e-6]));
+    app.stand_in.release();
+    let ended = app.get(&format!("{job}?wait_s=10")).await.ok();
+    assert_eq!((&ended["progress"], ended["residuals"].as_array().unwrap().len()), (&json!(1.0), 4));
+    let events = app.call(axum::http::Method::GET, &format!("{job}/events"), &[], axum::body::Body::empty()).await;
+    let events = String::from_utf8(events.body.to_vec()).unwrap();
+    let told = events.lines().filter_map(|l| serde_json::from_str::<serde_json::Value>(l.strip_prefix("data: ")?).ok());
+    assert!(told.filter_map(|data| data["progress"].as_f64()).all(|share| share < 1.0));
+}
+
+#[tokio::test]
 async fn what_a_job_lacks_is_named() {
     let app = TestApp::new().await;
     let nil = json!({"plan": "00000000-0000-0000-0000-000000000000"});

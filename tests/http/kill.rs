@@ -145,3 +145,25 @@ fn the_description_is_printed() {
     let output = Command::new(env!("CARGO_BIN_EXE_prosopon")).arg("openapi").output().unwrap();
     assert!(output.stdout == include_bytes!("../../api/openapi.json"));
 }
+
+/// The store of a demo's run before may be of any version, and its results must not be taken for new ones.
+#[test]
+fn a_demo_begins_anew_in_a_directory_that_was_used_before() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name);
+    std::fs::create_dir_all(at("service/blobs/x")).unwrap();
+    std::fs::create_dir(at("steps")).unwrap();
+    for name in ["service/prosopon.sqlite", "service/blobs/x/y", "report.json", "steps/07.glb", "notes.txt"] {
+        std::fs::write(at(name), [b'x'; 5000]).unwrap();
+    }
+    let output = Command::new(env!("CARGO_BIN_EXE_prosopon"))
+        .args(["demo", "--skin", "absent.stl", "--skull", "absent.stl", "--out"])
+        .arg(directory.path())
+        .output()
+        .unwrap();
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert!(!output.status.success() && message.contains("absent.stl"), "{message}");
+    for (name, stays) in [("service/blobs/x/y", false), ("report.json", false), ("steps/07.glb", false), ("notes.txt", true)] {
+        assert_eq!(at(name).exists(), stays, "{name}");
+    }
+}

@@ -57,10 +57,11 @@ impl Control {
         if self.is_cancelled() { Err(Cancelled) } else { Ok(()) }
     }
 
-    /// Reports the done share of this part, 0 to 1.
+    /// Reports the done share of this part, 0 to 1. Progress of the whole never falls.
     pub fn report(&self, fraction: f64) {
         let whole = self.from + fraction.clamp(0.0, 1.0) * (self.to - self.from);
-        self.progress.store(whole.to_bits(), Ordering::Relaxed);
+        // Bits of numbers from 0 on are in the order of the numbers.
+        self.progress.fetch_max(whole.max(0.0).to_bits(), Ordering::Relaxed);
     }
 
     /// Progress of the whole work, 0 to 1.
@@ -94,5 +95,15 @@ mod tests {
         assert!((whole.progress() - 0.75).abs() < 1e-12);
         whole.cancel();
         assert!(part.check().is_err());
+    }
+
+    #[test]
+    fn progress_never_falls() {
+        let whole = Control::new();
+        whole.part(0.5, 1.0).report(0.5);
+        for (from, to, fraction) in [(0.0, 0.5, 1.0), (0.75, 1.0, f64::NAN), (0.0, 1.0, -1.0)] {
+            whole.part(from, to).report(fraction);
+            assert!((whole.progress() - 0.75).abs() < 1e-12);
+        }
     }
 }

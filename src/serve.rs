@@ -27,8 +27,13 @@ pub enum ServeError {
     #[error(transparent)]
     Config(#[from] ConfigError),
     /// The data directory.
-    #[error("the data directory cannot be used")]
-    Store(#[from] StoreError),
+    #[error("the data directory {directory} cannot be used")]
+    Store {
+        /// Where it is.
+        directory: String,
+        /// What is wrong with it.
+        source: StoreError,
+    },
     /// The address.
     #[error("cannot listen on {address}")]
     Listen {
@@ -68,7 +73,8 @@ pub async fn start(config: ServeConfig) -> Result<Running, ServeError> {
 /// [`ServeError`].
 pub async fn start_with(config: ServeConfig, engine: Arc<dyn Engine>) -> Result<Running, ServeError> {
     config.check()?;
-    let store = Store::open(&config.data).await?;
+    let store_error = |source| ServeError::Store { directory: config.data.display().to_string(), source };
+    let store = Store::open(&config.data).await.map_err(store_error)?;
     let state = state(&config, store, engine).await?;
     let listen_error = |source| ServeError::Listen { address: config.listen, source };
     let listener = TcpListener::bind(config.listen).await.map_err(listen_error)?;
@@ -76,8 +82,8 @@ pub async fn start_with(config: ServeConfig, engine: Arc<dyn Engine>) -> Result<
     // For scripts that asked for a free port: whole or not there.
     let note = config.data.join("listen");
     let fresh = config.data.join("listen.new");
-    tokio::fs::write(&fresh, format!("http://{address}\n")).await.map_err(StoreError::Io)?;
-    tokio::fs::rename(&fresh, &note).await.map_err(StoreError::Io)?;
+    tokio::fs::write(&fresh, format!("http://{address}\n")).await.map_err(|e| store_error(e.into()))?;
+    tokio::fs::rename(&fresh, &note).await.map_err(|e| store_error(e.into()))?;
     let service = Arc::clone(&state.service);
     let stopping = service.stopping().clone().cancelled_owned();
     let server = axum::serve(listener, app(state)).with_graceful_shutdown(stopping);

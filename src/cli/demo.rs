@@ -3,13 +3,17 @@ use std::io::Write;
 use super::CommandResult;
 use crate::config::ServeConfig;
 use crate::demo::{self, DemoArgs};
+use crate::store::Store;
 use crate::{serve, telemetry};
 
-/// Starts a service of its own, drives it through the main job, and stops it unless it shall stay.
+/// Starts a service of its own on an empty store, drives it through the main job, and stops it unless it shall stay.
 pub(super) fn run(arguments: &DemoArgs) -> CommandResult {
     telemetry::start_log("warn");
+    demo::clear(&arguments.out)?;
+    let data = arguments.out.join("service");
+    Store::erase(&data).map_err(|source| serve::ServeError::Store { directory: data.display().to_string(), source })?;
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
-    let running = runtime.block_on(serve::start(ServeConfig::new(arguments.out.join("service"))))?;
+    let running = runtime.block_on(serve::start(ServeConfig::new(data)))?;
     let url = running.url();
     writeln!(std::io::stdout(), "the service listens on {url}")?;
     let done = demo::run(arguments, url.clone());

@@ -1,3 +1,5 @@
+use std::io::Write;
+
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
 
@@ -34,8 +36,17 @@ pub fn run(args: &DemoArgs, base: String) -> Result<(), DemoError> {
         let linear = case.solve(&plan, "linear", Some(&job))?;
         case.error_map(&linear)?;
     }
-    bars.println(format!("results are in {}", args.out.display())).ok();
+    say(&bars, &format!("results are in {}", args.out.display()));
     Ok(())
+}
+
+/// Bars that are not drawn, as in a log file, swallow what is printed through them.
+fn say(bars: &MultiProgress, line: &str) {
+    if bars.is_hidden() {
+        writeln!(std::io::stderr(), "{line}").ok();
+    } else {
+        bars.println(line).ok();
+    }
 }
 
 fn open_session(client: &Client) -> Result<String, DemoError> {
@@ -72,7 +83,14 @@ impl Case<'_> {
     }
 
     fn say(&self, line: &str) {
-        self.bars.println(line).ok();
+        say(self.bars, line);
+    }
+
+    /// What an answer that is no job warns of.
+    fn warn(&self, name: &str, answer: &Value) {
+        for warning in answer["warnings"].as_array().into_iter().flatten().filter_map(Value::as_str) {
+            self.say(&format!("{name}: {warning}"));
+        }
     }
 
     fn upload(&self, patient: &Patient) -> Result<(), DemoError> {
@@ -84,6 +102,7 @@ impl Case<'_> {
             for (name, file) in [("skin", skin), ("skull", skull)] {
                 let report = self.client.upload(&self.path(name), file)?;
                 self.say(&format!("{name}: {} triangles, {} parts", report["triangles"], report["components"]));
+                self.warn(name, &report);
             }
         }
         if let Some(landmarks) = &patient.landmarks {
@@ -95,6 +114,7 @@ impl Case<'_> {
     fn osteotomy(&self) -> Result<Cut, DemoError> {
         let path = self.path("osteotomies");
         let answer = self.client.post(&path, &json!({ "template": { "name": "le_fort_1" } }))?;
+        self.warn("cut", &answer);
         let segments = answer["segments"].as_array().cloned().unwrap_or_default();
         for segment in &segments {
             let cm3 = segment["volume_mm3"].as_f64().unwrap_or_default() / 1e3;
@@ -177,9 +197,9 @@ impl Case<'_> {
         bar: &ProgressBar,
         on_step: &mut dyn FnMut(u64) -> Result<(), DemoError>,
     ) -> Result<(), DemoError> {
-        let mut ended = false;
+        let (mut ended, mut last) = (false, 0);
         while !ended {
-            self.client.events(job, &mut |event, data| {
+            self.client.events(job, &mut last, &mut |event, data| {
                 match event {
                     "progress" => bar.set_position((1000.0 * data["progress"].as_f64().unwrap_or_default()) as u64),
                     "step" => on_step(data["k"].as_u64().unwrap_or_default())?,
@@ -190,15 +210,18 @@ impl Case<'_> {
                 Ok(!ended)
             })?;
         }
-        let state = self.client.get(&format!("/v1/jobs/{job}"))?;
-        let status = state["state"].as_str().unwrap_or_default();
+        let view = self.client.get(&format!("/v1/jobs/{job}"))?;
+        let status = view["status"].as_str().unwrap_or_default();
         if status != "succeeded" {
             bar.abandon();
-            let detail = state["problem"]["detail"].as_str().unwrap_or("no reason given").to_owned();
+            let detail = view["problem"]["detail"].as_str().unwrap_or("no reason given").to_owned();
             return Err(DemoError::Job { kind, status: status.to_owned(), detail });
         }
         bar.set_position(1000);
         bar.finish();
+        if bar.is_hidden() {
+            self.say(&format!("{}: done in {:.1} s", bar.prefix(), bar.elapsed().as_secs_f64()));
+        }
         Ok(())
     }
 }

@@ -51,19 +51,27 @@ impl Client {
         Ok(response.body_mut().with_config().limit(MAX_ANSWER).read_to_vec()?)
     }
 
-    /// Reads a job's events as they come; `on_event` gets the event's name and data and says whether to go on.
+    /// Reads a job's events after number `last` as they come and counts it up; `on_event` gets the event's name and data and
+    /// says whether to go on.
     pub(super) fn events(
         &self,
         job: &str,
+        last: &mut u64,
         on_event: &mut dyn FnMut(&str, &Value) -> Result<bool, DemoError>,
     ) -> Result<(), DemoError> {
         let path = format!("/v1/jobs/{job}/events");
-        let request = self.agent.get(self.url(&path)).header("accept", "text/event-stream");
+        let request = self
+            .agent
+            .get(self.url(&path))
+            .header("accept", "text/event-stream")
+            .header("last-event-id", last.to_string());
         let response = refuse_problem("GET", &path, request.call()?)?;
         let mut name = String::new();
         for line in BufReader::new(response.into_body().into_reader()).lines() {
             let line = line.map_err(ureq::Error::from)?;
-            if let Some(value) = line.strip_prefix("event:") {
+            if let Some(value) = line.strip_prefix("id:") {
+                *last = value.trim().parse().unwrap_or(*last);
+            } else if let Some(value) = line.strip_prefix("event:") {
                 value.trim().clone_into(&mut name);
             } else if let Some(data) = line.strip_prefix("data:") {
                 let data: Value = serde_json::from_str(data.trim()).unwrap_or(Value::Null);

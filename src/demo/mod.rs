@@ -11,6 +11,7 @@ mod patient;
 use std::path::PathBuf;
 
 pub use case::run;
+pub use output::clear;
 
 /// What `prosopon demo` is asked to do.
 #[derive(Debug, Clone, clap::Args)]

@@ -1,10 +1,20 @@
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use super::DemoError;
 use crate::evaluate::{Layer, View, picture};
 use crate::geometry::{TriMesh, Vector};
 use crate::import;
+
+/// Results besides the steps.
+const RESULTS: [&str; 6] = [
+    "report.json",
+    "error.json",
+    "error.png",
+    "before_after.png",
+    "before_after_front.png",
+    "before_after_profile.png",
+];
 
 /// Writes a result, replacing what was there.
 pub(super) fn write(folder: &Path, name: &str, bytes: &[u8]) -> Result<(), DemoError> {
@@ -13,6 +23,22 @@ pub(super) fn write(folder: &Path, name: &str, bytes: &[u8]) -> Result<(), DemoE
         fs::create_dir_all(parent).map_err(|e| DemoError::file(parent, e))?;
     }
     fs::write(&path, bytes).map_err(|e| DemoError::file(&path, e))
+}
+
+/// Removes results of an earlier run, so that none is taken for this one's.
+///
+/// # Errors
+/// [`DemoError::File`].
+pub fn clear(folder: &Path) -> Result<(), DemoError> {
+    let steps = fs::read_dir(folder.join("steps")).into_iter().flatten().flatten().map(|entry| entry.path());
+    let is_ours = |path: &PathBuf| path.extension().is_some_and(|e| e == "glb" || e == "ply");
+    for path in RESULTS.iter().map(|name| folder.join(name)).chain(steps.filter(is_ours)) {
+        match fs::remove_file(&path) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(DemoError::file(&path, error)),
+            _ => {}
+        }
+    }
+    Ok(())
 }
 
 /// Half of a three-quarter view and a profile, in pixels.

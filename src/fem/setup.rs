@@ -41,6 +41,7 @@ pub(super) fn equations<'a>(
     check_mesh(mesh)?;
     check_bodies(&bodies)?;
     let (blocks, surface) = element_blocks(mesh, settings)?;
+    let mut warnings = surface.as_ref().map(C1Surface::warnings).unwrap_or_default();
     control.check()?;
     control.report(0.2);
     let dofs = Dofs::new(mesh, surface.as_ref(), &blocks)?;
@@ -65,8 +66,9 @@ pub(super) fn equations<'a>(
         linear: settings.model == Model::Linear,
     };
     let equations = Equations::new(dofs, assembly, contact, solver, limits);
+    warnings.extend(overlap);
     control.report(1.0);
-    Ok((equations, surface, overlap.into_iter().collect()))
+    Ok((equations, surface, warnings))
 }
 
 fn element_blocks(

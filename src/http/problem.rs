@@ -11,6 +11,10 @@ use crate::store::StoreError;
 /// Media type of problems.
 pub(super) const PROBLEM_JSON: &str = "application/problem+json";
 
+/// Kinds that pass, and the seconds after which to try again.
+const RETRY_AFTER: &[(&[FaultKind], &str)] =
+    &[(&[FaultKind::QueueFull], "10"), (&[FaultKind::ShuttingDown, FaultKind::NotReady], "2")];
+
 /// A value that is not allowed.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct ProblemField {
@@ -94,13 +98,10 @@ impl IntoResponse for Problem {
         document.request_id = request_id();
         let body = serde_json::to_string(&document).unwrap_or_default();
         let mut response = (status, [(header::CONTENT_TYPE, PROBLEM_JSON)], body).into_response();
-        let retry_after = match self.0.kind {
-            FaultKind::QueueFull => Some("10"),
-            FaultKind::ShuttingDown | FaultKind::NotReady => Some("2"),
-            _ => None,
-        };
-        if let Some(seconds) = retry_after {
-            response.headers_mut().insert(header::RETRY_AFTER, HeaderValue::from_static(seconds));
+        for (kinds, seconds) in RETRY_AFTER {
+            if kinds.contains(&self.0.kind) {
+                response.headers_mut().insert(header::RETRY_AFTER, HeaderValue::from_static(seconds));
+            }
         }
         response
     }

@@ -10,8 +10,10 @@ use super::state::{JobEvent, next};
 use super::{CpuPool, worker};
 use crate::control::Control;
 use crate::import::Limits;
-use crate::session::{Engine, Fault, FaultKind, Halt};
-use crate::store::{AnswerRecord, JobChange, JobId, JobKind, JobRecord, JobState, SessionId, Store, now_rfc3339};
+use crate::session::{Engine, Fault, FaultKind, Halt, StepDocument};
+use crate::store::{
+    AnswerRecord, JobChange, JobId, JobKind, JobRecord, JobState, SessionId, StepRecord, Store, now_rfc3339,
+};
 
 /// Bounds of the service.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -57,6 +59,8 @@ pub struct JobStatus {
     pub eta_s: Option<f64>,
     /// Jobs before it.
     pub queue_position: Option<u32>,
+    /// Relative residual of each finished step.
+    pub residuals: Vec<f64>,
 }
 
 impl Service {
@@ -230,20 +234,20 @@ impl Service {
     /// # Errors
     /// The store's.
     pub async fn status_of(&self, mut record: JobRecord) -> Result<JobStatus, Fault> {
-        let steps_done = self.store.steps(record.id).await?.len();
+        let steps = self.store.steps(record.id).await?;
         let running = self.running().filter(|r| r.job == record.id && record.state == JobState::Running);
         if let Some(running) = &running {
             running.phase().as_str().clone_into(&mut record.phase);
             record.progress = running.control.progress();
         }
-        let queue_position = match record.state {
-            JobState::Accepted => {
-                Some(self.store.waiting(record.number).await?.1 + u32::from(self.running().is_some()))
-            }
-            _ => None,
+        let queue_position = if record.state == JobState::Accepted {
+            Some(self.store.waiting(record.number).await?.1 + u32::from(self.running().is_some()))
+        } else {
+            None
         };
         Ok(JobStatus {
-            steps_done: u32::try_from(steps_done).unwrap_or(u32::MAX),
+            steps_done: u32::try_from(steps.len()).unwrap_or(u32::MAX),
+            residuals: steps.iter().map(residual).collect::<Result<_, _>>()?,
             eta_s: running.and_then(|r| r.eta_s()),
             queue_position,
             record,
@@ -284,7 +288,7 @@ impl Service {
             let job = self.job(id).await?;
             if job.state.has_ended() {
                 let detail = format!("the job has ended: it is {}", job.state);
-                return Err(Fault::new(FaultKind::WrongState, detail).with("state", job.state.as_str()));
+                return Err(Fault::new(FaultKind::WrongState, detail).with("job_status", job.state.as_str()));
             }
             if let Some(running) = self.running().filter(|r| r.job == id) {
                 running.request_cancel();
@@ -317,6 +321,14 @@ impl Service {
     }
 }
 
+fn residual(step: &StepRecord) -> Result<f64, Fault> {
+    let document = serde_json::from_str::<StepDocument>(&step.document).map_err(|error| {
+        tracing::error!(%error, "the document of a step cannot be read");
+        Fault::new(FaultKind::Internal, "a stored document cannot be read; the log says more")
+    })?;
+    Ok(document.relative_residual)
+}
+
 struct CancelOnDrop(Control);
 
 impl Drop for CancelOnDrop {
@@ -330,7 +342,7 @@ pub(super) fn panicked() -> Fault {
 }
 
 pub(super) fn status_event(state: JobState, attempt: u32) -> String {
-    serde_json::json!({ "state": state.as_str(), "attempt": attempt }).to_string()
+    serde_json::json!({ "status": state.as_str(), "attempt": attempt }).to_string()
 }
 
 pub(super) fn warning_event(text: &str) -> (&'static str, String) {
@@ -339,5 +351,5 @@ pub(super) fn warning_event(text: &str) -> (&'static str, String) {
 
 /// The last event of a job.
 pub(super) fn end_event(state: JobState, fault: Option<&Fault>) -> (&'static str, String) {
-    ("end", serde_json::json!({ "state": state.as_str(), "fault": fault }).to_string())
+    ("end", serde_json::json!({ "status": state.as_str(), "fault": fault }).to_string())
 }

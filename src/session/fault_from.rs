@@ -30,6 +30,7 @@ impl From<StoreError> for Fault {
             | StoreError::Io(_)
             | StoreError::Record { .. }
             | StoreError::Newer { .. }
+            | StoreError::Foreign
             | StoreError::InUse => {
                 tracing::error!(error = chain(&error), "the store failed");
                 Self::new(FaultKind::Internal, "the store failed; the log says more")
@@ -40,10 +41,7 @@ impl From<StoreError> for Fault {
 
 impl From<StoreError> for Halt {
     fn from(error: StoreError) -> Self {
-        match error {
-            StoreError::SessionGone => Self::Cancelled,
-            other => Fault::from(other).into(),
-        }
+        if matches!(error, StoreError::SessionGone) { Self::Cancelled } else { Fault::from(error).into() }
     }
 }
 

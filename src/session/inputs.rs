@@ -4,12 +4,15 @@ use serde::de::DeserializeOwned;
 
 use super::{
     Case, Fault, FaultKind, FieldDocument, FieldSettingsDocument, LandmarksDocument, MeshDocument,
-    MeshSettingsDocument, PlaneDocument, TissueRequest, key_of,
+    MeshSettingsDocument, PlaneDocument, SurfaceDocument, TissueRequest, key_of,
 };
 use crate::geometry::TriMesh;
 use crate::plan::BoundedPlane;
 use crate::simulate::Anatomy;
 use crate::store::{PartKind, PartRecord, SessionId, Store, decode_mesh};
+
+/// Boxes of surfaces that are cut at the same plane may differ by so much, mm.
+const BOX_SLACK_MM: f64 = 1.0;
 
 /// The parts of one session, and what they allow.
 #[derive(Debug, Clone, PartialEq)]
@@ -112,6 +115,30 @@ impl SessionParts {
         let has_ct = self.get(PartKind::Ct).is_some();
         let next = if has_ct { "the import of the CT has not succeeded" } else { "PUT them, or a CT, first" };
         Err(self.missing(&missing, next))
+    }
+
+    /// What the boxes of skin and skull tell of whether they belong together; the field looks more closely.
+    ///
+    /// # Errors
+    /// [`FaultKind::AnatomyNotUsable`], [`FaultKind::MissingInput`].
+    pub fn require_nested(&self) -> Result<(), Fault> {
+        self.require_surfaces()?;
+        let skin: Option<SurfaceDocument> = self.document(PartKind::Skin)?;
+        let skull: Option<SurfaceDocument> = self.document(PartKind::Skull)?;
+        let (Some(skin), Some(skull)) = (skin, skull) else { return Ok(()) };
+        let axes = [0, 1, 2];
+        let inside = |a: usize| {
+            skin.min_mm[a] > skull.min_mm[a] - BOX_SLACK_MM && skin.max_mm[a] < skull.max_mm[a] + BOX_SLACK_MM
+        };
+        let apart = |a: usize| skin.min_mm[a] > skull.max_mm[a] || skin.max_mm[a] < skull.min_mm[a];
+        let detail = if axes.into_iter().all(inside) {
+            "the skin lies inside the skull's box: are the two files swapped?"
+        } else if axes.into_iter().any(apart) {
+            "skin and skull lie apart: do both have the same frame (LPS) and unit (mm)?"
+        } else {
+            return Ok(());
+        };
+        Err(Fault::new(FaultKind::AnatomyNotUsable, detail))
     }
 
     /// The fields must have been built from the present inputs.

@@ -7,6 +7,9 @@ use crate::fem::{Model, Preset, SkinElement, SolveSettings, Solver, StepReport};
 use crate::geometry::{Aabb, Point, TriMesh, Vector};
 use crate::plan::{Plan, PlanError};
 
+/// Share of the work that setting up the equations takes.
+const SETUP_SHARE: f64 = 0.03;
+
 /// Settings of [`solve`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct RunSettings {
@@ -90,14 +93,15 @@ pub fn solve(
         skin_element: settings.skin_element,
         ..SolveSettings::new(settings.model, settings.preset.materials())
     };
-    let mut solver = Solver::new(&mesh, bone.bodies(), solver_settings, control)?;
+    let mut solver = Solver::new(&mesh, bone.bodies(), solver_settings, &control.part(0.0, SETUP_SHARE))?;
+    let path = control.part(SETUP_SHARE, 1.0);
     let carrier = Carrier::new(&anatomy.skin, &tissue.embedding);
     warnings.extend(Aabb::of(&mesh.positions).and_then(|region| carrier.warning(&anatomy.skin, &region)));
     let mut steps = Vec::with_capacity(settings.steps);
     let mut last = vec![Vector::zeros(); anatomy.skin.positions().len()];
     for k in 1..=settings.steps {
         let share = |k: usize| k as f64 / settings.steps as f64;
-        let report = solver.advance(share(k), &|t| plan.motions(t), &control.part(share(k - 1), share(k)))?;
+        let report = solver.advance(share(k), &|t| plan.motions(t), &path.part(share(k - 1), share(k)))?;
         last = carrier.displacements(&solver);
         steps.push(report.clone());
         on_frame(frame(anatomy, &last, k, share(k), report)?);

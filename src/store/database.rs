@@ -6,10 +6,8 @@ use std::time::Duration;
 use sqlx::SqlitePool;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
 
+use super::format::{self, BLOBS, DATABASE, LOCK};
 use super::{Blobs, StoreError};
-
-/// Scripts that bring an empty database to the present format, one a version.
-const MIGRATIONS: &[&str] = &[include_str!("schema.sql")];
 
 /// The embedded store of one data directory. Clones share it.
 #[derive(Debug, Clone)]
@@ -26,17 +24,13 @@ impl Store {
     /// Opens or creates the store in `directory`, and sweeps files that no row names (left by a crash).
     ///
     /// # Errors
-    /// [`StoreError::InUse`] when another process has it open, [`StoreError::Newer`] when a later version wrote it,
-    /// otherwise whatever the disk or the database says.
+    /// [`StoreError::InUse`] when another process has it open, [`StoreError::Newer`] and [`StoreError::Foreign`] when another
+    /// version or program wrote it, otherwise whatever the disk or the database says.
     pub async fn open(directory: &Path) -> Result<Self, StoreError> {
         create_private(directory)?;
-        let lock = File::create(directory.join("lock"))?;
-        lock.try_lock().map_err(|e| match e {
-            TryLockError::WouldBlock => StoreError::InUse,
-            TryLockError::Error(e) => StoreError::Io(e),
-        })?;
+        let lock = lock(directory)?;
         let options = SqliteConnectOptions::new()
-            .filename(directory.join("prosopon.sqlite"))
+            .filename(directory.join(DATABASE))
             .create_if_missing(true)
             .journal_mode(SqliteJournalMode::Wal)
             .synchronous(SqliteSynchronous::Full)
@@ -44,16 +38,27 @@ impl Store {
             // What is deleted is overwritten: rows hold paths and reports of patients.
             .pragma("secure_delete", "ON")
             .busy_timeout(Duration::from_secs(10));
-        let writer = SqlitePoolOptions::new().max_connections(1).connect_with(options.clone()).await?;
-        migrate(&writer).await?;
+        let writer = SqlitePoolOptions::new().max_connections(1).connect_with(options.clone()).await;
+        let writer = writer.map_err(format::no_database)?;
+        format::prepare(&writer).await?;
         let reader = SqlitePoolOptions::new().max_connections(4).connect_with(options).await?;
-        let blobs = Blobs::open(&directory.join("blobs"))?;
+        let blobs = Blobs::open(&directory.join(BLOBS))?;
         let store = Self { writer, reader, blobs, _lock: Arc::new(lock) };
         let swept = store.blobs.sweep(&store.named_blobs().await?).await?;
         if swept > 0 {
             tracing::info!(files = swept, "removed files that no record names");
         }
         Ok(store)
+    }
+
+    /// Removes what a store left in `directory`, of whatever version; other files stay.
+    ///
+    /// # Errors
+    /// [`StoreError::InUse`] when a process has it open, [`StoreError::Io`].
+    pub fn erase(directory: &Path) -> Result<(), StoreError> {
+        create_private(directory)?;
+        let _held = lock(directory)?;
+        format::remove(directory)
     }
 
     /// Large immutable values.
@@ -80,6 +85,15 @@ impl Store {
     }
 }
 
+fn lock(directory: &Path) -> Result<File, StoreError> {
+    let lock = File::create(directory.join(LOCK))?;
+    match lock.try_lock() {
+        Ok(()) => Ok(lock),
+        Err(TryLockError::WouldBlock) => Err(StoreError::InUse),
+        Err(TryLockError::Error(error)) => Err(StoreError::Io(error)),
+    }
+}
+
 /// Makes the directory, for its owner only.
 fn create_private(directory: &Path) -> std::io::Result<()> {
     let mut builder = std::fs::DirBuilder::new();
@@ -87,23 +101,6 @@ fn create_private(directory: &Path) -> std::io::Result<()> {
     #[cfg(unix)]
     std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
     builder.create(directory)
-}
-
-async fn migrate(writer: &SqlitePool) -> Result<(), StoreError> {
-    let found: i64 = sqlx::query_scalar("PRAGMA user_version").fetch_one(writer).await?;
-    let known = MIGRATIONS.len() as i64;
-    if found > known {
-        return Err(StoreError::Newer { found, known });
-    }
-    for (index, script) in MIGRATIONS.iter().enumerate().skip(found.max(0) as usize) {
-        let mut transaction = writer.begin().await?;
-        sqlx::raw_sql(*script).execute(&mut *transaction).await?;
-        // PRAGMA takes no bound value; the number is ours.
-        let set_version = format!("PRAGMA user_version = {}", index + 1);
-        sqlx::raw_sql(sqlx::AssertSqlSafe(set_version)).execute(&mut *transaction).await?;
-        transaction.commit().await?;
-    }
-    Ok(())
 }
 
 #[cfg(test)]
@@ -129,5 +126,31 @@ mod tests {
         store.close().await;
         drop(store);
         assert!(matches!(Store::open(directory.path()).await, Err(StoreError::Newer { found: 99, .. })));
+    }
+
+    /// A store whose tables are of an unreleased version, another program's database, and no database.
+    #[tokio::test]
+    async fn what_is_no_database_of_this_version_is_refused_and_can_be_erased() {
+        let other_columns = "ALTER TABLE jobs RENAME COLUMN state TO status";
+        let other_program = "PRAGMA user_version = 0";
+        for change in [Some(other_columns), Some(other_program), None] {
+            let directory = tempfile::tempdir().unwrap();
+            match change {
+                Some(change) => {
+                    let store = Store::open(directory.path()).await.unwrap();
+                    sqlx::raw_sql(change).execute(&store.writer).await.unwrap();
+                    store.close().await;
+                }
+                None => std::fs::write(directory.path().join(DATABASE), [b'x'; 5000]).unwrap(),
+            }
+            let refused = Store::open(directory.path()).await;
+            assert!(matches!(refused, Err(StoreError::Foreign)), "{change:?}: {refused:?}");
+            std::fs::write(directory.path().join("notes.txt"), "mine").unwrap();
+            Store::erase(directory.path()).unwrap();
+            let store = Store::open(directory.path()).await.unwrap();
+            assert!(matches!(Store::erase(directory.path()), Err(StoreError::InUse)));
+            store.close().await;
+            assert!(directory.path().join("notes.txt").exists());
+        }
     }
 }

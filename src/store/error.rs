@@ -8,7 +8,7 @@ pub enum StoreError {
     #[error("the blob store failed")]
     Blob(#[from] object_store::Error),
     /// The data directory.
-    #[error("the data directory failed")]
+    #[error("its files cannot be read or written")]
     Io(#[from] std::io::Error),
     /// A stored document is not what was written.
     #[error("a stored record cannot be read: {detail}")]
@@ -17,15 +17,23 @@ pub enum StoreError {
         detail: String,
     },
     /// Written by a later version.
-    #[error("the data directory has format {found}, this version reads up to {known}")]
+    #[error(
+        "it has format {found}, this version reads up to {known}; run the version that wrote it, or name another directory"
+    )]
     Newer {
         /// Version found.
         found: i64,
         /// Newest version that is known.
         known: i64,
     },
+    /// Of another program, or of a version whose format was never released.
+    #[error(
+        "its database is not of this version's format; name another directory, or, when nothing in it is needed, \
+         delete prosopon.sqlite and blobs in it"
+    )]
+    Foreign,
     /// Another process has it.
-    #[error("the data directory is in use by another process")]
+    #[error("another process is using it")]
     InUse,
     /// The session that the row belongs to was deleted meanwhile.
     #[error("the session was deleted meanwhile")]

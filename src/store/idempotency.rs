@@ -53,9 +53,9 @@ pub(super) async fn remember(
     .bind(now_rfc3339())
     .execute(&mut **transaction)
     .await
-    .map_err(|e| match &e {
-        sqlx::Error::Database(d) if d.is_unique_violation() => StoreError::KeyTaken,
-        _ => StoreError::Database(e),
+    .map_err(|error| {
+        let taken = error.as_database_error().is_some_and(sqlx::error::DatabaseError::is_unique_violation);
+        if taken { StoreError::KeyTaken } else { StoreError::Database(error) }
     })?;
     Ok(())
 }

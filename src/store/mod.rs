@@ -7,6 +7,7 @@ mod blobs;
 mod database;
 mod error;
 mod events;
+mod format;
 mod idempotency;
 mod ids;
 mod job_state;

@@ -185,10 +185,8 @@ impl Store {
 
 /// A row whose session is gone breaks the foreign key.
 pub(super) fn gone_if_orphan(error: sqlx::Error) -> StoreError {
-    match &error {
-        sqlx::Error::Database(d) if d.is_foreign_key_violation() => StoreError::SessionGone,
-        _ => StoreError::Database(error),
-    }
+    let orphan = error.as_database_error().is_some_and(sqlx::error::DatabaseError::is_foreign_key_violation);
+    if orphan { StoreError::SessionGone } else { StoreError::Database(error) }
 }
 
 /// Reads an id column of a row that must name a session.

@@ -181,21 +181,26 @@ impl TestApp {
     pub(crate) async fn session_with_field(&self) -> String {
         let session = self.session_with_surfaces().await;
         let field = self.finish(self.post(&format!("{session}/field"), json!({})).await).await;
-        assert_eq!(field["state"], "succeeded", "{field}");
+        assert_eq!(field["status"], "succeeded", "{field}");
         session
     }
 
     /// Session and plan, ready for a job.
     pub(crate) async fn session_with_plan(&self) -> (String, String) {
         let session = self.session_with_field().await;
+        let plan = self.plan(&session).await;
+        (session, plan)
+    }
+
+    /// Cuts, mesh and plan in a session that has its field: the plan.
+    pub(crate) async fn plan(&self, session: &str) -> String {
         let cut = json!({"cuts": [{"plane": {"point_mm": [0, 0, 0], "normal": [0, 0, 2]}}]});
         let osteotomy = self.post(&format!("{session}/osteotomies"), cut).await.ok()["id"].clone();
         let mesh = self.post(&format!("{session}/mesh"), json!({"osteotomy": osteotomy})).await;
-        assert_eq!(self.finish(mesh).await["state"], "succeeded");
+        assert_eq!(self.finish(mesh).await["status"], "succeeded");
         let waypoints = json!([{"t": 1, "translation_mm": [0, -6, -1.5]}]);
         let plan = json!({"osteotomy": osteotomy, "paths": [{"segment": 1, "waypoints": waypoints}]});
-        let plan = self.post(&format!("{session}/plans"), plan).await.ok()["id"].as_str().unwrap().to_owned();
-        (session, plan)
+        self.post(&format!("{session}/plans"), plan).await.ok()["id"].as_str().unwrap().to_owned()
     }
 
     /// Path of a solve that was accepted.

@@ -29,7 +29,7 @@ async fn events_count_up_and_tell_the_whole_story() {
     assert_eq!((&step["k"], &step["steps"], &step["converged"]), (&json!(1), &json!(3), &json!(true)));
     assert_eq!(step["links"]["skin"], format!("{job}/steps/1/skin"));
     let end = &events.last().unwrap()["data"];
-    assert_eq!((&end["state"], &end["links"]["report"]), (&json!("succeeded"), &json!(format!("{job}/report"))));
+    assert_eq!((&end["status"], &end["links"]["report"]), (&json!("succeeded"), &json!(format!("{job}/report"))));
 }
 
 #[tokio::test]
@@ -82,5 +82,5 @@ async fn a_failed_end_carries_the_problem() {
     let job = app.solve(&session, &plan, json!({})).await;
     let end = lines(&app, &job, None).await.pop().unwrap();
     assert_eq!(end["data"]["problem"]["type"], "/problems/solver-not-converged");
-    assert_eq!(end["data"]["state"], "failed");
+    assert_eq!(end["data"]["status"], "failed");
 }

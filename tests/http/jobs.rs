@@ -12,9 +12,9 @@ async fn a_solve_goes_its_way_and_leaves_a_report() {
     let (session, plan) = app.session_with_plan().await;
     let body = json!({"plan": plan, "model": "mixed", "steps": 3, "outputs": ["skin", "tissue"]});
     let accepted = app.post(&format!("{session}/jobs"), body).await;
-    assert_eq!(accepted.json()["state"], "accepted");
+    assert_eq!(accepted.json()["status"], "accepted");
     let job = app.finish(accepted).await;
-    assert_eq!((&job["state"], &job["progress"], &job["step"]), (&json!("succeeded"), &json!(1.0), &json!(3)));
+    assert_eq!((&job["status"], &job["progress"], &job["step"]), (&json!("succeeded"), &json!(1.0), &json!(3)));
     assert_eq!(job["warnings"], json!(["a stand-in"]));
     let report = app.get(job["links"]["report"].as_str().unwrap()).await.ok();
     assert_eq!((&report["model"], &report["version"]), (&json!("mixed"), &json!(env!("CARGO_PKG_VERSION"))));
@@ -28,9 +28,33 @@ async fn a_solve_goes_its_way_and_leaves_a_report() {
     }
     assert_eq!(report["warnings"], json!(["a stand-in", "the skull has crumbs", "thin over the nose"]));
     assert_eq!(app.get(job["links"]["tissue"].as_str().unwrap()).await.body.as_ref(), b"<VTKFile/>");
-    let listed = app.get(&format!("/v1/jobs?session={}&state=succeeded", job["session"].as_str().unwrap())).await.ok();
+    let listed = app.get(&format!("/v1/jobs?session={}&status=succeeded", job["session"].as_str().unwrap())).await.ok();
     let kinds: Vec<&str> = listed["jobs"].as_array().unwrap().iter().map(|j| j["kind"].as_str().unwrap()).collect();
     assert_eq!(kinds, ["solve", "mesh", "field"]);
+}
+
+#[tokio::test]
+async fn progress_is_that_of_the_path_and_residuals_are_those_of_its_steps() {
+    let app = TestApp::new().await;
+    let (session, plan) = app.session_with_plan().await;
+    app.upload(&format!("{session}/target"), crate::shapes::skin()).await.ok();
+    app.stand_in.hold_after(2);
+    let job = app.solve(&session, &plan, json!({"steps": 4})).await;
+    app.until_step(&job, 2).await;
+    let view = app.get(&job).await.ok();
+    // Half of the path; comparing two steps with the target has moved nothing.
+    let progress = view["progress"].as_f64().unwrap();
+    assert!((0.4..0.5).contains(&progress), "{view}");
+    assert_eq!((&view["step"], &view["steps"], &view["phase"]), (&json!(2), &json!(4), &json!("solve")));
+    assert!(view["eta_s"].as_f64().unwrap() >= 0.0);
+    assert_eq!(view["residuals"], json!([1e-6, 1e-6]));
+    app.stand_in.release();
+    let ended = app.get(&format!("{job}?wait_s=10")).await.ok();
+    assert_eq!((&ended["progress"], ended["residuals"].as_array().unwrap().len()), (&json!(1.0), 4));
+    let events = app.call(axum::http::Method::GET, &format!("{job}/events"), &[], axum::body::Body::empty()).await;
+    let events = String::from_utf8(events.body.to_vec()).unwrap();
+    let told = events.lines().filter_map(|l| serde_json::from_str::<serde_json::Value>(l.strip_prefix("data: ")?).ok());
+    assert!(told.filter_map(|data| data["progress"].as_f64()).all(|share| share < 1.0));
 }
 
 #[tokio::test]
@@ -81,7 +105,7 @@ async fn a_panic_or_refusal_of_the_numerics_fails_the_job_and_the_service_goes_o
     let (session, plan) = app.session_with_plan().await;
     app.stand_in.panics.store(true, Ordering::SeqCst);
     let job = app.get(&format!("{}?wait_s=10", app.solve(&session, &plan, json!({})).await)).await.ok();
-    assert_eq!((&job["state"], &job["problem"]["type"]), (&json!("failed"), &json!("/problems/internal")));
+    assert_eq!((&job["status"], &job["problem"]["type"]), (&json!("failed"), &json!("/problems/internal")));
     assert!(!job["problem"]["detail"].as_str().unwrap().contains("planted"), "nothing of the inside leaks");
 
     app.stand_in.panics.store(false, Ordering::SeqCst);
@@ -98,7 +122,7 @@ async fn a_panic_or_refusal_of_the_numerics_fails_the_job_and_the_service_goes_o
 
     app.stand_in.fails_after.store(0, Ordering::SeqCst);
     let job = app.get(&format!("{}?wait_s=10", app.solve(&session, &plan, json!({})).await)).await.ok();
-    assert_eq!(job["state"], "succeeded");
+    assert_eq!(job["status"], "succeeded");
 }
 
 #[tokio::test]
@@ -117,7 +141,7 @@ async fn one_job_runs_and_the_others_wait_in_line() {
     assert_eq!(full.header("retry-after"), "10");
     app.stand_in.release();
     for job in [first, second, third] {
-        assert_eq!(app.get(&format!("{job}?wait_s=10")).await.ok()["state"], "succeeded");
+        assert_eq!(app.get(&format!("{job}?wait_s=10")).await.ok()["status"], "succeeded");
     }
     assert_eq!(app.stand_in.solves.load(Ordering::SeqCst), 3);
 }
@@ -132,14 +156,14 @@ async fn a_cancelled_job_stops_at_once_and_only_once() {
     app.until_step(&running, 2).await;
 
     let answer = app.post(&format!("{waiting}/cancel"), json!({})).await;
-    assert_eq!((answer.status, &answer.json()["state"]), (StatusCode::ACCEPTED, &json!("cancelled")));
+    assert_eq!((answer.status, &answer.json()["status"]), (StatusCode::ACCEPTED, &json!("cancelled")));
     let asked = Instant::now();
     app.post(&format!("{running}/cancel"), json!({})).await.ok();
     let ended = app.get(&format!("{running}?wait_s=10")).await.ok();
     assert!(asked.elapsed() < Duration::from_secs(2));
-    assert_eq!((&ended["state"], &ended["step"]), (&json!("cancelled"), &json!(2)));
+    assert_eq!((&ended["status"], &ended["step"]), (&json!("cancelled"), &json!(2)));
     let again = app.post(&format!("{running}/cancel"), json!({})).await.problem(409, "wrong-state");
-    assert_eq!(again["state"], "cancelled");
+    assert_eq!(again["job_status"], "cancelled");
     assert_eq!(app.get(&format!("{running}/steps/1/skin")).await.status, StatusCode::OK);
 }
 
@@ -150,7 +174,7 @@ async fn a_long_poll_answers_when_the_job_ends_or_the_time_is_up() {
     app.stand_in.hold_after(0);
     let job = app.solve(&session, &plan, json!({})).await;
     let asked = Instant::now();
-    let state = app.get(&format!("{job}?wait_s=0.2")).await.ok()["state"].clone();
+    let state = app.get(&format!("{job}?wait_s=0.2")).await.ok()["status"].clone();
     assert!(asked.elapsed() >= Duration::from_millis(200) && state != "succeeded");
     let release = async {
         tokio::time::sleep(Duration::from_millis(50)).await;
@@ -158,7 +182,7 @@ async fn a_long_poll_answers_when_the_job_ends_or_the_time_is_up() {
     };
     let path = format!("{job}?wait_s=30");
     let (answer, ()) = tokio::join!(app.get(&path), release);
-    assert_eq!(answer.ok()["state"], "succeeded");
+    assert_eq!(answer.ok()["status"], "succeeded");
     assert!(asked.elapsed() < Duration::from_secs(10));
     app.get(&format!("{job}?wait_s=1000")).await.problem(400, "malformed-request");
     app.get("/v1/jobs/00000000-0000-0000-0000-000000000000").await.problem(404, "not-found");
@@ -177,7 +201,7 @@ async fn a_job_whose_inputs_were_replaced_while_it_waited_says_so() {
     }
     app.upload(&format!("{session}/skin"), crate::shapes::stl(&crate::shapes::cube([1.0; 3], 90.0))).await.ok();
     app.stand_in.release();
-    assert_eq!(app.get(&format!("{first}?wait_s=10")).await.ok()["state"], "succeeded", "it has its inputs already");
+    assert_eq!(app.get(&format!("{first}?wait_s=10")).await.ok()["status"], "succeeded", "it has its inputs already");
     let job = app.get(&format!("{second}?wait_s=10")).await.ok();
     assert_eq!(job["problem"]["type"], "/problems/stale");
 }

@@ -1,64 +1,131 @@
-//! The real binary: where it listens, how it stops.
+//! The real binary: where it listens, how it stops, what a killed one leaves.
 
-use std::io::{BufRead, BufReader};
+use std::io::Write;
+use std::net::TcpStream;
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::Command;
+use std::time::{Duration, Instant};
 
-/// A served directory; the process is killed when this is dropped.
-struct Server {
-    child: Child,
-    url: String,
-}
+use serde_json::{Value, json};
 
-impl Drop for Server {
-    fn drop(&mut self) {
-        self.child.kill().ok();
-        self.child.wait().ok();
-    }
-}
-
-fn serve(data: &Path, listen: &str) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_prosopon"));
-    command.arg("serve").args(["--listen", listen, "--threads", "1", "--data"]).arg(data);
-    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
-    command
-}
-
-fn start(data: &Path) -> Server {
-    let mut child = serve(data, "127.0.0.1:0").spawn().unwrap();
-    let mut line = String::new();
-    BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
-    // Nobody reads the log; it must not fill the pipe.
-    let mut log = child.stderr.take().unwrap();
-    std::thread::spawn(move || std::io::copy(&mut log, &mut std::io::sink()));
-    let url = line.trim().strip_prefix("listening on ").unwrap_or_else(|| panic!("found {line:?}")).to_owned();
-    Server { child, url }
-}
-
-fn get(url: &str) -> serde_json::Value {
-    ureq::get(url).call().unwrap().body_mut().read_json().unwrap()
-}
+use crate::binary::{Server, serve};
 
 #[test]
 fn a_killed_service_has_everything_when_it_starts_again() {
     let directory = tempfile::tempdir().unwrap();
-    let server = start(directory.path());
-    let body = serde_json::json!({"label": "kept"});
-    let mut made = ureq::post(format!("{}/v1/sessions", server.url)).send_json(body).unwrap();
-    let session: serde_json::Value = made.body_mut().read_json().unwrap();
-    let path = format!("/v1/sessions/{}", session["id"].as_str().unwrap());
-    ureq::put(format!("{}{path}/skin", server.url)).send(crate::shapes::skin()).unwrap();
-    let before = get(&format!("{}{path}", server.url));
+    let server = Server::start(directory.path(), &[]);
+    let session = server.session();
+    server.upload(&format!("{session}/skin"), &crate::shapes::skin()).ok();
+    let before = server.get(&session).ok();
     drop(server);
-    let server = start(directory.path());
-    assert_eq!(get(&format!("{}{path}", server.url)), before);
+    let server = Server::start(directory.path(), &[]);
+    assert_eq!(server.get(&session).ok(), before);
+}
+
+/// Files of the store, `SESSION/NAME`.
+fn blobs(data: &Path) -> Vec<String> {
+    let names = |path: &Path| -> Vec<String> {
+        std::fs::read_dir(path).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect()
+    };
+    let sessions = names(&data.join("blobs"));
+    sessions
+        .iter()
+        .flat_map(|s| names(&data.join("blobs").join(s)).into_iter().map(move |f| format!("{s}/{f}")))
+        .collect()
+}
+
+/// Killed between two steps and in the middle of an upload: what was finished is there, what was not is gone, and the job
+/// comes to the same end.
+#[test]
+fn a_solve_that_was_killed_keeps_its_steps_and_runs_again() {
+    let directory = tempfile::tempdir().unwrap();
+    let server = Server::start(directory.path(), &[]);
+    let session = server.session_with_field();
+    let (osteotomy, jaw) = server.cut(&session);
+    let mesh = json!({ "osteotomy": osteotomy, "edge_mm": 8.0 });
+    server.finish(&server.post(&format!("{session}/mesh"), &mesh));
+    let waypoints = json!([{ "t": 1, "translation_mm": [0, -6, -1.5] }]);
+    let plan = json!({ "osteotomy": osteotomy, "paths": [{ "segment": jaw, "waypoints": waypoints }] });
+    let plan = server.post(&format!("{session}/plans"), &plan).ok()["id"].clone();
+    let solve = json!({ "plan": plan, "model": "mixed", "steps": 8 });
+    let job = server.post(&format!("{session}/jobs"), &solve).ok()["links"]["self"].as_str().unwrap().to_owned();
+
+    let mut progress = 0.0;
+    let deadline = Instant::now() + Duration::from_secs(120);
+    let steps = loop {
+        let view = server.get(&job).ok();
+        let now = view["progress"].as_f64().unwrap();
+        assert!(now >= progress && now < 1.0, "{progress} then {view}");
+        progress = now;
+        assert!(view["status"] == "accepted" || view["status"] == "running", "{view}");
+        if view["step"].as_u64().unwrap() >= 2 {
+            break view["step"].as_u64().unwrap();
+        }
+        assert!(Instant::now() < deadline, "{view}");
+        std::thread::park_timeout(Duration::from_millis(20));
+    };
+    let frames: Vec<Vec<u8>> = (1..=steps).map(|k| server.get(&format!("{job}/steps/{k}/frame")).body).collect();
+    let parts = server.get(&session).ok()["parts"].clone();
+    let mut half = TcpStream::connect(server.address()).unwrap();
+    let head = format!("PUT {session}/target HTTP/1.1\r\nHost: localhost\r\nContent-Length: 50000000\r\n\r\n");
+    half.write_all(head.as_bytes()).unwrap();
+    half.write_all(&vec![0; 20_000_000]).unwrap();
+    drop(server);
+    let left = blobs(directory.path());
+
+    let server = Server::start(directory.path(), &[]);
+    let view = server.get(&job).ok();
+    let status = view["status"].as_str().unwrap();
+    assert!(["accepted", "running", "interrupted"].contains(&status), "{view}");
+    assert!(view["step"].as_u64().unwrap() >= steps);
+    assert_eq!(server.get(&session).ok()["parts"], parts);
+    for (k, frame) in (1..).zip(&frames) {
+        assert!(server.get(&format!("{job}/steps/{k}/frame")).body == *frame, "step {k}");
+    }
+    let now = blobs(directory.path());
+    let is_half = |name: &&String| name.contains('#');
+    assert!(left.iter().any(|name| is_half(&name)), "the upload was under way: {left:?}");
+    assert_eq!(now.iter().find(is_half), None);
+
+    let accepted = server.get(&job);
+    let ended = server.finish(&accepted);
+    assert_eq!((&ended["attempt"], &ended["step"], &ended["progress"]), (&json!(2), &json!(8), &json!(1.0)));
+    assert_eq!(ended["residuals"].as_array().unwrap().len(), 8);
+    for (k, frame) in (1..).zip(&frames) {
+        assert!(server.get(&format!("{job}/steps/{k}/frame")).body == *frame, "step {k} is computed to the same bytes");
+    }
+    let report = server.get(&format!("{job}/report")).ok();
+    let phase = |name: &str| report["phases"][name].as_f64().unwrap();
+    let sum: f64 = ["surfaces_s", "field_s", "cut_s", "mesh_s", "plan_s", "solve_s"].map(phase).iter().sum();
+    assert!((sum - phase("total_s")).abs() < 1e-9 && phase("solve_s") > 0.0);
+    let events = String::from_utf8(server.get(&format!("{job}/events")).body).unwrap();
+    let statuses: Vec<Value> = events
+        .lines()
+        .filter_map(|l| serde_json::from_str::<Value>(l.strip_prefix("data: ")?).ok())
+        .filter_map(|data| data.get("status").cloned())
+        .collect();
+    assert_eq!(statuses, ["accepted", "running", "interrupted", "accepted", "running", "succeeded"]);
+}
+
+#[test]
+fn a_database_of_another_format_is_named_with_what_to_do() {
+    let directory = tempfile::tempdir().unwrap();
+    std::fs::write(directory.path().join("prosopon.sqlite"), [b'x'; 5000]).unwrap();
+    let output = serve(directory.path(), "127.0.0.1:0").output().unwrap();
+    assert!(!output.status.success());
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert!(
+        message.contains("not of this version's format") && message.contains("name another directory"),
+        "{message}"
+    );
+    assert!(message.contains(&directory.path().display().to_string()), "{message}");
 }
 
 #[cfg(unix)]
 #[test]
 fn a_terminated_service_stops_in_good_order() {
     let directory = tempfile::tempdir().unwrap();
-    let mut server = start(directory.path());
+    let mut server = Server::start(directory.path(), &[]);
     let id = server.child.id().to_string();
     assert!(Command::new("kill").args(["-TERM", &id]).status().unwrap().success());
     assert!(server.child.wait().unwrap().success());
@@ -77,4 +144,26 @@ fn an_address_beyond_loopback_is_refused_with_the_reason() {
 fn the_description_is_printed() {
     let output = Command::new(env!("CARGO_BIN_EXE_prosopon")).arg("openapi").output().unwrap();
     assert!(output.stdout == include_bytes!("../../api/openapi.json"));
+}
+
+/// The store of a demo's run before may be of any version, and its results must not be taken for new ones.
+#[test]
+fn a_demo_begins_anew_in_a_directory_that_was_used_before() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name);
+    std::fs::create_dir_all(at("service/blobs/x")).unwrap();
+    std::fs::create_dir(at("steps")).unwrap();
+    for name in ["service/prosopon.sqlite", "service/blobs/x/y", "report.json", "steps/07.glb", "notes.txt"] {
+        std::fs::write(at(name), [b'x'; 5000]).unwrap();
+    }
+    let output = Command::new(env!("CARGO_BIN_EXE_prosopon"))
+        .args(["demo", "--skin", "absent.stl", "--skull", "absent.stl", "--out"])
+        .arg(directory.path())
+        .output()
+        .unwrap();
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert!(!output.status.success() && message.contains("absent.stl"), "{message}");
+    for (name, stays) in [("service/blobs/x/y", false), ("report.json", false), ("steps/07.glb", false), ("notes.txt", true)] {
+        assert_eq!(at(name).exists(), stays, "{name}");
+    }
 }

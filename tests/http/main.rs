@@ -1,10 +1,12 @@
 //! The HTTP API, in process and over a real socket.
 //!
-//! Numerics are a fast stand-in (`stand_in.rs`), so that these tests are of the service and not of the solver.
+//! Numerics are a fast stand-in (`stand_in.rs`), so that these tests are of the service and not of the solver; `binary.rs`
+//! alone has the real ones.
 
 #![allow(clippy::unwrap_used, clippy::panic, clippy::print_stderr, reason = "test code")]
 
 mod app;
+mod binary;
 mod bone;
 mod edges;
 mod events;
@@ -14,6 +16,7 @@ mod inputs;
 mod jobs;
 mod journey;
 mod kill;
+mod refused;
 mod restart;
 mod results;
 mod sessions;

@@ -32,7 +32,7 @@ async fn everything_is_there_after_a_restart() {
     }
     // And it works on: the mesh is known to be of these inputs.
     let job = app.solve(&session, &plan, json!({})).await;
-    assert_eq!(app.get(&format!("{job}?wait_s=10")).await.ok()["state"], "succeeded");
+    assert_eq!(app.get(&format!("{job}?wait_s=10")).await.ok()["status"], "succeeded");
 }
 
 #[tokio::test]
@@ -45,13 +45,13 @@ async fn a_job_interrupted_by_a_stop_runs_again_and_its_steps_stay_the_same() {
     let step = app.get(&format!("{job}/steps/2/frame")).await;
     let app = app.restart().await;
     let ended = app.get(&format!("{job}?wait_s=10")).await.ok();
-    assert_eq!((&ended["state"], &ended["step"]), (&json!("succeeded"), &json!(4)));
+    assert_eq!((&ended["status"], &ended["step"]), (&json!("succeeded"), &json!(4)));
     assert_eq!(ended["attempt"], 1, "a stop in good order is no failed attempt");
     let again = app.get(&format!("{job}/steps/2/frame")).await;
     assert_eq!((again.body, again.headers["etag"].clone()), (step.body, step.headers["etag"].clone()));
     assert_eq!(app.stand_in.solves.load(Ordering::SeqCst), 2);
     let events = String::from_utf8(app.get(&format!("{job}/events")).await.body.to_vec()).unwrap();
-    assert!(events.contains(r#""state":"interrupted""#));
+    assert!(events.contains(r#""status":"interrupted""#));
 }
 
 #[tokio::test]
@@ -65,7 +65,7 @@ async fn a_job_that_the_service_did_not_survive_is_given_up_after_three_attempts
     assert_eq!(app.get(&format!("{job}?wait_s=10")).await.ok()["attempt"], 3, "the third attempt is made");
     let app = mark_as_crashed(app, &job, 3).await;
     let ended = app.get(&job).await.ok();
-    assert_eq!((&ended["state"], &ended["problem"]["type"]), (&json!("failed"), &json!("/problems/job-interrupted")));
+    assert_eq!((&ended["status"], &ended["problem"]["type"]), (&json!("failed"), &json!("/problems/job-interrupted")));
     assert_eq!(app.get(&format!("{job}/steps/1/frame")).await.status, 200);
 }
 

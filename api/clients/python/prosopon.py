@@ -40,7 +40,7 @@ class JobFailed(Exception):
     def __init__(self, job):
         self.job = job
         problem = job.get("problem") or {}
-        super().__init__("job %s %s: %s" % (job["id"], job["state"], problem.get("detail", "")))
+        super().__init__("job %s %s: %s" % (job["id"], job["status"], problem.get("detail", "")))
 
 
 class Client:
@@ -207,9 +207,9 @@ class Client:
         job = job["id"] if isinstance(job, dict) else job
         while True:
             view = self.job(job, wait_s=30)
-            if view["state"] == "succeeded":
+            if view["status"] == "succeeded":
                 return view
-            if view["state"] in _ENDED:
+            if view["status"] in _ENDED:
                 raise JobFailed(view)
 
     def events(self, job, last_event_id=0):

@@ -28,7 +28,7 @@ fn sliding_slab(cells: usize) -> MixedMesh {
 fn forces_and_stiffness_with_contact_are_derivatives_of_the_energy() {
     let mesh = sliding_slab(4);
     let control = Control::new();
-    let ball = Ball { center: Point::new(2.0, -1.0, -20.0), radius: 20.0 };
+    let ball = Ball { centre: Point::new(2.0, -1.0, -20.0), radius: 20.0 };
     let floor_and_ball: [&dyn Implicit; 2] = [&Floor, &ball];
     for (skin_element, solid) in [SkinElement::Wedge, SkinElement::C1Prism].into_iter().zip(floor_and_ball) {
         let settings = SolveSettings { skin_element, ..SolveSettings::new(Model::Mixed, Preset::Wang2009.materials()) };

@@ -3,7 +3,7 @@
 use super::blocks::{Slab, attach};
 use super::bodies::Ball;
 use crate::control::Control;
-use crate::fem::{ContactBody, Model, Preset, SolveError, SolveSettings, Solver};
+use crate::fem::{ContactBody, Model, Preset, SolveError, SolveSettings, Solver, StepReport};
 use crate::geometry::{Motion, Point};
 use crate::mesh::{Attachment, MixedMesh};
 
@@ -131,4 +131,15 @@ fn any_number_of_threads_gives_the_same_bits() {
     assert!(one.1.unknowns > 3000 && one.1.active_contacts > 0);
     assert_eq!(one, run(2));
     assert_eq!(one, run(3));
+}
+
+#[test]
+fn a_skin_that_had_to_be_changed_at_rest_is_told_with_the_first_step() {
+    let mut mesh = slab();
+    mesh.positions.iter_mut().for_each(|p| p.z -= 4.0 * p.x.abs());
+    let control = Control::new();
+    let mut solver = Solver::new(&mesh, vec![], settings(), &control).unwrap();
+    let told = |report: &StepReport| report.warnings.iter().any(|w| w.contains("sharply creased"));
+    assert!(told(&solver.advance(0.5, &|_| Vec::new(), &control).unwrap()));
+    assert!(!told(&solver.advance(1.0, &|_| Vec::new(), &control).unwrap()));
 }

@@ -25,7 +25,7 @@ pub(in crate::http) fn render_event(job: JobId, event: &EventRecord) -> Value {
                 members.insert("problem".to_owned(), problem);
             }
             let mut links = json!({ "self": own });
-            if members.get("state").is_some_and(|s| s == "succeeded") {
+            if members.get("status").is_some_and(|s| s == "succeeded") {
                 links["report"] = format!("{own}/report").into();
             }
             members.insert("links".to_owned(), links);

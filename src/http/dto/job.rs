@@ -179,7 +179,7 @@ pub struct JobView {
     /// `import`, `field`, `mesh` or `solve`.
     pub kind: String,
     /// `accepted`, `running`, `succeeded`, `failed`, `cancelled` or `interrupted` (it will run again).
-    pub state: String,
+    pub status: String,
     /// Stage of the work: `waiting`, `reading`, `surfaces`, `field`, `cut`, `mesh`, `solve`, `writing`, `done`.
     pub phase: String,
     /// Done share, 0 to 1.
@@ -194,6 +194,8 @@ pub struct JobView {
     pub queue_position: Option<u32>,
     /// How often it was started.
     pub attempt: u32,
+    /// Residual force of each finished step in order, relative to the reaction force.
+    pub residuals: Vec<f64>,
     /// What a caller should know.
     pub warnings: Vec<String>,
     /// Why it failed.
@@ -216,7 +218,7 @@ impl JobView {
             id: record.id.uuid(),
             session: record.session.uuid(),
             kind: record.kind.as_str().to_owned(),
-            state: record.state.as_str().to_owned(),
+            status: record.state.as_str().to_owned(),
             phase: record.phase.clone(),
             progress: record.progress,
             step: 0,
@@ -224,6 +226,7 @@ impl JobView {
             eta_s: None,
             queue_position: None,
             attempt: record.attempt,
+            residuals: Vec::new(),
             warnings: record.warnings.clone(),
             problem: fault.as_ref().map(ProblemDocument::from),
             created_at: record.created_at.clone(),
@@ -240,6 +243,7 @@ impl From<&JobStatus> for JobView {
             step: status.steps_done,
             eta_s: status.eta_s,
             queue_position: status.queue_position,
+            residuals: status.residuals.clone(),
             links: links(&status.record, status.steps_done),
             ..Self::new(&status.record)
         }

@@ -30,19 +30,17 @@ pub(in crate::http) async fn safety_net(State(limit): State<Duration>, request: 
     if !(status.is_client_error() || status.is_server_error()) || is_problem {
         return response;
     }
-    let kind = match status {
-        StatusCode::NOT_FOUND => FaultKind::NotFound,
-        StatusCode::METHOD_NOT_ALLOWED => FaultKind::MethodNotAllowed,
-        StatusCode::PAYLOAD_TOO_LARGE => FaultKind::TooLarge,
-        StatusCode::REQUEST_TIMEOUT => FaultKind::Timeout,
-        StatusCode::UNSUPPORTED_MEDIA_TYPE => FaultKind::UnsupportedFormat,
-        status if status.is_client_error() => FaultKind::MalformedRequest,
-        _ => FaultKind::Internal,
-    };
-    let detail = match kind {
-        FaultKind::NotFound => "there is nothing at this path",
-        FaultKind::MethodNotAllowed => "the Allow header names the methods of this path",
-        _ => status.canonical_reason().unwrap_or("refused"),
+    let reason = status.canonical_reason().unwrap_or("refused");
+    let (kind, detail) = match status {
+        StatusCode::NOT_FOUND => (FaultKind::NotFound, "there is nothing at this path"),
+        StatusCode::METHOD_NOT_ALLOWED => {
+            (FaultKind::MethodNotAllowed, "the Allow header names the methods of this path")
+        }
+        StatusCode::PAYLOAD_TOO_LARGE => (FaultKind::TooLarge, reason),
+        StatusCode::REQUEST_TIMEOUT => (FaultKind::Timeout, reason),
+        StatusCode::UNSUPPORTED_MEDIA_TYPE => (FaultKind::UnsupportedFormat, reason),
+        status if status.is_client_error() => (FaultKind::MalformedRequest, reason),
+        _ => (FaultKind::Internal, reason),
     };
     let allow = response.headers().get(header::ALLOW).cloned();
     let mut problem = Problem::new(kind, detail).into_response();

@@ -58,6 +58,7 @@ pub(in crate::http) async fn build(
 ) -> Result<Response, Problem> {
     let (Nothing {}, answering) = creating.split();
     let parts = SessionParts::load(state.service.store(), session).await?;
+    parts.require_nested()?;
     let request = FieldRequest { settings: parts.field_settings()?, key: parts.field_key()? };
     accept(&state, session, JobKind::Field, 0, &request, Some(&answering)).await
 }

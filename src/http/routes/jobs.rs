@@ -28,8 +28,8 @@ const MAX_WAIT_S: f64 = 60.0;
 pub(in crate::http) struct Page {
     /// Only of this session.
     session: Option<Uuid>,
-    /// Only in this state.
-    state: Option<String>,
+    /// Only with this status.
+    status: Option<String>,
     /// Only those made before this one.
     before: Option<Uuid>,
     /// At most so many, 1 to 100; 20 when absent.
@@ -113,7 +113,7 @@ pub(in crate::http) async fn list(
     Params(page): Params<Page>,
 ) -> Result<Json<JobList>, Problem> {
     let limit = page.limit.unwrap_or(20).clamp(1, 100);
-    let wanted = page.state.as_deref().map(str::parse::<JobState>).transpose();
+    let wanted = page.status.as_deref().map(str::parse::<JobState>).transpose();
     let filter = JobFilter {
         session: page.session.map(SessionId::from),
         state: wanted.map_err(|detail| Problem::new(FaultKind::MalformedRequest, detail))?,
@@ -131,13 +131,13 @@ pub(in crate::http) async fn list(
 
 fn next_page(page: &Page, last: JobId, limit: u32) -> String {
     let session = page.session.map(|s| format!("&session={s}")).unwrap_or_default();
-    let state = page.state.as_ref().map(|s| format!("&state={s}")).unwrap_or_default();
-    format!("/v1/jobs?before={last}&limit={limit}{session}{state}")
+    let status = page.status.as_ref().map(|s| format!("&status={s}")).unwrap_or_default();
+    format!("/v1/jobs?before={last}&limit={limit}{session}{status}")
 }
 
 /// A job
 ///
-/// State, phase, progress, what has come of it. `wait_s` makes it a long poll.
+/// Status, phase, progress, what has come of it. `wait_s` makes it a long poll.
 #[utoipa::path(get, path = "/v1/jobs/{job}", tag = "jobs", params(("job" = Uuid, Path), Wait),
     responses((status = 200, description = "how it stands", body = JobView)))]
 pub(in crate::http) async fn get(

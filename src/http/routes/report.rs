@@ -51,7 +51,7 @@ pub(in crate::http) async fn report(
     }
     let Some(text) = job.report.clone() else {
         let detail = format!("the report is not there; the job is {}", job.state);
-        return Err(Fault::new(FaultKind::NotReady, detail).with("state", job.state.as_str()).into());
+        return Err(Fault::new(FaultKind::NotReady, detail).with("job_status", job.state.as_str()).into());
     };
     let accepts_html =
         headers.get(header::ACCEPT).and_then(|a| a.to_str().ok()).is_some_and(|a| a.contains("text/html"));

@@ -57,6 +57,7 @@ pub(super) fn report_page(report: &str, pictures: &[(&str, Vec<u8>)]) -> Result<
         ("field", p.field_s),
         ("cut", p.cut_s),
         ("mesh", p.mesh_s),
+        ("plan", p.plan_s),
         ("solve", p.solve_s),
         ("total", p.total_s),
     ];

@@ -63,7 +63,7 @@ async fn find(service: &Service, id: JobId, k: u32) -> Result<(JobRecord, StepRe
         Some(step) => Ok((job, step)),
         None => {
             let fault = Fault::new(FaultKind::NotReady, format!("step {k} is not there; the job is {}", job.state));
-            Err(fault.with("state", job.state.as_str()).into())
+            Err(fault.with("job_status", job.state.as_str()).into())
         }
     }
 }
@@ -163,7 +163,7 @@ pub(in crate::http) async fn tissue(
     let job = state.service.job(id).await?;
     let Some(blob) = &job.tissue_blob else {
         let detail = format!("there is no volume: the job is {} (ask for the output tissue)", job.state);
-        return Err(Fault::new(FaultKind::NotReady, detail).with("state", job.state.as_str()).into());
+        return Err(Fault::new(FaultKind::NotReady, detail).with("job_status", job.state.as_str()).into());
     };
     let tag = tag_of(&[blob, "tissue"]);
     if let Some(known) = not_modified(&headers, &tag) {

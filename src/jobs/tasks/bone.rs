@@ -65,11 +65,13 @@ pub async fn make_plan(
     label: Option<String>,
 ) -> Result<PlanDocument, Fault> {
     let case = parts.case(&service.store).await?;
+    let started = Instant::now();
     service
         .compute(move |engine, control| {
             let reports = engine.follow(&case, &cuts, &plan, control)?;
             let reports = reports.iter().map(PathReportDocument::from).collect();
-            Ok::<_, Halt>(PlanDocument { label, paths: PlanDocument::paths_of(&plan), reports })
+            let wall_s = started.elapsed().as_secs_f64();
+            Ok::<_, Halt>(PlanDocument { label, paths: PlanDocument::paths_of(&plan), reports, wall_s })
         })
         .await
 }

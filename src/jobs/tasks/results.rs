@@ -13,7 +13,7 @@ pub async fn rest_of(service: &Service, job: &JobRecord) -> Result<TriMesh, Faul
     }
     let Some(blob) = &job.rest_blob else {
         let detail = format!("the job is {} and has not read its inputs yet", job.state);
-        return Err(Fault::new(FaultKind::NotReady, detail).with("state", job.state.as_str()));
+        return Err(Fault::new(FaultKind::NotReady, detail).with("job_status", job.state.as_str()));
     };
     Ok(decode_mesh(&service.store.blobs().get(blob).await?)?)
 }

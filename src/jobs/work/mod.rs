@@ -19,6 +19,9 @@ use crate::control::Control;
 use crate::session::{Engine, Fault, FaultKind, Halt, SessionParts};
 use crate::store::{BlobInfo, JobKind, JobRecord, PartKind, PartRecord, now_rfc3339};
 
+/// Share of a job that computes; the rest writes the results.
+const COMPUTING: f64 = 0.99;
+
 /// What a job leaves in its row.
 #[derive(Debug, Default)]
 pub(super) struct Done {
@@ -65,7 +68,7 @@ impl Context {
         &self,
         work: impl FnOnce(&dyn Engine, &Control) -> Result<T, Halt> + Send + 'static,
     ) -> Result<T, Halt> {
-        let (engine, control) = (Arc::clone(&self.service.engine), self.running.control.clone());
+        let (engine, control) = (Arc::clone(&self.service.engine), self.running.control.part(0.0, COMPUTING));
         self.service.cpu.run(move || work(engine.as_ref(), &control)).await.map_err(|_| panicked())?
     }
 

@@ -67,8 +67,9 @@ fn phases(i: &Ingredients<'_>) -> PhasesDocument {
     let wall_s = |kind| i.parts.get(kind).map_or(0.0, |p| p.wall_s);
     let surfaces_s = [PartKind::Skin, PartKind::Skull, PartKind::Air].map(wall_s).iter().sum();
     let (field_s, cut_s, mesh_s) = (wall_s(PartKind::Field), i.request.cut_s, wall_s(PartKind::Mesh));
-    let total_s = surfaces_s + field_s + cut_s + mesh_s + i.solve_s;
-    PhasesDocument { surfaces_s, field_s, cut_s, mesh_s, solve_s: i.solve_s, total_s }
+    let (plan_s, solve_s) = (i.request.plan.wall_s, i.solve_s);
+    let total_s = surfaces_s + field_s + cut_s + mesh_s + plan_s + solve_s;
+    PhasesDocument { surfaces_s, field_s, cut_s, mesh_s, plan_s, solve_s, total_s }
 }
 
 fn inputs(parts: &SessionParts) -> Result<BTreeMap<String, ReportInput>, Fault> {

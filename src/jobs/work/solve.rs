@@ -14,6 +14,9 @@ use crate::session::{Fault, Halt, Run};
 use crate::simulate::{Outcome, RunSettings};
 use crate::store::{StepRecord, encode_mesh};
 
+/// Share of the computing that the steps take.
+const SOLVING: f64 = 0.98;
+
 /// What comes back from the pool.
 struct Solved {
     outcome: Outcome,
@@ -88,7 +91,7 @@ async fn compute(
             let mask = run.case.anatomy.skin.positions().iter().map(in_face).collect();
             let mut watch = SolveWatch {
                 engine,
-                control: control.clone(),
+                cancel: control.part(0.0, 0.0),
                 running,
                 steps,
                 reference,
@@ -98,10 +101,11 @@ async fn compute(
                 step_began: Instant::now(),
                 solving: Duration::ZERO,
             };
-            let outcome = engine.solve(&run, control, &mut watch)?;
+            let outcome = engine.solve(&run, &control.part(0.0, SOLVING), &mut watch)?;
             let solving = watch.solving + watch.step_began.elapsed();
             let warnings = watch.warnings;
-            let tissue = tissue.then(|| engine.tissue_file(&run, &outcome.nodes, control)).transpose()?;
+            let tissue =
+                tissue.then(|| engine.tissue_file(&run, &outcome.nodes, &control.part(SOLVING, 1.0))).transpose()?;
             Ok(Solved { outcome, tissue, solving, regions_from_landmarks, warnings })
         })
         .await

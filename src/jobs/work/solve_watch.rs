@@ -22,7 +22,8 @@ pub(super) struct FinishedStep {
 /// Compares and encodes each frame on the pool and hands it to the writer; waits when the writer is behind.
 pub(super) struct SolveWatch<'a> {
     pub(super) engine: &'a dyn Engine,
-    pub(super) control: Control,
+    /// Tells of cancellation only: comparing is no progress of the path.
+    pub(super) cancel: Control,
     pub(super) running: Arc<Running>,
     pub(super) steps: mpsc::Sender<FinishedStep>,
     pub(super) reference: Option<Reference>,
@@ -38,7 +39,7 @@ pub(super) struct SolveWatch<'a> {
 impl SolveWatch<'_> {
     fn compare(&mut self, k: u32, frame: &Frame) -> Option<(ErrorDocument, Vec<f32>)> {
         let (name, reference) = self.reference.as_ref()?.at(k)?;
-        let map = self.engine.error_map(&frame.skin, reference, Some(&self.mask), &self.regions, &self.control);
+        let map = self.engine.error_map(&frame.skin, reference, Some(&self.mask), &self.regions, &self.cancel);
         match map {
             Ok(map) => Some((ErrorDocument::new(name, "face", &map), map.signed_mm)),
             // The solver meets the cancellation at its next check.

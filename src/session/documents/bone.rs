@@ -180,6 +180,8 @@ pub struct PlanDocument {
     pub paths: Vec<PathDocument>,
     /// One report a path.
     pub reports: Vec<PathReportDocument>,
+    /// Time that the reports took, s.
+    pub wall_s: f64,
 }
 
 impl PlanDocument {

@@ -5,7 +5,7 @@ use utoipa::ToSchema;
 
 use super::{ErrorDocument, FieldDocument, MeshDocument, PlanDocument, RegionMotionDocument, StepDocument};
 
-/// Time by phase, s. Surfaces, field, cut and mesh are those of the jobs that made them.
+/// Time by phase, s. All but the steps were taken when the parts were made.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, ToSchema)]
 pub struct PhasesDocument {
     /// Import, surfaces included.
@@ -16,6 +16,8 @@ pub struct PhasesDocument {
     pub cut_s: f64,
     /// Tissue mesh.
     pub mesh_s: f64,
+    /// Following the bone along its path, overlap and gap.
+    pub plan_s: f64,
     /// The steps.
     pub solve_s: f64,
     /// Sum of all.

@@ -83,7 +83,7 @@ def follow(client, job):
             print("%s: %3.0f %% %s" % (job["kind"], 100 * data["progress"], data["phase"]))
         elif event["event"] == "step":
             print("step %d of %d: %d iterations" % (data["k"], data["steps"], data["newton_iterations"]))
-        elif event["event"] == "end" and data["state"] != "succeeded":
+        elif event["event"] == "end" and data["status"] != "succeeded":
             raise JobFailed(client.job(job["id"]))
 
 

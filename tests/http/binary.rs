@@ -1,0 +1,154 @@
+//! The real binary with the real numerics, on a phantom head that is coarse enough to take seconds.
+
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+
+use prosopon::{export, phantom};
+use serde_json::{Value, json};
+use ureq::http::Response;
+use ureq::{Agent, Body};
+
+/// A served directory; the process is killed when this is dropped.
+pub(crate) struct Server {
+    pub(crate) child: Child,
+    pub(crate) url: String,
+    agent: Agent,
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        self.child.kill().ok();
+        self.child.wait().ok();
+    }
+}
+
+pub(crate) fn serve(data: &Path, listen: &str) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_prosopon"));
+    command.arg("serve").args(["--listen", listen, "--threads", "1", "--data"]).arg(data);
+    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    command
+}
+
+/// An answer, read to its end.
+#[derive(Debug)]
+pub(crate) struct Heard {
+    pub(crate) status: u16,
+    media_type: String,
+    pub(crate) body: Vec<u8>,
+}
+
+impl Heard {
+    fn of(mut response: Response<Body>) -> Self {
+        let media_type = response.headers().get("content-type").map(|t| t.to_str().unwrap().to_owned());
+        let body = response.body_mut().with_config().limit(1 << 30).read_to_vec().unwrap();
+        Self { status: response.status().as_u16(), media_type: media_type.unwrap_or_default(), body }
+    }
+
+    #[track_caller]
+    pub(crate) fn json(&self) -> Value {
+        serde_json::from_slice(&self.body).unwrap_or_else(|_| panic!("no JSON in an answer {}", self.status))
+    }
+
+    #[track_caller]
+    pub(crate) fn ok(&self) -> Value {
+        assert!((200..300).contains(&self.status), "{} {}", self.status, String::from_utf8_lossy(&self.body));
+        self.json()
+    }
+
+    /// The answer must be a problem of this kind whose detail holds these words.
+    #[track_caller]
+    pub(crate) fn refused(&self, status: u16, kind: &str, words: &str) -> Value {
+        let document = self.json();
+        assert_eq!((self.status, self.media_type.as_str()), (status, "application/problem+json"), "{document}");
+        assert_eq!((&document["type"], &document["status"]), (&json!(format!("/problems/{kind}")), &json!(status)));
+        assert!(document["detail"].as_str().is_some_and(|d| d.contains(words)), "{document}");
+        document
+    }
+}
+
+impl Server {
+    pub(crate) fn start(data: &Path, more: &[&str]) -> Self {
+        let mut child = serve(data, "127.0.0.1:0").args(more).spawn().unwrap();
+        let mut line = String::new();
+        BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
+        // Nobody reads the log; it must not fill the pipe.
+        let mut log = child.stderr.take().unwrap();
+        std::thread::spawn(move || std::io::copy(&mut log, &mut std::io::sink()));
+        let url = line.trim().strip_prefix("listening on ").unwrap_or_else(|| panic!("found {line:?}")).to_owned();
+        let agent = Agent::new_with_config(Agent::config_builder().http_status_as_error(false).build());
+        Self { child, url, agent }
+    }
+
+    pub(crate) fn get(&self, path: &str) -> Heard {
+        Heard::of(self.agent.get(format!("{}{path}", self.url)).call().unwrap())
+    }
+
+    pub(crate) fn post(&self, path: &str, body: &Value) -> Heard {
+        Heard::of(self.agent.post(format!("{}{path}", self.url)).send_json(body).unwrap())
+    }
+
+    pub(crate) fn put_json(&self, path: &str, body: &Value) -> Heard {
+        Heard::of(self.agent.put(format!("{}{path}", self.url)).send_json(body).unwrap())
+    }
+
+    pub(crate) fn upload(&self, path: &str, bytes: &[u8]) -> Heard {
+        Heard::of(self.agent.put(format!("{}{path}", self.url)).send(bytes).unwrap())
+    }
+
+    /// `127.0.0.1:PORT`.
+    pub(crate) fn address(&self) -> &str {
+        self.url.strip_prefix("http://").unwrap()
+    }
+
+    // ---- the way to a job ----
+
+    pub(crate) fn session(&self) -> String {
+        format!("/v1/sessions/{}", self.post("/v1/sessions", &json!({})).ok()["id"].as_str().unwrap())
+    }
+
+    /// Waits for the end of an accepted job, which must succeed.
+    pub(crate) fn finish(&self, accepted: &Heard) -> Value {
+        let job = accepted.ok();
+        loop {
+            let view = self.get(&format!("/v1/jobs/{}?wait_s=30", job["id"].as_str().unwrap())).ok();
+            match view["status"].as_str().unwrap() {
+                "accepted" | "running" | "interrupted" => {}
+                "succeeded" => return view,
+                _ => panic!("{view}"),
+            }
+        }
+    }
+
+    /// A session of the phantom with its fields.
+    pub(crate) fn session_with_field(&self) -> String {
+        let session = self.session();
+        let head = phantom::head();
+        for (part, solid) in [("skin", &head.skin), ("skull", &head.skull)] {
+            let surface = phantom::surface_of(solid.as_ref(), &head.bounds(), 3.0).unwrap();
+            self.upload(&format!("{session}/{part}"), &export::stl(&surface)).ok();
+        }
+        let (point, normal) = head.landmarks.le_fort_1_plane;
+        let landmarks = json!({
+            "points": head.landmarks.points.iter().map(|(n, p)| (n.clone(), json!([p.x, p.y, p.z]))).collect::<serde_json::Map<_, _>>(),
+            "midline_x_mm": head.landmarks.midline_x_mm,
+            "occlusal_plane_z_mm": head.landmarks.occlusal_plane_z_mm,
+            "le_fort_1_plane": { "point_mm": [point.x, point.y, point.z], "normal": [normal.x, normal.y, normal.z] },
+        });
+        self.put_json(&format!("{session}/landmarks"), &landmarks).ok();
+        let coarse = json!({ "spacing_mm": 2.0, "envelope_spacing_mm": 2.0 });
+        self.put_json(&format!("{session}/field/settings"), &coarse).ok();
+        self.finish(&self.post(&format!("{session}/field"), &json!({})));
+        session
+    }
+
+    /// Osteotomy and the segment that is the upper jaw.
+    pub(crate) fn cut(&self, session: &str) -> (Value, Value) {
+        let cut = json!({ "template": { "name": "le_fort_1" } });
+        let osteotomy = self.post(&format!("{session}/osteotomies"), &cut).ok();
+        let segments = osteotomy["segments"].as_array().unwrap();
+        let is_jaw = |s: &&Value| s["id"] != 0 && s["bounded_by"].as_array().unwrap().contains(&json!(0));
+        let jaw = segments.iter().find(is_jaw).unwrap()["id"].clone();
+        (osteotomy["id"].clone(), jaw)
+    }
+}

@@ -32,7 +32,7 @@ impl Layer {
         for &node in faces.iter().flatten() {
             wanted[node as usize] = true;
         }
-        let reach = 3.0 * (inner.thickness + inner.edge);
+        let reach = inner.foot_reach();
         let feet: Vec<Option<Foot>> = wanted
             .par_iter()
             .enumerate()

@@ -56,10 +56,10 @@ pub fn build(
         }
     }
     let under = under_skin(&surface, mesh.positions.len());
-    let left_out = leave_out_pockets(&mut mesh, &faces, &under);
+    let left_out = leave_out_pockets(&inner, &mut mesh, &under);
     if left_out.pockets > 0 {
         warnings.push(format!(
-            "{} pockets behind narrow necks were left out ({} tetrahedra, {:.2} cm³)",
+            "pockets of tissue behind narrow necks that were left out: {} ({} tetrahedra, {:.2} cm³)",
             left_out.pockets,
             left_out.tetrahedra,
             left_out.volume_mm3 / 1000.0
@@ -87,6 +87,7 @@ pub fn build(
         face.skin &= face.nodes.iter().all(|&n| layer.feet[n as usize].is_some());
     }
     layer.mend(&inner, &mut mesh, &sides, control)?;
+    layer.settle(&inner, &mesh, control)?;
     for _ in 0..PASSES {
         let mut refinement = Refinement {
             inner: &inner,
@@ -105,15 +106,21 @@ pub fn build(
         let faces = boundary(&mesh.tetrahedra);
         Relaxation::new(&inner, &mut mesh, &sides, &pinned, &faces).improve(4, control)?;
         layer.mend(&inner, &mut mesh, &sides, control)?;
+        layer.settle(&inner, &mesh, control)?;
     }
     let mut stuffed_faces: Vec<[u32; 3]> = surface.iter().map(|f| sorted(f.nodes)).collect();
     stuffed_faces.sort_unstable();
-    let bad = layer.drop_bad(&mesh);
-    if lost + bad.len() > 0 {
+    let n_prisms = layer.faces.len();
+    let bad = lost + layer.drop_bad(&mesh);
+    if bad > 0 {
+        warnings
+            .push(format!("{bad} of {n_prisms} prisms could not be formed under folds of the skin and were left out"));
+    }
+    let off = layer.drop_off_skin(&inner);
+    if off > 0 {
         warnings.push(format!(
-            "{} of {} prisms could not be formed under folds of the skin and were left out",
-            lost + bad.len(),
-            skin_faces.len()
+            "{off} of {n_prisms} prisms were left out at folds of the skin too thin for an edge of {} mm",
+            settings.edge_mm
         ));
     }
     control.report(0.7);

@@ -1,7 +1,10 @@
 //! Pockets of tissue behind and between bone that hang on the rest by a narrow neck: the skin cannot feel them, and they
 //! cost unknowns and stability.
 
-use super::adjacency::{BoundaryFace, Rows, groups, shared_faces};
+use rayon::prelude::*;
+
+use super::adjacency::{Rows, groups, shared_faces};
+use super::domain::InnerTissue;
 use super::quality::tetrahedron_volume;
 use super::stuffing::TetMesh;
 
@@ -13,13 +16,15 @@ pub(super) struct LeftOut {
     pub(super) volume_mm3: f64,
 }
 
-/// Removes the tetrahedra of all pockets. Inner nodes that are joined by edges form groups; a neck is where the lattice has
-/// no inner node. A group from which no tetrahedron reaches a node of `under_skin` is a pocket; tetrahedra without inner
-/// nodes go with the group that is nearer through faces.
-pub(super) fn leave_out_pockets(mesh: &mut TetMesh, faces: &[BoundaryFace], under_skin: &[bool]) -> LeftOut {
+/// A neck is narrower than twice this share of an edge.
+const NECK: f64 = 0.6;
+
+/// Removes the tetrahedra of all pockets. Inner nodes (farther than [`NECK`] from every boundary) that are joined by edges form
+/// groups. A group from which no tetrahedron reaches a node of `under_skin` is a pocket; tetrahedra without inner nodes go
+/// with the group that is nearer through faces.
+pub(super) fn leave_out_pockets(tissue: &InnerTissue<'_>, mesh: &mut TetMesh, under_skin: &[bool]) -> LeftOut {
     let n = mesh.positions.len();
-    let mut inner = vec![true; n];
-    faces.iter().flat_map(|f| f.nodes).for_each(|i| inner[i as usize] = false);
+    let inner: Vec<bool> = mesh.positions.par_iter().map(|p| tissue.value_side(p).0 < -NECK * tissue.edge).collect();
     let is = |flags: &[bool], i: u32| flags[i as usize];
     let pairs = mesh.tetrahedra.iter().flat_map(|t| {
         let first = t.iter().copied().find(|&i| is(&inner, i));
@@ -83,7 +88,7 @@ pub(super) fn leave_out_pockets(mesh: &mut TetMesh, faces: &[BoundaryFace], unde
 #[cfg(test)]
 mod tests {
     use super::super::adjacency::boundary;
-    use super::super::domain::{Domain, InnerTissue, MeshSettings, Region, Side};
+    use super::super::domain::{Domain, MeshSettings, Region, Side};
     use super::super::stuffing::stuff;
     use super::super::test_domain::Shape;
     use super::*;
@@ -108,7 +113,7 @@ mod tests {
         for &n in faces.iter().flat_map(|f| &f.nodes) {
             under_skin[n as usize] = inner.value_side(&mesh.positions[n as usize]).1 == Side::Skin;
         }
-        let out = leave_out_pockets(&mut mesh, &faces, &under_skin);
+        let out = leave_out_pockets(&inner, &mut mesh, &under_skin);
         (out, mesh)
     }
 
@@ -119,7 +124,8 @@ mod tests {
         // Inscribed in the ball of 14 mm; some of the neck may go too.
         let ball = 4.0 / 3.0 * std::f64::consts::PI * 14f64.powi(3);
         assert!((narrow.volume_mm3 / ball - 1.0).abs() < 0.06, "{} {ball}", narrow.volume_mm3);
-        let centre = |t: &[u32; 4]| t.iter().map(|&i| mesh.positions[i as usize].coords).sum::<crate::geometry::Vector>() / 4.0;
+        let centre =
+            |t: &[u32; 4]| t.iter().map(|&i| mesh.positions[i as usize].coords).sum::<crate::geometry::Vector>() / 4.0;
         assert!(mesh.tetrahedra.iter().all(|t| centre(t).norm() > 13.0));
         let (wide, _) = left_out(9.0);
         assert_eq!(wide, LeftOut::default());

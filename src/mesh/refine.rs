@@ -6,16 +6,14 @@ use std::collections::BTreeSet;
 use rayon::prelude::*;
 
 use super::adjacency::sorted;
-use super::domain::{Foot, InnerTissue, Side, crossing};
+use super::domain::{Foot, InnerTissue, Side};
 use super::prisms::Layer;
 use super::quality::smallest_sine;
+use super::settle::{NEAR_SKIN, stand_off};
 use super::stuffing::TetMesh;
 use crate::control::{Cancelled, Control};
-use crate::geometry::Point;
+use crate::geometry::{Point, Vector};
 
-/// Farthest that an edge's middle or a barycentre of a prism's top may lie from the skin, mm: below the 0.3 mm that are
-/// promised, since mending moves nodes afterwards.
-const NEAR_SKIN: f64 = 0.22;
 /// Edges shorter than this share of the lattice's, in the prism's top or below it, are not halved.
 const SHORTEST: f64 = 0.25;
 /// Rounds of independent halvings; a triangle takes part once a round.
@@ -26,6 +24,7 @@ const FLATTEST: f64 = 0.14; // 8°
 const FLATTER: f64 = 0.9;
 /// Prisms are not halved to worse ones than this (scaled Jacobian), nor to much worse ones than before.
 const PRISM_FLOOR: f64 = 0.2;
+const PRISM_LOSS: f64 = 0.7;
 
 /// A boundary triangle of the stuffed tissue.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -88,9 +87,7 @@ impl Refinement<'_, '_> {
             .par_iter()
             .enumerate()
             .filter(|(_, f)| f.skin)
-            .filter_map(|(i, f)| {
-                top(&f.nodes).filter(|t| stand_off(self.inner, t) > NEAR_SKIN).map(|_| i as u32)
-            })
+            .filter_map(|(i, f)| top(&f.nodes).filter(|t| stand_off(self.inner, t) > NEAR_SKIN).map(|_| i as u32))
             .collect();
         if bad.is_empty() {
             return Vec::new();
@@ -151,7 +148,10 @@ impl Refinement<'_, '_> {
             .par_iter()
             .enumerate()
             .flat_map_iter(|(t, nodes)| {
-                CORNER_PAIRS.map(|[i, j]| (sorted([nodes[i], nodes[j]]), t as u32)).into_iter().filter(|e| is_wanted(e.0))
+                CORNER_PAIRS
+                    .map(|[i, j]| (sorted([nodes[i], nodes[j]]), t as u32))
+                    .into_iter()
+                    .filter(|e| is_wanted(e.0))
             })
             .collect();
         tets.par_sort_unstable();
@@ -191,12 +191,36 @@ impl Refinement<'_, '_> {
         halved
     }
 
+    /// Points of the skin above or below the middle of two feet: along the mean of their normals, which on a ridge is its
+    /// crest while the closest point lies on a flank; along the normal of the faces below, which leads up a thin fold; and the closest.
+    fn feet_between(&self, a: &Foot, b: &Foot, faces: &[[u32; 3]]) -> Vec<Option<Foot>> {
+        let middle = nalgebra::center(&a.point, &b.point);
+        let below: Vector = faces
+            .iter()
+            .map(|f| {
+                let [p, q, r] = f.map(|n| self.mesh.positions[n as usize]);
+                (q - p).cross(&(r - p))
+            })
+            .sum();
+        let along = |normal: Vector, least: f64, reach: f64| {
+            normal.try_normalize(least).and_then(|n| self.inner.foot_along(&middle, &n, reach))
+        };
+        let found = [
+            along(a.normal + b.normal, 0.2, 0.75 * (a.point - b.point).norm()),
+            along(below, 1e-9, self.inner.edge),
+            self.inner.foot(&middle, self.inner.edge),
+        ];
+        found.into_iter().filter(Option::is_some).collect()
+    }
+
     /// Adds a node halfway along `edge`, on the surface that both ends are held to; `None` when elements would come out bad.
     fn add_middle(&mut self, edge: [u32; 2], at_tets: &[usize], at_faces: &[usize]) -> Option<u32> {
         let [a, b] = edge.map(|n| n as usize);
-        let foot = match (self.layer.feet[a], self.layer.feet[b]) {
-            (Some(a), Some(b)) => Some(foot_between(self.inner, &a, &b)?),
-            _ => None,
+        let skin_faces: Vec<[u32; 3]> =
+            at_faces.iter().map(|&f| &self.faces[f]).filter(|f| f.skin).map(|f| f.nodes).collect();
+        let feet = match (self.layer.feet[a], self.layer.feet[b]) {
+            (Some(a), Some(b)) => self.feet_between(&a, &b, &skin_faces),
+            _ => vec![None],
         };
         let middle = nalgebra::center(&self.mesh.positions[a], &self.mesh.positions[b]);
         let both_below_skin = [a, b].iter().all(|&n| self.sides[n] == Some(Side::Skin) && !self.pinned[n]);
@@ -218,55 +242,34 @@ impl Refinement<'_, '_> {
         }
         let node = self.mesh.positions.len() as u32;
         self.mesh.positions.push(place);
-        self.layer.feet.push(foot);
-        let faces = at_faces.iter().map(|&f| &self.faces[f]).filter(|f| f.skin);
-        let spoiled = faces.map(|f| f.nodes).any(|nodes| {
-            let floor = (0.7 * self.layer.quality(self.mesh, &nodes)).min(PRISM_FLOOR);
-            edge.iter().any(|&end| self.layer.quality(self.mesh, &with(nodes, end, node)) < floor)
-        });
-        if spoiled {
+        self.layer.feet.push(None);
+        let floors: Vec<f64> = skin_faces
+            .iter()
+            .map(|nodes| (PRISM_LOSS * self.layer.quality(self.mesh, nodes)).min(PRISM_FLOOR))
+            .collect();
+        // Least surplus over the floors; without prisms there is nothing to spoil.
+        let mut best: Option<(f64, Option<Foot>)> = None;
+        for foot in feet {
+            self.layer.feet[node as usize] = foot;
+            let halves = skin_faces.iter().zip(&floors).flat_map(|(nodes, floor)| {
+                edge.map(|end| self.layer.quality(self.mesh, &with(*nodes, end, node)) - floor)
+            });
+            let surplus = halves.fold(f64::INFINITY, f64::min);
+            if surplus >= 0.0 && best.is_none_or(|(most, _)| surplus > most) {
+                best = Some((surplus, foot));
+            }
+        }
+        let Some((_, foot)) = best else {
             self.mesh.positions.pop();
             self.layer.feet.pop();
             return None;
-        }
+        };
+        self.layer.feet[node as usize] = foot;
         // Between a dropped node and one on the level set there is no surface to move on.
         self.pinned.push(!both_below_skin && (self.sides[a] != self.sides[b] || self.pinned[a] || self.pinned[b]));
         self.sides.push(if self.sides[a] == Some(Side::Skin) { self.sides[b] } else { self.sides[a] });
         Some(node)
     }
-}
-
-/// Point of the skin above or below the middle of two feet, along the mean of their normals: on a ridge that is its crest,
-/// where the closest point would be on one of the flanks.
-fn foot_between(inner: &InnerTissue<'_>, a: &Foot, b: &Foot) -> Option<Foot> {
-    let skin = inner.domain.skin;
-    let middle = nalgebra::center(&a.point, &b.point);
-    let closest = || inner.foot(&middle, inner.edge);
-    let Some(mean) = (a.normal + b.normal).try_normalize(0.2) else { return closest() };
-    let start = skin.value(&middle);
-    let outwards = mean * if start < 0.0 { 1.0 } else { -1.0 };
-    let reach = 0.75 * (a.point - b.point).norm();
-    let (mut before, mut value_before) = (0.0, start);
-    while before < reach {
-        let after = before + value_before.abs().max(0.01 * inner.edge);
-        let value = skin.value(&(middle + outwards * after));
-        if value * start <= 0.0 {
-            let s = crossing(before, after, value_before, value, 1e-3, |s| skin.value(&(middle + outwards * s)));
-            let point = middle + outwards * s;
-            let normal = skin.value_gradient(&point).1.try_normalize(1e-3)?;
-            return Some(Foot { point, normal });
-        }
-        (before, value_before) = (after, value);
-    }
-    closest()
-}
-
-/// Largest distance from the skin of a top's barycentre and its edges' middles, mm.
-fn stand_off(inner: &InnerTissue<'_>, [a, b, c]: &[Point; 3]) -> f64 {
-    let barycentre = Point::from((a.coords + b.coords + c.coords) / 3.0);
-    let middles = [nalgebra::center(a, b), nalgebra::center(b, c), nalgebra::center(c, a)];
-    let distance = |p: &Point| inner.domain.skin.value(p).abs();
-    middles.iter().map(distance).fold(distance(&barycentre), f64::max)
 }
 
 fn edges_of([a, b, c]: [u32; 3]) -> [[u32; 2]; 3] {
@@ -285,7 +288,7 @@ mod tests {
     use super::super::stuffing::stuff;
     use super::super::test_domain::{Nothing, Shape};
     use super::*;
-    use crate::geometry::{Aabb, Vector};
+    use crate::geometry::Aabb;
 
     fn refined(radius: f64) -> (TetMesh, Vec<SurfaceFace>, usize, f64) {
         let skin = Shape::ball(Point::origin(), radius);

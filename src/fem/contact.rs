@@ -1,6 +1,6 @@
 //! Frictionless unilateral contact of tissue with moved bone, by penalty and augmented Lagrangian (Wang 2009, eq. 0.9 to 0.13).
 //!
-//! A contact point is a sliding vertex or the barycentre of a bone face with at least one sliding vertex; together they
+//! A contact point is a sliding vertex or the barycentre of a bone face with at least one sliding vertex and no free one; together they
 //! are the quadrature points of eq. 0.13 over the faces at rest: half of a face's area at its barycentre, a sixth at each vertex.
 //! With gap `g` (negative inside), multiplier `p` and stiffness `k` the energy per area is `(max(0, p - k g)² - p²) / (2 k)`,
 //! which is `k g²/2` for `g < 0` when `p = 0`. The multipliers grow until the penetration is below the tolerance.
@@ -258,10 +258,11 @@ pub(super) fn penetration(touches: &[Touch]) -> f64 {
 
 fn contact_points(mesh: &MixedMesh) -> Vec<ContactPoint> {
     let sliding = |n: u32| mesh.attachment[n as usize] == Attachment::Sliding;
+    let free = |n: u32| mesh.attachment[n as usize] == Attachment::Free;
     let mut vertex_area = vec![0.0; mesh.positions.len()];
     let mut points = Vec::new();
     for face in &mesh.bone_faces {
-        if !face.iter().any(|&n| sliding(n)) {
+        if !face.iter().any(|&n| sliding(n)) || face.iter().any(|&n| free(n)) {
             continue;
         }
         let [a, b, c] = face.map(|n| mesh.positions[n as usize]);

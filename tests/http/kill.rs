@@ -163,7 +163,9 @@ fn a_demo_begins_anew_in_a_directory_that_was_used_before() {
         .unwrap();
     let message = String::from_utf8_lossy(&output.stderr);
     assert!(!output.status.success() && message.contains("absent.stl"), "{message}");
-    for (name, stays) in [("service/blobs/x/y", false), ("report.json", false), ("steps/07.glb", false), ("notes.txt", true)] {
+    for (name, stays) in
+        [("service/blobs/x/y", false), ("report.json", false), ("steps/07.glb", false), ("notes.txt", true)]
+    {
         assert_eq!(at(name).exists(), stays, "{name}");
     }
 }

@@ -129,7 +129,7 @@ pub fn build(
         assemble(&Shape { inner: &inner, mesh: &mesh, layer: &layer, sides: &sides, stuffed_faces: &stuffed_faces });
     control.check()?;
     control.report(0.8);
-    let mut quality = report(&mixed, Some((domain, settings)));
+    let mut quality = report(&mixed, Some((domain, settings)), left_out.volume_mm3);
     if quality.inverted > 0 {
         return Err(first_inverted(&mixed, quality.inverted));
     }

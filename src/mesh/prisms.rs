@@ -71,27 +71,30 @@ impl Layer {
         let n = mesh.positions.len();
         let prisms = Rows::incidence(n, &self.faces);
         let tetrahedra = Rows::incidence(n, &mesh.tetrahedra);
+        // Where nothing moved in the last round another search finds nothing.
+        let mut stirred = vec![true; n];
         for _round in 0..12 {
             control.check()?;
             let mut wanted = vec![false; n];
-            let mut any = false;
-            for face in &self.faces {
+            for face in self.faces.iter().filter(|f| f.iter().any(|&i| stirred[i as usize])) {
                 if self.quality(mesh, face) < WANTED {
-                    any = true;
                     for &node in face {
                         wanted[node as usize] = true;
                     }
                 }
             }
-            if !any {
+            stirred.fill(false);
+            if !wanted.contains(&true) {
                 break;
             }
             for node in (0..n).filter(|&i| wanted[i]) {
+                let before = (self.feet[node].map(|f| f.point), mesh.positions[node]);
                 self.centre_outer(inner, mesh, &prisms, node);
                 for length in [0.2, 0.1, 0.05, 0.02] {
                     self.search_outer(inner, mesh, &prisms, node, length * inner.edge);
                     self.search_inner(inner, mesh, (&prisms, &tetrahedra), sides[node], node, length * inner.edge);
                 }
+                stirred[node] = before != (self.feet[node].map(|f| f.point), mesh.positions[node]);
             }
         }
         Ok(())

@@ -41,19 +41,21 @@ impl Layer {
     ) -> Result<(), Cancelled> {
         let n = mesh.positions.len();
         let prisms = Rows::incidence(n, &self.faces);
+        // Where nothing moved in the last round another search finds nothing.
+        let mut stirred = vec![true; n];
         for _ in 0..ROUNDS {
             control.check()?;
             let mut wanted = vec![false; n];
-            for face in &self.faces {
+            for face in self.faces.iter().filter(|f| f.iter().any(|&i| stirred[i as usize])) {
                 if self.stand_off(inner, face).is_some_and(|s| s > NEAR_SKIN) {
                     face.iter().for_each(|&i| wanted[i as usize] = true);
                 }
             }
-            let mut moved = false;
+            stirred.fill(false);
             for node in (0..n).filter(|&i| wanted[i]) {
-                moved |= self.settle_node(inner, mesh, prisms.row(node), node);
+                stirred[node] = self.settle_node(inner, mesh, prisms.row(node), node);
             }
-            if !moved {
+            if !stirred.contains(&true) {
                 break;
             }
         }

@@ -82,6 +82,7 @@ fn element_blocks(
         (Model::Mixed, SkinElement::C1Prism) => {
             let c1 = C1Surface::new(mesh);
             blocks.push(element::c1_prisms(mesh, &c1)?);
+            blocks.push(element::plain_prisms(mesh, &c1)?);
             surface = Some(c1);
         }
     }

@@ -1,6 +1,6 @@
 use super::block::{ElementBlock, ElementError};
 use super::c1_surface::{C1Surface, Patch};
-use super::linear::BARYCENTRIC;
+use super::linear::{self, BARYCENTRIC};
 use super::quadrature::{THROUGH_THICKNESS, THROUGH_THICKNESS_WEIGHT, TrianglePoint};
 use crate::geometry::Vector;
 use crate::mesh::{MixedMesh, Tissue};
@@ -9,13 +9,14 @@ use crate::mesh::{MixedMesh, Tissue};
 /// 9 to 11 the inner corners.
 ///
 /// Isoparametric: the rest surface is interpolated by the same functions, so linear fields and rigid rotations are exact at every point.
+/// Prisms that the surface has as plain are left to [`plain_prisms`].
 ///
 /// # Errors
 /// [`ElementError::InvertedAtRest`].
 pub fn c1_prisms(mesh: &MixedMesh, surface: &C1Surface) -> Result<ElementBlock, ElementError> {
     let points = surface.rule.points();
     let mut block = ElementBlock::empty("prism", 12, 2 * points.len(), mesh.prisms.len());
-    for prism in 0..mesh.prisms.len() {
+    for prism in (0..mesh.prisms.len()).filter(|&p| !surface.is_plain(p)) {
         let patch = surface.patch(mesh, prism);
         block.nodes.extend(surface.outer_nodes_of(mesh, prism));
         block.nodes.extend(&mesh.prisms[prism][3..]);
@@ -26,6 +27,14 @@ pub fn c1_prisms(mesh: &MixedMesh, surface: &C1Surface) -> Result<ElementBlock, 
         }
     }
     Ok(block)
+}
+
+/// The prisms that cannot be C1 prisms, as linear wedges.
+///
+/// # Errors
+/// [`ElementError::InvertedAtRest`].
+pub fn plain_prisms(mesh: &MixedMesh, surface: &C1Surface) -> Result<ElementBlock, ElementError> {
+    linear::wedges_of(mesh, surface.plain.iter().map(|&p| p as usize))
 }
 
 /// Rest values of a prism's twelve generalised nodes, positions relative to its first corner so that far-away coordinates do not cancel.

@@ -1,4 +1,5 @@
 use super::blended_cubic::BlendedCubic;
+use super::linear::BARYCENTRIC;
 use super::quadrature::TriangleRule;
 use super::rest_shape;
 use crate::geometry::Vector;
@@ -24,6 +25,8 @@ pub struct C1Surface {
     pub tilted: Vec<u32>,
     /// Outer nodes whose rest tangents were shortened (to this share) so that no prism is inverted at rest: the rest surface is flatter there.
     pub flattened: Vec<(u32, f64)>,
+    /// Prisms, rising, that would be inverted all the same: they are linear wedges, and the surface is only continuous at their edges' ends.
+    pub plain: Vec<u32>,
 }
 
 /// The outer triangle of one prism.
@@ -90,6 +93,12 @@ impl C1Surface {
                 self.outer_nodes.len()
             ));
         }
+        if !self.plain.is_empty() {
+            warnings.push(format!(
+                "{} prisms at folds of the skin are linear wedges instead of C1 prisms",
+                self.plain.len()
+            ));
+        }
         warnings
     }
 
@@ -116,13 +125,24 @@ impl C1Surface {
     /// coordinates `l` of its outer triangle.
     #[must_use]
     pub fn outer_functions(&self, mesh: &MixedMesh, prism: usize, l: [f64; 3]) -> [f64; 9] {
+        if self.is_plain(prism) {
+            return std::array::from_fn(|a| if a % 3 == 0 { l[a / 3] } else { 0.0 });
+        }
         self.patch(mesh, prism).values(l)
     }
 
     /// Derivatives of the nine outer functions by `(L2, L3)`, with `L1 = 1 - L2 - L3`.
     #[must_use]
     pub fn outer_derivatives(&self, mesh: &MixedMesh, prism: usize, l: [f64; 3]) -> [[f64; 2]; 9] {
+        if self.is_plain(prism) {
+            return std::array::from_fn(|a| if a % 3 == 0 { BARYCENTRIC[a / 3] } else { [0.0; 2] });
+        }
         self.patch(mesh, prism).derivatives(l)
+    }
+
+    /// Whether `prism` is a linear wedge.
+    pub(super) fn is_plain(&self, prism: usize) -> bool {
+        self.plain.binary_search(&(prism as u32)).is_ok()
     }
 
     /// Generalised nodes of the nine outer functions of prism `prism`.

@@ -20,8 +20,17 @@ pub fn tetrahedra(mesh: &MixedMesh) -> Result<ElementBlock, ElementError> {
 /// # Errors
 /// [`ElementError::InvertedAtRest`].
 pub fn wedges(mesh: &MixedMesh) -> Result<ElementBlock, ElementError> {
-    let mut block = ElementBlock::empty("wedge", 6, 2, mesh.prisms.len());
-    for (element, corners) in mesh.prisms.iter().enumerate() {
+    wedges_of(mesh, 0..mesh.prisms.len())
+}
+
+/// The named prisms as linear wedges.
+pub(super) fn wedges_of(
+    mesh: &MixedMesh,
+    prisms: impl ExactSizeIterator<Item = usize>,
+) -> Result<ElementBlock, ElementError> {
+    let mut block = ElementBlock::empty("wedge", 6, 2, prisms.len());
+    for element in prisms {
+        let corners = &mesh.prisms[element];
         block.nodes.extend(corners);
         block.tissue.push(Tissue::Skin);
         let origin = mesh.positions[corners[0] as usize];

@@ -16,7 +16,7 @@ mod rest_shape;
 mod sample_meshes;
 
 pub use block::{ElementBlock, ElementError};
-pub use c1_prism::c1_prisms;
+pub use c1_prism::{c1_prisms, plain_prisms};
 pub use c1_surface::C1Surface;
 pub use linear::{tetrahedra, wedges};
 pub use normal_jump::NormalJump;

@@ -41,8 +41,8 @@ pub fn clear(folder: &Path) -> Result<(), DemoError> {
     Ok(())
 }
 
-/// Half of a three-quarter view and a profile, in pixels.
-const PANEL_PX: [u32; 2] = [640, 720];
+/// Three panels and the colour bar, in pixels.
+const PICTURE_PX: [u32; 2] = [1640, 720];
 
 /// Before and after, in profile and in three-quarter view, and how far each point of the skin moved.
 pub(super) fn before_after(out: &Path, before_ply: &[u8], after_ply: &[u8]) -> Result<(), DemoError> {
@@ -56,7 +56,7 @@ pub(super) fn before_after(out: &Path, before_ply: &[u8], after_ply: &[u8]) -> R
         ("before_after_profile.png", Vector::new(-1.0, 0.0, 0.0)),
         ("before_after_front.png", Vector::new(0.0, 1.0, 0.0)),
     ] {
-        let view = View { direction: direction.normalize(), up: Vector::z(), size_px: PANEL_PX };
+        let view = View { direction: direction.normalize(), up: Vector::z(), size_px: PICTURE_PX };
         let plain = |mesh| Layer { mesh, values: None };
         let panels = [
             ("before", plain(&before)),

@@ -91,8 +91,8 @@ impl Face {
 
     fn regions(&self) -> Vec<FaceRegion> {
         let s = self.scale;
-        // Half widths of the nose's wings, of the mouth, and of the paranasal part; then the cheek's outer side.
-        let (wing, mouth, paranasal, cheek) = (18.0 * s, 28.0 * s, 38.0 * s, 75.0 * s);
+        // Half widths of the nose's wings, of the upper lip, of the mouth, and of the paranasal part; then the cheek's outer side.
+        let (wing, lip, mouth, paranasal, cheek) = (18.0 * s, 22.0 * s, 28.0 * s, 42.0 * s, 75.0 * s);
         let subnasal = self.spine - 3.0 * s;
         let fold = self.lips - 0.5 * (self.lips - self.chin);
         let (front, nose_top) = (self.nose.y - 10.0 * s, self.nose.z + 35.0 * s);
@@ -104,14 +104,14 @@ impl Face {
         let middle = |half: f64| [-half, half];
         let depth = |mm: f64| [front, self.nose.y + mm * s];
         let chin_depth = [self.chin_front - 12.0 * s, self.chin_front + 30.0 * s];
-        // Sides: from the wings (paranasal) and from the corners of the mouth (cheek) outwards.
-        let side_z = [subnasal, self.nose.z + 12.0 * s];
+        // Sides: beside the bases of the wings (paranasal) and from the corners of the mouth (cheek) outwards.
+        let side_z = [subnasal - 14.0 * s, subnasal + 6.0 * s];
         let cheek_z = [self.lips - 15.0 * s, self.nose.z + 25.0 * s];
         vec![
             made("nose", middle(wing), depth(40.0), [subnasal, nose_top]),
-            made("paranasal_left", [wing, paranasal], depth(60.0), side_z),
-            made("paranasal_right", [-paranasal, -wing], depth(60.0), side_z),
-            made("upper_lip", middle(mouth), depth(50.0), [self.lips, subnasal]),
+            made("paranasal_left", [lip, paranasal], depth(60.0), side_z),
+            made("paranasal_right", [-paranasal, -lip], depth(60.0), side_z),
+            made("upper_lip", middle(lip), depth(50.0), [self.lips, subnasal]),
             made("lower_lip", middle(mouth), depth(50.0), [fold, self.lips]),
             made("chin", middle(mouth), chin_depth, [self.menton - 3.0 * s, fold]),
             made("cheek_left", [paranasal, cheek], depth(90.0), cheek_z),
@@ -168,8 +168,8 @@ mod tests {
         assert_eq!(of([6.0, -83.0, -20.0]), ["chin"]);
         assert_eq!(of([6.0, -93.0, 30.0]), ["upper_lip"]);
         assert_eq!(of([6.0, -91.0, 8.0]), ["lower_lip"]);
-        assert_eq!(of([32.0, -85.0, 50.0]), ["paranasal_left"]);
-        assert_eq!(of([-20.0, -85.0, 50.0]), ["paranasal_right"]);
+        assert_eq!(of([32.0, -85.0, 45.0]), ["paranasal_left"]);
+        assert_eq!(of([-20.0, -85.0, 45.0]), ["paranasal_right"]);
         assert_eq!(of([56.0, -60.0, 40.0]), ["cheek_left"]);
         assert_eq!(of([6.0, -50.0, -45.0]), ["submental"]);
         assert_eq!(of([6.0, -90.0, 120.0]), ["forehead"]);

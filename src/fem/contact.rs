@@ -1,10 +1,11 @@
 //! Frictionless unilateral contact of tissue with moved bone, by penalty and augmented Lagrangian (Wang 2009, eq. 0.9 to 0.13).
 //!
-//! A contact point is a sliding vertex or the barycentre of a bone face with at least one sliding vertex; together they
+//! A contact point is a sliding vertex or the barycentre of a bone face with at least one sliding vertex and no free one; together they
 //! are the quadrature points of eq. 0.13 over the faces at rest: half of a face's area at its barycentre, a sixth at each vertex.
 //! With gap `g` (negative inside), multiplier `p` and stiffness `k` the energy per area is `(max(0, p - k g)² - p²) / (2 k)`,
 //! which is `k g²/2` for `g < 0` when `p = 0`. The multipliers grow until the penetration is below the tolerance.
-//! Only the Gauss-Newton part `k n nᵀ` of the Hessian is used: with the distance's curvature Newton stalls.
+//! Far from equilibrium only the Gauss-Newton part `k n nᵀ` of the Hessian is used: with the distance's curvature Newton
+//! stalls there, without it the last iterations gain a fifth each instead of digits.
 
 use super::dofs::Dofs;
 use super::settings::ContactBody;
@@ -12,6 +13,8 @@ use crate::geometry::{Motion, Point, Vector};
 use crate::mesh::{Attachment, MixedMesh};
 use rayon::prelude::*;
 
+/// Overlap at rest that is told, mm.
+const TOLD_OVERLAP_MM: f64 = 0.1;
 /// Contact points one task looks at.
 const TASK: usize = 64;
 
@@ -36,7 +39,7 @@ impl ContactPoint {
     }
 }
 
-/// A contact point that pushes.
+/// A contact point at a body.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Touch {
     point: usize,
@@ -45,8 +48,15 @@ pub(super) struct Touch {
     gap: f64,
     /// Gradient of the gap by the point.
     normal: Vector,
-    /// `p - k g`, MPa; positive.
+    /// `p - k g`, MPa; it pushes where this is positive.
     pressure: f64,
+}
+
+impl Touch {
+    /// Contact point and body.
+    pub(super) fn pair(&self) -> (usize, usize) {
+        (self.point, self.body)
+    }
 }
 
 /// All contact of one tissue.
@@ -84,10 +94,14 @@ impl<'a> Contact<'a> {
             .collect();
         contact.multipliers = vec![0.0; gaps.len()];
         contact.overlap = gaps.iter().map(|g| (-g).max(0.0)).collect();
-        let overlapping = gaps.iter().filter(|g| **g < 0.0).count();
+        let overlapping = gaps.iter().filter(|g| **g < -TOLD_OVERLAP_MM).count();
         let deepest = gaps.iter().fold(0.0, |m: f64, g| m.max(-g));
         let warning = (overlapping > 0).then(|| {
-            format!("{overlapping} contact points lie up to {deepest:.3} mm inside bone at rest; contact is measured from there")
+            format!(
+                "{overlapping} of {} contact points lie {TOLD_OVERLAP_MM} to {deepest:.2} mm inside bone at rest; contact and penetration are \
+                 measured from there",
+                contact.points.len()
+            )
         });
         (contact, warning)
     }
@@ -102,6 +116,11 @@ impl<'a> Contact<'a> {
 
     /// Points that push at `x` when body `b` has moved by `motions[b]` from rest, in the order of points.
     pub(super) fn touches(&self, x: &[Vector], motions: &[Motion]) -> Vec<Touch> {
+        self.near(x, motions, f64::NEG_INFINITY)
+    }
+
+    /// Points that push or whose gap is below `reach` mm, in the order of points.
+    pub(super) fn near(&self, x: &[Vector], motions: &[Motion], reach: f64) -> Vec<Touch> {
         let n = self.bodies.len();
         self.points
             .par_iter()
@@ -115,7 +134,7 @@ impl<'a> Contact<'a> {
                     let gap = value + self.overlap[pair];
                     let pressure = self.multipliers[pair] - self.stiffness * gap;
                     let normal = motions[body].rotation * gradient;
-                    (pressure > 0.0).then_some(Touch { point, body, gap, normal, pressure })
+                    (pressure > 0.0 || gap < reach).then_some(Touch { point, body, gap, normal, pressure })
                 })
             })
             .collect()
@@ -139,22 +158,39 @@ impl<'a> Contact<'a> {
         }
     }
 
-    /// Gauss-Newton blocks of the Hessian: row and column among the unknowns (`row >= column`), outer product with its factor.
+    /// Pressure at `touch` after the unknowns have changed by `d`, to first order, MPa.
+    pub(super) fn pressure_after(&self, touch: &Touch, dofs: &Dofs, d: &[f64]) -> f64 {
+        let moved: f64 = (self.points[touch.point].terms())
+            .filter_map(|(node, weight)| dofs.unknown(node).map(|u| (3 * u as usize, weight)))
+            .map(|(i, weight)| weight * (touch.normal.x * d[i] + touch.normal.y * d[i + 1] + touch.normal.z * d[i + 2]))
+            .sum();
+        touch.pressure - self.stiffness * moved
+    }
+
+    /// Blocks of the energy's Hessian: row and column among the unknowns (`row >= column`) and the block. Gauss-Newton,
+    /// or exact when `motions` of the bodies and the positions `x` are given.
     pub(super) fn hessian(
         &self,
         touches: &[Touch],
+        exact: Option<(&[Vector], &[Motion])>,
         dofs: &Dofs,
         mut add: impl FnMut(u32, u32, &nalgebra::Matrix3<f64>),
     ) {
         for t in touches {
             let p = &self.points[t.point];
-            let nn = t.normal * t.normal.transpose() * (self.stiffness * p.area);
+            let mut block = t.normal * t.normal.transpose() * (self.stiffness * p.area);
+            if let Some((x, motions)) = exact {
+                let motion = &motions[t.body];
+                let curvature = self.bodies[t.body].solid.hessian(&motion.inverse_transform_point(&p.at(x)));
+                let r = motion.rotation.to_rotation_matrix();
+                block -= r.matrix() * curvature * r.matrix().transpose() * (t.pressure.max(0.0) * p.area);
+            }
             for (a, wa) in p.terms() {
                 for (b, wb) in p.terms() {
                     if let (Some(row), Some(column)) = (dofs.unknown(a), dofs.unknown(b))
                         && row >= column
                     {
-                        add(row, column, &(nn * (wa * wb)));
+                        add(row, column, &(block * (wa * wb)));
                     }
                 }
             }
@@ -222,10 +258,11 @@ pub(super) fn penetration(touches: &[Touch]) -> f64 {
 
 fn contact_points(mesh: &MixedMesh) -> Vec<ContactPoint> {
     let sliding = |n: u32| mesh.attachment[n as usize] == Attachment::Sliding;
+    let free = |n: u32| mesh.attachment[n as usize] == Attachment::Free;
     let mut vertex_area = vec![0.0; mesh.positions.len()];
     let mut points = Vec::new();
     for face in &mesh.bone_faces {
-        if !face.iter().any(|&n| sliding(n)) {
+        if !face.iter().any(|&n| sliding(n)) || face.iter().any(|&n| free(n)) {
             continue;
         }
         let [a, b, c] = face.map(|n| mesh.positions[n as usize]);

@@ -11,6 +11,8 @@ const INVERSION_MARGIN: f64 = 0.9;
 const SUFFICIENT: f64 = 1e-4;
 /// Below this change, relative to the energy, energies cannot be told apart safely.
 const ROUND_OFF: f64 = 1e-9;
+/// Longest multiple of a Newton step.
+const LONGEST: f64 = 16.0;
 /// Shortest share of a Newton step.
 const SHORTEST: f64 = 1e-5;
 
@@ -32,6 +34,8 @@ pub(super) struct Start {
     pub(super) slope: f64,
     /// Largest penetration, mm.
     pub(super) depth: f64,
+    /// The energy is not convex here, so that the model's step may be far too short.
+    pub(super) unstable: bool,
 }
 
 /// Share of `d` to take from `x`.
@@ -42,7 +46,7 @@ pub(super) fn along(
     d: &[f64],
     start: &Start,
 ) -> Result<f64, Cut> {
-    let Start { energy, slope, depth } = *start;
+    let Start { energy, slope, depth, unstable } = *start;
     let deepest = depth.max(MAX_CONTACT_MOTION_MM);
     let mut step = 1.0;
     let mut inverted = None;
@@ -52,7 +56,10 @@ pub(super) fn along(
         equations.dofs.add(step, d, &mut trial);
         match equations.energy(&trial, motions) {
             Ok((_, depth)) if depth > deepest => step *= 0.5,
-            Ok((found, _)) if found <= energy + SUFFICIENT * step * slope => return Ok(step),
+            Ok((found, _)) if found <= energy + SUFFICIENT * step * slope => {
+                let longer = unstable && step == 1.0;
+                return Ok(if longer { extended(equations, x, motions, d, found, deepest) } else { step });
+            }
             // Near the minimum the slope still tells what the energy cannot.
             Ok(_) if (step * slope).abs() <= uncertain && slope_at(equations, &trial, motions, d) <= -0.9 * slope => {
                 return Ok(step);
@@ -71,6 +78,30 @@ pub(super) fn along(
         }
     }
     Err(inverted.map_or(Cut::NoDescent, Cut::Inverted))
+}
+
+/// Doubles the step while the energy, `energy` at the whole step, goes on falling.
+fn extended(
+    equations: &Equations<'_>,
+    x: &[Vector],
+    motions: &[Motion],
+    d: &[f64],
+    mut energy: f64,
+    deepest: f64,
+) -> f64 {
+    let mut step = 1.0;
+    while step < LONGEST {
+        let mut trial = x.to_vec();
+        equations.dofs.add(2.0 * step, d, &mut trial);
+        match equations.energy(&trial, motions) {
+            Ok((found, depth)) if found < energy && depth <= deepest => {
+                energy = found;
+                step *= 2.0;
+            }
+            _ => break,
+        }
+    }
+    step
 }
 
 /// Magnitude of the energy's slope along `d`; infinite where an element is inverted.

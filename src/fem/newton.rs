@@ -3,6 +3,7 @@
 use super::assembly::{Assembly, Curvature, Inversion};
 use super::contact::{Contact, Touch, penetration};
 use super::dofs::{Dofs, Hold};
+use super::factor::Indefinite;
 use super::line_search::{self, Cut, Start};
 use super::linear_solve::{LinearSolver, dot};
 use super::report::IterationRecord;
@@ -11,6 +12,14 @@ use crate::geometry::{Motion, Vector};
 
 /// A step counts as converged only when the remaining displacement is estimated below this, mm.
 const DISPLACEMENT_TOLERANCE_MM: f64 = 1e-3;
+/// The same while multipliers are still to be updated, mm.
+const COARSE_DISPLACEMENT_MM: f64 = 2e-2;
+/// After a whole Newton step shorter than this the contact's curvature is taken into the tangent, mm.
+const CURVED_BELOW_MM: f64 = 0.1;
+/// Points with a smaller gap may come to touch within one Newton step, mm.
+const NEAR_MM: f64 = 3.0;
+/// Changes of the set of touching points within one Newton step.
+const MAX_ACTIVE_SETS: usize = 8;
 /// Bone near contact points moves at most this far in one substep, and no line search lets a point sink deeper, mm: else a point
 /// could come out on the other side of a thin wall.
 pub(super) const MAX_CONTACT_MOTION_MM: f64 = 2.0;
@@ -67,6 +76,10 @@ pub(super) struct Equations<'a> {
     pub(super) limits: Limits,
     pub(super) records: Vec<IterationRecord>,
     pub(super) values: Vec<f64>,
+    /// The elements' part of `values`.
+    elastic: Vec<f64>,
+    /// Pairs that push in the last model, ascending.
+    active: Vec<(usize, usize)>,
     forces: Vec<Vector>,
     pub(super) residual: Vec<f64>,
     failed_at: Vec<Vector>,
@@ -99,6 +112,7 @@ impl<'a> Equations<'a> {
         limits: Limits,
     ) -> Self {
         let values = vec![0.0; assembly.pattern().n_values()];
+        let elastic = values.clone();
         let forces = vec![Vector::zeros(); dofs.n_nodes()];
         let residual = vec![0.0; 3 * dofs.n_unknown()];
         Self {
@@ -109,6 +123,8 @@ impl<'a> Equations<'a> {
             limits,
             records: Vec::new(),
             values,
+            elastic,
+            active: Vec::new(),
             forces,
             residual,
             failed_at: Vec::new(),
@@ -147,12 +163,61 @@ impl<'a> Equations<'a> {
         if self.dofs.is_position(node) { 1.0 } else { 1.0 / self.limits.element_size_mm }
     }
 
-    /// Stiffness at `x` with the contact's Gauss-Newton part.
-    pub(super) fn stiffness(&mut self, x: &[Vector], curvature: Curvature, touches: &[Touch]) -> Result<(), Inversion> {
-        self.assembly.tangent(x, curvature, &mut self.forces, &mut self.values)?;
-        let (pattern, values) = (self.assembly.pattern(), &mut self.values);
-        self.contact.hessian(touches, &self.dofs, |row, column, block| pattern.add(row, column, block, values));
+    /// Exact stiffness of elements and contact at `x`, in `self.values`.
+    #[cfg(test)]
+    pub(super) fn stiffness(&mut self, x: &[Vector], touches: &[Touch], motions: &[Motion]) -> Result<(), Inversion> {
+        self.assembly.tangent(x, Curvature::Exact, &mut self.forces, &mut self.elastic)?;
+        self.add_contact(touches, Some((x, motions)));
         Ok(())
+    }
+
+    /// `self.values` from the elements' stiffness and that of `touches`.
+    fn add_contact(&mut self, touches: &[Touch], exact: Option<(&[Vector], &[Motion])>) {
+        self.values.copy_from_slice(&self.elastic);
+        let (pattern, values) = (self.assembly.pattern(), &mut self.values);
+        self.contact.hessian(touches, exact, &self.dofs, |row, column, block| pattern.add(row, column, block, values));
+    }
+
+    /// Minimises the quadratic model of the energy over the unknowns: elements with gradient `load` (by all nodes) and stiffness
+    /// `self.elastic`, and the points `near`, each of which pushes or not as the model's own solution says (a primal-dual
+    /// active set: without it a step runs into bone that it did not know of).
+    fn minimise_model(
+        &mut self,
+        load: &[Vector],
+        near: &[Touch],
+        exact: Option<(&[Vector], &[Motion])>,
+        forcing: f64,
+        record: &mut IterationRecord,
+    ) -> Result<Vec<f64>, Indefinite> {
+        let n = self.residual.len();
+        let (mut d, mut change, mut rhs) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
+        // What the last model found is nearer to its answer than what touches after a whole step of the bone.
+        let mut active: Vec<Touch> =
+            near.iter().filter(|t| self.active.binary_search(&t.pair()).is_ok()).copied().collect();
+        for round in 0..MAX_ACTIVE_SETS {
+            self.add_contact(&active, exact);
+            let mut gradient = load.to_vec();
+            self.contact.add_forces(&active, &mut gradient);
+            self.dofs.restrict(&gradient, &mut rhs);
+            if round > 0 {
+                self.assembly.pattern().multiply(&self.values, &d, &mut change);
+                rhs.iter_mut().zip(&change).for_each(|(r, c)| *r += c);
+            }
+            rhs.iter_mut().for_each(|r| *r = -*r);
+            let work = self.solver.solve(self.assembly.pattern(), &self.values, &rhs, &mut change, forcing)?;
+            record.factorised |= work.factorised;
+            record.cg_iterations += work.cg_iterations;
+            d.iter_mut().zip(&change).for_each(|(d, c)| *d += c);
+            let next: Vec<Touch> =
+                near.iter().filter(|t| self.contact.pressure_after(t, &self.dofs, &d) > 0.0).copied().collect();
+            let same = next.len() == active.len() && next.iter().zip(&active).all(|(a, b)| a.pair() == b.pair());
+            active = next;
+            if same {
+                break;
+            }
+        }
+        self.active = active.iter().map(Touch::pair).collect();
+        Ok(d)
     }
 
     /// Linear estimate of the state after the bones have moved to `motions`: held nodes go where they must, the others
@@ -167,19 +232,14 @@ impl<'a> Equations<'a> {
         let mut target = x.to_vec();
         self.dofs.prescribe(motion_of, &mut target);
         let change: Vec<Vector> = target.iter().zip(x).map(|(a, b)| a - b).collect();
-        self.balance(x, motions)?;
-        let touches = self.contact.touches(x, motions);
-        let mut coupling = vec![Vector::zeros(); x.len()];
-        self.assembly.force_change(x, &change, &mut coupling)?;
-        let mut rhs = vec![0.0; self.residual.len()];
-        self.dofs.restrict(&coupling, &mut rhs);
-        for (rhs, r) in rhs.iter_mut().zip(&self.residual) {
-            *rhs = -(*rhs + r);
-        }
-        let mut d = vec![0.0; rhs.len()];
+        let mut load = vec![Vector::zeros(); x.len()];
+        self.assembly.force_change(x, &change, &mut load)?;
+        self.assembly.forces(x, &mut self.forces)?;
+        load.iter_mut().zip(&self.forces).for_each(|(load, f)| *load += f);
+        let near = self.contact.near(&target, motions, NEAR_MM);
         for curvature in [Curvature::Exact, Curvature::Projected] {
-            self.stiffness(x, curvature, &touches)?;
-            if self.solver.solve(self.assembly.pattern(), &self.values, &rhs, &mut d, 1e-2).is_ok() {
+            self.assembly.tangent(x, curvature, &mut self.forces, &mut self.elastic)?;
+            if let Ok(d) = self.minimise_model(&load, &near, None, 1e-2, &mut IterationRecord::default()) {
                 self.dofs.add(1.0, &d, &mut target);
                 let (_, found_mm) = self.energy(&target, motions)?;
                 if found_mm > 2.0 * MAX_CONTACT_MOTION_MM {
@@ -250,13 +310,16 @@ impl<'a> Equations<'a> {
         control: &Control,
     ) -> Result<Equilibrium, Failure> {
         let mut curvature = Curvature::Exact;
+        let (mut curved, mut wait) = (false, 0usize);
+        let enough =
+            if aim > self.limits.relative_residual { COARSE_DISPLACEMENT_MM } else { DISPLACEMENT_TOLERANCE_MM };
         let mut last = (f64::INFINITY, 0.0);
         for iteration in 0..=self.limits.max_iterations {
             control.check()?;
             let balance = self.balance(x, motions)?;
             let tolerance = aim * balance.reaction_n.max(self.limits.force_floor_n);
             last = (balance.residual_n, tolerance);
-            if balance.residual_n <= tolerance && self.remaining_change() <= DISPLACEMENT_TOLERANCE_MM {
+            if balance.residual_n <= tolerance && self.remaining_change() <= enough {
                 return Ok(Equilibrium {
                     iterations: iteration,
                     relative_residual: aim * balance.residual_n / tolerance,
@@ -274,21 +337,22 @@ impl<'a> Equations<'a> {
                 t,
                 residual_n: balance.residual_n,
                 reaction_n: balance.reaction_n,
-                displacement_mm: 0.0,
-                step: 0.0,
-                projected: false,
-                factorised: false,
-                cg_iterations: 0,
                 active_contacts: balance.touches.len(),
+                ..IterationRecord::default()
             };
-            let d = self.direction(x, &balance, &mut curvature, forcing, &mut record)?;
+            let d = self.direction(x, motions, &mut curvature, &mut curved, forcing, &mut record)?;
             let slope = dot(&d, &self.residual);
             let taken = line_search::along(
                 self,
                 x,
                 motions,
                 &d,
-                &Start { energy: balance.energy, slope, depth: penetration(&balance.touches) },
+                &Start {
+                    energy: balance.energy,
+                    slope,
+                    depth: penetration(&balance.touches),
+                    unstable: record.unstable,
+                },
             );
             match taken {
                 Ok(step) => {
@@ -297,6 +361,8 @@ impl<'a> Equations<'a> {
                     record.displacement_mm = step * self.dofs.max_position_change(&d);
                     // A short step says that the quadratic model was poor.
                     curvature = if step < 0.5 { Curvature::Projected } else { Curvature::Exact };
+                    wait = if record.unstable { 2 } else { wait.saturating_sub(1) };
+                    curved = wait == 0 && step >= 1.0 && record.displacement_mm < CURVED_BELOW_MM;
                     self.records.push(record);
                 }
                 Err(cut) => {
@@ -335,27 +401,34 @@ impl<'a> Equations<'a> {
     fn direction(
         &mut self,
         x: &[Vector],
-        balance: &Balance,
+        motions: &[Motion],
         curvature: &mut Curvature,
+        curved: &mut bool,
         forcing: f64,
         record: &mut IterationRecord,
     ) -> Result<Vec<f64>, Failure> {
-        let rhs: Vec<f64> = self.residual.iter().map(|r| -r).collect();
-        let mut d = vec![0.0; rhs.len()];
+        let near = self.contact.near(x, motions, NEAR_MM);
+        let mut assembled = None;
         loop {
-            self.stiffness(x, *curvature, &balance.touches)?;
-            let solved = self.solver.solve(self.assembly.pattern(), &self.values, &rhs, &mut d, forcing);
-            if let Ok(work) = solved {
+            if assembled != Some(*curvature) {
+                self.assembly.tangent(x, *curvature, &mut self.forces, &mut self.elastic)?;
+                assembled = Some(*curvature);
+            }
+            let load = self.forces.clone();
+            let exact = curved.then_some((x, motions));
+            if let Ok(d) = self.minimise_model(&load, &near, exact, forcing, record) {
                 record.projected = *curvature == Curvature::Projected;
-                record.factorised |= work.factorised;
-                record.cg_iterations += work.cg_iterations;
-                if dot(&d, &rhs) > 0.0 {
+                if dot(&d, &self.residual) < 0.0 {
                     return Ok(d);
                 }
             }
             // A projected tangent is positive definite: if the factor says otherwise, its precision was too low.
-            if *curvature == Curvature::Exact && !self.limits.linear {
+            if *curved {
+                *curved = false;
+                record.unstable = true;
+            } else if *curvature == Curvature::Exact && !self.limits.linear {
                 *curvature = Curvature::Projected;
+                record.unstable = true;
             } else if self.solver.is_double() {
                 return Err(Failure::Indefinite);
             } else {

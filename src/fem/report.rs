@@ -26,7 +26,7 @@ pub struct StepReport {
 }
 
 /// One Newton iteration.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct IterationRecord {
     /// Path parameter that was aimed at.
     pub t: f64,
@@ -40,6 +40,8 @@ pub struct IterationRecord {
     pub step: f64,
     /// Whether the tangent was projected to be positive semi-definite.
     pub projected: bool,
+    /// Whether the exact tangent was not positive definite.
+    pub unstable: bool,
     /// Whether the matrix was factorised anew; otherwise an older factor preconditioned conjugate gradients.
     pub factorised: bool,
     /// Conjugate gradient iterations.

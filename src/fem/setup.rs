@@ -13,8 +13,8 @@ use crate::control::Control;
 use crate::mesh::{Attachment, MixedMesh, Tissue};
 
 /// Contact stiffness in units of the tissue's confined modulus over its mean thickness: a layer compressed by a third of its
-/// thickness sinks some 0.003 of the thickness into bone before the multipliers take over.
-const CONTACT_STIFFNESS: f64 = 100.0;
+/// thickness sinks some 0.01 of the thickness into bone before the multipliers take over.
+const CONTACT_STIFFNESS: f64 = 30.0;
 /// Reaction force below which the residual is compared with this, in units of shear modulus times element size squared.
 const FORCE_FLOOR: f64 = 1e-3;
 

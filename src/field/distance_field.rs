@@ -186,6 +186,10 @@ impl Implicit for DistanceField {
         spline::value(&s.coarse, &s.coarse_weights) + fine + beyond.map_or(0.0, |(_, distance)| distance)
     }
 
+    fn hessian(&self, p: &Point) -> Matrix3<f64> {
+        self.value_gradient_hessian(p).2
+    }
+
     fn value_gradient(&self, p: &Point) -> (f64, Vector) {
         let (inner, beyond) = self.clamped(p);
         let s = self.stencil(&inner);

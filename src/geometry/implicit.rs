@@ -1,4 +1,8 @@
 use super::{Point, Vector};
+use nalgebra::Matrix3;
+
+/// Half width of the default Hessian's differences, mm.
+const DIFFERENCE_MM: f64 = 1e-4;
 
 /// A solid given by a function that is negative inside, zero on its surface and positive outside.
 ///
@@ -9,4 +13,14 @@ pub trait Implicit: Sync {
 
     /// Value (mm) and gradient (dimensionless) at `p`.
     fn value_gradient(&self, p: &Point) -> (f64, Vector);
+
+    /// Symmetric matrix of second derivatives at `p`, 1/mm; by default from central differences of the gradient.
+    fn hessian(&self, p: &Point) -> Matrix3<f64> {
+        let column = |axis: usize| {
+            let step = Vector::ith(axis, DIFFERENCE_MM);
+            (self.value_gradient(&(p + step)).1 - self.value_gradient(&(p - step)).1) / (2.0 * DIFFERENCE_MM)
+        };
+        let h = Matrix3::from_columns(&[column(0), column(1), column(2)]);
+        (h + h.transpose()) * 0.5
+    }
 }

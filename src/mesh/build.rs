@@ -1,10 +1,14 @@
+use std::collections::BTreeSet;
+
 use rayon::prelude::*;
 
 use super::adjacency::{BoundaryFace, boundary, sorted};
 use super::classify::{Shape, assemble};
 use super::domain::{Domain, InnerTissue, MeshSettings, Side};
 use super::parts::keep_large_parts;
+use super::pockets::leave_out_pockets;
 use super::prisms::Layer;
+use super::refine::{Refinement, SurfaceFace};
 use super::report::{MeshReport, report};
 use super::smooth::Relaxation;
 use super::stuffing::{TetMesh, stuff};
@@ -14,6 +18,9 @@ use crate::control::Control;
 
 /// A boundary face is on the skin side when its normal and the skin's agree at least this much (cosine).
 const LEAST_COSINE: f64 = 0.3;
+
+/// Passes of halving, improving and mending under curved skin.
+const PASSES: usize = 4;
 
 /// Meshes the tissue by lattice-based isosurface stuffing; all inner boundary nodes that face bone start as [`Attachment::Sliding`](super::Attachment::Sliding),
 /// cut faces of the region as [`Attachment::Fixed`](super::Attachment::Fixed), all else as [`Attachment::Free`](super::Attachment::Free).
@@ -34,9 +41,8 @@ pub fn build(
     let mut mesh = stuff(&inner, settings.edge_mm, &control.part(0.0, 0.3))?;
     let faces = boundary(&mesh.tetrahedra);
     let mut sides = boundary_sides(&inner, &mesh, &faces);
-    let skin_faces = skin_side(&inner, &mesh, &sides, &faces);
-    let stuffed_faces: Vec<[u32; 3]> = faces.iter().map(|f| sorted(f.nodes)).collect();
-    if skin_faces.is_empty() {
+    let mut surface = surface_faces(&inner, &mesh, &sides, &faces);
+    if !surface.iter().any(|f| f.skin) {
         return Err(MeshError::NoTissue);
     }
     control.report(0.35);
@@ -49,24 +55,72 @@ pub fn build(
             *side = *dropped;
         }
     }
+    let under = under_skin(&surface, mesh.positions.len());
+    let left_out = leave_out_pockets(&inner, &mut mesh, &under);
+    if left_out.pockets > 0 {
+        warnings.push(format!(
+            "pockets of tissue behind narrow necks that were left out: {} ({} tetrahedra, {:.2} cm³)",
+            left_out.pockets,
+            left_out.tetrahedra,
+            left_out.volume_mm3 / 1000.0
+        ));
+    }
+    let faces = if left_out.tetrahedra > 0 { boundary(&mesh.tetrahedra) } else { faces };
+    for &node in faces.iter().flat_map(|f| &f.nodes) {
+        sides[node as usize].get_or_insert(Side::Neck);
+    }
+    let mut pinned = pressed.dipping;
     {
-        let mut relaxation = Relaxation::new(&inner, &mut mesh, &sides, &pressed.dipping, &faces);
+        let mut relaxation = Relaxation::new(&inner, &mut mesh, &sides, &pinned, &faces);
         relaxation.towards_neighbours(4, control)?;
         control.report(0.5);
         relaxation.improve(4, control)?;
     }
     control.report(0.6);
 
-    let skin_faces: Vec<[u32; 3]> =
-        skin_faces.into_iter().filter(|f| !f.iter().any(|&n| pressed.holes[n as usize])).collect();
+    for face in &mut surface {
+        face.skin &= !face.nodes.iter().any(|&n| pressed.holes[n as usize]);
+    }
+    let skin_faces: Vec<[u32; 3]> = surface.iter().filter(|f| f.skin).map(|f| f.nodes).collect();
     let (mut layer, lost) = Layer::extrude(&inner, &mesh, &skin_faces);
+    for face in &mut surface {
+        face.skin &= face.nodes.iter().all(|&n| layer.feet[n as usize].is_some());
+    }
     layer.mend(&inner, &mut mesh, &sides, control)?;
-    let bad = layer.drop_bad(&mesh);
-    if lost + bad.len() > 0 {
+    layer.settle(&inner, &mesh, control)?;
+    for _ in 0..PASSES {
+        let mut refinement = Refinement {
+            inner: &inner,
+            mesh: &mut mesh,
+            sides: &mut sides,
+            pinned: &mut pinned,
+            faces: &mut surface,
+            layer: &mut layer,
+            refused: BTreeSet::new(),
+        };
+        let halved = refinement.run(control)?;
+        if halved == 0 {
+            break;
+        }
+        layer.faces = surface.iter().filter(|f| f.skin).map(|f| f.nodes).collect();
+        let faces = boundary(&mesh.tetrahedra);
+        Relaxation::new(&inner, &mut mesh, &sides, &pinned, &faces).improve(4, control)?;
+        layer.mend(&inner, &mut mesh, &sides, control)?;
+        layer.settle(&inner, &mesh, control)?;
+    }
+    let mut stuffed_faces: Vec<[u32; 3]> = surface.iter().map(|f| sorted(f.nodes)).collect();
+    stuffed_faces.sort_unstable();
+    let n_prisms = layer.faces.len();
+    let bad = lost + layer.drop_bad(&mesh);
+    if bad > 0 {
+        warnings
+            .push(format!("{bad} of {n_prisms} prisms could not be formed under folds of the skin and were left out"));
+    }
+    let off = layer.drop_off_skin(&inner);
+    if off > 0 {
         warnings.push(format!(
-            "{} of {} prisms could not be formed under folds of the skin and were left out",
-            lost + bad.len(),
-            skin_faces.len()
+            "{off} of {n_prisms} prisms were left out at folds of the skin too thin for an edge of {} mm",
+            settings.edge_mm
         ));
     }
     control.report(0.7);
@@ -75,7 +129,7 @@ pub fn build(
         assemble(&Shape { inner: &inner, mesh: &mesh, layer: &layer, sides: &sides, stuffed_faces: &stuffed_faces });
     control.check()?;
     control.report(0.8);
-    let mut quality = report(&mixed, Some((domain, settings)));
+    let mut quality = report(&mixed, Some((domain, settings)), left_out.volume_mm3);
     if quality.inverted > 0 {
         return Err(first_inverted(&mixed, quality.inverted));
     }
@@ -94,9 +148,14 @@ fn boundary_sides(inner: &InnerTissue<'_>, mesh: &TetMesh, faces: &[BoundaryFace
     mesh.positions.par_iter().zip(&on_boundary).map(|(p, on)| on.then(|| inner.value_side(p).1)).collect()
 }
 
-/// Faces below the skin: all nodes on the skin side, and facing the skin.
-fn skin_side(inner: &InnerTissue<'_>, mesh: &TetMesh, sides: &[Option<Side>], faces: &[BoundaryFace]) -> Vec<[u32; 3]> {
-    let on_skin_side = |face: &&BoundaryFace| {
+/// The boundary as stuffed; below the skin are faces with all nodes on the skin side that face the skin.
+fn surface_faces(
+    inner: &InnerTissue<'_>,
+    mesh: &TetMesh,
+    sides: &[Option<Side>],
+    faces: &[BoundaryFace],
+) -> Vec<SurfaceFace> {
+    let on_skin_side = |face: &BoundaryFace| {
         let [a, b, c] = face.nodes.map(|n| mesh.positions[n as usize]);
         face.nodes.iter().all(|&n| sides[n as usize] == Some(Side::Skin)) && {
             let normal = (b - a).cross(&(c - a));
@@ -104,7 +163,13 @@ fn skin_side(inner: &InnerTissue<'_>, mesh: &TetMesh, sides: &[Option<Side>], fa
             normal.dot(&gradient) > LEAST_COSINE * normal.norm() * gradient.norm()
         }
     };
-    faces.iter().filter(on_skin_side).map(|f| f.nodes).collect()
+    faces.par_iter().map(|f| SurfaceFace { nodes: f.nodes, skin: on_skin_side(f) }).collect()
+}
+
+fn under_skin(surface: &[SurfaceFace], n_nodes: usize) -> Vec<bool> {
+    let mut under = vec![false; n_nodes];
+    surface.iter().filter(|f| f.skin).flat_map(|f| f.nodes).for_each(|i| under[i as usize] = true);
+    under
 }
 
 /// Nodes that pressing laid bare belong to the nearer of bone and air.

@@ -60,7 +60,7 @@ pub(super) fn assemble(shape: &Shape<'_, '_>) -> MixedMesh {
                 }
             }
             Side::Region | Side::Depth => face.iter().for_each(|&i| attachment[i as usize] = Attachment::Fixed),
-            Side::Skin | Side::Air => {}
+            Side::Skin | Side::Air | Side::Neck => {}
         }
         if *side == Side::Depth {
             depth_cut_nodes.extend(face);
@@ -136,7 +136,7 @@ fn centre(mesh: &TetMesh, nodes: [u32; 3]) -> Point {
 /// What an uncovered boundary face lies on: cuts first, then the nearer of bone and air; the skin side where a prism was left out.
 fn face_side(shape: &Shape<'_, '_>, nodes: [u32; 3]) -> Side {
     let has = |side: Side| nodes.iter().any(|&i| shape.sides[i as usize] == Some(side));
-    if let Some(side) = [Side::Region, Side::Depth].into_iter().find(|s| has(*s)) {
+    if let Some(side) = [Side::Region, Side::Depth, Side::Neck].into_iter().find(|s| has(*s)) {
         return side;
     }
     let all_skin = nodes.iter().all(|&i| shape.sides[i as usize] == Some(Side::Skin));

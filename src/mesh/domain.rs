@@ -96,6 +96,8 @@ pub(super) enum Side {
     Region,
     /// Cut below the depth.
     Depth,
+    /// Cut through tissue where a pocket was left out: held to no surface.
+    Neck,
 }
 
 /// Closest point of the skin to a point inside it.
@@ -178,6 +180,7 @@ impl<'a> InnerTissue<'a> {
             Side::Bone => self.domain.bone.value_gradient(p),
             Side::Air => self.domain.air.map_or((0.0, Vector::zeros()), |air| air.value_gradient(p)),
             Side::Region => self.domain.region.value_gradient(p),
+            Side::Neck => (0.0, Vector::zeros()),
         }
     }
 
@@ -222,6 +225,31 @@ impl<'a> InnerTissue<'a> {
         let (value, gradient) = self.domain.skin.value_gradient(&p);
         (value.abs() < 0.02).then_some(())?;
         Some(Foot { point: p, normal: gradient.try_normalize(1e-3)? })
+    }
+
+    /// Crossing of the skin by the line from `start` along `normal`, outwards from inside and inwards from outside, within `reach` mm.
+    pub(super) fn foot_along(&self, start: &Point, normal: &Vector, reach: f64) -> Option<Foot> {
+        let skin = self.domain.skin;
+        let first = skin.value(start);
+        let along = normal * if first < 0.0 { 1.0 } else { -1.0 };
+        let (mut before, mut value_before) = (0.0, first);
+        while before < reach {
+            let after = before + value_before.abs().max(0.01 * self.edge);
+            let value = skin.value(&(start + along * after));
+            if value * first <= 0.0 {
+                let s = crossing(before, after, value_before, value, 1e-3, |s| skin.value(&(start + along * s)));
+                let point = start + along * s;
+                let normal = skin.value_gradient(&point).1.try_normalize(1e-3)?;
+                return Some(Foot { point, normal });
+            }
+            (before, value_before) = (after, value);
+        }
+        None
+    }
+
+    /// How far below the skin a node may lie for its foot to be looked for, mm.
+    pub(super) fn foot_reach(&self) -> f64 {
+        3.0 * (self.thickness + self.edge)
     }
 
     /// First bone or air straight below a foot, mm along the inward normal, at most `reach`.

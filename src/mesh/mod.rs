@@ -4,8 +4,9 @@
 //! the bone); node classes say what each inner node does.
 //!
 //! Way of [`build`]: stuff the inner tissue (`stuffing`, `lattice`, `stencil`), press it onto bone where it is thin
-//! (`thin`), improve the tetrahedra (`smooth`), move the skin side out to the skin (`prisms`), drop crumbs (`parts`),
-//! label (`classify`) and measure (`report`).
+//! (`thin`), leave out what the skin cannot feel (`pockets`), improve the tetrahedra (`smooth`), move the skin side out
+//! to the skin (`prisms`), bring the tops close to it (`settle`, `refine`), drop crumbs (`parts`), label (`classify`) and
+//! measure (`report`).
 
 mod adjacency;
 mod build;
@@ -16,9 +17,12 @@ mod error;
 mod lattice;
 mod mixed_mesh;
 mod parts;
+mod pockets;
 mod prisms;
 mod quality;
+mod refine;
 mod report;
+mod settle;
 mod smooth;
 mod stencil;
 mod stuffing;

@@ -1,35 +1,21 @@
 //! Parts of the mesh that hang together by faces.
 
-use super::adjacency::{groups, shared_faces, sorted};
+use super::adjacency::{Rows, groups, shared_faces, sorted};
 use super::prisms::Layer;
 use super::stuffing::TetMesh;
 
 /// A part with prisms but fewer elements than this share of the largest part goes too: it would float.
 const CRUMB: f64 = 0.01;
+/// Pieces of up to so many tetrahedra that hang by one face are dropped.
+const HANGING: usize = 50;
 
 /// Keeps the parts that carry prisms and are no crumbs; returns what went.
 pub(super) fn keep_large_parts(mesh: &mut TetMesh, layer: &mut Layer) -> Vec<String> {
     let (n_tets, n_prisms) = (mesh.tetrahedra.len(), layer.faces.len());
-    let (mut pairs, _) = shared_faces(&mesh.tetrahedra);
-    // Prisms join through their side faces (edges of the triangles) and to the tetrahedron below.
-    let mut edges: Vec<([u32; 2], u32)> = Vec::new();
-    let mut triangles: Vec<([u32; 3], u32)> = Vec::new();
-    for (f, face) in layer.faces.iter().enumerate() {
-        let element = (n_tets + f) as u32;
-        for i in 0..3 {
-            edges.push((sorted([face[i], face[(i + 1) % 3]]), element));
-        }
-        triangles.push((sorted(*face), element));
-    }
-    edges.sort_unstable();
-    triangles.sort_unstable();
-    pairs.extend(edges.windows(2).filter(|w| w[0].0 == w[1].0).map(|w| [w[0].1, w[1].1]));
-    for face in super::adjacency::boundary(&mesh.tetrahedra) {
-        if let Ok(at) = triangles.binary_search_by_key(&sorted(face.nodes), |t| t.0) {
-            pairs.push([face.tetrahedron, triangles[at].1]);
-        }
-    }
-    let part = groups(n_tets + n_prisms, pairs.into_iter());
+    let pairs = joined(mesh, layer);
+    let hanging = hanging(n_tets + n_prisms, n_tets, &pairs);
+    let part =
+        groups(n_tets + n_prisms, pairs.iter().copied().filter(|[a, b]| hanging[*a as usize] == hanging[*b as usize]));
     let n_parts = part.iter().max().map_or(0, |p| *p as usize + 1);
     let mut sizes = vec![0usize; n_parts];
     let mut carries = vec![false; n_parts];
@@ -57,5 +43,109 @@ pub(super) fn keep_large_parts(mesh: &mut TetMesh, layer: &mut Layer) -> Vec<Str
         return Vec::new();
     }
     let elements: usize = gone.iter().map(|&p| sizes[p]).sum();
-    vec![format!("{} parts that do not hang together with the skin were dropped ({elements} elements)", gone.len())]
+    vec![format!(
+        "{} parts that hang on the tissue by less than two faces were dropped ({elements} elements)",
+        gone.len()
+    )]
+}
+
+/// Elements (tetrahedra, then prisms) that share a face.
+fn joined(mesh: &TetMesh, layer: &Layer) -> Vec<[u32; 2]> {
+    let n_tets = mesh.tetrahedra.len();
+    let (mut pairs, _) = shared_faces(&mesh.tetrahedra);
+    // Prisms join through their side faces (edges of the triangles) and to the tetrahedron below.
+    let mut edges: Vec<([u32; 2], u32)> = Vec::new();
+    let mut triangles: Vec<([u32; 3], u32)> = Vec::new();
+    for (f, face) in layer.faces.iter().enumerate() {
+        let element = (n_tets + f) as u32;
+        for i in 0..3 {
+            edges.push((sorted([face[i], face[(i + 1) % 3]]), element));
+        }
+        triangles.push((sorted(*face), element));
+    }
+    edges.sort_unstable();
+    triangles.sort_unstable();
+    pairs.extend(edges.windows(2).filter(|w| w[0].0 == w[1].0).map(|w| [w[0].1, w[1].1]));
+    for face in super::adjacency::boundary(&mesh.tetrahedra) {
+        if let Ok(at) = triangles.binary_search_by_key(&sorted(face.nodes), |t| t.0) {
+            pairs.push([face.tetrahedron, triangles[at].1]);
+        }
+    }
+    pairs
+}
+
+/// Tetrahedra in pieces of 2 to [`HANGING`] that hang on the rest by one face and carry no prism: soft tentacles, which
+/// fold at the first push. A single tetrahedron on a face is stiff.
+fn hanging(n: usize, n_tets: usize, pairs: &[[u32; 2]]) -> Vec<bool> {
+    let neighbours = Rows::of(n, pairs.iter().flat_map(|&[a, b]| [(a, b), (b, a)]));
+    // Bridges (Tarjan 1974): order of discovery, and the earliest element reached around the edge to the parent.
+    let mut order = vec![u32::MAX; n];
+    let mut lowest = vec![u32::MAX; n];
+    let mut parent = vec![u32::MAX; n];
+    let mut visited: Vec<u32> = Vec::with_capacity(n);
+    // From the prisms, so that what hangs is the side without them.
+    for root in (n_tets..n).chain(0..n_tets) {
+        if order[root] != u32::MAX {
+            continue;
+        }
+        let discover = |e: usize, visited: &mut Vec<u32>, order: &mut [u32], lowest: &mut [u32]| {
+            order[e] = visited.len() as u32;
+            lowest[e] = order[e];
+            visited.push(e as u32);
+        };
+        discover(root, &mut visited, &mut order, &mut lowest);
+        let mut stack = vec![(root, 0)];
+        while let Some((e, at)) = stack.pop() {
+            if let Some(&next) = neighbours.row(e).get(at) {
+                stack.push((e, at + 1));
+                let to = next as usize;
+                if order[to] == u32::MAX {
+                    parent[to] = e as u32;
+                    discover(to, &mut visited, &mut order, &mut lowest);
+                    stack.push((to, 0));
+                } else if parent[e] != next {
+                    lowest[e] = lowest[e].min(order[to]);
+                }
+            } else if parent[e] != u32::MAX {
+                let above = parent[e] as usize;
+                lowest[above] = lowest[above].min(lowest[e]);
+            }
+        }
+    }
+    let mut size = vec![1usize; n];
+    let mut carries: Vec<bool> = (0..n).map(|e| e >= n_tets).collect();
+    for &e in visited.iter().rev() {
+        let e = e as usize;
+        if parent[e] != u32::MAX {
+            let above = parent[e] as usize;
+            size[above] += size[e];
+            carries[above] |= carries[e];
+        }
+    }
+    let mut hangs = vec![false; n];
+    // Parents come before their children.
+    for &e in &visited {
+        let e = e as usize;
+        if parent[e] == u32::MAX {
+            continue;
+        }
+        let above = parent[e] as usize;
+        let bridge = lowest[e] > order[above];
+        hangs[e] = hangs[above] || (bridge && !carries[e] && (2..=HANGING).contains(&size[e]));
+    }
+    hangs
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A ring of four that carries a prism, with a tail of two, a tail of one, and a tail that carries a prism.
+    #[test]
+    fn only_bare_tails_of_several_elements_hang() {
+        let pairs = [[0, 1], [1, 2], [2, 3], [3, 0], [1, 4], [4, 5], [2, 6], [3, 7], [7, 8], [0, 9]];
+        let hangs = hanging(10, 8, &pairs);
+        let which: Vec<usize> = (0..10).filter(|&e| hangs[e]).collect();
+        assert_eq!(which, [4, 5]);
+    }
 }

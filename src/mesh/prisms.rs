@@ -14,6 +14,8 @@ use crate::geometry::{Point, Vector};
 const WANTED: f64 = 0.35;
 /// Prisms below this after mending are left out.
 pub(super) const WORST: f64 = 0.1;
+/// Farthest that the barycentre of a prism's top may lie from the skin, mm.
+const OFF_SKIN: f64 = 0.3;
 /// A tetrahedron may not fall below this (smallest sine) when a prism's inner node moves.
 const TETRAHEDRON_FLOOR: f64 = 0.2;
 
@@ -32,7 +34,7 @@ impl Layer {
         for &node in faces.iter().flatten() {
             wanted[node as usize] = true;
         }
-        let reach = 3.0 * (inner.thickness + inner.edge);
+        let reach = inner.foot_reach();
         let feet: Vec<Option<Foot>> = wanted
             .par_iter()
             .enumerate()
@@ -69,27 +71,30 @@ impl Layer {
         let n = mesh.positions.len();
         let prisms = Rows::incidence(n, &self.faces);
         let tetrahedra = Rows::incidence(n, &mesh.tetrahedra);
+        // Where nothing moved in the last round another search finds nothing.
+        let mut stirred = vec![true; n];
         for _round in 0..12 {
             control.check()?;
             let mut wanted = vec![false; n];
-            let mut any = false;
-            for face in &self.faces {
+            for face in self.faces.iter().filter(|f| f.iter().any(|&i| stirred[i as usize])) {
                 if self.quality(mesh, face) < WANTED {
-                    any = true;
                     for &node in face {
                         wanted[node as usize] = true;
                     }
                 }
             }
-            if !any {
+            stirred.fill(false);
+            if !wanted.contains(&true) {
                 break;
             }
             for node in (0..n).filter(|&i| wanted[i]) {
+                let before = (self.feet[node].map(|f| f.point), mesh.positions[node]);
                 self.centre_outer(inner, mesh, &prisms, node);
                 for length in [0.2, 0.1, 0.05, 0.02] {
                     self.search_outer(inner, mesh, &prisms, node, length * inner.edge);
                     self.search_inner(inner, mesh, (&prisms, &tetrahedra), sides[node], node, length * inner.edge);
                 }
+                stirred[node] = before != (self.feet[node].map(|f| f.point), mesh.positions[node]);
             }
         }
         Ok(())
@@ -180,10 +185,26 @@ impl Layer {
         }
     }
 
-    /// Leaves out the prisms that are still badly shaped and returns their faces.
-    pub(super) fn drop_bad(&mut self, mesh: &TetMesh) -> Vec<[u32; 3]> {
-        let (kept, bad) = self.faces.iter().partition(|f| self.quality(mesh, f) >= WORST);
+    /// Leaves out the prisms that are still badly shaped and returns how many.
+    pub(super) fn drop_bad(&mut self, mesh: &TetMesh) -> usize {
+        self.keep(|layer, f| layer.quality(mesh, f) >= WORST)
+    }
+
+    /// Leaves out the prisms whose tops still stand off the skin: they cut off folds that are too thin for the lattice. Returns how many.
+    pub(super) fn drop_off_skin(&mut self, inner: &InnerTissue<'_>) -> usize {
+        self.keep(|layer, f| layer.barycentre(f).is_some_and(|p| inner.domain.skin.value(&p).abs() <= OFF_SKIN))
+    }
+
+    fn keep(&mut self, wanted: impl Fn(&Self, &[u32; 3]) -> bool) -> usize {
+        let before = self.faces.len();
+        let kept = self.faces.iter().copied().filter(|f| wanted(self, f)).collect();
         self.faces = kept;
-        bad
+        before - self.faces.len()
+    }
+
+    /// Barycentre of the top above `face`.
+    fn barycentre(&self, face: &[u32; 3]) -> Option<Point> {
+        let [a, b, c] = face.map(|n| self.feet[n as usize].map(|f| f.point.coords));
+        Some(Point::from((a? + b? + c?) / 3.0))
     }
 }

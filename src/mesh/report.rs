@@ -23,7 +23,7 @@ pub struct MeshReport {
     pub max_dihedral_deg: f64,
     /// Smallest scaled Jacobian of a prism, 0 to 1.
     pub min_scaled_jacobian: f64,
-    /// Relative difference of the mesh's volume from that of the implicit domain.
+    /// Relative difference of the mesh's volume from that of the implicit domain without the pockets that were left out.
     pub volume_error: f64,
     /// Largest distance of a prism's outer vertex or outer barycentre from the skin, mm.
     pub max_skin_distance_mm: f64,
@@ -34,9 +34,10 @@ pub struct MeshReport {
 }
 
 /// Quality of any mixed mesh; with a domain and the settings of its mesh also the errors of volume and of the skin,
-/// which are 0 without. The domain's volume is that of the tissue that hangs together with the skin layer, see `volume`.
+/// which are 0 without. The domain's volume is that of the tissue that hangs together with the skin layer, see `volume`, less the
+/// pockets `left_out_mm3` that were left out on purpose.
 #[must_use]
-pub fn report(mesh: &MixedMesh, filled: Option<(&Domain<'_>, &MeshSettings)>) -> MeshReport {
+pub fn report(mesh: &MixedMesh, filled: Option<(&Domain<'_>, &MeshSettings)>, left_out_mm3: f64) -> MeshReport {
     let mut out = MeshReport {
         tetrahedra: mesh.tetrahedra.len(),
         prisms: mesh.prisms.len(),
@@ -66,7 +67,7 @@ pub fn report(mesh: &MixedMesh, filled: Option<(&Domain<'_>, &MeshSettings)>) ->
         filled_volume += wedge_volume(&p);
     }
     if let Some((domain, settings)) = filled {
-        let expected = volume::of_tissue(domain, settings);
+        let expected = volume::of_tissue(domain, settings) - left_out_mm3;
         out.volume_error = if expected > 0.0 { filled_volume / expected - 1.0 } else { 0.0 };
         out.max_skin_distance_mm = skin_distance(mesh, domain.skin);
     }

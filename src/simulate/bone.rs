@@ -37,7 +37,11 @@ impl CutBone {
     }
 }
 
-/// Cuts the bone and builds a field for each segment.
+/// Fields for ties and contact are this much coarser than those of skin and bone: the cut bone comes from a lattice of a like
+/// spacing, and on its rounded edges Newton's method needs two thirds of the iterations.
+const CONTACT_SPACING: f64 = 2.0;
+
+/// Cuts the bone and builds a field for each segment, at twice the spacing that `settings` names.
 ///
 /// # Errors
 /// [`SimulateError::Plan`] when the cuts do not part the bone, [`SimulateError::Field`].
@@ -47,12 +51,13 @@ pub fn cut_bone(
     settings: &FieldSettings,
     control: &Control,
 ) -> Result<CutBone, SimulateError> {
+    let settings = FieldSettings { spacing_mm: CONTACT_SPACING * settings.spacing_mm, ..*settings };
     let osteotomy = cut(&fields.bone, cuts, &control.part(0.0, 0.4))?;
     let n = osteotomy.segments.len() as f64;
     let mut built = Vec::with_capacity(osteotomy.segments.len());
     for (i, segment) in osteotomy.segments.iter().enumerate() {
         let part = control.part(0.4 + 0.6 * i as f64 / n, 0.4 + 0.6 * (i + 1) as f64 / n);
-        built.push(Arc::new(DistanceField::build(&segment.surface, settings, &part)?.0));
+        built.push(Arc::new(DistanceField::build(&segment.surface, &settings, &part)?.0));
     }
     Ok(CutBone { osteotomy, fields: built })
 }

@@ -3,6 +3,7 @@
 //! Invariants: calls the rooms above, knows no HTTP and no storage; all results are functions of the inputs and settings.
 
 mod bone;
+mod carry;
 mod error;
 mod fields;
 mod landmarks;

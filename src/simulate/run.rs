@@ -1,9 +1,10 @@
+use super::carry::Carrier;
 use super::tissue::attach;
 use super::{Anatomy, AttachmentRules, CutBone, SimulateError, TissueModel};
 use crate::control::Control;
 use crate::evaluate::{FaceRegion, face_regions};
 use crate::fem::{Model, Preset, SkinElement, SolveSettings, Solver, StepReport};
-use crate::geometry::{Point, TriMesh, Vector};
+use crate::geometry::{Aabb, Point, TriMesh, Vector};
 use crate::plan::{Plan, PlanError};
 
 /// Share of the work that setting up the equations takes.
@@ -94,12 +95,14 @@ pub fn solve(
     };
     let mut solver = Solver::new(&mesh, bone.bodies(), solver_settings, &control.part(0.0, SETUP_SHARE))?;
     let path = control.part(SETUP_SHARE, 1.0);
+    let carrier = Carrier::new(&anatomy.skin, &tissue.embedding);
+    warnings.extend(Aabb::of(&mesh.positions).and_then(|region| carrier.warning(&anatomy.skin, &region)));
     let mut steps = Vec::with_capacity(settings.steps);
     let mut last = vec![Vector::zeros(); anatomy.skin.positions().len()];
     for k in 1..=settings.steps {
         let share = |k: usize| k as f64 / settings.steps as f64;
         let report = solver.advance(share(k), &|t| plan.motions(t), &path.part(share(k - 1), share(k)))?;
-        last = skin_displacements(tissue, &solver);
+        last = carrier.displacements(&solver);
         steps.push(report.clone());
         on_frame(frame(anatomy, &last, k, share(k), report)?);
     }
@@ -122,11 +125,6 @@ fn moving_segments(bone: &CutBone, plan: &Plan) -> Result<Vec<u32>, PlanError> {
         }),
         None => Ok(moving),
     }
-}
-
-fn skin_displacements(tissue: &TissueModel, solver: &Solver<'_>) -> Vec<Vector> {
-    let anchors = tissue.embedding.anchors.iter();
-    anchors.map(|a| a.map_or_else(Vector::zeros, |(prism, l)| solver.outer_displacement(prism, l))).collect()
 }
 
 fn frame(

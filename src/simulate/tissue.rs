@@ -78,9 +78,15 @@ pub struct AttachmentRules {
     pub sliding: Vec<Aabb>,
 }
 
-/// Nodes that lie this near to both a moving segment and bone that stays slide: there the periosteum is stripped for the
-/// saw, and a node tied to either side would be torn, mm.
+/// Nodes on a moving segment nearer than this to bone that stays slide: there the periosteum is stripped for the saw, and a
+/// tied node would be torn, mm.
 const STRIPPED_MM: f64 = 6.0;
+/// Nodes on bone that stays slide up to this far from a moving segment, mm: a Le Fort I is sawn after the periosteum has been
+/// lifted off the front of the maxilla up to the infraorbital foramen. Not so at the teeth below.
+const STRIPPED_ABOVE_MM: f64 = 15.0;
+/// Nodes this near to a saw line, between moving bone and bone that stays, touch nothing, mm: about an edge of the mesh cannot
+/// resolve contact with the sharp rims of a cut, and Newton's method creeps where single nodes slip off them.
+const SEAM_MM: f64 = 4.0;
 /// Nodes on the mesh's inner cut nearer than this to a moving segment are freed, so that it does not push against a wall
 /// that is not there, mm.
 const FREE_CUT_MM: f64 = 20.0;
@@ -111,10 +117,24 @@ pub(super) fn attach(mesh: &mut MixedMesh, bone: &CutBone, moving: &[u32], rules
     };
     let mut stripped = 0;
     for (node, p) in mesh.positions.iter().enumerate() {
-        if matches!(mesh.attachment[node], Attachment::Tied(_)) && nearest(p, true).max(nearest(p, false)) < STRIPPED_MM
-        {
+        let reach = match mesh.attachment[node] {
+            Attachment::Tied(segment) if moving.contains(&segment) => nearest(p, false) < STRIPPED_MM,
+            Attachment::Tied(_) if rules.sliding.iter().any(|teeth| p.z < teeth.max.z) => {
+                nearest(p, true) < STRIPPED_MM
+            }
+            Attachment::Tied(_) => nearest(p, true) < STRIPPED_ABOVE_MM,
+            Attachment::Free | Attachment::Sliding | Attachment::Fixed => false,
+        };
+        if reach {
             mesh.attachment[node] = Attachment::Sliding;
             stripped += 1;
+        }
+    }
+    let mut seam = 0;
+    for (node, p) in mesh.positions.iter().enumerate() {
+        if mesh.attachment[node] == Attachment::Sliding && nearest(p, true).max(nearest(p, false)) < SEAM_MM {
+            mesh.attachment[node] = Attachment::Free;
+            seam += 1;
         }
     }
     let mut freed = 0;
@@ -127,7 +147,15 @@ pub(super) fn attach(mesh: &mut MixedMesh, bone: &CutBone, moving: &[u32], rules
     }
     let mut notes = Vec::new();
     if stripped > 0 {
-        notes.push(format!("{stripped} nodes within {} mm of a saw line slide instead of being tied", STRIPPED_MM));
+        notes.push(format!(
+            "{stripped} nodes slide instead of being tied where periosteum is stripped: within {STRIPPED_MM} mm of a saw line on the \
+             moved bone, {STRIPPED_ABOVE_MM} mm on the bone that stays"
+        ));
+    }
+    if seam > 0 {
+        notes.push(format!(
+            "{seam} nodes within {SEAM_MM} mm of a saw line are free: contact with the rims of the cuts is not modelled"
+        ));
     }
     if freed > 0 {
         notes.push(format!("{freed} nodes of the inner cut within {FREE_CUT_MM} mm of moving bone are free"));

@@ -3,11 +3,10 @@
 use super::blocks::{Slab, attach};
 use super::bodies::{Ball, Floor};
 use crate::control::Control;
-use crate::fem::assembly::Curvature;
 use crate::fem::linear_solve::dot;
 use crate::fem::material::{Material, Materials};
 use crate::fem::{ContactBody, Model, Preset, SkinElement, SolveSettings, Solver};
-use crate::geometry::{Motion, Point, Vector};
+use crate::geometry::{Implicit, Motion, Point, Vector};
 use crate::mesh::{Attachment, MixedMesh};
 
 fn up(d: f64) -> impl Fn(f64) -> Vec<(u32, Motion)> {
@@ -29,9 +28,11 @@ fn sliding_slab(cells: usize) -> MixedMesh {
 fn forces_and_stiffness_with_contact_are_derivatives_of_the_energy() {
     let mesh = sliding_slab(4);
     let control = Control::new();
-    for skin_element in [SkinElement::Wedge, SkinElement::C1Prism] {
+    let ball = Ball { centre: Point::new(2.0, -1.0, -20.0), radius: 20.0 };
+    let floor_and_ball: [&dyn Implicit; 2] = [&Floor, &ball];
+    for (skin_element, solid) in [SkinElement::Wedge, SkinElement::C1Prism].into_iter().zip(floor_and_ball) {
         let settings = SolveSettings { skin_element, ..SolveSettings::new(Model::Mixed, Preset::Wang2009.materials()) };
-        let bodies = vec![ContactBody { segment: 1, solid: &Floor }];
+        let bodies = vec![ContactBody { segment: 1, solid }];
         let mut solver = Solver::new(&mesh, bodies, settings, &control).unwrap();
         let equations = &mut solver.equations;
         let motions = [Motion::new(Vector::new(0.0, 0.0, 0.3), Vector::new(0.05, -0.02, 0.0))];
@@ -56,7 +57,7 @@ fn forces_and_stiffness_with_contact_are_derivatives_of_the_energy() {
         let slope = dot(&equations.residual, &d);
         // Central differences lose h² and 1e-16/h.
         assert!(((after - before) / (2.0 * h) - slope).abs() < 1e-6 * slope.abs(), "{slope}");
-        equations.stiffness(&x, Curvature::Exact, &touches).unwrap();
+        equations.stiffness(&x, &touches, &motions).unwrap();
         let mut kd = vec![0.0; n];
         equations.assembly.pattern().multiply(&equations.values, &d, &mut kd);
         let scale = dot(&kd, &kd).sqrt();

@@ -32,13 +32,14 @@ impl EventFeed {
         let stopping = self.service.stopping().clone();
         while !self.ended {
             self.changes.borrow_and_update();
+            // Before the events: a job that ends in between has its last ones among them or sends a change.
+            let job = self.service.store().job(self.job).await?;
             let events = self.service.store().events(self.job, self.last).await?;
             if let Some(last) = events.last() {
                 self.last = last.seq;
                 self.ended = last.kind == "end";
                 return Ok(events);
             }
-            let job = self.service.store().job(self.job).await?;
             // A job that ended has said so, so the client has seen it; a deleted one will never say more.
             if job.is_none_or(|job| job.state.has_ended()) {
                 break;

@@ -136,7 +136,7 @@ impl Server {
             "le_fort_1_plane": { "point_mm": [point.x, point.y, point.z], "normal": [normal.x, normal.y, normal.z] },
         });
         self.put_json(&format!("{session}/landmarks"), &landmarks).ok();
-        let coarse = json!({ "spacing_mm": 2.0, "envelope_spacing_mm": 2.0 });
+        let coarse = json!({ "spacing_mm": 2.0, "envelope_spacing_mm": 2.0, "envelope_closing_mm": 4.0 });
         self.put_json(&format!("{session}/field/settings"), &coarse).ok();
         self.finish(&self.post(&format!("{session}/field"), &json!({})));
         session

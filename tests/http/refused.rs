@@ -89,7 +89,7 @@ fn three_gigabytes_cost_neither_memory_nor_disk() {
     assert!(peak_memory(&server) < memory + 100 * (1 << 20), "{memory} then {}", peak_memory(&server));
     // Journal and shared memory of the database may have grown.
     assert!(bytes_below(&directory.path().join("blobs")) < 10_000 && bytes_below(directory.path()) < files + (1 << 20));
-    server.get("/readyz").ok();
+    assert_eq!(server.get("/readyz").status, 200);
     server.upload(&format!("{session}/skin"), &skin()).ok();
 }
 

@@ -8,7 +8,7 @@ use crate::shapes::{cube, stl};
 async fn solved(app: &TestApp, more: serde_json::Value) -> (String, String, String) {
     let (session, plan) = app.session_with_plan().await;
     let job = app.solve(&session, &plan, more).await;
-    assert_eq!(app.get(&format!("{job}?wait_s=10")).await.ok()["state"], "succeeded");
+    assert_eq!(app.get(&format!("{job}?wait_s=10")).await.ok()["status"], "succeeded");
     (session, plan, job)
 }
 

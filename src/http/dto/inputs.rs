@@ -147,13 +147,23 @@ impl TryFrom<PutFieldSettings> for FieldSettingsDocument {
         let mut number = |name: &str, value: Option<f64>, default, min, max| {
             check.number(&format!("/{name}"), value.unwrap_or(default), min, max)
         };
+        let envelope_spacing_mm =
+            number("envelope_spacing_mm", r.envelope_spacing_mm, d.envelope_spacing_mm, 0.2, 10.0);
+        // An envelope that is closed by less than its grid resolves gets holes.
+        let least = 2.0 * envelope_spacing_mm;
         let settings = Self {
             method: r.method,
             spacing_mm: number("spacing_mm", r.spacing_mm, d.spacing_mm, 0.1, 10.0),
             band_mm: number("band_mm", r.band_mm, d.band_mm, 0.5, 100.0),
             margin_mm: number("margin_mm", r.margin_mm, d.margin_mm, 0.0, 200.0),
-            envelope_spacing_mm: number("envelope_spacing_mm", r.envelope_spacing_mm, d.envelope_spacing_mm, 0.2, 10.0),
-            envelope_closing_mm: number("envelope_closing_mm", r.envelope_closing_mm, d.envelope_closing_mm, 0.0, 20.0),
+            envelope_spacing_mm,
+            envelope_closing_mm: number(
+                "envelope_closing_mm",
+                r.envelope_closing_mm,
+                d.envelope_closing_mm,
+                least,
+                20.0,
+            ),
         };
         check.finish()?;
         Ok(settings)

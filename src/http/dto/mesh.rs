@@ -36,7 +36,7 @@ impl TryFrom<&BuildMesh> for MeshSettingsDocument {
         let thickness = r.skin_thickness_mm.unwrap_or(d.skin_thickness_mm);
         let settings = Self {
             skin_thickness_mm: check.number("/skin_thickness_mm", thickness, 0.1, 10.0),
-            edge_mm: check.number("/edge_mm", r.edge_mm.unwrap_or(d.edge_mm), 0.5, 50.0),
+            edge_mm: check.number("/edge_mm", r.edge_mm.unwrap_or(d.edge_mm), 0.5, 20.0),
             depth_mm: check.number("/depth_mm", r.depth_mm.unwrap_or(d.depth_mm), 2.0, 200.0),
             region: r.region.map(|b| check.bounds("/region", b)),
         };

@@ -75,7 +75,7 @@ pub(super) fn at_most(what: &'static str, found: u64, allowed: usize) -> Result<
 
 /// Refuses a size across that no unit mix-up short of mm explains, and warns of an unusual one.
 pub(super) fn check_size(diagonal_mm: f64, warnings: &mut Vec<String>) -> Result<(), ImportError> {
-    const READ: [f64; 2] = [1.0, 10_000.0];
+    const READ: [f64; 2] = [1.0, 2_500.0];
     const USUAL: [f64; 2] = [50.0, 1500.0];
     let within = |range: [f64; 2]| range[0] <= diagonal_mm && diagonal_mm <= range[1];
     if !within(READ) {

@@ -149,7 +149,8 @@ fn degenerate_triangles_unused_vertices_and_sizes_are_told_or_refused() {
     );
     assert!(matches!(obj(100.0, "f 1 1 2\n"), Err(ImportError::Geometry(_))));
     assert!(obj(10.0, "f 1 2 4\n").unwrap().1[1].contains("check the unit"));
-    assert!(obj(5000.0, "f 1 2 4\n").unwrap().1[1].contains("check the unit"));
+    assert!(obj(1200.0, "f 1 2 4\n").unwrap().1[1].contains("check the unit"));
+    assert!(matches!(obj(2000.0, "f 1 2 4\n"), Err(ImportError::ImplausibleSize { .. })));
     assert!(matches!(obj(0.1, "f 1 2 4\n"), Err(ImportError::ImplausibleSize { .. })));
     assert!(matches!(obj(1e5, "f 1 2 4\n"), Err(ImportError::ImplausibleSize { .. })));
     assert!(matches!(obj(f64::MAX, "f 1 2 4\n"), Err(ImportError::ImplausibleSize { .. })));

@@ -8,61 +8,80 @@ use tokio::sync::oneshot;
 #[error("the computation panicked")]
 pub struct Panicked;
 
-/// The one pool of threads on which numerics run; async code never computes.
+/// The threads on which numerics run; async code never computes. Short work within a request has threads of its own: it would
+/// else wait for a job's whole computation.
 ///
 /// Work whose caller has gone before it starts is skipped. Clones share the threads.
 #[derive(Debug, Clone)]
 pub struct CpuPool {
-    pool: Arc<rayon::ThreadPool>,
+    jobs: Arc<rayon::ThreadPool>,
+    requests: Arc<rayon::ThreadPool>,
 }
 
 impl CpuPool {
-    /// A pool of `threads` threads; 0 is one a core.
+    /// `threads` threads for jobs and as many for requests; 0 is one a core.
     ///
     /// # Errors
     /// When the threads cannot be started.
     pub fn new(threads: usize) -> Result<Self, rayon::ThreadPoolBuildError> {
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads)
-            .thread_name(|index| format!("cpu-{index}"))
-            .stack_size(16 << 20)
-            .build()?;
-        Ok(Self { pool: Arc::new(pool) })
+        let pool = |name: &'static str| {
+            let builder = rayon::ThreadPoolBuilder::new().num_threads(threads).stack_size(16 << 20);
+            builder.thread_name(move |index| format!("{name}-{index}")).build().map(Arc::new)
+        };
+        Ok(Self { jobs: pool("job")?, requests: pool("request")? })
     }
 
-    /// Number of threads.
+    /// Number of threads for jobs.
     #[must_use]
     pub fn threads(&self) -> usize {
-        self.pool.current_num_threads()
+        self.jobs.current_num_threads()
     }
 
-    /// Runs `work` on the pool.
+    /// Runs a job's `work`.
     ///
     /// # Errors
     /// [`Panicked`] when it panics; the pool goes on.
-    pub async fn run<T: Send + 'static>(&self, work: impl FnOnce() -> T + Send + 'static) -> Result<T, Panicked> {
-        let (sender, receiver) = oneshot::channel();
-        let span = tracing::Span::current();
-        self.pool.spawn(move || {
-            if sender.is_closed() {
-                return;
-            }
-            let result = span.in_scope(|| catch_unwind(AssertUnwindSafe(work)));
-            let result = result.map_err(|payload| {
-                let message = payload
-                    .downcast_ref::<&str>()
-                    .map(|s| (*s).to_owned())
-                    .or_else(|| payload.downcast_ref::<String>().cloned())
-                    .unwrap_or_default();
-                tracing::error!(message, "a computation panicked");
-                Panicked
-            });
-            // The caller may have left meanwhile.
-            sender.send(result).ok();
-        });
-        // The sender is only dropped unused when the pool itself is torn down.
-        receiver.await.unwrap_or(Err(Panicked))
+    pub async fn run_job<T: Send + 'static>(&self, work: impl FnOnce() -> T + Send + 'static) -> Result<T, Panicked> {
+        run(&self.jobs, work).await
     }
+
+    /// Runs a request's short `work`.
+    ///
+    /// # Errors
+    /// [`Panicked`] when it panics; the pool goes on.
+    pub async fn run_request<T: Send + 'static>(
+        &self,
+        work: impl FnOnce() -> T + Send + 'static,
+    ) -> Result<T, Panicked> {
+        run(&self.requests, work).await
+    }
+}
+
+async fn run<T: Send + 'static>(
+    pool: &rayon::ThreadPool,
+    work: impl FnOnce() -> T + Send + 'static,
+) -> Result<T, Panicked> {
+    let (sender, receiver) = oneshot::channel();
+    let span = tracing::Span::current();
+    pool.spawn(move || {
+        if sender.is_closed() {
+            return;
+        }
+        let result = span.in_scope(|| catch_unwind(AssertUnwindSafe(work)));
+        let result = result.map_err(|payload| {
+            let message = payload
+                .downcast_ref::<&str>()
+                .map(|s| (*s).to_owned())
+                .or_else(|| payload.downcast_ref::<String>().cloned())
+                .unwrap_or_default();
+            tracing::error!(message, "a computation panicked");
+            Panicked
+        });
+        // The caller may have left meanwhile.
+        sender.send(result).ok();
+    });
+    // The sender is only dropped unused when the pool itself is torn down.
+    receiver.await.unwrap_or(Err(Panicked))
 }
 
 #[cfg(test)]
@@ -72,8 +91,22 @@ mod tests {
     #[tokio::test]
     async fn a_panic_becomes_an_error_and_the_pool_goes_on() {
         let pool = CpuPool::new(1).unwrap();
-        assert_eq!(pool.run(|| -> u8 { panic!("planted") }).await, Err(Panicked));
-        assert_eq!(pool.run(|| 7).await, Ok(7));
+        assert_eq!(pool.run_job(|| -> u8 { panic!("planted") }).await, Err(Panicked));
+        assert_eq!(pool.run_job(|| 7).await, Ok(7));
+    }
+
+    #[tokio::test]
+    async fn a_request_does_not_wait_for_a_job() {
+        let pool = CpuPool::new(1).unwrap();
+        let (release, gate) = std::sync::mpsc::channel::<()>();
+        let job = tokio::spawn({
+            let pool = pool.clone();
+            async move { pool.run_job(move || gate.recv().is_ok()).await }
+        });
+        tokio::task::yield_now().await;
+        assert_eq!(pool.run_request(|| 7).await, Ok(7));
+        release.send(()).unwrap();
+        assert_eq!(job.await.unwrap(), Ok(true));
     }
 
     #[tokio::test]
@@ -82,20 +115,20 @@ mod tests {
         let (release, gate) = std::sync::mpsc::channel::<()>();
         let blocker = tokio::spawn({
             let pool = pool.clone();
-            async move { pool.run(move || gate.recv().is_ok()).await }
+            async move { pool.run_job(move || gate.recv().is_ok()).await }
         });
         tokio::task::yield_now().await;
         let (ran, was_run) = std::sync::mpsc::channel();
         let abandoned = tokio::spawn({
             let pool = pool.clone();
-            async move { pool.run(move || ran.send(()).unwrap()).await }
+            async move { pool.run_job(move || ran.send(()).unwrap()).await }
         });
         tokio::task::yield_now().await;
         abandoned.abort();
         assert!(abandoned.await.is_err());
         release.send(()).unwrap();
         blocker.await.unwrap().unwrap();
-        pool.run(|| ()).await.unwrap();
+        pool.run_job(|| ()).await.unwrap();
         assert!(was_run.try_recv().is_err());
     }
 }

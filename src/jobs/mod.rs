@@ -1,4 +1,4 @@
-//! Work that computes: the one CPU pool, long jobs with their states and events, and short tasks within a request.
+//! Work that computes: the CPU pools, long jobs with their states and events, and short tasks within a request.
 //!
 //! Invariants: numerics run on [`CpuPool`] only; a job is stored before anyone hears of it; a step is visible only when
 //! it is whole; one job computes at a time; a stopped service leaves jobs that the next start takes up.

@@ -144,7 +144,7 @@ impl Service {
         self.changes.subscribe()
     }
 
-    /// Runs short work of a request on the CPU pool; it is told to stop when the caller leaves.
+    /// Runs short work of a request on the threads for requests; it is told to stop when the caller leaves.
     ///
     /// # Errors
     /// What the work says, or [`FaultKind::Internal`] when it panics.
@@ -155,7 +155,7 @@ impl Service {
         let control = Control::new();
         let _cancel_on_leave = CancelOnDrop(control.clone());
         let engine = Arc::clone(&self.engine);
-        let done = self.cpu.run(move || work(engine.as_ref(), &control)).await;
+        let done = self.cpu.run_request(move || work(engine.as_ref(), &control)).await;
         Ok(done.map_err(|_| panicked())??)
     }
 

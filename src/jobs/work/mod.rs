@@ -69,7 +69,7 @@ impl Context {
         work: impl FnOnce(&dyn Engine, &Control) -> Result<T, Halt> + Send + 'static,
     ) -> Result<T, Halt> {
         let (engine, control) = (Arc::clone(&self.service.engine), self.running.control.part(0.0, COMPUTING));
-        self.service.cpu.run(move || work(engine.as_ref(), &control)).await.map_err(|_| panicked())?
+        self.service.cpu.run_job(move || work(engine.as_ref(), &control)).await.map_err(|_| panicked())?
     }
 
     /// Stores a derived part without a file.

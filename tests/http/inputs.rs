@@ -156,6 +156,8 @@ async fn landmarks_are_checked_and_kept() {
     });
     let stored = app.put_json(&path, landmarks).await.ok();
     assert_eq!(stored["le_fort_1_plane"]["normal"], json!([0.0, 0.0, 1.0]));
+    let missing = app.put_json(&path, json!({})).await.problem(422, "invalid-request");
+    assert!(missing["detail"].as_str().unwrap().contains("points"), "{missing}");
     assert_eq!(app.get(&path).await.ok(), stored);
 
     let faulty = json!({

@@ -176,6 +176,18 @@ mod tests {
         assert!(!surface.plain.is_empty() && surface.plain.len() < mesh.prisms.len());
         let (curved, plain) = (c1_prisms(&mesh, &surface).unwrap(), plain_prisms(&mesh, &surface).unwrap());
         assert_eq!(curved.n_elements() + plain.n_elements(), mesh.prisms.len());
+        // Both kinds see a linear field of the generalised nodes exactly.
+        let m = Matrix3::new(1.2, 0.3, -0.1, 0.2, 0.9, 0.4, 0.0, -0.3, 1.1);
+        let values: Vec<Vector> = surface.rest_values(&mesh).iter().map(|v| m * v).collect();
+        for block in [curved, plain] {
+            for (e, nodes) in block.nodes.chunks_exact(block.n_functions).enumerate() {
+                let gradients = block.gradients.chunks_exact(block.n_functions).skip(e * block.n_points);
+                for g in gradients.take(block.n_points) {
+                    let f: Matrix3<f64> = nodes.iter().zip(g).map(|(n, g)| values[*n as usize] * g.transpose()).sum();
+                    assert!((f - m).norm() < 1e-9, "{} {e}", block.kind);
+                }
+            }
+        }
     }
 
     /// A node whose angle-weighted normal does not see one of its triangles gets one that does.

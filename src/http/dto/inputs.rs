@@ -56,7 +56,6 @@ pub(in crate::http) fn import_request(settings: &CtSettings, ct_sha256: String) 
 #[serde(deny_unknown_fields)]
 pub struct PutLandmarks {
     /// Points by name: `ans`, `pronasale`, `pogonion`, `menton`, `soft_pogonion`, `nasal_bone_tip` and others.
-    #[serde(default)]
     pub points: BTreeMap<String, [f64; 3]>,
     /// x of the midline.
     #[serde(default)]

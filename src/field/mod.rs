@@ -1,9 +1,11 @@
 //! Signed distance fields of surfaces, smooth enough for contact.
 //!
 //! Invariants: value, gradient and Hessian belong to one C1 function; finite at every finite point, also far
-//! outside the band; negative inside. Built from any triangle soup, dirty or open.
+//! outside the band; negative inside. Built from any triangle soup, dirty or open. The published methods that it is compared
+//! with ([`UniformField`], [`Octree`]) are finite and signed alike, but less smooth.
 
 mod banded;
+mod baseline;
 mod brick;
 mod build;
 mod check;
@@ -22,6 +24,7 @@ mod tree;
 mod triangle;
 mod winding;
 
+pub use baseline::{Octree, Resolution, SampledReport, SampledSettings, Tolerance, UniformField};
 pub use build::{FieldReport, FieldSettings};
 pub use distance_field::DistanceField;
 pub use envelope::{Envelope, EnvelopeSettings, envelope};

@@ -4,6 +4,7 @@
 //! outside the band; negative inside. Built from any triangle soup, dirty or open. The published methods that it is compared
 //! with ([`UniformField`], [`Octree`]) are finite and signed alike, but less smooth.
 
+mod accuracy;
 mod banded;
 mod baseline;
 mod brick;
@@ -17,6 +18,7 @@ mod error;
 mod exact;
 mod flood;
 mod lattice;
+mod method;
 mod sign;
 mod sky;
 mod spline;
@@ -24,12 +26,14 @@ mod tree;
 mod triangle;
 mod winding;
 
+pub use accuracy::{Accuracy, Place, sample_points};
 pub use baseline::{Octree, Resolution, SampledReport, SampledSettings, Tolerance, UniformField};
 pub use build::{FieldReport, FieldSettings};
 pub use distance_field::DistanceField;
 pub use envelope::{Envelope, EnvelopeSettings, envelope};
 pub use error::FieldError;
 pub use exact::ExactDistance;
+pub use method::{Method, MethodReport, MethodSettings, SignedField};
 
 #[cfg(test)]
 mod tests;

@@ -2,7 +2,7 @@ use super::cell::{continued, sampled};
 use super::packed::{Codec, Packed};
 use super::settings::{Cube, EDGE};
 use super::tolerance::Predicate;
-use crate::geometry::{Implicit, Point, Vector};
+use crate::geometry::{Aabb, Implicit, Point, Vector};
 
 /// Marks an undivided brick in [`Octree`]'s index; the other bits are the level of its leaf.
 const LEAF: u32 = 1 << 31;
@@ -99,6 +99,17 @@ impl Octree {
     #[must_use]
     pub fn samples(&self) -> usize {
         self.lattice.len() + self.codes.len()
+    }
+
+    /// Number of divided bricks.
+    pub(super) fn n_bricks(&self) -> usize {
+        self.bricks.len()
+    }
+
+    /// The bounding cube, LPS mm.
+    #[must_use]
+    pub fn domain(&self) -> Aabb {
+        self.cube.domain()
     }
 
     pub(super) fn half_step_mm(&self) -> f32 {

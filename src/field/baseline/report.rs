@@ -13,6 +13,8 @@ pub struct SampledReport {
     pub tolerance_mm: Option<f64>,
     /// Cells of the grid, or leaves of the octree.
     pub cells: usize,
+    /// Bricks of 8³ finest cells that the field holds in detail.
+    pub bricks: usize,
     /// Stored distances.
     pub samples: usize,
     /// Memory of the field, bytes.
@@ -34,6 +36,7 @@ impl SampledReport {
             resolution: octree.cube().cells,
             tolerance_mm: Some(f64::from(tolerance_mm)),
             cells: octree.leaves(),
+            bricks: octree.n_bricks(),
             samples: octree.samples(),
             bytes: octree.bytes(),
             warnings,

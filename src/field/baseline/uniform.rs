@@ -5,7 +5,7 @@ use super::settings::{Cube, EDGE, SampledSettings};
 use super::tile::{Sampler, Scratch};
 use crate::control::{Cancelled, Control};
 use crate::field::error::FieldError;
-use crate::geometry::{Implicit, Point, TriMesh, Vector};
+use crate::geometry::{Aabb, Implicit, Point, TriMesh, Vector};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -47,6 +47,7 @@ impl UniformField {
             resolution: n,
             tolerance_mm: None,
             cells: n * n * n,
+            bricks: cube.bricks().pow(3),
             samples: n * n * n,
             bytes: field.bytes(),
             warnings: defects,
@@ -114,8 +115,10 @@ impl UniformField {
         size_of_val(&self.values[..])
     }
 
-    pub(super) fn cube(&self) -> &Cube {
-        &self.cube
+    /// The bounding cube, LPS mm.
+    #[must_use]
+    pub fn domain(&self) -> Aabb {
+        self.cube.domain()
     }
 
     fn first_node(&self) -> Point {

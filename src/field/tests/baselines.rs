@@ -1,7 +1,8 @@
 use super::shapes::{Random, block, block_distance, filtered, flipped, joined, sphere};
 use crate::control::Control;
 use crate::field::{
-    ExactDistance, FieldError, Octree, Resolution, SampledReport, SampledSettings, Tolerance, UniformField,
+    ExactDistance, FieldError, FieldSettings, Method, MethodSettings, Octree, Resolution, SampledReport,
+    SampledSettings, SignedField, Tolerance, UniformField,
 };
 use crate::geometry::{Implicit, Motion, Point, TriMesh, Vector};
 
@@ -275,4 +276,23 @@ fn settings_out_of_range_too_much_memory_and_cancellation_are_refused() {
     assert!(matches!(UniformField::build(&mesh, &good, &cancelled), Err(FieldError::Cancelled(_))));
     assert!(matches!(Octree::hybrid(&mesh, &good, &cancelled), Err(FieldError::Cancelled(_))));
     assert!(matches!(Octree::frisken(&mesh, &good, &cancelled), Err(FieldError::Cancelled(_))));
+}
+
+#[test]
+fn one_type_holds_a_field_of_any_method_and_reports_its_error() {
+    let mesh = sphere(Point::new(1.0, 2.0, 3.0), 10.0, 4);
+    for method in Method::ALL {
+        let field = FieldSettings { spacing_mm: 0.8, band_mm: 3.0, margin_mm: 4.0 };
+        let s = MethodSettings { method, field, resolution: None, tolerance: Tolerance::Mm(0.01) };
+        let (field, report) = SignedField::build(&mesh, &s, &Control::new()).unwrap();
+        assert!(report.max_error_mm < 0.15 && report.max_error_mm > 0.0, "{method:?}: {report:?}");
+        assert!(report.bytes == field.bytes() && report.checked_points > 3000);
+        assert!(field.domain().contains(&Point::new(-9.0, 2.0, 3.0)));
+        // A query in the segment's frame is a moved segment.
+        let motion = Motion::translation(5.0, 0.0, 0.0);
+        let p = Point::new(18.0, 2.0, 3.0);
+        assert!((field.value(&motion.inverse_transform_point(&p)) - 2.0).abs() < 0.1);
+        let finer = SignedField::build_only(&mesh, &MethodSettings { resolution: Some(64), ..s }, &Control::new());
+        assert!(finer.unwrap().0.bytes() > report.bytes, "{method:?}");
+    }
 }

@@ -174,6 +174,16 @@ impl SignedField {
         }
     }
 
+    /// Edge of the finest cell, mm.
+    #[must_use]
+    pub fn spacing_mm(&self) -> f64 {
+        match self {
+            Self::Uniform(f) => f.spacing_mm(),
+            Self::Octree(f) => f.spacing_mm(),
+            Self::Adaptive(f) => f.spacing_mm(),
+        }
+    }
+
     fn inner(&self) -> &dyn Implicit {
         match self {
             Self::Uniform(f) => f,

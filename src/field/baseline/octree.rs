@@ -106,6 +106,12 @@ impl Octree {
         self.bricks.len()
     }
 
+    /// Edge of the finest cell, mm.
+    #[must_use]
+    pub fn spacing_mm(&self) -> f64 {
+        self.cube.spacing
+    }
+
     /// The bounding cube, LPS mm.
     #[must_use]
     pub fn domain(&self) -> Aabb {

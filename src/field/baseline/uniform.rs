@@ -115,6 +115,12 @@ impl UniformField {
         size_of_val(&self.values[..])
     }
 
+    /// Edge of the finest cell, mm.
+    #[must_use]
+    pub fn spacing_mm(&self) -> f64 {
+        self.cube.spacing
+    }
+
     /// The bounding cube, LPS mm.
     #[must_use]
     pub fn domain(&self) -> Aabb {

@@ -1,13 +1,15 @@
 //! Charts as SVG: one curve a builder, both axes logarithmic.
 
-use plotters::coord::combinators::IntoLogRange;
+use plotters::coord::combinators::{BindKeyPoints, IntoLogRange};
 use plotters::prelude::*;
 
 use super::error::BenchError;
 use super::row::Row;
 use crate::field::Method;
 
-const SIZE: (u32, u32) = (900, 600);
+const SIZE: (u32, u32) = (900, 560);
+/// Width of the legend on the right.
+const LEGEND: u32 = 220;
 
 /// One curve.
 pub(super) struct Curve {
@@ -24,30 +26,36 @@ pub(super) struct Labels<'a> {
     pub(super) y: &'a str,
 }
 
-/// Memory of the field against its largest error.
-pub(super) fn memory(rows: &[Row]) -> Result<String, BenchError> {
-    let labels = Labels {
-        title: "Memory of a distance field against its largest measured error",
-        x: "largest error in the band, mm",
-        y: "memory of the field, MB",
-    };
-    draw(&labels, &by_method(rows, |r| r.timing.memory_mb))
+/// The charts of the field study: what the files' names end in, and the SVG. Memory of the field and time to build it, each
+/// against its largest and its mean error.
+pub(super) fn of_fields(rows: &[Row]) -> Result<Vec<(&'static str, String)>, BenchError> {
+    let largest = ("largest measured error", "largest error in the band, mm");
+    let mean = ("RMS error", "RMS error in the band, mm");
+    let memory = ("Memory of a distance field against its", "memory of the field, MB");
+    let time = ("Time to build a distance field against its", "build, s");
+    let charts: [(&str, Axis, Axis); 4] = [
+        ("memory", (memory, |r| r.timing.memory_mb), (largest, |r| r.accuracy.max_error_mm)),
+        ("time", (time, |r| r.timing.build_wall_s), (largest, |r| r.accuracy.max_error_mm)),
+        ("memory-rms", (memory, |r| r.timing.memory_mb), (mean, |r| r.accuracy.rms_error_mm)),
+        ("time-rms", (time, |r| r.timing.build_wall_s), (mean, |r| r.accuracy.rms_error_mm)),
+    ];
+    charts
+        .into_iter()
+        .map(|(name, ((what, y), up), ((against, x), across))| {
+            let title = format!("{what} {against}");
+            let labels = Labels { title: &title, x, y };
+            Ok((name, draw(&labels, &by_method(rows, across, up))?))
+        })
+        .collect()
 }
 
-/// Time to build the field against its largest error.
-pub(super) fn time(rows: &[Row]) -> Result<String, BenchError> {
-    let labels = Labels {
-        title: "Time to build a distance field against its largest measured error",
-        x: "largest error in the band, mm",
-        y: "build, s",
-    };
-    draw(&labels, &by_method(rows, |r| r.timing.build_wall_s))
-}
+/// Words of an axis (in the title, along the axis) and its value.
+type Axis = ((&'static str, &'static str), fn(&Row) -> f64);
 
-fn by_method(rows: &[Row], y: impl Fn(&Row) -> f64) -> Vec<Curve> {
+fn by_method(rows: &[Row], x: fn(&Row) -> f64, y: fn(&Row) -> f64) -> Vec<Curve> {
     let curve = |method: Method| {
         let mut points: Vec<(f64, f64)> =
-            rows.iter().filter(|r| r.case.method == method).map(|r| (r.accuracy.max_error_mm, y(r))).collect();
+            rows.iter().filter(|r| r.case.method == method).map(|r| (x(r), y(r))).collect();
         points.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
         Curve { name: method.name().to_owned(), color: color(method), points }
     };
@@ -78,46 +86,50 @@ fn drawn(svg: &mut String, labels: &Labels, curves: &[Curve]) -> Result<(), Stri
     let root = SVGBackend::with_string(svg, SIZE).into_drawing_area();
     root.fill(&WHITE).map_err(|e| e.to_string())?;
     let mut chart = ChartBuilder::on(&root)
-        .caption(labels.title, ("sans-serif", 22))
+        .caption(labels.title, ("sans-serif", 20))
         .margin(16)
+        .margin_right(LEGEND)
         .x_label_area_size(52)
         .y_label_area_size(76)
-        .build_cartesian_2d((x.0..x.1).log_scale(), (y.0..y.1).log_scale())
+        .build_cartesian_2d(
+            (x.0..x.1).log_scale().with_key_points(ticks(x)),
+            (y.0..y.1).log_scale().with_key_points(ticks(y)),
+        )
         .map_err(|e| e.to_string())?;
     chart
         .configure_mesh()
         .x_desc(labels.x)
         .y_desc(labels.y)
-        .axis_desc_style(("sans-serif", 17))
+        .axis_desc_style(("sans-serif", 16))
         .label_style(("sans-serif", 14))
         .x_label_formatter(&short)
         .y_label_formatter(&short)
-        .light_line_style(RGBColor(236, 236, 236))
-        .bold_line_style(RGBColor(205, 205, 205))
+        .max_light_lines(1)
+        .bold_line_style(RGBColor(220, 220, 220))
         .draw()
         .map_err(|e| e.to_string())?;
-    for curve in curves.iter().filter(|c| !c.points.is_empty()) {
-        let color = curve.color;
-        chart
-            .draw_series(LineSeries::new(curve.points.iter().copied(), color.stroke_width(2)))
-            .map_err(|e| e.to_string())?
-            .label(curve.name.as_str())
-            .legend(move |(x, y)| PathElement::new([(x, y), (x + 22, y)], color.stroke_width(3)));
-        chart
-            .draw_series(curve.points.iter().map(|&p| Circle::new(p, 4, color.filled())))
-            .map_err(|e| e.to_string())?;
+    let shown = curves.iter().filter(|c| !c.points.is_empty());
+    for (n, curve) in shown.enumerate() {
+        // The first ones are wider, so that they show below others at the same place.
+        let wide = 4u32.saturating_sub(n as u32);
+        let line = curve.color.stroke_width(2 + wide);
+        chart.draw_series(LineSeries::new(curve.points.iter().copied(), line)).map_err(|e| e.to_string())?;
+        let dots = curve.points.iter().map(|&p| Circle::new(p, 4 + wide, curve.color.filled()));
+        chart.draw_series(dots).map_err(|e| e.to_string())?;
+        // Beside the plot, where nothing can lie below.
+        let (left, middle) = ((SIZE.0 - LEGEND) as i32 + 12, 64 + 26 * n as i32);
+        root.draw(&PathElement::new([(left, middle), (left + 22, middle)], line)).map_err(|e| e.to_string())?;
+        let name = Text::new(curve.name.clone(), (left + 30, middle - 8), ("sans-serif", 16));
+        root.draw(&name).map_err(|e| e.to_string())?;
     }
-    chart
-        .configure_series_labels()
-        .position(SeriesLabelPosition::UpperRight)
-        .background_style(WHITE.mix(0.9))
-        .border_style(RGBColor(170, 170, 170))
-        .label_font(("sans-serif", 16))
-        .legend_area_size(30)
-        .margin(8)
-        .draw()
-        .map_err(|e| e.to_string())?;
     root.present().map_err(|e| e.to_string())
+}
+
+/// 1, 2 and 5 times the powers of ten within a range.
+fn ticks((low, high): (f64, f64)) -> Vec<f64> {
+    let decades = low.log10().floor() as i32..=high.log10().ceil() as i32;
+    let all = decades.flat_map(|e| [1.0, 2.0, 5.0].map(|m| m * 10f64.powi(e)));
+    all.filter(|t| (low..=high).contains(t)).collect()
 }
 
 /// A range with room around positive values; `None` without any.
@@ -130,6 +142,9 @@ fn span(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
 
 /// A number as short as it can be said.
 fn short(value: &f64) -> String {
+    if *value > 0.0 && *value < 1.5e-3 {
+        return format!("{value:.0e}");
+    }
     let rounded = format!("{value:.6}");
     let trimmed = rounded.trim_end_matches('0').trim_end_matches('.');
     if trimmed.is_empty() { "0".to_owned() } else { trimmed.to_owned() }

@@ -25,7 +25,7 @@ const SITES: usize = 100_000;
 pub struct FieldStudy<'a> {
     /// Surface file.
     pub mesh: &'a Path,
-    /// Where the rows go; the charts get the same name and `-memory.svg`, `-time.svg`.
+    /// Where the rows go; the charts get the same name and `-memory.svg`, `-time.svg`, and so on.
     pub csv: &'a Path,
     /// All settings of the paper's Table 3, not just the coarser ones.
     pub full: bool,
@@ -68,7 +68,8 @@ impl FieldStudy<'_> {
             let stem = self.csv.file_stem().unwrap_or_default().to_string_lossy().into_owned();
             self.csv.with_file_name(format!("{stem}-{end}.svg"))
         };
-        for (path, svg) in [(beside("memory"), chart::memory(&rows)?), (beside("time"), chart::time(&rows)?)] {
+        for (name, svg) in chart::of_fields(&rows)? {
+            let path = beside(name);
             write(&path, svg.as_bytes())?;
             writeln!(out, "wrote {}", path.display())?;
         }

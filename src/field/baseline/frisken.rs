@@ -1,5 +1,5 @@
 use super::octree::{Bricks, Octree};
-use super::packed::{NODES, Packed, Splits, node};
+use super::packed::{NODES, Packed, SIDE, Splits, node};
 use super::pseudonormal::Pseudonormals;
 use super::report::{SampledReport, warnings};
 use super::settings::{Cube, EDGE, SampledSettings};
@@ -9,10 +9,8 @@ use crate::field::error::FieldError;
 use crate::field::exact::ExactDistance;
 use crate::geometry::{Point, TriMesh, Vector};
 use rayon::prelude::*;
+use std::collections::VecDeque;
 use std::sync::atomic::{AtomicUsize, Ordering};
-
-/// Bricks between two reports of progress.
-const CHUNK: usize = 64;
 
 impl Octree {
     /// Builds the field of `surface` top down: from the bounding cube on, a cell is divided while it comes within the band and
@@ -40,19 +38,12 @@ impl Octree {
         let Division { mut levels, reached, .. } = division;
         let done = AtomicUsize::new(0);
         let stored = AtomicUsize::new(0);
-        let chunks = reached
-            .par_chunks(CHUNK)
+        let b = cube.bricks();
+        let layers: Vec<&[usize]> = reached.chunk_by(|p, q| p / (b * b) == q / (b * b)).collect();
+        let layers = layers
+            .into_par_iter()
             .map(|places| {
-                let mut bricks = Bricks::default();
-                for &place in places {
-                    control.check()?;
-                    if let Some((splits, values)) = oracle.divided(&cube, place, &predicate) {
-                        let (packed, leaves) = Packed::new(splits, &values, &predicate.codec, &mut bricks.codes);
-                        bricks.places.push(place as u32);
-                        bricks.packed.push(packed);
-                        bricks.leaves += leaves;
-                    }
-                }
+                let bricks = oracle.layer(&cube, places, &predicate, control)?;
                 let done = done.fetch_add(places.len(), Ordering::Relaxed) + places.len();
                 control.report(0.2 + 0.8 * done as f64 / reached.len() as f64);
                 cube.allow((stored.fetch_add(bricks.codes.len(), Ordering::Relaxed) + bricks.codes.len()) as u64)?;
@@ -60,8 +51,8 @@ impl Octree {
             })
             .collect::<Result<Vec<_>, FieldError>>()?;
         let mut bricks = Bricks::default();
-        for chunk in chunks {
-            bricks.append(chunk);
+        for layer in layers {
+            bricks.append(layer);
         }
         for &place in &reached {
             levels[place] = 0;
@@ -106,17 +97,65 @@ impl Oracle<'_> {
         Ok(rows.concat())
     }
 
-    /// How brick `place` is divided, and the values at its nodes as far as they were needed; `None` when it is not.
-    fn divided(&self, cube: &Cube, place: usize, predicate: &Predicate) -> Option<(Splits, Box<[f32; NODES]>)> {
+    /// Divides the bricks at `places`, which are in one layer and in increasing order.
+    fn layer(
+        &self,
+        cube: &Cube,
+        places: &[usize],
+        predicate: &Predicate,
+        control: &Control,
+    ) -> Result<Bricks, Cancelled> {
+        let b = cube.bricks();
+        let mut bricks = Bricks::default();
+        let mut hint = 0;
+        let mut known: VecDeque<(usize, Box<[f32; NODES]>)> = VecDeque::new();
+        for &place in places {
+            control.check()?;
+            let mut values = Box::new([f32::NAN; NODES]);
+            // Faces shared with the brick before and with that in the row before.
+            while known.front().is_some_and(|(p, _)| p + b < place) {
+                known.pop_front();
+            }
+            let back = known.back().filter(|(p, _)| p + 1 == place && place % b > 0);
+            let row = known.front().filter(|(p, _)| p + b == place);
+            for (axis, neighbour) in [(0, back), (1, row)] {
+                let Some((_, neighbour)) = neighbour else { continue };
+                for n in 0..SIDE * SIDE {
+                    let mut to = [n % SIDE, n % SIDE, n / SIDE];
+                    to[axis] = 0;
+                    let mut from = to;
+                    from[axis] = EDGE;
+                    values[node(to)] = neighbour[node(from)];
+                }
+            }
+            if let Some(splits) = self.divided(cube, place, predicate, &mut values, &mut hint) {
+                let (packed, leaves) = Packed::new(splits, &values, &predicate.codec, &mut bricks.codes);
+                bricks.places.push(place as u32);
+                bricks.packed.push(packed);
+                bricks.leaves += leaves;
+            }
+            known.push_back((place, values));
+        }
+        Ok(bricks)
+    }
+
+    /// How brick `place` is divided; `None` when it is not. `values` are those at its nodes, NaN where not known yet: what is
+    /// needed of them is found.
+    fn divided(
+        &self,
+        cube: &Cube,
+        place: usize,
+        predicate: &Predicate,
+        values: &mut [f32; NODES],
+        hint: &mut u32,
+    ) -> Option<Splits> {
         let b = cube.bricks();
         let at = [place % b, place / b % b, place / (b * b)];
         let origin = cube.origin + Vector::from(at.map(|i| (i * EDGE) as f64)) * cube.spacing;
-        let mut values = Box::new([f32::NAN; NODES]);
-        let mut hint = 0;
         let mut sample = |at: [usize; 3]| {
             let value = &mut values[node(at)];
             if value.is_nan() {
-                *value = self.signed(&(origin + Vector::from(at.map(|i| i as f64)) * cube.spacing), &mut hint);
+                *value = self.signed(&(origin + Vector::from(at.map(|i| i as f64)) * cube.spacing), hint);
             }
             *value
         };
@@ -153,7 +192,7 @@ impl Oracle<'_> {
                 }
             }
         }
-        Some((splits, values))
+        Some(splits)
     }
 }
 

@@ -16,7 +16,7 @@ use crate::http::extract::{Creating, Ids, Params, short_number};
 use crate::http::{AppState, Problem};
 use crate::jobs::SolveRequest;
 use crate::session::{Fault, FaultKind, SessionParts};
-use crate::store::{JobFilter, JobId, JobKind, JobState, SessionId};
+use crate::store::{JobFilter, JobId, JobKind, JobState, PartKind, SessionId};
 
 /// Longest long poll, s.
 const MAX_WAIT_S: f64 = 60.0;
@@ -85,6 +85,7 @@ pub(in crate::http) async fn create(
         error_maps: checked.error_maps,
         tissue: checked.tissue,
         reference_job,
+        target: parts.get(PartKind::Target).map(|target| target.key.clone()),
     };
     accept(&state, session, JobKind::Solve, solve.steps, &solve, Some(&answering)).await
 }

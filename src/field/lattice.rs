@@ -75,6 +75,13 @@ impl Lattice {
         (at[0] + RING) + dims[0] * ((at[1] + RING) + dims[1] * (at[2] + RING))
     }
 
+    /// Like [`Lattice::coarse_index`] for places up to [`RING`] bricks beyond the domain.
+    pub(super) fn coarse_index_beyond(&self, at: [isize; 3]) -> usize {
+        let dims = self.coarse_dims();
+        let [i, j, k] = at.map(|b| (b + RING as isize).max(0) as usize);
+        i + dims[0] * (j + dims[1] * k)
+    }
+
     /// The domain's box.
     pub(super) fn domain(&self) -> Aabb {
         let min = self.origin - Vector::repeat(0.5 * self.spacing);

@@ -4,23 +4,29 @@
 //! outside the band; negative inside. Built from any triangle soup, dirty or open.
 
 mod banded;
-mod brick;
+mod bricks;
 mod build;
 mod check;
 mod closing;
+mod coarse;
 mod defects;
 mod distance_field;
 mod envelope;
 mod error;
 mod exact;
+mod crossings;
+mod features;
+mod fit;
 mod flood;
 mod lattice;
-mod sign;
+mod refine;
+mod rim;
+mod scan;
 mod sky;
 mod spline;
+mod tiles;
 mod tree;
 mod triangle;
-mod winding;
 
 pub use build::{FieldReport, FieldSettings};
 pub use distance_field::DistanceField;

@@ -44,10 +44,6 @@ impl Bricks {
         self.codes.len() / BRICK
     }
 
-    pub(super) fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
-
     /// Code at a node of a brick (x fastest).
     #[inline]
     pub(super) fn at(&self, slot: u32, place: usize) -> f64 {

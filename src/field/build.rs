@@ -1,12 +1,12 @@
 use super::bricks::{Bricks, NO_BRICK};
 use super::check::measure;
 use super::coarse;
+use super::crossings::Rows;
 use super::distance_field::{DistanceField, Level};
 use super::error::{FieldError, within};
 use super::exact::ExactDistance;
 use super::features::Features;
 use super::fit::{Sites, fit};
-use super::crossings::Rows;
 use super::lattice::{BRICK, EDGE, Lattice};
 use super::refine;
 use super::spline::Weights;

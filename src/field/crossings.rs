@@ -89,10 +89,7 @@ fn crossings(corners: &[Point; 3], times: i32, rows: &Rows) -> Vec<(u32, (u32, u
     let positive = area > 0.0;
     for k in ks {
         for j in js.clone() {
-            let p = Coord {
-                x: rows.origin.y + rows.spacing * j as f64,
-                y: rows.origin.z + rows.spacing * k as f64,
-            };
+            let p = Coord { x: rows.origin.y + rows.spacing * j as f64, y: rows.origin.z + rows.spacing * k as f64 };
             let (wa, wb, wc) = (orient2d(b, c, p), orient2d(c, a, p), orient2d(a, b, p));
             if is_left(wa, b, c) != positive || is_left(wb, c, a) != positive || is_left(wc, a, b) != positive {
                 continue;

@@ -31,7 +31,8 @@ impl Defects {
                 || triangles[t][1] == triangles[t][2]
                 || triangles[t][2] == triangles[t][0]
         };
-        let without_area = (0..triangles.len()).into_par_iter().filter(|&t| is_flat(t) || mesh.scaled_normal(t).norm() == 0.0).count();
+        let without_area =
+            (0..triangles.len()).into_par_iter().filter(|&t| is_flat(t) || mesh.scaled_normal(t).norm() == 0.0).count();
 
         let mut counts: Vec<bool> = (0..triangles.len()).map(|t| !is_flat(t)).collect();
         let mut distinct = counts.clone();

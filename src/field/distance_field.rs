@@ -195,7 +195,12 @@ impl DistanceField {
         for n in 1..8 {
             slots[n] = if n & crossed == n {
                 let along = |bit: usize, other: isize| if n & bit == 0 { 0 } else { other };
-                self.slot(level, brick[0] + along(1, x.other), brick[1] + along(2, y.other), brick[2] + along(4, z.other))
+                self.slot(
+                    level,
+                    brick[0] + along(1, x.other),
+                    brick[1] + along(2, y.other),
+                    brick[2] + along(4, z.other),
+                )
             } else {
                 slots[n & crossed]
             };
@@ -300,7 +305,11 @@ impl DistanceField {
         let mut sum = 0.0;
         for k in 0..3 {
             for j in 0..3 {
-                let row = self.lattice.coarse_index_beyond([brick[0] - 1, brick[1] + j as isize - 1, brick[2] + k as isize - 1]);
+                let row = self.lattice.coarse_index_beyond([
+                    brick[0] - 1,
+                    brick[1] + j as isize - 1,
+                    brick[2] + k as isize - 1,
+                ]);
                 let line: f64 = (0..3).map(|i| weights[0][i] * self.coarse[row + i]).sum();
                 sum += weights[2][k] * weights[1][j] * line;
             }

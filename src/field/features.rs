@@ -45,7 +45,15 @@ pub(super) struct Region {
 impl Region {
     fn new(anchor: Point, shape: Shape) -> Self {
         let nothing = HalfSpace { normal: [0.0; 3], limit: 0.0 };
-        Self { anchor, shape, axis: 0, half_spaces: [nothing; MOST_SPOKES], n_half_spaces: 0, min: [0.0; 3], max: [0.0; 3] }
+        Self {
+            anchor,
+            shape,
+            axis: 0,
+            half_spaces: [nothing; MOST_SPOKES],
+            n_half_spaces: 0,
+            min: [0.0; 3],
+            max: [0.0; 3],
+        }
     }
 
     fn cut(&mut self, normal: [f32; 3], limit: f32) {
@@ -156,8 +164,7 @@ impl Features {
         sides.par_sort_unstable();
         let groups: Vec<&[(u64, u32)]> = sides.chunk_by(|a, b| a.0 == b.0).collect();
         let edges: Vec<Edge> = groups.par_iter().filter_map(|group| edge(group, &points)).collect();
-        let mut features =
-            Self { points, faces, edges, corners: Vec::new(), spokes: Vec::new(), rays: Vec::new() };
+        let mut features = Self { points, faces, edges, corners: Vec::new(), spokes: Vec::new(), rays: Vec::new() };
         features.add_corners(&groups, triangles);
         features
     }
@@ -288,16 +295,6 @@ impl Features {
         }
         region.spread(corner.rays.map(|(first, last)| &self.rays[first as usize..last as usize]), reach);
         region
-    }
-
-    /// Memory, bytes.
-    pub(super) fn bytes(&self) -> usize {
-        size_of_val(&self.points[..])
-            + size_of_val(&self.faces[..])
-            + size_of_val(&self.edges[..])
-            + size_of_val(&self.corners[..])
-            + size_of_val(&self.spokes[..])
-            + size_of_val(&self.rays[..])
     }
 }
 

@@ -50,11 +50,6 @@ impl Lattice {
         i + self.bricks[0] * (j + self.bricks[1] * k)
     }
 
-    /// Position of the first fine node of brick `at`.
-    pub(super) fn brick_origin(&self, at: [usize; 3]) -> Point {
-        self.origin + Vector::new(at[0] as f64, at[1] as f64, at[2] as f64) * (self.spacing * EDGE as f64)
-    }
-
     /// Coarse nodes with their ring, along each axis.
     pub(super) fn coarse_dims(&self) -> [usize; 3] {
         self.bricks.map(|n| n + 2 * RING)

@@ -4,8 +4,8 @@ use super::bricks::{Bricks, NO_BRICK};
 use super::build::{AROUND, HALO, LARGEST, coefficients};
 use super::crossings::Rows;
 use super::distance_field::{DistanceField, Level};
-use super::lattice::{BRICK, EDGE, Lattice};
 use super::fit::Sites;
+use super::lattice::{BRICK, EDGE, Lattice};
 use super::spline::Weights;
 use super::tiles::{Source, TILE, Tile, Tiles};
 use crate::control::{Cancelled, Control};
@@ -126,18 +126,14 @@ pub(super) fn seal(field: &mut DistanceField) {
             .collect();
         field.details.clear(slot, |node| {
             let last = EDGE - 1;
-            open.iter().any(|s| (0..3).all(|a| s[a] == 0 || (s[a] < 0 && node[a] == 0) || (s[a] > 0 && node[a] == last)))
+            open.iter()
+                .any(|s| (0..3).all(|a| s[a] == 0 || (s[a] < 0 && node[a] == 0) || (s[a] > 0 && node[a] == last)))
         });
     }
 }
 
 /// Signed distances at the nodes of the octant `at` and next to it; away from the surface those of the coarser spline.
-fn detail_values(
-    parents: &[f32],
-    tile: &Tile,
-    node: [usize; 3],
-    spacing: f64,
-) -> [f32; AROUND.pow(3)] {
+fn detail_values(parents: &[f32], tile: &Tile, node: [usize; 3], spacing: f64) -> [f32; AROUND.pow(3)] {
     let (inside, _) = tile.inside(node, [AROUND; 3]);
     let weights = [-0.25, 0.25].map(|t| Weights::at(t).value.map(|w| w as f32));
     let coarser = on_details(parents, &weights);
@@ -160,9 +156,7 @@ const PARENTS: usize = EDGE / 2 + 4;
 fn parents(field: &DistanceField, at: [usize; 3]) -> Vec<f32> {
     let first = at.map(|n| (n * EDGE / 2) as isize - 2);
     let place = |n: usize| [n % PARENTS, n / PARENTS % PARENTS, n / PARENTS.pow(2)];
-    (0..PARENTS.pow(3))
-        .map(|n| field.coefficient([0, 1, 2].map(|a| first[a] + place(n)[a] as isize)) as f32)
-        .collect()
+    (0..PARENTS.pow(3)).map(|n| field.coefficient([0, 1, 2].map(|a| first[a] + place(n)[a] as isize)) as f32).collect()
 }
 
 /// Coefficients that the bricks' spline has at the octant's nodes: halving the knots (Chaikin) takes three quarters of the near

@@ -1,9 +1,9 @@
 //! Signed distances on a lattice, tile by tile.
 
+use super::build::AROUND;
 use super::crossings::{Crossings, Rows};
 use super::defects::Defects;
 use super::exact::is_inside;
-use super::build::AROUND;
 use super::features::Features;
 use super::lattice::EDGE;
 use super::scan::Slab;
@@ -232,11 +232,7 @@ impl Tile<'_> {
                 None => closed,
                 Some((share, change)) => {
                     let guess = closed - share;
-                    if (guess.abs() - 0.5).abs() > change {
-                        guess
-                    } else {
-                        closed - rim.share(&self.position(at))
-                    }
+                    if (guess.abs() - 0.5).abs() > change { guess } else { closed - rim.share(&self.position(at)) }
                 }
             };
             let is_inside = is_inside(winding);

@@ -184,5 +184,7 @@ fn split(order: &mut [u32], first: u32, corners: &[[Point; 3]], centers: &[[f64;
 /// Appends a subtree that counts its nodes from 0.
 fn append(nodes: &mut Vec<Node>, subtree: Vec<Node>) {
     let start = nodes.len() as u32;
-    nodes.extend(subtree.into_iter().map(|node| Node { second: if node.second == 0 { 0 } else { node.second + start }, ..node }));
+    nodes.extend(
+        subtree.into_iter().map(|node| Node { second: if node.second == 0 { 0 } else { node.second + start }, ..node }),
+    );
 }

@@ -45,10 +45,7 @@ impl ExactDistance {
         if rim.is_empty() {
             return f64::from(count);
         }
-        for (corners, times) in rim.caps() {
-            count += times * crossings::before(p, &corners);
-        }
-        f64::from(count) - rim.share(p)
+        f64::from(count + rim.before(p)) - rim.share(p)
     }
 
     /// Signed distance, mm; negative where the winding number's magnitude is above one half, so that a surface (or a

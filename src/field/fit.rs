@@ -13,6 +13,8 @@ use rayon::prelude::*;
 const APART: f64 = 1.5;
 /// Most parts of a triangle's edge.
 const MOST_PARTS: f64 = 200.0;
+/// About the most points; with more to place they are farther apart.
+const MOST_SITES: f64 = 4e6;
 /// Errors below this (in spacings) are left alone.
 const SMALL: f32 = 0.04;
 
@@ -25,13 +27,20 @@ pub(super) struct Sites {
 impl Sites {
     /// Points on the triangles of `mesh` that are `distinct`, for the spacing `spacing`, mm: the middles of equal parts of each.
     pub(super) fn new(mesh: &TriMesh, distinct: &[bool], spacing: f64) -> Self {
+        let parts = |t: usize, apart: f64| {
+            let [a, b, c] = mesh.corners(t);
+            let longest = (b - a).norm().max((c - b).norm()).max((a - c).norm());
+            (longest / apart).ceil().clamp(1.0, MOST_PARTS)
+        };
+        let apart = APART * spacing;
+        let wanted: f64 = (0..distinct.len()).filter(|&t| distinct[t]).map(|t| parts(t, apart).powi(2)).sum();
+        let apart = apart * (wanted / MOST_SITES).sqrt().max(1.0);
         let points = (0..mesh.triangles().len())
             .into_par_iter()
             .filter(|&t| distinct[t])
             .flat_map_iter(|t| {
                 let [a, b, c] = mesh.corners(t);
-                let longest = (b - a).norm().max((c - b).norm()).max((a - c).norm());
-                let n = (longest / (APART * spacing)).ceil().clamp(1.0, MOST_PARTS);
+                let n = parts(t, apart);
                 let at = move |u: f64, v: f64| a + (b - a) * (u / n) + (c - a) * (v / n);
                 let n = n as usize;
                 (0..n).flat_map(move |i| {

@@ -4,6 +4,8 @@ use crate::geometry::{Aabb, Point, Vector};
 pub(super) const EDGE: usize = 8;
 /// Fine nodes in a brick.
 pub(super) const BRICK: usize = EDGE * EDGE * EDGE;
+/// Most fine nodes along an axis.
+const LONGEST: f64 = 2e6;
 /// Coarse nodes beyond the bricks on every side: one whose coefficient is read, one for its second differences.
 const RING: usize = 2;
 
@@ -21,13 +23,14 @@ pub(super) struct Lattice {
 }
 
 impl Lattice {
-    /// Covers `bounds`; `None` when that takes more than `most` coarse nodes.
+    /// Covers `bounds`; the number of coarse nodes when they are more than `most` or too many in a row.
     pub(super) fn covering(bounds: &Aabb, spacing: f64, most: u64) -> Result<Self, u64> {
         let coarse = spacing * EDGE as f64;
         let extent = bounds.max - bounds.min;
         let needed = [0, 1, 2].map(|a| (extent[a] / coarse).ceil().max(1.0));
         let samples: f64 = needed.iter().map(|n| n + 2.0 * RING as f64).product();
-        if samples > most as f64 {
+        // Steps along an axis are counted in single precision.
+        if samples > most as f64 || needed.iter().any(|n| n * EDGE as f64 > LONGEST) {
             return Err(samples as u64);
         }
         let bricks = needed.map(|n| n as usize);

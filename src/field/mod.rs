@@ -27,6 +27,7 @@ mod spline;
 mod tiles;
 mod tree;
 mod triangle;
+mod winding;
 
 pub use build::{FieldReport, FieldSettings};
 pub use distance_field::DistanceField;

@@ -1,6 +1,9 @@
 //! Rims of holes and sheets, closed by caps.
 
+use super::crossings;
+use super::tree::Tree;
 use super::triangle::solid_angle;
+use super::winding::Winding;
 use crate::geometry::{Point, Vector};
 
 /// One loop of the rim, or several that touch.
@@ -21,7 +24,12 @@ struct Hole {
 #[derive(Debug, Clone, Default)]
 pub(super) struct Rim {
     holes: Vec<Hole>,
+    /// The caps as a tree, when they are many.
+    tree: Option<(Tree, Winding)>,
 }
+
+/// From this many edges on the caps' winding number is that of a tree of dipoles, within about 0.01.
+const MANY: usize = 3000;
 
 /// How far the caps' share must leave a winding number from one half.
 const CLEAR: f64 = 1e-9;
@@ -48,7 +56,34 @@ impl Rim {
             let hole = holes.entry(root(&mut parents, *a)).or_default();
             hole.push((positions[*a as usize], positions[*b as usize], *times));
         }
-        Self { holes: holes.into_values().map(Hole::new).collect() }
+        let rim = Self { holes: holes.into_values().map(Hole::new).collect(), tree: None };
+        if edges.len() < MANY { rim } else { rim.with_tree() }
+    }
+
+    fn with_tree(mut self) -> Self {
+        let mut corners = Vec::new();
+        for (cap, times) in self.caps() {
+            let cap = if times > 0 { cap } else { [cap[0], cap[2], cap[1]] };
+            corners.extend(std::iter::repeat_n(cap, times.unsigned_abs() as usize));
+        }
+        let tree = Tree::of(corners);
+        let winding = Winding::new(&tree, &vec![true; tree.original.len()]);
+        self.tree = Some((tree, winding));
+        self
+    }
+
+    /// What the caps add to the winding number of `p` when a ray from there along -x meets them.
+    pub(super) fn before(&self, p: &Point) -> i32 {
+        let mut count = 0;
+        match &self.tree {
+            Some((tree, _)) => tree.for_each_before(p, |_, corners| count += crossings::before(p, corners)),
+            None => {
+                for hole in &self.holes {
+                    count += hole.caps().map(|(corners, times)| times * crossings::before(p, &corners)).sum::<i32>();
+                }
+            }
+        }
+        count
     }
 
     /// Number of edges.
@@ -65,9 +100,12 @@ impl Rim {
         self.holes.iter().flat_map(Hole::caps).collect()
     }
 
-    /// Whether the caps cannot turn the sign of any point within `radius` of `center`: they take less than one half from the
-    /// winding number there.
+    /// Whether it is certain that the caps cannot turn the sign of any point within `radius` of `center`: they take less than one
+    /// half from the winding number there.
     pub(super) fn is_far(&self, center: &Point, radius: f64) -> bool {
+        if self.tree.is_some() {
+            return false;
+        }
         let mut share = 0.0;
         for hole in &self.holes {
             let distance = (hole.center - center).norm() - hole.radius - radius;
@@ -81,6 +119,9 @@ impl Rim {
 
     /// The caps' winding number at `p`.
     pub(super) fn share(&self, p: &Point) -> f64 {
+        if let Some((tree, winding)) = &self.tree {
+            return winding.at(tree, p);
+        }
         let angle: f64 = self
             .holes
             .iter()
@@ -93,6 +134,9 @@ impl Rim {
     ///
     /// It is the potential of a current around the rim (Biot and Savart): its gradient is at most 1/4π Σ length / distance².
     pub(super) fn slope(&self, center: &Point, radius: f64) -> f64 {
+        if self.tree.is_some() {
+            return f64::INFINITY;
+        }
         let mut sum = 0.0;
         for (a, b, times) in self.holes.iter().flat_map(|hole| &hole.edges) {
             let length = (b - a).norm();
@@ -105,8 +149,11 @@ impl Rim {
         sum / (4.0 * std::f64::consts::PI)
     }
 
-    /// Whether some cap may come within `radius` of `center`.
+    /// Whether some cap comes within `radius` of `center`.
     pub(super) fn has_cap_near(&self, center: &Point, radius: f64) -> bool {
+        if let Some((tree, _)) = &self.tree {
+            return tree.nearest(center, 0).distance_sq <= radius * radius;
+        }
         self.holes.iter().filter(|h| (h.center - center).norm() <= h.radius + radius).any(|hole| {
             hole.edges.iter().any(|(a, b, _)| {
                 let q = super::triangle::closest_point(center, &[*b, *a, hole.center]);

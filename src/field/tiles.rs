@@ -61,13 +61,12 @@ impl<'a> Tiles<'a> {
         wanted: impl Fn([usize; 3], [usize; 3]) -> bool + Sync,
     ) -> Self {
         let counts = rows.dims.map(|n| n.saturating_sub(2 * halo).div_ceil(TILE).max(1));
-        // Binary search over pairs would sort them; counting does it in two passes.
-        let boxes: Vec<Option<[[u16; 2]; 3]>> = (0..source.features.len())
+        let boxes: Vec<Option<[[u32; 2]; 3]>> = (0..source.features.len())
             .into_par_iter()
             .map(|index| {
                 let (min, max) = source.features.bounds(index, reach);
                 let mut nodes = [[0usize; 2]; 3];
-                let mut tiles = [[0u16; 2]; 3];
+                let mut tiles = [[0u32; 2]; 3];
                 for a in 0..3 {
                     let low = ((min[a] - rows.origin[a]) / rows.spacing).ceil().max(0.0);
                     let high = ((max[a] - rows.origin[a]) / rows.spacing).floor().min((rows.dims[a] - 1) as f64);
@@ -77,16 +76,16 @@ impl<'a> Tiles<'a> {
                     nodes[a] = [low as usize, high as usize];
                     // A tile has its own nodes and a halo on both sides.
                     let before = (nodes[a][0].saturating_sub(2 * halo) / TILE).min(counts[a] - 1);
-                    tiles[a] = [before as u16, (nodes[a][1] / TILE).min(counts[a] - 1) as u16];
+                    tiles[a] = [before as u32, (nodes[a][1] / TILE).min(counts[a] - 1) as u32];
                 }
                 wanted(nodes.map(|n| n[0]), nodes.map(|n| n[1])).then_some(tiles)
             })
             .collect();
-        let each = |tiles: &[[u16; 2]; 3], visit: &mut dyn FnMut(usize)| {
+        let each = |tiles: &[[u32; 2]; 3], visit: &mut dyn FnMut(usize)| {
             for k in tiles[2][0]..=tiles[2][1] {
                 for j in tiles[1][0]..=tiles[1][1] {
                     for i in tiles[0][0]..=tiles[0][1] {
-                        visit(usize::from(i) + counts[0] * (usize::from(j) + counts[1] * usize::from(k)));
+                        visit(i as usize + counts[0] * (j as usize + counts[1] * k as usize));
                     }
                 }
             }

@@ -50,8 +50,12 @@ pub(super) struct Tree {
 
 impl Tree {
     pub(super) fn new(mesh: &TriMesh) -> Self {
-        let n = mesh.triangles().len();
-        let corners: Vec<[Point; 3]> = (0..n).map(|t| mesh.corners(t)).collect();
+        Self::of((0..mesh.triangles().len()).map(|t| mesh.corners(t)).collect())
+    }
+
+    /// A tree over at least one triangle.
+    pub(super) fn of(corners: Vec<[Point; 3]>) -> Self {
+        let n = corners.len();
         let centers: Vec<[f64; 3]> =
             corners.iter().map(|c| [0, 1, 2].map(|a| (c[0][a] + c[1][a] + c[2][a]) / 3.0)).collect();
         let mut order: Vec<u32> = (0..n as u32).collect();

@@ -19,6 +19,7 @@ const ROOMS: &[&str] = &[
     "plan",
     "evaluate",
     "simulate", // wall
+    "bench",
     "store",
     "session",
     "jobs",
@@ -29,7 +30,7 @@ const ROOMS: &[&str] = &[
     "demo",
     "cli",
 ];
-const FIRST_ROOM_ABOVE_WALL: &str = "store";
+const FIRST_ROOM_ABOVE_WALL: &str = "bench";
 const FOREIGN_BELOW_WALL: &[&str] = &[
     "axum",
     "tokio",

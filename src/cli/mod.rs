@@ -2,6 +2,7 @@
 //!
 //! Invariant: everything it does is a call of the library; it alone writes to stdout.
 
+mod bench;
 mod demo;
 mod openapi;
 mod serve;
@@ -25,6 +26,9 @@ enum Command {
     Serve(serve::ServeArguments),
     /// Run the main job on a phantom head or a patient, over HTTP, and write the results.
     Demo(crate::demo::DemoArgs),
+    /// Measure: the studies behind the charts.
+    #[command(subcommand)]
+    Bench(bench::BenchCommand),
     /// Print the API's description, OpenAPI 3.1.
     Openapi,
 }
@@ -35,6 +39,7 @@ pub fn run() -> ExitCode {
     let done = match Arguments::parse().command {
         Command::Serve(arguments) => serve::run(arguments),
         Command::Demo(arguments) => demo::run(&arguments),
+        Command::Bench(command) => bench::run(&command),
         Command::Openapi => openapi::run(),
     };
     match done {

@@ -1,5 +1,5 @@
+use super::accuracy::{Accuracy, sample_points};
 use super::bricks::{Bricks, NO_BRICK};
-use super::check::measure;
 use super::coarse;
 use super::crossings::Rows;
 use super::distance_field::{DistanceField, Level};
@@ -11,8 +11,8 @@ use super::lattice::{BRICK, EDGE, Lattice};
 use super::refine;
 use super::spline::Weights;
 use super::tiles::{Source, TILE, Tally, Tile, Tiles};
-use crate::control::Control;
-use crate::geometry::{TriMesh, Vector};
+use crate::control::{Cancelled, Control};
+use crate::geometry::{Implicit, TriMesh, Vector};
 
 /// Most samples (coarse and fine) of a field: half a gigabyte of detail.
 pub(super) const MOST_SAMPLES: u64 = 1 << 27;
@@ -22,6 +22,8 @@ const STENCIL_REACH: f64 = 3.6;
 const FADE: f64 = 2.7;
 /// Coefficients of a brick are at most this many spacings larger than the reach: a brick's diagonal and its neighbours.
 pub(super) const LARGEST: f64 = 18.0;
+/// Sites of the sample at which the error is measured.
+const SITES: usize = 2000;
 /// Times that the zero is moved towards the surface.
 const SWEEPS: usize = 3;
 /// Nodes around a tile that its coefficients need.
@@ -55,10 +57,8 @@ impl FieldSettings {
 /// What a built field is like.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FieldReport {
-    /// Bricks of 8³ cells at the spacing.
+    /// Bricks of 8³ cells at the finest spacing, and at half of it where the surface needs that.
     pub bricks: usize,
-    /// Bricks of 8³ cells at half the spacing, where the surface needs them.
-    pub details: usize,
     /// Memory of the field, bytes.
     pub bytes: usize,
     /// Largest difference from the exact distance at a fixed sample of points within the band, mm.
@@ -69,6 +69,32 @@ pub struct FieldReport {
     pub checked_points: usize,
     /// What is wrong with the surface and how it was dealt with.
     pub warnings: Vec<String>,
+}
+
+impl FieldReport {
+    /// The errors of `field` at a fixed sample of points within `band` (mm) and on the surface, the rest left empty.
+    ///
+    /// # Errors
+    /// [`Cancelled`].
+    pub fn measured(
+        field: &dyn Implicit,
+        exact: &ExactDistance,
+        surface: &TriMesh,
+        band: f64,
+        control: &Control,
+    ) -> Result<Self, Cancelled> {
+        let points = sample_points(surface, exact, band, SITES, control)?;
+        let accuracy = Accuracy::measure(field, exact, &points, control)?;
+        control.report(1.0);
+        Ok(Self {
+            bricks: 0,
+            bytes: 0,
+            max_error_mm: accuracy.max_error_mm,
+            rms_error_mm: accuracy.rms_error_mm,
+            checked_points: accuracy.points,
+            warnings: Vec::new(),
+        })
+    }
 }
 
 impl DistanceField {
@@ -95,16 +121,8 @@ impl DistanceField {
         control: &Control,
     ) -> Result<(Self, FieldReport), FieldError> {
         let (field, warnings) = Self::build_unmeasured(exact, surface, settings, &control.part(0.0, 0.7))?;
-        let measured = measure(&field, exact, surface, settings.band_mm, &control.part(0.7, 1.0))?;
-        let report = FieldReport {
-            bricks: field.bricks.len(),
-            details: field.details.len(),
-            bytes: field.bytes(),
-            max_error_mm: measured.max_error_mm,
-            rms_error_mm: measured.rms_error_mm,
-            checked_points: measured.points,
-            warnings,
-        };
+        let report = FieldReport::measured(&field, exact, surface, settings.band_mm, &control.part(0.7, 1.0))?;
+        let report = FieldReport { bricks: field.n_bricks(), bytes: field.bytes(), warnings, ..report };
         Ok((field, report))
     }
 

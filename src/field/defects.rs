@@ -88,7 +88,7 @@ impl Defects {
 }
 
 /// For every vertex the smallest index of a vertex at the same place.
-fn weld(positions: &[Point]) -> Vec<u32> {
+pub(super) fn weld(positions: &[Point]) -> Vec<u32> {
     let mut order: Vec<u32> = (0..positions.len() as u32).collect();
     let compare = |i: u32, j: u32| {
         let (p, q) = (&positions[i as usize], &positions[j as usize]);

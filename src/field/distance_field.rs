@@ -76,6 +76,12 @@ impl DistanceField {
         self.lattice.spacing
     }
 
+    /// Bricks at the finest spacing and at half of it.
+    #[must_use]
+    pub fn n_bricks(&self) -> usize {
+        self.bricks.len() + self.details.len()
+    }
+
     /// Memory of the field, bytes.
     #[must_use]
     pub fn bytes(&self) -> usize {

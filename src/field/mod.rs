@@ -1,12 +1,14 @@
 //! Signed distance fields of surfaces, smooth enough for contact.
 //!
 //! Invariants: value, gradient and Hessian belong to one C1 function; finite at every finite point, also far
-//! outside the band; negative inside. Built from any triangle soup, dirty or open.
+//! outside the band; negative inside. Built from any triangle soup, dirty or open. The published methods that it is compared
+//! with ([`UniformField`], [`Octree`]) are finite and signed alike, but less smooth.
 
+mod accuracy;
 mod banded;
+mod baseline;
 mod bricks;
 mod build;
-mod check;
 mod closing;
 mod coarse;
 mod crossings;
@@ -19,6 +21,7 @@ mod features;
 mod fit;
 mod flood;
 mod lattice;
+mod method;
 mod refine;
 mod rim;
 mod scan;
@@ -29,11 +32,14 @@ mod tree;
 mod triangle;
 mod winding;
 
+pub use accuracy::{Accuracy, Place, sample_points};
+pub use baseline::{Octree, Resolution, SampledReport, SampledSettings, Tolerance, UniformField};
 pub use build::{FieldReport, FieldSettings};
 pub use distance_field::DistanceField;
 pub use envelope::{Envelope, EnvelopeSettings, envelope};
 pub use error::FieldError;
 pub use exact::ExactDistance;
+pub use method::{Method, MethodSettings, SignedField};
 
 #[cfg(test)]
 mod tests;

@@ -58,7 +58,6 @@ impl StandIn {
 fn field_report() -> FieldReport {
     FieldReport {
         bricks: 8,
-        details: 0,
         bytes: 4096,
         max_error_mm: 0.05,
         rms_error_mm: 0.01,

@@ -1,4 +1,5 @@
 mod accuracy;
+mod baselines;
 mod envelopes;
 mod shapes;
 mod signs;

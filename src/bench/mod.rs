@@ -1,0 +1,19 @@
+//! `prosopon bench …`: the studies behind the charts.
+//!
+//! Invariants: what is measured is what a user gets, through the same calls; nothing is compared with itself; fixed points and
+//! seeds. Times and memory are those of one run on one machine.
+
+mod chart;
+mod collision;
+mod error;
+mod evaluate;
+mod field;
+mod files;
+mod process;
+mod row;
+mod winding;
+
+pub use collision::CollisionStudy;
+pub use error::{BenchError, PointsFault};
+pub use evaluate::evaluate;
+pub use field::FieldStudy;

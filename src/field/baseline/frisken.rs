@@ -1,0 +1,211 @@
+use super::octree::{Bricks, Octree};
+use super::packed::{NODES, Packed, Splits, node};
+use super::pseudonormal::Pseudonormals;
+use super::report::{SampledReport, warnings};
+use super::settings::{Cube, EDGE, SampledSettings};
+use super::tolerance::{Predicate, corners};
+use crate::control::{Cancelled, Control};
+use crate::field::error::FieldError;
+use crate::field::exact::ExactDistance;
+use crate::geometry::{Point, TriMesh, Vector};
+use rayon::prelude::*;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// Bricks between two reports of progress.
+const CHUNK: usize = 64;
+
+impl Octree {
+    /// Builds the field of `surface` top down: from the bounding cube on, a cell is divided while it comes within the band and
+    /// its interpolant misses the exact distance at a corner of its children by more than the tolerance, down to the finest cells.
+    ///
+    /// # Errors
+    /// [`FieldError`] for settings out of range, too much memory, or cancellation.
+    ///
+    /// # Source
+    /// S. F. Frisken, R. N. Perry, A. P. Rockwood, T. R. Jones, Adaptively sampled distance fields, 2000.
+    pub fn frisken(
+        surface: &TriMesh,
+        settings: &SampledSettings,
+        control: &Control,
+    ) -> Result<(Self, SampledReport), FieldError> {
+        let cube = Cube::around(surface, settings)?;
+        let (exact, normals) = rayon::join(|| ExactDistance::new(surface), || Pseudonormals::new(surface));
+        let defects = warnings(exact.defects());
+        let oracle = Oracle { surface, exact, normals };
+        let lattice = oracle.lattice(&cube, &control.part(0.0, 0.2))?;
+        let predicate = cube.predicate(settings, &lattice);
+        let mut division =
+            Division { cube: &cube, lattice: &lattice, predicate, levels: Vec::new(), reached: Vec::new() };
+        division.run();
+        let Division { mut levels, reached, .. } = division;
+        let done = AtomicUsize::new(0);
+        let stored = AtomicUsize::new(0);
+        let chunks = reached
+            .par_chunks(CHUNK)
+            .map(|places| {
+                let mut bricks = Bricks::default();
+                for &place in places {
+                    control.check()?;
+                    if let Some((splits, values)) = oracle.divided(&cube, place, &predicate) {
+                        let (packed, leaves) = Packed::new(splits, &values, &predicate.codec, &mut bricks.codes);
+                        bricks.places.push(place as u32);
+                        bricks.packed.push(packed);
+                        bricks.leaves += leaves;
+                    }
+                }
+                let done = done.fetch_add(places.len(), Ordering::Relaxed) + places.len();
+                control.report(0.2 + 0.8 * done as f64 / reached.len() as f64);
+                cube.allow((stored.fetch_add(bricks.codes.len(), Ordering::Relaxed) + bricks.codes.len()) as u64)?;
+                Ok(bricks)
+            })
+            .collect::<Result<Vec<_>, FieldError>>()?;
+        let mut bricks = Bricks::default();
+        for chunk in chunks {
+            bricks.append(chunk);
+        }
+        for &place in &reached {
+            levels[place] = 0;
+        }
+        let octree = Self::new(cube, &predicate, &lattice, &levels, bricks);
+        let report = SampledReport::of(&octree, predicate.tolerance, defects);
+        control.report(1.0);
+        Ok((octree, report))
+    }
+}
+
+/// Exact distances, signed by pseudonormals.
+struct Oracle<'a> {
+    surface: &'a TriMesh,
+    exact: ExactDistance,
+    normals: Pseudonormals,
+}
+
+impl Oracle<'_> {
+    /// Signed distance at `p`, mm; `hint` is a triangle that is probably close, and becomes the nearest.
+    fn signed(&self, p: &Point, hint: &mut u32) -> f32 {
+        let nearest = self.exact.nearest(p, *hint);
+        *hint = nearest.slot;
+        let triangle = self.exact.tree().original[nearest.slot as usize] as usize;
+        self.normals.signed(p, &self.surface.corners(triangle), triangle) as f32
+    }
+
+    /// Values at the corners of all bricks.
+    fn lattice(&self, cube: &Cube, control: &Control) -> Result<Vec<f32>, Cancelled> {
+        let n = cube.bricks() + 1;
+        let pitch = cube.spacing * EDGE as f64;
+        let rows = (0..n * n)
+            .into_par_iter()
+            .map(|row| {
+                control.check()?;
+                let mut hint = 0;
+                let at = |i: usize| cube.origin + Vector::new(i as f64, (row % n) as f64, (row / n) as f64) * pitch;
+                Ok((0..n).map(|i| self.signed(&at(i), &mut hint)).collect::<Vec<_>>())
+            })
+            .collect::<Result<Vec<_>, Cancelled>>()?;
+        control.report(1.0);
+        Ok(rows.concat())
+    }
+
+    /// How brick `place` is divided, and the values at its nodes as far as they were needed; `None` when it is not.
+    fn divided(&self, cube: &Cube, place: usize, predicate: &Predicate) -> Option<(Splits, Box<[f32; NODES]>)> {
+        let b = cube.bricks();
+        let at = [place % b, place / b % b, place / (b * b)];
+        let origin = cube.origin + Vector::from(at.map(|i| (i * EDGE) as f64)) * cube.spacing;
+        let mut values = Box::new([f32::NAN; NODES]);
+        let mut hint = 0;
+        let mut sample = |at: [usize; 3]| {
+            let value = &mut values[node(at)];
+            if value.is_nan() {
+                *value = self.signed(&(origin + Vector::from(at.map(|i| i as f64)) * cube.spacing), &mut hint);
+            }
+            *value
+        };
+        let mut divides = |first: [usize; 3], size: usize| {
+            // The middle tells whether the cell comes within the band: no point of it is nearer than half the diagonal.
+            let middle = sample(first.map(|f| f + size / 2));
+            let reach = predicate.band + 0.5 * 3f32.sqrt() * size as f32 * cube.spacing as f32;
+            middle.abs() <= reach && !predicate.fits(&corners(first, size, &mut sample))
+        };
+        if !divides([0; 3], EDGE) {
+            return None;
+        }
+        let mut splits = Splits::default();
+        for n in 0..8 {
+            let four = [n % 2 * 4, n / 2 % 2 * 4, n / 4 * 4];
+            if !divides(four, 4) {
+                continue;
+            }
+            splits.fours |= 1 << n;
+            for m in 0..8 {
+                let two = [four[0] + m % 2 * 2, four[1] + m / 2 % 2 * 2, four[2] + m / 4 * 2];
+                splits.twos |= u64::from(divides(two, 2)) << Splits::two(two);
+            }
+        }
+        // Corners of leaves that were never looked at.
+        for n in 0..8 {
+            let four = [n % 2 * 4, n / 2 % 2 * 4, n / 4 * 4];
+            let size = if splits.fours >> n & 1 == 1 { 2 } else { 4 };
+            for z in (0..=4).step_by(size) {
+                for y in (0..=4).step_by(size) {
+                    for x in (0..=4).step_by(size) {
+                        sample([four[0] + x, four[1] + y, four[2] + z]);
+                    }
+                }
+            }
+        }
+        Some((splits, values))
+    }
+}
+
+/// The division of the cube down to bricks.
+struct Division<'a> {
+    cube: &'a Cube,
+    lattice: &'a [f32],
+    predicate: Predicate,
+    /// Level of the leaf of each brick.
+    levels: Vec<u8>,
+    /// Bricks that are to be divided further, if they need to, in increasing order.
+    reached: Vec<usize>,
+}
+
+impl Division<'_> {
+    fn run(&mut self) {
+        let b = self.cube.bricks();
+        self.levels = vec![0; b * b * b];
+        let level = b.next_power_of_two().trailing_zeros() as u8;
+        self.divide([0; 3], level);
+        self.reached.sort_unstable();
+    }
+
+    /// Divides the cell of 2^`level` bricks at brick `first` as far as it needs.
+    fn divide(&mut self, first: [usize; 3], level: u8) {
+        let b = self.cube.bricks();
+        let size = 1usize << level;
+        if first.iter().any(|f| *f >= b) {
+            return;
+        }
+        if level == 0 {
+            self.reached.push(first[0] + b * (first[1] + b * first[2]));
+            return;
+        }
+        // A cell that sticks out of the cube is divided whatever it holds.
+        if first.iter().all(|f| f + size <= b) && !self.needs_division(first, size) {
+            for n in 0..size * size * size {
+                let at = [first[0] + n % size, first[1] + n / size % size, first[2] + n / (size * size)];
+                self.levels[at[0] + b * (at[1] + b * at[2])] = level;
+            }
+            return;
+        }
+        for child in 0..8 {
+            self.divide([0, 1, 2].map(|a| first[a] + (child >> a & 1) * size / 2), level - 1);
+        }
+    }
+
+    fn needs_division(&self, first: [usize; 3], size: usize) -> bool {
+        let n = self.cube.bricks() + 1;
+        let value = |at: [usize; 3]| self.lattice[at[0] + n * (at[1] + n * at[2])];
+        let half_diagonal = 0.5 * 3f64.sqrt() * self.cube.spacing * (size * EDGE) as f64;
+        f64::from(value(first.map(|f| f + size / 2)).abs()) <= f64::from(self.predicate.band) + half_diagonal
+            && !self.predicate.fits(&corners(first, size, value))
+    }
+}

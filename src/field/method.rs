@@ -1,0 +1,200 @@
+use super::baseline::{Octree, Resolution, SampledSettings, Tolerance, UniformField};
+use super::build::{FieldReport, FieldSettings};
+use super::distance_field::DistanceField;
+use super::error::FieldError;
+use super::exact::ExactDistance;
+use crate::control::Control;
+use crate::geometry::{Aabb, Implicit, Point, TriMesh, Vector};
+use nalgebra::Matrix3;
+
+/// How a distance field is built.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Method {
+    /// Dense grid (Fuhrmann 2003).
+    Uniform,
+    /// Octree from the top down (Frisken 2000).
+    Frisken,
+    /// Octree from the bottom up (Wang 2009).
+    Hybrid,
+    /// Bricks of quadratic B-splines.
+    #[default]
+    Adaptive,
+}
+
+impl Method {
+    /// All methods.
+    pub const ALL: [Self; 4] = [Self::Uniform, Self::Frisken, Self::Hybrid, Self::Adaptive];
+
+    /// Its name in files and on the command line.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Uniform => "uniform",
+            Self::Frisken => "frisken",
+            Self::Hybrid => "hybrid",
+            Self::Adaptive => "adaptive",
+        }
+    }
+}
+
+/// Settings of [`SignedField::build`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MethodSettings {
+    /// Method.
+    pub method: Method,
+    /// Spacing, band and margin.
+    pub field: FieldSettings,
+    /// Cells along the edge of the bounding cube; instead of the spacing when given.
+    pub resolution: Option<u32>,
+    /// Of `frisken` and `hybrid`.
+    pub tolerance: Tolerance,
+}
+
+impl Default for MethodSettings {
+    fn default() -> Self {
+        Self {
+            method: Method::default(),
+            field: FieldSettings::default(),
+            resolution: None,
+            tolerance: SampledSettings::default().tolerance,
+        }
+    }
+}
+
+impl MethodSettings {
+    /// The settings of the published methods.
+    #[must_use]
+    pub fn sampled(&self) -> SampledSettings {
+        SampledSettings {
+            resolution: self.resolution.map_or(Resolution::SpacingMm(self.field.spacing_mm), Resolution::Cells),
+            tolerance: self.tolerance,
+            band_mm: self.field.band_mm,
+            margin_mm: self.field.margin_mm,
+        }
+    }
+
+    /// The settings of the adaptive method for `surface`: a resolution means a spacing of that share of the bounding cube.
+    #[must_use]
+    pub fn adaptive(&self, surface: &TriMesh) -> FieldSettings {
+        let bounds = surface.bounds().grown(self.field.margin_mm);
+        let edge = (bounds.max - bounds.min).max();
+        let spacing_mm = self.resolution.map_or(self.field.spacing_mm, |n| edge / f64::from(n.max(1)));
+        FieldSettings { spacing_mm, ..self.field }
+    }
+}
+
+/// A signed distance field built by any of the methods, in the frame of its surface.
+///
+/// A moved bone segment is queried at the point taken back by its motion; nothing is built again.
+#[derive(Debug, Clone)]
+pub enum SignedField {
+    /// Dense grid.
+    Uniform(UniformField),
+    /// Octree, built either way.
+    Octree(Octree),
+    /// Bricks of quadratic B-splines.
+    Adaptive(DistanceField),
+}
+
+impl SignedField {
+    /// Builds the field of `surface` without measuring its error; also its bricks and what is wrong with the surface.
+    ///
+    /// # Errors
+    /// [`FieldError`] for settings out of range, too much memory, or cancellation.
+    pub fn build_only(
+        surface: &TriMesh,
+        settings: &MethodSettings,
+        control: &Control,
+    ) -> Result<(Self, usize, Vec<String>), FieldError> {
+        let sampled = settings.sampled();
+        Ok(match settings.method {
+            Method::Uniform => {
+                let (field, report) = UniformField::build(surface, &sampled, control)?;
+                (Self::Uniform(field), report.bricks, report.warnings)
+            }
+            Method::Frisken => {
+                let (field, report) = Octree::frisken(surface, &sampled, control)?;
+                (Self::Octree(field), report.bricks, report.warnings)
+            }
+            Method::Hybrid => {
+                let (field, report) = Octree::hybrid(surface, &sampled, control)?;
+                (Self::Octree(field), report.bricks, report.warnings)
+            }
+            Method::Adaptive => {
+                let exact = ExactDistance::new(surface);
+                let settings = settings.adaptive(surface);
+                let (field, warnings) = DistanceField::build_unmeasured(&exact, surface, &settings, control)?;
+                let bricks = field.n_bricks();
+                (Self::Adaptive(field), bricks, warnings)
+            }
+        })
+    }
+
+    /// Builds the field of `surface` and measures its error at a fixed sample of points.
+    ///
+    /// # Errors
+    /// As [`SignedField::build_only`].
+    pub fn build(
+        surface: &TriMesh,
+        settings: &MethodSettings,
+        control: &Control,
+    ) -> Result<(Self, FieldReport), FieldError> {
+        let (field, bricks, warnings) = Self::build_only(surface, settings, &control.part(0.0, 0.7))?;
+        let exact = ExactDistance::new(surface);
+        let report = FieldReport::measured(&field, &exact, surface, settings.field.band_mm, &control.part(0.7, 1.0))?;
+        let report = FieldReport { bricks, bytes: field.bytes(), warnings, ..report };
+        Ok((field, report))
+    }
+
+    /// Memory of the field, bytes.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        match self {
+            Self::Uniform(f) => f.bytes(),
+            Self::Octree(f) => f.bytes(),
+            Self::Adaptive(f) => f.bytes(),
+        }
+    }
+
+    /// The box within which the field is sampled, LPS mm.
+    #[must_use]
+    pub fn domain(&self) -> Aabb {
+        match self {
+            Self::Uniform(f) => f.domain(),
+            Self::Octree(f) => f.domain(),
+            Self::Adaptive(f) => f.domain(),
+        }
+    }
+
+    /// Edge of the finest cell, mm.
+    #[must_use]
+    pub fn spacing_mm(&self) -> f64 {
+        match self {
+            Self::Uniform(f) => f.spacing_mm(),
+            Self::Octree(f) => f.spacing_mm(),
+            Self::Adaptive(f) => f.spacing_mm(),
+        }
+    }
+
+    fn inner(&self) -> &dyn Implicit {
+        match self {
+            Self::Uniform(f) => f,
+            Self::Octree(f) => f,
+            Self::Adaptive(f) => f,
+        }
+    }
+}
+
+impl Implicit for SignedField {
+    fn value(&self, p: &Point) -> f64 {
+        self.inner().value(p)
+    }
+
+    fn value_gradient(&self, p: &Point) -> (f64, Vector) {
+        self.inner().value_gradient(p)
+    }
+
+    fn hessian(&self, p: &Point) -> Matrix3<f64> {
+        self.inner().hessian(p)
+    }
+}

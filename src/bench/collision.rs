@@ -150,7 +150,7 @@ fn by_field(bone: &TriMesh, method: Method, tolerance: Option<f64>, points: &[Po
         tolerance: tolerance.map_or(defaults.tolerance, Tolerance::Relative),
     };
     let start = Instant::now();
-    let (field, _) = SignedField::build_only(bone, &settings, &Control::new())
+    let (field, ..) = SignedField::build_only(bone, &settings, &Control::new())
         .map_err(|source| BenchError::Field { method: method.name(), source })?;
     let build_s = start.elapsed().as_secs_f64();
     let (one_thread_ms, all_threads_ms, hits) =

@@ -76,11 +76,11 @@ pub fn evaluate(
     write(timing, &json)
 }
 
-fn timed<T>(
-    build: impl Fn() -> Result<(SignedField, T), BenchError>,
+fn timed(
+    build: impl Fn() -> Result<(SignedField, usize, Vec<String>), BenchError>,
 ) -> Result<(SignedField, f64, Option<f64>), BenchError> {
     let (start, cpu) = (Instant::now(), process::cpu_s());
-    let (field, _) = build()?;
+    let (field, ..) = build()?;
     let wall_s = start.elapsed().as_secs_f64();
     Ok((field, wall_s, process::cpu_s().zip(cpu).map(|(after, before)| after - before)))
 }

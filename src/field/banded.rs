@@ -1,79 +1,59 @@
 //! Distances on a dense grid: exact within a band around a surface, cut off beyond.
 
-use super::brick;
+use super::crossings::Rows;
 use super::exact::ExactDistance;
-use super::lattice::{BRICK, EDGE};
-use super::sign::{Signs, Tally};
-use super::tree::Tree;
+use super::features::Features;
+use super::tiles::{Source, TILE, Tally, Tile, Tiles};
 use crate::control::{Cancelled, Control};
-use crate::geometry::{Point, ScalarGrid};
-use rayon::prelude::*;
+use crate::geometry::{ScalarGrid, TriMesh};
 
-/// Fills `grid` with signed distances, exact where they are at most `reach` (mm) and ±`reach` beyond.
+/// Fills `grid` with signed distances to `surface`, for which `exact` was made: exact where they are at most `reach` (mm) and
+/// ±`reach` beyond.
 pub(super) fn signed(
     exact: &ExactDistance,
+    surface: &TriMesh,
     grid: &mut ScalarGrid,
     reach: f64,
     control: &Control,
 ) -> Result<Tally, Cancelled> {
-    let spacing = grid.spacing;
-    fill(grid, control, |origin, hint| {
-        let (mut distances, hint) = within(exact.tree(), origin, spacing, reach, hint);
-        let signs = brick::signs(exact, origin, spacing, &distances);
-        for (distance, inside) in distances.iter_mut().zip(&signs.inside) {
-            *distance = if *inside { -distance.min(reach) } else { distance.min(reach) };
+    let features = Features::new(surface, &exact.defects().triangles);
+    let source = Source { mesh: surface, defects: exact.defects(), features: &features };
+    let rows = Rows { origin: grid.origin, spacing: grid.spacing, dims: grid.dims };
+    let tiles = Tiles::new(source, rows, 0, reach, |_, _| true);
+    let filled = tiles.map_all(control, |tile| (tile.first, tile.dims(), values(tile, reach as f32)))?;
+    let mut tally = Tally::default();
+    for (first, dims, (values, signs)) in filled {
+        tally.add(&signs);
+        for (row, values) in values.chunks_exact(dims[0]).enumerate() {
+            let start = grid.index(first[0], first[1] + row % dims[1], first[2] + row / dims[1]);
+            grid.values[start..start + dims[0]].copy_from_slice(values);
         }
-        (distances, hint, signs)
-    })
-}
-
-/// Distances at the nodes of a brick; lower bounds that are at least `reach` when it is as far as that.
-fn within(tree: &Tree, origin: &Point, spacing: f64, reach: f64, hint: u32) -> ([f64; BRICK], u32) {
-    let (middle, radius) = brick::ball(origin, spacing);
-    let nearest = tree.nearest(&middle, hint);
-    let least = nearest.distance_sq.sqrt() - radius;
-    if least >= reach {
-        return ([least; BRICK], nearest.slot);
     }
-    (brick::distances(tree, origin, spacing, reach, nearest.slot), nearest.slot)
+    control.report(1.0);
+    Ok(tally)
 }
 
-/// Values of the brick whose first node is at a point, a hint for the next brick, and the signs found.
-type Brick = ([f64; BRICK], u32, Signs);
+/// Edge of the boxes that are signed together.
+const BOX: usize = 8;
 
-/// Fills the grid brick by brick, slabs of eight layers in parallel.
-fn fill(
-    grid: &mut ScalarGrid,
-    control: &Control,
-    brick: impl Fn(&Point, u32) -> Brick + Sync,
-) -> Result<Tally, Cancelled> {
-    let [nx, ny, _] = grid.dims;
-    let lattice = ScalarGrid { values: Vec::new(), ..*grid };
-    let tallies = grid
-        .values
-        .par_chunks_mut(nx * ny * EDGE)
-        .enumerate()
-        .map(|(slab, values)| {
-            let mut tally = Tally::default();
-            let mut hint = 0;
-            for j0 in (0..ny).step_by(EDGE) {
-                for i0 in (0..nx).step_by(EDGE) {
-                    control.check()?;
-                    let (distances, next, signs) = brick(&lattice.position(i0, j0, slab * EDGE), hint);
-                    hint = next;
-                    tally.add(&signs);
-                    for (n, distance) in distances.iter().enumerate() {
-                        let (i, j, k) = (i0 + n % EDGE, j0 + n / EDGE % EDGE, n / (EDGE * EDGE));
-                        let at = i + nx * (j + ny * k);
-                        if i < nx && j < ny && at < values.len() {
-                            values[at] = *distance as f32;
-                        }
-                    }
-                }
-            }
-            Ok(tally)
-        })
-        .collect::<Result<Vec<_>, Cancelled>>()?;
-    control.report(1.0);
-    Ok(tallies.iter().fold(Tally::default(), |sum, tally| sum.with(tally)))
+fn values(tile: &Tile, reach: f32) -> (Vec<f32>, Tally) {
+    let dims = tile.dims();
+    let mut values = vec![0.0; dims.iter().product()];
+    let mut tally = Tally::default();
+    for n in 0..(TILE / BOX).pow(3) {
+        let first = [n % (TILE / BOX), n / (TILE / BOX) % (TILE / BOX), n / (TILE / BOX).pow(2)].map(|b| b * BOX);
+        let size = [0, 1, 2].map(|a| dims[a].saturating_sub(first[a]).min(BOX));
+        if size.contains(&0) {
+            continue;
+        }
+        let (inside, inverted) = tile.inside(first, size);
+        tally.add(&Tally::count(&inside, inverted));
+        let mut next = 0;
+        super::tiles::for_box(first, size, |at| {
+            let d = tile.squared(at).sqrt().min(reach);
+            values[at[0] + dims[0] * (at[1] + dims[1] * at[2])] = if inside[next] { -d } else { d };
+            next += 1;
+        });
+    }
+    (values, tally)
 }

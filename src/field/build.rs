@@ -1,21 +1,33 @@
-use super::brick;
-use super::check::measure;
-use super::distance_field::{DistanceField, NO_BRICK, detail_at};
+use super::accuracy::{Accuracy, sample_points};
+use super::bricks::{Bricks, NO_BRICK};
+use super::coarse;
+use super::crossings::Rows;
+use super::distance_field::{DistanceField, Level};
 use super::error::{FieldError, within};
 use super::exact::ExactDistance;
+use super::features::Features;
+use super::fit::{Sites, fit};
 use super::lattice::{BRICK, EDGE, Lattice};
-use super::sign::{self, Nodes, Signs, Tally};
-use super::spline::{self, Weights};
+use super::refine;
+use super::spline::Weights;
+use super::tiles::{Source, TILE, Tally, Tile, Tiles};
 use crate::control::{Cancelled, Control};
-use crate::geometry::{TriMesh, Vector};
-use rayon::prelude::*;
+use crate::geometry::{Implicit, TriMesh, Vector};
 
 /// Most samples (coarse and fine) of a field: half a gigabyte of detail.
 pub(super) const MOST_SAMPLES: u64 = 1 << 27;
-/// Bricks between two reports of progress.
-const CHUNK: usize = 512;
 /// A point of the band needs coefficients up to (3/2)√3 spacings away, and these their neighbours' values.
 const STENCIL_REACH: f64 = 3.6;
+/// From here on exact distances give way to the coarse spline's, in spacings beyond the band.
+const FADE: f64 = 2.7;
+/// Coefficients of a brick are at most this many spacings larger than the reach: a brick's diagonal and its neighbours.
+pub(super) const LARGEST: f64 = 18.0;
+/// Sites of the sample at which the error is measured.
+const SITES: usize = 2000;
+/// Times that the zero is moved towards the surface.
+const SWEEPS: usize = 3;
+/// Nodes around a tile that its coefficients need.
+pub(super) const HALO: usize = 1;
 
 /// Resolution of a field.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -45,7 +57,7 @@ impl FieldSettings {
 /// What a built field is like.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FieldReport {
-    /// Bricks of 8³ cells at the finest spacing.
+    /// Bricks of 8³ cells at the finest spacing, and at half of it where the surface needs that.
     pub bricks: usize,
     /// Memory of the field, bytes.
     pub bytes: usize,
@@ -59,11 +71,34 @@ pub struct FieldReport {
     pub warnings: Vec<String>,
 }
 
-impl DistanceField {
-    /// Builds the field of `surface`.
+impl FieldReport {
+    /// The errors of `field` at a fixed sample of points within `band` (mm) and on the surface, the rest left empty.
     ///
-    /// Coefficients are c = f - (sum of f's second differences along the axes) / 8, exact for quadratics: of the signed
-    /// distance on the coarse nodes, then of what the coarse spline leaves on the fine nodes within the band.
+    /// # Errors
+    /// [`Cancelled`].
+    pub fn measured(
+        field: &dyn Implicit,
+        exact: &ExactDistance,
+        surface: &TriMesh,
+        band: f64,
+        control: &Control,
+    ) -> Result<Self, Cancelled> {
+        let points = sample_points(surface, exact, band, SITES, control)?;
+        let accuracy = Accuracy::measure(field, exact, &points, control)?;
+        control.report(1.0);
+        Ok(Self {
+            bricks: 0,
+            bytes: 0,
+            max_error_mm: accuracy.max_error_mm,
+            rms_error_mm: accuracy.rms_error_mm,
+            checked_points: accuracy.points,
+            warnings: Vec::new(),
+        })
+    }
+}
+
+impl DistanceField {
+    /// Builds the field of `surface` and measures its error at a sample of points.
     ///
     /// # Errors
     /// [`FieldError`] for settings out of range, too much memory, or cancellation.
@@ -75,7 +110,7 @@ impl DistanceField {
         Self::build_from(&ExactDistance::new(surface), surface, settings, control)
     }
 
-    /// Builds the field of `surface`, for which `exact` was made.
+    /// Builds the field of `surface`, for which `exact` was made, and measures its error at a sample of points.
     ///
     /// # Errors
     /// As [`DistanceField::build`].
@@ -85,214 +120,182 @@ impl DistanceField {
         settings: &FieldSettings,
         control: &Control,
     ) -> Result<(Self, FieldReport), FieldError> {
+        let (field, warnings) = Self::build_unmeasured(exact, surface, settings, &control.part(0.0, 0.7))?;
+        let report = FieldReport::measured(&field, exact, surface, settings.band_mm, &control.part(0.7, 1.0))?;
+        let report = FieldReport { bricks: field.n_bricks(), bytes: field.bytes(), warnings, ..report };
+        Ok((field, report))
+    }
+
+    /// Builds the field of `surface`, for which `exact` was made; also what is wrong with the surface.
+    ///
+    /// Coefficients are c = f - (sum of f's second differences along the axes) / 8, exact for quadratics, of the signed distance
+    /// f on the coarse nodes, then on the nodes of the bricks within the band, then on those of half the spacing where the
+    /// distance bends too much for the spacing near the surface.
+    ///
+    /// # Errors
+    /// As [`DistanceField::build`].
+    pub fn build_unmeasured(
+        exact: &ExactDistance,
+        surface: &TriMesh,
+        settings: &FieldSettings,
+        control: &Control,
+    ) -> Result<(Self, Vec<String>), FieldError> {
         settings.check()?;
         let too_large =
             |samples| FieldError::TooLarge { spacing_mm: settings.spacing_mm, samples, allowed: MOST_SAMPLES };
         let bounds = surface.bounds().grown(settings.margin_mm);
         let lattice = Lattice::covering(&bounds, settings.spacing_mm, MOST_SAMPLES).map_err(too_large)?;
-        let mut tally = Tally::default();
-
-        let nodes = coarse_distances(&lattice, exact, &control.part(0.0, 0.1))?;
-        let coarse_signs = coarse_signs(&lattice, exact, &nodes);
-        tally.add(&coarse_signs);
-        let coarse = coarse_coefficients(&lattice, &nodes, &coarse_signs.inside);
+        let features = Features::new(surface, &exact.defects().triangles);
+        let source = Source { mesh: surface, defects: exact.defects(), features: &features };
         control.check()?;
 
         let reach = settings.band_mm + STENCIL_REACH * settings.spacing_mm;
-        let candidates = near_bricks(&lattice, exact, &nodes, reach, control)?;
-        let samples = coarse.len() as u64 + (candidates.len() * BRICK) as u64;
+        let mut tally = Tally::default();
+        let (coarse, signs) = coarse::coefficients(&lattice, exact, source, reach, &control.part(0.0, 0.3))?;
+        tally.add(&signs);
+        let mut field = Self {
+            index: vec![NO_BRICK; lattice.n_bricks()],
+            domain: lattice.domain(),
+            lattice,
+            coarse,
+            bricks: Bricks::new(reach + LARGEST * settings.spacing_mm),
+            children: Vec::new(),
+            details: Bricks::new(1.0),
+        };
+        let rows = Rows {
+            origin: field.lattice.origin - Vector::repeat(HALO as f64 * settings.spacing_mm),
+            spacing: settings.spacing_mm,
+            dims: field.lattice.bricks.map(|n| n * EDGE + 2 * HALO),
+        };
+        let tiles = Tiles::new(source, rows, HALO, reach, |_, _| true);
+        let fade = [settings.band_mm + FADE * settings.spacing_mm, reach];
+        let built = tiles.map(&control.part(0.3, 0.8), |tile| field.tile_bricks(tile, fade))?;
+        drop(tiles);
+        let samples = field.coarse.len() as u64 + (built.iter().map(Vec::len).sum::<usize>() * BRICK) as u64;
         if samples > MOST_SAMPLES {
             return Err(too_large(samples));
         }
-        let mut field = Self { index: vec![NO_BRICK; lattice.n_bricks()], lattice, coarse, detail: Vec::new() };
-        let mut residuals: Vec<f32> = Vec::new();
-        let mut bricks = 0u32;
-        for (n, chunk) in candidates.chunks(CHUNK).enumerate() {
-            let built = chunk
-                .par_iter()
-                .map(|candidate| {
-                    control.check()?;
-                    Ok(field.brick_residual(exact, candidate, reach))
-                })
-                .collect::<Result<Vec<_>, Cancelled>>()?;
-            for (candidate, built) in chunk.iter().zip(built) {
-                let Some((residual, signs)) = built else { continue };
-                field.index[candidate.brick] = bricks;
-                bricks += 1;
-                residuals.extend_from_slice(&residual);
-                tally.add(&signs);
-            }
-            control.part(0.1, 0.85).report((n * CHUNK) as f64 / candidates.len() as f64);
+        field.bricks.reserve(built.iter().map(Vec::len).sum());
+        for brick in built.into_iter().flatten() {
+            field.index[brick.place] = field.bricks.push(&brick.codes);
+            tally.add(&brick.tally);
         }
-        field.detail = field.detail_coefficients(&residuals);
-        drop(residuals);
-        control.report(0.9);
-        control.check()?;
-
-        let measured = measure(&field, exact, surface, settings.band_mm, control)?;
+        let sites = Sites::new(surface, &exact.defects().distinct, settings.spacing_mm);
+        let errors = fit(&mut field, Level::Brick, &sites, SWEEPS);
+        refine::add_details(&mut field, source, &sites, &errors, &control.part(0.8, 0.95))?;
+        fit(&mut field, Level::Detail, &sites, SWEEPS);
+        refine::seal(&mut field);
         let mut warnings = exact.defects().warnings();
         warnings.extend(tally.warnings());
         control.report(1.0);
-        let report = FieldReport {
-            bricks: bricks as usize,
-            bytes: field.bytes(),
-            max_error_mm: measured.max_error_mm,
-            rms_error_mm: measured.rms_error_mm,
-            checked_points: measured.points,
-            warnings,
-        };
-        Ok((field, report))
+        Ok((field, warnings))
     }
 
-    /// What the coarse spline leaves of the signed distance at the fine nodes of a brick, and their signs; `None` when no
-    /// node is within `reach` of the surface.
-    fn brick_residual(
-        &self,
-        exact: &ExactDistance,
-        candidate: &Candidate,
-        reach: f64,
-    ) -> Option<([f32; BRICK], Signs)> {
+    /// The bricks of a tile that the band reaches. Between the two distances `fade` the coarse spline takes over.
+    fn tile_bricks(&self, tile: &Tile, fade: [f64; 2]) -> Vec<Built> {
         let lattice = &self.lattice;
-        let at = lattice.brick_at(candidate.brick);
-        let origin = lattice.brick_origin(at);
-        let distances = brick::distances(exact.tree(), &origin, lattice.spacing, f64::INFINITY, candidate.hint);
-        if distances.iter().all(|&d| d > reach) {
-            return None;
+        let mut built = Vec::new();
+        let first = tile.first.map(|n| n / EDGE);
+        let wanted = (fade[0] * fade[0]) as f32;
+        for n in 0..(TILE / EDGE).pow(3) {
+            let step = [n % (TILE / EDGE), n / (TILE / EDGE) % (TILE / EDGE), n / (TILE / EDGE).pow(2)];
+            let at = [0, 1, 2].map(|a| first[a] + step[a]);
+            if (0..3).any(|a| at[a] >= lattice.bricks[a]) {
+                continue;
+            }
+            let node = step.map(|s| s * EDGE);
+            if tile.least_squared(node.map(|n| n + HALO)) > wanted {
+                continue;
+            }
+            let (inside, inverted) = tile.inside(node, [AROUND; 3]);
+            let coarse = self.coarse_at(at);
+            let mut values = [0.0f32; AROUND.pow(3)];
+            tile.copy_squared(node, &mut values);
+            for ((value, inside), coarse) in values.iter_mut().zip(&inside).zip(&coarse) {
+                let d = value.sqrt();
+                let signed = if *inside { -d } else { d };
+                let far = ((d - fade[0] as f32) / (fade[1] - fade[0]) as f32).clamp(0.0, 1.0);
+                *value = if far == 0.0 { signed } else { blend(signed, *coarse, far) };
+            }
+            built.push(Built {
+                place: lattice.brick_index(at),
+                codes: self.bricks.packed(&coefficients(&values)),
+                tally: Tally::count(&inside, inverted),
+            });
         }
-        let signs = brick::signs(exact, &origin, lattice.spacing, &distances);
-        let coarse = self.coarse_around(at);
-        let weights =
-            [0, 1, 2, 3, 4, 5, 6, 7].map(|i: usize| Weights::at((i as f64 - 0.5 * (EDGE as f64 - 1.0)) / EDGE as f64));
-        let mut residual = [0.0; BRICK];
-        for (n, residual) in residual.iter_mut().enumerate() {
-            let w = [weights[n % EDGE], weights[n / EDGE % EDGE], weights[n / (EDGE * EDGE)]];
-            let signed = if signs.inside[n] { -distances[n] } else { distances[n] };
-            *residual = (signed - spline::value(&coarse, &w)) as f32;
-        }
-        Some((residual, signs))
+        built
     }
 
-    /// Spline coefficients of the values `residuals` at the bricks' nodes. Where a neighbour has no brick that axis'
-    /// second difference is left out.
-    fn detail_coefficients(&self, residuals: &[f32]) -> Vec<f32> {
-        let slots: Vec<usize> = (0..self.index.len()).filter(|&b| self.index[b] != NO_BRICK).collect();
-        let mut detail = vec![0.0f32; residuals.len()];
-        // Bricks were numbered in the order of their place.
-        detail.par_chunks_mut(BRICK).zip(&slots).for_each(|(detail, &brick)| {
-            let at = self.lattice.brick_at(brick);
-            for (n, detail) in detail.iter_mut().enumerate() {
-                let local = [n % EDGE, n / EDGE % EDGE, n / (EDGE * EDGE)];
-                let node = [0, 1, 2].map(|a| at[a] * EDGE + local[a]);
-                let value = |step| detail_at(&self.lattice, &self.index, residuals, node, step).map(f64::from);
-                let Some(here) = value([1, 1, 1]) else { continue };
-                let mut second = 0.0;
-                for a in 0..3 {
-                    let mut step = [1; 3];
-                    step[a] = 0;
-                    let before = value(step);
-                    step[a] = 2;
-                    if let (Some(before), Some(after)) = (before, value(step)) {
-                        second += before + after - 2.0 * here;
-                    }
-                }
-                *detail = (here - second / 8.0) as f32;
-            }
-        });
-        detail
+    /// The coarse spline at the nodes of a brick and those next to it, continued from the brick's cell.
+    fn coarse_at(&self, brick: [usize; 3]) -> [f32; AROUND.pow(3)] {
+        let c = self.coarse_around(brick).map(|c| c as f32);
+        let mut weights = [[0.0f32; 3]; AROUND];
+        for (i, weights) in weights.iter_mut().enumerate() {
+            let t = (i as f64 - HALO as f64 - 0.5 * (EDGE as f64 - 1.0)) / EDGE as f64;
+            *weights = Weights::at(t).value.map(|w| w as f32);
+        }
+        tensor(&c, &weights)
     }
 }
 
-/// A brick that may reach into the band, and a triangle close to it.
-struct Candidate {
-    brick: usize,
-    hint: u32,
+/// Nodes along the edge of a brick with those next to it.
+pub(super) const AROUND: usize = EDGE + 2 * HALO;
+
+/// A brick before it gets a place.
+struct Built {
+    place: usize,
+    codes: Box<[i16; BRICK]>,
+    tally: Tally,
 }
 
-/// Unsigned distance at coarse nodes, and the nearest triangle of each.
-struct CoarseNodes {
-    distances: Vec<f64>,
-    slots: Vec<u32>,
+/// `far` may come with an infinite distance.
+fn blend(near: f32, coarse: f32, far: f32) -> f32 {
+    if far >= 1.0 { coarse } else { near + far * (coarse - near) }
 }
 
-fn coarse_distances(lattice: &Lattice, exact: &ExactDistance, control: &Control) -> Result<CoarseNodes, Cancelled> {
-    let [nx, ny, nz] = lattice.coarse_dims();
-    let (origin, spacing) = (lattice.coarse_origin(), lattice.coarse_spacing());
-    let rows = (0..ny * nz)
-        .into_par_iter()
-        .map(|row| {
-            control.check()?;
-            let start = origin + Vector::new(0.0, (row % ny) as f64, (row / ny) as f64) * spacing;
-            let mut hint = 0;
-            Ok((0..nx)
-                .map(|i| {
-                    let nearest = exact.nearest(&(start + Vector::new(i as f64 * spacing, 0.0, 0.0)), hint);
-                    hint = nearest.slot;
-                    (nearest.distance_sq.sqrt(), nearest.slot)
-                })
-                .collect::<Vec<_>>())
-        })
-        .collect::<Result<Vec<_>, Cancelled>>()?;
-    control.report(1.0);
-    let (distances, slots) = rows.into_iter().flatten().unzip();
-    Ok(CoarseNodes { distances, slots })
-}
-
-fn coarse_signs(lattice: &Lattice, exact: &ExactDistance, nodes: &CoarseNodes) -> Signs {
-    let dims = lattice.coarse_dims();
-    let spacing = lattice.coarse_spacing();
-    let origin = lattice.coarse_origin();
-    let half = Vector::new(dims[0] as f64, dims[1] as f64, dims[2] as f64) * (0.5 * spacing);
-    let slope = sign::slope(&exact.defects().rim, &(origin + half), half.norm());
-    sign::signs(&Nodes { dims, origin, spacing, distances: &nodes.distances }, exact, slope)
-}
-
-fn coarse_coefficients(lattice: &Lattice, nodes: &CoarseNodes, inside: &[bool]) -> Vec<f64> {
-    let dims = lattice.coarse_dims();
-    let strides = [1, dims[0], dims[0] * dims[1]];
-    let signed: Vec<f64> =
-        nodes.distances.iter().zip(inside).map(|(&d, &inside)| if inside { -d } else { d }).collect();
-    let mut coefficients = signed.clone();
-    for k in 1..dims[2] - 1 {
-        for j in 1..dims[1] - 1 {
-            for i in 1..dims[0] - 1 {
-                let n = i + strides[1] * j + strides[2] * k;
-                let second: f64 = strides.iter().map(|s| signed[n - s] + signed[n + s] - 2.0 * signed[n]).sum();
-                coefficients[n] -= second / 8.0;
+/// Sums of 3³ values with the given weights along each axis.
+pub(super) fn tensor(c: &[f32; 27], weights: &[[f32; 3]; AROUND]) -> [f32; AROUND.pow(3)] {
+    let mut lines = [[0.0f32; AROUND]; 9];
+    for (line, row) in lines.iter_mut().zip(c.chunks_exact(3)) {
+        for (value, w) in line.iter_mut().zip(weights) {
+            *value = w[0] * row[0] + w[1] * row[1] + w[2] * row[2];
+        }
+    }
+    let mut values = [0.0; AROUND.pow(3)];
+    for (k, wz) in weights.iter().enumerate() {
+        let mut planes = [[0.0f32; AROUND]; 3];
+        for (j, plane) in planes.iter_mut().enumerate() {
+            for i in 0..AROUND {
+                plane[i] = wz[0] * lines[j][i] + wz[1] * lines[3 + j][i] + wz[2] * lines[6 + j][i];
+            }
+        }
+        for (j, wy) in weights.iter().enumerate() {
+            let row = &mut values[AROUND * (j + AROUND * k)..][..AROUND];
+            for i in 0..AROUND {
+                row[i] = wy[0] * planes[0][i] + wy[1] * planes[1][i] + wy[2] * planes[2][i];
             }
         }
     }
-    coefficients
+    values
 }
 
-/// Bricks with an octant whose nodes may be within `reach` of the surface, by the distance at the octant's middle.
-fn near_bricks(
-    lattice: &Lattice,
-    exact: &ExactDistance,
-    nodes: &CoarseNodes,
-    reach: f64,
-    control: &Control,
-) -> Result<Vec<Candidate>, Cancelled> {
-    let half_diagonal = |n: f64| 0.5 * 3f64.sqrt() * (n - 1.0) * lattice.spacing;
-    let (whole, octant) = (half_diagonal(EDGE as f64), half_diagonal(0.5 * EDGE as f64));
-    let candidates = (0..lattice.n_bricks())
-        .into_par_iter()
-        .map(|brick| {
-            control.check()?;
-            let at = lattice.brick_at(brick);
-            let coarse = lattice.coarse_index(at);
-            let (distance, hint) = (nodes.distances[coarse], nodes.slots[coarse]);
-            if distance > reach + whole {
-                return Ok(None);
+/// Spline coefficients of the brick's nodes, by the values there and next to it.
+pub(super) fn coefficients(values: &[f32; AROUND.pow(3)]) -> [f32; BRICK] {
+    let mut c = [0.0; BRICK];
+    for k in 0..EDGE {
+        for j in 0..EDGE {
+            let row = 1 + AROUND * ((j + 1) + AROUND * (k + 1));
+            for i in 0..EDGE {
+                let n = row + i;
+                let around = values[n - 1]
+                    + values[n + 1]
+                    + values[n - AROUND]
+                    + values[n + AROUND]
+                    + values[n - AROUND * AROUND]
+                    + values[n + AROUND * AROUND];
+                c[i + EDGE * (j + EDGE * k)] = 1.75 * values[n] - 0.125 * around;
             }
-            let first = lattice.brick_origin(at) + Vector::repeat(1.5 * lattice.spacing);
-            let is_near = distance <= reach
-                || (0..8).any(|o| {
-                    let step =
-                        Vector::new((o & 1) as f64, (o >> 1 & 1) as f64, (o >> 2) as f64) * (4.0 * lattice.spacing);
-                    exact.nearest(&(first + step), hint).distance_sq.sqrt() <= reach + octant
-                });
-            Ok(is_near.then_some(Candidate { brick, hint }))
-        })
-        .collect::<Result<Vec<_>, Cancelled>>()?;
-    Ok(candidates.into_iter().flatten().collect())
+        }
+    }
+    c
 }

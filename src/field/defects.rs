@@ -1,13 +1,19 @@
+use super::rim::Rim;
 use crate::geometry::{Point, TriMesh};
+use rayon::prelude::*;
 
 /// What a triangle soup lacks to be the boundary of a solid; vertices at the same place count as one.
 #[derive(Debug, Clone)]
 pub(super) struct Defects {
+    /// The triangles over vertices of which those at the same place are one.
+    pub(super) triangles: Vec<[u32; 3]>,
     /// For every triangle whether it counts for the winding number: false for all but one of identical triangles, and
     /// for all of them when as many look one way as the other.
     pub(super) counts: Vec<bool>,
+    /// For every triangle whether it has area and is the first at its place.
+    pub(super) distinct: Vec<bool>,
     /// Edges that the counted triangles on their two sides do not cancel: the rim of holes and sheets.
-    pub(super) rim: Vec<(Point, Point)>,
+    pub(super) rim: Rim,
     /// Triangles left out because another one is at the same place and looks the same way.
     pub(super) duplicates: usize,
     /// Triangles left out because another one is at the same place and looks the other way.
@@ -25,30 +31,34 @@ impl Defects {
                 || triangles[t][1] == triangles[t][2]
                 || triangles[t][2] == triangles[t][0]
         };
-        let without_area = (0..triangles.len()).filter(|&t| is_flat(t) || mesh.scaled_normal(t).norm() == 0.0).count();
+        let without_area =
+            (0..triangles.len()).into_par_iter().filter(|&t| is_flat(t) || mesh.scaled_normal(t).norm() == 0.0).count();
 
         let mut counts: Vec<bool> = (0..triangles.len()).map(|t| !is_flat(t)).collect();
+        let mut distinct = counts.clone();
         let mut keys: Vec<([u32; 3], bool, u32)> = (0..triangles.len())
+            .into_par_iter()
             .filter(|&t| counts[t])
             .map(|t| {
                 let (key, even) = sorted(triangles[t]);
                 (key, even, t as u32)
             })
             .collect();
-        keys.sort_unstable();
+        keys.par_sort_unstable();
         let (mut duplicates, mut cancelled) = (0, 0);
         for same in keys.chunk_by(|a, b| a.0 == b.0).filter(|same| same.len() > 1) {
             let n_even = same.iter().filter(|k| k.1).count();
             let n_odd = same.len() - n_even;
             let kept = same.iter().find(|k| n_even != n_odd && k.1 == (n_even > n_odd)).map(|k| k.2);
-            for key in same {
+            for (n, key) in same.iter().enumerate() {
                 counts[key.2 as usize] = Some(key.2) == kept;
+                distinct[key.2 as usize] = n == 0;
             }
             cancelled += 2 * n_even.min(n_odd);
             duplicates += n_even.abs_diff(n_odd).saturating_sub(1);
         }
-        let rim = rim(mesh, &triangles, &counts);
-        Self { counts, rim, duplicates, cancelled, without_area }
+        let rim = Rim::new(&rim(&triangles, &counts), mesh.positions());
+        Self { triangles, counts, distinct, rim, duplicates, cancelled, without_area }
     }
 
     /// One sentence for each kind of defect that is present.
@@ -85,7 +95,7 @@ pub(super) fn weld(positions: &[Point]) -> Vec<u32> {
         // Adding zero makes -0 equal to 0.
         (0..3).fold(std::cmp::Ordering::Equal, |o, a| o.then((p[a] + 0.0).total_cmp(&(q[a] + 0.0))))
     };
-    order.sort_unstable_by(|&i, &j| compare(i, j).then(i.cmp(&j)));
+    order.par_sort_unstable_by(|&i, &j| compare(i, j).then(i.cmp(&j)));
     let mut welded = vec![0; positions.len()];
     for same in order.chunk_by(|&i, &j| compare(i, j).is_eq()) {
         for &v in same {
@@ -103,21 +113,24 @@ fn sorted(t: [u32; 3]) -> ([u32; 3], bool) {
     (key, even)
 }
 
-/// Edges that are run through more often one way than the other.
-fn rim(mesh: &TriMesh, triangles: &[[u32; 3]], counts: &[bool]) -> Vec<(Point, Point)> {
-    let mut edges: Vec<(u32, u32, bool)> = Vec::with_capacity(3 * triangles.len());
-    for t in triangles.iter().zip(counts).filter(|(_, counts)| **counts).map(|(t, _)| t) {
-        for i in 0..3 {
-            let (a, b) = (t[i], t[(i + 1) % 3]);
-            edges.push((a.min(b), a.max(b), a < b));
-        }
-    }
-    edges.sort_unstable();
-    let at = |v: u32| mesh.positions()[v as usize];
+/// Edges that are run through more often one way than the other, with how much more often from the first end to the second.
+fn rim(triangles: &[[u32; 3]], counts: &[bool]) -> Vec<([u32; 2], i32)> {
+    let mut edges: Vec<(u32, u32, bool)> = triangles
+        .par_iter()
+        .zip(counts)
+        .filter(|(_, counts)| **counts)
+        .flat_map_iter(|(t, _)| {
+            (0..3).map(move |i| {
+                let (a, b) = (t[i], t[(i + 1) % 3]);
+                (a.min(b), a.max(b), a < b)
+            })
+        })
+        .collect();
+    edges.par_sort_unstable();
     edges
         .chunk_by(|a, b| (a.0, a.1) == (b.0, b.1))
-        .filter(|same| 2 * same.iter().filter(|e| e.2).count() != same.len())
-        .map(|same| (at(same[0].0), at(same[0].1)))
+        .map(|same| ([same[0].0, same[0].1], same.iter().map(|e| if e.2 { 1 } else { -1 }).sum()))
+        .filter(|(_, times)| *times != 0)
         .collect()
 }
 

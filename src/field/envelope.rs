@@ -87,7 +87,7 @@ pub fn envelope(skull: &TriMesh, settings: &EnvelopeSettings, control: &Control)
 
     let exact = ExactDistance::new(skull);
     let mut grid = ScalarGrid::covering(&bounds, spacing, 0.0);
-    let tally = banded::signed(&exact, &mut grid, reach, &control.part(0.0, 0.5))?;
+    let tally = banded::signed(&exact, skull, &mut grid, reach, &control.part(0.0, 0.5))?;
     let mut warnings = exact.defects().warnings();
     warnings.extend(tally.warnings());
     let outside = far_outside(&grid, closing, settings.least_sky, &control.part(0.5, 0.8))?;

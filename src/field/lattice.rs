@@ -4,6 +4,8 @@ use crate::geometry::{Aabb, Point, Vector};
 pub(super) const EDGE: usize = 8;
 /// Fine nodes in a brick.
 pub(super) const BRICK: usize = EDGE * EDGE * EDGE;
+/// Most fine nodes along an axis.
+const LONGEST: f64 = 2e6;
 /// Coarse nodes beyond the bricks on every side: one whose coefficient is read, one for its second differences.
 const RING: usize = 2;
 
@@ -21,13 +23,14 @@ pub(super) struct Lattice {
 }
 
 impl Lattice {
-    /// Covers `bounds`; `None` when that takes more than `most` coarse nodes.
+    /// Covers `bounds`; the number of coarse nodes when they are more than `most` or too many in a row.
     pub(super) fn covering(bounds: &Aabb, spacing: f64, most: u64) -> Result<Self, u64> {
         let coarse = spacing * EDGE as f64;
         let extent = bounds.max - bounds.min;
         let needed = [0, 1, 2].map(|a| (extent[a] / coarse).ceil().max(1.0));
         let samples: f64 = needed.iter().map(|n| n + 2.0 * RING as f64).product();
-        if samples > most as f64 {
+        // Steps along an axis are counted in single precision.
+        if samples > most as f64 || needed.iter().any(|n| n * EDGE as f64 > LONGEST) {
             return Err(samples as u64);
         }
         let bricks = needed.map(|n| n as usize);
@@ -50,11 +53,6 @@ impl Lattice {
         i + self.bricks[0] * (j + self.bricks[1] * k)
     }
 
-    /// Position of the first fine node of brick `at`.
-    pub(super) fn brick_origin(&self, at: [usize; 3]) -> Point {
-        self.origin + Vector::new(at[0] as f64, at[1] as f64, at[2] as f64) * (self.spacing * EDGE as f64)
-    }
-
     /// Coarse nodes with their ring, along each axis.
     pub(super) fn coarse_dims(&self) -> [usize; 3] {
         self.bricks.map(|n| n + 2 * RING)
@@ -73,6 +71,13 @@ impl Lattice {
     pub(super) fn coarse_index(&self, at: [usize; 3]) -> usize {
         let dims = self.coarse_dims();
         (at[0] + RING) + dims[0] * ((at[1] + RING) + dims[1] * (at[2] + RING))
+    }
+
+    /// Like [`Lattice::coarse_index`] for places up to [`RING`] bricks beyond the domain.
+    pub(super) fn coarse_index_beyond(&self, at: [isize; 3]) -> usize {
+        let dims = self.coarse_dims();
+        let [i, j, k] = at.map(|b| (b + RING as isize).max(0) as usize);
+        i + dims[0] * (j + dims[1] * k)
     }
 
     /// The domain's box.

@@ -1,5 +1,4 @@
-use super::accuracy::{Accuracy, sample_points};
-use super::baseline::{Octree, Resolution, SampledReport, SampledSettings, Tolerance, UniformField};
+use super::baseline::{Octree, Resolution, SampledSettings, Tolerance, UniformField};
 use super::build::{FieldReport, FieldSettings};
 use super::distance_field::DistanceField;
 use super::error::FieldError;
@@ -7,9 +6,6 @@ use super::exact::ExactDistance;
 use crate::control::Control;
 use crate::geometry::{Aabb, Implicit, Point, TriMesh, Vector};
 use nalgebra::Matrix3;
-
-/// Sites of the sample in a report.
-const SITES: usize = 2000;
 
 /// How a distance field is built.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -101,7 +97,7 @@ pub enum SignedField {
 }
 
 impl SignedField {
-    /// Builds the field of `surface`, without measuring its error where the method does not do that itself.
+    /// Builds the field of `surface` without measuring its error; also its bricks and what is wrong with the surface.
     ///
     /// # Errors
     /// [`FieldError`] for settings out of range, too much memory, or cancellation.
@@ -109,24 +105,27 @@ impl SignedField {
         surface: &TriMesh,
         settings: &MethodSettings,
         control: &Control,
-    ) -> Result<(Self, MethodReport), FieldError> {
+    ) -> Result<(Self, usize, Vec<String>), FieldError> {
         let sampled = settings.sampled();
         Ok(match settings.method {
             Method::Uniform => {
                 let (field, report) = UniformField::build(surface, &sampled, control)?;
-                (Self::Uniform(field), MethodReport::Sampled(report))
+                (Self::Uniform(field), report.bricks, report.warnings)
             }
             Method::Frisken => {
                 let (field, report) = Octree::frisken(surface, &sampled, control)?;
-                (Self::Octree(field), MethodReport::Sampled(report))
+                (Self::Octree(field), report.bricks, report.warnings)
             }
             Method::Hybrid => {
                 let (field, report) = Octree::hybrid(surface, &sampled, control)?;
-                (Self::Octree(field), MethodReport::Sampled(report))
+                (Self::Octree(field), report.bricks, report.warnings)
             }
             Method::Adaptive => {
-                let (field, report) = DistanceField::build(surface, &settings.adaptive(surface), control)?;
-                (Self::Adaptive(field), MethodReport::Adaptive(report))
+                let exact = ExactDistance::new(surface);
+                let settings = settings.adaptive(surface);
+                let (field, warnings) = DistanceField::build_unmeasured(&exact, surface, &settings, control)?;
+                let bricks = field.n_bricks();
+                (Self::Adaptive(field), bricks, warnings)
             }
         })
     }
@@ -140,17 +139,10 @@ impl SignedField {
         settings: &MethodSettings,
         control: &Control,
     ) -> Result<(Self, FieldReport), FieldError> {
-        let (field, report) = Self::build_only(surface, settings, &control.part(0.0, 0.9))?;
-        let report = match report {
-            MethodReport::Adaptive(report) => report,
-            MethodReport::Sampled(report) => {
-                let exact = ExactDistance::new(surface);
-                let points = sample_points(surface, &exact, settings.field.band_mm, SITES, control)?;
-                let accuracy = Accuracy::measure(&field, &exact, &points, control)?;
-                field_report(report, &accuracy)
-            }
-        };
-        control.report(1.0);
+        let (field, bricks, warnings) = Self::build_only(surface, settings, &control.part(0.0, 0.7))?;
+        let exact = ExactDistance::new(surface);
+        let report = FieldReport::measured(&field, &exact, surface, settings.field.band_mm, &control.part(0.7, 1.0))?;
+        let report = FieldReport { bricks, bytes: field.bytes(), warnings, ..report };
         Ok((field, report))
     }
 
@@ -204,36 +196,5 @@ impl Implicit for SignedField {
 
     fn hessian(&self, p: &Point) -> Matrix3<f64> {
         self.inner().hessian(p)
-    }
-}
-
-/// What a field is like, in the terms of its method.
-#[derive(Debug, Clone, PartialEq)]
-pub enum MethodReport {
-    /// Of a published method.
-    Sampled(SampledReport),
-    /// Of the adaptive method.
-    Adaptive(FieldReport),
-}
-
-impl MethodReport {
-    /// What is wrong with the surface and what follows.
-    #[must_use]
-    pub fn warnings(&self) -> &[String] {
-        match self {
-            Self::Sampled(r) => &r.warnings,
-            Self::Adaptive(r) => &r.warnings,
-        }
-    }
-}
-
-fn field_report(sampled: SampledReport, accuracy: &Accuracy) -> FieldReport {
-    FieldReport {
-        bricks: sampled.bricks,
-        bytes: sampled.bytes,
-        max_error_mm: accuracy.max_error_mm,
-        rms_error_mm: accuracy.rms_error_mm,
-        checked_points: accuracy.points,
-        warnings: sampled.warnings,
     }
 }

@@ -2,6 +2,7 @@
 
 use crate::geometry::Vector;
 use nalgebra::Matrix3;
+use wide::f64x4;
 
 /// Weights of the coefficients at -1, 0, 1 for a point at `t` (in [-1/2, 1/2], in spacings from the nearest), with their
 /// first and second derivatives by `t`.
@@ -29,61 +30,70 @@ pub(super) struct Jet {
     pub(super) hessian: Matrix3<f64>,
 }
 
-fn dot(c: &[f64], w: &[f64; 3]) -> f64 {
+/// The 3³ coefficients around a node as rows along x, y fastest; the fourth lane does not count.
+pub(super) type Rows = [f64x4; 9];
+
+/// Rows of coefficients, x fastest.
+pub(super) fn rows(c: &[f64; 27]) -> Rows {
+    let mut rows = [f64x4::ZERO; 9];
+    for (row, c) in rows.iter_mut().zip(c.chunks_exact(3)) {
+        *row = f64x4::new([c[0], c[1], c[2], 0.0]);
+    }
+    rows
+}
+
+#[inline(always)]
+fn sum(a: f64x4, b: f64x4, c: f64x4, w: &[f64; 3]) -> f64x4 {
+    a * f64x4::splat(w[0]) + b * f64x4::splat(w[1]) + c * f64x4::splat(w[2])
+}
+
+#[inline(always)]
+fn across_z(r: &Rows, w: &[f64; 3]) -> [f64x4; 3] {
+    [sum(r[0], r[3], r[6], w), sum(r[1], r[4], r[7], w), sum(r[2], r[5], r[8], w)]
+}
+
+#[inline(always)]
+fn across_y([a, b, c]: [f64x4; 3], w: &[f64; 3]) -> [f64; 4] {
+    sum(a, b, c, w).to_array()
+}
+
+#[inline(always)]
+fn dot(c: &[f64; 4], w: &[f64; 3]) -> f64 {
     c[0] * w[0] + c[1] * w[1] + c[2] * w[2]
 }
 
-/// Value of the spline with the 27 coefficients `c` (x fastest).
-pub(super) fn value(c: &[f64; 27], [x, y, z]: &[Weights; 3]) -> f64 {
-    let plane = |k: usize| {
-        let rows = [0, 1, 2].map(|j| dot(&c[9 * k + 3 * j..][..3], &x.value));
-        dot(&rows, &y.value)
-    };
-    dot(&[0, 1, 2].map(plane), &z.value)
+/// Value of the spline with the coefficients `r`.
+#[inline]
+pub(super) fn value(r: &Rows, [x, y, z]: &[Weights; 3]) -> f64 {
+    dot(&across_y(across_z(r, &z.value), &y.value), &x.value)
 }
 
-/// Value and gradient (by lattice coordinates) of the spline with the 27 coefficients `c` (x fastest).
-pub(super) fn value_gradient(c: &[f64; 27], [x, y, z]: &[Weights; 3]) -> (f64, Vector) {
-    let mut planes = [[0.0; 3]; 3];
-    for k in 0..3 {
-        let mut rows = [[0.0; 3]; 2];
-        for j in 0..3 {
-            let row = &c[9 * k + 3 * j..][..3];
-            rows[0][j] = dot(row, &x.value);
-            rows[1][j] = dot(row, &x.slope);
-        }
-        planes[0][k] = dot(&rows[0], &y.value);
-        planes[1][k] = dot(&rows[1], &y.value);
-        planes[2][k] = dot(&rows[0], &y.slope);
-    }
-    let gradient = Vector::new(dot(&planes[1], &z.value), dot(&planes[2], &z.value), dot(&planes[0], &z.slope));
-    (dot(&planes[0], &z.value), gradient)
+/// Value and gradient (by lattice coordinates) of the spline with the coefficients `r`.
+#[inline]
+pub(super) fn value_gradient(r: &Rows, [x, y, z]: &[Weights; 3]) -> (f64, Vector) {
+    let plane = across_z(r, &z.value);
+    let plain = across_y(plane, &y.value);
+    let along_y = across_y(plane, &y.slope);
+    let along_z = across_y(across_z(r, &z.slope), &y.value);
+    let gradient = Vector::new(dot(&plain, &x.slope), dot(&along_y, &x.value), dot(&along_z, &x.value));
+    (dot(&plain, &x.value), gradient)
 }
 
-/// Value, gradient and Hessian (by lattice coordinates) of the spline with the 27 coefficients `c` (x fastest).
-pub(super) fn jet(c: &[f64; 27], [x, y, z]: &[Weights; 3]) -> Jet {
-    // Planes by derivative in (x, y): none, x, y, xx, xy, yy.
-    let mut planes = [[0.0; 3]; 6];
-    for k in 0..3 {
-        let mut rows = [[0.0; 3]; 3];
-        for j in 0..3 {
-            let row = &c[9 * k + 3 * j..][..3];
-            rows[0][j] = dot(row, &x.value);
-            rows[1][j] = dot(row, &x.slope);
-            rows[2][j] = dot(row, &CURVATURE);
-        }
-        planes[0][k] = dot(&rows[0], &y.value);
-        planes[1][k] = dot(&rows[1], &y.value);
-        planes[2][k] = dot(&rows[0], &y.slope);
-        planes[3][k] = dot(&rows[2], &y.value);
-        planes[4][k] = dot(&rows[1], &y.slope);
-        planes[5][k] = dot(&rows[0], &CURVATURE);
-    }
-    let (xy, xz, yz) = (dot(&planes[4], &z.value), dot(&planes[1], &z.slope), dot(&planes[2], &z.slope));
-    let (xx, yy, zz) = (dot(&planes[3], &z.value), dot(&planes[5], &z.value), dot(&planes[0], &CURVATURE));
+/// Value, gradient and Hessian (by lattice coordinates) of the spline with the coefficients `r`.
+#[inline]
+pub(super) fn jet(r: &Rows, [x, y, z]: &[Weights; 3]) -> Jet {
+    let (plane, slope, bend) = (across_z(r, &z.value), across_z(r, &z.slope), across_z(r, &CURVATURE));
+    let plain = across_y(plane, &y.value);
+    let along_y = across_y(plane, &y.slope);
+    let along_z = across_y(slope, &y.value);
+    let (xy, xz) = (dot(&along_y, &x.slope), dot(&along_z, &x.slope));
+    let yz = dot(&across_y(slope, &y.slope), &x.value);
+    let xx = dot(&plain, &CURVATURE);
+    let yy = dot(&across_y(plane, &CURVATURE), &x.value);
+    let zz = dot(&across_y(bend, &y.value), &x.value);
     Jet {
-        value: dot(&planes[0], &z.value),
-        gradient: Vector::new(dot(&planes[1], &z.value), dot(&planes[2], &z.value), dot(&planes[0], &z.slope)),
+        value: dot(&plain, &x.value),
+        gradient: Vector::new(dot(&plain, &x.slope), dot(&along_y, &x.value), dot(&along_z, &x.value)),
         hessian: Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz),
     }
 }
@@ -108,6 +118,7 @@ mod tests {
             *c = f(x, y, z) - second / 8.0;
         }
         let (x, y, z) = (0.3, -0.45, 0.12);
+        let c = rows(&c);
         let jet = jet(&c, &[Weights::at(x), Weights::at(y), Weights::at(z)]);
         assert!((jet.value - f(x, y, z)).abs() < 1e-14);
         let gradient = Vector::new(1.0 + 2.0 * x + 0.7 * y, -2.0 - z + 0.7 * x, 0.3 - y + z);

@@ -3,6 +3,8 @@ use crate::geometry::{Point, TriMesh};
 
 /// Most triangles in a leaf.
 const LEAF: usize = 4;
+/// Halves of at least this many triangles are split side by side.
+const ALONE: usize = 4096;
 
 /// Box over a contiguous range of the tree's triangles. The first child follows its parent.
 #[derive(Debug, Clone)]
@@ -48,8 +50,12 @@ pub(super) struct Tree {
 
 impl Tree {
     pub(super) fn new(mesh: &TriMesh) -> Self {
-        let n = mesh.triangles().len();
-        let corners: Vec<[Point; 3]> = (0..n).map(|t| mesh.corners(t)).collect();
+        Self::of((0..mesh.triangles().len()).map(|t| mesh.corners(t)).collect())
+    }
+
+    /// A tree over at least one triangle.
+    pub(super) fn of(corners: Vec<[Point; 3]>) -> Self {
+        let n = corners.len();
         let centers: Vec<[f64; 3]> =
             corners.iter().map(|c| [0, 1, 2].map(|a| (c[0][a] + c[1][a] + c[2][a]) / 3.0)).collect();
         let mut order: Vec<u32> = (0..n as u32).collect();
@@ -61,6 +67,12 @@ impl Tree {
 
     /// Nearest point on the surface to `p`; `hint` is a triangle (tree order) that is probably close.
     pub(super) fn nearest(&self, p: &Point, hint: u32) -> Nearest {
+        self.nearly_nearest(p, hint, f64::INFINITY)
+    }
+
+    /// Like [`Tree::nearest`], but beyond the distance `exact_within` (mm) a triangle will do that is at most 1 % farther.
+    pub(super) fn nearly_nearest(&self, p: &Point, hint: u32, exact_within: f64) -> Nearest {
+        let exact_sq = exact_within * exact_within;
         let mut best = self.of_triangle(p, hint);
         // Deep enough: a median split halves the range at every level.
         let mut stack = [(0u32, 0.0f64); 64];
@@ -69,7 +81,7 @@ impl Tree {
         while top > 0 {
             top -= 1;
             let (index, bound) = stack[top];
-            if bound >= best.distance_sq {
+            if bound * if best.distance_sq > exact_sq { 1.02 } else { 1.0 } >= best.distance_sq {
                 continue;
             }
             let node = &self.nodes[index as usize];
@@ -92,52 +104,30 @@ impl Tree {
         best
     }
 
-    /// The leaves that come within `radius` of `center`, nearest first, each with its distance: all that holds the nearest
-    /// triangles of points around `center`.
-    pub(super) fn leaves_near(&self, center: &Point, radius: f64, leaves: &mut Vec<(f64, u32)>) {
-        leaves.clear();
+    /// The triangles (tree order) whose boxes a ray from `p` along -x may meet.
+    pub(super) fn for_each_before(&self, p: &Point, mut visit: impl FnMut(usize, &[Point; 3])) {
         let mut stack = [0u32; 64];
         let mut top = 1;
         while top > 0 {
             top -= 1;
             let index = stack[top];
             let node = &self.nodes[index as usize];
-            let distance_sq = node.distance_sq(center);
-            if distance_sq > radius * radius {
+            let meets = node.min[0] <= p.x
+                && (node.min[1]..=node.max[1]).contains(&p.y)
+                && (node.min[2]..=node.max[2]).contains(&p.z);
+            if !meets {
                 continue;
             }
             if node.second == 0 {
-                leaves.push((distance_sq.sqrt(), index));
+                for slot in node.first as usize..node.last as usize {
+                    visit(slot, &self.corners[slot]);
+                }
             } else {
                 stack[top] = node.second;
                 stack[top + 1] = index + 1;
                 top += 2;
             }
         }
-        leaves.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-    }
-
-    /// Like [`Tree::nearest`] for a point at `offset` from the centre of [`Tree::leaves_near`].
-    pub(super) fn nearest_among(&self, leaves: &[(f64, u32)], p: &Point, offset: f64, hint: u32) -> Nearest {
-        let mut best = self.of_triangle(p, hint);
-        let mut stop = best.distance_sq.sqrt() + offset;
-        for &(from_center, leaf) in leaves {
-            if from_center > stop {
-                break;
-            }
-            let node = &self.nodes[leaf as usize];
-            if node.distance_sq(p) >= best.distance_sq {
-                continue;
-            }
-            for slot in node.first..node.last {
-                let candidate = self.of_triangle(p, slot);
-                if candidate.distance_sq < best.distance_sq {
-                    best = candidate;
-                    stop = best.distance_sq.sqrt() + offset;
-                }
-            }
-        }
-        best
     }
 
     fn of_triangle(&self, p: &Point, slot: u32) -> Nearest {
@@ -179,7 +169,26 @@ fn split(order: &mut [u32], first: u32, corners: &[[Point; 3]], centers: &[[f64;
         centers[s as usize][axis].total_cmp(&centers[t as usize][axis]).then(s.cmp(&t))
     });
     let (left, right) = order.split_at_mut(middle);
-    split(left, first, corners, centers, nodes);
+    if middle < ALONE {
+        split(left, first, corners, centers, nodes);
+        nodes[index].second = nodes.len() as u32;
+        split(right, first + middle as u32, corners, centers, nodes);
+        return;
+    }
+    let (mut below, mut above) = (Vec::new(), Vec::new());
+    rayon::join(
+        || split(left, first, corners, centers, &mut below),
+        || split(right, first + middle as u32, corners, centers, &mut above),
+    );
+    append(nodes, below);
     nodes[index].second = nodes.len() as u32;
-    split(right, first + middle as u32, corners, centers, nodes);
+    append(nodes, above);
+}
+
+/// Appends a subtree that counts its nodes from 0.
+fn append(nodes: &mut Vec<Node>, subtree: Vec<Node>) {
+    let start = nodes.len() as u32;
+    nodes.extend(
+        subtree.into_iter().map(|node| Node { second: if node.second == 0 { 0 } else { node.second + start }, ..node }),
+    );
 }

@@ -85,10 +85,6 @@ impl Winding {
         }
         sum / (4.0 * std::f64::consts::PI)
     }
-
-    pub(super) fn bytes(&self) -> usize {
-        size_of_val(&self.dipoles[..]) + self.counts.len()
-    }
 }
 
 impl Dipole {

@@ -18,7 +18,7 @@ const RETRY_AFTER: &[(&[FaultKind], &str)] =
 /// A value that is not allowed.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct ProblemField {
-    /// JSON pointer to it.
+    /// JSON pointer to it; the bare name of a query parameter or an uploaded part.
     pub pointer: String,
     /// What was found and what is allowed.
     pub detail: String,

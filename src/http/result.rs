@@ -21,8 +21,11 @@ pub(super) fn not_modified(request: &HeaderMap, tag: &str) -> Option<Response> {
     matches.then(|| (StatusCode::NOT_MODIFIED, [(header::ETAG, tag.to_owned())]).into_response())
 }
 
-/// The tagged result, whole or the range asked for.
+/// The tagged result, whole or the range asked for; 304 when the client has it already.
 pub(super) fn tagged(request: &HeaderMap, tag: &str, media_type: &str, body: Bytes) -> Result<Response, Problem> {
+    if let Some(known) = not_modified(request, tag) {
+        return Ok(known);
+    }
     let headers = [
         (header::CONTENT_TYPE, media_type.to_owned()),
         (header::ETAG, tag.to_owned()),

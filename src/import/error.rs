@@ -47,7 +47,7 @@ pub enum ImportError {
     },
     /// So small or large that the unit cannot be millimetres.
     #[error(
-        "the box around everything measures {found_mm} mm across, expected {min_mm} to {max_mm} mm (a head has 100 to 600 mm): is the file in metres or another unit?"
+        "the box around everything measures {found_mm:?} mm across, expected {min_mm} to {max_mm} mm (a head has 100 to 600 mm): is the file in metres or another unit?"
     )]
     ImplausibleSize {
         /// Diagonal of the box if the file were in mm.

@@ -25,11 +25,28 @@ pub struct Volume {
 /// # Errors
 /// [`ImportError`] naming the fault and its place.
 pub fn volume(bytes: &[u8], limits: &Limits) -> Result<(Volume, Vec<String>), ImportError> {
+    recognise(bytes)?;
+    nifti1::read(bytes, limits)
+}
+
+/// Bytes from the beginning of a file that [`check_volume`] needs: a gzipped header is in them.
+pub const VOLUME_BEGINNING: u64 = 1 << 16;
+
+/// Checks what the beginning of a file of `length` bytes tells, without reading a voxel.
+///
+/// # Errors
+/// [`ImportError`], as [`volume`] would say it of the whole file.
+pub fn check_volume(beginning: &[u8], length: u64, limits: &Limits) -> Result<(), ImportError> {
+    recognise(beginning)?;
+    nifti1::check(beginning, length, limits)
+}
+
+fn recognise(bytes: &[u8]) -> Result<(), ImportError> {
     if bytes.is_empty() {
         return Err(ImportError::Empty);
     }
     if nifti1::looks_like(bytes) {
-        return nifti1::read(bytes, limits);
+        return Ok(());
     }
     Err(ImportError::UnknownFormat { expected: "NIfTI-1, plain (.nii) or gzipped (.nii.gz)" })
 }

@@ -127,6 +127,9 @@ pub struct SolveRequest {
     pub tissue: bool,
     /// Job to compare with when the session has no target.
     pub reference_job: Option<JobId>,
+    /// SHA-256 of the session's target at the time of asking.
+    #[serde(default)]
+    pub target: Option<String>,
 }
 
 impl From<&SolveRequest> for RunSettings {

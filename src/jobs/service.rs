@@ -12,7 +12,7 @@ use crate::control::Control;
 use crate::import::Limits;
 use crate::session::{Engine, Fault, FaultKind, Halt, StepDocument};
 use crate::store::{
-    AnswerRecord, JobChange, JobId, JobKind, JobRecord, JobState, SessionId, StepRecord, Store, now_rfc3339,
+    AnswerRecord, Insertion, JobChange, JobId, JobKind, JobRecord, JobState, SessionId, StepRecord, Store, now_rfc3339,
 };
 
 /// Bounds of the service.
@@ -159,7 +159,8 @@ impl Service {
         Ok(done.map_err(|_| panicked())??)
     }
 
-    /// Stores a new job; `answer` makes what a repeated request gets from the job as stored.
+    /// Stores a new job; one that the session has already and that has not ended is taken instead. `answer` makes what a
+    /// repeated request gets from the job as stored.
     ///
     /// # Errors
     /// [`FaultKind::QueueFull`], [`FaultKind::ShuttingDown`], or the store's.
@@ -194,11 +195,15 @@ impl Service {
             started_at: None,
             finished_at: None,
         };
-        let answer = answer(&job);
         let max = self.settings.max_waiting;
-        if !self.store.insert_job(&job, max, &status_event(JobState::Accepted, 0), answer.as_ref()).await? {
-            let detail = format!("{max} jobs wait already; try again later");
-            return Err(Fault::new(FaultKind::QueueFull, detail));
+        let stopping = self.running().filter(|r| r.cancel_requested()).map(|r| r.job);
+        match self.store.insert_job(&job, max, &status_event(JobState::Accepted, 0), stopping, answer).await? {
+            Insertion::Stored => {}
+            Insertion::Twin(twin) => return Ok(*twin),
+            Insertion::Full => {
+                let detail = format!("{max} jobs wait already; try again later");
+                return Err(Fault::new(FaultKind::QueueFull, detail));
+            }
         }
         tracing::info!(job.id = %job.id, job.kind = kind.as_str(), session.id = %session, "job accepted");
         self.announce();

@@ -114,8 +114,8 @@ async fn run_visible(service: &Arc<Service>, job: &mut JobRecord, running: &Arc<
             let events = vec![("status", status_event(JobState::Interrupted, job.attempt))];
             (JobEvent::Interrupt, JobChange { attempt_change: -1, events, ..JobChange::default() })
         }
-        Err(Halt::Cancelled) => (JobEvent::Cancel, ended(JobState::Cancelled, None)),
-        Err(Halt::Fault(fault)) => (JobEvent::Fail, ended(JobState::Failed, Some(&fault))),
+        Err(Halt::Cancelled) => (JobEvent::Cancel, stopped(running, ended(JobState::Cancelled, None))),
+        Err(Halt::Fault(fault)) => (JobEvent::Fail, stopped(running, ended(JobState::Failed, Some(&fault)))),
     };
     let seconds = running.started.elapsed().as_secs_f64();
     tracing::info!(outcome = ?event, duration_s = seconds, "job ended");
@@ -135,6 +135,11 @@ fn ended(state: JobState, fault: Option<&Fault>) -> JobChange {
         events: vec![end_event(state, fault)],
         ..JobChange::default()
     }
+}
+
+/// Where the work stood: what the row says may be a quarter of a second old.
+fn stopped(running: &Running, change: JobChange) -> JobChange {
+    JobChange { phase: Some(running.phase().as_str()), progress: Some(running.control.progress()), ..change }
 }
 
 /// Moves the job by `event`. False when it is not in its state any more.

@@ -25,6 +25,10 @@ impl From<StoreError> for Fault {
             StoreError::KeyTaken => {
                 Self::new(FaultKind::WrongState, "another request with this idempotency key is under way; try again")
             }
+            StoreError::BlobGone => {
+                tracing::warn!("a file was removed before it was read");
+                Self::new(FaultKind::WrongState, "it was replaced or deleted while it was read; try again")
+            }
             StoreError::Database(_)
             | StoreError::Blob(_)
             | StoreError::Io(_)
@@ -123,7 +127,8 @@ impl From<PlanError> for Halt {
             }
             PlanError::NotParted { bridges, x, y, z } => Fault::new(FaultKind::BoneNotParted, detail)
                 .with("bridges", bridges)
-                .with("widest_bridge_mm", vec![x, y, z]),
+                .with("widest_bridge_mm", vec![x, y, z])
+                .at("/cuts"),
             PlanError::Value { what, .. } => {
                 let mut fault = Fault::new(FaultKind::PlanNotUsable, detail.clone());
                 fault.errors.push(FieldFault::new(pointer_of(&what), detail));
@@ -232,6 +237,13 @@ mod tests {
     #[test]
     fn places_become_json_pointers() {
         assert_eq!(pointer_of("paths[1].waypoints[2].t"), "/paths/1/waypoints/2/t");
+    }
+
+    #[test]
+    fn bone_in_one_piece_is_the_fault_of_the_cuts() {
+        let error = PlanError::NotParted { bridges: 2, x: 1.0, y: 2.0, z: 3.0 };
+        let Halt::Fault(fault) = error.into() else { unreachable!() };
+        assert_eq!((fault.kind, fault.errors[0].pointer.as_str()), (FaultKind::BoneNotParted, "/cuts"));
     }
 
     #[test]

@@ -6,7 +6,10 @@ pub enum StoreError {
     Database(#[from] sqlx::Error),
     /// A file of results or inputs.
     #[error("the blob store failed")]
-    Blob(#[from] object_store::Error),
+    Blob(#[source] object_store::Error),
+    /// A file was removed after its name was read: what it held was replaced or deleted meanwhile.
+    #[error("the blob was removed meanwhile")]
+    BlobGone,
     /// The data directory.
     #[error("its files cannot be read or written")]
     Io(#[from] std::io::Error),
@@ -47,6 +50,12 @@ pub enum StoreError {
         /// Bytes allowed.
         allowed: u64,
     },
+}
+
+impl From<object_store::Error> for StoreError {
+    fn from(error: object_store::Error) -> Self {
+        if matches!(error, object_store::Error::NotFound { .. }) { Self::BlobGone } else { Self::Blob(error) }
+    }
 }
 
 impl StoreError {

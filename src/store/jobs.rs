@@ -102,6 +102,7 @@ pub struct JobFilter {
 #[derive(Debug, Clone, Default)]
 pub(crate) struct JobChange {
     pub(crate) phase: Option<&'static str>,
+    pub(crate) progress: Option<f64>,
     pub(crate) attempt_change: i64,
     pub(crate) report: Option<String>,
     pub(crate) fault: Option<String>,
@@ -109,6 +110,17 @@ pub(crate) struct JobChange {
     pub(crate) tissue: Option<BlobInfo>,
     /// Kind and JSON of the events that tell of it.
     pub(crate) events: Vec<(&'static str, String)>,
+}
+
+/// What became of a job that was to be stored.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum Insertion {
+    /// It is stored.
+    Stored,
+    /// The session has a job that was asked for the same and has not ended.
+    Twin(Box<JobRecord>),
+    /// Too many jobs wait.
+    Full,
 }
 
 fn record(row: &sqlx::sqlite::SqliteRow) -> Result<JobRecord, StoreError> {
@@ -136,23 +148,40 @@ fn record(row: &sqlx::sqlite::SqliteRow) -> Result<JobRecord, StoreError> {
 }
 
 impl Store {
-    /// Stores an accepted job with its first event. False, and nothing stored, when `max_waiting` jobs wait already.
+    /// Stores an accepted job with its first event, unless the session has its twin or `max_waiting` jobs wait already.
+    /// `answer` makes what a repeated request gets, from the job or its twin. `stopping` is no twin: it is about to end.
     ///
     /// # Errors
     /// [`StoreError::SessionGone`], [`StoreError::KeyTaken`], [`StoreError::Database`].
-    pub async fn insert_job(
+    pub(crate) async fn insert_job(
         &self,
         job: &JobRecord,
         max_waiting: u32,
         event: &str,
-        answer: Option<&AnswerRecord>,
-    ) -> Result<bool, StoreError> {
+        stopping: Option<JobId>,
+        answer: impl FnOnce(&JobRecord) -> Option<AnswerRecord>,
+    ) -> Result<Insertion, StoreError> {
         let mut transaction = self.writer.begin().await?;
+        let twin = sqlx::query(
+            "SELECT * FROM jobs WHERE session = ?1 AND kind = ?2 AND request = ?3
+             AND state IN ('accepted', 'running', 'interrupted') AND (?4 IS NULL OR id <> ?4) ORDER BY number LIMIT 1",
+        )
+        .bind(job.session.to_string())
+        .bind(job.kind.as_str())
+        .bind(&job.request)
+        .bind(stopping.map(|id| id.to_string()))
+        .fetch_optional(&mut *transaction)
+        .await?;
+        if let Some(twin) = twin.as_ref().map(record).transpose()? {
+            remember(&mut transaction, answer(&twin).as_ref()).await?;
+            transaction.commit().await?;
+            return Ok(Insertion::Twin(Box::new(twin)));
+        }
         let waiting: i64 = sqlx::query_scalar("SELECT count(*) FROM jobs WHERE state = 'accepted'")
             .fetch_one(&mut *transaction)
             .await?;
         if waiting >= i64::from(max_waiting) {
-            return Ok(false);
+            return Ok(Insertion::Full);
         }
         sqlx::query(
             "INSERT INTO jobs (id, session, kind, state, phase, progress, steps, attempt, request, warnings, bytes, created_at)
@@ -170,9 +199,9 @@ impl Store {
         .await
         .map_err(gone_if_orphan)?;
         append(&mut transaction, job.id, "status", event).await?;
-        remember(&mut transaction, answer).await?;
+        remember(&mut transaction, answer(job).as_ref()).await?;
         transaction.commit().await?;
-        Ok(true)
+        Ok(Insertion::Stored)
     }
 
     /// A job, if it is there.
@@ -249,7 +278,7 @@ impl Store {
             "UPDATE jobs SET state = ?3, phase = coalesce(?4, phase), attempt = attempt + ?5,
              report = coalesce(?6, report), fault = coalesce(?7, fault),
              tissue_blob = coalesce(?8, tissue_blob), bytes = bytes + ?9,
-             progress = CASE ?3 WHEN 'succeeded' THEN 1 WHEN 'accepted' THEN 0 ELSE progress END,
+             progress = CASE ?3 WHEN 'succeeded' THEN 1 WHEN 'accepted' THEN 0 ELSE coalesce(?12, progress) END,
              started_at = CASE ?3 WHEN 'running' THEN ?10 ELSE started_at END,
              finished_at = CASE WHEN ?11 THEN ?10 ELSE finished_at END
              WHERE id = ?1 AND state = ?2",
@@ -265,6 +294,7 @@ impl Store {
         .bind(change.tissue.as_ref().map_or(0, |t| to_i64(t.bytes)))
         .bind(now)
         .bind(to.has_ended())
+        .bind(change.progress)
         .execute(&mut *transaction)
         .await?;
         if changed.rows_affected() == 0 {

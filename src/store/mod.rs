@@ -26,7 +26,7 @@ pub use events::EventRecord;
 pub use idempotency::{AnswerRecord, Remembered};
 pub use ids::{JobId, OsteotomyId, PlanId, SessionId};
 pub use job_state::JobState;
-pub(crate) use jobs::JobChange;
+pub(crate) use jobs::{Insertion, JobChange};
 pub use jobs::{JobFilter, JobKind, JobRecord};
 pub use mesh_blob::{decode_mesh, encode_mesh};
 pub use parts::{PartKind, PartRecord};

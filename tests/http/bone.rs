@@ -39,7 +39,7 @@ async fn a_template_takes_the_sessions_landmarks() {
     let template = json!({"template": {"name": "le_fort_1"}});
     let far = json!({"template": {"name": "le_fort_1", "midline_x_mm": 1e6}});
     assert_eq!(pointers(&app.post(&path, far).await), ["/template/midline_x_mm"]);
-    let landmarks = json!({"midline_x_mm": 6, "occlusal_plane_z_mm": 17,
+    let landmarks = json!({"points": {}, "midline_x_mm": 6, "occlusal_plane_z_mm": 17,
         "le_fort_1_plane": {"point_mm": [6, -60, 38], "normal": [0, 0, 1]}});
     app.put_json(&format!("{session}/landmarks"), landmarks).await.ok();
     let made = app.post(&path, template).await.ok();
@@ -70,6 +70,9 @@ async fn cuts_that_cannot_be_are_refused() {
             "/cuts/0/plane/point_mm/2"
         ]
     );
+    let high = json!({"template": {"name": "le_fort_1", "plane": {"point_mm": [0, 0, 500], "normal": [0, 0, 1]}}});
+    let problem = app.post(&path, high).await.problem(422, "cut-misses-bone");
+    assert_eq!(problem["errors"][0]["pointer"], "/template");
     app.post(&path, json!({"template": {"name": "bsso_left"}})).await.problem(422, "not-available");
     app.post(&path, json!({"cuts": [{"polyline": {"points": []}}]})).await.problem(422, "not-available");
     assert_eq!(pointers(&app.post(&path, json!({"cut": []})).await), ["/cut"]);

@@ -29,7 +29,54 @@ async fn whatever_goes_wrong_is_a_problem() {
     let long = app.post("/v1/sessions", json!({"label": "x".repeat(201)})).await.problem(422, "invalid-request");
     assert_eq!(long["errors"][0]["pointer"], "/label");
     let huge = json!({"label": "x".repeat(9 << 20)});
-    app.post("/v1/sessions", huge).await.problem(413, "too-large");
+    let problem = app.post("/v1/sessions", huge).await.problem(413, "too-large");
+    assert_eq!(problem["allowed_bytes"], 8 << 20);
+    assert!(problem["detail"].as_str().unwrap().contains("8388608"), "{problem}");
+}
+
+#[tokio::test]
+async fn a_parameter_that_cannot_be_read_is_named() {
+    let app = TestApp::new().await;
+    let slice = format!("{}/field/slice.png", app.session().await);
+    for (path, name, detail) in [
+        ("/v1/sessions?limit=many", "limit", "expected a whole number within range"),
+        ("/v1/sessions?colour=red", "colour", "unknown field `colour`, expected `before` or `limit`"),
+        ("/v1/jobs?session=x", "session", "expected a UUID"),
+        ("/v1/jobs?status=x", "status", "`x` is not the status of a job"),
+        (&format!("{slice}?axis=q&offset_mm=0"), "axis", "unknown value `q`, expected one of `x`, `y`, `z`"),
+        (&format!("{slice}?axis=x&offset_mm=near"), "offset_mm", "expected a number"),
+        (&format!("{slice}?axis=x"), "offset_mm", "missing field `offset_mm`"),
+    ] {
+        let problem = app.get(path).await.problem(400, "malformed-request");
+        assert_eq!((&problem["detail"], &problem["errors"][0]["pointer"]), (&json!(detail), &json!(name)), "{path}");
+    }
+    let far = app.get(&format!("{slice}?axis=x&offset_mm=1e300")).await.problem(422, "invalid-request");
+    assert_eq!(far["errors"], json!([{"pointer": "offset_mm", "detail": "is 1e300, allowed is -10000 to 10000"}]));
+}
+
+#[tokio::test]
+async fn refused_values_are_told_in_plain_words() {
+    let app = TestApp::new().await;
+    let path = format!("{}/landmarks", app.session().await);
+    let nines = "9".repeat(300);
+    for (body, pointer, detail) in [
+        ("5", "", "expected an object, found 5"),
+        ("[]", "", "expected an object, found a list"),
+        (r#"{"points": 1}"#, "/points", "expected an object, found 1"),
+        (r#"{"points": {"ans": ["x", 1, 2]}}"#, "/points/ans/0", "expected a number, found \"x\""),
+        (r#"{"points": {"ans": [1, 2]}}"#, "/points/ans", "expected a list of 3, found 2 elements"),
+        (r#"{"points": {"ans": [1, 2, 3, 4]}}"#, "/points/ans", "expected a shorter list, found 4 elements"),
+        (r#"{"points": {}, "points": {}}"#, "", "duplicate field `points`"),
+        (
+            &format!(r#"{{"points": {{"ans": [1, 2, {nines}]}}}}"#),
+            "/points/ans/2",
+            "is 1e300, allowed is -10000 to 10000",
+        ),
+    ] {
+        let answer = app.call(Method::PUT, &path, &[("content-type", "application/json")], body.to_owned()).await;
+        let problem = answer.problem(422, "invalid-request");
+        assert_eq!(problem["errors"], json!([{"pointer": pointer, "detail": detail}]), "{body}");
+    }
 }
 
 #[tokio::test]

@@ -1,6 +1,7 @@
 use axum::body::{Body, Bytes};
 use axum::http::{Method, StatusCode};
 use futures::stream;
+use prosopon::geometry::{Point, TriMesh};
 use serde_json::json;
 
 use crate::app::TestApp;
@@ -26,12 +27,15 @@ async fn an_uploaded_surface_is_measured_and_comes_back_in_every_format() {
         ("glb", "model/gltf-binary", b"glTF".as_slice()),
         ("ply", "application/ply", b"ply\n".as_slice()),
         ("stl", "model/stl", b"".as_slice()),
+        ("json", "application/json", b"{".as_slice()),
     ] {
         let answer = app.get(&format!("{path}?format={format}")).await;
         assert_eq!((answer.status, answer.header("content-type")), (StatusCode::OK, media_type));
         assert!(answer.body.starts_with(magic));
-        let accepted = app.call(Method::GET, &path, &[("accept", media_type)], Body::empty()).await;
-        assert_eq!(accepted.body, answer.body);
+        if format != "json" {
+            let accepted = app.call(Method::GET, &path, &[("accept", media_type)], Body::empty()).await;
+            assert_eq!(accepted.body, answer.body);
+        }
         let known = [("if-none-match", answer.header("etag"))];
         let again = app.call(Method::GET, &format!("{path}?format={format}"), &known, Body::empty()).await;
         assert_eq!((again.status, again.body.len()), (StatusCode::NOT_MODIFIED, 0));
@@ -138,11 +142,91 @@ async fn a_file_that_is_no_ct_is_refused() {
     app.upload(&path, skin()).await.problem(415, "unsupported-format");
     app.upload(&format!("{path}?skin_hu=400"), nifti()).await.problem(422, "invalid-request");
     app.upload(&format!("{path}?skin=400"), nifti()).await.problem(400, "malformed-request");
-    // Recognised but broken: the job says so.
-    let mut broken = vec![0x1f, 0x8b];
-    broken.extend([0; 20]);
-    let job = app.finish(app.upload(&path, broken).await).await;
-    assert_eq!((&job["status"], &job["problem"]["status"]), (&json!("failed"), &json!(422)));
+    let broken = |at: usize, bytes: &[u8]| {
+        let mut file = nifti();
+        file[at..at + bytes.len()].copy_from_slice(bytes);
+        file
+    };
+    let cut_off = nifti()[..360].to_vec();
+    let damaged = [[0x1f, 0x8b].as_slice(), &[0; 20]].concat();
+    for (file, words) in [
+        (broken(344, b"xyz\0"), "header"),
+        (broken(42, &0i16.to_le_bytes()), "dimensions"),
+        (broken(42, &20_000i16.to_le_bytes()), "cannot be in a file"),
+        (broken(70, &1i16.to_le_bytes()), "data type"),
+        (cut_off, "cannot be in a file"),
+        (damaged, "gzip"),
+    ] {
+        let problem = app.upload(&path, file).await.problem(422, "volume-not-usable");
+        assert!(problem["detail"].as_str().unwrap().contains(words), "{problem}");
+        assert_eq!(problem["errors"][0]["pointer"], "ct");
+    }
+    assert_eq!(files_below(&app.directory().join("blobs")), 0);
+    assert_eq!(app.get("/v1/jobs").await.ok()["jobs"], json!([]));
+}
+
+#[tokio::test]
+async fn surfaces_that_bound_nothing_are_refused_and_open_ones_are_taken() {
+    let app = TestApp::new().await;
+    let session = app.session().await;
+    let whole = cube([0.0; 3], 100.0);
+    let some = |triangles: std::ops::Range<usize>| {
+        stl(&TriMesh::new(whole.positions().to_vec(), whole.triangles()[triangles].to_vec()).unwrap())
+    };
+    for part in ["skin", "skull", "target"] {
+        let path = format!("{session}/{part}");
+        for (file, words) in [(some(0..1), "solid: 1,"), (some(0..3), "solid: 3,"), (flat(), "one plane")] {
+            let problem = app.upload(&path, file).await.problem(422, "surface-not-usable");
+            assert!(problem["detail"].as_str().unwrap().contains(words), "{problem}");
+            assert_eq!(problem["errors"][0]["pointer"], part);
+        }
+        app.get(&path).await.problem(404, "not-found");
+        let open = app.upload(&path, some(2..12)).await.ok();
+        assert_eq!((&open["closed"], &open["open_edges"]), (&json!(false), &json!(4)));
+    }
+}
+
+/// A square of four triangles.
+fn flat() -> Vec<u8> {
+    let corners = [[0., 0., 0.], [100., 0., 0.], [100., 100., 0.], [0., 100., 0.], [50., 50., 0.]];
+    let triangles = vec![[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]];
+    stl(&TriMesh::new(corners.map(Point::from).to_vec(), triangles).unwrap())
+}
+
+#[tokio::test]
+async fn the_same_ct_again_is_the_same_import() {
+    let app = TestApp::new().await;
+    let (session, plan) = app.session_with_plan().await;
+    app.stand_in.hold_after(0);
+    let running = app.solve(&session, &plan, json!({})).await;
+    let path = format!("{}/ct", app.session().await);
+    let first = app.upload(&path, nifti()).await;
+    let again = app.upload(&path, nifti()).await;
+    assert_eq!((again.status, again.header("location")), (StatusCode::ACCEPTED, first.header("location")));
+    let other = app.upload(&format!("{path}?bone_hu=250"), nifti()).await;
+    assert_ne!(other.header("location"), first.header("location"));
+    app.stand_in.release();
+    app.get(&format!("{running}?wait_s=10")).await.ok();
+    for job in [first, other] {
+        assert_eq!(app.finish(job).await["status"], "succeeded");
+    }
+}
+
+#[tokio::test]
+async fn a_surface_that_is_replaced_while_it_is_sent_comes_all_the_same() {
+    let app = TestApp::new().await;
+    let path = format!("{}/skin", app.session().await);
+    app.upload(&path, skin()).await.ok();
+    for round in 0..40 {
+        let (put, one, other) = tokio::join!(
+            app.upload(&path, if round % 2 == 0 { skull() } else { skin() }),
+            app.get(&path),
+            app.get(&path)
+        );
+        for answer in [put, one, other] {
+            assert_eq!(answer.status, StatusCode::OK, "{answer:?}");
+        }
+    }
 }
 
 #[tokio::test]
@@ -187,4 +271,5 @@ async fn a_skin_inside_the_skull_is_refused_by_the_field() {
     let job = app.finish(app.post(&format!("{session}/field"), json!({})).await).await;
     assert_eq!((&job["status"], &job["problem"]["status"]), (&json!("failed"), &json!(422)));
     assert_eq!(job["problem"]["type"], "/problems/anatomy-not-usable");
+    assert_eq!(job["phase"], "field", "where it failed");
 }

@@ -113,7 +113,7 @@ async fn a_panic_or_refusal_of_the_numerics_fails_the_job_and_the_service_goes_o
     let job = app.get(&format!("{}?wait_s=10", app.solve(&session, &plan, json!({})).await)).await.ok();
     assert_eq!(job["problem"]["type"], "/problems/solver-not-converged");
     assert_eq!(job["problem"]["residual_n"], 0.4);
-    assert_eq!(job["step"], 2, "steps before stay");
+    assert_eq!((&job["step"], &job["phase"]), (&json!(2), &json!("solve")), "steps before stay");
     let own = job["links"]["self"].as_str().unwrap();
     assert_eq!(app.get(&format!("{own}/steps/2/frame")).await.status, StatusCode::OK);
     app.get(&format!("{own}/report")).await.problem(404, "not-ready");
@@ -132,11 +132,11 @@ async fn one_job_runs_and_the_others_wait_in_line() {
     app.stand_in.hold_after(1);
     let first = app.solve(&session, &plan, json!({})).await;
     app.until_step(&first, 1).await;
-    let second = app.solve(&session, &plan, json!({})).await;
-    let third = app.solve(&session, &plan, json!({})).await;
+    let second = app.solve(&session, &plan, json!({"steps": 2})).await;
+    let third = app.solve(&session, &plan, json!({"steps": 3})).await;
     assert_eq!(app.get(&second).await.ok()["queue_position"], 1);
     assert_eq!(app.get(&third).await.ok()["queue_position"], 2);
-    let full = app.post(&format!("{session}/jobs"), json!({"plan": plan})).await;
+    let full = app.post(&format!("{session}/jobs"), json!({"plan": plan, "steps": 4})).await;
     full.problem(503, "queue-full");
     assert_eq!(full.header("retry-after"), "10");
     app.stand_in.release();
@@ -147,12 +147,44 @@ async fn one_job_runs_and_the_others_wait_in_line() {
 }
 
 #[tokio::test]
+async fn a_job_that_is_asked_for_again_is_the_one_that_is_there() {
+    let app = TestApp::new().await;
+    let (session, plan) = app.session_with_plan().await;
+    app.stand_in.hold_after(1);
+    let running = app.solve(&session, &plan, json!({})).await;
+    app.until_step(&running, 1).await;
+    assert_eq!(app.solve(&session, &plan, json!({})).await, running);
+    assert_ne!(app.solve(&session, &plan, json!({"steps": 5})).await, running);
+
+    let path = format!("{session}/field");
+    let (field, twin) = tokio::join!(app.post(&path, json!({})), app.post(&path, json!({})));
+    assert_eq!((twin.status, twin.header("location")), (StatusCode::ACCEPTED, field.header("location")));
+    assert_eq!(twin.json()["id"], field.json()["id"]);
+    let keyed = app.post_keyed(&path, "k", json!({})).await;
+    assert_eq!(keyed.header("location"), field.header("location"));
+    app.put_json(&format!("{path}/settings"), json!({"spacing_mm": 3})).await.ok();
+    assert_ne!(app.post(&path, json!({})).await.header("location"), field.header("location"), "other settings");
+    assert_eq!(app.post_keyed(&path, "k", json!({})).await.header("location"), field.header("location"));
+    app.put_json(&format!("{path}/settings"), json!({})).await.ok();
+
+    // It would be compared with something else.
+    app.upload(&format!("{session}/target"), crate::shapes::skin()).await.ok();
+    assert_ne!(app.solve(&session, &plan, json!({})).await, running);
+    app.post(&format!("{running}/cancel"), json!({})).await.ok();
+    let after = app.solve(&session, &plan, json!({})).await;
+    assert_ne!(after, running, "one that is about to end is no answer");
+    app.stand_in.release();
+    assert_eq!(app.get(&format!("{after}?wait_s=10")).await.ok()["status"], "succeeded");
+    assert_ne!(app.solve(&session, &plan, json!({})).await, after, "one that has ended neither");
+}
+
+#[tokio::test]
 async fn a_cancelled_job_stops_at_once_and_only_once() {
     let app = TestApp::new().await;
     let (session, plan) = app.session_with_plan().await;
     app.stand_in.hold_after(2);
     let running = app.solve(&session, &plan, json!({})).await;
-    let waiting = app.solve(&session, &plan, json!({})).await;
+    let waiting = app.solve(&session, &plan, json!({"steps": 5})).await;
     app.until_step(&running, 2).await;
 
     let answer = app.post(&format!("{waiting}/cancel"), json!({})).await;
@@ -162,6 +194,7 @@ async fn a_cancelled_job_stops_at_once_and_only_once() {
     let ended = app.get(&format!("{running}?wait_s=10")).await.ok();
     assert!(asked.elapsed() < Duration::from_secs(2));
     assert_eq!((&ended["status"], &ended["step"]), (&json!("cancelled"), &json!(2)));
+    assert_eq!(ended["phase"], "solve", "where it was stopped");
     let again = app.post(&format!("{running}/cancel"), json!({})).await.problem(409, "wrong-state");
     assert_eq!(again["job_status"], "cancelled");
     assert_eq!(app.get(&format!("{running}/steps/1/skin")).await.status, StatusCode::OK);
@@ -195,7 +228,7 @@ async fn a_job_whose_inputs_were_replaced_while_it_waited_says_so() {
     let (session, plan) = app.session_with_plan().await;
     app.stand_in.hold_after(0);
     let first = app.solve(&session, &plan, json!({})).await;
-    let second = app.solve(&session, &plan, json!({})).await;
+    let second = app.solve(&session, &plan, json!({"steps": 5})).await;
     while app.get(&first).await.ok()["phase"] != "solve" {
         tokio::time::sleep(Duration::from_millis(5)).await;
     }

@@ -77,15 +77,16 @@ fn a_box_is_sharp_to_a_fraction_of_the_spacing() {
 
 #[test]
 fn the_error_of_a_sphere_falls_with_the_third_power_of_the_spacing_near_the_surface() {
-    let mesh = sphere(Point::origin(), 12.0, 6);
+    // Small enough that the spline's error stands above the rounding of its coefficients.
+    let mesh = sphere(Point::origin(), 5.0, 6);
     let exact = ExactDistance::new(&mesh);
     let rms = [1.6, 0.8].map(|spacing| {
-        let (field, _) = built(&mesh, spacing, 3.0);
+        let (field, _) = built(&mesh, spacing, 2.0);
         let mut random = Random(4);
         let mut sum = 0.0;
         for _ in 0..2000 {
             let direction = (random.point(Point::origin(), 1.0) - Point::origin()).normalize();
-            let p = Point::origin() + direction * (12.0 + 5.0 * random.unit() - 2.5);
+            let p = Point::origin() + direction * (5.0 + 3.0 * random.unit() - 1.5);
             sum += (field.value(&p) - exact.signed(&p)).powi(2);
         }
         (sum / 2000.0).sqrt()

@@ -1,3 +1,4 @@
+use crate::http::extract::short_number;
 use crate::session::{Fault, FieldFault};
 
 /// Farthest coordinate that a head can have, mm.
@@ -17,7 +18,7 @@ impl Check {
     /// A number from `min` to `max`.
     pub(super) fn number(&mut self, pointer: &str, value: f64, min: f64, max: f64) -> f64 {
         if !(min..=max).contains(&value) {
-            self.fault(pointer, format!("is {value}, allowed is {min} to {max}"));
+            self.fault(pointer, format!("is {}, allowed is {min} to {max}", short_number(value)));
         }
         value
     }

@@ -180,7 +180,8 @@ pub struct JobView {
     pub kind: String,
     /// `accepted`, `running`, `succeeded`, `failed`, `cancelled` or `interrupted` (it will run again).
     pub status: String,
-    /// Stage of the work: `waiting`, `reading`, `surfaces`, `field`, `cut`, `mesh`, `solve`, `writing`, `done`.
+    /// Stage of the work: `waiting`, `reading`, `surfaces`, `field`, `cut`, `mesh`, `solve`, `writing`, `done`; of a job that failed or
+    /// was cancelled the one in which it ended.
     pub phase: String,
     /// Done share, 0 to 1.
     pub progress: f64,

@@ -3,29 +3,31 @@ use axum::extract::rejection::BytesRejection;
 use axum::extract::{FromRequest, Request};
 use axum::http::{HeaderMap, header};
 use serde::de::DeserializeOwned;
-use serde_json::error::Category;
+use serde_json::Value;
 use serde_path_to_error::{Path, Segment};
 
-use crate::http::Problem;
+use super::words::plain;
+use crate::http::{AppState, Problem};
 use crate::session::{Fault, FaultKind};
 
 /// A JSON body. Unknown members are refused by the types themselves.
 #[derive(Debug)]
 pub(in crate::http) struct Body<T>(pub(in crate::http) T);
 
-impl<S: Send + Sync, T: DeserializeOwned> FromRequest<S> for Body<T> {
+impl<T: DeserializeOwned> FromRequest<AppState> for Body<T> {
     type Rejection = Problem;
 
-    async fn from_request(request: Request, state: &S) -> Result<Self, Problem> {
+    async fn from_request(request: Request, state: &AppState) -> Result<Self, Problem> {
         let bytes = read_json(request, state).await?;
         parse(&bytes).map(Self)
     }
 }
 
 /// The bytes of a JSON body; an empty one counts as `{}`.
-pub(super) async fn read_json<S: Send + Sync>(request: Request, state: &S) -> Result<Bytes, Problem> {
+pub(super) async fn read_json(request: Request, state: &AppState) -> Result<Bytes, Problem> {
     let is_json = is_json(request.headers());
-    let bytes = Bytes::from_request(request, state).await.map_err(|e| too_large_or_broken(&e))?;
+    let max_bytes = state.limits.max_json_bytes;
+    let bytes = Bytes::from_request(request, state).await.map_err(|e| too_large_or_broken(&e, max_bytes))?;
     if bytes.is_empty() {
         return Ok(Bytes::from_static(b"{}"));
     }
@@ -41,9 +43,10 @@ fn is_json(headers: &HeaderMap) -> bool {
     essence == "application/json" || (essence.starts_with("application/") && essence.ends_with("+json"))
 }
 
-fn too_large_or_broken(rejection: &BytesRejection) -> Problem {
+fn too_large_or_broken(rejection: &BytesRejection, max_bytes: usize) -> Problem {
     if rejection.status() == axum::http::StatusCode::PAYLOAD_TOO_LARGE {
-        Problem::new(FaultKind::TooLarge, "the JSON body is longer than allowed")
+        let detail = format!("the JSON body is longer than the {max_bytes} bytes allowed");
+        Problem(Fault::new(FaultKind::TooLarge, detail).with("allowed_bytes", max_bytes))
     } else {
         Problem::new(FaultKind::MalformedRequest, "the body broke off")
     }
@@ -51,25 +54,26 @@ fn too_large_or_broken(rejection: &BytesRejection) -> Problem {
 
 /// Reads JSON; what cannot be parsed is malformed, what has the wrong members or types is invalid, with its pointer.
 pub(super) fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
+    let value: Value = serde_json::from_slice(bytes)
+        .map_err(|e| Problem::new(FaultKind::MalformedRequest, format!("the body is no JSON: {e}")))?;
     // Types would also take their members in order from a list.
-    if bytes.trim_ascii_start().starts_with(b"[") {
-        let fault = Fault::new(FaultKind::InvalidRequest, "the body must be a JSON object, found a list");
+    if value.is_array() {
+        let fault = Fault::new(FaultKind::InvalidRequest, "expected an object, found a list");
         return Err(Problem(fault.at("")));
     }
+    // From the bytes, for a member that is there twice shows in them only.
     let mut deserializer = serde_json::Deserializer::from_slice(bytes);
-    let value = serde_path_to_error::deserialize(&mut deserializer).map_err(|error| {
-        let pointer = pointer_of(error.path());
-        let inner = error.into_inner();
-        match inner.classify() {
-            Category::Data => Problem(Fault::new(FaultKind::InvalidRequest, inner.to_string()).at(&pointer)),
-            Category::Syntax | Category::Eof | Category::Io => {
-                Problem::new(FaultKind::MalformedRequest, format!("the body is no JSON: {inner}"))
-            }
-        }
-    })?;
-    let rest = deserializer.end();
-    rest.map_err(|e| Problem::new(FaultKind::MalformedRequest, format!("the body is no JSON: {e}")))?;
-    Ok(value)
+    match serde_path_to_error::deserialize(&mut deserializer) {
+        Ok(read) => Ok(read),
+        Err(error) if error.inner().is_data() => Err(not_as_expected(&error)),
+        // It is JSON, so the reader of bytes calls a value of the wrong type a fault of the syntax.
+        Err(_) => serde_path_to_error::deserialize(value).map_err(|error| not_as_expected(&error)),
+    }
+}
+
+fn not_as_expected(error: &serde_path_to_error::Error<serde_json::Error>) -> Problem {
+    let detail = plain(&error.inner().to_string());
+    Problem(Fault::new(FaultKind::InvalidRequest, detail).at(&pointer_of(error.path())))
 }
 
 fn pointer_of(path: &Path) -> String {
@@ -92,6 +96,14 @@ mod tests {
     #[expect(dead_code)]
     struct Sample {
         values: Vec<f64>,
+        point: Option<[f64; 3]>,
+        name: Option<Name>,
+    }
+
+    #[derive(Debug, serde::Deserialize)]
+    #[serde(rename_all = "snake_case")]
+    enum Name {
+        One,
     }
 
     fn check(text: &str, kind: FaultKind, pointer: Option<&str>) {
@@ -105,6 +117,11 @@ mod tests {
         check(r#"{"values": [1, "x"]}"#, FaultKind::InvalidRequest, Some("/values/1"));
         check(r#"{"value": []}"#, FaultKind::InvalidRequest, Some("/value"));
         check("{}", FaultKind::InvalidRequest, Some(""));
+        check("5", FaultKind::InvalidRequest, Some(""));
+        check("[]", FaultKind::InvalidRequest, Some(""));
+        check(r#"{"values": [], "values": []}"#, FaultKind::InvalidRequest, Some(""));
+        check(r#"{"values": [], "point": [1, 2, 3, 4]}"#, FaultKind::InvalidRequest, Some("/point"));
+        check(r#"{"values": [], "name": 3}"#, FaultKind::InvalidRequest, Some("/name"));
         check(r#"{"values": [1e999]}"#, FaultKind::MalformedRequest, None);
         check(r#"{"values": [NaN]}"#, FaultKind::MalformedRequest, None);
         check(r#"{"values": []} x"#, FaultKind::MalformedRequest, None);

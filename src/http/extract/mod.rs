@@ -4,8 +4,10 @@ mod creating;
 mod json;
 mod path;
 mod query;
+mod words;
 
 pub(super) use creating::{Answering, Creating};
 pub(super) use json::Body;
 pub(super) use path::Ids;
 pub(super) use query::Params;
+pub(super) use words::short_number;

@@ -1,9 +1,13 @@
-use axum::extract::FromRequestParts;
-use axum::http::request::Parts;
-use serde::de::DeserializeOwned;
+use std::error::Error;
 
+use axum::extract::FromRequestParts;
+use axum::extract::rejection::QueryRejection;
+use axum::http::request::Parts;
+use serde::de::{DeserializeOwned, value};
+
+use super::words::{plain, quoted_name};
 use crate::http::Problem;
-use crate::session::FaultKind;
+use crate::session::{Fault, FaultKind};
 
 /// Query parameters.
 #[derive(Debug)]
@@ -15,7 +19,18 @@ impl<S: Send + Sync, T: DeserializeOwned> FromRequestParts<S> for Params<T> {
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
         match axum::extract::Query::<T>::from_request_parts(parts, state).await {
             Ok(axum::extract::Query(params)) => Ok(Self(params)),
-            Err(rejection) => Err(Problem::new(FaultKind::MalformedRequest, rejection.body_text())),
+            Err(rejection) => Err(refusal(&rejection)),
         }
     }
+}
+
+/// Names the parameter where the reader does.
+fn refusal(rejection: &QueryRejection) -> Problem {
+    let mut chain = std::iter::successors(Some(rejection as &(dyn Error + 'static)), |e| (*e).source());
+    let Some(error) = chain.find_map(|e| e.downcast_ref::<serde_path_to_error::Error<value::Error>>()) else {
+        return Problem::new(FaultKind::MalformedRequest, "the query cannot be read");
+    };
+    let (path, message) = (error.path().to_string(), error.inner().to_string());
+    let name = if path == "." { quoted_name(&message).unwrap_or_default().to_owned() } else { path };
+    Problem(Fault::new(FaultKind::MalformedRequest, plain(&message)).at(&name))
 }

@@ -1,5 +1,5 @@
 use axum::extract::Request;
-use axum::http::{HeaderMap, HeaderValue, header};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::Response;
 use tower_http::compression::CompressionLayer;
@@ -13,22 +13,31 @@ pub(in crate::http) fn compression() -> CompressionLayer<impl Predicate> {
 
 /// A strong tag names bytes: the compressed form gets a tag of its own, and is known again under it.
 pub(in crate::http) async fn mark_compressed(mut request: Request, next: Next) -> Response {
-    strip_mark(request.headers_mut());
+    let known = strip_mark(request.headers_mut());
     let mut response = next.run(request).await;
+    let is_not_modified = response.status() == StatusCode::NOT_MODIFIED;
     let headers = response.headers_mut();
+    let Some(marked) = headers.get(header::ETAG).and_then(|t| t.to_str().ok()).map(with_mark) else { return response };
     let is_gzip = headers.get(header::CONTENT_ENCODING).is_some_and(|e| e == "gzip");
-    if is_gzip && let Some(tag) = headers.get(header::ETAG).and_then(|t| t.to_str().ok()) {
-        let marked = format!("{}-gzip\"", tag.trim_end_matches('"'));
-        if let Ok(marked) = HeaderValue::from_str(&marked) {
-            headers.insert(header::ETAG, marked);
-        }
+    // What is not sent again keeps the tag under which the client has it.
+    let has_marked = is_not_modified && known.is_some_and(|tags| tags.contains(&marked));
+    if (is_gzip || has_marked)
+        && let Ok(marked) = HeaderValue::from_str(&marked)
+    {
+        headers.insert(header::ETAG, marked);
     }
     response
 }
 
-fn strip_mark(headers: &mut HeaderMap) {
-    let Some(tags) = headers.get(header::IF_NONE_MATCH).and_then(|t| t.to_str().ok()) else { return };
+fn with_mark(tag: &str) -> String {
+    format!("{}-gzip\"", tag.trim_end_matches('"'))
+}
+
+/// Takes the marks out of If-None-Match: what it held before.
+fn strip_mark(headers: &mut HeaderMap) -> Option<String> {
+    let tags = headers.get(header::IF_NONE_MATCH)?.to_str().ok()?.to_owned();
     if let Ok(stripped) = HeaderValue::from_str(&tags.replace("-gzip\"", "\"")) {
         headers.insert(header::IF_NONE_MATCH, stripped);
     }
+    Some(tags)
 }

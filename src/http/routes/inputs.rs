@@ -1,5 +1,5 @@
 use axum::Json;
-use axum::body::{Body, Bytes};
+use axum::body::Body;
 use axum::extract::State;
 use axum::http::{HeaderMap, header};
 use axum::response::Response;
@@ -15,9 +15,12 @@ use crate::http::surface_format::SurfaceOutput;
 use crate::http::upload::receive;
 use crate::http::{AppState, Problem};
 use crate::import::SurfaceFormat;
-use crate::jobs::take_surface;
+use crate::jobs::{check_ct, take_surface};
 use crate::session::{CtDocument, FaultKind, SessionParts, SurfaceDocument, load_mesh};
 use crate::store::{JobKind, PartKind, PartRecord, SessionId, now_rfc3339};
+
+/// Times that an input is looked up again when it is replaced before it is read.
+const SEND_TRIES: usize = 4;
 
 /// Format of a stored input.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, ToSchema)]
@@ -61,40 +64,27 @@ pub(in crate::http) async fn put_ct(
     SessionParts::load(store, session).await?;
     let settings = query.check()?;
     let blob = receive(store, session, &headers, body, state.limits.max_ct_bytes, &state.limits).await?;
-    let start = match blob.bytes {
-        0 => Bytes::new(),
-        length => store.blobs().get_range(&blob.key, 0..length.min(1024)).await?,
-    };
-    if let Err(refused) = check_volume(&start) {
+    if let Err(refused) = check_ct(&state.service, &blob).await {
         store.blobs().delete(&blob.key).await;
-        return Err(refused);
+        return Err(refused.into());
     }
-    let document = CtDocument { sha256: blob.sha256.clone(), bytes: blob.bytes };
-    let part = PartRecord {
-        kind: PartKind::Ct,
-        key: blob.sha256.clone(),
-        blob: Some(blob.key),
-        bytes: blob.bytes,
-        wall_s: 0.0,
-        document: serde_json::to_string(&document).unwrap_or_default(),
-        updated_at: now_rfc3339(),
-    };
-    store.put_parts(session, &[part]).await?;
+    // A job may be reading the same CT: then its file stays.
+    if store.part(session, PartKind::Ct).await?.is_some_and(|ct| ct.key == blob.sha256) {
+        store.blobs().delete(&blob.key).await;
+    } else {
+        let document = CtDocument { sha256: blob.sha256.clone(), bytes: blob.bytes };
+        let part = PartRecord {
+            kind: PartKind::Ct,
+            key: blob.sha256.clone(),
+            blob: Some(blob.key),
+            bytes: blob.bytes,
+            wall_s: 0.0,
+            document: serde_json::to_string(&document).unwrap_or_default(),
+            updated_at: now_rfc3339(),
+        };
+        store.put_parts(session, &[part]).await?;
+    }
     accept(&state, session, JobKind::Import, 0, &import_request(&settings, blob.sha256), None).await
-}
-
-/// What can be said of a CT from its beginning.
-fn check_volume(start: &[u8]) -> Result<(), Problem> {
-    if start.is_empty() {
-        return Err(Problem::new(FaultKind::VolumeNotUsable, "the file is empty"));
-    }
-    let gzip = start.starts_with(&[0x1f, 0x8b]);
-    let nifti = start.get(344..347) == Some(b"n+1");
-    if !gzip && !nifti {
-        let detail = "the format is not recognised; read is NIfTI-1, plain or gzipped";
-        return Err(Problem::new(FaultKind::UnsupportedFormat, detail));
-    }
-    Ok(())
 }
 
 async fn put(
@@ -121,7 +111,24 @@ fn named_format(headers: &HeaderMap) -> Option<SurfaceFormat> {
     }
 }
 
+/// Sends an input as it is at one moment: a client that replaces it meanwhile takes its file away.
 async fn send(
+    state: &AppState,
+    session: SessionId,
+    kind: PartKind,
+    query: &InputQuery,
+    headers: &HeaderMap,
+) -> Result<Response, Problem> {
+    for _ in 0..SEND_TRIES {
+        match send_present(state, session, kind, query, headers).await {
+            Err(Problem(fault)) if fault.kind == FaultKind::WrongState => {}
+            sent_or_refused => return sent_or_refused,
+        }
+    }
+    send_present(state, session, kind, query, headers).await
+}
+
+async fn send_present(
     state: &AppState,
     session: SessionId,
     kind: PartKind,

@@ -12,11 +12,11 @@ use super::accepted::accept;
 use super::osteotomies::fresh_osteotomy;
 use super::plans;
 use crate::http::dto::{CreateJob, JobList, JobView, SessionSettings};
-use crate::http::extract::{Creating, Ids, Params};
+use crate::http::extract::{Creating, Ids, Params, short_number};
 use crate::http::{AppState, Problem};
 use crate::jobs::SolveRequest;
 use crate::session::{Fault, FaultKind, SessionParts};
-use crate::store::{JobFilter, JobId, JobKind, JobState, SessionId};
+use crate::store::{JobFilter, JobId, JobKind, JobState, PartKind, SessionId};
 
 /// Longest long poll, s.
 const MAX_WAIT_S: f64 = 60.0;
@@ -85,6 +85,7 @@ pub(in crate::http) async fn create(
         error_maps: checked.error_maps,
         tissue: checked.tissue,
         reference_job,
+        target: parts.get(PartKind::Target).map(|target| target.key.clone()),
     };
     accept(&state, session, JobKind::Solve, solve.steps, &solve, Some(&answering)).await
 }
@@ -116,7 +117,7 @@ pub(in crate::http) async fn list(
     let wanted = page.status.as_deref().map(str::parse::<JobState>).transpose();
     let filter = JobFilter {
         session: page.session.map(SessionId::from),
-        state: wanted.map_err(|detail| Problem::new(FaultKind::MalformedRequest, detail))?,
+        state: wanted.map_err(|detail| Fault::new(FaultKind::MalformedRequest, detail).at("status"))?,
         before: page.before.map(JobId::from),
         limit,
     };
@@ -147,8 +148,8 @@ pub(in crate::http) async fn get(
 ) -> Result<Json<JobView>, Problem> {
     let wait_s = wait.wait_s.unwrap_or(0.0);
     if !(0.0..=MAX_WAIT_S).contains(&wait_s) {
-        let detail = format!("wait_s is {wait_s}, allowed is 0 to {MAX_WAIT_S}");
-        return Err(Problem::new(FaultKind::MalformedRequest, detail));
+        let detail = format!("is {}, allowed is 0 to {MAX_WAIT_S}", short_number(wait_s));
+        return Err(Fault::new(FaultKind::MalformedRequest, detail).at("wait_s").into());
     }
     Ok(Json(JobView::from(&state.service.wait(job, Duration::from_secs_f64(wait_s)).await?)))
 }

@@ -78,7 +78,7 @@ fn qform(header: &NiftiHeader) -> Result<(Point, [Vector; 3]), ImportError> {
     let [b, c, d] = [header.quatern_b, header.quatern_c, header.quatern_d].map(f64::from);
     let rest = 1.0 - (b * b + c * c + d * d);
     if !(x > 0.0 && y > 0.0 && z > 0.0) {
-        return Err(malformed(FORMAT, format!("the spacing is {x} x {y} x {z}, expected positive")));
+        return Err(malformed(FORMAT, format!("the spacing is {x:?} x {y:?} x {z:?}, expected positive")));
     }
     // Half a turn has rest = 0, where f32 may round below.
     if rest.is_nan() || rest < -1e-4 {

@@ -15,7 +15,7 @@ use nifti::NiftiHeader;
 
 use super::error::{at_most, check_size, malformed};
 use super::{ImportError, Limits, Volume};
-use crate::geometry::{Aabb, Point};
+use crate::geometry::{Aabb, Point, Vector};
 
 const FORMAT: &str = "NIfTI-1";
 const HEADER: u64 = 348;
@@ -30,13 +30,55 @@ pub(super) fn looks_like(bytes: &[u8]) -> bool {
         || size.is_some_and(|b| [348u32, 540].iter().any(|n| n.to_le_bytes() == *b || n.to_be_bytes() == *b))
 }
 
+/// What the header tells, checked.
+struct Layout {
+    header: NiftiHeader,
+    dims: [usize; 3],
+    n_voxels: usize,
+    kind: voxels::Kind,
+    /// Byte of the first voxel.
+    start: u64,
+    origin: Point,
+    axes: [Vector; 3],
+}
+
+/// Checks the header of a file of `length` bytes that begins with `beginning`: whether it describes a CT that fits the
+/// file. What a gzipped one holds behind its beginning shows only when it is read.
+pub(super) fn check(beginning: &[u8], length: u64, limits: &Limits) -> Result<(), ImportError> {
+    read_layout(&mut unpacked(beginning), beginning.starts_with(&GZIP), length, limits, &mut Vec::new()).map(|_| ())
+}
+
 /// Reads header and voxels.
 pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<(Volume, Vec<String>), ImportError> {
-    let zipped = bytes.starts_with(&GZIP);
-    let mut stream: Box<dyn Read + '_> = if zipped { Box::new(MultiGzDecoder::new(bytes)) } else { Box::new(bytes) };
-    let most = (bytes.len() as u64).saturating_mul(if zipped { MAX_INFLATION } else { 1 });
+    let mut stream = unpacked(bytes);
+    let mut warnings = Vec::new();
+    let layout = read_layout(&mut stream, bytes.starts_with(&GZIP), bytes.len() as u64, limits, &mut warnings)?;
+    let Layout { header, dims, n_voxels, kind, start, origin, axes } = layout;
 
-    let header = read_header(&mut stream)?;
+    let skipped = std::io::copy(&mut (&mut stream).take(start.saturating_sub(HEADER)), &mut std::io::sink());
+    skipped.map_err(|e| unreadable(&e))?;
+    let hu = voxels::read(&mut stream, &header, kind, n_voxels, &mut warnings)?;
+    // Reaching the end also checks the sum of a gzipped file.
+    match stream.read(&mut [0]).map_err(|e| unreadable(&e))? {
+        0 => {}
+        _ => warnings.push("bytes after the last voxel were ignored".to_owned()),
+    }
+    Ok((Volume { dims, origin, axes, hu }, warnings))
+}
+
+fn unpacked(bytes: &[u8]) -> Box<dyn Read + '_> {
+    if bytes.starts_with(&GZIP) { Box::new(MultiGzDecoder::new(bytes)) } else { Box::new(bytes) }
+}
+
+/// Reads the header and checks it against limits and the file's `length`.
+fn read_layout(
+    stream: &mut dyn Read,
+    zipped: bool,
+    length: u64,
+    limits: &Limits,
+    warnings: &mut Vec<String>,
+) -> Result<Layout, ImportError> {
+    let header = read_header(stream)?;
     let dims = read_dims(&header)?;
     let n_voxels = dims.iter().fold(1u64, |n, d| n.saturating_mul(*d as u64));
     at_most("voxels", n_voxels, limits.max_voxels)?;
@@ -44,35 +86,24 @@ pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<(Volume, Vec<String>
     let kind = voxels::Kind::of(&header)?;
     let start = f64::from(header.vox_offset);
     if !(start >= HEADER as f64 && start <= 1e9) {
-        return Err(malformed(FORMAT, format!("the voxels start at byte {start}, expected 352 or more")));
+        return Err(malformed(FORMAT, format!("the voxels start at byte {start:?}, expected 352 or more")));
     }
     let start = start as u64;
     let needed = start.saturating_add(n_voxels.saturating_mul(kind.size() as u64));
-    if needed > most {
-        let found = bytes.len();
-        let detail = format!("{n_voxels} voxels end at byte {needed}, which cannot be in a file of {found} bytes");
+    if needed > length.saturating_mul(if zipped { MAX_INFLATION } else { 1 }) {
+        let detail = format!("{n_voxels} voxels end at byte {needed}, which cannot be in a file of {length} bytes");
         return Err(malformed(FORMAT, detail));
     }
 
-    let mut warnings = Vec::new();
-    let (origin, axes) = frame::read(&header, dims, &mut warnings)?;
+    let (origin, axes) = frame::read(&header, dims, warnings)?;
     let far = dims.map(|d| d.saturating_sub(1) as f64);
     let corners = (0..8u8).map(|c| {
         let step = |a: u8| if c >> a & 1 == 1 { 1.0 } else { 0.0 };
         frame::position(&origin, &axes, [step(0) * far[0], step(1) * far[1], step(2) * far[2]])
     });
     let diagonal = Aabb::of(&corners.collect::<Vec<Point>>()).map_or(0.0, |b| b.diagonal());
-    check_size(diagonal, &mut warnings)?;
-
-    let skipped = std::io::copy(&mut (&mut stream).take(start.saturating_sub(HEADER)), &mut std::io::sink());
-    skipped.map_err(|e| unreadable(&e))?;
-    let hu = voxels::read(&mut stream, &header, kind, n_voxels as usize, &mut warnings)?;
-    // Reaching the end also checks the sum of a gzipped file.
-    match stream.read(&mut [0]).map_err(|e| unreadable(&e))? {
-        0 => {}
-        _ => warnings.push("bytes after the last voxel were ignored".to_owned()),
-    }
-    Ok((Volume { dims, origin, axes, hu }, warnings))
+    check_size(diagonal, warnings)?;
+    Ok(Layout { header, dims, n_voxels: n_voxels as usize, kind, start, origin, axes })
 }
 
 fn read_header(stream: &mut dyn Read) -> Result<NiftiHeader, ImportError> {

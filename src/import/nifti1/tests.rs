@@ -3,7 +3,7 @@ use std::io::Write;
 use flate2::Compression;
 use flate2::write::GzEncoder;
 
-use super::super::{ImportError, Limits, Volume, volume};
+use super::super::{ImportError, Limits, Volume, check_volume, volume};
 use crate::geometry::{Point, Vector};
 
 fn read(bytes: &[u8]) -> Result<(Volume, Vec<String>), ImportError> {
@@ -268,4 +268,20 @@ fn a_damaged_or_bloated_gzip_file_is_refused() {
     let (found, warnings) = read(&encoder.finish().unwrap()).unwrap();
     assert_eq!(found.hu.len(), 60);
     assert_eq!(warnings, ["bytes after the last voxel were ignored"]);
+}
+
+#[test]
+fn the_beginning_shows_a_header_that_cannot_be() {
+    let limits = Limits::default();
+    let file = File::new(false);
+    let check = |bytes: &[u8], length: u64| check_volume(bytes, length, &limits).map_err(|e| e.to_string());
+    assert_eq!(check(&file.plain()[..352], 352 + 120), Ok(()));
+    assert_eq!(check(&file.gzipped(), file.gzipped().len() as u64), Ok(()));
+    assert!(check(&file.plain()[..352], 352 + 119).is_err_and(|e| e.contains("471 bytes")));
+    assert!(check(&file.plain()[..300], 300).is_err_and(|e| e.contains("cut off")));
+    let mut flat = file.clone();
+    flat.dims(&[3, 4, 0]);
+    assert!(check(&flat.gzipped(), 1000).is_err());
+    flat.dims(&[3, 4]);
+    assert!(check(&flat.plain(), 1000).is_err_and(|e| e.contains("three dimensions")));
 }

@@ -68,7 +68,7 @@ pub(super) fn read(
     let [slope, intercept] = [header.scl_slope, header.scl_inter].map(f64::from);
     let unscaled = slope == 0.0 || slope.is_nan();
     if !(unscaled || slope.is_finite() && intercept.is_finite()) {
-        return Err(malformed(FORMAT, format!("slope {slope} and intercept {intercept}, expected finite numbers")));
+        return Err(malformed(FORMAT, format!("slope {slope:?} and intercept {intercept:?}, expected finite numbers")));
     }
     let mut scale = Scale { slope, intercept, unscaled, n_nan: 0, n_clamped: 0, min: i16::MAX };
     let little = header.endianness == Endianness::Little;

@@ -23,6 +23,7 @@ pub async fn cut_bone(
         Cuts::Planes(_) => None,
         Cuts::LeFort1 { .. } => Some("le_fort_1".to_owned()),
     };
+    let is_template = template.is_some();
     let started = Instant::now();
     let (document, surfaces) = service
         .compute(move |engine, control| {
@@ -31,7 +32,8 @@ pub async fn cut_bone(
             let surfaces: Vec<Vec<u8>> = osteotomy.segments.iter().map(|s| encode_mesh(&s.surface)).collect();
             Ok((document, surfaces))
         })
-        .await?;
+        .await
+        .map_err(|fault| if is_template { of_template(fault) } else { fault })?;
     let wall_s = started.elapsed().as_secs_f64();
     let mut blobs = Vec::new();
     let mut bytes = 0;
@@ -51,6 +53,14 @@ pub async fn cut_bone(
         created_at: now_rfc3339(),
     };
     Ok((record, document))
+}
+
+/// The request has no cuts that the fault could name, but the template that made them.
+fn of_template(mut fault: Fault) -> Fault {
+    for error in &mut fault.errors {
+        "/template".clone_into(&mut error.pointer);
+    }
+    fault
 }
 
 /// Follows the paths of a plan through the cut bone: the plan's document with its reports.

@@ -5,9 +5,11 @@ mod compare;
 mod results;
 mod slice;
 mod surface;
+mod volume;
 
 pub use bone::{cut_bone, make_plan};
 pub use compare::{Comparison, RegisterOn, compare};
 pub use results::{read_frame, rest_of};
 pub use slice::field_slice;
 pub use surface::take_surface;
+pub use volume::check_ct;

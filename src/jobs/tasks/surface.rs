@@ -21,7 +21,7 @@ pub async fn take_surface(
 ) -> Result<SurfaceDocument, Fault> {
     let result = take(service, session, kind, &upload, hint).await;
     service.store.blobs().delete(&upload.key).await;
-    result
+    result.map_err(|fault| if fault.kind == FaultKind::SurfaceNotUsable { fault.at(kind.as_str()) } else { fault })
 }
 
 async fn take(
@@ -52,7 +52,7 @@ async fn take(
                 SurfaceFormat::Obj => "obj",
             };
             let origin = SurfaceOrigin { kind: "upload".to_owned(), format: name.to_owned(), bytes: length, sha256 };
-            Ok(PreparedSurface::new(&mesh, origin, warnings))
+            Ok(PreparedSurface::new(&mesh, origin, warnings)?)
         })
         .await?;
     let wall_s = started.elapsed().as_secs_f64();

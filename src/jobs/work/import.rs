@@ -31,10 +31,12 @@ pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
             drop(bytes);
             let prepare = |mesh, warnings| PreparedSurface::new(mesh, origin.clone(), warnings);
             let mut surfaces = vec![
-                (PartKind::Skin, prepare(&found.skin, found.warnings.clone())),
-                (PartKind::Skull, prepare(&found.skull, Vec::new())),
+                (PartKind::Skin, prepare(&found.skin, found.warnings.clone())?),
+                (PartKind::Skull, prepare(&found.skull, Vec::new())?),
             ];
-            surfaces.extend(found.air.as_ref().map(|air| (PartKind::Air, prepare(air, Vec::new()))));
+            if let Some(air) = &found.air {
+                surfaces.push((PartKind::Air, prepare(air, Vec::new())?));
+            }
             Ok((surfaces, found.warnings))
         })
         .await?;

@@ -1,0 +1,134 @@
+//! Winding numbers on a lattice, exact, by counting where its rows cross the surface.
+
+use super::rim::Rim;
+use crate::geometry::{Point, TriMesh};
+use rayon::prelude::*;
+use robust::{Coord, Coord3D, orient2d, orient3d};
+
+/// A lattice of nodes, x fastest.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Rows {
+    pub(super) origin: Point,
+    pub(super) spacing: f64,
+    pub(super) dims: [usize; 3],
+}
+
+/// Changes of the winding number along the rows of a lattice.
+#[derive(Debug, Clone)]
+pub(super) struct Crossings {
+    /// For every layer the crossings of its rows: row, first node behind it, change; in that order.
+    layers: Vec<Vec<(u32, u32, i32)>>,
+}
+
+impl Crossings {
+    /// Crossings of the rows of `rows` with the triangles of `mesh` that count for the winding number and with the caps that
+    /// close its rim.
+    ///
+    /// Rows that meet an edge or a vertex are decided as if they were moved by an infinitesimal amount, so that every closed
+    /// surface is crossed as often inwards as outwards.
+    pub(super) fn new(mesh: &TriMesh, counts: &[bool], rim: &Rim, rows: &Rows) -> Self {
+        let triangles = (0..mesh.triangles().len())
+            .into_par_iter()
+            .filter(|&t| counts[t])
+            .flat_map_iter(|t| crossings(&mesh.corners(t), 1, rows));
+        let caps = rim.caps().into_par_iter().flat_map_iter(|(corners, times)| crossings(&corners, times, rows));
+        let mut all: Vec<(u32, (u32, u32, i32))> = triangles.chain(caps).collect();
+        all.par_sort_unstable();
+        let mut layers = vec![Vec::new(); rows.dims[2]];
+        for (layer, crossing) in all {
+            layers[layer as usize].push(crossing);
+        }
+        Self { layers }
+    }
+
+    /// Runs of nodes in the rows `first_row..` of layer `k` where the winding number of the closed surface is not 0:
+    /// `run(row, first, last, winding)` with the nodes from `first` up to before `last`.
+    pub(super) fn for_runs(
+        &self,
+        k: usize,
+        rows: std::ops::Range<usize>,
+        nx: usize,
+        mut run: impl FnMut(usize, usize, usize, i32),
+    ) {
+        let layer = &self.layers[k];
+        let start = layer.partition_point(|c| (c.0 as usize) < rows.start);
+        let end = layer.partition_point(|c| (c.0 as usize) < rows.end);
+        for row in layer[start..end].chunk_by(|a, b| a.0 == b.0) {
+            let mut winding = 0;
+            for (n, &(j, first, change)) in row.iter().enumerate() {
+                winding += change;
+                let last = row.get(n + 1).map_or(nx, |next| next.1 as usize);
+                if winding != 0 && (first as usize) < last {
+                    run(j as usize, first as usize, last, winding);
+                }
+            }
+        }
+    }
+}
+
+/// Rows along x that cross the triangle, by layer.
+fn crossings(corners: &[Point; 3], times: i32, rows: &Rows) -> Vec<(u32, (u32, u32, i32))> {
+    let mut found = Vec::new();
+    let flat = corners.map(|p| Coord { x: p.y, y: p.z });
+    let [a, b, c] = flat;
+    let area = orient2d(a, b, c);
+    if area == 0.0 {
+        return found;
+    }
+    let range = |axis: usize, min: f64, max: f64| {
+        let first = ((min - rows.origin[axis]) / rows.spacing - 1e-6).ceil().max(0.0);
+        let last = ((max - rows.origin[axis]) / rows.spacing + 1e-6).floor().min((rows.dims[axis] - 1) as f64);
+        (first <= last).then_some(first as usize..=last as usize)
+    };
+    let extent = |f: fn(&Point) -> f64| {
+        let v = [f(&corners[0]), f(&corners[1]), f(&corners[2])];
+        (v[0].min(v[1]).min(v[2]), v[0].max(v[1]).max(v[2]))
+    };
+    let ((y_min, y_max), (z_min, z_max), (x_min, x_max)) = (extent(|p| p.y), extent(|p| p.z), extent(|p| p.x));
+    let (Some(js), Some(ks)) = (range(1, y_min, y_max), range(2, z_min, z_max)) else { return found };
+    let positive = area > 0.0;
+    for k in ks {
+        for j in js.clone() {
+            let p = Coord { x: rows.origin.y + rows.spacing * j as f64, y: rows.origin.z + rows.spacing * k as f64 };
+            let (wa, wb, wc) = (orient2d(b, c, p), orient2d(c, a, p), orient2d(a, b, p));
+            if is_left(wa, b, c) != positive || is_left(wb, c, a) != positive || is_left(wc, a, b) != positive {
+                continue;
+            }
+            let x = (wa * corners[0].x + wb * corners[1].x + wc * corners[2].x) / (wa + wb + wc);
+            let x = if x.is_finite() { x.clamp(x_min, x_max) } else { x_min };
+            let node = ((x - rows.origin.x) / rows.spacing).ceil().max(0.0);
+            if node < rows.dims[0] as f64 {
+                // A normal along +x means that the row leaves the solid.
+                found.push((k as u32, (j as u32, node as u32, if positive { -times } else { times })));
+            }
+        }
+    }
+    found
+}
+
+/// Whether a point lies left of the line through `a` and `b`, given its orientation; points on it are moved by (ε, ε²).
+fn is_left(orientation: f64, a: Coord<f64>, b: Coord<f64>) -> bool {
+    if orientation != 0.0 {
+        return orientation > 0.0;
+    }
+    if a.y == b.y { b.x > a.x } else { b.y < a.y }
+}
+
+/// What the triangle adds to the winding number of `p` when a ray from there along -x meets it.
+pub(super) fn before(p: &Point, corners: &[Point; 3]) -> i32 {
+    let [a, b, c] = corners.map(|q| Coord { x: q.y, y: q.z });
+    let area = orient2d(a, b, c);
+    let at = Coord { x: p.y, y: p.z };
+    let positive = area > 0.0;
+    let sides = [(b, c), (c, a), (a, b)];
+    if area == 0.0 || sides.iter().any(|&(from, to)| is_left(orient2d(from, to, at), from, to) != positive) {
+        return 0;
+    }
+    let [a, b, c] = corners.map(|q| Coord3D { x: q.x, y: q.y, z: q.z });
+    let below = orient3d(a, b, c, Coord3D { x: p.x, y: p.y, z: p.z });
+    match (positive, below < 0.0, below > 0.0) {
+        (true, true, _) => -1,
+        (false, _, true) => 1,
+        _ => 0,
+    }
+}

@@ -1,0 +1,181 @@
+//! Rims of holes and sheets, closed by caps.
+
+use super::crossings;
+use super::tree::Tree;
+use super::triangle::solid_angle;
+use super::winding::Winding;
+use crate::geometry::{Point, Vector};
+
+/// One loop of the rim, or several that touch.
+#[derive(Debug, Clone)]
+struct Hole {
+    center: Point,
+    radius: f64,
+    /// Edges with how often the surface runs through them more one way than the other.
+    edges: Vec<(Point, Point, i32)>,
+    /// Area of its caps, mm².
+    area: f64,
+}
+
+/// The rim of a triangle soup: edges whose triangles do not cancel.
+///
+/// Every connected part is closed by a fan of triangles to its middle. The winding number of the soup is that of the closed
+/// surface, an integer, less the caps' solid angle over 4π.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Rim {
+    holes: Vec<Hole>,
+    /// The caps as a tree, when they are many.
+    tree: Option<(Tree, Winding)>,
+}
+
+/// From this many edges on the caps' winding number is that of a tree of dipoles, within about 0.01.
+const MANY: usize = 3000;
+
+/// How far the caps' share must leave a winding number from one half.
+const CLEAR: f64 = 1e-9;
+
+impl Rim {
+    /// Joins `edges` (ends, net count from the first to the second) into holes.
+    pub(super) fn new(edges: &[([u32; 2], i32)], positions: &[Point]) -> Self {
+        let mut parents: std::collections::BTreeMap<u32, u32> = std::collections::BTreeMap::new();
+        fn root(parents: &mut std::collections::BTreeMap<u32, u32>, v: u32) -> u32 {
+            let mut top = v;
+            while let Some(&next) = parents.get(&top).filter(|next| **next != top) {
+                top = next;
+            }
+            parents.insert(v, top);
+            top
+        }
+        for ([a, b], _) in edges {
+            let (a, b) = (root(&mut parents, *a), root(&mut parents, *b));
+            parents.insert(a.max(b), a.min(b));
+            parents.entry(a.min(b)).or_insert(a.min(b));
+        }
+        let mut holes: std::collections::BTreeMap<u32, Vec<(Point, Point, i32)>> = std::collections::BTreeMap::new();
+        for ([a, b], times) in edges {
+            let hole = holes.entry(root(&mut parents, *a)).or_default();
+            hole.push((positions[*a as usize], positions[*b as usize], *times));
+        }
+        let rim = Self { holes: holes.into_values().map(Hole::new).collect(), tree: None };
+        if edges.len() < MANY { rim } else { rim.with_tree() }
+    }
+
+    fn with_tree(mut self) -> Self {
+        let mut corners = Vec::new();
+        for (cap, times) in self.caps() {
+            let cap = if times > 0 { cap } else { [cap[0], cap[2], cap[1]] };
+            corners.extend(std::iter::repeat_n(cap, times.unsigned_abs() as usize));
+        }
+        let tree = Tree::of(corners);
+        let winding = Winding::new(&tree, &vec![true; tree.original.len()]);
+        self.tree = Some((tree, winding));
+        self
+    }
+
+    /// What the caps add to the winding number of `p` when a ray from there along -x meets them.
+    pub(super) fn before(&self, p: &Point) -> i32 {
+        let mut count = 0;
+        match &self.tree {
+            Some((tree, _)) => tree.for_each_before(p, |_, corners| count += crossings::before(p, corners)),
+            None => {
+                for hole in &self.holes {
+                    count += hole.caps().map(|(corners, times)| times * crossings::before(p, &corners)).sum::<i32>();
+                }
+            }
+        }
+        count
+    }
+
+    /// Number of edges.
+    pub(super) fn len(&self) -> usize {
+        self.holes.iter().map(|h| h.edges.len()).sum()
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.holes.is_empty()
+    }
+
+    /// The caps' triangles and how often each counts; together with the soup they are a closed surface.
+    pub(super) fn caps(&self) -> Vec<([Point; 3], i32)> {
+        self.holes.iter().flat_map(Hole::caps).collect()
+    }
+
+    /// Whether it is certain that the caps cannot turn the sign of any point within `radius` of `center`: they take less than one
+    /// half from the winding number there.
+    pub(super) fn is_far(&self, center: &Point, radius: f64) -> bool {
+        if self.tree.is_some() {
+            return false;
+        }
+        let mut share = 0.0;
+        for hole in &self.holes {
+            let distance = (hole.center - center).norm() - hole.radius - radius;
+            if distance <= 0.0 {
+                return false;
+            }
+            share += hole.area / (4.0 * std::f64::consts::PI * distance * distance);
+        }
+        share < 0.5 - CLEAR
+    }
+
+    /// The caps' winding number at `p`.
+    pub(super) fn share(&self, p: &Point) -> f64 {
+        if let Some((tree, winding)) = &self.tree {
+            return winding.at(tree, p);
+        }
+        let angle: f64 = self
+            .holes
+            .iter()
+            .flat_map(|hole| hole.edges.iter().map(|(a, b, n)| f64::from(*n) * solid_angle(p, &[*b, *a, hole.center])))
+            .sum();
+        angle / (4.0 * std::f64::consts::PI)
+    }
+
+    /// Bound on the change of the soup's winding number a mm within `radius` of `center`, away from the surface.
+    ///
+    /// It is the potential of a current around the rim (Biot and Savart): its gradient is at most 1/4π Σ length / distance².
+    pub(super) fn slope(&self, center: &Point, radius: f64) -> f64 {
+        if self.tree.is_some() {
+            return f64::INFINITY;
+        }
+        let mut sum = 0.0;
+        for (a, b, times) in self.holes.iter().flat_map(|hole| &hole.edges) {
+            let length = (b - a).norm();
+            let distance = (nalgebra::center(a, b) - center).norm() - 0.5 * length - radius;
+            if distance <= 0.0 {
+                return f64::INFINITY;
+            }
+            sum += f64::from(times.abs()) * length / (distance * distance);
+        }
+        sum / (4.0 * std::f64::consts::PI)
+    }
+
+    /// Whether some cap comes within `radius` of `center`.
+    pub(super) fn has_cap_near(&self, center: &Point, radius: f64) -> bool {
+        if let Some((tree, _)) = &self.tree {
+            return tree.nearest(center, 0).distance_sq <= radius * radius;
+        }
+        self.holes.iter().filter(|h| (h.center - center).norm() <= h.radius + radius).any(|hole| {
+            hole.edges.iter().any(|(a, b, _)| {
+                let q = super::triangle::closest_point(center, &[*b, *a, hole.center]);
+                (q - center).norm() <= radius
+            })
+        })
+    }
+}
+
+impl Hole {
+    fn new(edges: Vec<(Point, Point, i32)>) -> Self {
+        let sum: Vector = edges.iter().map(|(a, b, _)| (a.coords + b.coords) * 0.5).sum();
+        let center = Point::from(sum / edges.len().max(1) as f64);
+        let radius = edges.iter().map(|(a, b, _)| (a - center).norm().max((b - center).norm())).fold(0.0, f64::max);
+        let area = edges
+            .iter()
+            .map(|(a, b, times)| 0.5 * f64::from(times.abs()) * (a - center).cross(&(b - center)).norm())
+            .sum();
+        Self { center, radius, edges, area }
+    }
+
+    fn caps(&self) -> impl Iterator<Item = ([Point; 3], i32)> + '_ {
+        self.edges.iter().map(|(a, b, times)| ([*b, *a, self.center], *times))
+    }
+}

@@ -62,6 +62,17 @@ impl Default for MethodSettings {
 }
 
 impl MethodSettings {
+    /// The same with cells `times` larger.
+    #[must_use]
+    pub fn coarser(&self, times: f64) -> Self {
+        Self {
+            field: FieldSettings { spacing_mm: times * self.field.spacing_mm, ..self.field },
+            // The coarsest grid that there is has 8 cells.
+            resolution: self.resolution.map(|n| ((f64::from(n) / times).ceil() as u32).max(8)),
+            ..*self
+        }
+    }
+
     /// The settings of the published methods.
     #[must_use]
     pub fn sampled(&self) -> SampledSettings {

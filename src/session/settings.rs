@@ -1,7 +1,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::field::{EnvelopeSettings, FieldSettings};
+use crate::field::{EnvelopeSettings, FieldSettings, Method, MethodSettings, Tolerance};
 use crate::geometry::{Aabb, Point};
 use crate::mesh::MeshSettings;
 use crate::simulate::{FieldsSettings, TissueSettings};
@@ -10,15 +10,26 @@ use crate::simulate::{FieldsSettings, TissueSettings};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum FieldMethod {
-    /// Fine near the surface, coarse elsewhere.
+    /// Bricks of quadratic splines near the surface, coarse ones elsewhere: smooth, as contact wants it.
     #[default]
     Adaptive,
-    /// Not in this version.
+    /// Octree, united from the finest cells up (Wang 2009).
     Hybrid,
-    /// Not in this version.
+    /// Octree, divided from the whole down (Frisken 2000).
     Frisken,
-    /// Not in this version.
+    /// Dense grid (Fuhrmann 2003).
     Uniform,
+}
+
+impl From<FieldMethod> for Method {
+    fn from(method: FieldMethod) -> Self {
+        match method {
+            FieldMethod::Adaptive => Self::Adaptive,
+            FieldMethod::Hybrid => Self::Hybrid,
+            FieldMethod::Frisken => Self::Frisken,
+            FieldMethod::Uniform => Self::Uniform,
+        }
+    }
 }
 
 /// Settings of the distance fields.
@@ -28,6 +39,12 @@ pub struct FieldSettingsDocument {
     pub method: FieldMethod,
     /// Finest spacing, mm.
     pub spacing_mm: f64,
+    /// Finest cells along the edge of the cube around each surface; instead of the spacing when given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub resolution: Option<u32>,
+    /// Tolerance of `hybrid` and `frisken`, mm; 1e-5 of the cube's edge when absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tolerance_mm: Option<f64>,
     /// Half-width of the band with full accuracy, mm.
     pub band_mm: f64,
     /// How far the grid reaches beyond the surface, mm.
@@ -44,6 +61,8 @@ impl Default for FieldSettingsDocument {
         Self {
             method: FieldMethod::Adaptive,
             spacing_mm: field.spacing_mm,
+            resolution: None,
+            tolerance_mm: None,
             band_mm: field.band_mm,
             margin_mm: field.margin_mm,
             envelope_spacing_mm: envelope.spacing_mm,
@@ -55,7 +74,12 @@ impl Default for FieldSettingsDocument {
 impl From<&FieldSettingsDocument> for FieldsSettings {
     fn from(d: &FieldSettingsDocument) -> Self {
         Self {
-            field: FieldSettings { spacing_mm: d.spacing_mm, band_mm: d.band_mm, margin_mm: d.margin_mm },
+            field: MethodSettings {
+                method: d.method.into(),
+                field: FieldSettings { spacing_mm: d.spacing_mm, band_mm: d.band_mm, margin_mm: d.margin_mm },
+                resolution: d.resolution,
+                tolerance: d.tolerance_mm.map_or(MethodSettings::default().tolerance, Tolerance::Mm),
+            },
             envelope: EnvelopeSettings {
                 spacing_mm: d.envelope_spacing_mm,
                 closing_mm: d.envelope_closing_mm,
@@ -107,5 +131,25 @@ impl From<&MeshSettingsDocument> for TissueSettings {
             mesh: MeshSettings { skin_thickness_mm: d.skin_thickness_mm, edge_mm: d.edge_mm, depth_mm: d.depth_mm },
             region: d.region.as_ref().map(Aabb::from),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_method_reaches_the_builders_and_older_records_are_read() {
+        let of = |json| FieldsSettings::from(&serde_json::from_value::<FieldSettingsDocument>(json).unwrap()).field;
+        let mut record = serde_json::to_value(FieldSettingsDocument::default()).unwrap();
+        assert_eq!(of(record.clone()), MethodSettings::default());
+        record["method"] = "hybrid".into();
+        record["resolution"] = 128.into();
+        record["tolerance_mm"] = 0.02.into();
+        let hybrid = of(record);
+        assert_eq!(
+            (hybrid.method, hybrid.resolution, hybrid.tolerance),
+            (Method::Hybrid, Some(128), Tolerance::Mm(0.02))
+        );
     }
 }

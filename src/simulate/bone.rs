@@ -3,7 +3,7 @@ use std::sync::Arc;
 use super::{Fields, SimulateError};
 use crate::control::Control;
 use crate::fem::ContactBody;
-use crate::field::{DistanceField, FieldSettings};
+use crate::field::{MethodSettings, SignedField};
 use crate::geometry::{Aabb, Implicit};
 use crate::plan::{BoundedPlane, Osteotomy, cut};
 
@@ -13,7 +13,7 @@ pub struct CutBone {
     /// The pieces.
     pub osteotomy: Osteotomy,
     /// Field of each segment, in the order of the osteotomy's segments.
-    pub fields: Vec<Arc<DistanceField>>,
+    pub fields: Vec<Arc<SignedField>>,
 }
 
 impl CutBone {
@@ -48,16 +48,16 @@ const CONTACT_SPACING: f64 = 2.0;
 pub fn cut_bone(
     fields: &Fields,
     cuts: &[BoundedPlane],
-    settings: &FieldSettings,
+    settings: &MethodSettings,
     control: &Control,
 ) -> Result<CutBone, SimulateError> {
-    let settings = FieldSettings { spacing_mm: CONTACT_SPACING * settings.spacing_mm, ..*settings };
+    let settings = settings.coarser(CONTACT_SPACING);
     let osteotomy = cut(&fields.bone, cuts, &control.part(0.0, 0.4))?;
     let n = osteotomy.segments.len() as f64;
     let mut built = Vec::with_capacity(osteotomy.segments.len());
     for (i, segment) in osteotomy.segments.iter().enumerate() {
         let part = control.part(0.4 + 0.6 * i as f64 / n, 0.4 + 0.6 * (i + 1) as f64 / n);
-        built.push(Arc::new(DistanceField::build(&segment.surface, &settings, &part)?.0));
+        built.push(Arc::new(SignedField::build_only(&segment.surface, &settings, &part)?.0));
     }
     Ok(CutBone { osteotomy, fields: built })
 }

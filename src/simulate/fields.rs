@@ -1,6 +1,6 @@
 use super::SimulateError;
 use crate::control::Control;
-use crate::field::{DistanceField, Envelope, EnvelopeSettings, FieldReport, FieldSettings, envelope};
+use crate::field::{Envelope, EnvelopeSettings, FieldReport, MethodSettings, SignedField, envelope};
 use crate::geometry::{Implicit, Point, TriMesh};
 
 /// The surfaces of one patient, LPS mm.
@@ -20,17 +20,17 @@ pub struct Anatomy {
 #[derive(Debug)]
 pub struct Fields {
     /// Field of the skin.
-    pub skin: DistanceField,
+    pub skin: SignedField,
     /// Its report.
     pub skin_report: FieldReport,
     /// Outer envelope of bone.
     pub bone: Envelope,
     /// Field of the envelope.
-    pub bone_field: DistanceField,
+    pub bone_field: SignedField,
     /// Its report.
     pub bone_report: FieldReport,
     /// Field of the inner air.
-    pub air: Option<DistanceField>,
+    pub air: Option<SignedField>,
     /// What was repaired.
     pub warnings: Vec<String>,
 }
@@ -38,8 +38,8 @@ pub struct Fields {
 /// Settings of [`build_fields`].
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct FieldsSettings {
-    /// Resolution of the fields.
-    pub field: FieldSettings,
+    /// Method and resolution of the fields.
+    pub field: MethodSettings,
     /// Bone envelope.
     pub envelope: EnvelopeSettings,
 }
@@ -49,11 +49,11 @@ pub struct FieldsSettings {
 /// # Errors
 /// [`SimulateError::Anatomy`] when skin and skull do not belong together; else what the fields say.
 pub fn build_fields(anatomy: &Anatomy, settings: &FieldsSettings, control: &Control) -> Result<Fields, SimulateError> {
-    let (skin, skin_report) = DistanceField::build(&anatomy.skin, &settings.field, &control.part(0.0, 0.3))?;
+    let (skin, skin_report) = SignedField::build(&anatomy.skin, &settings.field, &control.part(0.0, 0.3))?;
     let bone = envelope(&anatomy.skull, &settings.envelope, &control.part(0.3, 0.6))?;
-    let (bone_field, bone_report) = DistanceField::build(&bone.surface, &settings.field, &control.part(0.6, 0.9))?;
+    let (bone_field, bone_report) = SignedField::build(&bone.surface, &settings.field, &control.part(0.6, 0.9))?;
     let air = match &anatomy.air {
-        Some(surface) => Some(DistanceField::build(surface, &settings.field, &control.part(0.9, 1.0))?.0),
+        Some(surface) => Some(SignedField::build(surface, &settings.field, &control.part(0.9, 1.0))?.0),
         None => None,
     };
     let mut warnings = bone.warnings.clone();
@@ -74,9 +74,9 @@ const REFUSED_SHARE: f64 = 0.3;
 
 fn check_nesting(
     anatomy: &Anatomy,
-    skin: &DistanceField,
+    skin: &SignedField,
     bone: &Envelope,
-    bone_field: &DistanceField,
+    bone_field: &SignedField,
 ) -> Result<Option<String>, SimulateError> {
     let share = |points: &[Point], wrong: &dyn Fn(&Point) -> bool| {
         points.iter().filter(|p| wrong(p)).count() as f64 / points.len().max(1) as f64

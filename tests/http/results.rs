@@ -154,9 +154,17 @@ async fn a_field_can_be_asked() {
     let far = json!({"points_mm": [[0, 0, 1e30]]});
     let problem = app.post(&format!("{session}/field/query"), far).await.problem(422, "invalid-request");
     assert_eq!(problem["errors"][0]["pointer"], "/points_mm/0/2");
-    app.put_json(&format!("{session}/field/settings"), json!({"method": "frisken"}))
-        .await
-        .problem(422, "not-available");
-    let problem = app.put_json(&format!("{session}/field/settings"), json!({"spacing_mm": 0})).await;
-    assert_eq!(problem.problem(422, "invalid-request")["errors"][0]["pointer"], "/spacing_mm");
+    let settings = format!("{session}/field/settings");
+    for method in ["uniform", "frisken", "hybrid", "adaptive"] {
+        app.put_json(&settings, json!({"method": method, "resolution": 64, "tolerance_mm": 0.05})).await.ok();
+        let seen = app.get(&format!("{session}/field")).await.ok()["settings"].clone();
+        assert_eq!(
+            (&seen["method"], &seen["resolution"], &seen["tolerance_mm"]),
+            (&json!(method), &json!(64), &json!(0.05))
+        );
+    }
+    for (name, value) in [("spacing_mm", json!(0)), ("resolution", json!(4)), ("tolerance_mm", json!(0))] {
+        let problem = app.put_json(&settings, json!({name: value})).await;
+        assert_eq!(problem.problem(422, "invalid-request")["errors"][0]["pointer"], format!("/{name}"));
+    }
 }

@@ -7,9 +7,7 @@ use super::PartView;
 use super::check::{Check, REACH_MM};
 use crate::geometry::Point;
 use crate::jobs::ImportRequest;
-use crate::session::{
-    Fault, FaultKind, FieldDocument, FieldMethod, FieldSettingsDocument, LandmarksDocument, PlacedPlane, Solid,
-};
+use crate::session::{Fault, FieldDocument, FieldMethod, FieldSettingsDocument, LandmarksDocument, PlacedPlane, Solid};
 use crate::surface::CtSettings;
 
 /// How surfaces are taken from a CT.
@@ -113,12 +111,18 @@ pub(super) fn checked_plane(check: &mut Check, pointer: &str, plane: &PlacedPlan
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PutFieldSettings {
-    /// Method; only `adaptive` in this version.
+    /// Method.
     #[serde(default)]
     pub method: FieldMethod,
     /// Finest spacing, mm.
     #[serde(default)]
     pub spacing_mm: Option<f64>,
+    /// Finest cells along the edge of the cube around each surface, instead of the spacing.
+    #[serde(default)]
+    pub resolution: Option<u32>,
+    /// Tolerance of `hybrid` and `frisken`, mm; 1e-5 of the cube's edge when absent.
+    #[serde(default)]
+    pub tolerance_mm: Option<f64>,
     /// Half-width of the band with full accuracy, mm.
     #[serde(default)]
     pub band_mm: Option<f64>,
@@ -137,10 +141,6 @@ impl TryFrom<PutFieldSettings> for FieldSettingsDocument {
     type Error = Fault;
 
     fn try_from(r: PutFieldSettings) -> Result<Self, Fault> {
-        if r.method != FieldMethod::Adaptive {
-            let detail = "the only method in this version is adaptive";
-            return Err(Fault::new(FaultKind::NotAvailable, detail).at("/method"));
-        }
         let d = Self::default();
         let mut check = Check::default();
         let mut number = |name: &str, value: Option<f64>, default, min, max| {
@@ -153,6 +153,8 @@ impl TryFrom<PutFieldSettings> for FieldSettingsDocument {
         let settings = Self {
             method: r.method,
             spacing_mm: number("spacing_mm", r.spacing_mm, d.spacing_mm, 0.1, 10.0),
+            resolution: r.resolution.map(|n| number("resolution", Some(f64::from(n)), 0.0, 8.0, 1024.0) as u32),
+            tolerance_mm: r.tolerance_mm.map(|t| number("tolerance_mm", Some(t), 0.0, 1e-5, 5.0)),
             band_mm: number("band_mm", r.band_mm, d.band_mm, 0.5, 100.0),
             margin_mm: number("margin_mm", r.margin_mm, d.margin_mm, 0.0, 200.0),
             envelope_spacing_mm,

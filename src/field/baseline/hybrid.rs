@@ -16,7 +16,7 @@ struct Samples {
     tiles: usize,
     /// Place in `values` of each tile's samples, or [`NONE`].
     index: Vec<u32>,
-    values: Vec<Box<[f32; TILE]>>,
+    values: Vec<Box<[f32]>>,
     far: FarLattice,
     /// Values are exact up to here, mm.
     reach: f32,
@@ -87,7 +87,7 @@ fn sampled(
                 let before = found.len();
                 for i in 0..tiles {
                     let Some(tile) = sampler.tile([i, j, k], &mut scratch) else { continue };
-                    found.push((i + tiles * (j + tiles * k), tile.nearest_to_first, Box::new(tile.values)));
+                    found.push((i + tiles * (j + tiles * k), tile.nearest_to_first, Box::<[f32]>::from(tile.values)));
                 }
                 stored.fetch_add(found.len() - before, Ordering::Relaxed);
             }

@@ -16,7 +16,7 @@
 //! So far synchronous and pure: no HTTP, tokio, serialisation, files, network, environment or clock. Behind this wall:
 //!
 //! - [`store`], [`session`], [`jobs`], [`http`]: records, what a session may do, the queue, the API.
-//! - [`bench`]: the studies behind the charts.
+//! - [`mod@bench`]: the studies behind the charts.
 //! - [`config`], [`telemetry`], [`serve`], [`demo`], [`cli`]: the program.
 //!
 //! Units everywhere: mm, N, MPa, s, radian; coordinates patient LPS.

@@ -1,7 +1,7 @@
 use std::io::Write;
 use std::path::Path;
 
-use nalgebra::{Matrix3, SymmetricEigen};
+use nalgebra::{Matrix3, Rotation3, SymmetricEigen};
 use rayon::prelude::*;
 
 use super::error::{BenchError, write};
@@ -14,7 +14,9 @@ use crate::geometry::{Implicit, Point, TriMesh, Vector};
 const CONTACTS: usize = 20_000;
 /// Depth of the anchors, up to, mm.
 const DEEPEST_MM: f64 = 3.0;
-/// Stiffness of the penalty over that of the spring.
+/// Stiffness of the spring along its axes, which lie at random.
+const SPRING: [f64; 3] = [0.05, 0.3, 1.0];
+/// Stiffness of the penalty.
 const PENALTY: f64 = 100.0;
 /// Most Newton steps.
 const MOST_STEPS: usize = 50;
@@ -22,7 +24,7 @@ const MOST_STEPS: usize = 50;
 const MOST_HALVINGS: usize = 40;
 /// Converged when the force is below this share of the penalty's at 1 mm.
 const SMALL_FORCE: f64 = 1e-8;
-/// Least eigenvalue of the tangent, as a share of the spring's stiffness.
+/// Least eigenvalue of the tangent.
 const LEAST_EIGENVALUE: f64 = 1e-3;
 /// A step must lower the energy by this share of what its slope promises.
 const ARMIJO: f64 = 1e-4;
@@ -32,7 +34,8 @@ const RESOLUTION: u32 = 256;
 /// Newton's method on points that a spring holds inside bone and a penalty pushes out, one distance field after another: whether
 /// a field's value, gradient and Hessian suit a minimisation.
 ///
-/// The energy is |x - a|² / 2 + κ min(d(x), 0)² / 2 from x = a on; the tangent is the energy's Hessian with negative eigenvalues
+/// The energy is (x - a)ᵀ K (x - a) / 2 + κ min(d(x), 0)² / 2 from x = a on, with a spring K that differs from direction to
+/// direction as tissue does (else the way out would be the straight one to the closest point); the tangent is the energy's Hessian with negative eigenvalues
 /// lifted, steps are halved until the energy falls.
 #[derive(Debug)]
 pub struct ContactStudy<'a> {
@@ -40,6 +43,13 @@ pub struct ContactStudy<'a> {
     pub mesh: &'a Path,
     /// Where the rows go.
     pub csv: &'a Path,
+}
+
+/// Where a spring holds a point, and how.
+#[derive(Debug, Clone, Copy)]
+struct Anchor {
+    point: Point,
+    spring: Matrix3<f64>,
 }
 
 /// How a set of contacts ended.
@@ -60,7 +70,7 @@ impl ContactStudy<'_> {
         let bone = read_surface(self.mesh)?;
         let exact = ExactDistance::new(&bone);
         let anchors = anchors(&bone, &exact);
-        writeln!(out, "{} anchors up to {DEEPEST_MM} mm deep, penalty {PENALTY} times the spring", anchors.len())?;
+        writeln!(out, "{} anchors up to {DEEPEST_MM} mm deep, penalty {PENALTY}, spring {SPRING:?}", anchors.len())?;
         let mut rows = vec![("closest point".to_owned(), solve_all(&anchors, &ByClosestPoint(&exact)))];
         for (method, resolution) in [(Method::Uniform, Some(RESOLUTION)), (Method::Adaptive, None)] {
             let settings = MethodSettings { method, resolution, ..MethodSettings::default() };
@@ -90,7 +100,7 @@ impl ContactStudy<'_> {
 }
 
 /// Points inside, below random places of the surface.
-fn anchors(bone: &TriMesh, exact: &ExactDistance) -> Vec<Point> {
+fn anchors(bone: &TriMesh, exact: &ExactDistance) -> Vec<Anchor> {
     let mut sums = Vec::with_capacity(bone.triangles().len());
     let mut area = 0.0;
     for t in 0..bone.triangles().len() {
@@ -114,7 +124,11 @@ fn anchors(bone: &TriMesh, exact: &ExactDistance) -> Vec<Point> {
         let Some(normal) = bone.scaled_normal(t).try_normalize(0.0) else { continue };
         let p = a + (b - a) * u + (c - a) * v - normal * depth;
         if exact.signed(&p) < 0.0 {
-            anchors.push(p);
+            let axis = Vector::new(unit() - 0.5, unit() - 0.5, unit() - 0.5);
+            let turn =
+                Rotation3::new(axis.try_normalize(0.0).unwrap_or_else(Vector::x) * (std::f64::consts::TAU * unit()));
+            let spring = turn * Matrix3::from_diagonal(&SPRING.into()) * turn.transpose();
+            anchors.push(Anchor { point: p, spring });
             if anchors.len() == CONTACTS {
                 break;
             }
@@ -123,7 +137,7 @@ fn anchors(bone: &TriMesh, exact: &ExactDistance) -> Vec<Point> {
     anchors
 }
 
-fn solve_all(anchors: &[Point], field: &dyn Implicit) -> Ended {
+fn solve_all(anchors: &[Anchor], field: &dyn Implicit) -> Ended {
     let steps: Vec<Option<usize>> = anchors.par_iter().map(|a| solve(a, field)).collect();
     steps.into_iter().flatten().fold(Ended::default(), |ended, steps| Ended {
         converged: ended.converged + 1,
@@ -133,22 +147,23 @@ fn solve_all(anchors: &[Point], field: &dyn Implicit) -> Ended {
 }
 
 /// Newton steps until the force is small; `None` when it never is.
-fn solve(anchor: &Point, field: &dyn Implicit) -> Option<usize> {
+fn solve(anchor: &Anchor, field: &dyn Implicit) -> Option<usize> {
     let energy = |x: &Point| {
         let (value, gradient) = field.value_gradient(x);
         let gap = value.min(0.0);
-        let offset = x - anchor;
-        let force = if gap < 0.0 { offset + PENALTY * gap * gradient } else { offset };
-        (0.5 * offset.norm_squared() + 0.5 * PENALTY * gap * gap, force, gap, gradient)
+        let offset = x - anchor.point;
+        let pull = anchor.spring * offset;
+        let force = if gap < 0.0 { pull + PENALTY * gap * gradient } else { pull };
+        (0.5 * offset.dot(&pull) + 0.5 * PENALTY * gap * gap, force, gap, gradient)
     };
-    let mut x = *anchor;
+    let mut x = anchor.point;
     let mut now = energy(&x);
     for step in 0..=MOST_STEPS {
         let (value, force, gap, gradient) = now;
         if force.norm() < SMALL_FORCE * PENALTY {
             return Some(step);
         }
-        let mut tangent = Matrix3::identity();
+        let mut tangent = anchor.spring;
         if gap < 0.0 {
             tangent += PENALTY * (gradient * gradient.transpose() + gap * field.hessian(&x));
         }
@@ -220,8 +235,9 @@ mod tests {
 
     #[test]
     fn a_plane_is_solved_in_one_step_and_nowhere_where_the_gradient_lies() {
-        assert_eq!(solve(&Point::new(1.0, 2.0, -3.0), &HalfSpace), Some(1));
-        assert_eq!(solve(&Point::new(1.0, 2.0, 3.0), &HalfSpace), Some(0));
+        let at = |x, y, z| Anchor { point: Point::new(x, y, z), spring: Matrix3::from_diagonal(&SPRING.into()) };
+        assert_eq!(solve(&at(1.0, 2.0, -3.0), &HalfSpace), Some(1));
+        assert_eq!(solve(&at(1.0, 2.0, 3.0), &HalfSpace), Some(0));
         struct Wrong;
         impl Implicit for Wrong {
             fn value(&self, p: &Point) -> f64 {
@@ -231,6 +247,6 @@ mod tests {
                 (p.z, -Vector::z())
             }
         }
-        assert_eq!(solve(&Point::new(0.0, 0.0, -1.0), &Wrong), None);
+        assert_eq!(solve(&at(0.0, 0.0, -1.0), &Wrong), None);
     }
 }

@@ -1,0 +1,170 @@
+//! Where tissue between two sheets of skin is thin, as in the wings of the nose: how thick the prisms may be there, and which
+//! cubes of the lattice are halved.
+
+use rayon::prelude::*;
+
+use super::domain::{Foot, InnerTissue};
+use super::lattice::Lattice;
+use crate::control::{Cancelled, Control};
+use crate::geometry::{Point, ScalarGrid};
+
+/// Prisms take at most this share of a wall from either side.
+const PRISM_SHARE: f64 = 0.25;
+/// They are not made thinner than this, mm.
+const LEAST_THICKNESS: f64 = 0.4;
+/// Walls whose part between the prisms is thinner than this many edges are meshed by halved cubes.
+const RESOLVED: f64 = 1.0;
+/// Change of the prisms' thickness along the skin.
+const SLOPE: f64 = 0.12;
+/// Vertices looked at between two looks at the cancel flag.
+const CHUNK: usize = 1024;
+
+/// What thin walls ask for.
+#[derive(Debug, Clone)]
+pub(super) struct Grading {
+    /// Thickness of the skin layer, mm; `None` where it is the same everywhere.
+    pub(super) thickness: Option<ScalarGrid>,
+    /// Per cube of the lattice.
+    pub(super) halved: Vec<bool>,
+}
+
+/// Measures walls at the lattice's vertices near the skin.
+pub(super) fn grade(inner: &InnerTissue<'_>, lattice: &Lattice, control: &Control) -> Result<Grading, Cancelled> {
+    let n = lattice.vertex_count();
+    let thin = 2.0 * inner.thickness + RESOLVED * inner.edge;
+    let mut walls = vec![f64::INFINITY; n];
+    walls.par_chunks_mut(CHUNK).enumerate().try_for_each(|(chunk, out)| {
+        control.check()?;
+        for (i, wall) in out.iter_mut().enumerate() {
+            *wall = wall_near(inner, &lattice.position(chunk * CHUNK + i), thin).unwrap_or(f64::INFINITY);
+        }
+        Ok(())
+    })?;
+    let mut halved = vec![false; lattice.cube_count()];
+    let mut any = false;
+    for (vertex, _) in walls.iter().enumerate().filter(|(_, w)| w.is_finite()) {
+        for cube in lattice.cubes_at(vertex) {
+            halved[cube] = true;
+            any = true;
+        }
+    }
+    if !any {
+        return Ok(Grading { thickness: None, halved });
+    }
+    let mut grid = lattice.corner_grid(inner.thickness as f32);
+    let corners = grid.values.len();
+    for (vertex, wall) in walls.iter().enumerate().filter(|(_, w)| w.is_finite()) {
+        let allowed = (PRISM_SHARE * wall).max(LEAST_THICKNESS) as f32;
+        let mut lower = |corner: usize| grid.values[corner] = grid.values[corner].min(allowed);
+        if vertex < corners {
+            lower(vertex);
+        } else {
+            lattice.corners_of_centre(vertex).for_each(lower);
+        }
+    }
+    soften(&mut grid);
+    Ok(Grading { thickness: Some(grid), halved })
+}
+
+/// Thickness of the wall under the skin nearest to `p`, where that is thin and `p` within an edge of it.
+fn wall_near(inner: &InnerTissue<'_>, p: &Point, thin: f64) -> Option<f64> {
+    if inner.domain.region.value_gradient(p).0 > inner.edge || inner.domain.skin.value(p).abs() > inner.edge {
+        return None;
+    }
+    let foot = inner.foot(p, 2.0 * inner.edge)?;
+    wall_below(inner, &foot, thin)
+}
+
+/// Way from a foot straight inwards until the skin is met again, mm; `None` beyond `reach`.
+fn wall_below(inner: &InnerTissue<'_>, foot: &Foot, reach: f64) -> Option<f64> {
+    let at = |s: f64| inner.domain.skin.value(&(foot.point - foot.normal * s));
+    // Past the skin's own roughness.
+    let mut s = 0.1 * inner.edge;
+    while s < reach {
+        let value = at(s);
+        if value >= 0.0 {
+            return Some(s);
+        }
+        s += (0.8 * -value).max(0.04 * inner.edge);
+    }
+    None
+}
+
+/// Lowers values until no two neighbours differ by more than [`SLOPE`] times their distance.
+fn soften(grid: &mut ScalarGrid) {
+    let step = (SLOPE * grid.spacing) as f32;
+    let dims = grid.dims;
+    let strides = [1, dims[0], dims[0] * dims[1]];
+    // Neighbours, each pair once up and once down: a sweep either way carries far along its own direction.
+    loop {
+        let mut changed = false;
+        for index in 0..grid.values.len() {
+            for axis in 0..3 {
+                if index / strides[axis] % dims[axis] + 1 == dims[axis] {
+                    continue;
+                }
+                let other = index + strides[axis];
+                let (a, b) = (grid.values[index], grid.values[other]);
+                if a > b + step {
+                    grid.values[index] = b + step;
+                    changed = true;
+                } else if b > a + step {
+                    grid.values[other] = a + step;
+                    changed = true;
+                }
+            }
+        }
+        if !changed {
+            return;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::domain::{Domain, MeshSettings, Region};
+    use super::super::test_domain::{Nothing, Shape};
+    use super::*;
+    use crate::geometry::Aabb;
+
+    /// A plate of skin `wall` mm thick on a thick block.
+    fn graded(wall: f64) -> (Grading, Lattice) {
+        let skin = Shape(Box::new(move |p| {
+            let plate = (p.x.abs() - 0.5 * wall).max(p.z.abs() - 20.0).max(p.y.abs() - 20.0);
+            plate.min((p.x.abs() - 25.0).max((p.z + 30.0).abs() - 15.0).max(p.y.abs() - 20.0))
+        }));
+        let bounds = Aabb { min: Point::new(-30.0, -15.0, -40.0), max: Point::new(30.0, 15.0, 30.0) };
+        let region = Region { bounds, half_spaces: vec![] };
+        let domain = Domain { skin: &skin, bone: &Nothing, air: None, region: &region };
+        let inner = InnerTissue::new(&domain, &MeshSettings::default());
+        let lattice = Lattice::covering(&bounds, 4.0);
+        (grade(&inner, &lattice, &Control::new()).unwrap(), lattice)
+    }
+
+    #[test]
+    fn a_thin_wall_gets_thin_prisms_and_halved_cubes() {
+        let (grading, lattice) = graded(4.0);
+        let thickness = grading.thickness.unwrap();
+        let at = |x: f64, z: f64| thickness.sample(&Point::new(x, 0.0, z));
+        // A quarter of 4 mm, found to within a step of the search.
+        assert!((at(0.0, 0.0) - 1.0).abs() < 0.1, "{}", at(0.0, 0.0));
+        assert!((at(20.0, -40.0) - 1.5).abs() < 1e-6);
+        let near = |cube: usize| lattice.position(lattice.centre_of_cube(cube));
+        for (cube, halved) in grading.halved.iter().enumerate() {
+            let p = near(cube);
+            if p.x.abs() < 3.0 && (-8.0..16.0).contains(&p.z) && p.y.abs() < 12.0 {
+                assert!(halved, "{p}");
+            }
+            if p.z < -24.0 && p.x.abs() < 12.0 {
+                assert!(!halved, "{p}");
+            }
+        }
+    }
+
+    #[test]
+    fn thick_tissue_stays_as_it_is() {
+        let (grading, _) = graded(16.0);
+        assert!(grading.thickness.is_none());
+        assert!(!grading.halved.contains(&true));
+    }
+}

@@ -8,8 +8,10 @@ use super::lattice::Lattice;
 use crate::control::{Cancelled, Control};
 use crate::geometry::{Point, ScalarGrid};
 
-/// Prisms take at most this share of a wall from either side.
+/// Prisms take at most this share of a wall from either side, and leave at least this many edges of it between them: a little more
+/// than the edge of a halved cube.
 const PRISM_SHARE: f64 = 0.25;
+const BETWEEN: f64 = 0.55;
 /// They are not made thinner than this, mm.
 const LEAST_THICKNESS: f64 = 0.4;
 /// Walls whose part between the prisms is thinner than this many edges are meshed by halved cubes.
@@ -54,7 +56,7 @@ pub(super) fn grade(inner: &InnerTissue<'_>, lattice: &Lattice, control: &Contro
     let mut grid = lattice.corner_grid(inner.thickness as f32);
     let corners = grid.values.len();
     for (vertex, wall) in walls.iter().enumerate().filter(|(_, w)| w.is_finite()) {
-        let allowed = (PRISM_SHARE * wall).max(LEAST_THICKNESS) as f32;
+        let allowed = (PRISM_SHARE * wall).min(0.5 * (wall - BETWEEN * inner.edge)).max(LEAST_THICKNESS) as f32;
         let mut lower = |corner: usize| grid.values[corner] = grid.values[corner].min(allowed);
         if vertex < corners {
             lower(vertex);

@@ -1,5 +1,5 @@
-//! Where tissue between two sheets of skin is thin, as in the wings of the nose: how thick the prisms may be there, and which
-//! cubes of the lattice are halved.
+//! Which cubes of the lattice are halved: where tissue between two sheets of skin is thin, as in the wings of the nose, and where
+//! bone near the skin is. And how thick prisms may be in thin walls.
 
 use rayon::prelude::*;
 
@@ -18,6 +18,10 @@ const LEAST_THICKNESS: f64 = 0.4;
 const RESOLVED: f64 = 1.0;
 /// Change of the prisms' thickness along the skin.
 const SLOPE: f64 = 0.12;
+/// Bone that stands in the middle of an edge of the lattice by so many edges, while both ends are in tissue, is too thin for it.
+const PIERCED: f64 = 0.2;
+/// So many edges below the skin thin bone is looked for: deeper down the skin does not feel it.
+const NEAR: f64 = 3.0;
 /// Vertices looked at between two looks at the cancel flag.
 const CHUNK: usize = 1024;
 
@@ -30,7 +34,7 @@ pub(super) struct Grading {
     pub(super) halved: Vec<bool>,
 }
 
-/// Measures walls at the lattice's vertices near the skin.
+/// Measures walls at the lattice's vertices near the skin, and looks for bone along its edges.
 pub(super) fn grade(inner: &InnerTissue<'_>, lattice: &Lattice, control: &Control) -> Result<Grading, Cancelled> {
     let n = lattice.vertex_count();
     let thin = 2.0 * inner.thickness + RESOLVED * inner.edge;
@@ -50,6 +54,9 @@ pub(super) fn grade(inner: &InnerTissue<'_>, lattice: &Lattice, control: &Contro
             any = true;
         }
     }
+    for cube in pierced(inner, lattice, control)? {
+        halved[cube] = true;
+    }
     if !any {
         return Ok(Grading { thickness: None, halved });
     }
@@ -66,6 +73,37 @@ pub(super) fn grade(inner: &InnerTissue<'_>, lattice: &Lattice, control: &Contro
     }
     soften(&mut grid);
     Ok(Grading { thickness: Some(grid), halved })
+}
+
+/// Cubes at edges that go through thin bone or air near the skin.
+fn pierced(inner: &InnerTissue<'_>, lattice: &Lattice, control: &Control) -> Result<Vec<usize>, Cancelled> {
+    let n = lattice.vertex_count();
+    let mut inside = vec![false; n];
+    inside.par_chunks_mut(CHUNK).enumerate().try_for_each(|(chunk, out)| {
+        control.check()?;
+        for (i, inside) in out.iter_mut().enumerate() {
+            *inside = inner.value_side(&lattice.position(chunk * CHUNK + i)).0 < 0.0;
+        }
+        Ok(())
+    })?;
+    let through = |v: usize, u: usize| {
+        let middle = nalgebra::center(&lattice.position(v), &lattice.position(u));
+        inner.value_side(&middle).0 > PIERCED * inner.edge && inner.domain.skin.value(&middle) > -NEAR * inner.edge
+    };
+    let found: Result<Vec<Vec<usize>>, Cancelled> = (0..n.div_ceil(CHUNK))
+        .into_par_iter()
+        .map(|chunk| {
+            control.check()?;
+            let mut cubes = Vec::new();
+            for v in (chunk * CHUNK..((chunk + 1) * CHUNK).min(n)).filter(|v| inside[*v]) {
+                for u in lattice.neighbours_above(v).filter(|u| inside[*u] && through(v, *u)) {
+                    cubes.extend(lattice.cubes_at_edge(v, u));
+                }
+            }
+            Ok(cubes)
+        })
+        .collect();
+    Ok(found?.into_iter().flatten().collect())
 }
 
 /// Thickness of the wall under the skin nearest to `p`, where that is thin and `p` within an edge of it.
@@ -161,6 +199,27 @@ mod tests {
                 assert!(!halved, "{p}");
             }
         }
+    }
+
+    /// A plate of bone 1 mm thick between the lattice's planes, 8 mm below the skin: its cubes are halved, and those of a plate 30 mm deep are not.
+    #[test]
+    fn thin_bone_near_the_skin_gets_halved_cubes() {
+        let halved = |depth: f64| {
+            let bounds = Aabb { min: Point::new(-20.0, -20.0, -20.0), max: Point::new(20.0, 20.0, 20.0) };
+            let lattice = Lattice::covering(&bounds, 4.0);
+            let level = lattice.position(0).z + 16.0 + 1.0;
+            let skin = Shape(Box::new(move |p| p.z - level - depth));
+            let bone = Shape(Box::new(move |p| (p.z - level).abs() - 0.5));
+            let region = Region { bounds, half_spaces: vec![] };
+            let domain = Domain { skin: &skin, bone: &bone, air: None, region: &region };
+            let settings = MeshSettings { depth_mm: 100.0, ..MeshSettings::default() };
+            let found = pierced(&InnerTissue::new(&domain, &settings), &lattice, &Control::new()).unwrap();
+            let around = |cube: &usize| (lattice.position(lattice.centre_of_cube(*cube)).z - level).abs() < 4.0;
+            assert!(found.iter().all(around));
+            found.len()
+        };
+        assert_eq!(halved(30.0), 0);
+        assert!(halved(9.0) > 50, "{}", halved(9.0));
     }
 
     #[test]

@@ -129,6 +129,21 @@ impl Lattice {
         own.into_iter().chain(around)
     }
 
+    /// The cubes that an edge belongs to: those around both ends, and both cubes of an edge between centres.
+    pub(super) fn cubes_at_edge(&self, v: usize, u: usize) -> Vec<usize> {
+        match (self.cube_of_centre(v), self.cube_of_centre(u)) {
+            (Some(a), Some(b)) => vec![a, b],
+            (Some(cube), None) | (None, Some(cube)) => vec![cube],
+            (None, None) => self.cubes_at(v).filter(|cube| self.cubes_at(u).any(|other| other == *cube)).collect(),
+        }
+    }
+
+    /// Neighbours along the first of each pair of opposite [`STEPS`]: each edge is met once.
+    pub(super) fn neighbours_above(&self, index: usize) -> impl Iterator<Item = usize> {
+        let c = self.coordinates(index);
+        STEPS.iter().take(7).filter_map(move |s| self.index([0, 1, 2].map(|a| c[a] + s[a])))
+    }
+
     /// The corners of the cube around the centre `index`.
     pub(super) fn corners_of_centre(&self, index: usize) -> impl Iterator<Item = usize> {
         let c = self.coordinates(index);

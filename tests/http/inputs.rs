@@ -157,7 +157,8 @@ async fn a_file_that_is_no_ct_is_refused() {
     for (file, words) in [
         (broken(344, b"xyz\0"), "header"),
         (broken(42, &0i16.to_le_bytes()), "dimensions"),
-        (broken(42, &20_000i16.to_le_bytes()), "cut off"),
+        (broken(42, &20_000i16.to_le_bytes()), "mm across"),
+        (broken(42, &200i16.to_le_bytes()), "cut off"),
         (broken(70, &1i16.to_le_bytes()), "data type"),
         (cut_off, "cut off"),
         (damaged, "gzip"),

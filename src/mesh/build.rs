@@ -4,8 +4,8 @@ use rayon::prelude::*;
 
 use super::adjacency::{BoundaryFace, boundary, sorted};
 use super::classify::{Shape, assemble};
-use super::grading::grade;
 use super::domain::{Domain, InnerTissue, MeshSettings, Side};
+use super::grading::grade;
 use super::parts::keep_large_parts;
 use super::pockets::leave_out_pockets;
 use super::prisms::Layer;

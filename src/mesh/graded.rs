@@ -20,8 +20,7 @@ pub(super) struct GradedLattice {
 }
 
 /// Corners of a cube.
-const CORNERS: [[i32; 3]; 8] =
-    [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1], [1, 1, 1]];
+const CORNERS: [[i32; 3]; 8] = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1], [1, 1, 1]];
 
 impl GradedLattice {
     pub(super) fn new(whole: Lattice, halved: Vec<bool>) -> Self {
@@ -141,9 +140,7 @@ impl GradedLattice {
                     continue;
                 }
                 // The diagonal from the middle of the whole face to its corner.
-                let middle = ring.iter().position(|c| {
-                    (0..3).filter(|x| *x != axis).all(|x| c[x].rem_euclid(4) == 2)
-                });
+                let middle = ring.iter().position(|c| (0..3).filter(|x| *x != axis).all(|x| c[x].rem_euclid(4) == 2));
                 let Some(other) = self.vertex(low.map(|c| 2 * c + 2)) else { continue };
                 let [o, e, k, f] = match middle {
                     Some(0) => [a, b, c, d],

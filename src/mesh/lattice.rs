@@ -123,9 +123,9 @@ impl Lattice {
     pub(super) fn cubes_at(&self, index: usize) -> impl Iterator<Item = usize> {
         let own = self.cube_of_centre(index);
         let c = self.coordinates(index);
-        let around = (0..8).filter(move |_| own.is_none()).filter_map(move |o| {
-            self.cube_at([0, 1, 2].map(|a| c[a] - if o >> a & 1 == 1 { 2 } else { 0 }))
-        });
+        let around = (0..8)
+            .filter(move |_| own.is_none())
+            .filter_map(move |o| self.cube_at([0, 1, 2].map(|a| c[a] - if o >> a & 1 == 1 { 2 } else { 0 })));
         own.into_iter().chain(around)
     }
 

@@ -51,11 +51,7 @@ pub(super) fn halve(lattice: Lattice, halved: Vec<bool>, edge: f64) -> Result<Gr
 /// # Source
 /// Labelle and Shewchuk, Isosurface stuffing: fast tetrahedral meshes with good dihedral angles, SIGGRAPH 2007. Their bounds
 /// hold where the lattice is uniform.
-pub(super) fn stuff(
-    inner: &InnerTissue<'_>,
-    lattice: &GradedLattice,
-    control: &Control,
-) -> Result<TetMesh, MeshError> {
+pub(super) fn stuff(inner: &InnerTissue<'_>, lattice: &GradedLattice, control: &Control) -> Result<TetMesh, MeshError> {
     let n = lattice.vertex_count();
     let mut values = evaluate(inner, lattice, n, control)?;
     if !values.iter().any(|v| *v < 0.0) {

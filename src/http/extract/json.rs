@@ -115,7 +115,8 @@ mod tests {
 
     #[test]
     fn what_fits_is_read() {
-        let text = r#"{"values": [1, 2.5], "point": [1, 2, 3], "name": "one", "plane": {"point": [0, 0, 1], "offset": -2}}"#;
+        let text =
+            r#"{"values": [1, 2.5], "point": [1, 2, 3], "name": "one", "plane": {"point": [0, 0, 1], "offset": -2}}"#;
         let read = parse::<Sample>(text.as_bytes()).unwrap();
         assert_eq!((read.values, read.point), (vec![1.0, 2.5], Some([1.0, 2.0, 3.0])));
         assert!(read.plane.is_some_and(|p| p.point == [0.0, 0.0, 1.0] && p.offset == -2.0) && read.name.is_some());

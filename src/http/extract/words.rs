@@ -56,7 +56,6 @@ fn expectation(wanted: &str) -> String {
         "a sequence" | "sequence" => "a list".to_owned(),
         "a formatted UUID string" => "a UUID".to_owned(),
         "string or map" | "a string" => "a text".to_owned(),
-        "fewer elements in array" => "a shorter list".to_owned(),
         _ if wanted.starts_with("struct ") => "an object".to_owned(),
         _ => {
             let length = wanted.strip_prefix("an array of length ");

@@ -8,12 +8,12 @@ use super::lattice::Lattice;
 use crate::control::{Cancelled, Control};
 use crate::geometry::{Point, ScalarGrid};
 
-/// Prisms take at most this share of a wall from either side, and leave at least this many edges of it between them: a little more
-/// than the edge of a halved cube.
+/// Prisms take at most this share of a wall from either side, and leave at least this many edges of it between them: one and a quarter
+/// edges of a halved cube, as [`InnerTissue`] keeps of whole ones above bone.
 const PRISM_SHARE: f64 = 0.25;
-const BETWEEN: f64 = 0.55;
+const BETWEEN: f64 = 0.65;
 /// They are not made thinner than this, mm.
-const LEAST_THICKNESS: f64 = 0.4;
+const LEAST_THICKNESS: f64 = 0.3;
 /// Walls whose part between the prisms is thinner than this many edges are meshed by halved cubes.
 const RESOLVED: f64 = 1.0;
 /// Change of the prisms' thickness along the skin.

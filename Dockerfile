@@ -8,8 +8,8 @@ RUN --mount=type=cache,target=/usr/local/cargo/registry \
     && cp target/release/prosopon /usr/local/bin/prosopon
 
 FROM debian:bookworm-slim
-RUN groupadd --system --gid 10001 prosopon \
-    && useradd --system --uid 10001 --gid prosopon --home-dir /data --no-create-home --shell /usr/sbin/nologin prosopon \
+RUN groupadd --gid 10001 prosopon \
+    && useradd --uid 10001 --gid prosopon --home-dir /data --no-create-home --shell /usr/sbin/nologin prosopon \
     && install --directory --owner prosopon --group prosopon --mode 0700 /data
 COPY --from=builder /usr/local/bin/prosopon /usr/local/bin/prosopon
 COPY LICENSE-MIT LICENSE-APACHE /usr/share/doc/prosopon/

@@ -7,10 +7,11 @@ use axum::http::{HeaderMap, header};
 use futures::StreamExt;
 
 use super::{HttpLimits, Problem};
+use crate::jobs::CtScan;
 use crate::session::{Fault, FaultKind};
 use crate::store::{BlobInfo, SessionId, Store, StoreError};
 
-/// Stores the body, at most `max_bytes` of it. On any failure nothing is left on disk.
+/// Stores the body, at most `max_bytes` of it, while `scan` looks it over. On any failure nothing is left on disk.
 pub(super) async fn receive(
     store: &Store,
     session: SessionId,
@@ -18,6 +19,7 @@ pub(super) async fn receive(
     body: Body,
     max_bytes: u64,
     limits: &HttpLimits,
+    mut scan: Option<CtScan>,
 ) -> Result<BlobInfo, Problem> {
     let announced = headers.get(header::CONTENT_LENGTH).and_then(|l| l.to_str().ok()?.parse::<u64>().ok());
     if let Some(length) = announced.filter(|length| *length > max_bytes) {
@@ -41,6 +43,13 @@ pub(super) async fn receive(
                 return Err(Problem::new(FaultKind::Timeout, detail));
             }
         };
+        if let Some(scan) = &mut scan
+            && let Err(refused) = scan.take(piece.clone()).await
+        {
+            upload.abort().await;
+            discard(pieces, limits.upload_idle);
+            return Err(refused.into());
+        }
         if let Err(error) = upload.write(piece).await {
             upload.abort().await;
             if matches!(error, StoreError::TooLarge { .. }) {
@@ -48,6 +57,12 @@ pub(super) async fn receive(
             }
             return Err(error.into());
         }
+    }
+    if let Some(scan) = scan
+        && let Err(refused) = scan.finish().await
+    {
+        upload.abort().await;
+        return Err(refused.into());
     }
     let stored = upload.finish().await?;
     metrics::counter!("prosopon_upload_bytes_total").increment(stored.bytes);

@@ -27,4 +27,4 @@ mod volume;
 
 pub use error::{ImportError, Limits};
 pub use surface::{SurfaceFormat, detect_surface, surface};
-pub use volume::{VOLUME_BEGINNING, Volume, check_volume, volume};
+pub use volume::{Volume, VolumeScan, volume};

@@ -29,16 +29,55 @@ pub fn volume(bytes: &[u8], limits: &Limits) -> Result<(Volume, Vec<String>), Im
     nifti1::read(bytes, limits)
 }
 
-/// Bytes from the beginning of a file that [`check_volume`] needs: a gzipped header is in them.
-pub const VOLUME_BEGINNING: u64 = 1 << 16;
+/// Looks over a CT file while it arrives, without keeping it: whether [`volume`] would find a header that it reads, and
+/// all voxels. A gzipped file is unpacked on the way.
+#[derive(Debug)]
+pub struct VolumeScan {
+    limits: Limits,
+    /// The first bytes, until they show the format.
+    beginning: Vec<u8>,
+    scan: Option<nifti1::Scan>,
+}
 
-/// Checks what the beginning of a file of `length` bytes tells, without reading a voxel.
-///
-/// # Errors
-/// [`ImportError`], as [`volume`] would say it of the whole file.
-pub fn check_volume(beginning: &[u8], length: u64, limits: &Limits) -> Result<(), ImportError> {
-    recognise(beginning)?;
-    nifti1::check(beginning, length, limits)
+/// Bytes that show the format.
+const SHOWING: usize = 4;
+
+impl VolumeScan {
+    /// A scan that has seen nothing yet.
+    #[must_use]
+    pub fn new(limits: Limits) -> Self {
+        Self { limits, beginning: Vec::new(), scan: None }
+    }
+
+    /// Takes the next piece of the file.
+    ///
+    /// # Errors
+    /// [`ImportError`], as soon as what came shows that the file cannot be read.
+    pub fn push(&mut self, piece: &[u8]) -> Result<(), ImportError> {
+        if let Some(scan) = &mut self.scan {
+            return scan.push(piece);
+        }
+        self.beginning.extend_from_slice(piece);
+        if self.beginning.len() < SHOWING { Ok(()) } else { self.begin().map(|_| ()) }
+    }
+
+    fn begin(&mut self) -> Result<&mut nifti1::Scan, ImportError> {
+        recognise(&self.beginning)?;
+        let mut scan = nifti1::Scan::new(&self.beginning, self.limits);
+        scan.push(&std::mem::take(&mut self.beginning))?;
+        Ok(self.scan.insert(scan))
+    }
+
+    /// Whether the file that ended here is whole.
+    ///
+    /// # Errors
+    /// [`ImportError`], as [`volume`] would say it of the whole file.
+    pub fn finish(mut self) -> Result<(), ImportError> {
+        if self.scan.is_none() {
+            self.begin()?;
+        }
+        self.scan.map_or(Err(ImportError::Empty), nifti1::Scan::finish)
+    }
 }
 
 fn recognise(bytes: &[u8]) -> Result<(), ImportError> {

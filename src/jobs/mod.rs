@@ -23,5 +23,5 @@ pub use requests::{
 pub use service::{JobStatus, Service, ServiceSettings};
 pub use state::{Illegal, JobEvent, next};
 pub use tasks::{
-    Comparison, RegisterOn, check_ct, compare, cut_bone, field_slice, make_plan, read_frame, rest_of, take_surface,
+    Comparison, CtScan, RegisterOn, compare, cut_bone, field_slice, make_plan, read_frame, rest_of, take_surface,
 };

@@ -46,6 +46,9 @@ pub struct MeshRequest {
     pub settings: MeshSettingsDocument,
     /// Cuts whose segments choose the region.
     pub cuts: Option<Vec<PlaneDocument>>,
+    /// The osteotomy that they come from.
+    #[serde(default)]
+    pub osteotomy_id: Option<OsteotomyId>,
     /// Key of the inputs and settings at the time of asking.
     pub key: String,
 }

@@ -5,13 +5,14 @@ use rayon::prelude::*;
 use super::adjacency::{BoundaryFace, boundary, sorted};
 use super::classify::{Shape, assemble};
 use super::domain::{Domain, InnerTissue, MeshSettings, Side};
+use super::grading::grade;
 use super::parts::keep_large_parts;
 use super::pockets::leave_out_pockets;
 use super::prisms::Layer;
 use super::refine::{Refinement, SurfaceFace};
 use super::report::{MeshReport, report};
 use super::smooth::Relaxation;
-use super::stuffing::{TetMesh, stuff};
+use super::stuffing::{TetMesh, halve, lattice_over, stuff};
 use super::thin::press;
 use super::{MeshError, MixedMesh};
 use crate::control::Control;
@@ -36,9 +37,13 @@ pub fn build(
     control: &Control,
 ) -> Result<(MixedMesh, MeshReport), MeshError> {
     settings.check()?;
-    let inner = InnerTissue::new(domain, settings);
+    let plain = InnerTissue::new(domain, settings);
     let mut warnings = Vec::new();
-    let mut mesh = stuff(&inner, settings.edge_mm, &control.part(0.0, 0.3))?;
+    let lattice = lattice_over(&plain, settings.edge_mm)?;
+    let grading = grade(&plain, &lattice, control)?;
+    let inner = plain.with_thickness(grading.thickness.as_ref());
+    let lattice = halve(lattice, grading.halved, settings.edge_mm)?;
+    let mut mesh = stuff(&inner, &lattice, &control.part(0.0, 0.3))?;
     let faces = boundary(&mesh.tetrahedra);
     let mut sides = boundary_sides(&inner, &mesh, &faces);
     let mut surface = surface_faces(&inner, &mesh, &sides, &faces);

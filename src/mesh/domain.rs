@@ -1,5 +1,5 @@
 use super::MeshError;
-use crate::geometry::{Aabb, Implicit, Point, Vector};
+use crate::geometry::{Aabb, Implicit, Point, ScalarGrid, Vector};
 
 /// Target shape of the mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -116,7 +116,10 @@ pub(super) struct Foot {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct InnerTissue<'a> {
     pub(super) domain: Domain<'a>,
+    /// Thickness of the skin layer where nothing is thin, mm.
     pub(super) thickness: f64,
+    /// Its thickness where it varies, mm: slowly, so that the level set's gradient is taken from the skin alone.
+    varying: Option<&'a ScalarGrid>,
     pub(super) edge: f64,
     depth: f64,
     /// Thickness of the layer that is always meshed, mm.
@@ -128,12 +131,23 @@ impl<'a> InnerTissue<'a> {
         Self {
             domain: *domain,
             thickness: settings.skin_thickness_mm,
+            varying: None,
             edge: settings.edge_mm,
             depth: settings.depth_mm,
 
             // Snapping takes up to 0.36 edges on either side (along a short edge); half an edge more keeps the rest connected.
             carve: 1.25 * settings.edge_mm,
         }
+    }
+
+    /// The same with a skin layer whose thickness varies.
+    pub(super) fn with_thickness(self, varying: Option<&'a ScalarGrid>) -> Self {
+        Self { varying, ..self }
+    }
+
+    /// Thickness of the skin layer at `p`, mm.
+    pub(super) fn thickness_at(&self, p: &Point) -> f64 {
+        self.varying.map_or(self.thickness, |grid| grid.sample(p))
     }
 
     /// Value (mm, negative in the inner tissue) and the function that it comes from.
@@ -143,7 +157,8 @@ impl<'a> InnerTissue<'a> {
             return (region, Side::Region);
         }
         let skin = self.domain.skin.value(p);
-        let mut best = (skin + self.thickness, Side::Skin);
+        let thickness = self.thickness_at(p);
+        let mut best = (skin + thickness, Side::Skin);
         let mut take = |value: f64, side: Side| {
             if value > best.0 {
                 best = (value, side);
@@ -151,7 +166,7 @@ impl<'a> InnerTissue<'a> {
         };
         take(region, Side::Region);
         take(-(skin + self.depth), Side::Depth);
-        let layer = -(skin + self.thickness + self.carve);
+        let layer = -(skin + thickness + self.carve);
         if layer > best.0 {
             let (obstacle, side) = self.obstacle(p);
             best = max_by_value(best, (layer.min(-obstacle), side));
@@ -175,7 +190,7 @@ impl<'a> InnerTissue<'a> {
             (value + offset, gradient)
         };
         match side {
-            Side::Skin => shifted(self.thickness),
+            Side::Skin => shifted(self.thickness_at(p)),
             Side::Depth => shifted(self.depth),
             Side::Bone => self.domain.bone.value_gradient(p),
             Side::Air => self.domain.air.map_or((0.0, Vector::zeros()), |air| air.value_gradient(p)),

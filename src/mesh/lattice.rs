@@ -1,4 +1,4 @@
-use crate::geometry::{Aabb, Point, Vector};
+use crate::geometry::{Aabb, Point, ScalarGrid, Vector};
 
 /// Body-centred cubic lattice: corners and centres of cubes, joined by long edges (cube edges and centre to centre)
 /// and short edges (corner to centre).
@@ -29,11 +29,6 @@ pub(super) const STEPS: [[i32; 3]; 14] = [
     [-1, 1, -1],
     [1, 1, -1],
 ];
-
-/// Whether step `s` runs along a long edge.
-pub(super) const fn is_long(s: usize) -> bool {
-    s % 7 < 3
-}
 
 impl Lattice {
     /// Covers `bounds` with at least one cell to spare on every side.
@@ -74,11 +69,6 @@ impl Lattice {
         Some(base + at[0] + size[0] * (at[1] + size[1] * at[2]))
     }
 
-    pub(super) fn neighbour(&self, index: usize, step: usize) -> Option<usize> {
-        let c = self.coordinates(index);
-        self.index([0, 1, 2].map(|a| c[a] + STEPS[step][a]))
-    }
-
     pub(super) fn position(&self, index: usize) -> Point {
         self.origin + Vector::from(self.coordinates(index).map(f64::from)) * (0.5 * self.edge)
     }
@@ -103,6 +93,72 @@ impl Lattice {
             let (end, p, r) = (end?, centre(q)?, centre(q + 1)?);
             Some([index as u32, p as u32, r as u32, end as u32])
         })
+    }
+
+    pub(super) fn cube_count(&self) -> usize {
+        self.cells.iter().product()
+    }
+
+    /// The cube whose lowest corner has the doubled coordinates `low`; cubes are numbered as their centres.
+    pub(super) fn cube_at(&self, low: [i32; 3]) -> Option<usize> {
+        let centre = self.index(low.map(|c| c + 1))?;
+        self.cube_of_centre(centre)
+    }
+
+    /// The cube around the centre `index`; `None` for a corner.
+    pub(super) fn cube_of_centre(&self, index: usize) -> Option<usize> {
+        index.checked_sub(self.corners())
+    }
+
+    pub(super) fn centre_of_cube(&self, cube: usize) -> usize {
+        self.corners() + cube
+    }
+
+    /// Doubled coordinates of a cube's lowest corner.
+    pub(super) fn low_corner(&self, cube: usize) -> [i32; 3] {
+        self.coordinates(self.centre_of_cube(cube)).map(|c| c - 1)
+    }
+
+    /// The cubes that a vertex belongs to: one for a centre, up to eight for a corner.
+    pub(super) fn cubes_at(&self, index: usize) -> impl Iterator<Item = usize> {
+        let own = self.cube_of_centre(index);
+        let c = self.coordinates(index);
+        let around = (0..8)
+            .filter(move |_| own.is_none())
+            .filter_map(move |o| self.cube_at([0, 1, 2].map(|a| c[a] - if o >> a & 1 == 1 { 2 } else { 0 })));
+        own.into_iter().chain(around)
+    }
+
+    /// The cubes that an edge belongs to: those around both ends, and both cubes of an edge between centres.
+    pub(super) fn cubes_at_edge(&self, v: usize, u: usize) -> Vec<usize> {
+        match (self.cube_of_centre(v), self.cube_of_centre(u)) {
+            (Some(a), Some(b)) => vec![a, b],
+            (Some(cube), None) | (None, Some(cube)) => vec![cube],
+            (None, None) => self.cubes_at(v).filter(|cube| self.cubes_at(u).any(|other| other == *cube)).collect(),
+        }
+    }
+
+    /// Neighbours along the first of each pair of opposite [`STEPS`]: each edge is met once.
+    pub(super) fn neighbours_above(&self, index: usize) -> impl Iterator<Item = usize> {
+        let c = self.coordinates(index);
+        STEPS.iter().take(7).filter_map(move |s| self.index([0, 1, 2].map(|a| c[a] + s[a])))
+    }
+
+    /// The corners of the cube around the centre `index`.
+    pub(super) fn corners_of_centre(&self, index: usize) -> impl Iterator<Item = usize> {
+        let c = self.coordinates(index);
+        (0..8).filter_map(move |o| self.index([0, 1, 2].map(|a| c[a] + if o >> a & 1 == 1 { 1 } else { -1 })))
+    }
+
+    /// A grid of the corners, in their order, filled with `value`.
+    pub(super) fn corner_grid(&self, value: f32) -> ScalarGrid {
+        let dims = self.cells.map(|c| c + 1);
+        ScalarGrid { dims, origin: self.origin, spacing: self.edge, values: vec![value; self.corners()] }
+    }
+
+    /// Place of quadrupled coordinates.
+    pub(super) fn at_quarters(&self, c: [i32; 3]) -> Point {
+        self.origin + Vector::from(c.map(f64::from)) * (0.25 * self.edge)
     }
 
     /// Corners, the vertices that [`Self::tetrahedra`] takes.
@@ -137,11 +193,6 @@ mod tests {
         assert_eq!(count, 4 * inner);
         for v in 0..lattice.vertex_count() {
             assert_eq!(lattice.index(lattice.coordinates(v)), Some(v));
-            for s in 0..7 {
-                if let Some(u) = lattice.neighbour(v, s) {
-                    assert_eq!(lattice.neighbour(u, s + 7), Some(v));
-                }
-            }
         }
     }
 }

@@ -3,7 +3,7 @@
 //! Invariants: every element has positive volume; each prism's inner triangle is a face of a tetrahedron (or lies on
 //! the bone); node classes say what each inner node does.
 //!
-//! Way of [`build`]: stuff the inner tissue (`stuffing`, `lattice`, `stencil`), press it onto bone where it is thin
+//! Way of [`build`]: find walls between two sheets of skin (`grading`), stuff the inner tissue (`stuffing`, `lattice`, `graded`, `stencil`), press it onto bone where it is thin
 //! (`thin`), leave out what the skin cannot feel (`pockets`), improve the tetrahedra (`smooth`), move the skin side out
 //! to the skin (`prisms`), bring the tops close to it (`settle`, `refine`), drop crumbs (`parts`), label (`classify`) and
 //! measure (`report`).
@@ -14,6 +14,8 @@ mod classify;
 mod domain;
 mod embedding;
 mod error;
+mod graded;
+mod grading;
 mod lattice;
 mod mixed_mesh;
 mod parts;

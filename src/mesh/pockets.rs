@@ -89,7 +89,7 @@ pub(super) fn leave_out_pockets(tissue: &InnerTissue<'_>, mesh: &mut TetMesh, un
 mod tests {
     use super::super::adjacency::boundary;
     use super::super::domain::{Domain, MeshSettings, Region, Side};
-    use super::super::stuffing::stuff;
+    use super::super::stuffing::{halve, lattice_over, stuff};
     use super::super::test_domain::Shape;
     use super::*;
     use crate::control::Control;
@@ -107,7 +107,8 @@ mod tests {
         let region = Region { bounds, half_spaces: vec![] };
         let domain = Domain { skin: &skin, bone: &bone, air: None, region: &region };
         let inner = InnerTissue::new(&domain, &MeshSettings { depth_mm: 100.0, ..MeshSettings::default() });
-        let mut mesh = stuff(&inner, 4.0, &Control::new()).unwrap();
+        let mut mesh =
+            stuff(&inner, &halve(lattice_over(&inner, 4.0).unwrap(), vec![], 4.0).unwrap(), &Control::new()).unwrap();
         let faces = boundary(&mesh.tetrahedra);
         let mut under_skin = vec![false; mesh.positions.len()];
         for &n in faces.iter().flat_map(|f| &f.nodes) {

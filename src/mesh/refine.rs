@@ -285,7 +285,7 @@ mod tests {
     use super::super::adjacency::boundary;
     use super::super::domain::{Domain, MeshSettings, Region};
     use super::super::quality::tetrahedron_volume;
-    use super::super::stuffing::stuff;
+    use super::super::stuffing::{halve, lattice_over, stuff};
     use super::super::test_domain::{Nothing, Shape};
     use super::*;
     use crate::geometry::Aabb;
@@ -297,7 +297,8 @@ mod tests {
             Region { bounds: Aabb { min: Point::origin() - reach, max: Point::origin() + reach }, half_spaces: vec![] };
         let domain = Domain { skin: &skin, bone: &Nothing, air: None, region: &region };
         let inner = InnerTissue::new(&domain, &MeshSettings { depth_mm: 100.0, ..MeshSettings::default() });
-        let mut mesh = stuff(&inner, 4.0, &Control::new()).unwrap();
+        let mut mesh =
+            stuff(&inner, &halve(lattice_over(&inner, 4.0).unwrap(), vec![], 4.0).unwrap(), &Control::new()).unwrap();
         let mut faces: Vec<SurfaceFace> =
             boundary(&mesh.tetrahedra).iter().map(|f| SurfaceFace { nodes: f.nodes, skin: true }).collect();
         let mut sides = vec![None; mesh.positions.len()];

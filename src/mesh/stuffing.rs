@@ -1,19 +1,25 @@
 use rayon::prelude::*;
 
 use super::MeshError;
+use super::adjacency::{Rows, sorted};
 use super::domain::{InnerTissue, crossing};
-use super::lattice::{Lattice, STEPS, is_long};
+use super::graded::GradedLattice;
+use super::lattice::Lattice;
 use super::stencil::{Corner, cut_tetrahedron};
 use crate::control::{Cancelled, Control};
 use crate::geometry::Point;
 
 /// A cut nearer to a vertex than this share of a long edge pulls the vertex onto the surface.
 const SNAP_LONG: f64 = 0.24999;
-/// The same for a short edge.
+/// The same for a short edge, between a corner and a centre.
 const SNAP_SHORT: f64 = 0.41189;
+/// Short edges against the edge of their cube.
+const SHORT: f64 = 0.866_025_403_784_438_6;
 
 /// Most tetrahedra that a mesh may have.
 pub(super) const MOST_TETRAHEDRA: u64 = 2_000_000;
+/// Tetrahedra in a halved cube.
+const IN_HALVED: u64 = 96;
 
 /// Vertices evaluated between two looks at the cancel flag.
 const CHUNK: usize = 4096;
@@ -25,24 +31,38 @@ pub(super) struct TetMesh {
     pub(super) tetrahedra: Vec<[u32; 4]>,
 }
 
-/// Fills the inner tissue with tetrahedra of a body-centred cubic lattice whose edges are `edge` long.
+/// The lattice over the region, unless it would have too many tetrahedra.
+pub(super) fn lattice_over(inner: &InnerTissue<'_>, edge: f64) -> Result<Lattice, MeshError> {
+    refuse_too_many(inner, edge)?;
+    Ok(Lattice::covering(&inner.domain.region.bounds, edge))
+}
+
+/// The lattice with the marked cubes halved, unless it would have too many tetrahedra.
+pub(super) fn halve(lattice: Lattice, halved: Vec<bool>, edge: f64) -> Result<GradedLattice, MeshError> {
+    let found = IN_HALVED * halved.iter().filter(|h| **h).count() as u64;
+    if found > MOST_TETRAHEDRA {
+        return Err(MeshError::TooLarge { edge_mm: edge, found, allowed: MOST_TETRAHEDRA });
+    }
+    Ok(GradedLattice::new(lattice, halved))
+}
+
+/// Fills the inner tissue with tetrahedra of a lattice.
 ///
 /// # Source
-/// Labelle and Shewchuk, Isosurface stuffing: fast tetrahedral meshes with good dihedral angles, SIGGRAPH 2007; uniform lattice.
-pub(super) fn stuff(inner: &InnerTissue<'_>, edge: f64, control: &Control) -> Result<TetMesh, MeshError> {
-    refuse_too_many(inner, edge)?;
-    let lattice = Lattice::covering(&inner.domain.region.bounds, edge);
+/// Labelle and Shewchuk, Isosurface stuffing: fast tetrahedral meshes with good dihedral angles, SIGGRAPH 2007. Their bounds
+/// hold where the lattice is uniform.
+pub(super) fn stuff(inner: &InnerTissue<'_>, lattice: &GradedLattice, control: &Control) -> Result<TetMesh, MeshError> {
     let n = lattice.vertex_count();
-    let mut values = evaluate(inner, &lattice, n, control)?;
+    let mut values = evaluate(inner, lattice, n, control)?;
     if !values.iter().any(|v| *v < 0.0) {
         return Err(MeshError::NoTissue);
     }
     control.report(0.4);
-    let cuts = CutEdges::find(inner, &lattice, &values, control)?;
+    let cuts = CutEdges::find(inner, lattice, &values, control)?;
     control.report(0.8);
-    let snapped = snap(&lattice, &cuts, &mut values);
+    let snapped = snap(inner.edge, lattice, &cuts, &mut values);
     control.check()?;
-    Ok(fill(inner, &lattice, &values, &snapped, &cuts))
+    Ok(fill(inner, lattice, &values, &snapped, &cuts))
 }
 
 /// Estimates the number of tetrahedra from a coarse sampling: a cube of the lattice holds twelve.
@@ -73,7 +93,12 @@ fn refuse_too_many(inner: &InnerTissue<'_>, edge: f64) -> Result<(), MeshError> 
     Ok(())
 }
 
-fn evaluate(inner: &InnerTissue<'_>, lattice: &Lattice, n: usize, control: &Control) -> Result<Vec<f64>, Cancelled> {
+fn evaluate(
+    inner: &InnerTissue<'_>,
+    lattice: &GradedLattice,
+    n: usize,
+    control: &Control,
+) -> Result<Vec<f64>, Cancelled> {
     let mut values = vec![0.0; n];
     values.par_chunks_mut(CHUNK).enumerate().try_for_each(|(chunk, out)| {
         control.check()?;
@@ -85,72 +110,97 @@ fn evaluate(inner: &InnerTissue<'_>, lattice: &Lattice, n: usize, control: &Cont
     Ok(values)
 }
 
-/// Cut points on lattice edges whose ends differ in sign, sorted by owner and step.
+const EDGES: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
+
+/// Edges of the lattice whose ends differ in sign, rising, and where they are cut.
 struct CutEdges {
-    /// `7 * owner + step`, rising; the edge runs from the owner along one of the first seven [`STEPS`].
-    keys: Vec<u64>,
-    /// Share of the edge from the owner to the cut.
+    /// Lower vertex first.
+    ends: Vec<[u32; 2]>,
+    /// Share of the edge from its first end to the cut.
     shares: Vec<f64>,
 }
 
 impl CutEdges {
-    fn find(inner: &InnerTissue<'_>, lattice: &Lattice, values: &[f64], control: &Control) -> Result<Self, Cancelled> {
-        let chunks = values.len().div_ceil(CHUNK);
-        let found: Result<Vec<Vec<(u64, f64)>>, Cancelled> = (0..chunks)
+    fn find(
+        inner: &InnerTissue<'_>,
+        lattice: &GradedLattice,
+        values: &[f64],
+        control: &Control,
+    ) -> Result<Self, Cancelled> {
+        let owners = lattice.owners();
+        let found: Result<Vec<Vec<[u32; 2]>>, Cancelled> = (0..owners.len().div_ceil(CHUNK))
             .into_par_iter()
             .map(|chunk| {
                 control.check()?;
-                let mut out = Vec::new();
-                for v in chunk * CHUNK..((chunk + 1) * CHUNK).min(values.len()) {
-                    for step in 0..7 {
-                        let Some(u) = lattice.neighbour(v, step) else { continue };
-                        if values[v] * values[u] >= 0.0 {
-                            continue;
-                        }
-                        let (from, to) = (lattice.position(v), lattice.position(u));
-                        let share = crossing(0.0, 1.0, values[v], values[u], 1e-4, |s| {
-                            inner.value_side(&(from + (to - from) * s)).0
-                        });
-                        out.push(((7 * v + step) as u64, share));
-                    }
+                let mut tetrahedra = Vec::new();
+                let mut cut = Vec::new();
+                for owner in chunk * CHUNK..((chunk + 1) * CHUNK).min(owners.end) {
+                    tetrahedra.clear();
+                    lattice.tetrahedra(owner, &mut tetrahedra);
+                    let pairs = tetrahedra.iter().flat_map(|t| EDGES.map(|[i, j]| [t[i], t[j]]));
+                    cut.extend(pairs.filter(|[a, b]| values[*a as usize] * values[*b as usize] < 0.0).map(sorted));
                 }
-                Ok(out)
+                cut.sort_unstable();
+                cut.dedup();
+                Ok(cut)
             })
             .collect();
-        let (keys, shares) = found?.into_iter().flatten().unzip();
-        Ok(Self { keys, shares })
+        let mut ends: Vec<[u32; 2]> = found?.into_iter().flatten().collect();
+        ends.par_sort_unstable();
+        ends.dedup();
+        let mut shares = vec![0.0; ends.len()];
+        shares.par_chunks_mut(CHUNK).zip(ends.par_chunks(CHUNK)).try_for_each(|(shares, ends)| {
+            control.check()?;
+            for (share, [a, b]) in shares.iter_mut().zip(ends) {
+                let (from, to) = (lattice.position(*a as usize), lattice.position(*b as usize));
+                *share = crossing(0.0, 1.0, values[*a as usize], values[*b as usize], 1e-4, |s| {
+                    inner.value_side(&(from + (to - from) * s)).0
+                });
+            }
+            Ok(())
+        })?;
+        Ok(Self { ends, shares })
     }
 
-    /// Place of the edge from `v` along `step` and whether `v` owns it.
-    fn place(&self, v: usize, u: usize, step: usize) -> Option<(usize, bool)> {
-        let (key, owns) = if step < 7 { (7 * v + step, true) } else { (7 * u + step - 7, false) };
-        self.keys.binary_search(&(key as u64)).ok().map(|at| (at, owns))
+    fn place(&self, a: u32, b: u32) -> Option<usize> {
+        self.ends.binary_search(&sorted([a, b])).ok()
+    }
+
+    /// The cut on edge `at`.
+    fn position(&self, lattice: &GradedLattice, at: usize) -> Point {
+        let [from, to] = self.ends[at].map(|v| lattice.position(v as usize));
+        from + (to - from) * self.shares[at]
     }
 }
 
 /// Pulls vertices onto near cuts: sets their values to 0 and returns where they went (vertex, position), rising.
-fn snap(lattice: &Lattice, cuts: &CutEdges, values: &mut [f64]) -> Vec<(usize, Point)> {
+fn snap(edge: f64, lattice: &GradedLattice, cuts: &CutEdges, values: &mut [f64]) -> Vec<(usize, Point)> {
+    let pairs = cuts.ends.iter().enumerate().flat_map(|(at, ends)| ends.map(|v| (v, at as u32)));
+    let at_vertex = Rows::of(values.len(), pairs);
     let mut moved = Vec::new();
     for v in 0..values.len() {
         if values[v] == 0.0 {
             continue;
         }
+        // As far as in a lattice of the smallest cube at the vertex.
+        let farthest = if lattice.is_fine(v) { 0.5 } else { 1.0 } * SNAP_SHORT * SHORT * edge;
         let mut best: Option<(f64, Point)> = None;
-        for step in 0..14 {
-            let Some(u) = lattice.neighbour(v, step) else { continue };
+        for &at in at_vertex.row(v) {
+            let at = at as usize;
+            let [a, b] = cuts.ends[at].map(|i| i as usize);
             // A snapped neighbour has value 0: its edges are no longer cut.
-            if values[v] * values[u] >= 0.0 {
+            if values[a] * values[b] >= 0.0 {
                 continue;
             }
-            let Some((at, owns)) = cuts.place(v, u, step) else { continue };
-            let share = if owns { cuts.shares[at] } else { 1.0 - cuts.shares[at] };
-            let limit = if is_long(step) { SNAP_LONG } else { SNAP_SHORT };
-            if share < limit {
-                let (from, to) = (lattice.position(v), lattice.position(u));
-                let distance = share * (to - from).norm();
-                if best.is_none_or(|(d, _)| distance < d) {
-                    best = Some((distance, from + (to - from) * share));
-                }
+            let length = (lattice.position(b) - lattice.position(a)).norm();
+            let share = if v == a { cuts.shares[at] } else { 1.0 - cuts.shares[at] };
+            let is_short = [1.0, 0.5].iter().any(|size| (length / (size * edge) - SHORT).abs() < 1e-6);
+            let distance = share * length;
+            if share < if is_short { SNAP_SHORT } else { SNAP_LONG }
+                && distance <= farthest
+                && best.is_none_or(|(d, _)| distance < d)
+            {
+                best = Some((distance, cuts.position(lattice, at)));
             }
         }
         if let Some((_, position)) = best {
@@ -164,56 +214,48 @@ fn snap(lattice: &Lattice, cuts: &CutEdges, values: &mut [f64]) -> Vec<(usize, P
 /// Applies the stencils and numbers the nodes in order of first use.
 fn fill(
     inner: &InnerTissue<'_>,
-    lattice: &Lattice,
+    lattice: &GradedLattice,
     values: &[f64],
     snapped: &[(usize, Point)],
     cuts: &CutEdges,
 ) -> TetMesh {
     let n = values.len();
+    // Cut nodes are numbered after the lattice's vertices.
     let position = |node: u32| {
         let node = node as usize;
         if node >= n {
-            let key = cuts.keys[node - n] as usize;
-            let (v, step) = (key / 7, key % 7);
-            let from = lattice.position(v);
-            let to = lattice.neighbour(v, step).map_or(from, |u| lattice.position(u));
-            return from + (to - from) * cuts.shares[node - n];
+            return cuts.position(lattice, node - n);
         }
         match snapped.binary_search_by_key(&node, |s| s.0) {
             Ok(at) => snapped[at].1,
             Err(_) => lattice.position(node),
         }
     };
-    // Cut nodes are numbered after the lattice's vertices.
-    let cut = |a: u32, b: u32| {
-        let (ca, cb) = (lattice.coordinates(a as usize), lattice.coordinates(b as usize));
-        let step = STEPS.iter().position(|s| (0..3).all(|i| ca[i] + s[i] == cb[i])).unwrap_or(0);
-        let at = cuts.place(a as usize, b as usize, step).map_or(0, |(at, _)| at);
-        (n + at) as u32
-    };
+    let cut = |a: u32, b: u32| (n + cuts.place(a, b).unwrap_or(0)) as u32;
     let shorter = |[a, b, c, d]: [u32; 4]| {
         let first = (position(c) - position(a)).norm_squared();
         let second = (position(d) - position(b)).norm_squared();
         first < second || (first == second && a.min(c) < b.min(d))
     };
     let mut raw = Vec::new();
-    for v in lattice.corner_indices() {
-        for axis in 0..3 {
-            for t in lattice.tetrahedra(v, axis) {
-                let corners = t.map(|node| Corner { node, value: values[node as usize] });
-                if corners.iter().all(|c| c.value == 0.0) {
-                    // Wholly on the surface: inside or outside by its centre.
-                    let centre = t.iter().fold(Point::origin(), |s, &i| s + position(i).coords * 0.25);
-                    if inner.value_side(&centre).0 < 0.0 {
-                        raw.push(t);
-                    }
-                    continue;
+    let mut tetrahedra = Vec::new();
+    for owner in lattice.owners() {
+        tetrahedra.clear();
+        lattice.tetrahedra(owner, &mut tetrahedra);
+        for &t in &tetrahedra {
+            let corners = t.map(|node| Corner { node, value: values[node as usize] });
+            if corners.iter().all(|c| c.value == 0.0) {
+                // Wholly on the surface: inside or outside by its centre.
+                let centre = t.iter().fold(Point::origin(), |s, &i| s + position(i).coords * 0.25);
+                if inner.value_side(&centre).0 < 0.0 {
+                    raw.push(t);
                 }
-                cut_tetrahedron(corners, cut, shorter, &mut raw);
+                continue;
             }
+            cut_tetrahedron(corners, cut, shorter, &mut raw);
         }
     }
-    let mut number = vec![u32::MAX; n + cuts.keys.len()];
+    let mut number = vec![u32::MAX; n + cuts.ends.len()];
     let mut mesh = TetMesh::default();
     for t in raw {
         let mut t = t.map(|node| {

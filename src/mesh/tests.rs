@@ -1,6 +1,7 @@
-use super::test_domain::{Shape, face_region};
+use super::test_domain::{Nothing, Shape, face_region};
 use super::*;
 use crate::control::Control;
+use crate::geometry::{Aabb, Point, Vector};
 
 fn head(edge: f64) -> (MixedMesh, MeshReport) {
     let (skin, bone, region) = (Shape::head_skin(), Shape::head_bone(), face_region());
@@ -19,6 +20,38 @@ fn a_head_is_meshed_as_promised() {
     assert!(report.volume_error.abs() < 0.02, "{report:?}");
     assert!(report.max_skin_distance_mm <= 0.3, "{report:?}");
     assert_eq!(mesh.attachment.len(), mesh.positions.len());
+}
+
+/// A wing of skin 3.5 mm thick with a round rim on thick tissue: lattices of 4 mm do not see it, halved cubes do. Its prisms cover both sides;
+/// flat tops on flat sides have the sides' area, up to the triangles that the sample's border crosses.
+#[test]
+fn a_thin_wing_is_covered_with_prisms() {
+    let skin = Shape(Box::new(|p| {
+        let q = (p - Point::new(0.0, 0.0, 5.0)).abs() - Vector::new(0.05, 14.0, 10.0);
+        let wing = q.sup(&Vector::zeros()).norm() + q.max().min(0.0) - 1.7;
+        let h = (3.0 - (wing - p.z).abs()).max(0.0) / 3.0;
+        wing.min(p.z) - h * h * 0.75
+    }));
+    let region = Region {
+        bounds: Aabb { min: Point::new(-20.0, -22.0, -15.0), max: Point::new(20.0, 22.0, 25.0) },
+        half_spaces: vec![],
+    };
+    let domain = Domain { skin: &skin, bone: &Nothing, air: None, region: &region };
+    let (mesh, report) = build(&domain, &MeshSettings::default(), &Control::new()).unwrap();
+    assert!(report.warnings.iter().all(|w| !w.contains("prisms")), "{report:?}");
+    assert_eq!((report.inverted, report.nonmanifold_edges), (0, 0));
+    assert!(report.max_skin_distance_mm <= 0.3, "{report:?}");
+    assert!(report.min_dihedral_deg > 8.0, "{report:?}");
+    let sampled = |p: &Point| p.x.abs() < 3.0 && p.y.abs() < 11.0 && (5.0..13.0).contains(&p.z);
+    let mut area = 0.0;
+    for prism in &mesh.prisms {
+        let [a, b, c] = [prism[0], prism[1], prism[2]].map(|i| mesh.positions[i as usize]);
+        if sampled(&Point::from((a.coords + b.coords + c.coords) / 3.0)) {
+            area += 0.5 * (b - a).cross(&(c - a)).norm();
+        }
+    }
+    let sides = 2.0 * 22.0 * 8.0;
+    assert!((area / sides - 1.0).abs() < 0.08, "{area} of {sides} mm²");
 }
 
 #[test]

@@ -45,10 +45,11 @@ pub(super) fn press(
     sides: &[Option<Side>],
     control: &Control,
 ) -> Result<Pressed, Cancelled> {
-    let floor = inner.thickness + inner.carve;
-    let least = inner.thickness + THINNEST * inner.edge;
     let decide = |node: usize| -> Move {
         let p = &mesh.positions[node];
+        let thickness = inner.thickness_at(p);
+        let floor = thickness + inner.carve;
+        let least = thickness + THINNEST * inner.edge;
         let depth = -inner.domain.skin.value(p);
         if depth > floor + 0.02 * inner.edge {
             return Move::Stay;
@@ -66,8 +67,8 @@ pub(super) fn press(
         if below < least {
             return Move::Drop(at(below), side, false);
         }
-        let share = (below - inner.thickness) / inner.carve;
-        let pressed = inner.thickness + (depth - inner.thickness).max(0.0) * share;
+        let share = (below - thickness) / inner.carve;
+        let pressed = thickness + (depth - thickness).max(0.0) * share;
         Move::Press(at(pressed))
     };
     let n = mesh.positions.len();

@@ -161,6 +161,17 @@ impl Fault {
         self.errors.push(FieldFault::new(pointer, self.detail.clone()));
         self
     }
+
+    /// Points to `pointer` instead of `/cuts` and below: for requests that take their cuts from elsewhere.
+    #[must_use]
+    pub fn with_cuts_at(mut self, pointer: &str) -> Self {
+        for error in &mut self.errors {
+            if error.pointer == "/cuts" || error.pointer.starts_with("/cuts/") {
+                pointer.clone_into(&mut error.pointer);
+            }
+        }
+        self
+    }
 }
 
 /// Why long work ended early.

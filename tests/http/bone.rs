@@ -78,6 +78,35 @@ async fn cuts_that_cannot_be_are_refused() {
     assert_eq!(pointers(&app.post(&path, json!({"cut": []})).await), ["/cut"]);
 }
 
+#[tokio::test]
+async fn cuts_that_fail_later_are_named_by_what_the_request_holds() {
+    let app = TestApp::new().await;
+    let (session, plan) = app.session_with_plan().await;
+    let osteotomy = app.get(&format!("{session}/osteotomies")).await.ok()["osteotomies"][0]["id"].clone();
+    let path = format!("{session}/osteotomies/{}", osteotomy.as_str().unwrap());
+    app.stand_in.cuts_miss.store(true, std::sync::atomic::Ordering::SeqCst);
+    let mesh = app.post(&format!("{session}/mesh"), json!({"osteotomy": osteotomy, "edge_mm": 5})).await;
+    let solve = app.post(&format!("{session}/jobs"), json!({"plan": plan})).await;
+    for (job, pointer) in [(mesh, "/osteotomy"), (solve, "/plan")] {
+        let problem = &app.finish(job).await["problem"];
+        assert_eq!(problem["type"], "/problems/cut-misses-bone", "{problem}");
+        assert_eq!((&problem["errors"][0]["pointer"], &problem["osteotomy"]), (&json!(pointer), &json!(path)));
+    }
+    let paths = json!([{"segment": 1, "waypoints": [{"t": 1, "translation_mm": [0, -6, 0]}]}]);
+    let problem = app.post(&format!("{session}/plans"), json!({"osteotomy": osteotomy, "paths": paths})).await;
+    assert_eq!(problem.problem(422, "cut-misses-bone")["errors"][0]["pointer"], "/osteotomy");
+}
+
+#[tokio::test]
+async fn a_list_is_no_object_at_any_depth() {
+    let app = TestApp::new().await;
+    let session = app.session_with_field().await;
+    let cut = json!({"cuts": [{"plane": [[0, 0, 0], [0, 0, 1], null]}]});
+    assert_eq!(pointers(&app.post(&format!("{session}/osteotomies"), cut).await), ["/cuts/0/plane"]);
+    let region = json!({"region": [[0, 0, 0], [50, 50, 50]]});
+    assert_eq!(pointers(&app.post(&format!("{session}/mesh"), region).await), ["/region"]);
+}
+
 async fn osteotomy(app: &TestApp) -> (String, Value) {
     let session = app.session_with_field().await;
     let id = app.post(&format!("{session}/osteotomies"), plane(0.0)).await.ok()["id"].clone();

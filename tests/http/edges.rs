@@ -65,7 +65,7 @@ async fn refused_values_are_told_in_plain_words() {
         (r#"{"points": 1}"#, "/points", "expected an object, found 1"),
         (r#"{"points": {"ans": ["x", 1, 2]}}"#, "/points/ans/0", "expected a number, found \"x\""),
         (r#"{"points": {"ans": [1, 2]}}"#, "/points/ans", "expected a list of 3, found 2 elements"),
-        (r#"{"points": {"ans": [1, 2, 3, 4]}}"#, "/points/ans", "expected a shorter list, found 4 elements"),
+        (r#"{"points": {"ans": [1, 2, 3, 4]}}"#, "/points/ans", "expected a list of 3, found 4 elements"),
         (r#"{"points": {}, "points": {}}"#, "", "duplicate field `points`"),
         (
             &format!(r#"{{"points": {{"ans": [1, 2, {nines}]}}}}"#),

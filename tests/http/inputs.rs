@@ -1,5 +1,9 @@
+use std::io::Write;
+
 use axum::body::{Body, Bytes};
 use axum::http::{Method, StatusCode};
+use flate2::Compression;
+use flate2::write::GzEncoder;
 use futures::stream;
 use prosopon::geometry::{Point, TriMesh};
 use serde_json::json;
@@ -148,14 +152,19 @@ async fn a_file_that_is_no_ct_is_refused() {
         file
     };
     let cut_off = nifti()[..360].to_vec();
+    let zipped = gzipped(&nifti());
     let damaged = [[0x1f, 0x8b].as_slice(), &[0; 20]].concat();
     for (file, words) in [
         (broken(344, b"xyz\0"), "header"),
         (broken(42, &0i16.to_le_bytes()), "dimensions"),
-        (broken(42, &20_000i16.to_le_bytes()), "cannot be in a file"),
+        (broken(42, &20_000i16.to_le_bytes()), "mm across"),
+        (broken(42, &200i16.to_le_bytes()), "cut off"),
         (broken(70, &1i16.to_le_bytes()), "data type"),
-        (cut_off, "cannot be in a file"),
+        (cut_off, "cut off"),
         (damaged, "gzip"),
+        (gzipped(&nifti()[..nifti().len() - 1]), "cut off"),
+        (zipped[..zipped.len() / 2].to_vec(), "cut off"),
+        (zipped[..zipped.len() - 1].to_vec(), "gzip"),
     ] {
         let problem = app.upload(&path, file).await.problem(422, "volume-not-usable");
         assert!(problem["detail"].as_str().unwrap().contains(words), "{problem}");
@@ -184,6 +193,12 @@ async fn surfaces_that_bound_nothing_are_refused_and_open_ones_are_taken() {
         let open = app.upload(&path, some(2..12)).await.ok();
         assert_eq!((&open["closed"], &open["open_edges"]), (&json!(false), &json!(4)));
     }
+}
+
+fn gzipped(bytes: &[u8]) -> Vec<u8> {
+    let mut encoder = GzEncoder::new(Vec::new(), Compression::fast());
+    encoder.write_all(bytes).unwrap();
+    encoder.finish().unwrap()
 }
 
 /// A square of four triangles.

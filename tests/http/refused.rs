@@ -10,7 +10,7 @@ use std::time::Duration;
 use serde_json::json;
 
 use crate::binary::Server;
-use crate::shapes::{cube, ply_with, skin, skull};
+use crate::shapes::{cube, nifti, ply_with, skin, skull};
 
 const GIGABYTE: u64 = 1 << 30;
 
@@ -79,9 +79,14 @@ fn three_gigabytes_cost_neither_memory_nor_disk() {
     let session = server.session();
     server.upload(&format!("{session}/skin"), &skin()).ok();
     let (files, memory) = (bytes_below(directory.path()), peak_memory(&server));
-    for part in ["skin", "ct"] {
+    // Zeros are no CT, which would be refused at once; this one has 432 MB of voxels.
+    let mut header = nifti()[..352].to_vec();
+    for at in [42, 44, 46] {
+        header[at..at + 2].copy_from_slice(&600i16.to_le_bytes());
+    }
+    for (part, beginning) in [("skin", Vec::new()), ("ct", header)] {
         for chunked in [false, true] {
-            let answer = upload_endlessly(&server, &format!("{session}/{part}"), chunked);
+            let answer = upload_endlessly(&server, &format!("{session}/{part}"), &beginning, chunked);
             assert!(answer.starts_with("HTTP/1.1 413 ") && answer.contains("application/problem+json"), "{answer}");
             assert!(answer.contains("/problems/too-large") && answer.contains("268435456"), "{answer}");
         }
@@ -93,8 +98,8 @@ fn three_gigabytes_cost_neither_memory_nor_disk() {
     server.upload(&format!("{session}/skin"), &skin()).ok();
 }
 
-/// Sends zeros, up to three gigabytes, until the service answers: its answer.
-fn upload_endlessly(server: &Server, path: &str, chunked: bool) -> String {
+/// Sends `beginning` and then zeros, up to three gigabytes, until the service answers: its answer.
+fn upload_endlessly(server: &Server, path: &str, beginning: &[u8], chunked: bool) -> String {
     let mut socket = TcpStream::connect(server.address()).unwrap();
     socket.set_write_timeout(Some(Duration::from_secs(60))).unwrap();
     let framing =
@@ -117,15 +122,17 @@ fn upload_endlessly(server: &Server, path: &str, chunked: bool) -> String {
             answered.store(true, Ordering::SeqCst);
             answer
         });
-        let zeros = vec![0; 1 << 20];
+        let mut next = beginning.to_vec();
+        next.resize(1 << 20, 0);
         let mut sent = 0;
         while sent < 3 * GIGABYTE && !answered.load(Ordering::SeqCst) {
-            let size = format!("{:x}\r\n", zeros.len());
-            let pieces: &[&[u8]] = if chunked { &[size.as_bytes(), &zeros, b"\r\n"] } else { &[&zeros] };
+            let size = format!("{:x}\r\n", next.len());
+            let pieces: &[&[u8]] = if chunked { &[size.as_bytes(), &next, b"\r\n"] } else { &[&next] };
             if pieces.iter().any(|piece| socket.write_all(piece).is_err()) {
                 break;
             }
-            sent += zeros.len() as u64;
+            sent += next.len() as u64;
+            next.fill(0);
         }
         answer.join().unwrap()
     })

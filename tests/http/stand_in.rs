@@ -29,6 +29,8 @@ pub(crate) struct StandIn {
     pub(crate) panics: AtomicBool,
     /// Fail the solve after this step, when above 0.
     pub(crate) fails_after: AtomicUsize,
+    /// Let cuts that were fine miss the bone from now on.
+    pub(crate) cuts_miss: AtomicBool,
 }
 
 impl StandIn {
@@ -42,6 +44,13 @@ impl StandIn {
     pub(crate) fn release(&self) {
         *self.allowed_steps.lock().unwrap() = None;
         self.changed.notify_all();
+    }
+
+    fn cut_again(&self) -> Result<(), Halt> {
+        if self.cuts_miss.load(Ordering::SeqCst) {
+            return Err(SimulateError::Plan(PlanError::MissesBone { cut: 0, distance_mm: 3.0 }).into());
+        }
+        Ok(())
     }
 
     /// Waits, as a Newton iteration would, until step `k` is allowed or the control is cancelled.
@@ -150,6 +159,7 @@ impl Engine for StandIn {
     }
 
     fn follow(&self, _: &Case, _: &[BoundedPlane], plan: &Plan, _: &Control) -> Result<Vec<PathReport>, Halt> {
+        self.cut_again()?;
         let report = |path: &prosopon::plan::Path| {
             let moved: Vector = path.at(1.0).translation.vector;
             PathReport {
@@ -164,6 +174,7 @@ impl Engine for StandIn {
     }
 
     fn tissue(&self, _: &Case, request: &TissueRequest, _: &Control) -> Result<MeshReport, Halt> {
+        self.cut_again()?;
         Ok(MeshReport {
             tetrahedra: 60_000,
             prisms: 6_000,
@@ -181,6 +192,7 @@ impl Engine for StandIn {
 
     fn solve(&self, run: &Run, control: &Control, watch: &mut dyn RunWatch) -> Result<Outcome, Halt> {
         self.solves.fetch_add(1, Ordering::SeqCst);
+        self.cut_again()?;
         watch.stage("solve");
         let skin = &run.case.anatomy.skin;
         let mut steps = Vec::new();

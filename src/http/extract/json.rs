@@ -6,6 +6,7 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 use serde_path_to_error::{Path, Segment};
 
+use super::strict::Strict;
 use super::words::plain;
 use crate::http::{AppState, Problem};
 use crate::session::{Fault, FaultKind};
@@ -56,19 +57,10 @@ fn too_large_or_broken(rejection: &BytesRejection, max_bytes: usize) -> Problem 
 pub(super) fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
     let value: Value = serde_json::from_slice(bytes)
         .map_err(|e| Problem::new(FaultKind::MalformedRequest, format!("the body is no JSON: {e}")))?;
-    // Types would also take their members in order from a list.
-    if value.is_array() {
-        let fault = Fault::new(FaultKind::InvalidRequest, "expected an object, found a list");
-        return Err(Problem(fault.at("")));
-    }
-    // From the bytes, for a member that is there twice shows in them only.
+    let _checked: T = serde_path_to_error::deserialize(Strict(&value)).map_err(|error| not_as_expected(&error))?;
+    // Again from the bytes, for a member that is there twice shows in them only.
     let mut deserializer = serde_json::Deserializer::from_slice(bytes);
-    match serde_path_to_error::deserialize(&mut deserializer) {
-        Ok(read) => Ok(read),
-        Err(error) if error.inner().is_data() => Err(not_as_expected(&error)),
-        // It is JSON, so the reader of bytes calls a value of the wrong type a fault of the syntax.
-        Err(_) => serde_path_to_error::deserialize(value).map_err(|error| not_as_expected(&error)),
-    }
+    serde_path_to_error::deserialize(&mut deserializer).map_err(|error| not_as_expected(&error))
 }
 
 fn not_as_expected(error: &serde_path_to_error::Error<serde_json::Error>) -> Problem {
@@ -93,11 +85,20 @@ mod tests {
 
     #[derive(Debug, serde::Deserialize)]
     #[serde(deny_unknown_fields)]
-    #[expect(dead_code)]
     struct Sample {
         values: Vec<f64>,
         point: Option<[f64; 3]>,
         name: Option<Name>,
+        plane: Option<Plane>,
+        #[serde(default)]
+        #[expect(dead_code)]
+        planes: Vec<Plane>,
+    }
+
+    #[derive(Debug, serde::Deserialize)]
+    struct Plane {
+        point: [f64; 3],
+        offset: f64,
     }
 
     #[derive(Debug, serde::Deserialize)]
@@ -113,6 +114,15 @@ mod tests {
     }
 
     #[test]
+    fn what_fits_is_read() {
+        let text =
+            r#"{"values": [1, 2.5], "point": [1, 2, 3], "name": "one", "plane": {"point": [0, 0, 1], "offset": -2}}"#;
+        let read = parse::<Sample>(text.as_bytes()).unwrap();
+        assert_eq!((read.values, read.point), (vec![1.0, 2.5], Some([1.0, 2.0, 3.0])));
+        assert!(read.plane.is_some_and(|p| p.point == [0.0, 0.0, 1.0] && p.offset == -2.0) && read.name.is_some());
+    }
+
+    #[test]
     fn faults_say_where_they_are() {
         check(r#"{"values": [1, "x"]}"#, FaultKind::InvalidRequest, Some("/values/1"));
         check(r#"{"value": []}"#, FaultKind::InvalidRequest, Some("/value"));
@@ -122,6 +132,13 @@ mod tests {
         check(r#"{"values": [], "values": []}"#, FaultKind::InvalidRequest, Some(""));
         check(r#"{"values": [], "point": [1, 2, 3, 4]}"#, FaultKind::InvalidRequest, Some("/point"));
         check(r#"{"values": [], "name": 3}"#, FaultKind::InvalidRequest, Some("/name"));
+        check(r#"{"values": [], "plane": [[1, 2, 3], 4]}"#, FaultKind::InvalidRequest, Some("/plane"));
+        check(
+            r#"{"values": [], "planes": [{"point": [1, 2, 3], "offset": 4}, [[1, 2, 3], 4]]}"#,
+            FaultKind::InvalidRequest,
+            Some("/planes/1"),
+        );
+        check(r#"{"values": {}, "plane": null}"#, FaultKind::InvalidRequest, Some("/values"));
         check(r#"{"values": [1e999]}"#, FaultKind::MalformedRequest, None);
         check(r#"{"values": [NaN]}"#, FaultKind::MalformedRequest, None);
         check(r#"{"values": []} x"#, FaultKind::MalformedRequest, None);

@@ -4,6 +4,7 @@ mod creating;
 mod json;
 mod path;
 mod query;
+mod strict;
 mod words;
 
 pub(super) use creating::{Answering, Creating};

@@ -56,9 +56,12 @@ fn expectation(wanted: &str) -> String {
         "a sequence" | "sequence" => "a list".to_owned(),
         "a formatted UUID string" => "a UUID".to_owned(),
         "string or map" | "a string" => "a text".to_owned(),
-        "fewer elements in array" => "a shorter list".to_owned(),
         _ if wanted.starts_with("struct ") => "an object".to_owned(),
-        _ => wanted.strip_prefix("an array of length ").map_or_else(|| short(wanted), |n| format!("a list of {n}")),
+        _ => {
+            let length = wanted.strip_prefix("an array of length ");
+            let length = length.or_else(|| wanted.strip_suffix(" elements in sequence"));
+            length.map_or_else(|| short(wanted), |n| format!("a list of {n}"))
+        }
     }
 }
 
@@ -96,6 +99,7 @@ mod tests {
             ("invalid type: map, expected a sequence", "expected a list, found an object"),
             ("invalid type: null, expected struct Budget", "expected an object, found null"),
             ("invalid length 2, expected an array of length 3", "expected a list of 3, found 2 elements"),
+            ("invalid length 4, expected 3 elements in sequence", "expected a list of 3, found 4 elements"),
             ("unknown field `a`b`, expected `x` or `y`", "unknown field `a`b`, expected `x` or `y`"),
             ("unknown field `a`, there are no fields", "unknown field `a`, there are no fields"),
             ("unknown variant `q`, expected one of `x`, `y`", "unknown value `q`, expected one of `x`, `y`"),

@@ -15,7 +15,7 @@ use crate::http::surface_format::SurfaceOutput;
 use crate::http::upload::receive;
 use crate::http::{AppState, Problem};
 use crate::import::SurfaceFormat;
-use crate::jobs::{check_ct, take_surface};
+use crate::jobs::{CtScan, take_surface};
 use crate::session::{CtDocument, FaultKind, SessionParts, SurfaceDocument, load_mesh};
 use crate::store::{JobKind, PartKind, PartRecord, SessionId, now_rfc3339};
 
@@ -63,11 +63,8 @@ pub(in crate::http) async fn put_ct(
     let store = state.service.store();
     SessionParts::load(store, session).await?;
     let settings = query.check()?;
-    let blob = receive(store, session, &headers, body, state.limits.max_ct_bytes, &state.limits).await?;
-    if let Err(refused) = check_ct(&state.service, &blob).await {
-        store.blobs().delete(&blob.key).await;
-        return Err(refused.into());
-    }
+    let scan = CtScan::new(&state.service);
+    let blob = receive(store, session, &headers, body, state.limits.max_ct_bytes, &state.limits, Some(scan)).await?;
     // A job may be reading the same CT: then its file stays.
     if store.part(session, PartKind::Ct).await?.is_some_and(|ct| ct.key == blob.sha256) {
         store.blobs().delete(&blob.key).await;
@@ -96,7 +93,7 @@ async fn put(
 ) -> Result<Json<SurfaceDocument>, Problem> {
     let store = state.service.store();
     SessionParts::load(store, session).await?;
-    let upload = receive(store, session, headers, body, state.limits.max_surface_bytes, &state.limits).await?;
+    let upload = receive(store, session, headers, body, state.limits.max_surface_bytes, &state.limits, None).await?;
     Ok(Json(take_surface(&state.service, session, kind, upload, named_format(headers)).await?))
 }
 

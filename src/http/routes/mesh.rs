@@ -9,7 +9,7 @@ use crate::http::extract::{Creating, Ids};
 use crate::http::{AppState, Problem};
 use crate::jobs::MeshRequest;
 use crate::session::{MeshSettingsDocument, SessionParts};
-use crate::store::{JobFilter, JobKind, PartKind, SessionId};
+use crate::store::{JobFilter, JobKind, OsteotomyId, PartKind, SessionId};
 
 /// Build the tissue mesh
 ///
@@ -26,12 +26,13 @@ pub(in crate::http) async fn build(
     let parts = SessionParts::load(state.service.store(), session).await?;
     let settings = MeshSettingsDocument::try_from(&request)?;
     parts.require_field()?;
-    let cuts = match request.osteotomy {
-        Some(id) => Some(fresh_osteotomy(&state, &parts, session, id.into(), "/osteotomy").await?.1.cuts),
+    let osteotomy_id = request.osteotomy.map(OsteotomyId::from);
+    let cuts = match osteotomy_id {
+        Some(id) => Some(fresh_osteotomy(&state, &parts, session, id, "/osteotomy").await?.1.cuts),
         None => None,
     };
     let key = parts.mesh_key(&settings, cuts.as_deref())?;
-    let request = MeshRequest { settings, cuts, key };
+    let request = MeshRequest { settings, cuts, osteotomy_id, key };
     accept(&state, session, JobKind::Mesh, 0, &request, Some(&answering)).await
 }
 

@@ -4,6 +4,7 @@
 //! the header's word alone and its affine panics on a negative spacing.
 
 mod frame;
+mod scan;
 #[cfg(test)]
 pub(super) mod tests;
 mod voxels;
@@ -12,6 +13,8 @@ use std::io::{ErrorKind, Read};
 
 use flate2::read::MultiGzDecoder;
 use nifti::NiftiHeader;
+
+pub(super) use scan::Scan;
 
 use super::error::{at_most, check_size, malformed};
 use super::{ImportError, Limits, Volume};
@@ -38,14 +41,10 @@ struct Layout {
     kind: voxels::Kind,
     /// Byte of the first voxel.
     start: u64,
+    /// Byte after the last voxel.
+    end: u64,
     origin: Point,
     axes: [Vector; 3],
-}
-
-/// Checks the header of a file of `length` bytes that begins with `beginning`: whether it describes a CT that fits the
-/// file. What a gzipped one holds behind its beginning shows only when it is read.
-pub(super) fn check(beginning: &[u8], length: u64, limits: &Limits) -> Result<(), ImportError> {
-    read_layout(&mut unpacked(beginning), beginning.starts_with(&GZIP), length, limits, &mut Vec::new()).map(|_| ())
 }
 
 /// Reads header and voxels.
@@ -53,7 +52,7 @@ pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<(Volume, Vec<String>
     let mut stream = unpacked(bytes);
     let mut warnings = Vec::new();
     let layout = read_layout(&mut stream, bytes.starts_with(&GZIP), bytes.len() as u64, limits, &mut warnings)?;
-    let Layout { header, dims, n_voxels, kind, start, origin, axes } = layout;
+    let Layout { header, dims, n_voxels, kind, start, end: _, origin, axes } = layout;
 
     let skipped = std::io::copy(&mut (&mut stream).take(start.saturating_sub(HEADER)), &mut std::io::sink());
     skipped.map_err(|e| unreadable(&e))?;
@@ -103,7 +102,7 @@ fn read_layout(
     });
     let diagonal = Aabb::of(&corners.collect::<Vec<Point>>()).map_or(0.0, |b| b.diagonal());
     check_size(diagonal, warnings)?;
-    Ok(Layout { header, dims, n_voxels: n_voxels as usize, kind, start, origin, axes })
+    Ok(Layout { header, dims, n_voxels: n_voxels as usize, kind, start, end: needed, origin, axes })
 }
 
 fn read_header(stream: &mut dyn Read) -> Result<NiftiHeader, ImportError> {

@@ -3,7 +3,7 @@ use std::io::Write;
 use flate2::Compression;
 use flate2::write::GzEncoder;
 
-use super::super::{ImportError, Limits, Volume, check_volume, volume};
+use super::super::{ImportError, Limits, Volume, VolumeScan, volume};
 use crate::geometry::{Point, Vector};
 
 fn read(bytes: &[u8]) -> Result<(Volume, Vec<String>), ImportError> {
@@ -270,18 +270,64 @@ fn a_damaged_or_bloated_gzip_file_is_refused() {
     assert_eq!(warnings, ["bytes after the last voxel were ignored"]);
 }
 
+/// What a scan says of the pieces, and how many it took before it refused.
+fn scan<'a>(pieces: impl Iterator<Item = &'a [u8]>) -> (Result<(), String>, usize) {
+    let mut scan = VolumeScan::new(Limits::default());
+    let mut taken = 0;
+    for piece in pieces {
+        if let Err(error) = scan.push(piece) {
+            return (Err(error.to_string()), taken);
+        }
+        taken += 1;
+    }
+    (scan.finish().map_err(|e| e.to_string()), taken)
+}
+
 #[test]
-fn the_beginning_shows_a_header_that_cannot_be() {
-    let limits = Limits::default();
-    let file = File::new(false);
-    let check = |bytes: &[u8], length: u64| check_volume(bytes, length, &limits).map_err(|e| e.to_string());
-    assert_eq!(check(&file.plain()[..352], 352 + 120), Ok(()));
-    assert_eq!(check(&file.gzipped(), file.gzipped().len() as u64), Ok(()));
-    assert!(check(&file.plain()[..352], 352 + 119).is_err_and(|e| e.contains("471 bytes")));
-    assert!(check(&file.plain()[..300], 300).is_err_and(|e| e.contains("cut off")));
-    let mut flat = file.clone();
-    flat.dims(&[3, 4, 0]);
-    assert!(check(&flat.gzipped(), 1000).is_err());
+fn a_scan_takes_what_the_reader_takes_in_pieces_of_any_size() {
+    for file in [File::new(false), File::new(true)] {
+        for bytes in [file.plain(), file.gzipped(), [gzip(&file.bytes[..370]), gzip(&file.bytes[370..])].concat()] {
+            for size in [1, 3, 100, 1000] {
+                assert_eq!(scan(bytes.chunks(size)).0, Ok(()));
+            }
+            for length in 0..bytes.len() {
+                let refused = scan(bytes[..length].chunks(50)).0;
+                assert!(refused.is_err(), "took {length} of {} bytes", bytes.len());
+            }
+        }
+    }
+}
+
+#[test]
+fn a_scan_refuses_a_header_that_cannot_be_before_the_voxels_come() {
+    let mut flat = File::new(false);
     flat.dims(&[3, 4]);
-    assert!(check(&flat.plain(), 1000).is_err_and(|e| e.contains("three dimensions")));
+    // Stored, not compressed, so that there is much to come.
+    let mut long = GzEncoder::new(Vec::new(), Compression::none());
+    long.write_all(&flat.bytes).unwrap();
+    long.write_all(&[0; 100_000]).unwrap();
+    for bytes in [[flat.plain(), vec![0; 100_000]].concat(), long.finish().unwrap()] {
+        let (refused, taken) = scan(bytes.chunks(1000));
+        assert!(refused.is_err_and(|e| e.contains("three dimensions")));
+        // What an unpacker holds back shows with the piece after.
+        assert!(taken <= 40, "{taken} pieces");
+    }
+    assert!(scan([b"hello".as_slice()].into_iter()).0.is_err_and(|e| e.contains("not recognised")));
+    assert!(scan([].into_iter()).0.is_err_and(|e| e.contains("empty")));
+}
+
+#[test]
+fn a_scan_tells_where_the_file_ends_and_unpacks_no_more_than_the_voxels() {
+    let file = File::new(false);
+    let told = |bytes: &[u8]| scan([bytes].into_iter()).0;
+    assert!(told(&file.plain()[..471]).is_err_and(|e| e.contains("ends at byte 472, but there are 471")));
+    let zipped = file.gzipped();
+    assert!(told(&zipped[..zipped.len() - 1]).is_err_and(|e| e.contains("gzip")));
+    let mut wrong_sum = zipped;
+    let end = wrong_sum.len();
+    wrong_sum[end - 6] ^= 1;
+    assert!(told(&wrong_sum).is_err_and(|e| e.contains("damaged")));
+    // Beyond the voxels nothing is looked at, not even that it is no gzip any more.
+    let bloated = [file.gzipped(), gzip(&vec![0; 1 << 20]), vec![7; 1 << 20]].concat();
+    assert_eq!(told(&bloated), Ok(()));
 }

@@ -33,7 +33,7 @@ pub async fn cut_bone(
             Ok((document, surfaces))
         })
         .await
-        .map_err(|fault| if is_template { of_template(fault) } else { fault })?;
+        .map_err(|fault| if is_template { fault.with_cuts_at("/template") } else { fault })?;
     let wall_s = started.elapsed().as_secs_f64();
     let mut blobs = Vec::new();
     let mut bytes = 0;
@@ -53,14 +53,6 @@ pub async fn cut_bone(
         created_at: now_rfc3339(),
     };
     Ok((record, document))
-}
-
-/// The request has no cuts that the fault could name, but the template that made them.
-fn of_template(mut fault: Fault) -> Fault {
-    for error in &mut fault.errors {
-        "/template".clone_into(&mut error.pointer);
-    }
-    fault
 }
 
 /// Follows the paths of a plan through the cut bone: the plan's document with its reports.
@@ -84,4 +76,5 @@ pub async fn make_plan(
             Ok::<_, Halt>(PlanDocument { label, paths: PlanDocument::paths_of(&plan), reports, wall_s })
         })
         .await
+        .map_err(|fault| fault.with_cuts_at("/osteotomy"))
 }

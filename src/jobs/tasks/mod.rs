@@ -12,4 +12,4 @@ pub use compare::{Comparison, RegisterOn, compare};
 pub use results::{read_frame, rest_of};
 pub use slice::field_slice;
 pub use surface::take_surface;
-pub use volume::check_ct;
+pub use volume::CtScan;

@@ -17,7 +17,8 @@ pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
     let case = parts.case(&context.service.store).await?;
     let started = Instant::now();
     context.running.set_phase(Phase::Mesh);
-    let report = context.compute(move |engine, control| engine.tissue(&case, &tissue, control)).await?;
+    let built = context.compute(move |engine, control| engine.tissue(&case, &tissue, control)).await;
+    let report = built.map_err(|halt| context.cuts_of(request.osteotomy_id, "/osteotomy", halt))?;
     let wall_s = started.elapsed().as_secs_f64();
     let document = MeshDocument::new(request.settings, request.cuts, &report);
     context.put_document(PartKind::Mesh, request.key, wall_s, to_json(&document)?).await?;

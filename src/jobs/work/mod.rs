@@ -17,7 +17,7 @@ use super::running::Running;
 use super::service::panicked;
 use crate::control::Control;
 use crate::session::{Engine, Fault, FaultKind, Halt, SessionParts};
-use crate::store::{BlobInfo, JobKind, JobRecord, PartKind, PartRecord, now_rfc3339};
+use crate::store::{BlobInfo, JobKind, JobRecord, OsteotomyId, PartKind, PartRecord, now_rfc3339};
 
 /// Share of a job that computes; the rest writes the results.
 const COMPUTING: f64 = 0.99;
@@ -70,6 +70,19 @@ impl Context {
     ) -> Result<T, Halt> {
         let (engine, control) = (Arc::clone(&self.service.engine), self.running.control.part(0.0, COMPUTING));
         self.service.cpu.run_job(move || work(engine.as_ref(), &control)).await.map_err(|_| panicked())?
+    }
+
+    /// What is wrong with cuts is the osteotomy's, which the request names at `pointer`, itself or through its plan.
+    fn cuts_of(&self, osteotomy: Option<OsteotomyId>, pointer: &str, halt: Halt) -> Halt {
+        match (halt, osteotomy) {
+            (Halt::Fault(fault), Some(id))
+                if matches!(fault.kind, FaultKind::CutMissesBone | FaultKind::BoneNotParted) =>
+            {
+                let path = format!("/v1/sessions/{}/osteotomies/{id}", self.job.session);
+                fault.with_cuts_at(pointer).with("osteotomy", path).into()
+            }
+            (other, _) => other,
+        }
     }
 
     /// Stores a derived part without a file.

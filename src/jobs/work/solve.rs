@@ -52,7 +52,7 @@ pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
     let (solved, written) = tokio::join!(computing, write_steps(context, receiver));
     // A failed write cancels the solver: its reason is the one to tell.
     written?;
-    let solved = solved?;
+    let solved = solved.map_err(|halt| context.cuts_of(Some(request.osteotomy_id), "/plan", halt))?;
 
     context.running.set_phase(Phase::Writing);
     let steps = store.steps(context.job.id).await?;

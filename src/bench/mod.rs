@@ -17,3 +17,4 @@ pub use collision::CollisionStudy;
 pub use error::{BenchError, PointsFault};
 pub use evaluate::evaluate;
 pub use field::FieldStudy;
+pub use process::peak_mb;

@@ -24,8 +24,8 @@ mod setup;
 mod solver;
 
 pub use error::SolveError;
-pub use report::{IterationRecord, StepReport};
-pub use settings::{ContactBody, Model, Preset, SkinElement, SolveSettings};
+pub use report::{CellState, IterationRecord, StepReport};
+pub use settings::{Boundary, ContactBody, Locking, Model, Preset, SkinElement, SolveSettings};
 pub use solver::Solver;
 
 #[cfg(test)]

@@ -44,6 +44,15 @@ impl Law {
         }
     }
 
+    /// Cauchy stress; zero where `f` is inverted. Small strain knows no difference between the stresses.
+    pub(super) fn cauchy(&self, f: &Matrix3<f64>) -> Matrix3<f64> {
+        let stress = self.stress(f).unwrap_or_else(|_| Matrix3::zeros());
+        match self {
+            Self::Hyperelastic(_) => stress * f.transpose() / f.determinant(),
+            Self::SmallStrain(_) => stress,
+        }
+    }
+
     pub(super) fn stress_and_tangent(
         &self,
         f: &Matrix3<f64>,

@@ -12,7 +12,7 @@ pub(in crate::fem) use law::{Curvature, Law};
 pub(in crate::fem) use pattern::Pattern;
 
 use super::dofs::Dofs;
-use super::element::ElementBlock;
+use super::element::{ElementBlock, SMOOTHED_WIDTHS};
 use super::error::SolveError;
 use super::material::Inverted;
 use crate::geometry::Vector;
@@ -47,7 +47,10 @@ pub(in crate::fem) struct Inversion {
 /// All elements, the matrix's pattern, and buffers.
 #[derive(Debug, Clone)]
 pub(in crate::fem) struct Assembly {
+    /// Elements that carry the energy.
     parts: Vec<Part>,
+    /// Elements of the mesh where others, averages over them, carry the energy.
+    geometry: Option<Vec<Part>>,
     pattern: Pattern,
     sources: pattern::Sources,
     force_sources: ForceSources,
@@ -67,20 +70,26 @@ macro_rules! by_width {
         match $part.block.n_functions {
             4 => $function::<4>($($argument),*),
             6 => $function::<6>($($argument),*),
-            _ => $function::<12>($($argument),*),
+            8 => $function::<8>($($argument),*),
+            12 => $function::<12>($($argument),*),
+            16 => $function::<16>($($argument),*),
+            24 => $function::<24>($($argument),*),
+            32 => $function::<32>($($argument),*),
+            _ => $function::<48>($($argument),*),
         }
     };
 }
 
 impl Assembly {
-    pub(in crate::fem) fn new(parts: Vec<Part>, dofs: &Dofs) -> Result<Self, SolveError> {
-        let blocks: Vec<ElementBlock> = parts.iter().map(|p| p.block.clone()).collect();
+    /// `geometry` holds the elements of the mesh when those of `parts` are averages over them.
+    pub(in crate::fem) fn new(parts: Vec<Part>, geometry: Option<Vec<Part>>, dofs: &Dofs) -> Result<Self, SolveError> {
+        let blocks: Vec<&ElementBlock> = parts.iter().map(|p| &p.block).collect();
         for b in &blocks {
             let n = b.n_elements();
             let complete = b.nodes.len() == n * b.n_functions
                 && b.weights.len() == n * b.n_points
                 && b.gradients.len() == n * b.n_points * b.n_functions;
-            if !matches!(b.n_functions, 4 | 6 | 12) || !complete {
+            if !SMOOTHED_WIDTHS.contains(&b.n_functions) || !complete {
                 let detail = format!("the block of {}s is not complete", b.kind);
                 return Err(SolveError::Problem { detail });
             }
@@ -95,6 +104,7 @@ impl Assembly {
         let functions: usize = blocks.iter().map(|b| b.nodes.len()).sum();
         Ok(Self {
             parts,
+            geometry,
             pattern,
             sources,
             force_sources,
@@ -107,21 +117,53 @@ impl Assembly {
         &self.pattern
     }
 
+    /// Elements of the mesh; [`Inversion`] counts in these.
     pub(in crate::fem) fn parts(&self) -> &[Part] {
-        &self.parts
+        self.geometry.as_deref().unwrap_or(&self.parts)
+    }
+
+    /// Whether averages over elements carry the energy.
+    pub(in crate::fem) fn is_smoothed(&self) -> bool {
+        self.geometry.is_some()
+    }
+
+    /// An element of the mesh for one that carries energy.
+    fn in_mesh(&self, at: Inversion) -> Inversion {
+        let Some(geometry) = &self.geometry else { return at };
+        let cell = self.parts[at.part].block.cells[at.element];
+        let place = |(part, p): (usize, &Part)| {
+            p.block.cells.iter().position(|c| *c == cell).map(|element| Inversion { part, element })
+        };
+        geometry.iter().enumerate().find_map(place).unwrap_or(Inversion { part: 0, element: 0 })
+    }
+
+    /// Refuses an inverted element of the mesh that averages might hide. Small strain knows no inversion.
+    fn check_geometry(&self, x: &[Vector]) -> Result<(), Inversion> {
+        for (index, part) in self.geometry.iter().flatten().enumerate() {
+            if matches!(part.laws[0], Law::SmallStrain(_)) {
+                continue;
+            }
+            let dets = by_width!(part, part_min_det(part, x));
+            if let Some(element) = dets.iter().position(|det| !(*det > 0.0 && det.is_finite())) {
+                return Err(Inversion { part: index, element });
+            }
+        }
+        Ok(())
     }
 
     /// Energy (mJ) at `x`.
     pub(in crate::fem) fn energy(&self, x: &[Vector]) -> Result<f64, Inversion> {
+        self.check_geometry(x)?;
         let mut total = 0.0;
         for (index, part) in self.parts.iter().enumerate() {
-            total += by_width!(part, part_energy(index, part, x))?;
+            total += by_width!(part, part_energy(index, part, x)).map_err(|at| self.in_mesh(at))?;
         }
         Ok(total)
     }
 
     /// Energy at `x`, and its gradient by every generalised node in `forces`.
     pub(in crate::fem) fn forces(&mut self, x: &[Vector], forces: &mut [Vector]) -> Result<f64, Inversion> {
+        self.check_geometry(x)?;
         let mut total = 0.0;
         let mut rest = self.element_forces.as_mut_slice();
         for (index, part) in self.parts.iter().enumerate() {
@@ -176,31 +218,51 @@ impl Assembly {
     /// Share of `dx`, at most 1, at which an element is first inverted.
     pub(in crate::fem) fn first_inversion(&self, x: &[Vector], dx: &[Vector]) -> (f64, Option<Inversion>) {
         let mut least = (1.0, None);
-        for (index, part) in self.parts.iter().enumerate() {
-            let shares = by_width!(part, part_first_inversion(part, x, dx));
-            for (element, share) in shares.into_iter().enumerate() {
-                if share < least.0 {
-                    least = (share, Some(Inversion { part: index, element }));
+        let mut search = |parts: &[Part], in_mesh: &dyn Fn(Inversion) -> Inversion| {
+            for (index, part) in parts.iter().enumerate() {
+                let shares = by_width!(part, part_first_inversion(part, x, dx));
+                for (element, share) in shares.into_iter().enumerate() {
+                    if share < least.0 {
+                        least = (share, Some(in_mesh(Inversion { part: index, element })));
+                    }
                 }
             }
+        };
+        search(self.parts(), &|at| at);
+        if self.is_smoothed() {
+            search(&self.parts, &|at| self.in_mesh(at));
         }
         least
     }
 
     /// Smallest det F in each element, by part.
     pub(in crate::fem) fn min_det(&self, x: &[Vector]) -> Vec<Vec<f64>> {
-        self.parts.iter().map(|part| by_width!(part, part_min_det(part, x))).collect()
+        self.parts().iter().map(|part| by_width!(part, part_min_det(part, x))).collect()
     }
 
     /// Deformation gradients at the points of one element.
     pub(in crate::fem) fn deformations(&self, at: Inversion, x: &[Vector]) -> Vec<Matrix3<f64>> {
-        let part = &self.parts[at.part];
+        let part = &self.parts()[at.part];
         by_width!(part, element_deformations(part, at.element, x))
+    }
+
+    /// Volume at rest (mm³), Cauchy stress (MPa, small strain: the linear one) and det F of an element, means over its points.
+    pub(in crate::fem) fn state(&self, at: Inversion, x: &[Vector]) -> (f64, Matrix3<f64>, f64) {
+        let part = &self.parts()[at.part];
+        let q = part.block.n_points;
+        let weights = &part.block.weights[at.element * q..(at.element + 1) * q];
+        let (mut volume, mut stress, mut ratio) = (0.0, Matrix3::zeros(), 0.0);
+        for (f, w) in self.deformations(at, x).iter().zip(weights) {
+            volume += w;
+            stress += part.law(at.element).cauchy(f) * *w;
+            ratio += w * f.determinant();
+        }
+        (volume, stress / volume, ratio / volume)
     }
 
     /// Tissue of an element.
     pub(in crate::fem) fn tissue(&self, at: Inversion) -> Tissue {
-        self.parts[at.part].block.tissue[at.element]
+        self.parts()[at.part].block.tissue[at.element]
     }
 }
 

@@ -52,6 +52,35 @@ impl Pattern {
         }
     }
 
+    /// Takes unknowns out of the system: rows and columns of the axes (bits) of these unknown nodes become zero but for the diagonal.
+    pub(in crate::fem) fn hold(&self, held: &[(u32, u8)], values: &mut [f64]) {
+        if held.is_empty() {
+            return;
+        }
+        let mut axes = vec![0u8; self.n_columns()];
+        for &(unknown, bits) in held {
+            axes[unknown as usize] = bits;
+        }
+        for column in 0..self.n_columns() {
+            let rows = self.rows(column);
+            let values = &mut values[self.value_start(column)..self.value_start(column) + 9 * rows.len()];
+            for (place, &row) in rows.iter().enumerate() {
+                let (of_row, of_column) = (axes[row as usize], axes[column]);
+                if of_row | of_column == 0 {
+                    continue;
+                }
+                for c in 0..3 {
+                    for r in 0..3 {
+                        let diagonal = row as usize == column && r == c;
+                        if !diagonal && (of_row >> r | of_column >> c) & 1 == 1 {
+                            values[3 * rows.len() * c + 3 * place + r] = 0.0;
+                        }
+                    }
+                }
+            }
+        }
+    }
+
     /// `y = A x`.
     pub(in crate::fem) fn multiply(&self, values: &[f64], x: &[f64], y: &mut [f64]) {
         y.fill(0.0);
@@ -94,7 +123,7 @@ impl Sources {
 }
 
 /// Pattern and sources. Slots are numbered through all blocks of elements, elements, and local pairs `(a, b)`, `a >= b`.
-pub(super) fn build(blocks: &[ElementBlock], dofs: &Dofs) -> (Pattern, Sources) {
+pub(super) fn build(blocks: &[&ElementBlock], dofs: &Dofs) -> (Pattern, Sources) {
     let mut entries: Vec<(u32, u32, u32)> = Vec::new();
     let mut slot = 0u32;
     for block in blocks {
@@ -126,6 +155,6 @@ pub(super) fn build(blocks: &[ElementBlock], dofs: &Dofs) -> (Pattern, Sources) 
 }
 
 /// Total number of slots.
-pub(super) fn total_slots(blocks: &[ElementBlock]) -> usize {
+pub(super) fn total_slots(blocks: &[&ElementBlock]) -> usize {
     blocks.iter().map(|b| b.n_elements() * n_slots(b.n_functions)).sum()
 }

@@ -16,7 +16,7 @@ pub(super) struct ForceSources {
 }
 
 impl ForceSources {
-    pub(super) fn new(blocks: &[ElementBlock], n_nodes: usize) -> Self {
+    pub(super) fn new(blocks: &[&ElementBlock], n_nodes: usize) -> Self {
         let all = || blocks.iter().flat_map(|b| &b.nodes);
         let mut start = vec![0u32; n_nodes + 1];
         for &node in all() {

@@ -91,6 +91,18 @@ impl Material {
         Self { isochoric: Isochoric::MooneyRivlin { c10, c01 }, bulk }
     }
 
+    /// Its energy without the volumetric part.
+    #[must_use]
+    pub fn isochoric_part(self) -> Self {
+        Self { bulk: 0.0, ..self }
+    }
+
+    /// Its volumetric energy alone.
+    #[must_use]
+    pub fn volumetric_part(self) -> Self {
+        Self { isochoric: Isochoric::MooneyRivlin { c10: 0.0, c01: 0.0 }, ..self }
+    }
+
     /// Small-strain shear modulus, MPa.
     #[must_use]
     pub fn shear_modulus(&self) -> f64 {

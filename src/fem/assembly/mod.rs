@@ -1,6 +1,6 @@
 //! Energy, forces and stiffness of all elements.
 //!
-//! Elements are evaluated in parallel into buffers, then each force and each block of the matrix gathers its
+//! Elements are evaluated in parallel into buffers, then each force gathers and each block of the matrix is given its
 //! contributions in the order of elements: the same bits at any number of threads.
 
 mod kernel;
@@ -20,7 +20,7 @@ use crate::mesh::Tissue;
 use kernel::{Element, n_slots};
 use nalgebra::Matrix3;
 use rayon::prelude::*;
-use scatter::ForceSources;
+use scatter::{ForceSources, Scatter};
 
 /// Elements with their material laws, one law a tissue.
 #[derive(Debug, Clone)]
@@ -52,9 +52,11 @@ pub(in crate::fem) struct Assembly {
     /// Elements of the mesh where others, averages over them, carry the energy.
     geometry: Option<Vec<Part>>,
     pattern: Pattern,
-    sources: pattern::Sources,
+    slots: pattern::Slots,
+    scatter: Scatter,
     force_sources: ForceSources,
     element_forces: Vec<f64>,
+    /// Matrices of one chunk of elements.
     element_blocks: Vec<f64>,
 }
 
@@ -62,6 +64,14 @@ pub(in crate::fem) struct Assembly {
 const fn chunk(n_functions: usize, n_points: usize) -> usize {
     let work = n_functions * n_functions * n_points;
     if work >= 4096 { 8 } else { 8192 / (work + 1) + 1 }
+}
+
+/// Values of element matrices that are held at once: some 16 MB.
+const BUFFERED: usize = 1 << 21;
+
+/// Elements of a block whose matrices are made before they are added to the whole.
+fn elements_at_once(block: &ElementBlock) -> usize {
+    (BUFFERED / (9 * n_slots(block.n_functions))).clamp(1, block.n_elements().max(1))
 }
 
 /// Calls `$method::<N>` for the block's number of functions; blocks of other sizes were refused by [`Assembly::new`].
@@ -94,22 +104,29 @@ impl Assembly {
                 return Err(SolveError::Problem { detail });
             }
         }
-        let slots = pattern::total_slots(&blocks);
-        if slots > (u32::MAX / 2) as usize {
-            let detail = format!("{slots} element blocks, at most {} are possible", u32::MAX / 2);
+        let n_slots_in_all = pattern::total_slots(&blocks);
+        if n_slots_in_all > (u32::MAX / 2) as usize {
+            let detail = format!("{n_slots_in_all} element blocks, at most {} are possible", u32::MAX / 2);
             return Err(SolveError::Problem { detail });
         }
-        let (pattern, sources) = pattern::build(&blocks, dofs);
+        let (pattern, slots) = pattern::build(&blocks, dofs);
+        if 9 * pattern.n_blocks() > u32::MAX as usize {
+            let detail = format!("{} blocks of the stiffness matrix, at most {} are possible", pattern.n_blocks(), u32::MAX / 9);
+            return Err(SolveError::Problem { detail });
+        }
+        let scatter = Scatter::new(&pattern);
+        let buffer = blocks.iter().map(|b| elements_at_once(b) * 9 * n_slots(b.n_functions)).max().unwrap_or(0);
         let force_sources = ForceSources::new(&blocks, dofs.n_nodes());
         let functions: usize = blocks.iter().map(|b| b.nodes.len()).sum();
         Ok(Self {
             parts,
             geometry,
             pattern,
-            sources,
+            slots,
+            scatter,
             force_sources,
             element_forces: vec![0.0; 3 * functions],
-            element_blocks: vec![0.0; 9 * slots],
+            element_blocks: vec![0.0; buffer],
         })
     }
 
@@ -169,7 +186,11 @@ impl Assembly {
         for (index, part) in self.parts.iter().enumerate() {
             let (buffer, tail) = rest.split_at_mut(3 * part.block.nodes.len());
             rest = tail;
-            total += by_width!(part, part_forces(index, part, x, buffer))?;
+            let done = by_width!(part, part_forces(index, part, x, buffer));
+            match done {
+                Ok(energy) => total += energy,
+                Err(at) => return Err(self.in_mesh(at)),
+            }
         }
         self.force_sources.gather(&self.element_forces, forces);
         Ok(total)
@@ -186,7 +207,10 @@ impl Assembly {
         for (index, part) in self.parts.iter().enumerate() {
             let (buffer, tail) = rest.split_at_mut(3 * part.block.nodes.len());
             rest = tail;
-            by_width!(part, part_force_change(index, part, x, dx, buffer))?;
+            let done = by_width!(part, part_force_change(index, part, x, dx, buffer));
+            if let Err(at) = done {
+                return Err(self.in_mesh(at));
+            }
         }
         self.force_sources.gather(&self.element_forces, change);
         Ok(())
@@ -200,18 +224,29 @@ impl Assembly {
         forces: &mut [Vector],
         values: &mut [f64],
     ) -> Result<(), Inversion> {
+        self.check_geometry(x)?;
+        values.fill(0.0);
         let mut rest = self.element_forces.as_mut_slice();
-        let mut rest_blocks = self.element_blocks.as_mut_slice();
+        let mut first_slot = 0;
         for (index, part) in self.parts.iter().enumerate() {
             let (buffer, tail) = rest.split_at_mut(3 * part.block.nodes.len());
             rest = tail;
-            let n = 9 * part.block.n_elements() * n_slots(part.block.n_functions);
-            let (blocks, tail) = rest_blocks.split_at_mut(n);
-            rest_blocks = tail;
-            by_width!(part, part_tangent(index, part, curvature, x, buffer, blocks))?;
+            let (n, slots) = (part.block.n_elements(), n_slots(part.block.n_functions));
+            let at_once = elements_at_once(&part.block);
+            for from in (0..n).step_by(at_once) {
+                let to = n.min(from + at_once);
+                let forces = &mut buffer[3 * from * part.block.n_functions..3 * to * part.block.n_functions];
+                let blocks = &mut self.element_blocks[..9 * slots * (to - from)];
+                let done = by_width!(part, part_tangent(index, part, from, curvature, x, forces, blocks));
+                if let Err(at) = done {
+                    return Err(self.in_mesh(at));
+                }
+                let codes = self.slots.codes(first_slot + slots * from..first_slot + slots * to);
+                self.scatter.add(&self.pattern, codes, blocks, values);
+            }
+            first_slot += slots * n;
         }
         self.force_sources.gather(&self.element_forces, forces);
-        scatter::gather_matrix(&self.pattern, &self.sources, &self.element_blocks, values);
         Ok(())
     }
 
@@ -333,6 +368,7 @@ fn part_force_change<const N: usize>(
 fn part_tangent<const N: usize>(
     index: usize,
     part: &Part,
+    first: usize,
     curvature: Curvature,
     x: &[Vector],
     buffer: &mut [f64],
@@ -347,7 +383,7 @@ fn part_tangent<const N: usize>(
         .map(|(c, (out, blocks))| {
             out.fill(0.0);
             for (i, (out, blocks)) in out.chunks_exact_mut(3 * N).zip(blocks.chunks_exact_mut(slots)).enumerate() {
-                let e = c * size + i;
+                let e = first + c * size + i;
                 let element = Element::<N>::new(&part.block, e);
                 let x = element.collect(x);
                 element.tangent(part.law(e), curvature, &x, out, blocks).map_err(|_: Inverted| e)?;

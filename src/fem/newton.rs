@@ -229,6 +229,7 @@ impl<'a> Equations<'a> {
                 rhs.iter_mut().zip(&change).for_each(|(r, c)| *r += c);
             }
             rhs.iter_mut().for_each(|r| *r = -*r);
+            let forcing = self.solver.tolerance(forcing);
             let work = self.solver.solve(self.assembly.pattern(), &self.values, &rhs, &mut change, forcing)?;
             record.factorised |= work.factorised;
             record.cg_iterations += work.cg_iterations;

@@ -7,6 +7,11 @@ use crate::geometry::{Implicit, Vector};
 pub enum Model {
     /// Small strain on linear elements (LFEM).
     Linear,
+    /// Small strain again, but vertices are relaxed under the forces of their neighbours instead of solving for all at once (MTM).
+    ///
+    /// The tensors of vertices and edges are those of Cotin, Delingette and Ayache, IEEE Trans Vis Comput Graph 1999; instead of their
+    /// time steps, conjugate gradients with the vertices' tensors as preconditioner bring the vertices to rest: the equilibrium is the same.
+    MassTensor,
     /// Hyperelastic on linear elements (NFEM).
     Nonlinear,
     /// Hyperelastic, C1 prisms for the skin, linear tetrahedra inside (NFM-EM).
@@ -18,7 +23,7 @@ impl Model {
     #[must_use]
     pub fn is_linear(self) -> bool {
         match self {
-            Self::Linear => true,
+            Self::Linear | Self::MassTensor => true,
             Self::Nonlinear | Self::Mixed => false,
         }
     }
@@ -41,7 +46,7 @@ impl SkinElement {
     pub fn of(model: Model) -> Self {
         match model {
             Model::Mixed => Self::C1Prism,
-            Model::Linear | Model::Nonlinear => Self::Tetrahedron,
+            Model::Linear | Model::MassTensor | Model::Nonlinear => Self::Tetrahedron,
         }
     }
 }
@@ -70,6 +75,8 @@ pub struct Boundary {
 pub enum Preset {
     /// Stable neo-Hookean with the published small-strain moduli (reading notes 20).
     Wang2009Stable,
+    /// Stable Yeoh that follows the published curve in tension.
+    Wang2009Tension,
     /// The published constants, which lose ellipticity early.
     Wang2009,
 }
@@ -155,6 +162,7 @@ impl Preset {
     pub fn materials(self) -> Materials {
         match self {
             Self::Wang2009Stable => Materials::wang2009_stable(),
+            Self::Wang2009Tension => Materials::wang2009_tension(),
             Self::Wang2009 => Materials::wang2009(),
         }
     }

@@ -8,7 +8,7 @@ use super::error::SolveError;
 use super::linear_solve::LinearSolver;
 use super::material::{Material, Materials};
 use super::newton::{Equations, Limits};
-use super::settings::{Boundary, ContactBody, Locking, SkinElement, SolveSettings};
+use super::settings::{Boundary, ContactBody, Locking, Model, SkinElement, SolveSettings};
 use crate::control::Control;
 use crate::geometry::Vector;
 use crate::mesh::{Attachment, MixedMesh, Tissue};
@@ -45,6 +45,7 @@ pub(super) fn equations<'a>(
     check_bodies(&bodies)?;
     let (blocks, surface) = element_blocks(mesh, settings)?;
     let mut warnings = surface.as_ref().map(C1Surface::warnings).unwrap_or_default();
+    warnings.extend(stability_warnings(&blocks, settings));
     control.check()?;
     control.report(0.2);
     let smoothed = match settings.locking {
@@ -67,7 +68,10 @@ pub(super) fn equations<'a>(
     };
     control.check()?;
     control.report(0.7);
-    let solver = LinearSolver::new(assembly.pattern())?;
+    let solver = match settings.model {
+        Model::MassTensor => LinearSolver::relaxation(),
+        Model::Linear | Model::Nonlinear | Model::Mixed => LinearSolver::new(assembly.pattern())?,
+    };
     control.report(0.9);
     let stiffness = settings.contact_stiffness_factor * CONTACT_STIFFNESS * scale.modulus / scale.thickness_mm;
     let (contact, overlap) = Contact::new(mesh, bodies, stiffness);
@@ -106,6 +110,16 @@ fn element_blocks(
     }
     blocks.retain(|b| b.n_elements() > 0);
     Ok((blocks, surface))
+}
+
+/// Warnings about materials of tissues that are there, small strain aside.
+fn stability_warnings(blocks: &[ElementBlock], settings: &SolveSettings) -> Vec<String> {
+    if settings.model.is_linear() {
+        return Vec::new();
+    }
+    let there = |tissue: &Tissue| blocks.iter().any(|b| b.tissue.contains(tissue));
+    let tissues = TISSUES.into_iter().filter(there);
+    tissues.filter_map(|t| settings.materials.of(t).stability_warning(tissue_name(t))).collect()
 }
 
 /// Parts whose energies add up to that of the elements, taken at averaged strains.

@@ -39,6 +39,7 @@ pub(super) enum SceneError {
 #[serde(rename_all = "snake_case")]
 enum ModelWord {
     Linear,
+    MassTensor,
     Nonlinear,
     Mixed,
 }
@@ -62,6 +63,8 @@ enum LockingWord {
 enum PresetWord {
     #[serde(rename = "wang2009-stable")]
     Wang2009Stable,
+    #[serde(rename = "wang2009-tension")]
+    Wang2009Tension,
     #[serde(rename = "wang2009")]
     Wang2009,
 }
@@ -70,7 +73,7 @@ enum PresetWord {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(
     untagged,
-    expecting = "expected the name of a preset (wang2009-stable, wang2009) or an object of laws by tissue"
+    expecting = "expected the name of a preset (wang2009-stable, wang2009-tension, wang2009) or an object of laws by tissue"
 )]
 enum MaterialsWord {
     Preset(PresetWord),
@@ -164,6 +167,7 @@ impl SceneFile {
     fn settings(&self) -> Result<SolveSettings, SceneError> {
         let model = match self.model {
             Some(ModelWord::Linear) => Model::Linear,
+            Some(ModelWord::MassTensor) => Model::MassTensor,
             Some(ModelWord::Nonlinear) => Model::Nonlinear,
             Some(ModelWord::Mixed) | None => Model::Mixed,
         };
@@ -176,8 +180,7 @@ impl SceneFile {
         }
         match self.locking {
             Some(LockingWord::None) => settings.locking = Locking::None,
-            Some(LockingWord::Smoothed) => settings.locking = Locking::Smoothed,
-            None => {}
+            Some(LockingWord::Smoothed) | None => settings.locking = Locking::Smoothed,
         }
         let positive = |name: &str, found: Option<f64>, default: f64, most: f64| match found {
             None => Ok(default),
@@ -214,6 +217,7 @@ impl SceneFile {
     fn materials(&self, ready: &ReadyMesh) -> Result<Materials, SceneError> {
         let laws = match &self.materials {
             None | Some(MaterialsWord::Preset(PresetWord::Wang2009Stable)) => return Ok(Materials::wang2009_stable()),
+            Some(MaterialsWord::Preset(PresetWord::Wang2009Tension)) => return Ok(Materials::wang2009_tension()),
             Some(MaterialsWord::Preset(PresetWord::Wang2009)) => return Ok(Materials::wang2009()),
             Some(MaterialsWord::Laws(laws)) => laws,
         };

@@ -111,7 +111,8 @@ impl Assembly {
         }
         let (pattern, slots) = pattern::build(&blocks, dofs);
         if 9 * pattern.n_blocks() > u32::MAX as usize {
-            let detail = format!("{} blocks of the stiffness matrix, at most {} are possible", pattern.n_blocks(), u32::MAX / 9);
+            let detail =
+                format!("{} blocks of the stiffness matrix, at most {} are possible", pattern.n_blocks(), u32::MAX / 9);
             return Err(SolveError::Problem { detail });
         }
         let scatter = Scatter::new(&pattern);

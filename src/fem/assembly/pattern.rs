@@ -92,6 +92,16 @@ impl Pattern {
         }
     }
 
+    /// Inverses of the diagonal blocks; `None` when one is not positive definite.
+    pub(in crate::fem) fn inverse_diagonal(&self, values: &[f64]) -> Option<Vec<Matrix3<f64>>> {
+        let block = |column: usize| {
+            let (begin, stride) = (self.value_start(column), 3 * self.rows(column).len());
+            let block = Matrix3::from_fn(|r, c| values[begin + stride * c + r]);
+            block.cholesky().map(|factor| factor.inverse())
+        };
+        (0..self.n_columns()).map(block).collect()
+    }
+
     /// `y = A x`.
     pub(in crate::fem) fn multiply(&self, values: &[f64], x: &[f64], y: &mut [f64]) {
         y.fill(0.0);

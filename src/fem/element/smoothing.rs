@@ -112,3 +112,58 @@ fn push_domain(blocks: &[&ElementBlock], shares: &[Share], out: &mut [ElementBlo
     let first = &shares[0];
     block.cells.push(blocks[first.block as usize].cells[first.element as usize]);
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::linear::{tetrahedra, wedges};
+    use super::super::sample_meshes::{height_field, prism};
+    use super::*;
+    use nalgebra::Matrix3;
+
+    /// Domains share out the volume and reproduce a linear field exactly; edges of a tetrahedron give six domains.
+    #[test]
+    fn domains_keep_the_volume_and_linear_fields() {
+        let mut mesh = prism(2.0, 3.0, 1.5, [0, 1, 2, 3, 4, 5]);
+        mesh.tetrahedra = vec![[3, 4, 5, 1], [3, 5, 0, 1], [2, 1, 0, 5]];
+        mesh.tetrahedron_tissue = vec![Tissue::Fat, Tissue::Fat, Tissue::Muscle];
+        let a = Matrix3::new(1.2, 0.3, -0.1, 0.2, 0.9, 0.4, 0.0, -0.3, 1.1);
+        let tetrahedra = tetrahedra(&mesh).unwrap();
+        let edges = edge_domains(&[&tetrahedra]);
+        let nodes = node_domains(&[&tetrahedra], |_, nodes| nodes.to_vec());
+        // Nine edges of the two fat tetrahedra, six of the muscle; five and four nodes.
+        for (blocks, count) in [(&edges, 9 + 6), (&nodes, 5 + 4)] {
+            assert_eq!(blocks.iter().map(ElementBlock::n_elements).sum::<usize>(), count);
+            let volume: f64 = blocks.iter().flat_map(|b| &b.weights).sum();
+            assert!((volume - 4.5).abs() < 1e-14);
+            for block in blocks {
+                let n = block.n_functions;
+                for (nodes, gradients) in block.nodes.chunks(n).zip(block.gradients.chunks(n)) {
+                    let f: Matrix3<f64> = nodes
+                        .iter()
+                        .zip(gradients)
+                        .map(|(node, g)| a * mesh.positions[*node as usize].coords * g.transpose())
+                        .sum();
+                    assert!((f - a).norm() < 1e-14);
+                }
+            }
+        }
+    }
+
+    /// A node with more neighbours than the widest block has room for gets several domains.
+    #[test]
+    fn crowded_nodes_get_several_domains() {
+        let mesh = height_field(2, 1.0, |_, _| 0.0);
+        let wedges = wedges(&mesh).unwrap();
+        let block = ElementBlock { tissue: wedges.tissue.clone(), ..wedges };
+        let everything = node_domains(&[&block], |_, _| vec![0]);
+        assert!(everything.iter().all(|b| SMOOTHED_WIDTHS.contains(&b.n_functions)));
+        let volume: f64 = everything.iter().flat_map(|b| &b.weights).sum();
+        assert!((volume - block.weights.iter().sum::<f64>()).abs() < 1e-12);
+        let wide = height_field(6, 1.0, |_, _| 0.0);
+        let wedges = super::super::linear::wedges(&wide).unwrap();
+        let several = node_domains(&[&wedges], |_, _| vec![0]);
+        assert!(several.iter().map(ElementBlock::n_elements).sum::<usize>() > 1);
+        let volume: f64 = several.iter().flat_map(|b| &b.weights).sum();
+        assert!((volume - wedges.weights.iter().sum::<f64>()).abs() < 1e-12);
+    }
+}

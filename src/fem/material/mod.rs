@@ -8,6 +8,8 @@ mod energy;
 mod presets;
 mod principal;
 mod projection;
+mod stable_range;
 
 pub use energy::{Inverted, Isochoric, Material, Tangent};
 pub use presets::Materials;
+pub use stable_range::{EXPECTED_STRETCH, StandardTest};

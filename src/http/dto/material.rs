@@ -31,6 +31,19 @@ pub enum MaterialRequest {
         /// Poisson ratio at rest.
         poisson: f64,
     },
+    /// `c1 f + c2 f² + c3 f³` with `f = J^(-2/3) I1 - 3`.
+    Yeoh {
+        /// C1, MPa.
+        c1_mpa: f64,
+        /// C2, MPa.
+        #[serde(default)]
+        c2_mpa: f64,
+        /// C3, MPa.
+        #[serde(default)]
+        c3_mpa: f64,
+        /// Poisson ratio at rest.
+        poisson: f64,
+    },
 }
 
 impl MaterialRequest {
@@ -43,6 +56,10 @@ impl MaterialRequest {
             }
             Self::NeoHookean { shear_modulus_mpa, poisson } => {
                 (Material::neo_hookean(modulus("shear_modulus_mpa", shear_modulus_mpa), poisson), poisson)
+            }
+            Self::Yeoh { c1_mpa, c2_mpa, c3_mpa, poisson } => {
+                let constants = [modulus("c1_mpa", c1_mpa), modulus("c2_mpa", c2_mpa), modulus("c3_mpa", c3_mpa)];
+                (Material::yeoh(constants, poisson), poisson)
             }
         };
         if !(poisson > -1.0 && poisson <= MAX_POISSON) {

@@ -7,6 +7,7 @@
 //! prism's outer surface), and an [`element::ElementBlock`] holds gradients of its shape functions at quadrature points.
 
 mod assembly;
+mod cell_states;
 mod contact;
 mod diagnosis;
 mod dofs;

@@ -10,10 +10,11 @@ use super::report::IterationRecord;
 use crate::control::{Cancelled, Control};
 use crate::geometry::{Motion, Vector};
 
-/// A step counts as converged only when the remaining displacement is estimated below this, mm.
-const DISPLACEMENT_TOLERANCE_MM: f64 = 1e-3;
-/// The same while multipliers are still to be updated, mm.
-const COARSE_DISPLACEMENT_MM: f64 = 2e-2;
+/// A step counts as converged only when the remaining displacement is estimated below this share of the element size: 1e-3 mm for
+/// elements of 4 mm.
+const DISPLACEMENT_TOLERANCE: f64 = 2.5e-4;
+/// The same while multipliers are still to be updated.
+const COARSE_DISPLACEMENT: f64 = 5e-3;
 /// After a whole Newton step shorter than this the contact's curvature is taken into the tangent, mm.
 const CURVED_BELOW_MM: f64 = 0.1;
 /// Points with a smaller gap may come to touch within one Newton step, mm.
@@ -338,8 +339,8 @@ impl<'a> Equations<'a> {
     ) -> Result<Equilibrium, Failure> {
         let mut curvature = Curvature::Exact;
         let (mut curved, mut wait) = (false, 0usize);
-        let enough =
-            if aim > self.limits.relative_residual { COARSE_DISPLACEMENT_MM } else { DISPLACEMENT_TOLERANCE_MM };
+        let share = if aim > self.limits.relative_residual { COARSE_DISPLACEMENT } else { DISPLACEMENT_TOLERANCE };
+        let enough = share * self.limits.element_size_mm;
         let mut last = (f64::INFINITY, 0.0);
         for iteration in 0..=self.limits.max_iterations {
             control.check()?;

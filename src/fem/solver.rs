@@ -1,7 +1,6 @@
 //! Static equilibrium of one mesh under moving bone, advanced along a path.
 
-use super::assembly::Inversion;
-use super::element::{C1Surface, MeshCell};
+use super::element::C1Surface;
 use super::error::SolveError;
 use super::newton::{Equations, Equilibrium, Failure, MAX_CONTACT_MOTION_MM};
 use super::report::{CellState, IterationRecord, StepReport};
@@ -10,7 +9,6 @@ use super::{diagnosis, setup};
 use crate::control::Control;
 use crate::geometry::{Motion, Point, Vector};
 use crate::mesh::MixedMesh;
-use nalgebra::Matrix3;
 
 /// Contact points farther from a body than this do not limit its substeps, mm.
 const CONTACT_REACH_MM: f64 = 10.0;
@@ -172,26 +170,7 @@ impl<'a> Solver<'a> {
     /// Stress and volume ratio of every tetrahedron and every prism of the mesh at the present state.
     #[must_use]
     pub fn cell_states(&self) -> (Vec<CellState>, Vec<CellState>) {
-        let mut tetrahedra = vec![(0.0, Matrix3::zeros(), 0.0); self.mesh.tetrahedra.len()];
-        let mut prisms = vec![(0.0, Matrix3::zeros(), 0.0); self.mesh.prisms.len()];
-        for (part, elements) in self.equations.assembly.parts().iter().enumerate() {
-            for (element, cell) in elements.block.cells.iter().enumerate() {
-                let (volume, stress, ratio) = self.equations.assembly.state(Inversion { part, element }, &self.state.x);
-                let sum = match *cell {
-                    MeshCell::Tetrahedron(cell) => &mut tetrahedra[cell as usize],
-                    MeshCell::Prism(cell) => &mut prisms[cell as usize],
-                };
-                sum.0 += volume;
-                sum.1 += stress * volume;
-                sum.2 += ratio * volume;
-            }
-        }
-        let mean = |(volume, stress, ratio): (f64, Matrix3<f64>, f64)| {
-            let s: Matrix3<f64> = stress / volume;
-            let stress_mpa = [s[(0, 0)], s[(1, 1)], s[(2, 2)], s[(0, 1)], s[(1, 2)], s[(0, 2)]];
-            CellState { stress_mpa, volume_ratio: ratio / volume }
-        };
-        (tetrahedra.into_iter().map(mean).collect(), prisms.into_iter().map(mean).collect())
+        super::cell_states::cell_states(&self.equations.assembly, self.mesh, &self.state.x)
     }
 
     /// Newton iterations of the last call of [`Solver::advance`].

@@ -44,6 +44,21 @@ pub(in crate::fem) struct Inversion {
     pub(in crate::fem) element: usize,
 }
 
+/// State of an element, means over its points.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::fem) struct ElementState {
+    /// At rest, mm³.
+    pub(in crate::fem) volume: f64,
+    /// Cauchy stress, MPa.
+    pub(in crate::fem) stress: Matrix3<f64>,
+    /// det F.
+    pub(in crate::fem) ratio: f64,
+    /// What the bulk modulus acts on: det F - 1, or the trace of a small strain.
+    pub(in crate::fem) dilatation: f64,
+    /// Bulk modulus, MPa.
+    pub(in crate::fem) bulk: f64,
+}
+
 /// All elements, the matrix's pattern, and buffers.
 #[derive(Debug, Clone)]
 pub(in crate::fem) struct Assembly {
@@ -282,18 +297,22 @@ impl Assembly {
         by_width!(part, element_deformations(part, at.element, x))
     }
 
-    /// Volume at rest (mm³), Cauchy stress (MPa, small strain: the linear one) and det F of an element, means over its points.
-    pub(in crate::fem) fn state(&self, at: Inversion, x: &[Vector]) -> (f64, Matrix3<f64>, f64) {
+    /// Means over the points of an element.
+    pub(in crate::fem) fn state(&self, at: Inversion, x: &[Vector]) -> ElementState {
         let part = &self.parts()[at.part];
+        let law = part.law(at.element);
         let q = part.block.n_points;
         let weights = &part.block.weights[at.element * q..(at.element + 1) * q];
-        let (mut volume, mut stress, mut ratio) = (0.0, Matrix3::zeros(), 0.0);
+        let mut sum =
+            ElementState { volume: 0.0, stress: Matrix3::zeros(), ratio: 0.0, dilatation: 0.0, bulk: law.bulk() };
         for (f, w) in self.deformations(at, x).iter().zip(weights) {
-            volume += w;
-            stress += part.law(at.element).cauchy(f) * *w;
-            ratio += w * f.determinant();
+            sum.volume += w;
+            sum.stress += law.cauchy(f) * *w;
+            sum.ratio += w * f.determinant();
+            sum.dilatation += w * law.dilatation(f);
         }
-        (volume, stress / volume, ratio / volume)
+        let stress = sum.stress / sum.volume;
+        ElementState { stress, ratio: sum.ratio / sum.volume, dilatation: sum.dilatation / sum.volume, ..sum }
     }
 
     /// Tissue of an element.

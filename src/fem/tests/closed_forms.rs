@@ -240,3 +240,35 @@ fn relaxed_mass_tensors_come_to_rest_where_the_linear_model_does() {
     let worst = linear.iter().zip(&relaxed).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max);
     assert!(worst < 1e-6 * 5.4, "{worst:.2e} mm");
 }
+
+/// Lengths times 0.1 or 1000 and moduli in other units give the same shape.
+#[test]
+fn the_answer_has_no_units() {
+    let control = Control::new();
+    let solve = |length: f64, modulus: f64, locking: Locking| {
+        let size = [24.0, 24.0, 8.0].map(|s| s * length);
+        let mut mesh = Slab { cells: [6, 6, 2], origin: [0.0; 3], size, skin: 1.5 * length }.mesh();
+        let middle = 12.0 * length;
+        attach(&mut mesh, |p| {
+            (p.z == 0.0).then_some(if p.x > middle { Attachment::Tied(1) } else { Attachment::Tied(0) })
+        });
+        let material = |shear: f64| Material::neo_hookean(shear * modulus, 0.45);
+        let (skin, fat) = (material(0.07), material(0.012));
+        let materials = Materials { skin, fat, muscle: fat, mucosa: fat };
+        let settings =
+            SolveSettings { relative_residual: 1e-9, locking, ..SolveSettings::new(Model::Nonlinear, materials) };
+        let mut solver = Solver::new(&mesh, vec![], settings, &control).unwrap();
+        let push = |t: f64| vec![(1, Motion::translation(0.0, length * t, 3.0 * length * t))];
+        solver.advance(1.0, &push, &control).unwrap();
+        let moved = solver.positions();
+        moved.iter().zip(&mesh.positions).map(|(a, b)| (a - b) / length).collect::<Vec<_>>()
+    };
+    for locking in [Locking::None, Locking::Smoothed] {
+        let reference = solve(1.0, 1.0, locking);
+        for (length, modulus) in [(0.1, 1.0), (1000.0, 1.0), (1.0, 1000.0)] {
+            let scaled = solve(length, modulus, locking);
+            let worst = reference.iter().zip(&scaled).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max);
+            assert!(worst < 1e-7 * 3.0, "{length} {modulus} {locking:?}: {worst:.1e}");
+        }
+    }
+}

@@ -133,7 +133,7 @@ fn a_tied_scene_is_solved_by_every_model() {
         tops.push(moved[3 * top + 2]);
     }
     // The middle of the skin is lifted, by every model alike.
-    assert!(tops.iter().all(|z| (1.2..2.0).contains(z)), "{tops:?}");
+    assert!(tops.iter().all(|z| (1.8..2.2).contains(z)), "{tops:?}");
     assert!((tops[0] - tops[1]).abs() < 1e-6, "{tops:?}");
 }
 
@@ -141,7 +141,7 @@ fn a_tied_scene_is_solved_by_every_model() {
 fn a_bone_pushes_points_that_slide_and_turns_about_its_pivot() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("slab.vtu"), slab(-2.0)).unwrap();
-    std::fs::write(folder.path().join("block.stl"), block([-8.0, -8.0, -30.0], [8.0, 8.0, 0.0])).unwrap();
+    std::fs::write(folder.path().join("block.stl"), block([-14.0, -14.0, -30.0], [14.0, 14.0, 0.0])).unwrap();
     let scene = json!({
         "mesh": "slab.vtu", "model": "nonlinear", "skin_element": "wedge", "materials": materials(),
         "segments": {"1": {"translation_mm": [0, 0, 2],
@@ -153,8 +153,9 @@ fn a_bone_pushes_points_that_slide_and_turns_about_its_pivot() {
     assert!((0.0..=0.05).contains(&penetration));
     let moved = &file.point_array("displacement_mm").unwrap().values;
     let at = |x: f64| 3 * file.points.iter().position(|p| *p == Point::new(x, 0.0, 0.0)).unwrap() + 2;
-    // Under the block's face: its height there, less the penetration; right-handed about y, +x goes down.
-    for x in [-5.0, 0.0, 5.0] {
+    // The bottom lies on the block, which reaches farther than the sliding points: its height there, less the penetration. Right-handed about y,
+    // +x goes down.
+    for x in [-10.0, -5.0, 0.0, 5.0, 10.0] {
         let expected = 2.0 - x * 3f64.to_radians().tan();
         assert!((moved[at(x)] - expected).abs() < 0.15, "{x}: {} {expected}", moved[at(x)]);
     }

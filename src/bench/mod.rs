@@ -19,3 +19,4 @@ pub use contacts::ContactStudy;
 pub use error::{BenchError, PointsFault};
 pub use evaluate::evaluate;
 pub use field::FieldStudy;
+pub use process::peak_mb;

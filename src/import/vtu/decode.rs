@@ -134,7 +134,7 @@ fn ascii(text: &[u8], at_most: usize) -> Option<Vec<f64>> {
 /// Decodes text in which padding may stand after any part that was encoded on its own.
 fn base64(text: &[u8]) -> Option<Vec<u8>> {
     let dense: Vec<u8> = text.iter().copied().filter(|c| !c.is_ascii_whitespace()).collect();
-    let mut found = Vec::with_capacity(dense.len() / 4 * 3);
+    let mut found = Vec::with_capacity(dense.len());
     let (quads, rest) = dense.as_chunks::<4>();
     if !rest.is_empty() {
         return None;

@@ -114,7 +114,11 @@ impl<'a> File<'a> {
                 let what = match e {
                     quick_xml::Error::Syntax(_) => "has a syntax error",
                     quick_xml::Error::IllFormed(_) => "is not well formed",
-                    _ => "cannot be read",
+                    quick_xml::Error::Io(_)
+                    | quick_xml::Error::InvalidAttr(_)
+                    | quick_xml::Error::Encoding(_)
+                    | quick_xml::Error::Escape(_)
+                    | quick_xml::Error::Namespace(_) => "cannot be read",
                 };
                 fault(format!("the XML {what} near byte {}", reader.error_position()))
             })?;

@@ -77,7 +77,9 @@ impl<'de> Deserializer<'de> for Strict<'de> {
                 let members = MapDeserializer::new(Self::members(object));
                 visitor.visit_enum(MapAccessDeserializer::new(members))
             }
-            other => other.deserialize_enum(name, variants, visitor),
+            other @ (Value::Null | Value::Bool(_) | Value::Number(_) | Value::String(_) | Value::Array(_)) => {
+                other.deserialize_enum(name, variants, visitor)
+            }
         }
     }
 

@@ -186,8 +186,8 @@ mod tests {
         let (grading, lattice) = graded(4.0);
         let thickness = grading.thickness.unwrap();
         let at = |x: f64, z: f64| thickness.sample(&Point::new(x, 0.0, z));
-        // A quarter of 4 mm, found to within a step of the search.
-        assert!((at(0.0, 0.0) - 1.0).abs() < 0.1, "{}", at(0.0, 0.0));
+        // 4 mm less 0.65 edges, halved, found to within a step of the search.
+        assert!((at(0.0, 0.0) - 0.7).abs() < 0.1, "{}", at(0.0, 0.0));
         assert!((at(20.0, -40.0) - 1.5).abs() < 1e-6);
         let near = |cube: usize| lattice.position(lattice.centre_of_cube(cube));
         for (cube, halved) in grading.halved.iter().enumerate() {
@@ -201,7 +201,7 @@ mod tests {
         }
     }
 
-    /// A plate of bone 1 mm thick between the lattice's planes, 8 mm below the skin: its cubes are halved, and those of a plate 30 mm deep are not.
+    /// A plate of bone 1.8 mm thick between the lattice's planes, 8 mm below the skin: its cubes are halved, and those of a plate 30 mm deep are not.
     #[test]
     fn thin_bone_near_the_skin_gets_halved_cubes() {
         let halved = |depth: f64| {
@@ -209,7 +209,7 @@ mod tests {
             let lattice = Lattice::covering(&bounds, 4.0);
             let level = lattice.position(0).z + 16.0 + 1.0;
             let skin = Shape(Box::new(move |p| p.z - level - depth));
-            let bone = Shape(Box::new(move |p| (p.z - level).abs() - 0.5));
+            let bone = Shape(Box::new(move |p| (p.z - level).abs() - 0.9));
             let region = Region { bounds, half_spaces: vec![] };
             let domain = Domain { skin: &skin, bone: &bone, air: None, region: &region };
             let settings = MeshSettings { depth_mm: 100.0, ..MeshSettings::default() };

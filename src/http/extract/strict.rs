@@ -72,15 +72,8 @@ impl<'de> Deserializer<'de> for Strict<'de> {
         variants: &'static [&'static str],
         visitor: V,
     ) -> Result<V::Value, Error> {
-        match self.0 {
-            Value::Object(object) => {
-                let members = MapDeserializer::new(Self::members(object));
-                visitor.visit_enum(MapAccessDeserializer::new(members))
-            }
-            other @ (Value::Null | Value::Bool(_) | Value::Number(_) | Value::String(_) | Value::Array(_)) => {
-                other.deserialize_enum(name, variants, visitor)
-            }
-        }
+        let Value::Object(object) = self.0 else { return self.0.deserialize_enum(name, variants, visitor) };
+        visitor.visit_enum(MapAccessDeserializer::new(MapDeserializer::new(Self::members(object))))
     }
 
     forward_to_deserialize_any! {

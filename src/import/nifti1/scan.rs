@@ -70,17 +70,20 @@ impl Scan {
 
     /// Takes the next piece. A header that cannot be of a CT is refused as soon as it is there.
     pub(in crate::import) fn push(&mut self, piece: &[u8]) -> Result<(), ImportError> {
+        if self.count().is_over() {
+            return Ok(());
+        }
         let limits = self.limits;
         for part in piece.chunks(PIECE) {
+            let taken = match &mut self.unpacker {
+                Some(unpacker) => unpacker.write_all(part),
+                None => self.plain.write_all(part),
+            };
+            self.count().look(&limits)?;
             if self.count().is_over() {
                 return Ok(());
             }
-            match &mut self.unpacker {
-                Some(unpacker) => unpacker.write_all(part),
-                None => self.plain.write_all(part),
-            }
-            .map_err(|e| unreadable(&e))?;
-            self.count().look(&limits)?;
+            taken.map_err(|e| unreadable(&e))?;
         }
         Ok(())
     }
@@ -101,7 +104,7 @@ impl Scan {
                 Err(malformed(FORMAT, detail))
             }
             Some(_) => ended.map_err(|e| unreadable(&e)),
-            None => Err(ended.err().map_or_else(|| unreadable(&ErrorKind::UnexpectedEof.into()), |e| unreadable(&e))),
+            None => Err(unreadable(&ErrorKind::UnexpectedEof.into())),
         }
     }
 }

@@ -85,7 +85,8 @@ fn a_solve_that_was_killed_keeps_its_steps_and_runs_again() {
     let now = blobs(directory.path());
     let is_half = |name: &&String| name.contains('#');
     assert!(left.iter().any(|name| is_half(&name)), "the upload was under way: {left:?}");
-    assert_eq!(now.iter().find(is_half), None);
+    // The job that runs again may be writing a step at this moment, under a new name.
+    assert_eq!(now.iter().filter(is_half).find(|name| left.contains(name)), None);
 
     let accepted = server.get(&job);
     let ended = server.finish(&accepted);

@@ -9,7 +9,7 @@ use super::error::{BenchError, write};
 use super::files::{read_points, read_surface, write_distances};
 use super::process;
 use crate::control::Control;
-use crate::field::{MethodSettings, SignedField};
+use crate::field::{ExactDistance, MethodSettings, SignedField};
 use crate::geometry::{Implicit, Point};
 
 /// Builds shorter than this are done three times, and the shortest counts, s.
@@ -31,7 +31,8 @@ pub(super) struct Timing {
     pub(super) query_random_ns: f64,
 }
 
-/// Builds a field of the surface in `mesh`, writes its values at the points in `points` to `out`, and what it took to `timing`.
+/// Builds a field of the surface in `mesh`, writes its distances (with settled signs) at the points in `points` to `out`, and what
+/// it took to `timing`.
 ///
 /// # Errors
 /// [`BenchError`].
@@ -52,7 +53,8 @@ pub fn evaluate(
     let before = process::memory_mb();
     let (field, mut wall_s, mut cpu_s) = timed(build)?;
     let peak_mb = process::peak_mb().zip(before).map(|(peak, before)| peak - before);
-    let distances: Vec<f64> = points.par_iter().map(|p| field.value(p)).collect();
+    let exact = ExactDistance::new(&surface);
+    let distances: Vec<f64> = points.par_iter().map(|p| field.settled(&exact, p).distance).collect();
     write_distances(out, &distances)?;
     let Some(timing) = timing else { return Ok(()) };
     if wall_s < SHORT_S {

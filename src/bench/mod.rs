@@ -5,6 +5,7 @@
 
 mod chart;
 mod collision;
+mod contacts;
 mod error;
 mod evaluate;
 mod field;
@@ -14,6 +15,8 @@ mod row;
 mod winding;
 
 pub use collision::CollisionStudy;
+pub use contacts::ContactStudy;
 pub use error::{BenchError, PointsFault};
 pub use evaluate::evaluate;
 pub use field::FieldStudy;
+pub use process::peak_mb;

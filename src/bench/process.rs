@@ -23,8 +23,9 @@ pub(super) fn memory_mb() -> Option<f64> {
     status_mb("VmRSS:")
 }
 
-/// Largest memory in use since [`forget_peak`], MB.
-pub(super) fn peak_mb() -> Option<f64> {
+/// Largest memory that this process had in use, MB; `None` on systems that do not say it.
+#[must_use]
+pub fn peak_mb() -> Option<f64> {
     status_mb("VmHWM:")
 }
 

@@ -3,7 +3,7 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand, ValueEnum};
 
 use super::CommandResult;
-use crate::bench::{CollisionStudy, FieldStudy, evaluate};
+use crate::bench::{CollisionStudy, ContactStudy, FieldStudy, evaluate};
 use crate::field::{FieldSettings, Method, MethodSettings, Tolerance};
 
 /// Studies of `prosopon bench`.
@@ -13,6 +13,8 @@ pub(super) enum BenchCommand {
     Field(FieldArguments),
     /// Collision detection along a path: time against tolerance.
     Collision(CollisionArguments),
+    /// Newton's method on 20 000 points that a penalty pushes out of bone: share that converges, for each kind of field.
+    Contacts(ContactArguments),
 }
 
 /// A builder, by name.
@@ -88,6 +90,16 @@ pub(super) struct CollisionArguments {
     csv: PathBuf,
 }
 
+#[derive(Debug, Args)]
+pub(super) struct ContactArguments {
+    /// Surface of bone.
+    #[arg(long)]
+    mesh: PathBuf,
+    /// Rows go here.
+    #[arg(long)]
+    csv: PathBuf,
+}
+
 pub(super) fn run(command: &BenchCommand) -> CommandResult {
     let out = &mut std::io::stdout();
     match command {
@@ -96,6 +108,7 @@ pub(super) fn run(command: &BenchCommand) -> CommandResult {
             (None, Some(points), Some(to)) => evaluate(&a.mesh, &settings(a), points, to, a.timing.as_deref())?,
             (None, _, _) => return Err("give either --csv, or --points and --out".into()),
         },
+        BenchCommand::Contacts(a) => ContactStudy { mesh: &a.mesh, csv: &a.csv }.run(out)?,
         BenchCommand::Collision(a) => {
             CollisionStudy { mesh: &a.mesh, tissue: &a.tissue, csv: &a.csv }.run(out)?;
         }

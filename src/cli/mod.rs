@@ -6,6 +6,7 @@ mod bench;
 mod demo;
 mod openapi;
 mod serve;
+mod solve;
 
 use std::io::Write;
 use std::process::ExitCode;
@@ -24,6 +25,8 @@ struct Arguments {
 enum Command {
     /// Serve the HTTP API.
     Serve(serve::ServeArguments),
+    /// Solve a scene on a ready mesh, without a server.
+    Solve(solve::SolveArguments),
     /// Run the main job on a phantom head or a patient, over HTTP, and write the results.
     Demo(crate::demo::DemoArgs),
     /// Measure: the studies behind the charts.
@@ -38,6 +41,7 @@ enum Command {
 pub fn run() -> ExitCode {
     let done = match Arguments::parse().command {
         Command::Serve(arguments) => serve::run(arguments),
+        Command::Solve(arguments) => solve::run(&arguments),
         Command::Demo(arguments) => demo::run(&arguments),
         Command::Bench(command) => bench::run(&command),
         Command::Openapi => openapi::run(),

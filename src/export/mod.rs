@@ -14,4 +14,4 @@ pub use glb::glb;
 pub use ply::ply;
 pub use stl::stl;
 pub use view::SurfaceView;
-pub use vtu::vtu;
+pub use vtu::{vtu, vtu_of_cells};

@@ -148,7 +148,7 @@ fn vtu_describes_its_arrays_where_they_are() {
         &[[0, 2, 1, 6]],
         &[[0, 2, 1, 3, 5, 4]],
         &[("a < \"b\" & c", 3, &values)],
-        &[("tissue", &[1.0, 2.0])],
+        &[("tissue", 1, &[1.0, 2.0])],
     );
     let marker = b"<AppendedData encoding=\"raw\">\n_";
     let start = bytes.windows(marker.len()).position(|w| w == marker).unwrap();

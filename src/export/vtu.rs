@@ -10,7 +10,7 @@ const WEDGE: u8 = 13;
 /// lies on the side to which the normal of the first three points; of a wedge the normal of the first triangle points
 /// away from the second. That is the order of VTK's file format guide, and what meshio expects; VTK 9.7 has turned its
 /// own wedge round, draws these all the same, but measures their volume as negative. A point array has a name, a number of components, and so many values per
-/// point; a cell array has a name and one value per cell. All values are `Float64`.
+/// point; a cell array likewise. All values are `Float64`.
 ///
 /// # Panics
 /// When an array is not of that length.
@@ -20,9 +20,24 @@ pub fn vtu(
     tetrahedra: &[[u32; 4]],
     wedges: &[[u32; 6]],
     point_arrays: &[(&str, usize, &[f64])],
-    cell_arrays: &[(&str, &[f64])],
+    cell_arrays: &[(&str, usize, &[f64])],
 ) -> Vec<u8> {
-    let n_cells = tetrahedra.len() + wedges.len();
+    let cells = tetrahedra.iter().map(|t| &t[..]).chain(wedges.iter().map(|w| &w[..]));
+    vtu_of_cells(positions, &cells.collect::<Vec<_>>(), point_arrays, cell_arrays)
+}
+
+/// [`vtu`] with cells in any order: of four corners (tetrahedra) or six (wedges).
+///
+/// # Panics
+/// When an array is not of the right length, or a cell has another number of corners.
+#[must_use]
+pub fn vtu_of_cells(
+    positions: &[Point],
+    cells: &[&[u32]],
+    point_arrays: &[(&str, usize, &[f64])],
+    cell_arrays: &[(&str, usize, &[f64])],
+) -> Vec<u8> {
+    let n_cells = cells.len();
     let mut file = File::default();
     file.xml(&format!(
         "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\" \
@@ -33,12 +48,21 @@ pub fn vtu(
     file.xml("<Points>\n");
     file.array("Float64", "Points", 3, positions.iter().flat_map(|p| p.iter()).flat_map(|x| x.to_le_bytes()));
     file.xml("</Points>\n<Cells>\n");
-    let corners = tetrahedra.as_flattened().iter().chain(wedges.as_flattened());
+    let corners = cells.iter().copied().flatten();
     file.array("Int64", "connectivity", 1, corners.flat_map(|v| i64::from(*v).to_le_bytes()));
-    let ends = (1..=tetrahedra.len()).map(|t| 4 * t);
-    let ends = ends.chain((1..=wedges.len()).map(|w| 4 * tetrahedra.len() + 6 * w));
+    let mut end = 0;
+    let ends = cells.iter().map(|c| {
+        end += c.len();
+        end
+    });
     file.array("Int64", "offsets", 1, ends.flat_map(|end| (end as i64).to_le_bytes()));
-    let types = tetrahedra.iter().map(|_| TETRA).chain(wedges.iter().map(|_| WEDGE));
+    let types = cells.iter().map(|c| match c.len() {
+        4 => TETRA,
+        n => {
+            assert_eq!(n, 6, "corners of a cell");
+            WEDGE
+        }
+    });
     file.array("UInt8", "types", 1, types);
     file.xml("</Cells>\n<PointData>\n");
     for (name, components, values) in point_arrays {
@@ -46,9 +70,9 @@ pub fn vtu(
         file.array("Float64", name, *components, values.iter().flat_map(|x| x.to_le_bytes()));
     }
     file.xml("</PointData>\n<CellData>\n");
-    for (name, values) in cell_arrays {
-        assert_eq!(values.len(), n_cells, "values of {name}, of cells");
-        file.array("Float64", name, 1, values.iter().flat_map(|x| x.to_le_bytes()));
+    for (name, components, values) in cell_arrays {
+        assert_eq!(values.len(), components * n_cells, "values of {name}, of cells and components");
+        file.array("Float64", name, *components, values.iter().flat_map(|x| x.to_le_bytes()));
     }
     file.xml("</CellData>\n</Piece>\n</UnstructuredGrid>\n<AppendedData encoding=\"raw\">\n_");
     let File { mut bytes, appended } = file;

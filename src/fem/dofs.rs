@@ -3,8 +3,10 @@
 use super::element::{C1Surface, ElementBlock};
 use super::error::SolveError;
 use super::ordering;
+use super::settings::Boundary;
 use crate::geometry::{Motion, Point, Vector};
 use crate::mesh::{Attachment, MixedMesh};
+use nalgebra::SMatrix;
 
 /// What decides the value of a generalised node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -28,14 +30,19 @@ pub(super) struct Dofs {
     node_of: Vec<u32>,
     rest: Vec<Vector>,
     n_mesh_nodes: usize,
+    /// Axes that stay at rest, by generalised node; empty when there are none.
+    axes: Vec<u8>,
+    /// Unknown nodes with such axes, and the axes.
+    partly_held: Vec<(u32, u8)>,
 }
 
 impl Dofs {
     /// Classifies and numbers the generalised nodes. `surface` is there when the skin is made of C1 prisms.
     pub(super) fn new(
         mesh: &MixedMesh,
+        boundary: &Boundary,
         surface: Option<&C1Surface>,
-        blocks: &[ElementBlock],
+        blocks: &[&ElementBlock],
     ) -> Result<Self, SolveError> {
         let n_mesh_nodes = mesh.positions.len();
         let mut rest: Vec<Vector> = mesh.positions.iter().map(|p| p.coords).collect();
@@ -48,6 +55,12 @@ impl Dofs {
                 Attachment::Fixed => Hold::Still,
             })
             .collect();
+        for (hold, axes) in hold.iter_mut().zip(&boundary.held_axes) {
+            if *axes == ALL_AXES {
+                *hold = Hold::Still;
+            }
+        }
+        let mut axes = boundary.held_axes.clone();
         // A tangent vector goes with the node it belongs to, so the rim of a region is clamped.
         let mut owner: Vec<u32> = (0..n_mesh_nodes as u32).collect();
         if let Some(surface) = surface {
@@ -56,6 +69,9 @@ impl Dofs {
                     rest.push(*tangent);
                     hold.push(hold[node as usize]);
                     owner.push(node);
+                    if let Some(&held) = boundary.held_axes.get(node as usize) {
+                        axes.push(axes_of_tangent(held, tangent));
+                    }
                 }
             }
         }
@@ -70,7 +86,7 @@ impl Dofs {
                 *hold = Hold::Still;
             }
         }
-        check_support(mesh, blocks, &hold, n_mesh_nodes)?;
+        check_support(mesh, blocks, &hold, &boundary.held_axes)?;
 
         let free: Vec<bool> = hold.iter().map(|h| *h == Hold::Free).collect();
         let node_of = ordering::elimination_order(blocks, &free, &owner)?;
@@ -78,7 +94,11 @@ impl Dofs {
         for (index, &node) in node_of.iter().enumerate() {
             unknown[node as usize] = index as u32;
         }
-        Ok(Self { hold, unknown, node_of, rest, n_mesh_nodes })
+        let partly_held = (axes.iter().enumerate())
+            .filter(|(_, axes)| **axes != 0)
+            .filter_map(|(node, axes)| (unknown[node] != HELD).then_some((unknown[node], *axes)))
+            .collect();
+        Ok(Self { hold, unknown, node_of, rest, n_mesh_nodes, axes, partly_held })
     }
 
     /// Number of generalised nodes.
@@ -89,6 +109,17 @@ impl Dofs {
     /// Number of unknown generalised nodes (three unknowns each).
     pub(super) fn n_unknown(&self) -> usize {
         self.node_of.len()
+    }
+
+    /// Number of unknowns, without those along held axes.
+    pub(super) fn n_scalar(&self) -> usize {
+        let held: u32 = self.partly_held.iter().map(|(_, axes)| axes.count_ones()).sum();
+        3 * self.node_of.len() - held as usize
+    }
+
+    /// Unknown nodes that are held along some axes, and these axes (bits).
+    pub(super) fn partly_held(&self) -> &[(u32, u8)] {
+        &self.partly_held
     }
 
     /// Index of `node` among the unknown ones.
@@ -130,6 +161,9 @@ impl Dofs {
                     } else {
                         m.rotation * self.rest[node]
                     };
+                    for axis in axes_in(self.axes_of(node)) {
+                        x[node][axis] = self.rest[node][axis];
+                    }
                 }
             }
         }
@@ -147,6 +181,25 @@ impl Dofs {
         for (node, out) in self.node_of.iter().zip(out.chunks_exact_mut(3)) {
             out.copy_from_slice(values[*node as usize].as_slice());
         }
+        for &(unknown, axes) in &self.partly_held {
+            for axis in axes_in(axes) {
+                out[3 * unknown as usize + axis] = 0.0;
+            }
+        }
+    }
+
+    /// Axes (bits) along which a node stays at rest whatever else holds it.
+    pub(super) fn axes_of(&self, node: usize) -> u8 {
+        self.axes.get(node).copied().unwrap_or(0)
+    }
+
+    /// Tied nodes that `motion` would move by more than `tolerance` mm along an axis in which they are held.
+    pub(super) fn contradictions(&self, motion: impl Fn(u32) -> Motion, tolerance: f64) -> usize {
+        let torn = |node: usize, segment: u32| {
+            let change = motion(segment) * Point::from(self.rest[node]) - Point::from(self.rest[node]);
+            axes_in(self.axes_of(node)).any(|axis| change[axis].abs() > tolerance)
+        };
+        (0..self.n_mesh_nodes).filter(|&n| matches!(self.hold[n], Hold::Segment(s) if torn(n, s))).count()
     }
 
     /// Largest length of the position unknowns in `d`, mm.
@@ -156,13 +209,34 @@ impl Dofs {
     }
 }
 
-/// Every connected part needs three held nodes that are not on one line, else it can move freely.
+/// All three axes.
+const ALL_AXES: u8 = 7;
+
+/// The axes whose bits are set.
+pub(super) fn axes_in(bits: u8) -> impl Iterator<Item = usize> {
+    (0..3).filter(move |axis| bits >> axis & 1 == 1)
+}
+
+/// Axes of a tangent vector that a node held along `held` keeps at rest. A node held along an axis that lies in the surface is on a
+/// plane of symmetry: the tangent across the plane stays across it, the one along it stays in it. The frames of a surface at right
+/// angles to a coordinate plane have such tangents; others are left free.
+fn axes_of_tangent(held: u8, tangent: &Vector) -> u8 {
+    const ALIGNED: f64 = 1e-6;
+    let direction = tangent.normalize();
+    let across =
+        axes_in(held).filter(|&a| direction[a].abs() > 1.0 - ALIGNED).fold(0, |bits, a| bits | (ALL_AXES & !(1 << a)));
+    let along = axes_in(held).filter(|&a| direction[a].abs() < ALIGNED).fold(0, |bits, a| bits | 1 << a);
+    across | along
+}
+
+/// Every connected part must be held against all six rigid motions.
 fn check_support(
     mesh: &MixedMesh,
-    blocks: &[ElementBlock],
+    blocks: &[&ElementBlock],
     hold: &[Hold],
-    n_mesh_nodes: usize,
+    held_axes: &[u8],
 ) -> Result<(), SolveError> {
+    let n_mesh_nodes = mesh.positions.len();
     let mut parent: Vec<u32> = (0..n_mesh_nodes as u32).collect();
     let mut used = vec![false; n_mesh_nodes];
     for block in blocks {
@@ -184,15 +258,18 @@ fn check_support(
         return Err(SolveError::Problem { detail: "the mesh has no elements".into() });
     }
     for part in parts.chunk_by(|a, b| a.0 == b.0) {
-        let held: Vec<Point> = part
+        let held: Vec<(Point, u8)> = part
             .iter()
-            .filter(|(_, n)| hold[*n as usize] != Hold::Free)
-            .map(|(_, n)| mesh.positions[*n as usize])
+            .map(|&(_, n)| n as usize)
+            .map(|n| if hold[n] == Hold::Free { (n, held_axes.get(n).copied().unwrap_or(0)) } else { (n, ALL_AXES) })
+            .filter(|(_, axes)| *axes != 0)
+            .map(|(n, axes)| (mesh.positions[n], axes))
             .collect();
-        if !spans_a_plane(&held) {
+        if !holds_a_body(&held) {
             let p = mesh.positions[part[0].1 as usize];
             let detail = format!(
-                "the part of {} nodes near ({:.1}, {:.1}, {:.1}) mm has {} tied or fixed nodes; it needs three that are not on one line",
+                "the part of {} nodes near ({:.1}, {:.1}, {:.1}) mm can move freely: {} of its nodes are tied, fixed or held along an axis, \
+                 and they do not hold it against all six rigid motions (three fixed nodes that are not on one line would)",
                 part.len(),
                 p.x,
                 p.y,
@@ -213,15 +290,27 @@ fn root(parent: &mut [u32], mut node: u32) -> u32 {
     node
 }
 
-fn spans_a_plane(points: &[Point]) -> bool {
-    let Some(first) = points.first() else { return false };
-    let far = points.iter().map(|p| p - first).max_by(|a, b| a.norm_squared().total_cmp(&b.norm_squared()));
-    let Some(axis) = far.and_then(|d| d.try_normalize(0.0)) else { return false };
-    let length = far.map_or(0.0, |d| d.norm());
-    points.iter().any(|p| {
-        let d = p - first;
-        (d - axis * axis.dot(&d)).norm() > 1e-6 * length
-    })
+/// Whether points that are held along axes hold a rigid body: no rigid motion leaves all of them in place.
+fn holds_a_body(held: &[(Point, u8)]) -> bool {
+    let n = held.len().max(1) as f64;
+    let centre = held.iter().map(|(p, _)| p.coords).sum::<Vector>() / n;
+    let size = held.iter().map(|(p, _)| (p.coords - centre).norm()).fold(0.0, f64::max);
+    if size == 0.0 {
+        return false;
+    }
+    // A rigid motion v + w x r, with w in units of 1/size, moves the point along axis a by [e_a, r x e_a] . [v, w].
+    let mut gram = SMatrix::<f64, 6, 6>::zeros();
+    for (p, axes) in held {
+        let r = (p.coords - centre) / size;
+        for axis in axes_in(*axes) {
+            let e = Vector::ith(axis, 1.0);
+            let turn = r.cross(&e);
+            let row = SMatrix::<f64, 6, 1>::from_column_slice(&[e.x, e.y, e.z, turn.x, turn.y, turn.z]);
+            gram += row * row.transpose();
+        }
+    }
+    let eigenvalues = gram.symmetric_eigenvalues();
+    eigenvalues.min() > 1e-12 * eigenvalues.max()
 }
 
 #[cfg(test)]
@@ -229,10 +318,28 @@ mod tests {
     use super::*;
 
     #[test]
-    fn points_on_a_line_do_not_hold_a_body() {
-        let line: Vec<Point> = (0..4).map(|i| Point::new(f64::from(i), 2.0 * f64::from(i), 0.0)).collect();
-        assert!(!spans_a_plane(&line));
-        assert!(!spans_a_plane(&[]));
-        assert!(spans_a_plane(&[line[0], line[1], Point::new(0.0, 0.0, 1.0)]));
+    fn a_body_is_held_when_no_rigid_motion_is_left() {
+        let at = |i: f64| Point::new(i, 2.0 * i, 100.0);
+        let line: Vec<_> = (0..4).map(|i| (at(f64::from(i)), ALL_AXES)).collect();
+        assert!(!holds_a_body(&line), "it can turn about the line");
+        assert!(!holds_a_body(&[]) && !holds_a_body(&line[..1]));
+        assert!(holds_a_body(&[line[0], line[1], (Point::origin(), ALL_AXES)]));
+        // Three planes of symmetry hold a body, two leave it to slide along their line.
+        let corner: Vec<(Point, u8)> = (0..8u8)
+            .map(|i| [f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2 & 1)])
+            .map(|x| (Point::from(x), (0..3).filter(|&a| x[a] == 0.0).fold(0, |bits, a| bits | 1 << a)))
+            .filter(|(_, axes)| *axes != 0)
+            .collect();
+        assert!(holds_a_body(&corner));
+        let two: Vec<(Point, u8)> = corner.iter().map(|(p, axes)| (*p, axes & 3)).filter(|(_, a)| *a != 0).collect();
+        assert!(!holds_a_body(&two));
+    }
+
+    #[test]
+    fn tangents_on_a_plane_of_symmetry_stay_symmetric() {
+        assert_eq!(axes_of_tangent(1, &Vector::new(0.8, 0.0, 0.0)), 0b110);
+        assert_eq!(axes_of_tangent(1, &Vector::new(0.0, 0.6, 0.8)), 0b001);
+        assert_eq!(axes_of_tangent(1, &Vector::new(0.6, 0.8, 0.0)), 0);
+        assert_eq!(axes_of_tangent(3, &Vector::x()), 0b111 & !1 | 0b010);
     }
 }

@@ -5,12 +5,18 @@
 use super::assembly::Pattern;
 use super::error::SolveError;
 use super::factor::{Factor, Indefinite, Symbolic};
+use crate::geometry::Vector;
+use nalgebra::Matrix3;
 use std::sync::Arc;
 
 /// Iterations with an older factor after which a new one is cheaper: a factorisation costs about as much as 15 solves.
 const MAX_WITH_OLD: usize = 12;
 /// Iterations with a new factor after which single precision is held to be too coarse for the matrix.
 const MAX_WITH_NEW: usize = 25;
+/// Iterations of relaxation before it is given up.
+const MAX_RELAXATIONS: usize = 20_000;
+/// Tolerance of relaxation.
+const RELAXED: f64 = 1e-9;
 
 /// How a system was solved.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -22,13 +28,24 @@ pub(super) struct Work {
 /// Preconditioned conjugate gradients with their factor.
 #[derive(Debug)]
 pub(super) struct LinearSolver {
-    symbolic: Arc<Symbolic>,
-    single: Factor<f32>,
-    /// Made when a matrix defeats the single one; used from then on.
-    double: Option<Factor<f64>>,
+    preconditioner: Preconditioner,
     factorisations: usize,
     /// The factor does not belong to a matrix like the next one.
     stale: bool,
+}
+
+/// What conjugate gradients are preconditioned by.
+#[derive(Debug)]
+enum Preconditioner {
+    /// A Cholesky factor of the whole matrix.
+    Factor {
+        symbolic: Arc<Symbolic>,
+        single: Factor<f32>,
+        /// Made when a matrix defeats the single one; used from then on.
+        double: Option<Factor<f64>>,
+    },
+    /// Inverse 3x3 tensors of the vertices: only forces of neighbours act on a vertex in one iteration.
+    Vertices(Vec<Matrix3<f64>>),
 }
 
 impl std::fmt::Debug for Symbolic {
@@ -58,7 +75,22 @@ impl LinearSolver {
     pub(super) fn new(pattern: &Pattern) -> Result<Self, SolveError> {
         let symbolic = Arc::new(Symbolic::new(pattern)?);
         let single = Factor::new(Arc::clone(&symbolic))?;
-        Ok(Self { symbolic, single, double: None, factorisations: 0, stale: false })
+        let preconditioner = Preconditioner::Factor { symbolic, single, double: None };
+        Ok(Self { preconditioner, factorisations: 0, stale: false })
+    }
+
+    /// Relaxation of vertices under the forces of their neighbours, without any factor.
+    pub(super) fn relaxation() -> Self {
+        Self { preconditioner: Preconditioner::Vertices(Vec::new()), factorisations: 0, stale: false }
+    }
+
+    fn relaxes(&self) -> bool {
+        matches!(self.preconditioner, Preconditioner::Vertices(_))
+    }
+
+    /// The tolerance to solve with where `wanted` would do for a factor: vertices alone say little about the error that is left.
+    pub(super) fn tolerance(&self, wanted: f64) -> f64 {
+        if self.relaxes() { wanted.min(RELAXED) } else { wanted }
     }
 
     pub(super) fn factorisations(&self) -> usize {
@@ -66,14 +98,24 @@ impl LinearSolver {
     }
 
     pub(super) fn has_factor(&self) -> bool {
-        self.double.as_ref().map_or(self.single.is_valid(), Factor::is_valid)
+        match &self.preconditioner {
+            Preconditioner::Factor { single, double, .. } => {
+                double.as_ref().map_or(single.is_valid(), Factor::is_valid)
+            }
+            Preconditioner::Vertices(inverses) => !inverses.is_empty(),
+        }
     }
 
     /// Applies the last factor, which may belong to an older matrix.
     pub(super) fn precondition(&mut self, x: &mut [f64]) {
-        match &mut self.double {
-            Some(factor) => factor.solve(x),
-            None => self.single.solve(x),
+        match &mut self.preconditioner {
+            Preconditioner::Factor { double: Some(factor), .. } => factor.solve(x),
+            Preconditioner::Factor { single, .. } => single.solve(x),
+            Preconditioner::Vertices(inverses) => {
+                for (x, inverse) in x.as_chunks_mut::<3>().0.iter_mut().zip(inverses) {
+                    *x = (*inverse * Vector::from(*x)).into();
+                }
+            }
         }
     }
 
@@ -97,42 +139,59 @@ impl LinearSolver {
         loop {
             let fresh = factorised;
             if fresh || (self.has_factor() && !self.stale) {
-                let limit = if fresh { MAX_WITH_NEW } else { MAX_WITH_OLD };
+                let limit = match (self.relaxes(), fresh) {
+                    (true, _) => MAX_RELAXATIONS,
+                    (false, true) => MAX_WITH_NEW,
+                    (false, false) => MAX_WITH_OLD,
+                };
                 match self.iterate(pattern, values, x, &mut at, tolerance, limit) {
                     Outcome::Solved => return Ok(Work { factorised, cg_iterations: at.iterations }),
                     Outcome::Indefinite => return Err(Indefinite),
-                    Outcome::Slow if fresh && self.double.is_some() => {
-                        // As good as double precision gets.
+                    Outcome::Slow if fresh && self.is_double() => {
+                        // As good as it gets.
                         return Ok(Work { factorised, cg_iterations: at.iterations });
                     }
                     Outcome::Slow if fresh => self.use_double(),
                     Outcome::Slow => {}
                 }
             }
-            self.factorise(values)?;
+            self.factorise(pattern, values)?;
             factorised = true;
             self.stale = false;
         }
     }
 
-    fn factorise(&mut self, values: &[f64]) -> Result<(), Indefinite> {
-        self.factorisations += 1;
-        match &mut self.double {
-            Some(factor) => factor.factorise(values),
-            None => self.single.factorise(values),
+    fn factorise(&mut self, pattern: &Pattern, values: &[f64]) -> Result<(), Indefinite> {
+        match &mut self.preconditioner {
+            Preconditioner::Factor { single, double, .. } => {
+                self.factorisations += 1;
+                match double {
+                    Some(factor) => factor.factorise(values),
+                    None => single.factorise(values),
+                }
+            }
+            Preconditioner::Vertices(inverses) => {
+                *inverses = pattern.inverse_diagonal(values).ok_or(Indefinite)?;
+                Ok(())
+            }
         }
     }
 
     /// Goes over to double precision, when there is memory for it.
     pub(super) fn use_double(&mut self) {
-        if self.double.is_none() {
-            self.double = Factor::new(Arc::clone(&self.symbolic)).ok();
+        if let Preconditioner::Factor { symbolic, double, .. } = &mut self.preconditioner
+            && double.is_none()
+        {
+            *double = Factor::new(Arc::clone(symbolic)).ok();
         }
     }
 
     /// Whether factors are in double precision already.
     pub(super) fn is_double(&self) -> bool {
-        self.double.is_some()
+        match &self.preconditioner {
+            Preconditioner::Factor { double, .. } => double.is_some(),
+            Preconditioner::Vertices(_) => true,
+        }
     }
 
     fn iterate(
@@ -174,7 +233,7 @@ impl LinearSolver {
             }
             // At this rate it will not get there.
             let rate = (next / begin).powf(1.0 / iteration as f64);
-            if iteration >= 3 && next * rate.powf((limit - iteration) as f64) > goal {
+            if iteration >= 3 && limit < MAX_RELAXATIONS && next * rate.powf((limit - iteration) as f64) > goal {
                 return Outcome::Slow;
             }
             let beta = next / rz;

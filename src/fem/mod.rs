@@ -7,6 +7,7 @@
 //! prism's outer surface), and an [`element::ElementBlock`] holds gradients of its shape functions at quadrature points.
 
 mod assembly;
+mod cell_states;
 mod contact;
 mod diagnosis;
 mod dofs;
@@ -24,8 +25,8 @@ mod setup;
 mod solver;
 
 pub use error::SolveError;
-pub use report::{IterationRecord, StepReport};
-pub use settings::{ContactBody, Model, Preset, SkinElement, SolveSettings};
+pub use report::{CellState, IterationRecord, StepReport};
+pub use settings::{Boundary, ContactBody, Locking, Model, Preset, SkinElement, SolveSettings};
 pub use solver::Solver;
 
 #[cfg(test)]

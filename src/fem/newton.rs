@@ -2,7 +2,7 @@
 
 use super::assembly::{Assembly, Curvature, Inversion};
 use super::contact::{Contact, Touch, penetration};
-use super::dofs::{Dofs, Hold};
+use super::dofs::{Dofs, Hold, axes_in};
 use super::factor::Indefinite;
 use super::line_search::{self, Cut, Start};
 use super::linear_solve::{LinearSolver, dot};
@@ -10,10 +10,11 @@ use super::report::IterationRecord;
 use crate::control::{Cancelled, Control};
 use crate::geometry::{Motion, Vector};
 
-/// A step counts as converged only when the remaining displacement is estimated below this, mm.
-const DISPLACEMENT_TOLERANCE_MM: f64 = 1e-3;
-/// The same while multipliers are still to be updated, mm.
-const COARSE_DISPLACEMENT_MM: f64 = 2e-2;
+/// A step counts as converged only when the remaining displacement is estimated below this share of the element size: 1e-3 mm for
+/// elements of 4 mm.
+const DISPLACEMENT_TOLERANCE: f64 = 2.5e-4;
+/// The same while multipliers are still to be updated.
+const COARSE_DISPLACEMENT: f64 = 5e-3;
 /// After a whole Newton step shorter than this the contact's curvature is taken into the tangent, mm.
 const CURVED_BELOW_MM: f64 = 0.1;
 /// Points with a smaller gap may come to touch within one Newton step, mm.
@@ -83,6 +84,10 @@ pub(super) struct Equations<'a> {
     forces: Vec<Vector>,
     pub(super) residual: Vec<f64>,
     failed_at: Vec<Vector>,
+    /// Dead loads at path parameter 1, by mesh node; empty when there are none.
+    loads: Vec<Vector>,
+    /// Share of the loads that acts.
+    pub(super) load_share: f64,
 }
 
 /// A state that was reached.
@@ -109,6 +114,7 @@ impl<'a> Equations<'a> {
         assembly: Assembly,
         contact: Contact<'a>,
         solver: LinearSolver,
+        loads: Vec<Vector>,
         limits: Limits,
     ) -> Self {
         let values = vec![0.0; assembly.pattern().n_values()];
@@ -128,19 +134,33 @@ impl<'a> Equations<'a> {
             forces,
             residual,
             failed_at: Vec::new(),
+            loads,
+            load_share: 0.0,
         }
     }
 
     /// Total energy (mJ) and largest penetration (mm) at `x`.
     pub(super) fn energy(&self, x: &[Vector], motions: &[Motion]) -> Result<(f64, f64), Inversion> {
         let touches = self.contact.touches(x, motions);
-        Ok((self.assembly.energy(x)? + self.contact.energy(&touches), penetration(&touches)))
+        let energy = self.assembly.energy(x)? + self.contact.energy(&touches) - self.work_of_loads(x);
+        Ok((energy, penetration(&touches)))
+    }
+
+    /// Work of the dead loads from rest to `x`, mJ.
+    fn work_of_loads(&self, x: &[Vector]) -> f64 {
+        let moved = x.iter().zip(self.dofs.rest());
+        self.load_share * self.loads.iter().zip(moved).map(|(f, (x, rest))| f.dot(&(x - rest))).sum::<f64>()
+    }
+
+    /// Takes the dead loads off the gradient of the energy.
+    fn subtract_loads(&self, gradient: &mut [Vector]) {
+        gradient.iter_mut().zip(&self.loads).for_each(|(g, f)| *g -= f * self.load_share);
     }
 
     /// Gradient of the total energy by the unknowns, in `self.residual`, and of the elements' part by all nodes in `self.forces`.
     pub(super) fn balance(&mut self, x: &[Vector], motions: &[Motion]) -> Result<Balance, Inversion> {
         let touches = self.contact.touches(x, motions);
-        let energy = self.assembly.forces(x, &mut self.forces)? + self.contact.energy(&touches);
+        let energy = self.assembly.forces(x, &mut self.forces)? + self.contact.energy(&touches) - self.work_of_loads(x);
         let mut pushed = vec![Vector::zeros(); self.dofs.n_nodes()];
         self.contact.add_forces(&touches, &mut pushed);
         let mut reaction = 0.0;
@@ -149,9 +169,14 @@ impl<'a> Equations<'a> {
             reaction += scale * scale * pushed[node].norm_squared();
             if *hold != Hold::Free {
                 reaction += scale * scale * self.forces[node].norm_squared();
+            } else {
+                let held = axes_in(self.dofs.axes_of(node)).map(|axis| self.forces[node][axis].powi(2));
+                reaction += scale * scale * held.sum::<f64>();
             }
         }
-        let total: Vec<Vector> = self.forces.iter().zip(&pushed).map(|(a, b)| a + b).collect();
+        reaction += self.loads.iter().map(|f| (f * self.load_share).norm_squared()).sum::<f64>();
+        let mut total: Vec<Vector> = self.forces.iter().zip(&pushed).map(|(a, b)| a + b).collect();
+        self.subtract_loads(&mut total);
         self.dofs.restrict(&total, &mut self.residual);
         let residual: f64 = (self.dofs.nodes().iter().zip(self.residual.chunks_exact(3)))
             .map(|(&node, r)| self.unit(node as usize).powi(2) * (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]))
@@ -176,6 +201,7 @@ impl<'a> Equations<'a> {
         self.values.copy_from_slice(&self.elastic);
         let (pattern, values) = (self.assembly.pattern(), &mut self.values);
         self.contact.hessian(touches, exact, &self.dofs, |row, column, block| pattern.add(row, column, block, values));
+        pattern.hold(self.dofs.partly_held(), values);
     }
 
     /// Minimises the quadratic model of the energy over the unknowns: elements with gradient `load` (by all nodes) and stiffness
@@ -204,6 +230,7 @@ impl<'a> Equations<'a> {
                 rhs.iter_mut().zip(&change).for_each(|(r, c)| *r += c);
             }
             rhs.iter_mut().for_each(|r| *r = -*r);
+            let forcing = self.solver.tolerance(forcing);
             let work = self.solver.solve(self.assembly.pattern(), &self.values, &rhs, &mut change, forcing)?;
             record.factorised |= work.factorised;
             record.cg_iterations += work.cg_iterations;
@@ -236,6 +263,7 @@ impl<'a> Equations<'a> {
         self.assembly.force_change(x, &change, &mut load)?;
         self.assembly.forces(x, &mut self.forces)?;
         load.iter_mut().zip(&self.forces).for_each(|(load, f)| *load += f);
+        self.subtract_loads(&mut load);
         let near = self.contact.near(&target, motions, NEAR_MM);
         for curvature in [Curvature::Exact, Curvature::Projected] {
             self.assembly.tangent(x, curvature, &mut self.forces, &mut self.elastic)?;
@@ -311,8 +339,8 @@ impl<'a> Equations<'a> {
     ) -> Result<Equilibrium, Failure> {
         let mut curvature = Curvature::Exact;
         let (mut curved, mut wait) = (false, 0usize);
-        let enough =
-            if aim > self.limits.relative_residual { COARSE_DISPLACEMENT_MM } else { DISPLACEMENT_TOLERANCE_MM };
+        let share = if aim > self.limits.relative_residual { COARSE_DISPLACEMENT } else { DISPLACEMENT_TOLERANCE };
+        let enough = share * self.limits.element_size_mm;
         let mut last = (f64::INFINITY, 0.0);
         for iteration in 0..=self.limits.max_iterations {
             control.check()?;
@@ -414,7 +442,8 @@ impl<'a> Equations<'a> {
                 self.assembly.tangent(x, *curvature, &mut self.forces, &mut self.elastic)?;
                 assembled = Some(*curvature);
             }
-            let load = self.forces.clone();
+            let mut load = self.forces.clone();
+            self.subtract_loads(&mut load);
             let exact = curved.then_some((x, motions));
             if let Ok(d) = self.minimise_model(&load, &near, exact, forcing, record) {
                 record.projected = *curvature == Curvature::Projected;

@@ -10,7 +10,11 @@ use feral_metis::{CscPattern, metis_order};
 const NONE: u32 = u32::MAX;
 
 /// Generalised nodes that are `free`, in elimination order. Nodes with the same `owner` are eliminated one after another.
-pub(super) fn elimination_order(blocks: &[ElementBlock], free: &[bool], owner: &[u32]) -> Result<Vec<u32>, SolveError> {
+pub(super) fn elimination_order(
+    blocks: &[&ElementBlock],
+    free: &[bool],
+    owner: &[u32],
+) -> Result<Vec<u32>, SolveError> {
     // Groups: the free nodes of one owner.
     let mut group_of_owner = vec![NONE; owner.len()];
     let mut members: Vec<Vec<u32>> = Vec::new();

@@ -25,6 +25,15 @@ pub struct StepReport {
     pub warnings: Vec<String>,
 }
 
+/// State of a cell of the mesh, a mean over its volume.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CellState {
+    /// Cauchy stress xx, yy, zz, xy, yz, xz, MPa.
+    pub stress_mpa: [f64; 6],
+    /// det F: present volume over volume at rest.
+    pub volume_ratio: f64,
+}
+
 /// One Newton iteration.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct IterationRecord {

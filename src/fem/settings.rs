@@ -1,23 +1,73 @@
 use super::error::SolveError;
 use super::material::Materials;
-use crate::geometry::Implicit;
+use crate::geometry::{Implicit, Vector};
 
 /// Mechanical model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Model {
     /// Small strain on linear elements (LFEM).
     Linear,
+    /// Small strain again, but vertices are relaxed under the forces of their neighbours instead of solving for all at once (MTM).
+    ///
+    /// The tensors of vertices and edges are those of Cotin, Delingette and Ayache, IEEE Trans Vis Comput Graph 1999; instead of their
+    /// time steps, conjugate gradients with the vertices' tensors as preconditioner bring the vertices to rest: the equilibrium is the same.
+    MassTensor,
+    /// Hyperelastic on linear elements (NFEM).
+    Nonlinear,
     /// Hyperelastic, C1 prisms for the skin, linear tetrahedra inside (NFM-EM).
     Mixed,
+}
+
+impl Model {
+    /// Whether stress is linear in the displacements.
+    #[must_use]
+    pub fn is_linear(self) -> bool {
+        match self {
+            Self::Linear | Self::MassTensor => true,
+            Self::Nonlinear | Self::Mixed => false,
+        }
+    }
 }
 
 /// Element of the skin layer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SkinElement {
+    /// Three linear tetrahedra a prism.
+    Tetrahedron,
     /// Linear wedge.
     Wedge,
     /// Prism with a C1 outer surface.
     C1Prism,
+}
+
+impl SkinElement {
+    /// The skin element that a model is named for.
+    #[must_use]
+    pub fn of(model: Model) -> Self {
+        match model {
+            Model::Mixed => Self::C1Prism,
+            Model::Linear | Model::MassTensor | Model::Nonlinear => Self::Tetrahedron,
+        }
+    }
+}
+
+/// What is done against locking of linear tetrahedra.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Locking {
+    /// Nothing: the elements as they are.
+    None,
+    /// Isochoric energy at strains averaged around edges, volumetric energy at strains averaged around nodes
+    /// ([`edge_domains`](super::element::edge_domains), [`node_domains`](super::element::node_domains)).
+    Smoothed,
+}
+
+/// What acts on a mesh beside bone.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Boundary {
+    /// Axes along which each node stays at rest, for planes of symmetry: bit 0 x, bit 1 y, bit 2 z. Empty when no node is held so.
+    pub held_axes: Vec<u8>,
+    /// Dead load on each node at path parameter 1 (proportional to the parameter before), N. Empty when there is none.
+    pub loads_n: Vec<Vector>,
 }
 
 /// Named sets of materials.
@@ -25,6 +75,8 @@ pub enum SkinElement {
 pub enum Preset {
     /// Stable neo-Hookean with the published small-strain moduli (reading notes 20).
     Wang2009Stable,
+    /// Stable Yeoh that follows the published curve in tension.
+    Wang2009Tension,
     /// The published constants, which lose ellipticity early.
     Wang2009,
 }
@@ -49,12 +101,16 @@ impl std::fmt::Debug for ContactBody<'_> {
 pub struct SolveSettings {
     /// Mechanical model.
     pub model: Model,
-    /// Skin element of [`Model::Mixed`].
+    /// Skin element.
     pub skin_element: SkinElement,
+    /// Cure of locking.
+    pub locking: Locking,
     /// Materials.
     pub materials: Materials,
     /// Largest penetration accepted after a step, mm.
     pub penetration_tolerance_mm: f64,
+    /// Factor on the contact stiffness that the solver chooses; multipliers keep penetration below its tolerance whatever it is.
+    pub contact_stiffness_factor: f64,
     /// Residual force relative to the reaction force.
     pub relative_residual: f64,
     /// Newton iterations before a step is halved.
@@ -64,14 +120,16 @@ pub struct SolveSettings {
 }
 
 impl SolveSettings {
-    /// Settings with the defaults: C1 prisms, 0.05 mm penetration, 1e-4 relative residual, 30 iterations, substeps down to 1/256.
+    /// Settings with the defaults: the model's skin element, 0.05 mm penetration, 1e-4 relative residual, 30 iterations, substeps down to 1/256.
     #[must_use]
     pub fn new(model: Model, materials: Materials) -> Self {
         Self {
             model,
-            skin_element: SkinElement::C1Prism,
+            skin_element: SkinElement::of(model),
+            locking: Locking::None,
             materials,
             penetration_tolerance_mm: 0.05,
+            contact_stiffness_factor: 1.0,
             relative_residual: 1e-4,
             max_iterations: 30,
             min_substep: 1.0 / 256.0,
@@ -82,6 +140,7 @@ impl SolveSettings {
         let positive = [
             ("penetration_tolerance_mm", self.penetration_tolerance_mm, f64::INFINITY),
             ("relative_residual", self.relative_residual, 0.1),
+            ("contact_stiffness_factor", self.contact_stiffness_factor, f64::INFINITY),
             ("min_substep", self.min_substep, 1.0),
         ];
         for (name, found, most) in positive {
@@ -103,6 +162,7 @@ impl Preset {
     pub fn materials(self) -> Materials {
         match self {
             Self::Wang2009Stable => Materials::wang2009_stable(),
+            Self::Wang2009Tension => Materials::wang2009_tension(),
             Self::Wang2009 => Materials::wang2009(),
         }
     }

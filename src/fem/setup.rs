@@ -3,13 +3,14 @@
 use super::assembly::{Assembly, Law, Part};
 use super::contact::Contact;
 use super::dofs::Dofs;
-use super::element::{self, C1Surface, ElementBlock};
+use super::element::{self, C1Surface, ElementBlock, MeshCell};
 use super::error::SolveError;
 use super::linear_solve::LinearSolver;
 use super::material::{Material, Materials};
 use super::newton::{Equations, Limits};
-use super::settings::{ContactBody, Model, SkinElement, SolveSettings};
+use super::settings::{Boundary, ContactBody, Locking, Model, SkinElement, SolveSettings};
 use crate::control::Control;
+use crate::geometry::Vector;
 use crate::mesh::{Attachment, MixedMesh, Tissue};
 
 /// Contact stiffness in units of the tissue's confined modulus over its mean thickness: a layer compressed by a third of its
@@ -34,28 +35,46 @@ pub(super) fn tissue_name(tissue: Tissue) -> &'static str {
 pub(super) fn equations<'a>(
     mesh: &MixedMesh,
     bodies: Vec<ContactBody<'a>>,
+    boundary: &Boundary,
     settings: &SolveSettings,
     control: &Control,
 ) -> Result<(Equations<'a>, Option<C1Surface>, Vec<String>), SolveError> {
     settings.check()?;
     check_mesh(mesh)?;
+    check_boundary(mesh, boundary)?;
     check_bodies(&bodies)?;
     let (blocks, surface) = element_blocks(mesh, settings)?;
     let mut warnings = surface.as_ref().map(C1Surface::warnings).unwrap_or_default();
+    warnings.extend(stability_warnings(&blocks, settings));
     control.check()?;
     control.report(0.2);
-    let dofs = Dofs::new(mesh, surface.as_ref(), &blocks)?;
+    let smoothed = match settings.locking {
+        Locking::None => None,
+        Locking::Smoothed => Some(smoothed_parts(mesh, &blocks, settings)?),
+    };
+    let coupled: Vec<&ElementBlock> = match &smoothed {
+        Some(parts) => parts.iter().map(|p| &p.block).collect(),
+        None => blocks.iter().collect(),
+    };
+    let dofs = Dofs::new(mesh, boundary, surface.as_ref(), &coupled)?;
     control.check()?;
     control.report(0.5);
     let scale = Scale::new(mesh, &blocks, &settings.materials);
-    let laws = laws(settings)?;
-    let parts = blocks.into_iter().map(|block| Part { block, laws: laws.clone() }).collect();
-    let assembly = Assembly::new(parts, &dofs)?;
+    let whole = laws(settings, |m| m)?;
+    let elements = blocks.into_iter().map(|block| Part { block, laws: whole.clone() }).collect();
+    let assembly = match smoothed {
+        Some(parts) => Assembly::new(parts, Some(elements), &dofs)?,
+        None => Assembly::new(elements, None, &dofs)?,
+    };
     control.check()?;
     control.report(0.7);
-    let solver = LinearSolver::new(assembly.pattern())?;
+    let solver = match settings.model {
+        Model::MassTensor => LinearSolver::relaxation(),
+        Model::Linear | Model::Nonlinear | Model::Mixed => LinearSolver::new(assembly.pattern())?,
+    };
     control.report(0.9);
-    let (contact, overlap) = Contact::new(mesh, bodies, CONTACT_STIFFNESS * scale.modulus / scale.thickness_mm);
+    let stiffness = settings.contact_stiffness_factor * CONTACT_STIFFNESS * scale.modulus / scale.thickness_mm;
+    let (contact, overlap) = Contact::new(mesh, bodies, stiffness);
     let limits = Limits {
         relative_residual: settings.relative_residual,
         max_iterations: settings.max_iterations,
@@ -63,9 +82,11 @@ pub(super) fn equations<'a>(
         force_floor_n: FORCE_FLOOR * scale.shear * scale.element_size_mm.powi(2),
         element_size_mm: scale.element_size_mm,
         energy_noise_mj: 1e-13 * scale.shear * scale.volume,
-        linear: settings.model == Model::Linear,
+        linear: settings.model.is_linear(),
     };
-    let equations = Equations::new(dofs, assembly, contact, solver, limits);
+    let loads =
+        if boundary.loads_n.iter().any(|f| *f != Vector::zeros()) { boundary.loads_n.clone() } else { Vec::new() };
+    let equations = Equations::new(dofs, assembly, contact, solver, loads, limits);
     warnings.extend(overlap);
     control.report(1.0);
     Ok((equations, surface, warnings))
@@ -77,9 +98,10 @@ fn element_blocks(
 ) -> Result<(Vec<ElementBlock>, Option<C1Surface>), SolveError> {
     let mut blocks = vec![element::tetrahedra(mesh)?];
     let mut surface = None;
-    match (settings.model, settings.skin_element) {
-        (Model::Linear, _) | (Model::Mixed, SkinElement::Wedge) => blocks.push(element::wedges(mesh)?),
-        (Model::Mixed, SkinElement::C1Prism) => {
+    match settings.skin_element {
+        SkinElement::Tetrahedron => blocks.push(element::prisms_as_tetrahedra(mesh)?),
+        SkinElement::Wedge => blocks.push(element::wedges(mesh)?),
+        SkinElement::C1Prism => {
             let c1 = C1Surface::new(mesh);
             blocks.push(element::c1_prisms(mesh, &c1)?);
             blocks.push(element::plain_prisms(mesh, &c1)?);
@@ -90,12 +112,47 @@ fn element_blocks(
     Ok((blocks, surface))
 }
 
-fn laws(settings: &SolveSettings) -> Result<[Law; 4], SolveError> {
+/// Warnings about materials of tissues that are there, small strain aside.
+fn stability_warnings(blocks: &[ElementBlock], settings: &SolveSettings) -> Vec<String> {
+    if settings.model.is_linear() {
+        return Vec::new();
+    }
+    let there = |tissue: &Tissue| blocks.iter().any(|b| b.tissue.contains(tissue));
+    let tissues = TISSUES.into_iter().filter(there);
+    tissues.filter_map(|t| settings.materials.of(t).stability_warning(tissue_name(t))).collect()
+}
+
+/// Parts whose energies add up to that of the elements, taken at averaged strains.
+fn smoothed_parts(
+    mesh: &MixedMesh,
+    blocks: &[ElementBlock],
+    settings: &SolveSettings,
+) -> Result<Vec<Part>, SolveError> {
+    let isochoric = laws(settings, Material::isochoric_part)?;
+    let volumetric = laws(settings, Material::volumetric_part)?;
+    let (tetrahedra, others): (Vec<&ElementBlock>, Vec<&ElementBlock>) =
+        blocks.iter().partition(|b| b.n_functions == 4);
+    let corners = |cell: MeshCell, nodes: &[u32]| match cell {
+        MeshCell::Prism(prism) if nodes.len() > 4 => mesh.prisms[prism as usize].to_vec(),
+        MeshCell::Prism(_) | MeshCell::Tetrahedron(_) => nodes.to_vec(),
+    };
+    let all: Vec<&ElementBlock> = blocks.iter().collect();
+    let mut parts: Vec<Part> = Vec::new();
+    parts.extend(element::edge_domains(&tetrahedra).into_iter().map(|block| Part { block, laws: isochoric.clone() }));
+    parts.extend(others.into_iter().map(|block| Part { block: block.clone(), laws: isochoric.clone() }));
+    parts
+        .extend(element::node_domains(&all, corners).into_iter().map(|block| Part { block, laws: volumetric.clone() }));
+    Ok(parts)
+}
+
+/// Laws by tissue, for the part of each material that `part` takes.
+fn laws(settings: &SolveSettings, part: impl Fn(Material) -> Material) -> Result<[Law; 4], SolveError> {
     let law = |tissue: Tissue| {
-        let material = *settings.materials.of(tissue);
-        match settings.model {
-            Model::Mixed => Ok(Law::Hyperelastic(material)),
-            Model::Linear => Law::small_strain(&material).map_err(|e| SolveError::Problem { detail: e.to_string() }),
+        let material = part(*settings.materials.of(tissue));
+        if settings.model.is_linear() {
+            Law::small_strain(&material).map_err(|e| SolveError::Problem { detail: e.to_string() })
+        } else {
+            Ok(Law::Hyperelastic(material))
         }
     };
     let [a, b, c, d] = TISSUES;
@@ -164,6 +221,24 @@ fn check_mesh(mesh: &MixedMesh) -> Result<(), SolveError> {
     match named {
         Some(&node) if node as usize >= n => Err(problem(format!("node {node} is named, but there are only {n}"))),
         _ => Ok(()),
+    }
+}
+
+fn check_boundary(mesh: &MixedMesh, boundary: &Boundary) -> Result<(), SolveError> {
+    let n = mesh.positions.len();
+    let (held, loads) = (boundary.held_axes.len(), boundary.loads_n.len());
+    if held != 0 && held != n {
+        return Err(problem(format!("{held} sets of held axes for {n} nodes")));
+    }
+    if loads != 0 && loads != n {
+        return Err(problem(format!("{loads} loads for {n} nodes")));
+    }
+    if let Some(node) = boundary.held_axes.iter().position(|axes| *axes > 7) {
+        return Err(problem(format!("node {node} has held axes {}, allowed are 0 to 7", boundary.held_axes[node])));
+    }
+    match boundary.loads_n.iter().position(|f| !f.iter().all(|c| c.is_finite())) {
+        Some(node) => Err(problem(format!("the load on node {node} is not finite"))),
+        None => Ok(()),
     }
 }
 

@@ -3,8 +3,8 @@
 use super::element::C1Surface;
 use super::error::SolveError;
 use super::newton::{Equations, Equilibrium, Failure, MAX_CONTACT_MOTION_MM};
-use super::report::{IterationRecord, StepReport};
-use super::settings::{ContactBody, Model, SolveSettings};
+use super::report::{CellState, IterationRecord, StepReport};
+use super::settings::{Boundary, ContactBody, SolveSettings};
 use super::{diagnosis, setup};
 use crate::control::Control;
 use crate::geometry::{Motion, Point, Vector};
@@ -12,6 +12,8 @@ use crate::mesh::MixedMesh;
 
 /// Contact points farther from a body than this do not limit its substeps, mm.
 const CONTACT_REACH_MM: f64 = 10.0;
+/// Motion of a segment along an axis in which its nodes are held that is rounding, mm.
+const HELD_TOLERANCE_MM: f64 = 1e-9;
 
 /// Static equilibrium of one mesh under moving bone, advanced along a path.
 #[derive(Debug)]
@@ -50,11 +52,25 @@ impl<'a> Solver<'a> {
         settings: SolveSettings,
         control: &Control,
     ) -> Result<Self, SolveError> {
+        Self::with_boundary(mesh, bodies, &Boundary::default(), settings, control)
+    }
+
+    /// [`Solver::new`] with held axes and dead loads.
+    ///
+    /// # Errors
+    /// [`SolveError`] as there.
+    pub fn with_boundary(
+        mesh: &'a MixedMesh,
+        bodies: Vec<ContactBody<'a>>,
+        boundary: &Boundary,
+        settings: SolveSettings,
+        control: &Control,
+    ) -> Result<Self, SolveError> {
         let mut segments = setup::tied_segments(mesh);
         segments.extend(bodies.iter().map(|b| b.segment));
         segments.sort_unstable();
         segments.dedup();
-        let (equations, surface, warnings) = setup::equations(mesh, bodies, &settings, control)?;
+        let (equations, surface, warnings) = setup::equations(mesh, bodies, boundary, &settings, control)?;
         let state = State { t: 0.0, x: equations.dofs.rest().to_vec(), motions: Vec::new() };
         Ok(Self { mesh, surface, settings, equations, segments, state, substep: f64::INFINITY, warnings })
     }
@@ -115,6 +131,12 @@ impl<'a> Solver<'a> {
         self.state.x[..self.mesh.positions.len()].iter().map(|x| Point::from(*x)).collect()
     }
 
+    /// Number of unknowns.
+    #[must_use]
+    pub fn n_unknowns(&self) -> usize {
+        self.equations.dofs.n_scalar()
+    }
+
     /// Path parameter of the present state.
     #[must_use]
     pub fn path_parameter(&self) -> f64 {
@@ -145,6 +167,12 @@ impl<'a> Solver<'a> {
         parts.zip(self.equations.assembly.min_det(&self.state.x)).collect()
     }
 
+    /// Stress and volume ratio of every tetrahedron and every prism of the mesh at the present state.
+    #[must_use]
+    pub fn cell_states(&self) -> (Vec<CellState>, Vec<CellState>) {
+        super::cell_states::cell_states(&self.equations.assembly, self.mesh, &self.state.x)
+    }
+
     /// Newton iterations of the last call of [`Solver::advance`].
     #[must_use]
     pub fn iterations(&self) -> &[IterationRecord] {
@@ -159,6 +187,7 @@ impl<'a> Solver<'a> {
     ) -> Result<Equilibrium, Failure> {
         let listed = motions(goal);
         let body_motions = self.body_motions(&listed);
+        self.equations.load_share = goal;
         let multipliers = self.equations.contact.multipliers().to_vec();
         let attempt = self
             .equations
@@ -211,8 +240,14 @@ impl<'a> Solver<'a> {
         }
         let min_det_f =
             self.equations.assembly.min_det(&self.state.x).into_iter().flatten().fold(f64::INFINITY, f64::min);
-        if self.settings.model == Model::Linear && min_det_f <= 0.0 {
+        if self.settings.model.is_linear() && min_det_f <= 0.0 {
             warnings.push(format!("the linear model turns elements inside out (det F down to {min_det_f:.3}): strains are too large for it"));
+        }
+        let torn = self.equations.dofs.contradictions(|s| motion_of(&self.state.motions, s), HELD_TOLERANCE_MM);
+        if torn > 0 {
+            warnings.push(format!(
+                "{torn} tied nodes are also held along an axis in which their segment moves; along that axis they stay"
+            ));
         }
         warnings.extend(diagnosis::ellipticity_warning(&self.equations, &self.state.x));
         let body_motions = self.body_motions(&self.state.motions);
@@ -227,7 +262,7 @@ impl<'a> Solver<'a> {
             max_penetration_mm: super::contact::penetration(&found.touches),
             active_contacts: found.touches.len(),
             reactions_n,
-            unknowns: 3 * self.equations.dofs.n_unknown(),
+            unknowns: self.equations.dofs.n_scalar(),
             warnings,
         }
     }

@@ -2,7 +2,7 @@ use super::baseline::{Octree, Resolution, SampledSettings, Tolerance, UniformFie
 use super::build::{FieldReport, FieldSettings};
 use super::distance_field::DistanceField;
 use super::error::FieldError;
-use super::exact::ExactDistance;
+use super::exact::{ExactDistance, is_inside};
 use crate::control::Control;
 use crate::geometry::{Aabb, Implicit, Point, TriMesh, Vector};
 use nalgebra::Matrix3;
@@ -92,6 +92,22 @@ impl MethodSettings {
         let spacing_mm = self.resolution.map_or(self.field.spacing_mm, |n| edge / f64::from(n.max(1)));
         FieldSettings { spacing_mm, ..self.field }
     }
+}
+
+/// Values below this share of the spacing may have the wrong sign.
+const DOUBT: f64 = 0.75;
+
+/// Answer of [`SignedField::settled`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Settled {
+    /// Signed distance, mm; negative inside.
+    pub distance: f64,
+    /// Gradient of the field.
+    pub gradient: Vector,
+    /// Closest point of the surface.
+    pub closest: Point,
+    /// Triangle that it lies on.
+    pub triangle: usize,
 }
 
 /// A signed distance field built by any of the methods, in the frame of its surface.
@@ -185,6 +201,25 @@ impl SignedField {
             Self::Octree(f) => f.spacing_mm(),
             Self::Adaptive(f) => f.spacing_mm(),
         }
+    }
+
+    /// What there is to say of `p`; `exact` was made for the field's surface.
+    ///
+    /// An adaptive field's distance has the sign of the winding number everywhere: where the value is so small that its error
+    /// could turn the sign (three quarters of the spacing), the winding number is asked, and where they disagree the exact distance
+    /// is given. The published methods answer as they are. The gradient is always the field's.
+    #[must_use]
+    pub fn settled(&self, exact: &ExactDistance, p: &Point) -> Settled {
+        let (value, gradient) = self.value_gradient(p);
+        let (closest, triangle, distance) = exact.closest(p);
+        let mut settled = Settled { distance: value, gradient, closest, triangle };
+        if matches!(self, Self::Adaptive(_)) && value.abs() < DOUBT * self.spacing_mm() {
+            let inside = is_inside(exact.winding_number(p));
+            if inside != (value < 0.0) {
+                settled.distance = if inside { -distance } else { distance };
+            }
+        }
+        settled
     }
 
     fn inner(&self) -> &dyn Implicit {

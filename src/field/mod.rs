@@ -39,7 +39,7 @@ pub use distance_field::DistanceField;
 pub use envelope::{Envelope, EnvelopeSettings, envelope};
 pub use error::FieldError;
 pub use exact::ExactDistance;
-pub use method::{Method, MethodSettings, SignedField};
+pub use method::{Method, MethodSettings, Settled, SignedField};
 
 #[cfg(test)]
 mod tests;

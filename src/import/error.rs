@@ -7,11 +7,13 @@ pub struct Limits {
     pub max_triangles: usize,
     /// Voxels of a volume.
     pub max_voxels: usize,
+    /// Points and cells, each, of a volume mesh.
+    pub max_cells: usize,
 }
 
 impl Default for Limits {
     fn default() -> Self {
-        Self { max_triangles: 20_000_000, max_voxels: 600_000_000 }
+        Self { max_triangles: 20_000_000, max_voxels: 600_000_000, max_cells: 20_000_000 }
     }
 }
 

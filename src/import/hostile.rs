@@ -6,7 +6,7 @@ use super::nifti1::tests::File;
 use super::{ImportError, Limits, SurfaceFormat, detect_surface, surface, volume};
 
 const FORMATS: [SurfaceFormat; 3] = [SurfaceFormat::Stl, SurfaceFormat::Ply, SurfaceFormat::Obj];
-const LIMITS: Limits = Limits { max_triangles: 1000, max_voxels: 100_000 };
+const LIMITS: Limits = Limits { max_triangles: 1000, max_voxels: 100_000, max_cells: 1000 };
 
 /// A tetrahedron of 100 mm in every format, and whether a shorter file shows that it was cut off.
 fn surfaces() -> Vec<(SurfaceFormat, Vec<u8>, bool)> {
@@ -99,7 +99,7 @@ fn counts_that_no_file_could_hold_are_refused() {
     let mut stl = vec![0; 84];
     stl[80..84].copy_from_slice(&u32::MAX.to_le_bytes());
     assert!(matches!(surface(&stl, SurfaceFormat::Stl, &LIMITS), Err(ImportError::TooLarge { .. })));
-    let all = Limits { max_triangles: usize::MAX, max_voxels: usize::MAX };
+    let all = Limits { max_triangles: usize::MAX, max_voxels: usize::MAX, max_cells: usize::MAX };
     assert!(matches!(surface(&stl, SurfaceFormat::Stl, &all), Err(ImportError::Malformed { .. })));
 
     let count = u64::MAX;

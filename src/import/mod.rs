@@ -24,7 +24,9 @@ mod stl;
 mod surface;
 mod text;
 mod volume;
+mod vtu;
 
 pub use error::{ImportError, Limits};
 pub use surface::{SurfaceFormat, detect_surface, surface};
 pub use volume::{Volume, VolumeScan, volume};
+pub use vtu::{Cell, DataArray, VolumeMesh, volume_mesh};

@@ -142,7 +142,10 @@ impl From<&SolveRequest> for RunSettings {
                 SolveModel::Linear => Model::Linear,
                 SolveModel::Mixed => Model::Mixed,
             },
-            skin_element: SkinElement::C1Prism,
+            skin_element: match r.model {
+                SolveModel::Linear => SkinElement::Wedge,
+                SolveModel::Mixed => SkinElement::C1Prism,
+            },
             steps: r.steps as usize,
             preset: match r.preset {
                 MaterialsPreset::Wang2009Stable => Preset::Wang2009Stable,

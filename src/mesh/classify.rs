@@ -81,6 +81,7 @@ pub(super) fn assemble(shape: &Shape<'_, '_>) -> MixedMesh {
     MixedMesh {
         tetrahedron_tissue: tetrahedra.iter().map(|t| tissue_at(inner, t.map(|i| positions[i as usize]))).collect(),
         prisms: prisms.collect(),
+        prism_tissue: Vec::new(),
         tetrahedra,
         positions,
         bone_faces,

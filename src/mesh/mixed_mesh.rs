@@ -39,6 +39,8 @@ pub struct MixedMesh {
     /// Prisms: outer (skin) triangle 0, 1, 2, then the inner nodes below each. The outer triangle is counter-clockwise
     /// seen from outside the head. (The same order as [`TriMesh`](crate::geometry::TriMesh); VTK's wedge has its first triangle facing away from the second, as here.)
     pub prisms: Vec<[u32; 6]>,
+    /// Tissue of each prism; empty when all are skin.
+    pub prism_tissue: Vec<Tissue>,
     /// Boundary triangles that face bone, counter-clockwise seen from the bone (outward from the tissue): contact is tested on their vertices and barycentres.
     pub bone_faces: Vec<[u32; 3]>,
     /// One per node.
@@ -46,4 +48,12 @@ pub struct MixedMesh {
     /// Nodes of the faces where tissue was cut off below [`MeshSettings::depth_mm`](super::MeshSettings::depth_mm),
     /// rising. [`build`](super::build) makes them [`Attachment::Fixed`]; free those near bone that moves.
     pub depth_cut_nodes: Vec<u32>,
+}
+
+impl MixedMesh {
+    /// Tissue of prism `prism`.
+    #[must_use]
+    pub fn tissue_of_prism(&self, prism: usize) -> Tissue {
+        self.prism_tissue.get(prism).copied().unwrap_or(Tissue::Skin)
+    }
 }

@@ -3,7 +3,7 @@ use std::fmt::Debug;
 use super::{Case, Cuts, Halt, Run, Solid, TissueRequest};
 use crate::control::Control;
 use crate::evaluate::{ErrorMap, FaceRegion};
-use crate::field::FieldReport;
+use crate::field::{FieldReport, Settled};
 use crate::geometry::{Motion, Point, TriMesh, Vector};
 use crate::mesh::MeshReport;
 use crate::plan::{BoundedPlane, Osteotomy, PathReport, Plan};
@@ -34,6 +34,12 @@ pub trait Engine: Debug + Send + Sync {
     /// # Errors
     /// [`Halt`].
     fn fields(&self, case: &Case, control: &Control) -> Result<(FieldReport, FieldReport, Vec<String>), Halt>;
+
+    /// Distances with settled signs, gradients and closest points at `points`.
+    ///
+    /// # Errors
+    /// [`Halt`].
+    fn nearest(&self, case: &Case, solid: Solid, points: &[Point], control: &Control) -> Result<Vec<Settled>, Halt>;
 
     /// Signed distances (mm) and gradients at `points`.
     ///

@@ -8,7 +8,7 @@ use super::tissue_file::tissue_file;
 use super::{Case, Cuts, Engine, Halt, Run, RunWatch, Solid, TissueRequest, key_of};
 use crate::control::Control;
 use crate::evaluate::{self, ErrorMap, FaceRegion};
-use crate::field::FieldReport;
+use crate::field::{ExactDistance, FieldReport, Settled};
 use crate::geometry::{Implicit, Motion, Point, TriMesh, Vector};
 use crate::import::{self, Limits};
 use crate::mesh::MeshReport;
@@ -109,6 +109,17 @@ impl Engine for Numerics {
             Solid::Bone => &fields.bone_field,
         };
         Ok(points.iter().map(|p| field.value_gradient(p)).collect())
+    }
+
+    fn nearest(&self, case: &Case, solid: Solid, points: &[Point], control: &Control) -> Result<Vec<Settled>, Halt> {
+        let fields = self.fields_of(case, control)?;
+        let (field, surface) = match solid {
+            Solid::Skin => (&fields.skin, &case.anatomy.skin),
+            Solid::Bone => (&fields.bone_field, &fields.bone.surface),
+        };
+        let exact = ExactDistance::new(surface);
+        control.check()?;
+        Ok(points.iter().map(|p| field.settled(&exact, p)).collect())
     }
 
     fn cut(&self, case: &Case, cuts: &Cuts, control: &Control) -> Result<Osteotomy, Halt> {

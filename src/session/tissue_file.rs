@@ -27,7 +27,7 @@ pub(super) fn tissue_file(mesh: &MixedMesh, nodes: &[Point]) -> Option<Vec<u8>> 
     let prisms = mesh.prisms.iter().map(|p| ratio(nodes, rest, &split(p)));
     let volume_ratio: Vec<f64> = tetrahedra.chain(prisms).collect();
     let points: [(&str, usize, &[f64]); 2] = [("displacement_mm", 3, &displacement), ("attachment", 1, &attachment)];
-    let cells: [(&str, &[f64]); 2] = [("tissue", &tissue), ("volume_ratio", &volume_ratio)];
+    let cells: [(&str, usize, &[f64]); 2] = [("tissue", 1, &tissue), ("volume_ratio", 1, &volume_ratio)];
     Some(vtu(nodes, &mesh.tetrahedra, &mesh.prisms, &points, &cells))
 }
 

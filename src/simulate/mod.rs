@@ -7,12 +7,16 @@ mod carry;
 mod error;
 mod fields;
 mod landmarks;
+mod ready_mesh;
 mod run;
+mod scene;
 mod tissue;
 
 pub use bone::{CutBone, cut_bone};
 pub use error::SimulateError;
 pub use fields::{Anatomy, Fields, FieldsSettings, build_fields};
 pub use landmarks::propose_landmarks;
+pub use ready_mesh::{CellPlace, ReadyMesh, ReadyMeshError};
 pub use run::{Frame, Outcome, RegionMotion, RunSettings, solve};
+pub use scene::{Scene, SceneOutcome};
 pub use tissue::{AttachmentRules, TissueModel, TissueSettings, build_tissue};

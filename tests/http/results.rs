@@ -151,6 +151,8 @@ async fn a_field_can_be_asked() {
     let values = app.post(&format!("{session}/field/query"), body).await.ok();
     assert_eq!(values["distances_mm"], json!([10.0, -10.0]));
     assert_eq!(values["gradients"], json!([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]));
+    assert_eq!(values["closest_points_mm"], json!([[0.0, -60.0, 0.0], [0.0, 0.0, 60.0]]));
+    assert_eq!(values["triangles"], json!([7, 7]));
     let far = json!({"points_mm": [[0, 0, 1e30]]});
     let problem = app.post(&format!("{session}/field/query"), far).await.problem(422, "invalid-request");
     assert_eq!(problem["errors"][0]["pointer"], "/points_mm/0/2");

@@ -7,7 +7,7 @@ use std::time::Duration;
 use prosopon::control::Control;
 use prosopon::evaluate::{ErrorMap, FaceRegion, Statistics};
 use prosopon::fem::StepReport;
-use prosopon::field::FieldReport;
+use prosopon::field::{FieldReport, Settled};
 use prosopon::geometry::{Motion, Point, TriMesh, Vector};
 use prosopon::mesh::MeshReport;
 use prosopon::plan::{BoundedPlane, Osteotomy, PathReport, Plan, PlanError, Segment};
@@ -121,6 +121,20 @@ impl Engine for StandIn {
     fn distances(&self, _: &Case, solid: Solid, points: &[Point], _: &Control) -> Result<Vec<(f64, Vector)>, Halt> {
         let radius = if solid == Solid::Skin { 100.0 } else { 60.0 };
         Ok(points.iter().map(|p| (p.coords.norm() - radius, p.coords.normalize())).collect())
+    }
+
+    fn nearest(&self, _: &Case, solid: Solid, points: &[Point], _: &Control) -> Result<Vec<Settled>, Halt> {
+        let radius = if solid == Solid::Skin { 100.0 } else { 60.0 };
+        let settled = |p: &Point| {
+            let gradient = p.coords.normalize();
+            Settled {
+                distance: p.coords.norm() - radius,
+                gradient,
+                closest: Point::from(gradient * radius),
+                triangle: 7,
+            }
+        };
+        Ok(points.iter().map(settled).collect())
     }
 
     fn cut(&self, _: &Case, cuts: &Cuts, _: &Control) -> Result<Osteotomy, Halt> {

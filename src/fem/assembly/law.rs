@@ -44,6 +44,31 @@ impl Law {
         }
     }
 
+    /// Bulk modulus at rest, MPa.
+    pub(super) fn bulk(&self) -> f64 {
+        match self {
+            Self::Hyperelastic(material) => material.bulk,
+            Self::SmallStrain(c) => [0, 4, 8].iter().flat_map(|i| [0, 4, 8].map(|j| c[(*i, j)])).sum::<f64>() / 9.0,
+        }
+    }
+
+    /// What the bulk modulus acts on: det F - 1, or the trace of the small strain.
+    pub(super) fn dilatation(&self, f: &Matrix3<f64>) -> f64 {
+        match self {
+            Self::Hyperelastic(_) => f.determinant() - 1.0,
+            Self::SmallStrain(_) => f.trace() - 3.0,
+        }
+    }
+
+    /// Cauchy stress; zero where `f` is inverted. Small strain knows no difference between the stresses.
+    pub(super) fn cauchy(&self, f: &Matrix3<f64>) -> Matrix3<f64> {
+        let stress = self.stress(f).unwrap_or_else(|_| Matrix3::zeros());
+        match self {
+            Self::Hyperelastic(_) => stress * f.transpose() / f.determinant(),
+            Self::SmallStrain(_) => stress,
+        }
+    }
+
     pub(super) fn stress_and_tangent(
         &self,
         f: &Matrix3<f64>,

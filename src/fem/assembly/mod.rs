@@ -1,6 +1,6 @@
 //! Energy, forces and stiffness of all elements.
 //!
-//! Elements are evaluated in parallel into buffers, then each force and each block of the matrix gathers its
+//! Elements are evaluated in parallel into buffers, then each force gathers and each block of the matrix is given its
 //! contributions in the order of elements: the same bits at any number of threads.
 
 mod kernel;
@@ -12,7 +12,7 @@ pub(in crate::fem) use law::{Curvature, Law};
 pub(in crate::fem) use pattern::Pattern;
 
 use super::dofs::Dofs;
-use super::element::ElementBlock;
+use super::element::{ElementBlock, SMOOTHED_WIDTHS};
 use super::error::SolveError;
 use super::material::Inverted;
 use crate::geometry::Vector;
@@ -20,7 +20,7 @@ use crate::mesh::Tissue;
 use kernel::{Element, n_slots};
 use nalgebra::Matrix3;
 use rayon::prelude::*;
-use scatter::ForceSources;
+use scatter::{ForceSources, Scatter};
 
 /// Elements with their material laws, one law a tissue.
 #[derive(Debug, Clone)]
@@ -44,14 +44,34 @@ pub(in crate::fem) struct Inversion {
     pub(in crate::fem) element: usize,
 }
 
+/// State of an element, means over its points.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::fem) struct ElementState {
+    /// At rest, mm³.
+    pub(in crate::fem) volume: f64,
+    /// Cauchy stress, MPa.
+    pub(in crate::fem) stress: Matrix3<f64>,
+    /// det F.
+    pub(in crate::fem) ratio: f64,
+    /// What the bulk modulus acts on: det F - 1, or the trace of a small strain.
+    pub(in crate::fem) dilatation: f64,
+    /// Bulk modulus, MPa.
+    pub(in crate::fem) bulk: f64,
+}
+
 /// All elements, the matrix's pattern, and buffers.
 #[derive(Debug, Clone)]
 pub(in crate::fem) struct Assembly {
+    /// Elements that carry the energy.
     parts: Vec<Part>,
+    /// Elements of the mesh where others, averages over them, carry the energy.
+    geometry: Option<Vec<Part>>,
     pattern: Pattern,
-    sources: pattern::Sources,
+    slots: pattern::Slots,
+    scatter: Scatter,
     force_sources: ForceSources,
     element_forces: Vec<f64>,
+    /// Matrices of one chunk of elements.
     element_blocks: Vec<f64>,
 }
 
@@ -61,45 +81,68 @@ const fn chunk(n_functions: usize, n_points: usize) -> usize {
     if work >= 4096 { 8 } else { 8192 / (work + 1) + 1 }
 }
 
+/// Values of element matrices that are held at once: some 16 MB.
+const BUFFERED: usize = 1 << 21;
+
+/// Elements of a block whose matrices are made before they are added to the whole.
+fn elements_at_once(block: &ElementBlock) -> usize {
+    (BUFFERED / (9 * n_slots(block.n_functions))).clamp(1, block.n_elements().max(1))
+}
+
 /// Calls `$method::<N>` for the block's number of functions; blocks of other sizes were refused by [`Assembly::new`].
 macro_rules! by_width {
     ($part:expr, $function:ident ( $($argument:expr),* )) => {
         match $part.block.n_functions {
             4 => $function::<4>($($argument),*),
             6 => $function::<6>($($argument),*),
-            _ => $function::<12>($($argument),*),
+            8 => $function::<8>($($argument),*),
+            12 => $function::<12>($($argument),*),
+            16 => $function::<16>($($argument),*),
+            24 => $function::<24>($($argument),*),
+            32 => $function::<32>($($argument),*),
+            _ => $function::<48>($($argument),*),
         }
     };
 }
 
 impl Assembly {
-    pub(in crate::fem) fn new(parts: Vec<Part>, dofs: &Dofs) -> Result<Self, SolveError> {
-        let blocks: Vec<ElementBlock> = parts.iter().map(|p| p.block.clone()).collect();
+    /// `geometry` holds the elements of the mesh when those of `parts` are averages over them.
+    pub(in crate::fem) fn new(parts: Vec<Part>, geometry: Option<Vec<Part>>, dofs: &Dofs) -> Result<Self, SolveError> {
+        let blocks: Vec<&ElementBlock> = parts.iter().map(|p| &p.block).collect();
         for b in &blocks {
             let n = b.n_elements();
             let complete = b.nodes.len() == n * b.n_functions
                 && b.weights.len() == n * b.n_points
                 && b.gradients.len() == n * b.n_points * b.n_functions;
-            if !matches!(b.n_functions, 4 | 6 | 12) || !complete {
+            if !SMOOTHED_WIDTHS.contains(&b.n_functions) || !complete {
                 let detail = format!("the block of {}s is not complete", b.kind);
                 return Err(SolveError::Problem { detail });
             }
         }
-        let slots = pattern::total_slots(&blocks);
-        if slots > (u32::MAX / 2) as usize {
-            let detail = format!("{slots} element blocks, at most {} are possible", u32::MAX / 2);
+        let n_slots_in_all = pattern::total_slots(&blocks);
+        if n_slots_in_all > (u32::MAX / 2) as usize {
+            let detail = format!("{n_slots_in_all} element blocks, at most {} are possible", u32::MAX / 2);
             return Err(SolveError::Problem { detail });
         }
-        let (pattern, sources) = pattern::build(&blocks, dofs);
+        let (pattern, slots) = pattern::build(&blocks, dofs);
+        if 9 * pattern.n_blocks() > u32::MAX as usize {
+            let detail =
+                format!("{} blocks of the stiffness matrix, at most {} are possible", pattern.n_blocks(), u32::MAX / 9);
+            return Err(SolveError::Problem { detail });
+        }
+        let scatter = Scatter::new(&pattern);
+        let buffer = blocks.iter().map(|b| elements_at_once(b) * 9 * n_slots(b.n_functions)).max().unwrap_or(0);
         let force_sources = ForceSources::new(&blocks, dofs.n_nodes());
         let functions: usize = blocks.iter().map(|b| b.nodes.len()).sum();
         Ok(Self {
             parts,
+            geometry,
             pattern,
-            sources,
+            slots,
+            scatter,
             force_sources,
             element_forces: vec![0.0; 3 * functions],
-            element_blocks: vec![0.0; 9 * slots],
+            element_blocks: vec![0.0; buffer],
         })
     }
 
@@ -107,27 +150,63 @@ impl Assembly {
         &self.pattern
     }
 
+    /// Elements of the mesh; [`Inversion`] counts in these.
     pub(in crate::fem) fn parts(&self) -> &[Part] {
-        &self.parts
+        self.geometry.as_deref().unwrap_or(&self.parts)
+    }
+
+    /// Whether averages over elements carry the energy.
+    pub(in crate::fem) fn is_smoothed(&self) -> bool {
+        self.geometry.is_some()
+    }
+
+    /// An element of the mesh for one that carries energy.
+    fn in_mesh(&self, at: Inversion) -> Inversion {
+        let Some(geometry) = &self.geometry else { return at };
+        let cell = self.parts[at.part].block.cells[at.element];
+        let place = |(part, p): (usize, &Part)| {
+            p.block.cells.iter().position(|c| *c == cell).map(|element| Inversion { part, element })
+        };
+        geometry.iter().enumerate().find_map(place).unwrap_or(Inversion { part: 0, element: 0 })
+    }
+
+    /// Refuses an inverted element of the mesh that averages might hide. Small strain knows no inversion.
+    fn check_geometry(&self, x: &[Vector]) -> Result<(), Inversion> {
+        for (index, part) in self.geometry.iter().flatten().enumerate() {
+            if matches!(part.laws[0], Law::SmallStrain(_)) {
+                continue;
+            }
+            let dets = by_width!(part, part_min_det(part, x));
+            if let Some(element) = dets.iter().position(|det| !(*det > 0.0 && det.is_finite())) {
+                return Err(Inversion { part: index, element });
+            }
+        }
+        Ok(())
     }
 
     /// Energy (mJ) at `x`.
     pub(in crate::fem) fn energy(&self, x: &[Vector]) -> Result<f64, Inversion> {
+        self.check_geometry(x)?;
         let mut total = 0.0;
         for (index, part) in self.parts.iter().enumerate() {
-            total += by_width!(part, part_energy(index, part, x))?;
+            total += by_width!(part, part_energy(index, part, x)).map_err(|at| self.in_mesh(at))?;
         }
         Ok(total)
     }
 
     /// Energy at `x`, and its gradient by every generalised node in `forces`.
     pub(in crate::fem) fn forces(&mut self, x: &[Vector], forces: &mut [Vector]) -> Result<f64, Inversion> {
+        self.check_geometry(x)?;
         let mut total = 0.0;
         let mut rest = self.element_forces.as_mut_slice();
         for (index, part) in self.parts.iter().enumerate() {
             let (buffer, tail) = rest.split_at_mut(3 * part.block.nodes.len());
             rest = tail;
-            total += by_width!(part, part_forces(index, part, x, buffer))?;
+            let done = by_width!(part, part_forces(index, part, x, buffer));
+            match done {
+                Ok(energy) => total += energy,
+                Err(at) => return Err(self.in_mesh(at)),
+            }
         }
         self.force_sources.gather(&self.element_forces, forces);
         Ok(total)
@@ -144,7 +223,10 @@ impl Assembly {
         for (index, part) in self.parts.iter().enumerate() {
             let (buffer, tail) = rest.split_at_mut(3 * part.block.nodes.len());
             rest = tail;
-            by_width!(part, part_force_change(index, part, x, dx, buffer))?;
+            let done = by_width!(part, part_force_change(index, part, x, dx, buffer));
+            if let Err(at) = done {
+                return Err(self.in_mesh(at));
+            }
         }
         self.force_sources.gather(&self.element_forces, change);
         Ok(())
@@ -158,49 +240,84 @@ impl Assembly {
         forces: &mut [Vector],
         values: &mut [f64],
     ) -> Result<(), Inversion> {
+        self.check_geometry(x)?;
+        values.fill(0.0);
         let mut rest = self.element_forces.as_mut_slice();
-        let mut rest_blocks = self.element_blocks.as_mut_slice();
+        let mut first_slot = 0;
         for (index, part) in self.parts.iter().enumerate() {
             let (buffer, tail) = rest.split_at_mut(3 * part.block.nodes.len());
             rest = tail;
-            let n = 9 * part.block.n_elements() * n_slots(part.block.n_functions);
-            let (blocks, tail) = rest_blocks.split_at_mut(n);
-            rest_blocks = tail;
-            by_width!(part, part_tangent(index, part, curvature, x, buffer, blocks))?;
+            let (n, slots) = (part.block.n_elements(), n_slots(part.block.n_functions));
+            let at_once = elements_at_once(&part.block);
+            for from in (0..n).step_by(at_once) {
+                let to = n.min(from + at_once);
+                let forces = &mut buffer[3 * from * part.block.n_functions..3 * to * part.block.n_functions];
+                let blocks = &mut self.element_blocks[..9 * slots * (to - from)];
+                let done = by_width!(part, part_tangent(index, part, from, curvature, x, forces, blocks));
+                if let Err(at) = done {
+                    return Err(self.in_mesh(at));
+                }
+                let codes = self.slots.codes(first_slot + slots * from..first_slot + slots * to);
+                self.scatter.add(&self.pattern, codes, blocks, values);
+            }
+            first_slot += slots * n;
         }
         self.force_sources.gather(&self.element_forces, forces);
-        scatter::gather_matrix(&self.pattern, &self.sources, &self.element_blocks, values);
         Ok(())
     }
 
     /// Share of `dx`, at most 1, at which an element is first inverted.
     pub(in crate::fem) fn first_inversion(&self, x: &[Vector], dx: &[Vector]) -> (f64, Option<Inversion>) {
         let mut least = (1.0, None);
-        for (index, part) in self.parts.iter().enumerate() {
-            let shares = by_width!(part, part_first_inversion(part, x, dx));
-            for (element, share) in shares.into_iter().enumerate() {
-                if share < least.0 {
-                    least = (share, Some(Inversion { part: index, element }));
+        let mut search = |parts: &[Part], in_mesh: &dyn Fn(Inversion) -> Inversion| {
+            for (index, part) in parts.iter().enumerate() {
+                let shares = by_width!(part, part_first_inversion(part, x, dx));
+                for (element, share) in shares.into_iter().enumerate() {
+                    if share < least.0 {
+                        least = (share, Some(in_mesh(Inversion { part: index, element })));
+                    }
                 }
             }
+        };
+        search(self.parts(), &|at| at);
+        if self.is_smoothed() {
+            search(&self.parts, &|at| self.in_mesh(at));
         }
         least
     }
 
     /// Smallest det F in each element, by part.
     pub(in crate::fem) fn min_det(&self, x: &[Vector]) -> Vec<Vec<f64>> {
-        self.parts.iter().map(|part| by_width!(part, part_min_det(part, x))).collect()
+        self.parts().iter().map(|part| by_width!(part, part_min_det(part, x))).collect()
     }
 
     /// Deformation gradients at the points of one element.
     pub(in crate::fem) fn deformations(&self, at: Inversion, x: &[Vector]) -> Vec<Matrix3<f64>> {
-        let part = &self.parts[at.part];
+        let part = &self.parts()[at.part];
         by_width!(part, element_deformations(part, at.element, x))
+    }
+
+    /// Means over the points of an element.
+    pub(in crate::fem) fn state(&self, at: Inversion, x: &[Vector]) -> ElementState {
+        let part = &self.parts()[at.part];
+        let law = part.law(at.element);
+        let q = part.block.n_points;
+        let weights = &part.block.weights[at.element * q..(at.element + 1) * q];
+        let mut sum =
+            ElementState { volume: 0.0, stress: Matrix3::zeros(), ratio: 0.0, dilatation: 0.0, bulk: law.bulk() };
+        for (f, w) in self.deformations(at, x).iter().zip(weights) {
+            sum.volume += w;
+            sum.stress += law.cauchy(f) * *w;
+            sum.ratio += w * f.determinant();
+            sum.dilatation += w * law.dilatation(f);
+        }
+        let stress = sum.stress / sum.volume;
+        ElementState { stress, ratio: sum.ratio / sum.volume, dilatation: sum.dilatation / sum.volume, ..sum }
     }
 
     /// Tissue of an element.
     pub(in crate::fem) fn tissue(&self, at: Inversion) -> Tissue {
-        self.parts[at.part].block.tissue[at.element]
+        self.parts()[at.part].block.tissue[at.element]
     }
 }
 
@@ -271,6 +388,7 @@ fn part_force_change<const N: usize>(
 fn part_tangent<const N: usize>(
     index: usize,
     part: &Part,
+    first: usize,
     curvature: Curvature,
     x: &[Vector],
     buffer: &mut [f64],
@@ -285,7 +403,7 @@ fn part_tangent<const N: usize>(
         .map(|(c, (out, blocks))| {
             out.fill(0.0);
             for (i, (out, blocks)) in out.chunks_exact_mut(3 * N).zip(blocks.chunks_exact_mut(slots)).enumerate() {
-                let e = c * size + i;
+                let e = first + c * size + i;
                 let element = Element::<N>::new(&part.block, e);
                 let x = element.collect(x);
                 element.tangent(part.law(e), curvature, &x, out, blocks).map_err(|_: Inverted| e)?;

@@ -5,6 +5,7 @@ use crate::fem::dofs::Dofs;
 use crate::fem::element::ElementBlock;
 use crate::geometry::Vector;
 use nalgebra::Matrix3;
+use rayon::prelude::*;
 
 /// Lower triangle of a symmetric matrix of 3×3 blocks, by block columns; each column starts with its diagonal block.
 ///
@@ -32,6 +33,16 @@ impl Pattern {
         &self.rows[self.start[column]..self.start[column + 1]]
     }
 
+    /// Number of blocks.
+    pub(super) fn n_blocks(&self) -> usize {
+        self.rows.len()
+    }
+
+    /// First block of column `column`.
+    pub(super) fn block_start(&self, column: usize) -> usize {
+        self.start[column]
+    }
+
     /// First value of column `column`.
     pub(in crate::fem) fn value_start(&self, column: usize) -> usize {
         9 * self.start[column]
@@ -50,6 +61,45 @@ impl Pattern {
                 values[3 * rows.len() * c + 3 * place + r] += block[(r, c)];
             }
         }
+    }
+
+    /// Takes unknowns out of the system: rows and columns of the axes (bits) of these unknown nodes become zero but for the diagonal.
+    pub(in crate::fem) fn hold(&self, held: &[(u32, u8)], values: &mut [f64]) {
+        if held.is_empty() {
+            return;
+        }
+        let mut axes = vec![0u8; self.n_columns()];
+        for &(unknown, bits) in held {
+            axes[unknown as usize] = bits;
+        }
+        for column in 0..self.n_columns() {
+            let rows = self.rows(column);
+            let values = &mut values[self.value_start(column)..self.value_start(column) + 9 * rows.len()];
+            for (place, &row) in rows.iter().enumerate() {
+                let (of_row, of_column) = (axes[row as usize], axes[column]);
+                if of_row | of_column == 0 {
+                    continue;
+                }
+                for c in 0..3 {
+                    for r in 0..3 {
+                        let diagonal = row as usize == column && r == c;
+                        if !diagonal && (of_row >> r | of_column >> c) & 1 == 1 {
+                            values[3 * rows.len() * c + 3 * place + r] = 0.0;
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    /// Inverses of the diagonal blocks; `None` when one is not positive definite.
+    pub(in crate::fem) fn inverse_diagonal(&self, values: &[f64]) -> Option<Vec<Matrix3<f64>>> {
+        let block = |column: usize| {
+            let (begin, stride) = (self.value_start(column), 3 * self.rows(column).len());
+            let block = Matrix3::from_fn(|r, c| values[begin + stride * c + r]);
+            block.cholesky().map(|factor| factor.inverse())
+        };
+        (0..self.n_columns()).map(block).collect()
     }
 
     /// `y = A x`.
@@ -79,53 +129,80 @@ impl Pattern {
     }
 }
 
-/// For each block of the pattern, the element blocks that add up to it, in the order of elements.
+/// Marks a slot that adds to nothing.
+pub(super) const NOWHERE: u32 = u32::MAX;
+
+/// For each slot of the element matrices, twice the block of the pattern that it adds to, plus one when it does so transposed.
+///
+/// Slots are numbered through all blocks of elements, elements, and local pairs `(a, b)`, `a >= b`.
 #[derive(Debug, Clone)]
-pub(super) struct Sources {
-    start: Vec<u32>,
-    /// Twice the slot, plus one when the slot's block is to be transposed.
+pub(super) struct Slots {
     codes: Vec<u32>,
 }
 
-impl Sources {
-    pub(super) fn of(&self, block: usize) -> &[u32] {
-        &self.codes[self.start[block] as usize..self.start[block + 1] as usize]
+impl Slots {
+    pub(super) fn codes(&self, slots: std::ops::Range<usize>) -> &[u32] {
+        &self.codes[slots]
     }
 }
 
-/// Pattern and sources. Slots are numbered through all blocks of elements, elements, and local pairs `(a, b)`, `a >= b`.
-pub(super) fn build(blocks: &[ElementBlock], dofs: &Dofs) -> (Pattern, Sources) {
-    let mut entries: Vec<(u32, u32, u32)> = Vec::new();
-    let mut slot = 0u32;
-    for block in blocks {
-        for nodes in block.nodes.chunks_exact(block.n_functions) {
-            for (a, &node_a) in nodes.iter().enumerate() {
-                for &node_b in &nodes[..=a] {
-                    if let (Some(ua), Some(ub)) = (dofs.unknown(node_a), dofs.unknown(node_b)) {
-                        entries.push((ua.min(ub), ua.max(ub), 2 * slot + u32::from(ua < ub)));
-                    }
-                    slot += 1;
-                }
-            }
-        }
-    }
-    entries.sort_unstable();
-    let mut start = vec![0usize; dofs.n_unknown() + 1];
-    let mut rows = Vec::new();
-    let mut source_start = vec![0u32];
-    for same in entries.chunk_by(|x, y| (x.0, x.1) == (y.0, y.1)) {
-        rows.push(same[0].1);
-        start[same[0].0 as usize + 1] += 1;
-        source_start.push(source_start[rows.len() - 1] + same.len() as u32);
+/// The pairs `(row, column, transposed)` of unknowns that an element couples, in the order of its slots; `None` for slots of held nodes and
+/// of padding (the first node, repeated).
+fn pairs<'a>(nodes: &'a [u32], dofs: &'a Dofs) -> impl Iterator<Item = Option<(u32, u32, bool)>> + 'a {
+    let unknown = |i: usize| if i > 0 && nodes[i] == nodes[0] { None } else { dofs.unknown(nodes[i]) };
+    (0..nodes.len()).flat_map(move |a| (0..=a).map(move |b| (a, b))).map(move |(a, b)| {
+        let (ua, ub) = (unknown(a)?, unknown(b)?);
+        Some((ua.max(ub), ua.min(ub), ua < ub))
+    })
+}
+
+/// Pattern and where the slots go.
+pub(super) fn build(blocks: &[&ElementBlock], dofs: &Dofs) -> (Pattern, Slots) {
+    let elements = || blocks.iter().flat_map(|b| b.nodes.chunks_exact(b.n_functions));
+    let mut begin = vec![0usize; dofs.n_unknown() + 1];
+    for (_, column, _) in elements().flat_map(|nodes| pairs(nodes, dofs)).flatten() {
+        begin[column as usize + 1] += 1;
     }
     for column in 0..dofs.n_unknown() {
-        start[column + 1] += start[column];
+        begin[column + 1] += begin[column];
     }
-    let codes = entries.iter().map(|e| e.2).collect();
-    (Pattern { start, rows }, Sources { start: source_start, codes })
+    let mut next = begin.clone();
+    let mut coupled = vec![0u32; begin[dofs.n_unknown()]];
+    for (row, column, _) in elements().flat_map(|nodes| pairs(nodes, dofs)).flatten() {
+        coupled[next[column as usize]] = row;
+        next[column as usize] += 1;
+    }
+    let (mut start, mut rows) = (vec![0usize], Vec::new());
+    for column in 0..dofs.n_unknown() {
+        let mine = &mut coupled[begin[column]..begin[column + 1]];
+        mine.sort_unstable();
+        rows.extend(mine.chunk_by(|a, b| a == b).map(|same| same[0]));
+        start.push(rows.len());
+    }
+    drop(coupled);
+    let pattern = Pattern { start, rows };
+    let mut codes = vec![NOWHERE; total_slots(blocks)];
+    let mut rest = codes.as_mut_slice();
+    for block in blocks {
+        let slots = n_slots(block.n_functions);
+        let (mine, tail) = rest.split_at_mut(block.n_elements() * slots);
+        rest = tail;
+        mine.par_chunks_exact_mut(slots).zip(block.nodes.par_chunks_exact(block.n_functions)).for_each(
+            |(codes, nodes)| {
+                for (code, pair) in codes.iter_mut().zip(pairs(nodes, dofs)) {
+                    let place = pair.and_then(|(row, column, transposed)| {
+                        let place = pattern.rows(column as usize).binary_search(&row).ok()?;
+                        Some(2 * (pattern.start[column as usize] + place) as u32 + u32::from(transposed))
+                    });
+                    *code = place.unwrap_or(NOWHERE);
+                }
+            },
+        );
+    }
+    (pattern, Slots { codes })
 }
 
 /// Total number of slots.
-pub(super) fn total_slots(blocks: &[ElementBlock]) -> usize {
+pub(super) fn total_slots(blocks: &[&ElementBlock]) -> usize {
     blocks.iter().map(|b| b.n_elements() * n_slots(b.n_functions)).sum()
 }

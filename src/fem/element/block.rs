@@ -18,6 +18,15 @@ pub enum ElementError {
     },
 }
 
+/// A cell of a [`MixedMesh`](crate::mesh::MixedMesh).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum MeshCell {
+    /// A tetrahedron, by index.
+    Tetrahedron(u32),
+    /// A prism, by index.
+    Prism(u32),
+}
+
 /// Elements of one kind, with shape function gradients at rest.
 ///
 /// With `n` functions an element and `q` points an element, for element `e`, point `p`, function `a`:
@@ -39,6 +48,8 @@ pub struct ElementBlock {
     pub weights: Vec<f64>,
     /// Tissue of each element.
     pub tissue: Vec<Tissue>,
+    /// Cell of the mesh that each element is or is part of.
+    pub cells: Vec<MeshCell>,
 }
 
 impl ElementBlock {
@@ -57,6 +68,7 @@ impl ElementBlock {
             gradients: Vec::with_capacity(n_elements * n_points * n_functions),
             weights: Vec::with_capacity(n_elements * n_points),
             tissue: Vec::with_capacity(n_elements),
+            cells: Vec::with_capacity(n_elements),
         }
     }
 

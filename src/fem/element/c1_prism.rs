@@ -1,9 +1,9 @@
-use super::block::{ElementBlock, ElementError};
+use super::block::{ElementBlock, ElementError, MeshCell};
 use super::c1_surface::{C1Surface, Patch};
 use super::linear::{self, BARYCENTRIC};
 use super::quadrature::{THROUGH_THICKNESS, THROUGH_THICKNESS_WEIGHT, TrianglePoint};
 use crate::geometry::Vector;
-use crate::mesh::{MixedMesh, Tissue};
+use crate::mesh::MixedMesh;
 
 /// Prisms with a C1 outer surface (Wang 2009, eq. 0.17 and Appendix A; reading notes 12 to 15): functions 0 to 8 are the outer ones,
 /// 9 to 11 the inner corners.
@@ -20,7 +20,8 @@ pub fn c1_prisms(mesh: &MixedMesh, surface: &C1Surface) -> Result<ElementBlock, 
         let patch = surface.patch(mesh, prism);
         block.nodes.extend(surface.outer_nodes_of(mesh, prism));
         block.nodes.extend(&mesh.prisms[prism][3..]);
-        block.tissue.push(Tissue::Skin);
+        block.tissue.push(mesh.tissue_of_prism(prism));
+        block.cells.push(MeshCell::Prism(prism as u32));
         let rest = rest_of(mesh, prism, &patch, &surface.rest_tangents);
         for (derivatives, weight) in quadrature(&patch, &points) {
             block.push_point(prism, weight, &rest, &derivatives)?;

@@ -1,4 +1,4 @@
-use super::block::{ElementBlock, ElementError};
+use super::block::{ElementBlock, ElementError, MeshCell};
 use crate::geometry::Vector;
 use crate::mesh::{MixedMesh, Tissue};
 
@@ -10,6 +10,7 @@ pub fn tetrahedra(mesh: &MixedMesh) -> Result<ElementBlock, ElementError> {
     let mut block = ElementBlock::empty("tetrahedron", 4, 1, mesh.tetrahedra.len());
     for (element, (corners, tissue)) in mesh.tetrahedra.iter().zip(&mesh.tetrahedron_tissue).enumerate() {
         push_tetrahedron(&mut block, mesh, element, corners, *tissue)?;
+        block.cells.push(MeshCell::Tetrahedron(element as u32));
     }
     Ok(block)
 }
@@ -32,7 +33,8 @@ pub(super) fn wedges_of(
     for element in prisms {
         let corners = &mesh.prisms[element];
         block.nodes.extend(corners);
-        block.tissue.push(Tissue::Skin);
+        block.tissue.push(mesh.tissue_of_prism(element));
+        block.cells.push(MeshCell::Prism(element as u32));
         let origin = mesh.positions[corners[0] as usize];
         let rest = corners.map(|n| mesh.positions[n as usize] - origin);
         for q in [0.5 - 0.5 / 3.0_f64.sqrt(), 0.5 + 0.5 / 3.0_f64.sqrt()] {

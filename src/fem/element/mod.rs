@@ -14,11 +14,13 @@ mod quadrature;
 mod rest_shape;
 #[cfg(test)]
 mod sample_meshes;
+mod smoothing;
 
-pub use block::{ElementBlock, ElementError};
+pub use block::{ElementBlock, ElementError, MeshCell};
 pub use c1_prism::{c1_prisms, plain_prisms};
 pub use c1_surface::C1Surface;
 pub use linear::{tetrahedra, wedges};
 pub use normal_jump::NormalJump;
 pub use prism_split::prisms_as_tetrahedra;
 pub use quadrature::TriangleRule;
+pub use smoothing::{SMOOTHED_WIDTHS, edge_domains, node_domains};

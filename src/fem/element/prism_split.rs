@@ -1,6 +1,6 @@
-use super::block::{ElementBlock, ElementError};
+use super::block::{ElementBlock, ElementError, MeshCell};
 use super::linear::push_tetrahedron;
-use crate::mesh::{MixedMesh, Tissue};
+use crate::mesh::MixedMesh;
 
 /// How often the order of the nodes is gone over to mend inverted tetrahedra.
 const PASSES: usize = 4;
@@ -18,7 +18,8 @@ pub fn prisms_as_tetrahedra(mesh: &MixedMesh) -> Result<ElementBlock, ElementErr
     let mut block = ElementBlock::empty("tetrahedron", 4, 1, 3 * mesh.prisms.len());
     for (prism, corners) in mesh.prisms.iter().enumerate() {
         for corners in split(corners, &rank) {
-            push_tetrahedron(&mut block, mesh, prism, &corners, Tissue::Skin).map_err(
+            block.cells.push(MeshCell::Prism(prism as u32));
+            push_tetrahedron(&mut block, mesh, prism, &corners, mesh.tissue_of_prism(prism)).map_err(
                 |ElementError::InvertedAtRest { element, det, .. }| ElementError::InvertedAtRest {
                     kind: "tetrahedron of prism",
                     element,

@@ -4,12 +4,15 @@ use super::energy::{Isochoric, Material};
 use super::principal::{Principal, PrincipalHessian};
 
 impl Material {
-    /// Whether the energy is polyconvex, and so elliptic wherever `det F > 0`: neo-Hookean with non-negative constants. (`J^(-4/3) I2` is not
+    /// Whether the energy is polyconvex, and so elliptic wherever `det F > 0`: neo-Hookean and Yeoh with non-negative constants. (`J^(-4/3) I2` is not
     /// polyconvex, only its power 3/2 is: Hartmann and Neff, Int J Solids Struct 2003.)
     #[must_use]
     pub fn is_polyconvex(&self) -> bool {
-        let Isochoric::MooneyRivlin { c10, c01 } = self.isochoric;
-        c10 >= 0.0 && c01 == 0.0 && self.bulk >= 0.0
+        let isochoric = match self.isochoric {
+            Isochoric::MooneyRivlin { c10, c01 } => c10 >= 0.0 && c01 == 0.0,
+            Isochoric::Yeoh { c1, c2, c3 } => c1 >= 0.0 && c2 >= 0.0 && c3 >= 0.0,
+        };
+        isochoric && self.bulk >= 0.0
     }
 
     /// Whether the tangent at `f` is strongly elliptic: `(a⊗b) : T : (a⊗b) > 0` for all non-zero `a`, `b`, so that every acoustic tensor is
@@ -95,7 +98,9 @@ mod tests {
     fn closed_form_agrees_with_sampled_acoustic_tensors() {
         let (mut lost, mut kept) = (0, 0);
         let m = Materials::wang2009();
-        for material in [m.skin, m.muscle, m.fat, Material::neo_hookean(0.07, 0.3), Material::neo_hookean(1.0, 0.45)] {
+        for material in
+            [m.skin, m.muscle, m.fat, Material::neo_hookean(0.07, 0.3), Material::yeoh([0.02, -0.05, 0.0], 0.45)]
+        {
             for amplitude in [0.02, 0.08, 0.3, 0.6] {
                 for f in admissible_gradients(12, amplitude) {
                     let (_, t) = material.stress_and_tangent(&f).unwrap();

@@ -21,6 +21,15 @@ pub enum Isochoric {
         /// C01, MPa.
         c01: f64,
     },
+    /// `c1 f + c2 f² + c3 f³` with `f = J^(-2/3) I1 - 3`, MPa (Yeoh, Rubber Chem Technol 1993).
+    Yeoh {
+        /// C1, MPa: half the small-strain shear modulus.
+        c1: f64,
+        /// C2, MPa.
+        c2: f64,
+        /// C3, MPa.
+        c3: f64,
+    },
 }
 
 /// A compressible hyperelastic material: isochoric part plus `bulk/2 (J - 1)²`.
@@ -32,10 +41,11 @@ pub struct Material {
     pub bulk: f64,
 }
 
-/// Derivatives of `W(I1, I2, J)`, which is linear in `I1 = tr C` and `I2 = (tr² C - tr C²) / 2`.
+/// Derivatives of `W(I1, I2, J)` with `I1 = tr C` and `I2 = (tr² C - tr C²) / 2`, in which it is linear.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Derivatives {
     pub(super) w1: f64,
+    pub(super) w11: f64,
     pub(super) w2: f64,
     pub(super) wj: f64,
     pub(super) w1j: f64,
@@ -76,6 +86,11 @@ fn cofactor(f: &Matrix3<f64>) -> Matrix3<f64> {
     Matrix3::from_columns(&[b.cross(&c), c.cross(&a), a.cross(&b)])
 }
 
+/// Bulk modulus of a shear modulus and a Poisson ratio: K = 2 mu (1 + nu) / (3 (1 - 2 nu)).
+fn bulk_modulus(shear: f64, poisson: f64) -> f64 {
+    2.0 * shear * (1.0 + poisson) / (3.0 * (1.0 - 2.0 * poisson))
+}
+
 impl Material {
     /// Neo-Hookean with shear modulus `shear` (MPa) and Poisson ratio `poisson`: K = 2 mu (1 + nu) / (3 (1 - 2 nu)).
     #[must_use]
@@ -86,16 +101,35 @@ impl Material {
     /// Mooney-Rivlin with constants in MPa and the bulk modulus that gives Poisson ratio `poisson` at rest.
     #[must_use]
     pub fn mooney_rivlin(c10: f64, c01: f64, poisson: f64) -> Self {
-        let shear = 2.0 * (c10 + c01);
-        let bulk = 2.0 * shear * (1.0 + poisson) / (3.0 * (1.0 - 2.0 * poisson));
+        let bulk = bulk_modulus(2.0 * (c10 + c01), poisson);
         Self { isochoric: Isochoric::MooneyRivlin { c10, c01 }, bulk }
+    }
+
+    /// Yeoh with constants in MPa and the bulk modulus that gives Poisson ratio `poisson` at rest.
+    #[must_use]
+    pub fn yeoh([c1, c2, c3]: [f64; 3], poisson: f64) -> Self {
+        Self { isochoric: Isochoric::Yeoh { c1, c2, c3 }, bulk: bulk_modulus(2.0 * c1, poisson) }
+    }
+
+    /// Its energy without the volumetric part.
+    #[must_use]
+    pub fn isochoric_part(self) -> Self {
+        Self { bulk: 0.0, ..self }
+    }
+
+    /// Its volumetric energy alone.
+    #[must_use]
+    pub fn volumetric_part(self) -> Self {
+        Self { isochoric: Isochoric::MooneyRivlin { c10: 0.0, c01: 0.0 }, ..self }
     }
 
     /// Small-strain shear modulus, MPa.
     #[must_use]
     pub fn shear_modulus(&self) -> f64 {
-        let Isochoric::MooneyRivlin { c10, c01 } = self.isochoric;
-        2.0 * (c10 + c01)
+        match self.isochoric {
+            Isochoric::MooneyRivlin { c10, c01 } => 2.0 * (c10 + c01),
+            Isochoric::Yeoh { c1, .. } => 2.0 * c1,
+        }
     }
 
     /// Small-strain Poisson ratio.
@@ -106,19 +140,30 @@ impl Material {
     }
 
     pub(super) fn derivatives(&self, i1: f64, i2: f64, j: f64) -> Derivatives {
-        let Isochoric::MooneyRivlin { c10, c01 } = self.isochoric;
         let root = j.cbrt();
         let inverse = 1.0 / j;
-        let w1 = c10 / (root * root);
+        let scale = 1.0 / (root * root);
+        // By the isochoric first invariant: slope and curvature.
+        let (slope, curvature, c01) = match self.isochoric {
+            Isochoric::MooneyRivlin { c10, c01 } => (c10, 0.0, c01),
+            Isochoric::Yeoh { c1, c2, c3 } => {
+                let f = scale * i1 - 3.0;
+                (c1 + f * (2.0 * c2 + 3.0 * f * c3), 2.0 * c2 + 6.0 * f * c3, 0.0)
+            }
+        };
+        let w1 = slope * scale;
         let w2 = c01 * inverse / root;
         let (w1j, w2j) = (-2.0 / 3.0 * w1 * inverse, -4.0 / 3.0 * w2 * inverse);
+        // Change of the isochoric invariant with J.
+        let by_j = -2.0 / 3.0 * scale * inverse * i1;
         Derivatives {
             w1,
+            w11: curvature * scale * scale,
             w2,
             wj: w1j * i1 + w2j * i2 + self.bulk * (j - 1.0),
-            w1j,
+            w1j: w1j + curvature * scale * by_j,
             w2j,
-            wjj: (-5.0 / 3.0 * w1j * i1 - 7.0 / 3.0 * w2j * i2) * inverse + self.bulk,
+            wjj: (-5.0 / 3.0 * w1j * i1 - 7.0 / 3.0 * w2j * i2) * inverse + curvature * by_j * by_j + self.bulk,
         }
     }
 
@@ -128,11 +173,13 @@ impl Material {
     /// [`Inverted`] when `det F` is not positive.
     pub fn energy(&self, f: &Matrix3<f64>) -> Result<f64, Inverted> {
         let s = State::new(f)?;
-        let Isochoric::MooneyRivlin { c10, c01 } = self.isochoric;
         let root = s.j.cbrt();
-        Ok(c10 * (s.i1 / (root * root) - 3.0)
-            + c01 * (s.i2 / (s.j * root) - 3.0)
-            + 0.5 * self.bulk * (s.j - 1.0) * (s.j - 1.0))
+        let f = s.i1 / (root * root) - 3.0;
+        let isochoric = match self.isochoric {
+            Isochoric::MooneyRivlin { c10, c01 } => c10 * f + c01 * (s.i2 / (s.j * root) - 3.0),
+            Isochoric::Yeoh { c1, c2, c3 } => f * (c1 + f * (c2 + f * c3)),
+        };
+        Ok(isochoric + 0.5 * self.bulk * (s.j - 1.0) * (s.j - 1.0))
     }
 
     /// First Piola-Kirchhoff stress, MPa.
@@ -161,6 +208,10 @@ impl Material {
         let h = SVector::<f64, 9>::from_column_slice(half.as_slice());
         let mut t = g * h.transpose();
         t += t.transpose();
+        if d.w11 != 0.0 {
+            let f = SVector::<f64, 9>::from_column_slice(f.as_slice());
+            t.ger(4.0 * d.w11, &f, &f, 1.0);
+        }
         add_second_derivative_of_j(&mut t, &(f * d.wj));
         for a in 0..9 {
             t[(a, a)] += 2.0 * d.w1;
@@ -221,6 +272,8 @@ mod tests {
             Material::neo_hookean(0.01, 0.49),
             m.skin,
             m.fat,
+            Material::yeoh([0.035, 0.14, 0.05], 0.45),
+            Material::yeoh([0.006, 0.15, 0.0], 0.49),
         ]
     }
 

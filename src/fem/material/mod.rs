@@ -5,9 +5,13 @@
 
 mod ellipticity;
 mod energy;
+mod path_check;
 mod presets;
 mod principal;
 mod projection;
+mod stable_range;
 
 pub use energy::{Inverted, Isochoric, Material, Tangent};
+pub use path_check::PathCheck;
 pub use presets::Materials;
+pub use stable_range::{EXPECTED_STRETCH, StandardTest};

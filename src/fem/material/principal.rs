@@ -111,6 +111,7 @@ impl Material {
 
         let mut scaling = jacobi * half.transpose();
         scaling += scaling.transpose();
+        scaling += s * s.transpose() * (4.0 * d.w11);
         let mut flip = Vector3::zeros();
         let mut twist = Vector3::zeros();
         for k in 0..3 {

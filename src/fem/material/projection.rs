@@ -56,7 +56,12 @@ mod tests {
     #[test]
     fn projection_agrees_with_the_eigenvalues_of_the_whole_matrix() {
         let mut indefinite = 0;
-        for m in [Material::neo_hookean(0.07, 0.3), Material::neo_hookean(0.01, 0.49), Materials::wang2009().skin] {
+        for m in [
+            Material::neo_hookean(0.07, 0.3),
+            Material::neo_hookean(0.01, 0.49),
+            Materials::wang2009().skin,
+            Material::yeoh([0.006, 0.15, 0.01], 0.45),
+        ] {
             for f in admissible_gradients(40, 0.5) {
                 let (stress, t) = m.stress_and_tangent(&f).unwrap();
                 let (same_stress, projected, smallest) = m.projected_tangent(&f).unwrap();

@@ -26,7 +26,7 @@ fn a_layered_slab_deforms_as_in_calculix() {
     let settings = SolveSettings {
         skin_element: SkinElement::Wedge,
         relative_residual: 1e-8,
-        ..SolveSettings::new(Model::Mixed, materials)
+        ..SolveSettings::new(Model::Nonlinear, materials)
     };
     let control = Control::new();
     let mut solver = Solver::new(&mesh, vec![], settings, &control).unwrap();

@@ -3,7 +3,7 @@
 use super::blocks::{Slab, attach};
 use crate::control::Control;
 use crate::fem::material::{Material, Materials};
-use crate::fem::{Model, Preset, SkinElement, SolveSettings, Solver};
+use crate::fem::{Boundary, Locking, Model, Preset, SkinElement, SolveSettings, Solver};
 use crate::geometry::{Motion, Point, Vector};
 use crate::mesh::{Attachment, MixedMesh, Tissue};
 use nalgebra::{Matrix3, UnitQuaternion};
@@ -28,6 +28,12 @@ fn crooked_cube() -> MixedMesh {
 
 #[test]
 fn uniaxial_tension_of_a_crooked_cube_is_homogeneous_with_the_closed_form_stress() {
+    for locking in [Locking::None, Locking::Smoothed] {
+        uniaxial_tension(locking);
+    }
+}
+
+fn uniaxial_tension(locking: Locking) {
     let mesh = crooked_cube();
     let (mu, nu) = (0.02, 0.45);
     let bulk = 2.0 * mu * (1.0 + nu) / (3.0 * (1.0 - 2.0 * nu));
@@ -47,9 +53,9 @@ fn uniaxial_tension_of_a_crooked_cube_is_homogeneous_with_the_closed_form_stress
     let f = Matrix3::from_diagonal(&Vector::new(l, low, low));
     let settings = SolveSettings {
         relative_residual: 1e-10,
-        ..SolveSettings::new(Model::Mixed, Materials::homogeneous(material))
+        locking,
+        ..SolveSettings::new(Model::Nonlinear, Materials::homogeneous(material))
     };
-    let settings = SolveSettings { skin_element: SkinElement::Wedge, ..settings };
     let control = Control::new();
     let mut solver = Solver::new(&mesh, vec![], settings, &control).unwrap();
     let path = |t: f64| {
@@ -148,5 +154,121 @@ fn newton_converges_quadratically() {
     let tail: Vec<f64> = relative.into_iter().filter(|r| *r > 1e-12).collect();
     for pair in tail.windows(2).filter(|p| p[0] < 0.1) {
         assert!(pair[1] < 3.0 * pair[0] * pair[0] + 1e-11, "{tail:?}");
+    }
+}
+
+/// Three planes of symmetry and a dead traction on the face x = 3: stress and stretch of uniaxial tension.
+#[test]
+fn a_cube_on_planes_of_symmetry_stretches_under_a_dead_load_as_in_closed_form() {
+    let mut mesh = crooked_cube();
+    mesh.attachment.fill(Attachment::Free);
+    let (mu, nu) = (0.02, 0.3);
+    let bulk = 2.0 * mu * (1.0 + nu) / (3.0 * (1.0 - 2.0 * nu));
+    let stretch = Vector::new(1.4, 0.86, 0.86);
+    let nominal = |s: &Vector, axis: usize| {
+        let (i1, j) = (s.norm_squared(), s.product());
+        mu * j.powf(-2.0 / 3.0) * (s[axis] - i1 / (3.0 * s[axis])) + bulk * (j - 1.0) * j / s[axis]
+    };
+    // The lateral stretch that leaves the sides free.
+    let (mut low, mut high) = (0.5, 1.0);
+    for _ in 0..60 {
+        let mid = 0.5 * (low + high);
+        if nominal(&Vector::new(stretch.x, mid, mid), 1) > 0.0 { high = mid } else { low = mid }
+    }
+    let stretch = Vector::new(stretch.x, low, low);
+    let held_axes = mesh.positions.iter().map(|p| (0..3).filter(|&a| p[a] == 0.0).fold(0, |bits, a| bits | 1 << a));
+    let mut boundary =
+        Boundary { held_axes: held_axes.collect(), loads_n: vec![Vector::zeros(); mesh.positions.len()] };
+    for [a, b, c, d] in &mesh.tetrahedra {
+        for face in [[a, c, b], [a, b, d], [a, d, c], [b, c, d]] {
+            let x = face.map(|n| mesh.positions[*n as usize]);
+            if x.iter().all(|p| p.x == 3.0) {
+                let area = 0.5 * (x[1] - x[0]).cross(&(x[2] - x[0])).norm();
+                face.iter().for_each(|n| boundary.loads_n[**n as usize].x += area / 3.0 * nominal(&stretch, 0));
+            }
+        }
+    }
+    for locking in [Locking::None, Locking::Smoothed] {
+        let settings = SolveSettings {
+            relative_residual: 1e-10,
+            locking,
+            ..SolveSettings::new(Model::Nonlinear, Materials::homogeneous(Material::neo_hookean(mu, nu)))
+        };
+        let control = Control::new();
+        let mut solver = Solver::with_boundary(&mesh, vec![], &boundary, settings, &control).unwrap();
+        solver.advance(1.0, &|_| Vec::new(), &control).unwrap();
+        for (now, rest) in solver.positions().iter().zip(&mesh.positions) {
+            assert!((now.coords - rest.coords.component_mul(&stretch)).norm() < 1e-8, "{locking:?} {now} {rest}");
+        }
+        let (cells, _) = solver.cell_states();
+        let cauchy = nominal(&stretch, 0) / (stretch.y * stretch.z);
+        for cell in cells {
+            assert!((cell.volume_ratio - stretch.product()).abs() < 1e-8);
+            assert!((cell.stress_mpa[0] - cauchy).abs() < 1e-8 * cauchy);
+            assert!(cell.stress_mpa[1..].iter().all(|s| s.abs() < 1e-8 * cauchy), "{cell:?}");
+        }
+    }
+}
+
+#[test]
+fn a_body_that_can_slide_along_its_planes_of_symmetry_is_refused() {
+    let mut mesh = crooked_cube();
+    mesh.attachment.fill(Attachment::Free);
+    let held_axes = mesh.positions.iter().map(|p| u8::from(p.x == 0.0) + 2 * u8::from(p.y == 0.0)).collect();
+    let boundary = Boundary { held_axes, loads_n: Vec::new() };
+    let settings = SolveSettings::new(Model::Nonlinear, Preset::Wang2009Stable.materials());
+    let error = Solver::with_boundary(&mesh, vec![], &boundary, settings, &Control::new()).unwrap_err();
+    assert!(error.to_string().contains("can move freely"), "{error}");
+}
+
+#[test]
+fn relaxed_mass_tensors_come_to_rest_where_the_linear_model_does() {
+    let mut mesh = Slab { cells: [8, 8, 3], origin: [0.0; 3], size: [24.0, 24.0, 9.0], skin: 1.5 }.mesh();
+    attach(&mut mesh, |p| (p.z == 0.0).then_some(if p.x > 12.0 { Attachment::Tied(1) } else { Attachment::Tied(0) }));
+    let control = Control::new();
+    let path = |t: f64| vec![(1, Motion::translation(0.0, -2.0 * t, 5.0 * t))];
+    let solve = |model: Model| {
+        let settings =
+            SolveSettings { relative_residual: 1e-9, ..SolveSettings::new(model, Preset::Wang2009Stable.materials()) };
+        let mut solver = Solver::new(&mesh, vec![], settings, &control).unwrap();
+        let report = solver.advance(1.0, &path, &control).unwrap();
+        (solver.positions(), report.factorisations)
+    };
+    let (linear, one) = solve(Model::Linear);
+    let (relaxed, none) = solve(Model::MassTensor);
+    assert_eq!((one, none), (1, 0));
+    let worst = linear.iter().zip(&relaxed).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max);
+    assert!(worst < 1e-6 * 5.4, "{worst:.2e} mm");
+}
+
+/// Lengths times 0.1 or 1000 and moduli in other units give the same shape.
+#[test]
+fn the_answer_has_no_units() {
+    let control = Control::new();
+    let solve = |length: f64, modulus: f64, locking: Locking| {
+        let size = [24.0, 24.0, 8.0].map(|s| s * length);
+        let mut mesh = Slab { cells: [6, 6, 2], origin: [0.0; 3], size, skin: 1.5 * length }.mesh();
+        let middle = 12.0 * length;
+        attach(&mut mesh, |p| {
+            (p.z == 0.0).then_some(if p.x > middle { Attachment::Tied(1) } else { Attachment::Tied(0) })
+        });
+        let material = |shear: f64| Material::neo_hookean(shear * modulus, 0.45);
+        let (skin, fat) = (material(0.07), material(0.012));
+        let materials = Materials { skin, fat, muscle: fat, mucosa: fat };
+        let settings =
+            SolveSettings { relative_residual: 1e-9, locking, ..SolveSettings::new(Model::Nonlinear, materials) };
+        let mut solver = Solver::new(&mesh, vec![], settings, &control).unwrap();
+        let push = |t: f64| vec![(1, Motion::translation(0.0, length * t, 3.0 * length * t))];
+        solver.advance(1.0, &push, &control).unwrap();
+        let moved = solver.positions();
+        moved.iter().zip(&mesh.positions).map(|(a, b)| (a - b) / length).collect::<Vec<_>>()
+    };
+    for locking in [Locking::None, Locking::Smoothed] {
+        let reference = solve(1.0, 1.0, locking);
+        for (length, modulus) in [(0.1, 1.0), (1000.0, 1.0), (1.0, 1000.0)] {
+            let scaled = solve(length, modulus, locking);
+            let worst = reference.iter().zip(&scaled).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max);
+            assert!(worst < 1e-7 * 3.0, "{length} {modulus} {locking:?}: {worst:.1e}");
+        }
     }
 }

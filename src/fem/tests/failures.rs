@@ -34,7 +34,7 @@ fn unusable_problems_are_refused() {
         };
     let mut free = slab();
     free.attachment.fill(Attachment::Free);
-    refused(&free, settings(), "0 tied or fixed nodes");
+    refused(&free, settings(), "0 of its nodes are tied");
     // Held on one edge only.
     attach(&mut free, |p| (p.z == 0.0 && p.x == -8.0).then_some(Attachment::Fixed));
     refused(&free, settings(), "not on one line");

@@ -6,3 +6,4 @@ mod calculix;
 mod closed_forms;
 mod contact;
 mod failures;
+mod locking;

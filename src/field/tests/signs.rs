@@ -1,6 +1,6 @@
 use super::shapes::{Random, block, block_distance, filtered, flipped, joined, sphere};
 use crate::control::Control;
-use crate::field::{DistanceField, ExactDistance, FieldReport, FieldSettings};
+use crate::field::{DistanceField, ExactDistance, FieldReport, FieldSettings, MethodSettings, SignedField};
 use crate::geometry::{Implicit, Point, TriMesh, Vector};
 
 fn built(mesh: &TriMesh) -> (DistanceField, FieldReport) {
@@ -134,4 +134,41 @@ fn overlapping_and_nested_solids_are_one() {
     let (field, report) = built(&hollow);
     assert!(report.warnings.is_empty(), "{:?}", report.warnings);
     assert_eq!(wrong_signs(&field, 9.0, 0.05, |p| (p.coords.norm() - 5.5).abs() - 1.5), 0);
+}
+
+#[test]
+fn a_settled_distance_has_the_sign_of_the_winding_number_and_the_closest_point() {
+    let thin = block(Point::new(0.1, 0.2, 0.13), Vector::new(6.0, 6.0, 0.1));
+    let overlapping = joined(&sphere(Point::new(-3.0, 0.0, 0.0), 5.0, 3), &sphere(Point::new(3.0, 0.0, 0.0), 5.0, 3));
+    let bowl = filtered(&sphere(Point::origin(), 6.0, 3), |_, c| c.iter().all(|p| p.z < 0.5));
+    for mesh in [&thin, &overlapping, &bowl] {
+        let exact = ExactDistance::new(mesh);
+        let settings = MethodSettings {
+            field: FieldSettings { spacing_mm: 0.8, band_mm: 2.0, margin_mm: 4.0 },
+            ..MethodSettings::default()
+        };
+        let field = SignedField::build_only(mesh, &settings, &Control::new()).unwrap().0;
+        let mut random = Random(10);
+        let (mut turned, mut checked) = (0, 0);
+        for n in 0..20_000 {
+            // Half of the points next to the surface.
+            let mut p = random.point(Point::origin(), 8.0);
+            if n % 2 == 0 {
+                let (closest, ..) = exact.closest(&p);
+                p = closest + (p - closest) * 0.02;
+            }
+            let signed = exact.signed(&p);
+            let settled = field.settled(&exact, &p);
+            assert!((settled.closest - p).norm() - signed.abs() < 1e-9);
+            // Across an opening the sign jumps where the distance does not vanish: there the spline's own zero is as good.
+            if signed.abs() > 0.001 && (exact.winding_number(&p).abs() - 0.5).abs() > 0.2 {
+                assert_eq!(settled.distance < 0.0, signed < 0.0, "{p} {settled:?} {signed}");
+                turned += usize::from((field.value(&p) < 0.0) != (signed < 0.0));
+                checked += 1;
+            }
+        }
+        assert!(checked > 10_000, "{checked}");
+        // A field that needs no settling would make this an idle test.
+        assert!(turned > 0 || std::ptr::eq(mesh, &bowl), "{turned}");
+    }
 }

@@ -265,11 +265,15 @@ impl PointQuery {
     }
 }
 
-/// Signed distances and gradients, in the order of the points.
+/// Signed distances, gradients and closest points, in the order of the points.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct PointValues {
     /// Signed distances, mm; negative inside.
     pub distances_mm: Vec<f64>,
-    /// Their gradients.
+    /// Gradients of the field.
     pub gradients: Vec<[f64; 3]>,
+    /// Closest points of the surface (skin, or the outer envelope of bone), LPS mm.
+    pub closest_points_mm: Vec<[f64; 3]>,
+    /// Triangles of that surface that they lie on, from 0.
+    pub triangles: Vec<usize>,
 }

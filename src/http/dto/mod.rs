@@ -6,6 +6,7 @@ mod compare;
 mod event;
 mod inputs;
 mod job;
+mod material;
 mod mesh;
 mod plan;
 mod session;
@@ -19,7 +20,9 @@ pub use inputs::{
     CtQuery, FieldView, PointQuery, PointValues, PutFieldSettings, PutLandmarks, SliceAxis, SliceQuery, SolidName,
 };
 pub use job::{AttachmentRequest, Budget, CreateJob, JobList, JobView, ModelName, OutputName, PresetName};
+pub use material::{FileFaults, MaterialRequest};
 pub use mesh::{BuildMesh, MeshView};
+pub(crate) use plan::segment_motion;
 pub use plan::{
     AxisAngle, CreatePlan, Hinge, PathRequest, PitchRollYaw, PlanList, PlanView, RotationRequest, WaypointRequest,
 };

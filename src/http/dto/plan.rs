@@ -4,6 +4,7 @@ use utoipa::ToSchema;
 use uuid::Uuid;
 
 use super::check::Check;
+use super::material::FileFaults;
 use crate::geometry::{Motion, Point, Vector};
 use crate::plan::{Path, Plan, PlanError};
 use crate::session::{Fault, Halt, OsteotomyDocument, PlanDocument, motion_from};
@@ -196,6 +197,22 @@ fn motion(check: &mut Check, pointer: &str, waypoint: &WaypointRequest, centroid
         None => (UnitQuaternion::identity(), centroid),
     };
     motion_from(Vector::from(translation), rotation, Point::from(pivot))
+}
+
+/// Motion from rest of a segment in a file: rotation about its pivot (the origin when absent), then translation.
+pub(crate) fn segment_motion(
+    pointer: &str,
+    translation_mm: [f64; 3],
+    turn: Option<&RotationRequest>,
+) -> Result<Motion, FileFaults> {
+    let mut check = Check::default();
+    let translation = check.vector(&format!("{pointer}/translation_mm"), translation_mm);
+    let (turn, pivot) = match turn {
+        Some(turn) => rotation(&mut check, &format!("{pointer}/rotation"), turn, [0.0; 3]),
+        None => (UnitQuaternion::identity(), [0.0; 3]),
+    };
+    FileFaults::finish(check)?;
+    Ok(motion_from(Vector::from(translation), turn, Point::from(pivot)))
 }
 
 fn rotation(

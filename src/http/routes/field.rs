@@ -98,7 +98,9 @@ pub(in crate::http) async fn slice(
     Ok(([(header::CONTENT_TYPE, "image/png")], png).into_response())
 }
 
-/// Distances and gradients at points
+/// Distances, gradients and closest points
+///
+/// The sign is that of the winding number.
 #[utoipa::path(post, path = "/v1/sessions/{session}/field/query", tag = "field", params(("session" = Uuid, Path)),
     request_body = PointQuery, responses((status = 200, description = "in order", body = PointValues)))]
 pub(in crate::http) async fn query(
@@ -110,9 +112,11 @@ pub(in crate::http) async fn query(
     let parts = SessionParts::load(state.service.store(), session).await?;
     parts.require_field()?;
     let case = parts.case(state.service.store()).await?;
-    let values = state.service.compute(move |engine, control| engine.distances(&case, solid, &points, control)).await?;
+    let values = state.service.compute(move |engine, control| engine.nearest(&case, solid, &points, control)).await?;
     Ok(Json(PointValues {
-        distances_mm: values.iter().map(|(value, _)| *value).collect(),
-        gradients: values.iter().map(|(_, gradient)| (*gradient).into()).collect(),
+        distances_mm: values.iter().map(|v| v.distance).collect(),
+        gradients: values.iter().map(|v| v.gradient.into()).collect(),
+        closest_points_mm: values.iter().map(|v| v.closest.into()).collect(),
+        triangles: values.iter().map(|v| v.triangle).collect(),
     }))
 }

@@ -1,0 +1,299 @@
+//! The JSON of a scene.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+
+use crate::control::Control;
+use crate::fem::material::Materials;
+use crate::fem::{Locking, Model, Preset, SkinElement, SolveSettings};
+use crate::field::{FieldSettings, MethodSettings, SignedField};
+use crate::http::dto::{MaterialRequest, RotationRequest, segment_motion};
+use crate::import::{Limits, VolumeMesh, detect_surface, surface, volume_mesh};
+use crate::mesh::{Attachment, Tissue};
+use crate::plan::{Path as SegmentPath, Plan};
+use crate::simulate::{ReadyMesh, Scene};
+
+/// Most steps of a path.
+const MAX_STEPS: usize = 10_000;
+
+/// Why a scene cannot be solved, with the place in the file.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum SceneError {
+    /// A file cannot be read.
+    #[error("cannot read {}", path.display())]
+    File { path: PathBuf, source: std::io::Error },
+    /// The scene is no JSON, or not as expected.
+    #[error("{}: {detail}", path.display())]
+    Json { path: PathBuf, detail: String },
+    /// A value is not allowed.
+    #[error("the scene's {place}: {detail}")]
+    Value { place: String, detail: String },
+    /// The mesh or a bone.
+    #[error("{}: {detail}", path.display())]
+    Input { path: PathBuf, detail: String },
+}
+
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum ModelWord {
+    Linear,
+    MassTensor,
+    Nonlinear,
+    Mixed,
+}
+
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum SkinElementWord {
+    Tet,
+    Wedge,
+    C1Prism,
+}
+
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum LockingWord {
+    None,
+    Smoothed,
+}
+
+#[derive(Debug, Clone, Copy, Deserialize)]
+enum PresetWord {
+    #[serde(rename = "wang2009-stable")]
+    Wang2009Stable,
+    #[serde(rename = "wang2009-tension")]
+    Wang2009Tension,
+    #[serde(rename = "wang2009")]
+    Wang2009,
+}
+
+/// A preset by name, or a law for each tissue.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(
+    untagged,
+    expecting = "expected the name of a preset (wang2009-stable, wang2009-tension, wang2009) or an object of laws by tissue"
+)]
+enum MaterialsWord {
+    Preset(PresetWord),
+    Laws(BTreeMap<String, serde_json::Value>),
+}
+
+/// Motion of a segment from rest: the rotation about its pivot (the origin when absent), then the translation.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct MotionWord {
+    #[serde(default)]
+    translation_mm: [f64; 3],
+    #[serde(default)]
+    rotation: Option<RotationRequest>,
+}
+
+/// A scene as its file has it.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct SceneFile {
+    mesh: PathBuf,
+    #[serde(default)]
+    model: Option<ModelWord>,
+    #[serde(default)]
+    skin_element: Option<SkinElementWord>,
+    #[serde(default)]
+    locking: Option<LockingWord>,
+    #[serde(default)]
+    materials: Option<MaterialsWord>,
+    #[serde(default)]
+    segments: BTreeMap<String, MotionWord>,
+    #[serde(default)]
+    bones: BTreeMap<String, PathBuf>,
+    #[serde(default)]
+    steps: Option<usize>,
+    /// Residual force over reaction force at which a step is in equilibrium.
+    #[serde(default)]
+    relative_residual: Option<f64>,
+    /// Penetration that is left at most.
+    #[serde(default)]
+    penetration_tolerance_mm: Option<f64>,
+    /// Factor on the contact's own stiffness.
+    #[serde(default)]
+    contact_stiffness_factor: Option<f64>,
+    /// Spacing of the bones' distance fields.
+    #[serde(default)]
+    field_spacing_mm: Option<f64>,
+}
+
+fn value(place: impl Into<String>, detail: impl Into<String>) -> SceneError {
+    SceneError::Value { place: place.into(), detail: detail.into() }
+}
+
+fn input(path: &Path, error: &dyn std::error::Error) -> SceneError {
+    SceneError::Input { path: path.to_owned(), detail: crate::session::chain(error) }
+}
+
+fn read(path: &Path) -> Result<Vec<u8>, SceneError> {
+    std::fs::read(path).map_err(|source| SceneError::File { path: path.to_owned(), source })
+}
+
+impl SceneFile {
+    /// Reads the JSON.
+    pub(super) fn read(path: &Path) -> Result<Self, SceneError> {
+        let bytes = read(path)?;
+        let mut deserializer = serde_json::Deserializer::from_slice(&bytes);
+        let json = |detail: String| SceneError::Json { path: path.to_owned(), detail };
+        let scene = serde_path_to_error::deserialize(&mut deserializer).map_err(|e| json(e.to_string()))?;
+        deserializer.end().map_err(|e| json(e.to_string()))?;
+        Ok(scene)
+    }
+
+    /// Reads what it names and builds the scene; also the mesh as its file has it, and warnings.
+    pub(super) fn load(&self, scene: &Path) -> Result<(Scene, VolumeMesh, Vec<String>), SceneError> {
+        let folder = scene.parent().unwrap_or(Path::new(""));
+        let steps = self.steps.unwrap_or(1);
+        if !(1..=MAX_STEPS).contains(&steps) {
+            return Err(value("/steps", format!("is {steps}, allowed is 1 to {MAX_STEPS}")));
+        }
+        let mut settings = self.settings()?;
+        let plan = self.plan()?;
+        let path = folder.join(&self.mesh);
+        let (file, mut warnings) = volume_mesh(&read(&path)?, &Limits::default()).map_err(|e| input(&path, &e))?;
+        let ready = ReadyMesh::new(&file).map_err(|e| input(&path, &e))?;
+        settings.materials = self.materials(&ready)?;
+        let bones = self.bones(folder, &mut warnings)?;
+        Self::check_segments(&plan, &ready, &bones)?;
+        Ok((Scene { ready, bones, plan, settings, steps }, file, warnings))
+    }
+
+    fn settings(&self) -> Result<SolveSettings, SceneError> {
+        let model = match self.model {
+            Some(ModelWord::Linear) => Model::Linear,
+            Some(ModelWord::MassTensor) => Model::MassTensor,
+            Some(ModelWord::Nonlinear) => Model::Nonlinear,
+            Some(ModelWord::Mixed) | None => Model::Mixed,
+        };
+        let mut settings = SolveSettings::new(model, Preset::Wang2009Stable.materials());
+        match self.skin_element {
+            Some(SkinElementWord::Tet) => settings.skin_element = SkinElement::Tetrahedron,
+            Some(SkinElementWord::Wedge) => settings.skin_element = SkinElement::Wedge,
+            Some(SkinElementWord::C1Prism) => settings.skin_element = SkinElement::C1Prism,
+            None => {}
+        }
+        match self.locking {
+            Some(LockingWord::None) => settings.locking = Locking::None,
+            Some(LockingWord::Smoothed) | None => settings.locking = Locking::Smoothed,
+        }
+        let positive = |name: &str, found: Option<f64>, default: f64, most: f64| match found {
+            None => Ok(default),
+            Some(x) if x > 0.0 && x <= most => Ok(x),
+            Some(x) => Err(value(format!("/{name}"), format!("is {x}, allowed is above 0 and at most {most}"))),
+        };
+        settings.relative_residual =
+            positive("relative_residual", self.relative_residual, settings.relative_residual, 0.1)?;
+        let penetration = settings.penetration_tolerance_mm;
+        settings.penetration_tolerance_mm =
+            positive("penetration_tolerance_mm", self.penetration_tolerance_mm, penetration, 10.0)?;
+        settings.contact_stiffness_factor =
+            positive("contact_stiffness_factor", self.contact_stiffness_factor, 1.0, 1e6)?;
+        Ok(settings)
+    }
+
+    fn plan(&self) -> Result<Plan, SceneError> {
+        let mut paths = Vec::new();
+        for (key, word) in &self.segments {
+            let place = format!("/segments/{key}");
+            let segment = segment_number("segments", key)?;
+            if segment == 0 {
+                return Err(value(place, "segment 0 is the skull that stays"));
+            }
+            let motion = segment_motion(&place, word.translation_mm, word.rotation.as_ref())
+                .map_err(|faults| value("values", faults.to_string()))?;
+            let path = SegmentPath::new(segment, vec![(1.0, motion)]).map_err(|e| value(place, e.to_string()))?;
+            paths.push(path);
+        }
+        Ok(Plan { paths })
+    }
+
+    /// A material for every tissue of the mesh; tissues that it does not have get any.
+    fn materials(&self, ready: &ReadyMesh) -> Result<Materials, SceneError> {
+        let laws = match &self.materials {
+            None | Some(MaterialsWord::Preset(PresetWord::Wang2009Stable)) => return Ok(Materials::wang2009_stable()),
+            Some(MaterialsWord::Preset(PresetWord::Wang2009Tension)) => return Ok(Materials::wang2009_tension()),
+            Some(MaterialsWord::Preset(PresetWord::Wang2009)) => return Ok(Materials::wang2009()),
+            Some(MaterialsWord::Laws(laws)) => laws,
+        };
+        const NAMES: [(&str, Tissue); 4] =
+            [("skin", Tissue::Skin), ("muscle", Tissue::Muscle), ("fat", Tissue::Fat), ("mucosa", Tissue::Mucosa)];
+        if let Some(unknown) = laws.keys().find(|key| NAMES.iter().all(|(name, _)| name != key)) {
+            return Err(value(format!("/materials/{unknown}"), "is no tissue; there are skin, muscle, fat and mucosa"));
+        }
+        let mesh = &ready.mesh;
+        let prisms = (0..mesh.prisms.len()).map(|p| mesh.tissue_of_prism(p));
+        let mut present: Vec<Tissue> = mesh.tetrahedron_tissue.iter().copied().chain(prisms).collect();
+        present.sort_unstable();
+        present.dedup();
+        let mut materials = Materials::wang2009_stable();
+        for (name, tissue) in NAMES {
+            let place = format!("/materials/{name}");
+            let Some(law) = laws.get(name) else {
+                if present.contains(&tissue) {
+                    return Err(value(place, "is missing: the mesh has cells of this tissue"));
+                }
+                continue;
+            };
+            let request: MaterialRequest =
+                serde_path_to_error::deserialize(law).map_err(|e| value(place.clone(), e.to_string()))?;
+            let material = request.material(&place).map_err(|faults| value("values", faults.to_string()))?;
+            match tissue {
+                Tissue::Skin => materials.skin = material,
+                Tissue::Muscle => materials.muscle = material,
+                Tissue::Fat => materials.fat = material,
+                Tissue::Mucosa => materials.mucosa = material,
+            }
+        }
+        Ok(materials)
+    }
+
+    fn bones(&self, folder: &Path, warnings: &mut Vec<String>) -> Result<Vec<(u32, SignedField)>, SceneError> {
+        let defaults = MethodSettings::default();
+        let spacing_mm = match self.field_spacing_mm {
+            None => defaults.field.spacing_mm,
+            Some(x) if (0.05..=10.0).contains(&x) => x,
+            Some(x) => return Err(value("/field_spacing_mm", format!("is {x}, allowed is 0.05 to 10"))),
+        };
+        let settings = MethodSettings { field: FieldSettings { spacing_mm, ..defaults.field }, ..defaults };
+        let mut bones = Vec::new();
+        for (key, name) in &self.bones {
+            let segment = segment_number("bones", key)?;
+            let path = folder.join(name);
+            let bytes = read(&path)?;
+            let format = detect_surface(&bytes).ok_or_else(|| SceneError::Input {
+                path: path.clone(),
+                detail: "no STL, PLY or OBJ file".to_owned(),
+            })?;
+            let (mesh, found) = surface(&bytes, format, &Limits::default()).map_err(|e| input(&path, &e))?;
+            warnings.extend(found.into_iter().map(|w| format!("bone {segment}: {w}")));
+            let (field, _, found) =
+                SignedField::build_only(&mesh, &settings, &Control::new()).map_err(|e| input(&path, &e))?;
+            warnings.extend(found.into_iter().map(|w| format!("bone {segment}: {w}")));
+            bones.push((segment, field));
+        }
+        Ok(bones)
+    }
+
+    /// A motion for a segment that the scene does not have is a mistake.
+    fn check_segments(plan: &Plan, ready: &ReadyMesh, bones: &[(u32, SignedField)]) -> Result<(), SceneError> {
+        for path in &plan.paths {
+            let segment = path.segment();
+            let tied = ready.mesh.attachment.contains(&Attachment::Tied(segment));
+            if !tied && bones.iter().all(|(s, _)| *s != segment) {
+                let detail = "no point of the mesh is attached to this segment, and it has no bone";
+                return Err(value(format!("/segments/{segment}"), detail));
+            }
+        }
+        Ok(())
+    }
+}
+
+fn segment_number(list: &str, key: &str) -> Result<u32, SceneError> {
+    key.parse().map_err(|_| value(format!("/{list}/{key}"), "is no segment number"))
+}

@@ -1,0 +1,150 @@
+//! Drucker stability, ellipticity and sign of the stress along standard tests.
+
+use super::energy::Material;
+use super::stable_range::StandardTest;
+use nalgebra::{Matrix2, Matrix3, Vector3};
+
+/// Stretches that are looked at, and the step between them.
+const FIRST: f64 = 0.4;
+const LAST: f64 = 2.0;
+const STEP: f64 = 1e-3;
+/// Step of stress differences.
+const DIFFERENCE: f64 = 1e-6;
+
+/// Ranges of stretch, from 0.4 to 2 in steps of 0.001, in which a material misbehaves; each list rises.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PathCheck {
+    /// The test.
+    pub test: StandardTest,
+    /// It pulls when compressed or pushes when stretched.
+    pub wrong_sign: Vec<[f64; 2]>,
+    /// The nominal stress falls while the stretch rises.
+    pub falling_stress: Vec<[f64; 2]>,
+    /// The second variation of the energy by logarithmic strains at constant volume is not positive definite (Drucker).
+    pub drucker_unstable: Vec<[f64; 2]>,
+    /// Strong ellipticity is lost.
+    pub ellipticity_lost: Vec<[f64; 2]>,
+}
+
+impl PathCheck {
+    /// Whether nothing was found.
+    #[must_use]
+    pub fn is_clean(&self) -> bool {
+        [&self.wrong_sign, &self.falling_stress, &self.drucker_unstable, &self.ellipticity_lost]
+            .iter()
+            .all(|r| r.is_empty())
+    }
+}
+
+impl Material {
+    /// Looks along `test` at constant volume, the sides that are not stretched free.
+    #[must_use]
+    pub fn check_path(&self, test: StandardTest) -> PathCheck {
+        let n = ((LAST - FIRST) / STEP).round() as usize;
+        let stretches: Vec<f64> = (0..=n).map(|i| FIRST + STEP * i as f64).collect();
+        let ranges = |bad: &dyn Fn(f64) -> bool| {
+            let marks: Vec<bool> = stretches.iter().map(|l| bad(*l)).collect();
+            let both: Vec<(f64, bool)> = stretches.iter().copied().zip(marks).collect();
+            let runs = both.chunk_by(|a, b| a.1 == b.1).filter(|run| run[0].1);
+            runs.map(|run| [run[0].0, run[run.len() - 1].0]).collect::<Vec<_>>()
+        };
+        let noise = 1e-9 * self.shear_modulus().abs();
+        let rise = |l: f64| self.driving_stress(test, l + DIFFERENCE) - self.driving_stress(test, l - DIFFERENCE);
+        PathCheck {
+            test,
+            wrong_sign: ranges(&|l| {
+                self.driving_stress(test, l) * (l - 1.0).signum() < -noise && (l - 1.0).abs() > 0.5 * STEP
+            }),
+            falling_stress: ranges(&|l| rise(l) < 0.0),
+            drucker_unstable: ranges(&|l| !self.is_drucker_stable(&test.deformation(l).diagonal())),
+            ellipticity_lost: ranges(&|l| !self.is_elliptic(&test.deformation(l))),
+        }
+    }
+
+    /// Nominal stress along the first axis when the third is free, MPa: the pressure that keeps the volume is eliminated.
+    fn driving_stress(&self, test: StandardTest, stretch: f64) -> f64 {
+        let f: Matrix3<f64> = test.deformation(stretch);
+        self.isochoric_part().first_piola(&f).map_or(f64::NAN, |p| p[(0, 0)] - p[(2, 2)] * f[(2, 2)] / f[(0, 0)])
+    }
+
+    /// Whether stress and strain increments agree in direction: `d²W` by two logarithmic strains, the third making up the volume.
+    fn is_drucker_stable(&self, s: &Vector3<f64>) -> bool {
+        let isochoric = self.isochoric_part();
+        let (Ok(h), Ok(p)) = (isochoric.principal_hessian(s), isochoric.first_piola(&Matrix3::from_diagonal(s))) else {
+            return false;
+        };
+        let w = |i: usize, j: usize| s[i] * s[j] * h.scaling[(i, j)] + if i == j { s[i] * p[(i, i)] } else { 0.0 };
+        let entry = |i: usize, j: usize| w(i, j) - w(i, 2) - w(j, 2) + w(2, 2);
+        let hessian = Matrix2::new(entry(0, 0), entry(0, 1), entry(0, 1), entry(1, 1));
+        hessian[(0, 0)] > 0.0 && hessian.determinant() > 0.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fem::material::Materials;
+
+    fn near(found: &[[f64; 2]], expected: &[[f64; 2]]) {
+        assert_eq!(found.len(), expected.len(), "{found:?} {expected:?}");
+        for (f, e) in found.iter().flatten().zip(expected.iter().flatten()) {
+            // The table has four digits, the samples here stand 1e-3 apart.
+            assert!((f - e).abs() < 1.2e-3, "{found:?} {expected:?}");
+        }
+    }
+
+    /// Against a table that another program made of the incompressible closed forms.
+    #[test]
+    fn published_constants_misbehave_as_in_an_independent_table() {
+        let m = Materials::wang2009();
+        let rest = |high: f64| vec![[high, 2.0]];
+        for (material, test, wrong, falling, drucker, lost) in [
+            (
+                m.skin,
+                StandardTest::Uniaxial,
+                vec![[0.4, 0.8116]],
+                vec![[0.4, 0.8956]],
+                [0.9005, 1.1101],
+                [0.8116, 1.1101],
+            ),
+            (m.skin, StandardTest::Equibiaxial, rest(1.1101), rest(1.0524), [0.9491, 1.0538], [0.9491, 1.1101]),
+            (m.skin, StandardTest::Planar, vec![], vec![], [0.9134, 1.0948], [0.9008, 1.1101]),
+            (
+                m.muscle,
+                StandardTest::Uniaxial,
+                vec![[0.4, 0.7864]],
+                vec![[0.4, 0.8799]],
+                [0.8863, 1.1276],
+                [0.7864, 1.1276],
+            ),
+            (m.muscle, StandardTest::Equibiaxial, rest(1.1276), rest(1.0603), [0.9417, 1.0622], [0.9417, 1.1276]),
+            (
+                m.fat,
+                StandardTest::Uniaxial,
+                vec![[0.4, 0.9638]],
+                vec![[0.4, 0.9815]],
+                [0.9817, 1.0186],
+                [0.9638, 1.0186],
+            ),
+            (m.fat, StandardTest::Planar, vec![], vec![], [0.9841, 1.0161], [0.9817, 1.0186]),
+        ] {
+            let check = Material { bulk: 1e4 * material.bulk, ..material }.check_path(test);
+            near(&check.wrong_sign, &wrong);
+            near(&check.falling_stress, &falling);
+            near(&check.drucker_unstable, &[[0.4, drucker[0]], [drucker[1], 2.0]]);
+            near(&check.ellipticity_lost, &[[0.4, lost[0]], [lost[1], 2.0]]);
+        }
+    }
+
+    #[test]
+    fn stable_presets_are_clean() {
+        for m in [Materials::wang2009_stable(), Materials::wang2009_tension()] {
+            for material in [m.skin, m.muscle, m.fat] {
+                for test in StandardTest::ALL {
+                    let check = material.check_path(test);
+                    assert!(check.is_clean(), "{check:?}");
+                }
+            }
+        }
+    }
+}

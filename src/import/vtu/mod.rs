@@ -1,0 +1,153 @@
+//! VTK's XML files of unstructured grids (`.vtu`): tetrahedra and wedges with arrays on points and cells.
+
+mod cells;
+mod decode;
+#[cfg(test)]
+mod tests;
+mod xml;
+
+use super::error::{at_most, check_size, malformed};
+use super::{ImportError, Limits};
+use crate::geometry::{Aabb, Point};
+use xml::{File, RawArray, Section};
+
+const FORMAT: &str = "VTU";
+
+/// A volume element as its file has it; corners are in the file's order, whatever its orientation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Cell {
+    /// VTK's type 10.
+    Tetrahedron([u32; 4]),
+    /// VTK's type 13: two triangles, corner `i + 3` beside corner `i`.
+    Wedge([u32; 6]),
+}
+
+impl Cell {
+    /// Its corners.
+    #[must_use]
+    pub fn corners(&self) -> &[u32] {
+        match self {
+            Self::Tetrahedron(corners) => corners,
+            Self::Wedge(corners) => corners,
+        }
+    }
+}
+
+/// Named values on points or cells.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DataArray {
+    /// Name.
+    pub name: String,
+    /// Values a point or cell.
+    pub components: usize,
+    /// All values, those of one point or cell side by side.
+    pub values: Vec<f64>,
+}
+
+/// A volume mesh as a file has it.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct VolumeMesh {
+    /// Points, taken as LPS mm. All are finite.
+    pub points: Vec<Point>,
+    /// Cells in the file's order; their corners are points.
+    pub cells: Vec<Cell>,
+    /// Values on points.
+    pub point_arrays: Vec<DataArray>,
+    /// Values on cells.
+    pub cell_arrays: Vec<DataArray>,
+}
+
+impl VolumeMesh {
+    /// The point array of that name.
+    #[must_use]
+    pub fn point_array(&self, name: &str) -> Option<&DataArray> {
+        self.point_arrays.iter().find(|a| a.name == name)
+    }
+
+    /// The cell array of that name.
+    #[must_use]
+    pub fn cell_array(&self, name: &str) -> Option<&DataArray> {
+        self.cell_arrays.iter().find(|a| a.name == name)
+    }
+}
+
+/// Reads a VTU file: ASCII, base64 or raw appended data, plain or compressed by zlib. Also gives warnings about what was left out
+/// (cells of lower dimension, arrays of text).
+///
+/// # Errors
+/// [`ImportError`] naming the fault and its place: among others cells that are neither tetrahedra nor wedges, several pieces,
+/// other compressors.
+pub fn volume_mesh(bytes: &[u8], limits: &Limits) -> Result<(VolumeMesh, Vec<String>), ImportError> {
+    if bytes.is_empty() {
+        return Err(ImportError::Empty);
+    }
+    let file = File::parse(bytes)?;
+    at_most("points", file.n_points as u64, limits.max_cells)?;
+    at_most("cells", file.n_cells as u64, limits.max_cells)?;
+    let mut warnings = Vec::new();
+    let points = points(&file)?;
+    let (cells, kept) = cells::read(&file, points.len(), &mut warnings)?;
+    let point_arrays = arrays(&file, Section::PointData, file.n_points, None, &mut warnings)?;
+    let cell_arrays = arrays(&file, Section::CellData, file.n_cells, kept.as_deref(), &mut warnings)?;
+    // Only a warning: a test body may have any size.
+    let size = Aabb::of(&points).map_or(0.0, |b| b.diagonal());
+    if let Err(unusual) = check_size(size, &mut warnings) {
+        warnings.push(unusual.to_string());
+    }
+    Ok((VolumeMesh { points, cells, point_arrays, cell_arrays }, warnings))
+}
+
+fn points(file: &File<'_>) -> Result<Vec<Point>, ImportError> {
+    let array = file
+        .arrays
+        .iter()
+        .find(|a| a.section == Section::Points)
+        .ok_or_else(|| malformed(FORMAT, "there is no array of points"))?;
+    if array.components != 3 {
+        return Err(malformed(FORMAT, format!("points have {} components, expected 3", array.components)));
+    }
+    let values = numbers(file, array, file.n_points.saturating_mul(3))?;
+    let (points, _) = values.as_chunks::<3>();
+    match points.iter().position(|p| !p.iter().all(|c| c.is_finite())) {
+        Some(point) => Err(malformed(FORMAT, format!("point {point} has a coordinate that is not finite"))),
+        None => Ok(points.iter().map(|&p| Point::from(p)).collect()),
+    }
+}
+
+/// Exactly `n` numbers of an array.
+fn numbers(file: &File<'_>, array: &RawArray<'_>, n: usize) -> Result<Vec<f64>, ImportError> {
+    let values = decode::numbers(file, array, n)?;
+    if values.len() == n {
+        return Ok(values);
+    }
+    let detail = format!("{} holds {} numbers, expected {n}", array.place(), values.len());
+    Err(malformed(FORMAT, detail))
+}
+
+/// The arrays of a section; `kept` marks the cells that are read.
+fn arrays(
+    file: &File<'_>,
+    section: Section,
+    n: usize,
+    kept: Option<&[bool]>,
+    warnings: &mut Vec<String>,
+) -> Result<Vec<DataArray>, ImportError> {
+    let mut found: Vec<DataArray> = Vec::new();
+    for array in file.arrays.iter().filter(|a| a.section == section) {
+        if array.kind.is_none() {
+            warnings.push(format!("{} holds no numbers and was left out", array.place()));
+            continue;
+        }
+        if found.iter().any(|a| a.name == array.name) {
+            return Err(malformed(FORMAT, format!("{} has the same name as one before", array.place())));
+        }
+        let components = array.components;
+        let mut values = numbers(file, array, n.saturating_mul(components))?;
+        if let Some(kept) = kept {
+            let rows = values.chunks_exact(components).zip(kept);
+            values = rows.filter(|(_, kept)| **kept).flat_map(|(row, _)| row.iter().copied()).collect();
+        }
+        found.push(DataArray { name: array.name.clone(), components, values });
+    }
+    Ok(found)
+}

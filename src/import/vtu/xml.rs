@@ -1,0 +1,282 @@
+//! The XML part: which arrays there are and where their numbers stand.
+
+use std::borrow::Cow;
+
+use super::FORMAT;
+use super::decode::Kind;
+use crate::import::ImportError;
+use crate::import::error::malformed;
+use quick_xml::Reader;
+use quick_xml::events::{BytesStart, Event};
+
+/// More components than any array of a solver has; bounds products.
+const MAX_COMPONENTS: usize = 1000;
+
+/// Part of the file that an array stands in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Section {
+    Points,
+    Cells,
+    PointData,
+    CellData,
+}
+
+/// Where an array's numbers stand.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Content<'a> {
+    Ascii(&'a [u8]),
+    Base64(&'a [u8]),
+    /// Offset into the appended data.
+    Appended(usize),
+}
+
+/// An array as the XML describes it.
+#[derive(Debug, Clone)]
+pub(super) struct RawArray<'a> {
+    pub(super) section: Section,
+    /// How many arrays of the section come before.
+    pub(super) place: usize,
+    pub(super) name: String,
+    /// Type of its numbers; `None` for text.
+    pub(super) kind: Option<Kind>,
+    pub(super) components: usize,
+    pub(super) content: Content<'a>,
+}
+
+impl RawArray<'_> {
+    /// Its place, for messages.
+    pub(super) fn place(&self) -> String {
+        format!("array {} of {:?}", self.place, self.section)
+    }
+}
+
+/// Encoding of the appended data.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Appended<'a> {
+    Raw(&'a [u8]),
+    Base64(&'a [u8]),
+}
+
+/// What the XML says.
+#[derive(Debug)]
+pub(super) struct File<'a> {
+    pub(super) little_endian: bool,
+    /// Lengths take eight bytes instead of four.
+    pub(super) wide_header: bool,
+    pub(super) zlib: bool,
+    pub(super) n_points: usize,
+    pub(super) n_cells: usize,
+    pub(super) arrays: Vec<RawArray<'a>>,
+    pub(super) appended: Option<Appended<'a>>,
+}
+
+fn fault(detail: impl Into<String>) -> ImportError {
+    malformed(FORMAT, detail)
+}
+
+/// An attribute's value.
+fn attribute(tag: &BytesStart<'_>, name: &str) -> Result<Option<String>, ImportError> {
+    let found = tag.try_get_attribute(name).map_err(|_| fault("an attribute is not well formed"))?;
+    found.map(|a| a.unescape_value().map(|v| v.into_owned()).map_err(|_| fault("an attribute is not text"))).transpose()
+}
+
+fn count(tag: &BytesStart<'_>, name: &str) -> Result<usize, ImportError> {
+    let text = attribute(tag, name)?.ok_or_else(|| fault(format!("{name} is missing")))?;
+    text.trim().parse().map_err(|_| fault(format!("{name} is no count")))
+}
+
+/// Reading state.
+struct Parser<'a> {
+    file: File<'a>,
+    section: Option<Section>,
+    /// An inline array that is open.
+    open: Option<(RawArray<'a>, bool)>,
+    pieces: usize,
+    is_grid: bool,
+}
+
+impl<'a> File<'a> {
+    pub(super) fn parse(bytes: &'a [u8]) -> Result<Self, ImportError> {
+        let mut reader = Reader::from_reader(bytes);
+        let file = File {
+            little_endian: true,
+            wide_header: false,
+            zlib: false,
+            n_points: 0,
+            n_cells: 0,
+            arrays: Vec::new(),
+            appended: None,
+        };
+        let mut parser = Parser { file, section: None, open: None, pieces: 0, is_grid: false };
+        let mut depth = 0usize;
+        loop {
+            let event = reader.read_event().map_err(|e| {
+                let what = match e {
+                    quick_xml::Error::Syntax(_) => "has a syntax error",
+                    quick_xml::Error::IllFormed(_) => "is not well formed",
+                    quick_xml::Error::Io(_)
+                    | quick_xml::Error::InvalidAttr(_)
+                    | quick_xml::Error::Encoding(_)
+                    | quick_xml::Error::Escape(_)
+                    | quick_xml::Error::Namespace(_) => "cannot be read",
+                };
+                fault(format!("the XML {what} near byte {}", reader.error_position()))
+            })?;
+            match event {
+                Event::Start(tag) if tag.name().as_ref() == b"AppendedData" => {
+                    // What follows need not be XML.
+                    let rest = usize::try_from(reader.buffer_position()).ok().and_then(|at| bytes.get(at..));
+                    parser.file.appended = Some(appended(&tag, rest.unwrap_or_default())?);
+                    break;
+                }
+                Event::Start(tag) => {
+                    depth = depth.saturating_add(1);
+                    parser.begin(&tag, false)?;
+                }
+                Event::Empty(tag) => parser.begin(&tag, true)?,
+                Event::Text(text) => {
+                    if let Cow::Borrowed(inside) = text.into_inner() {
+                        parser.text(inside);
+                    }
+                }
+                Event::End(tag) => {
+                    depth = depth.saturating_sub(1);
+                    parser.end(tag.name().as_ref());
+                }
+                Event::Eof if depth > 0 => return Err(fault("the XML is cut off")),
+                Event::Eof => break,
+                Event::CData(_)
+                | Event::Comment(_)
+                | Event::Decl(_)
+                | Event::PI(_)
+                | Event::DocType(_)
+                | Event::GeneralRef(_) => {}
+            }
+        }
+        if !parser.is_grid {
+            return Err(fault("there is no VTKFile of type UnstructuredGrid"));
+        }
+        if parser.pieces != 1 {
+            return Err(fault(format!("{} pieces, expected 1: merge them first", parser.pieces)));
+        }
+        Ok(parser.file)
+    }
+}
+
+impl<'a> Parser<'a> {
+    fn begin(&mut self, tag: &BytesStart<'_>, empty: bool) -> Result<(), ImportError> {
+        match tag.name().as_ref() {
+            b"VTKFile" => self.head(tag)?,
+            b"Piece" => {
+                self.pieces = self.pieces.saturating_add(1);
+                self.file.n_points = count(tag, "NumberOfPoints")?;
+                self.file.n_cells = count(tag, "NumberOfCells")?;
+            }
+            b"Points" => self.section = Some(Section::Points),
+            b"Cells" => self.section = Some(Section::Cells),
+            b"PointData" => self.section = Some(Section::PointData),
+            b"CellData" => self.section = Some(Section::CellData),
+            b"DataArray" | b"Array" => self.array(tag, empty)?,
+            _ => {}
+        }
+        if empty && tag.name().as_ref() != b"DataArray" {
+            self.section = None;
+        }
+        Ok(())
+    }
+
+    fn head(&mut self, tag: &BytesStart<'_>) -> Result<(), ImportError> {
+        let kind = attribute(tag, "type")?.unwrap_or_default();
+        if kind != "UnstructuredGrid" {
+            return Err(fault("a VTKFile of another type, expected UnstructuredGrid"));
+        }
+        self.is_grid = true;
+        self.file.little_endian = match attribute(tag, "byte_order")?.as_deref() {
+            None | Some("LittleEndian") => true,
+            Some("BigEndian") => false,
+            Some(_) => return Err(fault("unknown byte_order, read are LittleEndian and BigEndian")),
+        };
+        self.file.wide_header = match attribute(tag, "header_type")?.as_deref() {
+            None | Some("UInt32") => false,
+            Some("UInt64") => true,
+            Some(_) => return Err(fault("unknown header_type, read are UInt32 and UInt64")),
+        };
+        self.file.zlib = match attribute(tag, "compressor")?.as_deref() {
+            None | Some("") => false,
+            Some("vtkZLibDataCompressor") => true,
+            Some(_) => {
+                return Err(fault(
+                    "an unknown compressor; read are files without compression or with vtkZLibDataCompressor",
+                ));
+            }
+        };
+        Ok(())
+    }
+
+    fn array(&mut self, tag: &BytesStart<'_>, empty: bool) -> Result<(), ImportError> {
+        let Some(section) = self.section else { return Ok(()) };
+        let name = attribute(tag, "Name")?.unwrap_or_default();
+        let components = match attribute(tag, "NumberOfComponents")? {
+            None => 1,
+            Some(text) => text
+                .trim()
+                .parse()
+                .ok()
+                .filter(|n| (1..=MAX_COMPONENTS).contains(n))
+                .ok_or_else(|| fault(format!("NumberOfComponents of an array is not 1 to {MAX_COMPONENTS}")))?,
+        };
+        let kind = Kind::named(attribute(tag, "type")?.as_deref().unwrap_or_default());
+        let place = self.file.arrays.iter().filter(|a| a.section == section).count();
+        let mut array = RawArray { section, place, name, kind, components, content: Content::Ascii(&[]) };
+        match attribute(tag, "format")?.as_deref() {
+            None | Some("ascii") if empty => self.file.arrays.push(array),
+            None | Some("ascii") => self.open = Some((array, false)),
+            Some("binary") if empty => {
+                array.content = Content::Base64(&[]);
+                self.file.arrays.push(array);
+            }
+            Some("binary") => self.open = Some((array, true)),
+            Some("appended") => {
+                array.content = Content::Appended(count(tag, "offset")?);
+                self.file.arrays.push(array);
+            }
+            Some(_) => return Err(fault("unknown format of an array, read are ascii, binary and appended")),
+        }
+        Ok(())
+    }
+
+    fn text(&mut self, text: &'a [u8]) {
+        if let Some((array, base64)) = &mut self.open
+            && !text.trim_ascii().is_empty()
+        {
+            array.content = if *base64 { Content::Base64(text) } else { Content::Ascii(text) };
+        }
+    }
+
+    fn end(&mut self, name: &[u8]) {
+        match name {
+            b"DataArray" | b"Array" => {
+                if let Some((array, _)) = self.open.take() {
+                    self.file.arrays.push(array);
+                }
+            }
+            b"Points" | b"Cells" | b"PointData" | b"CellData" => self.section = None,
+            _ => {}
+        }
+    }
+}
+
+/// The appended data after its `_`, up to the closing tag when it is text.
+fn appended<'a>(tag: &BytesStart<'_>, rest: &'a [u8]) -> Result<Appended<'a>, ImportError> {
+    let mark = rest.iter().position(|c| !c.is_ascii_whitespace()).filter(|&at| rest.get(at) == Some(&b'_'));
+    let data = mark.and_then(|at| rest.get(at.saturating_add(1)..));
+    let data = data.ok_or_else(|| fault("the appended data do not begin with `_`"))?;
+    match attribute(tag, "encoding")?.as_deref() {
+        Some("raw") => Ok(Appended::Raw(data)),
+        None | Some("base64") => {
+            let end = data.iter().position(|&c| c == b'<').unwrap_or(data.len());
+            Ok(Appended::Base64(data.get(..end).unwrap_or_default()))
+        }
+        Some(_) => Err(fault("unknown encoding of the appended data, read are raw and base64")),
+    }
+}

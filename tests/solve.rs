@@ -1,0 +1,223 @@
+//! `prosopon solve`: a scene in, a solved mesh and one line of JSON out.
+
+#![allow(clippy::unwrap_used, reason = "a test's own files")]
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+use prosopon::export::{stl, vtu};
+use prosopon::geometry::{Point, TriMesh};
+use prosopon::import::{Limits, VolumeMesh, volume_mesh};
+use serde_json::{Value, json};
+
+const CELLS: [usize; 3] = [8, 8, 3];
+
+/// A slab of 40 x 40 x 9 mm with a layer of wedges on top whose orientation alternates; sides fixed, the middle of the bottom with
+/// attachment `middle`.
+fn slab(middle: f64) -> Vec<u8> {
+    let [nx, ny, nz] = CELLS;
+    let heights: Vec<f64> = (0..=nz).map(|k| 3.0 * k as f64).chain([10.5]).collect();
+    let mut points = Vec::new();
+    for i in 0..=nx {
+        for j in 0..=ny {
+            points.extend(heights.iter().map(|z| Point::new(5.0 * i as f64 - 20.0, 5.0 * j as f64 - 20.0, *z)));
+        }
+    }
+    let node = |i: usize, j: usize, k: usize| ((i * (ny + 1) + j) * heights.len() + k) as u32;
+    let (mut tetrahedra, mut wedges) = (Vec::new(), Vec::new());
+    for i in 0..nx {
+        for j in 0..ny {
+            for k in 0..nz {
+                for [a, b] in [[0, 1], [1, 2], [2, 0], [1, 0], [2, 1], [0, 2]] {
+                    let mut at = [i, j, k];
+                    let mut corners = [node(i, j, k); 4];
+                    for (step, axis) in [a, b, 3 - a - b].into_iter().enumerate() {
+                        at[axis] += 1;
+                        corners[step + 1] = node(at[0], at[1], at[2]);
+                    }
+                    // Odd permutations of the axes turn the tetrahedron round.
+                    if (3 + b - a) % 3 == 2 {
+                        corners.swap(1, 2);
+                    }
+                    tetrahedra.push(corners);
+                }
+            }
+            for (turn, corners) in [[(0, 0), (1, 0), (1, 1)], [(0, 0), (1, 1), (0, 1)]].into_iter().enumerate() {
+                let at = |k: usize| corners.map(|(u, v)| node(i + u, j + v, k));
+                let ([a, b, c], [d, e, f]) =
+                    if (i + j + turn) % 2 == 0 { (at(nz + 1), at(nz)) } else { (at(nz), at(nz + 1)) };
+                wedges.push([a, b, c, d, e, f]);
+            }
+        }
+    }
+    let attachment: Vec<f64> = points
+        .iter()
+        .map(|p| match p.x.abs().max(p.y.abs()) {
+            r if r > 19.0 => 0.0,
+            r if p.z == 0.0 && r < 11.0 => middle,
+            _ => -1.0,
+        })
+        .collect();
+    let tissue: Vec<f64> = vec![2.0; tetrahedra.len()].into_iter().chain(vec![0.0; wedges.len()]).collect();
+    vtu(&points, &tetrahedra, &wedges, &[("attachment", 1, &attachment)], &[("tissue", 1, &tissue)])
+}
+
+/// A closed box.
+fn block(min: [f64; 3], max: [f64; 3]) -> Vec<u8> {
+    let corner = |i: usize| Point::from([0, 1, 2].map(|a| if i >> a & 1 == 1 { max[a] } else { min[a] }));
+    let quads = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
+    let triangles = quads.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
+    stl(&TriMesh::new((0..8).map(corner).collect(), triangles).unwrap())
+}
+
+fn solve(folder: &Path, scene: &Value) -> Output {
+    std::fs::write(folder.join("scene.json"), scene.to_string()).unwrap();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_prosopon"));
+    command.arg("solve").arg(folder.join("scene.json")).arg("--out").arg(folder.join("out.vtu"));
+    command.output().unwrap()
+}
+
+fn solved(folder: &Path, scene: &Value) -> (Value, VolumeMesh) {
+    let output = solve(folder, scene);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let text = String::from_utf8(output.stdout).unwrap();
+    let summary: Value = serde_json::from_str(text.lines().last().unwrap()).unwrap();
+    let bytes = std::fs::read(folder.join("out.vtu")).unwrap();
+    (summary, volume_mesh(&bytes, &Limits::default()).unwrap().0)
+}
+
+fn materials() -> Value {
+    let law = |c10: f64, c01: f64| json!({"law": "mooney_rivlin", "c10_mpa": c10, "c01_mpa": c01, "poisson": 0.45});
+    json!({"skin": law(0.014, 0.0035), "fat": law(0.0047, 0.0012)})
+}
+
+#[test]
+fn a_tied_scene_is_solved_by_every_model() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("slab.vtu"), slab(1.0)).unwrap();
+    let mut tops = Vec::new();
+    for (model, skin_element, locking) in [
+        ("linear", "wedge", "none"),
+        ("mass_tensor", "wedge", "none"),
+        ("nonlinear", "wedge", "none"),
+        ("nonlinear", "tet", "smoothed"),
+        ("mixed", "c1_prism", "smoothed"),
+    ] {
+        let scene = json!({
+            "mesh": "slab.vtu", "model": model, "skin_element": skin_element, "locking": locking,
+            "materials": materials(), "segments": {"1": {"translation_mm": [1, 0, 2]}}, "steps": 2
+        });
+        let (summary, file) = solved(folder.path(), &scene);
+        let mut keys: Vec<&String> = summary.as_object().unwrap().keys().collect();
+        keys.sort_unstable();
+        let expected =
+            "converged max_penetration_mm newton_iterations peak_mb solve_wall_s total_wall_s unknowns warnings";
+        assert_eq!(keys, expected.split(' ').collect::<Vec<_>>());
+        assert_eq!((&summary["converged"], &summary["warnings"]), (&json!(true), &json!([])), "{model}");
+        let moved = &file.point_array("displacement_mm").unwrap().values;
+        let stress = file.cell_array("stress_mpa").unwrap();
+        let ratio = &file.cell_array("J").unwrap().values;
+        assert_eq!(stress.components, 6);
+        assert!(stress.values.iter().chain(ratio).all(|v| v.is_finite()) && ratio.iter().all(|j| *j > 0.0));
+        // Tied points follow their segment.
+        let attachment = &file.point_array("attachment").unwrap().values;
+        for (u, a) in moved.chunks(3).zip(attachment) {
+            let expected = match *a {
+                1.0 => [1.0, 0.0, 2.0],
+                0.0 => [0.0; 3],
+                _ => continue,
+            };
+            assert!(u.iter().zip(expected).all(|(u, e)| (u - e).abs() < 1e-12));
+        }
+        let top = file.points.iter().position(|p| *p == Point::new(0.0, 0.0, 10.5)).unwrap();
+        tops.push(moved[3 * top + 2]);
+    }
+    // The middle of the skin is lifted, by every model alike.
+    assert!(tops.iter().all(|z| (1.8..2.2).contains(z)), "{tops:?}");
+    assert!((tops[0] - tops[1]).abs() < 1e-6, "{tops:?}");
+}
+
+#[test]
+fn a_bone_pushes_points_that_slide_and_turns_about_its_pivot() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("slab.vtu"), slab(-2.0)).unwrap();
+    std::fs::write(folder.path().join("block.stl"), block([-14.0, -14.0, -30.0], [14.0, 14.0, 0.0])).unwrap();
+    let scene = json!({
+        "mesh": "slab.vtu", "model": "nonlinear", "skin_element": "wedge", "materials": materials(),
+        "segments": {"1": {"translation_mm": [0, 0, 2],
+                           "rotation": {"axis_angle": {"axis": [0, 1, 0], "angle_deg": 3}, "pivot_mm": [0, 0, 0]}}},
+        "bones": {"1": "block.stl"}
+    });
+    let (summary, file) = solved(folder.path(), &scene);
+    let penetration = summary["max_penetration_mm"].as_f64().unwrap();
+    assert!((0.0..=0.05).contains(&penetration));
+    let moved = &file.point_array("displacement_mm").unwrap().values;
+    let at = |x: f64| 3 * file.points.iter().position(|p| *p == Point::new(x, 0.0, 0.0)).unwrap() + 2;
+    // The bottom lies on the block, which reaches farther than the sliding points: its height there, less the penetration. Right-handed about y,
+    // +x goes down.
+    for x in [-10.0, -5.0, 0.0, 5.0, 10.0] {
+        let expected = 2.0 - x * 3f64.to_radians().tan();
+        assert!((moved[at(x)] - expected).abs() < 0.15, "{x}: {} {expected}", moved[at(x)]);
+    }
+}
+
+#[test]
+fn bad_scenes_are_refused_with_the_place() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("slab.vtu"), slab(1.0)).unwrap();
+    std::fs::write(folder.path().join("free.vtu"), slab(-1.0)).unwrap();
+    std::fs::write(folder.path().join("not.vtu"), b"not a mesh").unwrap();
+    let good = json!({"mesh": "slab.vtu", "materials": materials(), "segments": {"1": {"translation_mm": [0, 0, 1]}}});
+    for (key, value, expected) in [
+        ("mesh", json!("missing.vtu"), "missing.vtu"),
+        ("mesh", json!("not.vtu"), "VTU"),
+        ("mesh", json!("free.vtu"), "/segments/1: no point"),
+        ("model", json!("quadratic"), "model"),
+        ("skin_element", json!("hex"), "skin_element"),
+        ("locking", json!("magic"), "locking"),
+        ("steps", json!(0), "/steps: is 0"),
+        ("stepz", json!(1), "stepz"),
+        (
+            "materials",
+            json!({"fat": {"law": "neo_hookean", "shear_modulus_mpa": 0.01, "poisson": 0.45}}),
+            "/materials/skin: is missing",
+        ),
+        ("materials", json!({"bone": {}}), "/materials/bone: is no tissue"),
+        (
+            "materials",
+            json!({"skin": {"law": "neo_hookean", "shear_modulus_mpa": 0.01, "poisson": 0.5}, "fat": {}}),
+            "/materials/skin/poisson",
+        ),
+        ("segments", json!({"one": {}}), "/segments/one"),
+        ("segments", json!({"0": {}}), "segment 0 is the skull"),
+        ("segments", json!({"2": {"translation_mm": [0, 0, 1]}}), "/segments/2: no point"),
+        ("segments", json!({"1": {"rotation": {}}}), "/segments/1/rotation"),
+        ("segments", json!({"1": {"translation_mm": [0, 0, 1e9]}}), "/segments/1/translation_mm/2"),
+        ("bones", json!({"1": "slab.vtu"}), "no STL, PLY or OBJ"),
+        ("relative_residual", json!(0.5), "/relative_residual"),
+    ] {
+        let mut scene = good.clone();
+        scene[key] = value.clone();
+        let output = solve(folder.path(), &scene);
+        let error = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(!output.status.success(), "{key}: {value}");
+        assert!(error.contains(expected), "{key}: {value}: {error}");
+    }
+}
+
+/// A push that no mesh can follow: the outcome says so and keeps the last equilibrium.
+#[test]
+fn a_scene_without_equilibrium_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("slab.vtu"), slab(1.0)).unwrap();
+    let scene = json!({
+        "mesh": "slab.vtu", "model": "nonlinear", "skin_element": "wedge", "materials": "wang2009",
+        "segments": {"1": {"translation_mm": [0, 0, 8]}}, "steps": 4
+    });
+    let output = solve(folder.path(), &scene);
+    assert!(!output.status.success());
+    let text = String::from_utf8(output.stdout).unwrap();
+    let summary: Value = serde_json::from_str(text.lines().last().unwrap()).unwrap();
+    assert_eq!(summary["converged"], json!(false));
+    assert!(summary["warnings"].to_string().contains("is not stable at"), "{summary}");
+}

@@ -34,6 +34,8 @@ pub(super) struct Dofs {
     axes: Vec<u8>,
     /// Unknown nodes with such axes, and the axes.
     partly_held: Vec<(u32, u8)>,
+    /// Tangent vectors of partly held nodes that lie askew to the axis and so stay free.
+    askew_tangents: usize,
 }
 
 impl Dofs {
@@ -61,6 +63,7 @@ impl Dofs {
             }
         }
         let mut axes = boundary.held_axes.clone();
+        let mut askew_tangents = 0;
         // A tangent vector goes with the node it belongs to, so the rim of a region is clamped.
         let mut owner: Vec<u32> = (0..n_mesh_nodes as u32).collect();
         if let Some(surface) = surface {
@@ -70,7 +73,9 @@ impl Dofs {
                     hold.push(hold[node as usize]);
                     owner.push(node);
                     if let Some(&held) = boundary.held_axes.get(node as usize) {
-                        axes.push(axes_of_tangent(held, tangent));
+                        let (of_tangent, is_askew) = axes_of_tangent(held, tangent);
+                        askew_tangents += usize::from(is_askew && hold[node as usize] == Hold::Free);
+                        axes.push(of_tangent);
                     }
                 }
             }
@@ -98,7 +103,7 @@ impl Dofs {
             .filter(|(_, axes)| **axes != 0)
             .filter_map(|(node, axes)| (unknown[node] != HELD).then_some((unknown[node], *axes)))
             .collect();
-        Ok(Self { hold, unknown, node_of, rest, n_mesh_nodes, axes, partly_held })
+        Ok(Self { hold, unknown, node_of, rest, n_mesh_nodes, axes, partly_held, askew_tangents })
     }
 
     /// Number of generalised nodes.
@@ -202,6 +207,11 @@ impl Dofs {
         (0..self.n_mesh_nodes).filter(|&n| matches!(self.hold[n], Hold::Segment(s) if torn(n, s))).count()
     }
 
+    /// Tangent vectors that a plane of symmetry should hold but that lie askew to it.
+    pub(super) fn askew_tangents(&self) -> usize {
+        self.askew_tangents
+    }
+
     /// Largest length of the position unknowns in `d`, mm.
     pub(super) fn max_position_change(&self, d: &[f64]) -> f64 {
         let positions = self.node_of.iter().zip(d.chunks_exact(3)).filter(|(n, _)| self.is_position(**n as usize));
@@ -219,14 +229,15 @@ pub(super) fn axes_in(bits: u8) -> impl Iterator<Item = usize> {
 
 /// Axes of a tangent vector that a node held along `held` keeps at rest. A node held along an axis that lies in the surface is on a
 /// plane of symmetry: the tangent across the plane stays across it, the one along it stays in it. The frames of a surface at right
-/// angles to a coordinate plane have such tangents; others are left free.
-fn axes_of_tangent(held: u8, tangent: &Vector) -> u8 {
+/// angles to a coordinate plane have such tangents; others are left free, and the second value tells.
+fn axes_of_tangent(held: u8, tangent: &Vector) -> (u8, bool) {
     const ALIGNED: f64 = 1e-6;
     let direction = tangent.normalize();
+    let is_askew = axes_in(held).any(|a| (ALIGNED..=1.0 - ALIGNED).contains(&direction[a].abs()));
     let across =
         axes_in(held).filter(|&a| direction[a].abs() > 1.0 - ALIGNED).fold(0, |bits, a| bits | (ALL_AXES & !(1 << a)));
     let along = axes_in(held).filter(|&a| direction[a].abs() < ALIGNED).fold(0, |bits, a| bits | 1 << a);
-    across | along
+    (across | along, is_askew)
 }
 
 /// Every connected part must be held against all six rigid motions.
@@ -337,9 +348,10 @@ mod tests {
 
     #[test]
     fn tangents_on_a_plane_of_symmetry_stay_symmetric() {
-        assert_eq!(axes_of_tangent(1, &Vector::new(0.8, 0.0, 0.0)), 0b110);
-        assert_eq!(axes_of_tangent(1, &Vector::new(0.0, 0.6, 0.8)), 0b001);
-        assert_eq!(axes_of_tangent(1, &Vector::new(0.6, 0.8, 0.0)), 0);
-        assert_eq!(axes_of_tangent(3, &Vector::x()), 0b111 & !1 | 0b010);
+        assert_eq!(axes_of_tangent(1, &Vector::new(0.8, 0.0, 0.0)), (0b110, false));
+        assert_eq!(axes_of_tangent(1, &Vector::new(0.0, 0.6, 0.8)), (0b001, false));
+        assert_eq!(axes_of_tangent(1, &Vector::new(0.6, 0.8, 0.0)), (0, true));
+        assert_eq!(axes_of_tangent(5, &Vector::new(0.6, 0.8, 0.0)), (0b100, true));
+        assert_eq!(axes_of_tangent(3, &Vector::x()), (0b110, false));
     }
 }

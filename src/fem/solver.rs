@@ -249,6 +249,12 @@ impl<'a> Solver<'a> {
                 "{torn} tied nodes are also held along an axis in which their segment moves; along that axis they stay"
             ));
         }
+        let askew = self.equations.dofs.askew_tangents();
+        if askew > 0 {
+            warnings.push(format!(
+                "{askew} tangents of C1 prisms at nodes held along an axis lie askew to it and stay free: there the surface need not meet the plane of symmetry at a right angle"
+            ));
+        }
         warnings.extend(diagnosis::ellipticity_warning(&self.equations, &self.state.x));
         let body_motions = self.body_motions(&self.state.motions);
         let reactions_n = self.equations.reactions(&self.state.x, &body_motions, &self.segments);

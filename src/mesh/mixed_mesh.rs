@@ -27,6 +27,19 @@ pub enum Attachment {
     Fixed,
 }
 
+impl Attachment {
+    /// Its number in files: -1 free, 0 skull or fixed, k segment k, -2 sliding.
+    #[must_use]
+    pub fn number(self) -> f64 {
+        match self {
+            Self::Free => -1.0,
+            Self::Sliding => -2.0,
+            Self::Tied(segment) => f64::from(segment),
+            Self::Fixed => 0.0,
+        }
+    }
+}
+
 /// Prisms and tetrahedra of one face at rest.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MixedMesh {

@@ -1,6 +1,6 @@
 use crate::export::vtu;
 use crate::geometry::{Point, Vector};
-use crate::mesh::{Attachment, MixedMesh};
+use crate::mesh::MixedMesh;
 
 /// The mesh with its nodes at `nodes`: point arrays `displacement_mm` and `attachment` (-1 free, 0 skull or fixed, k segment
 /// k, -2 sliding), cell arrays `tissue` (0 skin, 1 muscle, 2 fat, 3 mucosa) and `volume_ratio`. `None` when there are not
@@ -11,18 +11,10 @@ pub(super) fn tissue_file(mesh: &MixedMesh, nodes: &[Point]) -> Option<Vec<u8>> 
     }
     let rest = &mesh.positions;
     let displacement: Vec<f64> = nodes.iter().zip(rest).flat_map(|(x, r)| <[f64; 3]>::from(x - r)).collect();
-    let attachment: Vec<f64> = mesh
-        .attachment
-        .iter()
-        .map(|a| match a {
-            Attachment::Free => -1.0,
-            Attachment::Sliding => -2.0,
-            Attachment::Tied(segment) => f64::from(*segment),
-            Attachment::Fixed => 0.0,
-        })
-        .collect();
-    let muscle_and_fat = mesh.tetrahedron_tissue.iter().map(|t| f64::from(*t as u8));
-    let tissue: Vec<f64> = muscle_and_fat.chain(mesh.prisms.iter().map(|_| 0.0)).collect();
+    let attachment: Vec<f64> = mesh.attachment.iter().map(|a| a.number()).collect();
+    let of_tetrahedra = mesh.tetrahedron_tissue.iter().copied();
+    let of_prisms = (0..mesh.prisms.len()).map(|prism| mesh.tissue_of_prism(prism));
+    let tissue: Vec<f64> = of_tetrahedra.chain(of_prisms).map(|t| f64::from(t as u8)).collect();
     let tetrahedra = mesh.tetrahedra.iter().map(|t| ratio(nodes, rest, &[*t]));
     let prisms = mesh.prisms.iter().map(|p| ratio(nodes, rest, &split(p)));
     let volume_ratio: Vec<f64> = tetrahedra.chain(prisms).collect();

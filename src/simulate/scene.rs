@@ -138,7 +138,7 @@ impl Scene {
     pub fn file(&self, file: &VolumeMesh, outcome: &SceneOutcome) -> Vec<u8> {
         let mesh = &self.ready.mesh;
         let displacement: Vec<f64> = outcome.displacements_mm.iter().flat_map(|u| <[f64; 3]>::from(*u)).collect();
-        let attachment: Vec<f64> = mesh.attachment.iter().map(attachment_number).collect();
+        let attachment: Vec<f64> = mesh.attachment.iter().map(|a| a.number()).collect();
         let states: Vec<(&CellState, f64)> = (self.ready.places.iter())
             .map(|place| match *place {
                 CellPlace::Tetrahedron(i) => {
@@ -159,16 +159,6 @@ impl Scene {
             &[("displacement_mm", 3, &displacement), ("attachment", 1, &attachment)],
             &[("tissue", 1, &tissue), ("stress_mpa", 6, &stress), ("von_mises_mpa", 1, &von_mises), ("J", 1, &ratio)],
         )
-    }
-}
-
-/// Number of an attachment in files: -1 free, 0 skull or fixed, k segment k, -2 sliding.
-fn attachment_number(attachment: &Attachment) -> f64 {
-    match attachment {
-        Attachment::Free => -1.0,
-        Attachment::Sliding => -2.0,
-        Attachment::Tied(segment) => f64::from(*segment),
-        Attachment::Fixed => 0.0,
     }
 }
 

@@ -20,9 +20,9 @@ mod tissue_file;
 
 pub use case::{Case, Cuts, Run, Solid, TissueRequest};
 pub use documents::{
-    CtDocument, ErrorDocument, FieldDocument, FieldQualityDocument, HistogramBin, MeshDocument, OsteotomyDocument,
-    PathDocument, PathReportDocument, PathSample, PhasesDocument, PlanDocument, PlaneBoundsDocument, PlaneDocument,
-    ReactionDocument, RegionMotionDocument, ReportDocument, ReportInput, SegmentDocument, StatisticsDocument,
+    CtDocument, DoubtDocument, DoubtfulRegionsDocument, ErrorDocument, FieldDocument, FieldQualityDocument,
+    HistogramBin, MeshDocument, OsteotomyDocument, PathDocument, PathReportDocument, PathSample, PhasesDocument,
+    PlanDocument, PlaneBoundsDocument, PlaneDocument, ReactionDocument, RegionDocument, RegionMotionDocument, ReportDocument, ReportInput, SegmentDocument, StatisticsDocument,
     StepDocument, SurfaceDocument, SurfaceOrigin, WaypointDocument,
 };
 pub use engine::{Engine, RunWatch};

@@ -51,7 +51,9 @@ pub struct FieldsSettings {
 pub fn build_fields(anatomy: &Anatomy, settings: &FieldsSettings, control: &Control) -> Result<Fields, SimulateError> {
     let (skin, skin_report) = SignedField::build(&anatomy.skin, &settings.field, &control.part(0.0, 0.3))?;
     let bone = envelope(&anatomy.skull, &settings.envelope, &control.part(0.3, 0.6))?;
-    let (bone_field, bone_report) = SignedField::build(&bone.surface, &settings.field, &control.part(0.6, 0.9))?;
+    let (bone_field, mut bone_report) = SignedField::build(&bone.surface, &settings.field, &control.part(0.6, 0.9))?;
+    // The envelope is closed; what is doubtful is the surface that came.
+    bone_report.regions.clone_from(&bone.regions);
     let air = match &anatomy.air {
         Some(surface) => Some(SignedField::build(surface, &settings.field, &control.part(0.9, 1.0))?.0),
         None => None,

@@ -72,6 +72,7 @@ fn field_report() -> FieldReport {
         rms_error_mm: 0.01,
         checked_points: 100,
         warnings: Vec::new(),
+        regions: Vec::new(),
     }
 }
 

@@ -20,7 +20,7 @@ pub struct FieldQualityDocument {
     /// What is wrong with the surface and how it was dealt with.
     pub warnings: Vec<String>,
     /// Where the surface leaves it open what is inside, by kind; empty for a closed, consistently oriented surface that does not
-    /// cross itself.
+    /// cross itself. Of bone those of the skull that came, not of its envelope.
     #[serde(default)]
     pub regions: Vec<DoubtfulRegionsDocument>,
 }

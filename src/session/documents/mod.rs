@@ -13,7 +13,7 @@ pub use bone::{
     SegmentDocument, WaypointDocument,
 };
 pub use error_map::{ErrorDocument, HistogramBin, StatisticsDocument};
-pub use field::{FieldDocument, FieldQualityDocument};
+pub use field::{DoubtDocument, DoubtfulRegionsDocument, FieldDocument, FieldQualityDocument, RegionDocument};
 pub use mesh::MeshDocument;
 pub use report::{PhasesDocument, ReportDocument, ReportInput};
 pub use solve::{ReactionDocument, RegionMotionDocument, StepDocument};

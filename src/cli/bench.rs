@@ -124,7 +124,7 @@ pub(super) fn run(command: &BenchCommand) -> CommandResult {
         BenchCommand::Field(a) => match (&a.csv, &a.points, &a.out) {
             (Some(csv), _, _) => {
                 FieldStudy { mesh: &a.mesh, csv, full: a.full, openvdb: a.openvdb.as_deref() }.run(out)?;
-            },
+            }
             (None, Some(points), Some(to)) => evaluate(&a.mesh, &settings(a), points, to, a.timing.as_deref())?,
             (None, _, _) => return Err("give either --csv, or --points and --out".into()),
         },

@@ -22,8 +22,9 @@ pub use case::{Case, Cuts, Run, Solid, TissueRequest};
 pub use documents::{
     CtDocument, DoubtDocument, DoubtfulRegionsDocument, ErrorDocument, FieldDocument, FieldQualityDocument,
     HistogramBin, MeshDocument, OsteotomyDocument, PathDocument, PathReportDocument, PathSample, PhasesDocument,
-    PlanDocument, PlaneBoundsDocument, PlaneDocument, ReactionDocument, RegionDocument, RegionMotionDocument, ReportDocument, ReportInput, SegmentDocument, StatisticsDocument,
-    StepDocument, SurfaceDocument, SurfaceOrigin, WaypointDocument,
+    PlanDocument, PlaneBoundsDocument, PlaneDocument, ReactionDocument, RegionDocument, RegionMotionDocument,
+    ReportDocument, ReportInput, SegmentDocument, StatisticsDocument, StepDocument, SurfaceDocument, SurfaceOrigin,
+    WaypointDocument,
 };
 pub use engine::{Engine, RunWatch};
 pub use fault::{Fault, FaultKind, FieldFault, Halt};

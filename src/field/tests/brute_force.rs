@@ -33,8 +33,7 @@ fn probes(mesh: &TriMesh) -> Vec<(Point, f64)> {
     let mut random = Random(20);
     let mut found = Vec::new();
     while found.len() < POINTS {
-        let tried: Vec<Point> =
-            (0..POINTS).map(|_| bounds.min + size.map(|s| s * random.unit())).collect();
+        let tried: Vec<Point> = (0..POINTS).map(|_| bounds.min + size.map(|s| s * random.unit())).collect();
         found.par_extend(tried.into_par_iter().filter_map(|p| {
             let d = distance(mesh, &p);
             (d <= BAND_MM).then(|| (p, if is_inside(mesh, &p) { -d } else { d }))
@@ -62,7 +61,8 @@ fn every_method_agrees_with_all_triangles_at_a_hundred_thousand_points_of_the_ba
         let n_settled = probes.iter().zip(&found).filter(|(probe, (_, off))| sign(probe, probe.1 + off)).count();
         // On the medial axis of the plate and at edges a trilinear function misses by up to half a cell's diagonal, 0.87 h, splines by
         // some 0.4 h; the mean is that of smooth places.
-        let allowed = if method == Method::Adaptive { [0.4, 0.03] } else { [0.87, 0.05] }.map(|share| share * SPACING_MM);
+        let allowed =
+            if method == Method::Adaptive { [0.4, 0.03] } else { [0.87, 0.05] }.map(|share| share * SPACING_MM);
         assert!(largest < allowed[0] && rms < allowed[1], "{method:?}: {largest} {rms}");
         // Half a per cent of the points lie so close to edges that the value has the other sign; settled, an adaptive field
         // has none.

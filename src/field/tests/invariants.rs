@@ -23,9 +23,8 @@ fn surfaces() -> impl Strategy<Value = TriMesh> {
 
 fn motions() -> impl Strategy<Value = Motion> {
     let unit = || -1.0..1.0f64;
-    ((unit(), unit(), unit()), (unit(), unit(), unit())).prop_map(|(t, r)| {
-        Motion::new(Vector::new(t.0, t.1, t.2) * 50.0, Vector::new(r.0, r.1, r.2) * 3.0)
-    })
+    ((unit(), unit(), unit()), (unit(), unit(), unit()))
+        .prop_map(|(t, r)| Motion::new(Vector::new(t.0, t.1, t.2) * 50.0, Vector::new(r.0, r.1, r.2) * 3.0))
 }
 
 proptest! {

@@ -20,3 +20,4 @@ fi
 "$prosopon" bench growth --mesh "$skull" --csv "$out/field-growth.csv" | tee "$out/field-growth.txt"
 "$prosopon" bench collision --mesh "$skull" --skin "$skin" --landmarks "$landmarks" --csv "$out/field-collision.csv" |
     tee "$out/field-collision.txt"
+cp "$out"/field-{memory,time,time-rms,growth,collision}.svg "$here/../../api/pictures/"

@@ -1,5 +1,8 @@
 use nalgebra::{Matrix3, SMatrix, SVector};
 
+use super::ogden::Ogden;
+use super::principal::Principal;
+
 /// Second derivative of the energy by `F`, both indices column-major (`F[(r, c)]` is entry `r + 3 c`), MPa.
 pub type Tangent = SMatrix<f64, 9, 9>;
 
@@ -30,9 +33,16 @@ pub enum Isochoric {
         /// C3, MPa.
         c3: f64,
     },
+    /// `2 mu / alpha² (J^(-alpha/3) (s1^alpha + s2^alpha + s3^alpha) - 3)` of the principal stretches (Ogden, Proc R Soc Lond A 1972).
+    Ogden {
+        /// Small-strain shear modulus, MPa.
+        mu: f64,
+        /// Exponent, not 0.
+        alpha: f64,
+    },
 }
 
-/// A compressible hyperelastic material: isochoric part plus `bulk/2 (J - 1)²`.
+/// A compressible hyperelastic material: isochoric part plus the volumetric energy `bulk/2 (J - 1)²`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Material {
     /// Isochoric part.
@@ -111,6 +121,13 @@ impl Material {
         Self { isochoric: Isochoric::Yeoh { c1, c2, c3 }, bulk: bulk_modulus(2.0 * c1, poisson) }
     }
 
+    /// One-term Ogden with small-strain shear modulus `shear` (MPa), exponent `alpha` (not 0) and the bulk modulus that gives Poisson
+    /// ratio `poisson` at rest.
+    #[must_use]
+    pub fn ogden(shear: f64, alpha: f64, poisson: f64) -> Self {
+        Self { isochoric: Isochoric::Ogden { mu: shear, alpha }, bulk: bulk_modulus(shear, poisson) }
+    }
+
     /// Its energy without the volumetric part.
     #[must_use]
     pub fn isochoric_part(self) -> Self {
@@ -129,6 +146,7 @@ impl Material {
         match self.isochoric {
             Isochoric::MooneyRivlin { c10, c01 } => 2.0 * (c10 + c01),
             Isochoric::Yeoh { c1, .. } => 2.0 * c1,
+            Isochoric::Ogden { mu, .. } => mu,
         }
     }
 
@@ -139,12 +157,14 @@ impl Material {
         (3.0 * self.bulk - 2.0 * mu) / (2.0 * (3.0 * self.bulk + mu))
     }
 
+    /// Derivatives of what is a function of the invariants: all but [`Ogden`].
     pub(super) fn derivatives(&self, i1: f64, i2: f64, j: f64) -> Derivatives {
         let root = j.cbrt();
         let inverse = 1.0 / j;
         let scale = 1.0 / (root * root);
         // By the isochoric first invariant: slope and curvature.
         let (slope, curvature, c01) = match self.isochoric {
+            Isochoric::Ogden { .. } => (0.0, 0.0, 0.0),
             Isochoric::MooneyRivlin { c10, c01 } => (c10, 0.0, c01),
             Isochoric::Yeoh { c1, c2, c3 } => {
                 let f = scale * i1 - 3.0;
@@ -174,10 +194,11 @@ impl Material {
     pub fn energy(&self, f: &Matrix3<f64>) -> Result<f64, Inverted> {
         let s = State::new(f)?;
         let root = s.j.cbrt();
-        let f = s.i1 / (root * root) - 3.0;
+        let shift = s.i1 / (root * root) - 3.0;
         let isochoric = match self.isochoric {
-            Isochoric::MooneyRivlin { c10, c01 } => c10 * f + c01 * (s.i2 / (s.j * root) - 3.0),
-            Isochoric::Yeoh { c1, c2, c3 } => f * (c1 + f * (c2 + f * c3)),
+            Isochoric::MooneyRivlin { c10, c01 } => c10 * shift + c01 * (s.i2 / (s.j * root) - 3.0),
+            Isochoric::Yeoh { c1, c2, c3 } => shift * (c1 + shift * (c2 + shift * c3)),
+            Isochoric::Ogden { mu, alpha } => Ogden { mu, alpha }.energy(&Principal::of(f).stretches),
         };
         Ok(isochoric + 0.5 * self.bulk * (s.j - 1.0) * (s.j - 1.0))
     }
@@ -189,7 +210,11 @@ impl Material {
     pub fn first_piola(&self, f: &Matrix3<f64>) -> Result<Matrix3<f64>, Inverted> {
         let s = State::new(f)?;
         let d = self.derivatives(s.i1, s.i2, s.j);
-        Ok(f * (2.0 * d.w1) + s.i2_gradient(f) * d.w2 + s.cofactor * d.wj)
+        let stress = f * (2.0 * d.w1) + s.i2_gradient(f) * d.w2 + s.cofactor * d.wj;
+        Ok(match Ogden::of(self) {
+            Some(ogden) => stress + ogden.first_piola(&Principal::of(f)),
+            None => stress,
+        })
     }
 
     /// First Piola-Kirchhoff stress and the tangent dP/dF, MPa.
@@ -200,7 +225,7 @@ impl Material {
         let s = State::new(f)?;
         let d = self.derivatives(s.i1, s.i2, s.j);
         let i2_gradient = s.i2_gradient(f);
-        let stress = f * (2.0 * d.w1) + i2_gradient * d.w2 + s.cofactor * d.wj;
+        let mut stress = f * (2.0 * d.w1) + i2_gradient * d.w2 + s.cofactor * d.wj;
 
         // Curvature in the invariants: g hᵀ + h gᵀ with g = dJ/dF.
         let half = f * (2.0 * d.w1j) + i2_gradient * d.w2j + s.cofactor * (0.5 * d.wjj);
@@ -218,6 +243,11 @@ impl Material {
         }
         if d.w2 != 0.0 {
             add_second_derivative_of_i2(&mut t, f, &s, d.w2);
+        }
+        if let Some(ogden) = Ogden::of(self) {
+            let axes = Principal::of(f);
+            stress += ogden.first_piola(&axes);
+            t += ogden.tangent(&axes);
         }
         Ok((stress, t))
     }
@@ -274,6 +304,9 @@ mod tests {
             m.fat,
             Material::yeoh([0.035, 0.14, 0.05], 0.45),
             Material::yeoh([0.006, 0.15, 0.0], 0.49),
+            Material::ogden(0.05, 3.5, 0.45),
+            Material::ogden(0.02, -4.0, 0.3),
+            Material::ogden(0.07, 1.2, 0.49),
         ]
     }
 

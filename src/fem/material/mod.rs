@@ -5,6 +5,7 @@
 
 mod ellipticity;
 mod energy;
+mod ogden;
 mod path_check;
 mod presets;
 mod principal;

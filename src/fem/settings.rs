@@ -79,6 +79,10 @@ pub enum Preset {
     Wang2009Tension,
     /// The published constants, which lose ellipticity early.
     Wang2009,
+    /// Yeoh fitted to indentation of a cheek, the same for all tissues.
+    Nazari2010,
+    /// Small-strain moduli of passive facial tissue, the same for all tissues.
+    Chabanas2003,
 }
 
 /// A bone segment that tissue is tied to or slides on.
@@ -157,6 +161,33 @@ impl SolveSettings {
 }
 
 impl Preset {
+    /// Every preset, the default first.
+    pub const ALL: [Self; 5] =
+        [Self::Wang2009Stable, Self::Wang2009Tension, Self::Wang2009, Self::Nazari2010, Self::Chabanas2003];
+
+    /// Where its constants come from.
+    #[must_use]
+    pub fn source(self) -> &'static str {
+        match self {
+            Self::Wang2009Stable => {
+                "Wang, Yang and Gee, Int J Med Robotics 5, 2009, Table 1: the small-strain shear moduli 2 (C10 + C01), as neo-Hookean"
+            }
+            Self::Wang2009Tension => {
+                "Wang, Yang and Gee, Int J Med Robotics 5, 2009, Table 1: the same moduli, second constant fitted to the published uniaxial \
+                 curve up to a stretch of 1.2 (within 13, 12, 40 % in skin, muscle, fat)"
+            }
+            Self::Wang2009 => "Wang, Yang and Gee, Int J Med Robotics 5, 2009, Table 1, as published",
+            Self::Nazari2010 => {
+                "Nazari, Perrier, Chabanas and Payan, Comput Methods Biomech Biomed Eng 13, 2010, after indentation of a cheek by Gerard, \
+                 Ohayon, Luboz, Perrier and Payan, Med Eng Phys 27, 2005; the Poisson ratio is ours"
+            }
+            Self::Chabanas2003 => {
+                "Chabanas, Luboz and Payan, Med Image Anal 7, 2003: passive tissue, E = 15 kPa and Poisson ratio 0.49 at small strain, here \
+                 neo-Hookean; without the stiffer fibres of muscles"
+            }
+        }
+    }
+
     /// The materials of this preset, with D1 read as Poisson ratio (reading notes 19).
     #[must_use]
     pub fn materials(self) -> Materials {
@@ -164,6 +195,8 @@ impl Preset {
             Self::Wang2009Stable => Materials::wang2009_stable(),
             Self::Wang2009Tension => Materials::wang2009_tension(),
             Self::Wang2009 => Materials::wang2009(),
+            Self::Nazari2010 => Materials::nazari2010(),
+            Self::Chabanas2003 => Materials::chabanas2003(),
         }
     }
 }

@@ -20,7 +20,8 @@ mod tissue_file;
 
 pub use case::{Case, Cuts, Run, Solid, TissueRequest};
 pub use documents::{
-    CtDocument, ErrorDocument, FieldDocument, FieldQualityDocument, HistogramBin, MeshDocument, OsteotomyDocument,
+    CtDocument, D1ReadingName, ErrorDocument, FieldDocument, FieldQualityDocument, HistogramBin, LockingName,
+    MaterialDocument, MeshDocument, OsteotomyDocument, SkinElementName, TissueLawsDocument,
     PathDocument, PathReportDocument, PathSample, PhasesDocument, PlanDocument, PlaneBoundsDocument, PlaneDocument,
     ReactionDocument, RegionMotionDocument, ReportDocument, ReportInput, SegmentDocument, StatisticsDocument,
     StepDocument, SurfaceDocument, SurfaceOrigin, WaypointDocument,

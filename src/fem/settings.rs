@@ -161,10 +161,6 @@ impl SolveSettings {
 }
 
 impl Preset {
-    /// Every preset, the default first.
-    pub const ALL: [Self; 5] =
-        [Self::Wang2009Stable, Self::Wang2009Tension, Self::Wang2009, Self::Nazari2010, Self::Chabanas2003];
-
     /// Where its constants come from.
     #[must_use]
     pub fn source(self) -> &'static str {

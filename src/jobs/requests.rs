@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::fem::{Model, Preset, SkinElement};
+use super::PhysicsRecord;
 use crate::geometry::Aabb;
 use crate::session::{
     BoxDocument, FieldSettingsDocument, MeshDocument, MeshSettingsDocument, PlanDocument, PlaneDocument,
@@ -53,39 +53,6 @@ pub struct MeshRequest {
     pub key: String,
 }
 
-/// Mechanical model, as asked for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum SolveModel {
-    /// Small strain on linear elements.
-    Linear,
-    /// Hyperelastic with a C1 skin layer.
-    Mixed,
-}
-
-impl SolveModel {
-    /// Its name on the wire.
-    #[must_use]
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Linear => "linear",
-            Self::Mixed => "mixed",
-        }
-    }
-}
-
-/// Materials, as asked for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum MaterialsPreset {
-    /// Stable neo-Hookean with the published small-strain moduli.
-    #[serde(rename = "wang_2009_stable")]
-    Wang2009Stable,
-    /// The published constants.
-    #[serde(rename = "wang_2009")]
-    Wang2009,
-}
-
 /// Which inner nodes are tied to bone, which slide.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct AttachmentRecord {
@@ -114,14 +81,11 @@ pub struct SolveRequest {
     pub mesh: MeshDocument,
     /// Key of the mesh at the time of asking.
     pub mesh_key: String,
-    /// Model.
-    pub model: SolveModel,
-    /// Whether the model was chosen by the service.
-    pub model_chosen: bool,
+    /// Model, elements, materials.
+    #[serde(flatten)]
+    pub physics: PhysicsRecord,
     /// Steps.
     pub steps: u32,
-    /// Materials.
-    pub preset: MaterialsPreset,
     /// Attachment; chosen from the landmarks when absent.
     pub attachment: Option<AttachmentRecord>,
     /// Whether error maps are made where there is something to compare with.
@@ -138,19 +102,8 @@ pub struct SolveRequest {
 impl From<&SolveRequest> for RunSettings {
     fn from(r: &SolveRequest) -> Self {
         Self {
-            model: match r.model {
-                SolveModel::Linear => Model::Linear,
-                SolveModel::Mixed => Model::Mixed,
-            },
-            skin_element: match r.model {
-                SolveModel::Linear => SkinElement::Wedge,
-                SolveModel::Mixed => SkinElement::C1Prism,
-            },
+            solver: (&r.physics).into(),
             steps: r.steps as usize,
-            preset: match r.preset {
-                MaterialsPreset::Wang2009Stable => Preset::Wang2009Stable,
-                MaterialsPreset::Wang2009 => Preset::Wang2009,
-            },
             attachment: r.attachment.as_ref().map(|a| AttachmentRules {
                 tie_gap_mm: a.tie_gap_mm,
                 sliding: a.sliding.iter().map(Aabb::from).collect(),

@@ -21,10 +21,10 @@ mod tissue_file;
 pub use case::{Case, Cuts, Run, Solid, TissueRequest};
 pub use documents::{
     CtDocument, D1ReadingName, ErrorDocument, FieldDocument, FieldQualityDocument, HistogramBin, LockingName,
-    MaterialDocument, MeshDocument, OsteotomyDocument, SkinElementName, TissueLawsDocument,
-    PathDocument, PathReportDocument, PathSample, PhasesDocument, PlanDocument, PlaneBoundsDocument, PlaneDocument,
-    ReactionDocument, RegionMotionDocument, ReportDocument, ReportInput, SegmentDocument, StatisticsDocument,
-    StepDocument, SurfaceDocument, SurfaceOrigin, WaypointDocument,
+    MaterialDocument, MeshDocument, OsteotomyDocument, PathDocument, PathReportDocument, PathSample, PhasesDocument,
+    PlanDocument, PlaneBoundsDocument, PlaneDocument, PresetName, ReactionDocument, RegionMotionDocument,
+    ReportDocument, ReportInput, SegmentDocument, SkinElementName, StatisticsDocument, StepDocument, SurfaceDocument,
+    SurfaceOrigin, TissueLawsDocument, WaypointDocument,
 };
 pub use engine::{Engine, RunWatch};
 pub use fault::{Fault, FaultKind, FieldFault, Halt};

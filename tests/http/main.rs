@@ -16,6 +16,7 @@ mod inputs;
 mod jobs;
 mod journey;
 mod kill;
+mod materials;
 mod refused;
 mod restart;
 mod results;

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use prosopon::control::Control;
 use prosopon::evaluate::{ErrorMap, FaceRegion, Statistics};
-use prosopon::fem::StepReport;
+use prosopon::fem::{SolveSettings, StepReport};
 use prosopon::field::{FieldReport, Settled};
 use prosopon::geometry::{Motion, Point, TriMesh, Vector};
 use prosopon::mesh::MeshReport;
@@ -25,6 +25,8 @@ pub(crate) struct StandIn {
     changed: Condvar,
     /// Solves begun.
     pub(crate) solves: AtomicUsize,
+    /// What the last solve was to solve with.
+    pub(crate) settings: Mutex<Option<SolveSettings>>,
     /// Panic in the solve.
     pub(crate) panics: AtomicBool,
     /// Fail the solve after this step, when above 0.
@@ -192,6 +194,7 @@ impl Engine for StandIn {
 
     fn solve(&self, run: &Run, control: &Control, watch: &mut dyn RunWatch) -> Result<Outcome, Halt> {
         self.solves.fetch_add(1, Ordering::SeqCst);
+        *self.settings.lock().unwrap() = Some(run.settings.solver.clone());
         self.cut_again()?;
         watch.stage("solve");
         let skin = &run.case.anatomy.skin;

@@ -180,9 +180,7 @@ mod tests {
             (D1Reading::Mm2PerGf, [-0.0531, 0.2394, 0.3660]),
         ] {
             let m = Materials::wang2009_reading(reading);
-            for ((material, same), expected) in
-                [m.skin, m.muscle, m.fat].iter().zip([SKIN, MUSCLE, FAT]).zip(ratios)
-            {
+            for ((material, same), expected) in [m.skin, m.muscle, m.fat].iter().zip([SKIN, MUSCLE, FAT]).zip(ratios) {
                 assert!((material.poisson_ratio() - expected).abs() < 5e-4, "{}", material.poisson_ratio());
                 assert_eq!(material.isochoric, published(same, D1Reading::PoissonRatio).isochoric);
             }

@@ -4,7 +4,7 @@ use utoipa::ToSchema;
 use uuid::Uuid;
 
 use super::check::Check;
-use super::material::FileFaults;
+use super::file_faults::FileFaults;
 use crate::geometry::{Motion, Point, Vector};
 use crate::plan::{Path, Plan, PlanError};
 use crate::session::{Fault, Halt, OsteotomyDocument, PlanDocument, motion_from};

@@ -4,9 +4,9 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 use uuid::Uuid;
 
+use super::JobView;
 use super::check::Check;
-use super::{JobView, PresetName};
-use crate::session::{Fault, SessionParts};
+use crate::session::{Fault, PresetName, SessionParts};
 use crate::store::{JobKind, JobRecord, PartKind, SessionRecord};
 
 /// Defaults of a session's jobs.

@@ -8,6 +8,7 @@ mod health;
 mod inputs;
 mod jobs;
 mod landmarks;
+mod materials;
 mod mesh;
 mod osteotomies;
 mod page;
@@ -38,6 +39,8 @@ pub(super) fn all() -> (OpenApiRouter<AppState>, OpenApiRouter<AppState>) {
         .routes(routes!(osteotomies::segment))
         .routes(routes!(plans::list, plans::create))
         .routes(routes!(plans::get, plans::delete))
+        .routes(routes!(materials::list))
+        .routes(routes!(materials::check))
         .routes(routes!(jobs::create))
         .routes(routes!(jobs::list))
         .routes(routes!(jobs::get))

@@ -2,7 +2,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::fem::material::{D1Reading, Isochoric, Material, Materials};
-use crate::fem::{Locking, SkinElement};
+use crate::fem::{Locking, Preset, SkinElement};
 use crate::mesh::Tissue;
 
 /// A compressible material: an isochoric law of the deviatoric stretches and the volumetric energy `K/2 (J - 1)²` with the bulk modulus K that
@@ -134,9 +134,7 @@ impl From<&MaterialDocument> for Material {
             MaterialDocument::NeoHookean { shear_modulus_mpa, poisson } => {
                 Self::neo_hookean(shear_modulus_mpa, poisson)
             }
-            MaterialDocument::Yeoh { c1_mpa, c2_mpa, c3_mpa, poisson } => {
-                Self::yeoh([c1_mpa, c2_mpa, c3_mpa], poisson)
-            }
+            MaterialDocument::Yeoh { c1_mpa, c2_mpa, c3_mpa, poisson } => Self::yeoh([c1_mpa, c2_mpa, c3_mpa], poisson),
             MaterialDocument::Ogden { shear_modulus_mpa, alpha, poisson } => {
                 Self::ogden(shear_modulus_mpa, alpha, poisson)
             }
@@ -194,6 +192,56 @@ impl TissueLawsDocument {
             materials.set(tissue, law.into());
         }
         materials
+    }
+}
+
+/// Materials of all tissues by name.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub enum PresetName {
+    /// Stable neo-Hookean with the published small-strain moduli.
+    #[default]
+    #[serde(rename = "wang_2009_stable", alias = "wang2009-stable")]
+    Wang2009Stable,
+    /// Stable Yeoh that follows the published curve in tension.
+    #[serde(rename = "wang_2009_tension", alias = "wang2009-tension")]
+    Wang2009Tension,
+    /// The published constants, which lose ellipticity early.
+    #[serde(rename = "wang_2009", alias = "wang2009")]
+    Wang2009,
+    /// Yeoh fitted to indentation of a cheek, one material for all tissues.
+    #[serde(rename = "nazari_2010", alias = "nazari2010")]
+    Nazari2010,
+    /// Small-strain moduli of passive facial tissue, one material for all tissues.
+    #[serde(rename = "chabanas_2003", alias = "chabanas2003")]
+    Chabanas2003,
+}
+
+impl PresetName {
+    /// Every preset, the default first.
+    pub const ALL: [Self; 5] =
+        [Self::Wang2009Stable, Self::Wang2009Tension, Self::Wang2009, Self::Nazari2010, Self::Chabanas2003];
+
+    /// The preset's materials; `d1` matters to the published constants only.
+    #[must_use]
+    pub fn materials(self, d1: D1ReadingName) -> Materials {
+        match self {
+            Self::Wang2009 => Materials::wang2009_reading(d1.into()),
+            Self::Wang2009Stable | Self::Wang2009Tension | Self::Nazari2010 | Self::Chabanas2003 => {
+                Preset::from(self).materials()
+            }
+        }
+    }
+}
+
+impl From<PresetName> for Preset {
+    fn from(name: PresetName) -> Self {
+        match name {
+            PresetName::Wang2009Stable => Self::Wang2009Stable,
+            PresetName::Wang2009Tension => Self::Wang2009Tension,
+            PresetName::Wang2009 => Self::Wang2009,
+            PresetName::Nazari2010 => Self::Nazari2010,
+            PresetName::Chabanas2003 => Self::Chabanas2003,
+        }
     }
 }
 

@@ -15,7 +15,7 @@ pub use bone::{
 };
 pub use error_map::{ErrorDocument, HistogramBin, StatisticsDocument};
 pub use field::{FieldDocument, FieldQualityDocument};
-pub use material::{D1ReadingName, LockingName, MaterialDocument, SkinElementName, TissueLawsDocument};
+pub use material::{D1ReadingName, LockingName, MaterialDocument, PresetName, SkinElementName, TissueLawsDocument};
 pub use mesh::MeshDocument;
 pub use report::{PhasesDocument, ReportDocument, ReportInput};
 pub use solve::{ReactionDocument, RegionMotionDocument, StepDocument};

@@ -1,6 +1,7 @@
 use super::error::SolveError;
 use super::material::Materials;
 use crate::geometry::{Implicit, Vector};
+use crate::mesh::{MixedMesh, Tissue};
 
 /// Mechanical model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -138,6 +139,19 @@ impl SolveSettings {
             max_iterations: 30,
             min_substep: 1.0 / 256.0,
         }
+    }
+
+    /// What to tell of materials that are not stable at the stretches to be expected, of the tissues that `mesh` has; nothing for small strain.
+    #[must_use]
+    pub fn stability_warnings(&self, mesh: &MixedMesh) -> Vec<String> {
+        if self.model.is_linear() {
+            return Vec::new();
+        }
+        let mut tissues: Vec<Tissue> = mesh.tetrahedron_tissue.clone();
+        tissues.extend((0..mesh.prisms.len()).map(|p| mesh.tissue_of_prism(p)));
+        tissues.sort_unstable();
+        tissues.dedup();
+        tissues.into_iter().filter_map(|t| self.materials.of(t).stability_warning(t.name())).collect()
     }
 
     pub(super) fn check(&self) -> Result<(), SolveError> {

@@ -21,16 +21,6 @@ const FORCE_FLOOR: f64 = 1e-3;
 
 const TISSUES: [Tissue; 4] = [Tissue::Skin, Tissue::Muscle, Tissue::Fat, Tissue::Mucosa];
 
-/// Name of a tissue for messages.
-pub(super) fn tissue_name(tissue: Tissue) -> &'static str {
-    match tissue {
-        Tissue::Skin => "skin",
-        Tissue::Muscle => "muscle",
-        Tissue::Fat => "fat",
-        Tissue::Mucosa => "mucosa",
-    }
-}
-
 /// Sets up the equations; also the outer surface when the skin is made of C1 prisms, and warnings.
 pub(super) fn equations<'a>(
     mesh: &MixedMesh,
@@ -45,7 +35,7 @@ pub(super) fn equations<'a>(
     check_bodies(&bodies)?;
     let (blocks, surface) = element_blocks(mesh, settings)?;
     let mut warnings = surface.as_ref().map(C1Surface::warnings).unwrap_or_default();
-    warnings.extend(stability_warnings(&blocks, settings));
+    warnings.extend(settings.stability_warnings(mesh));
     control.check()?;
     control.report(0.2);
     let smoothed = match settings.locking {
@@ -110,16 +100,6 @@ fn element_blocks(
     }
     blocks.retain(|b| b.n_elements() > 0);
     Ok((blocks, surface))
-}
-
-/// Warnings about materials of tissues that are there, small strain aside.
-fn stability_warnings(blocks: &[ElementBlock], settings: &SolveSettings) -> Vec<String> {
-    if settings.model.is_linear() {
-        return Vec::new();
-    }
-    let there = |tissue: &Tissue| blocks.iter().any(|b| b.tissue.contains(tissue));
-    let tissues = TISSUES.into_iter().filter(there);
-    tissues.filter_map(|t| settings.materials.of(t).stability_warning(tissue_name(t))).collect()
 }
 
 /// Parts whose energies add up to that of the elements, taken at averaged strains.

@@ -1,4 +1,5 @@
 use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
 
 use crate::fem::{Model, SkinElement, SolveSettings};
 use crate::session::{D1ReadingName, LockingName, PresetName, SkinElementName, TissueLawsDocument};
@@ -68,6 +69,22 @@ pub struct PhysicsRecord {
     /// Penetration that is left at most, mm; the solver's own when absent.
     #[serde(default)]
     pub penetration_tolerance_mm: Option<f64>,
+}
+
+impl PhysicsRecord {
+    /// As a report shows it.
+    #[must_use]
+    pub fn parameters(&self) -> Map<String, Value> {
+        let mut members = match serde_json::to_value(self) {
+            Ok(Value::Object(members)) => members,
+            // A record of plain values is always an object.
+            _ => Map::new(),
+        };
+        members.remove("model");
+        let chosen = members.remove("model_chosen").unwrap_or_default();
+        members.insert("model_chosen_by_the_service".to_owned(), chosen);
+        members
+    }
 }
 
 impl From<&PhysicsRecord> for SolveSettings {

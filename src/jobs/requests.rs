@@ -5,7 +5,8 @@ use serde::{Deserialize, Serialize};
 use super::PhysicsRecord;
 use crate::geometry::Aabb;
 use crate::session::{
-    BoxDocument, FieldSettingsDocument, MeshDocument, MeshSettingsDocument, PlanDocument, PlaneDocument,
+    BoxDocument, FieldSettingsDocument, MeshDocument, MeshSettingsDocument, PlanDocument, PlaneDocument, PresetName,
+    TissueDocument,
 };
 use crate::simulate::{AttachmentRules, RunSettings};
 use crate::store::{JobId, OsteotomyId, PlanId};
@@ -49,6 +50,9 @@ pub struct MeshRequest {
     /// The osteotomy that they come from.
     #[serde(default)]
     pub osteotomy_id: Option<OsteotomyId>,
+    /// Materials of the session's jobs.
+    #[serde(default)]
+    pub preset: PresetName,
     /// Key of the inputs and settings at the time of asking.
     pub key: String,
 }
@@ -97,6 +101,43 @@ pub struct SolveRequest {
     /// SHA-256 of the session's target at the time of asking.
     #[serde(default)]
     pub target: Option<String>,
+}
+
+/// A ready tissue mesh moved along a plan. Holds a copy of the plan: the job outlives it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SceneRequest {
+    /// The mesh, as it was at the time of asking.
+    pub ready: TissueDocument,
+    /// The plan's id.
+    pub plan_id: PlanId,
+    /// The plan.
+    pub plan: PlanDocument,
+    /// Its osteotomy's id, where it has one.
+    pub osteotomy_id: Option<OsteotomyId>,
+    /// Cuts of its osteotomy, whose segments the mesh touches.
+    pub cuts: Option<Vec<PlaneDocument>>,
+    /// Key of the fields that were cut; empty without cuts.
+    pub field_key: String,
+    /// What is doubtful about the cuts.
+    pub cut_warnings: Vec<String>,
+    /// Segments and keys of the uploaded bones.
+    pub bones: Vec<(u32, String)>,
+    /// How the fields of the bones are built.
+    pub field_settings: FieldSettingsDocument,
+    /// Model, elements, materials.
+    pub physics: PhysicsRecord,
+    /// Steps.
+    pub steps: u32,
+    /// Whether the solved mesh is kept.
+    pub file: bool,
+}
+
+/// A solve, on the session's own mesh or on a ready one; each kind has members that the other lacks.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub(super) enum AnySolve {
+    Case(Box<SolveRequest>),
+    Scene(Box<SceneRequest>),
 }
 
 impl From<&SolveRequest> for RunSettings {

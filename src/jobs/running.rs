@@ -1,4 +1,5 @@
 use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
+use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
 use crate::control::Control;
@@ -47,6 +48,7 @@ pub(super) struct Running {
     pub(super) started: Instant,
     phase: AtomicU8,
     cancel_requested: AtomicBool,
+    warnings: Mutex<Vec<String>>,
 }
 
 impl Running {
@@ -57,11 +59,21 @@ impl Running {
             started: Instant::now(),
             phase: AtomicU8::new(Phase::Reading as u8),
             cancel_requested: AtomicBool::new(false),
+            warnings: Mutex::default(),
         }
     }
 
     pub(super) fn set_phase(&self, phase: Phase) {
         self.phase.store(phase as u8, Ordering::Relaxed);
+    }
+
+    /// Keeps a warning for the job's row, however the job ends.
+    pub(super) fn warn(&self, text: String) {
+        self.warnings.lock().unwrap_or_else(PoisonError::into_inner).push(text);
+    }
+
+    pub(super) fn warnings(&self) -> Vec<String> {
+        self.warnings.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     pub(super) fn phase(&self) -> Phase {

@@ -14,19 +14,20 @@ mod landmarks;
 mod motion;
 mod numerics;
 mod recent;
+mod scene;
 mod settings;
 mod surface_part;
 mod tissue_file;
 
-pub use case::{Case, Cuts, Run, Solid, TissueRequest};
+pub use case::{Case, Cuts, Run, SceneBones, SceneRun, Solid, TissueRequest};
 pub use documents::{
     CtDocument, D1ReadingName, ErrorDocument, FieldDocument, FieldQualityDocument, HistogramBin, LockingName,
     MaterialDocument, MeshDocument, OsteotomyDocument, PathDocument, PathReportDocument, PathSample, PhasesDocument,
     PlanDocument, PlaneBoundsDocument, PlaneDocument, PresetName, ReactionDocument, RegionMotionDocument,
     ReportDocument, ReportInput, SegmentDocument, SkinElementName, StatisticsDocument, StepDocument, SurfaceDocument,
-    SurfaceOrigin, TissueLawsDocument, WaypointDocument,
+    SurfaceOrigin, TissueDocument, TissueLawsDocument, WaypointDocument,
 };
-pub use engine::{Engine, RunWatch};
+pub use engine::{Engine, RunWatch, SceneSolved};
 pub use fault::{Fault, FaultKind, FieldFault, Halt};
 pub(crate) use fault_from::{chain, import_fault};
 pub use inputs::{SessionParts, load_mesh};

@@ -23,3 +23,4 @@ mod results;
 mod sessions;
 mod shapes;
 mod stand_in;
+mod tissue;

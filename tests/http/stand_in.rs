@@ -9,9 +9,12 @@ use prosopon::evaluate::{ErrorMap, FaceRegion, Statistics};
 use prosopon::fem::{SolveSettings, StepReport};
 use prosopon::field::{FieldReport, Settled};
 use prosopon::geometry::{Motion, Point, TriMesh, Vector};
+use prosopon::import::Limits;
 use prosopon::mesh::MeshReport;
 use prosopon::plan::{BoundedPlane, Osteotomy, PathReport, Plan, PlanError, Segment};
-use prosopon::session::{Case, Cuts, Engine, Fault, FaultKind, Halt, Run, RunWatch, Solid, TissueRequest};
+use prosopon::session::{
+    Case, Cuts, Engine, Fault, FaultKind, Halt, Numerics, Run, RunWatch, SceneRun, SceneSolved, Solid, TissueRequest,
+};
 use prosopon::simulate::{Frame, Outcome, RegionMotion, SimulateError};
 use prosopon::surface::{CtSettings, CtSurfaces};
 
@@ -241,6 +244,12 @@ impl Engine for StandIn {
         let regions =
             vec![RegionMotion { name: "upper_lip", forward_mm: -moved.y, down_mm: -moved.z, left_mm: moved.x }];
         Ok(Outcome { steps, regions, face: Vec::new(), nodes: Vec::new(), warnings: vec!["a stand-in".to_owned()] })
+    }
+
+    /// The real numerics: scenes of tests are small.
+    fn solve_scene(&self, run: &SceneRun, control: &Control, watch: &mut dyn RunWatch) -> Result<SceneSolved, Halt> {
+        *self.settings.lock().unwrap() = Some(run.solver.clone());
+        Numerics::new(Limits::default()).solve_scene(run, control, watch)
     }
 
     fn tissue_file(&self, _: &Run, _: &[Point], _: &Control) -> Result<Vec<u8>, Halt> {

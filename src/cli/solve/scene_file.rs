@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use serde::Deserialize;
 
@@ -213,7 +214,7 @@ impl SceneFile {
         Ok(materials)
     }
 
-    fn bones(&self, folder: &Path, warnings: &mut Vec<String>) -> Result<Vec<(u32, SignedField)>, SceneError> {
+    fn bones(&self, folder: &Path, warnings: &mut Vec<String>) -> Result<Vec<(u32, Arc<SignedField>)>, SceneError> {
         let defaults = MethodSettings::default();
         let spacing_mm = match self.field_spacing_mm {
             None => defaults.field.spacing_mm,
@@ -235,13 +236,13 @@ impl SceneFile {
             let (field, _, found) =
                 SignedField::build_only(&mesh, &settings, &Control::new()).map_err(|e| input(&path, &e))?;
             warnings.extend(found.into_iter().map(|w| format!("bone {segment}: {w}")));
-            bones.push((segment, field));
+            bones.push((segment, Arc::new(field)));
         }
         Ok(bones)
     }
 
     /// A motion for a segment that the scene does not have is a mistake.
-    fn check_segments(plan: &Plan, ready: &ReadyMesh, bones: &[(u32, SignedField)]) -> Result<(), SceneError> {
+    fn check_segments(plan: &Plan, ready: &ReadyMesh, bones: &[(u32, Arc<SignedField>)]) -> Result<(), SceneError> {
         for path in &plan.paths {
             let segment = path.segment();
             let tied = ready.mesh.attachment.contains(&Attachment::Tied(segment));

@@ -128,6 +128,18 @@ pub(in crate::http) struct CheckedJob {
 }
 
 impl CreateJob {
+    /// What a ready mesh cannot have: it brings its own attachment, and there is nothing to compare it with.
+    pub(in crate::http) fn check_scene(&self) -> Result<(), Fault> {
+        let mut check = Check::default();
+        if self.attachment.is_some() {
+            check.fault("/attachment", "the session has a tissue mesh, whose array `attachment` says what is tied");
+        }
+        if self.reference_job.is_some() {
+            check.fault("/reference_job", "jobs on a tissue mesh make no error maps");
+        }
+        check.finish()
+    }
+
     pub(in crate::http) fn check(&self, settings: &SessionSettings) -> Result<CheckedJob, Fault> {
         let (model, model_chosen) = match self.model {
             ModelName::Auto => (SolveModel::Mixed, true),

@@ -22,6 +22,7 @@ pub(super) use inputs::import_request;
 pub use inputs::{
     CtQuery, FieldView, PointQuery, PointValues, PutFieldSettings, PutLandmarks, SliceAxis, SliceQuery, SolidName,
 };
+pub(super) use job::CheckedJob;
 pub use job::{AttachmentRequest, Budget, CreateJob, JobList, JobView, ModelName, OutputName};
 pub(crate) use material::file_material;
 pub use material_view::{
@@ -29,6 +30,7 @@ pub use material_view::{
     ModuliView, PresetView, StableRangeView, TestMode, TestView,
 };
 pub use mesh::{BuildMesh, MeshView};
+pub(super) use plan::Segments;
 pub(crate) use plan::segment_motion;
 pub use plan::{
     AxisAngle, CreatePlan, Hinge, PathRequest, PitchRollYaw, PlanList, PlanView, RotationRequest, WaypointRequest,

@@ -17,6 +17,7 @@ mod report;
 mod report_page;
 mod results;
 mod sessions;
+mod tissue;
 
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
@@ -63,6 +64,8 @@ pub(super) fn all() -> (OpenApiRouter<AppState>, OpenApiRouter<AppState>) {
         .routes(routes!(inputs::put_ct))
         .routes(routes!(inputs::get_skin, inputs::put_skin))
         .routes(routes!(inputs::get_skull, inputs::put_skull))
-        .routes(routes!(inputs::get_target, inputs::put_target));
+        .routes(routes!(inputs::get_target, inputs::put_target))
+        .routes(routes!(tissue::get_tissue, tissue::put_tissue, tissue::delete_tissue))
+        .routes(routes!(tissue::get_bone, tissue::put_bone, tissue::delete_bone));
     (plain, uploads)
 }

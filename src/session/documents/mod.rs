@@ -8,6 +8,7 @@ mod mesh;
 mod report;
 mod solve;
 mod surface;
+mod tissue;
 
 pub use bone::{
     OsteotomyDocument, PathDocument, PathReportDocument, PathSample, PlanDocument, PlaneBoundsDocument, PlaneDocument,
@@ -20,3 +21,4 @@ pub use mesh::MeshDocument;
 pub use report::{PhasesDocument, ReportDocument, ReportInput};
 pub use solve::{ReactionDocument, RegionMotionDocument, StepDocument};
 pub use surface::{CtDocument, SurfaceDocument, SurfaceOrigin};
+pub use tissue::TissueDocument;

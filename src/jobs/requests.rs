@@ -132,12 +132,11 @@ pub struct SceneRequest {
     pub file: bool,
 }
 
-/// A solve, on the session's own mesh or on a ready one; each kind has members that the other lacks.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(untagged)]
-pub(super) enum AnySolve {
-    Case(Box<SolveRequest>),
-    Scene(Box<SceneRequest>),
+/// Tells the request of a scene from that of a case: only a scene has a ready mesh.
+#[derive(Debug, Deserialize)]
+pub(super) struct SolveKind {
+    #[serde(default)]
+    pub(super) ready: Option<serde::de::IgnoredAny>,
 }
 
 impl From<&SolveRequest> for RunSettings {

@@ -256,7 +256,7 @@ async fn what_cannot_be_solved_is_told() {
     app.get(&tissue).await.problem(404, "not-found");
     let problem = app.post(&format!("{session}/plans"), json!({"paths": up(1.0)})).await.problem(409, "missing-input");
     assert_eq!(problem["missing"], json!(["tissue"]));
-    app.upload(&tissue, b"not a mesh".to_vec()).await.problem(415, "unsupported-format");
+    app.upload(&tissue, b"not a mesh".to_vec()).await.problem(422, "mesh-not-usable");
     let text = String::from_utf8_lossy(&slab(-3.0)).into_owned();
     let problem = app.upload(&tissue, text.into_bytes()).await.problem(422, "mesh-not-usable");
     assert_eq!(problem["errors"][0]["pointer"], "tissue");

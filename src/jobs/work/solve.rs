@@ -7,7 +7,7 @@ use super::compare::Reference;
 use super::report::{Ingredients, compile};
 use super::solve_watch::{FinishedStep, SolveWatch};
 use super::{Context, Done, changed_meanwhile, scene, to_json};
-use crate::jobs::requests::{AnySolve, SolveRequest};
+use crate::jobs::requests::{SolveKind, SolveRequest};
 use crate::jobs::running::Phase;
 use crate::jobs::service::warning_event;
 use crate::session::{Fault, Halt, Run};
@@ -28,9 +28,9 @@ struct Solved {
 
 /// Moves the bone along the plan; each step is stored as soon as it is solved.
 pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
-    match context.request()? {
-        AnySolve::Case(request) => on_case(context, *request).await,
-        AnySolve::Scene(request) => scene::perform(context, &request).await,
+    match context.request::<SolveKind>()?.ready {
+        Some(_) => scene::perform(context, &context.request()?).await,
+        None => on_case(context, context.request()?).await,
     }
 }
 

@@ -1,3 +1,5 @@
+use std::cmp::Ordering;
+
 use super::block::{ElementBlock, ElementError, MeshCell};
 use super::linear::push_tetrahedron;
 use crate::mesh::MixedMesh;
@@ -7,7 +9,7 @@ const PASSES: usize = 4;
 
 /// Prisms split into three linear tetrahedra each, consistently across prisms: every side face is cut from its corner that comes first in
 /// an order of all nodes, which is always possible (Dompierre et al., 8th International Meshing Roundtable 1999). The order is that of the
-/// node numbers; nodes of twisted prisms are moved to its front where that leaves fewer inverted tetrahedra.
+/// rest positions by x, then y, then z, so that it does not change with the numbering; nodes of twisted prisms are moved to its front where that leaves fewer inverted tetrahedra.
 ///
 /// Tetrahedra `3 i` to `3 i + 2` come from prism `i`, and that is the index an error names.
 ///
@@ -33,7 +35,14 @@ pub fn prisms_as_tetrahedra(mesh: &MixedMesh) -> Result<ElementBlock, ElementErr
 
 /// Rank of each node; the smallest comes first.
 fn order(mesh: &MixedMesh) -> Vec<i64> {
-    let mut rank: Vec<i64> = (0..).take(mesh.positions.len()).collect();
+    let x = &mesh.positions;
+    let mut sorted: Vec<usize> = (0..x.len()).collect();
+    let by_axis = |a: usize, b: usize, axis: usize| x[a][axis].total_cmp(&x[b][axis]);
+    sorted.sort_by(|&a, &b| (0..3).map(|axis| by_axis(a, b, axis)).fold(Ordering::Equal, Ordering::then));
+    let mut rank = vec![0i64; x.len()];
+    for (place, node) in (0..).zip(sorted) {
+        rank[node] = place;
+    }
     let mut first = 0;
     for _ in 0..PASSES {
         let twisted: Vec<usize> = (0..mesh.prisms.len()).filter(|&p| inverted(mesh, p, &rank) > 0).collect();

@@ -20,6 +20,7 @@ mod materials;
 mod refused;
 mod restart;
 mod results;
+mod sense;
 mod sessions;
 mod shapes;
 mod stand_in;

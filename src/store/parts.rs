@@ -66,6 +66,12 @@ impl PartKind {
         }
     }
 
+    /// Whose bone it is, if it is one.
+    #[must_use]
+    pub fn segment(self) -> Option<u32> {
+        if let Self::Bone(segment) = self { Some(u32::from(segment)) } else { None }
+    }
+
     /// The bone of `segment`, if it may have one.
     #[must_use]
     pub fn bone(segment: u32) -> Option<Self> {

@@ -77,9 +77,8 @@ async fn bones(context: &Context, parts: &SessionParts, request: &SceneRequest) 
         return Ok(SceneBones::Cut { case, cuts: cuts.iter().map(Into::into).collect() });
     }
     let mut surfaces = Vec::new();
-    for part in parts.bones() {
-        let PartKind::Bone(segment) = part.kind else { continue };
-        surfaces.push((u32::from(segment), load_mesh(store, part).await?));
+    for (segment, part) in parts.bones() {
+        surfaces.push((segment, load_mesh(store, part).await?));
     }
     if request.bones != parts.bone_keys() {
         return Err(changed_meanwhile().into());

@@ -86,7 +86,8 @@ fn slab(middle: f64) -> Vec<u8> {
 }
 
 fn bone() -> Vec<u8> {
-    let (min, max) = ([1.0, 1.0, -20.0], [29.0, 29.0, 0.0]);
+    // Clear of the faces at the fixed sides.
+    let (min, max) = ([5.0, 5.0, -20.0], [25.0, 25.0, 0.0]);
     let corner = |i: usize| Point::from([0, 1, 2].map(|a| if i >> a & 1 == 1 { max[a] } else { min[a] }));
     let quads = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
     let triangles = quads.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
@@ -245,7 +246,8 @@ async fn a_rigid_bone_pushes_points_that_slide() {
     let moved = &solved.point_array("displacement_mm").unwrap().values;
     let at = |x: f64| 3 * solved.points.iter().position(|p| *p == Point::new(x, 15.0, 0.0)).unwrap() + 2;
     for x in [10.0, 15.0, 20.0] {
-        assert!((1.4..1.6).contains(&moved[at(x)]), "{x}: {}", moved[at(x)]);
+        // Nothing pulls the bottom onto the bone: over its rim it arches off, but nowhere it sinks in.
+        assert!((1.45..1.9).contains(&moved[at(x)]), "{x}: {}", moved[at(x)]);
     }
     let report = app.get(job["links"]["report"].as_str().unwrap()).await.ok();
     assert!(report["steps"][1]["max_penetration_mm"].as_f64().unwrap() <= 0.05);

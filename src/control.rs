@@ -8,6 +8,9 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 #[error("cancelled")]
 pub struct Cancelled;
 
+/// Seconds since a moment that stays the same.
+pub type Clock = fn() -> f64;
+
 /// Handle that every long function takes: it says when to stop and is told how far the work is.
 ///
 /// Clones share the same cancel flag and progress value. [`Control::part`] maps the progress of a
@@ -18,6 +21,7 @@ pub struct Control {
     progress: Arc<AtomicU64>,
     from: f64,
     to: f64,
+    clock: Clock,
 }
 
 impl Default for Control {
@@ -35,7 +39,20 @@ impl Control {
             progress: Arc::new(AtomicU64::new(0f64.to_bits())),
             from: 0.0,
             to: 1.0,
+            clock: || 0.0,
         }
+    }
+
+    /// The same control with a clock, so that work which has none can report the time that its phases took.
+    #[must_use]
+    pub fn with_clock(self, clock: Clock) -> Self {
+        Self { clock, ..self }
+    }
+
+    /// The caller's clock; one that stands still when there is none. It times work and never decides anything.
+    #[must_use]
+    pub fn clock(&self) -> Clock {
+        self.clock
     }
 
     /// Asks the computation to stop at its next check.
@@ -79,6 +96,7 @@ impl Control {
             progress: Arc::clone(&self.progress),
             from: self.from + from * span,
             to: self.from + to * span,
+            clock: self.clock,
         }
     }
 }

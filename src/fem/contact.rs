@@ -7,7 +7,7 @@
 //! Far from equilibrium only the Gauss-Newton part `k n nᵀ` of the Hessian is used: with the distance's curvature Newton
 //! stalls there, without it the last iterations gain a fifth each instead of digits.
 
-use super::dofs::Dofs;
+use super::dofs::{Dofs, axes_in};
 use super::settings::ContactBody;
 use crate::geometry::{Motion, Point, Vector};
 use crate::mesh::{Attachment, MixedMesh};
@@ -57,6 +57,15 @@ impl Touch {
     pub(super) fn pair(&self) -> (usize, usize) {
         (self.point, self.body)
     }
+}
+
+/// A term `factor v vᵀ` of a matrix.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct RankOne {
+    /// Unknown nodes and the three entries of `v` there.
+    pub(super) nodes: Vec<(u32, Vector)>,
+    /// Positive.
+    pub(super) factor: f64,
 }
 
 /// All contact of one tissue.
@@ -197,6 +206,20 @@ impl<'a> Contact<'a> {
         }
     }
 
+    /// The Gauss-Newton part of the Hessian, term by term.
+    pub(super) fn terms(&self, touches: &[Touch], dofs: &Dofs) -> Vec<RankOne> {
+        let term = |t: &Touch| {
+            let p = &self.points[t.point];
+            let nodes = p.terms().filter_map(|(node, weight)| {
+                let mut entry = t.normal * weight;
+                axes_in(dofs.axes_of(node as usize)).for_each(|axis| entry[axis] = 0.0);
+                dofs.unknown(node).map(|u| (u, entry))
+            });
+            RankOne { nodes: nodes.collect(), factor: self.stiffness * p.area }
+        };
+        touches.iter().map(term).collect()
+    }
+
     /// Force of each body on the tissue, N.
     pub(super) fn forces_by_body(&self, touches: &[Touch]) -> Vec<Vector> {
         let mut forces = vec![Vector::zeros(); self.bodies.len()];
@@ -254,6 +277,17 @@ impl<'a> Contact<'a> {
 /// Largest penetration, mm.
 pub(super) fn penetration(touches: &[Touch]) -> f64 {
     touches.iter().map(|t| -t.gap).fold(0.0, f64::max)
+}
+
+/// Mesh nodes that contact can act on.
+pub(super) fn contact_nodes(mesh: &MixedMesh) -> Vec<bool> {
+    let mut found = vec![false; mesh.positions.len()];
+    for point in contact_points(mesh) {
+        for (node, _) in point.terms() {
+            found[node as usize] = true;
+        }
+    }
+    found
 }
 
 fn contact_points(mesh: &MixedMesh) -> Vec<ContactPoint> {

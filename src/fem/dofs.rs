@@ -36,15 +36,19 @@ pub(super) struct Dofs {
     partly_held: Vec<(u32, u8)>,
     /// Tangent vectors of partly held nodes that lie askew to the axis and so stay free.
     askew_tangents: usize,
+    /// First of the unknown nodes that are eliminated last.
+    first_last: usize,
 }
 
 impl Dofs {
-    /// Classifies and numbers the generalised nodes. `surface` is there when the skin is made of C1 prisms.
+    /// Classifies and numbers the generalised nodes. `surface` is there when the skin is made of C1 prisms. Mesh nodes in `last` get the
+    /// last numbers.
     pub(super) fn new(
         mesh: &MixedMesh,
         boundary: &Boundary,
         surface: Option<&C1Surface>,
         blocks: &[&ElementBlock],
+        last: &[bool],
     ) -> Result<Self, SolveError> {
         let n_mesh_nodes = mesh.positions.len();
         let mut rest: Vec<Vector> = mesh.positions.iter().map(|p| p.coords).collect();
@@ -94,7 +98,9 @@ impl Dofs {
         check_support(mesh, blocks, &hold, &boundary.held_axes)?;
 
         let free: Vec<bool> = hold.iter().map(|h| *h == Hold::Free).collect();
-        let node_of = ordering::elimination_order(blocks, &free, &owner)?;
+        let node_of = ordering::elimination_order(blocks, &free, &owner, last)?;
+        let is_last = |node: &u32| last.get(*node as usize).copied().unwrap_or(false);
+        let first_last = node_of.iter().position(is_last).unwrap_or(node_of.len());
         let mut unknown = vec![HELD; rest.len()];
         for (index, &node) in node_of.iter().enumerate() {
             unknown[node as usize] = index as u32;
@@ -103,7 +109,7 @@ impl Dofs {
             .filter(|(_, axes)| **axes != 0)
             .filter_map(|(node, axes)| (unknown[node] != HELD).then_some((unknown[node], *axes)))
             .collect();
-        Ok(Self { hold, unknown, node_of, rest, n_mesh_nodes, axes, partly_held, askew_tangents })
+        Ok(Self { hold, unknown, node_of, rest, n_mesh_nodes, axes, partly_held, askew_tangents, first_last })
     }
 
     /// Number of generalised nodes.
@@ -114,6 +120,11 @@ impl Dofs {
     /// Number of unknown generalised nodes (three unknowns each).
     pub(super) fn n_unknown(&self) -> usize {
         self.node_of.len()
+    }
+
+    /// First of the unknown nodes that were asked to be eliminated last; [`Dofs::n_unknown`] when there are none.
+    pub(super) fn first_last(&self) -> usize {
+        self.first_last
     }
 
     /// Number of unknowns, without those along held axes.

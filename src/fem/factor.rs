@@ -4,12 +4,14 @@ use super::assembly::Pattern;
 use super::error::SolveError;
 use faer::dyn_stack::{MemBuffer, MemStack, StackReq};
 use faer::sparse::linalg::SupernodalThreshold;
+use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
+use faer::sparse::linalg::cholesky::supernodal::SupernodalLltRef;
 use faer::sparse::linalg::cholesky::{
-    CholeskySymbolicParams, LltRef, SymbolicCholesky, SymmetricOrdering, factorize_symbolic_cholesky,
+    CholeskySymbolicParams, SymbolicCholesky, SymbolicCholeskyRaw, SymmetricOrdering, factorize_symbolic_cholesky,
 };
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMat};
 use faer::traits::RealField;
-use faer::{Conj, MatMut, Par, Side};
+use faer::{Conj, Mat, MatMut, Par, Side};
 use std::sync::Arc;
 
 /// Unknowns above which faer splits its dense work in two. The split is fixed, so the bits do not depend on the number of threads.
@@ -24,11 +26,13 @@ pub(super) struct Symbolic {
     cholesky: SymbolicCholesky<usize>,
     lower: SymbolicSparseColMat<usize>,
     par: Par,
+    /// First unknown of the first supernode with a node that is eliminated last.
+    corner: usize,
 }
 
 impl Symbolic {
-    /// Symbolic analysis. The pattern's order is the elimination order.
-    pub(super) fn new(pattern: &Pattern) -> Result<Self, SolveError> {
+    /// Symbolic analysis. The pattern's order is the elimination order. The nodes from `first_last` on are asked for as a dense corner.
+    pub(super) fn new(pattern: &Pattern, first_last: usize) -> Result<Self, SolveError> {
         let n = 3 * pattern.n_columns();
         let params = CholeskySymbolicParams {
             supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SUPERNODAL,
@@ -39,7 +43,15 @@ impl Symbolic {
         let cholesky = factorize_symbolic_cholesky(upper.as_ref(), Side::Upper, SymmetricOrdering::Identity, params)
             .map_err(|e| SolveError::Factorisation { detail: format!("symbolic analysis of {n} unknowns: {e}") })?;
         let par = if n > PARALLEL_FROM { Par::rayon(2) } else { Par::Seq };
-        Ok(Self { cholesky, lower: lower_triangle(pattern), par })
+        let corner = match cholesky.raw() {
+            _ if first_last >= pattern.n_columns() => n,
+            SymbolicCholeskyRaw::Supernodal(s) => {
+                s.supernode_begin().iter().copied().rfind(|&begin| begin <= 3 * first_last).unwrap_or(0)
+            }
+            SymbolicCholeskyRaw::Simplicial(_) => n,
+        };
+        if std::env::var("DBG").is_ok() { eprintln!("L {} n {n} corner {}", cholesky.len_val(), n - corner); }
+        Ok(Self { cholesky, lower: lower_triangle(pattern), par, corner })
     }
 }
 
@@ -122,18 +134,54 @@ impl<T: Precision> Factor<T> {
         if self.valid { Ok(()) } else { Err(Indefinite) }
     }
 
-    /// Solves in place with the present factor.
-    pub(super) fn solve(&mut self, x: &mut [f64]) {
+    /// Solves in place with the present factor: `L`, then what `between` does to the unknowns from the corner on, then `Lᵀ`.
+    pub(super) fn solve(&mut self, x: &mut [f64], between: impl FnOnce(&mut [f64])) {
         let mut y: Vec<T> = x.iter().map(|v| T::of(*v)).collect();
-        LltRef::new(&self.symbolic.cholesky, &self.l_values).solve_in_place_with_conj(
-            Conj::No,
-            MatMut::from_column_major_slice_mut(&mut y, x.len(), 1),
-            Par::Seq,
-            MemStack::new(&mut self.memory),
-        );
+        let n = x.len();
+        let SymbolicCholeskyRaw::Supernodal(symbolic) = self.symbolic.cholesky.raw() else { return };
+        let l = SupernodalLltRef::new(symbolic, &self.l_values);
+        let stack = MemStack::new(&mut self.memory);
+        l.l_solve_with_conj(Conj::No, MatMut::from_column_major_slice_mut(&mut y, n, 1), Par::Seq, stack);
+        let corner = &mut y[self.symbolic.corner..];
+        let mut whole: Vec<f64> = corner.iter().map(|v| v.to()).collect();
+        between(&mut whole);
+        corner.iter_mut().zip(whole).for_each(|(y, v)| *y = T::of(v));
+        l.l_transpose_solve_with_conj(Conj::No, MatMut::from_column_major_slice_mut(&mut y, n, 1), Par::Seq, stack);
         for (x, y) in x.iter_mut().zip(y) {
             *x = y.to();
         }
+    }
+
+    /// `L⁻¹` of columns that are zero above the corner, from the corner on; dense.
+    pub(super) fn corner_solve(&self, mut columns: Mat<f64>) -> Mat<f64> {
+        let corner = self.symbolic.corner;
+        let SymbolicCholeskyRaw::Supernodal(symbolic) = self.symbolic.cholesky.raw() else { return columns };
+        let l = SupernodalLltRef::new(symbolic, &self.l_values);
+        let n = symbolic.nrows() - corner;
+        let mut dense = Mat::<f64>::zeros(n, n);
+        for s in 0..symbolic.n_supernodes() {
+            let node = l.supernode(s);
+            if node.start() < corner {
+                continue;
+            }
+            let (begin, value) = (node.start() - corner, node.val());
+            let width = value.ncols();
+            for c in 0..width {
+                for r in c..width {
+                    dense[(begin + r, begin + c)] = value[(r, c)].to();
+                }
+                for (place, &row) in node.pattern().iter().enumerate() {
+                    dense[(row - corner, begin + c)] = value[(width + place, c)].to();
+                }
+            }
+        }
+        solve_lower_triangular_in_place(dense.as_ref(), columns.as_mut(), self.symbolic.par);
+        columns
+    }
+
+    /// Unknowns from the corner on.
+    pub(super) fn corner(&self) -> std::ops::Range<usize> {
+        self.symbolic.corner..self.symbolic.lower.ncols()
     }
 }
 

@@ -3,8 +3,11 @@
 //! time to make and 0.4 of the time to apply; with a fresh one, one or two iterations solve the system.
 
 use super::assembly::Pattern;
+use super::contact::RankOne;
 use super::error::SolveError;
 use super::factor::{Factor, Indefinite, Symbolic};
+use super::low_rank::LowRank;
+use crate::control::Clock;
 use crate::geometry::Vector;
 use nalgebra::Matrix3;
 use std::sync::Arc;
@@ -18,6 +21,16 @@ const MAX_RELAXATIONS: usize = 20_000;
 /// Tolerance of relaxation.
 const RELAXED: f64 = 1e-9;
 
+/// A matrix and what it consists of.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct System<'a> {
+    pub(super) values: &'a [f64],
+    /// Without contact.
+    pub(super) elastic: &'a [f64],
+    /// The terms of contact, or what is most of them.
+    pub(super) contact: &'a [RankOne],
+}
+
 /// How a system was solved.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) struct Work {
@@ -29,7 +42,14 @@ pub(super) struct Work {
 #[derive(Debug)]
 pub(super) struct LinearSolver {
     preconditioner: Preconditioner,
+    /// Contact that the factor does not know of.
+    low_rank: Option<LowRank>,
+    /// The factor knows of contact, because elements alone are not stable.
+    whole: bool,
     factorisations: usize,
+    clock: Clock,
+    /// Time of factorisations and of solves, s.
+    times: (f64, f64),
     /// The factor does not belong to a matrix like the next one.
     stale: bool,
 }
@@ -71,17 +91,31 @@ enum Outcome {
 }
 
 impl LinearSolver {
-    /// Symbolic analysis and room for the factor.
-    pub(super) fn new(pattern: &Pattern) -> Result<Self, SolveError> {
-        let symbolic = Arc::new(Symbolic::new(pattern)?);
+    /// Symbolic analysis and room for the factor. Contact acts on nodes from `first_last` on.
+    pub(super) fn new(pattern: &Pattern, first_last: usize, clock: Clock) -> Result<Self, SolveError> {
+        let symbolic = Arc::new(Symbolic::new(pattern, first_last)?);
         let single = Factor::new(Arc::clone(&symbolic))?;
         let preconditioner = Preconditioner::Factor { symbolic, single, double: None };
-        Ok(Self { preconditioner, factorisations: 0, stale: false })
+        Ok(Self::with(preconditioner, clock))
     }
 
     /// Relaxation of vertices under the forces of their neighbours, without any factor.
-    pub(super) fn relaxation() -> Self {
-        Self { preconditioner: Preconditioner::Vertices(Vec::new()), factorisations: 0, stale: false }
+    pub(super) fn relaxation(clock: Clock) -> Self {
+        Self::with(Preconditioner::Vertices(Vec::new()), clock)
+    }
+
+    fn with(preconditioner: Preconditioner, clock: Clock) -> Self {
+        Self { preconditioner, low_rank: None, whole: false, factorisations: 0, clock, times: (0.0, 0.0), stale: false }
+    }
+
+    /// Starts the times anew.
+    pub(super) fn forget_times(&mut self) {
+        self.times = (0.0, 0.0);
+    }
+
+    /// Time of factorisations and of solves so far, s.
+    pub(super) fn times(&self) -> (f64, f64) {
+        self.times
     }
 
     fn relaxes(&self) -> bool {
@@ -108,9 +142,15 @@ impl LinearSolver {
 
     /// Applies the last factor, which may belong to an older matrix.
     pub(super) fn precondition(&mut self, x: &mut [f64]) {
+        let low_rank = self.low_rank.as_ref();
+        let between = |corner: &mut [f64]| {
+            if let Some(low_rank) = low_rank {
+                low_rank.apply(corner);
+            }
+        };
         match &mut self.preconditioner {
-            Preconditioner::Factor { double: Some(factor), .. } => factor.solve(x),
-            Preconditioner::Factor { single, .. } => single.solve(x),
+            Preconditioner::Factor { double: Some(factor), .. } => factor.solve(x, between),
+            Preconditioner::Factor { single, .. } => single.solve(x, between),
             Preconditioner::Vertices(inverses) => {
                 for (x, inverse) in x.as_chunks_mut::<3>().0.iter_mut().zip(inverses) {
                     *x = (*inverse * Vector::from(*x)).into();
@@ -124,11 +164,27 @@ impl LinearSolver {
         self.stale = true;
     }
 
+    /// Tells the factor of contact.
+    fn correct(&mut self, contact: &[RankOne]) {
+        self.low_rank = match &self.preconditioner {
+            Preconditioner::Factor { .. } if self.whole => None,
+            Preconditioner::Factor { double: Some(factor), .. } if factor.is_valid() => {
+                LowRank::new(contact, factor.corner(), |v| factor.corner_solve(v))
+            }
+            Preconditioner::Factor { double: None, single: factor, .. } if factor.is_valid() => {
+                LowRank::new(contact, factor.corner(), |v| factor.corner_solve(v))
+            }
+            Preconditioner::Factor { .. } | Preconditioner::Vertices(_) => None,
+        };
+    }
+
     /// Solves `A x = b` until the error's energy norm, as the preconditioner sees it, has fallen by `tolerance`.
+    ///
+    /// `values` are those of `A`, `elastic` those without the terms `contact`.
     pub(super) fn solve(
         &mut self,
         pattern: &Pattern,
-        values: &[f64],
+        System { values, elastic, contact }: System<'_>,
         b: &[f64],
         x: &mut [f64],
         tolerance: f64,
@@ -136,6 +192,9 @@ impl LinearSolver {
         x.fill(0.0);
         let mut at = Iterate { r: b.to_vec(), start: None, iterations: 0 };
         let mut factorised = false;
+        let begin = (self.clock)();
+        self.correct(contact);
+        self.times.1 += (self.clock)() - begin;
         loop {
             let fresh = factorised;
             if fresh || (self.has_factor() && !self.stale) {
@@ -144,7 +203,10 @@ impl LinearSolver {
                     (false, true) => MAX_WITH_NEW,
                     (false, false) => MAX_WITH_OLD,
                 };
-                match self.iterate(pattern, values, x, &mut at, tolerance, limit) {
+                let begin = (self.clock)();
+                let outcome = self.iterate(pattern, values, x, &mut at, tolerance, limit);
+                self.times.1 += (self.clock)() - begin;
+                match outcome {
                     Outcome::Solved => return Ok(Work { factorised, cg_iterations: at.iterations }),
                     Outcome::Indefinite => return Err(Indefinite),
                     Outcome::Slow if fresh && self.is_double() => {
@@ -155,20 +217,34 @@ impl LinearSolver {
                     Outcome::Slow => {}
                 }
             }
-            self.factorise(pattern, values)?;
+            let begin = (self.clock)();
+            let done = self.factorise(pattern, values, elastic, !contact.is_empty());
+            self.times.0 += (self.clock)() - begin;
+            done?;
+            self.correct(contact);
             factorised = true;
             self.stale = false;
         }
     }
 
-    fn factorise(&mut self, pattern: &Pattern, values: &[f64]) -> Result<(), Indefinite> {
+    fn factorise(
+        &mut self,
+        pattern: &Pattern,
+        values: &[f64],
+        elastic: &[f64],
+        touches: bool,
+    ) -> Result<(), Indefinite> {
         match &mut self.preconditioner {
             Preconditioner::Factor { single, double, .. } => {
-                self.factorisations += 1;
-                match double {
-                    Some(factor) => factor.factorise(values),
-                    None => single.factorise(values),
-                }
+                let mut factorise = |values: &[f64]| {
+                    self.factorisations += 1;
+                    match double {
+                        Some(factor) => factor.factorise(values),
+                        None => single.factorise(values),
+                    }
+                };
+                self.whole = touches && factorise(elastic).is_err();
+                if touches && !self.whole { Ok(()) } else { factorise(values) }
             }
             Preconditioner::Vertices(inverses) => {
                 *inverses = pattern.inverse_diagonal(values).ok_or(Indefinite)?;

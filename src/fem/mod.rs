@@ -16,6 +16,7 @@ mod error;
 mod factor;
 mod line_search;
 mod linear_solve;
+mod low_rank;
 pub mod material;
 mod newton;
 mod ordering;
@@ -25,7 +26,7 @@ mod setup;
 mod solver;
 
 pub use error::SolveError;
-pub use report::{CellState, IterationRecord, StepReport};
+pub use report::{CellState, IterationRecord, PhaseTimes, StepReport};
 pub use settings::{Boundary, ContactBody, Locking, Model, Preset, SkinElement, SolveSettings};
 pub use solver::Solver;
 

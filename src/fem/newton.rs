@@ -5,9 +5,9 @@ use super::contact::{Contact, Touch, penetration};
 use super::dofs::{Dofs, Hold, axes_in};
 use super::factor::Indefinite;
 use super::line_search::{self, Cut, Start};
-use super::linear_solve::{LinearSolver, dot};
-use super::report::IterationRecord;
-use crate::control::{Cancelled, Control};
+use super::linear_solve::{LinearSolver, System, dot};
+use super::report::{IterationRecord, PhaseTimes};
+use crate::control::{Cancelled, Clock, Control};
 use crate::geometry::{Motion, Vector};
 
 /// A step counts as converged only when the remaining displacement is estimated below this share of the element size: 1e-3 mm for
@@ -19,6 +19,8 @@ const COARSE_DISPLACEMENT: f64 = 5e-3;
 const CURVED_BELOW_MM: f64 = 0.1;
 /// Points with a smaller gap may come to touch within one Newton step, mm.
 const NEAR_MM: f64 = 3.0;
+/// Tolerance of linear systems while the set of touching points changes.
+const UNSETTLED: f64 = 0.1;
 /// Changes of the set of touching points within one Newton step.
 const MAX_ACTIVE_SETS: usize = 8;
 /// Bone near contact points moves at most this far in one substep, and no line search lets a point sink deeper, mm: else a point
@@ -88,6 +90,10 @@ pub(super) struct Equations<'a> {
     loads: Vec<Vector>,
     /// Share of the loads that acts.
     pub(super) load_share: f64,
+    clock: Clock,
+    /// All but those that the linear solver counts.
+    pub(super) times: PhaseTimes,
+    rounds: usize,
 }
 
 /// A state that was reached.
@@ -116,6 +122,7 @@ impl<'a> Equations<'a> {
         solver: LinearSolver,
         loads: Vec<Vector>,
         limits: Limits,
+        clock: Clock,
     ) -> Self {
         let values = vec![0.0; assembly.pattern().n_values()];
         let elastic = values.clone();
@@ -136,7 +143,16 @@ impl<'a> Equations<'a> {
             failed_at: Vec::new(),
             loads,
             load_share: 0.0,
+            clock,
+            times: PhaseTimes::default(),
+            rounds: 0,
         }
+    }
+
+    /// Time of the phases so far.
+    pub(super) fn times(&self) -> PhaseTimes {
+        let (factor_s, solve_s) = self.solver.times();
+        PhaseTimes { factor_s, solve_s, ..self.times }
     }
 
     /// Total energy (mJ) and largest penetration (mm) at `x`.
@@ -159,7 +175,10 @@ impl<'a> Equations<'a> {
 
     /// Gradient of the total energy by the unknowns, in `self.residual`, and of the elements' part by all nodes in `self.forces`.
     pub(super) fn balance(&mut self, x: &[Vector], motions: &[Motion]) -> Result<Balance, Inversion> {
+        let begin = (self.clock)();
         let touches = self.contact.touches(x, motions);
+        let searched = (self.clock)();
+        self.times.contact_s += searched - begin;
         let energy = self.assembly.forces(x, &mut self.forces)? + self.contact.energy(&touches) - self.work_of_loads(x);
         let mut pushed = vec![Vector::zeros(); self.dofs.n_nodes()];
         self.contact.add_forces(&touches, &mut pushed);
@@ -181,6 +200,7 @@ impl<'a> Equations<'a> {
         let residual: f64 = (self.dofs.nodes().iter().zip(self.residual.chunks_exact(3)))
             .map(|(&node, r)| self.unit(node as usize).powi(2) * (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]))
             .sum();
+        self.times.residual_s += (self.clock)() - searched;
         Ok(Balance { energy, residual_n: residual.sqrt(), reaction_n: reaction.sqrt(), touches })
     }
 
@@ -217,10 +237,12 @@ impl<'a> Equations<'a> {
     ) -> Result<Vec<f64>, Indefinite> {
         let n = self.residual.len();
         let (mut d, mut change, mut rhs) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
+        let mut settled = near.is_empty();
         // What the last model found is nearer to its answer than what touches after a whole step of the bone.
         let mut active: Vec<Touch> =
             near.iter().filter(|t| self.active.binary_search(&t.pair()).is_ok()).copied().collect();
         for round in 0..MAX_ACTIVE_SETS {
+            let begin = (self.clock)();
             self.add_contact(&active, exact);
             let mut gradient = load.to_vec();
             self.contact.add_forces(&active, &mut gradient);
@@ -230,8 +252,12 @@ impl<'a> Equations<'a> {
                 rhs.iter_mut().zip(&change).for_each(|(r, c)| *r += c);
             }
             rhs.iter_mut().for_each(|r| *r = -*r);
-            let forcing = self.solver.tolerance(forcing);
-            let work = self.solver.solve(self.assembly.pattern(), &self.values, &rhs, &mut change, forcing)?;
+            self.times.contact_s += (self.clock)() - begin;
+            // As long as points come and go, digits are wasted.
+            let tolerance = self.solver.tolerance(if settled { forcing } else { forcing.max(UNSETTLED) });
+            let terms = self.contact.terms(&active, &self.dofs);
+            let system = System { values: &self.values, elastic: &self.elastic, contact: &terms };
+            let work = self.solver.solve(self.assembly.pattern(), system, &rhs, &mut change, tolerance)?;
             record.factorised |= work.factorised;
             record.cg_iterations += work.cg_iterations;
             d.iter_mut().zip(&change).for_each(|(d, c)| *d += c);
@@ -239,9 +265,11 @@ impl<'a> Equations<'a> {
                 near.iter().filter(|t| self.contact.pressure_after(t, &self.dofs, &d) > 0.0).copied().collect();
             let same = next.len() == active.len() && next.iter().zip(&active).all(|(a, b)| a.pair() == b.pair());
             active = next;
-            if same {
+            self.rounds = round;
+            if same && (settled || forcing >= UNSETTLED) {
                 break;
             }
+            settled = same;
         }
         self.active = active.iter().map(Touch::pair).collect();
         Ok(d)
@@ -264,9 +292,9 @@ impl<'a> Equations<'a> {
         self.assembly.forces(x, &mut self.forces)?;
         load.iter_mut().zip(&self.forces).for_each(|(load, f)| *load += f);
         self.subtract_loads(&mut load);
-        let near = self.contact.near(&target, motions, NEAR_MM);
+        let near = self.near(&target, motions);
         for curvature in [Curvature::Exact, Curvature::Projected] {
-            self.assembly.tangent(x, curvature, &mut self.forces, &mut self.elastic)?;
+            self.tangent(x, curvature)?;
             if let Ok(d) = self.minimise_model(&load, &near, None, 1e-2, &mut IterationRecord::default()) {
                 self.dofs.add(1.0, &d, &mut target);
                 let (_, found_mm) = self.energy(&target, motions)?;
@@ -278,6 +306,31 @@ impl<'a> Equations<'a> {
             self.solver.refresh();
         }
         Err(Failure::Indefinite)
+    }
+
+    /// Points that may come to touch within one step.
+    fn near(&mut self, x: &[Vector], motions: &[Motion]) -> Vec<Touch> {
+        let begin = (self.clock)();
+        let near = self.contact.near(x, motions, NEAR_MM);
+        self.times.contact_s += (self.clock)() - begin;
+        near
+    }
+
+    /// The elements' stiffness in `self.elastic`, their forces in `self.forces`.
+    fn tangent(&mut self, x: &[Vector], curvature: Curvature) -> Result<(), Inversion> {
+        let begin = (self.clock)();
+        let done = self.assembly.tangent(x, curvature, &mut self.forces, &mut self.elastic);
+        self.assembly.pattern().hold(self.dofs.partly_held(), &mut self.elastic);
+        self.times.tangent_s += (self.clock)() - begin;
+        done
+    }
+
+    /// Time of the phases since the last call.
+    pub(super) fn take_times(&mut self) -> PhaseTimes {
+        let times = self.times();
+        self.times = PhaseTimes::default();
+        self.solver.forget_times();
+        times
     }
 
     /// Brings `x`, whose held nodes are in place and in which no element is inverted, to equilibrium.
@@ -370,6 +423,7 @@ impl<'a> Equations<'a> {
             };
             let d = self.direction(x, motions, &mut curvature, &mut curved, forcing, &mut record)?;
             let slope = dot(&d, &self.residual);
+            let (begin, before) = ((self.clock)(), self.times().total_s());
             let taken = line_search::along(
                 self,
                 x,
@@ -382,6 +436,8 @@ impl<'a> Equations<'a> {
                     unstable: record.unstable,
                 },
             );
+            let others = self.times().total_s() - before;
+            self.times.line_search_s += (self.clock)() - begin - others;
             match taken {
                 Ok(step) => {
                     self.dofs.add(step, &d, x);
@@ -391,6 +447,7 @@ impl<'a> Equations<'a> {
                     curvature = if step < 0.5 { Curvature::Projected } else { Curvature::Exact };
                     wait = if record.unstable { 2 } else { wait.saturating_sub(1) };
                     curved = wait == 0 && step >= 1.0 && record.displacement_mm < CURVED_BELOW_MM;
+                    if std::env::var("DBG").is_ok() { eprintln!("   it {iteration} t {t:.3} res {:.2e} rel {:.2e} reaction {:.2e} step {:.3} disp {:.2e} fact {} cg {} rounds {} proj {} unst {} act {} aim {aim:.0e} curved {curved}", record.residual_n, record.residual_n/record.reaction_n, record.reaction_n, record.step, record.displacement_mm, record.factorised, record.cg_iterations, self.rounds, record.projected, record.unstable, record.active_contacts); }
                     self.records.push(record);
                 }
                 Err(cut) => {
@@ -435,11 +492,11 @@ impl<'a> Equations<'a> {
         forcing: f64,
         record: &mut IterationRecord,
     ) -> Result<Vec<f64>, Failure> {
-        let near = self.contact.near(x, motions, NEAR_MM);
+        let near = self.near(x, motions);
         let mut assembled = None;
         loop {
             if assembled != Some(*curvature) {
-                self.assembly.tangent(x, *curvature, &mut self.forces, &mut self.elastic)?;
+                self.tangent(x, *curvature)?;
                 assembled = Some(*curvature);
             }
             let mut load = self.forces.clone();

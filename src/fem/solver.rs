@@ -66,11 +66,13 @@ impl<'a> Solver<'a> {
         settings: SolveSettings,
         control: &Control,
     ) -> Result<Self, SolveError> {
+        let begin = (control.clock())();
         let mut segments = setup::tied_segments(mesh);
         segments.extend(bodies.iter().map(|b| b.segment));
         segments.sort_unstable();
         segments.dedup();
-        let (equations, surface, warnings) = setup::equations(mesh, bodies, boundary, &settings, control)?;
+        let (mut equations, surface, warnings) = setup::equations(mesh, bodies, boundary, &settings, control)?;
+        equations.times.setup_s = (control.clock())() - begin;
         let state = State { t: 0.0, x: equations.dofs.rest().to_vec(), motions: Vec::new() };
         Ok(Self { mesh, surface, settings, equations, segments, state, substep: f64::INFINITY, warnings })
     }
@@ -269,6 +271,7 @@ impl<'a> Solver<'a> {
             active_contacts: found.touches.len(),
             reactions_n,
             unknowns: self.equations.dofs.n_scalar(),
+            phases: self.equations.take_times(),
             warnings,
         }
     }

@@ -1,0 +1,91 @@
+//! What contact adds to a factor without making it anew.
+
+use super::contact::RankOne;
+use faer::linalg::matmul::matmul;
+use faer::{Accum, Mat, Par};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+
+/// `(I + G D Gᵀ)⁻¹` with `G = L⁻¹ V`, where `V` and `D` are the vectors and factors of rank-one terms that a factor `L Lᵀ` does not
+/// know of: between the two triangular solves it makes the factor one of the matrix with the terms.
+///
+/// By the Woodbury identity it is `I - G (D⁻¹ + Gᵀ G)⁻¹ Gᵀ`.
+#[derive(Debug)]
+pub(super) struct LowRank {
+    /// Unknowns of the corner by terms.
+    g: Mat<f64>,
+    core: Cholesky<f64, Dyn>,
+}
+
+impl LowRank {
+    /// `corner` are the unknowns that the terms act on, `solve` applies `L⁻¹` to columns there. `None` when there are no terms, when one acts on
+    /// other unknowns, or when the factor is too coarse for them.
+    pub(super) fn new(
+        terms: &[RankOne],
+        corner: std::ops::Range<usize>,
+        solve: impl FnOnce(Mat<f64>) -> Mat<f64>,
+    ) -> Option<Self> {
+        if terms.is_empty() {
+            return None;
+        }
+        let mut v = Mat::<f64>::zeros(corner.len(), terms.len());
+        for (column, term) in terms.iter().enumerate() {
+            for (node, entry) in &term.nodes {
+                let first = (3 * *node as usize).checked_sub(corner.start)?;
+                for i in 0..3 {
+                    v[(first + i, column)] += entry[i];
+                }
+            }
+        }
+        let g = solve(v);
+        let m = terms.len();
+        let mut product = Mat::<f64>::zeros(m, m);
+        matmul(product.as_mut(), Accum::Replace, g.transpose(), g.as_ref(), 1.0, Par::Seq);
+        let mut core = DMatrix::from_fn(m, m, |r, c| product[(r, c)]);
+        for (i, term) in terms.iter().enumerate() {
+            core[(i, i)] += 1.0 / term.factor;
+        }
+        Some(Self { g, core: core.cholesky()? })
+    }
+
+    /// Applies it to the corner's unknowns.
+    pub(super) fn apply(&self, y: &mut [f64]) {
+        let columns = (0..self.g.ncols()).map(|c| self.g.col_as_slice(c));
+        let mut rhs = DVector::from_iterator(self.g.ncols(), columns.clone().map(|g| super::linear_solve::dot(g, y)));
+        self.core.solve_mut(&mut rhs);
+        for (g, s) in columns.zip(rhs.iter()) {
+            y.iter_mut().zip(g).for_each(|(y, g)| *y -= g * s);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Vector;
+
+    /// With `L = 2 I` the matrix with the terms is `4 I + V D Vᵀ`.
+    #[test]
+    fn a_corrected_factor_is_the_inverse_of_the_matrix_with_the_terms() {
+        let term = |nodes: Vec<(u32, Vector)>, factor| RankOne { nodes, factor };
+        let terms = [
+            term(vec![(1, Vector::new(1.0, 2.0, 0.0)), (2, Vector::new(0.0, -1.0, 0.5))], 7.0),
+            term(vec![(2, Vector::new(0.3, 0.0, 1.0))], 100.0),
+        ];
+        let low_rank = LowRank::new(&terms, 3..9, |v| &v * faer::Scale(0.5)).unwrap();
+        let mut matrix = DMatrix::identity(6, 6) * 4.0;
+        for t in &terms {
+            let mut v = DVector::zeros(6);
+            for (node, entry) in &t.nodes {
+                v.fixed_rows_mut::<3>(3 * *node as usize - 3).copy_from(entry);
+            }
+            matrix += &v * v.transpose() * t.factor;
+        }
+        let b = DVector::from_fn(6, |i, _| i as f64 - 2.2);
+        let mut y: Vec<f64> = b.iter().map(|b| 0.5 * b).collect();
+        low_rank.apply(&mut y);
+        let x = DVector::from_iterator(6, y.iter().map(|y| 0.5 * y));
+        assert!((matrix * x - &b).norm() < 1e-12 * b.norm());
+        assert!(LowRank::new(&terms, 6..9, |v| v).is_none(), "node 1 is outside of the corner");
+        assert!(LowRank::new(&[], 3..9, |v| v).is_none());
+    }
+}

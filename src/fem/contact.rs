@@ -220,6 +220,11 @@ impl<'a> Contact<'a> {
         touches.iter().map(term).collect()
     }
 
+    /// What each touch would push with at zero displacement, along the vectors of [`Contact::terms`], N.
+    pub(super) fn loads(&self, touches: &[Touch]) -> Vec<f64> {
+        touches.iter().map(|t| self.points[t.point].area * t.pressure).collect()
+    }
+
     /// Force of each body on the tissue, N.
     pub(super) fn forces_by_body(&self, touches: &[Touch]) -> Vec<Vector> {
         let mut forces = vec![Vector::zeros(); self.bodies.len()];

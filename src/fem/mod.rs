@@ -24,6 +24,7 @@ mod report;
 mod settings;
 mod setup;
 mod solver;
+mod triangular;
 
 pub use error::SolveError;
 pub use report::{CellState, IterationRecord, PhaseTimes, StepReport};

@@ -241,6 +241,18 @@ impl<'a> Equations<'a> {
         // What the last model found is nearer to its answer than what touches after a whole step of the bone.
         let mut active: Vec<Touch> =
             near.iter().filter(|t| self.active.binary_search(&t.pair()).is_ok()).copied().collect();
+        if !near.is_empty() {
+            let begin = (self.clock)();
+            let terms = self.contact.terms(near, &self.dofs);
+            let loads = self.contact.loads(near);
+            let first = (0..near.len()).filter(|&i| self.active.binary_search(&near[i].pair()).is_ok()).collect();
+            self.dofs.restrict(load, &mut rhs);
+            let (contact, dofs) = (&self.contact, &self.dofs);
+            let pushes = |d: &[f64], i: usize| contact.pressure_after(&near[i], dofs, d) > 0.0;
+            self.times.contact_s += (self.clock)() - begin;
+            let found = self.solver.guess_active(&rhs, &terms, &loads, &pushes, first);
+            active = found.into_iter().map(|i| near[i]).collect();
+        }
         for round in 0..MAX_ACTIVE_SETS {
             let begin = (self.clock)();
             self.add_contact(&active, exact);

@@ -1,0 +1,278 @@
+//! Triangular solves with a supernodal factor: subtrees of the elimination tree at the same time, then what is above them.
+//!
+//! The tasks depend on the factor's structure alone, and what they leave for the columns above is added in their order: the same bits at
+//! any number of threads.
+
+use super::factor::Precision;
+use faer::sparse::linalg::cholesky::supernodal::{SupernodalLltRef, SymbolicSupernodalCholesky};
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// Subtrees are divided until none is heavier than this share of the factor.
+const LARGEST_SHARE: f64 = 1.0 / 8.0;
+/// Columns that are eliminated together.
+const BLOCK: usize = 4;
+/// Partial sums of a dot product, for the processor's vectors.
+const LANES: usize = 16;
+/// Rows from which a supernode's work is divided among threads.
+const SHARED_ROWS: usize = 1024;
+
+/// Who does what in a triangular solve.
+#[derive(Debug, Clone)]
+pub(super) struct Schedule {
+    /// Supernodes of each subtree, in the order of columns.
+    subtrees: Vec<Range<usize>>,
+    /// Supernodes above all subtrees, ascending.
+    top: Vec<usize>,
+}
+
+impl Schedule {
+    pub(super) fn new(symbolic: &SymbolicSupernodalCholesky<usize>) -> Self {
+        let n = symbolic.n_supernodes();
+        let weight: Vec<f64> = (0..n)
+            .map(|s| {
+                let width = symbolic.supernode_end()[s] - symbolic.supernode_begin()[s];
+                (width * (width + symbolic.supernode(s).pattern().len())) as f64
+            })
+            .collect();
+        let parent = |s: usize| {
+            let row = symbolic.supernode(s).pattern().first()?;
+            Some(symbolic.supernode_begin().partition_point(|begin| begin <= row) - 1)
+        };
+        let mut children: Vec<Vec<usize>> = vec![Vec::new(); n];
+        let mut roots = Vec::new();
+        for s in 0..n {
+            match parent(s) {
+                Some(p) => children[p].push(s),
+                None => roots.push(s),
+            }
+        }
+        // First supernode and weight of each subtree. Only contiguous ones, as a postorder makes them, can be a task.
+        let (mut first, mut total, mut count) = ((0..n).collect::<Vec<_>>(), weight, vec![1usize; n]);
+        for s in 0..n {
+            for &c in &children[s] {
+                first[s] = first[s].min(first[c]);
+                total[s] += total[c];
+                count[s] += count[c];
+            }
+        }
+        let limit = LARGEST_SHARE * roots.iter().map(|&r| total[r]).sum::<f64>();
+        let (mut subtrees, mut top) = (Vec::new(), Vec::new());
+        let mut open = roots;
+        while let Some(s) = open.pop() {
+            if total[s] <= limit && count[s] == s + 1 - first[s] {
+                subtrees.push(first[s]..s + 1);
+            } else {
+                top.push(s);
+                open.extend(&children[s]);
+            }
+        }
+        subtrees.sort_unstable_by_key(|r| r.start);
+        // Small neighbours under one task.
+        top.sort_unstable();
+        Self { subtrees, top }
+    }
+}
+
+/// Solves `L x = b` in place.
+pub(super) fn forward<T: Precision>(l: &SupernodalLltRef<'_, usize, T>, schedule: &Schedule, x: &mut [T]) {
+    let n = x.len();
+    let begin = l.symbolic().supernode_begin();
+    let end = l.symbolic().supernode_end();
+    // The columns of subtrees are disjoint pieces of x, in ascending order.
+    let mut tasks = Vec::with_capacity(schedule.subtrees.len());
+    let (mut rest, mut at) = (&mut *x, 0);
+    for nodes in &schedule.subtrees {
+        let (from, to) = (begin[nodes.start], end[nodes.end - 1]);
+        let (_, tail) = rest.split_at_mut(from - at);
+        let (mine, tail) = tail.split_at_mut(to - from);
+        rest = tail;
+        at = to;
+        tasks.push((nodes.clone(), from, mine));
+    }
+    let left: Vec<Vec<(usize, T)>> = tasks
+        .into_par_iter()
+        .with_max_len(1)
+        .map(|(nodes, from, mine)| {
+            let to = from + mine.len();
+            let mut above = vec![T::of(0.0); n - to];
+            let mut work = Vec::new();
+            let mut touched = Vec::new();
+            for s in nodes {
+                let node = l.supernode(s);
+                let start = node.start() - from;
+                eliminate(l, s, &mut mine[start..], &mut work, false);
+                for (&row, &w) in node.pattern().iter().zip(&work) {
+                    if row < to {
+                        mine[row - from] = mine[row - from] + w;
+                    } else {
+                        if above[row - to] == T::of(0.0) {
+                            touched.push(row);
+                        }
+                        above[row - to] = above[row - to] + w;
+                    }
+                }
+            }
+            touched.sort_unstable();
+            touched.dedup();
+            touched.into_iter().map(|row| (row, above[row - to])).collect()
+        })
+        .collect();
+    for (row, w) in left.into_iter().flatten() {
+        x[row] = x[row] + w;
+    }
+    let mut work = Vec::new();
+    for &s in &schedule.top {
+        let node = l.supernode(s);
+        eliminate(l, s, &mut x[node.start()..], &mut work, true);
+        for (&row, &w) in node.pattern().iter().zip(&work) {
+            x[row] = x[row] + w;
+        }
+    }
+}
+
+/// Solves `Lᵀ x = b` in place.
+pub(super) fn backward<T: Precision>(l: &SupernodalLltRef<'_, usize, T>, schedule: &Schedule, x: &mut [T]) {
+    let begin = l.symbolic().supernode_begin();
+    let end = l.symbolic().supernode_end();
+    let mut work = Vec::new();
+    for &s in schedule.top.iter().rev() {
+        let node = l.supernode(s);
+        work.clear();
+        work.extend(node.pattern().iter().map(|&row| x[row]));
+        substitute(l, s, &mut x[node.start()..], &work);
+    }
+    let above: Vec<T> = x.to_vec();
+    let mut tasks = Vec::with_capacity(schedule.subtrees.len());
+    let (mut rest, mut at) = (x, 0);
+    for nodes in &schedule.subtrees {
+        let (from, to) = (begin[nodes.start], end[nodes.end - 1]);
+        let (_, tail) = rest.split_at_mut(from - at);
+        let (mine, tail) = tail.split_at_mut(to - from);
+        rest = tail;
+        at = to;
+        tasks.push((nodes.clone(), from, mine));
+    }
+    tasks.into_par_iter().with_max_len(1).for_each(|(nodes, from, mine)| {
+        let to = from + mine.len();
+        let mut work = Vec::new();
+        for s in nodes.rev() {
+            let node = l.supernode(s);
+            work.clear();
+            work.extend(node.pattern().iter().map(|&row| if row < to { mine[row - from] } else { above[row] }));
+            substitute(l, s, &mut mine[node.start() - from..], &work);
+        }
+    });
+}
+
+/// Solves with the diagonal block of supernode `s`, in `x`, which begins at its first column; `below` gets what to add to the rows below.
+fn eliminate<T: Precision>(
+    l: &SupernodalLltRef<'_, usize, T>,
+    s: usize,
+    x: &mut [T],
+    below: &mut Vec<T>,
+    shared: bool,
+) {
+    let node = l.supernode(s);
+    let value = node.val();
+    let width = value.ncols();
+    let (x, _) = x.split_at_mut(width);
+    below.clear();
+    below.resize(value.nrows() - width, T::of(0.0));
+    let column = |j: usize| value.col(j).try_as_col_major().map_or(&[][..], |c| c.as_slice());
+    for from in (0..width).step_by(BLOCK) {
+        let to = width.min(from + BLOCK);
+        for j in from..to {
+            let l = column(j);
+            let xj = x[j] / l[j];
+            x[j] = xj;
+            for r in j + 1..to {
+                x[r] = x[r] - l[r] * xj;
+            }
+        }
+        if to - from == BLOCK {
+            let columns: [&[T]; BLOCK] = std::array::from_fn(|c| column(from + c));
+            let factors: [T; BLOCK] = std::array::from_fn(|c| x[from + c]);
+            pulp::Arch::new().dispatch(
+                #[inline(always)]
+                || subtract(columns.map(|l| &l[to..width]), factors, &mut x[to..]),
+            );
+        } else {
+            for j in from..to {
+                let (l, xj) = (column(j), x[j]);
+                for r in to..width {
+                    x[r] = x[r] - l[r] * xj;
+                }
+            }
+        }
+    }
+    let x = &*x;
+    let rows = |first: usize, out: &mut [T]| {
+        let range = width + first..width + first + out.len();
+        let whole = width - width % BLOCK;
+        pulp::Arch::new().dispatch(
+            #[inline(always)]
+            || {
+                for from in (0..whole).step_by(BLOCK) {
+                    let columns: [&[T]; BLOCK] = std::array::from_fn(|c| &column(from + c)[range.clone()]);
+                    subtract(columns, std::array::from_fn(|c| x[from + c]), out);
+                }
+                for j in whole..width {
+                    for (out, l) in out.iter_mut().zip(&column(j)[range.clone()]) {
+                        *out = *out - *l * x[j];
+                    }
+                }
+            },
+        );
+    };
+    if shared && below.len() >= SHARED_ROWS {
+        let half = below.len() / 2;
+        let (a, b) = below.split_at_mut(half);
+        rayon::join(|| rows(0, a), || rows(half, b));
+    } else {
+        rows(0, below);
+    }
+}
+
+/// `out -= Σ columns[c] factors[c]`.
+#[inline(always)]
+fn subtract<T: Precision>(columns: [&[T]; BLOCK], factors: [T; BLOCK], out: &mut [T]) {
+    let [a, b, c, d] = columns;
+    for ((((out, a), b), c), d) in out.iter_mut().zip(a).zip(b).zip(c).zip(d) {
+        *out = *out - (*a * factors[0] + *b * factors[1] + *c * factors[2] + *d * factors[3]);
+    }
+}
+
+/// Solves with the transposed supernode `s`, in `x`, which begins at its first column; `below` are the solved rows below it.
+fn substitute<T: Precision>(l: &SupernodalLltRef<'_, usize, T>, s: usize, x: &mut [T], below: &[T]) {
+    let value = l.supernode(s).val();
+    let width = value.ncols();
+    let column = |j: usize| value.col(j).try_as_col_major().map_or(&[][..], |c| c.as_slice());
+    pulp::Arch::new().dispatch(
+        #[inline(always)]
+        || {
+            for j in (0..width).rev() {
+                let l = column(j);
+                let sum = dot(&l[width..], below) + dot(&l[j + 1..width], &x[j + 1..width]);
+                x[j] = (x[j] - sum) / l[j];
+            }
+        },
+    );
+}
+
+#[inline(always)]
+fn dot<T: Precision>(a: &[T], b: &[T]) -> T {
+    let mut sums = [T::of(0.0); LANES];
+    let (a, a_rest) = a.as_chunks::<LANES>();
+    let (b, b_rest) = b.as_chunks::<LANES>();
+    for (a, b) in a.iter().zip(b) {
+        for i in 0..LANES {
+            sums[i] = sums[i] + a[i] * b[i];
+        }
+    }
+    let mut sum = T::of(0.0);
+    for (a, b) in a_rest.iter().zip(b_rest) {
+        sum = sum + *a * *b;
+    }
+    sums.iter().fold(sum, |s, v| s + *v)
+}

@@ -167,6 +167,17 @@ impl LinearSolver {
         self.stale = true;
     }
 
+    /// Makes a factor of the elements' matrix when there is none that serves.
+    pub(super) fn prepare(&mut self, pattern: &Pattern, elastic: &[f64], contact: bool) {
+        if contact && !self.relaxes() && (self.stale || !self.has_factor()) {
+            let begin = (self.clock)();
+            self.low_rank = None;
+            // A failure shows again when the system is solved.
+            self.stale = self.factorise(pattern, elastic, elastic, false).is_err();
+            self.times.0 += (self.clock)() - begin;
+        }
+    }
+
     /// Tells the factor of contact.
     fn correct(&mut self, contact: &[RankOne]) {
         let known = self.low_rank.take();
@@ -230,6 +241,7 @@ impl LinearSolver {
             }
             active = next;
         }
+        if std::env::var("DBG").is_ok() { eprintln!("guess {:.3} near {} active {}", (self.clock)() - begin, contact.len(), active.len()); }
         self.times.1 += (self.clock)() - begin;
         active
     }
@@ -250,6 +262,7 @@ impl LinearSolver {
         let mut factorised = false;
         let begin = (self.clock)();
         self.correct(contact);
+        if std::env::var("DBG").is_ok() { eprintln!("correct {:.3}", (self.clock)() - begin); }
         self.times.1 += (self.clock)() - begin;
         loop {
             let fresh = factorised;
@@ -261,6 +274,7 @@ impl LinearSolver {
                 };
                 let begin = (self.clock)();
                 let outcome = self.iterate(pattern, values, x, &mut at, tolerance, limit);
+                if std::env::var("DBG").is_ok() { eprintln!("cg {:.3} its {}", (self.clock)() - begin, at.iterations); }
                 self.times.1 += (self.clock)() - begin;
                 match outcome {
                     Outcome::Solved => return Ok(Work { factorised, cg_iterations: at.iterations }),

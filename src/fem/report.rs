@@ -11,6 +11,8 @@ pub struct StepReport {
     pub factorisations: usize,
     /// Residual force relative to the reaction force.
     pub relative_residual: f64,
+    /// Largest displacement that the remaining residual could still cause, as the last tangent sees it, mm.
+    pub remaining_mm: f64,
     /// Smallest det F over all quadrature points.
     pub min_det_f: f64,
     /// Largest penetration of a contact point, mm; 0 when nothing touches.

@@ -127,6 +127,23 @@ impl<'a> Solver<'a> {
         Ok(self.report(&found, &report, self.equations.solver.factorisations() - factorisations))
     }
 
+    /// [`Solver::advance`] to an equilibrium for the eye: contact settled, residual within 1e-2 of the reactions and at most an estimated
+    /// 5e-3 of the element size (0.02 mm for 4 mm) left to go. A step to be measured on is advanced to.
+    ///
+    /// # Errors
+    /// [`SolveError`].
+    pub fn approach(
+        &mut self,
+        t: f64,
+        motions: &dyn Fn(f64) -> Vec<(u32, Motion)>,
+        control: &Control,
+    ) -> Result<StepReport, SolveError> {
+        self.equations.rough = true;
+        let found = self.advance(t, motions, control);
+        self.equations.rough = false;
+        found
+    }
+
     /// Present positions of the mesh nodes, LPS mm.
     #[must_use]
     pub fn positions(&self) -> Vec<Point> {
@@ -266,6 +283,7 @@ impl<'a> Solver<'a> {
             substeps: progress.substeps,
             factorisations,
             relative_residual: found.relative_residual,
+            remaining_mm: found.remaining_mm,
             min_det_f,
             max_penetration_mm: super::contact::penetration(&found.touches),
             active_contacts: found.touches.len(),

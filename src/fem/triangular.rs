@@ -5,6 +5,7 @@
 
 use super::factor::Precision;
 use faer::sparse::linalg::cholesky::supernodal::{SupernodalLltRef, SymbolicSupernodalCholesky};
+use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -68,7 +69,6 @@ impl Schedule {
             }
         }
         subtrees.sort_unstable_by_key(|r| r.start);
-        // Small neighbours under one task.
         top.sort_unstable();
         Self { subtrees, top }
     }
@@ -165,6 +165,29 @@ pub(super) fn backward<T: Precision>(l: &SupernodalLltRef<'_, usize, T>, schedul
     });
 }
 
+/// Columns of a supernode: `width` columns of `rows` values each, the diagonal block on top.
+#[derive(Clone, Copy)]
+struct Panel<'a, T> {
+    values: &'a [T],
+    width: usize,
+    rows: usize,
+}
+
+impl<'a, T: Precision> Panel<'a, T> {
+    fn of(l: &SupernodalLltRef<'a, usize, T>, s: usize) -> Self {
+        let symbolic = l.symbolic();
+        let width = symbolic.supernode_end()[s] - symbolic.supernode_begin()[s];
+        let rows = width + symbolic.supernode(s).pattern().len();
+        let first = symbolic.col_ptr_for_val()[s];
+        Self { values: &l.values()[first..first + width * rows], width, rows }
+    }
+
+    #[inline(always)]
+    fn column(&self, j: usize) -> &'a [T] {
+        &self.values[j * self.rows..(j + 1) * self.rows]
+    }
+}
+
 /// Solves with the diagonal block of supernode `s`, in `x`, which begins at its first column; `below` gets what to add to the rows below.
 fn eliminate<T: Precision>(
     l: &SupernodalLltRef<'_, usize, T>,
@@ -173,91 +196,118 @@ fn eliminate<T: Precision>(
     below: &mut Vec<T>,
     shared: bool,
 ) {
-    let node = l.supernode(s);
-    let value = node.val();
-    let width = value.ncols();
-    let (x, _) = x.split_at_mut(width);
+    let panel = Panel::of(l, s);
+    let x = &mut x[..panel.width];
     below.clear();
-    below.resize(value.nrows() - width, T::of(0.0));
-    let column = |j: usize| value.col(j).try_as_col_major().map_or(&[][..], |c| c.as_slice());
-    for from in (0..width).step_by(BLOCK) {
-        let to = width.min(from + BLOCK);
-        for j in from..to {
-            let l = column(j);
-            let xj = x[j] / l[j];
-            x[j] = xj;
-            for r in j + 1..to {
-                x[r] = x[r] - l[r] * xj;
-            }
-        }
-        if to - from == BLOCK {
-            let columns: [&[T]; BLOCK] = std::array::from_fn(|c| column(from + c));
-            let factors: [T; BLOCK] = std::array::from_fn(|c| x[from + c]);
-            pulp::Arch::new().dispatch(
-                #[inline(always)]
-                || subtract(columns.map(|l| &l[to..width]), factors, &mut x[to..]),
-            );
-        } else {
-            for j in from..to {
-                let (l, xj) = (column(j), x[j]);
-                for r in to..width {
-                    x[r] = x[r] - l[r] * xj;
-                }
-            }
-        }
-    }
-    let x = &*x;
-    let rows = |first: usize, out: &mut [T]| {
-        let range = width + first..width + first + out.len();
-        let whole = width - width % BLOCK;
-        pulp::Arch::new().dispatch(
-            #[inline(always)]
-            || {
-                for from in (0..whole).step_by(BLOCK) {
-                    let columns: [&[T]; BLOCK] = std::array::from_fn(|c| &column(from + c)[range.clone()]);
-                    subtract(columns, std::array::from_fn(|c| x[from + c]), out);
-                }
-                for j in whole..width {
-                    for (out, l) in out.iter_mut().zip(&column(j)[range.clone()]) {
-                        *out = *out - *l * x[j];
-                    }
-                }
-            },
-        );
-    };
+    below.resize(panel.rows - panel.width, T::of(0.0));
+    let arch = pulp::Arch::new();
+    arch.dispatch(Diagonal { panel, x });
     if shared && below.len() >= SHARED_ROWS {
         let half = below.len() / 2;
         let (a, b) = below.split_at_mut(half);
-        rayon::join(|| rows(0, a), || rows(half, b));
+        rayon::join(
+            || arch.dispatch(Below { panel, first: panel.width, x, out: a }),
+            || arch.dispatch(Below { panel, first: panel.width + half, x, out: b }),
+        );
     } else {
-        rows(0, below);
+        arch.dispatch(Below { panel, first: panel.width, x, out: below });
     }
 }
 
-/// `out -= Σ columns[c] factors[c]`.
-#[inline(always)]
-fn subtract<T: Precision>(columns: [&[T]; BLOCK], factors: [T; BLOCK], out: &mut [T]) {
-    let [a, b, c, d] = columns;
-    for ((((out, a), b), c), d) in out.iter_mut().zip(a).zip(b).zip(c).zip(d) {
-        *out = *out - (*a * factors[0] + *b * factors[1] + *c * factors[2] + *d * factors[3]);
-    }
-}
-
-/// Solves with the transposed supernode `s`, in `x`, which begins at its first column; `below` are the solved rows below it.
+/// Solves with the diagonal block of supernode `s` transposed, in `x`, which begins at its first column; `below` are the solved rows below it.
 fn substitute<T: Precision>(l: &SupernodalLltRef<'_, usize, T>, s: usize, x: &mut [T], below: &[T]) {
-    let value = l.supernode(s).val();
-    let width = value.ncols();
-    let column = |j: usize| value.col(j).try_as_col_major().map_or(&[][..], |c| c.as_slice());
-    pulp::Arch::new().dispatch(
-        #[inline(always)]
-        || {
-            for j in (0..width).rev() {
-                let l = column(j);
-                let sum = dot(&l[width..], below) + dot(&l[j + 1..width], &x[j + 1..width]);
-                x[j] = (x[j] - sum) / l[j];
+    let panel = Panel::of(l, s);
+    pulp::Arch::new().dispatch(Transposed { panel, x: &mut x[..panel.width], below });
+}
+
+/// `x` becomes the solution with the diagonal block.
+struct Diagonal<'a, T> {
+    panel: Panel<'a, T>,
+    x: &'a mut [T],
+}
+
+impl<T: Precision> WithSimd for Diagonal<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { panel, x } = self;
+        for from in (0..panel.width).step_by(BLOCK) {
+            let to = panel.width.min(from + BLOCK);
+            for j in from..to {
+                let l = panel.column(j);
+                let xj = x[j] / l[j];
+                x[j] = xj;
+                for r in j + 1..to {
+                    x[r] = x[r] - l[r] * xj;
+                }
             }
-        },
-    );
+            let (solved, rest) = x.split_at_mut(to);
+            subtract(&panel, from..to, to, solved, rest);
+        }
+    }
+}
+
+/// Takes the rows from `first` on, times `x`, off `out`.
+struct Below<'a, T> {
+    panel: Panel<'a, T>,
+    first: usize,
+    x: &'a [T],
+    out: &'a mut [T],
+}
+
+impl<T: Precision> WithSimd for Below<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        for from in (0..self.panel.width).step_by(BLOCK) {
+            let to = self.panel.width.min(from + BLOCK);
+            subtract(&self.panel, from..to, self.first, self.x, self.out);
+        }
+    }
+}
+
+/// `out -= Σ l_j x_j` over at most [`BLOCK`] columns, rows from `first` on.
+#[inline(always)]
+fn subtract<T: Precision>(panel: &Panel<'_, T>, columns: Range<usize>, first: usize, x: &[T], out: &mut [T]) {
+    let rows = first..first + out.len();
+    if columns.len() == BLOCK {
+        let [a, b, c, d] = std::array::from_fn(|i| &panel.column(columns.start + i)[rows.clone()]);
+        let [fa, fb, fc, fd] = std::array::from_fn(|i| x[columns.start + i]);
+        for ((((out, a), b), c), d) in out.iter_mut().zip(a).zip(b).zip(c).zip(d) {
+            *out = *out - (*a * fa + *b * fb + *c * fc + *d * fd);
+        }
+    } else {
+        for j in columns {
+            let factor = x[j];
+            for (out, l) in out.iter_mut().zip(&panel.column(j)[rows.clone()]) {
+                *out = *out - *l * factor;
+            }
+        }
+    }
+}
+
+/// `x` becomes the solution with the transposed diagonal block after `below` is accounted for.
+struct Transposed<'a, T> {
+    panel: Panel<'a, T>,
+    x: &'a mut [T],
+    below: &'a [T],
+}
+
+impl<T: Precision> WithSimd for Transposed<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { panel, x, below } = self;
+        for j in (0..panel.width).rev() {
+            let l = panel.column(j);
+            let (top, bottom) = l.split_at(panel.width);
+            let sum = dot(bottom, below) + dot(&top[j + 1..], &x[j + 1..]);
+            x[j] = (x[j] - sum) / l[j];
+        }
+    }
 }
 
 #[inline(always)]

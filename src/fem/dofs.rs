@@ -38,6 +38,8 @@ pub(super) struct Dofs {
     askew_tangents: usize,
     /// First of the unknown nodes that are eliminated last.
     first_last: usize,
+    /// Whether an unknown node is a corner of the outer skin.
+    visible: Vec<bool>,
 }
 
 impl Dofs {
@@ -99,6 +101,9 @@ impl Dofs {
 
         let free: Vec<bool> = hold.iter().map(|h| *h == Hold::Free).collect();
         let node_of = ordering::elimination_order(blocks, &free, &owner, last)?;
+        let mut outer = vec![false; rest.len()];
+        mesh.prisms.iter().flat_map(|p| &p[..3]).for_each(|&node| outer[node as usize] = true);
+        let visible = node_of.iter().map(|&node| outer[node as usize]).collect();
         let is_last = |node: &u32| last.get(*node as usize).copied().unwrap_or(false);
         let first_last = node_of.iter().position(is_last).unwrap_or(node_of.len());
         let mut unknown = vec![HELD; rest.len()];
@@ -109,7 +114,7 @@ impl Dofs {
             .filter(|(_, axes)| **axes != 0)
             .filter_map(|(node, axes)| (unknown[node] != HELD).then_some((unknown[node], *axes)))
             .collect();
-        Ok(Self { hold, unknown, node_of, rest, n_mesh_nodes, axes, partly_held, askew_tangents, first_last })
+        Ok(Self { hold, unknown, node_of, rest, n_mesh_nodes, axes, partly_held, askew_tangents, first_last, visible })
     }
 
     /// Number of generalised nodes.
@@ -221,6 +226,15 @@ impl Dofs {
     /// Tangent vectors that a plane of symmetry should hold but that lie askew to it.
     pub(super) fn askew_tangents(&self) -> usize {
         self.askew_tangents
+    }
+
+    /// Largest length of the outer skin's position unknowns in `d`, mm; of all when there is no skin.
+    pub(super) fn max_visible_change(&self, d: &[f64]) -> f64 {
+        if !self.visible.contains(&true) {
+            return self.max_position_change(d);
+        }
+        let of_skin = d.chunks_exact(3).zip(&self.visible).filter(|(_, visible)| **visible);
+        of_skin.map(|(d, _)| Vector::new(d[0], d[1], d[2]).norm()).fold(0.0, f64::max)
     }
 
     /// Largest length of the position unknowns in `d`, mm.

@@ -55,7 +55,6 @@ impl Symbolic {
             false => n,
         };
         let schedule = Schedule::new(supernodal);
-        if std::env::var("DBG").is_ok() { eprintln!("L {} n {n} corner {}", cholesky.len_val(), n - corner); }
         Ok(Self { cholesky, lower: lower_triangle(pattern), par, corner, schedule })
     }
 

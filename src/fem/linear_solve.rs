@@ -168,12 +168,12 @@ impl LinearSolver {
     }
 
     /// Makes a factor of the elements' matrix when there is none that serves.
-    pub(super) fn prepare(&mut self, pattern: &Pattern, elastic: &[f64], contact: bool) {
-        if contact && !self.relaxes() && (self.stale || !self.has_factor()) {
+    pub(super) fn prepare(&mut self, pattern: &Pattern, elastic: &[f64]) {
+        if !self.relaxes() && (self.stale || !self.has_factor()) {
             let begin = (self.clock)();
             self.low_rank = None;
             // A failure shows again when the system is solved.
-            self.stale = self.factorise(pattern, elastic, elastic, false).is_err();
+            self.stale = self.factorise(pattern, elastic, elastic, false, false).is_err();
             self.times.0 += (self.clock)() - begin;
         }
     }
@@ -241,7 +241,6 @@ impl LinearSolver {
             }
             active = next;
         }
-        if std::env::var("DBG").is_ok() { eprintln!("guess {:.3} near {} active {}", (self.clock)() - begin, contact.len(), active.len()); }
         self.times.1 += (self.clock)() - begin;
         active
     }
@@ -259,10 +258,9 @@ impl LinearSolver {
     ) -> Result<Work, Indefinite> {
         x.fill(0.0);
         let mut at = Iterate { r: b.to_vec(), start: None, iterations: 0 };
-        let mut factorised = false;
+        let (mut factorised, mut whole) = (false, false);
         let begin = (self.clock)();
         self.correct(contact);
-        if std::env::var("DBG").is_ok() { eprintln!("correct {:.3}", (self.clock)() - begin); }
         self.times.1 += (self.clock)() - begin;
         loop {
             let fresh = factorised;
@@ -274,11 +272,12 @@ impl LinearSolver {
                 };
                 let begin = (self.clock)();
                 let outcome = self.iterate(pattern, values, x, &mut at, tolerance, limit);
-                if std::env::var("DBG").is_ok() { eprintln!("cg {:.3} its {}", (self.clock)() - begin, at.iterations); }
                 self.times.1 += (self.clock)() - begin;
                 match outcome {
                     Outcome::Solved => return Ok(Work { factorised, cg_iterations: at.iterations }),
                     Outcome::Indefinite => return Err(Indefinite),
+                    // Curved contact may be more than what the factor is told of it.
+                    Outcome::Slow if fresh && !self.whole && !contact.is_empty() => whole = true,
                     Outcome::Slow if fresh && self.is_double() => {
                         // As good as it gets.
                         return Ok(Work { factorised, cg_iterations: at.iterations });
@@ -288,7 +287,7 @@ impl LinearSolver {
                 }
             }
             let begin = (self.clock)();
-            let done = self.factorise(pattern, values, elastic, !contact.is_empty());
+            let done = self.factorise(pattern, values, elastic, whole, !contact.is_empty());
             self.times.0 += (self.clock)() - begin;
             self.low_rank = None;
             done?;
@@ -303,6 +302,7 @@ impl LinearSolver {
         pattern: &Pattern,
         values: &[f64],
         elastic: &[f64],
+        whole: bool,
         touches: bool,
     ) -> Result<(), Indefinite> {
         match &mut self.preconditioner {
@@ -314,8 +314,9 @@ impl LinearSolver {
                         None => single.factorise(values),
                     }
                 };
-                self.whole = touches && factorise(elastic).is_err();
-                if touches && !self.whole { Ok(()) } else { factorise(values) }
+                let of_elements = if whole { Err(Indefinite) } else { factorise(elastic) };
+                self.whole = touches && of_elements.is_err();
+                if self.whole { factorise(values) } else { of_elements }
             }
             Preconditioner::Vertices(inverses) => {
                 *inverses = pattern.inverse_diagonal(values).ok_or(Indefinite)?;

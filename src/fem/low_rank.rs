@@ -3,8 +3,12 @@
 use super::contact::RankOne;
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, Par};
+use crate::geometry::Vector;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use std::sync::Arc;
+
+/// Vectors that differ by less than this share of their length count as the same: the correction serves a preconditioner.
+const ALIKE: f64 = 0.05;
 
 /// `(I + G D Gᵀ)⁻¹` with `G = L⁻¹ V`, where `V` and `D` are the vectors and factors of rank-one terms that a factor `L Lᵀ` does not
 /// know of: between the two triangular solves it makes the factor one of the matrix with the terms.
@@ -18,8 +22,8 @@ pub(super) struct LowRank {
 }
 
 impl LowRank {
-    /// `corner` are the unknowns that the terms act on, `solve` applies `L⁻¹` to columns there. Columns of `known`, of the same factor, are
-    /// taken over. `None` when there are no terms, when one acts on other unknowns, or when the factor is too coarse for them.
+    /// `corner` are the unknowns that the terms act on, `solve` applies `L⁻¹` to columns there. Columns of `known`, of the same factor and
+    /// like vectors, are taken over. `None` when there are no terms, when one acts on other unknowns, or when the factor is too coarse for them.
     pub(super) fn new(
         terms: &[RankOne],
         known: Option<Self>,
@@ -31,7 +35,7 @@ impl LowRank {
         }
         let known = known.map(|k| k.columns).unwrap_or_default();
         let found: Vec<Option<Arc<Vec<f64>>>> = (terms.iter())
-            .map(|term| known.iter().find(|(t, _)| t.nodes == term.nodes).map(|(_, column)| Arc::clone(column)))
+            .map(|term| known.iter().find(|(t, _)| is_close(t, term)).map(|(_, column)| Arc::clone(column)))
             .collect();
         let unknown: Vec<&RankOne> = terms.iter().zip(&found).filter(|(_, f)| f.is_none()).map(|(t, _)| t).collect();
         let mut v = Mat::<f64>::zeros(corner.len(), unknown.len());
@@ -75,6 +79,12 @@ impl LowRank {
     }
 }
 
+/// Whether the vectors of two terms are alike.
+fn is_close(a: &RankOne, b: &RankOne) -> bool {
+    let alike = |((m, v), (n, w)): (&(u32, Vector), &(u32, Vector))| m == n && (v - w).norm() <= ALIKE * w.norm();
+    a.nodes.len() == b.nodes.len() && a.nodes.iter().zip(&b.nodes).all(alike)
+}
+
 /// Sum in a fixed order that the processor's vectors can follow.
 fn vector_dot(a: &[f64], b: &[f64]) -> f64 {
     const LANES: usize = 8;
@@ -92,7 +102,6 @@ fn vector_dot(a: &[f64], b: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::Vector;
 
     /// With `L = 2 I` the matrix with the terms is `4 I + V D Vᵀ`.
     #[test]

@@ -19,6 +19,8 @@ const COARSE_DISPLACEMENT: f64 = 5e-3;
 const CURVED_BELOW_MM: f64 = 0.1;
 /// Points with a smaller gap may come to touch within one Newton step, mm.
 const NEAR_MM: f64 = 3.0;
+/// A rough equilibrium may be this far from the exact one on the skin, as far as the last Newton step tells, mm.
+const VISIBLE_MM: f64 = 0.02;
 /// Changes of the set of touching points are left to the next iteration when they are fewer than one point in so many.
 const NEGLIGIBLE: usize = 50;
 /// Changes of the set of touching points within one Newton step.
@@ -93,7 +95,6 @@ pub(super) struct Equations<'a> {
     clock: Clock,
     /// All but those that the linear solver counts.
     pub(super) times: PhaseTimes,
-    rounds: usize,
     /// An equilibrium that looks right will do.
     pub(super) rough: bool,
 }
@@ -155,7 +156,6 @@ impl<'a> Equations<'a> {
             load_share: 0.0,
             clock,
             times: PhaseTimes::default(),
-            rounds: 0,
             rough: false,
         }
     }
@@ -177,11 +177,6 @@ impl<'a> Equations<'a> {
     fn work_of_loads(&self, x: &[Vector]) -> f64 {
         let moved = x.iter().zip(self.dofs.rest());
         self.load_share * self.loads.iter().zip(moved).map(|(f, (x, rest))| f.dot(&(x - rest))).sum::<f64>()
-    }
-
-    /// Whether one model tells the answer.
-    fn is_linear_contact(&self) -> bool {
-        self.limits.linear
     }
 
     /// Takes the dead loads off the gradient of the energy.
@@ -253,11 +248,11 @@ impl<'a> Equations<'a> {
     ) -> Result<Vec<f64>, Indefinite> {
         let n = self.residual.len();
         let (mut d, mut change, mut rhs) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
-        self.solver.prepare(self.assembly.pattern(), &self.elastic, !near.is_empty());
         // What the last model found is nearer to its answer than what touches after a whole step of the bone.
         let mut active: Vec<Touch> =
             near.iter().filter(|t| self.active.binary_search(&t.pair()).is_ok()).copied().collect();
         if !near.is_empty() {
+            self.solver.prepare(self.assembly.pattern(), &self.elastic);
             let begin = (self.clock)();
             let terms = self.contact.terms(near, &self.dofs);
             let loads = self.contact.loads(near);
@@ -269,7 +264,7 @@ impl<'a> Equations<'a> {
             let found = self.solver.guess_active(&rhs, &terms, &loads, &pushes, first);
             active = found.into_iter().map(|i| near[i]).collect();
         }
-        let few = if self.is_linear_contact() { 0 } else { active.len() / NEGLIGIBLE };
+        let few = if self.limits.linear { 0 } else { active.len() / NEGLIGIBLE };
         for round in 0..MAX_ACTIVE_SETS {
             let begin = (self.clock)();
             self.add_contact(&active, exact);
@@ -292,9 +287,7 @@ impl<'a> Equations<'a> {
             let next: Vec<Touch> =
                 near.iter().filter(|t| self.contact.pressure_after(t, &self.dofs, &d) > 0.0).copied().collect();
             let changes = differing(&next, &active);
-            if std::env::var("DBG").is_ok() { eprintln!("changes {changes}"); }
             active = next;
-            self.rounds = round;
             if changes <= few {
                 break;
             }
@@ -423,9 +416,6 @@ impl<'a> Equations<'a> {
         let share = if aim > self.limits.relative_residual { COARSE_DISPLACEMENT } else { DISPLACEMENT_TOLERANCE };
         let enough = share * self.limits.element_size_mm;
         let mut last = (f64::INFINITY, 0.0);
-        let curved_below = std::env::var("CURVED").ok().and_then(|v| v.parse().ok()).unwrap_or(CURVED_BELOW_MM);
-        let creep: f64 = std::env::var("CREEP").ok().and_then(|v| v.parse().ok()).unwrap_or(9.0);
-        let mut last_residual = f64::INFINITY;
         for iteration in 0..=self.limits.max_iterations {
             control.check()?;
             let balance = self.balance(x, motions)?;
@@ -466,10 +456,9 @@ impl<'a> Equations<'a> {
                     energy: balance.energy,
                     slope,
                     depth: penetration(&balance.touches),
-                    unstable: record.unstable || balance.residual_n > creep * last_residual,
+                    unstable: record.unstable,
                 },
             );
-            last_residual = balance.residual_n;
             let others = self.times().total_s() - before;
             self.times.line_search_s += (self.clock)() - begin - others;
             match taken {
@@ -480,9 +469,19 @@ impl<'a> Equations<'a> {
                     // A short step says that the quadratic model was poor.
                     curvature = if step < 0.5 { Curvature::Projected } else { Curvature::Exact };
                     wait = if record.unstable { 2 } else { wait.saturating_sub(1) };
-                    curved = wait == 0 && step >= 1.0 && record.displacement_mm < curved_below;
-                    if std::env::var("DBG").is_ok() { eprintln!("   it {iteration} t {t:.3} res {:.2e} rel {:.2e} reaction {:.2e} step {:.3} disp {:.2e} fact {} cg {} rounds {} proj {} unst {} act {} aim {aim:.0e} curved {curved}", record.residual_n, record.residual_n/record.reaction_n, record.reaction_n, record.step, record.displacement_mm, record.factorised, record.cg_iterations, self.rounds, record.projected, record.unstable, record.active_contacts); }
+                    curved = wait == 0 && step >= 1.0 && record.displacement_mm < CURVED_BELOW_MM;
                     self.records.push(record);
+                    let remaining_mm = self.dofs.max_visible_change(&d);
+                    if self.rough && step >= 1.0 && remaining_mm <= VISIBLE_MM {
+                        let balance = self.balance(x, motions)?;
+                        let reaction_n = balance.reaction_n.max(self.limits.force_floor_n);
+                        return Ok(Equilibrium {
+                            iterations: iteration + 1,
+                            remaining_mm,
+                            relative_residual: balance.residual_n / reaction_n,
+                            touches: balance.touches,
+                        });
+                    }
                 }
                 Err(cut) => {
                     self.records.push(record);

@@ -75,7 +75,7 @@ pub(super) fn equations<'a>(
         Model::Linear | Model::Nonlinear | Model::Mixed => LinearSolver::new(assembly.pattern(), dofs.first_last(), control.clock())?,
     };
     control.report(0.9);
-    let stiffness = std::env::var("KF").ok().and_then(|v| v.parse().ok()).unwrap_or(1.0) * settings.contact_stiffness_factor * CONTACT_STIFFNESS * scale.modulus / scale.thickness_mm;
+    let stiffness = settings.contact_stiffness_factor * CONTACT_STIFFNESS * scale.modulus / scale.thickness_mm;
     let (contact, overlap) = Contact::new(mesh, bodies, stiffness);
     let limits = Limits {
         relative_residual: settings.relative_residual,

@@ -19,6 +19,7 @@ mod kill;
 mod refused;
 mod restart;
 mod results;
+mod sense;
 mod sessions;
 mod shapes;
 mod stand_in;

@@ -1,9 +1,9 @@
 //! What contact adds to a factor without making it anew.
 
 use super::contact::RankOne;
+use crate::geometry::Vector;
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, Par};
-use crate::geometry::Vector;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use std::sync::Arc;
 

@@ -380,7 +380,8 @@ impl<'a> Equations<'a> {
     ) -> Result<Equilibrium, Failure> {
         let mut iterations = 0;
         let mut last_penetration = f64::INFINITY;
-        let full = if self.rough { self.limits.relative_residual.max(COARSE_RESIDUAL) } else { self.limits.relative_residual };
+        let full =
+            if self.rough { self.limits.relative_residual.max(COARSE_RESIDUAL) } else { self.limits.relative_residual };
         // The multipliers need no exact equilibrium to grow towards the contact pressure.
         let mut aim = if self.contact.is_empty() { full } else { full.max(COARSE_RESIDUAL) };
         for _ in 0..=MAX_AUGMENTATIONS {

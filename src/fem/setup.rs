@@ -72,7 +72,9 @@ pub(super) fn equations<'a>(
     control.report(0.7);
     let solver = match settings.model {
         Model::MassTensor => LinearSolver::relaxation(control.clock()),
-        Model::Linear | Model::Nonlinear | Model::Mixed => LinearSolver::new(assembly.pattern(), dofs.first_last(), control.clock())?,
+        Model::Linear | Model::Nonlinear | Model::Mixed => {
+            LinearSolver::new(assembly.pattern(), dofs.first_last(), control.clock())?
+        }
     };
     control.report(0.9);
     let stiffness = settings.contact_stiffness_factor * CONTACT_STIFFNESS * scale.modulus / scale.thickness_mm;

@@ -388,7 +388,7 @@ mod tests {
 
         let b: Vec<f64> = (0..n).map(|i| (i as f64).sin()).collect();
         let mut expected = b.clone();
-        let mut memory = MemBuffer::new(supernodal.solve_in_place_scratch::<f64>(1));
+        let mut memory = MemBuffer::new(supernodal.solve_in_place_scratch::<f64>(1, Par::Seq));
         let column = MatMut::from_column_major_slice_mut(&mut expected, n, 1);
         l.solve_in_place_with_conj(Conj::No, column, Par::Seq, MemStack::new(&mut memory));
         let solve = |threads: usize| {

@@ -23,7 +23,7 @@ pub use documents::{
     CtDocument, ErrorDocument, FieldDocument, FieldQualityDocument, HistogramBin, MeshDocument, OsteotomyDocument,
     PathDocument, PathReportDocument, PathSample, PhasesDocument, PlanDocument, PlaneBoundsDocument, PlaneDocument,
     ReactionDocument, RegionMotionDocument, ReportDocument, ReportInput, SegmentDocument, StatisticsDocument,
-    StepDocument, SurfaceDocument, SurfaceOrigin, WaypointDocument,
+    StepDocument, StepPhasesDocument, SurfaceDocument, SurfaceOrigin, WaypointDocument,
 };
 pub use engine::{Engine, RunWatch};
 pub use fault::{Fault, FaultKind, FieldFault, Halt};

@@ -16,5 +16,5 @@ pub use error_map::{ErrorDocument, HistogramBin, StatisticsDocument};
 pub use field::{FieldDocument, FieldQualityDocument};
 pub use mesh::MeshDocument;
 pub use report::{PhasesDocument, ReportDocument, ReportInput};
-pub use solve::{ReactionDocument, RegionMotionDocument, StepDocument};
+pub use solve::{ReactionDocument, RegionMotionDocument, StepDocument, StepPhasesDocument};
 pub use surface::{CtDocument, SurfaceDocument, SurfaceOrigin};

@@ -59,6 +59,17 @@ impl Touch {
     }
 }
 
+/// Where the curvature of bodies is taken.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Curved<'a> {
+    /// Nodes.
+    pub(super) x: &'a [Vector],
+    /// Motion of each body.
+    pub(super) motions: &'a [Motion],
+    /// Share of the curvature: 1 is the exact Hessian.
+    pub(super) share: f64,
+}
+
 /// A term `factor v vᵀ` of a matrix.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct RankOne {
@@ -177,22 +188,22 @@ impl<'a> Contact<'a> {
     }
 
     /// Blocks of the energy's Hessian: row and column among the unknowns (`row >= column`) and the block. Gauss-Newton,
-    /// or exact when `motions` of the bodies and the positions `x` are given.
+    /// or with the curvature of the bodies.
     pub(super) fn hessian(
         &self,
         touches: &[Touch],
-        exact: Option<(&[Vector], &[Motion])>,
+        curved: Option<Curved<'_>>,
         dofs: &Dofs,
         mut add: impl FnMut(u32, u32, &nalgebra::Matrix3<f64>),
     ) {
         for t in touches {
             let p = &self.points[t.point];
             let mut block = t.normal * t.normal.transpose() * (self.stiffness * p.area);
-            if let Some((x, motions)) = exact {
+            if let Some(Curved { x, motions, share }) = curved {
                 let motion = &motions[t.body];
                 let curvature = self.bodies[t.body].solid.hessian(&motion.inverse_transform_point(&p.at(x)));
                 let r = motion.rotation.to_rotation_matrix();
-                block -= r.matrix() * curvature * r.matrix().transpose() * (t.pressure.max(0.0) * p.area);
+                block -= r.matrix() * curvature * r.matrix().transpose() * (share * t.pressure.max(0.0) * p.area);
             }
             for (a, wa) in p.terms() {
                 for (b, wb) in p.terms() {

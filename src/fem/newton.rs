@@ -1,7 +1,7 @@
 //! Newton's method on the total potential energy at one position of the bones.
 
 use super::assembly::{Assembly, Curvature, Inversion};
-use super::contact::{Contact, Touch, penetration};
+use super::contact::{Contact, Curved, Touch, penetration};
 use super::dofs::{Dofs, Hold, axes_in};
 use super::factor::Indefinite;
 use super::line_search::{self, Cut, Start};
@@ -17,6 +17,11 @@ const DISPLACEMENT_TOLERANCE: f64 = 2.5e-4;
 const COARSE_DISPLACEMENT: f64 = 5e-3;
 /// After a whole Newton step shorter than this the contact's curvature is taken into the tangent, mm.
 const CURVED_BELOW_MM: f64 = 0.1;
+/// After a whole step shorter than this a share of the curvature is, mm: where a point creeps over an edge of the bone, Newton's method without
+/// it gains a few per cent each iteration.
+const BENT_BELOW_MM: f64 = 0.5;
+/// That share: small enough that the tangent mostly stays positive definite.
+const BENT_SHARE: f64 = 0.75;
 /// Points with a smaller gap may come to touch within one Newton step, mm.
 const NEAR_MM: f64 = 3.0;
 /// A rough equilibrium may be this far from the exact one on the skin, as far as the last Newton step tells, mm.
@@ -223,15 +228,15 @@ impl<'a> Equations<'a> {
     #[cfg(test)]
     pub(super) fn stiffness(&mut self, x: &[Vector], touches: &[Touch], motions: &[Motion]) -> Result<(), Inversion> {
         self.assembly.tangent(x, Curvature::Exact, &mut self.forces, &mut self.elastic)?;
-        self.add_contact(touches, Some((x, motions)));
+        self.add_contact(touches, Some(Curved { x, motions, share: 1.0 }));
         Ok(())
     }
 
     /// `self.values` from the elements' stiffness and that of `touches`.
-    fn add_contact(&mut self, touches: &[Touch], exact: Option<(&[Vector], &[Motion])>) {
+    fn add_contact(&mut self, touches: &[Touch], curved: Option<Curved<'_>>) {
         self.values.copy_from_slice(&self.elastic);
         let (pattern, values) = (self.assembly.pattern(), &mut self.values);
-        self.contact.hessian(touches, exact, &self.dofs, |row, column, block| pattern.add(row, column, block, values));
+        self.contact.hessian(touches, curved, &self.dofs, |row, column, block| pattern.add(row, column, block, values));
         pattern.hold(self.dofs.partly_held(), values);
     }
 
@@ -242,7 +247,7 @@ impl<'a> Equations<'a> {
         &mut self,
         load: &[Vector],
         near: &[Touch],
-        exact: Option<(&[Vector], &[Motion])>,
+        curved: Option<Curved<'_>>,
         forcing: f64,
         record: &mut IterationRecord,
     ) -> Result<Vec<f64>, Indefinite> {
@@ -267,7 +272,7 @@ impl<'a> Equations<'a> {
         let few = if self.limits.linear { 0 } else { active.len() / NEGLIGIBLE };
         for round in 0..MAX_ACTIVE_SETS {
             let begin = (self.clock)();
-            self.add_contact(&active, exact);
+            self.add_contact(&active, curved);
             let mut gradient = load.to_vec();
             self.contact.add_forces(&active, &mut gradient);
             self.dofs.restrict(&gradient, &mut rhs);
@@ -413,7 +418,7 @@ impl<'a> Equations<'a> {
         control: &Control,
     ) -> Result<Equilibrium, Failure> {
         let mut curvature = Curvature::Exact;
-        let (mut curved, mut wait) = (false, 0usize);
+        let (mut curved, mut wait) = (0.0, 0usize);
         let share = if aim > self.limits.relative_residual { COARSE_DISPLACEMENT } else { DISPLACEMENT_TOLERANCE };
         let enough = share * self.limits.element_size_mm;
         let mut last = (f64::INFINITY, 0.0);
@@ -470,7 +475,12 @@ impl<'a> Equations<'a> {
                     // A short step says that the quadratic model was poor.
                     curvature = if step < 0.5 { Curvature::Projected } else { Curvature::Exact };
                     wait = if record.unstable { 2 } else { wait.saturating_sub(1) };
-                    curved = wait == 0 && step >= 1.0 && record.displacement_mm < CURVED_BELOW_MM;
+                    curved = match record.displacement_mm {
+                        _ if wait > 0 || step < 1.0 => 0.0,
+                        moved if moved < CURVED_BELOW_MM => 1.0,
+                        moved if moved < BENT_BELOW_MM => BENT_SHARE,
+                        _ => 0.0,
+                    };
                     self.records.push(record);
                     let remaining_mm = self.dofs.max_visible_change(&d);
                     if self.rough && step >= 1.0 && remaining_mm <= VISIBLE_MM {
@@ -522,7 +532,7 @@ impl<'a> Equations<'a> {
         x: &[Vector],
         motions: &[Motion],
         curvature: &mut Curvature,
-        curved: &mut bool,
+        curved: &mut f64,
         forcing: f64,
         record: &mut IterationRecord,
     ) -> Result<Vec<f64>, Failure> {
@@ -535,16 +545,16 @@ impl<'a> Equations<'a> {
             }
             let mut load = self.forces.clone();
             self.subtract_loads(&mut load);
-            let exact = curved.then_some((x, motions));
-            if let Ok(d) = self.minimise_model(&load, &near, exact, forcing, record) {
+            let bent = (*curved > 0.0).then_some(Curved { x, motions, share: *curved });
+            if let Ok(d) = self.minimise_model(&load, &near, bent, forcing, record) {
                 record.projected = *curvature == Curvature::Projected;
                 if dot(&d, &self.residual) < 0.0 {
                     return Ok(d);
                 }
             }
             // A projected tangent is positive definite: if the factor says otherwise, its precision was too low.
-            if *curved {
-                *curved = false;
+            if *curved > 0.0 {
+                *curved = 0.0;
                 record.unstable = true;
                 continue;
             }

@@ -63,9 +63,9 @@ enum Preconditioner {
     /// A Cholesky factor of the whole matrix.
     Factor {
         symbolic: Arc<Symbolic>,
-        single: Factor<f32>,
+        single: Box<Factor<f32>>,
         /// Made when a matrix defeats the single one; used from then on.
-        double: Option<Factor<f64>>,
+        double: Option<Box<Factor<f64>>>,
     },
     /// Inverse 3x3 tensors of the vertices: only forces of neighbours act on a vertex in one iteration.
     Vertices(Vec<Matrix3<f64>>),
@@ -97,7 +97,7 @@ impl LinearSolver {
     /// Symbolic analysis and room for the factor. Contact acts on nodes from `first_last` on.
     pub(super) fn new(pattern: &Pattern, first_last: usize, clock: Clock) -> Result<Self, SolveError> {
         let symbolic = Arc::new(Symbolic::new(pattern, first_last)?);
-        let single = Factor::new(Arc::clone(&symbolic))?;
+        let single = Box::new(Factor::new(Arc::clone(&symbolic))?);
         let preconditioner = Preconditioner::Factor { symbolic, single, double: None };
         Ok(Self::with(preconditioner, clock))
     }
@@ -137,7 +137,7 @@ impl LinearSolver {
     pub(super) fn has_factor(&self) -> bool {
         match &self.preconditioner {
             Preconditioner::Factor { single, double, .. } => {
-                double.as_ref().map_or(single.is_valid(), Factor::is_valid)
+                double.as_ref().map_or(single.is_valid(), |double| double.is_valid())
             }
             Preconditioner::Vertices(inverses) => !inverses.is_empty(),
         }
@@ -330,7 +330,7 @@ impl LinearSolver {
         if let Preconditioner::Factor { symbolic, double, .. } = &mut self.preconditioner
             && double.is_none()
         {
-            *double = Factor::new(Arc::clone(symbolic)).ok();
+            *double = Factor::new(Arc::clone(symbolic)).ok().map(Box::new);
         }
     }
 

@@ -20,6 +20,7 @@ mod low_rank;
 pub mod material;
 mod newton;
 mod ordering;
+mod quadratic_model;
 mod report;
 mod settings;
 mod setup;

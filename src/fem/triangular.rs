@@ -104,12 +104,12 @@ pub(super) fn forward<T: Precision>(l: &SupernodalLltRef<'_, usize, T>, schedule
                 eliminate(l, s, &mut mine[start..], &mut work, false);
                 for (&row, &w) in node.pattern().iter().zip(&work) {
                     if row < to {
-                        mine[row - from] = mine[row - from] + w;
+                        mine[row - from] += w;
                     } else {
                         if above[row - to] == T::of(0.0) {
                             touched.push(row);
                         }
-                        above[row - to] = above[row - to] + w;
+                        above[row - to] += w;
                     }
                 }
             }
@@ -119,14 +119,14 @@ pub(super) fn forward<T: Precision>(l: &SupernodalLltRef<'_, usize, T>, schedule
         })
         .collect();
     for (row, w) in left.into_iter().flatten() {
-        x[row] = x[row] + w;
+        x[row] += w;
     }
     let mut work = Vec::new();
     for &s in &schedule.top {
         let node = l.supernode(s);
         eliminate(l, s, &mut x[node.start()..], &mut work, true);
         for (&row, &w) in node.pattern().iter().zip(&work) {
-            x[row] = x[row] + w;
+            x[row] += w;
         }
     }
 }
@@ -239,7 +239,7 @@ impl<T: Precision> WithSimd for Diagonal<'_, T> {
                 let xj = x[j] / l[j];
                 x[j] = xj;
                 for r in j + 1..to {
-                    x[r] = x[r] - l[r] * xj;
+                    x[r] -= l[r] * xj;
                 }
             }
             let (solved, rest) = x.split_at_mut(to);
@@ -276,13 +276,13 @@ fn subtract<T: Precision>(panel: &Panel<'_, T>, columns: Range<usize>, first: us
         let [a, b, c, d] = std::array::from_fn(|i| &panel.column(columns.start + i)[rows.clone()]);
         let [fa, fb, fc, fd] = std::array::from_fn(|i| x[columns.start + i]);
         for ((((out, a), b), c), d) in out.iter_mut().zip(a).zip(b).zip(c).zip(d) {
-            *out = *out - (*a * fa + *b * fb + *c * fc + *d * fd);
+            *out -= *a * fa + *b * fb + *c * fc + *d * fd;
         }
     } else {
         for j in columns {
             let factor = x[j];
             for (out, l) in out.iter_mut().zip(&panel.column(j)[rows.clone()]) {
-                *out = *out - *l * factor;
+                *out -= *l * factor;
             }
         }
     }
@@ -317,12 +317,12 @@ fn dot<T: Precision>(a: &[T], b: &[T]) -> T {
     let (b, b_rest) = b.as_chunks::<LANES>();
     for (a, b) in a.iter().zip(b) {
         for i in 0..LANES {
-            sums[i] = sums[i] + a[i] * b[i];
+            sums[i] += a[i] * b[i];
         }
     }
     let mut sum = T::of(0.0);
     for (a, b) in a_rest.iter().zip(b_rest) {
-        sum = sum + *a * *b;
+        sum += *a * *b;
     }
     sums.iter().fold(sum, |s, v| s + *v)
 }

@@ -87,6 +87,12 @@ impl Control {
         f64::from_bits(self.progress.load(Ordering::Relaxed))
     }
 
+    /// A control with the same cancel flag whose progress is not told.
+    #[must_use]
+    pub fn unreported(&self) -> Self {
+        Self { cancel: Arc::clone(&self.cancel), ..Self::new() }
+    }
+
     /// A control for a stage that covers the shares `from` to `to` (0 to 1) of this one.
     #[must_use]
     pub fn part(&self, from: f64, to: f64) -> Self {

@@ -1,7 +1,7 @@
 //! From mesh and settings to equations.
 
 use super::assembly::{Assembly, Law, Part};
-use super::contact::Contact;
+use super::contact::{Contact, contact_nodes};
 use super::dofs::Dofs;
 use super::element::{self, C1Surface, ElementBlock, MeshCell};
 use super::error::SolveError;
@@ -46,7 +46,9 @@ pub(super) fn equations<'a>(
         Some(parts) => parts.iter().map(|p| &p.block).collect(),
         None => blocks.iter().collect(),
     };
-    let dofs = Dofs::new(mesh, boundary, surface.as_ref(), &coupled)?;
+    // Contact changes at every iteration; eliminated last, it leaves most of a factor as it is.
+    let last = if bodies.is_empty() || settings.model == Model::MassTensor { Vec::new() } else { contact_nodes(mesh) };
+    let dofs = Dofs::new(mesh, boundary, surface.as_ref(), &coupled, &last)?;
     control.check()?;
     control.report(0.5);
     let scale = Scale::new(mesh, &blocks, &settings.materials);
@@ -59,8 +61,10 @@ pub(super) fn equations<'a>(
     control.check()?;
     control.report(0.7);
     let solver = match settings.model {
-        Model::MassTensor => LinearSolver::relaxation(),
-        Model::Linear | Model::Nonlinear | Model::Mixed => LinearSolver::new(assembly.pattern())?,
+        Model::MassTensor => LinearSolver::relaxation(control.clock()),
+        Model::Linear | Model::Nonlinear | Model::Mixed => {
+            LinearSolver::new(assembly.pattern(), dofs.first_last(), control.clock())?
+        }
     };
     control.report(0.9);
     let stiffness = settings.contact_stiffness_factor * CONTACT_STIFFNESS * scale.modulus / scale.thickness_mm;
@@ -76,7 +80,7 @@ pub(super) fn equations<'a>(
     };
     let loads =
         if boundary.loads_n.iter().any(|f| *f != Vector::zeros()) { boundary.loads_n.clone() } else { Vec::new() };
-    let equations = Equations::new(dofs, assembly, contact, solver, loads, limits);
+    let equations = Equations::new(dofs, assembly, contact, solver, loads, limits, control.clock());
     warnings.extend(overlap);
     control.report(1.0);
     Ok((equations, surface, warnings))

@@ -1,3 +1,4 @@
+use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
@@ -40,6 +41,12 @@ impl Phase {
     }
 }
 
+/// Seconds since the first call.
+fn seconds() -> f64 {
+    static BEGIN: OnceLock<Instant> = OnceLock::new();
+    BEGIN.get_or_init(Instant::now).elapsed().as_secs_f64()
+}
+
 /// The job that is being computed, as seen by everyone else.
 #[derive(Debug)]
 pub(super) struct Running {
@@ -55,7 +62,7 @@ impl Running {
     pub(super) fn new(job: JobId) -> Self {
         Self {
             job,
-            control: Control::new(),
+            control: Control::new().with_clock(seconds),
             started: Instant::now(),
             phase: AtomicU8::new(Phase::Reading as u8),
             cancel_requested: AtomicBool::new(false),

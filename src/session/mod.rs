@@ -24,8 +24,8 @@ pub use documents::{
     CtDocument, D1ReadingName, ErrorDocument, FieldDocument, FieldQualityDocument, HistogramBin, LockingName,
     MaterialDocument, MeshDocument, OsteotomyDocument, PathDocument, PathReportDocument, PathSample, PhasesDocument,
     PlanDocument, PlaneBoundsDocument, PlaneDocument, PresetName, ReactionDocument, RegionMotionDocument,
-    ReportDocument, ReportInput, SegmentDocument, SkinElementName, StatisticsDocument, StepDocument, SurfaceDocument,
-    SurfaceOrigin, TissueDocument, TissueLawsDocument, WaypointDocument,
+    ReportDocument, ReportInput, SegmentDocument, SkinElementName, StatisticsDocument, StepDocument,
+    StepPhasesDocument, SurfaceDocument, SurfaceOrigin, TissueDocument, TissueLawsDocument, WaypointDocument,
 };
 pub use engine::{Engine, RunWatch, SceneSolved};
 pub use fault::{Fault, FaultKind, FieldFault, Halt};

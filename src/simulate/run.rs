@@ -93,7 +93,13 @@ pub fn solve(
     let mut last = vec![Vector::zeros(); anatomy.skin.positions().len()];
     for k in 1..=settings.steps {
         let share = |k: usize| k as f64 / settings.steps as f64;
-        let report = solver.advance(share(k), &|t| plan.motions(t), &path.part(share(k - 1), share(k)))?;
+        let (motions, part) = (|t| plan.motions(t), path.part(share(k - 1), share(k)));
+        // Frames on the way are to be looked at; the last one is the result.
+        let report = if k < settings.steps {
+            solver.approach(share(k), &motions, &part)?
+        } else {
+            solver.advance(share(k), &motions, &part)?
+        };
         last = carrier.displacements(&solver);
         steps.push(report.clone());
         on_frame(frame(anatomy, &last, k, share(k), report)?);

@@ -213,11 +213,13 @@ impl Engine for StandIn {
                 substeps: 1,
                 factorisations: 4,
                 relative_residual: 1e-6,
+                remaining_mm: 1e-4,
                 min_det_f: 0.5,
                 max_penetration_mm: 0.01,
                 active_contacts: 3,
                 reactions_n: vec![(1, [0.0, 1.0, 0.0])],
                 unknowns: 60_000,
+                phases: prosopon::fem::PhaseTimes::default(),
                 warnings: Vec::new(),
             };
             let positions = skin.positions().iter().map(|p| p + moved).collect();

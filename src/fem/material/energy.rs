@@ -74,6 +74,7 @@ struct State {
 }
 
 impl State {
+    #[inline(always)]
     fn new(f: &Matrix3<f64>) -> Result<Self, Inverted> {
         let cofactor = cofactor(f);
         let j = f.column(0).dot(&cofactor.column(0));
@@ -85,12 +86,14 @@ impl State {
     }
 
     /// dI2/dF = 2 (I1 F - F C).
+    #[inline(always)]
     fn i2_gradient(&self, f: &Matrix3<f64>) -> Matrix3<f64> {
         (f * self.i1 - f * self.c) * 2.0
     }
 }
 
 /// `det(F) F^-T`, defined for singular `F` too.
+#[inline(always)]
 fn cofactor(f: &Matrix3<f64>) -> Matrix3<f64> {
     let [a, b, c] = [f.column(0), f.column(1), f.column(2)];
     Matrix3::from_columns(&[b.cross(&c), c.cross(&a), a.cross(&b)])
@@ -158,6 +161,7 @@ impl Material {
     }
 
     /// Derivatives of what is a function of the invariants: all but [`Ogden`].
+    #[inline(always)]
     pub(super) fn derivatives(&self, i1: f64, i2: f64, j: f64) -> Derivatives {
         let root = j.cbrt();
         let inverse = 1.0 / j;
@@ -191,6 +195,7 @@ impl Material {
     ///
     /// # Errors
     /// [`Inverted`] when `det F` is not positive.
+    #[inline(always)]
     pub fn energy(&self, f: &Matrix3<f64>) -> Result<f64, Inverted> {
         let s = State::new(f)?;
         let root = s.j.cbrt();
@@ -207,6 +212,7 @@ impl Material {
     ///
     /// # Errors
     /// [`Inverted`] when `det F` is not positive.
+    #[inline(always)]
     pub fn first_piola(&self, f: &Matrix3<f64>) -> Result<Matrix3<f64>, Inverted> {
         let s = State::new(f)?;
         let d = self.derivatives(s.i1, s.i2, s.j);
@@ -221,6 +227,7 @@ impl Material {
     ///
     /// # Errors
     /// [`Inverted`] when `det F` is not positive.
+    #[inline(always)]
     pub fn stress_and_tangent(&self, f: &Matrix3<f64>) -> Result<(Matrix3<f64>, Tangent), Inverted> {
         let s = State::new(f)?;
         let d = self.derivatives(s.i1, s.i2, s.j);
@@ -254,6 +261,7 @@ impl Material {
 }
 
 /// Adds d²J/dF², times the factor that `f` was multiplied with: the derivative of `b x c` by `b` is `-[c]x`.
+#[inline(always)]
 fn add_second_derivative_of_j(t: &mut Tangent, f: &Matrix3<f64>) {
     for (row, col, sign, of) in [(0, 1, -1.0, 2), (0, 2, 1.0, 1), (1, 2, -1.0, 0)] {
         let [x, y, z] = [sign * f[(0, of)], sign * f[(1, of)], sign * f[(2, of)]];
@@ -266,6 +274,7 @@ fn add_second_derivative_of_j(t: &mut Tangent, f: &Matrix3<f64>) {
 }
 
 /// Adds `factor` d²I2/dF²: applied to `A` it is 4 (F:A) F + 2 I1 A - 2 A C - 2 F Aᵀ F - 2 F Fᵀ A.
+#[inline(always)]
 fn add_second_derivative_of_i2(t: &mut Tangent, f: &Matrix3<f64>, s: &State, factor: f64) {
     let b = f * f.transpose();
     let w = 2.0 * factor;

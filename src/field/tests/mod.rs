@@ -1,5 +1,6 @@
 mod accuracy;
 mod baselines;
+mod certificate;
 mod envelopes;
 mod shapes;
 mod signs;

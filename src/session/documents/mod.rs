@@ -19,6 +19,6 @@ pub use field::{FieldDocument, FieldQualityDocument};
 pub use material::{D1ReadingName, LockingName, MaterialDocument, PresetName, SkinElementName, TissueLawsDocument};
 pub use mesh::MeshDocument;
 pub use report::{PhasesDocument, ReportDocument, ReportInput};
-pub use solve::{ReactionDocument, RegionMotionDocument, StepDocument};
+pub use solve::{ReactionDocument, RegionMotionDocument, StepDocument, StepPhasesDocument};
 pub use surface::{CtDocument, SurfaceDocument, SurfaceOrigin};
 pub use tissue::TissueDocument;

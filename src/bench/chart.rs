@@ -4,7 +4,7 @@ use plotters::coord::combinators::{BindKeyPoints, IntoLogRange};
 use plotters::prelude::*;
 
 use super::error::BenchError;
-use super::row::Row;
+use super::row::{Builder, Row};
 use crate::field::Method;
 
 const SIZE: (u32, u32) = (900, 560);
@@ -44,7 +44,7 @@ pub(super) fn of_fields(rows: &[Row]) -> Result<Vec<(&'static str, String)>, Ben
         .map(|(name, ((what, y), up), ((against, x), across))| {
             let title = format!("{what} {against}");
             let labels = Labels { title: &title, x, y };
-            Ok((name, draw(&labels, &by_method(rows, across, up))?))
+            Ok((name, draw(&labels, &by_builder(rows, across, up))?))
         })
         .collect()
 }
@@ -52,14 +52,18 @@ pub(super) fn of_fields(rows: &[Row]) -> Result<Vec<(&'static str, String)>, Ben
 /// Words of an axis (in the title, along the axis) and its value.
 type Axis = ((&'static str, &'static str), fn(&Row) -> f64);
 
-fn by_method(rows: &[Row], x: fn(&Row) -> f64, y: fn(&Row) -> f64) -> Vec<Curve> {
-    let curve = |method: Method| {
+fn by_builder(rows: &[Row], x: fn(&Row) -> f64, y: fn(&Row) -> f64) -> Vec<Curve> {
+    let curve = |builder: Builder| {
         let mut points: Vec<(f64, f64)> =
-            rows.iter().filter(|r| r.case.method == method).map(|r| (x(r), y(r))).collect();
+            rows.iter().filter(|r| r.case.builder == builder).map(|r| (x(r), y(r))).collect();
         points.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
-        Curve { name: method.name().to_owned(), color: color(method), points }
+        let color = match builder {
+            Builder::Ours(method) => color(method),
+            Builder::OpenVdb => RGBColor(86, 180, 233),
+        };
+        Curve { name: builder.name().to_owned(), color, points }
     };
-    Method::ALL.into_iter().map(curve).collect()
+    Builder::all().map(curve).collect()
 }
 
 /// Colours of Okabe and Ito, which colour-blind readers can tell apart.

@@ -6,13 +6,17 @@ use parry3d_f64::math::Vector as ParryVector;
 use parry3d_f64::query::PointQuery;
 use parry3d_f64::shape::{TriMesh as Shape, TriMeshFlags};
 use rayon::prelude::*;
+use serde::Deserialize;
 
 use super::chart::{self, Curve, Labels, color};
-use super::error::{BenchError, write};
+use super::error::{BenchError, read, write};
 use super::files::read_surface;
 use crate::control::Control;
-use crate::field::{ExactDistance, FieldSettings, Method, MethodSettings, SignedField, Tolerance};
+use crate::field::{FieldSettings, Method, MethodSettings, SignedField, Tolerance};
 use crate::geometry::{Implicit, Motion, Point, TriMesh, Vector};
+use crate::mesh::MixedMesh;
+use crate::plan::le_fort_1;
+use crate::simulate::{Anatomy, FieldsSettings, TissueSettings, build_fields, build_tissue, cut_bone};
 
 /// Positions on the path.
 const POSITIONS: usize = 20;
@@ -21,25 +25,26 @@ const FORWARD_MM: f64 = 12.2;
 const DOWN_MM: f64 = 2.1;
 /// Times that the path is walked; the shortest counts.
 const ROUNDS: usize = 3;
-/// Gap between bone and the tissue's inner surface at rest, mm.
-const GAP_MM: f64 = 0.5;
 /// Half-width of the band, mm.
 const BAND_MM: f64 = 5.0;
 /// Tolerances of the octrees, as a share of the bounding cube's edge (Wang 2009, Figure 14, and coarser ones).
 const TOLERANCES: [f64; 6] = [1e-3, 1e-4, 1e-5, 4e-6, 2e-6, 1e-6];
-/// Cells along the edge of the bounding cube.
-const RESOLUTION: u32 = 256;
+/// Finest spacing, mm: 256³ over a skull.
+const SPACING_MM: f64 = 0.8;
 
 /// Measures the time of one collision detection over a path, against the octrees' tolerance (Wang 2009, Figure 14).
 ///
-/// The tested points are vertices and barycentres (Figure 6) of the tissue's inner surface: the tissue surface pressed onto the
-/// bone up to a gap. One detection is the distance at every point and the gradient at those that the bone has reached.
+/// The scene is a Le Fort I osteotomy. The tested points are vertices and barycentres (Figure 6) of the faces of the tissue's mesh
+/// that look at bone; they are tested against the segment below the cut. One detection is the distance at every point and the
+/// gradient at those that the segment has reached.
 #[derive(Debug)]
 pub struct CollisionStudy<'a> {
-    /// Surface of the moved bone.
-    pub mesh: &'a Path,
-    /// A surface of the tissue, for example the skin.
-    pub tissue: &'a Path,
+    /// Surface of the skull.
+    pub skull: &'a Path,
+    /// Surface of the skin.
+    pub skin: &'a Path,
+    /// JSON with the Le Fort I plane, the midline and the occlusal plane.
+    pub landmarks: &'a Path,
     /// Where the rows go; the chart gets the same name with `.svg`.
     pub csv: &'a Path,
 }
@@ -58,18 +63,52 @@ struct Measured {
     memory_mb: Option<f64>,
 }
 
+/// What the landmarks' file must hold.
+#[derive(Deserialize)]
+struct Landmarks {
+    midline_x_mm: f64,
+    occlusal_plane_z_mm: f64,
+    le_fort_1_plane: Plane,
+}
+
+#[derive(Deserialize)]
+struct Plane {
+    point: [f64; 3],
+    normal: [f64; 3],
+}
+
 impl CollisionStudy<'_> {
+    /// The moved segment's surface and the tested points, both at rest.
+    fn scene(&self) -> Result<(TriMesh, Vec<Point>), BenchError> {
+        let landmarks: Landmarks = serde_json::from_slice(&read(self.landmarks)?)
+            .map_err(|e| BenchError::Landmarks { path: self.landmarks.to_owned(), detail: e.to_string() })?;
+        let (skin, skull) = (read_surface(self.skin)?, read_surface(self.skull)?);
+        let anatomy = Anatomy { skin, skull, air: None, landmarks: Vec::new() };
+        let (control, settings) = (Control::new(), FieldsSettings::default());
+        let fields = build_fields(&anatomy, &settings, &control)?;
+        let plane = &landmarks.le_fort_1_plane;
+        let plane = (Point::from(plane.point), Vector::from(plane.normal));
+        let cuts = le_fort_1(plane, landmarks.midline_x_mm, landmarks.occlusal_plane_z_mm, &fields.bone);
+        let bone = cut_bone(&fields, &cuts, &settings.field, &control)?;
+        let moved = bone.osteotomy.segments.iter().filter(|s| s.id != 0);
+        let moved = moved.max_by(|a, b| a.volume_mm3.total_cmp(&b.volume_mm3)).ok_or_else(|| {
+            BenchError::Landmarks { path: self.landmarks.to_owned(), detail: "no segment can move".to_owned() }
+        })?;
+        let tissue = build_tissue(&anatomy, &fields, Some(&bone), &TissueSettings::default(), &control)?;
+        Ok((moved.surface.clone(), inner_points(&tissue.mesh)))
+    }
+
     /// Runs the study; prints to `out`.
     ///
     /// # Errors
     /// [`BenchError`].
     pub fn run(&self, out: &mut dyn Write) -> Result<(), BenchError> {
-        let bone = read_surface(self.mesh)?;
-        let points = inner_points(&bone, &read_surface(self.tissue)?);
+        let (bone, points) = self.scene()?;
         writeln!(
             out,
-            "{} points (vertices and barycentres), {POSITIONS} positions, {FORWARD_MM} mm forward and {DOWN_MM} mm down",
-            points.len()
+            "{} points (vertices and barycentres), a segment of {} triangles, {POSITIONS} positions, {FORWARD_MM} mm forward and {DOWN_MM} mm down",
+            points.len(),
+            bone.triangles().len()
         )?;
         let mut all = vec![by_hierarchy(&bone, &points)?];
         let mut cases: Vec<(Method, Option<f64>)> = vec![(Method::Adaptive, None), (Method::Uniform, None)];
@@ -97,22 +136,17 @@ impl CollisionStudy<'_> {
     }
 }
 
-/// Vertices and barycentres of `tissue` moved towards the bone up to the gap.
-fn inner_points(bone: &TriMesh, tissue: &TriMesh) -> Vec<Point> {
-    let exact = ExactDistance::new(bone);
-    let vertices: Vec<Point> = tissue
-        .positions()
-        .par_iter()
-        .map(|p| {
-            let (closest, _, distance) = exact.closest(p);
-            if distance > GAP_MM { closest + (p - closest) * (GAP_MM / distance) } else { *p }
-        })
-        .collect();
-    let barycentres = tissue.triangles().iter().map(|t| {
-        let [a, b, c] = t.map(|v| vertices[v as usize]);
+/// Vertices and barycentres of the faces that look at bone.
+fn inner_points(tissue: &MixedMesh) -> Vec<Point> {
+    let corner = |v: &u32| tissue.positions[*v as usize];
+    let mut nodes: Vec<u32> = tissue.bone_faces.iter().flatten().copied().collect();
+    nodes.sort_unstable();
+    nodes.dedup();
+    let barycentres = tissue.bone_faces.iter().map(|[a, b, c]| {
+        let (a, b, c) = (corner(a), corner(b), corner(c));
         a + ((b - a) + (c - a)) / 3.0
     });
-    vertices.iter().copied().chain(barycentres).collect()
+    nodes.iter().map(corner).chain(barycentres).collect()
 }
 
 /// The bone's motion at each position: forward is -y, down is -z.
@@ -145,8 +179,8 @@ fn by_field(bone: &TriMesh, method: Method, tolerance: Option<f64>, points: &[Po
     let defaults = MethodSettings::default();
     let settings = MethodSettings {
         method,
-        field: FieldSettings { band_mm: BAND_MM, margin_mm: BAND_MM, ..defaults.field },
-        resolution: Some(RESOLUTION),
+        field: FieldSettings { spacing_mm: SPACING_MM, band_mm: BAND_MM, margin_mm: BAND_MM },
+        resolution: None,
         tolerance: tolerance.map_or(defaults.tolerance, Tolerance::Relative),
     };
     let start = Instant::now();
@@ -206,7 +240,7 @@ fn chart(all: &[Measured]) -> Result<String, BenchError> {
         }
     }
     let labels = Labels {
-        title: "Time of one collision detection against the octree's tolerance (256³, one thread)",
+        title: "Time of one collision detection against the octree's tolerance (0.8 mm, one thread)",
         x: "tolerance, share of the bounding cube's edge",
         y: "one detection, ms",
     };

@@ -3,6 +3,7 @@ use std::path::{Path, PathBuf};
 use crate::control::Cancelled;
 use crate::field::FieldError;
 use crate::import::ImportError;
+use crate::simulate::SimulateError;
 
 /// Why a study stopped.
 #[derive(Debug, thiserror::Error)]
@@ -33,6 +34,17 @@ pub enum BenchError {
         /// What is wrong.
         fault: PointsFault,
     },
+    /// A file of landmarks is not usable.
+    #[error("{}: {detail}", path.display())]
+    Landmarks {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        detail: String,
+    },
+    /// The scene cannot be built.
+    #[error("the scene cannot be built")]
+    Scene(#[from] SimulateError),
     /// The field cannot be built.
     #[error("the {method} field cannot be built")]
     Field {

@@ -29,6 +29,9 @@ pub(super) struct Timing {
     pub(super) query_sorted_ns: f64,
     /// The same in random order.
     pub(super) query_random_ns: f64,
+    /// Value, gradient and Hessian, in the two orders.
+    pub(super) hessian_sorted_ns: Option<f64>,
+    pub(super) hessian_random_ns: Option<f64>,
 }
 
 /// Builds a field of the surface in `mesh`, writes its distances (with settled signs) at the points in `points` to `out`, and what
@@ -65,14 +68,19 @@ pub fn evaluate(
             }
         }
     }
+    let (sorted, random) = (along_a_curve(&points), shuffled(&points));
+    let jet = |p: &Point| field.value_gradient(p);
+    let bent = |p: &Point| field.value_gradient_hessian(p);
     let found = Timing {
         spacing_mm: field.spacing_mm(),
         build_wall_s: wall_s,
         build_cpu_s: cpu_s,
         memory_mb: field.bytes() as f64 * 1e-6,
         peak_mb,
-        query_sorted_ns: query_ns(&field, &along_a_curve(&points)),
-        query_random_ns: query_ns(&field, &shuffled(&points)),
+        query_sorted_ns: query_ns(&sorted, jet),
+        query_random_ns: query_ns(&random, jet),
+        hessian_sorted_ns: Some(query_ns(&sorted, bent)),
+        hessian_random_ns: Some(query_ns(&random, bent)),
     };
     let json = serde_json::to_vec(&found).map_err(std::io::Error::other)?;
     write(timing, &json)
@@ -88,11 +96,11 @@ fn timed(
 }
 
 /// Mean time of a query, best of three rounds, ns.
-fn query_ns(field: &SignedField, points: &[Point]) -> f64 {
+fn query_ns<T>(points: &[Point], query: impl Fn(&Point) -> T) -> f64 {
     let round = || {
         let start = Instant::now();
         for p in points {
-            black_box(field.value_gradient(black_box(p)));
+            black_box(query(black_box(p)));
         }
         start.elapsed().as_secs_f64() * 1e9 / points.len().max(1) as f64
     };

@@ -8,8 +8,8 @@ use rayon::prelude::*;
 use super::chart;
 use super::error::{BenchError, read, write};
 use super::evaluate::Timing;
-use super::files::{read_distances, read_surface, write_points};
-use super::row::{COLUMNS, Case, Grid, Row, TABLE_3, table_3};
+use super::files::{read_distances, read_surface, write_points, write_triangles};
+use super::row::{Builder, COLUMNS, Case, Grid, Row, TABLE_3, against_openvdb, table_3};
 use super::winding::ProvenWinding;
 use crate::control::{Cancelled, Control};
 use crate::field::{Accuracy, ExactDistance, Method, Place, sample_points};
@@ -29,6 +29,8 @@ pub struct FieldStudy<'a> {
     pub csv: &'a Path,
     /// All settings of the paper's Table 3, not just the coarser ones.
     pub full: bool,
+    /// A program that builds a level set with OpenVDB (`tests/bench/openvdb.cpp`), to be measured beside the builders.
+    pub openvdb: Option<&'a Path>,
 }
 
 /// A test point and its exact signed distance, mm.
@@ -50,11 +52,14 @@ impl FieldStudy<'_> {
         writeln!(out, "{}", describe(&probes))?;
         let scratch = Scratch::new()?;
         let points = scratch.path("points.bin");
+        if self.openvdb.is_some() {
+            write_triangles(&scratch.path("mesh.bin"), &read_surface(self.mesh)?)?;
+        }
         write_points(&points, probes.iter().map(|p| &p.point))?;
         let mut csv = format!("{COLUMNS}\n");
-        let mut rows = Vec::new();
+        let mut rows: Vec<Row> = Vec::new();
         writeln!(out, "{COLUMNS}")?;
-        for case in cases(self.full) {
+        for case in cases(self.full, self.openvdb.is_some()) {
             let row = self.measure(case, &probes, &points, &scratch)?;
             writeln!(out, "{}", row.csv())?;
             csv += &row.csv();
@@ -64,6 +69,9 @@ impl FieldStudy<'_> {
             write(self.csv, csv.as_bytes())?;
         }
         writeln!(out, "\n{}", table_3(&rows))?;
+        for (spacing, times) in against_openvdb(&rows) {
+            writeln!(out, "adaptive at {spacing} mm: built {times:.1} times faster than OpenVDB's level set")?;
+        }
         let beside = |end: &str| {
             let stem = self.csv.file_stem().unwrap_or_default().to_string_lossy().into_owned();
             self.csv.with_file_name(format!("{stem}-{end}.svg"))
@@ -98,9 +106,15 @@ impl FieldStudy<'_> {
     fn measure(&self, case: Case, probes: &[Probe], points: &Path, scratch: &Scratch) -> Result<Row, BenchError> {
         let failed = |detail: String| BenchError::Row { case: case.label(), detail };
         let (values, timing) = (scratch.path("values.bin"), scratch.path("timing.json"));
-        let mut program = Command::new(std::env::current_exe().map_err(|e| failed(e.to_string()))?);
-        program.args(["bench", "field", "--method", case.method.name()]);
-        program.arg("--mesh").arg(self.mesh).arg("--points").arg(points);
+        let (mut program, mesh) = match (case.builder, self.openvdb) {
+            (Builder::OpenVdb, Some(openvdb)) => (Command::new(openvdb), scratch.path("mesh.bin")),
+            (builder, _) => {
+                let mut program = Command::new(std::env::current_exe().map_err(|e| failed(e.to_string()))?);
+                program.args(["bench", "field", "--method", builder.name()]);
+                (program, self.mesh.to_owned())
+            }
+        };
+        program.arg("--mesh").arg(mesh).arg("--points").arg(points);
         program.arg("--out").arg(&values).arg("--timing").arg(&timing);
         program.args(["--band-mm", &BAND_MM.to_string(), "--margin-mm", &BAND_MM.to_string()]);
         match case.grid {
@@ -125,16 +139,20 @@ impl FieldStudy<'_> {
 }
 
 /// The settings in the order of the paper's table.
-fn cases(full: bool) -> Vec<Case> {
-    let mut cases: Vec<Case> =
-        [0.8, 0.4].map(|h| Case { method: Method::Adaptive, grid: Grid::Spacing(h), tolerance: None }).to_vec();
+fn cases(full: bool, openvdb: bool) -> Vec<Case> {
+    let at = |builder, h| Case { builder, grid: Grid::Spacing(h), tolerance: None };
+    let mut cases: Vec<Case> = [0.8, 0.4].map(|h| at(Builder::Ours(Method::Adaptive), h)).to_vec();
+    if openvdb {
+        cases.extend([0.8, 0.4].map(|h| at(Builder::OpenVdb, h)));
+    }
     let settings = TABLE_3.iter().map(|(grid, tolerance, _)| (*grid, *tolerance));
     let settings: Vec<(u32, f64)> = settings.filter(|(_, t)| full || *t > 2e-6).collect();
     let mut grids: Vec<u32> = settings.iter().map(|s| s.0).collect();
     grids.dedup();
-    cases.extend(grids.iter().map(|&n| Case { method: Method::Uniform, grid: Grid::Cells(n), tolerance: None }));
-    for method in [Method::Hybrid, Method::Frisken] {
-        cases.extend(settings.iter().map(|&(n, t)| Case { method, grid: Grid::Cells(n), tolerance: Some(t) }));
+    let uniform = Builder::Ours(Method::Uniform);
+    cases.extend(grids.iter().map(|&n| Case { builder: uniform, grid: Grid::Cells(n), tolerance: None }));
+    for builder in [Method::Hybrid, Method::Frisken].map(Builder::Ours) {
+        cases.extend(settings.iter().map(|&(n, t)| Case { builder, grid: Grid::Cells(n), tolerance: Some(t) }));
     }
     cases
 }
@@ -145,7 +163,8 @@ fn describe(probes: &[Probe]) -> String {
     format!(
         "{} test points: {} in the band of {BAND_MM} mm, {} on faces, {} on edges, {} on the medial axis; errors against exact closest\n\
          points in f64 with the sign of the winding number (full sum or a truncation that is proven not to matter); signs counted at the\n\
-         {clear} points more than 0.001 mm off the surface. Query: value and gradient, one thread. Builds below 1 s: best of three.",
+         {clear} points more than 0.001 mm off the surface. Query: value and gradient (OpenVDB: value alone), then with Hessian, one thread.\n\
+         Builds below 1 s: best of three.",
         probes.len(),
         count(Place::Band),
         count(Place::Face),

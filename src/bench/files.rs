@@ -29,6 +29,16 @@ pub(super) fn write_points<'a>(
     write(path, &bytes)
 }
 
+/// Writes a surface for other programs: numbers of vertices and triangles as u64, then x, y, z of each vertex as f64 and the
+/// corners of each triangle as u32, little-endian.
+pub(super) fn write_triangles(path: &Path, mesh: &TriMesh) -> Result<(), BenchError> {
+    let counts = [mesh.positions().len() as u64, mesh.triangles().len() as u64];
+    let mut bytes: Vec<u8> = counts.into_iter().flat_map(u64::to_le_bytes).collect();
+    bytes.extend(mesh.positions().iter().flat_map(|p| p.coords.data.0[0]).flat_map(f64::to_le_bytes));
+    bytes.extend(mesh.triangles().iter().flatten().copied().flat_map(u32::to_le_bytes));
+    write(path, &bytes)
+}
+
 /// Writes numbers as f64, little-endian, without a header.
 pub(super) fn write_distances(path: &Path, distances: &[f64]) -> Result<(), BenchError> {
     let bytes: Vec<u8> = distances.iter().flat_map(|d| d.to_le_bytes()).collect();

@@ -1,10 +1,32 @@
 use super::evaluate::Timing;
 use crate::field::{Accuracy, Method};
 
+/// Who builds a field.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Builder {
+    Ours(Method),
+    /// A level set by OpenVDB; its queries give the value alone.
+    OpenVdb,
+}
+
+impl Builder {
+    /// All of them, in the order of the charts.
+    pub(super) fn all() -> impl Iterator<Item = Self> {
+        Method::ALL.into_iter().map(Self::Ours).chain([Self::OpenVdb])
+    }
+
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Ours(method) => method.name(),
+            Self::OpenVdb => "openvdb",
+        }
+    }
+}
+
 /// A builder and its setting.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Case {
-    pub(super) method: Method,
+    pub(super) builder: Builder,
     pub(super) grid: Grid,
     /// As a share of the bounding cube's edge; only the octrees have one.
     pub(super) tolerance: Option<f64>,
@@ -26,7 +48,7 @@ impl Case {
             Grid::Spacing(h) => format!("{h} mm"),
         };
         let tolerance = self.tolerance.map_or(String::new(), |t| format!(" {t:e}"));
-        format!("{} {grid}{tolerance}", self.method.name())
+        format!("{} {grid}{tolerance}", self.builder.name())
     }
 }
 
@@ -39,7 +61,7 @@ pub(super) struct Row {
 }
 
 /// Names of the columns of [`Row::csv`].
-pub(super) const COLUMNS: &str = "method,spacing_mm,resolution,tolerance,build_wall_s,build_cpu_s,memory_mb,peak_mb,max_error_mm,rms_error_mm,surface_max_error_mm,sign_errors,query_sorted_ns,query_random_ns";
+pub(super) const COLUMNS: &str = "method,spacing_mm,resolution,tolerance,build_wall_s,build_cpu_s,memory_mb,peak_mb,max_error_mm,rms_error_mm,surface_max_error_mm,sign_errors,query_sorted_ns,query_random_ns,hessian_sorted_ns,hessian_random_ns";
 
 impl Row {
     /// One line; what does not apply is empty.
@@ -51,7 +73,7 @@ impl Row {
             Grid::Spacing(_) => String::new(),
         };
         [
-            self.case.method.name().to_owned(),
+            self.case.builder.name().to_owned(),
             format!("{:.4}", t.spacing_mm),
             resolution,
             self.case.tolerance.map_or(String::new(), |t| format!("{t:e}")),
@@ -65,6 +87,8 @@ impl Row {
             a.sign_errors.to_string(),
             format!("{:.1}", t.query_sorted_ns),
             format!("{:.1}", t.query_random_ns),
+            optional(t.hessian_sorted_ns, 1),
+            optional(t.hessian_random_ns, 1),
         ]
         .join(",")
     }
@@ -99,7 +123,7 @@ pub(super) fn table_3(rows: &[Row]) -> String {
         text += &format!("{:<6} {:<6}", format!("{grid}³"), format!("{tolerance:e}"));
         for (method, (memory, time)) in methods.into_iter().zip(published) {
             let found = rows.iter().find(|r| {
-                r.case.method == method
+                r.case.builder == Builder::Ours(method)
                     && r.case.grid == Grid::Cells(grid)
                     && r.case.tolerance.is_none_or(|t| t == tolerance)
             });
@@ -116,4 +140,16 @@ pub(super) fn table_3(rows: &[Row]) -> String {
         text.push('\n');
     }
     text
+}
+
+/// For each spacing that both were measured at, how many times faster the adaptive field was built than OpenVDB's.
+pub(super) fn against_openvdb(rows: &[Row]) -> Vec<(f64, f64)> {
+    let of = |builder| rows.iter().filter(move |r| r.case.builder == builder);
+    of(Builder::Ours(Method::Adaptive))
+        .filter_map(|ours| {
+            let theirs = of(Builder::OpenVdb).find(|r| r.case.grid == ours.case.grid)?;
+            let Grid::Spacing(spacing) = ours.case.grid else { return None };
+            Some((spacing, theirs.timing.build_wall_s / ours.timing.build_wall_s))
+        })
+        .collect()
 }

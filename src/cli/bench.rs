@@ -3,7 +3,7 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand, ValueEnum};
 
 use super::CommandResult;
-use crate::bench::{CollisionStudy, ContactStudy, FieldStudy, evaluate};
+use crate::bench::{CollisionStudy, ContactStudy, FieldStudy, GrowthStudy, evaluate};
 use crate::field::{FieldSettings, Method, MethodSettings, Tolerance};
 
 /// Studies of `prosopon bench`.
@@ -11,6 +11,8 @@ use crate::field::{FieldSettings, Method, MethodSettings, Tolerance};
 pub(super) enum BenchCommand {
     /// Distance fields: time, memory and error of every builder; or the values of one at given points.
     Field(FieldArguments),
+    /// Time to build a field against the number of triangles, 12 000 to a million.
+    Growth(GrowthArguments),
     /// Collision detection along a path: time against tolerance.
     Collision(CollisionArguments),
     /// Newton's method on 20 000 points that a penalty pushes out of bone: share that converges, for each kind of field.
@@ -48,6 +50,9 @@ pub(super) struct FieldArguments {
     /// With --csv: all six settings of the paper's Table 3, not just the four coarser ones.
     #[arg(long, requires = "csv")]
     full: bool,
+    /// With --csv: a program that builds a level set with OpenVDB, measured beside the builders (`tests/bench/openvdb.cpp`).
+    #[arg(long, requires = "csv")]
+    openvdb: Option<PathBuf>,
     /// Evaluate these points: their number as u64, then x, y, z of each as f64, little-endian, mm.
     #[arg(long, requires = "out")]
     points: Option<PathBuf>,
@@ -78,13 +83,26 @@ pub(super) struct FieldArguments {
 }
 
 #[derive(Debug, Args)]
-pub(super) struct CollisionArguments {
-    /// Surface of the moved bone.
+pub(super) struct GrowthArguments {
+    /// Surface: STL, PLY or OBJ, mm; it is made coarser and finer.
     #[arg(long)]
     mesh: PathBuf,
-    /// Surface of the tissue, for example the skin.
+    /// Rows go here, the chart beside it.
     #[arg(long)]
-    tissue: PathBuf,
+    csv: PathBuf,
+}
+
+#[derive(Debug, Args)]
+pub(super) struct CollisionArguments {
+    /// Surface of the skull.
+    #[arg(long)]
+    mesh: PathBuf,
+    /// Surface of the skin.
+    #[arg(long, alias = "tissue")]
+    skin: PathBuf,
+    /// JSON with `le_fort_1_plane` {`point`, `normal`}, `midline_x_mm` and `occlusal_plane_z_mm`.
+    #[arg(long)]
+    landmarks: PathBuf,
     /// Rows go here, the chart beside it.
     #[arg(long)]
     csv: PathBuf,
@@ -104,13 +122,16 @@ pub(super) fn run(command: &BenchCommand) -> CommandResult {
     let out = &mut std::io::stdout();
     match command {
         BenchCommand::Field(a) => match (&a.csv, &a.points, &a.out) {
-            (Some(csv), _, _) => FieldStudy { mesh: &a.mesh, csv, full: a.full }.run(out)?,
+            (Some(csv), _, _) => {
+                FieldStudy { mesh: &a.mesh, csv, full: a.full, openvdb: a.openvdb.as_deref() }.run(out)?;
+            }
             (None, Some(points), Some(to)) => evaluate(&a.mesh, &settings(a), points, to, a.timing.as_deref())?,
             (None, _, _) => return Err("give either --csv, or --points and --out".into()),
         },
+        BenchCommand::Growth(a) => GrowthStudy { mesh: &a.mesh, csv: &a.csv }.run(out)?,
         BenchCommand::Contacts(a) => ContactStudy { mesh: &a.mesh, csv: &a.csv }.run(out)?,
         BenchCommand::Collision(a) => {
-            CollisionStudy { mesh: &a.mesh, tissue: &a.tissue, csv: &a.csv }.run(out)?;
+            CollisionStudy { skull: &a.mesh, skin: &a.skin, landmarks: &a.landmarks, csv: &a.csv }.run(out)?;
         }
     }
     Ok(())

@@ -10,6 +10,7 @@ use super::features::Features;
 use super::fit::{Sites, fit};
 use super::lattice::{BRICK, EDGE, Lattice};
 use super::refine;
+use super::regions::{DoubtfulRegions, doubtful_regions};
 use super::spline::Weights;
 use super::tiles::{Source, TILE, Tally, Tile, Tiles};
 use crate::control::{Cancelled, Control};
@@ -70,6 +71,8 @@ pub struct FieldReport {
     pub checked_points: usize,
     /// What is wrong with the surface and how it was dealt with.
     pub warnings: Vec<String>,
+    /// Where the surface leaves it open what is inside.
+    pub regions: Vec<DoubtfulRegions>,
 }
 
 impl FieldReport {
@@ -86,6 +89,7 @@ impl FieldReport {
     ) -> Result<Self, Cancelled> {
         let points = sample_points(surface, exact, band, SITES, control)?;
         let accuracy = Accuracy::measure(field, exact, &points, control)?;
+        let regions = doubtful_regions(surface, exact, control)?;
         control.report(1.0);
         Ok(Self {
             bricks: 0,
@@ -94,6 +98,7 @@ impl FieldReport {
             rms_error_mm: accuracy.rms_error_mm,
             checked_points: accuracy.points,
             warnings: Vec::new(),
+            regions,
         })
     }
 }

@@ -5,6 +5,7 @@ use super::distance_field::DistanceField;
 use super::error::{FieldError, within};
 use super::exact::ExactDistance;
 use super::flood;
+use super::regions::{DoubtfulRegions, doubtful_regions};
 use super::{FieldReport, FieldSettings};
 use crate::control::Control;
 use crate::geometry::{ScalarGrid, TriMesh};
@@ -41,6 +42,8 @@ pub struct Envelope {
     pub surface: TriMesh,
     /// What was closed, filled or dropped.
     pub warnings: Vec<String>,
+    /// Where the surface that it was made of leaves it open what is inside.
+    pub regions: Vec<DoubtfulRegions>,
 }
 
 impl Envelope {
@@ -105,8 +108,9 @@ pub fn envelope(skull: &TriMesh, settings: &EnvelopeSettings, control: &Control)
             if settings.least_sky > 0.0 { ", and places that see too little of the outside" } else { "" }
         ));
     }
+    let regions = doubtful_regions(skull, &exact, control)?;
     control.report(1.0);
-    Ok(Envelope { grid, surface, warnings })
+    Ok(Envelope { grid, surface, warnings, regions })
 }
 
 /// Turns places that are positive but cannot be reached from the border to the inside.

@@ -193,6 +193,16 @@ impl SignedField {
         }
     }
 
+    /// Value (mm), gradient (dimensionless) and Hessian (1/mm) at `p`.
+    #[must_use]
+    pub fn value_gradient_hessian(&self, p: &Point) -> (f64, Vector, Matrix3<f64>) {
+        if let Self::Adaptive(field) = self {
+            return field.value_gradient_hessian(p);
+        }
+        let (value, gradient) = self.value_gradient(p);
+        (value, gradient, self.hessian(p))
+    }
+
     /// Memory of the field, bytes.
     #[must_use]
     pub fn bytes(&self) -> usize {

@@ -24,6 +24,7 @@ mod flood;
 mod lattice;
 mod method;
 mod refine;
+mod regions;
 mod rim;
 mod scan;
 mod sky;
@@ -41,6 +42,7 @@ pub use envelope::{Envelope, EnvelopeSettings, envelope};
 pub use error::FieldError;
 pub use exact::ExactDistance;
 pub use method::{Method, MethodSettings, Settled, SignedField};
+pub use regions::{Doubt, DoubtfulRegions, Region, doubtful_regions};
 
 #[cfg(test)]
 mod tests;

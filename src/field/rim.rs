@@ -1,10 +1,11 @@
 //! Rims of holes and sheets, closed by caps.
 
 use super::crossings;
+use super::regions::Region;
 use super::tree::Tree;
 use super::triangle::solid_angle;
 use super::winding::Winding;
-use crate::geometry::{Point, Vector};
+use crate::geometry::{Aabb, Point, Vector};
 
 /// One loop of the rim, or several that touch.
 #[derive(Debug, Clone)]
@@ -84,6 +85,17 @@ impl Rim {
             }
         }
         count
+    }
+
+    /// The rims of holes and sheets: those of parts that only look the other way, where an edge counts twice, are left out.
+    pub(super) fn regions(&self) -> Vec<Region> {
+        let is_open = |hole: &&Hole| hole.edges.iter().any(|(.., times)| times % 2 != 0);
+        let region = |hole: &Hole| {
+            let ends: Vec<Point> = hole.edges.iter().flat_map(|(a, b, _)| [*a, *b]).collect();
+            let bounds = Aabb::of(&ends)?;
+            Some(Region { elements: hole.edges.len(), area_mm2: hole.area, bounds })
+        };
+        self.holes.iter().filter(is_open).filter_map(region).collect()
     }
 
     /// Number of edges.

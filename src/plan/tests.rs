@@ -27,7 +27,7 @@ fn bone(low: [f64; 3], high: [f64; 3], spacing: f64, distance: impl Fn(&Point) -
         }
     }
     let surface = isosurface(&grid, 0.0).unwrap();
-    Envelope { grid, surface, warnings: vec![] }
+    Envelope { grid, surface, warnings: vec![], regions: vec![] }
 }
 
 fn block() -> Envelope {

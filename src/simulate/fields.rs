@@ -62,8 +62,10 @@ pub fn build_fields(anatomy: &Anatomy, settings: &FieldsSettings, control: &Cont
         },
         || {
             let bone = envelope(&anatomy.skull, &settings.envelope, &control.part(0.0, 0.5))?;
-            let field = SignedField::build(&bone.surface, &settings.field, &control.part(0.5, 1.0))?;
-            Ok::<_, SimulateError>((bone, field))
+            let (field, mut report) = SignedField::build(&bone.surface, &settings.field, &control.part(0.5, 1.0))?;
+            // The envelope is closed; what is doubtful is the surface that came.
+            report.regions.clone_from(&bone.regions);
+            Ok::<_, SimulateError>((bone, (field, report)))
         },
     );
     let (((skin, skin_report), air), (bone, (bone_field, bone_report))) = (soft?, bone?);

@@ -147,6 +147,9 @@ async fn a_field_can_be_asked() {
     let field = app.get(&format!("{session}/field")).await.ok();
     assert_eq!((&field["state"], &field["report"]["skin"]["max_error_mm"]), (&json!("ready"), &json!(0.05)));
     assert_eq!(field["settings"]["method"], "adaptive");
+    let place = json!({"elements": 10, "area_mm2": 4.0, "min_mm": [1.0, 2.0, 3.0], "max_mm": [4.0, 5.0, 6.0]});
+    let inverted = json!({"doubt": "inverted", "count": 3, "elements": 12, "area_mm2": 4.5, "largest": [place]});
+    assert_eq!(field["report"]["bone"]["regions"], json!([inverted]));
     let body = json!({"points_mm": [[0, -70, 0], [0, 0, 50]], "solid": "bone"});
     let values = app.post(&format!("{session}/field/query"), body).await.ok();
     assert_eq!(values["distances_mm"], json!([10.0, -10.0]));

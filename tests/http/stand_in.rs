@@ -7,8 +7,8 @@ use std::time::Duration;
 use prosopon::control::Control;
 use prosopon::evaluate::{ErrorMap, FaceRegion, Statistics};
 use prosopon::fem::{SolveSettings, StepReport};
-use prosopon::field::{FieldReport, Settled};
-use prosopon::geometry::{Motion, Point, TriMesh, Vector};
+use prosopon::field::{Doubt, DoubtfulRegions, FieldReport, Region, Settled};
+use prosopon::geometry::{Aabb, Motion, Point, TriMesh, Vector};
 use prosopon::import::Limits;
 use prosopon::mesh::MeshReport;
 use prosopon::plan::{BoundedPlane, Osteotomy, PathReport, Plan, PlanError, Segment};
@@ -70,6 +70,7 @@ impl StandIn {
 }
 
 fn field_report() -> FieldReport {
+    let bounds = Aabb { min: Point::new(1.0, 2.0, 3.0), max: Point::new(4.0, 5.0, 6.0) };
     FieldReport {
         bricks: 8,
         bytes: 4096,
@@ -77,6 +78,13 @@ fn field_report() -> FieldReport {
         rms_error_mm: 0.01,
         checked_points: 100,
         warnings: Vec::new(),
+        regions: vec![DoubtfulRegions {
+            doubt: Doubt::Inverted,
+            count: 3,
+            elements: 12,
+            area_mm2: 4.5,
+            largest: vec![Region { elements: 10, area_mm2: 4.0, bounds }],
+        }],
     }
 }
 

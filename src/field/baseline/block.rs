@@ -42,7 +42,8 @@ impl Shape {
             direction.cross(&axis).normalize()
         });
         let sides = [0, 1, 2].map(|i: usize| {
-            let along = edges[i].try_normalize(0.0).unwrap_or(direction);
+            // Those of a point lie back to back, so that nothing is between them.
+            let along = edges[i].try_normalize(0.0).unwrap_or(if i == 0 { direction } else { -direction });
             Side {
                 start: single(&(corners[i] - corners[0])),
                 along: single(&along),

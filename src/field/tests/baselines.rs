@@ -1,4 +1,4 @@
-use super::shapes::{Random, block, block_distance, filtered, flipped, joined, sphere};
+use super::shapes::{Random, block, block_distance, filtered, flipped, joined, sphere, torus};
 use crate::control::Control;
 use crate::field::{
     ExactDistance, FieldError, FieldSettings, Method, MethodSettings, Octree, Resolution, SampledReport,
@@ -26,22 +26,6 @@ fn settings(spacing_mm: f64, tolerance_mm: f64) -> SampledSettings {
         band_mm: 3.0,
         margin_mm: 4.0,
     }
-}
-
-/// Torus around the z axis through `center`.
-fn torus(center: Point, large: f64, small: f64, n: u32) -> TriMesh {
-    let angle = |i: u32| std::f64::consts::TAU * f64::from(i) / f64::from(n);
-    let positions = (0..n * n).map(|i| {
-        let (u, v) = (angle(i % n), angle(i / n));
-        let r = large + small * v.cos();
-        center + Vector::new(r * u.cos(), r * u.sin(), small * v.sin())
-    });
-    let at = |u: u32, v: u32| u % n + n * (v % n);
-    let triangles = (0..n * n).flat_map(|i| {
-        let (u, v) = (i % n, i / n);
-        [[at(u, v), at(u + 1, v), at(u + 1, v + 1)], [at(u, v), at(u + 1, v + 1), at(u, v + 1)]]
-    });
-    TriMesh::new(positions.collect(), triangles.collect()).unwrap()
 }
 
 /// Largest difference from `distance` in the band, at random points around `center`; the sign must be right off the surface.

@@ -1,7 +1,14 @@
 mod accuracy;
 mod baselines;
+mod brute_force;
 mod certificate;
+mod closed_forms;
+mod continuity;
+mod convergence;
 mod envelopes;
+mod hostile;
+mod invariants;
+mod regions;
 mod shapes;
 mod signs;
 mod smoothness;

@@ -1,5 +1,7 @@
 //! Small surfaces with known distances.
 
+use crate::control::Control;
+use crate::field::{FieldReport, FieldSettings, Method, MethodSettings, SignedField, Tolerance};
 use crate::geometry::{Point, TriMesh, Vector};
 use std::collections::BTreeMap;
 
@@ -79,6 +81,93 @@ pub(super) fn block(center: Point, half: Vector) -> TriMesh {
 pub(super) fn block_distance(center: Point, half: Vector, p: &Point) -> f64 {
     let q = (p - center).abs() - half;
     q.sup(&Vector::zeros()).norm() + q.max().min(0.0)
+}
+
+/// Torus around the z axis through `center`, n × n × 2 triangles.
+pub(super) fn torus(center: Point, large: f64, small: f64, n: u32) -> TriMesh {
+    let angle = |i: u32| std::f64::consts::TAU * f64::from(i) / f64::from(n);
+    let positions = (0..n * n).map(|i| {
+        let (u, v) = (angle(i % n), angle(i / n));
+        let r = large + small * v.cos();
+        center + Vector::new(r * u.cos(), r * u.sin(), small * v.sin())
+    });
+    let at = |u: u32, v: u32| u % n + n * (v % n);
+    let triangles = (0..n * n).flat_map(|i| {
+        let (u, v) = (i % n, i / n);
+        [[at(u, v), at(u + 1, v), at(u + 1, v + 1)], [at(u, v), at(u + 1, v + 1), at(u, v + 1)]]
+    });
+    TriMesh::new(positions.collect(), triangles.collect()).unwrap()
+}
+
+/// Signed distance to a torus of these radii around the z axis through `center`.
+pub(super) fn torus_distance(center: Point, large: f64, small: f64, p: &Point) -> f64 {
+    let q = p - center;
+    (q.xy().norm() - large).hypot(q.z) - small
+}
+
+/// Cone with its tip at the origin, axis z, base at -`height`, `n` sides.
+pub(super) fn cone(radius: f64, height: f64, n: u32) -> TriMesh {
+    let mut p = vec![Point::origin(), Point::new(0.0, 0.0, -height)];
+    p.extend((0..n).map(|i| {
+        let angle = std::f64::consts::TAU * f64::from(i) / f64::from(n);
+        Point::new(radius * angle.cos(), radius * angle.sin(), -height)
+    }));
+    let t = (0..n).flat_map(|i| {
+        let (a, b) = (2 + i, 2 + (i + 1) % n);
+        [[0, a, b], [1, b, a]]
+    });
+    TriMesh::new(p, t.collect()).unwrap()
+}
+
+/// Signed distance to [`cone`] with round sides: in the half plane of the axis it is that to a triangle.
+pub(super) fn cone_distance(radius: f64, height: f64, p: &Point) -> f64 {
+    let (r, z) = (p.coords.xy().norm(), p.z);
+    let to_segment = |a: [f64; 2], b: [f64; 2]| {
+        let (u, v) = ([b[0] - a[0], b[1] - a[1]], [r - a[0], z - a[1]]);
+        let t = ((u[0] * v[0] + u[1] * v[1]) / (u[0] * u[0] + u[1] * u[1])).clamp(0.0, 1.0);
+        (v[0] - t * u[0]).hypot(v[1] - t * u[1])
+    };
+    let rim = [radius, -height];
+    let distance = to_segment([0.0, 0.0], rim).min(to_segment([0.0, -height], rim));
+    let inside = z < 0.0 && z > -height && r < -z * radius / height;
+    if inside { -distance } else { distance }
+}
+
+/// Tetrahedron with its corners in the order that makes its volume positive.
+pub(super) fn tetrahedron(corners: [Point; 4]) -> TriMesh {
+    TriMesh::new(corners.to_vec(), vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]).unwrap()
+}
+
+/// Signed distance to a convex polyhedron: inside it is that to the nearest plane.
+pub(super) fn convex_distance(mesh: &TriMesh, p: &Point) -> f64 {
+    let triangles = || (0..mesh.triangles().len()).map(|t| mesh.corners(t));
+    let height = triangles()
+        .map(|[a, b, c]| (b - a).cross(&(c - a)).normalize().dot(&(p - a)))
+        .fold(f64::NEG_INFINITY, f64::max);
+    if height <= 0.0 {
+        return height;
+    }
+    triangles().map(|c| (crate::field::triangle::closest_point(p, &c) - p).norm()).fold(f64::INFINITY, f64::min)
+}
+
+/// Sphere of 320 triangles whose vertices are moved along their radius by a share of up to `roughness`.
+pub(super) fn rough_ball(center: Point, radius: f64, roughness: f64, seed: u64) -> TriMesh {
+    let ball = sphere(Point::origin(), radius, 2);
+    let mut random = Random(seed);
+    let moved =
+        ball.positions().iter().map(|p| center + p.coords * (1.0 + roughness * (2.0 * random.unit() - 1.0))).collect();
+    ball.with_positions(moved).unwrap()
+}
+
+/// Fields of every method at this spacing (mm), and what is reported of them. The octrees' tolerance is 0.01 mm.
+pub(super) fn fields(mesh: &TriMesh, spacing_mm: f64, band_mm: f64) -> Vec<(Method, SignedField, FieldReport)> {
+    let field = FieldSettings { spacing_mm, band_mm, margin_mm: band_mm + 1.0 };
+    let build = |method| {
+        let settings = MethodSettings { method, field, resolution: None, tolerance: Tolerance::Mm(0.01) };
+        let (field, report) = SignedField::build(mesh, &settings, &Control::new()).unwrap();
+        (method, field, report)
+    };
+    Method::ALL.map(build).into()
 }
 
 /// `mesh` with only the triangles that `keep` (index, corners) wants.

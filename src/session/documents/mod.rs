@@ -15,7 +15,7 @@ pub use bone::{
     SegmentDocument, WaypointDocument,
 };
 pub use error_map::{ErrorDocument, HistogramBin, StatisticsDocument};
-pub use field::{FieldDocument, FieldQualityDocument};
+pub use field::{DoubtDocument, DoubtfulRegionsDocument, FieldDocument, FieldQualityDocument, RegionDocument};
 pub use material::{D1ReadingName, LockingName, MaterialDocument, PresetName, SkinElementName, TissueLawsDocument};
 pub use mesh::MeshDocument;
 pub use report::{PhasesDocument, ReportDocument, ReportInput};

@@ -11,7 +11,9 @@ pub struct StepReport {
     pub factorisations: usize,
     /// Residual force relative to the reaction force.
     pub relative_residual: f64,
-    /// Largest displacement that the remaining residual could still cause, as the last tangent sees it, mm.
+    /// Estimate, no bound, of the displacement that is left, mm: what the residual could still cause as the last tangent sees it, or
+    /// for a step converged for the eye the last iteration's movement of the skin. Points that creep over an edge of the bone may
+    /// be several times farther off.
     pub remaining_mm: f64,
     /// Smallest det F over all quadrature points.
     pub min_det_f: f64,

@@ -61,8 +61,9 @@ pub struct StepDocument {
     pub max_penetration_mm: f64,
     /// Residual force relative to the reaction force.
     pub relative_residual: f64,
-    /// Displacement that is estimated to be left to the exact equilibrium, mm. The last step is converged to the solver's tolerance, the
-    /// steps on the way for the eye, to 0.02 mm on the skin.
+    /// Estimate, no bound, of what is left to the exact equilibrium, mm: by the residual and the last tangent, or the last
+    /// iteration's movement of the skin. The last step is converged to the solver's tolerance; steps on the way are for the eye and end
+    /// when the estimate is below 0.02 mm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub remaining_mm: Option<f64>,
     /// Newton iterations, substeps included.

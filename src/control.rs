@@ -8,6 +8,9 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 #[error("cancelled")]
 pub struct Cancelled;
 
+/// Seconds since a moment that stays the same.
+pub type Clock = fn() -> f64;
+
 /// Handle that every long function takes: it says when to stop and is told how far the work is.
 ///
 /// Clones share the same cancel flag and progress value. [`Control::part`] maps the progress of a
@@ -18,6 +21,7 @@ pub struct Control {
     progress: Arc<AtomicU64>,
     from: f64,
     to: f64,
+    clock: Clock,
 }
 
 impl Default for Control {
@@ -35,7 +39,20 @@ impl Control {
             progress: Arc::new(AtomicU64::new(0f64.to_bits())),
             from: 0.0,
             to: 1.0,
+            clock: || 0.0,
         }
+    }
+
+    /// The same control with a clock, so that work which has none can report the time that its phases took.
+    #[must_use]
+    pub fn with_clock(self, clock: Clock) -> Self {
+        Self { clock, ..self }
+    }
+
+    /// The caller's clock; one that stands still when there is none. It times work and never decides anything.
+    #[must_use]
+    pub fn clock(&self) -> Clock {
+        self.clock
     }
 
     /// Asks the computation to stop at its next check.
@@ -70,6 +87,12 @@ impl Control {
         f64::from_bits(self.progress.load(Ordering::Relaxed))
     }
 
+    /// A control with the same cancel flag whose progress is not told.
+    #[must_use]
+    pub fn unreported(&self) -> Self {
+        Self { cancel: Arc::clone(&self.cancel), ..Self::new() }
+    }
+
     /// A control for a stage that covers the shares `from` to `to` (0 to 1) of this one.
     #[must_use]
     pub fn part(&self, from: f64, to: f64) -> Self {
@@ -79,6 +102,7 @@ impl Control {
             progress: Arc::clone(&self.progress),
             from: self.from + from * span,
             to: self.from + to * span,
+            clock: self.clock,
         }
     }
 }

@@ -24,6 +24,8 @@ const MOST_STEPS: usize = 50;
 const MOST_HALVINGS: usize = 40;
 /// Converged when the force is below this share of the penalty's at 1 mm.
 const SMALL_FORCE: f64 = 1e-8;
+/// Deeper than this, mm, the tangent leaves the distance's curvature out: a step goes straight for the surface (Gauss-Newton).
+const CURVED_MM: f64 = 0.2;
 /// Least eigenvalue of the tangent.
 const LEAST_EIGENVALUE: f64 = 1e-3;
 /// A step must lower the energy by this share of what its slope promises.
@@ -35,8 +37,8 @@ const RESOLUTION: u32 = 256;
 /// a field's value, gradient and Hessian suit a minimisation.
 ///
 /// The energy is (x - a)ᵀ K (x - a) / 2 + κ min(d(x), 0)² / 2 from x = a on, with a spring K that differs from direction to
-/// direction as tissue does (else the way out would be the straight one to the closest point); the tangent is the energy's Hessian with negative eigenvalues
-/// lifted, steps are halved until the energy falls.
+/// direction as tissue does (else the way out would be the straight one to the closest point); the tangent is the energy's Hessian (without the distance's curvature
+/// while deep) with negative eigenvalues turned round, steps are halved until the energy falls.
 #[derive(Debug)]
 pub struct ContactStudy<'a> {
     /// Surface of bone.
@@ -165,7 +167,10 @@ fn solve(anchor: &Anchor, field: &dyn Implicit) -> Option<usize> {
         }
         let mut tangent = anchor.spring;
         if gap < 0.0 {
-            tangent += PENALTY * (gradient * gradient.transpose() + gap * field.hessian(&x));
+            tangent += PENALTY * gradient * gradient.transpose();
+        }
+        if (-CURVED_MM..0.0).contains(&gap) {
+            tangent += PENALTY * gap * field.hessian(&x);
         }
         let direction = descent(tangent, &force);
         let slope = direction.dot(&force);
@@ -185,7 +190,7 @@ fn solve(anchor: &Anchor, field: &dyn Implicit) -> Option<usize> {
     None
 }
 
-/// The Newton direction of a tangent whose eigenvalues are lifted where they are too small.
+/// The Newton direction of a tangent whose eigenvalues are turned positive, and lifted where they are too small.
 fn descent(tangent: Matrix3<f64>, force: &Vector) -> Vector {
     let eigen = SymmetricEigen::new(tangent);
     let mut direction = Vector::zeros();

@@ -32,6 +32,8 @@ pub(super) struct Timing {
     /// Value, gradient and Hessian, in the two orders.
     pub(super) hessian_sorted_ns: Option<f64>,
     pub(super) hessian_random_ns: Option<f64>,
+    /// No point of the surface has a larger error, mm; only for the adaptive method.
+    pub(super) surface_bound_mm: Option<f64>,
 }
 
 /// Builds a field of the surface in `mesh`, writes its distances (with settled signs) at the points in `points` to `out`, and what
@@ -71,6 +73,7 @@ pub fn evaluate(
     let (sorted, random) = (along_a_curve(&points), shuffled(&points));
     let jet = |p: &Point| field.value_gradient(p);
     let bent = |p: &Point| field.value_gradient_hessian(p);
+    let surface_bound_mm = field.surface_bound(&surface, &exact, &Control::new()).unwrap_or_default();
     let found = Timing {
         spacing_mm: field.spacing_mm(),
         build_wall_s: wall_s,
@@ -81,6 +84,7 @@ pub fn evaluate(
         query_random_ns: query_ns(&random, jet),
         hessian_sorted_ns: Some(query_ns(&sorted, bent)),
         hessian_random_ns: Some(query_ns(&random, bent)),
+        surface_bound_mm,
     };
     let json = serde_json::to_vec(&found).map_err(std::io::Error::other)?;
     write(timing, &json)

@@ -61,7 +61,7 @@ pub(super) struct Row {
 }
 
 /// Names of the columns of [`Row::csv`].
-pub(super) const COLUMNS: &str = "method,spacing_mm,resolution,tolerance,build_wall_s,build_cpu_s,memory_mb,peak_mb,max_error_mm,rms_error_mm,surface_max_error_mm,sign_errors,query_sorted_ns,query_random_ns,hessian_sorted_ns,hessian_random_ns";
+pub(super) const COLUMNS: &str = "method,spacing_mm,resolution,tolerance,build_wall_s,build_cpu_s,memory_mb,peak_mb,max_error_mm,rms_error_mm,surface_max_error_mm,sign_errors,query_sorted_ns,query_random_ns,hessian_sorted_ns,hessian_random_ns,surface_bound_mm";
 
 impl Row {
     /// One line; what does not apply is empty.
@@ -89,6 +89,7 @@ impl Row {
             format!("{:.1}", t.query_random_ns),
             optional(t.hessian_sorted_ns, 1),
             optional(t.hessian_random_ns, 1),
+            optional(t.surface_bound_mm, 4),
         ]
         .join(",")
     }

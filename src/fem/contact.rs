@@ -7,7 +7,7 @@
 //! Far from equilibrium only the Gauss-Newton part `k n nᵀ` of the Hessian is used: with the distance's curvature Newton
 //! stalls there, without it the last iterations gain a fifth each instead of digits.
 
-use super::dofs::Dofs;
+use super::dofs::{Dofs, axes_in};
 use super::settings::ContactBody;
 use crate::geometry::{Motion, Point, Vector};
 use crate::mesh::{Attachment, MixedMesh};
@@ -57,6 +57,26 @@ impl Touch {
     pub(super) fn pair(&self) -> (usize, usize) {
         (self.point, self.body)
     }
+}
+
+/// Where the curvature of bodies is taken.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Curved<'a> {
+    /// Nodes.
+    pub(super) x: &'a [Vector],
+    /// Motion of each body.
+    pub(super) motions: &'a [Motion],
+    /// Share of the curvature: 1 is the exact Hessian.
+    pub(super) share: f64,
+}
+
+/// A term `factor v vᵀ` of a matrix.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct RankOne {
+    /// Unknown nodes and the three entries of `v` there.
+    pub(super) nodes: Vec<(u32, Vector)>,
+    /// Positive.
+    pub(super) factor: f64,
 }
 
 /// All contact of one tissue.
@@ -168,22 +188,22 @@ impl<'a> Contact<'a> {
     }
 
     /// Blocks of the energy's Hessian: row and column among the unknowns (`row >= column`) and the block. Gauss-Newton,
-    /// or exact when `motions` of the bodies and the positions `x` are given.
+    /// or with the curvature of the bodies.
     pub(super) fn hessian(
         &self,
         touches: &[Touch],
-        exact: Option<(&[Vector], &[Motion])>,
+        curved: Option<Curved<'_>>,
         dofs: &Dofs,
         mut add: impl FnMut(u32, u32, &nalgebra::Matrix3<f64>),
     ) {
         for t in touches {
             let p = &self.points[t.point];
             let mut block = t.normal * t.normal.transpose() * (self.stiffness * p.area);
-            if let Some((x, motions)) = exact {
+            if let Some(Curved { x, motions, share }) = curved {
                 let motion = &motions[t.body];
                 let curvature = self.bodies[t.body].solid.hessian(&motion.inverse_transform_point(&p.at(x)));
                 let r = motion.rotation.to_rotation_matrix();
-                block -= r.matrix() * curvature * r.matrix().transpose() * (t.pressure.max(0.0) * p.area);
+                block -= r.matrix() * curvature * r.matrix().transpose() * (share * t.pressure.max(0.0) * p.area);
             }
             for (a, wa) in p.terms() {
                 for (b, wb) in p.terms() {
@@ -195,6 +215,25 @@ impl<'a> Contact<'a> {
                 }
             }
         }
+    }
+
+    /// The Gauss-Newton part of the Hessian, term by term.
+    pub(super) fn terms(&self, touches: &[Touch], dofs: &Dofs) -> Vec<RankOne> {
+        let term = |t: &Touch| {
+            let p = &self.points[t.point];
+            let nodes = p.terms().filter_map(|(node, weight)| {
+                let mut entry = t.normal * weight;
+                axes_in(dofs.axes_of(node as usize)).for_each(|axis| entry[axis] = 0.0);
+                dofs.unknown(node).map(|u| (u, entry))
+            });
+            RankOne { nodes: nodes.collect(), factor: self.stiffness * p.area }
+        };
+        touches.iter().map(term).collect()
+    }
+
+    /// What each touch would push with at zero displacement, along the vectors of [`Contact::terms`], N.
+    pub(super) fn loads(&self, touches: &[Touch]) -> Vec<f64> {
+        touches.iter().map(|t| self.points[t.point].area * t.pressure).collect()
     }
 
     /// Force of each body on the tissue, N.
@@ -254,6 +293,17 @@ impl<'a> Contact<'a> {
 /// Largest penetration, mm.
 pub(super) fn penetration(touches: &[Touch]) -> f64 {
     touches.iter().map(|t| -t.gap).fold(0.0, f64::max)
+}
+
+/// Mesh nodes that contact can act on.
+pub(super) fn contact_nodes(mesh: &MixedMesh) -> Vec<bool> {
+    let mut found = vec![false; mesh.positions.len()];
+    for point in contact_points(mesh) {
+        for (node, _) in point.terms() {
+            found[node as usize] = true;
+        }
+    }
+    found
 }
 
 fn contact_points(mesh: &MixedMesh) -> Vec<ContactPoint> {

@@ -3,7 +3,6 @@
 use super::assembly::{Inversion, Law};
 use super::error::SolveError;
 use super::newton::{Equations, Failure};
-use super::setup::tissue_name;
 use crate::geometry::{Point, Vector};
 use crate::mesh::MixedMesh;
 
@@ -28,7 +27,7 @@ pub(super) fn name(
         let p = centre(equations, mesh, weak.at);
         return SolveError::Unstable {
             path_share: goal,
-            tissue: tissue_name(equations.assembly.tissue(weak.at)),
+            tissue: equations.assembly.tissue(weak.at).name(),
             kind: equations.assembly.parts()[weak.at.part].block.kind,
             element: weak.at.element,
             stretch: weak.stretch,
@@ -62,7 +61,7 @@ pub(super) fn name(
 pub(super) fn ellipticity_warning(equations: &Equations<'_>, x: &[Vector]) -> Option<String> {
     let (count, weakest) = weak_elements(equations, x);
     weakest.map(|weak| {
-        let tissue = tissue_name(equations.assembly.tissue(weak.at));
+        let tissue = equations.assembly.tissue(weak.at).name();
         let kind = equations.assembly.parts()[weak.at.part].block.kind;
         format!(
             "the material of {count} elements has lost ellipticity, the worst is {kind} {} ({tissue}) at a stretch of {:.3}",

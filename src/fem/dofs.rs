@@ -36,15 +36,21 @@ pub(super) struct Dofs {
     partly_held: Vec<(u32, u8)>,
     /// Tangent vectors of partly held nodes that lie askew to the axis and so stay free.
     askew_tangents: usize,
+    /// First of the unknown nodes that are eliminated last.
+    first_last: usize,
+    /// Whether an unknown node is a corner of the outer skin.
+    visible: Vec<bool>,
 }
 
 impl Dofs {
-    /// Classifies and numbers the generalised nodes. `surface` is there when the skin is made of C1 prisms.
+    /// Classifies and numbers the generalised nodes. `surface` is there when the skin is made of C1 prisms. Mesh nodes in `last` get the
+    /// last numbers.
     pub(super) fn new(
         mesh: &MixedMesh,
         boundary: &Boundary,
         surface: Option<&C1Surface>,
         blocks: &[&ElementBlock],
+        last: &[bool],
     ) -> Result<Self, SolveError> {
         let n_mesh_nodes = mesh.positions.len();
         let mut rest: Vec<Vector> = mesh.positions.iter().map(|p| p.coords).collect();
@@ -94,7 +100,12 @@ impl Dofs {
         check_support(mesh, blocks, &hold, &boundary.held_axes)?;
 
         let free: Vec<bool> = hold.iter().map(|h| *h == Hold::Free).collect();
-        let node_of = ordering::elimination_order(blocks, &free, &owner)?;
+        let node_of = ordering::elimination_order(blocks, &free, &owner, last)?;
+        let mut outer = vec![false; rest.len()];
+        mesh.prisms.iter().flat_map(|p| &p[..3]).for_each(|&node| outer[node as usize] = true);
+        let visible = node_of.iter().map(|&node| outer[node as usize]).collect();
+        let is_last = |node: &u32| last.get(*node as usize).copied().unwrap_or(false);
+        let first_last = node_of.iter().position(is_last).unwrap_or(node_of.len());
         let mut unknown = vec![HELD; rest.len()];
         for (index, &node) in node_of.iter().enumerate() {
             unknown[node as usize] = index as u32;
@@ -103,7 +114,7 @@ impl Dofs {
             .filter(|(_, axes)| **axes != 0)
             .filter_map(|(node, axes)| (unknown[node] != HELD).then_some((unknown[node], *axes)))
             .collect();
-        Ok(Self { hold, unknown, node_of, rest, n_mesh_nodes, axes, partly_held, askew_tangents })
+        Ok(Self { hold, unknown, node_of, rest, n_mesh_nodes, axes, partly_held, askew_tangents, first_last, visible })
     }
 
     /// Number of generalised nodes.
@@ -114,6 +125,11 @@ impl Dofs {
     /// Number of unknown generalised nodes (three unknowns each).
     pub(super) fn n_unknown(&self) -> usize {
         self.node_of.len()
+    }
+
+    /// First of the unknown nodes that were asked to be eliminated last; [`Dofs::n_unknown`] when there are none.
+    pub(super) fn first_last(&self) -> usize {
+        self.first_last
     }
 
     /// Number of unknowns, without those along held axes.
@@ -210,6 +226,15 @@ impl Dofs {
     /// Tangent vectors that a plane of symmetry should hold but that lie askew to it.
     pub(super) fn askew_tangents(&self) -> usize {
         self.askew_tangents
+    }
+
+    /// Largest length of the outer skin's position unknowns in `d`, mm; of all when there is no skin.
+    pub(super) fn max_visible_change(&self, d: &[f64]) -> f64 {
+        if !self.visible.contains(&true) {
+            return self.max_position_change(d);
+        }
+        let of_skin = d.chunks_exact(3).zip(&self.visible).filter(|(_, visible)| **visible);
+        of_skin.map(|(d, _)| Vector::new(d[0], d[1], d[2]).norm()).fold(0.0, f64::max)
     }
 
     /// Largest length of the position unknowns in `d`, mm.

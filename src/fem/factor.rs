@@ -2,14 +2,18 @@
 
 use super::assembly::Pattern;
 use super::error::SolveError;
-use faer::dyn_stack::{MemBuffer, MemStack, StackReq};
+use super::triangular::{self, Schedule};
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
 use faer::sparse::linalg::SupernodalThreshold;
+use faer::sparse::linalg::cholesky::supernodal::{SupernodalLltRef, SymbolicSupernodalCholesky};
 use faer::sparse::linalg::cholesky::{
-    CholeskySymbolicParams, LltRef, SymbolicCholesky, SymmetricOrdering, factorize_symbolic_cholesky,
+    CholeskySymbolicParams, SymbolicCholesky, SymbolicCholeskyRaw, SymmetricOrdering, factorize_symbolic_cholesky,
 };
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMat};
 use faer::traits::RealField;
-use faer::{Conj, MatMut, Par, Side};
+use faer::{Mat, Par, Side};
+use std::ops::{Add, Div, Mul, Sub};
 use std::sync::Arc;
 
 /// Unknowns above which faer splits its dense work in two. The split is fixed, so the bits do not depend on the number of threads.
@@ -24,11 +28,14 @@ pub(super) struct Symbolic {
     cholesky: SymbolicCholesky<usize>,
     lower: SymbolicSparseColMat<usize>,
     par: Par,
+    /// First unknown of the first supernode with a node that is eliminated last.
+    corner: usize,
+    schedule: Schedule,
 }
 
 impl Symbolic {
-    /// Symbolic analysis. The pattern's order is the elimination order.
-    pub(super) fn new(pattern: &Pattern) -> Result<Self, SolveError> {
+    /// Symbolic analysis. The pattern's order is the elimination order. The nodes from `first_last` on are asked for as a dense corner.
+    pub(super) fn new(pattern: &Pattern, first_last: usize) -> Result<Self, SolveError> {
         let n = 3 * pattern.n_columns();
         let params = CholeskySymbolicParams {
             supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SUPERNODAL,
@@ -39,12 +46,30 @@ impl Symbolic {
         let cholesky = factorize_symbolic_cholesky(upper.as_ref(), Side::Upper, SymmetricOrdering::Identity, params)
             .map_err(|e| SolveError::Factorisation { detail: format!("symbolic analysis of {n} unknowns: {e}") })?;
         let par = if n > PARALLEL_FROM { Par::rayon(2) } else { Par::Seq };
-        Ok(Self { cholesky, lower: lower_triangle(pattern), par })
+        let SymbolicCholeskyRaw::Supernodal(supernodal) = cholesky.raw() else {
+            return Err(SolveError::Factorisation { detail: "the factor has no supernodes".to_owned() });
+        };
+        let begins = supernodal.supernode_begin();
+        let corner = match first_last < pattern.n_columns() {
+            true => begins.iter().copied().rfind(|&begin| begin <= 3 * first_last).unwrap_or(0),
+            false => n,
+        };
+        let schedule = Schedule::new(supernodal);
+        Ok(Self { cholesky, lower: lower_triangle(pattern), par, corner, schedule })
+    }
+
+    fn supernodal(&self) -> Option<&SymbolicSupernodalCholesky<usize>> {
+        match self.cholesky.raw() {
+            SymbolicCholeskyRaw::Supernodal(symbolic) => Some(symbolic),
+            SymbolicCholeskyRaw::Simplicial(_) => None,
+        }
     }
 }
 
 /// Number type of a factor.
-pub(super) trait Precision: RealField + Copy {
+pub(super) trait Precision:
+    RealField + Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self>
+{
     fn of(value: f64) -> Self;
     fn to(self) -> f64;
 }
@@ -73,6 +98,8 @@ pub(super) struct Factor<T> {
     l_values: Vec<T>,
     memory: MemBuffer,
     valid: bool,
+    /// Its corner, made when it is asked for.
+    dense_corner: Option<Mat<T>>,
 }
 
 impl<T> std::fmt::Debug for Factor<T> {
@@ -85,17 +112,14 @@ impl<T> std::fmt::Debug for Factor<T> {
 impl<T: Precision> Factor<T> {
     /// Room for a factor of this structure.
     pub(super) fn new(symbolic: Arc<Symbolic>) -> Result<Self, SolveError> {
-        let need = StackReq::any_of(&[
-            symbolic.cholesky.factorize_numeric_llt_scratch::<T>(symbolic.par, Default::default()),
-            symbolic.cholesky.solve_in_place_scratch::<T>(1, Par::Seq),
-        ]);
+        let need = symbolic.cholesky.factorize_numeric_llt_scratch::<T>(symbolic.par, Default::default());
         let entries = symbolic.cholesky.len_val();
         let failed = || SolveError::Factorisation { detail: format!("no memory for a factor of {entries} entries") };
         let memory = MemBuffer::try_new(need).map_err(|_| failed())?;
         let mut l_values = Vec::new();
         l_values.try_reserve_exact(entries).map_err(|_| failed())?;
         l_values.resize(entries, T::of(0.0));
-        Ok(Self { symbolic, l_values, memory, valid: false })
+        Ok(Self { symbolic, l_values, memory, valid: false, dense_corner: None })
     }
 
     /// Whether there is a factor to solve with.
@@ -106,6 +130,7 @@ impl<T: Precision> Factor<T> {
     /// Factorises the matrix with these values (laid out as [`Pattern`] says).
     pub(super) fn factorise(&mut self, values: &[f64]) -> Result<(), Indefinite> {
         self.valid = false;
+        self.dense_corner = None;
         let values: Vec<T> = values.iter().map(|v| T::of(*v)).collect();
         let matrix = SparseColMatRef::new(self.symbolic.lower.as_ref(), values.as_slice());
         let result = self.symbolic.cholesky.factorize_numeric_llt(
@@ -122,18 +147,82 @@ impl<T: Precision> Factor<T> {
         if self.valid { Ok(()) } else { Err(Indefinite) }
     }
 
-    /// Solves in place with the present factor.
-    pub(super) fn solve(&mut self, x: &mut [f64]) {
+    /// Solves in place with the present factor: `L`, then what `between` does to the unknowns from the corner on, then `Lᵀ`.
+    pub(super) fn solve(&self, x: &mut [f64], between: impl FnOnce(&mut [f64])) {
         let mut y: Vec<T> = x.iter().map(|v| T::of(*v)).collect();
-        LltRef::new(&self.symbolic.cholesky, &self.l_values).solve_in_place_with_conj(
-            Conj::No,
-            MatMut::from_column_major_slice_mut(&mut y, x.len(), 1),
-            Par::Seq,
-            MemStack::new(&mut self.memory),
-        );
+        let Some((l, schedule)) = self.triangle() else { return };
+        triangular::forward(&l, schedule, &mut y);
+        let corner = &mut y[self.symbolic.corner..];
+        let mut whole: Vec<f64> = corner.iter().map(|v| v.to()).collect();
+        between(&mut whole);
+        corner.iter_mut().zip(whole).for_each(|(y, v)| *y = T::of(v));
+        triangular::backward(&l, schedule, &mut y);
         for (x, y) in x.iter_mut().zip(y) {
             *x = y.to();
         }
+    }
+
+    /// What `L⁻¹ b` is from the corner on.
+    pub(super) fn forward_to_corner(&self, b: &[f64]) -> Vec<f64> {
+        let mut y: Vec<T> = b.iter().map(|v| T::of(*v)).collect();
+        let Some((l, schedule)) = self.triangle() else { return Vec::new() };
+        triangular::forward(&l, schedule, &mut y);
+        y[self.symbolic.corner..].iter().map(|v| v.to()).collect()
+    }
+
+    fn triangle(&self) -> Option<(SupernodalLltRef<'_, usize, T>, &Schedule)> {
+        let symbolic = self.symbolic.supernodal()?;
+        Some((SupernodalLltRef::new(symbolic, &self.l_values), &self.symbolic.schedule))
+    }
+
+    /// `L⁻¹` of columns that are zero above the corner, from the corner on.
+    pub(super) fn corner_solve(&mut self, columns: Mat<f64>) -> Mat<f64> {
+        let mut y = Mat::<T>::from_fn(columns.nrows(), columns.ncols(), |r, c| T::of(columns[(r, c)]));
+        let par = self.symbolic.par;
+        solve_lower_triangular_in_place(self.corner_factor().as_ref(), y.as_mut(), par);
+        Mat::from_fn(y.nrows(), y.ncols(), |r, c| y[(r, c)].to())
+    }
+
+    /// The part from the corner on of `L⁻ᵀ y`, in place.
+    pub(super) fn corner_transpose_solve(&mut self, y: &mut [f64]) {
+        let mut column = Mat::<T>::from_fn(y.len(), 1, |r, _| T::of(y[r]));
+        solve_upper_triangular_in_place(self.corner_factor().transpose(), column.as_mut(), Par::Seq);
+        y.iter_mut().enumerate().for_each(|(r, y)| *y = column[(r, 0)].to());
+    }
+
+    /// The factor from the corner on, dense.
+    fn corner_factor(&mut self) -> &Mat<T> {
+        if self.dense_corner.is_none() {
+            self.dense_corner = self.gathered_corner();
+        }
+        self.dense_corner.get_or_insert_with(Mat::new)
+    }
+
+    fn gathered_corner(&self) -> Option<Mat<T>> {
+        let corner = self.symbolic.corner;
+        let (l, _) = self.triangle()?;
+        let n = self.corner().len();
+        let mut dense = Mat::<T>::zeros(n, n);
+        let in_corner = |s: &usize| l.symbolic().supernode_begin()[*s] >= corner;
+        for s in (0..l.symbolic().n_supernodes()).filter(in_corner) {
+            let node = l.supernode(s);
+            let (begin, value) = (node.start() - corner, node.val());
+            let width = value.ncols();
+            for c in 0..width {
+                for r in c..width {
+                    dense[(begin + r, begin + c)] = value[(r, c)];
+                }
+                for (place, &row) in node.pattern().iter().enumerate() {
+                    dense[(row - corner, begin + c)] = value[(width + place, c)];
+                }
+            }
+        }
+        Some(dense)
+    }
+
+    /// Unknowns from the corner on.
+    pub(super) fn corner(&self) -> std::ops::Range<usize> {
+        self.symbolic.corner..self.symbolic.lower.ncols()
     }
 }
 

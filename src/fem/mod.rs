@@ -16,16 +16,19 @@ mod error;
 mod factor;
 mod line_search;
 mod linear_solve;
+mod low_rank;
 pub mod material;
 mod newton;
 mod ordering;
+mod quadratic_model;
 mod report;
 mod settings;
 mod setup;
 mod solver;
+mod triangular;
 
 pub use error::SolveError;
-pub use report::{CellState, IterationRecord, StepReport};
+pub use report::{CellState, IterationRecord, PhaseTimes, StepReport};
 pub use settings::{Boundary, ContactBody, Locking, Model, Preset, SkinElement, SolveSettings};
 pub use solver::Solver;
 

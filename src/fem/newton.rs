@@ -1,13 +1,12 @@
 //! Newton's method on the total potential energy at one position of the bones.
 
 use super::assembly::{Assembly, Curvature, Inversion};
-use super::contact::{Contact, Touch, penetration};
+use super::contact::{Contact, Curved, Touch, penetration};
 use super::dofs::{Dofs, Hold, axes_in};
-use super::factor::Indefinite;
 use super::line_search::{self, Cut, Start};
 use super::linear_solve::{LinearSolver, dot};
-use super::report::IterationRecord;
-use crate::control::{Cancelled, Control};
+use super::report::{IterationRecord, PhaseTimes};
+use crate::control::{Cancelled, Clock, Control};
 use crate::geometry::{Motion, Vector};
 
 /// A step counts as converged only when the remaining displacement is estimated below this share of the element size: 1e-3 mm for
@@ -17,10 +16,15 @@ const DISPLACEMENT_TOLERANCE: f64 = 2.5e-4;
 const COARSE_DISPLACEMENT: f64 = 5e-3;
 /// After a whole Newton step shorter than this the contact's curvature is taken into the tangent, mm.
 const CURVED_BELOW_MM: f64 = 0.1;
+/// After a whole step shorter than this a share of the curvature is, mm: where a point creeps over an edge of the bone, Newton's method without
+/// it gains a few per cent each iteration.
+const BENT_BELOW_MM: f64 = 0.5;
+/// That share: small enough that the tangent mostly stays positive definite.
+const BENT_SHARE: f64 = 0.75;
 /// Points with a smaller gap may come to touch within one Newton step, mm.
 const NEAR_MM: f64 = 3.0;
-/// Changes of the set of touching points within one Newton step.
-const MAX_ACTIVE_SETS: usize = 8;
+/// A rough equilibrium may be this far from the exact one on the skin, as far as the last Newton step tells, mm.
+const VISIBLE_MM: f64 = 0.02;
 /// Bone near contact points moves at most this far in one substep, and no line search lets a point sink deeper, mm: else a point
 /// could come out on the other side of a thin wall.
 pub(super) const MAX_CONTACT_MOTION_MM: f64 = 2.0;
@@ -78,16 +82,21 @@ pub(super) struct Equations<'a> {
     pub(super) records: Vec<IterationRecord>,
     pub(super) values: Vec<f64>,
     /// The elements' part of `values`.
-    elastic: Vec<f64>,
+    pub(super) elastic: Vec<f64>,
     /// Pairs that push in the last model, ascending.
-    active: Vec<(usize, usize)>,
-    forces: Vec<Vector>,
+    pub(super) active: Vec<(usize, usize)>,
+    pub(super) forces: Vec<Vector>,
     pub(super) residual: Vec<f64>,
-    failed_at: Vec<Vector>,
+    pub(super) failed_at: Vec<Vector>,
     /// Dead loads at path parameter 1, by mesh node; empty when there are none.
     loads: Vec<Vector>,
     /// Share of the loads that acts.
     pub(super) load_share: f64,
+    pub(super) clock: Clock,
+    /// All but those that the linear solver counts.
+    pub(super) times: PhaseTimes,
+    /// An equilibrium that looks right will do.
+    pub(super) rough: bool,
 }
 
 /// A state that was reached.
@@ -96,6 +105,8 @@ pub(super) struct Equilibrium {
     pub(super) iterations: usize,
     /// Residual relative to the reaction, or to the floor when the reaction is smaller.
     pub(super) relative_residual: f64,
+    /// Largest displacement that is left, as the last factor sees it, mm.
+    pub(super) remaining_mm: f64,
     pub(super) touches: Vec<Touch>,
 }
 
@@ -116,6 +127,7 @@ impl<'a> Equations<'a> {
         solver: LinearSolver,
         loads: Vec<Vector>,
         limits: Limits,
+        clock: Clock,
     ) -> Self {
         let values = vec![0.0; assembly.pattern().n_values()];
         let elastic = values.clone();
@@ -136,7 +148,16 @@ impl<'a> Equations<'a> {
             failed_at: Vec::new(),
             loads,
             load_share: 0.0,
+            clock,
+            times: PhaseTimes::default(),
+            rough: false,
         }
+    }
+
+    /// Time of the phases so far.
+    pub(super) fn times(&self) -> PhaseTimes {
+        let (factor_s, solve_s) = self.solver.times();
+        PhaseTimes { factor_s, solve_s, ..self.times }
     }
 
     /// Total energy (mJ) and largest penetration (mm) at `x`.
@@ -153,13 +174,16 @@ impl<'a> Equations<'a> {
     }
 
     /// Takes the dead loads off the gradient of the energy.
-    fn subtract_loads(&self, gradient: &mut [Vector]) {
+    pub(super) fn subtract_loads(&self, gradient: &mut [Vector]) {
         gradient.iter_mut().zip(&self.loads).for_each(|(g, f)| *g -= f * self.load_share);
     }
 
     /// Gradient of the total energy by the unknowns, in `self.residual`, and of the elements' part by all nodes in `self.forces`.
     pub(super) fn balance(&mut self, x: &[Vector], motions: &[Motion]) -> Result<Balance, Inversion> {
+        let begin = (self.clock)();
         let touches = self.contact.touches(x, motions);
+        let searched = (self.clock)();
+        self.times.contact_s += searched - begin;
         let energy = self.assembly.forces(x, &mut self.forces)? + self.contact.energy(&touches) - self.work_of_loads(x);
         let mut pushed = vec![Vector::zeros(); self.dofs.n_nodes()];
         self.contact.add_forces(&touches, &mut pushed);
@@ -181,6 +205,7 @@ impl<'a> Equations<'a> {
         let residual: f64 = (self.dofs.nodes().iter().zip(self.residual.chunks_exact(3)))
             .map(|(&node, r)| self.unit(node as usize).powi(2) * (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]))
             .sum();
+        self.times.residual_s += (self.clock)() - searched;
         Ok(Balance { energy, residual_n: residual.sqrt(), reaction_n: reaction.sqrt(), touches })
     }
 
@@ -192,92 +217,33 @@ impl<'a> Equations<'a> {
     #[cfg(test)]
     pub(super) fn stiffness(&mut self, x: &[Vector], touches: &[Touch], motions: &[Motion]) -> Result<(), Inversion> {
         self.assembly.tangent(x, Curvature::Exact, &mut self.forces, &mut self.elastic)?;
-        self.add_contact(touches, Some((x, motions)));
+        self.add_contact(touches, Some(Curved { x, motions, share: 1.0 }));
         Ok(())
     }
 
-    /// `self.values` from the elements' stiffness and that of `touches`.
-    fn add_contact(&mut self, touches: &[Touch], exact: Option<(&[Vector], &[Motion])>) {
-        self.values.copy_from_slice(&self.elastic);
-        let (pattern, values) = (self.assembly.pattern(), &mut self.values);
-        self.contact.hessian(touches, exact, &self.dofs, |row, column, block| pattern.add(row, column, block, values));
-        pattern.hold(self.dofs.partly_held(), values);
+    /// Points that may come to touch within one step.
+    pub(super) fn near(&mut self, x: &[Vector], motions: &[Motion]) -> Vec<Touch> {
+        let begin = (self.clock)();
+        let near = self.contact.near(x, motions, NEAR_MM);
+        self.times.contact_s += (self.clock)() - begin;
+        near
     }
 
-    /// Minimises the quadratic model of the energy over the unknowns: elements with gradient `load` (by all nodes) and stiffness
-    /// `self.elastic`, and the points `near`, each of which pushes or not as the model's own solution says (a primal-dual
-    /// active set: without it a step runs into bone that it did not know of).
-    fn minimise_model(
-        &mut self,
-        load: &[Vector],
-        near: &[Touch],
-        exact: Option<(&[Vector], &[Motion])>,
-        forcing: f64,
-        record: &mut IterationRecord,
-    ) -> Result<Vec<f64>, Indefinite> {
-        let n = self.residual.len();
-        let (mut d, mut change, mut rhs) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
-        // What the last model found is nearer to its answer than what touches after a whole step of the bone.
-        let mut active: Vec<Touch> =
-            near.iter().filter(|t| self.active.binary_search(&t.pair()).is_ok()).copied().collect();
-        for round in 0..MAX_ACTIVE_SETS {
-            self.add_contact(&active, exact);
-            let mut gradient = load.to_vec();
-            self.contact.add_forces(&active, &mut gradient);
-            self.dofs.restrict(&gradient, &mut rhs);
-            if round > 0 {
-                self.assembly.pattern().multiply(&self.values, &d, &mut change);
-                rhs.iter_mut().zip(&change).for_each(|(r, c)| *r += c);
-            }
-            rhs.iter_mut().for_each(|r| *r = -*r);
-            let forcing = self.solver.tolerance(forcing);
-            let work = self.solver.solve(self.assembly.pattern(), &self.values, &rhs, &mut change, forcing)?;
-            record.factorised |= work.factorised;
-            record.cg_iterations += work.cg_iterations;
-            d.iter_mut().zip(&change).for_each(|(d, c)| *d += c);
-            let next: Vec<Touch> =
-                near.iter().filter(|t| self.contact.pressure_after(t, &self.dofs, &d) > 0.0).copied().collect();
-            let same = next.len() == active.len() && next.iter().zip(&active).all(|(a, b)| a.pair() == b.pair());
-            active = next;
-            if same {
-                break;
-            }
-        }
-        self.active = active.iter().map(Touch::pair).collect();
-        Ok(d)
+    /// The elements' stiffness in `self.elastic`, their forces in `self.forces`.
+    pub(super) fn tangent(&mut self, x: &[Vector], curvature: Curvature) -> Result<(), Inversion> {
+        let begin = (self.clock)();
+        let done = self.assembly.tangent(x, curvature, &mut self.forces, &mut self.elastic);
+        self.assembly.pattern().hold(self.dofs.partly_held(), &mut self.elastic);
+        self.times.tangent_s += (self.clock)() - begin;
+        done
     }
 
-    /// Linear estimate of the state after the bones have moved to `motions`: held nodes go where they must, the others
-    /// follow by the tangent at `x`.
-    pub(super) fn predict(
-        &mut self,
-        x: &[Vector],
-        motions: &[Motion],
-        motion_of: &dyn Fn(u32) -> Motion,
-    ) -> Result<Vec<Vector>, Failure> {
-        self.failed_at.clear();
-        let mut target = x.to_vec();
-        self.dofs.prescribe(motion_of, &mut target);
-        let change: Vec<Vector> = target.iter().zip(x).map(|(a, b)| a - b).collect();
-        let mut load = vec![Vector::zeros(); x.len()];
-        self.assembly.force_change(x, &change, &mut load)?;
-        self.assembly.forces(x, &mut self.forces)?;
-        load.iter_mut().zip(&self.forces).for_each(|(load, f)| *load += f);
-        self.subtract_loads(&mut load);
-        let near = self.contact.near(&target, motions, NEAR_MM);
-        for curvature in [Curvature::Exact, Curvature::Projected] {
-            self.assembly.tangent(x, curvature, &mut self.forces, &mut self.elastic)?;
-            if let Ok(d) = self.minimise_model(&load, &near, None, 1e-2, &mut IterationRecord::default()) {
-                self.dofs.add(1.0, &d, &mut target);
-                let (_, found_mm) = self.energy(&target, motions)?;
-                if found_mm > 2.0 * MAX_CONTACT_MOTION_MM {
-                    return Err(Failure::Penetration { found_mm });
-                }
-                return Ok(target);
-            }
-            self.solver.refresh();
-        }
-        Err(Failure::Indefinite)
+    /// Time of the phases since the last call.
+    pub(super) fn take_times(&mut self) -> PhaseTimes {
+        let times = self.times();
+        self.times = PhaseTimes::default();
+        self.solver.forget_times();
+        times
     }
 
     /// Brings `x`, whose held nodes are in place and in which no element is inverted, to equilibrium.
@@ -306,7 +272,8 @@ impl<'a> Equations<'a> {
     ) -> Result<Equilibrium, Failure> {
         let mut iterations = 0;
         let mut last_penetration = f64::INFINITY;
-        let full = self.limits.relative_residual;
+        let full =
+            if self.rough { self.limits.relative_residual.max(COARSE_RESIDUAL) } else { self.limits.relative_residual };
         // The multipliers need no exact equilibrium to grow towards the contact pressure.
         let mut aim = if self.contact.is_empty() { full } else { full.max(COARSE_RESIDUAL) };
         for _ in 0..=MAX_AUGMENTATIONS {
@@ -338,7 +305,7 @@ impl<'a> Equations<'a> {
         control: &Control,
     ) -> Result<Equilibrium, Failure> {
         let mut curvature = Curvature::Exact;
-        let (mut curved, mut wait) = (false, 0usize);
+        let (mut curved, mut wait) = (0.0, 0usize);
         let share = if aim > self.limits.relative_residual { COARSE_DISPLACEMENT } else { DISPLACEMENT_TOLERANCE };
         let enough = share * self.limits.element_size_mm;
         let mut last = (f64::INFINITY, 0.0);
@@ -347,9 +314,11 @@ impl<'a> Equations<'a> {
             let balance = self.balance(x, motions)?;
             let tolerance = aim * balance.reaction_n.max(self.limits.force_floor_n);
             last = (balance.residual_n, tolerance);
-            if balance.residual_n <= tolerance && self.remaining_change() <= enough {
+            let remaining_mm = if balance.residual_n <= tolerance { self.remaining_change() } else { f64::INFINITY };
+            if remaining_mm <= enough {
                 return Ok(Equilibrium {
                     iterations: iteration,
+                    remaining_mm,
                     relative_residual: aim * balance.residual_n / tolerance,
                     touches: balance.touches,
                 });
@@ -370,6 +339,7 @@ impl<'a> Equations<'a> {
             };
             let d = self.direction(x, motions, &mut curvature, &mut curved, forcing, &mut record)?;
             let slope = dot(&d, &self.residual);
+            let (begin, before) = ((self.clock)(), self.times().total_s());
             let taken = line_search::along(
                 self,
                 x,
@@ -382,6 +352,8 @@ impl<'a> Equations<'a> {
                     unstable: record.unstable,
                 },
             );
+            let others = self.times().total_s() - before;
+            self.times.line_search_s += (self.clock)() - begin - others;
             match taken {
                 Ok(step) => {
                     self.dofs.add(step, &d, x);
@@ -390,8 +362,24 @@ impl<'a> Equations<'a> {
                     // A short step says that the quadratic model was poor.
                     curvature = if step < 0.5 { Curvature::Projected } else { Curvature::Exact };
                     wait = if record.unstable { 2 } else { wait.saturating_sub(1) };
-                    curved = wait == 0 && step >= 1.0 && record.displacement_mm < CURVED_BELOW_MM;
+                    curved = match record.displacement_mm {
+                        _ if wait > 0 || step < 1.0 => 0.0,
+                        moved if moved < CURVED_BELOW_MM => 1.0,
+                        moved if moved < BENT_BELOW_MM => BENT_SHARE,
+                        _ => 0.0,
+                    };
                     self.records.push(record);
+                    let remaining_mm = self.dofs.max_visible_change(&d);
+                    if self.rough && step >= 1.0 && remaining_mm <= VISIBLE_MM {
+                        let balance = self.balance(x, motions)?;
+                        let reaction_n = balance.reaction_n.max(self.limits.force_floor_n);
+                        return Ok(Equilibrium {
+                            iterations: iteration + 1,
+                            remaining_mm,
+                            relative_residual: balance.residual_n / reaction_n,
+                            touches: balance.touches,
+                        });
+                    }
                 }
                 Err(cut) => {
                     self.records.push(record);
@@ -431,31 +419,33 @@ impl<'a> Equations<'a> {
         x: &[Vector],
         motions: &[Motion],
         curvature: &mut Curvature,
-        curved: &mut bool,
+        curved: &mut f64,
         forcing: f64,
         record: &mut IterationRecord,
     ) -> Result<Vec<f64>, Failure> {
-        let near = self.contact.near(x, motions, NEAR_MM);
+        let near = self.near(x, motions);
         let mut assembled = None;
         loop {
             if assembled != Some(*curvature) {
-                self.assembly.tangent(x, *curvature, &mut self.forces, &mut self.elastic)?;
+                self.tangent(x, *curvature)?;
                 assembled = Some(*curvature);
             }
             let mut load = self.forces.clone();
             self.subtract_loads(&mut load);
-            let exact = curved.then_some((x, motions));
-            if let Ok(d) = self.minimise_model(&load, &near, exact, forcing, record) {
+            let bent = (*curved > 0.0).then_some(Curved { x, motions, share: *curved });
+            if let Ok(d) = self.minimise_model(&load, &near, bent, forcing, record) {
                 record.projected = *curvature == Curvature::Projected;
                 if dot(&d, &self.residual) < 0.0 {
                     return Ok(d);
                 }
             }
             // A projected tangent is positive definite: if the factor says otherwise, its precision was too low.
-            if *curved {
-                *curved = false;
+            if *curved > 0.0 {
+                *curved = 0.0;
                 record.unstable = true;
-            } else if *curvature == Curvature::Exact && !self.limits.linear {
+                continue;
+            }
+            if *curvature == Curvature::Exact && !self.limits.linear {
                 *curvature = Curvature::Projected;
                 record.unstable = true;
             } else if self.solver.is_double() {

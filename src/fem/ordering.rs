@@ -9,17 +9,20 @@ use feral_metis::{CscPattern, metis_order};
 
 const NONE: u32 = u32::MAX;
 
-/// Generalised nodes that are `free`, in elimination order. Nodes with the same `owner` are eliminated one after another.
+/// Generalised nodes that are `free`, in elimination order. Nodes with the same `owner` are eliminated one after another, those whose
+/// owner is in `last` after all others.
 pub(super) fn elimination_order(
     blocks: &[&ElementBlock],
     free: &[bool],
     owner: &[u32],
+    last: &[bool],
 ) -> Result<Vec<u32>, SolveError> {
     // Groups: the free nodes of one owner.
     let mut group_of_owner = vec![NONE; owner.len()];
     let mut members: Vec<Vec<u32>> = Vec::new();
+    let is_last = |owner: u32| last.get(owner as usize).copied().unwrap_or(false);
     for (node, &owner) in owner.iter().enumerate() {
-        if !free[node] {
+        if !free[node] || is_last(owner) {
             continue;
         }
         if group_of_owner[owner as usize] == NONE {
@@ -49,7 +52,8 @@ pub(super) fn elimination_order(
     let graph = Graph::new(members.len(), &pairs);
     let dissected = dissect(&graph)?;
     let order = postorder(&graph, &dissected);
-    Ok(order.iter().flat_map(|&g| members[g as usize].iter().copied()).collect())
+    let late = (0..owner.len()).filter(|&node| free[node] && is_last(owner[node])).map(|node| node as u32);
+    Ok(order.iter().flat_map(|&g| members[g as usize].iter().copied()).chain(late).collect())
 }
 
 /// Neighbours of each vertex, ascending, both directions present.

@@ -11,6 +11,10 @@ pub struct StepReport {
     pub factorisations: usize,
     /// Residual force relative to the reaction force.
     pub relative_residual: f64,
+    /// Estimate, no bound, of the displacement that is left, mm: what the residual could still cause as the last tangent sees it, or
+    /// for a step converged for the eye the last iteration's movement of the skin. Points that creep over an edge of the bone may
+    /// be several times farther off.
+    pub remaining_mm: f64,
     /// Smallest det F over all quadrature points.
     pub min_det_f: f64,
     /// Largest penetration of a contact point, mm; 0 when nothing touches.
@@ -21,8 +25,55 @@ pub struct StepReport {
     pub reactions_n: Vec<(u32, [f64; 3])>,
     /// Number of unknowns.
     pub unknowns: usize,
+    /// Where the time went; zeros without a clock.
+    pub phases: PhaseTimes,
     /// What was done to get there, and what a caller should know.
     pub warnings: Vec<String>,
+}
+
+/// Wall time by phase, s. No phase contains another.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct PhaseTimes {
+    /// Elements, unknowns, elimination order, pattern and symbolic factorisation; only in the first step.
+    pub setup_s: f64,
+    /// Tangents of the elements and their assembly.
+    pub tangent_s: f64,
+    /// Numeric factorisations.
+    pub factor_s: f64,
+    /// Triangular solves and conjugate gradients.
+    pub solve_s: f64,
+    /// Residuals.
+    pub residual_s: f64,
+    /// Search of contact points and their part of the matrix.
+    pub contact_s: f64,
+    /// Line searches, their energies and contacts.
+    pub line_search_s: f64,
+}
+
+impl PhaseTimes {
+    /// Sum of all phases, s.
+    #[must_use]
+    pub fn total_s(&self) -> f64 {
+        self.setup_s
+            + self.tangent_s
+            + self.factor_s
+            + self.solve_s
+            + self.residual_s
+            + self.contact_s
+            + self.line_search_s
+    }
+}
+
+impl std::ops::AddAssign for PhaseTimes {
+    fn add_assign(&mut self, other: Self) {
+        self.setup_s += other.setup_s;
+        self.tangent_s += other.tangent_s;
+        self.factor_s += other.factor_s;
+        self.solve_s += other.solve_s;
+        self.residual_s += other.residual_s;
+        self.contact_s += other.contact_s;
+        self.line_search_s += other.line_search_s;
+    }
 }
 
 /// State of a cell of the mesh, a mean over its volume.

@@ -1,6 +1,7 @@
 use super::error::SolveError;
 use super::material::Materials;
 use crate::geometry::{Implicit, Vector};
+use crate::mesh::{MixedMesh, Tissue};
 
 /// Mechanical model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -79,6 +80,10 @@ pub enum Preset {
     Wang2009Tension,
     /// The published constants, which lose ellipticity early.
     Wang2009,
+    /// Yeoh fitted to indentation of a cheek, the same for all tissues.
+    Nazari2010,
+    /// Small-strain moduli of passive facial tissue, the same for all tissues.
+    Chabanas2003,
 }
 
 /// A bone segment that tissue is tied to or slides on.
@@ -136,6 +141,19 @@ impl SolveSettings {
         }
     }
 
+    /// What to tell of materials that are not stable at the stretches to be expected, of the tissues that `mesh` has; nothing for small strain.
+    #[must_use]
+    pub fn stability_warnings(&self, mesh: &MixedMesh) -> Vec<String> {
+        if self.model.is_linear() {
+            return Vec::new();
+        }
+        let mut tissues: Vec<Tissue> = mesh.tetrahedron_tissue.clone();
+        tissues.extend((0..mesh.prisms.len()).map(|p| mesh.tissue_of_prism(p)));
+        tissues.sort_unstable();
+        tissues.dedup();
+        tissues.into_iter().filter_map(|t| self.materials.of(t).stability_warning(t.name())).collect()
+    }
+
     pub(super) fn check(&self) -> Result<(), SolveError> {
         let positive = [
             ("penetration_tolerance_mm", self.penetration_tolerance_mm, f64::INFINITY),
@@ -157,6 +175,29 @@ impl SolveSettings {
 }
 
 impl Preset {
+    /// Where its constants come from.
+    #[must_use]
+    pub fn source(self) -> &'static str {
+        match self {
+            Self::Wang2009Stable => {
+                "Wang, Yang and Gee, Int J Med Robotics 5, 2009, Table 1: the small-strain shear moduli 2 (C10 + C01), as neo-Hookean"
+            }
+            Self::Wang2009Tension => {
+                "Wang, Yang and Gee, Int J Med Robotics 5, 2009, Table 1: the same moduli, second constant fitted to the published uniaxial \
+                 curve up to a stretch of 1.2 (within 13, 12, 40 % in skin, muscle, fat)"
+            }
+            Self::Wang2009 => "Wang, Yang and Gee, Int J Med Robotics 5, 2009, Table 1, as published",
+            Self::Nazari2010 => {
+                "Nazari, Perrier, Chabanas and Payan, Comput Methods Biomech Biomed Eng 13, 2010, after indentation of a cheek by Gerard, \
+                 Ohayon, Luboz, Perrier and Payan, Med Eng Phys 27, 2005; the Poisson ratio is ours"
+            }
+            Self::Chabanas2003 => {
+                "Chabanas, Luboz and Payan, Med Image Anal 7, 2003: passive tissue, E = 15 kPa and Poisson ratio 0.49 at small strain, here \
+                 neo-Hookean; without the stiffer fibres of muscles"
+            }
+        }
+    }
+
     /// The materials of this preset, with D1 read as Poisson ratio (reading notes 19).
     #[must_use]
     pub fn materials(self) -> Materials {
@@ -164,6 +205,8 @@ impl Preset {
             Self::Wang2009Stable => Materials::wang2009_stable(),
             Self::Wang2009Tension => Materials::wang2009_tension(),
             Self::Wang2009 => Materials::wang2009(),
+            Self::Nazari2010 => Materials::nazari2010(),
+            Self::Chabanas2003 => Materials::chabanas2003(),
         }
     }
 }

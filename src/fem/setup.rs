@@ -1,7 +1,7 @@
 //! From mesh and settings to equations.
 
 use super::assembly::{Assembly, Law, Part};
-use super::contact::Contact;
+use super::contact::{Contact, contact_nodes};
 use super::dofs::Dofs;
 use super::element::{self, C1Surface, ElementBlock, MeshCell};
 use super::error::SolveError;
@@ -21,16 +21,6 @@ const FORCE_FLOOR: f64 = 1e-3;
 
 const TISSUES: [Tissue; 4] = [Tissue::Skin, Tissue::Muscle, Tissue::Fat, Tissue::Mucosa];
 
-/// Name of a tissue for messages.
-pub(super) fn tissue_name(tissue: Tissue) -> &'static str {
-    match tissue {
-        Tissue::Skin => "skin",
-        Tissue::Muscle => "muscle",
-        Tissue::Fat => "fat",
-        Tissue::Mucosa => "mucosa",
-    }
-}
-
 /// Sets up the equations; also the outer surface when the skin is made of C1 prisms, and warnings.
 pub(super) fn equations<'a>(
     mesh: &MixedMesh,
@@ -45,7 +35,7 @@ pub(super) fn equations<'a>(
     check_bodies(&bodies)?;
     let (blocks, surface) = element_blocks(mesh, settings)?;
     let mut warnings = surface.as_ref().map(C1Surface::warnings).unwrap_or_default();
-    warnings.extend(stability_warnings(&blocks, settings));
+    warnings.extend(settings.stability_warnings(mesh));
     control.check()?;
     control.report(0.2);
     let smoothed = match settings.locking {
@@ -56,7 +46,9 @@ pub(super) fn equations<'a>(
         Some(parts) => parts.iter().map(|p| &p.block).collect(),
         None => blocks.iter().collect(),
     };
-    let dofs = Dofs::new(mesh, boundary, surface.as_ref(), &coupled)?;
+    // Contact changes at every iteration; eliminated last, it leaves most of a factor as it is.
+    let last = if bodies.is_empty() || settings.model == Model::MassTensor { Vec::new() } else { contact_nodes(mesh) };
+    let dofs = Dofs::new(mesh, boundary, surface.as_ref(), &coupled, &last)?;
     control.check()?;
     control.report(0.5);
     let scale = Scale::new(mesh, &blocks, &settings.materials);
@@ -69,8 +61,10 @@ pub(super) fn equations<'a>(
     control.check()?;
     control.report(0.7);
     let solver = match settings.model {
-        Model::MassTensor => LinearSolver::relaxation(),
-        Model::Linear | Model::Nonlinear | Model::Mixed => LinearSolver::new(assembly.pattern())?,
+        Model::MassTensor => LinearSolver::relaxation(control.clock()),
+        Model::Linear | Model::Nonlinear | Model::Mixed => {
+            LinearSolver::new(assembly.pattern(), dofs.first_last(), control.clock())?
+        }
     };
     control.report(0.9);
     let stiffness = settings.contact_stiffness_factor * CONTACT_STIFFNESS * scale.modulus / scale.thickness_mm;
@@ -86,7 +80,7 @@ pub(super) fn equations<'a>(
     };
     let loads =
         if boundary.loads_n.iter().any(|f| *f != Vector::zeros()) { boundary.loads_n.clone() } else { Vec::new() };
-    let equations = Equations::new(dofs, assembly, contact, solver, loads, limits);
+    let equations = Equations::new(dofs, assembly, contact, solver, loads, limits, control.clock());
     warnings.extend(overlap);
     control.report(1.0);
     Ok((equations, surface, warnings))
@@ -110,16 +104,6 @@ fn element_blocks(
     }
     blocks.retain(|b| b.n_elements() > 0);
     Ok((blocks, surface))
-}
-
-/// Warnings about materials of tissues that are there, small strain aside.
-fn stability_warnings(blocks: &[ElementBlock], settings: &SolveSettings) -> Vec<String> {
-    if settings.model.is_linear() {
-        return Vec::new();
-    }
-    let there = |tissue: &Tissue| blocks.iter().any(|b| b.tissue.contains(tissue));
-    let tissues = TISSUES.into_iter().filter(there);
-    tissues.filter_map(|t| settings.materials.of(t).stability_warning(tissue_name(t))).collect()
 }
 
 /// Parts whose energies add up to that of the elements, taken at averaged strains.

@@ -1,5 +1,6 @@
 use super::accuracy::{Accuracy, sample_points};
 use super::bricks::{Bricks, NO_BRICK};
+use super::certificate::surface_bound;
 use super::coarse;
 use super::crossings::Rows;
 use super::distance_field::{DistanceField, Level};
@@ -129,6 +130,21 @@ impl DistanceField {
         let report = FieldReport::measured(&field, exact, surface, settings.band_mm, &control.part(0.7, 1.0))?;
         let report = FieldReport { bricks: field.n_bricks(), bytes: field.bytes(), warnings, ..report };
         Ok((field, report))
+    }
+
+    /// A bound on the field's magnitude (mm), which is its error, at every point of `surface`, for which it and `exact` were made:
+    /// proven, not sampled, and at most a twentieth above the largest value seen; takes some seconds. `None` when the
+    /// surface is too large for the field's spacing to be gone through.
+    ///
+    /// # Errors
+    /// [`Cancelled`].
+    pub fn surface_bound(
+        &self,
+        surface: &TriMesh,
+        exact: &ExactDistance,
+        control: &Control,
+    ) -> Result<Option<f64>, Cancelled> {
+        surface_bound(self, surface, exact.defects(), control)
     }
 
     /// Builds the field of `surface`, for which `exact` was made; also what is wrong with the surface.

@@ -294,6 +294,18 @@ impl DistanceField {
         self.bricks.step() * self.bricks.at(slot, i + EDGE * (j + EDGE * k))
     }
 
+    /// Coefficient of the details at any node of theirs, mm; 0 where there are none.
+    pub(super) fn detail_coefficient(&self, node: [isize; 3]) -> f64 {
+        let edge = EDGE as isize;
+        let brick = node.map(|n| n.div_euclid(edge));
+        let slot = self.slot(Level::Detail, brick[0], brick[1], brick[2]);
+        if slot == NO_BRICK {
+            return 0.0;
+        }
+        let [i, j, k] = node.map(|n| n.rem_euclid(edge) as usize);
+        self.details.step() * self.details.at(slot, i + EDGE * (j + EDGE * k))
+    }
+
     /// Coefficient that the coarse spline has at a node of the finer lattice: its polar form at the two ends of the node's cell.
     fn refined_coarse(&self, node: [isize; 3]) -> f64 {
         let edge = EDGE as isize;

@@ -22,10 +22,12 @@ const SMALL: f32 = 0.04;
 #[derive(Debug)]
 pub(super) struct Sites {
     points: Vec<Point>,
+    between: Vec<Point>,
 }
 
 impl Sites {
-    /// Points on the triangles of `mesh` that are `distinct`, for the spacing `spacing`, mm: the middles of equal parts of each.
+    /// Points on the triangles of `mesh` that are `distinct`, for the spacing `spacing`, mm: the middles of equal parts of each, and
+    /// all vertices.
     pub(super) fn new(mesh: &TriMesh, distinct: &[bool], spacing: f64) -> Self {
         let parts = |t: usize, apart: f64| {
             let [a, b, c] = mesh.corners(t);
@@ -35,30 +37,67 @@ impl Sites {
         let apart = APART * spacing;
         let wanted: f64 = (0..distinct.len()).filter(|&t| distinct[t]).map(|t| parts(t, apart).powi(2)).sum();
         let apart = apart * (wanted / MOST_SITES).sqrt().max(1.0);
-        let points = (0..mesh.triangles().len())
-            .into_par_iter()
-            .filter(|&t| distinct[t])
-            .flat_map_iter(|t| {
-                let [a, b, c] = mesh.corners(t);
-                let n = parts(t, apart);
-                let at = move |u: f64, v: f64| a + (b - a) * (u / n) + (c - a) * (v / n);
-                let n = n as usize;
-                (0..n).flat_map(move |i| {
-                    (0..n - i).flat_map(move |j| {
-                        let (u, v) = (i as f64, j as f64);
-                        let upright = at(u + 1.0 / 3.0, v + 1.0 / 3.0);
-                        let turned = (i + j + 1 < n).then(|| at(u + 2.0 / 3.0, v + 2.0 / 3.0));
-                        std::iter::once(upright).chain(turned)
-                    })
+        let on_triangles = |of: fn(usize, &mut dyn FnMut(f64, f64))| {
+            (0..mesh.triangles().len())
+                .into_par_iter()
+                .filter(|&t| distinct[t])
+                .fold(Vec::new, |mut points, t| {
+                    let [a, b, c] = mesh.corners(t);
+                    let n = parts(t, apart);
+                    of(n as usize, &mut |u, v| points.push(a + (b - a) * (u / n) + (c - a) * (v / n)));
+                    points
                 })
-            })
-            .collect();
-        Self { points }
+                .flatten_iter()
+                .collect::<Vec<Point>>()
+        };
+        let mut points = on_triangles(middles);
+        points.extend(vertices(mesh, distinct));
+        Self { points, between: on_triangles(joints) }
     }
 
     pub(super) fn points(&self) -> &[Point] {
         &self.points
     }
+
+    /// Corners of the parts, without the vertices: the points of the surface that are farthest from sites.
+    pub(super) fn between(&self) -> &[Point] {
+        &self.between
+    }
+}
+
+/// The middles of the `n`² parts of a triangle, in parts along two of its sides.
+fn middles(n: usize, add: &mut dyn FnMut(f64, f64)) {
+    for i in 0..n {
+        for j in 0..n - i {
+            let (u, v) = (i as f64, j as f64);
+            add(u + 1.0 / 3.0, v + 1.0 / 3.0);
+            if i + j + 1 < n {
+                add(u + 2.0 / 3.0, v + 2.0 / 3.0);
+            }
+        }
+    }
+}
+
+/// Their corners but the triangle's own.
+fn joints(n: usize, add: &mut dyn FnMut(f64, f64)) {
+    for i in 0..=n {
+        for j in 0..=n - i {
+            if i < n && j < n && i + j > 0 {
+                add(i as f64, j as f64);
+            }
+        }
+    }
+}
+
+/// The vertices of triangles that are `distinct`: tips and ridges, where a spline is farthest off.
+fn vertices(mesh: &TriMesh, distinct: &[bool]) -> Vec<Point> {
+    let mut used = vec![false; mesh.positions().len()];
+    for (triangle, _) in mesh.triangles().iter().zip(distinct).filter(|(_, distinct)| **distinct) {
+        for v in triangle {
+            used[*v as usize] = true;
+        }
+    }
+    mesh.positions().iter().zip(used).filter(|(_, used)| *used).map(|(p, _)| *p).collect()
 }
 
 /// Where a site lies on a lattice.

@@ -3,7 +3,7 @@ use super::build::{FieldReport, FieldSettings};
 use super::distance_field::DistanceField;
 use super::error::FieldError;
 use super::exact::{ExactDistance, is_inside};
-use crate::control::Control;
+use crate::control::{Cancelled, Control};
 use crate::geometry::{Aabb, Implicit, Point, TriMesh, Vector};
 use nalgebra::Matrix3;
 
@@ -166,11 +166,31 @@ impl SignedField {
         settings: &MethodSettings,
         control: &Control,
     ) -> Result<(Self, FieldReport), FieldError> {
-        let (field, bricks, warnings) = Self::build_only(surface, settings, &control.part(0.0, 0.7))?;
         let exact = ExactDistance::new(surface);
+        if settings.method == Method::Adaptive {
+            let (field, report) = DistanceField::build_from(&exact, surface, &settings.adaptive(surface), control)?;
+            return Ok((Self::Adaptive(field), report));
+        }
+        let (field, bricks, warnings) = Self::build_only(surface, settings, &control.part(0.0, 0.7))?;
         let report = FieldReport::measured(&field, &exact, surface, settings.field.band_mm, &control.part(0.7, 1.0))?;
         let report = FieldReport { bricks, bytes: field.bytes(), warnings, ..report };
         Ok((field, report))
+    }
+
+    /// As [`DistanceField::surface_bound`]; the published methods have none.
+    ///
+    /// # Errors
+    /// [`Cancelled`].
+    pub fn surface_bound(
+        &self,
+        surface: &TriMesh,
+        exact: &ExactDistance,
+        control: &Control,
+    ) -> Result<Option<f64>, Cancelled> {
+        match self {
+            Self::Adaptive(field) => field.surface_bound(surface, exact, control),
+            Self::Uniform(_) | Self::Octree(_) => Ok(None),
+        }
     }
 
     /// Value (mm), gradient (dimensionless) and Hessian (1/mm) at `p`.

@@ -9,6 +9,7 @@ mod banded;
 mod baseline;
 mod bricks;
 mod build;
+mod certificate;
 mod closing;
 mod coarse;
 mod crossings;

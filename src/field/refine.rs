@@ -9,21 +9,32 @@ use super::lattice::{BRICK, EDGE, Lattice};
 use super::spline::Weights;
 use super::tiles::{Source, TILE, Tile, Tiles};
 use crate::control::{Cancelled, Control};
-use crate::geometry::{Point, Vector};
+use crate::geometry::{Implicit, Point, Vector};
+use rayon::prelude::*;
 
 /// Where the value at a point of the surface, which should be 0, is larger than this (in spacings), the octant is refined.
-const ROUGH: f32 = 0.08;
+const ROUGH: f32 = 0.13;
+/// The same for points between the sites.
+const ROUGH_BETWEEN: f64 = 0.17;
 /// Distances are exact up to the first of these (in half spacings) and the coarser spline's from the second on.
 const FADE: [f64; 2] = [2.7, 4.5];
 
-/// Marks the octants of half bricks around surface points where the field is too far from 0 (`errors`, mm); x fastest.
-fn rough_octants(lattice: &Lattice, sites: &Sites, errors: &[f32], counts: [usize; 3]) -> Vec<bool> {
+/// Marks the octants of half bricks around surface points where the field is too far from 0 (`errors` at the sites, mm); x
+/// fastest.
+fn rough_octants(field: &DistanceField, sites: &Sites, errors: &[f32], counts: [usize; 3]) -> Vec<bool> {
+    let lattice = &field.lattice;
     let limit = ROUGH * lattice.spacing as f32;
+    let limit_between = ROUGH_BETWEEN * lattice.spacing;
     let mut octants = Vec::new();
     for (p, error) in sites.points().iter().zip(errors) {
         if error.abs() > limit {
             octants_around(lattice, p, counts, &mut octants);
         }
+    }
+    let is_rough = |p: &&Point| field.value(p).abs() > limit_between;
+    let between: Vec<&Point> = sites.between().par_iter().filter(is_rough).collect();
+    for p in between {
+        octants_around(lattice, p, counts, &mut octants);
     }
     let mut rough = vec![false; counts.iter().product()];
     for octant in octants {
@@ -57,7 +68,7 @@ pub(super) fn add_details(
     control: &Control,
 ) -> Result<(), Cancelled> {
     let counts = field.lattice.bricks.map(|n| 2 * n);
-    let is_rough = rough_octants(&field.lattice, sites, errors, counts);
+    let is_rough = rough_octants(field, sites, errors, counts);
     control.check()?;
     if !is_rough.contains(&true) {
         return Ok(());

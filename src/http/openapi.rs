@@ -18,6 +18,7 @@ use super::{ProblemDocument, routes};
         (name = "field", description = "Distance fields"),
         (name = "mesh", description = "Tissue mesh"),
         (name = "bone", description = "Cuts and where the bone goes"),
+        (name = "materials", description = "Laws, presets, stability"),
         (name = "jobs", description = "Long work"),
         (name = "results", description = "What came of it"),
         (name = "health", description = "For operators")

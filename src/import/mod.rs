@@ -17,6 +17,7 @@ mod error;
 #[cfg(test)]
 mod hostile;
 mod nifti1;
+mod number;
 mod obj;
 mod ply;
 mod polygon;

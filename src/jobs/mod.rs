@@ -6,6 +6,7 @@
 mod cpu_pool;
 mod feed;
 mod frame;
+mod physics;
 mod requests;
 mod running;
 mod service;
@@ -17,11 +18,11 @@ mod worker;
 pub use cpu_pool::{CpuPool, Panicked};
 pub use feed::EventFeed;
 pub use frame::SkinFrame;
-pub use requests::{
-    AttachmentRecord, FieldRequest, ImportRequest, MaterialsPreset, MeshRequest, SolveModel, SolveRequest,
-};
+pub use physics::{PhysicsRecord, SolveModel};
+pub use requests::{AttachmentRecord, FieldRequest, ImportRequest, MeshRequest, SceneRequest, SolveRequest};
 pub use service::{JobStatus, Service, ServiceSettings};
 pub use state::{Illegal, JobEvent, next};
 pub use tasks::{
     Comparison, CtScan, RegisterOn, compare, cut_bone, field_slice, make_plan, read_frame, rest_of, take_surface,
+    take_tissue,
 };

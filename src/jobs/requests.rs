@@ -2,10 +2,11 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::fem::{Model, Preset, SkinElement};
+use super::PhysicsRecord;
 use crate::geometry::Aabb;
 use crate::session::{
-    BoxDocument, FieldSettingsDocument, MeshDocument, MeshSettingsDocument, PlanDocument, PlaneDocument,
+    BoxDocument, FieldSettingsDocument, MeshDocument, MeshSettingsDocument, PlanDocument, PlaneDocument, PresetName,
+    TissueDocument,
 };
 use crate::simulate::{AttachmentRules, RunSettings};
 use crate::store::{JobId, OsteotomyId, PlanId};
@@ -49,41 +50,11 @@ pub struct MeshRequest {
     /// The osteotomy that they come from.
     #[serde(default)]
     pub osteotomy_id: Option<OsteotomyId>,
+    /// Materials of the session's jobs.
+    #[serde(default)]
+    pub preset: PresetName,
     /// Key of the inputs and settings at the time of asking.
     pub key: String,
-}
-
-/// Mechanical model, as asked for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum SolveModel {
-    /// Small strain on linear elements.
-    Linear,
-    /// Hyperelastic with a C1 skin layer.
-    Mixed,
-}
-
-impl SolveModel {
-    /// Its name on the wire.
-    #[must_use]
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Linear => "linear",
-            Self::Mixed => "mixed",
-        }
-    }
-}
-
-/// Materials, as asked for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum MaterialsPreset {
-    /// Stable neo-Hookean with the published small-strain moduli.
-    #[serde(rename = "wang_2009_stable")]
-    Wang2009Stable,
-    /// The published constants.
-    #[serde(rename = "wang_2009")]
-    Wang2009,
 }
 
 /// Which inner nodes are tied to bone, which slide.
@@ -114,14 +85,11 @@ pub struct SolveRequest {
     pub mesh: MeshDocument,
     /// Key of the mesh at the time of asking.
     pub mesh_key: String,
-    /// Model.
-    pub model: SolveModel,
-    /// Whether the model was chosen by the service.
-    pub model_chosen: bool,
+    /// Model, elements, materials.
+    #[serde(flatten)]
+    pub physics: PhysicsRecord,
     /// Steps.
     pub steps: u32,
-    /// Materials.
-    pub preset: MaterialsPreset,
     /// Attachment; chosen from the landmarks when absent.
     pub attachment: Option<AttachmentRecord>,
     /// Whether error maps are made where there is something to compare with.
@@ -135,22 +103,47 @@ pub struct SolveRequest {
     pub target: Option<String>,
 }
 
+/// A ready tissue mesh moved along a plan. Holds a copy of the plan: the job outlives it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SceneRequest {
+    /// The mesh, as it was at the time of asking.
+    pub ready: TissueDocument,
+    /// The plan's id.
+    pub plan_id: PlanId,
+    /// The plan.
+    pub plan: PlanDocument,
+    /// Its osteotomy's id, where it has one.
+    pub osteotomy_id: Option<OsteotomyId>,
+    /// Cuts of its osteotomy, whose segments the mesh touches.
+    pub cuts: Option<Vec<PlaneDocument>>,
+    /// Key of the fields that were cut; empty without cuts.
+    pub field_key: String,
+    /// What is doubtful about the cuts.
+    pub cut_warnings: Vec<String>,
+    /// Segments and keys of the uploaded bones.
+    pub bones: Vec<(u32, String)>,
+    /// How the fields of the bones are built.
+    pub field_settings: FieldSettingsDocument,
+    /// Model, elements, materials.
+    pub physics: PhysicsRecord,
+    /// Steps.
+    pub steps: u32,
+    /// Whether the solved mesh is kept.
+    pub file: bool,
+}
+
+/// Tells the request of a scene from that of a case: only a scene has a ready mesh.
+#[derive(Debug, Deserialize)]
+pub(super) struct SolveKind {
+    #[serde(default)]
+    pub(super) ready: Option<serde::de::IgnoredAny>,
+}
+
 impl From<&SolveRequest> for RunSettings {
     fn from(r: &SolveRequest) -> Self {
         Self {
-            model: match r.model {
-                SolveModel::Linear => Model::Linear,
-                SolveModel::Mixed => Model::Mixed,
-            },
-            skin_element: match r.model {
-                SolveModel::Linear => SkinElement::Wedge,
-                SolveModel::Mixed => SkinElement::C1Prism,
-            },
+            solver: (&r.physics).into(),
             steps: r.steps as usize,
-            preset: match r.preset {
-                MaterialsPreset::Wang2009Stable => Preset::Wang2009Stable,
-                MaterialsPreset::Wang2009 => Preset::Wang2009,
-            },
             attachment: r.attachment.as_ref().map(|a| AttachmentRules {
                 tie_gap_mm: a.tie_gap_mm,
                 sliding: a.sliding.iter().map(Aabb::from).collect(),

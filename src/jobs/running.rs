@@ -1,4 +1,6 @@
+use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
+use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
 use crate::control::Control;
@@ -39,6 +41,12 @@ impl Phase {
     }
 }
 
+/// Seconds since the first call.
+fn seconds() -> f64 {
+    static BEGIN: OnceLock<Instant> = OnceLock::new();
+    BEGIN.get_or_init(Instant::now).elapsed().as_secs_f64()
+}
+
 /// The job that is being computed, as seen by everyone else.
 #[derive(Debug)]
 pub(super) struct Running {
@@ -47,21 +55,32 @@ pub(super) struct Running {
     pub(super) started: Instant,
     phase: AtomicU8,
     cancel_requested: AtomicBool,
+    warnings: Mutex<Vec<String>>,
 }
 
 impl Running {
     pub(super) fn new(job: JobId) -> Self {
         Self {
             job,
-            control: Control::new(),
+            control: Control::new().with_clock(seconds),
             started: Instant::now(),
             phase: AtomicU8::new(Phase::Reading as u8),
             cancel_requested: AtomicBool::new(false),
+            warnings: Mutex::default(),
         }
     }
 
     pub(super) fn set_phase(&self, phase: Phase) {
         self.phase.store(phase as u8, Ordering::Relaxed);
+    }
+
+    /// Keeps a warning for the job's row, however the job ends.
+    pub(super) fn warn(&self, text: String) {
+        self.warnings.lock().unwrap_or_else(PoisonError::into_inner).push(text);
+    }
+
+    pub(super) fn warnings(&self) -> Vec<String> {
+        self.warnings.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     pub(super) fn phase(&self) -> Phase {

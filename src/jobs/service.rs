@@ -244,6 +244,7 @@ impl Service {
         if let Some(running) = &running {
             running.phase().as_str().clone_into(&mut record.phase);
             record.progress = running.control.progress();
+            record.warnings.extend(running.warnings());
         }
         let queue_position = if record.state == JobState::Accepted {
             Some(self.store.waiting(record.number).await?.1 + u32::from(self.running().is_some()))

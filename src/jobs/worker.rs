@@ -101,7 +101,9 @@ async fn run_visible(service: &Arc<Service>, job: &mut JobRecord, running: &Arc<
     };
 
     let (event, change) = match done {
-        Ok(Done { report, tissue, warnings }) => {
+        Ok(Done { report, tissue, warnings: found }) => {
+            let mut warnings = running.warnings();
+            warnings.extend(found);
             let mut events: Vec<_> = warnings.iter().map(|w| warning_event(w)).collect();
             events.push(end_event(JobState::Succeeded, None));
             (
@@ -139,7 +141,11 @@ fn ended(state: JobState, fault: Option<&Fault>) -> JobChange {
 
 /// Where the work stood: what the row says may be a quarter of a second old.
 fn stopped(running: &Running, change: JobChange) -> JobChange {
-    JobChange { phase: Some(running.phase().as_str()), progress: Some(running.control.progress()), ..change }
+    let warnings = running.warnings();
+    let mut events: Vec<_> = warnings.iter().map(|w| warning_event(w)).collect();
+    events.extend(change.events);
+    let (phase, progress) = (Some(running.phase().as_str()), Some(running.control.progress()));
+    JobChange { phase, progress, warnings, events, ..change }
 }
 
 /// Moves the job by `event`. False when it is not in its state any more.

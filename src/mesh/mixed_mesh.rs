@@ -14,6 +14,19 @@ pub enum Tissue {
     Mucosa = 3,
 }
 
+impl Tissue {
+    /// Its name, in lower case.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Skin => "skin",
+            Self::Muscle => "muscle",
+            Self::Fat => "fat",
+            Self::Mucosa => "mucosa",
+        }
+    }
+}
+
 /// What a node is held by.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Attachment {

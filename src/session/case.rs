@@ -1,6 +1,8 @@
 use std::sync::Arc;
 
-use crate::geometry::{Point, Vector};
+use crate::fem::SolveSettings;
+use crate::geometry::{Point, TriMesh, Vector};
+use crate::import::VolumeMesh;
 use crate::plan::{BoundedPlane, Plan};
 use crate::simulate::{Anatomy, FieldsSettings, RunSettings, TissueSettings};
 
@@ -57,6 +59,39 @@ pub struct Run {
     pub plan: Plan,
     /// Model, steps, materials, attachment.
     pub settings: RunSettings,
+}
+
+/// Rigid bones of a scene.
+#[derive(Debug, Clone)]
+pub enum SceneBones {
+    /// Surfaces by segment.
+    Surfaces(Vec<(u32, TriMesh)>),
+    /// Segments of the patient's bone.
+    Cut {
+        /// The patient.
+        case: Box<Case>,
+        /// The cuts that part the bone.
+        cuts: Vec<BoundedPlane>,
+    },
+}
+
+/// A ready tissue mesh moved by bone.
+#[derive(Debug)]
+pub struct SceneRun {
+    /// The mesh as its file has it.
+    pub volume: VolumeMesh,
+    /// What sliding points touch.
+    pub bones: SceneBones,
+    /// How the fields of the bones are built.
+    pub fields: FieldsSettings,
+    /// Bone paths.
+    pub plan: Plan,
+    /// Model, elements, materials, tolerances.
+    pub solver: SolveSettings,
+    /// Streamed steps along the path.
+    pub steps: usize,
+    /// Whether the solved mesh is wanted as a file.
+    pub file: bool,
 }
 
 /// A solid whose field can be asked for.

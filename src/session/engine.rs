@@ -1,6 +1,6 @@
 use std::fmt::Debug;
 
-use super::{Case, Cuts, Halt, Run, Solid, TissueRequest};
+use super::{Case, Cuts, Halt, Run, SceneRun, Solid, TissueRequest};
 use crate::control::Control;
 use crate::evaluate::{ErrorMap, FaceRegion};
 use crate::field::{FieldReport, Settled};
@@ -14,8 +14,19 @@ use crate::surface::{CtSettings, CtSurfaces};
 pub trait RunWatch {
     /// A stage begins: `field`, `cut`, `mesh` or `solve`.
     fn stage(&mut self, name: &'static str);
+    /// Something to tell before the first step.
+    fn warning(&mut self, text: String);
     /// A step is solved.
     fn frame(&mut self, frame: Frame);
+}
+
+/// What comes of a ready mesh.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SceneSolved {
+    /// The solved mesh as VTU, where asked for: displacement, stress, volume ratio.
+    pub file: Option<Vec<u8>>,
+    /// What a caller should know.
+    pub warnings: Vec<String>,
 }
 
 /// The numerics as the service sees them; heavy intermediate results stay behind it.
@@ -82,6 +93,12 @@ pub trait Engine: Debug + Send + Sync {
     /// # Errors
     /// [`Halt`]; frames that were handed out stay valid.
     fn solve(&self, run: &Run, control: &Control, watch: &mut dyn RunWatch) -> Result<Outcome, Halt>;
+
+    /// Moves a ready mesh by bone and hands out steps.
+    ///
+    /// # Errors
+    /// [`Halt`]; frames that were handed out stay valid.
+    fn solve_scene(&self, run: &SceneRun, control: &Control, watch: &mut dyn RunWatch) -> Result<SceneSolved, Halt>;
 
     /// The deformed volume as a VTU file: displacement, tissue, attachment, and volume ratio of every cell.
     ///

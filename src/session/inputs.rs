@@ -4,7 +4,7 @@ use serde::de::DeserializeOwned;
 
 use super::{
     Case, Fault, FaultKind, FieldDocument, FieldSettingsDocument, LandmarksDocument, MeshDocument,
-    MeshSettingsDocument, PlaneDocument, SurfaceDocument, TissueRequest, key_of,
+    MeshSettingsDocument, PlaneDocument, SurfaceDocument, TissueDocument, TissueRequest, key_of,
 };
 use crate::geometry::TriMesh;
 use crate::plan::BoundedPlane;
@@ -56,6 +56,36 @@ impl SessionParts {
     pub fn require(&self, kind: PartKind) -> Result<&PartRecord, Fault> {
         let name = kind.as_str();
         self.get(kind).ok_or_else(|| Fault::new(FaultKind::NotFound, format!("the session has no {name} yet")))
+    }
+
+    /// Uploaded bones with their segments, rising.
+    #[must_use]
+    pub fn bones(&self) -> Vec<(u32, &PartRecord)> {
+        let mut bones: Vec<_> = self.parts.iter().filter_map(|p| Some((p.kind.segment()?, p))).collect();
+        bones.sort_by_key(|(segment, _)| *segment);
+        bones
+    }
+
+    /// Segments and keys of the uploaded bones.
+    #[must_use]
+    pub fn bone_keys(&self) -> Vec<(u32, String)> {
+        self.bones().into_iter().map(|(segment, part)| (segment, part.key.clone())).collect()
+    }
+
+    /// The ready tissue mesh, where there is one.
+    ///
+    /// # Errors
+    /// [`FaultKind::Internal`].
+    pub fn tissue(&self) -> Result<Option<TissueDocument>, Fault> {
+        self.document(PartKind::Tissue)
+    }
+
+    /// The ready tissue mesh, which must be there; `next` says what to do.
+    ///
+    /// # Errors
+    /// [`FaultKind::MissingInput`], [`FaultKind::Internal`].
+    pub fn require_tissue(&self, next: &str) -> Result<TissueDocument, Fault> {
+        self.tissue()?.ok_or_else(|| self.missing(&["tissue"], next))
     }
 
     fn document<T: DeserializeOwned>(&self, kind: PartKind) -> Result<Option<T>, Fault> {

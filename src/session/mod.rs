@@ -14,19 +14,21 @@ mod landmarks;
 mod motion;
 mod numerics;
 mod recent;
+mod scene;
 mod settings;
 mod surface_part;
 mod tissue_file;
 
-pub use case::{Case, Cuts, Run, Solid, TissueRequest};
+pub use case::{Case, Cuts, Run, SceneBones, SceneRun, Solid, TissueRequest};
 pub use documents::{
-    CtDocument, DoubtDocument, DoubtfulRegionsDocument, ErrorDocument, FieldDocument, FieldQualityDocument,
-    HistogramBin, MeshDocument, OsteotomyDocument, PathDocument, PathReportDocument, PathSample, PhasesDocument,
-    PlanDocument, PlaneBoundsDocument, PlaneDocument, ReactionDocument, RegionDocument, RegionMotionDocument,
-    ReportDocument, ReportInput, SegmentDocument, StatisticsDocument, StepDocument, SurfaceDocument, SurfaceOrigin,
-    WaypointDocument,
+    CtDocument, D1ReadingName, DoubtDocument, DoubtfulRegionsDocument, ErrorDocument, FieldDocument,
+    FieldQualityDocument, HistogramBin, LockingName, MaterialDocument, MeshDocument, OsteotomyDocument, PathDocument,
+    PathReportDocument, PathSample, PhasesDocument, PlanDocument, PlaneBoundsDocument, PlaneDocument, PresetName,
+    ReactionDocument, RegionDocument, RegionMotionDocument, ReportDocument, ReportInput, SegmentDocument,
+    SkinElementName, StatisticsDocument, StepDocument, StepPhasesDocument, SurfaceDocument, SurfaceOrigin,
+    TissueDocument, TissueLawsDocument, WaypointDocument,
 };
-pub use engine::{Engine, RunWatch};
+pub use engine::{Engine, RunWatch, SceneSolved};
 pub use fault::{Fault, FaultKind, FieldFault, Halt};
 pub(crate) use fault_from::{chain, import_fault};
 pub use inputs::{SessionParts, load_mesh};

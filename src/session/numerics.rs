@@ -4,8 +4,9 @@ use std::sync::Arc;
 use super::fault::{Fault, FaultKind};
 use super::fault_from::import_fault;
 use super::recent::Recent;
+use super::scene::{bone_fields, solve_scene};
 use super::tissue_file::tissue_file;
-use super::{Case, Cuts, Engine, Halt, Run, RunWatch, Solid, TissueRequest, key_of};
+use super::{Case, Cuts, Engine, Halt, Run, RunWatch, SceneBones, SceneRun, SceneSolved, Solid, TissueRequest, key_of};
 use crate::control::Control;
 use crate::evaluate::{self, ErrorMap, FaceRegion};
 use crate::field::{ExactDistance, FieldReport, Settled};
@@ -169,10 +170,31 @@ impl Engine for Numerics {
         let bone = self.bone_of(&run.case, &run.cuts, &control.part(shares[0], shares[1]))?;
         watch.stage("mesh");
         let tissue = self.tissue_of(&run.case, &run.tissue, &control.part(shares[1], shares[2]))?;
+        for warning in run.settings.solver.stability_warnings(&tissue.mesh) {
+            watch.warning(warning);
+        }
         watch.stage("solve");
         let control = control.part(shares[2], 1.0);
         let mut on_frame = |frame| watch.frame(frame);
         Ok(simulate::solve(&run.case.anatomy, &tissue, &bone, &run.plan, &run.settings, &control, &mut on_frame)?)
+    }
+
+    fn solve_scene(&self, run: &SceneRun, control: &Control, watch: &mut dyn RunWatch) -> Result<SceneSolved, Halt> {
+        const FIELDS: f64 = 0.1;
+        let before = control.part(0.0, FIELDS);
+        watch.stage("field");
+        let (bones, warnings) = match &run.bones {
+            SceneBones::Surfaces(surfaces) => bone_fields(surfaces, run, &before)?,
+            SceneBones::Cut { case, cuts } => {
+                watch.stage("cut");
+                let bone = self.bone_of(case, cuts, &before)?;
+                let segments = bone.osteotomy.segments.iter().map(|s| s.id);
+                (segments.zip(bone.fields.iter().cloned()).collect(), bone.osteotomy.warnings.clone())
+            }
+        };
+        let mut solved = solve_scene(run, bones, &control.part(FIELDS, 1.0), watch)?;
+        solved.warnings.splice(0..0, warnings);
+        Ok(solved)
     }
 
     fn tissue_file(&self, run: &Run, nodes: &[Point], control: &Control) -> Result<Vec<u8>, Halt> {

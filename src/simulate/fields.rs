@@ -49,15 +49,26 @@ pub struct FieldsSettings {
 /// # Errors
 /// [`SimulateError::Anatomy`] when skin and skull do not belong together; else what the fields say.
 pub fn build_fields(anatomy: &Anatomy, settings: &FieldsSettings, control: &Control) -> Result<Fields, SimulateError> {
-    let (skin, skin_report) = SignedField::build(&anatomy.skin, &settings.field, &control.part(0.0, 0.3))?;
-    let bone = envelope(&anatomy.skull, &settings.envelope, &control.part(0.3, 0.6))?;
-    let (bone_field, mut bone_report) = SignedField::build(&bone.surface, &settings.field, &control.part(0.6, 0.9))?;
-    // The envelope is closed; what is doubtful is the surface that came.
-    bone_report.regions.clone_from(&bone.regions);
-    let air = match &anatomy.air {
-        Some(surface) => Some(SignedField::build(surface, &settings.field, &control.part(0.9, 1.0))?.0),
-        None => None,
-    };
+    // Side by side, as parts of each run on one thread. Progress is that of the slower one.
+    let unseen = control.unreported();
+    let (soft, bone) = rayon::join(
+        || {
+            let skin = SignedField::build(&anatomy.skin, &settings.field, &unseen)?;
+            let air = match &anatomy.air {
+                Some(surface) => Some(SignedField::build(surface, &settings.field, &unseen)?.0),
+                None => None,
+            };
+            Ok::<_, SimulateError>((skin, air))
+        },
+        || {
+            let bone = envelope(&anatomy.skull, &settings.envelope, &control.part(0.0, 0.5))?;
+            let (field, mut report) = SignedField::build(&bone.surface, &settings.field, &control.part(0.5, 1.0))?;
+            // The envelope is closed; what is doubtful is the surface that came.
+            report.regions.clone_from(&bone.regions);
+            Ok::<_, SimulateError>((bone, (field, report)))
+        },
+    );
+    let (((skin, skin_report), air), (bone, (bone_field, bone_report))) = (soft?, bone?);
     let mut warnings = bone.warnings.clone();
     let named = |name: &str, report: &FieldReport| -> Vec<String> {
         report.warnings.iter().map(|w| format!("{name}: {w}")).collect()

@@ -118,6 +118,23 @@ impl ReadyMesh {
         Ok(Self { mesh, boundary, places, warnings })
     }
 
+    /// Outer triangles of the prisms that lie on the boundary; without prisms the triangles on the boundary that are not at bone. Counter-clockwise
+    /// from outside.
+    #[must_use]
+    pub fn outer_faces(&self) -> Vec<[u32; 3]> {
+        let mesh = &self.mesh;
+        // The mesh was found conforming when it was made.
+        let Ok(boundary) = BoundaryFaces::of(&mesh.tetrahedra, &mesh.prisms) else { return Vec::new() };
+        if !mesh.prisms.is_empty() {
+            let outer = mesh.prisms.iter().map(|p| triangles_of(p)[0]);
+            return outer.filter(|t| boundary.contains(*t)).collect();
+        }
+        let mut at_bone: Vec<[u32; 3]> = mesh.bone_faces.iter().copied().map(sorted).collect();
+        at_bone.sort_unstable();
+        let free = |t: &[u32; 3]| boundary.contains(*t) && at_bone.binary_search(&sorted(*t)).is_err();
+        mesh.tetrahedra.iter().flat_map(faces_of).filter(free).collect()
+    }
+
     /// Prisms whose outer triangle is another prism's inner one, or lies inside: they cannot be C1 prisms.
     #[must_use]
     pub fn buried_prisms(&self) -> usize {

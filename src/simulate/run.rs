@@ -3,7 +3,7 @@ use super::tissue::attach;
 use super::{Anatomy, AttachmentRules, CutBone, SimulateError, TissueModel};
 use crate::control::Control;
 use crate::evaluate::{FaceRegion, face_regions};
-use crate::fem::{Model, Preset, SkinElement, SolveSettings, Solver, StepReport};
+use crate::fem::{SolveSettings, Solver, StepReport};
 use crate::geometry::{Aabb, Point, TriMesh, Vector};
 use crate::plan::{Plan, PlanError};
 
@@ -13,14 +13,10 @@ const SETUP_SHARE: f64 = 0.03;
 /// Settings of [`solve`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct RunSettings {
-    /// Mechanical model.
-    pub model: Model,
-    /// Element of the skin layer under [`Model::Mixed`].
-    pub skin_element: SkinElement,
+    /// Model, elements, materials, tolerances.
+    pub solver: SolveSettings,
     /// Streamed steps along the path.
     pub steps: usize,
-    /// Materials.
-    pub preset: Preset,
     /// Attachment; [`AttachmentRules::standard`] when `None`.
     pub attachment: Option<AttachmentRules>,
 }
@@ -89,11 +85,7 @@ pub fn solve(
     let rules = settings.attachment.clone().unwrap_or_else(|| AttachmentRules::standard(bone, &moving));
     let mut mesh = tissue.mesh.clone();
     let mut warnings = attach(&mut mesh, bone, &moving, &rules);
-    let solver_settings = SolveSettings {
-        skin_element: settings.skin_element,
-        ..SolveSettings::new(settings.model, settings.preset.materials())
-    };
-    let mut solver = Solver::new(&mesh, bone.bodies(), solver_settings, &control.part(0.0, SETUP_SHARE))?;
+    let mut solver = Solver::new(&mesh, bone.bodies(), settings.solver.clone(), &control.part(0.0, SETUP_SHARE))?;
     let path = control.part(SETUP_SHARE, 1.0);
     let carrier = Carrier::new(&anatomy.skin, &tissue.embedding);
     warnings.extend(Aabb::of(&mesh.positions).and_then(|region| carrier.warning(&anatomy.skin, &region)));
@@ -101,7 +93,13 @@ pub fn solve(
     let mut last = vec![Vector::zeros(); anatomy.skin.positions().len()];
     for k in 1..=settings.steps {
         let share = |k: usize| k as f64 / settings.steps as f64;
-        let report = solver.advance(share(k), &|t| plan.motions(t), &path.part(share(k - 1), share(k)))?;
+        let (motions, part) = (|t| plan.motions(t), path.part(share(k - 1), share(k)));
+        // Frames on the way are to be looked at; the last one is the result.
+        let report = if k < settings.steps {
+            solver.approach(share(k), &motions, &part)?
+        } else {
+            solver.advance(share(k), &motions, &part)?
+        };
         last = carrier.displacements(&solver);
         steps.push(report.clone());
         on_frame(frame(anatomy, &last, k, share(k), report)?);

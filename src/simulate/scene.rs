@@ -1,5 +1,7 @@
 //! A ready mesh moved by bone: what a solve needs and no more.
 
+use std::sync::Arc;
+
 use super::ready_mesh::{CellPlace, ReadyMesh};
 use crate::control::Control;
 use crate::export::vtu_of_cells;
@@ -16,7 +18,7 @@ pub struct Scene {
     /// The mesh with its boundary.
     pub ready: ReadyMesh,
     /// Rigid bones that sliding nodes touch, with their segments.
-    pub bones: Vec<(u32, SignedField)>,
+    pub bones: Vec<(u32, Arc<SignedField>)>,
     /// Where the segments go.
     pub plan: Plan,
     /// Model, materials, tolerances.
@@ -50,10 +52,25 @@ impl Scene {
     /// # Errors
     /// [`SolveError`] when the problem cannot be set up; one that stops on the way is in the outcome.
     pub fn solve(&self, control: &Control) -> Result<SceneOutcome, SolveError> {
+        self.solve_and_show(control, &mut |_, _, _| {})
+    }
+
+    /// As [`Scene::solve`], and hands out the positions of the nodes at each step with its number (from 1) and report.
+    ///
+    /// # Errors
+    /// As [`Scene::solve`].
+    pub fn solve_and_show(
+        &self,
+        control: &Control,
+        on_step: &mut dyn FnMut(usize, &[Point], &StepReport),
+    ) -> Result<SceneOutcome, SolveError> {
         let mut warnings = self.check()?;
         let mesh = &self.ready.mesh;
-        let bodies =
-            self.bones.iter().map(|(segment, field)| ContactBody { segment: *segment, solid: field }).collect();
+        let bodies = self
+            .bones
+            .iter()
+            .map(|(segment, field)| ContactBody { segment: *segment, solid: field.as_ref() })
+            .collect();
         let setup = control.part(0.0, 0.05);
         let mut solver = Solver::with_boundary(mesh, bodies, &self.ready.boundary, self.settings.clone(), &setup)?;
         let path = control.part(0.05, 1.0);
@@ -66,6 +83,7 @@ impl Scene {
                 Ok(report) => {
                     warnings
                         .extend(report.warnings.iter().filter(|w| !warnings.contains(w)).cloned().collect::<Vec<_>>());
+                    on_step(k, &solver.positions(), &report);
                     steps.push(report);
                 }
                 Err(error) => {

@@ -8,7 +8,7 @@ use sqlx::sqlite::{SqliteConnectOptions, SqlitePoolOptions};
 use super::StoreError;
 
 /// Scripts that bring an empty database to the present format, one a version.
-const MIGRATIONS: &[&str] = &[include_str!("schema.sql")];
+const MIGRATIONS: &[&str] = &[include_str!("schema.sql"), include_str!("plans_without_osteotomy.sql")];
 
 /// Name of the database in its directory.
 pub(super) const DATABASE: &str = "prosopon.sqlite";

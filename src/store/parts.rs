@@ -24,11 +24,18 @@ pub enum PartKind {
     Field,
     /// Report of the tissue mesh.
     Mesh,
+    /// A ready tissue mesh as uploaded.
+    Tissue,
+    /// Rigid bone of a segment of the ready mesh, below [`PartKind::BONES`].
+    Bone(u8),
 }
 
 impl PartKind {
-    /// Every kind.
-    pub const ALL: [Self; 9] = [
+    /// Segments that may have a bone.
+    pub const BONES: u8 = 10;
+
+    /// Every kind but the bones.
+    pub const ALL: [Self; 10] = [
         Self::Ct,
         Self::Skin,
         Self::Skull,
@@ -38,6 +45,7 @@ impl PartKind {
         Self::FieldSettings,
         Self::Field,
         Self::Mesh,
+        Self::Tissue,
     ];
 
     /// Its name on the wire and in the database.
@@ -53,14 +61,32 @@ impl PartKind {
             Self::FieldSettings => "field_settings",
             Self::Field => "field",
             Self::Mesh => "mesh",
+            Self::Tissue => "tissue",
+            Self::Bone(segment) => BONE_NAMES.get(usize::from(segment)).copied().unwrap_or("bone"),
         }
     }
+
+    /// Whose bone it is, if it is one.
+    #[must_use]
+    pub fn segment(self) -> Option<u32> {
+        if let Self::Bone(segment) = self { Some(u32::from(segment)) } else { None }
+    }
+
+    /// The bone of `segment`, if it may have one.
+    #[must_use]
+    pub fn bone(segment: u32) -> Option<Self> {
+        u8::try_from(segment).ok().filter(|s| *s < Self::BONES).map(Self::Bone)
+    }
 }
+
+const BONE_NAMES: [&str; PartKind::BONES as usize] =
+    ["bone_0", "bone_1", "bone_2", "bone_3", "bone_4", "bone_5", "bone_6", "bone_7", "bone_8", "bone_9"];
 
 impl FromStr for PartKind {
     type Err = String;
     fn from_str(text: &str) -> Result<Self, String> {
-        Self::ALL.into_iter().find(|k| k.as_str() == text).ok_or_else(|| format!("`{text}` is not a part"))
+        let bones = (0..Self::BONES).map(Self::Bone);
+        Self::ALL.into_iter().chain(bones).find(|k| k.as_str() == text).ok_or_else(|| format!("`{text}` is not a part"))
     }
 }
 

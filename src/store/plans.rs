@@ -31,8 +31,8 @@ pub struct PlanRecord {
     pub id: PlanId,
     /// Its session.
     pub session: SessionId,
-    /// What moves.
-    pub osteotomy: OsteotomyId,
+    /// Whose segments move; those of the session's tissue mesh when absent.
+    pub osteotomy: Option<OsteotomyId>,
     /// Paths and their report, JSON.
     pub document: String,
     /// When it was made, RFC 3339.
@@ -40,7 +40,7 @@ pub struct PlanRecord {
 }
 
 type OsteotomyRow = (String, String, String, f64, i64, String, String, String);
-type PlanRow = (String, String, String, String, String);
+type PlanRow = (String, String, Option<String>, String, String);
 
 fn osteotomy(row: OsteotomyRow) -> Result<OsteotomyRecord, StoreError> {
     let (id, session, field_key, wall_s, bytes, document, blobs, created_at) = row;
@@ -57,7 +57,8 @@ fn osteotomy(row: OsteotomyRow) -> Result<OsteotomyRecord, StoreError> {
 }
 
 fn plan((id, session, osteotomy, document, created_at): PlanRow) -> Result<PlanRecord, StoreError> {
-    let (id, session, osteotomy) = (parse_id(&id)?, session_of(&session)?, parse_id(&osteotomy)?);
+    let osteotomy = osteotomy.as_deref().map(parse_id).transpose()?;
+    let (id, session) = (parse_id(&id)?, session_of(&session)?);
     Ok(PlanRecord { id, session, osteotomy, document, created_at })
 }
 
@@ -160,7 +161,7 @@ impl Store {
         sqlx::query("INSERT INTO plans (id, session, osteotomy, document, created_at) VALUES (?, ?, ?, ?, ?)")
             .bind(record.id.to_string())
             .bind(record.session.to_string())
-            .bind(record.osteotomy.to_string())
+            .bind(record.osteotomy.map(|o| o.to_string()))
             .bind(&record.document)
             .bind(&record.created_at)
             .execute(&mut *transaction)

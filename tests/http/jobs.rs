@@ -80,9 +80,6 @@ async fn what_a_job_asks_for_is_checked() {
     let app = TestApp::new().await;
     let (session, plan) = app.session_with_plan().await;
     let path = format!("{session}/jobs");
-    for model in ["mass_tensor", "nonlinear"] {
-        app.post(&path, json!({"plan": plan, "model": model})).await.problem(422, "not-available");
-    }
     app.post(&path, json!({"plan": plan, "budget": {"max_wall_s": 10}})).await.problem(422, "not-available");
     let check = async |body, pointer| {
         let problem = app.post(&path, body).await.problem(422, "invalid-request");

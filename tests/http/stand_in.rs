@@ -6,12 +6,15 @@ use std::time::Duration;
 
 use prosopon::control::Control;
 use prosopon::evaluate::{ErrorMap, FaceRegion, Statistics};
-use prosopon::fem::StepReport;
+use prosopon::fem::{SolveSettings, StepReport};
 use prosopon::field::{Doubt, DoubtfulRegions, FieldReport, Region, Settled};
 use prosopon::geometry::{Aabb, Motion, Point, TriMesh, Vector};
+use prosopon::import::Limits;
 use prosopon::mesh::MeshReport;
 use prosopon::plan::{BoundedPlane, Osteotomy, PathReport, Plan, PlanError, Segment};
-use prosopon::session::{Case, Cuts, Engine, Fault, FaultKind, Halt, Run, RunWatch, Solid, TissueRequest};
+use prosopon::session::{
+    Case, Cuts, Engine, Fault, FaultKind, Halt, Numerics, Run, RunWatch, SceneRun, SceneSolved, Solid, TissueRequest,
+};
 use prosopon::simulate::{Frame, Outcome, RegionMotion, SimulateError};
 use prosopon::surface::{CtSettings, CtSurfaces};
 
@@ -25,6 +28,8 @@ pub(crate) struct StandIn {
     changed: Condvar,
     /// Solves begun.
     pub(crate) solves: AtomicUsize,
+    /// What the last solve was to solve with.
+    pub(crate) settings: Mutex<Option<SolveSettings>>,
     /// Panic in the solve.
     pub(crate) panics: AtomicBool,
     /// Fail the solve after this step, when above 0.
@@ -200,6 +205,7 @@ impl Engine for StandIn {
 
     fn solve(&self, run: &Run, control: &Control, watch: &mut dyn RunWatch) -> Result<Outcome, Halt> {
         self.solves.fetch_add(1, Ordering::SeqCst);
+        *self.settings.lock().unwrap() = Some(run.settings.solver.clone());
         self.cut_again()?;
         watch.stage("solve");
         let skin = &run.case.anatomy.skin;
@@ -215,11 +221,13 @@ impl Engine for StandIn {
                 substeps: 1,
                 factorisations: 4,
                 relative_residual: 1e-6,
+                remaining_mm: 1e-4,
                 min_det_f: 0.5,
                 max_penetration_mm: 0.01,
                 active_contacts: 3,
                 reactions_n: vec![(1, [0.0, 1.0, 0.0])],
                 unknowns: 60_000,
+                phases: prosopon::fem::PhaseTimes::default(),
                 warnings: Vec::new(),
             };
             let positions = skin.positions().iter().map(|p| p + moved).collect();
@@ -246,6 +254,12 @@ impl Engine for StandIn {
         let regions =
             vec![RegionMotion { name: "upper_lip", forward_mm: -moved.y, down_mm: -moved.z, left_mm: moved.x }];
         Ok(Outcome { steps, regions, face: Vec::new(), nodes: Vec::new(), warnings: vec!["a stand-in".to_owned()] })
+    }
+
+    /// The real numerics: scenes of tests are small.
+    fn solve_scene(&self, run: &SceneRun, control: &Control, watch: &mut dyn RunWatch) -> Result<SceneSolved, Halt> {
+        *self.settings.lock().unwrap() = Some(run.solver.clone());
+        Numerics::new(Limits::default()).solve_scene(run, control, watch)
     }
 
     fn tissue_file(&self, _: &Run, _: &[Point], _: &Control) -> Result<Vec<u8>, Halt> {

@@ -2,17 +2,20 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use serde::Deserialize;
 
 use crate::control::Control;
+use crate::fem::SolveSettings;
 use crate::fem::material::Materials;
-use crate::fem::{Locking, Model, Preset, SkinElement, SolveSettings};
 use crate::field::{FieldSettings, MethodSettings, SignedField};
-use crate::http::dto::{MaterialRequest, RotationRequest, segment_motion};
+use crate::http::dto::{RotationRequest, file_material, segment_motion};
 use crate::import::{Limits, VolumeMesh, detect_surface, surface, volume_mesh};
+use crate::jobs::SolveModel;
 use crate::mesh::{Attachment, Tissue};
 use crate::plan::{Path as SegmentPath, Plan};
+use crate::session::{D1ReadingName, LockingName, MaterialDocument, PresetName, SkinElementName};
 use crate::simulate::{ReadyMesh, Scene};
 
 /// Most steps of a path.
@@ -35,48 +38,14 @@ pub(super) enum SceneError {
     Input { path: PathBuf, detail: String },
 }
 
-#[derive(Debug, Clone, Copy, Deserialize)]
-#[serde(rename_all = "snake_case")]
-enum ModelWord {
-    Linear,
-    MassTensor,
-    Nonlinear,
-    Mixed,
-}
-
-#[derive(Debug, Clone, Copy, Deserialize)]
-#[serde(rename_all = "snake_case")]
-enum SkinElementWord {
-    Tet,
-    Wedge,
-    C1Prism,
-}
-
-#[derive(Debug, Clone, Copy, Deserialize)]
-#[serde(rename_all = "snake_case")]
-enum LockingWord {
-    None,
-    Smoothed,
-}
-
-#[derive(Debug, Clone, Copy, Deserialize)]
-enum PresetWord {
-    #[serde(rename = "wang2009-stable")]
-    Wang2009Stable,
-    #[serde(rename = "wang2009-tension")]
-    Wang2009Tension,
-    #[serde(rename = "wang2009")]
-    Wang2009,
-}
-
 /// A preset by name, or a law for each tissue.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(
     untagged,
-    expecting = "expected the name of a preset (wang2009-stable, wang2009-tension, wang2009) or an object of laws by tissue"
+    expecting = "expected the name of a preset (wang2009-stable, wang2009-tension, wang2009, nazari2010, chabanas2003) or an object of laws by tissue"
 )]
 enum MaterialsWord {
-    Preset(PresetWord),
+    Preset(PresetName),
     Laws(BTreeMap<String, serde_json::Value>),
 }
 
@@ -96,13 +65,16 @@ struct MotionWord {
 pub(super) struct SceneFile {
     mesh: PathBuf,
     #[serde(default)]
-    model: Option<ModelWord>,
+    model: Option<SolveModel>,
     #[serde(default)]
-    skin_element: Option<SkinElementWord>,
+    skin_element: Option<SkinElementName>,
     #[serde(default)]
-    locking: Option<LockingWord>,
+    locking: Option<LockingName>,
     #[serde(default)]
     materials: Option<MaterialsWord>,
+    /// Meaning of D1 in the preset wang2009.
+    #[serde(default)]
+    d1_reading: Option<D1ReadingName>,
     #[serde(default)]
     segments: BTreeMap<String, MotionWord>,
     #[serde(default)]
@@ -165,23 +137,10 @@ impl SceneFile {
     }
 
     fn settings(&self) -> Result<SolveSettings, SceneError> {
-        let model = match self.model {
-            Some(ModelWord::Linear) => Model::Linear,
-            Some(ModelWord::MassTensor) => Model::MassTensor,
-            Some(ModelWord::Nonlinear) => Model::Nonlinear,
-            Some(ModelWord::Mixed) | None => Model::Mixed,
-        };
-        let mut settings = SolveSettings::new(model, Preset::Wang2009Stable.materials());
-        match self.skin_element {
-            Some(SkinElementWord::Tet) => settings.skin_element = SkinElement::Tetrahedron,
-            Some(SkinElementWord::Wedge) => settings.skin_element = SkinElement::Wedge,
-            Some(SkinElementWord::C1Prism) => settings.skin_element = SkinElement::C1Prism,
-            None => {}
-        }
-        match self.locking {
-            Some(LockingWord::None) => settings.locking = Locking::None,
-            Some(LockingWord::Smoothed) | None => settings.locking = Locking::Smoothed,
-        }
+        let model = self.model.unwrap_or(SolveModel::Mixed);
+        let mut settings = SolveSettings::new(model.into(), PresetName::default().materials(D1ReadingName::default()));
+        settings.skin_element = self.skin_element.map_or(settings.skin_element, Into::into);
+        settings.locking = self.locking.unwrap_or(LockingName::Smoothed).into();
         let positive = |name: &str, found: Option<f64>, default: f64, most: f64| match found {
             None => Ok(default),
             Some(x) if x > 0.0 && x <= most => Ok(x),
@@ -215,11 +174,18 @@ impl SceneFile {
 
     /// A material for every tissue of the mesh; tissues that it does not have get any.
     fn materials(&self, ready: &ReadyMesh) -> Result<Materials, SceneError> {
+        let reading = self.d1_reading.unwrap_or_default();
+        let preset = match &self.materials {
+            Some(MaterialsWord::Preset(preset)) => Some(*preset),
+            None => Some(PresetName::default()),
+            Some(MaterialsWord::Laws(_)) => None,
+        };
+        if self.d1_reading.is_some() && preset != Some(PresetName::Wang2009) {
+            return Err(value("/d1_reading", "has a meaning for the preset wang2009 only"));
+        }
         let laws = match &self.materials {
-            None | Some(MaterialsWord::Preset(PresetWord::Wang2009Stable)) => return Ok(Materials::wang2009_stable()),
-            Some(MaterialsWord::Preset(PresetWord::Wang2009Tension)) => return Ok(Materials::wang2009_tension()),
-            Some(MaterialsWord::Preset(PresetWord::Wang2009)) => return Ok(Materials::wang2009()),
             Some(MaterialsWord::Laws(laws)) => laws,
+            Some(MaterialsWord::Preset(_)) | None => return Ok(preset.unwrap_or_default().materials(reading)),
         };
         const NAMES: [(&str, Tissue); 4] =
             [("skin", Tissue::Skin), ("muscle", Tissue::Muscle), ("fat", Tissue::Fat), ("mucosa", Tissue::Mucosa)];
@@ -231,7 +197,7 @@ impl SceneFile {
         let mut present: Vec<Tissue> = mesh.tetrahedron_tissue.iter().copied().chain(prisms).collect();
         present.sort_unstable();
         present.dedup();
-        let mut materials = Materials::wang2009_stable();
+        let mut materials = PresetName::default().materials(reading);
         for (name, tissue) in NAMES {
             let place = format!("/materials/{name}");
             let Some(law) = laws.get(name) else {
@@ -240,20 +206,15 @@ impl SceneFile {
                 }
                 continue;
             };
-            let request: MaterialRequest =
+            let document: MaterialDocument =
                 serde_path_to_error::deserialize(law).map_err(|e| value(place.clone(), e.to_string()))?;
-            let material = request.material(&place).map_err(|faults| value("values", faults.to_string()))?;
-            match tissue {
-                Tissue::Skin => materials.skin = material,
-                Tissue::Muscle => materials.muscle = material,
-                Tissue::Fat => materials.fat = material,
-                Tissue::Mucosa => materials.mucosa = material,
-            }
+            let material = file_material(&place, &document).map_err(|faults| value("values", faults.to_string()))?;
+            materials.set(tissue, material);
         }
         Ok(materials)
     }
 
-    fn bones(&self, folder: &Path, warnings: &mut Vec<String>) -> Result<Vec<(u32, SignedField)>, SceneError> {
+    fn bones(&self, folder: &Path, warnings: &mut Vec<String>) -> Result<Vec<(u32, Arc<SignedField>)>, SceneError> {
         let defaults = MethodSettings::default();
         let spacing_mm = match self.field_spacing_mm {
             None => defaults.field.spacing_mm,
@@ -275,13 +236,13 @@ impl SceneFile {
             let (field, _, found) =
                 SignedField::build_only(&mesh, &settings, &Control::new()).map_err(|e| input(&path, &e))?;
             warnings.extend(found.into_iter().map(|w| format!("bone {segment}: {w}")));
-            bones.push((segment, field));
+            bones.push((segment, Arc::new(field)));
         }
         Ok(bones)
     }
 
     /// A motion for a segment that the scene does not have is a mistake.
-    fn check_segments(plan: &Plan, ready: &ReadyMesh, bones: &[(u32, SignedField)]) -> Result<(), SceneError> {
+    fn check_segments(plan: &Plan, ready: &ReadyMesh, bones: &[(u32, Arc<SignedField>)]) -> Result<(), SceneError> {
         for path in &plan.paths {
             let segment = path.segment();
             let tied = ready.mesh.attachment.contains(&Attachment::Tied(segment));

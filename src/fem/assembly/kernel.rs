@@ -25,6 +25,7 @@ pub(super) struct Element<'a, const N: usize> {
 }
 
 impl<'a, const N: usize> Element<'a, N> {
+    #[inline(always)]
     pub(super) fn new(block: &'a ElementBlock, element: usize) -> Self {
         let q = block.n_points;
         let (nodes, _) = block.nodes.as_chunks::<N>();
@@ -36,11 +37,13 @@ impl<'a, const N: usize> Element<'a, N> {
         }
     }
 
+    #[inline(always)]
     pub(super) fn collect(&self, x: &[Vector]) -> [Vector; N] {
         self.nodes.map(|n| x[n as usize])
     }
 
     /// Energy, mJ.
+    #[inline(always)]
     pub(super) fn energy(&self, law: &Law, x: &[Vector; N]) -> Result<f64, Inverted> {
         let mut energy = 0.0;
         for (g, w) in self.gradients.iter().zip(self.weights) {
@@ -50,6 +53,7 @@ impl<'a, const N: usize> Element<'a, N> {
     }
 
     /// Adds the forces to `out` (three an entry) and returns the energy.
+    #[inline(always)]
     pub(super) fn forces(&self, law: &Law, x: &[Vector; N], out: &mut [f64]) -> Result<f64, Inverted> {
         let mut energy = 0.0;
         for (g, w) in self.gradients.iter().zip(self.weights) {
@@ -61,6 +65,7 @@ impl<'a, const N: usize> Element<'a, N> {
     }
 
     /// Adds the change of the forces for a change `dx` of the nodes, to first order.
+    #[inline(always)]
     pub(super) fn force_change(
         &self,
         law: &Law,
@@ -78,6 +83,7 @@ impl<'a, const N: usize> Element<'a, N> {
 
     /// Adds the forces, and writes the lower triangle of the element matrix: block `(a, b)`, `a >= b`, is the nine
     /// numbers (column-major) at `9 (a (a + 1) / 2 + b)`.
+    #[inline(always)]
     pub(super) fn tangent(
         &self,
         law: &Law,
@@ -128,6 +134,7 @@ impl<'a, const N: usize> Element<'a, N> {
     }
 
     /// Smallest det F over the points.
+    #[inline(always)]
     pub(super) fn min_det(&self, x: &[Vector; N]) -> f64 {
         self.gradients.iter().map(|g| outer_sum(x, g).determinant()).fold(f64::INFINITY, f64::min)
     }
@@ -138,6 +145,7 @@ impl<'a, const N: usize> Element<'a, N> {
     }
 
     /// Share of `dx`, at most 1, at which det F first becomes zero at a point.
+    #[inline(always)]
     pub(super) fn first_inversion(&self, x: &[Vector; N], dx: &[Vector; N]) -> f64 {
         self.gradients
             .iter()

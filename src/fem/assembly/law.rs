@@ -27,6 +27,7 @@ impl Law {
         Ok(Self::SmallStrain(Box::new(tangent)))
     }
 
+    #[inline(always)]
     pub(super) fn energy(&self, f: &Matrix3<f64>) -> Result<f64, Inverted> {
         match self {
             Self::Hyperelastic(material) => material.energy(f),
@@ -37,6 +38,7 @@ impl Law {
         }
     }
 
+    #[inline(always)]
     pub(super) fn stress(&self, f: &Matrix3<f64>) -> Result<Matrix3<f64>, Inverted> {
         match self {
             Self::Hyperelastic(material) => material.first_piola(f),
@@ -69,6 +71,7 @@ impl Law {
         }
     }
 
+    #[inline(always)]
     pub(super) fn stress_and_tangent(
         &self,
         f: &Matrix3<f64>,

@@ -321,6 +321,11 @@ impl Assembly {
     }
 }
 
+/// Runs a loop over elements that was compiled for the vectors of the processor at hand; what it calls must be inlined.
+fn vectorised<T>(elements: impl FnOnce() -> T) -> T {
+    pulp::Arch::new().dispatch(elements)
+}
+
 /// Sum of the energies of chunks, in order; the first inverted element when there is one.
 fn in_order(index: usize, chunks: Vec<Result<f64, usize>>) -> Result<f64, Inversion> {
     chunks.into_iter().try_fold(0.0, |sum, c| c.map(|c| sum + c)).map_err(|element| Inversion { part: index, element })
@@ -332,10 +337,18 @@ fn part_energy<const N: usize>(index: usize, part: &Part, x: &[Vector]) -> Resul
     let energies: Vec<Result<f64, usize>> = (0..n.div_ceil(size))
         .into_par_iter()
         .map(|c| {
-            (c * size..n.min((c + 1) * size)).try_fold(0.0, |sum, e| {
-                let element = Element::<N>::new(&part.block, e);
-                element.energy(part.law(e), &element.collect(x)).map(|w| sum + w).map_err(|_: Inverted| e)
-            })
+            let (from, to) = (c * size, n.min((c + 1) * size));
+            vectorised(
+                #[inline(always)]
+                || {
+                    let mut sum = 0.0;
+                    for e in from..to {
+                        let element = Element::<N>::new(&part.block, e);
+                        sum += element.energy(part.law(e), &element.collect(x)).map_err(|_: Inverted| e)?;
+                    }
+                    Ok(sum)
+                },
+            )
         })
         .collect();
     in_order(index, energies)
@@ -347,12 +360,19 @@ fn part_forces<const N: usize>(index: usize, part: &Part, x: &[Vector], buffer: 
         .par_chunks_mut(3 * N * size)
         .enumerate()
         .map(|(c, out)| {
-            out.fill(0.0);
-            out.chunks_exact_mut(3 * N).enumerate().try_fold(0.0, |sum, (i, out)| {
-                let e = c * size + i;
-                let element = Element::<N>::new(&part.block, e);
-                element.forces(part.law(e), &element.collect(x), out).map(|w| sum + w).map_err(|_: Inverted| e)
-            })
+            vectorised(
+                #[inline(always)]
+                || {
+                    out.fill(0.0);
+                    let mut sum = 0.0;
+                    for (i, out) in out.chunks_exact_mut(3 * N).enumerate() {
+                        let e = c * size + i;
+                        let element = Element::<N>::new(&part.block, e);
+                        sum += element.forces(part.law(e), &element.collect(x), out).map_err(|_: Inverted| e)?;
+                    }
+                    Ok(sum)
+                },
+            )
         })
         .collect();
     in_order(index, energies)
@@ -401,14 +421,20 @@ fn part_tangent<const N: usize>(
         .zip(blocks.par_chunks_mut(slots * size))
         .enumerate()
         .map(|(c, (out, blocks))| {
-            out.fill(0.0);
-            for (i, (out, blocks)) in out.chunks_exact_mut(3 * N).zip(blocks.chunks_exact_mut(slots)).enumerate() {
-                let e = first + c * size + i;
-                let element = Element::<N>::new(&part.block, e);
-                let x = element.collect(x);
-                element.tangent(part.law(e), curvature, &x, out, blocks).map_err(|_: Inverted| e)?;
-            }
-            Ok(0.0)
+            vectorised(
+                #[inline(always)]
+                || {
+                    out.fill(0.0);
+                    let elements = out.chunks_exact_mut(3 * N).zip(blocks.chunks_exact_mut(slots));
+                    for (i, (out, blocks)) in elements.enumerate() {
+                        let e = first + c * size + i;
+                        let element = Element::<N>::new(&part.block, e);
+                        let x = element.collect(x);
+                        element.tangent(part.law(e), curvature, &x, out, blocks).map_err(|_: Inverted| e)?;
+                    }
+                    Ok(0.0)
+                },
+            )
         })
         .collect();
     in_order(index, done)

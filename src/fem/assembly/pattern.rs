@@ -102,10 +102,21 @@ impl Pattern {
         (0..self.n_columns()).map(block).collect()
     }
 
-    /// `y = A x`.
+    /// `y = A x`. In two halves whatever the number of threads.
     pub(in crate::fem) fn multiply(&self, values: &[f64], x: &[f64], y: &mut [f64]) {
+        let middle = self.start.partition_point(|&start| 2 * start < self.n_blocks()).min(self.n_columns());
+        let mut second = vec![0.0; y.len()];
         y.fill(0.0);
-        for column in 0..self.n_columns() {
+        rayon::join(
+            || self.add_product(0..middle, values, x, y),
+            || self.add_product(middle..self.n_columns(), values, x, &mut second),
+        );
+        y[3 * middle..].iter_mut().zip(&second[3 * middle..]).for_each(|(y, s)| *y += s);
+    }
+
+    /// Adds what the blocks of these columns and their mirror images contribute to `A x`: to rows from the first of the columns on.
+    fn add_product(&self, columns: std::ops::Range<usize>, values: &[f64], x: &[f64], y: &mut [f64]) {
+        for column in columns {
             let rows = self.rows(column);
             let values = &values[self.value_start(column)..self.value_start(column) + 9 * rows.len()];
             let xj = Vector::new(x[3 * column], x[3 * column + 1], x[3 * column + 2]);

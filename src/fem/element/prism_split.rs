@@ -1,3 +1,5 @@
+use std::cmp::Ordering;
+
 use super::block::{ElementBlock, ElementError, MeshCell};
 use super::linear::push_tetrahedron;
 use crate::mesh::MixedMesh;
@@ -7,7 +9,7 @@ const PASSES: usize = 4;
 
 /// Prisms split into three linear tetrahedra each, consistently across prisms: every side face is cut from its corner that comes first in
 /// an order of all nodes, which is always possible (Dompierre et al., 8th International Meshing Roundtable 1999). The order is that of the
-/// node numbers; nodes of twisted prisms are moved to its front where that leaves fewer inverted tetrahedra.
+/// rest positions by x, then y, then z, so that it does not change with the numbering; nodes of twisted prisms are moved to its front where that leaves fewer inverted tetrahedra.
 ///
 /// Tetrahedra `3 i` to `3 i + 2` come from prism `i`, and that is the index an error names.
 ///
@@ -33,7 +35,14 @@ pub fn prisms_as_tetrahedra(mesh: &MixedMesh) -> Result<ElementBlock, ElementErr
 
 /// Rank of each node; the smallest comes first.
 fn order(mesh: &MixedMesh) -> Vec<i64> {
-    let mut rank: Vec<i64> = (0..).take(mesh.positions.len()).collect();
+    let x = &mesh.positions;
+    let mut sorted: Vec<usize> = (0..x.len()).collect();
+    let by_axis = |a: usize, b: usize, axis: usize| x[a][axis].total_cmp(&x[b][axis]);
+    sorted.sort_by(|&a, &b| (0..3).map(|axis| by_axis(a, b, axis)).fold(Ordering::Equal, Ordering::then));
+    let mut rank = vec![0i64; x.len()];
+    for (place, node) in (0..).zip(sorted) {
+        rank[node] = place;
+    }
     let mut first = 0;
     for _ in 0..PASSES {
         let twisted: Vec<usize> = (0..mesh.prisms.len()).filter(|&p| inverted(mesh, p, &rank) > 0).collect();
@@ -111,20 +120,40 @@ mod tests {
     }
 
     #[test]
-    fn every_numbering_of_a_prism_splits_into_three_positive_tetrahedra_cut_from_the_smallest_corners() {
+    fn every_order_of_a_prism_splits_it_into_three_positive_tetrahedra_cut_from_the_smallest_corners() {
         for order in permutations() {
             let mesh = prism(2.0, 3.0, 1.5, order);
-            let block = prisms_as_tetrahedra(&mesh).unwrap();
-            assert_eq!(block.n_elements(), 3);
-            assert!((block.weights.iter().sum::<f64>() - 4.5).abs() < 1e-14);
-            assert!(block.weights.iter().all(|w| (w - 1.5).abs() < 1e-14));
+            let by_number: Vec<i64> = (0..6).collect();
+            let tetrahedra = split(&mesh.prisms[0], &by_number);
+            for t in &tetrahedra {
+                let x = t.map(|n| mesh.positions[n as usize]);
+                let volume = (x[1] - x[0]).cross(&(x[2] - x[0])).dot(&(x[3] - x[0])) / 6.0;
+                assert!((volume - 1.5).abs() < 1e-14);
+            }
             for face in [[0, 1, 4, 3], [1, 2, 5, 4], [2, 0, 3, 5]] {
                 let face = face.map(|i| order[i]);
                 let least = (0..4).min_by_key(|&i| face[i]).unwrap();
                 let (from, to) = (face[least], face[(least + 2) % 4]);
-                assert!(block.nodes.chunks(4).any(|t| t.contains(&from) && t.contains(&to)), "{order:?}");
+                assert!(tetrahedra.iter().any(|t| t.contains(&from) && t.contains(&to)), "{order:?}");
             }
         }
+    }
+
+    #[test]
+    fn the_split_does_not_depend_on_the_numbering() {
+        let mut splits: Vec<Vec<[usize; 4]>> = Vec::new();
+        for order in permutations() {
+            let block = prisms_as_tetrahedra(&prism(2.0, 3.0, 1.5, order)).unwrap();
+            assert!(block.weights.iter().all(|w| (w - 1.5).abs() < 1e-14));
+            let corner = |node: &u32| order.iter().position(|n| n == node).unwrap();
+            let (tetrahedra, _) = block.nodes.as_chunks::<4>();
+            let mut split: Vec<[usize; 4]> = tetrahedra.iter().map(|t| t.each_ref().map(corner)).collect();
+            split.iter_mut().for_each(|t| t.sort_unstable());
+            split.sort_unstable();
+            splits.push(split);
+        }
+        splits.dedup();
+        assert_eq!((splits.len(), splits[0].len()), (1, 3));
     }
 
     /// The outer triangle turned by half a right angle against the inner one: with its numbers rising round the wrong way the split by

@@ -4,13 +4,15 @@ use super::energy::{Isochoric, Material};
 use super::principal::{Principal, PrincipalHessian};
 
 impl Material {
-    /// Whether the energy is polyconvex, and so elliptic wherever `det F > 0`: neo-Hookean and Yeoh with non-negative constants. (`J^(-4/3) I2` is not
-    /// polyconvex, only its power 3/2 is: Hartmann and Neff, Int J Solids Struct 2003.)
+    /// Whether the energy is polyconvex, and so elliptic wherever `det F > 0`: neo-Hookean and Yeoh with non-negative constants, Ogden with an
+    /// exponent of at least 3/2 or at most -3. (`J^(-4/3) I2` is not polyconvex, only its power 3/2 is: Hartmann and Neff, Int J Solids Struct
+    /// 2003, whose `|A|^p / d^q` with `p >= q + 1` gives the exponents too.)
     #[must_use]
     pub fn is_polyconvex(&self) -> bool {
         let isochoric = match self.isochoric {
             Isochoric::MooneyRivlin { c10, c01 } => c10 >= 0.0 && c01 == 0.0,
             Isochoric::Yeoh { c1, c2, c3 } => c1 >= 0.0 && c2 >= 0.0 && c3 >= 0.0,
+            Isochoric::Ogden { mu, alpha } => mu >= 0.0 && (alpha >= 1.5 || alpha <= -3.0),
         };
         isochoric && self.bulk >= 0.0
     }

@@ -1,5 +1,8 @@
 use nalgebra::{Matrix3, SMatrix, SVector};
 
+use super::ogden::Ogden;
+use super::principal::Principal;
+
 /// Second derivative of the energy by `F`, both indices column-major (`F[(r, c)]` is entry `r + 3 c`), MPa.
 pub type Tangent = SMatrix<f64, 9, 9>;
 
@@ -30,9 +33,16 @@ pub enum Isochoric {
         /// C3, MPa.
         c3: f64,
     },
+    /// `2 mu / alpha² (J^(-alpha/3) (s1^alpha + s2^alpha + s3^alpha) - 3)` of the principal stretches (Ogden, Proc R Soc Lond A 1972).
+    Ogden {
+        /// Small-strain shear modulus, MPa.
+        mu: f64,
+        /// Exponent, not 0.
+        alpha: f64,
+    },
 }
 
-/// A compressible hyperelastic material: isochoric part plus `bulk/2 (J - 1)²`.
+/// A compressible hyperelastic material: isochoric part plus the volumetric energy `bulk/2 (J - 1)²`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Material {
     /// Isochoric part.
@@ -64,6 +74,7 @@ struct State {
 }
 
 impl State {
+    #[inline(always)]
     fn new(f: &Matrix3<f64>) -> Result<Self, Inverted> {
         let cofactor = cofactor(f);
         let j = f.column(0).dot(&cofactor.column(0));
@@ -75,12 +86,14 @@ impl State {
     }
 
     /// dI2/dF = 2 (I1 F - F C).
+    #[inline(always)]
     fn i2_gradient(&self, f: &Matrix3<f64>) -> Matrix3<f64> {
         (f * self.i1 - f * self.c) * 2.0
     }
 }
 
 /// `det(F) F^-T`, defined for singular `F` too.
+#[inline(always)]
 fn cofactor(f: &Matrix3<f64>) -> Matrix3<f64> {
     let [a, b, c] = [f.column(0), f.column(1), f.column(2)];
     Matrix3::from_columns(&[b.cross(&c), c.cross(&a), a.cross(&b)])
@@ -111,6 +124,13 @@ impl Material {
         Self { isochoric: Isochoric::Yeoh { c1, c2, c3 }, bulk: bulk_modulus(2.0 * c1, poisson) }
     }
 
+    /// One-term Ogden with small-strain shear modulus `shear` (MPa), exponent `alpha` (not 0) and the bulk modulus that gives Poisson
+    /// ratio `poisson` at rest.
+    #[must_use]
+    pub fn ogden(shear: f64, alpha: f64, poisson: f64) -> Self {
+        Self { isochoric: Isochoric::Ogden { mu: shear, alpha }, bulk: bulk_modulus(shear, poisson) }
+    }
+
     /// Its energy without the volumetric part.
     #[must_use]
     pub fn isochoric_part(self) -> Self {
@@ -129,6 +149,7 @@ impl Material {
         match self.isochoric {
             Isochoric::MooneyRivlin { c10, c01 } => 2.0 * (c10 + c01),
             Isochoric::Yeoh { c1, .. } => 2.0 * c1,
+            Isochoric::Ogden { mu, .. } => mu,
         }
     }
 
@@ -139,12 +160,15 @@ impl Material {
         (3.0 * self.bulk - 2.0 * mu) / (2.0 * (3.0 * self.bulk + mu))
     }
 
+    /// Derivatives of what is a function of the invariants: all but [`Ogden`].
+    #[inline(always)]
     pub(super) fn derivatives(&self, i1: f64, i2: f64, j: f64) -> Derivatives {
         let root = j.cbrt();
         let inverse = 1.0 / j;
         let scale = 1.0 / (root * root);
         // By the isochoric first invariant: slope and curvature.
         let (slope, curvature, c01) = match self.isochoric {
+            Isochoric::Ogden { .. } => (0.0, 0.0, 0.0),
             Isochoric::MooneyRivlin { c10, c01 } => (c10, 0.0, c01),
             Isochoric::Yeoh { c1, c2, c3 } => {
                 let f = scale * i1 - 3.0;
@@ -171,13 +195,15 @@ impl Material {
     ///
     /// # Errors
     /// [`Inverted`] when `det F` is not positive.
+    #[inline(always)]
     pub fn energy(&self, f: &Matrix3<f64>) -> Result<f64, Inverted> {
         let s = State::new(f)?;
         let root = s.j.cbrt();
-        let f = s.i1 / (root * root) - 3.0;
+        let shift = s.i1 / (root * root) - 3.0;
         let isochoric = match self.isochoric {
-            Isochoric::MooneyRivlin { c10, c01 } => c10 * f + c01 * (s.i2 / (s.j * root) - 3.0),
-            Isochoric::Yeoh { c1, c2, c3 } => f * (c1 + f * (c2 + f * c3)),
+            Isochoric::MooneyRivlin { c10, c01 } => c10 * shift + c01 * (s.i2 / (s.j * root) - 3.0),
+            Isochoric::Yeoh { c1, c2, c3 } => shift * (c1 + shift * (c2 + shift * c3)),
+            Isochoric::Ogden { mu, alpha } => Ogden { mu, alpha }.energy(&Principal::of(f).stretches),
         };
         Ok(isochoric + 0.5 * self.bulk * (s.j - 1.0) * (s.j - 1.0))
     }
@@ -186,21 +212,27 @@ impl Material {
     ///
     /// # Errors
     /// [`Inverted`] when `det F` is not positive.
+    #[inline(always)]
     pub fn first_piola(&self, f: &Matrix3<f64>) -> Result<Matrix3<f64>, Inverted> {
         let s = State::new(f)?;
         let d = self.derivatives(s.i1, s.i2, s.j);
-        Ok(f * (2.0 * d.w1) + s.i2_gradient(f) * d.w2 + s.cofactor * d.wj)
+        let stress = f * (2.0 * d.w1) + s.i2_gradient(f) * d.w2 + s.cofactor * d.wj;
+        Ok(match Ogden::of(self) {
+            Some(ogden) => stress + ogden.first_piola(&Principal::of(f)),
+            None => stress,
+        })
     }
 
     /// First Piola-Kirchhoff stress and the tangent dP/dF, MPa.
     ///
     /// # Errors
     /// [`Inverted`] when `det F` is not positive.
+    #[inline(always)]
     pub fn stress_and_tangent(&self, f: &Matrix3<f64>) -> Result<(Matrix3<f64>, Tangent), Inverted> {
         let s = State::new(f)?;
         let d = self.derivatives(s.i1, s.i2, s.j);
         let i2_gradient = s.i2_gradient(f);
-        let stress = f * (2.0 * d.w1) + i2_gradient * d.w2 + s.cofactor * d.wj;
+        let mut stress = f * (2.0 * d.w1) + i2_gradient * d.w2 + s.cofactor * d.wj;
 
         // Curvature in the invariants: g hᵀ + h gᵀ with g = dJ/dF.
         let half = f * (2.0 * d.w1j) + i2_gradient * d.w2j + s.cofactor * (0.5 * d.wjj);
@@ -219,11 +251,17 @@ impl Material {
         if d.w2 != 0.0 {
             add_second_derivative_of_i2(&mut t, f, &s, d.w2);
         }
+        if let Some(ogden) = Ogden::of(self) {
+            let axes = Principal::of(f);
+            stress += ogden.first_piola(&axes);
+            t += ogden.tangent(&axes);
+        }
         Ok((stress, t))
     }
 }
 
 /// Adds d²J/dF², times the factor that `f` was multiplied with: the derivative of `b x c` by `b` is `-[c]x`.
+#[inline(always)]
 fn add_second_derivative_of_j(t: &mut Tangent, f: &Matrix3<f64>) {
     for (row, col, sign, of) in [(0, 1, -1.0, 2), (0, 2, 1.0, 1), (1, 2, -1.0, 0)] {
         let [x, y, z] = [sign * f[(0, of)], sign * f[(1, of)], sign * f[(2, of)]];
@@ -236,6 +274,7 @@ fn add_second_derivative_of_j(t: &mut Tangent, f: &Matrix3<f64>) {
 }
 
 /// Adds `factor` d²I2/dF²: applied to `A` it is 4 (F:A) F + 2 I1 A - 2 A C - 2 F Aᵀ F - 2 F Fᵀ A.
+#[inline(always)]
 fn add_second_derivative_of_i2(t: &mut Tangent, f: &Matrix3<f64>, s: &State, factor: f64) {
     let b = f * f.transpose();
     let w = 2.0 * factor;
@@ -274,6 +313,9 @@ mod tests {
             m.fat,
             Material::yeoh([0.035, 0.14, 0.05], 0.45),
             Material::yeoh([0.006, 0.15, 0.0], 0.49),
+            Material::ogden(0.05, 3.5, 0.45),
+            Material::ogden(0.02, -4.0, 0.3),
+            Material::ogden(0.07, 1.2, 0.49),
         ]
     }
 

@@ -5,6 +5,7 @@
 
 mod ellipticity;
 mod energy;
+mod ogden;
 mod path_check;
 mod presets;
 mod principal;
@@ -13,5 +14,5 @@ mod stable_range;
 
 pub use energy::{Inverted, Isochoric, Material, Tangent};
 pub use path_check::PathCheck;
-pub use presets::Materials;
-pub use stable_range::{EXPECTED_STRETCH, StandardTest};
+pub use presets::{D1Reading, Materials};
+pub use stable_range::{EXPECTED_SHEAR, EXPECTED_STRETCH, StandardTest};

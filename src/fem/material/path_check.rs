@@ -1,17 +1,19 @@
 //! Drucker stability, ellipticity and sign of the stress along standard tests.
 
 use super::energy::Material;
+use super::principal::Principal;
 use super::stable_range::StandardTest;
 use nalgebra::{Matrix2, Matrix3, Vector3};
 
 /// Stretches that are looked at, and the step between them.
-const FIRST: f64 = 0.4;
-const LAST: f64 = 2.0;
+const STRETCHES: [f64; 2] = [0.4, 2.0];
+/// Shears that are looked at, in the same steps; the other direction is alike.
+const SHEARS: [f64; 2] = [0.0, 1.5];
 const STEP: f64 = 1e-3;
 /// Step of stress differences.
 const DIFFERENCE: f64 = 1e-6;
 
-/// Ranges of stretch, from 0.4 to 2 in steps of 0.001, in which a material misbehaves; each list rises.
+/// Ranges of stretch, from 0.4 to 2 in steps of 0.001 (of shear, from 0 to 1.5), in which a material misbehaves; each list rises.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PathCheck {
     /// The test.
@@ -27,6 +29,15 @@ pub struct PathCheck {
 }
 
 impl PathCheck {
+    /// Smallest and largest amount that is looked at.
+    #[must_use]
+    pub fn range(test: StandardTest) -> [f64; 2] {
+        match test {
+            StandardTest::Uniaxial | StandardTest::Equibiaxial | StandardTest::Planar => STRETCHES,
+            StandardTest::Shear => SHEARS,
+        }
+    }
+
     /// Whether nothing was found.
     #[must_use]
     pub fn is_clean(&self) -> bool {
@@ -40,8 +51,9 @@ impl Material {
     /// Looks along `test` at constant volume, the sides that are not stretched free.
     #[must_use]
     pub fn check_path(&self, test: StandardTest) -> PathCheck {
-        let n = ((LAST - FIRST) / STEP).round() as usize;
-        let stretches: Vec<f64> = (0..=n).map(|i| FIRST + STEP * i as f64).collect();
+        let [first, last] = PathCheck::range(test);
+        let n = ((last - first) / STEP).round() as usize;
+        let stretches: Vec<f64> = (0..=n).map(|i| first + STEP * i as f64).collect();
         let ranges = |bad: &dyn Fn(f64) -> bool| {
             let marks: Vec<bool> = stretches.iter().map(|l| bad(*l)).collect();
             let both: Vec<(f64, bool)> = stretches.iter().copied().zip(marks).collect();
@@ -53,18 +65,26 @@ impl Material {
         PathCheck {
             test,
             wrong_sign: ranges(&|l| {
-                self.driving_stress(test, l) * (l - 1.0).signum() < -noise && (l - 1.0).abs() > 0.5 * STEP
+                let from_rest = l - test.rest();
+                self.driving_stress(test, l) * from_rest.signum() < -noise && from_rest.abs() > 0.5 * STEP
             }),
             falling_stress: ranges(&|l| rise(l) < 0.0),
-            drucker_unstable: ranges(&|l| !self.is_drucker_stable(&test.deformation(l).diagonal())),
+            drucker_unstable: ranges(&|l| !self.is_drucker_stable(&Principal::of(&test.deformation(l)).stretches)),
             ellipticity_lost: ranges(&|l| !self.is_elliptic(&test.deformation(l))),
         }
     }
 
-    /// Nominal stress along the first axis when the third is free, MPa: the pressure that keeps the volume is eliminated.
-    fn driving_stress(&self, test: StandardTest, stretch: f64) -> f64 {
-        let f: Matrix3<f64> = test.deformation(stretch);
-        self.isochoric_part().first_piola(&f).map_or(f64::NAN, |p| p[(0, 0)] - p[(2, 2)] * f[(2, 2)] / f[(0, 0)])
+    /// Nominal stress along the first axis when the third is free, MPa: the pressure that keeps the volume is eliminated. The shear stress of
+    /// a shear.
+    fn driving_stress(&self, test: StandardTest, amount: f64) -> f64 {
+        let f: Matrix3<f64> = test.deformation(amount);
+        let Ok(p) = self.isochoric_part().first_piola(&f) else { return f64::NAN };
+        match test {
+            StandardTest::Uniaxial | StandardTest::Equibiaxial | StandardTest::Planar => {
+                p[(0, 0)] - p[(2, 2)] * f[(2, 2)] / f[(0, 0)]
+            }
+            StandardTest::Shear => p[(0, 1)],
+        }
     }
 
     /// Whether stress and strain increments agree in direction: `d²W` by two logarithmic strains, the third making up the volume.
@@ -134,6 +154,22 @@ mod tests {
             near(&check.drucker_unstable, &[[0.4, drucker[0]], [drucker[1], 2.0]]);
             near(&check.ellipticity_lost, &[[0.4, lost[0]], [lost[1], 2.0]]);
         }
+    }
+
+    /// Simple shear by l - 1/l is a planar stretch l, turned; the shear stress of Mooney-Rivlin is mu times the shear.
+    #[test]
+    fn shear_loses_ellipticity_where_planar_stretch_does_and_keeps_its_sign() {
+        let m = Materials::wang2009();
+        for (material, planar) in [(m.skin, 1.1101f64), (m.muscle, 1.1276), (m.fat, 1.0186)] {
+            let check = Material { bulk: 1e4 * material.bulk, ..material }.check_path(StandardTest::Shear);
+            near(&check.ellipticity_lost, &[[planar - 1.0 / planar, 1.5]]);
+            near(&check.wrong_sign, &[]);
+            near(&check.falling_stress, &[]);
+        }
+        // A shear stress that falls again: Yeoh with a negative second constant, mu g (1 + 2 c2 / c1 g²), highest at g = sqrt(-c1 / (6 c2)).
+        let check = Material::yeoh([0.02, -0.02, 0.0], 0.45).check_path(StandardTest::Shear);
+        near(&check.falling_stress, &[[(1.0f64 / 6.0).sqrt(), 1.5]]);
+        near(&check.wrong_sign, &[[0.5f64.sqrt(), 1.5]]);
     }
 
     #[test]

@@ -22,8 +22,25 @@ const SKIN: [f64; 3] = [18.9834587, -15.4071649, 0.49];
 const MUSCLE: [f64; 3] = [9.84540206, -7.74326281, 0.30];
 const FAT: [f64; 3] = [16.6131140, -16.0126823, 0.49];
 
-fn published([c10, c01, poisson]: [f64; 3]) -> Material {
-    Material::mooney_rivlin(c10 * GF_PER_MM2, c01 * GF_PER_MM2, poisson)
+/// What `D1` of Wang 2009, Table 1 means; the paper does not say (reading notes 19).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum D1Reading {
+    /// The Poisson ratio: 0.49, 0.30, 0.49 of skin, muscle, fat.
+    #[default]
+    PoissonRatio,
+    /// `2/K` in 1/MPa, although the other constants are in gf/mm²: Poisson ratios 0.4915, 0.4969, 0.4986.
+    PerMpa,
+    /// `2/K` in mm²/gf: Poisson ratios -0.053, 0.240, 0.366, of no soft tissue.
+    Mm2PerGf,
+}
+
+fn published([c10, c01, d1]: [f64; 3], reading: D1Reading) -> Material {
+    let at = |poisson| Material::mooney_rivlin(c10 * GF_PER_MM2, c01 * GF_PER_MM2, poisson);
+    match reading {
+        D1Reading::PoissonRatio => at(d1),
+        D1Reading::PerMpa => Material { bulk: 2.0 / d1, ..at(0.0) },
+        D1Reading::Mm2PerGf => Material { bulk: 2.0 / d1 * GF_PER_MM2, ..at(0.0) },
+    }
 }
 
 fn stable([c10, c01, poisson]: [f64; 3]) -> Material {
@@ -35,11 +52,39 @@ fn tension([c10, c01, poisson]: [f64; 3], c2: f64) -> Material {
 }
 
 impl Materials {
-    /// The published constants (Wang 2009, Table 1). C01 is negative: ellipticity is lost when the largest principal stretch exceeds about
-    /// 1.110 in skin, 1.128 in muscle, 1.019 in fat. No value is published for mucosa: muscle's is used.
+    /// [`Materials::wang2009_reading`] with D1 as Poisson ratio.
     #[must_use]
     pub fn wang2009() -> Self {
-        Self { skin: published(SKIN), muscle: published(MUSCLE), fat: published(FAT), mucosa: published(MUSCLE) }
+        Self::wang2009_reading(D1Reading::PoissonRatio)
+    }
+
+    /// The published constants (Wang 2009, Table 1). C01 is negative: ellipticity is lost when the largest principal stretch exceeds about
+    /// 1.110 in skin, 1.128 in muscle, 1.019 in fat, whatever D1 means. No value is published for mucosa: muscle's is used.
+    #[must_use]
+    pub fn wang2009_reading(d1: D1Reading) -> Self {
+        let of = |constants| published(constants, d1);
+        Self { skin: of(SKIN), muscle: of(MUSCLE), fat: of(FAT), mucosa: of(MUSCLE) }
+    }
+
+    /// Passive tissue of the face as one Yeoh material: C1 2.5 kPa, C2 1.175 kPa.
+    ///
+    /// # Source
+    /// Measured on a cheek by indentation (Gerard, Ohayon, Luboz, Perrier and Payan, Med Eng Phys 27, 2005); used for a whole face by Nazari,
+    /// Perrier, Chabanas and Payan, Comput Methods Biomech Biomed Eng 13, 2010. The Poisson ratio 0.49 is ours: they are nearly incompressible.
+    #[must_use]
+    pub fn nazari2010() -> Self {
+        Self::homogeneous(Material::yeoh([2.5e-3, 1.175e-3, 0.0], 0.49))
+    }
+
+    /// Passive tissue of the face with Young's modulus 15 kPa and Poisson ratio 0.49; published for small strains, here neo-Hookean with these
+    /// moduli. The stiffer fibres that the source gives to muscles are left out.
+    ///
+    /// # Source
+    /// Chabanas, Luboz and Payan, Med Image Anal 7, 2003.
+    #[must_use]
+    pub fn chabanas2003() -> Self {
+        let (young, poisson) = (15e-3, 0.49);
+        Self::homogeneous(Material::neo_hookean(0.5 * young / (1.0 + poisson), poisson))
     }
 
     /// Neo-Hookean with the published small-strain shear moduli 2 (C10 + C01): 70.142923 kPa in skin, 41.229888 kPa in muscle,
@@ -62,6 +107,16 @@ impl Materials {
     #[must_use]
     pub fn homogeneous(material: Material) -> Self {
         Self { skin: material, muscle: material, fat: material, mucosa: material }
+    }
+
+    /// Gives `tissue` another material.
+    pub fn set(&mut self, tissue: Tissue, material: Material) {
+        *match tissue {
+            Tissue::Skin => &mut self.skin,
+            Tissue::Muscle => &mut self.muscle,
+            Tissue::Fat => &mut self.fat,
+            Tissue::Mucosa => &mut self.mucosa,
+        } = material;
     }
 
     /// The material of `tissue`.
@@ -114,5 +169,32 @@ mod tests {
             }
         }
         assert_eq!(stable.of(Tissue::Mucosa), stable.of(Tissue::Muscle));
+    }
+
+    /// Poisson ratios of the reading notes; (3 K - 2 mu) / (2 (3 K + mu)) by hand for the last.
+    #[test]
+    fn readings_of_d1_give_the_known_poisson_ratios_and_the_same_shear() {
+        for (reading, ratios) in [
+            (D1Reading::PoissonRatio, [0.49, 0.30, 0.49]),
+            (D1Reading::PerMpa, [0.4915, 0.4969, 0.4986]),
+            (D1Reading::Mm2PerGf, [-0.0531, 0.2394, 0.3660]),
+        ] {
+            let m = Materials::wang2009_reading(reading);
+            for ((material, same), expected) in [m.skin, m.muscle, m.fat].iter().zip([SKIN, MUSCLE, FAT]).zip(ratios) {
+                assert!((material.poisson_ratio() - expected).abs() < 5e-4, "{}", material.poisson_ratio());
+                assert_eq!(material.isochoric, published(same, D1Reading::PoissonRatio).isochoric);
+            }
+        }
+    }
+
+    #[test]
+    fn presets_of_the_literature_have_the_published_moduli() {
+        let chabanas = Materials::chabanas2003().fat;
+        assert!((2.0 * chabanas.shear_modulus() * (1.0 + chabanas.poisson_ratio()) - 15e-3).abs() < 1e-12);
+        let nazari = Materials::nazari2010();
+        assert!((nazari.skin.shear_modulus() - 5e-3).abs() < 1e-15 && nazari.skin == nazari.mucosa);
+        for preset in [Materials::nazari2010(), Materials::chabanas2003()] {
+            assert!(preset.skin.is_polyconvex());
+        }
     }
 }

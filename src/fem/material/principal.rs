@@ -1,6 +1,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::energy::{Inverted, Material};
+use super::ogden::Ogden;
 
 /// `F = U diag(stretches) Vᵀ`, by one-sided Jacobi rotations: accurate for small stretches too, and exact for a diagonal `F`.
 #[derive(Debug, Clone, Copy)]
@@ -122,6 +123,12 @@ impl Material {
             scaling[(b, a)] += mixed;
             flip[k] = 2.0 * d.w1 + 2.0 * d.w2 * (sq[k] - s[a] * s[b]) - d.wj * s[k];
             twist[k] = 2.0 * d.w1 + 2.0 * d.w2 * (sq[k] + s[a] * s[b]) + d.wj * s[k];
+        }
+        if let Some(ogden) = Ogden::of(self) {
+            let h = ogden.hessian(s);
+            scaling += h.scaling;
+            flip += h.flip;
+            twist += h.twist;
         }
         Ok(PrincipalHessian { scaling, flip, twist })
     }

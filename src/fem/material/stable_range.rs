@@ -5,6 +5,8 @@ use nalgebra::{Matrix3, Vector3};
 
 /// Stretches between which tissue is looked at: from half its length to twice.
 pub const EXPECTED_STRETCH: [f64; 2] = [0.5, 2.0];
+/// Shears between which tissue is looked at: up to those whose largest principal stretch is 2.
+pub const EXPECTED_SHEAR: [f64; 2] = [-1.5, 1.5];
 
 /// A standard test. Volume is kept, as soft tissue nearly does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -15,11 +17,13 @@ pub enum StandardTest {
     Equibiaxial,
     /// Stretch along one axis, none along the second.
     Planar,
+    /// Simple shear; its amount stands in for the stretch.
+    Shear,
 }
 
 impl StandardTest {
     /// All of them.
-    pub const ALL: [Self; 3] = [Self::Uniaxial, Self::Equibiaxial, Self::Planar];
+    pub const ALL: [Self; 4] = [Self::Uniaxial, Self::Equibiaxial, Self::Planar, Self::Shear];
 
     /// Its name.
     #[must_use]
@@ -28,36 +32,61 @@ impl StandardTest {
             Self::Uniaxial => "uniaxial",
             Self::Equibiaxial => "equibiaxial",
             Self::Planar => "planar",
+            Self::Shear => "shear",
         }
     }
 
-    /// Deformation gradient at `stretch`.
+    /// Its amount at rest.
     #[must_use]
-    pub fn deformation(self, stretch: f64) -> Matrix3<f64> {
-        let l = stretch;
+    pub fn rest(self) -> f64 {
+        match self {
+            Self::Uniaxial | Self::Equibiaxial | Self::Planar => 1.0,
+            Self::Shear => 0.0,
+        }
+    }
+
+    /// Smallest and largest amount that tissue is expected to meet.
+    #[must_use]
+    pub fn expected(self) -> [f64; 2] {
+        match self {
+            Self::Uniaxial | Self::Equibiaxial | Self::Planar => EXPECTED_STRETCH,
+            Self::Shear => EXPECTED_SHEAR,
+        }
+    }
+
+    /// Deformation gradient at `amount`: a stretch, or a shear.
+    #[must_use]
+    pub fn deformation(self, amount: f64) -> Matrix3<f64> {
+        let l = amount;
         Matrix3::from_diagonal(&match self {
             Self::Uniaxial => Vector3::new(l, l.powf(-0.5), l.powf(-0.5)),
             Self::Equibiaxial => Vector3::new(l, l, l.powi(-2)),
             Self::Planar => Vector3::new(l, 1.0, 1.0 / l),
+            Self::Shear => return Matrix3::new(1.0, l, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
         })
     }
 }
 
 impl Material {
-    /// Smallest and largest stretch of `test` within [`EXPECTED_STRETCH`] up to which the material stays strongly elliptic, from rest on;
-    /// to 1e-4.
+    /// Smallest and largest amount of `test` within [`StandardTest::expected`] up to which the material stays strongly elliptic, from rest
+    /// on; to 1e-4.
     #[must_use]
     pub fn elliptic_range(&self, test: StandardTest) -> [f64; 2] {
-        EXPECTED_STRETCH.map(|end| {
-            // In logarithmic steps of a hundredth of the way, then by halving.
-            let at = |share: f64| end.powf(share);
+        test.expected().map(|end| {
+            // In steps of a hundredth of the way, of stretches in logarithmic ones, then by halving.
+            let (at, length): (&dyn Fn(f64) -> f64, f64) = match test {
+                StandardTest::Uniaxial | StandardTest::Equibiaxial | StandardTest::Planar => {
+                    (&|share: f64| end.powf(share), end.ln().abs())
+                }
+                StandardTest::Shear => (&|share: f64| end * share, end.abs()),
+            };
             let holds = |share: f64| self.is_elliptic(&test.deformation(at(share)));
             if !holds(0.0) {
-                return 1.0;
+                return test.rest();
             }
             let Some(lost) = (1..=100).find(|i| !holds(f64::from(*i) * 0.01)) else { return end };
             let (mut kept, mut lost) = (f64::from(lost - 1) * 0.01, f64::from(lost) * 0.01);
-            while (lost - kept) * end.ln().abs() > 1e-4 {
+            while (lost - kept) * length > 1e-4 {
                 let middle = 0.5 * (kept + lost);
                 if holds(middle) { kept = middle } else { lost = middle }
             }
@@ -74,15 +103,16 @@ impl Material {
         let ranges: Vec<String> = StandardTest::ALL
             .iter()
             .map(|test| (test, self.elliptic_range(*test)))
-            .filter(|(_, range)| *range != EXPECTED_STRETCH)
+            .filter(|(test, range)| *range != test.expected())
             .map(|(test, [low, high])| format!("{low:.3} to {high:.3} {}", test.name()))
             .collect();
         (!ranges.is_empty()).then(|| {
             format!(
-                "the material of {tissue} is stable only at stretches of {}; expected are {} to {}",
+                "the material of {tissue} is stable only at stretches of {}; expected are stretches of {} to {} and shears up to {}",
                 ranges.join(", "),
                 EXPECTED_STRETCH[0],
-                EXPECTED_STRETCH[1]
+                EXPECTED_STRETCH[1],
+                EXPECTED_SHEAR[1]
             )
         })
     }
@@ -105,6 +135,10 @@ mod tests {
             assert!((low - limit.powi(-2)).abs() < 3e-4, "{low}");
             let [low, high] = stiff.elliptic_range(StandardTest::Planar);
             assert!((high - limit).abs() < 3e-4 && (low - 1.0 / limit).abs() < 3e-4);
+            // Simple shear by l - 1/l is a planar stretch l, turned.
+            let [low, high] = stiff.elliptic_range(StandardTest::Shear);
+            let shear = limit - 1.0 / limit;
+            assert!((high - shear).abs() < 6e-4 && (low + shear).abs() < 6e-4, "{low} {high} {shear}");
             let warning = material.stability_warning("fat").unwrap();
             assert!(
                 warning.contains("the material of fat is stable only") && warning.contains("uniaxial"),
@@ -118,7 +152,7 @@ mod tests {
         for m in [Materials::wang2009_stable(), Materials::wang2009_tension()] {
             for material in [m.skin, m.muscle, m.fat] {
                 assert_eq!(material.stability_warning("skin"), None);
-                assert!(StandardTest::ALL.iter().all(|t| material.elliptic_range(*t) == EXPECTED_STRETCH));
+                assert!(StandardTest::ALL.iter().all(|t| material.elliptic_range(*t) == t.expected()));
             }
         }
     }

@@ -29,3 +29,28 @@ impl Implicit for Ball {
         (d.norm() - self.radius, d.try_normalize(1e-12).unwrap_or(Vector::z()))
     }
 }
+
+/// A post upwards from below whose top is z = 0, with rounded edges, about the z axis.
+pub(super) struct RoundedPost {
+    pub(super) half_width: f64,
+    pub(super) edge_radius: f64,
+}
+
+impl Implicit for RoundedPost {
+    fn value(&self, p: &Point) -> f64 {
+        self.value_gradient(p).0
+    }
+    fn value_gradient(&self, p: &Point) -> (f64, Vector) {
+        let inner = self.half_width - self.edge_radius;
+        let q = Vector::new(p.x.abs() - inner, p.y.abs() - inner, p.z + self.edge_radius);
+        let sign = Vector::new(p.x.signum(), p.y.signum(), 1.0);
+        let deepest = q.imax();
+        let (distance, normal) = if q[deepest] < 0.0 {
+            (q[deepest], Vector::ith(deepest, 1.0))
+        } else {
+            let out = q.map(|c| c.max(0.0));
+            (out.norm(), out.normalize())
+        };
+        (distance - self.edge_radius, normal.component_mul(&sign))
+    }
+}

@@ -3,7 +3,7 @@
 use super::blocks::{Slab, attach};
 use super::bodies::Ball;
 use crate::control::Control;
-use crate::fem::{ContactBody, Model, Preset, SolveError, SolveSettings, Solver, StepReport};
+use crate::fem::{ContactBody, Locking, Model, Preset, SolveError, SolveSettings, Solver, StepReport};
 use crate::geometry::{Motion, Point};
 use crate::mesh::{Attachment, MixedMesh};
 
@@ -116,21 +116,23 @@ fn any_number_of_threads_gives_the_same_bits() {
         if r > 23.9 { Some(Attachment::Fixed) } else { (p.z == 0.0).then_some(Attachment::Sliding) }
     });
     let ball = Ball { centre: Point::new(1.0, 2.0, -20.0), radius: 20.0 };
-    let run = |threads: usize| {
+    let run = |threads: usize, locking: Locking| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
             let control = Control::new();
             let body = ContactBody { segment: 1, solid: &ball };
-            let mut solver = Solver::new(&mesh, vec![body], settings(), &control).unwrap();
+            let mut solver = Solver::new(&mesh, vec![body], SolveSettings { locking, ..settings() }, &control).unwrap();
             let report = solver.advance(1.0, &push(1.5), &control).unwrap();
             let bits: Vec<u64> = solver.positions().iter().flat_map(|p| [p.x, p.y, p.z].map(f64::to_bits)).collect();
             (bits, report)
         })
     };
-    let one = run(1);
-    assert!(one.1.unknowns > 3000 && one.1.active_contacts > 0);
-    assert_eq!(one, run(2));
-    assert_eq!(one, run(3));
+    for locking in [Locking::None, Locking::Smoothed] {
+        let one = run(1, locking);
+        assert!(one.1.unknowns > 3000 && one.1.active_contacts > 0);
+        assert_eq!(one, run(2, locking));
+        assert_eq!(one, run(3, locking));
+    }
 }
 
 #[test]

@@ -5,5 +5,7 @@ mod bodies;
 mod calculix;
 mod closed_forms;
 mod contact;
+mod convergence;
 mod failures;
+mod indented;
 mod locking;

@@ -1,6 +1,7 @@
 mod accuracy;
 mod baselines;
 mod brute_force;
+mod certificate;
 mod closed_forms;
 mod continuity;
 mod convergence;

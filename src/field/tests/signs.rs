@@ -128,8 +128,8 @@ fn overlapping_and_nested_solids_are_one() {
     let exact = ExactDistance::new(&overlapping);
     let (field, _) = built(&overlapping);
     // The parts of the surfaces inside the union are still distance zero: only the sign is the union's.
-    // Where they cross the surface the spline rounds the groove by some 0.3 h.
-    assert_eq!(wrong_signs(&field, 9.0, 0.15, |p| exact.signed(p)), 0);
+    // Where they cross, the spline rounds the groove, and the sheets inside pull the value to 0: by up to half a spacing.
+    assert_eq!(wrong_signs(&field, 9.0, 0.25, |p| exact.signed(p)), 0);
     let hollow = joined(&sphere(Point::origin(), 7.0, 4), &flipped(&sphere(Point::origin(), 4.0, 4), |_| true));
     let (field, report) = built(&hollow);
     assert!(report.warnings.is_empty(), "{:?}", report.warnings);

@@ -6,9 +6,12 @@ use uuid::Uuid;
 
 use super::SessionSettings;
 use super::check::Check;
+use super::material::check_laws;
 use crate::http::problem::ProblemDocument;
-use crate::jobs::{AttachmentRecord, JobStatus, MaterialsPreset, SolveModel};
-use crate::session::{BoxDocument, Fault, FaultKind};
+use crate::jobs::{AttachmentRecord, JobStatus, PhysicsRecord, SolveModel};
+use crate::session::{
+    BoxDocument, D1ReadingName, Fault, FaultKind, LockingName, PresetName, SkinElementName, TissueLawsDocument,
+};
 use crate::store::{JobKind, JobRecord, JobState};
 
 /// Steps that a job may have.
@@ -24,33 +27,12 @@ pub enum ModelName {
     Auto,
     /// Small strain on linear elements (LFEM).
     Linear,
-    /// Not in this version (MTM).
+    /// Small strain again, vertices relaxed under the forces of their neighbours (MTM).
     MassTensor,
-    /// Not in this version (NFEM).
+    /// Hyperelastic on linear elements (NFEM).
     Nonlinear,
     /// Hyperelastic with a C1 skin layer (NFM-EM).
     Mixed,
-}
-
-/// Materials.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-pub enum PresetName {
-    /// Stable neo-Hookean with the published small-strain moduli.
-    #[default]
-    #[serde(rename = "wang_2009_stable")]
-    Wang2009Stable,
-    /// The published constants.
-    #[serde(rename = "wang_2009")]
-    Wang2009,
-}
-
-impl From<PresetName> for MaterialsPreset {
-    fn from(name: PresetName) -> Self {
-        match name {
-            PresetName::Wang2009Stable => Self::Wang2009Stable,
-            PresetName::Wang2009 => Self::Wang2009,
-        }
-    }
 }
 
 /// A result to keep besides skin and report, which are always kept.
@@ -112,6 +94,24 @@ pub struct CreateJob {
     /// Materials; the session's, else `wang_2009_stable`.
     #[serde(default)]
     pub preset: Option<PresetName>,
+    /// Meaning of D1 in the preset `wang_2009`.
+    #[serde(default)]
+    pub d1_reading: Option<D1ReadingName>,
+    /// Laws in place of the preset's.
+    #[serde(default)]
+    pub materials: TissueLawsDocument,
+    /// Element of the skin layer; `wedge` for `linear` and `mass_tensor`, `tet` for `nonlinear`, `c1_prism` for `mixed` when absent.
+    #[serde(default)]
+    pub skin_element: Option<SkinElementName>,
+    /// Cure of locking near incompressibility; `none` when absent.
+    #[serde(default)]
+    pub locking: Option<LockingName>,
+    /// Residual force over reaction force at which a step is in equilibrium; 1e-4 when absent.
+    #[serde(default)]
+    pub relative_residual: Option<f64>,
+    /// Penetration of bone that is left at most, mm; 0.05 when absent.
+    #[serde(default)]
+    pub penetration_tolerance_mm: Option<f64>,
     /// Attachment; chosen from the landmarks when absent.
     #[serde(default)]
     pub attachment: Option<AttachmentRequest>,
@@ -120,25 +120,33 @@ pub struct CreateJob {
 /// A checked solve, without what the session adds.
 #[derive(Debug, Clone, PartialEq)]
 pub(in crate::http) struct CheckedJob {
-    pub(in crate::http) model: SolveModel,
-    pub(in crate::http) model_chosen: bool,
+    pub(in crate::http) physics: PhysicsRecord,
     pub(in crate::http) steps: u32,
-    pub(in crate::http) preset: MaterialsPreset,
     pub(in crate::http) attachment: Option<AttachmentRecord>,
     pub(in crate::http) error_maps: bool,
     pub(in crate::http) tissue: bool,
 }
 
 impl CreateJob {
+    /// What a ready mesh cannot have: it brings its own attachment, and there is nothing to compare it with.
+    pub(in crate::http) fn check_scene(&self) -> Result<(), Fault> {
+        let mut check = Check::default();
+        if self.attachment.is_some() {
+            check.fault("/attachment", "the session has a tissue mesh, whose array `attachment` says what is tied");
+        }
+        if self.reference_job.is_some() {
+            check.fault("/reference_job", "jobs on a tissue mesh make no error maps");
+        }
+        check.finish()
+    }
+
     pub(in crate::http) fn check(&self, settings: &SessionSettings) -> Result<CheckedJob, Fault> {
         let (model, model_chosen) = match self.model {
             ModelName::Auto => (SolveModel::Mixed, true),
             ModelName::Mixed => (SolveModel::Mixed, false),
             ModelName::Linear => (SolveModel::Linear, false),
-            ModelName::MassTensor | ModelName::Nonlinear => {
-                let detail = "the models in this version are auto, linear and mixed";
-                return Err(Fault::new(FaultKind::NotAvailable, detail).at("/model"));
-            }
+            ModelName::MassTensor => (SolveModel::MassTensor, false),
+            ModelName::Nonlinear => (SolveModel::Nonlinear, false),
         };
         if self.budget.is_some() {
             return Err(Fault::new(FaultKind::NotAvailable, "budgets are not available in this version").at("/budget"));
@@ -155,13 +163,33 @@ impl CreateJob {
                 .map(|(index, b)| check.bounds(&format!("/attachment/sliding/{index}"), *b))
                 .collect(),
         });
+        let preset = self.preset.or(settings.preset).unwrap_or_default();
+        if self.d1_reading.is_some() && preset != PresetName::Wang2009 {
+            check.fault("/d1_reading", "has a meaning for the preset wang_2009 only");
+        }
+        check_laws(&mut check, "/materials", &self.materials);
+        if let Some(share) = self.relative_residual {
+            check.number("/relative_residual", share, 1e-12, 0.1);
+        }
+        if let Some(depth) = self.penetration_tolerance_mm {
+            check.number("/penetration_tolerance_mm", depth, 1e-6, 10.0);
+        }
         check.finish()?;
-        let wants = |output| self.outputs.as_ref().map(|o| o.contains(&output));
-        Ok(CheckedJob {
+        let physics = PhysicsRecord {
             model,
             model_chosen,
+            skin_element: self.skin_element,
+            locking: self.locking,
+            preset,
+            d1_reading: self.d1_reading.unwrap_or_default(),
+            materials: self.materials,
+            relative_residual: self.relative_residual,
+            penetration_tolerance_mm: self.penetration_tolerance_mm,
+        };
+        let wants = |output| self.outputs.as_ref().map(|o| o.contains(&output));
+        Ok(CheckedJob {
+            physics,
             steps,
-            preset: self.preset.or(settings.preset).unwrap_or_default().into(),
             attachment,
             error_maps: wants(OutputName::Error).unwrap_or(true),
             tissue: wants(OutputName::Tissue).unwrap_or(false),

@@ -4,9 +4,11 @@ mod bone;
 mod check;
 mod compare;
 mod event;
+mod file_faults;
 mod inputs;
 mod job;
 mod material;
+mod material_view;
 mod mesh;
 mod plan;
 mod session;
@@ -15,13 +17,20 @@ pub use bone::{CreateOsteotomy, CutRequest, OsteotomyList, OsteotomyView, Templa
 pub use compare::{CompareRequest, CompareView, ErrorView, PartName, RegisterRequest, SurfaceRef};
 pub(super) use compare::{Named, finite};
 pub(super) use event::render_event;
+pub use file_faults::FileFaults;
 pub(super) use inputs::import_request;
 pub use inputs::{
     CtQuery, FieldView, PointQuery, PointValues, PutFieldSettings, PutLandmarks, SliceAxis, SliceQuery, SolidName,
 };
-pub use job::{AttachmentRequest, Budget, CreateJob, JobList, JobView, ModelName, OutputName, PresetName};
-pub use material::{FileFaults, MaterialRequest};
+pub(super) use job::CheckedJob;
+pub use job::{AttachmentRequest, Budget, CreateJob, JobList, JobView, ModelName, OutputName};
+pub(crate) use material::file_material;
+pub use material_view::{
+    CheckMaterial, Criterion, LawView, LossView, MaterialCheck, MaterialView, MaterialsList, MaterialsQuery,
+    ModuliView, PresetView, StableRangeView, TestMode, TestView,
+};
 pub use mesh::{BuildMesh, MeshView};
+pub(super) use plan::Segments;
 pub(crate) use plan::segment_motion;
 pub use plan::{
     AxisAngle, CreatePlan, Hinge, PathRequest, PitchRollYaw, PlanList, PlanView, RotationRequest, WaypointRequest,

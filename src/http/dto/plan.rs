@@ -1,13 +1,15 @@
+use std::collections::BTreeMap;
+
 use nalgebra::{Quaternion, Unit, UnitQuaternion};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 use uuid::Uuid;
 
 use super::check::Check;
-use super::material::FileFaults;
+use super::file_faults::FileFaults;
 use crate::geometry::{Motion, Point, Vector};
 use crate::plan::{Path, Plan, PlanError};
-use crate::session::{Fault, Halt, OsteotomyDocument, PlanDocument, motion_from};
+use crate::session::{Fault, Halt, OsteotomyDocument, PlanDocument, TissueDocument, motion_from};
 use crate::store::PlanRecord;
 
 /// A rotation about an axis.
@@ -48,7 +50,7 @@ pub struct RotationRequest {
     /// Pitch, roll and yaw.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pitch_roll_yaw: Option<PitchRollYaw>,
-    /// Point that the rotation leaves in place; the segment's centroid when absent.
+    /// Point that the rotation leaves in place; the segment's centroid when absent, the origin for segments of a tissue mesh.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pivot_mm: Option<[f64; 3]>,
 }
@@ -96,22 +98,51 @@ pub struct PathRequest {
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CreatePlan {
-    /// The osteotomy whose segments move.
-    pub osteotomy: Uuid,
+    /// The osteotomy whose segments move; without it they are those of the session's `tissue` (its array `attachment`, and its bones).
+    #[serde(default)]
+    pub osteotomy: Option<Uuid>,
     /// An opaque tag.
     #[serde(default)]
     pub label: Option<String>,
-    /// One path a moving segment.
+    /// One path a moving segment; may be empty where loads of a tissue mesh act.
     pub paths: Vec<PathRequest>,
+}
+
+/// Segments that a plan may move.
+#[derive(Debug, Clone, PartialEq)]
+pub(in crate::http) struct Segments {
+    /// What they are segments of.
+    owner: &'static str,
+    /// Points that rotations leave in place where they do not say, by segment.
+    pivots: BTreeMap<u32, [f64; 3]>,
+    /// Whether loads act, so that nothing has to move.
+    loads: bool,
+}
+
+impl From<&OsteotomyDocument> for Segments {
+    fn from(osteotomy: &OsteotomyDocument) -> Self {
+        let pivots = osteotomy.segments.iter().map(|s| (s.id, s.centroid_mm)).collect();
+        Self { owner: "the osteotomy", pivots, loads: false }
+    }
+}
+
+impl Segments {
+    /// Those of a ready mesh: what its points are tied to, and the bones. They turn about the origin.
+    pub(in crate::http) fn of_tissue(tissue: &TissueDocument, bones: &[(u32, String)]) -> Self {
+        let tied = tissue.tied_nodes.keys().copied();
+        let pivots = tied.chain(bones.iter().map(|(segment, _)| *segment)).map(|s| (s, [0.0; 3])).collect();
+        Self { owner: "the tissue mesh", pivots, loads: tissue.loaded_nodes > 0 }
+    }
 }
 
 impl CreatePlan {
     /// Label and checked paths.
-    pub(in crate::http) fn check(self, osteotomy: &OsteotomyDocument) -> Result<(Option<String>, Plan), Fault> {
+    pub(in crate::http) fn check(self, segments: &Segments) -> Result<(Option<String>, Plan), Fault> {
         let mut check = Check::default();
         let label = check.label("/label", self.label);
-        if !(1..=32).contains(&self.paths.len()) {
-            check.fault("/paths", format!("has {} paths, allowed are 1 to 32", self.paths.len()));
+        let least = usize::from(!segments.loads);
+        if !(least..=32).contains(&self.paths.len()) {
+            check.fault("/paths", format!("has {} paths, allowed are {least} to 32", self.paths.len()));
         }
         let mut waypoints = Vec::new();
         for (index, path) in self.paths.iter().enumerate() {
@@ -119,7 +150,7 @@ impl CreatePlan {
             if self.paths[..index].iter().any(|p| p.segment == path.segment) {
                 check.fault(format!("{pointer}/segment"), format!("segment {} has a path already", path.segment));
             }
-            waypoints.push(motions(&mut check, &pointer, path, osteotomy));
+            waypoints.push(motions(&mut check, &pointer, path, segments));
         }
         check.finish()?;
         let path = |(index, (request, motions)): (usize, (&PathRequest, Vec<(f64, Motion)>))| {
@@ -139,16 +170,17 @@ fn below(index: usize, error: PlanError) -> Fault {
     fault
 }
 
-fn motions(check: &mut Check, pointer: &str, path: &PathRequest, osteotomy: &OsteotomyDocument) -> Vec<(f64, Motion)> {
-    let segment = osteotomy.segments.iter().find(|s| s.id == path.segment);
+fn motions(check: &mut Check, pointer: &str, path: &PathRequest, segments: &Segments) -> Vec<(f64, Motion)> {
+    let pivot = segments.pivots.get(&path.segment).copied();
     if path.segment == 0 {
         check.fault(format!("{pointer}/segment"), "segment 0 is the skull that stays");
-    } else if segment.is_none() {
-        let highest = osteotomy.segments.len().saturating_sub(1);
-        let detail = format!("there is no segment {}, the osteotomy has 1 to {highest}", path.segment);
+    } else if pivot.is_none() {
+        let known: Vec<String> = segments.pivots.keys().filter(|s| **s > 0).map(u32::to_string).collect();
+        let known = if known.is_empty() { "none that can move".to_owned() } else { known.join(", ") };
+        let detail = format!("there is no segment {}, {} has {known}", path.segment, segments.owner);
         check.fault(format!("{pointer}/segment"), detail);
     }
-    let pivot = segment.map_or([0.0; 3], |s| s.centroid_mm);
+    let pivot = pivot.unwrap_or_default();
     if !(1..=1000).contains(&path.waypoints.len()) {
         let detail = format!("has {} waypoints, allowed are 1 to 1000", path.waypoints.len());
         check.fault(format!("{pointer}/waypoints"), detail);
@@ -261,8 +293,9 @@ fn rotation(
 pub struct PlanView {
     /// Its id.
     pub id: Uuid,
-    /// The osteotomy whose segments move.
-    pub osteotomy: Uuid,
+    /// The osteotomy whose segments move; absent when they are those of the tissue mesh.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub osteotomy: Option<Uuid>,
     /// When it was made.
     pub created_at: String,
     /// Paths and what they meet.
@@ -274,7 +307,7 @@ impl PlanView {
     pub(in crate::http) fn new(record: &PlanRecord, content: PlanDocument) -> Self {
         Self {
             id: record.id.uuid(),
-            osteotomy: record.osteotomy.uuid(),
+            osteotomy: record.osteotomy.map(|o| o.uuid()),
             created_at: record.created_at.clone(),
             content,
         }

@@ -4,9 +4,9 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 use uuid::Uuid;
 
+use super::JobView;
 use super::check::Check;
-use super::{JobView, PresetName};
-use crate::session::{Fault, SessionParts};
+use crate::session::{Fault, PresetName, SessionParts};
 use crate::store::{JobKind, JobRecord, PartKind, SessionRecord};
 
 /// Defaults of a session's jobs.
@@ -76,7 +76,7 @@ pub struct SessionView {
     pub created_at: String,
     /// Bytes stored in all.
     pub bytes: u64,
-    /// `ct`, `skin`, `skull`, `air`, `target`, `landmarks`, `field_settings`, `field`, `mesh`.
+    /// `ct`, `skin`, `skull`, `air`, `target`, `landmarks`, `field_settings`, `field`, `mesh`, `tissue`, and `bone_0` to `bone_9` where there.
     pub parts: BTreeMap<String, PartView>,
     /// Its osteotomies.
     pub osteotomies: Vec<Uuid>,
@@ -117,6 +117,9 @@ impl SessionView {
         for kind in PartKind::ALL {
             self.parts.insert(kind.as_str().to_owned(), view_of(kind, parts, jobs));
         }
+        for bone in parts.all().iter().filter(|p| matches!(p.kind, PartKind::Bone(_))) {
+            self.parts.insert(bone.kind.as_str().to_owned(), view_of(bone.kind, parts, jobs));
+        }
     }
 }
 
@@ -136,7 +139,12 @@ pub(in crate::http) fn view_of(kind: PartKind, parts: &SessionParts, jobs: &[Job
         PartKind::Field => Some(JobKind::Field),
         PartKind::Mesh => Some(JobKind::Mesh),
         PartKind::Skin | PartKind::Skull | PartKind::Air => Some(JobKind::Import),
-        PartKind::Ct | PartKind::Target | PartKind::Landmarks | PartKind::FieldSettings => None,
+        PartKind::Ct
+        | PartKind::Target
+        | PartKind::Landmarks
+        | PartKind::FieldSettings
+        | PartKind::Tissue
+        | PartKind::Bone(_) => None,
     };
     let building = jobs.iter().any(|job| Some(job.kind) == maker && !job.state.has_ended());
     let stale = match kind {
@@ -148,7 +156,9 @@ pub(in crate::http) fn view_of(kind: PartKind, parts: &SessionParts, jobs: &[Job
         | PartKind::Air
         | PartKind::Target
         | PartKind::Landmarks
-        | PartKind::FieldSettings => false,
+        | PartKind::FieldSettings
+        | PartKind::Tissue
+        | PartKind::Bone(_) => false,
     };
     let state = match (building, record.is_some(), stale) {
         (true, ..) => "building",

@@ -11,6 +11,7 @@ use super::results::send_surface;
 use crate::export::SurfaceView;
 use crate::http::dto::{CtQuery, JobView, import_request};
 use crate::http::extract::{Ids, Params};
+use crate::http::result::{tag_of, tagged};
 use crate::http::surface_format::SurfaceOutput;
 use crate::http::upload::receive;
 use crate::http::{AppState, Problem};
@@ -84,7 +85,7 @@ pub(in crate::http) async fn put_ct(
     accept(&state, session, JobKind::Import, 0, &import_request(&settings, blob.sha256), None).await
 }
 
-async fn put(
+pub(super) async fn put(
     state: &AppState,
     session: SessionId,
     kind: PartKind,
@@ -109,7 +110,7 @@ fn named_format(headers: &HeaderMap) -> Option<SurfaceFormat> {
 }
 
 /// Sends an input as it is at one moment: a client that replaces it meanwhile takes its file away.
-async fn send(
+pub(super) async fn send(
     state: &AppState,
     session: SessionId,
     kind: PartKind,
@@ -136,8 +137,8 @@ async fn send_present(
     let part = parts.require(kind)?.clone();
     let format = match query.format {
         Some(InputOutput::Json) => {
-            let tag = crate::http::result::tag_of(&[&part.key, "report"]);
-            return crate::http::result::tagged(headers, &tag, "application/json", part.document.into());
+            let tag = tag_of(&[&part.key, "report"]);
+            return tagged(headers, &tag, "application/json", part.document.into());
         }
         Some(InputOutput::Glb) => SurfaceOutput::Glb,
         Some(InputOutput::Ply) => SurfaceOutput::Ply,

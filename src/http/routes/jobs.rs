@@ -11,11 +11,11 @@ use uuid::Uuid;
 use super::accepted::accept;
 use super::osteotomies::fresh_osteotomy;
 use super::plans;
-use crate::http::dto::{CreateJob, JobList, JobView, SessionSettings};
+use crate::http::dto::{CheckedJob, CreateJob, JobList, JobView, SessionSettings};
 use crate::http::extract::{Creating, Ids, Params, short_number};
 use crate::http::{AppState, Problem};
-use crate::jobs::SolveRequest;
-use crate::session::{Fault, FaultKind, SessionParts};
+use crate::jobs::{SceneRequest, SolveRequest};
+use crate::session::{Fault, FaultKind, SessionParts, TissueDocument};
 use crate::store::{JobFilter, JobId, JobKind, JobState, PartKind, SessionId};
 
 /// Longest long poll, s.
@@ -47,7 +47,7 @@ pub(in crate::http) struct Wait {
 
 /// Solve
 ///
-/// Moves the bone along a plan; a `solve` job with streamed steps. Needs fields and mesh.
+/// Moves the bone along a plan; a `solve` job with streamed steps. Needs fields and mesh, or the session's ready `tissue`.
 #[utoipa::path(post, path = "/v1/sessions/{session}/jobs", tag = "jobs", params(("session" = Uuid, Path)),
     request_body = CreateJob,
     responses((status = 202, description = "the job", body = JobView, headers(("Location" = String), ("Retry-After" = u32)))))]
@@ -58,12 +58,22 @@ pub(in crate::http) async fn create(
 ) -> Result<Response, Problem> {
     let (request, answering) = creating.split();
     let parts = SessionParts::load(state.service.store(), session).await?;
-    let defaults = state.service.store().session(session).await?.map(|s| s.settings).unwrap_or_default();
-    let defaults: SessionSettings = serde_json::from_str(&defaults).unwrap_or_default();
+    let defaults = session_settings(&state, session).await?;
     let checked = request.check(&defaults)?;
+    if let Some(ready) = parts.tissue()? {
+        let scene = scene(&state, &parts, session, &request, checked, ready).await?;
+        return accept(&state, session, JobKind::Solve, scene.steps, &scene, Some(&answering)).await;
+    }
     let mesh = parts.require_mesh()?;
     let plan = plans::find(&state, session, request.plan.into()).await.map_err(|p| in_body(p, "/plan"))?;
-    let (osteotomy, bone) = fresh_osteotomy(&state, &parts, session, plan.osteotomy, "/plan").await?;
+    let Some(osteotomy) = plan.osteotomy else {
+        // Its tissue mesh was taken away.
+        return Err(parts.require_tissue("the plan moves segments of a tissue mesh: PUT it again").err().map_or_else(
+            || Problem::new(FaultKind::Internal, "the tissue mesh came back meanwhile; send the request again"),
+            Problem::from,
+        ));
+    };
+    let (osteotomy, bone) = fresh_osteotomy(&state, &parts, session, osteotomy, "/plan").await?;
     let reference_job = request.reference_job.map(JobId::from);
     if let Some(id) = reference_job {
         check_reference(&state, id).await?;
@@ -77,10 +87,8 @@ pub(in crate::http) async fn create(
         cut_s: osteotomy.wall_s,
         mesh_key: parts.mesh_key(&mesh.settings, mesh.cuts.as_deref())?,
         mesh,
-        model: checked.model,
-        model_chosen: checked.model_chosen,
+        physics: checked.physics,
         steps: checked.steps,
-        preset: checked.preset,
         attachment: checked.attachment,
         error_maps: checked.error_maps,
         tissue: checked.tissue,
@@ -88,6 +96,45 @@ pub(in crate::http) async fn create(
         target: parts.get(PartKind::Target).map(|target| target.key.clone()),
     };
     accept(&state, session, JobKind::Solve, solve.steps, &solve, Some(&answering)).await
+}
+
+/// Defaults of a session's jobs.
+pub(super) async fn session_settings(state: &AppState, session: SessionId) -> Result<SessionSettings, Problem> {
+    let settings = state.service.store().session(session).await?.map(|s| s.settings).unwrap_or_default();
+    Ok(serde_json::from_str(&settings).unwrap_or_default())
+}
+
+/// A solve on the session's ready mesh.
+async fn scene(
+    state: &AppState,
+    parts: &SessionParts,
+    session: SessionId,
+    request: &CreateJob,
+    checked: CheckedJob,
+    ready: TissueDocument,
+) -> Result<SceneRequest, Problem> {
+    request.check_scene()?;
+    let plan = plans::find(state, session, request.plan.into()).await.map_err(|p| in_body(p, "/plan"))?;
+    let bone = match plan.osteotomy {
+        Some(osteotomy) => Some(fresh_osteotomy(state, parts, session, osteotomy, "/plan").await?.1),
+        None => None,
+    };
+    let field_key = if bone.is_some() { parts.field_key()? } else { String::new() };
+    let (cuts, cut_warnings) = bone.map(|b| (b.cuts, b.warnings)).unzip();
+    Ok(SceneRequest {
+        ready,
+        plan_id: plan.id,
+        plan: plans::content(&plan)?,
+        osteotomy_id: plan.osteotomy,
+        cuts,
+        field_key,
+        cut_warnings: cut_warnings.unwrap_or_default(),
+        bones: parts.bone_keys(),
+        field_settings: parts.field_settings()?,
+        physics: checked.physics,
+        steps: checked.steps,
+        file: checked.tissue,
+    })
 }
 
 /// An id in the body that names nothing: the value is wrong, the path is right.

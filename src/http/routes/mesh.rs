@@ -3,6 +3,7 @@ use axum::extract::State;
 use axum::response::Response;
 
 use super::accepted::accept;
+use super::jobs::session_settings;
 use super::osteotomies::fresh_osteotomy;
 use crate::http::dto::{BuildMesh, JobView, MeshView, view_of};
 use crate::http::extract::{Creating, Ids};
@@ -25,6 +26,7 @@ pub(in crate::http) async fn build(
     let (request, answering) = creating.split();
     let parts = SessionParts::load(state.service.store(), session).await?;
     let settings = MeshSettingsDocument::try_from(&request)?;
+    let defaults = session_settings(&state, session).await?;
     parts.require_field()?;
     let osteotomy_id = request.osteotomy.map(OsteotomyId::from);
     let cuts = match osteotomy_id {
@@ -32,7 +34,7 @@ pub(in crate::http) async fn build(
         None => None,
     };
     let key = parts.mesh_key(&settings, cuts.as_deref())?;
-    let request = MeshRequest { settings, cuts, osteotomy_id, key };
+    let request = MeshRequest { settings, cuts, osteotomy_id, preset: defaults.preset.unwrap_or_default(), key };
     accept(&state, session, JobKind::Mesh, 0, &request, Some(&answering)).await
 }
 

@@ -8,6 +8,7 @@ mod health;
 mod inputs;
 mod jobs;
 mod landmarks;
+mod materials;
 mod mesh;
 mod osteotomies;
 mod page;
@@ -16,6 +17,7 @@ mod report;
 mod report_page;
 mod results;
 mod sessions;
+mod tissue;
 
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
@@ -38,6 +40,8 @@ pub(super) fn all() -> (OpenApiRouter<AppState>, OpenApiRouter<AppState>) {
         .routes(routes!(osteotomies::segment))
         .routes(routes!(plans::list, plans::create))
         .routes(routes!(plans::get, plans::delete))
+        .routes(routes!(materials::list))
+        .routes(routes!(materials::check))
         .routes(routes!(jobs::create))
         .routes(routes!(jobs::list))
         .routes(routes!(jobs::get))
@@ -60,6 +64,8 @@ pub(super) fn all() -> (OpenApiRouter<AppState>, OpenApiRouter<AppState>) {
         .routes(routes!(inputs::put_ct))
         .routes(routes!(inputs::get_skin, inputs::put_skin))
         .routes(routes!(inputs::get_skull, inputs::put_skull))
-        .routes(routes!(inputs::get_target, inputs::put_target));
+        .routes(routes!(inputs::get_target, inputs::put_target))
+        .routes(routes!(tissue::get_tissue, tissue::put_tissue, tissue::delete_tissue))
+        .routes(routes!(tissue::get_bone, tissue::put_bone, tissue::delete_bone));
     (plain, uploads)
 }

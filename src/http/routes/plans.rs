@@ -4,16 +4,16 @@ use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 
 use super::osteotomies::fresh_osteotomy;
-use crate::http::dto::{CreatePlan, PlanList, PlanView};
+use crate::http::dto::{CreatePlan, PlanList, PlanView, Segments};
 use crate::http::extract::{Creating, Ids};
 use crate::http::{AppState, Problem};
 use crate::jobs::make_plan;
 use crate::session::{FaultKind, PlanDocument, SessionParts};
-use crate::store::{PlanId, PlanRecord, SessionId, now_rfc3339};
+use crate::store::{OsteotomyId, PlanId, PlanRecord, SessionId, now_rfc3339};
 
 /// Plan where the bone goes
 ///
-/// Paths are rigid and joined by screw motions. The answer says what they meet.
+/// Paths are rigid and joined by screw motions. The answer says what they meet; without an osteotomy, on a ready tissue mesh, it does not.
 #[utoipa::path(post, path = "/v1/sessions/{session}/plans", tag = "bone", params(("session" = Uuid, Path)),
     request_body = CreatePlan,
     responses((status = 201, description = "the plan", body = PlanView, headers(("Location" = String)))))]
@@ -24,10 +24,19 @@ pub(in crate::http) async fn create(
 ) -> Result<Response, Problem> {
     let (request, answering) = creating.split();
     let parts = SessionParts::load(state.service.store(), session).await?;
-    let osteotomy = request.osteotomy.into();
-    let (_, bone) = fresh_osteotomy(&state, &parts, session, osteotomy, "/osteotomy").await?;
-    let (label, plan) = request.check(&bone)?;
-    let content = make_plan(&state.service, &parts, bone.planes(), plan, label).await?;
+    let osteotomy = request.osteotomy.map(OsteotomyId::from);
+    let content = match osteotomy {
+        Some(osteotomy) => {
+            let (_, bone) = fresh_osteotomy(&state, &parts, session, osteotomy, "/osteotomy").await?;
+            let (label, plan) = request.check(&Segments::from(&bone))?;
+            make_plan(&state.service, &parts, bone.planes(), plan, label).await?
+        }
+        None => {
+            let tissue = parts.require_tissue("name an osteotomy, or PUT the tissue first")?;
+            let (label, plan) = request.check(&Segments::of_tissue(&tissue, &parts.bone_keys()))?;
+            PlanDocument { label, paths: PlanDocument::paths_of(&plan), reports: Vec::new(), wall_s: 0.0 }
+        }
+    };
     let record = PlanRecord {
         id: PlanId::new(),
         session,

@@ -62,16 +62,26 @@ pub(super) fn report_page(report: &str, pictures: &[(&str, Vec<u8>)]) -> Result<
         ("total", p.total_s),
     ];
     table(&mut page, "Time, s", &["phase", "s"], phases.map(|(n, s)| vec![n.to_owned(), format!("{s:.1}")]));
-    let m = &r.mesh;
-    let mesh = [
-        ("tetrahedra", m.tetrahedra.to_string()),
-        ("prisms", m.prisms.to_string()),
-        ("inverted", m.inverted.to_string()),
-        ("smallest dihedral angle, degrees", format!("{:.1}", m.min_dihedral_deg)),
-        ("volume error", format!("{:.4}", m.volume_error)),
-        ("largest distance from the skin, mm", mm(m.max_skin_distance_mm)),
-    ];
-    table(&mut page, "Mesh", &["", ""], mesh.map(|(n, v)| vec![n.to_owned(), v]));
+    if let Some(m) = &r.mesh {
+        let mesh = [
+            ("tetrahedra", m.tetrahedra.to_string()),
+            ("prisms", m.prisms.to_string()),
+            ("inverted", m.inverted.to_string()),
+            ("smallest dihedral angle, degrees", format!("{:.1}", m.min_dihedral_deg)),
+            ("volume error", format!("{:.4}", m.volume_error)),
+            ("largest distance from the skin, mm", mm(m.max_skin_distance_mm)),
+        ];
+        table(&mut page, "Mesh", &["", ""], mesh.map(|(n, v)| vec![n.to_owned(), v]));
+    }
+    if let Some(t) = &r.tissue {
+        let mesh = [
+            ("nodes", t.nodes),
+            ("tetrahedra", t.tetrahedra),
+            ("wedges", t.wedges),
+            ("sliding nodes", t.sliding_nodes),
+        ];
+        table(&mut page, "Ready mesh", &["", ""], mesh.map(|(n, v)| vec![n.to_owned(), v.to_string()]));
+    }
     let inputs = r.inputs.iter().map(|(name, i)| vec![escape(name), format!("<code>{}</code>", escape(&i.sha256))]);
     table(&mut page, "Inputs", &["part", "SHA-256"], inputs);
     if !r.warnings.is_empty() {

@@ -2,6 +2,7 @@
 
 use super::super::ImportError;
 use super::super::error::malformed;
+use super::super::number::Kind;
 use super::FORMAT;
 use super::payload::Values;
 
@@ -13,47 +14,19 @@ pub(super) enum Encoding {
     BigEndian,
 }
 
-/// Type of a number.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Kind {
-    I8,
-    U8,
-    I16,
-    U16,
-    I32,
-    U32,
-    F32,
-    F64,
-}
-
-impl Kind {
-    fn named(word: &[u8]) -> Option<Self> {
-        Some(match word {
-            b"char" | b"int8" => Self::I8,
-            b"uchar" | b"uint8" => Self::U8,
-            b"short" | b"int16" => Self::I16,
-            b"ushort" | b"uint16" => Self::U16,
-            b"int" | b"int32" => Self::I32,
-            b"uint" | b"uint32" => Self::U32,
-            b"float" | b"float32" => Self::F32,
-            b"double" | b"float64" => Self::F64,
-            _ => return None,
-        })
-    }
-
-    /// Bytes in a binary file.
-    pub(super) fn size(self) -> u64 {
-        match self {
-            Self::I8 | Self::U8 => 1,
-            Self::I16 | Self::U16 => 2,
-            Self::I32 | Self::U32 | Self::F32 => 4,
-            Self::F64 => 8,
-        }
-    }
-
-    fn is_integer(self) -> bool {
-        !matches!(self, Self::F32 | Self::F64)
-    }
+/// Numbers of the type that PLY calls `word`.
+fn kind_named(word: &[u8]) -> Option<Kind> {
+    Some(match word {
+        b"char" | b"int8" => Kind::I8,
+        b"uchar" | b"uint8" => Kind::U8,
+        b"short" | b"int16" => Kind::I16,
+        b"ushort" | b"uint16" => Kind::U16,
+        b"int" | b"int32" => Kind::I32,
+        b"uint" | b"uint32" => Kind::U32,
+        b"float" | b"float32" => Kind::F32,
+        b"double" | b"float64" => Kind::F64,
+        _ => return None,
+    })
 }
 
 /// What a property is read for.
@@ -159,7 +132,7 @@ impl Header {
 
 fn property(definition: &[&[u8]], what: What) -> Option<Property> {
     let (count_kind, kind, name) = match *definition {
-        [b"list", count, kind, name] => (Some(Kind::named(count)?).filter(|k| k.is_integer()), kind, name),
+        [b"list", count, kind, name] => (Some(kind_named(count)?).filter(|k| k.is_integer()), kind, name),
         [kind, name] => (None, kind, name),
         _ => return None,
     };
@@ -167,7 +140,7 @@ fn property(definition: &[&[u8]], what: What) -> Option<Property> {
     if is_list && count_kind.is_none() {
         return None; // The length of a list is an integer.
     }
-    let kind = Kind::named(kind)?;
+    let kind = kind_named(kind)?;
     let role = match (what, name) {
         (What::Vertex, b"x") if !is_list => Role::X,
         (What::Vertex, b"y") if !is_list => Role::Y,

@@ -2,9 +2,10 @@
 
 use super::super::ImportError;
 use super::super::error::malformed;
+use super::super::number::Kind;
 use super::super::text::Words;
 use super::FORMAT;
-use super::header::{Element, Encoding, Kind, Property};
+use super::header::{Element, Encoding, Property};
 
 /// Reads one number after the other.
 #[derive(Debug)]
@@ -28,9 +29,11 @@ impl<'a> Values<'a> {
         let smallest = match self {
             // A digit and a space for each number.
             Self::Ascii(_) => (element.properties.len() as u64).saturating_mul(2),
-            Self::Binary { .. } => {
-                element.properties.iter().map(|p| p.count_kind.unwrap_or(p.kind).size()).fold(0, u64::saturating_add)
-            }
+            Self::Binary { .. } => element
+                .properties
+                .iter()
+                .map(|p| p.count_kind.unwrap_or(p.kind).size() as u64)
+                .fold(0, u64::saturating_add),
         };
         let left = match self {
             Self::Ascii(words) => (words.bytes_left() as u64).saturating_add(1),
@@ -52,27 +55,9 @@ impl<'a> Values<'a> {
             Self::Ascii(words) => return words.next_number(),
             Self::Binary { rest, little_endian } => (rest, *little_endian),
         };
-        macro_rules! read {
-            ($number:ty) => {{
-                let (bytes, tail) = rest.split_first_chunk()?;
-                *rest = tail;
-                f64::from(if little_endian {
-                    <$number>::from_le_bytes(*bytes)
-                } else {
-                    <$number>::from_be_bytes(*bytes)
-                })
-            }};
-        }
-        Some(match kind {
-            Kind::I8 => read!(i8),
-            Kind::U8 => read!(u8),
-            Kind::I16 => read!(i16),
-            Kind::U16 => read!(u16),
-            Kind::I32 => read!(i32),
-            Kind::U32 => read!(u32),
-            Kind::F32 => read!(f32),
-            Kind::F64 => read!(f64),
-        })
+        let (number, tail) = kind.first(rest, little_endian)?;
+        *rest = tail;
+        Some(number)
     }
 
     /// The next number as a count or index; `None` unless it is whole and not negative.
@@ -91,7 +76,7 @@ impl<'a> Values<'a> {
         match self {
             Self::Ascii(words) => (0..count).try_for_each(|_| words.next().map(|_| ())),
             Self::Binary { rest, .. } => {
-                let bytes = usize::try_from(property.kind.size().checked_mul(u64::from(count))?).ok()?;
+                let bytes = usize::try_from((property.kind.size() as u64).checked_mul(u64::from(count))?).ok()?;
                 *rest = rest.get(bytes..)?;
                 Some(())
             }

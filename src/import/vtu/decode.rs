@@ -6,76 +6,26 @@ use super::FORMAT;
 use super::xml::{Appended, Content, File, RawArray};
 use crate::import::ImportError;
 use crate::import::error::malformed;
+use crate::import::number::Kind;
 use crate::import::text::Words;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 
-/// Type of stored numbers.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Kind {
-    I8,
-    U8,
-    I16,
-    U16,
-    I32,
-    U32,
-    I64,
-    U64,
-    F32,
-    F64,
-}
-
-impl Kind {
-    pub(super) fn named(name: &str) -> Option<Self> {
-        Some(match name {
-            "Int8" => Self::I8,
-            "UInt8" => Self::U8,
-            "Int16" => Self::I16,
-            "UInt16" => Self::U16,
-            "Int32" => Self::I32,
-            "UInt32" => Self::U32,
-            "Int64" => Self::I64,
-            "UInt64" => Self::U64,
-            "Float32" => Self::F32,
-            "Float64" => Self::F64,
-            _ => return None,
-        })
-    }
-
-    fn size(self) -> usize {
-        match self {
-            Self::I8 | Self::U8 => 1,
-            Self::I16 | Self::U16 => 2,
-            Self::I32 | Self::U32 | Self::F32 => 4,
-            Self::I64 | Self::U64 | Self::F64 => 8,
-        }
-    }
-
-    /// Whole numbers in `bytes`; a part of one at the end is left out. Integers beyond 2^53 are rounded.
-    fn numbers(self, bytes: &[u8], little: bool) -> Vec<f64> {
-        macro_rules! read {
-            ($type:ty) => {
-                bytes
-                    .as_chunks::<{ size_of::<$type>() }>()
-                    .0
-                    .iter()
-                    .map(|b| if little { <$type>::from_le_bytes(*b) } else { <$type>::from_be_bytes(*b) } as f64)
-                    .collect()
-            };
-        }
-        match self {
-            Self::I8 => read!(i8),
-            Self::U8 => read!(u8),
-            Self::I16 => read!(i16),
-            Self::U16 => read!(u16),
-            Self::I32 => read!(i32),
-            Self::U32 => read!(u32),
-            Self::I64 => read!(i64),
-            Self::U64 => read!(u64),
-            Self::F32 => read!(f32),
-            Self::F64 => read!(f64),
-        }
-    }
+/// Numbers of the type that VTK calls `name`.
+pub(super) fn kind_named(name: &str) -> Option<Kind> {
+    Some(match name {
+        "Int8" => Kind::I8,
+        "UInt8" => Kind::U8,
+        "Int16" => Kind::I16,
+        "UInt16" => Kind::U16,
+        "Int32" => Kind::I32,
+        "UInt32" => Kind::U32,
+        "Int64" => Kind::I64,
+        "UInt64" => Kind::U64,
+        "Float32" => Kind::F32,
+        "Float64" => Kind::F64,
+        _ => return None,
+    })
 }
 
 /// Numbers of an array, more than `at_most` never.
@@ -108,7 +58,7 @@ pub(super) fn numbers(file: &File<'_>, array: &RawArray<'_>, at_most: usize) -> 
     };
     let content = if file.zlib { inflate(file, stored, bytes) } else { plain(file, stored, bytes) };
     let content = content.map_err(fault)?;
-    Ok(kind.numbers(&content, file.little_endian))
+    Ok(kind.all(&content, file.little_endian))
 }
 
 fn next_offset(file: &File<'_>, offset: usize) -> Option<usize> {

@@ -3,9 +3,10 @@
 use std::borrow::Cow;
 
 use super::FORMAT;
-use super::decode::Kind;
+use super::decode::kind_named;
 use crate::import::ImportError;
 use crate::import::error::malformed;
+use crate::import::number::Kind;
 use quick_xml::Reader;
 use quick_xml::events::{BytesStart, Event};
 
@@ -225,7 +226,7 @@ impl<'a> Parser<'a> {
                 .filter(|n| (1..=MAX_COMPONENTS).contains(n))
                 .ok_or_else(|| fault(format!("NumberOfComponents of an array is not 1 to {MAX_COMPONENTS}")))?,
         };
-        let kind = Kind::named(attribute(tag, "type")?.as_deref().unwrap_or_default());
+        let kind = kind_named(attribute(tag, "type")?.as_deref().unwrap_or_default());
         let place = self.file.arrays.iter().filter(|a| a.section == section).count();
         let mut array = RawArray { section, place, name, kind, components, content: Content::Ascii(&[]) };
         match attribute(tag, "format")?.as_deref() {

@@ -5,6 +5,7 @@ mod compare;
 mod results;
 mod slice;
 mod surface;
+mod tissue;
 mod volume;
 
 pub use bone::{cut_bone, make_plan};
@@ -12,4 +13,5 @@ pub use compare::{Comparison, RegisterOn, compare};
 pub use results::{read_frame, rest_of};
 pub use slice::field_slice;
 pub use surface::take_surface;
+pub use tissue::take_tissue;
 pub use volume::CtScan;

@@ -5,6 +5,7 @@ mod field;
 mod import;
 mod mesh;
 mod report;
+mod scene;
 mod solve;
 mod solve_watch;
 

@@ -1,7 +1,7 @@
 use std::collections::BTreeMap;
 
 use serde::de::DeserializeOwned;
-use serde_json::json;
+use serde_json::{Map, Value, json};
 
 use crate::jobs::requests::SolveRequest;
 use crate::session::{
@@ -22,15 +22,18 @@ pub(super) struct Ingredients<'a> {
     pub(super) regions_from_landmarks: bool,
     pub(super) solve_s: f64,
     pub(super) warnings: &'a [String],
+    /// Warnings from before the first step.
+    pub(super) told: &'a [String],
 }
 
 pub(super) fn compile(i: &Ingredients<'_>) -> Result<ReportDocument, Fault> {
     let field: FieldDocument = i.parts.require_field()?;
-    let steps = i.steps.iter().map(|s| read::<StepDocument>(&s.document)).collect::<Result<Vec<_>, _>>()?;
+    let steps = step_documents(i.steps)?;
     let error = i.steps.last().and_then(|s| s.error.as_deref()).map(read::<ErrorDocument>).transpose()?;
-    let mut warnings = i.warnings.to_vec();
+    let mut warnings = i.told.to_vec();
+    warnings.extend(i.warnings.iter().cloned());
     warnings.extend(field.warnings.iter().chain(&i.request.cut_warnings).chain(&i.request.mesh.warnings).cloned());
-    warnings.extend(steps.iter().flat_map(|s| s.warnings.iter().map(|w| format!("step {}: {w}", s.k))));
+    warnings.extend(step_warnings(&steps, i.told));
     Ok(ReportDocument {
         format_version: 1,
         version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -38,21 +41,13 @@ pub(super) fn compile(i: &Ingredients<'_>) -> Result<ReportDocument, Fault> {
         session: i.job.session.to_string(),
         finished_at: now_rfc3339(),
         attempt: i.job.attempt,
-        model: i.request.model.as_str().to_owned(),
-        parameters: json!({
-            "steps": i.request.steps,
-            "preset": i.request.preset,
-            "model_chosen_by_the_service": i.request.model_chosen,
-            "attachment": i.request.attachment,
-            "plan": i.request.plan_id,
-            "osteotomy": i.request.osteotomy_id,
-            "cuts": i.request.cuts,
-            "reference_job": i.request.reference_job,
-        }),
+        model: i.request.physics.model.as_str().to_owned(),
+        parameters: parameters(i.request).into(),
         inputs: inputs(i.parts)?,
         phases: phases(i),
-        field,
-        mesh: i.request.mesh.clone(),
+        field: Some(field),
+        mesh: Some(i.request.mesh.clone()),
+        tissue: None,
         plan: i.request.plan.clone(),
         steps,
         regions: i.outcome.regions.iter().map(|r| (r.name.to_owned(), r.into())).collect(),
@@ -60,6 +55,35 @@ pub(super) fn compile(i: &Ingredients<'_>) -> Result<ReportDocument, Fault> {
         regions_from_landmarks: i.regions_from_landmarks,
         warnings,
     })
+}
+
+fn parameters(request: &SolveRequest) -> Map<String, Value> {
+    let mut members = request.physics.parameters();
+    for (name, value) in [
+        ("steps", json!(request.steps)),
+        ("attachment", json!(request.attachment)),
+        ("plan", json!(request.plan_id)),
+        ("osteotomy", json!(request.osteotomy_id)),
+        ("cuts", json!(request.cuts)),
+        ("reference_job", json!(request.reference_job)),
+    ] {
+        members.insert(name.to_owned(), value);
+    }
+    members
+}
+
+/// Warnings of the steps that have not been `told`.
+pub(super) fn step_warnings(steps: &[StepDocument], told: &[String]) -> Vec<String> {
+    let of = |s: &StepDocument| {
+        let new = s.warnings.iter().filter(|w| !told.contains(w));
+        new.map(|w| format!("step {}: {w}", s.k)).collect::<Vec<_>>()
+    };
+    steps.iter().flat_map(of).collect()
+}
+
+/// Documents of stored steps.
+pub(super) fn step_documents(steps: &[StepRecord]) -> Result<Vec<StepDocument>, Fault> {
+    steps.iter().map(|s| read(&s.document)).collect()
 }
 
 /// Times of the jobs that made the parts; this job's own for the steps.
@@ -72,15 +96,17 @@ fn phases(i: &Ingredients<'_>) -> PhasesDocument {
     PhasesDocument { surfaces_s, field_s, cut_s, mesh_s, plan_s, solve_s, total_s }
 }
 
-fn inputs(parts: &SessionParts) -> Result<BTreeMap<String, ReportInput>, Fault> {
+/// Inputs of the session with their hashes.
+pub(super) fn inputs(parts: &SessionParts) -> Result<BTreeMap<String, ReportInput>, Fault> {
     let mut inputs = BTreeMap::new();
     for part in parts.all() {
         let source_sha256 = match part.kind {
-            PartKind::Skin | PartKind::Skull | PartKind::Air | PartKind::Target => {
+            PartKind::Skin | PartKind::Skull | PartKind::Air | PartKind::Target | PartKind::Bone(_) => {
                 Some(read::<SurfaceDocument>(&part.document)?.origin.sha256)
             }
             PartKind::Ct => Some(read::<CtDocument>(&part.document)?.sha256),
             PartKind::Landmarks => None,
+            PartKind::Tissue => Some(part.key.clone()),
             // Derived from the others.
             PartKind::FieldSettings | PartKind::Field | PartKind::Mesh => continue,
         };

@@ -6,8 +6,8 @@ use tokio::sync::mpsc;
 use super::compare::Reference;
 use super::report::{Ingredients, compile};
 use super::solve_watch::{FinishedStep, SolveWatch};
-use super::{Context, Done, changed_meanwhile, to_json};
-use crate::jobs::requests::SolveRequest;
+use super::{Context, Done, changed_meanwhile, scene, to_json};
+use crate::jobs::requests::{SolveKind, SolveRequest};
 use crate::jobs::running::Phase;
 use crate::jobs::service::warning_event;
 use crate::session::{Fault, Halt, Run};
@@ -28,7 +28,13 @@ struct Solved {
 
 /// Moves the bone along the plan; each step is stored as soon as it is solved.
 pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
-    let request: SolveRequest = context.request()?;
+    match context.request::<SolveKind>()?.ready {
+        Some(_) => scene::perform(context, &context.request()?).await,
+        None => on_case(context, context.request()?).await,
+    }
+}
+
+async fn on_case(context: &Context, request: SolveRequest) -> Result<Done, Halt> {
     let parts = context.parts().await?;
     let tissue = parts.tissue_request(&request.mesh.settings, request.mesh.cuts.as_deref())?;
     if tissue.key != request.mesh_key {
@@ -71,6 +77,7 @@ pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
         regions_from_landmarks: solved.regions_from_landmarks,
         solve_s: solved.solving.as_secs_f64(),
         warnings: &warnings,
+        told: &context.running.warnings(),
     };
     Ok(Done { report: Some(to_json(&compile(&ingredients)?)?), tissue, warnings })
 }
@@ -112,7 +119,7 @@ async fn compute(
 }
 
 /// Stores steps as they come: the file first, then the row that makes it visible.
-async fn write_steps(context: &Context, mut steps: mpsc::Receiver<FinishedStep>) -> Result<(), Halt> {
+pub(super) async fn write_steps(context: &Context, mut steps: mpsc::Receiver<FinishedStep>) -> Result<(), Halt> {
     let mut first_failure = Ok(());
     while let Some(step) = steps.recv().await {
         if first_failure.is_err() {

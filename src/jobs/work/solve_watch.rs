@@ -58,6 +58,10 @@ impl RunWatch for SolveWatch<'_> {
         self.step_began = Instant::now();
     }
 
+    fn warning(&mut self, text: String) {
+        self.running.warn(text);
+    }
+
     fn frame(&mut self, frame: Frame) {
         let taken = self.step_began.elapsed();
         self.solving += taken;

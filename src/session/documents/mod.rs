@@ -3,10 +3,12 @@
 mod bone;
 mod error_map;
 mod field;
+mod material;
 mod mesh;
 mod report;
 mod solve;
 mod surface;
+mod tissue;
 
 pub use bone::{
     OsteotomyDocument, PathDocument, PathReportDocument, PathSample, PlanDocument, PlaneBoundsDocument, PlaneDocument,
@@ -14,7 +16,9 @@ pub use bone::{
 };
 pub use error_map::{ErrorDocument, HistogramBin, StatisticsDocument};
 pub use field::{DoubtDocument, DoubtfulRegionsDocument, FieldDocument, FieldQualityDocument, RegionDocument};
+pub use material::{D1ReadingName, LockingName, MaterialDocument, PresetName, SkinElementName, TissueLawsDocument};
 pub use mesh::MeshDocument;
 pub use report::{PhasesDocument, ReportDocument, ReportInput};
-pub use solve::{ReactionDocument, RegionMotionDocument, StepDocument};
+pub use solve::{ReactionDocument, RegionMotionDocument, StepDocument, StepPhasesDocument};
 pub use surface::{CtDocument, SurfaceDocument, SurfaceOrigin};
+pub use tissue::TissueDocument;

@@ -3,7 +3,9 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::{ErrorDocument, FieldDocument, MeshDocument, PlanDocument, RegionMotionDocument, StepDocument};
+use super::{
+    ErrorDocument, FieldDocument, MeshDocument, PlanDocument, RegionMotionDocument, StepDocument, TissueDocument,
+};
 
 /// Time by phase, s. All but the steps were taken when the parts were made.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, ToSchema)]
@@ -56,10 +58,15 @@ pub struct ReportDocument {
     pub inputs: BTreeMap<String, ReportInput>,
     /// Time by phase.
     pub phases: PhasesDocument,
-    /// The distance fields.
-    pub field: FieldDocument,
-    /// The tissue mesh.
-    pub mesh: MeshDocument,
+    /// The distance fields; absent for a ready mesh.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub field: Option<FieldDocument>,
+    /// The tissue mesh; absent for a ready mesh.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mesh: Option<MeshDocument>,
+    /// The ready mesh that took its place.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tissue: Option<TissueDocument>,
     /// Where the bone went.
     pub plan: PlanDocument,
     /// What each step needed and reached.

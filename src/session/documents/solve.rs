@@ -1,6 +1,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use crate::fem::PhaseTimes;
 use crate::simulate::{Frame, RegionMotion};
 
 /// Force on a bone segment.
@@ -10,6 +11,39 @@ pub struct ReactionDocument {
     pub segment: u32,
     /// Sum of the forces of tied nodes and contact, N, LPS.
     pub force_n: [f64; 3],
+}
+
+/// Wall time of the solver's phases, s; none contains another.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, ToSchema)]
+pub struct StepPhasesDocument {
+    /// Elements, elimination order and symbolic factorisation; only in the first step.
+    pub setup_s: f64,
+    /// Tangents of the elements and their assembly.
+    pub tangent_s: f64,
+    /// Numeric factorisations.
+    pub factor_s: f64,
+    /// Triangular solves and conjugate gradients.
+    pub solve_s: f64,
+    /// Residuals.
+    pub residual_s: f64,
+    /// Search of contact points and their part of the matrix.
+    pub contact_s: f64,
+    /// Line searches, their energies and contacts.
+    pub line_search_s: f64,
+}
+
+impl From<PhaseTimes> for StepPhasesDocument {
+    fn from(p: PhaseTimes) -> Self {
+        Self {
+            setup_s: p.setup_s,
+            tangent_s: p.tangent_s,
+            factor_s: p.factor_s,
+            solve_s: p.solve_s,
+            residual_s: p.residual_s,
+            contact_s: p.contact_s,
+            line_search_s: p.line_search_s,
+        }
+    }
 }
 
 /// What a step needed and reached.
@@ -27,6 +61,11 @@ pub struct StepDocument {
     pub max_penetration_mm: f64,
     /// Residual force relative to the reaction force.
     pub relative_residual: f64,
+    /// Estimate, no bound, of what is left to the exact equilibrium, mm: by the residual and the last tangent, or the last
+    /// iteration's movement of the skin. The last step is converged to the solver's tolerance; steps on the way are for the eye and end
+    /// when the estimate is below 0.02 mm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub remaining_mm: Option<f64>,
     /// Newton iterations, substeps included.
     pub newton_iterations: usize,
     /// Substeps that the step was cut into.
@@ -43,6 +82,9 @@ pub struct StepDocument {
     pub max_displacement_mm: f64,
     /// Time since the step before, s.
     pub wall_s: f64,
+    /// Where the solver's part of it went.
+    #[serde(default)]
+    pub phases: StepPhasesDocument,
     /// What was done to get there.
     pub warnings: Vec<String>,
 }
@@ -60,6 +102,7 @@ impl StepDocument {
             min_det_f: r.min_det_f,
             max_penetration_mm: r.max_penetration_mm,
             relative_residual: r.relative_residual,
+            remaining_mm: r.remaining_mm.is_finite().then_some(r.remaining_mm),
             newton_iterations: r.newton_iterations,
             substeps: r.substeps,
             factorisations: r.factorisations,
@@ -68,6 +111,7 @@ impl StepDocument {
             reactions: r.reactions_n.iter().map(|&(segment, force_n)| ReactionDocument { segment, force_n }).collect(),
             max_displacement_mm: f64::from(max_displacement),
             wall_s,
+            phases: r.phases.into(),
             warnings: r.warnings.clone(),
         }
     }

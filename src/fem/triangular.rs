@@ -1,0 +1,409 @@
+//! Triangular solves with a supernodal factor: subtrees of the elimination tree at the same time, then what is above them.
+//!
+//! The tasks depend on the factor's structure alone, and what they leave for the columns above is added in their order: the same bits at
+//! any number of threads.
+
+use super::factor::Precision;
+use faer::sparse::linalg::cholesky::supernodal::{SupernodalLltRef, SymbolicSupernodalCholesky};
+use pulp::{Simd, WithSimd};
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// Subtrees are divided until none is heavier than this share of the factor.
+const LARGEST_SHARE: f64 = 1.0 / 8.0;
+/// Columns that are eliminated together.
+const BLOCK: usize = 4;
+/// Partial sums of a dot product, for the processor's vectors.
+const LANES: usize = 16;
+/// Rows from which a supernode's work is divided among threads.
+const SHARED_ROWS: usize = 1024;
+
+/// Who does what in a triangular solve.
+#[derive(Debug, Clone)]
+pub(super) struct Schedule {
+    /// Supernodes of each subtree, in the order of columns.
+    subtrees: Vec<Range<usize>>,
+    /// Supernodes above all subtrees, ascending.
+    top: Vec<usize>,
+}
+
+impl Schedule {
+    pub(super) fn new(symbolic: &SymbolicSupernodalCholesky<usize>) -> Self {
+        let n = symbolic.n_supernodes();
+        let weight: Vec<f64> = (0..n)
+            .map(|s| {
+                let width = symbolic.supernode_end()[s] - symbolic.supernode_begin()[s];
+                (width * (width + symbolic.supernode(s).pattern().len())) as f64
+            })
+            .collect();
+        let parent = |s: usize| {
+            let row = symbolic.supernode(s).pattern().first()?;
+            Some(symbolic.supernode_begin().partition_point(|begin| begin <= row) - 1)
+        };
+        let mut children: Vec<Vec<usize>> = vec![Vec::new(); n];
+        let mut roots = Vec::new();
+        for s in 0..n {
+            match parent(s) {
+                Some(p) => children[p].push(s),
+                None => roots.push(s),
+            }
+        }
+        // First supernode and weight of each subtree. Only contiguous ones, as a postorder makes them, can be a task.
+        let (mut first, mut total, mut count) = ((0..n).collect::<Vec<_>>(), weight, vec![1usize; n]);
+        for s in 0..n {
+            for &c in &children[s] {
+                first[s] = first[s].min(first[c]);
+                total[s] += total[c];
+                count[s] += count[c];
+            }
+        }
+        let limit = LARGEST_SHARE * roots.iter().map(|&r| total[r]).sum::<f64>();
+        let (mut subtrees, mut top) = (Vec::new(), Vec::new());
+        let mut open = roots;
+        while let Some(s) = open.pop() {
+            if total[s] <= limit && count[s] == s + 1 - first[s] {
+                subtrees.push(first[s]..s + 1);
+            } else {
+                top.push(s);
+                open.extend(&children[s]);
+            }
+        }
+        subtrees.sort_unstable_by_key(|r| r.start);
+        top.sort_unstable();
+        Self { subtrees, top }
+    }
+}
+
+/// Solves `L x = b` in place.
+pub(super) fn forward<T: Precision>(l: &SupernodalLltRef<'_, usize, T>, schedule: &Schedule, x: &mut [T]) {
+    let n = x.len();
+    let begin = l.symbolic().supernode_begin();
+    let end = l.symbolic().supernode_end();
+    // The columns of subtrees are disjoint pieces of x, in ascending order.
+    let mut tasks = Vec::with_capacity(schedule.subtrees.len());
+    let (mut rest, mut at) = (&mut *x, 0);
+    for nodes in &schedule.subtrees {
+        let (from, to) = (begin[nodes.start], end[nodes.end - 1]);
+        let (_, tail) = rest.split_at_mut(from - at);
+        let (mine, tail) = tail.split_at_mut(to - from);
+        rest = tail;
+        at = to;
+        tasks.push((nodes.clone(), from, mine));
+    }
+    let left: Vec<Vec<(usize, T)>> = tasks
+        .into_par_iter()
+        .with_max_len(1)
+        .map(|(nodes, from, mine)| {
+            let to = from + mine.len();
+            let mut above = vec![T::of(0.0); n - to];
+            let mut work = Vec::new();
+            let mut touched = Vec::new();
+            for s in nodes {
+                let node = l.supernode(s);
+                let start = node.start() - from;
+                eliminate(l, s, &mut mine[start..], &mut work, false);
+                for (&row, &w) in node.pattern().iter().zip(&work) {
+                    if row < to {
+                        mine[row - from] += w;
+                    } else {
+                        if above[row - to] == T::of(0.0) {
+                            touched.push(row);
+                        }
+                        above[row - to] += w;
+                    }
+                }
+            }
+            touched.sort_unstable();
+            touched.dedup();
+            touched.into_iter().map(|row| (row, above[row - to])).collect()
+        })
+        .collect();
+    for (row, w) in left.into_iter().flatten() {
+        x[row] += w;
+    }
+    let mut work = Vec::new();
+    for &s in &schedule.top {
+        let node = l.supernode(s);
+        eliminate(l, s, &mut x[node.start()..], &mut work, true);
+        for (&row, &w) in node.pattern().iter().zip(&work) {
+            x[row] += w;
+        }
+    }
+}
+
+/// Solves `Lᵀ x = b` in place.
+pub(super) fn backward<T: Precision>(l: &SupernodalLltRef<'_, usize, T>, schedule: &Schedule, x: &mut [T]) {
+    let begin = l.symbolic().supernode_begin();
+    let end = l.symbolic().supernode_end();
+    let mut work = Vec::new();
+    for &s in schedule.top.iter().rev() {
+        let node = l.supernode(s);
+        work.clear();
+        work.extend(node.pattern().iter().map(|&row| x[row]));
+        substitute(l, s, &mut x[node.start()..], &work);
+    }
+    let above: Vec<T> = x.to_vec();
+    let mut tasks = Vec::with_capacity(schedule.subtrees.len());
+    let (mut rest, mut at) = (x, 0);
+    for nodes in &schedule.subtrees {
+        let (from, to) = (begin[nodes.start], end[nodes.end - 1]);
+        let (_, tail) = rest.split_at_mut(from - at);
+        let (mine, tail) = tail.split_at_mut(to - from);
+        rest = tail;
+        at = to;
+        tasks.push((nodes.clone(), from, mine));
+    }
+    tasks.into_par_iter().with_max_len(1).for_each(|(nodes, from, mine)| {
+        let to = from + mine.len();
+        let mut work = Vec::new();
+        for s in nodes.rev() {
+            let node = l.supernode(s);
+            work.clear();
+            work.extend(node.pattern().iter().map(|&row| if row < to { mine[row - from] } else { above[row] }));
+            substitute(l, s, &mut mine[node.start() - from..], &work);
+        }
+    });
+}
+
+/// Columns of a supernode: `width` columns of `rows` values each, the diagonal block on top.
+#[derive(Clone, Copy)]
+struct Panel<'a, T> {
+    values: &'a [T],
+    width: usize,
+    rows: usize,
+}
+
+impl<'a, T: Precision> Panel<'a, T> {
+    fn of(l: &SupernodalLltRef<'a, usize, T>, s: usize) -> Self {
+        let symbolic = l.symbolic();
+        let width = symbolic.supernode_end()[s] - symbolic.supernode_begin()[s];
+        let rows = width + symbolic.supernode(s).pattern().len();
+        let first = symbolic.col_ptr_for_val()[s];
+        Self { values: &l.values()[first..first + width * rows], width, rows }
+    }
+
+    #[inline(always)]
+    fn column(&self, j: usize) -> &'a [T] {
+        &self.values[j * self.rows..(j + 1) * self.rows]
+    }
+}
+
+/// Solves with the diagonal block of supernode `s`, in `x`, which begins at its first column; `below` gets what to add to the rows below.
+fn eliminate<T: Precision>(
+    l: &SupernodalLltRef<'_, usize, T>,
+    s: usize,
+    x: &mut [T],
+    below: &mut Vec<T>,
+    shared: bool,
+) {
+    let panel = Panel::of(l, s);
+    let x = &mut x[..panel.width];
+    below.clear();
+    below.resize(panel.rows - panel.width, T::of(0.0));
+    let arch = pulp::Arch::new();
+    arch.dispatch(Diagonal { panel, x });
+    if shared && below.len() >= SHARED_ROWS {
+        let half = below.len() / 2;
+        let (a, b) = below.split_at_mut(half);
+        rayon::join(
+            || arch.dispatch(Below { panel, first: panel.width, x, out: a }),
+            || arch.dispatch(Below { panel, first: panel.width + half, x, out: b }),
+        );
+    } else {
+        arch.dispatch(Below { panel, first: panel.width, x, out: below });
+    }
+}
+
+/// Solves with the diagonal block of supernode `s` transposed, in `x`, which begins at its first column; `below` are the solved rows below it.
+fn substitute<T: Precision>(l: &SupernodalLltRef<'_, usize, T>, s: usize, x: &mut [T], below: &[T]) {
+    let panel = Panel::of(l, s);
+    pulp::Arch::new().dispatch(Transposed { panel, x: &mut x[..panel.width], below });
+}
+
+/// `x` becomes the solution with the diagonal block.
+struct Diagonal<'a, T> {
+    panel: Panel<'a, T>,
+    x: &'a mut [T],
+}
+
+impl<T: Precision> WithSimd for Diagonal<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { panel, x } = self;
+        for from in (0..panel.width).step_by(BLOCK) {
+            let to = panel.width.min(from + BLOCK);
+            for j in from..to {
+                let l = panel.column(j);
+                let xj = x[j] / l[j];
+                x[j] = xj;
+                for r in j + 1..to {
+                    x[r] -= l[r] * xj;
+                }
+            }
+            let (solved, rest) = x.split_at_mut(to);
+            subtract(&panel, from..to, to, solved, rest);
+        }
+    }
+}
+
+/// Takes the rows from `first` on, times `x`, off `out`.
+struct Below<'a, T> {
+    panel: Panel<'a, T>,
+    first: usize,
+    x: &'a [T],
+    out: &'a mut [T],
+}
+
+impl<T: Precision> WithSimd for Below<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        for from in (0..self.panel.width).step_by(BLOCK) {
+            let to = self.panel.width.min(from + BLOCK);
+            subtract(&self.panel, from..to, self.first, self.x, self.out);
+        }
+    }
+}
+
+/// `out -= Σ l_j x_j` over at most [`BLOCK`] columns, rows from `first` on.
+#[inline(always)]
+fn subtract<T: Precision>(panel: &Panel<'_, T>, columns: Range<usize>, first: usize, x: &[T], out: &mut [T]) {
+    let rows = first..first + out.len();
+    if columns.len() == BLOCK {
+        let [a, b, c, d] = std::array::from_fn(|i| &panel.column(columns.start + i)[rows.clone()]);
+        let [fa, fb, fc, fd] = std::array::from_fn(|i| x[columns.start + i]);
+        for ((((out, a), b), c), d) in out.iter_mut().zip(a).zip(b).zip(c).zip(d) {
+            *out -= *a * fa + *b * fb + *c * fc + *d * fd;
+        }
+    } else {
+        for j in columns {
+            let factor = x[j];
+            for (out, l) in out.iter_mut().zip(&panel.column(j)[rows.clone()]) {
+                *out -= *l * factor;
+            }
+        }
+    }
+}
+
+/// `x` becomes the solution with the transposed diagonal block after `below` is accounted for.
+struct Transposed<'a, T> {
+    panel: Panel<'a, T>,
+    x: &'a mut [T],
+    below: &'a [T],
+}
+
+impl<T: Precision> WithSimd for Transposed<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { panel, x, below } = self;
+        for j in (0..panel.width).rev() {
+            let l = panel.column(j);
+            let (top, bottom) = l.split_at(panel.width);
+            let sum = dot(bottom, below) + dot(&top[j + 1..], &x[j + 1..]);
+            x[j] = (x[j] - sum) / l[j];
+        }
+    }
+}
+
+#[inline(always)]
+fn dot<T: Precision>(a: &[T], b: &[T]) -> T {
+    let mut sums = [T::of(0.0); LANES];
+    let (a, a_rest) = a.as_chunks::<LANES>();
+    let (b, b_rest) = b.as_chunks::<LANES>();
+    for (a, b) in a.iter().zip(b) {
+        for i in 0..LANES {
+            sums[i] += a[i] * b[i];
+        }
+    }
+    let mut sum = T::of(0.0);
+    for (a, b) in a_rest.iter().zip(b_rest) {
+        sum += *a * *b;
+    }
+    sums.iter().fold(sum, |s, v| s + *v)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use faer::dyn_stack::{MemBuffer, MemStack};
+    use faer::sparse::linalg::SupernodalThreshold;
+    use faer::sparse::linalg::cholesky::{
+        CholeskySymbolicParams, SymbolicCholeskyRaw, SymmetricOrdering, factorize_symbolic_cholesky,
+    };
+    use faer::sparse::{SparseColMat, Triplet};
+    use faer::{Conj, MatMut, Par, Side};
+
+    /// Dense blocks that are coupled through common last columns: an elimination tree with branches.
+    fn arrow(blocks: usize, width: usize, common: usize) -> SparseColMat<usize, f64> {
+        let n = blocks * width + common;
+        let mut triplets = Vec::new();
+        let mut seed = 1u64;
+        for row in 0..n {
+            for column in 0..=row {
+                let coupled = row >= blocks * width || row / width == column / width;
+                seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+                let value = (seed >> 40) as f64 / f64::from(1 << 24) - 0.5;
+                if row == column {
+                    triplets.push(Triplet::new(row, column, n as f64));
+                } else if coupled {
+                    triplets.push(Triplet::new(column, row, value));
+                }
+            }
+        }
+        SparseColMat::try_new_from_triplets(n, n, &triplets).unwrap()
+    }
+
+    #[test]
+    fn solves_agree_with_faer_and_do_not_depend_on_threads() {
+        let matrix = arrow(9, 37, 1500);
+        let n = matrix.ncols();
+        let params = CholeskySymbolicParams {
+            supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SUPERNODAL,
+            ..CholeskySymbolicParams::default()
+        };
+        let symbolic =
+            factorize_symbolic_cholesky(matrix.symbolic(), Side::Upper, SymmetricOrdering::Identity, params).unwrap();
+        let mut values = vec![0.0; symbolic.len_val()];
+        let mut memory = MemBuffer::new(symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, Default::default()));
+        symbolic
+            .factorize_numeric_llt(
+                &mut values,
+                matrix.as_ref(),
+                Side::Upper,
+                Default::default(),
+                Par::Seq,
+                MemStack::new(&mut memory),
+                Default::default(),
+            )
+            .unwrap();
+        let SymbolicCholeskyRaw::Supernodal(supernodal) = symbolic.raw() else { panic!("simplicial") };
+        let l = SupernodalLltRef::new(supernodal, &values);
+        let schedule = Schedule::new(supernodal);
+        assert!(schedule.subtrees.len() >= 8 && !schedule.top.is_empty(), "{schedule:?}");
+
+        let b: Vec<f64> = (0..n).map(|i| (i as f64).sin()).collect();
+        let mut expected = b.clone();
+        let mut memory = MemBuffer::new(supernodal.solve_in_place_scratch::<f64>(1, Par::Seq));
+        let column = MatMut::from_column_major_slice_mut(&mut expected, n, 1);
+        l.solve_in_place_with_conj(Conj::No, column, Par::Seq, MemStack::new(&mut memory));
+        let solve = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| {
+                let mut x = b.clone();
+                forward(&l, &schedule, &mut x);
+                backward(&l, &schedule, &mut x);
+                x
+            })
+        };
+        let x = solve(1);
+        let scale = expected.iter().fold(0.0f64, |m, v| m.max(v.abs()));
+        assert!(x.iter().zip(&expected).all(|(a, b)| (a - b).abs() < 1e-13 * scale));
+        assert_eq!(x, solve(2));
+        assert_eq!(x, solve(3));
+    }
+}

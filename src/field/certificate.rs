@@ -1,0 +1,212 @@
+//! A bound on the field's error at the surface that no point of it can exceed.
+//!
+//! The distance is 0 on the surface, so the error there is the spline's value v. On a part of a triangle around its middle m
+//! within the radius r: |v(x)| <= |v(m)| + max |∇v(m)·(corner - m)| + M r² / 2 with M above the norm of the Hessian in all
+//! cells that the part meets (Taylor; the spline is C1 and a polynomial in every cell). Second differences of the
+//! coefficients bound M, as the Hessian's entries are convex combinations of them. Parts whose bound is above what was
+//! found at the middles are divided.
+
+use super::defects::Defects;
+use super::distance_field::DistanceField;
+use super::lattice::{EDGE, Lattice};
+use crate::control::{Cancelled, Control};
+use crate::geometry::{Implicit, Point, TriMesh};
+use rayon::prelude::*;
+
+/// Parts at the start have edges of at most so many spacings.
+const LONGEST: f64 = 1.5;
+/// A bound that exceeds the largest value found at middles by no more than this share is good enough.
+const LOOSE: f64 = 0.05;
+/// Parts with a smaller radius (in spacings) are not divided further.
+const SMALLEST: f64 = 0.02;
+/// The curvature is bounded again where a part has less than this share of the radius that it was bounded for.
+const NARROWER: f64 = 0.6;
+/// With more parts than this a surface gets no bound.
+const MOST_PARTS: f64 = 2e7;
+/// Room for rounding, as a share of the largest coordinate.
+const ROUNDING: f64 = 1e-12;
+
+type Corners = [Point; 3];
+
+/// Bound on the magnitude of `field` (mm) on all triangles of `surface`, whose defects are `defects`; `None` when the surface is too
+/// large for the field's spacing to be gone through.
+///
+/// # Errors
+/// [`Cancelled`].
+pub(super) fn surface_bound(
+    field: &DistanceField,
+    surface: &TriMesh,
+    defects: &Defects,
+    control: &Control,
+) -> Result<Option<f64>, Cancelled> {
+    let longest = LONGEST * field.spacing_mm();
+    let triangles: Vec<usize> = (0..surface.triangles().len())
+        .filter(|&t| defects.distinct[t] || surface.scaled_normal(t).norm() == 0.0)
+        .collect();
+    let wanted: f64 = triangles.iter().map(|&t| (longest_edge(&surface.corners(t)) / longest).powi(2) + 1.0).sum();
+    if wanted > MOST_PARTS {
+        return Ok(None);
+    }
+    // Middles of whole triangles are where the zero was fitted: corners tell more.
+    let largest = |t: &usize| {
+        let at = parts(surface.corners(*t), longest).flat_map(|part| part.into_iter().chain([middle(&part)]));
+        at.map(|p| field.value(&p).abs()).fold(0.0, f64::max)
+    };
+    let found = triangles.par_iter().map(largest).reduce(|| 0.0, f64::max);
+    control.check()?;
+    control.report(0.3);
+    let enough = (1.0 + LOOSE) * found;
+    let bound = triangles
+        .par_iter()
+        .map(|&t| {
+            control.check()?;
+            let (mut bound, mut enough) = (0.0f64, enough);
+            let mut stack: Vec<(Corners, Curvature)> =
+                parts(surface.corners(t), longest).map(|part| (part, Curvature::around(field, &part))).collect();
+            while let Some((part, mut curvature)) = stack.pop() {
+                let mut here = Local::of(field, &part, &curvature);
+                enough = enough.max((1.0 + LOOSE) * here.value);
+                if here.bound > enough && here.radius < NARROWER * curvature.radius {
+                    curvature = Curvature::around(field, &part);
+                    here = Local::of(field, &part, &curvature);
+                }
+                if here.bound > enough && here.radius > SMALLEST * field.spacing_mm() {
+                    stack.extend(halves(&part).map(|half| (half, curvature)));
+                } else {
+                    bound = bound.max(here.bound);
+                }
+            }
+            Ok(bound)
+        })
+        .try_reduce(|| 0.0, |a: f64, b| Ok(a.max(b)))?;
+    let bounds = surface.bounds();
+    let extent = bounds.min.coords.amax().max(bounds.max.coords.amax());
+    Ok(Some(bound + ROUNDING * extent))
+}
+
+fn middle([a, b, c]: &Corners) -> Point {
+    Point::from((a.coords + b.coords + c.coords) / 3.0)
+}
+
+fn longest_edge([a, b, c]: &Corners) -> f64 {
+    (b - a).norm().max((c - b).norm()).max((a - c).norm())
+}
+
+/// The triangle in equal parts with edges of at most `longest`.
+fn parts(corners: Corners, longest: f64) -> impl Iterator<Item = Corners> {
+    let n = (longest_edge(&corners) / longest).ceil().max(1.0);
+    let [a, b, c] = corners;
+    let at = move |i: f64, j: f64| a + (b - a) * (i / n) + (c - a) * (j / n);
+    let n = n as usize;
+    (0..n).flat_map(move |i| (0..n - i).map(move |j| (i, j))).flat_map(move |(i, j)| {
+        let (u, v) = (i as f64, j as f64);
+        let upright = [at(u, v), at(u + 1.0, v), at(u, v + 1.0)];
+        let turned = (i + j + 1 < n).then(|| [at(u + 1.0, v + 1.0), at(u, v + 1.0), at(u + 1.0, v)]);
+        std::iter::once(upright).chain(turned)
+    })
+}
+
+/// The two parts on both sides of the middle of the longest edge.
+fn halves(part: &Corners) -> [Corners; 2] {
+    let length = |i: usize| (part[(i + 1) % 3] - part[i]).norm_squared();
+    let longest = (1..3).fold(0, |best, i| if length(i) > length(best) { i } else { best });
+    let [a, b, c] = [0, 1, 2].map(|i| part[(longest + i) % 3]);
+    let half = nalgebra::center(&a, &b);
+    [[a, half, c], [half, b, c]]
+}
+
+/// The field on a part of a triangle.
+struct Local {
+    /// Of the part around its middle, mm.
+    radius: f64,
+    /// The field's magnitude in the middle, mm.
+    value: f64,
+    /// No point of the part has a larger magnitude, mm.
+    bound: f64,
+}
+
+/// A bound on the norm of the Hessian, 1/mm, in all cells that a part meets.
+#[derive(Debug, Clone, Copy)]
+struct Curvature {
+    /// Of that part, mm.
+    radius: f64,
+    bound: f64,
+}
+
+impl Curvature {
+    fn around(field: &DistanceField, part: &Corners) -> Self {
+        let (mut min, mut max) = (part[0], part[0]);
+        for p in &part[1..] {
+            (min, max) = (min.inf(p), max.sup(p));
+        }
+        Self { radius: radius(part), bound: curvature_bound(field, &min, &max) }
+    }
+}
+
+impl Local {
+    fn of(field: &DistanceField, part: &Corners, curvature: &Curvature) -> Self {
+        let m = middle(part);
+        let (value, gradient) = field.value_gradient(&m);
+        let radius = radius(part);
+        // Linear in x, so largest at a corner.
+        let rise = part.iter().map(|p| gradient.dot(&(p - m)).abs()).fold(0.0, f64::max);
+        let bend = 0.5 * curvature.bound * radius * radius;
+        Self { radius, value: value.abs(), bound: value.abs() + rise + bend }
+    }
+}
+
+/// Largest distance of a corner from the middle.
+fn radius(part: &Corners) -> f64 {
+    let m = middle(part);
+    part.iter().map(|p| (p - m).norm()).fold(0.0, f64::max)
+}
+
+/// Bound on the norm of the Hessian in all cells that meet the box, 1/mm.
+fn curvature_bound(field: &DistanceField, min: &Point, max: &Point) -> f64 {
+    let lattice = &field.lattice;
+    let coarser =
+        level_bound(lattice.spacing, |a, end| node_of(lattice, a, [min, max][end][a], false), |n| field.coefficient(n));
+    if field.children.is_empty() {
+        return coarser;
+    }
+    let h = 0.5 * lattice.spacing;
+    coarser + level_bound(h, |a, end| node_of(lattice, a, [min, max][end][a], true), |n| field.detail_coefficient(n))
+}
+
+/// The node whose cell holds the coordinate `x` along an axis.
+fn node_of(lattice: &Lattice, axis: usize, x: f64, detail: bool) -> isize {
+    let u = (x - lattice.origin[axis]) / lattice.spacing;
+    let (u, most) = if detail { (2.0 * u + 0.5, 2 * EDGE) } else { (u, EDGE) };
+    ((u + 0.5).floor() as isize).clamp(0, (most * lattice.bricks[axis]) as isize - 1)
+}
+
+/// The bound for one level of spacing `h`, from the nodes around the cells `node(axis, 0)..=node(axis, 1)`.
+fn level_bound(h: f64, node: impl Fn(usize, usize) -> isize, coefficient: impl Fn([isize; 3]) -> f64) -> f64 {
+    let first = [0, 1, 2].map(|a| node(a, 0) - 1);
+    let dims = [0, 1, 2].map(|a| (node(a, 1) + 2 - first[a]) as usize);
+    let strides = [1, dims[0], dims[0] * dims[1]];
+    let at = |n: usize| [n % dims[0], n / dims[0] % dims[1], n / strides[2]];
+    let total = dims.iter().product();
+    let c: Vec<f64> = (0..total).map(|n| coefficient([0, 1, 2].map(|a| first[a] + at(n)[a] as isize))).collect();
+    let mut largest = [[0.0f64; 3]; 3];
+    for n in 0..total {
+        let place = at(n);
+        for a in 0..3 {
+            let sa = strides[a];
+            if place[a] > 0 && place[a] + 1 < dims[a] {
+                let second = c[n - sa] - 2.0 * c[n] + c[n + sa];
+                largest[a][a] = largest[a][a].max(second.abs());
+            }
+            for b in 0..a {
+                let sb = strides[b];
+                if place[a] + 1 < dims[a] && place[b] + 1 < dims[b] {
+                    let mixed = c[n] - c[n + sa] - c[n + sb] + c[n + sa + sb];
+                    largest[a][b] = largest[a][b].max(mixed.abs());
+                }
+            }
+        }
+    }
+    let squares: f64 =
+        (0..3).map(|a| largest[a][a].powi(2) + 2.0 * (0..a).map(|b| largest[a][b].powi(2)).sum::<f64>()).sum();
+    squares.sqrt() / (h * h)
+}

@@ -1,0 +1,83 @@
+//! Numbers in binary files.
+
+/// Type of stored numbers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Kind {
+    I8,
+    U8,
+    I16,
+    U16,
+    I32,
+    U32,
+    I64,
+    U64,
+    F32,
+    F64,
+}
+
+impl Kind {
+    /// Bytes of one.
+    pub(super) fn size(self) -> usize {
+        match self {
+            Self::I8 | Self::U8 => 1,
+            Self::I16 | Self::U16 => 2,
+            Self::I32 | Self::U32 | Self::F32 => 4,
+            Self::I64 | Self::U64 | Self::F64 => 8,
+        }
+    }
+
+    pub(super) fn is_integer(self) -> bool {
+        !matches!(self, Self::F32 | Self::F64)
+    }
+
+    /// The first number in `bytes`, and what follows; `None` when they are too few.
+    pub(super) fn first(self, bytes: &[u8], little_endian: bool) -> Option<(f64, &[u8])> {
+        let (head, rest) = bytes.split_at_checked(self.size())?;
+        let mut number = None;
+        self.each(head, little_endian, &mut |found| number = Some(found));
+        Some((number?, rest))
+    }
+
+    /// Whole numbers in `bytes`; a part of one at the end is left out. Integers beyond 2^53 are rounded.
+    pub(super) fn all(self, bytes: &[u8], little_endian: bool) -> Vec<f64> {
+        let mut numbers = Vec::with_capacity(bytes.len().checked_div(self.size()).unwrap_or(0));
+        self.each(bytes, little_endian, &mut |found| numbers.push(found));
+        numbers
+    }
+
+    fn each(self, bytes: &[u8], little_endian: bool, take: &mut dyn FnMut(f64)) {
+        macro_rules! read {
+            ($type:ty) => {
+                for b in bytes.as_chunks::<{ size_of::<$type>() }>().0 {
+                    take(if little_endian { <$type>::from_le_bytes(*b) } else { <$type>::from_be_bytes(*b) } as f64)
+                }
+            };
+        }
+        match self {
+            Self::I8 => read!(i8),
+            Self::U8 => read!(u8),
+            Self::I16 => read!(i16),
+            Self::U16 => read!(u16),
+            Self::I32 => read!(i32),
+            Self::U32 => read!(u32),
+            Self::I64 => read!(i64),
+            Self::U64 => read!(u64),
+            Self::F32 => read!(f32),
+            Self::F64 => read!(f64),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_come_back_in_both_orders() {
+        let bytes = [&(-2i16).to_be_bytes()[..], &300i16.to_be_bytes(), &[7]].concat();
+        assert_eq!(Kind::I16.all(&bytes, false), [-2.0, 300.0]);
+        assert_eq!(Kind::F64.all(&1.5f64.to_le_bytes(), true), [1.5]);
+        assert_eq!(Kind::U8.first(&[5, 6], true), Some((5.0, &[6u8][..])));
+        assert_eq!(Kind::U32.first(&[1, 2, 3], true), None);
+    }
+}

@@ -1,0 +1,160 @@
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use tokio::sync::mpsc;
+
+use super::report::{inputs, step_documents, step_warnings};
+use super::solve::write_steps;
+use super::solve_watch::{FinishedStep, SolveWatch};
+use super::{Context, Done, changed_meanwhile, to_json};
+use crate::import::volume_mesh;
+use crate::jobs::requests::SceneRequest;
+use crate::jobs::running::Phase;
+use crate::session::{
+    Fault, FaultKind, Halt, PhasesDocument, ReportDocument, SceneBones, SceneRun, SceneSolved, SessionParts,
+    import_fault, load_mesh,
+};
+use crate::simulate::{OuterSurface, ReadyMesh};
+use crate::store::{PartKind, encode_mesh, now_rfc3339};
+
+/// Moves a ready tissue mesh along the plan; each step is stored as soon as it is solved.
+pub(super) async fn perform(context: &Context, request: &SceneRequest) -> Result<Done, Halt> {
+    let parts = context.parts().await?;
+    let tissue = parts.require(PartKind::Tissue)?;
+    if tissue.key != request.ready.sha256 {
+        return Err(changed_meanwhile().into());
+    }
+    let store = &context.service.store;
+    let bytes = store.blobs().get(tissue.blob.as_deref().unwrap_or_default()).await?;
+    let bones = bones(context, &parts, request).await?;
+    let limits = context.service.settings.import;
+    let read = context.compute(move |_, _| {
+        let unusable = |detail: String| Halt::from(Fault::new(FaultKind::MeshNotUsable, detail));
+        let (volume, _) = volume_mesh(&bytes, &limits).map_err(|e| import_fault(&e, FaultKind::MeshNotUsable))?;
+        let ready = ReadyMesh::new(&volume).map_err(|e| unusable(e.to_string()))?;
+        let outside = OuterSurface::of(&ready).map_err(|e| unusable(e.to_string()))?;
+        Ok((volume, encode_mesh(&outside.rest)))
+    });
+    let (volume, rest) = read.await?;
+    let rest = store.blobs().put(context.job.session, rest).await?;
+    store.set_rest(context.job.id, &rest).await?;
+    let run = SceneRun {
+        volume,
+        bones,
+        fields: (&request.field_settings).into(),
+        plan: request.plan.plan()?,
+        solver: (&request.physics).into(),
+        steps: request.steps as usize,
+        file: request.file,
+    };
+
+    let (sender, receiver) = mpsc::channel(2);
+    let (solved, written) = tokio::join!(compute(context, run, sender), write_steps(context, receiver));
+    // A failed write cancels the solver: its reason is the one to tell.
+    written?;
+    let (solved, solving) = solved.map_err(|halt| context.cuts_of(request.osteotomy_id, "/plan", halt))?;
+
+    context.running.set_phase(Phase::Writing);
+    let report = report(context, &parts, request, &solved, solving).await?;
+    let tissue = match solved.file {
+        Some(file) => Some(store.blobs().put(context.job.session, file).await?),
+        None => None,
+    };
+    let told = context.running.warnings();
+    let warnings = solved.warnings.into_iter().filter(|w| !told.contains(w)).collect();
+    Ok(Done { report: Some(to_json(&report)?), tissue, warnings })
+}
+
+/// The segments of the plan's osteotomy, else the bones that were uploaded.
+async fn bones(context: &Context, parts: &SessionParts, request: &SceneRequest) -> Result<SceneBones, Halt> {
+    let store = &context.service.store;
+    if let Some(cuts) = &request.cuts {
+        let case = Box::new(parts.case(store).await?);
+        if case.key != request.field_key {
+            return Err(changed_meanwhile().into());
+        }
+        return Ok(SceneBones::Cut { case, cuts: cuts.iter().map(Into::into).collect() });
+    }
+    let mut surfaces = Vec::new();
+    for (segment, part) in parts.bones() {
+        surfaces.push((segment, load_mesh(store, part).await?));
+    }
+    if request.bones != parts.bone_keys() {
+        return Err(changed_meanwhile().into());
+    }
+    Ok(SceneBones::Surfaces(surfaces))
+}
+
+async fn compute(
+    context: &Context,
+    run: SceneRun,
+    steps: mpsc::Sender<FinishedStep>,
+) -> Result<(SceneSolved, Duration), Halt> {
+    let running = Arc::clone(&context.running);
+    context
+        .compute(move |engine, control| {
+            let mut watch = SolveWatch {
+                engine,
+                cancel: control.part(0.0, 0.0),
+                running,
+                steps,
+                reference: None,
+                regions: Vec::new(),
+                mask: Vec::new(),
+                warnings: Vec::new(),
+                step_began: Instant::now(),
+                solving: Duration::ZERO,
+            };
+            let solved = engine.solve_scene(&run, control, &mut watch)?;
+            Ok((solved, watch.solving + watch.step_began.elapsed()))
+        })
+        .await
+}
+
+async fn report(
+    context: &Context,
+    parts: &SessionParts,
+    request: &SceneRequest,
+    solved: &SceneSolved,
+    solving: Duration,
+) -> Result<ReportDocument, Halt> {
+    let steps = step_documents(&context.service.store.steps(context.job.id).await?)?;
+    let told = context.running.warnings();
+    // The scene hands on those of its steps.
+    let mut warnings = told.clone();
+    warnings.extend(solved.warnings.iter().filter(|w| !told.contains(w)).cloned());
+    warnings.extend(request.cut_warnings.iter().chain(&request.ready.warnings).cloned());
+    warnings.extend(step_warnings(&steps, &warnings));
+    let solve_s = solving.as_secs_f64();
+    let mut parameters = request.physics.parameters();
+    for (name, value) in [
+        ("steps", serde_json::json!(request.steps)),
+        ("plan", serde_json::json!(request.plan_id)),
+        ("osteotomy", serde_json::json!(request.osteotomy_id)),
+        ("cuts", serde_json::json!(request.cuts)),
+    ] {
+        parameters.insert(name.to_owned(), value);
+    }
+    Ok(ReportDocument {
+        format_version: 1,
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        job: context.job.id.to_string(),
+        session: context.job.session.to_string(),
+        finished_at: now_rfc3339(),
+        attempt: context.job.attempt,
+        model: request.physics.model.as_str().to_owned(),
+        parameters: parameters.into(),
+        inputs: inputs(parts)?,
+        phases: PhasesDocument { solve_s, total_s: solve_s, ..PhasesDocument::default() },
+        field: None,
+        mesh: None,
+        tissue: Some(request.ready.clone()),
+        plan: request.plan.clone(),
+        steps,
+        regions: BTreeMap::new(),
+        error: None,
+        regions_from_landmarks: false,
+        warnings,
+    })
+}

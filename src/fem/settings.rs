@@ -189,11 +189,11 @@ impl Preset {
             Self::Wang2009 => "Wang, Yang and Gee, Int J Med Robotics 5, 2009, Table 1, as published",
             Self::Nazari2010 => {
                 "Nazari, Perrier, Chabanas and Payan, Comput Methods Biomech Biomed Eng 13, 2010, after indentation of a cheek by Gerard, \
-                 Ohayon, Luboz, Perrier and Payan, Med Eng Phys 27, 2005; the Poisson ratio is ours"
+                 Ohayon, Luboz, Perrier and Payan, Med Eng Phys 27, 2005; the Poisson ratio is ours; constants not compared with the print"
             }
             Self::Chabanas2003 => {
                 "Chabanas, Luboz and Payan, Med Image Anal 7, 2003: passive tissue, E = 15 kPa and Poisson ratio 0.49 at small strain, here \
-                 neo-Hookean; without the stiffer fibres of muscles"
+                 neo-Hookean; without the stiffer fibres of muscles; constants not compared with the print"
             }
         }
     }

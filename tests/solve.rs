@@ -189,6 +189,7 @@ fn bad_scenes_are_refused_with_the_place() {
             "/materials/skin/poisson",
         ),
         ("segments", json!({"one": {}}), "/segments/one"),
+        ("segments", json!({"1": {}, "01": {}}), "segment 1 is given twice"),
         ("segments", json!({"0": {}}), "segment 0 is the skull"),
         ("segments", json!({"2": {"translation_mm": [0, 0, 1]}}), "/segments/2: no point"),
         ("segments", json!({"1": {"rotation": {}}}), "/segments/1/rotation"),
@@ -202,7 +203,29 @@ fn bad_scenes_are_refused_with_the_place() {
         let error = String::from_utf8_lossy(&output.stderr).into_owned();
         assert!(!output.status.success(), "{key}: {value}");
         assert!(error.contains(expected), "{key}: {value}: {error}");
+        let last: Value = serde_json::from_slice(&output.stdout).unwrap();
+        assert!(last["error"].as_str().unwrap().contains(expected) && last["converged"] == false, "{last}");
     }
+    // Refused before the work, and nothing is left.
+    std::fs::create_dir(folder.path().join("out.vtu")).unwrap();
+    let output = solve(folder.path(), &good);
+    assert!(String::from_utf8_lossy(&output.stderr).contains("it is a folder"));
+    assert!(!folder.path().join("out.vtu.part").exists());
+}
+
+#[test]
+fn held_points_inside_a_bone_are_told() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("slab.vtu"), slab(-2.0)).unwrap();
+    // Wider than the slab, so that it is pushed into the fixed sides as well.
+    std::fs::write(folder.path().join("block.stl"), block([-40.0, -40.0, -30.0], [40.0, 40.0, 0.0])).unwrap();
+    let scene = json!({
+        "mesh": "slab.vtu", "model": "nonlinear", "skin_element": "wedge", "materials": materials(),
+        "segments": {"1": {"translation_mm": [0, 0, 1]}}, "bones": {"1": "block.stl"}
+    });
+    let output = solve(folder.path(), &scene);
+    let last: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert!(last["warnings"].to_string().contains("held points lie up to 1.00 mm inside bone 1"), "{last}");
 }
 
 /// A push that no mesh can follow: the outcome says so and keeps the last equilibrium.

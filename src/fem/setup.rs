@@ -49,6 +49,9 @@ pub(super) fn equations<'a>(
     // Contact changes at every iteration; eliminated last, it leaves most of a factor as it is.
     let last = if bodies.is_empty() || settings.model == Model::MassTensor { Vec::new() } else { contact_nodes(mesh) };
     let dofs = Dofs::new(mesh, boundary, surface.as_ref(), &coupled, &last)?;
+    if dofs.n_unknown() == 0 {
+        return Err(problem("no node is free to move: all are fixed or tied to bone".to_owned()));
+    }
     control.check()?;
     control.report(0.5);
     let scale = Scale::new(mesh, &blocks, &settings.materials);

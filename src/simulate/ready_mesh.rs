@@ -27,6 +27,12 @@ pub enum ReadyMeshError {
         /// Index in the file.
         cell: usize,
     },
+    /// Two cells on the same side of their common triangle.
+    #[error("the two cells at the triangle of the points {triangle:?} lie on the same side of it: they overlap")]
+    Overlap {
+        /// Points, ascending.
+        triangle: [u32; 3],
+    },
     /// More than two cells at one triangle.
     #[error("the triangle of the points {triangle:?} belongs to {cells} cells, at most 2 are possible")]
     NotConforming {
@@ -77,6 +83,7 @@ impl ReadyMesh {
         let tissue = tissues(volume, &mut warnings)?;
         let attachment = attachments(volume, &mut warnings)?;
         let boundary = Boundary { held_axes: held_axes(volume)?, loads_n: loads(volume)? };
+        check_loaded(volume, &boundary.loads_n)?;
         let x = &volume.points;
         let (mut tetrahedra, mut tetrahedron_tissue) = (Vec::new(), Vec::new());
         let (mut prisms, mut prism_tissue) = (Vec::new(), Vec::new());
@@ -190,6 +197,11 @@ fn sorted(mut triangle: [u32; 3]) -> [u32; 3] {
     triangle
 }
 
+/// Whether the corners run round the triangle as the ascending ones do.
+fn is_even([a, b, c]: [u32; 3]) -> bool {
+    [a < b, b < c, c < a].iter().filter(|ascends| **ascends).count() == 2
+}
+
 /// Triangles of a tetrahedron, counter-clockwise from outside.
 fn faces_of(&[a, b, c, d]: &[u32; 4]) -> [[u32; 3]; 4] {
     [[a, c, b], [a, b, d], [a, d, c], [b, c, d]]
@@ -202,15 +214,18 @@ fn triangles_of(&[a, b, c, d, e, f]: &[u32; 6]) -> [[u32; 3]; 2] {
 
 impl BoundaryFaces {
     fn of(tetrahedra: &[[u32; 4]], prisms: &[[u32; 6]]) -> Result<Self, ReadyMeshError> {
-        let mut all: Vec<[u32; 3]> =
-            (tetrahedra.iter().flat_map(faces_of)).chain(prisms.iter().flat_map(triangles_of)).map(sorted).collect();
+        // All are counter-clockwise from outside, so the two sides of one run round it in opposite ways.
+        let faces = tetrahedra.iter().flat_map(faces_of).chain(prisms.iter().flat_map(triangles_of));
+        let mut all: Vec<([u32; 3], bool)> = faces.map(|t| (sorted(t), is_even(t))).collect();
         all.sort_unstable();
         let mut single = Vec::new();
-        for same in all.chunk_by(|a, b| a == b) {
-            match same.len() {
-                1 => single.push(same[0]),
-                2 => {}
-                cells => return Err(ReadyMeshError::NotConforming { triangle: same[0], cells }),
+        for same in all.chunk_by(|a, b| a.0 == b.0) {
+            let triangle = same[0].0;
+            match *same {
+                [_] => single.push(triangle),
+                [a, b] if a.1 == b.1 => return Err(ReadyMeshError::Overlap { triangle }),
+                [_, _] => {}
+                _ => return Err(ReadyMeshError::NotConforming { triangle, cells: same.len() }),
             }
         }
         Ok(Self { sorted: single })
@@ -323,6 +338,18 @@ fn loads(volume: &VolumeMesh) -> Result<Vec<Vector>, ReadyMeshError> {
     }
 }
 
+/// A load on a point of no cell would be lost.
+fn check_loaded(volume: &VolumeMesh, loads: &[Vector]) -> Result<(), ReadyMeshError> {
+    let mut used = vec![false; volume.points.len()];
+    for &corner in volume.cells.iter().flat_map(|cell| cell.corners()) {
+        used[corner as usize] = true;
+    }
+    match (0..loads.len()).find(|&point| loads[point] != Vector::zeros() && !used[point]) {
+        Some(point) => Err(array_fault("point", "force_n", format!("point {point} has a load but belongs to no cell"))),
+        None => Ok(()),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -408,5 +435,13 @@ mod tests {
             Err(ReadyMeshError::NotConforming { triangle: [3, 4, 5], cells: 3 })
         ));
         assert_eq!(ReadyMesh::new(&VolumeMesh::default()), Err(ReadyMeshError::Empty));
+        // The tetrahedron's tip inside the wedge above it.
+        let mut folded = volume([0, 1, 2, 3, 4, 5], [3, 4, 5, 6]);
+        folded.points[6] = Point::new(5.0, 5.0, 8.0);
+        assert_eq!(ReadyMesh::new(&folded), Err(ReadyMeshError::Overlap { triangle: [3, 4, 5] }));
+        let mut lone = with_array("force_n", 3, &[vec![0.0; 21], vec![0.0, 0.0, 1.0]].concat());
+        lone.points.push(Point::new(0.0, 0.0, -9.0));
+        let error = ReadyMesh::new(&lone).unwrap_err().to_string();
+        assert!(error.contains("point 7 has a load but belongs to no cell"), "{error}");
     }
 }

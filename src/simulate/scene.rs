@@ -7,10 +7,13 @@ use crate::control::Control;
 use crate::export::vtu_of_cells;
 use crate::fem::{CellState, ContactBody, SkinElement, SolveError, SolveSettings, Solver, StepReport};
 use crate::field::SignedField;
-use crate::geometry::{Point, Vector};
+use crate::geometry::{Implicit, Motion, Point, Vector};
 use crate::import::VolumeMesh;
 use crate::mesh::Attachment;
 use crate::plan::Plan;
+
+/// Held points deeper in a bone than this are told, mm.
+const HELD_INSIDE_MM: f64 = 0.5;
 
 /// One problem on a ready mesh.
 #[derive(Debug)]
@@ -92,6 +95,7 @@ impl Scene {
                 }
             }
         }
+        warnings.extend(self.held_inside_bone(&solver.positions(), share(steps.len())));
         let (tetrahedra, prisms) = solver.cell_states();
         let displacements_mm = solver.positions().iter().zip(&mesh.positions).map(|(x, rest)| x - rest).collect();
         Ok(SceneOutcome {
@@ -103,6 +107,33 @@ impl Scene {
             warnings,
             failure,
         })
+    }
+
+    /// Nodes that nothing can push out of a bone of another segment: held and tied ones that lie in it at `t` of the path, at the
+    /// positions `x`.
+    fn held_inside_bone(&self, x: &[Point], t: f64) -> Vec<String> {
+        let motions = self.plan.motions(t);
+        let attachment = &self.ready.mesh.attachment;
+        let held_axes = &self.ready.boundary.held_axes;
+        let inside = |(segment, field): &(u32, Arc<SignedField>)| {
+            let motion = motions.iter().find(|(s, _)| s == segment).map_or_else(Motion::identity, |(_, m)| *m);
+            let depths = (0..x.len()).filter_map(|node| {
+                let is_held = match attachment[node] {
+                    Attachment::Tied(own) => own != *segment,
+                    Attachment::Fixed => true,
+                    Attachment::Free | Attachment::Sliding => held_axes.get(node).is_some_and(|axes| *axes == 7),
+                };
+                let depth = -field.value(&motion.inverse_transform_point(&x[node]));
+                (is_held && depth > HELD_INSIDE_MM).then_some(depth)
+            });
+            let (count, deepest) = depths.fold((0, 0.0f64), |(count, deepest), depth| (count + 1, deepest.max(depth)));
+            (count > 0).then(|| {
+                format!(
+                    "{count} held points lie up to {deepest:.2} mm inside bone {segment}: nothing can push them out, and the points beside them are pushed away from them"
+                )
+            })
+        };
+        self.bones.iter().filter_map(inside).collect()
     }
 
     /// What does not fit together, and what is worth a warning.

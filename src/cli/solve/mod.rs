@@ -3,7 +3,7 @@
 mod scene_file;
 
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::Args;
@@ -12,6 +12,7 @@ use serde::Serialize;
 use super::CommandResult;
 use crate::bench::peak_mb;
 use crate::control::Control;
+use crate::fem::SolveError;
 use scene_file::SceneFile;
 
 /// Arguments of `prosopon solve`.
@@ -37,14 +38,31 @@ struct Summary {
     warnings: Vec<String>,
 }
 
+/// The last line on stdout when there is no result.
+#[derive(Debug, Serialize)]
+struct NoResult<'a> {
+    converged: bool,
+    error: &'a str,
+}
+
 pub(super) fn run(arguments: &SolveArguments) -> CommandResult {
+    let failure = solve(arguments).inspect_err(|error| {
+        let line = serde_json::to_string(&NoResult { converged: false, error: &crate::session::chain(&**error) });
+        // The exit status and stderr tell it too.
+        let _ = writeln!(std::io::stdout(), "{}", line.unwrap_or_default());
+    })?;
+    failure.map_or(Ok(()), |failure| Err(failure.into()))
+}
+
+/// Solves, writes the result and the summary; why the path was not finished.
+fn solve(arguments: &SolveArguments) -> Result<Option<SolveError>, Box<dyn std::error::Error>> {
     let begin = Instant::now();
     let (scene, file, mut warnings) = SceneFile::read(&arguments.scene)?.load(&arguments.scene)?;
+    let out = Output::new(&arguments.out)?;
     let solve_begin = Instant::now();
     let outcome = scene.solve(&Control::new())?;
     let solve_wall_s = solve_begin.elapsed().as_secs_f64();
-    let bytes = scene.file(&file, &outcome);
-    std::fs::write(&arguments.out, bytes).map_err(|e| format!("cannot write {}: {e}", arguments.out.display()))?;
+    out.finish(&scene.file(&file, &outcome))?;
 
     warnings.extend(outcome.warnings);
     if let Some(failure) = &outcome.failure {
@@ -62,8 +80,43 @@ pub(super) fn run(arguments: &SolveArguments) -> CommandResult {
         warnings,
     };
     writeln!(std::io::stdout(), "{}", serde_json::to_string(&summary)?)?;
-    match outcome.failure {
-        None => Ok(()),
-        Some(failure) => Err(failure.into()),
+    Ok(outcome.failure)
+}
+
+/// A file that is there whole or not at all: written beside its place, then moved there. A place that cannot be written to is
+/// refused before the work.
+struct Output<'a> {
+    path: &'a Path,
+    part: PathBuf,
+}
+
+impl<'a> Output<'a> {
+    fn new(path: &'a Path) -> Result<Self, String> {
+        let name = path
+            .file_name()
+            .filter(|_| !path.is_dir())
+            .ok_or_else(|| format!("cannot write {}: it is a folder", path.display()))?;
+        let mut part = name.to_owned();
+        part.push(".part");
+        let out = Self { path, part: path.with_file_name(part) };
+        std::fs::File::create(&out.part).map_err(|e| out.fault(&e))?;
+        Ok(out)
+    }
+
+    fn finish(self, bytes: &[u8]) -> Result<(), String> {
+        std::fs::write(&self.part, bytes)
+            .and_then(|()| std::fs::rename(&self.part, self.path))
+            .map_err(|e| self.fault(&e))
+    }
+
+    fn fault(&self, error: &std::io::Error) -> String {
+        format!("cannot write {}: {error}", self.path.display())
+    }
+}
+
+impl Drop for Output<'_> {
+    fn drop(&mut self) {
+        // Gone already after a success.
+        let _ = std::fs::remove_file(&self.part);
     }
 }

@@ -157,10 +157,13 @@ impl SceneFile {
     }
 
     fn plan(&self) -> Result<Plan, SceneError> {
-        let mut paths = Vec::new();
+        let mut paths: Vec<SegmentPath> = Vec::new();
         for (key, word) in &self.segments {
             let place = format!("/segments/{key}");
             let segment = segment_number("segments", key)?;
+            if paths.iter().any(|p| p.segment() == segment) {
+                return Err(value(place, format!("segment {segment} is given twice")));
+            }
             if segment == 0 {
                 return Err(value(place, "segment 0 is the skull that stays"));
             }

@@ -74,23 +74,29 @@ impl Schedule {
     }
 }
 
+/// Supernodes of each subtree, its first column, and the entries of `x` in its columns: disjoint pieces, ascending.
+fn subtree_tasks<'x, T: Precision>(
+    l: &SupernodalLltRef<'_, usize, T>,
+    schedule: &Schedule,
+    x: &'x mut [T],
+) -> Vec<(Range<usize>, usize, &'x mut [T])> {
+    let (begin, end) = (l.symbolic().supernode_begin(), l.symbolic().supernode_end());
+    let (mut rest, mut at) = (x, 0);
+    let mut tasks = Vec::with_capacity(schedule.subtrees.len());
+    for nodes in &schedule.subtrees {
+        let (from, to) = (begin[nodes.start], end[nodes.end - 1]);
+        let (mine, tail) = rest.split_at_mut(to - at);
+        rest = tail;
+        tasks.push((nodes.clone(), from, &mut mine[from - at..]));
+        at = to;
+    }
+    tasks
+}
+
 /// Solves `L x = b` in place.
 pub(super) fn forward<T: Precision>(l: &SupernodalLltRef<'_, usize, T>, schedule: &Schedule, x: &mut [T]) {
     let n = x.len();
-    let begin = l.symbolic().supernode_begin();
-    let end = l.symbolic().supernode_end();
-    // The columns of subtrees are disjoint pieces of x, in ascending order.
-    let mut tasks = Vec::with_capacity(schedule.subtrees.len());
-    let (mut rest, mut at) = (&mut *x, 0);
-    for nodes in &schedule.subtrees {
-        let (from, to) = (begin[nodes.start], end[nodes.end - 1]);
-        let (_, tail) = rest.split_at_mut(from - at);
-        let (mine, tail) = tail.split_at_mut(to - from);
-        rest = tail;
-        at = to;
-        tasks.push((nodes.clone(), from, mine));
-    }
-    let left: Vec<Vec<(usize, T)>> = tasks
+    let left: Vec<Vec<(usize, T)>> = subtree_tasks(l, schedule, x)
         .into_par_iter()
         .with_max_len(1)
         .map(|(nodes, from, mine)| {
@@ -133,8 +139,6 @@ pub(super) fn forward<T: Precision>(l: &SupernodalLltRef<'_, usize, T>, schedule
 
 /// Solves `Lᵀ x = b` in place.
 pub(super) fn backward<T: Precision>(l: &SupernodalLltRef<'_, usize, T>, schedule: &Schedule, x: &mut [T]) {
-    let begin = l.symbolic().supernode_begin();
-    let end = l.symbolic().supernode_end();
     let mut work = Vec::new();
     for &s in schedule.top.iter().rev() {
         let node = l.supernode(s);
@@ -143,17 +147,7 @@ pub(super) fn backward<T: Precision>(l: &SupernodalLltRef<'_, usize, T>, schedul
         substitute(l, s, &mut x[node.start()..], &work);
     }
     let above: Vec<T> = x.to_vec();
-    let mut tasks = Vec::with_capacity(schedule.subtrees.len());
-    let (mut rest, mut at) = (x, 0);
-    for nodes in &schedule.subtrees {
-        let (from, to) = (begin[nodes.start], end[nodes.end - 1]);
-        let (_, tail) = rest.split_at_mut(from - at);
-        let (mine, tail) = tail.split_at_mut(to - from);
-        rest = tail;
-        at = to;
-        tasks.push((nodes.clone(), from, mine));
-    }
-    tasks.into_par_iter().with_max_len(1).for_each(|(nodes, from, mine)| {
+    subtree_tasks(l, schedule, x).into_par_iter().with_max_len(1).for_each(|(nodes, from, mine)| {
         let to = from + mine.len();
         let mut work = Vec::new();
         for s in nodes.rev() {

@@ -1,8 +1,9 @@
-//! Surfaces and volume meshes to bytes: GLB, PLY, STL, VTU.
+//! Surfaces, volume meshes and volumes to bytes: GLB, PLY, STL, VTU, NIfTI.
 //!
 //! Invariants: output is a function of the input only (no clock, no host), little-endian, LPS mm.
 
 mod glb;
+mod nifti;
 mod ply;
 mod stl;
 #[cfg(test)]
@@ -11,6 +12,7 @@ mod view;
 mod vtu;
 
 pub use glb::glb;
+pub use nifti::nifti_gz;
 pub use ply::ply;
 pub use stl::stl;
 pub use view::SurfaceView;

@@ -13,10 +13,16 @@
 
 #![cfg_attr(not(test), warn(clippy::indexing_slicing, clippy::arithmetic_side_effects))]
 
+mod archive;
+mod dicom;
 mod error;
 #[cfg(test)]
 mod hostile;
+mod hounsfield;
+mod lattice;
+mod meta_image;
 mod nifti1;
+mod nrrd;
 mod number;
 mod obj;
 mod ply;
@@ -25,9 +31,11 @@ mod stl;
 mod surface;
 mod text;
 mod volume;
+mod volume_scan;
 mod vtu;
 
 pub use error::{ImportError, Limits};
 pub use surface::{SurfaceFormat, detect_surface, surface};
-pub use volume::{Volume, VolumeScan, volume};
+pub use volume::{SeriesChoice, Volume, VolumeFormat, VolumeRead, VolumeSettings, detect_volume, volume, volume_with};
+pub use volume_scan::VolumeScan;
 pub use vtu::{Cell, DataArray, VolumeMesh, volume_mesh};

@@ -45,7 +45,8 @@ impl Kind {
         numbers
     }
 
-    fn each(self, bytes: &[u8], little_endian: bool, take: &mut dyn FnMut(f64)) {
+    /// Gives the whole numbers in `bytes` one after the other.
+    pub(super) fn each(self, bytes: &[u8], little_endian: bool, take: &mut dyn FnMut(f64)) {
         macro_rules! read {
             ($type:ty) => {
                 for b in bytes.as_chunks::<{ size_of::<$type>() }>().0 {

@@ -1,6 +1,6 @@
 use super::error::{at_most, check_size, malformed};
 use super::polygon::{MAX_CORNERS, fan};
-use super::{ImportError, Limits, obj, ply, stl};
+use super::{ImportError, Limits, obj, ply, stl, vtu};
 use crate::geometry::{GeometryError, Point, TriMesh};
 
 /// File formats of surfaces.
@@ -12,6 +12,21 @@ pub enum SurfaceFormat {
     Ply,
     /// Wavefront OBJ.
     Obj,
+    /// VTK's XML files of surfaces: ASCII, base64 or appended, plain or compressed by zlib.
+    Vtp,
+}
+
+impl SurfaceFormat {
+    /// Short name.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Stl => "stl",
+            Self::Ply => "ply",
+            Self::Obj => "obj",
+            Self::Vtp => "vtp",
+        }
+    }
 }
 
 /// Guesses the format of a surface from its first bytes and its length.
@@ -21,6 +36,8 @@ pub fn detect_surface(bytes: &[u8]) -> Option<SurfaceFormat> {
         Some(SurfaceFormat::Ply)
     } else if stl::looks_like(bytes) {
         Some(SurfaceFormat::Stl)
+    } else if vtu::looks_like_polydata(bytes) {
+        Some(SurfaceFormat::Vtp)
     } else if obj::looks_like(bytes) {
         Some(SurfaceFormat::Obj)
     } else {
@@ -46,6 +63,7 @@ pub fn surface(bytes: &[u8], format: SurfaceFormat, limits: &Limits) -> Result<(
         SurfaceFormat::Stl => stl::read(bytes, limits)?,
         SurfaceFormat::Ply => ply::read(bytes, limits)?,
         SurfaceFormat::Obj => obj::read(bytes, limits)?,
+        SurfaceFormat::Vtp => vtu::read_polydata(bytes, limits)?,
     };
     raw.finish()
 }

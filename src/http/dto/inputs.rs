@@ -6,12 +6,13 @@ use utoipa::{IntoParams, ToSchema};
 use super::PartView;
 use super::check::{Check, REACH_MM};
 use crate::geometry::Point;
+use crate::import::{SeriesChoice, VolumeSettings};
 use crate::jobs::ImportRequest;
 use crate::session::{Fault, FieldDocument, FieldMethod, FieldSettingsDocument, LandmarksDocument, PlacedPlane, Solid};
 use crate::surface::CtSettings;
 
 /// How surfaces are taken from a CT.
-#[derive(Debug, Clone, Copy, Deserialize, IntoParams)]
+#[derive(Debug, Clone, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct CtQuery {
@@ -21,10 +22,15 @@ pub struct CtQuery {
     pub bone_hu: Option<f64>,
     /// Geometric error allowed when surfaces are simplified, mm; 0.1 when absent.
     pub max_error_mm: Option<f64>,
+    /// Of several DICOM series, the one with this SeriesInstanceUID, or with this number (from 1, as the warning lists them); the
+    /// largest CT when absent. An identifier is used for this choice only and not kept.
+    pub series: Option<String>,
+    /// Largest gap between DICOM slices that is interpolated when they are uneven, mm; 5 when absent.
+    pub max_step_mm: Option<f64>,
 }
 
 impl CtQuery {
-    pub(in crate::http) fn check(self) -> Result<CtSettings, Fault> {
+    pub(in crate::http) fn check(self) -> Result<(CtSettings, VolumeSettings), Fault> {
         let default = CtSettings::default();
         let mut check = Check::default();
         let settings = CtSettings {
@@ -32,11 +38,20 @@ impl CtQuery {
             bone_hu: check.number("bone_hu", self.bone_hu.unwrap_or(default.bone_hu), 0.0, 3000.0),
             max_error_mm: check.number("max_error_mm", self.max_error_mm.unwrap_or(default.max_error_mm), 0.0, 5.0),
         };
+        let default = VolumeSettings::default();
+        let reading = VolumeSettings {
+            series: self.series.as_deref().map(SeriesChoice::of),
+            max_step_mm: check.number("max_step_mm", self.max_step_mm.unwrap_or(default.max_step_mm), 0.1, 20.0),
+            ..default
+        };
+        if self.series.is_some_and(|s| s.is_empty() || s.len() > 64) {
+            check.fault("series", "must have 1 to 64 characters");
+        }
         if settings.skin_hu >= settings.bone_hu {
             check.fault("skin_hu", "must be below bone_hu");
         }
         check.finish()?;
-        Ok(settings)
+        Ok((settings, reading))
     }
 }
 

@@ -16,9 +16,9 @@ use crate::http::surface_format::SurfaceOutput;
 use crate::http::upload::receive;
 use crate::http::{AppState, Problem};
 use crate::import::SurfaceFormat;
-use crate::jobs::{CtScan, take_surface};
-use crate::session::{CtDocument, FaultKind, SessionParts, SurfaceDocument, load_mesh};
-use crate::store::{JobKind, PartKind, PartRecord, SessionId, now_rfc3339};
+use crate::jobs::{CtScan, take_ct, take_surface};
+use crate::session::{FaultKind, SessionParts, SurfaceDocument, load_mesh};
+use crate::store::{JobKind, PartKind, SessionId};
 
 /// Times that an input is looked up again when it is replaced before it is read.
 const SEND_TRIES: usize = 4;
@@ -49,7 +49,13 @@ pub(in crate::http) struct InputQuery {
 
 /// Upload a CT
 ///
-/// NIfTI, plain or gzipped. Streams to disk; an `import` job takes skin, skull and air from it.
+/// A DICOM series as a zip archive, NIfTI (plain or gzipped), NRRD (header attached, raw or gzip) or MetaImage (`.mha`, or `.mhd` and its
+/// voxels in a zip archive). Streams to disk; an `import` job takes skin, skull and air from it.
+///
+/// DICOM files may be in any order and encoding (implicit, explicit, big endian, deflated, RLE, JPEG, JPEG lossless, JPEG-LS,
+/// JPEG 2000). Of them only the voxels and where they lie are kept, before the answer; of anything that names a patient, nothing.
+/// Oblique and sheared (gantry tilt) stacks are taken as they lie; uneven slices are interpolated up to `max_step_mm` and
+/// refused beyond, with the list of steps.
 #[utoipa::path(put, path = "/v1/sessions/{session}/ct", tag = "inputs",
     params(("session" = Uuid, Path), CtQuery),
     request_body(content = Vec<u8>, content_type = "application/octet-stream"),
@@ -63,26 +69,19 @@ pub(in crate::http) async fn put_ct(
 ) -> Result<Response, Problem> {
     let store = state.service.store();
     SessionParts::load(store, session).await?;
-    let settings = query.check()?;
+    let (settings, reading) = query.check()?;
     let scan = CtScan::new(&state.service);
-    let blob = receive(store, session, &headers, body, state.limits.max_ct_bytes, &state.limits, Some(scan)).await?;
+    let upload = receive(store, session, &headers, body, state.limits.max_ct_bytes, &state.limits, Some(scan)).await?;
+    let part = take_ct(&state.service, session, upload, reading).await?;
+    let key = part.key.clone();
     // A job may be reading the same CT: then its file stays.
-    if store.part(session, PartKind::Ct).await?.is_some_and(|ct| ct.key == blob.sha256) {
-        store.blobs().delete(&blob.key).await;
-    } else {
-        let document = CtDocument { sha256: blob.sha256.clone(), bytes: blob.bytes };
-        let part = PartRecord {
-            kind: PartKind::Ct,
-            key: blob.sha256.clone(),
-            blob: Some(blob.key),
-            bytes: blob.bytes,
-            wall_s: 0.0,
-            document: serde_json::to_string(&document).unwrap_or_default(),
-            updated_at: now_rfc3339(),
-        };
-        store.put_parts(session, &[part]).await?;
+    match store.part(session, PartKind::Ct).await? {
+        Some(ct) if ct.key == key && ct.document == part.document => {
+            store.blobs().delete(part.blob.as_deref().unwrap_or_default()).await;
+        }
+        _ => store.put_parts(session, &[part]).await?,
     }
-    accept(&state, session, JobKind::Import, 0, &import_request(&settings, blob.sha256), None).await
+    accept(&state, session, JobKind::Import, 0, &import_request(&settings, key), None).await
 }
 
 pub(super) async fn put(
@@ -105,6 +104,7 @@ fn named_format(headers: &HeaderMap) -> Option<SurfaceFormat> {
         "model/stl" | "model/x.stl-binary" | "model/x.stl-ascii" | "application/sla" => Some(SurfaceFormat::Stl),
         "model/ply" | "application/ply" | "application/x-ply" => Some(SurfaceFormat::Ply),
         "model/obj" => Some(SurfaceFormat::Obj),
+        "application/vnd.vtk.polydata+xml" | "model/vtp" => Some(SurfaceFormat::Vtp),
         _ => None,
     }
 }
@@ -172,8 +172,8 @@ macro_rules! surface_routes {
 
         #[doc = concat!("Takes the ", $what, ".")]
         #[utoipa::path(put, path = $path, tag = "inputs", summary = concat!("Upload the ", $what),
-            description = "STL, PLY or OBJ, LPS mm. Streams to disk; takes the place of the one before. The bytes show the \
-                format; where they do not, Content-Type (`model/stl`, `model/ply`, `model/obj`) says it.", params(("session" = Uuid, Path)),
+            description = "STL, PLY, OBJ or VTP, LPS mm. Streams to disk; takes the place of the one before. The bytes show the \
+                format; where they do not, Content-Type (`model/stl`, `model/ply`, `model/obj`, `model/vtp`) says it.", params(("session" = Uuid, Path)),
                             request_body(content = Vec<u8>, content_type = "application/octet-stream"),
                             responses((status = 200, description = "the surface report", body = SurfaceDocument)))]
         pub(in crate::http) async fn $put(

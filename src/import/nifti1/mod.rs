@@ -4,21 +4,23 @@
 //! the header's word alone and its affine panics on a negative spacing.
 
 mod frame;
+mod kind;
 mod scan;
 #[cfg(test)]
 pub(super) mod tests;
-mod voxels;
 
 use std::io::{ErrorKind, Read};
 
 use flate2::read::MultiGzDecoder;
-use nifti::NiftiHeader;
+use nifti::{Endianness, NiftiHeader};
 
 pub(super) use scan::Scan;
 
-use super::error::{at_most, check_size, malformed};
-use super::{ImportError, Limits, Volume};
-use crate::geometry::{Aabb, Point, Vector};
+use super::error::{at_most, malformed};
+use super::number::Kind;
+use super::volume::check_extent;
+use super::{ImportError, Limits, Volume, hounsfield};
+use crate::geometry::{Point, Vector};
 
 const FORMAT: &str = "NIfTI-1";
 const HEADER: u64 = 348;
@@ -38,7 +40,7 @@ struct Layout {
     header: NiftiHeader,
     dims: [usize; 3],
     n_voxels: usize,
-    kind: voxels::Kind,
+    kind: Kind,
     /// Byte of the first voxel.
     start: u64,
     /// Byte after the last voxel.
@@ -56,7 +58,9 @@ pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<(Volume, Vec<String>
 
     let skipped = std::io::copy(&mut (&mut stream).take(start.saturating_sub(HEADER)), &mut std::io::sink());
     skipped.map_err(|e| unreadable(&e))?;
-    let hu = voxels::read(&mut stream, &header, kind, n_voxels, &mut warnings)?;
+    let little = header.endianness == Endianness::Little;
+    let scale = kind::scale_of(&header)?;
+    let hu = hounsfield::read(&mut stream, (kind, little), n_voxels, scale, &mut warnings, unreadable)?;
     // Reaching the end also checks the sum of a gzipped file.
     match stream.read(&mut [0]).map_err(|e| unreadable(&e))? {
         0 => {}
@@ -82,7 +86,7 @@ fn read_layout(
     let n_voxels = dims.iter().fold(1u64, |n, d| n.saturating_mul(*d as u64));
     at_most("voxels", n_voxels, limits.max_voxels)?;
 
-    let kind = voxels::Kind::of(&header)?;
+    let kind = kind::kind_of(&header)?;
     let start = f64::from(header.vox_offset);
     if !(start >= HEADER as f64 && start <= 1e9) {
         return Err(malformed(FORMAT, format!("the voxels start at byte {start:?}, expected 352 or more")));
@@ -95,13 +99,7 @@ fn read_layout(
     }
 
     let (origin, axes) = frame::read(&header, dims, warnings)?;
-    let far = dims.map(|d| d.saturating_sub(1) as f64);
-    let corners = (0..8u8).map(|c| {
-        let step = |a: u8| if c >> a & 1 == 1 { 1.0 } else { 0.0 };
-        frame::position(&origin, &axes, [step(0) * far[0], step(1) * far[1], step(2) * far[2]])
-    });
-    let diagonal = Aabb::of(&corners.collect::<Vec<Point>>()).map_or(0.0, |b| b.diagonal());
-    check_size(diagonal, warnings)?;
+    check_extent(dims, &origin, &axes, warnings)?;
     Ok(Layout { header, dims, n_voxels: n_voxels as usize, kind, start, end: needed, origin, axes })
 }
 

@@ -1,7 +1,8 @@
-//! VTK's XML files of unstructured grids (`.vtu`): tetrahedra and wedges with arrays on points and cells.
+//! VTK's XML files: unstructured grids (`.vtu`) of tetrahedra and wedges with arrays on points and cells, and surfaces (`.vtp`).
 
 mod cells;
 mod decode;
+mod polydata;
 #[cfg(test)]
 mod tests;
 mod xml;
@@ -9,9 +10,10 @@ mod xml;
 use super::error::{at_most, check_size, malformed};
 use super::{ImportError, Limits};
 use crate::geometry::{Aabb, Point};
-use xml::{File, RawArray, Section};
+pub(super) use polydata::{looks_like_polydata, read_polydata};
+use xml::{File, Grid, RawArray, Section};
 
-const FORMAT: &str = "VTU";
+const FORMAT: &str = "VTK XML";
 
 /// A volume element as its file has it; corners are in the file's order, whatever its orientation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -81,7 +83,7 @@ pub fn volume_mesh(bytes: &[u8], limits: &Limits) -> Result<(VolumeMesh, Vec<Str
     if bytes.is_empty() {
         return Err(ImportError::Empty);
     }
-    let file = File::parse(bytes)?;
+    let file = File::parse(bytes, Grid::UnstructuredGrid)?;
     at_most("points", file.n_points as u64, limits.max_cells)?;
     at_most("cells", file.n_cells as u64, limits.max_cells)?;
     let mut warnings = Vec::new();

@@ -20,6 +20,15 @@ pub(super) enum Section {
     Cells,
     PointData,
     CellData,
+    Polys,
+    Strips,
+}
+
+/// VTK's types of data sets that are read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Grid {
+    UnstructuredGrid,
+    PolyData,
 }
 
 /// Where an array's numbers stand.
@@ -66,7 +75,10 @@ pub(super) struct File<'a> {
     pub(super) wide_header: bool,
     pub(super) zlib: bool,
     pub(super) n_points: usize,
+    /// Cells of a grid, polygons of a surface.
     pub(super) n_cells: usize,
+    /// Strips of triangles of a surface.
+    pub(super) n_strips: usize,
     pub(super) arrays: Vec<RawArray<'a>>,
     pub(super) appended: Option<Appended<'a>>,
 }
@@ -93,11 +105,12 @@ struct Parser<'a> {
     /// An inline array that is open.
     open: Option<(RawArray<'a>, bool)>,
     pieces: usize,
+    expected: Grid,
     is_grid: bool,
 }
 
 impl<'a> File<'a> {
-    pub(super) fn parse(bytes: &'a [u8]) -> Result<Self, ImportError> {
+    pub(super) fn parse(bytes: &'a [u8], expected: Grid) -> Result<Self, ImportError> {
         let mut reader = Reader::from_reader(bytes);
         let file = File {
             little_endian: true,
@@ -105,10 +118,11 @@ impl<'a> File<'a> {
             zlib: false,
             n_points: 0,
             n_cells: 0,
+            n_strips: 0,
             arrays: Vec::new(),
             appended: None,
         };
-        let mut parser = Parser { file, section: None, open: None, pieces: 0, is_grid: false };
+        let mut parser = Parser { file, section: None, open: None, pieces: 0, expected, is_grid: false };
         let mut depth = 0usize;
         loop {
             let event = reader.read_event().map_err(|e| {
@@ -155,7 +169,7 @@ impl<'a> File<'a> {
             }
         }
         if !parser.is_grid {
-            return Err(fault("there is no VTKFile of type UnstructuredGrid"));
+            return Err(fault(format!("there is no VTKFile of type {expected:?}")));
         }
         if parser.pieces != 1 {
             return Err(fault(format!("{} pieces, expected 1: merge them first", parser.pieces)));
@@ -171,12 +185,22 @@ impl<'a> Parser<'a> {
             b"Piece" => {
                 self.pieces = self.pieces.saturating_add(1);
                 self.file.n_points = count(tag, "NumberOfPoints")?;
-                self.file.n_cells = count(tag, "NumberOfCells")?;
+                match self.expected {
+                    Grid::UnstructuredGrid => self.file.n_cells = count(tag, "NumberOfCells")?,
+                    Grid::PolyData => {
+                        self.file.n_cells = count(tag, "NumberOfPolys")?;
+                        self.file.n_strips = count(tag, "NumberOfStrips").unwrap_or(0);
+                    }
+                }
             }
             b"Points" => self.section = Some(Section::Points),
             b"Cells" => self.section = Some(Section::Cells),
             b"PointData" => self.section = Some(Section::PointData),
             b"CellData" => self.section = Some(Section::CellData),
+            b"Polys" => self.section = Some(Section::Polys),
+            b"Strips" => self.section = Some(Section::Strips),
+            // Points and lines carry no surface.
+            b"Verts" | b"Lines" => self.section = None,
             b"DataArray" | b"Array" => self.array(tag, empty)?,
             _ => {}
         }
@@ -188,8 +212,8 @@ impl<'a> Parser<'a> {
 
     fn head(&mut self, tag: &BytesStart<'_>) -> Result<(), ImportError> {
         let kind = attribute(tag, "type")?.unwrap_or_default();
-        if kind != "UnstructuredGrid" {
-            return Err(fault("a VTKFile of another type, expected UnstructuredGrid"));
+        if kind != format!("{:?}", self.expected) {
+            return Err(fault(format!("a VTKFile of another type, expected {:?}", self.expected)));
         }
         self.is_grid = true;
         self.file.little_endian = match attribute(tag, "byte_order")?.as_deref() {
@@ -261,7 +285,7 @@ impl<'a> Parser<'a> {
                     self.file.arrays.push(array);
                 }
             }
-            b"Points" | b"Cells" | b"PointData" | b"CellData" => self.section = None,
+            b"Points" | b"Cells" | b"PointData" | b"CellData" | b"Polys" | b"Strips" => self.section = None,
             _ => {}
         }
     }

@@ -14,4 +14,4 @@ pub use results::{read_frame, rest_of};
 pub use slice::field_slice;
 pub use surface::take_surface;
 pub use tissue::take_tissue;
-pub use volume::CtScan;
+pub use volume::{CtScan, take_ct};

@@ -42,16 +42,12 @@ async fn take(
             let format = match format {
                 Some(format) => format,
                 None if bytes.is_empty() => return Err(refused(ImportError::Empty)),
-                None => return Err(refused(ImportError::UnknownFormat { expected: "STL, PLY and OBJ" })),
+                None => return Err(refused(ImportError::UnknownFormat { expected: "STL, PLY, OBJ and VTP" })),
             };
             let (mesh, warnings) = surface(&bytes, format, &limits).map_err(refused)?;
             drop(bytes);
-            let name = match format {
-                SurfaceFormat::Stl => "stl",
-                SurfaceFormat::Ply => "ply",
-                SurfaceFormat::Obj => "obj",
-            };
-            let origin = SurfaceOrigin { kind: "upload".to_owned(), format: name.to_owned(), bytes: length, sha256 };
+            let origin =
+                SurfaceOrigin { kind: "upload".to_owned(), format: format.name().to_owned(), bytes: length, sha256 };
             Ok(PreparedSurface::new(&mesh, origin, warnings)?)
         })
         .await?;

@@ -2,13 +2,16 @@ use std::sync::Arc;
 
 use axum::body::Bytes;
 
-use crate::import::{ImportError, VolumeScan};
+use crate::export::nifti_gz;
+use crate::import::{ImportError, VolumeFormat, VolumeScan, VolumeSettings, detect_volume, volume_with};
 use crate::jobs::Service;
-use crate::session::{Fault, FaultKind, Halt, import_fault};
-use crate::store::PartKind;
+use crate::session::{CtDocument, Fault, FaultKind, Halt, import_fault};
+use crate::store::{BlobInfo, PartKind, PartRecord, SessionId, now_rfc3339};
 
 /// Bytes that are looked over at once, on a thread for requests.
 const BATCH: usize = 1 << 20;
+/// Bytes that show the format.
+const BEGINNING: u64 = 1 << 10;
 
 /// Looks over a CT while it arrives, so that a file that cannot be one, or is cut off, is refused before a job takes it.
 #[derive(Debug)]
@@ -37,7 +40,7 @@ impl CtScan {
         if self.bytes >= BATCH { self.look().await } else { Ok(()) }
     }
 
-    /// Whether what came is a whole file.
+    /// Whether what came is a whole file, as far as that shows on the way.
     ///
     /// # Errors
     /// As [`CtScan::take`].
@@ -60,6 +63,61 @@ impl CtScan {
         self.scan = looked.await?;
         Ok(())
     }
+}
+
+/// Makes an upload the session's CT. Anything but NIfTI is read here and stored as NIfTI: of a DICOM series the voxels and where
+/// they lie are kept and nothing else, so that no tag of a patient outlives the request. The upload's file is then removed.
+///
+/// # Errors
+/// [`FaultKind::VolumeNotUsable`], [`FaultKind::UnsupportedFormat`], or the store's.
+pub async fn take_ct(
+    service: &Service,
+    session: SessionId,
+    upload: BlobInfo,
+    settings: VolumeSettings,
+) -> Result<PartRecord, Fault> {
+    let mut document = CtDocument {
+        sha256: upload.sha256.clone(),
+        bytes: upload.bytes,
+        format: "nifti".to_owned(),
+        warnings: Vec::new(),
+    };
+    let beginning = service.store.blobs().get_range(&upload.key, 0..upload.bytes.min(BEGINNING)).await?;
+    let stored = if detect_volume(&beginning) == Some(VolumeFormat::Nifti) {
+        upload
+    } else {
+        let read = read_ct(service, &upload.key, settings).await;
+        service.store.blobs().delete(&upload.key).await;
+        let (bytes, format, warnings) = read?;
+        document.format = format.name().to_owned();
+        document.warnings = warnings;
+        service.store.blobs().put(session, bytes).await?
+    };
+    Ok(PartRecord {
+        kind: PartKind::Ct,
+        key: stored.sha256,
+        blob: Some(stored.key),
+        bytes: stored.bytes,
+        wall_s: 0.0,
+        document: serde_json::to_string(&document).unwrap_or_default(),
+        updated_at: now_rfc3339(),
+    })
+}
+
+async fn read_ct(
+    service: &Service,
+    key: &str,
+    settings: VolumeSettings,
+) -> Result<(Vec<u8>, VolumeFormat, Vec<String>), Fault> {
+    let bytes = service.store.blobs().get(key).await?;
+    let limits = service.settings.import;
+    service
+        .compute(move |_, _| {
+            let read = volume_with(&bytes, &limits, &settings).map_err(|e| refused(&e))?;
+            drop(bytes);
+            Ok((nifti_gz(&read.volume), read.format, read.warnings))
+        })
+        .await
 }
 
 fn refused(error: &ImportError) -> Halt {

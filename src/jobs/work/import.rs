@@ -1,9 +1,10 @@
 use std::time::Instant;
 
+use super::report::read;
 use super::{Context, Done, changed_meanwhile};
 use crate::jobs::requests::ImportRequest;
 use crate::jobs::running::Phase;
-use crate::session::{Halt, PreparedSurface, SurfaceOrigin, surface_part};
+use crate::session::{CtDocument, Halt, PreparedSurface, SurfaceOrigin, surface_part};
 use crate::store::PartKind;
 use crate::surface::CtSettings;
 
@@ -16,18 +17,20 @@ pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
         return Err(changed_meanwhile().into());
     }
     let store = &context.service.store;
+    let document: CtDocument = read(&ct.document)?;
     let bytes = store.blobs().get(ct.blob.as_deref().unwrap_or_default()).await?;
     let started = Instant::now();
     context.running.set_phase(Phase::Surfaces);
     let origin = SurfaceOrigin {
         kind: "ct".to_owned(),
-        format: "nifti".to_owned(),
-        bytes: ct.bytes,
-        sha256: request.ct_sha256.clone(),
+        format: document.format,
+        bytes: document.bytes,
+        sha256: document.sha256,
     };
     let (surfaces, warnings) = context
         .compute(move |engine, control| {
-            let found = engine.surfaces(&bytes, &CtSettings::from(&request), control)?;
+            let mut found = engine.surfaces(&bytes, &CtSettings::from(&request), control)?;
+            found.warnings.splice(0..0, document.warnings);
             drop(bytes);
             let prepare = |mesh, warnings| PreparedSurface::new(mesh, origin.clone(), warnings);
             let mut surfaces = vec![

@@ -115,7 +115,7 @@ pub(super) fn inputs(parts: &SessionParts) -> Result<BTreeMap<String, ReportInpu
     Ok(inputs)
 }
 
-fn read<T: DeserializeOwned>(text: &str) -> Result<T, Fault> {
+pub(super) fn read<T: DeserializeOwned>(text: &str) -> Result<T, Fault> {
     serde_json::from_str(text).map_err(|error| {
         tracing::error!(%error, "a stored document cannot be read");
         Fault::new(FaultKind::Internal, "a stored document cannot be read; the log says more")

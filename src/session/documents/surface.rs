@@ -88,4 +88,15 @@ pub struct CtDocument {
     pub sha256: String,
     /// Bytes of the upload.
     pub bytes: u64,
+    /// Format of the upload: `nifti`, `dicom`, `nrrd`, `metaimage`.
+    #[serde(default = "nifti")]
+    pub format: String,
+    /// What was changed or looks doubtful when it was read.
+    #[serde(default)]
+    pub warnings: Vec<String>,
+}
+
+/// The only format that was taken before others were.
+fn nifti() -> String {
+    "nifti".to_owned()
 }

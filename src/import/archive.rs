@@ -1,0 +1,100 @@
+//! Files of a zip archive, each unpacked into bounded memory.
+
+use std::io::{Cursor, Read};
+
+use zip::ZipArchive;
+use zip::result::ZipError;
+
+use super::error::{at_most, malformed};
+use super::{ImportError, Limits};
+
+pub(super) const FORMAT: &str = "zip";
+/// More files than any examination has.
+const MAX_FILES: usize = 50_000;
+
+/// An archive in memory.
+#[derive(Debug, Clone)]
+pub(super) struct Archive<'a> {
+    zip: ZipArchive<Cursor<&'a [u8]>>,
+}
+
+/// Whether these may be the bytes of a zip archive.
+pub(super) fn looks_like(bytes: &[u8]) -> bool {
+    bytes.starts_with(b"PK\x03\x04") || bytes.starts_with(b"PK\x05\x06")
+}
+
+impl<'a> Archive<'a> {
+    /// Reads the list of files. What they unpack to is held against what the largest volume needs.
+    pub(super) fn open(bytes: &'a [u8], limits: &Limits) -> Result<Self, ImportError> {
+        let mut zip = ZipArchive::new(Cursor::new(bytes)).map_err(|e| fault(&e))?;
+        at_most("files in an archive", zip.len() as u64, MAX_FILES)?;
+        // Files over one another unpack to far more than the archive holds.
+        if zip.has_overlapping_entries().map_err(|e| fault(&e))? {
+            return Err(malformed(FORMAT, "files in the archive overlap"));
+        }
+        let mut unpacked = 0u64;
+        for index in 0..zip.len() {
+            unpacked = unpacked.saturating_add(zip.by_index_raw(index).map_err(|e| fault(&e))?.size());
+        }
+        at_most("unpacked bytes", unpacked, limits.max_voxels.saturating_mul(4).saturating_add(1 << 20))?;
+        Ok(Self { zip })
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.zip.len()
+    }
+
+    /// The file's name without folders; `None` for folders and for what systems leave in archives.
+    pub(super) fn name(&self, index: usize) -> Option<String> {
+        let path = self.zip.name_for_index(index)?.ok()?.into_owned();
+        let name = path.rsplit(['/', '\\']).next().unwrap_or_default();
+        let left_behind =
+            path.starts_with("__MACOSX/") || name.starts_with("._") || matches!(name, ".DS_Store" | "Thumbs.db");
+        (!name.is_empty() && !left_behind).then(|| name.to_owned())
+    }
+
+    /// The file with that name, in any folder.
+    pub(super) fn find(&self, name: &str) -> Option<usize> {
+        (0..self.len()).find(|&index| self.name(index).is_some_and(|n| n == name))
+    }
+
+    /// The file's bytes, refused when there are more than `at_most` or another number than the archive says.
+    pub(super) fn read(&mut self, index: usize, at_most: u64) -> Result<Vec<u8>, ImportError> {
+        let number = index.saturating_add(1);
+        let file = self.zip.by_index(index).map_err(|e| fault(&e))?;
+        let size = file.size();
+        if size > at_most {
+            let detail = format!("file {number} of the archive has {size} bytes, read are at most {at_most}");
+            return Err(malformed(FORMAT, detail));
+        }
+        let mut bytes = Vec::new();
+        let read = file.take(size.saturating_add(1)).read_to_end(&mut bytes);
+        if read.is_err() || bytes.len() as u64 != size {
+            return Err(malformed(FORMAT, format!("file {number} of the archive is damaged")));
+        }
+        Ok(bytes)
+    }
+
+    /// Up to the first `length` bytes of a file.
+    pub(super) fn beginning(&mut self, index: usize, length: u64) -> Result<Vec<u8>, ImportError> {
+        let file = self.zip.by_index(index).map_err(|e| fault(&e))?;
+        let mut bytes = Vec::new();
+        let read = file.take(length).read_to_end(&mut bytes);
+        read.map_err(|_| malformed(FORMAT, format!("file {} of the archive is damaged", index.saturating_add(1))))?;
+        Ok(bytes)
+    }
+}
+
+/// Says what is wrong without the names in the archive, which may be a patient's.
+fn fault(error: &ZipError) -> ImportError {
+    let detail = match error {
+        ZipError::UnsupportedArchive(ZipError::PASSWORD_REQUIRED) | ZipError::InvalidPassword => {
+            "the archive is encrypted"
+        }
+        ZipError::UnsupportedArchive(_) | ZipError::CompressionMethodNotSupported(_) => {
+            "the archive is packed in a way that is not read; read are stored and deflated files"
+        }
+        _ => "the archive is damaged or cut off",
+    };
+    malformed(FORMAT, detail)
+}

@@ -1,0 +1,89 @@
+//! Pixels of one image to Hounsfield units.
+
+use std::borrow::Cow;
+
+use super::elements::Value;
+use super::header::{Header, Words};
+use super::syntax::{Pixels, unread};
+use super::{FORMAT, rle, stream};
+use crate::import::ImportError;
+use crate::import::error::malformed;
+use crate::import::hounsfield::{AIR, Scale};
+
+/// What stands for "no measurement" is only believed where no tissue has such values, HU.
+const NO_TISSUE_HU: [f64; 2] = [-500.0, 4000.0];
+
+/// The image in HU, row by row, and how many pixels were padding.
+pub(super) fn hounsfield(
+    header: &Header,
+    value: &Value<'_>,
+    scale: &mut Scale,
+) -> Result<(Vec<i16>, u64), ImportError> {
+    let n = header.columns.saturating_mul(header.rows);
+    let packed = joined(value);
+    let Words { bits_allocated, bits_stored, high_bit, .. } = header.words;
+    let (words, shift) = match header.syntax.pixels {
+        // Decoders give the stored number, wherever it lay in the word.
+        Pixels::Stream => (stream::words(&packed, header.columns, header.rows)?, 0),
+        Pixels::Rle => (
+            rle::words(&packed, n, usize::from(bits_allocated / 8))?,
+            high_bit.saturating_add(1).saturating_sub(bits_stored),
+        ),
+        Pixels::Plain => (plain(&packed, n, header)?, high_bit.saturating_add(1).saturating_sub(bits_stored)),
+        Pixels::Unread(code) => return Err(malformed(FORMAT, unread(code))),
+    };
+    let padding = usable_padding(&header.words);
+    let mut n_padding = 0u64;
+    let unused = 16u32.saturating_sub(u32::from(bits_stored));
+    let hu = words.into_iter().map(|word| {
+        // Up to the top of the word and down again: drops what is not stored and spreads the sign.
+        let lifted = (word >> shift) << unused;
+        let stored = if header.words.signed { i32::from(lifted as i16 >> unused) } else { i32::from(lifted >> unused) };
+        if padding.is_some_and(|(low, high)| (low..=high).contains(&stored)) {
+            n_padding = n_padding.saturating_add(1);
+            return AIR;
+        }
+        scale.apply(f64::from(stored))
+    });
+    let hu = hu.collect();
+    Ok((hu, n_padding))
+}
+
+/// The padding of an image, unless tissue has such values.
+fn usable_padding(words: &Words) -> Option<(i32, i32)> {
+    let hu = |stored: i32| words.slope * f64::from(stored) + words.intercept;
+    let (low, high) = words.padding?;
+    let [a, b] = [hu(low).min(hu(high)), hu(low).max(hu(high))];
+    let [air, metal] = NO_TISSUE_HU;
+    (b < air || a > metal).then_some((low, high))
+}
+
+/// Whether an image names a padding value that tissue has too.
+pub(super) fn padding_is_doubtful(words: &Words) -> bool {
+    words.padding.is_some() && usable_padding(words).is_none()
+}
+
+fn joined<'a>(value: &Value<'a>) -> Cow<'a, [u8]> {
+    match value {
+        Value::Bytes(bytes) => Cow::Borrowed(bytes),
+        Value::Fragments(parts) => match parts.as_slice() {
+            [one] => Cow::Borrowed(one),
+            many => Cow::Owned(many.concat()),
+        },
+        Value::Sequence => Cow::Borrowed(&[]),
+    }
+}
+
+fn plain(bytes: &[u8], n: usize, header: &Header) -> Result<Vec<u16>, ImportError> {
+    let size = usize::from(header.words.bits_allocated / 8);
+    let needed = n.saturating_mul(size);
+    let Some(bytes) = bytes.get(..needed) else {
+        let detail = format!("the pixels are {} bytes, expected {needed}", bytes.len());
+        return Err(malformed(FORMAT, detail));
+    };
+    Ok(match (size, header.syntax.little_endian) {
+        (1, _) => bytes.iter().map(|b| u16::from(*b)).collect(),
+        (_, true) => bytes.as_chunks::<2>().0.iter().map(|b| u16::from_le_bytes(*b)).collect(),
+        (_, false) => bytes.as_chunks::<2>().0.iter().map(|b| u16::from_be_bytes(*b)).collect(),
+    })
+}

@@ -1,0 +1,147 @@
+//! Which images of an archive make the volume.
+
+use super::FORMAT;
+use super::header::{Header, Place};
+use crate::import::error::malformed;
+use crate::import::{ImportError, SeriesChoice, VolumeSettings};
+
+/// Directions and spacings that differ by less are the same: what decimals are rounded to.
+const SAME: f64 = 1e-3;
+/// Geometries in one series that are told apart.
+const MAX_STACKS: usize = 64;
+
+/// An image with its place in the archive.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Image {
+    /// Index of its file.
+    pub(super) file: usize,
+    pub(super) header: Header,
+    pub(super) place: Place,
+}
+
+/// Images of one size and direction.
+#[derive(Debug)]
+pub(super) struct Stack {
+    pub(super) images: Vec<Image>,
+    /// Number of the series, from 1, when there are others.
+    pub(super) series: Option<usize>,
+}
+
+/// The images that are to make the volume.
+///
+/// The series that is asked for, else the one with most images of a CT; within it, the largest set of images of one size
+/// and direction. What is left out is told: series by number in the order of their identifiers, which are not repeated.
+pub(super) fn choose(
+    found: Vec<(usize, Header)>,
+    settings: &VolumeSettings,
+    warnings: &mut Vec<String>,
+) -> Result<Stack, ImportError> {
+    let mut all: Vec<(Vec<u8>, Vec<(usize, Header)>)> = Vec::new();
+    for (file, header) in found {
+        match all.binary_search_by(|(uid, _)| uid.cmp(&header.series)) {
+            Ok(at) => all.get_mut(at).map(|(_, images)| images.push((file, header))),
+            Err(at) => Some(all.insert(at, (header.series.clone(), vec![(file, header)]))),
+        };
+    }
+    let summary = |(index, (_, images)): (usize, &(Vec<u8>, Vec<(usize, Header)>))| {
+        let number = index.saturating_add(1);
+        let modality = modality_of(images);
+        let size = images.first().map_or((0, 0), |(_, h)| (h.columns, h.rows));
+        format!("series {number}: {modality}, {} images of {} x {}", images.len(), size.0, size.1)
+    };
+    let list = || all.iter().enumerate().map(summary).take(50).collect::<Vec<_>>().join("; ");
+    let usable = |images: &[(usize, Header)]| settings.any_modality || modality_of(images) == "CT";
+    let chosen = match &settings.series {
+        Some(SeriesChoice::Number(n)) => n.checked_sub(1).filter(|n| *n < all.len()),
+        Some(SeriesChoice::Uid(uid)) => all.iter().position(|(found, _)| found == uid.as_bytes()),
+        // The first of equals.
+        None => (0..all.len())
+            .rev()
+            .filter(|&s| all.get(s).is_some_and(|(_, i)| usable(i)))
+            .max_by_key(|&s| all.get(s).map_or(0, |(_, images)| images.iter().filter(|(_, h)| is_slice(h)).count())),
+    };
+    let Some(index) = chosen else {
+        let detail = match settings.series {
+            Some(_) => format!("the series that is asked for is not there; there are {}", list()),
+            None => format!("there is no series of a CT; there are {}", list()),
+        };
+        return Err(malformed(FORMAT, detail));
+    };
+    if !all.get(index).is_some_and(|(_, images)| usable(images)) {
+        return Err(malformed(FORMAT, format!("the series that is asked for is no CT; there are {}", list())));
+    }
+    let series = (all.len() > 1).then(|| index.saturating_add(1));
+    if let (Some(number), None) = (series, &settings.series) {
+        warnings.push(format!("there are several series; series {number} was taken as the largest CT: {}", list()));
+    }
+    let images = all.swap_remove(index).1;
+    Ok(Stack { images: largest_stack(images, warnings)?, series })
+}
+
+/// The series' modality, when all images have the same.
+fn modality_of(images: &[(usize, Header)]) -> &str {
+    match images {
+        [(_, first), rest @ ..] if rest.iter().all(|(_, h)| h.modality == first.modality) => {
+            std::str::from_utf8(&first.modality).unwrap_or("??")
+        }
+        _ => "??",
+    }
+}
+
+fn is_slice(header: &Header) -> bool {
+    !header.localizer && header.frames == 1 && header.samples == 1 && header.place.is_some()
+}
+
+fn largest_stack(images: Vec<(usize, Header)>, warnings: &mut Vec<String>) -> Result<Vec<Image>, ImportError> {
+    let all = images.len();
+    let several = images.iter().filter(|(_, h)| h.frames > 1).count();
+    let mut stacks: Vec<Vec<Image>> = Vec::new();
+    for (file, header) in images {
+        let Some(place) = header.place.filter(|_| is_slice(&header)) else { continue };
+        let image = Image { file, header, place };
+        let full = stacks.len() == MAX_STACKS;
+        match stacks.iter_mut().find(|s| s.first().is_some_and(|other| alike(other, &image))) {
+            Some(stack) => stack.push(image),
+            None if full => {
+                return Err(malformed(
+                    FORMAT,
+                    format!("the images of the series have more than {MAX_STACKS} geometries"),
+                ));
+            }
+            None => stacks.push(vec![image]),
+        }
+    }
+    // The first of equals, whatever the order of the files.
+    let largest = stacks.into_iter().max_by(|a, b| a.len().cmp(&b.len()).then_with(|| order(b).total_cmp(&order(a))));
+    let Some(stack) = largest else {
+        let detail = if several > 0 {
+            "the images have several frames each (enhanced CT), which is not read: export one file a slice"
+        } else {
+            "no image says where it lies"
+        };
+        return Err(malformed(FORMAT, detail));
+    };
+    let left_out = all.saturating_sub(stack.len());
+    if left_out > 0 {
+        warnings.push(format!(
+            "{left_out} images of the series were left out: survey pictures, or of another size or direction than most"
+        ));
+    }
+    Ok(stack)
+}
+
+/// Tells stacks apart by where they look.
+fn order(stack: &[Image]) -> f64 {
+    stack.first().map_or(0.0, |i| i.place.along_row.x.mul_add(100.0, i.place.along_column.y) + i.place.spacing[0])
+}
+
+/// Whether two images can be slices of one volume.
+#[expect(clippy::arithmetic_side_effects, reason = "floating point")]
+fn alike(a: &Image, b: &Image) -> bool {
+    let near = |x: f64, y: f64| (x - y).abs() <= SAME * x.abs();
+    (a.header.columns, a.header.rows) == (b.header.columns, b.header.rows)
+        && near(a.place.spacing[0], b.place.spacing[0])
+        && near(a.place.spacing[1], b.place.spacing[1])
+        && (a.place.along_row - b.place.along_row).norm() <= SAME
+        && (a.place.along_column - b.place.along_column).norm() <= SAME
+}

@@ -1,0 +1,152 @@
+//! JPEG, JPEG-LS and JPEG 2000: what the stream says of itself is held against the image's header before a decoder sees it.
+
+use std::panic::catch_unwind;
+
+use super::FORMAT;
+use crate::import::ImportError;
+use crate::import::error::malformed;
+
+/// Most tiles of a JPEG 2000 image; bounds what its decoder sets up.
+const MAX_TILES: u64 = 4096;
+
+/// Decoder for a stream.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Codec {
+    /// Baseline, extended, progressive, lossless.
+    Jpeg,
+    JpegLs,
+    Jpeg2000,
+}
+
+/// What the stream's header says.
+#[derive(Debug, Clone, Copy)]
+struct Frame {
+    codec: Codec,
+    precision: u8,
+    /// Only JPEG 2000 knows signs.
+    signed: bool,
+    columns: u64,
+    rows: u64,
+    components: u64,
+}
+
+/// The words of one image of `columns` x `rows` pixels: as stored, negative numbers as two's complement of 16 bits.
+pub(super) fn words(stream: &[u8], columns: usize, rows: usize) -> Result<Vec<u16>, ImportError> {
+    let frame = if stream.starts_with(&[0xff, 0xd8]) { jpeg_frame(stream) } else { jpeg_2000_frame(stream) };
+    let frame =
+        frame.ok_or_else(|| malformed(FORMAT, "the packed pixels begin as no JPEG or JPEG 2000 that is read"))?;
+    if (frame.columns, frame.rows, frame.components) != (columns as u64, rows as u64, 1) {
+        let Frame { columns: c, rows: r, components, .. } = frame;
+        let detail = format!(
+            "the packed pixels are {c} x {r} with {components} components, but the image is {columns} x {rows} with 1"
+        );
+        return Err(malformed(FORMAT, detail));
+    }
+    // The decoders are memory-safe, but not free of panics on damaged streams.
+    let words = catch_unwind(|| decode(stream, &frame)).ok().flatten();
+    let words = words.filter(|w| w.len() == columns.saturating_mul(rows));
+    words.ok_or_else(|| malformed(FORMAT, format!("the packed pixels ({:?}) are damaged", frame.codec)))
+}
+
+fn decode(stream: &[u8], frame: &Frame) -> Option<Vec<u16>> {
+    match frame.codec {
+        Codec::Jpeg => {
+            let mut decoder = jpeg_decoder::Decoder::new(stream);
+            let bytes = decoder.decode().ok()?;
+            Some(match decoder.info()?.pixel_format {
+                jpeg_decoder::PixelFormat::L8 => bytes.into_iter().map(u16::from).collect(),
+                jpeg_decoder::PixelFormat::L16 => {
+                    bytes.as_chunks::<2>().0.iter().map(|b| u16::from_ne_bytes(*b)).collect()
+                }
+                jpeg_decoder::PixelFormat::RGB24 | jpeg_decoder::PixelFormat::CMYK32 => return None,
+            })
+        }
+        Codec::JpegLs => {
+            let (words, ..) = jpegls::decode(stream, frame.columns as u32, frame.rows as u32).ok()?;
+            Some(words)
+        }
+        Codec::Jpeg2000 => {
+            let settings = dicom_toolkit_jpeg2000::DecodeSettings { strict: true, ..Default::default() };
+            let image = dicom_toolkit_jpeg2000::Image::new(stream, &settings).ok()?;
+            let bitmap = image.decode_native().ok()?;
+            // The decoder lifts signed numbers by half the range as it does unsigned ones.
+            let lift = if frame.signed { 1u16.checked_shl(u32::from(frame.precision).saturating_sub(1))? } else { 0 };
+            Some(match bitmap.bytes_per_sample {
+                1 => bitmap.data.iter().map(|b| u16::from(*b).wrapping_sub(lift)).collect(),
+                _ => bitmap.data.as_chunks::<2>().0.iter().map(|b| u16::from_le_bytes(*b).wrapping_sub(lift)).collect(),
+            })
+        }
+    }
+}
+
+/// The frame header among the segments of a JPEG or JPEG-LS stream.
+fn jpeg_frame(stream: &[u8]) -> Option<Frame> {
+    let mut rest = stream.get(2..)?;
+    loop {
+        let (&[lead, marker], after) = rest.split_first_chunk::<2>()?;
+        if lead != 0xff {
+            return None;
+        }
+        if marker == 0xff {
+            rest = rest.get(1..)?;
+            continue;
+        }
+        let length = usize::from(u16::from_be_bytes(*after.first_chunk::<2>()?));
+        let codec = match marker {
+            0xc0..=0xc3 => Codec::Jpeg,
+            0xf7 => Codec::JpegLs,
+            // Scans come after the frame; other kinds of frame are not read.
+            0xda | 0xc5..=0xc7 | 0xc9..=0xcb | 0xcd..=0xcf => return None,
+            _ => {
+                rest = after.get(length..)?;
+                continue;
+            }
+        };
+        let &[precision, y1, y0, x1, x0, components] = after.get(2..)?.first_chunk::<6>()?;
+        return Some(Frame {
+            codec,
+            precision,
+            signed: false,
+            columns: u64::from(u16::from_be_bytes([x1, x0])),
+            rows: u64::from(u16::from_be_bytes([y1, y0])),
+            components: u64::from(components),
+        });
+    }
+}
+
+/// The size segment of a JPEG 2000 code stream, alone or within a JP2 file.
+fn jpeg_2000_frame(stream: &[u8]) -> Option<Frame> {
+    const START: [u8; 4] = [0xff, 0x4f, 0xff, 0x51];
+    const JP2: [u8; 8] = [0, 0, 0, 12, b'j', b'P', b' ', b' '];
+    let beginning = stream.get(..stream.len().min(4096))?;
+    let at = match stream {
+        _ if stream.starts_with(&START) => 0,
+        _ if stream.starts_with(&JP2) => beginning.windows(4).position(|w| w == START)?,
+        _ => return None,
+    };
+    // After the two markers: length and capabilities.
+    let size = stream.get(at.saturating_add(8)..)?;
+    let number = |index: usize| {
+        let bytes = size.get(index.saturating_mul(4)..)?.first_chunk::<4>()?;
+        Some(u64::from(u32::from_be_bytes(*bytes)))
+    };
+    let extent = |a: usize| number(a)?.checked_sub(number(a.saturating_add(2))?);
+    let tiles = |a: usize| {
+        let tile = number(a.saturating_add(4)).filter(|t| *t > 0)?;
+        number(a)?.checked_sub(number(a.saturating_add(6))?).map(|length| length.div_ceil(tile))
+    };
+    if tiles(0)?.checked_mul(tiles(1)?).is_none_or(|n| n > MAX_TILES) {
+        return None;
+    }
+    let components = u16::from_be_bytes(*size.get(32..)?.first_chunk::<2>()?);
+    let depth = *size.get(34)?;
+    let precision = (depth & 0x7f).saturating_add(1);
+    (precision <= 16).then_some(Frame {
+        codec: Codec::Jpeg2000,
+        precision,
+        signed: depth & 0x80 != 0,
+        columns: extent(0)?,
+        rows: extent(1)?,
+        components: u64::from(components),
+    })
+}

@@ -1,0 +1,58 @@
+//! How a file's elements and pixels are encoded.
+
+/// A transfer syntax.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Syntax {
+    pub(super) explicit: bool,
+    pub(super) little_endian: bool,
+    pub(super) deflated: bool,
+    pub(super) pixels: Pixels,
+}
+
+/// How pixels are packed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Pixels {
+    Plain,
+    Rle,
+    /// JPEG of one of its kinds, JPEG-LS or JPEG 2000: the stream itself says which, and labels are often wrong.
+    Stream,
+    /// Not read here; the last numbers of a standard identifier, or `None` for a private one.
+    Unread(Option<u16>),
+}
+
+const ROOT: &str = "1.2.840.10008.1.2";
+
+impl Syntax {
+    pub(super) const IMPLICIT_LITTLE: Self =
+        Self { explicit: false, little_endian: true, deflated: false, pixels: Pixels::Plain };
+    pub(super) const EXPLICIT_LITTLE: Self = Self { explicit: true, ..Self::IMPLICIT_LITTLE };
+
+    /// The syntax with this identifier. Source: DICOM PS3.5, section 10 and annex A.
+    pub(super) fn of(uid: &[u8]) -> Self {
+        let text = std::str::from_utf8(uid).unwrap_or_default().trim_end_matches(['\0', ' ']);
+        let packed = |pixels| Self { pixels, ..Self::EXPLICIT_LITTLE };
+        match text.strip_prefix(ROOT) {
+            Some("") => Self::IMPLICIT_LITTLE,
+            Some(".1" | ".1.98") => Self::EXPLICIT_LITTLE,
+            Some(".1.99") => Self { deflated: true, ..Self::EXPLICIT_LITTLE },
+            Some(".2") => Self { little_endian: false, ..Self::EXPLICIT_LITTLE },
+            Some(".5") => packed(Pixels::Rle),
+            Some(".4.50" | ".4.51" | ".4.57" | ".4.70" | ".4.80" | ".4.81" | ".4.90" | ".4.91") => {
+                packed(Pixels::Stream)
+            }
+            Some(other) => packed(Pixels::Unread(other.strip_prefix(".4.").and_then(|n| n.parse().ok()))),
+            None => packed(Pixels::Unread(None)),
+        }
+    }
+}
+
+/// What is read, for error texts.
+pub(super) const READ: &str = "implicit and explicit little endian, explicit big endian, deflated, RLE, JPEG (8 bits), \
+     JPEG lossless, JPEG-LS, JPEG 2000";
+
+/// A syntax that is not read, by its identifier where that says nothing of a patient.
+pub(super) fn unread(code: Option<u16>) -> String {
+    let which =
+        code.map_or_else(|| "a transfer syntax of its own".to_owned(), |n| format!("transfer syntax {ROOT}.4.{n}"));
+    format!("the pixels have {which}, which is not read; read are {READ}")
+}

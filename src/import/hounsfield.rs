@@ -1,0 +1,90 @@
+//! Stored numbers to Hounsfield units.
+
+use std::io::Read;
+
+use super::ImportError;
+use super::number::Kind;
+
+/// Air, for voxels without a value.
+pub(super) const AIR: i16 = -1024;
+
+/// Scales stored numbers, rounds, clamps to `i16` and counts what it had to change.
+#[derive(Debug, Clone)]
+pub(super) struct Scale {
+    slope: f64,
+    intercept: f64,
+    n_nan: u64,
+    n_clamped: u64,
+    min: i16,
+}
+
+impl Scale {
+    /// HU = `slope` x stored + `intercept`, both finite.
+    pub(super) fn new(slope: f64, intercept: f64) -> Self {
+        Self { slope, intercept, n_nan: 0, n_clamped: 0, min: i16::MAX }
+    }
+
+    /// The HU of a stored number.
+    pub(super) fn apply(&mut self, stored: f64) -> i16 {
+        let value = self.slope * stored + self.intercept;
+        let hu = if value.is_nan() {
+            self.n_nan = self.n_nan.saturating_add(1);
+            AIR
+        } else {
+            let rounded = value.round();
+            let clamped = rounded.clamp(f64::from(i16::MIN), f64::from(i16::MAX));
+            self.n_clamped = self.n_clamped.saturating_add(u64::from(clamped != rounded));
+            clamped as i16
+        };
+        self.min = self.min.min(hu);
+        hu
+    }
+
+    /// Adds what `other` counted.
+    pub(super) fn join(&mut self, other: &Self) {
+        self.n_nan = self.n_nan.saturating_add(other.n_nan);
+        self.n_clamped = self.n_clamped.saturating_add(other.n_clamped);
+        self.min = self.min.min(other.min);
+    }
+
+    /// Tells what was changed or looks doubtful.
+    pub(super) fn report(&self, warnings: &mut Vec<String>) {
+        if self.n_nan > 0 {
+            warnings.push(format!("{} voxels without a value (NaN) were set to {AIR} HU", self.n_nan));
+        }
+        if self.n_clamped > 0 {
+            warnings.push(format!("{} voxels beyond -32768 to 32767 HU were clamped", self.n_clamped));
+        }
+        if self.min > -200 {
+            let min = self.min;
+            warnings.push(format!("the smallest value is {min}, but air has -1000 HU: are these Hounsfield units?"));
+        }
+    }
+}
+
+/// Reads `n_voxels` numbers and turns them into HU. The caller has checked `n_voxels` against limits and length.
+///
+/// # Errors
+/// What `unreadable` makes of a stream that ends or breaks.
+pub(super) fn read(
+    stream: &mut dyn Read,
+    (kind, little_endian): (Kind, bool),
+    n_voxels: usize,
+    mut scale: Scale,
+    warnings: &mut Vec<String>,
+    unreadable: fn(&std::io::Error) -> ImportError,
+) -> Result<Vec<i16>, ImportError> {
+    // Not allocated at once: a crafted packed file states more than it holds.
+    let mut hu = Vec::new();
+    let mut buffer = vec![0u8; 1 << 18];
+    while hu.len() < n_voxels {
+        let left = n_voxels.saturating_sub(hu.len()).saturating_mul(kind.size());
+        let length = left.min(buffer.len());
+        let chunk = buffer.get_mut(..length).unwrap_or_default();
+        stream.read_exact(chunk).map_err(|e| unreadable(&e))?;
+        kind.each(chunk, little_endian, &mut |stored| hu.push(scale.apply(stored)));
+    }
+    hu.shrink_to_fit();
+    scale.report(warnings);
+    Ok(hu)
+}

@@ -1,0 +1,44 @@
+//! Type and scale of the stored numbers.
+
+use nifti::NiftiHeader;
+
+use super::super::ImportError;
+use super::super::error::malformed;
+use super::super::hounsfield::Scale;
+use super::super::number::Kind;
+use super::FORMAT;
+
+/// The header's type, if it is one that a CT can have.
+pub(super) fn kind_of(header: &NiftiHeader) -> Result<Kind, ImportError> {
+    let kind = match header.datatype {
+        2 => Kind::U8,
+        4 => Kind::I16,
+        8 => Kind::I32,
+        16 => Kind::F32,
+        64 => Kind::F64,
+        256 => Kind::I8,
+        512 => Kind::U16,
+        code => {
+            let read = "2, 4, 8, 16, 64, 256, 512 (8 to 32 bit integers and floats)";
+            return Err(malformed(FORMAT, format!("the voxels have the data type {code}, expected {read}")));
+        }
+    };
+    let bits = i64::from(header.bitpix);
+    if bits != (kind.size() as i64).saturating_mul(8) {
+        let detail = format!("{bits} bits a voxel, which do not fit the data type {}", header.datatype);
+        return Err(malformed(FORMAT, detail));
+    }
+    Ok(kind)
+}
+
+/// The header's slope and intercept; a slope of zero or NaN means that nothing is scaled.
+pub(super) fn scale_of(header: &NiftiHeader) -> Result<Scale, ImportError> {
+    let [slope, intercept] = [header.scl_slope, header.scl_inter].map(f64::from);
+    if slope == 0.0 || slope.is_nan() {
+        return Ok(Scale::new(1.0, 0.0));
+    }
+    if !(slope.is_finite() && intercept.is_finite()) {
+        return Err(malformed(FORMAT, format!("slope {slope:?} and intercept {intercept:?}, expected finite numbers")));
+    }
+    Ok(Scale::new(slope, intercept))
+}

@@ -4,6 +4,7 @@ use crate::control::Cancelled;
 use crate::field::FieldError;
 use crate::import::ImportError;
 use crate::simulate::SimulateError;
+use crate::surface::SurfaceError;
 
 /// Why a study stopped.
 #[derive(Debug, thiserror::Error)]
@@ -25,6 +26,22 @@ pub enum BenchError {
         path: PathBuf,
         /// Why, when the format was recognised.
         source: Option<ImportError>,
+    },
+    /// A file or folder is not a CT.
+    #[error("{} is not a CT that can be read", path.display())]
+    Volume {
+        /// The file or folder.
+        path: PathBuf,
+        /// Why.
+        source: ImportError,
+    },
+    /// No surfaces come of a CT.
+    #[error("no surfaces come of {}", path.display())]
+    Ct {
+        /// The file or folder.
+        path: PathBuf,
+        /// Why.
+        source: SurfaceError,
     },
     /// A file is not a list of points.
     #[error("{}: {fault}", path.display())]

@@ -6,6 +6,7 @@
 mod chart;
 mod collision;
 mod contacts;
+mod ct;
 mod error;
 mod evaluate;
 mod field;
@@ -17,6 +18,7 @@ mod winding;
 
 pub use collision::CollisionStudy;
 pub use contacts::ContactStudy;
+pub use ct::{CtConversion, CtSurfaceStudy, load_ct, read_ct};
 pub use error::{BenchError, PointsFault};
 pub use evaluate::evaluate;
 pub use field::FieldStudy;

@@ -3,6 +3,7 @@
 //! Invariant: everything it does is a call of the library; it alone writes to stdout.
 
 mod bench;
+mod ct;
 mod demo;
 mod openapi;
 mod serve;
@@ -29,6 +30,9 @@ enum Command {
     Solve(solve::SolveArguments),
     /// Run the main job on a phantom head or a patient, over HTTP, and write the results.
     Demo(crate::demo::DemoArgs),
+    /// Read a CT as the service does: convert, compare, take surfaces.
+    #[command(subcommand)]
+    Ct(ct::CtCommand),
     /// Measure: the studies behind the charts.
     #[command(subcommand)]
     Bench(bench::BenchCommand),
@@ -43,6 +47,7 @@ pub fn run() -> ExitCode {
         Command::Serve(arguments) => serve::run(arguments),
         Command::Solve(arguments) => solve::run(&arguments),
         Command::Demo(arguments) => demo::run(&arguments),
+        Command::Ct(command) => ct::run(&command),
         Command::Bench(command) => bench::run(&command),
         Command::Openapi => openapi::run(),
     };

@@ -7,6 +7,7 @@ use super::client::Client;
 use super::output::{before_after, write};
 use super::patient::Patient;
 use super::{DemoArgs, DemoError};
+use crate::bench::read_ct;
 
 /// Drives the service at `base` (`http://host:port`) through the main job and writes the results.
 ///
@@ -95,7 +96,13 @@ impl Case<'_> {
 
     fn upload(&self, patient: &Patient) -> Result<(), DemoError> {
         if let Some(ct) = &patient.ct {
-            let import = self.client.upload(&self.path("ct"), ct)?;
+            // A folder of DICOM images goes as one archive.
+            let path = self.path("ct");
+            let import = if ct.is_dir() {
+                self.client.upload_bytes(&path, &read_ct(ct)?)?
+            } else {
+                self.client.upload(&path, ct)?
+            };
             self.wait_for("import", &import)?;
         }
         if let Some((skin, skull)) = &patient.surfaces {

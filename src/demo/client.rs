@@ -46,6 +46,12 @@ impl Client {
         json("PUT", path, request.send(opened)?)
     }
 
+    /// Sends bytes as the body of a PUT.
+    pub(super) fn upload_bytes(&self, path: &str, bytes: &[u8]) -> Result<Value, DemoError> {
+        let request = self.agent.put(self.url(path)).header("content-type", "application/octet-stream");
+        json("PUT", path, request.send(bytes)?)
+    }
+
     pub(super) fn download(&self, path: &str) -> Result<Vec<u8>, DemoError> {
         let mut response = refuse_problem("GET", path, self.agent.get(self.url(path)).call()?)?;
         Ok(response.body_mut().with_config().limit(MAX_ANSWER).read_to_vec()?)

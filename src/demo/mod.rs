@@ -16,13 +16,13 @@ pub use output::clear;
 /// What `prosopon demo` is asked to do.
 #[derive(Debug, Clone, clap::Args)]
 pub struct DemoArgs {
-    /// Head CT to plan on (NIfTI); the generated phantom head when neither this nor --skin is given.
+    /// Head CT to plan on: DICOM series (zip or folder), NIfTI, NRRD, MetaImage; the generated phantom head when neither this nor --skin is given.
     #[arg(long, conflicts_with_all = ["skin", "skull"])]
     pub ct: Option<PathBuf>,
-    /// Skin surface (STL, PLY, OBJ), with --skull.
+    /// Skin surface (STL, PLY, OBJ, VTP), with --skull.
     #[arg(long, requires = "skull")]
     pub skin: Option<PathBuf>,
-    /// Skull surface (STL, PLY, OBJ), with --skin.
+    /// Skull surface (STL, PLY, OBJ, VTP), with --skin.
     #[arg(long, requires = "skin")]
     pub skull: Option<PathBuf>,
     /// Landmarks and Le Fort I plane; `landmarks.json` beside the input is picked up by itself.
@@ -90,6 +90,9 @@ pub enum DemoError {
         /// Reason.
         source: std::io::Error,
     },
+    /// The CT could not be read.
+    #[error("the CT could not be read")]
+    Ct(#[from] crate::bench::BenchError),
     /// A landmarks file is not usable.
     #[error("landmarks in {path} are not usable: {detail}")]
     Landmarks {

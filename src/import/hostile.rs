@@ -2,10 +2,12 @@
 
 use proptest::prelude::*;
 
+use super::dicom::tests::{Slice, archive, series};
 use super::nifti1::tests::File;
+use super::text_volumes_tests::{meta_image, nrrd};
 use super::{ImportError, Limits, SurfaceFormat, detect_surface, surface, volume};
 
-const FORMATS: [SurfaceFormat; 3] = [SurfaceFormat::Stl, SurfaceFormat::Ply, SurfaceFormat::Obj];
+const FORMATS: [SurfaceFormat; 4] = [SurfaceFormat::Stl, SurfaceFormat::Ply, SurfaceFormat::Obj, SurfaceFormat::Vtp];
 const LIMITS: Limits = Limits { max_triangles: 1000, max_voxels: 100_000, max_cells: 1000 };
 
 /// A tetrahedron of 100 mm in every format, and whether a shorter file shows that it was cut off.
@@ -51,7 +53,15 @@ fn surfaces() -> Vec<(SurfaceFormat, Vec<u8>, bool)> {
         text_stl += "endloop\nendfacet\n";
     }
     text_stl += "endsolid";
+    let vtp = "<?xml version=\"1.0\"?>\n<VTKFile type=\"PolyData\" version=\"1.0\" byte_order=\"LittleEndian\"><PolyData>\
+        <Piece NumberOfPoints=\"4\" NumberOfVerts=\"0\" NumberOfLines=\"0\" NumberOfStrips=\"1\" NumberOfPolys=\"2\">\
+        <Points><DataArray type=\"Float32\" NumberOfComponents=\"3\" format=\"ascii\">0 0 0 100 0 0 0 100 0 0 0 100</DataArray></Points>\
+        <Polys><DataArray type=\"Int64\" Name=\"connectivity\" format=\"ascii\">0 2 1 0 1 3</DataArray>\
+        <DataArray type=\"Int64\" Name=\"offsets\" format=\"ascii\">3 6</DataArray></Polys>\
+        <Strips><DataArray type=\"Int64\" Name=\"connectivity\" format=\"ascii\">1 2 3 0</DataArray>\
+        <DataArray type=\"Int64\" Name=\"offsets\" format=\"ascii\">4</DataArray></Strips></Piece></PolyData></VTKFile>";
     vec![
+        (SurfaceFormat::Vtp, vtp.as_bytes().to_vec(), true),
         (SurfaceFormat::Stl, stl, true),
         (SurfaceFormat::Stl, text_stl.into_bytes(), true),
         (SurfaceFormat::Ply, little_ply, true),
@@ -63,6 +73,107 @@ fn surfaces() -> Vec<(SurfaceFormat, Vec<u8>, bool)> {
 
 fn volumes() -> Vec<Vec<u8>> {
     [false, true].iter().flat_map(|big| [File::new(*big).plain(), File::new(*big).gzipped()]).collect()
+}
+
+/// Volumes in every other format.
+fn other_volumes() -> Vec<Vec<u8>> {
+    let slices = [
+        "1.2.840.10008.1.2",
+        "1.2.840.10008.1.2.1.99",
+        "1.2.840.10008.1.2.5",
+        "1.2.840.10008.1.2.4.80",
+        "1.2.840.10008.1.2.4.90",
+    ]
+    .map(|syntax| series(&(0..5).map(|k| Slice::near(k, syntax)).collect::<Vec<_>>()));
+    let space = ("LPS", 1.0, 1.0);
+    let (head, voxels) = meta_image("LOCAL", false, true);
+    let (apart, raw) = meta_image("v.raw", false, false);
+    let mut all = slices.to_vec();
+    all.extend([
+        nrrd("raw", false, space),
+        nrrd("gzip", true, space),
+        [head, voxels].concat(),
+        archive(&[("h.mhd".to_owned(), apart), ("v.raw".to_owned(), raw)]),
+        Slice::near(0, "1.2.840.10008.1.2.1").file(),
+    ]);
+    all
+}
+
+/// Numbers that look random and are the same on every run.
+struct Dice(u64);
+
+impl Dice {
+    fn below(&mut self, n: usize) -> usize {
+        self.0 = self.0.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        ((self.0 >> 33) as usize) % n.max(1)
+    }
+}
+
+/// Files of every format, and how each is read: an error's text or nothing.
+fn readers() -> Vec<(Vec<u8>, bool, Box<dyn Fn(&[u8]) -> Result<(), String>>)> {
+    let mut all: Vec<(Vec<u8>, bool, Box<dyn Fn(&[u8]) -> Result<(), String>>)> = Vec::new();
+    for (format, bytes, ends) in surfaces() {
+        let read = move |b: &[u8]| surface(b, format, &LIMITS).map(|_| ()).map_err(|e| e.to_string());
+        all.push((bytes, ends, Box::new(read)));
+    }
+    for bytes in volumes().into_iter().chain(other_volumes()) {
+        all.push((bytes, true, Box::new(|b| volume(b, &LIMITS).map(|_| ()).map_err(|e| e.to_string()))));
+    }
+    all
+}
+
+#[test]
+fn five_hundred_damaged_files_are_errors_or_whole_volumes_and_surfaces() {
+    let readers = readers();
+    let mut dice = Dice(7);
+    let mut refused = [0usize; 4];
+    let mut n = 0usize;
+    for (at, (bytes, ends, read)) in readers.iter().enumerate() {
+        read(bytes).unwrap_or_else(|e| panic!("file {at} is sound, but {e}"));
+        let mut judge = |kind: usize, damaged: &[u8], must: bool| {
+            n += 1;
+            match read(damaged) {
+                Err(text) => {
+                    refused[kind] += 1;
+                    assert!(text.len() > 10 && !text.contains("PATIENT"), "{text}");
+                }
+                Ok(()) => assert!(!must, "file {at} with damage of kind {kind} was read"),
+            }
+        };
+        // Cut off.
+        for _ in 0..10 {
+            judge(0, &bytes[..dice.below(bytes.len())], *ends);
+        }
+        // Single bits: may hit a voxel or a coordinate, which stays a voxel or a coordinate.
+        for _ in 0..10 {
+            let mut damaged = bytes.clone();
+            for _ in 0..=dice.below(4) {
+                let byte = dice.below(bytes.len());
+                damaged[byte] ^= 1 << dice.below(8);
+            }
+            judge(1, &damaged, false);
+        }
+        // Runs of the largest numbers: counts, lengths, offsets.
+        for _ in 0..5 {
+            let mut damaged = bytes.clone();
+            let from = dice.below(bytes.len().min(400));
+            let to = (from + [1, 2, 4, 8][dice.below(4)]).min(bytes.len());
+            let digit = damaged[from].is_ascii_digit();
+            damaged[from..to].fill(if digit { b'9' } else { 0xff });
+            judge(2, &damaged, false);
+        }
+        // Mislabelled: the beginning of one format before the rest of another.
+        for _ in 0..3 {
+            let (other, ..) = &readers[(at + 1 + dice.below(readers.len() - 1)) % readers.len()];
+            let head = 16.min(other.len());
+            if bytes.get(..head) != Some(&other[..head]) {
+                judge(3, &[&other[..head], &bytes[head.min(bytes.len())..]].concat(), false);
+            }
+        }
+    }
+    assert!(n >= 500, "{n}");
+    // Most damage is found; what is not, changed values only.
+    assert!(refused[0] >= 180 && refused[1] >= 60 && refused[2] >= 40 && refused[3] >= 40, "{refused:?} of {n}");
 }
 
 #[test]
@@ -159,15 +270,15 @@ fn degenerate_triangles_unused_vertices_and_sizes_are_told_or_refused() {
 #[test]
 fn faults_in_stl_are_named_with_their_place() {
     let read = |bytes: &[u8]| surface(bytes, SurfaceFormat::Stl, &LIMITS);
-    let (_, mut stl, _) = surfaces().swap_remove(0);
+    let (_, mut stl, _) = surfaces().remove(1);
     stl[84 + 50 + 12..][..4].copy_from_slice(&f32::NAN.to_le_bytes());
     assert!(read(&stl).unwrap_err().to_string().contains("triangle 1 has a coordinate that is not finite"));
-    let (_, mut stl, _) = surfaces().swap_remove(0);
+    let (_, mut stl, _) = surfaces().remove(1);
     stl[..5].copy_from_slice(b"Solid");
     stl.push(0);
     assert_eq!(detect_surface(&stl), Some(SurfaceFormat::Stl));
     assert_eq!(read(&stl).unwrap().1, ["1 bytes after the last triangle were ignored"]);
-    let (_, text, _) = surfaces().swap_remove(1);
+    let (_, text, _) = surfaces().remove(2);
     let text = String::from_utf8(text).unwrap();
     for (from, to, part) in [
         ("vertex 100 0 0", "vertex 100 0 inf", "line 6: expected a finite number"),
@@ -201,7 +312,7 @@ proptest! {
 
     #[test]
     fn changed_files_never_panic(
-        which in 0usize..10,
+        which in 0usize..11,
         changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>(), 0u8..3), 1..8),
     ) {
         let mut files: Vec<(Option<SurfaceFormat>, Vec<u8>)> =

@@ -6,7 +6,7 @@
 //! One file a format. A reader of a surface turns bytes into a private list of vertices and triangles, and `surface`
 //! does what all formats share: ranges, triangles without area by index, unused vertices, plausible size.
 //!
-//! Only NIfTI headers and gzip are read by crates. `stl_io` takes binary files whose comment begins with "solid" for
+//! Only NIfTI headers, gzip, zip, and the pixels of JPEG, JPEG-LS and JPEG 2000 are read by crates. `stl_io` takes binary files whose comment begins with "solid" for
 //! text; `ply-rs-bw` lets the last of two elements of one name win and then reads the payload askew, loops over
 //! elements without properties as often as the header says, and quotes the file in its errors; `tobj` overflows on
 //! crafted indices, keeps `f32` only, and splits a surface at its groups so that shared vertices part.
@@ -30,6 +30,8 @@ mod polygon;
 mod stl;
 mod surface;
 mod text;
+#[cfg(test)]
+mod text_volumes_tests;
 mod volume;
 mod volume_scan;
 mod vtu;

@@ -8,6 +8,7 @@
 mod app;
 mod binary;
 mod bone;
+mod dicom;
 mod edges;
 mod events;
 mod health;

@@ -77,6 +77,15 @@ impl Components {
         (0..self.sizes.len()).rev().max_by_key(|&c| self.sizes[c])
     }
 
+    /// Per component: whether any of its samples is marked.
+    pub(super) fn any(&self, marked: impl Fn(usize) -> bool) -> Vec<bool> {
+        let mut found = vec![false; self.sizes.len()];
+        for run in &self.runs {
+            found[run.component as usize] |= (run.start..run.end).any(&marked);
+        }
+        found
+    }
+
     /// Samples of the components for which `keep` holds.
     pub(super) fn mask(&self, keep: impl Fn(usize) -> bool) -> Vec<bool> {
         let mut mask = vec![false; self.n_samples];

@@ -229,6 +229,33 @@ mod tests {
     }
 
     #[test]
+    fn a_crown_near_the_last_slice_carries_no_stub() {
+        // The volume ends 2 mm above the ball, within a shell of 2 mm that stands 5 mm off it: the last slice cuts a ring of it, and
+        // the air within is no airway.
+        let mut volume = ball();
+        volume.dims[2] = 28;
+        volume.hu.truncate(76 * 80 * 28);
+        for at in 0..volume.hu.len() {
+            let step = [at % 76, at / 76 % 80, at / 76 / 80].map(|c| c as f64);
+            let p = volume.origin + volume.axes[0] * step[0] + volume.axes[1] * step[1] + volume.axes[2] * step[2];
+            if p.z > 25.0 && (35.0..37.0).contains(&p.coords.norm()) {
+                volume.hu[at] = 0;
+            }
+        }
+        // Without the shell there is only too little room for air above the crown.
+        let mut bare = ball();
+        (bare.dims[2], bare.hu) = (28, bare.hu[..76 * 80 * 28].to_vec());
+        let ring = volume.hu[27 * 76 * 80..].iter().filter(|v| **v == 0).count();
+        assert!(ring > 300, "the last slice cuts the shell at {ring} voxels");
+        for volume in [bare, volume] {
+            let found = run(&volume).unwrap();
+            let highest = found.skin.positions().iter().map(|p| p.z).fold(f64::MIN, f64::max);
+            assert!((29.0..30.7).contains(&highest), "{highest}");
+            assert!(found.warnings.iter().any(|w| w.contains("1 airways")), "{:?}", found.warnings);
+        }
+    }
+
+    #[test]
     fn progress_ends_at_one_and_cancelling_stops() {
         let control = Control::new();
         from_ct(&ball(), &CtSettings::default(), &control).unwrap();

@@ -8,12 +8,20 @@ use std::borrow::Cow;
 
 use super::components::Components;
 
+/// A face of the volume with less tissue than this share of the largest parallel slice does not cut the head …
+const CUT_SHARE: f64 = 0.1;
+/// … and gets so much air before it, mm, that the ball that tells outside from inside fits between head and face: a crown that
+/// nearly touches the last slice would carry a stub else.
+const AIR_MM: f64 = 8.0;
 /// Value outside the volume, HU.
 pub(super) const AIR_HU: f32 = -1000.0;
 /// Value that closes cut airways, HU.
 const TISSUE_HU: i16 = 40;
 /// Depth of these plugs, mm: more than what is taken for a sheet.
 const LID_MM: f64 = 5.0;
+/// A cut airway goes on at least this far inward, mm. What is shallower lies between the head and what covers it: a mask over the
+/// crown encloses air on the last slice.
+const AIRWAY_MM: f64 = 8.0;
 /// Metal is cut to this: interpolation across its edge would otherwise swing by hundreds of HU.
 const MAX_HU: i16 = 2000;
 const MIN_HU: i16 = -1000;
@@ -62,7 +70,15 @@ pub(super) fn resample(volume: &Volume, air_below_hu: f64, control: &Control) ->
     let corner = |i: f64, j: f64, k: f64| volume.origin + volume.axes[0] * i + volume.axes[1] * j + volume.axes[2] * k;
     let corners: Vec<Point> =
         (0..8).map(|c: u8| corner(f64::from(c & 1) * nx, f64::from(c >> 1 & 1) * ny, f64::from(c >> 2) * nz)).collect();
-    let bounds = Aabb::of(&corners).unwrap_or(Aabb { min: volume.origin, max: volume.origin });
+    let mut bounds = Aabb::of(&corners).unwrap_or(Aabb { min: volume.origin, max: volume.origin });
+    for outward in uncut_faces(volume, air_below_hu) {
+        let side = outward.iamax();
+        if outward[side] > 0.0 {
+            bounds.max[side] += AIR_MM;
+        } else {
+            bounds.min[side] -= AIR_MM;
+        }
+    }
     let mut spacing = (0.5 * (volume.axes[0].norm() + volume.axes[1].norm())).clamp(MIN_SPACING_MM, MAX_SPACING_MM);
     let samples = |h: f64| (bounds.max - bounds.min).iter().map(|e| (e / h).ceil() + 1.0).product::<f64>();
     if samples(spacing) > MAX_SAMPLES {
@@ -93,6 +109,30 @@ pub(super) fn resample(volume: &Volume, air_below_hu: f64, control: &Control) ->
         });
     }
     Ok(Resampled { grid, warnings })
+}
+
+/// Outward directions of the faces that do not cut the head.
+fn uncut_faces(volume: &Volume, air_below_hu: f64) -> Vec<Vector> {
+    let [nx, ny, nz] = volume.dims;
+    // Tissue in each slice across each axis.
+    let mut counts = [vec![0usize; nx], vec![0; ny], vec![0; nz]];
+    for (row, values) in volume.hu.chunks(nx).enumerate() {
+        for (i, _) in values.iter().enumerate().filter(|(_, v)| f64::from(**v) > air_below_hu) {
+            counts[0][i] += 1;
+            counts[1][row % ny] += 1;
+            counts[2][row / ny] += 1;
+        }
+    }
+    let mut uncut = Vec::new();
+    for (axis, counts) in volume.axes.iter().zip(&counts) {
+        let largest = counts.iter().copied().max().unwrap_or(0) as f64;
+        for (face, outward) in [(counts.first(), -axis), (counts.last(), *axis)] {
+            if face.is_some_and(|n| (*n as f64) < CUT_SHARE * largest) {
+                uncut.push(outward);
+            }
+        }
+    }
+    uncut
 }
 
 struct Source<'a> {
@@ -137,8 +177,8 @@ fn catmull_rom(t: f32) -> [f32; 4] {
     [0.5 * (-t3 + 2.0 * t2 - t), 0.5 * (3.0 * t3 - 5.0 * t2 + 2.0), 0.5 * (-3.0 * t3 + 4.0 * t2 + t), 0.5 * (t3 - t2)]
 }
 
-/// Closes airways that are cut by a face of the volume: air on a face that does not reach the face's rim becomes tissue,
-/// [`LID_MM`] deep. Otherwise the air around the head would flow in through the cut throat. Returns how many were closed.
+/// Closes airways that are cut by a face of the volume: air on a face that does not reach the face's rim and goes on for
+/// [`AIRWAY_MM`] becomes tissue, [`LID_MM`] deep. Otherwise the air around the head would flow in through the cut throat. Returns how many were closed.
 fn with_lids(volume: &Volume, air_below_hu: f64) -> (Cow<'_, [i16]>, usize) {
     let mut hu = Cow::Borrowed(volume.hu.as_slice());
     let mut closed = 0;
@@ -150,18 +190,25 @@ fn with_lids(volume: &Volume, air_below_hu: f64) -> (Cow<'_, [i16]>, usize) {
             let at = |s: usize| (s % nu) * strides[u] + (s / nu) * strides[v] + side * strides[axis];
             let air: Vec<bool> = (0..nu * nv).map(|s| f64::from(volume.hu[at(s)]) <= air_below_hu).collect();
             let components = Components::of(&air, [nu, nv, 1]);
-            let enclosed = components.at_border.iter().filter(|b| !**b).count();
+            let layers = |mm: f64| ((mm / volume.axes[axis].norm()).ceil() as usize).min(volume.dims[axis]);
+            let inward = |s: usize, layer: usize| {
+                let layer = if side == 0 { layer } else { side - layer };
+                (s % nu) * strides[u] + (s / nu) * strides[v] + layer * strides[axis]
+            };
+            let is_air = |s: usize, layer: usize| f64::from(volume.hu[inward(s, layer)]) <= air_below_hu;
+            let goes_on = components.any(|s| (0..layers(AIRWAY_MM)).all(|layer| is_air(s, layer)));
+            let is_airway = |c: usize| !components.at_border[c] && goes_on[c];
+            let enclosed = (0..goes_on.len()).filter(|c| is_airway(*c)).count();
             if enclosed == 0 {
                 continue;
             }
             closed += enclosed;
-            let lid = components.mask(|c| !components.at_border[c]);
-            let depth = ((LID_MM / volume.axes[axis].norm()).ceil() as usize).min(volume.dims[axis]);
+            let lid = components.mask(is_airway);
+            let depth = layers(LID_MM);
             let hu = hu.to_mut();
             for s in (0..nu * nv).filter(|s| lid[*s]) {
-                for inward in 0..depth {
-                    let layer = if side == 0 { inward } else { side - inward };
-                    let value = &mut hu[(s % nu) * strides[u] + (s / nu) * strides[v] + layer * strides[axis]];
+                for layer in 0..depth {
+                    let value = &mut hu[inward(s, layer)];
                     *value = TISSUE_HU.max(*value);
                 }
             }

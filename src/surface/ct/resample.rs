@@ -9,7 +9,7 @@ use std::borrow::Cow;
 use super::components::Components;
 
 /// A face of the volume with less tissue than this share of the largest parallel slice does not cut the head …
-const CUT_SHARE: f64 = 0.1;
+const CUT_SHARE: f64 = 0.25;
 /// … and gets so much air before it, mm, that the ball that tells outside from inside fits between head and face: a crown that
 /// nearly touches the last slice would carry a stub else.
 const AIR_MM: f64 = 8.0;

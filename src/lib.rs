@@ -7,7 +7,7 @@
 //! A room imports only rooms listed before it; `tests/layers.rs` holds the code to that. Each room's docs state its invariants.
 //!
 //! - [`control`]: cancel and progress. [`geometry`]: points, meshes, implicit solids, surface reports.
-//! - [`import`]: untrusted bytes to volumes and surfaces. [`export`]: surfaces and meshes to bytes.
+//! - [`import`]: untrusted bytes (DICOM, NIfTI, NRRD, MetaImage; STL, PLY, OBJ, VTP, VTU) to volumes and surfaces. [`export`]: them to bytes.
 //! - [`surface`]: volumes and grids to surfaces. [`phantom`]: the analytic head.
 //! - [`field`]: smooth signed distance fields and the bone's outer envelope. [`mesh`]: the mixed mesh.
 //! - [`fem`]: elements, materials, contact, Newton. [`plan`]: osteotomies and paths. [`evaluate`]: error maps and pictures.
@@ -16,7 +16,7 @@
 //! So far synchronous and pure: no HTTP, tokio, serialisation, files, network, environment or clock. Behind this wall:
 //!
 //! - [`store`], [`session`], [`jobs`], [`http`]: records, what a session may do, the queue, the API.
-//! - [`mod@bench`]: the studies behind the charts.
+//! - [`mod@bench`]: the studies behind the charts, and CTs as files.
 //! - [`config`], [`telemetry`], [`serve`], [`demo`], [`cli`]: the program.
 //!
 //! Units everywhere: mm, N, MPa, s, radian; coordinates patient LPS.

@@ -73,7 +73,8 @@ async fn a_dicom_series_becomes_surfaces_and_nothing_of_the_patient_is_kept() {
     let app = TestApp::new().await;
     let session = app.session().await;
     let mut files = stack(&[0.0, 4.0, 8.0, 12.0, 16.0]);
-    files.extend([slice("1.2.9", 0, 0.0), slice("1.2.9", 1, 4.0), b"a note".to_vec()]);
+    files.extend((0..4).map(|k| slice("1.2.9", k, 4.0 * k as f64)));
+    files.push(b"a note".to_vec());
     let job = app.finish(app.upload(&format!("{session}/ct"), archive(&files)).await).await;
     assert_eq!(job["status"], "succeeded");
     let warnings = job["warnings"].to_string();
@@ -109,6 +110,7 @@ async fn series_that_cannot_be_read_are_refused_by_the_upload() {
         ("", archive(&other_syntax), "which is not read"),
         ("", archive(&with_missing_bytes), "bytes, but"),
         ("", archive(&[b"a note".to_vec()]), "no DICOM images"),
+        ("", even[0].clone(), "at least 4 along each axis"),
         ("", zip[..zip.len() - 40].to_vec(), "damaged or cut off"),
         ("", zip[..zip.len() / 2].to_vec(), "damaged or cut off"),
         ("?series=3", zip.clone(), "is not there"),

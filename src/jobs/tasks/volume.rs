@@ -10,6 +10,8 @@ use crate::store::{BlobInfo, PartKind, PartRecord, SessionId, now_rfc3339};
 
 /// Bytes that are looked over at once, on a thread for requests.
 const BATCH: usize = 1 << 20;
+/// Fewest voxels along an axis that surfaces can be taken from.
+const MIN_EXTENT: usize = 4;
 /// Bytes that show the format.
 const BEGINNING: u64 = 1 << 10;
 
@@ -115,6 +117,11 @@ async fn read_ct(
         .compute(move |_, _| {
             let read = volume_with(&bytes, &limits, &settings).map_err(|e| refused(&e))?;
             drop(bytes);
+            let dims = read.volume.dims;
+            if dims.iter().any(|d| *d < MIN_EXTENT) {
+                let detail = format!("{dims:?} voxels, but at least {MIN_EXTENT} along each axis are needed");
+                return Err(Fault::new(FaultKind::VolumeNotUsable, detail).at(PartKind::Ct.as_str()).into());
+            }
             Ok((nifti_gz(&read.volume), read.format, read.warnings))
         })
         .await

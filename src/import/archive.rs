@@ -94,6 +94,7 @@ fn fault(error: &ZipError) -> ImportError {
         ZipError::UnsupportedArchive(_) | ZipError::CompressionMethodNotSupported(_) => {
             "the archive is packed in a way that is not read; read are stored and deflated files"
         }
+        #[expect(clippy::wildcard_enum_match_arm, reason = "the crate's errors may grow; all others are damage")]
         _ => "the archive is damaged or cut off",
     };
     malformed(FORMAT, detail)

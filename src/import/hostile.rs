@@ -109,9 +109,12 @@ impl Dice {
     }
 }
 
-/// Files of every format, and how each is read: an error's text or nothing.
-fn readers() -> Vec<(Vec<u8>, bool, Box<dyn Fn(&[u8]) -> Result<(), String>>)> {
-    let mut all: Vec<(Vec<u8>, bool, Box<dyn Fn(&[u8]) -> Result<(), String>>)> = Vec::new();
+/// A file, whether a shorter one shows that it was cut off, and how it is read: an error's text or nothing.
+type Sound = (Vec<u8>, bool, Box<dyn Fn(&[u8]) -> Result<(), String>>);
+
+/// Files of every format.
+fn readers() -> Vec<Sound> {
+    let mut all: Vec<Sound> = Vec::new();
     for (format, bytes, ends) in surfaces() {
         let read = move |b: &[u8]| surface(b, format, &LIMITS).map(|_| ()).map_err(|e| e.to_string());
         all.push((bytes, ends, Box::new(read)));

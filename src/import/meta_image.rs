@@ -88,8 +88,11 @@ pub(super) fn read(
     Ok(Volume { dims, origin, axes, hu })
 }
 
+/// Key and value of a line.
+type Field<'a> = (&'a str, &'a str);
+
 /// Keys and values up to `ElementDataFile`, and what follows its line.
-fn split(bytes: &[u8]) -> Option<(Vec<(&str, &str)>, &[u8])> {
+fn split(bytes: &[u8]) -> Option<(Vec<Field<'_>>, &[u8])> {
     let mut rest = bytes.get(..bytes.len().min(MAX_HEADER))?;
     let mut fields = Vec::new();
     let mut read = 0usize;

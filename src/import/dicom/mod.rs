@@ -100,7 +100,11 @@ fn decode(
             ImportError::Malformed { format, detail } => {
                 malformed(format, format!("file {}: {detail}", image.file.saturating_add(1)))
             }
-            other => other,
+            other @ (ImportError::Empty
+            | ImportError::UnknownFormat { .. }
+            | ImportError::TooLarge { .. }
+            | ImportError::ImplausibleSize { .. }
+            | ImportError::Geometry(_)) => other,
         };
         let bytes = fetch(image.file)?;
         let set = DataSet::open(&bytes).map_err(named)?;

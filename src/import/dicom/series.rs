@@ -19,6 +19,9 @@ pub(super) struct Image {
     pub(super) place: Place,
 }
 
+/// An identifier and the images that have it.
+type Series = (Vec<u8>, Vec<(usize, Header)>);
+
 /// Images of one size and direction.
 #[derive(Debug)]
 pub(super) struct Stack {
@@ -36,14 +39,17 @@ pub(super) fn choose(
     settings: &VolumeSettings,
     warnings: &mut Vec<String>,
 ) -> Result<Stack, ImportError> {
-    let mut all: Vec<(Vec<u8>, Vec<(usize, Header)>)> = Vec::new();
+    let mut all: Vec<Series> = Vec::new();
     for (file, header) in found {
-        match all.binary_search_by(|(uid, _)| uid.cmp(&header.series)) {
-            Ok(at) => all.get_mut(at).map(|(_, images)| images.push((file, header))),
-            Err(at) => Some(all.insert(at, (header.series.clone(), vec![(file, header)]))),
-        };
+        let at = all.binary_search_by(|(uid, _)| uid.cmp(&header.series)).unwrap_or_else(|at| {
+            all.insert(at, (header.series.clone(), Vec::new()));
+            at
+        });
+        if let Some((_, images)) = all.get_mut(at) {
+            images.push((file, header));
+        }
     }
-    let summary = |(index, (_, images)): (usize, &(Vec<u8>, Vec<(usize, Header)>))| {
+    let summary = |(index, (_, images)): (usize, &Series)| {
         let number = index.saturating_add(1);
         let modality = modality_of(images);
         let size = images.first().map_or((0, 0), |(_, h)| (h.columns, h.rows));

@@ -86,6 +86,7 @@ impl<'a> Archive<'a> {
 }
 
 /// Says what is wrong without the names in the archive, which may be a patient's.
+#[expect(clippy::wildcard_enum_match_arm, reason = "the crate's errors may grow; all others are damage")]
 fn fault(error: &ZipError) -> ImportError {
     let detail = match error {
         ZipError::UnsupportedArchive(ZipError::PASSWORD_REQUIRED) | ZipError::InvalidPassword => {
@@ -94,7 +95,6 @@ fn fault(error: &ZipError) -> ImportError {
         ZipError::UnsupportedArchive(_) | ZipError::CompressionMethodNotSupported(_) => {
             "the archive is packed in a way that is not read; read are stored and deflated files"
         }
-        #[expect(clippy::wildcard_enum_match_arm, reason = "the crate's errors may grow; all others are damage")]
         _ => "the archive is damaged or cut off",
     };
     malformed(FORMAT, detail)

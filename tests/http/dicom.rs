@@ -10,7 +10,7 @@ use crate::app::TestApp;
 const NAME: &str = "NAME^OF PATIENT";
 
 fn text(file: &mut Vec<u8>, tag: [u16; 2], vr: &[u8; 2], value: &str) {
-    let value = if value.len() % 2 == 0 { value.to_owned() } else { format!("{value} ") };
+    let value = if value.len().is_multiple_of(2) { value.to_owned() } else { format!("{value} ") };
     element(file, tag, vr, value.as_bytes());
 }
 

@@ -62,6 +62,16 @@ pub enum Locking {
     Smoothed,
 }
 
+/// What is done where a material loses ellipticity during a solve.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum UnstableMaterial {
+    /// Steps say so in their outcome; where no equilibrium is found the path ends with an error that names tissue, element and stretch.
+    #[default]
+    Report,
+    /// From there on neo-Hookean with the same small-strain moduli takes its place, as in [`Preset::Wang2009Stable`]; the outcome says so.
+    Stabilise,
+}
+
 /// What acts on a mesh beside bone.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Boundary {
@@ -122,6 +132,8 @@ pub struct SolveSettings {
     pub max_iterations: usize,
     /// Shortest substep as a share of the path, before giving up.
     pub min_substep: f64,
+    /// What is done where a material loses ellipticity.
+    pub unstable_material: UnstableMaterial,
 }
 
 impl SolveSettings {
@@ -138,6 +150,7 @@ impl SolveSettings {
             relative_residual: 1e-4,
             max_iterations: 30,
             min_substep: 1.0 / 256.0,
+            unstable_material: UnstableMaterial::default(),
         }
     }
 

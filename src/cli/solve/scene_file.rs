@@ -15,7 +15,7 @@ use crate::import::{Limits, VolumeMesh, detect_surface, surface, volume_mesh};
 use crate::jobs::SolveModel;
 use crate::mesh::{Attachment, Tissue};
 use crate::plan::{Path as SegmentPath, Plan};
-use crate::session::{D1ReadingName, LockingName, MaterialDocument, PresetName, SkinElementName};
+use crate::session::{D1ReadingName, LockingName, MaterialDocument, PresetName, SkinElementName, UnstableMaterialName};
 use crate::simulate::{ReadyMesh, Scene};
 
 /// Most steps of a path.
@@ -87,6 +87,9 @@ pub(super) struct SceneFile {
     /// Penetration that is left at most.
     #[serde(default)]
     penetration_tolerance_mm: Option<f64>,
+    /// What is done where a material loses ellipticity.
+    #[serde(default)]
+    unstable_material: UnstableMaterialName,
     /// Factor on the contact's own stiffness.
     #[serde(default)]
     contact_stiffness_factor: Option<f64>,
@@ -151,6 +154,7 @@ impl SceneFile {
         let penetration = settings.penetration_tolerance_mm;
         settings.penetration_tolerance_mm =
             positive("penetration_tolerance_mm", self.penetration_tolerance_mm, penetration, 10.0)?;
+        settings.unstable_material = self.unstable_material.into();
         settings.contact_stiffness_factor =
             positive("contact_stiffness_factor", self.contact_stiffness_factor, 1.0, 1e6)?;
         Ok(settings)

@@ -3,7 +3,9 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand, ValueEnum};
 
 use super::CommandResult;
-use crate::bench::{CollisionStudy, ContactStudy, FieldStudy, GrowthStudy, evaluate};
+use crate::bench::{
+    CollisionStudy, ContactStudy, FieldStudy, GrowthStudy, HeadSource, ModelCase, ModelStudy, evaluate, run_model_case,
+};
 use crate::field::{FieldSettings, Method, MethodSettings, Tolerance};
 
 /// Studies of `prosopon bench`.
@@ -15,6 +17,8 @@ pub(super) enum BenchCommand {
     Growth(GrowthArguments),
     /// Collision detection along a path: time against tolerance.
     Collision(CollisionArguments),
+    /// Time and error of every mechanical model on several meshes of one head, against a refined reference.
+    Models(ModelArguments),
     /// Newton's method on 20 000 points that a penalty pushes out of bone: share that converges, for each kind of field.
     Contacts(ContactArguments),
 }
@@ -118,6 +122,31 @@ pub(super) struct ContactArguments {
     csv: PathBuf,
 }
 
+#[derive(Debug, Args)]
+pub(super) struct ModelArguments {
+    /// `phantom`, or a folder with `landmarks.json` and a CT (*.nii.gz) or the surfaces skin.* and skull.*.
+    #[arg(long)]
+    scene: HeadSource,
+    /// Rows go here, the chart beside it.
+    #[arg(long, default_value = "models.csv")]
+    csv: PathBuf,
+    /// Edges of the meshes, mm.
+    #[arg(long, value_delimiter = ',', default_value = "7,5.5,4")]
+    edges_mm: Vec<f64>,
+    /// Edge of the reference's mesh, mm.
+    #[arg(long, default_value_t = 3.0)]
+    reference_mm: f64,
+    /// One case alone.
+    #[arg(long, hide = true, requires = "out", requires = "timing")]
+    case: Option<ModelCase>,
+    /// With --case: displacements go here.
+    #[arg(long, hide = true, requires = "case")]
+    out: Option<PathBuf>,
+    /// With --case: what it took, JSON.
+    #[arg(long, hide = true, requires = "case")]
+    timing: Option<PathBuf>,
+}
+
 pub(super) fn run(command: &BenchCommand) -> CommandResult {
     let out = &mut std::io::stdout();
     match command {
@@ -129,6 +158,11 @@ pub(super) fn run(command: &BenchCommand) -> CommandResult {
             (None, _, _) => return Err("give either --csv, or --points and --out".into()),
         },
         BenchCommand::Growth(a) => GrowthStudy { mesh: &a.mesh, csv: &a.csv }.run(out)?,
+        BenchCommand::Models(a) => match (&a.case, &a.out, &a.timing) {
+            (Some(case), Some(to), Some(timing)) => run_model_case(&a.scene, case, to, timing)?,
+            _ => ModelStudy { source: &a.scene, csv: &a.csv, edges_mm: &a.edges_mm, reference_mm: a.reference_mm }
+                .run(out)?,
+        },
         BenchCommand::Contacts(a) => ContactStudy { mesh: &a.mesh, csv: &a.csv }.run(out)?,
         BenchCommand::Collision(a) => {
             CollisionStudy { skull: &a.mesh, skin: &a.skin, landmarks: &a.landmarks, csv: &a.csv }.run(out)?;

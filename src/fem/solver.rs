@@ -76,7 +76,17 @@ impl<'a> Solver<'a> {
         let (mut equations, surface, warnings) = setup::equations(mesh, bodies, boundary, &settings, control)?;
         equations.times.setup_s = (control.clock())() - begin;
         let state = State { t: 0.0, x: equations.dofs.rest().to_vec(), motions: Vec::new() };
-        Ok(Self { mesh, surface, settings, equations, segments, state, substep: f64::INFINITY, stabilised: false, warnings })
+        Ok(Self {
+            mesh,
+            surface,
+            settings,
+            equations,
+            segments,
+            state,
+            substep: f64::INFINITY,
+            stabilised: false,
+            warnings,
+        })
     }
 
     /// Advances from the present path parameter to `t`: `motions(t)` gives each moving segment's motion from rest; segments

@@ -2,7 +2,9 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use crate::fem::{Model, SkinElement, SolveSettings};
-use crate::session::{D1ReadingName, LockingName, PresetName, SkinElementName, TissueLawsDocument, UnstableMaterialName};
+use crate::session::{
+    D1ReadingName, LockingName, PresetName, SkinElementName, TissueLawsDocument, UnstableMaterialName,
+};
 
 /// Mechanical model, as asked for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

@@ -1,0 +1,179 @@
+//! One model on one mesh, measured in a program of its own.
+
+use std::path::Path;
+use std::str::FromStr;
+use std::time::Instant;
+
+use serde::{Deserialize, Serialize};
+
+use super::error::{BenchError, write};
+use super::files::write_distances;
+use super::head::{Head, HeadSource};
+use super::process;
+use crate::control::Control;
+use crate::fem::{Locking, Model, PhaseTimes, Preset, SkinElement, SolveSettings};
+use crate::geometry::Vector;
+use crate::simulate::{Frame, RunSettings, SimulateError, solve};
+
+/// Streamed steps of the path, as in `prosopon demo`.
+const STEPS: usize = 6;
+
+/// A model, a cure of locking and a mesh size.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ModelCase {
+    /// Model; its skin element is the service's for it.
+    pub(super) model: Model,
+    /// Cure of locking.
+    pub(super) locking: Locking,
+    /// Edge of the mesh, mm.
+    pub(super) edge_mm: f64,
+}
+
+const MODELS: [(&str, Model); 4] = [
+    ("linear", Model::Linear),
+    ("mass_tensor", Model::MassTensor),
+    ("nonlinear", Model::Nonlinear),
+    ("mixed", Model::Mixed),
+];
+const LOCKINGS: [(&str, Locking); 2] = [("none", Locking::None), ("smoothed", Locking::Smoothed)];
+
+impl FromStr for ModelCase {
+    type Err = String;
+
+    /// `model:locking:edge`, for example `mixed:smoothed:4`.
+    fn from_str(word: &str) -> Result<Self, Self::Err> {
+        let fault = || format!("{word:?} is no case: expected model:locking:edge, such as mixed:smoothed:4");
+        let [model, locking, edge] = <[&str; 3]>::try_from(word.split(':').collect::<Vec<_>>()).map_err(|_| fault())?;
+        Ok(Self {
+            model: MODELS.iter().find(|m| m.0 == model).ok_or_else(fault)?.1,
+            locking: LOCKINGS.iter().find(|l| l.0 == locking).ok_or_else(fault)?.1,
+            edge_mm: edge.parse().map_err(|_| fault())?,
+        })
+    }
+}
+
+/// Name of a model.
+pub(super) fn model_name(model: Model) -> &'static str {
+    MODELS.iter().find(|m| m.1 == model).map_or("", |m| m.0)
+}
+
+/// Name of a cure of locking.
+pub(super) fn locking_name(locking: Locking) -> &'static str {
+    LOCKINGS.iter().find(|l| l.1 == locking).map_or("", |l| l.0)
+}
+
+impl ModelCase {
+    pub(super) fn word(&self) -> String {
+        format!("{}:{}:{}", model_name(self.model), locking_name(self.locking), self.edge_mm)
+    }
+
+    /// The service's settings for the model.
+    fn settings(&self) -> SolveSettings {
+        let settings = SolveSettings::new(self.model, Preset::Wang2009Stable.materials());
+        let skin_element = if self.model.is_linear() { SkinElement::Wedge } else { settings.skin_element };
+        SolveSettings { locking: self.locking, skin_element, ..settings }
+    }
+}
+
+/// What a case took and reached.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct ModelTiming {
+    pub(super) tetrahedra: usize,
+    pub(super) prisms: usize,
+    pub(super) unknowns: usize,
+    /// How the last step ended.
+    pub(super) outcome: String,
+    pub(super) newton_iterations: usize,
+    pub(super) factorisations: usize,
+    pub(super) max_penetration_mm: f64,
+    /// Fields, cut and mesh, s.
+    pub(super) prepare_s: f64,
+    /// The path, from the mesh to the last skin, s.
+    pub(super) solve_s: f64,
+    pub(super) first_frame_s: f64,
+    /// Of the solver: setup, tangent, factor, solve, residual, contact, line search, s.
+    pub(super) phases_s: [f64; 7],
+    /// Largest memory while solving, fields and mesh included, MB.
+    pub(super) peak_mb: Option<f64>,
+}
+
+/// Names of [`ModelTiming::phases_s`].
+pub(super) const PHASES: [&str; 7] =
+    ["setup_s", "tangent_s", "factor_s", "triangular_s", "residual_s", "contact_s", "line_search_s"];
+
+/// The phases in the order of [`PHASES`].
+pub(super) fn phases_s(p: &PhaseTimes) -> [f64; 7] {
+    [p.setup_s, p.tangent_s, p.factor_s, p.solve_s, p.residual_s, p.contact_s, p.line_search_s]
+}
+
+/// Seconds since the first call.
+pub(super) fn clock() -> f64 {
+    static START: std::sync::OnceLock<Instant> = std::sync::OnceLock::new();
+    START.get_or_init(Instant::now).elapsed().as_secs_f64()
+}
+
+/// Solves one case; writes the displacement of every vertex of the skin (three numbers each, not a number where a vertex lies on no
+/// prism) to `out`, and what it took to `timing`.
+///
+/// # Errors
+/// [`BenchError`].
+pub fn run_model_case(source: &HeadSource, case: &ModelCase, out: &Path, timing: &Path) -> Result<(), BenchError> {
+    let head = Head::load(source)?;
+    let start = Instant::now();
+    let ready = head.prepare(case.edge_mm)?;
+    let prepare_s = start.elapsed().as_secs_f64();
+    process::forget_peak();
+    let start = Instant::now();
+    let settings = RunSettings { solver: case.settings(), steps: STEPS, attachment: None };
+    let (mut last, mut first_frame_s) = (None, 0.0);
+    let mut on_frame = |frame: Frame| {
+        if frame.k == 1 {
+            first_frame_s = start.elapsed().as_secs_f64();
+        }
+        last = Some(frame);
+    };
+    let control = Control::new().with_clock(clock);
+    let outcome = solve(&head.anatomy, &ready.tissue, &ready.bone, &ready.plan, &settings, &control, &mut on_frame)?;
+    let solve_s = start.elapsed().as_secs_f64();
+    let peak_mb = process::peak_mb();
+    let last = last.ok_or_else(|| SimulateError::Anatomy { detail: "no step".to_owned() })?;
+    let mut phases = PhaseTimes::default();
+    outcome.steps.iter().for_each(|s| phases += s.phases);
+    let found = ModelTiming {
+        tetrahedra: ready.tissue.report.tetrahedra,
+        prisms: ready.tissue.report.prisms,
+        unknowns: last.report.unknowns,
+        outcome: last.report.outcome.name().to_owned(),
+        newton_iterations: outcome.steps.iter().map(|s| s.newton_iterations).sum(),
+        factorisations: outcome.steps.iter().map(|s| s.factorisations).sum(),
+        max_penetration_mm: last.report.max_penetration_mm,
+        prepare_s,
+        solve_s,
+        first_frame_s,
+        phases_s: phases_s(&phases),
+        peak_mb,
+    };
+    let vertices = head.anatomy.skin.positions().iter().zip(last.skin.positions()).zip(&ready.tissue.embedding.anchors);
+    let moved = vertices.flat_map(|((rest, now), anchor)| {
+        let u: Vector = if anchor.is_some() { now - rest } else { Vector::repeat(f64::NAN) };
+        <[f64; 3]>::from(u)
+    });
+    write_distances(out, &moved.collect::<Vec<f64>>())?;
+    let json = serde_json::to_vec(&found).map_err(std::io::Error::other)?;
+    write(timing, &json)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cases_are_read_as_they_are_written() {
+        for word in ["linear:none:6", "mixed:smoothed:2.8"] {
+            assert_eq!(word.parse::<ModelCase>().unwrap().word(), word);
+        }
+        for word in ["mixed", "mixed:none:x", "best:none:4", "mixed:some:4"] {
+            assert!(word.parse::<ModelCase>().unwrap_err().contains("is no case"));
+        }
+    }
+}

@@ -16,6 +16,9 @@ mod model_case;
 mod models;
 mod process;
 mod row;
+mod slab;
+mod solver_growth;
+mod stability;
 mod winding;
 
 pub use collision::CollisionStudy;
@@ -28,3 +31,5 @@ pub use head::HeadSource;
 pub use model_case::{ModelCase, run_model_case};
 pub use models::ModelStudy;
 pub use process::peak_mb;
+pub use solver_growth::{SlabCase, SolverGrowthStudy, run_slab_case};
+pub use stability::StabilityStudy;

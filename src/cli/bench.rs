@@ -4,7 +4,8 @@ use clap::{Args, Subcommand, ValueEnum};
 
 use super::CommandResult;
 use crate::bench::{
-    CollisionStudy, ContactStudy, FieldStudy, GrowthStudy, HeadSource, ModelCase, ModelStudy, evaluate, run_model_case,
+    CollisionStudy, ContactStudy, FieldStudy, GrowthStudy, HeadSource, ModelCase, ModelStudy, SlabCase,
+    SolverGrowthStudy, StabilityStudy, evaluate, run_model_case, run_slab_case,
 };
 use crate::field::{FieldSettings, Method, MethodSettings, Tolerance};
 
@@ -19,6 +20,10 @@ pub(super) enum BenchCommand {
     Collision(CollisionArguments),
     /// Time and error of every mechanical model on several meshes of one head, against a refined reference.
     Models(ModelArguments),
+    /// The solver's time by phase on a slab of 19 000 to 490 000 tetrahedra.
+    SolverGrowth(SolverGrowthArguments),
+    /// Every mechanical model on scenes that are hard to solve, each answer checked.
+    Stability(StabilityArguments),
     /// Newton's method on 20 000 points that a penalty pushes out of bone: share that converges, for each kind of field.
     Contacts(ContactArguments),
 }
@@ -147,6 +152,32 @@ pub(super) struct ModelArguments {
     timing: Option<PathBuf>,
 }
 
+#[derive(Debug, Args)]
+pub(super) struct SolverGrowthArguments {
+    /// Rows go here, the charts beside it.
+    #[arg(long, default_value = "solver-growth.csv")]
+    csv: PathBuf,
+    /// Sizes, from the smallest.
+    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u8).range(1..=5))]
+    sizes: u8,
+    /// One case alone.
+    #[arg(long, hide = true, requires = "timing")]
+    case: Option<SlabCase>,
+    /// With --case: what it took, JSON.
+    #[arg(long, hide = true, requires = "case")]
+    timing: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+pub(super) struct StabilityArguments {
+    /// Rows go here, the map beside it.
+    #[arg(long, default_value = "stability.csv")]
+    csv: PathBuf,
+    /// Only scenes whose names contain this.
+    #[arg(long)]
+    only: Option<String>,
+}
+
 pub(super) fn run(command: &BenchCommand) -> CommandResult {
     let out = &mut std::io::stdout();
     match command {
@@ -163,6 +194,15 @@ pub(super) fn run(command: &BenchCommand) -> CommandResult {
             _ => ModelStudy { source: &a.scene, csv: &a.csv, edges_mm: &a.edges_mm, reference_mm: a.reference_mm }
                 .run(out)?,
         },
+        BenchCommand::SolverGrowth(a) => match (&a.case, &a.timing) {
+            (Some(case), Some(timing)) => run_slab_case(case, timing)?,
+            _ => SolverGrowthStudy { csv: &a.csv, sizes: usize::from(a.sizes) }.run(out)?,
+        },
+        BenchCommand::Stability(a) => {
+            if !(StabilityStudy { csv: &a.csv, only: a.only.as_deref() }.run(out)?) {
+                return Err("an answer is wrong and does not say so: see the rows `wrong`".into());
+            }
+        }
         BenchCommand::Contacts(a) => ContactStudy { mesh: &a.mesh, csv: &a.csv }.run(out)?,
         BenchCommand::Collision(a) => {
             CollisionStudy { skull: &a.mesh, skin: &a.skin, landmarks: &a.landmarks, csv: &a.csv }.run(out)?;

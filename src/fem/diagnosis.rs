@@ -6,6 +6,7 @@ use super::newton::{Equations, Failure};
 use super::report::LostEllipticity;
 use crate::geometry::{Point, Vector};
 use crate::mesh::MixedMesh;
+use nalgebra::Matrix3;
 
 /// The error for a failure on the way to path parameter `goal`; `x` is the last equilibrium.
 pub(super) fn name(
@@ -74,6 +75,37 @@ pub(super) fn lost_ellipticity(equations: &Equations<'_>, mesh: &MixedMesh, x: &
         element: at.element,
         stretch,
         place: centre(equations, mesh, at),
+    })
+}
+
+/// Strain that a linear model may leave out, and the share of the tissue in which it may leave out more, before this is told. It leaves
+/// out half of the square of the largest stretch of `F - I`: 0.02 when turned by 11.5° or stretched by 0.2.
+const LEFT_OUT: f64 = 0.02;
+const LEFT_OUT_SHARE: f64 = 0.01;
+
+/// What to tell about a linear solution that is moved or turned too far for its model.
+pub(super) fn left_out_strain(equations: &Equations<'_>, x: &[Vector]) -> Option<String> {
+    let (mut volume, mut beyond, mut most) = (0.0, 0.0, 0.0f64);
+    for (part, p) in equations.assembly.parts().iter().enumerate() {
+        for (element, weights) in p.block.weights.chunks_exact(p.block.n_points).enumerate() {
+            let gradients = equations.assembly.deformations(Inversion { part, element }, x);
+            for (f, w) in gradients.iter().zip(weights) {
+                let stretch = (f - Matrix3::identity()).singular_values().max();
+                let left_out = 0.5 * stretch * stretch;
+                volume += w;
+                most = most.max(left_out);
+                if left_out > LEFT_OUT {
+                    beyond += w;
+                }
+            }
+        }
+    }
+    let share = beyond / volume;
+    (share > LEFT_OUT_SHARE).then(|| {
+        format!(
+            "the linear model leaves out strains above {LEFT_OUT} in {:.1} % of the tissue (up to {most:.2}): it is turned or stretched too far for small strain",
+            100.0 * share
+        )
     })
 }
 

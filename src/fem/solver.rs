@@ -300,6 +300,9 @@ impl<'a> Solver<'a> {
         if self.settings.model.is_linear() && min_det_f <= 0.0 {
             warnings.push(format!("the linear model turns elements inside out (det F down to {min_det_f:.3}): strains are too large for it"));
         }
+        if self.settings.model.is_linear() {
+            warnings.extend(diagnosis::left_out_strain(&self.equations, &self.state.x));
+        }
         let torn = self.equations.dofs.contradictions(|s| motion_of(&self.state.motions, s), HELD_TOLERANCE_MM);
         if torn > 0 {
             warnings.push(format!(

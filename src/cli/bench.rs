@@ -185,7 +185,9 @@ pub(super) fn run(command: &BenchCommand) -> CommandResult {
             (Some(csv), _, _) => {
                 FieldStudy { mesh: &a.mesh, csv, full: a.full, openvdb: a.openvdb.as_deref() }.run(out)?;
             }
-            (None, Some(points), Some(to)) => evaluate(&a.mesh, &settings(a), points, to, a.timing.as_deref())?,
+            (None, Some(points), Some(to)) => {
+                evaluate(&a.mesh, &settings(a), points, to, a.timing.as_deref(), &mut std::io::stderr())?;
+            }
             (None, _, _) => return Err("give either --csv, or --points and --out".into()),
         },
         BenchCommand::Growth(a) => GrowthStudy { mesh: &a.mesh, csv: &a.csv }.run(out)?,

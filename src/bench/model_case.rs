@@ -90,6 +90,8 @@ pub(super) struct ModelTiming {
     pub(super) prepare_s: f64,
     /// The path, from the mesh to the last skin, s.
     pub(super) solve_s: f64,
+    /// Processor time of that, all threads, s.
+    pub(super) cpu_s: Option<f64>,
     pub(super) first_frame_s: f64,
     /// Of the solver: setup, tangent, factor, solve, residual, contact, line search, s.
     pub(super) phases_s: [f64; 7],
@@ -123,7 +125,7 @@ pub fn run_model_case(source: &HeadSource, case: &ModelCase, out: &Path, timing:
     let ready = head.prepare(case.edge_mm)?;
     let prepare_s = start.elapsed().as_secs_f64();
     process::forget_peak();
-    let start = Instant::now();
+    let (start, cpu) = (Instant::now(), process::cpu_s());
     let settings = RunSettings { solver: case.settings(), steps: STEPS, attachment: None };
     let (mut last, mut first_frame_s) = (None, 0.0);
     let mut on_frame = |frame: Frame| {
@@ -135,6 +137,7 @@ pub fn run_model_case(source: &HeadSource, case: &ModelCase, out: &Path, timing:
     let control = Control::new().with_clock(clock);
     let outcome = solve(&head.anatomy, &ready.tissue, &ready.bone, &ready.plan, &settings, &control, &mut on_frame)?;
     let solve_s = start.elapsed().as_secs_f64();
+    let cpu_s = process::cpu_s().zip(cpu).map(|(after, before)| after - before);
     let peak_mb = process::peak_mb();
     let last = last.ok_or_else(|| SimulateError::Anatomy { detail: "no step".to_owned() })?;
     let mut phases = PhaseTimes::default();
@@ -149,6 +152,7 @@ pub fn run_model_case(source: &HeadSource, case: &ModelCase, out: &Path, timing:
         max_penetration_mm: last.report.max_penetration_mm,
         prepare_s,
         solve_s,
+        cpu_s,
         first_frame_s,
         phases_s: phases_s(&phases),
         peak_mb,

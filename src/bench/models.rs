@@ -151,8 +151,11 @@ impl ModelStudy<'_> {
     fn chart(&self, rows: &[Row]) -> Result<String, BenchError> {
         let curves = VARIANTS.iter().map(|&(model, locking, color)| {
             let own = rows.iter().filter(|r| r.case.model == model && r.case.locking == locking);
-            let (points, marks) =
-                own.map(|r| ((r.error.mean_abs, r.timing.solve_s), format!("{}", r.case.edge_mm))).unzip();
+            let (points, marks) = own
+                .map(|r| {
+                    ((r.error.mean_abs, r.timing.cpu_s.unwrap_or(r.timing.solve_s)), format!("{}", r.case.edge_mm))
+                })
+                .unzip();
             Curve { name: variant_name(model, locking), color, points, marks }
         });
         let title = format!(
@@ -160,7 +163,8 @@ impl ModelStudy<'_> {
             self.source.name(),
             self.reference_mm
         );
-        let labels = Labels { title: &title, x: "mean error over the face, mm", y: "solve, 6 steps, s" };
+        let labels =
+            Labels { title: &title, x: "mean error over the face, mm", y: "processor time of the solve, 6 steps, s" };
         chart::draw(&labels, &curves.collect::<Vec<_>>())
     }
 }
@@ -182,7 +186,7 @@ fn describe(t: &ModelTiming) -> String {
 fn columns() -> String {
     let phases = PHASES.join(",");
     format!(
-        "scene,model,locking,edge_mm,outcome,tetrahedra,prisms,unknowns,newton_iterations,factorisations,max_penetration_mm,prepare_s,solve_s,first_frame_s,{phases},other_s,peak_mb,points,mean_error_mm,p95_error_mm,max_error_mm"
+        "scene,model,locking,edge_mm,outcome,tetrahedra,prisms,unknowns,newton_iterations,factorisations,max_penetration_mm,prepare_s,solve_s,cpu_s,first_frame_s,{phases},other_s,peak_mb,points,mean_error_mm,p95_error_mm,max_error_mm"
     )
 }
 
@@ -214,7 +218,7 @@ impl Row {
             format!("{},{:.5},{:.5},{:.5}", e.count, e.mean_abs, e.p95, e.max)
         };
         format!(
-            "{},{},{},{},{},{},{},{},{},{},{:.4},{:.3},{:.3},{:.3},{},{other_s:.3},{},{error}",
+            "{},{},{},{},{},{},{},{},{},{},{:.4},{:.3},{:.3},{},{:.3},{},{other_s:.3},{},{error}",
             source.name(),
             model_name(self.case.model),
             locking_name(self.case.locking),
@@ -228,6 +232,7 @@ impl Row {
             t.max_penetration_mm,
             t.prepare_s,
             t.solve_s,
+            t.cpu_s.map_or(String::new(), |s| format!("{s:.2}")),
             t.first_frame_s,
             phases.join(","),
             t.peak_mb.map_or(String::new(), |mb| format!("{mb:.0}")),
@@ -238,19 +243,20 @@ impl Row {
 /// The rows as a reader wants them.
 fn table(rows: &[Row]) -> String {
     let mut text = String::from(
-        "model                  h mm   tetra. prisms unknowns  solve s (setup tangent factor triang. residual contact search) peak MB   mean    P95    max mm\n",
+        "model                  h mm   tetra. prisms unknowns  solve s  CPU s (setup tangent factor triang. residual contact search) peak MB   mean    P95    max mm\n",
     );
     for r in rows {
         let t = &r.timing;
         let phases: Vec<String> = t.phases_s.iter().map(|s| format!("{s:6.2}")).collect();
         text += &format!(
-            "{:<21} {:>5} {:>8} {:>6} {:>8} {:>8.2} ({}) {:>6.0} {:>8.4} {:>6.3} {:>6.3}\n",
+            "{:<21} {:>5} {:>8} {:>6} {:>8} {:>8.2} {:>6.1} ({}) {:>6.0} {:>8.4} {:>6.3} {:>6.3}\n",
             variant_name(r.case.model, r.case.locking),
             r.case.edge_mm,
             t.tetrahedra,
             t.prisms,
             t.unknowns,
             t.solve_s,
+            t.cpu_s.unwrap_or_default(),
             phases.join(" "),
             t.peak_mb.unwrap_or_default(),
             r.error.mean_abs,

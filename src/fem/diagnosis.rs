@@ -37,6 +37,13 @@ pub(super) fn name(
             found_mm,
             allowed_mm: equations.limits.penetration_tolerance_mm,
         },
+        Failure::PassedThrough { body, place } => SolveError::PassedThrough {
+            path_share: goal,
+            segment: equations.contact.bodies()[body].segment,
+            x: place.x,
+            y: place.y,
+            z: place.z,
+        },
         Failure::Indefinite => {
             SolveError::Factorisation { detail: format!("it is not positive definite at {goal:.4} of the path") }
         }

@@ -233,6 +233,13 @@ impl<'a> Solver<'a> {
             .and_then(|mut x| {
                 let found = self.equations.equilibrate(&mut x, &body_motions, goal, control)?;
                 Ok((x, found))
+            })
+            .and_then(|(x, found)| {
+                let before = self.body_motions(&self.state.motions);
+                match self.equations.contact.passed_through((&self.state.x, &x), (&before, &body_motions)) {
+                    Some((body, place)) => Err(Failure::PassedThrough { body, place }),
+                    None => Ok((x, found)),
+                }
             });
         match attempt {
             Ok((x, found)) => {

@@ -28,7 +28,7 @@ pub use evaluate::evaluate;
 pub use field::FieldStudy;
 pub use growth::GrowthStudy;
 pub use head::HeadSource;
-pub use model_case::{ModelCase, run_model_case};
+pub use model_case::{ModelCase, run_model_cases};
 pub use models::ModelStudy;
 pub use process::peak_mb;
 pub use solver_growth::{SlabCase, SolverGrowthStudy, run_slab_case};

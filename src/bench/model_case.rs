@@ -1,4 +1,4 @@
-//! One model on one mesh, measured in a program of its own.
+//! Models on one mesh, measured in a program of their own.
 
 use std::path::Path;
 use std::str::FromStr;
@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::error::{BenchError, write};
 use super::files::write_distances;
-use super::head::{Head, HeadSource};
+use super::head::{Head, HeadSource, Prepared};
 use super::process;
 use crate::control::Control;
 use crate::fem::{Locking, Model, PhaseTimes, Preset, SkinElement, SolveSettings};
@@ -114,16 +114,39 @@ pub(super) fn clock() -> f64 {
     START.get_or_init(Instant::now).elapsed().as_secs_f64()
 }
 
-/// Solves one case; writes the displacement of every vertex of the skin (three numbers each, not a number where a vertex lies on no
-/// prism) to `out`, and what it took to `timing`.
+/// What came of a case: the measurement, or why the solver refused it.
+pub(super) type Measured = Result<ModelTiming, String>;
+
+/// Solves cases on one mesh, in order, and writes what they took to `timing`, JSON; of each that was solved the displacement of every vertex
+/// of the skin (three numbers each, not a number where a vertex lies on no prism) to `out` with the case's number from 0 as extension.
 ///
 /// # Errors
-/// [`BenchError`].
-pub fn run_model_case(source: &HeadSource, case: &ModelCase, out: &Path, timing: &Path) -> Result<(), BenchError> {
+/// [`BenchError`]; a solver's refusal is a result.
+pub fn run_model_cases(source: &HeadSource, cases: &[ModelCase], out: &Path, timing: &Path) -> Result<(), BenchError> {
     let head = Head::load(source)?;
+    let edge_mm = cases.first().map_or(f64::NAN, |c| c.edge_mm);
+    if cases.iter().any(|c| c.edge_mm != edge_mm) {
+        return Err(BenchError::Head { detail: "the cases are of several meshes".to_owned() });
+    }
     let start = Instant::now();
-    let ready = head.prepare(case.edge_mm)?;
+    let ready = head.prepare(edge_mm)?;
     let prepare_s = start.elapsed().as_secs_f64();
+    let mut all: Vec<Measured> = Vec::new();
+    for (n, case) in cases.iter().enumerate() {
+        let measured = match solved(&head, &ready, case) {
+            Ok((found, moved)) => {
+                write_distances(&out.with_extension(n.to_string()), &moved)?;
+                Ok(ModelTiming { prepare_s, ..found })
+            }
+            Err(BenchError::Scene(SimulateError::Solve(error))) => Err(error.to_string()),
+            Err(other) => return Err(other),
+        };
+        all.push(measured);
+    }
+    write(timing, &serde_json::to_vec(&all).map_err(std::io::Error::other)?)
+}
+
+fn solved(head: &Head, ready: &Prepared, case: &ModelCase) -> Result<(ModelTiming, Vec<f64>), BenchError> {
     process::forget_peak();
     let (start, cpu) = (Instant::now(), process::cpu_s());
     let settings = RunSettings { solver: case.settings(), steps: STEPS, attachment: None };
@@ -139,7 +162,7 @@ pub fn run_model_case(source: &HeadSource, case: &ModelCase, out: &Path, timing:
     let solve_s = start.elapsed().as_secs_f64();
     let cpu_s = process::cpu_s().zip(cpu).map(|(after, before)| after - before);
     let peak_mb = process::peak_mb();
-    let last = last.ok_or_else(|| SimulateError::Anatomy { detail: "no step".to_owned() })?;
+    let last = last.ok_or_else(|| BenchError::Head { detail: "no step".to_owned() })?;
     let mut phases = PhaseTimes::default();
     outcome.steps.iter().for_each(|s| phases += s.phases);
     let found = ModelTiming {
@@ -150,7 +173,7 @@ pub fn run_model_case(source: &HeadSource, case: &ModelCase, out: &Path, timing:
         newton_iterations: outcome.steps.iter().map(|s| s.newton_iterations).sum(),
         factorisations: outcome.steps.iter().map(|s| s.factorisations).sum(),
         max_penetration_mm: last.report.max_penetration_mm,
-        prepare_s,
+        prepare_s: 0.0,
         solve_s,
         cpu_s,
         first_frame_s,
@@ -162,9 +185,7 @@ pub fn run_model_case(source: &HeadSource, case: &ModelCase, out: &Path, timing:
         let u: Vector = if anchor.is_some() { now - rest } else { Vector::repeat(f64::NAN) };
         <[f64; 3]>::from(u)
     });
-    write_distances(out, &moved.collect::<Vec<f64>>())?;
-    let json = serde_json::to_vec(&found).map_err(std::io::Error::other)?;
-    write(timing, &json)
+    Ok((found, moved.collect()))
 }
 
 #[cfg(test)]

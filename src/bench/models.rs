@@ -8,15 +8,15 @@ use super::chart::{self, Curve, Labels};
 use super::error::{BenchError, read, write};
 use super::files::{Scratch, read_distances, refuse_unwritable};
 use super::head::{Head, HeadSource};
-use super::model_case::{ModelCase, ModelTiming, PHASES, locking_name, model_name};
+use super::model_case::{Measured, ModelCase, ModelTiming, PHASES, locking_name, model_name};
 use crate::evaluate::{Statistics, statistics};
 use crate::fem::{Locking, Model};
 use crate::geometry::Vector;
 
-/// Models of the study with the colours of their curves (Okabe and Ito).
+/// Models of the study by rising memory, with the colours of their curves (Okabe and Ito).
 const VARIANTS: [(Model, Locking, RGBColor); 6] = [
-    (Model::Linear, Locking::None, RGBColor(230, 159, 0)),
     (Model::MassTensor, Locking::None, RGBColor(86, 180, 233)),
+    (Model::Linear, Locking::None, RGBColor(230, 159, 0)),
     (Model::Nonlinear, Locking::None, RGBColor(0, 158, 115)),
     (Model::Mixed, Locking::None, RGBColor(0, 114, 178)),
     (Model::Nonlinear, Locking::Smoothed, RGBColor(204, 121, 167)),
@@ -25,7 +25,7 @@ const VARIANTS: [(Model, Locking, RGBColor); 6] = [
 
 /// Time and error of every model on several meshes of one head, against the best model on a finer mesh.
 ///
-/// Each case runs as a program of its own, so that memory is not shared. Errors are lengths of the difference of two displacements at the
+/// The cases of each mesh run in a program of their own, those that need more memory later. Errors are lengths of the difference of two displacements at the
 /// same vertices of the skin: those in the regions of the face that lie on a prism of every mesh.
 #[derive(Debug)]
 pub struct ModelStudy<'a> {
@@ -68,25 +68,17 @@ impl ModelStudy<'_> {
         let head = Head::load(self.source)?;
         let scratch = Scratch::new()?;
         let reference = ModelCase { model: Model::Mixed, locking: Locking::Smoothed, edge_mm: self.reference_mm };
-        let reference = self.measure(reference, &scratch)?;
-        writeln!(out, "reference: {}, {}", reference.case.word(), describe(&reference.timing))?;
-        let mut solved = Vec::new();
-        let mut refused = Vec::new();
-        for (model, locking, _) in VARIANTS {
-            for &edge_mm in self.edges_mm {
-                let case = ModelCase { model, locking, edge_mm };
-                match self.measure(case, &scratch) {
-                    Ok(found) => {
-                        writeln!(out, "{}: {}", case.word(), describe(&found.timing))?;
-                        solved.push(found);
-                    }
-                    Err(BenchError::Row { case, detail }) => {
-                        writeln!(out, "{case}: refused: {detail}")?;
-                        refused.push((case, detail));
-                    }
-                    Err(other) => return Err(other),
-                }
-            }
+        let (mut reference, refused) = self.measure(&[reference], &scratch, out)?;
+        let Some(reference) = reference.pop() else {
+            let detail = refused.into_iter().map(|r| r.1).collect();
+            return Err(BenchError::Row { case: "the reference".to_owned(), detail });
+        };
+        let (mut solved, mut refused) = (Vec::new(), Vec::new());
+        for &edge_mm in self.edges_mm {
+            let cases = VARIANTS.map(|(model, locking, _)| ModelCase { model, locking, edge_mm });
+            let (found, not) = self.measure(&cases, &scratch, out)?;
+            solved.extend(found);
+            refused.extend(not);
         }
         let rows = self.compare(&head, &reference, solved)?;
         let mut text = format!("{}\n", columns());
@@ -99,7 +91,7 @@ impl ModelStudy<'_> {
             text += &format!(
                 "{},{},refused: {}\n",
                 self.source.name(),
-                case.replace(':', ","),
+                case.word().replace(':', ","),
                 detail.replace([',', '\n'], ";")
             );
         }
@@ -111,19 +103,40 @@ impl ModelStudy<'_> {
         Ok(())
     }
 
-    fn measure(&self, case: ModelCase, scratch: &Scratch) -> Result<Solved, BenchError> {
-        let failed = |detail: String| BenchError::Row { case: case.word(), detail };
+    /// Cases of one mesh in one program: those that were solved, and the others with the reason.
+    fn measure(
+        &self,
+        cases: &[ModelCase],
+        scratch: &Scratch,
+        out: &mut dyn Write,
+    ) -> Result<(Vec<Solved>, Vec<(ModelCase, String)>), BenchError> {
+        let words: Vec<String> = cases.iter().map(ModelCase::word).collect();
+        let failed = |detail: String| BenchError::Row { case: words.join(","), detail };
         let (values, timing) = (scratch.path("moved.bin"), scratch.path("timing.json"));
         let mut program = Command::new(std::env::current_exe().map_err(|e| failed(e.to_string()))?);
-        program.args(["bench", "models", "--scene", &self.source.word(), "--case", &case.word()]);
+        program.args(["bench", "models", "--scene", &self.source.word(), "--cases", &words.join(",")]);
         program.arg("--out").arg(&values).arg("--timing").arg(&timing);
         let done = program.output().map_err(|e| failed(e.to_string()))?;
         if !done.status.success() {
             return Err(failed(String::from_utf8_lossy(&done.stderr).trim().to_owned()));
         }
-        let timing: ModelTiming = serde_json::from_slice(&read(&timing)?).map_err(|e| failed(e.to_string()))?;
-        let moved = read_distances(&values)?.as_chunks::<3>().0.iter().map(|&u| Vector::from(u)).collect();
-        Ok(Solved { case, timing, moved })
+        let timings: Vec<Measured> = serde_json::from_slice(&read(&timing)?).map_err(|e| failed(e.to_string()))?;
+        let (mut solved, mut refused) = (Vec::new(), Vec::new());
+        for (n, (&case, timing)) in cases.iter().zip(timings).enumerate() {
+            match timing {
+                Ok(timing) => {
+                    writeln!(out, "{}: {}", case.word(), describe(&timing))?;
+                    let moved = read_distances(&values.with_extension(n.to_string()))?;
+                    let moved = moved.as_chunks::<3>().0.iter().map(|&u| Vector::from(u)).collect();
+                    solved.push(Solved { case, timing, moved });
+                }
+                Err(detail) => {
+                    writeln!(out, "{}: refused: {detail}", case.word())?;
+                    refused.push((case, detail));
+                }
+            }
+        }
+        Ok((solved, refused))
     }
 
     fn compare(&self, head: &Head, reference: &Solved, solved: Vec<Solved>) -> Result<Vec<Row>, BenchError> {

@@ -5,7 +5,7 @@ use clap::{Args, Subcommand, ValueEnum};
 use super::CommandResult;
 use crate::bench::{
     CollisionStudy, ContactStudy, FieldStudy, GrowthStudy, HeadSource, ModelCase, ModelStudy, SlabCase,
-    SolverGrowthStudy, StabilityStudy, evaluate, run_model_case, run_slab_case,
+    SolverGrowthStudy, StabilityStudy, evaluate, run_model_cases, run_slab_case,
 };
 use crate::field::{FieldSettings, Method, MethodSettings, Tolerance};
 
@@ -141,14 +141,14 @@ pub(super) struct ModelArguments {
     /// Edge of the reference's mesh, mm.
     #[arg(long, default_value_t = 3.0)]
     reference_mm: f64,
-    /// One case alone.
-    #[arg(long, hide = true, requires = "out", requires = "timing")]
-    case: Option<ModelCase>,
-    /// With --case: displacements go here.
-    #[arg(long, hide = true, requires = "case")]
+    /// Some cases of one mesh alone.
+    #[arg(long, hide = true, value_delimiter = ',', requires = "out", requires = "timing")]
+    cases: Vec<ModelCase>,
+    /// With --cases: displacements go here.
+    #[arg(long, hide = true, requires = "cases")]
     out: Option<PathBuf>,
-    /// With --case: what it took, JSON.
-    #[arg(long, hide = true, requires = "case")]
+    /// With --cases: what they took, JSON.
+    #[arg(long, hide = true, requires = "cases")]
     timing: Option<PathBuf>,
 }
 
@@ -191,8 +191,8 @@ pub(super) fn run(command: &BenchCommand) -> CommandResult {
             (None, _, _) => return Err("give either --csv, or --points and --out".into()),
         },
         BenchCommand::Growth(a) => GrowthStudy { mesh: &a.mesh, csv: &a.csv }.run(out)?,
-        BenchCommand::Models(a) => match (&a.case, &a.out, &a.timing) {
-            (Some(case), Some(to), Some(timing)) => run_model_case(&a.scene, case, to, timing)?,
+        BenchCommand::Models(a) => match (&a.out, &a.timing) {
+            (Some(to), Some(timing)) => run_model_cases(&a.scene, &a.cases, to, timing)?,
             _ => ModelStudy { source: &a.scene, csv: &a.csv, edges_mm: &a.edges_mm, reference_mm: a.reference_mm }
                 .run(out)?,
         },

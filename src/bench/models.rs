@@ -171,13 +171,13 @@ impl ModelStudy<'_> {
                 .unzip();
             Curve { name: variant_name(model, locking), color, points, marks }
         });
-        let title = format!(
-            "Le Fort I on the {}: time of the path against the error on the face (marks: mesh edge, mm; reference: mixed, smoothed, {} mm)",
-            self.source.name(),
-            self.reference_mm
-        );
-        let labels =
-            Labels { title: &title, x: "mean error over the face, mm", y: "processor time of the solve, 6 steps, s" };
+        let title =
+            format!("Le Fort I on the {} (reference: mixed, smoothed, {} mm)", self.source.name(), self.reference_mm);
+        let labels = Labels {
+            title: &title,
+            x: "mean error over the face, mm (marks: edge of the mesh, mm)",
+            y: "processor time of the solve, 6 steps, s",
+        };
         chart::draw(&labels, &curves.collect::<Vec<_>>())
     }
 }

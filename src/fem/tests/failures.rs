@@ -148,13 +148,13 @@ fn a_linear_model_turned_too_far_and_elements_that_lock_are_told() {
     };
     assert!(!told(0.2) && told(4.0));
     let mut materials = Preset::Wang2009Stable.materials();
-    materials.fat = Material::neo_hookean(0.012, 0.499);
-    let locks = |locking: Locking| {
+    let mut locks = |poisson: f64, locking: Locking| {
+        materials.fat = Material::neo_hookean(0.012, poisson);
         let settings = SolveSettings { locking, ..SolveSettings::new(Model::Mixed, materials) };
         let mut solver = Solver::new(&mesh, vec![], settings, &control).unwrap();
         solver.advance(0.1, &push(1.0), &control).unwrap().warnings.iter().any(|w| w.contains("ratio of fat is above"))
     };
-    assert!(locks(Locking::None) && !locks(Locking::Smoothed));
+    assert!(locks(0.499, Locking::None) && !locks(0.499, Locking::Smoothed) && locks(0.4999, Locking::Smoothed));
 }
 
 #[test]

@@ -6,8 +6,8 @@ use super::cell::{Cell, Verdict};
 use super::method::METHODS;
 use crate::bench::error::BenchError;
 
-const SCENES_WIDE: i32 = 330;
-const CELL_WIDE: i32 = 188;
+const SCENES_WIDE: i32 = 400;
+const CELL_WIDE: i32 = 216;
 const ROW_HIGH: i32 = 30;
 const HEAD_HIGH: i32 = 76;
 const FOOT_HIGH: i32 = 74;

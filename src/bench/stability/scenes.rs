@@ -127,7 +127,7 @@ pub(super) fn all() -> Result<Vec<HardScene>, BenchError> {
         between_plates(),
     ];
     scenes.extend([0.49, 0.499, 0.4999].map(nearly_incompressible));
-    scenes.extend([1e-3, 1e3, 1e6].into_iter().map(|factor| stiff_contact(factor)).collect::<Result<Vec<_>, _>>()?);
+    scenes.extend([1e-3, 1e3, 1e6].into_iter().map(stiff_contact).collect::<Result<Vec<_>, _>>()?);
     scenes.push(thin_bone());
     scenes.extend(dirty_bones()?);
     for (name, reading) in [

@@ -192,6 +192,8 @@ fn bad_scenes_are_refused_with_the_place() {
         ("segments", json!({"0": {}}), "segment 0 is the skull"),
         ("segments", json!({"2": {"translation_mm": [0, 0, 1]}}), "/segments/2: no point"),
         ("segments", json!({"1": {"rotation": {}}}), "/segments/1/rotation"),
+        ("segments", json!({"1": [[0, 0, 1]]}), "segments.1: invalid type: sequence"),
+        ("materials", json!({"skin": ["neo_hookean", 0.45], "fat": {}}), "/materials/skin: invalid type: sequence"),
         ("segments", json!({"1": {"translation_mm": [0, 0, 1e9]}}), "/segments/1/translation_mm/2"),
         ("bones", json!({"1": "slab.vtu"}), "no STL, PLY or OBJ"),
         ("relative_residual", json!(0.5), "/relative_residual"),

@@ -30,4 +30,4 @@ mod vtu;
 pub use error::{ImportError, Limits};
 pub use surface::{SurfaceFormat, detect_surface, surface};
 pub use volume::{Volume, VolumeScan, volume};
-pub use vtu::{Cell, DataArray, VolumeMesh, volume_mesh};
+pub use vtu::{Cell, DataArray, VolumeMesh, is_legacy_vtk, volume_mesh};

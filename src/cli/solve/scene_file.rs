@@ -11,6 +11,7 @@ use crate::fem::SolveSettings;
 use crate::fem::material::Materials;
 use crate::field::{FieldSettings, MethodSettings, SignedField};
 use crate::http::dto::{RotationRequest, file_material, segment_motion};
+use crate::http::{strict_json, strict_value};
 use crate::import::{Limits, VolumeMesh, detect_surface, surface, volume_mesh};
 use crate::jobs::SolveModel;
 use crate::mesh::{Attachment, Tissue};
@@ -114,11 +115,7 @@ impl SceneFile {
     /// Reads the JSON.
     pub(super) fn read(path: &Path) -> Result<Self, SceneError> {
         let bytes = read(path)?;
-        let mut deserializer = serde_json::Deserializer::from_slice(&bytes);
-        let json = |detail: String| SceneError::Json { path: path.to_owned(), detail };
-        let scene = serde_path_to_error::deserialize(&mut deserializer).map_err(|e| json(e.to_string()))?;
-        deserializer.end().map_err(|e| json(e.to_string()))?;
-        Ok(scene)
+        strict_json(&bytes).map_err(|e| SceneError::Json { path: path.to_owned(), detail: e.to_string() })
     }
 
     /// Reads what it names and builds the scene; also the mesh as its file has it, and warnings.
@@ -213,8 +210,7 @@ impl SceneFile {
                 }
                 continue;
             };
-            let document: MaterialDocument =
-                serde_path_to_error::deserialize(law).map_err(|e| value(place.clone(), e.to_string()))?;
+            let document: MaterialDocument = strict_value(law).map_err(|e| value(place.clone(), e.to_string()))?;
             let material = file_material(&place, &document).map_err(|faults| value("values", faults.to_string()))?;
             materials.set(tissue, material);
         }

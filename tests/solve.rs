@@ -110,8 +110,7 @@ fn a_tied_scene_is_solved_by_every_model() {
         let (summary, file) = solved(folder.path(), &scene);
         let mut keys: Vec<&String> = summary.as_object().unwrap().keys().collect();
         keys.sort_unstable();
-        let expected =
-            "converged max_penetration_mm newton_iterations peak_mb solve_wall_s total_wall_s unknowns warnings";
+        let expected = "converged max_penetration_mm newton_iterations outcome peak_mb solve_wall_s total_wall_s unknowns warnings";
         assert_eq!(keys, expected.split(' ').collect::<Vec<_>>());
         assert_eq!((&summary["converged"], &summary["warnings"]), (&json!(true), &json!([])), "{model}");
         let moved = &file.point_array("displacement_mm").unwrap().values;
@@ -193,6 +192,8 @@ fn bad_scenes_are_refused_with_the_place() {
         ("segments", json!({"0": {}}), "segment 0 is the skull"),
         ("segments", json!({"2": {"translation_mm": [0, 0, 1]}}), "/segments/2: no point"),
         ("segments", json!({"1": {"rotation": {}}}), "/segments/1/rotation"),
+        ("segments", json!({"1": [[0, 0, 1]]}), "segments.1: invalid type: sequence"),
+        ("materials", json!({"skin": ["neo_hookean", 0.45], "fat": {}}), "/materials/skin: invalid type: sequence"),
         ("segments", json!({"1": {"translation_mm": [0, 0, 1e9]}}), "/segments/1/translation_mm/2"),
         ("bones", json!({"1": "slab.vtu"}), "no STL, PLY or OBJ"),
         ("relative_residual", json!(0.5), "/relative_residual"),

@@ -17,6 +17,8 @@ pub(super) struct Curve {
     pub(super) color: RGBColor,
     /// Positive coordinates.
     pub(super) points: Vec<(f64, f64)>,
+    /// A word beside each of the first points.
+    pub(super) marks: Vec<String>,
 }
 
 /// Title and axes.
@@ -61,7 +63,7 @@ fn by_builder(rows: &[Row], x: fn(&Row) -> f64, y: fn(&Row) -> f64) -> Vec<Curve
             Builder::Ours(method) => color(method),
             Builder::OpenVdb => RGBColor(86, 180, 233),
         };
-        Curve { name: builder.name().to_owned(), color, points }
+        Curve { name: builder.name().to_owned(), color, points, marks: Vec::new() }
     };
     Builder::all().map(curve).collect()
 }
@@ -120,6 +122,11 @@ fn drawn(svg: &mut String, labels: &Labels, curves: &[Curve]) -> Result<(), Stri
         chart.draw_series(LineSeries::new(curve.points.iter().copied(), line)).map_err(|e| e.to_string())?;
         let dots = curve.points.iter().map(|&p| Circle::new(p, 4 + wide, curve.color.filled()));
         chart.draw_series(dots).map_err(|e| e.to_string())?;
+        let marks = curve.points.iter().zip(&curve.marks).map(|(&point, mark)| {
+            let word = Text::new(mark.clone(), (8, 2), ("sans-serif", 13).into_font().color(&curve.color));
+            EmptyElement::at(point) + word
+        });
+        chart.draw_series(marks).map_err(|e| e.to_string())?;
         // Beside the plot, where nothing can lie below.
         let (left, middle) = ((SIZE.0 - LEGEND) as i32 + 12, 64 + 26 * n as i32);
         root.draw(&PathElement::new([(left, middle), (left + 22, middle)], line)).map_err(|e| e.to_string())?;
@@ -161,9 +168,14 @@ mod tests {
     #[test]
     fn a_chart_names_its_axes_and_curves_and_one_of_nothing_is_refused() {
         let labels = Labels { title: "title", x: "across", y: "up" };
-        let curve = Curve { name: "hybrid".to_owned(), color: BLACK, points: vec![(0.1, 3.0), (1.0, 30.0)] };
+        let curve = Curve {
+            name: "hybrid".to_owned(),
+            color: BLACK,
+            points: vec![(0.1, 3.0), (1.0, 30.0)],
+            marks: vec!["finest".to_owned()],
+        };
         let svg = draw(&labels, &[curve]).unwrap();
-        for text in ["<svg", "title", "across", "up", "hybrid", "</svg>"] {
+        for text in ["<svg", "title", "across", "up", "hybrid", "finest", "</svg>"] {
             assert!(svg.contains(text), "{text}");
         }
         assert!(matches!(draw(&labels, &[]), Err(BenchError::Chart { .. })));

@@ -10,7 +10,7 @@ use serde::Deserialize;
 
 use super::chart::{self, Curve, Labels, color};
 use super::error::{BenchError, read, write};
-use super::files::read_surface;
+use super::files::{read_surface, refuse_unwritable};
 use crate::control::Control;
 use crate::field::{FieldSettings, Method, MethodSettings, SignedField, Tolerance};
 use crate::geometry::{Implicit, Motion, Point, TriMesh, Vector};
@@ -103,6 +103,7 @@ impl CollisionStudy<'_> {
     /// # Errors
     /// [`BenchError`].
     pub fn run(&self, out: &mut dyn Write) -> Result<(), BenchError> {
+        refuse_unwritable(self.csv)?;
         let (bone, points) = self.scene()?;
         writeln!(
             out,
@@ -236,7 +237,7 @@ fn chart(all: &[Measured]) -> Result<String, BenchError> {
         };
         match curves.iter_mut().find(|c| c.name == m.method) {
             Some(curve) => curve.points.extend(points),
-            None => curves.push(Curve { name: m.method.clone(), color, points }),
+            None => curves.push(Curve { name: m.method.clone(), color, points, marks: Vec::new() }),
         }
     }
     let labels = Labels {

@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Rotation3, SymmetricEigen};
 use rayon::prelude::*;
 
 use super::error::{BenchError, write};
-use super::files::read_surface;
+use super::files::{read_surface, refuse_unwritable};
 use crate::control::Control;
 use crate::field::{ExactDistance, FieldSettings, Method, MethodSettings, SignedField};
 use crate::geometry::{Implicit, Point, TriMesh, Vector};
@@ -69,6 +69,7 @@ impl ContactStudy<'_> {
     /// # Errors
     /// [`BenchError`].
     pub fn run(&self, out: &mut dyn Write) -> Result<(), BenchError> {
+        refuse_unwritable(self.csv)?;
         let bone = read_surface(self.mesh)?;
         let exact = ExactDistance::new(&bone);
         let anchors = anchors(&bone, &exact);

@@ -59,6 +59,12 @@ pub enum BenchError {
         /// What is wrong.
         detail: String,
     },
+    /// A head is not usable for a study.
+    #[error("the study cannot be made: {detail}")]
+    Head {
+        /// What is wrong.
+        detail: String,
+    },
     /// The scene cannot be built.
     #[error("the scene cannot be built")]
     Scene(#[from] SimulateError),

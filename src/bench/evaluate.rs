@@ -1,4 +1,5 @@
 use std::hint::black_box;
+use std::io::Write;
 use std::path::Path;
 use std::time::Instant;
 
@@ -36,8 +37,12 @@ pub(super) struct Timing {
     pub(super) surface_bound_mm: Option<f64>,
 }
 
+/// A field with its bricks and what is wrong with its surface.
+type Built = (SignedField, usize, Vec<String>);
+
 /// Builds a field of the surface in `mesh`, writes its distances (with settled signs) at the points in `points` to `out`, and what
-/// it took to `timing`.
+/// it took to `timing`; what is wrong with the surface is
+/// told to `told`.
 ///
 /// # Errors
 /// [`BenchError`].
@@ -47,6 +52,7 @@ pub fn evaluate(
     points: &Path,
     out: &Path,
     timing: Option<&Path>,
+    told: &mut dyn Write,
 ) -> Result<(), BenchError> {
     let points = read_points(points)?;
     let surface = read_surface(mesh)?;
@@ -56,8 +62,11 @@ pub fn evaluate(
     };
     process::forget_peak();
     let before = process::memory_mb();
-    let (field, mut wall_s, mut cpu_s) = timed(build)?;
+    let ((field, _, warnings), mut wall_s, mut cpu_s) = timed(build)?;
     let peak_mb = process::peak_mb().zip(before).map(|(peak, before)| peak - before);
+    for warning in warnings {
+        writeln!(told, "warning: {warning}")?;
+    }
     let exact = ExactDistance::new(&surface);
     let distances: Vec<f64> = points.par_iter().map(|p| field.settled(&exact, p).distance).collect();
     write_distances(out, &distances)?;
@@ -90,13 +99,11 @@ pub fn evaluate(
     write(timing, &json)
 }
 
-fn timed(
-    build: impl Fn() -> Result<(SignedField, usize, Vec<String>), BenchError>,
-) -> Result<(SignedField, f64, Option<f64>), BenchError> {
+fn timed(build: impl Fn() -> Result<Built, BenchError>) -> Result<(Built, f64, Option<f64>), BenchError> {
     let (start, cpu) = (Instant::now(), process::cpu_s());
-    let (field, ..) = build()?;
+    let built = build()?;
     let wall_s = start.elapsed().as_secs_f64();
-    Ok((field, wall_s, process::cpu_s().zip(cpu).map(|(after, before)| after - before)))
+    Ok((built, wall_s, process::cpu_s().zip(cpu).map(|(after, before)| after - before)))
 }
 
 /// Mean time of a query, best of three rounds, ns.
@@ -141,4 +148,40 @@ fn shuffled(points: &[Point]) -> Vec<Point> {
         shuffled.swap(n, (state >> 33) as usize % (n + 1));
     }
     shuffled
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bench::files::write_points;
+    use crate::field::FieldError;
+    use crate::geometry::TriMesh;
+
+    #[test]
+    fn warnings_are_told_and_a_wrong_resolution_is_named() {
+        // A cube without its lid.
+        let corner = |i: usize| Point::from([0, 1, 2].map(|a| if i >> a & 1 == 1 { 10.0 } else { 0.0 }));
+        let quads = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1]];
+        let triangles = quads.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
+        let mesh = TriMesh::new((0..8).map(corner).collect(), triangles).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        std::fs::write(path("open.stl"), crate::export::stl(&mesh)).unwrap();
+        write_points(&path("points.bin"), [Point::new(5.0, 5.0, 1.0)].iter()).unwrap();
+        let mut told = Vec::new();
+        let mut run = |settings: &MethodSettings| {
+            evaluate(&path("open.stl"), settings, &path("points.bin"), &path("out.bin"), None, &mut told)
+        };
+        let wrong = MethodSettings { resolution: Some(0), ..MethodSettings::default() };
+        match run(&wrong) {
+            Err(BenchError::Field { source: FieldError::Setting { name, found, .. }, .. }) => {
+                assert_eq!((name, found), ("resolution", 0.0));
+            }
+            other => panic!("{other:?}"),
+        }
+        run(&MethodSettings::default()).unwrap();
+        let told = String::from_utf8(told).unwrap();
+        assert!(told.starts_with("warning: ") && told.contains("edges"), "{told}");
+        assert_eq!(std::fs::read(path("out.bin")).unwrap().len(), 8);
+    }
 }

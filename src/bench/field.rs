@@ -1,6 +1,5 @@
-use std::fs;
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
 
 use rayon::prelude::*;
@@ -8,7 +7,7 @@ use rayon::prelude::*;
 use super::chart;
 use super::error::{BenchError, read, write};
 use super::evaluate::Timing;
-use super::files::{read_distances, read_surface, write_points, write_triangles};
+use super::files::{Scratch, read_distances, read_surface, refuse_unwritable, write_points, write_triangles};
 use super::row::{Builder, COLUMNS, Case, Grid, Row, TABLE_3, against_openvdb, table_3};
 use super::winding::ProvenWinding;
 use crate::control::{Cancelled, Control};
@@ -48,6 +47,7 @@ impl FieldStudy<'_> {
     /// # Errors
     /// [`BenchError`].
     pub fn run(&self, out: &mut dyn Write) -> Result<(), BenchError> {
+        refuse_unwritable(self.csv)?;
         let probes = self.probes()?;
         writeln!(out, "{}", describe(&probes))?;
         let scratch = Scratch::new()?;
@@ -171,25 +171,4 @@ fn describe(probes: &[Probe]) -> String {
         count(Place::Edge),
         count(Place::MedialAxis),
     )
-}
-
-/// A directory that goes when this goes.
-struct Scratch(PathBuf);
-
-impl Scratch {
-    fn new() -> Result<Self, BenchError> {
-        let path = std::env::temp_dir().join(format!("prosopon-bench-{}", std::process::id()));
-        fs::create_dir_all(&path).map_err(|source| BenchError::File { what: "make", path: path.clone(), source })?;
-        Ok(Self(path))
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.0.join(name)
-    }
-}
-
-impl Drop for Scratch {
-    fn drop(&mut self) {
-        fs::remove_dir_all(&self.0).ok();
-    }
 }

@@ -1,6 +1,7 @@
 //! Surfaces, points and distances as files.
 
-use std::path::Path;
+use std::fs;
+use std::path::{Path, PathBuf};
 
 use super::error::{BenchError, PointsFault, read, write};
 use crate::geometry::{Point, TriMesh};
@@ -70,9 +71,55 @@ fn points(bytes: &[u8]) -> Result<Vec<Point>, PointsFault> {
     }
 }
 
+/// Refuses a place for results that cannot be written to, before the work; what is there stays.
+pub(super) fn refuse_unwritable(path: &Path) -> Result<(), BenchError> {
+    let there = path.exists();
+    let opened = fs::OpenOptions::new().append(true).create(true).open(path);
+    opened.map_err(|source| BenchError::File { what: "write", path: path.to_owned(), source })?;
+    if !there {
+        // An empty file would look like a result.
+        fs::remove_file(path).ok();
+    }
+    Ok(())
+}
+
+/// A directory that goes when this goes.
+pub(super) struct Scratch(PathBuf);
+
+impl Scratch {
+    pub(super) fn new() -> Result<Self, BenchError> {
+        let path = std::env::temp_dir().join(format!("prosopon-bench-{}", std::process::id()));
+        fs::create_dir_all(&path).map_err(|source| BenchError::File { what: "make", path: path.clone(), source })?;
+        Ok(Self(path))
+    }
+
+    pub(super) fn path(&self, name: &str) -> PathBuf {
+        self.0.join(name)
+    }
+}
+
+impl Drop for Scratch {
+    fn drop(&mut self) {
+        fs::remove_dir_all(&self.0).ok();
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_place_that_cannot_be_written_is_refused_and_others_stay_as_they_are() {
+        let scratch = tempfile::tempdir().unwrap();
+        let (there, new) = (scratch.path().join("there.csv"), scratch.path().join("new.csv"));
+        fs::write(&there, "before").unwrap();
+        refuse_unwritable(&there).unwrap();
+        refuse_unwritable(&new).unwrap();
+        assert!(fs::read(&there).unwrap() == b"before" && !new.exists());
+        for place in [scratch.path().to_owned(), scratch.path().join("no/such/folder.csv")] {
+            assert!(matches!(refuse_unwritable(&place), Err(BenchError::File { what: "write", .. })));
+        }
+    }
 
     #[test]
     fn files_that_are_no_points_are_refused() {

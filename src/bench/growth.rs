@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use super::chart::{self, Curve, Labels, color};
 use super::error::{BenchError, write};
-use super::files::read_surface;
+use super::files::{read_surface, refuse_unwritable};
 use crate::control::Control;
 use crate::field::{FieldSettings, Method, MethodSettings, SignedField};
 use crate::geometry::{Point, TriMesh};
@@ -34,6 +34,7 @@ impl GrowthStudy<'_> {
     /// # Errors
     /// [`BenchError`].
     pub fn run(&self, out: &mut dyn Write) -> Result<(), BenchError> {
+        refuse_unwritable(self.csv)?;
         let surface = read_surface(self.mesh)?;
         let mut csv = String::from("method,triangles,build_wall_s\n");
         write!(out, "{csv}")?;
@@ -53,7 +54,7 @@ impl GrowthStudy<'_> {
             // Where the number of triangles, not that of nodes, is what costs.
             let large: Vec<(f64, f64)> = points.iter().copied().filter(|p| p.0 > 90_000.0).collect();
             let name = format!("{} ({:.2}, {:.2})", method.name(), exponent(&points), exponent(&large));
-            Curve { name, color: color(method), points }
+            Curve { name, color: color(method), points, marks: Vec::new() }
         });
         let curves: Vec<Curve> = curves.collect();
         for curve in &curves {
@@ -124,7 +125,7 @@ fn halved(mesh: &TriMesh) -> TriMesh {
 }
 
 /// Slope of the line fitted to the logarithms.
-fn exponent(points: &[(f64, f64)]) -> f64 {
+pub(super) fn exponent(points: &[(f64, f64)]) -> f64 {
     let n = points.len() as f64;
     let logs = || points.iter().map(|(x, y)| (x.ln(), y.ln()));
     let (mx, my) = logs().fold((0.0, 0.0), |(sx, sy), (x, y)| (sx + x / n, sy + y / n));

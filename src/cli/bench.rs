@@ -3,7 +3,10 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand, ValueEnum};
 
 use super::CommandResult;
-use crate::bench::{CollisionStudy, ContactStudy, FieldStudy, GrowthStudy, evaluate};
+use crate::bench::{
+    CollisionStudy, ContactStudy, FieldStudy, GrowthStudy, HeadSource, ModelCase, ModelStudy, SlabCase,
+    SolverGrowthStudy, StabilityStudy, evaluate, run_model_cases, run_slab_case,
+};
 use crate::field::{FieldSettings, Method, MethodSettings, Tolerance};
 
 /// Studies of `prosopon bench`.
@@ -15,6 +18,12 @@ pub(super) enum BenchCommand {
     Growth(GrowthArguments),
     /// Collision detection along a path: time against tolerance.
     Collision(CollisionArguments),
+    /// Time and error of every mechanical model on several meshes of one head, against a refined reference.
+    Models(ModelArguments),
+    /// The solver's time by phase on a slab of 19 000 to 490 000 tetrahedra.
+    SolverGrowth(SolverGrowthArguments),
+    /// Every mechanical model on scenes that are hard to solve, each answer checked.
+    Stability(StabilityArguments),
     /// Newton's method on 20 000 points that a penalty pushes out of bone: share that converges, for each kind of field.
     Contacts(ContactArguments),
 }
@@ -118,6 +127,57 @@ pub(super) struct ContactArguments {
     csv: PathBuf,
 }
 
+#[derive(Debug, Args)]
+pub(super) struct ModelArguments {
+    /// `phantom`, or a folder with `landmarks.json` and a CT (*.nii.gz) or the surfaces skin.* and skull.*.
+    #[arg(long)]
+    scene: HeadSource,
+    /// Rows go here, the chart beside it.
+    #[arg(long, default_value = "models.csv")]
+    csv: PathBuf,
+    /// Edges of the meshes, mm.
+    #[arg(long, value_delimiter = ',', default_value = "7,5.5,4")]
+    edges_mm: Vec<f64>,
+    /// Edge of the reference's mesh, mm.
+    #[arg(long, default_value_t = 3.0)]
+    reference_mm: f64,
+    /// Some cases of one mesh alone.
+    #[arg(long, hide = true, value_delimiter = ',', requires = "out", requires = "timing")]
+    cases: Vec<ModelCase>,
+    /// With --cases: displacements go here.
+    #[arg(long, hide = true, requires = "cases")]
+    out: Option<PathBuf>,
+    /// With --cases: what they took, JSON.
+    #[arg(long, hide = true, requires = "cases")]
+    timing: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+pub(super) struct SolverGrowthArguments {
+    /// Rows go here, the charts beside it.
+    #[arg(long, default_value = "solver-growth.csv")]
+    csv: PathBuf,
+    /// Sizes, from the smallest.
+    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u8).range(1..=5))]
+    sizes: u8,
+    /// One case alone.
+    #[arg(long, hide = true, requires = "timing")]
+    case: Option<SlabCase>,
+    /// With --case: what it took, JSON.
+    #[arg(long, hide = true, requires = "case")]
+    timing: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+pub(super) struct StabilityArguments {
+    /// Rows go here, the map beside it.
+    #[arg(long, default_value = "stability.csv")]
+    csv: PathBuf,
+    /// Only scenes whose names contain this.
+    #[arg(long)]
+    only: Option<String>,
+}
+
 pub(super) fn run(command: &BenchCommand) -> CommandResult {
     let out = &mut std::io::stdout();
     match command {
@@ -125,10 +185,26 @@ pub(super) fn run(command: &BenchCommand) -> CommandResult {
             (Some(csv), _, _) => {
                 FieldStudy { mesh: &a.mesh, csv, full: a.full, openvdb: a.openvdb.as_deref() }.run(out)?;
             }
-            (None, Some(points), Some(to)) => evaluate(&a.mesh, &settings(a), points, to, a.timing.as_deref())?,
+            (None, Some(points), Some(to)) => {
+                evaluate(&a.mesh, &settings(a), points, to, a.timing.as_deref(), &mut std::io::stderr())?;
+            }
             (None, _, _) => return Err("give either --csv, or --points and --out".into()),
         },
         BenchCommand::Growth(a) => GrowthStudy { mesh: &a.mesh, csv: &a.csv }.run(out)?,
+        BenchCommand::Models(a) => match (&a.out, &a.timing) {
+            (Some(to), Some(timing)) => run_model_cases(&a.scene, &a.cases, to, timing)?,
+            _ => ModelStudy { source: &a.scene, csv: &a.csv, edges_mm: &a.edges_mm, reference_mm: a.reference_mm }
+                .run(out)?,
+        },
+        BenchCommand::SolverGrowth(a) => match (&a.case, &a.timing) {
+            (Some(case), Some(timing)) => run_slab_case(case, timing)?,
+            _ => SolverGrowthStudy { csv: &a.csv, sizes: usize::from(a.sizes) }.run(out)?,
+        },
+        BenchCommand::Stability(a) => {
+            if !(StabilityStudy { csv: &a.csv, only: a.only.as_deref() }.run(out)?) {
+                return Err("an answer is wrong and does not say so: see the rows `wrong`".into());
+            }
+        }
         BenchCommand::Contacts(a) => ContactStudy { mesh: &a.mesh, csv: &a.csv }.run(out)?,
         BenchCommand::Collision(a) => {
             CollisionStudy { skull: &a.mesh, skin: &a.skin, landmarks: &a.landmarks, csv: &a.csv }.run(out)?;

@@ -15,6 +15,10 @@ use rayon::prelude::*;
 
 /// Overlap at rest that is told, mm.
 const TOLD_OVERLAP_MM: f64 = 0.1;
+/// Ways shorter than this lead through no bone, mm; longer ones are looked at in such steps.
+const LEAST_PASSAGE_MM: f64 = 0.2;
+/// Cosine of two normals below which a body pushes the other way: over a rim it turns by a right angle.
+const TURNED_ROUND: f64 = -0.3;
 /// Contact points one task looks at.
 const TASK: usize = 64;
 
@@ -287,6 +291,39 @@ impl<'a> Contact<'a> {
             })
             .collect();
         per_point.into_iter().fold(0.0, f64::max)
+    }
+
+    /// The body that a contact point has passed through between two states of nodes and motions, with the point's place at the second: on a
+    /// straight line in the body's frame it dipped into the solid, and the solid now pushes it the other way.
+    pub(super) fn passed_through(
+        &self,
+        x: (&[Vector], &[Vector]),
+        motions: (&[Motion], &[Motion]),
+    ) -> Option<(usize, Point)> {
+        let n = self.bodies.len();
+        let passed = |(index, p): (usize, &ContactPoint)| {
+            let (from, to) = (p.at(x.0), p.at(x.1));
+            let through = |body: usize| {
+                // What overlaps at rest is on no side.
+                if self.overlap[index * n + body] > 0.0 {
+                    return false;
+                }
+                let from = motions.0[body].inverse_transform_point(&from);
+                let way = motions.1[body].inverse_transform_point(&to) - from;
+                let (length, solid) = (way.norm(), self.bodies[body].solid);
+                if length < LEAST_PASSAGE_MM || solid.value(&from) > length {
+                    return false;
+                }
+                let samples = (length / LEAST_PASSAGE_MM).ceil() as usize;
+                let at = |i: usize| from + way * (i as f64 / samples as f64);
+                let dips = (1..=samples).any(|i| solid.value(&at(i)) < -0.25 * LEAST_PASSAGE_MM);
+                let normal = |p: &Point| solid.value_gradient(p).1;
+                dips && normal(&from).dot(&normal(&at(samples))) < TURNED_ROUND
+            };
+            (0..n).find(|body| through(*body)).map(|body| (body, to))
+        };
+        // The first in the order of points, however many threads look.
+        self.points.par_iter().enumerate().with_min_len(TASK).filter_map(passed).collect::<Vec<_>>().into_iter().next()
     }
 }
 

@@ -63,6 +63,7 @@ impl Dofs {
                 Attachment::Fixed => Hold::Still,
             })
             .collect();
+        let attached = hold.clone();
         for (hold, axes) in hold.iter_mut().zip(&boundary.held_axes) {
             if *axes == ALL_AXES {
                 *hold = Hold::Still;
@@ -70,17 +71,18 @@ impl Dofs {
         }
         let mut axes = boundary.held_axes.clone();
         let mut askew_tangents = 0;
-        // A tangent vector goes with the node it belongs to, so the rim of a region is clamped.
+        // A tangent vector goes with the node it belongs to, so the rim of a region is clamped. Where three planes of symmetry meet only the
+        // node stays: its tangents stay in the planes.
         let mut owner: Vec<u32> = (0..n_mesh_nodes as u32).collect();
         if let Some(surface) = surface {
             for (&node, tangents) in surface.outer_nodes.iter().zip(&surface.rest_tangents) {
                 for tangent in tangents {
                     rest.push(*tangent);
-                    hold.push(hold[node as usize]);
+                    hold.push(attached[node as usize]);
                     owner.push(node);
                     if let Some(&held) = boundary.held_axes.get(node as usize) {
                         let (of_tangent, is_askew) = axes_of_tangent(held, tangent);
-                        askew_tangents += usize::from(is_askew && hold[node as usize] == Hold::Free);
+                        askew_tangents += usize::from(is_askew && attached[node as usize] == Hold::Free);
                         axes.push(of_tangent);
                     }
                 }

@@ -75,6 +75,20 @@ pub enum SolveError {
         /// Allowed, mm.
         allowed_mm: f64,
     },
+    /// Tissue would come out on the other side of thin bone.
+    #[error("tissue would pass through bone {segment} near ({x:.1}, {y:.1}, {z:.1}) mm at {path_share:.4} of the path")]
+    PassedThrough {
+        /// Share of the path.
+        path_share: f64,
+        /// The bone's segment.
+        segment: u32,
+        /// Where, mm.
+        x: f64,
+        /// Where, mm.
+        y: f64,
+        /// Where, mm.
+        z: f64,
+    },
     /// The factorisation failed.
     #[error("the stiffness matrix could not be factorised: {detail}")]
     Factorisation {

@@ -28,8 +28,8 @@ mod solver;
 mod triangular;
 
 pub use error::SolveError;
-pub use report::{CellState, IterationRecord, PhaseTimes, StepReport};
-pub use settings::{Boundary, ContactBody, Locking, Model, Preset, SkinElement, SolveSettings};
+pub use report::{CellState, IterationRecord, LostEllipticity, PhaseTimes, StepOutcome, StepReport};
+pub use settings::{Boundary, ContactBody, Locking, Model, Preset, SkinElement, SolveSettings, UnstableMaterial};
 pub use solver::Solver;
 
 #[cfg(test)]

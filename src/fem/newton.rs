@@ -7,7 +7,7 @@ use super::line_search::{self, Cut, Start};
 use super::linear_solve::{LinearSolver, dot};
 use super::report::{IterationRecord, PhaseTimes};
 use crate::control::{Cancelled, Clock, Control};
-use crate::geometry::{Motion, Vector};
+use crate::geometry::{Motion, Point, Vector};
 
 /// A step counts as converged only when the remaining displacement is estimated below this share of the element size: 1e-3 mm for
 /// elements of 4 mm.
@@ -39,6 +39,7 @@ pub(super) enum Failure {
     Inverted(Inversion),
     NotConverged { iterations: usize, residual_n: f64, tolerance_n: f64 },
     Penetration { found_mm: f64 },
+    PassedThrough { body: usize, place: Point },
     Indefinite,
     Cancelled,
 }

@@ -1,8 +1,73 @@
+use std::fmt;
+
+use crate::geometry::Point;
+
+/// Where a material has lost strong ellipticity: an equilibrium there is not well posed, and depends on the mesh.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LostEllipticity {
+    /// Elements in which it is lost.
+    pub elements: usize,
+    /// Tissue of the most stretched one of them.
+    pub tissue: &'static str,
+    /// Its kind.
+    pub kind: &'static str,
+    /// Its index.
+    pub element: usize,
+    /// Largest principal stretch in it.
+    pub stretch: f64,
+    /// Its place at rest, mm.
+    pub place: Point,
+}
+
+impl fmt::Display for LostEllipticity {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { elements, tissue, kind, element, stretch, place } = self;
+        let [x, y, z] = [place.x, place.y, place.z];
+        write!(
+            f,
+            "the material of {elements} elements has lost ellipticity, the worst is {kind} {element} ({tissue}) near ({x:.1}, {y:.1}, {z:.1}) mm at a stretch of {stretch:.3}"
+        )
+    }
+}
+
+/// How a step ended that met the convergence test.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum StepOutcome {
+    /// In equilibrium, every material elliptic.
+    Converged,
+    /// In equilibrium of stable materials, which took the place of those asked for, as told by
+    /// [`UnstableMaterial::Stabilise`](super::UnstableMaterial::Stabilise).
+    Stabilised,
+    /// Forces balance, but a material has lost ellipticity: no answer to rely on.
+    OutsideEllipticity(LostEllipticity),
+}
+
+impl StepOutcome {
+    /// Whether the equilibrium is one to rely on.
+    #[must_use]
+    pub fn converged(&self) -> bool {
+        match self {
+            Self::Converged | Self::Stabilised => true,
+            Self::OutsideEllipticity(_) => false,
+        }
+    }
+
+    /// Its name on the wire: `converged`, `stabilised`, `outside_ellipticity`.
+    #[must_use]
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Converged => "converged",
+            Self::Stabilised => "stabilised",
+            Self::OutsideEllipticity(_) => "outside_ellipticity",
+        }
+    }
+}
+
 /// What one step needed and reached.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StepReport {
-    /// Whether the convergence test was met.
-    pub converged: bool,
+    /// How it ended.
+    pub outcome: StepOutcome,
     /// Newton iterations, substeps included.
     pub newton_iterations: usize,
     /// Substeps that the step was cut into (1 when it was not).

@@ -36,6 +36,7 @@ pub(super) fn equations<'a>(
     let (blocks, surface) = element_blocks(mesh, settings)?;
     let mut warnings = surface.as_ref().map(C1Surface::warnings).unwrap_or_default();
     warnings.extend(settings.stability_warnings(mesh));
+    warnings.extend(settings.locking_warning(mesh));
     control.check()?;
     control.report(0.2);
     let smoothed = match settings.locking {

@@ -3,8 +3,8 @@
 use super::element::C1Surface;
 use super::error::SolveError;
 use super::newton::{Equations, Equilibrium, Failure, MAX_CONTACT_MOTION_MM};
-use super::report::{CellState, IterationRecord, StepReport};
-use super::settings::{Boundary, ContactBody, SolveSettings};
+use super::report::{CellState, IterationRecord, StepOutcome, StepReport};
+use super::settings::{Boundary, ContactBody, SolveSettings, UnstableMaterial};
 use super::{diagnosis, setup};
 use crate::control::Control;
 use crate::geometry::{Motion, Point, Vector};
@@ -27,6 +27,8 @@ pub struct Solver<'a> {
     pub(super) state: State,
     /// Substep that worked last.
     substep: f64,
+    /// Stable materials are in the place of those asked for.
+    stabilised: bool,
     /// Found while setting up; told with the first step.
     warnings: Vec<String>,
 }
@@ -74,7 +76,17 @@ impl<'a> Solver<'a> {
         let (mut equations, surface, warnings) = setup::equations(mesh, bodies, boundary, &settings, control)?;
         equations.times.setup_s = (control.clock())() - begin;
         let state = State { t: 0.0, x: equations.dofs.rest().to_vec(), motions: Vec::new() };
-        Ok(Self { mesh, surface, settings, equations, segments, state, substep: f64::INFINITY, warnings })
+        Ok(Self {
+            mesh,
+            surface,
+            settings,
+            equations,
+            segments,
+            state,
+            substep: f64::INFINITY,
+            stabilised: false,
+            warnings,
+        })
     }
 
     /// Advances from the present path parameter to `t`: `motions(t)` gives each moving segment's motion from rest; segments
@@ -110,6 +122,9 @@ impl<'a> Solver<'a> {
                         self.substep *= 2.0;
                     }
                     control.report(if t == from { 1.0 } else { (goal - from) / (t - from) });
+                    if self.stabilise(goal) {
+                        continue;
+                    }
                     if goal == t {
                         break found;
                     }
@@ -119,6 +134,10 @@ impl<'a> Solver<'a> {
                     report.halvings += 1;
                     self.substep = 0.5 * length;
                     if self.substep < self.settings.min_substep || length == 0.0 {
+                        if self.stabilise(goal) {
+                            self.substep = length;
+                            continue;
+                        }
                         return Err(diagnosis::name(&self.equations, self.mesh, failure, goal, &self.state.x));
                     }
                 }
@@ -214,6 +233,13 @@ impl<'a> Solver<'a> {
             .and_then(|mut x| {
                 let found = self.equations.equilibrate(&mut x, &body_motions, goal, control)?;
                 Ok((x, found))
+            })
+            .and_then(|(x, found)| {
+                let before = self.body_motions(&self.state.motions);
+                match self.equations.contact.passed_through((&self.state.x, &x), (&before, &body_motions)) {
+                    Some((body, place)) => Err(Failure::PassedThrough { body, place }),
+                    None => Ok((x, found)),
+                }
             });
         match attempt {
             Ok((x, found)) => {
@@ -225,6 +251,25 @@ impl<'a> Solver<'a> {
                 Err(failure)
             }
         }
+    }
+
+    /// Puts stable materials in the place of those that have lost ellipticity on the way to `goal`, where that was asked for; whether it
+    /// did.
+    fn stabilise(&mut self, goal: f64) -> bool {
+        if self.stabilised || self.settings.unstable_material == UnstableMaterial::Report {
+            return false;
+        }
+        let x = self.equations.last_iterate().unwrap_or(&self.state.x);
+        let Some(lost) = diagnosis::lost_ellipticity(&self.equations, self.mesh, x) else { return false };
+        if !self.equations.assembly.stabilise() {
+            return false;
+        }
+        self.equations.solver.refresh();
+        self.stabilised = true;
+        self.warnings.push(format!(
+            "at {goal:.4} of the path {lost}: from there on neo-Hookean with the same moduli is in the place of every material that can lose it, as asked for"
+        ));
+        true
     }
 
     fn body_motions(&self, listed: &[(u32, Motion)]) -> Vec<Motion> {
@@ -262,6 +307,9 @@ impl<'a> Solver<'a> {
         if self.settings.model.is_linear() && min_det_f <= 0.0 {
             warnings.push(format!("the linear model turns elements inside out (det F down to {min_det_f:.3}): strains are too large for it"));
         }
+        if self.settings.model.is_linear() {
+            warnings.extend(diagnosis::left_out_strain(&self.equations, &self.state.x));
+        }
         let torn = self.equations.dofs.contradictions(|s| motion_of(&self.state.motions, s), HELD_TOLERANCE_MM);
         if torn > 0 {
             warnings.push(format!(
@@ -274,11 +322,17 @@ impl<'a> Solver<'a> {
                 "{askew} tangents of C1 prisms at nodes held along an axis lie askew to it and stay free: there the surface need not meet the plane of symmetry at a right angle"
             ));
         }
-        warnings.extend(diagnosis::ellipticity_warning(&self.equations, &self.state.x));
+        let lost = diagnosis::lost_ellipticity(&self.equations, self.mesh, &self.state.x);
+        warnings.extend(lost.map(|lost| format!("{lost}: this step is no equilibrium to rely on")));
+        let outcome = match lost {
+            Some(lost) => StepOutcome::OutsideEllipticity(lost),
+            None if self.stabilised => StepOutcome::Stabilised,
+            None => StepOutcome::Converged,
+        };
         let body_motions = self.body_motions(&self.state.motions);
         let reactions_n = self.equations.reactions(&self.state.x, &body_motions, &self.segments);
         StepReport {
-            converged: true,
+            outcome,
             newton_iterations: progress.iterations,
             substeps: progress.substeps,
             factorisations,

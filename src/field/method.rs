@@ -1,7 +1,7 @@
 use super::baseline::{Octree, Resolution, SampledSettings, Tolerance, UniformField};
 use super::build::{FieldReport, FieldSettings};
 use super::distance_field::DistanceField;
-use super::error::FieldError;
+use super::error::{FieldError, within};
 use super::exact::{ExactDistance, is_inside};
 use crate::control::{Cancelled, Control};
 use crate::geometry::{Aabb, Implicit, Point, TriMesh, Vector};
@@ -85,12 +85,17 @@ impl MethodSettings {
     }
 
     /// The settings of the adaptive method for `surface`: a resolution means a spacing of that share of the bounding cube.
-    #[must_use]
-    pub fn adaptive(&self, surface: &TriMesh) -> FieldSettings {
+    ///
+    /// # Errors
+    /// [`FieldError::Setting`] when the resolution is out of range.
+    pub fn adaptive(&self, surface: &TriMesh) -> Result<FieldSettings, FieldError> {
+        if let Some(n) = self.resolution {
+            within("resolution", f64::from(n), 8.0..=2048.0, "8 to 2048 cells")?;
+        }
         let bounds = surface.bounds().grown(self.field.margin_mm);
         let edge = (bounds.max - bounds.min).max();
         let spacing_mm = self.resolution.map_or(self.field.spacing_mm, |n| edge / f64::from(n.max(1)));
-        FieldSettings { spacing_mm, ..self.field }
+        Ok(FieldSettings { spacing_mm, ..self.field })
     }
 }
 
@@ -149,7 +154,7 @@ impl SignedField {
             }
             Method::Adaptive => {
                 let exact = ExactDistance::new(surface);
-                let settings = settings.adaptive(surface);
+                let settings = settings.adaptive(surface)?;
                 let (field, warnings) = DistanceField::build_unmeasured(&exact, surface, &settings, control)?;
                 let bricks = field.n_bricks();
                 (Self::Adaptive(field), bricks, warnings)
@@ -168,7 +173,7 @@ impl SignedField {
     ) -> Result<(Self, FieldReport), FieldError> {
         let exact = ExactDistance::new(surface);
         if settings.method == Method::Adaptive {
-            let (field, report) = DistanceField::build_from(&exact, surface, &settings.adaptive(surface), control)?;
+            let (field, report) = DistanceField::build_from(&exact, surface, &settings.adaptive(surface)?, control)?;
             return Ok((Self::Adaptive(field), report));
         }
         let (field, bricks, warnings) = Self::build_only(surface, settings, &control.part(0.0, 0.7))?;

@@ -19,6 +19,7 @@ use axum::extract::DefaultBodyLimit;
 use axum::middleware::{from_fn, from_fn_with_state};
 use utoipa_swagger_ui::SwaggerUi;
 
+pub(crate) use extract::{strict_json, strict_value};
 pub use openapi::{openapi, openapi_json};
 pub use problem::{Problem, ProblemDocument, ProblemField};
 pub use state::{AppState, HttpLimits};

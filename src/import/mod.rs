@@ -40,4 +40,4 @@ pub use error::{ImportError, Limits};
 pub use surface::{SurfaceFormat, detect_surface, surface};
 pub use volume::{SeriesChoice, Volume, VolumeFormat, VolumeRead, VolumeSettings, detect_volume, volume, volume_with};
 pub use volume_scan::VolumeScan;
-pub use vtu::{Cell, DataArray, VolumeMesh, volume_mesh};
+pub use vtu::{Cell, DataArray, VolumeMesh, is_legacy_vtk, volume_mesh};

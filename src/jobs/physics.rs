@@ -2,7 +2,9 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use crate::fem::{Model, SkinElement, SolveSettings};
-use crate::session::{D1ReadingName, LockingName, PresetName, SkinElementName, TissueLawsDocument};
+use crate::session::{
+    D1ReadingName, LockingName, PresetName, SkinElementName, TissueLawsDocument, UnstableMaterialName,
+};
 
 /// Mechanical model, as asked for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -69,6 +71,9 @@ pub struct PhysicsRecord {
     /// Penetration that is left at most, mm; the solver's own when absent.
     #[serde(default)]
     pub penetration_tolerance_mm: Option<f64>,
+    /// What is done where a material loses ellipticity.
+    #[serde(default)]
+    pub unstable_material: UnstableMaterialName,
 }
 
 impl PhysicsRecord {
@@ -99,6 +104,7 @@ impl From<&PhysicsRecord> for SolveSettings {
         settings.locking = r.locking.map_or(settings.locking, Into::into);
         settings.relative_residual = r.relative_residual.unwrap_or(settings.relative_residual);
         settings.penetration_tolerance_mm = r.penetration_tolerance_mm.unwrap_or(settings.penetration_tolerance_mm);
+        settings.unstable_material = r.unstable_material.into();
         settings
     }
 }

@@ -186,6 +186,13 @@ impl From<SolveError> for Halt {
                     .with("element", element)
                     .with("near_mm", vec![x, y, z])
             }
+            SolveError::PassedThrough { path_share, segment, x, y, z } => {
+                Fault::new(FaultKind::SolverPenetration, detail)
+                    .with("stage", "solve")
+                    .with("path_share", path_share)
+                    .with("segment", segment)
+                    .with("near_mm", vec![x, y, z])
+            }
             SolveError::Penetration { path_share, found_mm, allowed_mm } => {
                 Fault::new(FaultKind::SolverPenetration, detail)
                     .with("stage", "solve")

@@ -26,7 +26,7 @@ pub use documents::{
     PathReportDocument, PathSample, PhasesDocument, PlanDocument, PlaneBoundsDocument, PlaneDocument, PresetName,
     ReactionDocument, RegionDocument, RegionMotionDocument, ReportDocument, ReportInput, SegmentDocument,
     SkinElementName, StatisticsDocument, StepDocument, StepPhasesDocument, SurfaceDocument, SurfaceOrigin,
-    TissueDocument, TissueLawsDocument, WaypointDocument,
+    TissueDocument, TissueLawsDocument, UnstableMaterialName, WaypointDocument,
 };
 pub use engine::{Engine, RunWatch, SceneSolved};
 pub use fault::{Fault, FaultKind, FieldFault, Halt};

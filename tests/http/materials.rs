@@ -4,7 +4,7 @@ use std::sync::atomic::Ordering;
 
 use axum::http::Method;
 use prosopon::fem::material::{Material, Materials};
-use prosopon::fem::{Locking, Model, SkinElement, SolveSettings};
+use prosopon::fem::{Locking, Model, SkinElement, SolveSettings, UnstableMaterial};
 use serde_json::{Value, json};
 
 use crate::app::TestApp;
@@ -151,7 +151,7 @@ async fn jobs_take_every_model_element_and_material() {
     }
     let (settings, report) = solved(json!({
         "model": "nonlinear", "skin_element": "wedge", "locking": "smoothed", "preset": "wang_2009",
-        "d1_reading": "per_mpa", "relative_residual": 1e-6, "penetration_tolerance_mm": 0.01,
+        "d1_reading": "per_mpa", "relative_residual": 1e-6, "penetration_tolerance_mm": 0.01, "unstable_material": "stabilise",
         "materials": {"fat": {"law": "ogden", "shear_modulus_mpa": 0.01, "alpha": 4, "poisson": 0.45}}
     }))
     .await;
@@ -163,6 +163,7 @@ async fn jobs_take_every_model_element_and_material() {
         materials,
         relative_residual: 1e-6,
         penetration_tolerance_mm: 0.01,
+        unstable_material: UnstableMaterial::Stabilise,
         ..stable(Model::Nonlinear)
     };
     assert_eq!(settings, expected);
@@ -174,6 +175,7 @@ async fn jobs_take_every_model_element_and_material() {
     for (more, pointer) in [
         (json!({"skin_element": "hex"}), "/skin_element"),
         (json!({"locking": "magic"}), "/locking"),
+        (json!({"unstable_material": "hope"}), "/unstable_material"),
         (json!({"preset": "wang_2010"}), "/preset"),
         (json!({"d1_reading": "per_mpa"}), "/d1_reading"),
         (json!({"relative_residual": 1}), "/relative_residual"),

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use prosopon::control::Control;
 use prosopon::evaluate::{ErrorMap, FaceRegion, Statistics};
-use prosopon::fem::{SolveSettings, StepReport};
+use prosopon::fem::{SolveSettings, StepOutcome, StepReport};
 use prosopon::field::{Doubt, DoubtfulRegions, FieldReport, Region, Settled};
 use prosopon::geometry::{Aabb, Motion, Point, TriMesh, Vector};
 use prosopon::import::Limits;
@@ -216,7 +216,7 @@ impl Engine for StandIn {
             let t = k as f64 / run.settings.steps as f64;
             let moved: Vector = run.plan.motions(t)[0].1.translation.vector;
             let report = StepReport {
-                converged: true,
+                outcome: StepOutcome::Converged,
                 newton_iterations: 4,
                 substeps: 1,
                 factorisations: 4,

@@ -12,7 +12,7 @@ use serde::Serialize;
 use super::CommandResult;
 use crate::bench::peak_mb;
 use crate::control::Control;
-use crate::fem::SolveError;
+use crate::fem::{LostEllipticity, SolveError, StepOutcome};
 use scene_file::SceneFile;
 
 /// Arguments of `prosopon solve`.
@@ -29,6 +29,8 @@ pub(super) struct SolveArguments {
 #[derive(Debug, Serialize)]
 struct Summary {
     converged: bool,
+    /// How the last step that was reached ended; null when there is none.
+    outcome: Option<&'static str>,
     solve_wall_s: f64,
     total_wall_s: f64,
     peak_mb: Option<f64>,
@@ -45,6 +47,17 @@ struct NoResult<'a> {
     error: &'a str,
 }
 
+/// Why a result that was written is not to be relied on.
+#[derive(Debug, thiserror::Error)]
+enum Unfinished {
+    /// The path was not finished.
+    #[error(transparent)]
+    Stopped(#[from] SolveError),
+    /// Forces balance at its end, but no more.
+    #[error("the path was finished outside the range in which the materials are stable: {0}")]
+    OutsideEllipticity(LostEllipticity),
+}
+
 pub(super) fn run(arguments: &SolveArguments) -> CommandResult {
     let failure = solve(arguments).inspect_err(|error| {
         let line = serde_json::to_string(&NoResult { converged: false, error: &crate::session::chain(&**error) });
@@ -54,8 +67,8 @@ pub(super) fn run(arguments: &SolveArguments) -> CommandResult {
     failure.map_or(Ok(()), |failure| Err(failure.into()))
 }
 
-/// Solves, writes the result and the summary; why the path was not finished.
-fn solve(arguments: &SolveArguments) -> Result<Option<SolveError>, Box<dyn std::error::Error>> {
+/// Solves, writes the result and the summary; why it is not to be relied on.
+fn solve(arguments: &SolveArguments) -> Result<Option<Unfinished>, Box<dyn std::error::Error>> {
     let begin = Instant::now();
     let (scene, file, mut warnings) = SceneFile::read(&arguments.scene)?.load(&arguments.scene)?;
     let out = Output::new(&arguments.out)?;
@@ -69,8 +82,14 @@ fn solve(arguments: &SolveArguments) -> Result<Option<SolveError>, Box<dyn std::
         warnings.push(format!("stopped after {} of {} steps: {failure}", outcome.steps.len(), scene.steps));
     }
     let last = outcome.steps.last();
+    let unfinished = match (outcome.failure, last.map(|s| s.outcome)) {
+        (Some(failure), _) => Some(Unfinished::Stopped(failure)),
+        (None, Some(StepOutcome::OutsideEllipticity(lost))) => Some(Unfinished::OutsideEllipticity(lost)),
+        (None, Some(StepOutcome::Converged | StepOutcome::Stabilised) | None) => None,
+    };
     let summary = Summary {
-        converged: outcome.failure.is_none(),
+        converged: unfinished.is_none(),
+        outcome: last.map(|s| s.outcome.name()),
         solve_wall_s,
         total_wall_s: begin.elapsed().as_secs_f64(),
         peak_mb: peak_mb(),
@@ -80,7 +99,7 @@ fn solve(arguments: &SolveArguments) -> Result<Option<SolveError>, Box<dyn std::
         warnings,
     };
     writeln!(std::io::stdout(), "{}", serde_json::to_string(&summary)?)?;
-    Ok(outcome.failure)
+    Ok(unfinished)
 }
 
 /// A file that is there whole or not at all: written beside its place, then moved there. A place that cannot be written to is

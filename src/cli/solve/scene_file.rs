@@ -11,11 +11,12 @@ use crate::fem::SolveSettings;
 use crate::fem::material::Materials;
 use crate::field::{FieldSettings, MethodSettings, SignedField};
 use crate::http::dto::{RotationRequest, file_material, segment_motion};
+use crate::http::{strict_json, strict_value};
 use crate::import::{Limits, VolumeMesh, detect_surface, surface, volume_mesh};
 use crate::jobs::SolveModel;
 use crate::mesh::{Attachment, Tissue};
 use crate::plan::{Path as SegmentPath, Plan};
-use crate::session::{D1ReadingName, LockingName, MaterialDocument, PresetName, SkinElementName};
+use crate::session::{D1ReadingName, LockingName, MaterialDocument, PresetName, SkinElementName, UnstableMaterialName};
 use crate::simulate::{ReadyMesh, Scene};
 
 /// Most steps of a path.
@@ -87,6 +88,9 @@ pub(super) struct SceneFile {
     /// Penetration that is left at most.
     #[serde(default)]
     penetration_tolerance_mm: Option<f64>,
+    /// What is done where a material loses ellipticity.
+    #[serde(default)]
+    unstable_material: UnstableMaterialName,
     /// Factor on the contact's own stiffness.
     #[serde(default)]
     contact_stiffness_factor: Option<f64>,
@@ -111,11 +115,7 @@ impl SceneFile {
     /// Reads the JSON.
     pub(super) fn read(path: &Path) -> Result<Self, SceneError> {
         let bytes = read(path)?;
-        let mut deserializer = serde_json::Deserializer::from_slice(&bytes);
-        let json = |detail: String| SceneError::Json { path: path.to_owned(), detail };
-        let scene = serde_path_to_error::deserialize(&mut deserializer).map_err(|e| json(e.to_string()))?;
-        deserializer.end().map_err(|e| json(e.to_string()))?;
-        Ok(scene)
+        strict_json(&bytes).map_err(|e| SceneError::Json { path: path.to_owned(), detail: e.to_string() })
     }
 
     /// Reads what it names and builds the scene; also the mesh as its file has it, and warnings.
@@ -151,6 +151,7 @@ impl SceneFile {
         let penetration = settings.penetration_tolerance_mm;
         settings.penetration_tolerance_mm =
             positive("penetration_tolerance_mm", self.penetration_tolerance_mm, penetration, 10.0)?;
+        settings.unstable_material = self.unstable_material.into();
         settings.contact_stiffness_factor =
             positive("contact_stiffness_factor", self.contact_stiffness_factor, 1.0, 1e6)?;
         Ok(settings)
@@ -209,8 +210,7 @@ impl SceneFile {
                 }
                 continue;
             };
-            let document: MaterialDocument =
-                serde_path_to_error::deserialize(law).map_err(|e| value(place.clone(), e.to_string()))?;
+            let document: MaterialDocument = strict_value(law).map_err(|e| value(place.clone(), e.to_string()))?;
             let material = file_material(&place, &document).map_err(|faults| value("values", faults.to_string()))?;
             materials.set(tissue, material);
         }

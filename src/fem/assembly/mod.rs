@@ -155,6 +155,21 @@ impl Assembly {
         self.geometry.as_deref().unwrap_or(&self.parts)
     }
 
+    /// Puts stable materials in the place of those that can lose ellipticity; whether there were any.
+    pub(in crate::fem) fn stabilise(&mut self) -> bool {
+        let laws = self.parts.iter_mut().chain(self.geometry.iter_mut().flatten()).flat_map(|p| &mut p.laws);
+        let mut any = false;
+        for law in laws {
+            if let Law::Hyperelastic(material) = law
+                && let Some(stable) = material.stabilised()
+            {
+                *material = stable;
+                any = true;
+            }
+        }
+        any
+    }
+
     /// Whether averages over elements carry the energy.
     pub(in crate::fem) fn is_smoothed(&self) -> bool {
         self.geometry.is_some()

@@ -131,6 +131,14 @@ impl Material {
         Self { isochoric: Isochoric::Ogden { mu: shear, alpha }, bulk: bulk_modulus(shear, poisson) }
     }
 
+    /// Neo-Hookean with its small-strain moduli; `None` when it cannot lose ellipticity itself, or its shear modulus is not positive.
+    #[must_use]
+    pub fn stabilised(&self) -> Option<Self> {
+        let mu = self.shear_modulus();
+        let stable = Self { isochoric: Isochoric::MooneyRivlin { c10: 0.5 * mu, c01: 0.0 }, ..*self };
+        (!self.is_polyconvex() && mu > 0.0).then_some(stable)
+    }
+
     /// Its energy without the volumetric part.
     #[must_use]
     pub fn isochoric_part(self) -> Self {

@@ -54,3 +54,22 @@ impl Implicit for RoundedPost {
         (distance - self.edge_radius, normal.component_mul(&sign))
     }
 }
+
+/// A flat disc below z = 0 with a rounded rim, about the z axis.
+pub(super) struct Coin {
+    /// Of its flat part.
+    pub(super) radius: f64,
+    pub(super) half_thickness: f64,
+}
+
+impl Implicit for Coin {
+    fn value(&self, p: &Point) -> f64 {
+        self.value_gradient(p).0
+    }
+    fn value_gradient(&self, p: &Point) -> (f64, Vector) {
+        let r = p.x.hypot(p.y);
+        let beyond = (r - self.radius).max(0.0) / r.max(1e-12);
+        let from_disc = Vector::new(p.x * beyond, p.y * beyond, p.z + self.half_thickness);
+        (from_disc.norm() - self.half_thickness, from_disc.try_normalize(1e-12).unwrap_or(Vector::z()))
+    }
+}

@@ -272,3 +272,41 @@ fn the_answer_has_no_units() {
         }
     }
 }
+
+/// A bar between three planes of symmetry that meet in a corner of its C1 surface, pulled by a dead load: homogeneous, with the stretch across
+/// that leaves no stress there. The tangents at that corner must be free to grow with it. The quadrature's patch test holds to 2e-8.
+#[test]
+fn a_bar_of_c1_prisms_between_three_planes_of_symmetry_stays_homogeneous() {
+    let size = [8.0, 6.0, 5.0];
+    let mesh = Slab { cells: [3, 2, 2], origin: [0.0; 3], size, skin: 1.5 }.mesh();
+    let top = size[2] + 1.5;
+    let held = |p: &Point| u8::from(p.x == 0.0) + 2 * u8::from(p.y == 0.0) + 4 * u8::from((p.z - top).abs() < 1e-9);
+    let material = Material::neo_hookean(0.01, 0.45);
+    // Nominal stress of the stretch 1.2, and the stretch across it by halving.
+    let stress =
+        |across: f64| material.first_piola(&Matrix3::from_diagonal(&Vector::new(across, across, 1.2))).unwrap();
+    let (mut low, mut high) = (0.5, 1.0);
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        if stress(middle)[(0, 0)] > 0.0 { high = middle } else { low = middle }
+    }
+    let pull = stress(low)[(2, 2)];
+    let mut loads_n = vec![Vector::zeros(); mesh.positions.len()];
+    for face in &mesh.bone_faces {
+        let [a, b, c] = face.map(|n| mesh.positions[n as usize]);
+        let third = 0.5 * (b - a).cross(&(c - a)).norm() / 3.0;
+        face.iter().for_each(|n| loads_n[*n as usize] -= Vector::z() * (pull * third));
+    }
+    let boundary = Boundary { held_axes: mesh.positions.iter().map(held).collect(), loads_n };
+    let settings = SolveSettings {
+        relative_residual: 1e-10,
+        ..SolveSettings::new(Model::Mixed, Materials::homogeneous(material))
+    };
+    let control = Control::new();
+    let mut solver = Solver::with_boundary(&mesh, vec![], &boundary, settings, &control).unwrap();
+    solver.advance(1.0, &|_| Vec::new(), &control).unwrap();
+    for (now, rest) in solver.positions().iter().zip(&mesh.positions) {
+        let exact = Point::new(low * rest.x, low * rest.y, top + 1.2 * (rest.z - top));
+        assert!((now - exact).norm() < 1e-6, "{rest} {now} {exact}");
+    }
+}

@@ -94,6 +94,30 @@ fn a_layered_block_over_a_post_is_as_in_an_independent_solution() {
     }
 }
 
+/// The same post twice as high: `e_3d_contact_nu45.csv`, level 2, d = 10 mm; force of level 1, as level 2 has none. From level 1 to 2 the
+/// lines changed by up to 0.8 %.
+#[test]
+fn a_post_of_ten_millimetres_is_as_in_an_independent_solution() {
+    if !slow() {
+        return;
+    }
+    let expected = [9.4018, 6.1807, 1.9021, 2.1495];
+    for (name, locking, skin_element, within) in [
+        ("tet, smoothed", Locking::Smoothed, SkinElement::Tetrahedron, 0.02),
+        ("wedge, smoothed", Locking::Smoothed, SkinElement::Wedge, 0.025),
+    ] {
+        let (lines, report) = layered_block([24, 24, 6], locking, skin_element, 1.0, &[2.5, 5.0, 7.5, 10.0]);
+        let found = [lines[3][0].z, lines[3][1].z, lines[3][1].x, lines[3][2].z];
+        let force = 1e3 * report.reactions_n.iter().find(|(s, _)| *s == 1).unwrap().1[2];
+        println!("post of 10 mm, {name}: uz(0), uz(20), ux(20), uz(30) {found:.4?}, force {force:.1} mN, {report:?}");
+        for (found, expected) in found.iter().zip(expected) {
+            assert!((found / expected - 1.0).abs() < within, "{name}: {found} {expected}");
+        }
+        assert!((force / 3335.8 - 1.0).abs() < within, "{name}: {force}");
+        assert!(report.max_penetration_mm <= PENETRATION_MM);
+    }
+}
+
 /// Multipliers make the answer independent of the stiffness of the contact.
 #[test]
 fn a_stiffer_contact_gives_the_same_answer() {

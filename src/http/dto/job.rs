@@ -11,6 +11,7 @@ use crate::http::problem::ProblemDocument;
 use crate::jobs::{AttachmentRecord, JobStatus, PhysicsRecord, SolveModel};
 use crate::session::{
     BoxDocument, D1ReadingName, Fault, FaultKind, LockingName, PresetName, SkinElementName, TissueLawsDocument,
+    UnstableMaterialName,
 };
 use crate::store::{JobKind, JobRecord, JobState};
 
@@ -112,6 +113,10 @@ pub struct CreateJob {
     /// Penetration of bone that is left at most, mm; 0.05 when absent.
     #[serde(default)]
     pub penetration_tolerance_mm: Option<f64>,
+    /// What is done where a material loses ellipticity: `report` (the default) says so in the step's `outcome`, and the job fails by name
+    /// where no equilibrium is found; `stabilise` goes on with neo-Hookean of the same small-strain moduli.
+    #[serde(default)]
+    pub unstable_material: UnstableMaterialName,
     /// Attachment; chosen from the landmarks when absent.
     #[serde(default)]
     pub attachment: Option<AttachmentRequest>,
@@ -185,6 +190,7 @@ impl CreateJob {
             materials: self.materials,
             relative_residual: self.relative_residual,
             penetration_tolerance_mm: self.penetration_tolerance_mm,
+            unstable_material: self.unstable_material,
         };
         let wants = |output| self.outputs.as_ref().map(|o| o.contains(&output));
         Ok(CheckedJob {

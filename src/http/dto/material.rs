@@ -5,6 +5,8 @@ use crate::session::{MaterialDocument, TissueLawsDocument};
 
 /// Largest modulus that is read, MPa: stiffer than any tissue by far.
 const MAX_MPA: f64 = 1e6;
+/// Smallest shear modulus that is read, MPa: softer than any tissue by far, and clear of rounding.
+const MIN_SHEAR_MPA: f64 = 1e-9;
 /// Smallest and largest Poisson ratio that are read.
 const POISSON: [f64; 2] = [-0.99, 0.4999];
 /// Largest exponent that is read, of either sign; powers of stretches stay finite by far.
@@ -37,9 +39,12 @@ pub(in crate::http) fn check_material(check: &mut Check, pointer: &str, document
     }
     check.number(&format!("{pointer}/poisson"), poisson, POISSON[0], POISSON[1]);
     let material = Material::from(document);
-    if material.shear_modulus() <= 0.0 {
-        let detail = format!("the shear modulus at rest is {} MPa, it must be positive", material.shear_modulus());
-        check.fault(pointer, detail);
+    let shear = material.shear_modulus();
+    if shear < MIN_SHEAR_MPA {
+        check.fault(
+            pointer,
+            format!("the shear modulus at rest is {shear:e} MPa, it must be at least {MIN_SHEAR_MPA:e}"),
+        );
     }
     material
 }
@@ -77,7 +82,8 @@ mod tests {
         assert!(ogden(-3.0).is_ok());
         for (fault, expected) in [
             (material(0.004, 0.001, 0.5), "/m/poisson is 0.5"),
-            (material(0.004, -0.004, 0.45), "/m the shear modulus at rest is 0 MPa"),
+            (material(0.004, -0.004, 0.45), "/m the shear modulus at rest is 0e0 MPa"),
+            (material(1e-300, 0.0, 0.45), "/m the shear modulus at rest is 2e-300 MPa"),
             (material(f64::NAN, 0.001, 0.45), "/m/c10_mpa is"),
             (ogden(0.0), "/m/alpha is 0"),
             (ogden(f64::NAN), "/m/alpha is NaN"),

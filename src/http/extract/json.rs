@@ -55,12 +55,39 @@ fn too_large_or_broken(rejection: &BytesRejection, max_bytes: usize) -> Problem 
 
 /// Reads JSON; what cannot be parsed is malformed, what has the wrong members or types is invalid, with its pointer.
 pub(super) fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
-    let value: Value = serde_json::from_slice(bytes)
-        .map_err(|e| Problem::new(FaultKind::MalformedRequest, format!("the body is no JSON: {e}")))?;
-    let _checked: T = serde_path_to_error::deserialize(Strict(&value)).map_err(|error| not_as_expected(&error))?;
+    strict_json(bytes).map_err(|fault| match fault {
+        JsonFault::NoJson(e) => Problem::new(FaultKind::MalformedRequest, format!("the body is no JSON: {e}")),
+        JsonFault::NotAsExpected(error) => not_as_expected(&error),
+    })
+}
+
+/// Why JSON cannot be read.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum JsonFault {
+    #[error("{0}")]
+    NoJson(#[from] serde_json::Error),
+    /// Wrong members or types, with their place.
+    #[error("{0}")]
+    NotAsExpected(#[from] serde_path_to_error::Error<serde_json::Error>),
+}
+
+/// Reads JSON in which an object is an object and no member is there twice.
+///
+/// # Errors
+/// [`JsonFault`].
+pub(crate) fn strict_json<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, JsonFault> {
+    let value: Value = serde_json::from_slice(bytes)?;
+    let _checked: T = strict_value(&value)?;
     // Again from the bytes, for a member that is there twice shows in them only.
-    let mut deserializer = serde_json::Deserializer::from_slice(bytes);
-    serde_path_to_error::deserialize(&mut deserializer).map_err(|error| not_as_expected(&error))
+    Ok(serde_path_to_error::deserialize(&mut serde_json::Deserializer::from_slice(bytes))?)
+}
+
+/// Reads a value in which an object is an object.
+///
+/// # Errors
+/// [`JsonFault::NotAsExpected`].
+pub(crate) fn strict_value<T: DeserializeOwned>(value: &Value) -> Result<T, JsonFault> {
+    Ok(serde_path_to_error::deserialize(Strict(value))?)
 }
 
 fn not_as_expected(error: &serde_path_to_error::Error<serde_json::Error>) -> Problem {

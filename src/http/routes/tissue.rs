@@ -11,17 +11,18 @@ use crate::http::extract::{Ids, Params};
 use crate::http::result::{tag_of, tagged};
 use crate::http::upload::receive;
 use crate::http::{AppState, Problem};
+use crate::import::is_legacy_vtk;
 use crate::jobs::take_tissue;
 use crate::session::{FaultKind, SessionParts, SurfaceDocument, TissueDocument};
 use crate::store::{PartKind, SessionId};
 
 /// Upload a ready tissue mesh
 ///
-/// VTU of tetrahedra (10) and wedges (13), LPS mm; takes the place of the one before. Cell array `tissue` (0 skin, 1 muscle, 2 fat, 3 mucosa); point
+/// VTU or legacy VTK (ASCII or binary) of tetrahedra (10) and wedges (13), LPS mm; takes the place of the one before. Cell array `tissue` (0 skin, 1 muscle, 2 fat, 3 mucosa); point
 /// arrays, all optional: `attachment` (-1 free, 0 skull, k segment k, -2 sliding), `fixed_mask` (axes along which a point stays: bits x 1, y 2, z 4),
 /// `force_n` (dead load). Jobs of the session then solve on it: nothing is meshed.
 #[utoipa::path(put, path = "/v1/sessions/{session}/tissue", tag = "inputs", params(("session" = Uuid, Path)),
-    request_body(content = Vec<u8>, content_type = "application/vnd.vtk.vtu"),
+    request_body(content((Vec<u8> = "application/vnd.vtk.vtu"), (Vec<u8> = "application/octet-stream"))),
     responses((status = 200, description = "what it is like", body = TissueDocument)))]
 pub(in crate::http) async fn put_tissue(
     State(state): State<AppState>,
@@ -40,7 +41,7 @@ pub(in crate::http) async fn put_tissue(
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub(in crate::http) enum TissueOutput {
-    /// As uploaded.
+    /// As uploaded: VTU, or legacy VTK as `application/octet-stream`.
     Vtu,
     /// The report.
     Json,
@@ -61,7 +62,7 @@ pub(in crate::http) struct TissueQuery {
 /// The file as uploaded, or its report.
 #[utoipa::path(get, path = "/v1/sessions/{session}/tissue", tag = "inputs", params(("session" = Uuid, Path), TissueQuery),
     responses((status = 200, description = "the mesh", content(
-        (Vec<u8> = "application/vnd.vtk.vtu"), (TissueDocument = "application/json"))), (status = 304, description = "as known")))]
+        (Vec<u8> = "application/vnd.vtk.vtu"), (Vec<u8> = "application/octet-stream"), (TissueDocument = "application/json"))), (status = 304, description = "as known")))]
 pub(in crate::http) async fn get_tissue(
     State(state): State<AppState>,
     Ids(session): Ids<SessionId>,
@@ -75,7 +76,8 @@ pub(in crate::http) async fn get_tissue(
         return tagged(&headers, &tag, "application/json", part.document.clone().into());
     }
     let bytes = state.service.store().blobs().get(part.blob.as_deref().unwrap_or_default()).await?;
-    tagged(&headers, &format!("\"{}\"", part.key), "application/vnd.vtk.vtu", bytes)
+    let kind = if is_legacy_vtk(&bytes) { "application/octet-stream" } else { "application/vnd.vtk.vtu" };
+    tagged(&headers, &format!("\"{}\"", part.key), kind, bytes)
 }
 
 /// Remove the ready tissue mesh

@@ -12,6 +12,14 @@ const WEDGE: u32 = 13;
 /// Corners of a cell that can be skipped; bounds the connectivity.
 const MAX_CORNERS: usize = 27;
 
+/// Types, ends in the corners, and corners of cells as a file has them.
+pub(super) struct RawCells<'a> {
+    pub(super) format: &'static str,
+    pub(super) types: &'a [f64],
+    pub(super) ends: &'a [f64],
+    pub(super) corners: &'a [f64],
+}
+
 /// The cells, and which of the file's were kept when not all were.
 pub(super) fn read(
     file: &File<'_>,
@@ -30,13 +38,22 @@ pub(super) fn read(
         .filter(|n| *n as usize <= file.n_cells.saturating_mul(MAX_CORNERS))
         .ok_or_else(|| fault(format!("the last of `offsets` is {last}, which no {} cells can reach", file.n_cells)))?;
     let corners = numbers(file, array("connectivity")?, length as usize)?;
+    from_raw(&RawCells { format: FORMAT, types: &types, ends: &ends, corners: &corners }, n_points, warnings)
+}
 
-    let mut cells = Vec::with_capacity(file.n_cells);
-    let mut kept = vec![true; file.n_cells];
+/// As [`read`].
+pub(super) fn from_raw(
+    raw: &RawCells<'_>,
+    n_points: usize,
+    warnings: &mut Vec<String>,
+) -> Result<(Vec<Cell>, Option<Vec<bool>>), ImportError> {
+    let fault = |detail: String| malformed(raw.format, detail);
+    let mut cells = Vec::with_capacity(raw.types.len());
+    let mut kept = vec![true; raw.types.len()];
     let mut begin = 0usize;
-    for (index, ((&kind, &end), kept)) in types.iter().zip(&ends).zip(&mut kept).enumerate() {
+    for (index, ((&kind, &end), kept)) in raw.types.iter().zip(raw.ends).zip(&mut kept).enumerate() {
         let end = whole(end).map(|e| e as usize).filter(|e| *e >= begin);
-        let mine = end.and_then(|end| corners.get(begin..end));
+        let mine = end.and_then(|end| raw.corners.get(begin..end));
         let (Some(end), Some(mine)) = (end, mine) else {
             return Err(fault(format!("`offsets` do not rise at cell {index}")));
         };
@@ -64,7 +81,7 @@ pub(super) fn read(
             }
         }
     }
-    let skipped = file.n_cells.saturating_sub(cells.len());
+    let skipped = raw.types.len().saturating_sub(cells.len());
     if skipped == 0 {
         return Ok((cells, None));
     }

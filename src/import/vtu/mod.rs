@@ -1,7 +1,11 @@
-//! VTK's XML files: unstructured grids (`.vtu`) of tetrahedra and wedges with arrays on points and cells, and surfaces (`.vtp`).
+//! VTK's files: unstructured grids (XML, `.vtu`; legacy, `.vtk`) of tetrahedra and wedges with arrays on points and cells, and surfaces
+//! (XML, `.vtp`).
 
 mod cells;
 mod decode;
+mod legacy;
+#[cfg(test)]
+mod legacy_tests;
 mod polydata;
 #[cfg(test)]
 mod tests;
@@ -10,6 +14,7 @@ mod xml;
 use super::error::{at_most, check_size, malformed};
 use super::{ImportError, Limits};
 use crate::geometry::{Aabb, Point};
+pub use legacy::is_legacy_vtk;
 pub(super) use polydata::{looks_like_polydata, read_polydata};
 use xml::{File, Grid, RawArray, Section};
 
@@ -73,8 +78,8 @@ impl VolumeMesh {
     }
 }
 
-/// Reads a VTU file: ASCII, base64 or raw appended data, plain or compressed by zlib. Also gives warnings about what was left out
-/// (cells of lower dimension, arrays of text).
+/// Reads a VTU file (ASCII, base64 or raw appended data, plain or compressed by zlib) or a legacy VTK file (ASCII or binary). Also gives
+/// warnings about what was left out (cells of lower dimension, arrays of text).
 ///
 /// # Errors
 /// [`ImportError`] naming the fault and its place: among others cells that are neither tetrahedra nor wedges, several pieces,
@@ -82,6 +87,9 @@ impl VolumeMesh {
 pub fn volume_mesh(bytes: &[u8], limits: &Limits) -> Result<(VolumeMesh, Vec<String>), ImportError> {
     if bytes.is_empty() {
         return Err(ImportError::Empty);
+    }
+    if is_legacy_vtk(bytes) {
+        return legacy::read(bytes, limits);
     }
     let file = File::parse(bytes, Grid::UnstructuredGrid)?;
     at_most("points", file.n_points as u64, limits.max_cells)?;
@@ -91,12 +99,16 @@ pub fn volume_mesh(bytes: &[u8], limits: &Limits) -> Result<(VolumeMesh, Vec<Str
     let (cells, kept) = cells::read(&file, points.len(), &mut warnings)?;
     let point_arrays = arrays(&file, Section::PointData, file.n_points, None, &mut warnings)?;
     let cell_arrays = arrays(&file, Section::CellData, file.n_cells, kept.as_deref(), &mut warnings)?;
-    // Only a warning: a test body may have any size.
-    let size = Aabb::of(&points).map_or(0.0, |b| b.diagonal());
+    Ok(finished(VolumeMesh { points, cells, point_arrays, cell_arrays }, warnings))
+}
+
+/// The mesh, with a warning when its size is unusual: no more than that, for a test body may have any size.
+fn finished(mesh: VolumeMesh, mut warnings: Vec<String>) -> (VolumeMesh, Vec<String>) {
+    let size = Aabb::of(&mesh.points).map_or(0.0, |b| b.diagonal());
     if let Err(unusual) = check_size(size, &mut warnings) {
         warnings.push(unusual.to_string());
     }
-    Ok((VolumeMesh { points, cells, point_arrays, cell_arrays }, warnings))
+    (mesh, warnings)
 }
 
 fn points(file: &File<'_>) -> Result<Vec<Point>, ImportError> {
@@ -108,10 +120,14 @@ fn points(file: &File<'_>) -> Result<Vec<Point>, ImportError> {
     if array.components != 3 {
         return Err(malformed(FORMAT, format!("points have {} components, expected 3", array.components)));
     }
-    let values = numbers(file, array, file.n_points.saturating_mul(3))?;
-    let (points, _) = values.as_chunks::<3>();
+    points_from(FORMAT, &numbers(file, array, file.n_points.saturating_mul(3))?)
+}
+
+/// Points with these coordinates side by side.
+fn points_from(format: &'static str, coordinates: &[f64]) -> Result<Vec<Point>, ImportError> {
+    let (points, _) = coordinates.as_chunks::<3>();
     match points.iter().position(|p| !p.iter().all(|c| c.is_finite())) {
-        Some(point) => Err(malformed(FORMAT, format!("point {point} has a coordinate that is not finite"))),
+        Some(point) => Err(malformed(format, format!("point {point} has a coordinate that is not finite"))),
         None => Ok(points.iter().map(|&p| Point::from(p)).collect()),
     }
 }

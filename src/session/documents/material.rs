@@ -2,7 +2,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::fem::material::{D1Reading, Isochoric, Material, Materials};
-use crate::fem::{Locking, Preset, SkinElement};
+use crate::fem::{Locking, Preset, SkinElement, UnstableMaterial};
 use crate::mesh::Tissue;
 
 /// A compressible material: an isochoric law of the deviatoric stretches and the volumetric energy `K/2 (J - 1)²` with the bulk modulus K that
@@ -305,6 +305,26 @@ impl From<LockingName> for Locking {
         match name {
             LockingName::None => Self::None,
             LockingName::Smoothed => Self::Smoothed,
+        }
+    }
+}
+
+/// What is done where a material loses ellipticity during a solve.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum UnstableMaterialName {
+    /// The step's outcome says so; where no equilibrium is found the path ends.
+    #[default]
+    Report,
+    /// Neo-Hookean with the same small-strain moduli takes its place from there on.
+    Stabilise,
+}
+
+impl From<UnstableMaterialName> for UnstableMaterial {
+    fn from(name: UnstableMaterialName) -> Self {
+        match name {
+            UnstableMaterialName::Report => Self::Report,
+            UnstableMaterialName::Stabilise => Self::Stabilise,
         }
     }
 }

@@ -16,7 +16,9 @@ pub use bone::{
 };
 pub use error_map::{ErrorDocument, HistogramBin, StatisticsDocument};
 pub use field::{DoubtDocument, DoubtfulRegionsDocument, FieldDocument, FieldQualityDocument, RegionDocument};
-pub use material::{D1ReadingName, LockingName, MaterialDocument, PresetName, SkinElementName, TissueLawsDocument};
+pub use material::{
+    D1ReadingName, LockingName, MaterialDocument, PresetName, SkinElementName, TissueLawsDocument, UnstableMaterialName,
+};
 pub use mesh::MeshDocument;
 pub use report::{PhasesDocument, ReportDocument, ReportInput};
 pub use solve::{ReactionDocument, RegionMotionDocument, StepDocument, StepPhasesDocument};

@@ -53,8 +53,12 @@ pub struct StepDocument {
     pub k: u32,
     /// Path parameter, 0 to 1.
     pub t: f64,
-    /// Whether the convergence test was met.
+    /// Whether the convergence test was met with every material elliptic.
     pub converged: bool,
+    /// How it ended: `converged`; `stabilised`, with stable materials in the place of those asked for; `outside_ellipticity`, where forces
+    /// balance but a material has lost ellipticity, which is no answer to rely on.
+    #[serde(default = "plain_outcome")]
+    pub outcome: String,
     /// Smallest det F over all quadrature points.
     pub min_det_f: f64,
     /// Largest penetration of a contact point, mm.
@@ -89,6 +93,11 @@ pub struct StepDocument {
     pub warnings: Vec<String>,
 }
 
+/// Of records from before there were others.
+fn plain_outcome() -> String {
+    "converged".to_owned()
+}
+
 impl StepDocument {
     /// The document of a frame that took `wall_s`.
     #[must_use]
@@ -98,7 +107,8 @@ impl StepDocument {
         Self {
             k: u32::try_from(frame.k).unwrap_or(u32::MAX),
             t: frame.t,
-            converged: r.converged,
+            converged: r.outcome.converged(),
+            outcome: r.outcome.name().to_owned(),
             min_det_f: r.min_det_f,
             max_penetration_mm: r.max_penetration_mm,
             relative_residual: r.relative_residual,

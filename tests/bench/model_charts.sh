@@ -1,0 +1,22 @@
+#!/usr/bin/env bash
+# Every number and chart about the solver in README: tests/bench/model_charts.sh HEAD OUT
+# HEAD is a folder with landmarks.json and a CT, or with skin.* and skull.*. Runs for an hour on two cores. CalculiX is measured in the same
+# run when Debian's calculix-ccx is installed.
+set -euo pipefail
+[ $# = 2 ] || { echo "usage: $0 HEAD OUT" >&2; exit 2; }
+here=$(cd "$(dirname "$0")" && pwd)
+head=$1 out=$2
+mkdir -p "$out"
+cargo build --release --locked --manifest-path "$here/../../Cargo.toml"
+prosopon=${CARGO_TARGET_DIR:-$here/../../target}/release/prosopon
+
+"$prosopon" bench models --scene phantom --csv "$out/models-phantom.csv" | tee "$out/models-phantom.txt"
+"$prosopon" bench models --scene "$head" --csv "$out/models-head.csv" | tee "$out/models-head.txt"
+"$prosopon" bench stability --csv "$out/stability.csv" | tee "$out/stability.txt"
+"$prosopon" bench solver-growth --csv "$out/solver-growth.csv" | tee "$out/solver-growth.txt"
+cp "$out"/{models-phantom,models-head,stability,solver-growth,solver-growth-phases}.svg "$here/../../api/pictures/"
+if command -v ccx >/dev/null; then
+    "$here/calculix.py" "$prosopon" "$out/calculix" --rounds 3 | tee "$out/calculix.txt"
+else
+    echo "CalculiX is left out: install calculix-ccx" >&2
+fi

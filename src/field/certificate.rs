@@ -24,7 +24,7 @@ const NARROWER: f64 = 0.6;
 /// With more parts than this a surface gets no bound.
 const MOST_PARTS: f64 = 2e7;
 /// Room for rounding, as a share of the largest coordinate.
-const ROUNDING: f64 = 1e-12;
+pub(super) const ROUNDING: f64 = 1e-12;
 
 type Corners = [Point; 3];
 
@@ -162,7 +162,7 @@ fn radius(part: &Corners) -> f64 {
 }
 
 /// Bound on the norm of the Hessian in all cells that meet the box, 1/mm.
-fn curvature_bound(field: &DistanceField, min: &Point, max: &Point) -> f64 {
+pub(super) fn curvature_bound(field: &DistanceField, min: &Point, max: &Point) -> f64 {
     let lattice = &field.lattice;
     let coarser =
         level_bound(lattice.spacing, |a, end| node_of(lattice, a, [min, max][end][a], false), |n| field.coefficient(n));

@@ -5,6 +5,7 @@
 //! with ([`UniformField`], [`Octree`]) are finite and signed alike, but less smooth.
 
 mod accuracy;
+mod band_certificate;
 mod banded;
 mod baseline;
 mod bricks;

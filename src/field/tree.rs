@@ -130,6 +130,33 @@ impl Tree {
         }
     }
 
+    /// The closest point of each triangle within `distance` (mm) of `p`, and how far it is.
+    pub(super) fn for_each_within(&self, p: &Point, distance: f64, mut visit: impl FnMut(&Point, f64)) {
+        let limit = distance * distance;
+        let mut stack = [0u32; 64];
+        let mut top = 1;
+        while top > 0 {
+            top -= 1;
+            let index = stack[top];
+            let node = &self.nodes[index as usize];
+            if node.distance_sq(p) > limit {
+                continue;
+            }
+            if node.second == 0 {
+                for slot in node.first..node.last {
+                    let found = self.of_triangle(p, slot);
+                    if found.distance_sq <= limit {
+                        visit(&found.point, found.distance_sq.sqrt());
+                    }
+                }
+            } else {
+                stack[top] = node.second;
+                stack[top + 1] = index + 1;
+                top += 2;
+            }
+        }
+    }
+
     fn of_triangle(&self, p: &Point, slot: u32) -> Nearest {
         let point = closest_point(p, &self.corners[slot as usize]);
         Nearest { point, slot, distance_sq: (point - p).norm_squared() }

@@ -1,6 +1,6 @@
 use super::shapes::{Random, block, joined, sphere};
 use crate::control::Control;
-use crate::field::{DistanceField, ExactDistance, FieldSettings};
+use crate::field::{Accuracy, DistanceField, ExactDistance, FieldSettings, sample_points};
 use crate::geometry::{Implicit, Point, TriMesh, Vector};
 
 /// A solid with sharp edges, a thin plate, and a sphere that cuts through both.
@@ -34,4 +34,35 @@ fn no_point_of_the_surface_exceeds_the_bound_and_it_is_not_loose() {
         // Parts are divided until the bound is a twentieth above the largest value at their middles; random points miss it by more.
         assert!(largest <= bound && bound < 1.25 * largest, "{largest} {bound}");
     }
+}
+
+#[test]
+fn no_point_of_the_band_exceeds_the_bound_and_it_is_not_loose() {
+    let mesh = rough();
+    let control = Control::new();
+    let band_mm = 2.0;
+    for spacing_mm in [0.6, 1.2] {
+        let settings = FieldSettings { spacing_mm, band_mm, margin_mm: 3.0 };
+        let exact = ExactDistance::new(&mesh);
+        let (field, _) = DistanceField::build_unmeasured(&exact, &mesh, &settings, &control).unwrap();
+        let on_surface = field.surface_bound(&mesh, &exact, &control).unwrap().unwrap();
+        let bound = field.band_bound(&mesh, &exact, band_mm, on_surface, &control).unwrap().unwrap();
+        // Other points than those that the bound was started from: random, on faces, on edges, on the medial axis.
+        let points = sample_points(&mesh, &exact, band_mm, 77_777, &control).unwrap();
+        let largest = Accuracy::measure(&field, &exact, &points, &control).unwrap().max_error_mm;
+        // Cubes are divided until the bound is a tenth above what was seen, or 0.6 spacings.
+        let enough = (1.15 * largest).max(0.6 * spacing_mm) + 1e-9;
+        assert!(largest <= bound && bound <= enough, "{largest} {bound}");
+    }
+}
+
+#[test]
+fn an_open_surface_has_no_bound_in_the_band() {
+    let whole = block(Point::origin(), Vector::new(4.0, 4.0, 4.0));
+    let open = TriMesh::new(whole.positions().to_vec(), whole.triangles()[2..].to_vec()).unwrap();
+    let exact = ExactDistance::new(&open);
+    let settings = FieldSettings { spacing_mm: 0.8, band_mm: 2.0, margin_mm: 3.0 };
+    let control = Control::new();
+    let (field, _) = DistanceField::build_unmeasured(&exact, &open, &settings, &control).unwrap();
+    assert_eq!(field.band_bound(&open, &exact, 2.0, 1.0, &control).unwrap(), None);
 }

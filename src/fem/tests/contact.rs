@@ -177,7 +177,7 @@ fn contact_of_linear_tissue_settles_at_once_over_a_curved_body() {
     let settings = SolveSettings::new(Model::Linear, Preset::Wang2009Stable.materials());
     let mut solver = Solver::new(&mesh, vec![ContactBody { segment: 1, solid: &ball }], settings, &control).unwrap();
     let report = solver.advance(1.0, &up(1.5), &control).unwrap();
-    assert!(report.active_contacts > 5 && report.newton_iterations <= 2, "{report:?}");
+    assert!(report.active_contacts >= 4 && report.newton_iterations <= 1, "{report:?}");
     assert_eq!((report.substeps, report.factorisations), (1, 1));
 }
 

@@ -249,7 +249,8 @@ fn step(
             (0..3).for_each(|i| ap[row + i] -= v[i]);
         }
         let bent = dot(&p, &ap);
-        if !(bent > 1e-3 * dot(&p, &hp)) {
+        let convex = bent > 1e-3 * dot(&p, &hp);
+        if !convex {
             return (if iteration == 0 { w } else { change }, false);
         }
         let alpha = rz / bent;

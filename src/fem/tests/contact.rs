@@ -5,7 +5,7 @@ use super::bodies::{Ball, Floor};
 use crate::control::Control;
 use crate::fem::linear_solve::dot;
 use crate::fem::material::{Material, Materials};
-use crate::fem::{Boundary, ContactBody, Model, Preset, Prepared, SkinElement, SolveSettings, Solver};
+use crate::fem::{Boundary, ContactBody, Model, Prepared, Preset, SkinElement, SolveSettings, Solver};
 use crate::geometry::{Implicit, Motion, Point, Vector};
 use crate::mesh::{Attachment, MixedMesh};
 

@@ -15,6 +15,7 @@ use crate::control::Control;
 use crate::geometry::Vector;
 use crate::mesh::{Attachment, MixedMesh, Tissue};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Contact stiffness in units of the tissue's confined modulus over its mean thickness: a layer compressed by a third of its
 /// thickness sinks some 0.01 of the thickness into bone before the multipliers take over.
@@ -33,8 +34,10 @@ pub struct Prepared {
     pub(super) settings: SolveSettings,
     pub(super) warnings: Vec<String>,
     /// Time of the parts.
-    pub(super) times: PhaseTimes,
-    pub(super) factorisations: usize,
+    times: PhaseTimes,
+    factorisations: usize,
+    /// Whether a solver has told of these.
+    told: AtomicBool,
     dofs: Dofs,
     assembly: Assembly,
     factor: Option<(Arc<Symbolic>, Arc<Factor<f32>>)>,
@@ -112,6 +115,7 @@ impl Prepared {
             warnings,
             times: PhaseTimes::default(),
             factorisations: 0,
+            told: AtomicBool::new(false),
             dofs,
             assembly,
             factor: None,
@@ -159,6 +163,11 @@ impl Prepared {
         self.times.tangent_s = assembled - analysed;
         self.times.factor_s = clock() - assembled;
         Ok(())
+    }
+
+    /// Time and factorisations of the preparation, for the first solver that asks.
+    pub(super) fn untold_work(&self) -> (PhaseTimes, usize) {
+        if self.told.swap(true, Ordering::Relaxed) { Default::default() } else { (self.times, self.factorisations) }
     }
 
     /// Sets up the equations; also warnings.

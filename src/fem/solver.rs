@@ -31,7 +31,7 @@ pub struct Solver<'a> {
     substep: f64,
     /// Found while setting up; told with the first step.
     warnings: Vec<String>,
-    /// Times and factorisations of what this solver prepared for itself; told with the first step.
+    /// Times and factorisations of the preparation, where this solver is the first over it; told with the first step.
     preparation: (PhaseTimes, usize),
 }
 
@@ -71,9 +71,7 @@ impl<'a> Solver<'a> {
         control: &Control,
     ) -> Result<Self, SolveError> {
         let prepared = Prepared::new(mesh, !bodies.is_empty(), boundary, settings, &control.part(0.0, 0.9))?;
-        let mut solver = Self::over(&prepared, mesh, bodies, &control.part(0.9, 1.0))?;
-        solver.preparation = (prepared.times, prepared.factorisations);
-        Ok(solver)
+        Self::over(&prepared, mesh, bodies, &control.part(0.9, 1.0))
     }
 
     /// A solver that begins with what was prepared for `mesh`.
@@ -104,7 +102,7 @@ impl<'a> Solver<'a> {
             state,
             substep: f64::INFINITY,
             warnings,
-            preparation: Default::default(),
+            preparation: prepared.untold_work(),
         })
     }
 

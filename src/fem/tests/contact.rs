@@ -194,11 +194,11 @@ fn a_solver_over_what_was_prepared_finds_the_bits_of_one_that_prepared_for_itsel
         let report = solver.advance(1.0, &up(d), &control).unwrap();
         (solver.positions(), report.factorisations)
     };
-    let (_, first) = over(2.0);
-    let (shared, second) = over(1.0);
+    over(2.0);
+    let (shared, made) = over(1.0);
     let mut solver = Solver::new(&mesh, vec![body], settings, &control).unwrap();
     let report = solver.advance(1.0, &up(1.0), &control).unwrap();
     assert_eq!(solver.positions(), shared);
-    assert_eq!((report.factorisations, first), (second + 1, second));
+    assert_eq!(report.factorisations, made + 1);
     assert!(Solver::over(&prepared, &sliding_slab(5), vec![body], &control).is_err());
 }

@@ -131,7 +131,6 @@ pub(super) struct Balance {
 }
 
 impl<'a> Equations<'a> {
-    #[expect(clippy::too_many_arguments, reason = "the parts that equations consist of, put together in one place")]
     pub(super) fn new(
         dofs: Dofs,
         assembly: Assembly,
@@ -443,7 +442,6 @@ impl<'a> Equations<'a> {
 
     /// A descent direction: Newton's with the tangent asked for, with the projected one when that is not positive definite. Multipliers may
     /// grow on the way: with it comes the balance at `x` with the present ones.
-    #[expect(clippy::too_many_arguments, reason = "state of one iteration, handed on by its only caller")]
     fn direction(
         &mut self,
         x: &[Vector],

@@ -118,7 +118,6 @@ pub fn solve(
 ///
 /// # Errors
 /// [`SimulateError`]; frames that were handed out before stay valid.
-#[expect(clippy::too_many_arguments, reason = "each is one of the scene's parts")]
 pub fn solve_prepared(
     anatomy: &Anatomy,
     tissue: &TissueModel,

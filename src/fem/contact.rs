@@ -4,9 +4,10 @@
 //! are the quadrature points of eq. 0.13 over the faces at rest: half of a face's area at its barycentre, a sixth at each vertex.
 //! With gap `g` (negative inside), multiplier `p` and stiffness `k` the energy per area is `(max(0, p - k g)² - p²) / (2 k)`,
 //! which is `k g²/2` for `g < 0` when `p = 0`. The multipliers grow until the penetration is below the tolerance.
-//! Far from equilibrium only the Gauss-Newton part `k n nᵀ` of the Hessian is used: with the distance's curvature Newton
-//! stalls there, without it the last iterations gain a fifth each instead of digits.
+//! Where tissue is stable enough for it, the Hessian has the distance's curvature: with its Gauss-Newton part `k n nᵀ` alone, points that
+//! creep over an edge of bone gain a fifth each iteration instead of digits.
 
+use super::compliance::Compliance;
 use super::dofs::{Dofs, axes_in};
 use super::settings::ContactBody;
 use crate::geometry::{Motion, Point, Vector};
@@ -54,12 +55,24 @@ pub(super) struct Touch {
     normal: Vector,
     /// `p - k g`, MPa; it pushes where this is positive.
     pressure: f64,
+    /// The same where it was linearised.
+    met: f64,
 }
 
 impl Touch {
     /// Contact point and body.
     pub(super) fn pair(&self) -> (usize, usize) {
         (self.point, self.body)
+    }
+
+    /// Signed gap, mm.
+    pub(super) fn gap(&self) -> f64 {
+        self.gap
+    }
+
+    /// Whether it pushes.
+    pub(super) fn pushes(&self) -> bool {
+        self.pressure > 0.0
     }
 }
 
@@ -158,7 +171,14 @@ impl<'a> Contact<'a> {
                     let gap = value + self.overlap[pair];
                     let pressure = self.multipliers[pair] - self.stiffness * gap;
                     let normal = motions[body].rotation * gradient;
-                    (pressure > 0.0 || gap < reach).then_some(Touch { point, body, gap, normal, pressure })
+                    (pressure > 0.0 || gap < reach).then_some(Touch {
+                        point,
+                        body,
+                        gap,
+                        normal,
+                        pressure,
+                        met: pressure,
+                    })
                 })
             })
             .collect()
@@ -172,23 +192,54 @@ impl<'a> Contact<'a> {
         (pushed - held) / (2.0 * self.stiffness)
     }
 
-    /// Adds the gradient of the energy to `forces`.
+    /// Adds the gradient of the energy where the touches were linearised to `forces`.
     pub(super) fn add_forces(&self, touches: &[Touch], forces: &mut [Vector]) {
         for t in touches {
             let p = &self.points[t.point];
             for (node, weight) in p.terms() {
-                forces[node as usize] -= t.normal * (weight * p.area * t.pressure);
+                forces[node as usize] -= t.normal * (weight * p.area * t.met);
             }
         }
     }
 
-    /// Pressure at `touch` after the unknowns have changed by `d`, to first order, MPa.
-    pub(super) fn pressure_after(&self, touch: &Touch, dofs: &Dofs, d: &[f64]) -> f64 {
-        let moved: f64 = (self.points[touch.point].terms())
+    /// Change of the gap at `touch` for a change `d` of the unknowns, to first order, mm.
+    fn gap_change(&self, touch: &Touch, dofs: &Dofs, d: &[f64]) -> f64 {
+        (self.points[touch.point].terms())
             .filter_map(|(node, weight)| dofs.unknown(node).map(|u| (3 * u as usize, weight)))
             .map(|(i, weight)| weight * (touch.normal.x * d[i] + touch.normal.y * d[i + 1] + touch.normal.z * d[i + 2]))
-            .sum();
-        touch.pressure - self.stiffness * moved
+            .sum()
+    }
+
+    /// Pressure at `touch` after the unknowns have changed by `d`, to first order, MPa.
+    pub(super) fn pressure_after(&self, touch: &Touch, dofs: &Dofs, d: &[f64]) -> f64 {
+        touch.pressure - self.stiffness * self.gap_change(touch, dofs, d)
+    }
+
+    /// A touch found after the unknowns have changed by `d`, as its linearisation there shows it before.
+    pub(super) fn without_change(&self, touch: &Touch, dofs: &Dofs, d: &[f64]) -> Touch {
+        let change = self.gap_change(touch, dofs, d);
+        Touch { gap: touch.gap - change, pressure: touch.pressure + self.stiffness * change, ..*touch }
+    }
+
+    /// Unknown nodes that touches act on; repeated.
+    pub(super) fn unknowns_of(&self, touches: &[Touch], dofs: &Dofs) -> impl Iterator<Item = u32> {
+        touches.iter().flat_map(|t| self.points[t.point].terms()).filter_map(|(node, _)| dofs.unknown(node))
+    }
+
+    /// Forces of contact on the nodes of `compliance`, N; `None` when it lacks one.
+    pub(super) fn forces_at(&self, touches: &[Touch], dofs: &Dofs, compliance: &Compliance) -> Option<Vec<f64>> {
+        let mut forces = vec![0.0; compliance.len()];
+        for t in touches {
+            let p = &self.points[t.point];
+            for (node, weight) in p.terms() {
+                let Some(unknown) = dofs.unknown(node) else { continue };
+                let place = compliance.place(unknown)?;
+                for axis in (0..3).filter(|&axis| dofs.axes_of(node as usize) >> axis & 1 == 0) {
+                    forces[place + axis] += t.normal[axis] * (weight * p.area * t.pressure);
+                }
+            }
+        }
+        Some(forces)
     }
 
     /// Blocks of the energy's Hessian: row and column among the unknowns (`row >= column`) and the block. Gauss-Newton,
@@ -204,10 +255,7 @@ impl<'a> Contact<'a> {
             let p = &self.points[t.point];
             let mut block = t.normal * t.normal.transpose() * (self.stiffness * p.area);
             if let Some(Curved { x, motions, share }) = curved {
-                let motion = &motions[t.body];
-                let curvature = self.bodies[t.body].solid.hessian(&motion.inverse_transform_point(&p.at(x)));
-                let r = motion.rotation.to_rotation_matrix();
-                block -= r.matrix() * curvature * r.matrix().transpose() * (share * t.pressure.max(0.0) * p.area);
+                block -= self.bend(t, x, motions) * share;
             }
             for (a, wa) in p.terms() {
                 for (b, wb) in p.terms() {
@@ -219,6 +267,42 @@ impl<'a> Contact<'a> {
                 }
             }
         }
+    }
+
+    /// What the curvature of its body takes off the Hessian of a touch by its point, N/mm.
+    fn bend(&self, touch: &Touch, x: &[Vector], motions: &[Motion]) -> nalgebra::Matrix3<f64> {
+        let p = &self.points[touch.point];
+        let motion = &motions[touch.body];
+        let curvature = self.bodies[touch.body].solid.hessian(&motion.inverse_transform_point(&p.at(x)));
+        let r = motion.rotation.to_rotation_matrix();
+        r.matrix() * curvature * r.matrix().transpose() * (touch.met.max(0.0) * p.area)
+    }
+
+    /// What the curvature of bodies takes off the Hessian at the nodes of `compliance`: blocks with their places.
+    pub(super) fn bends(
+        &self,
+        touches: &[Touch],
+        Curved { x, motions, share }: Curved<'_>,
+        dofs: &Dofs,
+        compliance: &Compliance,
+    ) -> Vec<(usize, usize, nalgebra::Matrix3<f64>)> {
+        let of_touch = |t: &Touch| {
+            let (p, block) = (self.points[t.point], self.bend(t, x, motions) * share);
+            let mut placed = Vec::with_capacity(9);
+            for (a, wa) in p.terms() {
+                for (b, wb) in p.terms() {
+                    let place = |node: u32| compliance.place(dofs.unknown(node)?);
+                    if let (Some(row), Some(column)) = (place(a), place(b)) {
+                        let mut block = block * (wa * wb);
+                        axes_in(dofs.axes_of(a as usize)).for_each(|axis| block.row_mut(axis).fill(0.0));
+                        axes_in(dofs.axes_of(b as usize)).for_each(|axis| block.column_mut(axis).fill(0.0));
+                        placed.push((row, column, block));
+                    }
+                }
+            }
+            placed
+        };
+        touches.par_iter().with_min_len(TASK).flat_map_iter(of_touch).collect()
     }
 
     /// The Gauss-Newton part of the Hessian, term by term.
@@ -233,11 +317,6 @@ impl<'a> Contact<'a> {
             RankOne { nodes: nodes.collect(), factor: self.stiffness * p.area }
         };
         touches.iter().map(term).collect()
-    }
-
-    /// What each touch would push with at zero displacement, along the vectors of [`Contact::terms`], N.
-    pub(super) fn loads(&self, touches: &[Touch]) -> Vec<f64> {
-        touches.iter().map(|t| self.points[t.point].area * t.pressure).collect()
     }
 
     /// Force of each body on the tissue, N.

@@ -12,9 +12,9 @@ use faer::sparse::linalg::cholesky::{
 };
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMat};
 use faer::traits::RealField;
-use faer::{Mat, Par, Side};
+use faer::{Mat, MatRef, Par, Side};
 use std::ops::{Add, Div, Mul, Sub};
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// Unknowns above which faer splits its dense work in two. The split is fixed, so the bits do not depend on the number of threads.
 const PARALLEL_FROM: usize = 3000;
@@ -99,7 +99,7 @@ pub(super) struct Factor<T> {
     memory: MemBuffer,
     valid: bool,
     /// Its corner, made when it is asked for.
-    dense_corner: Option<Mat<T>>,
+    dense_corner: OnceLock<Mat<T>>,
 }
 
 impl<T> std::fmt::Debug for Factor<T> {
@@ -119,7 +119,7 @@ impl<T: Precision> Factor<T> {
         let mut l_values = Vec::new();
         l_values.try_reserve_exact(entries).map_err(|_| failed())?;
         l_values.resize(entries, T::of(0.0));
-        Ok(Self { symbolic, l_values, memory, valid: false, dense_corner: None })
+        Ok(Self { symbolic, l_values, memory, valid: false, dense_corner: OnceLock::new() })
     }
 
     /// Whether there is a factor to solve with.
@@ -130,7 +130,7 @@ impl<T: Precision> Factor<T> {
     /// Factorises the matrix with these values (laid out as [`Pattern`] says).
     pub(super) fn factorise(&mut self, values: &[f64]) -> Result<(), Indefinite> {
         self.valid = false;
-        self.dense_corner = None;
+        self.dense_corner = OnceLock::new();
         let values: Vec<T> = values.iter().map(|v| T::of(*v)).collect();
         let matrix = SparseColMatRef::new(self.symbolic.lower.as_ref(), values.as_slice());
         let result = self.symbolic.cholesky.factorize_numeric_llt(
@@ -162,12 +162,22 @@ impl<T: Precision> Factor<T> {
         }
     }
 
-    /// What `L⁻¹ b` is from the corner on.
-    pub(super) fn forward_to_corner(&self, b: &[f64]) -> Vec<f64> {
+    /// `L⁻¹ b`.
+    pub(super) fn forward(&self, b: &[f64]) -> Vec<f64> {
         let mut y: Vec<T> = b.iter().map(|v| T::of(*v)).collect();
-        let Some((l, schedule)) = self.triangle() else { return Vec::new() };
-        triangular::forward(&l, schedule, &mut y);
-        y[self.symbolic.corner..].iter().map(|v| v.to()).collect()
+        if let Some((l, schedule)) = self.triangle() {
+            triangular::forward(&l, schedule, &mut y);
+        }
+        y.iter().map(|v| v.to()).collect()
+    }
+
+    /// `L⁻ᵀ y`.
+    pub(super) fn backward(&self, y: &[f64]) -> Vec<f64> {
+        let mut x: Vec<T> = y.iter().map(|v| T::of(*v)).collect();
+        if let Some((l, schedule)) = self.triangle() {
+            triangular::backward(&l, schedule, &mut x);
+        }
+        x.iter().map(|v| v.to()).collect()
     }
 
     fn triangle(&self) -> Option<(SupernodalLltRef<'_, usize, T>, &Schedule)> {
@@ -175,27 +185,25 @@ impl<T: Precision> Factor<T> {
         Some((SupernodalLltRef::new(symbolic, &self.l_values), &self.symbolic.schedule))
     }
 
-    /// `L⁻¹` of columns that are zero above the corner, from the corner on.
-    pub(super) fn corner_solve(&mut self, columns: Mat<f64>) -> Mat<f64> {
+    /// `L⁻¹` of columns that are zero above row `first` of the corner, from that row on.
+    pub(super) fn corner_solve(&self, first: usize, columns: Mat<f64>) -> Mat<f64> {
         let mut y = Mat::<T>::from_fn(columns.nrows(), columns.ncols(), |r, c| T::of(columns[(r, c)]));
-        let par = self.symbolic.par;
-        solve_lower_triangular_in_place(self.corner_factor().as_ref(), y.as_mut(), par);
+        let l = self.corner_factor();
+        let l = l.submatrix(first, first, l.nrows() - first, l.ncols() - first);
+        solve_lower_triangular_in_place(l, y.as_mut(), self.symbolic.par);
         Mat::from_fn(y.nrows(), y.ncols(), |r, c| y[(r, c)].to())
     }
 
     /// The part from the corner on of `L⁻ᵀ y`, in place.
-    pub(super) fn corner_transpose_solve(&mut self, y: &mut [f64]) {
+    pub(super) fn corner_transpose_solve(&self, y: &mut [f64]) {
         let mut column = Mat::<T>::from_fn(y.len(), 1, |r, _| T::of(y[r]));
         solve_upper_triangular_in_place(self.corner_factor().transpose(), column.as_mut(), Par::Seq);
         y.iter_mut().enumerate().for_each(|(r, y)| *y = column[(r, 0)].to());
     }
 
     /// The factor from the corner on, dense.
-    fn corner_factor(&mut self) -> &Mat<T> {
-        if self.dense_corner.is_none() {
-            self.dense_corner = self.gathered_corner();
-        }
-        self.dense_corner.get_or_insert_with(Mat::new)
+    fn corner_factor(&self) -> MatRef<'_, T> {
+        self.dense_corner.get_or_init(|| self.gathered_corner().unwrap_or_else(Mat::new)).as_ref()
     }
 
     fn gathered_corner(&self) -> Option<Mat<T>> {

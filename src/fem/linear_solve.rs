@@ -3,10 +3,9 @@
 //! time to make and 0.4 of the time to apply; with a fresh one, one or two iterations solve the system.
 
 use super::assembly::Pattern;
+use super::compliance::{Compliance, LowRank};
 use super::contact::RankOne;
-use super::error::SolveError;
 use super::factor::{Factor, Indefinite, Symbolic};
-use super::low_rank::LowRank;
 use crate::control::Clock;
 use crate::geometry::Vector;
 use nalgebra::Matrix3;
@@ -20,9 +19,6 @@ const MAX_WITH_NEW: usize = 25;
 const MAX_RELAXATIONS: usize = 20_000;
 /// Tolerance of relaxation.
 const RELAXED: f64 = 1e-9;
-
-/// Guesses of the set of touching points.
-const MAX_GUESSES: usize = 8;
 
 /// A matrix and what it consists of.
 #[derive(Debug, Clone, Copy)]
@@ -47,6 +43,8 @@ pub(super) struct LinearSolver {
     preconditioner: Preconditioner,
     /// Contact that the factor does not know of.
     low_rank: Option<LowRank>,
+    /// Of the nodes that contact acted on since the factor was made.
+    compliance: Option<Compliance>,
     /// The factor knows of contact, because elements alone are not stable.
     whole: bool,
     factorisations: usize,
@@ -63,7 +61,8 @@ enum Preconditioner {
     /// A Cholesky factor of the whole matrix.
     Factor {
         symbolic: Arc<Symbolic>,
-        single: Box<Factor<f32>>,
+        /// Shared while it is that of the state at rest.
+        single: Arc<Factor<f32>>,
         /// Made when a matrix defeats the single one; used from then on.
         double: Option<Box<Factor<f64>>>,
     },
@@ -94,12 +93,9 @@ enum Outcome {
 }
 
 impl LinearSolver {
-    /// Symbolic analysis and room for the factor. Contact acts on nodes from `first_last` on.
-    pub(super) fn new(pattern: &Pattern, first_last: usize, clock: Clock) -> Result<Self, SolveError> {
-        let symbolic = Arc::new(Symbolic::new(pattern, first_last)?);
-        let single = Box::new(Factor::new(Arc::clone(&symbolic))?);
-        let preconditioner = Preconditioner::Factor { symbolic, single, double: None };
-        Ok(Self::with(preconditioner, clock))
+    /// A solver with this factor, of the matrix that is solved for first or without values.
+    pub(super) fn new(symbolic: Arc<Symbolic>, factor: Arc<Factor<f32>>, clock: Clock) -> Self {
+        Self::with(Preconditioner::Factor { symbolic, single: factor, double: None }, clock)
     }
 
     /// Relaxation of vertices under the forces of their neighbours, without any factor.
@@ -108,7 +104,16 @@ impl LinearSolver {
     }
 
     fn with(preconditioner: Preconditioner, clock: Clock) -> Self {
-        Self { preconditioner, low_rank: None, whole: false, factorisations: 0, clock, times: (0.0, 0.0), stale: false }
+        Self {
+            preconditioner,
+            low_rank: None,
+            compliance: None,
+            whole: false,
+            factorisations: 0,
+            clock,
+            times: (0.0, 0.0),
+            stale: false,
+        }
     }
 
     /// Starts the times anew.
@@ -145,10 +150,10 @@ impl LinearSolver {
 
     /// Applies the last factor, which may belong to an older matrix.
     pub(super) fn precondition(&mut self, x: &mut [f64]) {
-        let low_rank = self.low_rank.as_ref();
+        let contact = self.low_rank.as_ref().zip(self.compliance.as_ref());
         let between = |corner: &mut [f64]| {
-            if let Some(low_rank) = low_rank {
-                low_rank.apply(corner);
+            if let Some((low_rank, compliance)) = contact {
+                low_rank.apply(compliance, corner);
             }
         };
         match &self.preconditioner {
@@ -171,7 +176,6 @@ impl LinearSolver {
     pub(super) fn prepare(&mut self, pattern: &Pattern, elastic: &[f64]) {
         if !self.relaxes() && (self.stale || !self.has_factor()) {
             let begin = (self.clock)();
-            self.low_rank = None;
             // A failure shows again when the system is solved.
             self.stale = self.factorise(pattern, elastic, elastic, false, false).is_err();
             self.times.0 += (self.clock)() - begin;
@@ -180,74 +184,81 @@ impl LinearSolver {
 
     /// Tells the factor of contact.
     fn correct(&mut self, contact: &[RankOne]) {
-        let known = self.low_rank.take();
-        self.low_rank = match &mut self.preconditioner {
-            Preconditioner::Factor { .. } if self.whole => None,
-            Preconditioner::Factor { double: Some(factor), .. } if factor.is_valid() => {
-                LowRank::new(contact, known, factor.corner(), |v| factor.corner_solve(v))
-            }
-            Preconditioner::Factor { double: None, single: factor, .. } if factor.is_valid() => {
-                LowRank::new(contact, known, factor.corner(), |v| factor.corner_solve(v))
-            }
-            Preconditioner::Factor { .. } | Preconditioner::Vertices(_) => None,
-        };
+        self.low_rank = None;
+        if contact.is_empty() || self.whole || self.relaxes() || !self.has_factor() {
+            return;
+        }
+        let nodes = contact.iter().flat_map(|t| t.nodes.iter().map(|(node, _)| *node));
+        self.low_rank = self.compliance(nodes).and_then(|compliance| LowRank::new(contact, compliance));
     }
 
-    /// Which of the terms `contact` push, as far as the present factor can tell: a guess that costs a fraction of a solve.
-    ///
-    /// - `gradient`: of the elements' energy
-    /// - `pushes(d, i)`: load on the vector of term `i`, for unknowns `d` whose entries above the corner are missing, and whether it pushes
-    /// - `active`: terms to begin with, ascending
-    pub(super) fn guess_active(
-        &mut self,
-        gradient: &[f64],
-        contact: &[RankOne],
-        loads: &[f64],
-        pushes: &dyn Fn(&[f64], usize) -> bool,
-        active: Vec<usize>,
-    ) -> Vec<usize> {
-        if self.whole || self.stale || !self.has_factor() || self.relaxes() || contact.is_empty() {
-            return active;
+    /// `L⁻¹ b` of the present factor. `None` when there is none that serves, or when it knows of contact.
+    pub(super) fn forward(&mut self, b: &[f64]) -> Option<Vec<f64>> {
+        if self.whole || self.stale || !self.has_factor() {
+            return None;
         }
         let begin = (self.clock)();
-        let (start, reached) = match &self.preconditioner {
-            Preconditioner::Factor { double: Some(f), .. } => (f.corner().start, f.forward_to_corner(gradient)),
-            Preconditioner::Factor { single, .. } => (single.corner().start, single.forward_to_corner(gradient)),
-            Preconditioner::Vertices(_) => return active,
+        let y = match &self.preconditioner {
+            Preconditioner::Factor { double: Some(f), .. } => f.forward(b),
+            Preconditioner::Factor { single, .. } => single.forward(b),
+            Preconditioner::Vertices(_) => return None,
         };
-        let mut active = active;
-        let mut d = vec![0.0; gradient.len()];
-        for _ in 0..MAX_GUESSES {
-            let terms: Vec<RankOne> = active.iter().map(|&i| contact[i].clone()).collect();
-            self.correct(&terms);
-            let mut y: Vec<f64> = reached.iter().map(|g| -g).collect();
-            match &self.low_rank {
-                Some(low_rank) => {
-                    low_rank.add_loads(&active.iter().map(|&i| loads[i]).collect::<Vec<_>>(), &mut y);
-                    low_rank.apply(&mut y);
-                }
-                None if active.is_empty() => {}
-                None => break,
-            }
-            match &mut self.preconditioner {
-                Preconditioner::Factor { double: Some(f), .. } => f.corner_transpose_solve(&mut y),
-                Preconditioner::Factor { single, .. } => single.corner_transpose_solve(&mut y),
-                Preconditioner::Vertices(_) => break,
-            }
-            d[start..].copy_from_slice(&y);
-            let next: Vec<usize> = (0..contact.len()).filter(|&i| pushes(&d, i)).collect();
-            if next == active {
-                break;
-            }
-            active = next;
-        }
         self.times.1 += (self.clock)() - begin;
-        active
+        Some(y)
+    }
+
+    /// `L⁻ᵀ y` of the present factor.
+    pub(super) fn backward(&mut self, y: &[f64]) -> Vec<f64> {
+        let begin = (self.clock)();
+        let x = match &self.preconditioner {
+            Preconditioner::Factor { double: Some(f), .. } => f.backward(y),
+            Preconditioner::Factor { single, .. } => single.backward(y),
+            Preconditioner::Vertices(_) => y.to_vec(),
+        };
+        self.times.1 += (self.clock)() - begin;
+        x
+    }
+
+    /// The part of [`LinearSolver::backward`] from the corner on.
+    pub(super) fn corner_backward(&self, y: &mut [f64]) {
+        match &self.preconditioner {
+            Preconditioner::Factor { double: Some(f), .. } => f.corner_transpose_solve(y),
+            Preconditioner::Factor { single, .. } => single.corner_transpose_solve(y),
+            Preconditioner::Vertices(_) => {}
+        }
+    }
+
+    /// Unknowns from the corner on.
+    pub(super) fn corner(&self) -> std::ops::Range<usize> {
+        match &self.preconditioner {
+            Preconditioner::Factor { single, .. } => single.corner(),
+            Preconditioner::Vertices(_) => 0..0,
+        }
+    }
+
+    /// Compliance of the nodes so far.
+    pub(super) fn known_compliance(&self) -> Option<&Compliance> {
+        self.compliance.as_ref()
+    }
+
+    /// Compliance of at least the `nodes`, as the present factor sees it; `None` when one lies outside of the corner.
+    pub(super) fn compliance(&mut self, nodes: impl Iterator<Item = u32>) -> Option<&Compliance> {
+        let corner = self.corner();
+        let compliance = self.compliance.get_or_insert_with(|| Compliance::new(corner));
+        match &self.preconditioner {
+            Preconditioner::Factor { double: Some(f), .. } => {
+                compliance.add(nodes, |first, b| f.corner_solve(first, b))
+            }
+            Preconditioner::Factor { single, .. } => compliance.add(nodes, |first, b| single.corner_solve(first, b)),
+            Preconditioner::Vertices(_) => None,
+        }?;
+        Some(compliance)
     }
 
     /// Solves `A x = b` until the error's energy norm, as the preconditioner sees it, has fallen by `tolerance`.
     ///
-    /// `values` are those of `A`, `elastic` those without the terms `contact`.
+    /// `values` are those of `A`, `elastic` those without the terms `contact`. `norm_sq` is the square of the energy norm that `tolerance`
+    /// is a share of; that of `x` itself when there is none.
     pub(super) fn solve(
         &mut self,
         pattern: &Pattern,
@@ -255,9 +266,10 @@ impl LinearSolver {
         b: &[f64],
         x: &mut [f64],
         tolerance: f64,
+        norm_sq: Option<f64>,
     ) -> Result<Work, Indefinite> {
         x.fill(0.0);
-        let mut at = Iterate { r: b.to_vec(), start: None, iterations: 0 };
+        let mut at = Iterate { r: b.to_vec(), start: norm_sq, iterations: 0 };
         let (mut factorised, mut whole) = (false, false);
         let begin = (self.clock)();
         self.correct(contact);
@@ -289,7 +301,6 @@ impl LinearSolver {
             let begin = (self.clock)();
             let done = self.factorise(pattern, values, elastic, whole, !contact.is_empty());
             self.times.0 += (self.clock)() - begin;
-            self.low_rank = None;
             done?;
             self.correct(contact);
             factorised = true;
@@ -305,14 +316,19 @@ impl LinearSolver {
         whole: bool,
         touches: bool,
     ) -> Result<(), Indefinite> {
+        (self.low_rank, self.compliance) = (None, None);
         match &mut self.preconditioner {
-            Preconditioner::Factor { single, double, .. } => {
+            Preconditioner::Factor { symbolic, single, double } => {
                 let mut factorise = |values: &[f64]| {
                     self.factorisations += 1;
-                    match double {
-                        Some(factor) => factor.factorise(values),
-                        None => single.factorise(values),
+                    if let Some(factor) = double {
+                        return factor.factorise(values);
                     }
+                    if Arc::get_mut(single).is_none() {
+                        // Others go on with the shared one.
+                        *single = Arc::new(Factor::new(Arc::clone(symbolic)).map_err(|_| Indefinite)?);
+                    }
+                    Arc::get_mut(single).ok_or(Indefinite)?.factorise(values)
                 };
                 let of_elements = if whole { Err(Indefinite) } else { factorise(elastic) };
                 self.whole = touches && of_elements.is_err();
@@ -331,6 +347,7 @@ impl LinearSolver {
             && double.is_none()
         {
             *double = Factor::new(Arc::clone(symbolic)).ok().map(Box::new);
+            (self.low_rank, self.compliance) = (None, None);
         }
     }
 

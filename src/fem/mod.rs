@@ -8,6 +8,8 @@
 
 mod assembly;
 mod cell_states;
+mod compliance;
+mod condensed;
 mod contact;
 mod diagnosis;
 mod dofs;
@@ -16,7 +18,6 @@ mod error;
 mod factor;
 mod line_search;
 mod linear_solve;
-mod low_rank;
 pub mod material;
 mod newton;
 mod ordering;
@@ -30,6 +31,7 @@ mod triangular;
 pub use error::SolveError;
 pub use report::{CellState, IterationRecord, LostEllipticity, PhaseTimes, StepOutcome, StepReport};
 pub use settings::{Boundary, ContactBody, Locking, Model, Preset, SkinElement, SolveSettings, UnstableMaterial};
+pub use setup::Prepared;
 pub use solver::Solver;
 
 #[cfg(test)]

@@ -1,13 +1,17 @@
 //! Newton's method on the total potential energy at one position of the bones.
 
 use super::assembly::{Assembly, Curvature, Inversion};
-use super::contact::{Contact, Curved, Touch, penetration};
+#[cfg(test)]
+use super::contact::Curved;
+use super::contact::{Contact, Touch, penetration};
 use super::dofs::{Dofs, Hold, axes_in};
 use super::line_search::{self, Cut, Start};
 use super::linear_solve::{LinearSolver, dot};
+use super::quadratic_model::Bend;
 use super::report::{IterationRecord, PhaseTimes};
 use crate::control::{Cancelled, Clock, Control};
 use crate::geometry::{Motion, Point, Vector};
+use std::sync::Arc;
 
 /// A step counts as converged only when the remaining displacement is estimated below this share of the element size: 1e-3 mm for
 /// elements of 4 mm.
@@ -22,7 +26,7 @@ const BENT_BELOW_MM: f64 = 0.5;
 /// That share: small enough that the tangent mostly stays positive definite.
 const BENT_SHARE: f64 = 0.75;
 /// Points with a smaller gap may come to touch within one Newton step, mm.
-const NEAR_MM: f64 = 3.0;
+pub(super) const NEAR_MM: f64 = 3.0;
 /// A rough equilibrium may be this far from the exact one on the skin, as far as the last Newton step tells, mm.
 const VISIBLE_MM: f64 = 0.02;
 /// Bone near contact points moves at most this far in one substep, and no line search lets a point sink deeper, mm: else a point
@@ -77,6 +81,8 @@ pub(super) struct Limits {
 pub(super) struct Equations<'a> {
     pub(super) dofs: Dofs,
     pub(super) assembly: Assembly,
+    /// The elements' stiffness at rest; empty when it is not known.
+    rest_stiffness: Arc<Vec<f64>>,
     pub(super) contact: Contact<'a>,
     pub(super) solver: LinearSolver,
     pub(super) limits: Limits,
@@ -86,6 +92,8 @@ pub(super) struct Equations<'a> {
     pub(super) elastic: Vec<f64>,
     /// Pairs that push in the last model, ascending.
     pub(super) active: Vec<(usize, usize)>,
+    /// Forces of contact by unknown node as it settled last, ascending, N.
+    pub(super) settled_forces: Vec<(u32, Vector)>,
     pub(super) forces: Vec<Vector>,
     pub(super) residual: Vec<f64>,
     pub(super) failed_at: Vec<Vector>,
@@ -114,6 +122,9 @@ pub(super) struct Equilibrium {
 /// Forces out of balance at one state.
 #[derive(Debug)]
 pub(super) struct Balance {
+    /// Energy of the elements, mJ.
+    elastic: f64,
+    /// The whole, mJ.
     pub(super) energy: f64,
     residual_n: f64,
     reaction_n: f64,
@@ -124,6 +135,7 @@ impl<'a> Equations<'a> {
     pub(super) fn new(
         dofs: Dofs,
         assembly: Assembly,
+        rest: Arc<Vec<f64>>,
         contact: Contact<'a>,
         solver: LinearSolver,
         loads: Vec<Vector>,
@@ -137,6 +149,7 @@ impl<'a> Equations<'a> {
         Self {
             dofs,
             assembly,
+            rest_stiffness: rest,
             contact,
             solver,
             limits,
@@ -144,6 +157,7 @@ impl<'a> Equations<'a> {
             values,
             elastic,
             active: Vec::new(),
+            settled_forces: Vec::new(),
             forces,
             residual,
             failed_at: Vec::new(),
@@ -153,6 +167,16 @@ impl<'a> Equations<'a> {
             times: PhaseTimes::default(),
             rough: false,
         }
+    }
+
+    /// Puts stable materials in the place of those that can lose ellipticity; whether there were any.
+    pub(super) fn stabilise(&mut self) -> bool {
+        let changed = self.assembly.stabilise();
+        if changed {
+            self.rest_stiffness = Arc::default();
+            self.solver.refresh();
+        }
+        changed
     }
 
     /// Time of the phases so far.
@@ -182,10 +206,18 @@ impl<'a> Equations<'a> {
     /// Gradient of the total energy by the unknowns, in `self.residual`, and of the elements' part by all nodes in `self.forces`.
     pub(super) fn balance(&mut self, x: &[Vector], motions: &[Motion]) -> Result<Balance, Inversion> {
         let begin = (self.clock)();
+        let elastic = self.assembly.forces(x, &mut self.forces)?;
+        self.times.residual_s += (self.clock)() - begin;
+        Ok(self.weigh(elastic, x, motions))
+    }
+
+    /// [`Equations::balance`] with the elements' energy known and their forces at `x` in `self.forces`.
+    fn weigh(&mut self, elastic: f64, x: &[Vector], motions: &[Motion]) -> Balance {
+        let begin = (self.clock)();
         let touches = self.contact.touches(x, motions);
         let searched = (self.clock)();
         self.times.contact_s += searched - begin;
-        let energy = self.assembly.forces(x, &mut self.forces)? + self.contact.energy(&touches) - self.work_of_loads(x);
+        let energy = elastic + self.contact.energy(&touches) - self.work_of_loads(x);
         let mut pushed = vec![Vector::zeros(); self.dofs.n_nodes()];
         self.contact.add_forces(&touches, &mut pushed);
         let mut reaction = 0.0;
@@ -207,7 +239,7 @@ impl<'a> Equations<'a> {
             .map(|(&node, r)| self.unit(node as usize).powi(2) * (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]))
             .sum();
         self.times.residual_s += (self.clock)() - searched;
-        Ok(Balance { energy, residual_n: residual.sqrt(), reaction_n: reaction.sqrt(), touches })
+        Balance { elastic, energy, residual_n: residual.sqrt(), reaction_n: reaction.sqrt(), touches }
     }
 
     fn unit(&self, node: usize) -> f64 {
@@ -232,6 +264,10 @@ impl<'a> Equations<'a> {
 
     /// The elements' stiffness in `self.elastic`, their forces in `self.forces`.
     pub(super) fn tangent(&mut self, x: &[Vector], curvature: Curvature) -> Result<(), Inversion> {
+        if curvature == Curvature::Exact && !self.rest_stiffness.is_empty() && x == self.dofs.rest() {
+            self.elastic.copy_from_slice(&self.rest_stiffness);
+            return self.assembly.forces(x, &mut self.forces).map(|_| ());
+        }
         let begin = (self.clock)();
         let done = self.assembly.tangent(x, curvature, &mut self.forces, &mut self.elastic);
         self.assembly.pattern().hold(self.dofs.partly_held(), &mut self.elastic);
@@ -306,7 +342,7 @@ impl<'a> Equations<'a> {
         control: &Control,
     ) -> Result<Equilibrium, Failure> {
         let mut curvature = Curvature::Exact;
-        let (mut curved, mut wait) = (0.0, 0usize);
+        let (mut bend, mut wait) = (Bend { settled: true, ..Bend::default() }, 0usize);
         let share = if aim > self.limits.relative_residual { COARSE_DISPLACEMENT } else { DISPLACEMENT_TOLERANCE };
         let enough = share * self.limits.element_size_mm;
         let mut last = (f64::INFINITY, 0.0);
@@ -338,7 +374,7 @@ impl<'a> Equations<'a> {
                 active_contacts: balance.touches.len(),
                 ..IterationRecord::default()
             };
-            let d = self.direction(x, motions, &mut curvature, &mut curved, forcing, &mut record)?;
+            let (d, balance) = self.direction(x, motions, balance, &mut curvature, &mut bend, forcing, &mut record)?;
             let slope = dot(&d, &self.residual);
             let (begin, before) = ((self.clock)(), self.times().total_s());
             let taken = line_search::along(
@@ -363,7 +399,8 @@ impl<'a> Equations<'a> {
                     // A short step says that the quadratic model was poor.
                     curvature = if step < 0.5 { Curvature::Projected } else { Curvature::Exact };
                     wait = if record.unstable { 2 } else { wait.saturating_sub(1) };
-                    curved = match record.displacement_mm {
+                    bend.settled = wait == 0;
+                    bend.share = match record.displacement_mm {
                         _ if wait > 0 || step < 1.0 => 0.0,
                         moved if moved < CURVED_BELOW_MM => 1.0,
                         moved if moved < BENT_BELOW_MM => BENT_SHARE,
@@ -414,17 +451,18 @@ impl<'a> Equations<'a> {
         self.dofs.max_position_change(&d)
     }
 
-    /// A descent direction: Newton's with the tangent asked for, with the projected one when that is not positive definite.
+    /// A descent direction: Newton's with the tangent asked for, with the projected one when that is not positive definite. Multipliers may
+    /// grow on the way: with it comes the balance at `x` with the present ones.
     fn direction(
         &mut self,
         x: &[Vector],
         motions: &[Motion],
+        mut balance: Balance,
         curvature: &mut Curvature,
-        curved: &mut f64,
+        bend: &mut Bend,
         forcing: f64,
         record: &mut IterationRecord,
-    ) -> Result<Vec<f64>, Failure> {
-        let near = self.near(x, motions);
+    ) -> Result<(Vec<f64>, Balance), Failure> {
         let mut assembled = None;
         loop {
             if assembled != Some(*curvature) {
@@ -433,16 +471,19 @@ impl<'a> Equations<'a> {
             }
             let mut load = self.forces.clone();
             self.subtract_loads(&mut load);
-            let bent = (*curved > 0.0).then_some(Curved { x, motions, share: *curved });
-            if let Ok(d) = self.minimise_model(&load, &near, bent, forcing, record) {
+            let found = self.minimise_model(x, motions, &load, bend, forcing, record);
+            if !self.contact.is_empty() {
+                balance = self.weigh(balance.elastic, x, motions);
+            }
+            if let Ok(d) = found {
                 record.projected = *curvature == Curvature::Projected;
                 if dot(&d, &self.residual) < 0.0 {
-                    return Ok(d);
+                    return Ok((d, balance));
                 }
             }
             // A projected tangent is positive definite: if the factor says otherwise, its precision was too low.
-            if *curved > 0.0 {
-                *curved = 0.0;
+            if bend.used {
+                *bend = Bend::default();
                 record.unstable = true;
                 continue;
             }

@@ -3,7 +3,7 @@
 use super::assembly::Curvature;
 use super::contact::{Curved, Touch};
 use super::factor::Indefinite;
-use super::linear_solve::System;
+use super::linear_solve::{System, dot};
 use super::newton::{Equations, Failure, MAX_CONTACT_MOTION_MM};
 use super::report::IterationRecord;
 use crate::geometry::{Motion, Vector};
@@ -12,6 +12,23 @@ use crate::geometry::{Motion, Vector};
 const NEGLIGIBLE: usize = 50;
 /// Changes of the set of touching points within one Newton step.
 const MAX_ACTIVE_SETS: usize = 8;
+
+/// Forcing term of the linear prediction of a step.
+const PREDICTED: f64 = 1e-2;
+
+/// Points that settled contact has within this of the whole model's answer, mm, are held to be right about the bodies' curvature.
+const TRUSTED_MM: f64 = 0.1;
+
+/// How much of the bodies' curvature a model takes.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Bend {
+    /// Share of it at a state that contact did not settle in.
+    pub(super) share: f64,
+    /// Whether the whole is taken where contact settled.
+    pub(super) settled: bool,
+    /// Whether the last model took any.
+    pub(super) used: bool,
+}
 
 impl Equations<'_> {
     /// `self.values` from the elements' stiffness and that of `touches`.
@@ -23,34 +40,37 @@ impl Equations<'_> {
     }
 
     /// Minimises the quadratic model of the energy over the unknowns: elements with gradient `load` (by all nodes) and stiffness
-    /// `self.elastic`, and the points `near`, each of which pushes or not as the model's own solution says (a primal-dual
-    /// active set: without it a step runs into bone that it did not know of).
+    /// `self.elastic` at `x`, and contact as it is linearised where the condensed energy has it settle, or else at `x`; each point pushes or
+    /// not as the model's own solution says (a primal-dual active set: without it a step runs into bone that it did not know of).
     pub(super) fn minimise_model(
         &mut self,
+        x: &[Vector],
+        motions: &[Motion],
         load: &[Vector],
-        near: &[Touch],
-        curved: Option<Curved<'_>>,
+        bend: &mut Bend,
         forcing: f64,
         record: &mut IterationRecord,
     ) -> Result<Vec<f64>, Indefinite> {
         let n = self.residual.len();
         let (mut d, mut change, mut rhs) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
-        // What the last model found is nearer to its answer than what touches after a whole step of the bone.
-        let mut active: Vec<Touch> =
-            near.iter().filter(|t| self.active.binary_search(&t.pair()).is_ok()).copied().collect();
-        if !near.is_empty() {
-            self.solver.prepare(self.assembly.pattern(), &self.elastic);
-            let begin = (self.clock)();
-            let terms = self.contact.terms(near, &self.dofs);
-            let loads = self.contact.loads(near);
-            let first = (0..near.len()).filter(|&i| self.active.binary_search(&near[i].pair()).is_ok()).collect();
-            self.dofs.restrict(load, &mut rhs);
-            let (contact, dofs) = (&self.contact, &self.dofs);
-            let pushes = |d: &[f64], i: usize| contact.pressure_after(&near[i], dofs, d) > 0.0;
-            self.times.contact_s += (self.clock)() - begin;
-            let found = self.solver.guess_active(&rhs, &terms, &loads, &pushes, first);
-            active = found.into_iter().map(|i| near[i]).collect();
-        }
+        self.solver.prepare(self.assembly.pattern(), &self.elastic);
+        self.dofs.restrict(load, &mut rhs);
+        let settled = if self.contact.is_empty() { None } else { self.settle_contact(x, motions, &rhs) };
+        let (near, mut active, mut curved): (Vec<Touch>, Vec<Touch>, _) = match &settled {
+            Some(settled) => {
+                d.copy_from_slice(&settled.d);
+                let bent = (settled.curved && bend.settled).then_some(Curved { x: &settled.x, motions, share: 1.0 });
+                (settled.near.clone(), settled.active.clone(), bent)
+            }
+            None => {
+                let near = self.near(x, motions);
+                // What the last model found is nearer to its answer than what touches after a whole step of the bone.
+                let active = near.iter().filter(|t| self.active.binary_search(&t.pair()).is_ok()).copied().collect();
+                let bent = (bend.share > 0.0).then_some(Curved { x, motions, share: bend.share });
+                (near, active, bent)
+            }
+        };
+        bend.used = curved.is_some();
         let few = if self.limits.linear { 0 } else { active.len() / NEGLIGIBLE };
         for round in 0..MAX_ACTIVE_SETS {
             let begin = (self.clock)();
@@ -58,8 +78,16 @@ impl Equations<'_> {
             let mut gradient = load.to_vec();
             self.contact.add_forces(&active, &mut gradient);
             self.dofs.restrict(&gradient, &mut rhs);
+            // Square of the solution's energy norm, as the factor sees it.
+            let norm_sq = settled.as_ref().map(|s| -dot(&rhs, &s.d)).filter(|norm| *norm > 0.0);
+            if let Some(settled) = &settled {
+                self.assembly.pattern().multiply(&self.elastic, &settled.d, &mut change);
+                rhs.iter_mut().zip(&change).for_each(|(r, c)| *r += c);
+            }
             if round > 0 {
-                self.assembly.pattern().multiply(&self.values, &d, &mut change);
+                let from = settled.as_ref().map_or(&[][..], |s| &s.d).iter().copied().chain(std::iter::repeat(0.0));
+                let farther: Vec<f64> = d.iter().zip(from).map(|(d, from)| d - from).collect();
+                self.assembly.pattern().multiply(&self.values, &farther, &mut change);
                 rhs.iter_mut().zip(&change).for_each(|(r, c)| *r += c);
             }
             rhs.iter_mut().for_each(|r| *r = -*r);
@@ -67,9 +95,14 @@ impl Equations<'_> {
             let tolerance = self.solver.tolerance(forcing);
             let terms = self.contact.terms(&active, &self.dofs);
             let system = System { values: &self.values, elastic: &self.elastic, contact: &terms };
-            let work = self.solver.solve(self.assembly.pattern(), system, &rhs, &mut change, tolerance)?;
+            let work = self.solver.solve(self.assembly.pattern(), system, &rhs, &mut change, tolerance, norm_sq)?;
             record.factorised |= work.factorised;
             record.cg_iterations += work.cg_iterations;
+            if settled.is_some() && curved.is_some() && self.dofs.max_position_change(&change) > TRUSTED_MM {
+                // Where the tangent with it is nearly singular, points would creep farther than it can tell.
+                (curved, bend.used) = (None, false);
+                continue;
+            }
             d.iter_mut().zip(&change).for_each(|(d, c)| *d += c);
             let next: Vec<Touch> =
                 near.iter().filter(|t| self.contact.pressure_after(t, &self.dofs, &d) > 0.0).copied().collect();
@@ -100,10 +133,10 @@ impl Equations<'_> {
         self.assembly.forces(x, &mut self.forces)?;
         load.iter_mut().zip(&self.forces).for_each(|(load, f)| *load += f);
         self.subtract_loads(&mut load);
-        let near = self.near(&target, motions);
         for curvature in [Curvature::Exact, Curvature::Projected] {
             self.tangent(x, curvature)?;
-            if let Ok(d) = self.minimise_model(&load, &near, None, 1e-2, &mut IterationRecord::default()) {
+            let mut record = IterationRecord::default();
+            if let Ok(d) = self.minimise_model(&target, motions, &load, &mut Bend::default(), PREDICTED, &mut record) {
                 self.dofs.add(1.0, &d, &mut target);
                 let (_, found_mm) = self.energy(&target, motions)?;
                 if found_mm > 2.0 * MAX_CONTACT_MOTION_MM {

@@ -1,17 +1,21 @@
 //! From mesh and settings to equations.
 
-use super::assembly::{Assembly, Law, Part};
+use super::assembly::{Assembly, Curvature, Law, Part};
 use super::contact::{Contact, contact_nodes};
 use super::dofs::Dofs;
 use super::element::{self, C1Surface, ElementBlock, MeshCell};
 use super::error::SolveError;
+use super::factor::{Factor, Symbolic};
 use super::linear_solve::LinearSolver;
 use super::material::{Material, Materials};
 use super::newton::{Equations, Limits};
+use super::report::PhaseTimes;
 use super::settings::{Boundary, ContactBody, Locking, Model, SkinElement, SolveSettings};
 use crate::control::Control;
 use crate::geometry::Vector;
 use crate::mesh::{Attachment, MixedMesh, Tissue};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Contact stiffness in units of the tissue's confined modulus over its mean thickness: a layer compressed by a third of its
 /// thickness sinks some 0.01 of the thickness into bone before the multipliers take over.
@@ -21,73 +25,180 @@ const FORCE_FLOOR: f64 = 1e-3;
 
 const TISSUES: [Tissue; 4] = [Tissue::Skin, Tissue::Muscle, Tissue::Fat, Tissue::Mucosa];
 
-/// Sets up the equations; also the outer surface when the skin is made of C1 prisms, and warnings.
-pub(super) fn equations<'a>(
-    mesh: &MixedMesh,
-    bodies: Vec<ContactBody<'a>>,
-    boundary: &Boundary,
-    settings: &SolveSettings,
-    control: &Control,
-) -> Result<(Equations<'a>, Option<C1Surface>, Vec<String>), SolveError> {
-    settings.check()?;
-    check_mesh(mesh)?;
-    check_boundary(mesh, boundary)?;
-    check_bodies(&bodies)?;
-    let (blocks, surface) = element_blocks(mesh, settings)?;
-    let mut warnings = surface.as_ref().map(C1Surface::warnings).unwrap_or_default();
-    warnings.extend(settings.stability_warnings(mesh));
-    warnings.extend(settings.locking_warning(mesh));
-    control.check()?;
-    control.report(0.2);
-    let smoothed = match settings.locking {
-        Locking::None => None,
-        Locking::Smoothed => Some(smoothed_parts(mesh, &blocks, settings)?),
-    };
-    let coupled: Vec<&ElementBlock> = match &smoothed {
-        Some(parts) => parts.iter().map(|p| &p.block).collect(),
-        None => blocks.iter().collect(),
-    };
-    // Contact changes at every iteration; eliminated last, it leaves most of a factor as it is.
-    let last = if bodies.is_empty() || settings.model == Model::MassTensor { Vec::new() } else { contact_nodes(mesh) };
-    let dofs = Dofs::new(mesh, boundary, surface.as_ref(), &coupled, &last)?;
-    if dofs.n_unknown() == 0 {
-        return Err(problem("no node is free to move: all are fixed or tied to bone".to_owned()));
-    }
-    control.check()?;
-    control.report(0.5);
-    let scale = Scale::new(mesh, &blocks, &settings.materials);
-    let whole = laws(settings, |m| m)?;
-    let elements = blocks.into_iter().map(|block| Part { block, laws: whole.clone() }).collect();
-    let assembly = match smoothed {
-        Some(parts) => Assembly::new(parts, Some(elements), &dofs)?,
-        None => Assembly::new(elements, None, &dofs)?,
-    };
-    control.check()?;
-    control.report(0.7);
-    let solver = match settings.model {
-        Model::MassTensor => LinearSolver::relaxation(control.clock()),
-        Model::Linear | Model::Nonlinear | Model::Mixed => {
-            LinearSolver::new(assembly.pattern(), dofs.first_last(), control.clock())?
+/// What the equations of a mesh need that does not depend on where its bones go: elements, unknowns, elimination order, pattern, symbolic
+/// factorisation, and stiffness and factor at rest. Any number of solvers may begin with one ([`Solver::over`](super::Solver::over)); each
+/// finds the same bits as a solver that prepared for itself.
+#[derive(Debug)]
+pub struct Prepared {
+    pub(super) surface: Option<Arc<C1Surface>>,
+    pub(super) settings: SolveSettings,
+    pub(super) warnings: Vec<String>,
+    /// Time of the parts.
+    times: PhaseTimes,
+    factorisations: usize,
+    /// Whether a solver has told of these.
+    told: AtomicBool,
+    dofs: Dofs,
+    assembly: Assembly,
+    factor: Option<(Arc<Symbolic>, Arc<Factor<f32>>)>,
+    /// Stiffness of the elements at rest.
+    rest: Arc<Vec<f64>>,
+    loads: Vec<Vector>,
+    /// MPa/mm.
+    contact_stiffness: f64,
+    limits: Limits,
+    /// Nodes and cells of the mesh.
+    size: [usize; 3],
+}
+
+impl Prepared {
+    /// Prepares for a mesh. `touching`: bodies will be in contact.
+    ///
+    /// # Errors
+    /// [`SolveError`] when elements are inverted at rest or the problem does not fit together (for example nothing is held).
+    pub fn new(
+        mesh: &MixedMesh,
+        touching: bool,
+        boundary: &Boundary,
+        settings: SolveSettings,
+        control: &Control,
+    ) -> Result<Self, SolveError> {
+        let clock = control.clock();
+        let begin = clock();
+        settings.check()?;
+        check_mesh(mesh)?;
+        check_boundary(mesh, boundary)?;
+        let (blocks, surface) = element_blocks(mesh, &settings)?;
+        let mut warnings = surface.as_ref().map(C1Surface::warnings).unwrap_or_default();
+        warnings.extend(settings.stability_warnings(mesh));
+        warnings.extend(settings.locking_warning(mesh));
+        control.check()?;
+        control.report(0.2);
+        let smoothed = match settings.locking {
+            Locking::None => None,
+            Locking::Smoothed => Some(smoothed_parts(mesh, &blocks, &settings)?),
+        };
+        let coupled: Vec<&ElementBlock> = match &smoothed {
+            Some(parts) => parts.iter().map(|p| &p.block).collect(),
+            None => blocks.iter().collect(),
+        };
+        // Contact changes at every iteration; eliminated last, it leaves most of a factor as it is.
+        let relaxes = settings.model == Model::MassTensor;
+        let last = if touching && !relaxes { contact_nodes(mesh) } else { Vec::new() };
+        let dofs = Dofs::new(mesh, boundary, surface.as_ref(), &coupled, &last)?;
+        if dofs.n_unknown() == 0 {
+            return Err(problem("no node is free to move: all are fixed or tied to bone".to_owned()));
         }
-    };
-    control.report(0.9);
-    let stiffness = settings.contact_stiffness_factor * CONTACT_STIFFNESS * scale.modulus / scale.thickness_mm;
-    let (contact, overlap) = Contact::new(mesh, bodies, stiffness);
-    let limits = Limits {
-        relative_residual: settings.relative_residual,
-        max_iterations: settings.max_iterations,
-        penetration_tolerance_mm: settings.penetration_tolerance_mm,
-        force_floor_n: FORCE_FLOOR * scale.shear * scale.element_size_mm.powi(2),
-        element_size_mm: scale.element_size_mm,
-        energy_noise_mj: 1e-13 * scale.shear * scale.volume,
-        linear: settings.model.is_linear(),
-    };
-    let loads =
-        if boundary.loads_n.iter().any(|f| *f != Vector::zeros()) { boundary.loads_n.clone() } else { Vec::new() };
-    let equations = Equations::new(dofs, assembly, contact, solver, loads, limits, control.clock());
-    warnings.extend(overlap);
-    control.report(1.0);
-    Ok((equations, surface, warnings))
+        control.check()?;
+        control.report(0.4);
+        let scale = Scale::new(mesh, &blocks, &settings.materials);
+        let whole = laws(&settings, |m| m)?;
+        let elements = blocks.into_iter().map(|block| Part { block, laws: whole.clone() }).collect();
+        let assembly = match smoothed {
+            Some(parts) => Assembly::new(parts, Some(elements), &dofs)?,
+            None => Assembly::new(elements, None, &dofs)?,
+        };
+        control.check()?;
+        control.report(0.5);
+        let limits = Limits {
+            relative_residual: settings.relative_residual,
+            max_iterations: settings.max_iterations,
+            penetration_tolerance_mm: settings.penetration_tolerance_mm,
+            force_floor_n: FORCE_FLOOR * scale.shear * scale.element_size_mm.powi(2),
+            element_size_mm: scale.element_size_mm,
+            energy_noise_mj: 1e-13 * scale.shear * scale.volume,
+            linear: settings.model.is_linear(),
+        };
+        let loads =
+            if boundary.loads_n.iter().any(|f| *f != Vector::zeros()) { boundary.loads_n.clone() } else { Vec::new() };
+        let mut prepared = Self {
+            surface: surface.map(Arc::new),
+            warnings,
+            times: PhaseTimes::default(),
+            factorisations: 0,
+            told: AtomicBool::new(false),
+            dofs,
+            assembly,
+            factor: None,
+            rest: Arc::default(),
+            loads,
+            contact_stiffness: settings.contact_stiffness_factor * CONTACT_STIFFNESS * scale.modulus
+                / scale.thickness_mm,
+            limits,
+            size: size(mesh),
+            settings,
+        };
+        prepared.times.setup_s = clock() - begin;
+        if !relaxes {
+            prepared.factorise(control)?;
+        }
+        control.report(1.0);
+        Ok(prepared)
+    }
+
+    /// Stiffness and factor at rest. A factor that fails is left without values: who solves tries again, and tells.
+    fn factorise(&mut self, control: &Control) -> Result<(), SolveError> {
+        let clock = control.clock();
+        let begin = clock();
+        let symbolic = Arc::new(Symbolic::new(self.assembly.pattern(), self.dofs.first_last())?);
+        let mut factor = Factor::new(Arc::clone(&symbolic))?;
+        control.check()?;
+        control.report(0.6);
+        let analysed = clock();
+        let mut values = vec![0.0; self.assembly.pattern().n_values()];
+        let mut forces = vec![Vector::zeros(); self.dofs.n_nodes()];
+        let rest = self.dofs.rest().to_vec();
+        let stiffness = self.assembly.tangent(&rest, Curvature::Exact, &mut forces, &mut values);
+        self.assembly.pattern().hold(self.dofs.partly_held(), &mut values);
+        control.check()?;
+        control.report(0.7);
+        let assembled = clock();
+        if stiffness.is_ok() {
+            self.factorisations = 1;
+            // Not positive definite at rest: told by the first solve.
+            let _ = factor.factorise(&values);
+            self.rest = Arc::new(values);
+        }
+        self.factor = Some((symbolic, Arc::new(factor)));
+        self.times.setup_s += analysed - begin;
+        self.times.tangent_s = assembled - analysed;
+        self.times.factor_s = clock() - assembled;
+        Ok(())
+    }
+
+    /// Time and factorisations of the preparation, for the first solver that asks.
+    pub(super) fn untold_work(&self) -> (PhaseTimes, usize) {
+        if self.told.swap(true, Ordering::Relaxed) { Default::default() } else { (self.times, self.factorisations) }
+    }
+
+    /// Sets up the equations; also warnings.
+    pub(super) fn equations<'a>(
+        &self,
+        mesh: &MixedMesh,
+        bodies: Vec<ContactBody<'a>>,
+        control: &Control,
+    ) -> Result<(Equations<'a>, Vec<String>), SolveError> {
+        check_bodies(&bodies)?;
+        if size(mesh) != self.size {
+            return Err(problem("the mesh is not the one that was prepared".to_owned()));
+        }
+        let solver = match &self.factor {
+            Some((symbolic, factor)) => LinearSolver::new(Arc::clone(symbolic), Arc::clone(factor), control.clock()),
+            None => LinearSolver::relaxation(control.clock()),
+        };
+        let (contact, overlap) = Contact::new(mesh, bodies, self.contact_stiffness);
+        let (dofs, assembly) = (self.dofs.clone(), self.assembly.clone());
+        let rest = Arc::clone(&self.rest);
+        let equations =
+            Equations::new(dofs, assembly, rest, contact, solver, self.loads.clone(), self.limits, control.clock());
+        let mut warnings = self.warnings.clone();
+        warnings.extend(overlap);
+        Ok((equations, warnings))
+    }
+}
+
+fn size(mesh: &MixedMesh) -> [usize; 3] {
+    [mesh.positions.len(), mesh.tetrahedra.len(), mesh.prisms.len()]
 }
 
 fn element_blocks(

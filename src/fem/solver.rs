@@ -3,12 +3,14 @@
 use super::element::C1Surface;
 use super::error::SolveError;
 use super::newton::{Equations, Equilibrium, Failure, MAX_CONTACT_MOTION_MM};
-use super::report::{CellState, IterationRecord, StepOutcome, StepReport};
+use super::report::{CellState, IterationRecord, PhaseTimes, StepOutcome, StepReport};
 use super::settings::{Boundary, ContactBody, SolveSettings, UnstableMaterial};
+use super::setup::Prepared;
 use super::{diagnosis, setup};
 use crate::control::Control;
 use crate::geometry::{Motion, Point, Vector};
 use crate::mesh::MixedMesh;
+use std::sync::Arc;
 
 /// Contact points farther from a body than this do not limit its substeps, mm.
 const CONTACT_REACH_MM: f64 = 10.0;
@@ -19,7 +21,7 @@ const HELD_TOLERANCE_MM: f64 = 1e-9;
 #[derive(Debug)]
 pub struct Solver<'a> {
     mesh: &'a MixedMesh,
-    surface: Option<C1Surface>,
+    surface: Option<Arc<C1Surface>>,
     settings: SolveSettings,
     pub(super) equations: Equations<'a>,
     /// Segments that a report gives reactions for, ascending.
@@ -31,6 +33,8 @@ pub struct Solver<'a> {
     stabilised: bool,
     /// Found while setting up; told with the first step.
     warnings: Vec<String>,
+    /// Times and factorisations of the preparation, where this solver is the first over it; told with the first step.
+    preparation: (PhaseTimes, usize),
 }
 
 /// An equilibrium.
@@ -68,24 +72,40 @@ impl<'a> Solver<'a> {
         settings: SolveSettings,
         control: &Control,
     ) -> Result<Self, SolveError> {
+        let prepared = Prepared::new(mesh, !bodies.is_empty(), boundary, settings, &control.part(0.0, 0.9))?;
+        Self::over(&prepared, mesh, bodies, &control.part(0.9, 1.0))
+    }
+
+    /// A solver that begins with what was prepared for `mesh`.
+    ///
+    /// # Errors
+    /// [`SolveError`] when a segment is given twice, or when the mesh is of another size than that which was prepared for.
+    pub fn over(
+        prepared: &Prepared,
+        mesh: &'a MixedMesh,
+        bodies: Vec<ContactBody<'a>>,
+        control: &Control,
+    ) -> Result<Self, SolveError> {
         let begin = (control.clock())();
         let mut segments = setup::tied_segments(mesh);
         segments.extend(bodies.iter().map(|b| b.segment));
         segments.sort_unstable();
         segments.dedup();
-        let (mut equations, surface, warnings) = setup::equations(mesh, bodies, boundary, &settings, control)?;
+        let (mut equations, warnings) = prepared.equations(mesh, bodies, control)?;
         equations.times.setup_s = (control.clock())() - begin;
         let state = State { t: 0.0, x: equations.dofs.rest().to_vec(), motions: Vec::new() };
+        control.report(1.0);
         Ok(Self {
             mesh,
-            surface,
-            settings,
+            surface: prepared.surface.clone(),
+            settings: prepared.settings.clone(),
             equations,
             segments,
             state,
             substep: f64::INFINITY,
             stabilised: false,
             warnings,
+            preparation: prepared.untold_work(),
         })
     }
 
@@ -261,10 +281,9 @@ impl<'a> Solver<'a> {
         }
         let x = self.equations.last_iterate().unwrap_or(&self.state.x);
         let Some(lost) = diagnosis::lost_ellipticity(&self.equations, self.mesh, x) else { return false };
-        if !self.equations.assembly.stabilise() {
+        if !self.equations.stabilise() {
             return false;
         }
-        self.equations.solver.refresh();
         self.stabilised = true;
         self.warnings.push(format!(
             "at {goal:.4} of the path {lost}: from there on neo-Hookean with the same moduli is in the place of every material that can lose it, as asked for"
@@ -296,6 +315,8 @@ impl<'a> Solver<'a> {
 
     fn report(&mut self, found: &Equilibrium, progress: &Progress, factorisations: usize) -> StepReport {
         let mut warnings = std::mem::take(&mut self.warnings);
+        let (mut phases, prepared) = std::mem::take(&mut self.preparation);
+        phases += self.equations.take_times();
         if progress.halvings > 0 {
             warnings.push(format!(
                 "substeps were shortened {} times to keep Newton's method on its way",
@@ -335,7 +356,7 @@ impl<'a> Solver<'a> {
             outcome,
             newton_iterations: progress.iterations,
             substeps: progress.substeps,
-            factorisations,
+            factorisations: factorisations + prepared,
             relative_residual: found.relative_residual,
             remaining_mm: found.remaining_mm,
             min_det_f,
@@ -343,7 +364,7 @@ impl<'a> Solver<'a> {
             active_contacts: found.touches.len(),
             reactions_n,
             unknowns: self.equations.dofs.n_scalar(),
-            phases: self.equations.take_times(),
+            phases,
             warnings,
         }
     }

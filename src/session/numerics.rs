@@ -14,15 +14,20 @@ use crate::geometry::{Implicit, Motion, Point, TriMesh, Vector};
 use crate::import::{self, Limits};
 use crate::mesh::MeshReport;
 use crate::plan::{self, BoundedPlane, Osteotomy, PathReport, Plan};
-use crate::simulate::{self, CutBone, Fields, Outcome, TissueModel};
+use crate::simulate::{self, CutBone, Fields, Outcome, PreparedTissue, TissueModel};
 use crate::surface::{self, CtSettings, CtSurfaces};
 
 /// Said when landmarks do not place a template.
 const PROPOSED_PLANE: &str = "the landmarks do not place the cuts fully: what is missing was put at an adult's usual distances below \
      the tip of the nose and needs to be checked";
 
+/// Share of a solve's progress that preparing the equations takes.
+const PREPARING: f64 = 0.05;
+
 /// Fields, cut bones and meshes that are kept; each takes some 100 MB at most.
 const KEPT: usize = 4;
+/// Prepared equations that are kept; on a head each takes some 400 MB.
+const KEPT_EQUATIONS: usize = 1;
 
 /// The real numerics, with the last few intermediate results in memory.
 pub struct Numerics {
@@ -30,6 +35,7 @@ pub struct Numerics {
     fields: Recent<Fields>,
     bones: Recent<CutBone>,
     tissues: Recent<TissueModel>,
+    prepared: Recent<PreparedTissue>,
 }
 
 impl fmt::Debug for Numerics {
@@ -42,7 +48,13 @@ impl Numerics {
     /// Numerics that refuse inputs above `limits`.
     #[must_use]
     pub fn new(limits: Limits) -> Self {
-        Self { limits, fields: Recent::new(KEPT), bones: Recent::new(KEPT), tissues: Recent::new(KEPT) }
+        Self {
+            limits,
+            fields: Recent::new(KEPT),
+            bones: Recent::new(KEPT),
+            tissues: Recent::new(KEPT),
+            prepared: Recent::new(KEPT_EQUATIONS),
+        }
     }
 
     fn fields_of(&self, case: &Case, control: &Control) -> Result<Arc<Fields>, Halt> {
@@ -80,6 +92,13 @@ impl Numerics {
 /// Shortest decimal forms of the numbers tell every bit apart.
 fn bone_key(case: &Case, cuts: &[BoundedPlane]) -> String {
     key_of(&[&case.key, &format!("{cuts:?}")])
+}
+
+/// Everything that prepared equations are made from: only the way and the steps may differ.
+fn prepared_key(run: &Run) -> String {
+    let moving: Vec<u32> = run.plan.paths.iter().map(plan::Path::segment).collect();
+    let (solver, attachment) = (&run.settings.solver, &run.settings.attachment);
+    key_of(&[&run.tissue.key, &bone_key(&run.case, &run.cuts), &format!("{moving:?} {solver:?} {attachment:?}")])
 }
 
 impl Engine for Numerics {
@@ -174,9 +193,15 @@ impl Engine for Numerics {
             watch.warning(warning);
         }
         watch.stage("solve");
-        let control = control.part(shares[2], 1.0);
+        let before = control.part(shares[2], shares[2] + PREPARING);
+        let prepared = self.prepared.get_or(&prepared_key(run), || {
+            self.prepared.make_room();
+            PreparedTissue::new(&tissue, &bone, &run.plan, &run.settings, &before)
+        })?;
+        let control = control.part(shares[2] + PREPARING, 1.0);
+        let (anatomy, plan, settings) = (&run.case.anatomy, &run.plan, &run.settings);
         let mut on_frame = |frame| watch.frame(frame);
-        Ok(simulate::solve(&run.case.anatomy, &tissue, &bone, &run.plan, &run.settings, &control, &mut on_frame)?)
+        Ok(simulate::solve_prepared(anatomy, &tissue, &prepared, &bone, plan, settings, &control, &mut on_frame)?)
     }
 
     fn solve_scene(&self, run: &SceneRun, control: &Control, watch: &mut dyn RunWatch) -> Result<SceneSolved, Halt> {

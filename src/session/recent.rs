@@ -35,6 +35,14 @@ impl<T> Recent<T> {
         entries.push((key.to_owned(), value));
     }
 
+    /// Lets the oldest go where there is no room for one more, before something large is built.
+    pub(super) fn make_room(&self) {
+        let mut entries = self.entries.lock().unwrap_or_else(PoisonError::into_inner);
+        if entries.len() >= self.capacity {
+            entries.remove(0);
+        }
+    }
+
     /// What is kept under `key`, else what `build` makes.
     pub(super) fn get_or<E>(&self, key: &str, build: impl FnOnce() -> Result<T, E>) -> Result<Arc<T>, E> {
         if let Some(found) = self.get(key) {
@@ -59,6 +67,8 @@ mod tests {
         recent.put("c", Arc::new(3));
         assert!(recent.get("b").is_none());
         assert_eq!(recent.get_or("a", || Err("not built again")).as_deref(), Ok(&1));
+        recent.make_room();
+        assert!(recent.get("c").is_none() && recent.get("a").is_some());
         assert_eq!(recent.get_or("d", || Err("failed")).err(), Some("failed"));
     }
 }

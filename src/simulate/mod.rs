@@ -19,6 +19,6 @@ pub use fields::{Anatomy, Fields, FieldsSettings, build_fields};
 pub use landmarks::propose_landmarks;
 pub use outer_surface::OuterSurface;
 pub use ready_mesh::{CellPlace, ReadyMesh, ReadyMeshError};
-pub use run::{Frame, Outcome, RegionMotion, RunSettings, solve};
+pub use run::{Frame, Outcome, PreparedTissue, RegionMotion, RunSettings, solve, solve_prepared};
 pub use scene::{Scene, SceneOutcome};
 pub use tissue::{AttachmentRules, TissueModel, TissueSettings, build_tissue};

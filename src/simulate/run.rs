@@ -3,8 +3,9 @@ use super::tissue::attach;
 use super::{Anatomy, AttachmentRules, CutBone, SimulateError, TissueModel};
 use crate::control::Control;
 use crate::evaluate::{FaceRegion, face_regions};
-use crate::fem::{SolveSettings, Solver, StepReport};
+use crate::fem::{Boundary, Prepared, SolveSettings, Solver, StepReport};
 use crate::geometry::{Aabb, Point, TriMesh, Vector};
+use crate::mesh::MixedMesh;
 use crate::plan::{Plan, PlanError};
 
 /// Share of the work that setting up the equations takes.
@@ -64,6 +65,37 @@ pub struct Outcome {
     pub warnings: Vec<String>,
 }
 
+/// A tissue attached to bone, with what solves along any plan that moves the same segments begin with.
+#[derive(Debug)]
+pub struct PreparedTissue {
+    mesh: MixedMesh,
+    equations: Prepared,
+    moving: Vec<u32>,
+    warnings: Vec<String>,
+}
+
+impl PreparedTissue {
+    /// Attaches the tissue and prepares its equations.
+    ///
+    /// # Errors
+    /// [`SimulateError`].
+    pub fn new(
+        tissue: &TissueModel,
+        bone: &CutBone,
+        plan: &Plan,
+        settings: &RunSettings,
+        control: &Control,
+    ) -> Result<Self, SimulateError> {
+        let moving = moving_segments(bone, plan)?;
+        let rules = settings.attachment.clone().unwrap_or_else(|| AttachmentRules::standard(bone, &moving));
+        let mut mesh = tissue.mesh.clone();
+        let warnings = attach(&mut mesh, bone, &moving, &rules);
+        let touching = !bone.bodies().is_empty();
+        let equations = Prepared::new(&mesh, touching, &Boundary::default(), settings.solver.clone(), control)?;
+        Ok(Self { mesh, equations, moving, warnings })
+    }
+}
+
 /// Moves the bone along the plan and hands out each step as soon as it is solved.
 ///
 /// # Errors
@@ -77,18 +109,38 @@ pub fn solve(
     control: &Control,
     on_frame: &mut dyn FnMut(Frame),
 ) -> Result<Outcome, SimulateError> {
-    let moving = moving_segments(bone, plan)?;
+    let prepared = PreparedTissue::new(tissue, bone, plan, settings, &control.part(0.0, SETUP_SHARE))?;
+    let control = control.part(SETUP_SHARE, 1.0);
+    solve_prepared(anatomy, tissue, &prepared, bone, plan, settings, &control, on_frame)
+}
+
+/// [`solve`] with what was prepared for the same tissue, bone, moving segments, attachment and solver's settings: the same bits.
+///
+/// # Errors
+/// [`SimulateError`]; frames that were handed out before stay valid.
+pub fn solve_prepared(
+    anatomy: &Anatomy,
+    tissue: &TissueModel,
+    prepared: &PreparedTissue,
+    bone: &CutBone,
+    plan: &Plan,
+    settings: &RunSettings,
+    control: &Control,
+    on_frame: &mut dyn FnMut(Frame),
+) -> Result<Outcome, SimulateError> {
     if settings.steps == 0 {
         let detail = "found 0, allowed is 1 or more".to_owned();
         return Err(PlanError::Value { what: "steps".to_owned(), detail }.into());
     }
-    let rules = settings.attachment.clone().unwrap_or_else(|| AttachmentRules::standard(bone, &moving));
-    let mut mesh = tissue.mesh.clone();
-    let mut warnings = attach(&mut mesh, bone, &moving, &rules);
-    let mut solver = Solver::new(&mesh, bone.bodies(), settings.solver.clone(), &control.part(0.0, SETUP_SHARE))?;
+    if moving_segments(bone, plan)? != prepared.moving {
+        let detail = "other segments than those that the equations were prepared for".to_owned();
+        return Err(PlanError::Value { what: "paths".to_owned(), detail }.into());
+    }
+    let mut warnings = prepared.warnings.clone();
+    let mut solver = Solver::over(&prepared.equations, &prepared.mesh, bone.bodies(), &control.part(0.0, SETUP_SHARE))?;
     let path = control.part(SETUP_SHARE, 1.0);
     let carrier = Carrier::new(&anatomy.skin, &tissue.embedding);
-    warnings.extend(Aabb::of(&mesh.positions).and_then(|region| carrier.warning(&anatomy.skin, &region)));
+    warnings.extend(Aabb::of(&prepared.mesh.positions).and_then(|region| carrier.warning(&anatomy.skin, &region)));
     let mut steps = Vec::with_capacity(settings.steps);
     let mut last = vec![Vector::zeros(); anatomy.skin.positions().len()];
     for k in 1..=settings.steps {

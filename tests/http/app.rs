@@ -9,7 +9,7 @@ use axum::http::{HeaderMap, Method, Request, StatusCode};
 use prosopon::config::ServeConfig;
 use prosopon::http::{AppState, app};
 use prosopon::serve;
-use prosopon::session::Engine;
+use prosopon::session::{Engine, Numerics};
 use prosopon::store::Store;
 use serde_json::{Value, json};
 use tempfile::TempDir;
@@ -76,9 +76,27 @@ impl TestApp {
         Self::open(config, directory, Arc::new(StandIn::default())).await
     }
 
+    /// With the real numerics.
+    pub(crate) async fn real() -> Self {
+        let directory = tempfile::tempdir().unwrap();
+        let mut config = ServeConfig::new(directory.path().to_owned());
+        config.threads = 2;
+        let engine = Arc::new(Numerics::new(config.service.import));
+        Self::open_with(config, directory, Arc::new(StandIn::default()), engine).await
+    }
+
     async fn open(config: ServeConfig, directory: TempDir, stand_in: Arc<StandIn>) -> Self {
-        let store = Store::open(&config.data).await.unwrap();
         let engine: Arc<dyn Engine> = Arc::clone(&stand_in) as _;
+        Self::open_with(config, directory, stand_in, engine).await
+    }
+
+    async fn open_with(
+        config: ServeConfig,
+        directory: TempDir,
+        stand_in: Arc<StandIn>,
+        engine: Arc<dyn Engine>,
+    ) -> Self {
+        let store = Store::open(&config.data).await.unwrap();
         let state = serve::state(&config, store, engine).await.unwrap();
         Self { router: app(state.clone()), state, stand_in, config, directory }
     }

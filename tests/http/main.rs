@@ -1,7 +1,7 @@
 //! The HTTP API, in process and over a real socket.
 //!
 //! Numerics are a fast stand-in (`stand_in.rs`), so that these tests are of the service and not of the solver; `binary.rs`
-//! alone has the real ones.
+//! and `reuse.rs` have the real ones.
 
 #![allow(clippy::unwrap_used, clippy::panic, clippy::print_stderr, reason = "test code")]
 
@@ -21,6 +21,7 @@ mod materials;
 mod refused;
 mod restart;
 mod results;
+mod reuse;
 mod sense;
 mod sessions;
 mod shapes;

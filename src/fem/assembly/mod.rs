@@ -21,6 +21,7 @@ use kernel::{Element, n_slots};
 use nalgebra::Matrix3;
 use rayon::prelude::*;
 use scatter::{ForceSources, Scatter};
+use std::sync::Arc;
 
 /// Elements with their material laws, one law a tissue.
 #[derive(Debug, Clone)]
@@ -59,17 +60,17 @@ pub(in crate::fem) struct ElementState {
     pub(in crate::fem) bulk: f64,
 }
 
-/// All elements, the matrix's pattern, and buffers.
+/// All elements, the matrix's pattern, and buffers. Clones share all but the buffers.
 #[derive(Debug, Clone)]
 pub(in crate::fem) struct Assembly {
     /// Elements that carry the energy.
-    parts: Vec<Part>,
+    parts: Arc<Vec<Part>>,
     /// Elements of the mesh where others, averages over them, carry the energy.
-    geometry: Option<Vec<Part>>,
-    pattern: Pattern,
-    slots: pattern::Slots,
-    scatter: Scatter,
-    force_sources: ForceSources,
+    geometry: Option<Arc<Vec<Part>>>,
+    pattern: Arc<Pattern>,
+    slots: Arc<pattern::Slots>,
+    scatter: Arc<Scatter>,
+    force_sources: Arc<ForceSources>,
     element_forces: Vec<f64>,
     /// Matrices of one chunk of elements.
     element_blocks: Vec<f64>,
@@ -135,12 +136,12 @@ impl Assembly {
         let force_sources = ForceSources::new(&blocks, dofs.n_nodes());
         let functions: usize = blocks.iter().map(|b| b.nodes.len()).sum();
         Ok(Self {
-            parts,
-            geometry,
-            pattern,
-            slots,
-            scatter,
-            force_sources,
+            parts: Arc::new(parts),
+            geometry: geometry.map(Arc::new),
+            pattern: Arc::new(pattern),
+            slots: Arc::new(slots),
+            scatter: Arc::new(scatter),
+            force_sources: Arc::new(force_sources),
             element_forces: vec![0.0; 3 * functions],
             element_blocks: vec![0.0; buffer],
         })
@@ -152,14 +153,15 @@ impl Assembly {
 
     /// Elements of the mesh; [`Inversion`] counts in these.
     pub(in crate::fem) fn parts(&self) -> &[Part] {
-        self.geometry.as_deref().unwrap_or(&self.parts)
+        self.geometry.as_ref().unwrap_or(&self.parts)
     }
 
     /// Puts stable materials in the place of those that can lose ellipticity; whether there were any.
     pub(in crate::fem) fn stabilise(&mut self) -> bool {
-        let laws = self.parts.iter_mut().chain(self.geometry.iter_mut().flatten()).flat_map(|p| &mut p.laws);
+        let shared = std::iter::once(&mut self.parts).chain(&mut self.geometry);
         let mut any = false;
-        for law in laws {
+        // Others may hold the same parts.
+        for law in shared.flat_map(Arc::make_mut).flat_map(|p| &mut p.laws) {
             if let Law::Hyperelastic(material) = law
                 && let Some(stable) = material.stabilised()
             {
@@ -187,7 +189,7 @@ impl Assembly {
 
     /// Refuses an inverted element of the mesh that averages might hide. Small strain knows no inversion.
     fn check_geometry(&self, x: &[Vector]) -> Result<(), Inversion> {
-        for (index, part) in self.geometry.iter().flatten().enumerate() {
+        for (index, part) in self.geometry.iter().flat_map(|g| g.iter()).enumerate() {
             if matches!(part.laws[0], Law::SmallStrain(_)) {
                 continue;
             }

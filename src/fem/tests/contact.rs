@@ -5,7 +5,7 @@ use super::bodies::{Ball, Coin, Floor};
 use crate::control::Control;
 use crate::fem::linear_solve::dot;
 use crate::fem::material::{Material, Materials};
-use crate::fem::{ContactBody, Model, Preset, SkinElement, SolveError, SolveSettings, Solver};
+use crate::fem::{Boundary, ContactBody, Model, Prepared, Preset, SkinElement, SolveError, SolveSettings, Solver};
 use crate::geometry::{Implicit, Motion, Point, Vector};
 use crate::mesh::{Attachment, MixedMesh};
 
@@ -193,4 +193,40 @@ fn overlap_at_rest_is_stress_free_and_reported() {
     for (now, rest) in solver.positions().iter().zip(&mesh.positions) {
         assert!((now - rest).norm() < 1e-9);
     }
+}
+
+/// The energy of linear tissue is the quadratic model that contact settles in, so one model finds the equilibrium over a curved body;
+/// what is left is single precision.
+#[test]
+fn contact_of_linear_tissue_settles_at_once_over_a_curved_body() {
+    let mesh = sliding_slab(8);
+    let control = Control::new();
+    let ball = Ball { centre: Point::new(1.0, 0.5, -10.0), radius: 10.0 };
+    let settings = SolveSettings::new(Model::Linear, Preset::Wang2009Stable.materials());
+    let mut solver = Solver::new(&mesh, vec![ContactBody { segment: 1, solid: &ball }], settings, &control).unwrap();
+    let report = solver.advance(1.0, &up(1.5), &control).unwrap();
+    assert!(report.active_contacts >= 4 && report.newton_iterations <= 1, "{report:?}");
+    assert_eq!((report.substeps, report.factorisations), (1, 1));
+}
+
+#[test]
+fn a_solver_over_what_was_prepared_finds_the_bits_of_one_that_prepared_for_itself() {
+    let mesh = sliding_slab(6);
+    let control = Control::new();
+    let ball = Ball { centre: Point::new(0.0, 0.0, -10.0), radius: 10.0 };
+    let body = ContactBody { segment: 1, solid: &ball };
+    let settings = SolveSettings::new(Model::Mixed, Preset::Wang2009Stable.materials());
+    let prepared = Prepared::new(&mesh, true, &Boundary::default(), settings.clone(), &control).unwrap();
+    let over = |d: f64| {
+        let mut solver = Solver::over(&prepared, &mesh, vec![body], &control).unwrap();
+        let report = solver.advance(1.0, &up(d), &control).unwrap();
+        (solver.positions(), report.factorisations)
+    };
+    over(2.0);
+    let (shared, made) = over(1.0);
+    let mut solver = Solver::new(&mesh, vec![body], settings, &control).unwrap();
+    let report = solver.advance(1.0, &up(1.0), &control).unwrap();
+    assert_eq!(solver.positions(), shared);
+    assert_eq!(report.factorisations, made + 1);
+    assert!(Solver::over(&prepared, &sliding_slab(5), vec![body], &control).is_err());
 }

@@ -74,7 +74,8 @@ pub struct StepDocument {
     pub newton_iterations: usize,
     /// Substeps that the step was cut into.
     pub substeps: usize,
-    /// Factorisations.
+    /// Factorisations; that of the state at rest is in the first step of the first job with a mesh, materials, model and moved segments, and serves
+    /// the later ones.
     pub factorisations: usize,
     /// Contact points that push.
     pub active_contacts: usize,

@@ -1,0 +1,53 @@
+//! What a session's later jobs take over from earlier ones: real numerics on two boxes.
+
+use serde_json::{Value, json};
+
+use crate::app::TestApp;
+
+/// Session with field, osteotomy and a coarse mesh; the osteotomy.
+async fn scene(app: &TestApp) -> (String, Value) {
+    let session = app.session_with_surfaces().await;
+    let settings = json!({"method": "uniform", "spacing_mm": 5, "envelope_spacing_mm": 5, "envelope_closing_mm": 10});
+    app.put_json(&format!("{session}/field/settings"), settings).await.ok();
+    let field = app.finish(app.post(&format!("{session}/field"), json!({})).await).await;
+    assert_eq!(field["status"], "succeeded", "{field}");
+    let cut = json!({"cuts": [{"plane": {"point_mm": [0, 0, 0], "normal": [0, 0, 1]}}]});
+    let osteotomy = app.post(&format!("{session}/osteotomies"), cut).await.ok()["id"].clone();
+    let settings = json!({"osteotomy": osteotomy, "edge_mm": 15, "depth_mm": 60, "skin_thickness_mm": 4});
+    let mesh = app.finish(app.post(&format!("{session}/mesh"), settings).await).await;
+    assert_eq!(mesh["status"], "succeeded", "{mesh}");
+    (session, osteotomy)
+}
+
+/// Solves a movement forward: forces on the bones at each step, with all their digits, and factorisations of the first step.
+async fn solve(app: &TestApp, session: &str, osteotomy: &Value, forward_mm: f64, more: Value) -> (Vec<Value>, u64) {
+    let waypoints = json!([{"t": 1, "translation_mm": [0, -forward_mm, 0]}]);
+    let plan = json!({"osteotomy": osteotomy, "paths": [{"segment": 1, "waypoints": waypoints}]});
+    let plan = app.post(&format!("{session}/plans"), plan).await.ok()["id"].as_str().unwrap().to_owned();
+    let job = app.solve(session, &plan, more).await;
+    let view = app.get(&format!("{job}?wait_s=60")).await.ok();
+    assert_eq!(view["status"], "succeeded", "{view}");
+    let report = app.get(&format!("{job}/report")).await.ok();
+    let steps = report["steps"].as_array().unwrap();
+    (steps.iter().map(|s| s["reactions"].clone()).collect(), steps[0]["factorisations"].as_u64().unwrap())
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_second_job_begins_with_the_factor_of_the_first_and_finds_the_same_bits_as_alone() {
+    let linear = json!({"model": "linear", "steps": 2});
+    let app = TestApp::real().await;
+    let (session, osteotomy) = scene(&app).await;
+    let (first, made) = solve(&app, &session, &osteotomy, 3.0, linear.clone()).await;
+    let (second, made_again) = solve(&app, &session, &osteotomy, 1.5, linear.clone()).await;
+    assert_eq!((made, made_again), (1, 0));
+    assert_ne!(first, second);
+    // Other materials are another matrix.
+    let other = json!({"model": "linear", "steps": 2, "preset": "chabanas_2003"});
+    assert_eq!(solve(&app, &session, &osteotomy, 1.5, other).await.1, 1);
+
+    let alone = TestApp::real().await;
+    let (session, osteotomy) = scene(&alone).await;
+    let (cold, made_alone) = solve(&alone, &session, &osteotomy, 1.5, linear).await;
+    assert_eq!(made_alone, 1);
+    assert_eq!(cold, second);
+}

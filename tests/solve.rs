@@ -112,7 +112,14 @@ fn a_tied_scene_is_solved_by_every_model() {
         keys.sort_unstable();
         let expected = "converged max_penetration_mm newton_iterations outcome peak_mb solve_wall_s total_wall_s unknowns warnings";
         assert_eq!(keys, expected.split(' ').collect::<Vec<_>>());
-        assert_eq!((&summary["converged"], &summary["warnings"]), (&json!(true), &json!([])), "{model}");
+        assert_eq!(summary["converged"], true, "{model}");
+        let warnings = summary["warnings"].as_array().unwrap();
+        match model {
+            "linear" | "mass_tensor" => {
+                assert!(warnings.len() == 1 && warnings[0].as_str().unwrap().contains("leaves out strains"));
+            }
+            _ => assert!(warnings.is_empty(), "{model}: {warnings:?}"),
+        }
         let moved = &file.point_array("displacement_mm").unwrap().values;
         let stress = file.cell_array("stress_mpa").unwrap();
         let ratio = &file.cell_array("J").unwrap().values;
@@ -169,7 +176,7 @@ fn bad_scenes_are_refused_with_the_place() {
     let good = json!({"mesh": "slab.vtu", "materials": materials(), "segments": {"1": {"translation_mm": [0, 0, 1]}}});
     for (key, value, expected) in [
         ("mesh", json!("missing.vtu"), "missing.vtu"),
-        ("mesh", json!("not.vtu"), "VTU"),
+        ("mesh", json!("not.vtu"), "VTK XML"),
         ("mesh", json!("free.vtu"), "/segments/1: no point"),
         ("model", json!("quadratic"), "model"),
         ("skin_element", json!("hex"), "skin_element"),

@@ -3,6 +3,7 @@
 //! Invariants: what is measured is what a user gets, through the same calls; nothing is compared with itself; fixed points and
 //! seeds. Times and memory are those of one run on one machine.
 
+mod bounds;
 mod chart;
 mod collision;
 mod contacts;
@@ -22,6 +23,7 @@ mod solver_growth;
 mod stability;
 mod winding;
 
+pub use bounds::BoundStudy;
 pub use collision::CollisionStudy;
 pub use contacts::ContactStudy;
 pub use ct::{CtConversion, CtSurfaceStudy, load_ct, read_ct};

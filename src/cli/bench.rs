@@ -4,7 +4,7 @@ use clap::{Args, Subcommand, ValueEnum};
 
 use super::CommandResult;
 use crate::bench::{
-    CollisionStudy, ContactStudy, FieldStudy, GrowthStudy, HeadSource, ModelCase, ModelStudy, SlabCase,
+    BoundStudy, CollisionStudy, ContactStudy, FieldStudy, GrowthStudy, HeadSource, ModelCase, ModelStudy, SlabCase,
     SolverGrowthStudy, StabilityStudy, evaluate, run_model_cases, run_slab_case,
 };
 use crate::field::{FieldSettings, Method, MethodSettings, Tolerance};
@@ -14,6 +14,8 @@ use crate::field::{FieldSettings, Method, MethodSettings, Tolerance};
 pub(super) enum BenchCommand {
     /// Distance fields: time, memory and error of every builder; or the values of one at given points.
     Field(FieldArguments),
+    /// Bounds on the adaptive field's error that are proven, and a million points that try to break them.
+    Bounds(BoundArguments),
     /// Time to build a field against the number of triangles, 12 000 to a million.
     Growth(GrowthArguments),
     /// Collision detection along a path: time against tolerance.
@@ -89,6 +91,19 @@ pub(super) struct FieldArguments {
     /// What the build and the queries took, JSON.
     #[arg(long, requires = "points", hide = true)]
     timing: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+pub(super) struct BoundArguments {
+    /// Surface: STL, PLY or OBJ, mm; closed.
+    #[arg(long)]
+    mesh: PathBuf,
+    /// Finest spacing, mm. A proof takes some minutes at 0.8 mm on a skull.
+    #[arg(long, default_value_t = FieldSettings::default().spacing_mm)]
+    spacing_mm: f64,
+    /// Half-width of the band, mm.
+    #[arg(long, default_value_t = FieldSettings::default().band_mm)]
+    band_mm: f64,
 }
 
 #[derive(Debug, Args)]
@@ -190,6 +205,12 @@ pub(super) fn run(command: &BenchCommand) -> CommandResult {
             }
             (None, _, _) => return Err("give either --csv, or --points and --out".into()),
         },
+        BenchCommand::Bounds(a) => {
+            let settings = FieldSettings { spacing_mm: a.spacing_mm, band_mm: a.band_mm, ..FieldSettings::default() };
+            if !(BoundStudy { mesh: &a.mesh, settings }.run(out)?) {
+                return Err("a point breaks a bound".into());
+            }
+        }
         BenchCommand::Growth(a) => GrowthStudy { mesh: &a.mesh, csv: &a.csv }.run(out)?,
         BenchCommand::Models(a) => match (&a.out, &a.timing) {
             (Some(to), Some(timing)) => run_model_cases(&a.scene, &a.cases, to, timing)?,

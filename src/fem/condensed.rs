@@ -90,9 +90,19 @@ impl Equations<'_> {
         let mut free = reached[start..].to_vec();
         self.solver.corner_backward(&mut free);
         let frame = Frame { x, motions, start, reached: reached[start..].to_vec(), free };
+        let multipliers = self.contact.multipliers().to_vec();
         let found = self.settle(&frame);
+        // Within thin bone a gap may show the way out on the other side.
+        let through = |(state, _): &(State, bool)| {
+            let at = frame.trial(&self.dofs, &state.corner);
+            self.contact.passed_through((x, &at), (motions, motions)).is_some()
+        };
+        let found = found.filter(|found| !through(found));
         self.times.contact_s += (self.clock)() - begin;
-        let (state, curved) = found?;
+        let Some((state, curved)) = found else {
+            self.contact.set_multipliers(multipliers);
+            return None;
+        };
         let compliance = self.solver.compliance(std::iter::empty())?;
         compliance.add_forces(&state.forces, &mut reached[start..]);
         self.settled_forces = (start.div_ceil(3)..self.dofs.n_unknown())

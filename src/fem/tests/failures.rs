@@ -152,7 +152,7 @@ fn a_linear_model_turned_too_far_and_elements_that_lock_are_told() {
         materials.fat = Material::neo_hookean(0.012, poisson);
         let settings = SolveSettings { locking, ..SolveSettings::new(Model::Mixed, materials) };
         let mut solver = Solver::new(&mesh, vec![], settings, &control).unwrap();
-        solver.advance(0.1, &push(1.0), &control).unwrap().warnings.iter().any(|w| w.contains("ratio of fat is above"))
+        solver.advance(0.1, &push(1.0), &control).unwrap().warnings.iter().any(|w| w.contains("fat is above"))
     };
     assert!(locks(0.499, Locking::None) && !locks(0.499, Locking::Smoothed) && locks(0.4999, Locking::Smoothed));
 }

@@ -13,6 +13,8 @@ use crate::control::{Cancelled, Clock, Control};
 use crate::geometry::{Motion, Point, Vector};
 use std::sync::Arc;
 
+/// Iterations after which contact is no longer settled beforehand: points that slip over a rim may go round in a circle with it.
+const PATIENCE: usize = 6;
 /// A step counts as converged only when the remaining displacement is estimated below this share of the element size: 1e-3 mm for
 /// elements of 4 mm.
 const DISPLACEMENT_TOLERANCE: f64 = 2.5e-4;
@@ -106,6 +108,8 @@ pub(super) struct Equations<'a> {
     pub(super) times: PhaseTimes,
     /// An equilibrium that looks right will do.
     pub(super) rough: bool,
+    /// Contact is settled before each direction is looked for.
+    pub(super) settles: bool,
 }
 
 /// A state that was reached.
@@ -166,6 +170,7 @@ impl<'a> Equations<'a> {
             clock,
             times: PhaseTimes::default(),
             rough: false,
+            settles: true,
         }
     }
 
@@ -348,6 +353,7 @@ impl<'a> Equations<'a> {
         let mut last = (f64::INFINITY, 0.0);
         for iteration in 0..=self.limits.max_iterations {
             control.check()?;
+            self.settles = iteration < PATIENCE;
             let balance = self.balance(x, motions)?;
             let tolerance = aim * balance.reaction_n.max(self.limits.force_floor_n);
             last = (balance.residual_n, tolerance);

@@ -55,7 +55,8 @@ impl Equations<'_> {
         let (mut d, mut change, mut rhs) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
         self.solver.prepare(self.assembly.pattern(), &self.elastic);
         self.dofs.restrict(load, &mut rhs);
-        let settled = if self.contact.is_empty() { None } else { self.settle_contact(x, motions, &rhs) };
+        let settles = self.settles && !self.contact.is_empty();
+        let settled = if settles { self.settle_contact(x, motions, &rhs) } else { None };
         let (near, mut active, mut curved): (Vec<Touch>, Vec<Touch>, _) = match &settled {
             Some(settled) => {
                 d.copy_from_slice(&settled.d);
@@ -125,6 +126,7 @@ impl Equations<'_> {
         motion_of: &dyn Fn(u32) -> Motion,
     ) -> Result<Vec<Vector>, Failure> {
         self.failed_at.clear();
+        self.settles = true;
         let mut target = x.to_vec();
         self.dofs.prescribe(motion_of, &mut target);
         let change: Vec<Vector> = target.iter().zip(x).map(|(a, b)| a - b).collect();

@@ -10,6 +10,7 @@ use super::{diagnosis, setup};
 use crate::control::Control;
 use crate::geometry::{Motion, Point, Vector};
 use crate::mesh::MixedMesh;
+use std::cmp::Ordering;
 use std::sync::Arc;
 
 /// Contact points farther from a body than this do not limit its substeps, mm.
@@ -31,11 +32,20 @@ pub struct Solver<'a> {
     substep: f64,
     /// Stable materials are in the place of those asked for.
     stabilised: bool,
+    /// Times that tissue came through bone since the last step.
+    passages: usize,
+    told_passage: bool,
     /// Found while setting up; told with the first step.
     warnings: Vec<String>,
     /// Times and factorisations of the preparation, where this solver is the first over it; told with the first step.
     preparation: (PhaseTimes, usize),
 }
+
+/// Passages of tissue through bone on the way to a step that are met by shorter substeps; then it is a rim that it comes round, or bone
+/// too thin to hold it, and that is told.
+const REFUSED_PASSAGES: usize = 2;
+/// The same on the way to a step for the eye.
+const REFUSED_FOR_THE_EYE: usize = 1;
 
 /// An equilibrium.
 #[derive(Debug, Clone)]
@@ -104,6 +114,8 @@ impl<'a> Solver<'a> {
             state,
             substep: f64::INFINITY,
             stabilised: false,
+            passages: 0,
+            told_passage: false,
             warnings,
             preparation: prepared.untold_work(),
         })
@@ -124,6 +136,7 @@ impl<'a> Solver<'a> {
             return Err(SolveError::Problem { detail: format!("the path parameter is {t}") });
         }
         self.equations.records.clear();
+        self.passages = 0;
         let from = self.state.t;
         let factorisations = self.equations.solver.factorisations();
         let mut report = Progress::default();
@@ -256,10 +269,22 @@ impl<'a> Solver<'a> {
             })
             .and_then(|(x, found)| {
                 let before = self.body_motions(&self.state.motions);
-                match self.equations.contact.passed_through((&self.state.x, &x), (&before, &body_motions)) {
-                    Some((body, place)) => Err(Failure::PassedThrough { body, place }),
-                    None => Ok((x, found)),
+                let passed = self.equations.contact.passed_through((&self.state.x, &x), (&before, &body_motions));
+                let Some((body, place)) = passed else { return Ok((x, found)) };
+                self.passages += 1;
+                match self.passages.cmp(&if self.equations.rough { REFUSED_FOR_THE_EYE } else { REFUSED_PASSAGES }) {
+                    Ordering::Less | Ordering::Equal => return Err(Failure::PassedThrough { body, place }),
+                    Ordering::Greater if self.told_passage => {}
+                    Ordering::Greater => {
+                        self.told_passage = true;
+                        let segment = self.equations.contact.bodies()[body].segment;
+                        self.warnings.push(format!(
+                            "tissue near ({:.1}, {:.1}, {:.1}) mm came round a rim of bone {segment} or through it where it is thin: contact there is not to be relied on",
+                            place.x, place.y, place.z
+                        ));
+                    }
                 }
+                Ok((x, found))
             });
         match attempt {
             Ok((x, found)) => {

@@ -10,7 +10,6 @@ use super::{diagnosis, setup};
 use crate::control::Control;
 use crate::geometry::{Motion, Point, Vector};
 use crate::mesh::MixedMesh;
-use std::cmp::Ordering;
 use std::sync::Arc;
 
 /// Contact points farther from a body than this do not limit its substeps, mm.
@@ -32,8 +31,7 @@ pub struct Solver<'a> {
     substep: f64,
     /// Stable materials are in the place of those asked for.
     stabilised: bool,
-    /// Times that tissue came through bone since the last step.
-    passages: usize,
+    /// Tissue that came through bone has been told of.
     told_passage: bool,
     /// Found while setting up; told with the first step.
     warnings: Vec<String>,
@@ -41,11 +39,9 @@ pub struct Solver<'a> {
     preparation: (PhaseTimes, usize),
 }
 
-/// Passages of tissue through bone on the way to a step that are met by shorter substeps; then it is a rim that it comes round, or bone
-/// too thin to hold it, and that is told.
-const REFUSED_PASSAGES: usize = 2;
-/// The same on the way to a step for the eye.
-const REFUSED_FOR_THE_EYE: usize = 1;
+/// Where bone moves no farther than this in a substep, mm, and tissue still comes through, it comes round a rim or the bone is too thin to
+/// hold it; that is told. Otherwise the substep is shortened.
+const LEAST_PASSAGE_MM: f64 = 0.25;
 
 /// An equilibrium.
 #[derive(Debug, Clone)]
@@ -114,7 +110,6 @@ impl<'a> Solver<'a> {
             state,
             substep: f64::INFINITY,
             stabilised: false,
-            passages: 0,
             told_passage: false,
             warnings,
             preparation: prepared.untold_work(),
@@ -136,7 +131,6 @@ impl<'a> Solver<'a> {
             return Err(SolveError::Problem { detail: format!("the path parameter is {t}") });
         }
         self.equations.records.clear();
-        self.passages = 0;
         let from = self.state.t;
         let factorisations = self.equations.solver.factorisations();
         let mut report = Progress::default();
@@ -271,18 +265,19 @@ impl<'a> Solver<'a> {
                 let before = self.body_motions(&self.state.motions);
                 let passed = self.equations.contact.passed_through((&self.state.x, &x), (&before, &body_motions));
                 let Some((body, place)) = passed else { return Ok((x, found)) };
-                self.passages += 1;
-                match self.passages.cmp(&if self.equations.rough { REFUSED_FOR_THE_EYE } else { REFUSED_PASSAGES }) {
-                    Ordering::Less | Ordering::Equal => return Err(Failure::PassedThrough { body, place }),
-                    Ordering::Greater if self.told_passage => {}
-                    Ordering::Greater => {
-                        self.told_passage = true;
-                        let segment = self.equations.contact.bodies()[body].segment;
-                        self.warnings.push(format!(
-                            "tissue near ({:.1}, {:.1}, {:.1}) mm came round a rim of bone {segment} or through it where it is thin: contact there is not to be relied on",
-                            place.x, place.y, place.z
-                        ));
-                    }
+                let moved = |(from, to): (&Motion, &Motion)| {
+                    (to.transform_point(&from.inverse_transform_point(&place)) - place).norm()
+                };
+                if before.iter().zip(&body_motions).map(moved).fold(0.0, f64::max) > LEAST_PASSAGE_MM {
+                    return Err(Failure::PassedThrough { body, place });
+                }
+                if !self.told_passage {
+                    self.told_passage = true;
+                    let segment = self.equations.contact.bodies()[body].segment;
+                    self.warnings.push(format!(
+                        "tissue near ({:.1}, {:.1}, {:.1}) mm came round a rim of bone {segment} or through it where it is thin: contact there is not to be relied on",
+                        place.x, place.y, place.z
+                    ));
                 }
                 Ok((x, found))
             });

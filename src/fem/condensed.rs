@@ -4,8 +4,8 @@
 use super::compliance::{Compliance, LowRank};
 use super::contact::{Curved, Touch};
 use super::dofs::Dofs;
+use super::equations::{Equations, NEAR_MM};
 use super::linear_solve::{LinearSolver, dot};
-use super::newton::{Equations, NEAR_MM};
 use crate::geometry::{Motion, Vector};
 use nalgebra::Matrix3;
 

@@ -1,8 +1,9 @@
 //! Names for failures.
 
 use super::assembly::{Inversion, Law};
+use super::equations::Equations;
 use super::error::SolveError;
-use super::newton::{Equations, Failure};
+use super::newton::Failure;
 use super::report::LostEllipticity;
 use crate::geometry::{Point, Vector};
 use crate::mesh::MixedMesh;

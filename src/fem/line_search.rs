@@ -1,8 +1,9 @@
 //! Line search on the energy that never steps over an inverted element.
 
 use super::assembly::Inversion;
+use super::equations::Equations;
 use super::linear_solve::dot;
-use super::newton::{Equations, MAX_CONTACT_MOTION_MM};
+use super::newton::MAX_CONTACT_MOTION_MM;
 use crate::geometry::{Motion, Vector};
 
 /// Share of the way to the first inversion that is taken at most.

@@ -14,6 +14,7 @@ mod contact;
 mod diagnosis;
 mod dofs;
 pub mod element;
+mod equations;
 mod error;
 mod factor;
 mod line_search;

@@ -2,9 +2,10 @@
 
 use super::assembly::Curvature;
 use super::contact::{Curved, Touch};
+use super::equations::Equations;
 use super::factor::Indefinite;
 use super::linear_solve::{System, dot};
-use super::newton::{Equations, Failure, MAX_CONTACT_MOTION_MM};
+use super::newton::{Failure, MAX_CONTACT_MOTION_MM};
 use super::report::IterationRecord;
 use crate::geometry::{Motion, Vector};
 

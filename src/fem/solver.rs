@@ -1,8 +1,9 @@
 //! Static equilibrium of one mesh under moving bone, advanced along a path.
 
 use super::element::C1Surface;
+use super::equations::Equations;
 use super::error::SolveError;
-use super::newton::{Equations, Equilibrium, Failure, MAX_CONTACT_MOTION_MM};
+use super::newton::{Equilibrium, Failure, MAX_CONTACT_MOTION_MM};
 use super::report::{CellState, IterationRecord, PhaseTimes, StepOutcome, StepReport};
 use super::settings::{Boundary, ContactBody, SolveSettings, UnstableMaterial};
 use super::setup::Prepared;

@@ -106,49 +106,42 @@ impl Tree {
 
     /// The triangles (tree order) whose boxes a ray from `p` along -x may meet.
     pub(super) fn for_each_before(&self, p: &Point, mut visit: impl FnMut(usize, &[Point; 3])) {
-        let mut stack = [0u32; 64];
-        let mut top = 1;
-        while top > 0 {
-            top -= 1;
-            let index = stack[top];
-            let node = &self.nodes[index as usize];
-            let meets = node.min[0] <= p.x
+        let meets = |node: &Node| {
+            node.min[0] <= p.x
                 && (node.min[1]..=node.max[1]).contains(&p.y)
-                && (node.min[2]..=node.max[2]).contains(&p.z);
-            if !meets {
-                continue;
-            }
-            if node.second == 0 {
-                for slot in node.first as usize..node.last as usize {
-                    visit(slot, &self.corners[slot]);
-                }
-            } else {
-                stack[top] = node.second;
-                stack[top + 1] = index + 1;
-                top += 2;
-            }
-        }
+                && (node.min[2]..=node.max[2]).contains(&p.z)
+        };
+        self.for_each_in(meets, |slot| visit(slot as usize, &self.corners[slot as usize]));
     }
 
     /// The closest point of each triangle within `distance` (mm) of `p`, and how far it is.
     pub(super) fn for_each_within(&self, p: &Point, distance: f64, mut visit: impl FnMut(&Point, f64)) {
         let limit = distance * distance;
+        self.for_each_in(
+            |node| node.distance_sq(p) <= limit,
+            |slot| {
+                let found = self.of_triangle(p, slot);
+                if found.distance_sq <= limit {
+                    visit(&found.point, found.distance_sq.sqrt());
+                }
+            },
+        );
+    }
+
+    /// The triangles (tree order) in the leaves that lie in wanted boxes.
+    #[inline(always)]
+    fn for_each_in(&self, wanted: impl Fn(&Node) -> bool, mut visit: impl FnMut(u32)) {
         let mut stack = [0u32; 64];
         let mut top = 1;
         while top > 0 {
             top -= 1;
             let index = stack[top];
             let node = &self.nodes[index as usize];
-            if node.distance_sq(p) > limit {
+            if !wanted(node) {
                 continue;
             }
             if node.second == 0 {
-                for slot in node.first..node.last {
-                    let found = self.of_triangle(p, slot);
-                    if found.distance_sq <= limit {
-                        visit(&found.point, found.distance_sq.sqrt());
-                    }
-                }
+                (node.first..node.last).for_each(&mut visit);
             } else {
                 stack[top] = node.second;
                 stack[top + 1] = index + 1;

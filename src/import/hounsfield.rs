@@ -1,8 +1,11 @@
 //! Stored numbers to Hounsfield units.
 
-use std::io::Read;
+use std::io::{ErrorKind, Read};
+
+use flate2::read::{MultiGzDecoder, ZlibDecoder};
 
 use super::ImportError;
+use super::error::malformed;
 use super::number::Kind;
 
 /// Air, for voxels without a value.
@@ -72,7 +75,7 @@ pub(super) fn read(
     n_voxels: usize,
     mut scale: Scale,
     warnings: &mut Vec<String>,
-    unreadable: fn(&std::io::Error) -> ImportError,
+    unreadable: impl Fn(&std::io::Error) -> ImportError,
 ) -> Result<Vec<i16>, ImportError> {
     // Not allocated at once: a crafted packed file states more than it holds.
     let mut hu = Vec::new();
@@ -86,5 +89,50 @@ pub(super) fn read(
     }
     hu.shrink_to_fit();
     scale.report(warnings);
+    Ok(hu)
+}
+
+/// How voxels are packed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Packing {
+    Plain,
+    Zlib,
+    Gzip,
+}
+
+/// Most bytes that one byte of a deflated stream can become.
+pub(super) const MAX_INFLATION: u64 = 1032;
+
+/// Reads the `n_voxels` HU that `data` holds; the rest is ignored, and told.
+///
+/// # Errors
+/// [`ImportError::Malformed`] of `format` when `data` is too short or damaged; nothing is allocated for voxels that cannot be there.
+pub(super) fn read_whole(
+    format: &'static str,
+    data: &[u8],
+    packing: Packing,
+    (kind, little_endian): (Kind, bool),
+    n_voxels: usize,
+    warnings: &mut Vec<String>,
+) -> Result<Vec<i16>, ImportError> {
+    let (mut stream, most): (Box<dyn Read + '_>, u64) = match packing {
+        Packing::Plain => (Box::new(data), 1),
+        Packing::Zlib => (Box::new(ZlibDecoder::new(data)), MAX_INFLATION),
+        Packing::Gzip => (Box::new(MultiGzDecoder::new(data)), MAX_INFLATION),
+    };
+    let needed = (n_voxels as u64).saturating_mul(kind.size() as u64);
+    if needed > (data.len() as u64).saturating_mul(most) {
+        let detail =
+            format!("{n_voxels} voxels need {needed} bytes, which cannot be in the {} that there are", data.len());
+        return Err(malformed(format, detail));
+    }
+    let unreadable = |error: &std::io::Error| {
+        let cut_off = error.kind() == ErrorKind::UnexpectedEof;
+        malformed(format, if cut_off { "cut off" } else { "the packed voxels are damaged" })
+    };
+    let hu = read(&mut stream, (kind, little_endian), n_voxels, Scale::new(1.0, 0.0), warnings, unreadable)?;
+    if stream.read(&mut [0]).map_err(|e| unreadable(&e))? > 0 {
+        warnings.push("bytes after the last voxel were ignored".to_owned());
+    }
     Ok(hu)
 }

@@ -2,12 +2,8 @@
 //!
 //! Source: ITK, MetaIO documentation (itk.org/Wiki/MetaIO). ITK writes LPS, and one line of `TransformMatrix` an axis.
 
-use std::io::{ErrorKind, Read};
-
-use flate2::read::ZlibDecoder;
-
 use super::error::malformed;
-use super::hounsfield::{self, Scale};
+use super::hounsfield::{self, Packing};
 use super::number::Kind;
 use super::{ImportError, Limits, Volume, lattice};
 use crate::geometry::{Point, Vector};
@@ -15,8 +11,6 @@ use crate::geometry::{Point, Vector};
 const FORMAT: &str = "MetaImage";
 /// Most bytes of a header.
 const MAX_HEADER: usize = 1 << 16;
-/// Deflate never makes more of a byte than this.
-const MAX_INFLATION: u64 = 1032;
 
 pub(super) fn looks_like(bytes: &[u8]) -> bool {
     let line = bytes.split(|b| *b == b'\n').next().unwrap_or_default();
@@ -74,17 +68,8 @@ pub(super) fn read(
         Some(Ok(skip)) => usize::try_from(skip).ok().and_then(|skip| data.get(skip..)).unwrap_or_default(),
         Some(Err(_)) => return Err(fault("`HeaderSize` is no number")),
     };
-    let (mut stream, most): (Box<dyn Read + '_>, u64) =
-        if yes(&["CompressedData"]) { (Box::new(ZlibDecoder::new(data)), MAX_INFLATION) } else { (Box::new(data), 1) };
-    if needed > (data.len() as u64).saturating_mul(most) {
-        let detail = format!("{n} voxels need {needed} bytes, which cannot be in the {} that there are", data.len());
-        return Err(malformed(FORMAT, detail));
-    }
-    let hu = hounsfield::read(&mut stream, (kind, little), n, Scale::new(1.0, 0.0), warnings, unreadable)?;
-    match stream.read(&mut [0]).map_err(|e| unreadable(&e))? {
-        0 => {}
-        _ => warnings.push("bytes after the last voxel were ignored".to_owned()),
-    }
+    let packing = if yes(&["CompressedData"]) { Packing::Zlib } else { Packing::Plain };
+    let hu = hounsfield::read_whole(FORMAT, data, packing, (kind, little), n, warnings)?;
     Ok(Volume { dims, origin, axes, hu })
 }
 
@@ -156,9 +141,4 @@ fn frame<'a>(
         None => [0.0; 3],
     };
     Ok((Point::from(origin), axes))
-}
-
-fn unreadable(error: &std::io::Error) -> ImportError {
-    let detail = if error.kind() == ErrorKind::UnexpectedEof { "cut off" } else { "the zlib stream is damaged" };
-    malformed(FORMAT, detail)
 }

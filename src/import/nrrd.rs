@@ -2,12 +2,8 @@
 //!
 //! Source: Definition of NRRD File Format, teem.sourceforge.net/nrrd/format.html.
 
-use std::io::{ErrorKind, Read};
-
-use flate2::read::MultiGzDecoder;
-
 use super::error::malformed;
-use super::hounsfield::{self, Scale};
+use super::hounsfield::{self, Packing};
 use super::number::Kind;
 use super::{ImportError, Limits, Volume, lattice};
 use crate::geometry::{Point, Vector};
@@ -15,8 +11,6 @@ use crate::geometry::{Point, Vector};
 const FORMAT: &str = "NRRD";
 /// Most bytes of a header.
 const MAX_HEADER: usize = 1 << 16;
-/// Deflate never makes more of a byte than this.
-const MAX_INFLATION: u64 = 1032;
 
 pub(super) fn looks_like(bytes: &[u8]) -> bool {
     bytes.starts_with(b"NRRD000")
@@ -57,22 +51,12 @@ pub(super) fn read(bytes: &[u8], limits: &Limits, warnings: &mut Vec<String>) ->
     let (origin, axes) = frame(&field, warnings)?;
     lattice::check(FORMAT, dims, &origin, &axes, warnings)?;
 
-    let needed = (n as u64).saturating_mul(kind.size() as u64);
-    let (mut stream, most): (Box<dyn Read + '_>, u64) = match need(&["encoding"])? {
-        "raw" => (Box::new(data), 1),
-        "gzip" | "gz" => (Box::new(MultiGzDecoder::new(data)), MAX_INFLATION),
+    let packing = match need(&["encoding"])? {
+        "raw" => Packing::Plain,
+        "gzip" | "gz" => Packing::Gzip,
         _ => return Err(fault("`encoding` is neither raw nor gzip")),
     };
-    if needed > (data.len() as u64).saturating_mul(most) {
-        let detail =
-            format!("{n} voxels need {needed} bytes, which cannot be in the {} that follow the header", data.len());
-        return Err(malformed(FORMAT, detail));
-    }
-    let hu = hounsfield::read(&mut stream, (kind, little), n, Scale::new(1.0, 0.0), warnings, unreadable)?;
-    match stream.read(&mut [0]).map_err(|e| unreadable(&e))? {
-        0 => {}
-        _ => warnings.push("bytes after the last voxel were ignored".to_owned()),
-    }
+    let hu = hounsfield::read_whole(FORMAT, data, packing, (kind, little), n, warnings)?;
     Ok(Volume { dims, origin, axes, hu })
 }
 
@@ -146,9 +130,4 @@ fn frame<'a>(
         None => Vector::zeros(),
     };
     Ok((Point::from(origin), axes))
-}
-
-fn unreadable(error: &std::io::Error) -> ImportError {
-    let detail = if error.kind() == ErrorKind::UnexpectedEof { "cut off" } else { "the gzip stream is damaged" };
-    malformed(FORMAT, detail)
 }

@@ -45,7 +45,7 @@ fn forces_and_stiffness_with_contact_are_derivatives_of_the_energy() {
         // With multipliers the energy has all its terms.
         equations.contact.augment(&balance.touches);
         let d = noise(2.1);
-        let along = |equations: &mut crate::fem::newton::Equations<'_>, h: f64| {
+        let along = |equations: &mut crate::fem::equations::Equations<'_>, h: f64| {
             let mut y = x.clone();
             equations.dofs.add(h, &d, &mut y);
             let energy = equations.balance(&y, &motions).unwrap().energy;

@@ -17,16 +17,15 @@ use nifti::{Endianness, NiftiHeader};
 pub(super) use scan::Scan;
 
 use super::error::{at_most, malformed};
+use super::hounsfield::{self, MAX_INFLATION};
 use super::number::Kind;
 use super::volume::check_extent;
-use super::{ImportError, Limits, Volume, hounsfield};
+use super::{ImportError, Limits, Volume};
 use crate::geometry::{Point, Vector};
 
 const FORMAT: &str = "NIfTI-1";
 const HEADER: u64 = 348;
 const GZIP: [u8; 2] = [0x1f, 0x8b];
-/// Deflate never makes more of a byte than this.
-const MAX_INFLATION: u64 = 1032;
 
 /// Whether these may be the bytes of a NIfTI file; a gzipped one shows only once it is unpacked.
 pub(super) fn looks_like(bytes: &[u8]) -> bool {

@@ -2,14 +2,17 @@
 
 use super::CutBone;
 use crate::control::{Cancelled, Control};
+use crate::fem::material::Materials;
 use crate::geometry::{Aabb, Point};
-use crate::mesh::{Attachment, MixedMesh};
+use crate::mesh::{Attachment, MixedMesh, Tissue};
 use crate::plan::Plan;
 
 /// Instants along a path at which the largest displacement of bone is looked for.
 const INSTANTS: usize = 32;
 /// Sliding nodes nearer than this to a moving segment go as far as it does, mm.
 const PUSHED_MM: f64 = 3.0;
+/// What a sheet's resistance to a pull is in units of its shear modulus.
+const SHEET: f64 = 4.0;
 /// Share of the bone's displacement that is looked at as none.
 const RELATIVE_ERROR: f64 = 1e-5;
 /// Most iterations of conjugate gradients; estimates that are not done by then are too small only where they are small.
@@ -38,14 +41,15 @@ fn corners(b: &Aabb) -> [Point; 8] {
 }
 
 /// Free and sliding nodes that move by less than `least_mm` when the segments `moving` move by `displacement_mm`, by estimate: the
-/// displacement's length is taken as harmonic between bone that moves and bone that stays, on conductances `V / l²` of the cells' edges.
-/// A length of harmonic displacements is nowhere larger than that (it is subharmonic).
+/// displacement's length is taken as harmonic between bone that moves and bone that stays, on conductances `G V / l²` of the cells' edges
+/// with the shear modulus `G` of soft tissue, and four times that of skin, which is pulled along as a sheet: an incompressible sheet
+/// resists a pull with `4 G`.
 pub(super) fn beyond_reach(
     mesh: &MixedMesh,
     bone: &CutBone,
     moving: &[u32],
     displacement_mm: f64,
-    least_mm: f64,
+    (least_mm, materials): (f64, &Materials),
     control: &Control,
 ) -> Result<Vec<u32>, Cancelled> {
     let solids = bone.solids();
@@ -61,7 +65,11 @@ pub(super) fn beyond_reach(
             Attachment::Sliding | Attachment::Free => None,
         })
         .collect();
-    let estimate = Conductances::of(mesh).harmonic(&held, RELATIVE_ERROR * displacement_mm, control)?;
+    let conductances = Conductances::of(mesh, |tissue| {
+        let modulus = materials.of(tissue).shear_modulus();
+        if tissue == Tissue::Skin { SHEET * modulus } else { modulus }
+    });
+    let estimate = conductances.harmonic(&held, RELATIVE_ERROR * displacement_mm, control)?;
     let beyond = (0..held.len()).filter(|&node| held[node].is_none() && estimate[node] < least_mm);
     Ok(beyond.map(|node| node as u32).collect())
 }
@@ -73,20 +81,22 @@ struct Conductances {
 }
 
 impl Conductances {
-    fn of(mesh: &MixedMesh) -> Self {
+    /// On the edges of the cells, weighted with the modulus of their tissue.
+    fn of(mesh: &MixedMesh, modulus: impl Fn(Tissue) -> f64) -> Self {
         let mut links: Vec<(u32, u32, f64)> = Vec::new();
-        let prisms = mesh.prisms.iter().flat_map(|p| {
-            let [a, b, c, d, e, f] = *p;
-            [[a, b, c, d], [b, c, d, e], [c, d, e, f]]
+        let prisms = mesh.prisms.iter().enumerate().flat_map(|(prism, nodes)| {
+            let [a, b, c, d, e, f] = *nodes;
+            [[a, b, c, d], [b, c, d, e], [c, d, e, f]].map(|cell| (cell, mesh.tissue_of_prism(prism)))
         });
-        for cell in mesh.tetrahedra.iter().copied().chain(prisms) {
+        let tetrahedra = mesh.tetrahedra.iter().copied().zip(mesh.tetrahedron_tissue.iter().copied());
+        for (cell, tissue) in tetrahedra.chain(prisms) {
             let [a, b, c, d] = cell.map(|n| mesh.positions[n as usize]);
-            let volume = (b - a).cross(&(c - a)).dot(&(d - a)).abs() / 6.0;
+            let weight = modulus(tissue) * (b - a).cross(&(c - a)).dot(&(d - a)).abs() / 6.0;
             for (i, j) in [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)] {
                 let (i, j) = (cell[i], cell[j]);
                 let length_sq = (mesh.positions[i as usize] - mesh.positions[j as usize]).norm_squared();
                 if length_sq > 0.0 {
-                    links.extend([(i, j, volume / length_sq), (j, i, volume / length_sq)]);
+                    links.extend([(i, j, weight / length_sq), (j, i, weight / length_sq)]);
                 }
             }
         }
@@ -154,7 +164,7 @@ mod tests {
     use super::*;
     use crate::fem::{Model, Preset, SolveSettings};
     use crate::geometry::Motion;
-    use crate::mesh::{MeshSettings, Tissue};
+    use crate::mesh::MeshSettings;
     use crate::phantom;
     use crate::plan::{Path, le_fort_1};
     use crate::simulate::{
@@ -207,7 +217,7 @@ mod tests {
             .iter()
             .map(|p| if p.x == 0.0 { Some(8.0) } else { (p.x == n as f64).then_some(0.0) })
             .collect();
-        let found = Conductances::of(&mesh).harmonic(&held, 1e-8, &Control::new()).unwrap();
+        let found = Conductances::of(&mesh, |_| 1.0).harmonic(&held, 1e-8, &Control::new()).unwrap();
         for (p, u) in mesh.positions.iter().zip(found) {
             let exact = 8.0 * (1.0 - p.x / n as f64);
             assert!((u - exact).abs() < 8.0 / n as f64, "{p}: {u} {exact}");
@@ -221,12 +231,14 @@ mod tests {
         mesh.positions.push(Point::new(50.0, 0.0, 0.0));
         mesh.attachment.push(Attachment::Free);
         let mut held: Vec<Option<f64>> = mesh.positions.iter().map(|p| (p.x == 0.0).then_some(2.0)).collect();
-        let found = Conductances::of(&mesh).harmonic(&held, 1e-10, &Control::new()).unwrap();
+        let found = Conductances::of(&mesh, |_| 1.0).harmonic(&held, 1e-10, &Control::new()).unwrap();
         let (alone, others) = found.split_last().unwrap();
         assert_eq!(*alone, 0.0);
         assert!(others.iter().all(|u| (u - 2.0).abs() < 1e-6));
         held.iter_mut().for_each(|h| *h = None);
-        assert!(Conductances::of(&mesh).harmonic(&held, 1e-10, &Control::new()).unwrap().iter().all(|u| *u == 0.0));
+        assert!(
+            Conductances::of(&mesh, |_| 1.0).harmonic(&held, 1e-10, &Control::new()).unwrap().iter().all(|u| *u == 0.0)
+        );
     }
 
     /// The phantom on a coarse mesh, its upper jaw 4 mm forward: what is left out is far from the jaw, and skin is where it is with all the

@@ -28,7 +28,7 @@ pub struct RunSettings {
 /// Displacement beside tissue that was left out, in units of what was thought to be the largest there, above which that is told.
 const TOLD_BORDER: f64 = 5.0;
 /// Default of [`RunSettings::leave_out_below_mm`]: skin is then less than 0.05 mm off the whole tissue's at P99 (`prosopon bench reach`).
-pub const LEAVE_OUT_BELOW_MM: f64 = 0.04;
+pub const LEAVE_OUT_BELOW_MM: f64 = 0.03;
 
 /// One streamed step.
 #[derive(Debug, Clone, PartialEq)]
@@ -116,7 +116,8 @@ impl PreparedTissue {
         let warnings = attach(&mut mesh, bone, &moving, &rules);
         let displacement_mm = displacement_class_mm(bone, plan);
         let left_out = if settings.leave_out_below_mm > 0.0 {
-            beyond_reach(&mesh, bone, &moving, displacement_mm, settings.leave_out_below_mm, control)?
+            let least = (settings.leave_out_below_mm, &settings.solver.materials);
+            beyond_reach(&mesh, bone, &moving, displacement_mm, least, control)?
         } else {
             Vec::new()
         };

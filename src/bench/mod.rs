@@ -18,9 +18,11 @@ mod model_case;
 mod models;
 mod process;
 mod row;
+mod scan;
 mod slab;
 mod solver_growth;
 mod stability;
+mod truth;
 mod winding;
 
 pub use bounds::BoundStudy;
@@ -37,3 +39,4 @@ pub use models::ModelStudy;
 pub use process::peak_mb;
 pub use solver_growth::{SlabCase, SolverGrowthStudy, run_slab_case};
 pub use stability::StabilityStudy;
+pub use truth::TruthStudy;

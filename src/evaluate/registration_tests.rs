@@ -202,3 +202,36 @@ fn a_sheet_has_the_patients_left_on_the_right() {
     assert!(side(0)[2] > side(0)[0] && side(1)[0] > side(1)[2]);
     assert_eq!(sheet(&shown), sheet(&shown));
 }
+
+/// The paper's protocol on an analytic truth; `prosopon bench truth` has the solver's.
+#[test]
+fn a_noisy_misplaced_scan_of_a_head_tells_the_true_error_of_a_prediction() {
+    let head = crate::phantom::head();
+    let lip = Point::new(0.0, -95.0, 18.0);
+    // A Le Fort I advance as the skin sees it.
+    let advanced = |mesh: &TriMesh, share: f64| {
+        let way = |p: &Point| share * (-(p - lip).norm_squared() / (2.0 * 18.0 * 18.0)).exp();
+        let p = mesh.positions().iter().map(|p| p + Vector::new(0.0, -6.0, -1.5) * way(p)).collect();
+        mesh.with_positions(p).unwrap()
+    };
+    let sampled = |spacing| crate::phantom::surface_of(head.skin.as_ref(), &head.bounds(), spacing).unwrap();
+    let skin = sampled(2.5);
+    let (prediction, truth) = (advanced(&skin, 0.9), advanced(&skin, 1.0));
+    let displaced = |v: usize| (prediction.positions()[v] - skin.positions()[v]).norm();
+    let n = skin.positions().len();
+    let face: Vec<bool> = (0..n).map(|v| displaced(v) > 1.0).collect();
+    let unmoved: Vec<bool> = (0..n).map(|v| displaced(v) < 0.1).collect();
+    let control = Control::new();
+    let real = error_map(&prediction, &truth, Some(&face), &[], &control).unwrap().whole;
+    let known = turned([1.0, -1.0, 0.5], 5.0, [3.0, -3.0, 2.65]);
+    let scan = Noise::new().on(&advanced(&sampled(2.1), 1.0), 0.3).moved(&known);
+    let found = register(&prediction, &scan, Some(&unmoved), &control).unwrap();
+    let off = found.motion * known.inverse();
+    let middle = known * Point::new(0.0, -10.0, 50.0);
+    let (shift, angle) = ((off * middle - middle).norm(), off.rotation.angle().to_degrees());
+    assert!(shift < 0.1 && angle < 0.1, "{shift} mm, {angle} degrees");
+    let told = error_map(&prediction.moved(&found.motion), &scan, Some(&face), &[], &control).unwrap();
+    let share = |found: f64, real: f64| (found / real - 1.0).abs();
+    assert!(share(told.whole.mean, real.mean) < 0.1, "{} {}", told.whole.mean, real.mean);
+    assert!(share(told.smoothed.mean_abs, real.mean_abs) < 0.1, "{} {}", told.smoothed.mean_abs, real.mean_abs);
+}

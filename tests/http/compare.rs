@@ -106,7 +106,8 @@ async fn what_cannot_be_registered_or_compared_is_refused_by_name() {
     let problem = failed(&session, small).await;
     assert_eq!(problem["reason"], "region_too_small");
     let ball = lumpy(30, |d| {
-        let lumps = 12.0 * d[0] * d[1] + 9.0 * d[2] * d[2] * d[0] - 15.0 * d[1].powi(3) + 6.0 * (5.0 * d[0]).sin() * d[2];
+        let lumps =
+            12.0 * d[0] * d[1] + 9.0 * d[2] * d[2] * d[0] - 15.0 * d[1].powi(3) + 6.0 * (5.0 * d[0]).sin() * d[2];
         -lumps
     });
     let round = session_of(&app, &ball, &ball).await;
@@ -136,7 +137,10 @@ async fn bad_members_are_pointed_to() {
         (json!({"mask": [{"min_mm": [0, 0, 0], "max_mm": [1, 1, 1], "radius_mm": 2}]}), "/mask/0"),
         (json!({"exclude": [{"centre_mm": [0, 0, 0], "radius_mm": -1}]}), "/exclude/0/radius_mm"),
         (json!({"register": {"altered": [{"min_mm": [0, 0, 0], "max_mm": [1, -1, 1]}]}}), "/register/altered/0"),
-        (json!({"register": {"unaltered": [{"centre_mm": [0, 1e9, 0], "radius_mm": 1}]}}), "/register/unaltered/0/centre_mm/1"),
+        (
+            json!({"register": {"unaltered": [{"centre_mm": [0, 1e9, 0], "radius_mm": 1}]}}),
+            "/register/unaltered/0/centre_mm/1",
+        ),
         (json!({"register": {"threshold_mm": 0}}), "/register/threshold_mm"),
         (json!({"mask_vertices": [true]}), "/mask_vertices"),
         (json!({"register": {"unaltered_vertices": [true]}}), "/register/unaltered_vertices"),
@@ -199,7 +203,10 @@ async fn the_error_of_a_step_is_found_on_demand_against_another_job_and_after_re
     assert!(!String::from_utf8_lossy(&plain.body[..1500]).contains("\"error_mm\""));
     app.upload(&format!("{session}/target"), stl(&cube([0.0, -10.0, 0.0], 100.0))).await.ok();
     let registered = app.get(&format!("{second}/steps/4/error?register=true")).await.ok();
-    assert_eq!((&registered["reference"], &registered["registration"]["region"]), (&json!("target"), &json!("unmoved")));
+    assert_eq!(
+        (&registered["reference"], &registered["registration"]["region"]),
+        (&json!("target"), &json!("unmoved"))
+    );
     assert_eq!(registered["registration"]["residual_mm"], 0.1);
     assert_eq!(registered["warnings"][0], "hardly fits");
     let picture = app.get(&format!("{second}/steps/4/error.png?register=true")).await;
@@ -239,6 +246,7 @@ async fn the_report_is_one_page_that_needs_nothing_else() {
     }
     // Forward 6, down 1.5.
     assert!(text.contains("<td>6.00</td><td>1.50</td>"), "the plan's row");
-    let accepted = app.call(Method::GET, &format!("{job}/report"), &[("accept", "text/html")], axum::body::Body::empty()).await;
+    let accepted =
+        app.call(Method::GET, &format!("{job}/report"), &[("accept", "text/html")], axum::body::Body::empty()).await;
     assert_eq!(accepted.body, page.body);
 }

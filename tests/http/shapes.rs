@@ -84,7 +84,8 @@ pub(crate) fn lumpy(n: usize, grow: impl Fn([f64; 3]) -> f64) -> TriMesh {
     let m = 2 * n;
     let at = |polar: f64, around: f64| {
         let d = [polar.sin() * around.cos(), polar.sin() * around.sin(), polar.cos()];
-        let lumps = 12.0 * d[0] * d[1] + 9.0 * d[2] * d[2] * d[0] - 15.0 * d[1].powi(3) + 6.0 * (5.0 * d[0]).sin() * d[2];
+        let lumps =
+            12.0 * d[0] * d[1] + 9.0 * d[2] * d[2] * d[0] - 15.0 * d[1].powi(3) + 6.0 * (5.0 * d[0]).sin() * d[2];
         let r = 80.0 + lumps + grow(d);
         Point::new(r * d[0], r * d[1], r * d[2])
     };

@@ -4,8 +4,8 @@ use clap::{Args, Subcommand, ValueEnum};
 
 use super::CommandResult;
 use crate::bench::{
-    BoundStudy, CollisionStudy, ContactStudy, FieldStudy, GrowthStudy, HeadSource, ModelCase, ModelStudy, SlabCase,
-    SolverGrowthStudy, StabilityStudy, TruthStudy, evaluate, run_model_cases, run_slab_case,
+    BoundStudy, CollisionStudy, ContactStudy, FieldStudy, GrowthStudy, HeadSource, ModelCase, ModelStudy, ReachStudy,
+    SlabCase, SolverGrowthStudy, StabilityStudy, TruthStudy, evaluate, run_model_cases, run_slab_case,
 };
 use crate::field::{FieldSettings, Method, MethodSettings, Tolerance};
 
@@ -22,6 +22,8 @@ pub(super) enum BenchCommand {
     Collision(CollisionArguments),
     /// Time and error of every mechanical model on several meshes of one head, against a refined reference.
     Models(ModelArguments),
+    /// What leaving out tissue that a plan hardly moves saves, and what it costs.
+    Reach(ReachArguments),
     /// The solver's time by phase on a slab of 19 000 to 490 000 tetrahedra.
     SolverGrowth(SolverGrowthArguments),
     /// Registration and error map against a synthetic truth: a finer model's skin, scanned with noise and out of place.
@@ -170,6 +172,19 @@ pub(super) struct ModelArguments {
 }
 
 #[derive(Debug, Args)]
+pub(super) struct ReachArguments {
+    /// `phantom`, or a folder as for `models`.
+    #[arg(long)]
+    scene: HeadSource,
+    /// Edge of the mesh, mm.
+    #[arg(long, default_value_t = 4.0)]
+    edge_mm: f64,
+    /// Rows go here.
+    #[arg(long, default_value = "reach.csv")]
+    csv: PathBuf,
+}
+
+#[derive(Debug, Args)]
 pub(super) struct SolverGrowthArguments {
     /// Rows go here, the charts beside it.
     #[arg(long, default_value = "solver-growth.csv")]
@@ -235,6 +250,7 @@ pub(super) fn run(command: &BenchCommand) -> CommandResult {
             _ => ModelStudy { source: &a.scene, csv: &a.csv, edges_mm: &a.edges_mm, reference_mm: a.reference_mm }
                 .run(out)?,
         },
+        BenchCommand::Reach(a) => ReachStudy { source: &a.scene, edge_mm: a.edge_mm, csv: &a.csv }.run(out)?,
         BenchCommand::SolverGrowth(a) => match (&a.case, &a.timing) {
             (Some(case), Some(timing)) => run_slab_case(case, timing)?,
             _ => SolverGrowthStudy { csv: &a.csv, sizes: usize::from(a.sizes) }.run(out)?,

@@ -23,11 +23,12 @@ mod tissue_file;
 pub use case::{Case, Cuts, Run, SceneBones, SceneRun, Solid, TissueRequest};
 pub use documents::{
     CtDocument, D1ReadingName, DoubtDocument, DoubtfulRegionsDocument, ErrorDocument, FieldDocument,
-    FieldQualityDocument, HistogramBin, LockingName, MaterialDocument, MeshDocument, OsteotomyDocument, PathDocument,
-    PathReportDocument, PathSample, PhasesDocument, PlanDocument, PlaneBoundsDocument, PlaneDocument, PresetName,
-    ReactionDocument, RegionDocument, RegionMotionDocument, RegistrationDocument, ReportDocument, ReportInput,
-    SegmentDocument, SkinElementName, StatisticsDocument, StepDocument, StepPhasesDocument, SurfaceDocument,
-    SurfaceOrigin, TissueDocument, TissueLawsDocument, UnstableMaterialName, WaypointDocument,
+    FieldQualityDocument, HistogramBin, LeftOutDocument, LockingName, MaterialDocument, MeshDocument,
+    OsteotomyDocument, PathDocument, PathReportDocument, PathSample, PhasesDocument, PlanDocument, PlaneBoundsDocument,
+    PlaneDocument, PresetName, ReactionDocument, RegionDocument, RegionMotionDocument, RegistrationDocument,
+    ReportDocument, ReportInput, SegmentDocument, SkinElementName, StatisticsDocument, StepDocument,
+    StepPhasesDocument, SurfaceDocument, SurfaceOrigin, TissueDocument, TissueLawsDocument, UnstableMaterialName,
+    WaypointDocument,
 };
 pub use engine::{Engine, RunWatch, SceneSolved};
 pub use error_sheet::error_sheet;

@@ -88,7 +88,7 @@ impl TruthStudy<'_> {
     fn solved(&self, head: &Head, edge_mm: f64) -> Result<Frame, BenchError> {
         let ready = head.prepare(edge_mm)?;
         let solver = SolveSettings::new(Model::Mixed, Preset::Wang2009Stable.materials());
-        let settings = RunSettings { solver, steps: STEPS, attachment: None };
+        let settings = RunSettings { solver, steps: STEPS, attachment: None, leave_out_below_mm: 0.0 };
         let mut last = None;
         let mut keep = |frame: Frame| last = Some(frame);
         solve(&head.anatomy, &ready.tissue, &ready.bone, &ready.plan, &settings, &Control::new(), &mut keep)?;

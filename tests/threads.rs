@@ -88,9 +88,10 @@ fn an_error_map_and_a_registration() {
     let target = mesh.with_positions(mesh.positions().iter().map(dent).collect()).unwrap();
     let source = target.moved(&Motion::new(Vector::new(0.2, -0.1, 0.3), Vector::new(0.02, 0.01, -0.03)));
     let done = on_threads(|| {
-        let motion = register(&source, &target, None, &Control::new()).unwrap();
-        let map = error_map(&source.moved(&motion), &mesh, None, &[], &Control::new()).unwrap();
-        (motion, map.signed_mm.iter().map(|v| v.to_bits()).collect::<Vec<_>>(), map.whole, map.backward)
+        let found = register(&source, &target, None, &Control::new()).unwrap();
+        let map = error_map(&source.moved(&found.motion), &mesh, None, &[], &Control::new()).unwrap();
+        let bits: Vec<u32> = map.signed_mm.iter().map(|v| v.to_bits()).collect();
+        (found, bits, map.whole, map.backward, map.smoothed)
     });
     assert!(done[1] == done[0] && done[2] == done[0]);
 }

@@ -1,6 +1,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::control::Cancelled;
+use crate::evaluate::EvaluateError;
 use crate::field::FieldError;
 use crate::import::ImportError;
 use crate::simulate::SimulateError;
@@ -65,6 +66,9 @@ pub enum BenchError {
         /// What is wrong.
         detail: String,
     },
+    /// Surfaces cannot be compared.
+    #[error("the surfaces cannot be compared")]
+    Evaluate(#[from] EvaluateError),
     /// The scene cannot be built.
     #[error("the scene cannot be built")]
     Scene(#[from] SimulateError),

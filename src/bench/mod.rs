@@ -19,9 +19,11 @@ mod models;
 mod process;
 mod reach;
 mod row;
+mod scan;
 mod slab;
 mod solver_growth;
 mod stability;
+mod truth;
 mod winding;
 
 pub use bounds::BoundStudy;
@@ -39,3 +41,4 @@ pub use process::peak_mb;
 pub use reach::ReachStudy;
 pub use solver_growth::{SlabCase, SolverGrowthStudy, run_slab_case};
 pub use stability::StabilityStudy;
+pub use truth::TruthStudy;

@@ -5,7 +5,7 @@ use clap::{Args, Subcommand, ValueEnum};
 use super::CommandResult;
 use crate::bench::{
     BoundStudy, CollisionStudy, ContactStudy, FieldStudy, GrowthStudy, HeadSource, ModelCase, ModelStudy, ReachStudy,
-    SlabCase, SolverGrowthStudy, StabilityStudy, evaluate, run_model_cases, run_slab_case,
+    SlabCase, SolverGrowthStudy, StabilityStudy, TruthStudy, evaluate, run_model_cases, run_slab_case,
 };
 use crate::field::{FieldSettings, Method, MethodSettings, Tolerance};
 
@@ -26,6 +26,8 @@ pub(super) enum BenchCommand {
     Reach(ReachArguments),
     /// The solver's time by phase on a slab of 19 000 to 490 000 tetrahedra.
     SolverGrowth(SolverGrowthArguments),
+    /// Registration and error map against a synthetic truth: a finer model's skin, scanned with noise and out of place.
+    Truth(TruthArguments),
     /// Every mechanical model on scenes that are hard to solve, each answer checked.
     Stability(StabilityArguments),
     /// Newton's method on 20 000 points that a penalty pushes out of bone: share that converges, for each kind of field.
@@ -208,6 +210,22 @@ pub(super) struct StabilityArguments {
     only: Option<String>,
 }
 
+#[derive(Debug, Args)]
+pub(super) struct TruthArguments {
+    /// `phantom`, or a folder with `landmarks.json` and a CT (*.nii.gz) or the surfaces skin.* and skull.*.
+    #[arg(long, default_value = "phantom")]
+    scene: HeadSource,
+    /// Rows go here.
+    #[arg(long, default_value = "truth.csv")]
+    csv: PathBuf,
+    /// Edge of the prediction's mesh, mm; the truth's is half of it.
+    #[arg(long, default_value_t = 7.0)]
+    edge_mm: f64,
+    /// Standard deviation of the scan's noise along each axis, mm.
+    #[arg(long, default_value_t = 0.3)]
+    noise_mm: f64,
+}
+
 pub(super) fn run(command: &BenchCommand) -> CommandResult {
     let out = &mut std::io::stdout();
     match command {
@@ -241,6 +259,9 @@ pub(super) fn run(command: &BenchCommand) -> CommandResult {
             if !(StabilityStudy { csv: &a.csv, only: a.only.as_deref() }.run(out)?) {
                 return Err("an answer is wrong and does not say so: see the rows `wrong`".into());
             }
+        }
+        BenchCommand::Truth(a) => {
+            TruthStudy { source: &a.scene, csv: &a.csv, edge_mm: a.edge_mm, noise_mm: a.noise_mm }.run(out)?;
         }
         BenchCommand::Contacts(a) => ContactStudy { mesh: &a.mesh, csv: &a.csv }.run(out)?,
         BenchCommand::Collision(a) => {

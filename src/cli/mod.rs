@@ -3,6 +3,7 @@
 //! Invariant: everything it does is a call of the library; it alone writes to stdout.
 
 mod bench;
+mod compare;
 mod ct;
 mod demo;
 mod openapi;
@@ -30,6 +31,8 @@ enum Command {
     Solve(solve::SolveArguments),
     /// Run the main job on a phantom head or a patient, over HTTP, and write the results.
     Demo(crate::demo::DemoArgs),
+    /// Compare two surfaces: signed error map, picture and statistics.
+    Compare(compare::CompareArguments),
     /// Read a CT as the service does: convert, compare, take surfaces.
     #[command(subcommand)]
     Ct(ct::CtCommand),
@@ -47,6 +50,7 @@ pub fn run() -> ExitCode {
         Command::Serve(arguments) => serve::run(arguments),
         Command::Solve(arguments) => solve::run(&arguments),
         Command::Demo(arguments) => demo::run(&arguments),
+        Command::Compare(arguments) => compare::run(&arguments),
         Command::Ct(command) => ct::run(&command),
         Command::Bench(command) => bench::run(&command),
         Command::Openapi => openapi::run(),

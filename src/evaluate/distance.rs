@@ -1,7 +1,5 @@
 //! Signed distances to a surface that may be open.
 
-use std::collections::BTreeMap;
-
 use parry3d_f64::math::Vector as ParryVector;
 use parry3d_f64::query::PointQueryWithLocation;
 use parry3d_f64::shape::{TriMesh as Shape, TrianglePointLocation};
@@ -17,11 +15,12 @@ const CHUNK: usize = 2048;
 /// A surface prepared for closest points. Vertices at the same coordinates count as one.
 pub(super) struct Surface {
     shape: Shape,
+    positions: Vec<Point>,
     triangles: Vec<[u32; 3]>,
     faces: Vec<Vector>,
     vertices: Vec<Vector>,
-    /// By sorted vertex pair: sum of the unit normals of its triangles and how many there are.
-    edges: BTreeMap<(u32, u32), (Vector, u32)>,
+    /// Rising vertex pairs, each with the sum of the unit normals of its triangles and how many there are.
+    edges: Vec<((u32, u32), Vector, u32)>,
     /// Vertices of edges with one triangle.
     on_border: Vec<bool>,
 }
@@ -41,29 +40,31 @@ pub(super) struct Nearest {
 
 impl Surface {
     pub(super) fn new(mesh: &TriMesh) -> Result<Self, EvaluateError> {
-        let (positions, triangles) = welded(mesh);
+        let Welded { positions, triangles, .. } = welded(mesh);
         let input = |detail: String| EvaluateError::Input { detail };
         let welded = TriMesh::new(positions, triangles).map_err(|e| input(e.to_string()))?;
         let faces: Vec<Vector> = (0..welded.triangles().len())
             .map(|t| welded.scaled_normal(t).try_normalize(0.0).unwrap_or_else(Vector::zeros))
             .collect();
-        let mut edges: BTreeMap<(u32, u32), (Vector, u32)> = BTreeMap::new();
+        let mut sides: Vec<((u32, u32), u32)> = Vec::with_capacity(3 * welded.triangles().len());
         for (t, corners) in welded.triangles().iter().enumerate() {
-            for i in 0..3 {
-                let edge = edges.entry(pair(corners[i], corners[(i + 1) % 3])).or_insert((Vector::zeros(), 0));
-                edge.0 += faces[t];
-                edge.1 += 1;
-            }
+            sides.extend((0..3).map(|i| (pair(corners[i], corners[(i + 1) % 3]), t as u32)));
         }
+        sides.par_sort_unstable();
+        let edges: Vec<((u32, u32), Vector, u32)> = sides
+            .chunk_by(|a, b| a.0 == b.0)
+            .map(|same| (same[0].0, same.iter().map(|s| faces[s.1 as usize]).sum(), same.len() as u32))
+            .collect();
         let mut on_border = vec![false; welded.positions().len()];
-        for ((a, b), _) in edges.iter().filter(|(_, (_, n))| *n == 1) {
+        for ((a, b), ..) in edges.iter().filter(|e| e.2 == 1) {
             on_border[*a as usize] = true;
             on_border[*b as usize] = true;
         }
         let vertices = welded.vertex_normals();
         let points = welded.positions().iter().map(|p| ParryVector::new(p.x, p.y, p.z)).collect();
         let shape = Shape::new(points, welded.triangles().to_vec()).map_err(|e| input(format!("{e:?}")))?;
-        Ok(Self { shape, triangles: welded.triangles().to_vec(), faces, vertices, edges, on_border })
+        let (positions, triangles) = (welded.positions().to_vec(), welded.triangles().to_vec());
+        Ok(Self { shape, positions, triangles, faces, vertices, edges, on_border })
     }
 
     /// Closest point; the sign is that of the angle-weighted pseudonormal of the closest feature.
@@ -83,12 +84,16 @@ impl Surface {
             // Parry numbers the edges AB, BC, AC.
             TrianglePointLocation::OnEdge(i, _) => {
                 let (a, b) = [(0, 1), (1, 2), (0, 2)][i as usize];
-                self.edges.get(&pair(corners[a], corners[b])).map_or((Vector::zeros(), true), |e| (e.0, e.1 == 1))
+                let found = self.edges.binary_search_by_key(&pair(corners[a], corners[b]), |e| e.0);
+                found.map_or((Vector::zeros(), true), |i| (self.edges[i].1, self.edges[i].2 == 1))
             }
             TrianglePointLocation::OnFace(..) | TrianglePointLocation::OnSolid => {
                 (self.faces[triangle as usize], false)
             }
         };
+        // A point of the surface lies on it exactly: rounding of the projection is no distance.
+        let is_corner = corners.into_iter().any(|v| self.positions[v as usize] == *p);
+        let point = if is_corner { *p } else { point };
         let away = p - point;
         let signed = if away.dot(&normal) < 0.0 { -away.norm() } else { away.norm() };
         let normal = normal.try_normalize(1e-12).unwrap_or_else(Vector::zeros);
@@ -112,13 +117,21 @@ fn pair(a: u32, b: u32) -> (u32, u32) {
     (a.min(b), a.max(b))
 }
 
-/// The mesh with vertices at equal coordinates joined; triangles keep their numbers.
-fn welded(mesh: &TriMesh) -> (Vec<Point>, Vec<[u32; 3]>) {
+/// A mesh whose vertices at equal coordinates are one.
+pub(super) struct Welded {
+    pub(super) positions: Vec<Point>,
+    /// In the order of the mesh.
+    pub(super) triangles: Vec<[u32; 3]>,
+    /// By vertex of the mesh.
+    pub(super) number: Vec<u32>,
+}
+
+pub(super) fn welded(mesh: &TriMesh) -> Welded {
     let all = mesh.positions();
     let compare =
         |a: &Point, b: &Point| a.x.total_cmp(&b.x).then_with(|| a.y.total_cmp(&b.y)).then_with(|| a.z.total_cmp(&b.z));
     let mut order: Vec<usize> = (0..all.len()).collect();
-    order.sort_by(|a, b| compare(&all[*a], &all[*b]).then(a.cmp(b)));
+    order.par_sort_unstable_by(|a, b| compare(&all[*a], &all[*b]).then(a.cmp(b)));
     let mut positions: Vec<Point> = Vec::new();
     let mut number = vec![0u32; all.len()];
     for i in order {
@@ -127,5 +140,6 @@ fn welded(mesh: &TriMesh) -> (Vec<Point>, Vec<[u32; 3]>) {
         }
         number[i] = positions.len() as u32 - 1;
     }
-    (positions, mesh.triangles().iter().map(|t| t.map(|v| number[v as usize])).collect())
+    let triangles = mesh.triangles().iter().map(|t| t.map(|v| number[v as usize])).collect();
+    Welded { positions, triangles, number }
 }

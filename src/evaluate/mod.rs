@@ -5,41 +5,30 @@
 mod colour;
 mod distance;
 mod error_map;
+mod fault;
 mod font;
+mod part;
 mod picture;
+mod plausible;
+mod point_to_plane;
 mod raster;
 mod regions;
 mod register;
+mod sheet;
+mod smoothing;
 mod statistics;
 
 pub use colour::diverging;
-pub use error_map::{ErrorMap, error_map};
+pub use error_map::{Correspondence, ErrorMap, error_map};
+pub use fault::{EvaluateError, RegistrationFault};
+pub use part::{Mask, Part};
 pub use picture::{Layer, View, picture};
 pub use regions::{FaceRegion, face_regions};
-pub use register::register;
+pub use register::{Registration, register};
+pub use sheet::{Sheet, sheet};
 pub use statistics::{Statistics, statistics};
 
-use crate::control::Cancelled;
-
-/// Why two surfaces could not be compared.
-#[derive(Debug, thiserror::Error)]
-pub enum EvaluateError {
-    /// Registration did not settle.
-    #[error("registration did not settle: {detail}")]
-    Registration {
-        /// What was reached.
-        detail: String,
-    },
-    /// Inputs do not fit together.
-    #[error("{detail}")]
-    Input {
-        /// What does not fit.
-        detail: String,
-    },
-    /// Stopped by the caller.
-    #[error(transparent)]
-    Cancelled(#[from] Cancelled),
-}
-
+#[cfg(test)]
+mod registration_tests;
 #[cfg(test)]
 mod tests;

@@ -11,7 +11,7 @@ use crate::geometry::{Aabb, Point, TriMesh, Vector};
 const SIDE_PX: (u32, u32) = (64, 8192);
 /// Width of the colour bar's column.
 const BAR_PX: usize = 92;
-const BLACK: [u8; 3] = [0; 3];
+pub(super) const BLACK: [u8; 3] = [0; 3];
 
 /// Where the viewer stands.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -35,7 +35,7 @@ pub struct Layer<'a> {
 
 /// Draws panels side by side, each one surface seen from `view`, all at the same scale, with a colour bar (labelled in mm) when any panel has values. PNG bytes.
 ///
-/// Parallel projection with a light at the viewer on white; all panels show the same window of space. Seen from the front
+/// Parallel projection lit from above the viewer's left shoulder, on white; all panels show the same window of space. Seen from the front
 /// the patient's left is on the right. The colour bar belongs to the first panel with values; the others should have the
 /// same limit. A view without a direction looks the patient in the face; an up that is along the direction gives way to
 /// z, then to y. The size is clamped to 64 to 8192 pixels a side.
@@ -114,13 +114,13 @@ fn colour_bar(canvas: &mut Canvas, left: usize, top: usize, scale: usize, limit:
 }
 
 /// Short decimal with a sign.
-fn label(value: f64) -> String {
+pub(super) fn label(value: f64) -> String {
     let digits = if value.abs() >= 100.0 || (value - value.round()).abs() < 1e-9 { 0 } else { 2 };
     let sign = if value > 0.0 { "+" } else { "" };
     format!("{sign}{value:.digits$}").replace("-0", if value == 0.0 { "0" } else { "-0" })
 }
 
-fn encode(canvas: &Canvas) -> Vec<u8> {
+pub(super) fn encode(canvas: &Canvas) -> Vec<u8> {
     let mut bytes = Vec::new();
     let pixels = canvas.pixels.as_flattened();
     // Writing to memory with matching sizes does not fail.

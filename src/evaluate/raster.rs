@@ -69,13 +69,37 @@ impl Camera {
     }
 }
 
-/// Draws `mesh` with a light at the viewer; `values` with the limit of the diverging map, or skin colour. `lit: false` leaves
+/// A lamp above the viewer's left shoulder, and as much light from all sides as keeps colours readable.
+struct Light {
+    towards_eye: Vector,
+    towards_lamp: Vector,
+    halfway: Vector,
+}
+
+impl Light {
+    fn of(camera: &Camera) -> Self {
+        let towards_eye = -camera.into;
+        let towards_lamp = (towards_eye + 0.45 * camera.up - 0.3 * camera.right).normalize();
+        Self { towards_eye, towards_lamp, halfway: (towards_eye + towards_lamp).normalize() }
+    }
+
+    /// A colour on a surface with `normal`, of either side and any length.
+    fn on(&self, colour: [u8; 3], normal: &Vector) -> [u8; 3] {
+        let n = normal.try_normalize(1e-12).unwrap_or(self.towards_eye);
+        let n = if n.dot(&self.towards_eye) < 0.0 { -n } else { n };
+        let bright = 0.4 + 0.6 * n.dot(&self.towards_lamp).max(0.0);
+        let gloss = 20.0 * n.dot(&self.halfway).max(0.0).powi(24);
+        colour.map(|c| (f64::from(c) * bright + gloss).round().min(255.0) as u8)
+    }
+}
+
+/// Draws `mesh` with normals interpolated between the vertices; `values` with the limit of the diverging map, or skin colour. `lit: false` leaves
 /// the shading out.
 pub(super) fn draw(canvas: &mut Canvas, camera: &Camera, mesh: &TriMesh, values: Option<(&[f32], f64)>, lit: bool) {
     let mut depth = vec![f64::INFINITY; canvas.pixels.len()];
     let normals = mesh.vertex_normals();
     let projected: Vec<[f64; 3]> = mesh.positions().iter().map(|p| camera.project(canvas, p)).collect();
-    let facing: Vec<f64> = normals.iter().map(|n| camera.into.dot(n)).collect();
+    let light = Light::of(camera);
     // A value that is missing or not finite is drawn as "no value".
     let value_at = |v: u32| values.and_then(|(all, _)| all.get(v as usize)).map_or(f64::NAN, |v| f64::from(*v));
     for triangle in mesh.triangles() {
@@ -92,7 +116,7 @@ pub(super) fn draw(canvas: &mut Canvas, camera: &Camera, mesh: &TriMesh, values:
         };
         let (x0, x1) = span(0, canvas.width);
         let (y0, y1) = span(1, canvas.height);
-        let shades = triangle.map(|v| facing[v as usize]);
+        let bent = triangle.map(|v| normals[v as usize]);
         let triple = triangle.map(value_at);
         for y in y0..y1 {
             for x in x0..x1 {
@@ -117,9 +141,8 @@ pub(super) fn draw(canvas: &mut Canvas, camera: &Camera, mesh: &TriMesh, values:
                         if value.is_finite() { diverging(value, limit) } else { NO_VALUE }
                     }
                 };
-                // Colours must stay readable: the dark side keeps two fifths of the light.
-                let light = if lit { 0.4 + 0.6 * mixed(shades).abs().min(1.0) } else { 1.0 };
-                canvas.pixels[place] = base.map(|c| (f64::from(c) * light).round() as u8);
+                canvas.pixels[place] =
+                    if lit { light.on(base, &(bent[0] * w[0] + bent[1] * w[1] + bent[2] * w[2])) } else { base };
             }
         }
     }

@@ -9,7 +9,7 @@ use crate::control::Control;
 use crate::geometry::{Aabb, Motion, Point, TriMesh, Vector};
 
 /// A closed star-shaped surface: `radius` of the direction; `n` rings.
-fn star(n: usize, radius: impl Fn(&Vector) -> f64) -> TriMesh {
+pub(super) fn star(n: usize, radius: impl Fn(&Vector) -> f64) -> TriMesh {
     let m = 2 * n;
     let direction = |ring: usize, i: usize| {
         let (polar, around) = (PI * ring as f64 / n as f64, 2.0 * PI * i as f64 / m as f64);
@@ -33,7 +33,7 @@ fn star(n: usize, radius: impl Fn(&Vector) -> f64) -> TriMesh {
     TriMesh::new(p, t).unwrap()
 }
 
-fn potato(n: usize) -> TriMesh {
+pub(super) fn potato(n: usize) -> TriMesh {
     star(n, |d| 80.0 + 12.0 * d.x * d.y + 9.0 * d.z * d.z * d.x - 15.0 * d.y.powi(3) + 6.0 * (5.0 * d.x).sin() * d.z)
 }
 
@@ -116,7 +116,9 @@ fn a_known_motion_is_recovered_on_clean_data() {
     let target = potato(40);
     let source = target.moved(&known().inverse());
     let found = register(&source, &target, None, &Control::new()).unwrap();
-    assert!(residual(&target, &(found * known().inverse())) < 1e-6);
+    assert!(residual(&target, &(found.motion * known().inverse())) < 1e-6);
+    assert!(found.residual_mm < 1e-6 && found.overlap > 0.99 && found.iterations > 0 && found.warnings.is_empty());
+    assert_eq!(found.vertices, target.positions().len());
 }
 
 #[test]
@@ -130,27 +132,13 @@ fn other_triangles_and_an_altered_part_hardly_disturb_the_registration() {
         let p = before.positions().iter().map(|p| p + p.coords.normalize() * bump(&p.coords.normalize())).collect();
         let source = before.with_positions(p).unwrap().moved(&known().inverse());
         let found = register(&source, &target, None, &Control::new()).unwrap();
-        let off = residual(&target, &(found * known().inverse()));
+        let off = residual(&target, &(found.motion * known().inverse()));
         assert!(off < allowed, "{n}: {off}");
         let unaltered: Vec<bool> = before.positions().iter().map(|p| p.coords.normalize().y < 0.4).collect();
         let found = register(&source, &target, Some(&unaltered), &Control::new()).unwrap();
-        let masked = residual(&target, &(found * known().inverse()));
+        let masked = residual(&target, &(found.motion * known().inverse()));
         assert!(masked < allowed, "{n}: {masked}");
     }
-}
-
-#[test]
-fn a_ball_does_not_fix_a_rotation_and_strangers_do_not_match() {
-    let ball = star(24, |_| 50.0);
-    let refused = |source: &TriMesh, target: &TriMesh| match register(source, target, None, &Control::new()) {
-        Err(EvaluateError::Registration { detail }) => detail,
-        other => panic!("{other:?}"),
-    };
-    let at = |i: u32| Point::new(f64::from(i % 10) * 9.0, f64::from(i / 10) * 9.0, 0.0);
-    let squares = (0..90).filter(|i| i % 10 < 9).flat_map(|i| [[i, i + 1, i + 11], [i, i + 11, i + 10]]).collect();
-    let plane = TriMesh::new((0..100).map(at).collect(), squares).unwrap();
-    assert!(refused(&plane, &plane).contains("slide"));
-    assert!(refused(&ball, &potato(24)).contains("still move"));
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! Surfaces, volume meshes and volumes to bytes: GLB, PLY, STL, VTU, NIfTI.
+//! Surfaces, volume meshes and volumes to bytes: GLB, PLY, STL, VTP, VTU, NIfTI.
 //!
 //! Invariants: output is a function of the input only (no clock, no host), little-endian, LPS mm.
 
@@ -9,6 +9,7 @@ mod stl;
 #[cfg(test)]
 mod tests;
 mod view;
+mod vtp;
 mod vtu;
 
 pub use glb::glb;
@@ -16,4 +17,5 @@ pub use nifti::nifti_gz;
 pub use ply::ply;
 pub use stl::stl;
 pub use view::SurfaceView;
+pub use vtp::vtp;
 pub use vtu::{vtu, vtu_of_cells};

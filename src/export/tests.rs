@@ -42,6 +42,14 @@ fn stl_and_ply_come_back_as_they_were() {
         let (back, warnings) = surface(&bytes, SurfaceFormat::Ply, &limits).unwrap();
         assert_eq!(warnings, [""; 0]);
         assert_eq!(back, thirds);
+        let bytes = vtp(&view);
+        assert_eq!(detect_surface(&bytes), Some(SurfaceFormat::Vtp));
+        let (back, warnings) = surface(&bytes, SurfaceFormat::Vtp, &limits).unwrap();
+        assert_eq!(warnings, [""; 0]);
+        assert_eq!(back, thirds);
+        // The values are the only run of eight rising floats.
+        let run: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+        assert_eq!(bytes.windows(run.len()).filter(|w| **w == run[..]).count(), 1);
     }
 }
 

@@ -74,27 +74,24 @@ pub fn vtu_of_cells(
         assert_eq!(values.len(), components * n_cells, "values of {name}, of cells and components");
         file.array("Float64", name, *components, values.iter().flat_map(|x| x.to_le_bytes()));
     }
-    file.xml("</CellData>\n</Piece>\n</UnstructuredGrid>\n<AppendedData encoding=\"raw\">\n_");
-    let File { mut bytes, appended } = file;
-    bytes.extend(appended);
-    bytes.extend(b"\n</AppendedData>\n</VTKFile>\n");
-    bytes
+    file.xml("</CellData>\n</Piece>\n</UnstructuredGrid>\n");
+    file.finish()
 }
 
 /// The XML part and the arrays that it points into.
 #[derive(Default)]
-struct File {
+pub(super) struct File {
     bytes: Vec<u8>,
     appended: Vec<u8>,
 }
 
 impl File {
-    fn xml(&mut self, text: &str) {
+    pub(super) fn xml(&mut self, text: &str) {
         self.bytes.extend(text.as_bytes());
     }
 
     /// Describes an array and appends it: its length in bytes as `u64`, then the bytes.
-    fn array(&mut self, kind: &str, name: &str, components: usize, bytes: impl Iterator<Item = u8>) {
+    pub(super) fn array(&mut self, kind: &str, name: &str, components: usize, bytes: impl Iterator<Item = u8>) {
         let name = name.replace('&', "&amp;").replace('<', "&lt;").replace('"', "&quot;");
         let offset = self.appended.len();
         self.xml(&format!(
@@ -105,5 +102,13 @@ impl File {
         self.appended.extend(bytes);
         let length = (self.appended.len() - offset - 8) as u64;
         self.appended[offset..offset + 8].copy_from_slice(&length.to_le_bytes());
+    }
+
+    /// The whole file.
+    pub(super) fn finish(mut self) -> Vec<u8> {
+        self.xml("<AppendedData encoding=\"raw\">\n_");
+        self.bytes.extend(self.appended);
+        self.bytes.extend(b"\n</AppendedData>\n</VTKFile>\n");
+        self.bytes
     }
 }

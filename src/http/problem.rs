@@ -140,6 +140,7 @@ pub(super) fn status_and_title(kind: FaultKind) -> (StatusCode, &'static str) {
         K::SolverInverted => (S::UNPROCESSABLE_ENTITY, "Tissue cannot follow the bone"),
         K::SolverPenetration => (S::UNPROCESSABLE_ENTITY, "Tissue stayed inside bone"),
         K::ComparisonNotUsable => (S::UNPROCESSABLE_ENTITY, "The surfaces cannot be compared"),
+        K::RegistrationFailed => (S::UNPROCESSABLE_ENTITY, "The surfaces cannot be registered"),
         K::NoReference => (S::NOT_FOUND, "There is nothing to compare with"),
         K::NotReady => (S::NOT_FOUND, "The result is not there yet"),
         K::NotAvailable => (S::UNPROCESSABLE_ENTITY, "Not available in this version"),

@@ -3,7 +3,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::Problem;
-use crate::export::{SurfaceView, glb, ply, stl};
+use crate::export::{SurfaceView, glb, ply, stl, vtp};
 use crate::session::FaultKind;
 
 /// Format of a surface that is sent.
@@ -16,6 +16,8 @@ pub(in crate::http) enum SurfaceOutput {
     Ply,
     /// Binary STL, without values.
     Stl,
+    /// VTK polygons, XML with raw appended data.
+    Vtp,
 }
 
 impl SurfaceOutput {
@@ -29,11 +31,12 @@ impl SurfaceOutput {
             match range.split(';').next().unwrap_or_default().trim() {
                 "*/*" | "model/*" | "model/gltf-binary" => return Ok(Self::Glb),
                 "application/ply" | "model/ply" | "application/x-ply" => return Ok(Self::Ply),
+                "application/vnd.vtk.vtp" | "model/vtp" => return Ok(Self::Vtp),
                 "model/stl" | "application/sla" | "model/x.stl-binary" => return Ok(Self::Stl),
                 _ => {}
             }
         }
-        let detail = "surfaces are sent as model/gltf-binary, application/ply and model/stl";
+        let detail = "surfaces are sent as model/gltf-binary, application/ply, model/stl and application/vnd.vtk.vtp";
         Err(Problem::new(FaultKind::NotAcceptable, detail))
     }
 
@@ -42,6 +45,7 @@ impl SurfaceOutput {
             Self::Glb => "glb",
             Self::Ply => "ply",
             Self::Stl => "stl",
+            Self::Vtp => "vtp",
         }
     }
 
@@ -50,6 +54,7 @@ impl SurfaceOutput {
             Self::Glb => "model/gltf-binary",
             Self::Ply => "application/ply",
             Self::Stl => "model/stl",
+            Self::Vtp => "application/vnd.vtk.vtp",
         }
     }
 
@@ -59,6 +64,7 @@ impl SurfaceOutput {
             Self::Glb => glb(surface),
             Self::Ply => ply(surface),
             Self::Stl => stl(surface.mesh),
+            Self::Vtp => vtp(surface),
         }
     }
 }

@@ -2,9 +2,9 @@ use std::fmt::Debug;
 
 use super::{Case, Cuts, Halt, Run, SceneRun, Solid, TissueRequest};
 use crate::control::Control;
-use crate::evaluate::{ErrorMap, FaceRegion};
+use crate::evaluate::{ErrorMap, FaceRegion, Registration};
 use crate::field::{FieldReport, Settled};
-use crate::geometry::{Motion, Point, TriMesh, Vector};
+use crate::geometry::{Point, TriMesh, Vector};
 use crate::mesh::MeshReport;
 use crate::plan::{BoundedPlane, Osteotomy, PathReport, Plan};
 use crate::simulate::{Frame, Outcome};
@@ -132,5 +132,5 @@ pub trait Engine: Debug + Send + Sync {
         target: &TriMesh,
         unaltered: Option<&[bool]>,
         control: &Control,
-    ) -> Result<Motion, Halt>;
+    ) -> Result<Registration, Halt>;
 }

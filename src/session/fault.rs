@@ -81,6 +81,8 @@ kinds! {
     SolverPenetration = "solver-penetration",
     /// Two surfaces cannot be compared.
     ComparisonNotUsable = "comparison-not-usable",
+    /// No rigid motion brings one surface onto the other, or too many do.
+    RegistrationFailed = "registration-failed",
     /// There is nothing to compare with.
     NoReference = "no-reference",
     /// The result is not there yet.

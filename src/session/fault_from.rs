@@ -1,7 +1,7 @@
 //! Errors of the pure rooms and of the store as faults. Every `match` is exhaustive: a new variant must choose its kind.
 
 use super::fault::{Fault, FaultKind, FieldFault, Halt};
-use crate::evaluate::EvaluateError;
+use crate::evaluate::{EvaluateError, RegistrationFault};
 use crate::fem::SolveError;
 use crate::field::FieldError;
 use crate::import::ImportError;
@@ -209,9 +209,24 @@ impl From<EvaluateError> for Halt {
     fn from(error: EvaluateError) -> Self {
         match error {
             EvaluateError::Cancelled(_) => Self::Cancelled,
-            EvaluateError::Registration { .. } | EvaluateError::Input { .. } => {
-                Fault::new(FaultKind::ComparisonNotUsable, error.to_string()).into()
-            }
+            EvaluateError::Registration(fault) => registration_fault(fault).into(),
+            EvaluateError::Input { .. } => Fault::new(FaultKind::ComparisonNotUsable, error.to_string()).into(),
+        }
+    }
+}
+
+fn registration_fault(error: RegistrationFault) -> Fault {
+    use RegistrationFault as R;
+    let fault = Fault::new(FaultKind::RegistrationFailed, error.to_string()).with("reason", error.reason());
+    match error {
+        R::RegionTooSmall { vertices, area_mm2, .. } => fault.with("vertices", vertices).with("area_mm2", area_mm2),
+        R::Slides { stiffness, .. } => fault.with("stiffness", stiffness),
+        R::NoPartners { found, .. } => fault.with("vertices", found),
+        R::NotConverged { iterations, movement_mm, mirrored } => {
+            fault.with("iterations", iterations).with("movement_mm", movement_mm).with("mirrored", mirrored)
+        }
+        R::NoMatch { median_mm, overlap, mirrored, .. } => {
+            fault.with("median_mm", median_mm).with("overlap", overlap).with("mirrored", mirrored)
         }
     }
 }

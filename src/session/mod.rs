@@ -6,6 +6,7 @@
 mod case;
 mod documents;
 mod engine;
+mod error_sheet;
 mod fault;
 mod fault_from;
 mod inputs;
@@ -24,11 +25,13 @@ pub use documents::{
     CtDocument, D1ReadingName, DoubtDocument, DoubtfulRegionsDocument, ErrorDocument, FieldDocument,
     FieldQualityDocument, HistogramBin, LeftOutDocument, LockingName, MaterialDocument, MeshDocument,
     OsteotomyDocument, PathDocument, PathReportDocument, PathSample, PhasesDocument, PlanDocument, PlaneBoundsDocument,
-    PlaneDocument, PresetName, ReactionDocument, RegionDocument, RegionMotionDocument, ReportDocument, ReportInput,
-    SegmentDocument, SkinElementName, StatisticsDocument, StepDocument, StepPhasesDocument, SurfaceDocument,
-    SurfaceOrigin, TissueDocument, TissueLawsDocument, UnstableMaterialName, WaypointDocument,
+    PlaneDocument, PresetName, ReactionDocument, RegionDocument, RegionMotionDocument, RegistrationDocument,
+    ReportDocument, ReportInput, SegmentDocument, SkinElementName, StatisticsDocument, StepDocument,
+    StepPhasesDocument, SurfaceDocument, SurfaceOrigin, TissueDocument, TissueLawsDocument, UnstableMaterialName,
+    WaypointDocument,
 };
 pub use engine::{Engine, RunWatch, SceneSolved};
+pub use error_sheet::error_sheet;
 pub use fault::{Fault, FaultKind, FieldFault, Halt};
 pub(crate) use fault_from::{chain, import_fault};
 pub use inputs::{SessionParts, load_mesh};

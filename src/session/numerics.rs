@@ -8,9 +8,9 @@ use super::scene::{bone_fields, solve_scene};
 use super::tissue_file::tissue_file;
 use super::{Case, Cuts, Engine, Halt, Run, RunWatch, SceneBones, SceneRun, SceneSolved, Solid, TissueRequest, key_of};
 use crate::control::Control;
-use crate::evaluate::{self, ErrorMap, FaceRegion};
+use crate::evaluate::{self, ErrorMap, FaceRegion, Registration};
 use crate::field::{ExactDistance, FieldReport, Settled};
-use crate::geometry::{Implicit, Motion, Point, TriMesh, Vector};
+use crate::geometry::{Implicit, Point, TriMesh, Vector};
 use crate::import::{self, Limits};
 use crate::mesh::MeshReport;
 use crate::plan::{self, BoundedPlane, Osteotomy, PathReport, Plan};
@@ -251,7 +251,7 @@ impl Engine for Numerics {
         target: &TriMesh,
         unaltered: Option<&[bool]>,
         control: &Control,
-    ) -> Result<Motion, Halt> {
+    ) -> Result<Registration, Halt> {
         Ok(evaluate::register(source, target, unaltered, control)?)
     }
 }

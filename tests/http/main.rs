@@ -1,13 +1,14 @@
 //! The HTTP API, in process and over a real socket.
 //!
 //! Numerics are a fast stand-in (`stand_in.rs`), so that these tests are of the service and not of the solver; `binary.rs`
-//! and `reuse.rs` have the real ones.
+//! `compare.rs` and `reuse.rs` have the real ones.
 
 #![allow(clippy::unwrap_used, clippy::panic, clippy::print_stderr, reason = "test code")]
 
 mod app;
 mod binary;
 mod bone;
+mod compare;
 mod dicom;
 mod edges;
 mod events;

@@ -78,3 +78,31 @@ pub(crate) fn nifti() -> Vec<u8> {
     bytes.extend((0..8i16).flat_map(|v| (v * 100 - 300).to_le_bytes()));
     bytes
 }
+
+/// A closed body with no symmetry, about 160 mm across, on `n` rings; `grow` adds to the radius (mm) by direction.
+pub(crate) fn lumpy(n: usize, grow: impl Fn([f64; 3]) -> f64) -> TriMesh {
+    let m = 2 * n;
+    let at = |polar: f64, around: f64| {
+        let d = [polar.sin() * around.cos(), polar.sin() * around.sin(), polar.cos()];
+        let lumps =
+            12.0 * d[0] * d[1] + 9.0 * d[2] * d[2] * d[0] - 15.0 * d[1].powi(3) + 6.0 * (5.0 * d[0]).sin() * d[2];
+        let r = 80.0 + lumps + grow(d);
+        Point::new(r * d[0], r * d[1], r * d[2])
+    };
+    let angle = |i: usize, of: usize| std::f64::consts::PI * i as f64 / of as f64;
+    let mut p = vec![at(0.0, 0.0)];
+    p.extend((1..n).flat_map(|r| (0..m).map(move |i| (r, i))).map(|(r, i)| at(angle(r, n), angle(2 * i, m))));
+    p.push(at(std::f64::consts::PI, 0.0));
+    let last = p.len() as u32 - 1;
+    let id = |r: usize, i: usize| (1 + (r - 1) * m + i % m) as u32;
+    let mut t = Vec::new();
+    for i in 0..m {
+        t.push([0, id(1, i), id(1, i + 1)]);
+        t.push([last, id(n - 1, i + 1), id(n - 1, i)]);
+        for r in 1..n - 1 {
+            t.push([id(r, i), id(r + 1, i), id(r + 1, i + 1)]);
+            t.push([id(r, i), id(r + 1, i + 1), id(r, i + 1)]);
+        }
+    }
+    TriMesh::new(p, t).unwrap()
+}

@@ -5,7 +5,7 @@ use std::sync::{Condvar, Mutex};
 use std::time::Duration;
 
 use prosopon::control::Control;
-use prosopon::evaluate::{ErrorMap, FaceRegion, Statistics};
+use prosopon::evaluate::{ErrorMap, FaceRegion, Registration, Statistics};
 use prosopon::fem::{SolveSettings, StepOutcome, StepReport};
 use prosopon::field::{Doubt, DoubtfulRegions, FieldReport, Region, Settled};
 use prosopon::geometry::{Aabb, Motion, Point, TriMesh, Vector};
@@ -294,14 +294,33 @@ impl Engine for StandIn {
             whole: statistics(shift),
             backward: statistics(-shift),
             regions: regions.iter().map(|r| (r.name, statistics(shift))).collect(),
+            backward_regions: Vec::new(),
+            smoothed: statistics(shift),
+            roughness_mm: 0.0,
+            correspondence: None,
+            warnings: Vec::new(),
             histogram: vec![(-3.0, 0.0), (0.0, 1.0)],
             excluded: 0,
-            registration: Motion::identity(),
         })
     }
 
-    fn register(&self, source: &TriMesh, target: &TriMesh, _: Option<&[bool]>, _: &Control) -> Result<Motion, Halt> {
+    fn register(
+        &self,
+        source: &TriMesh,
+        target: &TriMesh,
+        _: Option<&[bool]>,
+        _: &Control,
+    ) -> Result<Registration, Halt> {
         let shift = target.bounds().center() - source.bounds().center();
-        Ok(Motion::translation(shift.x, shift.y, shift.z))
+        Ok(Registration {
+            motion: Motion::translation(shift.x, shift.y, shift.z),
+            iterations: 9,
+            vertices: source.positions().len(),
+            residual_mm: 0.1,
+            median_mm: 0.05,
+            overlap: 0.9,
+            stiffness: 0.05,
+            warnings: vec!["hardly fits".to_owned()],
+        })
     }
 }

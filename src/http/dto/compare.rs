@@ -2,7 +2,10 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 use uuid::Uuid;
 
-use super::check::Check;
+use super::check::{Check, REACH_MM};
+use crate::evaluate::{Mask, Part};
+use crate::geometry::Point;
+use crate::jobs::{RegisterOn, UNMOVED_MM};
 use crate::session::{BoxDocument, ErrorDocument, Fault};
 use crate::store::PartKind;
 
@@ -68,13 +71,61 @@ impl SurfaceRef {
     }
 }
 
-/// Rigid registration of the prediction onto the reference before comparing.
+/// A part of space: a box (`min_mm` and `max_mm`) or a ball (`centre_mm` and `radius_mm`), LPS mm.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PartRequest {
+    /// Smallest coordinates of a box …
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub min_mm: Option<[f64; 3]>,
+    /// … and largest.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub max_mm: Option<[f64; 3]>,
+    /// Centre of a ball …
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub centre_mm: Option<[f64; 3]>,
+    /// … and radius.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub radius_mm: Option<f64>,
+}
+
+impl PartRequest {
+    fn part(&self, pointer: &str, check: &mut Check) -> Option<Part> {
+        match (self.min_mm, self.max_mm, self.centre_mm, self.radius_mm) {
+            (Some(min_mm), Some(max_mm), None, None) => {
+                Some(Part::Box((&check.bounds(pointer, BoxDocument { min_mm, max_mm })).into()))
+            }
+            (None, None, Some(centre), Some(radius_mm)) => {
+                let centre = Point::from(check.vector(&format!("{pointer}/centre_mm"), centre));
+                check.number(&format!("{pointer}/radius_mm"), radius_mm, 0.1, REACH_MM);
+                Some(Part::Ball { centre, radius_mm })
+            }
+            _ => {
+                check.fault(pointer, "must have min_mm and max_mm, or centre_mm and radius_mm");
+                None
+            }
+        }
+    }
+}
+
+/// Rigid registration of the prediction onto the reference before comparing. It goes by the vertices that are in one of
+/// `unaltered` (all when empty), in none of `altered`, and chosen by `unaltered_vertices`. Where none of the three is given, a job's
+/// step is registered on what its plan does not move, another surface on all that fits (the worst pairs are trimmed).
 #[derive(Debug, Clone, Default, PartialEq, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RegisterRequest {
-    /// Boxes that the registration must not go by: what the operation altered.
+    /// Parts that the registration must not go by: what the operation altered.
     #[serde(default)]
-    pub altered: Vec<BoxDocument>,
+    pub altered: Vec<PartRequest>,
+    /// Parts that it goes by.
+    #[serde(default)]
+    pub unaltered: Vec<PartRequest>,
+    /// Whether it goes by each vertex of the prediction.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unaltered_vertices: Option<Vec<bool>>,
+    /// What a job moves less than this is unmoved; 0.1 mm when absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub threshold_mm: Option<f64>,
 }
 
 /// Two surfaces to compare.
@@ -85,9 +136,15 @@ pub struct CompareRequest {
     pub prediction: SurfaceRef,
     /// What it is compared with.
     pub reference: SurfaceRef,
-    /// Only prediction vertices in one of these boxes count; all when absent.
+    /// Only prediction vertices in one of these parts count; all when absent.
     #[serde(default)]
-    pub mask: Vec<BoxDocument>,
+    pub mask: Vec<PartRequest>,
+    /// Only prediction vertices that are true here count, one entry per vertex.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mask_vertices: Option<Vec<bool>>,
+    /// Parts that neither count nor are registered on, as the eyes.
+    #[serde(default)]
+    pub exclude: Vec<PartRequest>,
     /// Registration; none when absent.
     #[serde(default)]
     pub register: Option<RegisterRequest>,
@@ -96,18 +153,41 @@ pub struct CompareRequest {
     pub values: bool,
 }
 
+/// A comparison as asked for, checked.
+#[derive(Debug)]
+pub(in crate::http) struct CheckedCompare {
+    pub(in crate::http) prediction: Named,
+    pub(in crate::http) reference: Named,
+    pub(in crate::http) mask: Mask,
+    pub(in crate::http) exclude: Vec<Part>,
+    pub(in crate::http) register: Option<RegisterOn>,
+    pub(in crate::http) values: bool,
+}
+
 impl CompareRequest {
-    pub(in crate::http) fn check(&self) -> Result<(Named, Named), Fault> {
+    pub(in crate::http) fn check(self) -> Result<CheckedCompare, Fault> {
         let mut check = Check::default();
-        for (index, b) in self.mask.iter().enumerate() {
-            check.bounds(&format!("/mask/{index}"), *b);
-        }
-        for (index, b) in self.register.iter().flat_map(|r| &r.altered).enumerate() {
-            check.bounds(&format!("/register/altered/{index}"), *b);
-        }
+        let mask =
+            Mask { only: parts("/mask", &self.mask, &mut check), vertices: self.mask_vertices, except: Vec::new() };
+        let exclude = parts("/exclude", &self.exclude, &mut check);
+        let register = self.register.map(|r| {
+            let threshold_mm = r.threshold_mm.unwrap_or(UNMOVED_MM);
+            check.number("/register/threshold_mm", threshold_mm, 1e-6, 100.0);
+            let region = Mask {
+                only: parts("/register/unaltered", &r.unaltered, &mut check),
+                except: parts("/register/altered", &r.altered, &mut check),
+                vertices: r.unaltered_vertices,
+            };
+            RegisterOn { region, threshold_mm }
+        });
         check.finish()?;
-        Ok((self.prediction.named("/prediction")?, self.reference.named("/reference")?))
+        let (prediction, reference) = (self.prediction.named("/prediction")?, self.reference.named("/reference")?);
+        Ok(CheckedCompare { prediction, reference, mask, exclude, register, values: self.values })
     }
+}
+
+fn parts(pointer: &str, requests: &[PartRequest], check: &mut Check) -> Vec<Part> {
+    requests.iter().enumerate().filter_map(|(i, p)| p.part(&format!("{pointer}/{i}"), check)).collect()
 }
 
 /// A signed error map.
@@ -119,6 +199,9 @@ pub struct CompareView {
     /// Signed error of every prediction vertex, mm; `null` where it does not count.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub values_mm: Option<Vec<Option<f32>>>,
+    /// Distance of every prediction vertex from its counterpart, mm, where both have the same triangles.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub correspondence_mm: Option<Vec<Option<f32>>>,
 }
 
 /// A signed error map with the value of every vertex.
@@ -129,12 +212,9 @@ pub struct ErrorView {
     pub content: ErrorDocument,
     /// Signed error of every vertex of the deformed skin, mm; `null` where it has none.
     pub values_mm: Vec<Option<f32>>,
-}
-
-impl ErrorView {
-    pub(in crate::http) fn new(content: ErrorDocument, values: Vec<f32>) -> Self {
-        Self { content, values_mm: finite(values) }
-    }
+    /// Distance of every vertex from its counterpart, mm; for comparisons on demand with a surface of the same triangles.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub correspondence_mm: Option<Vec<Option<f32>>>,
 }
 
 /// JSON has no NaN.

@@ -14,8 +14,8 @@ mod plan;
 mod session;
 
 pub use bone::{CreateOsteotomy, CutRequest, OsteotomyList, OsteotomyView, TemplateName, TemplateRequest};
-pub use compare::{CompareRequest, CompareView, ErrorView, PartName, RegisterRequest, SurfaceRef};
-pub(super) use compare::{Named, finite};
+pub(super) use compare::{CheckedCompare, Named, finite};
+pub use compare::{CompareRequest, CompareView, ErrorView, PartName, PartRequest, RegisterRequest, SurfaceRef};
 pub(super) use event::render_event;
 pub use file_faults::FileFaults;
 pub(super) use inputs::import_request;

@@ -1,56 +1,171 @@
 use std::fmt::Write;
 
 use crate::http::Problem;
-use crate::session::{FaultKind, ReportDocument};
+use crate::session::{ErrorDocument, FaultKind, PathSample, PlanDocument, ReportDocument};
 
-const STYLE: &str = "body{font:15px/1.45 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem;color:#222}\
-table{border-collapse:collapse;margin:1rem 0}td,th{padding:.2rem .7rem;border-bottom:1px solid #ddd;text-align:right}\
-td:first-child,th:first-child{text-align:left}img{max-width:100%}code{font-size:12px;word-break:break-all}";
+/// One sheet of A4 when printed; two columns below the pictures.
+const STYLE: &str = "@page{size:A4;margin:8mm}*{box-sizing:border-box}body{font:9px/1.3 Helvetica,Arial,sans-serif;color:#222;max-width:194mm;\
+margin:0 auto;padding:2mm 0}h1{font-size:15px;margin:0}h2{font-size:10px;margin:2mm 0 .6mm;color:#245}p{margin:.6mm 0}img{display:block;\
+width:100%}.strip img{max-height:68mm;object-fit:contain}.columns:after{content:'';display:block;clear:both}.left{float:left;width:55%}\
+.right{float:right;width:43%}table{border-collapse:collapse;width:100%}td,th{padding:.15mm 1mm;border-bottom:.2mm solid #ddd;\
+text-align:right;font-weight:normal}th{color:#666}td:first-child,th:first-child{text-align:left}code{font-size:6.5px;word-break:break-all}\
+ul{margin:0;padding-left:4mm}.note{color:#666;font-size:8px}";
+/// Warnings that fit on the page; the JSON form has all.
+const WARNINGS: usize = 10;
+/// Steps that fit on the page: the last ones.
+const STEPS: usize = 6;
 
-/// The report as one page that needs nothing else. `pictures` are titles with PNG bytes.
+/// The report as one page that needs nothing else. `pictures` are titles with PNG bytes: before and after, then the error.
 pub(super) fn report_page(report: &str, pictures: &[(&str, Vec<u8>)]) -> Result<String, Problem> {
     let r: ReportDocument = serde_json::from_str(report).map_err(|error| {
         tracing::error!(%error, "a stored report cannot be read");
         Problem::new(FaultKind::Internal, "a stored report cannot be read; the log says more")
     })?;
     let mut page = format!(
-        "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>Prosopon report</title><style>{STYLE}</style>\
-         <h1>Prediction report</h1><p>Job <code>{}</code>, model <b>{}</b>, software {}, {}. Not a medical device.</p>",
+        "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>Prosopon report {}</title><style>{STYLE}</style>\
+         <h1>Predicted skin after bone movement</h1><p>Job <code>{}</code>, session <code>{}</code>, {}. Model <b>{}</b>, Prosopon {}. \
+         <b>Not a medical device.</b></p>",
         escape(&r.job),
+        escape(&r.job),
+        escape(&r.session),
+        escape(&r.finished_at),
         escape(&r.model),
-        escape(&r.version),
-        escape(&r.finished_at)
+        escape(&r.version)
     );
-    for (title, png) in pictures {
+    let picture = |page: &mut String, (title, png): &(&str, Vec<u8>)| {
+        add(page, format_args!("<img alt=\"{title}\" src=\"data:image/png;base64,{}\">", base64(png)));
+    };
+    if let Some(first) = pictures.first() {
+        page.push_str("<div class=\"strip\">");
+        picture(&mut page, first);
+        page.push_str("</div>");
+    }
+    page.push_str("<div class=\"columns\"><div class=\"left\">");
+    pictures.iter().skip(1).for_each(|p| picture(&mut page, p));
+    warnings(&mut page, &r.warnings);
+    inputs(&mut page, &r);
+    page.push_str("</div><div class=\"right\">");
+    plan(&mut page, &r.plan);
+    let regions = r.regions.iter().map(|(name, m)| vec![name.clone(), mm(m.forward_mm), mm(m.down_mm), mm(m.left_mm)]);
+    table(&mut page, "Mean movement of the skin, mm", &["region", "forward", "down", "left"], regions);
+    if let Some(error) = &r.error {
+        errors(&mut page, error);
+    }
+    numerics(&mut page, &r);
+    page.push_str("</div></div></html>\n");
+    Ok(page)
+}
+
+fn warnings(page: &mut String, all: &[String]) {
+    if all.is_empty() {
+        return;
+    }
+    page.push_str("<h2>Warnings</h2><ul>");
+    for warning in all.iter().take(WARNINGS) {
+        add(page, format_args!("<li>{}</li>", escape(warning)));
+    }
+    if all.len() > WARNINGS {
+        add(page, format_args!("<li>and {} more in the report as JSON</li>", all.len() - WARNINGS));
+    }
+    page.push_str("</ul>");
+}
+
+fn inputs(page: &mut String, r: &ReportDocument) {
+    page.push_str("<h2>Inputs, SHA-256</h2><table>");
+    for (name, input) in &r.inputs {
+        let from = input.source_sha256.as_ref().unwrap_or(&input.sha256);
+        add(page, format_args!("<tr><td>{}</td><td><code>{}</code></td></tr>", escape(name), escape(from)));
+    }
+    page.push_str("</table>");
+}
+
+/// Where each segment ends, LPS taken apart as a surgeon says it.
+fn plan(page: &mut String, plan: &PlanDocument) {
+    let rows = plan.paths.iter().map(|path| {
+        let report = plan.reports.iter().find(|r| r.segment == path.segment);
+        let end = path.waypoints.last();
+        let moved = report.map(|r| r.centroid_displacement_mm).or(end.map(|w| w.translation_mm)).unwrap_or_default();
+        let turned = end.map_or(0.0, |w| 2.0 * w.quaternion_xyzw[3].abs().min(1.0).acos().to_degrees());
+        let most = |of: fn(&PathSample) -> f64| match report {
+            Some(r) => mm(r.along.iter().map(of).fold(0.0, f64::max)),
+            None => "–".to_owned(),
+        };
+        // Nothing moves by minus zero.
+        let part = |v: f64| mm(v + 0.0);
+        vec![
+            path.segment.to_string(),
+            part(-moved[1]),
+            part(-moved[2]),
+            part(moved[0]),
+            format!("{turned:.1}°"),
+            most(|s| s.overlap_mm),
+            most(|s| s.gap_mm),
+        ]
+    });
+    table(page, "Plan, mm", &["segment", "forward", "down", "left", "turn", "overlap", "gap"], rows);
+}
+
+fn errors(page: &mut String, error: &ErrorDocument) {
+    let whole = std::iter::once(("counted", &error.whole)).chain(error.regions.iter().map(|(n, s)| (n.as_str(), s)));
+    let rows = whole.chain(std::iter::once(("from reference", &error.backward))).map(|(name, s)| {
+        let share = format!("{:.0} %", 100.0 * s.share_below_1_mm);
+        vec![
+            name.to_owned(),
+            mm(s.mean_mm),
+            mm(s.mean_abs_mm),
+            mm(s.rms_mm),
+            mm(s.p50_mm),
+            mm(s.p90_mm),
+            mm(s.p95_mm),
+            mm(s.max_mm),
+            share,
+        ]
+    });
+    let title = format!("Signed error against {}, mm", error.reference);
+    let names = ["region", "mean", "abs", "RMS", "P50", "P90", "P95", "max", "< 1 mm"];
+    table(page, &title, &names, rows);
+    let w = &error.whole;
+    add(
+        page,
+        format_args!(
+            "<p class=\"note\">Variance {:.3} mm², L2 norm {:.1} mm over {} vertices, below 2 mm {:.1} %, below 3 mm {:.1} %. Weighted by \
+             area but for the L2 norm; negative: the prediction lies behind the reference.</p>",
+            w.variance_mm2,
+            w.l2_norm_mm,
+            w.count,
+            100.0 * w.share_below_2_mm,
+            100.0 * w.share_below_3_mm
+        ),
+    );
+    if let Some(r) = &error.registration {
         add(
-            &mut page,
-            format_args!("<h2>{title}</h2><img alt=\"{title}\" src=\"data:image/png;base64,{}\">", base64(png)),
+            page,
+            format_args!(
+                "<p class=\"note\">Registered on {} vertices: residual {:.3} mm, overlap {:.0} %, {} iterations.</p>",
+                r.vertices,
+                r.residual_mm,
+                100.0 * r.overlap,
+                r.iterations
+            ),
         );
     }
-    let regions = r.regions.iter().map(|(name, m)| vec![escape(name), mm(m.forward_mm), mm(m.down_mm), mm(m.left_mm)]);
-    table(&mut page, "Mean movement, mm", &["region", "forward", "down", "left"], regions);
-    if let Some(error) = &r.error {
-        let whole = std::iter::once(("face", &error.whole)).chain(error.regions.iter().map(|(n, s)| (n.as_str(), s)));
-        let rows = whole.map(|(name, s)| {
-            vec![escape(name), mm(s.mean_mm), mm(s.mean_abs_mm), mm(s.rms_mm), mm(s.p95_mm), mm(s.max_mm)]
-        });
-        let title = format!("Signed error against {}, mm", escape(&error.reference));
-        table(&mut page, &title, &["region", "mean", "mean abs", "RMS", "P95", "max"], rows);
-    }
-    let steps = r.steps.iter().map(|s| {
+}
+
+/// Steps, mesh, times.
+fn numerics(page: &mut String, r: &ReportDocument) {
+    let steps = r.steps.iter().skip(r.steps.len().saturating_sub(STEPS)).map(|s| {
         vec![
             s.k.to_string(),
-            format!("{:.3}", s.t),
-            s.converged.to_string(),
-            format!("{:.3}", s.min_det_f),
-            format!("{:.4}", s.max_penetration_mm),
-            format!("{:.1e}", s.relative_residual),
+            s.outcome.replace('_', " "),
+            format!("{:.2}", s.min_det_f),
+            format!("{:.3}", s.max_penetration_mm),
+            format!("{:.0e}", s.relative_residual),
             s.newton_iterations.to_string(),
             format!("{:.1}", s.wall_s),
         ]
     });
-    let names = ["step", "t", "converged", "min det F", "penetration, mm", "residual", "iterations", "time, s"];
-    table(&mut page, "Steps", &names, steps);
+    let names = ["step", "outcome", "det F", "pen., mm", "residual", "iter.", "s"];
+    table(page, "Steps", &names, steps);
     let p = &r.phases;
     let phases = [
         ("surfaces", p.surfaces_s),
@@ -61,38 +176,25 @@ pub(super) fn report_page(report: &str, pictures: &[(&str, Vec<u8>)]) -> Result<
         ("solve", p.solve_s),
         ("total", p.total_s),
     ];
-    table(&mut page, "Time, s", &["phase", "s"], phases.map(|(n, s)| vec![n.to_owned(), format!("{s:.1}")]));
-    if let Some(m) = &r.mesh {
-        let mesh = [
-            ("tetrahedra", m.tetrahedra.to_string()),
-            ("prisms", m.prisms.to_string()),
-            ("inverted", m.inverted.to_string()),
-            ("smallest dihedral angle, degrees", format!("{:.1}", m.min_dihedral_deg)),
-            ("volume error", format!("{:.4}", m.volume_error)),
-            ("largest distance from the skin, mm", mm(m.max_skin_distance_mm)),
-        ];
-        table(&mut page, "Mesh", &["", ""], mesh.map(|(n, v)| vec![n.to_owned(), v]));
-    }
-    if let Some(t) = &r.tissue {
-        let mesh = [
-            ("nodes", t.nodes),
-            ("tetrahedra", t.tetrahedra),
-            ("wedges", t.wedges),
-            ("sliding nodes", t.sliding_nodes),
-        ];
-        table(&mut page, "Ready mesh", &["", ""], mesh.map(|(n, v)| vec![n.to_owned(), v.to_string()]));
-    }
-    let inputs = r.inputs.iter().map(|(name, i)| vec![escape(name), format!("<code>{}</code>", escape(&i.sha256))]);
-    table(&mut page, "Inputs", &["part", "SHA-256"], inputs);
-    if !r.warnings.is_empty() {
-        page.push_str("<h2>Warnings</h2><ul>");
-        for warning in &r.warnings {
-            add(&mut page, format_args!("<li>{}</li>", escape(warning)));
-        }
-        page.push_str("</ul>");
-    }
-    page.push_str("</html>\n");
-    Ok(page)
+    let names = phases.map(|p| p.0);
+    table(page, "Time, s", &names, [phases.map(|p| format!("{:.1}", p.1)).to_vec()]);
+    let mesh = match (&r.mesh, &r.tissue) {
+        (Some(m), _) => format!(
+            "{} tetrahedra, {} prisms, smallest dihedral angle {:.1}°, {} inverted, volume error {:.4}, at most {} mm from the skin",
+            m.tetrahedra,
+            m.prisms,
+            m.min_dihedral_deg,
+            m.inverted,
+            m.volume_error,
+            mm(m.max_skin_distance_mm)
+        ),
+        (None, Some(t)) => format!(
+            "ready mesh of {} nodes, {} tetrahedra, {} wedges, {} sliding nodes",
+            t.nodes, t.tetrahedra, t.wedges, t.sliding_nodes
+        ),
+        (None, None) => return,
+    };
+    add(page, format_args!("<p class=\"note\">Mesh: {mesh}.</p>"));
 }
 
 fn add(page: &mut String, text: std::fmt::Arguments<'_>) {
@@ -100,13 +202,18 @@ fn add(page: &mut String, text: std::fmt::Arguments<'_>) {
     page.write_fmt(text).ok();
 }
 
+/// A table with a title; all text is escaped here.
 fn table(page: &mut String, title: &str, names: &[&str], rows: impl IntoIterator<Item = Vec<String>>) {
-    add(page, format_args!("<h2>{title}</h2><table><tr>"));
-    names.iter().for_each(|name| add(page, format_args!("<th>{name}</th>")));
+    let mut rows = rows.into_iter().peekable();
+    if rows.peek().is_none() {
+        return;
+    }
+    add(page, format_args!("<h2>{}</h2><table><tr>", escape(title)));
+    names.iter().for_each(|name| add(page, format_args!("<th>{}</th>", escape(name))));
     page.push_str("</tr>");
     for row in rows {
         page.push_str("<tr>");
-        row.iter().for_each(|cell| add(page, format_args!("<td>{cell}</td>")));
+        row.iter().for_each(|cell| add(page, format_args!("<td>{}</td>", escape(cell))));
         page.push_str("</tr>");
     }
     page.push_str("</table>");

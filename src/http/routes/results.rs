@@ -7,20 +7,18 @@ use axum::response::Response;
 use serde::Deserialize;
 use utoipa::IntoParams;
 
+use super::on_demand::{ErrorQuery, compared};
 use crate::evaluate::{Layer, View, picture as draw};
 use crate::export::SurfaceView;
 use crate::geometry::{TriMesh, Vector};
-use crate::http::dto::ErrorView;
+use crate::http::dto::{ErrorView, finite};
 use crate::http::extract::{Ids, Params};
 use crate::http::result::{not_modified, tag_of, tagged};
 use crate::http::surface_format::SurfaceOutput;
 use crate::http::{AppState, Problem};
 use crate::jobs::{Service, SkinFrame, read_frame, rest_of};
-use crate::session::{ErrorDocument, Fault, FaultKind};
+use crate::session::{ErrorDocument, Fault, FaultKind, error_sheet};
 use crate::store::{JobId, JobRecord, StepRecord};
-
-/// Colours of error maps saturate here, mm.
-const ERROR_LIMIT_MM: f64 = 3.0;
 
 /// Which format to send.
 #[derive(Debug, Deserialize, IntoParams)]
@@ -30,6 +28,21 @@ pub(in crate::http) struct FormatQuery {
     /// Format; else Accept chooses, else GLB.
     #[param(inline)]
     pub(super) format: Option<SurfaceOutput>,
+}
+
+/// Which format to send, and against what the error is.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(in crate::http) struct SkinQuery {
+    /// Format; else Accept chooses, else GLB.
+    #[param(inline)]
+    format: Option<SurfaceOutput>,
+    /// A job whose step at the same place of the path takes the place of what the job was compared with.
+    #[param(value_type = Option<Uuid>)]
+    reference: Option<JobId>,
+    /// Whether the prediction is registered on what the plan does not move; false when absent.
+    register: Option<bool>,
 }
 
 /// A surface in a format: from the client's own copy when the tag fits, else written on the CPU pool.
@@ -68,7 +81,11 @@ async fn find(service: &Service, id: JobId, k: u32) -> Result<(JobRecord, StepRe
     }
 }
 
-async fn load(service: &Service, job: &JobRecord, step: &StepRecord) -> Result<(TriMesh, TriMesh, SkinFrame), Problem> {
+pub(super) async fn load(
+    service: &Service,
+    job: &JobRecord,
+    step: &StepRecord,
+) -> Result<(TriMesh, TriMesh, SkinFrame), Problem> {
     let rest = rest_of(service, job).await?;
     let frame = read_frame(service, step, &rest).await?;
     let mesh = frame.mesh(&rest)?;
@@ -100,21 +117,25 @@ pub(in crate::http) async fn topology(
 ///
 /// With `displacement_mm` and, where there is something to compare with, `error_mm` of every vertex.
 #[utoipa::path(get, path = "/v1/jobs/{job}/steps/{k}/skin", tag = "results",
-    params(("job" = Uuid, Path), ("k" = u32, Path), FormatQuery),
+    params(("job" = Uuid, Path), ("k" = u32, Path), SkinQuery),
     responses((status = 200, description = "the surface", content(
         (Vec<u8> = "model/gltf-binary"), (Vec<u8> = "application/ply"), (Vec<u8> = "model/stl"))),
         (status = 304, description = "as known")))]
 pub(in crate::http) async fn skin(
     State(state): State<AppState>,
     Ids((id, k)): Ids<(JobId, u32)>,
-    Params(query): Params<FormatQuery>,
+    Params(query): Params<SkinQuery>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let (job, step) = find(&state.service, id, k).await?;
     let format = SurfaceOutput::choose(query.format, &headers)?;
-    let key = step.sha256.clone();
+    let query = ErrorQuery { reference: query.reference, register: query.register };
+    let key = query.key(&state.service, &job, &step).await?;
     send_surface(&state, &headers, format, &[&key], async {
-        let (_, mesh, frame) = load(&state.service, &job, &step).await?;
+        let (_, mesh, mut frame) = load(&state.service, &job, &step).await?;
+        if query.is_asked() {
+            frame.error_mm = Some(compared(&state.service, &job, &step, &query).await?.error_mm);
+        }
         Ok(move || {
             let mut scalars = vec![("displacement_mm", frame.displacement_mm.as_slice())];
             scalars.extend(frame.error_mm.as_deref().map(|e| ("error_mm", e)));
@@ -187,45 +208,62 @@ fn error_of(job: &JobRecord, step: &StepRecord) -> Result<ErrorDocument, Problem
 
 /// Signed error map of a step
 ///
-/// Negative where the prediction lies behind the reference. Statistics, histogram and the value of every vertex.
+/// Negative where the prediction lies behind the reference. Statistics, histogram and the value of every vertex. Against what the job was
+/// compared with when it ran; with `reference` against that job, with `register` after registration, both computed on demand.
 #[utoipa::path(get, path = "/v1/jobs/{job}/steps/{k}/error", tag = "results",
-    params(("job" = Uuid, Path), ("k" = u32, Path)),
+    params(("job" = Uuid, Path), ("k" = u32, Path), ErrorQuery),
     responses((status = 200, description = "the map", body = ErrorView), (status = 304, description = "as known")))]
 pub(in crate::http) async fn error(
     State(state): State<AppState>,
     Ids((id, k)): Ids<(JobId, u32)>,
+    Params(query): Params<ErrorQuery>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let (job, step) = find(&state.service, id, k).await?;
-    let content = error_of(&job, &step)?;
-    let tag = tag_of(&[&step.sha256, "error"]);
+    let key = query.key(&state.service, &job, &step).await?;
+    let tag = tag_of(&[&key, "error"]);
     if let Some(known) = not_modified(&headers, &tag) {
         return Ok(known);
     }
-    let (_, _, frame) = load(&state.service, &job, &step).await?;
-    let view = ErrorView::new(content, frame.error_mm.unwrap_or_default());
+    let view = if query.is_asked() {
+        let found = compared(&state.service, &job, &step, &query).await?;
+        let correspondence_mm = found.correspondence_mm.map(finite);
+        ErrorView { content: found.document, values_mm: finite(found.error_mm), correspondence_mm }
+    } else {
+        let content = error_of(&job, &step)?;
+        let (_, _, frame) = load(&state.service, &job, &step).await?;
+        ErrorView { content, values_mm: finite(frame.error_mm.unwrap_or_default()), correspondence_mm: None }
+    };
     tagged(&headers, &tag, "application/json", serde_json::to_vec(&view).unwrap_or_default().into())
 }
 
 /// Picture of the error map
 ///
-/// Colours from -3 (blue) to 3 mm (red); PNG.
+/// Front, sides and three-quarter views in colours from -3 (blue) to 3 mm (red), histogram and statistics on one sheet; PNG. The patient's left is
+/// on the right of the front view.
 #[utoipa::path(get, path = "/v1/jobs/{job}/steps/{k}/error.png", tag = "results",
-    params(("job" = Uuid, Path), ("k" = u32, Path)),
+    params(("job" = Uuid, Path), ("k" = u32, Path), ErrorQuery),
     responses((status = 200, description = "the picture", body = Vec<u8>, content_type = "image/png"),
         (status = 304, description = "as known")))]
 pub(in crate::http) async fn error_picture(
     State(state): State<AppState>,
     Ids((id, k)): Ids<(JobId, u32)>,
+    Params(query): Params<ErrorQuery>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let (job, step) = find(&state.service, id, k).await?;
-    error_of(&job, &step)?;
-    let tag = tag_of(&[&step.sha256, "error.png"]);
+    let key = query.key(&state.service, &job, &step).await?;
+    let tag = tag_of(&[&key, "error.png"]);
     if let Some(known) = not_modified(&headers, &tag) {
         return Ok(known);
     }
-    let png = draw_error(&state.service, &job, &step).await?;
+    let png = if query.is_asked() {
+        let found = compared(&state.service, &job, &step, &query).await?;
+        let png = state.service.compute(move |_, _| Ok(error_sheet(&found.mesh, &found.error_mm, &found.document)));
+        png.await?
+    } else {
+        draw_error(&state.service, &job, &step).await?
+    };
     tagged(&headers, &tag, "image/png", png.into())
 }
 
@@ -252,16 +290,13 @@ pub(in crate::http) async fn picture(
 
 /// Looks the patient in the face, turned a little so that the profile shows.
 fn view() -> View {
-    View { direction: Vector::new(-0.55, 0.8, -0.1).normalize(), up: Vector::z(), size_px: [640, 720] }
+    View { direction: Vector::new(-0.55, 0.8, -0.1).normalize(), up: Vector::z(), size_px: [1560, 620] }
 }
 
 pub(super) async fn draw_error(service: &Service, job: &JobRecord, step: &StepRecord) -> Result<Vec<u8>, Problem> {
+    let document = error_of(job, step)?;
     let (_, mesh, frame) = load(service, job, step).await?;
-    let png = service.compute(move |_, _| {
-        let values = frame.error_mm.unwrap_or_default();
-        let layer = Layer { mesh: &mesh, values: Some((&values, ERROR_LIMIT_MM)) };
-        Ok(draw(&[("signed error", layer)], &view()))
-    });
+    let png = service.compute(move |_, _| Ok(error_sheet(&mesh, &frame.error_mm.unwrap_or_default(), &document)));
     Ok(png.await?)
 }
 

@@ -1,55 +1,144 @@
-use crate::geometry::{Aabb, TriMesh};
+use crate::control::Control;
+use crate::evaluate::{Mask, Part, face_regions};
+use crate::geometry::{Point, TriMesh};
 use crate::jobs::Service;
-use crate::session::{ErrorDocument, Fault};
+use crate::session::{Engine, ErrorDocument, Fault, FaultKind, Halt, RegistrationDocument};
 
-/// Vertices of the prediction that a registration goes by: those outside all of these boxes.
-#[derive(Debug, Clone, PartialEq, Default)]
+/// Vertices of the prediction that a registration goes by.
+#[derive(Debug, Clone, PartialEq)]
 pub struct RegisterOn {
-    /// Altered parts, LPS mm.
-    pub altered: Vec<Aabb>,
+    /// Parts, or vertices, that are given. When nothing is, what the plan does not move, where that is known.
+    pub region: Mask,
+    /// What the plan moves less than this counts as unmoved, mm.
+    pub threshold_mm: f64,
+}
+
+/// What a job predicts to move less than this is unaltered, mm.
+pub const UNMOVED_MM: f64 = 0.1;
+
+impl Default for RegisterOn {
+    fn default() -> Self {
+        Self { region: Mask::default(), threshold_mm: UNMOVED_MM }
+    }
+}
+
+/// What is predicted.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Prediction {
+    /// Its surface.
+    pub mesh: TriMesh,
+    /// How far each vertex moved, mm, where a job predicted it.
+    pub displacement_mm: Option<Vec<f32>>,
+    /// The surface before it moved, where a job moved it: the parts of the face lie on it.
+    pub rest: Option<TriMesh>,
+    /// Landmarks and midline that place the parts of the face; `None` where it is no face.
+    pub face: Option<(Vec<(String, Point)>, Option<f64>)>,
 }
 
 /// Two surfaces to compare.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Comparison {
     /// What was predicted.
-    pub prediction: TriMesh,
+    pub prediction: Prediction,
     /// What it is compared with.
     pub reference: TriMesh,
     /// Name of the reference in the answer.
     pub reference_name: String,
-    /// Only prediction vertices in one of these boxes count; all when empty.
-    pub mask: Vec<Aabb>,
+    /// Prediction vertices that count.
+    pub mask: Mask,
+    /// Parts that neither count nor are registered on, as the eyes.
+    pub exclude: Vec<Part>,
+    /// Whether only the parts of the face count, where no mask is given.
+    pub face_only: bool,
     /// Rigid registration of the prediction before comparing.
     pub register: Option<RegisterOn>,
 }
 
-/// Signed error of a prediction: its document and the value of every vertex, mm.
+/// An error map with the surface that it lies on.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Compared {
+    /// Statistics.
+    pub document: ErrorDocument,
+    /// The prediction, where it lies in its own frame: a registration has brought the reference to it.
+    pub mesh: TriMesh,
+    /// Signed error of every vertex, mm.
+    pub error_mm: Vec<f32>,
+    /// Distance of every vertex from its counterpart, mm, where it has one.
+    pub correspondence_mm: Option<Vec<f32>>,
+}
+
+/// Compares two surfaces on the threads for requests.
 ///
 /// # Errors
 /// What the numerics say.
-pub async fn compare(service: &Service, comparison: Comparison) -> Result<(ErrorDocument, Vec<f32>), Fault> {
-    service
-        .compute(move |engine, control| {
-            let Comparison { mut prediction, reference, reference_name, mask, register } = comparison;
-            let inside = |boxes: &[Aabb], mesh: &TriMesh| -> Vec<bool> {
-                mesh.positions().iter().map(|p| boxes.iter().any(|b| b.contains(p))).collect()
-            };
-            let counted = (!mask.is_empty()).then(|| inside(&mask, &prediction));
-            let mut applied = None;
-            if let Some(on) = register {
-                let unaltered: Vec<bool> = inside(&on.altered, &prediction).iter().map(|b| !b).collect();
-                let motion = engine.register(&prediction, &reference, Some(&unaltered), &control.part(0.0, 0.5))?;
-                prediction = prediction.moved(&motion);
-                applied = Some(motion);
-            }
-            let control = control.part(0.5, 1.0);
-            let mut map = engine.error_map(&prediction, &reference, counted.as_deref(), &[], &control)?;
-            if let Some(motion) = applied {
-                map.registration = motion;
-            }
-            let mask = if counted.is_some() { "boxes" } else { "all" };
-            Ok((ErrorDocument::new(reference_name, mask, &map), map.signed_mm))
-        })
-        .await
+pub async fn compare(service: &Service, comparison: Comparison) -> Result<Compared, Fault> {
+    service.compute(move |engine, control| comparison.run(engine, control)).await
+}
+
+impl Comparison {
+    /// Registers where asked for, and compares.
+    ///
+    /// # Errors
+    /// What the numerics say; [`FaultKind::InvalidRequest`] for masks of another length.
+    pub fn run(self, engine: &dyn Engine, control: &Control) -> Result<Compared, Halt> {
+        let Prediction { mesh, displacement_mm, rest, face } = self.prediction;
+        let mut reference = self.reference;
+        let given = [
+            ("/mask_vertices", &self.mask),
+            ("/register/unaltered_vertices", &self.register.as_ref().map(|r| r.region.clone()).unwrap_or_default()),
+        ];
+        for (pointer, mask) in given {
+            check_length(pointer, mask, &mesh)?;
+        }
+        let without: Vec<bool> = Mask { except: self.exclude, ..Mask::default() }.of(&mesh);
+        let both = |a: Vec<bool>| -> Vec<bool> { a.into_iter().zip(&without).map(|(a, b)| a && *b).collect() };
+        let rest = rest.as_ref().unwrap_or(&mesh);
+        let (regions, _) = face.map_or_else(Default::default, |(points, midline)| face_regions(rest, &points, midline));
+        let in_face = |p: &Point| regions.iter().any(|r| r.bounds.contains(p));
+        let (mask_name, counted) = if !self.mask.is_empty() {
+            ("given", self.mask.of(&mesh))
+        } else if self.face_only && !regions.is_empty() {
+            ("face", rest.positions().iter().map(in_face).collect())
+        } else {
+            ("all", vec![true; mesh.positions().len()])
+        };
+        let counted = both(counted);
+        let (mut document_of, mut warnings) = (None, Vec::new());
+        if let Some(on) = self.register {
+            let (name, region) = on.chosen(&mesh, displacement_mm.as_deref());
+            let found = engine.register(&mesh, &reference, Some(&both(region)), &control.part(0.0, 0.5))?;
+            warnings.extend(found.warnings.iter().cloned());
+            document_of = Some(RegistrationDocument::new(&found, name));
+            // The reference comes to the prediction, so that masks, parts of the face and pictures stay in the patient's frame.
+            reference = reference.moved(&found.motion.inverse());
+        }
+        let map = engine.error_map(&mesh, &reference, Some(&counted), &regions, &control.part(0.5, 1.0))?;
+        let mut document = ErrorDocument::new(self.reference_name, mask_name, &map);
+        document.registration = document_of;
+        document.warnings.splice(0..0, warnings);
+        let correspondence_mm = map.correspondence.map(|c| c.distance_mm);
+        Ok(Compared { document, mesh, error_mm: map.signed_mm, correspondence_mm })
+    }
+}
+
+impl RegisterOn {
+    /// Name and vertices of the region.
+    fn chosen(&self, mesh: &TriMesh, displacement_mm: Option<&[f32]>) -> (&'static str, Vec<bool>) {
+        match displacement_mm {
+            _ if !self.region.is_empty() => ("given", self.region.of(mesh)),
+            Some(moved) => ("unmoved", moved.iter().map(|d| f64::from(*d) < self.threshold_mm).collect()),
+            None => ("all", vec![true; mesh.positions().len()]),
+        }
+    }
+}
+
+fn check_length(pointer: &str, mask: &Mask, mesh: &TriMesh) -> Result<(), Fault> {
+    let n = mesh.positions().len();
+    match &mask.vertices {
+        Some(vertices) if vertices.len() != n => {
+            let detail = format!("has {} entries, the prediction {n} vertices", vertices.len());
+            Err(Fault::new(FaultKind::InvalidRequest, detail).at(pointer))
+        }
+        _ => Ok(()),
+    }
 }

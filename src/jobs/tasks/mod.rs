@@ -9,7 +9,7 @@ mod tissue;
 mod volume;
 
 pub use bone::{cut_bone, make_plan};
-pub use compare::{Comparison, RegisterOn, compare};
+pub use compare::{Compared, Comparison, Prediction, RegisterOn, UNMOVED_MM, compare};
 pub use results::{read_frame, rest_of};
 pub use slice::field_slice;
 pub use surface::take_surface;

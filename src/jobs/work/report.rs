@@ -34,6 +34,7 @@ pub(super) fn compile(i: &Ingredients<'_>) -> Result<ReportDocument, Fault> {
     warnings.extend(i.warnings.iter().cloned());
     warnings.extend(field.warnings.iter().chain(&i.request.cut_warnings).chain(&i.request.mesh.warnings).cloned());
     warnings.extend(step_warnings(&steps, i.told));
+    warnings.extend(error.iter().flat_map(|e| e.warnings.iter().map(|w| format!("error map: {w}"))));
     Ok(ReportDocument {
         format_version: 1,
         version: env!("CARGO_PKG_VERSION").to_owned(),

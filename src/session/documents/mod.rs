@@ -5,6 +5,7 @@ mod error_map;
 mod field;
 mod material;
 mod mesh;
+mod registration;
 mod report;
 mod solve;
 mod surface;
@@ -20,6 +21,7 @@ pub use material::{
     D1ReadingName, LockingName, MaterialDocument, PresetName, SkinElementName, TissueLawsDocument, UnstableMaterialName,
 };
 pub use mesh::MeshDocument;
+pub use registration::RegistrationDocument;
 pub use report::{PhasesDocument, ReportDocument, ReportInput};
 pub use solve::{LeftOutDocument, ReactionDocument, RegionMotionDocument, StepDocument, StepPhasesDocument};
 pub use surface::{CtDocument, SurfaceDocument, SurfaceOrigin};

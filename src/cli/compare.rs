@@ -1,0 +1,165 @@
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use serde::Deserialize;
+
+use super::CommandResult;
+use crate::control::Control;
+use crate::evaluate::{Mask, Part};
+use crate::export::{SurfaceView, ply, vtp};
+use crate::geometry::{Aabb, Point, TriMesh};
+use crate::http::dto::PartRequest;
+use crate::import::{Limits, detect_surface, surface};
+use crate::jobs::{Compared, Comparison, Prediction, RegisterOn};
+use crate::session::{Numerics, chain, error_sheet};
+
+/// What `prosopon compare` is asked to do.
+#[derive(Debug, Args)]
+pub(super) struct CompareArguments {
+    /// Predicted surface: STL, PLY, OBJ, VTP; mm.
+    prediction: PathBuf,
+    /// What it is compared with.
+    reference: PathBuf,
+    /// Bring the prediction onto the reference first, by what fits (the worst pairs are trimmed) or by --unaltered.
+    #[arg(long)]
+    register: bool,
+    /// Which prediction vertices count: JSON, a list of parts ({min_mm, max_mm} or {centre_mm, radius_mm}) or one true or false per vertex.
+    #[arg(long)]
+    mask: Option<PathBuf>,
+    /// What registration goes by, written like --mask.
+    #[arg(long, requires = "register")]
+    unaltered: Option<PathBuf>,
+    /// Parts that neither count nor are registered on, as the eyes: JSON, a list of parts.
+    #[arg(long)]
+    exclude: Option<PathBuf>,
+    /// Folder for error.json, error.png, error.ply and error.vtp.
+    #[arg(long)]
+    out: PathBuf,
+}
+
+/// Parts of space, or one entry per vertex.
+#[derive(Debug, Deserialize)]
+#[serde(untagged)]
+enum MaskFile {
+    Vertices(Vec<bool>),
+    Parts(Vec<PartRequest>),
+}
+
+pub(super) fn run(a: &CompareArguments) -> CommandResult {
+    let mut told = std::io::stderr();
+    let (prediction, reference) = (load(&a.prediction, &mut told)?, load(&a.reference, &mut told)?);
+    let mask = a.mask.as_deref().map(mask_of).transpose()?.unwrap_or_default();
+    let region = a.unaltered.as_deref().map(mask_of).transpose()?.unwrap_or_default();
+    let exclude = a.exclude.as_deref().map(mask_of).transpose()?.unwrap_or_default();
+    if exclude.vertices.is_some() {
+        return Err("--exclude takes parts, not vertices".into());
+    }
+    let comparison = Comparison {
+        prediction: Prediction { mesh: prediction, displacement_mm: None, rest: None, face: None },
+        reference,
+        reference_name: a.reference.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned()),
+        mask,
+        exclude: exclude.only,
+        face_only: false,
+        register: a.register.then(|| RegisterOn { region, ..RegisterOn::default() }),
+    };
+    let engine = Numerics::new(Limits::default());
+    let done = comparison.run(&engine, &Control::new()).map_err(|halt| crate::session::Fault::from(halt).detail)?;
+    write(&a.out, &done)?;
+    for (name, value) in done.document.lines() {
+        writeln!(std::io::stdout(), "{name:26} {value}")?;
+    }
+    for warning in &done.document.warnings {
+        writeln!(told, "warning: {warning}")?;
+    }
+    Ok(())
+}
+
+fn write(folder: &Path, done: &Compared) -> CommandResult {
+    std::fs::create_dir_all(folder).map_err(|e| format!("{}: {e}", folder.display()))?;
+    let mut scalars = vec![("error_mm", done.error_mm.as_slice())];
+    scalars.extend(done.correspondence_mm.as_deref().map(|c| ("correspondence_mm", c)));
+    let view = SurfaceView { mesh: &done.mesh, scalars: &scalars, colours: None };
+    for (name, bytes) in [
+        ("error.json", serde_json::to_vec_pretty(&done.document)?),
+        ("error.png", error_sheet(&done.mesh, &done.error_mm, &done.document)),
+        ("error.ply", ply(&view)),
+        ("error.vtp", vtp(&view)),
+    ] {
+        let path = folder.join(name);
+        std::fs::write(&path, bytes).map_err(|e| format!("{}: {e}", path.display()))?;
+    }
+    Ok(())
+}
+
+fn load(path: &Path, told: &mut dyn Write) -> Result<TriMesh, Box<dyn std::error::Error>> {
+    let bytes = std::fs::read(path).map_err(|e| format!("{}: {e}", path.display()))?;
+    let format = detect_surface(&bytes).ok_or_else(|| format!("{} is no surface that is read", path.display()))?;
+    let read = surface(&bytes, format, &Limits::default());
+    let (mesh, warnings) = read.map_err(|e| format!("{}: {}", path.display(), chain(&e)))?;
+    for warning in warnings {
+        writeln!(told, "{}: {warning}", path.display())?;
+    }
+    Ok(mesh)
+}
+
+fn mask_of(path: &Path) -> Result<Mask, Box<dyn std::error::Error>> {
+    let text = std::fs::read(path).map_err(|e| format!("{}: {e}", path.display()))?;
+    let unusable = |detail: String| format!("{}: {detail}", path.display());
+    let file: MaskFile = serde_json::from_slice(&text)
+        .map_err(|_| unusable("is neither a list of parts nor one of true and false".to_owned()))?;
+    Ok(match file {
+        MaskFile::Vertices(vertices) => Mask { vertices: Some(vertices), ..Mask::default() },
+        MaskFile::Parts(parts) => {
+            let only: Option<Vec<Part>> = parts.iter().map(part).collect();
+            let only = only.ok_or_else(|| {
+                unusable("a part has neither min_mm below max_mm nor centre_mm and a radius_mm above 0".to_owned())
+            })?;
+            Mask { only, ..Mask::default() }
+        }
+    })
+}
+
+fn part(request: &PartRequest) -> Option<Part> {
+    match (request.min_mm, request.max_mm, request.centre_mm, request.radius_mm) {
+        (Some(min), Some(max), None, None) => {
+            let ordered = min.iter().zip(max).all(|(min, max)| *min < max);
+            ordered.then(|| Part::Box(Aabb { min: Point::from(min), max: Point::from(max) }))
+        }
+        (None, None, Some(centre), Some(radius_mm)) => {
+            (radius_mm > 0.0).then(|| Part::Ball { centre: Point::from(centre), radius_mm })
+        }
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn masks_are_parts_or_vertices_and_nothing_else() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("mask.json");
+        let read = |text: &str| {
+            std::fs::write(&path, text).unwrap();
+            mask_of(&path)
+        };
+        assert_eq!(read("[true, false]").unwrap().vertices, Some(vec![true, false]));
+        let parts =
+            read(r#"[{"min_mm": [0, 0, 0], "max_mm": [1, 1, 1]}, {"centre_mm": [0, 0, 0], "radius_mm": 9}]"#).unwrap();
+        assert_eq!(parts.only.len(), 2);
+        for wrong in [
+            "{}",
+            "[NaN]",
+            "[null]",
+            "[1, 0]",
+            r#"[{"radius_mm": 3}]"#,
+            r#"[{"centre_mm": [0, 0, 0], "radius_mm": -3}]"#,
+            r#"[{"min_mm": [0, 0, 0], "max_mm": [1, 1, 0]}]"#,
+        ] {
+            assert!(read(wrong).unwrap_err().to_string().contains("mask.json"), "{wrong}");
+        }
+    }
+}

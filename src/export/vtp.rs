@@ -1,0 +1,35 @@
+use super::SurfaceView;
+use super::vtu::File;
+
+/// A surface as VTK's XML file of polygons with raw appended data: coordinates `Float64`, scalars `Float32` per point, triangles.
+///
+/// Colours, where there are any, are the point array `colour` of three `UInt8`.
+///
+/// # Panics
+/// When scalars or colours are not one per vertex.
+#[must_use]
+pub fn vtp(surface: &SurfaceView<'_>) -> Vec<u8> {
+    surface.assert_lengths();
+    let (positions, triangles) = (surface.mesh.positions(), surface.mesh.triangles());
+    let mut file = File::default();
+    file.xml(&format!(
+        "<?xml version=\"1.0\"?>\n<VTKFile type=\"PolyData\" version=\"1.0\" byte_order=\"LittleEndian\" \
+         header_type=\"UInt64\">\n<PolyData>\n<Piece NumberOfPoints=\"{}\" NumberOfVerts=\"0\" NumberOfLines=\"0\" \
+         NumberOfStrips=\"0\" NumberOfPolys=\"{}\">\n<Points>\n",
+        positions.len(),
+        triangles.len()
+    ));
+    file.array("Float64", "Points", 3, positions.iter().flat_map(|p| p.iter()).flat_map(|x| x.to_le_bytes()));
+    file.xml("</Points>\n<Polys>\n");
+    file.array("Int64", "connectivity", 1, triangles.iter().flatten().flat_map(|v| i64::from(*v).to_le_bytes()));
+    file.array("Int64", "offsets", 1, (1..=triangles.len() as i64).flat_map(|t| (3 * t).to_le_bytes()));
+    file.xml("</Polys>\n<PointData>\n");
+    for (name, values) in surface.scalars {
+        file.array("Float32", name, 1, values.iter().flat_map(|x| x.to_le_bytes()));
+    }
+    if let Some(colours) = surface.colours {
+        file.array("UInt8", "colour", 3, colours.iter().flatten().copied());
+    }
+    file.xml("</PointData>\n</Piece>\n</PolyData>\n");
+    file.finish()
+}

@@ -1,0 +1,252 @@
+//! Comparisons of stored surfaces with the real numerics, and errors of steps on demand.
+
+use axum::http::Method;
+use prosopon::geometry::{Motion, Point, TriMesh, Vector};
+use serde_json::{Value, json};
+
+use crate::app::{Answer, TestApp};
+use crate::shapes::{cube, lumpy, stl};
+
+/// A session with these as skin and target: its id.
+async fn session_of(app: &TestApp, skin: &TriMesh, target: &TriMesh) -> String {
+    let session = app.session().await;
+    for (name, mesh) in [("skin", skin), ("target", target)] {
+        app.upload(&format!("{session}/{name}"), stl(mesh)).await.ok();
+    }
+    session.rsplit('/').next().unwrap().to_owned()
+}
+
+/// Skin against target with further members.
+fn body(session: &str, more: &Value) -> Value {
+    let mut body = json!({
+        "prediction": {"session": session, "part": "skin"},
+        "reference": {"session": session, "part": "target"},
+    });
+    body.as_object_mut().unwrap().extend(more.as_object().unwrap().clone());
+    body
+}
+
+async fn compare(app: &TestApp, session: &str, more: Value) -> Answer {
+    app.post("/v1/compare", body(session, &more)).await
+}
+
+#[tokio::test]
+async fn a_misplaced_scan_is_registered_and_its_bump_is_the_error() {
+    let app = TestApp::real().await;
+    // The operation raised the front by up to 3 mm; the scan has other triangles and lies elsewhere.
+    let bump = |d: [f64; 3]| 3.0 * ((-d[1] - 0.6) / 0.4).clamp(0.0, 1.0);
+    let away = Motion::new(Vector::new(3.0, -3.0, 2.0), Vector::new(0.05, -0.04, 0.06));
+    let session = session_of(&app, &lumpy(60, |_| 0.0), &lumpy(52, bump).moved(&away)).await;
+    let altered = json!([{"centre_mm": [0, -90, 0], "radius_mm": 80}]);
+    let found = compare(&app, &session, json!({"register": {"altered": altered}})).await.ok();
+    let r = &found["registration"];
+    let number = |v: &Value| v.as_f64().unwrap();
+    let angle = away.rotation.angle().to_degrees();
+    assert!((number(&r["angle_deg"]) - angle).abs() < 0.1, "{r}");
+    for axis in 0..3 {
+        assert!((number(&r["translation_mm"][axis]) - away.translation.vector[axis]).abs() < 0.1, "{r}");
+    }
+    assert_eq!(r["region"], "given");
+    assert!(number(&r["residual_mm"]) < 0.1 && number(&r["overlap"]) > 0.8 && number(&r["iterations"]) >= 1.0, "{r}");
+    // The bump is 3 mm high where the direction is -y: there the prediction lies behind.
+    let max = number(&found["whole"]["max_mm"]);
+    assert!((max - 3.0).abs() < 0.15 && number(&found["whole"]["mean_mm"]) < 0.0, "{}", found["whole"]);
+    assert!(number(&found["smoothed"]["max_mm"]) <= max + 1e-9 && found["correspondence"].is_null());
+    // Without registration the misplacement is part of the error.
+    let raw = compare(&app, &session, json!({})).await.ok();
+    assert!(number(&raw["whole"]["mean_abs_mm"]) > 2.0 * number(&found["whole"]["mean_abs_mm"]));
+    assert!(raw["registration"].is_null());
+}
+
+#[tokio::test]
+async fn masks_choose_and_exclusions_leave_out() {
+    let app = TestApp::real().await;
+    let skin = lumpy(30, |_| 0.0);
+    let session = session_of(&app, &skin, &lumpy(30, |d| if d[2] > 0.0 { 1.0 } else { 0.0 })).await;
+    let count = async |more: Value| compare(&app, &session, more).await.ok()["whole"]["count"].as_u64().unwrap();
+    let n = count(json!({})).await;
+    let upper = json!([{"min_mm": [-200, -200, 1], "max_mm": [200, 200, 200]}]);
+    let half = count(json!({"mask": upper})).await;
+    assert!(half > n / 3 && half < n * 2 / 3, "{half} of {n}");
+    let eye = json!([{"centre_mm": [0, 0, 80], "radius_mm": 30}]);
+    let without = count(json!({"mask": upper, "exclude": eye})).await;
+    assert!(without < half && without > half / 2, "{without} of {half}");
+    let one_in_two: Vec<bool> = (0..n).map(|v| v % 2 == 0).collect();
+    assert_eq!(count(json!({"mask_vertices": one_in_two})).await, n.div_ceil(2));
+    let seen = compare(&app, &session, json!({"mask": upper, "values": true})).await.ok();
+    assert_eq!((&seen["mask"], seen["values_mm"].as_array().unwrap().len() as u64), (&json!("given"), n));
+    // The same triangles: counterparts are known.
+    assert_eq!(seen["correspondence_mm"].as_array().unwrap().len() as u64, n);
+    assert!(seen["correspondence"]["p50_mm"].as_f64().unwrap() > 0.9);
+    let nobody = json!({"mask_vertices": vec![false; n as usize]});
+    compare(&app, &session, nobody).await.problem(422, "comparison-not-usable");
+}
+
+#[tokio::test]
+async fn a_surface_has_no_error_against_itself() {
+    let app = TestApp::real().await;
+    let skin = lumpy(30, |_| 0.0);
+    let session = session_of(&app, &skin, &skin).await;
+    let found = compare(&app, &session, json!({})).await.ok();
+    for name in ["whole", "backward", "smoothed", "correspondence"] {
+        assert_eq!((&found[name]["max_mm"], &found[name]["l2_norm_mm"]), (&json!(0.0), &json!(0.0)), "{name}");
+    }
+    assert_eq!((&found["excluded"], &found["warnings"]), (&json!(0), &json!([])));
+}
+
+#[tokio::test]
+async fn what_cannot_be_registered_or_compared_is_refused_by_name() {
+    let app = TestApp::real().await;
+    let lump = lumpy(30, |_| 0.0);
+    let session = session_of(&app, &lump, &lump).await;
+    let failed = async |session: &str, register: Value| {
+        compare(&app, session, json!({"register": register})).await.problem(422, "registration-failed")
+    };
+    let small = json!({"unaltered": [{"centre_mm": [0, 0, 80], "radius_mm": 2}]});
+    let problem = failed(&session, small).await;
+    assert_eq!(problem["reason"], "region_too_small");
+    let ball = lumpy(30, |d| {
+        let lumps =
+            12.0 * d[0] * d[1] + 9.0 * d[2] * d[2] * d[0] - 15.0 * d[1].powi(3) + 6.0 * (5.0 * d[0]).sin() * d[2];
+        -lumps
+    });
+    let round = session_of(&app, &ball, &ball).await;
+    assert_eq!(failed(&round, json!({})).await["reason"], "slides");
+    let strangers = session_of(&app, &lump, &cube([0.0; 3], 60.0)).await;
+    assert_eq!(failed(&strangers, json!({})).await["reason"], "no_match");
+    // In metres.
+    let small: Vec<Point> = lump.positions().iter().map(|p| p * 1e-3).collect();
+    let metres = session_of(&app, &lump, &lump.with_positions(small).unwrap()).await;
+    for more in [json!({}), json!({"register": {}})] {
+        let problem = compare(&app, &metres, more).await.problem(422, "comparison-not-usable");
+        assert!(problem["detail"].as_str().unwrap().contains("metres"), "{problem}");
+    }
+    // Far apart: an answer with a warning.
+    let far = session_of(&app, &lump, &lump.moved(&Motion::translation(500.0, 0.0, 0.0))).await;
+    let told = compare(&app, &far, json!({})).await.ok()["warnings"].to_string();
+    assert!(told.contains("mm apart") && told.contains("registration"), "{told}");
+}
+
+#[tokio::test]
+async fn bad_members_are_pointed_to() {
+    let app = TestApp::real().await;
+    let lump = lumpy(12, |_| 0.0);
+    let session = session_of(&app, &lump, &lump).await;
+    for (more, pointer) in [
+        (json!({"mask": [{"centre_mm": [0, 0, 0]}]}), "/mask/0"),
+        (json!({"mask": [{"min_mm": [0, 0, 0], "max_mm": [1, 1, 1], "radius_mm": 2}]}), "/mask/0"),
+        (json!({"exclude": [{"centre_mm": [0, 0, 0], "radius_mm": -1}]}), "/exclude/0/radius_mm"),
+        (json!({"register": {"altered": [{"min_mm": [0, 0, 0], "max_mm": [1, -1, 1]}]}}), "/register/altered/0"),
+        (
+            json!({"register": {"unaltered": [{"centre_mm": [0, 1e9, 0], "radius_mm": 1}]}}),
+            "/register/unaltered/0/centre_mm/1",
+        ),
+        (json!({"register": {"threshold_mm": 0}}), "/register/threshold_mm"),
+        (json!({"mask_vertices": [true]}), "/mask_vertices"),
+        (json!({"register": {"unaltered_vertices": [true]}}), "/register/unaltered_vertices"),
+    ] {
+        let problem = compare(&app, &session, more).await.problem(422, "invalid-request");
+        assert_eq!(problem["errors"][0]["pointer"], pointer, "{problem}");
+    }
+    // JSON has no NaN; null, numbers and words are no choice.
+    for wrong in [json!([null]), json!([0.5]), json!(["NaN"])] {
+        let answer = compare(&app, &session, json!({"mask_vertices": wrong})).await;
+        assert!(answer.status.is_client_error(), "{answer:?}");
+    }
+}
+
+#[tokio::test]
+async fn a_comparison_comes_as_picture_and_as_surface() {
+    let app = TestApp::real().await;
+    let session = session_of(&app, &lumpy(24, |_| 0.0), &lumpy(24, |d| 2.0 * d[1])).await;
+    for (format, kind, magic) in [
+        ("png", "image/png", "\u{89}PNG"),
+        ("glb", "model/gltf-binary", "glTF"),
+        ("ply", "application/ply", "ply\n"),
+        ("vtp", "application/vnd.vtk.vtp", "<?xml"),
+    ] {
+        let path = format!("/v1/compare?format={format}");
+        let answer = app.post(&path, body(&session, &json!({}))).await;
+        assert!(answer.status.is_success(), "{format}: {answer:?}");
+        assert_eq!(answer.header("content-type"), kind);
+        let start: String = answer.body.iter().take(magic.chars().count()).map(|b| char::from(*b)).collect();
+        assert_eq!(start, magic);
+        if matches!(format, "ply" | "vtp") {
+            assert!(String::from_utf8_lossy(&answer.body[..2000]).contains("error_mm"), "{format}");
+        }
+    }
+    app.post("/v1/compare?format=bmp", body(&session, &json!({}))).await.problem(400, "malformed-request");
+}
+
+#[tokio::test]
+async fn the_error_of_a_step_is_found_on_demand_against_another_job_and_after_registration() {
+    let app = TestApp::new().await;
+    let (session, plan) = app.session_with_plan().await;
+    let first = app.solve(&session, &plan, json!({"steps": 2})).await;
+    app.get(&format!("{first}?wait_s=10")).await.ok();
+    let second = app.solve(&session, &plan, json!({"steps": 4})).await;
+    app.get(&format!("{second}?wait_s=10")).await.ok();
+    let id = first.rsplit('/').next().unwrap();
+    let path = format!("{second}/steps/2/error?reference={id}");
+    let answer = app.get(&path).await;
+    let tag = answer.header("etag").to_owned();
+    assert_eq!(answer.ok()["reference"], format!("job {id} step 1"));
+    assert_eq!(answer.json()["values_mm"], json!(vec![0.0; 8]));
+    let known = app.call(Method::GET, &path, &[("if-none-match", &tag)], axum::body::Body::empty()).await;
+    assert_eq!(known.status.as_u16(), 304);
+    app.get(&format!("{second}/steps/1/error?reference={id}")).await.problem(404, "no-reference");
+    app.get(&format!("{second}/steps/2/error?register=true")).await.problem(404, "no-reference");
+    app.get(&format!("{second}/steps/2/error?reference=x")).await.problem(400, "malformed-request");
+    let skin = app.get(&format!("{second}/steps/2/skin?format=vtp&reference={id}")).await;
+    assert!(String::from_utf8_lossy(&skin.body[..1500]).contains("\"error_mm\""));
+    let plain = app.get(&format!("{second}/steps/2/skin?format=vtp")).await;
+    assert!(!String::from_utf8_lossy(&plain.body[..1500]).contains("\"error_mm\""));
+    app.upload(&format!("{session}/target"), stl(&cube([0.0, -10.0, 0.0], 100.0))).await.ok();
+    let registered = app.get(&format!("{second}/steps/4/error?register=true")).await.ok();
+    assert_eq!(
+        (&registered["reference"], &registered["registration"]["region"]),
+        (&json!("target"), &json!("unmoved"))
+    );
+    assert_eq!(registered["registration"]["residual_mm"], 0.1);
+    assert_eq!(registered["warnings"][0], "hardly fits");
+    let picture = app.get(&format!("{second}/steps/4/error.png?register=true")).await;
+    assert_eq!(picture.header("content-type"), "image/png");
+}
+
+#[tokio::test]
+async fn the_report_is_one_page_that_needs_nothing_else() {
+    let app = TestApp::new().await;
+    let (session, plan) = app.session_with_plan().await;
+    app.upload(&format!("{session}/target"), stl(&cube([0.0, -10.0, 0.0], 100.0))).await.ok();
+    let job = app.solve(&session, &plan, json!({"steps": 2})).await;
+    app.get(&format!("{job}?wait_s=10")).await.ok();
+    let page = app.get(&format!("{job}/report?format=html")).await;
+    assert_eq!(page.header("content-type"), "text/html; charset=utf-8");
+    let text = String::from_utf8(page.body.to_vec()).unwrap();
+    assert_eq!(text.matches("<img").count(), 2);
+    assert_eq!(text.matches("src=\"data:image/png;base64,").count(), 2);
+    for banned in ["<script", "http://", "https://", "<link", "url("] {
+        assert!(!text.contains(banned), "{banned}");
+    }
+    for part in [
+        "Plan, mm",
+        "Mean movement",
+        "Signed error against target",
+        "Variance",
+        "Warnings",
+        "a stand-in",
+        "SHA-256",
+        "Steps",
+        "Time, s",
+        env!("CARGO_PKG_VERSION"),
+        "Not a medical device",
+        "@page",
+    ] {
+        assert!(text.contains(part), "{part}");
+    }
+    // Forward 6, down 1.5.
+    assert!(text.contains("<td>6.00</td><td>1.50</td>"), "the plan's row");
+    let accepted =
+        app.call(Method::GET, &format!("{job}/report"), &[("accept", "text/html")], axum::body::Body::empty()).await;
+    assert_eq!(accepted.body, page.body);
+}

@@ -23,6 +23,6 @@ pub use requests::{AttachmentRecord, FieldRequest, ImportRequest, MeshRequest, S
 pub use service::{JobStatus, Service, ServiceSettings};
 pub use state::{Illegal, JobEvent, next};
 pub use tasks::{
-    Comparison, CtScan, RegisterOn, compare, cut_bone, field_slice, make_plan, read_frame, rest_of, take_ct,
-    take_surface, take_tissue,
+    Comparison, CtScan, RegisterOn, compare, cut_bone, field_slice, make_plan, propose_landmarks, read_frame, rest_of,
+    take_ct, take_surface, take_tissue,
 };

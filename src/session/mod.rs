@@ -19,14 +19,15 @@ mod settings;
 mod surface_part;
 mod tissue_file;
 
-pub use case::{Case, Cuts, Run, SceneBones, SceneRun, Solid, TissueRequest};
+pub use case::{Case, Cuts, Run, SceneBones, SceneRun, Solid, TemplateCall, TissueRequest};
 pub use documents::{
-    CtDocument, D1ReadingName, DoubtDocument, DoubtfulRegionsDocument, ErrorDocument, FieldDocument,
-    FieldQualityDocument, HistogramBin, LockingName, MaterialDocument, MeshDocument, OsteotomyDocument, PathDocument,
-    PathReportDocument, PathSample, PhasesDocument, PlanDocument, PlaneBoundsDocument, PlaneDocument, PresetName,
+    ClearanceDocument, CtDocument, CutDocument, CutSurfaceDocument, D1ReadingName, DoubtDocument,
+    DoubtfulRegionsDocument, ErrorDocument, FieldDocument, FieldQualityDocument, FreePartDocument, HistogramBin,
+    LockingName, MaterialDocument, MeshDocument, OsteotomyDocument, PathDocument, PathReportDocument, PathSample,
+    PhasesDocument, PlanDocument, PlaneBoundsDocument, PlaneDocument, PolylineDocument, PresetName, PurposeDocument,
     ReactionDocument, RegionDocument, RegionMotionDocument, ReportDocument, ReportInput, SegmentDocument,
     SkinElementName, StatisticsDocument, StepDocument, StepPhasesDocument, SurfaceDocument, SurfaceOrigin,
-    TissueDocument, TissueLawsDocument, UnstableMaterialName, WaypointDocument,
+    TissueDocument, TissueLawsDocument, UnstableMaterialName, WaypointDocument, stored_cuts,
 };
 pub use engine::{Engine, RunWatch, SceneSolved};
 pub use fault::{Fault, FaultKind, FieldFault, Halt};

@@ -43,7 +43,10 @@ async fn a_template_takes_the_sessions_landmarks() {
         "le_fort_1_plane": {"point_mm": [6, -60, 38], "normal": [0, 0, 1]}});
     app.put_json(&format!("{session}/landmarks"), landmarks).await.ok();
     let made = app.post(&path, template).await.ok();
-    assert_eq!((&made["template"], &made["cuts"][0]["point_mm"]), (&json!("le_fort_1"), &json!([6.0, -60.0, 38.0])));
+    assert_eq!(
+        (&made["template"], &made["cuts"][0]["plane"]["point_mm"]),
+        (&json!("le_fort_1"), &json!([6.0, -60.0, 38.0]))
+    );
 }
 
 #[tokio::test]
@@ -72,9 +75,10 @@ async fn cuts_that_cannot_be_are_refused() {
     );
     let high = json!({"template": {"name": "le_fort_1", "plane": {"point_mm": [0, 0, 500], "normal": [0, 0, 1]}}});
     let problem = app.post(&path, high).await.problem(422, "cut-misses-bone");
-    assert_eq!(problem["errors"][0]["pointer"], "/template");
-    app.post(&path, json!({"template": {"name": "bsso_left"}})).await.problem(422, "not-available");
-    app.post(&path, json!({"cuts": [{"polyline": {"points": []}}]})).await.problem(422, "not-available");
+    assert_eq!(problem["errors"][0]["pointer"], "/templates");
+    let problem = app.post(&path, json!({"template": {"name": "bsso_left"}})).await.problem(422, "plan-not-usable");
+    assert_eq!(problem["template"], "bsso_left");
+    assert!(problem["missing"].as_array().unwrap().contains(&json!("lingula_left")), "{problem}");
     assert_eq!(pointers(&app.post(&path, json!({"cut": []})).await), ["/cut"]);
 }
 

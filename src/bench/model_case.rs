@@ -133,7 +133,7 @@ pub fn run_model_cases(source: &HeadSource, cases: &[ModelCase], out: &Path, tim
     let prepare_s = start.elapsed().as_secs_f64();
     let mut all: Vec<Measured> = Vec::new();
     for (n, case) in cases.iter().enumerate() {
-        let measured = match solved(&head, &ready, case) {
+        let measured = match solved(&head, &ready, case, 0.0) {
             Ok((found, moved)) => {
                 write_distances(&out.with_extension(n.to_string()), &moved)?;
                 Ok(ModelTiming { prepare_s, ..found })
@@ -146,10 +146,16 @@ pub fn run_model_cases(source: &HeadSource, cases: &[ModelCase], out: &Path, tim
     write(timing, &serde_json::to_vec(&all).map_err(std::io::Error::other)?)
 }
 
-fn solved(head: &Head, ready: &Prepared, case: &ModelCase) -> Result<(ModelTiming, Vec<f64>), BenchError> {
+/// What a case took, and the displacement of each vertex of the skin as in [`run_model_cases`].
+pub(super) fn solved(
+    head: &Head,
+    ready: &Prepared,
+    case: &ModelCase,
+    leave_out_below_mm: f64,
+) -> Result<(ModelTiming, Vec<f64>), BenchError> {
     process::forget_peak();
     let (start, cpu) = (Instant::now(), process::cpu_s());
-    let settings = RunSettings { solver: case.settings(), steps: STEPS, attachment: None };
+    let settings = RunSettings { solver: case.settings(), steps: STEPS, attachment: None, leave_out_below_mm };
     let (mut last, mut first_frame_s) = (None, 0.0);
     let mut on_frame = |frame: Frame| {
         if frame.k == 1 {

@@ -5,7 +5,7 @@ use clap::{Args, Subcommand, ValueEnum};
 use super::CommandResult;
 use crate::bench::{
     BoundStudy, CollisionStudy, ContactStudy, CutStudy, FieldStudy, GrowthStudy, HeadSource, ModelCase, ModelStudy,
-    SlabCase, SolverGrowthStudy, StabilityStudy, evaluate, run_model_cases, run_slab_case,
+    ReachStudy, SlabCase, SolverGrowthStudy, StabilityStudy, evaluate, run_model_cases, run_slab_case,
 };
 use crate::field::{FieldSettings, Method, MethodSettings, Tolerance};
 
@@ -22,6 +22,8 @@ pub(super) enum BenchCommand {
     Collision(CollisionArguments),
     /// Time and error of every mechanical model on several meshes of one head, against a refined reference.
     Models(ModelArguments),
+    /// What leaving out tissue that a plan hardly moves saves, and what it costs.
+    Reach(ReachArguments),
     /// The solver's time by phase on a slab of 19 000 to 490 000 tetrahedra.
     SolverGrowth(SolverGrowthArguments),
     /// Every mechanical model on scenes that are hard to solve, each answer checked.
@@ -189,6 +191,19 @@ pub(super) struct ModelArguments {
 }
 
 #[derive(Debug, Args)]
+pub(super) struct ReachArguments {
+    /// `phantom`, or a folder as for `models`.
+    #[arg(long)]
+    scene: HeadSource,
+    /// Edge of the mesh, mm.
+    #[arg(long, default_value_t = 4.0)]
+    edge_mm: f64,
+    /// Rows go here.
+    #[arg(long, default_value = "reach.csv")]
+    csv: PathBuf,
+}
+
+#[derive(Debug, Args)]
 pub(super) struct SolverGrowthArguments {
     /// Rows go here, the charts beside it.
     #[arg(long, default_value = "solver-growth.csv")]
@@ -238,6 +253,7 @@ pub(super) fn run(command: &BenchCommand) -> CommandResult {
             _ => ModelStudy { source: &a.scene, csv: &a.csv, edges_mm: &a.edges_mm, reference_mm: a.reference_mm }
                 .run(out)?,
         },
+        BenchCommand::Reach(a) => ReachStudy { source: &a.scene, edge_mm: a.edge_mm, csv: &a.csv }.run(out)?,
         BenchCommand::SolverGrowth(a) => match (&a.case, &a.timing) {
             (Some(case), Some(timing)) => run_slab_case(case, timing)?,
             _ => SolverGrowthStudy { csv: &a.csv, sizes: usize::from(a.sizes) }.run(out)?,

@@ -42,6 +42,10 @@ pub(super) fn cell_states(assembly: &Assembly, mesh: &MixedMesh, x: &[Vector]) -
         }
     }
     let mean = |(volume, stress, ratio): (f64, Matrix3<f64>, f64)| {
+        // Cells between nodes that stay are not among the elements.
+        if volume == 0.0 {
+            return CellState { stress_mpa: [0.0; 6], volume_ratio: 1.0 };
+        }
         let s: Matrix3<f64> = stress / volume;
         let stress_mpa = [s[(0, 0)], s[(1, 1)], s[(2, 2)], s[(0, 1)], s[(1, 2)], s[(0, 2)]];
         CellState { stress_mpa, volume_ratio: ratio / volume }

@@ -10,7 +10,7 @@
 use super::compliance::Compliance;
 use super::dofs::{Dofs, axes_in};
 use super::settings::ContactBody;
-use crate::geometry::{Motion, Point, Vector};
+use crate::geometry::{Implicit, Motion, Point, Vector};
 use crate::mesh::{Attachment, MixedMesh};
 use rayon::prelude::*;
 
@@ -20,6 +20,10 @@ const TOLD_OVERLAP_MM: f64 = 0.1;
 const LEAST_PASSAGE_MM: f64 = 0.2;
 /// Cosine of two normals below which a body pushes the other way: over a rim it turns by a right angle.
 const TURNED_ROUND: f64 = -0.3;
+/// Distances from the middle of a way, in lengths of it, at which a way round a rim is looked for.
+const DETOURS: [f64; 3] = [0.25, 0.5, 1.0];
+/// Sum of two normals below which they look to no common side.
+const LEAST_SUM: f64 = 0.1;
 /// Contact points one task looks at.
 const TASK: usize = 64;
 
@@ -393,17 +397,36 @@ impl<'a> Contact<'a> {
                 if length < LEAST_PASSAGE_MM || solid.value(&from) > length {
                     return false;
                 }
-                let samples = (length / LEAST_PASSAGE_MM).ceil() as usize;
-                let at = |i: usize| from + way * (i as f64 / samples as f64);
-                let dips = (1..=samples).any(|i| solid.value(&at(i)) < -0.25 * LEAST_PASSAGE_MM);
+                let to = from + way;
                 let normal = |p: &Point| solid.value_gradient(p).1;
-                dips && normal(&from).dot(&normal(&at(samples))) < TURNED_ROUND
+                let (out, back) = (normal(&from), normal(&to));
+                !is_clear(solid, &from, &to)
+                    && out.dot(&back) < TURNED_ROUND
+                    && !is_round_a_rim(solid, (&from, &to), &(out + back))
             };
             (0..n).find(|body| through(*body)).map(|body| (body, to))
         };
         // The first in the order of points, however many threads look.
         self.points.par_iter().enumerate().with_min_len(TASK).filter_map(passed).collect::<Vec<_>>().into_iter().next()
     }
+}
+
+/// Whether the straight way does not lead through the solid.
+fn is_clear(solid: &dyn Implicit, from: &Point, to: &Point) -> bool {
+    let way = to - from;
+    let samples = (way.norm() / LEAST_PASSAGE_MM).ceil() as usize;
+    (1..=samples).all(|i| solid.value(&(from + way * (i as f64 / samples as f64))) >= -0.25 * LEAST_PASSAGE_MM)
+}
+
+/// Whether a way that is not much longer leads round the solid, by a point off the middle of the straight one on the side that both
+/// normals, whose sum is `outward`, look to.
+fn is_round_a_rim(solid: &dyn Implicit, (from, to): (&Point, &Point), outward: &Vector) -> bool {
+    let length = (to - from).norm();
+    outward.norm() > LEAST_SUM
+        && DETOURS.iter().any(|share| {
+            let by = from + (to - from) * 0.5 + outward.normalize() * (share * length);
+            is_clear(solid, from, &by) && is_clear(solid, &by, to)
+        })
 }
 
 /// Largest penetration, mm.

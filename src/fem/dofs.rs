@@ -124,6 +124,11 @@ impl Dofs {
         self.rest.len()
     }
 
+    /// Whether a generalised node stays at rest whatever bone does.
+    pub(super) fn is_still(&self, node: usize) -> bool {
+        self.hold[node] == Hold::Still
+    }
+
     /// Number of unknown generalised nodes (three unknowns each).
     pub(super) fn n_unknown(&self) -> usize {
         self.node_of.len()

@@ -93,9 +93,17 @@ impl Prepared {
         control.report(0.4);
         let scale = Scale::new(mesh, &blocks, &settings.materials);
         let whole = laws(&settings, |m| m)?;
-        let elements = blocks.into_iter().map(|block| Part { block, laws: whole.clone() }).collect();
+        let straining = |part: &mut Part| {
+            part.block.retain(|nodes| nodes.iter().any(|n| !dofs.is_still(*n as usize)));
+            part.block.n_elements() > 0
+        };
+        let mut elements: Vec<Part> = blocks.into_iter().map(|block| Part { block, laws: whole.clone() }).collect();
+        elements.retain_mut(straining);
         let assembly = match smoothed {
-            Some(parts) => Assembly::new(parts, Some(elements), &dofs)?,
+            Some(mut parts) => {
+                parts.retain_mut(straining);
+                Assembly::new(parts, Some(elements), &dofs)?
+            }
             None => Assembly::new(elements, None, &dofs)?,
         };
         control.check()?;

@@ -226,13 +226,6 @@ impl<'a> Solver<'a> {
         }
     }
 
-    /// Smallest det F in each element at the present state, with the kind of element, in the order of the mesh.
-    #[must_use]
-    pub fn det_f_per_element(&self) -> Vec<(&'static str, Vec<f64>)> {
-        let parts = self.equations.assembly.parts().iter().map(|p| p.block.kind);
-        parts.zip(self.equations.assembly.min_det(&self.state.x)).collect()
-    }
-
     /// Stress and volume ratio of every tetrahedron and every prism of the mesh at the present state.
     #[must_use]
     pub fn cell_states(&self) -> (Vec<CellState>, Vec<CellState>) {

@@ -74,6 +74,9 @@ pub struct PhysicsRecord {
     /// What is done where a material loses ellipticity.
     #[serde(default)]
     pub unstable_material: UnstableMaterialName,
+    /// Tissue that the plan moves by less than this is left out, mm; 0 where all was kept.
+    #[serde(default)]
+    pub leave_out_below_mm: f64,
 }
 
 impl PhysicsRecord {

@@ -148,6 +148,7 @@ impl From<&SolveRequest> for RunSettings {
                 tie_gap_mm: a.tie_gap_mm,
                 sliding: a.sliding.iter().map(Aabb::from).collect(),
             }),
+            leave_out_below_mm: r.physics.leave_out_below_mm,
         }
     }
 }

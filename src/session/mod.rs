@@ -23,11 +23,11 @@ pub use case::{Case, Cuts, Run, SceneBones, SceneRun, Solid, TemplateCall, Tissu
 pub use documents::{
     ClearanceDocument, CtDocument, CutDocument, CutSurfaceDocument, D1ReadingName, DoubtDocument,
     DoubtfulRegionsDocument, ErrorDocument, FieldDocument, FieldQualityDocument, FreePartDocument, HistogramBin,
-    LockingName, MaterialDocument, MeshDocument, OsteotomyDocument, PathDocument, PathReportDocument, PathSample,
-    PhasesDocument, PlanDocument, PlaneBoundsDocument, PlaneDocument, PolylineDocument, PresetName, PurposeDocument,
-    ReactionDocument, RegionDocument, RegionMotionDocument, ReportDocument, ReportInput, SegmentDocument,
-    SkinElementName, StatisticsDocument, StepDocument, StepPhasesDocument, SurfaceDocument, SurfaceOrigin,
-    TissueDocument, TissueLawsDocument, UnstableMaterialName, WaypointDocument, stored_cuts,
+    LeftOutDocument, LockingName, MaterialDocument, MeshDocument, OsteotomyDocument, PathDocument, PathReportDocument,
+    PathSample, PhasesDocument, PlanDocument, PlaneBoundsDocument, PlaneDocument, PolylineDocument, PresetName,
+    PurposeDocument, ReactionDocument, RegionDocument, RegionMotionDocument, ReportDocument, ReportInput,
+    SegmentDocument, SkinElementName, StatisticsDocument, StepDocument, StepPhasesDocument, SurfaceDocument,
+    SurfaceOrigin, TissueDocument, TissueLawsDocument, UnstableMaterialName, WaypointDocument, stored_cuts,
 };
 pub use engine::{Engine, RunWatch, SceneSolved};
 pub use fault::{Fault, FaultKind, FieldFault, Halt};

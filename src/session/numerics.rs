@@ -16,7 +16,7 @@ use crate::mesh::MeshReport;
 use crate::plan::{
     self, Clearance, Cut, CutShape, Landmarks, Osteotomy, PathReport, Plan, Proposal, Purpose, Template,
 };
-use crate::simulate::{self, CutBone, Fields, Outcome, PreparedTissue, TissueModel};
+use crate::simulate::{self, CutBone, Fields, Outcome, PreparedTissue, RunSettings, TissueModel};
 use crate::surface::{self, CtSettings, CtSurfaces};
 
 /// Said when landmarks do not place a template.
@@ -143,10 +143,12 @@ fn bone_key(case: &Case, cuts: &[Cut]) -> String {
 }
 
 /// Everything that prepared equations are made from: only the way and the steps may differ.
-fn prepared_key(run: &Run) -> String {
+fn prepared_key(run: &Run, bone: &CutBone) -> String {
     let moving: Vec<u32> = run.plan.paths.iter().map(plan::Path::segment).collect();
-    let (solver, attachment) = (&run.settings.solver, &run.settings.attachment);
-    key_of(&[&run.tissue.key, &bone_key(&run.case, &run.cuts), &format!("{moving:?} {solver:?} {attachment:?}")])
+    let RunSettings { solver, attachment, leave_out_below_mm, steps: _ } = &run.settings;
+    let displacement_mm = simulate::displacement_class_mm(bone, &run.plan);
+    let settings = format!("{moving:?} {displacement_mm:?} {leave_out_below_mm:?} {solver:?} {attachment:?}");
+    key_of(&[&run.tissue.key, &bone_key(&run.case, &run.cuts), &settings])
 }
 
 impl Engine for Numerics {
@@ -256,7 +258,7 @@ impl Engine for Numerics {
         }
         watch.stage("solve");
         let before = control.part(shares[2], shares[2] + PREPARING);
-        let prepared = self.prepared.get_or(&prepared_key(run), || {
+        let prepared = self.prepared.get_or(&prepared_key(run, &bone), || {
             self.prepared.make_room();
             PreparedTissue::new(&tissue, &bone, &run.plan, &run.settings, &before)
         })?;

@@ -8,6 +8,7 @@ mod error;
 mod fields;
 mod landmarks;
 mod outer_surface;
+mod reach;
 mod ready_mesh;
 mod run;
 mod scene;
@@ -18,7 +19,10 @@ pub use error::SimulateError;
 pub use fields::{Anatomy, Fields, FieldsSettings, build_fields};
 pub use landmarks::propose_landmarks;
 pub use outer_surface::OuterSurface;
+pub use reach::displacement_class_mm;
 pub use ready_mesh::{CellPlace, ReadyMesh, ReadyMeshError};
-pub use run::{Frame, Outcome, PreparedTissue, RegionMotion, RunSettings, solve, solve_prepared};
+pub use run::{
+    Frame, LEAVE_OUT_BELOW_MM, LeftOut, Outcome, PreparedTissue, RegionMotion, RunSettings, solve, solve_prepared,
+};
 pub use scene::{Scene, SceneOutcome};
 pub use tissue::{AttachmentRules, TissueModel, TissueSettings, build_tissue};

@@ -1,11 +1,12 @@
 use super::carry::Carrier;
+use super::reach::{beyond_reach, displacement_class_mm};
 use super::tissue::attach;
 use super::{Anatomy, AttachmentRules, CutBone, SimulateError, TissueModel};
 use crate::control::Control;
 use crate::evaluate::{FaceRegion, face_regions};
 use crate::fem::{Boundary, Prepared, SolveSettings, Solver, StepReport};
 use crate::geometry::{Aabb, Point, TriMesh, Vector};
-use crate::mesh::MixedMesh;
+use crate::mesh::{Attachment, MixedMesh};
 use crate::plan::{Plan, PlanError};
 
 /// Share of the work that setting up the equations takes.
@@ -20,7 +21,14 @@ pub struct RunSettings {
     pub steps: usize,
     /// Attachment; [`AttachmentRules::standard`] when `None`.
     pub attachment: Option<AttachmentRules>,
+    /// Tissue that the plan moves by less than this, by estimate, is left out: its nodes stay where they are, mm. 0 keeps all.
+    pub leave_out_below_mm: f64,
 }
+
+/// Displacement beside tissue that was left out, in units of what was thought to be the largest there, above which that is told.
+const TOLD_BORDER: f64 = 5.0;
+/// Default of [`RunSettings::leave_out_below_mm`]: skin is then less than 0.05 mm off the whole tissue's at P99 (`prosopon bench reach`).
+pub const LEAVE_OUT_BELOW_MM: f64 = 0.04;
 
 /// One streamed step.
 #[derive(Debug, Clone, PartialEq)]
@@ -50,6 +58,17 @@ pub struct RegionMotion {
     pub left_mm: f64,
 }
 
+/// Tissue that a solve did without, since the plan hardly moves it.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct LeftOut {
+    /// Nodes that would else be free.
+    pub nodes: usize,
+    /// Nodes of the mesh.
+    pub of_nodes: usize,
+    /// Largest displacement of a free node beside one that is left out, mm: tissue just beyond would have moved by less.
+    pub border_mm: f64,
+}
+
 /// A finished path.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Outcome {
@@ -61,6 +80,8 @@ pub struct Outcome {
     pub face: Vec<FaceRegion>,
     /// Deformed mesh nodes, LPS mm.
     pub nodes: Vec<Point>,
+    /// Tissue that was left out.
+    pub left_out: LeftOut,
     /// What a caller should know.
     pub warnings: Vec<String>,
 }
@@ -71,6 +92,9 @@ pub struct PreparedTissue {
     mesh: MixedMesh,
     equations: Prepared,
     moving: Vec<u32>,
+    displacement_mm: f64,
+    /// Nodes that are left out, ascending.
+    left_out: Vec<u32>,
     warnings: Vec<String>,
 }
 
@@ -90,9 +114,16 @@ impl PreparedTissue {
         let rules = settings.attachment.clone().unwrap_or_else(|| AttachmentRules::standard(bone, &moving));
         let mut mesh = tissue.mesh.clone();
         let warnings = attach(&mut mesh, bone, &moving, &rules);
+        let displacement_mm = displacement_class_mm(bone, plan);
+        let left_out = if settings.leave_out_below_mm > 0.0 {
+            beyond_reach(&mesh, bone, &moving, displacement_mm, settings.leave_out_below_mm, control)?
+        } else {
+            Vec::new()
+        };
+        left_out.iter().for_each(|node| mesh.attachment[*node as usize] = Attachment::Fixed);
         let touching = !bone.bodies().is_empty();
         let equations = Prepared::new(&mesh, touching, &Boundary::default(), settings.solver.clone(), control)?;
-        Ok(Self { mesh, equations, moving, warnings })
+        Ok(Self { mesh, equations, moving, displacement_mm, left_out, warnings })
     }
 }
 
@@ -136,6 +167,10 @@ pub fn solve_prepared(
         let detail = "other segments than those that the equations were prepared for".to_owned();
         return Err(PlanError::Value { what: "paths".to_owned(), detail }.into());
     }
+    if displacement_class_mm(bone, plan) != prepared.displacement_mm {
+        let detail = "displacements of another size than those that the equations were prepared for".to_owned();
+        return Err(PlanError::Value { what: "paths".to_owned(), detail }.into());
+    }
     let mut warnings = prepared.warnings.clone();
     let mut solver = Solver::over(&prepared.equations, &prepared.mesh, bone.bodies(), &control.part(0.0, SETUP_SHARE))?;
     let path = control.part(SETUP_SHARE, 1.0);
@@ -161,8 +196,32 @@ pub fn solve_prepared(
         warnings.push("no landmarks: the regions of the face come from the proportions of the skin's box".to_owned());
     }
     let regions = face.iter().filter_map(|region| region_motion(&anatomy.skin, &last, region)).collect();
+    let nodes = solver.positions();
+    let left_out = LeftOut {
+        nodes: prepared.left_out.len(),
+        of_nodes: nodes.len(),
+        border_mm: border_motion_mm(&prepared.mesh, &prepared.left_out, &nodes),
+    };
+    let told_mm = TOLD_BORDER * settings.leave_out_below_mm;
+    if left_out.border_mm > told_mm {
+        warnings.push(format!(
+            "beside tissue that was left out because the plan was thought to move it by less than {} mm, tissue moves by {:.2} mm: a smaller \
+             `leave_out_below_mm` would tell more",
+            settings.leave_out_below_mm, left_out.border_mm
+        ));
+    }
     control.report(1.0);
-    Ok(Outcome { steps, regions, face, nodes: solver.positions(), warnings })
+    Ok(Outcome { steps, regions, face, nodes, left_out, warnings })
+}
+
+/// Largest displacement of a node that shares a cell with one that was `left_out`, mm.
+fn border_motion_mm(mesh: &MixedMesh, left_out: &[u32], nodes: &[Point]) -> f64 {
+    let mut beyond = vec![false; nodes.len()];
+    left_out.iter().for_each(|node| beyond[*node as usize] = true);
+    let cells = mesh.tetrahedra.iter().map(<[u32; 4]>::as_slice).chain(mesh.prisms.iter().map(<[u32; 6]>::as_slice));
+    let border = cells.filter(|cell| cell.iter().any(|n| beyond[*n as usize])).flatten();
+    let free = border.filter(|n| matches!(mesh.attachment[**n as usize], Attachment::Free | Attachment::Sliding));
+    free.map(|n| (nodes[*n as usize] - mesh.positions[*n as usize]).norm()).fold(0.0, f64::max)
 }
 
 fn moving_segments(bone: &CutBone, plan: &Plan) -> Result<Vec<u32>, PlanError> {

@@ -18,7 +18,7 @@ use prosopon::plan::{
 use prosopon::session::{
     Case, Cuts, Engine, Fault, FaultKind, Halt, Numerics, Run, RunWatch, SceneRun, SceneSolved, Solid, TissueRequest,
 };
-use prosopon::simulate::{Frame, Outcome, RegionMotion, SimulateError};
+use prosopon::simulate::{Frame, LeftOut, Outcome, RegionMotion, SimulateError};
 use prosopon::surface::{CtSettings, CtSurfaces};
 
 use crate::shapes::cube;
@@ -274,7 +274,14 @@ impl Engine for StandIn {
         let moved: Vector = run.plan.motions(1.0)[0].1.translation.vector;
         let regions =
             vec![RegionMotion { name: "upper_lip", forward_mm: -moved.y, down_mm: -moved.z, left_mm: moved.x }];
-        Ok(Outcome { steps, regions, face: Vec::new(), nodes: Vec::new(), warnings: vec!["a stand-in".to_owned()] })
+        Ok(Outcome {
+            steps,
+            regions,
+            face: Vec::new(),
+            nodes: Vec::new(),
+            left_out: LeftOut::default(),
+            warnings: vec!["a stand-in".to_owned()],
+        })
     }
 
     /// The real numerics: scenes of tests are small.

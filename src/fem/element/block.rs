@@ -59,6 +59,23 @@ impl ElementBlock {
         self.tissue.len()
     }
 
+    /// Keeps the elements whose generalised nodes `wanted` says yes to.
+    pub(in crate::fem) fn retain(&mut self, wanted: impl Fn(&[u32]) -> bool) {
+        let keep: Vec<bool> = self.nodes.chunks_exact(self.n_functions).map(wanted).collect();
+        if keep.iter().all(|k| *k) {
+            return;
+        }
+        fn kept<T: Clone>(values: &mut Vec<T>, keep: &[bool]) {
+            let each = values.len() / keep.len();
+            *values = (values.chunks(each).zip(keep)).filter(|(_, k)| **k).flat_map(|(v, _)| v.to_vec()).collect();
+        }
+        kept(&mut self.nodes, &keep);
+        kept(&mut self.gradients, &keep);
+        kept(&mut self.weights, &keep);
+        kept(&mut self.tissue, &keep);
+        kept(&mut self.cells, &keep);
+    }
+
     pub(super) fn empty(kind: &'static str, n_functions: usize, n_points: usize, n_elements: usize) -> Self {
         Self {
             kind,

@@ -13,6 +13,7 @@ use crate::session::{
     BoxDocument, D1ReadingName, Fault, FaultKind, LockingName, PresetName, SkinElementName, TissueLawsDocument,
     UnstableMaterialName,
 };
+use crate::simulate::LEAVE_OUT_BELOW_MM;
 use crate::store::{JobKind, JobRecord, JobState};
 
 /// Steps that a job may have.
@@ -113,6 +114,10 @@ pub struct CreateJob {
     /// Penetration of bone that is left at most, mm; 0.05 when absent.
     #[serde(default)]
     pub penetration_tolerance_mm: Option<f64>,
+    /// Tissue that the plan moves by less than this, by estimate, is left out of the equations and stays where it is, mm; 0.04 when absent, 0
+    /// keeps all. The report says under `left_out` what came of it. Sessions with a tissue mesh keep all.
+    #[serde(default)]
+    pub leave_out_below_mm: Option<f64>,
     /// What is done where a material loses ellipticity: `report` (the default) says so in the step's `outcome`, and the job fails by name
     /// where no equilibrium is found; `stabilise` goes on with neo-Hookean of the same small-strain moduli.
     #[serde(default)]
@@ -141,6 +146,9 @@ impl CreateJob {
         }
         if self.reference_job.is_some() {
             check.fault("/reference_job", "jobs on a tissue mesh make no error maps");
+        }
+        if self.leave_out_below_mm.is_some_and(|least| least != 0.0) {
+            check.fault("/leave_out_below_mm", "the session has a tissue mesh, of which nothing is left out");
         }
         check.finish()
     }
@@ -179,6 +187,9 @@ impl CreateJob {
         if let Some(depth) = self.penetration_tolerance_mm {
             check.number("/penetration_tolerance_mm", depth, 1e-6, 10.0);
         }
+        if let Some(least) = self.leave_out_below_mm {
+            check.number("/leave_out_below_mm", least, 0.0, 1.0);
+        }
         check.finish()?;
         let physics = PhysicsRecord {
             model,
@@ -191,6 +202,7 @@ impl CreateJob {
             relative_residual: self.relative_residual,
             penetration_tolerance_mm: self.penetration_tolerance_mm,
             unstable_material: self.unstable_material,
+            leave_out_below_mm: self.leave_out_below_mm.unwrap_or(LEAVE_OUT_BELOW_MM),
         };
         let wants = |output| self.outputs.as_ref().map(|o| o.contains(&output));
         Ok(CheckedJob {

@@ -14,7 +14,7 @@ use super::plans;
 use crate::http::dto::{CheckedJob, CreateJob, JobList, JobView, SessionSettings};
 use crate::http::extract::{Creating, Ids, Params, short_number};
 use crate::http::{AppState, Problem};
-use crate::jobs::{SceneRequest, SolveRequest};
+use crate::jobs::{PhysicsRecord, SceneRequest, SolveRequest};
 use crate::session::{Fault, FaultKind, SessionParts, TissueDocument};
 use crate::store::{JobFilter, JobId, JobKind, JobState, PartKind, SessionId};
 
@@ -131,7 +131,7 @@ async fn scene(
         cut_warnings: cut_warnings.unwrap_or_default(),
         bones: parts.bone_keys(),
         field_settings: parts.field_settings()?,
-        physics: checked.physics,
+        physics: PhysicsRecord { leave_out_below_mm: 0.0, ..checked.physics },
         steps: checked.steps,
         file: checked.tissue,
     })

@@ -152,6 +152,7 @@ async fn report(
         tissue: Some(request.ready.clone()),
         plan: request.plan.clone(),
         steps,
+        left_out: None,
         regions: BTreeMap::new(),
         error: None,
         regions_from_landmarks: false,

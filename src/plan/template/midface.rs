@@ -88,8 +88,8 @@ pub(super) fn le_fort_2(landmarks: &Landmarks, bone: &Envelope) -> Result<Vec<Cu
             "do not run from left to right above the occlusal plane: zygomaxillare_left, orbitale_left, nasion, orbitale_right, zygomaxillare_right",
         ));
     }
-    // Out of the buttress sideways and a little down.
-    let beyond = |p: &Point, side: f64| [p.x + side * 14.0, p.z - 3.0];
+    // Out of the buttress sideways and down, below the border of the zygoma.
+    let beyond = |p: &Point, side: f64| [p.x + side * 14.0, p.z - 10.0];
     let mut points = vec![beyond(&line[0], 1.0)];
     points.extend(line.iter().map(|p| [p.x, p.z]));
     points.push(beyond(&line[4], -1.0));

@@ -22,6 +22,6 @@ pub use material::{
 };
 pub use mesh::MeshDocument;
 pub use report::{PhasesDocument, ReportDocument, ReportInput};
-pub use solve::{ReactionDocument, RegionMotionDocument, StepDocument, StepPhasesDocument};
+pub use solve::{LeftOutDocument, ReactionDocument, RegionMotionDocument, StepDocument, StepPhasesDocument};
 pub use surface::{CtDocument, SurfaceDocument, SurfaceOrigin};
 pub use tissue::TissueDocument;

@@ -4,7 +4,8 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::{
-    ErrorDocument, FieldDocument, MeshDocument, PlanDocument, RegionMotionDocument, StepDocument, TissueDocument,
+    ErrorDocument, FieldDocument, LeftOutDocument, MeshDocument, PlanDocument, RegionMotionDocument, StepDocument,
+    TissueDocument,
 };
 
 /// Time by phase, s. All but the steps were taken when the parts were made.
@@ -71,6 +72,9 @@ pub struct ReportDocument {
     pub plan: PlanDocument,
     /// What each step needed and reached.
     pub steps: Vec<StepDocument>,
+    /// Tissue that was left out; absent where all was kept.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub left_out: Option<LeftOutDocument>,
     /// Mean movement of the parts of the face at the end of the path.
     pub regions: BTreeMap<String, RegionMotionDocument>,
     /// Error of the last step, where there is something to compare with.

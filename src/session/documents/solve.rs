@@ -2,7 +2,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::fem::PhaseTimes;
-use crate::simulate::{Frame, RegionMotion};
+use crate::simulate::{Frame, LeftOut, RegionMotion};
 
 /// Force on a bone segment.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -125,6 +125,23 @@ impl StepDocument {
             phases: r.phases.into(),
             warnings: r.warnings.clone(),
         }
+    }
+}
+
+/// Tissue that a solve did without, since the plan hardly moves it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct LeftOutDocument {
+    /// Nodes that would else be free: the plan was thought to move them by less than `leave_out_below_mm`.
+    pub nodes: usize,
+    /// Nodes of the mesh.
+    pub of_nodes: usize,
+    /// Largest displacement of a free node beside one that is left out, mm: tissue just beyond would have moved by less.
+    pub border_mm: f64,
+}
+
+impl From<LeftOut> for LeftOutDocument {
+    fn from(l: LeftOut) -> Self {
+        Self { nodes: l.nodes, of_nodes: l.of_nodes, border_mm: l.border_mm }
     }
 }
 

@@ -4,7 +4,7 @@ use prosopon::control::Control;
 use prosopon::evaluate::{error_map, register};
 use prosopon::field::{DistanceField, EnvelopeSettings, FieldSettings, envelope};
 use prosopon::geometry::{Implicit, Motion, Point, TriMesh, Vector};
-use prosopon::plan::{BoundedPlane, Path, Plan, cut, follow};
+use prosopon::plan::{BoundedPlane, Cut, Path, Plan, cut, follow};
 
 /// Result of `work` with 1, 2 and 3 threads.
 fn on_threads<T: Send>(work: impl Fn() -> T + Sync) -> [T; 3] {
@@ -71,7 +71,7 @@ fn a_cut_and_a_path() {
     let bone = envelope(&dirty_torus(), &settings, &Control::new()).unwrap();
     let plane = BoundedPlane { point: Point::new(0.1, 0.2, 0.1), normal: Vector::new(0.2, 0.1, 1.0), bounds: None };
     let done = on_threads(|| {
-        let osteotomy = cut(&bone, &[plane], &Control::new()).unwrap();
+        let osteotomy = cut(&bone, &[Cut::from(plane)], &Control::new()).unwrap();
         let plan = Plan { paths: vec![Path::new(1, vec![(1.0, Motion::translation(0.5, 0.0, 1.0))]).unwrap()] };
         let reports = follow(&osteotomy, &plan, &Control::new()).unwrap();
         (osteotomy, reports)

@@ -4,8 +4,8 @@ use clap::{Args, Subcommand, ValueEnum};
 
 use super::CommandResult;
 use crate::bench::{
-    BoundStudy, CollisionStudy, ContactStudy, FieldStudy, GrowthStudy, HeadSource, ModelCase, ModelStudy, ReachStudy,
-    SlabCase, SolverGrowthStudy, StabilityStudy, TruthStudy, evaluate, run_model_cases, run_slab_case,
+    BoundStudy, CollisionStudy, ContactStudy, CutStudy, FieldStudy, GrowthStudy, HeadSource, ModelCase, ModelStudy,
+    ReachStudy, SlabCase, SolverGrowthStudy, StabilityStudy, TruthStudy, evaluate, run_model_cases, run_slab_case,
 };
 use crate::field::{FieldSettings, Method, MethodSettings, Tolerance};
 
@@ -30,6 +30,8 @@ pub(super) enum BenchCommand {
     Truth(TruthArguments),
     /// Every mechanical model on scenes that are hard to solve, each answer checked.
     Stability(StabilityArguments),
+    /// Random cuts and paths on a skull: each parts the bone rightly or says why not.
+    Cuts(CutArguments),
     /// Newton's method on 20 000 points that a penalty pushes out of bone: share that converges, for each kind of field.
     Contacts(ContactArguments),
 }
@@ -143,6 +145,25 @@ pub(super) struct ContactArguments {
     mesh: PathBuf,
     /// Rows go here.
     #[arg(long)]
+    csv: PathBuf,
+}
+
+#[derive(Debug, Args)]
+pub(super) struct CutArguments {
+    /// Surface of the skull: STL, PLY or OBJ, mm.
+    #[arg(long)]
+    skull: PathBuf,
+    /// JSON with `landmarks`, `midline_x_mm`, `occlusal_plane_z_mm`, `le_fort_1_plane`: templates are tried too.
+    #[arg(long)]
+    landmarks: Option<PathBuf>,
+    /// Cuts, and as many paths.
+    #[arg(long, default_value_t = 100)]
+    count: usize,
+    /// Seed of all of them.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Rows go here.
+    #[arg(long, default_value = "cuts.csv")]
     csv: PathBuf,
 }
 
@@ -262,6 +283,18 @@ pub(super) fn run(command: &BenchCommand) -> CommandResult {
         }
         BenchCommand::Truth(a) => {
             TruthStudy { source: &a.scene, csv: &a.csv, edge_mm: a.edge_mm, noise_mm: a.noise_mm }.run(out)?;
+        }
+        BenchCommand::Cuts(a) => {
+            let study = CutStudy {
+                skull: &a.skull,
+                landmarks: a.landmarks.as_deref(),
+                count: a.count,
+                seed: a.seed,
+                csv: &a.csv,
+            };
+            if !study.run(out)? {
+                return Err("an answer is wrong: see the column `wrong`".into());
+            }
         }
         BenchCommand::Contacts(a) => ContactStudy { mesh: &a.mesh, csv: &a.csv }.run(out)?,
         BenchCommand::Collision(a) => {

@@ -24,5 +24,5 @@ pub use service::{JobStatus, Service, ServiceSettings};
 pub use state::{Illegal, JobEvent, next};
 pub use tasks::{
     Compared, Comparison, CtScan, Prediction, RegisterOn, UNMOVED_MM, compare, cut_bone, field_slice, make_plan,
-    read_frame, rest_of, take_ct, take_surface, take_tissue,
+    propose_landmarks, read_frame, rest_of, take_ct, take_surface, take_tissue,
 };

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::PhysicsRecord;
 use crate::geometry::Aabb;
 use crate::session::{
-    BoxDocument, FieldSettingsDocument, MeshDocument, MeshSettingsDocument, PlanDocument, PlaneDocument, PresetName,
+    BoxDocument, CutDocument, FieldSettingsDocument, MeshDocument, MeshSettingsDocument, PlanDocument, PresetName,
     TissueDocument,
 };
 use crate::simulate::{AttachmentRules, RunSettings};
@@ -46,7 +46,7 @@ pub struct MeshRequest {
     /// Settings.
     pub settings: MeshSettingsDocument,
     /// Cuts whose segments choose the region.
-    pub cuts: Option<Vec<PlaneDocument>>,
+    pub cuts: Option<Vec<CutDocument>>,
     /// The osteotomy that they come from.
     #[serde(default)]
     pub osteotomy_id: Option<OsteotomyId>,
@@ -76,7 +76,7 @@ pub struct SolveRequest {
     /// The plan.
     pub plan: PlanDocument,
     /// Cuts of its osteotomy.
-    pub cuts: Vec<PlaneDocument>,
+    pub cuts: Vec<CutDocument>,
     /// Time that the cut took, s.
     pub cut_s: f64,
     /// What is doubtful about the cuts.
@@ -115,7 +115,7 @@ pub struct SceneRequest {
     /// Its osteotomy's id, where it has one.
     pub osteotomy_id: Option<OsteotomyId>,
     /// Cuts of its osteotomy, whose segments the mesh touches.
-    pub cuts: Option<Vec<PlaneDocument>>,
+    pub cuts: Option<Vec<CutDocument>>,
     /// Key of the fields that were cut; empty without cuts.
     pub field_key: String,
     /// What is doubtful about the cuts.

@@ -2,19 +2,34 @@
 //!
 //! Invariants: segments are closed solids; number 0 is the part of the skull that stays; paths are rigid.
 
+mod autorotate;
+mod blade;
 mod bridge;
+mod clearance;
 mod cut;
 mod follow;
+mod min_cut;
+mod names;
+mod overlap;
 mod parting;
 mod path;
+mod propose;
 mod separation;
+mod shape;
+mod sheet;
 mod solid;
 mod template;
 
-pub use cut::{BoundedPlane, Osteotomy, Segment, cut};
-pub use follow::{PathReport, follow};
+pub use autorotate::CondylarAxis;
+pub use bridge::Bridge;
+pub use clearance::{Clearance, Protected, clearances};
+pub use cut::{Osteotomy, Segment, cut};
+pub use follow::{PathReport, PathSample, follow};
+pub use names::name_segments;
 pub use path::{Path, Plan};
-pub use template::le_fort_1;
+pub use propose::{Proposal, propose};
+pub use shape::{BoundedPlane, Cut, CutShape, Purpose};
+pub use template::{Landmarks, Template, le_fort_1};
 
 use crate::control::Cancelled;
 
@@ -30,16 +45,18 @@ pub enum PlanError {
         distance_mm: f64,
     },
     /// The cuts leave the bone in one piece.
-    #[error("the cuts do not part the bone: {bridges} bridges are left, the widest near ({x:.1}, {y:.1}, {z:.1}) mm")]
+    #[error("the cuts do not part the bone: {}", told(bridges))]
     NotParted {
-        /// Number of bridges found; 0 when not known.
-        bridges: usize,
-        /// Where the widest is.
-        x: f64,
-        /// Where the widest is.
-        y: f64,
-        /// Where the widest is.
-        z: f64,
+        /// What is left, the widest first; empty when only crumbs come off.
+        bridges: Vec<Bridge>,
+    },
+    /// A template lacks landmarks.
+    #[error("the template {template} lacks landmarks: {}", missing.join(", "))]
+    MissingLandmarks {
+        /// The template.
+        template: &'static str,
+        /// Their names.
+        missing: Vec<&'static str>,
     },
     /// A value is out of range.
     #[error("{what}: {detail}")]
@@ -54,5 +71,16 @@ pub enum PlanError {
     Cancelled(#[from] Cancelled),
 }
 
+/// Every bridge in words.
+fn told(bridges: &[Bridge]) -> String {
+    if bridges.is_empty() {
+        return "only crumbs below 100 mm³ come off".to_owned();
+    }
+    let places: Vec<String> = bridges.iter().map(Bridge::to_string).collect();
+    format!("{} left: {}", if bridges.len() == 1 { "one bridge is" } else { "bridges are" }, places.join("; "))
+}
+
+#[cfg(test)]
+mod cut_tests;
 #[cfg(test)]
 mod tests;

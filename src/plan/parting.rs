@@ -2,19 +2,26 @@
 
 use rayon::prelude::*;
 
-use super::cut::Blade;
+use super::blade::{Blade, PlaneBlade};
+use super::sheet;
 use crate::control::{Cancelled, Control};
 use crate::geometry::ScalarGrid;
 
 /// Label of a node outside bone.
 pub(super) const OUTSIDE: u32 = u32::MAX;
 
-/// A grid edge inside bone that a cut blocks: it runs from `node` to the next one along `axis`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// A grid edge that a cut crosses, with at least one end in bone: it runs from `node` to the next one along `axis`.
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Crossing {
     pub(super) node: usize,
     pub(super) axis: usize,
     pub(super) cut: usize,
+    /// Distances of `node` and of the next one to the plane that crosses here, mm.
+    pub(super) distance: [f32; 2],
+    /// Whether `node` lies on the side of the cut's normal.
+    pub(super) positive: bool,
+    /// Whether both ends are in bone: the edge is blocked.
+    pub(super) in_bone: bool,
 }
 
 /// Storage steps to the next node along x, y, z.
@@ -39,38 +46,52 @@ pub(super) fn neighbours(grid: &ScalarGrid, node: usize) -> impl Iterator<Item =
     })
 }
 
-/// All edges between inside nodes that a cut crosses, by node, axis, cut.
-pub(super) fn crossings(
+/// All edges that a cut crosses, by node, axis, cut.
+pub(super) fn crossings(grid: &ScalarGrid, blades: &[Blade], control: &Control) -> Result<Vec<Crossing>, Cancelled> {
+    let mut all = Vec::new();
+    for (cut, blade) in blades.iter().enumerate() {
+        all.extend(match blade {
+            Blade::Plane(plane) => plane_crossings(grid, plane, cut, control)?,
+            Blade::Sheet(mesh) => sheet::crossings(grid, mesh, cut, control)?,
+            Blade::None => Vec::new(),
+        });
+    }
+    all.sort_by_key(|c| (c.node, c.axis, c.cut));
+    Ok(all)
+}
+
+fn plane_crossings(
     grid: &ScalarGrid,
-    blades: &[Blade],
-    endless: bool,
+    plane: &PlaneBlade,
+    cut: usize,
     control: &Control,
 ) -> Result<Vec<Crossing>, Cancelled> {
-    let [nx, ny, nz] = grid.dims;
     let steps = strides(grid);
-    let layers: Vec<Vec<Crossing>> = (0..nz)
+    let [x, y, z] = [0, 1, 2].map(|a| plane.nodes(grid, a));
+    let layers: Vec<Vec<Crossing>> = z
         .into_par_iter()
         .map(|k| {
             control.check()?;
             let mut found = Vec::new();
-            for j in 0..ny {
-                for i in 0..nx {
-                    let node = grid.index(i, j, k);
-                    if grid.values[node] >= 0.0 {
-                        continue;
-                    }
-                    let at = [i, j, k];
-                    let p = grid.position(i, j, k);
+            for j in y.clone() {
+                for i in x.clone() {
+                    let (node, at) = (grid.index(i, j, k), [i, j, k]);
                     for axis in 0..3 {
-                        if at[axis] + 1 == grid.dims[axis] || grid.values[node + steps[axis]] >= 0.0 {
+                        if at[axis] + 1 == grid.dims[axis] {
+                            continue;
+                        }
+                        let inside = [node, node + steps[axis]].map(|n| grid.values[n] < 0.0);
+                        if inside == [false; 2] {
                             continue;
                         }
                         let mut next = at;
                         next[axis] += 1;
-                        let q = grid.position(next[0], next[1], next[2]);
-                        let hit = |blade: &Blade| blade.crosses(&p, &q, endless);
-                        let cuts = blades.iter().enumerate().filter(|(_, b)| hit(b));
-                        found.extend(cuts.map(|(cut, _)| Crossing { node, axis, cut }));
+                        let (p, q) = (grid.position(i, j, k), grid.position(next[0], next[1], next[2]));
+                        if let Some(sides) = plane.crosses(&p, &q) {
+                            let distance = sides.map(|s| s.abs() as f32);
+                            let (positive, in_bone) = (sides[0] >= 0.0, inside == [true; 2]);
+                            found.push(Crossing { node, axis, cut, distance, positive, in_bone });
+                        }
                     }
                 }
             }
@@ -83,7 +104,7 @@ pub(super) fn crossings(
 /// One bit per axis for every node: the edge to the next node is blocked.
 pub(super) fn blocked_edges(grid: &ScalarGrid, crossings: &[Crossing]) -> Vec<u8> {
     let mut blocked = vec![0u8; grid.values.len()];
-    for c in crossings {
+    for c in crossings.iter().filter(|c| c.in_bone) {
         blocked[c.node] |= 1 << c.axis;
     }
     blocked

@@ -21,12 +21,12 @@ pub(super) fn segments(
         control.check()?;
         let Some((low, high)) = bounds else { continue };
         let id = id as u32;
-        // An own node has a negative value, so there always is a surface.
+        // `None` where a saw's slot leaves nothing: the caller tells.
         let Some(surface) = isosurface(&segment_grid(grid, segment, parting, id, low, high), 0.0) else { continue };
         let centroid = centroid(&surface);
         let bounded_by = parting.bounded_by[id as usize].clone();
         let (volume_mm3, area_mm2) = (surface.volume(), surface.area());
-        found.push(Segment { id, surface, volume_mm3, area_mm2, centroid, bounded_by });
+        found.push(Segment { id, name: None, surface, volume_mm3, area_mm2, centroid, bounded_by });
         control.report(f64::from(id + 1) / n as f64);
     }
     Ok(found)
@@ -75,8 +75,9 @@ fn segment_grid(
                     let behind_a_cut = parting.beyond.get(&(node, id)).copied().unwrap_or(0.0);
                     behind_a_cut.max(value * air_scale(grid, segment, parting, id, node))
                 } else {
-                    let depth = if parting.distance[node].is_finite() { parting.distance[node] } else { -value };
-                    if segment[node] == id { -depth } else { depth }
+                    let distance = parting.distance[node];
+                    let own = if distance.is_finite() { distance } else { -value };
+                    if segment[node] == id { -own } else { parting.across(node, -value) }
                 });
             }
         }

@@ -9,12 +9,12 @@ use crate::geometry::{Aabb, Motion, Point, ScalarGrid, TriMesh, Vector};
 use crate::surface::isosurface;
 
 /// Signed distance of an axis-aligned box.
-fn box_distance(p: &Point, low: [f64; 3], high: [f64; 3]) -> f64 {
+pub(super) fn box_distance(p: &Point, low: [f64; 3], high: [f64; 3]) -> f64 {
     let d = Vector::from_fn(|a, _| (low[a] - p[a]).max(p[a] - high[a]));
     if d.max() <= 0.0 { d.max() } else { d.map(|c| c.max(0.0)).norm() }
 }
 
-fn bone(low: [f64; 3], high: [f64; 3], spacing: f64, distance: impl Fn(&Point) -> f64) -> Envelope {
+pub(super) fn bone(low: [f64; 3], high: [f64; 3], spacing: f64, distance: impl Fn(&Point) -> f64) -> Envelope {
     // An odd margin, so that faces do not lie on nodes.
     let bounds = Aabb { min: low.into(), max: high.into() }.grown(2.3 * spacing);
     let mut grid = ScalarGrid::covering(&bounds, spacing, 0.0);
@@ -30,12 +30,12 @@ fn bone(low: [f64; 3], high: [f64; 3], spacing: f64, distance: impl Fn(&Point) -
     Envelope { grid, surface, warnings: vec![], regions: vec![] }
 }
 
-fn block() -> Envelope {
+pub(super) fn block() -> Envelope {
     let (low, high) = ([-12.0, -10.0, 0.0], [12.0, 10.0, 30.0]);
     bone(low, high, 1.0, |p| box_distance(p, low, high))
 }
 
-fn endless(point: [f64; 3], normal: [f64; 3]) -> BoundedPlane {
+pub(super) fn endless(point: [f64; 3], normal: [f64; 3]) -> BoundedPlane {
     BoundedPlane { point: point.into(), normal: Vector::from(normal).normalize(), bounds: None }
 }
 
@@ -48,10 +48,14 @@ fn level(z: f64, x: [f64; 2], y: [f64; 2]) -> BoundedPlane {
 }
 
 fn run(bone: &Envelope, cuts: &[BoundedPlane]) -> Result<Osteotomy, PlanError> {
+    run_all(bone, &cuts.iter().copied().map(Cut::from).collect::<Vec<_>>())
+}
+
+pub(super) fn run_all(bone: &Envelope, cuts: &[Cut]) -> Result<Osteotomy, PlanError> {
     cut(bone, cuts, &Control::new())
 }
 
-fn assert_closed(mesh: &TriMesh) {
+pub(super) fn assert_closed(mesh: &TriMesh) {
     let mut edges: BTreeMap<(u32, u32), i32> = BTreeMap::new();
     for t in mesh.triangles() {
         for i in 0..3 {
@@ -153,13 +157,47 @@ fn bridges_are_counted_and_the_widest_is_found() {
     let bone = block();
     // Bone from x = -12 to 12: 3 mm are left at the low end, 6 at the high.
     let short = level(15.2, [-9.0, 6.0], [-11.0, 11.0]);
-    match run(&bone, &[short]) {
-        Err(PlanError::NotParted { bridges, x, z, .. }) => {
-            assert!((6.0..12.0).contains(&x) && (z - 15.2).abs() < 1.0, "({x}, {z})");
-            assert_eq!(bridges, 2);
-        }
+    let bridges = left(run(&bone, &[short]));
+    assert_eq!(bridges.len(), 2, "{bridges:?}");
+    for (bridge, x, width) in [(bridges[0], 6.0..12.0, 6.0), (bridges[1], -12.0..-9.0, 3.0)] {
+        assert!(x.contains(&bridge.place.x) && (bridge.place.z - 15.2).abs() < 1.0, "{bridge}");
+        // Whole grid edges are counted.
+        assert!((bridge.width_mm - width).abs() < 1.01 && (bridge.length_mm - 20.0).abs() < 1.01, "{bridge}");
+        assert!((bridge.area_mm2 / (20.0 * width) - 1.0).abs() < 0.25, "{bridge}");
+    }
+}
+
+fn left(done: Result<Osteotomy, PlanError>) -> Vec<Bridge> {
+    match done {
+        Err(PlanError::NotParted { bridges }) => bridges,
         other => panic!("{other:?}"),
     }
+}
+
+#[test]
+fn the_bridge_of_a_thin_post_elsewhere_is_found_there() {
+    // Two slabs on a thick pillar, sawn through, and a post of 4 mm by 6 mm.
+    let shape = |p: &Point| {
+        let slabs =
+            box_distance(p, [0.0; 3], [40.0, 20.0, 8.0]).min(box_distance(p, [0.0, 0.0, 22.0], [40.0, 20.0, 30.0]));
+        let pillar = box_distance(p, [0.0, 0.0, 0.0], [14.0, 20.0, 30.0]);
+        slabs.min(pillar).min(box_distance(p, [30.0, 7.0, 0.0], [34.0, 13.0, 30.0]))
+    };
+    let bone = bone([0.0; 3], [40.0, 20.0, 30.0], 1.0, shape);
+    let cut = level(15.0, [-1.0, 20.0], [-1.0, 21.0]);
+    let bridges = left(run(&bone, &[cut]));
+    let [bridge] = bridges[..] else { panic!("{bridges:?}") };
+    assert!((bridge.place.x - 32.0).abs() < 2.5 && (bridge.place.y - 10.0).abs() < 3.5, "{bridge}");
+    assert!((bridge.width_mm - 4.0).abs() < 1.01 && (bridge.length_mm - 6.0).abs() < 1.01, "{bridge}");
+}
+
+#[test]
+fn a_cut_that_has_barely_begun_goes_on_straight() {
+    let bridges = left(run(&block(), &[level(15.2, [-13.0, -8.0], [-11.0, 11.0])]));
+    let [bridge] = bridges[..] else { panic!("{bridges:?}") };
+    // 4 of 24 mm are sawn: 20 by 20 mm are left, round (2, 0, 15.2).
+    assert!((bridge.place - Point::new(2.0, 0.0, 15.2)).norm() < 1.5, "{bridge}");
+    assert!((bridge.width_mm - 20.0).abs() < 1.5 && (bridge.area_mm2 / 400.0 - 1.0).abs() < 0.15, "{bridge}");
 }
 
 #[test]
@@ -170,13 +208,10 @@ fn an_l_shape_is_not_parted_by_a_cut_that_stops_short_in_one_leg() {
         upright.min(foot)
     };
     let bone = bone([0.0; 3], [40.0, 10.0, 40.0], 1.0, leg);
-    match run(&bone, &[level(25.0, [-2.0, 7.0], [-2.0, 12.0])]) {
-        Err(PlanError::NotParted { bridges, x, y, z }) => {
-            assert_eq!(bridges, 1);
-            assert!((7.0..10.0).contains(&x) && (0.0..10.0).contains(&y) && (z - 25.0).abs() < 1.0, "({x}, {y}, {z})");
-        }
-        other => panic!("{other:?}"),
-    }
+    let bridges = left(run(&bone, &[level(25.0, [-2.0, 7.0], [-2.0, 12.0])]));
+    assert_eq!(bridges.len(), 1);
+    let Point { coords } = bridges[0].place;
+    assert!((7.0..10.0).contains(&coords.x) && (0.0..10.0).contains(&coords.y) && (coords.z - 25.0).abs() < 1.0);
     assert_eq!(run(&bone, &[level(25.0, [-2.0, 12.0], [-2.0, 12.0])]).unwrap().segments.len(), 2);
 }
 
@@ -234,7 +269,7 @@ fn faulty_cuts_are_refused_by_name() {
     assert_eq!(what(&[BoundedPlane { bounds: Some((Vector::x(), -1.0, 1.0)), ..good }]), "cuts[0].bounds");
     let control = Control::new();
     control.cancel();
-    assert!(matches!(cut(&bone, &[good], &control), Err(PlanError::Cancelled(_))));
+    assert!(matches!(cut(&bone, &[good.into()], &control), Err(PlanError::Cancelled(_))));
 }
 
 #[test]
@@ -248,13 +283,38 @@ fn a_lifted_segment_opens_a_gap_and_a_lowered_one_overlaps() {
     let apart = follow_to(0.0, -4.0);
     assert!((apart.max_displacement_mm - 4.0).abs() < 1e-12 && (apart.path_length_mm - 4.0).abs() < 1e-12);
     assert_eq!(apart.along.len(), 11);
-    let (t, overlap, gap) = apart.along[10];
-    assert!(t == 1.0 && overlap == 0.0 && (gap - 4.0).abs() < 0.05, "{overlap} {gap}");
-    let (_, overlap, gap) = follow_to(0.0, 3.0).along[10];
-    assert!((overlap - 3.0).abs() < 0.1 && gap < 1e-3, "{overlap} {gap}");
-    let (_, overlap, gap) = follow_to(5.0, 0.0).along[10];
+    let end = apart.along[10];
+    assert!(end.t == 1.0 && end.overlap_mm == 0.0 && (end.gap_mm - 4.0).abs() < 0.05, "{end:?}");
+    // The face is 24 by 20 mm; half a spacing at its rim does not lie in the cut.
+    assert!((23.0 * 19.0 * 4.0 * 0.99..480.0 * 4.0).contains(&end.gap_mm3) && end.overlap_mm3 < 1.0, "{end:?}");
+    let half = apart.along[5];
+    assert!((half.gap_mm3 / end.gap_mm3 - 0.5).abs() < 0.01, "{half:?}");
+    let end = follow_to(0.0, 3.0).along[10];
+    assert!((end.overlap_mm - 3.0).abs() < 0.1 && end.gap_mm < 1e-3, "{end:?}");
+    assert!((end.overlap_mm3 / (480.0 * 3.0) - 1.0).abs() < 0.03, "{end:?}");
+    let rest = apart.along[0];
+    assert!(rest.overlap_mm3 < 5.0 && rest.gap_mm3 < 5.0, "{rest:?}");
+    let PathSample { overlap_mm: overlap, gap_mm: gap, .. } = follow_to(5.0, 0.0).along[10];
     // Sliding: the cap that has left the other bone is 5 mm of 24, on average 2.5 mm away.
     assert!(overlap < 0.05 && (gap - 2.5 * 5.0 / 24.0).abs() < 0.1, "{overlap} {gap}");
+}
+
+#[test]
+fn a_block_pushed_half_aside_overlaps_by_a_box_and_a_tilted_one_opens_a_wedge() {
+    let cut = run(&block(), &[endless([0.0, 0.0, 12.2], [0.0, 0.0, 1.0])]).unwrap();
+    let moved = |motion: Motion| {
+        let plan = Plan { paths: vec![Path::new(1, vec![(1.0, motion)]).unwrap()] };
+        follow(&cut, &plan, &Control::new()).unwrap().remove(0).along[10]
+    };
+    let end = moved(Motion::translation(7.0, -4.0, 2.5));
+    assert!((end.overlap_mm3 / (17.0 * 16.0 * 2.5) - 1.0).abs() < 0.04, "{end:?}");
+    // Turned down about the upper edge at x = -12: the gap is a wedge of 24 mm and 10°.
+    let (edge, angle) = (Point::new(-12.0, 0.0, 12.2), 10f64.to_radians());
+    let turn = nalgebra::UnitQuaternion::from_axis_angle(&Vector::y_axis(), angle);
+    let tilt = Motion::from_parts((edge - turn * edge).into(), turn);
+    let end = moved(tilt);
+    let wedge = 20.0 * 0.5 * 24.0 * 24.0 * angle.tan();
+    assert!((end.gap_mm3 / wedge - 1.0).abs() < 0.08, "{} {wedge}", end.gap_mm3);
 }
 
 #[test]
@@ -291,7 +351,7 @@ fn le_fort_1_frees_the_upper_arch_and_nothing_else() {
         let bone = block_head(joined);
         let cuts = le_fort_1((Point::new(0.0, -60.0, 37.0), Vector::z()), 0.0, occlusal, &bone);
         assert_eq!(cuts.len(), n_cuts);
-        let osteotomy = run(&bone, &cuts).unwrap();
+        let osteotomy = run_all(&bone, &cuts).unwrap();
         assert_eq!(osteotomy.segments.len(), 2);
         let (maxilla, expected) = (&osteotomy.segments[1], 60.0 * 50.0 * (37.0 - low));
         assert!((maxilla.volume_mm3 / expected - 1.0).abs() < 0.04, "{} {expected}", maxilla.volume_mm3);
@@ -301,6 +361,6 @@ fn le_fort_1_frees_the_upper_arch_and_nothing_else() {
     let bone = block_head(false);
     let tilted = Vector::new(0.05, -0.1, -1.0);
     let cuts = le_fort_1((Point::new(9.0, -60.0, 37.0), tilted), 0.0, 14.0, &bone);
-    assert_eq!(run(&bone, &cuts).unwrap().segments.len(), 2);
+    assert_eq!(run_all(&bone, &cuts).unwrap().segments.len(), 2);
     assert!(le_fort_1((Point::origin(), Vector::x()), 0.0, -20.0, &bone).is_empty());
 }

@@ -1,9 +1,9 @@
 use std::sync::Arc;
 
 use crate::fem::SolveSettings;
-use crate::geometry::{Point, TriMesh, Vector};
+use crate::geometry::TriMesh;
 use crate::import::VolumeMesh;
-use crate::plan::{BoundedPlane, Plan};
+use crate::plan::{Cut, Landmarks, Plan, Protected, Template};
 use crate::simulate::{Anatomy, FieldsSettings, RunSettings, TissueSettings};
 
 /// A patient's surfaces with the settings of their fields.
@@ -19,20 +19,28 @@ pub struct Case {
     pub midline_x_mm: Option<f64>,
 }
 
-/// Cuts asked for.
+/// A template asked for.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Cuts {
-    /// Planes as they are.
-    Planes(Vec<BoundedPlane>),
-    /// The Le Fort I template; what is `None` is proposed from the skin.
-    LeFort1 {
-        /// Point and unit normal of the horizontal cut.
-        plane: Option<(Point, Vector)>,
-        /// x of the midline, mm.
-        midline_x_mm: Option<f64>,
-        /// z of the occlusal plane, mm.
-        occlusal_z_mm: Option<f64>,
-    },
+pub struct TemplateCall {
+    /// Which one.
+    pub template: Template,
+    /// What it goes by.
+    pub landmarks: Landmarks,
+    /// Width of the saw's slot, mm.
+    pub kerf_mm: f64,
+}
+
+/// Cuts asked for.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Cuts {
+    /// Templates. What a Le Fort I lacks is proposed from the skin.
+    pub templates: Vec<TemplateCall>,
+    /// Further cuts.
+    pub cuts: Vec<Cut>,
+    /// What cuts should keep away from.
+    pub protected: Vec<Protected>,
+    /// Landmarks that segments are named by.
+    pub landmarks: Landmarks,
 }
 
 /// A tissue mesh asked for.
@@ -41,7 +49,7 @@ pub struct TissueRequest {
     /// Settings of the mesh.
     pub settings: TissueSettings,
     /// Cuts whose segments choose the region; the front of the face when `None`.
-    pub cuts: Option<Vec<BoundedPlane>>,
+    pub cuts: Option<Vec<Cut>>,
     /// Key of everything that the mesh is made from.
     pub key: String,
 }
@@ -52,7 +60,7 @@ pub struct Run {
     /// The patient.
     pub case: Case,
     /// Cuts of the plan's osteotomy.
-    pub cuts: Vec<BoundedPlane>,
+    pub cuts: Vec<Cut>,
     /// The tissue mesh.
     pub tissue: TissueRequest,
     /// Bone paths.
@@ -71,7 +79,7 @@ pub enum SceneBones {
         /// The patient.
         case: Box<Case>,
         /// The cuts that part the bone.
-        cuts: Vec<BoundedPlane>,
+        cuts: Vec<Cut>,
     },
 }
 

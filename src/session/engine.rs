@@ -6,7 +6,7 @@ use crate::evaluate::{ErrorMap, FaceRegion, Registration};
 use crate::field::{FieldReport, Settled};
 use crate::geometry::{Point, TriMesh, Vector};
 use crate::mesh::MeshReport;
-use crate::plan::{BoundedPlane, Osteotomy, PathReport, Plan};
+use crate::plan::{Clearance, Cut, Osteotomy, PathReport, Plan, Proposal};
 use crate::simulate::{Frame, Outcome};
 use crate::surface::{CtSettings, CtSurfaces};
 
@@ -64,23 +64,20 @@ pub trait Engine: Debug + Send + Sync {
         control: &Control,
     ) -> Result<Vec<(f64, Vector)>, Halt>;
 
-    /// Cuts the bone.
+    /// Cuts the bone: the cuts of the templates, in their order, then the others. With how near they come to what is protected.
     ///
     /// # Errors
     /// [`Halt`].
-    fn cut(&self, case: &Case, cuts: &Cuts, control: &Control) -> Result<Osteotomy, Halt>;
+    fn cut(&self, case: &Case, cuts: &Cuts, control: &Control) -> Result<(Osteotomy, Vec<Clearance>), Halt>;
+
+    /// Landmarks proposed from the surfaces of skin and skull.
+    fn propose(&self, skin: &TriMesh, skull: &TriMesh) -> Proposal;
 
     /// Follows the paths of a plan.
     ///
     /// # Errors
     /// [`Halt`].
-    fn follow(
-        &self,
-        case: &Case,
-        cuts: &[BoundedPlane],
-        plan: &Plan,
-        control: &Control,
-    ) -> Result<Vec<PathReport>, Halt>;
+    fn follow(&self, case: &Case, cuts: &[Cut], plan: &Plan, control: &Control) -> Result<Vec<PathReport>, Halt>;
 
     /// Meshes the tissue.
     ///

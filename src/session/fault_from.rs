@@ -1,12 +1,14 @@
 //! Errors of the pure rooms and of the store as faults. Every `match` is exhaustive: a new variant must choose its kind.
 
+use serde_json::{Value, json};
+
 use super::fault::{Fault, FaultKind, FieldFault, Halt};
 use crate::evaluate::{EvaluateError, RegistrationFault};
 use crate::fem::SolveError;
 use crate::field::FieldError;
 use crate::import::ImportError;
 use crate::mesh::MeshError;
-use crate::plan::PlanError;
+use crate::plan::{Bridge, PlanError};
 use crate::simulate::SimulateError;
 use crate::store::StoreError;
 use crate::surface::SurfaceError;
@@ -125,10 +127,26 @@ impl From<PlanError> for Halt {
                 fault.errors.push(FieldFault::new(format!("/cuts/{cut}"), detail));
                 fault
             }
-            PlanError::NotParted { bridges, x, y, z } => Fault::new(FaultKind::BoneNotParted, detail)
-                .with("bridges", bridges)
-                .with("widest_bridge_mm", vec![x, y, z])
-                .at("/cuts"),
+            PlanError::NotParted { bridges } => {
+                let of = |b: &Bridge| {
+                    json!({ "cut": b.cut, "place_mm": [b.place.x, b.place.y, b.place.z], "width_mm": b.width_mm,
+                        "length_mm": b.length_mm, "area_mm2": b.area_mm2 })
+                };
+                let all: Vec<Value> = bridges.iter().map(of).collect();
+                let widest = bridges.first().map(|b| vec![b.place.x, b.place.y, b.place.z]);
+                Fault::new(FaultKind::BoneNotParted, detail)
+                    .with("bridges", all)
+                    .with("widest_bridge_mm", widest)
+                    .at("/cuts")
+            }
+            PlanError::MissingLandmarks { template, missing } => {
+                let mut fault = Fault::new(FaultKind::PlanNotUsable, detail)
+                    .with("template", template)
+                    .with("missing", missing.clone());
+                fault.errors =
+                    missing.iter().map(|name| FieldFault::new(format!("/landmarks/{name}"), "is missing")).collect();
+                fault
+            }
             PlanError::Value { what, .. } => {
                 let mut fault = Fault::new(FaultKind::PlanNotUsable, detail.clone());
                 fault.errors.push(FieldFault::new(pointer_of(&what), detail));
@@ -263,7 +281,7 @@ mod tests {
 
     #[test]
     fn bone_in_one_piece_is_the_fault_of_the_cuts() {
-        let error = PlanError::NotParted { bridges: 2, x: 1.0, y: 2.0, z: 3.0 };
+        let error = PlanError::NotParted { bridges: Vec::new() };
         let Halt::Fault(fault) = error.into() else { unreachable!() };
         assert_eq!((fault.kind, fault.errors[0].pointer.as_str()), (FaultKind::BoneNotParted, "/cuts"));
     }

@@ -3,11 +3,10 @@ use std::sync::Arc;
 use serde::de::DeserializeOwned;
 
 use super::{
-    Case, Fault, FaultKind, FieldDocument, FieldSettingsDocument, LandmarksDocument, MeshDocument,
-    MeshSettingsDocument, PlaneDocument, SurfaceDocument, TissueDocument, TissueRequest, key_of,
+    Case, CutDocument, Fault, FaultKind, FieldDocument, FieldSettingsDocument, LandmarksDocument, MeshDocument,
+    MeshSettingsDocument, SurfaceDocument, TissueDocument, TissueRequest, key_of, stored_cuts,
 };
 use crate::geometry::TriMesh;
-use crate::plan::BoundedPlane;
 use crate::simulate::Anatomy;
 use crate::store::{PartKind, PartRecord, SessionId, Store, decode_mesh};
 
@@ -208,7 +207,7 @@ impl SessionParts {
     ///
     /// # Errors
     /// As [`SessionParts::field_key`].
-    pub fn mesh_key(&self, settings: &MeshSettingsDocument, cuts: Option<&[PlaneDocument]>) -> Result<String, Fault> {
+    pub fn mesh_key(&self, settings: &MeshSettingsDocument, cuts: Option<&[CutDocument]>) -> Result<String, Fault> {
         let landmarks = self.get(PartKind::Landmarks).map_or("", |p| p.key.as_str());
         let settings = serde_json::to_string(settings).unwrap_or_default();
         let cuts = serde_json::to_string(&cuts).unwrap_or_default();
@@ -247,11 +246,11 @@ impl SessionParts {
     pub fn tissue_request(
         &self,
         settings: &MeshSettingsDocument,
-        cuts: Option<&[PlaneDocument]>,
+        cuts: Option<&[CutDocument]>,
     ) -> Result<TissueRequest, Fault> {
         Ok(TissueRequest {
             settings: settings.into(),
-            cuts: cuts.map(|cuts| cuts.iter().map(BoundedPlane::from).collect()),
+            cuts: cuts.map(stored_cuts).transpose()?,
             key: self.mesh_key(settings, cuts)?,
         })
     }

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::geometry::{Point, Vector};
+use crate::plan::{Landmarks, Proposal};
 
 /// A plane as it stands in documents.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -34,9 +35,39 @@ pub struct LandmarksDocument {
     pub occlusal_plane_z_mm: Option<f64>,
     /// The horizontal cut of a Le Fort I osteotomy.
     pub le_fort_1_plane: Option<PlacedPlane>,
+    /// Which of all these are proposals that no person has confirmed: names of points, `midline_x_mm`.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub proposed: Vec<String>,
+}
+
+impl From<&LandmarksDocument> for Landmarks {
+    fn from(d: &LandmarksDocument) -> Self {
+        Self {
+            points: d.named_points().into_iter().collect(),
+            midline_x_mm: d.midline_x_mm,
+            occlusal_z_mm: d.occlusal_plane_z_mm,
+            le_fort_1_plane: d.le_fort_1_plane.as_ref().and_then(PlacedPlane::plane),
+        }
+    }
 }
 
 impl LandmarksDocument {
+    /// With proposals for the points that are not given, and for the midline.
+    #[must_use]
+    pub fn with_proposals(mut self, proposal: &Proposal) -> Self {
+        for (name, p) in &proposal.points {
+            if !self.points.contains_key(name) {
+                self.points.insert(name.clone(), p.coords.into());
+                self.proposed.push(name.clone());
+            }
+        }
+        if self.midline_x_mm.is_none() {
+            self.midline_x_mm = Some(proposal.midline_x_mm);
+            self.proposed.push("midline_x_mm".to_owned());
+        }
+        self
+    }
+
     /// Names and points as the numerics take them.
     #[must_use]
     pub fn named_points(&self) -> Vec<(String, Point)> {

@@ -13,7 +13,9 @@ use crate::field::{ExactDistance, FieldReport, Settled};
 use crate::geometry::{Implicit, Point, TriMesh, Vector};
 use crate::import::{self, Limits};
 use crate::mesh::MeshReport;
-use crate::plan::{self, BoundedPlane, Osteotomy, PathReport, Plan};
+use crate::plan::{
+    self, Clearance, Cut, CutShape, Landmarks, Osteotomy, PathReport, Plan, Proposal, Purpose, Template,
+};
 use crate::simulate::{self, CutBone, Fields, Outcome, PreparedTissue, RunSettings, TissueModel};
 use crate::surface::{self, CtSettings, CtSurfaces};
 
@@ -61,7 +63,7 @@ impl Numerics {
         self.fields.get_or(&case.key, || Ok(simulate::build_fields(&case.anatomy, &case.fields, control)?))
     }
 
-    fn bone_of(&self, case: &Case, cuts: &[BoundedPlane], control: &Control) -> Result<Arc<CutBone>, Halt> {
+    fn bone_of(&self, case: &Case, cuts: &[Cut], control: &Control) -> Result<Arc<CutBone>, Halt> {
         let key = bone_key(case, cuts);
         if let Some(found) = self.bones.get(&key) {
             return Ok(found);
@@ -89,8 +91,54 @@ impl Numerics {
     }
 }
 
+/// Fills in what a Le Fort I lacks; whether anything was.
+fn propose_plane(landmarks: &mut Landmarks, skin: &TriMesh) -> bool {
+    let has =
+        (landmarks.le_fort_1_plane.is_some(), landmarks.midline_x_mm.is_some(), landmarks.occlusal_z_mm.is_some());
+    if has == (true, true, true) {
+        return false;
+    }
+    let guess = simulate::propose_landmarks(skin);
+    landmarks.le_fort_1_plane.get_or_insert(guess.le_fort_1_plane);
+    landmarks.midline_x_mm.get_or_insert(guess.midline_x_mm);
+    landmarks.occlusal_z_mm.get_or_insert(guess.occlusal_plane_z_mm);
+    true
+}
+
+/// What keeps a template from placing its cuts, with its place in the request.
+fn template_fault(index: usize, error: plan::PlanError) -> Halt {
+    match Halt::from(error) {
+        Halt::Cancelled => Halt::Cancelled,
+        Halt::Fault(mut fault) => {
+            for field in &mut fault.errors {
+                field.pointer = format!("/templates/{index}{}", field.pointer);
+            }
+            Halt::Fault(fault)
+        }
+    }
+}
+
+/// Points to the request's own cuts, which come after those of its templates.
+fn given_cuts(halt: Halt, from_templates: usize) -> Halt {
+    match halt {
+        Halt::Cancelled => Halt::Cancelled,
+        Halt::Fault(mut fault) => {
+            for field in &mut fault.errors {
+                let Some(rest) = field.pointer.strip_prefix("/cuts/") else { continue };
+                let (number, below) = rest.split_once('/').map_or((rest, String::new()), |(n, b)| (n, format!("/{b}")));
+                let Ok(number) = number.parse::<usize>() else { continue };
+                field.pointer = match number.checked_sub(from_templates) {
+                    Some(own) => format!("/cuts/{own}{below}"),
+                    None => "/templates".to_owned(),
+                };
+            }
+            Halt::Fault(fault)
+        }
+    }
+}
+
 /// Shortest decimal forms of the numbers tell every bit apart.
-fn bone_key(case: &Case, cuts: &[BoundedPlane]) -> String {
+fn bone_key(case: &Case, cuts: &[Cut]) -> String {
     key_of(&[&case.key, &format!("{cuts:?}")])
 }
 
@@ -144,36 +192,50 @@ impl Engine for Numerics {
         Ok(points.iter().map(|p| field.settled(&exact, p)).collect())
     }
 
-    fn cut(&self, case: &Case, cuts: &Cuts, control: &Control) -> Result<Osteotomy, Halt> {
+    fn cut(&self, case: &Case, cuts: &Cuts, control: &Control) -> Result<(Osteotomy, Vec<Clearance>), Halt> {
         let fields = self.fields_of(case, &control.part(0.0, 0.5))?;
-        let mut proposed = None;
-        let planes = match cuts {
-            Cuts::Planes(planes) => planes.clone(),
-            Cuts::LeFort1 { plane, midline_x_mm, occlusal_z_mm } => {
-                let guess = simulate::propose_landmarks(&case.anatomy.skin);
-                if plane.is_none() || midline_x_mm.is_none() || occlusal_z_mm.is_none() {
-                    proposed = Some(PROPOSED_PLANE.to_owned());
-                }
-                plan::le_fort_1(
-                    plane.unwrap_or(guess.le_fort_1_plane),
-                    midline_x_mm.unwrap_or(guess.midline_x_mm),
-                    occlusal_z_mm.unwrap_or(guess.occlusal_plane_z_mm),
-                    &fields.bone,
-                )
+        let mut is_proposed = false;
+        let mut all: Vec<Cut> = Vec::new();
+        for (index, call) in cuts.templates.iter().enumerate() {
+            let (template, mut landmarks) = (call.template, call.landmarks.clone());
+            if matches!(template, Template::LeFort1 | Template::TwoPieceMaxilla) {
+                is_proposed |= propose_plane(&mut landmarks, &case.anatomy.skin);
             }
-        };
-        let mut osteotomy = self.bone_of(case, &planes, &control.part(0.5, 1.0))?.osteotomy.clone();
-        osteotomy.warnings.extend(proposed);
-        Ok(osteotomy)
+            let placed = template.cuts(&landmarks, &fields.bone).map_err(|e| template_fault(index, e))?;
+            // Two templates may tell the same bones apart.
+            for mut cut in placed {
+                if cut.purpose == Purpose::Osteotomy && !matches!(cut.shape, CutShape::FreePart(_)) {
+                    cut.kerf_mm = call.kerf_mm;
+                }
+                if !all.contains(&cut) {
+                    all.push(cut);
+                }
+            }
+        }
+        let from_templates = all.len();
+        all.extend(cuts.cuts.iter().cloned());
+        let cut = self.bone_of(case, &all, &control.part(0.5, 1.0));
+        let mut osteotomy = cut.map_err(|halt| given_cuts(halt, from_templates))?.osteotomy.clone();
+        osteotomy.warnings.extend(is_proposed.then(|| PROPOSED_PLANE.to_owned()));
+        plan::name_segments(&mut osteotomy, &cuts.landmarks);
+        let clearances = plan::clearances(&osteotomy, &cuts.protected)?;
+        for near in &clearances {
+            let Some(protected) = cuts.protected.get(near.protected) else { continue };
+            if let Some(margin) = protected.margin_mm.filter(|m| near.distance_mm < *m) {
+                osteotomy.warnings.push(format!(
+                    "cut {} comes within {:.1} mm of {}, whose margin is {margin:.1} mm",
+                    near.cut, near.distance_mm, protected.name
+                ));
+            }
+        }
+        Ok((osteotomy, clearances))
     }
 
-    fn follow(
-        &self,
-        case: &Case,
-        cuts: &[BoundedPlane],
-        plan: &Plan,
-        control: &Control,
-    ) -> Result<Vec<PathReport>, Halt> {
+    fn propose(&self, skin: &TriMesh, skull: &TriMesh) -> Proposal {
+        plan::propose(skin, skull)
+    }
+
+    fn follow(&self, case: &Case, cuts: &[Cut], plan: &Plan, control: &Control) -> Result<Vec<PathReport>, Halt> {
         let bone = self.bone_of(case, cuts, &control.part(0.0, 0.5))?;
         Ok(plan::follow(&bone.osteotomy, plan, &control.part(0.5, 1.0))?)
     }

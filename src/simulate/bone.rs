@@ -5,7 +5,7 @@ use crate::control::Control;
 use crate::fem::ContactBody;
 use crate::field::{MethodSettings, SignedField};
 use crate::geometry::{Aabb, Implicit};
-use crate::plan::{BoundedPlane, Osteotomy, cut};
+use crate::plan::{Cut, Osteotomy, cut};
 
 /// Bone in pieces, each with its own field in its rest frame.
 #[derive(Debug)]
@@ -47,7 +47,7 @@ const CONTACT_SPACING: f64 = 2.0;
 /// [`SimulateError::Plan`] when the cuts do not part the bone, [`SimulateError::Field`].
 pub fn cut_bone(
     fields: &Fields,
-    cuts: &[BoundedPlane],
+    cuts: &[Cut],
     settings: &MethodSettings,
     control: &Control,
 ) -> Result<CutBone, SimulateError> {

@@ -43,7 +43,10 @@ async fn a_template_takes_the_sessions_landmarks() {
         "le_fort_1_plane": {"point_mm": [6, -60, 38], "normal": [0, 0, 1]}});
     app.put_json(&format!("{session}/landmarks"), landmarks).await.ok();
     let made = app.post(&path, template).await.ok();
-    assert_eq!((&made["template"], &made["cuts"][0]["point_mm"]), (&json!("le_fort_1"), &json!([6.0, -60.0, 38.0])));
+    assert_eq!(
+        (&made["template"], &made["cuts"][0]["plane"]["point_mm"]),
+        (&json!("le_fort_1"), &json!([6.0, -60.0, 38.0]))
+    );
 }
 
 #[tokio::test]
@@ -73,9 +76,115 @@ async fn cuts_that_cannot_be_are_refused() {
     let high = json!({"template": {"name": "le_fort_1", "plane": {"point_mm": [0, 0, 500], "normal": [0, 0, 1]}}});
     let problem = app.post(&path, high).await.problem(422, "cut-misses-bone");
     assert_eq!(problem["errors"][0]["pointer"], "/template");
-    app.post(&path, json!({"template": {"name": "bsso_left"}})).await.problem(422, "not-available");
-    app.post(&path, json!({"cuts": [{"polyline": {"points": []}}]})).await.problem(422, "not-available");
+    let problem = app.post(&path, json!({"template": {"name": "bsso_left"}})).await.problem(422, "plan-not-usable");
+    assert_eq!(problem["template"], "bsso_left");
+    assert!(problem["missing"].as_array().unwrap().contains(&json!("lingula_left")), "{problem}");
     assert_eq!(pointers(&app.post(&path, json!({"cut": []})).await), ["/cut"]);
+}
+
+#[tokio::test]
+async fn cuts_of_every_shape_come_back_as_they_were_sent() {
+    let app = TestApp::new().await;
+    let path = format!("{}/osteotomies", app.session_with_field().await);
+    let polyline =
+        json!({"points_mm": [[-40, -80, 5], [0, -80, 9], [40, -80, 5]], "direction": [0, 2, 0], "depth_mm": 90});
+    let surface = json!({"points_mm": [[-50, -50, 1], [50, -50, 1], [0, 90, 1]], "triangles": [[0, 1, 2]]});
+    let cuts = json!([
+        {"plane": {"point_mm": [0, 0, 3], "normal": [0, 0, 1]}, "kerf_mm": 0.5},
+        {"polyline": polyline}, {"surface": surface}, {"free_part": {"point_mm": [0, -20, -30]}},
+    ]);
+    let nerve = json!({"name": "nerve", "points_mm": [[0, 0, 2], [10, 0, 2]], "margin_mm": 2});
+    let made = app.post(&path, json!({"cuts": cuts, "protected": [nerve]})).await.ok();
+    let kinds = ["plane", "polyline", "surface", "free_part"];
+    for (cut, kind) in made["cuts"].as_array().unwrap().iter().zip(kinds) {
+        assert!(cut[kind].is_object() && cut["purpose"] == "osteotomy", "{cut}");
+    }
+    assert_eq!(
+        (&made["cuts"][0]["kerf_mm"], &made["cuts"][1]["polyline"]["direction"]),
+        (&json!(0.5), &json!([0.0, 1.0, 0.0]))
+    );
+    let near = &made["clearances"][0];
+    assert_eq!(
+        (&near["protected"], &near["distance_mm"], &near["below_margin"]),
+        (&json!("nerve"), &json!(1.5), &json!(true))
+    );
+    let own = format!("{path}/{}", made["id"].as_str().unwrap());
+    assert_eq!(app.get(&own).await.ok(), made);
+    // What was stored is what the numerics get again.
+    let plans = own.split("/osteotomies").next().unwrap().to_owned() + "/plans";
+    let paths = json!([{"segment": 1, "waypoints": [{"t": 1, "translation_mm": [0, -6, 0]}]}]);
+    app.post(&plans, json!({"osteotomy": made["id"], "paths": paths})).await.ok();
+}
+
+#[tokio::test]
+async fn hostile_cuts_are_refused_by_place() {
+    let app = TestApp::new().await;
+    let path = format!("{}/osteotomies", app.session_with_field().await);
+    let refused = async |cut: Value, expected: &[&str]| {
+        assert_eq!(pointers(&app.post(&path, json!({"cuts": [cut]})).await), expected);
+    };
+    refused(json!({}), &["/cuts/0"]).await;
+    let plane = json!({"point_mm": [0, 0, 0], "normal": [0, 0, 1]});
+    refused(json!({"plane": plane, "free_part": {"point_mm": [0, 0, 0]}}), &["/cuts/0"]).await;
+    refused(json!({"plane": plane, "kerf_mm": -1}), &["/cuts/0/kerf_mm"]).await;
+    let line = json!({"points_mm": [], "direction": [0, 0, 0], "depth_mm": 0});
+    let expected = ["/cuts/0/polyline/direction", "/cuts/0/polyline/depth_mm", "/cuts/0/polyline/points_mm"];
+    refused(json!({"polyline": line}), &expected).await;
+    let many = vec![[0.0; 3]; 1001];
+    let line = json!({"points_mm": many, "direction": [0, 0, 1], "depth_mm": 5});
+    refused(json!({"polyline": line}), &["/cuts/0/polyline/points_mm"]).await;
+    let surface = json!({"points_mm": [[0, 0, 0], [1, 0, 0], [0, 1e9, 0]], "triangles": [[0, 1, 7]]});
+    let expected = ["/cuts/0/surface/points_mm/2/1", "/cuts/0/surface/triangles"];
+    refused(json!({"surface": surface}), &expected).await;
+    refused(
+        json!({"surface": {"points_mm": [[0, 0, 0], [1, 0, 0], [0, 1, 0]], "triangles": []}}),
+        &["/cuts/0/surface/triangles"],
+    )
+    .await;
+    let both = json!({"template": {"name": "le_fort_1"}, "templates": [{"name": "le_fort_1"}]});
+    assert_eq!(pointers(&app.post(&path, both).await), ["/templates"]);
+    let nobody = json!({"cuts": [{"plane": plane}], "protected": [{"name": "", "points_mm": [], "margin_mm": -1}]});
+    let expected = ["/protected/0/name", "/protected/0/margin_mm", "/protected/0/points_mm"];
+    assert_eq!(pointers(&app.post(&path, nobody).await), expected);
+}
+
+#[tokio::test]
+async fn proposals_are_marked_and_given_landmarks_win() {
+    let app = TestApp::new().await;
+    let session = app.session_with_field().await;
+    let path = format!("{session}/landmarks");
+    app.get(&path).await.problem(404, "not-found");
+    let found = app.get(&format!("{path}?propose=true")).await.ok();
+    assert_eq!(
+        (&found["points"]["ans"], &found["proposed"]),
+        (&json!([0.0, -70.0, 20.0]), &json!(["ans", "midline_x_mm"]))
+    );
+    app.get(&path).await.problem(404, "not-found");
+    app.put_json(&path, json!({"points": {"ans": [1, -71, 21]}})).await.ok();
+    let found = app.get(&format!("{path}?propose=true")).await.ok();
+    assert_eq!((&found["points"]["ans"], &found["proposed"]), (&json!([1.0, -71.0, 21.0]), &json!(["midline_x_mm"])));
+    // What came may be sent back as it is; marks must name what is there.
+    assert_eq!(app.put_json(&path, found.clone()).await.ok(), found);
+    let wrong = json!({"points": {}, "proposed": ["ans"]});
+    assert_eq!(pointers(&app.put_json(&path, wrong).await), ["/proposed/0"]);
+}
+
+#[tokio::test]
+async fn the_mandible_turns_about_its_condyles() {
+    let app = TestApp::new().await;
+    let (path, osteotomy) = osteotomy(&app).await;
+    let hinge = json!([{"segment": 1, "waypoints": [{"t": 1, "hinge": {"angle_deg": 10}}]}]);
+    let body = json!({"osteotomy": osteotomy, "paths": hinge});
+    assert_eq!(pointers(&app.post(&path, body.clone()).await), ["/paths/0/waypoints/0/hinge"]);
+    let alone = json!({"osteotomy": osteotomy, "paths": [{"segment": 1, "autorotate": {"follows": 2}}]});
+    let expected = ["/paths/0/autorotate/follows", "/paths/0/autorotate", "/paths/0/autorotate"];
+    assert_eq!(pointers(&app.post(&path, alone).await), expected);
+    let landmarks = json!({"points": {"condylion_left": [50, 10, 0], "condylion_right": [-50, 10, 0]}});
+    app.put_json(&format!("{}/landmarks", path.trim_end_matches("/plans")), landmarks).await.ok();
+    let made = app.post(&path, body).await.ok();
+    let moved = made["paths"][0]["waypoints"][1]["translation_mm"][2].as_f64().unwrap();
+    // The origin lies 10 mm before the axis: opening lowers it.
+    assert!((moved + 10.0 * 10f64.to_radians().sin()).abs() < 1e-12, "{moved}");
 }
 
 #[tokio::test]

@@ -11,7 +11,10 @@ use prosopon::field::{Doubt, DoubtfulRegions, FieldReport, Region, Settled};
 use prosopon::geometry::{Aabb, Motion, Point, TriMesh, Vector};
 use prosopon::import::Limits;
 use prosopon::mesh::MeshReport;
-use prosopon::plan::{BoundedPlane, Osteotomy, PathReport, Plan, PlanError, Segment};
+use prosopon::plan::{
+    BoundedPlane, Clearance, Cut, CutShape, Osteotomy, PathReport, PathSample, Plan, PlanError, Proposal, Protected,
+    Segment, Template,
+};
 use prosopon::session::{
     Case, Cuts, Engine, Fault, FaultKind, Halt, Numerics, Run, RunWatch, SceneRun, SceneSolved, Solid, TissueRequest,
 };
@@ -90,7 +93,7 @@ fn field_report() -> FieldReport {
 
 fn segment(id: u32, surface: TriMesh, bounded_by: Vec<usize>) -> Segment {
     let centroid = surface.bounds().center();
-    Segment { id, volume_mm3: surface.volume(), area_mm2: surface.area(), centroid, bounded_by, surface }
+    Segment { id, name: None, volume_mm3: surface.volume(), area_mm2: surface.area(), centroid, bounded_by, surface }
 }
 
 fn statistics(value: f64) -> Statistics {
@@ -150,15 +153,22 @@ impl Engine for StandIn {
         Ok(points.iter().map(settled).collect())
     }
 
-    fn cut(&self, _: &Case, cuts: &Cuts, _: &Control) -> Result<Osteotomy, Halt> {
-        let planes = match cuts {
-            Cuts::Planes(planes) => planes.clone(),
-            Cuts::LeFort1 { plane, .. } => {
-                let (point, normal) = plane.unwrap_or((Point::origin(), Vector::z()));
-                vec![BoundedPlane { point, normal, bounds: None }]
-            }
-        };
-        for (cut, plane) in planes.iter().enumerate() {
+    fn cut(&self, _: &Case, cuts: &Cuts, _: &Control) -> Result<(Osteotomy, Vec<Clearance>), Halt> {
+        let mut all = Vec::new();
+        for call in &cuts.templates {
+            let (point, normal) = match call.template {
+                Template::LeFort1 => call.landmarks.le_fort_1_plane.unwrap_or((Point::origin(), Vector::z())),
+                other => {
+                    let missing = other.needs().iter().copied().filter(|n| !call.landmarks.points.contains_key(*n));
+                    let missing = missing.collect();
+                    return Err(PlanError::MissingLandmarks { template: other.name(), missing }.into());
+                }
+            };
+            all.push(Cut::from(BoundedPlane { point, normal, bounds: None }));
+        }
+        all.extend(cuts.cuts.iter().cloned());
+        for (cut, asked) in all.iter().enumerate() {
+            let CutShape::Plane(plane) = &asked.shape else { continue };
             let distance_mm = plane.point.z.abs() - 60.0;
             if distance_mm > 0.0 {
                 return Err(PlanError::MissesBone { cut, distance_mm }.into());
@@ -168,10 +178,19 @@ impl Engine for StandIn {
             segment(0, cube([0.0, 0.0, 30.0], 30.0), vec![0]),
             segment(1, cube([0.0, -20.0, -30.0], 20.0), vec![0]),
         ];
-        Ok(Osteotomy { cuts: planes, segments, warnings: Vec::new() })
+        let near =
+            |(protected, p): (usize, &Protected)| Clearance { cut: 0, protected, distance_mm: 1.5, place: p.points[0] };
+        let clearances = cuts.protected.iter().enumerate().map(near).collect();
+        let osteotomy = Osteotomy { cuts: all, segments, bone_mm3: 280_000.0, dropped_mm3: 0.0, warnings: Vec::new() };
+        Ok((osteotomy, clearances))
     }
 
-    fn follow(&self, _: &Case, _: &[BoundedPlane], plan: &Plan, _: &Control) -> Result<Vec<PathReport>, Halt> {
+    fn propose(&self, _: &TriMesh, _: &TriMesh) -> Proposal {
+        let points = [("ans".to_owned(), Point::new(0.0, -70.0, 20.0))].into_iter().collect();
+        Proposal { points, midline_x_mm: 0.5 }
+    }
+
+    fn follow(&self, _: &Case, _: &[Cut], plan: &Plan, _: &Control) -> Result<Vec<PathReport>, Halt> {
         self.cut_again()?;
         let report = |path: &prosopon::plan::Path| {
             let moved: Vector = path.at(1.0).translation.vector;
@@ -180,7 +199,9 @@ impl Engine for StandIn {
                 max_displacement_mm: moved.norm(),
                 centroid_displacement_mm: moved.into(),
                 path_length_mm: moved.norm(),
-                along: vec![(0.0, 0.0, 0.0), (1.0, 0.0, 0.5)],
+                along: [(0.0, 0.0), (1.0, 0.5)]
+                    .map(|(t, gap_mm)| PathSample { t, gap_mm, ..PathSample::default() })
+                    .to_vec(),
             }
         };
         Ok(plan.paths.iter().map(report).collect())

@@ -79,6 +79,19 @@ pub struct PutLandmarks {
     /// The horizontal cut of a Le Fort I osteotomy.
     #[serde(default)]
     pub le_fort_1_plane: Option<PlacedPlane>,
+    /// Which of these are still proposals: names of points, `midline_x_mm`. As `GET …/landmarks?propose=true` gives them.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub proposed: Vec<String>,
+}
+
+/// Whether landmarks are proposed.
+#[derive(Debug, Clone, Copy, Default, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct LandmarksQuery {
+    /// Adds proposals from the surfaces for points that were not given; `proposed` names them. Nothing is stored.
+    #[serde(default)]
+    pub propose: bool,
 }
 
 impl TryFrom<PutLandmarks> for LandmarksDocument {
@@ -104,6 +117,15 @@ impl TryFrom<PutLandmarks> for LandmarksDocument {
                 check.number(pointer, value, -REACH_MM, REACH_MM);
             }
         }
+        for (index, name) in request.proposed.iter().take(600).enumerate() {
+            let known = request.points.contains_key(name) || (name == "midline_x_mm" && request.midline_x_mm.is_some());
+            if !known {
+                check.fault(format!("/proposed/{index}"), "names nothing that is given");
+            }
+        }
+        if request.proposed.len() > 600 {
+            check.fault("/proposed", format!("has {} names, at most 600 are allowed", request.proposed.len()));
+        }
         let le_fort_1_plane = request.le_fort_1_plane.map(|p| checked_plane(&mut check, "/le_fort_1_plane", &p));
         check.finish()?;
         Ok(Self {
@@ -111,6 +133,7 @@ impl TryFrom<PutLandmarks> for LandmarksDocument {
             midline_x_mm: request.midline_x_mm,
             occlusal_plane_z_mm: request.occlusal_plane_z_mm,
             le_fort_1_plane,
+            proposed: request.proposed,
         })
     }
 }

@@ -13,14 +13,17 @@ mod mesh;
 mod plan;
 mod session;
 
-pub use bone::{CreateOsteotomy, CutRequest, OsteotomyList, OsteotomyView, TemplateName, TemplateRequest};
+pub use bone::{
+    CreateOsteotomy, CutRequest, OsteotomyList, OsteotomyView, ProtectedRequest, TemplateName, TemplateRequest,
+};
 pub(super) use compare::{CheckedCompare, Named, finite};
 pub use compare::{CompareRequest, CompareView, ErrorView, PartName, PartRequest, RegisterRequest, SurfaceRef};
 pub(super) use event::render_event;
 pub use file_faults::FileFaults;
 pub(super) use inputs::import_request;
 pub use inputs::{
-    CtQuery, FieldView, PointQuery, PointValues, PutFieldSettings, PutLandmarks, SliceAxis, SliceQuery, SolidName,
+    CtQuery, FieldView, LandmarksQuery, PointQuery, PointValues, PutFieldSettings, PutLandmarks, SliceAxis, SliceQuery,
+    SolidName,
 };
 pub(super) use job::CheckedJob;
 pub use job::{AttachmentRequest, Budget, CreateJob, JobList, JobView, ModelName, OutputName};
@@ -33,7 +36,8 @@ pub use mesh::{BuildMesh, MeshView};
 pub(super) use plan::Segments;
 pub(crate) use plan::segment_motion;
 pub use plan::{
-    AxisAngle, CreatePlan, Hinge, PathRequest, PitchRollYaw, PlanList, PlanView, RotationRequest, WaypointRequest,
+    Autorotate, AxisAngle, CreatePlan, Hinge, PathRequest, PitchRollYaw, PlanList, PlanView, RotationRequest,
+    WaypointRequest,
 };
 pub(super) use session::view_of;
 pub use session::{CreateSession, PartView, SessionList, SessionSettings, SessionView};

@@ -8,8 +8,8 @@ use uuid::Uuid;
 use super::check::Check;
 use super::file_faults::FileFaults;
 use crate::geometry::{Motion, Point, Vector};
-use crate::plan::{Path, Plan, PlanError};
-use crate::session::{Fault, Halt, OsteotomyDocument, PlanDocument, TissueDocument, motion_from};
+use crate::plan::{CondylarAxis, Path, Plan, PlanError};
+use crate::session::{Fault, Halt, LandmarksDocument, OsteotomyDocument, PlanDocument, TissueDocument, motion_from};
 use crate::store::PlanRecord;
 
 /// A rotation about an axis.
@@ -59,10 +59,13 @@ pub struct RotationRequest {
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Hinge {
-    /// A point of the axis.
-    pub point_mm: [f64; 3],
+    /// A point of the axis. Without it and `axis`, the axis runs from the landmark `condylion_right` to `condylion_left`: positive
+    /// angles open the mouth.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub point_mm: Option<[f64; 3]>,
     /// Direction of the axis.
-    pub axis: [f64; 3],
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub axis: Option<[f64; 3]>,
     /// Right-handed angle, degrees.
     pub angle_deg: f64,
 }
@@ -84,14 +87,29 @@ pub struct WaypointRequest {
     pub hinge: Option<Hinge>,
 }
 
-/// Path of one segment.
+/// The mandible follows the upper jaw about its condyles.
+///
+/// The lower incisor keeps its height below the upper one. Goes by the landmarks `condylion_left`, `condylion_right`,
+/// `upper_incisor` and `lower_incisor`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Autorotate {
+    /// The segment of the upper jaw; its path must stand in the same plan, with waypoints.
+    pub follows: u32,
+}
+
+/// Path of one segment: waypoints, or `autorotate`.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PathRequest {
     /// The segment that moves; not 0.
     pub segment: u32,
     /// Motions from rest at rising t, the last at t = 1; joined by screw motions.
+    #[serde(default)]
     pub waypoints: Vec<WaypointRequest>,
+    /// Instead of waypoints: autorotation.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub autorotate: Option<Autorotate>,
 }
 
 /// Where the bone shall go.
@@ -117,12 +135,14 @@ pub(in crate::http) struct Segments {
     pivots: BTreeMap<u32, [f64; 3]>,
     /// Whether loads act, so that nothing has to move.
     loads: bool,
+    /// The session's landmarks: condyles and incisors.
+    landmarks: BTreeMap<String, [f64; 3]>,
 }
 
 impl From<&OsteotomyDocument> for Segments {
     fn from(osteotomy: &OsteotomyDocument) -> Self {
         let pivots = osteotomy.segments.iter().map(|s| (s.id, s.centroid_mm)).collect();
-        Self { owner: "the osteotomy", pivots, loads: false }
+        Self { owner: "the osteotomy", pivots, loads: false, landmarks: BTreeMap::new() }
     }
 }
 
@@ -131,7 +151,33 @@ impl Segments {
     pub(in crate::http) fn of_tissue(tissue: &TissueDocument, bones: &[(u32, String)]) -> Self {
         let tied = tissue.tied_nodes.keys().copied();
         let pivots = tied.chain(bones.iter().map(|(segment, _)| *segment)).map(|s| (s, [0.0; 3])).collect();
-        Self { owner: "the tissue mesh", pivots, loads: tissue.loaded_nodes > 0 }
+        Self { owner: "the tissue mesh", pivots, loads: tissue.loaded_nodes > 0, landmarks: BTreeMap::new() }
+    }
+}
+
+impl Segments {
+    /// With the session's landmarks, for hinges about the condyles.
+    pub(in crate::http) fn with_landmarks(self, landmarks: Option<LandmarksDocument>) -> Self {
+        Self { landmarks: landmarks.map(|l| l.points).unwrap_or_default(), ..self }
+    }
+
+    /// Landmarks by name; a fault at `pointer` that names those that are missing.
+    fn points<const N: usize>(&self, check: &mut Check, pointer: &str, names: [&str; N]) -> Option<[Point; N]> {
+        let missing: Vec<&str> = names.iter().copied().filter(|n| !self.landmarks.contains_key(*n)).collect();
+        if !missing.is_empty() {
+            check.fault(pointer, format!("needs the landmarks {}; PUT them first", missing.join(", ")));
+            return None;
+        }
+        Some(names.map(|n| self.landmarks.get(n).copied().map_or_else(Point::origin, Point::from)))
+    }
+
+    fn condyles(&self, check: &mut Check, pointer: &str) -> Option<CondylarAxis> {
+        let [left, right] = self.points(check, pointer, ["condylion_left", "condylion_right"])?;
+        if (left - right).norm() < 1.0 {
+            check.fault(pointer, "the landmarks condylion_left and condylion_right are less than 1 mm apart");
+            return None;
+        }
+        Some(CondylarAxis { right, left })
     }
 }
 
@@ -152,12 +198,36 @@ impl CreatePlan {
             }
             waypoints.push(motions(&mut check, &pointer, path, segments));
         }
+        let mut turns = Vec::new();
+        for (index, path) in self.paths.iter().enumerate() {
+            let Some(autorotate) = path.autorotate else { continue };
+            let pointer = format!("/paths/{index}/autorotate");
+            let of = self.paths.iter().position(|p| p.segment == autorotate.follows && p.autorotate.is_none());
+            if of.is_none() {
+                let detail = format!("the plan has no path with waypoints for segment {}", autorotate.follows);
+                check.fault(format!("{pointer}/follows"), detail);
+            }
+            let axis = segments.condyles(&mut check, &pointer);
+            let incisors = segments.points(&mut check, &pointer, ["upper_incisor", "lower_incisor"]);
+            if let (Some(of), Some(axis), Some(incisors)) = (of, axis, incisors) {
+                turns.push((index, of, axis, incisors));
+            }
+        }
         check.finish()?;
-        let path = |(index, (request, motions)): (usize, (&PathRequest, Vec<(f64, Motion)>))| {
-            Path::new(request.segment, motions).map_err(|e| below(index, e))
-        };
-        let paths = self.paths.iter().zip(waypoints).enumerate().map(path).collect::<Result<_, _>>()?;
-        Ok((label, Plan { paths }))
+        let mut paths = Vec::with_capacity(waypoints.len());
+        for (index, (request, motions)) in self.paths.iter().zip(waypoints).enumerate() {
+            if request.autorotate.is_none() {
+                paths.push((index, Path::new(request.segment, motions).map_err(|e| below(index, e))?));
+            }
+        }
+        for (index, of, axis, [upper, lower]) in turns {
+            let Some((_, way)) = paths.iter().find(|(i, _)| *i == of) else { continue };
+            let followed = axis.follow(self.paths[index].segment, way, &upper, &lower, &Vector::z());
+            let followed = followed.map_err(|e| below(index, e))?;
+            paths.push((index, followed));
+        }
+        paths.sort_by_key(|(index, _)| *index);
+        Ok((label, Plan { paths: paths.into_iter().map(|(_, path)| path).collect() }))
     }
 }
 
@@ -181,6 +251,12 @@ fn motions(check: &mut Check, pointer: &str, path: &PathRequest, segments: &Segm
         check.fault(format!("{pointer}/segment"), detail);
     }
     let pivot = pivot.unwrap_or_default();
+    if path.autorotate.is_some() {
+        if !path.waypoints.is_empty() {
+            check.fault(format!("{pointer}/waypoints"), "cannot stand beside autorotate");
+        }
+        return Vec::new();
+    }
     if !(1..=1000).contains(&path.waypoints.len()) {
         let detail = format!("has {} waypoints, allowed are 1 to 1000", path.waypoints.len());
         check.fault(format!("{pointer}/waypoints"), detail);
@@ -195,7 +271,7 @@ fn motions(check: &mut Check, pointer: &str, path: &PathRequest, segments: &Segm
             check
                 .fault(format!("{pointer}/t"), format!("is {}, but must rise: the one before is {before}", waypoint.t));
         }
-        motions.push((waypoint.t, motion(check, &pointer, waypoint, pivot)));
+        motions.push((waypoint.t, motion(check, &pointer, waypoint, pivot, segments)));
     }
     if let Some((last, _)) = motions.last()
         && *last != 1.0
@@ -206,15 +282,34 @@ fn motions(check: &mut Check, pointer: &str, path: &PathRequest, segments: &Segm
     motions
 }
 
-fn motion(check: &mut Check, pointer: &str, waypoint: &WaypointRequest, centroid: [f64; 3]) -> Motion {
+fn motion(
+    check: &mut Check,
+    pointer: &str,
+    waypoint: &WaypointRequest,
+    centroid: [f64; 3],
+    segments: &Segments,
+) -> Motion {
     if let Some(hinge) = &waypoint.hinge {
         if waypoint.translation_mm.is_some() || waypoint.rotation.is_some() {
             check.fault(format!("{pointer}/hinge"), "cannot stand beside translation_mm or rotation");
         }
-        let axis = check.direction(&format!("{pointer}/hinge/axis"), hinge.axis);
         let angle = check.number(&format!("{pointer}/hinge/angle_deg"), hinge.angle_deg, -90.0, 90.0);
+        let (point, axis) = match (hinge.point_mm, hinge.axis) {
+            (Some(point), Some(axis)) => {
+                let axis = check.direction(&format!("{pointer}/hinge/axis"), axis);
+                (check.vector(&format!("{pointer}/hinge/point_mm"), point), axis)
+            }
+            (None, None) => {
+                let condyles = segments.condyles(check, &format!("{pointer}/hinge"));
+                let turn = condyles.and_then(|axis| axis.turn(angle.to_radians()).ok());
+                return turn.unwrap_or_else(Motion::identity);
+            }
+            _ => {
+                check.fault(format!("{pointer}/hinge"), "must have both point_mm and axis, or neither");
+                return Motion::identity();
+            }
+        };
         let turn = UnitQuaternion::from_axis_angle(&Unit::new_unchecked(axis), angle.to_radians());
-        let point = check.vector(&format!("{pointer}/hinge/point_mm"), hinge.point_mm);
         return motion_from(Vector::zeros(), turn, Point::from(point));
     }
     if waypoint.translation_mm.is_none() && waypoint.rotation.is_none() {

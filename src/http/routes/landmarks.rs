@@ -1,9 +1,10 @@
 use axum::Json;
 use axum::extract::State;
 
-use crate::http::dto::PutLandmarks;
-use crate::http::extract::{Body, Ids};
+use crate::http::dto::{LandmarksQuery, PutLandmarks};
+use crate::http::extract::{Body, Ids, Params};
 use crate::http::{AppState, Problem};
+use crate::jobs::propose_landmarks;
 use crate::session::{FaultKind, LandmarksDocument, SessionParts};
 use crate::store::{PartKind, PartRecord, SessionId, now_rfc3339, sha256_hex};
 
@@ -34,13 +35,22 @@ pub(in crate::http) async fn put(
 }
 
 /// The landmarks
-#[utoipa::path(get, path = "/v1/sessions/{session}/landmarks", tag = "inputs", params(("session" = Uuid, Path)),
-    responses((status = 200, description = "as stored", body = LandmarksDocument)))]
+///
+/// With `propose=true` also extremal points of the midsagittal profiles of skin and bone, named in `proposed`: a person should check
+/// them and PUT those that hold. Needs skin and skull.
+#[utoipa::path(get, path = "/v1/sessions/{session}/landmarks", tag = "inputs",
+    params(("session" = Uuid, Path), LandmarksQuery),
+    responses((status = 200, description = "as stored, with proposals where asked for", body = LandmarksDocument)))]
 pub(in crate::http) async fn get(
     State(state): State<AppState>,
     Ids(session): Ids<SessionId>,
+    Params(query): Params<LandmarksQuery>,
 ) -> Result<Json<LandmarksDocument>, Problem> {
     let parts = SessionParts::load(state.service.store(), session).await?;
+    if query.propose {
+        let proposal = propose_landmarks(&state.service, &parts).await?;
+        return Ok(Json(parts.landmarks()?.unwrap_or_default().with_proposals(&proposal)));
+    }
     let missing = || Problem::new(FaultKind::NotFound, "the session has no landmarks yet");
     Ok(Json(parts.landmarks()?.ok_or_else(missing)?))
 }

@@ -15,7 +15,7 @@ use crate::store::{OsteotomyId, OsteotomyRecord, SessionId, decode_mesh};
 
 /// Cut the bone
 ///
-/// By planes, or by a template with its landmarks. Needs the fields.
+/// By planes, polylines, surfaces, and templates with their landmarks; several combine. Needs the fields.
 #[utoipa::path(post, path = "/v1/sessions/{session}/osteotomies", tag = "bone", params(("session" = Uuid, Path)),
     request_body = CreateOsteotomy,
     responses((status = 201, description = "the segments", body = OsteotomyView, headers(("Location" = String)))))]
@@ -26,13 +26,26 @@ pub(in crate::http) async fn create(
 ) -> Result<Response, Problem> {
     let (request, answering) = creating.split();
     let parts = SessionParts::load(state.service.store(), session).await?;
+    let is_single = request.template.is_some();
     let (label, cuts) = request.check(parts.landmarks()?.as_ref())?;
-    let (record, content) = cut_bone(&state.service, session, &parts, cuts, label).await?;
+    let cut = cut_bone(&state.service, session, &parts, cuts, label).await;
+    let (record, content) = cut.map_err(|fault| if is_single { of_single(fault) } else { fault })?;
     let view = OsteotomyView::new(&record, content, Some(&record.field_key));
     let location = format!("/v1/sessions/{session}/osteotomies/{}", record.id);
     let answer = answering.remember(StatusCode::CREATED, &location, None, &view, session);
     state.service.store().insert_osteotomy(&record, answer.as_ref()).await?;
     Ok((StatusCode::CREATED, [(header::LOCATION, location)], Json(view)).into_response())
+}
+
+/// Points to `/template`, as the request has it.
+fn of_single(mut fault: Fault) -> Fault {
+    for error in &mut fault.errors {
+        let below = error.pointer.strip_prefix("/templates").map(|rest| rest.strip_prefix("/0").unwrap_or(rest));
+        if let Some(below) = below {
+            error.pointer = format!("/template{below}");
+        }
+    }
+    fault
 }
 
 /// List osteotomies

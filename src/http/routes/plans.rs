@@ -8,7 +8,7 @@ use crate::http::dto::{CreatePlan, PlanList, PlanView, Segments};
 use crate::http::extract::{Creating, Ids};
 use crate::http::{AppState, Problem};
 use crate::jobs::make_plan;
-use crate::session::{FaultKind, PlanDocument, SessionParts};
+use crate::session::{FaultKind, PlanDocument, SessionParts, stored_cuts};
 use crate::store::{OsteotomyId, PlanId, PlanRecord, SessionId, now_rfc3339};
 
 /// Plan where the bone goes
@@ -28,12 +28,13 @@ pub(in crate::http) async fn create(
     let content = match osteotomy {
         Some(osteotomy) => {
             let (_, bone) = fresh_osteotomy(&state, &parts, session, osteotomy, "/osteotomy").await?;
-            let (label, plan) = request.check(&Segments::from(&bone))?;
-            make_plan(&state.service, &parts, bone.planes(), plan, label).await?
+            let (label, plan) = request.check(&Segments::from(&bone).with_landmarks(parts.landmarks()?))?;
+            make_plan(&state.service, &parts, stored_cuts(&bone.cuts)?, plan, label).await?
         }
         None => {
             let tissue = parts.require_tissue("name an osteotomy, or PUT the tissue first")?;
-            let (label, plan) = request.check(&Segments::of_tissue(&tissue, &parts.bone_keys()))?;
+            let (label, plan) =
+                request.check(&Segments::of_tissue(&tissue, &parts.bone_keys()).with_landmarks(parts.landmarks()?))?;
             PlanDocument { label, paths: PlanDocument::paths_of(&plan), reports: Vec::new(), wall_s: 0.0 }
         }
     };

@@ -1,9 +1,9 @@
 use std::time::Instant;
 
 use crate::jobs::Service;
-use crate::plan::{BoundedPlane, Plan};
-use crate::session::{Cuts, Fault, Halt, OsteotomyDocument, PathReportDocument, PlanDocument, SessionParts};
-use crate::store::{OsteotomyId, OsteotomyRecord, SessionId, encode_mesh, now_rfc3339};
+use crate::plan::{Cut, Plan, Proposal};
+use crate::session::{Cuts, Fault, Halt, OsteotomyDocument, PathReportDocument, PlanDocument, SessionParts, load_mesh};
+use crate::store::{OsteotomyId, OsteotomyRecord, PartKind, SessionId, encode_mesh, now_rfc3339};
 
 /// Cuts the session's bone and stores the segments' surfaces; the row is the caller's to insert.
 ///
@@ -19,21 +19,18 @@ pub async fn cut_bone(
     parts.require_field()?;
     let case = parts.case(&service.store).await?;
     let field_key = case.key.clone();
-    let template = match cuts {
-        Cuts::Planes(_) => None,
-        Cuts::LeFort1 { .. } => Some("le_fort_1".to_owned()),
-    };
-    let is_template = template.is_some();
+    let templates: Vec<String> = cuts.templates.iter().map(|t| t.template.name().to_owned()).collect();
+    let from_template = cuts.cuts.is_empty().then_some("/templates");
     let started = Instant::now();
     let (document, surfaces) = service
         .compute(move |engine, control| {
-            let osteotomy = engine.cut(&case, &cuts, control)?;
-            let document = OsteotomyDocument::new(label, template, &osteotomy);
+            let (osteotomy, clearances) = engine.cut(&case, &cuts, control)?;
+            let document = OsteotomyDocument::new(label, templates, &osteotomy, &cuts.protected, &clearances);
             let surfaces: Vec<Vec<u8>> = osteotomy.segments.iter().map(|s| encode_mesh(&s.surface)).collect();
             Ok((document, surfaces))
         })
         .await
-        .map_err(|fault| if is_template { fault.with_cuts_at("/template") } else { fault })?;
+        .map_err(|fault| from_template.map_or(fault.clone(), |pointer| fault.with_cuts_at(pointer)))?;
     let wall_s = started.elapsed().as_secs_f64();
     let mut blobs = Vec::new();
     let mut bytes = 0;
@@ -55,6 +52,16 @@ pub async fn cut_bone(
     Ok((record, document))
 }
 
+/// Landmarks proposed from the session's surfaces.
+///
+/// # Errors
+/// A missing skin or skull, or the store's.
+pub async fn propose_landmarks(service: &Service, parts: &SessionParts) -> Result<Proposal, Fault> {
+    let skin = load_mesh(&service.store, parts.require(PartKind::Skin)?).await?;
+    let skull = load_mesh(&service.store, parts.require(PartKind::Skull)?).await?;
+    service.compute(move |engine, _| Ok::<_, Halt>(engine.propose(&skin, &skull))).await
+}
+
 /// Follows the paths of a plan through the cut bone: the plan's document with its reports.
 ///
 /// # Errors
@@ -62,7 +69,7 @@ pub async fn cut_bone(
 pub async fn make_plan(
     service: &Service,
     parts: &SessionParts,
-    cuts: Vec<BoundedPlane>,
+    cuts: Vec<Cut>,
     plan: Plan,
     label: Option<String>,
 ) -> Result<PlanDocument, Fault> {

@@ -8,7 +8,7 @@ mod surface;
 mod tissue;
 mod volume;
 
-pub use bone::{cut_bone, make_plan};
+pub use bone::{cut_bone, make_plan, propose_landmarks};
 pub use compare::{Compared, Comparison, Prediction, RegisterOn, UNMOVED_MM, compare};
 pub use results::{read_frame, rest_of};
 pub use slice::field_slice;

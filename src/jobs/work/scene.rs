@@ -13,7 +13,7 @@ use crate::jobs::requests::SceneRequest;
 use crate::jobs::running::Phase;
 use crate::session::{
     Fault, FaultKind, Halt, PhasesDocument, ReportDocument, SceneBones, SceneRun, SceneSolved, SessionParts,
-    import_fault, load_mesh,
+    import_fault, load_mesh, stored_cuts,
 };
 use crate::simulate::{OuterSurface, ReadyMesh};
 use crate::store::{PartKind, encode_mesh, now_rfc3339};
@@ -74,7 +74,7 @@ async fn bones(context: &Context, parts: &SessionParts, request: &SceneRequest) 
         if case.key != request.field_key {
             return Err(changed_meanwhile().into());
         }
-        return Ok(SceneBones::Cut { case, cuts: cuts.iter().map(Into::into).collect() });
+        return Ok(SceneBones::Cut { case, cuts: stored_cuts(cuts)? });
     }
     let mut surfaces = Vec::new();
     for (segment, part) in parts.bones() {

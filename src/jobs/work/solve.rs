@@ -10,7 +10,7 @@ use super::{Context, Done, changed_meanwhile, scene, to_json};
 use crate::jobs::requests::{SolveKind, SolveRequest};
 use crate::jobs::running::Phase;
 use crate::jobs::service::warning_event;
-use crate::session::{Fault, Halt, Run};
+use crate::session::{Fault, Halt, Run, stored_cuts};
 use crate::simulate::{Outcome, RunSettings};
 use crate::store::{StepRecord, encode_mesh};
 
@@ -47,7 +47,7 @@ async fn on_case(context: &Context, request: SolveRequest) -> Result<Done, Halt>
     let reference = Reference::load(context, &parts, &request).await?;
     let run = Run {
         case,
-        cuts: request.cuts.iter().map(Into::into).collect(),
+        cuts: stored_cuts(&request.cuts)?,
         tissue,
         plan: request.plan.plan()?,
         settings: RunSettings::from(&request),

@@ -1,7 +1,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::PlaneDocument;
+use super::CutDocument;
 use crate::mesh::MeshReport;
 use crate::session::MeshSettingsDocument;
 
@@ -11,7 +11,7 @@ pub struct MeshDocument {
     /// Settings that it was built with.
     pub settings: MeshSettingsDocument,
     /// Cuts whose segments chose the region; absent when it is the front of the face or a box.
-    pub cuts: Option<Vec<PlaneDocument>>,
+    pub cuts: Option<Vec<CutDocument>>,
     /// Number of tetrahedra.
     pub tetrahedra: usize,
     /// Number of prisms.
@@ -39,7 +39,7 @@ pub struct MeshDocument {
 impl MeshDocument {
     /// The document of a mesh.
     #[must_use]
-    pub fn new(settings: MeshSettingsDocument, cuts: Option<Vec<PlaneDocument>>, r: &MeshReport) -> Self {
+    pub fn new(settings: MeshSettingsDocument, cuts: Option<Vec<CutDocument>>, r: &MeshReport) -> Self {
         Self {
             settings,
             cuts,

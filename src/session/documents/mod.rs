@@ -12,8 +12,9 @@ mod surface;
 mod tissue;
 
 pub use bone::{
-    OsteotomyDocument, PathDocument, PathReportDocument, PathSample, PlanDocument, PlaneBoundsDocument, PlaneDocument,
-    SegmentDocument, WaypointDocument,
+    ClearanceDocument, CutDocument, CutSurfaceDocument, FreePartDocument, OsteotomyDocument, PathDocument,
+    PathReportDocument, PathSample, PlanDocument, PlaneBoundsDocument, PlaneDocument, PolylineDocument,
+    PurposeDocument, SegmentDocument, WaypointDocument, stored_cuts,
 };
 pub use error_map::{ErrorDocument, HistogramBin, StatisticsDocument};
 pub use field::{DoubtDocument, DoubtfulRegionsDocument, FieldDocument, FieldQualityDocument, RegionDocument};

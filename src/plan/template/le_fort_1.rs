@@ -1,8 +1,8 @@
-//! Ready-made sets of cuts.
+//! The horizontal osteotomy of the upper jaw.
 
-use super::cut::{Blade, BoundedPlane};
-use super::parting::{crossings, lattice};
-use crate::control::Control;
+use super::super::parting::lattice;
+use super::super::shape::{BoundedPlane, Cut};
+use super::meets;
 use crate::field::Envelope;
 use crate::geometry::{Point, Vector};
 
@@ -31,7 +31,7 @@ const ARCH_DEPTH: f64 = 48.0;
 /// and the pterygoid plates, but it does not follow the bone: a part of either may lie on the wrong side. The rectangles
 /// overlap by two millimetres.
 #[must_use]
-pub fn le_fort_1(plane: (Point, Vector), midline_x_mm: f64, occlusal_z_mm: f64, bone: &Envelope) -> Vec<BoundedPlane> {
+pub fn le_fort_1(plane: (Point, Vector), midline_x_mm: f64, occlusal_z_mm: f64, bone: &Envelope) -> Vec<Cut> {
     let Some(frame) = Frame::new(plane, midline_x_mm, occlusal_z_mm) else { return Vec::new() };
     let (front, back) = frame.arch(bone);
     let front = front - 15.0;
@@ -47,14 +47,40 @@ pub fn le_fort_1(plane: (Point, Vector), midline_x_mm: f64, occlusal_z_mm: f64, 
         normal: frame.back,
         bounds: Some((frame.left, HALF_WIDTH, 0.5 * -frame.occlusal + OVERLAP)),
     };
-    let mut cuts = vec![level(0.0, HALF_WIDTH_ABOVE)];
-    cuts.extend([behind, level(frame.occlusal, HALF_WIDTH_TEETH)].into_iter().filter(|c| meets(bone, c)));
+    let mut cuts = vec![Cut::from(level(0.0, HALF_WIDTH_ABOVE)).named("le_fort_1")];
+    let behind = Cut::from(behind).named("pterygomaxillary");
+    let teeth = Cut::from(level(frame.occlusal, HALF_WIDTH_TEETH)).named("occlusal").separating();
+    cuts.extend([behind, teeth].into_iter().filter(|c| meets(bone, c)));
     cuts
 }
 
-fn meets(bone: &Envelope, cut: &BoundedPlane) -> bool {
-    let Ok(blade) = Blade::new(0, cut) else { return false };
-    crossings(&bone.grid, &[blade], false, &Control::new()).is_ok_and(|c| !c.is_empty())
+/// The cut that makes two halves of a Le Fort I segment: midsagittal, from the Le Fort I plane to the occlusal plane.
+pub(super) fn midsagittal(
+    plane: (Point, Vector),
+    midline_x_mm: f64,
+    occlusal_z_mm: f64,
+    bone: &Envelope,
+) -> Option<Cut> {
+    let frame = Frame::new(plane, midline_x_mm, occlusal_z_mm)?;
+    let (front, back) = frame.arch(bone);
+    let (front, back) = (front - 15.0, back + OVERLAP);
+    let half_height = 0.5 * -frame.occlusal + OVERLAP;
+    let point = frame.at(0.5 * (front + back), 0.5 * frame.occlusal);
+    let plane =
+        BoundedPlane { point, normal: frame.left, bounds: Some((frame.back, 0.5 * (back - front), half_height)) };
+    Some(Cut::from(plane).named("midsagittal"))
+}
+
+/// Depth of the end of the tuberosities, as y, and the height of the occlusal plane's overlap below it.
+pub(super) fn tuberosity_y(
+    plane: (Point, Vector),
+    midline_x_mm: f64,
+    occlusal_z_mm: f64,
+    bone: &Envelope,
+) -> Option<[f64; 2]> {
+    let frame = Frame::new(plane, midline_x_mm, occlusal_z_mm)?;
+    let (front, back) = frame.arch(bone);
+    Some([front, back].map(|depth| frame.at(depth, frame.occlusal).y))
 }
 
 /// Axes of the Le Fort I plane with the origin in the midline.

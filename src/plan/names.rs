@@ -1,0 +1,70 @@
+//! Suggested names of segments.
+
+use super::{Landmarks, Osteotomy, Segment};
+
+/// Farther than this from the midline a segment is of one side, mm.
+const ASIDE_MM: f64 = 18.0;
+
+/// Names the segments by where they lie and which template's cuts bound them. Of several that would have one name the largest
+/// gets it, the others get it with a number. Without landmarks the midline is the middle of the bone, and what only the occlusal
+/// plane tells is left without a name.
+pub fn name_segments(osteotomy: &mut Osteotomy, landmarks: &Landmarks) {
+    let middle = osteotomy.segments.first().map_or(0.0, |s| s.surface.bounds().center().x);
+    let midline = landmarks.midline_x_mm.unwrap_or(middle);
+    let cuts: Vec<String> = osteotomy.cuts.iter().map(|c| c.name.clone().unwrap_or_default()).collect();
+    let top_of_chin = osteotomy
+        .segments
+        .iter()
+        .filter(|s| s.id != 0 && s.bounded_by.iter().any(|c| cuts[*c] == "genioplasty"))
+        .min_by(|a, b| a.centroid.z.total_cmp(&b.centroid.z))
+        .map(|s| s.id);
+    let mut taken: Vec<(String, usize)> = Vec::new();
+    // Segments stand by falling volume: the largest comes first.
+    for segment in &mut osteotomy.segments {
+        let name = match segment.id {
+            0 => Some("skull".to_owned()),
+            id if Some(id) == top_of_chin => Some("chin".to_owned()),
+            _ => name(segment, &cuts, midline, landmarks),
+        };
+        segment.name = name.map(|name| match taken.iter_mut().find(|(n, _)| *n == name) {
+            Some((_, count)) => {
+                *count += 1;
+                format!("{name}_{count}")
+            }
+            None => {
+                taken.push((name.clone(), 1));
+                name
+            }
+        });
+    }
+}
+
+fn name(segment: &Segment, cuts: &[String], midline: f64, landmarks: &Landmarks) -> Option<String> {
+    let bounded = |start: &str| segment.bounded_by.iter().any(|c| cuts[*c].starts_with(start));
+    let off = segment.centroid.x - midline;
+    let side = if off > 0.0 { "left" } else { "right" };
+    let is_upper = landmarks.occlusal_z_mm.map(|z| segment.centroid.z > z);
+    let split = bounded("bsso_");
+    if split || is_upper == Some(false) {
+        let aside = off.abs() > ASIDE_MM;
+        if split && aside {
+            return Some(format!("mandible_proximal_{side}"));
+        }
+        let cut_through = split || (bounded("genioplasty") && !bounded("joint_"));
+        return Some(match (aside, cut_through) {
+            (false, true) => "mandible_distal".to_owned(),
+            (true, _) => format!("mandible_{side}"),
+            (false, false) => "mandible".to_owned(),
+        });
+    }
+    if bounded("joint_") {
+        return Some("mandible".to_owned());
+    }
+    if bounded("le_fort_2") || bounded("le_fort_3") {
+        return Some("midface".to_owned());
+    }
+    if bounded("midsagittal") {
+        return Some(format!("maxilla_{side}"));
+    }
+    (is_upper == Some(true) || bounded("le_fort_1")).then(|| "maxilla".to_owned())
+}

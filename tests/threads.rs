@@ -84,7 +84,7 @@ fn an_error_map_and_a_registration() {
     let mesh = dirty_torus();
     // A torus turns about its axis: a dent holds it.
     let dent =
-        |p: &Point| p + Vector::new(0.0, 0.0, 0.8 * (-(p - Point::new(8.0, 0.0, 3.0)).norm_squared() / 9.0).exp());
+        |p: &Point| p + Vector::new(0.0, 0.0, 2.5 * (-(p - Point::new(8.0, 0.0, 3.0)).norm_squared() / 9.0).exp());
     let target = mesh.with_positions(mesh.positions().iter().map(dent).collect()).unwrap();
     let source = target.moved(&Motion::new(Vector::new(0.2, -0.1, 0.3), Vector::new(0.02, 0.01, -0.03)));
     let done = on_threads(|| {

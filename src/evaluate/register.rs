@@ -118,12 +118,13 @@ pub fn register(
         return Err(RegistrationFault::NotConverged { iterations, movement_mm, mirrored: mirrored()? }.into());
     }
     if found.median_mm > GOOD_MM {
-        let detail = if mirrored()? { ": the mirror image fits better, is one of them mirrored?" } else { "" };
-        warnings
-            .push(format!("after registration half of the region is still over {:.1} mm off{detail}", found.median_mm));
+        warnings.push(format!("after registration half of the region is still over {:.1} mm off", found.median_mm));
     }
     if found.overlap < OVERLAP[1] {
         warnings.push(format!("only {:.0} % of the region has a partner that counts", 100.0 * found.overlap));
+    }
+    if (found.median_mm > GOOD_MM || found.overlap < OVERLAP[1]) && mirrored()? {
+        warnings.push("the mirror image fits better: is one of the surfaces mirrored?".to_owned());
     }
     control.report(1.0);
     Ok(Registration {

@@ -12,6 +12,8 @@ use crate::geometry::{Motion, Point, Vector};
 
 /// Iterations after which contact is no longer settled beforehand: points that slip over a rim may go round in a circle with it.
 const PATIENCE: usize = 6;
+/// It is also no longer settled once an iteration moves tissue by more than this share of the one before.
+const CIRCLING: f64 = 0.5;
 /// A step counts as converged only when the remaining displacement is estimated below this share of the element size: 1e-3 mm for
 /// elements of 4 mm.
 const DISPLACEMENT_TOLERANCE: f64 = 2.5e-4;
@@ -78,6 +80,7 @@ impl Equations<'_> {
         control: &Control,
     ) -> Result<Equilibrium, Failure> {
         self.failed_at.clear();
+        self.settles = true;
         let result = self.augmented(x, motions, t, control);
         if result.is_err() {
             self.failed_at = x.to_vec();
@@ -132,9 +135,10 @@ impl Equations<'_> {
         let share = if aim > self.limits.relative_residual { COARSE_DISPLACEMENT } else { DISPLACEMENT_TOLERANCE };
         let enough = share * self.limits.element_size_mm;
         let mut last = (f64::INFINITY, 0.0);
+        let mut moved_mm = f64::INFINITY;
         for iteration in 0..=self.limits.max_iterations {
             control.check()?;
-            self.settles = iteration < PATIENCE;
+            self.settles &= iteration < PATIENCE;
             let balance = self.balance(x, motions)?;
             let tolerance = aim * balance.reaction_n.max(self.limits.force_floor_n);
             last = (balance.residual_n, tolerance);
@@ -183,6 +187,8 @@ impl Equations<'_> {
                     self.dofs.add(step, &d, x);
                     record.step = step;
                     record.displacement_mm = step * self.dofs.max_position_change(&d);
+                    self.settles &= record.displacement_mm <= CIRCLING * moved_mm;
+                    moved_mm = record.displacement_mm;
                     // A short step says that the quadratic model was poor.
                     curvature = if step < 0.5 { Curvature::Projected } else { Curvature::Exact };
                     wait = if record.unstable { 2 } else { wait.saturating_sub(1) };

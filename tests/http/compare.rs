@@ -1,7 +1,7 @@
 //! Comparisons of stored surfaces with the real numerics, and errors of steps on demand.
 
 use axum::http::Method;
-use prosopon::geometry::{Motion, Point, TriMesh, Vector};
+use prosopon::geometry::{Motion, TriMesh, Vector};
 use serde_json::{Value, json};
 
 use crate::app::{Answer, TestApp};

@@ -158,7 +158,13 @@ impl Engine for StandIn {
         for call in &cuts.templates {
             let (point, normal) = match call.template {
                 Template::LeFort1 => call.landmarks.le_fort_1_plane.unwrap_or((Point::origin(), Vector::z())),
-                other => {
+                other @ (Template::LeFort2
+                | Template::LeFort3
+                | Template::BssoLeft
+                | Template::BssoRight
+                | Template::Genioplasty
+                | Template::TwoPieceMaxilla
+                | Template::Mandible) => {
                     let missing = other.needs().iter().copied().filter(|n| !call.landmarks.points.contains_key(*n));
                     let missing = missing.collect();
                     return Err(PlanError::MissingLandmarks { template: other.name(), missing }.into());

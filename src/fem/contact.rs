@@ -376,39 +376,46 @@ impl<'a> Contact<'a> {
         per_point.into_iter().fold(0.0, f64::max)
     }
 
-    /// The body that a contact point has passed through between two states of nodes and motions, with the point's place at the second: on a
-    /// straight line in the body's frame it dipped into the solid, and the solid now pushes it the other way.
-    pub(super) fn passed_through(
-        &self,
-        x: (&[Vector], &[Vector]),
-        motions: (&[Motion], &[Motion]),
-    ) -> Option<(usize, Point)> {
+    /// A contact point that has come to the other side of a body between two states of nodes and motions: on a straight line in the body's
+    /// frame it dipped into the solid, and the solid now pushes it the other way. One that has not come round a rim is told first.
+    pub(super) fn passed_through(&self, x: (&[Vector], &[Vector]), motions: (&[Motion], &[Motion])) -> Option<Passage> {
         let n = self.bodies.len();
         let passed = |(index, p): (usize, &ContactPoint)| {
-            let (from, to) = (p.at(x.0), p.at(x.1));
+            let (from, place) = (p.at(x.0), p.at(x.1));
             let through = |body: usize| {
                 // What overlaps at rest is on no side.
                 if self.overlap[index * n + body] > 0.0 {
-                    return false;
+                    return None;
                 }
                 let from = motions.0[body].inverse_transform_point(&from);
-                let way = motions.1[body].inverse_transform_point(&to) - from;
-                let (length, solid) = (way.norm(), self.bodies[body].solid);
+                let to = motions.1[body].inverse_transform_point(&place);
+                let (length, solid) = ((to - from).norm(), self.bodies[body].solid);
                 if length < LEAST_PASSAGE_MM || solid.value(&from) > length {
-                    return false;
+                    return None;
                 }
-                let to = from + way;
                 let normal = |p: &Point| solid.value_gradient(p).1;
                 let (out, back) = (normal(&from), normal(&to));
-                !is_clear(solid, &from, &to)
-                    && out.dot(&back) < TURNED_ROUND
-                    && !is_round_a_rim(solid, (&from, &to), &(out + back))
+                let is_through = !is_clear(solid, &from, &to) && out.dot(&back) < TURNED_ROUND;
+                let round_a_rim = || is_round_a_rim(solid, (&from, &to), &(out + back));
+                is_through.then(|| Passage { body, place, round_a_rim: round_a_rim() })
             };
-            (0..n).find(|body| through(*body)).map(|body| (body, to))
+            (0..n).find_map(through)
         };
         // The first in the order of points, however many threads look.
-        self.points.par_iter().enumerate().with_min_len(TASK).filter_map(passed).collect::<Vec<_>>().into_iter().next()
+        let found: Vec<Passage> = self.points.par_iter().enumerate().with_min_len(TASK).filter_map(passed).collect();
+        found.iter().find(|p| !p.round_a_rim).or(found.first()).copied()
     }
+}
+
+/// A contact point that has come to the other side of a body.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Passage {
+    /// Index of the body.
+    pub(super) body: usize,
+    /// Where the point is now.
+    pub(super) place: Point,
+    /// Whether a way that is not much longer leads round the body.
+    pub(super) round_a_rim: bool,
 }
 
 /// Whether the straight way does not lead through the solid.

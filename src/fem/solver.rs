@@ -1,5 +1,6 @@
 //! Static equilibrium of one mesh under moving bone, advanced along a path.
 
+use super::contact::Passage;
 use super::element::C1Surface;
 use super::equations::Equations;
 use super::error::SolveError;
@@ -32,8 +33,8 @@ pub struct Solver<'a> {
     substep: f64,
     /// Stable materials are in the place of those asked for.
     stabilised: bool,
-    /// Tissue that came through bone has been told of.
-    told_passage: bool,
+    /// Whether tissue that came through bone, and round a rim of it, has been told of.
+    told_passage: [bool; 2],
     /// Found while setting up; told with the first step.
     warnings: Vec<String>,
     /// Times and factorisations of the preparation, where this solver is the first over it; told with the first step.
@@ -111,7 +112,7 @@ impl<'a> Solver<'a> {
             state,
             substep: f64::INFINITY,
             stabilised: false,
-            told_passage: false,
+            told_passage: [false; 2],
             warnings,
             preparation: prepared.untold_work(),
         })
@@ -258,21 +259,16 @@ impl<'a> Solver<'a> {
             .and_then(|(x, found)| {
                 let before = self.body_motions(&self.state.motions);
                 let passed = self.equations.contact.passed_through((&self.state.x, &x), (&before, &body_motions));
-                let Some((body, place)) = passed else { return Ok((x, found)) };
+                let Some(passage) = passed else { return Ok((x, found)) };
+                let Passage { body, place, round_a_rim } = passage;
                 let moved = |(from, to): (&Motion, &Motion)| {
                     (to.transform_point(&from.inverse_transform_point(&place)) - place).norm()
                 };
-                if before.iter().zip(&body_motions).map(moved).fold(0.0, f64::max) > LEAST_PASSAGE_MM {
+                let moved_mm = before.iter().zip(&body_motions).map(moved).fold(0.0, f64::max);
+                if !round_a_rim && moved_mm > LEAST_PASSAGE_MM {
                     return Err(Failure::PassedThrough { body, place });
                 }
-                if !self.told_passage {
-                    self.told_passage = true;
-                    let segment = self.equations.contact.bodies()[body].segment;
-                    self.warnings.push(format!(
-                        "tissue near ({:.1}, {:.1}, {:.1}) mm came round a rim of bone {segment} or through it where it is thin: contact there is not to be relied on",
-                        place.x, place.y, place.z
-                    ));
-                }
+                self.tell_passage(&passage);
                 Ok((x, found))
             });
         match attempt {
@@ -285,6 +281,20 @@ impl<'a> Solver<'a> {
                 Err(failure)
             }
         }
+    }
+
+    /// Warns of the first passage of each kind.
+    fn tell_passage(&mut self, passage: &Passage) {
+        let Passage { body, place, round_a_rim } = *passage;
+        if std::mem::replace(&mut self.told_passage[usize::from(round_a_rim)], true) {
+            return;
+        }
+        let segment = self.equations.contact.bodies()[body].segment;
+        let how = if round_a_rim { "slipped round a rim of" } else { "came through thin or over a rim of" };
+        self.warnings.push(format!(
+            "tissue near ({:.1}, {:.1}, {:.1}) mm {how} bone {segment}: contact there hangs on the length of the steps and is not to be relied on",
+            place.x, place.y, place.z
+        ));
     }
 
     /// Puts stable materials in the place of those that have lost ellipticity on the way to `goal`, where that was asked for; whether it

@@ -3,6 +3,7 @@
 use super::blocks::{Slab, attach};
 use super::bodies::{Ball, Coin, Floor};
 use crate::control::Control;
+use crate::fem::contact::Contact;
 use crate::fem::linear_solve::dot;
 use crate::fem::material::{Material, Materials};
 use crate::fem::{Boundary, ContactBody, Model, Prepared, Preset, SkinElement, SolveError, SolveSettings, Solver};
@@ -179,6 +180,34 @@ fn tissue_does_not_pass_through_thin_bone() {
         Err(SolveError::PassedThrough { segment: 1, .. }) => assert!(held.path_parameter() < 1.0),
         other => panic!("{other:?}"),
     }
+}
+
+/// Beside the edge of a coin a point that changes sides came round it; in the middle it came through. Both at once: what came through is told.
+#[test]
+fn a_way_round_a_rim_is_told_from_one_through() {
+    let mesh = sliding_slab(6);
+    let coin = Coin { radius: 8.0, half_thickness: 0.3 };
+    let (contact, _) = Contact::new(&mesh, vec![ContactBody { segment: 1, solid: &coin }], 1.0);
+    let still = [Motion::identity()];
+    // All others far above; the coin lies between z = -0.6 and 0.
+    let away = vec![Vector::new(0.0, 0.0, 90.0); mesh.positions.len()];
+    let (above, below) = (0.05, -0.75);
+    let nodes: Vec<usize> = (0..mesh.positions.len()).filter(|n| mesh.attachment[*n] == Attachment::Sliding).collect();
+    let moved = |ways: &[(usize, Vector, Vector)]| {
+        let (mut from, mut to) = (away.clone(), away.clone());
+        for (node, a, b) in ways {
+            (from[*node], to[*node]) = (*a, *b);
+        }
+        contact.passed_through((&from, &to), (&still, &still))
+    };
+    let rim = (nodes[0], Vector::new(7.85, 0.0, above), Vector::new(8.15, 0.0, below));
+    let middle = (nodes[9], Vector::new(0.0, 0.0, above), Vector::new(0.0, 0.0, below));
+    let beside = (nodes[0], Vector::new(8.3, 0.0, above), Vector::new(8.3, 0.0, below));
+    assert!(moved(&[rim]).unwrap().round_a_rim);
+    assert!(!moved(&[middle]).unwrap().round_a_rim);
+    let both = moved(&[rim, middle]).unwrap();
+    assert!(!both.round_a_rim && both.place.x == 0.0);
+    assert!(moved(&[beside]).is_none());
 }
 
 #[test]

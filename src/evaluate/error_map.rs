@@ -83,6 +83,9 @@ pub fn error_map(
         return Err(input(format!("the mask has {} entries, the prediction {n} vertices", mask.len())));
     }
     let chosen = |v: usize| mask.is_none_or(|m| m[v]);
+    if !(0..n).any(chosen) {
+        return Err(input("the mask leaves no vertex of the prediction".to_owned()));
+    }
     control.check()?;
     let mut warnings = plausible(prediction, reference)?;
     let surface = Surface::new(reference)?;

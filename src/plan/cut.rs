@@ -11,6 +11,8 @@ use crate::geometry::{Point, ScalarGrid, TriMesh};
 
 /// Pieces smaller than this are crumbs of the saw: dropped and reported.
 const CRUMB_MM3: f64 = 100.0;
+/// Segments whose volume over half their area is below this share of the grid's spacing lie between cuts that are one.
+const THINNEST: f64 = 0.2;
 
 /// A piece of bone.
 #[derive(Debug, Clone, PartialEq)]
@@ -121,6 +123,17 @@ pub fn cut(bone: &Envelope, cuts: &[Cut], control: &Control) -> Result<Osteotomy
     }
     let part = control.part(0.2, 1.0);
     let found = solid::segments(grid, &segments, &parting, &part)?;
+    for segment in &found {
+        let thickness_mm = 2.0 * segment.volume_mm3 / segment.area_mm2;
+        if let [first, .., last] = *segment.bounded_by.as_slice()
+            && thickness_mm < THINNEST * grid.spacing
+        {
+            let detail = format!(
+                "leaves a sheet of {thickness_mm:.3} mm between itself and cut {first}: do they lie on one another?"
+            );
+            return Err(PlanError::Value { what: format!("cuts[{last}]"), detail });
+        }
+    }
     for (id, bounds) in parting.bounded_by.iter().enumerate() {
         let left = found.iter().find(|s| s.id as usize == id).map_or(0.0, |s| s.volume_mm3);
         let widest = bounds.iter().max_by(|a, b| cuts[**a].kerf_mm.total_cmp(&cuts[**b].kerf_mm));

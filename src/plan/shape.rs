@@ -115,11 +115,11 @@ impl Cut {
         }
         match &self.shape {
             CutShape::Plane(plane) => match plane_fault(plane) {
-                Some((name, detail)) => fault(name, detail.to_owned()),
+                Some((name, detail)) => fault(&format!("plane.{name}"), detail.to_owned()),
                 None => Ok(()),
             },
             CutShape::Polyline { points, direction, depth_mm } => match polyline_fault(points, direction, *depth_mm) {
-                Some((name, detail)) => fault(name, detail),
+                Some((name, detail)) => fault(&format!("polyline.{name}"), detail),
                 None => Ok(()),
             },
             CutShape::Surface(mesh) if mesh.triangles().len() > MAX_TRIANGLES => fault(
@@ -144,7 +144,7 @@ fn finite(v: &Vector) -> bool {
 
 fn plane_fault(plane: &BoundedPlane) -> Option<(&'static str, &'static str)> {
     if !finite(&plane.point.coords) {
-        return Some(("point", "is not finite"));
+        return Some(("point_mm", "is not finite"));
     }
     let Some(normal) = unit(&plane.normal) else { return Some(("normal", "has no direction")) };
     let (direction, along, across) = plane.bounds?;
@@ -157,10 +157,10 @@ fn plane_fault(plane: &BoundedPlane) -> Option<(&'static str, &'static str)> {
 
 fn polyline_fault(points: &[Point], direction: &Vector, depth_mm: f64) -> Option<(&'static str, String)> {
     if !(2..=MAX_POINTS).contains(&points.len()) {
-        return Some(("points", format!("are {}, allowed are 2 to {MAX_POINTS}", points.len())));
+        return Some(("points_mm", format!("are {}, allowed are 2 to {MAX_POINTS}", points.len())));
     }
     if let Some(i) = points.iter().position(|p| !finite(&p.coords)) {
-        return Some(("points", format!("number {i} is not finite")));
+        return Some(("points_mm", format!("number {i} is not finite")));
     }
     let Some(direction) = unit(direction) else { return Some(("direction", "has no length".to_owned())) };
     if !(depth_mm > 0.0 && depth_mm.is_finite()) {
@@ -170,13 +170,13 @@ fn polyline_fault(points: &[Point], direction: &Vector, depth_mm: f64) -> Option
     if let Some(i) = flat.windows(2).position(|w| (w[1] - w[0]).norm() < 1e-6) {
         let detail =
             format!("numbers {i} and {} lie behind each other as the saw sees them: no cut lies between", i + 1);
-        return Some(("points", detail));
+        return Some(("points_mm", detail));
     }
     let side = direction.cross(&(flat[1] - flat[0])).normalize();
     let along = side.cross(&direction);
     let plane: Vec<[f64; 2]> = flat.iter().map(|p| [along.dot(p), side.dot(p)]).collect();
     let (i, j) = crossing_segments(&plane)?;
-    Some(("points", format!("cross as the saw sees them: the line from number {i} meets the line from number {j}")))
+    Some(("points_mm", format!("cross as the saw sees them: the line from number {i} meets the line from number {j}")))
 }
 
 /// First two segments of a plane line that are not neighbours and meet.
@@ -270,20 +270,20 @@ mod tests {
             other => panic!("{other:?}"),
         };
         let (a, b, down) = ([0.0; 3], [9.0, 0.0, 0.0], [0.0, 0.0, -1.0]);
-        assert_eq!(what(polyline(&[], down, 5.0)), "cuts[3].points");
-        assert_eq!(what(polyline(&[a], down, 5.0)), "cuts[3].points");
-        assert_eq!(what(polyline(&[a, a], down, 5.0)), "cuts[3].points");
-        assert_eq!(what(polyline(&[a, [0.0, 0.0, 7.0]], down, 5.0)), "cuts[3].points");
-        assert_eq!(what(polyline(&[a, [f64::NAN, 0.0, 0.0]], down, 5.0)), "cuts[3].points");
-        assert_eq!(what(polyline(&vec![a; 1001], down, 5.0)), "cuts[3].points");
-        assert_eq!(what(polyline(&[a, b], [0.0; 3], 5.0)), "cuts[3].direction");
-        assert_eq!(what(polyline(&[a, b], [f64::INFINITY, 0.0, 0.0], 5.0)), "cuts[3].direction");
+        assert_eq!(what(polyline(&[], down, 5.0)), "cuts[3].polyline.points_mm");
+        assert_eq!(what(polyline(&[a], down, 5.0)), "cuts[3].polyline.points_mm");
+        assert_eq!(what(polyline(&[a, a], down, 5.0)), "cuts[3].polyline.points_mm");
+        assert_eq!(what(polyline(&[a, [0.0, 0.0, 7.0]], down, 5.0)), "cuts[3].polyline.points_mm");
+        assert_eq!(what(polyline(&[a, [f64::NAN, 0.0, 0.0]], down, 5.0)), "cuts[3].polyline.points_mm");
+        assert_eq!(what(polyline(&vec![a; 1001], down, 5.0)), "cuts[3].polyline.points_mm");
+        assert_eq!(what(polyline(&[a, b], [0.0; 3], 5.0)), "cuts[3].polyline.direction");
+        assert_eq!(what(polyline(&[a, b], [f64::INFINITY, 0.0, 0.0], 5.0)), "cuts[3].polyline.direction");
         for depth in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-            assert_eq!(what(polyline(&[a, b], down, depth)), "cuts[3].depth_mm");
+            assert_eq!(what(polyline(&[a, b], down, depth)), "cuts[3].polyline.depth_mm");
         }
         // A bow tie crosses itself, also when its lines lie at different depths.
         let tie = [a, [10.0, 10.0, 1.0], [10.0, 0.0, 2.0], [0.0, 10.0, 3.0]];
-        assert_eq!(what(polyline(&tie, down, 5.0)), "cuts[3].points");
+        assert_eq!(what(polyline(&tie, down, 5.0)), "cuts[3].polyline.points_mm");
         for kerf_mm in [-1.0, 11.0, f64::NAN] {
             assert_eq!(what(Cut { kerf_mm, ..polyline(&[a, b], down, 5.0) }), "cuts[3].kerf_mm");
         }

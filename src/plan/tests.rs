@@ -254,6 +254,32 @@ fn crumbs_are_dropped_with_a_warning_and_do_not_count_as_a_parting() {
     assert!(cut.warnings.iter().any(|w| w.contains("1 crumbs")), "{:?}", cut.warnings);
 }
 
+/// One plane twice, turned round: nodes of the grid that lie in it are on neither's side. Elsewhere it is one cut.
+#[test]
+fn a_plane_given_twice_makes_no_sheet_of_bone() {
+    let bone = block();
+    let grid = &bone.grid;
+    let mut refused = 0;
+    for layer in 0..grid.dims[2] {
+        let z = grid.position(0, 0, layer).z;
+        if !(8.0..16.0).contains(&z) {
+            continue;
+        }
+        for height in [z, z + 0.3 * grid.spacing] {
+            let plane = |up: f64| endless([0.0, 0.0, height], [0.0, 0.0, up]);
+            match run(&bone, &[plane(1.0), plane(-1.0)]) {
+                Ok(cut) => assert_eq!(cut.segments.len(), 2, "{height}"),
+                Err(PlanError::Value { what, detail }) => {
+                    assert!(what == "cuts[1]" && detail.contains("lie on one another"), "{what} {detail}");
+                    refused += 1;
+                }
+                Err(other) => panic!("{height}: {other}"),
+            }
+        }
+    }
+    assert!(refused > 0);
+}
+
 #[test]
 fn faulty_cuts_are_refused_by_name() {
     let bone = block();
@@ -263,10 +289,10 @@ fn faulty_cuts_are_refused_by_name() {
         other => panic!("{other:?}"),
     };
     assert_eq!(what(&[]), "cuts");
-    assert_eq!(what(&[good, BoundedPlane { normal: Vector::zeros(), ..good }]), "cuts[1].normal");
-    assert_eq!(what(&[BoundedPlane { point: Point::new(f64::NAN, 0.0, 0.0), ..good }]), "cuts[0].point");
-    assert_eq!(what(&[BoundedPlane { bounds: Some((Vector::z(), 1.0, 1.0)), ..good }]), "cuts[0].bounds");
-    assert_eq!(what(&[BoundedPlane { bounds: Some((Vector::x(), -1.0, 1.0)), ..good }]), "cuts[0].bounds");
+    assert_eq!(what(&[good, BoundedPlane { normal: Vector::zeros(), ..good }]), "cuts[1].plane.normal");
+    assert_eq!(what(&[BoundedPlane { point: Point::new(f64::NAN, 0.0, 0.0), ..good }]), "cuts[0].plane.point_mm");
+    assert_eq!(what(&[BoundedPlane { bounds: Some((Vector::z(), 1.0, 1.0)), ..good }]), "cuts[0].plane.bounds");
+    assert_eq!(what(&[BoundedPlane { bounds: Some((Vector::x(), -1.0, 1.0)), ..good }]), "cuts[0].plane.bounds");
     let control = Control::new();
     control.cancel();
     assert!(matches!(cut(&bone, &[good.into()], &control), Err(PlanError::Cancelled(_))));

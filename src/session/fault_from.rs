@@ -143,8 +143,13 @@ impl From<PlanError> for Halt {
                 let mut fault = Fault::new(FaultKind::PlanNotUsable, detail)
                     .with("template", template)
                     .with("missing", missing.clone());
-                fault.errors =
-                    missing.iter().map(|name| FieldFault::new(format!("/landmarks/{name}"), "is missing")).collect();
+                // As a template's request has them.
+                let pointer = |name: &&str| match *name {
+                    "midline_x_mm" | "occlusal_plane_z_mm" => format!("/{name}"),
+                    "le_fort_1_plane" => "/plane".to_owned(),
+                    point => format!("/landmarks/{point}"),
+                };
+                fault.errors = missing.iter().map(|name| FieldFault::new(pointer(name), "is missing")).collect();
                 fault
             }
             PlanError::Value { what, .. } => {

@@ -27,6 +27,8 @@ pub struct RunSettings {
 
 /// Displacement beside tissue that was left out, in units of what was thought to be the largest there, above which that is told.
 const TOLD_BORDER: f64 = 5.0;
+/// It is told above this in any case, mm.
+const TOLD_BORDER_MM: f64 = 0.25;
 /// Default of [`RunSettings::leave_out_below_mm`]: skin is then less than 0.05 mm off the whole tissue's at P99 (`prosopon bench reach`).
 pub const LEAVE_OUT_BELOW_MM: f64 = 0.03;
 
@@ -203,7 +205,7 @@ pub fn solve_prepared(
         of_nodes: nodes.len(),
         border_mm: border_motion_mm(&prepared.mesh, &prepared.left_out, &nodes),
     };
-    let told_mm = TOLD_BORDER * settings.leave_out_below_mm;
+    let told_mm = (TOLD_BORDER * settings.leave_out_below_mm).min(TOLD_BORDER_MM);
     if left_out.border_mm > told_mm {
         warnings.push(format!(
             "beside tissue that was left out because the plan was thought to move it by less than {} mm, tissue moves by {:.2} mm: a smaller \

@@ -114,7 +114,7 @@ pub struct CreateJob {
     /// Penetration of bone that is left at most, mm; 0.05 when absent.
     #[serde(default)]
     pub penetration_tolerance_mm: Option<f64>,
-    /// Tissue that the plan moves by less than this, by estimate, is left out of the equations and stays where it is, mm; 0.03 when absent, 0
+    /// Tissue that the plan moves by less than this, by estimate, is left out of the equations and stays where it is, mm, 0 to 1; 0.03 when absent, 0
     /// keeps all. The report says under `left_out` what came of it. Sessions with a tissue mesh keep all.
     #[serde(default)]
     pub leave_out_below_mm: Option<f64>,

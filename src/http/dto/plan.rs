@@ -177,6 +177,14 @@ impl Segments {
             check.fault(pointer, "the landmarks condylion_left and condylion_right are less than 1 mm apart");
             return None;
         }
+        if left.x <= right.x {
+            let detail = format!(
+                "the landmark condylion_left (x = {} mm) is not to the left (+x) of condylion_right ({} mm): are they swapped?",
+                left.x, right.x
+            );
+            check.fault(pointer, detail);
+            return None;
+        }
         Some(CondylarAxis { right, left })
     }
 }

@@ -1,6 +1,5 @@
 use super::accuracy::{Accuracy, sample_points};
 use super::band_certificate::band_bound;
-use super::bricks::{Bricks, NO_BRICK};
 use super::certificate::surface_bound;
 use super::coarse;
 use super::crossings::Rows;
@@ -8,10 +7,11 @@ use super::distance_field::{DistanceField, Level};
 use super::error::{FieldError, within};
 use super::exact::ExactDistance;
 use super::features::Features;
-use super::fit::{Sites, fit};
+use super::fit::{Layer, fit};
 use super::lattice::{BRICK, EDGE, Lattice};
 use super::refine;
 use super::regions::{DoubtfulRegions, doubtful_regions};
+use super::sites::{self, Spread};
 use super::spline::Weights;
 use super::tiles::{Source, TILE, Tally, Tile, Tiles};
 use crate::control::{Cancelled, Control};
@@ -19,10 +19,11 @@ use crate::geometry::{Implicit, TriMesh, Vector};
 
 /// Most samples (coarse and fine) of a field: half a gigabyte of detail.
 pub(super) const MOST_SAMPLES: u64 = 1 << 27;
-/// A point of the band needs coefficients up to (3/2)√3 spacings away, and these their neighbours' values.
-const STENCIL_REACH: f64 = 3.6;
+/// A point of the band needs coefficients up to 3/2 spacings away (where their weight vanishes), and these an eighth of their
+/// neighbours' values.
+const STENCIL_REACH: f64 = 2.3;
 /// From here on exact distances give way to the coarse spline's, in spacings beyond the band.
-const FADE: f64 = 2.7;
+const FADE: f64 = 1.5;
 /// Coefficients of a brick are at most this many spacings larger than the reach: a brick's diagonal and its neighbours.
 pub(super) const LARGEST: f64 = 18.0;
 /// Sites of the sample at which the error is measured.
@@ -30,7 +31,7 @@ const SITES: usize = 2000;
 /// Sites where a bound looks for the largest error.
 const MANY_SITES: usize = 50_000;
 /// Times that the zero is moved towards the surface.
-const SWEEPS: usize = 3;
+pub(super) const SWEEPS: usize = 2;
 /// Nodes around a tile that its coefficients need.
 pub(super) const HALO: usize = 1;
 
@@ -196,38 +197,36 @@ impl DistanceField {
         let mut tally = Tally::default();
         let (coarse, signs) = coarse::coefficients(&lattice, exact, source, reach, &control.part(0.0, 0.3))?;
         tally.add(&signs);
-        let mut field = Self {
-            index: vec![NO_BRICK; lattice.n_bricks()],
-            domain: lattice.domain(),
-            lattice,
-            coarse,
-            bricks: Bricks::new(reach + LARGEST * settings.spacing_mm),
-            children: Vec::new(),
-            details: Bricks::new(1.0),
-        };
+        let h = settings.spacing_mm;
+        let mut field = Self::coarse(lattice, coarse, [reach + LARGEST * h, 0.5 * LARGEST * h]);
         let rows = Rows {
-            origin: field.lattice.origin - Vector::repeat(HALO as f64 * settings.spacing_mm),
-            spacing: settings.spacing_mm,
+            origin: field.lattice.origin - Vector::repeat(HALO as f64 * h),
+            spacing: h,
             dims: field.lattice.bricks.map(|n| n * EDGE + 2 * HALO),
         };
         let tiles = Tiles::new(source, rows, HALO, reach, |_, _| true);
-        let fade = [settings.band_mm + FADE * settings.spacing_mm, reach];
+        let fade = [settings.band_mm + FADE * h, reach];
         let built = tiles.map(&control.part(0.3, 0.8), |tile| field.tile_bricks(tile, fade))?;
         drop(tiles);
-        let samples = field.coarse.len() as u64 + (built.iter().map(Vec::len).sum::<usize>() * BRICK) as u64;
+        let n_bricks = built.iter().map(|b| b.at.len()).sum::<usize>();
+        let samples = (field.lattice.n_bricks() + n_bricks * BRICK) as u64;
         if samples > MOST_SAMPLES {
             return Err(too_large(samples));
         }
-        field.bricks.reserve(built.iter().map(Vec::len).sum());
-        for brick in built.into_iter().flatten() {
-            field.index[brick.place] = field.bricks.push(&brick.codes);
-            tally.add(&brick.tally);
+        field.bricks.reserve(n_bricks);
+        for of_tile in built {
+            let first = field.bricks.append(&of_tile.codes);
+            for (n, at) in of_tile.at.iter().enumerate() {
+                let place = field.lattice.index_of(*at);
+                field.index[place] = first + n as u32;
+            }
+            tally.add(&of_tile.tally);
         }
-        let sites = Sites::new(surface, &exact.defects().distinct, settings.spacing_mm);
-        let errors = fit(&mut field, Level::Brick, &sites, SWEEPS);
-        refine::add_details(&mut field, source, &sites, &errors, &control.part(0.8, 0.95))?;
-        fit(&mut field, Level::Detail, &sites, SWEEPS);
-        refine::seal(&mut field);
+        let layer = Layer::new(&field, Level::Brick);
+        let spread = Spread::new(&field, surface, &exact.defects().distinct);
+        let mut sites = sites::of_bricks(&spread, &layer.at);
+        fit(&mut field, &layer, &mut sites, h, SWEEPS);
+        refine::add_details(&mut field, source, (&layer, &spread), sites, &control.part(0.8, 1.0))?;
         let mut warnings = exact.defects().warnings();
         warnings.extend(tally.warnings());
         control.report(1.0);
@@ -235,9 +234,9 @@ impl DistanceField {
     }
 
     /// The bricks of a tile that the band reaches. Between the two distances `fade` the coarse spline takes over.
-    fn tile_bricks(&self, tile: &Tile, fade: [f64; 2]) -> Vec<Built> {
+    fn tile_bricks(&self, tile: &Tile, fade: [f64; 2]) -> Built {
         let lattice = &self.lattice;
-        let mut built = Vec::new();
+        let mut built = Built::default();
         let first = tile.first.map(|n| n / EDGE);
         let wanted = (fade[0] * fade[0]) as f32;
         for n in 0..(TILE / EDGE).pow(3) {
@@ -253,19 +252,20 @@ impl DistanceField {
             let (inside, inverted) = tile.inside(node, [AROUND; 3]);
             let coarse = self.coarse_at(at);
             let mut values = [0.0f32; AROUND.pow(3)];
-            tile.copy_squared(node, &mut values);
+            tile.copy_squared(node, AROUND, &mut values);
             for ((value, inside), coarse) in values.iter_mut().zip(&inside).zip(&coarse) {
                 let d = value.sqrt();
                 let signed = if *inside { -d } else { d };
                 let far = ((d - fade[0] as f32) / (fade[1] - fade[0]) as f32).clamp(0.0, 1.0);
                 *value = if far == 0.0 { signed } else { blend(signed, *coarse, far) };
             }
-            built.push(Built {
-                place: lattice.brick_index(at),
-                codes: self.bricks.packed(&coefficients(&values)),
-                tally: Tally::count(&inside, inverted),
-            });
+            let mut c = [0.0; BRICK];
+            coefficients(&values, EDGE, &mut c);
+            self.bricks.pack(&c, &mut built.codes);
+            built.at.push(at);
+            built.tally.add(&Tally::count(&inside, inverted));
         }
+        built.codes.shrink_to_fit();
         built
     }
 
@@ -284,10 +284,11 @@ impl DistanceField {
 /// Nodes along the edge of a brick with those next to it.
 pub(super) const AROUND: usize = EDGE + 2 * HALO;
 
-/// A brick before it gets a place.
+/// The bricks of a tile.
+#[derive(Default)]
 struct Built {
-    place: usize,
-    codes: Box<[i16; BRICK]>,
+    at: Vec<[usize; 3]>,
+    codes: Vec<i16>,
     tally: Tally,
 }
 
@@ -322,23 +323,18 @@ pub(super) fn tensor(c: &[f32; 27], weights: &[[f32; 3]; AROUND]) -> [f32; AROUN
     values
 }
 
-/// Spline coefficients of the brick's nodes, by the values there and next to it.
-pub(super) fn coefficients(values: &[f32; AROUND.pow(3)]) -> [f32; BRICK] {
-    let mut c = [0.0; BRICK];
-    for k in 0..EDGE {
-        for j in 0..EDGE {
-            let row = 1 + AROUND * ((j + 1) + AROUND * (k + 1));
-            for i in 0..EDGE {
-                let n = row + i;
-                let around = values[n - 1]
-                    + values[n + 1]
-                    + values[n - AROUND]
-                    + values[n + AROUND]
-                    + values[n - AROUND * AROUND]
-                    + values[n + AROUND * AROUND];
-                c[i + EDGE * (j + EDGE * k)] = 1.75 * values[n] - 0.125 * around;
-            }
+/// Spline coefficients `c` at the nodes of a brick, by the values there and next to it: they are the values less an eighth of
+/// their second differences.
+pub(super) fn coefficients(values: &[f32], edge: usize, c: &mut [f32]) {
+    let side = edge + 2 * HALO;
+    for (n, row) in c.chunks_exact_mut(edge).enumerate() {
+        let first = HALO + side * (n % edge + HALO + side * (n / edge + HALO));
+        let at = |from: usize| &values[from..from + edge];
+        let (own, x0, x1) = (at(first), at(first - 1), at(first + 1));
+        let (y0, y1) = (at(first - side), at(first + side));
+        let (z0, z1) = (at(first - side * side), at(first + side * side));
+        for (i, c) in row.iter_mut().enumerate() {
+            *c = 1.75 * own[i] - 0.125 * (x0[i] + x1[i] + y0[i] + y1[i] + z0[i] + z1[i]);
         }
     }
-    c
 }

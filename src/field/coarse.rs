@@ -25,15 +25,17 @@ pub(super) fn coefficients(
             control.check()?;
             let mut winding = vec![0; nx * ny];
             crossings.for_runs(k, 0..ny, nx, |j, from, to, w| winding[nx * j + from..nx * j + to].fill(w));
-            let mut hint = 0;
+            // Those of the row before, and then of this one.
+            let mut hints = vec![0; nx + 1];
             let mut inverted = 0;
             let signed: Vec<f64> = winding
                 .into_iter()
                 .enumerate()
                 .map(|(n, closed)| {
                     let p = rows.origin + Vector::new((n % nx) as f64, (n / nx) as f64, k as f64) * rows.spacing;
-                    let nearest = exact.tree().nearly_nearest(&p, hint, exact_within);
-                    hint = nearest.slot;
+                    let i = n % nx;
+                    let nearest = exact.tree().nearly_nearest(&p, [hints[i], hints[i + 1]], exact_within);
+                    hints[i + 1] = nearest.slot;
                     let share = if rim.is_far(&p, 0.0) { 0.0 } else { rim.share(&p) };
                     let winding = f64::from(closed) - share;
                     let inside = is_inside(winding);

@@ -28,6 +28,7 @@ mod refine;
 mod regions;
 mod rim;
 mod scan;
+mod sites;
 mod sky;
 mod spline;
 mod tiles;

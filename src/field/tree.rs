@@ -67,13 +67,17 @@ impl Tree {
 
     /// Nearest point on the surface to `p`; `hint` is a triangle (tree order) that is probably close.
     pub(super) fn nearest(&self, p: &Point, hint: u32) -> Nearest {
-        self.nearly_nearest(p, hint, f64::INFINITY)
+        self.nearly_nearest(p, [hint; 2], f64::INFINITY)
     }
 
     /// Like [`Tree::nearest`], but beyond the distance `exact_within` (mm) a triangle will do that is at most 1 % farther.
-    pub(super) fn nearly_nearest(&self, p: &Point, hint: u32, exact_within: f64) -> Nearest {
+    pub(super) fn nearly_nearest(&self, p: &Point, hints: [u32; 2], exact_within: f64) -> Nearest {
         let exact_sq = exact_within * exact_within;
-        let mut best = self.of_triangle(p, hint);
+        let mut best = self.of_triangle(p, hints[0]);
+        if hints[1] != hints[0] {
+            let other = self.of_triangle(p, hints[1]);
+            best = if other.distance_sq < best.distance_sq { other } else { best };
+        }
         // Deep enough: a median split halves the range at every level.
         let mut stack = [(0u32, 0.0f64); 64];
         let mut top = 1;

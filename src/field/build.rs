@@ -1,5 +1,5 @@
 use super::accuracy::{Accuracy, sample_points};
-use super::band_certificate::band_bound;
+use super::band_certificate::{BandBound, band_bound};
 use super::certificate::surface_bound;
 use super::coarse;
 use super::crossings::Rows;
@@ -152,8 +152,9 @@ impl DistanceField {
     }
 
     /// A bound on the field's error (mm) at every point of its domain within `band` (mm) of the surface that it and `exact` were made
-    /// for: proven, not sampled. It is not made sharper than six tenths of the spacing or a tenth above an error found. `on_surface` is
-    /// [`DistanceField::surface_bound`]. Takes some ten seconds; `None` when the surface is open or the field too large to be gone through.
+    /// for: proven, not sampled. It is not made sharper than seven tenths of the spacing or a tenth above an error found. `on_surface` is
+    /// [`DistanceField::surface_bound`]. Takes about a minute on a skull; when `goes_on` says no it stops, and the bound holds for a share of
+    /// the field. `None` when the surface is open or the field too large to be gone through.
     ///
     /// # Errors
     /// [`Cancelled`].
@@ -161,13 +162,13 @@ impl DistanceField {
         &self,
         surface: &TriMesh,
         exact: &ExactDistance,
-        band: f64,
-        on_surface: f64,
+        (band, on_surface): (f64, f64),
+        goes_on: &(dyn Fn() -> bool + Sync),
         control: &Control,
-    ) -> Result<Option<f64>, Cancelled> {
+    ) -> Result<Option<BandBound>, Cancelled> {
         let points = sample_points(surface, exact, band, MANY_SITES, control)?;
         let seen = Accuracy::measure(self, exact, &points, control)?.max_error_mm;
-        band_bound(self, exact, band, on_surface, seen, control)
+        band_bound(self, exact, band, (on_surface, seen), goes_on, control)
     }
 
     /// Builds the field of `surface`, for which `exact` was made; also what is wrong with the surface.

@@ -37,6 +37,7 @@ mod triangle;
 mod winding;
 
 pub use accuracy::{Accuracy, Place, sample_points};
+pub use band_certificate::BandBound;
 pub use baseline::{Octree, Resolution, SampledReport, SampledSettings, Tolerance, UniformField};
 pub use build::{FieldReport, FieldSettings};
 pub use distance_field::DistanceField;

@@ -67,17 +67,7 @@ impl Tree {
 
     /// Nearest point on the surface to `p`; `hint` is a triangle (tree order) that is probably close.
     pub(super) fn nearest(&self, p: &Point, hint: u32) -> Nearest {
-        self.nearly_nearest(p, [hint; 2], f64::INFINITY)
-    }
-
-    /// Like [`Tree::nearest`], but beyond the distance `exact_within` (mm) a triangle will do that is at most 1 % farther.
-    pub(super) fn nearly_nearest(&self, p: &Point, hints: [u32; 2], exact_within: f64) -> Nearest {
-        let exact_sq = exact_within * exact_within;
-        let mut best = self.of_triangle(p, hints[0]);
-        if hints[1] != hints[0] {
-            let other = self.of_triangle(p, hints[1]);
-            best = if other.distance_sq < best.distance_sq { other } else { best };
-        }
+        let mut best = self.of_triangle(p, hint);
         // Deep enough: a median split halves the range at every level.
         let mut stack = [(0u32, 0.0f64); 64];
         let mut top = 1;
@@ -85,7 +75,7 @@ impl Tree {
         while top > 0 {
             top -= 1;
             let (index, bound) = stack[top];
-            if bound * if best.distance_sq > exact_sq { 1.02 } else { 1.0 } >= best.distance_sq {
+            if bound >= best.distance_sq {
                 continue;
             }
             let node = &self.nodes[index as usize];
@@ -154,7 +144,7 @@ impl Tree {
         }
     }
 
-    fn of_triangle(&self, p: &Point, slot: u32) -> Nearest {
+    pub(super) fn of_triangle(&self, p: &Point, slot: u32) -> Nearest {
         let point = closest_point(p, &self.corners[slot as usize]);
         Nearest { point, slot, distance_sq: (point - p).norm_squared() }
     }

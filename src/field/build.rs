@@ -15,7 +15,7 @@ use super::sites::{self, Spread};
 use super::spline::Weights;
 use super::tiles::{Source, TILE, Tally, Tile, Tiles};
 use crate::control::{Cancelled, Control};
-use crate::geometry::{Implicit, TriMesh, Vector};
+use crate::geometry::{Aabb, Implicit, TriMesh, Vector};
 
 /// Most samples (coarse and fine) of a field: half a gigabyte of detail.
 pub(super) const MOST_SAMPLES: u64 = 1 << 27;
@@ -185,11 +185,33 @@ impl DistanceField {
         settings: &FieldSettings,
         control: &Control,
     ) -> Result<(Self, Vec<String>), FieldError> {
+        Self::build_within(exact, surface, None, settings, control)
+    }
+
+    /// The same with full accuracy only in the box `within` (LPS mm), or everywhere without one: bricks that do not meet it are
+    /// left out, and a warning says so.
+    ///
+    /// Out there the coarse spline answers, on a lattice of eight spacings, as it does beyond the band: the sign is right farther than
+    /// about a coarse spacing from the surface, the distance some millimetres off. [`DistanceField::is_fine_at`] tells where.
+    ///
+    /// # Errors
+    /// As [`DistanceField::build`]; [`FieldError::Elsewhere`] for a box that misses the field's domain.
+    pub fn build_within(
+        exact: &ExactDistance,
+        surface: &TriMesh,
+        within: Option<&Aabb>,
+        settings: &FieldSettings,
+        control: &Control,
+    ) -> Result<(Self, Vec<String>), FieldError> {
         settings.check()?;
         let too_large =
             |samples| FieldError::TooLarge { spacing_mm: settings.spacing_mm, samples, allowed: MOST_SAMPLES };
         let bounds = surface.bounds().grown(settings.margin_mm);
         let lattice = Lattice::covering(&bounds, settings.spacing_mm, MOST_SAMPLES).map_err(too_large)?;
+        let chosen = match within {
+            Some(within) => lattice.bricks_meeting(within).ok_or(FieldError::Elsewhere)?,
+            None => [[0; 3], lattice.bricks],
+        };
         let features = Features::new(surface, &exact.defects().triangles);
         let source = Source { mesh: surface, defects: exact.defects(), features: &features };
         control.check()?;
@@ -205,9 +227,12 @@ impl DistanceField {
             spacing: h,
             dims: field.lattice.bricks.map(|n| n * EDGE + 2 * HALO),
         };
-        let tiles = Tiles::new(source, rows, HALO, reach, |_, _| true);
+        let is_chosen = |first: [usize; 3], last: [usize; 3]| {
+            (0..3).all(|a| last[a] >= EDGE * chosen[0][a] && first[a] < EDGE * chosen[1][a] + 2 * HALO)
+        };
+        let tiles = Tiles::new(source, rows, HALO, reach, is_chosen);
         let fade = [settings.band_mm + FADE * h, reach];
-        let built = tiles.map(&control.part(0.3, 0.8), |tile| field.tile_bricks(tile, fade))?;
+        let built = tiles.map(&control.part(0.3, 0.8), |tile| field.tile_bricks(tile, chosen, fade))?;
         drop(tiles);
         let n_bricks = built.iter().map(|b| b.at.len()).sum::<usize>();
         let samples = (field.lattice.n_bricks() + n_bricks * BRICK) as u64;
@@ -230,20 +255,27 @@ impl DistanceField {
         refine::add_details(&mut field, source, (&layer, &spread), sites, &control.part(0.8, 1.0))?;
         let mut warnings = exact.defects().warnings();
         warnings.extend(tally.warnings());
+        if within.is_some() && chosen != [[0; 3], field.lattice.bricks] {
+            warnings.push(format!(
+                "the field has its full accuracy only in part of its domain ({} of {} blocks); elsewhere its spacing is {:.1} mm",
+                (0..3).map(|a| chosen[1][a] - chosen[0][a]).product::<usize>(),
+                field.lattice.n_bricks(),
+                field.lattice.coarse_spacing()
+            ));
+        }
         control.report(1.0);
         Ok((field, warnings))
     }
 
-    /// The bricks of a tile that the band reaches. Between the two distances `fade` the coarse spline takes over.
-    fn tile_bricks(&self, tile: &Tile, fade: [f64; 2]) -> Built {
-        let lattice = &self.lattice;
+    /// The bricks of a tile that the band reaches, from place `chosen[0]` up to before `chosen[1]`. Between the two distances `fade` the coarse spline takes over.
+    fn tile_bricks(&self, tile: &Tile, chosen: [[usize; 3]; 2], fade: [f64; 2]) -> Built {
         let mut built = Built::default();
         let first = tile.first.map(|n| n / EDGE);
         let wanted = (fade[0] * fade[0]) as f32;
         for n in 0..(TILE / EDGE).pow(3) {
             let step = [n % (TILE / EDGE), n / (TILE / EDGE) % (TILE / EDGE), n / (TILE / EDGE).pow(2)];
             let at = [0, 1, 2].map(|a| first[a] + step[a]);
-            if (0..3).any(|a| at[a] >= lattice.bricks[a]) {
+            if (0..3).any(|a| at[a] < chosen[0][a] || at[a] >= chosen[1][a]) {
                 continue;
             }
             let node = step.map(|s| s * EDGE);

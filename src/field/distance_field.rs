@@ -132,6 +132,14 @@ impl DistanceField {
         self.bricks.len() + self.details.len()
     }
 
+    /// Whether the field has its finest spacing at `p`: false beyond the band, the domain, or the box that it was built within.
+    #[must_use]
+    pub fn is_fine_at(&self, p: &Point) -> bool {
+        let u = (p - self.lattice.origin) * self.lattice.per_mm;
+        let brick = [0, 1, 2].map(|a| ((u[a] + 0.5) / EDGE as f64).floor() as isize);
+        self.slot(Level::Brick, brick) != NO_BRICK
+    }
+
     /// Memory of the field, bytes.
     #[must_use]
     pub fn bytes(&self) -> usize {

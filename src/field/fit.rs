@@ -7,6 +7,7 @@ use super::bricks::{NO_BRICK, code, place};
 use super::distance_field::{DistanceField, Level};
 use super::lattice::EDGE;
 use super::sites::{CLASSES, Site, Sites};
+use pulp::Arch;
 use rayon::prelude::*;
 
 /// Errors below this (in spacings) are left alone.
@@ -135,6 +136,7 @@ pub(super) fn no_coefficients() -> Around {
 pub(super) fn fit(field: &mut DistanceField, layer: &Layer, sites: &mut [Sites], spacing: f64, sweeps: usize) {
     let small = SMALL * spacing as f32;
     let mut is_stale = vec![true; sites.len()];
+    let arch = Arch::new();
     for sweep in 0..=sweeps {
         let bad: Vec<u32> = sites
             .par_iter_mut()
@@ -143,9 +145,11 @@ pub(super) fn fit(field: &mut DistanceField, layer: &Layer, sites: &mut [Sites],
                 if is_stale[slot] && !sites.all.is_empty() {
                     let mut around = no_coefficients();
                     layer.fill(field, slot, &mut around);
-                    for site in &mut sites.all {
-                        site.value = site.below + layer.value(&around, site);
-                    }
+                    arch.dispatch(|| {
+                        for site in &mut sites.all {
+                            site.value = site.below + layer.value(&around, site);
+                        }
+                    });
                 }
                 sites.classes_beyond(small)
             })
@@ -164,7 +168,7 @@ pub(super) fn fit(field: &mut DistanceField, layer: &Layer, sites: &mut [Sites],
         let each: Vec<(usize, &mut [i16])> = field.bricks_of_mut(layer.level).each_mut().enumerate().collect();
         each.into_par_iter()
             .filter(|(slot, _)| moved[*slot])
-            .for_each(|(slot, codes)| take_back(layer, slot, sites, &matters, (step, codes)));
+            .for_each(|(slot, codes)| arch.dispatch(|| take_back(layer, slot, sites, &matters, (step, codes))));
         is_stale = (0..sites.len())
             .into_par_iter()
             .map(|slot| layer.neighbours[slot].iter().any(|n| *n != NO_BRICK && moved[*n as usize]))
@@ -189,6 +193,7 @@ const WIDE: usize = EDGE + 4;
 const BOX: usize = WIDE * WIDE * WIDE + 1;
 
 /// Takes from the codes of a brick, worth `step` (mm) each, what the errors at the sites around want.
+#[inline(always)]
 fn take_back(
     layer: &Layer,
     slot: usize,

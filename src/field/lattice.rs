@@ -59,6 +59,23 @@ impl Lattice {
         i + self.bricks[0] * (j + self.bricks[1] * k)
     }
 
+    /// First and end of the places along each axis of the bricks that meet `bounds`, if any do.
+    pub(super) fn bricks_meeting(&self, bounds: &Aabb) -> Option<[[usize; 3]; 2]> {
+        let domain = self.domain();
+        let mut chosen = [[0; 3]; 2];
+        for a in 0..3 {
+            let place = |x: f64| (x - domain.min[a]) / self.coarse_spacing();
+            let last = self.bricks[a] as f64;
+            let (from, to) = (place(bounds.min[a]).floor().max(0.0), place(bounds.max[a]).ceil().min(last));
+            // Also for what is no number.
+            if !(from < to) {
+                return None;
+            }
+            (chosen[0][a], chosen[1][a]) = (from as usize, to as usize);
+        }
+        Some(chosen)
+    }
+
     /// Bricks with a ring of none around them, along each axis.
     pub(super) fn index_dims(&self) -> [usize; 3] {
         self.bricks.map(|n| n + 2)

@@ -8,6 +8,7 @@ use super::lattice::EDGE;
 use super::scan::Slab;
 use crate::control::{Cancelled, Control};
 use crate::geometry::{Point, TriMesh, Vector};
+use pulp::Arch;
 use rayon::prelude::*;
 
 /// Nodes along the edge of a tile, without its halo: its distances fit the second cache.
@@ -34,6 +35,7 @@ pub(super) struct Tiles<'a> {
     /// Features of tile n: `members[first[n]..first[n + 1]]`.
     first: Vec<u32>,
     members: Vec<u32>,
+    arch: Arch,
 }
 
 /// The nodes of one tile with its halo.
@@ -113,7 +115,7 @@ impl<'a> Tiles<'a> {
             }
         }
         let crossings = Crossings::new(source.mesh, &source.defects.counts, &source.defects.rim, &rows);
-        Self { source, rows, halo, reach, crossings, counts, first, members }
+        Self { source, rows, halo, reach, crossings, counts, first, members, arch: Arch::new() }
     }
 
     /// Calls `each` for every tile that features reach, in parallel; the results in the order of the tiles.
@@ -163,9 +165,12 @@ impl<'a> Tiles<'a> {
         }
         let offset = Vector::new(first[0] as f64, first[1] as f64, first[2] as f64) * rows.spacing;
         let mut slab = Slab::new(rows.origin + offset, rows.spacing, dims);
-        for &member in &self.members[self.first[n] as usize..self.first[n + 1] as usize] {
-            slab.add(&self.source.features.region(member as usize, self.reach));
-        }
+        let members = &self.members[self.first[n] as usize..self.first[n + 1] as usize];
+        self.arch.dispatch(|| {
+            for &member in members {
+                slab.add(&self.source.features.region(member as usize, self.reach));
+            }
+        });
         let mut winding = vec![0i8; dims.iter().product()];
         for k in 0..dims[2] {
             let range = first[1]..first[1] + dims[1];

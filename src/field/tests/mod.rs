@@ -12,3 +12,4 @@ mod regions;
 mod shapes;
 mod signs;
 mod smoothness;
+mod within;

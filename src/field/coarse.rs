@@ -21,7 +21,7 @@ fn handed_on(rows: &Rows, tree: &Tree) -> Vec<Nearest> {
         let node = [n % nx, n / nx % ny, n / (nx * ny)].map(|i| i as f64);
         rows.origin + Vector::from(node) * rows.spacing
     };
-    let nothing = Nearest { point: Point::origin(), slot: 0, distance_sq: f64::INFINITY };
+    let nothing = Nearest { point: Point::origin(), slot: u32::MAX, distance_sq: f64::INFINITY };
     let mut found = vec![nothing; nx * ny * nz];
     for (slot, [a, b, c]) in tree.corners.iter().enumerate() {
         let middle = ((a.coords + b.coords + c.coords) / 3.0 - rows.origin.coords) / rows.spacing;

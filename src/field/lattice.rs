@@ -66,12 +66,14 @@ impl Lattice {
         for a in 0..3 {
             let place = |x: f64| (x - domain.min[a]) / self.coarse_spacing();
             let last = self.bricks[a] as f64;
-            let (from, to) = (place(bounds.min[a]).floor().max(0.0), place(bounds.max[a]).ceil().min(last));
-            // Also for what is no number.
-            if !(from < to) {
+            let (from, to) = (place(bounds.min[a]), place(bounds.max[a]));
+            // False for what is no number, too.
+            let meets = from <= to && from < last && to > 0.0;
+            if !meets {
                 return None;
             }
-            (chosen[0][a], chosen[1][a]) = (from as usize, to as usize);
+            chosen[0][a] = from.max(0.0) as usize;
+            chosen[1][a] = (to.ceil() as usize).min(self.bricks[a]);
         }
         Some(chosen)
     }

@@ -48,7 +48,8 @@ impl Rough {
                 for site in sites[slot].all.iter().filter(|s| s.value.abs() > limit) {
                     places_around(layer.at[slot], &site.local(), counts, &mut places);
                 }
-                if !sites[slot].all.is_empty() {
+                // Between good sites nothing is rough.
+                if sites[slot].all.iter().any(|s| s.value.abs() > 0.5 * limit_between) {
                     let mut around = no_coefficients();
                     layer.fill(field, slot, &mut around);
                     spread.for_joints(slot, layer.at[slot], |p| {

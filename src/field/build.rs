@@ -63,7 +63,7 @@ impl FieldSettings {
 /// What a built field is like.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FieldReport {
-    /// Bricks of 8³ cells at the finest spacing, and at half of it where the surface needs that.
+    /// Bricks of 8³ cells at the finest spacing, and of 4³ at half of it where the surface needs that.
     pub bricks: usize,
     /// Memory of the field, bytes.
     pub bytes: usize,
@@ -267,7 +267,8 @@ impl DistanceField {
         Ok((field, warnings))
     }
 
-    /// The bricks of a tile that the band reaches, from place `chosen[0]` up to before `chosen[1]`. Between the two distances `fade` the coarse spline takes over.
+    /// The bricks of a tile that the band reaches, from place `chosen[0]` up to before `chosen[1]`. Between the two distances `fade`
+    /// the coarse spline takes over.
     fn tile_bricks(&self, tile: &Tile, chosen: [[usize; 3]; 2], fade: [f64; 2]) -> Built {
         let mut built = Built::default();
         let first = tile.first.map(|n| n / EDGE);

@@ -7,10 +7,7 @@ use crate::control::{Cancelled, Control};
 use crate::geometry::{Point, Vector};
 use rayon::prelude::*;
 
-/// Distances that are handed on are at most this much too large.
-const SURE: f64 = 1.1;
-
-/// For every node a triangle that is nearly the nearest: those next to the triangles' middles, handed on from node to node,
+/// For every node a triangle that is probably the nearest: those next to the triangles' middles, handed on from node to node,
 /// forth and back.
 ///
 /// # Source
@@ -57,11 +54,13 @@ fn handed_on(rows: &Rows, tree: &Tree) -> Vec<Nearest> {
             found[n] = best;
         }
     }
+    // Every node is reached, one way or the other.
+    debug_assert!(found.iter().all(|f| f.distance_sq < f64::INFINITY));
     found
 }
 
 /// Coefficients of the coarse spline of the signed distance, ring included, and the signs found. Beyond `exact_within` (mm)
-/// distances are those of [`handed_on`].
+/// distances may be 1 % too large.
 pub(super) fn coefficients(
     lattice: &Lattice,
     exact: &ExactDistance,
@@ -87,10 +86,7 @@ pub(super) fn coefficients(
                 .enumerate()
                 .map(|(n, closed)| {
                     let p = rows.origin + Vector::new((n % nx) as f64, (n / nx) as f64, k as f64) * rows.spacing;
-                    let mut nearest = found[n + nx * ny * k];
-                    if nearest.distance_sq.sqrt() <= SURE * exact_within {
-                        nearest = exact.nearest(&p, nearest.slot);
-                    }
+                    let nearest = exact.tree().nearly_nearest(&p, found[n + nx * ny * k].slot, exact_within);
                     let share = if rim.is_far(&p, 0.0) { 0.0 } else { rim.share(&p) };
                     let winding = f64::from(closed) - share;
                     let inside = is_inside(winding);

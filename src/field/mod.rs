@@ -24,6 +24,7 @@ mod fit;
 mod flood;
 mod lattice;
 mod method;
+mod query;
 mod refine;
 mod regions;
 mod rim;

@@ -13,7 +13,7 @@ const MOST_PARTS: f64 = 200.0;
 /// About the most points; with more to place they are farther apart.
 const MOST_SITES: f64 = 4e6;
 /// Rows of at most so many points are gone through point by point.
-const SHORT: usize = 8;
+pub(super) const SHORT: usize = 8;
 
 /// The triangles and vertices of a surface in each brick of a field.
 pub(super) struct Spread<'a> {
@@ -120,7 +120,7 @@ impl<'a> Spread<'a> {
     }
 
     /// Parts along the edge of a triangle.
-    fn parts(&self, t: usize) -> f64 {
+    pub(super) fn parts(&self, t: usize) -> f64 {
         let [a, b, c] = self.mesh.corners(t);
         let longest_sq = (b - a).norm_squared().max((c - b).norm_squared()).max((a - c).norm_squared());
         (longest_sq.sqrt() * self.per_mm / self.apart).ceil().clamp(1.0, MOST_PARTS)

@@ -67,6 +67,12 @@ impl Tree {
 
     /// Nearest point on the surface to `p`; `hint` is a triangle (tree order) that is probably close.
     pub(super) fn nearest(&self, p: &Point, hint: u32) -> Nearest {
+        self.nearly_nearest(p, hint, f64::INFINITY)
+    }
+
+    /// Like [`Tree::nearest`], but beyond the distance `exact_within` (mm) a triangle will do that is at most 1 % farther.
+    pub(super) fn nearly_nearest(&self, p: &Point, hint: u32, exact_within: f64) -> Nearest {
+        let exact_sq = exact_within * exact_within;
         let mut best = self.of_triangle(p, hint);
         // Deep enough: a median split halves the range at every level.
         let mut stack = [(0u32, 0.0f64); 64];
@@ -75,7 +81,7 @@ impl Tree {
         while top > 0 {
             top -= 1;
             let (index, bound) = stack[top];
-            if bound >= best.distance_sq {
+            if bound * if best.distance_sq > exact_sq { 1.02 } else { 1.0 } >= best.distance_sq {
                 continue;
             }
             let node = &self.nodes[index as usize];

@@ -48,8 +48,7 @@ impl Rough {
                 for site in sites[slot].all.iter().filter(|s| s.value.abs() > limit) {
                     places_around(layer.at[slot], &site.local(), counts, &mut places);
                 }
-                // Between good sites nothing is rough.
-                if sites[slot].all.iter().any(|s| s.value.abs() > 0.5 * limit_between) {
+                if !sites[slot].all.is_empty() {
                     let mut around = no_coefficients();
                     layer.fill(field, slot, &mut around);
                     spread.for_joints(slot, layer.at[slot], |p| {
@@ -257,7 +256,7 @@ fn parents(field: &DistanceField, at: [usize; 3]) -> [f32; PARENTS.pow(3)] {
         let step = [n % PARENTS, n / PARENTS % PARENTS, n / PARENTS.pow(2)];
         let node = [0, 1, 2].map(|a| first[a] + step[a] as isize);
         let local = [0, 1, 2].map(|a| (node[a] - bricks[a] * EDGE as isize) as usize);
-        let slot = slots[local[0] / EDGE | (local[1] / EDGE) << 1 | (local[2] / EDGE) << 2];
+        let slot = slots[(local[0] / EDGE) | ((local[1] / EDGE) << 1) | ((local[2] / EDGE) << 2)];
         *parent = if slot == NO_BRICK {
             field.refined_coarse(node) as f32
         } else {

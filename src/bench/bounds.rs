@@ -1,10 +1,11 @@
 use std::io::Write;
 use std::path::Path;
+use std::time::Instant;
 
 use super::error::BenchError;
 use super::files::read_surface;
 use crate::control::Control;
-use crate::field::{Accuracy, DistanceField, ExactDistance, FieldSettings, Place, sample_points};
+use crate::field::{Accuracy, BandBound, DistanceField, ExactDistance, FieldSettings, Place, sample_points};
 
 /// Sites of the points that try to break the bounds: about a million points.
 const SITES: usize = 600_000;
@@ -18,6 +19,8 @@ pub struct BoundStudy<'a> {
     pub mesh: &'a Path,
     /// Spacing and band.
     pub settings: FieldSettings,
+    /// The bound in the band is proven for as many bricks as this time allows, s.
+    pub most_s: f64,
 }
 
 impl BoundStudy<'_> {
@@ -57,17 +60,32 @@ impl BoundStudy<'_> {
         };
         let on_surface = field.surface_bound(&surface, &exact, &control)?;
         compare("on the surface", on_surface, &[Place::Face, Place::Edge])?;
+        let start = Instant::now();
+        let goes_on = || start.elapsed().as_secs_f64() < self.most_s;
         let in_band = match on_surface {
-            Some(bound) => field.band_bound(&surface, &exact, band_mm, bound, &control)?,
+            Some(bound) => field.band_bound(&surface, &exact, (band_mm, bound), &goes_on, &control)?,
             None => None,
         };
-        compare(&format!("within {band_mm} mm"), in_band, &[Place::Band, Place::Face, Place::Edge, Place::MedialAxis])?;
-        if let Some(bound) = in_band {
-            let (is, limit) = (if bound < DOUBT * spacing_mm { "" } else { "not " }, DOUBT * spacing_mm);
-            writeln!(
+        let place = format!("within {band_mm} mm");
+        let places = [Place::Band, Place::Face, Place::Edge, Place::MedialAxis];
+        let whole = in_band.filter(|proof| proof.share == 1.0).map(|proof| proof.bound_mm);
+        compare(&place, whole, &places)?;
+        let limit = DOUBT * spacing_mm;
+        match in_band {
+            Some(BandBound { bound_mm, share: 1.0 }) => {
+                let is = if bound_mm < limit { "" } else { "not " };
+                writeln!(
+                    out,
+                    "settled signs are {is}proven right in the band: the bound would have to be below {limit} mm"
+                )?;
+            }
+            Some(BandBound { bound_mm, share }) => writeln!(
                 out,
-                "settled signs are {is}proven right in the band: the bound would have to be below {limit} mm"
-            )?;
+                "{place}: stopped after {} s (--most-s): {bound_mm:.4} mm proven for {:.1} % of the domain, spread evenly; nothing is proven for the rest",
+                self.most_s,
+                100.0 * share
+            )?,
+            None => {}
         }
         Ok(held)
     }

@@ -104,12 +104,15 @@ pub(super) struct BoundArguments {
     /// Surface: STL, PLY or OBJ, mm; closed.
     #[arg(long)]
     mesh: PathBuf,
-    /// Finest spacing, mm. A proof takes some minutes at 0.8 mm on a skull.
+    /// Finest spacing, mm.
     #[arg(long, default_value_t = FieldSettings::default().spacing_mm)]
     spacing_mm: f64,
     /// Half-width of the band, mm.
     #[arg(long, default_value_t = FieldSettings::default().band_mm)]
     band_mm: f64,
+    /// Most time for the proof in the band, s; how much of the band it covers is told.
+    #[arg(long, default_value_t = 120.0)]
+    most_s: f64,
 }
 
 #[derive(Debug, Args)]
@@ -261,7 +264,7 @@ pub(super) fn run(command: &BenchCommand) -> CommandResult {
         },
         BenchCommand::Bounds(a) => {
             let settings = FieldSettings { spacing_mm: a.spacing_mm, band_mm: a.band_mm, ..FieldSettings::default() };
-            if !(BoundStudy { mesh: &a.mesh, settings }.run(out)?) {
+            if !(BoundStudy { mesh: &a.mesh, settings, most_s: a.most_s }.run(out)?) {
                 return Err("a point breaks a bound".into());
             }
         }

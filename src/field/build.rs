@@ -1,6 +1,5 @@
 use super::accuracy::{Accuracy, sample_points};
-use super::band_certificate::band_bound;
-use super::bricks::{Bricks, NO_BRICK};
+use super::band_certificate::{BandBound, band_bound};
 use super::certificate::surface_bound;
 use super::coarse;
 use super::crossings::Rows;
@@ -8,21 +7,23 @@ use super::distance_field::{DistanceField, Level};
 use super::error::{FieldError, within};
 use super::exact::ExactDistance;
 use super::features::Features;
-use super::fit::{Sites, fit};
+use super::fit::{Layer, fit};
 use super::lattice::{BRICK, EDGE, Lattice};
 use super::refine;
 use super::regions::{DoubtfulRegions, doubtful_regions};
+use super::sites::{self, Spread};
 use super::spline::Weights;
 use super::tiles::{Source, TILE, Tally, Tile, Tiles};
 use crate::control::{Cancelled, Control};
-use crate::geometry::{Implicit, TriMesh, Vector};
+use crate::geometry::{Aabb, Implicit, TriMesh, Vector};
 
 /// Most samples (coarse and fine) of a field: half a gigabyte of detail.
 pub(super) const MOST_SAMPLES: u64 = 1 << 27;
-/// A point of the band needs coefficients up to (3/2)√3 spacings away, and these their neighbours' values.
-const STENCIL_REACH: f64 = 3.6;
+/// A point of the band needs coefficients up to 3/2 spacings away (where their weight vanishes), and these an eighth of their
+/// neighbours' values.
+const STENCIL_REACH: f64 = 2.3;
 /// From here on exact distances give way to the coarse spline's, in spacings beyond the band.
-const FADE: f64 = 2.7;
+const FADE: f64 = 1.5;
 /// Coefficients of a brick are at most this many spacings larger than the reach: a brick's diagonal and its neighbours.
 pub(super) const LARGEST: f64 = 18.0;
 /// Sites of the sample at which the error is measured.
@@ -30,7 +31,7 @@ const SITES: usize = 2000;
 /// Sites where a bound looks for the largest error.
 const MANY_SITES: usize = 50_000;
 /// Times that the zero is moved towards the surface.
-const SWEEPS: usize = 3;
+pub(super) const SWEEPS: usize = 3;
 /// Nodes around a tile that its coefficients need.
 pub(super) const HALO: usize = 1;
 
@@ -62,7 +63,7 @@ impl FieldSettings {
 /// What a built field is like.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FieldReport {
-    /// Bricks of 8³ cells at the finest spacing, and at half of it where the surface needs that.
+    /// Bricks of 8³ cells at the finest spacing, and of 4³ at half of it where the surface needs that.
     pub bricks: usize,
     /// Memory of the field, bytes.
     pub bytes: usize,
@@ -151,8 +152,9 @@ impl DistanceField {
     }
 
     /// A bound on the field's error (mm) at every point of its domain within `band` (mm) of the surface that it and `exact` were made
-    /// for: proven, not sampled. It is not made sharper than six tenths of the spacing or a tenth above an error found. `on_surface` is
-    /// [`DistanceField::surface_bound`]. Takes some ten seconds; `None` when the surface is open or the field too large to be gone through.
+    /// for: proven, not sampled. It is not made sharper than seven tenths of the spacing or a tenth above an error found. `on_surface` is
+    /// [`DistanceField::surface_bound`]. Takes some ten minutes of processor time on a skull at 0.8 mm; when `goes_on` says no it stops,
+    /// and the bound holds for a share of the field. `None` when the surface is open or the field too large to be gone through.
     ///
     /// # Errors
     /// [`Cancelled`].
@@ -160,13 +162,13 @@ impl DistanceField {
         &self,
         surface: &TriMesh,
         exact: &ExactDistance,
-        band: f64,
-        on_surface: f64,
+        (band, on_surface): (f64, f64),
+        goes_on: &(dyn Fn() -> bool + Sync),
         control: &Control,
-    ) -> Result<Option<f64>, Cancelled> {
+    ) -> Result<Option<BandBound>, Cancelled> {
         let points = sample_points(surface, exact, band, MANY_SITES, control)?;
         let seen = Accuracy::measure(self, exact, &points, control)?.max_error_mm;
-        band_bound(self, exact, band, on_surface, seen, control)
+        band_bound(self, exact, band, (on_surface, seen), goes_on, control)
     }
 
     /// Builds the field of `surface`, for which `exact` was made; also what is wrong with the surface.
@@ -183,11 +185,33 @@ impl DistanceField {
         settings: &FieldSettings,
         control: &Control,
     ) -> Result<(Self, Vec<String>), FieldError> {
+        Self::build_within(exact, surface, None, settings, control)
+    }
+
+    /// The same with full accuracy only in the box `within` (LPS mm), or everywhere without one: bricks that do not meet it are
+    /// left out, and a warning says so.
+    ///
+    /// Out there the coarse spline answers, on a lattice of eight spacings, as it does beyond the band: the sign is right farther than
+    /// about a coarse spacing from the surface, the distance some millimetres off. [`DistanceField::is_fine_at`] tells where.
+    ///
+    /// # Errors
+    /// As [`DistanceField::build`]; [`FieldError::Elsewhere`] for a box that misses the field's domain.
+    pub fn build_within(
+        exact: &ExactDistance,
+        surface: &TriMesh,
+        within: Option<&Aabb>,
+        settings: &FieldSettings,
+        control: &Control,
+    ) -> Result<(Self, Vec<String>), FieldError> {
         settings.check()?;
         let too_large =
             |samples| FieldError::TooLarge { spacing_mm: settings.spacing_mm, samples, allowed: MOST_SAMPLES };
         let bounds = surface.bounds().grown(settings.margin_mm);
         let lattice = Lattice::covering(&bounds, settings.spacing_mm, MOST_SAMPLES).map_err(too_large)?;
+        let chosen = match within {
+            Some(within) => lattice.bricks_meeting(within).ok_or(FieldError::Elsewhere)?,
+            None => [[0; 3], lattice.bricks],
+        };
         let features = Features::new(surface, &exact.defects().triangles);
         let source = Source { mesh: surface, defects: exact.defects(), features: &features };
         control.check()?;
@@ -196,54 +220,63 @@ impl DistanceField {
         let mut tally = Tally::default();
         let (coarse, signs) = coarse::coefficients(&lattice, exact, source, reach, &control.part(0.0, 0.3))?;
         tally.add(&signs);
-        let mut field = Self {
-            index: vec![NO_BRICK; lattice.n_bricks()],
-            domain: lattice.domain(),
-            lattice,
-            coarse,
-            bricks: Bricks::new(reach + LARGEST * settings.spacing_mm),
-            children: Vec::new(),
-            details: Bricks::new(1.0),
-        };
+        let h = settings.spacing_mm;
+        let mut field = Self::coarse(lattice, coarse, [reach + LARGEST * h, 0.5 * LARGEST * h]);
         let rows = Rows {
-            origin: field.lattice.origin - Vector::repeat(HALO as f64 * settings.spacing_mm),
-            spacing: settings.spacing_mm,
+            origin: field.lattice.origin - Vector::repeat(HALO as f64 * h),
+            spacing: h,
             dims: field.lattice.bricks.map(|n| n * EDGE + 2 * HALO),
         };
-        let tiles = Tiles::new(source, rows, HALO, reach, |_, _| true);
-        let fade = [settings.band_mm + FADE * settings.spacing_mm, reach];
-        let built = tiles.map(&control.part(0.3, 0.8), |tile| field.tile_bricks(tile, fade))?;
+        let is_chosen = |first: [usize; 3], last: [usize; 3]| {
+            (0..3).all(|a| last[a] >= EDGE * chosen[0][a] && first[a] < EDGE * chosen[1][a] + 2 * HALO)
+        };
+        let tiles = Tiles::new(source, rows, HALO, reach, is_chosen);
+        let fade = [settings.band_mm + FADE * h, reach];
+        let built = tiles.map(&control.part(0.3, 0.8), |tile| field.tile_bricks(tile, chosen, fade))?;
         drop(tiles);
-        let samples = field.coarse.len() as u64 + (built.iter().map(Vec::len).sum::<usize>() * BRICK) as u64;
+        let n_bricks = built.iter().map(|b| b.at.len()).sum::<usize>();
+        let samples = (field.lattice.n_bricks() + n_bricks * BRICK) as u64;
         if samples > MOST_SAMPLES {
             return Err(too_large(samples));
         }
-        field.bricks.reserve(built.iter().map(Vec::len).sum());
-        for brick in built.into_iter().flatten() {
-            field.index[brick.place] = field.bricks.push(&brick.codes);
-            tally.add(&brick.tally);
+        field.bricks.reserve(n_bricks);
+        for of_tile in built {
+            let first = field.bricks.append(&of_tile.codes);
+            for (n, at) in of_tile.at.iter().enumerate() {
+                let place = field.lattice.index_of(*at);
+                field.index[place] = first + n as u32;
+            }
+            tally.add(&of_tile.tally);
         }
-        let sites = Sites::new(surface, &exact.defects().distinct, settings.spacing_mm);
-        let errors = fit(&mut field, Level::Brick, &sites, SWEEPS);
-        refine::add_details(&mut field, source, &sites, &errors, &control.part(0.8, 0.95))?;
-        fit(&mut field, Level::Detail, &sites, SWEEPS);
-        refine::seal(&mut field);
+        let layer = Layer::new(&field, Level::Brick);
+        let spread = Spread::new(&field, surface, &exact.defects().distinct);
+        let mut sites = sites::of_bricks(&spread, &layer.at);
+        fit(&mut field, &layer, &mut sites, h, SWEEPS);
+        refine::add_details(&mut field, source, (&layer, &spread), sites, &control.part(0.8, 1.0))?;
         let mut warnings = exact.defects().warnings();
         warnings.extend(tally.warnings());
+        if within.is_some() && chosen != [[0; 3], field.lattice.bricks] {
+            warnings.push(format!(
+                "the field has its full accuracy only in part of its domain ({} of {} blocks); elsewhere its spacing is {:.1} mm",
+                (0..3).map(|a| chosen[1][a] - chosen[0][a]).product::<usize>(),
+                field.lattice.n_bricks(),
+                field.lattice.coarse_spacing()
+            ));
+        }
         control.report(1.0);
         Ok((field, warnings))
     }
 
-    /// The bricks of a tile that the band reaches. Between the two distances `fade` the coarse spline takes over.
-    fn tile_bricks(&self, tile: &Tile, fade: [f64; 2]) -> Vec<Built> {
-        let lattice = &self.lattice;
-        let mut built = Vec::new();
+    /// The bricks of a tile that the band reaches, from place `chosen[0]` up to before `chosen[1]`. Between the two distances `fade`
+    /// the coarse spline takes over.
+    fn tile_bricks(&self, tile: &Tile, chosen: [[usize; 3]; 2], fade: [f64; 2]) -> Built {
+        let mut built = Built::default();
         let first = tile.first.map(|n| n / EDGE);
         let wanted = (fade[0] * fade[0]) as f32;
         for n in 0..(TILE / EDGE).pow(3) {
             let step = [n % (TILE / EDGE), n / (TILE / EDGE) % (TILE / EDGE), n / (TILE / EDGE).pow(2)];
             let at = [0, 1, 2].map(|a| first[a] + step[a]);
-            if (0..3).any(|a| at[a] >= lattice.bricks[a]) {
+            if (0..3).any(|a| at[a] < chosen[0][a] || at[a] >= chosen[1][a]) {
                 continue;
             }
             let node = step.map(|s| s * EDGE);
@@ -253,19 +286,20 @@ impl DistanceField {
             let (inside, inverted) = tile.inside(node, [AROUND; 3]);
             let coarse = self.coarse_at(at);
             let mut values = [0.0f32; AROUND.pow(3)];
-            tile.copy_squared(node, &mut values);
+            tile.copy_squared(node, AROUND, &mut values);
             for ((value, inside), coarse) in values.iter_mut().zip(&inside).zip(&coarse) {
                 let d = value.sqrt();
                 let signed = if *inside { -d } else { d };
                 let far = ((d - fade[0] as f32) / (fade[1] - fade[0]) as f32).clamp(0.0, 1.0);
                 *value = if far == 0.0 { signed } else { blend(signed, *coarse, far) };
             }
-            built.push(Built {
-                place: lattice.brick_index(at),
-                codes: self.bricks.packed(&coefficients(&values)),
-                tally: Tally::count(&inside, inverted),
-            });
+            let mut c = [0.0; BRICK];
+            coefficients(&values, EDGE, &mut c);
+            self.bricks.pack(&c, &mut built.codes);
+            built.at.push(at);
+            built.tally.add(&Tally::count(&inside, inverted));
         }
+        built.codes.shrink_to_fit();
         built
     }
 
@@ -284,10 +318,11 @@ impl DistanceField {
 /// Nodes along the edge of a brick with those next to it.
 pub(super) const AROUND: usize = EDGE + 2 * HALO;
 
-/// A brick before it gets a place.
+/// The bricks of a tile.
+#[derive(Default)]
 struct Built {
-    place: usize,
-    codes: Box<[i16; BRICK]>,
+    at: Vec<[usize; 3]>,
+    codes: Vec<i16>,
     tally: Tally,
 }
 
@@ -322,23 +357,18 @@ pub(super) fn tensor(c: &[f32; 27], weights: &[[f32; 3]; AROUND]) -> [f32; AROUN
     values
 }
 
-/// Spline coefficients of the brick's nodes, by the values there and next to it.
-pub(super) fn coefficients(values: &[f32; AROUND.pow(3)]) -> [f32; BRICK] {
-    let mut c = [0.0; BRICK];
-    for k in 0..EDGE {
-        for j in 0..EDGE {
-            let row = 1 + AROUND * ((j + 1) + AROUND * (k + 1));
-            for i in 0..EDGE {
-                let n = row + i;
-                let around = values[n - 1]
-                    + values[n + 1]
-                    + values[n - AROUND]
-                    + values[n + AROUND]
-                    + values[n - AROUND * AROUND]
-                    + values[n + AROUND * AROUND];
-                c[i + EDGE * (j + EDGE * k)] = 1.75 * values[n] - 0.125 * around;
-            }
+/// Spline coefficients `c` at the nodes of a brick, by the values there and next to it: they are the values less an eighth of
+/// their second differences.
+pub(super) fn coefficients(values: &[f32], edge: usize, c: &mut [f32]) {
+    let side = edge + 2 * HALO;
+    for (n, row) in c.chunks_exact_mut(edge).enumerate() {
+        let first = HALO + side * (n % edge + HALO + side * (n / edge + HALO));
+        let at = |from: usize| &values[from..from + edge];
+        let (own, x0, x1) = (at(first), at(first - 1), at(first + 1));
+        let (y0, y1) = (at(first - side), at(first + side));
+        let (z0, z1) = (at(first - side * side), at(first + side * side));
+        for (i, c) in row.iter_mut().enumerate() {
+            *c = 1.75 * own[i] - 0.125 * (x0[i] + x1[i] + y0[i] + y1[i] + z0[i] + z1[i]);
         }
     }
-    c
 }

@@ -166,7 +166,7 @@ pub(super) fn curvature_bound(field: &DistanceField, min: &Point, max: &Point) -
     let lattice = &field.lattice;
     let coarser =
         level_bound(lattice.spacing, |a, end| node_of(lattice, a, [min, max][end][a], false), |n| field.coefficient(n));
-    if field.children.is_empty() {
+    if field.parts.is_empty() {
         return coarser;
     }
     let h = 0.5 * lattice.spacing;

@@ -16,8 +16,20 @@ pub(super) struct Rows {
 /// Changes of the winding number along the rows of a lattice.
 #[derive(Debug, Clone)]
 pub(super) struct Crossings {
-    /// For every layer the crossings of its rows: row, first node behind it, change; in that order.
-    layers: Vec<Vec<(u32, u32, i32)>>,
+    /// Rows in a layer.
+    ny: usize,
+    /// Sorted.
+    all: Vec<Crossing>,
+}
+
+/// Row (y fastest, from bit 32 on), first node behind it (from bit 10 on), and change plus 512.
+type Crossing = u64;
+
+/// Largest change of one crossing.
+const MOST: i32 = 511;
+
+fn packed(row: u64, node: u64, change: i32) -> Crossing {
+    row << 32 | node << 10 | (change + MOST + 1) as u64
 }
 
 impl Crossings {
@@ -27,18 +39,26 @@ impl Crossings {
     /// Rows that meet an edge or a vertex are decided as if they were moved by an infinitesimal amount, so that every closed
     /// surface is crossed as often inwards as outwards.
     pub(super) fn new(mesh: &TriMesh, counts: &[bool], rim: &Rim, rows: &Rows) -> Self {
-        let triangles = (0..mesh.triangles().len())
+        let mut all: Vec<Crossing> = (0..mesh.triangles().len())
             .into_par_iter()
             .filter(|&t| counts[t])
-            .flat_map_iter(|t| crossings(&mesh.corners(t), 1, rows));
-        let caps = rim.caps().into_par_iter().flat_map_iter(|(corners, times)| crossings(&corners, times, rows));
-        let mut all: Vec<(u32, (u32, u32, i32))> = triangles.chain(caps).collect();
-        all.par_sort_unstable();
-        let mut layers = vec![Vec::new(); rows.dims[2]];
-        for (layer, crossing) in all {
-            layers[layer as usize].push(crossing);
+            .fold(Vec::new, |mut found, t| {
+                cross(&mesh.corners(t), 1, rows, &mut found);
+                found
+            })
+            .flatten_iter()
+            .collect();
+        for (corners, times) in rim.caps() {
+            // One by one where they are too many for a crossing.
+            let mut rest = times;
+            while rest != 0 {
+                let part = rest.clamp(-MOST, MOST);
+                cross(&corners, part, rows, &mut all);
+                rest -= part;
+            }
         }
-        Self { layers }
+        all.par_sort_unstable();
+        Self { ny: rows.dims[1], all }
     }
 
     /// Runs of nodes in the rows `first_row..` of layer `k` where the winding number of the closed surface is not 0:
@@ -50,30 +70,29 @@ impl Crossings {
         nx: usize,
         mut run: impl FnMut(usize, usize, usize, i32),
     ) {
-        let layer = &self.layers[k];
-        let start = layer.partition_point(|c| (c.0 as usize) < rows.start);
-        let end = layer.partition_point(|c| (c.0 as usize) < rows.end);
-        for row in layer[start..end].chunk_by(|a, b| a.0 == b.0) {
+        let before = |row: usize| self.all.partition_point(|c| ((c >> 32) as usize) < row + self.ny * k);
+        let (start, end) = (before(rows.start), before(rows.end));
+        for row in self.all[start..end].chunk_by(|a, b| a >> 32 == b >> 32) {
             let mut winding = 0;
-            for (n, &(j, first, change)) in row.iter().enumerate() {
-                winding += change;
-                let last = row.get(n + 1).map_or(nx, |next| next.1 as usize);
-                if winding != 0 && (first as usize) < last {
-                    run(j as usize, first as usize, last, winding);
+            for (n, crossing) in row.iter().enumerate() {
+                winding += (crossing & 0x3ff) as i32 - MOST - 1;
+                let node = |c: &Crossing| (c >> 10 & 0x3f_ffff) as usize;
+                let last = row.get(n + 1).map_or(nx, node);
+                if winding != 0 && node(crossing) < last {
+                    run((crossing >> 32) as usize - self.ny * k, node(crossing), last, winding);
                 }
             }
         }
     }
 }
 
-/// Rows along x that cross the triangle, by layer.
-fn crossings(corners: &[Point; 3], times: i32, rows: &Rows) -> Vec<(u32, (u32, u32, i32))> {
-    let mut found = Vec::new();
+/// Adds the rows along x that cross the triangle.
+fn cross(corners: &[Point; 3], times: i32, rows: &Rows, found: &mut Vec<Crossing>) {
     let flat = corners.map(|p| Coord { x: p.y, y: p.z });
     let [a, b, c] = flat;
     let area = orient2d(a, b, c);
     if area == 0.0 {
-        return found;
+        return;
     }
     let range = |axis: usize, min: f64, max: f64| {
         let first = ((min - rows.origin[axis]) / rows.spacing - 1e-6).ceil().max(0.0);
@@ -85,7 +104,7 @@ fn crossings(corners: &[Point; 3], times: i32, rows: &Rows) -> Vec<(u32, (u32, u
         (v[0].min(v[1]).min(v[2]), v[0].max(v[1]).max(v[2]))
     };
     let ((y_min, y_max), (z_min, z_max), (x_min, x_max)) = (extent(|p| p.y), extent(|p| p.z), extent(|p| p.x));
-    let (Some(js), Some(ks)) = (range(1, y_min, y_max), range(2, z_min, z_max)) else { return found };
+    let (Some(js), Some(ks)) = (range(1, y_min, y_max), range(2, z_min, z_max)) else { return };
     let positive = area > 0.0;
     for k in ks {
         for j in js.clone() {
@@ -99,11 +118,10 @@ fn crossings(corners: &[Point; 3], times: i32, rows: &Rows) -> Vec<(u32, (u32, u
             let node = ((x - rows.origin.x) / rows.spacing).ceil().max(0.0);
             if node < rows.dims[0] as f64 {
                 // A normal along +x means that the row leaves the solid.
-                found.push((k as u32, (j as u32, node as u32, if positive { -times } else { times })));
+                found.push(packed((j + rows.dims[1] * k) as u64, node as u64, if positive { -times } else { times }));
             }
         }
     }
-    found
 }
 
 /// Whether a point lies left of the line through `a` and `b`, given its orientation; points on it are moved by (ε, ε²).

@@ -23,6 +23,9 @@ pub enum FieldError {
         /// Samples allowed.
         allowed: u64,
     },
+    /// The box within which the field is wanted lies beyond the field's domain.
+    #[error("the box within which the field is wanted does not meet the surface's box, grown by the margin")]
+    Elsewhere,
     /// The surface encloses nothing.
     #[error("the surface encloses no volume: the winding number is below one half everywhere")]
     NothingInside,

@@ -244,6 +244,22 @@ impl Features {
         (corner(region.min), corner(region.max))
     }
 
+    /// Box around all that is within `reach` (mm) of feature `index`.
+    pub(super) fn box_within(&self, index: usize, reach: f64) -> (Point, Point) {
+        let at = |v: u32| self.points[v as usize];
+        let (low, high) = if let Some(&[a, b, c]) = self.faces.get(index) {
+            (at(a).inf(&at(b)).inf(&at(c)), at(a).sup(&at(b)).sup(&at(c)))
+        } else if let Some(edge) = self.edges.get(index - self.faces.len()) {
+            let [a, b] = edge.ends.map(at);
+            (a.inf(&b), a.sup(&b))
+        } else {
+            let p = at(self.corners[index - self.faces.len() - self.edges.len()].at);
+            (p, p)
+        };
+        let reach = Vector::repeat(reach + f64::from(SLACK));
+        (low - reach, high + reach)
+    }
+
     fn face_region(&self, face: [u32; 3], reach: f64) -> Region {
         let [a, b, c] = face.map(|v| self.points[v as usize]);
         let normal = face_normal([a, b, c]).unwrap_or_else(Vector::x);

@@ -3,259 +3,257 @@
 //! A spline rounds the folds that a distance has along ridges and in thin walls, and so shifts its zero. Off the surface that
 //! does not matter; on it each coefficient takes back the mean of the errors around it, weighted by what it has to do with them.
 
-use super::bricks::NO_BRICK;
+use super::bricks::{NO_BRICK, code, place};
 use super::distance_field::{DistanceField, Level};
-use super::lattice::{BRICK, EDGE};
-use crate::geometry::{Implicit, Point, TriMesh};
+use super::lattice::EDGE;
+use super::sites::{CLASSES, Site, Sites};
+use pulp::Arch;
 use rayon::prelude::*;
 
-/// Points of the surface are at most about this far apart, in spacings.
-const APART: f64 = 1.5;
-/// Most parts of a triangle's edge.
-const MOST_PARTS: f64 = 200.0;
-/// About the most points; with more to place they are farther apart.
-const MOST_SITES: f64 = 4e6;
 /// Errors below this (in spacings) are left alone.
 const SMALL: f32 = 0.04;
+/// Nodes along the edge of the largest brick with those next to it.
+const SIDE: usize = EDGE + 2;
+/// A brick's coefficients with those next to it, mm; a row of four may read one too far.
+pub(super) type Around = [f32; SIDE * SIDE * SIDE + 1];
+/// Neighbours of a brick with itself in the middle, x fastest.
+const NEIGHBOURS: usize = 27;
 
-/// Points spread over a surface, where a field should be 0.
-#[derive(Debug)]
-pub(super) struct Sites {
-    points: Vec<Point>,
-    between: Vec<Point>,
+/// The bricks of one level and those next to them.
+pub(super) struct Layer {
+    pub(super) level: Level,
+    /// Places, in bricks.
+    pub(super) at: Vec<[i32; 3]>,
+    neighbours: Vec<[u32; NEIGHBOURS]>,
 }
 
-impl Sites {
-    /// Points on the triangles of `mesh` that are `distinct`, for the spacing `spacing`, mm: the middles of equal parts of each, and
-    /// all vertices.
-    pub(super) fn new(mesh: &TriMesh, distinct: &[bool], spacing: f64) -> Self {
-        let parts = |t: usize, apart: f64| {
-            let [a, b, c] = mesh.corners(t);
-            let longest = (b - a).norm().max((c - b).norm()).max((a - c).norm());
-            (longest / apart).ceil().clamp(1.0, MOST_PARTS)
-        };
-        let apart = APART * spacing;
-        let wanted: f64 = (0..distinct.len()).filter(|&t| distinct[t]).map(|t| parts(t, apart).powi(2)).sum();
-        let apart = apart * (wanted / MOST_SITES).sqrt().max(1.0);
-        let on_triangles = |of: fn(usize, &mut dyn FnMut(f64, f64))| {
-            (0..mesh.triangles().len())
-                .into_par_iter()
-                .filter(|&t| distinct[t])
-                .fold(Vec::new, |mut points, t| {
-                    let [a, b, c] = mesh.corners(t);
-                    let n = parts(t, apart);
-                    of(n as usize, &mut |u, v| points.push(a + (b - a) * (u / n) + (c - a) * (v / n)));
-                    points
+/// Step to neighbour `n` along each axis.
+fn step(n: usize) -> [isize; 3] {
+    [n % 3, n / 3 % 3, n / 9].map(|s| s as isize - 1)
+}
+
+impl Layer {
+    pub(super) fn new(field: &DistanceField, level: Level) -> Self {
+        let at = field.places(level);
+        let neighbours = at
+            .par_iter()
+            .map(|at| {
+                std::array::from_fn(|n| {
+                    let step = step(n);
+                    field.slot(level, [0, 1, 2].map(|a| at[a] as isize + step[a]))
                 })
-                .flatten_iter()
-                .collect::<Vec<Point>>()
-        };
-        let mut points = on_triangles(middles);
-        points.extend(vertices(mesh, distinct));
-        Self { points, between: on_triangles(joints) }
-    }
-
-    pub(super) fn points(&self) -> &[Point] {
-        &self.points
-    }
-
-    /// Corners of the parts, without the vertices: the points of the surface that are farthest from sites.
-    pub(super) fn between(&self) -> &[Point] {
-        &self.between
-    }
-}
-
-/// The middles of the `n`² parts of a triangle, in parts along two of its sides.
-fn middles(n: usize, add: &mut dyn FnMut(f64, f64)) {
-    for i in 0..n {
-        for j in 0..n - i {
-            let (u, v) = (i as f64, j as f64);
-            add(u + 1.0 / 3.0, v + 1.0 / 3.0);
-            if i + j + 1 < n {
-                add(u + 2.0 / 3.0, v + 2.0 / 3.0);
-            }
-        }
-    }
-}
-
-/// Their corners but the triangle's own.
-fn joints(n: usize, add: &mut dyn FnMut(f64, f64)) {
-    for i in 0..=n {
-        for j in 0..=n - i {
-            if i < n && j < n && i + j > 0 {
-                add(i as f64, j as f64);
-            }
-        }
-    }
-}
-
-/// The vertices of triangles that are `distinct`: tips and ridges, where a spline is farthest off.
-fn vertices(mesh: &TriMesh, distinct: &[bool]) -> Vec<Point> {
-    let mut used = vec![false; mesh.positions().len()];
-    for (triangle, _) in mesh.triangles().iter().zip(distinct).filter(|(_, distinct)| **distinct) {
-        for v in triangle {
-            used[*v as usize] = true;
-        }
-    }
-    mesh.positions().iter().zip(used).filter(|(_, used)| *used).map(|(p, _)| *p).collect()
-}
-
-/// Where a site lies on a lattice.
-struct Site {
-    /// Its cell's node.
-    node: [i32; 3],
-    /// From there, in spacings.
-    offset: [f32; 3],
-}
-
-impl Site {
-    fn of(field: &DistanceField, level: Level, p: &Point) -> Self {
-        let lattice = &field.lattice;
-        let mut site = Self { node: [0; 3], offset: [0.0; 3] };
-        for a in 0..3 {
-            let u = (p[a] - lattice.origin[a]) / lattice.spacing;
-            let u = if level == Level::Detail { 2.0 * u + 0.5 } else { u };
-            let nearest = (u + 0.5).floor();
-            site.node[a] = nearest as i32;
-            site.offset[a] = (u - nearest) as f32;
-        }
-        site
-    }
-
-    /// Weights of the nodes around it along each axis.
-    fn weights(&self) -> [[f32; 3]; 3] {
-        self.offset.map(|t| {
-            let (low, high) = (0.5 - t, 0.5 + t);
-            [0.5 * low * low, 0.75 - t * t, 0.5 * high * high]
-        })
-    }
-
-    /// The bricks whose coefficients matter to it, up to eight.
-    fn slots(&self, field: &DistanceField, level: Level) -> [u32; 8] {
-        let edge = EDGE as i32;
-        let brick = self.node.map(|n| n.div_euclid(edge) as isize);
-        let other = self.node.map(|n| match n.rem_euclid(edge) {
-            0 => -1,
-            l if l + 1 == edge => 1,
-            _ => 0,
-        });
-        let mut slots = [NO_BRICK; 8];
-        for (n, slot) in slots.iter_mut().enumerate() {
-            let step = [0, 1, 2].map(|a| if n >> a & 1 == 1 { other[a] } else { 0 });
-            if (0..3).all(|a| n >> a & 1 == 0 || other[a] != 0) {
-                *slot = field.slot(level, brick[0] + step[0], brick[1] + step[1], brick[2] + step[2]);
-            }
-        }
-        slots
-    }
-}
-
-/// Moves the coefficients of one level `sweeps` times; the values that are left at the sites, mm (0 at those that the level does
-/// not reach).
-///
-/// # Source
-/// S. Lee, G. Wolberg, S. Y. Shin, Scattered data interpolation with multilevel B-splines, IEEE TVCG 1997, equation 5.
-pub(super) fn fit(field: &mut DistanceField, level: Level, sites: &Sites, sweeps: usize) -> Vec<f32> {
-    let mut errors = vec![0.0; sites.points.len()];
-    let n_bricks = field.bricks_of(level).len();
-    if n_bricks == 0 {
-        return errors;
-    }
-    let spacing = if level == Level::Detail { 0.5 * field.lattice.spacing } else { field.lattice.spacing };
-    let small = SMALL * spacing as f32;
-    let places = field.places(level);
-    let on_lattice: Vec<Site> = sites.points.par_iter().map(|p| Site::of(field, level, p)).collect();
-    let slots: Vec<[u32; 8]> = on_lattice.par_iter().map(|s| s.slots(field, level)).collect();
-    let members = Members::new(&slots, n_bricks);
-    let mut moved = vec![true; n_bricks];
-    for sweep in 0..=sweeps {
-        errors.par_iter_mut().zip(&sites.points).zip(&slots).for_each(|((error, p), slots)| {
-            if slots.iter().any(|&s| s != NO_BRICK && moved[s as usize]) {
-                *error = field.value(p) as f32;
-            }
-        });
-        if sweep == sweeps {
-            break;
-        }
-        let corrections: Vec<Option<Box<[f32; BRICK]>>> = (0..n_bricks)
-            .into_par_iter()
-            .map(|slot| {
-                let own = members.of(slot);
-                let is_good = own.iter().all(|&s| errors[s as usize].abs() <= small);
-                (!is_good).then(|| corrections(own, places[slot], &on_lattice, &errors))
             })
             .collect();
-        let bricks = field.bricks_of_mut(level);
-        for (slot, corrections) in corrections.iter().enumerate() {
-            moved[slot] = corrections.is_some();
-            if let Some(corrections) = corrections {
-                bricks.shift(slot, corrections);
-            }
-        }
-    }
-    errors
-}
-
-/// Sites of every brick of a level: those that its coefficients matter to.
-struct Members {
-    first: Vec<u32>,
-    sites: Vec<u32>,
-}
-
-impl Members {
-    fn new(slots: &[[u32; 8]], n_bricks: usize) -> Self {
-        let mut first = vec![0u32; n_bricks + 1];
-        for &slot in slots.iter().flatten().filter(|s| **s != NO_BRICK) {
-            first[slot as usize + 1] += 1;
-        }
-        for n in 0..n_bricks {
-            first[n + 1] += first[n];
-        }
-        let mut next = first.clone();
-        let mut sites = vec![0u32; first[n_bricks] as usize];
-        for (site, slots) in slots.iter().enumerate() {
-            for &slot in slots.iter().filter(|s| **s != NO_BRICK) {
-                sites[next[slot as usize] as usize] = site as u32;
-                next[slot as usize] += 1;
-            }
-        }
-        Self { first, sites }
+        Self { level, at, neighbours }
     }
 
-    fn of(&self, slot: usize) -> &[u32] {
-        &self.sites[self.first[slot] as usize..self.first[slot + 1] as usize]
-    }
-}
-
-/// What each coefficient of the brick at `brick` has to take back, mm.
-fn corrections(own: &[u32], brick: [i32; 3], sites: &[Site], errors: &[f32]) -> Box<[f32; BRICK]> {
-    let mut sums = Box::new([0.0f32; BRICK]);
-    let mut totals = [0.0f32; BRICK];
-    let edge = EDGE as i32;
-    for &s in own {
-        let site = &sites[s as usize];
-        let square = |w: &[f32; 3]| w[0] * w[0] + w[1] * w[1] + w[2] * w[2];
-        let weights = site.weights();
-        let [x, y, z] = &weights;
-        let share = errors[s as usize] / (square(x) * square(y) * square(z));
-        // The first of the three nodes along each axis, from the brick's first.
-        let [i0, j0, k0] = [0, 1, 2].map(|a| site.node[a] - 1 - edge * brick[a]);
-        let within = |first: i32| ((-first).max(0) as usize)..((edge - first).min(3) as usize);
-        for k in within(k0) {
-            for j in within(j0) {
-                let row = edge * ((j0 + j as i32) + edge * (k0 + k as i32)) + i0;
-                let yz = y[j] * z[k];
-                for i in within(i0) {
-                    let place = (row + i as i32) as usize;
-                    let w = x[i] * yz;
-                    sums[place] += w * w * w * share;
-                    totals[place] += w * w;
+    /// Nodes that touch a place without a brick: whether a node of brick `slot` is one.
+    pub(super) fn for_rim(&self, slot: usize, mut visit: impl FnMut(usize)) {
+        let edge = self.level.edge();
+        for (n, _) in self.neighbours[slot].iter().enumerate().filter(|(_, s)| **s == NO_BRICK) {
+            let [x, y, z] = step(n).map(|s| match s {
+                -1 => 0..1,
+                0 => 0..edge,
+                _ => edge - 1..edge,
+            });
+            for k in z {
+                for j in y.clone() {
+                    x.clone().for_each(|i| visit(place(edge, [i, j, k])));
                 }
             }
         }
     }
-    for (sum, total) in sums.iter_mut().zip(totals) {
-        *sum = if total > 0.0 { *sum / total } else { 0.0 };
+
+    /// Fills in the coefficients of a brick and those next to it.
+    pub(super) fn fill(&self, field: &DistanceField, slot: usize, around: &mut Around) {
+        let edge = self.level.edge();
+        let side = edge + 2;
+        let bricks = field.bricks_of(self.level);
+        let scale = bricks.step() as f32;
+        for (n, &neighbour) in self.neighbours[slot].iter().enumerate() {
+            // A neighbour's nodes next to the brick are those that touch the opposite side.
+            let [(x, x1), (y, y1), (z, z1)] = step(n).map(|s| match s {
+                -1 => (edge - 1..edge, 0),
+                0 => (0..edge, 1),
+                _ => (0..1, edge + 1),
+            });
+            for (dk, k) in z.enumerate() {
+                for (dj, j) in y.clone().enumerate() {
+                    let to = place(side, [x1, y1 + dj, z1 + dk]);
+                    let to = &mut around[to..to + x.len()];
+                    if neighbour != NO_BRICK {
+                        let row = place(edge, [0, j, k]);
+                        let codes = &bricks.of(neighbour)[row + x.start..row + x.end];
+                        for (to, code) in to.iter_mut().zip(codes) {
+                            *to = f32::from(*code) * scale;
+                        }
+                    } else if self.level == Level::Brick {
+                        let first = step(n);
+                        for (to, i) in to.iter_mut().zip(x.clone()) {
+                            let local = [i, j, k];
+                            let node =
+                                |a: usize| (self.at[slot][a] as isize + first[a]) * edge as isize + local[a] as isize;
+                            *to = field.refined_coarse([0, 1, 2].map(node)) as f32;
+                        }
+                    } else {
+                        to.fill(0.0);
+                    }
+                }
+            }
+        }
     }
-    sums
+
+    /// Value of the level's spline at a site, mm.
+    #[inline(always)]
+    pub(super) fn value(&self, around: &Around, site: &Site) -> f32 {
+        let side = self.level.edge() + 2;
+        let [x, y, z] = site.weights();
+        let [i, j, k] = site.cell.map(usize::from);
+        // The fourth lane does not count.
+        let mut line = [0.0f32; 4];
+        for (n, z) in z.iter().enumerate() {
+            for (m, y) in y.iter().enumerate() {
+                let start = i + side * (j + m + side * (k + n));
+                let row = &around[start..start + 4];
+                let yz = y * z;
+                for l in 0..4 {
+                    line[l] += yz * row[l];
+                }
+            }
+        }
+        x[0] * line[0] + x[1] * line[1] + x[2] * line[2]
+    }
+}
+
+pub(super) fn no_coefficients() -> Around {
+    [0.0; SIDE * SIDE * SIDE + 1]
+}
+
+/// Moves the coefficients of a level `sweeps` times, and leaves at its `sites` (by brick) the values that the field then has.
+///
+/// # Source
+/// S. Lee, G. Wolberg, S. Y. Shin, Scattered data interpolation with multilevel B-splines, IEEE TVCG 1997, equation 5.
+pub(super) fn fit(field: &mut DistanceField, layer: &Layer, sites: &mut [Sites], spacing: f64, sweeps: usize) {
+    let small = SMALL * spacing as f32;
+    let mut is_stale = vec![true; sites.len()];
+    let arch = Arch::new();
+    for sweep in 0..=sweeps {
+        let bad: Vec<u32> = sites
+            .par_iter_mut()
+            .enumerate()
+            .map(|(slot, sites)| {
+                if is_stale[slot] && !sites.all.is_empty() {
+                    let mut around = no_coefficients();
+                    layer.fill(field, slot, &mut around);
+                    arch.dispatch(|| {
+                        for site in &mut sites.all {
+                            site.value = site.below + layer.value(&around, site);
+                        }
+                    });
+                }
+                sites.classes_beyond(small)
+            })
+            .collect();
+        if sweep == sweeps {
+            return;
+        }
+        let matters: [u32; NEIGHBOURS] = std::array::from_fn(classes_that_matter);
+        let moves = |slot: usize| {
+            let next_to = layer.neighbours[slot].iter().zip(&matters);
+            next_to.filter(|(n, _)| **n != NO_BRICK).any(|(n, matters)| bad[*n as usize] & matters != 0)
+        };
+        let moved: Vec<bool> = (0..sites.len()).into_par_iter().map(moves).collect();
+        let step = field.bricks_of(layer.level).step() as f32;
+        let sites = &*sites;
+        let each: Vec<(usize, &mut [i16])> = field.bricks_of_mut(layer.level).each_mut().enumerate().collect();
+        each.into_par_iter()
+            .filter(|(slot, _)| moved[*slot])
+            .for_each(|(slot, codes)| arch.dispatch(|| take_back(layer, slot, sites, &matters, (step, codes))));
+        is_stale = (0..sites.len())
+            .into_par_iter()
+            .map(|slot| layer.neighbours[slot].iter().any(|n| *n != NO_BRICK && moved[*n as usize]))
+            .collect();
+    }
+}
+
+/// Classes of sites of neighbour `n` that the brick's own coefficients matter to, as bits.
+fn classes_that_matter(n: usize) -> u32 {
+    let step = step(n);
+    let matters = |class: &usize| {
+        let side = [class % 3, class / 3 % 3, class / 9];
+        // Of a neighbour on the upper side the first cells.
+        (0..3).all(|a| step[a] == 0 || side[a] == if step[a] > 0 { 0 } else { 2 })
+    };
+    (0..CLASSES).filter(matters).fold(0, |bits, class| bits | 1 << class)
+}
+
+/// Nodes along the edge of the largest brick with two more on every side.
+const WIDE: usize = EDGE + 4;
+/// Those of the box, and what a row of four reaches too far.
+const BOX: usize = WIDE * WIDE * WIDE + 1;
+
+/// Takes from the codes of a brick, worth `step` (mm) each, what the errors at the sites around want.
+#[inline(always)]
+fn take_back(
+    layer: &Layer,
+    slot: usize,
+    sites: &[Sites],
+    matters: &[u32; NEIGHBOURS],
+    (step, codes): (f32, &mut [i16]),
+) {
+    let edge = layer.level.edge();
+    let mut wanted = [0.0f32; 2 * BOX];
+    for (n, &neighbour) in layer.neighbours[slot].iter().enumerate().filter(|(_, s)| **s != NO_BRICK) {
+        // The box's first node of the three around the neighbour's first.
+        let shift = self::step(n).map(|s| s * edge as isize + 1);
+        for class in (0..CLASSES).filter(|class| matters[n] >> class & 1 == 1) {
+            for site in sites[neighbour as usize].of_class(class) {
+                let first = [0, 1, 2].map(|a| (isize::from(site.cell[a]) + shift[a]) as usize);
+                spread(site, first, &mut wanted);
+            }
+        }
+    }
+    if layer.level == Level::Detail {
+        // The details end there.
+        layer.for_rim(slot, |n| wanted[2 * wide_place(edge, n) + 1] = 0.0);
+    }
+    for (n, own) in codes.iter_mut().enumerate() {
+        let at = 2 * wide_place(edge, n);
+        let (sum, total) = (wanted[at], wanted[at + 1]);
+        if total > 0.0 {
+            *own = code(f32::from(*own) - sum / (total * step));
+        }
+    }
+}
+
+/// Where a brick's node lies in the box around it.
+#[inline(always)]
+fn wide_place(edge: usize, n: usize) -> usize {
+    place(WIDE, [n % edge + 2, n / edge % edge + 2, n / (edge * edge) + 2])
+}
+
+/// Adds what a site, the first of whose nodes is `first`, wants of each coefficient (times its weight), and the weight: w³ e / Σw²
+/// and w², one beside the other.
+#[inline(always)]
+fn spread(site: &Site, first: [usize; 3], wanted: &mut [f32; 2 * BOX]) {
+    let [x, y, z] = site.weights();
+    let square = |w: &[f32; 3]| w[0] * w[0] + w[1] * w[1] + w[2] * w[2];
+    let share = site.value / (square(&x) * square(&y) * square(&z));
+    // The fourth node has no weight.
+    let mut along = [0.0f32; 8];
+    for (i, x) in x.iter().enumerate() {
+        (along[2 * i], along[2 * i + 1]) = (x * x * x, x * x);
+    }
+    for (k, z) in z.iter().enumerate() {
+        for (j, y) in y.iter().enumerate() {
+            let row = 2 * place(WIDE, [first[0], first[1] + j, first[2] + k]);
+            let row = &mut wanted[row..row + 8];
+            let square = y * y * z * z;
+            let cube = square * y * z * share;
+            for l in 0..4 {
+                row[2 * l] += along[2 * l] * cube;
+                row[2 * l + 1] += along[2 * l + 1] * square;
+            }
+        }
+    }
 }

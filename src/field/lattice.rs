@@ -4,6 +4,10 @@ use crate::geometry::{Aabb, Point, Vector};
 pub(super) const EDGE: usize = 8;
 /// Fine nodes in a brick.
 pub(super) const BRICK: usize = EDGE * EDGE * EDGE;
+/// Nodes along the edge of a brick of details, which lie half as far apart.
+pub(super) const DETAIL_EDGE: usize = 4;
+/// Bricks of details along the edge of a brick.
+pub(super) const PARTS: usize = 2 * EDGE / DETAIL_EDGE;
 /// Most fine nodes along an axis.
 const LONGEST: f64 = 2e6;
 /// Coarse nodes beyond the bricks on every side: one whose coefficient is read, one for its second differences.
@@ -18,6 +22,8 @@ const RING: usize = 2;
 pub(super) struct Lattice {
     pub(super) origin: Point,
     pub(super) spacing: f64,
+    /// Nodes in a mm.
+    pub(super) per_mm: f64,
     /// Bricks along each axis.
     pub(super) bricks: [usize; 3],
 }
@@ -36,7 +42,7 @@ impl Lattice {
         let bricks = needed.map(|n| n as usize);
         let size = Vector::new(bricks[0] as f64, bricks[1] as f64, bricks[2] as f64) * coarse;
         let origin = bounds.center() - size * 0.5 + Vector::repeat(0.5 * spacing);
-        Ok(Self { origin, spacing, bricks })
+        Ok(Self { origin, spacing, per_mm: 1.0 / spacing, bricks })
     }
 
     pub(super) fn n_bricks(&self) -> usize {
@@ -51,6 +57,37 @@ impl Lattice {
 
     pub(super) fn brick_index(&self, [i, j, k]: [usize; 3]) -> usize {
         i + self.bricks[0] * (j + self.bricks[1] * k)
+    }
+
+    /// First and end of the places along each axis of the bricks that meet `bounds`, if any do.
+    pub(super) fn bricks_meeting(&self, bounds: &Aabb) -> Option<[[usize; 3]; 2]> {
+        let domain = self.domain();
+        let mut chosen = [[0; 3]; 2];
+        for a in 0..3 {
+            let place = |x: f64| (x - domain.min[a]) / self.coarse_spacing();
+            let last = self.bricks[a] as f64;
+            let (from, to) = (place(bounds.min[a]), place(bounds.max[a]));
+            // False for what is no number, too.
+            let meets = from <= to && from < last && to > 0.0;
+            if !meets {
+                return None;
+            }
+            chosen[0][a] = from.max(0.0) as usize;
+            chosen[1][a] = (to.ceil() as usize).min(self.bricks[a]);
+        }
+        Some(chosen)
+    }
+
+    /// Bricks with a ring of none around them, along each axis.
+    pub(super) fn index_dims(&self) -> [usize; 3] {
+        self.bricks.map(|n| n + 2)
+    }
+
+    /// Where the brick at a place is looked up; the ring for places beyond the domain by one.
+    #[inline(always)]
+    pub(super) fn index_of(&self, [i, j, k]: [usize; 3]) -> usize {
+        let [nx, ny, _] = self.index_dims();
+        (i + 1) + nx * ((j + 1) + ny * (k + 1))
     }
 
     /// Coarse nodes with their ring, along each axis.

@@ -1,212 +1,308 @@
 //! Bricks of half the spacing where the distance bends too much near the surface: thin walls, ridges, grooves.
 
-use super::bricks::{Bricks, NO_BRICK};
-use super::build::{AROUND, HALO, LARGEST, coefficients};
+use super::bricks::{NO_BRICK, place};
+use super::build::{HALO, SWEEPS, coefficients};
 use super::crossings::Rows;
-use super::distance_field::{DistanceField, Level};
-use super::fit::Sites;
-use super::lattice::{BRICK, EDGE, Lattice};
+use super::distance_field::{DistanceField, Level, Parts};
+use super::fit::{Layer, fit, no_coefficients};
+use super::lattice::{DETAIL_EDGE, EDGE, PARTS};
+use super::sites::{Site, Sites, Spread};
 use super::spline::Weights;
 use super::tiles::{Source, TILE, Tile, Tiles};
 use crate::control::{Cancelled, Control};
-use crate::geometry::{Implicit, Point, Vector};
+use crate::geometry::Vector;
 use rayon::prelude::*;
 
-/// Where the value at a point of the surface, which should be 0, is larger than this (in spacings), the octant is refined.
+/// Where the value at a point of the surface, which should be 0, is larger than this (in spacings), details are added.
 const ROUGH: f32 = 0.13;
 /// The same for points between the sites.
-const ROUGH_BETWEEN: f64 = 0.17;
+const ROUGH_BETWEEN: f32 = 0.17;
 /// Distances are exact up to the first of these (in half spacings) and the coarser spline's from the second on.
 const FADE: [f64; 2] = [2.7, 4.5];
+/// Nodes of a brick of details in a row, with those next to it.
+const SIDE: usize = DETAIL_EDGE + 2 * HALO;
+/// Nodes of a brick of details.
+const VOLUME: usize = DETAIL_EDGE.pow(3);
 
-/// Marks the octants of half bricks around surface points where the field is too far from 0 (`errors` at the sites, mm); x
-/// fastest.
-fn rough_octants(field: &DistanceField, sites: &Sites, errors: &[f32], counts: [usize; 3]) -> Vec<bool> {
-    let lattice = &field.lattice;
-    let limit = ROUGH * lattice.spacing as f32;
-    let limit_between = ROUGH_BETWEEN * lattice.spacing;
-    let mut octants = Vec::new();
-    for (p, error) in sites.points().iter().zip(errors) {
-        if error.abs() > limit {
-            octants_around(lattice, p, counts, &mut octants);
-        }
-    }
-    let is_rough = |p: &&Point| field.value(p).abs() > limit_between;
-    let between: Vec<&Point> = sites.between().par_iter().filter(is_rough).collect();
-    for p in between {
-        octants_around(lattice, p, counts, &mut octants);
-    }
-    let mut rough = vec![false; counts.iter().product()];
-    for octant in octants {
-        rough[octant] = true;
-    }
-    rough
+/// Places of bricks of details.
+struct Rough {
+    /// Along each axis.
+    counts: [usize; 3],
+    /// Whether each is wanted, x fastest.
+    wanted: Vec<bool>,
+    /// Whether any is wanted in each brick, x fastest.
+    any: Vec<bool>,
 }
 
-/// Adds the octants that the coefficients of the cell around `p` and their neighbours lie in.
-fn octants_around(lattice: &Lattice, p: &Point, counts: [usize; 3], octants: &mut Vec<usize>) {
+impl Rough {
+    /// The places that the coefficients of the cells around points with too large values and their neighbours lie in.
+    fn find(field: &DistanceField, layer: &Layer, spread: &Spread, sites: &[Sites]) -> Self {
+        let lattice = &field.lattice;
+        let limit = ROUGH * lattice.spacing as f32;
+        let limit_between = ROUGH_BETWEEN * lattice.spacing as f32;
+        let counts = lattice.bricks.map(|n| PARTS * n);
+        let found: Vec<Vec<[usize; 3]>> = (0..sites.len())
+            .into_par_iter()
+            .map(|slot| {
+                let mut places = Vec::new();
+                for site in sites[slot].all.iter().filter(|s| s.value.abs() > limit) {
+                    places_around(layer.at[slot], &site.local(), counts, &mut places);
+                }
+                if !sites[slot].all.is_empty() {
+                    let mut around = no_coefficients();
+                    layer.fill(field, slot, &mut around);
+                    spread.for_joints(slot, layer.at[slot], |p| {
+                        let site = Site::new(p);
+                        if layer.value(&around, &site).abs() > limit_between {
+                            places_around(layer.at[slot], &site.local(), counts, &mut places);
+                        }
+                    });
+                }
+                places.sort_unstable();
+                places.dedup();
+                places
+            })
+            .collect();
+        let mut rough =
+            Self { counts, wanted: vec![false; counts.iter().product()], any: vec![false; lattice.n_bricks()] };
+        for at in found.into_iter().flatten() {
+            let brick = at.map(|n| n / PARTS);
+            if field.index[lattice.index_of(brick)] != NO_BRICK {
+                let place = rough.place(at);
+                rough.wanted[place] = true;
+                rough.any[lattice.brick_index(brick)] = true;
+            }
+        }
+        rough
+    }
+
+    fn place(&self, [i, j, k]: [usize; 3]) -> usize {
+        i + self.counts[0] * (j + self.counts[1] * k)
+    }
+
+    /// Whether any is wanted in a box of places.
+    fn in_box(&self, field: &DistanceField, from: [usize; 3], to: [usize; 3]) -> bool {
+        let lattice = &field.lattice;
+        let any = |of: &dyn Fn([usize; 3]) -> bool, from: [usize; 3], to: [usize; 3]| {
+            (from[2]..=to[2]).any(|k| (from[1]..=to[1]).any(|j| (from[0]..=to[0]).any(|i| of([i, j, k]))))
+        };
+        any(&|at| self.any[lattice.brick_index(at)], from.map(|n| n / PARTS), to.map(|n| n / PARTS))
+            && any(&|at| self.wanted[self.place(at)], from, to)
+    }
+}
+
+/// Adds the places that matter to a point of the brick at `at`, in nodes from its first.
+fn places_around(at: [i32; 3], p: &[f32; 3], counts: [usize; 3], places: &mut Vec<[usize; 3]>) {
     let range = |a: usize| {
-        let node = (2.0 * (p[a] - lattice.origin[a]) / lattice.spacing + 1.0).floor();
-        let octant = |n: f64| ((n / EDGE as f64).max(0.0) as usize).min(counts[a] - 1);
-        octant(node - 2.0)..=octant(node + 2.0)
+        let node = 2 * EDGE as i32 * at[a] + (2.0 * p[a] + 1.0).floor() as i32;
+        let place = |n: i32| (n.max(0) as usize / DETAIL_EDGE).min(counts[a] - 1);
+        place(node - 2)..=place(node + 2)
     };
     for k in range(2) {
         for j in range(1) {
-            for i in range(0) {
-                octants.push(i + counts[0] * (j + counts[1] * k));
-            }
+            places.extend(range(0).map(|i| [i, j, k]));
         }
     }
 }
 
-/// Adds bricks of half the spacing where the field is too far from 0 on the surface.
+/// Adds bricks of half the spacing where the field is too far from 0 on the surface, and makes it 0 there; `sites` are those of
+/// the bricks in `layer`.
 pub(super) fn add_details(
     field: &mut DistanceField,
     source: Source,
-    sites: &Sites,
-    errors: &[f32],
+    (layer, spread): (&Layer, &Spread),
+    mut sites: Vec<Sites>,
     control: &Control,
 ) -> Result<(), Cancelled> {
-    let counts = field.lattice.bricks.map(|n| 2 * n);
-    let is_rough = rough_octants(field, sites, errors, counts);
+    let rough = Rough::find(field, layer, spread, &sites);
     control.check()?;
-    if !is_rough.contains(&true) {
+    if !rough.any.contains(&true) {
         return Ok(());
+    }
+    // Those of other bricks are not needed any more.
+    for (sites, at) in sites.iter_mut().zip(&layer.at) {
+        if !rough.any[field.lattice.brick_index(at.map(|n| n as usize))] {
+            *sites = Sites::default();
+        }
     }
     let spacing = 0.5 * field.lattice.spacing;
     let rows = Rows {
         origin: field.lattice.origin - Vector::repeat((HALO as f64 + 0.5) * spacing),
         spacing,
-        dims: counts.map(|n| n * EDGE + 2 * HALO),
+        dims: rough.counts.map(|n| n * DETAIL_EDGE + 2 * HALO),
     };
-    // A box of nodes matters when a rough octant or its halo meets it.
+    // A box of nodes matters when a rough place or its halo meets it.
     let wanted = |first: [usize; 3], last: [usize; 3]| {
-        let from = first.map(|n| n.saturating_sub(2 * HALO) / EDGE);
-        let to = [0, 1, 2].map(|a| (last[a] / EDGE).min(counts[a] - 1));
-        (from[2]..=to[2]).any(|k| {
-            (from[1]..=to[1]).any(|j| (from[0]..=to[0]).any(|i| is_rough[i + counts[0] * (j + counts[1] * k)]))
-        })
+        let from = first.map(|n| n.saturating_sub(2 * HALO) / DETAIL_EDGE);
+        rough.in_box(field, from, [0, 1, 2].map(|a| (last[a] / DETAIL_EDGE).min(rough.counts[a] - 1)))
     };
     let tiles = Tiles::new(source, rows, HALO, FADE[1] * spacing, wanted);
-    let details = Bricks::new(LARGEST * spacing);
-    let built = tiles.map(control, |tile| {
-        let mut built = Vec::new();
-        let first = tile.first.map(|n| n / EDGE);
-        for n in 0..(TILE / EDGE).pow(3) {
-            let step = [n % (TILE / EDGE), n / (TILE / EDGE) % (TILE / EDGE), n / (TILE / EDGE).pow(2)];
-            let at = [0, 1, 2].map(|a| first[a] + step[a]);
-            if (0..3).all(|a| at[a] < counts[a]) && is_rough[at[0] + counts[0] * (at[1] + counts[1] * at[2])] {
-                let parents = parents(field, at);
-                let values = detail_values(&parents, tile, step.map(|s| s * EDGE), spacing);
-                let mut c = coefficients(&values);
-                for (c, refined) in c.iter_mut().zip(refined(&parents)) {
-                    *c -= refined;
-                }
-                built.push((at, details.packed(&c)));
-            }
-        }
-        built
-    })?;
-    add(field, details, &built);
+    let built = tiles.map(control, |tile| tile_details(field, &rough, tile, spacing))?;
+    drop(tiles);
+    add(field, built);
+    let details = Layer::new(field, Level::Detail);
+    seal(field, &details);
+    let mut sites = detail_sites(field, &sites);
+    fit(field, &details, &mut sites, spacing, SWEEPS);
     Ok(())
 }
 
-fn add(field: &mut DistanceField, mut details: Bricks, built: &[Vec<([usize; 3], Box<[i16; BRICK]>)>]) {
-    field.children = vec![[NO_BRICK; 8]; field.bricks.len()];
-    details.reserve(built.iter().map(Vec::len).sum());
-    for (at, codes) in built.iter().flatten() {
-        let slot = field.index[field.lattice.brick_index(at.map(|n| n / 2))];
-        let child = (at[0] & 1) | (at[1] & 1) << 1 | (at[2] & 1) << 2;
-        if let Some(children) = field.children.get_mut(slot as usize) {
-            children[child] = details.push(codes);
+/// Bricks of details: their parents' numbers, their places in those, and their codes.
+#[derive(Default)]
+struct Built {
+    at: Vec<(u32, u8)>,
+    codes: Vec<i16>,
+}
+
+/// The wanted bricks of a tile.
+fn tile_details(field: &DistanceField, rough: &Rough, tile: &Tile, spacing: f64) -> Built {
+    const ALONG: usize = TILE / DETAIL_EDGE;
+    let mut built = Built::default();
+    let first = tile.first.map(|n| n / DETAIL_EDGE);
+    for n in 0..ALONG.pow(3) {
+        let step = [n % ALONG, n / ALONG % ALONG, n / ALONG.pow(2)];
+        let at = [0, 1, 2].map(|a| first[a] + step[a]);
+        if (0..3).any(|a| at[a] >= rough.counts[a]) || !rough.wanted[rough.place(at)] {
+            continue;
         }
+        let parents = parents(field, at);
+        let mut values = [0.0; SIDE.pow(3)];
+        detail_values(&parents, tile, (step.map(|s| s * DETAIL_EDGE), spacing), &mut values);
+        let mut c = [0.0; VOLUME];
+        coefficients(&values, DETAIL_EDGE, &mut c);
+        for (c, refined) in c.iter_mut().zip(refined(&parents)) {
+            *c -= refined;
+        }
+        field.details.pack(&c, &mut built.codes);
+        let parent = field.index[field.lattice.index_of(at.map(|n| n / PARTS))];
+        built.at.push((parent, Parts::place(at) as u8));
     }
-    field.details = details;
-    seal(field);
+    built
+}
+
+/// Stores bricks in the order of their parents and of their places there.
+fn add(field: &mut DistanceField, built: Vec<Built>) {
+    let mut order: Vec<(u32, u8, u32, u32)> = Vec::new();
+    for (n, of_tile) in built.iter().enumerate() {
+        order.extend(of_tile.at.iter().enumerate().map(|(m, at)| (at.0, at.1, n as u32, m as u32)));
+    }
+    order.par_sort_unstable();
+    field.parts = vec![Parts::default(); field.bricks.len()];
+    field.details.reserve(order.len());
+    for (parent, place, n, m) in order {
+        let slot = field.details.append(&built[n as usize].codes[m as usize * VOLUME..][..VOLUME]);
+        let parts = &mut field.parts[parent as usize];
+        if parts.mask == 0 {
+            parts.first = slot;
+        }
+        parts.mask |= 1 << place;
+    }
 }
 
 /// Takes the details from nodes next to places without details: there they end, and with their slope 0.
-pub(super) fn seal(field: &mut DistanceField) {
-    for (slot, at) in field.places(Level::Detail).into_iter().enumerate() {
-        let open: Vec<[i32; 3]> = (0..27)
-            .map(|n| [n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1])
-            .filter(|s| {
-                let [i, j, k] = [0, 1, 2].map(|a| (at[a] + s[a]) as isize);
-                field.slot(Level::Detail, i, j, k) == NO_BRICK
-            })
-            .collect();
-        field.details.clear(slot, |node| {
-            let last = EDGE - 1;
-            open.iter()
-                .any(|s| (0..3).all(|a| s[a] == 0 || (s[a] < 0 && node[a] == 0) || (s[a] > 0 && node[a] == last)))
-        });
+fn seal(field: &mut DistanceField, layer: &Layer) {
+    for (slot, codes) in field.details.each_mut().enumerate() {
+        layer.for_rim(slot, |n| codes[n] = 0);
     }
 }
 
-/// Signed distances at the nodes of the octant `at` and next to it; away from the surface those of the coarser spline.
-fn detail_values(parents: &[f32], tile: &Tile, node: [usize; 3], spacing: f64) -> [f32; AROUND.pow(3)] {
-    let (inside, _) = tile.inside(node, [AROUND; 3]);
+/// Those of the bricks' `sites` that lie in bricks of details, by those.
+fn detail_sites(field: &DistanceField, sites: &[Sites]) -> Vec<Sites> {
+    let parts = field.parts.par_iter().zip(sites).filter(|(parts, _)| parts.mask != 0);
+    parts
+        .flat_map_iter(|(parts, sites)| {
+            let mut found = vec![Vec::new(); parts.mask.count_ones() as usize];
+            for site in &sites.all {
+                let p = site.local().map(|x| 2.0 * f64::from(x) + 0.5);
+                let part = p.map(|x| (x + 0.5).floor() as usize / DETAIL_EDGE);
+                let slot = parts.slot(Parts::place(part));
+                if slot != NO_BRICK {
+                    let p = Vector::from([0, 1, 2].map(|a| p[a] - (part[a] * DETAIL_EDGE) as f64));
+                    found[(slot - parts.first) as usize].push(Site { below: site.value, ..Site::new(&p) });
+                }
+            }
+            found.into_iter().map(|sites| Sites::new(sites, DETAIL_EDGE))
+        })
+        .collect()
+}
+
+/// Signed distances at the nodes of a brick and next to it; away from the surface those of the coarser spline.
+fn detail_values(parents: &[f32], tile: &Tile, (node, spacing): ([usize; 3], f64), values: &mut [f32; SIDE.pow(3)]) {
+    let (inside, _) = tile.inside(node, [SIDE; 3]);
     let weights = [-0.25, 0.25].map(|t| Weights::at(t).value.map(|w| w as f32));
     let coarser = on_details(parents, &weights);
-    let mut values = [0.0f32; AROUND.pow(3)];
     let fade = FADE.map(|f| (f * spacing) as f32);
-    tile.copy_squared(node, &mut values);
+    tile.copy_squared(node, SIDE, values);
     for ((value, inside), coarser) in values.iter_mut().zip(inside).zip(coarser) {
         let d = value.sqrt();
         let far = ((d - fade[0]) / (fade[1] - fade[0])).clamp(0.0, 1.0);
         let signed = if inside { -d } else { d };
         *value = if far < 1.0 { signed + far * (coarser - signed) } else { coarser };
     }
-    values
 }
 
-/// Coefficients of the bricks' spline that an octant's nodes and those next to it need, along each axis.
-const PARENTS: usize = EDGE / 2 + 4;
+/// Coefficients of the bricks' spline that the nodes of a brick of details and those next to it need, along each axis.
+const PARENTS: usize = DETAIL_EDGE / 2 + 4;
 
-/// Those coefficients for the octant `at`, x fastest.
-fn parents(field: &DistanceField, at: [usize; 3]) -> Vec<f32> {
-    let first = at.map(|n| (n * EDGE / 2) as isize - 2);
-    let place = |n: usize| [n % PARENTS, n / PARENTS % PARENTS, n / PARENTS.pow(2)];
-    (0..PARENTS.pow(3)).map(|n| field.coefficient([0, 1, 2].map(|a| first[a] + place(n)[a] as isize)) as f32).collect()
+/// Those coefficients for the brick of details at `at`, x fastest.
+fn parents(field: &DistanceField, at: [usize; 3]) -> [f32; PARENTS.pow(3)] {
+    let first = at.map(|n| (n * DETAIL_EDGE / 2) as isize - 2);
+    let bricks = first.map(|n| n.div_euclid(EDGE as isize));
+    // Along each axis the nodes lie in this brick and the next.
+    let slots: [u32; 8] =
+        std::array::from_fn(|n| field.slot(Level::Brick, [0, 1, 2].map(|a| bricks[a] + (n >> a & 1) as isize)));
+    let mut parents = [0.0; PARENTS.pow(3)];
+    for (n, parent) in parents.iter_mut().enumerate() {
+        let step = [n % PARENTS, n / PARENTS % PARENTS, n / PARENTS.pow(2)];
+        let node = [0, 1, 2].map(|a| first[a] + step[a] as isize);
+        let local = [0, 1, 2].map(|a| (node[a] - bricks[a] * EDGE as isize) as usize);
+        let slot = slots[(local[0] / EDGE) | ((local[1] / EDGE) << 1) | ((local[2] / EDGE) << 2)];
+        *parent = if slot == NO_BRICK {
+            field.refined_coarse(node) as f32
+        } else {
+            (field.bricks.step() * field.bricks.at(slot, place(EDGE, local.map(|n| n % EDGE)))) as f32
+        };
+    }
+    parents
 }
 
-/// Coefficients that the bricks' spline has at the octant's nodes: halving the knots (Chaikin) takes three quarters of the near
-/// one and one quarter of the next.
-fn refined(parents: &[f32]) -> [f32; BRICK] {
+/// Coefficients that the bricks' spline has at the nodes: halving the knots (Chaikin) takes three quarters of the near one and
+/// one quarter of the next.
+fn refined(parents: &[f32]) -> [f32; VOLUME] {
     let around = on_details(parents, &[[0.25, 0.75, 0.0], [0.0, 0.75, 0.25]]);
-    let mut own = [0.0; BRICK];
+    let mut own = [0.0; VOLUME];
     for (n, own) in own.iter_mut().enumerate() {
-        let [i, j, k] = [n % EDGE + HALO, n / EDGE % EDGE + HALO, n / (EDGE * EDGE) + HALO];
-        *own = around[i + AROUND * (j + AROUND * k)];
+        let [i, j, k] = [n % DETAIL_EDGE, n / DETAIL_EDGE % DETAIL_EDGE, n / DETAIL_EDGE.pow(2)].map(|i| i + HALO);
+        *own = around[i + SIDE * (j + SIDE * k)];
     }
     own
 }
 
-/// Sums of an octant's parents at its nodes and those next to it. A node lies a quarter of the parents' spacing before or behind
+/// Sums of a brick's parents at its nodes and those next to it. A node lies a quarter of the parents' spacing before or behind
 /// the nearest of them: `weights` are those of the three around for either case.
-fn on_details(parents: &[f32], weights: &[[f32; 3]; 2]) -> [f32; AROUND.pow(3)] {
+fn on_details(parents: &[f32], weights: &[[f32; 3]; 2]) -> [f32; SIDE.pow(3)] {
     // The first node lies behind its parent.
     let sum = |of: &[f32], stride: usize, i: usize| {
         let (parent, w) = (i.div_ceil(2) + 1, &weights[(i + 1) % 2]);
         w[0] * of[(parent - 1) * stride] + w[1] * of[parent * stride] + w[2] * of[(parent + 1) * stride]
     };
-    let mut along_x = [0.0f32; AROUND * PARENTS * PARENTS];
-    for (row, out) in parents.chunks_exact(PARENTS).zip(along_x.chunks_exact_mut(AROUND)) {
+    let mut along_x = [0.0f32; SIDE * PARENTS * PARENTS];
+    for (row, out) in parents.chunks_exact(PARENTS).zip(along_x.chunks_exact_mut(SIDE)) {
         for (i, out) in out.iter_mut().enumerate() {
             *out = sum(row, 1, i);
         }
     }
-    let mut along_y = [0.0f32; AROUND * AROUND * PARENTS];
+    let mut along_y = [0.0f32; SIDE * SIDE * PARENTS];
     for k in 0..PARENTS {
-        for j in 0..AROUND {
-            for i in 0..AROUND {
-                along_y[i + AROUND * (j + AROUND * k)] = sum(&along_x[i + AROUND * PARENTS * k..], AROUND, j);
+        for j in 0..SIDE {
+            for i in 0..SIDE {
+                along_y[i + SIDE * (j + SIDE * k)] = sum(&along_x[i + SIDE * PARENTS * k..], SIDE, j);
             }
         }
     }
-    let mut values = [0.0; AROUND.pow(3)];
+    let mut values = [0.0; SIDE.pow(3)];
     for (n, value) in values.iter_mut().enumerate() {
-        *value = sum(&along_y[n % (AROUND * AROUND)..], AROUND * AROUND, n / (AROUND * AROUND));
+        *value = sum(&along_y[n % (SIDE * SIDE)..], SIDE * SIDE, n / (SIDE * SIDE));
     }
     values
 }

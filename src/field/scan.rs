@@ -52,6 +52,7 @@ impl Slab {
     }
 
     /// Lowers the squares in the region to the feature's.
+    #[inline(always)]
     pub(super) fn add(&mut self, region: &Region) {
         // Rows run along the region's longest axis: few of them. Nodes are counted from the one before the anchor, so that
         // single precision is enough.
@@ -161,6 +162,7 @@ const STEEPEST: f32 = 1e-6;
 
 impl Bounds {
     /// Bounds in nodes from the one before the anchor, which lies `shift` nodes before it.
+    #[inline(always)]
     fn of(region: &Region, axes: [usize; 3], shift: [f32; 3], inverse_spacing: f32) -> Self {
         let mut bounds = Self {
             low: [[0.0; 3]; CUTS],
@@ -190,6 +192,7 @@ impl Bounds {
     }
 
     /// Every lower bound on x must be below every upper one. Pairs beyond the room there is are left out.
+    #[inline(always)]
     fn eliminate_x(&mut self) {
         for l in &self.low[..self.n_low] {
             for h in &self.high[..self.n_high] {
@@ -212,7 +215,7 @@ impl Bounds {
         }
     }
 
-    #[inline]
+    #[inline(always)]
     fn layer(&self, z: f32, [first, last]: [f32; 2]) -> (f32, f32) {
         let (mut low, mut high) = (first, last);
         for b in &self.y_low[..self.n_y_low] {
@@ -224,7 +227,7 @@ impl Bounds {
         (smaller(low, last + 1.0) - 1e-3, larger(high, first - 1.0) + 1e-3)
     }
 
-    #[inline]
+    #[inline(always)]
     fn row(&self, y: f32, z: f32, [first, last]: [f32; 2]) -> (f32, f32) {
         let (mut low, mut high) = (first, last);
         for b in &self.low[..self.n_low] {
@@ -238,10 +241,12 @@ impl Bounds {
 }
 
 /// Without the care for NaN of `f32::max`.
+#[inline(always)]
 fn larger(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
+#[inline(always)]
 fn smaller(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
 }

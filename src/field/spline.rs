@@ -2,7 +2,6 @@
 
 use crate::geometry::Vector;
 use nalgebra::Matrix3;
-use wide::f64x4;
 
 /// Weights of the coefficients at -1, 0, 1 for a point at `t` (in [-1/2, 1/2], in spacings from the nearest), with their
 /// first and second derivatives by `t`.
@@ -16,6 +15,7 @@ pub(super) struct Weights {
 const CURVATURE: [f64; 3] = [1.0, -2.0, 1.0];
 
 impl Weights {
+    #[inline(always)]
     pub(super) fn at(t: f64) -> Self {
         let (low, high) = (0.5 - t, 0.5 + t);
         Self { value: [0.5 * low * low, 0.75 - t * t, 0.5 * high * high], slope: [-low, -2.0 * t, high] }
@@ -31,30 +31,34 @@ pub(super) struct Jet {
 }
 
 /// The 3³ coefficients around a node as rows along x, y fastest; the fourth lane does not count.
-pub(super) type Rows = [f64x4; 9];
+pub(super) type Rows = [[f64; 4]; 9];
 
 /// Rows of coefficients, x fastest.
 pub(super) fn rows(c: &[f64; 27]) -> Rows {
-    let mut rows = [f64x4::ZERO; 9];
+    let mut rows = [[0.0; 4]; 9];
     for (row, c) in rows.iter_mut().zip(c.chunks_exact(3)) {
-        *row = f64x4::new([c[0], c[1], c[2], 0.0]);
+        *row = [c[0], c[1], c[2], 0.0];
     }
     rows
 }
 
 #[inline(always)]
-fn sum(a: f64x4, b: f64x4, c: f64x4, w: &[f64; 3]) -> f64x4 {
-    a * f64x4::splat(w[0]) + b * f64x4::splat(w[1]) + c * f64x4::splat(w[2])
+fn sum(a: &[f64; 4], b: &[f64; 4], c: &[f64; 4], w: &[f64; 3]) -> [f64; 4] {
+    let mut sum = [0.0; 4];
+    for l in 0..4 {
+        sum[l] = a[l] * w[0] + b[l] * w[1] + c[l] * w[2];
+    }
+    sum
 }
 
 #[inline(always)]
-fn across_z(r: &Rows, w: &[f64; 3]) -> [f64x4; 3] {
-    [sum(r[0], r[3], r[6], w), sum(r[1], r[4], r[7], w), sum(r[2], r[5], r[8], w)]
+fn across_z(r: &Rows, w: &[f64; 3]) -> [[f64; 4]; 3] {
+    [sum(&r[0], &r[3], &r[6], w), sum(&r[1], &r[4], &r[7], w), sum(&r[2], &r[5], &r[8], w)]
 }
 
 #[inline(always)]
-fn across_y([a, b, c]: [f64x4; 3], w: &[f64; 3]) -> [f64; 4] {
-    sum(a, b, c, w).to_array()
+fn across_y([a, b, c]: &[[f64; 4]; 3], w: &[f64; 3]) -> [f64; 4] {
+    sum(a, b, c, w)
 }
 
 #[inline(always)]
@@ -63,34 +67,34 @@ fn dot(c: &[f64; 4], w: &[f64; 3]) -> f64 {
 }
 
 /// Value of the spline with the coefficients `r`.
-#[inline]
+#[inline(always)]
 pub(super) fn value(r: &Rows, [x, y, z]: &[Weights; 3]) -> f64 {
-    dot(&across_y(across_z(r, &z.value), &y.value), &x.value)
+    dot(&across_y(&across_z(r, &z.value), &y.value), &x.value)
 }
 
 /// Value and gradient (by lattice coordinates) of the spline with the coefficients `r`.
-#[inline]
+#[inline(always)]
 pub(super) fn value_gradient(r: &Rows, [x, y, z]: &[Weights; 3]) -> (f64, Vector) {
     let plane = across_z(r, &z.value);
-    let plain = across_y(plane, &y.value);
-    let along_y = across_y(plane, &y.slope);
-    let along_z = across_y(across_z(r, &z.slope), &y.value);
+    let plain = across_y(&plane, &y.value);
+    let along_y = across_y(&plane, &y.slope);
+    let along_z = across_y(&across_z(r, &z.slope), &y.value);
     let gradient = Vector::new(dot(&plain, &x.slope), dot(&along_y, &x.value), dot(&along_z, &x.value));
     (dot(&plain, &x.value), gradient)
 }
 
 /// Value, gradient and Hessian (by lattice coordinates) of the spline with the coefficients `r`.
-#[inline]
+#[inline(always)]
 pub(super) fn jet(r: &Rows, [x, y, z]: &[Weights; 3]) -> Jet {
     let (plane, slope, bend) = (across_z(r, &z.value), across_z(r, &z.slope), across_z(r, &CURVATURE));
-    let plain = across_y(plane, &y.value);
-    let along_y = across_y(plane, &y.slope);
-    let along_z = across_y(slope, &y.value);
+    let plain = across_y(&plane, &y.value);
+    let along_y = across_y(&plane, &y.slope);
+    let along_z = across_y(&slope, &y.value);
     let (xy, xz) = (dot(&along_y, &x.slope), dot(&along_z, &x.slope));
-    let yz = dot(&across_y(slope, &y.slope), &x.value);
+    let yz = dot(&across_y(&slope, &y.slope), &x.value);
     let xx = dot(&plain, &CURVATURE);
-    let yy = dot(&across_y(plane, &CURVATURE), &x.value);
-    let zz = dot(&across_y(bend, &y.value), &x.value);
+    let yy = dot(&across_y(&plane, &CURVATURE), &x.value);
+    let zz = dot(&across_y(&bend, &y.value), &x.value);
     Jet {
         value: dot(&plain, &x.value),
         gradient: Vector::new(dot(&plain, &x.slope), dot(&along_y, &x.value), dot(&along_z, &x.value)),

@@ -1,6 +1,5 @@
 //! Signed distances on a lattice, tile by tile.
 
-use super::build::AROUND;
 use super::crossings::{Crossings, Rows};
 use super::defects::Defects;
 use super::exact::is_inside;
@@ -9,10 +8,11 @@ use super::lattice::EDGE;
 use super::scan::Slab;
 use crate::control::{Cancelled, Control};
 use crate::geometry::{Point, TriMesh, Vector};
+use pulp::Arch;
 use rayon::prelude::*;
 
 /// Nodes along the edge of a tile, without its halo: its distances fit the second cache.
-pub(super) const TILE: usize = 32;
+pub(super) const TILE: usize = 48;
 
 /// What signed distances are made from.
 #[derive(Debug, Clone, Copy)]
@@ -22,7 +22,7 @@ pub(super) struct Source<'a> {
     pub(super) features: &'a Features,
 }
 
-/// A lattice whose nodes have distances of one surface, in tiles of 32³ nodes that overlap by a halo.
+/// A lattice whose nodes have distances of one surface, in tiles of 48³ nodes that overlap by a halo.
 #[derive(Debug)]
 pub(super) struct Tiles<'a> {
     source: Source<'a>,
@@ -35,6 +35,7 @@ pub(super) struct Tiles<'a> {
     /// Features of tile n: `members[first[n]..first[n + 1]]`.
     first: Vec<u32>,
     members: Vec<u32>,
+    arch: Arch,
 }
 
 /// The nodes of one tile with its halo.
@@ -61,31 +62,37 @@ impl<'a> Tiles<'a> {
         wanted: impl Fn([usize; 3], [usize; 3]) -> bool + Sync,
     ) -> Self {
         let counts = rows.dims.map(|n| n.saturating_sub(2 * halo).div_ceil(TILE).max(1));
-        let boxes: Vec<Option<[[u32; 2]; 3]>> = (0..source.features.len())
+        let boxes: Vec<Option<[[u16; 2]; 3]>> = (0..source.features.len())
             .into_par_iter()
             .map(|index| {
-                let (min, max) = source.features.bounds(index, reach);
-                let mut nodes = [[0usize; 2]; 3];
-                let mut tiles = [[0u32; 2]; 3];
-                for a in 0..3 {
-                    let low = ((min[a] - rows.origin[a]) / rows.spacing).ceil().max(0.0);
-                    let high = ((max[a] - rows.origin[a]) / rows.spacing).floor().min((rows.dims[a] - 1) as f64);
-                    if low > high {
-                        return None;
+                let nodes_in = |(min, max): (Point, Point)| {
+                    let mut nodes = [[0usize; 2]; 3];
+                    for a in 0..3 {
+                        let low = ((min[a] - rows.origin[a]) / rows.spacing).ceil().max(0.0);
+                        let high = ((max[a] - rows.origin[a]) / rows.spacing).floor().min((rows.dims[a] - 1) as f64);
+                        if low > high {
+                            return None;
+                        }
+                        nodes[a] = [low as usize, high as usize];
                     }
-                    nodes[a] = [low as usize, high as usize];
-                    // A tile has its own nodes and a halo on both sides.
+                    Some(nodes)
+                };
+                let is_wanted = |nodes: &[[usize; 2]; 3]| wanted(nodes.map(|n| n[0]), nodes.map(|n| n[1]));
+                // A larger box is found faster.
+                nodes_in(source.features.box_within(index, reach)).filter(is_wanted)?;
+                let nodes = nodes_in(source.features.bounds(index, reach)).filter(is_wanted)?;
+                // A tile has its own nodes and a halo on both sides.
+                Some([0, 1, 2].map(|a| {
                     let before = (nodes[a][0].saturating_sub(2 * halo) / TILE).min(counts[a] - 1);
-                    tiles[a] = [before as u32, (nodes[a][1] / TILE).min(counts[a] - 1) as u32];
-                }
-                wanted(nodes.map(|n| n[0]), nodes.map(|n| n[1])).then_some(tiles)
+                    [before as u16, (nodes[a][1] / TILE).min(counts[a] - 1) as u16]
+                }))
             })
             .collect();
-        let each = |tiles: &[[u32; 2]; 3], visit: &mut dyn FnMut(usize)| {
+        let each = |tiles: &[[u16; 2]; 3], visit: &mut dyn FnMut(usize)| {
             for k in tiles[2][0]..=tiles[2][1] {
                 for j in tiles[1][0]..=tiles[1][1] {
                     for i in tiles[0][0]..=tiles[0][1] {
-                        visit(i as usize + counts[0] * (j as usize + counts[1] * k as usize));
+                        visit(usize::from(i) + counts[0] * (usize::from(j) + counts[1] * usize::from(k)));
                     }
                 }
             }
@@ -108,7 +115,7 @@ impl<'a> Tiles<'a> {
             }
         }
         let crossings = Crossings::new(source.mesh, &source.defects.counts, &source.defects.rim, &rows);
-        Self { source, rows, halo, reach, crossings, counts, first, members }
+        Self { source, rows, halo, reach, crossings, counts, first, members, arch: Arch::new() }
     }
 
     /// Calls `each` for every tile that features reach, in parallel; the results in the order of the tiles.
@@ -158,9 +165,12 @@ impl<'a> Tiles<'a> {
         }
         let offset = Vector::new(first[0] as f64, first[1] as f64, first[2] as f64) * rows.spacing;
         let mut slab = Slab::new(rows.origin + offset, rows.spacing, dims);
-        for &member in &self.members[self.first[n] as usize..self.first[n + 1] as usize] {
-            slab.add(&self.source.features.region(member as usize, self.reach));
-        }
+        let members = &self.members[self.first[n] as usize..self.first[n + 1] as usize];
+        self.arch.dispatch(|| {
+            for &member in members {
+                slab.add(&self.source.features.region(member as usize, self.reach));
+            }
+        });
         let mut winding = vec![0i8; dims.iter().product()];
         for k in 0..dims[2] {
             let range = first[1]..first[1] + dims[1];
@@ -191,10 +201,10 @@ impl Tile<'_> {
         self.slab.squared(i, j, k)
     }
 
-    /// Copies the squared distances of the box of `AROUND` nodes along each axis from `first` on, x fastest.
-    pub(super) fn copy_squared(&self, first: [usize; 3], to: &mut [f32; AROUND.pow(3)]) {
-        for (row, to) in to.chunks_exact_mut(AROUND).enumerate() {
-            self.slab.copy_row(first[0], first[1] + row % AROUND, first[2] + row / AROUND, to);
+    /// Copies the squared distances of the box of `side` nodes along each axis from `first` on, x fastest.
+    pub(super) fn copy_squared(&self, first: [usize; 3], side: usize, to: &mut [f32]) {
+        for (row, to) in to.chunks_exact_mut(side).enumerate() {
+            self.slab.copy_row(first[0], first[1] + row % side, first[2] + row / side, to);
         }
     }
 

@@ -150,7 +150,7 @@ impl Tree {
         }
     }
 
-    fn of_triangle(&self, p: &Point, slot: u32) -> Nearest {
+    pub(super) fn of_triangle(&self, p: &Point, slot: u32) -> Nearest {
         let point = closest_point(p, &self.corners[slot as usize]);
         Nearest { point, slot, distance_sq: (point - p).norm_squared() }
     }

@@ -11,4 +11,6 @@ mod invariants;
 mod regions;
 mod shapes;
 mod signs;
+mod sites;
 mod smoothness;
+mod within;

@@ -1,0 +1,298 @@
+//! Points spread over a surface, where a field should be 0, brick by brick.
+
+use super::bricks::NO_BRICK;
+use super::distance_field::{DistanceField, Level};
+use super::lattice::EDGE;
+use crate::geometry::{Point, TriMesh, Vector};
+use rayon::prelude::*;
+
+/// Points of the surface are at most about this far apart, in spacings.
+const APART: f64 = 1.5;
+/// Most parts of a triangle's edge.
+const MOST_PARTS: f64 = 200.0;
+/// About the most points; with more to place they are farther apart.
+const MOST_SITES: f64 = 4e6;
+/// Rows of at most so many points are gone through point by point.
+pub(super) const SHORT: usize = 8;
+
+/// The triangles and vertices of a surface in each brick of a field.
+pub(super) struct Spread<'a> {
+    mesh: &'a TriMesh,
+    origin: Point,
+    per_mm: f64,
+    /// In nodes.
+    apart: f64,
+    triangles: ByBrick,
+    vertices: ByBrick,
+}
+
+/// Numbers by brick: those of brick n from `first[n]` up to before `first[n + 1]`.
+struct ByBrick {
+    first: Vec<u32>,
+    all: Vec<u32>,
+}
+
+impl ByBrick {
+    /// `each` calls what it is given with every brick and number.
+    fn new(n_bricks: usize, each: impl Fn(&mut dyn FnMut(u32, u32))) -> Self {
+        let mut first = vec![0u32; n_bricks + 1];
+        each(&mut |brick, _| first[brick as usize + 1] += 1);
+        for n in 0..n_bricks {
+            first[n + 1] += first[n];
+        }
+        let mut next = first.clone();
+        let mut all = vec![0u32; first[n_bricks] as usize];
+        each(&mut |brick, number| {
+            all[next[brick as usize] as usize] = number;
+            next[brick as usize] += 1;
+        });
+        Self { first, all }
+    }
+
+    fn of(&self, brick: usize) -> &[u32] {
+        &self.all[self.first[brick] as usize..self.first[brick + 1] as usize]
+    }
+}
+
+/// Which points of a triangle divided in equal parts are visited.
+#[derive(Clone, Copy, PartialEq)]
+enum Kind {
+    /// The parts' middles.
+    Middles,
+    /// Their corners but the triangle's own: the points that are farthest from middles and vertices.
+    Joints,
+}
+
+impl<'a> Spread<'a> {
+    /// The triangles of `mesh` that are `distinct`, and their vertices.
+    pub(super) fn new(field: &DistanceField, mesh: &'a TriMesh, distinct: &[bool]) -> Self {
+        let lattice = &field.lattice;
+        let n_bricks = field.bricks.len();
+        let mut spread = Self {
+            mesh,
+            origin: lattice.origin,
+            per_mm: lattice.per_mm,
+            apart: APART,
+            triangles: ByBrick { first: Vec::new(), all: Vec::new() },
+            vertices: ByBrick { first: Vec::new(), all: Vec::new() },
+        };
+        let used = || (0..distinct.len()).filter(|&t| distinct[t]);
+        let wanted: f64 = used().map(|t| spread.parts(t).powi(2)).sum();
+        spread.apart *= (wanted / MOST_SITES).sqrt().max(1.0);
+        spread.triangles = ByBrick::new(n_bricks, |add| {
+            for t in used() {
+                let [a, b, c] = spread.corners(t);
+                let (low, high) = (brick_of(&a.inf(&b).inf(&c)), brick_of(&a.sup(&b).sup(&c)));
+                for k in low[2]..=high[2] {
+                    for j in low[1]..=high[1] {
+                        for i in low[0]..=high[0] {
+                            let slot = field.slot(Level::Brick, [i, j, k]);
+                            if slot != NO_BRICK {
+                                add(slot, t as u32);
+                            }
+                        }
+                    }
+                }
+            }
+        });
+        let mut is_used = vec![false; mesh.positions().len()];
+        for v in used().flat_map(|t| mesh.triangles()[t]) {
+            is_used[v as usize] = true;
+        }
+        spread.vertices = ByBrick::new(n_bricks, |add| {
+            for v in (0..is_used.len()).filter(|&v| is_used[v]) {
+                let slot = field.slot(Level::Brick, brick_of(&spread.local(&mesh.positions()[v])));
+                if slot != NO_BRICK {
+                    add(slot, v as u32);
+                }
+            }
+        });
+        spread
+    }
+
+    /// A position in nodes.
+    fn local(&self, p: &Point) -> Vector {
+        (p - self.origin) * self.per_mm
+    }
+
+    fn corners(&self, t: usize) -> [Vector; 3] {
+        self.mesh.corners(t).map(|p| self.local(&p))
+    }
+
+    /// Parts along the edge of a triangle.
+    pub(super) fn parts(&self, t: usize) -> f64 {
+        let [a, b, c] = self.mesh.corners(t);
+        let longest_sq = (b - a).norm_squared().max((c - b).norm_squared()).max((a - c).norm_squared());
+        (longest_sq.sqrt() * self.per_mm / self.apart).ceil().clamp(1.0, MOST_PARTS)
+    }
+
+    /// Sites in the brick `slot` at `at` (in bricks): the middles of equal parts of triangles, and vertices: tips and ridges,
+    /// where a spline is farthest off.
+    pub(super) fn sites(&self, slot: usize, at: [i32; 3]) -> Sites {
+        let corner = corner_of(at);
+        let mut sites = Vec::new();
+        self.for_points(slot, &corner, Kind::Middles, &mut |p| sites.push(Site::new(p)));
+        for &v in self.vertices.of(slot) {
+            sites.push(Site::new(&(self.local(&self.mesh.positions()[v as usize]) - corner)));
+        }
+        Sites::new(sites, EDGE)
+    }
+
+    /// The points of the surface in a brick that are farthest from sites, from the brick's first node on.
+    pub(super) fn for_joints(&self, slot: usize, at: [i32; 3], mut visit: impl FnMut(&Vector)) {
+        self.for_points(slot, &corner_of(at), Kind::Joints, &mut visit);
+    }
+
+    fn for_points(&self, slot: usize, corner: &Vector, kind: Kind, visit: &mut impl FnMut(&Vector)) {
+        for &t in self.triangles.of(slot) {
+            let [a, b, c] = self.corners(t as usize);
+            let parts = self.parts(t as usize);
+            let (start, u, v) = (a - corner, (b - a) / parts, (c - a) / parts);
+            let n = parts as usize;
+            for i in 0..n {
+                let row = start + u * i as f64;
+                if kind == Kind::Middles {
+                    row_in_brick(&(row + (u + v) / 3.0), &v, 0..n - i, visit);
+                    row_in_brick(&(row + (u + v) * (2.0 / 3.0)), &v, 0..n - i - 1, visit);
+                } else {
+                    row_in_brick(&row, &v, usize::from(i == 0)..(n - i + 1).min(n), visit);
+                }
+            }
+        }
+    }
+}
+
+/// Those of the points `start` + n `step` that lie in the cells of the brick at 0.
+fn row_in_brick(start: &Vector, step: &Vector, range: std::ops::Range<usize>, visit: &mut impl FnMut(&Vector)) {
+    let (low, high) = (-0.5, EDGE as f64 - 0.5);
+    let (mut from, mut to) = (range.start as f64, range.end as f64 - 1.0);
+    // Short rows are not worth the divisions.
+    for a in (0..3).filter(|_| range.len() > SHORT) {
+        let (first, last) = ((low - start[a]) / step[a], (high - start[a]) / step[a]);
+        if first.is_finite() && last.is_finite() {
+            // One more on both sides for rounding.
+            from = from.max((first.min(last) - 1.0).floor());
+            to = to.min((first.max(last) + 1.0).ceil());
+        }
+    }
+    if from > to {
+        return;
+    }
+    for n in from as usize..=to as usize {
+        let p = start + step * n as f64;
+        if (0..3).all(|a| low <= p[a] && p[a] < high) {
+            visit(&p);
+        }
+    }
+}
+
+/// The brick that holds a position in nodes.
+fn brick_of(p: &Vector) -> [isize; 3] {
+    [0, 1, 2].map(|a| ((p[a] + 0.5) / EDGE as f64).floor() as isize)
+}
+
+fn corner_of(at: [i32; 3]) -> Vector {
+    Vector::from(at.map(|n| f64::from(n) * EDGE as f64))
+}
+
+/// A site in a brick.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Site {
+    /// Its cell's node in the brick.
+    pub(super) cell: [u8; 3],
+    /// From there, in nodes.
+    pub(super) offset: [f32; 3],
+    /// The field's value there without the level of the brick, mm.
+    pub(super) below: f32,
+    /// The field's value there, mm.
+    pub(super) value: f32,
+}
+
+impl Site {
+    /// At `p`, in nodes from the brick's first.
+    pub(super) fn new(p: &Vector) -> Self {
+        let mut site = Self { cell: [0; 3], offset: [0.0; 3], below: 0.0, value: 0.0 };
+        for a in 0..3 {
+            let nearest = (p[a] + 0.5).floor();
+            site.cell[a] = nearest as u8;
+            site.offset[a] = (p[a] - nearest) as f32;
+        }
+        site
+    }
+
+    /// From the brick's first node, in nodes.
+    pub(super) fn local(&self) -> [f32; 3] {
+        [0, 1, 2].map(|a| f32::from(self.cell[a]) + self.offset[a])
+    }
+
+    /// Weights of the nodes around it along each axis.
+    #[inline(always)]
+    pub(super) fn weights(&self) -> [[f32; 3]; 3] {
+        self.offset.map(|t| {
+            let (low, high) = (0.5 - t, 0.5 + t);
+            [0.5 * low * low, 0.75 - t * t, 0.5 * high * high]
+        })
+    }
+}
+
+/// Whether a cell is the first, one between, or the last along each axis of its brick: three to the power of three classes.
+pub(super) const CLASSES: usize = 27;
+
+/// Sites of a brick, class by class.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Sites {
+    pub(super) all: Vec<Site>,
+    /// Where each class begins, and the end; empty when there are no sites.
+    first: Vec<u32>,
+}
+
+impl Sites {
+    /// Of a brick with `edge` nodes along an axis.
+    pub(super) fn new(all: Vec<Site>, edge: usize) -> Self {
+        if all.is_empty() {
+            return Self::default();
+        }
+        let side = |n: u8| match usize::from(n) {
+            0 => 0,
+            n if n + 1 == edge => 2,
+            _ => 1,
+        };
+        let class = |site: &Site| side(site.cell[0]) + 3 * side(site.cell[1]) + 9 * side(site.cell[2]);
+        let mut first = vec![0u32; CLASSES + 1];
+        for site in &all {
+            first[class(site) + 1] += 1;
+        }
+        for n in 0..CLASSES {
+            first[n + 1] += first[n];
+        }
+        // In the order that they were found within a class.
+        let mut next = first.clone();
+        let mut sorted = vec![all[0]; all.len()];
+        for site in all {
+            let place = &mut next[class(&site)];
+            sorted[*place as usize] = site;
+            *place += 1;
+        }
+        Self { all: sorted, first }
+    }
+
+    /// Sites of a class.
+    #[inline]
+    pub(super) fn of_class(&self, class: usize) -> &[Site] {
+        match self.first.get(class..class + 2) {
+            Some([from, to]) => &self.all[*from as usize..*to as usize],
+            _ => &[],
+        }
+    }
+
+    /// Classes with a site whose value is farther from 0 than `limit` (mm), as bits.
+    pub(super) fn classes_beyond(&self, limit: f32) -> u32 {
+        let is_beyond = |class: &usize| self.of_class(*class).iter().any(|s| s.value.abs() > limit);
+        (0..CLASSES).filter(is_beyond).fold(0, |bits, class| bits | 1 << class)
+    }
+}
+
+/// All sites of a field's bricks.
+pub(super) fn of_bricks(spread: &Spread, places: &[[i32; 3]]) -> Vec<Sites> {
+    places.par_iter().enumerate().map(|(slot, at)| spread.sites(slot, *at)).collect()
+}

@@ -153,7 +153,7 @@ impl Landmarks {
     }
 
     /// The landmark's side: +1 left, -1 right.
-    fn side_name(side: f64) -> &'static str {
+    pub(in crate::plan) fn side_name(side: f64) -> &'static str {
         if side > 0.0 { "left" } else { "right" }
     }
 }
@@ -168,7 +168,8 @@ fn upper_jaw(template: Template, landmarks: &Landmarks, bone: &Envelope) -> Resu
     else {
         return Err(misplaced("lack the Le Fort I plane"));
     };
-    let mut cuts = le_fort_1(plane, midline, occlusal, bone);
+    let zygomas = ["zygomaxillare_left", "zygomaxillare_right"].map(|n| landmarks.points.get(n).copied());
+    let mut cuts = le_fort_1(plane, midline, occlusal, zygomas, bone);
     if cuts.is_empty() {
         let detail = "do not place a Le Fort I cut: its plane must be within 45° of horizontal and more than 5 mm above the occlusal plane";
         return Err(misplaced(detail));

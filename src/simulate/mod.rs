@@ -14,9 +14,9 @@ mod run;
 mod scene;
 mod tissue;
 
-pub use bone::{CutBone, cut_bone};
+pub use bone::{CutBone, cut_bone, segment_fields};
 pub use error::SimulateError;
-pub use fields::{Anatomy, Fields, FieldsSettings, build_fields};
+pub use fields::{Anatomy, Fields, FieldsSettings, build_fields, build_fields_around};
 pub use landmarks::propose_landmarks;
 pub use outer_surface::OuterSurface;
 pub use reach::displacement_class_mm;

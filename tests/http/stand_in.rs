@@ -193,7 +193,7 @@ impl Engine for StandIn {
 
     fn propose(&self, _: &TriMesh, _: &TriMesh) -> Proposal {
         let points = [("ans".to_owned(), Point::new(0.0, -70.0, 20.0))].into_iter().collect();
-        Proposal { points, midline_x_mm: 0.5 }
+        Proposal { points, midline_x_mm: 0.5, ..Proposal::default() }
     }
 
     fn follow(&self, _: &Case, _: &[Cut], plan: &Plan, _: &Control) -> Result<Vec<PathReport>, Halt> {

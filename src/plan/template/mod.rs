@@ -106,7 +106,7 @@ impl Template {
     /// # Errors
     /// [`PlanError::MissingLandmarks`]; [`PlanError::Value`] where landmarks do not lie as they do in a head.
     pub fn cuts(self, landmarks: &Landmarks, bone: &Envelope) -> Result<Vec<Cut>, PlanError> {
-        let missing: Vec<&'static str> = self.needs().iter().copied().filter(|n| !landmarks.has(n)).collect();
+        let missing = landmarks.missing(self);
         if !missing.is_empty() {
             return Err(PlanError::MissingLandmarks { template: self.name(), missing });
         }
@@ -124,6 +124,12 @@ impl Template {
 }
 
 impl Landmarks {
+    /// What a template needs and these do not have.
+    #[must_use]
+    pub fn missing(&self, template: Template) -> Vec<&'static str> {
+        template.needs().iter().copied().filter(|n| !self.has(n)).collect()
+    }
+
     fn has(&self, name: &str) -> bool {
         match name {
             "midline_x_mm" => self.midline_x_mm.is_some(),

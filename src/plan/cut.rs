@@ -212,7 +212,8 @@ fn assign(grid: &ScalarGrid, pieces: &Pieces, crossings: &[Crossing], freed: &[(
     for p in &crumbs {
         segment[*p] = None;
     }
-    let dropped_mm3: f64 = crumbs.iter().map(|p| volume(*p)).sum();
+    // An empty sum is -0.
+    let dropped_mm3 = crumbs.iter().map(|p| volume(*p)).sum::<f64>() + 0.0;
     let mut warnings = Vec::new();
     if let Some(widest) = largest(&pieces.size, &mut crumbs.iter().copied()) {
         let first = pieces.label.iter().position(|l| *l as usize == widest).unwrap_or(0);

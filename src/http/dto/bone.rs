@@ -14,6 +14,9 @@ use crate::session::{
 };
 use crate::store::OsteotomyRecord;
 
+/// A line on the bone that is shorter is no cut but a mistake in units, mm.
+const SHORTEST_LINE_MM: f64 = 1.0;
+
 /// One cut: exactly one of `plane`, `polyline`, `surface` and `free_part`.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
@@ -206,6 +209,13 @@ fn cut(check: &mut Check, pointer: &str, request: &CutRequest) -> Option<Cut> {
             let direction = check.direction(&format!("{pointer}/direction"), line.direction);
             let depth_mm = check.number(&format!("{pointer}/depth_mm"), line.depth_mm, 0.1, REACH_MM);
             let points = points(check, &format!("{pointer}/points_mm"), &line.points_mm, 2, 1000);
+            let length_mm: f64 = points.windows(2).map(|w| (w[1] - w[0]).norm()).sum();
+            if length_mm < SHORTEST_LINE_MM {
+                let detail = format!(
+                    "make a line of {length_mm:.3} mm, at least {SHORTEST_LINE_MM} mm are needed: are they in mm?"
+                );
+                check.fault(format!("{pointer}/points_mm"), detail);
+            }
             CutShape::Polyline { points, direction, depth_mm }
         }
         (None, None, Some(surface), None) => {

@@ -117,6 +117,7 @@ pub struct CreateJob {
     /// Tissue that the plan moves by less than this, by estimate, is left out of the equations and stays where it is, mm, 0 to 1; 0.03 when absent, 0
     /// keeps all. The report says under `left_out` what came of it. Sessions with a tissue mesh keep all.
     #[serde(default)]
+    #[schema(minimum = 0, maximum = 1)]
     pub leave_out_below_mm: Option<f64>,
     /// What is done where a material loses ellipticity: `report` (the default) says so in the step's `outcome`, and the job fails by name
     /// where no equilibrium is found; `stabilise` goes on with neo-Hookean of the same small-strain moduli.

@@ -177,8 +177,8 @@ fn upper_jaw(template: Template, landmarks: &Landmarks, bone: &Envelope) -> Resu
     let zygomas = ["zygomaxillare_left", "zygomaxillare_right"].map(|n| landmarks.points.get(n).copied());
     let mut cuts = le_fort_1(plane, midline, occlusal, zygomas, bone);
     if cuts.is_empty() {
-        let detail = "do not place a Le Fort I cut: its plane must be within 45° of horizontal and more than 5 mm above the occlusal plane";
-        return Err(misplaced(detail));
+        let detail = "does not place a Le Fort I cut: it must be within 45° of horizontal and more than 5 mm above the occlusal plane";
+        return Err(PlanError::Value { what: "plane".into(), detail: detail.to_owned() });
     }
     if template == Template::TwoPieceMaxilla {
         cuts.extend(le_fort_1::midsagittal(plane, midline, occlusal, bone));

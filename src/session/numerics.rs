@@ -17,7 +17,9 @@ use crate::mesh::MeshReport;
 use crate::plan::{
     self, Clearance, Cut, CutShape, Landmarks, Osteotomy, PathReport, Plan, Proposal, Purpose, Template,
 };
-use crate::simulate::{self, Anatomy, CutBone, Fields, Outcome, SimulateError, PreparedTissue, RunSettings, TissueModel};
+use crate::simulate::{
+    self, Anatomy, CutBone, Fields, Outcome, PreparedTissue, RunSettings, SimulateError, TissueModel,
+};
 use crate::surface::{self, CtSettings, CtSurfaces};
 
 /// Share of a solve's progress that preparing the equations takes.
@@ -118,7 +120,12 @@ impl Numerics {
 }
 
 /// Fills in what a template lacks, from the surfaces; names of what was filled of what it needs.
-fn propose_missing(template: Template, landmarks: &mut Landmarks, anatomy: &Anatomy, cached: &mut Option<Proposal>) -> Vec<String> {
+fn propose_missing(
+    template: Template,
+    landmarks: &mut Landmarks,
+    anatomy: &Anatomy,
+    cached: &mut Option<Proposal>,
+) -> Vec<String> {
     if landmarks.missing(template).is_empty() {
         return Vec::new();
     }

@@ -18,7 +18,7 @@ use prosopon::plan::{
 use prosopon::session::{
     Case, Cuts, Engine, Fault, FaultKind, Halt, Numerics, Run, RunWatch, SceneRun, SceneSolved, Solid, TissueRequest,
 };
-use prosopon::simulate::{Frame, LeftOut, Outcome, RegionMotion, SimulateError};
+use prosopon::simulate::{Attached, Frame, LeftOut, Outcome, RegionMotion, SimulateError};
 use prosopon::surface::{CtSettings, CtSurfaces};
 
 use crate::shapes::cube;
@@ -286,6 +286,7 @@ impl Engine for StandIn {
             face: Vec::new(),
             nodes: Vec::new(),
             left_out: LeftOut::default(),
+            attached: Attached::default(),
             warnings: vec!["a stand-in".to_owned()],
         })
     }

@@ -56,7 +56,11 @@ fn templates_part_the_phantom_by_proposals_alone() {
     let mut landmarks = Landmarks::default();
     let filled = propose(&skin, &skull).fill(&mut landmarks);
     assert!(filled.contains(&"le_fort_1_plane".to_owned()) && filled.contains(&"lingula_left".to_owned()));
-    let bone = envelope(&skull, &EnvelopeSettings { spacing_mm: 1.5, closing_mm: 3.0, ..EnvelopeSettings::default() }, &Control::new());
+    let bone = envelope(
+        &skull,
+        &EnvelopeSettings { spacing_mm: 1.5, closing_mm: 3.0, ..EnvelopeSettings::default() },
+        &Control::new(),
+    );
     let bone = bone.unwrap();
     for (template, least_cm3, most_cm3) in [
         (Template::LeFort1, 30.0, 60.0),

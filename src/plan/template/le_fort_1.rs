@@ -133,7 +133,8 @@ impl Frame {
             let below = zygoma.map(|p| self.up.dot(&(p - self.origin)) - BELOW_ZYGOMA);
             below.filter(|h| *h < -OVERLAP).map(|h| h.max(LOWEST_STEP * self.occlusal))
         };
-        let steps = [(zygomas[0], 1.0, "left"), (zygomas[1], -1.0, "right")].map(|(z, side, name)| (step(z), side, name));
+        let steps =
+            [(zygomas[0], 1.0, "left"), (zygomas[1], -1.0, "right")].map(|(z, side, name)| (step(z), side, name));
         let end = |step: Option<f64>| if step.is_some() { STEP_BESIDE } else { HALF_WIDTH_ABOVE };
         let mut cuts = vec![Cut::from(level(0.0, [-end(steps[1].0), end(steps[0].0)])).named("le_fort_1")];
         for (height, side, name) in steps {
@@ -146,7 +147,7 @@ impl Frame {
                 bounds: Some((self.back, half_depth, 0.5 * -height + OVERLAP)),
             };
             cuts.push(Cut::from(low).named(&format!("le_fort_1_{name}")));
-            cuts.push(Cut::from(wall).named(&format!("le_fort_1_step_{name}")));
+            cuts.push(Cut::from(wall).named(&format!("le_fort_1_step_{name}")).separating());
         }
         cuts
     }

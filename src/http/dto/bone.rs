@@ -42,7 +42,8 @@ pub struct CutRequest {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum TemplateName {
-    /// Le Fort I. Landmarks: `le_fort_1_plane`, `midline_x_mm`, `occlusal_plane_z_mm`; what is absent is proposed from the skin.
+    /// Le Fort I. Landmarks: `le_fort_1_plane`, `midline_x_mm`, `occlusal_plane_z_mm`; with `zygomaxillare_left` and `_right` a plane that
+    /// would run through the cheek bones steps down beside the nose.
     #[serde(rename = "le_fort_1")]
     LeFort1,
     /// Le Fort II. Landmarks: `nasion`, `orbitale_left`, `orbitale_right`, `zygomaxillare_left`, `zygomaxillare_right` and
@@ -82,7 +83,8 @@ impl From<TemplateName> for Template {
     }
 }
 
-/// A template with its landmarks; those that are absent are taken from the session's.
+/// A template with its landmarks; those that are absent are taken from the session's, and what is not there either is proposed from the
+/// surfaces, with a warning.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TemplateRequest {

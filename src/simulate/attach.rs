@@ -105,7 +105,7 @@ fn jaw(bone: &CutBone, segment: &Segment) -> Jaw {
     let named = |start: &str| cuts.clone().any(|c| c.name.as_deref().is_some_and(|n| n.starts_with(start)));
     let occlusal = cuts.clone().find_map(|c| match &c.shape {
         CutShape::Plane(plane) if c.name.as_deref() == Some("occlusal") => Some(plane.point.z),
-        _ => None,
+        CutShape::Plane(_) | CutShape::Polyline { .. } | CutShape::Surface(_) | CutShape::FreePart(_) => None,
     });
     let is_below = occlusal.is_some_and(|z| segment.centroid.z < z);
     if named("bsso_") || named("joint_") || (is_below && !named("le_fort_")) {

@@ -88,8 +88,8 @@ impl CollisionStudy<'_> {
         let fields = build_fields(&anatomy, &settings, &control)?;
         let plane = &landmarks.le_fort_1_plane;
         let plane = (Point::from(plane.point), Vector::from(plane.normal));
-        let cuts = le_fort_1(plane, landmarks.midline_x_mm, landmarks.occlusal_plane_z_mm, &fields.bone);
-        let bone = cut_bone(&fields, &cuts, &settings.field, &control)?;
+        let cuts = le_fort_1(plane, landmarks.midline_x_mm, landmarks.occlusal_plane_z_mm, [None; 2], &fields.bone);
+        let bone = cut_bone(&fields.bone, &cuts, &settings.field, &control)?;
         let moved = bone.osteotomy.segments.iter().filter(|s| s.id != 0);
         let moved = moved.max_by(|a, b| a.volume_mm3.total_cmp(&b.volume_mm3)).ok_or_else(|| {
             BenchError::Landmarks { path: self.landmarks.to_owned(), detail: "no segment can move".to_owned() }

@@ -158,8 +158,9 @@ impl Head {
     pub(super) fn prepare(&self, edge_mm: f64) -> Result<Prepared, BenchError> {
         let (control, settings) = (Control::new(), FieldsSettings::default());
         let fields = build_fields(&self.anatomy, &settings, &control)?;
-        let cuts = le_fort_1(self.le_fort_1_plane, self.midline_x_mm, self.occlusal_plane_z_mm, &fields.bone);
-        let bone = cut_bone(&fields, &cuts, &settings.field, &control)?;
+        let cuts =
+            le_fort_1(self.le_fort_1_plane, self.midline_x_mm, self.occlusal_plane_z_mm, [None; 2], &fields.bone);
+        let bone = cut_bone(&fields.bone, &cuts, &settings.field, &control)?;
         // The template's first cut is the Le Fort I plane.
         let jaw = bone.osteotomy.segments.iter().find(|s| s.id != 0 && s.bounded_by.contains(&0));
         let jaw = jaw.ok_or_else(|| BenchError::Head { detail: "no segment below the Le Fort I plane".to_owned() })?.id;

@@ -35,6 +35,8 @@ pub struct TruthStudy<'a> {
     pub edge_mm: f64,
     /// Standard deviation of the scan's noise along each axis, mm.
     pub noise_mm: f64,
+    /// The prediction is that of this step of three, from 1: before the last it falls short of the truth by millimetres.
+    pub prediction_step: usize,
 }
 
 /// What one scan gave.
@@ -56,13 +58,13 @@ impl TruthStudy<'_> {
     /// [`BenchError`].
     pub fn run(&self, out: &mut dyn Write) -> Result<(), BenchError> {
         let head = Head::load(self.source)?;
-        let mut solved = |edge_mm: f64| -> Result<Frame, BenchError> {
+        let mut solved = |edge_mm: f64, step: usize| -> Result<Frame, BenchError> {
             let start = Instant::now();
-            let frame = self.solved(&head, edge_mm)?;
+            let frame = Self::solved(&head, edge_mm, step)?;
             writeln!(out, "edge {edge_mm} mm: solved in {:.1} s", start.elapsed().as_secs_f64())?;
             Ok(frame)
         };
-        let (coarse, fine) = (solved(self.edge_mm)?, solved(0.5 * self.edge_mm)?);
+        let (coarse, fine) = (solved(self.edge_mm, self.prediction_step)?, solved(0.5 * self.edge_mm, STEPS)?);
         let face = head.face();
         let control = Control::new();
         let true_error = error_map(&coarse.skin, &fine.skin, Some(&face), &[], &control)?;
@@ -85,12 +87,18 @@ impl TruthStudy<'_> {
         write(self.csv, csv.as_bytes())
     }
 
-    fn solved(&self, head: &Head, edge_mm: f64) -> Result<Frame, BenchError> {
+    fn solved(head: &Head, edge_mm: f64, step: usize) -> Result<Frame, BenchError> {
         let ready = head.prepare(edge_mm)?;
         let solver = SolveSettings::new(Model::Mixed, Preset::Wang2009Stable.materials());
         let settings = RunSettings { solver, steps: STEPS, attachment: None, leave_out_below_mm: 0.0 };
         let mut last = None;
-        let mut keep = |frame: Frame| last = Some(frame);
+        let mut seen = 0;
+        let mut keep = |frame: Frame| {
+            seen += 1;
+            if seen <= step {
+                last = Some(frame);
+            }
+        };
         solve(&head.anatomy, &ready.tissue, &ready.bone, &ready.plan, &settings, &Control::new(), &mut keep)?;
         last.ok_or_else(|| BenchError::Head { detail: "no step".to_owned() })
     }

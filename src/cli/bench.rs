@@ -248,6 +248,9 @@ pub(super) struct TruthArguments {
     /// Standard deviation of the scan's noise along each axis, mm.
     #[arg(long, default_value_t = 0.3)]
     noise_mm: f64,
+    /// The prediction is that of this step of three: before the last it falls short of the truth by millimetres.
+    #[arg(long, default_value_t = 3, value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..=3))]
+    prediction_step: usize,
 }
 
 pub(super) fn run(command: &BenchCommand) -> CommandResult {
@@ -285,7 +288,8 @@ pub(super) fn run(command: &BenchCommand) -> CommandResult {
             }
         }
         BenchCommand::Truth(a) => {
-            TruthStudy { source: &a.scene, csv: &a.csv, edge_mm: a.edge_mm, noise_mm: a.noise_mm }.run(out)?;
+            let (edge_mm, noise_mm, prediction_step) = (a.edge_mm, a.noise_mm, a.prediction_step);
+            TruthStudy { source: &a.scene, csv: &a.csv, edge_mm, noise_mm, prediction_step }.run(out)?;
         }
         BenchCommand::Cuts(a) => {
             let study = CutStudy {

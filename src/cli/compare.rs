@@ -110,6 +110,8 @@ fn mask_of(path: &Path) -> Result<Mask, Box<dyn std::error::Error>> {
     let file: MaskFile = serde_json::from_slice(&text)
         .map_err(|_| unusable("is neither a list of parts nor one of true and false".to_owned()))?;
     Ok(match file {
+        // An empty list is no part: all counts, as over HTTP.
+        MaskFile::Vertices(vertices) if vertices.is_empty() => Mask::default(),
         MaskFile::Vertices(vertices) => Mask { vertices: Some(vertices), ..Mask::default() },
         MaskFile::Parts(parts) => {
             let only: Option<Vec<Part>> = parts.iter().map(part).collect();

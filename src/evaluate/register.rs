@@ -162,7 +162,7 @@ impl Region {
         let chosen = |v: &usize| unaltered.is_none_or(|m| m[*v]) && areas[*v] > 0.0;
         let vertices: Vec<usize> = (0..n).filter(chosen).collect();
         let points: Vec<(Point, f64)> = vertices.iter().map(|v| (source.positions()[*v], areas[*v])).collect();
-        let area_mm2 = points.iter().map(|p| p.1).sum();
+        let area_mm2 = points.iter().map(|p| p.1).sum::<f64>() + 0.0;
         if vertices.len() < LEAST_VERTICES || area_mm2 < LEAST_AREA_MM2 {
             let vertices = vertices.len();
             let (least_vertices, least_area_mm2) = (LEAST_VERTICES, LEAST_AREA_MM2);

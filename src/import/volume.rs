@@ -139,7 +139,7 @@ pub fn volume_with(bytes: &[u8], limits: &Limits, settings: &VolumeSettings) -> 
             meta_image::read(bytes, limits, &mut |_| Err(APART), &mut warnings).map(|volume| of(volume, warnings))
         }
         VolumeFormat::Dicom => {
-            let found = dicom::header(bytes)?.map(|h| (0, h)).into_iter().collect();
+            let found = dicom::headers(bytes)?.into_iter().map(|h| (0, h)).collect();
             let (volume, _) = dicom::assemble(found, &|_| Ok(bytes.to_vec()), limits, settings, &mut warnings)?;
             Ok(of(volume, warnings))
         }
@@ -170,9 +170,9 @@ fn from_archive(bytes: &[u8], limits: &Limits, settings: &VolumeSettings) -> Res
         }
         let beginning = archive.beginning(index, SHOWING as u64)?;
         match detect_volume(&beginning) {
-            Some(VolumeFormat::Dicom) => match dicom::header(&archive.read(index, dicom::MAX_FILE)?) {
-                Ok(Some(header)) => images.push((index, header)),
-                Ok(None) => others = others.saturating_add(1),
+            Some(VolumeFormat::Dicom) => match dicom::headers(&archive.read(index, dicom::MAX_FILE)?) {
+                Ok(none) if none.is_empty() => others = others.saturating_add(1),
+                Ok(found) => images.extend(found.into_iter().map(|header| (index, header))),
                 Err(ImportError::Malformed { format, detail }) => {
                     return Err(malformed(format, format!("file {}: {detail}", index.saturating_add(1))));
                 }

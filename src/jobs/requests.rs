@@ -3,12 +3,12 @@
 use serde::{Deserialize, Serialize};
 
 use super::PhysicsRecord;
-use crate::geometry::Aabb;
+use crate::geometry::{Aabb, TriMesh};
 use crate::session::{
-    BoxDocument, CutDocument, FieldSettingsDocument, MeshDocument, MeshSettingsDocument, PlanDocument, PresetName,
-    TissueDocument,
+    BoxDocument, CutDocument, Fault, FaultKind, FieldSettingsDocument, MeshDocument, MeshSettingsDocument,
+    NodeClassName, PaintDocument, PlanDocument, PresetName, TissueDocument,
 };
-use crate::simulate::{AttachmentRules, RunSettings};
+use crate::simulate::{AttachmentRules, RunSettings, SkullPaint};
 use crate::store::{JobId, OsteotomyId, PlanId};
 use crate::surface::CtSettings;
 
@@ -61,9 +61,41 @@ pub struct MeshRequest {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct AttachmentRecord {
     /// Boundary nodes nearer to bone than this are tied, mm.
-    pub tie_gap_mm: f64,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tie_gap_mm: Option<f64>,
     /// Boxes in which nodes slide instead.
-    pub sliding: Vec<BoxDocument>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sliding: Option<Vec<BoxDocument>>,
+    /// Classes painted in parts of space.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub paint: Vec<PaintDocument>,
+    /// Classes painted on the skull's vertices.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub skull_classes: Option<Vec<Option<NodeClassName>>>,
+}
+
+impl AttachmentRecord {
+    /// As the numerics take it.
+    ///
+    /// # Errors
+    /// Painted vertices that are not those of the `skull`.
+    pub fn rules(&self, skull: &TriMesh) -> Result<AttachmentRules, Fault> {
+        let skull = self.skull_classes.as_ref().map(|classes| {
+            let (found, needed) = (classes.len(), skull.positions().len());
+            if found != needed {
+                let detail = format!("has {found} classes, the skull has {needed} vertices");
+                return Err(Fault::new(FaultKind::InvalidRequest, detail).at("/attachment/skull_classes"));
+            }
+            let classes = classes.iter().map(|c| c.map(Into::into)).collect();
+            Ok(SkullPaint { positions: skull.positions().to_vec(), classes })
+        });
+        Ok(AttachmentRules {
+            tie_gap_mm: self.tie_gap_mm,
+            sliding: self.sliding.as_ref().map(|boxes| boxes.iter().map(Aabb::from).collect()),
+            skull: skull.transpose()?,
+            paint: self.paint.iter().filter_map(PaintDocument::paint).collect(),
+        })
+    }
 }
 
 /// Deformed skin along a plan. Holds copies of plan and mesh settings: the job outlives them.
@@ -139,16 +171,17 @@ pub(super) struct SolveKind {
     pub(super) ready: Option<serde::de::IgnoredAny>,
 }
 
-impl From<&SolveRequest> for RunSettings {
-    fn from(r: &SolveRequest) -> Self {
-        Self {
-            solver: (&r.physics).into(),
-            steps: r.steps as usize,
-            attachment: r.attachment.as_ref().map(|a| AttachmentRules {
-                tie_gap_mm: a.tie_gap_mm,
-                sliding: a.sliding.iter().map(Aabb::from).collect(),
-            }),
-            leave_out_below_mm: r.physics.leave_out_below_mm,
-        }
+impl SolveRequest {
+    /// Settings for the numerics, on the patient's `skull`.
+    ///
+    /// # Errors
+    /// [`AttachmentRecord::rules`].
+    pub fn settings(&self, skull: &TriMesh) -> Result<RunSettings, Fault> {
+        Ok(RunSettings {
+            solver: (&self.physics).into(),
+            steps: self.steps as usize,
+            attachment: self.attachment.as_ref().map(|a| a.rules(skull)).transpose()?,
+            leave_out_below_mm: self.physics.leave_out_below_mm,
+        })
     }
 }

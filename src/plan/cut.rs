@@ -3,7 +3,7 @@
 use super::blade::Blade;
 use super::parting::{Crossing, OUTSIDE, Pieces, Sets, blocked_edges, crossings, flood, lattice, strides};
 use super::separation::{Saw, Separation};
-use super::shape::{Cut, CutShape};
+use super::shape::{Cut, CutShape, Purpose};
 use super::{Bridge, PlanError, bridge, solid};
 use crate::control::Control;
 use crate::field::Envelope;
@@ -112,7 +112,8 @@ pub fn cut(bone: &Envelope, cuts: &[Cut], control: &Control) -> Result<Osteotomy
         let own = || crossings.iter().filter(|c| c.cut == cut && c.in_bone);
         let apart = own().filter(|c| segments[c.node] != segments[c.node + steps[c.axis]]).count();
         // Cuts reach beyond what they part; one that parts little of what it crosses was meant to do more.
-        if 4 * apart < own().count() {
+        // What separates joints and teeth may find them apart.
+        if cuts[cut].purpose == Purpose::Osteotomy && 4 * apart < own().count() {
             let bridges = bridge::of_cut(grid, &crossings, &blocked, cut, control)?;
             let places: Vec<String> = bridges.iter().take(5).map(Bridge::to_string).collect();
             let share = 100 * apart / own().count().max(1);
@@ -212,7 +213,8 @@ fn assign(grid: &ScalarGrid, pieces: &Pieces, crossings: &[Crossing], freed: &[(
     for p in &crumbs {
         segment[*p] = None;
     }
-    let dropped_mm3: f64 = crumbs.iter().map(|p| volume(*p)).sum();
+    // An empty sum is -0.
+    let dropped_mm3 = crumbs.iter().map(|p| volume(*p)).sum::<f64>() + 0.0;
     let mut warnings = Vec::new();
     if let Some(widest) = largest(&pieces.size, &mut crumbs.iter().copied()) {
         let first = pieces.label.iter().position(|l| *l as usize == widest).unwrap_or(0);

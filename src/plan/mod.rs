@@ -37,7 +37,7 @@ use crate::control::Cancelled;
 #[derive(Debug, thiserror::Error)]
 pub enum PlanError {
     /// A cut does not touch bone.
-    #[error("cut {cut} misses the bone: its nearest point of the cut is {distance_mm:.1} mm away")]
+    #[error("cut {cut} {}", missed(*distance_mm))]
     MissesBone {
         /// Index of the cut.
         cut: usize,
@@ -69,6 +69,14 @@ pub enum PlanError {
     /// Stopped by the caller.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
+}
+
+/// How far a cut is from the bone in words.
+fn missed(distance_mm: f64) -> String {
+    if distance_mm < 0.05 {
+        return "touches the bone's surface and goes through none of it".to_owned();
+    }
+    format!("misses the bone: its nearest point of the cut is {distance_mm:.1} mm away")
 }
 
 /// Every bridge in words.

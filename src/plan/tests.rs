@@ -375,7 +375,7 @@ fn le_fort_1_frees_the_upper_arch_and_nothing_else() {
     // With teeth apart there is nothing to saw at the occlusal plane: that cut is left out.
     for (joined, occlusal, n_cuts, low) in [(true, 17.5, 3, 17.5), (false, 14.0, 2, 17.0)] {
         let bone = block_head(joined);
-        let cuts = le_fort_1((Point::new(0.0, -60.0, 37.0), Vector::z()), 0.0, occlusal, &bone);
+        let cuts = le_fort_1((Point::new(0.0, -60.0, 37.0), Vector::z()), 0.0, occlusal, [None; 2], &bone);
         assert_eq!(cuts.len(), n_cuts);
         let osteotomy = run_all(&bone, &cuts).unwrap();
         assert_eq!(osteotomy.segments.len(), 2);
@@ -386,7 +386,7 @@ fn le_fort_1_frees_the_upper_arch_and_nothing_else() {
     }
     let bone = block_head(false);
     let tilted = Vector::new(0.05, -0.1, -1.0);
-    let cuts = le_fort_1((Point::new(9.0, -60.0, 37.0), tilted), 0.0, 14.0, &bone);
+    let cuts = le_fort_1((Point::new(9.0, -60.0, 37.0), tilted), 0.0, 14.0, [None; 2], &bone);
     assert_eq!(run_all(&bone, &cuts).unwrap().segments.len(), 2);
-    assert!(le_fort_1((Point::origin(), Vector::x()), 0.0, -20.0, &bone).is_empty());
+    assert!(le_fort_1((Point::origin(), Vector::x()), 0.0, -20.0, [None; 2], &bone).is_empty());
 }

@@ -33,7 +33,7 @@ pub struct TemplateCall {
 /// Cuts asked for.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Cuts {
-    /// Templates. What a Le Fort I lacks is proposed from the skin.
+    /// Templates. What they lack is proposed from the surfaces.
     pub templates: Vec<TemplateCall>,
     /// Further cuts.
     pub cuts: Vec<Cut>,

@@ -113,9 +113,13 @@ pub struct FieldFault {
 }
 
 impl FieldFault {
-    /// A fault at `pointer`.
+    /// A fault at `pointer`; the name of a part or a query parameter becomes a pointer to it.
     pub fn new(pointer: impl Into<String>, detail: impl Into<String>) -> Self {
-        Self { pointer: pointer.into(), detail: detail.into() }
+        let mut pointer = pointer.into();
+        if !pointer.is_empty() && !pointer.starts_with('/') {
+            pointer.insert(0, '/');
+        }
+        Self { pointer, detail: detail.into() }
     }
 }
 

@@ -35,7 +35,8 @@ pub struct LandmarksDocument {
     pub occlusal_plane_z_mm: Option<f64>,
     /// The horizontal cut of a Le Fort I osteotomy.
     pub le_fort_1_plane: Option<PlacedPlane>,
-    /// Which of all these are proposals that no person has confirmed: names of points, `midline_x_mm`.
+    /// Which of all these are proposals that no person has confirmed: names of points, `midline_x_mm`, `occlusal_plane_z_mm`,
+    /// `le_fort_1_plane`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub proposed: Vec<String>,
 }
@@ -52,19 +53,16 @@ impl From<&LandmarksDocument> for Landmarks {
 }
 
 impl LandmarksDocument {
-    /// With proposals for the points that are not given, and for the midline.
+    /// With proposals for what is not given.
     #[must_use]
     pub fn with_proposals(mut self, proposal: &Proposal) -> Self {
-        for (name, p) in &proposal.points {
-            if !self.points.contains_key(name) {
-                self.points.insert(name.clone(), p.coords.into());
-                self.proposed.push(name.clone());
-            }
-        }
-        if self.midline_x_mm.is_none() {
-            self.midline_x_mm = Some(proposal.midline_x_mm);
-            self.proposed.push("midline_x_mm".to_owned());
-        }
+        let mut landmarks = Landmarks::from(&self);
+        self.proposed.extend(proposal.fill(&mut landmarks));
+        self.points = landmarks.points.into_iter().map(|(name, p)| (name, p.coords.into())).collect();
+        self.midline_x_mm = landmarks.midline_x_mm;
+        self.occlusal_plane_z_mm = landmarks.occlusal_z_mm;
+        let placed = |(p, n): (Point, Vector)| PlacedPlane { point_mm: p.coords.into(), normal: n.into() };
+        self.le_fort_1_plane = self.le_fort_1_plane.or(landmarks.le_fort_1_plane.map(placed));
         self
     }
 

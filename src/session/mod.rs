@@ -22,14 +22,14 @@ mod tissue_file;
 
 pub use case::{Case, Cuts, Run, SceneBones, SceneRun, Solid, TemplateCall, TissueRequest};
 pub use documents::{
-    ClearanceDocument, CtDocument, CutDocument, CutSurfaceDocument, D1ReadingName, DoubtDocument,
+    AttachedDocument, ClearanceDocument, CtDocument, CutDocument, CutSurfaceDocument, D1ReadingName, DoubtDocument,
     DoubtfulRegionsDocument, ErrorDocument, FieldDocument, FieldQualityDocument, FreePartDocument, HistogramBin,
-    LeftOutDocument, LockingName, MaterialDocument, MeshDocument, OsteotomyDocument, PathDocument, PathReportDocument,
-    PathSample, PhasesDocument, PlanDocument, PlaneBoundsDocument, PlaneDocument, PolylineDocument, PresetName,
-    PurposeDocument, ReactionDocument, RegionDocument, RegionMotionDocument, RegistrationDocument, ReportDocument,
-    ReportInput, SegmentDocument, SkinElementName, StatisticsDocument, StepDocument, StepPhasesDocument,
-    SurfaceDocument, SurfaceOrigin, TissueDocument, TissueLawsDocument, UnstableMaterialName, WaypointDocument,
-    stored_cuts,
+    LeftOutDocument, LockingName, MaterialDocument, MeshDocument, NodeClassName, OsteotomyDocument, PaintDocument,
+    PathDocument, PathReportDocument, PathSample, PhasesDocument, PlanDocument, PlaneBoundsDocument, PlaneDocument,
+    PolylineDocument, PresetName, PurposeDocument, ReactionDocument, RegionDocument, RegionMotionDocument,
+    RegistrationDocument, ReportDocument, ReportInput, SegmentDocument, SkinElementName, StatisticsDocument,
+    StepDocument, StepPhasesDocument, SurfaceDocument, SurfaceOrigin, TissueDocument, TissueLawsDocument,
+    UnstableMaterialName, WaypointDocument, stored_cuts,
 };
 pub use engine::{Engine, RunWatch, SceneSolved};
 pub use error_sheet::error_sheet;

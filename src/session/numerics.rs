@@ -1,3 +1,4 @@
+use std::collections::BTreeSet;
 use std::fmt;
 use std::sync::Arc;
 
@@ -9,19 +10,17 @@ use super::tissue_file::tissue_file;
 use super::{Case, Cuts, Engine, Halt, Run, RunWatch, SceneBones, SceneRun, SceneSolved, Solid, TissueRequest, key_of};
 use crate::control::Control;
 use crate::evaluate::{self, ErrorMap, FaceRegion, Registration};
-use crate::field::{ExactDistance, FieldReport, Settled};
+use crate::field::{Envelope, ExactDistance, FieldReport, Settled, envelope};
 use crate::geometry::{Implicit, Point, TriMesh, Vector};
 use crate::import::{self, Limits};
 use crate::mesh::MeshReport;
 use crate::plan::{
     self, Clearance, Cut, CutShape, Landmarks, Osteotomy, PathReport, Plan, Proposal, Purpose, Template,
 };
-use crate::simulate::{self, CutBone, Fields, Outcome, PreparedTissue, RunSettings, TissueModel};
+use crate::simulate::{
+    self, Anatomy, CutBone, Fields, Outcome, PreparedTissue, RunSettings, SimulateError, TissueModel,
+};
 use crate::surface::{self, CtSettings, CtSurfaces};
-
-/// Said when landmarks do not place a template.
-const PROPOSED_PLANE: &str = "the landmarks do not place the cuts fully: what is missing was put at an adult's usual distances below \
-     the tip of the nose and needs to be checked";
 
 /// Share of a solve's progress that preparing the equations takes.
 const PREPARING: f64 = 0.05;
@@ -34,7 +33,9 @@ const KEPT_EQUATIONS: usize = 1;
 /// The real numerics, with the last few intermediate results in memory.
 pub struct Numerics {
     limits: Limits,
+    envelopes: Recent<Envelope>,
     fields: Recent<Fields>,
+    osteotomies: Recent<Osteotomy>,
     bones: Recent<CutBone>,
     tissues: Recent<TissueModel>,
     prepared: Recent<PreparedTissue>,
@@ -52,15 +53,41 @@ impl Numerics {
     pub fn new(limits: Limits) -> Self {
         Self {
             limits,
+            envelopes: Recent::new(KEPT),
             fields: Recent::new(KEPT),
+            osteotomies: Recent::new(KEPT),
             bones: Recent::new(KEPT),
             tissues: Recent::new(KEPT),
             prepared: Recent::new(KEPT_EQUATIONS),
         }
     }
 
+    /// The bone's envelope: all that a cut needs.
+    fn envelope_of(&self, case: &Case, control: &Control) -> Result<Arc<Envelope>, Halt> {
+        let build = || Ok(envelope(&case.anatomy.skull, &case.fields.envelope, control).map_err(SimulateError::from)?);
+        self.envelopes.get_or(&case.key, build)
+    }
+
     fn fields_of(&self, case: &Case, control: &Control) -> Result<Arc<Fields>, Halt> {
-        self.fields.get_or(&case.key, || Ok(simulate::build_fields(&case.anatomy, &case.fields, control)?))
+        if let Some(found) = self.fields.get(&case.key) {
+            return Ok(found);
+        }
+        let known = self.envelopes.get(&case.key);
+        let built = Arc::new(simulate::build_fields_around(&case.anatomy, known, &case.fields, control)?);
+        self.envelopes.put(&case.key, Arc::clone(&built.bone));
+        self.fields.put(&case.key, Arc::clone(&built));
+        Ok(built)
+    }
+
+    fn osteotomy_of(&self, case: &Case, cuts: &[Cut], control: &Control) -> Result<Arc<Osteotomy>, Halt> {
+        let key = bone_key(case, cuts);
+        if let Some(found) = self.osteotomies.get(&key) {
+            return Ok(found);
+        }
+        let bone = self.envelope_of(case, &control.part(0.0, 0.5))?;
+        let cut = Arc::new(plan::cut(&bone, cuts, &control.part(0.5, 1.0))?);
+        self.osteotomies.put(&key, Arc::clone(&cut));
+        Ok(cut)
     }
 
     fn bone_of(&self, case: &Case, cuts: &[Cut], control: &Control) -> Result<Arc<CutBone>, Halt> {
@@ -68,8 +95,9 @@ impl Numerics {
         if let Some(found) = self.bones.get(&key) {
             return Ok(found);
         }
-        let fields = self.fields_of(case, &control.part(0.0, 0.5))?;
-        let bone = Arc::new(simulate::cut_bone(&fields, cuts, &case.fields.field, &control.part(0.5, 1.0))?);
+        let osteotomy = self.osteotomy_of(case, cuts, &control.part(0.0, 0.6))?;
+        let built = simulate::segment_fields(&osteotomy, &case.fields.field, &control.part(0.6, 1.0))?;
+        let bone = Arc::new(built);
         self.bones.put(&key, Arc::clone(&bone));
         Ok(bone)
     }
@@ -91,18 +119,27 @@ impl Numerics {
     }
 }
 
-/// Fills in what a Le Fort I lacks; whether anything was.
-fn propose_plane(landmarks: &mut Landmarks, skin: &TriMesh) -> bool {
-    let has =
-        (landmarks.le_fort_1_plane.is_some(), landmarks.midline_x_mm.is_some(), landmarks.occlusal_z_mm.is_some());
-    if has == (true, true, true) {
-        return false;
+/// Fills in what a template lacks, from the surfaces; names of what was filled of what it needs.
+fn propose_missing(
+    template: Template,
+    landmarks: &mut Landmarks,
+    anatomy: &Anatomy,
+    cached: &mut Option<Proposal>,
+) -> Vec<String> {
+    if landmarks.missing(template).is_empty() {
+        return Vec::new();
     }
-    let guess = simulate::propose_landmarks(skin);
-    landmarks.le_fort_1_plane.get_or_insert(guess.le_fort_1_plane);
-    landmarks.midline_x_mm.get_or_insert(guess.midline_x_mm);
-    landmarks.occlusal_z_mm.get_or_insert(guess.occlusal_plane_z_mm);
-    true
+    let proposal = cached.get_or_insert_with(|| plan::propose(&anatomy.skin, &anatomy.skull));
+    let mut filled = proposal.fill(landmarks);
+    if matches!(template, Template::LeFort1 | Template::TwoPieceMaxilla) && !landmarks.missing(template).is_empty() {
+        // No nasal aperture in the bone: an adult's usual distances below the tip of the nose.
+        let guess = simulate::propose_landmarks(&anatomy.skin);
+        landmarks.le_fort_1_plane.get_or_insert(guess.le_fort_1_plane);
+        landmarks.occlusal_z_mm.get_or_insert(guess.occlusal_plane_z_mm);
+        filled.extend(["le_fort_1_plane", "occlusal_plane_z_mm"].map(str::to_owned));
+    }
+    filled.retain(|name| template.needs().contains(&name.as_str()));
+    filled
 }
 
 /// What keeps a template from placing its cuts, with its place in the request.
@@ -193,15 +230,13 @@ impl Engine for Numerics {
     }
 
     fn cut(&self, case: &Case, cuts: &Cuts, control: &Control) -> Result<(Osteotomy, Vec<Clearance>), Halt> {
-        let fields = self.fields_of(case, &control.part(0.0, 0.5))?;
-        let mut is_proposed = false;
+        let bone = self.envelope_of(case, &control.part(0.0, 0.5))?;
+        let (mut proposal, mut proposed) = (None, BTreeSet::new());
         let mut all: Vec<Cut> = Vec::new();
         for (index, call) in cuts.templates.iter().enumerate() {
             let (template, mut landmarks) = (call.template, call.landmarks.clone());
-            if matches!(template, Template::LeFort1 | Template::TwoPieceMaxilla) {
-                is_proposed |= propose_plane(&mut landmarks, &case.anatomy.skin);
-            }
-            let placed = template.cuts(&landmarks, &fields.bone).map_err(|e| template_fault(index, e))?;
+            proposed.extend(propose_missing(template, &mut landmarks, &case.anatomy, &mut proposal));
+            let placed = template.cuts(&landmarks, &bone).map_err(|e| template_fault(index, e))?;
             // Two templates may tell the same bones apart.
             for mut cut in placed {
                 if cut.purpose == Purpose::Osteotomy && !matches!(cut.shape, CutShape::FreePart(_)) {
@@ -214,9 +249,15 @@ impl Engine for Numerics {
         }
         let from_templates = all.len();
         all.extend(cuts.cuts.iter().cloned());
-        let cut = self.bone_of(case, &all, &control.part(0.5, 1.0));
-        let mut osteotomy = cut.map_err(|halt| given_cuts(halt, from_templates))?.osteotomy.clone();
-        osteotomy.warnings.extend(is_proposed.then(|| PROPOSED_PLANE.to_owned()));
+        let cut = self.osteotomy_of(case, &all, &control.part(0.5, 1.0));
+        let mut osteotomy = Osteotomy::clone(&*cut.map_err(|halt| given_cuts(halt, from_templates))?);
+        if !proposed.is_empty() {
+            let names: Vec<String> = proposed.into_iter().collect();
+            osteotomy.warnings.push(format!(
+                "no landmarks were given for {}: they were proposed from the surfaces and need to be checked",
+                names.join(", ")
+            ));
+        }
         plan::name_segments(&mut osteotomy, &cuts.landmarks);
         let clearances = plan::clearances(&osteotomy, &cuts.protected)?;
         for near in &clearances {
@@ -236,8 +277,8 @@ impl Engine for Numerics {
     }
 
     fn follow(&self, case: &Case, cuts: &[Cut], plan: &Plan, control: &Control) -> Result<Vec<PathReport>, Halt> {
-        let bone = self.bone_of(case, cuts, &control.part(0.0, 0.5))?;
-        Ok(plan::follow(&bone.osteotomy, plan, &control.part(0.5, 1.0))?)
+        let osteotomy = self.osteotomy_of(case, cuts, &control.part(0.0, 0.5))?;
+        Ok(plan::follow(&osteotomy, plan, &control.part(0.5, 1.0))?)
     }
 
     fn tissue(&self, case: &Case, request: &TissueRequest, control: &Control) -> Result<MeshReport, Halt> {

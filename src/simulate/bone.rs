@@ -1,9 +1,11 @@
 use std::sync::Arc;
 
-use super::{Fields, SimulateError};
+use rayon::prelude::*;
+
+use super::SimulateError;
 use crate::control::Control;
 use crate::fem::ContactBody;
-use crate::field::{MethodSettings, SignedField};
+use crate::field::{Envelope, MethodSettings, SignedField};
 use crate::geometry::{Aabb, Implicit};
 use crate::plan::{Cut, Osteotomy, cut};
 
@@ -11,7 +13,7 @@ use crate::plan::{Cut, Osteotomy, cut};
 #[derive(Debug)]
 pub struct CutBone {
     /// The pieces.
-    pub osteotomy: Osteotomy,
+    pub osteotomy: Arc<Osteotomy>,
     /// Field of each segment, in the order of the osteotomy's segments.
     pub fields: Vec<Arc<SignedField>>,
 }
@@ -46,18 +48,32 @@ const CONTACT_SPACING: f64 = 2.0;
 /// # Errors
 /// [`SimulateError::Plan`] when the cuts do not part the bone, [`SimulateError::Field`].
 pub fn cut_bone(
-    fields: &Fields,
+    bone: &Envelope,
     cuts: &[Cut],
     settings: &MethodSettings,
     control: &Control,
 ) -> Result<CutBone, SimulateError> {
+    let osteotomy = Arc::new(cut(bone, cuts, &control.part(0.0, 0.4))?);
+    segment_fields(&osteotomy, settings, &control.part(0.4, 1.0))
+}
+
+/// Builds a field for each segment, at twice the spacing that `settings` names.
+///
+/// # Errors
+/// [`SimulateError::Field`].
+pub fn segment_fields(
+    osteotomy: &Arc<Osteotomy>,
+    settings: &MethodSettings,
+    control: &Control,
+) -> Result<CutBone, SimulateError> {
     let settings = settings.coarser(CONTACT_SPACING);
-    let osteotomy = cut(&fields.bone, cuts, &control.part(0.0, 0.4))?;
-    let n = osteotomy.segments.len() as f64;
-    let mut built = Vec::with_capacity(osteotomy.segments.len());
-    for (i, segment) in osteotomy.segments.iter().enumerate() {
-        let part = control.part(0.4 + 0.6 * i as f64 / n, 0.4 + 0.6 * (i + 1) as f64 / n);
-        built.push(Arc::new(SignedField::build_only(&segment.surface, &settings, &part)?.0));
-    }
-    Ok(CutBone { osteotomy, fields: built })
+    let unseen = control.unreported();
+    // Side by side: parts of each run on one thread.
+    let fields = osteotomy
+        .segments
+        .par_iter()
+        .map(|s| Ok(Arc::new(SignedField::build_only(&s.surface, &settings, &unseen)?.0)))
+        .collect::<Result<_, SimulateError>>()?;
+    control.report(1.0);
+    Ok(CutBone { osteotomy: Arc::clone(osteotomy), fields })
 }

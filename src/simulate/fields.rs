@@ -1,3 +1,5 @@
+use std::sync::Arc;
+
 use super::SimulateError;
 use crate::control::Control;
 use crate::field::{Envelope, EnvelopeSettings, FieldReport, MethodSettings, SignedField, envelope};
@@ -24,7 +26,7 @@ pub struct Fields {
     /// Its report.
     pub skin_report: FieldReport,
     /// Outer envelope of bone.
-    pub bone: Envelope,
+    pub bone: Arc<Envelope>,
     /// Field of the envelope.
     pub bone_field: SignedField,
     /// Its report.
@@ -49,6 +51,19 @@ pub struct FieldsSettings {
 /// # Errors
 /// [`SimulateError::Anatomy`] when skin and skull do not belong together; else what the fields say.
 pub fn build_fields(anatomy: &Anatomy, settings: &FieldsSettings, control: &Control) -> Result<Fields, SimulateError> {
+    build_fields_around(anatomy, None, settings, control)
+}
+
+/// The same, with the bone's envelope where it is known: [`envelope`] of the skull with the same settings.
+///
+/// # Errors
+/// As [`build_fields`].
+pub fn build_fields_around(
+    anatomy: &Anatomy,
+    known: Option<Arc<Envelope>>,
+    settings: &FieldsSettings,
+    control: &Control,
+) -> Result<Fields, SimulateError> {
     // Side by side, as parts of each run on one thread. Progress is that of the slower one.
     let unseen = control.unreported();
     let (soft, bone) = rayon::join(
@@ -61,7 +76,10 @@ pub fn build_fields(anatomy: &Anatomy, settings: &FieldsSettings, control: &Cont
             Ok::<_, SimulateError>((skin, air))
         },
         || {
-            let bone = envelope(&anatomy.skull, &settings.envelope, &control.part(0.0, 0.5))?;
+            let bone = match known {
+                Some(bone) => bone,
+                None => Arc::new(envelope(&anatomy.skull, &settings.envelope, &control.part(0.0, 0.5))?),
+            };
             let (field, mut report) = SignedField::build(&bone.surface, &settings.field, &control.part(0.5, 1.0))?;
             // The envelope is closed; what is doubtful is the surface that came.
             report.regions.clone_from(&bone.regions);

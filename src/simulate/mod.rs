@@ -2,6 +2,7 @@
 //!
 //! Invariants: calls the rooms above, knows no HTTP and no storage; all results are functions of the inputs and settings.
 
+mod attach;
 mod bone;
 mod carry;
 mod error;
@@ -14,9 +15,10 @@ mod run;
 mod scene;
 mod tissue;
 
-pub use bone::{CutBone, cut_bone};
+pub use attach::{Attached, AttachmentRules, NodeClass, Paint, SkullPaint};
+pub use bone::{CutBone, cut_bone, segment_fields};
 pub use error::SimulateError;
-pub use fields::{Anatomy, Fields, FieldsSettings, build_fields};
+pub use fields::{Anatomy, Fields, FieldsSettings, build_fields, build_fields_around};
 pub use landmarks::propose_landmarks;
 pub use outer_surface::OuterSurface;
 pub use reach::displacement_class_mm;
@@ -25,4 +27,4 @@ pub use run::{
     Frame, LEAVE_OUT_BELOW_MM, LeftOut, Outcome, PreparedTissue, RegionMotion, RunSettings, solve, solve_prepared,
 };
 pub use scene::{Scene, SceneOutcome};
-pub use tissue::{AttachmentRules, TissueModel, TissueSettings, build_tissue};
+pub use tissue::{TissueModel, TissueSettings, build_tissue};

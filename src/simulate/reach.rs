@@ -254,8 +254,9 @@ mod tests {
         settings.field.field.spacing_mm = 2.0;
         let fields = build_fields(&anatomy, &settings, &control).unwrap();
         let marks = &head.landmarks;
-        let cuts = le_fort_1(marks.le_fort_1_plane, marks.midline_x_mm, marks.occlusal_plane_z_mm, &fields.bone);
-        let bone = cut_bone(&fields, &cuts, &settings.field, &control).unwrap();
+        let cuts =
+            le_fort_1(marks.le_fort_1_plane, marks.midline_x_mm, marks.occlusal_plane_z_mm, [None; 2], &fields.bone);
+        let bone = cut_bone(&fields.bone, &cuts, &settings.field, &control).unwrap();
         let mesh = MeshSettings { edge_mm: 9.0, ..MeshSettings::default() };
         let tissue =
             build_tissue(&anatomy, &fields, Some(&bone), &TissueSettings { mesh, region: None }, &control).unwrap();

@@ -1,6 +1,6 @@
+use super::attach::{Attached, attach};
 use super::carry::Carrier;
 use super::reach::{beyond_reach, displacement_class_mm};
-use super::tissue::attach;
 use super::{Anatomy, AttachmentRules, CutBone, SimulateError, TissueModel};
 use crate::control::Control;
 use crate::evaluate::{FaceRegion, face_regions};
@@ -19,7 +19,7 @@ pub struct RunSettings {
     pub solver: SolveSettings,
     /// Streamed steps along the path.
     pub steps: usize,
-    /// Attachment; [`AttachmentRules::standard`] when `None`.
+    /// Attachment; the default rule when `None`.
     pub attachment: Option<AttachmentRules>,
     /// Tissue that the plan moves by less than this, by estimate, is left out: its nodes stay where they are, mm. 0 keeps all.
     pub leave_out_below_mm: f64,
@@ -84,6 +84,8 @@ pub struct Outcome {
     pub nodes: Vec<Point>,
     /// Tissue that was left out.
     pub left_out: LeftOut,
+    /// How many nodes were tied, slid or were free.
+    pub attached: Attached,
     /// What a caller should know.
     pub warnings: Vec<String>,
 }
@@ -97,6 +99,7 @@ pub struct PreparedTissue {
     displacement_mm: f64,
     /// Nodes that are left out, ascending.
     left_out: Vec<u32>,
+    attached: Attached,
     warnings: Vec<String>,
 }
 
@@ -113,9 +116,9 @@ impl PreparedTissue {
         control: &Control,
     ) -> Result<Self, SimulateError> {
         let moving = moving_segments(bone, plan)?;
-        let rules = settings.attachment.clone().unwrap_or_else(|| AttachmentRules::standard(bone, &moving));
+        let rules = settings.attachment.clone().unwrap_or_default();
         let mut mesh = tissue.mesh.clone();
-        let warnings = attach(&mut mesh, bone, &moving, &rules);
+        let (warnings, attached) = attach(&mut mesh, bone, &moving, &rules);
         let displacement_mm = displacement_class_mm(bone, plan);
         let left_out = if settings.leave_out_below_mm > 0.0 {
             let least = (settings.leave_out_below_mm, &settings.solver.materials);
@@ -126,7 +129,7 @@ impl PreparedTissue {
         left_out.iter().for_each(|node| mesh.attachment[*node as usize] = Attachment::Fixed);
         let touching = !bone.bodies().is_empty();
         let equations = Prepared::new(&mesh, touching, &Boundary::default(), settings.solver.clone(), control)?;
-        Ok(Self { mesh, equations, moving, displacement_mm, left_out, warnings })
+        Ok(Self { mesh, equations, moving, displacement_mm, left_out, attached, warnings })
     }
 }
 
@@ -214,7 +217,8 @@ pub fn solve_prepared(
         ));
     }
     control.report(1.0);
-    Ok(Outcome { steps, regions, face, nodes, left_out, warnings })
+    let attached = prepared.attached.clone();
+    Ok(Outcome { steps, regions, face, nodes, left_out, attached, warnings })
 }
 
 /// Largest displacement of a node that shares a cell with one that was `left_out`, mm.

@@ -168,7 +168,7 @@ async fn a_file_that_is_no_ct_is_refused() {
     ] {
         let problem = app.upload(&path, file).await.problem(422, "volume-not-usable");
         assert!(problem["detail"].as_str().unwrap().contains(words), "{problem}");
-        assert_eq!(problem["errors"][0]["pointer"], "ct");
+        assert_eq!(problem["errors"][0]["pointer"], "/ct");
     }
     assert_eq!(files_below(&app.directory().join("blobs")), 0);
     assert_eq!(app.get("/v1/jobs").await.ok()["jobs"], json!([]));

@@ -18,7 +18,7 @@ use prosopon::plan::{
 use prosopon::session::{
     Case, Cuts, Engine, Fault, FaultKind, Halt, Numerics, Run, RunWatch, SceneRun, SceneSolved, Solid, TissueRequest,
 };
-use prosopon::simulate::{Frame, LeftOut, Outcome, RegionMotion, SimulateError};
+use prosopon::simulate::{Attached, Frame, LeftOut, Outcome, RegionMotion, SimulateError};
 use prosopon::surface::{CtSettings, CtSurfaces};
 
 use crate::shapes::cube;
@@ -193,7 +193,7 @@ impl Engine for StandIn {
 
     fn propose(&self, _: &TriMesh, _: &TriMesh) -> Proposal {
         let points = [("ans".to_owned(), Point::new(0.0, -70.0, 20.0))].into_iter().collect();
-        Proposal { points, midline_x_mm: 0.5 }
+        Proposal { points, midline_x_mm: 0.5, ..Proposal::default() }
     }
 
     fn follow(&self, _: &Case, _: &[Cut], plan: &Plan, _: &Control) -> Result<Vec<PathReport>, Halt> {
@@ -286,6 +286,7 @@ impl Engine for StandIn {
             face: Vec::new(),
             nodes: Vec::new(),
             left_out: LeftOut::default(),
+            attached: Attached::default(),
             warnings: vec!["a stand-in".to_owned()],
         })
     }

@@ -273,7 +273,7 @@ async fn what_cannot_be_solved_is_told() {
     assert_eq!(problem["missing"], json!(["tissue"]));
     app.upload(&tissue, b"not a mesh".to_vec()).await.problem(422, "mesh-not-usable");
     let problem = app.upload(&tissue, slab(-3.0)).await.problem(422, "mesh-not-usable");
-    assert_eq!(problem["errors"][0]["pointer"], "tissue");
+    assert_eq!(problem["errors"][0]["pointer"], "/tissue");
     assert!(problem["detail"].as_str().unwrap().contains("attachment"), "{problem}");
     app.get(&tissue).await.problem(404, "not-found");
 

@@ -14,6 +14,9 @@ use crate::session::{
 };
 use crate::store::OsteotomyRecord;
 
+/// A line on the bone that is shorter is no cut but a mistake in units, mm.
+const SHORTEST_LINE_MM: f64 = 1.0;
+
 /// One cut: exactly one of `plane`, `polyline`, `surface` and `free_part`.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
@@ -39,7 +42,8 @@ pub struct CutRequest {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum TemplateName {
-    /// Le Fort I. Landmarks: `le_fort_1_plane`, `midline_x_mm`, `occlusal_plane_z_mm`; what is absent is proposed from the skin.
+    /// Le Fort I. Landmarks: `le_fort_1_plane`, `midline_x_mm`, `occlusal_plane_z_mm`; with `zygomaxillare_left` and `_right` a plane that
+    /// would run through the cheek bones steps down beside the nose.
     #[serde(rename = "le_fort_1")]
     LeFort1,
     /// Le Fort II. Landmarks: `nasion`, `orbitale_left`, `orbitale_right`, `zygomaxillare_left`, `zygomaxillare_right` and
@@ -79,7 +83,8 @@ impl From<TemplateName> for Template {
     }
 }
 
-/// A template with its landmarks; those that are absent are taken from the session's.
+/// A template with its landmarks; those that are absent are taken from the session's, and what is not there either is proposed from the
+/// surfaces, with a warning.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TemplateRequest {
@@ -206,6 +211,13 @@ fn cut(check: &mut Check, pointer: &str, request: &CutRequest) -> Option<Cut> {
             let direction = check.direction(&format!("{pointer}/direction"), line.direction);
             let depth_mm = check.number(&format!("{pointer}/depth_mm"), line.depth_mm, 0.1, REACH_MM);
             let points = points(check, &format!("{pointer}/points_mm"), &line.points_mm, 2, 1000);
+            let length_mm: f64 = points.windows(2).map(|w| (w[1] - w[0]).norm()).sum();
+            if length_mm < SHORTEST_LINE_MM {
+                let detail = format!(
+                    "make a line of {length_mm:.3} mm, at least {SHORTEST_LINE_MM} mm are needed: are they in mm?"
+                );
+                check.fault(format!("{pointer}/points_mm"), detail);
+            }
             CutShape::Polyline { points, direction, depth_mm }
         }
         (None, None, Some(surface), None) => {

@@ -5,13 +5,13 @@ use utoipa::ToSchema;
 use uuid::Uuid;
 
 use super::SessionSettings;
-use super::check::Check;
+use super::check::{Check, REACH_MM};
 use super::material::check_laws;
 use crate::http::problem::ProblemDocument;
 use crate::jobs::{AttachmentRecord, JobStatus, PhysicsRecord, SolveModel};
 use crate::session::{
-    BoxDocument, D1ReadingName, Fault, FaultKind, LockingName, PresetName, SkinElementName, TissueLawsDocument,
-    UnstableMaterialName,
+    BoxDocument, D1ReadingName, Fault, FaultKind, LockingName, NodeClassName, PaintDocument, PresetName,
+    SkinElementName, TissueLawsDocument, UnstableMaterialName,
 };
 use crate::simulate::LEAVE_OUT_BELOW_MM;
 use crate::store::{JobKind, JobRecord, JobState};
@@ -61,15 +61,42 @@ pub struct Budget {
     pub max_wall_s: Option<f64>,
 }
 
-/// Which inner nodes are tied to bone, which slide.
+/// Which inner nodes are tied to bone, which slide, which are free. What is absent follows the default rule: nodes at bone are tied, slide on
+/// the teeth of the jaws that move and where periosteum is stripped, and are free beside saw lines. The report's `attached` counts them.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AttachmentRequest {
-    /// Boundary nodes nearer to bone than this are tied, mm.
-    pub tie_gap_mm: f64,
-    /// Boxes in which nodes slide instead.
+    /// Boundary nodes nearer to bone than this are tied, mm, 0 to 50.
     #[serde(default)]
-    pub sliding: Vec<BoxDocument>,
+    pub tie_gap_mm: Option<f64>,
+    /// Boxes in which nodes slide instead; they replace those around the teeth.
+    #[serde(default)]
+    pub sliding: Option<Vec<BoxDocument>>,
+    /// Classes painted in boxes and balls, at most 1000, over the rule; the last one that holds a node wins.
+    #[serde(default)]
+    pub paint: Vec<PaintDocument>,
+    /// Classes painted on the skull, one (or null) per vertex as `GET …/skull` gives them: a node takes that of the nearest vertex within
+    /// 5 mm. `paint` goes over it.
+    #[serde(default)]
+    pub skull_classes: Option<Vec<Option<NodeClassName>>>,
+}
+
+fn checked_paint(check: &mut Check, paint: &[PaintDocument]) -> Vec<PaintDocument> {
+    const MOST: usize = 1000;
+    if paint.len() > MOST {
+        check.fault("/attachment/paint", format!("has {} parts, at most {MOST} are allowed", paint.len()));
+    }
+    for (i, p) in paint.iter().take(MOST).enumerate() {
+        let pointer = format!("/attachment/paint/{i}");
+        for (name, place) in [("min_mm", p.min_mm), ("max_mm", p.max_mm), ("centre_mm", p.centre_mm)] {
+            place.map(|v| check.vector(&format!("{pointer}/{name}"), v));
+        }
+        p.radius_mm.map(|r| check.number(&format!("{pointer}/radius_mm"), r, 0.1, REACH_MM));
+        if p.paint().is_none() {
+            check.fault(pointer, "must have min_mm below max_mm, or centre_mm and radius_mm");
+        }
+    }
+    paint.to_vec()
 }
 
 /// A solve.
@@ -117,6 +144,7 @@ pub struct CreateJob {
     /// Tissue that the plan moves by less than this, by estimate, is left out of the equations and stays where it is, mm, 0 to 1; 0.03 when absent, 0
     /// keeps all. The report says under `left_out` what came of it. Sessions with a tissue mesh keep all.
     #[serde(default)]
+    #[schema(minimum = 0, maximum = 1)]
     pub leave_out_below_mm: Option<f64>,
     /// What is done where a material loses ellipticity: `report` (the default) says so in the step's `outcome`, and the job fails by name
     /// where no equilibrium is found; `stabilise` goes on with neo-Hookean of the same small-strain moduli.
@@ -168,13 +196,13 @@ impl CreateJob {
         let steps = self.steps.or(settings.steps).unwrap_or(DEFAULT_STEPS);
         check.number("/steps", f64::from(steps), 1.0, f64::from(MAX_STEPS));
         let attachment = self.attachment.as_ref().map(|a| AttachmentRecord {
-            tie_gap_mm: check.number("/attachment/tie_gap_mm", a.tie_gap_mm, 0.0, 50.0),
-            sliding: a
-                .sliding
-                .iter()
-                .enumerate()
-                .map(|(index, b)| check.bounds(&format!("/attachment/sliding/{index}"), *b))
-                .collect(),
+            tie_gap_mm: a.tie_gap_mm.map(|gap| check.number("/attachment/tie_gap_mm", gap, 0.0, 50.0)),
+            sliding: a.sliding.as_ref().map(|boxes| {
+                let boxes = boxes.iter().enumerate();
+                boxes.map(|(i, b)| check.bounds(&format!("/attachment/sliding/{i}"), *b)).collect()
+            }),
+            paint: checked_paint(&mut check, &a.paint),
+            skull_classes: a.skull_classes.clone(),
         });
         let preset = self.preset.or(settings.preset).unwrap_or_default();
         if self.d1_reading.is_some() && preset != PresetName::Wang2009 {

@@ -66,7 +66,8 @@ pub struct Hinge {
     /// Direction of the axis.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub axis: Option<[f64; 3]>,
-    /// Right-handed angle, degrees.
+    /// Right-handed angle, degrees, -90 to 90.
+    #[schema(minimum = -90, maximum = 90)]
     pub angle_deg: f64,
 }
 

@@ -36,8 +36,9 @@ pub(in crate::http) async fn put(
 
 /// The landmarks
 ///
-/// With `propose=true` also extremal points of the midsagittal profiles of skin and bone, named in `proposed`: a person should check
-/// them and PUT those that hold. Needs skin and skull.
+/// With `propose=true` also what templates go by, proposed from skin and bone and named in `proposed`: points of the midline, lingula,
+/// buccal face and cheek bone of each side, the occlusal and the Le Fort I plane. A person should check them and PUT those that hold.
+/// Needs skin and skull.
 #[utoipa::path(get, path = "/v1/sessions/{session}/landmarks", tag = "inputs",
     params(("session" = Uuid, Path), LandmarksQuery),
     responses((status = 200, description = "as stored, with proposals where asked for", body = LandmarksDocument)))]

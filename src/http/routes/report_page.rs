@@ -90,13 +90,11 @@ fn plan(page: &mut String, plan: &PlanDocument) {
             Some(r) => mm(r.along.iter().map(of).fold(0.0, f64::max)),
             None => "–".to_owned(),
         };
-        // Nothing moves by minus zero.
-        let part = |v: f64| mm(v + 0.0);
         vec![
             path.segment.to_string(),
-            part(-moved[1]),
-            part(-moved[2]),
-            part(moved[0]),
+            mm(-moved[1]),
+            mm(-moved[2]),
+            mm(moved[0]),
             format!("{turned:.1}°"),
             most(|s| s.overlap_mm),
             most(|s| s.gap_mm),
@@ -178,6 +176,20 @@ fn numerics(page: &mut String, r: &ReportDocument) {
     ];
     let names = phases.map(|p| p.0);
     table(page, "Time, s", &names, [phases.map(|p| format!("{:.1}", p.1)).to_vec()]);
+    if let Some(a) = &r.attached {
+        let tied: Vec<String> = a.tied_nodes.iter().map(|(segment, n)| format!("{n} to segment {segment}")).collect();
+        add(
+            page,
+            format_args!(
+                "<p class=\"note\">Nodes at bone: tied {}; {} sliding, {} free, {} held at the mesh's cuts; {} painted.</p>",
+                if tied.is_empty() { "none".to_owned() } else { tied.join(", ") },
+                a.sliding_nodes,
+                a.free_nodes_at_bone,
+                a.fixed_nodes,
+                a.painted_nodes
+            ),
+        );
+    }
     let mesh = match (&r.mesh, &r.tissue) {
         (Some(m), _) => format!(
             "{} tetrahedra, {} prisms, smallest dihedral angle {:.1}°, {} inverted, volume error {:.4}, at most {} mm from the skin",
@@ -219,8 +231,10 @@ fn table(page: &mut String, title: &str, names: &[&str], rows: impl IntoIterator
     page.push_str("</table>");
 }
 
+/// Nothing moves by minus zero.
 fn mm(value: f64) -> String {
-    format!("{value:.2}")
+    let text = format!("{value:.2}");
+    if text == "-0.00" { "0.00".to_owned() } else { text }
 }
 
 fn escape(text: &str) -> String {
@@ -252,6 +266,11 @@ mod tests {
         for (plain, encoded) in pairs {
             assert_eq!(base64(plain.as_bytes()), encoded);
         }
+    }
+
+    #[test]
+    fn nothing_moves_by_minus_zero() {
+        assert_eq!([mm(-0.004), mm(0.0), mm(-0.006)], ["0.00", "0.00", "-0.01"]);
     }
 
     #[test]

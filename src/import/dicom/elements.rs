@@ -34,8 +34,8 @@ pub(super) enum Value<'a> {
     Bytes(&'a [u8]),
     /// Encapsulated pixels: the fragments after the offset table.
     Fragments(Vec<&'a [u8]>),
-    /// A sequence, passed over.
-    Sequence,
+    /// A sequence; what is in its items is read on demand.
+    Sequence(Elements<'a>),
 }
 
 /// A data set apart from its file meta information.
@@ -104,8 +104,8 @@ fn inflate(packed: &[u8]) -> Result<Vec<u8>, ImportError> {
     Ok(unpacked)
 }
 
-/// Goes through the top level of a data set; sequences are passed over, values are slices of the file.
-#[derive(Debug, Clone)]
+/// Goes through the top level of a data set; values are slices of the file.
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Elements<'a> {
     bytes: &'a [u8],
     at: usize,
@@ -136,12 +136,12 @@ impl<'a> Elements<'a> {
         let value = match head.length {
             UNDEFINED if head.tag == PIXEL_DATA => Value::Fragments(self.fragments()?),
             UNDEFINED => {
-                self.skip_sequence(head.vr)?;
-                Value::Sequence
+                // What an element of unknown type holds is implicit, whatever the file is (CP-246).
+                let explicit = self.explicit && head.vr.as_ref() != Some(b"UN");
+                Value::Sequence(self.inside(explicit)?)
             }
             length if head.vr.as_ref() == Some(b"SQ") => {
-                self.take(length)?;
-                Value::Sequence
+                Value::Sequence(Elements::new(self.take(length)?, self.explicit, self.little))
             }
             length => Value::Bytes(self.take(length)?),
         };
@@ -218,11 +218,41 @@ impl<'a> Elements<'a> {
         Ok(items)
     }
 
+    /// Read as a sequence: the elements of its items. A sequence of implicit type comes as bytes and is read the same way.
+    pub(super) fn items(mut self, at_most: usize) -> Result<Vec<Elements<'a>>, ImportError> {
+        let mut items = Vec::new();
+        while self.bytes.len().saturating_sub(self.at) >= 8 {
+            let head = self.head(false)?;
+            match (head.tag, head.length) {
+                (ITEM, _) if items.len() == at_most => {
+                    return Err(malformed(FORMAT, format!("a sequence has more than {at_most} items")));
+                }
+                (ITEM, UNDEFINED) => items.push(self.inside(self.explicit)?),
+                (ITEM, length) => items.push(Elements::new(self.take(length)?, self.explicit, self.little)),
+                (SEQUENCE_END, _) => break,
+                _ => return Err(malformed(FORMAT, "between the items of a sequence stands something else")),
+            }
+        }
+        Ok(items)
+    }
+
+    /// Elements over `bytes`, encoded as these are.
+    pub(super) fn over(&self, bytes: &'a [u8]) -> Self {
+        Elements::new(bytes, self.explicit, self.little)
+    }
+
+    /// Passes over a sequence or an item of open length and all that is in it; that without its end.
+    fn inside(&mut self, explicit: bool) -> Result<Elements<'a>, ImportError> {
+        let start = self.at;
+        self.skip_sequence(explicit)?;
+        let end = self.at.saturating_sub(8).max(start);
+        Ok(Elements::new(self.bytes.get(start..end).unwrap_or_default(), explicit, self.little))
+    }
+
     /// Passes over a sequence of open length and all that is in it.
-    fn skip_sequence(&mut self, vr: Option<[u8; 2]>) -> Result<(), ImportError> {
-        // What an element of unknown type holds is implicit, whatever the file is (CP-246).
+    fn skip_sequence(&mut self, explicit: bool) -> Result<(), ImportError> {
         let implicit = |vr: Option<[u8; 2]>| vr.as_ref() == Some(b"UN");
-        let mut open = vec![self.explicit && !implicit(vr)];
+        let mut open = vec![explicit];
         while let Some(&explicit) = open.last() {
             let head = self.head(explicit)?;
             match (head.tag, head.length) {

@@ -1,7 +1,7 @@
 //! What one image says of itself. Only the tags named here are looked at: nothing of the patient is.
 
 use super::FORMAT;
-use super::elements::{DataSet, PIXEL_DATA, Tag, Value};
+use super::elements::{DataSet, Elements, PIXEL_DATA, Tag, Value};
 use super::syntax::Syntax;
 use crate::geometry::{Point, Vector};
 use crate::import::ImportError;
@@ -26,6 +26,13 @@ const PADDING_LIMIT: Tag = (0x0028, 0x0121);
 const INTERCEPT: Tag = (0x0028, 0x1052);
 const SLOPE: Tag = (0x0028, 0x1053);
 const LOSSY: Tag = (0x0028, 0x2110);
+/// Of an enhanced image: what all frames share, and what each has of its own.
+const SHARED_GROUPS: Tag = (0x5200, 0x9229);
+const FRAME_GROUPS: Tag = (0x5200, 0x9230);
+/// Groups in these that are looked at: pixel measures, plane position, plane orientation, rescaling.
+const GROUPS: [Tag; 4] = [(0x0028, 0x9110), (0x0020, 0x9113), (0x0020, 0x9116), (0x0028, 0x9145)];
+/// Most frames of one file.
+const MAX_FRAMES: usize = 4096;
 
 /// How the stored numbers of an image lie in its words, and what they mean.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -64,7 +71,10 @@ pub(in crate::import) struct Header {
     pub(super) modality: [u8; 2],
     /// A survey picture to plan the scan on.
     pub(super) localizer: bool,
+    /// Frames that its file tells nothing of, one by one; 1 for a plain image and for a frame of an enhanced one.
     pub(super) frames: u32,
+    /// Which frame of its file it is, from 0, and of how many.
+    pub(super) frame: (usize, usize),
     pub(super) samples: u16,
     pub(super) columns: usize,
     pub(super) rows: usize,
@@ -73,19 +83,60 @@ pub(in crate::import) struct Header {
     pub(super) lossy: bool,
 }
 
-/// The image of a data set and its pixels; `None` when it holds no image.
-pub(super) fn read<'a>(set: &'a DataSet<'_>) -> Result<Option<(Header, Value<'a>)>, ImportError> {
+/// The images of a data set (the frames of an enhanced one) and its pixels; `None` when it holds no image.
+pub(super) fn read<'a>(set: &'a DataSet<'_>) -> Result<Option<(Vec<Header>, Value<'a>)>, ImportError> {
     let mut found = Fields::default();
+    let (mut shared, mut own) = (Fields::default(), Vec::new());
     let mut elements = set.elements();
     while let Some((tag, value)) = elements.next()? {
         if tag == PIXEL_DATA {
-            return Ok(Some((found.header(set.syntax)?, value)));
+            let headers = frames(found, &shared, own, set.syntax)?;
+            return Ok(Some((headers, value)));
         }
-        if let Value::Bytes(bytes) = value {
-            found.keep(tag, bytes);
+        let sequence = |value: Value<'a>| match value {
+            Value::Sequence(inside) => inside,
+            Value::Bytes(bytes) => elements.over(bytes),
+            Value::Fragments(_) => elements.over(&[]),
+        };
+        match (tag, value) {
+            (SHARED_GROUPS, value) => {
+                for item in sequence(value).items(1)? {
+                    shared.keep_groups(item)?;
+                }
+            }
+            (FRAME_GROUPS, value) => {
+                for item in sequence(value).items(MAX_FRAMES)? {
+                    let mut fields = Fields::default();
+                    fields.keep_groups(item)?;
+                    own.push(fields);
+                }
+            }
+            (tag, Value::Bytes(bytes)) => found.keep(tag, bytes),
+            _ => {}
         }
     }
     Ok(None)
+}
+
+/// One header, or one for each frame that says where it lies.
+fn frames<'a>(
+    top: Fields<'a>,
+    shared: &Fields<'a>,
+    own: Vec<Fields<'a>>,
+    syntax: Syntax,
+) -> Result<Vec<Header>, ImportError> {
+    let n = own.len();
+    let plain = top.header(syntax)?;
+    if n == 0 || usize::try_from(plain.frames) != Ok(n) {
+        return Ok(vec![plain]);
+    }
+    let of = |(at, fields): (usize, Fields<'a>)| {
+        // What a frame says of itself goes before what all share.
+        let mut all = fields.0;
+        all.extend(shared.0.iter().chain(&top.0).copied());
+        Ok(Header { frames: 1, frame: (at, n), ..Fields(all).header(syntax)? })
+    };
+    own.into_iter().enumerate().map(of).collect()
 }
 
 /// Values of the tags that are looked at.
@@ -118,6 +169,28 @@ impl<'a> Fields<'a> {
         if KEPT.contains(&tag) {
             self.0.push((tag, bytes));
         }
+    }
+
+    /// Keeps what the functional groups of an item hold.
+    fn keep_groups(&mut self, mut item: Elements<'a>) -> Result<(), ImportError> {
+        while let Some((tag, value)) = item.next()? {
+            if !GROUPS.contains(&tag) {
+                continue;
+            }
+            let inside = match value {
+                Value::Sequence(inside) => inside,
+                Value::Bytes(bytes) => item.over(bytes),
+                Value::Fragments(_) => continue,
+            };
+            for mut group in inside.items(1)? {
+                while let Some((tag, value)) = group.next()? {
+                    if let Value::Bytes(bytes) = value {
+                        self.keep(tag, bytes);
+                    }
+                }
+            }
+        }
+        Ok(())
     }
 
     fn bytes(&self, tag: Tag) -> Option<&'a [u8]> {
@@ -172,6 +245,7 @@ impl<'a> Fields<'a> {
             modality: if modality.iter().all(u8::is_ascii_uppercase) { modality } else { *b"??" },
             localizer,
             frames: frames.unwrap_or(1),
+            frame: (0, 1),
             samples: self.number(SAMPLES, little).unwrap_or(1),
             columns: usize::from(columns),
             rows: usize::from(rows),

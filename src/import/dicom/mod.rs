@@ -15,6 +15,8 @@ mod syntax;
 #[cfg(test)]
 pub(super) mod tests;
 
+use std::borrow::Cow;
+
 use rayon::prelude::*;
 
 use super::error::{at_most, malformed};
@@ -27,8 +29,8 @@ use series::Image;
 use stack::Layout;
 
 pub(super) const FORMAT: &str = "DICOM";
-/// Most bytes of one image's file.
-pub(super) const MAX_FILE: u64 = 64 << 20;
+/// Most bytes of one file: an enhanced image of 480 frames of 512 x 512.
+pub(super) const MAX_FILE: u64 = 256 << 20;
 /// Most pixels of one image.
 const MAX_PIXELS: usize = 4096 * 4096;
 
@@ -37,11 +39,11 @@ pub(super) fn looks_like(bytes: &[u8]) -> bool {
     elements::looks_like(bytes)
 }
 
-/// The image of a file; `None` when it holds none (reports, directories).
-pub(super) fn header(bytes: &[u8]) -> Result<Option<Header>, ImportError> {
+/// The images of a file, frames one by one; none when it holds none (reports, directories).
+pub(super) fn headers(bytes: &[u8]) -> Result<Vec<Header>, ImportError> {
     let set = DataSet::open(bytes)?;
-    let found = header::read(&set)?.map(|(header, _)| header);
-    match &found {
+    let found = header::read(&set)?.map_or_else(Vec::new, |(headers, _)| headers);
+    match found.first() {
         Some(h) if h.columns.saturating_mul(h.rows) > MAX_PIXELS => {
             Err(malformed(FORMAT, format!("{} x {} pixels, read are at most {MAX_PIXELS}", h.columns, h.rows)))
         }
@@ -93,6 +95,11 @@ fn decode(
     fetch: &(dyn Fn(usize) -> Result<Vec<u8>, ImportError> + Sync),
     warnings: &mut Vec<String>,
 ) -> Result<Vec<i16>, ImportError> {
+    // An enhanced image is one file with all frames: it is fetched once.
+    let whole = match images.first() {
+        Some(first) if images.len() > 1 && images.iter().all(|i| i.file == first.file) => Some(fetch(first.file)?),
+        _ => None,
+    };
     let decoded = |at: usize| -> Result<(Vec<i16>, u64, Scale), ImportError> {
         let Some(image) = images.get(at) else { return Err(malformed(FORMAT, "an image is missing")) };
         let mut scale = Scale::new(image.header.words.slope, image.header.words.intercept);
@@ -106,7 +113,10 @@ fn decode(
             | ImportError::ImplausibleSize { .. }
             | ImportError::Geometry(_)) => other,
         };
-        let bytes = fetch(image.file)?;
+        let bytes = match &whole {
+            Some(bytes) => Cow::Borrowed(bytes),
+            None => Cow::Owned(fetch(image.file)?),
+        };
         let set = DataSet::open(&bytes).map_err(named)?;
         let Some((_, value)) = header::read(&set).map_err(named)? else {
             return Err(malformed(FORMAT, "an image is missing"));

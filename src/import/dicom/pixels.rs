@@ -20,7 +20,7 @@ pub(super) fn hounsfield(
     scale: &mut Scale,
 ) -> Result<(Vec<i16>, u64), ImportError> {
     let n = header.columns.saturating_mul(header.rows);
-    let packed = joined(value);
+    let packed = joined(value, header)?;
     let Words { bits_allocated, bits_stored, high_bit, .. } = header.words;
     let (words, shift) = match header.syntax.pixels {
         // Decoders give the stored number, wherever it lay in the word.
@@ -63,15 +63,28 @@ pub(super) fn padding_is_doubtful(words: &Words) -> bool {
     words.padding.is_some() && usable_padding(words).is_none()
 }
 
-fn joined<'a>(value: &Value<'a>) -> Cow<'a, [u8]> {
-    match value {
-        Value::Bytes(bytes) => Cow::Borrowed(bytes),
+/// The bytes of the header's frame.
+fn joined<'a>(value: &Value<'a>, header: &Header) -> Result<Cow<'a, [u8]>, ImportError> {
+    let (frame, of) = header.frame;
+    Ok(match value {
+        Value::Bytes(bytes) => {
+            let size = usize::from(header.words.bits_allocated / 8);
+            let start = header.columns.saturating_mul(header.rows).saturating_mul(size).saturating_mul(frame);
+            Cow::Borrowed(bytes.get(start..).unwrap_or_default())
+        }
+        Value::Fragments(parts) if of > 1 => match parts.get(frame) {
+            Some(one) if parts.len() == of => Cow::Borrowed(one),
+            _ => {
+                let detail = format!("{of} frames are in {} fragments, read is one for each frame", parts.len());
+                return Err(malformed(FORMAT, detail));
+            }
+        },
         Value::Fragments(parts) => match parts.as_slice() {
             [one] => Cow::Borrowed(one),
             many => Cow::Owned(many.concat()),
         },
-        Value::Sequence => Cow::Borrowed(&[]),
-    }
+        Value::Sequence(_) => Cow::Borrowed(&[]),
+    })
 }
 
 fn plain(bytes: &[u8], n: usize, header: &Header) -> Result<Vec<u16>, ImportError> {

@@ -121,7 +121,7 @@ fn largest_stack(images: Vec<(usize, Header)>, warnings: &mut Vec<String>) -> Re
     let largest = stacks.into_iter().max_by(|a, b| a.len().cmp(&b.len()).then_with(|| order(b).total_cmp(&order(a))));
     let Some(stack) = largest else {
         let detail = if several > 0 {
-            "the images have several frames each (enhanced CT), which is not read: export one file a slice"
+            "the images have several frames each and do not say where these lie: export one file a slice"
         } else {
             "no image says where it lies"
         };

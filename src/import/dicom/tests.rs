@@ -1,3 +1,5 @@
+mod enhanced;
+
 use std::io::{Cursor, Write};
 
 use flate2::Compression;

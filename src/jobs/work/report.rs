@@ -52,6 +52,7 @@ pub(super) fn compile(i: &Ingredients<'_>) -> Result<ReportDocument, Fault> {
         plan: i.request.plan.clone(),
         steps,
         left_out: (i.outcome.left_out.nodes > 0).then(|| i.outcome.left_out.into()),
+        attached: Some((&i.outcome.attached).into()),
         regions: i.outcome.regions.iter().map(|r| (r.name.to_owned(), r.into())).collect(),
         error,
         regions_from_landmarks: i.regions_from_landmarks,

@@ -153,6 +153,7 @@ async fn report(
         plan: request.plan.clone(),
         steps,
         left_out: None,
+        attached: None,
         regions: BTreeMap::new(),
         error: None,
         regions_from_landmarks: false,

@@ -11,7 +11,7 @@ use crate::jobs::requests::{SolveKind, SolveRequest};
 use crate::jobs::running::Phase;
 use crate::jobs::service::warning_event;
 use crate::session::{Fault, Halt, Run, stored_cuts};
-use crate::simulate::{Outcome, RunSettings};
+use crate::simulate::Outcome;
 use crate::store::{StepRecord, encode_mesh};
 
 /// Share of the computing that the steps take.
@@ -45,13 +45,8 @@ async fn on_case(context: &Context, request: SolveRequest) -> Result<Done, Halt>
     let rest = store.blobs().put(context.job.session, encode_mesh(&case.anatomy.skin)).await?;
     store.set_rest(context.job.id, &rest).await?;
     let reference = Reference::load(context, &parts, &request).await?;
-    let run = Run {
-        case,
-        cuts: stored_cuts(&request.cuts)?,
-        tissue,
-        plan: request.plan.plan()?,
-        settings: RunSettings::from(&request),
-    };
+    let settings = request.settings(&case.anatomy.skull)?;
+    let run = Run { case, cuts: stored_cuts(&request.cuts)?, tissue, plan: request.plan.plan()?, settings };
 
     let (sender, receiver) = mpsc::channel(2);
     let computing = compute(context, run, request.tissue, reference, sender);

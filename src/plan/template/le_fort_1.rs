@@ -11,6 +11,12 @@ use crate::geometry::{Point, Vector};
 const HALF_WIDTH: f64 = 38.0;
 /// Half width of the Le Fort I plane, mm: in front of the tuberosities there is no mandible, but the zygoma may reach down.
 const HALF_WIDTH_ABOVE: f64 = 60.0;
+/// Beside the nose: where the plane steps down, mm from the midline.
+const STEP_BESIDE: f64 = 21.0;
+/// The step passes this far below the cheek bone's lower border, mm.
+const BELOW_ZYGOMA: f64 = 2.0;
+/// No lower than this share of the way to the occlusal plane: above the apices of the molars.
+const LOWEST_STEP: f64 = 0.45;
 /// Half width of the occlusal cut, mm: streaks of dental metal reach beyond the arch.
 const HALF_WIDTH_TEETH: f64 = 45.0;
 /// Neighbouring rectangles overlap by this, mm. Where a cut ends in bone it leaves no mark.
@@ -23,7 +29,9 @@ const ARCH_DEPTH: f64 = 48.0;
 ///
 /// - `plane`: a point of the Le Fort I plane and its normal, LPS
 /// - `midline_x_mm`, `occlusal_z_mm`: the midsagittal plane and the occlusal plane
-/// - returns: one to three rectangles, the Le Fort I plane first. The others are left out where they meet no bone: teeth
+/// - `zygomas`: lower borders of the left and right cheek bones, where known. A plane that would run through one steps down beside
+///   the nose (Bennett & Wolford 1985), by no more than nine twentieths of the way to the occlusal plane
+/// - returns: one to seven rectangles, the Le Fort I plane first. The others are left out where they meet no bone: teeth
 ///   that are apart need no cut. An empty list when the plane's normal is not within 45° of z or a value is not finite
 ///
 /// The plane behind is put where the cross-section of the alveolar bone, seen from the front, has fallen to a quarter of
@@ -31,7 +39,13 @@ const ARCH_DEPTH: f64 = 48.0;
 /// and the pterygoid plates, but it does not follow the bone: a part of either may lie on the wrong side. The rectangles
 /// overlap by two millimetres.
 #[must_use]
-pub fn le_fort_1(plane: (Point, Vector), midline_x_mm: f64, occlusal_z_mm: f64, bone: &Envelope) -> Vec<Cut> {
+pub fn le_fort_1(
+    plane: (Point, Vector),
+    midline_x_mm: f64,
+    occlusal_z_mm: f64,
+    zygomas: [Option<Point>; 2],
+    bone: &Envelope,
+) -> Vec<Cut> {
     let Some(frame) = Frame::new(plane, midline_x_mm, occlusal_z_mm) else { return Vec::new() };
     let (front, back) = frame.arch(bone);
     let front = front - 15.0;
@@ -47,7 +61,7 @@ pub fn le_fort_1(plane: (Point, Vector), midline_x_mm: f64, occlusal_z_mm: f64, 
         normal: frame.back,
         bounds: Some((frame.left, HALF_WIDTH, 0.5 * -frame.occlusal + OVERLAP)),
     };
-    let mut cuts = vec![Cut::from(level(0.0, HALF_WIDTH_ABOVE)).named("le_fort_1")];
+    let mut cuts = frame.upper(zygomas, [front, back + OVERLAP]);
     let behind = Cut::from(behind).named("pterygomaxillary");
     let teeth = Cut::from(level(frame.occlusal, HALF_WIDTH_TEETH)).named("occlusal").separating();
     cuts.extend([behind, teeth].into_iter().filter(|c| meets(bone, c)));
@@ -105,6 +119,37 @@ impl Frame {
         let origin = point + left * ((midline - point.x) / left.x);
         let occlusal = (occlusal_z - origin.z) * up.z;
         (occlusal < -5.0).then_some(Self { origin, left, back, up, occlusal })
+    }
+
+    /// The plane above the apices between two depths; the first cut is its middle part.
+    fn upper(&self, zygomas: [Option<Point>; 2], [front, back]: [f64; 2]) -> Vec<Cut> {
+        let (middle, half_depth) = (0.5 * (front + back), 0.5 * (back - front));
+        let level = |height: f64, [from, to]: [f64; 2]| BoundedPlane {
+            point: self.at(middle, height) + self.left * (0.5 * (from + to)),
+            normal: self.up,
+            bounds: Some((self.left, 0.5 * (to - from), half_depth)),
+        };
+        let step = |zygoma: Option<Point>| {
+            let below = zygoma.map(|p| self.up.dot(&(p - self.origin)) - BELOW_ZYGOMA);
+            below.filter(|h| *h < -OVERLAP).map(|h| h.max(LOWEST_STEP * self.occlusal))
+        };
+        let steps =
+            [(zygomas[0], 1.0, "left"), (zygomas[1], -1.0, "right")].map(|(z, side, name)| (step(z), side, name));
+        let end = |step: Option<f64>| if step.is_some() { STEP_BESIDE } else { HALF_WIDTH_ABOVE };
+        let mut cuts = vec![Cut::from(level(0.0, [-end(steps[1].0), end(steps[0].0)])).named("le_fort_1")];
+        for (height, side, name) in steps {
+            let Some(height) = height else { continue };
+            let ends = [STEP_BESIDE - OVERLAP, HALF_WIDTH_ABOVE].map(|d| side * d);
+            let low = level(height, [ends[0].min(ends[1]), ends[0].max(ends[1])]);
+            let wall = BoundedPlane {
+                point: self.at(middle, 0.5 * height) + self.left * (side * (STEP_BESIDE - 0.5 * OVERLAP)),
+                normal: self.left,
+                bounds: Some((self.back, half_depth, 0.5 * -height + OVERLAP)),
+            };
+            cuts.push(Cut::from(low).named(&format!("le_fort_1_{name}")));
+            cuts.push(Cut::from(wall).named(&format!("le_fort_1_step_{name}")).separating());
+        }
+        cuts
     }
 
     /// The point of the midline at `depth` behind and `height` above the origin.

@@ -106,7 +106,7 @@ impl Template {
     /// # Errors
     /// [`PlanError::MissingLandmarks`]; [`PlanError::Value`] where landmarks do not lie as they do in a head.
     pub fn cuts(self, landmarks: &Landmarks, bone: &Envelope) -> Result<Vec<Cut>, PlanError> {
-        let missing: Vec<&'static str> = self.needs().iter().copied().filter(|n| !landmarks.has(n)).collect();
+        let missing = landmarks.missing(self);
         if !missing.is_empty() {
             return Err(PlanError::MissingLandmarks { template: self.name(), missing });
         }
@@ -124,6 +124,12 @@ impl Template {
 }
 
 impl Landmarks {
+    /// What a template needs and these do not have.
+    #[must_use]
+    pub fn missing(&self, template: Template) -> Vec<&'static str> {
+        template.needs().iter().copied().filter(|n| !self.has(n)).collect()
+    }
+
     fn has(&self, name: &str) -> bool {
         match name {
             "midline_x_mm" => self.midline_x_mm.is_some(),
@@ -153,7 +159,7 @@ impl Landmarks {
     }
 
     /// The landmark's side: +1 left, -1 right.
-    fn side_name(side: f64) -> &'static str {
+    pub(in crate::plan) fn side_name(side: f64) -> &'static str {
         if side > 0.0 { "left" } else { "right" }
     }
 }
@@ -168,10 +174,11 @@ fn upper_jaw(template: Template, landmarks: &Landmarks, bone: &Envelope) -> Resu
     else {
         return Err(misplaced("lack the Le Fort I plane"));
     };
-    let mut cuts = le_fort_1(plane, midline, occlusal, bone);
+    let zygomas = ["zygomaxillare_left", "zygomaxillare_right"].map(|n| landmarks.points.get(n).copied());
+    let mut cuts = le_fort_1(plane, midline, occlusal, zygomas, bone);
     if cuts.is_empty() {
-        let detail = "do not place a Le Fort I cut: its plane must be within 45° of horizontal and more than 5 mm above the occlusal plane";
-        return Err(misplaced(detail));
+        let detail = "does not place a Le Fort I cut: it must be within 45° of horizontal and more than 5 mm above the occlusal plane";
+        return Err(PlanError::Value { what: "plane".into(), detail: detail.to_owned() });
     }
     if template == Template::TwoPieceMaxilla {
         cuts.extend(le_fort_1::midsagittal(plane, midline, occlusal, bone));

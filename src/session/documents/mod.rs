@@ -1,5 +1,6 @@
 //! Documents: results as they are stored and served. Once written they never change; members are only ever added.
 
+mod attachment;
 mod bone;
 mod error_map;
 mod field;
@@ -11,6 +12,7 @@ mod solve;
 mod surface;
 mod tissue;
 
+pub use attachment::{AttachedDocument, NodeClassName, PaintDocument};
 pub use bone::{
     ClearanceDocument, CutDocument, CutSurfaceDocument, FreePartDocument, OsteotomyDocument, PathDocument,
     PathReportDocument, PathSample, PlanDocument, PlaneBoundsDocument, PlaneDocument, PolylineDocument,

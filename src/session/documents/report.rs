@@ -4,8 +4,8 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::{
-    ErrorDocument, FieldDocument, LeftOutDocument, MeshDocument, PlanDocument, RegionMotionDocument, StepDocument,
-    TissueDocument,
+    AttachedDocument, ErrorDocument, FieldDocument, LeftOutDocument, MeshDocument, PlanDocument, RegionMotionDocument,
+    StepDocument, TissueDocument,
 };
 
 /// Time by phase, s. All but the steps were taken when the parts were made.
@@ -75,6 +75,9 @@ pub struct ReportDocument {
     /// Tissue that was left out; absent where all was kept.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub left_out: Option<LeftOutDocument>,
+    /// How many nodes were tied, slid or were free; absent for a ready mesh, whose file says it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub attached: Option<AttachedDocument>,
     /// Mean movement of the parts of the face at the end of the path.
     pub regions: BTreeMap<String, RegionMotionDocument>,
     /// Error of the last step, where there is something to compare with.

@@ -1,0 +1,130 @@
+#!/usr/bin/env python3
+"""From raw CTs to error maps without a hand: landmarks are proposed, nothing is typed in.
+
+    raw_ct.py PROSOPON CT OUT [--operations le_fort_1 set_back genioplasty] [--steps 4]
+
+Starts the service on a free port of this machine, uploads the CT and, for each operation, cuts by templates, plans, solves with the mixed
+and with the linear model and compares the two. Writes pictures, reports and `times.csv` to OUT, which holds a face.
+"""
+
+import argparse
+import csv
+import json
+import pathlib
+import subprocess
+import sys
+import tempfile
+import time
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "api" / "clients" / "python"))
+from prosopon import Client  # noqa: E402
+
+# Templates, the name that the moving segment's begins with, its way (LPS, mm), and regions of the skin to tell of.
+OPERATIONS = {
+    "le_fort_1": (["le_fort_1"], "maxilla", [0.0, -6.0, 0.0], ["upper_lip", "paranasal_left", "paranasal_right", "nose"]),
+    "set_back": (["bsso_left", "bsso_right"], "mandible_distal", [0.0, 4.0, 0.0], ["lower_lip", "chin", "submental"]),
+    "genioplasty": (["genioplasty"], "chin", [0.0, -6.0, 0.0], ["chin", "lower_lip", "submental"]),
+}
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("prosopon")
+    parser.add_argument("ct", type=pathlib.Path)
+    parser.add_argument("out", type=pathlib.Path)
+    parser.add_argument("--operations", nargs="*", choices=sorted(OPERATIONS), default=list(OPERATIONS))
+    parser.add_argument("--steps", type=int, default=4)
+    arguments = parser.parse_args()
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as data:
+        note = pathlib.Path(data) / "listen"
+        with open(arguments.out / "service.log", "w") as log:
+            service = subprocess.Popen(
+                [arguments.prosopon, "serve", "--listen", "127.0.0.1:0", "--data", data], stdout=log, stderr=log)
+        try:
+            while not note.exists():
+                if service.poll() is not None:
+                    sys.exit("raw_ct: the service ended; see service.log")
+                time.sleep(0.05)
+            url = note.read_text().strip()
+            run(Client(url), arguments)
+        finally:
+            service.terminate()
+            service.wait()
+
+
+class Times:
+    """Wall times by phase."""
+
+    def __init__(self):
+        self.rows = []
+
+    def take(self, operation, phase, work):
+        begun = time.monotonic()
+        result = work()
+        self.rows.append((operation, phase, round(time.monotonic() - begun, 2)))
+        print("%-12s %-10s %7.2f s" % self.rows[-1], flush=True)
+        return result
+
+
+def run(client, arguments):
+    times = Times()
+    session = client.create_session(label="raw_ct.py")["id"]
+    imported = times.take("", "import", lambda: client.wait(client.put_ct(session, str(arguments.ct))))
+    tell(imported)
+    landmarks = times.take("", "landmarks", lambda: client.request("GET", "/v1/sessions/%s/landmarks?propose=true" % session))
+    print(json.dumps(landmarks))
+    landmarks.pop("proposed")
+    client.put_landmarks(session, landmarks)
+    tell(times.take("", "field", lambda: client.wait(client.build_field(session))))
+    for name in arguments.operations:
+        try:
+            operate(client, arguments, session, name, times)
+        except Exception as error:  # noqa: BLE001
+            print("%s ends: %s" % (name, error), flush=True)
+    with open(arguments.out / "times.csv", "w", newline="") as file:
+        csv.writer(file).writerows([("operation", "phase", "wall_s")] + times.rows)
+
+
+def operate(client, arguments, session, name, times):
+    templates, segment_name, way, regions = OPERATIONS[name]
+    out = arguments.out / name
+    out.mkdir(exist_ok=True)
+    body = {"templates": [{"name": t} for t in templates]}
+    cut = times.take(name, "cut", lambda: client.request("POST", "/v1/sessions/%s/osteotomies" % session, body))
+    for segment in cut["segments"]:
+        print("   segment %d %s: %.1f cm3" % (segment["id"], segment["name"], segment["volume_mm3"] / 1000))
+    tell(cut)
+    moving = next(s["id"] for s in cut["segments"] if s["id"] and (s["name"] or "") == segment_name)
+    tell(times.take(name, "mesh", lambda: client.wait(client.build_mesh(session, osteotomy=cut["id"]))))
+    paths = [{"segment": moving, "waypoints": [{"t": 1.0, "translation_mm": way}]}]
+    plan = times.take(name, "plan", lambda: client.create_plan(session, cut["id"], paths))
+    job = times.take(name, "solve", lambda: client.wait(client.create_job(session, plan["id"], steps=arguments.steps, model="mixed")))
+    tell(job)
+    linear = times.take(name, "linear", lambda: client.wait(client.create_job(
+        session, plan["id"], steps=arguments.steps, model="linear", reference_job=job["id"])))
+    report = client.report(job["id"])
+    (out / "report.json").write_text(json.dumps(report, indent=1))
+    for region in regions:
+        moved = report["regions"].get(region)
+        if moved:
+            print("   %-16s forward %6.2f, down %6.2f, left %6.2f mm" % (
+                region, moved["forward_mm"], moved["down_mm"], moved["left_mm"]))
+    last = "/v1/jobs/%s/steps/%d" % (linear["id"], arguments.steps)
+    times.take(name, "error map", lambda: client.download(last + "/error.png", out / "error.png"))
+    error = client.error(linear["id"], arguments.steps)
+    print("   linear against mixed: mean abs %.3f, P95 %.3f, largest %.3f mm" % tuple(
+        error["whole"][key] for key in ("mean_abs_mm", "p95_mm", "max_mm")))
+    for job_id, page in ((job["id"], "report.html"), (linear["id"], "report_linear.html")):
+        times.take(name, "report", lambda: client.download("/v1/jobs/%s/report?format=html" % job_id, out / page))
+    client.download_skin(job["id"], arguments.steps, out / "skin.ply", format="ply")
+    client.download("/v1/sessions/%s/skin?format=ply" % session, out / "before.ply")
+
+
+def tell(answer):
+    for warning in answer.get("warnings", []):
+        print("   " + (warning["text"] if isinstance(warning, dict) else warning))
+
+
+if __name__ == "__main__":
+    main()

@@ -4,10 +4,11 @@
 use super::compliance::{Compliance, LowRank};
 use super::contact::{Curved, Touch};
 use super::dofs::Dofs;
-use super::equations::{Equations, NEAR_MM};
+use super::equations::{Equations, Limits, NEAR_MM};
 use super::linear_solve::{LinearSolver, dot};
 use crate::geometry::{Motion, Vector};
 use nalgebra::Matrix3;
+use std::ops::Range;
 
 /// Rounds of Newton's method on the condensed energy.
 const MAX_ROUNDS: usize = 40;
@@ -21,6 +22,11 @@ const MAX_MOVE_MM: f64 = 1.0;
 const MAX_CURVED: usize = 40;
 /// Updates of the multipliers.
 const MAX_AUGMENTATIONS: usize = 6;
+/// Bone moves this far between two places at which contact settles on the way of a step, mm: a point that is met so deep at an edge is
+/// pushed out on the other face.
+const FOLLOWED_MM: f64 = 0.25;
+/// Contact on the way counts as settled when no node moves farther, mm.
+const SETTLED_ON_THE_WAY_MM: f64 = 0.05;
 /// Gaps and penetrations are brought below this share of the tolerance.
 const GAP_SHARE: f64 = 0.8;
 
@@ -44,6 +50,38 @@ pub(super) struct Settled {
 struct State {
     forces: Vec<f64>,
     corner: Vec<f64>,
+}
+
+/// When contact counts as settled.
+#[derive(Debug, Clone, Copy)]
+struct Aim {
+    enough_mm: f64,
+    gap_mm: f64,
+    augmentations: usize,
+}
+
+impl Aim {
+    const ON_THE_WAY: Self = Self { enough_mm: SETTLED_ON_THE_WAY_MM, gap_mm: f64::INFINITY, augmentations: 0 };
+
+    fn of(limits: &Limits) -> Self {
+        Self {
+            enough_mm: SETTLED * limits.element_size_mm,
+            gap_mm: GAP_SHARE * limits.penetration_tolerance_mm,
+            augmentations: MAX_AUGMENTATIONS,
+        }
+    }
+}
+
+/// A way of bones and held nodes.
+pub(super) struct Way<'a> {
+    /// How far bone moves near contact points, mm.
+    pub(super) length_mm: f64,
+    /// Nodes before, and with the held ones at the end of the way.
+    pub(super) x: [&'a [Vector]; 2],
+    /// Gradient of the elements' energy by the unknowns there, to first order.
+    pub(super) gradients: [&'a [f64]; 2],
+    /// Motions of the bodies at a share of the way.
+    pub(super) motions: &'a dyn Fn(f64) -> Vec<Motion>,
 }
 
 /// What does not change while contact settles.
@@ -91,7 +129,7 @@ impl Equations<'_> {
         self.solver.corner_backward(&mut free);
         let frame = Frame { x, motions, start, reached: reached[start..].to_vec(), free };
         let multipliers = self.contact.multipliers().to_vec();
-        let found = self.settle(&frame);
+        let found = self.settle(&frame, Aim::of(&self.limits));
         // Within thin bone a gap may show the way out on the other side.
         let through = |(state, _): &(State, bool)| {
             let at = frame.trial(&self.dofs, &state.corner);
@@ -105,11 +143,7 @@ impl Equations<'_> {
         };
         let compliance = self.solver.compliance(std::iter::empty())?;
         compliance.add_forces(&state.forces, &mut reached[start..]);
-        self.settled_forces = (start.div_ceil(3)..self.dofs.n_unknown())
-            .filter_map(|unknown| Some((unknown as u32, compliance.place(unknown as u32)?)))
-            .map(|(unknown, place)| (unknown, Vector::from_column_slice(&state.forces[place..place + 3])))
-            .filter(|(_, force)| *force != Vector::zeros())
-            .collect();
+        self.settled_forces = forces_by_unknown(compliance, &state.forces, start.div_ceil(3)..self.dofs.n_unknown());
         let d = self.solver.backward(&reached);
         let begin = (self.clock)();
         let mut at = x.to_vec();
@@ -122,11 +156,48 @@ impl Equations<'_> {
         Some(settled)
     }
 
+    /// Follows the points while the bones and held nodes go from one place to the next: contact settles every [`FOLLOWED_MM`], so that a
+    /// point over which an edge comes is met by the face that it met first. Leaves the forces for the end to begin with; multipliers stay.
+    pub(super) fn follow_contact(&mut self, way: &Way<'_>) -> Option<()> {
+        let n = (way.length_mm / FOLLOWED_MM).ceil() as usize;
+        if n < 2 || self.contact.is_empty() {
+            return Some(());
+        }
+        let mut ends = Vec::new();
+        for gradient in way.gradients {
+            let down: Vec<f64> = gradient.iter().map(|g| -g).collect();
+            ends.push(self.solver.forward(&down)?);
+        }
+        let begin = (self.clock)();
+        let start = self.solver.corner().start;
+        let multipliers = self.contact.multipliers().to_vec();
+        let mut followed = Some(());
+        for i in 1..n {
+            let share = i as f64 / n as f64;
+            let mix = |(a, b): (&f64, &f64)| a + share * (b - a);
+            let reached: Vec<f64> = ends[0][start..].iter().zip(&ends[1][start..]).map(mix).collect();
+            let mut free = reached.clone();
+            self.solver.corner_backward(&mut free);
+            let x: Vec<Vector> = way.x[0].iter().zip(way.x[1]).map(|(a, b)| a.lerp(b, share)).collect();
+            let motions = (way.motions)(share);
+            let frame = Frame { x: &x, motions: &motions, start, reached, free };
+            let Some((state, _)) = self.settle(&frame, Aim::ON_THE_WAY) else {
+                followed = None;
+                break;
+            };
+            let Some(compliance) = self.solver.known_compliance() else { break };
+            self.settled_forces =
+                forces_by_unknown(compliance, &state.forces, start.div_ceil(3)..self.dofs.n_unknown());
+        }
+        self.contact.set_multipliers(multipliers);
+        self.times.contact_s += (self.clock)() - begin;
+        followed
+    }
+
     /// The state in which contact is at rest, and whether the bodies' whole curvature was used.
-    fn settle(&mut self, frame: &Frame<'_>) -> Option<(State, bool)> {
-        let Self { solver, contact, dofs, limits, settled_forces, .. } = self;
-        let enough = SETTLED * limits.element_size_mm;
-        let gap = GAP_SHARE * limits.penetration_tolerance_mm;
+    fn settle(&mut self, frame: &Frame<'_>, aim: Aim) -> Option<(State, bool)> {
+        let Self { solver, contact, dofs, settled_forces, .. } = self;
+        let Aim { enough_mm: enough, gap_mm: gap, .. } = aim;
         // Bone that has moved into tissue would push it away too far: contact begins as it settled last.
         let compliance = solver.compliance(settled_forces.iter().map(|(unknown, _)| *unknown))?;
         let mut forces = vec![0.0; compliance.len()];
@@ -174,7 +245,7 @@ impl Equations<'_> {
             far = state.corner.iter().zip(&next.corner).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
             let off = touches.iter().map(|t| t.gap().abs()).fold(0.0, f64::max);
             if far <= enough || rounds >= MAX_ROUNDS {
-                if off <= gap || augmentations == MAX_AUGMENTATIONS || rounds >= MAX_ROUNDS {
+                if off <= gap || augmentations == aim.augmentations || rounds >= MAX_ROUNDS {
                     return Some((next, curved && bent && far <= enough));
                 }
                 contact.augment(&touches);
@@ -190,6 +261,15 @@ impl Equations<'_> {
             }
         }
     }
+}
+
+/// Forces at the nodes of `compliance` by unknown node, ascending, where there are any.
+fn forces_by_unknown(compliance: &Compliance, forces: &[f64], unknowns: Range<usize>) -> Vec<(u32, Vector)> {
+    unknowns
+        .filter_map(|unknown| Some((unknown as u32, compliance.place(unknown as u32)?)))
+        .filter_map(|(unknown, place)| Some((unknown, Vector::from_column_slice(forces.get(place..place + 3)?))))
+        .filter(|(_, force)| *force != Vector::zeros())
+        .collect()
 }
 
 /// Half the forces' work on the way from the free state, mJ.

@@ -24,6 +24,11 @@ const TURNED_ROUND: f64 = -0.3;
 const DETOURS: [f64; 3] = [0.25, 0.5, 1.0];
 /// Sum of two normals below which they look to no common side.
 const LEAST_SUM: f64 = 0.1;
+/// Steps in which the surface is looked for from a point inside, and the least of one, mm.
+const SHIFT_STEPS: usize = 100;
+const LEAST_SHIFT_MM: f64 = 0.01;
+/// Depths of a point within which the surface counts as the one on its side.
+const LONGEST_SHIFT: f64 = 3.0;
 /// Contact points one task looks at.
 const TASK: usize = 64;
 
@@ -34,6 +39,8 @@ struct ContactPoint {
     weights: [f64; 3],
     /// Share of the surface at rest, mm².
     area: f64,
+    /// Into the tissue at rest; no unit vector.
+    inward: Vector,
 }
 
 impl ContactPoint {
@@ -100,14 +107,51 @@ pub(super) struct RankOne {
     pub(super) factor: f64,
 }
 
+/// How a point that lies inside a body at rest is measured from there.
+#[derive(Debug, Clone, Copy, Default)]
+struct Overlap {
+    /// From the point to the body's surface on the tissue's side, mm: the distance is taken there, since deep in thin bone it has no
+    /// direction to rely on. Zero where that side is not found.
+    shift: Vector,
+    /// What overlaps there still, mm.
+    rest_mm: f64,
+}
+
+impl Overlap {
+    /// Of a point at which `solid` has `value`.
+    fn of(solid: &dyn Implicit, at: &Point, value: f64, inward: &Vector) -> Self {
+        if value >= 0.0 {
+            return Self::default();
+        }
+        let outside = inward.try_normalize(0.0).and_then(|n| {
+            let (mut way, mut depth) = (0.0, -value);
+            for _ in 0..SHIFT_STEPS {
+                way += depth.max(LEAST_SHIFT_MM);
+                depth = -solid.value(&(at + n * way));
+                if depth <= 0.0 {
+                    return Some(n * way);
+                }
+                if way > LONGEST_SHIFT * -value + LEAST_PASSAGE_MM {
+                    break;
+                }
+            }
+            None
+        });
+        match outside {
+            Some(shift) => Self { shift, rest_mm: 0.0 },
+            None => Self { shift: Vector::zeros(), rest_mm: -value },
+        }
+    }
+}
+
 /// All contact of one tissue.
 pub(super) struct Contact<'a> {
     points: Vec<ContactPoint>,
     bodies: Vec<ContactBody<'a>>,
     /// MPa/mm.
     stiffness: f64,
-    /// Overlap at rest by point and body, mm.
-    overlap: Vec<f64>,
+    /// Overlap at rest by point and body.
+    overlap: Vec<Overlap>,
     /// Multipliers by point and body, MPa.
     multipliers: Vec<f64>,
 }
@@ -127,14 +171,17 @@ impl<'a> Contact<'a> {
         let points = contact_points(mesh);
         let mut contact = Self { points, bodies, stiffness, overlap: Vec::new(), multipliers: Vec::new() };
         let rest: Vec<Vector> = mesh.positions.iter().map(|p| p.coords).collect();
-        let gaps: Vec<f64> = contact
-            .points
-            .par_iter()
-            .with_min_len(TASK)
-            .flat_map_iter(|p| contact.bodies.iter().map(|b| b.solid.value(&p.at(&rest))))
-            .collect();
+        let at_rest = |p: &ContactPoint| {
+            let (at, inward) = (p.at(&rest), p.inward);
+            contact.bodies.iter().map(move |b| {
+                let value = b.solid.value(&at);
+                (value, Overlap::of(b.solid, &at, value, &inward))
+            })
+        };
+        let (gaps, overlap): (Vec<f64>, Vec<Overlap>) =
+            contact.points.par_iter().with_min_len(TASK).flat_map_iter(at_rest).unzip();
         contact.multipliers = vec![0.0; gaps.len()];
-        contact.overlap = gaps.iter().map(|g| (-g).max(0.0)).collect();
+        contact.overlap = overlap;
         let overlapping = gaps.iter().filter(|g| **g < -TOLD_OVERLAP_MM).count();
         let deepest = gaps.iter().fold(0.0, |m: f64, g| m.max(-g));
         let warning = (overlapping > 0).then(|| {
@@ -171,8 +218,10 @@ impl<'a> Contact<'a> {
                 let at = p.at(x);
                 self.bodies.iter().enumerate().filter_map(move |(body, b)| {
                     let pair = point * n + body;
-                    let (value, gradient) = b.solid.value_gradient(&motions[body].inverse_transform_point(&at));
-                    let gap = value + self.overlap[pair];
+                    let Overlap { shift, rest_mm } = self.overlap[pair];
+                    let (value, gradient) =
+                        b.solid.value_gradient(&(motions[body].inverse_transform_point(&at) + shift));
+                    let gap = value + rest_mm;
                     let pressure = self.multipliers[pair] - self.stiffness * gap;
                     let normal = motions[body].rotation * gradient;
                     (pressure > 0.0 || gap < reach).then_some(Touch {
@@ -277,7 +326,8 @@ impl<'a> Contact<'a> {
     fn bend(&self, touch: &Touch, x: &[Vector], motions: &[Motion]) -> nalgebra::Matrix3<f64> {
         let p = &self.points[touch.point];
         let motion = &motions[touch.body];
-        let curvature = self.bodies[touch.body].solid.hessian(&motion.inverse_transform_point(&p.at(x)));
+        let shift = self.overlap[touch.point * self.bodies.len() + touch.body].shift;
+        let curvature = self.bodies[touch.body].solid.hessian(&(motion.inverse_transform_point(&p.at(x)) + shift));
         let r = motion.rotation.to_rotation_matrix();
         r.matrix() * curvature * r.matrix().transpose() * (touch.met.max(0.0) * p.area)
     }
@@ -383,12 +433,14 @@ impl<'a> Contact<'a> {
         let passed = |(index, p): (usize, &ContactPoint)| {
             let (from, place) = (p.at(x.0), p.at(x.1));
             let through = |body: usize| {
+                let Overlap { shift, rest_mm } = self.overlap[index * n + body];
                 // What overlaps at rest is on no side.
-                if self.overlap[index * n + body] > 0.0 {
+                if rest_mm > 0.0 {
                     return None;
                 }
-                let from = motions.0[body].inverse_transform_point(&from);
-                let to = motions.1[body].inverse_transform_point(&place);
+                let from_inside = shift != Vector::zeros();
+                let from = motions.0[body].inverse_transform_point(&from) + shift;
+                let to = motions.1[body].inverse_transform_point(&place) + shift;
                 let (length, solid) = ((to - from).norm(), self.bodies[body].solid);
                 if length < LEAST_PASSAGE_MM || solid.value(&from) > length {
                     return None;
@@ -396,7 +448,7 @@ impl<'a> Contact<'a> {
                 let normal = |p: &Point| solid.value_gradient(p).1;
                 let (out, back) = (normal(&from), normal(&to));
                 let is_through = !is_clear(solid, &from, &to) && out.dot(&back) < TURNED_ROUND;
-                let round_a_rim = || is_round_a_rim(solid, (&from, &to), &(out + back));
+                let round_a_rim = || from_inside || is_round_a_rim(solid, (&from, &to), &(out + back));
                 is_through.then(|| Passage { body, place, round_a_rim: round_a_rim() })
             };
             (0..n).find_map(through)
@@ -455,22 +507,26 @@ pub(super) fn contact_nodes(mesh: &MixedMesh) -> Vec<bool> {
 fn contact_points(mesh: &MixedMesh) -> Vec<ContactPoint> {
     let sliding = |n: u32| mesh.attachment[n as usize] == Attachment::Sliding;
     let free = |n: u32| mesh.attachment[n as usize] == Attachment::Free;
-    let mut vertex_area = vec![0.0; mesh.positions.len()];
+    let (mut vertex_area, mut vertex_inward) =
+        (vec![0.0; mesh.positions.len()], vec![Vector::zeros(); mesh.positions.len()]);
     let mut points = Vec::new();
     for face in &mesh.bone_faces {
         if !face.iter().any(|&n| sliding(n)) || face.iter().any(|&n| free(n)) {
             continue;
         }
         let [a, b, c] = face.map(|n| mesh.positions[n as usize]);
-        let area = 0.5 * (b - a).cross(&(c - a)).norm();
-        points.push(ContactPoint { nodes: *face, weights: [1.0 / 3.0; 3], area: 0.5 * area });
+        let inward = (c - a).cross(&(b - a));
+        let area = 0.5 * inward.norm();
+        points.push(ContactPoint { nodes: *face, weights: [1.0 / 3.0; 3], area: 0.5 * area, inward });
         for &n in face {
+            vertex_inward[n as usize] += inward;
             vertex_area[n as usize] += area / 6.0;
         }
     }
     for (node, &area) in vertex_area.iter().enumerate() {
         if area > 0.0 && sliding(node as u32) {
-            points.push(ContactPoint { nodes: [node as u32; 3], weights: [1.0, 0.0, 0.0], area });
+            let inward = vertex_inward[node];
+            points.push(ContactPoint { nodes: [node as u32; 3], weights: [1.0, 0.0, 0.0], area, inward });
         }
     }
     points

@@ -1,6 +1,7 @@
 //! The quadratic model of the energy with unilateral contact: Newton's direction and the linear prediction of a step.
 
 use super::assembly::Curvature;
+use super::condensed::Way;
 use super::contact::{Curved, Touch};
 use super::equations::Equations;
 use super::factor::Indefinite;
@@ -119,11 +120,13 @@ impl Equations<'_> {
     }
 
     /// Linear estimate of the state after the bones have moved to `motions`: held nodes go where they must, the others
-    /// follow by the tangent at `x`.
+    /// follow by the tangent at `x`. `motions` are those of the bodies at a share of the way, on which bone near contact points moves by
+    /// `length_mm`.
     pub(super) fn predict(
         &mut self,
         x: &[Vector],
-        motions: &[Motion],
+        motions: &dyn Fn(f64) -> Vec<Motion>,
+        length_mm: f64,
         motion_of: &dyn Fn(u32) -> Motion,
     ) -> Result<Vec<Vector>, Failure> {
         self.failed_at.clear();
@@ -134,11 +137,26 @@ impl Equations<'_> {
         let mut load = vec![Vector::zeros(); x.len()];
         self.assembly.force_change(x, &change, &mut load)?;
         self.assembly.forces(x, &mut self.forces)?;
+        let mut forces = self.forces.clone();
         load.iter_mut().zip(&self.forces).for_each(|(load, f)| *load += f);
         self.subtract_loads(&mut load);
+        self.subtract_loads(&mut forces);
+        let gradients = [&forces, &load].map(|by_node| {
+            let mut gradient = vec![0.0; self.residual.len()];
+            self.dofs.restrict(by_node, &mut gradient);
+            gradient
+        });
+        let kept = self.settled_forces.clone();
+        let all_the_way = &motions(1.0);
         for curvature in [Curvature::Exact, Curvature::Projected] {
             self.tangent(x, curvature)?;
             let mut record = IterationRecord::default();
+            self.solver.prepare(self.assembly.pattern(), &self.elastic);
+            let way = Way { length_mm, x: [x, &target], gradients: [&gradients[0], &gradients[1]], motions };
+            if self.follow_contact(&way).is_none() {
+                self.settled_forces.clone_from(&kept);
+            }
+            let motions = all_the_way;
             if let Ok(d) = self.minimise_model(&target, motions, &load, &mut Bend::default(), PREDICTED, &mut record) {
                 self.dofs.add(1.0, &d, &mut target);
                 let (_, found_mm) = self.energy(&target, motions)?;

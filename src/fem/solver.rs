@@ -248,10 +248,17 @@ impl<'a> Solver<'a> {
         let listed = motions(goal);
         let body_motions = self.body_motions(&listed);
         self.equations.load_share = goal;
+        let from = self.state.t;
+        let bodies: Vec<u32> = self.equations.contact.bodies().iter().map(|b| b.segment).collect();
+        let on_the_way = |share: f64| -> Vec<Motion> {
+            let listed = motions(if share == 1.0 { goal } else { from + share * (goal - from) });
+            bodies.iter().map(|b| motion_of(&listed, *b)).collect()
+        };
+        let length_mm = self.contact_motion(&body_motions);
         let multipliers = self.equations.contact.multipliers().to_vec();
         let attempt = self
             .equations
-            .predict(&self.state.x, &body_motions, &|segment| motion_of(&listed, segment))
+            .predict(&self.state.x, &on_the_way, length_mm, &|segment| motion_of(&listed, segment))
             .and_then(|mut x| {
                 let found = self.equations.equilibrate(&mut x, &body_motions, goal, control)?;
                 Ok((x, found))
@@ -324,17 +331,21 @@ impl<'a> Solver<'a> {
         if self.equations.contact.is_empty() {
             return wanted;
         }
-        let from = self.body_motions(&self.state.motions);
         let mut length = wanted;
         loop {
-            let to = self.body_motions(&motions(self.state.t + sign * length));
-            let moved = self.equations.contact.largest_motion(&self.state.x, &from, &to, CONTACT_REACH_MM);
+            let moved = self.contact_motion(&self.body_motions(&motions(self.state.t + sign * length)));
             // A little more than the limit is allowed, so that a step of twice the limit is not cut in three.
             if moved <= 1.01 * MAX_CONTACT_MOTION_MM || length <= self.settings.min_substep {
                 return length;
             }
             length = (wanted / (wanted / length * moved / MAX_CONTACT_MOTION_MM).ceil()).max(self.settings.min_substep);
         }
+    }
+
+    /// How far bone near contact points moves from the present state on, mm.
+    fn contact_motion(&self, to: &[Motion]) -> f64 {
+        let from = self.body_motions(&self.state.motions);
+        self.equations.contact.largest_motion(&self.state.x, &from, to, CONTACT_REACH_MM)
     }
 
     fn report(&mut self, found: &Equilibrium, progress: &Progress, factorisations: usize) -> StepReport {

@@ -49,6 +49,25 @@ impl Implicit for Plate {
     }
 }
 
+/// A plate on a stem, so that nothing can come through its middle.
+#[derive(Debug)]
+pub(super) struct Table {
+    pub(super) top: Plate,
+    /// At least as high as anything below the top reaches.
+    pub(super) stem: Plate,
+}
+
+impl Implicit for Table {
+    fn value(&self, p: &Point) -> f64 {
+        self.value_gradient(p).0
+    }
+
+    fn value_gradient(&self, p: &Point) -> (f64, Vector) {
+        let (top, stem) = (self.top.value_gradient(p), self.stem.value_gradient(p));
+        if top.0 <= stem.0 { top } else { stem }
+    }
+}
+
 /// A ball's surface of triangles whose pole is `pole` and whose polar angle ends at `open_at` (pi: closed). Corners lie on the sphere.
 pub(super) fn ball(pole: Point, radius_mm: f64, open_at: f64) -> (Vec<Point>, Vec<[u32; 3]>) {
     const RINGS: usize = 40;

@@ -1,7 +1,7 @@
 //! Contact: derivatives, patch test, Hertz, and what only pushes.
 
 use super::blocks::{Slab, attach};
-use super::bodies::{Ball, Coin, Floor};
+use super::bodies::{Ball, Coin, Floor, RoundedPost};
 use crate::control::Control;
 use crate::fem::contact::Contact;
 use crate::fem::linear_solve::dot;
@@ -222,6 +222,71 @@ fn overlap_at_rest_is_stress_free_and_reported() {
     for (now, rest) in solver.positions().iter().zip(&mesh.positions) {
         assert!((now - rest).norm() < 1e-9);
     }
+}
+
+/// A post, raised by `0`.
+struct Raised(RoundedPost, f64);
+
+impl Implicit for Raised {
+    fn value(&self, p: &Point) -> f64 {
+        self.0.value(&(p - Vector::z() * self.1))
+    }
+    fn value_gradient(&self, p: &Point) -> (f64, Vector) {
+        self.0.value_gradient(&(p - Vector::z() * self.1))
+    }
+}
+
+/// A spine of bone pokes through a face between its nodes: the nearest surface is at its side, but tissue lies on its tip.
+#[test]
+fn what_overlaps_within_thin_bone_is_pushed_towards_the_tissue() {
+    let mesh = sliding_slab(6);
+    let middle = |face: &[u32; 3]| face.iter().map(|n| mesh.positions[*n as usize].coords).sum::<Vector>() / 3.0;
+    let at = mesh.bone_faces.iter().map(middle).find(|m| m.x.hypot(m.y) < 4.0).unwrap();
+    let spine = Raised(RoundedPost { half_width: 0.5, edge_radius: 0.1 }, 1.0);
+    let body = ContactBody { segment: 1, solid: &spine };
+    let still = Motion::translation(at.x - 0.2, at.y, 0.0);
+    // The spine stands at the middle of that face at rest.
+    let moved: Vec<Point> = mesh.positions.iter().map(|p| still.inverse_transform_point(p)).collect();
+    let mesh = MixedMesh { positions: moved, ..mesh };
+    let (contact, _) = Contact::new(&mesh, vec![body], 1.0);
+    let x: Vec<Vector> = mesh.positions.iter().map(|p| p.coords).collect();
+    assert!(contact.touches(&x, &[Motion::identity()]).is_empty());
+    let touches = contact.touches(&x, &[Motion::translation(0.0, 0.0, 0.3)]);
+    // The nodes of the face are farther away than the spine is wide.
+    let [touch] = touches.as_slice() else { panic!("{touches:?}") };
+    // The surface is looked for to 0.01 mm.
+    assert!((touch.gap() + 0.3).abs() < 0.011, "{touch:?}");
+    let mut forces = vec![Vector::zeros(); x.len()];
+    contact.add_forces(&touches, &mut forces);
+    let total: Vector = forces.iter().sum();
+    assert!(total.z < 0.0 && total.x.abs() + total.y.abs() < 1e-9 * -total.z, "{total}");
+}
+
+/// Edges of bone come up under rows of nodes, which may slip to either side of them: contact is followed on the way, so one long step ends
+/// where eight short ones do. Within twice the penetration that is left at most.
+#[test]
+fn a_long_step_ends_where_short_ones_do_at_an_edge() {
+    let mut mesh = Slab { cells: [12, 12, 3], origin: [-24.0, -24.0, 0.0], size: [48.0, 48.0, 12.0], skin: 1.5 }.mesh();
+    attach(&mut mesh, |p| {
+        let r = p.x.abs().max(p.y.abs());
+        let fixed = r > 23.9 || (p.z == 0.0 && r >= 16.0);
+        if fixed { Some(Attachment::Fixed) } else { (p.z == 0.0).then_some(Attachment::Sliding) }
+    });
+    let control = Control::new();
+    let post = RoundedPost { half_width: 12.0, edge_radius: 0.5 };
+    let end = |steps: u32| {
+        let settings = SolveSettings::new(Model::Mixed, Preset::Wang2009Stable.materials());
+        let mut solver =
+            Solver::new(&mesh, vec![ContactBody { segment: 1, solid: &post }], settings, &control).unwrap();
+        for k in 1..=steps {
+            solver.advance(f64::from(k) / f64::from(steps), &up(8.0), &control).unwrap();
+        }
+        solver.positions()
+    };
+    let (long, short) = (end(1), end(8));
+    let outer = mesh.prisms.iter().flat_map(|p| &p[..3]).map(|n| *n as usize);
+    let off = outer.map(|n| (long[n] - short[n]).norm()).fold(0.0, f64::max);
+    assert!(off < 0.1, "{off}");
 }
 
 /// The energy of linear tissue is the quadratic model that contact settles in, so one model finds the equilibrium over a curved body;

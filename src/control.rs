@@ -22,6 +22,8 @@ pub struct Control {
     from: f64,
     to: f64,
     clock: Clock,
+    /// On the clock, s.
+    deadline: Option<f64>,
 }
 
 impl Default for Control {
@@ -40,6 +42,7 @@ impl Control {
             from: 0.0,
             to: 1.0,
             clock: || 0.0,
+            deadline: None,
         }
     }
 
@@ -49,7 +52,19 @@ impl Control {
         Self { clock, ..self }
     }
 
-    /// The caller's clock; one that stands still when there is none. It times work and never decides anything.
+    /// The same control that counts as cancelled once its clock shows `at` seconds.
+    #[must_use]
+    pub fn with_deadline(self, at: f64) -> Self {
+        Self { deadline: Some(at), ..self }
+    }
+
+    /// Whether the deadline has passed.
+    #[must_use]
+    pub fn is_overdue(&self) -> bool {
+        self.deadline.is_some_and(|at| (self.clock)() >= at)
+    }
+
+    /// The caller's clock; one that stands still when there is none. It times work and decides nothing but the deadline.
     #[must_use]
     pub fn clock(&self) -> Clock {
         self.clock
@@ -60,16 +75,16 @@ impl Control {
         self.cancel.store(true, Ordering::Relaxed);
     }
 
-    /// Whether [`Control::cancel`] was called.
+    /// Whether [`Control::cancel`] was called or the deadline has passed.
     #[must_use]
     pub fn is_cancelled(&self) -> bool {
-        self.cancel.load(Ordering::Relaxed)
+        self.cancel.load(Ordering::Relaxed) || self.is_overdue()
     }
 
     /// Returns early from the computation when it was cancelled.
     ///
     /// # Errors
-    /// [`Cancelled`] when [`Control::cancel`] was called on this control or a clone.
+    /// [`Cancelled`] when [`Control::cancel`] was called on this control or a clone, or the deadline has passed.
     pub fn check(&self) -> Result<(), Cancelled> {
         if self.is_cancelled() { Err(Cancelled) } else { Ok(()) }
     }
@@ -87,10 +102,10 @@ impl Control {
         f64::from_bits(self.progress.load(Ordering::Relaxed))
     }
 
-    /// A control with the same cancel flag whose progress is not told.
+    /// A control with the same cancel flag, clock and deadline whose progress is not told.
     #[must_use]
     pub fn unreported(&self) -> Self {
-        Self { cancel: Arc::clone(&self.cancel), ..Self::new() }
+        Self { progress: Arc::default(), from: 0.0, to: 1.0, ..self.clone() }
     }
 
     /// A control for a stage that covers the shares `from` to `to` (0 to 1) of this one.
@@ -103,6 +118,7 @@ impl Control {
             from: self.from + from * span,
             to: self.from + to * span,
             clock: self.clock,
+            deadline: self.deadline,
         }
     }
 }
@@ -119,6 +135,16 @@ mod tests {
         assert!((whole.progress() - 0.75).abs() < 1e-12);
         whole.cancel();
         assert!(part.check().is_err());
+    }
+
+    #[test]
+    fn what_is_overdue_counts_as_cancelled_in_every_part() {
+        let whole = Control::new().with_clock(|| 5.0);
+        assert!(whole.check().is_ok() && !whole.is_overdue());
+        let early = whole.clone().with_deadline(5.5);
+        assert!(early.part(0.0, 0.5).check().is_ok());
+        let late = whole.with_deadline(5.0);
+        assert!(late.part(0.0, 0.5).check().is_err() && late.unreported().check().is_err());
     }
 
     #[test]

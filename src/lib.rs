@@ -15,7 +15,9 @@
 //!
 //! So far synchronous and pure: no HTTP, tokio, serialisation, files, network, environment or clock. Behind this wall:
 //!
-//! - [`store`], [`session`], [`jobs`], [`http`]: records, what a session may do, the queue, the API.
+//! - [`store`], [`session`], [`jobs`], [`http`]: records, what a session may do, the queue, the API. Rows stand behind the trait
+//!   [`store::MetaStore`] (SQLite; memory for tests), large results behind `object_store` (files; memory); [`store`] says what Postgres and an
+//!   S3-compatible store have to do. One process has a data directory; a lane of the queue computes one job at a time.
 //! - [`mod@bench`]: the studies behind the charts, and CTs as files.
 //! - [`config`], [`telemetry`], [`serve`], [`demo`], [`cli`]: the program.
 //!

@@ -7,6 +7,7 @@ mod compare;
 mod ct;
 mod demo;
 mod openapi;
+mod operate;
 mod serve;
 mod solve;
 
@@ -39,6 +40,19 @@ enum Command {
     /// Measure: the studies behind the charts.
     #[command(subcommand)]
     Bench(bench::BenchCommand),
+    /// Look at the configuration.
+    #[command(subcommand)]
+    Config(operate::ConfigCommand),
+    /// Make API keys.
+    #[command(subcommand)]
+    Auth(operate::AuthCommand),
+    /// Look at the audit log.
+    #[command(subcommand)]
+    Audit(operate::AuditCommand),
+    /// Copy the store, also while the service runs.
+    Backup(operate::BackupArguments),
+    /// Put a backup into an empty directory.
+    Restore(operate::RestoreArguments),
     /// Print the API's description, OpenAPI 3.1.
     Openapi,
 }
@@ -47,12 +61,17 @@ enum Command {
 #[must_use]
 pub fn run() -> ExitCode {
     let done = match Arguments::parse().command {
-        Command::Serve(arguments) => serve::run(arguments),
+        Command::Serve(arguments) => serve::run(&arguments),
         Command::Solve(arguments) => solve::run(&arguments),
         Command::Demo(arguments) => demo::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),
         Command::Ct(command) => ct::run(&command),
         Command::Bench(command) => bench::run(&command),
+        Command::Config(command) => operate::config(&command),
+        Command::Auth(command) => operate::auth(&command),
+        Command::Audit(command) => operate::audit(&command),
+        Command::Backup(arguments) => operate::backup(&arguments),
+        Command::Restore(arguments) => operate::restore_from(&arguments),
         Command::Openapi => openapi::run(),
     };
     match done {

@@ -1,66 +1,68 @@
+use std::collections::BTreeMap;
 use std::io::Write;
-use std::net::SocketAddr;
 use std::path::PathBuf;
 
 use clap::Args;
 
 use super::CommandResult;
-use crate::config::{ServeConfig, parse_listen};
-use crate::http::HttpLimits;
-use crate::jobs::ServiceSettings;
+use crate::config::{ServeConfig, Value};
 use crate::{serve, telemetry};
 
-/// Options of `prosopon serve`.
+/// Options of `prosopon serve`. Every setting can also stand in the configuration, or in the environment as `PROSOPON_` and its name.
 #[derive(Debug, Args)]
 pub(super) struct ServeArguments {
-    /// Loopback address; port 0 picks a free one, printed and written to DATA/listen.
-    #[arg(long, env = "PROSOPON_LISTEN", default_value = "127.0.0.1:8080", value_parser = parse_listen)]
-    listen: SocketAddr,
+    /// Configuration, TOML; `prosopon config check` tells all settings and faults.
+    #[arg(long, env = "PROSOPON_CONFIG")]
+    config: Option<PathBuf>,
+    /// Address [default: 127.0.0.1:8080]; port 0 picks a free one, printed and written to DATA/listen.
+    #[arg(long)]
+    listen: Option<String>,
     /// Directory of sessions and results; made when it is not there.
-    #[arg(long, env = "PROSOPON_DATA")]
-    data: PathBuf,
-    /// Threads for numerics; 0 is one a core.
-    #[arg(long, env = "PROSOPON_THREADS", default_value_t = 0)]
-    threads: usize,
+    #[arg(long)]
+    data: Option<PathBuf>,
+    /// Threads for numerics [default: 0, one a core].
+    #[arg(long)]
+    threads: Option<usize>,
     /// Host name besides loopback that requests may be for; may be given more than once.
-    #[arg(long = "allow-host", env = "PROSOPON_ALLOW_HOST", value_delimiter = ',')]
+    #[arg(long = "allow-host", value_delimiter = ',')]
     allowed_hosts: Vec<String>,
-    /// Longest surface upload, MB.
-    #[arg(long, env = "PROSOPON_MAX_SURFACE_MB", default_value_t = 512)]
-    max_surface_mb: u64,
-    /// Longest CT upload, MB.
-    #[arg(long, env = "PROSOPON_MAX_CT_MB", default_value_t = 2048)]
-    max_ct_mb: u64,
-    /// Jobs that may wait.
-    #[arg(long, env = "PROSOPON_MAX_WAITING", default_value_t = 64)]
-    max_waiting: u32,
+    /// Longest surface upload, MB [default: 512].
+    #[arg(long)]
+    max_surface_mb: Option<u64>,
+    /// Longest CT upload, MB [default: 2048].
+    #[arg(long)]
+    max_ct_mb: Option<u64>,
+    /// Jobs that may wait [default: 64].
+    #[arg(long)]
+    max_waiting: Option<u32>,
 }
 
-impl From<ServeArguments> for ServeConfig {
-    fn from(a: ServeArguments) -> Self {
-        Self {
-            listen: a.listen,
-            data: a.data,
-            threads: a.threads,
-            allowed_hosts: a.allowed_hosts,
-            limits: HttpLimits {
-                max_surface_bytes: a.max_surface_mb.saturating_mul(1 << 20),
-                max_ct_bytes: a.max_ct_mb.saturating_mul(1 << 20),
-                ..HttpLimits::default()
-            },
-            service: ServiceSettings { max_waiting: a.max_waiting, ..ServiceSettings::default() },
-        }
+impl ServeArguments {
+    /// File, environment and flags together, and how that is printed.
+    pub(super) fn read(&self) -> Result<(ServeConfig, String), crate::config::ConfigError> {
+        let mut flags: BTreeMap<&'static str, Value> = BTreeMap::new();
+        let mut set = |path, value: Option<Value>| flags.extend(value.map(|value| (path, value)));
+        set("listen", self.listen.clone().map(Value::from));
+        set("data", self.data.as_ref().map(|d| Value::from(d.to_string_lossy().into_owned())));
+        set("threads", self.threads.map(Value::from));
+        set("allow_host", (!self.allowed_hosts.is_empty()).then(|| Value::from(self.allowed_hosts.clone())));
+        set("max_surface_mb", self.max_surface_mb.map(Value::from));
+        set("max_ct_mb", self.max_ct_mb.map(Value::from));
+        set("max_waiting", self.max_waiting.map(Value::from));
+        ServeConfig::read(self.config.as_deref(), &flags)
     }
 }
 
 /// Serves until SIGTERM or ctrl-c.
-pub(super) fn run(arguments: ServeArguments) -> CommandResult {
-    telemetry::start_log("info,sqlx=warn");
+pub(super) fn run(arguments: &ServeArguments) -> CommandResult {
+    let (config, printed) = arguments.read()?;
+    telemetry::start_log_as(&config.log_level, config.log_format);
+    tracing::info!(configuration = printed, "configured");
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     runtime.block_on(async {
         // Before the start, so that a signal during it is not lost.
         let signal = stop_signal()?;
-        let running = serve::start(arguments.into()).await?;
+        let running = serve::start(config).await?;
         writeln!(std::io::stdout(), "listening on {}", running.url())?;
         running.until(signal).await;
         Ok(())

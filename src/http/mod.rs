@@ -1,8 +1,10 @@
 //! The HTTP API: routes, problems, documents.
 //!
 //! Invariants: handlers extract, convert, call one function of the domain and convert back, and compute nothing; every
-//! error answer is a problem (RFC 9457); faults turn into statuses in `problem.rs` only; nothing of a patient is logged.
+//! error answer is a problem (RFC 9457); faults turn into statuses in `problem.rs` only; nothing of a patient is logged; no handler
+//! runs for a sender who may not call it, and none sees another tenant's session or job.
 
+pub mod auth;
 pub mod dto;
 mod extract;
 mod middleware;
@@ -40,7 +42,10 @@ pub fn app(state: AppState) -> Router {
         .layer(middleware::compression())
         .layer(from_fn(middleware::mark_compressed))
         .layer(from_fn_with_state(state.limits.answer, middleware::safety_net))
-        .layer(from_fn_with_state(state.allowed_hosts.clone(), middleware::check_host))
+        .layer(from_fn_with_state(state.clone(), middleware::guard))
+        .layer(middleware::cors(&state.origins))
+        .layer(from_fn_with_state(state.clone(), middleware::check_host))
+        .layer(from_fn_with_state(state.tls, middleware::security_headers))
         .layer(from_fn(middleware::envelope))
 }
 

@@ -12,8 +12,10 @@ use crate::store::StoreError;
 pub(super) const PROBLEM_JSON: &str = "application/problem+json";
 
 /// Kinds that pass, and the seconds after which to try again.
-const RETRY_AFTER: &[(&[FaultKind], &str)] =
-    &[(&[FaultKind::QueueFull], "10"), (&[FaultKind::ShuttingDown, FaultKind::NotReady], "2")];
+const RETRY_AFTER: &[(&[FaultKind], &str)] = &[
+    (&[FaultKind::QueueFull, FaultKind::TenantQueueFull, FaultKind::QuotaFull], "10"),
+    (&[FaultKind::ShuttingDown, FaultKind::NotReady, FaultKind::Busy], "2"),
+];
 
 /// A value that is not allowed.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -98,6 +100,9 @@ impl IntoResponse for Problem {
         document.request_id = request_id();
         let body = serde_json::to_string(&document).unwrap_or_default();
         let mut response = (status, [(header::CONTENT_TYPE, PROBLEM_JSON)], body).into_response();
+        if self.0.kind == FaultKind::Unauthenticated {
+            response.headers_mut().insert(header::WWW_AUTHENTICATE, HeaderValue::from_static("Bearer"));
+        }
         for (kinds, seconds) in RETRY_AFTER {
             if kinds.contains(&self.0.kind) {
                 response.headers_mut().insert(header::RETRY_AFTER, HeaderValue::from_static(seconds));
@@ -146,8 +151,14 @@ pub(super) fn status_and_title(kind: FaultKind) -> (StatusCode, &'static str) {
         K::NotAvailable => (S::UNPROCESSABLE_ENTITY, "Not available in this version"),
         K::ForeignHost => (S::MISDIRECTED_REQUEST, "The request is for another host"),
         K::QueueFull => (S::SERVICE_UNAVAILABLE, "Too many jobs wait"),
+        K::TenantQueueFull => (S::TOO_MANY_REQUESTS, "Too many of your jobs wait"),
+        K::QuotaFull => (S::TOO_MANY_REQUESTS, "The session holds as much as it may"),
+        K::Busy => (S::TOO_MANY_REQUESTS, "Too many such requests at once"),
+        K::Unauthenticated => (S::UNAUTHORIZED, "Who sends this is not known"),
+        K::Forbidden => (S::FORBIDDEN, "The sender may not do this"),
         K::ShuttingDown => (S::SERVICE_UNAVAILABLE, "The service is stopping"),
         K::StorageFull => (S::INSUFFICIENT_STORAGE, "The disk is full"),
+        K::DeadlineExceeded => (S::UNPROCESSABLE_ENTITY, "The job took longer than it may"),
         K::JobInterrupted => (S::INTERNAL_SERVER_ERROR, "The service stopped too often while the job ran"),
         K::Internal => (S::INTERNAL_SERVER_ERROR, "A fault of the service"),
     }

@@ -4,6 +4,7 @@ use std::time::Duration;
 use axum::extract::FromRef;
 use metrics_exporter_prometheus::PrometheusHandle;
 
+use super::auth::Access;
 use crate::jobs::Service;
 
 /// Bounds on requests.
@@ -17,6 +18,10 @@ pub struct HttpLimits {
     pub max_json_bytes: usize,
     /// Longest silence within an upload.
     pub upload_idle: Duration,
+    /// Longest time that a JSON body may take to arrive.
+    pub body: Duration,
+    /// Longest silence of a stream of events.
+    pub heartbeat: Duration,
     /// Longest time to an answer; long polls and streams are shorter or begin at once.
     pub answer: Duration,
 }
@@ -28,6 +33,8 @@ impl Default for HttpLimits {
             max_ct_bytes: 2 << 30,
             max_json_bytes: 8 << 20,
             upload_idle: Duration::from_secs(60),
+            body: Duration::from_secs(30),
+            heartbeat: Duration::from_secs(15),
             answer: Duration::from_secs(900),
         }
     }
@@ -44,6 +51,12 @@ pub struct AppState {
     pub metrics: Option<PrometheusHandle>,
     /// Host names besides loopback that requests may be for.
     pub allowed_hosts: Arc<[String]>,
+    /// Whether requests must say who sends them.
+    pub access: Access,
+    /// Origins whose pages may use the service.
+    pub origins: Arc<[String]>,
+    /// Whether it is met by TLS.
+    pub tls: bool,
 }
 
 impl FromRef<AppState> for Arc<Service> {

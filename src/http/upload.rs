@@ -11,7 +11,7 @@ use crate::jobs::CtScan;
 use crate::session::{Fault, FaultKind};
 use crate::store::{BlobInfo, SessionId, Store, StoreError};
 
-/// Stores the body, at most `max_bytes` of it, while `scan` looks it over. On any failure nothing is left on disk.
+/// Stores the body, at most `max_bytes` of it and no more than the session has room for, while `scan` looks it over. On any failure nothing is left on disk.
 pub(super) async fn receive(
     store: &Store,
     session: SessionId,
@@ -21,13 +21,19 @@ pub(super) async fn receive(
     limits: &HttpLimits,
     mut scan: Option<CtScan>,
 ) -> Result<BlobInfo, Problem> {
+    let room = store.room(session).await?;
+    let full = || Problem::from(StoreError::QuotaFull { allowed: store.quota() });
     let announced = headers.get(header::CONTENT_LENGTH).and_then(|l| l.to_str().ok()?.parse::<u64>().ok());
     if let Some(length) = announced.filter(|length| *length > max_bytes) {
         discard(body.into_data_stream(), limits.upload_idle);
         let detail = format!("the upload has {length} bytes, at most {max_bytes} are allowed");
         return Err(Problem(Fault::new(FaultKind::TooLarge, detail).with("allowed_bytes", max_bytes)));
     }
-    let mut upload = store.blobs().upload(session, max_bytes).await?;
+    if announced.is_some_and(|length| length > room) {
+        discard(body.into_data_stream(), limits.upload_idle);
+        return Err(full());
+    }
+    let mut upload = store.blobs().upload(session, max_bytes.min(room)).await?;
     let mut pieces = body.into_data_stream();
     loop {
         let piece = match tokio::time::timeout(limits.upload_idle, pieces.next()).await {
@@ -52,10 +58,9 @@ pub(super) async fn receive(
         }
         if let Err(error) = upload.write(piece).await {
             upload.abort().await;
-            if matches!(error, StoreError::TooLarge { .. }) {
-                discard(pieces, limits.upload_idle);
-            }
-            return Err(error.into());
+            let StoreError::TooLarge { .. } = error else { return Err(error.into()) };
+            discard(pieces, limits.upload_idle);
+            return Err(if room < max_bytes { full() } else { error.into() });
         }
     }
     if let Some(scan) = scan

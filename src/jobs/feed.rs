@@ -6,22 +6,56 @@ use super::Service;
 use crate::session::Fault;
 use crate::store::{EventRecord, JobId};
 
-/// Events of one job as they are stored, from a given number on.
+/// Events of one job as they are stored, from a given number on. Where events after that number are not kept any more, the first
+/// one is `resync`: the client reads the job's status and goes on from here.
 #[derive(Debug)]
 pub struct EventFeed {
     service: Arc<Service>,
     changes: watch::Receiver<u64>,
     job: JobId,
     last: u64,
+    /// Told before anything else.
+    resync: Option<EventRecord>,
     ended: bool,
 }
 
 impl EventFeed {
     /// Events after number `last`.
-    #[must_use]
-    pub fn new(service: Arc<Service>, job: JobId, last: u64) -> Self {
+    ///
+    /// # Errors
+    /// As [`Service::job`].
+    pub async fn open(service: Arc<Service>, job: JobId, last: u64) -> Result<Self, Fault> {
         let changes = service.watch_changes();
-        Self { service, changes, job, last, ended: false }
+        let record = service.job(job).await?;
+        let events = service.store().events(job, 0).await?;
+        let newest = events.last().map_or(0, |e| e.seq);
+        let resync = |seq| {
+            let data = serde_json::json!({ "status": record.state.as_str(), "attempt": record.attempt });
+            EventRecord { seq, kind: "resync".to_owned(), data: data.to_string() }
+        };
+        let begins_at = record.events_from.saturating_sub(1);
+        let (last, resync) = if last > newest {
+            // A number of another life of the job, as before a restored backup.
+            (begins_at, Some(resync(begins_at)))
+        } else if last < begins_at {
+            (begins_at, Some(resync(begins_at)))
+        } else {
+            (last, None)
+        };
+        let ended = record.state.has_ended() && resync.is_none() && newest <= last;
+        Ok(Self { service, changes, job, last, resync, ended })
+    }
+
+    /// Number after which it goes on.
+    #[must_use]
+    pub fn last(&self) -> u64 {
+        self.last
+    }
+
+    /// Whether nothing will come: the job has ended and all was seen.
+    #[must_use]
+    pub fn is_spent(&self) -> bool {
+        self.ended
     }
 
     /// The next events in order; none after `end`, when the job is gone, or when the service stops.
@@ -29,6 +63,9 @@ impl EventFeed {
     /// # Errors
     /// The store's.
     pub async fn next(&mut self) -> Result<Vec<EventRecord>, Fault> {
+        if let Some(resync) = self.resync.take() {
+            return Ok(vec![resync]);
+        }
         let stopping = self.service.stopping().clone();
         while !self.ended {
             self.changes.borrow_and_update();

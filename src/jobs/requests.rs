@@ -2,14 +2,15 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::PhysicsRecord;
-use crate::geometry::{Aabb, TriMesh};
+use super::{PhysicsRecord, RegisterOn};
+use crate::evaluate::{Mask, Part};
+use crate::geometry::{Aabb, Point, TriMesh};
 use crate::session::{
     BoxDocument, CutDocument, Fault, FaultKind, FieldSettingsDocument, MeshDocument, MeshSettingsDocument,
     NodeClassName, PaintDocument, PlanDocument, PresetName, TissueDocument,
 };
 use crate::simulate::{AttachmentRules, RunSettings, SkullPaint};
-use crate::store::{JobId, OsteotomyId, PlanId};
+use crate::store::{JobId, OsteotomyId, PlanId, SessionId};
 use crate::surface::CtSettings;
 
 /// Skin and skull from a CT.
@@ -183,5 +184,116 @@ impl SolveRequest {
             attachment: self.attachment.as_ref().map(|a| a.rules(skull)).transpose()?,
             leave_out_below_mm: self.physics.leave_out_below_mm,
         })
+    }
+}
+
+/// A stored surface.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SurfaceSource {
+    /// Outer skin of a session.
+    Skin(SessionId),
+    /// Bone of a session.
+    Skull(SessionId),
+    /// Post-operative skin of a session.
+    Target(SessionId),
+    /// A job's step.
+    Step(JobId, u32),
+}
+
+/// A part of space.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PartShape {
+    /// A box.
+    Box(BoxDocument),
+    /// A ball: centre and radius, mm.
+    Ball([f64; 3], f64),
+}
+
+/// Vertices of a surface that count.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct MaskRecord {
+    /// Those in one of these.
+    pub only: Vec<PartShape>,
+    /// Those that are true here.
+    pub vertices: Option<Vec<bool>>,
+    /// Not those in one of these.
+    pub except: Vec<PartShape>,
+}
+
+/// Registration before comparing.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct RegisterRecord {
+    /// What it goes by.
+    pub region: MaskRecord,
+    /// What a job moves less than this is unmoved, mm.
+    pub threshold_mm: f64,
+}
+
+/// Two surfaces to compare. The keys name what they were at the time of asking.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct CompareRecord {
+    /// What was predicted.
+    pub prediction: SurfaceSource,
+    /// What it is compared with.
+    pub reference: SurfaceSource,
+    /// Keys of both.
+    pub keys: [String; 2],
+    /// Prediction vertices that count.
+    pub mask: MaskRecord,
+    /// Parts that neither count nor are registered on.
+    pub exclude: Vec<PartShape>,
+    /// Registration.
+    pub register: Option<RegisterRecord>,
+}
+
+impl From<&Part> for PartShape {
+    fn from(part: &Part) -> Self {
+        match part {
+            Part::Box(bounds) => Self::Box(BoxDocument { min_mm: bounds.min.into(), max_mm: bounds.max.into() }),
+            Part::Ball { centre, radius_mm } => Self::Ball((*centre).into(), *radius_mm),
+        }
+    }
+}
+
+impl From<&PartShape> for Part {
+    fn from(shape: &PartShape) -> Self {
+        match shape {
+            PartShape::Box(bounds) => Self::Box(bounds.into()),
+            PartShape::Ball(centre, radius_mm) => Self::Ball { centre: Point::from(*centre), radius_mm: *radius_mm },
+        }
+    }
+}
+
+impl From<&Mask> for MaskRecord {
+    fn from(mask: &Mask) -> Self {
+        Self {
+            only: mask.only.iter().map(PartShape::from).collect(),
+            vertices: mask.vertices.clone(),
+            except: mask.except.iter().map(PartShape::from).collect(),
+        }
+    }
+}
+
+impl From<&MaskRecord> for Mask {
+    fn from(record: &MaskRecord) -> Self {
+        Self {
+            only: record.only.iter().map(Part::from).collect(),
+            vertices: record.vertices.clone(),
+            except: record.except.iter().map(Part::from).collect(),
+        }
+    }
+}
+
+impl From<&RegisterOn> for RegisterRecord {
+    fn from(on: &RegisterOn) -> Self {
+        Self { region: (&on.region).into(), threshold_mm: on.threshold_mm }
+    }
+}
+
+impl From<&RegisterRecord> for RegisterOn {
+    fn from(record: &RegisterRecord) -> Self {
+        Self { region: (&record.region).into(), threshold_mm: record.threshold_mm }
     }
 }

@@ -1,10 +1,10 @@
 use std::sync::OnceLock;
-use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
+use std::sync::atomic::{AtomicU8, Ordering};
 use std::sync::{Mutex, PoisonError};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use crate::control::Control;
-use crate::store::JobId;
+use crate::store::{JobId, JobRecord, Lane, SessionId};
 
 /// Stage of a job.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -16,12 +16,13 @@ pub(super) enum Phase {
     Cut,
     Mesh,
     Solve,
+    Compare,
     Writing,
 }
 
 impl Phase {
-    const ALL: [Self; 7] =
-        [Self::Reading, Self::Surfaces, Self::Field, Self::Cut, Self::Mesh, Self::Solve, Self::Writing];
+    const ALL: [Self; 8] =
+        [Self::Reading, Self::Surfaces, Self::Field, Self::Cut, Self::Mesh, Self::Solve, Self::Compare, Self::Writing];
 
     pub(super) fn as_str(self) -> &'static str {
         match self {
@@ -31,6 +32,7 @@ impl Phase {
             Self::Cut => "cut",
             Self::Mesh => "mesh",
             Self::Solve => "solve",
+            Self::Compare => "compare",
             Self::Writing => "writing",
         }
     }
@@ -47,31 +49,58 @@ fn seconds() -> f64 {
     BEGIN.get_or_init(Instant::now).elapsed().as_secs_f64()
 }
 
-/// The job that is being computed, as seen by everyone else.
+const OPEN: u8 = 0;
+const CANCEL_REQUESTED: u8 = 1;
+const CLOSED: u8 = 2;
+
+/// A job that is being computed, as seen by everyone else.
 #[derive(Debug)]
 pub(super) struct Running {
     pub(super) job: JobId,
+    pub(super) session: SessionId,
+    pub(super) other_session: Option<SessionId>,
+    pub(super) lane: Lane,
     pub(super) control: Control,
     pub(super) started: Instant,
     phase: AtomicU8,
-    cancel_requested: AtomicBool,
+    /// Whether it may still be cancelled: one change decides between a cancel and the end.
+    ending: AtomicU8,
     warnings: Mutex<Vec<String>>,
+    /// When each stage began.
+    stages: Mutex<Vec<(Phase, Instant)>>,
+    /// When it was first seen that it should stop.
+    stop_seen: OnceLock<Instant>,
 }
 
 impl Running {
-    pub(super) fn new(job: JobId) -> Self {
+    /// `most` is the longest that any job may compute.
+    pub(super) fn new(job: &JobRecord, most: Duration) -> Self {
+        let limit = job.max_wall_s.unwrap_or(f64::INFINITY).min(most.as_secs_f64());
         Self {
-            job,
-            control: Control::new().with_clock(seconds),
+            job: job.id,
+            session: job.session,
+            other_session: job.other_session,
+            lane: job.kind.lane(),
+            control: Control::new().with_clock(seconds).with_deadline(seconds() + limit),
             started: Instant::now(),
             phase: AtomicU8::new(Phase::Reading as u8),
-            cancel_requested: AtomicBool::new(false),
+            ending: AtomicU8::new(OPEN),
             warnings: Mutex::default(),
+            stages: Mutex::new(vec![(Phase::Reading, Instant::now())]),
+            stop_seen: OnceLock::new(),
         }
     }
 
     pub(super) fn set_phase(&self, phase: Phase) {
         self.phase.store(phase as u8, Ordering::Relaxed);
+        self.stages.lock().unwrap_or_else(PoisonError::into_inner).push((phase, Instant::now()));
+    }
+
+    /// Seconds that each stage took until now.
+    pub(super) fn stage_seconds(&self) -> Vec<(&'static str, f64)> {
+        let stages = self.stages.lock().unwrap_or_else(PoisonError::into_inner);
+        let ends = stages.iter().skip(1).map(|(_, at)| *at).chain([Instant::now()]);
+        stages.iter().zip(ends).map(|((phase, from), to)| (phase.as_str(), (to - *from).as_secs_f64())).collect()
     }
 
     /// Keeps a warning for the job's row, however the job ends.
@@ -88,14 +117,37 @@ impl Running {
         Phase::ALL.into_iter().find(|p| *p as u8 == stored).unwrap_or(Phase::Reading)
     }
 
-    /// Stops the computation for good; without this, a cancelled control means that the service stops.
-    pub(super) fn request_cancel(&self) {
-        self.cancel_requested.store(true, Ordering::Relaxed);
+    /// Stops the computation for good; without this, a cancelled control means that the service stops or the time is up. False when
+    /// the job is at its end already.
+    pub(super) fn request_cancel(&self) -> bool {
+        let before = self.ending.compare_exchange(OPEN, CANCEL_REQUESTED, Ordering::AcqRel, Ordering::Acquire);
+        if before == Err(CLOSED) {
+            return false;
+        }
         self.control.cancel();
+        true
     }
 
     pub(super) fn cancel_requested(&self) -> bool {
-        self.cancel_requested.load(Ordering::Relaxed)
+        self.ending.load(Ordering::Acquire) == CANCEL_REQUESTED
+    }
+
+    /// From now on the job ends as its work says. False when it was cancelled before.
+    pub(super) fn close(&self) -> bool {
+        self.ending.compare_exchange(OPEN, CLOSED, Ordering::AcqRel, Ordering::Acquire).is_ok()
+    }
+
+    /// Whether its work is of this session or reads it.
+    pub(super) fn reads(&self, session: SessionId) -> bool {
+        self.session == session || self.other_session == Some(session)
+    }
+
+    /// How long the work has gone on although it should stop.
+    pub(super) fn ignoring_stop(&self) -> Duration {
+        if !self.control.is_cancelled() {
+            return Duration::ZERO;
+        }
+        self.stop_seen.get_or_init(Instant::now).elapsed()
     }
 
     /// Time left when the rest goes as the part that is done, s; none before there is something to go by.

@@ -5,32 +5,16 @@ use tokio::sync::{Notify, watch};
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
+use super::health::Beats;
 use super::running::Running;
 use super::state::{JobEvent, next};
-use super::{CpuPool, worker};
+use super::{CpuPool, Order, ServiceSettings, janitor, worker};
 use crate::control::Control;
-use crate::import::Limits;
 use crate::session::{Engine, Fault, FaultKind, Halt, StepDocument};
 use crate::store::{
-    AnswerRecord, Insertion, JobChange, JobId, JobKind, JobRecord, JobState, SessionId, StepRecord, Store, now_rfc3339,
+    AnswerRecord, Audit, Insertion, JobChange, JobId, JobRecord, JobState, Lane, NewJob, SessionId, StepRecord, Store,
+    Supersede, TenantId, now_rfc3339,
 };
-
-/// Bounds of the service.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct ServiceSettings {
-    /// Jobs that may wait.
-    pub max_waiting: u32,
-    /// Times that a job is started before it is given up.
-    pub max_attempts: u32,
-    /// What an upload may hold.
-    pub import: Limits,
-}
-
-impl Default for ServiceSettings {
-    fn default() -> Self {
-        Self { max_waiting: 64, max_attempts: 3, import: Limits::default() }
-    }
-}
 
 /// Sessions and jobs over one store, one engine and one CPU pool.
 #[derive(Debug)]
@@ -39,13 +23,17 @@ pub struct Service {
     pub(super) engine: Arc<dyn Engine>,
     pub(super) cpu: CpuPool,
     pub(super) settings: ServiceSettings,
-    /// A job was accepted.
-    pub(super) wake: Notify,
-    pub(super) running: Mutex<Option<Arc<Running>>>,
+    pub(super) audit: Audit,
+    /// A job was accepted, by lane.
+    wake: [Notify; Lane::ALL.len()],
+    running: Mutex<Vec<Arc<Running>>>,
     /// Counts up whenever an event was stored.
     pub(super) changes: watch::Sender<u64>,
+    /// No job is begun any more.
+    pub(super) drain: CancellationToken,
     pub(super) stop: CancellationToken,
-    worker: Mutex<Option<JoinHandle<()>>>,
+    pub(super) beats: Beats,
+    tasks: Mutex<Vec<JoinHandle<()>>>,
 }
 
 /// How a job stands now.
@@ -72,23 +60,28 @@ impl Service {
         store: Store,
         engine: Arc<dyn Engine>,
         cpu: CpuPool,
+        audit: Audit,
         settings: ServiceSettings,
     ) -> Result<Arc<Self>, Fault> {
+        let stop = CancellationToken::new();
         let service = Arc::new(Self {
-            store,
+            store: store.with_quota(settings.session_quota),
             engine,
             cpu,
             settings,
-            wake: Notify::new(),
-            running: Mutex::new(None),
+            audit,
+            wake: Default::default(),
+            running: Mutex::default(),
             changes: watch::Sender::new(0),
-            stop: CancellationToken::new(),
-            worker: Mutex::new(None),
+            drain: stop.child_token(),
+            stop,
+            beats: Beats::new(),
+            tasks: Mutex::default(),
         });
         worker::recover(&service).await?;
-        service.store.forget_old_answers(7).await?;
-        let handle = tokio::spawn(worker::work_through(Arc::clone(&service)));
-        *service.worker.lock().unwrap_or_else(PoisonError::into_inner) = Some(handle);
+        let mut tasks = vec![tokio::spawn(janitor::keep_house(Arc::clone(&service)))];
+        tasks.extend(Lane::ALL.map(|lane| tokio::spawn(worker::work_through(Arc::clone(&service), lane))));
+        *service.tasks.lock().unwrap_or_else(PoisonError::into_inner) = tasks;
         Ok(service)
     }
 
@@ -110,17 +103,37 @@ impl Service {
         &self.engine
     }
 
-    /// Stops taking jobs, interrupts the running one and waits for it, at most `grace`.
+    /// Begins no job any more and waits for those that run, at most `patience`.
+    pub async fn drain(&self, patience: Duration) {
+        self.drain.cancel();
+        let mut changes = self.watch_changes();
+        let idle = async {
+            loop {
+                changes.borrow_and_update();
+                if self.running_jobs().is_empty() || changes.changed().await.is_err() {
+                    return;
+                }
+            }
+        };
+        if tokio::time::timeout(patience, idle).await.is_err() {
+            tracing::info!("a job still runs; it is interrupted, and the next start takes it up");
+        }
+    }
+
+    /// Stops taking jobs, interrupts those that run and waits for them, at most `grace`.
     pub async fn shut_down(&self, grace: Duration) {
         self.stop.cancel();
-        if let Some(running) = self.running() {
+        for running in self.running_jobs() {
             running.control.cancel();
         }
-        let worker = self.worker.lock().unwrap_or_else(PoisonError::into_inner).take();
-        if let Some(worker) = worker
-            && tokio::time::timeout(grace, worker).await.is_err()
-        {
-            tracing::warn!("the running job did not stop in time; the next start takes it up");
+        let tasks = std::mem::take(&mut *self.tasks.lock().unwrap_or_else(PoisonError::into_inner));
+        let ended = async {
+            for task in tasks {
+                task.await.ok();
+            }
+        };
+        if tokio::time::timeout(grace, ended).await.is_err() {
+            tracing::warn!("a running job did not stop in time; the next start takes it up");
         }
     }
 
@@ -130,8 +143,36 @@ impl Service {
         &self.stop
     }
 
-    pub(super) fn running(&self) -> Option<Arc<Running>> {
+    /// Whether no job is taken or begun any more.
+    #[must_use]
+    pub fn is_draining(&self) -> bool {
+        self.drain.is_cancelled()
+    }
+
+    pub(super) fn running_jobs(&self) -> Vec<Arc<Running>> {
         self.running.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Jobs of a lane that run now.
+    #[must_use]
+    pub fn running_in(&self, lane: Lane) -> usize {
+        self.running_jobs().iter().filter(|r| r.lane == lane).count()
+    }
+
+    pub(super) fn running(&self, job: JobId) -> Option<Arc<Running>> {
+        self.running_jobs().into_iter().find(|r| r.job == job)
+    }
+
+    pub(super) fn set_running(&self, running: Arc<Running>) {
+        self.running.lock().unwrap_or_else(PoisonError::into_inner).push(running);
+    }
+
+    pub(super) fn unset_running(&self, job: JobId) {
+        self.running.lock().unwrap_or_else(PoisonError::into_inner).retain(|r| r.job != job);
+    }
+
+    pub(super) fn woken(&self, lane: Lane) -> &Notify {
+        &self.wake[lane as usize]
     }
 
     pub(super) fn announce(&self) {
@@ -163,51 +204,48 @@ impl Service {
     /// repeated request gets from the job as stored.
     ///
     /// # Errors
-    /// [`FaultKind::QueueFull`], [`FaultKind::ShuttingDown`], or the store's.
+    /// [`FaultKind::QueueFull`], [`FaultKind::TenantQueueFull`], [`FaultKind::ShuttingDown`], or the store's.
     pub async fn accept(
         &self,
-        session: SessionId,
-        kind: JobKind,
-        steps: u32,
-        request: String,
-        answer: impl FnOnce(&JobRecord) -> Option<AnswerRecord>,
+        order: Order,
+        answer: &(dyn Fn(&JobRecord) -> Option<AnswerRecord> + Send + Sync),
     ) -> Result<JobRecord, Fault> {
-        if self.stop.is_cancelled() {
+        if self.is_draining() {
             return Err(Fault::new(FaultKind::ShuttingDown, "the service is stopping"));
         }
-        let job = JobRecord {
-            number: 0,
-            id: JobId::new(),
-            session,
-            kind,
-            state: JobState::Accepted,
-            phase: "waiting".to_owned(),
-            progress: 0.0,
-            steps,
-            attempt: 0,
-            request,
-            report: None,
-            fault: None,
-            warnings: Vec::new(),
-            rest_blob: None,
-            tissue_blob: None,
-            created_at: now_rfc3339(),
-            started_at: None,
-            finished_at: None,
+        let supersede = order.supersede;
+        let job = record(order);
+        let event = serde_json::json!({ "status": "cancelled", "superseded_by": job.id }).to_string();
+        // The state machine says where a replaced job goes.
+        let to = next(JobState::Accepted, JobEvent::Cancel).unwrap_or(JobState::Cancelled);
+        let new = NewJob {
+            job: &job,
+            limits: self.settings.queue(),
+            event: &status_event(JobState::Accepted, 0),
+            stopping: self.running_jobs().iter().find(|r| r.cancel_requested()).map(|r| r.job),
+            supersede: supersede.then_some(Supersede { from: JobState::Accepted, to, event: ("end", event) }),
+            answer,
         };
-        let max = self.settings.max_waiting;
-        let stopping = self.running().filter(|r| r.cancel_requested()).map(|r| r.job);
-        match self.store.insert_job(&job, max, &status_event(JobState::Accepted, 0), stopping, answer).await? {
-            Insertion::Stored => {}
+        match self.store.insert_job(&new).await? {
+            Insertion::Stored(superseded) => {
+                for old in superseded {
+                    tracing::info!(job.id = %old, superseded_by = %job.id, "a newer job took its place");
+                }
+            }
             Insertion::Twin(twin) => return Ok(*twin),
             Insertion::Full => {
-                let detail = format!("{max} jobs wait already; try again later");
+                let detail = format!("{} jobs wait already; try again later", self.settings.max_waiting);
                 return Err(Fault::new(FaultKind::QueueFull, detail));
             }
+            Insertion::TenantFull => {
+                let detail =
+                    format!("{} jobs of yours wait already; try again later", self.settings.max_waiting_tenant);
+                return Err(Fault::new(FaultKind::TenantQueueFull, detail));
+            }
         }
-        tracing::info!(job.id = %job.id, job.kind = kind.as_str(), session.id = %session, "job accepted");
+        tracing::info!(job.id = %job.id, job.kind = job.kind.as_str(), session.id = %job.session, "job accepted");
         self.announce();
-        self.wake.notify_one();
+        self.woken(job.kind.lane()).notify_one();
         Ok(job)
     }
 
@@ -222,6 +260,19 @@ impl Service {
                 Err(Fault::new(FaultKind::Gone, format!("job {id} was deleted with its session")))
             }
             None => Err(Fault::new(FaultKind::NotFound, format!("there is no job {id}"))),
+        }
+    }
+
+    /// A job's row, if it is `tenant`'s: what a request names in its body or query.
+    ///
+    /// # Errors
+    /// As [`Service::job`]; another tenant's job is not there.
+    pub async fn job_of(&self, tenant: &TenantId, id: JobId) -> Result<JobRecord, Fault> {
+        match self.store.owner(&id.to_string()).await? {
+            Some(owner) if owner.tenant != *tenant => {
+                Err(Fault::new(FaultKind::NotFound, format!("there is no job {id}")))
+            }
+            _ => self.job(id).await,
         }
     }
 
@@ -240,14 +291,17 @@ impl Service {
     /// The store's.
     pub async fn status_of(&self, mut record: JobRecord) -> Result<JobStatus, Fault> {
         let steps = self.store.steps(record.id).await?;
-        let running = self.running().filter(|r| r.job == record.id && record.state == JobState::Running);
+        let running = self.running(record.id).filter(|_| record.state == JobState::Running);
         if let Some(running) = &running {
             running.phase().as_str().clone_into(&mut record.phase);
             record.progress = running.control.progress();
             record.warnings.extend(running.warnings());
         }
         let queue_position = if record.state == JobState::Accepted {
-            Some(self.store.waiting(record.number).await?.1 + u32::from(self.running().is_some()))
+            let lane = record.kind.lane();
+            let before = self.store.queue(lane).await?.iter().position(|id| *id == record.id);
+            let running = self.running_jobs().iter().filter(|r| r.lane == lane).count();
+            Some(u32::try_from(before.unwrap_or(0) + running).unwrap_or(u32::MAX))
         } else {
             None
         };
@@ -290,40 +344,82 @@ impl Service {
     /// [`FaultKind::WrongState`] when it has ended; as [`Service::job`].
     pub async fn cancel(&self, id: JobId) -> Result<JobStatus, Fault> {
         // It may start between the look and the change: then look again.
-        loop {
+        for look in 0.. {
             let job = self.job(id).await?;
             if job.state.has_ended() {
                 let detail = format!("the job has ended: it is {}", job.state);
                 return Err(Fault::new(FaultKind::WrongState, detail).with("job_status", job.state.as_str()));
             }
-            if let Some(running) = self.running().filter(|r| r.job == id) {
-                running.request_cancel();
-                return self.status(id).await;
+            if let Some(running) = self.running(id) {
+                if running.request_cancel() {
+                    return self.status(id).await;
+                }
+                // Its end is being written: then it has ended.
+                tokio::time::sleep(Duration::from_millis(5)).await;
+                continue;
+            }
+            if job.state == JobState::Running && look < LOOKS {
+                // Its worker is about to show itself.
+                tokio::time::sleep(Duration::from_millis(5)).await;
+                continue;
             }
             let change = JobChange { events: vec![end_event(JobState::Cancelled, None)], ..JobChange::default() };
             if let Ok(to) = next(job.state, JobEvent::Cancel)
-                && self.store.change_job(id, job.state, to, &change).await?
+                && self.store.change_job(&job, to, &change).await?
             {
                 self.announce();
                 return self.status(id).await;
             }
             tokio::task::yield_now().await;
         }
+        self.status(id).await
     }
 
-    /// Deletes a session with everything in it and stops its running job.
+    /// Deletes a session with everything in it, and stops jobs that run in it or read it.
     ///
     /// # Errors
     /// The store's.
     pub async fn delete_session(&self, id: SessionId) -> Result<bool, Fault> {
-        if let Some(running) = self.running()
-            && self.store.job(running.job).await?.is_some_and(|job| job.session == id)
-        {
-            running.request_cancel();
+        for running in self.running_jobs().iter().filter(|r| r.reads(id)) {
+            running.control.cancel();
         }
         let deleted = self.store.delete_session(id).await?;
         self.announce();
         Ok(deleted)
+    }
+}
+
+/// Looks for the worker of a job that runs.
+const LOOKS: u32 = 50;
+
+fn record(order: Order) -> JobRecord {
+    JobRecord {
+        number: 0,
+        id: JobId::new(),
+        session: order.session,
+        // The store knows whose the session is.
+        tenant: TenantId::local(),
+        kind: order.kind,
+        state: JobState::Accepted,
+        phase: "waiting".to_owned(),
+        progress: 0.0,
+        steps: order.steps,
+        attempt: 0,
+        fence: 0,
+        request: order.request,
+        subject: order.subject,
+        other_session: order.other_session,
+        max_wall_s: order.max_wall_s,
+        superseded_by: None,
+        events_from: 1,
+        report: None,
+        fault: None,
+        warnings: Vec::new(),
+        rest_blob: None,
+        tissue_blob: None,
+        created_at: now_rfc3339(),
+        started_at: None,
+        finished_at: None,
     }
 }
 

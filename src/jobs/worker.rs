@@ -1,4 +1,4 @@
-use std::sync::{Arc, PoisonError};
+use std::sync::Arc;
 use std::time::Duration;
 
 use tracing::Instrument;
@@ -9,7 +9,7 @@ use super::service::{end_event, panicked, status_event, warning_event};
 use super::state::{JobEvent, next};
 use super::work::{self, Done};
 use crate::session::{Fault, FaultKind, Halt};
-use crate::store::{JobChange, JobFilter, JobRecord, JobState, StoreError};
+use crate::store::{JobChange, JobFilter, JobRecord, JobState, Lane, StoreError};
 
 /// Shortest time between two progress events.
 const PROGRESS_EVERY: Duration = Duration::from_millis(250);
@@ -37,17 +37,23 @@ pub(super) async fn recover(service: &Service) -> Result<(), Fault> {
     Ok(())
 }
 
-/// Runs jobs one after the other until the service stops.
-pub(super) async fn work_through(service: Arc<Service>) {
+/// Longest time without a look at the queue: a job that another process stored is found by it.
+const LOOK_EVERY: Duration = Duration::from_secs(5);
+
+/// Runs the jobs of a lane one after the other until the service stops.
+pub(super) async fn work_through(service: Arc<Service>, lane: Lane) {
     loop {
         // Registered before the look, so that a job stored in between is not missed.
-        let woken = service.wake.notified();
+        let woken = service.woken(lane).notified();
+        service.beats.beat(lane);
         if service.stop.is_cancelled() {
             return;
         }
-        match service.store.next_job().await {
+        match claim(&service, lane).await {
             Ok(Some(job)) => {
-                let span = tracing::info_span!("job", job.id = %job.id, session.id = %job.session, job.kind = job.kind.as_str());
+                let span = tracing::info_span!(
+                    "job", job.id = %job.id, session.id = %job.session, tenant = %job.tenant, job.kind = job.kind.as_str()
+                );
                 if let Err(error) = run(&service, job).instrument(span).await {
                     tracing::error!(detail = error.detail, "a job could not be recorded");
                     pause(&service).await;
@@ -55,14 +61,30 @@ pub(super) async fn work_through(service: Arc<Service>) {
             }
             Ok(None) => tokio::select! {
                 () = woken => {}
+                () = tokio::time::sleep(LOOK_EVERY) => {}
                 () = service.stop.cancelled() => {}
             },
             Err(error) => {
-                tracing::error!(%error, "the queue cannot be read");
+                tracing::error!(detail = error.detail, "the queue cannot be read");
                 pause(&service).await;
             }
         }
     }
+}
+
+/// The next job, which runs from now on. It is visible as running before its row says so: a cancel finds either.
+async fn claim(service: &Service, lane: Lane) -> Result<Option<JobRecord>, Fault> {
+    if service.is_draining() {
+        return Ok(None);
+    }
+    let to = next(JobState::Accepted, JobEvent::Start).map_err(|e| illegal(&e))?;
+    let start = |job: &JobRecord| JobChange {
+        phase: Some("reading"),
+        attempt_change: 1,
+        events: vec![("status", status_event(JobState::Running, job.attempt + 1))],
+        ..JobChange::default()
+    };
+    Ok(service.store.claim_job(lane, to, &start).await?)
 }
 
 async fn pause(service: &Service) {
@@ -72,24 +94,21 @@ async fn pause(service: &Service) {
     }
 }
 
-async fn run(service: &Arc<Service>, mut job: JobRecord) -> Result<(), Fault> {
-    let running = Arc::new(Running::new(job.id));
-    // Visible before the row says so: a cancel finds either the waiting row or this.
-    *service.running.lock().unwrap_or_else(PoisonError::into_inner) = Some(Arc::clone(&running));
-    let result = run_visible(service, &mut job, &running).await;
-    *service.running.lock().unwrap_or_else(PoisonError::into_inner) = None;
+async fn run(service: &Arc<Service>, job: JobRecord) -> Result<(), Fault> {
+    let running = Arc::new(Running::new(&job, service.settings.max_wall));
+    service.set_running(Arc::clone(&running));
+    // A stop between the claim and this would not have found it.
+    if service.stop.is_cancelled() {
+        running.control.cancel();
+    }
+    let result = run_visible(service, &job, &running).await;
+    service.unset_running(job.id);
     service.announce();
     result
 }
 
-async fn run_visible(service: &Arc<Service>, job: &mut JobRecord, running: &Arc<Running>) -> Result<(), Fault> {
-    job.attempt += 1;
-    let events = vec![("status", status_event(JobState::Running, job.attempt))];
-    let start = JobChange { phase: Some("reading"), attempt_change: 1, events, ..JobChange::default() };
-    if !apply(service, job, JobEvent::Start, start).await? {
-        return Ok(());
-    }
-    job.state = JobState::Running;
+async fn run_visible(service: &Arc<Service>, job: &JobRecord, running: &Arc<Running>) -> Result<(), Fault> {
+    service.announce();
     tracing::info!(attempt = job.attempt, "job started");
 
     // A task of its own, so that a panic in it ends the job and not the queue.
@@ -97,38 +116,67 @@ async fn run_visible(service: &Arc<Service>, job: &mut JobRecord, running: &Arc<
     let mut work = tokio::spawn(work.in_current_span());
     let done = tokio::select! {
         done = &mut work => done.unwrap_or_else(|_| Err(panicked().into())),
-        () = tell_progress(service, job, running) => work.await.unwrap_or_else(|_| Err(panicked().into())),
+        never = tell_progress(service, job, running) => match never {},
     };
-
-    let (event, change) = match done {
-        Ok(Done { report, tissue, warnings: found }) => {
-            let mut warnings = running.warnings();
-            warnings.extend(found);
-            let mut events: Vec<_> = warnings.iter().map(|w| warning_event(w)).collect();
-            events.push(end_event(JobState::Succeeded, None));
-            (
-                JobEvent::Succeed,
-                JobChange { phase: Some("done"), report, tissue, warnings, events, ..JobChange::default() },
-            )
-        }
-        Err(Halt::Cancelled) if service.stop.is_cancelled() && !running.cancel_requested() => {
-            // A stop in good order is no failed attempt.
-            let events = vec![("status", status_event(JobState::Interrupted, job.attempt))];
-            (JobEvent::Interrupt, JobChange { attempt_change: -1, events, ..JobChange::default() })
-        }
-        Err(Halt::Cancelled) => (JobEvent::Cancel, stopped(running, ended(JobState::Cancelled, None))),
-        Err(Halt::Fault(fault)) => (JobEvent::Fail, stopped(running, ended(JobState::Failed, Some(&fault)))),
-    };
-    let seconds = running.started.elapsed().as_secs_f64();
-    tracing::info!(outcome = ?event, duration_s = seconds, "job ended");
-    metrics::counter!("prosopon_jobs_total", "kind" => job.kind.as_str(), "outcome" => format!("{event:?}").to_lowercase())
-        .increment(1);
-    metrics::histogram!("prosopon_job_seconds", "kind" => job.kind.as_str()).record(seconds);
+    let (event, change) = outcome(service, job, running, done);
+    tell_metrics(job, running, event);
     if !apply(service, job, event, change).await? && service.store.session(job.session).await?.is_none() {
         // The session was deleted while the job ran: nothing of it stays.
         service.store.blobs().delete_session(job.session).await?;
     }
     Ok(())
+}
+
+/// What the end of the work means for the job.
+fn outcome(service: &Service, job: &JobRecord, running: &Running, done: Result<Done, Halt>) -> (JobEvent, JobChange) {
+    // From here on it is decided: a cancel comes before this or too late.
+    if !running.close() {
+        return (JobEvent::Cancel, stopped(running, ended(JobState::Cancelled, None)));
+    }
+    match done {
+        Ok(Done { report, tissue, warnings: found }) => {
+            let mut warnings = running.warnings();
+            warnings.extend(found);
+            let mut events: Vec<_> = warnings.iter().map(|w| warning_event(w)).collect();
+            events.push(end_event(JobState::Succeeded, None));
+            let change = JobChange { phase: Some("done"), report, tissue, warnings, events, ..JobChange::default() };
+            (JobEvent::Succeed, change)
+        }
+        Err(Halt::Fault(fault)) => (JobEvent::Fail, stopped(running, ended(JobState::Failed, Some(&fault)))),
+        Err(Halt::Cancelled) if service.stop.is_cancelled() && !running.control.is_overdue() => {
+            // A stop in good order is no failed attempt.
+            let events = vec![("status", status_event(JobState::Interrupted, job.attempt))];
+            (JobEvent::Interrupt, JobChange { attempt_change: -1, events, ..JobChange::default() })
+        }
+        Err(Halt::Cancelled) if running.control.is_overdue() => {
+            let seconds = running.started.elapsed().as_secs_f64();
+            let detail = format!("the job was stopped after {seconds:.0} s, the most that it may compute");
+            let fault = Fault::new(FaultKind::DeadlineExceeded, detail);
+            (JobEvent::Fail, stopped(running, ended(JobState::Failed, Some(&fault))))
+        }
+        // Its session is being deleted.
+        Err(Halt::Cancelled) => (JobEvent::Cancel, stopped(running, ended(JobState::Cancelled, None))),
+    }
+}
+
+fn tell_metrics(job: &JobRecord, running: &Running, event: JobEvent) {
+    let (kind, outcome) = (job.kind.as_str(), format!("{event:?}").to_lowercase());
+    let seconds = running.started.elapsed().as_secs_f64();
+    tracing::info!(outcome, duration_s = seconds, "job ended");
+    metrics::counter!("prosopon_jobs_total", "kind" => kind, "outcome" => outcome).increment(1);
+    metrics::histogram!("prosopon_job_seconds", "kind" => kind).record(seconds);
+    let model = model_of(job);
+    for (stage, seconds) in running.stage_seconds() {
+        let labels = [("kind", kind.to_owned()), ("stage", stage.to_owned()), ("model", model.clone())];
+        metrics::histogram!("prosopon_job_stage_seconds", &labels).record(seconds);
+    }
+}
+
+/// The mechanical model that a job asks for; empty where it has none.
+fn model_of(job: &JobRecord) -> String {
+    let request: serde_json::Value = serde_json::from_str(&job.request).unwrap_or_default();
+    let model = request.get("model").or_else(|| request.get("physics")?.get("model"));
+    model.and_then(serde_json::Value::as_str).unwrap_or_default().to_owned()
 }
 
 fn ended(state: JobState, fault: Option<&Fault>) -> JobChange {
@@ -150,29 +198,41 @@ fn stopped(running: &Running, change: JobChange) -> JobChange {
 
 /// Moves the job by `event`. False when it is not in its state any more.
 async fn apply(service: &Service, job: &JobRecord, event: JobEvent, change: JobChange) -> Result<bool, Fault> {
-    let to = next(job.state, event).map_err(|e| {
-        tracing::error!(error = %e, "an illegal change of a job");
-        Fault::new(FaultKind::Internal, e.to_string())
-    })?;
-    let changed = service.store.change_job(job.id, job.state, to, &change).await?;
+    let to = next(job.state, event).map_err(|e| illegal(&e))?;
+    let changed = match service.store.change_job(job, to, &change).await {
+        // The last large result did not fit any more.
+        Err(StoreError::QuotaFull { allowed }) => {
+            let fault = Fault::from(StoreError::QuotaFull { allowed });
+            let to = next(job.state, JobEvent::Fail).map_err(|e| illegal(&e))?;
+            service.store.change_job(job, to, &ended(JobState::Failed, Some(&fault))).await?
+        }
+        other => other?,
+    };
     service.announce();
     Ok(changed)
 }
 
-/// Stores progress now and then; ends when the job is not running any more.
-async fn tell_progress(service: &Service, job: &JobRecord, running: &Running) {
+fn illegal(error: &super::state::Illegal) -> Fault {
+    tracing::error!(%error, "an illegal change of a job");
+    Fault::new(FaultKind::Internal, error.to_string())
+}
+
+/// Stores progress now and then, and shows that the scheduler lives.
+async fn tell_progress(service: &Service, job: &JobRecord, running: &Running) -> std::convert::Infallible {
     let mut last = ("", -1.0);
     loop {
         tokio::time::sleep(PROGRESS_EVERY).await;
+        service.beats.beat(running.lane);
         let (phase, progress) = (running.phase().as_str(), running.control.progress());
         if phase == last.0 && progress - last.1 < 0.01 {
             continue;
         }
         last = (phase, progress);
         let event = serde_json::json!({ "phase": phase, "progress": progress, "eta_s": running.eta_s() });
-        match service.store.record_progress(job.id, phase, progress, &event.to_string()).await {
+        match service.store.record_progress(job, phase, progress, &event.to_string()).await {
             Ok(true) => service.announce(),
-            Ok(false) | Err(StoreError::SessionGone) => return,
+            // It was deleted; the work sees that at its next write, until then the scheduler waits for it and is not wedged.
+            Ok(false) | Err(StoreError::SessionGone) => {}
             Err(error) => tracing::warn!(%error, "progress could not be stored"),
         }
     }

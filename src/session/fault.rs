@@ -93,10 +93,22 @@ kinds! {
     ForeignHost = "foreign-host",
     /// Too many jobs wait.
     QueueFull = "queue-full",
+    /// Too many jobs of one tenant wait.
+    TenantQueueFull = "tenant-queue-full",
+    /// The session holds as much as it may.
+    QuotaFull = "quota-full",
+    /// Too many requests that take long to check are under way.
+    Busy = "busy",
+    /// The request does not say who sends it, or not believably.
+    Unauthenticated = "unauthenticated",
+    /// The sender may not do this.
+    Forbidden = "forbidden",
     /// The service is stopping.
     ShuttingDown = "shutting-down",
     /// The disk is full.
     StorageFull = "storage-full",
+    /// The job computed for longer than it may.
+    DeadlineExceeded = "deadline-exceeded",
     /// The service stopped too often while the job ran.
     JobInterrupted = "job-interrupted",
     /// A fault of the service.

@@ -24,6 +24,10 @@ impl From<StoreError> for Fault {
                 Self::new(FaultKind::TooLarge, format!("the upload is longer than the {allowed} bytes allowed"))
                     .with("allowed_bytes", allowed)
             }
+            StoreError::QuotaFull { allowed } => {
+                Self::new(FaultKind::QuotaFull, format!("a session may have {allowed} bytes; delete something first"))
+                    .with("allowed_bytes", allowed)
+            }
             StoreError::KeyTaken => {
                 Self::new(FaultKind::WrongState, "another request with this idempotency key is under way; try again")
             }
@@ -36,6 +40,8 @@ impl From<StoreError> for Fault {
             | StoreError::Io(_)
             | StoreError::Record { .. }
             | StoreError::Newer { .. }
+            | StoreError::Older { .. }
+            | StoreError::Backup { .. }
             | StoreError::Foreign
             | StoreError::InUse => {
                 tracing::error!(error = chain(&error), "the store failed");
@@ -277,6 +283,12 @@ mod tests {
     fn a_nested_cancellation_is_a_cancellation() {
         let error = SimulateError::Solve(SolveError::Cancelled(Cancelled));
         assert_eq!(Halt::from(error), Halt::Cancelled);
+    }
+
+    #[test]
+    fn a_full_disk_has_a_problem_of_its_own() {
+        let full = std::io::Error::from(std::io::ErrorKind::StorageFull);
+        assert_eq!(Fault::from(StoreError::Io(full)).kind, FaultKind::StorageFull);
     }
 
     #[test]

@@ -25,20 +25,24 @@ use crate::surface::{self, CtSettings, CtSurfaces};
 /// Share of a solve's progress that preparing the equations takes.
 const PREPARING: f64 = 0.05;
 
-/// Fields, cut bones and meshes that are kept; each takes some 100 MB at most.
-const KEPT: usize = 4;
-/// Prepared equations that are kept; on a head each takes some 400 MB.
-const KEPT_EQUATIONS: usize = 1;
+/// Memory for intermediate results where nothing else is said.
+const CACHE_BYTES: u64 = 1536 << 20;
+/// Kinds of intermediate results.
+const ENVELOPES: &str = "envelope";
+const FIELDS: &str = "field";
+const OSTEOTOMIES: &str = "osteotomy";
+const BONES: &str = "bone";
+const TISSUES: &str = "mesh";
+const EQUATIONS: &str = "equations";
+/// Memory of prepared equations by node, bytes: on a head some 400 MB for 20 000.
+const EQUATION_BYTES: u64 = 20_000;
+/// Memory of a mesh by node with its share of elements and of the embedding, bytes.
+const MESH_BYTES: u64 = 1_000;
 
 /// The real numerics, with the last few intermediate results in memory.
 pub struct Numerics {
     limits: Limits,
-    envelopes: Recent<Envelope>,
-    fields: Recent<Fields>,
-    osteotomies: Recent<Osteotomy>,
-    bones: Recent<CutBone>,
-    tissues: Recent<TissueModel>,
-    prepared: Recent<PreparedTissue>,
+    recent: Recent,
 }
 
 impl fmt::Debug for Numerics {
@@ -51,59 +55,71 @@ impl Numerics {
     /// Numerics that refuse inputs above `limits`.
     #[must_use]
     pub fn new(limits: Limits) -> Self {
-        Self {
-            limits,
-            envelopes: Recent::new(KEPT),
-            fields: Recent::new(KEPT),
-            osteotomies: Recent::new(KEPT),
-            bones: Recent::new(KEPT),
-            tissues: Recent::new(KEPT),
-            prepared: Recent::new(KEPT_EQUATIONS),
-        }
+        Self { limits, recent: Recent::new(CACHE_BYTES) }
+    }
+
+    /// The same with so much memory for intermediate results.
+    #[must_use]
+    pub fn with_cache_bytes(self, bytes: u64) -> Self {
+        Self { recent: Recent::new(bytes), ..self }
     }
 
     /// The bone's envelope: all that a cut needs.
     fn envelope_of(&self, case: &Case, control: &Control) -> Result<Arc<Envelope>, Halt> {
-        let build = || Ok(envelope(&case.anatomy.skull, &case.fields.envelope, control).map_err(SimulateError::from)?);
-        self.envelopes.get_or(&case.key, build)
+        if let Some(found) = self.recent.get(ENVELOPES, &case.key) {
+            return Ok(found);
+        }
+        let built = envelope(&case.anatomy.skull, &case.fields.envelope, control).map_err(SimulateError::from)?;
+        Ok(self.keep_envelope(case, Arc::new(built)))
+    }
+
+    fn keep_envelope(&self, case: &Case, built: Arc<Envelope>) -> Arc<Envelope> {
+        let bytes = surface_bytes(&built.surface);
+        self.recent.put(ENVELOPES, &case.key, Arc::clone(&built), bytes);
+        built
     }
 
     fn fields_of(&self, case: &Case, control: &Control) -> Result<Arc<Fields>, Halt> {
-        if let Some(found) = self.fields.get(&case.key) {
+        if let Some(found) = self.recent.get(FIELDS, &case.key) {
             return Ok(found);
         }
-        let known = self.envelopes.get(&case.key);
+        let known = self.recent.get(ENVELOPES, &case.key);
         let built = Arc::new(simulate::build_fields_around(&case.anatomy, known, &case.fields, control)?);
-        self.envelopes.put(&case.key, Arc::clone(&built.bone));
-        self.fields.put(&case.key, Arc::clone(&built));
+        self.keep_envelope(case, Arc::clone(&built.bone));
+        let of_fields = [Some(&built.skin), Some(&built.bone_field), built.air.as_ref()];
+        let bytes = of_fields.into_iter().flatten().map(|f| f.bytes() as u64).sum::<u64>();
+        self.recent.put(FIELDS, &case.key, Arc::clone(&built), bytes);
         Ok(built)
     }
 
     fn osteotomy_of(&self, case: &Case, cuts: &[Cut], control: &Control) -> Result<Arc<Osteotomy>, Halt> {
         let key = bone_key(case, cuts);
-        if let Some(found) = self.osteotomies.get(&key) {
+        if let Some(found) = self.recent.get(OSTEOTOMIES, &key) {
             return Ok(found);
         }
         let bone = self.envelope_of(case, &control.part(0.0, 0.5))?;
         let cut = Arc::new(plan::cut(&bone, cuts, &control.part(0.5, 1.0))?);
-        self.osteotomies.put(&key, Arc::clone(&cut));
+        let bytes = cut.segments.iter().map(|s| surface_bytes(&s.surface)).sum::<u64>();
+        self.recent.put(OSTEOTOMIES, &key, Arc::clone(&cut), bytes);
         Ok(cut)
     }
 
     fn bone_of(&self, case: &Case, cuts: &[Cut], control: &Control) -> Result<Arc<CutBone>, Halt> {
         let key = bone_key(case, cuts);
-        if let Some(found) = self.bones.get(&key) {
+        if let Some(found) = self.recent.get(BONES, &key) {
             return Ok(found);
         }
         let osteotomy = self.osteotomy_of(case, cuts, &control.part(0.0, 0.6))?;
         let built = simulate::segment_fields(&osteotomy, &case.fields.field, &control.part(0.6, 1.0))?;
         let bone = Arc::new(built);
-        self.bones.put(&key, Arc::clone(&bone));
+        let fields = bone.fields.iter().map(|f| f.bytes() as u64).sum::<u64>();
+        let surfaces = bone.osteotomy.segments.iter().map(|s| surface_bytes(&s.surface)).sum::<u64>();
+        self.recent.put(BONES, &key, Arc::clone(&bone), fields + surfaces);
         Ok(bone)
     }
 
     fn tissue_of(&self, case: &Case, request: &TissueRequest, control: &Control) -> Result<Arc<TissueModel>, Halt> {
-        if let Some(found) = self.tissues.get(&request.key) {
+        if let Some(found) = self.recent.get(TISSUES, &request.key) {
             return Ok(found);
         }
         let fields = self.fields_of(case, &control.part(0.0, 0.3))?;
@@ -114,9 +130,14 @@ impl Numerics {
         let control = control.part(0.4, 1.0);
         let built = simulate::build_tissue(&case.anatomy, &fields, bone.as_deref(), &request.settings, &control)?;
         let built = Arc::new(built);
-        self.tissues.put(&request.key, Arc::clone(&built));
+        let bytes = built.report.nodes as u64 * MESH_BYTES;
+        self.recent.put(TISSUES, &request.key, Arc::clone(&built), bytes);
         Ok(built)
     }
+}
+
+fn surface_bytes(surface: &TriMesh) -> u64 {
+    (surface.positions().len() * 24 + surface.triangles().len() * 12) as u64
 }
 
 /// Fills in what a template lacks, from the surfaces; names of what was filled of what it needs.
@@ -287,7 +308,11 @@ impl Engine for Numerics {
 
     fn solve(&self, run: &Run, control: &Control, watch: &mut dyn RunWatch) -> Result<Outcome, Halt> {
         // Shares as measured on a head: a rebuilt field and mesh cost about as much as a quarter of the path.
-        let shares = if self.tissues.get(&run.tissue.key).is_some() { [0.0, 0.02, 0.03] } else { [0.1, 0.15, 0.25] };
+        let shares = if self.recent.get::<TissueModel>(TISSUES, &run.tissue.key).is_some() {
+            [0.0, 0.02, 0.03]
+        } else {
+            [0.1, 0.15, 0.25]
+        };
         watch.stage("field");
         self.fields_of(&run.case, &control.part(0.0, shares[0]))?;
         watch.stage("cut");
@@ -299,10 +324,15 @@ impl Engine for Numerics {
         }
         watch.stage("solve");
         let before = control.part(shares[2], shares[2] + PREPARING);
-        let prepared = self.prepared.get_or(&prepared_key(run, &bone), || {
-            self.prepared.make_room();
-            PreparedTissue::new(&tissue, &bone, &run.plan, &run.settings, &before)
-        })?;
+        let key = prepared_key(run, &bone);
+        let prepared = if let Some(found) = self.recent.get::<PreparedTissue>(EQUATIONS, &key) {
+            found
+        } else {
+            self.recent.let_go(EQUATIONS);
+            let made = Arc::new(PreparedTissue::new(&tissue, &bone, &run.plan, &run.settings, &before)?);
+            self.recent.put(EQUATIONS, &key, Arc::clone(&made), tissue.report.nodes as u64 * EQUATION_BYTES);
+            made
+        };
         let control = control.part(shares[2] + PREPARING, 1.0);
         let (anatomy, plan, settings) = (&run.case.anatomy, &run.plan, &run.settings);
         let mut on_frame = |frame| watch.frame(frame);

@@ -1,56 +1,58 @@
+use std::any::Any;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// The last few results by key.
+/// Intermediate results of all kinds by key, within one bound on memory: the least recently used go first. What has gone is built
+/// again from stored inputs, the same.
 ///
 /// The lock is never held while something is computed: a thread of the CPU pool that waits inside one computation may
 /// start another on the same stack. Two callers may therefore build the same thing at once; they get equal results.
 #[derive(Debug)]
-pub(super) struct Recent<T> {
-    entries: Mutex<Vec<(String, Arc<T>)>>,
-    capacity: usize,
+pub(super) struct Recent {
+    /// The youngest last.
+    entries: Mutex<Vec<Entry>>,
+    most_bytes: u64,
 }
 
-impl<T> Recent<T> {
-    pub(super) fn new(capacity: usize) -> Self {
-        Self { entries: Mutex::new(Vec::new()), capacity }
+#[derive(Debug)]
+struct Entry {
+    kind: &'static str,
+    key: String,
+    value: Arc<dyn Any + Send + Sync>,
+    bytes: u64,
+}
+
+impl Recent {
+    pub(super) fn new(most_bytes: u64) -> Self {
+        Self { entries: Mutex::default(), most_bytes }
     }
 
     /// What is kept under `key`, now the youngest.
-    pub(super) fn get(&self, key: &str) -> Option<Arc<T>> {
+    pub(super) fn get<T: Send + Sync + 'static>(&self, kind: &'static str, key: &str) -> Option<Arc<T>> {
         let mut entries = self.entries.lock().unwrap_or_else(PoisonError::into_inner);
-        let index = entries.iter().position(|(k, _)| k == key)?;
-        let entry = entries.remove(index);
-        let value = Arc::clone(&entry.1);
+        let index = entries.iter().position(|e| e.kind == kind && e.key == key);
+        let outcome = if index.is_some() { "hit" } else { "miss" };
+        metrics::counter!("prosopon_cache_requests_total", "kind" => kind, "outcome" => outcome).increment(1);
+        let entry = entries.remove(index?);
+        let value = Arc::clone(&entry.value);
         entries.push(entry);
-        Some(value)
+        value.downcast().ok()
     }
 
-    /// Keeps `value`; the oldest goes when there are too many.
-    pub(super) fn put(&self, key: &str, value: Arc<T>) {
+    /// Keeps `value` of about `bytes`; the oldest go while there is too much. The youngest stays, however large it is: it is in use.
+    pub(super) fn put<T: Send + Sync + 'static>(&self, kind: &'static str, key: &str, value: Arc<T>, bytes: u64) {
         let mut entries = self.entries.lock().unwrap_or_else(PoisonError::into_inner);
-        entries.retain(|(k, _)| k != key);
-        if entries.len() >= self.capacity {
-            entries.remove(0);
+        entries.retain(|e| e.kind != kind || e.key != key);
+        entries.push(Entry { kind, key: key.to_owned(), value, bytes });
+        while entries.len() > 1 && entries.iter().map(|e| e.bytes).sum::<u64>() > self.most_bytes {
+            let gone = entries.remove(0);
+            metrics::counter!("prosopon_cache_evictions_total", "kind" => gone.kind).increment(1);
         }
-        entries.push((key.to_owned(), value));
+        metrics::gauge!("prosopon_cache_bytes").set(entries.iter().map(|e| e.bytes).sum::<u64>() as f64);
     }
 
-    /// Lets the oldest go where there is no room for one more, before something large is built.
-    pub(super) fn make_room(&self) {
-        let mut entries = self.entries.lock().unwrap_or_else(PoisonError::into_inner);
-        if entries.len() >= self.capacity {
-            entries.remove(0);
-        }
-    }
-
-    /// What is kept under `key`, else what `build` makes.
-    pub(super) fn get_or<E>(&self, key: &str, build: impl FnOnce() -> Result<T, E>) -> Result<Arc<T>, E> {
-        if let Some(found) = self.get(key) {
-            return Ok(found);
-        }
-        let built = Arc::new(build()?);
-        self.put(key, Arc::clone(&built));
-        Ok(built)
+    /// Lets all of a kind go before one more is built: two of them are too much at a time.
+    pub(super) fn let_go(&self, kind: &'static str) {
+        self.entries.lock().unwrap_or_else(PoisonError::into_inner).retain(|e| e.kind != kind);
     }
 }
 
@@ -59,16 +61,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_least_recently_used_goes_first() {
-        let recent = Recent::new(2);
-        recent.put("a", Arc::new(1));
-        recent.put("b", Arc::new(2));
-        assert_eq!(recent.get("a").as_deref(), Some(&1));
-        recent.put("c", Arc::new(3));
-        assert!(recent.get("b").is_none());
-        assert_eq!(recent.get_or("a", || Err("not built again")).as_deref(), Ok(&1));
-        recent.make_room();
-        assert!(recent.get("c").is_none() && recent.get("a").is_some());
-        assert_eq!(recent.get_or("d", || Err("failed")).err(), Some("failed"));
+    fn the_least_recently_used_goes_first_when_memory_is_full() {
+        let recent = Recent::new(100);
+        recent.put("a", "1", Arc::new(1u8), 40);
+        recent.put("b", "1", Arc::new("two"), 40);
+        assert_eq!(recent.get::<u8>("a", "1").as_deref(), Some(&1));
+        recent.put("a", "2", Arc::new(3u8), 40);
+        assert!(recent.get::<&str>("b", "1").is_none(), "another kind's, but the oldest");
+        assert!(recent.get::<u8>("a", "1").is_some() && recent.get::<u8>("a", "2").is_some());
+        recent.put("b", "2", Arc::new("huge"), 1000);
+        assert_eq!(recent.get::<&str>("b", "2").as_deref(), Some(&"huge"), "the youngest stays");
+        assert!(recent.get::<u8>("a", "2").is_none());
+        recent.let_go("b");
+        assert!(recent.get::<&str>("b", "2").is_none());
     }
 }

@@ -1,13 +1,14 @@
-use std::collections::BTreeSet;
 use std::fmt;
 use std::ops::Range;
 use std::path::Path as FsPath;
 use std::sync::Arc;
+use std::time::{Duration, SystemTime};
 
 use axum::body::Bytes;
 use futures::TryStreamExt;
 use futures::stream::BoxStream;
 use object_store::local::LocalFileSystem;
+use object_store::memory::InMemory;
 use object_store::path::Path;
 use object_store::{ObjectStore, ObjectStoreExt, PutPayload, WriteMultipart};
 use sha2::{Digest, Sha256};
@@ -28,10 +29,13 @@ pub struct BlobInfo {
 }
 
 /// Immutable values under keys that are never used twice. A value is there whole and synced, or not at all.
+///
+/// The trait behind it is [`ObjectStore`]: files, memory, and what speaks S3.
 #[derive(Clone)]
 pub struct Blobs {
     objects: Arc<dyn ObjectStore>,
-    root: Arc<FsPath>,
+    /// Where unfinished uploads are found, for files.
+    root: Option<Arc<FsPath>>,
 }
 
 impl fmt::Debug for Blobs {
@@ -41,10 +45,14 @@ impl fmt::Debug for Blobs {
 }
 
 impl Blobs {
-    pub(super) fn open(root: &FsPath) -> Result<Self, StoreError> {
+    pub(super) fn in_directory(root: &FsPath) -> Result<Self, StoreError> {
         std::fs::create_dir_all(root)?;
         let local = LocalFileSystem::new_with_prefix(root)?.with_fsync(true).with_automatic_cleanup(true);
-        Ok(Self { objects: Arc::new(local), root: Arc::from(root) })
+        Ok(Self { objects: Arc::new(local), root: Some(Arc::from(root)) })
+    }
+
+    pub(super) fn in_memory() -> Self {
+        Self { objects: Arc::new(InMemory::new()), root: None }
     }
 
     /// Stores `bytes` for a session.
@@ -114,27 +122,55 @@ impl Blobs {
         Ok(())
     }
 
-    /// Removes files whose key is not in `named`, unfinished uploads among them. Only at start, when nothing is written.
-    pub(super) async fn sweep(&self, named: &BTreeSet<String>) -> Result<usize, StoreError> {
-        let mut removed = 0;
-        let mut sessions = tokio::fs::read_dir(&*self.root).await?;
+    /// Keys of all values, and names of unfinished uploads, that have not changed for `age`.
+    pub(super) async fn older_than(&self, age: Duration) -> Result<Vec<String>, StoreError> {
+        let Some(root) = &self.root else {
+            let listed: Vec<_> = self.objects.list(None).try_collect().await?;
+            let old = |o: &object_store::ObjectMeta| is_older(SystemTime::from(o.last_modified), age);
+            return Ok(listed.into_iter().filter(old).map(|o| o.location.to_string()).collect());
+        };
+        let mut found = Vec::new();
+        let mut sessions = tokio::fs::read_dir(root).await?;
         while let Some(session) = sessions.next_entry().await? {
             if !session.file_type().await?.is_dir() {
                 continue;
             }
             let mut files = tokio::fs::read_dir(session.path()).await?;
             while let Some(file) = files.next_entry().await? {
-                let key = format!("{}/{}", session.file_name().to_string_lossy(), file.file_name().to_string_lossy());
-                if !named.contains(&key) {
-                    tokio::fs::remove_file(file.path()).await?;
-                    removed += 1;
+                // One that has gone meanwhile needs no removal.
+                let Ok(changed) = file.metadata().await.and_then(|m| m.modified()) else { continue };
+                if is_older(changed, age) {
+                    let (session, file) = (session.file_name(), file.file_name());
+                    found.push(format!("{}/{}", session.to_string_lossy(), file.to_string_lossy()));
                 }
             }
-            // Fails, as it should, while the directory holds something.
-            tokio::fs::remove_dir(session.path()).await.ok();
         }
-        Ok(removed)
+        Ok(found)
     }
+
+    /// Removes values and unfinished uploads by the names that [`Blobs::older_than`] gave: how many.
+    pub(super) async fn remove_files(&self, names: &[String]) -> Result<usize, StoreError> {
+        for name in names {
+            let Some(root) = &self.root else {
+                self.delete(name).await;
+                continue;
+            };
+            match tokio::fs::remove_file(root.join(name)).await {
+                Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(error.into()),
+                _ => {}
+            }
+            if let Some(session) = root.join(name).parent() {
+                // Fails, as it should, while the directory holds something.
+                tokio::fs::remove_dir(session).await.ok();
+            }
+        }
+        Ok(names.len())
+    }
+}
+
+fn is_older(changed: SystemTime, age: Duration) -> bool {
+    // A clock that was set back makes nothing old.
+    changed.elapsed().is_ok_and(|elapsed| elapsed >= age)
 }
 
 fn fresh_key(session: SessionId) -> Path {
@@ -204,7 +240,7 @@ mod tests {
     #[tokio::test]
     async fn an_upload_arrives_whole_or_leaves_nothing() {
         let directory = tempfile::tempdir().unwrap();
-        let blobs = Blobs::open(directory.path()).unwrap();
+        let blobs = Blobs::in_directory(directory.path()).unwrap();
         let session = SessionId::new();
         let mut upload = blobs.upload(session, 10).await.unwrap();
         upload.write(Bytes::from_static(b"hello ")).await.unwrap();
@@ -226,16 +262,19 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn the_sweep_removes_what_no_row_names() {
+    async fn unfinished_uploads_are_found_by_their_age() {
         let directory = tempfile::tempdir().unwrap();
-        let blobs = Blobs::open(directory.path()).unwrap();
+        let blobs = Blobs::in_directory(directory.path()).unwrap();
         let session = SessionId::new();
         let kept = blobs.put(session, b"kept".to_vec()).await.unwrap();
-        blobs.put(session, b"orphan".to_vec()).await.unwrap();
         // What a killed process leaves of an upload.
         std::fs::write(directory.path().join(session.to_string()).join("x#1"), b"part").unwrap();
-        let named = BTreeSet::from([kept.key.clone()]);
-        assert_eq!(blobs.sweep(&named).await.unwrap(), 2);
+        assert_eq!(blobs.older_than(Duration::from_secs(600)).await.unwrap(), Vec::<String>::new());
+        let all = blobs.older_than(Duration::ZERO).await.unwrap();
+        assert_eq!(all.len(), 2);
+        let half: Vec<String> = all.into_iter().filter(|name| *name != kept.key).collect();
+        assert_eq!(blobs.remove_files(&half).await.unwrap(), 1);
         assert_eq!(blobs.get(&kept.key).await.unwrap().as_ref(), b"kept");
+        assert_eq!(files_below(directory.path()), 1);
     }
 }

@@ -29,6 +29,14 @@ pub enum StoreError {
         /// Newest version that is known.
         known: i64,
     },
+    /// Written by an earlier version, and not brought to the present format here.
+    #[error("it has format {found}, this version writes {known}; start the service once, which brings it up to date")]
+    Older {
+        /// Version found.
+        found: i64,
+        /// Version of this program.
+        known: i64,
+    },
     /// Of another program, or of a version whose format was never released.
     #[error(
         "its database is not of this version's format; name another directory, or, when nothing in it is needed, \
@@ -44,6 +52,18 @@ pub enum StoreError {
     /// An idempotency key was taken meanwhile.
     #[error("the idempotency key was used meanwhile")]
     KeyTaken,
+    /// The session has as much as it may.
+    #[error("a session may have {allowed} bytes")]
+    QuotaFull {
+        /// Bytes allowed.
+        allowed: u64,
+    },
+    /// A backup is not whole.
+    #[error("the backup is not usable: {detail}")]
+    Backup {
+        /// What is wrong.
+        detail: String,
+    },
     /// The upload is longer than allowed.
     #[error("more than {allowed} bytes")]
     TooLarge {

@@ -1,36 +1,52 @@
-//! What survives a restart: rows in SQLite, large results as files.
+//! What survives a restart: rows behind [`MetaStore`], large results behind [`Blobs`].
 //!
 //! Invariants: a row names a file only after the file is complete and synced; files are never changed once written;
 //! knows nothing of HTTP or numerics beyond the meshes that it encodes. Opening locks the directory for one process.
+//!
+//! Engines: SQLite with files (the default), and memory. `conformance.rs` holds both to the same behaviour. A further
+//! engine for rows implements [`MetaStore`], whose calls are one transaction each: for Postgres the claim of the queue takes
+//! its row with SKIP LOCKED, and the fence that every write of a running job checks keeps out a worker that lost its lease. A
+//! further engine for large results is an [`object_store::ObjectStore`]; an S3-compatible one is in that crate.
 
+mod answer;
+mod audit;
+mod backup;
 mod blobs;
-mod database;
+#[cfg(test)]
+mod conformance;
 mod error;
-mod events;
-mod format;
-mod idempotency;
+mod event;
 mod ids;
+mod job;
 mod job_state;
-mod jobs;
+mod memory;
 mod mesh_blob;
-mod parts;
-mod plans;
+mod meta;
+mod part;
+mod plan;
 mod records;
-mod sessions;
-mod steps;
+mod session;
+mod sqlite;
+mod step;
+#[expect(clippy::module_inception, reason = "the room is named for its main thing")]
+mod store;
+mod tenant;
 
+pub use answer::{AnswerRecord, Remembered};
+pub use audit::{Audit, AuditEntry, AuditFault};
+pub use backup::{BackupReport, back_up, restore};
 pub use blobs::{BlobInfo, Blobs, Upload};
-pub use database::Store;
 pub use error::StoreError;
-pub use events::EventRecord;
-pub use idempotency::{AnswerRecord, Remembered};
+pub use event::EventRecord;
 pub use ids::{JobId, OsteotomyId, PlanId, SessionId};
+pub use job::{Insertion, JobChange, JobFilter, JobKind, JobRecord, Lane, NewJob, QueueLimits, Supersede};
 pub use job_state::JobState;
-pub(crate) use jobs::{Insertion, JobChange};
-pub use jobs::{JobFilter, JobKind, JobRecord};
 pub use mesh_blob::{decode_mesh, encode_mesh};
-pub use parts::{PartKind, PartRecord};
-pub use plans::{OsteotomyRecord, PlanRecord};
-pub use records::{now_rfc3339, sha256_hex};
-pub use sessions::SessionRecord;
-pub use steps::StepRecord;
+pub use meta::MetaStore;
+pub use part::{PartKind, PartRecord};
+pub use plan::{OsteotomyRecord, PlanRecord};
+pub use records::{later, now_rfc3339, sha256_hex};
+pub use session::{Owner, SessionRecord};
+pub use step::{StepRecord, StepWritten};
+pub use store::Store;
+pub use tenant::TenantId;

@@ -1,17 +1,39 @@
+use std::time::Duration;
+
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use sha2::{Digest, Sha256};
 use time::OffsetDateTime;
+use time::format_description::BorrowedFormatItem;
 use time::format_description::well_known::Rfc3339;
+use time::macros::format_description;
 
 use super::StoreError;
 
 /// The present time, RFC 3339 UTC with milliseconds.
 #[must_use]
 pub fn now_rfc3339() -> String {
-    let now = OffsetDateTime::now_utc();
-    let milliseconds = now.replace_millisecond(now.millisecond()).unwrap_or(now);
-    milliseconds.format(&Rfc3339).unwrap_or_default()
+    rfc3339(OffsetDateTime::now_utc())
+}
+
+/// The time `age` ago, in the same form.
+pub(super) fn rfc3339_before(age: Duration) -> String {
+    let then = time::Duration::try_from(age).ok().and_then(|age| OffsetDateTime::now_utc().checked_sub(age));
+    rfc3339(then.unwrap_or(OffsetDateTime::UNIX_EPOCH))
+}
+
+/// The time `after` a time of the same form; `None` when it cannot be read.
+#[must_use]
+pub fn later(time: &str, after: Duration) -> Option<String> {
+    let time = OffsetDateTime::parse(time, &Rfc3339).ok()?;
+    Some(rfc3339(time.checked_add(time::Duration::try_from(after).ok()?)?))
+}
+
+/// Always as long, so that times sort as texts.
+fn rfc3339(time: OffsetDateTime) -> String {
+    const FORM: &[BorrowedFormatItem<'_>] =
+        format_description!("[year]-[month]-[day]T[hour]:[minute]:[second].[subsecond digits:3]Z");
+    time.format(FORM).unwrap_or_default()
 }
 
 /// SHA-256 of `bytes`, lower-case hexadecimal.
@@ -52,6 +74,13 @@ pub(super) fn to_u32(value: i64) -> u32 {
 #[cfg(test)]
 mod tests {
     #[test]
+    fn a_later_time_is_so_much_later() {
+        let later = super::later("2026-02-28T23:59:59.500Z", std::time::Duration::from_millis(500));
+        assert_eq!(later.as_deref(), Some("2026-03-01T00:00:00.000Z"));
+        assert_eq!(super::later("yesterday", std::time::Duration::ZERO), None);
+    }
+
+    #[test]
     fn sha256_of_the_empty_string_is_the_published_one() {
         assert_eq!(super::sha256_hex(b""), "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855");
     }
@@ -59,6 +88,6 @@ mod tests {
     #[test]
     fn times_have_milliseconds_and_a_z() {
         let now = super::now_rfc3339();
-        assert!(now.ends_with('Z') && now.len() <= 24, "{now}");
+        assert!(now.ends_with('Z') && now.len() == 24, "{now}");
     }
 }

@@ -67,9 +67,28 @@ impl Heard {
     }
 }
 
+/// A stream of events that is being read.
+pub(crate) struct EventStream {
+    lines: BufReader<Box<dyn std::io::Read>>,
+}
+
+impl EventStream {
+    pub(crate) fn next_event(&mut self) -> Value {
+        let mut line = String::new();
+        assert!(self.lines.read_line(&mut line).unwrap() > 0, "the stream ended");
+        serde_json::from_str(&line).unwrap()
+    }
+}
+
 impl Server {
     pub(crate) fn start(data: &Path, more: &[&str]) -> Self {
-        let mut child = serve(data, "127.0.0.1:0").args(more).spawn().unwrap();
+        let mut command = serve(data, "127.0.0.1:0");
+        command.args(more);
+        Self::spawn(command)
+    }
+
+    pub(crate) fn spawn(mut command: Command) -> Self {
+        let mut child = command.spawn().unwrap();
         let mut line = String::new();
         BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
         // Nobody reads the log; it must not fill the pipe.
@@ -94,6 +113,19 @@ impl Server {
 
     pub(crate) fn upload(&self, path: &str, bytes: &[u8]) -> Heard {
         Heard::of(self.agent.put(format!("{}{path}", self.url)).send(bytes).unwrap())
+    }
+
+    /// Events of a job that has ended.
+    pub(crate) fn get_lines(&self, path: &str) -> Vec<Value> {
+        let request = self.agent.get(format!("{}{path}", self.url)).header("accept", "application/x-ndjson");
+        let body = Heard::of(request.call().unwrap()).body;
+        String::from_utf8(body).unwrap().lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+    }
+
+    /// Events of a job as they come.
+    pub(crate) fn stream(&self, path: &str) -> EventStream {
+        let request = self.agent.get(format!("{}{path}", self.url)).header("accept", "application/x-ndjson");
+        EventStream { lines: BufReader::new(Box::new(request.call().unwrap().into_body().into_reader())) }
     }
 
     /// `127.0.0.1:PORT`.

@@ -27,7 +27,54 @@ fn body(session: &str, more: &Value) -> Value {
 }
 
 async fn compare(app: &TestApp, session: &str, more: Value) -> Answer {
-    app.post("/v1/compare", body(session, &more)).await
+    post(app, "/v1/compare", body(session, &more)).await
+}
+
+/// Waits for the comparison, however slow the machine is.
+async fn post(app: &TestApp, path: &str, body: Value) -> Answer {
+    let headers = [("content-type", "application/json"), ("prefer", "wait=60")];
+    app.call(Method::POST, path, &headers, body.to_string()).await
+}
+
+#[tokio::test]
+async fn a_comparison_is_a_job_that_can_be_waited_for_or_fetched() {
+    let app = TestApp::real().await;
+    let session = session_of(&app, &lumpy(24, |_| 0.0), &lumpy(24, |d| 2.0 * d[1])).await;
+    let headers = [("content-type", "application/json"), ("prefer", "respond-async")];
+    let asked = app.call(Method::POST, "/v1/compare", &headers, body(&session, &json!({})).to_string()).await;
+    let job = app.finish(asked).await;
+    assert_eq!(
+        (&job["kind"], &job["status"], &job["session"]),
+        (&json!("compare"), &json!("succeeded"), &json!(session))
+    );
+    let path = job["links"]["comparison"].as_str().unwrap();
+    let fetched = app.get(path).await;
+    let waited = compare(&app, &session, json!({})).await;
+    assert_eq!(fetched.ok(), waited.ok());
+    assert!(waited.header("content-location").ends_with("/comparison"));
+    let tag = fetched.header("etag").to_owned();
+    let known = app.call(Method::GET, path, &[("if-none-match", &tag)], axum::body::Body::empty()).await;
+    assert_eq!(known.status.as_u16(), 304);
+    assert!(app.get(&format!("{path}?values=true")).await.ok()["values_mm"].is_array());
+    assert_eq!(app.get(&format!("{path}?format=png")).await.header("content-type"), "image/png");
+    let mesh = app.post(&format!("/v1/sessions/{session}/field"), json!({})).await;
+    mesh.problem(409, "missing-input");
+}
+
+/// The reference's session goes: so does what was made of it.
+#[tokio::test]
+async fn a_comparison_does_not_outlive_either_session() {
+    let app = TestApp::real().await;
+    let own = session_of(&app, &lumpy(24, |_| 0.0), &lumpy(24, |_| 0.0)).await;
+    let other = session_of(&app, &lumpy(24, |d| d[1]), &lumpy(24, |_| 0.0)).await;
+    let between = json!({"reference": {"session": other, "part": "skin"}});
+    let found = compare(&app, &own, between).await;
+    let path = found.header("content-location").to_owned();
+    assert_eq!(app.get(&path).await.status.as_u16(), 200);
+    let bytes = app.get(&format!("/v1/sessions/{own}")).await.ok()["bytes"].as_u64().unwrap();
+    assert_eq!(app.delete(&format!("/v1/sessions/{other}")).await.status.as_u16(), 204);
+    app.get(&path).await.problem(410, "gone");
+    assert!(app.get(&format!("/v1/sessions/{own}")).await.ok()["bytes"].as_u64().unwrap() < bytes);
 }
 
 #[tokio::test]
@@ -166,7 +213,7 @@ async fn a_comparison_comes_as_picture_and_as_surface() {
         ("vtp", "application/vnd.vtk.vtp", "<?xml"),
     ] {
         let path = format!("/v1/compare?format={format}");
-        let answer = app.post(&path, body(&session, &json!({}))).await;
+        let answer = post(&app, &path, body(&session, &json!({}))).await;
         assert!(answer.status.is_success(), "{format}: {answer:?}");
         assert_eq!(answer.header("content-type"), kind);
         let start: String = answer.body.iter().take(magic.chars().count()).map(|b| char::from(*b)).collect();

@@ -138,7 +138,7 @@ fn an_address_beyond_loopback_is_refused_with_the_reason() {
     let output = serve(directory.path(), "0.0.0.0:0").output().unwrap();
     assert!(!output.status.success());
     let message = String::from_utf8_lossy(&output.stderr);
-    assert!(message.contains("no authentication") && message.contains("0.0.0.0:0"), "{message}");
+    assert!(message.contains("without authentication") && message.contains("0.0.0.0:0"), "{message}");
 }
 
 #[test]

@@ -37,6 +37,8 @@ pub(crate) struct StandIn {
     pub(crate) panics: AtomicBool,
     /// Fail the solve after this step, when above 0.
     pub(crate) fails_after: AtomicUsize,
+    /// What the next call fails with.
+    pub(crate) fails_with: Mutex<Option<Halt>>,
     /// Let cuts that were fine miss the bone from now on.
     pub(crate) cuts_miss: AtomicBool,
 }
@@ -54,7 +56,13 @@ impl StandIn {
         self.changed.notify_all();
     }
 
+    /// The failure that was asked for, once.
+    fn planted(&self) -> Result<(), Halt> {
+        self.fails_with.lock().unwrap().take().map_or(Ok(()), Err)
+    }
+
     fn cut_again(&self) -> Result<(), Halt> {
+        self.planted()?;
         if self.cuts_miss.load(Ordering::SeqCst) {
             return Err(SimulateError::Plan(PlanError::MissesBone { cut: 0, distance_mm: 3.0 }).into());
         }
@@ -127,6 +135,7 @@ impl Engine for StandIn {
 
     fn fields(&self, case: &Case, control: &Control) -> Result<(FieldReport, FieldReport, Vec<String>), Halt> {
         control.report(0.5);
+        self.planted()?;
         if case.anatomy.skull.area() > case.anatomy.skin.area() {
             let detail = "the skull lies outside the skin".to_owned();
             return Err(SimulateError::Anatomy { detail }.into());
@@ -154,6 +163,7 @@ impl Engine for StandIn {
     }
 
     fn cut(&self, _: &Case, cuts: &Cuts, _: &Control) -> Result<(Osteotomy, Vec<Clearance>), Halt> {
+        self.planted()?;
         let mut all = Vec::new();
         for call in &cuts.templates {
             let (point, normal) = match call.template {

@@ -69,7 +69,7 @@ impl Block {
 }
 
 /// 30 x 30 x 6 mm under 1.5 mm of skin: sides fixed, the middle of the bottom with attachment `middle`.
-fn slab(middle: f64) -> Vec<u8> {
+pub(crate) fn slab(middle: f64) -> Vec<u8> {
     let block = Block { cells: [6, 6, 2], edge: 5.0, skin: true };
     let side = |p: &Point| p.x < 1e-9 || p.x > 30.0 - 1e-9 || p.y < 1e-9 || p.y > 30.0 - 1e-9;
     let inner = |p: &Point| p.z == 0.0 && (p.x - 15.0).abs().max((p.y - 15.0).abs()) < 11.0;

@@ -46,7 +46,7 @@ class JobFailed(Exception):
 class Client:
     """One service. Each call opens a connection of its own, so a client may be shared by threads."""
 
-    def __init__(self, url, timeout_s=900.0):
+    def __init__(self, url, timeout_s=900.0, token=None):
         parts = urllib.parse.urlsplit(url)
         if parts.scheme not in ("http", "https") or not parts.hostname:
             raise ValueError("expected http://HOST:PORT, found %r" % url)
@@ -54,6 +54,7 @@ class Client:
         self._host, self._port = parts.hostname, parts.port
         self._base = parts.path.rstrip("/")
         self._timeout_s = timeout_s
+        self._authorization = {"Authorization": "Bearer " + token} if token else {}
 
     # ---- requests ----
 
@@ -66,7 +67,7 @@ class Client:
         connection = self._connection()
         try:
             try:
-                connection.request(method, self._base + path, body=body, headers=headers or {})
+                connection.request(method, self._base + path, body=body, headers=dict(self._authorization, **(headers or {})))
             except (BrokenPipeError, ConnectionResetError):
                 pass  # The service may have answered before the upload was through.
             response = connection.getresponse()
@@ -250,7 +251,13 @@ class Client:
         return self.get_bytes("/v1/jobs/%s/topology" % job)
 
     def compare(self, prediction, reference, **options):
-        return self.request("POST", "/v1/compare", dict(options, prediction=prediction, reference=reference))
+        """The error map; waits for it when it takes long."""
+        found = self.request("POST", "/v1/compare", dict(options, prediction=prediction, reference=reference))
+        if "links" not in found:
+            return found
+        job = self.wait(found["id"])
+        values = "?values=true" if options.get("values") else ""
+        return self.request("GET", job["links"]["comparison"] + values)
 
 
 def _given(**members):

@@ -5,9 +5,9 @@ use uuid::Uuid;
 use super::check::{Check, REACH_MM};
 use crate::evaluate::{Mask, Part};
 use crate::geometry::Point;
-use crate::jobs::{RegisterOn, UNMOVED_MM};
+use crate::jobs::{RegisterOn, SurfaceSource, UNMOVED_MM};
 use crate::session::{BoxDocument, ErrorDocument, Fault};
-use crate::store::PartKind;
+use crate::store::SessionId;
 
 /// A surface of a session.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -21,12 +21,12 @@ pub enum PartName {
     Target,
 }
 
-impl From<PartName> for PartKind {
-    fn from(name: PartName) -> Self {
-        match name {
-            PartName::Skin => Self::Skin,
-            PartName::Skull => Self::Skull,
-            PartName::Target => Self::Target,
+impl PartName {
+    fn of(self, session: SessionId) -> SurfaceSource {
+        match self {
+            Self::Skin => SurfaceSource::Skin(session),
+            Self::Skull => SurfaceSource::Skull(session),
+            Self::Target => SurfaceSource::Target(session),
         }
     }
 }
@@ -49,18 +49,11 @@ pub struct SurfaceRef {
     pub step: Option<u32>,
 }
 
-/// What a surface reference names.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::http) enum Named {
-    Part(Uuid, PartKind),
-    Step(Uuid, u32),
-}
-
 impl SurfaceRef {
-    pub(in crate::http) fn named(&self, pointer: &str) -> Result<Named, Fault> {
+    pub(in crate::http) fn named(&self, pointer: &str) -> Result<SurfaceSource, Fault> {
         match (self.session, self.part, self.job, self.step) {
-            (Some(session), Some(part), None, None) => Ok(Named::Part(session, part.into())),
-            (None, None, Some(job), Some(step)) => Ok(Named::Step(job, step)),
+            (Some(session), Some(part), None, None) => Ok(part.of(session.into())),
+            (None, None, Some(job), Some(step)) => Ok(SurfaceSource::Step(job.into(), step)),
             _ => {
                 let mut check = Check::default();
                 check.fault(pointer, "must have session and part, or job and step");
@@ -156,8 +149,8 @@ pub struct CompareRequest {
 /// A comparison as asked for, checked.
 #[derive(Debug)]
 pub(in crate::http) struct CheckedCompare {
-    pub(in crate::http) prediction: Named,
-    pub(in crate::http) reference: Named,
+    pub(in crate::http) prediction: SurfaceSource,
+    pub(in crate::http) reference: SurfaceSource,
     pub(in crate::http) mask: Mask,
     pub(in crate::http) exclude: Vec<Part>,
     pub(in crate::http) register: Option<RegisterOn>,

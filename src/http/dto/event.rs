@@ -18,6 +18,7 @@ pub(in crate::http) fn render_event(job: JobId, event: &EventRecord) -> Value {
             }
             members.insert("links".to_owned(), links);
         }
+        "resync" => _ = members.insert("links".to_owned(), json!({ "self": own })),
         "end" => {
             let fault = members.remove("fault").and_then(|f| serde_json::from_value::<Fault>(f).ok());
             if let Some(fault) = fault {

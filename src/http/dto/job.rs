@@ -1,4 +1,5 @@
 use std::collections::BTreeMap;
+use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -153,6 +154,12 @@ pub struct CreateJob {
     /// Attachment; chosen from the landmarks when absent.
     #[serde(default)]
     pub attachment: Option<AttachmentRequest>,
+    /// Longest time that it may compute, s, from 1 on; the service's limit when absent. Then it fails, and finished steps stay.
+    #[serde(default)]
+    pub max_wall_s: Option<f64>,
+    /// Whether jobs on the same plan that still wait are cancelled, and this one takes their place.
+    #[serde(default)]
+    pub supersede: bool,
 }
 
 /// A checked solve, without what the session adds.
@@ -181,7 +188,7 @@ impl CreateJob {
         check.finish()
     }
 
-    pub(in crate::http) fn check(&self, settings: &SessionSettings) -> Result<CheckedJob, Fault> {
+    pub(in crate::http) fn check(&self, settings: &SessionSettings, max_wall: Duration) -> Result<CheckedJob, Fault> {
         let (model, model_chosen) = match self.model {
             ModelName::Auto => (SolveModel::Mixed, true),
             ModelName::Mixed => (SolveModel::Mixed, false),
@@ -214,6 +221,9 @@ impl CreateJob {
         }
         if let Some(depth) = self.penetration_tolerance_mm {
             check.number("/penetration_tolerance_mm", depth, 1e-6, 10.0);
+        }
+        if let Some(seconds) = self.max_wall_s {
+            check.number("/max_wall_s", seconds, 1.0, max_wall.as_secs_f64());
         }
         if let Some(least) = self.leave_out_below_mm {
             check.number("/leave_out_below_mm", least, 0.0, 1.0);
@@ -250,11 +260,11 @@ pub struct JobView {
     pub id: Uuid,
     /// Its session.
     pub session: Uuid,
-    /// `import`, `field`, `mesh` or `solve`.
+    /// `import`, `field`, `mesh`, `solve` or `compare`.
     pub kind: String,
     /// `accepted`, `running`, `succeeded`, `failed`, `cancelled` or `interrupted` (it will run again).
     pub status: String,
-    /// Stage of the work: `waiting`, `reading`, `surfaces`, `field`, `cut`, `mesh`, `solve`, `writing`, `done`; of a job that failed or
+    /// Stage of the work: `waiting`, `reading`, `surfaces`, `field`, `cut`, `mesh`, `solve`, `compare`, `writing`, `done`; of a job that failed or
     /// was cancelled the one in which it ended.
     pub phase: String,
     /// Done share, 0 to 1.
@@ -269,6 +279,9 @@ pub struct JobView {
     pub queue_position: Option<u32>,
     /// How often it was started.
     pub attempt: u32,
+    /// The newer job that took its place in the queue.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub superseded_by: Option<Uuid>,
     /// Residual force of each finished step in order, relative to the reaction force.
     pub residuals: Vec<f64>,
     /// What a caller should know.
@@ -301,6 +314,7 @@ impl JobView {
             eta_s: None,
             queue_position: None,
             attempt: record.attempt,
+            superseded_by: record.superseded_by.map(crate::store::JobId::uuid),
             residuals: Vec::new(),
             warnings: record.warnings.clone(),
             problem: fault.as_ref().map(ProblemDocument::from),
@@ -340,6 +354,7 @@ fn links(record: &JobRecord, steps_done: u32) -> BTreeMap<String, String> {
             add("skull", format!("{session}/skull"));
         }
         (JobKind::Field, JobState::Succeeded) => _ = add("field", format!("{session}/field")),
+        (JobKind::Compare, JobState::Succeeded) => _ = add("comparison", format!("{own}/comparison")),
         (JobKind::Mesh, JobState::Succeeded) => _ = add("mesh", format!("{session}/mesh")),
         (JobKind::Solve, state) => {
             if steps_done > 0 {

@@ -16,7 +16,7 @@ mod session;
 pub use bone::{
     CreateOsteotomy, CutRequest, OsteotomyList, OsteotomyView, ProtectedRequest, TemplateName, TemplateRequest,
 };
-pub(super) use compare::{CheckedCompare, Named, finite};
+pub(super) use compare::{CheckedCompare, finite};
 pub use compare::{CompareRequest, CompareView, ErrorView, PartName, PartRequest, RegisterRequest, SurfaceRef};
 pub(super) use event::render_event;
 pub use file_faults::FileFaults;

@@ -74,6 +74,9 @@ pub struct SessionView {
     pub settings: SessionSettings,
     /// When it was made.
     pub created_at: String,
+    /// When it will be deleted if nothing is done with it; absent where sessions do not expire, and in lists.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub expires_at: Option<String>,
     /// Bytes stored in all.
     pub bytes: u64,
     /// `ct`, `skin`, `skull`, `air`, `target`, `landmarks`, `field_settings`, `field`, `mesh`, `tissue`, and `bone_0` to `bone_9` where there.
@@ -105,6 +108,7 @@ impl SessionView {
             label: record.label.clone(),
             settings: serde_json::from_str(&record.settings).unwrap_or_default(),
             created_at: record.created_at.clone(),
+            expires_at: None,
             bytes: 0,
             parts: PartKind::ALL.iter().map(missing).collect(),
             osteotomies: Vec::new(),

@@ -6,9 +6,10 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use super::json::{parse, read_json};
+use crate::http::auth::Principal;
 use crate::http::{AppState, Problem};
 use crate::session::{FaultKind, key_of};
-use crate::store::{AnswerRecord, Remembered, SessionId};
+use crate::store::{AnswerRecord, Remembered, SessionId, TenantId};
 
 const IDEMPOTENCY_KEY: &str = "idempotency-key";
 
@@ -17,6 +18,7 @@ const IDEMPOTENCY_KEY: &str = "idempotency-key";
 #[derive(Debug)]
 pub(in crate::http) struct Creating<T> {
     pub(in crate::http) body: T,
+    tenant: TenantId,
     key: Option<(String, String)>,
 }
 
@@ -28,6 +30,7 @@ impl<T: DeserializeOwned> FromRequest<AppState> for Creating<T> {
             Some(value) => Some(checked_key(value).map_err(IntoResponse::into_response)?),
             None => None,
         };
+        let tenant = request.extensions().get::<Principal>().map_or_else(TenantId::local, |p| p.tenant.clone());
         let target = format!("{} {}", request.method(), request.uri().path());
         let bytes = read_json(request, state).await.map_err(IntoResponse::into_response)?;
         let key = match key {
@@ -35,7 +38,7 @@ impl<T: DeserializeOwned> FromRequest<AppState> for Creating<T> {
                 // Members in order, so that the same payload written in another way is the same.
                 let payload: Value = parse(&bytes).map_err(IntoResponse::into_response)?;
                 let sha256 = key_of(&[&target, &payload.to_string()]);
-                let remembered = state.service.store().remembered(&key, &sha256).await;
+                let remembered = state.service.store().remembered(&tenant, &key, &sha256).await;
                 match remembered.map_err(|e| Problem::from(e).into_response())? {
                     Remembered::Nothing => {}
                     Remembered::Answer(answer) => return Err(replay(&answer)),
@@ -46,20 +49,21 @@ impl<T: DeserializeOwned> FromRequest<AppState> for Creating<T> {
             None => None,
         };
         let body = parse(&bytes).map_err(IntoResponse::into_response)?;
-        Ok(Self { body, key })
+        Ok(Self { body, tenant, key })
     }
 }
 
 impl<T> Creating<T> {
     /// The body, and what remembers the answer.
     pub(in crate::http) fn split(self) -> (T, Answering) {
-        (self.body, Answering { key: self.key })
+        (self.body, Answering { tenant: self.tenant, key: self.key })
     }
 }
 
 /// Makes the answer that is stored with what was created.
 #[derive(Debug)]
 pub(in crate::http) struct Answering {
+    tenant: TenantId,
     key: Option<(String, String)>,
 }
 
@@ -74,6 +78,7 @@ impl Answering {
     ) -> Option<AnswerRecord> {
         let (key, request_sha256) = self.key.clone()?;
         Some(AnswerRecord {
+            tenant: self.tenant.clone(),
             key,
             request_sha256,
             status: status.as_u16(),

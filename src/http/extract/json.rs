@@ -28,7 +28,12 @@ impl<T: DeserializeOwned> FromRequest<AppState> for Body<T> {
 pub(super) async fn read_json(request: Request, state: &AppState) -> Result<Bytes, Problem> {
     let is_json = is_json(request.headers());
     let max_bytes = state.limits.max_json_bytes;
-    let bytes = Bytes::from_request(request, state).await.map_err(|e| too_large_or_broken(&e, max_bytes))?;
+    let bytes = tokio::time::timeout(state.limits.body, Bytes::from_request(request, state)).await;
+    let bytes = bytes.map_err(|_| {
+        let detail = format!("the body did not arrive within {} s", state.limits.body.as_secs());
+        Problem::new(FaultKind::Timeout, detail)
+    })?;
+    let bytes = bytes.map_err(|e| too_large_or_broken(&e, max_bytes))?;
     if bytes.is_empty() {
         return Ok(Bytes::from_static(b"{}"));
     }

@@ -5,10 +5,10 @@ use axum::response::Response;
 use tower_http::compression::CompressionLayer;
 use tower_http::compression::predicate::{DefaultPredicate, NotForContentType, Predicate};
 
-/// gzip where it helps; not for pictures, and not for streams, which must not wait for a full block.
+/// gzip or zstd where it helps; not for pictures, and not for streams, which must not wait for a full block.
 pub(in crate::http) fn compression() -> CompressionLayer<impl Predicate> {
     let predicate = DefaultPredicate::new().and(NotForContentType::const_new("application/x-ndjson"));
-    CompressionLayer::new().gzip(true).compress_when(predicate)
+    CompressionLayer::new().gzip(true).zstd(true).compress_when(predicate)
 }
 
 /// A strong tag names bytes: the compressed form gets a tag of its own, and is known again under it.
@@ -17,26 +17,33 @@ pub(in crate::http) async fn mark_compressed(mut request: Request, next: Next) -
     let mut response = next.run(request).await;
     let is_not_modified = response.status() == StatusCode::NOT_MODIFIED;
     let headers = response.headers_mut();
-    let Some(marked) = headers.get(header::ETAG).and_then(|t| t.to_str().ok()).map(with_mark) else { return response };
-    let is_gzip = headers.get(header::CONTENT_ENCODING).is_some_and(|e| e == "gzip");
-    // What is not sent again keeps the tag under which the client has it.
-    let has_marked = is_not_modified && known.is_some_and(|tags| tags.contains(&marked));
-    if (is_gzip || has_marked)
-        && let Ok(marked) = HeaderValue::from_str(&marked)
-    {
-        headers.insert(header::ETAG, marked);
+    let Some(tag) = headers.get(header::ETAG).and_then(|t| t.to_str().ok()).map(str::to_owned) else { return response };
+    for encoding in ENCODINGS {
+        let marked = with_mark(&tag, encoding);
+        let is_encoded = headers.get(header::CONTENT_ENCODING).is_some_and(|e| e == encoding);
+        // What is not sent again keeps the tag under which the client has it.
+        let has_marked = is_not_modified && known.as_ref().is_some_and(|tags| tags.contains(&marked));
+        if (is_encoded || has_marked)
+            && let Ok(marked) = HeaderValue::from_str(&marked)
+        {
+            headers.insert(header::ETAG, marked);
+        }
     }
     response
 }
 
-fn with_mark(tag: &str) -> String {
-    format!("{}-gzip\"", tag.trim_end_matches('"'))
+/// Compressed forms, by their names in HTTP.
+const ENCODINGS: [&str; 2] = ["gzip", "zstd"];
+
+fn with_mark(tag: &str, encoding: &str) -> String {
+    format!("{}-{encoding}\"", tag.trim_end_matches('"'))
 }
 
 /// Takes the marks out of If-None-Match: what it held before.
 fn strip_mark(headers: &mut HeaderMap) -> Option<String> {
     let tags = headers.get(header::IF_NONE_MATCH)?.to_str().ok()?.to_owned();
-    if let Ok(stripped) = HeaderValue::from_str(&tags.replace("-gzip\"", "\"")) {
+    let stripped = ENCODINGS.iter().fold(tags.clone(), |tags, e| tags.replace(&format!("-{e}\""), "\""));
+    if let Ok(stripped) = HeaderValue::from_str(&stripped) {
         headers.insert(header::IF_NONE_MATCH, stripped);
     }
     Some(tags)

@@ -1,17 +1,27 @@
+use std::time::Duration;
+
 use axum::extract::State;
-use axum::http::{HeaderMap, header};
-use axum::response::{IntoResponse, Response};
+use axum::http::{HeaderMap, HeaderValue, header};
+use axum::response::Response;
 use serde::Deserialize;
 use utoipa::{IntoParams, ToSchema};
 
+use super::accepted::{accepted, store_order, stored};
 use crate::export::SurfaceView;
-use crate::http::dto::{CheckedCompare, CompareRequest, CompareView, Named, finite};
-use crate::http::extract::{Body, Params};
+use crate::http::auth::Principal;
+use crate::http::dto::{CheckedCompare, CompareRequest, CompareView, JobView, finite};
+use crate::http::extract::{Creating, Ids, Params};
+use crate::http::result::{tag_of, tagged};
 use crate::http::surface_format::SurfaceOutput;
 use crate::http::{AppState, Problem};
-use crate::jobs::{self, Compared, Comparison, Prediction, read_frame, rest_of};
-use crate::session::{FaultKind, SessionParts, error_sheet, load_mesh};
-use crate::store::PartKind;
+use crate::jobs::{CompareRecord, Compared, NamedSurface, Order, SurfaceSource, named_surface, read_comparison};
+use crate::session::{Fault, FaultKind, error_sheet};
+use crate::store::{JobId, JobKind, JobRecord, JobState, SessionId};
+
+/// A comparison that is done by then is the answer; others are jobs.
+const PATIENCE: Duration = Duration::from_millis(900);
+/// Longest wait that a client may ask for.
+const MOST_PATIENCE_S: u64 = 60;
 
 /// Form of a comparison.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, ToSchema)]
@@ -39,41 +49,170 @@ pub(in crate::http) struct CompareQuery {
     format: Option<CompareForm>,
 }
 
+/// Which form of a comparison to send.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(in crate::http) struct ComparisonQuery {
+    /// Form; else JSON.
+    #[param(inline)]
+    format: Option<CompareForm>,
+    /// Whether the JSON has the value of every vertex.
+    values: Option<bool>,
+}
+
 /// Compare two stored surfaces
 ///
-/// Signed error of one against the other, on demand after rigid registration: statistics, a picture, or the surface with the error of
-/// every vertex. A surface stays in the prediction's frame.
-#[utoipa::path(post, path = "/v1/compare", tag = "results", request_body = CompareRequest, params(CompareQuery),
+/// Signed error of one against the other, after rigid registration where asked for: statistics, a picture, or the surface with the error
+/// of every vertex, which stays in the prediction's frame. It is a `compare` job of the prediction's session: what is done within a second
+/// is answered with 200, else 202 names the job, whose `comparison` link has the result. `Prefer: wait=N` waits longer (at most 60 s),
+/// `Prefer: respond-async` not at all.
+#[utoipa::path(post, path = "/v1/compare", tag = "results", request_body = CompareRequest,
+    params(CompareQuery, ("Prefer" = Option<String>, Header)),
     responses((status = 200, description = "the error map", content(
         (CompareView = "application/json"), (Vec<u8> = "image/png"), (Vec<u8> = "model/gltf-binary"),
-        (Vec<u8> = "application/ply"), (Vec<u8> = "application/vnd.vtk.vtp")))))]
+        (Vec<u8> = "application/ply"), (Vec<u8> = "application/vnd.vtk.vtp"))),
+        (status = 202, description = "the job", body = JobView, headers(("Location" = String), ("Retry-After" = u32)))))]
 pub(in crate::http) async fn compare(
     State(state): State<AppState>,
+    principal: Principal,
     Params(query): Params<CompareQuery>,
-    Body(request): Body<CompareRequest>,
+    headers: HeaderMap,
+    creating: Creating<CompareRequest>,
 ) -> Result<Response, Problem> {
-    let CheckedCompare { prediction, reference, mask, exclude, register, values } = request.check()?;
-    let (prediction, _) = surface(&state, prediction).await?;
-    let (reference, reference_name) = surface(&state, reference).await?;
-    let comparison =
-        Comparison { prediction, reference: reference.mesh, reference_name, mask, exclude, face_only: false, register };
-    let compared = jobs::compare(&state.service, comparison).await?;
-    let format = match query.format.unwrap_or(CompareForm::Json) {
-        CompareForm::Json => return Ok(axum::Json(view(compared, values)).into_response()),
+    let (request, answering) = creating.split();
+    let checked = request.check()?;
+    let values = checked.values;
+    let (record, order) = order(&state, &principal, checked).await?;
+    let order = Order { request: stored(&record)?, ..order };
+    let job = store_order(&state, order, Some(&answering)).await?;
+    let status = state.service.wait(job.id, patience(&headers)).await?;
+    match status.record.state {
+        JobState::Succeeded => {
+            let form = query.format.unwrap_or(CompareForm::Json);
+            let mut response = send(&state, &status.record, form, values, &HeaderMap::new()).await?;
+            if let Ok(location) = HeaderValue::from_str(&format!("/v1/jobs/{}/comparison", job.id)) {
+                response.headers_mut().insert(header::CONTENT_LOCATION, location);
+            }
+            Ok(response)
+        }
+        JobState::Failed => Err(failure(&status.record)),
+        JobState::Accepted | JobState::Running | JobState::Cancelled | JobState::Interrupted => {
+            Ok(accepted(&JobView::from(&status)))
+        }
+    }
+}
+
+/// What a comparison found
+///
+/// As `POST /v1/compare` answers it.
+#[utoipa::path(get, path = "/v1/jobs/{job}/comparison", tag = "results", params(("job" = Uuid, Path), ComparisonQuery),
+    responses((status = 200, description = "the error map", content(
+        (CompareView = "application/json"), (Vec<u8> = "image/png"), (Vec<u8> = "model/gltf-binary"),
+        (Vec<u8> = "application/ply"), (Vec<u8> = "application/vnd.vtk.vtp"))),
+        (status = 304, description = "as known")))]
+pub(in crate::http) async fn comparison(
+    State(state): State<AppState>,
+    Ids(job): Ids<JobId>,
+    Params(query): Params<ComparisonQuery>,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let job = state.service.job(job).await?;
+    if job.kind == JobKind::Compare && job.state == JobState::Failed {
+        return Err(failure(&job));
+    }
+    send(&state, &job, query.format.unwrap_or(CompareForm::Json), query.values.unwrap_or(false), &headers).await
+}
+
+/// What is to be stored, once both surfaces are there and the sender's.
+async fn order(
+    state: &AppState,
+    principal: &Principal,
+    checked: CheckedCompare,
+) -> Result<(CompareRecord, Order), Problem> {
+    let CheckedCompare { prediction, reference, mask, exclude, register, .. } = checked;
+    let predicted = own_surface(state, principal, prediction).await?;
+    let compared_with = own_surface(state, principal, reference).await?;
+    let record = CompareRecord {
+        prediction,
+        reference,
+        keys: [predicted.key, compared_with.key],
+        mask: (&mask).into(),
+        exclude: exclude.iter().map(Into::into).collect(),
+        register: register.as_ref().map(Into::into),
+    };
+    let other_session = Some(compared_with.session).filter(|other| *other != predicted.session);
+    Ok((record, Order { other_session, ..Order::new(predicted.session, JobKind::Compare, String::new()) }))
+}
+
+/// What the body names, if it is the sender's: else it is not there.
+async fn own_surface(state: &AppState, principal: &Principal, source: SurfaceSource) -> Result<NamedSurface, Problem> {
+    let own = |session: SessionId| async move {
+        match state.service.store().owner(&session.to_string()).await? {
+            Some(owner) if owner.tenant != principal.tenant => {
+                Err(Problem::new(FaultKind::NotFound, format!("there is no session {session}")))
+            }
+            _ => Ok(()),
+        }
+    };
+    match source {
+        SurfaceSource::Step(job, _) => _ = state.service.job_of(&principal.tenant, job).await?,
+        SurfaceSource::Skin(session) | SurfaceSource::Skull(session) | SurfaceSource::Target(session) => {
+            own(session).await?;
+        }
+    }
+    Ok(named_surface(&state.service, source).await?)
+}
+
+/// How long the client waits for a comparison, by its `Prefer` header (RFC 7240).
+fn patience(headers: &HeaderMap) -> Duration {
+    let mut patience = PATIENCE;
+    for preference in headers.get_all("prefer").iter().filter_map(|p| p.to_str().ok()).flat_map(|p| p.split([',', ';']))
+    {
+        let preference = preference.trim();
+        if preference.eq_ignore_ascii_case("respond-async") {
+            return Duration::ZERO;
+        }
+        if let Some(seconds) = preference.strip_prefix("wait=").and_then(|s| s.parse::<u64>().ok()) {
+            patience = Duration::from_secs(seconds.min(MOST_PATIENCE_S));
+        }
+    }
+    patience
+}
+
+/// The problem that a failed job has stored.
+fn failure(job: &JobRecord) -> Problem {
+    let fault = job.fault.as_deref().and_then(|f| serde_json::from_str::<Fault>(f).ok());
+    fault.map_or_else(|| Problem::new(FaultKind::Internal, "the comparison failed; the log says more"), Problem::from)
+}
+
+async fn send(
+    state: &AppState,
+    job: &JobRecord,
+    form: CompareForm,
+    values: bool,
+    headers: &HeaderMap,
+) -> Result<Response, Problem> {
+    let compared = read_comparison(&state.service, job).await?;
+    let tag = tag_of(&[&job.id.to_string(), &format!("{form:?}"), &values.to_string()]);
+    let format = match form {
+        CompareForm::Json => {
+            let text = serde_json::to_vec(&view(compared, values))
+                .map_err(|_| Problem::new(FaultKind::Internal, "the comparison cannot be written"))?;
+            return tagged(headers, &tag, "application/json", text.into());
+        }
         CompareForm::Png => {
-            let png = state
-                .service
-                .compute(move |_, _| Ok(error_sheet(&compared.mesh, &compared.error_mm, &compared.document)));
-            return Ok(([(header::CONTENT_TYPE, "image/png")], png.await?).into_response());
+            let sheet = move |_: &dyn crate::session::Engine, _: &crate::control::Control| {
+                Ok(error_sheet(&compared.mesh, &compared.error_mm, &compared.document))
+            };
+            return tagged(headers, &tag, "image/png", state.service.compute(sheet).await?.into());
         }
         CompareForm::Glb => SurfaceOutput::Glb,
         CompareForm::Ply => SurfaceOutput::Ply,
         CompareForm::Vtp => SurfaceOutput::Vtp,
     };
     let bytes = state.service.compute(move |_, _| Ok(write(&compared, format))).await?;
-    let mut headers = HeaderMap::new();
-    headers.insert(header::CONTENT_TYPE, axum::http::HeaderValue::from_static(format.media_type()));
-    Ok((headers, bytes).into_response())
+    tagged(headers, &tag, format.media_type(), bytes.into())
 }
 
 fn view(compared: Compared, values: bool) -> CompareView {
@@ -89,36 +228,4 @@ fn write(compared: &Compared, format: SurfaceOutput) -> Vec<u8> {
     let mut scalars = vec![("error_mm", compared.error_mm.as_slice())];
     scalars.extend(compared.correspondence_mm.as_deref().map(|c| ("correspondence_mm", c)));
     format.write(&SurfaceView { mesh: &compared.mesh, scalars: &scalars, colours: None })
-}
-
-/// The surface that is named, and its name in words.
-async fn surface(state: &AppState, named: Named) -> Result<(Prediction, String), Problem> {
-    let store = state.service.store();
-    match named {
-        Named::Part(session, kind) => {
-            let parts = SessionParts::load(store, session.into()).await?;
-            let mesh = load_mesh(store, parts.require(kind)?).await?;
-            let face = if kind == PartKind::Skull { None } else { Some(face_of(&parts)?) };
-            let name = format!("{} of session {session}", kind.as_str());
-            Ok((Prediction { mesh, displacement_mm: None, rest: None, face }, name))
-        }
-        Named::Step(id, k) => {
-            let job = state.service.job(id.into()).await?;
-            let step = store.step(job.id, k).await?;
-            let step = step.ok_or_else(|| Problem::new(FaultKind::NotFound, format!("job {id} has no step {k}")))?;
-            let rest = rest_of(&state.service, &job).await?;
-            let frame = read_frame(&state.service, &step, &rest).await?;
-            let face = Some(face_of(&SessionParts::load(store, job.session).await?)?);
-            let (mesh, displacement_mm) = (frame.mesh(&rest)?, Some(frame.displacement_mm));
-            let prediction = Prediction { mesh, displacement_mm, rest: Some(rest), face };
-            Ok((prediction, format!("job {id} step {k}")))
-        }
-    }
-}
-
-/// What places the parts of the face: landmarks and midline of the session.
-pub(super) fn face_of(parts: &SessionParts) -> Result<(Vec<(String, crate::geometry::Point)>, Option<f64>), Problem> {
-    let landmarks = parts.landmarks()?;
-    let points = landmarks.as_ref().map(crate::session::LandmarksDocument::named_points).unwrap_or_default();
-    Ok((points, landmarks.and_then(|l| l.midline_x_mm)))
 }

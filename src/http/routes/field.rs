@@ -60,7 +60,7 @@ pub(in crate::http) async fn build(
     let parts = SessionParts::load(state.service.store(), session).await?;
     parts.require_nested()?;
     let request = FieldRequest { settings: parts.field_settings()?, key: parts.field_key()? };
-    accept(&state, session, JobKind::Field, 0, &request, Some(&answering)).await
+    accept(&state, session, JobKind::Field, &request, Some(&answering)).await
 }
 
 /// The distance fields

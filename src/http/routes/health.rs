@@ -4,11 +4,20 @@ use axum::response::{IntoResponse, Response};
 
 use crate::http::{AppState, Problem};
 use crate::session::FaultKind;
+use crate::store::Lane;
 
 /// Whether the process lives
+///
+/// True while a solver is busy; false when the scheduler does not move any more, or work does not stop that should have. Then only a
+/// restart helps: jobs are taken up again.
 #[utoipa::path(get, path = "/livez", tag = "health", responses((status = 200, description = "it does", body = String)))]
-pub(in crate::http) async fn livez() -> &'static str {
-    "ok\n"
+pub(in crate::http) async fn livez(State(state): State<AppState>) -> Result<&'static str, Problem> {
+    let wedged = state.service.wedged();
+    if wedged.is_empty() {
+        return Ok("ok\n");
+    }
+    tracing::error!(wedged = wedged.join("; "), "the service is wedged");
+    Err(Problem::new(FaultKind::Internal, "the scheduler is wedged; the log says more"))
 }
 
 /// Whether requests can be served
@@ -16,7 +25,7 @@ pub(in crate::http) async fn livez() -> &'static str {
 /// The store answers and the service is not stopping.
 #[utoipa::path(get, path = "/readyz", tag = "health", responses((status = 200, description = "they can", body = String)))]
 pub(in crate::http) async fn readyz(State(state): State<AppState>) -> Result<&'static str, Problem> {
-    if state.service.stopping().is_cancelled() {
+    if state.service.is_draining() {
         return Err(Problem::new(FaultKind::ShuttingDown, "the service is stopping"));
     }
     state.service.store().check().await?;
@@ -29,8 +38,24 @@ pub(in crate::http) async fn readyz(State(state): State<AppState>) -> Result<&'s
 #[utoipa::path(get, path = "/metrics", tag = "health",
     responses((status = 200, description = "the metrics", body = String, content_type = "text/plain")))]
 pub(in crate::http) async fn metrics(State(state): State<AppState>) -> Result<Response, Problem> {
-    let (waiting, _) = state.service.store().waiting(0).await?;
-    metrics::gauge!("prosopon_jobs_waiting").set(f64::from(waiting));
+    let mut waiting_in_all = 0;
+    for lane in Lane::ALL {
+        let waiting = state.service.store().queue(lane).await?.len();
+        metrics::gauge!("prosopon_queue_depth", "lane" => lane.as_str()).set(waiting as f64);
+        metrics::gauge!("prosopon_jobs_running", "lane" => lane.as_str()).set(state.service.running_in(lane) as f64);
+        waiting_in_all += waiting;
+    }
+    metrics::gauge!("prosopon_jobs_waiting").set(waiting_in_all as f64);
+    if let Some(bytes) = resident_bytes() {
+        metrics::gauge!("prosopon_resident_bytes").set(bytes as f64);
+    }
     let text = state.metrics.as_ref().map(|m| m.render()).unwrap_or_default();
     Ok(([(header::CONTENT_TYPE, "text/plain; version=0.0.4")], text).into_response())
+}
+
+/// Memory of the process, where the system tells.
+fn resident_bytes() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|l| l.strip_prefix("VmRSS:"))?;
+    line.trim().trim_end_matches(" kB").parse::<u64>().ok().map(|kb| kb * 1024)
 }

@@ -81,7 +81,7 @@ pub(in crate::http) async fn put_ct(
         }
         _ => store.put_parts(session, &[part]).await?,
     }
-    accept(&state, session, JobKind::Import, 0, &import_request(&settings, key), None).await
+    accept(&state, session, JobKind::Import, &import_request(&settings, key), None).await
 }
 
 pub(super) async fn put(

@@ -8,13 +8,14 @@ use serde::Deserialize;
 use utoipa::IntoParams;
 use uuid::Uuid;
 
-use super::accepted::accept;
+use super::accepted::{accept_order, stored};
 use super::osteotomies::fresh_osteotomy;
 use super::plans;
+use crate::http::auth::Principal;
 use crate::http::dto::{CheckedJob, CreateJob, JobList, JobView, SessionSettings};
 use crate::http::extract::{Creating, Ids, Params, short_number};
 use crate::http::{AppState, Problem};
-use crate::jobs::{PhysicsRecord, SceneRequest, SolveRequest};
+use crate::jobs::{Order, PhysicsRecord, SceneRequest, SolveRequest};
 use crate::session::{Fault, FaultKind, SessionParts, TissueDocument};
 use crate::store::{JobFilter, JobId, JobKind, JobState, PartKind, SessionId};
 
@@ -53,16 +54,24 @@ pub(in crate::http) struct Wait {
     responses((status = 202, description = "the job", body = JobView, headers(("Location" = String), ("Retry-After" = u32)))))]
 pub(in crate::http) async fn create(
     State(state): State<AppState>,
+    principal: Principal,
     Ids(session): Ids<SessionId>,
     creating: Creating<CreateJob>,
 ) -> Result<Response, Problem> {
     let (request, answering) = creating.split();
     let parts = SessionParts::load(state.service.store(), session).await?;
     let defaults = session_settings(&state, session).await?;
-    let checked = request.check(&defaults)?;
+    let checked = request.check(&defaults, state.service.settings().max_wall)?;
+    let order = |steps: u32, content: String| Order {
+        steps,
+        subject: Some(request.plan.to_string()),
+        supersede: request.supersede,
+        max_wall_s: request.max_wall_s,
+        ..Order::new(session, JobKind::Solve, content)
+    };
     if let Some(ready) = parts.tissue()? {
         let scene = scene(&state, &parts, session, &request, checked, ready).await?;
-        return accept(&state, session, JobKind::Solve, scene.steps, &scene, Some(&answering)).await;
+        return accept_order(&state, order(scene.steps, stored(&scene)?), Some(&answering)).await;
     }
     let mesh = parts.require_mesh()?;
     let plan = plans::find(&state, session, request.plan.into()).await.map_err(|p| in_body(p, "/plan"))?;
@@ -76,7 +85,7 @@ pub(in crate::http) async fn create(
     let (osteotomy, bone) = fresh_osteotomy(&state, &parts, session, osteotomy, "/plan").await?;
     let reference_job = request.reference_job.map(JobId::from);
     if let Some(id) = reference_job {
-        check_reference(&state, id).await?;
+        check_reference(&state, &principal, id).await?;
     }
     let solve = SolveRequest {
         plan_id: plan.id,
@@ -95,7 +104,7 @@ pub(in crate::http) async fn create(
         reference_job,
         target: parts.get(PartKind::Target).map(|target| target.key.clone()),
     };
-    accept(&state, session, JobKind::Solve, solve.steps, &solve, Some(&answering)).await
+    accept_order(&state, order(solve.steps, stored(&solve)?), Some(&answering)).await
 }
 
 /// Defaults of a session's jobs.
@@ -142,8 +151,8 @@ fn in_body(Problem(fault): Problem, pointer: &str) -> Problem {
     Fault { kind: FaultKind::InvalidRequest, ..fault.at(pointer) }.into()
 }
 
-async fn check_reference(state: &AppState, id: JobId) -> Result<(), Problem> {
-    let job = state.service.job(id).await.map_err(|f| in_body(f.into(), "/reference_job"))?;
+async fn check_reference(state: &AppState, principal: &Principal, id: JobId) -> Result<(), Problem> {
+    let job = state.service.job_of(&principal.tenant, id).await.map_err(|f| in_body(f.into(), "/reference_job"))?;
     if job.kind == JobKind::Solve && job.state == JobState::Succeeded {
         return Ok(());
     }
@@ -158,11 +167,13 @@ async fn check_reference(state: &AppState, id: JobId) -> Result<(), Problem> {
     responses((status = 200, description = "a page", body = JobList)))]
 pub(in crate::http) async fn list(
     State(state): State<AppState>,
+    principal: Principal,
     Params(page): Params<Page>,
 ) -> Result<Json<JobList>, Problem> {
     let limit = page.limit.unwrap_or(20).clamp(1, 100);
     let wanted = page.status.as_deref().map(str::parse::<JobState>).transpose();
     let filter = JobFilter {
+        tenant: Some(principal.tenant),
         session: page.session.map(SessionId::from),
         state: wanted.map_err(|detail| Fault::new(FaultKind::MalformedRequest, detail).at("status"))?,
         before: page.before.map(JobId::from),

@@ -35,7 +35,7 @@ pub(in crate::http) async fn build(
     };
     let key = parts.mesh_key(&settings, cuts.as_deref())?;
     let request = MeshRequest { settings, cuts, osteotomy_id, preset: defaults.preset.unwrap_or_default(), key };
-    accept(&state, session, JobKind::Mesh, 0, &request, Some(&answering)).await
+    accept(&state, session, JobKind::Mesh, &request, Some(&answering)).await
 }
 
 /// The tissue mesh

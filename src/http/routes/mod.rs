@@ -57,6 +57,7 @@ pub(super) fn all() -> (OpenApiRouter<AppState>, OpenApiRouter<AppState>) {
         .routes(routes!(results::tissue))
         .routes(routes!(report::report))
         .routes(routes!(compare::compare))
+        .routes(routes!(compare::comparison))
         .routes(routes!(health::livez))
         .routes(routes!(health::readyz))
         .routes(routes!(health::metrics))

@@ -1,12 +1,11 @@
 use serde::Deserialize;
 use utoipa::IntoParams;
 
-use super::compare::face_of;
 use super::results::load;
 use crate::evaluate::Mask;
 use crate::geometry::TriMesh;
 use crate::http::Problem;
-use crate::jobs::{self, Compared, Comparison, Prediction, RegisterOn, Service, read_frame, rest_of};
+use crate::jobs::{self, Compared, Comparison, Prediction, RegisterOn, Service, face_of, read_frame, rest_of};
 use crate::session::{Fault, FaultKind, SessionParts, load_mesh};
 use crate::store::{JobId, JobRecord, PartKind, StepRecord};
 
@@ -35,7 +34,7 @@ impl ErrorQuery {
         }
         let register = self.register == Some(true);
         let against = match self.reference {
-            Some(id) => reference_step(service, id, step).await?.1.sha256,
+            Some(id) => reference_step(service, job, id, step).await?.1.sha256,
             None => target(service, job).await?.1,
         };
         let parts = SessionParts::load(service.store(), job.session).await?;
@@ -55,7 +54,7 @@ pub(super) async fn compared(
     let face = Some(face_of(&SessionParts::load(service.store(), job.session).await?)?);
     let (reference, reference_name) = match query.reference {
         Some(id) => {
-            let (other, found) = reference_step(service, id, step).await?;
+            let (other, found) = reference_step(service, job, id, step).await?;
             let rest = rest_of(service, &other).await?;
             (read_frame(service, &found, &rest).await?.mesh(&rest)?, format!("job {id} step {}", found.k))
         }
@@ -73,9 +72,14 @@ pub(super) async fn compared(
     Ok(jobs::compare(service, comparison).await?)
 }
 
-/// The step of another job at the same place of the path.
-async fn reference_step(service: &Service, id: JobId, step: &StepRecord) -> Result<(JobRecord, StepRecord), Problem> {
-    let job = service.job(id).await?;
+/// The step of another job, of the same tenant, at the same place of the path.
+async fn reference_step(
+    service: &Service,
+    own: &JobRecord,
+    id: JobId,
+    step: &StepRecord,
+) -> Result<(JobRecord, StepRecord), Problem> {
+    let job = service.job_of(&own.tenant, id).await?;
     let steps = service.store().steps(id).await?;
     match steps.into_iter().find(|s| (s.t - step.t).abs() < 1e-9) {
         Some(found) => Ok((job, found)),

@@ -6,11 +6,12 @@ use serde::Deserialize;
 use utoipa::IntoParams;
 use uuid::Uuid;
 
+use crate::http::auth::Principal;
 use crate::http::dto::{CreateSession, JobView, SessionList, SessionView};
 use crate::http::extract::{Creating, Ids, Params};
 use crate::http::{AppState, Problem};
 use crate::session::SessionParts;
-use crate::store::{JobFilter, SessionId, SessionRecord, now_rfc3339};
+use crate::store::{JobFilter, SessionId, SessionRecord, later, now_rfc3339};
 
 /// Which page of sessions.
 #[derive(Debug, Deserialize, IntoParams)]
@@ -30,12 +31,14 @@ pub(in crate::http) struct Page {
     responses((status = 201, description = "made", body = SessionView, headers(("Location" = String)))))]
 pub(in crate::http) async fn create(
     State(state): State<AppState>,
+    principal: Principal,
     creating: Creating<CreateSession>,
 ) -> Result<Response, Problem> {
     let (request, answering) = creating.split();
     let request = request.check()?;
     let record = SessionRecord {
         id: SessionId::new(),
+        tenant: principal.tenant,
         label: request.label,
         settings: serde_json::to_string(&request.settings).unwrap_or_default(),
         created_at: now_rfc3339(),
@@ -54,10 +57,12 @@ pub(in crate::http) async fn create(
     responses((status = 200, description = "a page", body = SessionList)))]
 pub(in crate::http) async fn list(
     State(state): State<AppState>,
+    principal: Principal,
     Params(page): Params<Page>,
 ) -> Result<Json<SessionList>, Problem> {
     let limit = page.limit.unwrap_or(20).clamp(1, 100);
-    let records = state.service.store().sessions(page.before.map(SessionId::from), limit).await?;
+    let records =
+        state.service.store().sessions(Some(&principal.tenant), page.before.map(SessionId::from), limit).await?;
     let next = records.last().filter(|_| records.len() == limit as usize);
     let next = next.map(|r| format!("/v1/sessions?before={}&limit={limit}", r.id));
     let mut sessions = Vec::new();
@@ -78,7 +83,11 @@ pub(in crate::http) async fn get(
 ) -> Result<Json<SessionView>, Problem> {
     SessionParts::load(state.service.store(), session).await?;
     match state.service.store().session(session).await? {
-        Some(record) => Ok(Json(view(&state, &record).await?)),
+        Some(record) => {
+            let mut view = view(&state, &record).await?;
+            view.expires_at = expires_at(&state, session).await?;
+            Ok(Json(view))
+        }
         None => Err(Problem::new(crate::session::FaultKind::Gone, "the session was deleted meanwhile")),
     }
 }
@@ -95,6 +104,13 @@ pub(in crate::http) async fn delete(
     SessionParts::load(state.service.store(), session).await?;
     state.service.delete_session(session).await?;
     Ok(StatusCode::NO_CONTENT)
+}
+
+/// When the session will be deleted if nothing is done with it.
+async fn expires_at(state: &AppState, session: SessionId) -> Result<Option<String>, Problem> {
+    let Some(retention) = state.service.settings().session_retention else { return Ok(None) };
+    let used = state.service.store().last_used(session).await?;
+    Ok(used.and_then(|used| later(&used, retention)))
 }
 
 async fn view(state: &AppState, record: &SessionRecord) -> Result<SessionView, Problem> {

@@ -1,6 +1,7 @@
 //! What each kind of job does: read, compute on the pool, write.
 
 mod compare;
+mod comparison;
 mod field;
 mod import;
 mod mesh;
@@ -18,7 +19,7 @@ use super::running::Running;
 use super::service::panicked;
 use crate::control::Control;
 use crate::session::{Engine, Fault, FaultKind, Halt, SessionParts};
-use crate::store::{BlobInfo, JobKind, JobRecord, OsteotomyId, PartKind, PartRecord, now_rfc3339};
+use crate::store::{BlobInfo, JobKind, JobRecord, Lane, OsteotomyId, PartKind, PartRecord, now_rfc3339};
 
 /// Share of a job that computes; the rest writes the results.
 const COMPUTING: f64 = 0.99;
@@ -46,6 +47,7 @@ pub(super) async fn perform(service: Arc<Service>, job: JobRecord, running: Arc<
         JobKind::Field => field::perform(&context).await,
         JobKind::Mesh => mesh::perform(&context).await,
         JobKind::Solve => solve::perform(&context).await,
+        JobKind::Compare => comparison::perform(&context).await,
     }
 }
 
@@ -70,7 +72,12 @@ impl Context {
         work: impl FnOnce(&dyn Engine, &Control) -> Result<T, Halt> + Send + 'static,
     ) -> Result<T, Halt> {
         let (engine, control) = (Arc::clone(&self.service.engine), self.running.control.part(0.0, COMPUTING));
-        self.service.cpu.run_job(move || work(engine.as_ref(), &control)).await.map_err(|_| panicked())?
+        let work = move || work(engine.as_ref(), &control);
+        let done = match self.running.lane {
+            Lane::Heavy => self.service.cpu.run_job(work).await,
+            Lane::Quick => self.service.cpu.run_request(work).await,
+        };
+        done.map_err(|_| panicked())?
     }
 
     /// What is wrong with cuts is the osteotomy's, which the request names at `pointer`, itself or through its plan.

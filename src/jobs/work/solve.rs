@@ -43,7 +43,7 @@ async fn on_case(context: &Context, request: SolveRequest) -> Result<Done, Halt>
     let store = &context.service.store;
     let case = parts.case(store).await?;
     let rest = store.blobs().put(context.job.session, encode_mesh(&case.anatomy.skin)).await?;
-    store.set_rest(context.job.id, &rest).await?;
+    store.set_rest(&context.job, &rest).await?;
     let reference = Reference::load(context, &parts, &request).await?;
     let settings = request.settings(&case.anatomy.skull)?;
     let run = Run { case, cuts: stored_cuts(&request.cuts)?, tissue, plan: request.plan.plan()?, settings };
@@ -144,11 +144,12 @@ async fn write_step(context: &Context, step: FinishedStep) -> Result<(), Halt> {
         error: error.as_ref().map(to_json).transpose()?,
         blob: frame.key.clone(),
         sha256: frame.sha256.clone(),
+        bytes: frame.bytes,
     };
     let mut events: Vec<_> =
         document.warnings.iter().map(|w| warning_event(&format!("step {}: {w}", document.k))).collect();
     events.push(("step", event.to_string()));
-    store.commit_step(context.job.id, &record, &frame, &events).await?;
+    store.commit_step(&context.job, &record, &events).await?;
     tracing::info!(step = document.k, steps = context.job.steps, duration_s = document.wall_s, "step stored");
     context.service.announce();
     Ok(())

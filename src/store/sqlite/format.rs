@@ -1,22 +1,19 @@
 //! The format of the database in a data directory.
 
-use std::path::Path;
-
 use sqlx::SqlitePool;
 use sqlx::sqlite::{SqliteConnectOptions, SqlitePoolOptions};
 
-use super::StoreError;
+use crate::store::StoreError;
 
 /// Scripts that bring an empty database to the present format, one a version.
-const MIGRATIONS: &[&str] = &[include_str!("schema.sql"), include_str!("plans_without_osteotomy.sql")];
+const MIGRATIONS: &[&str] = &[
+    include_str!("1_schema.sql"),
+    include_str!("2_plans_without_osteotomy.sql"),
+    include_str!("3_tenants_and_queue.sql"),
+];
 
 /// Name of the database in its directory.
-pub(super) const DATABASE: &str = "prosopon.sqlite";
-/// Directory of the large values.
-pub(super) const BLOBS: &str = "blobs";
-/// File whose lock says that a process has the directory.
-pub(super) const LOCK: &str = "lock";
-
+pub(in crate::store) const DATABASE: &str = "prosopon.sqlite";
 /// Column names by table; a migration may put columns in another order than a fresh database has.
 type Columns = Vec<(String, String)>;
 
@@ -32,6 +29,16 @@ pub(super) async fn prepare(writer: &SqlitePool) -> Result<(), StoreError> {
     }
     migrate(writer, found).await?;
     if columns(writer).await? == expected_columns().await? { Ok(()) } else { Err(StoreError::Foreign) }
+}
+
+/// Refuses any format but the present one.
+pub(super) async fn check_version(database: &SqlitePool) -> Result<(), StoreError> {
+    let found: i64 = sqlx::query_scalar("PRAGMA user_version").fetch_one(database).await.map_err(no_database)?;
+    match (found, MIGRATIONS.len() as i64) {
+        (found, known) if found > known => Err(StoreError::Newer { found, known }),
+        (found, known) if found < known => Err(StoreError::Older { found, known }),
+        _ => Ok(()),
+    }
 }
 
 async fn migrate(writer: &SqlitePool, found: i64) -> Result<(), StoreError> {
@@ -68,17 +75,4 @@ pub(super) fn no_database(error: sqlx::Error) -> StoreError {
     const NOT_A_DATABASE: &str = "26";
     let code = error.as_database_error().and_then(sqlx::error::DatabaseError::code);
     if code.is_some_and(|code| code == NOT_A_DATABASE) { StoreError::Foreign } else { error.into() }
-}
-
-/// Removes database and large values of a directory, and nothing else.
-pub(super) fn remove(directory: &Path) -> Result<(), StoreError> {
-    let gone = |removed: std::io::Result<()>| match removed {
-        Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(StoreError::Io(error)),
-        _ => Ok(()),
-    };
-    // The blobs last: rows without their files would be refused, files without rows are swept.
-    for suffix in ["", "-wal", "-shm"] {
-        gone(std::fs::remove_file(directory.join(format!("{DATABASE}{suffix}"))))?;
-    }
-    gone(std::fs::remove_dir_all(directory.join(BLOBS)))
 }

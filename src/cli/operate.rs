@@ -1,0 +1,113 @@
+//! What an operator does beside serving.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use clap::{Args, Subcommand};
+
+use super::CommandResult;
+use super::serve::ServeArguments;
+use crate::http::auth::new_key;
+use crate::store::{Audit, BackupReport, back_up, restore};
+
+/// Calls of `prosopon config`.
+#[derive(Debug, Subcommand)]
+pub(super) enum ConfigCommand {
+    /// Read file, environment and flags as `serve` does: print every setting without secrets, or every fault.
+    Check(ServeArguments),
+}
+
+/// Calls of `prosopon auth`.
+#[derive(Debug, Subcommand)]
+pub(super) enum AuthCommand {
+    /// Make an API key: prints the token, once, and what the configuration needs.
+    Key(KeyArguments),
+}
+
+#[derive(Debug, Args)]
+pub(super) struct KeyArguments {
+    /// Name of the key, as the audit log shows it.
+    #[arg(long)]
+    id: String,
+    /// Whose data it opens.
+    #[arg(long, default_value = "local")]
+    tenant: String,
+    /// What it allows: read, write, admin.
+    #[arg(long, value_delimiter = ',', default_value = "read,write")]
+    scopes: Vec<String>,
+}
+
+/// Calls of `prosopon audit`.
+#[derive(Debug, Subcommand)]
+pub(super) enum AuditCommand {
+    /// Follow the chain of the audit log: was an entry changed or removed?
+    Verify(DataArguments),
+}
+
+#[derive(Debug, Args)]
+pub(super) struct DataArguments {
+    /// Directory of sessions and results.
+    #[arg(long, env = "PROSOPON_DATA")]
+    data: PathBuf,
+}
+
+/// Options of `prosopon backup`.
+#[derive(Debug, Args)]
+pub(super) struct BackupArguments {
+    /// Directory of sessions and results; the service may be running.
+    #[arg(long, env = "PROSOPON_DATA")]
+    data: PathBuf,
+    /// New directory for the backup.
+    #[arg(long)]
+    out: PathBuf,
+}
+
+/// Options of `prosopon restore`.
+#[derive(Debug, Args)]
+pub(super) struct RestoreArguments {
+    /// A backup.
+    #[arg(long)]
+    from: PathBuf,
+    /// Directory without a store.
+    #[arg(long, env = "PROSOPON_DATA")]
+    data: PathBuf,
+}
+
+pub(super) fn config(command: &ConfigCommand) -> CommandResult {
+    let ConfigCommand::Check(arguments) = command;
+    let (_, printed) = arguments.read()?;
+    std::io::stdout().write_all(printed.as_bytes())?;
+    Ok(())
+}
+
+pub(super) fn auth(command: &AuthCommand) -> CommandResult {
+    let AuthCommand::Key(KeyArguments { id, tenant, scopes }) = command;
+    let key = new_key(id).map_err(|e| e.to_string())?;
+    let out = &mut std::io::stdout();
+    writeln!(out, "# The token, shown this once:\n# {}\n[[auth.keys]]", key.token)?;
+    writeln!(out, "id = {id:?}\ntenant = {tenant:?}\nscopes = {scopes:?}\nhash = {:?}", key.hash)?;
+    Ok(())
+}
+
+pub(super) fn audit(command: &AuditCommand) -> CommandResult {
+    let AuditCommand::Verify(DataArguments { data }) = command;
+    writeln!(std::io::stdout(), "{} entries, none changed or removed", Audit::verify(data)?)?;
+    Ok(())
+}
+
+pub(super) fn backup(arguments: &BackupArguments) -> CommandResult {
+    told(runtime()?.block_on(back_up(&arguments.data, &arguments.out))?)
+}
+
+pub(super) fn restore_from(arguments: &RestoreArguments) -> CommandResult {
+    told(runtime()?.block_on(restore(&arguments.from, &arguments.data))?)
+}
+
+fn runtime() -> std::io::Result<tokio::runtime::Runtime> {
+    tokio::runtime::Builder::new_current_thread().enable_all().build()
+}
+
+fn told(report: BackupReport) -> CommandResult {
+    writeln!(std::io::stdout(), "{} files, {} bytes", report.files, report.bytes)?;
+    Ok(())
+}

@@ -1,0 +1,114 @@
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+use figment::providers::{Env, Format, Serialized, Toml};
+use figment::value::{Dict, Value};
+use figment::{Figment, Metadata};
+use serde::de::DeserializeOwned;
+
+/// Values that are not settings although they begin like one.
+const NO_SETTINGS: [&str; 1] = ["config"];
+
+/// Settings from a TOML file, `PROSOPON_…` variables over it and flags over both. Every fault is collected; what was used can be printed.
+#[derive(Debug)]
+pub(super) struct Source {
+    figment: Figment,
+    asked: BTreeSet<&'static str>,
+    pub(super) faults: Vec<String>,
+    /// Path and value as printed, in the order of asking.
+    pub(super) used: Vec<(&'static str, String)>,
+}
+
+impl Source {
+    pub(super) fn new(file: Option<&Path>, flags: &BTreeMap<&'static str, Value>) -> Self {
+        let mut figment = Figment::new();
+        if let Some(file) = file {
+            figment = figment.merge(Toml::file_exact(file));
+        }
+        figment = figment.merge(Env::prefixed("PROSOPON_").split("__").ignore(&NO_SETTINGS));
+        for (path, value) in flags {
+            figment = figment.merge(Serialized::default(path, value));
+        }
+        Self { figment, asked: BTreeSet::new(), faults: Vec::new(), used: Vec::new() }
+    }
+
+    /// The value at `path`, or `default`.
+    pub(super) fn take<T: DeserializeOwned + std::fmt::Debug>(&mut self, path: &'static str, default: T) -> T {
+        let value = self.optional(path);
+        let taken = value.unwrap_or(default);
+        self.used.push((path, format!("{taken:?}")));
+        taken
+    }
+
+    /// The value at `path`, where there is one.
+    pub(super) fn take_optional<T: DeserializeOwned + std::fmt::Debug>(&mut self, path: &'static str) -> Option<T> {
+        let taken = self.optional(path);
+        if let Some(taken) = &taken {
+            self.used.push((path, format!("{taken:?}")));
+        }
+        taken
+    }
+
+    /// The value at `path` without showing it.
+    pub(super) fn take_hidden<T: DeserializeOwned>(&mut self, path: &'static str) -> Option<T> {
+        self.optional(path)
+    }
+
+    fn optional<T: DeserializeOwned>(&mut self, path: &'static str) -> Option<T> {
+        self.asked.insert(path);
+        let value = self.figment.find_value(path).ok()?;
+        match value.deserialize() {
+            Ok(value) => Some(value),
+            Err(error) => {
+                self.fault(path, &error.kind.to_string());
+                None
+            }
+        }
+    }
+
+    /// A fault with where the value comes from.
+    pub(super) fn fault(&mut self, path: &str, detail: &str) {
+        let from = self.figment.find_metadata(path).map(origin).unwrap_or_default();
+        self.faults.push(format!("{path}: {detail}{from}"));
+    }
+
+    /// Names what was given and never asked for, and a file that cannot be read.
+    pub(super) fn finish(&mut self) {
+        match self.figment.extract::<Dict>() {
+            Err(error) => {
+                for error in error {
+                    let file = error.metadata.as_ref().map(origin).unwrap_or_default();
+                    self.faults.push(format!("{}{file}", error.kind));
+                }
+            }
+            Ok(all) => {
+                let mut leaves = Vec::new();
+                leaves_of(&all, "", &mut leaves);
+                for leaf in leaves {
+                    let known = |asked: &&str| leaf == **asked || leaf.starts_with(&format!("{asked}."));
+                    if !self.asked.iter().any(known) {
+                        self.fault(&leaf, "is not a setting");
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn origin(metadata: &Metadata) -> String {
+    match &metadata.source {
+        Some(source) => format!(" ({} {source})", metadata.name),
+        None => format!(" ({})", metadata.name),
+    }
+}
+
+fn leaves_of(dict: &Dict, prefix: &str, leaves: &mut Vec<String>) {
+    for (key, value) in dict {
+        let path = if prefix.is_empty() { key.clone() } else { format!("{prefix}.{key}") };
+        if let Value::Dict(_, inner) = value {
+            leaves_of(inner, &path, leaves);
+        } else {
+            leaves.push(path);
+        }
+    }
+}

@@ -1,0 +1,65 @@
+use std::sync::Arc;
+use std::time::Duration;
+
+use super::Service;
+use crate::session::Fault;
+use crate::store::AuditEntry;
+
+/// Answers to repeated requests are kept for so long, and ten times as long the ids of what was deleted.
+const ANSWERS: Duration = Duration::from_secs(7 * 24 * 3600);
+
+/// Keeps house now and then until the service stops.
+pub(super) async fn keep_house(service: Arc<Service>) {
+    loop {
+        if let Err(fault) = service.keep_house().await {
+            tracing::error!(detail = fault.detail, "the janitor failed");
+        }
+        tokio::select! {
+            () = tokio::time::sleep(service.settings.janitor_every) => {}
+            () = service.stop.cancelled() => return,
+        }
+    }
+}
+
+impl Service {
+    /// Removes what is left over or has expired: files that no row names, old answers and events, sessions that nobody used
+    /// for the time of retention.
+    ///
+    /// # Errors
+    /// The store's.
+    pub async fn keep_house(&self) -> Result<(), Fault> {
+        let swept = self.store.sweep_old().await?;
+        let events = self.store.prune_events(self.settings.event_retention).await?;
+        self.store.forget_old_answers(ANSWERS).await?;
+        let mut expired = 0;
+        if let Some(retention) = self.settings.session_retention {
+            for session in self.store.idle_sessions(retention).await? {
+                self.delete_session(session.id).await?;
+                self.note(
+                    AuditEntry {
+                        tenant: session.tenant.to_string(),
+                        who: "retention".to_owned(),
+                        what: "DELETE /v1/sessions/{session}".to_owned(),
+                        id: Some(session.id.to_string()),
+                        status: 204,
+                        ..AuditEntry::default()
+                    },
+                    true,
+                );
+                expired += 1;
+            }
+        }
+        if swept > 0 || events > 0 || expired > 0 {
+            tracing::info!(files = swept, events, sessions = expired, "kept house");
+        }
+        Ok(())
+    }
+
+    /// Appends to the audit log; a log that cannot be written is told in the log of the service.
+    pub fn note(&self, entry: AuditEntry, sync: bool) {
+        if let Err(error) = self.audit.record(entry, sync) {
+            metrics::counter!("prosopon_audit_failures_total").increment(1);
+            tracing::error!(%error, "the audit log cannot be written");
+        }
+    }
+}

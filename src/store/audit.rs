@@ -1,0 +1,237 @@
+use std::fs::{File, OpenOptions};
+use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+
+use serde::{Deserialize, Serialize};
+
+use super::records::{now_rfc3339, sha256_hex};
+use super::store::create_private;
+
+/// Who did what to which session or job, and with what outcome; never what it held.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AuditEntry {
+    /// When, RFC 3339; filled in by [`Audit::record`].
+    pub at: String,
+    /// Whose data.
+    pub tenant: String,
+    /// Key or subject of the token; `local` without authentication, `retention` for the service itself.
+    pub who: String,
+    /// Method and route, `DELETE /v1/sessions/{session}`.
+    pub what: String,
+    /// Id in the path, or of what the request made.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub id: Option<String>,
+    /// HTTP status.
+    pub status: u16,
+    /// Finds the request in the log.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub request_id: Option<String>,
+}
+
+/// A line as written: `chain` is the SHA-256 of the chain before and the entry, so that a line that was changed or removed shows.
+#[derive(Debug, Serialize, Deserialize)]
+struct Line {
+    entry: AuditEntry,
+    chain: String,
+}
+
+/// Why an audit log is not as it was written.
+#[derive(Debug, thiserror::Error)]
+pub enum AuditFault {
+    /// A line that is no entry, was changed, or follows one that was removed.
+    #[error("{file}, line {line}: was changed, or a line before it was removed")]
+    Broken {
+        /// Which file.
+        file: String,
+        /// Which line, from 1.
+        line: usize,
+    },
+    /// The files cannot be read.
+    #[error("the audit log cannot be read")]
+    Io(#[from] io::Error),
+}
+
+/// Append-only log, one file a month: `audit/2026-11.jsonl`.
+#[derive(Debug)]
+pub struct Audit {
+    directory: Option<PathBuf>,
+    state: Mutex<State>,
+}
+
+#[derive(Debug, Default)]
+struct State {
+    month: String,
+    file: Option<File>,
+    chain: String,
+}
+
+impl Audit {
+    /// Opens the log below a data directory and goes on where it ends. What a crash left of a line is closed off.
+    ///
+    /// # Errors
+    /// The file system's.
+    pub fn open(data: &Path) -> io::Result<Self> {
+        let directory = data.join("audit");
+        create_private(&directory)?;
+        let mut state = State::default();
+        if let Some(last) = files(&directory)?.pop() {
+            let mut file = OpenOptions::new().read(true).append(true).open(&last)?;
+            close_off(&mut file)?;
+            state.chain = last_chain(&last)?;
+        }
+        Ok(Self { directory: Some(directory), state: Mutex::new(state) })
+    }
+
+    /// A log that keeps nothing, for a store in memory.
+    #[must_use]
+    pub fn none() -> Self {
+        Self { directory: None, state: Mutex::default() }
+    }
+
+    /// Appends an entry with the present time. `sync` waits until it is on disk.
+    ///
+    /// # Errors
+    /// The file system's.
+    pub fn record(&self, entry: AuditEntry, sync: bool) -> io::Result<()> {
+        let Some(directory) = &self.directory else { return Ok(()) };
+        let entry = AuditEntry { at: now_rfc3339(), ..entry };
+        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        let month = entry.at.get(..7).unwrap_or("0000-00");
+        if state.file.is_none() || state.month != month {
+            let path = directory.join(format!("{month}.jsonl"));
+            state.file = Some(OpenOptions::new().create(true).append(true).open(path)?);
+            month.clone_into(&mut state.month);
+        }
+        let chain = chained(&state.chain, &entry)?;
+        let mut line = serde_json::to_string(&Line { entry, chain: chain.clone() })?;
+        line.push('\n');
+        if let Some(file) = &mut state.file {
+            // One write, so that lines of a crash are whole or the last one.
+            file.write_all(line.as_bytes())?;
+            if sync {
+                file.sync_data()?;
+            }
+        }
+        state.chain = chain;
+        Ok(())
+    }
+
+    /// Reads all files below a data directory and follows the chain: the number of entries.
+    ///
+    /// # Errors
+    /// [`AuditFault`].
+    pub fn verify(data: &Path) -> Result<usize, AuditFault> {
+        let (mut chain, mut entries) = (String::new(), 0);
+        for path in files(&data.join("audit"))? {
+            for (index, line) in BufReader::new(File::open(&path)?).lines().enumerate() {
+                let line = line?;
+                let broken = || AuditFault::Broken { file: path.display().to_string(), line: index + 1 };
+                // What a crash left of a line is marked by the next start.
+                if line.ends_with(CUT_OFF) {
+                    continue;
+                }
+                let read: Line = serde_json::from_str(&line).map_err(|_| broken())?;
+                if chained(&chain, &read.entry)? != read.chain {
+                    return Err(broken());
+                }
+                chain = read.chain;
+                entries += 1;
+            }
+        }
+        Ok(entries)
+    }
+}
+
+/// Ends a line that a crash cut off.
+const CUT_OFF: &str = "#cut-off";
+
+fn chained(before: &str, entry: &AuditEntry) -> io::Result<String> {
+    Ok(sha256_hex(format!("{before}\n{}", serde_json::to_string(entry)?).as_bytes()))
+}
+
+/// The files of a log, by month.
+fn files(directory: &Path) -> io::Result<Vec<PathBuf>> {
+    let mut found = Vec::new();
+    match std::fs::read_dir(directory) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(found),
+        Err(error) => return Err(error),
+        Ok(entries) => {
+            for entry in entries {
+                let path = entry?.path();
+                if path.extension().is_some_and(|e| e == "jsonl") {
+                    found.push(path);
+                }
+            }
+        }
+    }
+    found.sort();
+    Ok(found)
+}
+
+fn close_off(file: &mut File) -> io::Result<()> {
+    if file.seek(SeekFrom::End(0))? == 0 {
+        return Ok(());
+    }
+    file.seek(SeekFrom::End(-1))?;
+    let mut last = [0];
+    file.read_exact(&mut last)?;
+    if last == *b"\n" { Ok(()) } else { file.write_all(format!("{CUT_OFF}\n").as_bytes()) }
+}
+
+/// The chain after the last whole line.
+fn last_chain(path: &Path) -> io::Result<String> {
+    let mut chain = String::new();
+    for line in BufReader::new(File::open(path)?).lines() {
+        if let Ok(line) = serde_json::from_str::<Line>(&line?) {
+            chain = line.chain;
+        }
+    }
+    Ok(chain)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn entry(who: &str) -> AuditEntry {
+        AuditEntry { who: who.to_owned(), what: "GET /v1/sessions".to_owned(), status: 200, ..AuditEntry::default() }
+    }
+
+    fn only_file(data: &Path) -> PathBuf {
+        files(&data.join("audit")).unwrap().pop().unwrap()
+    }
+
+    #[test]
+    fn entries_are_chained_across_restarts_and_a_changed_or_removed_one_shows() {
+        let data = tempfile::tempdir().unwrap();
+        for who in ["a", "b"] {
+            let audit = Audit::open(data.path()).unwrap();
+            audit.record(entry(who), false).unwrap();
+            audit.record(entry(who), true).unwrap();
+        }
+        assert_eq!(Audit::verify(data.path()).unwrap(), 4);
+        let path = only_file(data.path());
+        let whole = std::fs::read_to_string(&path).unwrap();
+        assert!(whole.contains(r#""who":"a""#) && whole.lines().count() == 4);
+
+        std::fs::write(&path, whole.replacen(r#""who":"b""#, r#""who":"x""#, 1)).unwrap();
+        assert!(matches!(Audit::verify(data.path()), Err(AuditFault::Broken { line: 3, .. })));
+        let without_second: Vec<&str> = whole.lines().enumerate().filter(|(i, _)| *i != 1).map(|(_, l)| l).collect();
+        std::fs::write(&path, without_second.join("\n")).unwrap();
+        assert!(matches!(Audit::verify(data.path()), Err(AuditFault::Broken { line: 2, .. })));
+    }
+
+    #[test]
+    fn a_line_that_a_crash_cut_off_breaks_nothing() {
+        let data = tempfile::tempdir().unwrap();
+        Audit::open(data.path()).unwrap().record(entry("a"), false).unwrap();
+        let path = only_file(data.path());
+        let mut file = OpenOptions::new().append(true).open(&path).unwrap();
+        file.write_all(br#"{"entry":{"at":"20"#).unwrap();
+        drop(file);
+        Audit::open(data.path()).unwrap().record(entry("b"), false).unwrap();
+        assert_eq!(Audit::verify(data.path()).unwrap(), 2);
+    }
+}

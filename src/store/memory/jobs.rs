@@ -1,0 +1,227 @@
+use std::collections::BTreeMap;
+
+use super::{Job, Result, Rows};
+use crate::store::event::KEPT_PROGRESS;
+use crate::store::job::{joined_warnings, progress_after};
+use crate::store::records::now_rfc3339;
+use crate::store::{
+    BlobInfo, EventRecord, Insertion, JobChange, JobId, JobRecord, JobState, Lane, NewJob, StepRecord, StepWritten,
+    StoreError, TenantId,
+};
+
+impl Rows {
+    fn last_seq(&self, job: JobId) -> u64 {
+        self.events.range((job, 0)..=(job, u64::MAX)).next_back().map_or(0, |((_, seq), _)| *seq)
+    }
+
+    fn append(&mut self, job: JobId, kind: &str, data: &str) {
+        let seq = self.last_seq(job) + 1;
+        self.events.insert((job, seq), EventRecord { seq, kind: kind.to_owned(), data: data.to_owned() });
+    }
+
+    fn append_all(&mut self, job: JobId, events: &[(&'static str, String)]) {
+        for (kind, data) in events {
+            self.append(job, kind, data);
+        }
+    }
+
+    pub(super) fn insert_job(&mut self, new: &NewJob<'_>) -> Result<Insertion> {
+        let job = new.job;
+        let twin = self.in_order_of_number().into_iter().find(|j| {
+            j.session == job.session
+                && j.kind == job.kind
+                && j.request == job.request
+                && !j.state.has_ended()
+                && new.stopping != Some(j.id)
+        });
+        if let Some(twin) = twin {
+            self.remember((new.answer)(&twin).as_ref())?;
+            return Ok(Insertion::Twin(Box::new(twin)));
+        }
+        let superseded = self.supersede(new);
+        let tenant = self.sessions.get(&job.session).map(|s| s.tenant.clone()).ok_or(StoreError::SessionGone)?;
+        if job.other_session.is_some_and(|other| !self.sessions.contains_key(&other)) {
+            return Err(StoreError::SessionGone);
+        }
+        let waiting = self.jobs.values().filter(|j| j.record.state == JobState::Accepted);
+        let (all, own) = waiting.fold((0, 0), |(all, own), j| (all + 1, own + u32::from(j.record.tenant == tenant)));
+        if all >= new.limits.all {
+            return Ok(Insertion::Full);
+        }
+        if own >= new.limits.tenant {
+            return Ok(Insertion::TenantFull);
+        }
+        self.last_number += 1;
+        let record = JobRecord { number: self.last_number, tenant, ..job.clone() };
+        self.jobs.insert(job.id, Job { record, bytes: 0 });
+        self.append(job.id, "status", new.event);
+        self.remember((new.answer)(job).as_ref())?;
+        Ok(Insertion::Stored(superseded))
+    }
+
+    fn in_order_of_number(&self) -> Vec<JobRecord> {
+        let mut jobs: Vec<JobRecord> = self.jobs.values().map(|j| j.record.clone()).collect();
+        jobs.sort_by_key(|j| j.number);
+        jobs
+    }
+
+    fn supersede(&mut self, new: &NewJob<'_>) -> Vec<JobId> {
+        let (Some(supersede), Some(_)) = (&new.supersede, &new.job.subject) else { return Vec::new() };
+        let replaced = |j: &JobRecord| {
+            j.session == new.job.session
+                && j.kind == new.job.kind
+                && j.subject == new.job.subject
+                && j.state == supersede.from
+        };
+        let old: Vec<JobId> = self.in_order_of_number().into_iter().filter(replaced).map(|j| j.id).collect();
+        for id in &old {
+            let change = JobChange { events: vec![supersede.event.clone()], ..JobChange::default() };
+            self.write_change(*id, supersede.to, &change);
+            if let Some(job) = self.jobs.get_mut(id) {
+                job.record.superseded_by = Some(new.job.id);
+            }
+        }
+        old
+    }
+
+    pub(super) fn queue(&self, lane: Lane) -> Vec<JobId> {
+        let mut rounds: BTreeMap<TenantId, u64> = BTreeMap::new();
+        let waiting = self.in_order_of_number().into_iter();
+        let waiting = waiting.filter(|j| j.state == JobState::Accepted && j.kind.lane() == lane);
+        let mut places: Vec<_> = waiting
+            .map(|j| {
+                let round = rounds.entry(j.tenant.clone()).and_modify(|r| *r += 1).or_insert(1);
+                (*round, self.turns.get(&(j.tenant, lane)).copied().unwrap_or(0), j.number, j.id)
+            })
+            .collect();
+        places.sort_unstable();
+        places.into_iter().map(|(_, _, _, id)| id).collect()
+    }
+
+    pub(super) fn claim(
+        &mut self,
+        lane: Lane,
+        to: JobState,
+        change: &(dyn for<'a> Fn(&'a JobRecord) -> JobChange + Send + Sync),
+    ) -> Option<JobRecord> {
+        let id = *self.queue(lane).first()?;
+        let change = change(&self.jobs.get(&id)?.record);
+        self.write_change(id, to, &change);
+        let last = self.turns.values().max().copied().unwrap_or(0) + 1;
+        let job = self.jobs.get_mut(&id)?;
+        job.record.fence += 1;
+        self.turns.insert((job.record.tenant.clone(), lane), last);
+        Some(job.record.clone())
+    }
+
+    fn write_change(&mut self, id: JobId, to: JobState, change: &JobChange) {
+        let Some(job) = self.jobs.get_mut(&id) else { return };
+        let (now, record) = (now_rfc3339(), &mut job.record);
+        record.progress = progress_after(to, change.progress, record.progress);
+        record.state = to;
+        if let Some(phase) = change.phase {
+            phase.clone_into(&mut record.phase);
+        }
+        let attempts = i64::from(record.attempt) + change.attempt_change;
+        record.attempt = u32::try_from(attempts).unwrap_or(0);
+        for (kept, new) in [(&mut record.report, &change.report), (&mut record.fault, &change.fault)] {
+            if new.is_some() {
+                kept.clone_from(new);
+            }
+        }
+        record.warnings = joined_warnings(std::mem::take(&mut record.warnings), &change.warnings);
+        if to == JobState::Running {
+            record.started_at = Some(now.clone());
+        }
+        if to.has_ended() {
+            record.finished_at = Some(now);
+        }
+        if let Some(tissue) = &change.tissue {
+            record.tissue_blob = Some(tissue.key.clone());
+            job.bytes += tissue.bytes;
+        }
+        self.append_all(id, &change.events);
+    }
+
+    fn running(&mut self, id: JobId, fence: u64) -> Option<&mut Job> {
+        self.jobs.get_mut(&id).filter(|j| j.record.state == JobState::Running && j.record.fence == fence)
+    }
+
+    pub(super) fn change_job(
+        &mut self,
+        id: JobId,
+        fence: u64,
+        from: JobState,
+        to: JobState,
+        change: &JobChange,
+        quota: u64,
+    ) -> Result<bool> {
+        let Some(job) = self.jobs.get(&id).filter(|j| j.record.state == from && j.record.fence == fence) else {
+            return Ok(false);
+        };
+        let session = job.record.session;
+        self.write_change(id, to, change);
+        if change.tissue.is_some() {
+            self.check_bytes(session, quota)?;
+        }
+        Ok(true)
+    }
+
+    pub(super) fn record_progress(&mut self, id: JobId, fence: u64, phase: &str, progress: f64, event: &str) -> bool {
+        let Some(job) = self.running(id, fence) else { return false };
+        phase.clone_into(&mut job.record.phase);
+        job.record.progress = progress;
+        self.append(id, "progress", event);
+        let outdated = self.last_seq(id).saturating_sub(KEPT_PROGRESS);
+        self.events.retain(|(job, seq), event| *job != id || *seq > outdated || event.kind != "progress");
+        true
+    }
+
+    pub(super) fn set_rest(&mut self, id: JobId, fence: u64, rest: &BlobInfo, quota: u64) -> Result<Option<String>> {
+        let job = self.running(id, fence).ok_or(StoreError::SessionGone)?;
+        let old = job.record.rest_blob.replace(rest.key.clone());
+        job.bytes = rest.bytes;
+        let session = job.record.session;
+        self.check_bytes(session, quota)?;
+        Ok(old)
+    }
+
+    pub(super) fn commit_step(
+        &mut self,
+        job: JobId,
+        fence: u64,
+        step: &StepRecord,
+        events: &[(&'static str, String)],
+        quota: u64,
+    ) -> Result<StepWritten> {
+        let session = self.running(job, fence).ok_or(StoreError::SessionGone)?.record.session;
+        if self.steps.get(&(job, step.k)).is_some_and(|old| old.sha256 == step.sha256) {
+            return Ok(StepWritten::Same);
+        }
+        let old = self.steps.insert((job, step.k), step.clone());
+        self.append_all(job, events);
+        self.check_bytes(session, quota)?;
+        Ok(StepWritten::New(old.map(|old| old.blob)))
+    }
+
+    pub(super) fn prune_events(&mut self, ended_before: &str) -> u64 {
+        let ended = |j: &&mut Job| {
+            j.record.state.has_ended() && j.record.finished_at.as_deref().is_some_and(|t| t < ended_before)
+        };
+        let last: BTreeMap<JobId, u64> = self
+            .jobs
+            .values()
+            .filter(|j| j.record.state.has_ended())
+            .map(|j| (j.record.id, self.last_seq(j.record.id)))
+            .collect();
+        let mut dropped = 0;
+        for job in self.jobs.values_mut().filter(ended) {
+            let Some(seq) = last.get(&job.record.id).copied().filter(|seq| *seq > 0) else { continue };
+            job.record.events_from = seq;
+            let before = self.events.len();
+            self.events.retain(|(id, s), _| *id != job.record.id || *s >= seq);
+            dropped += (before - self.events.len()) as u64;
+        }
+        dropped
+    }
+}

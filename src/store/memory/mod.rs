@@ -1,0 +1,292 @@
+//! Rows in memory: what every engine must do, in the plainest form. For tests and trials; nothing outlives the process.
+
+mod jobs;
+mod sessions;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::{Mutex, PoisonError};
+
+use async_trait::async_trait;
+
+use super::{
+    AnswerRecord, BlobInfo, EventRecord, Insertion, JobChange, JobFilter, JobId, JobRecord, JobState, Lane, MetaStore,
+    NewJob, OsteotomyId, OsteotomyRecord, Owner, PartKind, PartRecord, PlanId, PlanRecord, Remembered, SessionId,
+    SessionRecord, StepRecord, StepWritten, StoreError, TenantId,
+};
+
+type Result<T> = std::result::Result<T, StoreError>;
+
+/// Rows of one process.
+#[derive(Debug, Default)]
+pub(super) struct MemoryMeta {
+    rows: Mutex<Rows>,
+}
+
+#[derive(Debug, Clone, Default)]
+struct Rows {
+    sessions: BTreeMap<SessionId, SessionRecord>,
+    parts: BTreeMap<(SessionId, PartKind), PartRecord>,
+    osteotomies: BTreeMap<OsteotomyId, OsteotomyRecord>,
+    plans: BTreeMap<PlanId, PlanRecord>,
+    jobs: BTreeMap<JobId, Job>,
+    steps: BTreeMap<(JobId, u32), StepRecord>,
+    events: BTreeMap<(JobId, u64), EventRecord>,
+    answers: BTreeMap<(TenantId, String), (AnswerRecord, String)>,
+    /// Tenant and time of deletion.
+    tombstones: BTreeMap<String, (TenantId, String)>,
+    turns: BTreeMap<(TenantId, Lane), u64>,
+    last_number: u64,
+}
+
+#[derive(Debug, Clone)]
+struct Job {
+    record: JobRecord,
+    bytes: u64,
+}
+
+impl MemoryMeta {
+    fn read<T>(&self, look: impl FnOnce(&Rows) -> T) -> T {
+        look(&self.rows.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    /// Changes a copy and keeps it when the change succeeds.
+    fn write<T>(&self, change: impl FnOnce(&mut Rows) -> Result<T>) -> Result<T> {
+        let mut rows = self.rows.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut next = rows.clone();
+        let done = change(&mut next)?;
+        *rows = next;
+        Ok(done)
+    }
+}
+
+#[async_trait]
+impl MetaStore for MemoryMeta {
+    async fn insert_session(&self, session: &SessionRecord, answer: Option<&AnswerRecord>) -> Result<()> {
+        self.write(|rows| {
+            rows.sessions.insert(session.id, session.clone());
+            rows.remember(answer)
+        })
+    }
+
+    async fn session(&self, id: SessionId) -> Result<Option<SessionRecord>> {
+        Ok(self.read(|rows| rows.sessions.get(&id).cloned()))
+    }
+
+    async fn sessions(
+        &self,
+        tenant: Option<&TenantId>,
+        before: Option<SessionId>,
+        limit: u32,
+    ) -> Result<Vec<SessionRecord>> {
+        let wanted =
+            |s: &&SessionRecord| before.is_none_or(|b| s.id < b) && tenant.is_none_or(|tenant| s.tenant == *tenant);
+        Ok(self.read(|rows| rows.sessions.values().rev().filter(wanted).take(limit as usize).cloned().collect()))
+    }
+
+    async fn delete_session(&self, id: SessionId) -> Result<Option<Vec<String>>> {
+        self.write(|rows| Ok(rows.delete_session(id)))
+    }
+
+    async fn idle_sessions(&self, since: &str) -> Result<Vec<SessionRecord>> {
+        Ok(self.read(|rows| {
+            let busy = |id| rows.jobs.values().any(|j| j.record.session == id && !j.record.state.has_ended());
+            let idle = |s: &&SessionRecord| rows.last_used(s.id).is_some_and(|t| t.as_str() < since) && !busy(s.id);
+            rows.sessions.values().filter(idle).cloned().collect()
+        }))
+    }
+
+    async fn last_used(&self, id: SessionId) -> Result<Option<String>> {
+        Ok(self.read(|rows| rows.last_used(id)))
+    }
+
+    async fn session_bytes(&self, id: SessionId) -> Result<u64> {
+        Ok(self.read(|rows| rows.bytes(id)))
+    }
+
+    async fn owner(&self, id: &str) -> Result<Option<Owner>> {
+        Ok(self.read(|rows| rows.owner(id)))
+    }
+
+    async fn is_deleted(&self, id: &str) -> Result<bool> {
+        Ok(self.read(|rows| rows.tombstones.contains_key(id)))
+    }
+
+    async fn remembered(&self, tenant: &TenantId, key: &str, request_sha256: &str) -> Result<Remembered> {
+        Ok(self.read(|rows| match rows.answers.get(&(tenant.clone(), key.to_owned())) {
+            None => Remembered::Nothing,
+            Some((answer, _)) if answer.request_sha256 != request_sha256 => Remembered::OtherRequest,
+            Some((answer, _)) => Remembered::Answer(AnswerRecord { session: None, ..answer.clone() }),
+        }))
+    }
+
+    async fn forget(&self, answers: &str, tombstones: &str) -> Result<()> {
+        self.write(|rows| {
+            rows.answers.retain(|_, (_, made)| made.as_str() >= answers);
+            rows.tombstones.retain(|_, (_, deleted)| deleted.as_str() >= tombstones);
+            Ok(())
+        })
+    }
+
+    async fn put_parts(&self, session: SessionId, parts: &[PartRecord], quota: u64) -> Result<Vec<String>> {
+        self.write(|rows| {
+            rows.require(session)?;
+            let put = |part: &PartRecord| {
+                let old = rows.parts.insert((session, part.kind), part.clone());
+                old.and_then(|old| old.blob).filter(|old| Some(old) != part.blob.as_ref())
+            };
+            let replaced = parts.iter().filter_map(put).collect();
+            rows.check_bytes(session, quota)?;
+            Ok(replaced)
+        })
+    }
+
+    async fn delete_part(&self, session: SessionId, kind: PartKind) -> Result<Option<Option<String>>> {
+        self.write(|rows| Ok(rows.parts.remove(&(session, kind)).map(|part| part.blob)))
+    }
+
+    async fn parts(&self, session: SessionId) -> Result<Vec<PartRecord>> {
+        let of = |((s, _), part): (&(SessionId, PartKind), &PartRecord)| (*s == session).then(|| part.clone());
+        let mut parts: Vec<PartRecord> = self.read(|rows| rows.parts.iter().filter_map(of).collect());
+        parts.sort_by_key(|part| part.kind.as_str());
+        Ok(parts)
+    }
+
+    async fn insert_osteotomy(
+        &self,
+        record: &OsteotomyRecord,
+        answer: Option<&AnswerRecord>,
+        quota: u64,
+    ) -> Result<()> {
+        self.write(|rows| {
+            rows.require(record.session)?;
+            rows.osteotomies.insert(record.id, record.clone());
+            rows.check_bytes(record.session, quota)?;
+            rows.remember(answer)
+        })
+    }
+
+    async fn osteotomies(&self, session: SessionId) -> Result<Vec<OsteotomyRecord>> {
+        Ok(self.read(|rows| rows.osteotomies.values().filter(|o| o.session == session).cloned().collect()))
+    }
+
+    async fn delete_osteotomy(&self, session: SessionId, id: OsteotomyId) -> Result<Option<Vec<String>>> {
+        self.write(|rows| Ok(rows.delete_osteotomy(session, id)))
+    }
+
+    async fn insert_plan(&self, record: &PlanRecord, answer: Option<&AnswerRecord>) -> Result<()> {
+        self.write(|rows| {
+            rows.require(record.session)?;
+            if record.osteotomy.is_some_and(|o| !rows.osteotomies.contains_key(&o)) {
+                return Err(StoreError::SessionGone);
+            }
+            rows.plans.insert(record.id, record.clone());
+            rows.remember(answer)
+        })
+    }
+
+    async fn plans(&self, session: SessionId) -> Result<Vec<PlanRecord>> {
+        Ok(self.read(|rows| rows.plans.values().filter(|p| p.session == session).cloned().collect()))
+    }
+
+    async fn delete_plan(&self, session: SessionId, id: PlanId) -> Result<bool> {
+        self.write(|rows| Ok(rows.delete_plan(session, id)))
+    }
+
+    async fn insert_job(&self, new: &NewJob<'_>) -> Result<Insertion> {
+        // What is refused leaves no trace: the copy is dropped.
+        let refused = std::cell::Cell::new(None);
+        let inserted = self.write(|rows| {
+            let outcome = rows.insert_job(new)?;
+            if matches!(outcome, Insertion::Full | Insertion::TenantFull) {
+                refused.set(Some(outcome));
+                return Err(StoreError::SessionGone);
+            }
+            Ok(outcome)
+        });
+        refused.take().map_or(inserted, Ok)
+    }
+
+    async fn job(&self, id: JobId) -> Result<Option<JobRecord>> {
+        Ok(self.read(|rows| rows.jobs.get(&id).map(|j| j.record.clone())))
+    }
+
+    async fn jobs(&self, filter: &JobFilter) -> Result<Vec<JobRecord>> {
+        let wanted = |j: &&JobRecord| {
+            filter.session.is_none_or(|s| j.session == s)
+                && filter.state.is_none_or(|s| j.state == s)
+                && filter.before.is_none_or(|b| j.id < b)
+                && filter.tenant.as_ref().is_none_or(|t| j.tenant == *t)
+        };
+        Ok(self.read(|rows| {
+            let newest_first = rows.jobs.values().rev().map(|j| &j.record);
+            newest_first.filter(wanted).take(filter.limit as usize).cloned().collect()
+        }))
+    }
+
+    async fn queue(&self, lane: Lane) -> Result<Vec<JobId>> {
+        Ok(self.read(|rows| rows.queue(lane)))
+    }
+
+    async fn claim_job(
+        &self,
+        lane: Lane,
+        to: JobState,
+        change: &(dyn for<'a> Fn(&'a JobRecord) -> JobChange + Send + Sync),
+    ) -> Result<Option<JobRecord>> {
+        self.write(|rows| Ok(rows.claim(lane, to, change)))
+    }
+
+    async fn change_job(
+        &self,
+        id: JobId,
+        fence: u64,
+        from: JobState,
+        to: JobState,
+        change: &JobChange,
+        quota: u64,
+    ) -> Result<bool> {
+        self.write(|rows| rows.change_job(id, fence, from, to, change, quota))
+    }
+
+    async fn record_progress(&self, id: JobId, fence: u64, phase: &str, progress: f64, event: &str) -> Result<bool> {
+        self.write(|rows| Ok(rows.record_progress(id, fence, phase, progress, event)))
+    }
+
+    async fn set_rest(&self, id: JobId, fence: u64, rest: &BlobInfo, quota: u64) -> Result<Option<String>> {
+        self.write(|rows| rows.set_rest(id, fence, rest, quota))
+    }
+
+    async fn commit_step(
+        &self,
+        job: JobId,
+        fence: u64,
+        step: &StepRecord,
+        events: &[(&'static str, String)],
+        quota: u64,
+    ) -> Result<StepWritten> {
+        self.write(|rows| rows.commit_step(job, fence, step, events, quota))
+    }
+
+    async fn steps(&self, job: JobId) -> Result<Vec<StepRecord>> {
+        Ok(self.read(|rows| rows.steps.range((job, 0)..=(job, u32::MAX)).map(|(_, s)| s.clone()).collect()))
+    }
+
+    async fn events(&self, job: JobId, after: u64) -> Result<Vec<EventRecord>> {
+        let from = (job, after.saturating_add(1));
+        Ok(self.read(|rows| rows.events.range(from..=(job, u64::MAX)).map(|(_, e)| e.clone()).collect()))
+    }
+
+    async fn prune_events(&self, ended_before: &str) -> Result<u64> {
+        self.write(|rows| Ok(rows.prune_events(ended_before)))
+    }
+
+    async fn named_blobs(&self) -> Result<BTreeSet<String>> {
+        Ok(self.read(Rows::named_blobs))
+    }
+
+    async fn check(&self) -> Result<()> {
+        Ok(())
+    }
+
+    async fn close(&self) {}
+}

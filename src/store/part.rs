@@ -1,0 +1,107 @@
+use std::str::FromStr;
+
+/// What a session holds one of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum PartKind {
+    /// CT volume as uploaded.
+    Ct,
+    /// Outer skin.
+    Skin,
+    /// Bone.
+    Skull,
+    /// Air inside the head.
+    Air,
+    /// Post-operative skin.
+    Target,
+    /// Landmarks and planes.
+    Landmarks,
+    /// Settings of the distance field.
+    FieldSettings,
+    /// Report of the distance field.
+    Field,
+    /// Report of the tissue mesh.
+    Mesh,
+    /// A ready tissue mesh as uploaded.
+    Tissue,
+    /// Rigid bone of a segment of the ready mesh, below [`PartKind::BONES`].
+    Bone(u8),
+}
+
+impl PartKind {
+    /// Segments that may have a bone.
+    pub const BONES: u8 = 10;
+
+    /// Every kind but the bones.
+    pub const ALL: [Self; 10] = [
+        Self::Ct,
+        Self::Skin,
+        Self::Skull,
+        Self::Air,
+        Self::Target,
+        Self::Landmarks,
+        Self::FieldSettings,
+        Self::Field,
+        Self::Mesh,
+        Self::Tissue,
+    ];
+
+    /// Its name on the wire and in the database.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Ct => "ct",
+            Self::Skin => "skin",
+            Self::Skull => "skull",
+            Self::Air => "air",
+            Self::Target => "target",
+            Self::Landmarks => "landmarks",
+            Self::FieldSettings => "field_settings",
+            Self::Field => "field",
+            Self::Mesh => "mesh",
+            Self::Tissue => "tissue",
+            Self::Bone(segment) => BONE_NAMES.get(usize::from(segment)).copied().unwrap_or("bone"),
+        }
+    }
+
+    /// Whose bone it is, if it is one.
+    #[must_use]
+    pub fn segment(self) -> Option<u32> {
+        if let Self::Bone(segment) = self { Some(u32::from(segment)) } else { None }
+    }
+
+    /// The bone of `segment`, if it may have one.
+    #[must_use]
+    pub fn bone(segment: u32) -> Option<Self> {
+        u8::try_from(segment).ok().filter(|s| *s < Self::BONES).map(Self::Bone)
+    }
+}
+
+const BONE_NAMES: [&str; PartKind::BONES as usize] =
+    ["bone_0", "bone_1", "bone_2", "bone_3", "bone_4", "bone_5", "bone_6", "bone_7", "bone_8", "bone_9"];
+
+impl FromStr for PartKind {
+    type Err = String;
+    fn from_str(text: &str) -> Result<Self, String> {
+        let bones = (0..Self::BONES).map(Self::Bone);
+        Self::ALL.into_iter().chain(bones).find(|k| k.as_str() == text).ok_or_else(|| format!("`{text}` is not a part"))
+    }
+}
+
+/// One part of a session.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PartRecord {
+    /// Which.
+    pub kind: PartKind,
+    /// Hash of what it is (inputs) or what it was made from (field, mesh).
+    pub key: String,
+    /// Blob, where it has one.
+    pub blob: Option<String>,
+    /// Bytes stored.
+    pub bytes: u64,
+    /// Time that it took to make, s.
+    pub wall_s: f64,
+    /// Report or content, JSON.
+    pub document: String,
+    /// When it was stored, RFC 3339.
+    pub updated_at: String,
+}

@@ -1,0 +1,168 @@
+use sqlx::{Row, Sqlite, SqlitePool, Transaction};
+
+use super::events::{append_all, append_progress};
+use super::{Result, sessions};
+use crate::store::job::{joined_warnings, progress_after};
+use crate::store::records::{from_json, now_rfc3339, parse_id, to_i64, to_json, to_u32, to_u64};
+use crate::store::{BlobInfo, JobChange, JobFilter, JobId, JobRecord, JobState, StoreError, TenantId};
+
+pub(super) fn record(row: &sqlx::sqlite::SqliteRow) -> Result<JobRecord> {
+    let text = |name: &str| row.try_get::<String, _>(name);
+    let id_in = |name: &str| row.try_get::<Option<String>, _>(name);
+    Ok(JobRecord {
+        number: to_u64(row.try_get("number")?),
+        id: parse_id(&text("id")?)?,
+        session: parse_id(&text("session")?)?,
+        tenant: sessions::tenant_of(&text("tenant")?)?,
+        kind: text("kind")?.parse().map_err(StoreError::record)?,
+        state: text("state")?.parse().map_err(StoreError::record)?,
+        phase: text("phase")?,
+        progress: row.try_get("progress")?,
+        steps: to_u32(row.try_get("steps")?),
+        attempt: to_u32(row.try_get("attempt")?),
+        fence: to_u64(row.try_get("fence")?),
+        request: text("request")?,
+        subject: row.try_get("subject")?,
+        other_session: id_in("other_session")?.as_deref().map(parse_id).transpose()?,
+        max_wall_s: row.try_get("max_wall_s")?,
+        superseded_by: id_in("superseded_by")?.as_deref().map(parse_id).transpose()?,
+        events_from: to_u64(row.try_get("events_from")?),
+        report: row.try_get("report")?,
+        fault: row.try_get("fault")?,
+        warnings: from_json("warnings of a job", &text("warnings")?)?,
+        rest_blob: row.try_get("rest_blob")?,
+        tissue_blob: row.try_get("tissue_blob")?,
+        created_at: text("created_at")?,
+        started_at: row.try_get("started_at")?,
+        finished_at: row.try_get("finished_at")?,
+    })
+}
+
+pub(super) async fn one(reader: &SqlitePool, id: JobId) -> Result<Option<JobRecord>> {
+    let row = sqlx::query("SELECT * FROM jobs WHERE id = ?").bind(id.to_string()).fetch_optional(reader).await?;
+    row.as_ref().map(record).transpose()
+}
+
+pub(super) async fn page(reader: &SqlitePool, filter: &JobFilter) -> Result<Vec<JobRecord>> {
+    sqlx::query(
+        "SELECT * FROM jobs WHERE (?1 IS NULL OR session = ?1) AND (?2 IS NULL OR state = ?2)
+         AND (?3 IS NULL OR id < ?3) AND (?4 IS NULL OR tenant = ?4) ORDER BY id DESC LIMIT ?5",
+    )
+    .bind(filter.session.map(|s| s.to_string()))
+    .bind(filter.state.map(JobState::as_str))
+    .bind(filter.before.map(|b| b.to_string()))
+    .bind(filter.tenant.as_ref().map(TenantId::as_str))
+    .bind(i64::from(filter.limit))
+    .fetch_all(reader)
+    .await?
+    .iter()
+    .map(record)
+    .collect()
+}
+
+/// The row of a job within a transaction.
+pub(super) async fn within(transaction: &mut Transaction<'_, Sqlite>, id: JobId) -> Result<Option<JobRecord>> {
+    let row = sqlx::query("SELECT * FROM jobs WHERE id = ?").bind(id.to_string());
+    row.fetch_optional(&mut **transaction).await?.as_ref().map(record).transpose()
+}
+
+pub(super) async fn change(
+    writer: &SqlitePool,
+    id: JobId,
+    fence: u64,
+    from: JobState,
+    to: JobState,
+    change: &JobChange,
+    quota: u64,
+) -> Result<bool> {
+    let mut transaction = writer.begin().await?;
+    let Some(job) = within(&mut transaction, id).await?.filter(|j| j.state == from && j.fence == fence) else {
+        return Ok(false);
+    };
+    write_change(&mut transaction, &job, to, change).await?;
+    if change.tissue.is_some() {
+        sessions::check_bytes(&mut transaction, job.session, quota).await?;
+    }
+    transaction.commit().await?;
+    Ok(true)
+}
+
+/// Writes a change of state with its events; the row is as `job` says.
+pub(super) async fn write_change(
+    transaction: &mut Transaction<'_, Sqlite>,
+    job: &JobRecord,
+    to: JobState,
+    change: &JobChange,
+) -> Result<()> {
+    let warnings = joined_warnings(job.warnings.clone(), &change.warnings);
+    sqlx::query(
+        "UPDATE jobs SET state = ?2, phase = coalesce(?3, phase), attempt = attempt + ?4,
+         report = coalesce(?5, report), fault = coalesce(?6, fault),
+         tissue_blob = coalesce(?7, tissue_blob), bytes = bytes + ?8, progress = ?9, warnings = ?10,
+         started_at = CASE WHEN ?11 THEN ?12 ELSE started_at END,
+         finished_at = CASE WHEN ?13 THEN ?12 ELSE finished_at END
+         WHERE id = ?1",
+    )
+    .bind(job.id.to_string())
+    .bind(to.as_str())
+    .bind(change.phase)
+    .bind(change.attempt_change)
+    .bind(&change.report)
+    .bind(&change.fault)
+    .bind(change.tissue.as_ref().map(|t| t.key.clone()))
+    .bind(change.tissue.as_ref().map_or(0, |t| to_i64(t.bytes)))
+    .bind(progress_after(to, change.progress, job.progress))
+    .bind(to_json("warnings of a job", &warnings)?)
+    .bind(to == JobState::Running)
+    .bind(now_rfc3339())
+    .bind(to.has_ended())
+    .execute(&mut **transaction)
+    .await?;
+    append_all(transaction, job.id, &change.events).await
+}
+
+pub(super) async fn record_progress(
+    writer: &SqlitePool,
+    id: JobId,
+    fence: u64,
+    phase: &str,
+    progress: f64,
+    event: &str,
+) -> Result<bool> {
+    let mut transaction = writer.begin().await?;
+    let changed =
+        sqlx::query("UPDATE jobs SET phase = ?, progress = ? WHERE id = ? AND state = 'running' AND fence = ?")
+            .bind(phase)
+            .bind(progress)
+            .bind(id.to_string())
+            .bind(to_i64(fence))
+            .execute(&mut *transaction)
+            .await?;
+    if changed.rows_affected() == 0 {
+        return Ok(false);
+    }
+    append_progress(&mut transaction, id, event).await?;
+    transaction.commit().await?;
+    Ok(true)
+}
+
+pub(super) async fn set_rest(
+    writer: &SqlitePool,
+    id: JobId,
+    fence: u64,
+    rest: &BlobInfo,
+    quota: u64,
+) -> Result<Option<String>> {
+    let mut transaction = writer.begin().await?;
+    let running = |j: &JobRecord| j.state == JobState::Running && j.fence == fence;
+    let job = within(&mut transaction, id).await?.filter(running).ok_or(StoreError::SessionGone)?;
+    sqlx::query("UPDATE jobs SET rest_blob = ?, bytes = ? WHERE id = ?")
+        .bind(&rest.key)
+        .bind(to_i64(rest.bytes))
+        .bind(id.to_string())
+        .execute(&mut *transaction)
+        .await?;
+    sessions::check_bytes(&mut transaction, job.session, quota).await?;
+    transaction.commit().await?;
+    Ok(job.rest_blob)
+}

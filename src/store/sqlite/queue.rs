@@ -1,0 +1,140 @@
+use sqlx::{Sqlite, SqlitePool, Transaction};
+
+use super::answers::remember;
+use super::events::append;
+use super::{Result, gone_if_orphan, jobs};
+use crate::store::records::parse_id;
+use crate::store::{Insertion, JobChange, JobId, JobRecord, JobState, Lane, NewJob};
+
+/// Each tenant's oldest first, then each tenant's second, and so on; within a round the tenant whose turn was longest ago.
+const IN_ORDER: &str = "SELECT id FROM (
+        SELECT j.id, j.number, row_number() OVER (PARTITION BY j.tenant ORDER BY j.number) AS round,
+               coalesce(t.last, 0) AS last
+        FROM jobs j LEFT JOIN turns t ON t.tenant = j.tenant AND t.lane = j.lane
+        WHERE j.state = 'accepted' AND j.lane = ?1)
+    ORDER BY round, last, number";
+
+pub(super) async fn insert(writer: &SqlitePool, new: &NewJob<'_>) -> Result<Insertion> {
+    let mut transaction = writer.begin().await?;
+    if let Some(twin) = twin(&mut transaction, new).await? {
+        remember(&mut transaction, (new.answer)(&twin).as_ref()).await?;
+        transaction.commit().await?;
+        return Ok(Insertion::Twin(Box::new(twin)));
+    }
+    let superseded = supersede(&mut transaction, new).await?;
+    let job = new.job;
+    let (all, own): (i64, i64) = sqlx::query_as(
+        "SELECT count(*), coalesce(sum(tenant = (SELECT tenant FROM sessions WHERE id = ?)), 0)
+         FROM jobs WHERE state = 'accepted'",
+    )
+    .bind(job.session.to_string())
+    .fetch_one(&mut *transaction)
+    .await?;
+    // Dropping the transaction takes back what was superseded.
+    if all >= i64::from(new.limits.all) {
+        return Ok(Insertion::Full);
+    }
+    if own >= i64::from(new.limits.tenant) {
+        return Ok(Insertion::TenantFull);
+    }
+    sqlx::query(
+        "INSERT INTO jobs (id, session, tenant, kind, lane, state, phase, progress, steps, attempt, request, subject,
+                           other_session, max_wall_s, warnings, bytes, created_at)
+         VALUES (?1, ?2, coalesce((SELECT tenant FROM sessions WHERE id = ?2), 'local'),
+                 ?3, ?4, ?5, ?6, 0, ?7, 0, ?8, ?9, ?10, ?11, '[]', 0, ?12)",
+    )
+    .bind(job.id.to_string())
+    .bind(job.session.to_string())
+    .bind(job.kind.as_str())
+    .bind(job.kind.lane().as_str())
+    .bind(job.state.as_str())
+    .bind(&job.phase)
+    .bind(i64::from(job.steps))
+    .bind(&job.request)
+    .bind(&job.subject)
+    .bind(job.other_session.map(|s| s.to_string()))
+    .bind(job.max_wall_s)
+    .bind(&job.created_at)
+    .execute(&mut *transaction)
+    .await
+    .map_err(gone_if_orphan)?;
+    append(&mut transaction, job.id, "status", new.event).await?;
+    remember(&mut transaction, (new.answer)(job).as_ref()).await?;
+    transaction.commit().await?;
+    Ok(Insertion::Stored(superseded))
+}
+
+/// A job of the session that was asked for the same and has not ended.
+async fn twin(transaction: &mut Transaction<'_, Sqlite>, new: &NewJob<'_>) -> Result<Option<JobRecord>> {
+    let row = sqlx::query(
+        "SELECT * FROM jobs WHERE session = ?1 AND kind = ?2 AND request = ?3
+         AND state IN ('accepted', 'running', 'interrupted') AND (?4 IS NULL OR id <> ?4) ORDER BY number LIMIT 1",
+    )
+    .bind(new.job.session.to_string())
+    .bind(new.job.kind.as_str())
+    .bind(&new.job.request)
+    .bind(new.stopping.map(|id| id.to_string()))
+    .fetch_optional(&mut **transaction)
+    .await?;
+    row.as_ref().map(jobs::record).transpose()
+}
+
+async fn supersede(transaction: &mut Transaction<'_, Sqlite>, new: &NewJob<'_>) -> Result<Vec<JobId>> {
+    let (Some(supersede), Some(subject)) = (&new.supersede, &new.job.subject) else { return Ok(Vec::new()) };
+    let rows =
+        sqlx::query("SELECT * FROM jobs WHERE session = ? AND kind = ? AND subject = ? AND state = ? ORDER BY number")
+            .bind(new.job.session.to_string())
+            .bind(new.job.kind.as_str())
+            .bind(subject)
+            .bind(supersede.from.as_str())
+            .fetch_all(&mut **transaction)
+            .await?;
+    let mut superseded = Vec::new();
+    for row in &rows {
+        let old = jobs::record(row)?;
+        let change = JobChange { events: vec![supersede.event.clone()], ..JobChange::default() };
+        jobs::write_change(transaction, &old, supersede.to, &change).await?;
+        sqlx::query("UPDATE jobs SET superseded_by = ? WHERE id = ?")
+            .bind(new.job.id.to_string())
+            .bind(old.id.to_string())
+            .execute(&mut **transaction)
+            .await?;
+        superseded.push(old.id);
+    }
+    Ok(superseded)
+}
+
+pub(super) async fn in_order(reader: &SqlitePool, lane: Lane) -> Result<Vec<JobId>> {
+    let ids: Vec<String> = sqlx::query_scalar(IN_ORDER).bind(lane.as_str()).fetch_all(reader).await?;
+    ids.iter().map(|id| parse_id(id)).collect()
+}
+
+pub(super) async fn claim(
+    writer: &SqlitePool,
+    lane: Lane,
+    to: JobState,
+    change: &(dyn for<'a> Fn(&'a JobRecord) -> JobChange + Send + Sync),
+) -> Result<Option<JobRecord>> {
+    let mut transaction = writer.begin().await?;
+    let first: Option<String> =
+        sqlx::query_scalar(IN_ORDER).bind(lane.as_str()).fetch_optional(&mut *transaction).await?;
+    let Some(id) = first else { return Ok(None) };
+    let id: JobId = parse_id(&id)?;
+    let Some(job) = jobs::within(&mut transaction, id).await? else { return Ok(None) };
+    jobs::write_change(&mut transaction, &job, to, &change(&job)).await?;
+    sqlx::query("UPDATE jobs SET fence = fence + 1 WHERE id = ?")
+        .bind(id.to_string())
+        .execute(&mut *transaction)
+        .await?;
+    sqlx::query(
+        "INSERT INTO turns (tenant, lane, last) VALUES (?1, ?2, (SELECT coalesce(max(last), 0) + 1 FROM turns))
+         ON CONFLICT (tenant, lane) DO UPDATE SET last = excluded.last",
+    )
+    .bind(job.tenant.as_str())
+    .bind(lane.as_str())
+    .execute(&mut *transaction)
+    .await?;
+    let claimed = jobs::within(&mut transaction, id).await?;
+    transaction.commit().await?;
+    Ok(claimed)
+}

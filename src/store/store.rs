@@ -1,0 +1,568 @@
+use std::fs::{File, TryLockError};
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+use super::memory::MemoryMeta;
+use super::records::rfc3339_before;
+use super::sqlite::{self, SqliteMeta};
+use super::{
+    AnswerRecord, BlobInfo, Blobs, EventRecord, Insertion, JobChange, JobFilter, JobId, JobRecord, JobState, Lane,
+    MetaStore, NewJob, OsteotomyId, OsteotomyRecord, Owner, PartKind, PartRecord, PlanId, PlanRecord, Remembered,
+    SessionId, SessionRecord, StepRecord, StepWritten, StoreError, TenantId,
+};
+
+/// Directory of the large values.
+pub(super) const BLOBS: &str = "blobs";
+/// File whose lock says that a process has the directory.
+pub(super) const LOCK: &str = "lock";
+
+/// Files younger than this may belong to a request that is under way.
+const UNDER_WAY: Duration = Duration::from_secs(2 * 3600);
+
+type Result<T> = std::result::Result<T, StoreError>;
+
+/// Rows and large values together: a row names a blob only after the blob is whole and synced, and a blob that no row names
+/// any more is removed. Clones share it.
+#[derive(Debug, Clone)]
+pub struct Store {
+    meta: Arc<dyn MetaStore>,
+    blobs: Blobs,
+    quota: u64,
+    /// Held open for its lock.
+    _lock: Option<Arc<File>>,
+}
+
+impl Store {
+    /// Opens or creates the store in `directory`, and sweeps files that no row names (left by a crash).
+    ///
+    /// # Errors
+    /// [`StoreError::InUse`] when another process has it open, [`StoreError::Newer`] and [`StoreError::Foreign`] when another
+    /// version or program wrote it, otherwise whatever the disk or the database says.
+    pub async fn open(directory: &Path) -> Result<Self> {
+        create_private(directory)?;
+        let lock = lock(directory)?;
+        let meta = SqliteMeta::open(directory).await?;
+        let blobs = Blobs::in_directory(&directory.join(BLOBS))?;
+        let store = Self { meta: Arc::new(meta), blobs, quota: u64::MAX, _lock: Some(Arc::new(lock)) };
+        let swept = store.sweep(Duration::ZERO).await?;
+        if swept > 0 {
+            tracing::info!(files = swept, "removed files that no record names");
+        }
+        Ok(store)
+    }
+
+    /// A store that ends with the process.
+    #[must_use]
+    pub fn in_memory() -> Self {
+        Self { meta: Arc::new(MemoryMeta::default()), blobs: Blobs::in_memory(), quota: u64::MAX, _lock: None }
+    }
+
+    /// The same store that lets a session have at most `bytes`.
+    #[must_use]
+    pub fn with_quota(self, bytes: u64) -> Self {
+        Self { quota: bytes, ..self }
+    }
+
+    /// Removes what a store left in `directory`, of whatever version; other files stay.
+    ///
+    /// # Errors
+    /// [`StoreError::InUse`] when a process has it open, [`StoreError::Io`].
+    pub fn erase(directory: &Path) -> Result<()> {
+        create_private(directory)?;
+        let _held = lock(directory)?;
+        // The blobs last: rows without their files would be refused, files without rows are swept.
+        sqlite::remove(directory)?;
+        match std::fs::remove_dir_all(directory.join(BLOBS)) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(error.into()),
+            _ => Ok(()),
+        }
+    }
+
+    /// Large immutable values.
+    #[must_use]
+    pub fn blobs(&self) -> &Blobs {
+        &self.blobs
+    }
+
+    /// Bytes that a session may have.
+    #[must_use]
+    pub fn quota(&self) -> u64 {
+        self.quota
+    }
+
+    /// Bytes that a session may still store.
+    ///
+    /// # Errors
+    /// [`StoreError`]; so for all that follow.
+    pub async fn room(&self, session: SessionId) -> Result<u64> {
+        Ok(self.quota.saturating_sub(self.meta.session_bytes(session).await?))
+    }
+
+    async fn remove_blobs(&self, keys: Vec<String>) {
+        for key in keys {
+            self.blobs.delete(&key).await;
+        }
+    }
+
+    // ---- sessions ----
+
+    /// Stores a new session together with the answer that a repeated request gets.
+    ///
+    /// # Errors
+    /// [`StoreError::KeyTaken`] when the idempotency key was used meanwhile.
+    pub async fn insert_session(&self, session: &SessionRecord, answer: Option<&AnswerRecord>) -> Result<()> {
+        self.meta.insert_session(session, answer).await
+    }
+
+    /// A session, if it is there.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn session(&self, id: SessionId) -> Result<Option<SessionRecord>> {
+        self.meta.session(id).await
+    }
+
+    /// Sessions of a tenant (of all when `None`), newest first, from those made before `before` on.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn sessions(
+        &self,
+        tenant: Option<&TenantId>,
+        before: Option<SessionId>,
+        limit: u32,
+    ) -> Result<Vec<SessionRecord>> {
+        self.meta.sessions(tenant, before, limit).await
+    }
+
+    /// Deletes a session with everything in it, and jobs of other sessions that read it. False when it was not there.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn delete_session(&self, id: SessionId) -> Result<bool> {
+        let Some(elsewhere) = self.meta.delete_session(id).await? else { return Ok(false) };
+        self.blobs.delete_session(id).await?;
+        self.remove_blobs(elsewhere).await;
+        Ok(true)
+    }
+
+    /// Sessions in which nothing was made or changed for `idle` and no job waits or runs.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn idle_sessions(&self, idle: Duration) -> Result<Vec<SessionRecord>> {
+        self.meta.idle_sessions(&rfc3339_before(idle)).await
+    }
+
+    /// When something was last made or changed in a session, RFC 3339.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn last_used(&self, id: SessionId) -> Result<Option<String>> {
+        self.meta.last_used(id).await
+    }
+
+    /// Bytes stored for a session.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn session_bytes(&self, id: SessionId) -> Result<u64> {
+        self.meta.session_bytes(id).await
+    }
+
+    /// Whose a session or job is, or was.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn owner(&self, id: &str) -> Result<Option<Owner>> {
+        self.meta.owner(id).await
+    }
+
+    /// Whether something with this id was there and was deleted.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn is_deleted(&self, id: &str) -> Result<bool> {
+        self.meta.is_deleted(id).await
+    }
+
+    // ---- answers ----
+
+    /// What is known of a tenant's idempotency key.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn remembered(&self, tenant: &TenantId, key: &str, request_sha256: &str) -> Result<Remembered> {
+        self.meta.remembered(tenant, key, request_sha256).await
+    }
+
+    /// Forgets answers older than `age` and tombstones older than ten times that.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn forget_old_answers(&self, age: Duration) -> Result<()> {
+        self.meta.forget(&rfc3339_before(age), &rfc3339_before(age.saturating_mul(10))).await
+    }
+
+    // ---- parts ----
+
+    /// Stores parts in one transaction, each in place of the one before, and removes the blobs that they replace; on
+    /// failure those that they name.
+    ///
+    /// # Errors
+    /// [`StoreError::SessionGone`] when the session is not there, [`StoreError::QuotaFull`].
+    pub async fn put_parts(&self, session: SessionId, parts: &[PartRecord]) -> Result<()> {
+        match self.meta.put_parts(session, parts, self.quota).await {
+            Ok(replaced) => {
+                self.remove_blobs(replaced).await;
+                Ok(())
+            }
+            Err(error) => {
+                self.remove_blobs(parts.iter().filter_map(|p| p.blob.clone()).collect()).await;
+                Err(error)
+            }
+        }
+    }
+
+    /// Removes a part; true when it was there.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn delete_part(&self, session: SessionId, kind: PartKind) -> Result<bool> {
+        let Some(blob) = self.meta.delete_part(session, kind).await? else { return Ok(false) };
+        self.remove_blobs(blob.into_iter().collect()).await;
+        Ok(true)
+    }
+
+    /// All parts of a session.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn parts(&self, session: SessionId) -> Result<Vec<PartRecord>> {
+        self.meta.parts(session).await
+    }
+
+    /// One part of a session, if it is there.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn part(&self, session: SessionId, kind: PartKind) -> Result<Option<PartRecord>> {
+        Ok(self.parts(session).await?.into_iter().find(|p| p.kind == kind))
+    }
+
+    // ---- osteotomies and plans ----
+
+    /// Stores an osteotomy; on failure the blobs that it names are removed.
+    ///
+    /// # Errors
+    /// [`StoreError::SessionGone`], [`StoreError::KeyTaken`], [`StoreError::QuotaFull`].
+    pub async fn insert_osteotomy(&self, record: &OsteotomyRecord, answer: Option<&AnswerRecord>) -> Result<()> {
+        let inserted = self.meta.insert_osteotomy(record, answer, self.quota).await;
+        if inserted.is_err() {
+            self.remove_blobs(record.blobs.clone()).await;
+        }
+        inserted
+    }
+
+    /// Osteotomies of a session, oldest first.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn osteotomies(&self, session: SessionId) -> Result<Vec<OsteotomyRecord>> {
+        self.meta.osteotomies(session).await
+    }
+
+    /// One osteotomy of a session, if it is there.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn osteotomy(&self, session: SessionId, id: OsteotomyId) -> Result<Option<OsteotomyRecord>> {
+        Ok(self.osteotomies(session).await?.into_iter().find(|o| o.id == id))
+    }
+
+    /// Deletes an osteotomy and its plans. False when it was not there.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn delete_osteotomy(&self, session: SessionId, id: OsteotomyId) -> Result<bool> {
+        let Some(blobs) = self.meta.delete_osteotomy(session, id).await? else { return Ok(false) };
+        self.remove_blobs(blobs).await;
+        Ok(true)
+    }
+
+    /// Stores a plan.
+    ///
+    /// # Errors
+    /// [`StoreError::SessionGone`] (or its osteotomy), [`StoreError::KeyTaken`].
+    pub async fn insert_plan(&self, record: &PlanRecord, answer: Option<&AnswerRecord>) -> Result<()> {
+        self.meta.insert_plan(record, answer).await
+    }
+
+    /// Plans of a session, oldest first.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn plans(&self, session: SessionId) -> Result<Vec<PlanRecord>> {
+        self.meta.plans(session).await
+    }
+
+    /// One plan of a session, if it is there.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn plan(&self, session: SessionId, id: PlanId) -> Result<Option<PlanRecord>> {
+        Ok(self.plans(session).await?.into_iter().find(|p| p.id == id))
+    }
+
+    /// Deletes a plan. False when it was not there.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn delete_plan(&self, session: SessionId, id: PlanId) -> Result<bool> {
+        self.meta.delete_plan(session, id).await
+    }
+
+    // ---- jobs ----
+
+    /// Stores an accepted job, as [`MetaStore::insert_job`].
+    ///
+    /// # Errors
+    /// [`StoreError::SessionGone`], [`StoreError::KeyTaken`].
+    pub async fn insert_job(&self, new: &NewJob<'_>) -> Result<Insertion> {
+        self.meta.insert_job(new).await
+    }
+
+    /// A job, if it is there.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn job(&self, id: JobId) -> Result<Option<JobRecord>> {
+        self.meta.job(id).await
+    }
+
+    /// Jobs, newest first.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn jobs(&self, filter: &JobFilter) -> Result<Vec<JobRecord>> {
+        self.meta.jobs(filter).await
+    }
+
+    /// Accepted jobs of a lane in the order in which they will run.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn queue(&self, lane: Lane) -> Result<Vec<JobId>> {
+        self.meta.queue(lane).await
+    }
+
+    /// Takes the first job of a lane, as [`MetaStore::claim_job`].
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn claim_job(
+        &self,
+        lane: Lane,
+        to: JobState,
+        change: &(dyn for<'a> Fn(&'a JobRecord) -> JobChange + Send + Sync),
+    ) -> Result<Option<JobRecord>> {
+        self.meta.claim_job(lane, to, change).await
+    }
+
+    /// Moves a job from the state that its row says to another, with events. False when it is not in that state any more; then
+    /// the blob that the change names is removed.
+    ///
+    /// # Errors
+    /// [`StoreError::QuotaFull`].
+    pub async fn change_job(&self, job: &JobRecord, to: JobState, change: &JobChange) -> Result<bool> {
+        let changed = self.meta.change_job(job.id, job.fence, job.state, to, change, self.quota).await;
+        if !matches!(changed, Ok(true)) {
+            self.remove_blobs(change.tissue.iter().map(|blob| blob.key.clone()).collect()).await;
+        }
+        changed
+    }
+
+    /// Records how far a running job is, with an event. False when it is not running any more.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn record_progress(&self, job: &JobRecord, phase: &str, progress: f64, event: &str) -> Result<bool> {
+        self.meta.record_progress(job.id, job.fence, phase, progress, event).await
+    }
+
+    /// Names the first large result of a running job; the blob that it replaces is removed, on failure the new one.
+    ///
+    /// # Errors
+    /// [`StoreError::SessionGone`], [`StoreError::QuotaFull`].
+    pub async fn set_rest(&self, job: &JobRecord, rest: &BlobInfo) -> Result<()> {
+        match self.meta.set_rest(job.id, job.fence, rest, self.quota).await {
+            Ok(old) => {
+                self.remove_blobs(old.into_iter().collect()).await;
+                Ok(())
+            }
+            Err(error) => {
+                self.blobs.delete(&rest.key).await;
+                Err(error)
+            }
+        }
+    }
+
+    // ---- steps and events ----
+
+    /// Makes a step visible: its row and its events in one transaction, after the frame is on disk. A frame that an earlier
+    /// attempt left the same is kept, another one replaced.
+    ///
+    /// # Errors
+    /// [`StoreError::SessionGone`] when the job is not there or not running any more, [`StoreError::QuotaFull`].
+    pub async fn commit_step(
+        &self,
+        job: &JobRecord,
+        step: &StepRecord,
+        events: &[(&'static str, String)],
+    ) -> Result<StepWritten> {
+        let written = self.meta.commit_step(job.id, job.fence, step, events, self.quota).await;
+        let unnamed = match &written {
+            Ok(StepWritten::New(old)) => old.clone(),
+            Ok(StepWritten::Same) | Err(_) => Some(step.blob.clone()),
+        };
+        self.remove_blobs(unnamed.into_iter().collect()).await;
+        written
+    }
+
+    /// Finished steps of a job, in order.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn steps(&self, job: JobId) -> Result<Vec<StepRecord>> {
+        self.meta.steps(job).await
+    }
+
+    /// One finished step, if it is there.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn step(&self, job: JobId, k: u32) -> Result<Option<StepRecord>> {
+        Ok(self.steps(job).await?.into_iter().find(|s| s.k == k))
+    }
+
+    /// Events of a job after number `after`, in order.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn events(&self, job: JobId, after: u64) -> Result<Vec<EventRecord>> {
+        self.meta.events(job, after).await
+    }
+
+    /// Drops all but the last event of jobs that ended longer than `age` ago: the number dropped.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn prune_events(&self, age: Duration) -> Result<u64> {
+        self.meta.prune_events(&rfc3339_before(age)).await
+    }
+
+    // ---- keeping house ----
+
+    /// Removes blobs and unfinished uploads that no row names and that are too old to be under way: their number.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn sweep_old(&self) -> Result<usize> {
+        self.sweep(UNDER_WAY).await
+    }
+
+    async fn sweep(&self, older_than: Duration) -> Result<usize> {
+        // Listed before the rows are read: what is stored and named in between is not among the files.
+        let found = self.blobs.older_than(older_than).await?;
+        if found.is_empty() {
+            return Ok(0);
+        }
+        let named = self.meta.named_blobs().await?;
+        let unnamed: Vec<String> = found.into_iter().filter(|key| !named.contains(key)).collect();
+        self.blobs.remove_files(&unnamed).await
+    }
+
+    /// Whether the database answers and can be written.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn check(&self) -> Result<()> {
+        self.meta.check().await
+    }
+
+    /// Closes all connections after what is under way.
+    pub async fn close(&self) {
+        self.meta.close().await;
+    }
+}
+
+pub(super) fn lock(directory: &Path) -> Result<File> {
+    let lock = File::create(directory.join(LOCK))?;
+    match lock.try_lock() {
+        Ok(()) => Ok(lock),
+        Err(TryLockError::WouldBlock) => Err(StoreError::InUse),
+        Err(TryLockError::Error(error)) => Err(StoreError::Io(error)),
+    }
+}
+
+/// Makes the directory, for its owner only.
+pub(super) fn create_private(directory: &Path) -> std::io::Result<()> {
+    let mut builder = std::fs::DirBuilder::new();
+    builder.recursive(true);
+    #[cfg(unix)]
+    std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
+    builder.create(directory)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::sqlite::DATABASE;
+
+    async fn change_database(directory: &Path, script: &'static str) {
+        let meta = SqliteMeta::open(directory).await.unwrap();
+        sqlx::raw_sql(script).execute(meta.writer()).await.unwrap();
+        meta.close().await;
+    }
+
+    #[tokio::test]
+    async fn a_directory_belongs_to_one_process_and_opens_again() {
+        let directory = tempfile::tempdir().unwrap();
+        let first = Store::open(directory.path()).await.unwrap();
+        assert!(matches!(Store::open(directory.path()).await, Err(StoreError::InUse)));
+        first.check().await.unwrap();
+        first.close().await;
+        drop(first);
+        Store::open(directory.path()).await.unwrap().check().await.unwrap();
+    }
+
+    #[tokio::test]
+    async fn a_later_format_is_refused() {
+        let directory = tempfile::tempdir().unwrap();
+        change_database(directory.path(), "PRAGMA user_version = 99").await;
+        assert!(matches!(Store::open(directory.path()).await, Err(StoreError::Newer { found: 99, .. })));
+    }
+
+    /// A store whose tables are of an unreleased version, another program's database, and no database.
+    #[tokio::test]
+    async fn what_is_no_database_of_this_version_is_refused_and_can_be_erased() {
+        let other_columns = "ALTER TABLE jobs RENAME COLUMN state TO status";
+        let other_program = "PRAGMA user_version = 0";
+        for change in [Some(other_columns), Some(other_program), None] {
+            let directory = tempfile::tempdir().unwrap();
+            match change {
+                Some(change) => change_database(directory.path(), change).await,
+                None => std::fs::write(directory.path().join(DATABASE), [b'x'; 5000]).unwrap(),
+            }
+            let refused = Store::open(directory.path()).await;
+            assert!(matches!(refused, Err(StoreError::Foreign)), "{change:?}: {refused:?}");
+            std::fs::write(directory.path().join("notes.txt"), "mine").unwrap();
+            Store::erase(directory.path()).unwrap();
+            let store = Store::open(directory.path()).await.unwrap();
+            assert!(matches!(Store::erase(directory.path()), Err(StoreError::InUse)));
+            store.close().await;
+            assert_eq!(std::fs::read_to_string(directory.path().join("notes.txt")).unwrap(), "mine");
+        }
+    }
+}

@@ -1,0 +1,181 @@
+//! What an operator does with the real binary.
+
+use std::io::{Read, Write};
+use std::net::TcpStream;
+use std::path::Path;
+use std::process::{Command, Output};
+use std::time::{Duration, Instant};
+
+use serde_json::json;
+
+use crate::binary::{Server, serve};
+
+fn prosopon(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_prosopon")).args(arguments).env_remove("PROSOPON_DATA").output().unwrap()
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+#[test]
+fn all_faults_of_a_configuration_are_told_at_once() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("prosopon.toml");
+    std::fs::write(&file, "listen = \"0.0.0.0:80\"\nmax_waiting = 0\nspeed = 3\n").unwrap();
+    let refused = prosopon(&["config", "check", "--config", text(&file)]);
+    let told = String::from_utf8(refused.stderr).unwrap();
+    assert!(!refused.status.success());
+    for word in ["loopback", "max_waiting", "speed", "data"] {
+        assert!(told.contains(word), "{word}: {told}");
+    }
+    let served = prosopon(&["serve", "--config", text(&file), "--data", text(directory.path())]);
+    assert!(!served.status.success() && String::from_utf8(served.stderr).unwrap().contains("loopback"));
+
+    std::fs::write(&file, "max_waiting = 5\n").unwrap();
+    let fine = prosopon(&["config", "check", "--config", text(&file), "--data", "d"]);
+    let printed = String::from_utf8(fine.stdout).unwrap();
+    assert!(
+        fine.status.success() && printed.contains("max_waiting = 5") && printed.contains("data = \"d\""),
+        "{printed}"
+    );
+}
+
+#[test]
+fn a_running_service_is_backed_up_and_comes_back_elsewhere() {
+    let directory = tempfile::tempdir().unwrap();
+    let [data, out, back] = ["data", "out", "back"].map(|name| directory.path().join(name));
+    let server = Server::start(&data, &[]);
+    let session = server.session();
+    server.upload(&format!("{session}/skin"), &crate::shapes::skin()).ok();
+    let before = server.get(&session).ok();
+    let done = prosopon(&["backup", "--data", text(&data), "--out", text(&out)]);
+    assert!(done.status.success(), "{done:?}");
+    server.post("/v1/sessions", &json!({})).ok();
+    drop(server);
+
+    let done = prosopon(&["restore", "--from", text(&out), "--data", text(&back)]);
+    assert!(done.status.success(), "{done:?}");
+    let server = Server::start(&back, &[]);
+    assert_eq!(server.get(&session).ok(), before);
+    assert_eq!(server.get("/v1/sessions").ok()["sessions"].as_array().unwrap().len(), 1);
+    let again = prosopon(&["restore", "--from", text(&out), "--data", text(&back)]);
+    assert!(!again.status.success(), "never over a store");
+    let verified = prosopon(&["audit", "verify", "--data", text(&data)]);
+    assert!(verified.status.success() && String::from_utf8(verified.stdout).unwrap().contains("none changed"));
+}
+
+/// What python makes of an address with TLS, whose certificate it does not check: status and name of the certificate.
+fn over_tls(url: &str) -> String {
+    let script = "import ssl, sys, urllib.request as r\n\
+        c = ssl.create_default_context(); c.check_hostname = False; c.verify_mode = ssl.CERT_NONE\n\
+        import socket\n\
+        h, p = sys.argv[1].split('://')[1].split(':')\n\
+        s = c.wrap_socket(socket.create_connection((h, int(p))))\n\
+        import hashlib\n\
+        print(r.urlopen(sys.argv[1] + '/livez', context=c).status, hashlib.sha256(s.getpeercert(True)).hexdigest())";
+    let output = Command::new("python3").args(["-c", script, url]).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap()
+}
+
+#[test]
+fn tls_is_served_and_a_renewed_certificate_needs_no_restart() {
+    let directory = tempfile::tempdir().unwrap();
+    let [cert, key] = ["cert.pem", "key.pem"].map(|name| directory.path().join(name));
+    let put = |from: &str| {
+        let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/tls");
+        std::fs::copy(source.join(format!("{from}key.pem")), &key).unwrap();
+        std::fs::copy(source.join(format!("{from}cert.pem")), &cert).unwrap();
+    };
+    put("");
+    let mut command = serve(&directory.path().join("data"), "127.0.0.1:0");
+    command.env("PROSOPON_TLS__CERT", &cert).env("PROSOPON_TLS__KEY", &key);
+    let server = Server::spawn(command);
+    assert!(server.url.starts_with("https://"), "{}", server.url);
+    let first = over_tls(&server.url);
+    assert!(first.starts_with("200 "));
+    put("other-");
+    let deadline = Instant::now() + Duration::from_secs(30);
+    while over_tls(&server.url) == first {
+        assert!(Instant::now() < deadline, "the old certificate is still served");
+        std::thread::park_timeout(Duration::from_millis(250));
+    }
+}
+
+#[test]
+fn slow_and_huge_heads_are_not_waited_for() {
+    let directory = tempfile::tempdir().unwrap();
+    let mut command = serve(directory.path(), "127.0.0.1:0");
+    command.env("PROSOPON_HEADER_TIMEOUT_S", "1");
+    let server = Server::spawn(command);
+    let answer_to = |request: &[u8]| {
+        let mut socket = TcpStream::connect(server.address()).unwrap();
+        socket.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+        socket.write_all(request).ok();
+        let mut answer = Vec::new();
+        socket.read_to_end(&mut answer).ok();
+        String::from_utf8_lossy(&answer).lines().next().unwrap_or_default().to_owned()
+    };
+    let begun = Instant::now();
+    let slow = answer_to(b"GET /livez HTTP/1.1\r\nHost: localh");
+    assert!(slow.is_empty() || slow.contains("408"), "{slow}");
+    assert!(begun.elapsed() < Duration::from_secs(15), "{:?}", begun.elapsed());
+    let huge = format!("GET /livez HTTP/1.1\r\nHost: localhost\r\nX-Long: {}\r\n\r\n", "x".repeat(200_000));
+    assert!(answer_to(huge.as_bytes()).contains("431"));
+    let many = format!("GET /livez HTTP/1.1\r\nHost: localhost\r\n{}\r\n", "X-A: b\r\n".repeat(500));
+    assert!(answer_to(many.as_bytes()).contains("431"));
+    assert_eq!(server.get("/livez").status, 200);
+}
+
+/// The first frame can be read while later steps are still being solved.
+#[test]
+fn the_first_frame_arrives_before_the_last_step_is_solved() {
+    let directory = tempfile::tempdir().unwrap();
+    let server = Server::start(directory.path(), &[]);
+    let session = server.session();
+    server.upload(&format!("{session}/tissue"), &crate::tissue::slab(1.0)).ok();
+    let paths = json!([{"segment": 1, "waypoints": [{"t": 1, "translation_mm": [0.5, 0, 2]}]}]);
+    let plan = server.post(&format!("{session}/plans"), &json!({"paths": paths})).ok()["id"].clone();
+    let job = server.post(&format!("{session}/jobs"), &json!({"plan": plan, "model": "nonlinear", "steps": 40})).ok();
+    let own = job["links"]["self"].as_str().unwrap();
+    let mut stream = server.stream(&format!("{own}/events"));
+    loop {
+        let event = stream.next_event();
+        if event["event"] == "step" {
+            assert_eq!(event["data"]["k"], 1);
+            let frame = server.get(event["data"]["links"]["frame"].as_str().unwrap());
+            assert_eq!(frame.status, 200);
+            let view = server.get(own).ok();
+            assert!(view["status"] == "running" && view["step"].as_u64().unwrap() < 40, "{view}");
+            break;
+        }
+        assert_ne!(event["event"], "end", "no step came before the end");
+    }
+    server.post(&format!("{own}/cancel"), &json!({})).ok();
+}
+
+/// SIGTERM: no new jobs, those that run may end, then the process ends by itself.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_stop_waits_for_a_job_that_is_nearly_done() {
+    let directory = tempfile::tempdir().unwrap();
+    let mut command = serve(directory.path(), "127.0.0.1:0");
+    command.env("PROSOPON_DRAIN_S", "60");
+    let mut server = Server::spawn(command);
+    let session = server.session();
+    server.upload(&format!("{session}/tissue"), &crate::tissue::slab(1.0)).ok();
+    let paths = json!([{"segment": 1, "waypoints": [{"t": 1, "translation_mm": [0.5, 0, 2]}]}]);
+    let plan = server.post(&format!("{session}/plans"), &json!({"paths": paths})).ok()["id"].clone();
+    let job = server.post(&format!("{session}/jobs"), &json!({"plan": plan, "model": "nonlinear", "steps": 8})).ok();
+    let own = job["links"]["self"].as_str().unwrap().to_owned();
+    while server.get(&own).ok()["step"].as_u64().unwrap() < 1 {
+        std::thread::park_timeout(Duration::from_millis(10));
+    }
+    let pid = server.child.id().to_string();
+    assert!(Command::new("kill").args(["-TERM", &pid]).status().unwrap().success());
+    server.child.wait().unwrap();
+    let server = Server::start(directory.path(), &[]);
+    let view = server.get(&own).ok();
+    assert_eq!((&view["status"], &view["attempt"]), (&json!("succeeded"), &json!(1)), "{view}");
+}

@@ -1,0 +1,75 @@
+//! Problems that nothing else provokes, and that none is left without a test.
+
+use std::time::Duration;
+
+use axum::body::{Body, Bytes};
+use axum::http::Method;
+use prosopon::fem::SolveError;
+use prosopon::field::FieldError;
+use prosopon::plan::PlanError;
+use prosopon::session::Halt;
+use serde_json::json;
+
+use crate::app::TestApp;
+
+#[tokio::test]
+async fn what_the_numerics_refuse_has_a_name() {
+    let app = TestApp::new().await;
+    let plant = |halt: Halt| *app.stand_in.fails_with.lock().unwrap() = Some(halt);
+    let (session, plan) = app.session_with_plan().await;
+
+    plant(FieldError::NothingInside.into());
+    app.put_json(&format!("{session}/field/settings"), json!({"spacing_mm": 3})).await.ok();
+    let field = app.finish(app.post(&format!("{session}/field"), json!({})).await).await;
+    assert_eq!(field["problem"]["type"], "/problems/field-not-usable", "{field}");
+    app.put_json(&format!("{session}/field/settings"), json!({})).await.ok();
+
+    plant(PlanError::NotParted { bridges: Vec::new() }.into());
+    let cut = json!({"cuts": [{"plane": {"point_mm": [0, 0, 0], "normal": [0, 0, 2]}}]});
+    app.post(&format!("{session}/osteotomies"), cut).await.problem(422, "bone-not-parted");
+
+    let inverted = SolveError::Inverted { path_share: 0.5, kind: "tetrahedron", element: 3, x: 1.0, y: 2.0, z: 3.0 };
+    let deep = SolveError::Penetration { path_share: 0.5, found_mm: 1.0, allowed_mm: 0.05 };
+    for (error, kind) in [
+        (SolveError::Problem { detail: "no node is free".to_owned() }, "/problems/scene-not-usable"),
+        (inverted, "/problems/solver-inverted"),
+        (deep, "/problems/solver-penetration"),
+    ] {
+        plant(error.into());
+        let job = app.solve(&session, &plan, json!({})).await;
+        let ended = app.get(&format!("{job}?wait_s=10")).await.ok();
+        assert_eq!(ended["problem"]["type"], kind, "{ended}");
+    }
+}
+
+#[tokio::test]
+async fn a_body_that_does_not_come_is_not_waited_for() {
+    let app = TestApp::with(|config| {
+        config.limits.body = Duration::from_millis(50);
+        config.limits.upload_idle = Duration::from_millis(50);
+    })
+    .await;
+    let session = app.session().await;
+    let never = || {
+        let begin = futures::stream::once(async { Ok::<_, std::io::Error>(Bytes::from_static(b"{")) });
+        Body::from_stream(futures::StreamExt::chain(begin, futures::stream::pending()))
+    };
+    let headers = [("content-type", "application/json")];
+    app.call(Method::POST, "/v1/sessions", &headers, never()).await.problem(408, "timeout");
+    app.call(Method::PUT, &format!("{session}/skin"), &[], never()).await.problem(408, "timeout");
+}
+
+/// A type that no test names would rot. A full disk is made nowhere here: `src/session/fault_from.rs` has its test.
+#[test]
+fn every_type_of_problem_is_provoked_by_a_test() {
+    let directory = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/http");
+    let tests: String = std::fs::read_dir(directory)
+        .unwrap()
+        .map(|file| std::fs::read_to_string(file.unwrap().path()).unwrap())
+        .collect();
+    let documented = include_str!("../../api/problems.md");
+    for slug in documented.lines().filter_map(|line| line.strip_prefix("## ")).filter(|slug| *slug != "storage-full") {
+        let named = [format!("\"{slug}\""), format!("\"/problems/{slug}\"")];
+        assert!(named.iter().any(|name| tests.contains(name.as_str())), "no test provokes {slug}");
+    }
+}

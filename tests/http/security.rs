@@ -1,0 +1,258 @@
+//! Who may see and do what.
+
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use axum::body::Body;
+use axum::http::{Method, StatusCode};
+use jsonwebtoken::jwk::{Jwk, JwkSet};
+use jsonwebtoken::{Algorithm, EncodingKey, Header, encode};
+use prosopon::http::auth::{ApiKey, AuthSettings, JwtSettings, Scope, Scopes, new_key};
+use prosopon::store::Audit;
+use serde_json::{Value, json};
+
+use crate::app::{Answer, TestApp};
+
+const KEY: &[u8] = include_bytes!("../data/tls/key.pem");
+const OTHER_KEY: &[u8] = include_bytes!("../data/tls/other-key.pem");
+
+/// A service with two tenants: their tokens.
+async fn two_tenants() -> (TestApp, String, String) {
+    let (mut keys, mut tokens) = (Vec::new(), Vec::new());
+    for (id, tenant) in [("front-a", "a"), ("front-b", "b")] {
+        let new = new_key(id).unwrap();
+        let tenant = tenant.parse().unwrap();
+        let scopes = [Scope::Read, Scope::Write].into_iter().collect();
+        keys.push(ApiKey { id: id.to_owned(), tenant, scopes, hash: new.hash });
+        tokens.push(new.token);
+    }
+    let app = TestApp::with(|config| config.auth = Some(AuthSettings { keys, jwt: None })).await;
+    let [a, b] = tokens.try_into().unwrap();
+    (app, a, b)
+}
+
+async fn call(app: &TestApp, token: &str, method: Method, path: &str, body: Value) -> Answer {
+    let authorization = format!("Bearer {token}");
+    let headers = [("authorization", authorization.as_str()), ("content-type", "application/json")];
+    let body = if body.is_null() { Body::empty() } else { body.to_string().into() };
+    app.call(method, path, &headers, body).await
+}
+
+#[tokio::test]
+async fn without_a_token_only_what_holds_nothing_is_answered() {
+    let (app, token, _) = two_tenants().await;
+    for path in ["/livez", "/readyz", "/openapi.json", "/docs/", "/"] {
+        assert!(app.get(path).await.status.is_success(), "{path}");
+    }
+    let faulty =
+        ["Basic abc", "Bearer", "Bearer ", "Bearer front-a.wrong", "Bearer nobody.x", "Bearer a.b.c", "Bearer x"];
+    for path in ["/v1/sessions", "/v1/jobs", "/metrics", "/nowhere", "/v1/materials"] {
+        let refused = app.get(path).await;
+        refused.problem(401, "unauthenticated");
+        assert_eq!(refused.header("www-authenticate"), "Bearer", "{path}");
+    }
+    for authorization in faulty {
+        let headers = [("authorization", authorization)];
+        app.call(Method::GET, "/v1/sessions", &headers, Body::empty()).await.problem(401, "unauthenticated");
+    }
+    assert_eq!(call(&app, &token, Method::GET, "/v1/sessions", Value::Null).await.status, StatusCode::OK);
+    call(&app, &token, Method::GET, "/nowhere", Value::Null).await.problem(404, "not-found");
+    let no_admin = call(&app, &token, Method::GET, "/metrics", Value::Null).await.problem(403, "forbidden");
+    assert_eq!(no_admin["scope"], "admin");
+}
+
+/// Every path with a session or job in it, by every method that it has.
+#[tokio::test]
+async fn another_tenants_sessions_and_jobs_are_not_there() {
+    let (app, a, b) = two_tenants().await;
+    let made = call(&app, &a, Method::POST, "/v1/sessions", json!({"label": "secret"})).await;
+    let session = made.header("location").rsplit('/').next().unwrap().to_owned();
+    let owner = format!("Bearer {a}");
+    let length = crate::shapes::skin().len().to_string();
+    for (part, bytes) in [("skin", crate::shapes::skin()), ("skull", crate::shapes::skull())] {
+        let headers = [("authorization", owner.as_str()), ("content-length", length.as_str())];
+        app.call(Method::PUT, &format!("/v1/sessions/{session}/{part}"), &headers, bytes).await.ok();
+    }
+    let field = call(&app, &a, Method::POST, &format!("/v1/sessions/{session}/field"), json!({})).await;
+    let job = field.header("location").rsplit('/').next().unwrap().to_owned();
+    call(&app, &a, Method::GET, &format!("/v1/jobs/{job}?wait_s=10"), Value::Null).await.ok();
+
+    let api: Value = serde_json::from_str(include_str!("../../api/openapi.json")).unwrap();
+    let nil = "00000000-0000-0000-0000-000000000000";
+    let mut tried = 0;
+    for (path, item) in api["paths"].as_object().unwrap() {
+        if !path.contains("{session}") && !path.contains("{job}") {
+            continue;
+        }
+        for method in item.as_object().unwrap().keys() {
+            let method: Method = method.to_uppercase().parse().unwrap_or(Method::TRACE);
+            if method == Method::TRACE {
+                continue;
+            }
+            let concrete = |session: &str, job: &str| {
+                let ids = path.replace("{session}", session).replace("{job}", job);
+                ids.replace("{osteotomy}", nil).replace("{plan}", nil).replace("{k}", "1").replace("{segment}", "1")
+            };
+            let foreign = call(&app, &b, method.clone(), &concrete(&session, &job), json!({})).await;
+            let document = foreign.problem(404, "not-found");
+            assert!(!document.to_string().contains("secret"));
+            let unknown = call(&app, &b, method.clone(), &concrete(nil, nil), json!({})).await;
+            // The same words as for what was never there, where the path is the first thing that is looked at.
+            if method == Method::GET || method == Method::DELETE {
+                assert_eq!(unknown.status, foreign.status, "{method} {path}");
+            }
+            tried += 1;
+        }
+    }
+    assert!(tried > 30, "{tried}");
+    // Nor through a body, nor in a list, nor when it was deleted.
+    let named =
+        json!({"prediction": {"session": session, "part": "skin"}, "reference": {"session": session, "part": "skull"}});
+    call(&app, &b, Method::POST, "/v1/compare", named).await.problem(404, "not-found");
+    for list in ["/v1/sessions", "/v1/jobs"] {
+        let listed = call(&app, &b, Method::GET, list, Value::Null).await.ok();
+        assert!(!listed.to_string().contains(&session), "{listed}");
+        assert!(call(&app, &a, Method::GET, list, Value::Null).await.ok().to_string().contains(&session));
+    }
+    let path = format!("/v1/sessions/{session}");
+    assert_eq!(call(&app, &a, Method::DELETE, &path, Value::Null).await.status, StatusCode::NO_CONTENT);
+    call(&app, &a, Method::GET, &path, Value::Null).await.problem(410, "gone");
+    call(&app, &b, Method::GET, &path, Value::Null).await.problem(404, "not-found");
+}
+
+#[tokio::test]
+async fn keys_of_requests_are_a_tenants_own() {
+    let (app, a, b) = two_tenants().await;
+    let mut made = Vec::new();
+    for token in [&a, &b, &a] {
+        let authorization = format!("Bearer {token}");
+        let headers = [
+            ("authorization", authorization.as_str()),
+            ("content-type", "application/json"),
+            ("idempotency-key", "same"),
+        ];
+        made.push(app.call(Method::POST, "/v1/sessions", &headers, "{}").await.ok()["id"].clone());
+    }
+    assert!(made[0] != made[1] && made[0] == made[2]);
+}
+
+#[tokio::test]
+async fn every_call_is_in_the_audit_log_and_nothing_of_a_body() {
+    let (app, a, _) = two_tenants().await;
+    let made = call(&app, &a, Method::POST, "/v1/sessions", json!({"label": "tag-of-a-patient"})).await;
+    let path = made.header("location").to_owned();
+    call(&app, &a, Method::GET, &path, Value::Null).await.ok();
+    call(&app, &a, Method::DELETE, &path, Value::Null).await;
+    app.get("/v1/sessions").await.problem(401, "unauthenticated");
+    let entries = Audit::verify(app.directory()).unwrap();
+    let file = std::fs::read_dir(app.directory().join("audit")).unwrap().next().unwrap().unwrap().path();
+    let text = std::fs::read_to_string(file).unwrap();
+    let lines: Vec<Value> = text.lines().map(|l| serde_json::from_str::<Value>(l).unwrap()["entry"].clone()).collect();
+    let what: Vec<(&str, u64)> =
+        lines.iter().map(|l| (l["what"].as_str().unwrap(), l["status"].as_u64().unwrap())).collect();
+    assert_eq!(
+        what,
+        [("POST /v1/sessions", 201), ("GET /v1/sessions/{session}", 200), ("DELETE /v1/sessions/{session}", 204),]
+    );
+    assert_eq!(entries, 3);
+    let id = path.rsplit('/').next().unwrap();
+    assert!(lines.iter().all(|l| l["tenant"] == "a" && l["who"] == "key:front-a" && l["id"] == id));
+    assert!(!text.contains("patient"));
+}
+
+/// Tokens of an identity provider, each with one thing wrong.
+#[tokio::test]
+async fn a_token_must_be_signed_fresh_and_for_this_service() {
+    let signer = EncodingKey::from_ec_pem(KEY).unwrap();
+    let other = EncodingKey::from_ec_pem(OTHER_KEY).unwrap();
+    let mut jwk = Jwk::from_encoding_key(&signer, Algorithm::ES256).unwrap();
+    jwk.common.key_id = Some("k1".to_owned());
+    let directory = tempfile::tempdir().unwrap();
+    let jwks_file = directory.path().join("jwks.json");
+    std::fs::write(&jwks_file, serde_json::to_vec(&JwkSet { keys: vec![jwk] }).unwrap()).unwrap();
+    let jwt = JwtSettings {
+        issuer: "https://id.example".to_owned(),
+        audience: "prosopon".to_owned(),
+        jwks_file,
+        tenant_claim: "tenant".to_owned(),
+        scope_claim: "scope".to_owned(),
+        leeway: std::time::Duration::ZERO,
+    };
+    let app = TestApp::with(|config| config.auth = Some(AuthSettings { keys: Vec::new(), jwt: Some(jwt) })).await;
+    let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_secs();
+    let claims = json!({
+        "iss": "https://id.example", "aud": "prosopon", "sub": "dr-a", "exp": now + 600, "tenant": "a", "scope": "openid read",
+    });
+    let sign = |claims: &Value, key: &EncodingKey, algorithm: Algorithm| {
+        let header = Header { kid: Some("k1".to_owned()), ..Header::new(algorithm) };
+        encode(&header, claims, key).unwrap()
+    };
+    let changed = |name: &str, value: Value| {
+        let mut claims = claims.clone();
+        claims[name] = value;
+        sign(&claims, &signer, Algorithm::ES256)
+    };
+    let good = sign(&claims, &signer, Algorithm::ES256);
+    assert_eq!(call(&app, &good, Method::GET, "/v1/sessions", Value::Null).await.status, StatusCode::OK);
+    call(&app, &good, Method::POST, "/v1/sessions", json!({})).await.problem(403, "forbidden");
+    let listed = changed("scope", json!(["read", "write"]));
+    assert_eq!(call(&app, &listed, Method::POST, "/v1/sessions", json!({})).await.status, StatusCode::CREATED);
+    let mut without_signature = good.rsplit_once('.').unwrap().0.to_owned();
+    without_signature.push('.');
+    for (wrong, token) in [
+        ("expired", changed("exp", json!(now - 10))),
+        ("not yet", changed("nbf", json!(now + 600))),
+        ("issuer", changed("iss", json!("https://evil.example"))),
+        ("audience", changed("aud", json!("another"))),
+        ("no tenant", changed("tenant", Value::Null)),
+        ("bad tenant", changed("tenant", json!("../a"))),
+        ("no subject", changed("sub", Value::Null)),
+        ("signer", sign(&claims, &other, Algorithm::ES256)),
+        ("shared secret", sign(&claims, &EncodingKey::from_secret(KEY), Algorithm::HS256)),
+        ("no signature", without_signature),
+        ("tampered", good.replacen('.', ".e", 1)),
+    ] {
+        let refused = call(&app, &token, Method::GET, "/v1/sessions", Value::Null).await;
+        assert_eq!(refused.status, StatusCode::UNAUTHORIZED, "{wrong}");
+        let detail = refused.problem(401, "unauthenticated")["detail"].clone();
+        assert_eq!(detail, "the bearer token is not trusted", "{wrong}: why is for the log");
+    }
+}
+
+#[tokio::test]
+async fn a_flood_of_wrong_keys_is_bounded() {
+    let hash = new_key("front").unwrap().hash;
+    let key = ApiKey { id: "front".to_owned(), tenant: "a".parse().unwrap(), scopes: Scopes::all(), hash };
+    let app = TestApp::with(|config| config.auth = Some(AuthSettings { keys: vec![key], jwt: None })).await;
+    let wrong = |n: usize| {
+        let app = &app;
+        async move { call(app, &format!("front.{n}"), Method::GET, "/v1/sessions", Value::Null).await }
+    };
+    let answers = futures::future::join_all((0..60).map(wrong)).await;
+    let statuses: Vec<u16> = answers.iter().map(|a| a.status.as_u16()).collect();
+    answers.iter().find(|a| a.status.as_u16() == 429).unwrap().problem(429, "busy");
+    assert!(statuses.iter().all(|s| [401, 429].contains(s)), "{statuses:?}");
+    assert!(statuses.contains(&401) && statuses.contains(&429), "{statuses:?}");
+}
+
+#[tokio::test]
+async fn browsers_are_told_what_not_to_do() {
+    let app = TestApp::with(|config| config.origins = vec!["https://plan.example".to_owned()]).await;
+    let answer = app.get("/v1/sessions").await;
+    for (name, value) in [
+        ("x-content-type-options", "nosniff"),
+        ("x-frame-options", "DENY"),
+        ("referrer-policy", "no-referrer"),
+        ("cache-control", "no-store"),
+        ("content-security-policy", "default-src 'none'; frame-ancestors 'none'"),
+    ] {
+        assert_eq!(answer.header(name), value, "{name}");
+    }
+    assert!(app.get("/docs/").await.header("content-security-policy").contains("'self'"));
+    for (origin, allowed) in [("https://plan.example", true), ("https://evil.example", false)] {
+        let headers = [("origin", origin), ("access-control-request-method", "POST")];
+        let preflight = app.call(Method::OPTIONS, "/v1/sessions", &headers, Body::empty()).await;
+        assert_eq!(preflight.header("access-control-allow-origin") == origin, allowed, "{origin}");
+        let plain = app.call(Method::GET, "/v1/sessions", &[("origin", origin)], Body::empty()).await;
+        assert_eq!(plain.header("access-control-allow-origin") == origin, allowed, "{origin}");
+    }
+}

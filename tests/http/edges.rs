@@ -39,19 +39,19 @@ async fn a_parameter_that_cannot_be_read_is_named() {
     let app = TestApp::new().await;
     let slice = format!("{}/field/slice.png", app.session().await);
     for (path, name, detail) in [
-        ("/v1/sessions?limit=many", "limit", "expected a whole number within range"),
-        ("/v1/sessions?colour=red", "colour", "unknown field `colour`, expected `before` or `limit`"),
-        ("/v1/jobs?session=x", "session", "expected a UUID"),
-        ("/v1/jobs?status=x", "status", "`x` is not the status of a job"),
-        (&format!("{slice}?axis=q&offset_mm=0"), "axis", "unknown value `q`, expected one of `x`, `y`, `z`"),
-        (&format!("{slice}?axis=x&offset_mm=near"), "offset_mm", "expected a number"),
-        (&format!("{slice}?axis=x"), "offset_mm", "missing field `offset_mm`"),
+        ("/v1/sessions?limit=many", "/limit", "expected a whole number within range"),
+        ("/v1/sessions?colour=red", "/colour", "unknown field `colour`, expected `before` or `limit`"),
+        ("/v1/jobs?session=x", "/session", "expected a UUID"),
+        ("/v1/jobs?status=x", "/status", "`x` is not the status of a job"),
+        (&format!("{slice}?axis=q&offset_mm=0"), "/axis", "unknown value `q`, expected one of `x`, `y`, `z`"),
+        (&format!("{slice}?axis=x&offset_mm=near"), "/offset_mm", "expected a number"),
+        (&format!("{slice}?axis=x"), "/offset_mm", "missing field `offset_mm`"),
     ] {
         let problem = app.get(path).await.problem(400, "malformed-request");
         assert_eq!((&problem["detail"], &problem["errors"][0]["pointer"]), (&json!(detail), &json!(name)), "{path}");
     }
     let far = app.get(&format!("{slice}?axis=x&offset_mm=1e300")).await.problem(422, "invalid-request");
-    assert_eq!(far["errors"], json!([{"pointer": "offset_mm", "detail": "is 1e300, allowed is -10000 to 10000"}]));
+    assert_eq!(far["errors"], json!([{"pointer": "/offset_mm", "detail": "is 1e300, allowed is -10000 to 10000"}]));
 }
 
 #[tokio::test]

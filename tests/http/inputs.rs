@@ -187,7 +187,7 @@ async fn surfaces_that_bound_nothing_are_refused_and_open_ones_are_taken() {
         for (file, words) in [(some(0..1), "solid: 1,"), (some(0..3), "solid: 3,"), (flat(), "one plane")] {
             let problem = app.upload(&path, file).await.problem(422, "surface-not-usable");
             assert!(problem["detail"].as_str().unwrap().contains(words), "{problem}");
-            assert_eq!(problem["errors"][0]["pointer"], part);
+            assert_eq!(problem["errors"][0]["pointer"], format!("/{part}"));
         }
         app.get(&path).await.problem(404, "not-found");
         let open = app.upload(&path, some(2..12)).await.ok();

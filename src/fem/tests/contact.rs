@@ -251,11 +251,11 @@ fn what_overlaps_within_thin_bone_is_pushed_towards_the_tissue() {
     let (contact, _) = Contact::new(&mesh, vec![body], 1.0);
     let x: Vec<Vector> = mesh.positions.iter().map(|p| p.coords).collect();
     assert!(contact.touches(&x, &[Motion::identity()]).is_empty());
-    let touches = contact.touches(&x, &[Motion::translation(0.0, 0.0, 0.3)]);
+    let touches = contact.touches(&x, &[Motion::translation(0.0, 0.0, 0.1)]);
     // The nodes of the face are farther away than the spine is wide.
     let [touch] = touches.as_slice() else { panic!("{touches:?}") };
     // The surface is looked for to 0.01 mm.
-    assert!((touch.gap() + 0.3).abs() < 0.011, "{touch:?}");
+    assert!((touch.gap() + 0.1).abs() < 0.011, "{touch:?}");
     let mut forces = vec![Vector::zeros(); x.len()];
     contact.add_forces(&touches, &mut forces);
     let total: Vector = forces.iter().sum();

@@ -26,7 +26,7 @@ fn in_the_box_the_field_is_that_of_the_whole_and_elsewhere_it_is_coarse_small_an
         let (value, gradient) = part.value_gradient(&p);
         assert!(value.is_finite() && gradient.norm() < 3.0);
         let d = exact.signed(&p);
-        // Nothing beyond the border matters farther than its sweeps carry: three of three nodes, and of three half ones.
+        // Nothing beyond the border matters farther than its sweeps carry: two of three nodes, and of three half ones.
         if corner().grown(-7.0).contains(&p) {
             assert_eq!(part.value_gradient(&p), whole.value_gradient(&p));
             assert_eq!(part.is_fine_at(&p), whole.is_fine_at(&p));

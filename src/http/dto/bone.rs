@@ -210,9 +210,10 @@ fn cut(check: &mut Check, pointer: &str, request: &CutRequest) -> Option<Cut> {
             let pointer = format!("{pointer}/polyline");
             let direction = check.direction(&format!("{pointer}/direction"), line.direction);
             let depth_mm = check.number(&format!("{pointer}/depth_mm"), line.depth_mm, 0.1, REACH_MM);
-            let points = points(check, &format!("{pointer}/points_mm"), &line.points_mm, 2, 1000);
+            let (least, most) = (2, 1000);
+            let points = points(check, &format!("{pointer}/points_mm"), &line.points_mm, least, most);
             let length_mm: f64 = points.windows(2).map(|w| (w[1] - w[0]).norm()).sum();
-            if length_mm < SHORTEST_LINE_MM {
+            if (least..=most).contains(&line.points_mm.len()) && length_mm < SHORTEST_LINE_MM {
                 let detail = format!(
                     "make a line of {length_mm:.3} mm, at least {SHORTEST_LINE_MM} mm are needed: are they in mm?"
                 );

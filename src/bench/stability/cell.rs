@@ -13,6 +13,9 @@ const UNTOLD_MM: f64 = 0.5;
 /// Residual over reactions of a check.
 const TIGHT: f64 = 1e-8;
 
+/// How a warning ends that leaves the answer to the reader.
+const UNRELIABLE: &str = "is not to be relied on";
+
 /// How a method ended on a scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Verdict {
@@ -157,6 +160,9 @@ fn judged(scene: &HardScene, answer: Answer, numeric: Result<f64, String>, model
     let told = answer.outside.iter().chain(&answer.told).cloned().collect::<Vec<String>>().join("; ");
     let (verdict, short, detail) = match (&numeric, &model) {
         _ if answer.outside.is_some() => (Verdict::Told, "outside ellipticity".to_owned(), told),
+        (Err(_), _) if answer.told.iter().any(|warning| warning.ends_with(UNRELIABLE)) => {
+            (Verdict::Told, "contact told".to_owned(), told)
+        }
         (Err(why), _) | (_, Some(Err(why))) => (Verdict::Wrong, "unchecked".to_owned(), why.clone()),
         (Ok(error), _) if *error > scene.within_mm || error.is_nan() => {
             (Verdict::Wrong, format!("{error:.3} mm off"), format!("differs from the check by {error:.4} mm; {told}"))

@@ -88,7 +88,7 @@ fn enhanced(slices: &[Slice], open: bool, fragments: usize, told: usize) -> Vec<
     } else {
         let bytes: Vec<u8> = slices
             .iter()
-            .flat_map(|s| words(s))
+            .flat_map(words)
             .flat_map(|w| if first.syntax == BIG { w.to_be_bytes() } else { w.to_le_bytes() })
             .collect();
         set.bytes((0x7fe0, 0x10), b"OW", &bytes);

@@ -7,10 +7,17 @@
 //! Where tissue is stable enough for it, the Hessian has the distance's curvature: with its Gauss-Newton part `k n nᵀ` alone, points that
 //! creep over an edge of bone gain a fifth each iteration instead of digits.
 
+mod overlap;
+mod passage;
+
+pub(super) use passage::Passage;
+
+use self::overlap::Overlap;
+use self::passage::{is_clear, is_round_a_rim};
 use super::compliance::Compliance;
 use super::dofs::{Dofs, axes_in};
 use super::settings::ContactBody;
-use crate::geometry::{Implicit, Motion, Point, Vector};
+use crate::geometry::{Motion, Point, Vector};
 use crate::mesh::{Attachment, MixedMesh};
 use rayon::prelude::*;
 
@@ -20,15 +27,6 @@ const TOLD_OVERLAP_MM: f64 = 0.1;
 const LEAST_PASSAGE_MM: f64 = 0.2;
 /// Cosine of two normals below which a body pushes the other way: over a rim it turns by a right angle.
 const TURNED_ROUND: f64 = -0.3;
-/// Distances from the middle of a way, in lengths of it, at which a way round a rim is looked for.
-const DETOURS: [f64; 3] = [0.25, 0.5, 1.0];
-/// Sum of two normals below which they look to no common side.
-const LEAST_SUM: f64 = 0.1;
-/// Steps in which the surface is looked for from a point inside, and the least of one, mm.
-const SHIFT_STEPS: usize = 100;
-const LEAST_SHIFT_MM: f64 = 0.01;
-/// Depths of a point within which the surface counts as the one on its side.
-const LONGEST_SHIFT: f64 = 3.0;
 /// Contact points one task looks at.
 const TASK: usize = 64;
 
@@ -105,43 +103,6 @@ pub(super) struct RankOne {
     pub(super) nodes: Vec<(u32, Vector)>,
     /// Positive.
     pub(super) factor: f64,
-}
-
-/// How a point that lies inside a body at rest is measured from there.
-#[derive(Debug, Clone, Copy, Default)]
-struct Overlap {
-    /// From the point to the body's surface on the tissue's side, mm: the distance is taken there, since deep in thin bone it has no
-    /// direction to rely on. Zero where that side is not found.
-    shift: Vector,
-    /// What overlaps there still, mm.
-    rest_mm: f64,
-}
-
-impl Overlap {
-    /// Of a point at which `solid` has `value`.
-    fn of(solid: &dyn Implicit, at: &Point, value: f64, inward: &Vector) -> Self {
-        if value >= 0.0 {
-            return Self::default();
-        }
-        let outside = inward.try_normalize(0.0).and_then(|n| {
-            let (mut way, mut depth) = (0.0, -value);
-            for _ in 0..SHIFT_STEPS {
-                way += depth.max(LEAST_SHIFT_MM);
-                depth = -solid.value(&(at + n * way));
-                if depth <= 0.0 {
-                    return Some(n * way);
-                }
-                if way > LONGEST_SHIFT * -value + LEAST_PASSAGE_MM {
-                    break;
-                }
-            }
-            None
-        });
-        match outside {
-            Some(shift) => Self { shift, rest_mm: 0.0 },
-            None => Self { shift: Vector::zeros(), rest_mm: -value },
-        }
-    }
 }
 
 /// All contact of one tissue.
@@ -457,35 +418,6 @@ impl<'a> Contact<'a> {
         let found: Vec<Passage> = self.points.par_iter().enumerate().with_min_len(TASK).filter_map(passed).collect();
         found.iter().find(|p| !p.round_a_rim).or(found.first()).copied()
     }
-}
-
-/// A contact point that has come to the other side of a body.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Passage {
-    /// Index of the body.
-    pub(super) body: usize,
-    /// Where the point is now.
-    pub(super) place: Point,
-    /// Whether a way that is not much longer leads round the body.
-    pub(super) round_a_rim: bool,
-}
-
-/// Whether the straight way does not lead through the solid.
-fn is_clear(solid: &dyn Implicit, from: &Point, to: &Point) -> bool {
-    let way = to - from;
-    let samples = (way.norm() / LEAST_PASSAGE_MM).ceil() as usize;
-    (1..=samples).all(|i| solid.value(&(from + way * (i as f64 / samples as f64))) >= -0.25 * LEAST_PASSAGE_MM)
-}
-
-/// Whether a way that is not much longer leads round the solid, by a point off the middle of the straight one on the side that both
-/// normals, whose sum is `outward`, look to.
-fn is_round_a_rim(solid: &dyn Implicit, (from, to): (&Point, &Point), outward: &Vector) -> bool {
-    let length = (to - from).norm();
-    outward.norm() > LEAST_SUM
-        && DETOURS.iter().any(|share| {
-            let by = from + (to - from) * 0.5 + outward.normalize() * (share * length);
-            is_clear(solid, from, &by) && is_clear(solid, &by, to)
-        })
 }
 
 /// Largest penetration, mm.

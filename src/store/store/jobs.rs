@@ -1,0 +1,151 @@
+//! The queue, steps and events of jobs.
+
+use std::time::Duration;
+
+use super::{Result, Store};
+use crate::store::records::rfc3339_before;
+use crate::store::{
+    BlobInfo, EventRecord, Insertion, JobChange, JobFilter, JobId, JobRecord, JobState, Lane, NewJob, StepRecord,
+    StepWritten,
+};
+
+impl Store {
+    /// Stores an accepted job, as [`MetaStore::insert_job`].
+    ///
+    /// # Errors
+    /// [`StoreError::SessionGone`], [`StoreError::KeyTaken`].
+    pub async fn insert_job(&self, new: &NewJob<'_>) -> Result<Insertion> {
+        self.meta.insert_job(new).await
+    }
+
+    /// A job, if it is there.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn job(&self, id: JobId) -> Result<Option<JobRecord>> {
+        self.meta.job(id).await
+    }
+
+    /// Jobs, newest first.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn jobs(&self, filter: &JobFilter) -> Result<Vec<JobRecord>> {
+        self.meta.jobs(filter).await
+    }
+
+    /// Accepted jobs of a lane in the order in which they will run.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn queue(&self, lane: Lane) -> Result<Vec<JobId>> {
+        self.meta.queue(lane).await
+    }
+
+    /// Takes the first job of a lane, as [`MetaStore::claim_job`].
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn claim_job(
+        &self,
+        lane: Lane,
+        to: JobState,
+        change: &(dyn for<'a> Fn(&'a JobRecord) -> JobChange + Send + Sync),
+    ) -> Result<Option<JobRecord>> {
+        self.meta.claim_job(lane, to, change).await
+    }
+
+    /// Moves a job from the state that its row says to another, with events. False when it is not in that state any more; then
+    /// the blob that the change names is removed.
+    ///
+    /// # Errors
+    /// [`StoreError::QuotaFull`].
+    pub async fn change_job(&self, job: &JobRecord, to: JobState, change: &JobChange) -> Result<bool> {
+        let changed = self.meta.change_job(job.id, job.fence, job.state, to, change, self.quota).await;
+        if !matches!(changed, Ok(true)) {
+            self.remove_blobs(change.tissue.iter().map(|blob| blob.key.clone()).collect()).await;
+        }
+        changed
+    }
+
+    /// Records how far a running job is, with an event. False when it is not running any more.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn record_progress(&self, job: &JobRecord, phase: &str, progress: f64, event: &str) -> Result<bool> {
+        self.meta.record_progress(job.id, job.fence, phase, progress, event).await
+    }
+
+    /// Names the first large result of a running job; the blob that it replaces is removed, on failure the new one.
+    ///
+    /// # Errors
+    /// [`StoreError::SessionGone`], [`StoreError::QuotaFull`].
+    pub async fn set_rest(&self, job: &JobRecord, rest: &BlobInfo) -> Result<()> {
+        match self.meta.set_rest(job.id, job.fence, rest, self.quota).await {
+            Ok(old) => {
+                self.remove_blobs(old.into_iter().collect()).await;
+                Ok(())
+            }
+            Err(error) => {
+                self.blobs.delete(&rest.key).await;
+                Err(error)
+            }
+        }
+    }
+
+    // ---- steps and events ----
+
+    /// Makes a step visible: its row and its events in one transaction, after the frame is on disk. A frame that an earlier
+    /// attempt left the same is kept, another one replaced.
+    ///
+    /// # Errors
+    /// [`StoreError::SessionGone`] when the job is not there or not running any more, [`StoreError::QuotaFull`].
+    pub async fn commit_step(
+        &self,
+        job: &JobRecord,
+        step: &StepRecord,
+        events: &[(&'static str, String)],
+    ) -> Result<StepWritten> {
+        let written = self.meta.commit_step(job.id, job.fence, step, events, self.quota).await;
+        let unnamed = match &written {
+            Ok(StepWritten::New(old)) => old.clone(),
+            Ok(StepWritten::Same) | Err(_) => Some(step.blob.clone()),
+        };
+        self.remove_blobs(unnamed.into_iter().collect()).await;
+        written
+    }
+
+    /// Finished steps of a job, in order.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn steps(&self, job: JobId) -> Result<Vec<StepRecord>> {
+        self.meta.steps(job).await
+    }
+
+    /// One finished step, if it is there.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn step(&self, job: JobId, k: u32) -> Result<Option<StepRecord>> {
+        Ok(self.steps(job).await?.into_iter().find(|s| s.k == k))
+    }
+
+    /// Events of a job after number `after`, in order.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn events(&self, job: JobId, after: u64) -> Result<Vec<EventRecord>> {
+        self.meta.events(job, after).await
+    }
+
+    /// Drops all but the last event of jobs that ended longer than `age` ago: the number dropped.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn prune_events(&self, age: Duration) -> Result<u64> {
+        self.meta.prune_events(&rfc3339_before(age)).await
+    }
+
+    // ---- keeping house ----
+}

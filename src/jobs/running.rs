@@ -128,10 +128,6 @@ impl Running {
         true
     }
 
-    pub(super) fn cancel_requested(&self) -> bool {
-        self.ending.load(Ordering::Acquire) == CANCEL_REQUESTED
-    }
-
     /// From now on the job ends as its work says. False when it was cancelled before.
     pub(super) fn close(&self) -> bool {
         self.ending.compare_exchange(OPEN, CLOSED, Ordering::AcqRel, Ordering::Acquire).is_ok()

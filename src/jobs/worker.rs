@@ -14,27 +14,45 @@ use crate::store::{JobChange, JobFilter, JobRecord, JobState, Lane, StoreError};
 /// Shortest time between two progress events.
 const PROGRESS_EVERY: Duration = Duration::from_millis(250);
 
-/// Jobs that an earlier run left running become interrupted; interrupted ones are accepted again or given up.
+/// Jobs that an earlier run left running become interrupted; interrupted ones are accepted again or given up. Those that were
+/// asked to stop are cancelled.
 pub(super) async fn recover(service: &Service) -> Result<(), Fault> {
-    for state in [JobState::Running, JobState::Interrupted] {
+    for state in [JobState::Accepted, JobState::Running, JobState::Interrupted] {
         let filter = JobFilter { state: Some(state), limit: u32::MAX, ..JobFilter::default() };
         for job in service.store.jobs(&filter).await? {
-            if state == JobState::Running {
-                let events = vec![("status", status_event(JobState::Interrupted, job.attempt))];
-                apply(service, &job, JobEvent::Interrupt, JobChange { events, ..JobChange::default() }).await?;
-            } else if job.attempt < service.settings.max_attempts {
-                tracing::info!(job.id = %job.id, attempt = job.attempt, "interrupted job is taken up again");
-                let events = vec![("status", status_event(JobState::Accepted, job.attempt))];
-                let change = JobChange { phase: Some("waiting"), events, ..JobChange::default() };
-                apply(service, &job, JobEvent::Requeue, change).await?;
-            } else {
-                let detail = format!("the service stopped {} times while the job ran", job.attempt);
-                let fault = Fault::new(FaultKind::JobInterrupted, detail).with("attempts", job.attempt);
-                apply(service, &job, JobEvent::GiveUp, ended(JobState::Failed, Some(&fault))).await?;
+            if let Some((event, change)) = recovery(&job, service.settings.max_attempts) {
+                tracing::info!(job.id = %job.id, attempt = job.attempt, ?event, "job found at the start");
+                apply(service, &job, event, change).await?;
             }
         }
     }
     Ok(())
+}
+
+/// What a start means for a job that has not ended; nothing for one that waits.
+fn recovery(job: &JobRecord, max_attempts: u32) -> Option<(JobEvent, JobChange)> {
+    if job.cancel_requested_at.is_some() {
+        return Some((JobEvent::Cancel, ended(JobState::Cancelled, None)));
+    }
+    let told = |state| vec![("status", status_event(state, job.attempt))];
+    match job.state {
+        JobState::Running => {
+            let events = told(JobState::Interrupted);
+            Some((JobEvent::Interrupt, JobChange { events, ..JobChange::default() }))
+        }
+        JobState::Interrupted if job.attempt < max_attempts => {
+            let events = told(JobState::Accepted);
+            Some((JobEvent::Requeue, JobChange { phase: Some("waiting"), events, ..JobChange::default() }))
+        }
+        JobState::Interrupted => {
+            let detail = format!("the service stopped {} times while the job ran", job.attempt);
+            let fault = Fault::new(FaultKind::JobInterrupted, detail)
+                .with("attempts", job.attempt)
+                .with("job_status", JobState::Failed.as_str());
+            Some((JobEvent::GiveUp, ended(JobState::Failed, Some(&fault))))
+        }
+        JobState::Accepted | JobState::Succeeded | JobState::Failed | JobState::Cancelled => None,
+    }
 }
 
 /// Longest time without a look at the queue: a job that another process stored is found by it.

@@ -39,7 +39,7 @@ pub use blobs::{BlobInfo, Blobs, Upload};
 pub use error::StoreError;
 pub use event::EventRecord;
 pub use ids::{JobId, OsteotomyId, PlanId, SessionId};
-pub use job::{Insertion, JobChange, JobFilter, JobKind, JobRecord, Lane, NewJob, QueueLimits, Supersede};
+pub use job::{AnswerOf, Insertion, JobChange, JobFilter, JobKind, JobRecord, Lane, NewJob, QueueLimits, Supersede};
 pub use job_state::JobState;
 pub use mesh_blob::{decode_mesh, encode_mesh};
 pub use meta::MetaStore;

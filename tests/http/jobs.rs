@@ -130,7 +130,13 @@ async fn one_job_runs_and_the_others_wait_in_line() {
     let first = app.solve(&session, &plan, json!({})).await;
     app.until_step(&first, 1).await;
     let second = app.solve(&session, &plan, json!({"steps": 2})).await;
-    let third = app.solve(&session, &plan, json!({"steps": 3})).await;
+    let body = json!({"plan": plan, "steps": 3});
+    let accepted = app.post_keyed(&format!("{session}/jobs"), "third", body.clone()).await;
+    assert_eq!(accepted.ok()["queue_position"], 2, "told with the 202");
+    let replayed = app.post_keyed(&format!("{session}/jobs"), "third", body).await;
+    assert_eq!(replayed.json(), accepted.json());
+    let third = accepted.header("location").to_owned();
+    assert_eq!(app.post(&format!("{session}/jobs"), json!({"plan": plan, "steps": 3})).await.ok()["queue_position"], 2);
     assert_eq!(app.get(&second).await.ok()["queue_position"], 1);
     assert_eq!(app.get(&third).await.ok()["queue_position"], 2);
     let full = app.post(&format!("{session}/jobs"), json!({"plan": plan, "steps": 4})).await;

@@ -214,7 +214,7 @@ pub(in crate::http) async fn get(
 
 /// Cancel a job
 ///
-/// One that waits at once, one that runs within a Newton iteration.
+/// One that waits at once, one that runs within a Newton iteration. The request is stored before the answer: the job never succeeds.
 #[utoipa::path(post, path = "/v1/jobs/{job}/cancel", tag = "jobs", params(("job" = Uuid, Path)),
     responses((status = 202, description = "it will stop", body = JobView)))]
 pub(in crate::http) async fn cancel(

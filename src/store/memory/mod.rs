@@ -248,6 +248,10 @@ impl MetaStore for MemoryMeta {
         self.write(|rows| rows.change_job(id, fence, from, to, change, quota))
     }
 
+    async fn request_cancel(&self, id: JobId) -> Result<bool> {
+        self.write(|rows| Ok(rows.request_cancel(id)))
+    }
+
     async fn record_progress(&self, id: JobId, fence: u64, phase: &str, progress: f64, event: &str) -> Result<bool> {
         self.write(|rows| Ok(rows.record_progress(id, fence, phase, progress, event)))
     }

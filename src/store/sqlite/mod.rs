@@ -229,6 +229,10 @@ impl MetaStore for SqliteMeta {
         jobs::change(&self.writer, id, fence, from, to, change, quota).await
     }
 
+    async fn request_cancel(&self, id: JobId) -> Result<bool> {
+        jobs::request_cancel(&self.writer, id).await
+    }
+
     async fn record_progress(&self, id: JobId, fence: u64, phase: &str, progress: f64, event: &str) -> Result<bool> {
         jobs::record_progress(&self.writer, id, fence, phase, progress, event).await
     }

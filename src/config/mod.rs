@@ -146,6 +146,7 @@ impl ServeConfig {
         check(self.limits.max_json_bytes == 0, "max_json_mb: must be above 0");
         check(self.service.max_waiting == 0, "max_waiting: must be above 0");
         check(self.service.max_waiting_tenant == 0, "max_waiting_tenant: must be above 0");
+        check(!(1..=64).contains(&self.service.parallel_jobs), "parallel_jobs: allowed is 1 to 64");
         check(self.service.max_attempts == 0, "max_attempts: must be above 0");
         check(self.service.max_wall.is_zero(), "max_wall_s: must be above 0");
         check(self.service.session_quota == 0, "session_quota_mb: must be above 0");

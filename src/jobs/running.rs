@@ -49,6 +49,25 @@ fn seconds() -> f64 {
     BEGIN.get_or_init(Instant::now).elapsed().as_secs_f64()
 }
 
+/// One of those that take jobs from a lane.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Worker {
+    pub(super) lane: Lane,
+    /// From 0 within its lane.
+    pub(super) number: usize,
+}
+
+impl Worker {
+    /// All of a service that computes `parallel_jobs` jobs of minutes at the same time.
+    pub(super) fn all(parallel_jobs: usize) -> Vec<Self> {
+        let in_lane = |lane| match lane {
+            Lane::Heavy => parallel_jobs.max(1),
+            Lane::Quick => 1,
+        };
+        Lane::ALL.into_iter().flat_map(|lane| (0..in_lane(lane)).map(move |number| Self { lane, number })).collect()
+    }
+}
+
 const OPEN: u8 = 0;
 const CANCEL_REQUESTED: u8 = 1;
 const CLOSED: u8 = 2;
@@ -59,7 +78,7 @@ pub(super) struct Running {
     pub(super) job: JobId,
     pub(super) session: SessionId,
     pub(super) other_session: Option<SessionId>,
-    pub(super) lane: Lane,
+    pub(super) worker: Worker,
     pub(super) control: Control,
     pub(super) started: Instant,
     phase: AtomicU8,
@@ -74,13 +93,13 @@ pub(super) struct Running {
 
 impl Running {
     /// `most` is the longest that any job may compute.
-    pub(super) fn new(job: &JobRecord, most: Duration) -> Self {
+    pub(super) fn new(job: &JobRecord, worker: Worker, most: Duration) -> Self {
         let limit = job.max_wall_s.unwrap_or(f64::INFINITY).min(most.as_secs_f64());
         Self {
             job: job.id,
             session: job.session,
             other_session: job.other_session,
-            lane: job.kind.lane(),
+            worker,
             control: Control::new().with_clock(seconds).with_deadline(seconds() + limit),
             started: Instant::now(),
             phase: AtomicU8::new(Phase::Reading as u8),

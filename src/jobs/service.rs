@@ -6,7 +6,7 @@ use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
 use super::health::Beats;
-use super::running::Running;
+use super::running::{Running, Worker};
 use super::state::{JobEvent, next};
 use super::{CpuPool, Order, ServiceSettings, janitor, worker};
 use crate::control::Control;
@@ -88,12 +88,13 @@ impl Service {
             changes: watch::Sender::new(0),
             drain: stop.child_token(),
             stop,
-            beats: Beats::new(),
+            beats: Beats::new(Worker::all(settings.parallel_jobs)),
             tasks: Mutex::default(),
         });
         worker::recover(&service).await?;
         let mut tasks = vec![tokio::spawn(janitor::keep_house(Arc::clone(&service)))];
-        tasks.extend(Lane::ALL.map(|lane| tokio::spawn(worker::work_through(Arc::clone(&service), lane))));
+        let workers = Worker::all(settings.parallel_jobs).into_iter();
+        tasks.extend(workers.map(|worker| tokio::spawn(worker::work_through(Arc::clone(&service), worker))));
         *service.tasks.lock().unwrap_or_else(PoisonError::into_inner) = tasks;
         Ok(service)
     }
@@ -169,7 +170,7 @@ impl Service {
     /// Jobs of a lane that run now.
     #[must_use]
     pub fn running_in(&self, lane: Lane) -> usize {
-        self.running_jobs().iter().filter(|r| r.lane == lane).count()
+        self.running_jobs().iter().filter(|r| r.worker.lane == lane).count()
     }
 
     pub(super) fn running(&self, job: JobId) -> Option<Arc<Running>> {
@@ -260,7 +261,8 @@ impl Service {
         };
         tracing::info!(job.id = %job.id, job.kind = job.kind.as_str(), session.id = %job.session, "job accepted");
         self.announce();
-        self.woken(job.kind.lane()).notify_one();
+        // All look, and one finds it.
+        self.woken(job.kind.lane()).notify_waiters();
         Ok(status(&job, Some(before)))
     }
 

@@ -4,7 +4,7 @@ use std::time::Duration;
 use tracing::Instrument;
 
 use super::Service;
-use super::running::Running;
+use super::running::{Running, Worker};
 use super::service::{end_event, panicked, status_event, warning_event};
 use super::state::{JobEvent, next};
 use super::work::{self, Done};
@@ -58,12 +58,13 @@ fn recovery(job: &JobRecord, max_attempts: u32) -> Option<(JobEvent, JobChange)>
 /// Longest time without a look at the queue: a job that another process stored is found by it.
 const LOOK_EVERY: Duration = Duration::from_secs(5);
 
-/// Runs the jobs of a lane one after the other until the service stops.
-pub(super) async fn work_through(service: Arc<Service>, lane: Lane) {
+/// Runs jobs of the worker's lane one after the other until the service stops.
+pub(super) async fn work_through(service: Arc<Service>, worker: Worker) {
+    let lane = worker.lane;
     loop {
         // Registered before the look, so that a job stored in between is not missed.
         let woken = service.woken(lane).notified();
-        service.beats.beat(lane);
+        service.beats.beat(worker);
         if service.stop.is_cancelled() {
             return;
         }
@@ -72,7 +73,7 @@ pub(super) async fn work_through(service: Arc<Service>, lane: Lane) {
                 let span = tracing::info_span!(
                     "job", job.id = %job.id, session.id = %job.session, tenant = %job.tenant, job.kind = job.kind.as_str()
                 );
-                if let Err(error) = run(&service, job).instrument(span).await {
+                if let Err(error) = run(&service, job, worker).instrument(span).await {
                     tracing::error!(detail = error.detail, "a job could not be recorded");
                     pause(&service).await;
                 }
@@ -112,8 +113,8 @@ async fn pause(service: &Service) {
     }
 }
 
-async fn run(service: &Arc<Service>, job: JobRecord) -> Result<(), Fault> {
-    let running = Arc::new(Running::new(&job, service.settings.max_wall));
+async fn run(service: &Arc<Service>, job: JobRecord, worker: Worker) -> Result<(), Fault> {
+    let running = Arc::new(Running::new(&job, worker, service.settings.max_wall));
     service.set_running(Arc::clone(&running));
     // A stop between the claim and this would not have found it.
     if service.stop.is_cancelled() {
@@ -240,7 +241,7 @@ async fn tell_progress(service: &Service, job: &JobRecord, running: &Running) ->
     let mut last = ("", -1.0);
     loop {
         tokio::time::sleep(PROGRESS_EVERY).await;
-        service.beats.beat(running.lane);
+        service.beats.beat(running.worker);
         let (phase, progress) = (running.phase().as_str(), running.control.progress());
         if phase == last.0 && progress - last.1 < 0.01 {
             continue;

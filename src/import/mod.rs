@@ -31,6 +31,8 @@ mod stl;
 mod surface;
 mod text;
 #[cfg(test)]
+mod test_fuzz;
+#[cfg(test)]
 mod text_volumes_tests;
 mod volume;
 mod volume_scan;

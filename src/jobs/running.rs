@@ -43,6 +43,11 @@ impl Phase {
     }
 }
 
+/// A step's warning as the job tells it.
+pub(super) fn step_warning(k: u32, text: &str) -> String {
+    format!("step {k}: {text}")
+}
+
 /// Seconds since the first call.
 fn seconds() -> f64 {
     static BEGIN: OnceLock<Instant> = OnceLock::new();
@@ -85,6 +90,8 @@ pub(super) struct Running {
     /// Whether it may still be cancelled: one change decides between a cancel and the end.
     ending: AtomicU8,
     warnings: Mutex<Vec<String>>,
+    /// Number and warning of steps, which told them with their own events.
+    step_warnings: Mutex<Vec<(u32, String)>>,
     /// When each stage began.
     stages: Mutex<Vec<(Phase, Instant)>>,
     /// When it was first seen that it should stop.
@@ -105,6 +112,7 @@ impl Running {
             phase: AtomicU8::new(Phase::Reading as u8),
             ending: AtomicU8::new(OPEN),
             warnings: Mutex::default(),
+            step_warnings: Mutex::default(),
             stages: Mutex::new(vec![(Phase::Reading, Instant::now())]),
             stop_seen: OnceLock::new(),
         }
@@ -127,8 +135,25 @@ impl Running {
         self.warnings.lock().unwrap_or_else(PoisonError::into_inner).push(text);
     }
 
-    pub(super) fn warnings(&self) -> Vec<String> {
+    /// Keeps a warning of a step likewise.
+    pub(super) fn warn_of_step(&self, k: u32, text: &str) {
+        self.step_warnings.lock().unwrap_or_else(PoisonError::into_inner).push((k, text.to_owned()));
+    }
+
+    /// Warnings of the job as a whole.
+    pub(super) fn own_warnings(&self) -> Vec<String> {
         self.warnings.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Warnings of the steps.
+    pub(super) fn step_warnings(&self) -> Vec<(u32, String)> {
+        self.step_warnings.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// All warnings, those of steps with their number.
+    pub(super) fn warnings(&self) -> Vec<String> {
+        let of_steps = self.step_warnings().into_iter().map(|(k, text)| step_warning(k, &text));
+        self.own_warnings().into_iter().chain(of_steps).collect()
     }
 
     pub(super) fn phase(&self) -> Phase {

@@ -91,8 +91,12 @@ impl Service {
             beats: Beats::new(Worker::all(settings.parallel_jobs)),
             tasks: Mutex::default(),
         });
+        service.check_audit_end().await?;
         worker::recover(&service).await?;
-        let mut tasks = vec![tokio::spawn(janitor::keep_house(Arc::clone(&service)))];
+        let mut tasks = vec![
+            tokio::spawn(janitor::keep_house(Arc::clone(&service))),
+            tokio::spawn(janitor::anchor_audit(Arc::clone(&service))),
+        ];
         let workers = Worker::all(settings.parallel_jobs).into_iter();
         tasks.extend(workers.map(|worker| tokio::spawn(worker::work_through(Arc::clone(&service), worker))));
         *service.tasks.lock().unwrap_or_else(PoisonError::into_inner) = tasks;

@@ -154,9 +154,10 @@ fn outcome(service: &Service, job: &JobRecord, running: &Running, done: Result<D
     }
     match done {
         Ok(Done { report, tissue, warnings: found }) => {
+            // Those of steps have had their events.
+            let mut events: Vec<_> = running.own_warnings().iter().chain(&found).map(|w| warning_event(w)).collect();
             let mut warnings = running.warnings();
             warnings.extend(found);
-            let mut events: Vec<_> = warnings.iter().map(|w| warning_event(w)).collect();
             events.push(end_event(JobState::Succeeded, None));
             let change = JobChange { phase: Some("done"), report, tissue, warnings, events, ..JobChange::default() };
             (JobEvent::Succeed, change)
@@ -209,7 +210,7 @@ fn ended(state: JobState, fault: Option<&Fault>) -> JobChange {
 /// Where the work stood: what the row says may be a quarter of a second old.
 fn stopped(running: &Running, change: JobChange) -> JobChange {
     let warnings = running.warnings();
-    let mut events: Vec<_> = warnings.iter().map(|w| warning_event(w)).collect();
+    let mut events: Vec<_> = running.own_warnings().iter().map(|w| warning_event(w)).collect();
     events.extend(change.events);
     let (phase, progress) = (Some(running.phase().as_str()), Some(running.control.progress()));
     JobChange { phase, progress, warnings, events, ..change }

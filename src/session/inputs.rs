@@ -146,6 +146,14 @@ impl SessionParts {
         Err(self.missing(&missing, next))
     }
 
+    /// Vertices of the skull, where it is there.
+    ///
+    /// # Errors
+    /// [`FaultKind::Internal`].
+    pub fn skull_vertices(&self) -> Result<Option<usize>, Fault> {
+        Ok(self.document::<SurfaceDocument>(PartKind::Skull)?.map(|skull| skull.vertices))
+    }
+
     /// What the boxes of skin and skull tell of whether they belong together; the field looks more closely.
     ///
     /// # Errors

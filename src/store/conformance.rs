@@ -416,6 +416,15 @@ async fn a_deleted_session_leaves_nothing(store: Store) {
     assert!(!store.change_job(&running, JobState::Succeeded, &JobChange::default()).await.unwrap());
 }
 
+async fn the_end_of_the_audit_log_is_noted(store: Store) {
+    assert_eq!(store.audit_anchor().await.unwrap(), None);
+    for chain in ["a", "b"] {
+        store.set_audit_anchor(chain).await.unwrap();
+        let (noted, at) = store.audit_anchor().await.unwrap().unwrap();
+        assert!(noted == chain && at <= now_rfc3339());
+    }
+}
+
 async fn idle_sessions_are_found(store: Store) {
     let (idle, busy) = (add_session(&store, "a").await, add_session(&store, "a").await);
     accept(&store, busy.id, "1").await;
@@ -461,4 +470,5 @@ conforms! {
     events_count_up_and_old_ones_go,
     a_deleted_session_leaves_nothing,
     idle_sessions_are_found,
+    the_end_of_the_audit_log_is_noted,
 }

@@ -165,6 +165,14 @@ pub trait MetaStore: Debug + Send + Sync {
     /// Drops all but the last event of jobs that ended before `ended_before` (RFC 3339): the number dropped.
     async fn prune_events(&self, ended_before: &str) -> Result<u64>;
 
+    // ---- the audit log ----
+
+    /// Notes the chain at the end of the audit log, and when that was (RFC 3339).
+    async fn set_audit_anchor(&self, chain: &str, at: &str) -> Result<()>;
+
+    /// The chain that was noted last, and when.
+    async fn audit_anchor(&self) -> Result<Option<(String, String)>>;
+
     // ---- the engine ----
 
     /// Keys of all blobs that a row names.

@@ -33,7 +33,7 @@ mod store;
 mod tenant;
 
 pub use answer::{AnswerRecord, Remembered};
-pub use audit::{Audit, AuditEntry, AuditFault};
+pub use audit::{Audit, AuditEntry, AuditFault, AuditReport, verify_audit};
 pub use backup::{BackupReport, back_up, restore};
 pub use blobs::{BlobInfo, Blobs, Upload};
 pub use error::StoreError;

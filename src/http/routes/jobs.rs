@@ -60,6 +60,7 @@ pub(in crate::http) async fn create(
 ) -> Result<Response, Problem> {
     let (request, answering) = creating.split();
     let parts = SessionParts::load(state.service.store(), session).await?;
+    check_painted(&request, &parts)?;
     let defaults = session_settings(&state, session).await?;
     let checked = request.check(&defaults, state.service.settings().max_wall)?;
     let order = |steps: u32, content: String| Order {
@@ -105,6 +106,17 @@ pub(in crate::http) async fn create(
         target: parts.get(PartKind::Target).map(|target| target.key.clone()),
     };
     accept_order(&state, order(solve.steps, stored(&solve)?), Some(&answering)).await
+}
+
+/// Painted vertices must be those of the skull that is there now.
+fn check_painted(request: &CreateJob, parts: &SessionParts) -> Result<(), Problem> {
+    let classes = request.attachment.as_ref().and_then(|a| a.skull_classes.as_ref());
+    let (Some(classes), Some(needed)) = (classes, parts.skull_vertices()?) else { return Ok(()) };
+    if classes.len() == needed {
+        return Ok(());
+    }
+    let detail = format!("has {} classes, the skull has {needed} vertices", classes.len());
+    Err(Fault::new(FaultKind::InvalidRequest, detail).at("/attachment/skull_classes").into())
 }
 
 /// Defaults of a session's jobs.

@@ -36,6 +36,7 @@ struct Rows {
     tombstones: BTreeMap<String, (TenantId, String)>,
     turns: BTreeMap<(TenantId, Lane), u64>,
     last_number: u64,
+    audit_anchor: Option<(String, String)>,
 }
 
 #[derive(Debug, Clone)]
@@ -282,6 +283,17 @@ impl MetaStore for MemoryMeta {
 
     async fn prune_events(&self, ended_before: &str) -> Result<u64> {
         self.write(|rows| Ok(rows.prune_events(ended_before)))
+    }
+
+    async fn set_audit_anchor(&self, chain: &str, at: &str) -> Result<()> {
+        self.write(|rows| {
+            rows.audit_anchor = Some((chain.to_owned(), at.to_owned()));
+            Ok(())
+        })
+    }
+
+    async fn audit_anchor(&self) -> Result<Option<(String, String)>> {
+        Ok(self.read(|rows| rows.audit_anchor.clone()))
     }
 
     async fn named_blobs(&self) -> Result<BTreeSet<String>> {

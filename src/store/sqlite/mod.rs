@@ -1,5 +1,6 @@
 //! Rows in one SQLite database: write-ahead log, every commit synced.
 
+mod anchor;
 mod answers;
 mod events;
 mod format;
@@ -63,6 +64,11 @@ impl SqliteMeta {
         let file = file.to_str().ok_or_else(|| StoreError::record("the path of the copy is not UTF-8"))?;
         sqlx::query("VACUUM INTO ?").bind(file).execute(&self.reader).await?;
         Ok(())
+    }
+
+    /// Forgets the end of an audit log that is elsewhere.
+    pub(super) async fn clear_audit_anchor(&self) -> Result<()> {
+        anchor::clear(&self.writer).await
     }
 
     #[cfg(test)]
@@ -262,6 +268,14 @@ impl MetaStore for SqliteMeta {
 
     async fn prune_events(&self, ended_before: &str) -> Result<u64> {
         events::prune(&self.writer, ended_before).await
+    }
+
+    async fn set_audit_anchor(&self, chain: &str, at: &str) -> Result<()> {
+        anchor::set(&self.writer, chain, at).await
+    }
+
+    async fn audit_anchor(&self) -> Result<Option<(String, String)>> {
+        anchor::get(&self.reader).await
     }
 
     async fn named_blobs(&self) -> Result<BTreeSet<String>> {

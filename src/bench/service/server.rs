@@ -29,9 +29,10 @@ impl Server {
             BufReader::new(out).read_line(&mut line).map_err(|e| failed(&e))?;
         }
         let url = line.trim().strip_prefix("listening on ").map(str::to_owned);
-        let server = Self { url: String::new(), pid: Some(child.id()), child: Some(child) };
-        let url = url.ok_or_else(|| failed(&format!("it did not say where it listens but {line:?}")))?;
-        Ok(Self { url, ..server })
+        // Owned before anything fails, so that it is ended.
+        let mut server = Self { url: String::new(), pid: Some(child.id()), child: Some(child) };
+        server.url = url.ok_or_else(|| failed(&format!("it did not say where it listens but {line:?}")))?;
+        Ok(server)
     }
 
     /// One that runs already; with its process id its memory is sampled.

@@ -6,6 +6,7 @@ use utoipa::{IntoParams, ToSchema};
 use super::PartView;
 use super::check::{Check, REACH_MM};
 use crate::geometry::{Aabb, Point};
+use crate::http::extract::short_number;
 use crate::import::{SeriesChoice, VolumeSettings};
 use crate::jobs::ImportRequest;
 use crate::session::{Fault, FieldDocument, FieldMethod, FieldSettingsDocument, LandmarksDocument, PlacedPlane, Solid};

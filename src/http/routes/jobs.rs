@@ -13,7 +13,7 @@ use super::osteotomies::fresh_osteotomy;
 use super::plans;
 use crate::http::auth::Principal;
 use crate::http::dto::{CheckedJob, CreateJob, JobList, JobView, SessionSettings};
-use crate::http::extract::{Creating, Ids, Params, short_number};
+use crate::http::extract::{Creating, Ids, Params, page_length, short_number};
 use crate::http::{AppState, Problem};
 use crate::jobs::{Order, PhysicsRecord, SceneRequest, SolveRequest};
 use crate::session::{Fault, FaultKind, SessionParts, TissueDocument};
@@ -34,6 +34,7 @@ pub(in crate::http) struct Page {
     /// Only those made before this one.
     before: Option<Uuid>,
     /// At most so many, 1 to 100; 20 when absent.
+    #[param(minimum = 1, maximum = 100)]
     limit: Option<u32>,
 }
 
@@ -182,7 +183,7 @@ pub(in crate::http) async fn list(
     principal: Principal,
     Params(page): Params<Page>,
 ) -> Result<Json<JobList>, Problem> {
-    let limit = page.limit.unwrap_or(20).clamp(1, 100);
+    let limit = page_length(page.limit)?;
     let wanted = page.status.as_deref().map(str::parse::<JobState>).transpose();
     let filter = JobFilter {
         tenant: Some(principal.tenant),

@@ -8,7 +8,7 @@ use uuid::Uuid;
 
 use crate::http::auth::Principal;
 use crate::http::dto::{CreateSession, JobView, SessionList, SessionView};
-use crate::http::extract::{Creating, Ids, Params};
+use crate::http::extract::{Creating, Ids, Params, page_length};
 use crate::http::{AppState, Problem};
 use crate::session::SessionParts;
 use crate::store::{JobFilter, SessionId, SessionRecord, later, now_rfc3339};
@@ -21,6 +21,7 @@ pub(in crate::http) struct Page {
     /// Only those made before this one.
     before: Option<Uuid>,
     /// At most so many, 1 to 100; 20 when absent.
+    #[param(minimum = 1, maximum = 100)]
     limit: Option<u32>,
 }
 
@@ -60,7 +61,7 @@ pub(in crate::http) async fn list(
     principal: Principal,
     Params(page): Params<Page>,
 ) -> Result<Json<SessionList>, Problem> {
-    let limit = page.limit.unwrap_or(20).clamp(1, 100);
+    let limit = page_length(page.limit)?;
     let records =
         state.service.store().sessions(Some(&principal.tenant), page.before.map(SessionId::from), limit).await?;
     let next = records.last().filter(|_| records.len() == limit as usize);

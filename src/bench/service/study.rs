@@ -30,7 +30,7 @@ pub struct ServiceStudy<'a> {
     pub pid: Option<u32>,
     /// How long the load lasts, s.
     pub seconds: f64,
-    /// Small jobs after it.
+    /// Small jobs after it; with 0 the memory is not looked at.
     pub jobs: usize,
     /// Clients that read how things stand.
     pub pollers: usize,
@@ -71,6 +71,9 @@ impl ServiceStudy<'_> {
         let reads_are_quick = self.tell_load(&loaded, out)?;
         write(&beside("svg"), latency_chart(&loaded.latencies)?.as_bytes())?;
 
+        if self.jobs == 0 {
+            return Ok(reads_are_quick && loaded.latencies.errors() == 0);
+        }
         let server = self.server(&scratch.path("memory"), 1)?;
         let (samples, latencies) = memory::run(&server, self.jobs)?;
         drop(server);

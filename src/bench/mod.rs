@@ -26,6 +26,7 @@ mod slab;
 mod solver_growth;
 mod stability;
 mod truth;
+mod warm_start;
 mod winding;
 
 pub use bounds::BoundStudy;
@@ -46,3 +47,4 @@ pub use service::ServiceStudy;
 pub use solver_growth::{SlabCase, SolverGrowthStudy, run_slab_case};
 pub use stability::StabilityStudy;
 pub use truth::TruthStudy;
+pub use warm_start::WarmStartStudy;

@@ -100,11 +100,17 @@ pub(super) fn audit(command: &AuditCommand) -> CommandResult {
     let out = &mut std::io::stdout();
     writeln!(out, "{} entries, none changed or removed", report.entries)?;
     if report.gaps > 0 {
-        let detail = format!("a start of the service found entries removed, {} times: look for `{}`", report.gaps, AuditEntry::GAP);
+        let detail = format!(
+            "a start of the service found entries removed, {} times: look for `{}`",
+            report.gaps,
+            AuditEntry::GAP
+        );
         return Err(detail.into());
     }
     match report.anchored_at {
-        Some(at) => writeln!(out, "the end as noted in the store at {at} is there; {} entries are later", report.later)?,
+        Some(at) => {
+            writeln!(out, "the end as noted in the store at {at} is there; {} entries are later", report.later)?
+        }
         None => writeln!(out, "the store notes no end: entries missing at the end would not show")?,
     }
     Ok(())

@@ -29,9 +29,9 @@ mod ply;
 mod polygon;
 mod stl;
 mod surface;
-mod text;
 #[cfg(test)]
 mod test_fuzz;
+mod text;
 #[cfg(test)]
 mod text_volumes_tests;
 mod volume;

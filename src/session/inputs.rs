@@ -36,6 +36,14 @@ impl SessionParts {
         Ok(Self { session, parts: store.parts(session).await? })
     }
 
+    /// Parts of a session that is known to be there.
+    ///
+    /// # Errors
+    /// The store's.
+    pub async fn of_known(store: &Store, session: SessionId) -> Result<Self, Fault> {
+        Ok(Self { session, parts: store.parts(session).await? })
+    }
+
     /// All parts.
     #[must_use]
     pub fn all(&self) -> &[PartRecord] {

@@ -5,8 +5,8 @@ use std::sync::{Mutex, PoisonError};
 
 use serde::{Deserialize, Serialize};
 
-use super::records::{now_rfc3339, sha256_hex};
 use super::MetaStore;
+use super::records::{now_rfc3339, sha256_hex};
 use super::sqlite::{DATABASE, SqliteMeta};
 use super::store::create_private;
 

@@ -215,13 +215,8 @@ async fn a_job_that_is_asked_for_twice_is_stored_once(store: Store) {
     assert!(matches!(insert(&store, &job(id, "other"), MANY, false).await, Insertion::Stored { .. }));
     let stored = store.job(first).await.unwrap().unwrap();
     assert_eq!((stored.tenant.as_str(), stored.max_wall_s, stored.events_from), ("a", Some(60.0), 1));
-    let orphan = NewJob {
-        job: &job(SessionId::new(), "x"),
-        limits: MANY,
-        event: "{}",
-        supersede: None,
-        answer: &|_, _| None,
-    };
+    let orphan =
+        NewJob { job: &job(SessionId::new(), "x"), limits: MANY, event: "{}", supersede: None, answer: &|_, _| None };
     assert!(matches!(store.insert_job(&orphan).await, Err(StoreError::SessionGone)));
 }
 
@@ -238,7 +233,9 @@ async fn the_queue_is_bounded_in_all_and_by_tenant(store: Store) {
     assert_eq!(store.job(refused.id).await.unwrap(), None);
     assert_eq!(store.queue(Lane::Heavy).await.unwrap().len(), 3);
     // One that makes room for itself fits.
-    assert!(matches!(insert(&store, &job(a, "3"), limits, true).await, Insertion::Stored { superseded, before: 1 } if superseded.len() == 2));
+    assert!(
+        matches!(insert(&store, &job(a, "3"), limits, true).await, Insertion::Stored { superseded, before: 1 } if superseded.len() == 2)
+    );
 }
 
 async fn tenants_take_turns(store: Store) {

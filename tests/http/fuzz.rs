@@ -162,8 +162,10 @@ async fn damaged_bodies_are_refused_by_name_and_never_fault() {
         if dice.below(4) == 0 {
             damage(&mut text, &mut dice);
         }
-        let told = format!("{} {}: {}", example.method, example.path, String::from_utf8_lossy(&text[..text.len().min(2000)]));
-        let answer = app.call(example.method.clone(), &example.path, &[("content-type", "application/json")], text).await;
+        let told =
+            format!("{} {}: {}", example.method, example.path, String::from_utf8_lossy(&text[..text.len().min(2000)]));
+        let answer =
+            app.call(example.method.clone(), &example.path, &[("content-type", "application/json")], text).await;
         check(&answer, &told);
         sent += 1;
         refused += usize::from(answer.status.is_client_error());

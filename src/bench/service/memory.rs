@@ -41,7 +41,8 @@ pub(super) fn run(server: &Server, jobs: usize) -> Result<(Vec<Sample>, Latencie
                     return client.latencies;
                 }
                 let (session, plan) = &scenes[number % scenes.len()];
-                let ended = client.solve(session, &Scene::SMALL.solve(plan, number)).and_then(|job| client.finish(&job));
+                let ended =
+                    client.solve(session, &Scene::SMALL.solve(plan, number)).and_then(|job| client.finish(&job));
                 if ended.is_ok_and(|status| status != "succeeded") {
                     client.latencies.error(Kind::Other, &"a small job did not succeed");
                 }

@@ -174,7 +174,11 @@ mod tests {
             FaultKind::InvalidRequest,
             Some("/planes/1"),
         );
-        check(r#"{"values": [], "plane": {"point": [1, 2, 3], "offset": 4, "offset": 5}}"#, FaultKind::InvalidRequest, Some("/plane/offset"));
+        check(
+            r#"{"values": [], "plane": {"point": [1, 2, 3], "offset": 4, "offset": 5}}"#,
+            FaultKind::InvalidRequest,
+            Some("/plane/offset"),
+        );
         check(r#"{"values": {}, "plane": null}"#, FaultKind::InvalidRequest, Some("/values"));
         check(r#"{"values": [1e999]}"#, FaultKind::MalformedRequest, None);
         check(r#"{"values": [NaN]}"#, FaultKind::MalformedRequest, None);

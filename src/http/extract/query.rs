@@ -29,7 +29,9 @@ pub(in crate::http) fn page_length(asked: Option<u32>) -> Result<u32, Problem> {
     match asked {
         None => Ok(20),
         Some(n @ 1..=100) => Ok(n),
-        Some(n) => Err(Fault::new(FaultKind::MalformedRequest, format!("is {n}, allowed is 1 to 100")).at("limit").into()),
+        Some(n) => {
+            Err(Fault::new(FaultKind::MalformedRequest, format!("is {n}, allowed is 1 to 100")).at("limit").into())
+        }
     }
 }
 

@@ -82,15 +82,14 @@ pub(in crate::http) async fn get(
     State(state): State<AppState>,
     Ids(session): Ids<SessionId>,
 ) -> Result<Json<SessionView>, Problem> {
-    SessionParts::load(state.service.store(), session).await?;
-    match state.service.store().session(session).await? {
-        Some(record) => {
-            let mut view = view(&state, &record).await?;
-            view.expires_at = expires_at(&state, session).await?;
-            Ok(Json(view))
-        }
-        None => Err(Problem::new(crate::session::FaultKind::Gone, "the session was deleted meanwhile")),
-    }
+    let Some(record) = state.service.store().session(session).await? else {
+        // Says whether it was ever there.
+        SessionParts::load(state.service.store(), session).await?;
+        return Err(Problem::new(crate::session::FaultKind::Gone, "the session was deleted meanwhile"));
+    };
+    let mut view = view(&state, &record).await?;
+    view.expires_at = expires_at(&state, session).await?;
+    Ok(Json(view))
 }
 
 /// Delete a session
@@ -116,7 +115,7 @@ async fn expires_at(state: &AppState, session: SessionId) -> Result<Option<Strin
 
 async fn view(state: &AppState, record: &SessionRecord) -> Result<SessionView, Problem> {
     let store = state.service.store();
-    let parts = SessionParts::load(store, record.id).await?;
+    let parts = SessionParts::of_known(store, record.id).await?;
     let filter = JobFilter { session: Some(record.id), limit: 100, ..JobFilter::default() };
     let jobs = store.jobs(&filter).await?;
     let mut view = SessionView::new(record);

@@ -20,8 +20,20 @@ const HUGE: [u64; 10] =
     [0, 1, 0x7f, 0xff, 0xffff, 0x7fff_ffff, 0xffff_ffff, 0x1_0000_0001, 0x7fff_ffff_ffff_ffff, u64::MAX];
 /// Words that take the place of a number in a text.
 const WORDS: [&str; 14] = [
-    "0", "-1", "1", "3", "65536", "2147483648", "4294967295", "18446744073709551615", "99999999999999999999999", "1e308",
-    "-1e-320", "nan", "inf", "0x10",
+    "0",
+    "-1",
+    "1",
+    "3",
+    "65536",
+    "2147483648",
+    "4294967295",
+    "18446744073709551615",
+    "99999999999999999999999",
+    "1e308",
+    "-1e-320",
+    "nan",
+    "inf",
+    "0x10",
 ];
 
 /// Damages a file in one way.
@@ -38,7 +50,11 @@ pub(super) fn mutate(file: &mut Vec<u8>, other: &[u8], dice: &mut Dice) {
         3 => {
             let value = HUGE[dice.below(HUGE.len())];
             let width = [2, 4, 8][dice.below(3)];
-            let bytes = if dice.below(2) == 0 { value.to_le_bytes()[..width].to_vec() } else { value.to_be_bytes()[8 - width..].to_vec() };
+            let bytes = if dice.below(2) == 0 {
+                value.to_le_bytes()[..width].to_vec()
+            } else {
+                value.to_be_bytes()[8 - width..].to_vec()
+            };
             let end = (at + width).min(file.len());
             file[at..end].copy_from_slice(&bytes[..end - at]);
         }

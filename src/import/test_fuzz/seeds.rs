@@ -1,9 +1,9 @@
+use crate::import::SurfaceFormat;
 use crate::import::dicom::tests::{Slice, archive};
 use crate::import::hostile::{other_volumes, surfaces, volumes};
 use crate::import::nifti1::tests::{File, gzip};
 use crate::import::vtu::legacy_tests;
 use crate::import::vtu::tests::{Encoding, file as vtu};
-use crate::import::SurfaceFormat;
 
 /// Which reader a file is for.
 #[derive(Debug, Clone, Copy)]
@@ -79,7 +79,13 @@ pub(super) fn seeds() -> Vec<Seed> {
         let slice = Seed::new(format!("slice in {syntax}"), Target::Volume, Slice::near(0, syntax).file());
         all.push(Seed { wrap: Wrap::Series(syntax), ..slice });
     }
-    for encoding in [Encoding::Ascii, Encoding::Base64, Encoding::Zlib { block: 64 }, Encoding::RawAppended, Encoding::Base64Appended] {
+    for encoding in [
+        Encoding::Ascii,
+        Encoding::Base64,
+        Encoding::Zlib { block: 64 },
+        Encoding::RawAppended,
+        Encoding::Base64Appended,
+    ] {
         all.push(Seed::new(format!("VTU {encoding:?}"), Target::Mesh, vtu(encoding, true, true)));
     }
     for (is_ascii, version) in [(true, 3), (true, 5), (false, 3), (false, 5)] {

@@ -46,7 +46,8 @@ async fn on_case(context: &Context, request: SolveRequest) -> Result<Done, Halt>
     store.set_rest(&context.job, &rest).await?;
     let reference = Reference::load(context, &parts, &request).await?;
     let settings = request.settings(&case.anatomy.skull)?;
-    let run = Run { case, cuts: stored_cuts(&request.cuts)?, tissue, plan: request.plan.plan()?, settings };
+    let after = request.warm_start.as_ref().map(|before| before.earlier()).transpose()?.map(Box::new);
+    let run = Run { case, cuts: stored_cuts(&request.cuts)?, tissue, plan: request.plan.plan()?, settings, after };
 
     let (sender, receiver) = mpsc::channel(2);
     let computing = compute(context, run, request.tissue, reference, sender);
@@ -146,8 +147,7 @@ async fn write_step(context: &Context, step: FinishedStep) -> Result<(), Halt> {
         sha256: frame.sha256.clone(),
         bytes: frame.bytes,
     };
-    let mut events: Vec<_> =
-        document.warnings.iter().map(|w| warning_event(&step_warning(document.k, w))).collect();
+    let mut events: Vec<_> = document.warnings.iter().map(|w| warning_event(&step_warning(document.k, w))).collect();
     events.push(("step", event.to_string()));
     store.commit_step(&context.job, &record, &events).await?;
     tracing::info!(step = document.k, steps = context.job.steps, duration_s = document.wall_s, "step stored");

@@ -99,9 +99,8 @@ impl Rows {
     pub(super) fn queue(&self, lane: Lane) -> Vec<JobId> {
         let mut rounds: BTreeMap<TenantId, u64> = BTreeMap::new();
         let waiting = self.in_order_of_number().into_iter();
-        let waiting = waiting.filter(|j| {
-            j.state == JobState::Accepted && j.kind.lane() == lane && j.cancel_requested_at.is_none()
-        });
+        let waiting = waiting
+            .filter(|j| j.state == JobState::Accepted && j.kind.lane() == lane && j.cancel_requested_at.is_none());
         let mut places: Vec<_> = waiting
             .map(|j| {
                 let round = rounds.entry(j.tenant.clone()).and_modify(|r| *r += 1).or_insert(1);

@@ -87,7 +87,8 @@ fn retry() -> Duration {
 
 fn last_event_id(headers: &HeaderMap) -> Result<u64, Problem> {
     let Some(value) = headers.get("last-event-id") else { return Ok(0) };
-    let number = value.to_str().ok().and_then(|v| v.parse().ok());
+    // As far as the store counts.
+    let number = value.to_str().ok().and_then(|v| v.parse().ok()).filter(|n| *n <= i64::MAX.unsigned_abs());
     number.ok_or_else(|| Problem::new(FaultKind::MalformedRequest, "Last-Event-ID must be a number"))
 }
 

@@ -94,7 +94,8 @@ pub(in crate::http) async fn delete(
 #[utoipa::path(get, path = "/v1/sessions/{session}/osteotomies/{osteotomy}/segments/{segment}", tag = "bone",
     params(("session" = Uuid, Path), ("osteotomy" = Uuid, Path), ("segment" = u32, Path), FormatQuery),
     responses((status = 200, description = "the surface", content(
-        (Vec<u8> = "model/gltf-binary"), (Vec<u8> = "application/ply"), (Vec<u8> = "model/stl"))),
+        (Vec<u8> = "model/gltf-binary"), (Vec<u8> = "application/ply"), (Vec<u8> = "model/stl"),
+        (Vec<u8> = "application/vnd.vtk.vtp"))),
         (status = 304, description = "as known")))]
 pub(in crate::http) async fn segment(
     State(state): State<AppState>,

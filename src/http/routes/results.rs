@@ -119,7 +119,8 @@ pub(in crate::http) async fn topology(
 #[utoipa::path(get, path = "/v1/jobs/{job}/steps/{k}/skin", tag = "results",
     params(("job" = Uuid, Path), ("k" = u32, Path), SkinQuery),
     responses((status = 200, description = "the surface", content(
-        (Vec<u8> = "model/gltf-binary"), (Vec<u8> = "application/ply"), (Vec<u8> = "model/stl"))),
+        (Vec<u8> = "model/gltf-binary"), (Vec<u8> = "application/ply"), (Vec<u8> = "model/stl"),
+        (Vec<u8> = "application/vnd.vtk.vtp"))),
         (status = 304, description = "as known")))]
 pub(in crate::http) async fn skin(
     State(state): State<AppState>,

@@ -8,7 +8,8 @@ pub(super) fn check(level: &str) -> Result<(), String> {
     }
     for part in level.split(',').map(str::trim) {
         let named = part.rsplit_once('=').map_or(part, |(_, level)| level);
-        if named.parse::<LevelFilter>().is_err() {
+        // The filter takes nothing for a level.
+        if named.is_empty() || named.parse::<LevelFilter>().is_err() {
             return Err(format!("`{part}` is neither off, error, warn, info, debug, trace nor MODULE=LEVEL"));
         }
     }

@@ -101,7 +101,9 @@ fn change(value: &mut Value, dice: &mut Dice) {
             let scale = [0.0, -1.0, 1e-3, 1e3, 1e9, 1e300][dice.below(6)];
             *value = json!(value.as_f64().unwrap() * scale);
         }
-        other => *other = odd_value(dice),
+        Value::Null | Value::Bool(_) | Value::Number(_) | Value::String(_) | Value::Array(_) | Value::Object(_) => {
+            *value = odd_value(dice);
+        }
     }
 }
 

@@ -17,7 +17,8 @@
 //!
 //! - [`store`], [`session`], [`jobs`], [`http`]: records, what a session may do, the queue, the API. Rows stand behind the trait
 //!   [`store::MetaStore`] (SQLite; memory for tests), large results behind `object_store` (files; memory); [`store`] says what Postgres and an
-//!   S3-compatible store have to do. One process has a data directory; a lane of the queue computes one job at a time.
+//!   S3-compatible store have to do. One process has a data directory; the queue computes one long job at a time, or as many as
+//!   `parallel_jobs` says, and beside them comparisons one after the other.
 //! - [`mod@bench`]: the studies behind the charts, and CTs as files.
 //! - [`config`], [`telemetry`], [`serve`], [`demo`], [`cli`]: the program.
 //!

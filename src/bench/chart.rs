@@ -136,6 +136,47 @@ fn drawn(svg: &mut String, labels: &Labels, curves: &[Curve]) -> Result<(), Stri
     root.present().map_err(|e| e.to_string())
 }
 
+/// Draws curves over linear axes that begin at 0.
+pub(super) fn draw_linear(labels: &Labels, curves: &[Curve]) -> Result<String, BenchError> {
+    let mut svg = String::new();
+    drawn_linear(&mut svg, labels, curves).map_err(|detail| BenchError::Chart { detail })?;
+    Ok(svg)
+}
+
+fn drawn_linear(svg: &mut String, labels: &Labels, curves: &[Curve]) -> Result<(), String> {
+    let points = || curves.iter().flat_map(|c| c.points.iter());
+    let most = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, f64::max);
+    let (x, y) = (most(&mut points().map(|p| p.0)), most(&mut points().map(|p| p.1)));
+    if !(x > 0.0 && y > 0.0) {
+        return Err("nothing to draw".to_owned());
+    }
+    let root = SVGBackend::with_string(svg, SIZE).into_drawing_area();
+    root.fill(&WHITE).map_err(|e| e.to_string())?;
+    let mut chart = ChartBuilder::on(&root)
+        .caption(labels.title, ("sans-serif", 20))
+        .margin(16)
+        .margin_right(40)
+        .x_label_area_size(52)
+        .y_label_area_size(76)
+        .build_cartesian_2d(0.0..x, 0.0..1.15 * y)
+        .map_err(|e| e.to_string())?;
+    chart
+        .configure_mesh()
+        .x_desc(labels.x)
+        .y_desc(labels.y)
+        .axis_desc_style(("sans-serif", 16))
+        .label_style(("sans-serif", 14))
+        .max_light_lines(1)
+        .bold_line_style(RGBColor(220, 220, 220))
+        .draw()
+        .map_err(|e| e.to_string())?;
+    for curve in curves {
+        let line = curve.color.stroke_width(2);
+        chart.draw_series(LineSeries::new(curve.points.iter().copied(), line)).map_err(|e| e.to_string())?;
+    }
+    root.present().map_err(|e| e.to_string())
+}
+
 /// 1, 2 and 5 times the powers of ten within a range.
 fn ticks((low, high): (f64, f64)) -> Vec<f64> {
     let decades = low.log10().floor() as i32..=high.log10().ceil() as i32;
@@ -179,6 +220,7 @@ mod tests {
             assert!(svg.contains(text), "{text}");
         }
         assert!(matches!(draw(&labels, &[]), Err(BenchError::Chart { .. })));
+        assert!(matches!(draw_linear(&labels, &[]), Err(BenchError::Chart { .. })));
         assert_eq!((short(&0.10), short(&20.0), short(&0.0)), ("0.1".to_owned(), "20".to_owned(), "0".to_owned()));
     }
 }

@@ -29,8 +29,17 @@ pub fn peak_mb() -> Option<f64> {
     status_mb("VmHWM:")
 }
 
+/// Memory in use by another process, MB.
+pub(super) fn memory_of_mb(pid: u32) -> Option<f64> {
+    status_of_mb(&format!("/proc/{pid}/status"), "VmRSS:")
+}
+
 fn status_mb(name: &str) -> Option<f64> {
-    let status = fs::read_to_string("/proc/self/status").ok()?;
+    status_of_mb("/proc/self/status", name)
+}
+
+fn status_of_mb(file: &str, name: &str) -> Option<f64> {
+    let status = fs::read_to_string(file).ok()?;
     let line = status.lines().find(|l| l.starts_with(name))?;
     // In units of 1024 bytes, whatever it says.
     Some(line.split_whitespace().nth(1)?.parse::<f64>().ok()? * 1.024e-3)

@@ -5,8 +5,8 @@ use clap::{Args, Subcommand, ValueEnum};
 use super::CommandResult;
 use crate::bench::{
     BoundStudy, CollisionStudy, ContactStudy, CutStudy, FieldStudy, GrowthStudy, HeadSource, ModelCase, ModelStudy,
-    ReachStudy, SlabCase, SolverGrowthStudy, StabilityStudy, TruthStudy, WarmStartStudy, evaluate, run_model_cases,
-    run_slab_case,
+    ReachStudy, ServiceStudy, SlabCase, SolverGrowthStudy, StabilityStudy, TruthStudy, WarmStartStudy, evaluate,
+    run_model_cases, run_slab_case,
 };
 use crate::field::{FieldSettings, Method, MethodSettings, Tolerance};
 
@@ -33,6 +33,8 @@ pub(super) enum BenchCommand {
     Truth(TruthArguments),
     /// Every mechanical model on scenes that are hard to solve, each answer checked.
     Stability(StabilityArguments),
+    /// The service under load: what status reads take, and its memory over a thousand small jobs.
+    Service(ServiceArguments),
     /// Random cuts and paths on a skull: each parts the bone rightly or says why not.
     Cuts(CutArguments),
     /// Newton's method on 20 000 points that a penalty pushes out of bone: share that converges, for each kind of field.
@@ -234,6 +236,40 @@ pub(super) struct SolverGrowthArguments {
 }
 
 #[derive(Debug, Args)]
+pub(super) struct ServiceArguments {
+    /// Rows go here, the charts and the memory's rows beside it.
+    #[arg(long, default_value = "service.csv")]
+    csv: PathBuf,
+    /// A server that runs already; else one is started on a free port of this machine, in a temporary directory.
+    #[arg(long)]
+    url: Option<String>,
+    /// With --url: its process, for its memory.
+    #[arg(long, requires = "url")]
+    pid: Option<u32>,
+    /// How long the load lasts, s.
+    #[arg(long, default_value_t = 60.0)]
+    seconds: f64,
+    /// Small jobs after it.
+    #[arg(long, default_value_t = 1000)]
+    jobs: usize,
+    /// Clients that read how things stand.
+    #[arg(long, default_value_t = 50)]
+    pollers: usize,
+    /// Clients that follow the events of jobs.
+    #[arg(long, default_value_t = 10)]
+    followers: usize,
+    /// Sessions that are listed.
+    #[arg(long, default_value_t = 200, value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..))]
+    sessions: usize,
+    /// Solves at the same time.
+    #[arg(long, default_value_t = 2)]
+    solvers: usize,
+    /// Pause of a client between two reads, ms.
+    #[arg(long, default_value_t = 100)]
+    pause_ms: u64,
+}
+
+#[derive(Debug, Args)]
 pub(super) struct StabilityArguments {
     /// Rows go here, the map beside it.
     #[arg(long, default_value = "stability.csv")]
@@ -296,6 +332,25 @@ pub(super) fn run(command: &BenchCommand) -> CommandResult {
             (Some(case), Some(timing)) => run_slab_case(case, timing)?,
             _ => SolverGrowthStudy { csv: &a.csv, sizes: usize::from(a.sizes) }.run(out)?,
         },
+        BenchCommand::Service(a) => {
+            let study = ServiceStudy {
+                csv: &a.csv,
+                url: a.url.as_deref(),
+                pid: a.pid,
+                seconds: a.seconds,
+                jobs: a.jobs,
+                pollers: a.pollers,
+                followers: a.followers,
+                sessions: a.sessions,
+                solvers: a.solvers,
+                pause_ms: a.pause_ms,
+            };
+            if !study.run(out)? {
+                return Err(
+                    "a goal is missed: status reads below 50 ms (99 %), no errors, memory that does not grow".into()
+                );
+            }
+        }
         BenchCommand::Stability(a) => {
             if !(StabilityStudy { csv: &a.csv, only: a.only.as_deref() }.run(out)?) {
                 return Err("an answer is wrong and does not say so: see the rows `wrong`".into());

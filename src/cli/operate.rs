@@ -7,8 +7,8 @@ use clap::{Args, Subcommand};
 
 use super::CommandResult;
 use super::serve::ServeArguments;
-use crate::http::auth::new_key;
-use crate::store::{Audit, BackupReport, back_up, restore};
+use crate::http::auth::{ApiKey, Scope, Scopes, new_key};
+use crate::store::{AuditEntry, BackupReport, back_up, restore, verify_audit};
 
 /// Calls of `prosopon config`.
 #[derive(Debug, Subcommand)]
@@ -40,7 +40,7 @@ pub(super) struct KeyArguments {
 /// Calls of `prosopon audit`.
 #[derive(Debug, Subcommand)]
 pub(super) enum AuditCommand {
-    /// Follow the chain of the audit log: was an entry changed or removed?
+    /// Follow the chain of the audit log to the end that the store notes: was an entry changed, removed or cut off?
     Verify(DataArguments),
 }
 
@@ -83,6 +83,11 @@ pub(super) fn config(command: &ConfigCommand) -> CommandResult {
 pub(super) fn auth(command: &AuthCommand) -> CommandResult {
     let AuthCommand::Key(KeyArguments { id, tenant, scopes }) = command;
     let key = new_key(id).map_err(|e| e.to_string())?;
+    // Only what `serve` takes.
+    let tenant_id = tenant.parse().map_err(|e| format!("tenant `{tenant}`: {e}"))?;
+    let parsed: Result<Scopes, String> = scopes.iter().map(|s| s.parse::<Scope>()).collect();
+    let scopes_of_key = parsed.map_err(|e| format!("scope {e}"))?;
+    ApiKey { id: id.clone(), tenant: tenant_id, scopes: scopes_of_key, hash: key.hash.clone() }.check()?;
     let out = &mut std::io::stdout();
     writeln!(out, "# The token, shown this once:\n# {}\n[[auth.keys]]", key.token)?;
     writeln!(out, "id = {id:?}\ntenant = {tenant:?}\nscopes = {scopes:?}\nhash = {:?}", key.hash)?;
@@ -91,7 +96,23 @@ pub(super) fn auth(command: &AuthCommand) -> CommandResult {
 
 pub(super) fn audit(command: &AuditCommand) -> CommandResult {
     let AuditCommand::Verify(DataArguments { data }) = command;
-    writeln!(std::io::stdout(), "{} entries, none changed or removed", Audit::verify(data)?)?;
+    let report = runtime()?.block_on(verify_audit(data))?;
+    let out = &mut std::io::stdout();
+    writeln!(out, "{} entries, none changed or removed", report.entries)?;
+    if report.gaps > 0 {
+        let detail = format!(
+            "a start of the service found entries removed, {} times: look for `{}`",
+            report.gaps,
+            AuditEntry::GAP
+        );
+        return Err(detail.into());
+    }
+    match report.anchored_at {
+        Some(at) => {
+            writeln!(out, "the end as noted in the store at {at} is there; {} entries are later", report.later)?
+        }
+        None => writeln!(out, "the store notes no end: entries missing at the end would not show")?,
+    }
     Ok(())
 }
 

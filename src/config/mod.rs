@@ -1,8 +1,10 @@
 //! Configuration of the service: defaults, a TOML file, `PROSOPON_…` variables and flags, each over the one before; checked once at
 //! start, all faults at once.
 
+mod log;
 mod read;
 mod source;
+mod tls;
 
 use std::collections::BTreeMap;
 use std::net::{SocketAddr, ToSocketAddrs};
@@ -146,6 +148,7 @@ impl ServeConfig {
         check(self.limits.max_json_bytes == 0, "max_json_mb: must be above 0");
         check(self.service.max_waiting == 0, "max_waiting: must be above 0");
         check(self.service.max_waiting_tenant == 0, "max_waiting_tenant: must be above 0");
+        check(!(1..=64).contains(&self.service.parallel_jobs), "parallel_jobs: allowed is 1 to 64");
         check(self.service.max_attempts == 0, "max_attempts: must be above 0");
         check(self.service.max_wall.is_zero(), "max_wall_s: must be above 0");
         check(self.service.session_quota == 0, "session_quota_mb: must be above 0");
@@ -160,8 +163,19 @@ impl ServeConfig {
             });
             check(!fine, &format!("cors_origins: `{origin}` is no origin such as https://plan.example"));
         }
-        for file in self.tls.iter().flat_map(|t| [&t.cert, &t.key]) {
-            check(!file.is_file(), &format!("tls: {} is no file", file.display()));
+        for (name, time) in [
+            ("upload_idle_s", self.limits.upload_idle),
+            ("body_timeout_s", self.limits.body),
+            ("heartbeat_s", self.limits.heartbeat),
+            ("answer_timeout_s", self.limits.answer),
+        ] {
+            check(time.is_zero(), &format!("{name}: must be above 0"));
+        }
+        if let Err(fault) = log::check(&self.log_level) {
+            check(true, &format!("log.level: {fault}"));
+        }
+        if let Some(Err(fault)) = self.tls.as_ref().map(tls::check) {
+            check(true, &format!("tls: {fault}"));
         }
         if let Some(auth) = &self.auth {
             check(auth.keys.is_empty() && auth.jwt.is_none(), "auth: there is neither a key nor an identity provider");
@@ -173,7 +187,9 @@ impl ServeConfig {
                 check(twice, &format!("auth.keys[{index}]: there are two keys with the id `{}`", key.id));
             }
             if let Some(jwt) = &auth.jwt {
-                check(!jwt.jwks_file.is_file(), &format!("auth.jwt.jwks_file: {} is no file", jwt.jwks_file.display()));
+                for fault in jwt.faults() {
+                    check(true, &format!("auth.jwt.{fault}"));
+                }
             }
         }
         faults

@@ -2,6 +2,7 @@ use utoipa::OpenApi as _;
 use utoipa::openapi::path::{Operation, ParameterBuilder, ParameterIn, PathItem};
 use utoipa::openapi::{Content, ContentBuilder, OpenApi, Ref, RefOr, Required, ResponseBuilder, Schema, schema};
 
+use super::dto::SliceAxis;
 use super::problem::PROBLEM_JSON;
 use super::{ProblemDocument, routes};
 
@@ -23,7 +24,7 @@ use super::{ProblemDocument, routes};
         (name = "results", description = "What came of it"),
         (name = "health", description = "For operators")
     ),
-    components(schemas(ProblemDocument))
+    components(schemas(ProblemDocument, SliceAxis))
 )]
 struct Description;
 
@@ -34,8 +35,13 @@ pub fn openapi() -> OpenApi {
     let mut api = Description::openapi();
     api.merge(plain.split_for_parts().1);
     api.merge(uploads.split_for_parts().1);
+    let schemas = api.components.clone().unwrap_or_default().schemas;
     for (path, item) in &mut api.paths.paths {
         for (method, operation) in operations(item) {
+            let optional = body_name(operation).is_some_and(|name| schemas.get(name).is_some_and(needs_nothing));
+            if let (true, Some(RefOr::T(body))) = (optional, &mut operation.request_body) {
+                body.required = Some(Required::False);
+            }
             operation.operation_id = Some(operation_id(method, path));
             add_problem(operation);
             say_binary(operation);
@@ -94,6 +100,19 @@ fn say_binary(operation: &mut Operation) {
     }
 }
 
+/// Name of the schema of a JSON body.
+fn body_name(operation: &Operation) -> Option<&str> {
+    let Some(RefOr::T(body)) = &operation.request_body else { return None };
+    let Some(RefOr::T(content)) = body.content.get("application/json") else { return None };
+    let Some(RefOr::Ref(reference)) = &content.schema else { return None };
+    reference.ref_location.rsplit('/').next()
+}
+
+/// Whether no member must be there: then a request without a body counts as one of `{}`.
+fn needs_nothing(schema: &RefOr<Schema>) -> bool {
+    matches!(schema, RefOr::T(Schema::Object(object)) if object.required.is_empty())
+}
+
 /// Every operation may answer with a problem.
 fn add_problem(operation: &mut Operation) {
     let content = ContentBuilder::new().schema(Some(Ref::from_schema_name("ProblemDocument"))).build();
@@ -131,6 +150,22 @@ mod tests {
             checked_in == openapi_json().unwrap(),
             "run `cargo run -- openapi > api/openapi.json` and read the diff"
         );
+    }
+
+    /// Schemas that only parameters name are not gathered by themselves.
+    #[test]
+    fn every_reference_leads_somewhere() {
+        let api: serde_json::Value = serde_json::from_str(&openapi_json().unwrap()).unwrap();
+        let (mut stack, mut followed) = (vec![&api], 0);
+        while let Some(value) = stack.pop() {
+            if let Some(reference) = value.get("$ref").and_then(serde_json::Value::as_str) {
+                assert!(api.pointer(reference.strip_prefix('#').unwrap()).is_some(), "{reference}");
+                followed += 1;
+            }
+            stack.extend(value.as_object().into_iter().flat_map(|o| o.values()));
+            stack.extend(value.as_array().into_iter().flatten());
+        }
+        assert!(followed > 50);
     }
 
     #[test]

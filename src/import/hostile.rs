@@ -11,7 +11,7 @@ const FORMATS: [SurfaceFormat; 4] = [SurfaceFormat::Stl, SurfaceFormat::Ply, Sur
 const LIMITS: Limits = Limits { max_triangles: 1000, max_voxels: 100_000, max_cells: 1000 };
 
 /// A tetrahedron of 100 mm in every format, and whether a shorter file shows that it was cut off.
-fn surfaces() -> Vec<(SurfaceFormat, Vec<u8>, bool)> {
+pub(super) fn surfaces() -> Vec<(SurfaceFormat, Vec<u8>, bool)> {
     let points = [[0.0f32, 0.0, 0.0], [100.0, 0.0, 0.0], [0.0, 100.0, 0.0], [0.0, 0.0, 100.0]];
     let triangles = [[0usize, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]];
 
@@ -71,12 +71,12 @@ fn surfaces() -> Vec<(SurfaceFormat, Vec<u8>, bool)> {
     ]
 }
 
-fn volumes() -> Vec<Vec<u8>> {
+pub(super) fn volumes() -> Vec<Vec<u8>> {
     [false, true].iter().flat_map(|big| [File::new(*big).plain(), File::new(*big).gzipped()]).collect()
 }
 
 /// Volumes in every other format.
-fn other_volumes() -> Vec<Vec<u8>> {
+pub(super) fn other_volumes() -> Vec<Vec<u8>> {
     let slices = [
         "1.2.840.10008.1.2",
         "1.2.840.10008.1.2.1.99",

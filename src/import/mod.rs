@@ -29,6 +29,8 @@ mod ply;
 mod polygon;
 mod stl;
 mod surface;
+#[cfg(test)]
+mod test_fuzz;
 mod text;
 #[cfg(test)]
 mod text_volumes_tests;

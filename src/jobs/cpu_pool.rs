@@ -9,40 +9,42 @@ use tokio::sync::oneshot;
 pub struct Panicked;
 
 /// The threads on which numerics run; async code never computes. Short work within a request has threads of its own: it would
-/// else wait for a job's whole computation.
+/// else wait for a job's whole computation. Jobs at the same time have too: a thread that waits for a part of one job would else
+/// begin another.
 ///
 /// Work whose caller has gone before it starts is skipped. Clones share the threads.
 #[derive(Debug, Clone)]
 pub struct CpuPool {
-    jobs: Arc<rayon::ThreadPool>,
+    jobs: Arc<[rayon::ThreadPool]>,
     requests: Arc<rayon::ThreadPool>,
 }
 
 impl CpuPool {
-    /// `threads` threads for jobs and as many for requests; 0 is one a core.
+    /// `threads` threads for jobs, shared out to `parallel_jobs` at the same time, and as many for requests; 0 is one a core.
     ///
     /// # Errors
     /// When the threads cannot be started.
-    pub fn new(threads: usize) -> Result<Self, rayon::ThreadPoolBuildError> {
-        let pool = |name: &'static str| {
+    pub fn new(threads: usize, parallel_jobs: usize) -> Result<Self, rayon::ThreadPoolBuildError> {
+        let all = if threads == 0 { std::thread::available_parallelism().map_or(1, usize::from) } else { threads };
+        let pool = |name: String, threads: usize| {
             let builder = rayon::ThreadPoolBuilder::new().num_threads(threads).stack_size(16 << 20);
-            builder.thread_name(move |index| format!("{name}-{index}")).build().map(Arc::new)
+            builder.thread_name(move |index| format!("{name}-{index}")).build()
         };
-        Ok(Self { jobs: pool("job")?, requests: pool("request")? })
+        let each = (all / parallel_jobs.max(1)).max(1);
+        let jobs: Result<Vec<_>, _> = (0..parallel_jobs.max(1)).map(|n| pool(format!("job-{n}"), each)).collect();
+        Ok(Self { jobs: jobs?.into(), requests: Arc::new(pool("request".to_owned(), all)?) })
     }
 
-    /// Number of threads for jobs.
-    #[must_use]
-    pub fn threads(&self) -> usize {
-        self.jobs.current_num_threads()
-    }
-
-    /// Runs a job's `work`.
+    /// Runs a job's `work` on the threads of a worker; workers are numbered from 0.
     ///
     /// # Errors
     /// [`Panicked`] when it panics; the pool goes on.
-    pub async fn run_job<T: Send + 'static>(&self, work: impl FnOnce() -> T + Send + 'static) -> Result<T, Panicked> {
-        run(&self.jobs, work).await
+    pub async fn run_job<T: Send + 'static>(
+        &self,
+        worker: usize,
+        work: impl FnOnce() -> T + Send + 'static,
+    ) -> Result<T, Panicked> {
+        run(&self.jobs[worker % self.jobs.len()], work).await
     }
 
     /// Runs a request's short `work`.
@@ -90,18 +92,18 @@ mod tests {
 
     #[tokio::test]
     async fn a_panic_becomes_an_error_and_the_pool_goes_on() {
-        let pool = CpuPool::new(1).unwrap();
-        assert_eq!(pool.run_job(|| -> u8 { panic!("planted") }).await, Err(Panicked));
-        assert_eq!(pool.run_job(|| 7).await, Ok(7));
+        let pool = CpuPool::new(1, 1).unwrap();
+        assert_eq!(pool.run_job(0, || -> u8 { panic!("planted") }).await, Err(Panicked));
+        assert_eq!(pool.run_job(0, || 7).await, Ok(7));
     }
 
     #[tokio::test]
     async fn a_request_does_not_wait_for_a_job() {
-        let pool = CpuPool::new(1).unwrap();
+        let pool = CpuPool::new(1, 1).unwrap();
         let (release, gate) = std::sync::mpsc::channel::<()>();
         let job = tokio::spawn({
             let pool = pool.clone();
-            async move { pool.run_job(move || gate.recv().is_ok()).await }
+            async move { pool.run_job(0, move || gate.recv().is_ok()).await }
         });
         tokio::task::yield_now().await;
         assert_eq!(pool.run_request(|| 7).await, Ok(7));
@@ -110,25 +112,39 @@ mod tests {
     }
 
     #[tokio::test]
+    async fn jobs_of_two_workers_do_not_wait_for_each_other() {
+        let pool = CpuPool::new(1, 2).unwrap();
+        let (release, gate) = std::sync::mpsc::channel::<()>();
+        let first = tokio::spawn({
+            let pool = pool.clone();
+            async move { pool.run_job(0, move || gate.recv().is_ok()).await }
+        });
+        tokio::task::yield_now().await;
+        assert_eq!(pool.run_job(1, || 7).await, Ok(7));
+        release.send(()).unwrap();
+        assert_eq!(first.await.unwrap(), Ok(true));
+    }
+
+    #[tokio::test]
     async fn work_nobody_waits_for_is_skipped() {
-        let pool = CpuPool::new(1).unwrap();
+        let pool = CpuPool::new(1, 1).unwrap();
         let (release, gate) = std::sync::mpsc::channel::<()>();
         let blocker = tokio::spawn({
             let pool = pool.clone();
-            async move { pool.run_job(move || gate.recv().is_ok()).await }
+            async move { pool.run_job(0, move || gate.recv().is_ok()).await }
         });
         tokio::task::yield_now().await;
         let (ran, was_run) = std::sync::mpsc::channel();
         let abandoned = tokio::spawn({
             let pool = pool.clone();
-            async move { pool.run_job(move || ran.send(()).unwrap()).await }
+            async move { pool.run_job(0, move || ran.send(()).unwrap()).await }
         });
         tokio::task::yield_now().await;
         abandoned.abort();
         assert!(abandoned.await.is_err());
         release.send(()).unwrap();
         blocker.await.unwrap().unwrap();
-        pool.run_job(|| ()).await.unwrap();
+        pool.run_job(0, || ()).await.unwrap();
         assert!(was_run.try_recv().is_err());
     }
 }

@@ -3,8 +3,9 @@ use std::sync::Arc;
 use tokio::sync::watch;
 
 use super::Service;
-use crate::session::Fault;
-use crate::store::{EventRecord, JobId};
+use super::service::end_event;
+use crate::session::{Fault, FaultKind};
+use crate::store::{EventRecord, JobId, JobState};
 
 /// Events of one job as they are stored, from a given number on. Where events after that number are not kept any more, the first
 /// one is `resync`: the client reads the job's status and goes on from here.
@@ -58,7 +59,8 @@ impl EventFeed {
         self.ended
     }
 
-    /// The next events in order; none after `end`, when the job is gone, or when the service stops.
+    /// The next events in order; none after `end`, or when the service stops. A job that is deleted with its session ends as
+    /// cancelled, with a problem that says so.
     ///
     /// # Errors
     /// The store's.
@@ -77,9 +79,16 @@ impl EventFeed {
                 self.ended = last.kind == "end";
                 return Ok(events);
             }
-            // A job that ended has said so, so the client has seen it; a deleted one will never say more.
-            if job.is_none_or(|job| job.state.has_ended()) {
-                break;
+            match job {
+                // Its events went with its session: the last word is said here.
+                None => {
+                    self.ended = true;
+                    self.last += 1;
+                    return Ok(vec![EventRecord { seq: self.last, ..deleted(self.job) }]);
+                }
+                // It has said so, and the client has seen it.
+                Some(job) if job.state.has_ended() => break,
+                Some(_) => {}
             }
             tokio::select! {
                 changed = self.changes.changed() => if changed.is_err() { break },
@@ -89,4 +98,11 @@ impl EventFeed {
         self.ended = true;
         Ok(Vec::new())
     }
+}
+
+/// The end of a job that is not there any more.
+fn deleted(job: JobId) -> EventRecord {
+    let fault = Fault::new(FaultKind::Gone, format!("job {job} was deleted with its session"));
+    let (kind, data) = end_event(JobState::Cancelled, Some(&fault));
+    EventRecord { seq: 0, kind: kind.to_owned(), data }
 }

@@ -2,34 +2,37 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use super::Service;
-use crate::store::Lane;
+use super::running::Worker;
 
 /// A scheduler that has not moved for so long is wedged.
 const SILENCE: Duration = Duration::from_secs(60);
 /// Work that goes on for so long after it should stop is wedged: solvers look at every Newton iteration.
 const DEAF: Duration = Duration::from_secs(180);
 
-/// When the scheduler of each lane last moved.
+/// When each worker last moved.
 #[derive(Debug)]
 pub(super) struct Beats {
     begin: Instant,
-    /// Milliseconds since the beginning, by lane.
-    last: [AtomicU64; Lane::ALL.len()],
+    /// Milliseconds since the beginning.
+    last: Vec<(Worker, AtomicU64)>,
 }
 
 impl Beats {
-    pub(super) fn new() -> Self {
-        Self { begin: Instant::now(), last: Default::default() }
+    pub(super) fn new(workers: Vec<Worker>) -> Self {
+        Self { begin: Instant::now(), last: workers.into_iter().map(|w| (w, AtomicU64::new(0))).collect() }
     }
 
-    pub(super) fn beat(&self, lane: Lane) {
+    pub(super) fn beat(&self, worker: Worker) {
         let now = u64::try_from(self.begin.elapsed().as_millis()).unwrap_or(u64::MAX);
-        self.last[lane as usize].store(now, Ordering::Relaxed);
+        if let Some((_, last)) = self.last.iter().find(|(w, _)| *w == worker) {
+            last.store(now, Ordering::Relaxed);
+        }
     }
 
-    fn silence(&self, lane: Lane) -> Duration {
-        let last = Duration::from_millis(self.last[lane as usize].load(Ordering::Relaxed));
-        self.begin.elapsed().saturating_sub(last)
+    /// How long each worker has not moved.
+    fn silences(&self) -> impl Iterator<Item = (Worker, Duration)> {
+        let since = |last: &AtomicU64| Duration::from_millis(last.load(Ordering::Relaxed));
+        self.last.iter().map(move |(w, last)| (*w, self.begin.elapsed().saturating_sub(since(last))))
     }
 }
 
@@ -42,14 +45,10 @@ impl Service {
 
     fn wedged_for(&self, silence: Duration, deaf: Duration) -> Vec<String> {
         let mut faults = Vec::new();
-        for lane in Lane::ALL {
-            let silent = self.beats.silence(lane);
+        for (worker, silent) in self.beats.silences() {
             if silent > silence && !self.stop.is_cancelled() {
-                faults.push(format!(
-                    "the scheduler of {} jobs has not moved for {} s",
-                    lane.as_str(),
-                    silent.as_secs()
-                ));
+                let (lane, number) = (worker.lane.as_str(), worker.number);
+                faults.push(format!("worker {number} of {lane} jobs has not moved for {} s", silent.as_secs()));
             }
         }
         for running in self.running_jobs() {
@@ -67,10 +66,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_lane_that_does_not_beat_is_silent() {
-        let beats = Beats { begin: Instant::now() - Duration::from_secs(100), last: Default::default() };
-        assert!(beats.silence(Lane::Heavy) > SILENCE);
-        beats.beat(Lane::Heavy);
-        assert!(beats.silence(Lane::Heavy) < SILENCE && beats.silence(Lane::Quick) > SILENCE);
+    fn a_worker_that_does_not_beat_is_silent() {
+        let workers = Worker::all(2);
+        let beats = Beats { begin: Instant::now() - Duration::from_secs(100), ..Beats::new(workers.clone()) };
+        assert!(workers.len() == 3 && beats.silences().all(|(_, silent)| silent > SILENCE));
+        beats.beat(workers[1]);
+        let silent: Vec<Worker> = beats.silences().filter(|(_, s)| *s > SILENCE).map(|(w, _)| w).collect();
+        assert_eq!(silent, [workers[0], workers[2]], "others do not hide it");
     }
 }

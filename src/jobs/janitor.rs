@@ -3,7 +3,7 @@ use std::time::Duration;
 
 use super::Service;
 use crate::session::Fault;
-use crate::store::AuditEntry;
+use crate::store::{AuditEntry, StoreError};
 
 /// Answers to repeated requests are kept for so long, and ten times as long the ids of what was deleted.
 const ANSWERS: Duration = Duration::from_secs(7 * 24 * 3600);
@@ -21,7 +21,54 @@ pub(super) async fn keep_house(service: Arc<Service>) {
     }
 }
 
+/// Time between two notes of where the audit log ends.
+const ANCHOR_EVERY: Duration = Duration::from_secs(5);
+
+/// Notes now and then where the audit log ends, until the service stops.
+pub(super) async fn anchor_audit(service: Arc<Service>) {
+    let mut noted = None;
+    loop {
+        let stops = tokio::select! {
+            () = tokio::time::sleep(ANCHOR_EVERY) => false,
+            () = service.stop.cancelled() => true,
+        };
+        if let Err(fault) = service.anchor_audit(&mut noted).await {
+            tracing::error!(detail = fault.detail, "the end of the audit log cannot be noted");
+        }
+        if stops {
+            return;
+        }
+    }
+}
+
 impl Service {
+    /// Says in the audit log where its end is not what was noted: the next note would hide it.
+    pub(super) async fn check_audit_end(&self) -> Result<(), Fault> {
+        let Some((chain, at)) = self.store.audit_anchor().await? else { return Ok(()) };
+        if self.audit.holds(&chain).map_err(StoreError::from)? {
+            return Ok(());
+        }
+        tracing::error!(noted_at = at, "the audit log lacks entries that were there");
+        let entry = AuditEntry {
+            tenant: "local".to_owned(),
+            who: "service".to_owned(),
+            what: AuditEntry::GAP.to_owned(),
+            ..AuditEntry::default()
+        };
+        self.note(entry, true);
+        Ok(())
+    }
+
+    /// Notes where the audit log ends, unless that is what is `noted`.
+    async fn anchor_audit(&self, noted: &mut Option<String>) -> Result<(), Fault> {
+        let end = self.audit.settle().map_err(StoreError::from)?;
+        if let Some(chain) = end.as_ref().filter(|end| noted.as_ref() != Some(end)) {
+            self.store.set_audit_anchor(chain).await?;
+            noted.clone_from(&end);
+        }
+        Ok(())
+    }
+
     /// Removes what is left over or has expired: files that no row names, old answers and events, sessions that nobody used
     /// for the time of retention.
     ///

@@ -43,10 +43,34 @@ impl Phase {
     }
 }
 
+/// A step's warning as the job tells it.
+pub(super) fn step_warning(k: u32, text: &str) -> String {
+    format!("step {k}: {text}")
+}
+
 /// Seconds since the first call.
 fn seconds() -> f64 {
     static BEGIN: OnceLock<Instant> = OnceLock::new();
     BEGIN.get_or_init(Instant::now).elapsed().as_secs_f64()
+}
+
+/// One of those that take jobs from a lane.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Worker {
+    pub(super) lane: Lane,
+    /// From 0 within its lane.
+    pub(super) number: usize,
+}
+
+impl Worker {
+    /// All of a service that computes `parallel_jobs` jobs of minutes at the same time.
+    pub(super) fn all(parallel_jobs: usize) -> Vec<Self> {
+        let in_lane = |lane| match lane {
+            Lane::Heavy => parallel_jobs.max(1),
+            Lane::Quick => 1,
+        };
+        Lane::ALL.into_iter().flat_map(|lane| (0..in_lane(lane)).map(move |number| Self { lane, number })).collect()
+    }
 }
 
 const OPEN: u8 = 0;
@@ -59,13 +83,15 @@ pub(super) struct Running {
     pub(super) job: JobId,
     pub(super) session: SessionId,
     pub(super) other_session: Option<SessionId>,
-    pub(super) lane: Lane,
+    pub(super) worker: Worker,
     pub(super) control: Control,
     pub(super) started: Instant,
     phase: AtomicU8,
     /// Whether it may still be cancelled: one change decides between a cancel and the end.
     ending: AtomicU8,
     warnings: Mutex<Vec<String>>,
+    /// Number and warning of steps, which told them with their own events.
+    step_warnings: Mutex<Vec<(u32, String)>>,
     /// When each stage began.
     stages: Mutex<Vec<(Phase, Instant)>>,
     /// When it was first seen that it should stop.
@@ -74,18 +100,19 @@ pub(super) struct Running {
 
 impl Running {
     /// `most` is the longest that any job may compute.
-    pub(super) fn new(job: &JobRecord, most: Duration) -> Self {
+    pub(super) fn new(job: &JobRecord, worker: Worker, most: Duration) -> Self {
         let limit = job.max_wall_s.unwrap_or(f64::INFINITY).min(most.as_secs_f64());
         Self {
             job: job.id,
             session: job.session,
             other_session: job.other_session,
-            lane: job.kind.lane(),
+            worker,
             control: Control::new().with_clock(seconds).with_deadline(seconds() + limit),
             started: Instant::now(),
             phase: AtomicU8::new(Phase::Reading as u8),
             ending: AtomicU8::new(OPEN),
             warnings: Mutex::default(),
+            step_warnings: Mutex::default(),
             stages: Mutex::new(vec![(Phase::Reading, Instant::now())]),
             stop_seen: OnceLock::new(),
         }
@@ -108,8 +135,25 @@ impl Running {
         self.warnings.lock().unwrap_or_else(PoisonError::into_inner).push(text);
     }
 
-    pub(super) fn warnings(&self) -> Vec<String> {
+    /// Keeps a warning of a step likewise.
+    pub(super) fn warn_of_step(&self, k: u32, text: &str) {
+        self.step_warnings.lock().unwrap_or_else(PoisonError::into_inner).push((k, text.to_owned()));
+    }
+
+    /// Warnings of the job as a whole.
+    pub(super) fn own_warnings(&self) -> Vec<String> {
         self.warnings.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Warnings of the steps.
+    pub(super) fn step_warnings(&self) -> Vec<(u32, String)> {
+        self.step_warnings.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// All warnings, those of steps with their number.
+    pub(super) fn warnings(&self) -> Vec<String> {
+        let of_steps = self.step_warnings().into_iter().map(|(k, text)| step_warning(k, &text));
+        self.own_warnings().into_iter().chain(of_steps).collect()
     }
 
     pub(super) fn phase(&self) -> Phase {
@@ -126,10 +170,6 @@ impl Running {
         }
         self.control.cancel();
         true
-    }
-
-    pub(super) fn cancel_requested(&self) -> bool {
-        self.ending.load(Ordering::Acquire) == CANCEL_REQUESTED
     }
 
     /// From now on the job ends as its work says. False when it was cancelled before.

@@ -6,7 +6,7 @@ use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
 use super::health::Beats;
-use super::running::Running;
+use super::running::{Running, Worker};
 use super::state::{JobEvent, next};
 use super::{CpuPool, Order, ServiceSettings, janitor, worker};
 use crate::control::Control;
@@ -51,6 +51,19 @@ pub struct JobStatus {
     pub residuals: Vec<f64>,
 }
 
+impl JobStatus {
+    /// Of a job without a live part: `before` it wait so many, when it waits, and `running` run.
+    fn waiting(record: JobRecord, before: Option<u32>, running: usize) -> Self {
+        let queue_position = before.map(|before| place(before as usize, running));
+        Self { record, steps_done: 0, eta_s: None, queue_position, residuals: Vec::new() }
+    }
+}
+
+/// Jobs before one in the queue of a lane.
+fn place(before: usize, running: usize) -> u32 {
+    u32::try_from(before.saturating_add(running)).unwrap_or(u32::MAX)
+}
+
 impl Service {
     /// Takes up what an earlier run left, and starts to work.
     ///
@@ -75,12 +88,17 @@ impl Service {
             changes: watch::Sender::new(0),
             drain: stop.child_token(),
             stop,
-            beats: Beats::new(),
+            beats: Beats::new(Worker::all(settings.parallel_jobs)),
             tasks: Mutex::default(),
         });
+        service.check_audit_end().await?;
         worker::recover(&service).await?;
-        let mut tasks = vec![tokio::spawn(janitor::keep_house(Arc::clone(&service)))];
-        tasks.extend(Lane::ALL.map(|lane| tokio::spawn(worker::work_through(Arc::clone(&service), lane))));
+        let mut tasks = vec![
+            tokio::spawn(janitor::keep_house(Arc::clone(&service))),
+            tokio::spawn(janitor::anchor_audit(Arc::clone(&service))),
+        ];
+        let workers = Worker::all(settings.parallel_jobs).into_iter();
+        tasks.extend(workers.map(|worker| tokio::spawn(worker::work_through(Arc::clone(&service), worker))));
         *service.tasks.lock().unwrap_or_else(PoisonError::into_inner) = tasks;
         Ok(service)
     }
@@ -156,7 +174,7 @@ impl Service {
     /// Jobs of a lane that run now.
     #[must_use]
     pub fn running_in(&self, lane: Lane) -> usize {
-        self.running_jobs().iter().filter(|r| r.lane == lane).count()
+        self.running_jobs().iter().filter(|r| r.worker.lane == lane).count()
     }
 
     pub(super) fn running(&self, job: JobId) -> Option<Arc<Running>> {
@@ -200,39 +218,41 @@ impl Service {
         Ok(done.map_err(|_| panicked())??)
     }
 
-    /// Stores a new job; one that the session has already and that has not ended is taken instead. `answer` makes what a
-    /// repeated request gets from the job as stored.
+    /// Stores a new job; one that the session has already, that has not ended and was not asked to stop is taken instead.
+    /// `answer` makes what a repeated request gets from how the job stands.
     ///
     /// # Errors
     /// [`FaultKind::QueueFull`], [`FaultKind::TenantQueueFull`], [`FaultKind::ShuttingDown`], or the store's.
     pub async fn accept(
         &self,
         order: Order,
-        answer: &(dyn Fn(&JobRecord) -> Option<AnswerRecord> + Send + Sync),
-    ) -> Result<JobRecord, Fault> {
+        answer: &(dyn Fn(&JobStatus) -> Option<AnswerRecord> + Send + Sync),
+    ) -> Result<JobStatus, Fault> {
         if self.is_draining() {
             return Err(Fault::new(FaultKind::ShuttingDown, "the service is stopping"));
         }
         let supersede = order.supersede;
         let job = record(order);
         let event = serde_json::json!({ "status": "cancelled", "superseded_by": job.id }).to_string();
+        let running = self.running_in(job.kind.lane());
+        let status = |job: &JobRecord, before: Option<u32>| JobStatus::waiting(job.clone(), before, running);
         // The state machine says where a replaced job goes.
         let to = next(JobState::Accepted, JobEvent::Cancel).unwrap_or(JobState::Cancelled);
         let new = NewJob {
             job: &job,
             limits: self.settings.queue(),
             event: &status_event(JobState::Accepted, 0),
-            stopping: self.running_jobs().iter().find(|r| r.cancel_requested()).map(|r| r.job),
             supersede: supersede.then_some(Supersede { from: JobState::Accepted, to, event: ("end", event) }),
-            answer,
+            answer: &|job, before| answer(&status(job, before)),
         };
-        match self.store.insert_job(&new).await? {
-            Insertion::Stored(superseded) => {
+        let before = match self.store.insert_job(&new).await? {
+            Insertion::Stored { superseded, before } => {
                 for old in superseded {
                     tracing::info!(job.id = %old, superseded_by = %job.id, "a newer job took its place");
                 }
+                before
             }
-            Insertion::Twin(twin) => return Ok(*twin),
+            Insertion::Twin(twin, before) => return Ok(status(&twin, before)),
             Insertion::Full => {
                 let detail = format!("{} jobs wait already; try again later", self.settings.max_waiting);
                 return Err(Fault::new(FaultKind::QueueFull, detail));
@@ -242,11 +262,12 @@ impl Service {
                     format!("{} jobs of yours wait already; try again later", self.settings.max_waiting_tenant);
                 return Err(Fault::new(FaultKind::TenantQueueFull, detail));
             }
-        }
+        };
         tracing::info!(job.id = %job.id, job.kind = job.kind.as_str(), session.id = %job.session, "job accepted");
         self.announce();
-        self.woken(job.kind.lane()).notify_one();
-        Ok(job)
+        // All look, and one finds it.
+        self.woken(job.kind.lane()).notify_waiters();
+        Ok(status(&job, Some(before)))
     }
 
     /// A job's row.
@@ -299,9 +320,8 @@ impl Service {
         }
         let queue_position = if record.state == JobState::Accepted {
             let lane = record.kind.lane();
-            let before = self.store.queue(lane).await?.iter().position(|id| *id == record.id);
-            let running = self.running_jobs().iter().filter(|r| r.lane == lane).count();
-            Some(u32::try_from(before.unwrap_or(0) + running).unwrap_or(u32::MAX))
+            let before = self.store.queue(lane).await?.iter().position(|id| *id == record.id).unwrap_or(0);
+            Some(place(before, self.running_in(lane)))
         } else {
             None
         };
@@ -338,7 +358,7 @@ impl Service {
         self.status(id).await
     }
 
-    /// Asks a job to stop. One that waits is cancelled at once, one that runs within a Newton iteration.
+    /// Asks a job to stop, for good once this returns. One that waits is cancelled at once, one that runs within a Newton iteration.
     ///
     /// # Errors
     /// [`FaultKind::WrongState`] when it has ended; as [`Service::job`].
@@ -352,6 +372,8 @@ impl Service {
             }
             if let Some(running) = self.running(id) {
                 if running.request_cancel() {
+                    // On disk before it is answered. False when the worker was quicker: then it ended as cancelled.
+                    self.store.request_cancel(id).await?;
                     return self.status(id).await;
                 }
                 // Its end is being written: then it has ended.
@@ -410,6 +432,7 @@ fn record(order: Order) -> JobRecord {
         subject: order.subject,
         other_session: order.other_session,
         max_wall_s: order.max_wall_s,
+        cancel_requested_at: None,
         superseded_by: None,
         events_from: 1,
         report: None,

@@ -10,6 +10,8 @@ pub struct ServiceSettings {
     pub max_waiting: u32,
     /// Jobs of one tenant that may wait.
     pub max_waiting_tenant: u32,
+    /// Jobs of minutes that are computed at the same time, each with its share of the threads.
+    pub parallel_jobs: usize,
     /// Times that a job is started before it is given up.
     pub max_attempts: u32,
     /// Longest that a job may compute.
@@ -32,6 +34,7 @@ impl Default for ServiceSettings {
         Self {
             max_waiting: 64,
             max_waiting_tenant: 64,
+            parallel_jobs: 1,
             max_attempts: 3,
             max_wall: Duration::from_secs(2 * 3600),
             session_quota: 16 << 30,

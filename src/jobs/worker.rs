@@ -4,7 +4,7 @@ use std::time::Duration;
 use tracing::Instrument;
 
 use super::Service;
-use super::running::Running;
+use super::running::{Running, Worker};
 use super::service::{end_event, panicked, status_event, warning_event};
 use super::state::{JobEvent, next};
 use super::work::{self, Done};
@@ -14,38 +14,57 @@ use crate::store::{JobChange, JobFilter, JobRecord, JobState, Lane, StoreError};
 /// Shortest time between two progress events.
 const PROGRESS_EVERY: Duration = Duration::from_millis(250);
 
-/// Jobs that an earlier run left running become interrupted; interrupted ones are accepted again or given up.
+/// Jobs that an earlier run left running become interrupted; interrupted ones are accepted again or given up. Those that were
+/// asked to stop are cancelled.
 pub(super) async fn recover(service: &Service) -> Result<(), Fault> {
-    for state in [JobState::Running, JobState::Interrupted] {
+    for state in [JobState::Accepted, JobState::Running, JobState::Interrupted] {
         let filter = JobFilter { state: Some(state), limit: u32::MAX, ..JobFilter::default() };
         for job in service.store.jobs(&filter).await? {
-            if state == JobState::Running {
-                let events = vec![("status", status_event(JobState::Interrupted, job.attempt))];
-                apply(service, &job, JobEvent::Interrupt, JobChange { events, ..JobChange::default() }).await?;
-            } else if job.attempt < service.settings.max_attempts {
-                tracing::info!(job.id = %job.id, attempt = job.attempt, "interrupted job is taken up again");
-                let events = vec![("status", status_event(JobState::Accepted, job.attempt))];
-                let change = JobChange { phase: Some("waiting"), events, ..JobChange::default() };
-                apply(service, &job, JobEvent::Requeue, change).await?;
-            } else {
-                let detail = format!("the service stopped {} times while the job ran", job.attempt);
-                let fault = Fault::new(FaultKind::JobInterrupted, detail).with("attempts", job.attempt);
-                apply(service, &job, JobEvent::GiveUp, ended(JobState::Failed, Some(&fault))).await?;
+            if let Some((event, change)) = recovery(&job, service.settings.max_attempts) {
+                tracing::info!(job.id = %job.id, attempt = job.attempt, ?event, "job found at the start");
+                apply(service, &job, event, change).await?;
             }
         }
     }
     Ok(())
 }
 
+/// What a start means for a job that has not ended; nothing for one that waits.
+fn recovery(job: &JobRecord, max_attempts: u32) -> Option<(JobEvent, JobChange)> {
+    if job.cancel_requested_at.is_some() {
+        return Some((JobEvent::Cancel, ended(JobState::Cancelled, None)));
+    }
+    let told = |state| vec![("status", status_event(state, job.attempt))];
+    match job.state {
+        JobState::Running => {
+            let events = told(JobState::Interrupted);
+            Some((JobEvent::Interrupt, JobChange { events, ..JobChange::default() }))
+        }
+        JobState::Interrupted if job.attempt < max_attempts => {
+            let events = told(JobState::Accepted);
+            Some((JobEvent::Requeue, JobChange { phase: Some("waiting"), events, ..JobChange::default() }))
+        }
+        JobState::Interrupted => {
+            let detail = format!("the service stopped {} times while the job ran", job.attempt);
+            let fault = Fault::new(FaultKind::JobInterrupted, detail)
+                .with("attempts", job.attempt)
+                .with("job_status", JobState::Failed.as_str());
+            Some((JobEvent::GiveUp, ended(JobState::Failed, Some(&fault))))
+        }
+        JobState::Accepted | JobState::Succeeded | JobState::Failed | JobState::Cancelled => None,
+    }
+}
+
 /// Longest time without a look at the queue: a job that another process stored is found by it.
 const LOOK_EVERY: Duration = Duration::from_secs(5);
 
-/// Runs the jobs of a lane one after the other until the service stops.
-pub(super) async fn work_through(service: Arc<Service>, lane: Lane) {
+/// Runs jobs of the worker's lane one after the other until the service stops.
+pub(super) async fn work_through(service: Arc<Service>, worker: Worker) {
+    let lane = worker.lane;
     loop {
         // Registered before the look, so that a job stored in between is not missed.
         let woken = service.woken(lane).notified();
-        service.beats.beat(lane);
+        service.beats.beat(worker);
         if service.stop.is_cancelled() {
             return;
         }
@@ -54,7 +73,7 @@ pub(super) async fn work_through(service: Arc<Service>, lane: Lane) {
                 let span = tracing::info_span!(
                     "job", job.id = %job.id, session.id = %job.session, tenant = %job.tenant, job.kind = job.kind.as_str()
                 );
-                if let Err(error) = run(&service, job).instrument(span).await {
+                if let Err(error) = run(&service, job, worker).instrument(span).await {
                     tracing::error!(detail = error.detail, "a job could not be recorded");
                     pause(&service).await;
                 }
@@ -94,8 +113,8 @@ async fn pause(service: &Service) {
     }
 }
 
-async fn run(service: &Arc<Service>, job: JobRecord) -> Result<(), Fault> {
-    let running = Arc::new(Running::new(&job, service.settings.max_wall));
+async fn run(service: &Arc<Service>, job: JobRecord, worker: Worker) -> Result<(), Fault> {
+    let running = Arc::new(Running::new(&job, worker, service.settings.max_wall));
     service.set_running(Arc::clone(&running));
     // A stop between the claim and this would not have found it.
     if service.stop.is_cancelled() {
@@ -135,9 +154,10 @@ fn outcome(service: &Service, job: &JobRecord, running: &Running, done: Result<D
     }
     match done {
         Ok(Done { report, tissue, warnings: found }) => {
+            // Those of steps have had their events.
+            let mut events: Vec<_> = running.own_warnings().iter().chain(&found).map(|w| warning_event(w)).collect();
             let mut warnings = running.warnings();
             warnings.extend(found);
-            let mut events: Vec<_> = warnings.iter().map(|w| warning_event(w)).collect();
             events.push(end_event(JobState::Succeeded, None));
             let change = JobChange { phase: Some("done"), report, tissue, warnings, events, ..JobChange::default() };
             (JobEvent::Succeed, change)
@@ -190,7 +210,7 @@ fn ended(state: JobState, fault: Option<&Fault>) -> JobChange {
 /// Where the work stood: what the row says may be a quarter of a second old.
 fn stopped(running: &Running, change: JobChange) -> JobChange {
     let warnings = running.warnings();
-    let mut events: Vec<_> = warnings.iter().map(|w| warning_event(w)).collect();
+    let mut events: Vec<_> = running.own_warnings().iter().map(|w| warning_event(w)).collect();
     events.extend(change.events);
     let (phase, progress) = (Some(running.phase().as_str()), Some(running.control.progress()));
     JobChange { phase, progress, warnings, events, ..change }
@@ -222,7 +242,7 @@ async fn tell_progress(service: &Service, job: &JobRecord, running: &Running) ->
     let mut last = ("", -1.0);
     loop {
         tokio::time::sleep(PROGRESS_EVERY).await;
-        service.beats.beat(running.lane);
+        service.beats.beat(running.worker);
         let (phase, progress) = (running.phase().as_str(), running.control.progress());
         if phase == last.0 && progress - last.1 < 0.01 {
             continue;

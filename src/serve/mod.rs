@@ -159,7 +159,7 @@ async fn note_address(data: &Path, scheme: &str, address: SocketAddr) -> std::io
 /// # Errors
 /// [`ServeError::Pool`], [`ServeError::Audit`], [`ServeError::Auth`], [`ServeError::Jobs`].
 pub async fn state(config: &ServeConfig, store: Store, engine: Arc<dyn Engine>) -> Result<AppState, ServeError> {
-    let cpu = CpuPool::new(config.threads)?;
+    let cpu = CpuPool::new(config.threads, config.service.parallel_jobs)?;
     let access = match &config.auth {
         Some(auth) => Access::Tokens(Authenticator::new(auth.clone(), cpu.clone())?),
         None => Access::Open,

@@ -36,6 +36,14 @@ impl SessionParts {
         Ok(Self { session, parts: store.parts(session).await? })
     }
 
+    /// Parts of a session that is known to be there.
+    ///
+    /// # Errors
+    /// The store's.
+    pub async fn of_known(store: &Store, session: SessionId) -> Result<Self, Fault> {
+        Ok(Self { session, parts: store.parts(session).await? })
+    }
+
     /// All parts.
     #[must_use]
     pub fn all(&self) -> &[PartRecord] {
@@ -144,6 +152,14 @@ impl SessionParts {
         let has_ct = self.get(PartKind::Ct).is_some();
         let next = if has_ct { "the import of the CT has not succeeded" } else { "PUT them, or a CT, first" };
         Err(self.missing(&missing, next))
+    }
+
+    /// Vertices of the skull, where it is there.
+    ///
+    /// # Errors
+    /// [`FaultKind::Internal`].
+    pub fn skull_vertices(&self) -> Result<Option<usize>, Fault> {
+        Ok(self.document::<SurfaceDocument>(PartKind::Skull)?.map(|skull| skull.vertices))
     }
 
     /// What the boxes of skin and skull tell of whether they belong together; the field looks more closely.

@@ -5,7 +5,9 @@ use std::sync::{Mutex, PoisonError};
 
 use serde::{Deserialize, Serialize};
 
+use super::MetaStore;
 use super::records::{now_rfc3339, sha256_hex};
+use super::sqlite::{DATABASE, SqliteMeta};
 use super::store::create_private;
 
 /// Who did what to which session or job, and with what outcome; never what it held.
@@ -30,6 +32,11 @@ pub struct AuditEntry {
     pub request_id: Option<String>,
 }
 
+impl AuditEntry {
+    /// What an entry is about by which a start tells that entries before it are missing.
+    pub const GAP: &str = "entries before this one were removed";
+}
+
 /// A line as written: `chain` is the SHA-256 of the chain before and the entry, so that a line that was changed or removed shows.
 #[derive(Debug, Serialize, Deserialize)]
 struct Line {
@@ -48,9 +55,62 @@ pub enum AuditFault {
         /// Which line, from 1.
         line: usize,
     },
+    /// The chain ends before the end that the store notes.
+    #[error("the entries after number {entries} were removed: the end that the store noted at {at} is not there")]
+    CutOff {
+        /// Entries that are there.
+        entries: usize,
+        /// When the end was noted.
+        at: String,
+    },
+    /// There is no log.
+    #[error("there is no audit log in {directory}")]
+    Missing {
+        /// Where one was looked for.
+        directory: String,
+    },
+    /// The store beside it cannot be read.
+    #[error("the store beside the audit log cannot be read")]
+    Store(#[from] super::StoreError),
     /// The files cannot be read.
     #[error("the audit log cannot be read")]
     Io(#[from] io::Error),
+}
+
+/// An audit log in which nothing was changed or removed up to its noted end.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct AuditReport {
+    /// Entries.
+    pub entries: usize,
+    /// When the store last noted the end.
+    pub anchored_at: Option<String>,
+    /// Entries after that end: were some of them cut off, that would not show.
+    pub later: usize,
+    /// Entries by which a start of the service tells that it found the end cut off.
+    pub gaps: usize,
+}
+
+/// Follows the audit log of a data directory up to the end that the store beside it notes.
+///
+/// What this proves: no entry up to that end was changed, removed or cut off without the store being changed too. What it cannot: that
+/// nothing was removed after that end (some seconds at most), and anything against someone who writes both the log and the store. For that
+/// ship the log to another machine.
+///
+/// # Errors
+/// [`AuditFault`].
+pub async fn verify_audit(data: &Path) -> Result<AuditReport, AuditFault> {
+    let anchor = if data.join(DATABASE).is_file() {
+        let meta = SqliteMeta::open_beside(data).await?;
+        let anchor = meta.audit_anchor().await;
+        meta.close().await;
+        anchor?
+    } else {
+        None
+    };
+    if anchor.is_none() && !data.join("audit").is_dir() {
+        return Err(AuditFault::Missing { directory: data.display().to_string() });
+    }
+    Audit::verify(data, anchor)
 }
 
 /// Append-only log, one file a month: `audit/2026-11.jsonl`.
@@ -118,12 +178,46 @@ impl Audit {
         Ok(())
     }
 
-    /// Reads all files below a data directory and follows the chain: the number of entries.
+    /// The chain at the end, on disk from now on; nothing of a log that keeps nothing or is empty.
+    ///
+    /// # Errors
+    /// The file system's.
+    pub fn settle(&self) -> io::Result<Option<String>> {
+        let (file, chain) = {
+            let state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+            (state.file.as_ref().map(File::try_clone).transpose()?, state.chain.clone())
+        };
+        // Outside the lock: requests do not wait for the disk.
+        if let Some(file) = file {
+            file.sync_data()?;
+        }
+        Ok(Some(chain).filter(|chain| !chain.is_empty()))
+    }
+
+    /// Whether an entry has this chain: the end that the store noted must be there. A log that keeps nothing has every one.
+    ///
+    /// # Errors
+    /// The file system's.
+    pub fn holds(&self, chain: &str) -> io::Result<bool> {
+        let Some(directory) = &self.directory else { return Ok(true) };
+        let end = format!("\"chain\":\"{chain}\"}}");
+        for path in files(directory)?.iter().rev() {
+            for line in BufReader::new(File::open(path)?).lines() {
+                if line?.ends_with(&end) {
+                    return Ok(true);
+                }
+            }
+        }
+        Ok(false)
+    }
+
+    /// Reads all files below a data directory and follows the chain, which must come by the `anchor`: a chain and when it was the end.
     ///
     /// # Errors
     /// [`AuditFault`].
-    pub fn verify(data: &Path) -> Result<usize, AuditFault> {
+    pub fn verify(data: &Path, anchor: Option<(String, String)>) -> Result<AuditReport, AuditFault> {
         let (mut chain, mut entries) = (String::new(), 0);
+        let (mut anchored_after, mut gaps) = (None, 0);
         for path in files(&data.join("audit"))? {
             for (index, line) in BufReader::new(File::open(&path)?).lines().enumerate() {
                 let line = line?;
@@ -138,9 +232,21 @@ impl Audit {
                 }
                 chain = read.chain;
                 entries += 1;
+                gaps += usize::from(read.entry.what == AuditEntry::GAP);
+                if anchor.as_ref().is_some_and(|(anchor, _)| *anchor == chain) {
+                    anchored_after = Some(entries);
+                }
             }
         }
-        Ok(entries)
+        match (anchor, anchored_after) {
+            (Some((_, at)), None) => Err(AuditFault::CutOff { entries, at }),
+            (anchor, after) => Ok(AuditReport {
+                entries,
+                anchored_at: anchor.map(|(_, at)| at),
+                later: entries - after.unwrap_or(0),
+                gaps,
+            }),
+        }
     }
 }
 
@@ -199,6 +305,10 @@ mod tests {
         AuditEntry { who: who.to_owned(), what: "GET /v1/sessions".to_owned(), status: 200, ..AuditEntry::default() }
     }
 
+    fn entries(data: &Path) -> usize {
+        Audit::verify(data, None).unwrap().entries
+    }
+
     fn only_file(data: &Path) -> PathBuf {
         files(&data.join("audit")).unwrap().pop().unwrap()
     }
@@ -211,16 +321,43 @@ mod tests {
             audit.record(entry(who), false).unwrap();
             audit.record(entry(who), true).unwrap();
         }
-        assert_eq!(Audit::verify(data.path()).unwrap(), 4);
+        assert_eq!(entries(data.path()), 4);
         let path = only_file(data.path());
         let whole = std::fs::read_to_string(&path).unwrap();
         assert!(whole.contains(r#""who":"a""#) && whole.lines().count() == 4);
 
         std::fs::write(&path, whole.replacen(r#""who":"b""#, r#""who":"x""#, 1)).unwrap();
-        assert!(matches!(Audit::verify(data.path()), Err(AuditFault::Broken { line: 3, .. })));
+        assert!(matches!(Audit::verify(data.path(), None), Err(AuditFault::Broken { line: 3, .. })));
         let without_second: Vec<&str> = whole.lines().enumerate().filter(|(i, _)| *i != 1).map(|(_, l)| l).collect();
         std::fs::write(&path, without_second.join("\n")).unwrap();
-        assert!(matches!(Audit::verify(data.path()), Err(AuditFault::Broken { line: 2, .. })));
+        assert!(matches!(Audit::verify(data.path(), None), Err(AuditFault::Broken { line: 2, .. })));
+    }
+
+    #[tokio::test]
+    async fn a_tail_that_was_cut_off_shows_up_to_the_noted_end() {
+        let data = tempfile::tempdir().unwrap();
+        assert!(matches!(verify_audit(data.path()).await, Err(AuditFault::Missing { .. })));
+        let store = super::super::Store::open(data.path()).await.unwrap();
+        let audit = Audit::open(data.path()).unwrap();
+        assert_eq!(audit.settle().unwrap(), None);
+        for who in ["a", "b", "c"] {
+            audit.record(entry(who), false).unwrap();
+        }
+        let end = audit.settle().unwrap().unwrap();
+        store.set_audit_anchor(&end).await.unwrap();
+        audit.record(entry("d"), false).unwrap();
+        store.close().await;
+        let report = verify_audit(data.path()).await.unwrap();
+        assert_eq!((report.entries, report.later, report.anchored_at.is_some()), (4, 1, true));
+        let path = only_file(data.path());
+        let whole = std::fs::read_to_string(&path).unwrap();
+        let first = |n: usize| whole.lines().take(n).map(|l| format!("{l}\n")).collect::<String>();
+        std::fs::write(&path, first(3)).unwrap();
+        assert_eq!(verify_audit(data.path()).await.unwrap().later, 0, "what came after it does not show");
+        std::fs::write(&path, first(2)).unwrap();
+        assert!(matches!(verify_audit(data.path()).await, Err(AuditFault::CutOff { entries: 2, .. })));
+        std::fs::remove_dir_all(data.path().join("audit")).unwrap();
+        assert!(matches!(verify_audit(data.path()).await, Err(AuditFault::CutOff { entries: 0, .. })));
     }
 
     #[test]
@@ -232,6 +369,6 @@ mod tests {
         file.write_all(br#"{"entry":{"at":"20"#).unwrap();
         drop(file);
         Audit::open(data.path()).unwrap().record(entry("b"), false).unwrap();
-        assert_eq!(Audit::verify(data.path()).unwrap(), 2);
+        assert_eq!(entries(data.path()), 2);
     }
 }

@@ -44,6 +44,13 @@ pub async fn back_up(data: &Path, out: &Path) -> Result<BackupReport, StoreError
     if out.exists() {
         return Err(fault(format!("{} is there already", out.display())));
     }
+    if !data.join(DATABASE).is_file() {
+        return Err(fault(format!("there is no store in {}", data.display())));
+    }
+    if lies_below(out, data)? {
+        let inside = "is inside the data directory, where it would be lost with it";
+        return Err(fault(format!("{} {inside}; name one elsewhere", out.display())));
+    }
     let meta = SqliteMeta::open_beside(data).await?;
     create_private(&out.join(BLOBS))?;
     let mut copied = BTreeMap::new();
@@ -64,6 +71,14 @@ pub async fn back_up(data: &Path, out: &Path) -> Result<BackupReport, StoreError
         }
     }
     Err(fault("files were removed while they were copied; try again"))
+}
+
+/// Whether a path that may not be there yet is, or will be, in a directory.
+fn lies_below(path: &Path, directory: &Path) -> io::Result<bool> {
+    let directory = directory.canonicalize()?;
+    let path = std::path::absolute(path)?;
+    let there = path.ancestors().find_map(|a| a.canonicalize().ok());
+    Ok(there.is_some_and(|there| there.starts_with(&directory)))
 }
 
 /// Copies what is named and not copied yet. False when one has gone meanwhile: then the snapshot is outdated.
@@ -146,6 +161,8 @@ pub async fn restore(from: &Path, data: &Path) -> Result<BackupReport, StoreErro
     }
     let check = SqliteMeta::open_beside(data).await?;
     check.check().await?;
+    // The audit log of the directory it came from is not here.
+    check.clear_audit_anchor().await?;
     check.close().await;
     Ok(BackupReport { files: manifest.files.len(), bytes: manifest.files.values().map(|(_, bytes)| bytes).sum() })
 }

@@ -43,6 +43,7 @@ fn job(session: SessionId, request: &str) -> JobRecord {
         subject: Some("plan".to_owned()),
         other_session: None,
         max_wall_s: Some(60.0),
+        cancel_requested_at: None,
         superseded_by: None,
         events_from: 1,
         report: None,
@@ -77,13 +78,14 @@ async fn insert(store: &Store, job: &JobRecord, limits: QueueLimits, supersede: 
         to: JobState::Cancelled,
         event: ("end", "{}".to_owned()),
     });
-    let new = NewJob { job, limits, event: "{}", stopping: None, supersede, answer: &|_| None };
+    let new = NewJob { job, limits, event: "{}", supersede, answer: &|_, _| None };
     store.insert_job(&new).await.unwrap()
 }
 
 async fn accept(store: &Store, session: SessionId, request: &str) -> JobId {
     let job = job(session, request);
-    assert_eq!(insert(store, &job, MANY, false).await, Insertion::Stored(Vec::new()));
+    let stored = insert(store, &job, MANY, false).await;
+    assert!(matches!(stored, Insertion::Stored { superseded, .. } if superseded.is_empty()));
     job.id
 }
 
@@ -209,18 +211,12 @@ async fn a_job_that_is_asked_for_twice_is_stored_once(store: Store) {
     let id = add_session(&store, "a").await.id;
     let first = accept(&store, id, "same").await;
     let again = insert(&store, &job(id, "same"), MANY, false).await;
-    assert!(matches!(again, Insertion::Twin(twin) if twin.id == first));
-    assert!(matches!(insert(&store, &job(id, "other"), MANY, false).await, Insertion::Stored(_)));
+    assert!(matches!(again, Insertion::Twin(twin, Some(0)) if twin.id == first));
+    assert!(matches!(insert(&store, &job(id, "other"), MANY, false).await, Insertion::Stored { .. }));
     let stored = store.job(first).await.unwrap().unwrap();
     assert_eq!((stored.tenant.as_str(), stored.max_wall_s, stored.events_from), ("a", Some(60.0), 1));
-    let orphan = NewJob {
-        job: &job(SessionId::new(), "x"),
-        limits: MANY,
-        event: "{}",
-        stopping: None,
-        supersede: None,
-        answer: &|_| None,
-    };
+    let orphan =
+        NewJob { job: &job(SessionId::new(), "x"), limits: MANY, event: "{}", supersede: None, answer: &|_, _| None };
     assert!(matches!(store.insert_job(&orphan).await, Err(StoreError::SessionGone)));
 }
 
@@ -228,16 +224,18 @@ async fn the_queue_is_bounded_in_all_and_by_tenant(store: Store) {
     let (a, b) = (add_session(&store, "a").await.id, add_session(&store, "b").await.id);
     let limits = QueueLimits { all: 3, tenant: 2 };
     for n in 0..2 {
-        assert!(matches!(insert(&store, &job(a, &n.to_string()), limits, false).await, Insertion::Stored(_)));
+        assert!(matches!(insert(&store, &job(a, &n.to_string()), limits, false).await, Insertion::Stored { .. }));
     }
     assert_eq!(insert(&store, &job(a, "2"), limits, false).await, Insertion::TenantFull);
-    assert!(matches!(insert(&store, &job(b, "0"), limits, false).await, Insertion::Stored(_)));
+    assert!(matches!(insert(&store, &job(b, "0"), limits, false).await, Insertion::Stored { .. }));
     let refused = job(b, "1");
     assert_eq!(insert(&store, &refused, limits, false).await, Insertion::Full);
     assert_eq!(store.job(refused.id).await.unwrap(), None);
     assert_eq!(store.queue(Lane::Heavy).await.unwrap().len(), 3);
     // One that makes room for itself fits.
-    assert!(matches!(insert(&store, &job(a, "3"), limits, true).await, Insertion::Stored(old) if old.len() == 2));
+    assert!(
+        matches!(insert(&store, &job(a, "3"), limits, true).await, Insertion::Stored { superseded, before: 1 } if superseded.len() == 2)
+    );
 }
 
 async fn tenants_take_turns(store: Store) {
@@ -270,7 +268,7 @@ async fn a_newer_job_takes_the_place_of_waiting_ones(store: Store) {
     elsewhere.subject = Some("another plan".to_owned());
     insert(&store, &elsewhere, MANY, false).await;
     let newer = job(id, "4");
-    assert_eq!(insert(&store, &newer, MANY, true).await, Insertion::Stored(vec![waiting]));
+    assert_eq!(insert(&store, &newer, MANY, true).await, Insertion::Stored { superseded: vec![waiting], before: 1 });
     let old = store.job(waiting).await.unwrap().unwrap();
     assert_eq!((old.state, old.superseded_by), (JobState::Cancelled, Some(newer.id)));
     assert!(old.finished_at.is_some());
@@ -300,6 +298,34 @@ async fn what_comes_under_an_old_fence_is_refused(store: Store) {
     let late = JobChange { tissue: Some(blob(&store, id, b"tissue").await), ..JobChange::default() };
     assert!(!store.change_job(&first, JobState::Succeeded, &late).await.unwrap());
     assert!(store.blobs().get(&late.tissue.unwrap().key).await.is_err());
+}
+
+async fn a_job_that_was_asked_to_stop_can_only_be_cancelled(store: Store) {
+    let id = add_session(&store, "a").await.id;
+    let (first, second) = (accept(&store, id, "1").await, accept(&store, id, "2").await);
+    let running = claim(&store).await.unwrap();
+    assert_eq!((running.id, running.cancel_requested_at.clone()), (first, None));
+    assert!(store.request_cancel(first).await.unwrap());
+    let asked = store.job(first).await.unwrap().unwrap();
+    assert!(asked.cancel_requested_at.is_some() && asked.state == JobState::Running);
+    assert!(store.request_cancel(first).await.unwrap(), "asking again changes nothing");
+    assert_eq!(store.job(first).await.unwrap().unwrap(), asked);
+    // It is no twin any more: who asks for the same wants it done.
+    assert!(matches!(insert(&store, &job(id, "1"), MANY, false).await, Insertion::Stored { before: 1, .. }));
+    for to in [JobState::Succeeded, JobState::Failed] {
+        assert!(!store.change_job(&running, to, &JobChange::default()).await.unwrap(), "{to}");
+    }
+    assert!(store.change_job(&running, JobState::Interrupted, &JobChange::default()).await.unwrap());
+    let interrupted = store.job(first).await.unwrap().unwrap();
+    assert!(!store.change_job(&interrupted, JobState::Accepted, &JobChange::default()).await.unwrap());
+    assert!(store.change_job(&interrupted, JobState::Cancelled, &JobChange::default()).await.unwrap());
+    assert!(!store.request_cancel(first).await.unwrap(), "it has ended");
+    assert!(!store.request_cancel(JobId::new()).await.unwrap());
+    // One that waits is not begun.
+    assert!(store.request_cancel(second).await.unwrap());
+    assert!(!store.queue(Lane::Heavy).await.unwrap().contains(&second));
+    assert_ne!(claim(&store).await.unwrap().id, second);
+    assert!(claim(&store).await.is_none());
 }
 
 async fn steps_are_kept_and_the_same_one_is_told_once(store: Store) {
@@ -387,6 +413,15 @@ async fn a_deleted_session_leaves_nothing(store: Store) {
     assert!(!store.change_job(&running, JobState::Succeeded, &JobChange::default()).await.unwrap());
 }
 
+async fn the_end_of_the_audit_log_is_noted(store: Store) {
+    assert_eq!(store.audit_anchor().await.unwrap(), None);
+    for chain in ["a", "b"] {
+        store.set_audit_anchor(chain).await.unwrap();
+        let (noted, at) = store.audit_anchor().await.unwrap().unwrap();
+        assert!(noted == chain && at <= now_rfc3339());
+    }
+}
+
 async fn idle_sessions_are_found(store: Store) {
     let (idle, busy) = (add_session(&store, "a").await, add_session(&store, "a").await);
     accept(&store, busy.id, "1").await;
@@ -427,8 +462,10 @@ conforms! {
     tenants_take_turns,
     a_newer_job_takes_the_place_of_waiting_ones,
     what_comes_under_an_old_fence_is_refused,
+    a_job_that_was_asked_to_stop_can_only_be_cancelled,
     steps_are_kept_and_the_same_one_is_told_once,
     events_count_up_and_old_ones_go,
     a_deleted_session_leaves_nothing,
     idle_sessions_are_found,
+    the_end_of_the_audit_log_is_noted,
 }

@@ -106,6 +106,8 @@ pub struct JobRecord {
     pub other_session: Option<SessionId>,
     /// Longest time that an attempt may compute, s.
     pub max_wall_s: Option<f64>,
+    /// When it was asked to stop, RFC 3339: from then on it can only end as cancelled.
+    pub cancel_requested_at: Option<String>,
     /// The newer job that took its place.
     pub superseded_by: Option<JobId>,
     /// Events before this number are not kept any more.
@@ -126,6 +128,14 @@ pub struct JobRecord {
     pub started_at: Option<String>,
     /// RFC 3339.
     pub finished_at: Option<String>,
+}
+
+impl JobRecord {
+    /// Whether a change under `fence` from the state `from` to `to` is allowed as the row stands.
+    pub(super) fn may_change(&self, from: JobState, fence: u64, to: JobState) -> bool {
+        let stops = matches!(to, JobState::Cancelled | JobState::Interrupted);
+        self.state == from && self.fence == fence && (stops || self.cancel_requested_at.is_none())
+    }
 }
 
 /// Which jobs to list.
@@ -192,13 +202,14 @@ pub struct NewJob<'a> {
     pub limits: QueueLimits,
     /// JSON of its first event, `status`.
     pub event: &'a str,
-    /// A job that is about to end and therefore no twin.
-    pub stopping: Option<JobId>,
     /// Whether and how older ones make room.
     pub supersede: Option<Supersede>,
-    /// What a repeated request gets, from the job as stored or its twin.
-    pub answer: &'a (dyn Fn(&JobRecord) -> Option<AnswerRecord> + Send + Sync),
+    /// What a repeated request gets, from the job as stored or its twin, and the jobs that wait before it in its lane.
+    pub answer: &'a AnswerOf<'a>,
 }
+
+/// Makes an answer from a job and the number of jobs that wait before it; no number for a job that does not wait.
+pub type AnswerOf<'a> = dyn Fn(&JobRecord, Option<u32>) -> Option<AnswerRecord> + Send + Sync + 'a;
 
 impl std::fmt::Debug for NewJob<'_> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
@@ -209,10 +220,16 @@ impl std::fmt::Debug for NewJob<'_> {
 /// What became of a job that was to be stored.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Insertion {
-    /// It is stored; these made room for it.
-    Stored(Vec<JobId>),
-    /// The session has a job that was asked for the same and has not ended.
-    Twin(Box<JobRecord>),
+    /// It is stored.
+    Stored {
+        /// Jobs that made room for it.
+        superseded: Vec<JobId>,
+        /// Jobs that wait before it in its lane.
+        before: u32,
+    },
+    /// The session has a job that was asked for the same, has not ended and was not asked to stop; and the jobs that wait before
+    /// it, when it waits.
+    Twin(Box<JobRecord>, Option<u32>),
     /// Too many jobs wait in all.
     Full,
     /// Too many jobs of the tenant wait.

@@ -107,7 +107,7 @@ pub trait MetaStore: Debug + Send + Sync {
     /// Jobs, newest first.
     async fn jobs(&self, filter: &JobFilter) -> Result<Vec<JobRecord>>;
 
-    /// Accepted jobs of a lane in the order in which they will be claimed: tenants take turns, the one whose turn was longest
+    /// Accepted jobs of a lane that were not asked to stop, in the order in which they will be claimed: tenants take turns, the one whose turn was longest
     /// ago first; within a tenant the oldest first.
     async fn queue(&self, lane: Lane) -> Result<Vec<JobId>>;
 
@@ -120,7 +120,8 @@ pub trait MetaStore: Debug + Send + Sync {
         change: &(dyn for<'a> Fn(&'a JobRecord) -> JobChange + Send + Sync),
     ) -> Result<Option<JobRecord>>;
 
-    /// Moves a job from one state to another, with its events, if it is in `from` under `fence`. False when it is not.
+    /// Moves a job from one state to another, with its events, if it is in `from` under `fence`. False when it is not, and when
+    /// a job that was asked to stop would succeed, fail or run again.
     /// [`StoreError::QuotaFull`] when the change's blob takes the session above `quota` bytes.
     async fn change_job(
         &self,
@@ -131,6 +132,9 @@ pub trait MetaStore: Debug + Send + Sync {
         change: &JobChange,
         quota: u64,
     ) -> Result<bool>;
+
+    /// Records that a job was asked to stop, so that no end but a cancel is left to it. False when it is not there or has ended.
+    async fn request_cancel(&self, id: JobId) -> Result<bool>;
 
     /// Records how far a running job is, with an event. False when it is not running under `fence` any more.
     async fn record_progress(&self, id: JobId, fence: u64, phase: &str, progress: f64, event: &str) -> Result<bool>;
@@ -160,6 +164,14 @@ pub trait MetaStore: Debug + Send + Sync {
 
     /// Drops all but the last event of jobs that ended before `ended_before` (RFC 3339): the number dropped.
     async fn prune_events(&self, ended_before: &str) -> Result<u64>;
+
+    // ---- the audit log ----
+
+    /// Notes the chain at the end of the audit log, and when that was (RFC 3339).
+    async fn set_audit_anchor(&self, chain: &str, at: &str) -> Result<()>;
+
+    /// The chain that was noted last, and when.
+    async fn audit_anchor(&self) -> Result<Option<(String, String)>>;
 
     // ---- the engine ----
 

@@ -34,14 +34,14 @@ mod store;
 mod tenant;
 
 pub use answer::{AnswerRecord, Remembered};
-pub use audit::{Audit, AuditEntry, AuditFault};
+pub use audit::{Audit, AuditEntry, AuditFault, AuditReport, verify_audit};
 pub use backup::{BackupReport, back_up, restore};
 pub use blobs::{BlobInfo, Blobs, Upload};
 pub use error::StoreError;
 pub use event::EventRecord;
 pub use grid_blob::{decode_grid, encode_grid};
 pub use ids::{JobId, OsteotomyId, PlanId, SessionId};
-pub use job::{Insertion, JobChange, JobFilter, JobKind, JobRecord, Lane, NewJob, QueueLimits, Supersede};
+pub use job::{AnswerOf, Insertion, JobChange, JobFilter, JobKind, JobRecord, Lane, NewJob, QueueLimits, Supersede};
 pub use job_state::JobState;
 pub use mesh_blob::{decode_mesh, encode_mesh};
 pub use meta::MetaStore;

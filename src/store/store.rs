@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use super::memory::MemoryMeta;
-use super::records::rfc3339_before;
+use super::records::{now_rfc3339, rfc3339_before};
 use super::sqlite::{self, SqliteMeta};
 use super::{
     AnswerRecord, Blobs, MetaStore, OsteotomyId, OsteotomyRecord, Owner, PartKind, PartRecord, PlanId, PlanRecord,
@@ -343,6 +343,22 @@ impl Store {
         let named = self.meta.named_blobs().await?;
         let unnamed: Vec<String> = found.into_iter().filter(|key| !named.contains(key)).collect();
         self.blobs.remove_files(&unnamed).await
+    }
+
+    /// Notes where the audit log ends, so that a tail that is cut off shows.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn set_audit_anchor(&self, chain: &str) -> Result<()> {
+        self.meta.set_audit_anchor(chain, &now_rfc3339()).await
+    }
+
+    /// The noted end of the audit log, and when it was noted.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn audit_anchor(&self) -> Result<Option<(String, String)>> {
+        self.meta.audit_anchor().await
     }
 
     /// Whether the database answers and can be written.

@@ -52,9 +52,12 @@ async fn a_template_takes_the_sessions_landmarks() {
 #[tokio::test]
 async fn cuts_that_cannot_be_are_refused() {
     let app = TestApp::new().await;
-    let path = format!("{}/osteotomies", app.session_with_surfaces().await);
+    let path = format!("{}/osteotomies", app.session().await);
     let problem = app.post(&path, plane(0.0)).await.problem(409, "missing-input");
-    assert_eq!(problem["missing"], json!(["field"]));
+    assert_eq!(problem["missing"], json!(["skin", "skull"]));
+    // A cut needs the surfaces alone: no field job must have run.
+    let path = format!("{}/osteotomies", app.session_with_surfaces().await);
+    assert_eq!(app.post(&path, plane(0.0)).await.status, StatusCode::CREATED);
 
     let path = format!("{}/osteotomies", app.session_with_field().await);
     let problem = app.post(&path, plane(500.0)).await.problem(422, "cut-misses-bone");

@@ -66,7 +66,8 @@ async fn refused_values_are_told_in_plain_words() {
         (r#"{"points": {"ans": ["x", 1, 2]}}"#, "/points/ans/0", "expected a number, found \"x\""),
         (r#"{"points": {"ans": [1, 2]}}"#, "/points/ans", "expected a list of 3, found 2 elements"),
         (r#"{"points": {"ans": [1, 2, 3, 4]}}"#, "/points/ans", "expected a list of 3, found 4 elements"),
-        (r#"{"points": {}, "points": {}}"#, "", "duplicate field `points`"),
+        (r#"{"points": {}, "points": {}}"#, "/points", "duplicate field `points`"),
+        (r#"{"points": {"ans": [1, 2, 3], "ans": [1, 2, 4]}}"#, "/points/ans", "duplicate field `ans`"),
         (
             &format!(r#"{{"points": {{"ans": [1, 2, {nines}]}}}}"#),
             "/points/ans/2",

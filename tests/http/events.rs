@@ -84,3 +84,22 @@ async fn a_failed_end_carries_the_problem() {
     assert_eq!(end["data"]["problem"]["type"], "/problems/solver-not-converged");
     assert_eq!(end["data"]["status"], "failed");
 }
+
+#[tokio::test]
+async fn the_stream_of_a_job_that_is_deleted_with_its_session_has_an_end() {
+    let app = TestApp::new().await;
+    let (session, plan) = app.session_with_plan().await;
+    app.stand_in.hold_after(1);
+    let job = app.solve(&session, &plan, json!({})).await;
+    app.until_step(&job, 1).await;
+    let delete = async {
+        tokio::time::sleep(std::time::Duration::from_millis(30)).await;
+        assert_eq!(app.delete(&session).await.status, StatusCode::NO_CONTENT);
+    };
+    let (told, ()) = tokio::join!(lines(&app, &job, None), delete);
+    let [.., before, end] = told.as_slice() else { panic!("{told:?}") };
+    assert_eq!((&end["event"], &end["data"]["status"]), (&json!("end"), &json!("cancelled")));
+    assert_eq!(end["data"]["problem"]["type"], "/problems/gone");
+    assert!(end["id"].as_u64() > before["id"].as_u64());
+    app.get(&format!("{job}/events")).await.problem(410, "gone");
+}

@@ -267,6 +267,23 @@ async fn landmarks_are_checked_and_kept() {
     let pointers: Vec<&str> =
         problem["errors"].as_array().unwrap().iter().map(|e| e["pointer"].as_str().unwrap()).collect();
     assert_eq!(pointers, ["/points/Nose Tip", "/points/ans/0", "/le_fort_1_plane/normal"]);
+
+    // In metres a head is smaller than a tooth, in micrometres larger than a room.
+    let scaled = |scale: f64| {
+        let points = [("ans", [6.0, -84.0, 45.0]), ("pogonion", [6.0, -71.0, -25.0]), ("menton", [6.0, -67.0, -33.0])];
+        let points: serde_json::Map<_, _> =
+            points.into_iter().map(|(name, p)| (name.to_owned(), json!(p.map(|c| c * scale)))).collect();
+        json!({ "points": points })
+    };
+    for (scale, ok) in [(1.0, true), (1e-3, false), (50.0, false)] {
+        let answer = app.put_json(&path, scaled(scale)).await;
+        assert_eq!(answer.status.is_success(), ok, "{scale}");
+        if !ok {
+            let problem = answer.problem(422, "invalid-request");
+            assert_eq!(problem["errors"][0]["pointer"], "/points");
+            assert!(problem["detail"].as_str().unwrap().contains("check the unit"), "{problem}");
+        }
+    }
 }
 
 #[tokio::test]

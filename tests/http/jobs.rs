@@ -93,7 +93,33 @@ async fn what_a_job_asks_for_is_checked() {
     check(json!({"plan": session.rsplit('/').next().unwrap()}), "/plan").await;
     check(json!({"plan": plan, "attachment": {"tie_gap_mm": -1}}), "/attachment/tie_gap_mm").await;
     check(json!({"plan": plan, "speed": 1}), "/speed").await;
+    // The skull is a box of eight vertices.
+    let painted = |n: usize| json!({"plan": plan, "attachment": {"skull_classes": vec!["tied"; n]}});
+    check(painted(7), "/attachment/skull_classes").await;
+    check(painted(9), "/attachment/skull_classes").await;
+    assert_eq!(app.post(&path, painted(8)).await.status, StatusCode::ACCEPTED);
     check(json!({}), "").await;
+}
+
+#[tokio::test]
+async fn what_a_step_warns_of_the_job_tells_once_and_the_report_too() {
+    let app = TestApp::new().await;
+    let (session, plan) = app.session_with_plan().await;
+    *app.stand_in.step_warning.lock().unwrap() = Some("3 elements are inside out".to_owned());
+    app.stand_in.hold_after(1);
+    let job = app.solve(&session, &plan, json!({"model": "linear", "steps": 2})).await;
+    app.until_step(&job, 1).await;
+    let told = |k: u32| format!("step {k}: 3 elements are inside out");
+    assert_eq!(app.get(&job).await.ok()["warnings"], json!([told(1)]), "while it runs");
+    app.stand_in.release();
+    let ended = app.get(&format!("{job}?wait_s=10")).await.ok();
+    assert_eq!(ended["warnings"], json!([told(1), told(2), "a stand-in"]));
+    let events = app.call(axum::http::Method::GET, &format!("{job}/events"), &[], axum::body::Body::empty()).await;
+    let events = String::from_utf8(events.body.to_vec()).unwrap();
+    assert_eq!((events.matches(&told(1)).count(), events.matches("a stand-in").count()), (1, 1), "{events}");
+    let report = app.get(&format!("{job}/report")).await.ok();
+    let warnings: Vec<&str> = report["warnings"].as_array().unwrap().iter().map(|w| w.as_str().unwrap()).collect();
+    assert_eq!(warnings.iter().filter(|w| w.contains("inside out")).count(), 2, "{warnings:?}");
 }
 
 #[tokio::test]
@@ -130,7 +156,13 @@ async fn one_job_runs_and_the_others_wait_in_line() {
     let first = app.solve(&session, &plan, json!({})).await;
     app.until_step(&first, 1).await;
     let second = app.solve(&session, &plan, json!({"steps": 2})).await;
-    let third = app.solve(&session, &plan, json!({"steps": 3})).await;
+    let body = json!({"plan": plan, "steps": 3});
+    let accepted = app.post_keyed(&format!("{session}/jobs"), "third", body.clone()).await;
+    assert_eq!(accepted.ok()["queue_position"], 2, "told with the 202");
+    let replayed = app.post_keyed(&format!("{session}/jobs"), "third", body).await;
+    assert_eq!(replayed.json(), accepted.json());
+    let third = accepted.header("location").to_owned();
+    assert_eq!(app.post(&format!("{session}/jobs"), json!({"plan": plan, "steps": 3})).await.ok()["queue_position"], 2);
     assert_eq!(app.get(&second).await.ok()["queue_position"], 1);
     assert_eq!(app.get(&third).await.ok()["queue_position"], 2);
     let full = app.post(&format!("{session}/jobs"), json!({"plan": plan, "steps": 4})).await;

@@ -108,6 +108,41 @@ fn a_solve_that_was_killed_keeps_its_steps_and_runs_again() {
     assert_eq!(statuses, ["accepted", "running", "interrupted", "accepted", "running", "succeeded"]);
 }
 
+/// Whoever was told 202 never sees the job succeed, however soon after it the service is killed.
+#[test]
+fn a_cancel_that_was_answered_outlives_a_kill() {
+    let directory = tempfile::tempdir().unwrap();
+    let mut server = Server::start(directory.path(), &[]);
+    let session = server.session();
+    server.upload(&format!("{session}/tissue"), &crate::tissue::slab(1.0)).ok();
+    let paths = json!([{"segment": 1, "waypoints": [{"t": 1, "translation_mm": [0.5, 0, 2]}]}]);
+    let plan = server.post(&format!("{session}/plans"), &json!({"paths": paths})).ok()["id"].clone();
+    let mut caught_running = 0;
+    for round in 0..8u64 {
+        // The tolerance makes each a job of its own; the steps are many, so that it runs when it is cancelled.
+        let tolerance = 0.05 + 1e-4 * round as f64;
+        let solve = json!({"plan": plan, "model": "nonlinear", "steps": 200, "penetration_tolerance_mm": tolerance});
+        let job = server.post(&format!("{session}/jobs"), &solve).ok()["links"]["self"].as_str().unwrap().to_owned();
+        let deadline = Instant::now() + Duration::from_secs(60);
+        while round % 4 != 0 && server.get(&job).ok()["phase"] != "solve" {
+            assert!(Instant::now() < deadline);
+            std::thread::park_timeout(Duration::from_millis(5));
+        }
+        let cancelled = server.post(&format!("{job}/cancel"), &json!({}));
+        assert_eq!(cancelled.status, 202);
+        caught_running += u32::from(cancelled.json()["status"] == "running");
+        server.child.kill().unwrap();
+        server.child.wait().unwrap();
+        server = Server::start(directory.path(), &[]);
+        let view = server.get(&format!("{job}?wait_s=30")).ok();
+        assert_eq!(view["status"], "cancelled", "round {round}: {view}");
+        let events = server.get_lines(&format!("{job}/events"));
+        assert_eq!(events.last().unwrap()["data"]["status"], "cancelled");
+        server.post(&format!("{job}/cancel"), &json!({})).refused(409, "wrong-state", "cancelled");
+    }
+    assert!(caught_running > 0, "no job was caught while it ran");
+}
+
 #[test]
 fn a_database_of_another_format_is_named_with_what_to_do() {
     let directory = tempfile::tempdir().unwrap();

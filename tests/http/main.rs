@@ -12,6 +12,7 @@ mod compare;
 mod dicom;
 mod edges;
 mod events;
+mod fuzz;
 mod health;
 mod idempotency;
 mod inputs;

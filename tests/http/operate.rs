@@ -14,7 +14,7 @@ fn prosopon(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_prosopon")).args(arguments).env_remove("PROSOPON_DATA").output().unwrap()
 }
 
-fn text(path: &Path) -> &str {
+fn text_of(path: &Path) -> &str {
     path.to_str().unwrap()
 }
 
@@ -23,22 +23,131 @@ fn all_faults_of_a_configuration_are_told_at_once() {
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("prosopon.toml");
     std::fs::write(&file, "listen = \"0.0.0.0:80\"\nmax_waiting = 0\nspeed = 3\n").unwrap();
-    let refused = prosopon(&["config", "check", "--config", text(&file)]);
+    let refused = prosopon(&["config", "check", "--config", text_of(&file)]);
     let told = String::from_utf8(refused.stderr).unwrap();
     assert!(!refused.status.success());
     for word in ["loopback", "max_waiting", "speed", "data"] {
         assert!(told.contains(word), "{word}: {told}");
     }
-    let served = prosopon(&["serve", "--config", text(&file), "--data", text(directory.path())]);
+    let served = prosopon(&["serve", "--config", text_of(&file), "--data", text_of(directory.path())]);
     assert!(!served.status.success() && String::from_utf8(served.stderr).unwrap().contains("loopback"));
 
     std::fs::write(&file, "max_waiting = 5\n").unwrap();
-    let fine = prosopon(&["config", "check", "--config", text(&file), "--data", "d"]);
+    let fine = prosopon(&["config", "check", "--config", text_of(&file), "--data", "d"]);
     let printed = String::from_utf8(fine.stdout).unwrap();
     assert!(
         fine.status.success() && printed.contains("max_waiting = 5") && printed.contains("data = \"d\""),
         "{printed}"
     );
+}
+
+/// What `serve` would stumble over later is told by the check.
+#[test]
+fn certificates_levels_and_times_that_cannot_be_used_are_faults_of_the_configuration() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name);
+    let tls = |name: &str| Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/tls").join(name);
+    std::fs::write(at("no.pem"), "no certificate").unwrap();
+    std::fs::write(at("jwks.json"), "{\"keys\": []}").unwrap();
+    let check = |text: String| {
+        std::fs::write(at("prosopon.toml"), text).unwrap();
+        let done = prosopon(&["config", "check", "--config", text_of(&at("prosopon.toml")), "--data", "d"]);
+        (done.status.success(), String::from_utf8(done.stderr).unwrap())
+    };
+    let with_tls = |cert: &Path, key: &Path| format!("[tls]\ncert = {cert:?}\nkey = {key:?}\n");
+    let jwt = |issuer: &str| {
+        format!("[auth.jwt]\nissuer = {issuer:?}\naudience = \"a\"\njwks_file = {:?}\n", at("jwks.json"))
+    };
+    for (text, words) in [
+        (with_tls(&at("no.pem"), &tls("key.pem")), "no.pem"),
+        (with_tls(&tls("cert.pem"), &at("no.pem")), "no.pem"),
+        (with_tls(&tls("cert.pem"), &tls("other-key.pem")), "cannot be used together"),
+        (with_tls(&at("absent.pem"), &tls("key.pem")), "absent.pem"),
+        ("[log]\nlevel = \"inof\"\n".to_owned(), "log.level"),
+        (jwt(""), "auth.jwt.issuer"),
+        (jwt("https://id.example"), "holds no key"),
+        ("heartbeat_s = 0\n".to_owned(), "heartbeat_s"),
+        ("answer_timeout_s = 0\n".to_owned(), "answer_timeout_s"),
+        ("body_timeout_s = 0\n".to_owned(), "body_timeout_s"),
+        ("upload_idle_s = 0\n".to_owned(), "upload_idle_s"),
+        ("parallel_jobs = 0\n".to_owned(), "parallel_jobs"),
+    ] {
+        let (fine, told) = check(text.clone());
+        assert!(!fine && told.contains(words), "{text}: {told}");
+    }
+    let (fine, told) = check(with_tls(&tls("cert.pem"), &tls("key.pem")));
+    assert!(fine, "{told}");
+}
+
+#[test]
+fn keys_are_made_as_the_configuration_takes_them() {
+    for (arguments, words) in [
+        (["--id", "a b", "--tenant", "local"], "letters"),
+        (["--id", "front", "--tenant", "Hospital A"], "tenant"),
+        (["--id", "front", "--scopes", "read,fly"], "fly"),
+    ] {
+        let refused = prosopon(&[&["auth", "key"], &arguments[..]].concat());
+        let told = String::from_utf8(refused.stderr).unwrap();
+        assert!(!refused.status.success() && told.contains(words) && refused.stdout.is_empty(), "{told}");
+    }
+    let directory = tempfile::tempdir().unwrap();
+    let made = prosopon(&["auth", "key", "--id", "front", "--tenant", "hospital-a", "--scopes", "read,admin"]);
+    assert!(made.status.success());
+    let file = directory.path().join("prosopon.toml");
+    std::fs::write(&file, made.stdout).unwrap();
+    let checked = prosopon(&["config", "check", "--config", text_of(&file), "--data", "d"]);
+    let printed = String::from_utf8(checked.stdout).unwrap();
+    assert!(checked.status.success() && printed.contains("front (hospital-a; read admin)"), "{printed}");
+}
+
+#[test]
+fn backups_go_elsewhere_and_of_nothing_there_is_none() {
+    let directory = tempfile::tempdir().unwrap();
+    let data = directory.path().join("data");
+    let refused = |arguments: &[&str], words: &str| {
+        let done = prosopon(arguments);
+        let told = String::from_utf8(done.stderr).unwrap();
+        assert!(!done.status.success() && told.contains(words), "{arguments:?}: {told}");
+    };
+    let out = directory.path().join("out");
+    refused(&["backup", "--data", text_of(&data), "--out", text_of(&out)], "there is no store in");
+    refused(&["audit", "verify", "--data", text_of(&data)], "there is no audit log in");
+    assert!(!data.exists() && !out.exists());
+    let server = Server::start(&data, &[]);
+    server.session();
+    for inside in [data.join("backup"), data.join("new/deeper"), data.join("blobs/../x")] {
+        refused(&["backup", "--data", text_of(&data), "--out", text_of(&inside)], "inside the data directory");
+        assert!(!inside.exists());
+    }
+}
+
+#[test]
+fn an_audit_log_whose_end_was_cut_off_is_found_out() {
+    let directory = tempfile::tempdir().unwrap();
+    let mut server = Server::start(directory.path(), &[]);
+    for _ in 0..5 {
+        server.session();
+    }
+    let pid = server.child.id().to_string();
+    assert!(Command::new("kill").args(["-TERM", &pid]).status().unwrap().success());
+    assert!(server.child.wait().unwrap().success());
+    let verify = || prosopon(&["audit", "verify", "--data", text_of(directory.path())]);
+    let fine = String::from_utf8(verify().stdout).unwrap();
+    assert!(fine.contains("5 entries, none changed") && fine.contains("0 entries are later"), "{fine}");
+
+    let log = std::fs::read_dir(directory.path().join("audit")).unwrap().next().unwrap().unwrap().path();
+    let whole = std::fs::read_to_string(&log).unwrap();
+    let cut: String = whole.lines().take(3).map(|line| format!("{line}\n")).collect();
+    std::fs::write(&log, cut).unwrap();
+    let told = String::from_utf8(verify().stderr).unwrap();
+    assert!(told.contains("after number 3 were removed"), "{told}");
+    // A start that goes on from there leaves its mark.
+    let server = Server::start(directory.path(), &[]);
+    server.session();
+    drop(server);
+    let told = String::from_utf8(verify().stderr).unwrap();
+    assert!(told.contains("removed"), "{told}");
+    assert!(std::fs::read_to_string(&log).unwrap().contains("entries before this one were removed"));
 }
 
 #[test]
@@ -49,19 +158,19 @@ fn a_running_service_is_backed_up_and_comes_back_elsewhere() {
     let session = server.session();
     server.upload(&format!("{session}/skin"), &crate::shapes::skin()).ok();
     let before = server.get(&session).ok();
-    let done = prosopon(&["backup", "--data", text(&data), "--out", text(&out)]);
+    let done = prosopon(&["backup", "--data", text_of(&data), "--out", text_of(&out)]);
     assert!(done.status.success(), "{done:?}");
     server.post("/v1/sessions", &json!({})).ok();
     drop(server);
 
-    let done = prosopon(&["restore", "--from", text(&out), "--data", text(&back)]);
+    let done = prosopon(&["restore", "--from", text_of(&out), "--data", text_of(&back)]);
     assert!(done.status.success(), "{done:?}");
     let server = Server::start(&back, &[]);
     assert_eq!(server.get(&session).ok(), before);
     assert_eq!(server.get("/v1/sessions").ok()["sessions"].as_array().unwrap().len(), 1);
-    let again = prosopon(&["restore", "--from", text(&out), "--data", text(&back)]);
+    let again = prosopon(&["restore", "--from", text_of(&out), "--data", text_of(&back)]);
     assert!(!again.status.success(), "never over a store");
-    let verified = prosopon(&["audit", "verify", "--data", text(&data)]);
+    let verified = prosopon(&["audit", "verify", "--data", text_of(&data)]);
     assert!(verified.status.success() && String::from_utf8(verified.stdout).unwrap().contains("none changed"));
 }
 

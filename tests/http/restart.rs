@@ -66,6 +66,7 @@ async fn a_job_that_the_service_did_not_survive_is_given_up_after_three_attempts
     let app = mark_as_crashed(app, &job, 3).await;
     let ended = app.get(&job).await.ok();
     assert_eq!((&ended["status"], &ended["problem"]["type"]), (&json!("failed"), &json!("/problems/job-interrupted")));
+    assert_eq!((&ended["problem"]["job_status"], &ended["problem"]["attempts"]), (&json!("failed"), &json!(3)));
     assert_eq!(app.get(&format!("{job}/steps/1/frame")).await.status, 200);
 }
 

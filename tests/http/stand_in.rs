@@ -37,6 +37,8 @@ pub(crate) struct StandIn {
     pub(crate) panics: AtomicBool,
     /// Fail the solve after this step, when above 0.
     pub(crate) fails_after: AtomicUsize,
+    /// What each step warns of.
+    pub(crate) step_warning: Mutex<Option<String>>,
     /// What the next call fails with.
     pub(crate) fails_with: Mutex<Option<Halt>>,
     /// Let cuts that were fine miss the bone from now on.
@@ -272,7 +274,7 @@ impl Engine for StandIn {
                 reactions_n: vec![(1, [0.0, 1.0, 0.0])],
                 unknowns: 60_000,
                 phases: prosopon::fem::PhaseTimes::default(),
-                warnings: Vec::new(),
+                warnings: self.step_warning.lock().unwrap().iter().cloned().collect(),
             };
             let positions = skin.positions().iter().map(|p| p + moved).collect();
             watch.frame(Frame {

@@ -26,6 +26,23 @@ pub struct JwtSettings {
     pub leeway: Duration,
 }
 
+impl JwtSettings {
+    /// What is wrong with them, `NAME: fault` each.
+    #[must_use]
+    pub fn faults(&self) -> Vec<String> {
+        let texts = [
+            ("issuer", &self.issuer),
+            ("audience", &self.audience),
+            ("tenant_claim", &self.tenant_claim),
+            ("scope_claim", &self.scope_claim),
+        ];
+        let empty = texts.into_iter().filter(|(_, text)| text.trim().is_empty());
+        let mut faults: Vec<String> = empty.map(|(name, _)| format!("{name}: must not be empty")).collect();
+        faults.extend(read(self).err().map(|fault| format!("jwks_file: {fault}")));
+        faults
+    }
+}
+
 /// Signatures that a public key can check; never a shared secret, for whoever knows the public key could then sign.
 const ALGORITHMS: [Algorithm; 9] = [
     Algorithm::RS256,

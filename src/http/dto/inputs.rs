@@ -5,7 +5,8 @@ use utoipa::{IntoParams, ToSchema};
 
 use super::PartView;
 use super::check::{Check, REACH_MM};
-use crate::geometry::Point;
+use crate::geometry::{Aabb, Point};
+use crate::http::extract::short_number;
 use crate::import::{SeriesChoice, VolumeSettings};
 use crate::jobs::ImportRequest;
 use crate::session::{Fault, FieldDocument, FieldMethod, FieldSettingsDocument, LandmarksDocument, PlacedPlane, Solid};
@@ -110,6 +111,7 @@ impl TryFrom<PutLandmarks> for LandmarksDocument {
                 check.fault(pointer, "a name is 1 to 64 of a to z, 0 to 9 and _");
             }
         }
+        check_size(&mut check, request.points.values());
         for (pointer, value) in
             [("/midline_x_mm", request.midline_x_mm), ("/occlusal_plane_z_mm", request.occlusal_plane_z_mm)]
         {
@@ -135,6 +137,26 @@ impl TryFrom<PutLandmarks> for LandmarksDocument {
             le_fort_1_plane,
             proposed: request.proposed,
         })
+    }
+}
+
+/// Landmarks of a head lie centimetres apart: those in metres within a millimetre, those in micrometres beyond any head.
+fn check_size<'a>(check: &mut Check, points: impl ExactSizeIterator<Item = &'a [f64; 3]>) {
+    const ALLOWED_MM: [f64; 2] = [2.0, 1000.0];
+    if points.len() < 3 {
+        return;
+    }
+    let points: Vec<Point> = points.map(|p| Point::from(*p)).collect();
+    let Some(bounds) = Aabb::of(&points) else { return };
+    let size_mm = (bounds.max - bounds.min).norm();
+    if !(ALLOWED_MM[0]..=ALLOWED_MM[1]).contains(&size_mm) {
+        let detail = format!(
+            "the points lie within {} mm of each other, allowed is {} to {}: check the unit, which is mm",
+            short_number(size_mm),
+            ALLOWED_MM[0],
+            ALLOWED_MM[1]
+        );
+        check.fault("/points", detail);
     }
 }
 

@@ -271,7 +271,8 @@ pub struct JobView {
     pub session: Uuid,
     /// `import`, `field`, `mesh`, `solve` or `compare`.
     pub kind: String,
-    /// `accepted`, `running`, `succeeded`, `failed`, `cancelled` or `interrupted` (it will run again).
+    /// `accepted`, `running`, `succeeded`, `failed`, `cancelled` or `interrupted` (the service stopped; it will run again, or fail with
+    /// the problem `job-interrupted` when it had its attempts).
     pub status: String,
     /// Stage of the work: `waiting`, `reading`, `surfaces`, `field`, `cut`, `mesh`, `solve`, `compare`, `writing`, `done`; of a job that failed or
     /// was cancelled the one in which it ended.
@@ -288,6 +289,9 @@ pub struct JobView {
     pub queue_position: Option<u32>,
     /// How often it was started.
     pub attempt: u32,
+    /// When it was asked to stop: from then on it ends as `cancelled`, also where the service is killed before.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cancel_requested_at: Option<String>,
     /// The newer job that took its place in the queue.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub superseded_by: Option<Uuid>,
@@ -323,6 +327,7 @@ impl JobView {
             eta_s: None,
             queue_position: None,
             attempt: record.attempt,
+            cancel_requested_at: record.cancel_requested_at.clone(),
             superseded_by: record.superseded_by.map(crate::store::JobId::uuid),
             residuals: Vec::new(),
             warnings: record.warnings.clone(),

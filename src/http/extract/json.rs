@@ -6,7 +6,7 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 use serde_path_to_error::{Path, Segment};
 
-use super::strict::Strict;
+use super::strict::{Strict, Unique};
 use super::words::plain;
 use crate::http::{AppState, Problem};
 use crate::session::{Fault, FaultKind};
@@ -81,10 +81,14 @@ pub(crate) enum JsonFault {
 /// # Errors
 /// [`JsonFault`].
 pub(crate) fn strict_json<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, JsonFault> {
-    let value: Value = serde_json::from_slice(bytes)?;
-    let _checked: T = strict_value(&value)?;
-    // Again from the bytes, for a member that is there twice shows in them only.
-    Ok(serde_path_to_error::deserialize(&mut serde_json::Deserializer::from_slice(bytes))?)
+    let mut reader = serde_json::Deserializer::from_slice(bytes);
+    let Unique(value) = match serde_path_to_error::deserialize(&mut reader) {
+        Err(error) if error.inner().is_data() => return Err(error.into()),
+        Err(error) => return Err(error.into_inner().into()),
+        Ok(value) => value,
+    };
+    reader.end()?;
+    strict_value(&value)
 }
 
 /// Reads a value in which an object is an object.
@@ -161,7 +165,7 @@ mod tests {
         check("{}", FaultKind::InvalidRequest, Some(""));
         check("5", FaultKind::InvalidRequest, Some(""));
         check("[]", FaultKind::InvalidRequest, Some(""));
-        check(r#"{"values": [], "values": []}"#, FaultKind::InvalidRequest, Some(""));
+        check(r#"{"values": [], "values": []}"#, FaultKind::InvalidRequest, Some("/values"));
         check(r#"{"values": [], "point": [1, 2, 3, 4]}"#, FaultKind::InvalidRequest, Some("/point"));
         check(r#"{"values": [], "name": 3}"#, FaultKind::InvalidRequest, Some("/name"));
         check(r#"{"values": [], "plane": [[1, 2, 3], 4]}"#, FaultKind::InvalidRequest, Some("/plane"));
@@ -169,6 +173,11 @@ mod tests {
             r#"{"values": [], "planes": [{"point": [1, 2, 3], "offset": 4}, [[1, 2, 3], 4]]}"#,
             FaultKind::InvalidRequest,
             Some("/planes/1"),
+        );
+        check(
+            r#"{"values": [], "plane": {"point": [1, 2, 3], "offset": 4, "offset": 5}}"#,
+            FaultKind::InvalidRequest,
+            Some("/plane/offset"),
         );
         check(r#"{"values": {}, "plane": null}"#, FaultKind::InvalidRequest, Some("/values"));
         check(r#"{"values": [1e999]}"#, FaultKind::MalformedRequest, None);

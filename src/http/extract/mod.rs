@@ -11,5 +11,5 @@ pub(super) use creating::{Answering, Creating};
 pub(super) use json::Body;
 pub(crate) use json::{strict_json, strict_value};
 pub(super) use path::Ids;
-pub(super) use query::Params;
+pub(super) use query::{Params, page_length};
 pub(super) use words::short_number;

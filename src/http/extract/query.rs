@@ -24,6 +24,17 @@ impl<S: Send + Sync, T: DeserializeOwned> FromRequestParts<S> for Params<T> {
     }
 }
 
+/// Entries of a page.
+pub(in crate::http) fn page_length(asked: Option<u32>) -> Result<u32, Problem> {
+    match asked {
+        None => Ok(20),
+        Some(n @ 1..=100) => Ok(n),
+        Some(n) => {
+            Err(Fault::new(FaultKind::MalformedRequest, format!("is {n}, allowed is 1 to 100")).at("limit").into())
+        }
+    }
+}
+
 /// Names the parameter where the reader does.
 fn refusal(rejection: &QueryRejection) -> Problem {
     let mut chain = std::iter::successors(Some(rejection as &(dyn Error + 'static)), |e| (*e).source());

@@ -1,9 +1,11 @@
-//! JSON in which an object is an object: derived readers would also take a structure's members in order from a list.
+//! JSON in which an object is an object, and has each member once: derived readers would also take a structure's members in order from a
+//! list, and maps the last of two members of one name.
 
 use serde::de::value::{MapAccessDeserializer, MapDeserializer, SeqDeserializer};
 use serde::de::{Error as _, IntoDeserializer, Unexpected, Visitor};
-use serde::{Deserializer, forward_to_deserialize_any};
-use serde_json::{Error, Value};
+use serde::de::{MapAccess, SeqAccess};
+use serde::{Deserialize, Deserializer, forward_to_deserialize_any};
+use serde_json::{Error, Map, Value};
 
 /// Reads a value; a list where a structure is expected is a value of the wrong type, at any depth.
 #[derive(Debug, Clone, Copy)]
@@ -79,5 +81,86 @@ impl<'de> Deserializer<'de> for Strict<'de> {
     forward_to_deserialize_any! {
         bool i8 i16 i32 i64 i128 u8 u16 u32 u64 u128 f32 f64 char str string bytes byte_buf unit unit_struct seq tuple
         tuple_struct map identifier ignored_any
+    }
+}
+
+/// A value in which no object has a member twice.
+#[derive(Debug)]
+pub(super) struct Unique(pub(super) Value);
+
+impl<'de> Deserialize<'de> for Unique {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_any(Builder)
+    }
+}
+
+struct Builder;
+
+impl<'de> Visitor<'de> for Builder {
+    type Value = Unique;
+
+    fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("a JSON value")
+    }
+
+    fn visit_unit<E>(self) -> Result<Unique, E> {
+        Ok(Unique(Value::Null))
+    }
+
+    fn visit_bool<E>(self, value: bool) -> Result<Unique, E> {
+        Ok(Unique(value.into()))
+    }
+
+    fn visit_u64<E>(self, value: u64) -> Result<Unique, E> {
+        Ok(Unique(value.into()))
+    }
+
+    fn visit_i64<E>(self, value: i64) -> Result<Unique, E> {
+        Ok(Unique(value.into()))
+    }
+
+    fn visit_f64<E>(self, value: f64) -> Result<Unique, E> {
+        Ok(Unique(value.into()))
+    }
+
+    fn visit_str<E>(self, value: &str) -> Result<Unique, E> {
+        Ok(Unique(value.into()))
+    }
+
+    fn visit_string<E>(self, value: String) -> Result<Unique, E> {
+        Ok(Unique(value.into()))
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut items: A) -> Result<Unique, A::Error> {
+        let mut list = Vec::new();
+        while let Some(Unique(item)) = items.next_element()? {
+            list.push(item);
+        }
+        Ok(Unique(list.into()))
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut members: A) -> Result<Unique, A::Error> {
+        let mut object = Map::new();
+        while let Some(name) = members.next_key::<String>()? {
+            // Read as a member of the object, so that the fault's path ends in its name.
+            let Unique(value) = if object.contains_key(&name) {
+                members.next_value_seed(Twice(&name))?
+            } else {
+                members.next_value()?
+            };
+            object.insert(name, value);
+        }
+        Ok(Unique(object.into()))
+    }
+}
+
+/// Refuses the second member of a name.
+struct Twice<'a>(&'a str);
+
+impl<'de> serde::de::DeserializeSeed<'de> for Twice<'_> {
+    type Value = Unique;
+
+    fn deserialize<D: Deserializer<'de>>(self, _: D) -> Result<Unique, D::Error> {
+        Err(D::Error::custom(format_args!("duplicate field `{}`", self.0)))
     }
 }

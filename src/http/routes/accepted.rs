@@ -6,9 +6,9 @@ use serde::Serialize;
 use crate::http::dto::JobView;
 use crate::http::extract::Answering;
 use crate::http::{AppState, Problem};
-use crate::jobs::Order;
+use crate::jobs::{JobStatus, Order};
 use crate::session::FaultKind;
-use crate::store::{JobKind, JobRecord, SessionId};
+use crate::store::{JobKind, SessionId};
 
 const RETRY_AFTER_S: &str = "1";
 
@@ -37,7 +37,7 @@ pub(super) async fn accept_order(
     order: Order,
     answering: Option<&Answering>,
 ) -> Result<Response, Problem> {
-    Ok(accepted(&JobView::new(&store_order(state, order, answering).await?)))
+    Ok(accepted(&JobView::from(&store_order(state, order, answering).await?)))
 }
 
 /// Stores a job with what a repeated request gets.
@@ -45,10 +45,10 @@ pub(super) async fn store_order(
     state: &AppState,
     order: Order,
     answering: Option<&Answering>,
-) -> Result<JobRecord, Problem> {
+) -> Result<JobStatus, Problem> {
     let session = order.session;
-    let answer = |job: &JobRecord| {
-        let view = JobView::new(job);
+    let answer = |job: &JobStatus| {
+        let view = JobView::from(job);
         answering?.remember(StatusCode::ACCEPTED, &location(&view), Some(RETRY_AFTER_S), &view, session)
     };
     Ok(state.service.accept(order, &answer).await?)

@@ -85,7 +85,7 @@ pub(in crate::http) async fn compare(
     let values = checked.values;
     let (record, order) = order(&state, &principal, checked).await?;
     let order = Order { request: stored(&record)?, ..order };
-    let job = store_order(&state, order, Some(&answering)).await?;
+    let job = store_order(&state, order, Some(&answering)).await?.record;
     let status = state.service.wait(job.id, patience(&headers)).await?;
     match status.record.state {
         JobState::Succeeded => {

@@ -30,7 +30,8 @@ enum Told {
 
 /// Follow a job
 ///
-/// Server-Sent Events `status`, `progress`, `step`, `warning`, `end`; ids count up and Last-Event-ID replays from there. `resync` comes
+/// Server-Sent Events `status`, `progress`, `step`, `warning`, `end`; ids count up and Last-Event-ID replays from there. A job that is deleted with
+/// its session ends as `cancelled` with the problem `gone`. `resync` comes
 /// first where events after the given id are not kept any more: the job's status says what was missed. Silence is broken by comments.
 /// With `Accept: application/x-ndjson` the same as lines `{id, event, data}`, and lines with the event `heartbeat`. 204 when nothing
 /// comes after the given id.

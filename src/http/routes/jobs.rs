@@ -14,7 +14,7 @@ use super::plans;
 use super::warm_start::begin_at;
 use crate::http::auth::Principal;
 use crate::http::dto::{CheckedJob, CreateJob, JobList, JobView, SessionSettings};
-use crate::http::extract::{Creating, Ids, Params, short_number};
+use crate::http::extract::{Creating, Ids, Params, page_length, short_number};
 use crate::http::{AppState, Problem};
 use crate::jobs::{Order, PhysicsRecord, SceneRequest, SolveRequest};
 use crate::session::{Fault, FaultKind, SessionParts, TissueDocument};
@@ -35,6 +35,7 @@ pub(in crate::http) struct Page {
     /// Only those made before this one.
     before: Option<Uuid>,
     /// At most so many, 1 to 100; 20 when absent.
+    #[param(minimum = 1, maximum = 100)]
     limit: Option<u32>,
 }
 
@@ -61,6 +62,7 @@ pub(in crate::http) async fn create(
 ) -> Result<Response, Problem> {
     let (request, answering) = creating.split();
     let parts = SessionParts::load(state.service.store(), session).await?;
+    check_painted(&request, &parts)?;
     let defaults = session_settings(&state, session).await?;
     let checked = request.check(&defaults, state.service.settings().max_wall)?;
     let order = |steps: u32, content: String| Order {
@@ -111,6 +113,17 @@ pub(in crate::http) async fn create(
         None => solve,
     };
     accept_order(&state, order(solve.steps, stored(&solve)?), Some(&answering)).await
+}
+
+/// Painted vertices must be those of the skull that is there now.
+fn check_painted(request: &CreateJob, parts: &SessionParts) -> Result<(), Problem> {
+    let classes = request.attachment.as_ref().and_then(|a| a.skull_classes.as_ref());
+    let (Some(classes), Some(needed)) = (classes, parts.skull_vertices()?) else { return Ok(()) };
+    if classes.len() == needed {
+        return Ok(());
+    }
+    let detail = format!("has {} classes, the skull has {needed} vertices", classes.len());
+    Err(Fault::new(FaultKind::InvalidRequest, detail).at("/attachment/skull_classes").into())
 }
 
 /// Defaults of a session's jobs.
@@ -176,7 +189,7 @@ pub(in crate::http) async fn list(
     principal: Principal,
     Params(page): Params<Page>,
 ) -> Result<Json<JobList>, Problem> {
-    let limit = page.limit.unwrap_or(20).clamp(1, 100);
+    let limit = page_length(page.limit)?;
     let wanted = page.status.as_deref().map(str::parse::<JobState>).transpose();
     let filter = JobFilter {
         tenant: Some(principal.tenant),
@@ -220,7 +233,7 @@ pub(in crate::http) async fn get(
 
 /// Cancel a job
 ///
-/// One that waits at once, one that runs within a Newton iteration.
+/// One that waits at once, one that runs within a Newton iteration. The request is stored before the answer: the job never succeeds.
 #[utoipa::path(post, path = "/v1/jobs/{job}/cancel", tag = "jobs", params(("job" = Uuid, Path)),
     responses((status = 202, description = "it will stop", body = JobView)))]
 pub(in crate::http) async fn cancel(

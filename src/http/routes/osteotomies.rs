@@ -15,7 +15,7 @@ use crate::store::{OsteotomyId, OsteotomyRecord, SessionId, decode_mesh};
 
 /// Cut the bone
 ///
-/// By planes, polylines, surfaces, and templates with their landmarks; several combine. Needs the fields.
+/// By planes, polylines, surfaces, and templates with their landmarks; several combine. Needs skin and skull.
 #[utoipa::path(post, path = "/v1/sessions/{session}/osteotomies", tag = "bone", params(("session" = Uuid, Path)),
     request_body = CreateOsteotomy,
     responses((status = 201, description = "the segments", body = OsteotomyView, headers(("Location" = String)))))]

@@ -8,7 +8,7 @@ use uuid::Uuid;
 
 use crate::http::auth::Principal;
 use crate::http::dto::{CreateSession, JobView, SessionList, SessionView};
-use crate::http::extract::{Creating, Ids, Params};
+use crate::http::extract::{Creating, Ids, Params, page_length};
 use crate::http::{AppState, Problem};
 use crate::session::SessionParts;
 use crate::store::{JobFilter, SessionId, SessionRecord, later, now_rfc3339};
@@ -21,6 +21,7 @@ pub(in crate::http) struct Page {
     /// Only those made before this one.
     before: Option<Uuid>,
     /// At most so many, 1 to 100; 20 when absent.
+    #[param(minimum = 1, maximum = 100)]
     limit: Option<u32>,
 }
 
@@ -60,7 +61,7 @@ pub(in crate::http) async fn list(
     principal: Principal,
     Params(page): Params<Page>,
 ) -> Result<Json<SessionList>, Problem> {
-    let limit = page.limit.unwrap_or(20).clamp(1, 100);
+    let limit = page_length(page.limit)?;
     let records =
         state.service.store().sessions(Some(&principal.tenant), page.before.map(SessionId::from), limit).await?;
     let next = records.last().filter(|_| records.len() == limit as usize);
@@ -81,15 +82,14 @@ pub(in crate::http) async fn get(
     State(state): State<AppState>,
     Ids(session): Ids<SessionId>,
 ) -> Result<Json<SessionView>, Problem> {
-    SessionParts::load(state.service.store(), session).await?;
-    match state.service.store().session(session).await? {
-        Some(record) => {
-            let mut view = view(&state, &record).await?;
-            view.expires_at = expires_at(&state, session).await?;
-            Ok(Json(view))
-        }
-        None => Err(Problem::new(crate::session::FaultKind::Gone, "the session was deleted meanwhile")),
-    }
+    let Some(record) = state.service.store().session(session).await? else {
+        // Says whether it was ever there.
+        SessionParts::load(state.service.store(), session).await?;
+        return Err(Problem::new(crate::session::FaultKind::Gone, "the session was deleted meanwhile"));
+    };
+    let mut view = view(&state, &record).await?;
+    view.expires_at = expires_at(&state, session).await?;
+    Ok(Json(view))
 }
 
 /// Delete a session
@@ -115,7 +115,7 @@ async fn expires_at(state: &AppState, session: SessionId) -> Result<Option<Strin
 
 async fn view(state: &AppState, record: &SessionRecord) -> Result<SessionView, Problem> {
     let store = state.service.store();
-    let parts = SessionParts::load(store, record.id).await?;
+    let parts = SessionParts::of_known(store, record.id).await?;
     let filter = JobFilter { session: Some(record.id), limit: 100, ..JobFilter::default() };
     let jobs = store.jobs(&filter).await?;
     let mut view = SessionView::new(record);

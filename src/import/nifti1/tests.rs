@@ -10,7 +10,7 @@ fn read(bytes: &[u8]) -> Result<(Volume, Vec<String>), ImportError> {
     volume(bytes, &Limits::default())
 }
 
-fn gzip(bytes: &[u8]) -> Vec<u8> {
+pub(in crate::import) fn gzip(bytes: &[u8]) -> Vec<u8> {
     let mut encoder = GzEncoder::new(Vec::new(), Compression::fast());
     encoder.write_all(bytes).unwrap();
     encoder.finish().unwrap()

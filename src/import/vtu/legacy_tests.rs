@@ -9,7 +9,7 @@ const POINTS: [f64; 21] =
 const CORNERS: [f64; 17] = [0., 1., 2., 3., 4., 5., 1., 2., 3., 0., 1., 2., 6., 3., 1., 4., 6.];
 
 /// A file with two tetrahedra, a wedge and a triangle among them.
-fn file(is_ascii: bool, version: u32) -> Vec<u8> {
+pub(in crate::import) fn file(is_ascii: bool, version: u32) -> Vec<u8> {
     let mut file = format!(
         "# vtk DataFile Version {version}.0\na title\n{}\nDATASET UNSTRUCTURED_GRID\n",
         if is_ascii { "ASCII" } else { "BINARY" }

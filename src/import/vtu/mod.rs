@@ -5,10 +5,10 @@ mod cells;
 mod decode;
 mod legacy;
 #[cfg(test)]
-mod legacy_tests;
+pub(super) mod legacy_tests;
 mod polydata;
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;
 mod xml;
 
 use super::error::{at_most, check_size, malformed};

@@ -9,7 +9,7 @@ const LIMITS: Limits = Limits { max_triangles: 1000, max_voxels: 1000, max_cells
 
 /// How arrays are written.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Encoding {
+pub(in crate::import) enum Encoding {
     Ascii,
     Base64,
     /// With each part padded on its own, as VTK and meshio write compressed data.
@@ -21,7 +21,7 @@ enum Encoding {
 }
 
 /// Two tetrahedra and a wedge, with a triangle among them, as a file.
-fn file(encoding: Encoding, little: bool, wide: bool) -> Vec<u8> {
+pub(in crate::import) fn file(encoding: Encoding, little: bool, wide: bool) -> Vec<u8> {
     let mut appended: Vec<u8> = Vec::new();
     let count = |n: usize| -> Vec<u8> {
         match (little, wide) {

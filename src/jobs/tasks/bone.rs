@@ -16,7 +16,7 @@ pub async fn cut_bone(
     cuts: Cuts,
     label: Option<String>,
 ) -> Result<(OsteotomyRecord, OsteotomyDocument), Fault> {
-    parts.require_field()?;
+    parts.require_nested()?;
     let case = parts.case(&service.store).await?;
     let field_key = case.key.clone();
     let templates: Vec<String> = cuts.templates.iter().map(|t| t.template.name().to_owned()).collect();

@@ -73,8 +73,8 @@ impl Context {
     ) -> Result<T, Halt> {
         let (engine, control) = (Arc::clone(&self.service.engine), self.running.control.part(0.0, COMPUTING));
         let work = move || work(engine.as_ref(), &control);
-        let done = match self.running.lane {
-            Lane::Heavy => self.service.cpu.run_job(work).await,
+        let done = match self.running.worker.lane {
+            Lane::Heavy => self.service.cpu.run_job(self.running.worker.number, work).await,
             Lane::Quick => self.service.cpu.run_request(work).await,
         };
         done.map_err(|_| panicked())?

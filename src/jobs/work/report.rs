@@ -4,6 +4,7 @@ use serde::de::DeserializeOwned;
 use serde_json::{Map, Value, json};
 
 use crate::jobs::requests::SolveRequest;
+use crate::jobs::running::step_warning;
 use crate::session::{
     CtDocument, ErrorDocument, Fault, FaultKind, FieldDocument, PhasesDocument, ReportDocument, ReportInput,
     SessionParts, StepDocument, SurfaceDocument,
@@ -80,7 +81,7 @@ fn parameters(request: &SolveRequest) -> Map<String, Value> {
 pub(super) fn step_warnings(steps: &[StepDocument], told: &[String]) -> Vec<String> {
     let of = |s: &StepDocument| {
         let new = s.warnings.iter().filter(|w| !told.contains(w));
-        new.map(|w| format!("step {}: {w}", s.k)).collect::<Vec<_>>()
+        new.map(|w| step_warning(s.k, w)).collect::<Vec<_>>()
     };
     steps.iter().flat_map(of).collect()
 }

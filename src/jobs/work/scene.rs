@@ -61,7 +61,8 @@ pub(super) async fn perform(context: &Context, request: &SceneRequest) -> Result
         Some(file) => Some(store.blobs().put(context.job.session, file).await?),
         None => None,
     };
-    let told = context.running.warnings();
+    let mut told = context.running.own_warnings();
+    told.extend(context.running.step_warnings().into_iter().map(|(_, text)| text));
     let warnings = solved.warnings.into_iter().filter(|w| !told.contains(w)).collect();
     Ok(Done { report: Some(to_json(&report)?), tissue, warnings })
 }
@@ -120,7 +121,7 @@ async fn report(
     solving: Duration,
 ) -> Result<ReportDocument, Halt> {
     let steps = step_documents(&context.service.store.steps(context.job.id).await?)?;
-    let told = context.running.warnings();
+    let told = context.running.own_warnings();
     // The scene hands on those of its steps.
     let mut warnings = told.clone();
     warnings.extend(solved.warnings.iter().filter(|w| !told.contains(w)).cloned());

@@ -8,7 +8,7 @@ use super::report::{Ingredients, compile};
 use super::solve_watch::{FinishedStep, SolveWatch};
 use super::{Context, Done, changed_meanwhile, scene, to_json};
 use crate::jobs::requests::{SolveKind, SolveRequest};
-use crate::jobs::running::Phase;
+use crate::jobs::running::{Phase, step_warning};
 use crate::jobs::service::warning_event;
 use crate::session::{Fault, Halt, Run, stored_cuts};
 use crate::simulate::Outcome;
@@ -73,7 +73,7 @@ async fn on_case(context: &Context, request: SolveRequest) -> Result<Done, Halt>
         regions_from_landmarks: solved.regions_from_landmarks,
         solve_s: solved.solving.as_secs_f64(),
         warnings: &warnings,
-        told: &context.running.warnings(),
+        told: &context.running.own_warnings(),
     };
     Ok(Done { report: Some(to_json(&compile(&ingredients)?)?), tissue, warnings })
 }
@@ -147,11 +147,13 @@ async fn write_step(context: &Context, step: FinishedStep) -> Result<(), Halt> {
         sha256: frame.sha256.clone(),
         bytes: frame.bytes,
     };
-    let mut events: Vec<_> =
-        document.warnings.iter().map(|w| warning_event(&format!("step {}: {w}", document.k))).collect();
+    let mut events: Vec<_> = document.warnings.iter().map(|w| warning_event(&step_warning(document.k, w))).collect();
     events.push(("step", event.to_string()));
     store.commit_step(&context.job, &record, &events).await?;
     tracing::info!(step = document.k, steps = context.job.steps, duration_s = document.wall_s, "step stored");
+    for warning in &document.warnings {
+        context.running.warn_of_step(document.k, warning);
+    }
     context.service.announce();
     Ok(())
 }

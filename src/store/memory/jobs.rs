@@ -32,11 +32,12 @@ impl Rows {
                 && j.kind == job.kind
                 && j.request == job.request
                 && !j.state.has_ended()
-                && new.stopping != Some(j.id)
+                && j.cancel_requested_at.is_none()
         });
         if let Some(twin) = twin {
-            self.remember((new.answer)(&twin).as_ref())?;
-            return Ok(Insertion::Twin(Box::new(twin)));
+            let before = self.before(&twin);
+            self.remember((new.answer)(&twin, before).as_ref())?;
+            return Ok(Insertion::Twin(Box::new(twin), before));
         }
         let superseded = self.supersede(new);
         let tenant = self.sessions.get(&job.session).map(|s| s.tenant.clone()).ok_or(StoreError::SessionGone)?;
@@ -55,8 +56,19 @@ impl Rows {
         let record = JobRecord { number: self.last_number, tenant, ..job.clone() };
         self.jobs.insert(job.id, Job { record, bytes: 0 });
         self.append(job.id, "status", new.event);
-        self.remember((new.answer)(job).as_ref())?;
-        Ok(Insertion::Stored(superseded))
+        let before = self.before(job);
+        self.remember((new.answer)(job, before).as_ref())?;
+        Ok(Insertion::Stored { superseded, before: before.unwrap_or(0) })
+    }
+
+    fn before(&self, job: &JobRecord) -> Option<u32> {
+        self.queue(job.kind.lane()).iter().position(|id| *id == job.id).and_then(|n| u32::try_from(n).ok())
+    }
+
+    pub(super) fn request_cancel(&mut self, id: JobId) -> bool {
+        let Some(job) = self.jobs.get_mut(&id).filter(|j| !j.record.state.has_ended()) else { return false };
+        job.record.cancel_requested_at.get_or_insert_with(now_rfc3339);
+        true
     }
 
     fn in_order_of_number(&self) -> Vec<JobRecord> {
@@ -87,7 +99,8 @@ impl Rows {
     pub(super) fn queue(&self, lane: Lane) -> Vec<JobId> {
         let mut rounds: BTreeMap<TenantId, u64> = BTreeMap::new();
         let waiting = self.in_order_of_number().into_iter();
-        let waiting = waiting.filter(|j| j.state == JobState::Accepted && j.kind.lane() == lane);
+        let waiting = waiting
+            .filter(|j| j.state == JobState::Accepted && j.kind.lane() == lane && j.cancel_requested_at.is_none());
         let mut places: Vec<_> = waiting
             .map(|j| {
                 let round = rounds.entry(j.tenant.clone()).and_modify(|r| *r += 1).or_insert(1);
@@ -156,7 +169,7 @@ impl Rows {
         change: &JobChange,
         quota: u64,
     ) -> Result<bool> {
-        let Some(job) = self.jobs.get(&id).filter(|j| j.record.state == from && j.record.fence == fence) else {
+        let Some(job) = self.jobs.get(&id).filter(|j| j.record.may_change(from, fence, to)) else {
             return Ok(false);
         };
         let session = job.record.session;

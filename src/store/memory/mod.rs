@@ -36,6 +36,7 @@ struct Rows {
     tombstones: BTreeMap<String, (TenantId, String)>,
     turns: BTreeMap<(TenantId, Lane), u64>,
     last_number: u64,
+    audit_anchor: Option<(String, String)>,
 }
 
 #[derive(Debug, Clone)]
@@ -248,6 +249,10 @@ impl MetaStore for MemoryMeta {
         self.write(|rows| rows.change_job(id, fence, from, to, change, quota))
     }
 
+    async fn request_cancel(&self, id: JobId) -> Result<bool> {
+        self.write(|rows| Ok(rows.request_cancel(id)))
+    }
+
     async fn record_progress(&self, id: JobId, fence: u64, phase: &str, progress: f64, event: &str) -> Result<bool> {
         self.write(|rows| Ok(rows.record_progress(id, fence, phase, progress, event)))
     }
@@ -278,6 +283,17 @@ impl MetaStore for MemoryMeta {
 
     async fn prune_events(&self, ended_before: &str) -> Result<u64> {
         self.write(|rows| Ok(rows.prune_events(ended_before)))
+    }
+
+    async fn set_audit_anchor(&self, chain: &str, at: &str) -> Result<()> {
+        self.write(|rows| {
+            rows.audit_anchor = Some((chain.to_owned(), at.to_owned()));
+            Ok(())
+        })
+    }
+
+    async fn audit_anchor(&self) -> Result<Option<(String, String)>> {
+        Ok(self.read(|rows| rows.audit_anchor.clone()))
     }
 
     async fn named_blobs(&self) -> Result<BTreeSet<String>> {

@@ -10,6 +10,8 @@ const MIGRATIONS: &[&str] = &[
     include_str!("1_schema.sql"),
     include_str!("2_plans_without_osteotomy.sql"),
     include_str!("3_tenants_and_queue.sql"),
+    include_str!("4_cancel_requests.sql"),
+    include_str!("5_audit_anchor.sql"),
 ];
 
 /// Name of the database in its directory.

@@ -25,6 +25,7 @@ pub(super) fn record(row: &sqlx::sqlite::SqliteRow) -> Result<JobRecord> {
         subject: row.try_get("subject")?,
         other_session: id_in("other_session")?.as_deref().map(parse_id).transpose()?,
         max_wall_s: row.try_get("max_wall_s")?,
+        cancel_requested_at: row.try_get("cancel_requested_at")?,
         superseded_by: id_in("superseded_by")?.as_deref().map(parse_id).transpose()?,
         events_from: to_u64(row.try_get("events_from")?),
         report: row.try_get("report")?,
@@ -76,7 +77,7 @@ pub(super) async fn change(
     quota: u64,
 ) -> Result<bool> {
     let mut transaction = writer.begin().await?;
-    let Some(job) = within(&mut transaction, id).await?.filter(|j| j.state == from && j.fence == fence) else {
+    let Some(job) = within(&mut transaction, id).await?.filter(|j| j.may_change(from, fence, to)) else {
         return Ok(false);
     };
     write_change(&mut transaction, &job, to, change).await?;
@@ -119,6 +120,18 @@ pub(super) async fn write_change(
     .execute(&mut **transaction)
     .await?;
     append_all(transaction, job.id, &change.events).await
+}
+
+pub(super) async fn request_cancel(writer: &SqlitePool, id: JobId) -> Result<bool> {
+    let changed = sqlx::query(
+        "UPDATE jobs SET cancel_requested_at = coalesce(cancel_requested_at, ?2)
+         WHERE id = ?1 AND state NOT IN ('succeeded', 'failed', 'cancelled')",
+    )
+    .bind(id.to_string())
+    .bind(now_rfc3339())
+    .execute(writer)
+    .await?;
+    Ok(changed.rows_affected() > 0)
 }
 
 pub(super) async fn record_progress(

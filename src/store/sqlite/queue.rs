@@ -11,15 +11,16 @@ const IN_ORDER: &str = "SELECT id FROM (
         SELECT j.id, j.number, row_number() OVER (PARTITION BY j.tenant ORDER BY j.number) AS round,
                coalesce(t.last, 0) AS last
         FROM jobs j LEFT JOIN turns t ON t.tenant = j.tenant AND t.lane = j.lane
-        WHERE j.state = 'accepted' AND j.lane = ?1)
+        WHERE j.state = 'accepted' AND j.lane = ?1 AND j.cancel_requested_at IS NULL)
     ORDER BY round, last, number";
 
 pub(super) async fn insert(writer: &SqlitePool, new: &NewJob<'_>) -> Result<Insertion> {
     let mut transaction = writer.begin().await?;
     if let Some(twin) = twin(&mut transaction, new).await? {
-        remember(&mut transaction, (new.answer)(&twin).as_ref()).await?;
+        let before = before(&mut transaction, &twin).await?;
+        remember(&mut transaction, (new.answer)(&twin, before).as_ref()).await?;
         transaction.commit().await?;
-        return Ok(Insertion::Twin(Box::new(twin)));
+        return Ok(Insertion::Twin(Box::new(twin), before));
     }
     let superseded = supersede(&mut transaction, new).await?;
     let job = new.job;
@@ -59,21 +60,29 @@ pub(super) async fn insert(writer: &SqlitePool, new: &NewJob<'_>) -> Result<Inse
     .await
     .map_err(gone_if_orphan)?;
     append(&mut transaction, job.id, "status", new.event).await?;
-    remember(&mut transaction, (new.answer)(job).as_ref()).await?;
+    let before = before(&mut transaction, job).await?;
+    remember(&mut transaction, (new.answer)(job, before).as_ref()).await?;
     transaction.commit().await?;
-    Ok(Insertion::Stored(superseded))
+    Ok(Insertion::Stored { superseded, before: before.unwrap_or(0) })
 }
 
-/// A job of the session that was asked for the same and has not ended.
+/// Jobs that wait before one in its lane, when it waits.
+async fn before(transaction: &mut Transaction<'_, Sqlite>, job: &JobRecord) -> Result<Option<u32>> {
+    let ids: Vec<String> =
+        sqlx::query_scalar(IN_ORDER).bind(job.kind.lane().as_str()).fetch_all(&mut **transaction).await?;
+    let own = job.id.to_string();
+    Ok(ids.iter().position(|id| *id == own).and_then(|n| u32::try_from(n).ok()))
+}
+
+/// A job of the session that was asked for the same, has not ended and was not asked to stop.
 async fn twin(transaction: &mut Transaction<'_, Sqlite>, new: &NewJob<'_>) -> Result<Option<JobRecord>> {
     let row = sqlx::query(
         "SELECT * FROM jobs WHERE session = ?1 AND kind = ?2 AND request = ?3
-         AND state IN ('accepted', 'running', 'interrupted') AND (?4 IS NULL OR id <> ?4) ORDER BY number LIMIT 1",
+         AND state IN ('accepted', 'running', 'interrupted') AND cancel_requested_at IS NULL ORDER BY number LIMIT 1",
     )
     .bind(new.job.session.to_string())
     .bind(new.job.kind.as_str())
     .bind(&new.job.request)
-    .bind(new.stopping.map(|id| id.to_string()))
     .fetch_optional(&mut **transaction)
     .await?;
     row.as_ref().map(jobs::record).transpose()

@@ -68,6 +68,14 @@ impl Store {
         changed
     }
 
+    /// Records that a job was asked to stop, as [`MetaStore::request_cancel`].
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn request_cancel(&self, id: JobId) -> Result<bool> {
+        self.meta.request_cancel(id).await
+    }
+
     /// Records how far a running job is, with an event. False when it is not running any more.
     ///
     /// # Errors

@@ -1,0 +1,95 @@
+use crate::import::SurfaceFormat;
+use crate::import::dicom::tests::{Slice, archive};
+use crate::import::hostile::{other_volumes, surfaces, volumes};
+use crate::import::nifti1::tests::{File, gzip};
+use crate::import::vtu::legacy_tests;
+use crate::import::vtu::tests::{Encoding, file as vtu};
+
+/// Which reader a file is for.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Target {
+    Surface(SurfaceFormat),
+    Volume,
+    Mesh,
+}
+
+/// What is around the bytes that are damaged.
+#[derive(Debug, Clone)]
+enum Wrap {
+    Nothing,
+    Gzip,
+    /// The first slice of a series.
+    Series(&'static str),
+}
+
+/// A sound file.
+#[derive(Debug, Clone)]
+pub(super) struct Seed {
+    pub(super) name: String,
+    pub(super) target: Target,
+    /// What is damaged: of a packed file, what is in it.
+    pub(super) plain: Vec<u8>,
+    wrap: Wrap,
+}
+
+impl Seed {
+    fn new(name: impl Into<String>, target: Target, plain: Vec<u8>) -> Self {
+        Self { name: name.into(), target, plain, wrap: Wrap::Nothing }
+    }
+
+    /// The whole file around `plain`.
+    pub(super) fn wrap(&self, plain: Vec<u8>) -> Vec<u8> {
+        match self.wrap {
+            Wrap::Nothing => plain,
+            Wrap::Gzip => gzip(&plain),
+            Wrap::Series(syntax) => {
+                let mut files = vec![("0".to_owned(), plain)];
+                files.extend((1..5).map(|k| (k.to_string(), Slice::near(k, syntax).file())));
+                archive(&files)
+            }
+        }
+    }
+
+    pub(super) fn whole(&self) -> Vec<u8> {
+        self.wrap(self.plain.clone())
+    }
+}
+
+/// Syntaxes of pixels that are packed and not.
+const SYNTAXES: [&str; 6] = [
+    "1.2.840.10008.1.2",
+    "1.2.840.10008.1.2.1",
+    "1.2.840.10008.1.2.1.99",
+    "1.2.840.10008.1.2.5",
+    "1.2.840.10008.1.2.4.80",
+    "1.2.840.10008.1.2.4.90",
+];
+
+/// A file of every kind.
+pub(super) fn seeds() -> Vec<Seed> {
+    let mut all: Vec<Seed> = surfaces()
+        .into_iter()
+        .map(|(format, bytes, _)| Seed::new(format!("{format:?}"), Target::Surface(format), bytes))
+        .collect();
+    let whole = volumes().into_iter().chain(other_volumes());
+    all.extend(whole.enumerate().map(|(n, bytes)| Seed::new(format!("volume {n}"), Target::Volume, bytes)));
+    let packed = Seed::new("NIfTI in gzip", Target::Volume, File::new(false).plain());
+    all.push(Seed { wrap: Wrap::Gzip, ..packed });
+    for syntax in SYNTAXES {
+        let slice = Seed::new(format!("slice in {syntax}"), Target::Volume, Slice::near(0, syntax).file());
+        all.push(Seed { wrap: Wrap::Series(syntax), ..slice });
+    }
+    for encoding in [
+        Encoding::Ascii,
+        Encoding::Base64,
+        Encoding::Zlib { block: 64 },
+        Encoding::RawAppended,
+        Encoding::Base64Appended,
+    ] {
+        all.push(Seed::new(format!("VTU {encoding:?}"), Target::Mesh, vtu(encoding, true, true)));
+    }
+    for (is_ascii, version) in [(true, 3), (true, 5), (false, 3), (false, 5)] {
+        all.push(Seed::new(format!("VTK {version}"), Target::Mesh, legacy_tests::file(is_ascii, version)));
+    }
+    all
+}

@@ -12,7 +12,7 @@ use super::lattice::{BRICK, EDGE, Lattice};
 use super::refine;
 use super::regions::{DoubtfulRegions, doubtful_regions};
 use super::sites::{self, Spread};
-use super::spline::Weights;
+use super::spline::weights;
 use super::tiles::{Source, TILE, Tally, Tile, Tiles};
 use crate::control::{Cancelled, Control};
 use crate::geometry::{Aabb, Implicit, TriMesh, Vector};
@@ -306,12 +306,12 @@ impl DistanceField {
     /// The coarse spline at the nodes of a brick and those next to it, continued from the brick's cell.
     fn coarse_at(&self, brick: [usize; 3]) -> [f32; AROUND.pow(3)] {
         let c = self.coarse_around(brick).map(|c| c as f32);
-        let mut weights = [[0.0f32; 3]; AROUND];
-        for (i, weights) in weights.iter_mut().enumerate() {
+        let mut rows = [[0.0f32; 3]; AROUND];
+        for (i, row) in rows.iter_mut().enumerate() {
             let t = (i as f64 - HALO as f64 - 0.5 * (EDGE as f64 - 1.0)) / EDGE as f64;
-            *weights = Weights::at(t).value.map(|w| w as f32);
+            *row = weights(t).map(|w| w as f32);
         }
-        tensor(&c, &weights)
+        tensor(&c, &rows)
     }
 }
 

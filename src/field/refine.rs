@@ -7,7 +7,7 @@ use super::distance_field::{DistanceField, Level, Parts};
 use super::fit::{Layer, fit, no_coefficients};
 use super::lattice::{DETAIL_EDGE, EDGE, PARTS};
 use super::sites::{Site, Sites, Spread};
-use super::spline::Weights;
+use super::spline::weights;
 use super::tiles::{Source, TILE, Tile, Tiles};
 use crate::control::{Cancelled, Control};
 use crate::geometry::Vector;
@@ -229,7 +229,7 @@ fn detail_sites(field: &DistanceField, sites: &[Sites]) -> Vec<Sites> {
 /// Signed distances at the nodes of a brick and next to it; away from the surface those of the coarser spline.
 fn detail_values(parents: &[f32], tile: &Tile, (node, spacing): ([usize; 3], f64), values: &mut [f32; SIDE.pow(3)]) {
     let (inside, _) = tile.inside(node, [SIDE; 3]);
-    let weights = [-0.25, 0.25].map(|t| Weights::at(t).value.map(|w| w as f32));
+    let weights = [-0.25, 0.25].map(|t| weights(t).map(|w| w as f32));
     let coarser = on_details(parents, &weights);
     let fade = FADE.map(|f| (f * spacing) as f32);
     tile.copy_squared(node, SIDE, values);

@@ -232,7 +232,11 @@ impl DistanceField {
         };
         let tiles = Tiles::new(source, rows, HALO, reach, is_chosen);
         let fade = [settings.band_mm + FADE * h, reach];
-        let built = tiles.map(&control.part(0.3, 0.8), |tile| field.tile_bricks(tile, chosen, fade))?;
+        let built = tiles.map(
+            &control.part(0.3, 0.8),
+            #[inline(always)]
+            |tile| field.tile_bricks(tile, chosen, fade),
+        )?;
         drop(tiles);
         let n_bricks = built.iter().map(|b| b.at.len()).sum::<usize>();
         let samples = (field.lattice.n_bricks() + n_bricks * BRICK) as u64;
@@ -269,6 +273,7 @@ impl DistanceField {
 
     /// The bricks of a tile that the band reaches, from place `chosen[0]` up to before `chosen[1]`. Between the two distances `fade`
     /// the coarse spline takes over.
+    #[inline(always)]
     fn tile_bricks(&self, tile: &Tile, chosen: [[usize; 3]; 2], fade: [f64; 2]) -> Built {
         let mut built = Built::default();
         let first = tile.first.map(|n| n / EDGE);
@@ -304,6 +309,7 @@ impl DistanceField {
     }
 
     /// The coarse spline at the nodes of a brick and those next to it, continued from the brick's cell.
+    #[inline(always)]
     fn coarse_at(&self, brick: [usize; 3]) -> [f32; AROUND.pow(3)] {
         let c = self.coarse_around(brick).map(|c| c as f32);
         let mut rows = [[0.0f32; 3]; AROUND];
@@ -332,6 +338,7 @@ fn blend(near: f32, coarse: f32, far: f32) -> f32 {
 }
 
 /// Sums of 3³ values with the given weights along each axis.
+#[inline(always)]
 pub(super) fn tensor(c: &[f32; 27], weights: &[[f32; 3]; AROUND]) -> [f32; AROUND.pow(3)] {
     let mut lines = [[0.0f32; AROUND]; 9];
     for (line, row) in lines.iter_mut().zip(c.chunks_exact(3)) {
@@ -359,6 +366,7 @@ pub(super) fn tensor(c: &[f32; 27], weights: &[[f32; 3]; AROUND]) -> [f32; AROUN
 
 /// Spline coefficients `c` at the nodes of a brick, by the values there and next to it: they are the values less an eighth of
 /// their second differences.
+#[inline(always)]
 pub(super) fn coefficients(values: &[f32], edge: usize, c: &mut [f32]) {
     let side = edge + 2 * HALO;
     for (n, row) in c.chunks_exact_mut(edge).enumerate() {

@@ -60,7 +60,7 @@ fn handed_on(rows: &Rows, tree: &Tree) -> Vec<Nearest> {
 }
 
 /// Coefficients of the coarse spline of the signed distance, ring included, and the signs found. Beyond `exact_within` (mm)
-/// distances may be 1 % too large.
+/// distances may be 5 % too large.
 pub(super) fn coefficients(
     lattice: &Lattice,
     exact: &ExactDistance,

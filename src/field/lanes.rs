@@ -1,5 +1,11 @@
 //! Four numbers at once, with the same bits on every processor: sums and products are rounded one by one, never fused.
 
+/// Runs `work` compiled for the vectors of this processor. What it calls has to be inlined, itself too: `#[inline(always)]`.
+#[inline(always)]
+pub(super) fn with_vectors<T>(work: impl FnOnce() -> T) -> T {
+    pulp::Arch::new().dispatch(work)
+}
+
 /// Vectors of four numbers.
 pub(super) trait Lanes: Copy {
     type Four: Copy;

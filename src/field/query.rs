@@ -59,7 +59,11 @@ impl DistanceField {
     fn jet(&self, inner: &Point) -> Jet {
         #[cfg(target_arch = "x86_64")]
         if let Some(v3) = self.v3 {
-            return pulp::Simd::vectorize(v3, JetTask { field: self, inner, lanes: v3 });
+            return pulp::Simd::vectorize(
+                v3,
+                #[inline(always)]
+                || self.jet_with(v3, inner),
+            );
         }
         self.jet_with(Plain, inner)
     }
@@ -209,25 +213,6 @@ fn is_whole(spot: &Spot) -> bool {
         largest = slot.max(largest);
     }
     largest != NO_BRICK
-}
-
-/// The spline in the domain, for vectors of this machine.
-#[cfg(target_arch = "x86_64")]
-struct JetTask<'a, L> {
-    field: &'a DistanceField,
-    inner: &'a Point,
-    lanes: L,
-}
-
-#[cfg(target_arch = "x86_64")]
-impl<L: Lanes> pulp::WithSimd for JetTask<'_, L> {
-    type Output = Jet;
-
-    // A closure would not be compiled for those vectors.
-    #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _: S) -> Jet {
-        self.field.jet_with(self.lanes, self.inner)
-    }
 }
 
 /// Rows of coefficients, x fastest.

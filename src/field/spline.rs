@@ -81,7 +81,6 @@ pub(super) fn rows<L: Lanes>(lanes: L, words: &[u64; 9]) -> [L::Four; 9] {
 /// Row j + 3 k has the three coefficients along x; its fourth lane does not count.
 #[inline(always)]
 pub(super) fn jet<L: Lanes>(lanes: L, rows: &[L::Four; 9], [x, y, z]: &[Between; 3]) -> Jet {
-    // Closures would not be compiled for the vectors of the processor.
     let near = z.along(lanes, [rows[0], rows[3], rows[6]]);
     let middle = z.along(lanes, [rows[1], rows[4], rows[7]]);
     let far = z.along(lanes, [rows[2], rows[5], rows[8]]);

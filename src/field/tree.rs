@@ -3,6 +3,8 @@ use crate::geometry::{Point, TriMesh};
 
 /// Most triangles in a leaf.
 const LEAF: usize = 4;
+/// Square of how many times farther than the nearest triangle another one may be where that will do.
+const FARTHER_SQ: f64 = 1.1;
 /// Halves of at least this many triangles are split side by side.
 const ALONE: usize = 4096;
 
@@ -70,7 +72,7 @@ impl Tree {
         self.nearly_nearest(p, hint, f64::INFINITY)
     }
 
-    /// Like [`Tree::nearest`], but beyond the distance `exact_within` (mm) a triangle will do that is at most 1 % farther.
+    /// Like [`Tree::nearest`], but beyond the distance `exact_within` (mm) a triangle will do that is at most 5 % farther.
     pub(super) fn nearly_nearest(&self, p: &Point, hint: u32, exact_within: f64) -> Nearest {
         let exact_sq = exact_within * exact_within;
         let mut best = self.of_triangle(p, hint);
@@ -81,7 +83,7 @@ impl Tree {
         while top > 0 {
             top -= 1;
             let (index, bound) = stack[top];
-            if bound * if best.distance_sq > exact_sq { 1.02 } else { 1.0 } >= best.distance_sq {
+            if bound * if best.distance_sq > exact_sq { FARTHER_SQ } else { 1.0 } >= best.distance_sq {
                 continue;
             }
             let node = &self.nodes[index as usize];

@@ -54,6 +54,15 @@ impl DistanceField {
         (inner, (distance > 0.0).then(|| (offset / distance, distance)))
     }
 
+    /// From now on queries are computed without the vectors of this processor.
+    #[cfg(test)]
+    pub(super) fn without_vectors(&mut self) {
+        #[cfg(target_arch = "x86_64")]
+        {
+            self.v3 = None;
+        }
+    }
+
     /// The spline in the domain.
     #[inline(always)]
     fn jet(&self, inner: &Point) -> Jet {

@@ -1,3 +1,4 @@
+use super::lanes::with_vectors;
 use super::triangle::closest_point;
 use crate::geometry::{Point, TriMesh};
 
@@ -21,10 +22,15 @@ pub(super) struct Node {
 }
 
 impl Node {
+    #[inline(always)]
     fn distance_sq(&self, p: &Point) -> f64 {
         let mut sum = 0.0;
         for a in 0..3 {
-            let d = (self.min[a] - p[a]).max(p[a] - self.max[a]).max(0.0);
+            // Without the care for NaN of `f64::max`.
+            let (below, above) = (self.min[a] - p[a], p[a] - self.max[a]);
+            let d = if below > above { below } else { above };
+            let d = if d > 0.0 { d } else { 0.0 };
+
             sum += d * d;
         }
         sum
@@ -74,6 +80,14 @@ impl Tree {
 
     /// Like [`Tree::nearest`], but beyond the distance `exact_within` (mm) a triangle will do that is at most 5 % farther.
     pub(super) fn nearly_nearest(&self, p: &Point, hint: u32, exact_within: f64) -> Nearest {
+        with_vectors(
+            #[inline(always)]
+            || self.search(p, hint, exact_within),
+        )
+    }
+
+    #[inline(always)]
+    fn search(&self, p: &Point, hint: u32, exact_within: f64) -> Nearest {
         let exact_sq = exact_within * exact_within;
         let mut best = self.of_triangle(p, hint);
         // Deep enough: a median split halves the range at every level.
@@ -152,6 +166,7 @@ impl Tree {
         }
     }
 
+    #[inline(always)]
     pub(super) fn of_triangle(&self, p: &Point, slot: u32) -> Nearest {
         let point = closest_point(p, &self.corners[slot as usize]);
         Nearest { point, slot, distance_sq: (point - p).norm_squared() }

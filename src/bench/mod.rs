@@ -25,6 +25,7 @@ mod slab;
 mod solver_growth;
 mod stability;
 mod truth;
+mod warm_start;
 mod winding;
 
 pub use bounds::BoundStudy;
@@ -44,3 +45,4 @@ pub use reach::ReachStudy;
 pub use solver_growth::{SlabCase, SolverGrowthStudy, run_slab_case};
 pub use stability::StabilityStudy;
 pub use truth::TruthStudy;
+pub use warm_start::WarmStartStudy;

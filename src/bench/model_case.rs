@@ -12,7 +12,7 @@ use super::head::{Head, HeadSource, Prepared};
 use super::process;
 use crate::control::Control;
 use crate::fem::{Locking, Model, PhaseTimes, Preset, SkinElement, SolveSettings};
-use crate::geometry::Vector;
+use crate::geometry::{TriMesh, Vector};
 use crate::simulate::{Frame, RunSettings, SimulateError, solve};
 
 /// Streamed steps of the path, as in `prosopon demo`.
@@ -186,12 +186,17 @@ pub(super) fn solved(
         phases_s: phases_s(&phases),
         peak_mb,
     };
-    let vertices = head.anatomy.skin.positions().iter().zip(last.skin.positions()).zip(&ready.tissue.embedding.anchors);
+    Ok((found, displacements(head, ready, &last.skin)))
+}
+
+/// Displacement of each vertex of the skin as in [`run_model_cases`].
+pub(super) fn displacements(head: &Head, ready: &Prepared, skin: &TriMesh) -> Vec<f64> {
+    let vertices = head.anatomy.skin.positions().iter().zip(skin.positions()).zip(&ready.tissue.embedding.anchors);
     let moved = vertices.flat_map(|((rest, now), anchor)| {
         let u: Vector = if anchor.is_some() { now - rest } else { Vector::repeat(f64::NAN) };
         <[f64; 3]>::from(u)
     });
-    Ok((found, moved.collect()))
+    moved.collect()
 }
 
 #[cfg(test)]

@@ -69,7 +69,7 @@ impl ReachStudy<'_> {
 }
 
 /// Mean, P99 and largest distance between displacements, mm.
-fn distances(a: &[f64], b: &[f64]) -> [f64; 3] {
+pub(super) fn distances(a: &[f64], b: &[f64]) -> [f64; 3] {
     let vertices = a.as_chunks::<3>().0.iter().zip(b.as_chunks::<3>().0);
     let distance = |(p, q): (&[f64; 3], &[f64; 3])| (0..3).map(|i| (p[i] - q[i]).powi(2)).sum::<f64>().sqrt();
     let mut all: Vec<f64> = vertices.map(distance).filter(|d| d.is_finite()).collect();

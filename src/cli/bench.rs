@@ -1,11 +1,12 @@
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand, ValueEnum};
 
 use super::CommandResult;
 use crate::bench::{
     BoundStudy, CollisionStudy, ContactStudy, CutStudy, FieldStudy, GrowthStudy, HeadSource, ModelCase, ModelStudy,
-    ReachStudy, SlabCase, SolverGrowthStudy, StabilityStudy, TruthStudy, evaluate, run_model_cases, run_slab_case,
+    ReachStudy, SlabCase, SolverGrowthStudy, StabilityStudy, TruthStudy, WarmStartStudy, evaluate, run_model_cases,
+    run_slab_case,
 };
 use crate::field::{FieldSettings, Method, MethodSettings, Tolerance};
 
@@ -24,6 +25,8 @@ pub(super) enum BenchCommand {
     Models(ModelArguments),
     /// What leaving out tissue that a plan hardly moves saves, and what it costs.
     Reach(ReachArguments),
+    /// What a session's next job takes when it begins at the end of the one before.
+    WarmStart(ReachArguments),
     /// The solver's time by phase on a slab of 19 000 to 490 000 tetrahedra.
     SolverGrowth(SolverGrowthArguments),
     /// Registration and error map against a synthetic truth: a finer model's skin, scanned with noise and out of place.
@@ -203,9 +206,15 @@ pub(super) struct ReachArguments {
     /// Edge of the mesh, mm.
     #[arg(long, default_value_t = 4.0)]
     edge_mm: f64,
-    /// Rows go here.
-    #[arg(long, default_value = "reach.csv")]
-    csv: PathBuf,
+    /// Rows go here; `reach.csv` or `warm-start.csv` when absent.
+    #[arg(long)]
+    csv: Option<PathBuf>,
+}
+
+impl ReachArguments {
+    fn csv<'a>(&'a self, usual: &'a str) -> &'a Path {
+        self.csv.as_deref().unwrap_or(Path::new(usual))
+    }
 }
 
 #[derive(Debug, Args)]
@@ -277,7 +286,12 @@ pub(super) fn run(command: &BenchCommand) -> CommandResult {
             _ => ModelStudy { source: &a.scene, csv: &a.csv, edges_mm: &a.edges_mm, reference_mm: a.reference_mm }
                 .run(out)?,
         },
-        BenchCommand::Reach(a) => ReachStudy { source: &a.scene, edge_mm: a.edge_mm, csv: &a.csv }.run(out)?,
+        BenchCommand::Reach(a) => {
+            ReachStudy { source: &a.scene, edge_mm: a.edge_mm, csv: a.csv("reach.csv") }.run(out)?;
+        }
+        BenchCommand::WarmStart(a) => {
+            WarmStartStudy { source: &a.scene, edge_mm: a.edge_mm, csv: a.csv("warm-start.csv") }.run(out)?;
+        }
         BenchCommand::SolverGrowth(a) => match (&a.case, &a.timing) {
             (Some(case), Some(timing)) => run_slab_case(case, timing)?,
             _ => SolverGrowthStudy { csv: &a.csv, sizes: usize::from(a.sizes) }.run(out)?,

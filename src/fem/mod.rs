@@ -24,6 +24,7 @@ mod newton;
 mod ordering;
 mod quadratic_model;
 mod report;
+mod saved_state;
 mod settings;
 mod setup;
 mod solver;
@@ -31,6 +32,7 @@ mod triangular;
 
 pub use error::SolveError;
 pub use report::{CellState, IterationRecord, LostEllipticity, PhaseTimes, StepOutcome, StepReport};
+pub use saved_state::SavedState;
 pub use settings::{Boundary, ContactBody, Locking, Model, Preset, SkinElement, SolveSettings, UnstableMaterial};
 pub use setup::Prepared;
 pub use solver::Solver;

@@ -48,11 +48,11 @@ const LEAST_PASSAGE_MM: f64 = 0.25;
 /// An equilibrium.
 #[derive(Debug, Clone)]
 pub(super) struct State {
-    t: f64,
+    pub(super) t: f64,
     /// Values of the generalised nodes.
     pub(super) x: Vec<Vector>,
     /// Motion of moving segments from rest.
-    motions: Vec<(u32, Motion)>,
+    pub(super) motions: Vec<(u32, Motion)>,
 }
 
 impl<'a> Solver<'a> {

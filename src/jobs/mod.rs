@@ -26,8 +26,8 @@ pub use frame::SkinFrame;
 pub use order::Order;
 pub use physics::{PhysicsRecord, SolveModel};
 pub use requests::{
-    AttachmentRecord, CompareRecord, FieldRequest, ImportRequest, MaskRecord, MeshRequest, PartShape, RegisterRecord,
-    SceneRequest, SolveRequest, SurfaceSource,
+    AttachmentRecord, CompareRecord, EarlierSolve, FieldRequest, ImportRequest, MaskRecord, MeshRequest, PartShape,
+    RegisterRecord, SceneRequest, SolveRequest, SurfaceSource,
 };
 pub use service::{JobStatus, Service};
 pub use settings::ServiceSettings;

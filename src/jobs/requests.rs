@@ -5,8 +5,9 @@ use serde::{Deserialize, Serialize};
 use super::{PhysicsRecord, RegisterOn};
 use crate::evaluate::{Mask, Part};
 use crate::geometry::{Aabb, Point, TriMesh};
+use crate::plan::PlanError;
 use crate::session::{
-    BoxDocument, CutDocument, Fault, FaultKind, FieldSettingsDocument, MeshDocument, MeshSettingsDocument,
+    BoxDocument, CutDocument, Earlier, Fault, FaultKind, FieldSettingsDocument, MeshDocument, MeshSettingsDocument,
     NodeClassName, PaintDocument, PlanDocument, PresetName, TissueDocument,
 };
 use crate::simulate::{AttachmentRules, RunSettings, SkullPaint};
@@ -134,6 +135,40 @@ pub struct SolveRequest {
     /// SHA-256 of the session's target at the time of asking.
     #[serde(default)]
     pub target: Option<String>,
+    /// The job at whose end this one begins.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub warm_start: Option<Box<EarlierSolve>>,
+}
+
+/// What a solve needs to know of an earlier one to begin at its end. Holds a copy of the plan: it may outlive that job.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct EarlierSolve {
+    /// That job.
+    pub job: JobId,
+    /// Its plan.
+    pub plan: PlanDocument,
+    /// Its steps.
+    pub steps: u32,
+    /// What it began at itself.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub warm_start: Option<Box<EarlierSolve>>,
+}
+
+impl EarlierSolve {
+    /// How many jobs, each begun at the end of the next, it takes to come to rest.
+    #[must_use]
+    pub fn depth(&self) -> usize {
+        1 + self.warm_start.as_ref().map_or(0, |before| before.depth())
+    }
+
+    /// As the numerics take it.
+    ///
+    /// # Errors
+    /// [`PlanDocument::plan`].
+    pub fn earlier(&self) -> Result<Earlier, PlanError> {
+        let after = self.warm_start.as_ref().map(|before| before.earlier()).transpose()?;
+        Ok(Earlier { plan: self.plan.plan()?, steps: self.steps as usize, after: after.map(Box::new) })
+    }
 }
 
 /// A ready tissue mesh moved along a plan. Holds a copy of the plan: the job outlives it.

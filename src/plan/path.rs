@@ -101,6 +101,17 @@ impl Plan {
     pub fn motions(&self, t: f64) -> Vec<(u32, Motion)> {
         self.paths.iter().map(|p| (p.segment(), p.at(t))).collect()
     }
+
+    /// The plan that goes straight, by one screw a segment, from where segments are `now` to the end of this one.
+    #[must_use]
+    pub fn on_from(&self, now: &[(u32, Motion)]) -> Self {
+        let begin = |segment| now.iter().find(|(s, _)| *s == segment).map_or_else(Motion::identity, |(_, m)| *m);
+        let straight = |path: &Path| Path {
+            segment: path.segment,
+            waypoints: vec![(0.0, begin(path.segment)), (1.0, path.at(1.0))],
+        };
+        Self { paths: self.paths.iter().map(straight).collect() }
+    }
 }
 
 /// Relative motion `x -> R x + p` as a turn about an axis and a shift along it.

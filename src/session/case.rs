@@ -67,6 +67,19 @@ pub struct Run {
     pub plan: Plan,
     /// Model, steps, materials, attachment.
     pub settings: RunSettings,
+    /// What was solved before, whose end this one begins at; the patient at rest when `None`.
+    pub after: Option<Box<Earlier>>,
+}
+
+/// A plan that was solved before, with the same patient, cuts, tissue and settings.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Earlier {
+    /// Bone paths.
+    pub plan: Plan,
+    /// Its streamed steps.
+    pub steps: usize,
+    /// What it began at.
+    pub after: Option<Box<Earlier>>,
 }
 
 /// Rigid bones of a scene.

@@ -4,6 +4,7 @@
 //! all that it was derived from, so that it can be dropped and rebuilt the same.
 
 mod case;
+mod course;
 mod documents;
 mod engine;
 mod error_sheet;
@@ -20,7 +21,7 @@ mod settings;
 mod surface_part;
 mod tissue_file;
 
-pub use case::{Case, Cuts, Run, SceneBones, SceneRun, Solid, TemplateCall, TissueRequest};
+pub use case::{Case, Cuts, Earlier, Run, SceneBones, SceneRun, Solid, TemplateCall, TissueRequest};
 pub use documents::{
     AttachedDocument, ClearanceDocument, CtDocument, CutDocument, CutSurfaceDocument, D1ReadingName, DoubtDocument,
     DoubtfulRegionsDocument, ErrorDocument, FieldDocument, FieldQualityDocument, FreePartDocument, HistogramBin,

@@ -2,6 +2,7 @@ use std::collections::BTreeSet;
 use std::fmt;
 use std::sync::Arc;
 
+use super::course::{Course, Ready};
 use super::fault::{Fault, FaultKind};
 use super::fault_from::import_fault;
 use super::recent::Recent;
@@ -17,13 +18,8 @@ use crate::mesh::MeshReport;
 use crate::plan::{
     self, Clearance, Cut, CutShape, Landmarks, Osteotomy, PathReport, Plan, Proposal, Purpose, Template,
 };
-use crate::simulate::{
-    self, Anatomy, CutBone, Fields, Outcome, PreparedTissue, RunSettings, SimulateError, TissueModel,
-};
+use crate::simulate::{self, Anatomy, CutBone, Fields, Outcome, SimulateError, TissueModel};
 use crate::surface::{self, CtSettings, CtSurfaces};
-
-/// Share of a solve's progress that preparing the equations takes.
-const PREPARING: f64 = 0.05;
 
 /// Memory for intermediate results where nothing else is said.
 const CACHE_BYTES: u64 = 1536 << 20;
@@ -33,16 +29,13 @@ const FIELDS: &str = "field";
 const OSTEOTOMIES: &str = "osteotomy";
 const BONES: &str = "bone";
 const TISSUES: &str = "mesh";
-const EQUATIONS: &str = "equations";
-/// Memory of prepared equations by node, bytes: on a head some 400 MB for 20 000.
-const EQUATION_BYTES: u64 = 20_000;
 /// Memory of a mesh by node with its share of elements and of the embedding, bytes.
 const MESH_BYTES: u64 = 1_000;
 
 /// The real numerics, with the last few intermediate results in memory.
 pub struct Numerics {
     limits: Limits,
-    recent: Recent,
+    pub(super) recent: Recent,
 }
 
 impl fmt::Debug for Numerics {
@@ -196,17 +189,8 @@ fn given_cuts(halt: Halt, from_templates: usize) -> Halt {
 }
 
 /// Shortest decimal forms of the numbers tell every bit apart.
-fn bone_key(case: &Case, cuts: &[Cut]) -> String {
+pub(super) fn bone_key(case: &Case, cuts: &[Cut]) -> String {
     key_of(&[&case.key, &format!("{cuts:?}")])
-}
-
-/// Everything that prepared equations are made from: only the way and the steps may differ.
-fn prepared_key(run: &Run, bone: &CutBone) -> String {
-    let moving: Vec<u32> = run.plan.paths.iter().map(plan::Path::segment).collect();
-    let RunSettings { solver, attachment, leave_out_below_mm, steps: _ } = &run.settings;
-    let displacement_mm = simulate::displacement_class_mm(bone, &run.plan);
-    let settings = format!("{moving:?} {displacement_mm:?} {leave_out_below_mm:?} {solver:?} {attachment:?}");
-    key_of(&[&run.tissue.key, &bone_key(&run.case, &run.cuts), &settings])
 }
 
 impl Engine for Numerics {
@@ -323,20 +307,10 @@ impl Engine for Numerics {
             watch.warning(warning);
         }
         watch.stage("solve");
-        let before = control.part(shares[2], shares[2] + PREPARING);
-        let key = prepared_key(run, &bone);
-        let prepared = if let Some(found) = self.recent.get::<PreparedTissue>(EQUATIONS, &key) {
-            found
-        } else {
-            self.recent.let_go(EQUATIONS);
-            let made = Arc::new(PreparedTissue::new(&tissue, &bone, &run.plan, &run.settings, &before)?);
-            self.recent.put(EQUATIONS, &key, Arc::clone(&made), tissue.report.nodes as u64 * EQUATION_BYTES);
-            made
-        };
-        let control = control.part(shares[2] + PREPARING, 1.0);
-        let (anatomy, plan, settings) = (&run.case.anatomy, &run.plan, &run.settings);
-        let mut on_frame = |frame| watch.frame(frame);
-        Ok(simulate::solve_prepared(anatomy, &tissue, &prepared, &bone, plan, settings, &control, &mut on_frame)?)
+        let ready = Ready { run, bone: &bone, tissue: &tissue };
+        let control = control.part(shares[2], 1.0);
+        let last = Course { plan: &run.plan, steps: run.settings.steps, after: run.after.as_deref() };
+        self.follow_course(&ready, last, &control, &mut |frame| watch.frame(frame))
     }
 
     fn solve_scene(&self, run: &SceneRun, control: &Control, watch: &mut dyn RunWatch) -> Result<SceneSolved, Halt> {

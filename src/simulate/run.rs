@@ -4,7 +4,7 @@ use super::reach::{beyond_reach, displacement_class_mm};
 use super::{Anatomy, AttachmentRules, CutBone, SimulateError, TissueModel};
 use crate::control::Control;
 use crate::evaluate::{FaceRegion, face_regions};
-use crate::fem::{Boundary, Prepared, SolveSettings, Solver, StepReport};
+use crate::fem::{Boundary, Prepared, SavedState, SolveSettings, Solver, StepReport};
 use crate::geometry::{Aabb, Point, TriMesh, Vector};
 use crate::mesh::{Attachment, MixedMesh};
 use crate::plan::{Plan, PlanError};
@@ -82,12 +82,24 @@ pub struct Outcome {
     pub face: Vec<FaceRegion>,
     /// Deformed mesh nodes, LPS mm.
     pub nodes: Vec<Point>,
+    /// The end, for another path to begin at.
+    pub end: SavedState,
     /// Tissue that was left out.
     pub left_out: LeftOut,
     /// How many nodes were tied, slid or were free.
     pub attached: Attached,
     /// What a caller should know.
     pub warnings: Vec<String>,
+}
+
+/// A way for bone.
+#[derive(Debug, Clone, Copy)]
+pub struct Way<'a> {
+    /// Paths of all segments that move.
+    pub plan: &'a Plan,
+    /// The end of another plan for the same tissue, bone, segments and elements: bone goes straight from there to the end of `plan`. Where tissue
+    /// slides over edges of bone the result may hang a little on where it came from.
+    pub from: Option<&'a SavedState>,
 }
 
 /// A tissue attached to bone, with what solves along any plan that moves the same segments begin with.
@@ -131,6 +143,12 @@ impl PreparedTissue {
         let equations = Prepared::new(&mesh, touching, &Boundary::default(), settings.solver.clone(), control)?;
         Ok(Self { mesh, equations, moving, displacement_mm, left_out, attached, warnings })
     }
+
+    /// The mesh with what its nodes do.
+    #[must_use]
+    pub fn mesh(&self) -> &MixedMesh {
+        &self.mesh
+    }
 }
 
 /// Moves the bone along the plan and hands out each step as soon as it is solved.
@@ -148,7 +166,8 @@ pub fn solve(
 ) -> Result<Outcome, SimulateError> {
     let prepared = PreparedTissue::new(tissue, bone, plan, settings, &control.part(0.0, SETUP_SHARE))?;
     let control = control.part(SETUP_SHARE, 1.0);
-    solve_prepared(anatomy, tissue, &prepared, bone, plan, settings, &control, on_frame)
+    let way = Way { plan, from: None };
+    solve_prepared(anatomy, tissue, &prepared, bone, way, settings, &control, on_frame)
 }
 
 /// [`solve`] with what was prepared for the same tissue, bone, moving segments, attachment and solver's settings: the same bits.
@@ -160,7 +179,7 @@ pub fn solve_prepared(
     tissue: &TissueModel,
     prepared: &PreparedTissue,
     bone: &CutBone,
-    plan: &Plan,
+    Way { plan, from }: Way<'_>,
     settings: &RunSettings,
     control: &Control,
     on_frame: &mut dyn FnMut(Frame),
@@ -179,6 +198,11 @@ pub fn solve_prepared(
     }
     let mut warnings = prepared.warnings.clone();
     let mut solver = Solver::over(&prepared.equations, &prepared.mesh, bone.bodies(), &control.part(0.0, SETUP_SHARE))?;
+    let onwards = from.map(|from| plan.on_from(from.motions()));
+    if let Some(from) = from {
+        solver.resume(from)?;
+    }
+    let plan = onwards.as_ref().unwrap_or(plan);
     let path = control.part(SETUP_SHARE, 1.0);
     let carrier = Carrier::new(&anatomy.skin, &tissue.embedding);
     warnings.extend(Aabb::of(&prepared.mesh.positions).and_then(|region| carrier.warning(&anatomy.skin, &region)));
@@ -202,7 +226,7 @@ pub fn solve_prepared(
         warnings.push("no landmarks: the regions of the face come from the proportions of the skin's box".to_owned());
     }
     let regions = face.iter().filter_map(|region| region_motion(&anatomy.skin, &last, region)).collect();
-    let nodes = solver.positions();
+    let (nodes, end) = (solver.positions(), solver.save());
     let left_out = LeftOut {
         nodes: prepared.left_out.len(),
         of_nodes: nodes.len(),
@@ -218,7 +242,7 @@ pub fn solve_prepared(
     }
     control.report(1.0);
     let attached = prepared.attached.clone();
-    Ok(Outcome { steps, regions, face, nodes, left_out, attached, warnings })
+    Ok(Outcome { steps, regions, face, nodes, end, left_out, attached, warnings })
 }
 
 /// Largest displacement of a node that shares a cell with one that was `left_out`, mm.

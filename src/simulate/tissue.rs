@@ -27,6 +27,8 @@ pub struct TissueModel {
 const REACH_MM: Vector = Vector::new(45.0, 0.0, 60.0);
 /// How far behind the front of the moving bone the region still reaches, mm.
 const BEHIND_FRONT_MM: f64 = 65.0;
+/// How far behind its back the region reaches at least, mm: bone that goes back must find tissue there, no wall.
+const BEHIND_BACK_MM: f64 = 10.0;
 /// A skin vertex farther than this from the prisms is not carried by them, mm.
 const EMBED_REACH_MM: f64 = 2.0;
 
@@ -62,7 +64,7 @@ fn scene_box(anatomy: &Anatomy, bone: Option<&CutBone>) -> Aabb {
         Some(moving) => {
             let mut scene = Aabb { min: moving.min - REACH_MM, max: moving.max + REACH_MM };
             scene.min.y = head.min.y;
-            scene.max.y = moving.min.y + BEHIND_FRONT_MM;
+            scene.max.y = (moving.min.y + BEHIND_FRONT_MM).max(moving.max.y + BEHIND_BACK_MM);
             Aabb { min: scene.min.sup(&head.min), max: scene.max.inf(&head.max) }
         }
         None => Aabb { min: head.min, max: Point::new(head.max.x, head.center().y, head.max.z) },

@@ -19,14 +19,20 @@ async fn scene(app: &TestApp) -> (String, Value) {
     (session, osteotomy)
 }
 
-/// Solves a movement forward: forces on the bones at each step, with all their digits, and factorisations of the first step.
-async fn solve(app: &TestApp, session: &str, osteotomy: &Value, forward_mm: f64, more: Value) -> (Vec<Value>, u64) {
+/// Job that solves a movement forward.
+async fn solved(app: &TestApp, session: &str, osteotomy: &Value, forward_mm: f64, more: Value) -> String {
     let waypoints = json!([{"t": 1, "translation_mm": [0, -forward_mm, 0]}]);
     let plan = json!({"osteotomy": osteotomy, "paths": [{"segment": 1, "waypoints": waypoints}]});
     let plan = app.post(&format!("{session}/plans"), plan).await.ok()["id"].as_str().unwrap().to_owned();
     let job = app.solve(session, &plan, more).await;
     let view = app.get(&format!("{job}?wait_s=60")).await.ok();
     assert_eq!(view["status"], "succeeded", "{view}");
+    job
+}
+
+/// Forces on the bones at each step, with all their digits, and factorisations of the first step.
+async fn solve(app: &TestApp, session: &str, osteotomy: &Value, forward_mm: f64, more: Value) -> (Vec<Value>, u64) {
+    let job = solved(app, session, osteotomy, forward_mm, more).await;
     let report = app.get(&format!("{job}/report")).await.ok();
     let steps = report["steps"].as_array().unwrap();
     (steps.iter().map(|s| s["reactions"].clone()).collect(), steps[0]["factorisations"].as_u64().unwrap())
@@ -51,4 +57,53 @@ async fn a_second_job_begins_with_the_factor_of_the_first_and_finds_the_same_bit
     let (cold, made_alone) = solve(&alone, &session, &osteotomy, 2.5, linear).await;
     assert_eq!(made_alone, 1);
     assert_eq!(cold, second);
+}
+
+/// Positions of the skin in the last of `steps` steps, mm.
+async fn skin(app: &TestApp, job: &str, steps: u32) -> Vec<f32> {
+    let frame = app.get(&format!("{job}/steps/{steps}/frame")).await;
+    assert_eq!(frame.status, 200);
+    frame.body.chunks_exact(4).map(|b| f32::from_le_bytes(b.try_into().unwrap())).collect()
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_job_that_begins_at_the_end_of_another_ends_where_the_way_from_rest_does() {
+    let app = TestApp::real().await;
+    let (session, osteotomy) = scene(&app).await;
+    let rest = |steps: u32| json!({"model": "nonlinear", "steps": steps});
+    let first = solved(&app, &session, &osteotomy, 3.0, rest(3)).await;
+    let id = first.rsplit('/').next().unwrap();
+    let warm = |of: &str| json!({"model": "nonlinear", "warm_start": of});
+    let onwards = solved(&app, &session, &osteotomy, 2.0, warm(id)).await;
+    let from_rest = solved(&app, &session, &osteotomy, 2.0, rest(2)).await;
+    let report = app.get(&format!("{onwards}/report")).await.ok();
+    assert_eq!(report["parameters"]["warm_start"], id);
+    assert_eq!(report["steps"].as_array().unwrap().len(), 1, "steps are for looking on: one is enough here");
+    let (found, expected) = (skin(&app, &onwards, 1).await, skin(&app, &from_rest, 2).await);
+    let off = found.iter().zip(&expected).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    // Both are converged to 2.5e-4 of the element's 15 mm.
+    assert!(off < 0.005, "{off} mm");
+    let moved = expected.iter().zip(&skin(&app, &first, 3).await).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    assert!(moved > 0.3, "{moved} mm");
+
+    // A restart forgets where the first job ended: it is solved again, and the bits are the same.
+    let app = app.restart().await;
+    let again = solved(&app, &session, &osteotomy, 2.0, warm(id)).await;
+    assert_eq!(skin(&app, &again, 1).await, found);
+
+    let waypoints = json!([{"t": 1, "translation_mm": [0, -2, 0]}]);
+    let plan = json!({"osteotomy": osteotomy, "paths": [{"segment": 1, "waypoints": waypoints}]});
+    let plan = app.post(&format!("{session}/plans"), plan).await.ok()["id"].clone();
+    for (more, why) in [
+        (json!({"model": "linear", "warm_start": id}), "another model"),
+        (json!({"model": "nonlinear", "warm_start": id, "attachment": {"tie_gap_mm": 1}}), "another attachment"),
+        (json!({"model": "nonlinear", "warm_start": uuid::Uuid::now_v7()}), "no job"),
+    ] {
+        let mut body = json!({"plan": plan});
+        body.as_object_mut().unwrap().extend(more.as_object().unwrap().clone());
+        let problem = app.post(&format!("{session}/jobs"), body).await.problem(422, "invalid-request");
+        let error = &problem["errors"][0];
+        assert_eq!(error["pointer"], "/warm_start", "{problem}");
+        assert!(problem.to_string().contains(why), "{problem}");
+    }
 }

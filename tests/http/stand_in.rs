@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use prosopon::control::Control;
 use prosopon::evaluate::{ErrorMap, FaceRegion, Registration, Statistics};
-use prosopon::fem::{SolveSettings, StepOutcome, StepReport};
+use prosopon::fem::{SavedState, SolveSettings, StepOutcome, StepReport};
 use prosopon::field::{Doubt, DoubtfulRegions, FieldReport, Region, Settled};
 use prosopon::geometry::{Aabb, Motion, Point, TriMesh, Vector};
 use prosopon::import::Limits;
@@ -295,6 +295,7 @@ impl Engine for StandIn {
             regions,
             face: Vec::new(),
             nodes: Vec::new(),
+            end: SavedState::default(),
             left_out: LeftOut::default(),
             attached: Attached::default(),
             warnings: vec!["a stand-in".to_owned()],

@@ -109,9 +109,14 @@ pub struct CreateJob {
     /// Mechanical model.
     #[serde(default)]
     pub model: ModelName,
-    /// Streamed steps, 1 to 200; the session's, else 6.
+    /// Streamed steps, 1 to 200; the session's, else 6. With `warm_start` 1 where absent.
     #[serde(default)]
     pub steps: Option<u32>,
+    /// A solve of this session that has succeeded, with the same mesh, cuts, segments, model and settings: bone goes straight from the end of its
+    /// plan to the end of this one, which takes a fraction of the time. The steps show that way. Where tissue slides over edges of bone
+    /// the result may hang a little on where it came from: plans to be kept are best solved from rest.
+    #[serde(default)]
+    pub warm_start: Option<Uuid>,
     /// What `auto` has to keep to; not in this version.
     #[serde(default)]
     pub budget: Option<Budget>,
@@ -182,6 +187,9 @@ impl CreateJob {
         if self.reference_job.is_some() {
             check.fault("/reference_job", "jobs on a tissue mesh make no error maps");
         }
+        if self.warm_start.is_some() {
+            check.fault("/warm_start", "jobs on a tissue mesh begin at rest");
+        }
         if self.leave_out_below_mm.is_some_and(|least| least != 0.0) {
             check.fault("/leave_out_below_mm", "the session has a tissue mesh, of which nothing is left out");
         }
@@ -200,7 +208,8 @@ impl CreateJob {
             return Err(Fault::new(FaultKind::NotAvailable, "budgets are not available in this version").at("/budget"));
         }
         let mut check = Check::default();
-        let steps = self.steps.or(settings.steps).unwrap_or(DEFAULT_STEPS);
+        let usual = if self.warm_start.is_some() { None } else { settings.steps };
+        let steps = self.steps.or(usual).unwrap_or(if self.warm_start.is_some() { 1 } else { DEFAULT_STEPS });
         check.number("/steps", f64::from(steps), 1.0, f64::from(MAX_STEPS));
         let attachment = self.attachment.as_ref().map(|a| AttachmentRecord {
             tie_gap_mm: a.tie_gap_mm.map(|gap| check.number("/attachment/tie_gap_mm", gap, 0.0, 50.0)),

@@ -11,6 +11,7 @@ use uuid::Uuid;
 use super::accepted::{accept_order, stored};
 use super::osteotomies::fresh_osteotomy;
 use super::plans;
+use super::warm_start::begin_at;
 use crate::http::auth::Principal;
 use crate::http::dto::{CheckedJob, CreateJob, JobList, JobView, SessionSettings};
 use crate::http::extract::{Creating, Ids, Params, short_number};
@@ -103,6 +104,11 @@ pub(in crate::http) async fn create(
         tissue: checked.tissue,
         reference_job,
         target: parts.get(PartKind::Target).map(|target| target.key.clone()),
+        warm_start: None,
+    };
+    let solve = match request.warm_start {
+        Some(id) => begin_at(&state, &principal, id.into(), solve).await?,
+        None => solve,
     };
     accept_order(&state, order(solve.steps, stored(&solve)?), Some(&answering)).await
 }

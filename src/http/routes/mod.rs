@@ -19,6 +19,7 @@ mod report_page;
 mod results;
 mod sessions;
 mod tissue;
+mod warm_start;
 
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;

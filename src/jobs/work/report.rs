@@ -69,6 +69,7 @@ fn parameters(request: &SolveRequest) -> Map<String, Value> {
         ("osteotomy", json!(request.osteotomy_id)),
         ("cuts", json!(request.cuts)),
         ("reference_job", json!(request.reference_job)),
+        ("warm_start", json!(request.warm_start.as_ref().map(|before| before.job))),
     ] {
         members.insert(name.to_owned(), value);
     }

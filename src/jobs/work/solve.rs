@@ -46,7 +46,8 @@ async fn on_case(context: &Context, request: SolveRequest) -> Result<Done, Halt>
     store.set_rest(&context.job, &rest).await?;
     let reference = Reference::load(context, &parts, &request).await?;
     let settings = request.settings(&case.anatomy.skull)?;
-    let run = Run { case, cuts: stored_cuts(&request.cuts)?, tissue, plan: request.plan.plan()?, settings };
+    let after = request.warm_start.as_ref().map(|before| before.earlier()).transpose()?.map(Box::new);
+    let run = Run { case, cuts: stored_cuts(&request.cuts)?, tissue, plan: request.plan.plan()?, settings, after };
 
     let (sender, receiver) = mpsc::channel(2);
     let computing = compute(context, run, request.tissue, reference, sender);

@@ -212,13 +212,18 @@ impl DistanceField {
             Some(within) => lattice.bricks_meeting(within).ok_or(FieldError::Elsewhere)?,
             None => [[0; 3], lattice.bricks],
         };
-        let features = Features::new(surface, &exact.defects().triangles);
-        let source = Source { mesh: surface, defects: exact.defects(), features: &features };
         control.check()?;
 
         let reach = settings.band_mm + STENCIL_REACH * settings.spacing_mm;
         let mut tally = Tally::default();
-        let (coarse, signs) = coarse::coefficients(&lattice, exact, source, reach, &control.part(0.0, 0.3))?;
+        // Both are partly one step after the other.
+        let (features, coarse) = rayon::join(
+            || Features::new(surface, &exact.defects().triangles),
+            || coarse::coefficients(&lattice, exact, surface, reach, &control.part(0.0, 0.3)),
+        );
+        let (coarse, signs) = coarse?;
+        let source = Source { mesh: surface, defects: exact.defects(), features: &features };
+
         tally.add(&signs);
         let h = settings.spacing_mm;
         let mut field = Self::coarse(lattice, coarse, [reach + LARGEST * h, 0.5 * LARGEST * h]);
@@ -252,8 +257,11 @@ impl DistanceField {
             }
             tally.add(&of_tile.tally);
         }
-        let layer = Layer::new(&field, Level::Brick);
-        let spread = Spread::new(&field, surface, &exact.defects().distinct);
+        let (layer, spread) = rayon::join(
+            || Layer::new(&field, Level::Brick),
+            || Spread::new(&field, surface, &exact.defects().distinct),
+        );
+
         let mut sites = sites::of_bricks(&spread, &layer.at);
         fit(&mut field, &layer, &mut sites, h, SWEEPS);
         refine::add_details(&mut field, source, (&layer, &spread), sites, &control.part(0.8, 1.0))?;

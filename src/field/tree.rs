@@ -5,7 +5,7 @@ use crate::geometry::{Point, TriMesh};
 /// Most triangles in a leaf.
 const LEAF: usize = 4;
 /// Square of how many times farther than the nearest triangle another one may be where that will do.
-const FARTHER_SQ: f64 = 1.1;
+const FARTHER_SQ: f64 = 1.02;
 /// Halves of at least this many triangles are split side by side.
 const ALONE: usize = 4096;
 
@@ -78,7 +78,7 @@ impl Tree {
         self.nearly_nearest(p, hint, f64::INFINITY)
     }
 
-    /// Like [`Tree::nearest`], but beyond the distance `exact_within` (mm) a triangle will do that is at most 5 % farther.
+    /// Like [`Tree::nearest`], but beyond the distance `exact_within` (mm) a triangle will do that is at most 1 % farther.
     pub(super) fn nearly_nearest(&self, p: &Point, hint: u32, exact_within: f64) -> Nearest {
         with_vectors(
             #[inline(always)]

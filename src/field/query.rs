@@ -68,11 +68,7 @@ impl DistanceField {
     fn jet(&self, inner: &Point) -> Jet {
         #[cfg(target_arch = "x86_64")]
         if let Some(v3) = self.v3 {
-            return pulp::Simd::vectorize(
-                v3,
-                #[inline(always)]
-                || self.jet_with(v3, inner),
-            );
+            return pulp::Simd::vectorize(v3, JetTask { field: self, inner, lanes: v3 });
         }
         self.jet_with(Plain, inner)
     }
@@ -222,6 +218,24 @@ fn is_whole(spot: &Spot) -> bool {
         largest = slot.max(largest);
     }
     largest != NO_BRICK
+}
+
+/// The spline in the domain, for vectors of this processor: a closure would be compiled without them (measured).
+#[cfg(target_arch = "x86_64")]
+struct JetTask<'a, L> {
+    field: &'a DistanceField,
+    inner: &'a Point,
+    lanes: L,
+}
+
+#[cfg(target_arch = "x86_64")]
+impl<L: Lanes> pulp::WithSimd for JetTask<'_, L> {
+    type Output = Jet;
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) -> Jet {
+        self.field.jet_with(self.lanes, self.inner)
+    }
 }
 
 /// Rows of coefficients, x fastest.

@@ -167,7 +167,7 @@ impl DistanceField {
         }
         for (n, slot) in slots.iter_mut().enumerate() {
             let [x, y, z] = [n & 1, n >> 1 & 1, n >> 2];
-            let brick = x * beyond[0] | y * beyond[1] | z * beyond[2];
+            let brick = (x * beyond[0]) | (y * beyond[1]) | (z * beyond[2]);
             if let Some(of_brick) = self.parts.get(spot.slots[brick] as usize) {
                 *slot = of_brick.slot_or(place(PARTS, [parts[0][x], parts[1][y], parts[2][z]]), none);
             }

@@ -275,7 +275,7 @@ impl Sites {
         let mut next = first.clone();
         let mut sorted = vec![all[0]; all.len()];
         for site in all {
-            let place = &mut next[class(&site)];
+            let place = &mut next[class(site)];
             sorted[*place as usize] = *site;
             *place += 1;
         }

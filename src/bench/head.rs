@@ -108,7 +108,7 @@ impl Head {
         };
         let (skin, skull) = (sampled(head.skin.as_ref())?, sampled(head.skull.as_ref())?);
         Ok(Self {
-            anatomy: Anatomy { skin, skull, air: None, landmarks: head.landmarks.points.clone() },
+            anatomy: Anatomy { skin, skull, air: None, soft_tissue: None, landmarks: head.landmarks.points.clone() },
             le_fort_1_plane: head.landmarks.le_fort_1_plane,
             midline_x_mm: head.landmarks.midline_x_mm,
             occlusal_plane_z_mm: head.landmarks.occlusal_plane_z_mm,
@@ -131,9 +131,13 @@ impl Head {
         let anatomy =
             match (find(&|n| n.ends_with(".nii.gz") || n.ends_with(".nii")), surface("skin"), surface("skull")) {
                 (Some(ct), _, _) => of_ct(&ct, landmarks)?,
-                (None, Some(skin), Some(skull)) => {
-                    Anatomy { skin: read_surface(&skin)?, skull: read_surface(&skull)?, air: None, landmarks }
-                }
+                (None, Some(skin), Some(skull)) => Anatomy {
+                    skin: read_surface(&skin)?,
+                    skull: read_surface(&skull)?,
+                    air: None,
+                    soft_tissue: None,
+                    landmarks,
+                },
                 _ => {
                     let detail =
                         format!("{} has neither a CT (*.nii.gz) nor skin.* and skull.* surfaces", folder.display());
@@ -165,7 +169,7 @@ impl Head {
         let jaw = bone.osteotomy.segments.iter().find(|s| s.id != 0 && s.bounded_by.contains(&0));
         let jaw = jaw.ok_or_else(|| BenchError::Head { detail: "no segment below the Le Fort I plane".to_owned() })?.id;
         let mesh = MeshSettings { edge_mm, ..MeshSettings::default() };
-        let tissue_settings = TissueSettings { mesh, region: None };
+        let tissue_settings = TissueSettings { mesh, ..TissueSettings::default() };
         let tissue = build_tissue(&self.anatomy, &fields, Some(&bone), &tissue_settings, &control)?;
         let [x, y, z] = MOVED_MM;
         let path = SegmentPath::new(jaw, vec![(1.0, Motion::translation(x, y, z))])
@@ -178,7 +182,13 @@ fn of_ct(path: &Path, landmarks: Vec<(String, Point)>) -> Result<Anatomy, BenchE
     let unusable = |detail: String| BenchError::Head { detail: format!("{}: {detail}", path.display()) };
     let (ct, _) = volume(&read(path)?, &Limits::default()).map_err(|e| unusable(e.to_string()))?;
     let found = from_ct(&ct, &CtSettings::default(), &Control::new()).map_err(|e| unusable(e.to_string()))?;
-    Ok(Anatomy { skin: found.skin, skull: found.skull, air: found.air, landmarks })
+    Ok(Anatomy {
+        skin: found.skin,
+        skull: found.skull,
+        air: found.air,
+        soft_tissue: Some(found.soft_tissue),
+        landmarks,
+    })
 }
 
 #[cfg(test)]

@@ -12,8 +12,8 @@ const INVERSION_MARGIN: f64 = 0.9;
 const SUFFICIENT: f64 = 1e-4;
 /// Below this change, relative to the energy, energies cannot be told apart safely.
 const ROUND_OFF: f64 = 1e-9;
-/// Longest multiple of a Newton step.
-const LONGEST: f64 = 16.0;
+/// Longest multiple of a Newton step: at a saddle of the energy, where a point is to leave a rim of the bone, the model says little of how far.
+const LONGEST: f64 = 1024.0;
 /// Shortest share of a Newton step.
 const SHORTEST: f64 = 1e-5;
 

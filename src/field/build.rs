@@ -12,7 +12,7 @@ use super::lattice::{BRICK, EDGE, Lattice};
 use super::refine;
 use super::regions::{DoubtfulRegions, doubtful_regions};
 use super::sites::{self, Spread};
-use super::spline::Weights;
+use super::spline::weights;
 use super::tiles::{Source, TILE, Tally, Tile, Tiles};
 use crate::control::{Cancelled, Control};
 use crate::geometry::{Aabb, Implicit, TriMesh, Vector};
@@ -212,13 +212,18 @@ impl DistanceField {
             Some(within) => lattice.bricks_meeting(within).ok_or(FieldError::Elsewhere)?,
             None => [[0; 3], lattice.bricks],
         };
-        let features = Features::new(surface, &exact.defects().triangles);
-        let source = Source { mesh: surface, defects: exact.defects(), features: &features };
         control.check()?;
 
         let reach = settings.band_mm + STENCIL_REACH * settings.spacing_mm;
         let mut tally = Tally::default();
-        let (coarse, signs) = coarse::coefficients(&lattice, exact, source, reach, &control.part(0.0, 0.3))?;
+        // Both are partly one step after the other.
+        let (features, coarse) = rayon::join(
+            || Features::new(surface, &exact.defects().triangles),
+            || coarse::coefficients(&lattice, exact, surface, reach, &control.part(0.0, 0.3)),
+        );
+        let (coarse, signs) = coarse?;
+        let source = Source { mesh: surface, defects: exact.defects(), features: &features };
+
         tally.add(&signs);
         let h = settings.spacing_mm;
         let mut field = Self::coarse(lattice, coarse, [reach + LARGEST * h, 0.5 * LARGEST * h]);
@@ -232,7 +237,11 @@ impl DistanceField {
         };
         let tiles = Tiles::new(source, rows, HALO, reach, is_chosen);
         let fade = [settings.band_mm + FADE * h, reach];
-        let built = tiles.map(&control.part(0.3, 0.8), |tile| field.tile_bricks(tile, chosen, fade))?;
+        let built = tiles.map(
+            &control.part(0.3, 0.8),
+            #[inline(always)]
+            |tile| field.tile_bricks(tile, chosen, fade),
+        )?;
         drop(tiles);
         let n_bricks = built.iter().map(|b| b.at.len()).sum::<usize>();
         let samples = (field.lattice.n_bricks() + n_bricks * BRICK) as u64;
@@ -248,8 +257,11 @@ impl DistanceField {
             }
             tally.add(&of_tile.tally);
         }
-        let layer = Layer::new(&field, Level::Brick);
-        let spread = Spread::new(&field, surface, &exact.defects().distinct);
+        let (layer, spread) = rayon::join(
+            || Layer::new(&field, Level::Brick),
+            || Spread::new(&field, surface, &exact.defects().distinct),
+        );
+
         let mut sites = sites::of_bricks(&spread, &layer.at);
         fit(&mut field, &layer, &mut sites, h, SWEEPS);
         refine::add_details(&mut field, source, (&layer, &spread), sites, &control.part(0.8, 1.0))?;
@@ -269,6 +281,7 @@ impl DistanceField {
 
     /// The bricks of a tile that the band reaches, from place `chosen[0]` up to before `chosen[1]`. Between the two distances `fade`
     /// the coarse spline takes over.
+    #[inline(always)]
     fn tile_bricks(&self, tile: &Tile, chosen: [[usize; 3]; 2], fade: [f64; 2]) -> Built {
         let mut built = Built::default();
         let first = tile.first.map(|n| n / EDGE);
@@ -304,14 +317,15 @@ impl DistanceField {
     }
 
     /// The coarse spline at the nodes of a brick and those next to it, continued from the brick's cell.
+    #[inline(always)]
     fn coarse_at(&self, brick: [usize; 3]) -> [f32; AROUND.pow(3)] {
         let c = self.coarse_around(brick).map(|c| c as f32);
-        let mut weights = [[0.0f32; 3]; AROUND];
-        for (i, weights) in weights.iter_mut().enumerate() {
+        let mut rows = [[0.0f32; 3]; AROUND];
+        for (i, row) in rows.iter_mut().enumerate() {
             let t = (i as f64 - HALO as f64 - 0.5 * (EDGE as f64 - 1.0)) / EDGE as f64;
-            *weights = Weights::at(t).value.map(|w| w as f32);
+            *row = weights(t).map(|w| w as f32);
         }
-        tensor(&c, &weights)
+        tensor(&c, &rows)
     }
 }
 
@@ -332,6 +346,7 @@ fn blend(near: f32, coarse: f32, far: f32) -> f32 {
 }
 
 /// Sums of 3³ values with the given weights along each axis.
+#[inline(always)]
 pub(super) fn tensor(c: &[f32; 27], weights: &[[f32; 3]; AROUND]) -> [f32; AROUND.pow(3)] {
     let mut lines = [[0.0f32; AROUND]; 9];
     for (line, row) in lines.iter_mut().zip(c.chunks_exact(3)) {
@@ -359,6 +374,7 @@ pub(super) fn tensor(c: &[f32; 27], weights: &[[f32; 3]; AROUND]) -> [f32; AROUN
 
 /// Spline coefficients `c` at the nodes of a brick, by the values there and next to it: they are the values less an eighth of
 /// their second differences.
+#[inline(always)]
 pub(super) fn coefficients(values: &[f32], edge: usize, c: &mut [f32]) {
     let side = edge + 2 * HALO;
     for (n, row) in c.chunks_exact_mut(edge).enumerate() {

@@ -1,10 +1,10 @@
 use super::crossings::{Crossings, Rows};
 use super::exact::{ExactDistance, is_inside};
 use super::lattice::Lattice;
-use super::tiles::{Source, Tally};
+use super::tiles::Tally;
 use super::tree::{Nearest, Tree};
 use crate::control::{Cancelled, Control};
-use crate::geometry::{Point, Vector};
+use crate::geometry::{Point, TriMesh, Vector};
 use rayon::prelude::*;
 
 /// For every node a triangle that is probably the nearest: those next to the triangles' middles, handed on from node to node,
@@ -64,14 +64,15 @@ fn handed_on(rows: &Rows, tree: &Tree) -> Vec<Nearest> {
 pub(super) fn coefficients(
     lattice: &Lattice,
     exact: &ExactDistance,
-    source: Source,
+    surface: &TriMesh,
     exact_within: f64,
     control: &Control,
 ) -> Result<(Vec<f64>, Tally), Cancelled> {
     let rows = Rows { origin: lattice.coarse_origin(), spacing: lattice.coarse_spacing(), dims: lattice.coarse_dims() };
     let [nx, ny, nz] = rows.dims;
-    let rim = &source.defects.rim;
-    let crossings = Crossings::new(source.mesh, &source.defects.counts, rim, &rows);
+    let defects = exact.defects();
+    let rim = &defects.rim;
+    let crossings = Crossings::new(surface, &defects.counts, rim, &rows);
     let found = handed_on(&rows, exact.tree());
     control.check()?;
     let layers = (0..nz)

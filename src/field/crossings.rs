@@ -1,5 +1,6 @@
 //! Winding numbers on a lattice, exact, by counting where its rows cross the surface.
 
+use super::lanes::with_vectors;
 use super::rim::Rim;
 use crate::geometry::{Point, TriMesh};
 use rayon::prelude::*;
@@ -39,15 +40,19 @@ impl Crossings {
     /// Rows that meet an edge or a vertex are decided as if they were moved by an infinitesimal amount, so that every closed
     /// surface is crossed as often inwards as outwards.
     pub(super) fn new(mesh: &TriMesh, counts: &[bool], rim: &Rim, rows: &Rows) -> Self {
-        let mut all: Vec<Crossing> = (0..mesh.triangles().len())
+        let parts: Vec<Vec<Crossing>> = (0..mesh.triangles().len())
             .into_par_iter()
             .filter(|&t| counts[t])
             .fold(Vec::new, |mut found, t| {
-                cross(&mesh.corners(t), 1, rows, &mut found);
+                with_vectors(
+                    #[inline(always)]
+                    || cross(&mesh.corners(t), 1, rows, &mut found),
+                );
                 found
             })
-            .flatten_iter()
             .collect();
+        let mut all = Vec::with_capacity(parts.iter().map(Vec::len).sum());
+        parts.into_iter().for_each(|mut part| all.append(&mut part));
         for (corners, times) in rim.caps() {
             // One by one where they are too many for a crossing.
             let mut rest = times;
@@ -87,6 +92,7 @@ impl Crossings {
 }
 
 /// Adds the rows along x that cross the triangle.
+#[inline(always)]
 fn cross(corners: &[Point; 3], times: i32, rows: &Rows, found: &mut Vec<Crossing>) {
     let flat = corners.map(|p| Coord { x: p.y, y: p.z });
     let [a, b, c] = flat;

@@ -1,7 +1,6 @@
 use super::bricks::{Bricks, NO_BRICK, place};
 use super::lattice::{DETAIL_EDGE, EDGE, Lattice, PARTS};
 use crate::geometry::{Aabb, Point};
-use pulp::Arch;
 
 /// A quadratic B-spline with coefficients on three lattices: a coarse one everywhere, bricks of one eighth of its spacing in
 /// the band, and details of half that spacing where the surface needs them.
@@ -23,8 +22,9 @@ pub struct DistanceField {
     /// The bricks of details in each brick; empty when there are none at all.
     pub(super) parts: Vec<Parts>,
     pub(super) details: Bricks,
-    /// Of this machine.
-    pub(super) arch: Arch,
+    /// Vectors of this machine, when it has them.
+    #[cfg(target_arch = "x86_64")]
+    pub(super) v3: Option<pulp::x86::V3>,
 }
 
 /// The bricks of details in a brick.
@@ -39,8 +39,14 @@ pub(super) struct Parts {
 impl Parts {
     #[inline(always)]
     pub(super) fn slot(self, at: usize) -> u32 {
+        self.slot_or(at, NO_BRICK)
+    }
+
+    /// Number of the brick of details at a place, or `none`.
+    #[inline(always)]
+    pub(super) fn slot_or(self, at: usize, none: u32) -> u32 {
         let bit = 1u64 << at;
-        if self.mask & bit == 0 { NO_BRICK } else { self.first + (self.mask & (bit - 1)).count_ones() }
+        if self.mask & bit == 0 { none } else { self.first + (self.mask & (bit - 1)).count_ones() }
     }
 
     /// Number of a place in a brick.
@@ -78,7 +84,8 @@ impl DistanceField {
             bricks: Bricks::new(largest[0], EDGE),
             parts: Vec::new(),
             details: Bricks::new(largest[1], DETAIL_EDGE),
-            arch: Arch::new(),
+            #[cfg(target_arch = "x86_64")]
+            v3: pulp::x86::V3::try_new(),
         }
     }
 

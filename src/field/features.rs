@@ -223,20 +223,27 @@ impl Features {
     }
 
     /// Region of feature `index` within `reach`, mm.
+    #[inline(always)]
     pub(super) fn region(&self, index: usize, reach: f64) -> Region {
+        self.region_with::<true>(index, reach)
+    }
+
+    /// Without its half-spaces when they are not wanted.
+    #[inline(always)]
+    fn region_with<const CUT: bool>(&self, index: usize, reach: f64) -> Region {
         if let Some(&face) = self.faces.get(index) {
-            return self.face_region(face, reach);
+            return self.face_region::<CUT>(face, reach);
         }
         let index = index - self.faces.len();
         match self.edges.get(index) {
-            Some(edge) => self.edge_region(edge, reach),
-            None => self.corner_region(&self.corners[index - self.edges.len()], reach),
+            Some(edge) => self.edge_region::<CUT>(edge, reach),
+            None => self.corner_region::<CUT>(&self.corners[index - self.edges.len()], reach),
         }
     }
 
     /// Box of the region of feature `index` within `reach`, mm.
     pub(super) fn bounds(&self, index: usize, reach: f64) -> (Point, Point) {
-        let region = self.region(index, reach);
+        let region = self.region_with::<false>(index, reach);
         let corner = |offset: [f32; 3]| {
             // Single precision of the offset.
             region.anchor + double(offset)
@@ -260,13 +267,17 @@ impl Features {
         (low - reach, high + reach)
     }
 
-    fn face_region(&self, face: [u32; 3], reach: f64) -> Region {
+    #[inline(always)]
+    fn face_region<const CUT: bool>(&self, face: [u32; 3], reach: f64) -> Region {
         let [a, b, c] = face.map(|v| self.points[v as usize]);
         let normal = face_normal([a, b, c]).unwrap_or_else(Vector::x);
         let mut region = Region::new(a, Shape::Plane(single(&normal)));
         let corners = [Vector::zeros(), b - a, c - a];
         for i in 0..3 {
             region.hold(&corners[i]);
+            if !CUT {
+                continue;
+            }
             let outward = (corners[(i + 1) % 3] - corners[i]).cross(&normal).normalize();
             region.cut(single(&outward), outward.dot(&corners[i]) as f32);
         }
@@ -276,7 +287,8 @@ impl Features {
         region
     }
 
-    fn edge_region(&self, edge: &Edge, reach: f64) -> Region {
+    #[inline(always)]
+    fn edge_region<const CUT: bool>(&self, edge: &Edge, reach: f64) -> Region {
         let [a, b] = edge.ends.map(|v| self.points[v as usize]);
         let along = b - a;
         let length = along.norm();
@@ -286,7 +298,7 @@ impl Features {
         region.hold(&along);
         region.cut(single(&direction), length as f32);
         region.cut(single(&-direction), 0.0);
-        for inward in &edge.inward[..usize::from(edge.n_inward)] {
+        for inward in edge.inward[..usize::from(edge.n_inward)].iter().filter(|_| CUT) {
             region.cut(*inward, 0.0);
         }
         let sine = f64::from(edge.sine);
@@ -303,10 +315,12 @@ impl Features {
         region
     }
 
-    fn corner_region(&self, corner: &Corner, reach: f64) -> Region {
+    #[inline(always)]
+    fn corner_region<const CUT: bool>(&self, corner: &Corner, reach: f64) -> Region {
         let mut region = Region::new(self.points[corner.at as usize], Shape::Point);
         region.hold(&Vector::zeros());
-        for spoke in self.spokes[corner.first as usize..corner.last as usize].iter().take(MOST_SPOKES) {
+        let spokes = &self.spokes[corner.first as usize..corner.last as usize];
+        for spoke in spokes.iter().take(if CUT { MOST_SPOKES } else { 0 }) {
             region.cut(*spoke, 0.0);
         }
         region.spread(corner.rays.map(|(first, last)| &self.rays[first as usize..last as usize]), reach);

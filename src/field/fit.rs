@@ -5,9 +5,9 @@
 
 use super::bricks::{NO_BRICK, code, place};
 use super::distance_field::{DistanceField, Level};
-use super::lattice::EDGE;
+use super::lanes::with_vectors;
+use super::lattice::{DETAIL_EDGE, EDGE};
 use super::sites::{CLASSES, Site, Sites};
-use pulp::Arch;
 use rayon::prelude::*;
 
 /// Errors below this (in spacings) are left alone.
@@ -136,20 +136,21 @@ pub(super) fn no_coefficients() -> Around {
 pub(super) fn fit(field: &mut DistanceField, layer: &Layer, sites: &mut [Sites], spacing: f64, sweeps: usize) {
     let small = SMALL * spacing as f32;
     let mut is_stale = vec![true; sites.len()];
-    let arch = Arch::new();
     for sweep in 0..=sweeps {
         let bad: Vec<u32> = sites
             .par_iter_mut()
             .enumerate()
-            .map(|(slot, sites)| {
+            .map_init(no_coefficients, |around, (slot, sites)| {
                 if is_stale[slot] && !sites.all.is_empty() {
-                    let mut around = no_coefficients();
-                    layer.fill(field, slot, &mut around);
-                    arch.dispatch(|| {
-                        for site in &mut sites.all {
-                            site.value = site.below + layer.value(&around, site);
-                        }
-                    });
+                    layer.fill(field, slot, around);
+                    with_vectors(
+                        #[inline(always)]
+                        || {
+                            for site in &mut sites.all {
+                                site.value = site.below + layer.value(around, site);
+                            }
+                        },
+                    );
                 }
                 sites.classes_beyond(small)
             })
@@ -166,9 +167,17 @@ pub(super) fn fit(field: &mut DistanceField, layer: &Layer, sites: &mut [Sites],
         let step = field.bricks_of(layer.level).step() as f32;
         let sites = &*sites;
         let each: Vec<(usize, &mut [i16])> = field.bricks_of_mut(layer.level).each_mut().enumerate().collect();
-        each.into_par_iter()
-            .filter(|(slot, _)| moved[*slot])
-            .for_each(|(slot, codes)| arch.dispatch(|| take_back(layer, slot, sites, &matters, (step, codes))));
+        each.into_par_iter().filter(|(slot, _)| moved[*slot]).for_each(|(slot, codes)| {
+            with_vectors(
+                #[inline(always)]
+                || match layer.level {
+                    Level::Brick => take_back::<WIDE, { room(WIDE) }>(layer, slot, sites, &matters, (step, codes)),
+                    Level::Detail => {
+                        take_back::<DETAIL_WIDE, { room(DETAIL_WIDE) }>(layer, slot, sites, &matters, (step, codes));
+                    }
+                },
+            );
+        });
         is_stale = (0..sites.len())
             .into_par_iter()
             .map(|slot| layer.neighbours[slot].iter().any(|n| *n != NO_BRICK && moved[*n as usize]))
@@ -187,14 +196,18 @@ fn classes_that_matter(n: usize) -> u32 {
     (0..CLASSES).filter(matters).fold(0, |bits, class| bits | 1 << class)
 }
 
-/// Nodes along the edge of the largest brick with two more on every side.
+/// Nodes along the edges of the bricks with two more on every side.
 const WIDE: usize = EDGE + 4;
-/// Those of the box, and what a row of four reaches too far.
-const BOX: usize = WIDE * WIDE * WIDE + 1;
+const DETAIL_WIDE: usize = DETAIL_EDGE + 4;
+
+/// Two numbers for each node of a box and for one more, which a row of four reaches too far.
+const fn room(wide: usize) -> usize {
+    2 * (wide * wide * wide + 1)
+}
 
 /// Takes from the codes of a brick, worth `step` (mm) each, what the errors at the sites around want.
 #[inline(always)]
-fn take_back(
+fn take_back<const WIDE: usize, const ROOM: usize>(
     layer: &Layer,
     slot: usize,
     sites: &[Sites],
@@ -202,23 +215,23 @@ fn take_back(
     (step, codes): (f32, &mut [i16]),
 ) {
     let edge = layer.level.edge();
-    let mut wanted = [0.0f32; 2 * BOX];
+    let mut wanted = [0.0f32; ROOM];
     for (n, &neighbour) in layer.neighbours[slot].iter().enumerate().filter(|(_, s)| **s != NO_BRICK) {
         // The box's first node of the three around the neighbour's first.
         let shift = self::step(n).map(|s| s * edge as isize + 1);
         for class in (0..CLASSES).filter(|class| matters[n] >> class & 1 == 1) {
             for site in sites[neighbour as usize].of_class(class) {
                 let first = [0, 1, 2].map(|a| (isize::from(site.cell[a]) + shift[a]) as usize);
-                spread(site, first, &mut wanted);
+                spread::<WIDE>(site, first, &mut wanted);
             }
         }
     }
     if layer.level == Level::Detail {
         // The details end there.
-        layer.for_rim(slot, |n| wanted[2 * wide_place(edge, n) + 1] = 0.0);
+        layer.for_rim(slot, |n| wanted[2 * wide_place::<WIDE>(edge, n) + 1] = 0.0);
     }
     for (n, own) in codes.iter_mut().enumerate() {
-        let at = 2 * wide_place(edge, n);
+        let at = 2 * wide_place::<WIDE>(edge, n);
         let (sum, total) = (wanted[at], wanted[at + 1]);
         if total > 0.0 {
             *own = code(f32::from(*own) - sum / (total * step));
@@ -228,14 +241,14 @@ fn take_back(
 
 /// Where a brick's node lies in the box around it.
 #[inline(always)]
-fn wide_place(edge: usize, n: usize) -> usize {
+fn wide_place<const WIDE: usize>(edge: usize, n: usize) -> usize {
     place(WIDE, [n % edge + 2, n / edge % edge + 2, n / (edge * edge) + 2])
 }
 
 /// Adds what a site, the first of whose nodes is `first`, wants of each coefficient (times its weight), and the weight: w³ e / Σw²
 /// and w², one beside the other.
 #[inline(always)]
-fn spread(site: &Site, first: [usize; 3], wanted: &mut [f32; 2 * BOX]) {
+fn spread<const WIDE: usize>(site: &Site, first: [usize; 3], wanted: &mut [f32]) {
     let [x, y, z] = site.weights();
     let square = |w: &[f32; 3]| w[0] * w[0] + w[1] * w[1] + w[2] * w[2];
     let share = site.value / (square(&x) * square(&y) * square(&z));

@@ -22,6 +22,7 @@ mod exact;
 mod features;
 mod fit;
 mod flood;
+mod lanes;
 mod lattice;
 mod method;
 mod query;

@@ -1,21 +1,22 @@
 //! Value, gradient and Hessian of a field at a point.
 
-use super::bricks::{Bricks, NO_BRICK, Reach, place, row_of};
+use super::bricks::{Bricks, NO_BRICK, Reach, is_within, place};
 use super::distance_field::DistanceField;
-use super::lattice::{BRICK, DETAIL_EDGE, EDGE};
-use super::spline::{self, Jet, Rows, Weights};
+use super::lanes::{Lanes, Plain};
+use super::lattice::{DETAIL_EDGE, EDGE, PARTS};
+use super::spline::{self, Between, Jet};
 use crate::geometry::{Implicit, Point, Vector};
 use nalgebra::Matrix3;
-use pulp::{Simd, WithSimd};
 
-/// The polynomial of the cell around a point.
-struct Cell {
-    rows: Rows,
-    /// What the coefficients are worth, mm.
-    step: f64,
-    weights: [Weights; 3],
-    /// Nodes in a mm.
-    per_mm: f64,
+/// The node nearest to a point.
+#[derive(Clone, Copy)]
+struct Spot {
+    /// In its brick.
+    local: [usize; 3],
+    /// The point between the nodes around.
+    at: [Between; 3],
+    /// Numbers of its brick and of those that it touches: bit 0 for the other along x, and so on.
+    slots: [u32; 8],
 }
 
 impl DistanceField {
@@ -25,7 +26,7 @@ impl DistanceField {
     #[must_use]
     pub fn value_gradient_hessian(&self, p: &Point) -> (f64, Vector, Matrix3<f64>) {
         let (inner, beyond) = self.clamped(p);
-        let mut jet = self.arch.dispatch(JetTask { field: self, inner: &inner });
+        let mut jet = self.jet(&inner);
         let Some((direction, distance)) = beyond else { return (jet.value, jet.gradient, jet.hessian) };
         // Moving along an axis that was cut off does not move the closest point of the box.
         for a in 0..3 {
@@ -43,227 +44,230 @@ impl DistanceField {
     /// The closest point of the domain, and when `p` is outside the unit vector from there to `p` and its distance.
     #[inline]
     fn clamped(&self, p: &Point) -> (Point, Option<(Vector, f64)>) {
-        let domain = &self.domain;
-        if (0..3).all(|a| domain.min[a] <= p[a] && p[a] <= domain.max[a]) {
+        if self.holds(p) {
             return (*p, None);
         }
+        let domain = &self.domain;
         let inner = p.sup(&domain.min).inf(&domain.max);
         let offset = p - inner;
         let distance = offset.norm();
         (inner, (distance > 0.0).then(|| (offset / distance, distance)))
     }
 
-    /// The cell of bricks (or of the coarse spline) around a point, and that of details if there are any.
-    #[inline(always)]
-    fn cells(&self, inner: &Point) -> (Cell, Option<Cell>) {
-        let lattice = &self.lattice;
-        let u = (inner - lattice.origin) * lattice.per_mm;
-        let mut node = [0; 3];
-        let mut weights = [Weights::at(0.0); 3];
-        for a in 0..3 {
-            (node[a], weights[a]) = nearest_node(u[a], EDGE * lattice.bricks[a]);
+    /// From now on queries are computed without the vectors of this processor.
+    #[cfg(test)]
+    pub(super) fn without_vectors(&mut self) {
+        #[cfg(target_arch = "x86_64")]
+        {
+            self.v3 = None;
         }
-        let along = node.map(|n| Reach::of(n, EDGE));
+    }
+
+    /// The spline in the domain.
+    #[inline(always)]
+    fn jet(&self, inner: &Point) -> Jet {
+        #[cfg(target_arch = "x86_64")]
+        if let Some(v3) = self.v3 {
+            return pulp::Simd::vectorize(v3, JetTask { field: self, inner, lanes: v3 });
+        }
+        self.jet_with(Plain, inner)
+    }
+
+    #[inline(always)]
+    fn jet_with<L: Lanes>(&self, lanes: L, inner: &Point) -> Jet {
+        let spot = self.spot(inner);
+        if !is_whole(&spot) {
+            return self.outer_jet(inner, &spot);
+        }
+        let mut jet = self.brick_jet(lanes, &self.bricks.around::<EDGE>(&spot.slots, spot.local), &spot.at);
+        if let Some(detail) = self.detail_spot(inner, &spot) {
+            let words = self.details.around::<DETAIL_EDGE>(&detail.slots, detail.local);
+            jet.add(&self.detail_jet(lanes, &words, &detail.at));
+        }
+        jet
+    }
+
+    #[inline(always)]
+    fn brick_jet<L: Lanes>(&self, lanes: L, words: &[u64; 9], at: &[Between; 3]) -> Jet {
+        spline::jet(lanes, &spline::rows(lanes, words), at).scaled(self.bricks.step(), self.lattice.per_mm)
+    }
+
+    #[inline(always)]
+    fn detail_jet<L: Lanes>(&self, lanes: L, words: &[u64; 9], at: &[Between; 3]) -> Jet {
+        spline::jet(lanes, &spline::rows(lanes, words), at).scaled(self.details.step(), 2.0 * self.lattice.per_mm)
+    }
+
+    #[inline(always)]
+    fn holds(&self, p: &Point) -> bool {
+        let domain = &self.domain;
+        (0..3).all(|a| domain.min[a] <= p[a] && p[a] <= domain.max[a])
+    }
+
+    /// A point of the domain in nodes.
+    #[inline(always)]
+    fn in_nodes(&self, inner: &Point) -> Vector {
+        (inner - self.lattice.origin) * self.lattice.per_mm
+    }
+
+    #[inline(always)]
+    fn spot(&self, inner: &Point) -> Spot {
+        let lattice = &self.lattice;
+        let u = self.in_nodes(inner);
+        let (i, x) = nearest_node(u.x, EDGE * lattice.bricks[0]);
+        let (j, y) = nearest_node(u.y, EDGE * lattice.bricks[1]);
+        let (k, z) = nearest_node(u.z, EDGE * lattice.bricks[2]);
+        let local = [i % EDGE, j % EDGE, k % EDGE];
         let [nx, ny, _] = lattice.index_dims();
-        let base = lattice.index_of(node.map(|n| n / EDGE));
-        let steps = [along[0].other, along[1].other * nx as isize, along[2].other * (nx * ny) as isize];
+        let first = lattice.index_of([i / EDGE, j / EDGE, k / EDGE]);
+        let own = self.index[first];
+        if is_within(local, EDGE) {
+            return Spot { local, at: [x, y, z], slots: [own; 8] };
+        }
+        let step = |a: usize| Reach::of(local[a], EDGE).other;
+        let second = first.wrapping_add_signed(step(1) * nx as isize);
+        let above = step(2) * (nx * ny) as isize;
+        let rows = [first, second, first.wrapping_add_signed(above), second.wrapping_add_signed(above)];
         let mut slots = [0; 8];
-        for (n, slot) in slots.iter_mut().enumerate() {
-            let mut at = base;
-            for (a, step) in steps.iter().enumerate() {
-                if n >> a & 1 == 1 {
-                    at = at.wrapping_add_signed(*step);
-                }
-            }
-            *slot = self.index[at];
+        for (n, row) in rows.iter().enumerate() {
+            slots[2 * n] = self.index[*row];
+            slots[2 * n + 1] = self.index[row.wrapping_add_signed(step(0))];
         }
-        if slots.contains(&NO_BRICK) {
-            return self.outer_cells(&u, node, &weights, &along, &slots);
-        }
-        let [x, y, z] = &along;
-        let first = |side: usize, x: usize| {
-            let mut first = [[0; 3]; 3];
-            for (k, first) in first.iter_mut().enumerate() {
-                for (j, first) in first.iter_mut().enumerate() {
-                    let slot = slots[side | y.lies[j] << 1 | z.lies[k] << 2] as usize;
-                    *first = slot * BRICK + row_of(y.places[j], z.places[k]) + x;
-                }
-            }
-            first
-        };
-        let rows = if x.is_inner() {
-            self.bricks.rows(&first(0, x.places[0]))
-        } else {
-            self.bricks.columns(&[first(0, 0), first(1, 0)], x)
-        };
-        let cell = Cell { rows, step: self.bricks.step(), weights, per_mm: lattice.per_mm };
-        let has_details = self.parts.get(slots[0] as usize).is_some_and(|parts| parts.mask != 0);
-        (cell, if has_details { self.detail(&u) } else { None })
+        Spot { local, at: [x, y, z], slots }
     }
 
-    /// [`DistanceField::cells`] where some of the bricks around do not exist.
-    #[cold]
-    fn outer_cells(
-        &self,
-        u: &Vector,
-        node: [usize; 3],
-        weights: &[Weights; 3],
-        along: &[Reach; 3],
-        slots: &[u32; 8],
-    ) -> (Cell, Option<Cell>) {
-        let lattice = &self.lattice;
-        if slots.iter().any(|s| *s != NO_BRICK) {
-            let step = self.bricks.step();
-            let missing = |n: usize| {
-                let at = [n % 3, n / 3 % 3, n / 9];
-                self.refined_coarse([0, 1, 2].map(|a| (node[a] + at[a]) as isize - 1)) / step
-            };
-            let c = some_around(&self.bricks, EDGE, slots, along, missing);
-            let cell = Cell { rows: spline::rows(&c), step, weights: *weights, per_mm: lattice.per_mm };
-            return (cell, if slots[0] == NO_BRICK { None } else { self.detail(u) });
-        }
-        // The coarse spline says the same.
-        let brick = node.map(|n| n / EDGE);
-        let mut weights = [Weights::at(0.0); 3];
-        for a in 0..3 {
-            let middle = (brick[a] * EDGE) as f64 + 0.5 * (EDGE as f64 - 1.0);
-            weights[a] = Weights::at(((u[a] - middle) / EDGE as f64).clamp(-0.5, 0.5));
-        }
-        let rows = spline::rows(&self.coarse_around(brick));
-        (Cell { rows, step: 1.0, weights, per_mm: 1.0 / lattice.coarse_spacing() }, None)
-    }
-
-    /// The cell of details around a point `u`, in nodes of the bricks.
+    /// The same for the details, if there are any; all bricks around `spot` exist.
     #[inline(always)]
-    fn detail(&self, u: &Vector) -> Option<Cell> {
-        let lattice = &self.lattice;
-        let mut node = [0; 3];
-        let mut weights = [Weights::at(0.0); 3];
-        for a in 0..3 {
-            (node[a], weights[a]) = nearest_node(2.0 * u[a] + 0.5, 2 * EDGE * lattice.bricks[a]);
-        }
-        let brick = node.map(|n| n / DETAIL_EDGE);
-        let own = self.detail_slot(brick.map(|b| b as isize));
-        if own == NO_BRICK {
+    fn detail_spot(&self, inner: &Point, spot: &Spot) -> Option<Spot> {
+        if self.parts.get(spot.slots[0] as usize)?.mask == 0 {
             return None;
         }
-        let along = node.map(|n| Reach::of(n, DETAIL_EDGE));
-        let mut slots = [own; 8];
-        for (n, slot) in slots.iter_mut().enumerate().skip(1) {
-            let step = |a: usize| if n >> a & 1 == 1 { along[a].other } else { 0 };
-            *slot = self.detail_slot([0, 1, 2].map(|a| brick[a] as isize + step(a)));
+        let lattice = &self.lattice;
+        let u = self.in_nodes(inner);
+        let none = self.details.none();
+        let mut at = [Between::at(0.0); 3];
+        let mut local = [0; 3];
+        // Along each axis the parts that hold the node and the one that is touched, and whether that lies in the other brick.
+        let mut parts = [[0; 2]; 3];
+        let mut beyond = [0; 3];
+        for a in 0..3 {
+            let (node, between) = nearest_node(2.0 * u[a] + 0.5, 2 * EDGE * lattice.bricks[a]);
+            (at[a], local[a]) = (between, node % DETAIL_EDGE);
+            let part = node / DETAIL_EDGE % PARTS;
+            let other = part.wrapping_add_signed(Reach::of(local[a], DETAIL_EDGE).other);
+            parts[a] = [part, other % PARTS];
+            beyond[a] = usize::from(other >= PARTS) << a;
         }
-        let rows = spline::rows(&some_around(&self.details, DETAIL_EDGE, &slots, &along, |_| 0.0));
-        Some(Cell { rows, step: self.details.step(), weights, per_mm: 2.0 * lattice.per_mm })
+        let mut slots = [none; 8];
+        let own = self
+            .parts
+            .get(spot.slots[0] as usize)?
+            .slot_or(place(PARTS, [parts[0][0], parts[1][0], parts[2][0]]), none);
+        if own == none || is_within(local, DETAIL_EDGE) {
+            return (own != none).then_some(Spot { local, at, slots: [own; 8] });
+        }
+        for (n, slot) in slots.iter_mut().enumerate() {
+            let [x, y, z] = [n & 1, n >> 1 & 1, n >> 2];
+            let brick = (x * beyond[0]) | (y * beyond[1]) | (z * beyond[2]);
+            if let Some(of_brick) = self.parts.get(spot.slots[brick] as usize) {
+                *slot = of_brick.slot_or(place(PARTS, [parts[0][x], parts[1][y], parts[2][z]]), none);
+            }
+        }
+        Some(Spot { local, at, slots })
     }
+
+    /// The spline where some of the bricks around a point do not exist.
+    #[cold]
+    #[inline(never)]
+    fn outer_jet(&self, inner: &Point, spot: &Spot) -> Jet {
+        let lattice = &self.lattice;
+        let u = self.in_nodes(inner);
+        let along = spot.local.map(|n| Reach::of(n, EDGE));
+        let node = [0, 1, 2].map(|a| nearest_node(u[a], EDGE * lattice.bricks[a]).0);
+        if spot.slots.iter().all(|s| *s == NO_BRICK) {
+            // The coarse spline says the same.
+            let brick = node.map(|n| n / EDGE);
+            let at = [0, 1, 2].map(|a| {
+                let middle = (brick[a] * EDGE) as f64 + 0.5 * (EDGE as f64 - 1.0);
+                Between::at(((u[a] - middle) / EDGE as f64).clamp(-0.5, 0.5))
+            });
+            let rows = in_rows(&self.coarse_around(brick));
+            return spline::jet(Plain, &rows, &at).scaled(1.0, 1.0 / lattice.coarse_spacing());
+        }
+        let step = self.bricks.step();
+        let missing = |n: usize| {
+            let at = [n % 3, n / 3 % 3, n / 9];
+            self.refined_coarse([0, 1, 2].map(|a| (node[a] + at[a]) as isize - 1)) / step
+        };
+        let rows = in_rows(&some_around(&self.bricks, &spot.slots, &along, missing));
+        let mut jet = spline::jet(Plain, &rows, &spot.at).scaled(step, lattice.per_mm);
+        if spot.slots[0] != NO_BRICK
+            && let Some(detail) = self.detail_spot(inner, spot)
+        {
+            let words = self.details.around::<DETAIL_EDGE>(&detail.slots, detail.local);
+            jet.add(&self.detail_jet(Plain, &words, &detail.at));
+        }
+        jet
+    }
+}
+
+/// Whether all bricks around a point exist.
+#[inline(always)]
+fn is_whole(spot: &Spot) -> bool {
+    let mut largest = 0;
+    for slot in spot.slots {
+        largest = slot.max(largest);
+    }
+    largest != NO_BRICK
+}
+
+/// The spline in the domain, for vectors of this processor: a closure would be compiled without them (measured).
+#[cfg(target_arch = "x86_64")]
+struct JetTask<'a, L> {
+    field: &'a DistanceField,
+    inner: &'a Point,
+    lanes: L,
+}
+
+#[cfg(target_arch = "x86_64")]
+impl<L: Lanes> pulp::WithSimd for JetTask<'_, L> {
+    type Output = Jet;
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) -> Jet {
+        self.field.jet_with(self.lanes, self.inner)
+    }
+}
+
+/// Rows of coefficients, x fastest.
+fn in_rows(c: &[f64; 27]) -> [[f64; 4]; 9] {
+    std::array::from_fn(|n| [c[3 * n], c[3 * n + 1], c[3 * n + 2], 0.0])
 }
 
 /// Codes around a node, x fastest, of bricks whose numbers are `slots`, and what `missing` says where there is none.
-#[inline(always)]
-fn some_around(
-    bricks: &Bricks,
-    edge: usize,
-    slots: &[u32; 8],
-    [x, y, z]: &[Reach; 3],
-    missing: impl Fn(usize) -> f64,
-) -> [f64; 27] {
-    let mut c = [0.0; 27];
-    for k in 0..3 {
-        for j in 0..3 {
-            for i in 0..3 {
-                let n = 9 * k + 3 * j + i;
-                let slot = slots[x.lies[i] | y.lies[j] << 1 | z.lies[k] << 2];
-                c[n] = match slot {
-                    NO_BRICK => missing(n),
-                    slot => bricks.at(slot, place(edge, [x.places[i], y.places[j], z.places[k]])),
-                };
-            }
+fn some_around(bricks: &Bricks, slots: &[u32; 8], [x, y, z]: &[Reach; 3], missing: impl Fn(usize) -> f64) -> [f64; 27] {
+    std::array::from_fn(|n| {
+        let [i, j, k] = [n % 3, n / 3 % 3, n / 9];
+        match slots[x.lies[i] | y.lies[j] << 1 | z.lies[k] << 2] {
+            NO_BRICK => missing(n),
+            slot => bricks.at(slot, place(EDGE, [x.places[i], y.places[j], z.places[k]])),
         }
-    }
-    c
+    })
 }
 
-/// The node nearest to `u` (in nodes, at most half a node off the lattice) among `count`, and the weights of it and its
-/// neighbours.
+/// The node nearest to `u` (in nodes, at most half a node off the lattice) among `count`, and where the point lies around it.
 #[inline(always)]
-fn nearest_node(u: f64, count: usize) -> (usize, Weights) {
+fn nearest_node(u: f64, count: usize) -> (usize, Between) {
     /// Adding it leaves the nearest integer in the lowest bits.
     const ROUNDING: f64 = 6_755_399_441_055_744.0;
     let u = if u > -0.5 { u } else { -0.5 };
     let n = ((u + ROUNDING).to_bits() as i32).min(count as i32 - 1);
     let t = u - f64::from(n);
-    (n as usize, Weights::at(if t < 0.5 { t } else { 0.5 }))
-}
-
-impl Cell {
-    #[inline(always)]
-    fn jet(&self) -> Jet {
-        let mut jet = spline::jet(&self.rows, &self.weights);
-        jet.value *= self.step;
-        jet.gradient *= self.step * self.per_mm;
-        jet.hessian *= self.step * self.per_mm * self.per_mm;
-        jet
-    }
-
-    #[inline(always)]
-    fn value(&self) -> f64 {
-        self.step * spline::value(&self.rows, &self.weights)
-    }
-
-    #[inline(always)]
-    fn value_gradient(&self) -> (f64, Vector) {
-        let (value, gradient) = spline::value_gradient(&self.rows, &self.weights);
-        (self.step * value, gradient * (self.step * self.per_mm))
-    }
-}
-
-/// Value, gradient and Hessian in the domain, for the vectors of this machine.
-struct JetTask<'a> {
-    field: &'a DistanceField,
-    inner: &'a Point,
-}
-
-impl WithSimd for JetTask<'_> {
-    type Output = Jet;
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> Jet {
-        let (cell, detail) = self.field.cells(self.inner);
-        let mut jet = cell.jet();
-        if let Some(detail) = detail {
-            let detail = detail.jet();
-            jet.value += detail.value;
-            jet.gradient += detail.gradient;
-            jet.hessian += detail.hessian;
-        }
-        jet
-    }
-}
-
-/// The same without the Hessian.
-struct SlopeTask<'a> {
-    field: &'a DistanceField,
-    inner: &'a Point,
-}
-
-impl WithSimd for SlopeTask<'_> {
-    type Output = (f64, Vector);
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> (f64, Vector) {
-        let (cell, detail) = self.field.cells(self.inner);
-        let (value, gradient) = cell.value_gradient();
-        let Some(detail) = detail else { return (value, gradient) };
-        let more = detail.value_gradient();
-        (value + more.0, gradient + more.1)
-    }
+    (n as usize, Between::at(if t < 0.5 { t } else { 0.5 }))
 }
 
 impl Implicit for DistanceField {
     fn value(&self, p: &Point) -> f64 {
-        let (inner, beyond) = self.clamped(p);
-        let (cell, detail) = self.cells(&inner);
-        cell.value() + detail.map_or(0.0, |d| d.value()) + beyond.map_or(0.0, |(_, distance)| distance)
+        self.value_gradient(p).0
     }
 
     fn hessian(&self, p: &Point) -> Matrix3<f64> {
@@ -272,7 +276,7 @@ impl Implicit for DistanceField {
 
     fn value_gradient(&self, p: &Point) -> (f64, Vector) {
         let (inner, beyond) = self.clamped(p);
-        let (mut value, mut gradient) = self.arch.dispatch(SlopeTask { field: self, inner: &inner });
+        let Jet { mut value, mut gradient, .. } = self.jet(&inner);
         if let Some((direction, distance)) = beyond {
             // Moving along an axis that was cut off does not move the closest point of the box.
             gradient = gradient.zip_map(&direction, |g, d| if d == 0.0 { g } else { d });

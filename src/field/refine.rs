@@ -5,9 +5,10 @@ use super::build::{HALO, SWEEPS, coefficients};
 use super::crossings::Rows;
 use super::distance_field::{DistanceField, Level, Parts};
 use super::fit::{Layer, fit, no_coefficients};
+use super::lanes::with_vectors;
 use super::lattice::{DETAIL_EDGE, EDGE, PARTS};
 use super::sites::{Site, Sites, Spread};
-use super::spline::Weights;
+use super::spline::weights;
 use super::tiles::{Source, TILE, Tile, Tiles};
 use crate::control::{Cancelled, Control};
 use crate::geometry::Vector;
@@ -43,24 +44,29 @@ impl Rough {
         let counts = lattice.bricks.map(|n| PARTS * n);
         let found: Vec<Vec<[usize; 3]>> = (0..sites.len())
             .into_par_iter()
-            .map(|slot| {
-                let mut places = Vec::new();
-                for site in sites[slot].all.iter().filter(|s| s.value.abs() > limit) {
-                    places_around(layer.at[slot], &site.local(), counts, &mut places);
-                }
-                if !sites[slot].all.is_empty() {
-                    let mut around = no_coefficients();
-                    layer.fill(field, slot, &mut around);
-                    spread.for_joints(slot, layer.at[slot], |p| {
-                        let site = Site::new(p);
-                        if layer.value(&around, &site).abs() > limit_between {
+            .map_init(no_coefficients, |around, slot| {
+                with_vectors(
+                    #[inline(always)]
+                    || {
+                        let mut places = Vec::new();
+                        for site in sites[slot].all.iter().filter(|s| s.value.abs() > limit) {
                             places_around(layer.at[slot], &site.local(), counts, &mut places);
                         }
-                    });
-                }
-                places.sort_unstable();
-                places.dedup();
-                places
+                        if !sites[slot].all.is_empty() {
+                            layer.fill(field, slot, around);
+
+                            spread.for_joints(slot, layer.at[slot], |p| {
+                                let site = Site::new(p);
+                                if layer.value(around, &site).abs() > limit_between {
+                                    places_around(layer.at[slot], &site.local(), counts, &mut places);
+                                }
+                            });
+                        }
+                        places.sort_unstable();
+                        places.dedup();
+                        places
+                    },
+                )
             })
             .collect();
         let mut rough =
@@ -137,7 +143,11 @@ pub(super) fn add_details(
         rough.in_box(field, from, [0, 1, 2].map(|a| (last[a] / DETAIL_EDGE).min(rough.counts[a] - 1)))
     };
     let tiles = Tiles::new(source, rows, HALO, FADE[1] * spacing, wanted);
-    let built = tiles.map(control, |tile| tile_details(field, &rough, tile, spacing))?;
+    let built = tiles.map(
+        control,
+        #[inline(always)]
+        |tile| tile_details(field, &rough, tile, spacing),
+    )?;
     drop(tiles);
     add(field, built);
     let details = Layer::new(field, Level::Detail);
@@ -155,6 +165,7 @@ struct Built {
 }
 
 /// The wanted bricks of a tile.
+#[inline(always)]
 fn tile_details(field: &DistanceField, rough: &Rough, tile: &Tile, spacing: f64) -> Built {
     const ALONG: usize = TILE / DETAIL_EDGE;
     let mut built = Built::default();
@@ -221,15 +232,16 @@ fn detail_sites(field: &DistanceField, sites: &[Sites]) -> Vec<Sites> {
                     found[(slot - parts.first) as usize].push(Site { below: site.value, ..Site::new(&p) });
                 }
             }
-            found.into_iter().map(|sites| Sites::new(sites, DETAIL_EDGE))
+            found.into_iter().map(|sites| Sites::new(&sites, DETAIL_EDGE))
         })
         .collect()
 }
 
 /// Signed distances at the nodes of a brick and next to it; away from the surface those of the coarser spline.
+#[inline(always)]
 fn detail_values(parents: &[f32], tile: &Tile, (node, spacing): ([usize; 3], f64), values: &mut [f32; SIDE.pow(3)]) {
     let (inside, _) = tile.inside(node, [SIDE; 3]);
-    let weights = [-0.25, 0.25].map(|t| Weights::at(t).value.map(|w| w as f32));
+    let weights = [-0.25, 0.25].map(|t| weights(t).map(|w| w as f32));
     let coarser = on_details(parents, &weights);
     let fade = FADE.map(|f| (f * spacing) as f32);
     tile.copy_squared(node, SIDE, values);
@@ -268,6 +280,7 @@ fn parents(field: &DistanceField, at: [usize; 3]) -> [f32; PARENTS.pow(3)] {
 
 /// Coefficients that the bricks' spline has at the nodes: halving the knots (Chaikin) takes three quarters of the near one and
 /// one quarter of the next.
+#[inline(always)]
 fn refined(parents: &[f32]) -> [f32; VOLUME] {
     let around = on_details(parents, &[[0.25, 0.75, 0.0], [0.0, 0.75, 0.25]]);
     let mut own = [0.0; VOLUME];
@@ -280,6 +293,7 @@ fn refined(parents: &[f32]) -> [f32; VOLUME] {
 
 /// Sums of a brick's parents at its nodes and those next to it. A node lies a quarter of the parents' spacing before or behind
 /// the nearest of them: `weights` are those of the three around for either case.
+#[inline(always)]
 fn on_details(parents: &[f32], weights: &[[f32; 3]; 2]) -> [f32; SIDE.pow(3)] {
     // The first node lies behind its parent.
     let sum = |of: &[f32], stride: usize, i: usize| {

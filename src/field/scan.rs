@@ -44,6 +44,7 @@ impl Slab {
     }
 
     /// Squared distances of a row from (i, j, k) on, mm².
+    #[inline(always)]
     pub(super) fn copy_row(&self, i: usize, j: usize, k: usize, to: &mut [f32]) {
         let row = self.places[1][j] + self.places[2][k];
         for (to, place) in to.iter_mut().zip(&self.places[0][i..]) {

@@ -2,6 +2,7 @@
 
 use super::bricks::NO_BRICK;
 use super::distance_field::{DistanceField, Level};
+use super::lanes::with_vectors;
 use super::lattice::EDGE;
 use crate::geometry::{Point, TriMesh, Vector};
 use rayon::prelude::*;
@@ -127,10 +128,11 @@ impl<'a> Spread<'a> {
     }
 
     /// Sites in the brick `slot` at `at` (in bricks): the middles of equal parts of triangles, and vertices: tips and ridges,
-    /// where a spline is farthest off.
-    pub(super) fn sites(&self, slot: usize, at: [i32; 3]) -> Sites {
+    /// where a spline is farthest off. `sites` is room for them.
+    #[inline(always)]
+    pub(super) fn sites(&self, slot: usize, at: [i32; 3], sites: &mut Vec<Site>) -> Sites {
         let corner = corner_of(at);
-        let mut sites = Vec::new();
+        sites.clear();
         self.for_points(slot, &corner, Kind::Middles, &mut |p| sites.push(Site::new(p)));
         for &v in self.vertices.of(slot) {
             sites.push(Site::new(&(self.local(&self.mesh.positions()[v as usize]) - corner)));
@@ -139,10 +141,12 @@ impl<'a> Spread<'a> {
     }
 
     /// The points of the surface in a brick that are farthest from sites, from the brick's first node on.
+    #[inline(always)]
     pub(super) fn for_joints(&self, slot: usize, at: [i32; 3], mut visit: impl FnMut(&Vector)) {
         self.for_points(slot, &corner_of(at), Kind::Joints, &mut visit);
     }
 
+    #[inline(always)]
     fn for_points(&self, slot: usize, corner: &Vector, kind: Kind, visit: &mut impl FnMut(&Vector)) {
         for &t in self.triangles.of(slot) {
             let [a, b, c] = self.corners(t as usize);
@@ -163,6 +167,7 @@ impl<'a> Spread<'a> {
 }
 
 /// Those of the points `start` + n `step` that lie in the cells of the brick at 0.
+#[inline(always)]
 fn row_in_brick(start: &Vector, step: &Vector, range: std::ops::Range<usize>, visit: &mut impl FnMut(&Vector)) {
     let (low, high) = (-0.5, EDGE as f64 - 0.5);
     let (mut from, mut to) = (range.start as f64, range.end as f64 - 1.0);
@@ -210,6 +215,7 @@ pub(super) struct Site {
 
 impl Site {
     /// At `p`, in nodes from the brick's first.
+    #[inline(always)]
     pub(super) fn new(p: &Vector) -> Self {
         let mut site = Self { cell: [0; 3], offset: [0.0; 3], below: 0.0, value: 0.0 };
         for a in 0..3 {
@@ -248,7 +254,7 @@ pub(super) struct Sites {
 
 impl Sites {
     /// Of a brick with `edge` nodes along an axis.
-    pub(super) fn new(all: Vec<Site>, edge: usize) -> Self {
+    pub(super) fn new(all: &[Site], edge: usize) -> Self {
         if all.is_empty() {
             return Self::default();
         }
@@ -259,7 +265,7 @@ impl Sites {
         };
         let class = |site: &Site| side(site.cell[0]) + 3 * side(site.cell[1]) + 9 * side(site.cell[2]);
         let mut first = vec![0u32; CLASSES + 1];
-        for site in &all {
+        for site in all {
             first[class(site) + 1] += 1;
         }
         for n in 0..CLASSES {
@@ -269,8 +275,8 @@ impl Sites {
         let mut next = first.clone();
         let mut sorted = vec![all[0]; all.len()];
         for site in all {
-            let place = &mut next[class(&site)];
-            sorted[*place as usize] = site;
+            let place = &mut next[class(site)];
+            sorted[*place as usize] = *site;
             *place += 1;
         }
         Self { all: sorted, first }
@@ -294,5 +300,14 @@ impl Sites {
 
 /// All sites of a field's bricks.
 pub(super) fn of_bricks(spread: &Spread, places: &[[i32; 3]]) -> Vec<Sites> {
-    places.par_iter().enumerate().map(|(slot, at)| spread.sites(slot, *at)).collect()
+    places
+        .par_iter()
+        .enumerate()
+        .map_init(Vec::new, |found, (slot, at)| {
+            with_vectors(
+                #[inline(always)]
+                || spread.sites(slot, *at, found),
+            )
+        })
+        .collect()
 }

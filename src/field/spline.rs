@@ -1,25 +1,13 @@
 //! Quadratic B-splines on a lattice: weights of the three nearest coefficients along each axis, and their products.
 
+use super::lanes::Lanes;
 use crate::geometry::Vector;
 use nalgebra::Matrix3;
 
-/// Weights of the coefficients at -1, 0, 1 for a point at `t` (in [-1/2, 1/2], in spacings from the nearest), with their
-/// first and second derivatives by `t`.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Weights {
-    pub(super) value: [f64; 3],
-    pub(super) slope: [f64; 3],
-}
-
-/// Second derivatives of the weights; they do not depend on the place.
-const CURVATURE: [f64; 3] = [1.0, -2.0, 1.0];
-
-impl Weights {
-    #[inline(always)]
-    pub(super) fn at(t: f64) -> Self {
-        let (low, high) = (0.5 - t, 0.5 + t);
-        Self { value: [0.5 * low * low, 0.75 - t * t, 0.5 * high * high], slope: [-low, -2.0 * t, high] }
-    }
+/// Weights of the coefficients at -1, 0, 1 for a point at `t`, in spacings from the nearest.
+pub(super) fn weights(t: f64) -> [f64; 3] {
+    let (low, high) = (0.5 - t, 0.5 + t);
+    [0.5 * low * low, 0.75 - t * t, 0.5 * high * high]
 }
 
 /// Value, gradient and Hessian.
@@ -30,80 +18,89 @@ pub(super) struct Jet {
     pub(super) hessian: Matrix3<f64>,
 }
 
-/// The 3³ coefficients around a node as rows along x, y fastest; the fourth lane does not count.
-pub(super) type Rows = [[f64; 4]; 9];
+impl Jet {
+    /// Of coefficients that are worth `step` each, on a lattice with `per_mm` nodes in a mm.
+    #[inline(always)]
+    pub(super) fn scaled(mut self, step: f64, per_mm: f64) -> Self {
+        self.value *= step;
+        self.gradient *= step * per_mm;
+        self.hessian *= step * per_mm * per_mm;
+        self
+    }
 
-/// Rows of coefficients, x fastest.
-pub(super) fn rows(c: &[f64; 27]) -> Rows {
-    let mut rows = [[0.0; 4]; 9];
-    for (row, c) in rows.iter_mut().zip(c.chunks_exact(3)) {
-        *row = [c[0], c[1], c[2], 0.0];
+    #[inline(always)]
+    pub(super) fn add(&mut self, other: &Self) {
+        self.value += other.value;
+        self.gradient += other.gradient;
+        self.hessian += other.hessian;
+    }
+}
+
+/// The place of a point between three coefficients along an axis.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Between {
+    /// Distances from the ends of the middle one's cell, in spacings.
+    low: f64,
+    high: f64,
+    /// Halves of their squares.
+    low_sq: f64,
+    high_sq: f64,
+}
+
+impl Between {
+    /// At `t` (in [-1/2, 1/2], in spacings from the middle one).
+    #[inline(always)]
+    pub(super) fn at(t: f64) -> Self {
+        let (low, high) = (0.5 - t, 0.5 + t);
+        Self { low, high, low_sq: 0.5 * low * low, high_sq: 0.5 * high * high }
+    }
+
+    /// The sum of three coefficients by their weights, and its first and second derivatives by `t`.
+    #[inline(always)]
+    fn along<L: Lanes>(&self, lanes: L, [a, b, c]: [L::Four; 3]) -> [L::Four; 3] {
+        let (from, to) = (lanes.sub(b, a), lanes.sub(c, b));
+        let (low, high) = (lanes.mul(lanes.splat(self.low_sq), from), lanes.mul(lanes.splat(self.high_sq), to));
+        let value = lanes.add(b, lanes.sub(high, low));
+        let (low, high) = (lanes.mul(lanes.splat(self.low), from), lanes.mul(lanes.splat(self.high), to));
+        [value, lanes.add(low, high), lanes.sub(to, from)]
+    }
+}
+
+/// Rows of codes.
+#[inline(always)]
+pub(super) fn rows<L: Lanes>(lanes: L, words: &[u64; 9]) -> [L::Four; 9] {
+    let mut rows = [lanes.splat(0.0); 9];
+    for (row, word) in rows.iter_mut().zip(words) {
+        *row = lanes.codes(*word);
     }
     rows
 }
 
+/// The spline with 3³ coefficients around its middle node, and its derivatives by lattice coordinates.
+///
+/// Row j + 3 k has the three coefficients along x; its fourth lane does not count.
 #[inline(always)]
-fn sum(a: &[f64; 4], b: &[f64; 4], c: &[f64; 4], w: &[f64; 3]) -> [f64; 4] {
-    let mut sum = [0.0; 4];
-    for l in 0..4 {
-        sum[l] = a[l] * w[0] + b[l] * w[1] + c[l] * w[2];
-    }
-    sum
-}
-
-#[inline(always)]
-fn across_z(r: &Rows, w: &[f64; 3]) -> [[f64; 4]; 3] {
-    [sum(&r[0], &r[3], &r[6], w), sum(&r[1], &r[4], &r[7], w), sum(&r[2], &r[5], &r[8], w)]
-}
-
-#[inline(always)]
-fn across_y([a, b, c]: &[[f64; 4]; 3], w: &[f64; 3]) -> [f64; 4] {
-    sum(a, b, c, w)
-}
-
-#[inline(always)]
-fn dot(c: &[f64; 4], w: &[f64; 3]) -> f64 {
-    c[0] * w[0] + c[1] * w[1] + c[2] * w[2]
-}
-
-/// Value of the spline with the coefficients `r`.
-#[inline(always)]
-pub(super) fn value(r: &Rows, [x, y, z]: &[Weights; 3]) -> f64 {
-    dot(&across_y(&across_z(r, &z.value), &y.value), &x.value)
-}
-
-/// Value and gradient (by lattice coordinates) of the spline with the coefficients `r`.
-#[inline(always)]
-pub(super) fn value_gradient(r: &Rows, [x, y, z]: &[Weights; 3]) -> (f64, Vector) {
-    let plane = across_z(r, &z.value);
-    let plain = across_y(&plane, &y.value);
-    let along_y = across_y(&plane, &y.slope);
-    let along_z = across_y(&across_z(r, &z.slope), &y.value);
-    let gradient = Vector::new(dot(&plain, &x.slope), dot(&along_y, &x.value), dot(&along_z, &x.value));
-    (dot(&plain, &x.value), gradient)
-}
-
-/// Value, gradient and Hessian (by lattice coordinates) of the spline with the coefficients `r`.
-#[inline(always)]
-pub(super) fn jet(r: &Rows, [x, y, z]: &[Weights; 3]) -> Jet {
-    let (plane, slope, bend) = (across_z(r, &z.value), across_z(r, &z.slope), across_z(r, &CURVATURE));
-    let plain = across_y(&plane, &y.value);
-    let along_y = across_y(&plane, &y.slope);
-    let along_z = across_y(&slope, &y.value);
-    let (xy, xz) = (dot(&along_y, &x.slope), dot(&along_z, &x.slope));
-    let yz = dot(&across_y(&slope, &y.slope), &x.value);
-    let xx = dot(&plain, &CURVATURE);
-    let yy = dot(&across_y(&plane, &CURVATURE), &x.value);
-    let zz = dot(&across_y(&bend, &y.value), &x.value);
-    Jet {
-        value: dot(&plain, &x.value),
-        gradient: Vector::new(dot(&plain, &x.slope), dot(&along_y, &x.value), dot(&along_z, &x.value)),
-        hessian: Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz),
-    }
+pub(super) fn jet<L: Lanes>(lanes: L, rows: &[L::Four; 9], [x, y, z]: &[Between; 3]) -> Jet {
+    let near = z.along(lanes, [rows[0], rows[3], rows[6]]);
+    let middle = z.along(lanes, [rows[1], rows[4], rows[7]]);
+    let far = z.along(lanes, [rows[2], rows[5], rows[8]]);
+    let [plain, by_y, by_yy] = y.along(lanes, [near[0], middle[0], far[0]]);
+    let [by_z, by_yz, _] = y.along(lanes, [near[1], middle[1], far[1]]);
+    let [by_zz, ..] = y.along(lanes, [near[2], middle[2], far[2]]);
+    let [values, slopes, bends] = x.along(lanes, lanes.columns([plain, by_y, by_z, by_yz]));
+    let ([value, dy, dz, dyz], [dx, dxy, dxz, _]) = (lanes.array(values), lanes.array(slopes));
+    let [dxx, ..] = lanes.array(bends);
+    let weights = lanes.from([x.low_sq, 1.0 - x.low_sq - x.high_sq, x.high_sq, 0.0]);
+    let [a, b, c, _] = lanes.array(lanes.mul(by_yy, weights));
+    let dyy = a + b + c;
+    let [a, b, c, _] = lanes.array(lanes.mul(by_zz, weights));
+    let dzz = a + b + c;
+    Jet { value, gradient: Vector::new(dx, dy, dz), hessian: Matrix3::new(dxx, dxy, dxz, dxy, dyy, dyz, dxz, dyz, dzz) }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::lanes::Plain;
     use super::*;
 
     #[test]
@@ -122,14 +119,12 @@ mod tests {
             *c = f(x, y, z) - second / 8.0;
         }
         let (x, y, z) = (0.3, -0.45, 0.12);
-        let c = rows(&c);
-        let jet = jet(&c, &[Weights::at(x), Weights::at(y), Weights::at(z)]);
+        let rows: [[f64; 4]; 9] = std::array::from_fn(|n| [c[3 * n], c[3 * n + 1], c[3 * n + 2], f64::NAN]);
+        let jet = jet(Plain, &rows, &[x, y, z].map(Between::at));
         assert!((jet.value - f(x, y, z)).abs() < 1e-14);
         let gradient = Vector::new(1.0 + 2.0 * x + 0.7 * y, -2.0 - z + 0.7 * x, 0.3 - y + z);
         assert!((jet.gradient - gradient).norm() < 1e-14);
         let hessian = Matrix3::new(2.0, 0.7, 0.0, 0.7, 0.0, -1.0, 0.0, -1.0, 1.0);
         assert!((jet.hessian - hessian).norm() < 1e-13);
-        let (value, gradient) = value_gradient(&c, &[Weights::at(x), Weights::at(y), Weights::at(z)]);
-        assert!((value - jet.value).abs() < 1e-14 && (gradient - jet.gradient).norm() < 1e-14);
     }
 }

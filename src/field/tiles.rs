@@ -4,11 +4,11 @@ use super::crossings::{Crossings, Rows};
 use super::defects::Defects;
 use super::exact::is_inside;
 use super::features::Features;
+use super::lanes::with_vectors;
 use super::lattice::EDGE;
 use super::scan::Slab;
 use crate::control::{Cancelled, Control};
 use crate::geometry::{Point, TriMesh, Vector};
-use pulp::Arch;
 use rayon::prelude::*;
 
 /// Nodes along the edge of a tile, without its halo: its distances fit the second cache.
@@ -35,7 +35,6 @@ pub(super) struct Tiles<'a> {
     /// Features of tile n: `members[first[n]..first[n + 1]]`.
     first: Vec<u32>,
     members: Vec<u32>,
-    arch: Arch,
 }
 
 /// The nodes of one tile with its halo.
@@ -114,8 +113,10 @@ impl<'a> Tiles<'a> {
                 });
             }
         }
+        // They are as large as the crossings.
+        drop(boxes);
         let crossings = Crossings::new(source.mesh, &source.defects.counts, &source.defects.rim, &rows);
-        Self { source, rows, halo, reach, crossings, counts, first, members, arch: Arch::new() }
+        Self { source, rows, halo, reach, crossings, counts, first, members }
     }
 
     /// Calls `each` for every tile that features reach, in parallel; the results in the order of the tiles.
@@ -150,11 +151,15 @@ impl<'a> Tiles<'a> {
             .map(|(done, &n)| {
                 control.check()?;
                 control.report(done as f64 * share);
-                Ok(each(&self.tile(n)))
+                Ok(with_vectors(
+                    #[inline(always)]
+                    || each(&self.tile(n)),
+                ))
             })
             .collect()
     }
 
+    #[inline(always)]
     fn tile(&self, n: usize) -> Tile<'a> {
         let [nx, ny, _] = self.counts;
         let first = [n % nx, n / nx % ny, n / (nx * ny)].map(|t| t * TILE);
@@ -166,11 +171,9 @@ impl<'a> Tiles<'a> {
         let offset = Vector::new(first[0] as f64, first[1] as f64, first[2] as f64) * rows.spacing;
         let mut slab = Slab::new(rows.origin + offset, rows.spacing, dims);
         let members = &self.members[self.first[n] as usize..self.first[n + 1] as usize];
-        self.arch.dispatch(|| {
-            for &member in members {
-                slab.add(&self.source.features.region(member as usize, self.reach));
-            }
-        });
+        for &member in members {
+            slab.add(&self.source.features.region(member as usize, self.reach));
+        }
         let mut winding = vec![0i8; dims.iter().product()];
         for k in 0..dims[2] {
             let range = first[1]..first[1] + dims[1];
@@ -202,6 +205,7 @@ impl Tile<'_> {
     }
 
     /// Copies the squared distances of the box of `side` nodes along each axis from `first` on, x fastest.
+    #[inline(always)]
     pub(super) fn copy_squared(&self, first: [usize; 3], side: usize, to: &mut [f32]) {
         for (row, to) in to.chunks_exact_mut(side).enumerate() {
             self.slab.copy_row(first[0], first[1] + row % side, first[2] + row / side, to);
@@ -209,6 +213,7 @@ impl Tile<'_> {
     }
 
     /// Smallest squared distance over the brick of nodes from `first` on, mm².
+    #[inline(always)]
     pub(super) fn least_squared(&self, first: [usize; 3]) -> f32 {
         let mut least = f32::INFINITY;
         let mut nodes = [0.0f32; EDGE];
@@ -223,6 +228,7 @@ impl Tile<'_> {
 
     /// Whether the nodes of the box of `size` nodes from `first` on are inside, x fastest, and how many of those have a negative
     /// winding number.
+    #[inline(always)]
     pub(super) fn inside(&self, first: [usize; 3], size: [usize; 3]) -> (Vec<bool>, usize) {
         let rim = &self.source.defects.rim;
         let half = Vector::from(size.map(|n| 0.5 * (n - 1) as f64 * self.spacing));
@@ -235,19 +241,25 @@ impl Tile<'_> {
         });
         let mut inside = Vec::with_capacity(size.iter().product());
         let mut inverted = 0;
-        for_box(first, size, |at| {
-            let closed = f64::from(self.winding[at[0] + self.dims[0] * (at[1] + self.dims[1] * at[2])]);
-            let winding = match near {
-                None => closed,
-                Some((share, change)) => {
-                    let guess = closed - share;
-                    if (guess.abs() - 0.5).abs() > change { guess } else { closed - rim.share(&self.position(at)) }
+        for k in first[2]..first[2] + size[2] {
+            for j in first[1]..first[1] + size[1] {
+                let row = &self.winding[first[0] + self.dims[0] * (j + self.dims[1] * k)..][..size[0]];
+                for (i, closed) in row.iter().enumerate() {
+                    let closed = f64::from(*closed);
+                    let winding = match near {
+                        None => closed,
+                        Some((share, change)) => {
+                            let guess = closed - share;
+                            let is_clear = (guess.abs() - 0.5).abs() > change;
+                            if is_clear { guess } else { closed - rim.share(&self.position([first[0] + i, j, k])) }
+                        }
+                    };
+                    let is_inside = is_inside(winding);
+                    inverted += usize::from(is_inside && winding < 0.0);
+                    inside.push(is_inside);
                 }
-            };
-            let is_inside = is_inside(winding);
-            inverted += usize::from(is_inside && winding < 0.0);
-            inside.push(is_inside);
-        });
+            }
+        }
         (inside, inverted)
     }
 }

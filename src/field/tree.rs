@@ -1,8 +1,11 @@
+use super::lanes::with_vectors;
 use super::triangle::closest_point;
 use crate::geometry::{Point, TriMesh};
 
 /// Most triangles in a leaf.
 const LEAF: usize = 4;
+/// Square of how many times farther than the nearest triangle another one may be where that will do.
+const FARTHER_SQ: f64 = 1.02;
 /// Halves of at least this many triangles are split side by side.
 const ALONE: usize = 4096;
 
@@ -19,10 +22,15 @@ pub(super) struct Node {
 }
 
 impl Node {
+    #[inline(always)]
     fn distance_sq(&self, p: &Point) -> f64 {
         let mut sum = 0.0;
         for a in 0..3 {
-            let d = (self.min[a] - p[a]).max(p[a] - self.max[a]).max(0.0);
+            // Without the care for NaN of `f64::max`.
+            let (below, above) = (self.min[a] - p[a], p[a] - self.max[a]);
+            let d = if below > above { below } else { above };
+            let d = if d > 0.0 { d } else { 0.0 };
+
             sum += d * d;
         }
         sum
@@ -72,6 +80,14 @@ impl Tree {
 
     /// Like [`Tree::nearest`], but beyond the distance `exact_within` (mm) a triangle will do that is at most 1 % farther.
     pub(super) fn nearly_nearest(&self, p: &Point, hint: u32, exact_within: f64) -> Nearest {
+        with_vectors(
+            #[inline(always)]
+            || self.search(p, hint, exact_within),
+        )
+    }
+
+    #[inline(always)]
+    fn search(&self, p: &Point, hint: u32, exact_within: f64) -> Nearest {
         let exact_sq = exact_within * exact_within;
         let mut best = self.of_triangle(p, hint);
         // Deep enough: a median split halves the range at every level.
@@ -81,7 +97,7 @@ impl Tree {
         while top > 0 {
             top -= 1;
             let (index, bound) = stack[top];
-            if bound * if best.distance_sq > exact_sq { 1.02 } else { 1.0 } >= best.distance_sq {
+            if bound * if best.distance_sq > exact_sq { FARTHER_SQ } else { 1.0 } >= best.distance_sq {
                 continue;
             }
             let node = &self.nodes[index as usize];
@@ -150,6 +166,7 @@ impl Tree {
         }
     }
 
+    #[inline(always)]
     pub(super) fn of_triangle(&self, p: &Point, slot: u32) -> Nearest {
         let point = closest_point(p, &self.corners[slot as usize]);
         Nearest { point, slot, distance_sq: (point - p).norm_squared() }

@@ -4,6 +4,7 @@ use crate::geometry::{Point, Vector};
 ///
 /// # Source
 /// C. Ericson, *Real-Time Collision Detection*, 2005, section 5.1.5.
+#[inline]
 pub(super) fn closest_point(p: &Point, [a, b, c]: &[Point; 3]) -> Point {
     let (ab, ac, ap) = (b - a, c - a, p - a);
     let (d1, d2) = (ab.dot(&ap), ac.dot(&ap));

@@ -5,6 +5,8 @@ use super::stuffing::TetMesh;
 use super::{Attachment, MixedMesh, Tissue};
 use crate::geometry::{Aabb, Implicit, Point};
 
+/// Tissue below this value is fat, HU: half-way between fat and muscle.
+const FAT_BELOW_HU: f64 = -25.0;
 /// Share of the way from bone to skin that is muscle when nothing is known of the tissue.
 const MUSCLE_SHARE: f64 = 0.4;
 
@@ -147,9 +149,17 @@ fn face_side(shape: &Shape<'_, '_>, nodes: [u32; 3]) -> Side {
     shape.inner.obstacle(&centre(shape.mesh, nodes)).1
 }
 
-/// Default where only surfaces were given: muscle next to the bone, fat above it.
+/// What the CT says in the mean over the tetrahedron; where it says nothing muscle next to the bone, fat above it.
 fn tissue_at(inner: &InnerTissue<'_>, corners: [Point; 4]) -> Tissue {
     let p = corners.iter().fold(Point::origin(), |s, c| s + c.coords * 0.25);
+    if let Some(hu) = inner.domain.soft_tissue {
+        let places = corners.iter().map(|c| p + 0.5 * (c - p)).chain([p]);
+        let known: Vec<f64> = places.map(|q| hu.sample(&q)).filter(|v| v.is_finite()).collect();
+        if !known.is_empty() {
+            let mean = known.iter().sum::<f64>() / known.len() as f64;
+            return if mean < FAT_BELOW_HU { Tissue::Fat } else { Tissue::Muscle };
+        }
+    }
     let to_skin = -inner.domain.skin.value(&p);
     let to_bone = inner.domain.bone.value(&p).max(0.0);
     if to_bone < MUSCLE_SHARE * (to_skin + to_bone) { Tissue::Muscle } else { Tissue::Fat }

@@ -75,6 +75,8 @@ pub struct Domain<'a> {
     pub bone: &'a dyn Implicit,
     /// Air inside the head, where known.
     pub air: Option<&'a dyn Implicit>,
+    /// Mean value of soft tissue around each place, HU, not a number where unknown: tells fat from muscle.
+    pub soft_tissue: Option<&'a ScalarGrid>,
     /// What is meshed.
     pub region: &'a Region,
 }

@@ -175,7 +175,7 @@ mod tests {
         }));
         let bounds = Aabb { min: Point::new(-30.0, -15.0, -40.0), max: Point::new(30.0, 15.0, 30.0) };
         let region = Region { bounds, half_spaces: vec![] };
-        let domain = Domain { skin: &skin, bone: &Nothing, air: None, region: &region };
+        let domain = Domain { skin: &skin, bone: &Nothing, air: None, soft_tissue: None, region: &region };
         let inner = InnerTissue::new(&domain, &MeshSettings::default());
         let lattice = Lattice::covering(&bounds, 4.0);
         (grade(&inner, &lattice, &Control::new()).unwrap(), lattice)
@@ -211,7 +211,7 @@ mod tests {
             let skin = Shape(Box::new(move |p| p.z - level - depth));
             let bone = Shape(Box::new(move |p| (p.z - level).abs() - 0.9));
             let region = Region { bounds, half_spaces: vec![] };
-            let domain = Domain { skin: &skin, bone: &bone, air: None, region: &region };
+            let domain = Domain { skin: &skin, bone: &bone, air: None, soft_tissue: None, region: &region };
             let settings = MeshSettings { depth_mm: 100.0, ..MeshSettings::default() };
             let found = pierced(&InnerTissue::new(&domain, &settings), &lattice, &Control::new()).unwrap();
             let around = |cube: &usize| (lattice.position(lattice.centre_of_cube(*cube)).z - level).abs() < 4.0;

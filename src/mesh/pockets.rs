@@ -105,7 +105,7 @@ mod tests {
         }));
         let bounds = Aabb { min: Point::new(-40.0, -40.0, -40.0), max: Point::new(40.0, 40.0, 40.0) };
         let region = Region { bounds, half_spaces: vec![] };
-        let domain = Domain { skin: &skin, bone: &bone, air: None, region: &region };
+        let domain = Domain { skin: &skin, bone: &bone, air: None, soft_tissue: None, region: &region };
         let inner = InnerTissue::new(&domain, &MeshSettings { depth_mm: 100.0, ..MeshSettings::default() });
         let mut mesh =
             stuff(&inner, &halve(lattice_over(&inner, 4.0).unwrap(), vec![], 4.0).unwrap(), &Control::new()).unwrap();

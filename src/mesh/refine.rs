@@ -295,7 +295,7 @@ mod tests {
         let reach = Vector::repeat(radius + 3.0);
         let region =
             Region { bounds: Aabb { min: Point::origin() - reach, max: Point::origin() + reach }, half_spaces: vec![] };
-        let domain = Domain { skin: &skin, bone: &Nothing, air: None, region: &region };
+        let domain = Domain { skin: &skin, bone: &Nothing, air: None, soft_tissue: None, region: &region };
         let inner = InnerTissue::new(&domain, &MeshSettings { depth_mm: 100.0, ..MeshSettings::default() });
         let mut mesh =
             stuff(&inner, &halve(lattice_over(&inner, 4.0).unwrap(), vec![], 4.0).unwrap(), &Control::new()).unwrap();

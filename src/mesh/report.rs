@@ -3,7 +3,7 @@ use rayon::prelude::*;
 use super::adjacency::sorted;
 use super::domain::{Domain, MeshSettings};
 use super::quality::{dihedral_range, scaled_jacobian, tetrahedron_volume, wedge_determinants, wedge_volume};
-use super::{MixedMesh, volume};
+use super::{MixedMesh, Tissue, volume};
 use crate::geometry::{Implicit, Point, Vector};
 
 /// Quality of a mesh.
@@ -29,6 +29,10 @@ pub struct MeshReport {
     pub max_skin_distance_mm: f64,
     /// Boundary edges of the outer surface shared by more than two boundary faces.
     pub nonmanifold_edges: usize,
+    /// Share of muscle in the tetrahedra's volume; the rest is fat.
+    pub muscle_share: f64,
+    /// Whether a CT told fat from muscle; else it was depth.
+    pub tissue_from_ct: bool,
     /// What gave way where.
     pub warnings: Vec<String>,
 }
@@ -49,9 +53,11 @@ pub fn report(mesh: &MixedMesh, filled: Option<(&Domain<'_>, &MeshSettings)>, le
         volume_error: 0.0,
         max_skin_distance_mm: 0.0,
         nonmanifold_edges: nonmanifold_edges(mesh),
+        muscle_share: 0.0,
+        tissue_from_ct: filled.is_some_and(|(domain, _)| domain.soft_tissue.is_some()),
         warnings: Vec::new(),
     };
-    let mut filled_volume = 0.0;
+    let (mut filled_volume, mut muscle) = (0.0, 0.0);
     for t in 0..mesh.tetrahedra.len() {
         let p = tetrahedron(mesh, t);
         let (least, most) = dihedral_range(&p);
@@ -59,7 +65,11 @@ pub fn report(mesh: &MixedMesh, filled: Option<(&Domain<'_>, &MeshSettings)>, le
         out.max_dihedral_deg = out.max_dihedral_deg.max(most);
         out.inverted += usize::from(tetrahedron_inverted(&p));
         filled_volume += tetrahedron_volume(&p);
+        if mesh.tetrahedron_tissue.get(t) == Some(&Tissue::Muscle) {
+            muscle += tetrahedron_volume(&p);
+        }
     }
+    out.muscle_share = if filled_volume > 0.0 { muscle / filled_volume } else { 0.0 };
     for w in 0..mesh.prisms.len() {
         let p = prism(mesh, w);
         out.min_scaled_jacobian = out.min_scaled_jacobian.min(scaled_jacobian(&p));

@@ -1,11 +1,11 @@
 use super::test_domain::{Nothing, Shape, face_region};
 use super::*;
 use crate::control::Control;
-use crate::geometry::{Aabb, Point, Vector};
+use crate::geometry::{Aabb, Point, ScalarGrid, Vector};
 
 fn head(edge: f64) -> (MixedMesh, MeshReport) {
     let (skin, bone, region) = (Shape::head_skin(), Shape::head_bone(), face_region());
-    let domain = Domain { skin: &skin, bone: &bone, air: None, region: &region };
+    let domain = Domain { skin: &skin, bone: &bone, air: None, soft_tissue: None, region: &region };
     build(&domain, &MeshSettings { edge_mm: edge, ..MeshSettings::default() }, &Control::new()).unwrap()
 }
 
@@ -22,6 +22,43 @@ fn a_head_is_meshed_as_promised() {
     assert_eq!(mesh.attachment.len(), mesh.positions.len());
 }
 
+/// A CT that says fat on the right, muscle on the left and nothing above z = 20: there depth tells, as without a CT.
+#[test]
+fn a_ct_tells_fat_from_muscle_and_depth_does_where_it_says_nothing() {
+    let (skin, bone, region) = (Shape::head_skin(), Shape::head_bone(), face_region());
+    let mut hu = ScalarGrid::covering(&region.bounds.grown(10.0), 2.0, 0.0);
+    for at in 0..hu.values.len() {
+        let [i, j, k] = [at % hu.dims[0], at / hu.dims[0] % hu.dims[1], at / hu.dims[0] / hu.dims[1]];
+        let p = hu.position(i, j, k);
+        hu.values[at] = if p.z > 20.0 { f32::NAN } else { (10.0 * p.x - 25.0).clamp(-100.0, 60.0) as f32 };
+    }
+    let by_depth = Domain { skin: &skin, bone: &bone, air: None, soft_tissue: None, region: &region };
+    let settings = MeshSettings { edge_mm: 8.0, ..MeshSettings::default() };
+    let built = |domain: &Domain<'_>| build(domain, &settings, &Control::new()).unwrap();
+    let (plain, depth_report) = built(&by_depth);
+    let (mesh, report) = built(&Domain { soft_tissue: Some(&hu), ..by_depth });
+    assert_eq!((&mesh.tetrahedra, &mesh.positions), (&plain.tetrahedra, &plain.positions));
+    assert!(report.tissue_from_ct && !depth_report.tissue_from_ct);
+    assert!((0.05..0.95).contains(&depth_report.muscle_share), "{depth_report:?}");
+    let mut seen = [0; 3];
+    for (t, corners) in mesh.tetrahedra.iter().enumerate() {
+        let p = corners.map(|i| mesh.positions[i as usize]);
+        let centre = Point::from(p.iter().map(|q| q.coords).sum::<Vector>() / 4.0);
+        let all = |fits: &dyn Fn(&Point) -> bool| p.iter().all(fits);
+        let expected = if all(&|q| q.z > 24.0) {
+            seen[0] += 1;
+            plain.tetrahedron_tissue[t]
+        } else if all(&|q| q.z < 16.0) && centre.x.abs() > 1.0 {
+            seen[1 + usize::from(centre.x > 0.0)] += 1;
+            if centre.x < 0.0 { Tissue::Fat } else { Tissue::Muscle }
+        } else {
+            continue;
+        };
+        assert_eq!(mesh.tetrahedron_tissue[t], expected, "{centre}");
+    }
+    assert!(seen.iter().all(|n| *n > 100), "{seen:?}");
+}
+
 /// A wing of skin 3.5 mm thick with a round rim on thick tissue: lattices of 4 mm do not see it, halved cubes do. Its prisms cover both sides;
 /// flat tops on flat sides have the sides' area, up to the triangles that the sample's border crosses.
 #[test]
@@ -36,7 +73,7 @@ fn a_thin_wing_is_covered_with_prisms() {
         bounds: Aabb { min: Point::new(-20.0, -22.0, -15.0), max: Point::new(20.0, 22.0, 25.0) },
         half_spaces: vec![],
     };
-    let domain = Domain { skin: &skin, bone: &Nothing, air: None, region: &region };
+    let domain = Domain { skin: &skin, bone: &Nothing, air: None, soft_tissue: None, region: &region };
     let (mesh, report) = build(&domain, &MeshSettings::default(), &Control::new()).unwrap();
     assert!(report.warnings.iter().all(|w| !w.contains("prisms")), "{report:?}");
     assert_eq!((report.inverted, report.nonmanifold_edges), (0, 0));

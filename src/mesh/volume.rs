@@ -85,7 +85,7 @@ mod tests {
             half_spaces: vec![(Point::origin(), Vector::x())],
         };
         let settings = MeshSettings::default();
-        let domain = Domain { skin: &skin, bone: &bone, air: None, region: &region };
+        let domain = Domain { skin: &skin, bone: &bone, air: None, soft_tissue: None, region: &region };
         let shell = std::f64::consts::PI / 3.0 * (20f64.powi(3) - 12f64.powi(3));
         let volume = of_tissue(&domain, &settings);
         assert!((volume / shell - 1.0).abs() < 5e-3, "{volume} against {shell}");

@@ -8,7 +8,7 @@ use super::{
 };
 use crate::geometry::TriMesh;
 use crate::simulate::Anatomy;
-use crate::store::{PartKind, PartRecord, SessionId, Store, decode_mesh};
+use crate::store::{PartKind, PartRecord, SessionId, Store, decode_grid, decode_mesh};
 
 /// Boxes of surfaces that are cut at the same plane may differ by so much, mm.
 const BOX_SLACK_MM: f64 = 1.0;
@@ -225,9 +225,13 @@ impl SessionParts {
     /// As [`SessionParts::field_key`].
     pub fn mesh_key(&self, settings: &MeshSettingsDocument, cuts: Option<&[CutDocument]>) -> Result<String, Fault> {
         let landmarks = self.get(PartKind::Landmarks).map_or("", |p| p.key.as_str());
-        let settings = serde_json::to_string(settings).unwrap_or_default();
+        let text = serde_json::to_string(settings).unwrap_or_default();
         let cuts = serde_json::to_string(&cuts).unwrap_or_default();
-        Ok(key_of(&["mesh", &self.field_key()?, landmarks, &settings, &cuts]))
+        let field = self.field_key()?;
+        let mut made_from = vec!["mesh", &field, landmarks, &text, &cuts];
+        let soft_tissue = self.get(PartKind::SoftTissue).filter(|_| !settings.tissue_by_depth);
+        made_from.extend(soft_tissue.map(|part| part.key.as_str()));
+        Ok(key_of(&made_from))
     }
 
     /// Reads the surfaces: the patient as the numerics take it.
@@ -241,10 +245,15 @@ impl SessionParts {
             Some(part) => Some(load_mesh(store, part).await?),
             None => None,
         };
+        let soft_tissue = match self.get(PartKind::SoftTissue).and_then(|part| part.blob.as_ref()) {
+            Some(key) => Some(decode_grid(&store.blobs().get(key).await?)?),
+            None => None,
+        };
         let anatomy = Anatomy {
             skin: load_mesh(store, self.require(PartKind::Skin)?).await?,
             skull: load_mesh(store, self.require(PartKind::Skull)?).await?,
             air,
+            soft_tissue,
             landmarks: landmarks.as_ref().map(LandmarksDocument::named_points).unwrap_or_default(),
         };
         Ok(Case {

@@ -116,12 +116,25 @@ pub struct MeshSettingsDocument {
     pub depth_mm: f64,
     /// Box to mesh; chosen from the moving segments or the face when absent.
     pub region: Option<BoxDocument>,
+    /// Fat is told from muscle by depth alone, also where a CT tells.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub tissue_by_depth: bool,
+}
+
+fn is_false(value: &bool) -> bool {
+    !value
 }
 
 impl Default for MeshSettingsDocument {
     fn default() -> Self {
         let mesh = MeshSettings::default();
-        Self { skin_thickness_mm: mesh.skin_thickness_mm, edge_mm: mesh.edge_mm, depth_mm: mesh.depth_mm, region: None }
+        Self {
+            skin_thickness_mm: mesh.skin_thickness_mm,
+            edge_mm: mesh.edge_mm,
+            depth_mm: mesh.depth_mm,
+            region: None,
+            tissue_by_depth: false,
+        }
     }
 }
 
@@ -130,6 +143,7 @@ impl From<&MeshSettingsDocument> for TissueSettings {
         Self {
             mesh: MeshSettings { skin_thickness_mm: d.skin_thickness_mm, edge_mm: d.edge_mm, depth_mm: d.depth_mm },
             region: d.region.as_ref().map(Aabb::from),
+            tissue_by_depth: d.tissue_by_depth,
         }
     }
 }

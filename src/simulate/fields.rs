@@ -3,7 +3,7 @@ use std::sync::Arc;
 use super::SimulateError;
 use crate::control::Control;
 use crate::field::{Envelope, EnvelopeSettings, FieldReport, MethodSettings, SignedField, envelope};
-use crate::geometry::{Implicit, Point, TriMesh};
+use crate::geometry::{Implicit, Point, ScalarGrid, TriMesh};
 
 /// The surfaces of one patient, LPS mm.
 #[derive(Debug, Clone, PartialEq)]
@@ -14,6 +14,8 @@ pub struct Anatomy {
     pub skull: TriMesh,
     /// Air inside the head, when a CT gave it.
     pub air: Option<TriMesh>,
+    /// Mean value of soft tissue around each place, HU, when a CT gave it; not a number where there is none.
+    pub soft_tissue: Option<ScalarGrid>,
     /// Named landmarks; may be empty.
     pub landmarks: Vec<(String, Point)>,
 }

@@ -248,7 +248,7 @@ mod tests {
         let head = phantom::head();
         let sampled = |solid| phantom::surface_of(solid, &head.bounds(), 3.0).unwrap();
         let (skin, skull) = (sampled(head.skin.as_ref()), sampled(head.skull.as_ref()));
-        let anatomy = Anatomy { skin, skull, air: None, landmarks: head.landmarks.points.clone() };
+        let anatomy = Anatomy { skin, skull, air: None, soft_tissue: None, landmarks: head.landmarks.points.clone() };
         let control = Control::new();
         let mut settings = FieldsSettings::default();
         settings.field.field.spacing_mm = 2.0;
@@ -258,8 +258,14 @@ mod tests {
             le_fort_1(marks.le_fort_1_plane, marks.midline_x_mm, marks.occlusal_plane_z_mm, [None; 2], &fields.bone);
         let bone = cut_bone(&fields.bone, &cuts, &settings.field, &control).unwrap();
         let mesh = MeshSettings { edge_mm: 9.0, ..MeshSettings::default() };
-        let tissue =
-            build_tissue(&anatomy, &fields, Some(&bone), &TissueSettings { mesh, region: None }, &control).unwrap();
+        let tissue = build_tissue(
+            &anatomy,
+            &fields,
+            Some(&bone),
+            &TissueSettings { mesh, ..TissueSettings::default() },
+            &control,
+        )
+        .unwrap();
         let jaw = bone.osteotomy.segments.iter().find(|s| s.id != 0 && s.bounded_by.contains(&0)).unwrap().id;
         let path = Path::new(jaw, vec![(1.0, Motion::translation(0.0, -4.0, 0.0))]).unwrap();
         let plan = Plan { paths: vec![path] };

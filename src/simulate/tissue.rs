@@ -10,6 +10,8 @@ pub struct TissueSettings {
     pub mesh: MeshSettings,
     /// Box to mesh, LPS mm; chosen from the moving segments or the face when `None`.
     pub region: Option<Aabb>,
+    /// Tells fat from muscle by depth alone, also where a CT tells.
+    pub tissue_by_depth: bool,
 }
 
 /// The tissue of one face at rest.
@@ -49,6 +51,7 @@ pub fn build_tissue(
         skin: &fields.skin,
         bone: &fields.bone_field,
         air: fields.air.as_ref().map(|a| a as &dyn Implicit),
+        soft_tissue: anatomy.soft_tissue.as_ref().filter(|_| !settings.tissue_by_depth),
         region: &region,
     };
     let (mesh, report) = build(&domain, &settings.mesh, &control.part(0.0, 0.95))?;

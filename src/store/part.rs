@@ -11,6 +11,8 @@ pub enum PartKind {
     Skull,
     /// Air inside the head.
     Air,
+    /// Fat and muscle of the CT.
+    SoftTissue,
     /// Post-operative skin.
     Target,
     /// Landmarks and planes.
@@ -32,11 +34,12 @@ impl PartKind {
     pub const BONES: u8 = 10;
 
     /// Every kind but the bones.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::Ct,
         Self::Skin,
         Self::Skull,
         Self::Air,
+        Self::SoftTissue,
         Self::Target,
         Self::Landmarks,
         Self::FieldSettings,
@@ -53,6 +56,7 @@ impl PartKind {
             Self::Skin => "skin",
             Self::Skull => "skull",
             Self::Air => "air",
+            Self::SoftTissue => "soft_tissue",
             Self::Target => "target",
             Self::Landmarks => "landmarks",
             Self::FieldSettings => "field_settings",

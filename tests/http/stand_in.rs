@@ -8,7 +8,7 @@ use prosopon::control::Control;
 use prosopon::evaluate::{ErrorMap, FaceRegion, Registration, Statistics};
 use prosopon::fem::{SavedState, SolveSettings, StepOutcome, StepReport};
 use prosopon::field::{Doubt, DoubtfulRegions, FieldReport, Region, Settled};
-use prosopon::geometry::{Aabb, Motion, Point, TriMesh, Vector};
+use prosopon::geometry::{Aabb, Motion, Point, ScalarGrid, TriMesh, Vector};
 use prosopon::import::Limits;
 use prosopon::mesh::MeshReport;
 use prosopon::plan::{
@@ -131,6 +131,11 @@ impl Engine for StandIn {
             skin: cube([0.0; 3], 100.0),
             skull: cube([0.0; 3], 60.0),
             air: Some(cube([0.0; 3], 5.0)),
+            soft_tissue: ScalarGrid::covering(
+                &Aabb { min: Point::new(-1.0, -1.0, -1.0), max: Point::new(1.0, 1.0, 1.0) },
+                1.0,
+                50.0,
+            ),
             warnings: vec!["a head-rest was removed".to_owned()],
         })
     }
@@ -238,6 +243,8 @@ impl Engine for StandIn {
             volume_error: request.settings.mesh.edge_mm * 1e-3,
             max_skin_distance_mm: 0.1,
             nonmanifold_edges: 0,
+            muscle_share: 0.4,
+            tissue_from_ct: false,
             warnings: vec!["thin over the nose".to_owned()],
         })
     }

@@ -92,3 +92,19 @@ fn far_away_the_value_is_finite_continuous_and_grows() {
         assert!(field.value_gradient(&far).1.iter().all(|g| g.is_finite()));
     }
 }
+
+#[test]
+fn vectors_of_the_processor_give_the_bits_of_plain_arithmetic() {
+    for mut field in fields() {
+        let mut random = Random(12);
+        let points: Vec<Point> = (0..4000).map(|_| random.point(field.domain().center(), 11.0)).collect();
+        let all = |field: &DistanceField| -> Vec<_> {
+            points.iter().map(|p| (field.value_gradient_hessian(p), field.value_gradient(p), field.value(p))).collect()
+        };
+        let with_vectors = all(&field);
+        field.without_vectors();
+        assert_eq!(all(&field), with_vectors);
+        // One polynomial, whatever is asked of it.
+        assert!(with_vectors.iter().all(|((v, g, _), (v1, g1), v2)| v == v1 && g == g1 && v == v2));
+    }
+}

@@ -22,6 +22,9 @@ pub struct BuildMesh {
     /// Box to mesh; chosen from the segments of `osteotomy`, else the front of the face.
     #[serde(default)]
     pub region: Option<BoxDocument>,
+    /// Tells fat from muscle by depth alone, muscle being the 40 % next to bone, also where a CT tells.
+    #[serde(default)]
+    pub tissue_by_depth: bool,
     /// The osteotomy whose segments will move.
     #[serde(default)]
     pub osteotomy: Option<Uuid>,
@@ -39,6 +42,7 @@ impl TryFrom<&BuildMesh> for MeshSettingsDocument {
             edge_mm: check.number("/edge_mm", r.edge_mm.unwrap_or(d.edge_mm), 0.5, 20.0),
             depth_mm: check.number("/depth_mm", r.depth_mm.unwrap_or(d.depth_mm), 2.0, 200.0),
             region: r.region.map(|b| check.bounds("/region", b)),
+            tissue_by_depth: r.tissue_by_depth,
         };
         check.finish()?;
         Ok(settings)

@@ -79,7 +79,7 @@ pub struct SessionView {
     pub expires_at: Option<String>,
     /// Bytes stored in all.
     pub bytes: u64,
-    /// `ct`, `skin`, `skull`, `air`, `target`, `landmarks`, `field_settings`, `field`, `mesh`, `tissue`, and `bone_0` to `bone_9` where there.
+    /// `ct`, `skin`, `skull`, `air`, `soft_tissue` (fat and muscle of the CT), `target`, `landmarks`, `field_settings`, `field`, `mesh`, `tissue`, and `bone_0` to `bone_9` where there.
     pub parts: BTreeMap<String, PartView>,
     /// Its osteotomies.
     pub osteotomies: Vec<Uuid>,
@@ -142,7 +142,7 @@ pub(in crate::http) fn view_of(kind: PartKind, parts: &SessionParts, jobs: &[Job
     let maker = match kind {
         PartKind::Field => Some(JobKind::Field),
         PartKind::Mesh => Some(JobKind::Mesh),
-        PartKind::Skin | PartKind::Skull | PartKind::Air => Some(JobKind::Import),
+        PartKind::Skin | PartKind::Skull | PartKind::Air | PartKind::SoftTissue => Some(JobKind::Import),
         PartKind::Ct
         | PartKind::Target
         | PartKind::Landmarks
@@ -158,6 +158,7 @@ pub(in crate::http) fn view_of(kind: PartKind, parts: &SessionParts, jobs: &[Job
         | PartKind::Skin
         | PartKind::Skull
         | PartKind::Air
+        | PartKind::SoftTissue
         | PartKind::Target
         | PartKind::Landmarks
         | PartKind::FieldSettings

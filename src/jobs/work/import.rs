@@ -5,10 +5,10 @@ use super::{Context, Done, changed_meanwhile};
 use crate::jobs::requests::ImportRequest;
 use crate::jobs::running::Phase;
 use crate::session::{CtDocument, Halt, PreparedSurface, SurfaceOrigin, surface_part};
-use crate::store::PartKind;
+use crate::store::{PartKind, PartRecord, encode_grid, now_rfc3339};
 use crate::surface::CtSettings;
 
-/// Skin, skull and air of the session's CT.
+/// Skin, skull, air and soft tissue of the session's CT.
 pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
     let request: ImportRequest = context.request()?;
     let parts = context.parts().await?;
@@ -27,7 +27,7 @@ pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
         bytes: document.bytes,
         sha256: document.sha256,
     };
-    let (surfaces, warnings) = context
+    let (surfaces, soft_tissue, warnings) = context
         .compute(move |engine, control| {
             let mut found = engine.surfaces(&bytes, &CtSettings::from(&request), control)?;
             found.warnings.splice(0..0, document.warnings);
@@ -40,7 +40,7 @@ pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
             if let Some(air) = &found.air {
                 surfaces.push((PartKind::Air, prepare(air, Vec::new())?));
             }
-            Ok((surfaces, found.warnings))
+            Ok((surfaces, encode_grid(&found.soft_tissue), found.warnings))
         })
         .await?;
     context.running.set_phase(Phase::Writing);
@@ -51,6 +51,16 @@ pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
         let wall_s = if kind == PartKind::Skin { started.elapsed().as_secs_f64() } else { 0.0 };
         records.push(surface_part(store, context.job.session, kind, surface, wall_s).await?.0);
     }
+    let blob = store.blobs().put(context.job.session, soft_tissue).await?;
+    records.push(PartRecord {
+        kind: PartKind::SoftTissue,
+        key: blob.sha256,
+        blob: Some(blob.key),
+        bytes: blob.bytes,
+        wall_s: 0.0,
+        document: "{}".to_owned(),
+        updated_at: now_rfc3339(),
+    });
     store.put_parts(context.job.session, &records).await?;
     if !has_air {
         store.delete_part(context.job.session, PartKind::Air).await?;

@@ -113,7 +113,7 @@ pub(super) fn inputs(parts: &SessionParts) -> Result<BTreeMap<String, ReportInpu
             PartKind::Landmarks => None,
             PartKind::Tissue => Some(part.key.clone()),
             // Derived from the others.
-            PartKind::FieldSettings | PartKind::Field | PartKind::Mesh => continue,
+            PartKind::SoftTissue | PartKind::FieldSettings | PartKind::Field | PartKind::Mesh => continue,
         };
         inputs.insert(part.kind.as_str().to_owned(), ReportInput { sha256: part.key.clone(), source_sha256 });
     }

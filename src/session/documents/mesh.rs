@@ -32,6 +32,12 @@ pub struct MeshDocument {
     pub max_skin_distance_mm: f64,
     /// Outer edges with more than two boundary faces.
     pub non_manifold_edges: usize,
+    /// Share of muscle in the volume below the skin layer, the rest being fat.
+    #[serde(default)]
+    pub muscle_share: f64,
+    /// Whether a CT told fat from muscle; else it was depth.
+    #[serde(default)]
+    pub tissue_from_ct: bool,
     /// What gave way where.
     pub warnings: Vec<String>,
 }
@@ -53,6 +59,8 @@ impl MeshDocument {
             volume_error: r.volume_error,
             max_skin_distance_mm: r.max_skin_distance_mm,
             non_manifold_edges: r.nonmanifold_edges,
+            muscle_share: r.muscle_share,
+            tissue_from_ct: r.tissue_from_ct,
             warnings: r.warnings.clone(),
         }
     }

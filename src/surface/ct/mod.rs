@@ -6,6 +6,7 @@ mod distance;
 mod inside;
 mod metal;
 mod resample;
+mod soft_tissue;
 #[cfg(test)]
 mod test_masks;
 
@@ -53,6 +54,8 @@ pub struct CtSurfaces {
     pub skull: TriMesh,
     /// Air inside the head (mouth, nose, sinuses), closed; absent when there is none.
     pub air: Option<TriMesh>,
+    /// Mean value of soft tissue around each place of a lattice of about 2 mm, HU; not a number where there is hardly any.
+    pub soft_tissue: ScalarGrid,
     /// What was removed or repaired.
     pub warnings: Vec<String>,
 }
@@ -64,6 +67,7 @@ pub struct CtSurfaces {
 ///   that a ball of 5 mm radius cannot reach from outside belongs to the inside.
 /// - Skull: above `bone_hu` and at least 2 mm below the skin and the volume's border; pieces under 12 mm go. In slices with
 ///   metal at least 4 mm below the skin, and what is lower than 8 mm along S is taken for a streak.
+/// - Soft tissue: what lies between air and bone, averaged.
 /// - Air: below `skin_hu` at least 1.5 mm inside the skin, spaces of at least 200 mm³; streaks as for bone.
 ///
 /// # Errors
@@ -99,6 +103,7 @@ pub fn from_ct(volume: &Volume, settings: &CtSettings, control: &Control) -> Res
     }
     control.check()?;
     let air = inside::air(&hu, &depth, metal.as_ref(), settings.skin_hu);
+    let soft_tissue = soft_tissue::soft_tissue(&hu);
     drop((hu, depth, metal));
     control.report(0.3);
 
@@ -123,7 +128,7 @@ pub fn from_ct(volume: &Volume, settings: &CtSettings, control: &Control) -> Res
     }
     let air = air.transpose()?.flatten().map(|(mesh, _)| mesh);
     control.report(1.0);
-    Ok(CtSurfaces { skin, skull, air, warnings })
+    Ok(CtSurfaces { skin, skull, air, soft_tissue, warnings })
 }
 
 fn check_settings(settings: &CtSettings) -> Result<(), SurfaceError> {

@@ -29,8 +29,8 @@ pub struct TissueModel {
 const REACH_MM: Vector = Vector::new(45.0, 0.0, 60.0);
 /// How far behind the front of the moving bone the region still reaches, mm.
 const BEHIND_FRONT_MM: f64 = 65.0;
-/// How far behind its back the region reaches at least, mm: bone that goes back must find tissue there, no wall.
-const BEHIND_BACK_MM: f64 = 10.0;
+/// How far behind its back the region reaches at least, mm: bone that is set back must find tissue there, no wall.
+const BEHIND_BACK_MM: f64 = 7.0;
 /// A skin vertex farther than this from the prisms is not carried by them, mm.
 const EMBED_REACH_MM: f64 = 2.0;
 

@@ -143,12 +143,7 @@ impl<'a> Solver<'a> {
             let length = self.limit_contact_motion(wanted, remaining.signum(), motions);
             let goal =
                 if length >= remaining.abs() * (1.0 - 1e-9) { t } else { self.state.t + length * remaining.signum() };
-            // What lies on the way to the goal is only to be passed.
-            let rough = self.equations.rough;
-            self.equations.rough |= goal != t;
-            let found = self.substep_to(goal, motions, control);
-            self.equations.rough = rough;
-            match found {
+            match self.substep_to(goal, motions, control) {
                 Ok(found) => {
                     report.substeps += 1;
                     report.iterations += found.iterations;

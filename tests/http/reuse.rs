@@ -70,10 +70,10 @@ async fn skin(app: &TestApp, job: &str, steps: u32) -> Vec<f32> {
 async fn a_job_that_begins_at_the_end_of_another_ends_where_the_way_from_rest_does() {
     let app = TestApp::real().await;
     let (session, osteotomy) = scene(&app).await;
-    let rest = |steps: u32| json!({"model": "nonlinear", "steps": steps});
+    let rest = |steps: u32| json!({"model": "nonlinear", "skin_element": "wedge", "steps": steps});
     let first = solved(&app, &session, &osteotomy, 3.0, rest(3)).await;
     let id = first.rsplit('/').next().unwrap();
-    let warm = |of: &str| json!({"model": "nonlinear", "warm_start": of});
+    let warm = |of: &str| json!({"model": "nonlinear", "skin_element": "wedge", "warm_start": of});
     let onwards = solved(&app, &session, &osteotomy, 2.0, warm(id)).await;
     let from_rest = solved(&app, &session, &osteotomy, 2.0, rest(2)).await;
     let report = app.get(&format!("{onwards}/report")).await.ok();
@@ -96,7 +96,10 @@ async fn a_job_that_begins_at_the_end_of_another_ends_where_the_way_from_rest_do
     let plan = app.post(&format!("{session}/plans"), plan).await.ok()["id"].clone();
     for (more, why) in [
         (json!({"model": "linear", "warm_start": id}), "another model"),
-        (json!({"model": "nonlinear", "warm_start": id, "attachment": {"tie_gap_mm": 1}}), "another attachment"),
+        (
+            json!({"model": "nonlinear", "skin_element": "wedge", "warm_start": id, "attachment": {"tie_gap_mm": 1}}),
+            "another attachment",
+        ),
         (json!({"model": "nonlinear", "warm_start": uuid::Uuid::now_v7()}), "no job"),
     ] {
         let mut body = json!({"plan": plan});

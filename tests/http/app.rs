@@ -78,10 +78,19 @@ impl TestApp {
 
     /// With the real numerics.
     pub(crate) async fn real() -> Self {
+        Self::numerics(|numerics| numerics).await
+    }
+
+    /// With real numerics that keep nothing in memory but what was made last.
+    pub(crate) async fn real_and_forgetful() -> Self {
+        Self::numerics(|numerics| numerics.with_cache_bytes(1)).await
+    }
+
+    async fn numerics(change: impl FnOnce(Numerics) -> Numerics) -> Self {
         let directory = tempfile::tempdir().unwrap();
         let mut config = ServeConfig::new(directory.path().to_owned());
         config.threads = 2;
-        let engine = Arc::new(Numerics::new(config.service.import));
+        let engine = Arc::new(change(Numerics::new(config.service.import)));
         Self::open_with(config, directory, Arc::new(StandIn::default()), engine).await
     }
 

@@ -10,10 +10,10 @@ use crate::store::{
 };
 
 impl Store {
-    /// Stores an accepted job, as [`MetaStore::insert_job`].
+    /// Stores an accepted job, as [`MetaStore::insert_job`](crate::store::MetaStore::insert_job).
     ///
     /// # Errors
-    /// [`StoreError::SessionGone`], [`StoreError::KeyTaken`].
+    /// [`StoreError::SessionGone`](crate::store::StoreError::SessionGone), [`StoreError::KeyTaken`](crate::store::StoreError::KeyTaken).
     pub async fn insert_job(&self, new: &NewJob<'_>) -> Result<Insertion> {
         self.meta.insert_job(new).await
     }
@@ -21,7 +21,7 @@ impl Store {
     /// A job, if it is there.
     ///
     /// # Errors
-    /// [`StoreError`].
+    /// [`StoreError`](crate::store::StoreError).
     pub async fn job(&self, id: JobId) -> Result<Option<JobRecord>> {
         self.meta.job(id).await
     }
@@ -29,7 +29,7 @@ impl Store {
     /// Jobs, newest first.
     ///
     /// # Errors
-    /// [`StoreError`].
+    /// [`StoreError`](crate::store::StoreError).
     pub async fn jobs(&self, filter: &JobFilter) -> Result<Vec<JobRecord>> {
         self.meta.jobs(filter).await
     }
@@ -37,15 +37,15 @@ impl Store {
     /// Accepted jobs of a lane in the order in which they will run.
     ///
     /// # Errors
-    /// [`StoreError`].
+    /// [`StoreError`](crate::store::StoreError).
     pub async fn queue(&self, lane: Lane) -> Result<Vec<JobId>> {
         self.meta.queue(lane).await
     }
 
-    /// Takes the first job of a lane, as [`MetaStore::claim_job`].
+    /// Takes the first job of a lane, as [`MetaStore::claim_job`](crate::store::MetaStore::claim_job).
     ///
     /// # Errors
-    /// [`StoreError`].
+    /// [`StoreError`](crate::store::StoreError).
     pub async fn claim_job(
         &self,
         lane: Lane,
@@ -59,7 +59,7 @@ impl Store {
     /// the blob that the change names is removed.
     ///
     /// # Errors
-    /// [`StoreError::QuotaFull`].
+    /// [`StoreError::QuotaFull`](crate::store::StoreError::QuotaFull).
     pub async fn change_job(&self, job: &JobRecord, to: JobState, change: &JobChange) -> Result<bool> {
         let changed = self.meta.change_job(job.id, job.fence, job.state, to, change, self.quota).await;
         if !matches!(changed, Ok(true)) {
@@ -68,10 +68,10 @@ impl Store {
         changed
     }
 
-    /// Records that a job was asked to stop, as [`MetaStore::request_cancel`].
+    /// Records that a job was asked to stop, as [`MetaStore::request_cancel`](crate::store::MetaStore::request_cancel).
     ///
     /// # Errors
-    /// [`StoreError`].
+    /// [`StoreError`](crate::store::StoreError).
     pub async fn request_cancel(&self, id: JobId) -> Result<bool> {
         self.meta.request_cancel(id).await
     }
@@ -79,7 +79,7 @@ impl Store {
     /// Records how far a running job is, with an event. False when it is not running any more.
     ///
     /// # Errors
-    /// [`StoreError`].
+    /// [`StoreError`](crate::store::StoreError).
     pub async fn record_progress(&self, job: &JobRecord, phase: &str, progress: f64, event: &str) -> Result<bool> {
         self.meta.record_progress(job.id, job.fence, phase, progress, event).await
     }
@@ -87,7 +87,7 @@ impl Store {
     /// Names the first large result of a running job; the blob that it replaces is removed, on failure the new one.
     ///
     /// # Errors
-    /// [`StoreError::SessionGone`], [`StoreError::QuotaFull`].
+    /// [`StoreError::SessionGone`](crate::store::StoreError::SessionGone), [`StoreError::QuotaFull`](crate::store::StoreError::QuotaFull).
     pub async fn set_rest(&self, job: &JobRecord, rest: &BlobInfo) -> Result<()> {
         match self.meta.set_rest(job.id, job.fence, rest, self.quota).await {
             Ok(old) => {
@@ -107,7 +107,7 @@ impl Store {
     /// attempt left the same is kept, another one replaced.
     ///
     /// # Errors
-    /// [`StoreError::SessionGone`] when the job is not there or not running any more, [`StoreError::QuotaFull`].
+    /// [`StoreError::SessionGone`](crate::store::StoreError::SessionGone) when the job is not there or not running any more, [`StoreError::QuotaFull`](crate::store::StoreError::QuotaFull).
     pub async fn commit_step(
         &self,
         job: &JobRecord,
@@ -126,7 +126,7 @@ impl Store {
     /// Finished steps of a job, in order.
     ///
     /// # Errors
-    /// [`StoreError`].
+    /// [`StoreError`](crate::store::StoreError).
     pub async fn steps(&self, job: JobId) -> Result<Vec<StepRecord>> {
         self.meta.steps(job).await
     }
@@ -134,7 +134,7 @@ impl Store {
     /// One finished step, if it is there.
     ///
     /// # Errors
-    /// [`StoreError`].
+    /// [`StoreError`](crate::store::StoreError).
     pub async fn step(&self, job: JobId, k: u32) -> Result<Option<StepRecord>> {
         Ok(self.steps(job).await?.into_iter().find(|s| s.k == k))
     }
@@ -142,7 +142,7 @@ impl Store {
     /// Events of a job after number `after`, in order.
     ///
     /// # Errors
-    /// [`StoreError`].
+    /// [`StoreError`](crate::store::StoreError).
     pub async fn events(&self, job: JobId, after: u64) -> Result<Vec<EventRecord>> {
         self.meta.events(job, after).await
     }
@@ -150,7 +150,7 @@ impl Store {
     /// Drops all but the last event of jobs that ended longer than `age` ago: the number dropped.
     ///
     /// # Errors
-    /// [`StoreError`].
+    /// [`StoreError`](crate::store::StoreError).
     pub async fn prune_events(&self, age: Duration) -> Result<u64> {
         self.meta.prune_events(&rfc3339_before(age)).await
     }

@@ -143,12 +143,6 @@ impl PreparedTissue {
         let equations = Prepared::new(&mesh, touching, &Boundary::default(), settings.solver.clone(), control)?;
         Ok(Self { mesh, equations, moving, displacement_mm, left_out, attached, warnings })
     }
-
-    /// The mesh with what its nodes do.
-    #[must_use]
-    pub fn mesh(&self) -> &MixedMesh {
-        &self.mesh
-    }
 }
 
 /// Moves the bone along the plan and hands out each step as soon as it is solved.

@@ -5,6 +5,7 @@ use axum::http::{Method, StatusCode};
 use serde_json::{Value, json};
 
 use crate::app::TestApp;
+use crate::examples::{Example, examples};
 
 #[tokio::test]
 async fn whatever_goes_wrong_is_a_problem() {
@@ -125,32 +126,10 @@ async fn the_description_and_the_router_agree() {
 #[tokio::test]
 async fn the_examples_are_understood() {
     let app = TestApp::new().await;
-    let directory = concat!(env!("CARGO_MANIFEST_DIR"), "/api/examples");
-    let mut tried = 0;
-    for entry in std::fs::read_dir(directory).unwrap() {
-        let path = entry.unwrap().path();
-        if path.extension().is_none_or(|e| e != "json") {
-            continue;
-        }
-        let example: Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
-        let (session, plan) = app.session_with_plan().await;
-        let osteotomy = app.get(&session).await.ok()["osteotomies"][0].clone();
-        let fill = |text: &str| {
-            text.replace("{session}", session.rsplit('/').next().unwrap())
-                .replace("{plan}", &plan)
-                .replace("{osteotomy}", osteotomy.as_str().unwrap())
-        };
-        let method: Method = example["method"].as_str().unwrap().parse().unwrap();
-        let target = fill(example["path"].as_str().unwrap());
-        let body = fill(&example["body"].to_string());
-        let answer = app.call(method, &target, &[("content-type", "application/json")], body).await;
-        assert_eq!(
-            answer.status.as_u16(),
-            example["status"].as_u64().unwrap() as u16,
-            "{}: {answer:?}",
-            path.display()
-        );
-        tried += 1;
+    let all = examples(&app).await;
+    assert!(all.len() >= 6);
+    for Example { name, method, path, body, status } in all {
+        let answer = app.call(method, &path, &[("content-type", "application/json")], body.to_string()).await;
+        assert_eq!(u64::from(answer.status.as_u16()), status, "{name}: {answer:?}");
     }
-    assert!(tried >= 6);
 }

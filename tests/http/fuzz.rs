@@ -2,10 +2,11 @@
 
 use std::time::{Duration, Instant};
 
-use axum::http::{Method, StatusCode};
+use axum::http::StatusCode;
 use serde_json::{Value, json};
 
 use crate::app::{Answer, TestApp};
+use crate::examples::examples;
 
 /// Numbers that look random and are the same in every run.
 struct Dice(u64);
@@ -15,38 +16,6 @@ impl Dice {
         self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         ((self.0 >> 33) as usize) % n.max(1)
     }
-}
-
-struct Example {
-    method: Method,
-    path: String,
-    body: Value,
-}
-
-/// The bodies of `api/examples`, for a session in which there is everything that they name.
-async fn examples(app: &TestApp) -> Vec<Example> {
-    let (session, plan) = app.session_with_plan().await;
-    let osteotomy = app.get(&session).await.ok()["osteotomies"][0].clone();
-    let fill = |text: &str| {
-        text.replace("{session}", session.rsplit('/').next().unwrap())
-            .replace("{plan}", &plan)
-            .replace("{osteotomy}", osteotomy.as_str().unwrap())
-    };
-    let mut paths: Vec<_> = std::fs::read_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/api/examples"))
-        .unwrap()
-        .map(|entry| entry.unwrap().path())
-        .filter(|path| path.extension().is_some_and(|e| e == "json"))
-        .collect();
-    paths.sort();
-    let read = |path: &std::path::PathBuf| {
-        let example: Value = serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap();
-        Example {
-            method: example["method"].as_str().unwrap().parse().unwrap(),
-            path: fill(example["path"].as_str().unwrap()),
-            body: serde_json::from_str(&fill(&example["body"].to_string())).unwrap(),
-        }
-    };
-    paths.iter().map(read).collect()
 }
 
 fn odd_value(dice: &mut Dice) -> Value {

@@ -12,6 +12,7 @@ mod compare;
 mod dicom;
 mod edges;
 mod events;
+mod examples;
 mod fuzz;
 mod health;
 mod idempotency;

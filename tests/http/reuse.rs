@@ -122,4 +122,13 @@ async fn a_job_that_begins_at_the_end_of_another_ends_where_the_way_from_rest_do
         assert_eq!(error["pointer"], "/warm_start", "{problem}");
         assert!(problem.to_string().contains(why), "{problem}");
     }
+
+    // The same patient in another session.
+    let (other, cut) = scene(&app).await;
+    let plan = json!({"osteotomy": cut, "paths": [{"segment": 1, "waypoints": waypoints}]});
+    let plan = app.post(&format!("{other}/plans"), plan).await.ok()["id"].clone();
+    let mut body = warm(id);
+    body["plan"] = plan;
+    let problem = app.post(&format!("{other}/jobs"), body).await.problem(422, "invalid-request");
+    assert!(problem.to_string().contains("another session"), "{problem}");
 }

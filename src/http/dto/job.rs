@@ -208,8 +208,8 @@ impl CreateJob {
             return Err(Fault::new(FaultKind::NotAvailable, "budgets are not available in this version").at("/budget"));
         }
         let mut check = Check::default();
-        let usual = if self.warm_start.is_some() { None } else { settings.steps };
-        let steps = self.steps.or(usual).unwrap_or(if self.warm_start.is_some() { 1 } else { DEFAULT_STEPS });
+        let usual = if self.warm_start.is_some() { 1 } else { settings.steps.unwrap_or(DEFAULT_STEPS) };
+        let steps = self.steps.unwrap_or(usual);
         check.number("/steps", f64::from(steps), 1.0, f64::from(MAX_STEPS));
         let attachment = self.attachment.as_ref().map(|a| AttachmentRecord {
             tie_gap_mm: a.tie_gap_mm.map(|gap| check.number("/attachment/tie_gap_mm", gap, 0.0, 50.0)),

@@ -109,7 +109,7 @@ pub(in crate::http) async fn create(
         warm_start: None,
     };
     let solve = match request.warm_start {
-        Some(id) => begin_at(&state, &principal, id.into(), solve).await?,
+        Some(id) => begin_at(&state, &principal, session, id.into(), solve).await?,
         None => solve,
     };
     accept_order(&state, order(solve.steps, stored(&solve)?), Some(&answering)).await

@@ -4,7 +4,7 @@ use crate::http::auth::Principal;
 use crate::http::{AppState, Problem};
 use crate::jobs::{EarlierSolve, SolveRequest};
 use crate::session::{Fault, FaultKind, PlanDocument};
-use crate::store::{JobId, JobKind, JobState};
+use crate::store::{JobId, JobKind, JobState, SessionId};
 
 /// So many jobs may begin at each other's end: all of them are solved again where nothing of them is in memory.
 const MAX_DEPTH: usize = 16;
@@ -13,6 +13,7 @@ const MAX_DEPTH: usize = 16;
 pub(super) async fn begin_at(
     state: &AppState,
     principal: &Principal,
+    session: SessionId,
     id: JobId,
     solve: SolveRequest,
 ) -> Result<SolveRequest, Problem> {
@@ -26,6 +27,9 @@ pub(super) async fn begin_at(
     let Ok(before) = serde_json::from_str::<SolveRequest>(&job.request) else {
         return Err(refused(format!("job {id} solved a ready tissue mesh, which jobs do not begin at")).into());
     };
+    if job.session != session {
+        return Err(refused(format!("job {id} is of another session")).into());
+    }
     if let Some(what) = difference(&before, &solve) {
         return Err(refused(format!("job {id} had {what}")).into());
     }
@@ -42,7 +46,7 @@ pub(super) async fn begin_at(
 fn difference(before: &SolveRequest, now: &SolveRequest) -> Option<&'static str> {
     let segments = |plan: &PlanDocument| plan.paths.iter().map(|p| p.segment).collect::<BTreeSet<_>>();
     [
-        (before.mesh_key != now.mesh_key, "another tissue mesh, or is of another session"),
+        (before.mesh_key != now.mesh_key, "another tissue mesh"),
         (before.cuts != now.cuts, "other cuts"),
         (segments(&before.plan) != segments(&now.plan), "other segments that move"),
         (before.physics != now.physics, "another model, other materials or other settings"),

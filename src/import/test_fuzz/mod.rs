@@ -16,6 +16,8 @@ use super::{Limits, SurfaceFormat, VolumeScan, detect_surface, detect_volume, su
 const MEMORY_KB: u64 = 1_500_000;
 /// Longest file, bytes.
 const LONGEST: usize = 64 << 10;
+/// Files that are tried however slow the machine is.
+const LEAST_ROUNDS: u64 = 500;
 /// Longest that the process goes on behind its time: a reader that hangs is found by it.
 const HANGS: Duration = Duration::from_secs(120);
 const CHILD: &str = "import::test_fuzz::rounds_within_bounds";
@@ -54,7 +56,6 @@ fn no_file_makes_a_reader_panic_hang_or_take_memory_for_what_is_not_there() {
     let again = format!("again with FUZZ_ROUND={round} FUZZ_AT=/dev/null cargo test --lib {CHILD}");
     let status = status.unwrap_or_else(|| panic!("a reader hangs: {again}"));
     assert!(status.success(), "{status}: {again}");
-    assert!(round.trim().parse::<u64>().unwrap() > 500, "hardly a round was made: {round}");
 }
 
 /// What the other test runs within its bounds; alone it does nothing.
@@ -71,7 +72,7 @@ fn rounds_within_bounds() {
     }
     let end = Instant::now() + Duration::from_secs(seconds());
     let (mut round, mut taken) = (0u64, 0u64);
-    while Instant::now() < end {
+    while round < LEAST_ROUNDS || Instant::now() < end {
         fs::write(&at, round.to_string()).unwrap();
         taken += u64::from(make(&seeds, round));
         round += 1;

@@ -1,0 +1,44 @@
+//! The requests of `api/examples`.
+
+use axum::http::Method;
+use serde_json::Value;
+
+use crate::app::TestApp;
+
+/// A request that a reader may copy, and the status that answers it.
+pub(crate) struct Example {
+    pub(crate) name: String,
+    pub(crate) method: Method,
+    pub(crate) path: String,
+    pub(crate) body: Value,
+    pub(crate) status: u64,
+}
+
+/// All of them in the order of their names, each for a session of its own in which there is everything that it names.
+pub(crate) async fn examples(app: &TestApp) -> Vec<Example> {
+    let mut paths: Vec<_> = std::fs::read_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/api/examples"))
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .filter(|path| path.extension().is_some_and(|e| e == "json"))
+        .collect();
+    paths.sort();
+    let mut all = Vec::new();
+    for path in paths {
+        let example: Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+        let (session, plan) = app.session_with_plan().await;
+        let osteotomy = app.get(&session).await.ok()["osteotomies"][0].clone();
+        let fill = |text: &str| {
+            text.replace("{session}", session.rsplit('/').next().unwrap())
+                .replace("{plan}", &plan)
+                .replace("{osteotomy}", osteotomy.as_str().unwrap())
+        };
+        all.push(Example {
+            name: path.display().to_string(),
+            method: example["method"].as_str().unwrap().parse().unwrap(),
+            path: fill(example["path"].as_str().unwrap()),
+            body: serde_json::from_str(&fill(&example["body"].to_string())).unwrap(),
+            status: example["status"].as_u64().unwrap(),
+        });
+    }
+    all
+}

@@ -40,25 +40,42 @@ pub enum StepOutcome {
     Stabilised,
     /// Forces balance, but a material has lost ellipticity: no answer to rely on.
     OutsideEllipticity(LostEllipticity),
+    /// Forces balance, but elements lie inside out, which small strain does not know of: no answer to rely on.
+    InsideOut {
+        /// How many.
+        elements: usize,
+        /// Smallest det F.
+        min_det_f: f64,
+    },
 }
 
 impl StepOutcome {
     /// Whether the equilibrium is one to rely on.
     #[must_use]
     pub fn converged(&self) -> bool {
+        self.fault().is_none()
+    }
+
+    /// Why it is not to be relied on, if it is not.
+    #[must_use]
+    pub fn fault(&self) -> Option<String> {
         match self {
-            Self::Converged | Self::Stabilised => true,
-            Self::OutsideEllipticity(_) => false,
+            Self::Converged | Self::Stabilised => None,
+            Self::OutsideEllipticity(lost) => Some(lost.to_string()),
+            Self::InsideOut { elements, min_det_f } => Some(format!(
+                "the linear model turns {elements} elements inside out (det F down to {min_det_f:.3}): strains are too large for it"
+            )),
         }
     }
 
-    /// Its name on the wire: `converged`, `stabilised`, `outside_ellipticity`.
+    /// Its name on the wire: `converged`, `stabilised`, `outside_ellipticity`, `inside_out`.
     #[must_use]
     pub fn name(&self) -> &'static str {
         match self {
             Self::Converged => "converged",
             Self::Stabilised => "stabilised",
             Self::OutsideEllipticity(_) => "outside_ellipticity",
+            Self::InsideOut { .. } => "inside_out",
         }
     }
 }

@@ -358,11 +358,9 @@ impl<'a> Solver<'a> {
                 progress.halvings
             ));
         }
-        let min_det_f =
-            self.equations.assembly.min_det(&self.state.x).into_iter().flatten().fold(f64::INFINITY, f64::min);
-        if self.settings.model.is_linear() && min_det_f <= 0.0 {
-            warnings.push(format!("the linear model turns elements inside out (det F down to {min_det_f:.3}): strains are too large for it"));
-        }
+        let dets: Vec<f64> = self.equations.assembly.min_det(&self.state.x).into_iter().flatten().collect();
+        let min_det_f = dets.iter().copied().fold(f64::INFINITY, f64::min);
+        let inside_out = dets.iter().filter(|det| **det <= 0.0).count();
         if self.settings.model.is_linear() {
             warnings.extend(diagnosis::left_out_strain(&self.equations, &self.state.x));
         }
@@ -379,12 +377,13 @@ impl<'a> Solver<'a> {
             ));
         }
         let lost = diagnosis::lost_ellipticity(&self.equations, self.mesh, &self.state.x);
-        warnings.extend(lost.map(|lost| format!("{lost}: this step is no equilibrium to rely on")));
         let outcome = match lost {
             Some(lost) => StepOutcome::OutsideEllipticity(lost),
+            None if inside_out > 0 => StepOutcome::InsideOut { elements: inside_out, min_det_f },
             None if self.stabilised => StepOutcome::Stabilised,
             None => StepOutcome::Converged,
         };
+        warnings.extend(outcome.fault().map(|fault| format!("{fault}: this step is no equilibrium to rely on")));
         let body_motions = self.body_motions(&self.state.motions);
         let reactions_n = self.equations.reactions(&self.state.x, &body_motions, &self.segments);
         StepReport {

@@ -23,13 +23,13 @@ pub struct EnvelopeSettings {
     /// Openings narrower than twice this are closed, mm.
     pub closing_mm: f64,
     /// Share of all directions in which a place must see out to be outside; 0 asks for none. Fills what narrow openings do
-    /// not enclose: sinuses open to the nose, the nose's back, the cranial cavity.
+    /// not enclose: sinuses open to the nose or behind walls so thin that they have holes, the nose's back, the cranial cavity.
     pub least_sky: f64,
 }
 
 impl Default for EnvelopeSettings {
     fn default() -> Self {
-        Self { spacing_mm: 1.0, closing_mm: 2.0, least_sky: 0.0 }
+        Self { spacing_mm: 1.0, closing_mm: 2.0, least_sky: 0.05 }
     }
 }
 

@@ -27,12 +27,16 @@ impl MeshSettings {
         if !(0.25..=20.0).contains(&self.edge_mm) {
             return setting("edge_mm", self.edge_mm, "0.25 to 20");
         }
-        // The carved layer under the skin must lie above the cut.
-        let least = self.skin_thickness_mm + 2.0 * self.edge_mm;
-        if !(least..=1000.0).contains(&self.depth_mm) {
+        if !(self.least_depth_mm()..=1000.0).contains(&self.depth_mm) {
             return setting("depth_mm", self.depth_mm, "the skin's thickness plus two edges, to 1000");
         }
         Ok(())
+    }
+
+    /// Smallest `depth_mm` that goes with the other two: the carved layer under the skin must lie above the cut.
+    #[must_use]
+    pub fn least_depth_mm(&self) -> f64 {
+        self.skin_thickness_mm + 2.0 * self.edge_mm
     }
 }
 

@@ -217,6 +217,8 @@ async fn a_list_is_no_object_at_any_depth() {
     assert_eq!(pointers(&app.post(&format!("{session}/osteotomies"), cut).await), ["/cuts/0/plane"]);
     let region = json!({"region": [[0, 0, 0], [50, 50, 50]]});
     assert_eq!(pointers(&app.post(&format!("{session}/mesh"), region).await), ["/region"]);
+    let shallow = json!({"edge_mm": 20, "depth_mm": 40, "skin_thickness_mm": 10});
+    assert_eq!(pointers(&app.post(&format!("{session}/mesh"), shallow).await), ["/depth_mm"]);
 }
 
 async fn osteotomy(app: &TestApp) -> (String, Value) {

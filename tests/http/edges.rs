@@ -24,6 +24,8 @@ async fn whatever_goes_wrong_is_a_problem() {
     app.call(Method::POST, "/v1/sessions", &[("content-type", "text/plain")], "{}")
         .await
         .problem(415, "unsupported-format");
+    let packed = [("content-type", "application/json"), ("content-encoding", "gzip")];
+    app.call(Method::POST, "/v1/sessions", &packed, "{}").await.problem(415, "unsupported-format");
     app.call(Method::POST, "/v1/sessions", &json_type, "[]").await.problem(422, "invalid-request");
     let unknown = app.post("/v1/sessions", json!({"name": "Jane Doe"})).await.problem(422, "invalid-request");
     assert_eq!(unknown["errors"][0]["pointer"], "/name");

@@ -284,6 +284,8 @@ async fn landmarks_are_checked_and_kept() {
             assert!(problem["detail"].as_str().unwrap().contains("check the unit"), "{problem}");
         }
     }
+    let two = json!({"points": {"ans": [0.006, -0.084, 0.045], "pogonion": [0.006, -0.071, -0.025]}});
+    app.put_json(&path, two).await.problem(422, "invalid-request");
 }
 
 #[tokio::test]

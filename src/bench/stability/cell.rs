@@ -4,7 +4,7 @@ use super::method::Method;
 use super::scenes::{Check, HardScene, Setup};
 use crate::bench::slab::moved;
 use crate::control::Control;
-use crate::fem::{ContactBody, SolveError, SolveSettings, Solver, StepOutcome};
+use crate::fem::{ContactBody, SolveError, SolveSettings, Solver};
 use crate::geometry::Vector;
 use crate::mesh::MixedMesh;
 
@@ -210,10 +210,7 @@ fn solve(setup: &Setup, method: Method, relative_residual: f64) -> Result<Answer
     for k in 1..=setup.steps {
         let report = solver.advance(k as f64 / setup.steps as f64, &|t| (setup.path)(t), &control)?;
         projected |= solver.iterations().iter().any(|i| i.projected);
-        answer.outside = match report.outcome {
-            StepOutcome::OutsideEllipticity(lost) => Some(lost.to_string()),
-            StepOutcome::Converged | StepOutcome::Stabilised => None,
-        };
+        answer.outside = report.outcome.fault();
         for warning in report.warnings {
             let list = if warning.starts_with("substeps were shortened") || warning.contains("as asked for") {
                 &mut answer.help

@@ -12,7 +12,7 @@ use serde::Serialize;
 use super::CommandResult;
 use crate::bench::peak_mb;
 use crate::control::Control;
-use crate::fem::{LostEllipticity, SolveError, StepOutcome};
+use crate::fem::SolveError;
 use scene_file::SceneFile;
 
 /// Arguments of `prosopon solve`.
@@ -54,8 +54,8 @@ enum Unfinished {
     #[error(transparent)]
     Stopped(#[from] SolveError),
     /// Forces balance at its end, but no more.
-    #[error("the path was finished outside the range in which the materials are stable: {0}")]
-    OutsideEllipticity(LostEllipticity),
+    #[error("the path was finished, but its end is not to be relied on: {0}")]
+    NotToRelyOn(String),
 }
 
 pub(super) fn run(arguments: &SolveArguments) -> CommandResult {
@@ -82,11 +82,8 @@ fn solve(arguments: &SolveArguments) -> Result<Option<Unfinished>, Box<dyn std::
         warnings.push(format!("stopped after {} of {} steps: {failure}", outcome.steps.len(), scene.steps));
     }
     let last = outcome.steps.last();
-    let unfinished = match (outcome.failure, last.map(|s| s.outcome)) {
-        (Some(failure), _) => Some(Unfinished::Stopped(failure)),
-        (None, Some(StepOutcome::OutsideEllipticity(lost))) => Some(Unfinished::OutsideEllipticity(lost)),
-        (None, Some(StepOutcome::Converged | StepOutcome::Stabilised) | None) => None,
-    };
+    let fault = last.and_then(|s| s.outcome.fault()).map(Unfinished::NotToRelyOn);
+    let unfinished = outcome.failure.map(Unfinished::Stopped).or(fault);
     let summary = Summary {
         converged: unfinished.is_none(),
         outcome: last.map(|s| s.outcome.name()),

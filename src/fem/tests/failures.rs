@@ -108,9 +108,26 @@ fn an_equilibrium_outside_ellipticity_is_no_convergence() {
         StepOutcome::OutsideEllipticity(lost) => {
             assert!(lost.elements > 0 && lost.tissue == "fat" && (1.01..1.2).contains(&lost.stretch), "{lost}");
         }
-        other @ (StepOutcome::Converged | StepOutcome::Stabilised) => panic!("{other:?}"),
+        other @ (StepOutcome::Converged | StepOutcome::Stabilised | StepOutcome::InsideOut { .. }) => {
+            panic!("{other:?}")
+        }
     }
     assert!(!beyond.outcome.converged() && beyond.warnings.iter().any(|w| w.contains("no equilibrium to rely on")));
+}
+
+/// A layer of 6 mm that is pressed by 9 mm: small strain has an answer, which is none.
+#[test]
+fn a_small_strain_answer_inside_out_is_no_convergence() {
+    let (mesh, control) = (slab(), Control::new());
+    for model in [Model::Linear, Model::MassTensor] {
+        let settings = SolveSettings::new(model, Preset::Wang2009Stable.materials());
+        let mut solver = Solver::new(&mesh, vec![], settings, &control).unwrap();
+        assert_eq!(solver.advance(0.05, &push(9.0), &control).unwrap().outcome, StepOutcome::Converged);
+        let beyond = solver.advance(1.0, &push(9.0), &control).unwrap();
+        assert!(beyond.min_det_f < 0.0 && !beyond.outcome.converged(), "{beyond:?}");
+        assert!(matches!(beyond.outcome, StepOutcome::InsideOut { elements: 1.., .. }), "{beyond:?}");
+        assert!(beyond.warnings.iter().any(|w| w.contains("inside out")), "{:?}", beyond.warnings);
+    }
 }
 
 /// Hyperelastic bodies remember nothing: the stable materials give the same answer as from the start, to the displacement tolerance (2.5e-4

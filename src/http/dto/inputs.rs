@@ -143,7 +143,7 @@ impl TryFrom<PutLandmarks> for LandmarksDocument {
 /// Landmarks of a head lie centimetres apart: those in metres within a millimetre, those in micrometres beyond any head.
 fn check_size<'a>(check: &mut Check, points: impl ExactSizeIterator<Item = &'a [f64; 3]>) {
     const ALLOWED_MM: [f64; 2] = [2.0, 1000.0];
-    if points.len() < 3 {
+    if points.len() < 2 {
         return;
     }
     let points: Vec<Point> = points.map(|p| Point::from(*p)).collect();

@@ -4,6 +4,7 @@ use uuid::Uuid;
 
 use super::PartView;
 use super::check::Check;
+use crate::mesh::MeshSettings;
 use crate::session::{BoxDocument, Fault, MeshDocument, MeshSettingsDocument};
 
 /// A tissue mesh to build; absent values take their defaults.
@@ -37,10 +38,13 @@ impl TryFrom<&BuildMesh> for MeshSettingsDocument {
         let d = Self::default();
         let mut check = Check::default();
         let thickness = r.skin_thickness_mm.unwrap_or(d.skin_thickness_mm);
+        let skin_thickness_mm = check.number("/skin_thickness_mm", thickness, 0.1, 10.0);
+        let edge_mm = check.number("/edge_mm", r.edge_mm.unwrap_or(d.edge_mm), 0.5, 20.0);
+        let least = MeshSettings { skin_thickness_mm, edge_mm, ..MeshSettings::default() }.least_depth_mm();
         let settings = Self {
-            skin_thickness_mm: check.number("/skin_thickness_mm", thickness, 0.1, 10.0),
-            edge_mm: check.number("/edge_mm", r.edge_mm.unwrap_or(d.edge_mm), 0.5, 20.0),
-            depth_mm: check.number("/depth_mm", r.depth_mm.unwrap_or(d.depth_mm), 2.0, 200.0),
+            skin_thickness_mm,
+            edge_mm,
+            depth_mm: check.number("/depth_mm", r.depth_mm.unwrap_or(d.depth_mm), least, 200.0),
             region: r.region.map(|b| check.bounds("/region", b)),
             tissue_by_depth: r.tissue_by_depth,
         };

@@ -102,9 +102,17 @@ pub fn volume_mesh(bytes: &[u8], limits: &Limits) -> Result<(VolumeMesh, Vec<Str
     Ok(finished(VolumeMesh { points, cells, point_arrays, cell_arrays }, warnings))
 }
 
-/// The mesh, with a warning when its size is unusual: no more than that, for a test body may have any size.
+/// The mesh, with a warning when its size is unusual: no more than that, for a test body may have any size. Points of no cell do not count.
 fn finished(mesh: VolumeMesh, mut warnings: Vec<String>) -> (VolumeMesh, Vec<String>) {
-    let size = Aabb::of(&mesh.points).map_or(0.0, |b| b.diagonal());
+    let mut used: Vec<u32> = mesh.cells.iter().flat_map(Cell::corners).copied().collect();
+    used.sort_unstable();
+    used.dedup();
+    let unused = mesh.points.len().saturating_sub(used.len());
+    if unused > 0 {
+        warnings.push(format!("{unused} points belong to no tetrahedron and no wedge: they stay where they are"));
+    }
+    let points: Vec<Point> = used.iter().filter_map(|n| mesh.points.get(*n as usize)).copied().collect();
+    let size = Aabb::of(&points).map_or(0.0, |b| b.diagonal());
     if let Err(unusual) = check_size(size, &mut warnings) {
         warnings.push(unusual.to_string());
     }

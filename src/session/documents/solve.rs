@@ -53,10 +53,11 @@ pub struct StepDocument {
     pub k: u32,
     /// Path parameter, 0 to 1.
     pub t: f64,
-    /// Whether the convergence test was met with every material elliptic.
+    /// Whether the convergence test was met with every material elliptic and no element inside out.
     pub converged: bool,
     /// How it ended: `converged`; `stabilised`, with stable materials in the place of those asked for; `outside_ellipticity`, where forces
-    /// balance but a material has lost ellipticity, which is no answer to rely on.
+    /// balance but a material has lost ellipticity, and `inside_out`, where they do but the linear model turns elements inside out: no answers to
+    /// rely on.
     #[serde(default = "plain_outcome")]
     pub outcome: String,
     /// Smallest det F over all quadrature points.

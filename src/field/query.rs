@@ -275,13 +275,7 @@ impl Implicit for DistanceField {
     }
 
     fn value_gradient(&self, p: &Point) -> (f64, Vector) {
-        let (inner, beyond) = self.clamped(p);
-        let Jet { mut value, mut gradient, .. } = self.jet(&inner);
-        if let Some((direction, distance)) = beyond {
-            // Moving along an axis that was cut off does not move the closest point of the box.
-            gradient = gradient.zip_map(&direction, |g, d| if d == 0.0 { g } else { d });
-            value += distance;
-        }
+        let (value, gradient, _) = self.value_gradient_hessian(p);
         (value, gradient)
     }
 }

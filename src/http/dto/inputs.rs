@@ -141,13 +141,12 @@ impl TryFrom<PutLandmarks> for LandmarksDocument {
 }
 
 /// Landmarks of a head lie centimetres apart: those in metres within a millimetre, those in micrometres beyond any head.
-fn check_size<'a>(check: &mut Check, points: impl ExactSizeIterator<Item = &'a [f64; 3]>) {
+/// Points out of reach have been told.
+fn check_size<'a>(check: &mut Check, points: impl Iterator<Item = &'a [f64; 3]>) {
     const ALLOWED_MM: [f64; 2] = [2.0, 1000.0];
-    if points.len() < 2 {
-        return;
-    }
-    let points: Vec<Point> = points.map(|p| Point::from(*p)).collect();
-    let Some(bounds) = Aabb::of(&points) else { return };
+    let within_reach = points.filter(|p| p.iter().all(|c| c.abs() <= REACH_MM));
+    let points: Vec<Point> = within_reach.map(|p| Point::from(*p)).collect();
+    let Some(bounds) = Aabb::of(&points).filter(|_| points.len() > 1) else { return };
     let size_mm = (bounds.max - bounds.min).norm();
     if !(ALLOWED_MM[0]..=ALLOWED_MM[1]).contains(&size_mm) {
         let detail = format!(

@@ -161,7 +161,7 @@ impl SolverGrowthStudy<'_> {
         let of = |smoothed: bool| found.iter().filter(move |f| f.0.smoothed == smoothed).map(|f| &f.1);
         let plain: Vec<&SlabTiming> = of(false).collect();
         let curves = [
-            ("none, Poisson ratio 0.45", RGBColor(0, 114, 178), plain.clone()),
+            ("none, 0.45", RGBColor(0, 114, 178), plain.clone()),
             ("smoothed, 0.49", RGBColor(213, 94, 0), of(true).collect()),
         ];
         let curves: Vec<Curve> =

@@ -65,8 +65,8 @@ struct Answer {
     help: Vec<String>,
     /// Warnings about the answer.
     told: Vec<String>,
-    /// The answer does not count as converged.
-    outside: Option<String>,
+    /// The outcome, where the answer does not count as converged.
+    fault: Option<&'static str>,
 }
 
 /// Solves `scene` by `method` and checks what comes.
@@ -157,9 +157,9 @@ fn difference_of_the_model(scene: &HardScene, method: Method, answer: &Answer) -
 fn judged(scene: &HardScene, answer: Answer, numeric: Result<f64, String>, model: Option<Result<f64, String>>) -> Cell {
     let error_mm = numeric.as_ref().ok().copied();
     let model_error_mm = model.as_ref().and_then(|m| m.as_ref().ok()).copied();
-    let told = answer.outside.iter().chain(&answer.told).cloned().collect::<Vec<String>>().join("; ");
+    let told = answer.told.join("; ");
     let (verdict, short, detail) = match (&numeric, &model) {
-        _ if answer.outside.is_some() => (Verdict::Told, "outside ellipticity".to_owned(), told),
+        _ if let Some(fault) = answer.fault => (Verdict::Told, fault.replace('_', " "), told),
         (Err(_), _) if answer.told.iter().any(|warning| warning.ends_with(UNRELIABLE)) => {
             (Verdict::Told, "contact told".to_owned(), told)
         }
@@ -205,12 +205,12 @@ fn solve(setup: &Setup, method: Method, relative_residual: f64) -> Result<Answer
     let control = Control::new();
     let bodies = setup.bodies.iter().map(|(segment, solid)| ContactBody { segment: *segment, solid: solid.as_ref() });
     let mut solver = Solver::with_boundary(&setup.mesh, bodies.collect(), &setup.boundary, settings, &control)?;
-    let mut answer = Answer { moved: Vec::new(), help: Vec::new(), told: Vec::new(), outside: None };
+    let mut answer = Answer { moved: Vec::new(), help: Vec::new(), told: Vec::new(), fault: None };
     let mut projected = false;
     for k in 1..=setup.steps {
         let report = solver.advance(k as f64 / setup.steps as f64, &|t| (setup.path)(t), &control)?;
         projected |= solver.iterations().iter().any(|i| i.projected);
-        answer.outside = report.outcome.fault();
+        answer.fault = (!report.outcome.converged()).then(|| report.outcome.name());
         for warning in report.warnings {
             let list = if warning.starts_with("substeps were shortened") || warning.contains("as asked for") {
                 &mut answer.help

@@ -232,7 +232,8 @@ fn solve(setup: &Setup, method: Method, relative_residual: f64) -> Result<Answer
 
 fn in_short(help: &str) -> String {
     match help.strip_prefix("substeps were shortened ").and_then(|rest| rest.split(' ').next()) {
-        Some(times) => format!("{times} shorter substeps"),
+        Some("1") => "1 halving".to_owned(),
+        Some(times) => format!("{times} halvings"),
         None => "stable materials".to_owned(),
     }
 }

@@ -379,8 +379,10 @@ fn random_path(random: &mut Random, osteotomy: &Osteotomy) -> Row {
         None
     };
     let detail = format!(
-        "{:.1} mm; overlap {:.0} mm³, gap {:.0} mm³ at the end",
-        report.path_length_mm, last.overlap_mm3, last.gap_mm3
+        "{:.1} mm; overlap {:.1} of {most:.1} mm³, gap {:.0} mm³ at the end",
+        report.path_length_mm,
+        last.overlap_mm3,
+        last.gap_mm3.abs()
     );
     Row { wrong, detail, ..blank }
 }

@@ -27,7 +27,7 @@ impl<T: DeserializeOwned> FromRequest<AppState> for Body<T> {
 /// The bytes of a JSON body; an empty one counts as `{}`.
 pub(super) async fn read_json(request: Request, state: &AppState) -> Result<Bytes, Problem> {
     let is_json = is_json(request.headers());
-    let encoding = request.headers().get(header::CONTENT_ENCODING).cloned();
+    let is_encoded = request.headers().get(header::CONTENT_ENCODING).is_some_and(|e| e != "identity");
     let max_bytes = state.limits.max_json_bytes;
     let bytes = tokio::time::timeout(state.limits.body, Bytes::from_request(request, state)).await;
     let bytes = bytes.map_err(|_| {
@@ -38,7 +38,7 @@ pub(super) async fn read_json(request: Request, state: &AppState) -> Result<Byte
     if bytes.is_empty() {
         return Ok(Bytes::from_static(b"{}"));
     }
-    if encoding.is_some_and(|e| e != "identity") {
+    if is_encoded {
         return Err(Problem::new(
             FaultKind::UnsupportedFormat,
             "a JSON body is taken as it is, without Content-Encoding",

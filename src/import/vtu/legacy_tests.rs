@@ -79,6 +79,19 @@ fn both_encodings_and_both_layouts_of_cells_give_the_same_mesh() {
 }
 
 #[test]
+fn points_of_no_cell_are_told_and_do_not_count_for_the_size() {
+    let text = String::from_utf8(file(true, 3)).unwrap();
+    let unused = text.replacen("4 0 1 2 6", "4 0 1 2 3", 1).replacen("4 3 1 4 6", "4 3 1 4 5", 1);
+    // The box round the cells, 87 mm across, is that of a part of a head; with the point it would be that of a house.
+    let far = unused.replacen("7 -20 3", "7000 -20 3", 1);
+    for file in [unused, far] {
+        let (_, warnings) = volume_mesh(file.as_bytes(), &LIMITS).unwrap();
+        assert!(warnings.iter().any(|w| w.starts_with("1 points belong to no tetrahedron")), "{warnings:?}");
+        assert!(!warnings.iter().any(|w| w.contains("check the unit")), "{warnings:?}");
+    }
+}
+
+#[test]
 fn faults_are_named() {
     let text = String::from_utf8(file(true, 3)).unwrap();
     for (from, to, expected) in [

@@ -21,8 +21,6 @@ use crate::surface::Topology;
 const VOLUME_TOLERANCE: f64 = 5e-3;
 /// Vertices of two segments may lie in each other by this much, in spacings: the corners between cuts are right to half of one.
 const INTRUSION: f64 = 1.0;
-/// Overlaps are sampled: of a small piece that lies in bone altogether so much more than its volume may be found, mm³.
-const SAMPLED_MM3: f64 = 5.0;
 
 /// The study.
 #[derive(Debug)]
@@ -369,9 +367,9 @@ fn random_path(random: &mut Random, osteotomy: &Osteotomy) -> Row {
     // At rest nothing overlaps but corners between cuts; a path is no shorter than its chord.
     let wrong = if !finite {
         Some("a value is not finite".to_owned())
-    } else if first.overlap_mm3 > 0.02 * piece.volume_mm3 + SAMPLED_MM3 {
+    } else if first.overlap_mm3 > 0.02 * piece.volume_mm3 + 5.0 {
         Some(format!("{:.0} mm³ overlap at rest", first.overlap_mm3))
-    } else if let Some(s) = report.along.iter().find(|s| s.overlap_mm3 > 1.01 * most + SAMPLED_MM3) {
+    } else if let Some(s) = report.along.iter().find(|s| s.overlap_mm3 > 1.01 * most) {
         Some(format!("{:.1} mm³ overlap, and there are {most:.1}", s.overlap_mm3))
     } else if report.path_length_mm < moved - 1e-9 {
         Some("the path is shorter than its chord".to_owned())

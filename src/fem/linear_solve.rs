@@ -192,6 +192,16 @@ impl LinearSolver {
         self.low_rank = self.compliance(nodes).and_then(|compliance| LowRank::new(contact, compliance));
     }
 
+    /// What the present factor with the terms `contact` has for `A x = b`, before any conjugate gradients.
+    pub(super) fn estimate(&mut self, contact: &[RankOne], b: &[f64]) -> Vec<f64> {
+        let begin = (self.clock)();
+        self.correct(contact);
+        let mut x = b.to_vec();
+        self.precondition(&mut x);
+        self.times.1 += (self.clock)() - begin;
+        x
+    }
+
     /// `L⁻¹ b` of the present factor. `None` when there is none that serves, or when it knows of contact.
     pub(super) fn forward(&mut self, b: &[f64]) -> Option<Vec<f64>> {
         if self.whole || self.stale || !self.has_factor() {

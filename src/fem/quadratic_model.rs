@@ -20,6 +20,8 @@ const PREDICTED: f64 = 1e-2;
 
 /// Points that settled contact has within this of the whole model's answer, mm, are held to be right about the bodies' curvature.
 const TRUSTED_MM: f64 = 0.1;
+/// From this on, mm, the factor alone tells that they will not be.
+const DOUBTFUL_MM: f64 = 2.0 * TRUSTED_MM;
 
 /// How much of the bodies' curvature a model takes.
 #[derive(Debug, Clone, Copy, Default)]
@@ -97,6 +99,13 @@ impl Equations<'_> {
             self.times.contact_s += (self.clock)() - begin;
             let tolerance = self.solver.tolerance(forcing);
             let terms = self.contact.terms(&active, &self.dofs);
+            if settled.is_some() && curved.is_some() {
+                let change = self.solver.estimate(&terms, &rhs);
+                if self.dofs.max_position_change(&change) > DOUBTFUL_MM {
+                    (curved, bend.used) = (None, false);
+                    continue;
+                }
+            }
             let system = System { values: &self.values, elastic: &self.elastic, contact: &terms };
             let work = self.solver.solve(self.assembly.pattern(), system, &rhs, &mut change, tolerance, norm_sq)?;
             record.factorised |= work.factorised;

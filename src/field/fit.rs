@@ -108,7 +108,7 @@ impl Layer {
     pub(super) fn value(&self, around: &Around, site: &Site) -> f32 {
         let side = self.level.edge() + 2;
         let [x, y, z] = site.weights();
-        let [i, j, k] = site.cell.map(usize::from);
+        let [i, j, k] = site.cell();
         // The fourth lane does not count.
         let mut line = [0.0f32; 4];
         for (n, z) in z.iter().enumerate() {
@@ -221,7 +221,8 @@ fn take_back<const WIDE: usize, const ROOM: usize>(
         let shift = self::step(n).map(|s| s * edge as isize + 1);
         for class in (0..CLASSES).filter(|class| matters[n] >> class & 1 == 1) {
             for site in sites[neighbour as usize].of_class(class) {
-                let first = [0, 1, 2].map(|a| (isize::from(site.cell[a]) + shift[a]) as usize);
+                let cell = site.cell();
+                let first = [0, 1, 2].map(|a| (cell[a] as isize + shift[a]) as usize);
                 spread::<WIDE>(site, first, &mut wanted);
             }
         }

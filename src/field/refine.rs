@@ -56,7 +56,7 @@ impl Rough {
                             layer.fill(field, slot, around);
 
                             spread.for_joints(slot, layer.at[slot], |p| {
-                                let site = Site::new(p);
+                                let site = Site::new(p, 0.0);
                                 if layer.value(around, &site).abs() > limit_between {
                                     places_around(layer.at[slot], &site.local(), counts, &mut places);
                                 }
@@ -229,7 +229,7 @@ fn detail_sites(field: &DistanceField, sites: &[Sites]) -> Vec<Sites> {
                 let slot = parts.slot(Parts::place(part));
                 if slot != NO_BRICK {
                     let p = Vector::from([0, 1, 2].map(|a| p[a] - (part[a] * DETAIL_EDGE) as f64));
-                    found[(slot - parts.first) as usize].push(Site { below: site.value, ..Site::new(&p) });
+                    found[(slot - parts.first) as usize].push(Site::new(&p, site.value));
                 }
             }
             found.into_iter().map(|sites| Sites::new(&sites, DETAIL_EDGE))

@@ -133,9 +133,9 @@ impl<'a> Spread<'a> {
     pub(super) fn sites(&self, slot: usize, at: [i32; 3], sites: &mut Vec<Site>) -> Sites {
         let corner = corner_of(at);
         sites.clear();
-        self.for_points(slot, &corner, Kind::Middles, &mut |p| sites.push(Site::new(p)));
+        self.for_points(slot, &corner, Kind::Middles, &mut |p| sites.push(Site::new(p, 0.0)));
         for &v in self.vertices.of(slot) {
-            sites.push(Site::new(&(self.local(&self.mesh.positions()[v as usize]) - corner)));
+            sites.push(Site::new(&(self.local(&self.mesh.positions()[v as usize]) - corner), 0.0));
         }
         Sites::new(sites, EDGE)
     }
@@ -200,13 +200,14 @@ fn corner_of(at: [i32; 3]) -> Vector {
     Vector::from(at.map(|n| f64::from(n) * EDGE as f64))
 }
 
-/// A site in a brick.
+/// Steps of a site's place in a node's spacing: 16 bits hold those of a brick.
+const STEPS_PER_NODE: f64 = 8192.0;
+
+/// A site in a brick; there are a million and more of them.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Site {
-    /// Its cell's node in the brick.
-    pub(super) cell: [u8; 3],
-    /// From there, in nodes.
-    pub(super) offset: [f32; 3],
+    /// From the lower end of the brick's first cell, in steps.
+    steps: [u16; 3],
     /// The field's value there without the level of the brick, mm.
     pub(super) below: f32,
     /// The field's value there, mm.
@@ -214,27 +215,37 @@ pub(super) struct Site {
 }
 
 impl Site {
-    /// At `p`, in nodes from the brick's first.
+    /// At `p`, in nodes from the brick's first, where the levels below have the value `below`, mm.
     #[inline(always)]
-    pub(super) fn new(p: &Vector) -> Self {
-        let mut site = Self { cell: [0; 3], offset: [0.0; 3], below: 0.0, value: 0.0 };
-        for a in 0..3 {
-            let nearest = (p[a] + 0.5).floor();
-            site.cell[a] = nearest as u8;
-            site.offset[a] = (p[a] - nearest) as f32;
-        }
-        site
+    pub(super) fn new(p: &Vector, below: f32) -> Self {
+        let steps = [0, 1, 2].map(|a| ((p[a] + 0.5) * STEPS_PER_NODE) as u16);
+        Self { steps, below, value: 0.0 }
+    }
+
+    /// Its cell's node in the brick.
+    #[inline(always)]
+    pub(super) fn cell(&self) -> [usize; 3] {
+        self.steps.map(|s| usize::from(s) / STEPS_PER_NODE as usize)
+    }
+
+    /// From there, in nodes: the middle of its step.
+    #[inline(always)]
+    fn offset(&self) -> [f32; 3] {
+        self.steps.map(|s| {
+            let within = usize::from(s) % STEPS_PER_NODE as usize;
+            (within as f32 + 0.5) * (1.0 / STEPS_PER_NODE) as f32 - 0.5
+        })
     }
 
     /// From the brick's first node, in nodes.
     pub(super) fn local(&self) -> [f32; 3] {
-        [0, 1, 2].map(|a| f32::from(self.cell[a]) + self.offset[a])
+        self.steps.map(|s| (f32::from(s) + 0.5) * (1.0 / STEPS_PER_NODE) as f32 - 0.5)
     }
 
     /// Weights of the nodes around it along each axis.
     #[inline(always)]
     pub(super) fn weights(&self) -> [[f32; 3]; 3] {
-        self.offset.map(|t| {
+        self.offset().map(|t| {
             let (low, high) = (0.5 - t, 0.5 + t);
             [0.5 * low * low, 0.75 - t * t, 0.5 * high * high]
         })
@@ -258,12 +269,15 @@ impl Sites {
         if all.is_empty() {
             return Self::default();
         }
-        let side = |n: u8| match usize::from(n) {
+        let side = |n: usize| match n {
             0 => 0,
             n if n + 1 == edge => 2,
             _ => 1,
         };
-        let class = |site: &Site| side(site.cell[0]) + 3 * side(site.cell[1]) + 9 * side(site.cell[2]);
+        let class = |site: &Site| {
+            let [i, j, k] = site.cell().map(side);
+            i + 3 * j + 9 * k
+        };
         let mut first = vec![0u32; CLASSES + 1];
         for site in all {
             first[class(site) + 1] += 1;

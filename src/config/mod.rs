@@ -2,6 +2,7 @@
 //! start, all faults at once.
 
 mod log;
+mod otlp;
 mod read;
 mod source;
 mod tls;
@@ -87,6 +88,8 @@ pub struct ServeConfig {
     pub log_level: String,
     /// How.
     pub log_format: LogFormat,
+    /// An OpenTelemetry collector for spans: the base of its OTLP over HTTP.
+    pub otlp_endpoint: Option<String>,
 }
 
 impl ServeConfig {
@@ -108,6 +111,7 @@ impl ServeConfig {
             drain: Duration::from_secs(5),
             log_level: "info,sqlx=warn".to_owned(),
             log_format: LogFormat::Auto,
+            otlp_endpoint: None,
         }
     }
 
@@ -173,6 +177,9 @@ impl ServeConfig {
         }
         if let Err(fault) = log::check(&self.log_level) {
             check(true, &format!("log.level: {fault}"));
+        }
+        if let Some(Err(fault)) = self.otlp_endpoint.as_deref().map(otlp::check) {
+            check(true, &format!("otlp.endpoint: {fault}"));
         }
         if let Some(Err(fault)) = self.tls.as_ref().map(tls::check) {
             check(true, &format!("tls: {fault}"));

@@ -71,6 +71,7 @@ pub(super) fn read(
     config.drain = Duration::from_secs(s.take("drain_s", config.drain.as_secs()));
     config.log_level = s.take("log.level", config.log_level);
     config.log_format = s.take("log.format", config.log_format);
+    config.otlp_endpoint = s.take_optional("otlp.endpoint");
     s.finish();
     let mut faults = std::mem::take(&mut source.faults);
     faults.extend(config.faults());

@@ -15,6 +15,7 @@ use crate::store::{
     AnswerRecord, Audit, Insertion, JobChange, JobId, JobRecord, JobState, Lane, NewJob, SessionId, StepRecord, Store,
     Supersede, TenantId, now_rfc3339,
 };
+use crate::trace;
 
 /// Sessions and jobs over one store, one engine and one CPU pool.
 #[derive(Debug)]
@@ -432,6 +433,7 @@ fn record(order: Order) -> JobRecord {
         subject: order.subject,
         other_session: order.other_session,
         max_wall_s: order.max_wall_s,
+        traceparent: trace::traceparent(&tracing::Span::current()),
         cancel_requested_at: None,
         superseded_by: None,
         events_from: 1,

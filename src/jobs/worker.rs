@@ -10,6 +10,7 @@ use super::state::{JobEvent, next};
 use super::work::{self, Done};
 use crate::session::{Fault, FaultKind, Halt};
 use crate::store::{JobChange, JobFilter, JobRecord, JobState, Lane, StoreError};
+use crate::trace;
 
 /// Shortest time between two progress events.
 const PROGRESS_EVERY: Duration = Duration::from_millis(250);
@@ -73,6 +74,9 @@ pub(super) async fn work_through(service: Arc<Service>, worker: Worker) {
                 let span = tracing::info_span!(
                     "job", job.id = %job.id, session.id = %job.session, tenant = %job.tenant, job.kind = job.kind.as_str()
                 );
+                if let Some(parent) = &job.traceparent {
+                    trace::continue_from(&span, parent);
+                }
                 if let Err(error) = run(&service, job, worker).instrument(span).await {
                     tracing::error!(detail = error.detail, "a job could not be recorded");
                     pause(&service).await;

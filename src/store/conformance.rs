@@ -43,6 +43,7 @@ fn job(session: SessionId, request: &str) -> JobRecord {
         subject: Some("plan".to_owned()),
         other_session: None,
         max_wall_s: Some(60.0),
+        traceparent: Some("00-1-2-01".to_owned()),
         cancel_requested_at: None,
         superseded_by: None,
         events_from: 1,

@@ -25,6 +25,7 @@ pub(super) fn record(row: &sqlx::sqlite::SqliteRow) -> Result<JobRecord> {
         subject: row.try_get("subject")?,
         other_session: id_in("other_session")?.as_deref().map(parse_id).transpose()?,
         max_wall_s: row.try_get("max_wall_s")?,
+        traceparent: row.try_get("traceparent")?,
         cancel_requested_at: row.try_get("cancel_requested_at")?,
         superseded_by: id_in("superseded_by")?.as_deref().map(parse_id).transpose()?,
         events_from: to_u64(row.try_get("events_from")?),

@@ -329,6 +329,65 @@ async fn a_job_that_was_asked_to_stop_can_only_be_cancelled(store: Store) {
     assert!(claim(&store).await.is_none());
 }
 
+async fn many_sessions_are_looked_into_at_once(store: Store) {
+    let (full, empty) = (add_session(&store, "a").await.id, add_session(&store, "a").await.id);
+    let other = add_session(&store, "b").await.id;
+    for (session, bytes) in [(full, b"1234"), (other, b"5678")] {
+        let skin = blob(&store, session, bytes).await;
+        store.put_parts(session, &[part_with(PartKind::Skin, &skin)]).await.unwrap();
+    }
+    let osteotomy = OsteotomyRecord {
+        id: OsteotomyId::new(),
+        session: full,
+        field_key: "f".to_owned(),
+        wall_s: 0.1,
+        bytes: 10,
+        document: "{}".to_owned(),
+        blobs: Vec::new(),
+        created_at: now_rfc3339(),
+    };
+    store.insert_osteotomy(&osteotomy, None).await.unwrap();
+    let plan = |session| PlanRecord {
+        id: PlanId::new(),
+        session,
+        osteotomy: None,
+        document: "{}".to_owned(),
+        created_at: now_rfc3339(),
+    };
+    let (own, others) = (plan(full), plan(other));
+    store.insert_plan(&own, None).await.unwrap();
+    store.insert_plan(&others, None).await.unwrap();
+    let first = accept(&store, full, "1").await;
+    let running = claim(&store).await.unwrap();
+    for k in [2, 1] {
+        let frame = blob(&store, full, b"frame").await;
+        store.commit_step(&running, &step(k, &frame), &[]).await.unwrap();
+    }
+    let (second, third) = (accept(&store, full, "2").await, accept(&store, full, "3").await);
+    let foreign = accept(&store, other, "4").await;
+
+    let found = store.contents(&[full, empty, SessionId::new()], 2).await.unwrap();
+    assert_eq!(
+        found.keys().copied().collect::<Vec<_>>(),
+        [full, empty],
+        "only those that were asked for and are there"
+    );
+    assert_eq!(found[&empty], SessionContents::default());
+    let held = &found[&full];
+    assert_eq!(held.parts, store.parts(full).await.unwrap());
+    assert_eq!((held.osteotomies.as_slice(), held.plans.as_slice()), (&[osteotomy.id][..], &[own.id][..]));
+    assert_eq!(held.jobs.iter().map(|j| j.id).collect::<Vec<_>>(), [third, second], "the newest");
+    assert_eq!(held.bytes, 4 + 10 + 5 + 5);
+    assert_eq!(held.bytes, store.session_bytes(full).await.unwrap());
+    assert_eq!(store.session_bytes(SessionId::new()).await.unwrap(), 0);
+    assert_eq!(store.contents(&[], 2).await.unwrap().len(), 0);
+
+    let steps = store.steps_of(&[second, first, foreign]).await.unwrap();
+    assert_eq!(steps.keys().copied().collect::<Vec<_>>(), [first], "only jobs that have some");
+    assert_eq!(steps[&first].iter().map(|s| s.k).collect::<Vec<_>>(), [1, 2]);
+    assert_eq!(steps[&first], store.steps(first).await.unwrap());
+}
+
 async fn steps_are_kept_and_the_same_one_is_told_once(store: Store) {
     let id = add_session(&store, "a").await.id;
     accept(&store, id, "1").await;
@@ -464,6 +523,7 @@ conforms! {
     a_newer_job_takes_the_place_of_waiting_ones,
     what_comes_under_an_old_fence_is_refused,
     a_job_that_was_asked_to_stop_can_only_be_cancelled,
+    many_sessions_are_looked_into_at_once,
     steps_are_kept_and_the_same_one_is_told_once,
     events_count_up_and_old_ones_go,
     a_deleted_session_leaves_nothing,

@@ -1,12 +1,12 @@
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Debug;
 
 use async_trait::async_trait;
 
 use super::{
     AnswerRecord, BlobInfo, EventRecord, Insertion, JobChange, JobFilter, JobId, JobRecord, JobState, Lane, NewJob,
-    OsteotomyId, OsteotomyRecord, Owner, PartKind, PartRecord, PlanId, PlanRecord, Remembered, SessionId,
-    SessionRecord, StepRecord, StepWritten, StoreError, TenantId,
+    OsteotomyId, OsteotomyRecord, Owner, PartKind, PartRecord, PlanId, PlanRecord, Remembered, SessionContents,
+    SessionId, SessionRecord, StepRecord, StepWritten, StoreError, TenantId,
 };
 
 type Result<T> = std::result::Result<T, StoreError>;
@@ -47,6 +47,9 @@ pub trait MetaStore: Debug + Send + Sync {
 
     /// Bytes stored for a session.
     async fn session_bytes(&self, id: SessionId) -> Result<u64>;
+
+    /// What sessions hold, with at most `jobs` jobs each; nothing for those that are not there.
+    async fn contents(&self, sessions: &[SessionId], jobs: u32) -> Result<BTreeMap<SessionId, SessionContents>>;
 
     /// Whose a session or job is, or was.
     async fn owner(&self, id: &str) -> Result<Option<Owner>>;
@@ -156,8 +159,8 @@ pub trait MetaStore: Debug + Send + Sync {
         quota: u64,
     ) -> Result<StepWritten>;
 
-    /// Finished steps of a job, in order.
-    async fn steps(&self, job: JobId) -> Result<Vec<StepRecord>>;
+    /// Finished steps of jobs, in order; nothing for those that have none.
+    async fn steps(&self, jobs: &[JobId]) -> Result<BTreeMap<JobId, Vec<StepRecord>>>;
 
     /// Events of a job after number `after`, in order.
     async fn events(&self, job: JobId, after: u64) -> Result<Vec<EventRecord>>;

@@ -1,5 +1,6 @@
 mod jobs;
 
+use std::collections::BTreeMap;
 use std::fs::{File, TryLockError};
 use std::path::Path;
 use std::sync::Arc;
@@ -10,7 +11,7 @@ use super::records::{now_rfc3339, rfc3339_before};
 use super::sqlite::{self, SqliteMeta};
 use super::{
     AnswerRecord, Blobs, MetaStore, OsteotomyId, OsteotomyRecord, Owner, PartKind, PartRecord, PlanId, PlanRecord,
-    Remembered, SessionId, SessionRecord, StoreError, TenantId,
+    Remembered, SessionContents, SessionId, SessionRecord, StoreError, TenantId,
 };
 
 /// Directory of the large values.
@@ -170,6 +171,14 @@ impl Store {
     /// [`StoreError`].
     pub async fn session_bytes(&self, id: SessionId) -> Result<u64> {
         self.meta.session_bytes(id).await
+    }
+
+    /// What sessions hold, with at most `jobs` jobs each; nothing for those that are not there.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn contents(&self, sessions: &[SessionId], jobs: u32) -> Result<BTreeMap<SessionId, SessionContents>> {
+        self.meta.contents(sessions, jobs).await
     }
 
     /// Whose a session or job is, or was.

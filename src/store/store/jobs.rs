@@ -1,5 +1,6 @@
 //! The queue, steps and events of jobs.
 
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 use super::{Result, Store};
@@ -128,7 +129,15 @@ impl Store {
     /// # Errors
     /// [`StoreError`](crate::store::StoreError).
     pub async fn steps(&self, job: JobId) -> Result<Vec<StepRecord>> {
-        self.meta.steps(job).await
+        Ok(self.meta.steps(&[job]).await?.remove(&job).unwrap_or_default())
+    }
+
+    /// Finished steps of jobs, in order; nothing for those that have none.
+    ///
+    /// # Errors
+    /// [`StoreError`](crate::store::StoreError).
+    pub async fn steps_of(&self, jobs: &[JobId]) -> Result<BTreeMap<JobId, Vec<StepRecord>>> {
+        self.meta.steps(jobs).await
     }
 
     /// One finished step, if it is there.

@@ -6,6 +6,8 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
+use object_store::ObjectStore;
+
 use super::memory::MemoryMeta;
 use super::records::{now_rfc3339, rfc3339_before};
 use super::sqlite::{self, SqliteMeta};
@@ -58,6 +60,12 @@ impl Store {
     #[must_use]
     pub fn in_memory() -> Self {
         Self { meta: Arc::new(MemoryMeta::default()), blobs: Blobs::in_memory(), quota: u64::MAX, _lock: None }
+    }
+
+    /// The same rows with large values in another place, such as an S3-compatible store.
+    #[must_use]
+    pub fn with_objects(self, objects: Arc<dyn ObjectStore>) -> Self {
+        Self { blobs: Blobs::over(objects), ..self }
     }
 
     /// The same store that lets a session have at most `bytes`.

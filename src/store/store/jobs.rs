@@ -7,7 +7,7 @@ use super::{Result, Store};
 use crate::store::records::rfc3339_before;
 use crate::store::{
     BlobInfo, EventRecord, Insertion, JobChange, JobFilter, JobId, JobRecord, JobState, Lane, NewJob, StepRecord,
-    StepWritten,
+    StepWritten, StoreError,
 };
 
 impl Store {
@@ -63,7 +63,8 @@ impl Store {
     /// [`StoreError::QuotaFull`](crate::store::StoreError::QuotaFull).
     pub async fn change_job(&self, job: &JobRecord, to: JobState, change: &JobChange) -> Result<bool> {
         let changed = self.meta.change_job(job.id, job.fence, job.state, to, change, self.quota).await;
-        if !matches!(changed, Ok(true)) {
+        // After a fault of the database the change may be tried again.
+        if matches!(changed, Ok(false) | Err(StoreError::QuotaFull { .. })) {
             self.remove_blobs(change.tissue.iter().map(|blob| blob.key.clone()).collect()).await;
         }
         changed

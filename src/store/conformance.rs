@@ -452,6 +452,44 @@ async fn events_count_up_and_old_ones_go(store: Store) {
     assert_eq!((ended.events_from, ended.progress, ended.warnings.as_slice()), (153, 1.0, &["w".to_owned()][..]));
 }
 
+async fn results_of_old_comparisons_go(store: Store) {
+    let id = add_session(&store, "a").await.id;
+    let compare = JobRecord { kind: JobKind::Compare, ..job(id, "compare") };
+    for new in [&compare, &job(id, "solve")] {
+        insert(&store, new, MANY, false).await;
+    }
+    let mut kept = Vec::new();
+    for lane in [Lane::Quick, Lane::Heavy] {
+        let change = |_: &JobRecord| JobChange::default();
+        let running = store.claim_job(lane, JobState::Running, &change).await.unwrap().unwrap();
+        let rest = blob(&store, id, b"123").await;
+        store.set_rest(&running, &rest).await.unwrap();
+        assert_eq!(store.drop_comparisons(Duration::ZERO).await.unwrap(), 0, "it runs");
+        let values = blob(&store, id, b"12345").await;
+        let change = JobChange { tissue: Some(values.clone()), report: Some("{}".to_owned()), ..JobChange::default() };
+        assert!(store.change_job(&running, JobState::Succeeded, &change).await.unwrap());
+        kept.push((running.id, rest.key, values.key));
+        if lane == Lane::Quick {
+            assert_eq!(store.drop_comparisons(Duration::from_secs(600)).await.unwrap(), 0, "it has just ended");
+            tokio::time::sleep(Duration::from_millis(5)).await;
+            assert_eq!(store.drop_comparisons(Duration::ZERO).await.unwrap(), 2);
+            assert_eq!(store.drop_comparisons(Duration::ZERO).await.unwrap(), 0);
+        }
+    }
+    let [(compared, rest, values), (solved, kept_rest, kept_values)] = kept.try_into().unwrap();
+    for key in [rest, values] {
+        assert!(matches!(store.blobs().get(&key).await, Err(StoreError::BlobGone)));
+    }
+    let row = store.job(compared).await.unwrap().unwrap();
+    assert_eq!((row.state, row.rest_blob, row.tissue_blob), (JobState::Succeeded, None, None));
+    assert!(row.report.is_some());
+    tokio::time::sleep(Duration::from_millis(5)).await;
+    assert_eq!(store.drop_comparisons(Duration::ZERO).await.unwrap(), 0, "a solve keeps its results");
+    assert!(store.job(solved).await.unwrap().unwrap().rest_blob.is_some());
+    assert!(store.blobs().get(&kept_rest).await.is_ok() && store.blobs().get(&kept_values).await.is_ok());
+    assert_eq!(store.session_bytes(id).await.unwrap(), 8);
+}
+
 async fn a_deleted_session_leaves_nothing(store: Store) {
     let (gone, other) = (add_session(&store, "a").await.id, add_session(&store, "a").await.id);
     let skin = blob(&store, gone, b"skin").await;
@@ -526,6 +564,7 @@ conforms! {
     many_sessions_are_looked_into_at_once,
     steps_are_kept_and_the_same_one_is_told_once,
     events_count_up_and_old_ones_go,
+    results_of_old_comparisons_go,
     a_deleted_session_leaves_nothing,
     idle_sessions_are_found,
     the_end_of_the_audit_log_is_noted,

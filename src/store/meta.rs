@@ -168,6 +168,9 @@ pub trait MetaStore: Debug + Send + Sync {
     /// Drops all but the last event of jobs that ended before `ended_before` (RFC 3339): the number dropped.
     async fn prune_events(&self, ended_before: &str) -> Result<u64>;
 
+    /// Drops the large results of comparisons that ended before `ended_before` (RFC 3339): their blobs.
+    async fn drop_comparisons(&self, ended_before: &str) -> Result<Vec<String>>;
+
     // ---- the audit log ----
 
     /// Notes the chain at the end of the audit log, and when that was (RFC 3339).

@@ -291,6 +291,10 @@ impl MetaStore for MemoryMeta {
         self.write(|rows| Ok(rows.prune_events(ended_before)))
     }
 
+    async fn drop_comparisons(&self, ended_before: &str) -> Result<Vec<String>> {
+        self.write(|rows| Ok(rows.drop_comparisons(ended_before)))
+    }
+
     async fn set_audit_anchor(&self, chain: &str, at: &str) -> Result<()> {
         self.write(|rows| {
             rows.audit_anchor = Some((chain.to_owned(), at.to_owned()));

@@ -180,3 +180,23 @@ pub(super) async fn set_rest(
     transaction.commit().await?;
     Ok(job.rest_blob)
 }
+
+pub(super) async fn drop_comparisons(writer: &SqlitePool, ended_before: &str) -> Result<Vec<String>> {
+    let mut transaction = writer.begin().await?;
+    let blobs: Vec<(Option<String>, Option<String>)> = sqlx::query_as(
+        "SELECT rest_blob, tissue_blob FROM jobs
+         WHERE kind = 'compare' AND finished_at < ? AND (rest_blob IS NOT NULL OR tissue_blob IS NOT NULL)",
+    )
+    .bind(ended_before)
+    .fetch_all(&mut *transaction)
+    .await?;
+    sqlx::query(
+        "UPDATE jobs SET rest_blob = NULL, tissue_blob = NULL, bytes = 0
+         WHERE kind = 'compare' AND finished_at < ? AND (rest_blob IS NOT NULL OR tissue_blob IS NOT NULL)",
+    )
+    .bind(ended_before)
+    .execute(&mut *transaction)
+    .await?;
+    transaction.commit().await?;
+    Ok(blobs.into_iter().flat_map(|(rest, values)| [rest, values]).flatten().collect())
+}

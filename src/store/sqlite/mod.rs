@@ -277,6 +277,10 @@ impl MetaStore for SqliteMeta {
         events::prune(&self.writer, ended_before).await
     }
 
+    async fn drop_comparisons(&self, ended_before: &str) -> Result<Vec<String>> {
+        jobs::drop_comparisons(&self.writer, ended_before).await
+    }
+
     async fn set_audit_anchor(&self, chain: &str, at: &str) -> Result<()> {
         anchor::set(&self.writer, chain, at).await
     }

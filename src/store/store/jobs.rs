@@ -165,5 +165,16 @@ impl Store {
         self.meta.prune_events(&rfc3339_before(age)).await
     }
 
+    /// Drops the large results of comparisons that ended longer than `age` ago; the number of their files.
+    ///
+    /// # Errors
+    /// [`StoreError`](crate::store::StoreError).
+    pub async fn drop_comparisons(&self, age: Duration) -> Result<usize> {
+        let blobs = self.meta.drop_comparisons(&rfc3339_before(age)).await?;
+        let dropped = blobs.len();
+        self.remove_blobs(blobs).await;
+        Ok(dropped)
+    }
+
     // ---- keeping house ----
 }

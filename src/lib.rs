@@ -20,6 +20,7 @@
 //!   S3-compatible store have to do. One process has a data directory; the queue computes one long job at a time, or as many as
 //!   `parallel_jobs` says, and beside them comparisons one after the other.
 //! - [`mod@bench`]: the studies behind the charts, and CTs as files.
+//! - [`trace`]: how a trace goes from a request to its job.
 //! - [`config`], [`telemetry`], [`serve`], [`demo`], [`cli`]: the program.
 //!
 //! Units everywhere: mm, N, MPa, s, radian; coordinates patient LPS.
@@ -43,6 +44,7 @@ pub mod http;
 pub mod jobs;
 pub mod session;
 pub mod store;
+pub mod trace;
 // ---- the program ----
 pub mod cli;
 pub mod config;

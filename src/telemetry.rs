@@ -1,12 +1,17 @@
-//! Logs and metrics of the process.
+//! Logs, metrics and traces of the process.
+
+#[cfg(feature = "otlp")]
+mod otlp;
 
 use std::io::IsTerminal;
 use std::sync::OnceLock;
 
 use metrics_exporter_prometheus::{PrometheusBuilder, PrometheusHandle};
-use tracing_subscriber::EnvFilter;
+use tracing_subscriber::layer::SubscriberExt;
+use tracing_subscriber::util::SubscriberInitExt;
+use tracing_subscriber::{EnvFilter, Layer, Registry, fmt};
 
-use crate::config::LogFormat;
+use crate::config::{LogFormat, ServeConfig};
 
 /// Bounds of the histograms' buckets, s: from the answer out of memory to the job of an hour.
 const SECONDS: &[f64] =
@@ -16,24 +21,51 @@ static METRICS: OnceLock<Option<PrometheusHandle>> = OnceLock::new();
 
 /// Sends the log to stderr: text on a terminal, JSON lines otherwise. `RUST_LOG` chooses what; `level` where it is not set.
 pub fn start_log(level: &str) {
-    start_log_as(level, LogFormat::Auto);
+    install(level, LogFormat::Auto, None);
 }
 
-/// The same in a given format.
-pub fn start_log_as(level: &str, format: LogFormat) {
+/// Starts the log as configured, and traces where there is a collector for them.
+///
+/// # Errors
+/// What keeps spans from being sent.
+pub fn start(config: &ServeConfig) -> std::io::Result<Traces> {
+    #[cfg(feature = "otlp")]
+    if let Some(endpoint) = &config.otlp_endpoint {
+        let provider = otlp::provider(endpoint)?;
+        install(&config.log_level, config.log_format, Some(Box::new(otlp::layer(&provider))));
+        return Ok(Traces { provider: Some(provider) });
+    }
+    install(&config.log_level, config.log_format, None);
+    Ok(Traces::default())
+}
+
+/// Spans on their way to a collector; when this is dropped, the last are sent.
+#[derive(Debug, Default)]
+pub struct Traces {
+    #[cfg(feature = "otlp")]
+    provider: Option<opentelemetry_sdk::trace::SdkTracerProvider>,
+}
+
+#[cfg(feature = "otlp")]
+impl Drop for Traces {
+    fn drop(&mut self) {
+        if let Some(Err(error)) = self.provider.as_ref().map(|provider| provider.shutdown()) {
+            tracing::warn!(%error, "the last spans were not sent");
+        }
+    }
+}
+
+fn install(level: &str, format: LogFormat, traces: Option<Box<dyn Layer<Registry> + Send + Sync>>) {
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(level));
-    let builder = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
-    // A second start (tests, the demo) keeps the first.
     let text = match format {
         LogFormat::Auto => std::io::stderr().is_terminal(),
         LogFormat::Text => true,
         LogFormat::Json => false,
     };
-    if text {
-        builder.try_init().ok();
-    } else {
-        builder.json().try_init().ok();
-    }
+    let log = fmt::layer().with_writer(std::io::stderr);
+    let log = if text { log.boxed() } else { log.json().boxed() };
+    // A second start (tests, the demo) keeps the first.
+    tracing_subscriber::registry().with(traces).with(log.with_filter(filter)).try_init().ok();
 }
 
 /// Installs the recorder of the process, once; `None` when something else has installed one.

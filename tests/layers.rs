@@ -20,6 +20,7 @@ const ROOMS: &[&str] = &[
     "evaluate",
     "simulate", // wall
     "bench",
+    "trace",
     "store",
     "session",
     "jobs",

@@ -87,7 +87,11 @@ pub(super) fn auth(command: &AuthCommand) -> CommandResult {
     let tenant_id = tenant.parse().map_err(|e| format!("tenant `{tenant}`: {e}"))?;
     let parsed: Result<Scopes, String> = scopes.iter().map(|s| s.parse::<Scope>()).collect();
     let scopes_of_key = parsed.map_err(|e| format!("scope {e}"))?;
-    ApiKey { id: id.clone(), tenant: tenant_id, scopes: scopes_of_key, hash: key.hash.clone() }.check()?;
+    let made = ApiKey { id: id.clone(), tenant: tenant_id, scopes: scopes_of_key, hash: key.hash.clone() };
+    match made.faults() {
+        faults if faults.is_empty() => {}
+        faults => return Err(faults.join("\n").into()),
+    }
     let out = &mut std::io::stdout();
     writeln!(out, "# The token, shown this once:\n# {}\n[[auth.keys]]", key.token)?;
     writeln!(out, "id = {id:?}\ntenant = {tenant:?}\nscopes = {scopes:?}\nhash = {:?}", key.hash)?;

@@ -56,7 +56,8 @@ impl ServeArguments {
 /// Serves until SIGTERM or ctrl-c.
 pub(super) fn run(arguments: &ServeArguments) -> CommandResult {
     let (config, printed) = arguments.read()?;
-    telemetry::start_log_as(&config.log_level, config.log_format);
+    // Dropped last, so that what ends with the service is sent too.
+    let _traces = telemetry::start(&config)?;
     tracing::info!(configuration = printed, "configured");
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     runtime.block_on(async {

@@ -2,6 +2,7 @@
 //! start, all faults at once.
 
 mod log;
+mod otlp;
 mod read;
 mod source;
 mod tls;
@@ -87,6 +88,8 @@ pub struct ServeConfig {
     pub log_level: String,
     /// How.
     pub log_format: LogFormat,
+    /// An OpenTelemetry collector for spans: the base of its OTLP over HTTP.
+    pub otlp_endpoint: Option<String>,
 }
 
 impl ServeConfig {
@@ -108,6 +111,7 @@ impl ServeConfig {
             drain: Duration::from_secs(5),
             log_level: "info,sqlx=warn".to_owned(),
             log_format: LogFormat::Auto,
+            otlp_endpoint: None,
         }
     }
 
@@ -142,6 +146,8 @@ impl ServeConfig {
                 faults.push(fault.to_owned());
             }
         };
+        let nameless = self.allowed_hosts.iter().any(|host| host.trim().is_empty());
+        check(nameless, "allow_host: there is a name without letters");
         check(self.threads > 1024, "threads: allowed is 0 to 1024");
         check(self.limits.max_surface_bytes == 0, "max_surface_mb: must be above 0");
         check(self.limits.max_ct_bytes == 0, "max_ct_mb: must be above 0");
@@ -174,13 +180,16 @@ impl ServeConfig {
         if let Err(fault) = log::check(&self.log_level) {
             check(true, &format!("log.level: {fault}"));
         }
+        if let Some(Err(fault)) = self.otlp_endpoint.as_deref().map(otlp::check) {
+            check(true, &format!("otlp.endpoint: {fault}"));
+        }
         if let Some(Err(fault)) = self.tls.as_ref().map(tls::check) {
             check(true, &format!("tls: {fault}"));
         }
         if let Some(auth) = &self.auth {
             check(auth.keys.is_empty() && auth.jwt.is_none(), "auth: there is neither a key nor an identity provider");
             for (index, key) in auth.keys.iter().enumerate() {
-                if let Err(fault) = key.check() {
+                for fault in key.faults() {
                     check(true, &format!("auth.keys[{index}]: {fault}"));
                 }
                 let twice = auth.keys.iter().take(index).any(|other| other.id == key.id);
@@ -293,8 +302,14 @@ mod tests {
             let told = |f: &String| f.starts_with(&format!("{path}:")) && f.contains(words);
             assert!(error.faults.iter().any(told), "{path} {words}: {error}");
         }
+        // Of one key all is told.
+        for words in ["argon2id", "no scope"] {
+            assert!(error.faults.iter().any(|f| f.starts_with("auth.keys[0]:") && f.contains(words)), "{error}");
+        }
         std::fs::write(&file, "listen = \n").unwrap();
-        assert!(ServeConfig::read(Some(&file), &BTreeMap::new()).is_err());
-        assert!(ServeConfig::read(Some(&directory.path().join("none.toml")), &BTreeMap::new()).is_err());
+        for file in [file, directory.path().join("none.toml")] {
+            let error = ServeConfig::read(Some(&file), &BTreeMap::new()).unwrap_err();
+            assert!(error.faults.len() == 1 && !error.to_string().contains("data: missing"), "{error}");
+        }
     }
 }

@@ -9,6 +9,7 @@ use super::{ConfigError, ConnectionLimits, ServeConfig, TlsFiles, Value, parse_l
 use crate::http::HttpLimits;
 use crate::http::auth::{ApiKey, AuthSettings, JwtSettings, Scope, Scopes};
 use crate::jobs::ServiceSettings;
+use crate::store::TenantId;
 
 const MB: u64 = 1 << 20;
 const DAY_S: u64 = 86_400;
@@ -47,6 +48,10 @@ pub(super) fn read(
     flags: &BTreeMap<&'static str, Value>,
 ) -> Result<(ServeConfig, String), ConfigError> {
     let mut source = Source::new(file, flags);
+    // Of a file that cannot be read no setting is known: nothing else is told.
+    if let Some(faults) = source.unreadable() {
+        return Err(ConfigError { faults });
+    }
     let s = &mut source;
     let listen: String = s.take("listen", "127.0.0.1:8080".to_owned());
     let listen = parse_listen(&listen);
@@ -71,6 +76,7 @@ pub(super) fn read(
     config.drain = Duration::from_secs(s.take("drain_s", config.drain.as_secs()));
     config.log_level = s.take("log.level", config.log_level);
     config.log_format = s.take("log.format", config.log_format);
+    config.otlp_endpoint = s.take_optional("otlp.endpoint");
     s.finish();
     let mut faults = std::mem::take(&mut source.faults);
     faults.extend(config.faults());
@@ -119,6 +125,7 @@ fn service(s: &mut Source, has_tenants: bool) -> ServiceSettings {
         session_quota: megabytes(s.take("session_quota_mb", d.session_quota / MB)),
         session_retention: s.take_optional("session_retention_days").map(days),
         event_retention: days(s.take("event_retention_days", d.event_retention.as_secs() / DAY_S)),
+        comparison_retention: days(s.take("comparison_retention_days", d.comparison_retention.as_secs() / DAY_S)),
         janitor_every: Duration::from_secs(s.take("janitor_every_s", d.janitor_every.as_secs())),
         import: d.import,
     }
@@ -144,7 +151,7 @@ fn auth(s: &mut Source) -> Option<AuthSettings> {
     let mut keys = Vec::new();
     for (index, entry) in entries.iter().flatten().enumerate() {
         match entry.deserialize::<KeyEntry>() {
-            Ok(entry) => keys.extend(api_key(s, index, entry)),
+            Ok(entry) => keys.push(api_key(s, index, entry)),
             Err(error) => s.faults.push(format!("auth.keys[{index}]: {}", error.kind)),
         }
     }
@@ -156,12 +163,14 @@ fn auth(s: &mut Source) -> Option<AuthSettings> {
     (entries.is_some() || jwt.is_some()).then_some(AuthSettings { keys, jwt })
 }
 
-fn api_key(s: &mut Source, index: usize, entry: KeyEntry) -> Option<ApiKey> {
+fn api_key(s: &mut Source, index: usize, entry: KeyEntry) -> ApiKey {
     let mut fault = |detail: String| s.faults.push(format!("auth.keys[{index}]: {detail}"));
     let tenant = entry.tenant.parse().map_err(|e| fault(format!("tenant `{}`: {e}", entry.tenant))).ok();
     let scope = |name: String| name.parse::<Scope>().map_err(|e| fault(format!("scope {e}"))).ok();
     let scopes: Scopes = entry.scopes.into_iter().filter_map(scope).collect();
-    Some(ApiKey { id: entry.id, tenant: tenant?, scopes, hash: entry.hash })
+    // With a fault nothing is served: the stand-in lets the other faults be found.
+    let tenant = tenant.unwrap_or_else(TenantId::local);
+    ApiKey { id: entry.id, tenant, scopes, hash: entry.hash }
 }
 
 fn jwt(s: &mut Source) -> Option<JwtSettings> {

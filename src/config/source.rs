@@ -25,6 +25,10 @@ impl Source {
         if let Some(file) = file {
             figment = figment.merge(Toml::file_exact(file));
         }
+        if cfg!(feature = "otlp") {
+            let standard = Env::raw().only(&["OTEL_EXPORTER_OTLP_ENDPOINT"]);
+            figment = figment.join(standard.map(|_| "otlp.endpoint".into()));
+        }
         figment = figment.merge(Env::prefixed("PROSOPON_").split("__").ignore(&NO_SETTINGS));
         for (path, value) in flags {
             figment = figment.merge(Serialized::default(path, value));
@@ -72,24 +76,24 @@ impl Source {
         self.faults.push(format!("{path}: {detail}{from}"));
     }
 
-    /// Names what was given and never asked for, and a file that cannot be read.
+    /// What is wrong with a file that cannot be read.
+    pub(super) fn unreadable(&self) -> Option<Vec<String>> {
+        let faults = self.figment.extract::<Dict>().err()?;
+        let told = |error: figment::Error| {
+            format!("{}{}", error.kind, error.metadata.as_ref().map(origin).unwrap_or_default())
+        };
+        Some(faults.into_iter().map(told).collect())
+    }
+
+    /// Names what was given and never asked for.
     pub(super) fn finish(&mut self) {
-        match self.figment.extract::<Dict>() {
-            Err(error) => {
-                for error in error {
-                    let file = error.metadata.as_ref().map(origin).unwrap_or_default();
-                    self.faults.push(format!("{}{file}", error.kind));
-                }
-            }
-            Ok(all) => {
-                let mut leaves = Vec::new();
-                leaves_of(&all, "", &mut leaves);
-                for leaf in leaves {
-                    let known = |asked: &&str| leaf == **asked || leaf.starts_with(&format!("{asked}."));
-                    if !self.asked.iter().any(known) {
-                        self.fault(&leaf, "is not a setting");
-                    }
-                }
+        let Ok(all) = self.figment.extract::<Dict>() else { return };
+        let mut leaves = Vec::new();
+        leaves_of(&all, "", &mut leaves);
+        for leaf in leaves {
+            let known = |asked: &&str| leaf == **asked || leaf.starts_with(&format!("{asked}."));
+            if !self.asked.iter().any(known) {
+                self.fault(&leaf, "is not a setting");
             }
         }
     }

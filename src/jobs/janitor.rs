@@ -77,6 +77,7 @@ impl Service {
     pub async fn keep_house(&self) -> Result<(), Fault> {
         let swept = self.store.sweep_old().await?;
         let events = self.store.prune_events(self.settings.event_retention).await?;
+        let compared = self.store.drop_comparisons(self.settings.comparison_retention).await?;
         self.store.forget_old_answers(ANSWERS).await?;
         let mut expired = 0;
         if let Some(retention) = self.settings.session_retention {
@@ -96,8 +97,8 @@ impl Service {
                 expired += 1;
             }
         }
-        if swept > 0 || events > 0 || expired > 0 {
-            tracing::info!(files = swept, events, sessions = expired, "kept house");
+        if swept > 0 || events > 0 || compared > 0 || expired > 0 {
+            tracing::info!(files = swept + compared, events, sessions = expired, "kept house");
         }
         Ok(())
     }

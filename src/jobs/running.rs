@@ -3,6 +3,8 @@ use std::sync::atomic::{AtomicU8, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
+use tracing::Span;
+
 use crate::control::Control;
 use crate::store::{JobId, JobRecord, Lane, SessionId};
 
@@ -46,6 +48,10 @@ impl Phase {
 /// A step's warning as the job tells it.
 pub(super) fn step_warning(k: u32, text: &str) -> String {
     format!("step {k}: {text}")
+}
+
+fn stage_span(job: &Span, phase: Phase) -> Span {
+    tracing::info_span!(parent: job, "stage", stage = phase.as_str())
 }
 
 /// Seconds since the first call.
@@ -94,12 +100,15 @@ pub(super) struct Running {
     step_warnings: Mutex<Vec<(u32, String)>>,
     /// When each stage began.
     stages: Mutex<Vec<(Phase, Instant)>>,
+    /// The job's span, and that of its present stage.
+    span: Span,
+    stage_span: Mutex<Span>,
     /// When it was first seen that it should stop.
     stop_seen: OnceLock<Instant>,
 }
 
 impl Running {
-    /// `most` is the longest that any job may compute.
+    /// `most` is the longest that any job may compute. Called within the job's span.
     pub(super) fn new(job: &JobRecord, worker: Worker, most: Duration) -> Self {
         let limit = job.max_wall_s.unwrap_or(f64::INFINITY).min(most.as_secs_f64());
         Self {
@@ -114,6 +123,8 @@ impl Running {
             warnings: Mutex::default(),
             step_warnings: Mutex::default(),
             stages: Mutex::new(vec![(Phase::Reading, Instant::now())]),
+            span: Span::current(),
+            stage_span: Mutex::new(stage_span(&Span::current(), Phase::Reading)),
             stop_seen: OnceLock::new(),
         }
     }
@@ -121,6 +132,7 @@ impl Running {
     pub(super) fn set_phase(&self, phase: Phase) {
         self.phase.store(phase as u8, Ordering::Relaxed);
         self.stages.lock().unwrap_or_else(PoisonError::into_inner).push((phase, Instant::now()));
+        *self.stage_span.lock().unwrap_or_else(PoisonError::into_inner) = stage_span(&self.span, phase);
     }
 
     /// Seconds that each stage took until now.

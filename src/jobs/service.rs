@@ -1,3 +1,5 @@
+use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
@@ -15,6 +17,7 @@ use crate::store::{
     AnswerRecord, Audit, Insertion, JobChange, JobId, JobRecord, JobState, Lane, NewJob, SessionId, StepRecord, Store,
     Supersede, TenantId, now_rfc3339,
 };
+use crate::trace;
 
 /// Sessions and jobs over one store, one engine and one CPU pool.
 #[derive(Debug)]
@@ -303,28 +306,49 @@ impl Service {
     /// As [`Service::job`].
     pub async fn status(&self, id: JobId) -> Result<JobStatus, Fault> {
         let record = self.job(id).await?;
-        self.status_of(record).await
+        let steps = self.store.steps(id).await?;
+        let waits = record.state == JobState::Accepted;
+        let queue = if waits { Some(self.store.queue(record.kind.lane()).await?) } else { None };
+        self.status_with(record, &steps, queue.as_ref())
     }
 
-    /// How the job of a row stands now.
+    /// How the jobs of rows stand now, in their order.
     ///
     /// # Errors
     /// The store's.
-    pub async fn status_of(&self, mut record: JobRecord) -> Result<JobStatus, Fault> {
-        let steps = self.store.steps(record.id).await?;
+    pub async fn statuses_of(&self, records: Vec<JobRecord>) -> Result<Vec<JobStatus>, Fault> {
+        let ids: Vec<JobId> = records.iter().map(|record| record.id).collect();
+        let mut steps = self.store.steps_of(&ids).await?;
+        let mut queues = BTreeMap::new();
+        for record in records.iter().filter(|record| record.state == JobState::Accepted) {
+            if let Entry::Vacant(queue) = queues.entry(record.kind.lane()) {
+                queue.insert(self.store.queue(record.kind.lane()).await?);
+            }
+        }
+        let status = |record: JobRecord| {
+            let queue = queues.get(&record.kind.lane()).filter(|_| record.state == JobState::Accepted);
+            let steps = steps.remove(&record.id).unwrap_or_default();
+            self.status_with(record, &steps, queue)
+        };
+        records.into_iter().map(status).collect()
+    }
+
+    fn status_with(
+        &self,
+        mut record: JobRecord,
+        steps: &[StepRecord],
+        queue: Option<&Vec<JobId>>,
+    ) -> Result<JobStatus, Fault> {
         let running = self.running(record.id).filter(|_| record.state == JobState::Running);
         if let Some(running) = &running {
             running.phase().as_str().clone_into(&mut record.phase);
             record.progress = running.control.progress();
             record.warnings.extend(running.warnings());
         }
-        let queue_position = if record.state == JobState::Accepted {
-            let lane = record.kind.lane();
-            let before = self.store.queue(lane).await?.iter().position(|id| *id == record.id).unwrap_or(0);
-            Some(place(before, self.running_in(lane)))
-        } else {
-            None
-        };
+        let queue_position = queue.map(|queue| {
+            let before = queue.iter().position(|id| *id == record.id).unwrap_or(0);
+            place(before, self.running_in(record.kind.lane()))
+        });
         Ok(JobStatus {
             steps_done: u32::try_from(steps.len()).unwrap_or(u32::MAX),
             residuals: steps.iter().map(residual).collect::<Result<_, _>>()?,
@@ -432,6 +456,7 @@ fn record(order: Order) -> JobRecord {
         subject: order.subject,
         other_session: order.other_session,
         max_wall_s: order.max_wall_s,
+        traceparent: trace::traceparent(&tracing::Span::current()),
         cancel_requested_at: None,
         superseded_by: None,
         events_from: 1,

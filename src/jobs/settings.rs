@@ -22,6 +22,8 @@ pub struct ServiceSettings {
     pub session_retention: Option<Duration>,
     /// Events of a job are kept for so long after its end.
     pub event_retention: Duration,
+    /// Results of a comparison are kept for so long after its end.
+    pub comparison_retention: Duration,
     /// Time between two rounds of the janitor.
     pub janitor_every: Duration,
     /// What an upload may hold.
@@ -40,6 +42,7 @@ impl Default for ServiceSettings {
             session_quota: 16 << 30,
             session_retention: None,
             event_retention: Duration::from_secs(30 * DAY),
+            comparison_retention: Duration::from_secs(30 * DAY),
             janitor_every: Duration::from_secs(600),
             import: Limits::default(),
         }

@@ -10,6 +10,7 @@ use super::state::{JobEvent, next};
 use super::work::{self, Done};
 use crate::session::{Fault, FaultKind, Halt};
 use crate::store::{JobChange, JobFilter, JobRecord, JobState, Lane, StoreError};
+use crate::trace;
 
 /// Shortest time between two progress events.
 const PROGRESS_EVERY: Duration = Duration::from_millis(250);
@@ -73,6 +74,9 @@ pub(super) async fn work_through(service: Arc<Service>, worker: Worker) {
                 let span = tracing::info_span!(
                     "job", job.id = %job.id, session.id = %job.session, tenant = %job.tenant, job.kind = job.kind.as_str()
                 );
+                if let Some(parent) = &job.traceparent {
+                    trace::continue_from(&span, parent);
+                }
                 if let Err(error) = run(&service, job, worker).instrument(span).await {
                     tracing::error!(detail = error.detail, "a job could not be recorded");
                     pause(&service).await;
@@ -139,7 +143,8 @@ async fn run_visible(service: &Arc<Service>, job: &JobRecord, running: &Arc<Runn
     };
     let (event, change) = outcome(service, job, running, done);
     tell_metrics(job, running, event);
-    if !apply(service, job, event, change).await? && service.store.session(job.session).await?.is_none() {
+    if !record_end(service, job, running, event, &change).await? && service.store.session(job.session).await?.is_none()
+    {
         // The session was deleted while the job ran: nothing of it stays.
         service.store.blobs().delete_session(job.session).await?;
     }
@@ -216,14 +221,39 @@ fn stopped(running: &Running, change: JobChange) -> JobChange {
     JobChange { phase, progress, warnings, events, ..change }
 }
 
+/// Records the end of a job, however long the database cannot be written: without it the job would seem to run until the next start.
+async fn record_end(
+    service: &Service,
+    job: &JobRecord,
+    running: &Running,
+    event: JobEvent,
+    change: &JobChange,
+) -> Result<bool, Fault> {
+    let to = next(job.state, event).map_err(|e| illegal(&e))?;
+    loop {
+        match write(service, job, to, change).await {
+            Err(error @ (StoreError::Database(_) | StoreError::Io(_))) if !service.stop.is_cancelled() => {
+                tracing::error!(%error, "the end of a job cannot be recorded yet");
+                service.beats.beat(running.worker);
+                pause(service).await;
+            }
+            written => return Ok(written?),
+        }
+    }
+}
+
 /// Moves the job by `event`. False when it is not in its state any more.
 async fn apply(service: &Service, job: &JobRecord, event: JobEvent, change: JobChange) -> Result<bool, Fault> {
     let to = next(job.state, event).map_err(|e| illegal(&e))?;
-    let changed = match service.store.change_job(job, to, &change).await {
+    Ok(write(service, job, to, &change).await?)
+}
+
+async fn write(service: &Service, job: &JobRecord, to: JobState, change: &JobChange) -> Result<bool, StoreError> {
+    let changed = match service.store.change_job(job, to, change).await {
         // The last large result did not fit any more.
         Err(StoreError::QuotaFull { allowed }) => {
             let fault = Fault::from(StoreError::QuotaFull { allowed });
-            let to = next(job.state, JobEvent::Fail).map_err(|e| illegal(&e))?;
+            let to = next(job.state, JobEvent::Fail).unwrap_or(JobState::Failed);
             service.store.change_job(job, to, &ended(JobState::Failed, Some(&fault))).await?
         }
         other => other?,

@@ -36,12 +36,10 @@ impl SessionParts {
         Ok(Self { session, parts: store.parts(session).await? })
     }
 
-    /// Parts of a session that is known to be there.
-    ///
-    /// # Errors
-    /// The store's.
-    pub async fn of_known(store: &Store, session: SessionId) -> Result<Self, Fault> {
-        Ok(Self { session, parts: store.parts(session).await? })
+    /// Parts of a session that were read.
+    #[must_use]
+    pub fn of(session: SessionId, parts: Vec<PartRecord>) -> Self {
+        Self { session, parts }
     }
 
     /// All parts.

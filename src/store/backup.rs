@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use super::records::{hex, to_json};
-use super::sqlite::{DATABASE, SqliteMeta};
+use super::sqlite::{self, DATABASE, SqliteMeta};
 use super::store::{BLOBS, create_private, lock};
 use super::{MetaStore, StoreError};
 
@@ -51,10 +51,20 @@ pub async fn back_up(data: &Path, out: &Path) -> Result<BackupReport, StoreError
         let inside = "is inside the data directory, where it would be lost with it";
         return Err(fault(format!("{} {inside}; name one elsewhere", out.display())));
     }
+    let done = copy_store(data, out).await;
+    if done.is_err() {
+        // A part of a backup is of no use and would stand in the way of the next one.
+        std::fs::remove_dir_all(out).ok();
+    }
+    done
+}
+
+async fn copy_store(data: &Path, out: &Path) -> Result<BackupReport, StoreError> {
     let meta = SqliteMeta::open_beside(data).await?;
     create_private(&out.join(BLOBS))?;
     let mut copied = BTreeMap::new();
     for _ in 0..TRIES {
+        copy_present(data, out, &mut copied)?;
         let snapshot = out.join(DATABASE);
         match std::fs::remove_file(&snapshot) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error.into()),
@@ -81,36 +91,58 @@ fn lies_below(path: &Path, directory: &Path) -> io::Result<bool> {
     Ok(there.is_some_and(|there| there.starts_with(&directory)))
 }
 
+/// Files by path with hash and length.
+type Copied = BTreeMap<String, (String, u64)>;
+
+/// Copies what is there and not copied yet, before a snapshot is taken: what is removed after that is here already.
+fn copy_present(data: &Path, out: &Path, copied: &mut Copied) -> Result<(), StoreError> {
+    for session in std::fs::read_dir(data.join(BLOBS))? {
+        let session = session?;
+        let files = match std::fs::read_dir(session.path()) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => continue,
+            files => files?,
+        };
+        for file in files {
+            let (session, file) = (session.file_name(), file?.file_name());
+            let key = format!("{}/{}", session.to_string_lossy(), file.to_string_lossy());
+            // Unfinished uploads have a `#` in their name.
+            if !key.contains('#') {
+                copy_one(data, out, &key, copied)?;
+            }
+        }
+    }
+    Ok(())
+}
+
 /// Copies what is named and not copied yet. False when one has gone meanwhile: then the snapshot is outdated.
-fn copy_named(
-    data: &Path,
-    out: &Path,
-    named: &BTreeSet<String>,
-    copied: &mut BTreeMap<String, (String, u64)>,
-) -> Result<bool, StoreError> {
+fn copy_named(data: &Path, out: &Path, named: &BTreeSet<String>, copied: &mut Copied) -> Result<bool, StoreError> {
     for key in named {
-        let name = format!("{BLOBS}/{key}");
-        if copied.contains_key(&name) {
-            continue;
-        }
-        let target = out.join(&name);
-        if let Some(parent) = target.parent() {
-            create_private(parent)?;
-        }
-        match copy(&data.join(&name), &target) {
-            Ok(found) => _ = copied.insert(name, found),
-            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(false),
-            Err(error) => return Err(error.into()),
+        if !copy_one(data, out, key, copied)? {
+            return Ok(false);
         }
     }
     Ok(true)
 }
 
-fn finish(
-    out: &Path,
-    named: &BTreeSet<String>,
-    mut files: BTreeMap<String, (String, u64)>,
-) -> Result<BackupReport, StoreError> {
+/// Copies a file unless it is copied. False when it is not there.
+fn copy_one(data: &Path, out: &Path, key: &str, copied: &mut Copied) -> Result<bool, StoreError> {
+    let name = format!("{BLOBS}/{key}");
+    if copied.contains_key(&name) {
+        return Ok(true);
+    }
+    let target = out.join(&name);
+    if let Some(parent) = target.parent() {
+        create_private(parent)?;
+    }
+    match copy(&data.join(&name), &target) {
+        Ok(found) => _ = copied.insert(name, found),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(false),
+        Err(error) => return Err(error.into()),
+    }
+    Ok(true)
+}
+
+fn finish(out: &Path, named: &BTreeSet<String>, mut files: Copied) -> Result<BackupReport, StoreError> {
     // Files of an outdated snapshot are of deleted sessions.
     let outdated = |name: &String| name.strip_prefix("blobs/").is_some_and(|key| !named.contains(key));
     for name in files.keys().filter(|name| outdated(name)).cloned().collect::<Vec<_>>() {
@@ -149,7 +181,17 @@ pub async fn restore(from: &Path, data: &Path) -> Result<BackupReport, StoreErro
     if data.join(DATABASE).exists() || data.join(BLOBS).exists() {
         return Err(fault(format!("{} holds a store already; name an empty directory", data.display())));
     }
-    // The database last: without it the directory counts as empty but for files that the next start sweeps.
+    let done = put_back(from, data, &manifest).await;
+    if done.is_err() {
+        // All of it is of the backup: the directory was empty.
+        sqlite::remove(data)?;
+        std::fs::remove_dir_all(data.join(BLOBS)).ok();
+    }
+    done
+}
+
+async fn put_back(from: &Path, data: &Path, manifest: &Manifest) -> Result<BackupReport, StoreError> {
+    // The database last: without it there is no store.
     let mut files: Vec<&String> = manifest.files.keys().collect();
     files.sort_by_key(|name| name.as_str() == DATABASE);
     for name in files {
@@ -236,13 +278,10 @@ mod tests {
         });
         let report = back_up(&data, &out).await;
         going.await.unwrap();
-        // Under this load a file may vanish each time: that is said, and a quiet moment helps.
+        // Under this load a file may come and go each time between two looks: that is said, and a quiet moment helps.
         let report = match report {
             Ok(report) => report,
-            Err(StoreError::Backup { .. }) => {
-                std::fs::remove_dir_all(&out).unwrap();
-                back_up(&data, &out).await.unwrap()
-            }
+            Err(StoreError::Backup { .. }) => back_up(&data, &out).await.unwrap(),
             Err(other) => panic!("{other:?}"),
         };
         assert!(report.files >= 2);
@@ -256,6 +295,35 @@ mod tests {
         restored.close().await;
         drop(restored);
         assert!(matches!(restore(&out, &back).await, Err(StoreError::Backup { .. })), "never over a store");
+    }
+
+    #[tokio::test]
+    async fn what_fails_half_way_leaves_nothing_in_the_way() {
+        let directory = tempfile::tempdir().unwrap();
+        let (data, out, back) = ["data", "out", "back"].map(|n| directory.path().join(n)).into();
+        let store = Store::open(&data).await.unwrap();
+        let kept = session("local");
+        store.insert_session(&kept, None).await.unwrap();
+        put(&store, kept.id, b"kept").await;
+        let blob = store.part(kept.id, PartKind::Skin).await.unwrap().unwrap().blob.unwrap();
+        let (file, aside) = (data.join(BLOBS).join(blob), directory.path().join("aside"));
+        std::fs::rename(&file, &aside).unwrap();
+        let refused = back_up(&data, &out).await;
+        assert!(matches!(refused, Err(StoreError::Backup { .. })) && !out.exists());
+        std::fs::rename(&aside, &file).unwrap();
+        back_up(&data, &out).await.unwrap();
+
+        // A database that is whole but no database.
+        let manifest = std::fs::read(out.join(MANIFEST)).unwrap();
+        let database = std::fs::read(out.join(DATABASE)).unwrap();
+        std::fs::write(out.join(DATABASE), [b'x'; 5000]).unwrap();
+        let mut changed: Manifest = serde_json::from_slice(&manifest).unwrap();
+        changed.files.insert(DATABASE.to_owned(), hash(&out.join(DATABASE)).unwrap());
+        std::fs::write(out.join(MANIFEST), to_json("manifest", &changed).unwrap()).unwrap();
+        assert!(matches!(restore(&out, &back).await, Err(StoreError::Foreign)));
+        std::fs::write(out.join(MANIFEST), manifest).unwrap();
+        std::fs::write(out.join(DATABASE), database).unwrap();
+        restore(&out, &back).await.unwrap();
     }
 
     #[tokio::test]

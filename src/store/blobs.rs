@@ -52,7 +52,11 @@ impl Blobs {
     }
 
     pub(super) fn in_memory() -> Self {
-        Self { objects: Arc::new(InMemory::new()), root: None }
+        Self::over(Arc::new(InMemory::new()))
+    }
+
+    pub(super) fn over(objects: Arc<dyn ObjectStore>) -> Self {
+        Self { objects, root: None }
     }
 
     /// Stores `bytes` for a session.

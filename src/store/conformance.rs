@@ -43,6 +43,7 @@ fn job(session: SessionId, request: &str) -> JobRecord {
         subject: Some("plan".to_owned()),
         other_session: None,
         max_wall_s: Some(60.0),
+        traceparent: Some("00-1-2-01".to_owned()),
         cancel_requested_at: None,
         superseded_by: None,
         events_from: 1,
@@ -328,6 +329,65 @@ async fn a_job_that_was_asked_to_stop_can_only_be_cancelled(store: Store) {
     assert!(claim(&store).await.is_none());
 }
 
+async fn many_sessions_are_looked_into_at_once(store: Store) {
+    let (full, empty) = (add_session(&store, "a").await.id, add_session(&store, "a").await.id);
+    let other = add_session(&store, "b").await.id;
+    for (session, bytes) in [(full, b"1234"), (other, b"5678")] {
+        let skin = blob(&store, session, bytes).await;
+        store.put_parts(session, &[part_with(PartKind::Skin, &skin)]).await.unwrap();
+    }
+    let osteotomy = OsteotomyRecord {
+        id: OsteotomyId::new(),
+        session: full,
+        field_key: "f".to_owned(),
+        wall_s: 0.1,
+        bytes: 10,
+        document: "{}".to_owned(),
+        blobs: Vec::new(),
+        created_at: now_rfc3339(),
+    };
+    store.insert_osteotomy(&osteotomy, None).await.unwrap();
+    let plan = |session| PlanRecord {
+        id: PlanId::new(),
+        session,
+        osteotomy: None,
+        document: "{}".to_owned(),
+        created_at: now_rfc3339(),
+    };
+    let (own, others) = (plan(full), plan(other));
+    store.insert_plan(&own, None).await.unwrap();
+    store.insert_plan(&others, None).await.unwrap();
+    let first = accept(&store, full, "1").await;
+    let running = claim(&store).await.unwrap();
+    for k in [2, 1] {
+        let frame = blob(&store, full, b"frame").await;
+        store.commit_step(&running, &step(k, &frame), &[]).await.unwrap();
+    }
+    let (second, third) = (accept(&store, full, "2").await, accept(&store, full, "3").await);
+    let foreign = accept(&store, other, "4").await;
+
+    let found = store.contents(&[full, empty, SessionId::new()], 2).await.unwrap();
+    assert_eq!(
+        found.keys().copied().collect::<Vec<_>>(),
+        [full, empty],
+        "only those that were asked for and are there"
+    );
+    assert_eq!(found[&empty], SessionContents::default());
+    let held = &found[&full];
+    assert_eq!(held.parts, store.parts(full).await.unwrap());
+    assert_eq!((held.osteotomies.as_slice(), held.plans.as_slice()), (&[osteotomy.id][..], &[own.id][..]));
+    assert_eq!(held.jobs.iter().map(|j| j.id).collect::<Vec<_>>(), [third, second], "the newest");
+    assert_eq!(held.bytes, 4 + 10 + 5 + 5);
+    assert_eq!(held.bytes, store.session_bytes(full).await.unwrap());
+    assert_eq!(store.session_bytes(SessionId::new()).await.unwrap(), 0);
+    assert_eq!(store.contents(&[], 2).await.unwrap().len(), 0);
+
+    let steps = store.steps_of(&[second, first, foreign]).await.unwrap();
+    assert_eq!(steps.keys().copied().collect::<Vec<_>>(), [first], "only jobs that have some");
+    assert_eq!(steps[&first].iter().map(|s| s.k).collect::<Vec<_>>(), [1, 2]);
+    assert_eq!(steps[&first], store.steps(first).await.unwrap());
+}
+
 async fn steps_are_kept_and_the_same_one_is_told_once(store: Store) {
     let id = add_session(&store, "a").await.id;
     accept(&store, id, "1").await;
@@ -390,6 +450,44 @@ async fn events_count_up_and_old_ones_go(store: Store) {
     assert_eq!((left.len(), left[0].seq, left[0].kind.as_str()), (1, 153, "end"));
     let ended = store.job(running.id).await.unwrap().unwrap();
     assert_eq!((ended.events_from, ended.progress, ended.warnings.as_slice()), (153, 1.0, &["w".to_owned()][..]));
+}
+
+async fn results_of_old_comparisons_go(store: Store) {
+    let id = add_session(&store, "a").await.id;
+    let compare = JobRecord { kind: JobKind::Compare, ..job(id, "compare") };
+    for new in [&compare, &job(id, "solve")] {
+        insert(&store, new, MANY, false).await;
+    }
+    let mut kept = Vec::new();
+    for lane in [Lane::Quick, Lane::Heavy] {
+        let change = |_: &JobRecord| JobChange::default();
+        let running = store.claim_job(lane, JobState::Running, &change).await.unwrap().unwrap();
+        let rest = blob(&store, id, b"123").await;
+        store.set_rest(&running, &rest).await.unwrap();
+        assert_eq!(store.drop_comparisons(Duration::ZERO).await.unwrap(), 0, "it runs");
+        let values = blob(&store, id, b"12345").await;
+        let change = JobChange { tissue: Some(values.clone()), report: Some("{}".to_owned()), ..JobChange::default() };
+        assert!(store.change_job(&running, JobState::Succeeded, &change).await.unwrap());
+        kept.push((running.id, rest.key, values.key));
+        if lane == Lane::Quick {
+            assert_eq!(store.drop_comparisons(Duration::from_secs(600)).await.unwrap(), 0, "it has just ended");
+            tokio::time::sleep(Duration::from_millis(5)).await;
+            assert_eq!(store.drop_comparisons(Duration::ZERO).await.unwrap(), 2);
+            assert_eq!(store.drop_comparisons(Duration::ZERO).await.unwrap(), 0);
+        }
+    }
+    let [(compared, rest, values), (solved, kept_rest, kept_values)] = kept.try_into().unwrap();
+    for key in [rest, values] {
+        assert!(matches!(store.blobs().get(&key).await, Err(StoreError::BlobGone)));
+    }
+    let row = store.job(compared).await.unwrap().unwrap();
+    assert_eq!((row.state, row.rest_blob, row.tissue_blob), (JobState::Succeeded, None, None));
+    assert!(row.report.is_some());
+    tokio::time::sleep(Duration::from_millis(5)).await;
+    assert_eq!(store.drop_comparisons(Duration::ZERO).await.unwrap(), 0, "a solve keeps its results");
+    assert!(store.job(solved).await.unwrap().unwrap().rest_blob.is_some());
+    assert!(store.blobs().get(&kept_rest).await.is_ok() && store.blobs().get(&kept_values).await.is_ok());
+    assert_eq!(store.session_bytes(id).await.unwrap(), 8);
 }
 
 async fn a_deleted_session_leaves_nothing(store: Store) {
@@ -463,8 +561,10 @@ conforms! {
     a_newer_job_takes_the_place_of_waiting_ones,
     what_comes_under_an_old_fence_is_refused,
     a_job_that_was_asked_to_stop_can_only_be_cancelled,
+    many_sessions_are_looked_into_at_once,
     steps_are_kept_and_the_same_one_is_told_once,
     events_count_up_and_old_ones_go,
+    results_of_old_comparisons_go,
     a_deleted_session_leaves_nothing,
     idle_sessions_are_found,
     the_end_of_the_audit_log_is_noted,

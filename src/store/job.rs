@@ -106,6 +106,8 @@ pub struct JobRecord {
     pub other_session: Option<SessionId>,
     /// Longest time that an attempt may compute, s.
     pub max_wall_s: Option<f64>,
+    /// The trace that it goes on, W3C; none where no traces are sent.
+    pub traceparent: Option<String>,
     /// When it was asked to stop, RFC 3339: from then on it can only end as cancelled.
     pub cancel_requested_at: Option<String>,
     /// The newer job that took its place.

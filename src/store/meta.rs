@@ -1,12 +1,12 @@
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Debug;
 
 use async_trait::async_trait;
 
 use super::{
     AnswerRecord, BlobInfo, EventRecord, Insertion, JobChange, JobFilter, JobId, JobRecord, JobState, Lane, NewJob,
-    OsteotomyId, OsteotomyRecord, Owner, PartKind, PartRecord, PlanId, PlanRecord, Remembered, SessionId,
-    SessionRecord, StepRecord, StepWritten, StoreError, TenantId,
+    OsteotomyId, OsteotomyRecord, Owner, PartKind, PartRecord, PlanId, PlanRecord, Remembered, SessionContents,
+    SessionId, SessionRecord, StepRecord, StepWritten, StoreError, TenantId,
 };
 
 type Result<T> = std::result::Result<T, StoreError>;
@@ -47,6 +47,9 @@ pub trait MetaStore: Debug + Send + Sync {
 
     /// Bytes stored for a session.
     async fn session_bytes(&self, id: SessionId) -> Result<u64>;
+
+    /// What sessions hold, with at most `jobs` jobs each; nothing for those that are not there.
+    async fn contents(&self, sessions: &[SessionId], jobs: u32) -> Result<BTreeMap<SessionId, SessionContents>>;
 
     /// Whose a session or job is, or was.
     async fn owner(&self, id: &str) -> Result<Option<Owner>>;
@@ -156,14 +159,17 @@ pub trait MetaStore: Debug + Send + Sync {
         quota: u64,
     ) -> Result<StepWritten>;
 
-    /// Finished steps of a job, in order.
-    async fn steps(&self, job: JobId) -> Result<Vec<StepRecord>>;
+    /// Finished steps of jobs, in order; nothing for those that have none.
+    async fn steps(&self, jobs: &[JobId]) -> Result<BTreeMap<JobId, Vec<StepRecord>>>;
 
     /// Events of a job after number `after`, in order.
     async fn events(&self, job: JobId, after: u64) -> Result<Vec<EventRecord>>;
 
     /// Drops all but the last event of jobs that ended before `ended_before` (RFC 3339): the number dropped.
     async fn prune_events(&self, ended_before: &str) -> Result<u64>;
+
+    /// Drops the large results of comparisons that ended before `ended_before` (RFC 3339): their blobs.
+    async fn drop_comparisons(&self, ended_before: &str) -> Result<Vec<String>>;
 
     // ---- the audit log ----
 

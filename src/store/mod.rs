@@ -48,7 +48,7 @@ pub use meta::MetaStore;
 pub use part::{PartKind, PartRecord};
 pub use plan::{OsteotomyRecord, PlanRecord};
 pub use records::{later, now_rfc3339, sha256_hex};
-pub use session::{Owner, SessionRecord};
+pub use session::{Owner, SessionContents, SessionRecord};
 pub use step::{StepRecord, StepWritten};
 pub use store::Store;
 pub use tenant::TenantId;

@@ -54,6 +54,12 @@ pub(super) fn from_json<T: DeserializeOwned>(what: &str, text: &str) -> Result<T
     serde_json::from_str(text).map_err(|e| StoreError::record(format!("{what}: {e}")))
 }
 
+/// Ids as the JSON list that a query takes apart.
+pub(super) fn id_list(ids: &[impl std::fmt::Display]) -> String {
+    let texts: Vec<String> = ids.iter().map(ToString::to_string).collect();
+    serde_json::Value::from(texts).to_string()
+}
+
 pub(super) fn parse_id<T: std::str::FromStr>(text: &str) -> Result<T, StoreError> {
     text.parse().map_err(|_| StoreError::record(format!("`{text}` is not an id")))
 }

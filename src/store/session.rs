@@ -1,4 +1,4 @@
-use super::{SessionId, TenantId};
+use super::{JobRecord, OsteotomyId, PartRecord, PlanId, SessionId, TenantId};
 
 /// A session's row.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -22,4 +22,19 @@ pub struct Owner {
     pub tenant: TenantId,
     /// Whether the thing was deleted.
     pub deleted: bool,
+}
+
+/// What a session holds, as lists show it.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct SessionContents {
+    /// Its parts.
+    pub parts: Vec<PartRecord>,
+    /// Its osteotomies, oldest first.
+    pub osteotomies: Vec<OsteotomyId>,
+    /// Its plans, oldest first.
+    pub plans: Vec<PlanId>,
+    /// Its jobs, newest first, at most so many as were asked for.
+    pub jobs: Vec<JobRecord>,
+    /// Bytes stored for it.
+    pub bytes: u64,
 }

@@ -1,16 +1,19 @@
 mod jobs;
 
+use std::collections::BTreeMap;
 use std::fs::{File, TryLockError};
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
+
+use object_store::ObjectStore;
 
 use super::memory::MemoryMeta;
 use super::records::{now_rfc3339, rfc3339_before};
 use super::sqlite::{self, SqliteMeta};
 use super::{
     AnswerRecord, Blobs, MetaStore, OsteotomyId, OsteotomyRecord, Owner, PartKind, PartRecord, PlanId, PlanRecord,
-    Remembered, SessionId, SessionRecord, StoreError, TenantId,
+    Remembered, SessionContents, SessionId, SessionRecord, StoreError, TenantId,
 };
 
 /// Directory of the large values.
@@ -57,6 +60,12 @@ impl Store {
     #[must_use]
     pub fn in_memory() -> Self {
         Self { meta: Arc::new(MemoryMeta::default()), blobs: Blobs::in_memory(), quota: u64::MAX, _lock: None }
+    }
+
+    /// The same rows with large values in another place, such as an S3-compatible store.
+    #[must_use]
+    pub fn with_objects(self, objects: Arc<dyn ObjectStore>) -> Self {
+        Self { blobs: Blobs::over(objects), ..self }
     }
 
     /// The same store that lets a session have at most `bytes`.
@@ -170,6 +179,14 @@ impl Store {
     /// [`StoreError`].
     pub async fn session_bytes(&self, id: SessionId) -> Result<u64> {
         self.meta.session_bytes(id).await
+    }
+
+    /// What sessions hold, with at most `jobs` jobs each; nothing for those that are not there.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn contents(&self, sessions: &[SessionId], jobs: u32) -> Result<BTreeMap<SessionId, SessionContents>> {
+        self.meta.contents(sessions, jobs).await
     }
 
     /// Whose a session or job is, or was.

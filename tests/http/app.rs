@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 use axum::Router;
 use axum::body::{Body, Bytes, to_bytes};
 use axum::http::{HeaderMap, Method, Request, StatusCode};
+use object_store::ObjectStore;
 use prosopon::config::ServeConfig;
 use prosopon::http::{AppState, app};
 use prosopon::serve;
@@ -76,6 +77,15 @@ impl TestApp {
         Self::open(config, directory, Arc::new(StandIn::default())).await
     }
 
+    /// With large values in another place.
+    pub(crate) async fn with_objects(objects: Arc<dyn ObjectStore>) -> Self {
+        let directory = tempfile::tempdir().unwrap();
+        let config = ServeConfig::new(directory.path().to_owned());
+        let store = Store::open(&config.data).await.unwrap().with_objects(objects);
+        let stand_in = Arc::new(StandIn::default());
+        Self::over(config, directory, store, Arc::clone(&stand_in), stand_in).await
+    }
+
     /// With the real numerics.
     pub(crate) async fn real() -> Self {
         Self::numerics(|numerics| numerics).await
@@ -106,6 +116,16 @@ impl TestApp {
         engine: Arc<dyn Engine>,
     ) -> Self {
         let store = Store::open(&config.data).await.unwrap();
+        Self::over(config, directory, store, stand_in, engine).await
+    }
+
+    async fn over(
+        config: ServeConfig,
+        directory: TempDir,
+        store: Store,
+        stand_in: Arc<StandIn>,
+        engine: Arc<dyn Engine>,
+    ) -> Self {
         let state = serve::state(&config, store, engine).await.unwrap();
         Self { router: app(state.clone()), state, stand_in, config, directory }
     }

@@ -1,5 +1,7 @@
 //! Comparisons of stored surfaces with the real numerics, and errors of steps on demand.
 
+use std::time::Duration;
+
 use axum::http::Method;
 use prosopon::geometry::{Motion, TriMesh, Vector};
 use serde_json::{Value, json};
@@ -59,6 +61,54 @@ async fn a_comparison_is_a_job_that_can_be_waited_for_or_fetched() {
     assert_eq!(app.get(&format!("{path}?format=png")).await.header("content-type"), "image/png");
     let mesh = app.post(&format!("/v1/sessions/{session}/field"), json!({})).await;
     mesh.problem(409, "missing-input");
+}
+
+#[tokio::test]
+async fn results_of_comparisons_are_kept_for_a_time() {
+    let app = TestApp::with(|config| config.service.comparison_retention = Duration::ZERO).await;
+    let session = session_of(&app, &lumpy(24, |_| 0.0), &lumpy(24, |_| 0.0)).await;
+    let own = format!("/v1/sessions/{session}");
+    let bytes = async || app.get(&own).await.ok()["bytes"].as_u64().unwrap();
+    let before = bytes().await;
+    let found = compare(&app, &session, json!({})).await;
+    let path = found.header("content-location").to_owned();
+    assert!(bytes().await > before && app.get(&path).await.status.is_success());
+    tokio::time::sleep(Duration::from_millis(5)).await;
+    app.state.service.keep_house().await.unwrap();
+    app.get(&path).await.problem(410, "gone");
+    assert_eq!(bytes().await, before);
+    let job = app.get(path.strip_suffix("/comparison").unwrap()).await.ok();
+    assert_eq!((&job["status"], &job["links"]["comparison"]), (&json!("succeeded"), &json!(null)));
+    compare(&app, &session, json!({})).await.ok();
+}
+
+/// Whatever ends a comparison while it runs, it leaves nothing, and the next one is done.
+#[tokio::test]
+async fn a_comparison_that_is_cancelled_or_loses_a_session_leaves_nothing() {
+    let app = TestApp::real().await;
+    let fine = |turn: f64| lumpy(300, move |d| turn * d[1]);
+    let own = session_of(&app, &fine(0.0), &fine(1.0)).await;
+    let other = session_of(&app, &fine(0.5), &fine(0.0)).await;
+    let path = format!("/v1/sessions/{own}");
+    let bytes = app.get(&path).await.ok()["bytes"].clone();
+    let headers = [("content-type", "application/json"), ("prefer", "respond-async")];
+    let ask = async |more: Value| app.call(Method::POST, "/v1/compare", &headers, body(&own, &more).to_string()).await;
+    let between = json!({"reference": {"session": other, "part": "skin"}});
+
+    let cancelled = ask(json!({"register": {}})).await.header("location").to_owned();
+    assert!(app.post(&format!("{cancelled}/cancel"), json!({})).await.status.is_success());
+    let ended = app.get(&format!("{cancelled}?wait_s=30")).await.ok();
+    assert_eq!((&ended["status"], &app.get(&path).await.ok()["bytes"]), (&json!("cancelled"), &bytes), "{ended}");
+
+    let lost = ask(between).await.header("location").to_owned();
+    app.delete(&format!("/v1/sessions/{other}")).await;
+    app.get(&format!("{lost}?wait_s=30")).await.problem(410, "gone");
+    let done = compare(&app, &own, json!({})).await;
+    done.ok();
+    let with_one = app.get(&path).await.ok()["bytes"].as_u64().unwrap();
+    assert!(with_one > bytes.as_u64().unwrap());
+    // Skin, target, and the two files of what was done.
+    assert_eq!(std::fs::read_dir(app.directory().join("blobs").join(&own)).unwrap().count(), 4);
 }
 
 /// The reference's session goes: so does what was made of it.

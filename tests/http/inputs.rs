@@ -6,6 +6,7 @@ use flate2::Compression;
 use flate2::write::GzEncoder;
 use futures::stream;
 use prosopon::geometry::{Point, TriMesh};
+use prosopon::session::FaultKind;
 use serde_json::json;
 
 use crate::app::TestApp;
@@ -206,6 +207,19 @@ fn flat() -> Vec<u8> {
     let corners = [[0., 0., 0.], [100., 0., 0.], [100., 100., 0.], [0., 100., 0.], [50., 50., 0.]];
     let triangles = vec![[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]];
     stl(&TriMesh::new(corners.map(Point::from).to_vec(), triangles).unwrap())
+}
+
+#[tokio::test]
+async fn a_ct_without_surfaces_is_told_until_an_import_succeeds() {
+    let app = TestApp::new().await;
+    let session = app.session().await;
+    let state = async || app.get(&session).await.ok()["parts"]["ct"]["state"].clone();
+    app.stand_in.fails_next(FaultKind::VolumeNotUsable, "there is no skin in it");
+    let job = app.finish(app.upload(&format!("{session}/ct"), nifti()).await).await;
+    assert_eq!((&job["status"], state().await), (&json!("failed"), json!("failed")), "{job}");
+    assert_eq!(app.get("/v1/sessions").await.ok()["sessions"][0]["parts"]["ct"]["state"], "failed");
+    let job = app.finish(app.upload(&format!("{session}/ct"), nifti()).await).await;
+    assert_eq!((&job["status"], state().await), (&json!("succeeded"), json!("ready")), "{job}");
 }
 
 #[tokio::test]

@@ -13,6 +13,7 @@ mod dicom;
 mod edges;
 mod events;
 mod examples;
+mod full_disk;
 mod fuzz;
 mod health;
 mod idempotency;

@@ -58,6 +58,11 @@ impl StandIn {
         self.changed.notify_all();
     }
 
+    /// Lets the next call fail.
+    pub(crate) fn fails_next(&self, kind: FaultKind, detail: &str) {
+        *self.fails_with.lock().unwrap() = Some(Fault::new(kind, detail).into());
+    }
+
     /// The failure that was asked for, once.
     fn planted(&self) -> Result<(), Halt> {
         self.fails_with.lock().unwrap().take().map_or(Ok(()), Err)
@@ -124,6 +129,7 @@ fn statistics(value: f64) -> Statistics {
 
 impl Engine for StandIn {
     fn surfaces(&self, ct: &[u8], _: &CtSettings, _: &Control) -> Result<CtSurfaces, Halt> {
+        self.planted()?;
         if ct.len() < 100 {
             return Err(Fault::new(FaultKind::VolumeNotUsable, "too short").into());
         }

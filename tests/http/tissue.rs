@@ -4,7 +4,7 @@ use axum::body::Body;
 use axum::http::{Method, StatusCode};
 use prosopon::export::{stl, vtu};
 use prosopon::geometry::{Point, TriMesh};
-use prosopon::import::{Limits, VolumeMesh, volume_mesh};
+use prosopon::import::{Cell, Limits, VolumeMesh, volume_mesh};
 use serde_json::{Value, json};
 
 use crate::app::{Answer, TestApp};
@@ -263,6 +263,25 @@ async fn a_rigid_bone_pushes_points_that_slide() {
     assert_eq!(problem["errors"][0]["pointer"], "/paths/0/segment");
 }
 
+/// A mesh with its free copy 100 mm beside it.
+fn beside(file: &[u8]) -> Vec<u8> {
+    let mesh = read(file);
+    let n = mesh.points.len() as u32;
+    let copies = mesh.points.iter().map(|p| Point::new(p.x + 100.0, p.y, p.z));
+    let points: Vec<Point> = mesh.points.iter().copied().chain(copies).collect();
+    let tetrahedra: Vec<[u32; 4]> = mesh
+        .cells
+        .iter()
+        .map(|cell| match cell {
+            Cell::Tetrahedron(corners) => *corners,
+            Cell::Wedge(_) => panic!("none"),
+        })
+        .collect();
+    let all: Vec<[u32; 4]> = tetrahedra.iter().copied().chain(tetrahedra.iter().map(|t| t.map(|c| c + n))).collect();
+    let attachment: Vec<f64> = (0..2 * n).map(|node| if node < n { 0.0 } else { -1.0 }).collect();
+    vtu(&points, &all, &[], &[("attachment", 1, &attachment)], &[("tissue", 1, &vec![2.0; all.len()])])
+}
+
 #[tokio::test]
 async fn what_cannot_be_solved_is_told() {
     let app = TestApp::new().await;
@@ -277,7 +296,20 @@ async fn what_cannot_be_solved_is_told() {
     assert!(problem["detail"].as_str().unwrap().contains("attachment"), "{problem}");
     app.get(&tissue).await.problem(404, "not-found");
 
-    // Nothing holds a mesh that slides only.
+    // A mesh that only slides or is held along two axes has nothing that keeps it in place; nor has a second block beside a tied one.
+    let block = |cells| Block { cells, edge: 3.0, skin: false };
+    let loose: [Vec<u8>; 3] = [
+        block([1, 1, 1]).vtu(|_| -2.0, |_| 0.0, |_| [0.0; 3]),
+        block([1, 1, 1]).vtu(|_| -1.0, |_| 5.0, |_| [0.0; 3]),
+        beside(&block([1, 1, 1]).vtu(|_| 0.0, |_| 0.0, |_| [0.0; 3])),
+    ];
+    for file in loose {
+        let problem = app.upload(&tissue, file).await.problem(422, "mesh-not-usable");
+        assert!(problem["detail"].as_str().unwrap().contains("the part of 8 points"), "{problem}");
+        assert_eq!(problem["errors"][0]["pointer"], "/tissue");
+    }
+    app.get(&tissue).await.problem(404, "not-found");
+
     app.upload(
         &tissue,
         Block { cells: [2, 2, 2], edge: 3.0, skin: false }.vtu(

@@ -24,22 +24,22 @@ impl ApiKey {
     /// Longest id, bytes.
     const MAX_ID: usize = 64;
 
-    /// What is wrong with it.
-    ///
-    /// # Errors
-    /// In words.
-    pub fn check(&self) -> Result<(), String> {
+    /// All that is wrong with it, in words.
+    #[must_use]
+    pub fn faults(&self) -> Vec<String> {
+        let mut faults = Vec::new();
         let allowed = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
         if !(1..=Self::MAX_ID).contains(&self.id.len()) || !self.id.chars().all(allowed) {
-            return Err(format!("id `{}` must have 1 to {} letters, digits, `-` or `_`", self.id, Self::MAX_ID));
+            faults.push(format!("id `{}` must have 1 to {} letters, digits, `-` or `_`", self.id, Self::MAX_ID));
         }
         if self.scopes == Scopes::default() {
-            return Err(format!("key `{}` has no scope: give read, write or admin", self.id));
+            faults.push(format!("key `{}` has no scope: give read, write or admin", self.id));
         }
-        match PasswordHash::new(&self.hash) {
-            Ok(hash) if hash.algorithm.as_str() == "argon2id" && hash.hash.is_some() => Ok(()),
-            _ => Err(format!("the hash of key `{}` is no argon2id hash; `prosopon auth key` makes one", self.id)),
+        let hash = PasswordHash::new(&self.hash);
+        if !hash.is_ok_and(|hash| hash.algorithm.as_str() == "argon2id" && hash.hash.is_some()) {
+            faults.push(format!("the hash of key `{}` is no argon2id hash; `prosopon auth key` makes one", self.id));
         }
+        faults
     }
 
     /// Whether `secret` is this key's. Takes some ten milliseconds of one core.
@@ -83,7 +83,7 @@ mod tests {
         let new = new_key("front").unwrap();
         let key =
             ApiKey { id: "front".to_owned(), tenant: TenantId::local(), scopes: Scopes::all(), hash: new.hash.clone() };
-        key.check().unwrap();
+        assert_eq!(key.faults(), Vec::<String>::new());
         let (id, secret) = new.token.split_once('.').unwrap();
         assert!(id == "front" && key.verifies(secret) && !key.verifies("") && !key.verifies(&new.hash));
         assert!(!new.hash.contains(secret));
@@ -92,7 +92,7 @@ mod tests {
             ApiKey { scopes: Scopes::default(), ..key.clone() },
             ApiKey { hash: secret.to_owned(), ..key.clone() },
         ] {
-            assert!(faulty.check().is_err(), "{faulty:?}");
+            assert_eq!(faulty.faults().len(), 1, "{faulty:?}");
         }
     }
 }

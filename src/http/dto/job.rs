@@ -368,7 +368,9 @@ fn links(record: &JobRecord, steps_done: u32) -> BTreeMap<String, String> {
             add("skull", format!("{session}/skull"));
         }
         (JobKind::Field, JobState::Succeeded) => _ = add("field", format!("{session}/field")),
-        (JobKind::Compare, JobState::Succeeded) => _ = add("comparison", format!("{own}/comparison")),
+        (JobKind::Compare, JobState::Succeeded) if record.rest_blob.is_some() => {
+            _ = add("comparison", format!("{own}/comparison"))
+        }
         (JobKind::Mesh, JobState::Succeeded) => _ = add("mesh", format!("{session}/mesh")),
         (JobKind::Solve, state) => {
             if steps_done > 0 {

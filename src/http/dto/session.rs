@@ -6,8 +6,9 @@ use uuid::Uuid;
 
 use super::JobView;
 use super::check::Check;
+use crate::jobs::ImportRequest;
 use crate::session::{Fault, PresetName, SessionParts};
-use crate::store::{JobKind, JobRecord, PartKind, SessionRecord};
+use crate::store::{JobKind, JobRecord, JobState, PartKind, PartRecord, SessionRecord};
 
 /// Defaults of a session's jobs.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -48,7 +49,8 @@ impl CreateSession {
 /// One part of a session.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct PartView {
-    /// `missing`, `building` (a job makes it), `ready`, or `stale` (made from inputs that have changed).
+    /// `missing`, `building` (a job makes it), `ready`, `stale` (made from inputs that have changed), or `failed` (of a CT: its last
+    /// import ended without surfaces; the job says why).
     pub state: String,
     /// Bytes stored.
     pub bytes: u64,
@@ -127,7 +129,7 @@ impl SessionView {
     }
 }
 
-fn part_view(state: &str, record: Option<&crate::store::PartRecord>) -> PartView {
+fn part_view(state: &str, record: Option<&PartRecord>) -> PartView {
     PartView {
         state: state.to_owned(),
         bytes: record.map_or(0, |r| r.bytes),
@@ -169,7 +171,18 @@ pub(in crate::http) fn view_of(kind: PartKind, parts: &SessionParts, jobs: &[Job
         (true, ..) => "building",
         (false, false, _) => "missing",
         (false, true, true) => "stale",
+        (false, true, false) if kind == PartKind::Ct && import_failed(record, jobs) => "failed",
         (false, true, false) => "ready",
     };
     part_view(state, record)
+}
+
+/// Whether the newest import of a CT ended without surfaces.
+fn import_failed(ct: Option<&PartRecord>, newest_first: &[JobRecord]) -> bool {
+    let is_of_ct = |job: &&JobRecord| {
+        let request = serde_json::from_str::<ImportRequest>(&job.request);
+        job.kind == JobKind::Import && request.is_ok_and(|request| ct.is_some_and(|ct| ct.key == request.ct_sha256))
+    };
+    let newest = newest_first.iter().find(is_of_ct);
+    newest.is_some_and(|job| matches!(job.state, JobState::Failed | JobState::Cancelled))
 }

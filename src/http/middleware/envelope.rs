@@ -5,7 +5,10 @@ use axum::http::{HeaderName, HeaderValue};
 use axum::middleware::Next;
 use axum::response::Response;
 use tracing::Instrument;
+use tracing::field::Empty;
 use uuid::Uuid;
+
+use crate::trace::{self, TRACEPARENT};
 
 const X_REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 
@@ -23,7 +26,10 @@ pub(in crate::http) async fn envelope(request: Request, next: Next) -> Response 
     let id = given_id(&request).unwrap_or_else(|| Uuid::now_v7().to_string());
     let route = request.extensions().get::<MatchedPath>().map_or("unmatched", MatchedPath::as_str).to_owned();
     let method = request.method().clone();
-    let span = tracing::info_span!("request", request_id = %id, %method, route);
+    let span = tracing::info_span!("request", request_id = %id, %method, route, status = Empty);
+    if let Some(parent) = request.headers().get(TRACEPARENT).and_then(|value| value.to_str().ok()) {
+        trace::continue_from(&span, parent);
+    }
     let started = Instant::now();
 
     let answer = REQUEST_ID.scope(id.clone(), next.run(request)).instrument(span.clone());
@@ -32,6 +38,7 @@ pub(in crate::http) async fn envelope(request: Request, next: Next) -> Response 
     let seconds = started.elapsed().as_secs_f64();
     let status = response.status().as_u16();
     span.in_scope(|| tracing::info!(status, duration_ms = seconds * 1e3, "answered"));
+    span.record("status", i64::from(status));
     let labels = [("method", method.to_string()), ("route", route), ("status", status.to_string())];
     metrics::counter!("prosopon_http_requests_total", &labels).increment(1);
     metrics::histogram!("prosopon_http_request_seconds", &labels[..2]).record(seconds);

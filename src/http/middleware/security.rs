@@ -4,6 +4,8 @@ use axum::middleware::Next;
 use axum::response::Response;
 use tower_http::cors::{AllowOrigin, CorsLayer};
 
+use crate::trace::TRACEPARENT;
+
 /// Pages of the service bring their own styles and scripts, and load nothing from elsewhere.
 const PAGE_POLICY: &str = "default-src 'self'; script-src 'self' 'unsafe-inline'; style-src 'self' 'unsafe-inline'; \
     img-src 'self' data: blob:; object-src 'none'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'";
@@ -50,6 +52,7 @@ pub(in crate::http) fn cors(origins: &[String]) -> CorsLayer {
             header("idempotency-key"),
             header("last-event-id"),
             header("prefer"),
+            header(TRACEPARENT),
             header("x-request-id"),
         ])
         .expose_headers([

@@ -200,10 +200,7 @@ pub(in crate::http) async fn list(
     };
     let records = state.service.store().jobs(&filter).await?;
     let next = records.last().filter(|_| records.len() == limit as usize).map(|last| next_page(&page, last.id, limit));
-    let mut jobs = Vec::new();
-    for record in records {
-        jobs.push(JobView::from(&state.service.status_of(record).await?));
-    }
+    let jobs = state.service.statuses_of(records).await?.iter().map(JobView::from).collect();
     Ok(Json(JobList { jobs, next }))
 }
 

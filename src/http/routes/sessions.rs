@@ -10,8 +10,11 @@ use crate::http::auth::Principal;
 use crate::http::dto::{CreateSession, JobView, SessionList, SessionView};
 use crate::http::extract::{Creating, Ids, Params, page_length};
 use crate::http::{AppState, Problem};
-use crate::session::SessionParts;
-use crate::store::{JobFilter, SessionId, SessionRecord, later, now_rfc3339};
+use crate::session::{FaultKind, SessionParts};
+use crate::store::{SessionId, SessionRecord, later, now_rfc3339};
+
+/// Newest jobs that a session's view has.
+const MOST_JOBS: u32 = 100;
 
 /// Which page of sessions.
 #[derive(Debug, Deserialize, IntoParams)]
@@ -66,11 +69,7 @@ pub(in crate::http) async fn list(
         state.service.store().sessions(Some(&principal.tenant), page.before.map(SessionId::from), limit).await?;
     let next = records.last().filter(|_| records.len() == limit as usize);
     let next = next.map(|r| format!("/v1/sessions?before={}&limit={limit}", r.id));
-    let mut sessions = Vec::new();
-    for record in &records {
-        sessions.push(view(&state, record).await?);
-    }
-    Ok(Json(SessionList { sessions, next }))
+    Ok(Json(SessionList { sessions: views(&state, &records).await?, next }))
 }
 
 /// A session
@@ -82,12 +81,13 @@ pub(in crate::http) async fn get(
     State(state): State<AppState>,
     Ids(session): Ids<SessionId>,
 ) -> Result<Json<SessionView>, Problem> {
+    let gone = || Problem::new(FaultKind::Gone, "the session was deleted meanwhile");
     let Some(record) = state.service.store().session(session).await? else {
         // Says whether it was ever there.
         SessionParts::load(state.service.store(), session).await?;
-        return Err(Problem::new(crate::session::FaultKind::Gone, "the session was deleted meanwhile"));
+        return Err(gone());
     };
-    let mut view = view(&state, &record).await?;
+    let mut view = views(&state, &[record]).await?.pop().ok_or_else(gone)?;
     view.expires_at = expires_at(&state, session).await?;
     Ok(Json(view))
 }
@@ -113,18 +113,25 @@ async fn expires_at(state: &AppState, session: SessionId) -> Result<Option<Strin
     Ok(used.and_then(|used| later(&used, retention)))
 }
 
-async fn view(state: &AppState, record: &SessionRecord) -> Result<SessionView, Problem> {
-    let store = state.service.store();
-    let parts = SessionParts::of_known(store, record.id).await?;
-    let filter = JobFilter { session: Some(record.id), limit: 100, ..JobFilter::default() };
-    let jobs = store.jobs(&filter).await?;
-    let mut view = SessionView::new(record);
-    view.fill_parts(&parts, &jobs);
-    view.bytes = store.session_bytes(record.id).await?;
-    view.osteotomies = store.osteotomies(record.id).await?.iter().map(|o| o.id.uuid()).collect();
-    view.plans = store.plans(record.id).await?.iter().map(|p| p.id.uuid()).collect();
-    for job in jobs {
-        view.jobs.push(JobView::from(&state.service.status_of(job).await?));
+/// Sessions with what they hold; without those that were deleted meanwhile.
+async fn views(state: &AppState, records: &[SessionRecord]) -> Result<Vec<SessionView>, Problem> {
+    let ids: Vec<SessionId> = records.iter().map(|record| record.id).collect();
+    let mut contents = state.service.store().contents(&ids, MOST_JOBS).await?;
+    let (mut views, mut jobs) = (Vec::new(), Vec::new());
+    for record in records {
+        let Some(held) = contents.remove(&record.id) else { continue };
+        let mut view = SessionView::new(record);
+        view.fill_parts(&SessionParts::of(record.id, held.parts), &held.jobs);
+        view.bytes = held.bytes;
+        view.osteotomies = held.osteotomies.iter().map(|id| id.uuid()).collect();
+        view.plans = held.plans.iter().map(|id| id.uuid()).collect();
+        views.push((held.jobs.len(), view));
+        jobs.extend(held.jobs);
     }
-    Ok(view)
+    let mut jobs = state.service.statuses_of(jobs).await?.into_iter();
+    let fill = |(count, view): (usize, SessionView)| SessionView {
+        jobs: jobs.by_ref().take(count).map(|job| JobView::from(&job)).collect(),
+        ..view
+    };
+    Ok(views.into_iter().map(fill).collect())
 }

@@ -2,7 +2,7 @@ use super::Compared;
 use crate::geometry::TriMesh;
 use crate::jobs::{Service, SkinFrame};
 use crate::session::{Fault, FaultKind};
-use crate::store::{JobKind, JobRecord, StepRecord, decode_mesh};
+use crate::store::{JobKind, JobRecord, JobState, StepRecord, decode_mesh};
 
 /// The skin at rest that a job deforms.
 ///
@@ -53,10 +53,16 @@ impl StoredComparison {
 /// What a comparison that has succeeded found.
 ///
 /// # Errors
-/// [`FaultKind::NotFound`] for another kind of job, [`FaultKind::NotReady`] before its end, or the store's.
+/// [`FaultKind::NotFound`] for another kind of job, [`FaultKind::NotReady`] before its end, [`FaultKind::Gone`] when it was kept long
+/// enough, or the store's.
 pub async fn read_comparison(service: &Service, job: &JobRecord) -> Result<Compared, Fault> {
     if job.kind != JobKind::Compare {
         return Err(Fault::new(FaultKind::NotFound, format!("a job of kind {} compares nothing", job.kind.as_str())));
+    }
+    if job.state == JobState::Succeeded && job.rest_blob.is_none() {
+        let days = service.settings.comparison_retention.as_secs() / 86_400;
+        let detail = format!("results of comparisons are kept for {days} days; compare again");
+        return Err(Fault::new(FaultKind::Gone, detail));
     }
     let (Some(report), Some(rest), Some(values)) = (&job.report, &job.rest_blob, &job.tissue_blob) else {
         let detail = format!("the comparison is {}", job.state);

@@ -5,8 +5,8 @@ use crate::store::event::KEPT_PROGRESS;
 use crate::store::job::{joined_warnings, progress_after};
 use crate::store::records::now_rfc3339;
 use crate::store::{
-    BlobInfo, EventRecord, Insertion, JobChange, JobId, JobRecord, JobState, Lane, NewJob, StepRecord, StepWritten,
-    StoreError, TenantId,
+    BlobInfo, EventRecord, Insertion, JobChange, JobId, JobKind, JobRecord, JobState, Lane, NewJob, StepRecord,
+    StepWritten, StoreError, TenantId,
 };
 
 impl Rows {
@@ -215,6 +215,17 @@ impl Rows {
         self.append_all(job, events);
         self.check_bytes(session, quota)?;
         Ok(StepWritten::New(old.map(|old| old.blob)))
+    }
+
+    pub(super) fn drop_comparisons(&mut self, ended_before: &str) -> Vec<String> {
+        let mut blobs = Vec::new();
+        for job in self.jobs.values_mut().filter(|j| j.record.kind == JobKind::Compare) {
+            if job.record.finished_at.as_deref().is_some_and(|t| t < ended_before) {
+                blobs.extend([job.record.rest_blob.take(), job.record.tissue_blob.take()].into_iter().flatten());
+                job.bytes = 0;
+            }
+        }
+        blobs
     }
 
     pub(super) fn prune_events(&mut self, ended_before: &str) -> u64 {

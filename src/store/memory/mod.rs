@@ -10,8 +10,8 @@ use async_trait::async_trait;
 
 use super::{
     AnswerRecord, BlobInfo, EventRecord, Insertion, JobChange, JobFilter, JobId, JobRecord, JobState, Lane, MetaStore,
-    NewJob, OsteotomyId, OsteotomyRecord, Owner, PartKind, PartRecord, PlanId, PlanRecord, Remembered, SessionId,
-    SessionRecord, StepRecord, StepWritten, StoreError, TenantId,
+    NewJob, OsteotomyId, OsteotomyRecord, Owner, PartKind, PartRecord, PlanId, PlanRecord, Remembered, SessionContents,
+    SessionId, SessionRecord, StepRecord, StepWritten, StoreError, TenantId,
 };
 
 type Result<T> = std::result::Result<T, StoreError>;
@@ -104,6 +104,13 @@ impl MetaStore for MemoryMeta {
         Ok(self.read(|rows| rows.bytes(id)))
     }
 
+    async fn contents(&self, sessions: &[SessionId], jobs: u32) -> Result<BTreeMap<SessionId, SessionContents>> {
+        Ok(self.read(|rows| {
+            let here = sessions.iter().filter(|id| rows.sessions.contains_key(id));
+            here.map(|id| (*id, rows.contents(*id, jobs))).collect()
+        }))
+    }
+
     async fn owner(&self, id: &str) -> Result<Option<Owner>> {
         Ok(self.read(|rows| rows.owner(id)))
     }
@@ -146,10 +153,7 @@ impl MetaStore for MemoryMeta {
     }
 
     async fn parts(&self, session: SessionId) -> Result<Vec<PartRecord>> {
-        let of = |((s, _), part): (&(SessionId, PartKind), &PartRecord)| (*s == session).then(|| part.clone());
-        let mut parts: Vec<PartRecord> = self.read(|rows| rows.parts.iter().filter_map(of).collect());
-        parts.sort_by_key(|part| part.kind.as_str());
-        Ok(parts)
+        Ok(self.read(|rows| rows.parts(session)))
     }
 
     async fn insert_osteotomy(
@@ -272,8 +276,10 @@ impl MetaStore for MemoryMeta {
         self.write(|rows| rows.commit_step(job, fence, step, events, quota))
     }
 
-    async fn steps(&self, job: JobId) -> Result<Vec<StepRecord>> {
-        Ok(self.read(|rows| rows.steps.range((job, 0)..=(job, u32::MAX)).map(|(_, s)| s.clone()).collect()))
+    async fn steps(&self, jobs: &[JobId]) -> Result<BTreeMap<JobId, Vec<StepRecord>>> {
+        let of = |rows: &Rows, job| rows.steps.range((job, 0)..=(job, u32::MAX)).map(|(_, s)| s.clone()).collect();
+        let found = self.read(|rows| jobs.iter().map(|job| (*job, of(rows, *job))).collect::<BTreeMap<_, Vec<_>>>());
+        Ok(found.into_iter().filter(|(_, steps)| !steps.is_empty()).collect())
     }
 
     async fn events(&self, job: JobId, after: u64) -> Result<Vec<EventRecord>> {
@@ -283,6 +289,10 @@ impl MetaStore for MemoryMeta {
 
     async fn prune_events(&self, ended_before: &str) -> Result<u64> {
         self.write(|rows| Ok(rows.prune_events(ended_before)))
+    }
+
+    async fn drop_comparisons(&self, ended_before: &str) -> Result<Vec<String>> {
+        self.write(|rows| Ok(rows.drop_comparisons(ended_before)))
     }
 
     async fn set_audit_anchor(&self, chain: &str, at: &str) -> Result<()> {

@@ -3,7 +3,10 @@ use std::collections::BTreeSet;
 use super::{Result, Rows};
 use crate::store::job::check_quota;
 use crate::store::records::now_rfc3339;
-use crate::store::{AnswerRecord, JobId, OsteotomyId, Owner, PlanId, SessionId, StoreError, TenantId};
+use crate::store::{
+    AnswerRecord, JobId, OsteotomyId, Owner, PartKind, PartRecord, PlanId, SessionContents, SessionId, StoreError,
+    TenantId,
+};
 
 impl Rows {
     pub(super) fn require(&self, session: SessionId) -> Result<()> {
@@ -18,6 +21,24 @@ impl Rows {
         }
         self.answers.insert(key, (answer.clone(), now_rfc3339()));
         Ok(())
+    }
+
+    pub(super) fn parts(&self, session: SessionId) -> Vec<PartRecord> {
+        let of = |((s, _), part): (&(SessionId, PartKind), &PartRecord)| (*s == session).then(|| part.clone());
+        let mut parts: Vec<PartRecord> = self.parts.iter().filter_map(of).collect();
+        parts.sort_by_key(|part| part.kind.as_str());
+        parts
+    }
+
+    pub(super) fn contents(&self, id: SessionId, jobs: u32) -> SessionContents {
+        let newest_first = self.jobs.values().rev().map(|j| &j.record).filter(|j| j.session == id);
+        SessionContents {
+            parts: self.parts(id),
+            osteotomies: self.osteotomies.values().filter(|o| o.session == id).map(|o| o.id).collect(),
+            plans: self.plans.values().filter(|p| p.session == id).map(|p| p.id).collect(),
+            jobs: newest_first.take(jobs as usize).cloned().collect(),
+            bytes: self.bytes(id),
+        }
     }
 
     pub(super) fn bytes(&self, id: SessionId) -> u64 {

@@ -12,6 +12,7 @@ const MIGRATIONS: &[&str] = &[
     include_str!("3_tenants_and_queue.sql"),
     include_str!("4_cancel_requests.sql"),
     include_str!("5_audit_anchor.sql"),
+    include_str!("6_trace.sql"),
 ];
 
 /// Name of the database in its directory.

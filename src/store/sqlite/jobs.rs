@@ -25,6 +25,7 @@ pub(super) fn record(row: &sqlx::sqlite::SqliteRow) -> Result<JobRecord> {
         subject: row.try_get("subject")?,
         other_session: id_in("other_session")?.as_deref().map(parse_id).transpose()?,
         max_wall_s: row.try_get("max_wall_s")?,
+        traceparent: row.try_get("traceparent")?,
         cancel_requested_at: row.try_get("cancel_requested_at")?,
         superseded_by: id_in("superseded_by")?.as_deref().map(parse_id).transpose()?,
         events_from: to_u64(row.try_get("events_from")?),
@@ -178,4 +179,24 @@ pub(super) async fn set_rest(
     sessions::check_bytes(&mut transaction, job.session, quota).await?;
     transaction.commit().await?;
     Ok(job.rest_blob)
+}
+
+pub(super) async fn drop_comparisons(writer: &SqlitePool, ended_before: &str) -> Result<Vec<String>> {
+    let mut transaction = writer.begin().await?;
+    let blobs: Vec<(Option<String>, Option<String>)> = sqlx::query_as(
+        "SELECT rest_blob, tissue_blob FROM jobs
+         WHERE kind = 'compare' AND finished_at < ? AND (rest_blob IS NOT NULL OR tissue_blob IS NOT NULL)",
+    )
+    .bind(ended_before)
+    .fetch_all(&mut *transaction)
+    .await?;
+    sqlx::query(
+        "UPDATE jobs SET rest_blob = NULL, tissue_blob = NULL, bytes = 0
+         WHERE kind = 'compare' AND finished_at < ? AND (rest_blob IS NOT NULL OR tissue_blob IS NOT NULL)",
+    )
+    .bind(ended_before)
+    .execute(&mut *transaction)
+    .await?;
+    transaction.commit().await?;
+    Ok(blobs.into_iter().flat_map(|(rest, values)| [rest, values]).flatten().collect())
 }

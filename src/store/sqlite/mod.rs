@@ -2,6 +2,7 @@
 
 mod anchor;
 mod answers;
+mod contents;
 mod events;
 mod format;
 mod jobs;
@@ -11,7 +12,7 @@ mod queue;
 mod sessions;
 mod steps;
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::time::Duration;
 
@@ -23,8 +24,8 @@ pub(super) use format::DATABASE;
 
 use super::{
     AnswerRecord, BlobInfo, EventRecord, Insertion, JobChange, JobFilter, JobId, JobRecord, JobState, Lane, MetaStore,
-    NewJob, OsteotomyId, OsteotomyRecord, Owner, PartKind, PartRecord, PlanId, PlanRecord, Remembered, SessionId,
-    SessionRecord, StepRecord, StepWritten, StoreError, TenantId,
+    NewJob, OsteotomyId, OsteotomyRecord, Owner, PartKind, PartRecord, PlanId, PlanRecord, Remembered, SessionContents,
+    SessionId, SessionRecord, StepRecord, StepWritten, StoreError, TenantId,
 };
 
 type Result<T> = std::result::Result<T, StoreError>;
@@ -141,6 +142,10 @@ impl MetaStore for SqliteMeta {
     async fn session_bytes(&self, id: SessionId) -> Result<u64> {
         let mut connection = self.reader.acquire().await?;
         sessions::bytes(&mut connection, id).await
+    }
+
+    async fn contents(&self, sessions: &[SessionId], jobs: u32) -> Result<BTreeMap<SessionId, SessionContents>> {
+        contents::of(&self.reader, sessions, jobs).await
     }
 
     async fn owner(&self, id: &str) -> Result<Option<Owner>> {
@@ -260,8 +265,8 @@ impl MetaStore for SqliteMeta {
         steps::commit(&self.writer, job, fence, step, events, quota).await
     }
 
-    async fn steps(&self, job: JobId) -> Result<Vec<StepRecord>> {
-        steps::all(&self.reader, job).await
+    async fn steps(&self, jobs: &[JobId]) -> Result<BTreeMap<JobId, Vec<StepRecord>>> {
+        steps::of(&self.reader, jobs).await
     }
 
     async fn events(&self, job: JobId, after: u64) -> Result<Vec<EventRecord>> {
@@ -270,6 +275,10 @@ impl MetaStore for SqliteMeta {
 
     async fn prune_events(&self, ended_before: &str) -> Result<u64> {
         events::prune(&self.writer, ended_before).await
+    }
+
+    async fn drop_comparisons(&self, ended_before: &str) -> Result<Vec<String>> {
+        jobs::drop_comparisons(&self.writer, ended_before).await
     }
 
     async fn set_audit_anchor(&self, chain: &str, at: &str) -> Result<()> {

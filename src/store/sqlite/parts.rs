@@ -1,20 +1,19 @@
-use sqlx::SqlitePool;
+use sqlx::sqlite::SqliteRow;
+use sqlx::{Row, SqlitePool};
 
 use super::{Result, gone_if_orphan, sessions};
 use crate::store::records::{to_i64, to_u64};
 use crate::store::{PartKind, PartRecord, SessionId, StoreError};
 
-type Row = (String, String, Option<String>, i64, f64, String, String);
-
-fn record((kind, key, blob, bytes, wall_s, document, updated_at): Row) -> Result<PartRecord> {
+pub(super) fn record(row: &SqliteRow) -> Result<PartRecord> {
     Ok(PartRecord {
-        kind: kind.parse().map_err(StoreError::record)?,
-        key,
-        blob,
-        bytes: to_u64(bytes),
-        wall_s,
-        document,
-        updated_at,
+        kind: row.try_get::<String, _>("kind")?.parse().map_err(StoreError::record)?,
+        key: row.try_get("key")?,
+        blob: row.try_get("blob")?,
+        bytes: to_u64(row.try_get("bytes")?),
+        wall_s: row.try_get("wall_s")?,
+        document: row.try_get("document")?,
+        updated_at: row.try_get("updated_at")?,
     })
 }
 
@@ -60,8 +59,8 @@ pub(super) async fn delete(writer: &SqlitePool, session: SessionId, kind: PartKi
 }
 
 pub(super) async fn all(reader: &SqlitePool, session: SessionId) -> Result<Vec<PartRecord>> {
-    let rows = sqlx::query_as::<_, Row>(
+    let rows = sqlx::query(
         "SELECT kind, key, blob, bytes, wall_s, document, updated_at FROM parts WHERE session = ? ORDER BY kind",
     );
-    rows.bind(session.to_string()).fetch_all(reader).await?.into_iter().map(record).collect()
+    rows.bind(session.to_string()).fetch_all(reader).await?.iter().map(record).collect()
 }

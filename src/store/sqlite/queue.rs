@@ -40,9 +40,9 @@ pub(super) async fn insert(writer: &SqlitePool, new: &NewJob<'_>) -> Result<Inse
     }
     sqlx::query(
         "INSERT INTO jobs (id, session, tenant, kind, lane, state, phase, progress, steps, attempt, request, subject,
-                           other_session, max_wall_s, warnings, bytes, created_at)
+                           other_session, max_wall_s, warnings, bytes, created_at, traceparent)
          VALUES (?1, ?2, coalesce((SELECT tenant FROM sessions WHERE id = ?2), 'local'),
-                 ?3, ?4, ?5, ?6, 0, ?7, 0, ?8, ?9, ?10, ?11, '[]', 0, ?12)",
+                 ?3, ?4, ?5, ?6, 0, ?7, 0, ?8, ?9, ?10, ?11, '[]', 0, ?12, ?13)",
     )
     .bind(job.id.to_string())
     .bind(job.session.to_string())
@@ -56,6 +56,7 @@ pub(super) async fn insert(writer: &SqlitePool, new: &NewJob<'_>) -> Result<Inse
     .bind(job.other_session.map(|s| s.to_string()))
     .bind(job.max_wall_s)
     .bind(&job.created_at)
+    .bind(&job.traceparent)
     .execute(&mut *transaction)
     .await
     .map_err(gone_if_orphan)?;

@@ -124,17 +124,16 @@ pub(super) async fn is_deleted(reader: &SqlitePool, id: &str) -> Result<bool> {
     Ok(found.is_some())
 }
 
+/// Bytes stored for the session `s`.
+pub(super) const BYTES: &str = "(SELECT coalesce(sum(bytes), 0) FROM parts WHERE session = s.id)
+    + (SELECT coalesce(sum(bytes), 0) FROM osteotomies WHERE session = s.id)
+    + (SELECT coalesce(sum(bytes), 0) FROM jobs WHERE session = s.id)
+    + (SELECT coalesce(sum(steps.bytes), 0) FROM steps JOIN jobs ON jobs.id = steps.job WHERE session = s.id)";
+
 pub(super) async fn bytes(connection: &mut SqliteConnection, id: SessionId) -> Result<u64> {
-    let bytes: i64 = sqlx::query_scalar(
-        "SELECT (SELECT coalesce(sum(bytes), 0) FROM parts WHERE session = ?1)
-              + (SELECT coalesce(sum(bytes), 0) FROM osteotomies WHERE session = ?1)
-              + (SELECT coalesce(sum(bytes), 0) FROM jobs WHERE session = ?1)
-              + (SELECT coalesce(sum(steps.bytes), 0) FROM steps JOIN jobs ON jobs.id = steps.job WHERE session = ?1)",
-    )
-    .bind(id.to_string())
-    .fetch_one(connection)
-    .await?;
-    Ok(to_u64(bytes))
+    let query = format!("SELECT {BYTES} FROM sessions s WHERE s.id = ?");
+    let query = sqlx::query_scalar(sqlx::AssertSqlSafe(query)).bind(id.to_string());
+    Ok(query.fetch_optional(connection).await?.map_or(0, to_u64))
 }
 
 pub(super) async fn check_bytes(connection: &mut SqliteConnection, id: SessionId, quota: u64) -> Result<()> {

@@ -1,11 +1,13 @@
+use std::collections::BTreeMap;
+
 use sqlx::SqlitePool;
 
 use super::events::append_all;
 use super::{Result, sessions};
-use crate::store::records::{parse_id, to_i64, to_u32, to_u64};
+use crate::store::records::{id_list, parse_id, to_i64, to_u32, to_u64};
 use crate::store::{JobId, StepRecord, StepWritten, StoreError};
 
-type Row = (i64, f64, String, Option<String>, String, String, i64);
+type Row = (String, i64, f64, String, Option<String>, String, String, i64);
 
 pub(super) async fn commit(
     writer: &SqlitePool,
@@ -51,20 +53,18 @@ pub(super) async fn commit(
     Ok(StepWritten::New(old.map(|(blob, _)| blob)))
 }
 
-pub(super) async fn all(reader: &SqlitePool, job: JobId) -> Result<Vec<StepRecord>> {
-    let rows: Vec<Row> =
-        sqlx::query_as("SELECT k, t, document, error, blob, sha256, bytes FROM steps WHERE job = ? ORDER BY k")
-            .bind(job.to_string())
-            .fetch_all(reader)
-            .await?;
-    let record = |(k, t, document, error, blob, sha256, bytes)| StepRecord {
-        k: to_u32(k),
-        t,
-        document,
-        error,
-        blob,
-        sha256,
-        bytes: to_u64(bytes),
-    };
-    Ok(rows.into_iter().map(record).collect())
+pub(super) async fn of(reader: &SqlitePool, jobs: &[JobId]) -> Result<BTreeMap<JobId, Vec<StepRecord>>> {
+    let rows: Vec<Row> = sqlx::query_as(
+        "SELECT job, k, t, document, error, blob, sha256, bytes FROM steps
+         WHERE job IN (SELECT value FROM json_each(?)) ORDER BY job, k",
+    )
+    .bind(id_list(jobs))
+    .fetch_all(reader)
+    .await?;
+    let mut found: BTreeMap<JobId, Vec<StepRecord>> = BTreeMap::new();
+    for (job, k, t, document, error, blob, sha256, bytes) in rows {
+        let step = StepRecord { k: to_u32(k), t, document, error, blob, sha256, bytes: to_u64(bytes) };
+        found.entry(parse_id(&job)?).or_default().push(step);
+    }
+    Ok(found)
 }

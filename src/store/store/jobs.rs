@@ -1,12 +1,13 @@
 //! The queue, steps and events of jobs.
 
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 use super::{Result, Store};
 use crate::store::records::rfc3339_before;
 use crate::store::{
     BlobInfo, EventRecord, Insertion, JobChange, JobFilter, JobId, JobRecord, JobState, Lane, NewJob, StepRecord,
-    StepWritten,
+    StepWritten, StoreError,
 };
 
 impl Store {
@@ -62,7 +63,8 @@ impl Store {
     /// [`StoreError::QuotaFull`](crate::store::StoreError::QuotaFull).
     pub async fn change_job(&self, job: &JobRecord, to: JobState, change: &JobChange) -> Result<bool> {
         let changed = self.meta.change_job(job.id, job.fence, job.state, to, change, self.quota).await;
-        if !matches!(changed, Ok(true)) {
+        // After a fault of the database the change may be tried again.
+        if matches!(changed, Ok(false) | Err(StoreError::QuotaFull { .. })) {
             self.remove_blobs(change.tissue.iter().map(|blob| blob.key.clone()).collect()).await;
         }
         changed
@@ -128,7 +130,15 @@ impl Store {
     /// # Errors
     /// [`StoreError`](crate::store::StoreError).
     pub async fn steps(&self, job: JobId) -> Result<Vec<StepRecord>> {
-        self.meta.steps(job).await
+        Ok(self.meta.steps(&[job]).await?.remove(&job).unwrap_or_default())
+    }
+
+    /// Finished steps of jobs, in order; nothing for those that have none.
+    ///
+    /// # Errors
+    /// [`StoreError`](crate::store::StoreError).
+    pub async fn steps_of(&self, jobs: &[JobId]) -> Result<BTreeMap<JobId, Vec<StepRecord>>> {
+        self.meta.steps(jobs).await
     }
 
     /// One finished step, if it is there.
@@ -153,6 +163,17 @@ impl Store {
     /// [`StoreError`](crate::store::StoreError).
     pub async fn prune_events(&self, age: Duration) -> Result<u64> {
         self.meta.prune_events(&rfc3339_before(age)).await
+    }
+
+    /// Drops the large results of comparisons that ended longer than `age` ago; the number of their files.
+    ///
+    /// # Errors
+    /// [`StoreError`](crate::store::StoreError).
+    pub async fn drop_comparisons(&self, age: Duration) -> Result<usize> {
+        let blobs = self.meta.drop_comparisons(&rfc3339_before(age)).await?;
+        let dropped = blobs.len();
+        self.remove_blobs(blobs).await;
+        Ok(dropped)
     }
 
     // ---- keeping house ----

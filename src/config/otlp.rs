@@ -1,0 +1,39 @@
+use axum::http::Uri;
+
+/// What is wrong with the address of a collector. Without TLS, as the client for it is: a collector on this machine passes spans on.
+pub(super) fn check(endpoint: &str) -> Result<(), String> {
+    if !cfg!(feature = "otlp") {
+        return Err("this build sends no traces; build it with `--features otlp`, or remove the setting".to_owned());
+    }
+    let fine = |uri: &Uri| {
+        let host = uri.authority().is_some_and(|a| !a.host().is_empty() && !a.as_str().contains('@'));
+        uri.scheme_str() == Some("http") && host && uri.query().is_none()
+    };
+    // Not quoted: it may hold a password.
+    let expected = "expected an address without password and query such as http://127.0.0.1:4318";
+    endpoint.parse().ok().filter(fine).map(|_| ()).ok_or_else(|| expected.to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[cfg(feature = "otlp")]
+    #[test]
+    fn addresses_of_collectors_are_plain_http_without_passwords() {
+        for fine in ["http://127.0.0.1:4318", "http://collector", "http://[::1]:4318/base/"] {
+            assert_eq!(check(fine), Ok(()), "{fine}");
+        }
+        for faulty in
+            ["", "127.0.0.1:4318", "https://collector", "http://", "http://a:secret@collector", "http://c?key=1"]
+        {
+            assert!(check(faulty).is_err_and(|fault| !fault.contains("secret")), "{faulty}");
+        }
+    }
+
+    #[cfg(not(feature = "otlp"))]
+    #[test]
+    fn a_build_without_traces_says_so() {
+        assert!(check("http://127.0.0.1:4318").unwrap_err().contains("--features otlp"));
+    }
+}

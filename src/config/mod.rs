@@ -161,7 +161,9 @@ impl ServeConfig {
         check(self.service.session_retention.is_some_and(|r| r.is_zero()), "session_retention_days: must be above 0");
         check(self.service.janitor_every.is_zero(), "janitor_every_s: must be above 0");
         check(self.connections.most == 0, "max_connections: must be above 0");
-        check(self.connections.head.is_zero(), "header_timeout_s: must be above 0");
+        // It is added to the present instant.
+        let head = self.connections.head.as_secs();
+        check(!(1..=86_400).contains(&head), "header_timeout_s: allowed is 1 to 86400");
         check(self.connections.stalled.is_zero(), "write_timeout_s: must be above 0");
         for origin in &self.origins {
             let fine = ["http://", "https://"].iter().any(|scheme| {
@@ -285,7 +287,7 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let file = directory.path().join("prosopon.toml");
         let text = "listen = \"nowhere\"\nmax_waiting = \"many\"\nmax_wating = 3\nmax_surface_mb = 0\ncors_origins = [\"*\"]\n\
-            [tls]\ncert = \"missing.pem\"\n[auth]\n[[auth.keys]]\nid = \"a\"\ntenant = \"A B\"\nscopes = [\"fly\"]\nhash = \"x\"\n";
+            header_timeout_s = 9223372036854775807\n[tls]\ncert = \"missing.pem\"\n[auth]\n[[auth.keys]]\nid = \"a\"\ntenant = \"A B\"\nscopes = [\"fly\"]\nhash = \"x\"\n";
         std::fs::write(&file, text).unwrap();
         let error = ServeConfig::read(Some(&file), &BTreeMap::new()).unwrap_err();
         for (path, words) in [
@@ -294,6 +296,7 @@ mod tests {
             ("max_wating", "is not a setting"),
             ("max_surface_mb", "above 0"),
             ("cors_origins", "no origin"),
+            ("header_timeout_s", "86400"),
             ("tls", "key"),
             ("auth.keys[0]", "tenant"),
             ("auth.keys[0]", "fly"),

@@ -15,7 +15,7 @@ mod quadric;
 mod smooth;
 mod topology;
 
-pub use ct::{CtSettings, CtSurfaces, from_ct};
+pub use ct::{BONE_LEVELS_HU, CtSettings, CtSurfaces, SKIN_LEVELS_HU, from_ct};
 pub use decimate::decimate;
 pub use isosurface::isosurface;
 pub use parts::{drop_small_parts, largest_part, parts, submesh};

@@ -145,7 +145,10 @@ async fn a_file_that_is_no_ct_is_refused() {
     let path = format!("{session}/ct");
     app.upload(&path, Vec::new()).await.problem(422, "volume-not-usable");
     app.upload(&path, skin()).await.problem(415, "unsupported-format");
-    app.upload(&format!("{path}?skin_hu=400"), nifti()).await.problem(422, "invalid-request");
+    // What no import would take is not stored.
+    for level in ["skin_hu=400", "skin_hu=-950", "bone_hu=50", "bone_hu=2900"] {
+        app.upload(&format!("{path}?{level}"), nifti()).await.problem(422, "invalid-request");
+    }
     app.upload(&format!("{path}?skin=400"), nifti()).await.problem(400, "malformed-request");
     let broken = |at: usize, bytes: &[u8]| {
         let mut file = nifti();

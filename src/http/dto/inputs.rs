@@ -10,7 +10,7 @@ use crate::http::extract::short_number;
 use crate::import::{SeriesChoice, VolumeSettings};
 use crate::jobs::ImportRequest;
 use crate::session::{Fault, FieldDocument, FieldMethod, FieldSettingsDocument, LandmarksDocument, PlacedPlane, Solid};
-use crate::surface::CtSettings;
+use crate::surface::{BONE_LEVELS_HU, CtSettings, SKIN_LEVELS_HU};
 
 /// How surfaces are taken from a CT.
 #[derive(Debug, Clone, Deserialize, IntoParams)]
@@ -34,9 +34,10 @@ impl CtQuery {
     pub(in crate::http) fn check(self) -> Result<(CtSettings, VolumeSettings), Fault> {
         let default = CtSettings::default();
         let mut check = Check::default();
+        let ([s0, s1], [b0, b1]) = (SKIN_LEVELS_HU, BONE_LEVELS_HU);
         let settings = CtSettings {
-            skin_hu: check.number("skin_hu", self.skin_hu.unwrap_or(default.skin_hu), -1000.0, 500.0),
-            bone_hu: check.number("bone_hu", self.bone_hu.unwrap_or(default.bone_hu), 0.0, 3000.0),
+            skin_hu: check.number("skin_hu", self.skin_hu.unwrap_or(default.skin_hu), s0, s1),
+            bone_hu: check.number("bone_hu", self.bone_hu.unwrap_or(default.bone_hu), b0, b1),
             max_error_mm: check.number("max_error_mm", self.max_error_mm.unwrap_or(default.max_error_mm), 0.0, 5.0),
         };
         let default = VolumeSettings::default();

@@ -60,6 +60,11 @@ pub struct CtSurfaces {
     pub warnings: Vec<String>,
 }
 
+/// Levels of skin that are allowed, HU.
+pub const SKIN_LEVELS_HU: [f64; 2] = [-900.0, 0.0];
+/// Levels of bone that are allowed, HU.
+pub const BONE_LEVELS_HU: [f64; 2] = [100.0, 1500.0];
+
 /// Skin, skull and inner air of a head CT; each a closed two-manifold.
 ///
 /// The volume, of any orientation and spacing, is sampled on a lattice of its in-plane spacing (0.8 to 1.5 mm) along L, P, S.
@@ -133,9 +138,10 @@ pub fn from_ct(volume: &Volume, settings: &CtSettings, control: &Control) -> Res
 
 fn check_settings(settings: &CtSettings) -> Result<(), SurfaceError> {
     let CtSettings { skin_hu, bone_hu, max_error_mm } = *settings;
-    if !((-900.0..=0.0).contains(&skin_hu) && (100.0..=1500.0).contains(&bone_hu)) {
+    let ([s0, s1], [b0, b1]) = (SKIN_LEVELS_HU, BONE_LEVELS_HU);
+    if !((s0..=s1).contains(&skin_hu) && (b0..=b1).contains(&bone_hu)) {
         let detail =
-            format!("levels {skin_hu} and {bone_hu} HU; allowed are -900 to 0 for skin and 100 to 1500 for bone");
+            format!("levels {skin_hu} and {bone_hu} HU; allowed are {s0} to {s1} for skin and {b0} to {b1} for bone");
         return Err(SurfaceError::Volume { detail });
     }
     if !(0.0..=5.0).contains(&max_error_mm) {

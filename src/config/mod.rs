@@ -280,14 +280,21 @@ mod tests {
         assert_eq!((keys[0].tenant.as_str(), keys[0].scopes.to_string().as_str()), ("hospital-a", "read write"));
         assert!(printed.contains("max_waiting = 9") && printed.contains("front"));
         assert!(!printed.contains("argon2"), "{printed}");
+        // What is printed can be read again.
+        std::fs::write(&file, &printed).unwrap();
+        let (again, reprinted) = ServeConfig::read(Some(&file), &BTreeMap::new()).unwrap();
+        assert_eq!((again.listen.port(), again.allowed_hosts), (9000, vec!["plan.example".to_owned()]));
+        let settings = |text: &str| text.lines().filter(|l| !l.starts_with('#')).map(str::to_owned).collect::<Vec<_>>();
+        assert_eq!(settings(&reprinted), settings(&printed));
     }
 
     #[test]
     fn all_faults_are_told_at_once_and_where_they_come_from() {
         let directory = tempfile::tempdir().unwrap();
         let file = directory.path().join("prosopon.toml");
-        let text = "listen = \"nowhere\"\nmax_waiting = \"many\"\nmax_wating = 3\nmax_surface_mb = 0\ncors_origins = [\"*\"]\n\
-            header_timeout_s = 9223372036854775807\n[tls]\ncert = \"missing.pem\"\n[auth]\n[[auth.keys]]\nid = \"a\"\ntenant = \"A B\"\nscopes = [\"fly\"]\nhash = \"x\"\n";
+        let text = "listen = \"nowhere\"\nmax_waiting = \"many\"\nmax_wating = 3\nmax_surface_mb = 0\ncors_origins = [\"*\"]\nallow_host = [\"\"]\n\
+            header_timeout_s = 9223372036854775807\n[tls]\ncert = \"missing.pem\"\n[auth]\n[[auth.keys]]\nid = \"a\"\ntenant = \"A B\"\nscopes = [\"fly\"]\nhash = \"x\"\n\
+            [[auth.keys]]\nid = \"b\"\n";
         std::fs::write(&file, text).unwrap();
         let error = ServeConfig::read(Some(&file), &BTreeMap::new()).unwrap_err();
         for (path, words) in [
@@ -296,10 +303,13 @@ mod tests {
             ("max_wating", "is not a setting"),
             ("max_surface_mb", "above 0"),
             ("cors_origins", "no origin"),
+            ("allow_host", "without letters"),
             ("header_timeout_s", "86400"),
             ("tls", "key"),
             ("auth.keys[0]", "tenant"),
             ("auth.keys[0]", "fly"),
+            ("auth.keys[1]", "tenant is missing"),
+            ("auth.keys[1]", "hash is missing"),
             ("data", "missing"),
         ] {
             let told = |f: &String| f.starts_with(&format!("{path}:")) && f.contains(words);

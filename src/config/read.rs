@@ -2,7 +2,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use super::source::Source;
 use super::{ConfigError, ConnectionLimits, ServeConfig, TlsFiles, Value, parse_listen};
@@ -15,7 +15,7 @@ const MB: u64 = 1 << 20;
 const DAY_S: u64 = 86_400;
 
 /// A list, or a text with commas (as a variable of the environment has it).
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, Serialize)]
 #[serde(untagged)]
 enum Names {
     List(Vec<String>),
@@ -36,10 +36,10 @@ impl Names {
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct KeyEntry {
-    id: String,
-    tenant: String,
-    scopes: Vec<String>,
-    hash: String,
+    id: Option<String>,
+    tenant: Option<String>,
+    scopes: Option<Vec<String>>,
+    hash: Option<String>,
 }
 
 /// The configuration, and how it is printed: without hashes.
@@ -157,7 +157,8 @@ fn auth(s: &mut Source) -> Option<AuthSettings> {
     }
     let shown: Vec<String> = keys.iter().map(|k| format!("{} ({}; {})", k.id, k.tenant, k.scopes)).collect();
     if !shown.is_empty() {
-        s.used.push(("auth.keys", format!("{shown:?}")));
+        // Without its hash a key is no setting.
+        s.show("# auth.keys", &shown);
     }
     let jwt = jwt(s);
     (entries.is_some() || jwt.is_some()).then_some(AuthSettings { keys, jwt })
@@ -165,12 +166,21 @@ fn auth(s: &mut Source) -> Option<AuthSettings> {
 
 fn api_key(s: &mut Source, index: usize, entry: KeyEntry) -> ApiKey {
     let mut fault = |detail: String| s.faults.push(format!("auth.keys[{index}]: {detail}"));
-    let tenant = entry.tenant.parse().map_err(|e| fault(format!("tenant `{}`: {e}", entry.tenant))).ok();
+    let mut given = |name: &str, value: Option<String>| {
+        value.unwrap_or_else(|| {
+            fault(format!("{name} is missing"));
+            String::new()
+        })
+    };
+    let (id, hash) = (given("id", entry.id), given("hash", entry.hash));
+    let tenant = given("tenant", entry.tenant);
+    let tenant =
+        (!tenant.is_empty()).then(|| tenant.parse().map_err(|e| fault(format!("tenant `{tenant}`: {e}"))).ok());
     let scope = |name: String| name.parse::<Scope>().map_err(|e| fault(format!("scope {e}"))).ok();
-    let scopes: Scopes = entry.scopes.into_iter().filter_map(scope).collect();
+    let scopes: Scopes = entry.scopes.unwrap_or_default().into_iter().filter_map(scope).collect();
     // With a fault nothing is served: the stand-in lets the other faults be found.
-    let tenant = tenant.unwrap_or_else(TenantId::local);
-    ApiKey { id: entry.id, tenant, scopes, hash: entry.hash }
+    let tenant = tenant.flatten().unwrap_or_else(TenantId::local);
+    ApiKey { id, tenant, scopes, hash }
 }
 
 fn jwt(s: &mut Source) -> Option<JwtSettings> {

@@ -4,6 +4,7 @@ use std::path::Path;
 use figment::providers::{Env, Format, Serialized, Toml};
 use figment::value::{Dict, Value};
 use figment::{Figment, Metadata};
+use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 /// Values that are not settings although they begin like one.
@@ -37,18 +38,18 @@ impl Source {
     }
 
     /// The value at `path`, or `default`.
-    pub(super) fn take<T: DeserializeOwned + std::fmt::Debug>(&mut self, path: &'static str, default: T) -> T {
+    pub(super) fn take<T: DeserializeOwned + Serialize>(&mut self, path: &'static str, default: T) -> T {
         let value = self.optional(path);
         let taken = value.unwrap_or(default);
-        self.used.push((path, format!("{taken:?}")));
+        self.show(path, &taken);
         taken
     }
 
     /// The value at `path`, where there is one.
-    pub(super) fn take_optional<T: DeserializeOwned + std::fmt::Debug>(&mut self, path: &'static str) -> Option<T> {
+    pub(super) fn take_optional<T: DeserializeOwned + Serialize>(&mut self, path: &'static str) -> Option<T> {
         let taken = self.optional(path);
         if let Some(taken) = &taken {
-            self.used.push((path, format!("{taken:?}")));
+            self.show(path, taken);
         }
         taken
     }
@@ -56,6 +57,11 @@ impl Source {
     /// The value at `path` without showing it.
     pub(super) fn take_hidden<T: DeserializeOwned>(&mut self, path: &'static str) -> Option<T> {
         self.optional(path)
+    }
+
+    /// Settings are numbers, words and lists of words: as JSON they are TOML.
+    pub(super) fn show(&mut self, path: &'static str, value: &impl Serialize) {
+        self.used.push((path, serde_json::to_string(value).unwrap_or_else(|error| format!("# {error}"))));
     }
 
     fn optional<T: DeserializeOwned>(&mut self, path: &'static str) -> Option<T> {

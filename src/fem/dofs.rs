@@ -4,9 +4,9 @@ use super::element::{C1Surface, ElementBlock};
 use super::error::SolveError;
 use super::ordering;
 use super::settings::Boundary;
+use super::support::check_support;
 use crate::geometry::{Motion, Point, Vector};
 use crate::mesh::{Attachment, MixedMesh};
-use nalgebra::SMatrix;
 
 /// What decides the value of a generalised node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -99,7 +99,7 @@ impl Dofs {
                 *hold = Hold::Still;
             }
         }
-        check_support(mesh, blocks, &hold, &boundary.held_axes)?;
+        check_support(mesh, &boundary.held_axes)?;
 
         let free: Vec<bool> = hold.iter().map(|h| *h == Hold::Free).collect();
         let node_of = ordering::elimination_order(blocks, &free, &owner, last)?;
@@ -252,7 +252,7 @@ impl Dofs {
 }
 
 /// All three axes.
-const ALL_AXES: u8 = 7;
+pub(super) const ALL_AXES: u8 = 7;
 
 /// The axes whose bits are set.
 pub(super) fn axes_in(bits: u8) -> impl Iterator<Item = usize> {
@@ -272,111 +272,9 @@ fn axes_of_tangent(held: u8, tangent: &Vector) -> (u8, bool) {
     (across | along, is_askew)
 }
 
-/// Every connected part must be held against all six rigid motions.
-fn check_support(
-    mesh: &MixedMesh,
-    blocks: &[&ElementBlock],
-    hold: &[Hold],
-    held_axes: &[u8],
-) -> Result<(), SolveError> {
-    let n_mesh_nodes = mesh.positions.len();
-    let mut parent: Vec<u32> = (0..n_mesh_nodes as u32).collect();
-    let mut used = vec![false; n_mesh_nodes];
-    for block in blocks {
-        for nodes in block.nodes.chunks_exact(block.n_functions) {
-            let mut positions = nodes.iter().copied().filter(|&n| (n as usize) < n_mesh_nodes);
-            let Some(first) = positions.next() else { continue };
-            used[first as usize] = true;
-            for node in positions {
-                used[node as usize] = true;
-                let (a, b) = (root(&mut parent, first), root(&mut parent, node));
-                parent[a.max(b) as usize] = a.min(b);
-            }
-        }
-    }
-    let mut parts: Vec<(u32, u32)> =
-        (0..n_mesh_nodes as u32).filter(|&n| used[n as usize]).map(|n| (root(&mut parent, n), n)).collect();
-    parts.sort_unstable();
-    if parts.is_empty() {
-        return Err(SolveError::Problem { detail: "the mesh has no elements".into() });
-    }
-    for part in parts.chunk_by(|a, b| a.0 == b.0) {
-        let held: Vec<(Point, u8)> = part
-            .iter()
-            .map(|&(_, n)| n as usize)
-            .map(|n| if hold[n] == Hold::Free { (n, held_axes.get(n).copied().unwrap_or(0)) } else { (n, ALL_AXES) })
-            .filter(|(_, axes)| *axes != 0)
-            .map(|(n, axes)| (mesh.positions[n], axes))
-            .collect();
-        if !holds_a_body(&held) {
-            let p = mesh.positions[part[0].1 as usize];
-            let detail = format!(
-                "the part of {} nodes near ({:.1}, {:.1}, {:.1}) mm can move freely: {} of its nodes are tied, fixed or held along an axis, \
-                 and they do not hold it against all six rigid motions (three fixed nodes that are not on one line would)",
-                part.len(),
-                p.x,
-                p.y,
-                p.z,
-                held.len()
-            );
-            return Err(SolveError::Problem { detail });
-        }
-    }
-    Ok(())
-}
-
-fn root(parent: &mut [u32], mut node: u32) -> u32 {
-    while parent[node as usize] != node {
-        parent[node as usize] = parent[parent[node as usize] as usize];
-        node = parent[node as usize];
-    }
-    node
-}
-
-/// Whether points that are held along axes hold a rigid body: no rigid motion leaves all of them in place.
-fn holds_a_body(held: &[(Point, u8)]) -> bool {
-    let n = held.len().max(1) as f64;
-    let centre = held.iter().map(|(p, _)| p.coords).sum::<Vector>() / n;
-    let size = held.iter().map(|(p, _)| (p.coords - centre).norm()).fold(0.0, f64::max);
-    if size == 0.0 {
-        return false;
-    }
-    // A rigid motion v + w x r, with w in units of 1/size, moves the point along axis a by [e_a, r x e_a] . [v, w].
-    let mut gram = SMatrix::<f64, 6, 6>::zeros();
-    for (p, axes) in held {
-        let r = (p.coords - centre) / size;
-        for axis in axes_in(*axes) {
-            let e = Vector::ith(axis, 1.0);
-            let turn = r.cross(&e);
-            let row = SMatrix::<f64, 6, 1>::from_column_slice(&[e.x, e.y, e.z, turn.x, turn.y, turn.z]);
-            gram += row * row.transpose();
-        }
-    }
-    let eigenvalues = gram.symmetric_eigenvalues();
-    eigenvalues.min() > 1e-12 * eigenvalues.max()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_body_is_held_when_no_rigid_motion_is_left() {
-        let at = |i: f64| Point::new(i, 2.0 * i, 100.0);
-        let line: Vec<_> = (0..4).map(|i| (at(f64::from(i)), ALL_AXES)).collect();
-        assert!(!holds_a_body(&line), "it can turn about the line");
-        assert!(!holds_a_body(&[]) && !holds_a_body(&line[..1]));
-        assert!(holds_a_body(&[line[0], line[1], (Point::origin(), ALL_AXES)]));
-        // Three planes of symmetry hold a body, two leave it to slide along their line.
-        let corner: Vec<(Point, u8)> = (0..8u8)
-            .map(|i| [f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2 & 1)])
-            .map(|x| (Point::from(x), (0..3).filter(|&a| x[a] == 0.0).fold(0, |bits, a| bits | 1 << a)))
-            .filter(|(_, axes)| *axes != 0)
-            .collect();
-        assert!(holds_a_body(&corner));
-        let two: Vec<(Point, u8)> = corner.iter().map(|(p, axes)| (*p, axes & 3)).filter(|(_, a)| *a != 0).collect();
-        assert!(!holds_a_body(&two));
-    }
 
     #[test]
     fn tangents_on_a_plane_of_symmetry_stay_symmetric() {

@@ -28,6 +28,7 @@ mod saved_state;
 mod settings;
 mod setup;
 mod solver;
+mod support;
 mod triangular;
 
 pub use error::SolveError;
@@ -36,6 +37,7 @@ pub use saved_state::SavedState;
 pub use settings::{Boundary, ContactBody, Locking, Model, Preset, SkinElement, SolveSettings, UnstableMaterial};
 pub use setup::Prepared;
 pub use solver::Solver;
+pub use support::check_support;
 
 #[cfg(test)]
 mod tests;

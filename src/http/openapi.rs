@@ -136,7 +136,7 @@ fn add_problem(operation: &mut Operation) {
 
 /// POSTs that make something new; the others look or cancel.
 fn creates(path: &str) -> bool {
-    path == "/v1/sessions"
+    ["/v1/sessions", "/v1/compare"].contains(&path)
         || ["/field", "/mesh", "/osteotomies", "/plans", "/jobs"].iter().any(|end| path.ends_with(end))
 }
 

@@ -16,6 +16,7 @@ mod running;
 mod service;
 mod settings;
 mod state;
+mod status;
 mod tasks;
 mod work;
 mod worker;
@@ -29,9 +30,10 @@ pub use requests::{
     AttachmentRecord, CompareRecord, EarlierSolve, FieldRequest, ImportRequest, MaskRecord, MeshRequest, PartShape,
     RegisterRecord, SceneRequest, SolveRequest, SurfaceSource,
 };
-pub use service::{JobStatus, Service};
+pub use service::Service;
 pub use settings::ServiceSettings;
 pub use state::{Illegal, JobEvent, next};
+pub use status::JobStatus;
 pub use tasks::{
     Compared, Comparison, CtScan, NamedSurface, Prediction, RegisterOn, StoredComparison, UNMOVED_MM, compare,
     cut_bone, face_of, field_slice, make_plan, named_surface, propose_landmarks, read_comparison, read_frame, rest_of,

@@ -1,5 +1,3 @@
-use std::collections::BTreeMap;
-use std::collections::btree_map::Entry;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
@@ -10,12 +8,12 @@ use tokio_util::sync::CancellationToken;
 use super::health::Beats;
 use super::running::{Running, Worker};
 use super::state::{JobEvent, next};
-use super::{CpuPool, Order, ServiceSettings, janitor, worker};
+use super::{CpuPool, JobStatus, Order, ServiceSettings, janitor, worker};
 use crate::control::Control;
-use crate::session::{Engine, Fault, FaultKind, Halt, StepDocument};
+use crate::session::{Engine, Fault, FaultKind, Halt};
 use crate::store::{
-    AnswerRecord, Audit, Insertion, JobChange, JobId, JobRecord, JobState, Lane, NewJob, SessionId, StepRecord, Store,
-    Supersede, TenantId, now_rfc3339,
+    AnswerRecord, Audit, Insertion, JobChange, JobId, JobRecord, JobState, Lane, NewJob, SessionId, Store, Supersede,
+    TenantId, now_rfc3339,
 };
 use crate::trace;
 
@@ -37,34 +35,6 @@ pub struct Service {
     pub(super) stop: CancellationToken,
     pub(super) beats: Beats,
     tasks: Mutex<Vec<JoinHandle<()>>>,
-}
-
-/// How a job stands now.
-#[derive(Debug, Clone, PartialEq)]
-pub struct JobStatus {
-    /// Its row; phase and progress are live while it runs.
-    pub record: JobRecord,
-    /// Finished steps, the last one's report among them.
-    pub steps_done: u32,
-    /// Time left, s.
-    pub eta_s: Option<f64>,
-    /// Jobs before it.
-    pub queue_position: Option<u32>,
-    /// Relative residual of each finished step.
-    pub residuals: Vec<f64>,
-}
-
-impl JobStatus {
-    /// Of a job without a live part: `before` it wait so many, when it waits, and `running` run.
-    fn waiting(record: JobRecord, before: Option<u32>, running: usize) -> Self {
-        let queue_position = before.map(|before| place(before as usize, running));
-        Self { record, steps_done: 0, eta_s: None, queue_position, residuals: Vec::new() }
-    }
-}
-
-/// Jobs before one in the queue of a lane.
-fn place(before: usize, running: usize) -> u32 {
-    u32::try_from(before.saturating_add(running)).unwrap_or(u32::MAX)
 }
 
 impl Service {
@@ -300,88 +270,6 @@ impl Service {
         }
     }
 
-    /// How a job stands now.
-    ///
-    /// # Errors
-    /// As [`Service::job`].
-    pub async fn status(&self, id: JobId) -> Result<JobStatus, Fault> {
-        let record = self.job(id).await?;
-        let steps = self.store.steps(id).await?;
-        let waits = record.state == JobState::Accepted;
-        let queue = if waits { Some(self.store.queue(record.kind.lane()).await?) } else { None };
-        self.status_with(record, &steps, queue.as_ref())
-    }
-
-    /// How the jobs of rows stand now, in their order.
-    ///
-    /// # Errors
-    /// The store's.
-    pub async fn statuses_of(&self, records: Vec<JobRecord>) -> Result<Vec<JobStatus>, Fault> {
-        let ids: Vec<JobId> = records.iter().map(|record| record.id).collect();
-        let mut steps = self.store.steps_of(&ids).await?;
-        let mut queues = BTreeMap::new();
-        for record in records.iter().filter(|record| record.state == JobState::Accepted) {
-            if let Entry::Vacant(queue) = queues.entry(record.kind.lane()) {
-                queue.insert(self.store.queue(record.kind.lane()).await?);
-            }
-        }
-        let status = |record: JobRecord| {
-            let queue = queues.get(&record.kind.lane()).filter(|_| record.state == JobState::Accepted);
-            let steps = steps.remove(&record.id).unwrap_or_default();
-            self.status_with(record, &steps, queue)
-        };
-        records.into_iter().map(status).collect()
-    }
-
-    fn status_with(
-        &self,
-        mut record: JobRecord,
-        steps: &[StepRecord],
-        queue: Option<&Vec<JobId>>,
-    ) -> Result<JobStatus, Fault> {
-        let running = self.running(record.id).filter(|_| record.state == JobState::Running);
-        if let Some(running) = &running {
-            running.phase().as_str().clone_into(&mut record.phase);
-            record.progress = running.control.progress();
-            record.warnings.extend(running.warnings());
-        }
-        let queue_position = queue.map(|queue| {
-            let before = queue.iter().position(|id| *id == record.id).unwrap_or(0);
-            place(before, self.running_in(record.kind.lane()))
-        });
-        Ok(JobStatus {
-            steps_done: u32::try_from(steps.len()).unwrap_or(u32::MAX),
-            residuals: steps.iter().map(residual).collect::<Result<_, _>>()?,
-            eta_s: running.and_then(|r| r.eta_s()),
-            queue_position,
-            record,
-        })
-    }
-
-    /// Waits until a job has ended, at most `patience`, and says how it stands.
-    ///
-    /// # Errors
-    /// As [`Service::job`].
-    pub async fn wait(&self, id: JobId, patience: Duration) -> Result<JobStatus, Fault> {
-        let mut changes = self.watch_changes();
-        let ended = async {
-            loop {
-                changes.borrow_and_update();
-                if self.job(id).await?.state.has_ended() {
-                    return Ok::<(), Fault>(());
-                }
-                tokio::select! {
-                    changed = changes.changed() => if changed.is_err() { return Ok(()) },
-                    () = self.stop.cancelled() => return Ok(()),
-                }
-            }
-        };
-        if let Ok(result) = tokio::time::timeout(patience, ended).await {
-            result?;
-        }
-        self.status(id).await
-    }
-
     /// Asks a job to stop, for good once this returns. One that waits is cancelled at once, one that runs within a Newton iteration.
     ///
     /// # Errors
@@ -469,14 +357,6 @@ fn record(order: Order) -> JobRecord {
         started_at: None,
         finished_at: None,
     }
-}
-
-fn residual(step: &StepRecord) -> Result<f64, Fault> {
-    let document = serde_json::from_str::<StepDocument>(&step.document).map_err(|error| {
-        tracing::error!(%error, "the document of a step cannot be read");
-        Fault::new(FaultKind::Internal, "a stored document cannot be read; the log says more")
-    })?;
-    Ok(document.relative_residual)
 }
 
 struct CancelOnDrop(Control);

@@ -1,6 +1,6 @@
 //! A volume mesh that somebody else made, as the solver takes it.
 
-use crate::fem::Boundary;
+use crate::fem::{Boundary, SolveError, check_support};
 use crate::geometry::{Point, Vector};
 use crate::import::{Cell, DataArray, VolumeMesh};
 use crate::mesh::{Attachment, MixedMesh, Tissue};
@@ -123,6 +123,14 @@ impl ReadyMesh {
             depth_cut_nodes: Vec::new(),
         };
         Ok(Self { mesh, boundary, places, warnings })
+    }
+
+    /// Checks that each connected part is held against all six rigid motions.
+    ///
+    /// # Errors
+    /// [`SolveError::Problem`] with the place of one that is not.
+    pub fn check_support(&self) -> Result<(), SolveError> {
+        check_support(&self.mesh, &self.boundary.held_axes)
     }
 
     /// Outer triangles of the prisms that lie on the boundary; without prisms the triangles on the boundary that are not at bone. Counter-clockwise

@@ -249,21 +249,28 @@ fn fault(detail: impl Into<String>) -> StoreError {
 mod tests {
     use super::*;
     use crate::store::conformance::{part_with, session};
-    use crate::store::{PartKind, SessionId, Store};
+    use crate::store::{PartKind, SessionId, SessionRecord, Store};
 
     async fn put(store: &Store, id: SessionId, bytes: &[u8]) {
         let blob = store.blobs().put(id, bytes.to_vec()).await.unwrap();
         store.put_parts(id, &[part_with(PartKind::Skin, &blob)]).await.unwrap();
     }
 
-    #[tokio::test]
-    async fn a_backup_taken_under_load_is_whole_and_comes_back() {
+    /// A store in a directory of its own, with a session that has a skin.
+    async fn filled() -> (tempfile::TempDir, PathBuf, Store, SessionRecord) {
         let directory = tempfile::tempdir().unwrap();
-        let (data, out, back) = ["data", "out", "back"].map(|n| directory.path().join(n)).into();
+        let data = directory.path().join("data");
         let store = Store::open(&data).await.unwrap();
         let kept = session("local");
         store.insert_session(&kept, None).await.unwrap();
         put(&store, kept.id, b"kept").await;
+        (directory, data, store, kept)
+    }
+
+    #[tokio::test]
+    async fn a_backup_taken_under_load_is_whole_and_comes_back() {
+        let (directory, data, store, kept) = filled().await;
+        let [out, back] = ["out", "back"].map(|n| directory.path().join(n));
         let going = tokio::spawn({
             let store = store.clone();
             async move {
@@ -299,12 +306,8 @@ mod tests {
 
     #[tokio::test]
     async fn what_fails_half_way_leaves_nothing_in_the_way() {
-        let directory = tempfile::tempdir().unwrap();
-        let (data, out, back) = ["data", "out", "back"].map(|n| directory.path().join(n)).into();
-        let store = Store::open(&data).await.unwrap();
-        let kept = session("local");
-        store.insert_session(&kept, None).await.unwrap();
-        put(&store, kept.id, b"kept").await;
+        let (directory, data, store, kept) = filled().await;
+        let [out, back] = ["out", "back"].map(|n| directory.path().join(n));
         let blob = store.part(kept.id, PartKind::Skin).await.unwrap().unwrap().blob.unwrap();
         let (file, aside) = (data.join(BLOBS).join(blob), directory.path().join("aside"));
         std::fs::rename(&file, &aside).unwrap();
@@ -328,12 +331,8 @@ mod tests {
 
     #[tokio::test]
     async fn a_damaged_backup_is_refused() {
-        let directory = tempfile::tempdir().unwrap();
-        let (data, out) = (directory.path().join("data"), directory.path().join("out"));
-        let store = Store::open(&data).await.unwrap();
-        let kept = session("local");
-        store.insert_session(&kept, None).await.unwrap();
-        put(&store, kept.id, b"kept").await;
+        let (directory, data, store, kept) = filled().await;
+        let out = directory.path().join("out");
         back_up(&data, &out).await.unwrap();
         let part = store.part(kept.id, PartKind::Skin).await.unwrap().unwrap();
         std::fs::write(out.join(BLOBS).join(part.blob.unwrap()), b"kopt").unwrap();

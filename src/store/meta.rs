@@ -16,7 +16,7 @@ type Result<T> = std::result::Result<T, StoreError>;
 ///
 /// Knows no files: where rows that named blobs go, the names are returned, and the caller removes the blobs.
 ///
-/// What every engine must do alike is written down as tests in `conformance.rs`.
+/// What every engine must do alike is written down as tests in `conformance`.
 #[async_trait]
 pub trait MetaStore: Debug + Send + Sync {
     // ---- sessions ----

@@ -3,7 +3,7 @@
 //! Invariants: a row names a file only after the file is complete and synced; files are never changed once written;
 //! knows nothing of HTTP or numerics beyond the meshes that it encodes. Opening locks the directory for one process.
 //!
-//! Engines: SQLite with files (the default), and memory. `conformance.rs` holds both to the same behaviour. A further
+//! Engines: SQLite with files (the default), and memory. `conformance` holds both to the same behaviour. A further
 //! engine for rows implements [`MetaStore`], whose calls are one transaction each: for Postgres the claim of the queue takes
 //! its row with SKIP LOCKED, and the fence that every write of a running job checks keeps out a worker that lost its lease. A
 //! further engine for large results is an [`object_store::ObjectStore`]; an S3-compatible one is in that crate.

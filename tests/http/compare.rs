@@ -64,6 +64,28 @@ async fn a_comparison_is_a_job_that_can_be_waited_for_or_fetched() {
 }
 
 #[tokio::test]
+async fn a_repeated_comparison_tells_how_its_job_stands_now() {
+    let app = TestApp::real().await;
+    let session = session_of(&app, &lumpy(24, |_| 0.0), &lumpy(24, |d| 2.0 * d[1])).await;
+    let text = body(&session, &json!({})).to_string();
+    let ask = async |prefer: &str| {
+        let headers = [("content-type", "application/json"), ("prefer", prefer), ("idempotency-key", "c1")];
+        app.call(Method::POST, "/v1/compare", &headers, text.clone()).await
+    };
+    let first = ask("respond-async").await;
+    assert_eq!(first.status.as_u16(), 202);
+    let path = format!("{}/comparison", first.header("location"));
+    let again = ask("wait=60").await;
+    assert_eq!((again.status.as_u16(), again.header("idempotency-replayed")), (200, "true"));
+    assert_eq!(again.header("content-location"), path);
+    assert_eq!(again.ok(), app.get(&path).await.ok());
+    assert_eq!(app.get("/v1/jobs").await.ok()["jobs"].as_array().unwrap().len(), 1, "no second job");
+    let headers = [("content-type", "application/json"), ("idempotency-key", "c1")];
+    let other = body(&session, &json!({"values": true})).to_string();
+    app.call(Method::POST, "/v1/compare", &headers, other).await.problem(422, "idempotency-mismatch");
+}
+
+#[tokio::test]
 async fn results_of_comparisons_are_kept_for_a_time() {
     let app = TestApp::with(|config| config.service.comparison_retention = Duration::ZERO).await;
     let session = session_of(&app, &lumpy(24, |_| 0.0), &lumpy(24, |_| 0.0)).await;

@@ -296,16 +296,17 @@ async fn what_cannot_be_solved_is_told() {
     assert!(problem["detail"].as_str().unwrap().contains("attachment"), "{problem}");
     app.get(&tissue).await.problem(404, "not-found");
 
-    // A mesh that only slides or is held along two axes has nothing that keeps it in place; nor has a second block beside a tied one.
+    // A mesh that only slides, is held along two axes or at one point can move; so can a second block beside a tied one.
     let block = |cells| Block { cells, edge: 3.0, skin: false };
-    let loose: [Vec<u8>; 3] = [
+    let loose: [Vec<u8>; 4] = [
         block([1, 1, 1]).vtu(|_| -2.0, |_| 0.0, |_| [0.0; 3]),
         block([1, 1, 1]).vtu(|_| -1.0, |_| 5.0, |_| [0.0; 3]),
+        block([1, 1, 1]).vtu(|p| if p.coords.norm() == 0.0 { 0.0 } else { -1.0 }, |_| 0.0, |_| [0.0; 3]),
         beside(&block([1, 1, 1]).vtu(|_| 0.0, |_| 0.0, |_| [0.0; 3])),
     ];
     for file in loose {
         let problem = app.upload(&tissue, file).await.problem(422, "mesh-not-usable");
-        assert!(problem["detail"].as_str().unwrap().contains("the part of 8 points"), "{problem}");
+        assert!(problem["detail"].as_str().unwrap().contains("the part of 8 nodes"), "{problem}");
         assert_eq!(problem["errors"][0]["pointer"], "/tissue");
     }
     app.get(&tissue).await.problem(404, "not-found");

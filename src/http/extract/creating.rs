@@ -1,5 +1,5 @@
 use axum::extract::{FromRequest, Request};
-use axum::http::{HeaderValue, StatusCode, header};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -26,30 +26,48 @@ impl<T: DeserializeOwned> FromRequest<AppState> for Creating<T> {
     type Rejection = Response;
 
     async fn from_request(request: Request, state: &AppState) -> Result<Self, Response> {
+        let Repeatable { creating, earlier } =
+            Repeatable::from_request(request, state).await.map_err(IntoResponse::into_response)?;
+        earlier.map_or(Ok(creating), |earlier| Err(replay(&earlier)))
+    }
+}
+
+/// A [`Creating`] whose handler answers a repeated request itself, from the answer that was stored for the first.
+#[derive(Debug)]
+pub(in crate::http) struct Repeatable<T> {
+    pub(in crate::http) creating: Creating<T>,
+    pub(in crate::http) earlier: Option<AnswerRecord>,
+}
+
+impl<T: DeserializeOwned> FromRequest<AppState> for Repeatable<T> {
+    type Rejection = Problem;
+
+    async fn from_request(request: Request, state: &AppState) -> Result<Self, Problem> {
         let key = match request.headers().get(IDEMPOTENCY_KEY) {
-            Some(value) => Some(checked_key(value).map_err(IntoResponse::into_response)?),
+            Some(value) => Some(checked_key(value)?),
             None => None,
         };
+        let mut earlier = None;
         let tenant = request.extensions().get::<Principal>().map_or_else(TenantId::local, |p| p.tenant.clone());
         let target = format!("{} {}", request.method(), request.uri().path());
-        let bytes = read_json(request, state).await.map_err(IntoResponse::into_response)?;
+        let bytes = read_json(request, state).await?;
         let key = match key {
             Some(key) => {
                 // Members in order, so that the same payload written in another way is the same.
-                let payload: Value = parse(&bytes).map_err(IntoResponse::into_response)?;
+                let payload: Value = parse(&bytes)?;
                 let sha256 = key_of(&[&target, &payload.to_string()]);
                 let remembered = state.service.store().remembered(&tenant, &key, &sha256).await;
-                match remembered.map_err(|e| Problem::from(e).into_response())? {
+                match remembered? {
                     Remembered::Nothing => {}
-                    Remembered::Answer(answer) => return Err(replay(&answer)),
-                    Remembered::OtherRequest => return Err(mismatch().into_response()),
+                    Remembered::Answer(answer) => earlier = Some(answer),
+                    Remembered::OtherRequest => return Err(mismatch()),
                 }
                 Some((key, sha256))
             }
             None => None,
         };
-        let body = parse(&bytes).map_err(IntoResponse::into_response)?;
-        Ok(Self { body, tenant, key })
+        let body = parse(&bytes)?;
+        Ok(Self { creating: Creating { body, tenant, key }, earlier })
     }
 }
 
@@ -111,6 +129,11 @@ fn replay(answer: &AnswerRecord) -> Response {
             headers.insert(name, value);
         }
     }
-    headers.insert("idempotency-replayed", HeaderValue::from_static("true"));
+    mark_replayed(headers);
     response
+}
+
+/// Tells that an answer is that of an earlier request.
+pub(in crate::http) fn mark_replayed(headers: &mut HeaderMap) {
+    headers.insert("idempotency-replayed", HeaderValue::from_static("true"));
 }

@@ -7,7 +7,7 @@ mod query;
 mod strict;
 mod words;
 
-pub(super) use creating::{Answering, Creating};
+pub(super) use creating::{Answering, Creating, Repeatable, mark_replayed};
 pub(super) use json::Body;
 pub(crate) use json::{strict_json, strict_value};
 pub(super) use path::Ids;

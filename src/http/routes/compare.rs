@@ -10,13 +10,13 @@ use super::accepted::{accepted, store_order, stored};
 use crate::export::SurfaceView;
 use crate::http::auth::Principal;
 use crate::http::dto::{CheckedCompare, CompareRequest, CompareView, JobView, finite};
-use crate::http::extract::{Creating, Ids, Params};
+use crate::http::extract::{Ids, Params, Repeatable, mark_replayed};
 use crate::http::result::{tag_of, tagged};
 use crate::http::surface_format::SurfaceOutput;
 use crate::http::{AppState, Problem};
 use crate::jobs::{CompareRecord, Compared, NamedSurface, Order, SurfaceSource, named_surface, read_comparison};
 use crate::session::{Fault, FaultKind, error_sheet};
-use crate::store::{JobId, JobKind, JobRecord, JobState, SessionId};
+use crate::store::{AnswerRecord, JobId, JobKind, JobRecord, JobState, SessionId};
 
 /// A comparison that is done by then is the answer; others are jobs.
 const PATIENCE: Duration = Duration::from_millis(900);
@@ -66,10 +66,10 @@ pub(in crate::http) struct ComparisonQuery {
 /// Signed error of one against the other, after rigid registration where asked for: statistics, a picture, or the surface with the error
 /// of every vertex, which stays in the prediction's frame. It is a `compare` job of the prediction's session: what is done within a second
 /// is answered with 200, else 202 names the job, whose `comparison` link has the result. `Prefer: wait=N` waits longer (at most 60 s),
-/// `Prefer: respond-async` not at all.
+/// `Prefer: respond-async` not at all. A repeated `Idempotency-Key` asks how that job stands now.
 #[utoipa::path(post, path = "/v1/compare", tag = "results", request_body = CompareRequest,
     params(CompareQuery, ("Prefer" = Option<String>, Header)),
-    responses((status = 200, description = "the error map", content(
+    responses((status = 200, description = "the error map", headers(("Content-Location" = String)), content(
         (CompareView = "application/json"), (Vec<u8> = "image/png"), (Vec<u8> = "model/gltf-binary"),
         (Vec<u8> = "application/ply"), (Vec<u8> = "application/vnd.vtk.vtp"))),
         (status = 202, description = "the job", body = JobView, headers(("Location" = String), ("Retry-After" = u32)))))]
@@ -78,20 +78,40 @@ pub(in crate::http) async fn compare(
     principal: Principal,
     Params(query): Params<CompareQuery>,
     headers: HeaderMap,
-    creating: Creating<CompareRequest>,
+    Repeatable { creating, earlier }: Repeatable<CompareRequest>,
 ) -> Result<Response, Problem> {
     let (request, answering) = creating.split();
     let checked = request.check()?;
     let values = checked.values;
-    let (record, order) = order(&state, &principal, checked).await?;
-    let order = Order { request: stored(&record)?, ..order };
-    let job = store_order(&state, order, Some(&answering)).await?.record;
-    let status = state.service.wait(job.id, patience(&headers)).await?;
+    let job = match &earlier {
+        Some(answer) => named_job(answer)?,
+        None => {
+            let (record, order) = order(&state, &principal, checked).await?;
+            let order = Order { request: stored(&record)?, ..order };
+            store_order(&state, order, Some(&answering)).await?.record.id
+        }
+    };
+    let mut response = answer(&state, job, patience(&headers), query.format, values).await?;
+    if earlier.is_some() {
+        mark_replayed(response.headers_mut());
+    }
+    Ok(response)
+}
+
+/// The result of a comparison that ends in time, else where to look for it.
+async fn answer(
+    state: &AppState,
+    job: JobId,
+    patience: Duration,
+    form: Option<CompareForm>,
+    values: bool,
+) -> Result<Response, Problem> {
+    let status = state.service.wait(job, patience).await?;
     match status.record.state {
         JobState::Succeeded => {
-            let form = query.format.unwrap_or(CompareForm::Json);
-            let mut response = send(&state, &status.record, form, values, &HeaderMap::new()).await?;
-            if let Ok(location) = HeaderValue::from_str(&format!("/v1/jobs/{}/comparison", job.id)) {
+            let form = form.unwrap_or(CompareForm::Json);
+            let mut response = send(state, &status.record, form, values, &HeaderMap::new()).await?;
+            if let Ok(location) = HeaderValue::from_str(&format!("/v1/jobs/{job}/comparison")) {
                 response.headers_mut().insert(header::CONTENT_LOCATION, location);
             }
             Ok(response)
@@ -101,6 +121,15 @@ pub(in crate::http) async fn compare(
             Ok(accepted(&JobView::from(&status)))
         }
     }
+}
+
+/// The job that an earlier answer names.
+fn named_job(answer: &AnswerRecord) -> Result<JobId, Problem> {
+    let id = answer.location.as_deref().and_then(|location| location.rsplit('/').next()?.parse().ok());
+    id.ok_or_else(|| {
+        tracing::error!("a stored answer to a comparison names no job");
+        Problem::new(FaultKind::Internal, "a stored answer cannot be read; the log says more")
+    })
 }
 
 /// What a comparison found

@@ -1,0 +1,238 @@
+//! Jobs, their queue, steps and events.
+
+use super::*;
+
+async fn a_job_that_is_asked_for_twice_is_stored_once(store: Store) {
+    let id = add_session(&store, "a").await.id;
+    let first = accept(&store, id, "same").await;
+    let again = insert(&store, &job(id, "same"), MANY, false).await;
+    assert!(matches!(again, Insertion::Twin(twin, Some(0)) if twin.id == first));
+    assert!(matches!(insert(&store, &job(id, "other"), MANY, false).await, Insertion::Stored { .. }));
+    let stored = store.job(first).await.unwrap().unwrap();
+    assert_eq!((stored.tenant.as_str(), stored.max_wall_s, stored.events_from), ("a", Some(60.0), 1));
+    let orphan =
+        NewJob { job: &job(SessionId::new(), "x"), limits: MANY, event: "{}", supersede: None, answer: &|_, _| None };
+    assert!(matches!(store.insert_job(&orphan).await, Err(StoreError::SessionGone)));
+}
+
+async fn the_queue_is_bounded_in_all_and_by_tenant(store: Store) {
+    let (a, b) = (add_session(&store, "a").await.id, add_session(&store, "b").await.id);
+    let limits = QueueLimits { all: 3, tenant: 2 };
+    for n in 0..2 {
+        assert!(matches!(insert(&store, &job(a, &n.to_string()), limits, false).await, Insertion::Stored { .. }));
+    }
+    assert_eq!(insert(&store, &job(a, "2"), limits, false).await, Insertion::TenantFull);
+    assert!(matches!(insert(&store, &job(b, "0"), limits, false).await, Insertion::Stored { .. }));
+    let refused = job(b, "1");
+    assert_eq!(insert(&store, &refused, limits, false).await, Insertion::Full);
+    assert_eq!(store.job(refused.id).await.unwrap(), None);
+    assert_eq!(store.queue(Lane::Heavy).await.unwrap().len(), 3);
+    // One that makes room for itself fits.
+    assert!(
+        matches!(insert(&store, &job(a, "3"), limits, true).await, Insertion::Stored { superseded, before: 1 } if superseded.len() == 2)
+    );
+}
+
+async fn tenants_take_turns(store: Store) {
+    let (a, b) = (add_session(&store, "a").await.id, add_session(&store, "b").await.id);
+    let mut jobs = Vec::new();
+    for (session, request) in [(a, "1"), (a, "2"), (a, "3"), (b, "4"), (b, "5")] {
+        jobs.push(accept(&store, session, request).await);
+    }
+    let [a1, a2, a3, b1, b2] = jobs.try_into().unwrap();
+    assert_eq!(store.queue(Lane::Heavy).await.unwrap(), [a1, b1, a2, b2, a3]);
+    let mut claimed = Vec::new();
+    while let Some(job) = claim(&store).await {
+        assert_eq!((job.state, job.attempt, job.fence), (JobState::Running, 1, 1));
+        claimed.push(job.id);
+        assert!(store.change_job(&job, JobState::Succeeded, &JobChange::default()).await.unwrap());
+    }
+    assert_eq!(claimed, [a1, b1, a2, b2, a3]);
+    // Who was served longest ago is first, whoever asked first.
+    let (late_a, late_b) = (accept(&store, a, "6").await, accept(&store, b, "7").await);
+    assert_eq!(store.queue(Lane::Heavy).await.unwrap(), [late_b, late_a]);
+    assert_eq!(store.queue(Lane::Quick).await.unwrap(), []);
+}
+
+async fn a_newer_job_takes_the_place_of_waiting_ones(store: Store) {
+    let id = add_session(&store, "a").await.id;
+    let running = accept(&store, id, "1").await;
+    assert_eq!(claim(&store).await.unwrap().id, running);
+    let waiting = accept(&store, id, "2").await;
+    let mut elsewhere = job(id, "3");
+    elsewhere.subject = Some("another plan".to_owned());
+    insert(&store, &elsewhere, MANY, false).await;
+    let newer = job(id, "4");
+    assert_eq!(insert(&store, &newer, MANY, true).await, Insertion::Stored { superseded: vec![waiting], before: 1 });
+    let old = store.job(waiting).await.unwrap().unwrap();
+    assert_eq!((old.state, old.superseded_by), (JobState::Cancelled, Some(newer.id)));
+    assert!(old.finished_at.is_some());
+    assert_eq!(store.events(waiting, 0).await.unwrap().last().unwrap().kind, "end");
+    for (job, state) in [(running, JobState::Running), (elsewhere.id, JobState::Accepted)] {
+        assert_eq!(store.job(job).await.unwrap().unwrap().state, state);
+    }
+}
+
+async fn what_comes_under_an_old_fence_is_refused(store: Store) {
+    let id = add_session(&store, "a").await.id;
+    accept(&store, id, "1").await;
+    let first = claim(&store).await.unwrap();
+    assert!(store.change_job(&first, JobState::Interrupted, &JobChange::default()).await.unwrap());
+    assert!(!store.change_job(&first, JobState::Succeeded, &JobChange::default()).await.unwrap());
+    let interrupted = store.job(first.id).await.unwrap().unwrap();
+    assert!(store.change_job(&interrupted, JobState::Accepted, &JobChange::default()).await.unwrap());
+    let second = claim(&store).await.unwrap();
+    assert_eq!((second.id, second.fence, second.attempt), (first.id, 2, 2));
+    let frame = blob(&store, id, b"late").await;
+    assert!(matches!(store.commit_step(&first, &step(1, &frame), &[]).await, Err(StoreError::SessionGone)));
+    assert!(store.blobs().get(&frame.key).await.is_err());
+    assert!(!store.record_progress(&first, "solve", 0.5, "{}").await.unwrap());
+    let rest = blob(&store, id, b"rest").await;
+    assert!(matches!(store.set_rest(&first, &rest).await, Err(StoreError::SessionGone)));
+    assert!(store.record_progress(&second, "solve", 0.5, "{}").await.unwrap());
+    let late = JobChange { tissue: Some(blob(&store, id, b"tissue").await), ..JobChange::default() };
+    assert!(!store.change_job(&first, JobState::Succeeded, &late).await.unwrap());
+    assert!(store.blobs().get(&late.tissue.unwrap().key).await.is_err());
+}
+
+async fn a_job_that_was_asked_to_stop_can_only_be_cancelled(store: Store) {
+    let id = add_session(&store, "a").await.id;
+    let (first, second) = (accept(&store, id, "1").await, accept(&store, id, "2").await);
+    let running = claim(&store).await.unwrap();
+    assert_eq!((running.id, running.cancel_requested_at.clone()), (first, None));
+    assert!(store.request_cancel(first).await.unwrap());
+    let asked = store.job(first).await.unwrap().unwrap();
+    assert!(asked.cancel_requested_at.is_some() && asked.state == JobState::Running);
+    assert!(store.request_cancel(first).await.unwrap(), "asking again changes nothing");
+    assert_eq!(store.job(first).await.unwrap().unwrap(), asked);
+    // It is no twin any more: who asks for the same wants it done.
+    assert!(matches!(insert(&store, &job(id, "1"), MANY, false).await, Insertion::Stored { before: 1, .. }));
+    for to in [JobState::Succeeded, JobState::Failed] {
+        assert!(!store.change_job(&running, to, &JobChange::default()).await.unwrap(), "{to}");
+    }
+    assert!(store.change_job(&running, JobState::Interrupted, &JobChange::default()).await.unwrap());
+    let interrupted = store.job(first).await.unwrap().unwrap();
+    assert!(!store.change_job(&interrupted, JobState::Accepted, &JobChange::default()).await.unwrap());
+    assert!(store.change_job(&interrupted, JobState::Cancelled, &JobChange::default()).await.unwrap());
+    assert!(!store.request_cancel(first).await.unwrap(), "it has ended");
+    assert!(!store.request_cancel(JobId::new()).await.unwrap());
+    // One that waits is not begun.
+    assert!(store.request_cancel(second).await.unwrap());
+    assert!(!store.queue(Lane::Heavy).await.unwrap().contains(&second));
+    assert_ne!(claim(&store).await.unwrap().id, second);
+    assert!(claim(&store).await.is_none());
+}
+
+async fn steps_are_kept_and_the_same_one_is_told_once(store: Store) {
+    let id = add_session(&store, "a").await.id;
+    accept(&store, id, "1").await;
+    let running = claim(&store).await.unwrap();
+    let told = [("step", "{\"k\":1}".to_owned())];
+    let frame = blob(&store, id, b"frame").await;
+    assert_eq!(store.commit_step(&running, &step(1, &frame), &told).await.unwrap(), StepWritten::New(None));
+    let same = blob(&store, id, b"frame").await;
+    assert_eq!(store.commit_step(&running, &step(1, &same), &told).await.unwrap(), StepWritten::Same);
+    assert!(store.blobs().get(&same.key).await.is_err());
+    assert_eq!(store.step(running.id, 1).await.unwrap().unwrap().blob, frame.key);
+    let other = blob(&store, id, b"other").await;
+    let replaced = store.commit_step(&running, &step(1, &other), &told).await.unwrap();
+    assert_eq!(replaced, StepWritten::New(Some(frame.key.clone())));
+    assert!(store.blobs().get(&frame.key).await.is_err());
+    let kinds: Vec<String> = store.events(running.id, 0).await.unwrap().into_iter().map(|e| e.kind).collect();
+    assert_eq!(kinds, ["status", "status", "step", "step"]);
+    let rest = blob(&store, id, b"123").await;
+    store.set_rest(&running, &rest).await.unwrap();
+    assert_eq!(store.session_bytes(id).await.unwrap(), 5 + 3);
+    let full = store.clone().with_quota(9);
+    let tissue = JobChange { tissue: Some(blob(&store, id, b"12").await), ..JobChange::default() };
+    assert!(matches!(
+        full.change_job(&running, JobState::Succeeded, &tissue).await,
+        Err(StoreError::QuotaFull { allowed: 9 })
+    ));
+    assert_eq!(store.job(running.id).await.unwrap().unwrap().state, JobState::Running);
+    let large = blob(&store, id, b"123456").await;
+    assert!(matches!(full.commit_step(&running, &step(2, &large), &[]).await, Err(StoreError::QuotaFull { .. })));
+    assert_eq!(store.steps(running.id).await.unwrap().len(), 1);
+}
+
+async fn events_count_up_and_old_ones_go(store: Store) {
+    let id = add_session(&store, "a").await.id;
+    accept(&store, id, "1").await;
+    let running = claim(&store).await.unwrap();
+    for n in 0..150 {
+        assert!(store.record_progress(&running, "solve", f64::from(n) / 150.0, "{}").await.unwrap());
+    }
+    let events = store.events(running.id, 0).await.unwrap();
+    let numbers: Vec<u64> = events.iter().map(|e| e.seq).collect();
+    assert!(numbers.is_sorted() && numbers.last() == Some(&152), "{numbers:?}");
+    assert_eq!(events.iter().filter(|e| e.kind == "progress").count(), 100);
+    assert_eq!(events.iter().filter(|e| e.kind == "status").count(), 2, "only progress is dropped");
+    assert_eq!(store.events(running.id, 150).await.unwrap().len(), 2);
+
+    assert_eq!(store.prune_events(Duration::ZERO).await.unwrap(), 0, "a running job keeps its history");
+    let change = JobChange {
+        warnings: vec!["w".to_owned(), "w".to_owned()],
+        report: Some("{}".to_owned()),
+        events: vec![("end", "{}".to_owned())],
+        ..JobChange::default()
+    };
+    assert!(store.change_job(&running, JobState::Succeeded, &change).await.unwrap());
+    assert_eq!(store.prune_events(Duration::from_secs(600)).await.unwrap(), 0, "it has just ended");
+    // Times have milliseconds.
+    tokio::time::sleep(Duration::from_millis(5)).await;
+    assert_eq!(store.prune_events(Duration::ZERO).await.unwrap(), 102);
+    let left = store.events(running.id, 0).await.unwrap();
+    assert_eq!((left.len(), left[0].seq, left[0].kind.as_str()), (1, 153, "end"));
+    let ended = store.job(running.id).await.unwrap().unwrap();
+    assert_eq!((ended.events_from, ended.progress, ended.warnings.as_slice()), (153, 1.0, &["w".to_owned()][..]));
+}
+
+async fn results_of_old_comparisons_go(store: Store) {
+    let id = add_session(&store, "a").await.id;
+    let compare = JobRecord { kind: JobKind::Compare, ..job(id, "compare") };
+    for new in [&compare, &job(id, "solve")] {
+        insert(&store, new, MANY, false).await;
+    }
+    let mut kept = Vec::new();
+    for lane in [Lane::Quick, Lane::Heavy] {
+        let change = |_: &JobRecord| JobChange::default();
+        let running = store.claim_job(lane, JobState::Running, &change).await.unwrap().unwrap();
+        let rest = blob(&store, id, b"123").await;
+        store.set_rest(&running, &rest).await.unwrap();
+        assert_eq!(store.drop_comparisons(Duration::ZERO).await.unwrap(), 0, "it runs");
+        let values = blob(&store, id, b"12345").await;
+        let change = JobChange { tissue: Some(values.clone()), report: Some("{}".to_owned()), ..JobChange::default() };
+        assert!(store.change_job(&running, JobState::Succeeded, &change).await.unwrap());
+        kept.push((running.id, rest.key, values.key));
+        if lane == Lane::Quick {
+            assert_eq!(store.drop_comparisons(Duration::from_secs(600)).await.unwrap(), 0, "it has just ended");
+            tokio::time::sleep(Duration::from_millis(5)).await;
+            assert_eq!(store.drop_comparisons(Duration::ZERO).await.unwrap(), 2);
+            assert_eq!(store.drop_comparisons(Duration::ZERO).await.unwrap(), 0);
+        }
+    }
+    let [(compared, rest, values), (solved, kept_rest, kept_values)] = kept.try_into().unwrap();
+    for key in [rest, values] {
+        assert!(matches!(store.blobs().get(&key).await, Err(StoreError::BlobGone)));
+    }
+    let row = store.job(compared).await.unwrap().unwrap();
+    assert_eq!((row.state, row.rest_blob, row.tissue_blob), (JobState::Succeeded, None, None));
+    assert!(row.report.is_some());
+    tokio::time::sleep(Duration::from_millis(5)).await;
+    assert_eq!(store.drop_comparisons(Duration::ZERO).await.unwrap(), 0, "a solve keeps its results");
+    assert!(store.job(solved).await.unwrap().unwrap().rest_blob.is_some());
+    assert!(store.blobs().get(&kept_rest).await.is_ok() && store.blobs().get(&kept_values).await.is_ok());
+    assert_eq!(store.session_bytes(id).await.unwrap(), 8);
+}
+
+conforms! {
+    a_job_that_is_asked_for_twice_is_stored_once,
+    the_queue_is_bounded_in_all_and_by_tenant,
+    tenants_take_turns,
+    a_newer_job_takes_the_place_of_waiting_ones,
+    what_comes_under_an_old_fence_is_refused,
+    a_job_that_was_asked_to_stop_can_only_be_cancelled,
+    steps_are_kept_and_the_same_one_is_told_once,
+    events_count_up_and_old_ones_go,
+    results_of_old_comparisons_go,
+}

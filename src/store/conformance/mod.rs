@@ -1,0 +1,146 @@
+//! What every engine does alike, run on memory and on SQLite with files.
+
+use std::time::Duration;
+
+use super::*;
+
+/// Runs each test on every engine.
+macro_rules! conforms {
+    ($($name:ident,)*) => {
+        mod memory {
+            $(#[tokio::test]
+            async fn $name() {
+                super::$name(super::Store::in_memory()).await;
+            })*
+        }
+
+        mod embedded {
+            $(#[tokio::test]
+            async fn $name() {
+                let directory = tempfile::tempdir().unwrap();
+                super::$name(super::Store::open(directory.path()).await.unwrap()).await;
+            })*
+        }
+    };
+}
+
+mod jobs;
+mod sessions;
+
+pub(super) fn session(tenant: &str) -> SessionRecord {
+    SessionRecord {
+        id: SessionId::new(),
+        tenant: tenant.parse().unwrap(),
+        label: Some("tag".to_owned()),
+        settings: "{}".to_owned(),
+        created_at: now_rfc3339(),
+    }
+}
+
+pub(super) fn part_with(kind: PartKind, blob: &BlobInfo) -> PartRecord {
+    PartRecord {
+        kind,
+        key: blob.sha256.clone(),
+        blob: Some(blob.key.clone()),
+        bytes: blob.bytes,
+        wall_s: 0.5,
+        document: "{}".to_owned(),
+        updated_at: now_rfc3339(),
+    }
+}
+
+fn job(session: SessionId, request: &str) -> JobRecord {
+    JobRecord {
+        number: 0,
+        id: JobId::new(),
+        session,
+        tenant: TenantId::local(),
+        kind: JobKind::Solve,
+        state: JobState::Accepted,
+        phase: "waiting".to_owned(),
+        progress: 0.0,
+        steps: 2,
+        attempt: 0,
+        fence: 0,
+        request: request.to_owned(),
+        subject: Some("plan".to_owned()),
+        other_session: None,
+        max_wall_s: Some(60.0),
+        traceparent: Some("00-1-2-01".to_owned()),
+        cancel_requested_at: None,
+        superseded_by: None,
+        events_from: 1,
+        report: None,
+        fault: None,
+        warnings: Vec::new(),
+        rest_blob: None,
+        tissue_blob: None,
+        created_at: now_rfc3339(),
+        started_at: None,
+        finished_at: None,
+    }
+}
+
+fn answer(tenant: &str, key: &str, session: SessionId) -> AnswerRecord {
+    AnswerRecord {
+        tenant: tenant.parse().unwrap(),
+        key: key.to_owned(),
+        request_sha256: "abc".to_owned(),
+        status: 201,
+        location: Some("/v1/x".to_owned()),
+        retry_after: None,
+        body: "{}".to_owned(),
+        session: Some(session),
+    }
+}
+
+const MANY: QueueLimits = QueueLimits { all: 100, tenant: 100 };
+
+async fn insert(store: &Store, job: &JobRecord, limits: QueueLimits, supersede: bool) -> Insertion {
+    let supersede = supersede.then(|| Supersede {
+        from: JobState::Accepted,
+        to: JobState::Cancelled,
+        event: ("end", "{}".to_owned()),
+    });
+    let new = NewJob { job, limits, event: "{}", supersede, answer: &|_, _| None };
+    store.insert_job(&new).await.unwrap()
+}
+
+async fn accept(store: &Store, session: SessionId, request: &str) -> JobId {
+    let job = job(session, request);
+    let stored = insert(store, &job, MANY, false).await;
+    assert!(matches!(stored, Insertion::Stored { superseded, .. } if superseded.is_empty()));
+    job.id
+}
+
+async fn claim(store: &Store) -> Option<JobRecord> {
+    let started = |job: &JobRecord| JobChange {
+        phase: Some("reading"),
+        attempt_change: 1,
+        events: vec![("status", format!("{{\"attempt\":{}}}", job.attempt + 1))],
+        ..JobChange::default()
+    };
+    store.claim_job(Lane::Heavy, JobState::Running, &started).await.unwrap()
+}
+
+async fn add_session(store: &Store, tenant: &str) -> SessionRecord {
+    let record = session(tenant);
+    store.insert_session(&record, None).await.unwrap();
+    record
+}
+
+async fn blob(store: &Store, session: SessionId, bytes: &[u8]) -> BlobInfo {
+    store.blobs().put(session, bytes.to_vec()).await.unwrap()
+}
+
+fn step(k: u32, frame: &BlobInfo) -> StepRecord {
+    StepRecord {
+        k,
+        t: 0.5,
+        document: "{}".to_owned(),
+        error: None,
+        blob: frame.key.clone(),
+        sha256: frame.sha256.clone(),
+        bytes: frame.bytes,
+    }
+}

@@ -1,3 +1,5 @@
+use sqlx::error::DatabaseError;
+
 /// Why the store could not do what it was asked.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
@@ -95,6 +97,11 @@ impl StoreError {
             }
             source = error.source();
         }
-        false
+        matches!(self, Self::Database(error) if error.as_database_error().is_some_and(is_full))
     }
+}
+
+/// SQLITE_FULL, in its plain or an extended form.
+fn is_full(error: &dyn DatabaseError) -> bool {
+    error.code().and_then(|code| code.parse::<u32>().ok()).is_some_and(|code| code & 0xff == 13)
 }

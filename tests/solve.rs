@@ -3,7 +3,8 @@
 #![allow(clippy::unwrap_used, reason = "a test's own files")]
 
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
+use std::time::Duration;
 
 use prosopon::export::{stl, vtu};
 use prosopon::geometry::{Point, TriMesh};
@@ -71,17 +72,26 @@ fn block(min: [f64; 3], max: [f64; 3]) -> Vec<u8> {
 }
 
 fn solve(folder: &Path, scene: &Value) -> Output {
+    command(folder, scene).output().unwrap()
+}
+
+fn command(folder: &Path, scene: &Value) -> Command {
     std::fs::write(folder.join("scene.json"), scene.to_string()).unwrap();
     let mut command = Command::new(env!("CARGO_BIN_EXE_prosopon"));
     command.arg("solve").arg(folder.join("scene.json")).arg("--out").arg(folder.join("out.vtu"));
-    command.output().unwrap()
+    command
+}
+
+/// What the last line on stdout says.
+fn summary(output: &Output) -> Value {
+    let text = String::from_utf8_lossy(&output.stdout);
+    serde_json::from_str(text.lines().last().unwrap()).unwrap()
 }
 
 fn solved(folder: &Path, scene: &Value) -> (Value, VolumeMesh) {
     let output = solve(folder, scene);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let text = String::from_utf8(output.stdout).unwrap();
-    let summary: Value = serde_json::from_str(text.lines().last().unwrap()).unwrap();
+    let summary = summary(&output);
     let bytes = std::fs::read(folder.join("out.vtu")).unwrap();
     (summary, volume_mesh(&bytes, &Limits::default()).unwrap().0)
 }
@@ -247,8 +257,32 @@ fn a_scene_without_equilibrium_says_so() {
     });
     let output = solve(folder.path(), &scene);
     assert!(!output.status.success());
-    let text = String::from_utf8(output.stdout).unwrap();
-    let summary: Value = serde_json::from_str(text.lines().last().unwrap()).unwrap();
+    let summary = summary(&output);
     assert_eq!(summary["converged"], json!(false));
     assert!(summary["warnings"].to_string().contains("is not stable at"), "{summary}");
+}
+
+#[test]
+#[cfg(unix)]
+#[allow(clippy::disallowed_methods, reason = "the other process tells nothing until it ends")]
+fn a_solve_that_is_asked_to_stop_writes_what_it_has() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("slab.vtu"), slab(1.0)).unwrap();
+    let scene = json!({
+        "mesh": "slab.vtu", "model": "nonlinear", "skin_element": "wedge", "materials": materials(),
+        "segments": {"1": {"translation_mm": [0, 0, 4]}}, "steps": 10_000
+    });
+    let running = command(folder.path(), &scene).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    while !folder.path().join("out.vtu.part").exists() {
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    std::thread::sleep(Duration::from_millis(200));
+    let asked = Command::new("kill").args(["-INT", &running.id().to_string()]).status().unwrap();
+    assert!(asked.success());
+    let output = running.wait_with_output().unwrap();
+    assert!(!output.status.success() && output.status.code().is_some(), "{:?}", output.status);
+    let summary = summary(&output);
+    assert_eq!(summary["converged"], json!(false));
+    assert!(summary.to_string().contains("cancelled"), "{summary}");
+    assert!(!folder.path().join("out.vtu.part").exists());
 }

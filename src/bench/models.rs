@@ -118,7 +118,10 @@ impl ModelStudy<'_> {
         program.arg("--out").arg(&values).arg("--timing").arg(&timing);
         let done = program.output().map_err(|e| failed(e.to_string()))?;
         if !done.status.success() {
-            return Err(failed(String::from_utf8_lossy(&done.stderr).trim().to_owned()));
+            // A mesh that cannot be made is told as every case's, and the other meshes go on.
+            let detail = String::from_utf8_lossy(&done.stderr).trim().to_owned();
+            writeln!(out, "{}: refused: {detail}", words.join(","))?;
+            return Ok((Vec::new(), cases.iter().map(|case| (*case, detail.clone())).collect()));
         }
         let timings: Vec<Measured> = serde_json::from_slice(&read(&timing)?).map_err(|e| failed(e.to_string()))?;
         let (mut solved, mut refused) = (Vec::new(), Vec::new());

@@ -30,9 +30,12 @@ pub(super) struct CompareArguments {
     /// What registration goes by, written like --mask.
     #[arg(long, requires = "register")]
     unaltered: Option<PathBuf>,
-    /// Parts that neither count nor are registered on, as the eyes: JSON, a list of parts.
+    /// Parts that neither count nor are registered on: JSON, a list of parts.
     #[arg(long)]
     exclude: Option<PathBuf>,
+    /// The same for the eyes of an upright face in LPS, by proportions of an adult's.
+    #[arg(long)]
+    exclude_eyes: bool,
     /// Folder for error.json, error.png, error.ply and error.vtp.
     #[arg(long)]
     out: PathBuf,
@@ -56,11 +59,17 @@ pub(super) fn run(a: &CompareArguments) -> CommandResult {
         return Err("--exclude takes parts, not vertices".into());
     }
     let comparison = Comparison {
-        prediction: Prediction { mesh: prediction, displacement_mm: None, rest: None, face: None },
+        prediction: Prediction {
+            mesh: prediction,
+            displacement_mm: None,
+            rest: None,
+            face: a.exclude_eyes.then(|| (Vec::new(), None)),
+        },
         reference,
         reference_name: a.reference.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned()),
         mask,
         exclude: exclude.only,
+        exclude_eyes: a.exclude_eyes,
         face_only: false,
         register: a.register.then(|| RegisterOn { region, ..RegisterOn::default() }),
     };

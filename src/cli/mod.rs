@@ -10,6 +10,7 @@ mod openapi;
 mod operate;
 mod serve;
 mod solve;
+mod stop_signal;
 
 use std::io::Write;
 use std::process::ExitCode;

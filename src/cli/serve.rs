@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::CommandResult;
+use super::stop_signal::stop_signal;
 use crate::config::{ServeConfig, Value};
 use crate::{serve, telemetry};
 
@@ -77,26 +78,5 @@ pub(super) fn run(arguments: &ServeArguments) -> CommandResult {
         writeln!(std::io::stdout(), "listening on {}", running.url())?;
         running.until(signal).await;
         Ok(())
-    })
-}
-
-#[cfg(unix)]
-fn stop_signal() -> std::io::Result<impl Future<Output = ()>> {
-    use tokio::signal::unix::{SignalKind, signal};
-    let (mut terminate, mut interrupt) = (signal(SignalKind::terminate())?, signal(SignalKind::interrupt())?);
-    Ok(async move {
-        tokio::select! {
-            _ = terminate.recv() => {}
-            _ = interrupt.recv() => {}
-        }
-        tracing::info!("asked to stop");
-    })
-}
-
-#[cfg(not(unix))]
-fn stop_signal() -> std::io::Result<impl Future<Output = ()>> {
-    Ok(async {
-        tokio::signal::ctrl_c().await.ok();
-        tracing::info!("asked to stop");
     })
 }

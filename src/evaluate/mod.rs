@@ -23,7 +23,7 @@ pub use error_map::{Correspondence, ErrorMap, error_map};
 pub use fault::{EvaluateError, RegistrationFault};
 pub use part::{Mask, Part};
 pub use picture::{Layer, View, picture};
-pub use regions::{FaceRegion, face_regions};
+pub use regions::{FaceRegion, eyes, face_regions};
 pub use register::{Registration, register};
 pub use sheet::{Sheet, sheet};
 pub use statistics::{Statistics, statistics};

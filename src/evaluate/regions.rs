@@ -1,5 +1,6 @@
 //! Named parts of a face.
 
+use super::Part;
 use crate::geometry::{Aabb, Point, TriMesh};
 
 /// A named part of the face: a box, LPS mm.
@@ -40,12 +41,35 @@ pub fn face_regions(
     landmarks: &[(String, Point)],
     midline_x_mm: Option<f64>,
 ) -> (Vec<FaceRegion>, bool) {
-    let found = Face::from_landmarks(landmarks, midline_x_mm);
-    let used = found.is_some();
-    (found.unwrap_or_else(|| Face::from_proportions(skin, midline_x_mm)).regions(), used)
+    let (face, used) = Face::of(skin, landmarks, midline_x_mm);
+    (face.regions(), used)
+}
+
+/// Balls over the eyes, placed as [`face_regions`] places its boxes: lids move between two scans of a face that has not changed.
+#[must_use]
+pub fn eyes(skin: &TriMesh, landmarks: &[(String, Point)], midline_x_mm: Option<f64>) -> [Part; 2] {
+    // Of an adult, from the tip of the nose: to the side, back and up, mm.
+    const CENTRE: [f64; 3] = [32.0, 44.0, 35.0];
+    const RADIUS: f64 = 17.0;
+    let face = Face::of(skin, landmarks, midline_x_mm).0;
+    [-1.0, 1.0].map(|side| {
+        let [x, y, z] = CENTRE.map(|c| c * face.scale);
+        Part::Ball {
+            centre: Point::new(face.midline + side * x, face.nose.y + y, face.nose.z + z),
+            radius_mm: RADIUS * face.scale,
+        }
+    })
 }
 
 impl Face {
+    /// And whether landmarks were used.
+    fn of(skin: &TriMesh, landmarks: &[(String, Point)], midline: Option<f64>) -> (Self, bool) {
+        match Self::from_landmarks(landmarks, midline) {
+            Some(face) => (face, true),
+            None => (Self::from_proportions(skin, midline), false),
+        }
+    }
+
     fn from_landmarks(landmarks: &[(String, Point)], midline: Option<f64>) -> Option<Self> {
         let named =
             |name: &str| landmarks.iter().find(|l| l.0 == name && l.1.iter().all(|c| c.is_finite())).map(|l| l.1);
@@ -130,6 +154,8 @@ impl Face {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::evaluate::Mask;
+    use crate::geometry::Vector;
 
     fn ball() -> TriMesh {
         // A diamond with its foremost point at (2, -100, 50).
@@ -154,6 +180,28 @@ mod tests {
         ]
         .map(|(name, p)| (name.to_string(), Point::from(p)))
         .to_vec()
+    }
+
+    #[test]
+    fn balls_cover_the_lids_and_neither_nose_nor_temples() {
+        for face in [eyes(&ball(), &landmarks(), Some(6.0)), eyes(&ball(), &[], Some(2.0))] {
+            let [right, left] = face.map(|part| match part {
+                Part::Ball { centre, radius_mm } => (centre, radius_mm),
+                Part::Box(_) => panic!("not a ball"),
+            });
+            assert!((left.0 - right.0 - Vector::new(64.0, 0.0, 0.0)).norm() < 0.5, "{left:?} {right:?}");
+        }
+        // On a real head with these landmarks the lids' foremost points, the wings of the nose and the temples are here.
+        let [right, left] = eyes(&ball(), &landmarks(), Some(6.0)).map(|e| Mask { only: vec![e], ..Mask::default() });
+        let at = |x: f64, y: f64, z: f64| {
+            let p = Point::new(x, y, z);
+            let one = TriMesh::new(vec![p; 3], vec![[0, 1, 2]]).unwrap();
+            [&right, &left].map(|mask| mask.of(&one)[0])
+        };
+        assert_eq!((at(38.0, -70.0, 88.0), at(-26.0, -70.0, 88.0)), ([false, true], [true, false]));
+        for away in [at(24.0, -90.0, 56.0), at(70.0, -50.0, 88.0), at(6.0, -77.0, 99.0)] {
+            assert_eq!(away, [false, false]);
+        }
     }
 
     #[test]

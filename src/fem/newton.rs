@@ -280,10 +280,6 @@ impl Equations<'_> {
                 record.unstable = true;
                 continue;
             }
-            // Where settled contact leads uphill, the active sets come before a blunter tangent.
-            if std::mem::take(&mut self.settles) && !self.contact.is_empty() {
-                continue;
-            }
             if *curvature == Curvature::Exact && !self.limits.linear {
                 *curvature = Curvature::Projected;
                 record.unstable = true;

@@ -279,6 +279,9 @@ pub struct CompareRecord {
     pub mask: MaskRecord,
     /// Parts that neither count nor are registered on.
     pub exclude: Vec<PartShape>,
+    /// Whether the eyes do neither.
+    #[serde(default)]
+    pub exclude_eyes: bool,
     /// Registration.
     pub register: Option<RegisterRecord>,
 }

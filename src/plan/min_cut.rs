@@ -28,9 +28,8 @@ pub(super) fn reached(
     let steps = steps_from(grid, blocked, sources.iter().chain(sinks), control)?;
     let (group, n) = groups(grid, blocked, &steps);
     control.check()?;
-    let mut flow = Flow::new(arcs(grid, blocked, &steps, &group), n);
-    sources.iter().for_each(|s| flow.is_source[group[*s] as usize] = true);
-    sinks.iter().for_each(|s| flow.is_sink[group[*s] as usize] = true);
+    let groups_of = |nodes: &[usize]| nodes.iter().map(|n| group[*n] as usize).collect();
+    let mut flow = Flow::new(arcs(grid, blocked, &steps, &group), n, groups_of(sources), groups_of(sinks));
     let mut total = 0;
     while flow.levels(control)? {
         total += flow.block(control)?;
@@ -38,8 +37,11 @@ pub(super) fn reached(
             return Ok(None);
         }
     }
-    let hangs = |g: &u32| *g != OUTSIDE && flow.level[*g as usize] != OUTSIDE;
-    Ok((total > 0).then(|| group.iter().map(hangs).collect()))
+    if total == 0 {
+        return Ok(None);
+    }
+    let reached = flow.reached();
+    Ok(Some(group.iter().map(|g| *g != OUTSIDE && reached[*g as usize]).collect()))
 }
 
 /// Steps through bone from the nearest of `seeds`; [`OUTSIDE`] where none leads.
@@ -134,12 +136,13 @@ struct Flow {
     back: Vec<u32>,
     left: Vec<u32>,
     level: Vec<u32>,
+    sources: Vec<usize>,
+    sinks: Vec<usize>,
     is_source: Vec<bool>,
-    is_sink: Vec<bool>,
 }
 
 impl Flow {
-    fn new(arcs: Vec<(u32, u32, u32)>, n: usize) -> Self {
+    fn new(arcs: Vec<(u32, u32, u32)>, n: usize, sources: Vec<usize>, sinks: Vec<usize>) -> Self {
         let mut first = vec![0u32; n + 1];
         for (a, b, _) in &arcs {
             first[*a as usize + 1] += 1;
@@ -160,67 +163,90 @@ impl Flow {
                 left[arc as usize] = cost;
             }
         }
-        Self { first, to, back, left, level: vec![OUTSIDE; n], is_source: vec![false; n], is_sink: vec![false; n] }
+        let mut is_source = vec![false; n];
+        sources.iter().for_each(|s| is_source[*s] = true);
+        Self { first, to, back, left, level: vec![OUTSIDE; n], sources, sinks, is_source }
     }
 
-    fn sources(&self) -> Vec<usize> {
-        (0..self.level.len()).filter(|n| self.is_source[*n]).collect()
+    /// Whether nodes are reached from the sources over arcs with capacity.
+    fn reached(&self) -> Vec<bool> {
+        let mut reached = self.is_source.clone();
+        let mut queue = self.sources.clone();
+        let mut at = 0;
+        while at < queue.len() {
+            for arc in self.arcs(queue[at]) {
+                let other = self.to[arc] as usize;
+                if self.left[arc] > 0 && !std::mem::replace(&mut reached[other], true) {
+                    queue.push(other);
+                }
+            }
+            at += 1;
+        }
+        reached
     }
 
-    /// Steps from the sources over arcs with capacity; whether a sink is reached.
+    fn arcs(&self, node: usize) -> std::ops::Range<usize> {
+        self.first[node] as usize..self.first[node + 1] as usize
+    }
+
+    /// Steps to the nearest sink over arcs with capacity; whether one is reached from a source. From the sinks, so that no way of falling
+    /// levels is a dead end before arcs are filled.
     fn levels(&mut self, control: &Control) -> Result<bool, Cancelled> {
         control.check()?;
         self.level.fill(OUTSIDE);
-        let mut queue = self.sources();
+        let mut queue = self.sinks.clone();
         queue.iter().for_each(|s| self.level[*s] = 0);
-        let (mut at, mut found) = (0, None);
+        let (mut at, mut found) = (0, false);
         while at < queue.len() {
             let node = queue[at];
             at += 1;
-            // Farther nodes are no use for this round; without a sink all are wanted.
-            if found.is_some_and(|l| self.level[node] >= l) {
-                break;
-            }
-            for arc in self.first[node] as usize..self.first[node + 1] as usize {
+            for arc in self.arcs(node) {
                 let other = self.to[arc] as usize;
-                if self.left[arc] > 0 && self.level[other] == OUTSIDE {
+                if self.level[other] == OUTSIDE && self.left[self.back[arc] as usize] > 0 {
                     self.level[other] = self.level[node] + 1;
-                    if self.is_sink[other] {
-                        found.get_or_insert(self.level[other]);
-                    }
+                    found |= self.is_source[other];
                     queue.push(other);
                 }
             }
         }
-        Ok(found.is_some())
+        Ok(found)
     }
 
-    /// Fills the level graph until no path is left; what was sent.
+    /// Sends along falling levels until no way is left; what was sent.
     fn block(&mut self, control: &Control) -> Result<u64, Cancelled> {
         let mut next_arc = self.first.clone();
+        let mut path: Vec<usize> = Vec::new();
         let mut sent = 0;
-        for source in self.sources() {
+        for index in 0..self.sources.len() {
             control.check()?;
-            let mut path: Vec<usize> = Vec::new();
+            let source = self.sources[index];
+            if self.level[source] == OUTSIDE {
+                continue;
+            }
             let mut node = source;
             loop {
-                if self.is_sink[node] {
+                if self.level[node] == 0 {
                     let amount = path.iter().map(|arc| self.left[*arc]).min().unwrap_or(0);
-                    for arc in path.drain(..) {
-                        self.left[arc] -= amount;
-                        self.left[self.back[arc] as usize] += amount;
-                    }
-                    sent += u64::from(amount);
-                    node = source;
                     // A node that is both would send without end.
                     if amount == 0 {
                         break;
                     }
+                    let mut full = path.len();
+                    for (place, arc) in path.iter().enumerate().rev() {
+                        self.left[*arc] -= amount;
+                        self.left[self.back[*arc] as usize] += amount;
+                        if self.left[*arc] == 0 {
+                            full = place;
+                        }
+                    }
+                    sent += u64::from(amount);
+                    // What is before the first full arc can still send.
+                    node = self.start(path[full]);
+                    path.truncate(full);
                     continue;
                 }
-                let (from, end) = (next_arc[node] as usize, self.first[node + 1] as usize);
-                let open = (from..end)
-                    .find(|arc| self.left[*arc] > 0 && self.level[self.to[*arc] as usize] == self.level[node] + 1);
+                let open = (next_arc[node] as usize..self.first[node + 1] as usize)
+                    .find(|arc| self.left[*arc] > 0 && self.level[self.to[*arc] as usize] < self.level[node]);
                 if let Some(arc) = open {
                     next_arc[node] = arc as u32;
                     path.push(arc);
@@ -228,11 +254,16 @@ impl Flow {
                 } else {
                     next_arc[node] = self.first[node + 1];
                     let Some(arc) = path.pop() else { break };
-                    node = self.to[self.back[arc] as usize] as usize;
+                    node = self.start(arc);
                     next_arc[node] += 1;
                 }
             }
         }
         Ok(sent)
+    }
+
+    /// The node that an arc leaves.
+    fn start(&self, arc: usize) -> usize {
+        self.to[self.back[arc] as usize] as usize
     }
 }

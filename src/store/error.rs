@@ -1,3 +1,5 @@
+use sqlx::error::DatabaseError;
+
 /// Why the store could not do what it was asked.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
@@ -100,7 +102,7 @@ fn is_unreachable(error: &sqlx::Error) -> bool {
             | sqlx::Error::PoolClosed
             | sqlx::Error::WorkerCrashed
     );
-    let code = error.as_database_error().and_then(sqlx::error::DatabaseError::code);
+    let code = error.as_database_error().and_then(DatabaseError::code);
     let told = |code: &str| CLASSES.iter().any(|class| code.starts_with(class)) || CODES.contains(&code);
     broken || code.is_some_and(|code| told(&code))
 }
@@ -133,6 +135,12 @@ impl StoreError {
             }
             source = error.source();
         }
-        false
+        matches!(self, Self::Database(error) if error.as_database_error().is_some_and(is_full))
     }
+}
+
+/// SQLITE_FULL, in its plain or an extended form, or what Postgres says, whose codes have five characters.
+fn is_full(error: &dyn DatabaseError) -> bool {
+    let code = error.code().unwrap_or_default();
+    code == "53100" || (code.len() < 5 && code.parse::<u32>().is_ok_and(|code| code & 0xff == 13))
 }

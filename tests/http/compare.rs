@@ -190,6 +190,11 @@ async fn masks_choose_and_exclusions_leave_out() {
     let eye = json!([{"centre_mm": [0, 0, 80], "radius_mm": 30}]);
     let without = count(json!({"mask": upper, "exclude": eye})).await;
     assert!(without < half && without > half / 2, "{without} of {half}");
+    // An adult's landmarks on a head of 80 mm: the eyes come to lie on it.
+    let marks = json!({"points": {"pronasale": [0, -110, 0], "menton": [0, -80, -87]}});
+    app.put_json(&format!("/v1/sessions/{session}/landmarks"), marks).await.ok();
+    let sighted = count(json!({"exclude_eyes": true})).await;
+    assert!(sighted < n && sighted > n * 9 / 10, "{sighted} of {n}");
     let one_in_two: Vec<bool> = (0..n).map(|v| v % 2 == 0).collect();
     assert_eq!(count(json!({"mask_vertices": one_in_two})).await, n.div_ceil(2));
     let seen = compare(&app, &session, json!({"mask": upper, "values": true})).await.ok();

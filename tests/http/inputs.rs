@@ -223,6 +223,16 @@ async fn a_ct_without_surfaces_is_told_until_an_import_succeeds() {
     assert_eq!(app.get("/v1/sessions").await.ok()["sessions"][0]["parts"]["ct"]["state"], "failed");
     let job = app.finish(app.upload(&format!("{session}/ct"), nifti()).await).await;
     assert_eq!((&job["status"], state().await), (&json!("succeeded"), json!("ready")), "{job}");
+
+    // One that is cancelled before it began takes nothing from it.
+    let (other, plan) = app.session_with_plan().await;
+    app.stand_in.hold_after(1);
+    let running = app.solve(&other, &plan, json!({})).await;
+    app.until_step(&running, 1).await;
+    let waiting = app.upload(&format!("{session}/ct?skin_hu=-250"), nifti()).await;
+    app.post(&format!("{}/cancel", waiting.header("location")), json!({})).await.ok();
+    assert_eq!(state().await, "ready");
+    app.stand_in.release();
 }
 
 #[tokio::test]

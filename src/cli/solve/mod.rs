@@ -10,6 +10,7 @@ use clap::Args;
 use serde::Serialize;
 
 use super::CommandResult;
+use super::stop_signal::stop_signal;
 use crate::bench::peak_mb;
 use crate::control::Control;
 use crate::fem::SolveError;
@@ -71,9 +72,10 @@ pub(super) fn run(arguments: &SolveArguments) -> CommandResult {
 fn solve(arguments: &SolveArguments) -> Result<Option<Unfinished>, Box<dyn std::error::Error>> {
     let begin = Instant::now();
     let (scene, file, mut warnings) = SceneFile::read(&arguments.scene)?.load(&arguments.scene)?;
+    let control = stoppable()?;
     let out = Output::new(&arguments.out)?;
     let solve_begin = Instant::now();
-    let outcome = scene.solve(&Control::new())?;
+    let outcome = scene.solve(&control)?;
     let solve_wall_s = solve_begin.elapsed().as_secs_f64();
     out.finish(&scene.file(&file, &outcome))?;
 
@@ -97,6 +99,22 @@ fn solve(arguments: &SolveArguments) -> Result<Option<Unfinished>, Box<dyn std::
     };
     writeln!(std::io::stdout(), "{}", serde_json::to_string(&summary)?)?;
     Ok(unfinished)
+}
+
+/// A control that a signal to stop cancels: what was reached by then is written and told.
+fn stoppable() -> std::io::Result<Control> {
+    let control = Control::new();
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    let signal = {
+        let _within = runtime.enter();
+        stop_signal()?
+    };
+    let stopped = control.clone();
+    std::thread::spawn(move || {
+        runtime.block_on(signal);
+        stopped.cancel();
+    });
+    Ok(control)
 }
 
 /// A file that is there whole or not at all: written beside its place, then moved there. A place that cannot be written to is

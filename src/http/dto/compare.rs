@@ -135,9 +135,13 @@ pub struct CompareRequest {
     /// Only prediction vertices that are true here count, one entry per vertex.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mask_vertices: Option<Vec<bool>>,
-    /// Parts that neither count nor are registered on, as the eyes.
+    /// Parts that neither count nor are registered on.
     #[serde(default)]
     pub exclude: Vec<PartRequest>,
+    /// Whether the eyes neither count nor are registered on: they are placed by the landmarks of the prediction's session or, without
+    /// them, by proportions of an adult's face.
+    #[serde(default)]
+    pub exclude_eyes: bool,
     /// Registration; none when absent.
     #[serde(default)]
     pub register: Option<RegisterRequest>,
@@ -153,6 +157,7 @@ pub(in crate::http) struct CheckedCompare {
     pub(in crate::http) reference: SurfaceSource,
     pub(in crate::http) mask: Mask,
     pub(in crate::http) exclude: Vec<Part>,
+    pub(in crate::http) exclude_eyes: bool,
     pub(in crate::http) register: Option<RegisterOn>,
     pub(in crate::http) values: bool,
 }
@@ -175,7 +180,8 @@ impl CompareRequest {
         });
         check.finish()?;
         let (prediction, reference) = (self.prediction.named("/prediction")?, self.reference.named("/reference")?);
-        Ok(CheckedCompare { prediction, reference, mask, exclude, register, values: self.values })
+        let exclude_eyes = self.exclude_eyes;
+        Ok(CheckedCompare { prediction, reference, mask, exclude, exclude_eyes, register, values: self.values })
     }
 }
 

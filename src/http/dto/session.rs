@@ -177,12 +177,13 @@ pub(in crate::http) fn view_of(kind: PartKind, parts: &SessionParts, jobs: &[Job
     part_view(state, record)
 }
 
-/// Whether the newest import of a CT ended without surfaces.
+/// Whether imports of a CT ended without surfaces. One that was cancelled says nothing where another ran.
 fn import_failed(ct: Option<&PartRecord>, newest_first: &[JobRecord]) -> bool {
     let is_of_ct = |job: &&JobRecord| {
         let request = serde_json::from_str::<ImportRequest>(&job.request);
         job.kind == JobKind::Import && request.is_ok_and(|request| ct.is_some_and(|ct| ct.key == request.ct_sha256))
     };
-    let newest = newest_first.iter().find(is_of_ct);
-    newest.is_some_and(|job| matches!(job.state, JobState::Failed | JobState::Cancelled))
+    let imports: Vec<&JobRecord> = newest_first.iter().filter(is_of_ct).collect();
+    let newest = imports.iter().find(|job| job.state != JobState::Cancelled);
+    newest.map_or(!imports.is_empty(), |job| job.state == JobState::Failed)
 }

@@ -28,7 +28,10 @@ impl<T: DeserializeOwned> FromRequest<AppState> for Creating<T> {
     async fn from_request(request: Request, state: &AppState) -> Result<Self, Response> {
         let Repeatable { creating, earlier } =
             Repeatable::from_request(request, state).await.map_err(IntoResponse::into_response)?;
-        earlier.map_or(Ok(creating), |earlier| Err(replay(&earlier)))
+        match earlier {
+            Some(earlier) => Err(replay(&earlier)),
+            None => Ok(creating),
+        }
     }
 }
 

@@ -159,7 +159,7 @@ async fn order(
     principal: &Principal,
     checked: CheckedCompare,
 ) -> Result<(CompareRecord, Order), Problem> {
-    let CheckedCompare { prediction, reference, mask, exclude, register, .. } = checked;
+    let CheckedCompare { prediction, reference, mask, exclude, exclude_eyes, register, .. } = checked;
     let predicted = own_surface(state, principal, prediction).await?;
     let compared_with = own_surface(state, principal, reference).await?;
     let record = CompareRecord {
@@ -168,6 +168,7 @@ async fn order(
         keys: [predicted.key, compared_with.key],
         mask: (&mask).into(),
         exclude: exclude.iter().map(Into::into).collect(),
+        exclude_eyes,
         register: register.as_ref().map(Into::into),
     };
     let other_session = Some(compared_with.session).filter(|other| *other != predicted.session);

@@ -66,6 +66,7 @@ pub(super) async fn compared(
         reference_name,
         mask: Mask::default(),
         exclude: Vec::new(),
+        exclude_eyes: false,
         face_only: true,
         register: (query.register == Some(true)).then(RegisterOn::default),
     };

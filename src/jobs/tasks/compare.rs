@@ -1,5 +1,5 @@
 use crate::control::Control;
-use crate::evaluate::{Mask, Part, face_regions};
+use crate::evaluate::{Mask, Part, eyes, face_regions};
 use crate::geometry::{Point, TriMesh};
 use crate::jobs::Service;
 use crate::session::{Engine, ErrorDocument, Fault, FaultKind, Halt, RegistrationDocument};
@@ -46,8 +46,10 @@ pub struct Comparison {
     pub reference_name: String,
     /// Prediction vertices that count.
     pub mask: Mask,
-    /// Parts that neither count nor are registered on, as the eyes.
+    /// Parts that neither count nor are registered on.
     pub exclude: Vec<Part>,
+    /// Whether the eyes are left out too, where the prediction is a face.
+    pub exclude_eyes: bool,
     /// Whether only the parts of the face count, where no mask is given.
     pub face_only: bool,
     /// Rigid registration of the prediction before comparing.
@@ -90,9 +92,18 @@ impl Comparison {
         for (pointer, mask) in given {
             check_length(pointer, mask, &mesh)?;
         }
-        let without: Vec<bool> = Mask { except: self.exclude, ..Mask::default() }.of(&mesh);
-        let both = |a: Vec<bool>| -> Vec<bool> { a.into_iter().zip(&without).map(|(a, b)| a && *b).collect() };
         let rest = rest.as_ref().unwrap_or(&mesh);
+        let (mut except, mut document_of, mut warnings) = (self.exclude, None, Vec::new());
+        match &face {
+            Some((points, midline)) if self.exclude_eyes => except.extend(eyes(rest, points, *midline)),
+            None if self.exclude_eyes => {
+                warnings
+                    .push("the eyes were not left out: the prediction is no skin, they cannot be placed".to_owned());
+            }
+            _ => {}
+        }
+        let without: Vec<bool> = Mask { except, ..Mask::default() }.of(&mesh);
+        let both = |a: Vec<bool>| -> Vec<bool> { a.into_iter().zip(&without).map(|(a, b)| a && *b).collect() };
         let (regions, _) = face.map_or_else(Default::default, |(points, midline)| face_regions(rest, &points, midline));
         let in_face = |p: &Point| regions.iter().any(|r| r.bounds.contains(p));
         let (mask_name, counted) = if !self.mask.is_empty() {
@@ -103,7 +114,6 @@ impl Comparison {
             ("all", vec![true; mesh.positions().len()])
         };
         let counted = both(counted);
-        let (mut document_of, mut warnings) = (None, Vec::new());
         if let Some(on) = self.register {
             let (name, region) = on.chosen(&mesh, displacement_mm.as_deref());
             let found = engine.register(&mesh, &reference, Some(&both(region)), &control.part(0.0, 0.5))?;

@@ -21,6 +21,7 @@ pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
         reference_name: reference.name,
         mask: (&request.mask).into(),
         exclude: request.exclude.iter().map(Into::into).collect(),
+        exclude_eyes: request.exclude_eyes,
         face_only: false,
         register: request.register.as_ref().map(Into::into),
     };

@@ -8,8 +8,8 @@ mod sql;
 use std::path::Path;
 use std::time::Duration;
 
-use sqlx::SqlitePool;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
+use sqlx::{Connection, SqlitePool};
 
 pub(super) use format::DATABASE;
 
@@ -33,8 +33,7 @@ impl SqliteMeta {
     /// Opens or creates the database in `directory` and brings it to the present format.
     pub(super) async fn open(directory: &Path) -> Result<Self> {
         let options = options(directory).create_if_missing(true);
-        let writer = SqlitePoolOptions::new().max_connections(1).connect_with(options.clone()).await;
-        let writer = writer.map_err(format::no_database)?;
+        let writer = one_writer().connect_with(options.clone()).await.map_err(format::no_database)?;
         format::prepare(&writer).await?;
         // A connection to a file does not break while it waits: asking it first would double the time of a read.
         let readers = SqlitePoolOptions::new().max_connections(READERS).test_before_acquire(false);
@@ -44,8 +43,7 @@ impl SqliteMeta {
 
     /// Opens a database of the present format beside the process that serves it.
     pub(super) async fn open_beside(directory: &Path) -> Result<Self> {
-        let pool = SqlitePoolOptions::new().max_connections(1).connect_with(options(directory)).await;
-        let pool = pool.map_err(format::no_database)?;
+        let pool = one_writer().connect_with(options(directory)).await.map_err(format::no_database)?;
         format::check_version(&pool).await?;
         Ok(Self { writer: pool.clone(), reader: pool })
     }
@@ -85,6 +83,18 @@ impl SqliteMeta {
     }
 }
 
+/// A connection that is still in a transaction when it is given back is closed: where the disk is full SQLite may have rolled back by
+/// itself, the driver does not learn it, and what is "committed" from then on would lie in a transaction that never ends.
+fn one_writer() -> SqlitePoolOptions {
+    SqlitePoolOptions::new().max_connections(1).after_release(|connection, _| {
+        Box::pin(async move {
+            // A roll-back that is under way is done before the answer.
+            connection.ping().await?;
+            Ok(!connection.is_in_transaction())
+        })
+    })
+}
+
 fn options(directory: &Path) -> SqliteConnectOptions {
     SqliteConnectOptions::new()
         .filename(directory.join(DATABASE))
@@ -105,4 +115,35 @@ pub(super) fn remove(directory: &Path) -> Result<()> {
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::MetaStore;
+    use crate::store::conformance::session;
+
+    #[tokio::test]
+    async fn a_connection_that_met_a_full_disk_is_not_used_again() {
+        let directory = tempfile::tempdir().unwrap();
+        let meta = SqliteMeta::open(directory.path()).await.unwrap();
+        let kept = session("a");
+        meta.insert_session(&kept, None).await.unwrap();
+        sqlx::query("PRAGMA max_page_count = 1").execute(&meta.writer).await.unwrap();
+        let mut refused = 0;
+        for _ in 0..400 {
+            let tried = session("a");
+            match meta.insert_session(&tried, None).await {
+                Ok(()) => assert_eq!(meta.session(tried.id).await.unwrap(), Some(tried)),
+                Err(error) => {
+                    assert!(error.is_disk_full(), "{error:?}");
+                    assert_eq!(meta.session(tried.id).await.unwrap(), None);
+                    refused += 1;
+                }
+            }
+        }
+        // The limit goes with the connection.
+        assert_eq!(refused, 1);
+        assert_eq!(meta.session(kept.id).await.unwrap(), Some(kept));
+    }
 }

@@ -8,6 +8,10 @@ RUN --mount=type=cache,target=/usr/local/cargo/registry \
     && cp target/release/prosopon /usr/local/bin/prosopon
 
 FROM debian:bookworm-slim
+# The authorities that TLS to a bucket trusts.
+RUN apt-get update \
+    && apt-get install --yes --no-install-recommends ca-certificates \
+    && rm -rf /var/lib/apt/lists/*
 RUN groupadd --gid 10001 prosopon \
     && useradd --uid 10001 --gid prosopon --home-dir /data --no-create-home --shell /usr/sbin/nologin prosopon \
     && install --directory --owner prosopon --group prosopon --mode 0700 /data

@@ -29,6 +29,8 @@ struct Arguments {
 enum Command {
     /// Serve the HTTP API.
     Serve(serve::ServeArguments),
+    /// Compute jobs for the processes that serve the API on the same database; at its address are only health and metrics.
+    Worker(serve::ServeArguments),
     /// Solve a scene on a ready mesh, without a server.
     Solve(solve::SolveArguments),
     /// Run the main job on a phantom head or a patient, over HTTP, and write the results.
@@ -65,6 +67,7 @@ enum Command {
 pub fn run() -> ExitCode {
     let done = match Arguments::parse().command {
         Command::Serve(arguments) => serve::run(&arguments),
+        Command::Worker(arguments) => serve::work(&arguments),
         Command::Solve(arguments) => solve::run(&arguments),
         Command::Demo(arguments) => demo::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),

@@ -9,7 +9,7 @@ use super::stop_signal::stop_signal;
 use crate::config::{ServeConfig, Value};
 use crate::{serve, telemetry};
 
-/// Options of `prosopon serve`. Every setting can also stand in the configuration, or in the environment as `PROSOPON_` and its name.
+/// Options of `prosopon serve` and `prosopon worker`. Every setting can also stand in the configuration, or in the environment as `PROSOPON_` and its name.
 #[derive(Debug, Args)]
 pub(super) struct ServeArguments {
     /// Configuration, TOML; `prosopon config check` tells all settings and faults.
@@ -29,6 +29,9 @@ pub(super) struct ServeArguments {
     /// credentials from the environment (AWS_ENDPOINT_URL, AWS_REGION, AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY).
     #[arg(long)]
     blobs: Option<String>,
+    /// Compute no jobs: other processes on the same database do.
+    #[arg(long)]
+    no_worker: bool,
     /// Threads for numerics [default: 0, one a core].
     #[arg(long)]
     threads: Option<usize>,
@@ -55,6 +58,7 @@ impl ServeArguments {
         set("data", self.data.as_ref().map(|d| Value::from(d.to_string_lossy().into_owned())));
         set("database", self.database.clone().map(Value::from));
         set("blobs", self.blobs.clone().map(Value::from));
+        set("worker", self.no_worker.then(|| Value::from(false)));
         set("threads", self.threads.map(Value::from));
         set("allow_host", (!self.allowed_hosts.is_empty()).then(|| Value::from(self.allowed_hosts.clone())));
         set("max_surface_mb", self.max_surface_mb.map(Value::from));
@@ -67,6 +71,18 @@ impl ServeArguments {
 /// Serves until SIGTERM or ctrl-c.
 pub(super) fn run(arguments: &ServeArguments) -> CommandResult {
     let (config, printed) = arguments.read()?;
+    run_with(config, printed)
+}
+
+/// Computes until SIGTERM or ctrl-c.
+pub(super) fn work(arguments: &ServeArguments) -> CommandResult {
+    let (config, printed) = arguments.read()?;
+    let config = ServeConfig { api: false, ..config };
+    config.check()?;
+    run_with(config, printed)
+}
+
+fn run_with(config: ServeConfig, printed: String) -> CommandResult {
     // Dropped last, so that what ends with the service is sent too.
     let _traces = telemetry::start(&config)?;
     tracing::info!(configuration = printed, "configured");

@@ -68,6 +68,8 @@ pub struct ServeConfig {
     pub data: PathBuf,
     /// Other places for sessions and results.
     pub places: Places,
+    /// Whether the API is served; else jobs are computed for processes on the same database that serve it.
+    pub api: bool,
     /// Threads for numerics; 0 is one a core.
     pub threads: usize,
     /// Memory for fields, meshes and equations that are kept between jobs, bytes.
@@ -104,6 +106,7 @@ impl ServeConfig {
             listen: SocketAddr::from(([127, 0, 0, 1], 0)),
             data,
             places: Places::default(),
+            api: true,
             threads: 0,
             cache_bytes: 1536 << 20,
             allowed_hosts: Vec::new(),
@@ -161,6 +164,17 @@ impl ServeConfig {
         check(self.service.max_waiting_tenant == 0, "max_waiting_tenant: must be above 0");
         check(!(1..=64).contains(&self.service.parallel_jobs), "parallel_jobs: allowed is 1 to 64");
         check(self.service.max_attempts == 0, "max_attempts: must be above 0");
+        let alone = !self.service.works && self.places.database.is_none();
+        check(
+            alone,
+            "worker: nobody else can do the jobs of a store in the data directory; name a database, or leave it true",
+        );
+        check(
+            !self.api && self.places.database.is_none(),
+            "database: a worker needs the one that the API's processes have",
+        );
+        check(!self.api && !self.service.works, "worker: a worker that computes no jobs does nothing");
+        check(!(2..=3600).contains(&self.service.lease.as_secs()), "lease_s: allowed is 2 to 3600");
         check(self.service.max_wall.is_zero(), "max_wall_s: must be above 0");
         check(self.service.session_quota == 0, "session_quota_mb: must be above 0");
         check(self.service.session_retention.is_some_and(|r| r.is_zero()), "session_retention_days: must be above 0");

@@ -33,10 +33,17 @@ pub fn app(state: AppState) -> Router {
     let (plain, uploads) = routes::all();
     let plain = plain.split_for_parts().0.layer(DefaultBodyLimit::max(state.limits.max_json_bytes));
     let uploads = uploads.split_for_parts().0.layer(DefaultBodyLimit::disable());
-    plain
-        .merge(uploads)
-        .with_state(state.clone())
-        .merge(SwaggerUi::new("/docs").url("/openapi.json", openapi()))
+    let api = plain.merge(uploads).with_state(state.clone());
+    with_bounds(api.merge(SwaggerUi::new("/docs").url("/openapi.json", openapi())), state)
+}
+
+/// The router of a process that only computes: health and metrics.
+pub fn worker_app(state: AppState) -> Router {
+    with_bounds(routes::health().split_for_parts().0.with_state(state.clone()), state)
+}
+
+fn with_bounds(routes: Router, state: AppState) -> Router {
+    routes
         .fallback(unknown_path)
         .method_not_allowed_fallback(wrong_method)
         .layer(middleware::compression())

@@ -1,8 +1,8 @@
 //! Work that computes: the CPU pools, long jobs with their states and events, and short tasks within a request.
 //!
 //! Invariants: numerics run on [`CpuPool`] only; a job is stored before anyone hears of it; a step is visible only when
-//! it is whole; one job computes at a time in each lane; a stopped service leaves jobs that the next start takes up; a job that
-//! was cancelled never succeeds.
+//! it is whole; one job computes at a time in each lane; a stopped service leaves jobs that the next start takes up, or another
+//! process on the same store; a job that was cancelled never succeeds.
 
 mod cpu_pool;
 mod feed;
@@ -10,6 +10,7 @@ mod frame;
 mod health;
 mod janitor;
 mod order;
+mod others;
 mod persist;
 mod physics;
 mod requests;

@@ -8,7 +8,7 @@ use tokio_util::sync::CancellationToken;
 use super::health::Beats;
 use super::running::{Running, Worker};
 use super::state::{JobEvent, next};
-use super::{CpuPool, JobStatus, Order, ServiceSettings, janitor, worker};
+use super::{CpuPool, JobStatus, Order, ServiceSettings, janitor, others, worker};
 use crate::control::Control;
 use crate::session::{Engine, Fault, FaultKind, Halt};
 use crate::store::{
@@ -50,6 +50,7 @@ impl Service {
         settings: ServiceSettings,
     ) -> Result<Arc<Self>, Fault> {
         let stop = CancellationToken::new();
+        let workers = if settings.works { Worker::all(settings.parallel_jobs) } else { Vec::new() };
         let service = Arc::new(Self {
             store: store.with_quota(settings.session_quota),
             engine,
@@ -61,7 +62,7 @@ impl Service {
             changes: watch::Sender::new(0),
             drain: stop.child_token(),
             stop,
-            beats: Beats::new(Worker::all(settings.parallel_jobs)),
+            beats: Beats::new(workers.clone()),
             tasks: Mutex::default(),
         });
         service.check_audit_end().await?;
@@ -70,8 +71,12 @@ impl Service {
             tokio::spawn(janitor::keep_house(Arc::clone(&service))),
             tokio::spawn(janitor::anchor_audit(Arc::clone(&service))),
         ];
-        let workers = Worker::all(settings.parallel_jobs).into_iter();
-        tasks.extend(workers.map(|worker| tokio::spawn(worker::work_through(Arc::clone(&service), worker))));
+        if service.store.is_shared() {
+            tasks.push(tokio::spawn(others::follow(Arc::clone(&service))));
+            tasks.push(tokio::spawn(others::take_over(Arc::clone(&service))));
+        }
+        tasks
+            .extend(workers.into_iter().map(|worker| tokio::spawn(worker::work_through(Arc::clone(&service), worker))));
         *service.tasks.lock().unwrap_or_else(PoisonError::into_inner) = tasks;
         Ok(service)
     }
@@ -158,8 +163,9 @@ impl Service {
         self.running.lock().unwrap_or_else(PoisonError::into_inner).push(running);
     }
 
-    pub(super) fn unset_running(&self, job: JobId) {
-        self.running.lock().unwrap_or_else(PoisonError::into_inner).retain(|r| r.job != job);
+    pub(super) fn unset_running(&self, running: &Arc<Running>) {
+        // A job whose lease has passed may have been begun again here.
+        self.running.lock().unwrap_or_else(PoisonError::into_inner).retain(|r| !Arc::ptr_eq(r, running));
     }
 
     pub(super) fn woken(&self, lane: Lane) -> &Notify {
@@ -291,6 +297,11 @@ impl Service {
                 // Its end is being written: then it has ended.
                 tokio::time::sleep(Duration::from_millis(5)).await;
                 continue;
+            }
+            if job.state == JobState::Running && look >= LOOKS && self.store.is_shared() {
+                // Another process computes it, and learns of this when it renews its lease.
+                self.store.request_cancel(id).await?;
+                return self.status(id).await;
             }
             if job.state == JobState::Running && look < LOOKS {
                 // Its worker is about to show itself.

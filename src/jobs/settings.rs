@@ -12,6 +12,10 @@ pub struct ServiceSettings {
     pub max_waiting_tenant: u32,
     /// Jobs of minutes that are computed at the same time, each with its share of the threads.
     pub parallel_jobs: usize,
+    /// Whether jobs are computed here, and not only by other processes on the same store.
+    pub works: bool,
+    /// A running job of which nothing was heard for so long is given to another process.
+    pub lease: Duration,
     /// Times that a job is started before it is given up.
     pub max_attempts: u32,
     /// Longest that a job may compute.
@@ -37,6 +41,8 @@ impl Default for ServiceSettings {
             max_waiting: 64,
             max_waiting_tenant: 64,
             parallel_jobs: 1,
+            works: true,
+            lease: Duration::from_secs(15),
             max_attempts: 3,
             max_wall: Duration::from_secs(2 * 3600),
             session_quota: 16 << 30,

@@ -4,6 +4,7 @@ use std::time::Duration;
 use tracing::Instrument;
 
 use super::Service;
+use super::others::keep_lease;
 use super::running::{Running, Worker};
 use super::service::{end_event, panicked, status_event, warning_event};
 use super::state::{JobEvent, next};
@@ -15,14 +16,18 @@ use crate::trace;
 /// Shortest time between two progress events.
 const PROGRESS_EVERY: Duration = Duration::from_millis(250);
 
-/// Jobs that an earlier run left running become interrupted; interrupted ones are accepted again or given up. Those that were
-/// asked to stop are cancelled.
+/// Jobs that an earlier run or another process left running become interrupted; interrupted ones are accepted again or given up.
+/// Those that were asked to stop are cancelled.
 pub(super) async fn recover(service: &Service) -> Result<(), Fault> {
     for state in [JobState::Accepted, JobState::Running, JobState::Interrupted] {
-        let filter = JobFilter { state: Some(state), limit: u32::MAX, ..JobFilter::default() };
-        for job in service.store.jobs(&filter).await? {
+        let jobs = if state == JobState::Running {
+            service.store.abandoned().await?
+        } else {
+            service.store.jobs(&JobFilter { state: Some(state), limit: u32::MAX, ..JobFilter::default() }).await?
+        };
+        for job in jobs {
             if let Some((event, change)) = recovery(&job, service.settings.max_attempts) {
-                tracing::info!(job.id = %job.id, attempt = job.attempt, ?event, "job found at the start");
+                tracing::info!(job.id = %job.id, attempt = job.attempt, ?event, "job found that nobody computes");
                 apply(service, &job, event, change).await?;
             }
         }
@@ -107,7 +112,7 @@ async fn claim(service: &Service, lane: Lane) -> Result<Option<JobRecord>, Fault
         events: vec![("status", status_event(JobState::Running, job.attempt + 1))],
         ..JobChange::default()
     };
-    Ok(service.store.claim_job(lane, to, &start).await?)
+    Ok(service.store.claim_job(lane, to, service.settings.lease, &start).await?)
 }
 
 async fn pause(service: &Service) {
@@ -125,7 +130,7 @@ async fn run(service: &Arc<Service>, job: JobRecord, worker: Worker) -> Result<(
         running.control.cancel();
     }
     let result = run_visible(service, &job, &running).await;
-    service.unset_running(job.id);
+    service.unset_running(&running);
     service.announce();
     result
 }
@@ -140,6 +145,7 @@ async fn run_visible(service: &Arc<Service>, job: &JobRecord, running: &Arc<Runn
     let done = tokio::select! {
         done = &mut work => done.unwrap_or_else(|_| Err(panicked().into())),
         never = tell_progress(service, job, running) => match never {},
+        never = keep_lease(service, job, running) => match never {},
     };
     let (event, change) = outcome(service, job, running, done);
     tell_metrics(job, running, event);

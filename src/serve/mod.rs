@@ -22,7 +22,7 @@ use tokio::task::JoinHandle;
 use self::stalled::Patience;
 use crate::config::{ConfigError, ConnectionLimits, ServeConfig};
 use crate::http::auth::{Access, AuthError, Authenticator};
-use crate::http::{AppState, app};
+use crate::http::{AppState, app, worker_app};
 use crate::jobs::{CpuPool, Service};
 use crate::session::{Engine, Fault, Numerics};
 use crate::store::{Audit, Store, StoreError};
@@ -119,7 +119,8 @@ pub async fn start_with(config: ServeConfig, engine: Arc<dyn Engine>) -> Result<
     }
     note_address(&config.data, scheme, address).await.map_err(|e| store_error(e.into()))?;
     let service = Arc::clone(&state.service);
-    let (routes, handle, limits) = (app(state).into_make_service(), Handle::new(), config.connections);
+    let routes = if config.api { app(state) } else { worker_app(state) };
+    let (routes, handle, limits) = (routes.into_make_service(), Handle::new(), config.connections);
     let mut server = axum_server::from_tcp(listener).map_err(listen_error)?.handle(handle.clone());
     bound(server.http_builder(), limits);
     let server = server.first_request_timeout(limits.head);

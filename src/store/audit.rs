@@ -6,11 +6,11 @@ use std::sync::{Mutex, PoisonError};
 use serde::{Deserialize, Serialize};
 
 use super::MetaStore;
+use super::directory::{LOCAL_LOG, create_private, log_name};
 use super::place::DatabaseUrl;
 use super::postgres::PostgresMeta;
 use super::records::{now_rfc3339, sha256_hex};
 use super::sqlite::{DATABASE, SqliteMeta};
-use super::store::{LOCAL_LOG, create_private, log_name};
 
 /// Who did what to which session or job, and with what outcome; never what it held.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -104,18 +104,19 @@ pub async fn verify_audit(data: &Path, database: Option<&DatabaseUrl>) -> Result
     let (meta, log): (Option<Box<dyn MetaStore>>, _) = match database {
         Some(url) => (Some(Box::new(PostgresMeta::open_beside(url.options()).await?)), log_name(data)?),
         None if data.join(DATABASE).is_file() => {
-            (Some(Box::new(SqliteMeta::open_beside(data).await?)), LOCAL_LOG.to_owned())
+            (Some(Box::new(SqliteMeta::open_beside(data).await?)), Some(LOCAL_LOG.to_owned()))
         }
-        None => (None, String::new()),
+        None => (None, None),
     };
-    let anchor = match meta {
-        Some(meta) => {
-            let anchor = meta.audit_anchor(&log).await;
-            meta.close().await;
-            anchor?
-        }
-        None => None,
-    };
+    let mut anchor = None;
+    if let Some(meta) = meta {
+        let noted = match &log {
+            Some(log) => meta.audit_anchor(log).await,
+            None => Ok(None),
+        };
+        meta.close().await;
+        anchor = noted?;
+    }
     if anchor.is_none() && !data.join("audit").is_dir() {
         return Err(AuditFault::Missing { directory: data.display().to_string() });
     }

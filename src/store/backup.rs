@@ -6,9 +6,9 @@ use std::path::{Component, Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
+use super::directory::{BLOBS, create_private, lock};
 use super::records::{hex, to_json};
 use super::sqlite::{self, DATABASE, SqliteMeta};
-use super::store::{BLOBS, create_private, lock};
 use super::{MetaStore, StoreError};
 
 /// Lists every file of a backup with its hash; written last, so that a backup without it is not whole.

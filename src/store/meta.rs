@@ -1,11 +1,12 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Debug;
+use std::time::Duration;
 
 use async_trait::async_trait;
 
 use super::{
-    AnswerRecord, BlobInfo, EventRecord, Insertion, JobChange, JobFilter, JobId, JobRecord, JobState, Lane, NewJob,
-    OsteotomyId, OsteotomyRecord, Owner, PartKind, PartRecord, PlanId, PlanRecord, Remembered, SessionContents,
+    AnswerRecord, BlobInfo, Changes, EventRecord, Insertion, JobChange, JobFilter, JobId, JobRecord, JobState, Lane,
+    NewJob, OsteotomyId, OsteotomyRecord, Owner, PartKind, PartRecord, PlanId, PlanRecord, Remembered, SessionContents,
     SessionId, SessionRecord, StepRecord, StepWritten, StoreError, TenantId,
 };
 
@@ -114,14 +115,21 @@ pub trait MetaStore: Debug + Send + Sync {
     /// ago first; within a tenant the oldest first.
     async fn queue(&self, lane: Lane) -> Result<Vec<JobId>>;
 
-    /// Takes the first job of the queue: it is `to` from now on, under a new fence, and its tenant had its turn.
+    /// Takes the first job of the queue: it is `to` from now on, under a new fence and for the time of `lease`, and its tenant had its turn.
     /// `change` is made from the row as it was.
     async fn claim_job(
         &self,
         lane: Lane,
         to: JobState,
+        lease: Duration,
         change: &(dyn for<'a> Fn(&'a JobRecord) -> JobChange + Send + Sync),
     ) -> Result<Option<JobRecord>>;
+
+    /// Leases a running job anew: whether it was asked to stop. `None` when it is not running under `fence` any more.
+    async fn renew(&self, id: JobId, fence: u64, lease: Duration) -> Result<Option<bool>>;
+
+    /// Running jobs whose lease has passed, by the clock of the engine.
+    async fn abandoned(&self) -> Result<Vec<JobRecord>>;
 
     /// Moves a job from one state to another, with its events, if it is in `from` under `fence`. False when it is not, and when
     /// a job that was asked to stop would succeed, fail or run again.
@@ -183,6 +191,9 @@ pub trait MetaStore: Debug + Send + Sync {
 
     /// Keys of all blobs that a row names.
     async fn named_blobs(&self) -> Result<BTreeSet<String>>;
+
+    /// What tells of changes by other processes; `None` where there are no others.
+    async fn changes(&self) -> Result<Option<Changes>>;
 
     /// Whether it answers and can be written.
     async fn check(&self) -> Result<()>;

@@ -13,8 +13,10 @@ mod answer;
 mod audit;
 mod backup;
 mod blobs;
+mod changes;
 #[cfg(test)]
 mod conformance;
+mod directory;
 mod error;
 mod event;
 mod grid_blob;
@@ -40,6 +42,7 @@ pub use answer::{AnswerRecord, Remembered};
 pub use audit::{Audit, AuditEntry, AuditFault, AuditReport, verify_audit};
 pub use backup::{BackupReport, back_up, restore};
 pub use blobs::{BlobInfo, Blobs, Upload};
+pub use changes::Changes;
 pub use error::StoreError;
 pub use event::EventRecord;
 pub use grid_blob::{decode_grid, encode_grid};

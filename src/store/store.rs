@@ -1,27 +1,20 @@
 mod jobs;
+mod open;
 
 use std::collections::BTreeMap;
-use std::fs::{File, TryLockError};
-use std::path::Path;
+use std::fs::File;
 use std::sync::Arc;
 use std::time::Duration;
 
 use object_store::ObjectStore;
 
+use super::directory::LOCAL_LOG;
 use super::memory::MemoryMeta;
-use super::place::Places;
-use super::postgres::PostgresMeta;
 use super::records::{now_rfc3339, rfc3339_before};
-use super::sqlite::{self, SqliteMeta};
 use super::{
-    AnswerRecord, Blobs, MetaStore, OsteotomyId, OsteotomyRecord, Owner, PartKind, PartRecord, PlanId, PlanRecord,
-    Remembered, SessionContents, SessionId, SessionRecord, StoreError, TenantId,
+    AnswerRecord, Blobs, Changes, MetaStore, OsteotomyId, OsteotomyRecord, Owner, PartKind, PartRecord, PlanId,
+    PlanRecord, Remembered, SessionContents, SessionId, SessionRecord, StoreError, TenantId,
 };
-
-/// Directory of the large values.
-pub(super) const BLOBS: &str = "blobs";
-/// File whose lock says that a process has the directory.
-pub(super) const LOCK: &str = "lock";
 
 /// Files younger than this may belong to a request that is under way.
 const UNDER_WAY: Duration = Duration::from_secs(2 * 3600);
@@ -35,6 +28,7 @@ pub struct Store {
     meta: Arc<dyn MetaStore>,
     blobs: Blobs,
     quota: u64,
+    shared: bool,
     /// Name of the audit log beside it.
     log: Arc<str>,
     /// Held open for its lock.
@@ -42,47 +36,11 @@ pub struct Store {
 }
 
 impl Store {
-    /// Opens or creates the store in `directory`, and sweeps files that no row names (left by a crash).
-    ///
-    /// # Errors
-    /// [`StoreError::InUse`] when another process has it open, [`StoreError::Newer`] and [`StoreError::Foreign`] when another
-    /// version or program wrote it, otherwise whatever the disk or the database says.
-    pub async fn open(directory: &Path) -> Result<Self> {
-        Self::open_at(directory, &Places::default()).await
-    }
-
-    /// The same with rows or large values in other places. The directory stays this process's own: it has the audit log, and what has
-    /// no other place.
-    ///
-    /// # Errors
-    /// As [`Store::open`]; [`StoreError::Unreachable`], [`StoreError::ForeignTables`], [`StoreError::Bucket`].
-    pub async fn open_at(directory: &Path, places: &Places) -> Result<Self> {
-        create_private(directory)?;
-        let lock = lock(directory)?;
-        let blobs = match &places.blobs {
-            Some(bucket) => Blobs::over(bucket.open()?),
-            None => Blobs::in_directory(&directory.join(BLOBS))?,
-        };
-        let (meta, log): (Arc<dyn MetaStore>, _) = match &places.database {
-            Some(database) => (Arc::new(PostgresMeta::open(database.options()).await?), log_name(directory)?),
-            None => (Arc::new(SqliteMeta::open(directory).await?), LOCAL_LOG.to_owned()),
-        };
-        let store = Self { meta, blobs, quota: u64::MAX, log: log.into(), _lock: Some(Arc::new(lock)) };
-        // Elsewhere another process may be about to name what it has stored.
-        if *places == Places::default() {
-            let swept = store.sweep(Duration::ZERO).await?;
-            if swept > 0 {
-                tracing::info!(files = swept, "removed files that no record names");
-            }
-        }
-        Ok(store)
-    }
-
     /// A store that ends with the process.
     #[must_use]
     pub fn in_memory() -> Self {
         let (meta, blobs) = (Arc::new(MemoryMeta::default()), Blobs::in_memory());
-        Self { meta, blobs, quota: u64::MAX, log: LOCAL_LOG.into(), _lock: None }
+        Self { meta, blobs, quota: u64::MAX, shared: false, log: LOCAL_LOG.into(), _lock: None }
     }
 
     /// The same rows with large values in another place, such as an S3-compatible store.
@@ -97,25 +55,21 @@ impl Store {
         Self { quota: bytes, ..self }
     }
 
-    /// Removes what a store left in `directory`, of whatever version; other files stay.
-    ///
-    /// # Errors
-    /// [`StoreError::InUse`] when a process has it open, [`StoreError::Io`].
-    pub fn erase(directory: &Path) -> Result<()> {
-        create_private(directory)?;
-        let _held = lock(directory)?;
-        // The blobs last: rows without their files would be refused, files without rows are swept.
-        sqlite::remove(directory)?;
-        match std::fs::remove_dir_all(directory.join(BLOBS)) {
-            Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(error.into()),
-            _ => Ok(()),
-        }
-    }
-
     /// Large immutable values.
     #[must_use]
     pub fn blobs(&self) -> &Blobs {
         &self.blobs
+    }
+
+    #[cfg(test)]
+    pub(super) fn meta(&self) -> &dyn MetaStore {
+        self.meta.as_ref()
+    }
+
+    /// Whether other processes may use the rows at the same time.
+    #[must_use]
+    pub fn is_shared(&self) -> bool {
+        self.shared
     }
 
     /// Bytes that a session may have.
@@ -408,6 +362,14 @@ impl Store {
         self.meta.audit_anchor(&self.log).await
     }
 
+    /// What tells of changes by other processes; `None` where there are no others.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn changes(&self) -> Result<Option<Changes>> {
+        self.meta.changes().await
+    }
+
     /// Whether the database answers and can be written.
     ///
     /// # Errors
@@ -419,94 +381,5 @@ impl Store {
     /// Closes all connections after what is under way.
     pub async fn close(&self) {
         self.meta.close().await;
-    }
-}
-
-/// The audit log of a store in its own directory.
-pub(super) const LOCAL_LOG: &str = "local";
-/// File with the name of the audit log beside it, by which a shared database tells it from others.
-const LOG_NAME: &str = "audit-log";
-
-/// The name of the audit log in a directory, made when there is none.
-pub(super) fn log_name(directory: &Path) -> std::io::Result<String> {
-    let file = directory.join(LOG_NAME);
-    match std::fs::read_to_string(&file) {
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
-            let (name, fresh) = (uuid::Uuid::now_v7().to_string(), file.with_extension("new"));
-            std::fs::write(&fresh, &name)?;
-            std::fs::rename(fresh, file)?;
-            Ok(name)
-        }
-        name => name,
-    }
-}
-
-pub(super) fn lock(directory: &Path) -> Result<File> {
-    let lock = File::create(directory.join(LOCK))?;
-    match lock.try_lock() {
-        Ok(()) => Ok(lock),
-        Err(TryLockError::WouldBlock) => Err(StoreError::InUse),
-        Err(TryLockError::Error(error)) => Err(StoreError::Io(error)),
-    }
-}
-
-/// Makes the directory, for its owner only.
-pub(super) fn create_private(directory: &Path) -> std::io::Result<()> {
-    let mut builder = std::fs::DirBuilder::new();
-    builder.recursive(true);
-    #[cfg(unix)]
-    std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
-    builder.create(directory)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::store::sqlite::DATABASE;
-
-    async fn change_database(directory: &Path, script: &'static str) {
-        let meta = SqliteMeta::open(directory).await.unwrap();
-        sqlx::raw_sql(script).execute(meta.writer()).await.unwrap();
-        meta.close().await;
-    }
-
-    #[tokio::test]
-    async fn a_directory_belongs_to_one_process_and_opens_again() {
-        let directory = tempfile::tempdir().unwrap();
-        let first = Store::open(directory.path()).await.unwrap();
-        assert!(matches!(Store::open(directory.path()).await, Err(StoreError::InUse)));
-        first.check().await.unwrap();
-        first.close().await;
-        drop(first);
-        Store::open(directory.path()).await.unwrap().check().await.unwrap();
-    }
-
-    #[tokio::test]
-    async fn a_later_format_is_refused() {
-        let directory = tempfile::tempdir().unwrap();
-        change_database(directory.path(), "PRAGMA user_version = 99").await;
-        assert!(matches!(Store::open(directory.path()).await, Err(StoreError::Newer { found: 99, .. })));
-    }
-
-    /// A store whose tables are of an unreleased version, another program's database, and no database.
-    #[tokio::test]
-    async fn what_is_no_database_of_this_version_is_refused_and_can_be_erased() {
-        let other_columns = "ALTER TABLE jobs RENAME COLUMN state TO status";
-        let other_program = "PRAGMA user_version = 0";
-        for change in [Some(other_columns), Some(other_program), None] {
-            let directory = tempfile::tempdir().unwrap();
-            match change {
-                Some(change) => change_database(directory.path(), change).await,
-                None => std::fs::write(directory.path().join(DATABASE), [b'x'; 5000]).unwrap(),
-            }
-            let refused = Store::open(directory.path()).await;
-            assert!(matches!(refused, Err(StoreError::Foreign)), "{change:?}: {refused:?}");
-            std::fs::write(directory.path().join("notes.txt"), "mine").unwrap();
-            Store::erase(directory.path()).unwrap();
-            let store = Store::open(directory.path()).await.unwrap();
-            assert!(matches!(Store::erase(directory.path()), Err(StoreError::InUse)));
-            store.close().await;
-            assert_eq!(std::fs::read_to_string(directory.path().join("notes.txt")).unwrap(), "mine");
-        }
     }
 }

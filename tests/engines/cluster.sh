@@ -1,7 +1,8 @@
 # A private Postgres server, as an ordinary user, until standard input ends: then it stops and leaves nothing.
-# cluster.sh BIN PORT PASSWORD
+# cluster.sh BIN PORT PASSWORD CERTIFICATE KEY
 set -eu
-bin=$1 port=$2 password=$3
+bin=$1 port=$2 password=$3 certificate=$4 key=$5
+umask 077
 dir=$(mktemp -d)
 server=
 stop() {
@@ -10,12 +11,14 @@ stop() {
 }
 trap stop EXIT
 printf %s "$password" >"$dir/password"
+printf %s "$certificate" >"$dir/cert.pem"
+printf %s "$key" >"$dir/key.pem"
 # Another order of letters than by bytes, as a hospital's server may have.
 "$bin/initdb" -D "$dir/data" -U prosopon -A scram-sha-256 --pwfile="$dir/password" -E UTF8 --locale=C.UTF-8 \
     --locale-provider=icu --icu-locale=en-US --no-sync >"$dir/log" 2>&1 || { cat "$dir/log" >&2; exit 1; }
 while :; do
     "$bin/postgres" -D "$dir/data" -k "$dir" -h 127.0.0.1 -p "$port" -c fsync=off -c full_page_writes=off \
-        -c max_connections=200 >>"$dir/log" 2>&1 </dev/null &
+        -c max_connections=200 -c ssl=on -c ssl_cert_file="$dir/cert.pem" -c ssl_key_file="$dir/key.pem" >>"$dir/log" 2>&1 </dev/null &
     server=$!
     for _ in $(seq 300); do
         if "$bin/pg_isready" -q -h 127.0.0.1 -p "$port" -U prosopon; then echo ready; break; fi

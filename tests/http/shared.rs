@@ -1,16 +1,19 @@
 //! The real binary with its rows in Postgres and its files in a bucket.
 
 use std::path::Path;
-use std::process::Command;
+use std::process::{Command, Stdio};
 
 use serde_json::{Value, json};
 
-use crate::binary::{Server, serve};
-use crate::engines::{Bucket, Cluster};
+use crate::binary::Server;
+use crate::engines::{Bucket, Cluster, fresh_database};
 use crate::shapes::skin;
 
-fn start(data: &Path, database: &str, bucket: &Bucket) -> Server {
-    let mut command = serve(data, "127.0.0.1:0");
+/// `serve`, `serve --no-worker` or `worker`, with leases of two seconds.
+fn start(role: &str, data: &Path, database: &str, bucket: &Bucket) -> Server {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_prosopon"));
+    command.args(role.split(' ')).args(["--listen", "127.0.0.1:0", "--threads", "1", "--data"]).arg(data);
+    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).env("PROSOPON_LEASE_S", "2");
     command.env("PROSOPON_DATABASE", database).env("PROSOPON_BLOBS", bucket.url()).envs(bucket.environment());
     Server::spawn(command)
 }
@@ -42,7 +45,7 @@ async fn a_database_and_a_bucket_keep_everything_and_may_be_away_for_a_while() {
         let data = tempfile::tempdir().unwrap();
         let (fine, told) = prosopon(&["migrate", "--database", &database]);
         assert!(fine && told.contains("had format 0") && !told.contains("ecret"), "{told}");
-        let server = start(data.path(), &database, &bucket);
+        let server = start("serve", data.path(), &database, &bucket);
         let session = server.session();
         server.upload(&format!("{session}/skin"), &skin()).ok();
         let stored = server.get(&format!("{session}/skin?format=stl")).body;
@@ -64,7 +67,7 @@ async fn a_database_and_a_bucket_keep_everything_and_may_be_away_for_a_while() {
 
         // Nothing that matters was in the directory.
         let elsewhere = tempfile::tempdir().unwrap();
-        let server = start(elsewhere.path(), &database, &bucket);
+        let server = start("serve", elsewhere.path(), &database, &bucket);
         assert_eq!(server.get(&session).ok(), before);
         assert_eq!(server.get(&format!("{session}/skin?format=stl")).body, stored);
         assert_eq!(finished(&server, &mesh), meshed);
@@ -74,5 +77,84 @@ async fn a_database_and_a_bucket_keep_everything_and_may_be_away_for_a_while() {
         server.get(&session).refused(503, "store-unavailable", "try again");
         server.get("/readyz").refused(503, "store-unavailable", "try again");
         assert_eq!(server.get("/livez").status, 200);
+    });
+}
+
+/// The demo's plan on the coarse phantom, as the body of a job.
+fn solve(server: &Server) -> Value {
+    let session = server.session_with_field();
+    let (osteotomy, jaw) = server.cut(&session);
+    let waypoints = json!([{ "t": 1, "translation_mm": [0, -6, -1.5] }]);
+    let plan = json!({ "osteotomy": osteotomy, "paths": [{ "segment": jaw, "waypoints": waypoints }] });
+    let plan = server.post(&format!("{session}/plans"), &plan).ok()["id"].clone();
+    let mesh = json!({ "osteotomy": osteotomy, "edge_mm": 8.0 });
+    finished(server, &server.post(&format!("{session}/mesh"), &mesh).ok());
+    server.post(&format!("{session}/jobs"), &json!({ "plan": plan, "model": "mixed", "steps": 16 })).ok()
+}
+
+fn frames(server: &Server, job: &Value) -> Vec<Vec<u8>> {
+    let path = |k| format!("/v1/jobs/{}/steps/{k}/frame", job["id"].as_str().unwrap());
+    (1..=16).map(|k| server.get(&path(k)).body).collect()
+}
+
+fn signal(server: &Server, name: &str) {
+    assert!(Command::new("kill").args([name, &server.child.id().to_string()]).status().unwrap().success());
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_job_goes_on_when_its_worker_is_killed_or_stands_still() {
+    let bucket = Bucket::start().await;
+    let database = fresh_database().await;
+    tokio::task::block_in_place(move || {
+        let [api_data, first_data, second_data, alone] = std::array::from_fn(|_| tempfile::tempdir().unwrap());
+        let api = start("serve --no-worker", api_data.path(), &database, &bucket);
+        let first = start("worker", first_data.path(), &database, &bucket);
+        let job = solve(&api);
+        let events = format!("/v1/jobs/{}/events", job["id"].as_str().unwrap());
+        // A client of one process follows what another computes.
+        let mut stream = api.stream(&events);
+        while stream.next_event()["event"] != "step" {}
+        let second = start("worker", second_data.path(), &database, &bucket);
+        drop(first);
+        while stream.next_event()["data"]["attempt"] != 2 {}
+        while stream.next_event()["event"] != "step" {}
+        // Past its lease: the first, which is back, has the job by then; what the second writes when it goes on is refused.
+        signal(&second, "-STOP");
+        let third = start("worker", first_data.path(), &database, &bucket);
+        while stream.next_event()["data"]["attempt"] != 3 {}
+        signal(&second, "-CONT");
+        let ended = finished(&api, &job);
+        assert_eq!((&ended["status"], &ended["attempt"]), (&json!("succeeded"), &json!(3)), "{ended}");
+        let steps: Vec<Value> = api.get_lines(&events).into_iter().filter(|e| e["event"] == "step").collect();
+        assert_eq!(steps.len(), 16, "each step is told once");
+        let shared = frames(&api, &job);
+        drop((api, second, third));
+
+        let server = Server::start(alone.path(), &[]);
+        let job = solve(&server);
+        assert_eq!(finished(&server, &job)["status"], "succeeded");
+        assert!(frames(&server, &job) == shared, "bit for bit those of one process");
+    });
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_job_is_cancelled_through_a_process_that_does_not_compute_it() {
+    let bucket = Bucket::start().await;
+    let database = fresh_database().await;
+    tokio::task::block_in_place(move || {
+        let [api_data, worker_data] = std::array::from_fn(|_| tempfile::tempdir().unwrap());
+        let api = start("serve --no-worker", api_data.path(), &database, &bucket);
+        let worker = start("worker", worker_data.path(), &database, &bucket);
+        let job = solve(&api);
+        let mut stream = api.stream(&format!("/v1/jobs/{}/events", job["id"].as_str().unwrap()));
+        while stream.next_event()["event"] != "step" {}
+        api.post(&format!("/v1/jobs/{}/cancel", job["id"].as_str().unwrap()), &json!({})).ok();
+        while stream.next_event()["event"] != "end" {}
+        assert_eq!(finished(&api, &job)["status"], "cancelled");
+        // The worker is free for the next one.
+        let session = api.session_with_field();
+        assert!(api.get(&session).ok()["parts"]["field"].is_object());
+        assert_eq!((worker.get("/readyz").status, worker.get("/livez").status), (200, 200));
+        worker.get(&session).refused(404, "not-found", "nothing at this path");
     });
 }

@@ -26,6 +26,11 @@ use utoipa_axum::routes;
 
 use super::AppState;
 
+/// What watches a process.
+pub(super) fn health() -> OpenApiRouter<AppState> {
+    OpenApiRouter::new().routes(routes!(health::livez)).routes(routes!(health::readyz)).routes(routes!(health::metrics))
+}
+
 /// Every route with its description. Uploads come without a limit of their own: they check the length themselves.
 pub(super) fn all() -> (OpenApiRouter<AppState>, OpenApiRouter<AppState>) {
     let plain = OpenApiRouter::new()
@@ -59,9 +64,7 @@ pub(super) fn all() -> (OpenApiRouter<AppState>, OpenApiRouter<AppState>) {
         .routes(routes!(report::report))
         .routes(routes!(compare::compare))
         .routes(routes!(compare::comparison))
-        .routes(routes!(health::livez))
-        .routes(routes!(health::readyz))
-        .routes(routes!(health::metrics))
+        .merge(health())
         .routes(routes!(page::page));
     let uploads = OpenApiRouter::new()
         .routes(routes!(inputs::put_ct))

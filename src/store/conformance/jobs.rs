@@ -95,6 +95,26 @@ async fn what_comes_under_an_old_fence_is_refused(store: Store) {
     assert!(store.blobs().get(&late.tissue.unwrap().key).await.is_err());
 }
 
+async fn a_lease_is_renewed_by_its_worker_and_passes_without(store: Store) {
+    let id = add_session(&store, "a").await.id;
+    let waiting = accept(&store, id, "1").await;
+    let running = claim(&store).await.unwrap();
+    let passed = async |wait| {
+        tokio::time::sleep(wait).await;
+        store.meta().abandoned().await.unwrap().iter().map(|j| j.id).collect::<Vec<_>>()
+    };
+    assert_eq!(passed(Duration::ZERO).await, []);
+    assert_eq!(store.renew(&running, Duration::from_millis(50)).await.unwrap(), Some(false));
+    assert_eq!(passed(Duration::from_millis(100)).await, [waiting]);
+    assert_eq!(store.renew(&running, LEASE).await.unwrap(), Some(false), "nobody took it meanwhile");
+    assert_eq!(passed(Duration::ZERO).await, []);
+    assert!(store.request_cancel(running.id).await.unwrap());
+    assert_eq!(store.renew(&running, LEASE).await.unwrap(), Some(true));
+    assert!(store.change_job(&running, JobState::Interrupted, &JobChange::default()).await.unwrap());
+    assert_eq!(store.renew(&running, LEASE).await.unwrap(), None, "it is not its worker's any more");
+    assert_eq!(passed(Duration::ZERO).await, []);
+}
+
 async fn a_job_that_was_asked_to_stop_can_only_be_cancelled(store: Store) {
     let id = add_session(&store, "a").await.id;
     let (first, second) = (accept(&store, id, "1").await, accept(&store, id, "2").await);
@@ -196,7 +216,7 @@ async fn results_of_old_comparisons_go(store: Store) {
     let mut kept = Vec::new();
     for lane in [Lane::Quick, Lane::Heavy] {
         let change = |_: &JobRecord| JobChange::default();
-        let running = store.claim_job(lane, JobState::Running, &change).await.unwrap().unwrap();
+        let running = store.claim_job(lane, JobState::Running, LEASE, &change).await.unwrap().unwrap();
         let rest = blob(&store, id, b"123").await;
         store.set_rest(&running, &rest).await.unwrap();
         assert_eq!(store.drop_comparisons(Duration::ZERO).await.unwrap(), 0, "it runs");
@@ -231,6 +251,7 @@ conforms! {
     tenants_take_turns,
     a_newer_job_takes_the_place_of_waiting_ones,
     what_comes_under_an_old_fence_is_refused,
+    a_lease_is_renewed_by_its_worker_and_passes_without,
     a_job_that_was_asked_to_stop_can_only_be_cancelled,
     steps_are_kept_and_the_same_one_is_told_once,
     events_count_up_and_old_ones_go,

@@ -118,6 +118,8 @@ fn answer(tenant: &str, key: &str, session: SessionId) -> AnswerRecord {
     }
 }
 
+const LEASE: Duration = Duration::from_secs(60);
+
 const MANY: QueueLimits = QueueLimits { all: 100, tenant: 100 };
 
 async fn insert(store: &Store, job: &JobRecord, limits: QueueLimits, supersede: bool) -> Insertion {
@@ -144,7 +146,7 @@ async fn claim(store: &Store) -> Option<JobRecord> {
         events: vec![("status", format!("{{\"attempt\":{}}}", job.attempt + 1))],
         ..JobChange::default()
     };
-    store.claim_job(Lane::Heavy, JobState::Running, &started).await.unwrap()
+    store.claim_job(Lane::Heavy, JobState::Running, LEASE, &started).await.unwrap()
 }
 
 async fn add_session(store: &Store, tenant: &str) -> SessionRecord {

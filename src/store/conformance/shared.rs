@@ -184,6 +184,8 @@ async fn databases_of_other_formats_are_refused() {
     let mut connection = <sqlx::PgConnection as sqlx::Connection>::connect(&database).await.unwrap();
     let later = "INSERT INTO _sqlx_migrations (version, description, success, checksum, execution_time)
                  VALUES (2, 'later', true, 'x', 0)";
+    let encrypted = sqlx::query_scalar::<_, bool>("SELECT ssl FROM pg_stat_ssl WHERE pid = pg_backend_pid()");
+    assert!(encrypted.fetch_one(&mut connection).await.unwrap(), "TLS is used where the server has it");
     sqlx::query(later).execute(&mut connection).await.unwrap();
     let refused = url.migrate().await;
     assert!(matches!(refused, Err(StoreError::Newer { found: 2, known: 1 })), "{refused:?}");

@@ -1,4 +1,5 @@
 use std::collections::BTreeMap;
+use std::time::{Duration, Instant};
 
 use super::{Job, Result, Rows};
 use crate::store::event::KEPT_PROGRESS;
@@ -54,7 +55,7 @@ impl Rows {
         }
         self.last_number += 1;
         let record = JobRecord { number: self.last_number, tenant, ..job.clone() };
-        self.jobs.insert(job.id, Job { record, bytes: 0 });
+        self.jobs.insert(job.id, Job { record, bytes: 0, leased_until: None });
         self.append(job.id, "status", new.event);
         let before = self.before(job);
         self.remember((new.answer)(job, before).as_ref())?;
@@ -115,6 +116,7 @@ impl Rows {
         &mut self,
         lane: Lane,
         to: JobState,
+        lease: Duration,
         change: &(dyn for<'a> Fn(&'a JobRecord) -> JobChange + Send + Sync),
     ) -> Option<JobRecord> {
         let id = *self.queue(lane).first()?;
@@ -123,8 +125,21 @@ impl Rows {
         let last = self.turns.values().max().copied().unwrap_or(0) + 1;
         let job = self.jobs.get_mut(&id)?;
         job.record.fence += 1;
+        job.leased_until = Instant::now().checked_add(lease);
         self.turns.insert((job.record.tenant.clone(), lane), last);
         Some(job.record.clone())
+    }
+
+    pub(super) fn renew(&mut self, id: JobId, fence: u64, lease: Duration) -> Option<bool> {
+        let job = self.running(id, fence)?;
+        job.leased_until = Instant::now().checked_add(lease);
+        Some(job.record.cancel_requested_at.is_some())
+    }
+
+    pub(super) fn abandoned(&self) -> Vec<JobRecord> {
+        let passed = |j: &&Job| j.leased_until.is_none_or(|until| until < Instant::now());
+        let running = self.jobs.values().filter(|j| j.record.state == JobState::Running);
+        running.filter(passed).map(|j| j.record.clone()).collect()
     }
 
     fn write_change(&mut self, id: JobId, to: JobState, change: &JobChange) {

@@ -5,13 +5,14 @@ mod sessions;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
 use async_trait::async_trait;
 
 use super::{
-    AnswerRecord, BlobInfo, EventRecord, Insertion, JobChange, JobFilter, JobId, JobRecord, JobState, Lane, MetaStore,
-    NewJob, OsteotomyId, OsteotomyRecord, Owner, PartKind, PartRecord, PlanId, PlanRecord, Remembered, SessionContents,
-    SessionId, SessionRecord, StepRecord, StepWritten, StoreError, TenantId,
+    AnswerRecord, BlobInfo, Changes, EventRecord, Insertion, JobChange, JobFilter, JobId, JobRecord, JobState, Lane,
+    MetaStore, NewJob, OsteotomyId, OsteotomyRecord, Owner, PartKind, PartRecord, PlanId, PlanRecord, Remembered,
+    SessionContents, SessionId, SessionRecord, StepRecord, StepWritten, StoreError, TenantId,
 };
 
 type Result<T> = std::result::Result<T, StoreError>;
@@ -43,6 +44,7 @@ struct Rows {
 struct Job {
     record: JobRecord,
     bytes: u64,
+    leased_until: Option<Instant>,
 }
 
 impl MemoryMeta {
@@ -236,9 +238,18 @@ impl MetaStore for MemoryMeta {
         &self,
         lane: Lane,
         to: JobState,
+        lease: Duration,
         change: &(dyn for<'a> Fn(&'a JobRecord) -> JobChange + Send + Sync),
     ) -> Result<Option<JobRecord>> {
-        self.write(|rows| Ok(rows.claim(lane, to, change)))
+        self.write(|rows| Ok(rows.claim(lane, to, lease, change)))
+    }
+
+    async fn renew(&self, id: JobId, fence: u64, lease: Duration) -> Result<Option<bool>> {
+        self.write(|rows| Ok(rows.renew(id, fence, lease)))
+    }
+
+    async fn abandoned(&self) -> Result<Vec<JobRecord>> {
+        Ok(self.read(Rows::abandoned))
     }
 
     async fn change_job(
@@ -308,6 +319,10 @@ impl MetaStore for MemoryMeta {
 
     async fn named_blobs(&self) -> Result<BTreeSet<String>> {
         Ok(self.read(Rows::named_blobs))
+    }
+
+    async fn changes(&self) -> Result<Option<Changes>> {
+        Ok(None)
     }
 
     async fn check(&self) -> Result<()> {

@@ -16,6 +16,8 @@ pub(super) const SNAPSHOT: &str = "BEGIN ISOLATION LEVEL REPEATABLE READ, READ O
 pub(super) const LISTED: &str = "(SELECT json_array_elements_text($1::json))";
 /// A number above that of all turns before.
 pub(super) const NEXT_TURN: &str = "nextval('turn')";
+/// The present time, ms since 1970.
+pub(super) const NOW_MS: &str = "CAST(extract(epoch FROM clock_timestamp()) * 1000 AS BIGINT)";
 
 /// Key of the advisory lock on the length of the queue, `"queue"` in ASCII.
 const QUEUE: i64 = 0x71_75_65_75_65;

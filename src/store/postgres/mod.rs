@@ -1,5 +1,6 @@
 //! Rows in a Postgres database, which several processes may share.
 
+mod changes;
 mod dialect;
 mod format;
 #[path = "../sql/mod.rs"]
@@ -11,7 +12,7 @@ use sqlx::PgPool;
 use sqlx::postgres::{PgConnectOptions, PgPoolOptions};
 
 use self::PostgresMeta as Meta;
-use super::StoreError;
+use super::{Changes, StoreError};
 
 pub(super) use format::migrate;
 
@@ -57,6 +58,11 @@ impl PostgresMeta {
 
     fn reader(&self) -> &PgPool {
         &self.pool
+    }
+
+    /// Takes a connection for itself.
+    async fn listen(&self) -> Result<Option<Changes>> {
+        Ok(Some(changes::changes(&self.pool).await?))
     }
 
     /// Whether it answers and can be written: a copy that only follows another server cannot.

@@ -1,12 +1,13 @@
 use std::collections::{BTreeMap, BTreeSet};
+use std::time::Duration;
 
 use async_trait::async_trait;
 
 use super::{Meta, Result, anchor, answers, contents, events, jobs, parts, plans, queue, sessions, steps};
 use crate::store::{
-    AnswerRecord, BlobInfo, EventRecord, Insertion, JobChange, JobFilter, JobId, JobRecord, JobState, Lane, MetaStore,
-    NewJob, OsteotomyId, OsteotomyRecord, Owner, PartKind, PartRecord, PlanId, PlanRecord, Remembered, SessionContents,
-    SessionId, SessionRecord, StepRecord, StepWritten, TenantId,
+    AnswerRecord, BlobInfo, Changes, EventRecord, Insertion, JobChange, JobFilter, JobId, JobRecord, JobState, Lane,
+    MetaStore, NewJob, OsteotomyId, OsteotomyRecord, Owner, PartKind, PartRecord, PlanId, PlanRecord, Remembered,
+    SessionContents, SessionId, SessionRecord, StepRecord, StepWritten, TenantId,
 };
 
 #[async_trait]
@@ -126,9 +127,18 @@ impl MetaStore for Meta {
         &self,
         lane: Lane,
         to: JobState,
+        lease: Duration,
         change: &(dyn for<'a> Fn(&'a JobRecord) -> JobChange + Send + Sync),
     ) -> Result<Option<JobRecord>> {
-        queue::claim(self.writer(), lane, to, change).await
+        queue::claim(self.writer(), lane, to, lease, change).await
+    }
+
+    async fn renew(&self, id: JobId, fence: u64, lease: Duration) -> Result<Option<bool>> {
+        queue::renew(self.writer(), id, fence, lease).await
+    }
+
+    async fn abandoned(&self) -> Result<Vec<JobRecord>> {
+        queue::abandoned(self.reader()).await
     }
 
     async fn change_job(
@@ -192,6 +202,10 @@ impl MetaStore for Meta {
 
     async fn named_blobs(&self) -> Result<BTreeSet<String>> {
         sessions::named_blobs(self.reader()).await
+    }
+
+    async fn changes(&self) -> Result<Option<Changes>> {
+        self.listen().await
     }
 
     async fn check(&self) -> Result<()> {

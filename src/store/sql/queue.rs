@@ -1,10 +1,12 @@
+use std::time::Duration;
+
 use sqlx::AssertSqlSafe;
 
 use super::answers::remember;
-use super::dialect::{FOR_CHANGE, FOR_CLAIM, NEXT_TURN, hold_queue};
+use super::dialect::{FOR_CHANGE, FOR_CLAIM, NEXT_TURN, NOW_MS, hold_queue};
 use super::events::append;
 use super::{Connection, Pool, Result, Transaction, gone_if_orphan, jobs, sessions};
-use crate::store::records::parse_id;
+use crate::store::records::{parse_id, to_i64};
 use crate::store::{Insertion, JobChange, JobId, JobRecord, JobState, Lane, NewJob};
 
 /// Jobs that wait in a lane: each tenant's oldest in the first round, each tenant's second in the next, and so on; with the turn that
@@ -135,6 +137,7 @@ pub(super) async fn claim(
     writer: &Pool,
     lane: Lane,
     to: JobState,
+    lease: Duration,
     change: &(dyn for<'a> Fn(&'a JobRecord) -> JobChange + Send + Sync),
 ) -> Result<Option<JobRecord>> {
     let mut transaction = writer.begin().await?;
@@ -149,10 +152,9 @@ pub(super) async fn claim(
     let id: JobId = parse_id(&id)?;
     let Some(job) = jobs::held(&mut transaction, id).await? else { return Ok(None) };
     jobs::write_change(&mut transaction, &job, to, &change(&job)).await?;
-    sqlx::query("UPDATE jobs SET fence = fence + 1 WHERE id = $1")
-        .bind(id.to_string())
-        .execute(&mut *transaction)
-        .await?;
+    let own = format!("UPDATE jobs SET fence = fence + 1, lease_until = {NOW_MS} + $2 WHERE id = $1");
+    let own = sqlx::query(AssertSqlSafe(own)).bind(id.to_string()).bind(milliseconds(lease));
+    own.execute(&mut *transaction).await?;
     let turn = format!(
         "INSERT INTO turns (tenant, lane, last) VALUES ($1, $2, {NEXT_TURN})
          ON CONFLICT (tenant, lane) DO UPDATE SET last = excluded.last"
@@ -162,4 +164,25 @@ pub(super) async fn claim(
     let claimed = jobs::held(&mut transaction, id).await?;
     transaction.commit().await?;
     Ok(claimed)
+}
+
+fn milliseconds(lease: Duration) -> i64 {
+    i64::try_from(lease.as_millis()).unwrap_or(i64::MAX / 4)
+}
+
+pub(super) async fn renew(writer: &Pool, id: JobId, fence: u64, lease: Duration) -> Result<Option<bool>> {
+    let renewed = format!(
+        "UPDATE jobs SET lease_until = {NOW_MS} + $3 WHERE id = $1 AND fence = $2 AND state = 'running'
+         RETURNING cancel_requested_at"
+    );
+    let renewed = sqlx::query_scalar(AssertSqlSafe(renewed));
+    let renewed = renewed.bind(id.to_string()).bind(to_i64(fence)).bind(milliseconds(lease));
+    let asked: Option<Option<String>> = renewed.fetch_optional(writer).await?;
+    Ok(asked.map(|at| at.is_some()))
+}
+
+pub(super) async fn abandoned(reader: &Pool) -> Result<Vec<JobRecord>> {
+    let passed =
+        format!("SELECT * FROM jobs WHERE state = 'running' AND coalesce(lease_until, 0) < {NOW_MS} ORDER BY id");
+    sqlx::query(AssertSqlSafe(passed)).fetch_all(reader).await?.iter().map(jobs::record).collect()
 }

@@ -16,6 +16,8 @@ pub(super) const SNAPSHOT: &str = "BEGIN";
 pub(super) const LISTED: &str = "(SELECT value FROM json_each($1))";
 /// A number above that of all turns before.
 pub(super) const NEXT_TURN: &str = "(SELECT coalesce(max(last), 0) + 1 FROM turns)";
+/// The present time, ms since 1970.
+pub(super) const NOW_MS: &str = "CAST(unixepoch('subsec') * 1000 AS INTEGER)";
 
 /// Lets one transaction at a time count and lengthen the queue.
 pub(super) async fn hold_queue(_: &mut sqlx::SqliteConnection) -> Result<(), StoreError> {

@@ -14,7 +14,7 @@ use sqlx::{Connection, SqlitePool};
 pub(super) use format::DATABASE;
 
 use self::SqliteMeta as Meta;
-use super::StoreError;
+use super::{Changes, StoreError};
 
 type Result<T> = std::result::Result<T, StoreError>;
 
@@ -63,6 +63,11 @@ impl SqliteMeta {
 
     fn reader(&self) -> &SqlitePool {
         &self.reader
+    }
+
+    /// One process has the directory: there are no changes by others.
+    async fn listen(&self) -> Result<Option<Changes>> {
+        Ok(None)
     }
 
     /// Whether it answers and can be written.

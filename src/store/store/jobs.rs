@@ -51,9 +51,31 @@ impl Store {
         &self,
         lane: Lane,
         to: JobState,
+        lease: Duration,
         change: &(dyn for<'a> Fn(&'a JobRecord) -> JobChange + Send + Sync),
     ) -> Result<Option<JobRecord>> {
-        self.meta.claim_job(lane, to, change).await
+        self.meta.claim_job(lane, to, lease, change).await
+    }
+
+    /// Leases a running job anew: whether it was asked to stop. `None` when it was given to another worker, or is not there.
+    ///
+    /// # Errors
+    /// [`StoreError`](crate::store::StoreError).
+    pub async fn renew(&self, job: &JobRecord, lease: Duration) -> Result<Option<bool>> {
+        self.meta.renew(job.id, job.fence, lease).await
+    }
+
+    /// Running jobs of which no worker is heard any more: those whose lease has passed, and, where no other process has the store,
+    /// all that run when it is opened.
+    ///
+    /// # Errors
+    /// [`StoreError`](crate::store::StoreError).
+    pub async fn abandoned(&self) -> Result<Vec<JobRecord>> {
+        if self.is_shared() {
+            return self.meta.abandoned().await;
+        }
+        let running = JobFilter { state: Some(JobState::Running), limit: u32::MAX, ..JobFilter::default() };
+        self.meta.jobs(&running).await
     }
 
     /// Moves a job from the state that its row says to another, with events. False when it is not in that state any more; then

@@ -16,9 +16,9 @@
 //! So far synchronous and pure: no HTTP, tokio, serialisation, files, network, environment or clock. Behind this wall:
 //!
 //! - [`store`], [`session`], [`jobs`], [`http`]: records, what a session may do, the queue, the API. Rows stand behind the trait
-//!   [`store::MetaStore`] (SQLite; memory for tests), large results behind `object_store` (files; memory); [`store`] says what Postgres and an
-//!   S3-compatible store have to do. One process has a data directory; the queue computes one long job at a time, or as many as
-//!   `parallel_jobs` says, and beside them comparisons one after the other.
+//!   [`store::MetaStore`] (SQLite, Postgres; memory for tests), large results behind `object_store` (files, S3; memory). One process has a
+//!   data directory; the queue computes one long job at a time, or as many as `parallel_jobs` says, and beside them comparisons one
+//!   after the other.
 //! - [`mod@bench`]: the studies behind the charts, and CTs as files.
 //! - [`trace`]: how a trace goes from a request to its job.
 //! - [`config`], [`telemetry`], [`serve`], [`demo`], [`cli`]: the program.

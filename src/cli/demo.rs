@@ -3,7 +3,7 @@ use std::io::Write;
 use super::CommandResult;
 use crate::config::ServeConfig;
 use crate::demo::{self, DemoArgs};
-use crate::store::Store;
+use crate::store::{Places, Store};
 use crate::{serve, telemetry};
 
 /// Starts a service of its own on an empty store, drives it through the main job, and stops it unless it shall stay.
@@ -11,7 +11,8 @@ pub(super) fn run(arguments: &DemoArgs) -> CommandResult {
     telemetry::start_log("warn");
     demo::clear(&arguments.out)?;
     let data = arguments.out.join("service");
-    Store::erase(&data).map_err(|source| serve::ServeError::Store { directory: data.display().to_string(), source })?;
+    Store::erase(&data)
+        .map_err(|source| serve::ServeError::Store { place: Places::default().with_directory(&data), source })?;
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     let running = runtime.block_on(serve::start(ServeConfig::new(data)))?;
     let url = running.url();

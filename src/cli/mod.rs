@@ -50,7 +50,9 @@ enum Command {
     /// Look at the audit log.
     #[command(subcommand)]
     Audit(operate::AuditCommand),
-    /// Copy the store, also while the service runs.
+    /// Bring a Postgres database to this version's format, as the start of a service does.
+    Migrate(operate::MigrateArguments),
+    /// Copy the store in a data directory, also while the service runs.
     Backup(operate::BackupArguments),
     /// Put a backup into an empty directory.
     Restore(operate::RestoreArguments),
@@ -71,6 +73,7 @@ pub fn run() -> ExitCode {
         Command::Config(command) => operate::config(&command),
         Command::Auth(command) => operate::auth(&command),
         Command::Audit(command) => operate::audit(&command),
+        Command::Migrate(arguments) => operate::migrate(&arguments),
         Command::Backup(arguments) => operate::backup(&arguments),
         Command::Restore(arguments) => operate::restore_from(&arguments),
         Command::Openapi => openapi::run(),

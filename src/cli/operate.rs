@@ -8,7 +8,7 @@ use clap::{Args, Subcommand};
 use super::CommandResult;
 use super::serve::ServeArguments;
 use crate::http::auth::{ApiKey, Scope, Scopes, new_key};
-use crate::store::{AuditEntry, BackupReport, back_up, restore, verify_audit};
+use crate::store::{AuditEntry, BackupReport, DatabaseUrl, back_up, restore, verify_audit};
 
 /// Calls of `prosopon config`.
 #[derive(Debug, Subcommand)]
@@ -41,17 +41,28 @@ pub(super) struct KeyArguments {
 #[derive(Debug, Subcommand)]
 pub(super) enum AuditCommand {
     /// Follow the chain of the audit log to the end that the store notes: was an entry changed, removed or cut off?
-    Verify(DataArguments),
+    Verify(VerifyArguments),
 }
 
 #[derive(Debug, Args)]
-pub(super) struct DataArguments {
-    /// Directory of sessions and results.
+pub(super) struct VerifyArguments {
+    /// Directory with the log.
     #[arg(long, env = "PROSOPON_DATA")]
     data: PathBuf,
+    /// The database of the service, where its rows are in one.
+    #[arg(long, env = "PROSOPON_DATABASE", hide_env_values = true)]
+    database: Option<String>,
 }
 
-/// Options of `prosopon backup`.
+/// Options of `prosopon migrate`.
+#[derive(Debug, Args)]
+pub(super) struct MigrateArguments {
+    /// Address of the database, postgres://user:password@host:5432/name.
+    #[arg(long, env = "PROSOPON_DATABASE", hide_env_values = true)]
+    database: String,
+}
+
+/// Options of `prosopon backup`: of the embedded store. Postgres and buckets have tools of their own.
 #[derive(Debug, Args)]
 pub(super) struct BackupArguments {
     /// Directory of sessions and results; the service may be running.
@@ -99,8 +110,9 @@ pub(super) fn auth(command: &AuthCommand) -> CommandResult {
 }
 
 pub(super) fn audit(command: &AuditCommand) -> CommandResult {
-    let AuditCommand::Verify(DataArguments { data }) = command;
-    let report = runtime()?.block_on(verify_audit(data))?;
+    let AuditCommand::Verify(VerifyArguments { data, database }) = command;
+    let database = database.as_deref().map(address).transpose()?;
+    let report = runtime()?.block_on(verify_audit(data, database.as_ref()))?;
     let out = &mut std::io::stdout();
     writeln!(out, "{} entries, none changed or removed", report.entries)?;
     if report.gaps > 0 {
@@ -118,6 +130,19 @@ pub(super) fn audit(command: &AuditCommand) -> CommandResult {
         None => writeln!(out, "the store notes no end: entries missing at the end would not show")?,
     }
     Ok(())
+}
+
+pub(super) fn migrate(arguments: &MigrateArguments) -> CommandResult {
+    let database = address(&arguments.database)?;
+    let (found, known) = runtime()?.block_on(database.migrate())?;
+    let done = if found == known { "nothing to do" } else { "done" };
+    writeln!(std::io::stdout(), "{database}: had format {found}, this version's is {known}: {done}")?;
+    Ok(())
+}
+
+/// Read here and not by clap, which would quote a faulty address with its password.
+fn address(text: &str) -> Result<DatabaseUrl, String> {
+    text.parse().map_err(|fault| format!("database: {fault}"))
 }
 
 pub(super) fn backup(arguments: &BackupArguments) -> CommandResult {

@@ -21,6 +21,14 @@ pub(super) struct ServeArguments {
     /// Directory of sessions and results; made when it is not there.
     #[arg(long)]
     data: Option<PathBuf>,
+    /// Postgres database for rows instead of DATA: postgres://user:password@host:5432/name. Rather in the environment, where others do
+    /// not see the password: PROSOPON_DATABASE.
+    #[arg(long)]
+    database: Option<String>,
+    /// Bucket of an S3-compatible store for large results instead of DATA: s3://bucket or s3://bucket/prefix; endpoint, region and
+    /// credentials from the environment (AWS_ENDPOINT_URL, AWS_REGION, AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY).
+    #[arg(long)]
+    blobs: Option<String>,
     /// Threads for numerics [default: 0, one a core].
     #[arg(long)]
     threads: Option<usize>,
@@ -45,6 +53,8 @@ impl ServeArguments {
         let mut set = |path, value: Option<Value>| flags.extend(value.map(|value| (path, value)));
         set("listen", self.listen.clone().map(Value::from));
         set("data", self.data.as_ref().map(|d| Value::from(d.to_string_lossy().into_owned())));
+        set("database", self.database.clone().map(Value::from));
+        set("blobs", self.blobs.clone().map(Value::from));
         set("threads", self.threads.map(Value::from));
         set("allow_host", (!self.allowed_hosts.is_empty()).then(|| Value::from(self.allowed_hosts.clone())));
         set("max_surface_mb", self.max_surface_mb.map(Value::from));

@@ -17,6 +17,8 @@ pub use figment::value::Value;
 use crate::http::HttpLimits;
 use crate::http::auth::AuthSettings;
 use crate::jobs::ServiceSettings;
+use crate::session::chain;
+use crate::store::{BucketUrl, Places};
 
 /// Certificate chain and private key, PEM.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -62,8 +64,10 @@ pub enum LogFormat {
 pub struct ServeConfig {
     /// Address; port 0 picks a free one. Off loopback only with authentication.
     pub listen: SocketAddr,
-    /// Where sessions and results are kept.
+    /// Where sessions and results are kept, and the audit log.
     pub data: PathBuf,
+    /// Other places for sessions and results.
+    pub places: Places,
     /// Threads for numerics; 0 is one a core.
     pub threads: usize,
     /// Memory for fields, meshes and equations that are kept between jobs, bytes.
@@ -99,6 +103,7 @@ impl ServeConfig {
         Self {
             listen: SocketAddr::from(([127, 0, 0, 1], 0)),
             data,
+            places: Places::default(),
             threads: 0,
             cache_bytes: 1536 << 20,
             allowed_hosts: Vec::new(),
@@ -178,6 +183,9 @@ impl ServeConfig {
             ("answer_timeout_s", self.limits.answer),
         ] {
             check(time.is_zero(), &format!("{name}: must be above 0"));
+        }
+        if let Some(Err(fault)) = self.places.blobs.as_ref().map(BucketUrl::open) {
+            check(true, &format!("blobs: {}", chain(&fault)));
         }
         if let Err(fault) = log::check(&self.log_level) {
             check(true, &format!("log.level: {fault}"));

@@ -1,5 +1,7 @@
 use std::collections::BTreeMap;
+use std::fmt::Display;
 use std::path::{Path, PathBuf};
+use std::str::FromStr;
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
@@ -9,7 +11,7 @@ use super::{ConfigError, ConnectionLimits, ServeConfig, TlsFiles, Value, parse_l
 use crate::http::HttpLimits;
 use crate::http::auth::{ApiKey, AuthSettings, JwtSettings, Scope, Scopes};
 use crate::jobs::ServiceSettings;
-use crate::store::TenantId;
+use crate::store::{Places, TenantId};
 
 const MB: u64 = 1 << 20;
 const DAY_S: u64 = 86_400;
@@ -64,6 +66,7 @@ pub(super) fn read(
     if data.is_none() && !s.faults.iter().any(|f| f.starts_with("data:")) {
         s.faults.push("data: missing; name the directory of sessions and results (--data DIR)".to_owned());
     }
+    config.places = Places { database: address(s, "database"), blobs: address(s, "blobs") };
     config.threads = s.take("threads", config.threads);
     config.cache_bytes = megabytes(s.take("cache_mb", config.cache_bytes / MB));
     config.allowed_hosts = s.take("allow_host", Names::List(Vec::new())).list();
@@ -82,6 +85,20 @@ pub(super) fn read(
     faults.extend(config.faults());
     let printed = source.used.iter().map(|(path, value)| format!("{path} = {value}\n")).collect();
     if faults.is_empty() { Ok((config, printed)) } else { Err(ConfigError { faults }) }
+}
+
+/// An address, shown as it shows itself: without a password.
+fn address<T: FromStr<Err = String> + Display>(s: &mut Source, path: &'static str) -> Option<T> {
+    match s.take_hidden::<String>(path)?.parse::<T>() {
+        Ok(address) => {
+            s.show(path, &address.to_string());
+            Some(address)
+        }
+        Err(fault) => {
+            s.fault(path, &fault);
+            None
+        }
+    }
 }
 
 fn megabytes(mb: u64) -> u64 {

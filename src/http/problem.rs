@@ -13,7 +13,7 @@ pub(super) const PROBLEM_JSON: &str = "application/problem+json";
 
 /// Kinds that pass, and the seconds after which to try again.
 const RETRY_AFTER: &[(&[FaultKind], &str)] = &[
-    (&[FaultKind::QueueFull, FaultKind::TenantQueueFull, FaultKind::QuotaFull], "10"),
+    (&[FaultKind::QueueFull, FaultKind::TenantQueueFull, FaultKind::QuotaFull, FaultKind::StoreUnavailable], "10"),
     (&[FaultKind::ShuttingDown, FaultKind::NotReady, FaultKind::Busy], "2"),
 ];
 
@@ -157,6 +157,7 @@ pub(super) fn status_and_title(kind: FaultKind) -> (StatusCode, &'static str) {
         K::Unauthenticated => (S::UNAUTHORIZED, "Who sends this is not known"),
         K::Forbidden => (S::FORBIDDEN, "The sender may not do this"),
         K::ShuttingDown => (S::SERVICE_UNAVAILABLE, "The service is stopping"),
+        K::StoreUnavailable => (S::SERVICE_UNAVAILABLE, "The database cannot be reached"),
         K::StorageFull => (S::INSUFFICIENT_STORAGE, "The disk is full"),
         K::DeadlineExceeded => (S::UNPROCESSABLE_ENTITY, "The job took longer than it may"),
         K::JobInterrupted => (S::INTERNAL_SERVER_ERROR, "The service stopped too often while the job ran"),

@@ -10,6 +10,7 @@ mod frame;
 mod health;
 mod janitor;
 mod order;
+mod persist;
 mod physics;
 mod requests;
 mod running;

@@ -232,7 +232,9 @@ async fn record_end(
     let to = next(job.state, event).map_err(|e| illegal(&e))?;
     loop {
         match write(service, job, to, change).await {
-            Err(error @ (StoreError::Database(_) | StoreError::Io(_))) if !service.stop.is_cancelled() => {
+            Err(error @ (StoreError::Database(_) | StoreError::Unreachable(_) | StoreError::Io(_)))
+                if !service.stop.is_cancelled() =>
+            {
                 tracing::error!(%error, "the end of a job cannot be recorded yet");
                 service.beats.beat(running.worker);
                 pause(service).await;

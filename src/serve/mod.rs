@@ -41,11 +41,11 @@ pub enum ServeError {
     /// The configuration.
     #[error(transparent)]
     Config(#[from] ConfigError),
-    /// The data directory.
-    #[error("the data directory {directory} cannot be used")]
+    /// The store.
+    #[error("{place} cannot be used")]
     Store {
         /// Where it is.
-        directory: String,
+        place: String,
         /// What is wrong with it.
         source: StoreError,
     },
@@ -100,8 +100,8 @@ pub async fn start(config: ServeConfig) -> Result<Running, ServeError> {
 /// [`ServeError`].
 pub async fn start_with(config: ServeConfig, engine: Arc<dyn Engine>) -> Result<Running, ServeError> {
     config.check()?;
-    let store_error = |source| ServeError::Store { directory: config.data.display().to_string(), source };
-    let store = Store::open(&config.data).await.map_err(store_error)?;
+    let store_error = |source| ServeError::Store { place: config.places.with_directory(&config.data), source };
+    let store = Store::open_at(&config.data, &config.places).await.map_err(store_error)?;
     let state = state(&config, store, engine).await?;
     let listen_error = |source| ServeError::Listen { address: config.listen, source };
     let listener = TcpListener::bind(config.listen).await.map_err(listen_error)?;

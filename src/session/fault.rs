@@ -107,6 +107,8 @@ kinds! {
     ShuttingDown = "shutting-down",
     /// The disk is full.
     StorageFull = "storage-full",
+    /// The database cannot be reached now.
+    StoreUnavailable = "store-unavailable",
     /// The job computed for longer than it may.
     DeadlineExceeded = "deadline-exceeded",
     /// The service stopped too often while the job ran.

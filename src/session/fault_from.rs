@@ -35,7 +35,12 @@ impl From<StoreError> for Fault {
                 tracing::warn!("a file was removed before it was read");
                 Self::new(FaultKind::WrongState, "it was replaced or deleted while it was read; try again")
             }
+            StoreError::Unreachable(_) => {
+                tracing::error!(error = chain(&error), "the database is away");
+                Self::new(FaultKind::StoreUnavailable, "the database cannot be reached now; try again later")
+            }
             StoreError::Database(_)
+            | StoreError::Bucket(_)
             | StoreError::Blob(_)
             | StoreError::Io(_)
             | StoreError::Record { .. }
@@ -43,6 +48,7 @@ impl From<StoreError> for Fault {
             | StoreError::Older { .. }
             | StoreError::Backup { .. }
             | StoreError::Foreign
+            | StoreError::ForeignTables
             | StoreError::InUse => {
                 tracing::error!(error = chain(&error), "the store failed");
                 Self::new(FaultKind::Internal, "the store failed; the log says more")

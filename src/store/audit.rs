@@ -6,9 +6,11 @@ use std::sync::{Mutex, PoisonError};
 use serde::{Deserialize, Serialize};
 
 use super::MetaStore;
+use super::place::DatabaseUrl;
+use super::postgres::PostgresMeta;
 use super::records::{now_rfc3339, sha256_hex};
 use super::sqlite::{DATABASE, SqliteMeta};
-use super::store::create_private;
+use super::store::{LOCAL_LOG, create_private, log_name};
 
 /// Who did what to which session or job, and with what outcome; never what it held.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -90,7 +92,7 @@ pub struct AuditReport {
     pub gaps: usize,
 }
 
-/// Follows the audit log of a data directory up to the end that the store beside it notes.
+/// Follows the audit log of a data directory up to the end that the store beside it notes, or `database` where the rows are there.
 ///
 /// What this proves: no entry up to that end was changed, removed or cut off without the store being changed too. What it cannot: that
 /// nothing was removed after that end (some seconds at most), and anything against someone who writes both the log and the store. For that
@@ -98,14 +100,21 @@ pub struct AuditReport {
 ///
 /// # Errors
 /// [`AuditFault`].
-pub async fn verify_audit(data: &Path) -> Result<AuditReport, AuditFault> {
-    let anchor = if data.join(DATABASE).is_file() {
-        let meta = SqliteMeta::open_beside(data).await?;
-        let anchor = meta.audit_anchor().await;
-        meta.close().await;
-        anchor?
-    } else {
-        None
+pub async fn verify_audit(data: &Path, database: Option<&DatabaseUrl>) -> Result<AuditReport, AuditFault> {
+    let (meta, log): (Option<Box<dyn MetaStore>>, _) = match database {
+        Some(url) => (Some(Box::new(PostgresMeta::open_beside(url.options()).await?)), log_name(data)?),
+        None if data.join(DATABASE).is_file() => {
+            (Some(Box::new(SqliteMeta::open_beside(data).await?)), LOCAL_LOG.to_owned())
+        }
+        None => (None, String::new()),
+    };
+    let anchor = match meta {
+        Some(meta) => {
+            let anchor = meta.audit_anchor(&log).await;
+            meta.close().await;
+            anchor?
+        }
+        None => None,
     };
     if anchor.is_none() && !data.join("audit").is_dir() {
         return Err(AuditFault::Missing { directory: data.display().to_string() });
@@ -336,7 +345,7 @@ mod tests {
     #[tokio::test]
     async fn a_tail_that_was_cut_off_shows_up_to_the_noted_end() {
         let data = tempfile::tempdir().unwrap();
-        assert!(matches!(verify_audit(data.path()).await, Err(AuditFault::Missing { .. })));
+        assert!(matches!(verify_audit(data.path(), None).await, Err(AuditFault::Missing { .. })));
         let store = super::super::Store::open(data.path()).await.unwrap();
         let audit = Audit::open(data.path()).unwrap();
         assert_eq!(audit.settle().unwrap(), None);
@@ -347,17 +356,17 @@ mod tests {
         store.set_audit_anchor(&end).await.unwrap();
         audit.record(entry("d"), false).unwrap();
         store.close().await;
-        let report = verify_audit(data.path()).await.unwrap();
+        let report = verify_audit(data.path(), None).await.unwrap();
         assert_eq!((report.entries, report.later, report.anchored_at.is_some()), (4, 1, true));
         let path = only_file(data.path());
         let whole = std::fs::read_to_string(&path).unwrap();
         let first = |n: usize| whole.lines().take(n).map(|l| format!("{l}\n")).collect::<String>();
         std::fs::write(&path, first(3)).unwrap();
-        assert_eq!(verify_audit(data.path()).await.unwrap().later, 0, "what came after it does not show");
+        assert_eq!(verify_audit(data.path(), None).await.unwrap().later, 0, "what came after it does not show");
         std::fs::write(&path, first(2)).unwrap();
-        assert!(matches!(verify_audit(data.path()).await, Err(AuditFault::CutOff { entries: 2, .. })));
+        assert!(matches!(verify_audit(data.path(), None).await, Err(AuditFault::CutOff { entries: 2, .. })));
         std::fs::remove_dir_all(data.path().join("audit")).unwrap();
-        assert!(matches!(verify_audit(data.path()).await, Err(AuditFault::CutOff { entries: 0, .. })));
+        assert!(matches!(verify_audit(data.path(), None).await, Err(AuditFault::CutOff { entries: 0, .. })));
     }
 
     #[test]

@@ -45,7 +45,14 @@ pub async fn back_up(data: &Path, out: &Path) -> Result<BackupReport, StoreError
         return Err(fault(format!("{} is there already", out.display())));
     }
     if !data.join(DATABASE).is_file() {
-        return Err(fault(format!("there is no store in {}", data.display())));
+        let detail =
+            format!("there is no store in {}; rows in Postgres are backed up with its own tools", data.display());
+        return Err(fault(detail));
+    }
+    if !data.join(BLOBS).is_dir() {
+        let detail =
+            format!("there are no files in {}; what is in a bucket is backed up with its own tools", data.display());
+        return Err(fault(detail));
     }
     if lies_below(out, data)? {
         let inside = "is inside the data directory, where it would be lost with it";

@@ -108,7 +108,7 @@ impl Blobs {
     pub async fn delete(&self, key: &str) {
         match self.objects.delete(&Path::from(key)).await {
             Ok(()) | Err(object_store::Error::NotFound { .. }) => {}
-            // Rows no longer name it, so the next start sweeps it.
+            // Rows no longer name it, so a sweep finds it.
             Err(error) => tracing::warn!(%error, "a blob could not be removed"),
         }
     }
@@ -131,7 +131,9 @@ impl Blobs {
         let Some(root) = &self.root else {
             let listed: Vec<_> = self.objects.list(None).try_collect().await?;
             let old = |o: &object_store::ObjectMeta| is_older(SystemTime::from(o.last_modified), age);
-            return Ok(listed.into_iter().filter(old).map(|o| o.location.to_string()).collect());
+            let keys = listed.into_iter().filter(old).map(|o| o.location.to_string());
+            // Whatever else is in a bucket stays.
+            return Ok(keys.filter(|key| is_key(key)).collect());
         };
         let mut found = Vec::new();
         let mut sessions = tokio::fs::read_dir(root).await?;
@@ -175,6 +177,11 @@ impl Blobs {
 fn is_older(changed: SystemTime, age: Duration) -> bool {
     // A clock that was set back makes nothing old.
     changed.elapsed().is_ok_and(|elapsed| elapsed >= age)
+}
+
+/// Whether a value may have this key.
+fn is_key(key: &str) -> bool {
+    key.split_once('/').is_some_and(|(session, value)| [session, value].iter().all(|id| Uuid::try_parse(id).is_ok()))
 }
 
 fn fresh_key(session: SessionId) -> Path {

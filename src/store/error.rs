@@ -3,9 +3,15 @@ use sqlx::error::DatabaseError;
 /// Why the store could not do what it was asked.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
-    /// SQLite.
+    /// What the database says to a query.
     #[error("the database failed")]
-    Database(#[from] sqlx::Error),
+    Database(#[source] sqlx::Error),
+    /// The database did not answer, or does not take writes now; whether what was being written is there, is not known.
+    #[error("the database cannot be reached or takes no writes")]
+    Unreachable(#[source] sqlx::Error),
+    /// The object store, as it is configured.
+    #[error("the bucket cannot be used")]
+    Bucket(#[source] object_store::Error),
     /// A file of results or inputs.
     #[error("the blob store failed")]
     Blob(#[source] object_store::Error),
@@ -23,7 +29,7 @@ pub enum StoreError {
     },
     /// Written by a later version.
     #[error(
-        "it has format {found}, this version reads up to {known}; run the version that wrote it, or name another directory"
+        "it has format {found}, this version reads up to {known}; run the version that wrote it, or name another store"
     )]
     Newer {
         /// Version found.
@@ -45,6 +51,9 @@ pub enum StoreError {
          delete prosopon.sqlite and blobs in it"
     )]
     Foreign,
+    /// Tables of another program, or changed by hand.
+    #[error("the database holds tables that are not of this program's versions; name a database of its own")]
+    ForeignTables,
     /// Another process has it.
     #[error("another process is using it")]
     InUse,
@@ -74,6 +83,30 @@ pub enum StoreError {
     },
 }
 
+impl From<sqlx::Error> for StoreError {
+    fn from(error: sqlx::Error) -> Self {
+        if is_unreachable(&error) { Self::Unreachable(error) } else { Self::Database(error) }
+    }
+}
+
+/// Whether a database is away, starting, stopping, out of connections, or a copy that takes no writes.
+fn is_unreachable(error: &sqlx::Error) -> bool {
+    const CLASSES: [&str; 2] = ["08", "57P"];
+    const CODES: [&str; 2] = ["53300", "25006"];
+    let broken = matches!(
+        error,
+        sqlx::Error::Io(_)
+            | sqlx::Error::Tls(_)
+            | sqlx::Error::Protocol(_)
+            | sqlx::Error::PoolTimedOut
+            | sqlx::Error::PoolClosed
+            | sqlx::Error::WorkerCrashed
+    );
+    let code = error.as_database_error().and_then(DatabaseError::code);
+    let told = |code: &str| CLASSES.iter().any(|class| code.starts_with(class)) || CODES.contains(&code);
+    broken || code.is_some_and(|code| told(&code))
+}
+
 impl From<object_store::Error> for StoreError {
     fn from(error: object_store::Error) -> Self {
         if matches!(error, object_store::Error::NotFound { .. }) { Self::BlobGone } else { Self::Blob(error) }
@@ -83,6 +116,11 @@ impl From<object_store::Error> for StoreError {
 impl StoreError {
     pub(super) fn record(detail: impl Into<String>) -> Self {
         Self::Record { detail: detail.into() }
+    }
+
+    /// Whether the rows may say what was to be written: then the blobs that they would name stay, and go with the next sweep if not.
+    pub(super) fn may_be_written(&self) -> bool {
+        matches!(self, Self::Unreachable(_))
     }
 
     /// Whether the disk is full.
@@ -101,7 +139,8 @@ impl StoreError {
     }
 }
 
-/// SQLITE_FULL, in its plain or an extended form.
+/// SQLITE_FULL, in its plain or an extended form, or what Postgres says, whose codes have five characters.
 fn is_full(error: &dyn DatabaseError) -> bool {
-    error.code().and_then(|code| code.parse::<u32>().ok()).is_some_and(|code| code & 0xff == 13)
+    let code = error.code().unwrap_or_default();
+    code == "53100" || (code.len() < 5 && code.parse::<u32>().is_ok_and(|code| code & 0xff == 13))
 }

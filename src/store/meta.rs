@@ -173,11 +173,11 @@ pub trait MetaStore: Debug + Send + Sync {
 
     // ---- the audit log ----
 
-    /// Notes the chain at the end of the audit log, and when that was (RFC 3339).
-    async fn set_audit_anchor(&self, chain: &str, at: &str) -> Result<()>;
+    /// Notes the chain at the end of an audit log, and when that was (RFC 3339).
+    async fn set_audit_anchor(&self, log: &str, chain: &str, at: &str) -> Result<()>;
 
-    /// The chain that was noted last, and when.
-    async fn audit_anchor(&self) -> Result<Option<(String, String)>>;
+    /// The chain that was noted last for a log, and when.
+    async fn audit_anchor(&self, log: &str) -> Result<Option<(String, String)>>;
 
     // ---- the engine ----
 

@@ -3,10 +3,11 @@
 //! Invariants: a row names a file only after the file is complete and synced; files are never changed once written;
 //! knows nothing of HTTP or numerics beyond the meshes that it encodes. Opening locks the directory for one process.
 //!
-//! Engines: SQLite with files (the default), and memory. `conformance` holds both to the same behaviour. A further
-//! engine for rows implements [`MetaStore`], whose calls are one transaction each: for Postgres the claim of the queue takes
-//! its row with SKIP LOCKED, and the fence that every write of a running job checks keeps out a worker that lost its lease. A
-//! further engine for large results is an [`object_store::ObjectStore`]; an S3-compatible one is in that crate.
+//! Rows are in SQLite (the default), Postgres or memory; large results in files (the default), a bucket of an S3-compatible store, or
+//! memory: whatever is an [`object_store::ObjectStore`]. `conformance` holds all to the same behaviour. SQLite and Postgres share one text
+//! of SQL (`sql`). The fence that every write of a running job checks keeps out a worker whose job was given to another.
+
+#![allow(clippy::duplicate_mod, reason = "`sql` is compiled once for each database")]
 
 mod answer;
 mod audit;
@@ -24,7 +25,9 @@ mod memory;
 mod mesh_blob;
 mod meta;
 mod part;
+mod place;
 mod plan;
+mod postgres;
 mod records;
 mod session;
 mod sqlite;
@@ -46,6 +49,7 @@ pub use job_state::JobState;
 pub use mesh_blob::{decode_mesh, encode_mesh};
 pub use meta::MetaStore;
 pub use part::{PartKind, PartRecord};
+pub use place::{BucketUrl, DatabaseUrl, Places};
 pub use plan::{OsteotomyRecord, PlanRecord};
 pub use records::{later, now_rfc3339, sha256_hex};
 pub use session::{Owner, SessionContents, SessionRecord};

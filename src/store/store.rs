@@ -9,6 +9,8 @@ use std::time::Duration;
 use object_store::ObjectStore;
 
 use super::memory::MemoryMeta;
+use super::place::Places;
+use super::postgres::PostgresMeta;
 use super::records::{now_rfc3339, rfc3339_before};
 use super::sqlite::{self, SqliteMeta};
 use super::{
@@ -33,6 +35,8 @@ pub struct Store {
     meta: Arc<dyn MetaStore>,
     blobs: Blobs,
     quota: u64,
+    /// Name of the audit log beside it.
+    log: Arc<str>,
     /// Held open for its lock.
     _lock: Option<Arc<File>>,
 }
@@ -44,14 +48,32 @@ impl Store {
     /// [`StoreError::InUse`] when another process has it open, [`StoreError::Newer`] and [`StoreError::Foreign`] when another
     /// version or program wrote it, otherwise whatever the disk or the database says.
     pub async fn open(directory: &Path) -> Result<Self> {
+        Self::open_at(directory, &Places::default()).await
+    }
+
+    /// The same with rows or large values in other places. The directory stays this process's own: it has the audit log, and what has
+    /// no other place.
+    ///
+    /// # Errors
+    /// As [`Store::open`]; [`StoreError::Unreachable`], [`StoreError::ForeignTables`], [`StoreError::Bucket`].
+    pub async fn open_at(directory: &Path, places: &Places) -> Result<Self> {
         create_private(directory)?;
         let lock = lock(directory)?;
-        let meta = SqliteMeta::open(directory).await?;
-        let blobs = Blobs::in_directory(&directory.join(BLOBS))?;
-        let store = Self { meta: Arc::new(meta), blobs, quota: u64::MAX, _lock: Some(Arc::new(lock)) };
-        let swept = store.sweep(Duration::ZERO).await?;
-        if swept > 0 {
-            tracing::info!(files = swept, "removed files that no record names");
+        let blobs = match &places.blobs {
+            Some(bucket) => Blobs::over(bucket.open()?),
+            None => Blobs::in_directory(&directory.join(BLOBS))?,
+        };
+        let (meta, log): (Arc<dyn MetaStore>, _) = match &places.database {
+            Some(database) => (Arc::new(PostgresMeta::open(database.options()).await?), log_name(directory)?),
+            None => (Arc::new(SqliteMeta::open(directory).await?), LOCAL_LOG.to_owned()),
+        };
+        let store = Self { meta, blobs, quota: u64::MAX, log: log.into(), _lock: Some(Arc::new(lock)) };
+        // Elsewhere another process may be about to name what it has stored.
+        if *places == Places::default() {
+            let swept = store.sweep(Duration::ZERO).await?;
+            if swept > 0 {
+                tracing::info!(files = swept, "removed files that no record names");
+            }
         }
         Ok(store)
     }
@@ -59,7 +81,8 @@ impl Store {
     /// A store that ends with the process.
     #[must_use]
     pub fn in_memory() -> Self {
-        Self { meta: Arc::new(MemoryMeta::default()), blobs: Blobs::in_memory(), quota: u64::MAX, _lock: None }
+        let (meta, blobs) = (Arc::new(MemoryMeta::default()), Blobs::in_memory());
+        Self { meta, blobs, quota: u64::MAX, log: LOCAL_LOG.into(), _lock: None }
     }
 
     /// The same rows with large values in another place, such as an S3-compatible store.
@@ -112,6 +135,13 @@ impl Store {
     async fn remove_blobs(&self, keys: Vec<String>) {
         for key in keys {
             self.blobs.delete(&key).await;
+        }
+    }
+
+    /// Removes blobs that rows were to name and do not.
+    async fn remove_refused(&self, error: &StoreError, keys: Vec<String>) {
+        if !error.may_be_written() {
+            self.remove_blobs(keys).await;
         }
     }
 
@@ -237,7 +267,7 @@ impl Store {
                 Ok(())
             }
             Err(error) => {
-                self.remove_blobs(parts.iter().filter_map(|p| p.blob.clone()).collect()).await;
+                self.remove_refused(&error, parts.iter().filter_map(|p| p.blob.clone()).collect()).await;
                 Err(error)
             }
         }
@@ -277,8 +307,8 @@ impl Store {
     /// [`StoreError::SessionGone`], [`StoreError::KeyTaken`], [`StoreError::QuotaFull`].
     pub async fn insert_osteotomy(&self, record: &OsteotomyRecord, answer: Option<&AnswerRecord>) -> Result<()> {
         let inserted = self.meta.insert_osteotomy(record, answer, self.quota).await;
-        if inserted.is_err() {
-            self.remove_blobs(record.blobs.clone()).await;
+        if let Err(error) = &inserted {
+            self.remove_refused(error, record.blobs.clone()).await;
         }
         inserted
     }
@@ -367,7 +397,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`].
     pub async fn set_audit_anchor(&self, chain: &str) -> Result<()> {
-        self.meta.set_audit_anchor(chain, &now_rfc3339()).await
+        self.meta.set_audit_anchor(&self.log, chain, &now_rfc3339()).await
     }
 
     /// The noted end of the audit log, and when it was noted.
@@ -375,7 +405,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`].
     pub async fn audit_anchor(&self) -> Result<Option<(String, String)>> {
-        self.meta.audit_anchor().await
+        self.meta.audit_anchor(&self.log).await
     }
 
     /// Whether the database answers and can be written.
@@ -389,6 +419,25 @@ impl Store {
     /// Closes all connections after what is under way.
     pub async fn close(&self) {
         self.meta.close().await;
+    }
+}
+
+/// The audit log of a store in its own directory.
+pub(super) const LOCAL_LOG: &str = "local";
+/// File with the name of the audit log beside it, by which a shared database tells it from others.
+const LOG_NAME: &str = "audit-log";
+
+/// The name of the audit log in a directory, made when there is none.
+pub(super) fn log_name(directory: &Path) -> std::io::Result<String> {
+    let file = directory.join(LOG_NAME);
+    match std::fs::read_to_string(&file) {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+            let (name, fresh) = (uuid::Uuid::now_v7().to_string(), file.with_extension("new"));
+            std::fs::write(&fresh, &name)?;
+            std::fs::rename(fresh, file)?;
+            Ok(name)
+        }
+        name => name,
     }
 }
 

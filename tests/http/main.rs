@@ -11,6 +11,8 @@ mod bone;
 mod compare;
 mod dicom;
 mod edges;
+#[path = "../engines/mod.rs"]
+mod engines;
 mod events;
 mod examples;
 mod full_disk;
@@ -34,5 +36,6 @@ mod security;
 mod sense;
 mod sessions;
 mod shapes;
+mod shared;
 mod stand_in;
 mod tissue;

@@ -80,6 +80,31 @@ fn certificates_levels_and_times_that_cannot_be_used_are_faults_of_the_configura
 }
 
 #[test]
+fn addresses_of_other_places_are_checked_and_printed_without_passwords() {
+    let check = |database: &str, blobs: &str, endpoint: &str| {
+        let arguments = ["config", "check", "--data", "d", "--database", database, "--blobs", blobs];
+        let mut command = Command::new(env!("CARGO_BIN_EXE_prosopon"));
+        let done =
+            command.args(arguments).env("AWS_ENDPOINT_URL", endpoint).env_remove("PROSOPON_DATA").output().unwrap();
+        (done.status.success(), String::from_utf8([done.stdout, done.stderr].concat()).unwrap())
+    };
+    let (fine, printed) = check("postgres://anna:secret@db.example/plans", "s3://plans/a", "http://127.0.0.1:1");
+    assert!(fine && !printed.contains("secret"), "{printed}");
+    let expected = "database = \"postgres://anna@db.example/plans\"\nblobs = \"s3://plans/a\"\n";
+    assert!(printed.contains(expected), "{printed}");
+    let (fine, told) = check("mysql://anna:secret@db.example/plans", "plans", "http://127.0.0.1:1");
+    assert!(!fine && !told.contains("secret"), "{told}");
+    assert!(told.contains("database: is no address") && told.contains("blobs: `plans` is no address"), "{told}");
+    for command in ["migrate", "audit"] {
+        let verify: &[&str] = if command == "audit" { &["verify", "--data", "d"] } else { &[] };
+        let database = ["--database", "mysql://anna:secret@db.example/plans"];
+        let refused = prosopon(&[&[command], verify, &database].concat());
+        let told = String::from_utf8(refused.stderr).unwrap();
+        assert!(!refused.status.success() && told.contains("is no address") && !told.contains("secret"), "{told}");
+    }
+}
+
+#[test]
 fn keys_are_made_as_the_configuration_takes_them() {
     for (arguments, words) in [
         (["--id", "a b", "--tenant", "local"], "letters"),

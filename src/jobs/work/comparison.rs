@@ -30,7 +30,7 @@ pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
 
     context.running.set_phase(Phase::Writing);
     let rest = store.blobs().put(context.job.session, encode_mesh(&compared.mesh)).await.map_err(Fault::from)?;
-    store.set_rest(&context.job, &rest).await?;
+    context.service.persist(|| store.set_rest(&context.job, &rest)).await?;
     let report = to_json(&compared.document)?;
     let values = StoredComparison::encode(&compared);
     let values = store.blobs().put(context.job.session, values).await.map_err(Fault::from)?;

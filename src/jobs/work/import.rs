@@ -61,7 +61,7 @@ pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
         document: "{}".to_owned(),
         updated_at: now_rfc3339(),
     });
-    store.put_parts(context.job.session, &records).await?;
+    context.service.persist(|| store.put_parts(context.job.session, &records)).await?;
     if !has_air {
         store.delete_part(context.job.session, PartKind::Air).await?;
     }

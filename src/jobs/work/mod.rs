@@ -97,7 +97,7 @@ impl Context {
     async fn put_document(&self, kind: PartKind, key: String, wall_s: f64, document: String) -> Result<(), Halt> {
         let bytes = document.len() as u64;
         let part = PartRecord { kind, key, blob: None, bytes, wall_s, document, updated_at: now_rfc3339() };
-        Ok(self.service.store.put_parts(self.job.session, &[part]).await?)
+        Ok(self.service.persist(|| self.service.store.put_parts(self.job.session, std::slice::from_ref(&part))).await?)
     }
 }
 

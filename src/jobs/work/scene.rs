@@ -38,7 +38,7 @@ pub(super) async fn perform(context: &Context, request: &SceneRequest) -> Result
     });
     let (volume, rest) = read.await?;
     let rest = store.blobs().put(context.job.session, rest).await?;
-    store.set_rest(&context.job, &rest).await?;
+    context.service.persist(|| store.set_rest(&context.job, &rest)).await?;
     let run = SceneRun {
         volume,
         bones,

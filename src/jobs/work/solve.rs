@@ -43,7 +43,7 @@ async fn on_case(context: &Context, request: SolveRequest) -> Result<Done, Halt>
     let store = &context.service.store;
     let case = parts.case(store).await?;
     let rest = store.blobs().put(context.job.session, encode_mesh(&case.anatomy.skin)).await?;
-    store.set_rest(&context.job, &rest).await?;
+    context.service.persist(|| store.set_rest(&context.job, &rest)).await?;
     let reference = Reference::load(context, &parts, &request).await?;
     let settings = request.settings(&case.anatomy.skull)?;
     let after = request.warm_start.as_ref().map(|before| before.earlier()).transpose()?.map(Box::new);
@@ -149,7 +149,7 @@ async fn write_step(context: &Context, step: FinishedStep) -> Result<(), Halt> {
     };
     let mut events: Vec<_> = document.warnings.iter().map(|w| warning_event(&step_warning(document.k, w))).collect();
     events.push(("step", event.to_string()));
-    store.commit_step(&context.job, &record, &events).await?;
+    context.service.persist(|| store.commit_step(&context.job, &record, &events)).await?;
     tracing::info!(step = document.k, steps = context.job.steps, duration_s = document.wall_s, "step stored");
     for warning in &document.warnings {
         context.running.warn_of_step(document.k, warning);

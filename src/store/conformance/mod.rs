@@ -1,4 +1,4 @@
-//! What every engine does alike, run on memory and on SQLite with files.
+//! What every engine does alike, run on memory, on SQLite with files, and on Postgres with a bucket.
 
 use std::time::Duration;
 
@@ -21,11 +21,35 @@ macro_rules! conforms {
                 super::$name(super::Store::open(directory.path()).await.unwrap()).await;
             })*
         }
+
+        mod shared {
+            $(#[tokio::test]
+            async fn $name() {
+                let (store, _kept) = super::shared_store().await;
+                super::$name(store).await;
+            })*
+        }
     };
 }
 
+#[path = "../../../tests/engines/mod.rs"]
+mod engines;
 mod jobs;
 mod sessions;
+mod shared;
+
+/// A store with an empty database and an empty bucket, and what must be kept while it is used.
+async fn shared_store() -> (Store, impl Sized) {
+    let (directory, bucket) = (tempfile::tempdir().unwrap(), engines::Bucket::start().await);
+    let store = open_shared(directory.path(), &engines::fresh_database().await, &bucket).await;
+    (store, (directory, bucket))
+}
+
+async fn open_shared(directory: &std::path::Path, database: &str, bucket: &engines::Bucket) -> Store {
+    let places = Places { database: Some(database.parse().unwrap()), blobs: None };
+    let objects = bucket.url().parse::<BucketUrl>().unwrap().open_with(bucket.client()).unwrap();
+    Store::open_at(directory, &places).await.unwrap().with_objects(objects)
+}
 
 pub(super) fn session(tenant: &str) -> SessionRecord {
     SessionRecord {

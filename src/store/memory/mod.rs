@@ -36,7 +36,7 @@ struct Rows {
     tombstones: BTreeMap<String, (TenantId, String)>,
     turns: BTreeMap<(TenantId, Lane), u64>,
     last_number: u64,
-    audit_anchor: Option<(String, String)>,
+    audit_anchors: BTreeMap<String, (String, String)>,
 }
 
 #[derive(Debug, Clone)]
@@ -295,15 +295,15 @@ impl MetaStore for MemoryMeta {
         self.write(|rows| Ok(rows.drop_comparisons(ended_before)))
     }
 
-    async fn set_audit_anchor(&self, chain: &str, at: &str) -> Result<()> {
+    async fn set_audit_anchor(&self, log: &str, chain: &str, at: &str) -> Result<()> {
         self.write(|rows| {
-            rows.audit_anchor = Some((chain.to_owned(), at.to_owned()));
+            rows.audit_anchors.insert(log.to_owned(), (chain.to_owned(), at.to_owned()));
             Ok(())
         })
     }
 
-    async fn audit_anchor(&self) -> Result<Option<(String, String)>> {
-        Ok(self.read(|rows| rows.audit_anchor.clone()))
+    async fn audit_anchor(&self, log: &str) -> Result<Option<(String, String)>> {
+        Ok(self.read(|rows| rows.audit_anchors.get(log).cloned()))
     }
 
     async fn named_blobs(&self) -> Result<BTreeSet<String>> {

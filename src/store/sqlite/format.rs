@@ -13,6 +13,7 @@ const MIGRATIONS: &[&str] = &[
     include_str!("4_cancel_requests.sql"),
     include_str!("5_audit_anchor.sql"),
     include_str!("6_trace.sql"),
+    include_str!("7_audit_anchors.sql"),
 ];
 
 /// Name of the database in its directory.

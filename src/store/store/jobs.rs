@@ -63,9 +63,15 @@ impl Store {
     /// [`StoreError::QuotaFull`](crate::store::StoreError::QuotaFull).
     pub async fn change_job(&self, job: &JobRecord, to: JobState, change: &JobChange) -> Result<bool> {
         let changed = self.meta.change_job(job.id, job.fence, job.state, to, change, self.quota).await;
-        // After a fault of the database the change may be tried again.
-        if matches!(changed, Ok(false) | Err(StoreError::QuotaFull { .. })) {
-            self.remove_blobs(change.tissue.iter().map(|blob| blob.key.clone()).collect()).await;
+        let Some(tissue) = &change.tissue else { return changed };
+        match changed {
+            // Written before, by a call whose answer was lost.
+            Ok(false) if self.job(job.id).await?.is_some_and(|row| row.tissue_blob.as_ref() == Some(&tissue.key)) => {
+                return Ok(true);
+            }
+            // After a fault of the database the change may be tried again.
+            Ok(false) | Err(StoreError::QuotaFull { .. }) => self.blobs.delete(&tissue.key).await,
+            Ok(true) | Err(_) => {}
         }
         changed
     }
@@ -97,7 +103,7 @@ impl Store {
                 Ok(())
             }
             Err(error) => {
-                self.blobs.delete(&rest.key).await;
+                self.remove_refused(&error, vec![rest.key.clone()]).await;
                 Err(error)
             }
         }
@@ -117,11 +123,11 @@ impl Store {
         events: &[(&'static str, String)],
     ) -> Result<StepWritten> {
         let written = self.meta.commit_step(job.id, job.fence, step, events, self.quota).await;
-        let unnamed = match &written {
-            Ok(StepWritten::New(old)) => old.clone(),
-            Ok(StepWritten::Same) | Err(_) => Some(step.blob.clone()),
-        };
-        self.remove_blobs(unnamed.into_iter().collect()).await;
+        match &written {
+            Ok(StepWritten::New(old)) => self.remove_blobs(old.iter().cloned().collect()).await,
+            Ok(StepWritten::Same) => self.blobs.delete(&step.blob).await,
+            Err(error) => self.remove_refused(error, vec![step.blob.clone()]).await,
+        }
         written
     }
 

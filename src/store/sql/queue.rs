@@ -1,31 +1,36 @@
-use sqlx::{Sqlite, SqlitePool, Transaction};
+use sqlx::AssertSqlSafe;
 
 use super::answers::remember;
+use super::dialect::{FOR_CHANGE, FOR_CLAIM, NEXT_TURN, hold_queue};
 use super::events::append;
-use super::{Result, gone_if_orphan, jobs};
+use super::{Connection, Pool, Result, Transaction, gone_if_orphan, jobs, sessions};
 use crate::store::records::parse_id;
 use crate::store::{Insertion, JobChange, JobId, JobRecord, JobState, Lane, NewJob};
 
-/// Each tenant's oldest first, then each tenant's second, and so on; within a round the tenant whose turn was longest ago.
-const IN_ORDER: &str = "SELECT id FROM (
-        SELECT j.id, j.number, row_number() OVER (PARTITION BY j.tenant ORDER BY j.number) AS round,
-               coalesce(t.last, 0) AS last
-        FROM jobs j LEFT JOIN turns t ON t.tenant = j.tenant AND t.lane = j.lane
-        WHERE j.state = 'accepted' AND j.lane = ?1 AND j.cancel_requested_at IS NULL)
-    ORDER BY round, last, number";
+/// Jobs that wait in a lane: each tenant's oldest in the first round, each tenant's second in the next, and so on; with the turn that
+/// the tenant had last.
+const WAITING: &str = "SELECT j.id, j.number, row_number() OVER (PARTITION BY j.tenant ORDER BY j.number) AS round,
+        coalesce(t.last, 0) AS last
+    FROM jobs j LEFT JOIN turns t ON t.tenant = j.tenant AND t.lane = j.lane
+    WHERE j.state = 'accepted' AND j.lane = $1 AND j.cancel_requested_at IS NULL";
 
-pub(super) async fn insert(writer: &SqlitePool, new: &NewJob<'_>) -> Result<Insertion> {
+/// Within a round the tenant whose turn was longest ago.
+const IN_ORDER: &str = "ORDER BY w.round, w.last, w.number";
+
+pub(super) async fn insert(writer: &Pool, new: &NewJob<'_>) -> Result<Insertion> {
     let mut transaction = writer.begin().await?;
+    sessions::hold(&mut transaction, new.job.session).await?;
     if let Some(twin) = twin(&mut transaction, new).await? {
         let before = before(&mut transaction, &twin).await?;
         remember(&mut transaction, (new.answer)(&twin, before).as_ref()).await?;
         transaction.commit().await?;
         return Ok(Insertion::Twin(Box::new(twin), before));
     }
+    hold_queue(&mut transaction).await?;
     let superseded = supersede(&mut transaction, new).await?;
     let job = new.job;
     let (all, own): (i64, i64) = sqlx::query_as(
-        "SELECT count(*), coalesce(sum(tenant = (SELECT tenant FROM sessions WHERE id = ?)), 0)
+        "SELECT count(*), count(*) FILTER (WHERE tenant = (SELECT tenant FROM sessions WHERE id = $1))
          FROM jobs WHERE state = 'accepted'",
     )
     .bind(job.session.to_string())
@@ -41,8 +46,8 @@ pub(super) async fn insert(writer: &SqlitePool, new: &NewJob<'_>) -> Result<Inse
     sqlx::query(
         "INSERT INTO jobs (id, session, tenant, kind, lane, state, phase, progress, steps, attempt, request, subject,
                            other_session, max_wall_s, warnings, bytes, created_at, traceparent)
-         VALUES (?1, ?2, coalesce((SELECT tenant FROM sessions WHERE id = ?2), 'local'),
-                 ?3, ?4, ?5, ?6, 0, ?7, 0, ?8, ?9, ?10, ?11, '[]', 0, ?12, ?13)",
+         VALUES ($1, $2, coalesce((SELECT tenant FROM sessions WHERE id = $2), 'local'),
+                 $3, $4, $5, $6, 0, $7, 0, $8, $9, $10, $11, '[]', 0, $12, $13)",
     )
     .bind(job.id.to_string())
     .bind(job.session.to_string())
@@ -68,17 +73,16 @@ pub(super) async fn insert(writer: &SqlitePool, new: &NewJob<'_>) -> Result<Inse
 }
 
 /// Jobs that wait before one in its lane, when it waits.
-async fn before(transaction: &mut Transaction<'_, Sqlite>, job: &JobRecord) -> Result<Option<u32>> {
-    let ids: Vec<String> =
-        sqlx::query_scalar(IN_ORDER).bind(job.kind.lane().as_str()).fetch_all(&mut **transaction).await?;
+async fn before(transaction: &mut Transaction<'_>, job: &JobRecord) -> Result<Option<u32>> {
+    let ids = waiting(transaction, job.kind.lane()).await?;
     let own = job.id.to_string();
     Ok(ids.iter().position(|id| *id == own).and_then(|n| u32::try_from(n).ok()))
 }
 
 /// A job of the session that was asked for the same, has not ended and was not asked to stop.
-async fn twin(transaction: &mut Transaction<'_, Sqlite>, new: &NewJob<'_>) -> Result<Option<JobRecord>> {
+async fn twin(transaction: &mut Transaction<'_>, new: &NewJob<'_>) -> Result<Option<JobRecord>> {
     let row = sqlx::query(
-        "SELECT * FROM jobs WHERE session = ?1 AND kind = ?2 AND request = ?3
+        "SELECT * FROM jobs WHERE session = $1 AND kind = $2 AND request = $3
          AND state IN ('accepted', 'running', 'interrupted') AND cancel_requested_at IS NULL ORDER BY number LIMIT 1",
     )
     .bind(new.job.session.to_string())
@@ -89,22 +93,24 @@ async fn twin(transaction: &mut Transaction<'_, Sqlite>, new: &NewJob<'_>) -> Re
     row.as_ref().map(jobs::record).transpose()
 }
 
-async fn supersede(transaction: &mut Transaction<'_, Sqlite>, new: &NewJob<'_>) -> Result<Vec<JobId>> {
+async fn supersede(transaction: &mut Transaction<'_>, new: &NewJob<'_>) -> Result<Vec<JobId>> {
     let (Some(supersede), Some(subject)) = (&new.supersede, &new.job.subject) else { return Ok(Vec::new()) };
-    let rows =
-        sqlx::query("SELECT * FROM jobs WHERE session = ? AND kind = ? AND subject = ? AND state = ? ORDER BY number")
-            .bind(new.job.session.to_string())
-            .bind(new.job.kind.as_str())
-            .bind(subject)
-            .bind(supersede.from.as_str())
-            .fetch_all(&mut **transaction)
-            .await?;
+    let rows = format!(
+        "SELECT * FROM jobs WHERE session = $1 AND kind = $2 AND subject = $3 AND state = $4 ORDER BY id {FOR_CHANGE}"
+    );
+    let rows = sqlx::query(AssertSqlSafe(rows))
+        .bind(new.job.session.to_string())
+        .bind(new.job.kind.as_str())
+        .bind(subject)
+        .bind(supersede.from.as_str())
+        .fetch_all(&mut **transaction)
+        .await?;
     let mut superseded = Vec::new();
     for row in &rows {
         let old = jobs::record(row)?;
         let change = JobChange { events: vec![supersede.event.clone()], ..JobChange::default() };
         jobs::write_change(transaction, &old, supersede.to, &change).await?;
-        sqlx::query("UPDATE jobs SET superseded_by = ? WHERE id = ?")
+        sqlx::query("UPDATE jobs SET superseded_by = $1 WHERE id = $2")
             .bind(new.job.id.to_string())
             .bind(old.id.to_string())
             .execute(&mut **transaction)
@@ -114,37 +120,46 @@ async fn supersede(transaction: &mut Transaction<'_, Sqlite>, new: &NewJob<'_>) 
     Ok(superseded)
 }
 
-pub(super) async fn in_order(reader: &SqlitePool, lane: Lane) -> Result<Vec<JobId>> {
-    let ids: Vec<String> = sqlx::query_scalar(IN_ORDER).bind(lane.as_str()).fetch_all(reader).await?;
-    ids.iter().map(|id| parse_id(id)).collect()
+/// Ids of jobs that wait in a lane, in order.
+async fn waiting(connection: &mut Connection, lane: Lane) -> Result<Vec<String>> {
+    let ids = sqlx::query_scalar(AssertSqlSafe(format!("SELECT w.id FROM ({WAITING}) AS w {IN_ORDER}")));
+    Ok(ids.bind(lane.as_str()).fetch_all(connection).await?)
+}
+
+pub(super) async fn in_order(reader: &Pool, lane: Lane) -> Result<Vec<JobId>> {
+    let mut connection = reader.acquire().await?;
+    waiting(&mut connection, lane).await?.iter().map(|id| parse_id(id)).collect()
 }
 
 pub(super) async fn claim(
-    writer: &SqlitePool,
+    writer: &Pool,
     lane: Lane,
     to: JobState,
     change: &(dyn for<'a> Fn(&'a JobRecord) -> JobChange + Send + Sync),
 ) -> Result<Option<JobRecord>> {
     let mut transaction = writer.begin().await?;
-    let first: Option<String> =
-        sqlx::query_scalar(IN_ORDER).bind(lane.as_str()).fetch_optional(&mut *transaction).await?;
+    // Of one that was taken since the list was made, the state is another one.
+    let first = format!(
+        "SELECT j.id FROM ({WAITING}) AS w JOIN jobs j ON j.id = w.id
+         WHERE j.state = 'accepted' AND j.cancel_requested_at IS NULL {IN_ORDER} LIMIT 1 {FOR_CLAIM}"
+    );
+    let first = sqlx::query_scalar(AssertSqlSafe(first)).bind(lane.as_str());
+    let first: Option<String> = first.fetch_optional(&mut *transaction).await?;
     let Some(id) = first else { return Ok(None) };
     let id: JobId = parse_id(&id)?;
-    let Some(job) = jobs::within(&mut transaction, id).await? else { return Ok(None) };
+    let Some(job) = jobs::held(&mut transaction, id).await? else { return Ok(None) };
     jobs::write_change(&mut transaction, &job, to, &change(&job)).await?;
-    sqlx::query("UPDATE jobs SET fence = fence + 1 WHERE id = ?")
+    sqlx::query("UPDATE jobs SET fence = fence + 1 WHERE id = $1")
         .bind(id.to_string())
         .execute(&mut *transaction)
         .await?;
-    sqlx::query(
-        "INSERT INTO turns (tenant, lane, last) VALUES (?1, ?2, (SELECT coalesce(max(last), 0) + 1 FROM turns))
-         ON CONFLICT (tenant, lane) DO UPDATE SET last = excluded.last",
-    )
-    .bind(job.tenant.as_str())
-    .bind(lane.as_str())
-    .execute(&mut *transaction)
-    .await?;
-    let claimed = jobs::within(&mut transaction, id).await?;
+    let turn = format!(
+        "INSERT INTO turns (tenant, lane, last) VALUES ($1, $2, {NEXT_TURN})
+         ON CONFLICT (tenant, lane) DO UPDATE SET last = excluded.last"
+    );
+    let turn = sqlx::query(AssertSqlSafe(turn)).bind(job.tenant.as_str()).bind(lane.as_str());
+    turn.execute(&mut *transaction).await?;
+    let claimed = jobs::held(&mut transaction, id).await?;
     transaction.commit().await?;
     Ok(claimed)
 }

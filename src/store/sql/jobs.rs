@@ -1,12 +1,13 @@
-use sqlx::{Row, Sqlite, SqlitePool, Transaction};
+use sqlx::{AssertSqlSafe, Row};
 
+use super::dialect::{FOR_CHANGE, LISTED};
 use super::events::{append_all, append_progress};
-use super::{Result, sessions};
+use super::{DbRow, Pool, Result, Transaction, sessions};
 use crate::store::job::{joined_warnings, progress_after};
-use crate::store::records::{from_json, now_rfc3339, parse_id, to_i64, to_json, to_u32, to_u64};
+use crate::store::records::{from_json, id_list, now_rfc3339, parse_id, to_i64, to_json, to_u32, to_u64};
 use crate::store::{BlobInfo, JobChange, JobFilter, JobId, JobRecord, JobState, StoreError, TenantId};
 
-pub(super) fn record(row: &sqlx::sqlite::SqliteRow) -> Result<JobRecord> {
+pub(super) fn record(row: &DbRow) -> Result<JobRecord> {
     let text = |name: &str| row.try_get::<String, _>(name);
     let id_in = |name: &str| row.try_get::<Option<String>, _>(name);
     Ok(JobRecord {
@@ -40,15 +41,15 @@ pub(super) fn record(row: &sqlx::sqlite::SqliteRow) -> Result<JobRecord> {
     })
 }
 
-pub(super) async fn one(reader: &SqlitePool, id: JobId) -> Result<Option<JobRecord>> {
-    let row = sqlx::query("SELECT * FROM jobs WHERE id = ?").bind(id.to_string()).fetch_optional(reader).await?;
+pub(super) async fn one(reader: &Pool, id: JobId) -> Result<Option<JobRecord>> {
+    let row = sqlx::query("SELECT * FROM jobs WHERE id = $1").bind(id.to_string()).fetch_optional(reader).await?;
     row.as_ref().map(record).transpose()
 }
 
-pub(super) async fn page(reader: &SqlitePool, filter: &JobFilter) -> Result<Vec<JobRecord>> {
+pub(super) async fn page(reader: &Pool, filter: &JobFilter) -> Result<Vec<JobRecord>> {
     sqlx::query(
-        "SELECT * FROM jobs WHERE (?1 IS NULL OR session = ?1) AND (?2 IS NULL OR state = ?2)
-         AND (?3 IS NULL OR id < ?3) AND (?4 IS NULL OR tenant = ?4) ORDER BY id DESC LIMIT ?5",
+        "SELECT * FROM jobs WHERE ($1 IS NULL OR session = $1) AND ($2 IS NULL OR state = $2)
+         AND ($3 IS NULL OR id < $3) AND ($4 IS NULL OR tenant = $4) ORDER BY id DESC LIMIT $5",
     )
     .bind(filter.session.map(|s| s.to_string()))
     .bind(filter.state.map(JobState::as_str))
@@ -62,14 +63,22 @@ pub(super) async fn page(reader: &SqlitePool, filter: &JobFilter) -> Result<Vec<
     .collect()
 }
 
-/// The row of a job within a transaction.
-pub(super) async fn within(transaction: &mut Transaction<'_, Sqlite>, id: JobId) -> Result<Option<JobRecord>> {
-    let row = sqlx::query("SELECT * FROM jobs WHERE id = ?").bind(id.to_string());
+/// The row of a job, which nobody else changes until the transaction ends.
+pub(super) async fn held(transaction: &mut Transaction<'_>, id: JobId) -> Result<Option<JobRecord>> {
+    let row = format!("SELECT * FROM jobs WHERE id = $1 {FOR_CHANGE}");
+    let row = sqlx::query(AssertSqlSafe(row)).bind(id.to_string());
     row.fetch_optional(&mut **transaction).await?.as_ref().map(record).transpose()
 }
 
+/// The same, and of its session, whose bytes it changes.
+pub(super) async fn held_with_session(transaction: &mut Transaction<'_>, id: JobId) -> Result<Option<JobRecord>> {
+    let session = format!("SELECT id FROM sessions WHERE id = (SELECT session FROM jobs WHERE id = $1) {FOR_CHANGE}");
+    sqlx::query(AssertSqlSafe(session)).bind(id.to_string()).fetch_optional(&mut **transaction).await?;
+    held(transaction, id).await
+}
+
 pub(super) async fn change(
-    writer: &SqlitePool,
+    writer: &Pool,
     id: JobId,
     fence: u64,
     from: JobState,
@@ -78,9 +87,11 @@ pub(super) async fn change(
     quota: u64,
 ) -> Result<bool> {
     let mut transaction = writer.begin().await?;
-    let Some(job) = within(&mut transaction, id).await?.filter(|j| j.may_change(from, fence, to)) else {
-        return Ok(false);
+    let job = match change.tissue {
+        Some(_) => held_with_session(&mut transaction, id).await?,
+        None => held(&mut transaction, id).await?,
     };
+    let Some(job) = job.filter(|j| j.may_change(from, fence, to)) else { return Ok(false) };
     write_change(&mut transaction, &job, to, change).await?;
     if change.tissue.is_some() {
         sessions::check_bytes(&mut transaction, job.session, quota).await?;
@@ -91,19 +102,19 @@ pub(super) async fn change(
 
 /// Writes a change of state with its events; the row is as `job` says.
 pub(super) async fn write_change(
-    transaction: &mut Transaction<'_, Sqlite>,
+    transaction: &mut Transaction<'_>,
     job: &JobRecord,
     to: JobState,
     change: &JobChange,
 ) -> Result<()> {
     let warnings = joined_warnings(job.warnings.clone(), &change.warnings);
     sqlx::query(
-        "UPDATE jobs SET state = ?2, phase = coalesce(?3, phase), attempt = attempt + ?4,
-         report = coalesce(?5, report), fault = coalesce(?6, fault),
-         tissue_blob = coalesce(?7, tissue_blob), bytes = bytes + ?8, progress = ?9, warnings = ?10,
-         started_at = CASE WHEN ?11 THEN ?12 ELSE started_at END,
-         finished_at = CASE WHEN ?13 THEN ?12 ELSE finished_at END
-         WHERE id = ?1",
+        "UPDATE jobs SET state = $2, phase = coalesce($3, phase), attempt = attempt + $4,
+         report = coalesce($5, report), fault = coalesce($6, fault),
+         tissue_blob = coalesce($7, tissue_blob), bytes = bytes + $8, progress = $9, warnings = $10,
+         started_at = CASE WHEN $11 THEN $12 ELSE started_at END,
+         finished_at = CASE WHEN $13 THEN $12 ELSE finished_at END
+         WHERE id = $1",
     )
     .bind(job.id.to_string())
     .bind(to.as_str())
@@ -123,10 +134,10 @@ pub(super) async fn write_change(
     append_all(transaction, job.id, &change.events).await
 }
 
-pub(super) async fn request_cancel(writer: &SqlitePool, id: JobId) -> Result<bool> {
+pub(super) async fn request_cancel(writer: &Pool, id: JobId) -> Result<bool> {
     let changed = sqlx::query(
-        "UPDATE jobs SET cancel_requested_at = coalesce(cancel_requested_at, ?2)
-         WHERE id = ?1 AND state NOT IN ('succeeded', 'failed', 'cancelled')",
+        "UPDATE jobs SET cancel_requested_at = coalesce(cancel_requested_at, $2)
+         WHERE id = $1 AND state NOT IN ('succeeded', 'failed', 'cancelled')",
     )
     .bind(id.to_string())
     .bind(now_rfc3339())
@@ -136,7 +147,7 @@ pub(super) async fn request_cancel(writer: &SqlitePool, id: JobId) -> Result<boo
 }
 
 pub(super) async fn record_progress(
-    writer: &SqlitePool,
+    writer: &Pool,
     id: JobId,
     fence: u64,
     phase: &str,
@@ -145,7 +156,7 @@ pub(super) async fn record_progress(
 ) -> Result<bool> {
     let mut transaction = writer.begin().await?;
     let changed =
-        sqlx::query("UPDATE jobs SET phase = ?, progress = ? WHERE id = ? AND state = 'running' AND fence = ?")
+        sqlx::query("UPDATE jobs SET phase = $1, progress = $2 WHERE id = $3 AND state = 'running' AND fence = $4")
             .bind(phase)
             .bind(progress)
             .bind(id.to_string())
@@ -161,7 +172,7 @@ pub(super) async fn record_progress(
 }
 
 pub(super) async fn set_rest(
-    writer: &SqlitePool,
+    writer: &Pool,
     id: JobId,
     fence: u64,
     rest: &BlobInfo,
@@ -169,8 +180,8 @@ pub(super) async fn set_rest(
 ) -> Result<Option<String>> {
     let mut transaction = writer.begin().await?;
     let running = |j: &JobRecord| j.state == JobState::Running && j.fence == fence;
-    let job = within(&mut transaction, id).await?.filter(running).ok_or(StoreError::SessionGone)?;
-    sqlx::query("UPDATE jobs SET rest_blob = ?, bytes = ? WHERE id = ?")
+    let job = held_with_session(&mut transaction, id).await?.filter(running).ok_or(StoreError::SessionGone)?;
+    sqlx::query("UPDATE jobs SET rest_blob = $1, bytes = $2 WHERE id = $3")
         .bind(&rest.key)
         .bind(to_i64(rest.bytes))
         .bind(id.to_string())
@@ -178,25 +189,21 @@ pub(super) async fn set_rest(
         .await?;
     sessions::check_bytes(&mut transaction, job.session, quota).await?;
     transaction.commit().await?;
-    Ok(job.rest_blob)
+    // The same one when what was written is written again.
+    Ok(job.rest_blob.filter(|old| *old != rest.key))
 }
 
-pub(super) async fn drop_comparisons(writer: &SqlitePool, ended_before: &str) -> Result<Vec<String>> {
+pub(super) async fn drop_comparisons(writer: &Pool, ended_before: &str) -> Result<Vec<String>> {
     let mut transaction = writer.begin().await?;
-    let blobs: Vec<(Option<String>, Option<String>)> = sqlx::query_as(
-        "SELECT rest_blob, tissue_blob FROM jobs
-         WHERE kind = 'compare' AND finished_at < ? AND (rest_blob IS NOT NULL OR tissue_blob IS NOT NULL)",
-    )
-    .bind(ended_before)
-    .fetch_all(&mut *transaction)
-    .await?;
-    sqlx::query(
-        "UPDATE jobs SET rest_blob = NULL, tissue_blob = NULL, bytes = 0
-         WHERE kind = 'compare' AND finished_at < ? AND (rest_blob IS NOT NULL OR tissue_blob IS NOT NULL)",
-    )
-    .bind(ended_before)
-    .execute(&mut *transaction)
-    .await?;
+    let old = format!(
+        "SELECT id, rest_blob, tissue_blob FROM jobs WHERE kind = 'compare' AND finished_at < $1
+         AND (rest_blob IS NOT NULL OR tissue_blob IS NOT NULL) ORDER BY id {FOR_CHANGE}"
+    );
+    let old = sqlx::query_as(AssertSqlSafe(old)).bind(ended_before);
+    let old: Vec<(String, Option<String>, Option<String>)> = old.fetch_all(&mut *transaction).await?;
+    let ids: Vec<&String> = old.iter().map(|(id, ..)| id).collect();
+    let forget = format!("UPDATE jobs SET rest_blob = NULL, tissue_blob = NULL, bytes = 0 WHERE id IN {LISTED}");
+    sqlx::query(AssertSqlSafe(forget)).bind(id_list(&ids)).execute(&mut *transaction).await?;
     transaction.commit().await?;
-    Ok(blobs.into_iter().flat_map(|(rest, values)| [rest, values]).flatten().collect())
+    Ok(old.into_iter().flat_map(|(_, rest, values)| [rest, values]).flatten().collect())
 }

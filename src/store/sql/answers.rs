@@ -1,15 +1,13 @@
-use sqlx::{Sqlite, SqlitePool, Transaction};
-
-use super::Result;
+use super::{Pool, Result, Transaction};
 use crate::store::records::now_rfc3339;
 use crate::store::{AnswerRecord, Remembered, StoreError, TenantId};
 
 /// Writes the answer in the transaction that creates the thing, so that either both are there or none.
-pub(super) async fn remember(transaction: &mut Transaction<'_, Sqlite>, answer: Option<&AnswerRecord>) -> Result<()> {
+pub(super) async fn remember(transaction: &mut Transaction<'_>, answer: Option<&AnswerRecord>) -> Result<()> {
     let Some(answer) = answer else { return Ok(()) };
     sqlx::query(
         "INSERT INTO answers (tenant, key, request_sha256, status, location, retry_after, body, session, created_at)
-         VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
+         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9)",
     )
     .bind(answer.tenant.as_str())
     .bind(&answer.key)
@@ -24,20 +22,20 @@ pub(super) async fn remember(transaction: &mut Transaction<'_, Sqlite>, answer: 
     .await
     .map_err(|error| {
         let taken = error.as_database_error().is_some_and(sqlx::error::DatabaseError::is_unique_violation);
-        if taken { StoreError::KeyTaken } else { StoreError::Database(error) }
+        if taken { StoreError::KeyTaken } else { error.into() }
     })?;
     Ok(())
 }
 
 pub(super) async fn remembered(
-    reader: &SqlitePool,
+    reader: &Pool,
     tenant: &TenantId,
     key: &str,
     request_sha256: &str,
 ) -> Result<Remembered> {
     type Row = (String, i64, Option<String>, Option<String>, String);
     let row: Option<Row> = sqlx::query_as(
-        "SELECT request_sha256, status, location, retry_after, body FROM answers WHERE tenant = ? AND key = ?",
+        "SELECT request_sha256, status, location, retry_after, body FROM answers WHERE tenant = $1 AND key = $2",
     )
     .bind(tenant.as_str())
     .bind(key)
@@ -59,9 +57,9 @@ pub(super) async fn remembered(
     }))
 }
 
-pub(super) async fn forget(writer: &SqlitePool, answers: &str, tombstones: &str) -> Result<()> {
+pub(super) async fn forget(writer: &Pool, answers: &str, tombstones: &str) -> Result<()> {
     let mut transaction = writer.begin().await?;
-    sqlx::query("DELETE FROM answers WHERE created_at < ?").bind(answers).execute(&mut *transaction).await?;
-    sqlx::query("DELETE FROM tombstones WHERE deleted_at < ?").bind(tombstones).execute(&mut *transaction).await?;
+    sqlx::query("DELETE FROM answers WHERE created_at < $1").bind(answers).execute(&mut *transaction).await?;
+    sqlx::query("DELETE FROM tombstones WHERE deleted_at < $1").bind(tombstones).execute(&mut *transaction).await?;
     Ok(transaction.commit().await?)
 }

@@ -1,0 +1,92 @@
+use std::io::{BufRead, BufReader, Write};
+use std::net::TcpListener;
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicU32, Ordering};
+
+use sqlx::{AssertSqlSafe, Connection, PgConnection};
+
+const PASSWORD: &str = "s/ecret";
+
+/// A private Postgres server in a directory of its own, which ends with the process that started it.
+#[derive(Debug)]
+pub(crate) struct Cluster {
+    port: u16,
+    /// The server stops when this is closed, also by the death of the process.
+    orders: ChildStdin,
+    answers: BufReader<ChildStdout>,
+    _script: Child,
+}
+
+impl Cluster {
+    /// Starts a server.
+    pub(crate) fn start() -> Self {
+        let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+        let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/engines/cluster.sh");
+        // Postgres refuses to run as root, and an ordinary user may not be able to read this directory.
+        let script = std::fs::read_to_string(script).unwrap();
+        let mut command = if is_root() {
+            let mut command = Command::new("setpriv");
+            command.args(["--reuid=nobody", "--regid=nogroup", "--clear-groups", "sh"]);
+            command
+        } else {
+            Command::new("sh")
+        };
+        command.arg("-c").arg(script).arg("cluster").arg(programs()).arg(port.to_string()).arg(PASSWORD);
+        command.current_dir("/").stdin(Stdio::piped()).stdout(Stdio::piped());
+        let mut script = command.spawn().expect("sh and setpriv (util-linux) are there");
+        let (orders, answers) = (script.stdin.take().unwrap(), BufReader::new(script.stdout.take().unwrap()));
+        let mut cluster = Self { port, orders, answers, _script: script };
+        cluster.wait();
+        cluster
+    }
+
+    fn wait(&mut self) {
+        let mut answer = String::new();
+        self.answers.read_line(&mut answer).unwrap();
+        assert_eq!(answer, "ready\n", "the private Postgres server did not start; what it said is above");
+    }
+
+    /// Stops the server, which breaks all connections, and starts it again.
+    pub(crate) fn restart(&mut self) {
+        self.orders.write_all(b"restart\n").unwrap();
+        self.wait();
+    }
+
+    fn url(&self, database: &str) -> String {
+        format!("postgres://prosopon:{}@127.0.0.1:{}/{database}", PASSWORD.replace('/', "%2F"), self.port)
+    }
+
+    /// The address of a new empty database.
+    pub(crate) async fn fresh_database(&self) -> String {
+        static MADE: AtomicU32 = AtomicU32::new(0);
+        let name = format!("test_{}", MADE.fetch_add(1, Ordering::Relaxed));
+        let mut connection = PgConnection::connect(&self.url("postgres")).await.unwrap();
+        sqlx::query(AssertSqlSafe(format!("CREATE DATABASE {name}"))).execute(&mut connection).await.unwrap();
+        connection.close().await.unwrap();
+        self.url(&name)
+    }
+}
+
+/// The address of a new empty database on the one server of this process.
+pub(crate) async fn fresh_database() -> String {
+    static CLUSTER: OnceLock<Cluster> = OnceLock::new();
+    CLUSTER.get_or_init(Cluster::start).fresh_database().await
+}
+
+fn is_root() -> bool {
+    let output = Command::new("id").arg("-u").output().expect("id (coreutils) is there");
+    output.stdout == b"0\n"
+}
+
+/// Where `initdb` and `postgres` are: Debian keeps them beside each other by version.
+fn programs() -> PathBuf {
+    let versions =
+        std::fs::read_dir("/usr/lib/postgresql").into_iter().flatten().flatten().map(|v| v.path().join("bin"));
+    let paths = std::env::var_os("PATH").unwrap_or_default();
+    let mut found: Vec<PathBuf> = std::env::split_paths(&paths).chain(versions).collect();
+    found.retain(|bin| ["initdb", "postgres", "pg_isready"].iter().all(|program| bin.join(program).is_file()));
+    found.sort();
+    found.pop().expect("these tests need Postgres: install Debian's package postgresql (its service need not run)")
+}

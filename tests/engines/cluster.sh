@@ -1,0 +1,28 @@
+# A private Postgres server, as an ordinary user, until standard input ends: then it stops and leaves nothing.
+# cluster.sh BIN PORT PASSWORD
+set -eu
+bin=$1 port=$2 password=$3
+dir=$(mktemp -d)
+server=
+stop() {
+    [ -z "$server" ] || { kill -INT "$server" 2>/dev/null && wait "$server" || :; }
+    rm -rf "$dir"
+}
+trap stop EXIT
+printf %s "$password" >"$dir/password"
+# Another order of letters than by bytes, as a hospital's server may have.
+"$bin/initdb" -D "$dir/data" -U prosopon -A scram-sha-256 --pwfile="$dir/password" -E UTF8 --locale=C.UTF-8 \
+    --locale-provider=icu --icu-locale=en-US --no-sync >"$dir/log" 2>&1 || { cat "$dir/log" >&2; exit 1; }
+while :; do
+    "$bin/postgres" -D "$dir/data" -k "$dir" -h 127.0.0.1 -p "$port" -c fsync=off -c full_page_writes=off \
+        -c max_connections=200 >>"$dir/log" 2>&1 </dev/null &
+    server=$!
+    for _ in $(seq 300); do
+        if "$bin/pg_isready" -q -h 127.0.0.1 -p "$port" -U prosopon; then echo ready; break; fi
+        kill -0 "$server" 2>/dev/null || { cat "$dir/log" >&2; exit 1; }
+        sleep 0.1
+    done
+    # `restart` stops the server and starts it again on the same port.
+    read -r command || exit 0
+    kill -INT "$server" && wait "$server" || :
+done

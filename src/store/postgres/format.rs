@@ -72,10 +72,9 @@ async fn applied(connection: &mut PgConnection) -> Result<Vec<(i64, Vec<u8>)>> {
 }
 
 fn fault(error: MigrateError) -> StoreError {
-    let error = match error {
-        MigrateError::Execute(error) | MigrateError::ExecuteMigration(error, _) => error,
+    let (MigrateError::Execute(error) | MigrateError::ExecuteMigration(error, _)) = error else {
         // Other scripts were run here since the look.
-        other => sqlx::Error::from(other),
+        return StoreError::ForeignTables;
     };
     let code = error.as_database_error().and_then(sqlx::error::DatabaseError::code);
     let is_there = code.is_some_and(|code| code == TABLE_IS_THERE);

@@ -90,7 +90,7 @@ pub(super) fn read(
 
 /// An address, shown as it shows itself: without a password.
 fn address<T: FromStr<Err = String> + Display>(s: &mut Source, path: &'static str) -> Option<T> {
-    match s.take_hidden::<String>(path)?.parse::<T>() {
+    match s.take_hidden::<String>(path, "a text")?.parse::<T>() {
         Ok(address) => {
             s.show(path, &address.to_string());
             Some(address)

@@ -58,10 +58,18 @@ impl Solid {
 pub(super) struct CutFaces(Vec<(u32, Faces)>);
 
 struct Faces {
-    /// Middles, outward unit normals, areas.
-    own: Vec<(Point, Vector, f64)>,
-    /// Of every triangle of the segment whether it is one.
+    own: Vec<Face>,
+    /// Of every triangle of the segment whether it is one, or lies beside one.
     is_cut: Vec<bool>,
+}
+
+struct Face {
+    middle: Point,
+    /// Outward unit normal.
+    normal: Vector,
+    area: f64,
+    /// Whether it faces other bone at rest; at the rim it may just lie beside one that does.
+    faces: bool,
 }
 
 impl CutFaces {
@@ -85,11 +93,18 @@ impl CutFaces {
                 let (middle, normal) =
                     (Point::from((a.coords + b.coords + c.coords) / 3.0), scaled.try_normalize(0.0)?);
                 let facing = |s: &Solid| s.ahead(&middle, &normal, far).is_some_and(|hit| hit.2 > FACING);
-                others().any(|(_, s)| facing(s)).then_some((middle, normal, 0.5 * scaled.norm()))
+                Some(Face { middle, normal, area: 0.5 * scaled.norm(), faces: others().any(|(_, s)| facing(s)) })
             };
-            let found: Vec<_> = (0..mesh.triangles().len()).into_par_iter().with_min_len(256).map(face).collect();
-            let is_cut = found.iter().map(Option::is_some).collect();
-            all.push((segment.id, Faces { own: found.into_iter().flatten().collect(), is_cut }));
+            let triangles = mesh.triangles();
+            let found: Vec<_> = (0..triangles.len()).into_par_iter().with_min_len(256).map(face).collect();
+            let mut at_cut = vec![false; mesh.positions().len()];
+            for (triangle, _) in triangles.iter().zip(&found).filter(|(_, f)| f.as_ref().is_some_and(|f| f.faces)) {
+                triangle.iter().for_each(|v| at_cut[*v as usize] = true);
+            }
+            let corners = |t: &[u32; 3]| t.iter().filter(|v| at_cut[**v as usize]).count();
+            let own =
+                triangles.iter().zip(found).filter(|(t, _)| corners(t) >= 2).filter_map(|(_, face)| face).collect();
+            all.push((segment.id, Faces { own, is_cut: triangles.iter().map(|t| corners(t) > 0).collect() }));
         }
         Ok(Self(all))
     }
@@ -101,20 +116,21 @@ impl CutFaces {
     /// Mean distance of the segment's cut faces to the nearest bone of `frames`, mm, and the volume between them and the cut faces in
     /// front of them, mm³.
     pub(super) fn gap(&self, id: u32, frames: &[Frame<'_>]) -> (f64, f64) {
-        let Some(faces) = self.of_segment(id).filter(|f| !f.own.is_empty()) else { return (0.0, 0.0) };
-        let gap = |(p, n, area): &(Point, Vector, f64)| {
+        let Some(faces) = self.of_segment(id) else { return (0.0, 0.0) };
+        let gap = |Face { middle, normal, area, faces }: &Face| {
             let ahead = |(other, solid, motion): &Frame<'_>| {
-                let (distance, triangle, _) = solid.ahead(&(motion * p), &(motion * n), FAR_MM)?;
+                let (distance, triangle, _) = solid.ahead(&(motion * middle), &(motion * normal), FAR_MM)?;
                 let is_cut = self.of_segment(*other)?.is_cut.get(triangle) == Some(&true);
                 Some((distance, is_cut))
             };
             let first = frames.iter().filter_map(ahead).min_by(|a, b| a.0.total_cmp(&b.0));
             let depth = first.map_or(0.0, |(distance, is_cut)| if is_cut { distance } else { 0.0 });
-            [*area, area * nearest_bone(p, frames).max(0.0), area * depth]
+            let facing = if *faces { *area } else { 0.0 };
+            [facing, facing * nearest_bone(middle, frames).max(0.0), area * depth]
         };
         // Summed in order: the same on any number of threads.
         let found: Vec<[f64; 3]> = faces.own.par_iter().with_min_len(256).map(gap).collect();
         let sum = |k: usize| found.iter().map(|f| f[k]).sum::<f64>();
-        (sum(1) / sum(0), sum(2))
+        (if sum(0) > 0.0 { sum(1) / sum(0) } else { 0.0 }, sum(2))
     }
 }

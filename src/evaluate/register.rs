@@ -33,8 +33,12 @@ const TRIM: f64 = 2.5;
 const TRIM_FLOOR_MM: f64 = 1e-3;
 /// An update that moves no point farther than this ends the iteration, mm.
 const STILL_MM: f64 = 1e-8;
-/// Still accepted when the iterations run out: pairs that flip in and out of the trimmed set, mm.
+/// Still accepted when the iterations run out: pairs that flip in and out of the trimmed set, mm and as a share of the residual, with
+/// which what a flip moves grows.
 const NEARLY_STILL_MM: f64 = 5e-3;
+const NEARLY_STILL_SHARE: f64 = 0.05;
+/// More movement than this is told then, mm.
+const TOLD_MM: f64 = 1e-3;
 /// Surfaces whose median distance stays above this do not show the same body, mm.
 const MATCH_MM: f64 = 3.0;
 /// Above this the fit is doubtful, mm.
@@ -116,6 +120,12 @@ pub fn register(
     if !found.settled {
         let (iterations, movement_mm) = (found.iterations, found.movement_mm);
         return Err(RegistrationFault::NotConverged { iterations, movement_mm, mirrored: mirrored()? }.into());
+    }
+    if found.movement_mm > TOLD_MM {
+        warnings.push(format!(
+            "after {} iterations points still moved by {:.3} mm to and fro",
+            found.iterations, found.movement_mm
+        ));
     }
     if found.median_mm > GOOD_MM {
         warnings.push(format!("after registration half of the region is still over {:.1} mm off", found.median_mm));
@@ -320,7 +330,7 @@ fn fitted(
         }
         together |= step < TOGETHER_MM;
     }
-    found.settled = together && found.movement_mm <= NEARLY_STILL_MM;
+    found.settled = together && found.movement_mm <= NEARLY_STILL_MM.max(NEARLY_STILL_SHARE * found.residual_mm);
     Ok(found)
 }
 

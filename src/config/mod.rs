@@ -341,6 +341,16 @@ mod tests {
         for words in ["argon2id", "no scope"] {
             assert!(error.faults.iter().any(|f| f.starts_with("auth.keys[0]:") && f.contains(words)), "{error}");
         }
+        for secret in [
+            "[auth]\nkeys = \"sesame\"\n",
+            "[[auth.keys]]\nid = \"a\"\nhash = $sesame$x\n",
+            "[[auth.keys]]\nid = \"a\"\nhash = [\"sesame\"]\n",
+            "[[auth.keys]]\nid = \"a\"\nscopes = \"sesame\"\n",
+        ] {
+            std::fs::write(&file, format!("data = \"d\"\n{secret}")).unwrap();
+            let told = ServeConfig::read(Some(&file), &BTreeMap::new()).unwrap_err().to_string();
+            assert!(!told.contains("sesame") && !told.is_empty(), "{told}");
+        }
         std::fs::write(&file, "listen = \n").unwrap();
         for file in [file, directory.path().join("none.toml")] {
             let error = ServeConfig::read(Some(&file), &BTreeMap::new()).unwrap_err();

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::time::Duration;
 
+use figment::error::Kind;
 use serde::{Deserialize, Serialize};
 
 use super::source::Source;
@@ -89,7 +90,7 @@ pub(super) fn read(
 
 /// An address, shown as it shows itself: without a password.
 fn address<T: FromStr<Err = String> + Display>(s: &mut Source, path: &'static str) -> Option<T> {
-    match s.take_hidden::<String>(path)?.parse::<T>() {
+    match s.take_hidden::<String>(path, "a text")?.parse::<T>() {
         Ok(address) => {
             s.show(path, &address.to_string());
             Some(address)
@@ -166,12 +167,12 @@ fn tls(s: &mut Source) -> Option<TlsFiles> {
 }
 
 fn auth(s: &mut Source) -> Option<AuthSettings> {
-    let entries: Option<Vec<Value>> = s.take_hidden("auth.keys");
+    let entries: Option<Vec<Value>> = s.take_hidden("auth.keys", "a list of [[auth.keys]] tables");
     let mut keys = Vec::new();
     for (index, entry) in entries.iter().flatten().enumerate() {
         match entry.deserialize::<KeyEntry>() {
             Ok(entry) => keys.push(api_key(s, index, entry)),
-            Err(error) => s.faults.push(format!("auth.keys[{index}]: {}", error.kind)),
+            Err(error) => s.faults.push(format!("auth.keys[{index}]: {}", unquoted(&error))),
         }
     }
     let shown: Vec<String> = keys.iter().map(|k| format!("{} ({}; {})", k.id, k.tenant, k.scopes)).collect();
@@ -181,6 +182,15 @@ fn auth(s: &mut Source) -> Option<AuthSettings> {
     }
     let jwt = jwt(s);
     (entries.is_some() || jwt.is_some()).then_some(AuthSettings { keys, jwt })
+}
+
+/// What is wrong with an entry, without its values.
+fn unquoted(error: &figment::Error) -> String {
+    let field = if error.path.is_empty() { "a value".to_owned() } else { error.path.join(".") };
+    if let Kind::InvalidType(_, expected) | Kind::InvalidValue(_, expected) = &error.kind {
+        return format!("{field} is not {expected}");
+    }
+    error.kind.to_string()
 }
 
 fn api_key(s: &mut Source, index: usize, entry: KeyEntry) -> ApiKey {

@@ -54,9 +54,14 @@ impl Source {
         taken
     }
 
-    /// The value at `path` without showing it.
-    pub(super) fn take_hidden<T: DeserializeOwned>(&mut self, path: &'static str) -> Option<T> {
-        self.optional(path)
+    /// The value at `path`, which holds secrets: it is not shown, and a fault does not quote it.
+    pub(super) fn take_hidden<T: DeserializeOwned>(&mut self, path: &'static str, expected: &str) -> Option<T> {
+        self.asked.insert(path);
+        let taken = self.figment.find_value(path).ok()?.deserialize().ok();
+        if taken.is_none() {
+            self.fault(path, &format!("is not {expected}"));
+        }
+        taken
     }
 
     /// Settings are numbers, words and lists of words: as JSON they are TOML.
@@ -86,7 +91,8 @@ impl Source {
     pub(super) fn unreadable(&self) -> Option<Vec<String>> {
         let faults = self.figment.extract::<Dict>().err()?;
         let told = |error: figment::Error| {
-            format!("{}{}", error.kind, error.metadata.as_ref().map(origin).unwrap_or_default())
+            let from = error.metadata.as_ref().map(origin).unwrap_or_default();
+            format!("{}{from}", without_source(&error.kind.to_string()))
         };
         Some(faults.into_iter().map(told).collect())
     }
@@ -103,6 +109,13 @@ impl Source {
             }
         }
     }
+}
+
+/// What a parser says without the line that it quotes, which may hold a secret: such lines have a `|` behind their number.
+fn without_source(text: &str) -> String {
+    let quotes =
+        |line: &&str| line.trim_start().trim_start_matches(|c: char| c.is_ascii_digit()).trim_start().starts_with('|');
+    text.lines().filter(|line| !quotes(line)).collect::<Vec<_>>().join(": ")
 }
 
 fn origin(metadata: &Metadata) -> String {

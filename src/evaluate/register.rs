@@ -33,8 +33,12 @@ const TRIM: f64 = 2.5;
 const TRIM_FLOOR_MM: f64 = 1e-3;
 /// An update that moves no point farther than this ends the iteration, mm.
 const STILL_MM: f64 = 1e-8;
-/// Still accepted when the iterations run out: pairs that flip in and out of the trimmed set, mm.
+/// Still accepted when the iterations run out: pairs that flip in and out of the trimmed set, mm and as a share of the residual, with
+/// which what a flip moves grows.
 const NEARLY_STILL_MM: f64 = 5e-3;
+const NEARLY_STILL_SHARE: f64 = 0.05;
+/// More movement than this is told then, mm.
+const TOLD_MM: f64 = 1e-3;
 /// Surfaces whose median distance stays above this do not show the same body, mm.
 const MATCH_MM: f64 = 3.0;
 /// Above this the fit is doubtful, mm.
@@ -97,7 +101,7 @@ pub fn register(
 ) -> Result<Registration, EvaluateError> {
     let mut warnings = plausible(source, target)?;
     let region = Region::of(source, unaltered)?;
-    let stiffness = region.stiffness(source);
+    let stiffness = region.stiffness();
     if stiffness < LEAST_STIFFNESS {
         return Err(RegistrationFault::Slides { stiffness, allowed: LEAST_STIFFNESS }.into());
     }
@@ -116,6 +120,12 @@ pub fn register(
     if !found.settled {
         let (iterations, movement_mm) = (found.iterations, found.movement_mm);
         return Err(RegistrationFault::NotConverged { iterations, movement_mm, mirrored: mirrored()? }.into());
+    }
+    if found.movement_mm > TOLD_MM {
+        warnings.push(format!(
+            "after {} iterations points still moved by {:.3} mm to and fro",
+            found.iterations, found.movement_mm
+        ));
     }
     if found.median_mm > GOOD_MM {
         warnings.push(format!("after registration half of the region is still over {:.1} mm off", found.median_mm));
@@ -139,8 +149,17 @@ pub fn register(
     })
 }
 
-/// Points with the area that each stands for.
-struct Points(Vec<(Point, f64)>);
+/// Samples of the source.
+struct Points(Vec<Sample>);
+
+/// A point of the source with the area that it stands for and the direction of the surface there, over the same neighbourhood as the
+/// stiffness: a scan's own normals are noise, and noise in them holds a head where it is, as if it were no ball.
+#[derive(Clone, Copy)]
+struct Sample {
+    point: Point,
+    weight: f64,
+    normal: Vector,
+}
 
 /// The part of the source that registration goes by.
 struct Region {
@@ -161,8 +180,11 @@ impl Region {
         // Loose vertices say nothing about the surface.
         let chosen = |v: &usize| unaltered.is_none_or(|m| m[*v]) && areas[*v] > 0.0;
         let vertices: Vec<usize> = (0..n).filter(chosen).collect();
-        let points: Vec<(Point, f64)> = vertices.iter().map(|v| (source.positions()[*v], areas[*v])).collect();
-        let area_mm2 = points.iter().map(|p| p.1).sum::<f64>() + 0.0;
+        let radius_mm = SHAPE_MM.min(SHAPE_SHARE * source.bounds().diagonal());
+        let normals = Neighbourhoods::new(source, radius_mm).normals(source);
+        let sample = |v: &usize| Sample { point: source.positions()[*v], weight: areas[*v], normal: normals[*v] };
+        let points: Vec<Sample> = vertices.iter().map(sample).collect();
+        let area_mm2 = points.iter().map(|p| p.weight).sum::<f64>() + 0.0;
         if vertices.len() < LEAST_VERTICES || area_mm2 < LEAST_AREA_MM2 {
             let vertices = vertices.len();
             let (least_vertices, least_area_mm2) = (LEAST_VERTICES, LEAST_AREA_MM2);
@@ -176,13 +198,9 @@ impl Region {
         Points(self.points.0.iter().copied().step_by(self.points.0.len().div_ceil(count)).collect())
     }
 
-    fn stiffness(&self, source: &TriMesh) -> f64 {
-        let radius_mm = SHAPE_MM.min(SHAPE_SHARE * source.bounds().diagonal());
-        let normals = Neighbourhoods::new(source, radius_mm).normals(source);
-        let rows: Vec<Row> = (self.vertices.iter().zip(&self.points.0))
-            .map(|(v, (point, weight))| Row { point: *point, normal: normals[*v], weight: *weight })
-            .collect();
-        stiffness(&rows)
+    fn stiffness(&self) -> f64 {
+        let row = |s: &Sample| Row { point: s.point, normal: s.normal, weight: s.weight };
+        stiffness(&self.points.0.iter().map(row).collect::<Vec<_>>())
     }
 }
 
@@ -192,7 +210,7 @@ fn starts(region: &Region, target: &TriMesh) -> Vec<Motion> {
         let (sum, total) = points.fold((Vector::zeros(), 0.0), |(s, t), (p, w)| (s + p.coords * w, t + w));
         Point::from(sum / f64::max(total, f64::MIN_POSITIVE))
     };
-    let own = middle(&mut region.points.0.iter().copied());
+    let own = middle(&mut region.points.0.iter().map(|s| (s.point, s.weight)));
     let other = middle(&mut target.positions().iter().copied().zip(vertex_areas(target)));
     let mut starts = vec![Motion::identity()];
     if (other - own).norm() > START_APART_MM {
@@ -235,18 +253,24 @@ fn best_start(
 
 /// Mean distance of moved points to the surface; what is far, or beyond the border, counts as far.
 fn distance(points: &Points, surface: &Surface, motion: &Motion, control: &Control) -> Result<f64, EvaluateError> {
-    let moved: Vec<Point> = points.0.iter().map(|p| motion * p.0).collect();
+    let moved: Vec<Point> = points.0.iter().map(|s| motion * s.point).collect();
     let hits = surface.all_nearest(&moved, control)?;
     let size = |hit: &super::distance::Nearest| if hit.on_border { FAR_MM } else { hit.signed.abs().min(FAR_MM) };
-    let (sum, total) = hits.iter().zip(&points.0).fold((0.0, 0.0), |(s, t), (hit, p)| (s + p.1 * size(hit), t + p.1));
+    let (sum, total) =
+        hits.iter().zip(&points.0).fold((0.0, 0.0), |(s, t), (hit, p)| (s + p.weight * size(hit), t + p.weight));
     Ok(sum / total)
 }
 
 /// Whether the source's mirror image fits at least twice as well.
 fn mirror_fits(points: &Points, surface: &Surface, motion: Motion, control: &Control) -> Result<bool, EvaluateError> {
     let as_is = distance(points, surface, &motion, control)?;
-    let middle = points.0.iter().map(|p| p.0.x).sum::<f64>() / points.0.len() as f64;
-    let turned = Points(points.0.iter().map(|(p, w)| (Point::new(2.0 * middle - p.x, p.y, p.z), *w)).collect());
+    let middle = points.0.iter().map(|s| s.point.x).sum::<f64>() / points.0.len() as f64;
+    let turn = |s: &Sample| Sample {
+        point: Point::new(2.0 * middle - s.point.x, s.point.y, s.point.z),
+        normal: Vector::new(-s.normal.x, s.normal.y, s.normal.z),
+        ..*s
+    };
+    let turned = Points(points.0.iter().map(turn).collect());
     match fitted(&turned, surface, motion, COARSE_ITERATIONS, &control.part(0.0, 0.0)) {
         Ok(found) => Ok(distance(&turned, surface, &found.motion, control)? < 0.5 * as_is),
         Err(EvaluateError::Registration(_)) => Ok(false),
@@ -273,7 +297,7 @@ fn fitted(
     iterations: usize,
     control: &Control,
 ) -> Result<Fitted, EvaluateError> {
-    let all: f64 = points.0.iter().map(|p| p.1).sum();
+    let all: f64 = points.0.iter().map(|s| s.weight).sum();
     let mut found = Fitted {
         motion: start,
         iterations: 0,
@@ -306,17 +330,18 @@ fn fitted(
         }
         together |= step < TOGETHER_MM;
     }
-    found.settled = together && found.movement_mm <= NEARLY_STILL_MM;
+    found.settled = together && found.movement_mm <= NEARLY_STILL_MM.max(NEARLY_STILL_SHARE * found.residual_mm);
     Ok(found)
 }
 
 /// Moved points with their partners inside the border.
 fn pairs(points: &Points, surface: &Surface, motion: &Motion, control: &Control) -> Result<Vec<Pair>, EvaluateError> {
-    let moved: Vec<Point> = points.0.iter().map(|p| motion * p.0).collect();
+    let moved: Vec<Point> = points.0.iter().map(|s| motion * s.point).collect();
     let hits = surface.all_nearest(&moved, control)?;
-    let pair = |((point, hit), (_, weight)): ((&Point, &super::distance::Nearest), &(Point, f64))| {
-        let row = Row { point: *point, normal: hit.normal, weight: *weight };
-        (!hit.on_border).then(|| Pair { row, gap: hit.normal.dot(&(point - hit.point)) })
+    let pair = |((point, hit), sample): ((&Point, &super::distance::Nearest), &Sample)| {
+        let normal = motion * sample.normal;
+        let row = Row { point: *point, normal, weight: sample.weight };
+        (!hit.on_border).then(|| Pair { row, gap: normal.dot(&(point - hit.point)) })
     };
     Ok(moved.iter().zip(&hits).zip(&points.0).filter_map(pair).collect())
 }

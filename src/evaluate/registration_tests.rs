@@ -57,6 +57,27 @@ fn ten_millimetres_and_ten_degrees_in_any_direction_are_recovered_from_a_noisy_s
 }
 
 #[test]
+fn a_round_head_in_a_fine_scan_is_not_held_by_the_noise_of_its_facets() {
+    // Nose, chin and ears on what is nearly a ball: only they tell how it is turned.
+    let bump = |d: &Vector, at: [f64; 3], width: f64| {
+        (-(d - Vector::from(at).normalize()).norm_squared() / (width * width)).exp()
+    };
+    let head = |d: &Vector| {
+        let ball = 1.0 / Vector::new(d.x / 84.0, d.y / 90.0, d.z / 96.0).norm();
+        let ears = bump(d, [1.0, 0.1, 0.0], 0.15) + bump(d, [-1.0, 0.1, 0.0], 0.15);
+        ball + 18.0 * bump(d, [0.0, -1.0, 0.0], 0.22) + 8.0 * bump(d, [0.0, -0.8, -0.8], 0.3) + 5.0 * ears
+    };
+    let (target, source) = (Noise::new().on(&star(110, head), 0.3), star(61, head));
+    for axis in [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]] {
+        let known = turned(axis, 5.0, [3.0, -3.0, 2.6]);
+        let found = register(&source.moved(&known.inverse()), &target, None, &Control::new()).unwrap();
+        let off = found.motion * known.inverse();
+        let (shift, angle) = (off.translation.vector.norm(), off.rotation.angle().to_degrees());
+        assert!(shift < 0.1 && angle < 0.1, "{axis:?}: {shift} mm, {angle} degrees");
+    }
+}
+
+#[test]
 fn shapes_that_slide_are_refused_even_when_noise_roughens_them() {
     let at = |i: u32| Point::new(f64::from(i % 30) * 3.0, f64::from(i / 30) * 3.0, 0.0);
     let squares =

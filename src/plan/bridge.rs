@@ -3,6 +3,7 @@
 use std::fmt;
 
 use nalgebra::Matrix3;
+use rayon::prelude::*;
 
 use super::PlanError;
 use super::min_cut;
@@ -44,9 +45,11 @@ pub(super) fn not_parted(
     n_cuts: usize,
     control: &Control,
 ) -> Result<PlanError, Cancelled> {
+    let of_cuts: Vec<Result<Vec<Bridge>, Cancelled>> =
+        (0..n_cuts).into_par_iter().map(|cut| of_cut(grid, crossings, blocked, cut, control)).collect();
     let mut bridges: Vec<Bridge> = Vec::new();
-    for cut in 0..n_cuts {
-        for found in of_cut(grid, crossings, blocked, cut, control)? {
+    for of_cut in of_cuts {
+        for found in of_cut? {
             // Two cuts round one piece name the same bridge.
             let known = |b: &Bridge| (b.place - found.place).norm() < 0.5 * (b.length_mm + found.length_mm).max(6.0);
             if !bridges.iter().any(known) {

@@ -1,22 +1,16 @@
 //! What a segment meets on its path.
 
-use parry3d_f64::math::Vector as ParryVector;
-use parry3d_f64::query::{PointQuery, Ray, RayCast};
-use parry3d_f64::shape::{TriMesh as Shape, TriMeshFlags};
 use rayon::prelude::*;
 
+use super::cut_faces::{CutFaces, Solid};
 use super::{Osteotomy, Path, Plan, PlanError, Segment, overlap};
-use crate::control::{Cancelled, Control};
-use crate::geometry::{Motion, Point, Vector};
+use crate::control::Control;
+use crate::geometry::{Motion, Point};
 
 /// Samples along a path, besides its waypoints.
 const SAMPLES: usize = 10;
 /// At most about this many vertices of a segment are tested against other bone.
 const PROBES: usize = 6000;
-/// Bone farther away is not what a cut face has left, mm.
-const FAR_MM: f64 = 30.0;
-/// Vertices this near to another segment at rest lie on a cap, in shares of the mean edge length.
-const CAP_SHARE: f64 = 0.1;
 
 /// How a segment travels and what it meets.
 #[derive(Debug, Clone, PartialEq)]
@@ -44,18 +38,18 @@ pub struct PathSample {
     pub overlap_mm3: f64,
     /// Mean gap opened at the cut faces, mm.
     pub gap_mm: f64,
-    /// Volume between the cut faces and the bone that lies straight in front of them within 30 mm, mm³.
+    /// Volume between the cut faces and those of other segments that lie straight in front of them within 30 mm, mm³.
     pub gap_mm3: f64,
 }
 
 /// Follows every path, at t = 0, 0.1, … 1 and at its waypoints.
 ///
-/// Overlap and gap are measured at up to 6000 or so vertices of the segment, evenly picked by number, against the surfaces
-/// of all other segments where they are at that t. Cut faces are the vertices that touch another segment at rest; the gap
-/// is the mean over them of the distance to the nearest other bone, 0 where they overlap: a face that slides along
-/// another has no gap. The volume of the gap is that of the prisms from the cut faces, along their outward normals, to the
-/// bone that they meet; faces that meet none count for nothing. Both volumes are integrals, the overlap's over cells of about a millimetre
-/// in which bone's surfaces are taken to be plane.
+/// Overlap is measured at up to 6000 or so vertices of the segment, evenly picked by number, against the surfaces
+/// of all other segments where they are at that t. Cut faces are the triangles that face another segment at rest, with nothing or the slot
+/// of the saw between; the gap is the mean over them of the distance to the nearest other bone, 0 where they overlap: a face that slides
+/// along another has no gap. The volume of the gap is that of the prisms from the cut faces, along their outward normals, to the
+/// cut faces that they meet; where they meet other bone (the roof of a sinus) or none they count for nothing. Both volumes are integrals,
+/// the overlap's over cells of about a millimetre in which bone's surfaces are taken to be plane.
 ///
 /// # Errors
 /// [`PlanError::Value`] when a path names a segment that does not exist, segment 0, or one that has a path already;
@@ -78,13 +72,17 @@ pub fn follow(osteotomy: &Osteotomy, plan: &Plan, control: &Control) -> Result<V
     let mut solids = Vec::with_capacity(n);
     for segment in &osteotomy.segments {
         control.check()?;
-        solids.push((segment.id, Solid::new(segment)));
+        if let Some(solid) = Solid::new(segment) {
+            solids.push((segment.id, solid));
+        }
     }
+    let kerf_mm = osteotomy.cuts.iter().map(|c| c.kerf_mm).fold(0.0, f64::max);
+    let faces = CutFaces::of(&osteotomy.segments, &solids, kerf_mm, control)?;
     control.report(0.3);
     let mut reports = Vec::with_capacity(plan.paths.len());
     for (i, path) in plan.paths.iter().enumerate() {
         if let Some(segment) = osteotomy.segments.iter().find(|s| s.id == path.segment()) {
-            reports.push(follow_one(segment, path, plan, &solids, control)?);
+            reports.push(follow_one(segment, path, plan, &solids, &faces, control)?);
         }
         control.report(0.3 + 0.7 * (i + 1) as f64 / plan.paths.len() as f64);
     }
@@ -95,43 +93,35 @@ fn follow_one(
     segment: &Segment,
     path: &Path,
     plan: &Plan,
-    solids: &[(u32, Option<Solid>)],
+    solids: &[(u32, Solid)],
+    faces: &CutFaces,
     control: &Control,
 ) -> Result<PathReport, PlanError> {
     let positions = segment.surface.positions();
     let stride = positions.len().div_ceil(PROBES).max(1);
     let probes: Vec<Point> = positions.iter().copied().step_by(stride).collect();
     let others: Vec<(u32, &Solid)> =
-        solids.iter().filter(|(id, _)| *id != segment.id).filter_map(|(id, s)| Some((*id, s.as_ref()?))).collect();
-    let edge = (segment.area_mm2 / segment.surface.triangles().len() as f64 * 4.0 / 3.0f64.sqrt()).sqrt();
-
-    let rest = nearest_bone(&probes, &Motion::identity(), &others, |_| Motion::identity(), control)?;
-    let on_cap: Vec<bool> = rest.iter().map(|d| d.abs() < CAP_SHARE * edge).collect();
+        solids.iter().filter(|(id, _)| *id != segment.id).map(|(id, solid)| (*id, solid)).collect();
+    let own = solids.iter().find(|(id, _)| *id == segment.id).map(|(_, solid)| solid);
     let mut samples: Vec<f64> = (0..=SAMPLES).map(|i| i as f64 / SAMPLES as f64).collect();
     samples.extend(path.waypoints().iter().map(|w| w.0));
     samples.sort_by(f64::total_cmp);
     samples.dedup_by(|a, b| (*a - *b).abs() < 1e-9);
 
-    let faces = CutFaces::new(segment, &others, CAP_SHARE * edge);
-    let own = solids.iter().find(|(id, _)| *id == segment.id).and_then(|(_, s)| s.as_ref());
     let mut along = Vec::with_capacity(samples.len());
     for t in samples {
+        control.check()?;
         let motions = plan.motions(t);
         let motion_of = |id: u32| motions.iter().find(|m| m.0 == id).map_or_else(Motion::identity, |m| m.1);
         let motion = motion_of(segment.id);
-        let distances = nearest_bone(&probes, &motion, &others, motion_of, control)?;
+        let frames: Vec<Frame<'_>> =
+            others.iter().map(|(id, solid)| (*id, *solid, motion_of(*id).inverse() * motion)).collect();
+        let distances: Vec<f64> = probes.par_iter().with_min_len(256).map(|p| nearest_bone(p, &frames)).collect();
         let overlap_mm = distances.iter().fold(0.0f64, |deepest, d| deepest.max(-d));
-        let (mut sum, mut count) = (0.0, 0usize);
-        for (d, _) in distances.iter().zip(&on_cap).filter(|(_, cap)| **cap) {
-            sum += d.max(0.0);
-            count += 1;
-        }
-        let frames: Vec<(&Solid, Motion)> =
-            others.iter().map(|(id, s)| (*s, motion_of(*id).inverse() * motion)).collect();
-        let overlap_mm3 = own
-            .map_or(0.0, |own| frames.iter().map(|(s, m)| overlap::volume(own, s, m, &segment.surface.bounds())).sum());
-        let gap_mm = if count == 0 { 0.0 } else { sum / count as f64 };
-        along.push(PathSample { t, overlap_mm, overlap_mm3, gap_mm, gap_mm3: faces.gap(&frames) });
+        let shared = |own| frames.iter().map(|(_, s, m)| overlap::volume(own, s, m, &segment.surface.bounds())).sum();
+        let overlap_mm3 = own.map_or(0.0, shared);
+        let (gap_mm, gap_mm3) = faces.gap(segment.id, &frames);
+        along.push(PathSample { t, overlap_mm, overlap_mm3, gap_mm, gap_mm3 });
     }
     let end = path.at(1.0);
     let shift = end * segment.centroid - segment.centroid;
@@ -144,84 +134,10 @@ fn follow_one(
     })
 }
 
-/// Signed distance of every probe, moved by `motion`, to the nearest of the `others`, moved by theirs; infinite without others.
-fn nearest_bone(
-    probes: &[Point],
-    motion: &Motion,
-    others: &[(u32, &Solid)],
-    motion_of: impl Fn(u32) -> Motion,
-    control: &Control,
-) -> Result<Vec<f64>, Cancelled> {
-    control.check()?;
-    let frames: Vec<(&Solid, Motion)> = others.iter().map(|(id, s)| (*s, motion_of(*id).inverse() * motion)).collect();
-    let nearest = |p: &Point| frames.iter().map(|(s, m)| s.signed(&(m * p))).fold(f64::INFINITY, f64::min);
-    Ok(probes.par_iter().with_min_len(256).map(nearest).collect())
-}
+/// Another segment, with the motion into its frame.
+pub(super) type Frame<'a> = (u32, &'a Solid, Motion);
 
-/// Cut faces of a segment: middles of triangles, outward unit normals, areas.
-struct CutFaces(Vec<(Point, Vector, f64)>);
-
-impl CutFaces {
-    /// Triangles of which two corners and more touch other bone at rest: at the rim the third may not.
-    fn new(segment: &Segment, others: &[(u32, &Solid)], touch: f64) -> Self {
-        let mesh = &segment.surface;
-        let touches = |p: &Point| others.iter().any(|(_, s)| s.signed(p).abs() < touch);
-        let on_cap: Vec<bool> = mesh.positions().par_iter().with_min_len(256).map(touches).collect();
-        let faces = (0..mesh.triangles().len())
-            .filter(|t| mesh.triangles()[*t].iter().filter(|v| on_cap[**v as usize]).count() >= 2);
-        let face = |t: usize| {
-            let [a, b, c] = mesh.corners(t);
-            let normal = mesh.scaled_normal(t);
-            let middle = Point::from((a.coords + b.coords + c.coords) / 3.0);
-            (middle, normal.normalize(), 0.5 * normal.norm())
-        };
-        Self(faces.map(face).filter(|f| f.2 > 0.0).collect())
-    }
-
-    /// Volume between the faces and the bone that they face; `frames` are other bones with the motions into their frames.
-    fn gap(&self, frames: &[(&Solid, Motion)]) -> f64 {
-        let reach = |(p, n, area): &(Point, Vector, f64)| {
-            let hit = frames.iter().filter_map(|(s, m)| s.ahead(&(m * p), &(m * n)));
-            hit.min_by(f64::total_cmp).map_or(0.0, |d| d * area)
-        };
-        // Summed in order: the same on any number of threads.
-        let volumes: Vec<f64> = self.0.par_iter().with_min_len(256).map(reach).collect();
-        volumes.iter().sum()
-    }
-}
-
-/// A closed surface with signed distances: sign by the pseudonormal of the closest feature.
-pub(super) struct Solid(Shape);
-
-impl Solid {
-    fn new(segment: &Segment) -> Option<Self> {
-        let vertices = segment.surface.positions().iter().map(|p| ParryVector::new(p.x, p.y, p.z)).collect();
-        let triangles = segment.surface.triangles().to_vec();
-        Shape::with_flags(vertices, triangles, TriMeshFlags::ORIENTED).ok().map(Self)
-    }
-
-    fn signed(&self, p: &Point) -> f64 {
-        self.signed_towards(p).0
-    }
-
-    /// Signed distance of `p`, and the outward unit direction there; zero on the surface itself.
-    pub(super) fn signed_towards(&self, p: &Point) -> (f64, Vector) {
-        let q = ParryVector::new(p.x, p.y, p.z);
-        let projection = self.0.project_local_point(q, false);
-        let off = q - projection.point;
-        let (distance, off) = (off.length(), Vector::new(off.x, off.y, off.z));
-        let sign = if projection.is_inside { -1.0 } else { 1.0 };
-        (sign * distance, off.try_normalize(1e-12).map_or_else(Vector::zeros, |u| u * sign))
-    }
-
-    /// Distance along unit `n` from `p`, outside or on the surface, to where the surface is entered.
-    fn ahead(&self, p: &Point, n: &Vector) -> Option<f64> {
-        // From a little behind, so that a face in contact meets the other one.
-        const BEHIND_MM: f64 = 0.2;
-        let from = p - n * BEHIND_MM;
-        let ray = Ray::new(ParryVector::new(from.x, from.y, from.z), ParryVector::new(n.x, n.y, n.z));
-        let hit = self.0.cast_local_ray_and_get_normal(&ray, FAR_MM + BEHIND_MM, false)?;
-        let entered = hit.normal.dot(ray.dir) < 0.0;
-        entered.then_some((hit.time_of_impact - BEHIND_MM).max(0.0))
-    }
+/// Signed distance of `p` to the nearest other bone; infinite without others.
+pub(super) fn nearest_bone(p: &Point, frames: &[Frame<'_>]) -> f64 {
+    frames.iter().map(|(_, solid, motion)| solid.signed(&(motion * p))).fold(f64::INFINITY, f64::min)
 }

@@ -7,6 +7,7 @@ mod blade;
 mod bridge;
 mod clearance;
 mod cut;
+mod cut_faces;
 mod follow;
 mod min_cut;
 mod names;

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::follow::Solid;
+use super::cut_faces::Solid;
 use crate::geometry::{Aabb, Motion, Point, Vector};
 
 /// Cells are halved down to this share of the solid's extent: along edges of a solid, where a cell sees one of two faces, too much is counted.

@@ -344,6 +344,72 @@ fn a_block_pushed_half_aside_overlaps_by_a_box_and_a_tilted_one_opens_a_wedge() 
 }
 
 #[test]
+fn a_gap_is_between_cut_faces_and_not_below_a_roof_and_counts_the_slot() {
+    let blocks = [([-12.0, -10.0, 0.0], [12.0, 10.0, 40.0]), ([-12.0, -10.0, 34.0], [40.0, 10.0, 40.0])];
+    let roofed = bone([-12.0, -10.0, 0.0], [40.0, 10.0, 40.0], 1.0, |p| {
+        blocks.iter().map(|(low, high)| box_distance(p, *low, *high)).fold(f64::INFINITY, f64::min)
+    });
+    let plane = endless([0.0, 0.0, 12.2], [0.0, 0.0, 1.0]);
+    for kerf_mm in [0.0, 1.0] {
+        let cut = run_all(&roofed, &[Cut { kerf_mm, ..plane.into() }]).unwrap();
+        // Pushed aside by 8 mm of 24: the rest faces the roof, 22 mm above. Before, all of it faces the other face.
+        for (x, down, width) in [(0.0, 0.0, 24.0), (0.0, 0.3, 24.0), (8.0, 0.5, 16.0)] {
+            let paths = vec![Path::new(1, vec![(1.0, Motion::translation(x, 0.0, -down))]).unwrap()];
+            let end = follow(&cut, &Plan { paths }, &Control::new()).unwrap().remove(0).along[10];
+            let expected = width * 20.0 * (down + kerf_mm);
+            // Half a spacing at every rim does not lie in the cut.
+            assert!(
+                (0.87 * expected - 1.0..1.03 * expected + 1.0).contains(&end.gap_mm3),
+                "{kerf_mm} {x} {down}: {end:?} {expected}"
+            );
+            let aside = x * 0.5 * x / 24.0;
+            assert!(
+                (down + kerf_mm - 0.05..down + kerf_mm + aside + 0.05).contains(&end.gap_mm),
+                "{kerf_mm} {x}: {end:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn templates_of_both_jaws_part_the_teeth_in_one_plane() {
+    let bone = block_head(true);
+    let at = |x: f64, y: f64, z: f64| Point::new(x, y, z);
+    let points = [
+        ("lingula_left", at(42.0, -17.0, 20.0)),
+        ("lingula_right", at(-42.0, -17.0, 20.0)),
+        ("molar_left", at(30.0, -45.0, 10.0)),
+        ("molar_right", at(-30.0, -45.0, 10.0)),
+    ];
+    let landmarks = Landmarks {
+        points: points.map(|(name, p)| (name.to_owned(), p)).into(),
+        midline_x_mm: Some(0.0),
+        occlusal_z_mm: Some(17.5),
+        le_fort_1_plane: Some((at(0.0, -60.0, 37.0), Vector::new(0.04, -0.1, 1.0))),
+    };
+    let templates = [Template::LeFort1, Template::BssoLeft, Template::BssoRight];
+    let cuts: Vec<Cut> = templates.iter().flat_map(|t| t.cuts(&landmarks, &bone).unwrap()).collect();
+    let planes: Vec<BoundedPlane> = cuts
+        .iter()
+        .filter(|c| c.name.as_deref().is_some_and(|n| n.starts_with("occlusal")))
+        .filter_map(|c| match &c.shape {
+            CutShape::Plane(plane) => Some(*plane),
+            _ => None,
+        })
+        .collect();
+    assert!(planes.len() >= 3, "{}", planes.len());
+    for plane in &planes {
+        assert!((plane.normal - planes[0].normal).norm() < 1e-12, "{plane:?}");
+        assert!((plane.point - planes[0].point).dot(&plane.normal).abs() < 1e-9, "{plane:?}");
+    }
+    // Without the Le Fort I plane the saw is level.
+    let level = Landmarks { le_fort_1_plane: None, ..landmarks };
+    let cuts = Template::BssoLeft.cuts(&level, &bone).unwrap();
+    let occlusal = cuts.iter().find(|c| c.name.as_deref() == Some("occlusal")).unwrap();
+    assert!(matches!(&occlusal.shape, CutShape::Plane(p) if p.normal == Vector::z() && p.point.z == 17.5));
+}
+
+#[test]
 fn paths_of_unknown_or_fixed_segments_are_refused() {
     let cut = run(&block(), &[endless([0.0, 0.0, 12.2], [0.0, 0.0, 1.0])]).unwrap();
     let path = |id| Path::new(id, vec![(1.0, Motion::translation(1.0, 0.0, 0.0))]).unwrap();

@@ -124,3 +124,15 @@ async fn series_that_cannot_be_read_are_refused_by_the_upload() {
     app.upload(&format!("{session}/ct?max_step_mm=0"), zip).await.problem(422, "invalid-request");
     assert_eq!(app.get(&session).await.ok()["parts"]["ct"]["state"], json!("ready"));
 }
+
+#[tokio::test]
+async fn notes_in_the_header_of_a_nifti_file_are_not_kept() {
+    let app = TestApp::new().await;
+    let session = app.session().await;
+    let mut file = crate::shapes::nifti();
+    // The field `descrip`.
+    file[148..148 + NAME.len()].copy_from_slice(NAME.as_bytes());
+    let job = app.finish(app.upload(&format!("{session}/ct"), file).await).await;
+    assert_eq!(job["status"], "succeeded", "{job}");
+    assert!(!holds(app.directory(), NAME.as_bytes()), "the note was stored");
+}

@@ -55,12 +55,12 @@ pub(crate) fn skull() -> Vec<u8> {
     stl(&cube([0.0; 3], 60.0))
 }
 
-/// A NIfTI-1 file of 2 × 2 × 2 voxels.
+/// A NIfTI-1 file of 4 × 4 × 4 voxels.
 pub(crate) fn nifti() -> Vec<u8> {
     let mut bytes = vec![0u8; 352];
     let mut put = |at: usize, value: &[u8]| bytes[at..at + value.len()].copy_from_slice(value);
     put(0, &348i32.to_le_bytes());
-    for (index, n) in [3i16, 2, 2, 2, 1, 1, 1, 1].into_iter().enumerate() {
+    for (index, n) in [3i16, 4, 4, 4, 1, 1, 1, 1].into_iter().enumerate() {
         put(40 + 2 * index, &n.to_le_bytes());
     }
     put(70, &4i16.to_le_bytes());
@@ -75,7 +75,7 @@ pub(crate) fn nifti() -> Vec<u8> {
         put(at + 4 * row, &1f32.to_le_bytes());
     }
     put(344, b"n+1\0");
-    bytes.extend((0..8i16).flat_map(|v| (v * 100 - 300).to_le_bytes()));
+    bytes.extend((0..64i16).flat_map(|v| (v * 12 - 300).to_le_bytes()));
     bytes
 }
 

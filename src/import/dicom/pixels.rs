@@ -69,7 +69,15 @@ fn joined<'a>(value: &Value<'a>, header: &Header) -> Result<Cow<'a, [u8]>, Impor
     Ok(match value {
         Value::Bytes(bytes) => {
             let size = usize::from(header.words.bits_allocated / 8);
-            let start = header.columns.saturating_mul(header.rows).saturating_mul(size).saturating_mul(frame);
+            let image = header.columns.saturating_mul(header.rows).saturating_mul(size);
+            let (start, all) = (image.saturating_mul(frame), image.saturating_mul(of));
+            // One more makes an odd number even. With the wrong number of columns or rows an image would be sheared.
+            if bytes.len() > all.saturating_add(1) {
+                let (columns, rows) = (header.columns, header.rows);
+                let detail =
+                    format!("the pixels are {} bytes, expected {all} for {columns} x {rows} pixels", bytes.len());
+                return Err(malformed(FORMAT, detail));
+            }
             Cow::Borrowed(bytes.get(start..).unwrap_or_default())
         }
         Value::Fragments(parts) if of > 1 => match parts.get(frame) {

@@ -7,6 +7,8 @@ use crate::import::{ImportError, SeriesChoice, VolumeSettings};
 
 /// Directions and spacings that differ by less are the same: what decimals are rounded to.
 const SAME: f64 = 1e-3;
+/// Most slices, as a share of all, that may be left out for their geometry: two halves of a series are no head.
+const MAX_LEFT_OUT: f64 = 0.25;
 /// Geometries in one series that are told apart.
 const MAX_STACKS: usize = 64;
 
@@ -117,6 +119,8 @@ fn largest_stack(images: Vec<(usize, Header)>, warnings: &mut Vec<String>) -> Re
             None => stacks.push(vec![image]),
         }
     }
+    let slices: usize = stacks.iter().map(Vec::len).sum();
+    let list: Vec<String> = stacks.iter().take(8).map(|s| told(s)).collect();
     // The first of equals, whatever the order of the files.
     let largest = stacks.into_iter().max_by(|a, b| a.len().cmp(&b.len()).then_with(|| order(b).total_cmp(&order(a))));
     let Some(stack) = largest else {
@@ -127,6 +131,11 @@ fn largest_stack(images: Vec<(usize, Header)>, warnings: &mut Vec<String>) -> Re
         };
         return Err(malformed(FORMAT, detail));
     };
+    if slices.saturating_sub(stack.len()) as f64 > MAX_LEFT_OUT * slices as f64 {
+        let detail =
+            format!("the slices of the series are of several geometries, send those of one: {}", list.join("; "));
+        return Err(malformed(FORMAT, detail));
+    }
     let left_out = all.saturating_sub(stack.len());
     if left_out > 0 {
         warnings.push(format!(
@@ -134,6 +143,15 @@ fn largest_stack(images: Vec<(usize, Header)>, warnings: &mut Vec<String>) -> Re
         ));
     }
     Ok(stack)
+}
+
+/// A stack in words.
+fn told(stack: &[Image]) -> String {
+    let Some(first) = stack.first() else { return String::new() };
+    let ([x, y], [column, row]) = ([first.header.columns, first.header.rows], first.place.spacing);
+    let [a, b] =
+        [first.place.along_row, first.place.along_column].map(|d| format!("({:.2}, {:.2}, {:.2})", d.x, d.y, d.z));
+    format!("{} of {x} x {y} pixels of {column} x {row} mm along {a} and {b}", stack.len())
 }
 
 /// Tells stacks apart by where they look.

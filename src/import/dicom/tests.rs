@@ -1,3 +1,4 @@
+mod doubtful;
 mod enhanced;
 
 use std::io::{Cursor, Write};

@@ -3,7 +3,7 @@ use std::sync::Arc;
 use axum::body::Bytes;
 
 use crate::export::nifti_gz;
-use crate::import::{ImportError, VolumeFormat, VolumeScan, VolumeSettings, detect_volume, volume_with};
+use crate::import::{ImportError, VolumeFormat, VolumeScan, VolumeSettings, volume_with};
 use crate::jobs::Service;
 use crate::session::{CtDocument, Fault, FaultKind, Halt, import_fault};
 use crate::store::{BlobInfo, PartKind, PartRecord, SessionId, now_rfc3339};
@@ -12,8 +12,6 @@ use crate::store::{BlobInfo, PartKind, PartRecord, SessionId, now_rfc3339};
 const BATCH: usize = 1 << 20;
 /// Fewest voxels along an axis that surfaces can be taken from.
 const MIN_EXTENT: usize = 4;
-/// Bytes that show the format.
-const BEGINNING: u64 = 1 << 10;
 
 /// Looks over a CT while it arrives, so that a file that cannot be one, or is cut off, is refused before a job takes it.
 #[derive(Debug)]
@@ -67,8 +65,8 @@ impl CtScan {
     }
 }
 
-/// Makes an upload the session's CT. Anything but NIfTI is read here and stored as NIfTI: of a DICOM series the voxels and where
-/// they lie are kept and nothing else, so that no tag of a patient outlives the request. The upload's file is then removed.
+/// Makes an upload the session's CT. Whatever its format, the voxels and where they lie are kept, as NIfTI, and nothing else, so that no
+/// tag of a patient and no note in a header outlives the request. The upload's file is then removed.
 ///
 /// # Errors
 /// [`FaultKind::VolumeNotUsable`], [`FaultKind::UnsupportedFormat`], or the store's.
@@ -78,23 +76,12 @@ pub async fn take_ct(
     upload: BlobInfo,
     settings: VolumeSettings,
 ) -> Result<PartRecord, Fault> {
-    let mut document = CtDocument {
-        sha256: upload.sha256.clone(),
-        bytes: upload.bytes,
-        format: "nifti".to_owned(),
-        warnings: Vec::new(),
-    };
-    let beginning = service.store.blobs().get_range(&upload.key, 0..upload.bytes.min(BEGINNING)).await?;
-    let stored = if detect_volume(&beginning) == Some(VolumeFormat::Nifti) {
-        upload
-    } else {
-        let read = read_ct(service, &upload.key, settings).await;
-        service.store.blobs().delete(&upload.key).await;
-        let (bytes, format, warnings) = read?;
-        document.format = format.name().to_owned();
-        document.warnings = warnings;
-        service.store.blobs().put(session, bytes).await?
-    };
+    let read = read_ct(service, &upload.key, settings).await;
+    service.store.blobs().delete(&upload.key).await;
+    let (bytes, format, warnings) = read?;
+    let stored = service.store.blobs().put(session, bytes).await?;
+    let document =
+        CtDocument { sha256: upload.sha256, bytes: upload.bytes, format: format.name().to_owned(), warnings };
     Ok(PartRecord {
         kind: PartKind::Ct,
         key: stored.sha256,

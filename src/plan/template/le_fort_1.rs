@@ -2,7 +2,7 @@
 
 use super::super::parting::lattice;
 use super::super::shape::{BoundedPlane, Cut};
-use super::meets;
+use super::{Occlusal, meets};
 use crate::field::Envelope;
 use crate::geometry::{Point, Vector};
 
@@ -98,7 +98,7 @@ pub(super) fn tuberosity_y(
 }
 
 /// Axes of the Le Fort I plane with the origin in the midline.
-struct Frame {
+pub(super) struct Frame {
     origin: Point,
     left: Vector,
     back: Vector,
@@ -108,7 +108,7 @@ struct Frame {
 }
 
 impl Frame {
-    fn new((point, normal): (Point, Vector), midline: f64, occlusal_z: f64) -> Option<Self> {
+    pub(super) fn new((point, normal): (Point, Vector), midline: f64, occlusal_z: f64) -> Option<Self> {
         let up = normal.try_normalize(1e-9)? * normal.z.signum();
         if up.z.is_nan() || up.z < 0.7 || !point.iter().chain([&midline, &occlusal_z]).all(|c| c.is_finite()) {
             return None;
@@ -119,6 +119,11 @@ impl Frame {
         let origin = point + left * ((midline - point.x) / left.x);
         let occlusal = (occlusal_z - origin.z) * up.z;
         (occlusal < -5.0).then_some(Self { origin, left, back, up, occlusal })
+    }
+
+    pub(super) fn occlusal_plane(&self, occlusal_z: f64) -> Occlusal {
+        let point = Point::new(self.origin.x, self.origin.y, occlusal_z);
+        Occlusal { point, left: self.left, up: self.up }
     }
 
     /// The plane above the apices between two depths; the first cut is its middle part.

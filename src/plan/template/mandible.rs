@@ -3,7 +3,7 @@
 use super::super::PlanError;
 use super::super::parting::lattice;
 use super::super::shape::{BoundedPlane, Cut, CutShape};
-use super::{Landmarks, meets, misplaced};
+use super::{Landmarks, Occlusal, meets, misplaced};
 use crate::field::Envelope;
 use crate::geometry::{Point, TriMesh, Vector};
 
@@ -62,8 +62,9 @@ impl Side {
         BoundedPlane { point, normal: Vector::z().cross(&along).normalize(), bounds }
     }
 
-    fn cuts(&self, occlusal: f64) -> Vec<Cut> {
+    fn cuts(&self, occlusal: &Occlusal) -> Vec<Cut> {
         let top = self.ramus.z + ABOVE_LINGULA_MM;
+        let occlusal = occlusal.z(self.body.x, self.body.y);
         let bottom = self.body.z - TO_LOWER_BORDER_MM;
         let hind = self.ramus + self.back * BEHIND_LINGULA_MM;
         let inward = -self.out * (REACH_MM + OVERLAP_MM);
@@ -108,7 +109,7 @@ pub(super) fn sagittal_split(side: f64, landmarks: &Landmarks, bone: &Envelope) 
     let occlusal = landmarks.occlusal()?;
     let one =
         Side::new(side, &landmarks.point(&format!("lingula_{name}"))?, &landmarks.point(&format!("molar_{name}"))?)?;
-    let mut cuts = one.cuts(occlusal);
+    let mut cuts = one.cuts(&occlusal);
     cuts.extend(jaws(landmarks, bone)?);
     if let Some(condylion) = landmarks.points.get(&format!("condylion_{name}")) {
         cuts.extend(Some(joint(side, condylion)?).filter(|c| meets(bone, c)));
@@ -130,10 +131,6 @@ fn jaws(landmarks: &Landmarks, bone: &Envelope) -> Result<Vec<Cut>, PlanError> {
     let (Some(left), Some(right)) = (of("lingula", 1.0), of("lingula", -1.0)) else { return Ok(Vec::new()) };
     let hind = left.y.max(right.y) + BEHIND_LINGULA_MM + OVERLAP_MM;
     let ramus_front = left.y.min(right.y) - TO_FRONT_MM + OVERLAP_MM;
-    let level = |[x0, x1]: [f64; 2], [y0, y1]: [f64; 2]| {
-        let point = Point::new(0.5 * (x0 + x1), 0.5 * (y0 + y1), occlusal);
-        BoundedPlane { point, normal: Vector::z(), bounds: Some((Vector::x(), 0.5 * (x1 - x0), 0.5 * (y1 - y0))) }
-    };
     let walls = [right.x + 2.0, left.x - 2.0];
     if walls[1] - walls[0] < 20.0 {
         return Err(misplaced("have lingula_left less than 24 mm to the left of lingula_right"));
@@ -141,15 +138,17 @@ fn jaws(landmarks: &Landmarks, bone: &Envelope) -> Result<Vec<Cut>, PlanError> {
     let front = ramus_front - TEETH_FRONT_MM;
     let top = left.z.max(right.z) + ABOVE_LINGULA_MM + OVERLAP_MM;
     let mut cuts = vec![
-        Cut::from(level([walls[0] - 8.0, walls[1] + 8.0], [front, ramus_front])).named("occlusal"),
-        Cut::from(level(walls, [ramus_front - OVERLAP_MM, hind])).named("occlusal_hind"),
+        Cut::from(occlusal.part([walls[0] - 8.0, walls[1] + 8.0], [front, ramus_front])).named("occlusal"),
+        Cut::from(occlusal.part(walls, [ramus_front - OVERLAP_MM, hind])).named("occlusal_hind"),
     ];
-    if top > occlusal + OVERLAP_MM {
+    let ends = [ramus_front, hind].map(|y| [walls[0], walls[1]].map(|x| occlusal.z(x, y)));
+    let lowest = ends.as_flattened().iter().copied().fold(f64::INFINITY, f64::min);
+    if top > lowest + OVERLAP_MM {
         let depth = ramus_front - hind - OVERLAP_MM;
         for (x, side, name) in [(walls[1], 1.0, "ramus_left"), (walls[0], -1.0, "ramus_right")] {
             // The rami run together towards the front.
             let way = Vector::new(side * RAMUS_SLANT * depth, depth, 0.0);
-            let wall = Side::upright(Point::new(x, hind, 0.0), way, [occlusal - OVERLAP_MM, top]);
+            let wall = Side::upright(Point::new(x, hind, 0.0), way, [lowest - OVERLAP_MM, top]);
             cuts.push(Cut::from(wall).named(name));
         }
     }
@@ -238,8 +237,8 @@ pub(super) fn whole(landmarks: &Landmarks, bone: &Envelope) -> Result<Vec<Cut>, 
     let between = jaws(landmarks, bone)?;
     if between.is_empty() {
         let (occlusal, menton) = (landmarks.occlusal()?, landmarks.point("menton")?);
-        let point = Point::new(landmarks.midline_x_mm.unwrap_or(menton.x), menton.y + 15.0, occlusal);
-        let plane = BoundedPlane { point, normal: Vector::z(), bounds: Some((Vector::x(), 45.0, 45.0)) };
+        let (x, y) = (landmarks.midline_x_mm.unwrap_or(menton.x), menton.y + 15.0);
+        let plane = occlusal.part([x - 45.0, x + 45.0], [y - 45.0, y + 45.0]);
         cuts.extend(Some(Cut::from(plane).named("occlusal").separating()).filter(|c| meets(bone, c)));
     }
     cuts.extend(between);

@@ -26,7 +26,7 @@ struct Back {
 impl Back {
     /// The end of the tuberosities is looked for below a level a third up to the nasion.
     fn new(landmarks: &Landmarks, bone: &Envelope) -> Result<Self, PlanError> {
-        let (nasion, occlusal) = (landmarks.point("nasion")?, landmarks.occlusal()?);
+        let (nasion, occlusal) = (landmarks.point("nasion")?, landmarks.occlusal()?.point.z);
         let midline = landmarks.midline_x_mm.unwrap_or(nasion.x);
         let height = nasion.z - occlusal;
         if !(35.0..150.0).contains(&height) {

@@ -8,12 +8,13 @@ mod midface;
 
 use std::collections::BTreeMap;
 
+use le_fort_1::Frame;
 pub use le_fort_1::le_fort_1;
 
 use super::PlanError;
 use super::blade::Blade;
 use super::parting::crossings;
-use super::shape::Cut;
+use super::shape::{BoundedPlane, Cut};
 use crate::control::Control;
 use crate::field::Envelope;
 use crate::geometry::{Point, Vector};
@@ -154,13 +155,43 @@ impl Landmarks {
         self.points.get(name).copied().ok_or_else(|| misplaced(&format!("lack {name}")))
     }
 
-    fn occlusal(&self) -> Result<f64, PlanError> {
-        self.occlusal_z_mm.ok_or_else(|| misplaced("lack occlusal_plane_z_mm"))
+    /// The plane between the rows of teeth, parallel to the Le Fort I plane as that template has it; horizontal without one.
+    fn occlusal(&self) -> Result<Occlusal, PlanError> {
+        let z = self.occlusal_z_mm.ok_or_else(|| misplaced("lack occlusal_plane_z_mm"))?;
+        let tilted = self.le_fort_1_plane.zip(self.midline_x_mm).and_then(|(plane, x)| Frame::new(plane, x, z));
+        let level = Occlusal { point: Point::new(0.0, 0.0, z), left: Vector::x(), up: Vector::z() };
+        Ok(tilted.map_or(level, |frame| frame.occlusal_plane(z)))
     }
 
     /// The landmark's side: +1 left, -1 right.
     pub(in crate::plan) fn side_name(side: f64) -> &'static str {
         if side > 0.0 { "left" } else { "right" }
+    }
+}
+
+/// The plane between the rows of teeth.
+struct Occlusal {
+    point: Point,
+    /// In the plane, to the patient's left.
+    left: Vector,
+    up: Vector,
+}
+
+impl Occlusal {
+    /// z of the plane at x and y.
+    fn z(&self, x: f64, y: f64) -> f64 {
+        self.point.z - (self.up.x * (x - self.point.x) + self.up.y * (y - self.point.y)) / self.up.z
+    }
+
+    /// The part of the plane over a range of x and of y.
+    fn part(&self, [x0, x1]: [f64; 2], [y0, y1]: [f64; 2]) -> BoundedPlane {
+        let (x, y) = (0.5 * (x0 + x1), 0.5 * (y0 + y1));
+        let half = [0.5 * (x1 - x0) / self.left.x, 0.5 * (y1 - y0) / self.up.cross(&self.left).y];
+        BoundedPlane {
+            point: Point::new(x, y, self.z(x, y)),
+            normal: self.up,
+            bounds: Some((self.left, half[0], half[1])),
+        }
     }
 }
 

@@ -4,12 +4,14 @@
     raw_ct.py PROSOPON CT OUT [--operations le_fort_1 set_back genioplasty] [--steps 4]
 
 Starts the service on a free port of this machine, uploads the CT and, for each operation, cuts by templates, plans, solves with the mixed
-and with the linear model and compares the two. Writes pictures, reports and `times.csv` to OUT, which holds a face.
+and with the linear model and compares the two. Writes pictures, reports, `times.csv` (wall, the service's processor time, what the session
+stores after it) and `sizes.json` (what is stored, sent and held in memory) to OUT, which holds a face.
 """
 
 import argparse
 import csv
 import json
+import os
 import pathlib
 import subprocess
 import sys
@@ -47,29 +49,35 @@ def main():
                     sys.exit("raw_ct: the service ended; see service.log")
                 time.sleep(0.05)
             url = note.read_text().strip()
-            run(Client(url), arguments)
+            run(Client(url), arguments, pathlib.Path(data), service.pid)
         finally:
             service.terminate()
             service.wait()
 
 
 class Times:
-    """Wall times by phase."""
+    """By phase: wall time, the service's processor time, and what the session stores after it."""
 
-    def __init__(self):
-        self.rows = []
+    def __init__(self, process, stored):
+        self.process, self.stored, self.rows = process, stored, []
 
     def take(self, operation, phase, work):
-        begun = time.monotonic()
+        begun, worked = time.monotonic(), self.processor()
         result = work()
-        self.rows.append((operation, phase, round(time.monotonic() - begun, 2)))
-        print("%-12s %-10s %7.2f s" % self.rows[-1], flush=True)
+        wall, worked = time.monotonic() - begun, self.processor() - worked
+        self.rows.append((operation, phase, round(wall, 2), round(worked, 2), self.stored()))
+        print("%-12s %-10s %7.2f s, processor %7.2f s, stored %d bytes" % self.rows[-1], flush=True)
         return result
 
+    def processor(self):
+        """Time of all threads, of the user and the system."""
+        fields = pathlib.Path("/proc/%d/stat" % self.process).read_text().rsplit(")", 1)[1].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
-def run(client, arguments):
-    times = Times()
+
+def run(client, arguments, data, process):
     session = client.create_session(label="raw_ct.py")["id"]
+    times = Times(process, lambda: client.session(session)["bytes"])
     imported = times.take("", "import", lambda: client.wait(client.put_ct(session, str(arguments.ct))))
     tell(imported)
     landmarks = times.take("", "landmarks", lambda: client.request("GET", "/v1/sessions/%s/landmarks?propose=true" % session))
@@ -83,7 +91,33 @@ def run(client, arguments):
         except Exception as error:  # noqa: BLE001
             print("%s ends: %s" % (name, error), flush=True)
     with open(arguments.out / "times.csv", "w", newline="") as file:
-        csv.writer(file).writerows([("operation", "phase", "wall_s")] + times.rows)
+        csv.writer(file).writerows([("operation", "phase", "wall_s", "processor_s", "stored_bytes")] + times.rows)
+    found = sizes(client, session, data, process)
+    (arguments.out / "sizes.json").write_text(json.dumps(found, indent=1))
+    print(json.dumps(found))
+
+
+def sizes(client, session, data, process):
+    """Bytes: stored of a session, in files and in the database; sent to one who follows its jobs; the process's most memory."""
+    view = client.session(session)
+    jobs = {}
+    for job in view["jobs"]:
+        jobs.setdefault(job["kind"], []).append(len(client.get_bytes("/v1/jobs/%s/events" % job["id"])))
+    solved = next((job["id"] for job in view["jobs"] if job["kind"] == "solve"), None)
+    status = pathlib.Path("/proc/%d/status" % process).read_text()
+    memory = next(line for line in status.splitlines() if line.startswith("VmHWM:"))
+    return {
+        "session": view["bytes"],
+        "parts": {name: part["bytes"] for name, part in view["parts"].items() if part["bytes"]},
+        "blobs": sum(f.stat().st_size for f in (data / "blobs").rglob("*") if f.is_file()),
+        "blob_count": sum(f.is_file() for f in (data / "blobs").rglob("*")),
+        "rows": sum(f.stat().st_size for f in data.glob("prosopon.sqlite*")),
+        "audit": sum(f.stat().st_size for f in (data / "audit").glob("*")),
+        "event_streams": jobs,
+        "frame": len(client.frame(solved, 1)) if solved else None,
+        "topology": len(client.topology(solved)) if solved else None,
+        "peak_memory": int(memory.split()[1]) * 1024,
+    }
 
 
 def operate(client, arguments, session, name, times):

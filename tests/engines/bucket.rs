@@ -7,7 +7,9 @@ use s3s::auth::SimpleAuth;
 use s3s::service::S3ServiceBuilder;
 use s3s_fs::FileSystem;
 use tempfile::TempDir;
-use tokio::net::TcpListener;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::watch;
 
 const NAME: &str = "plans";
 const KEY: &str = "key";
@@ -17,6 +19,7 @@ const SECRET: &str = "secret";
 #[derive(Debug)]
 pub(crate) struct Bucket {
     endpoint: String,
+    away: watch::Sender<bool>,
     _files: Arc<TempDir>,
 }
 
@@ -31,17 +34,29 @@ impl Bucket {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let endpoint = format!("http://{}", listener.local_addr().unwrap());
         let kept = Arc::clone(&files);
+        let (away, is_away) = watch::channel(false);
         tokio::spawn(async move {
             while let Ok((connection, _)) = listener.accept().await {
-                let (service, kept) = (service.clone(), Arc::clone(&kept));
+                let (service, kept, mut is_away) = (service.clone(), Arc::clone(&kept), is_away.clone());
                 tokio::spawn(async move {
+                    if *is_away.borrow_and_update() {
+                        return refuse(connection).await;
+                    }
                     let served = Builder::new(TokioExecutor::new());
-                    served.serve_connection(TokioIo::new(connection), service).await.ok();
+                    tokio::select! {
+                        _ = served.serve_connection(TokioIo::new(connection), service) => {}
+                        _ = is_away.changed() => {}
+                    }
                     drop(kept);
                 });
             }
         });
-        Self { endpoint, _files: files }
+        Self { endpoint, away, _files: files }
+    }
+
+    /// From now on every connection breaks, and new ones are answered with 503; or that is over.
+    pub(crate) fn set_away(&self, away: bool) {
+        self.away.send_replace(away);
     }
 
     /// What the environment says to a service.
@@ -66,4 +81,13 @@ impl Bucket {
     pub(crate) fn url(&self) -> String {
         format!("s3://{NAME}/patients")
     }
+}
+
+async fn refuse(mut connection: TcpStream) {
+    let mut head = [0; 4096];
+    connection.read(&mut head).await.ok();
+    connection
+        .write_all(b"HTTP/1.1 503 Service Unavailable\r\ncontent-length: 0\r\nconnection: close\r\n\r\n")
+        .await
+        .ok();
 }

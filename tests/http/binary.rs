@@ -124,7 +124,13 @@ impl Server {
 
     /// Events of a job as they come.
     pub(crate) fn stream(&self, path: &str) -> EventStream {
+        self.stream_after(path, 0)
+    }
+
+    /// Those after the event `id`.
+    pub(crate) fn stream_after(&self, path: &str, id: u64) -> EventStream {
         let request = self.agent.get(format!("{}{path}", self.url)).header("accept", "application/x-ndjson");
+        let request = request.header("last-event-id", id.to_string());
         EventStream { lines: BufReader::new(Box::new(request.call().unwrap().into_body().into_reader())) }
     }
 

@@ -15,6 +15,7 @@ mod edges;
 mod engines;
 mod events;
 mod examples;
+mod faults;
 mod full_disk;
 mod fuzz;
 mod health;

@@ -10,10 +10,11 @@ use crate::engines::{Bucket, Cluster, fresh_database};
 use crate::shapes::skin;
 
 /// `serve`, `serve --no-worker` or `worker`, with leases of two seconds.
-fn start(role: &str, data: &Path, database: &str, bucket: &Bucket) -> Server {
+pub(crate) fn start(role: &str, data: &Path, database: &str, bucket: &Bucket) -> Server {
     let mut command = Command::new(env!("CARGO_BIN_EXE_prosopon"));
     command.args(role.split(' ')).args(["--listen", "127.0.0.1:0", "--threads", "1", "--data"]).arg(data);
     command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).env("PROSOPON_LEASE_S", "2");
+    command.env("PROSOPON_MAX_WAITING", "256");
     command.env("PROSOPON_DATABASE", database).env("PROSOPON_BLOBS", bucket.url()).envs(bucket.environment());
     Server::spawn(command)
 }
@@ -24,7 +25,7 @@ fn prosopon(arguments: &[&str]) -> (bool, String) {
 }
 
 /// Waits for the end of a job, also while the service cannot say how it stands.
-fn finished(server: &Server, job: &Value) -> Value {
+pub(crate) fn finished(server: &Server, job: &Value) -> Value {
     loop {
         let view = server.get(&format!("/v1/jobs/{}?wait_s=5", job["id"].as_str().unwrap())).json();
         match view["status"].as_str() {
@@ -97,7 +98,7 @@ fn frames(server: &Server, job: &Value) -> Vec<Vec<u8>> {
     (1..=16).map(|k| server.get(&path(k)).body).collect()
 }
 
-fn signal(server: &Server, name: &str) {
+pub(crate) fn signal(server: &Server, name: &str) {
     assert!(Command::new("kill").args([name, &server.child.id().to_string()]).status().unwrap().success());
 }
 

@@ -1,0 +1,126 @@
+//! Two processes of the API and three workers on one database and one bucket, through every fault that a hospital's night has.
+
+use std::collections::BTreeSet;
+use std::time::Duration;
+
+use serde_json::{Value, json};
+use tempfile::TempDir;
+
+use crate::binary::Server;
+use crate::engines::{Bucket, Cluster};
+use crate::shared::{finished, signal, start};
+
+const JOBS: usize = 200;
+const SESSIONS: usize = 4;
+/// Different plans of a session; every other job repeats one.
+const PLANS: usize = 5;
+const STEPS: u64 = 2;
+
+/// Plans on the coarse phantom, job by job; the same for every call but for their ids.
+fn plans(server: &Server, jobs: usize) -> Vec<(String, Value)> {
+    let sessions = SESSIONS.min(jobs);
+    let of_session = |_| {
+        let session = server.session_with_field();
+        let (osteotomy, jaw) = server.cut(&session);
+        let mesh = json!({ "osteotomy": osteotomy, "edge_mm": 9.0 });
+        server.finish(&server.post(&format!("{session}/mesh"), &mesh));
+        (session, osteotomy, jaw)
+    };
+    let sessions: Vec<_> = (0..sessions).map(of_session).collect();
+    let plan = |n: usize| {
+        let (session, osteotomy, jaw) = &sessions[n % sessions.len()];
+        let forward = -2.0 - 0.5 * (n / sessions.len() % PLANS) as f64;
+        let waypoints = json!([{ "t": 1, "translation_mm": [0, forward, 0] }]);
+        let plan = json!({ "osteotomy": osteotomy, "paths": [{ "segment": jaw, "waypoints": waypoints }] });
+        (session.clone(), server.post(&format!("{session}/plans"), &plan).ok()["id"].clone())
+    };
+    (0..jobs).map(plan).collect()
+}
+
+fn solve(server: &Server, (session, plan): &(String, Value)) -> Value {
+    server.post(&format!("{session}/jobs"), &json!({ "plan": plan, "model": "linear", "steps": STEPS })).ok()
+}
+
+fn last_frame(server: &Server, job: &Value) -> Vec<u8> {
+    server.get(&format!("/v1/jobs/{}/steps/{STEPS}/frame", job["id"].as_str().unwrap())).body
+}
+
+fn events_of(job: &Value) -> String {
+    format!("/v1/jobs/{}/events", job["id"].as_str().unwrap())
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn two_hundred_jobs_outlive_every_fault_and_are_those_of_one_process() {
+    let bucket = Bucket::start().await;
+    let mut cluster = Cluster::start();
+    let database = cluster.fresh_database().await;
+    tokio::task::block_in_place(move || {
+        let mut directories: Vec<TempDir> = Vec::new();
+        let mut begin = |role: &str| {
+            directories.push(tempfile::tempdir().unwrap());
+            start(role, directories[directories.len() - 1].path(), &database, &bucket)
+        };
+        let (dying, api) = (begin("serve --no-worker"), begin("serve --no-worker"));
+        let mut workers = [begin("worker"), begin("worker"), begin("worker")];
+        let plans = plans(&api, JOBS);
+        let jobs: Vec<Value> = plans.iter().enumerate().map(|(n, p)| solve([&dying, &api][n % 2], p)).collect();
+
+        finished(&api, &jobs[30]);
+        workers[0] = begin("worker");
+        finished(&api, &jobs[60]);
+        signal(&workers[1], "-STOP");
+        finished(&api, &jobs[75]);
+        // The lease is of two seconds: by now its job is another's.
+        std::thread::sleep(Duration::from_secs(3));
+        signal(&workers[1], "-CONT");
+        finished(&api, &jobs[90]);
+        cluster.restart();
+        finished(&api, &jobs[120]);
+        bucket.set_away(true);
+        std::thread::sleep(Duration::from_secs(10));
+        bucket.set_away(false);
+        let last = &jobs[JOBS - 1];
+        let mut stream = dying.stream(&events_of(last));
+        let mut seen = vec![stream.next_event()];
+        while seen.last().is_some_and(|e| e["data"]["status"] != "running") {
+            seen.push(stream.next_event());
+        }
+        drop(dying);
+        let known = seen[seen.len() - 1]["id"].as_u64().unwrap();
+        let mut stream = api.stream_after(&events_of(last), known);
+        while seen.last().is_some_and(|e| e["event"] != "end") {
+            seen.push(stream.next_event());
+        }
+        seen.retain(|e| e["event"] != "heartbeat");
+        assert!(seen.is_sorted_by(|a, b| a["id"].as_u64() < b["id"].as_u64()), "{seen:?}");
+
+        // Nothing is lost, and nothing is done twice as a client sees it.
+        for job in &jobs {
+            let ended = finished(&api, job);
+            assert_eq!(ended["status"], "succeeded", "{ended}");
+            let events = api.get_lines(&events_of(job));
+            let of = |kind: &str| events.iter().filter(|e| e["event"] == kind).count() as u64;
+            assert_eq!((of("step"), of("end")), (STEPS, 1), "{events:?}");
+            assert!(events.is_sorted_by(|a, b| a["id"].as_u64() < b["id"].as_u64()), "{events:?}");
+        }
+        let restarted = jobs.iter().filter(|job| finished(&api, job)["attempt"].as_u64() > Some(1)).count();
+        assert!(restarted >= 2, "a killed and a halted worker had jobs: {restarted}");
+        let frames: Vec<Vec<u8>> = jobs.iter().map(|job| last_frame(&api, job)).collect();
+        drop((api, workers));
+
+        let alone = tempfile::tempdir().unwrap();
+        let server = Server::start(alone.path(), &[]);
+        let expected: Vec<Vec<u8>> = self::plans(&server, SESSIONS * PLANS)
+            .iter()
+            .map(|plan| {
+                let job = solve(&server, plan);
+                assert_eq!(finished(&server, &job)["status"], "succeeded");
+                last_frame(&server, &job)
+            })
+            .collect();
+        assert!(expected.iter().collect::<BTreeSet<_>>().len() >= PLANS, "plans differ");
+        for (n, frame) in frames.iter().enumerate() {
+            assert!(*frame == expected[n % expected.len()], "job {n}: bit for bit that of one process");
+        }
+    });
+}

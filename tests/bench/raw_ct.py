@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """From raw CTs to error maps without a hand: landmarks are proposed, nothing is typed in.
 
-    raw_ct.py PROSOPON CT OUT [--operations le_fort_1 set_back genioplasty] [--steps 4]
+    raw_ct.py PROSOPON CT OUT [--operations le_fort_1 set_back genioplasty] [--steps 4] [--restart]
 
 Starts the service on a free port of this machine, uploads the CT and, for each operation, cuts by templates, plans, solves with the mixed
 and with the linear model and compares the two. Writes pictures, reports, `times.csv` (wall, the service's processor time, what the session
@@ -36,32 +36,51 @@ def main():
     parser.add_argument("out", type=pathlib.Path)
     parser.add_argument("--operations", nargs="*", choices=sorted(OPERATIONS), default=list(OPERATIONS))
     parser.add_argument("--steps", type=int, default=4)
+    parser.add_argument("--restart", action="store_true", help="start the service anew before each phase: nothing is in its memory")
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory() as data:
-        note = pathlib.Path(data) / "listen"
-        with open(arguments.out / "service.log", "w") as log:
-            service = subprocess.Popen(
-                [arguments.prosopon, "serve", "--listen", "127.0.0.1:0", "--data", data], stdout=log, stderr=log)
+    with tempfile.TemporaryDirectory() as data, open(arguments.out / "service.log", "w") as log:
+        service = Service(arguments.prosopon, pathlib.Path(data), log)
         try:
-            while not note.exists():
-                if service.poll() is not None:
-                    sys.exit("raw_ct: the service ended; see service.log")
-                time.sleep(0.05)
-            url = note.read_text().strip()
-            run(Client(url), arguments, pathlib.Path(data), service.pid)
+            run(Client(service.start()), arguments, service)
         finally:
-            service.terminate()
-            service.wait()
+            service.stop()
+
+
+class Service:
+    """The program, on an address that stays."""
+
+    def __init__(self, program, data, log):
+        self.program, self.data, self.log, self.listen = program, data, log, "127.0.0.1:0"
+
+    def start(self):
+        note = self.data / "listen"
+        note.unlink(missing_ok=True)
+        command = [self.program, "serve", "--listen", self.listen, "--data", str(self.data)]
+        self.process = subprocess.Popen(command, stdout=self.log, stderr=self.log)
+        while not note.exists():
+            if self.process.poll() is not None:
+                sys.exit("raw_ct: the service ended; see service.log")
+            time.sleep(0.05)
+        url = note.read_text().strip()
+        self.listen = url.split("//")[1]
+        return url
+
+    def stop(self):
+        self.process.terminate()
+        self.process.wait()
 
 
 class Times:
     """By phase: wall time, the service's processor time, and what the session stores after it."""
 
-    def __init__(self, process, stored):
-        self.process, self.stored, self.rows = process, stored, []
+    def __init__(self, service, restart, stored):
+        self.service, self.restart, self.stored, self.rows = service, restart, stored, []
 
     def take(self, operation, phase, work):
+        if self.restart:
+            self.service.stop()
+            self.service.start()
         begun, worked = time.monotonic(), self.processor()
         result = work()
         wall, worked = time.monotonic() - begun, self.processor() - worked
@@ -71,13 +90,13 @@ class Times:
 
     def processor(self):
         """Time of all threads, of the user and the system."""
-        fields = pathlib.Path("/proc/%d/stat" % self.process).read_text().rsplit(")", 1)[1].split()
+        fields = pathlib.Path("/proc/%d/stat" % self.service.process.pid).read_text().rsplit(")", 1)[1].split()
         return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def run(client, arguments, data, process):
+def run(client, arguments, service):
     session = client.create_session(label="raw_ct.py")["id"]
-    times = Times(process, lambda: client.session(session)["bytes"])
+    times = Times(service, arguments.restart, lambda: client.session(session)["bytes"])
     imported = times.take("", "import", lambda: client.wait(client.put_ct(session, str(arguments.ct))))
     tell(imported)
     landmarks = times.take("", "landmarks", lambda: client.request("GET", "/v1/sessions/%s/landmarks?propose=true" % session))
@@ -92,19 +111,19 @@ def run(client, arguments, data, process):
             print("%s ends: %s" % (name, error), flush=True)
     with open(arguments.out / "times.csv", "w", newline="") as file:
         csv.writer(file).writerows([("operation", "phase", "wall_s", "processor_s", "stored_bytes")] + times.rows)
-    found = sizes(client, session, data, process)
+    found = sizes(client, session, service)
     (arguments.out / "sizes.json").write_text(json.dumps(found, indent=1))
     print(json.dumps(found))
 
 
-def sizes(client, session, data, process):
+def sizes(client, session, service):
     """Bytes: stored of a session, in files and in the database; sent to one who follows its jobs; the process's most memory."""
     view = client.session(session)
     jobs = {}
     for job in view["jobs"]:
         jobs.setdefault(job["kind"], []).append(len(client.get_bytes("/v1/jobs/%s/events" % job["id"])))
     solved = next((job["id"] for job in view["jobs"] if job["kind"] == "solve"), None)
-    status = pathlib.Path("/proc/%d/status" % process).read_text()
+    data, status = service.data, pathlib.Path("/proc/%d/status" % service.process.pid).read_text()
     memory = next(line for line in status.splitlines() if line.startswith("VmHWM:"))
     return {
         "session": view["bytes"],

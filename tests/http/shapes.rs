@@ -70,6 +70,8 @@ pub(crate) fn nifti() -> Vec<u8> {
     }
     put(108, &352f32.to_le_bytes());
     put(112, &1f32.to_le_bytes());
+    // The unit of length: mm.
+    put(123, &[2]);
     put(254, &1i16.to_le_bytes());
     for (row, at) in [280usize, 296, 312].into_iter().enumerate() {
         put(at + 4 * row, &1f32.to_le_bytes());

@@ -26,18 +26,23 @@ pub(super) async fn follow(service: Arc<Service>) {
         let word = async {
             match &mut changes {
                 Some(changes) => changes.next(LOOK_EVERY).await,
-                None => tokio::time::sleep(LOOK_EVERY).await,
+                None => {
+                    tokio::time::sleep(LOOK_EVERY).await;
+                    true
+                }
             }
-            tokio::time::sleep(PAUSE).await;
         };
-        tokio::select! {
-            () = word => {}
+        let queue = tokio::select! {
+            queue = word => queue,
             () = service.stop.cancelled() => return,
-        }
+        };
         service.announce();
-        for lane in Lane::ALL {
-            service.woken(lane).notify_waiters();
+        if queue {
+            for lane in Lane::ALL {
+                service.woken(lane).notify_waiters();
+            }
         }
+        tokio::time::sleep(PAUSE).await;
     }
 }
 

@@ -13,7 +13,7 @@ use crate::control::Control;
 use crate::session::{Engine, Fault, FaultKind, Halt};
 use crate::store::{
     AnswerRecord, Audit, Insertion, JobChange, JobId, JobRecord, JobState, Lane, NewJob, SessionId, Store, Supersede,
-    TenantId, now_rfc3339,
+    TenantId, WorkerId, now_rfc3339,
 };
 use crate::trace;
 
@@ -25,6 +25,8 @@ pub struct Service {
     pub(super) cpu: CpuPool,
     pub(super) settings: ServiceSettings,
     pub(super) audit: Audit,
+    /// This process, to others on the same store.
+    pub(super) worker: WorkerId,
     /// A job was accepted, by lane.
     wake: [Notify; Lane::ALL.len()],
     running: Mutex<Vec<Arc<Running>>>,
@@ -57,6 +59,7 @@ impl Service {
             cpu,
             settings,
             audit,
+            worker: WorkerId::new(),
             wake: Default::default(),
             running: Mutex::default(),
             changes: watch::Sender::new(0),

@@ -10,7 +10,7 @@ use super::service::{end_event, panicked, status_event, warning_event};
 use super::state::{JobEvent, next};
 use super::work::{self, Done};
 use crate::session::{Fault, FaultKind, Halt};
-use crate::store::{JobChange, JobFilter, JobRecord, JobState, Lane, StoreError};
+use crate::store::{Claim, JobChange, JobFilter, JobRecord, JobState, Lane, StoreError};
 use crate::trace;
 
 /// Shortest time between two progress events.
@@ -61,12 +61,15 @@ fn recovery(job: &JobRecord, max_attempts: u32) -> Option<(JobEvent, JobChange)>
     }
 }
 
-/// Longest time without a look at the queue: a job that another process stored is found by it.
+/// Longest time without a look at the queue.
 const LOOK_EVERY: Duration = Duration::from_secs(5);
+/// The same where other processes have the queue too: what was left to one of them is free then.
+const LOOK_AGAIN: Duration = Claim::HEAD_START.saturating_add(Duration::from_millis(50));
 
 /// Runs jobs of the worker's lane one after the other until the service stops.
 pub(super) async fn work_through(service: Arc<Service>, worker: Worker) {
     let lane = worker.lane;
+    let look_every = if service.store.is_shared() { LOOK_AGAIN } else { LOOK_EVERY };
     loop {
         // Registered before the look, so that a job stored in between is not missed.
         let woken = service.woken(lane).notified();
@@ -89,7 +92,7 @@ pub(super) async fn work_through(service: Arc<Service>, worker: Worker) {
             }
             Ok(None) => tokio::select! {
                 () = woken => {}
-                () = tokio::time::sleep(LOOK_EVERY) => {}
+                () = tokio::time::sleep(look_every) => {}
                 () = service.stop.cancelled() => {}
             },
             Err(error) => {
@@ -112,7 +115,9 @@ async fn claim(service: &Service, lane: Lane) -> Result<Option<JobRecord>, Fault
         events: vec![("status", status_event(JobState::Running, job.attempt + 1))],
         ..JobChange::default()
     };
-    Ok(service.store.claim_job(lane, to, service.settings.lease, &start).await?)
+    let worker = service.store.is_shared().then_some(service.worker);
+    let claim = Claim { lane, worker, to, lease: service.settings.lease };
+    Ok(service.store.claim_job(&claim, &start).await?)
 }
 
 async fn pause(service: &Service) {
@@ -154,6 +159,9 @@ async fn run_visible(service: &Arc<Service>, job: &JobRecord, running: &Arc<Runn
         // The session was deleted while the job ran: nothing of it stays.
         service.store.blobs().delete_session(job.session).await?;
     }
+    if event == JobEvent::Interrupt && !service.stop.is_cancelled() {
+        requeue(service, job).await?;
+    }
     Ok(())
 }
 
@@ -173,12 +181,9 @@ fn outcome(service: &Service, job: &JobRecord, running: &Running, done: Result<D
             let change = JobChange { phase: Some("done"), report, tissue, warnings, events, ..JobChange::default() };
             (JobEvent::Succeed, change)
         }
+        Err(Halt::Fault(fault)) if fault.kind == FaultKind::StoreUnavailable => interrupted(job),
         Err(Halt::Fault(fault)) => (JobEvent::Fail, stopped(running, ended(JobState::Failed, Some(&fault)))),
-        Err(Halt::Cancelled) if service.stop.is_cancelled() && !running.control.is_overdue() => {
-            // A stop in good order is no failed attempt.
-            let events = vec![("status", status_event(JobState::Interrupted, job.attempt))];
-            (JobEvent::Interrupt, JobChange { attempt_change: -1, events, ..JobChange::default() })
-        }
+        Err(Halt::Cancelled) if service.stop.is_cancelled() && !running.control.is_overdue() => interrupted(job),
         Err(Halt::Cancelled) if running.control.is_overdue() => {
             let seconds = running.started.elapsed().as_secs_f64();
             let detail = format!("the job was stopped after {seconds:.0} s, the most that it may compute");
@@ -188,6 +193,25 @@ fn outcome(service: &Service, job: &JobRecord, running: &Running, done: Result<D
         // Its session is being deleted.
         Err(Halt::Cancelled) => (JobEvent::Cancel, stopped(running, ended(JobState::Cancelled, None))),
     }
+}
+
+/// The work was broken off from outside, by a stop in good order or a database that went away: that is no failed attempt.
+fn interrupted(job: &JobRecord) -> (JobEvent, JobChange) {
+    let events = vec![("status", status_event(JobState::Interrupted, job.attempt))];
+    (JobEvent::Interrupt, JobChange { attempt_change: -1, events, ..JobChange::default() })
+}
+
+/// Lets a job wait again that was interrupted while the service goes on.
+async fn requeue(service: &Service, job: &JobRecord) -> Result<(), Fault> {
+    let row = service.persist(|| service.store.job(job.id)).await?;
+    let Some(job) = row.filter(|row| row.state == JobState::Interrupted) else { return Ok(()) };
+    let Some((event, change)) = recovery(&job, service.settings.max_attempts) else { return Ok(()) };
+    let to = next(job.state, event).map_err(|e| illegal(&e))?;
+    service.persist(|| write(service, &job, to, &change)).await?;
+    for lane in Lane::ALL {
+        service.woken(lane).notify_waiters();
+    }
+    Ok(())
 }
 
 fn tell_metrics(job: &JobRecord, running: &Running, event: JobEvent) {

@@ -9,8 +9,8 @@ pub struct Changes(Box<dyn Source>);
 /// What waits for word of others.
 #[async_trait]
 pub(super) trait Source: Send {
-    /// Waits for word, at most `patience`.
-    async fn next(&mut self, patience: Duration);
+    /// Waits for word, at most `patience`: whether a job may be begun.
+    async fn next(&mut self, patience: Duration) -> bool;
 }
 
 impl Changes {
@@ -18,9 +18,9 @@ impl Changes {
         Self(Box::new(source))
     }
 
-    /// Waits for word, at most `patience`: without word there may be changes too.
-    pub async fn next(&mut self, patience: Duration) {
-        self.0.next(patience).await;
+    /// Waits for word, at most `patience`: whether there may be a job to begin. Without word there may be changes too.
+    pub async fn next(&mut self, patience: Duration) -> bool {
+        self.0.next(patience).await
     }
 }
 

@@ -63,3 +63,7 @@ id!(
     /// A piece of long work.
     JobId
 );
+id!(
+    /// A process that computes jobs, from its start to its end.
+    WorkerId
+);

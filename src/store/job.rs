@@ -1,6 +1,7 @@
 use std::str::FromStr;
+use std::time::Duration;
 
-use super::{AnswerRecord, BlobInfo, JobId, JobState, SessionId, StoreError, TenantId};
+use super::{AnswerRecord, BlobInfo, JobId, JobState, SessionId, StoreError, TenantId, WorkerId};
 
 /// What a job makes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -217,6 +218,25 @@ impl std::fmt::Debug for NewJob<'_> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("NewJob").field("job", &self.job.id).field("limits", &self.limits).finish_non_exhaustive()
     }
+}
+
+/// What a worker asks of the queue.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Claim {
+    /// Where it looks.
+    pub lane: Lane,
+    /// Who asks. A job of a session that another worker computed last is left to that one, which has the field and the mesh at hand, for
+    /// [`Claim::HEAD_START`]; without a name every job is taken at once.
+    pub worker: Option<WorkerId>,
+    /// What the job is from then on.
+    pub to: JobState,
+    /// How long it is the worker's, until it is renewed.
+    pub lease: Duration,
+}
+
+impl Claim {
+    /// How long a job waits for the worker that knows its session: little to one who waits, enough for one that is free.
+    pub const HEAD_START: Duration = Duration::from_secs(1);
 }
 
 /// What became of a job that was to be stored.

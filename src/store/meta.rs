@@ -5,9 +5,9 @@ use std::time::Duration;
 use async_trait::async_trait;
 
 use super::{
-    AnswerRecord, BlobInfo, Changes, EventRecord, Insertion, JobChange, JobFilter, JobId, JobRecord, JobState, Lane,
-    NewJob, OsteotomyId, OsteotomyRecord, Owner, PartKind, PartRecord, PlanId, PlanRecord, Remembered, SessionContents,
-    SessionId, SessionRecord, StepRecord, StepWritten, StoreError, TenantId,
+    AnswerRecord, BlobInfo, Changes, Claim, EventRecord, Insertion, JobChange, JobFilter, JobId, JobRecord, JobState,
+    Lane, NewJob, OsteotomyId, OsteotomyRecord, Owner, PartKind, PartRecord, PlanId, PlanRecord, Remembered,
+    SessionContents, SessionId, SessionRecord, StepRecord, StepWritten, StoreError, TenantId,
 };
 
 type Result<T> = std::result::Result<T, StoreError>;
@@ -115,13 +115,11 @@ pub trait MetaStore: Debug + Send + Sync {
     /// ago first; within a tenant the oldest first.
     async fn queue(&self, lane: Lane) -> Result<Vec<JobId>>;
 
-    /// Takes the first job of the queue: it is `to` from now on, under a new fence and for the time of `lease`, and its tenant had its turn.
-    /// `change` is made from the row as it was.
+    /// Takes the first job of the queue that is not left to another worker (see [`Claim`]): it is in the claimed state from now on, under a
+    /// new fence and for the time of the lease, and its tenant had its turn. `change` is made from the row as it was.
     async fn claim_job(
         &self,
-        lane: Lane,
-        to: JobState,
-        lease: Duration,
+        claim: &Claim,
         change: &(dyn for<'a> Fn(&'a JobRecord) -> JobChange + Send + Sync),
     ) -> Result<Option<JobRecord>>;
 

@@ -46,8 +46,10 @@ pub use changes::Changes;
 pub use error::StoreError;
 pub use event::EventRecord;
 pub use grid_blob::{decode_grid, encode_grid};
-pub use ids::{JobId, OsteotomyId, PlanId, SessionId};
-pub use job::{AnswerOf, Insertion, JobChange, JobFilter, JobKind, JobRecord, Lane, NewJob, QueueLimits, Supersede};
+pub use ids::{JobId, OsteotomyId, PlanId, SessionId, WorkerId};
+pub use job::{
+    AnswerOf, Claim, Insertion, JobChange, JobFilter, JobKind, JobRecord, Lane, NewJob, QueueLimits, Supersede,
+};
 pub use job_state::JobState;
 pub use mesh_blob::{decode_mesh, encode_mesh};
 pub use meta::MetaStore;

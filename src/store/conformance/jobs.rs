@@ -54,6 +54,29 @@ async fn tenants_take_turns(store: Store) {
     assert_eq!(store.queue(Lane::Quick).await.unwrap(), []);
 }
 
+async fn a_job_waits_a_little_for_the_worker_that_knows_its_session(store: Store) {
+    let (known, new) = (add_session(&store, "a").await.id, add_session(&store, "a").await.id);
+    let (own, other) = (Some(WorkerId::new()), Some(WorkerId::new()));
+    let by = async |worker| claim_by(&store, Lane::Heavy, worker).await.map(|job| job.id);
+    let first = accept(&store, known, "1").await;
+    assert_eq!(by(own).await, Some(first));
+    let (second, elsewhere) = (accept(&store, known, "2").await, accept(&store, new, "3").await);
+    assert_eq!(by(other).await, Some(elsewhere), "nobody knows that session");
+    assert_eq!(by(other).await, None);
+    assert_eq!(store.queue(Lane::Heavy).await.unwrap(), [second], "its place in the queue is the same");
+    assert_eq!(by(own).await, Some(second));
+    let third = accept(&store, known, "4").await;
+    assert_eq!(by(other).await, None);
+    tokio::time::sleep(Claim::HEAD_START + Duration::from_millis(20)).await;
+    assert_eq!(by(other).await, Some(third), "the worker that knows it has something else to do");
+    // From now on that one knows it.
+    let fourth = accept(&store, known, "5").await;
+    assert_eq!(by(own).await, None);
+    assert_eq!(by(other).await, Some(fourth));
+    let fifth = accept(&store, known, "6").await;
+    assert_eq!(by(None).await, Some(fifth), "who has no name takes what is first");
+}
+
 async fn a_newer_job_takes_the_place_of_waiting_ones(store: Store) {
     let id = add_session(&store, "a").await.id;
     let running = accept(&store, id, "1").await;
@@ -215,8 +238,7 @@ async fn results_of_old_comparisons_go(store: Store) {
     }
     let mut kept = Vec::new();
     for lane in [Lane::Quick, Lane::Heavy] {
-        let change = |_: &JobRecord| JobChange::default();
-        let running = store.claim_job(lane, JobState::Running, LEASE, &change).await.unwrap().unwrap();
+        let running = claim_by(&store, lane, None).await.unwrap();
         let rest = blob(&store, id, b"123").await;
         store.set_rest(&running, &rest).await.unwrap();
         assert_eq!(store.drop_comparisons(Duration::ZERO).await.unwrap(), 0, "it runs");
@@ -249,6 +271,7 @@ conforms! {
     a_job_that_is_asked_for_twice_is_stored_once,
     the_queue_is_bounded_in_all_and_by_tenant,
     tenants_take_turns,
+    a_job_waits_a_little_for_the_worker_that_knows_its_session,
     a_newer_job_takes_the_place_of_waiting_ones,
     what_comes_under_an_old_fence_is_refused,
     a_lease_is_renewed_by_its_worker_and_passes_without,

@@ -140,13 +140,18 @@ async fn accept(store: &Store, session: SessionId, request: &str) -> JobId {
 }
 
 async fn claim(store: &Store) -> Option<JobRecord> {
+    claim_by(store, Lane::Heavy, None).await
+}
+
+async fn claim_by(store: &Store, lane: Lane, worker: Option<WorkerId>) -> Option<JobRecord> {
     let started = |job: &JobRecord| JobChange {
         phase: Some("reading"),
         attempt_change: 1,
         events: vec![("status", format!("{{\"attempt\":{}}}", job.attempt + 1))],
         ..JobChange::default()
     };
-    store.claim_job(Lane::Heavy, JobState::Running, LEASE, &started).await.unwrap()
+    let claim = Claim { lane, worker, to: JobState::Running, lease: LEASE };
+    store.claim_job(&claim, &started).await.unwrap()
 }
 
 async fn add_session(store: &Store, tenant: &str) -> SessionRecord {

@@ -6,8 +6,8 @@ use crate::store::event::KEPT_PROGRESS;
 use crate::store::job::{joined_warnings, progress_after};
 use crate::store::records::now_rfc3339;
 use crate::store::{
-    BlobInfo, EventRecord, Insertion, JobChange, JobId, JobKind, JobRecord, JobState, Lane, NewJob, StepRecord,
-    StepWritten, StoreError, TenantId,
+    BlobInfo, Claim, EventRecord, Insertion, JobChange, JobId, JobKind, JobRecord, JobState, Lane, NewJob, StepRecord,
+    StepWritten, StoreError, TenantId, WorkerId,
 };
 
 impl Rows {
@@ -55,7 +55,8 @@ impl Rows {
         }
         self.last_number += 1;
         let record = JobRecord { number: self.last_number, tenant, ..job.clone() };
-        self.jobs.insert(job.id, Job { record, bytes: 0, leased_until: None });
+        self.jobs
+            .insert(job.id, Job { record, bytes: 0, leased_until: None, accepted_at: Instant::now(), worker: None });
         self.append(job.id, "status", new.event);
         let before = self.before(job);
         self.remember((new.answer)(job, before).as_ref())?;
@@ -114,20 +115,26 @@ impl Rows {
 
     pub(super) fn claim(
         &mut self,
-        lane: Lane,
-        to: JobState,
-        lease: Duration,
+        claim: &Claim,
         change: &(dyn for<'a> Fn(&'a JobRecord) -> JobChange + Send + Sync),
     ) -> Option<JobRecord> {
-        let id = *self.queue(lane).first()?;
+        let id = self.queue(claim.lane).into_iter().find(|id| self.is_open_to(*id, claim.worker))?;
         let change = change(&self.jobs.get(&id)?.record);
-        self.write_change(id, to, &change);
+        self.write_change(id, claim.to, &change);
         let last = self.turns.values().max().copied().unwrap_or(0) + 1;
         let job = self.jobs.get_mut(&id)?;
         job.record.fence += 1;
-        job.leased_until = Instant::now().checked_add(lease);
-        self.turns.insert((job.record.tenant.clone(), lane), last);
+        job.leased_until = Instant::now().checked_add(claim.lease);
+        job.worker = claim.worker;
+        self.turns.insert((job.record.tenant.clone(), claim.lane), last);
         Some(job.record.clone())
+    }
+
+    fn is_open_to(&self, id: JobId, worker: Option<WorkerId>) -> bool {
+        let (Some(job), Some(worker)) = (self.jobs.get(&id), worker) else { return true };
+        let of_session = self.jobs.values().rev().filter(|j| j.record.session == job.record.session);
+        let last = of_session.filter_map(|j| j.worker).next();
+        last.is_none_or(|last| last == worker) || job.accepted_at.elapsed() > Claim::HEAD_START
     }
 
     pub(super) fn renew(&mut self, id: JobId, fence: u64, lease: Duration) -> Option<bool> {

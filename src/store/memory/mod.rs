@@ -10,9 +10,9 @@ use std::time::{Duration, Instant};
 use async_trait::async_trait;
 
 use super::{
-    AnswerRecord, BlobInfo, Changes, EventRecord, Insertion, JobChange, JobFilter, JobId, JobRecord, JobState, Lane,
-    MetaStore, NewJob, OsteotomyId, OsteotomyRecord, Owner, PartKind, PartRecord, PlanId, PlanRecord, Remembered,
-    SessionContents, SessionId, SessionRecord, StepRecord, StepWritten, StoreError, TenantId,
+    AnswerRecord, BlobInfo, Changes, Claim, EventRecord, Insertion, JobChange, JobFilter, JobId, JobRecord, JobState,
+    Lane, MetaStore, NewJob, OsteotomyId, OsteotomyRecord, Owner, PartKind, PartRecord, PlanId, PlanRecord, Remembered,
+    SessionContents, SessionId, SessionRecord, StepRecord, StepWritten, StoreError, TenantId, WorkerId,
 };
 
 type Result<T> = std::result::Result<T, StoreError>;
@@ -45,6 +45,9 @@ struct Job {
     record: JobRecord,
     bytes: u64,
     leased_until: Option<Instant>,
+    accepted_at: Instant,
+    /// Who began it last.
+    worker: Option<WorkerId>,
 }
 
 impl MemoryMeta {
@@ -236,12 +239,10 @@ impl MetaStore for MemoryMeta {
 
     async fn claim_job(
         &self,
-        lane: Lane,
-        to: JobState,
-        lease: Duration,
+        claim: &Claim,
         change: &(dyn for<'a> Fn(&'a JobRecord) -> JobChange + Send + Sync),
     ) -> Result<Option<JobRecord>> {
-        self.write(|rows| Ok(rows.claim(lane, to, lease, change)))
+        self.write(|rows| Ok(rows.claim(claim, change)))
     }
 
     async fn renew(&self, id: JobId, fence: u64, lease: Duration) -> Result<Option<bool>> {

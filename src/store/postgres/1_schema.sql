@@ -55,8 +55,6 @@ CREATE TABLE jobs (
     steps BIGINT NOT NULL,
     attempt BIGINT NOT NULL,
     fence BIGINT NOT NULL DEFAULT 0,
-    -- Until when a running job is its worker's, ms since 1970 by the database's clock.
-    lease_until BIGINT,
     request TEXT NOT NULL,
     subject TEXT,
     other_session TEXT COLLATE "C" REFERENCES sessions (id) ON DELETE CASCADE,
@@ -135,13 +133,3 @@ CREATE TABLE audit_anchors (
     chain TEXT NOT NULL,
     at TEXT NOT NULL
 );
-
--- Every process is told of new events, of jobs that shall stop, and of sessions that are gone.
-CREATE FUNCTION tell() RETURNS trigger LANGUAGE plpgsql AS $$
-BEGIN
-    PERFORM pg_notify('prosopon', '');
-    RETURN NULL;
-END $$;
-CREATE TRIGGER told AFTER INSERT ON events FOR EACH STATEMENT EXECUTE FUNCTION tell();
-CREATE TRIGGER told AFTER UPDATE OF cancel_requested_at ON jobs FOR EACH STATEMENT EXECUTE FUNCTION tell();
-CREATE TRIGGER told AFTER DELETE ON sessions FOR EACH STATEMENT EXECUTE FUNCTION tell();

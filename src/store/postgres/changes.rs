@@ -8,6 +8,8 @@ use crate::store::Changes;
 
 /// Channel on which the triggers of the schema tell that jobs or events have changed.
 const CHANNEL: &str = "prosopon";
+/// What they say of a job that can be begun.
+const QUEUE: &str = "queue";
 
 /// What the server tells; it connects again by itself.
 struct Told(PgListener);
@@ -20,11 +22,20 @@ pub(super) async fn changes(pool: &PgPool) -> Result<Changes> {
 
 #[async_trait::async_trait]
 impl crate::store::changes::Source for Told {
-    async fn next(&mut self, patience: Duration) {
+    async fn next(&mut self, patience: Duration) -> bool {
         // A word that was lost costs no more than the patience.
-        let heard = tokio::time::timeout(patience, self.0.recv()).await;
-        if matches!(heard, Ok(Err(_))) {
-            tokio::time::sleep(patience).await;
+        let mut queue = match tokio::time::timeout(patience, self.0.recv()).await {
+            Ok(Ok(word)) => word.payload() == QUEUE,
+            Ok(Err(_)) => {
+                tokio::time::sleep(patience).await;
+                true
+            }
+            Err(_) => true,
+        };
+        // What was said meanwhile is the same word.
+        while let Ok(Ok(word)) = tokio::time::timeout(Duration::ZERO, self.0.recv()).await {
+            queue |= word.payload() == QUEUE;
         }
+        queue
     }
 }

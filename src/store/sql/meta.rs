@@ -5,8 +5,8 @@ use async_trait::async_trait;
 
 use super::{Meta, Result, anchor, answers, contents, events, jobs, parts, plans, queue, sessions, steps};
 use crate::store::{
-    AnswerRecord, BlobInfo, Changes, EventRecord, Insertion, JobChange, JobFilter, JobId, JobRecord, JobState, Lane,
-    MetaStore, NewJob, OsteotomyId, OsteotomyRecord, Owner, PartKind, PartRecord, PlanId, PlanRecord, Remembered,
+    AnswerRecord, BlobInfo, Changes, Claim, EventRecord, Insertion, JobChange, JobFilter, JobId, JobRecord, JobState,
+    Lane, MetaStore, NewJob, OsteotomyId, OsteotomyRecord, Owner, PartKind, PartRecord, PlanId, PlanRecord, Remembered,
     SessionContents, SessionId, SessionRecord, StepRecord, StepWritten, TenantId,
 };
 
@@ -125,12 +125,10 @@ impl MetaStore for Meta {
 
     async fn claim_job(
         &self,
-        lane: Lane,
-        to: JobState,
-        lease: Duration,
+        claim: &Claim,
         change: &(dyn for<'a> Fn(&'a JobRecord) -> JobChange + Send + Sync),
     ) -> Result<Option<JobRecord>> {
-        queue::claim(self.writer(), lane, to, lease, change).await
+        queue::claim(self.writer(), claim, change).await
     }
 
     async fn renew(&self, id: JobId, fence: u64, lease: Duration) -> Result<Option<bool>> {

@@ -7,7 +7,7 @@ use super::dialect::{FOR_CHANGE, FOR_CLAIM, NEXT_TURN, NOW_MS, hold_queue};
 use super::events::append;
 use super::{Connection, Pool, Result, Transaction, gone_if_orphan, jobs, sessions};
 use crate::store::records::{parse_id, to_i64};
-use crate::store::{Insertion, JobChange, JobId, JobRecord, JobState, Lane, NewJob};
+use crate::store::{Claim, Insertion, JobChange, JobId, JobRecord, Lane, NewJob};
 
 /// Jobs that wait in a lane: each tenant's oldest in the first round, each tenant's second in the next, and so on; with the turn that
 /// the tenant had last.
@@ -15,6 +15,10 @@ const WAITING: &str = "SELECT j.id, j.number, row_number() OVER (PARTITION BY j.
         coalesce(t.last, 0) AS last
     FROM jobs j LEFT JOIN turns t ON t.tenant = j.tenant AND t.lane = j.lane
     WHERE j.state = 'accepted' AND j.lane = $1 AND j.cancel_requested_at IS NULL";
+
+/// Who began a job of the session of the job `j` last; when nobody did, who asks (`$2`).
+const LAST_WORKER: &str = "coalesce((SELECT p.worker FROM jobs p WHERE p.session = j.session AND p.worker IS NOT NULL
+    ORDER BY p.id DESC LIMIT 1), $2)";
 
 /// Within a round the tenant whose turn was longest ago.
 const IN_ORDER: &str = "ORDER BY w.round, w.last, w.number";
@@ -45,28 +49,29 @@ pub(super) async fn insert(writer: &Pool, new: &NewJob<'_>) -> Result<Insertion>
     if own >= i64::from(new.limits.tenant) {
         return Ok(Insertion::TenantFull);
     }
-    sqlx::query(
+    let row = format!(
         "INSERT INTO jobs (id, session, tenant, kind, lane, state, phase, progress, steps, attempt, request, subject,
-                           other_session, max_wall_s, warnings, bytes, created_at, traceparent)
+                           other_session, max_wall_s, warnings, bytes, created_at, traceparent, waits_since)
          VALUES ($1, $2, coalesce((SELECT tenant FROM sessions WHERE id = $2), 'local'),
-                 $3, $4, $5, $6, 0, $7, 0, $8, $9, $10, $11, '[]', 0, $12, $13)",
-    )
-    .bind(job.id.to_string())
-    .bind(job.session.to_string())
-    .bind(job.kind.as_str())
-    .bind(job.kind.lane().as_str())
-    .bind(job.state.as_str())
-    .bind(&job.phase)
-    .bind(i64::from(job.steps))
-    .bind(&job.request)
-    .bind(&job.subject)
-    .bind(job.other_session.map(|s| s.to_string()))
-    .bind(job.max_wall_s)
-    .bind(&job.created_at)
-    .bind(&job.traceparent)
-    .execute(&mut *transaction)
-    .await
-    .map_err(gone_if_orphan)?;
+                 $3, $4, $5, $6, 0, $7, 0, $8, $9, $10, $11, '[]', 0, $12, $13, {NOW_MS})"
+    );
+    sqlx::query(AssertSqlSafe(row))
+        .bind(job.id.to_string())
+        .bind(job.session.to_string())
+        .bind(job.kind.as_str())
+        .bind(job.kind.lane().as_str())
+        .bind(job.state.as_str())
+        .bind(&job.phase)
+        .bind(i64::from(job.steps))
+        .bind(&job.request)
+        .bind(&job.subject)
+        .bind(job.other_session.map(|s| s.to_string()))
+        .bind(job.max_wall_s)
+        .bind(&job.created_at)
+        .bind(&job.traceparent)
+        .execute(&mut *transaction)
+        .await
+        .map_err(gone_if_orphan)?;
     append(&mut transaction, job.id, "status", new.event).await?;
     let before = before(&mut transaction, job).await?;
     remember(&mut transaction, (new.answer)(job, before).as_ref()).await?;
@@ -135,31 +140,32 @@ pub(super) async fn in_order(reader: &Pool, lane: Lane) -> Result<Vec<JobId>> {
 
 pub(super) async fn claim(
     writer: &Pool,
-    lane: Lane,
-    to: JobState,
-    lease: Duration,
+    claim: &Claim,
     change: &(dyn for<'a> Fn(&'a JobRecord) -> JobChange + Send + Sync),
 ) -> Result<Option<JobRecord>> {
     let mut transaction = writer.begin().await?;
     // Of one that was taken since the list was made, the state is another one.
     let first = format!(
         "SELECT j.id FROM ({WAITING}) AS w JOIN jobs j ON j.id = w.id
-         WHERE j.state = 'accepted' AND j.cancel_requested_at IS NULL {IN_ORDER} LIMIT 1 {FOR_CLAIM}"
+         WHERE j.state = 'accepted' AND j.cancel_requested_at IS NULL
+         AND ($2 IS NULL OR {LAST_WORKER} = $2 OR coalesce(j.waits_since, 0) + $3 < {NOW_MS}) {IN_ORDER} LIMIT 1 {FOR_CLAIM}"
     );
-    let first = sqlx::query_scalar(AssertSqlSafe(first)).bind(lane.as_str());
+    let worker = claim.worker.map(|w| w.to_string());
+    let first = sqlx::query_scalar(AssertSqlSafe(first)).bind(claim.lane.as_str());
+    let first = first.bind(&worker).bind(milliseconds(Claim::HEAD_START));
     let first: Option<String> = first.fetch_optional(&mut *transaction).await?;
     let Some(id) = first else { return Ok(None) };
     let id: JobId = parse_id(&id)?;
     let Some(job) = jobs::held(&mut transaction, id).await? else { return Ok(None) };
-    jobs::write_change(&mut transaction, &job, to, &change(&job)).await?;
-    let own = format!("UPDATE jobs SET fence = fence + 1, lease_until = {NOW_MS} + $2 WHERE id = $1");
-    let own = sqlx::query(AssertSqlSafe(own)).bind(id.to_string()).bind(milliseconds(lease));
+    jobs::write_change(&mut transaction, &job, claim.to, &change(&job)).await?;
+    let own = format!("UPDATE jobs SET fence = fence + 1, lease_until = {NOW_MS} + $2, worker = $3 WHERE id = $1");
+    let own = sqlx::query(AssertSqlSafe(own)).bind(id.to_string()).bind(milliseconds(claim.lease)).bind(worker);
     own.execute(&mut *transaction).await?;
     let turn = format!(
         "INSERT INTO turns (tenant, lane, last) VALUES ($1, $2, {NEXT_TURN})
          ON CONFLICT (tenant, lane) DO UPDATE SET last = excluded.last"
     );
-    let turn = sqlx::query(AssertSqlSafe(turn)).bind(job.tenant.as_str()).bind(lane.as_str());
+    let turn = sqlx::query(AssertSqlSafe(turn)).bind(job.tenant.as_str()).bind(claim.lane.as_str());
     turn.execute(&mut *transaction).await?;
     let claimed = jobs::held(&mut transaction, id).await?;
     transaction.commit().await?;

@@ -14,7 +14,7 @@ const MIGRATIONS: &[&str] = &[
     include_str!("5_audit_anchor.sql"),
     include_str!("6_trace.sql"),
     include_str!("7_audit_anchors.sql"),
-    include_str!("8_leases.sql"),
+    include_str!("8_several_processes.sql"),
 ];
 
 /// Name of the database in its directory.

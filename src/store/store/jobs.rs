@@ -6,8 +6,8 @@ use std::time::Duration;
 use super::{Result, Store};
 use crate::store::records::rfc3339_before;
 use crate::store::{
-    BlobInfo, EventRecord, Insertion, JobChange, JobFilter, JobId, JobRecord, JobState, Lane, NewJob, StepRecord,
-    StepWritten, StoreError,
+    BlobInfo, Claim, EventRecord, Insertion, JobChange, JobFilter, JobId, JobRecord, JobState, Lane, NewJob,
+    StepRecord, StepWritten, StoreError,
 };
 
 impl Store {
@@ -49,12 +49,10 @@ impl Store {
     /// [`StoreError`](crate::store::StoreError).
     pub async fn claim_job(
         &self,
-        lane: Lane,
-        to: JobState,
-        lease: Duration,
+        claim: &Claim,
         change: &(dyn for<'a> Fn(&'a JobRecord) -> JobChange + Send + Sync),
     ) -> Result<Option<JobRecord>> {
-        self.meta.claim_job(lane, to, lease, change).await
+        self.meta.claim_job(claim, change).await
     }
 
     /// Leases a running job anew: whether it was asked to stop. `None` when it was given to another worker, or is not there.

@@ -157,7 +157,7 @@ pub(super) fn status_and_title(kind: FaultKind) -> (StatusCode, &'static str) {
         K::Unauthenticated => (S::UNAUTHORIZED, "Who sends this is not known"),
         K::Forbidden => (S::FORBIDDEN, "The sender may not do this"),
         K::ShuttingDown => (S::SERVICE_UNAVAILABLE, "The service is stopping"),
-        K::StoreUnavailable => (S::SERVICE_UNAVAILABLE, "The database cannot be reached"),
+        K::StoreUnavailable => (S::SERVICE_UNAVAILABLE, "The database or the bucket cannot be reached"),
         K::StorageFull => (S::INSUFFICIENT_STORAGE, "The disk is full"),
         K::DeadlineExceeded => (S::UNPROCESSABLE_ENTITY, "The job took longer than it may"),
         K::JobInterrupted => (S::INTERNAL_SERVER_ERROR, "The service stopped too often while the job ran"),

@@ -195,7 +195,7 @@ fn outcome(service: &Service, job: &JobRecord, running: &Running, done: Result<D
     }
 }
 
-/// The work was broken off from outside, by a stop in good order or a database that went away: that is no failed attempt.
+/// The work was broken off from outside, by a stop in good order or a store that went away: that is no failed attempt.
 fn interrupted(job: &JobRecord) -> (JobEvent, JobChange) {
     let events = vec![("status", status_event(JobState::Interrupted, job.attempt))];
     (JobEvent::Interrupt, JobChange { attempt_change: -1, events, ..JobChange::default() })
@@ -262,8 +262,9 @@ async fn record_end(
     let to = next(job.state, event).map_err(|e| illegal(&e))?;
     loop {
         match write(service, job, to, change).await {
-            Err(error @ (StoreError::Database(_) | StoreError::Unreachable(_) | StoreError::Io(_)))
-                if !service.stop.is_cancelled() =>
+            Err(error)
+                if (error.is_away() || matches!(error, StoreError::Database(_) | StoreError::Io(_)))
+                    && !service.stop.is_cancelled() =>
             {
                 tracing::error!(%error, "the end of a job cannot be recorded yet");
                 service.beats.beat(running.worker);

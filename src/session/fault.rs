@@ -107,7 +107,7 @@ kinds! {
     ShuttingDown = "shutting-down",
     /// The disk is full.
     StorageFull = "storage-full",
-    /// The database cannot be reached now.
+    /// The database or the bucket cannot be reached now.
     StoreUnavailable = "store-unavailable",
     /// The job computed for longer than it may.
     DeadlineExceeded = "deadline-exceeded",

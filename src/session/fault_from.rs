@@ -35,9 +35,9 @@ impl From<StoreError> for Fault {
                 tracing::warn!("a file was removed before it was read");
                 Self::new(FaultKind::WrongState, "it was replaced or deleted while it was read; try again")
             }
-            StoreError::Unreachable(_) => {
-                tracing::error!(error = chain(&error), "the database is away");
-                Self::new(FaultKind::StoreUnavailable, "the database cannot be reached now; try again later")
+            StoreError::Unreachable(_) | StoreError::BucketAway(_) => {
+                tracing::error!(error = chain(&error), "the store is away");
+                Self::new(FaultKind::StoreUnavailable, format!("{error} now; try again later"))
             }
             StoreError::Database(_)
             | StoreError::Bucket(_)

@@ -7,8 +7,11 @@ pub enum StoreError {
     #[error("the database failed")]
     Database(#[source] sqlx::Error),
     /// The database did not answer, or does not take writes now; whether what was being written is there, is not known.
-    #[error("the database cannot be reached or takes no writes")]
+    #[error("the database cannot be reached or written")]
     Unreachable(#[source] sqlx::Error),
+    /// The bucket did not answer, or with errors of its own, for as long as it was asked.
+    #[error("the bucket cannot be reached")]
+    BucketAway(#[source] object_store::Error),
     /// The object store, as it is configured.
     #[error("the bucket cannot be used")]
     Bucket(#[source] object_store::Error),
@@ -109,13 +112,24 @@ fn is_unreachable(error: &sqlx::Error) -> bool {
 
 impl From<object_store::Error> for StoreError {
     fn from(error: object_store::Error) -> Self {
-        if matches!(error, object_store::Error::NotFound { .. }) { Self::BlobGone } else { Self::Blob(error) }
+        match error {
+            object_store::Error::NotFound { .. } => Self::BlobGone,
+            // What is refused for a reason has a kind of its own.
+            object_store::Error::Generic { store: "S3", .. } => Self::BucketAway(error),
+            _ => Self::Blob(error),
+        }
     }
 }
 
 impl StoreError {
     pub(super) fn record(detail: impl Into<String>) -> Self {
         Self::Record { detail: detail.into() }
+    }
+
+    /// Whether the same may succeed later.
+    #[must_use]
+    pub fn is_away(&self) -> bool {
+        matches!(self, Self::Unreachable(_) | Self::BucketAway(_))
     }
 
     /// Whether the rows may say what was to be written: then the blobs that they would name stay, and go with the next sweep if not.

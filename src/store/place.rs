@@ -2,11 +2,12 @@ use std::fmt;
 use std::path::Path as FsPath;
 use std::str::FromStr;
 use std::sync::Arc;
+use std::time::Duration;
 
-use object_store::ObjectStore;
 use object_store::aws::AmazonS3Builder;
 use object_store::path::Path;
 use object_store::prefix::PrefixStore;
+use object_store::{BackoffConfig, ObjectStore, RetryConfig};
 use sqlx::postgres::PgConnectOptions;
 
 use super::{StoreError, postgres};
@@ -148,12 +149,20 @@ impl BucketUrl {
     /// # Errors
     /// [`StoreError::Bucket`] when the settings do not fit together.
     pub fn open_with(&self, client: AmazonS3Builder) -> Result<Arc<dyn ObjectStore>, StoreError> {
-        let bucket = client.with_bucket_name(&self.bucket).build().map_err(StoreError::Bucket)?;
+        let bucket =
+            client.with_bucket_name(&self.bucket).with_retry(patience()).build().map_err(StoreError::Bucket)?;
         if self.prefix.is_root() {
             return Ok(Arc::new(bucket));
         }
         Ok(Arc::new(PrefixStore::new(bucket, self.prefix.clone())))
     }
+}
+
+/// A bucket that answers with errors is asked again for a minute. The count bounds nothing: by the library's own, of ten, most of the
+/// patience of three minutes would be left after four seconds.
+fn patience() -> RetryConfig {
+    let backoff = BackoffConfig { max_backoff: Duration::from_secs(5), ..BackoffConfig::default() };
+    RetryConfig { backoff, max_retries: 1000, retry_timeout: Duration::from_secs(60) }
 }
 
 impl FromStr for BucketUrl {

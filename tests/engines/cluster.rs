@@ -20,8 +20,13 @@ pub(crate) struct Cluster {
 }
 
 impl Cluster {
-    /// Starts a server.
+    /// Starts a server that keeps nothing through a crash of the machine: tests need none of it.
     pub(crate) fn start() -> Self {
+        Self::start_with(false)
+    }
+
+    /// Starts a server, one that waits for the disk when `durable`.
+    pub(crate) fn start_with(durable: bool) -> Self {
         let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
         // Postgres refuses to run as root, and an ordinary user may not be able to read this directory.
         let read =
@@ -36,6 +41,7 @@ impl Cluster {
         };
         command.arg("-c").arg(script).arg("cluster").arg(programs()).arg(port.to_string()).arg(PASSWORD);
         command.arg(read("data/tls/cert.pem")).arg(read("data/tls/key.pem"));
+        command.env("FSYNC", if durable { "on" } else { "off" });
         command.current_dir("/").stdin(Stdio::piped()).stdout(Stdio::piped());
         let mut script = command.spawn().expect("sh and setpriv (util-linux) are there");
         let (orders, answers) = (script.stdin.take().unwrap(), BufReader::new(script.stdout.take().unwrap()));

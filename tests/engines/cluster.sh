@@ -17,7 +17,7 @@ printf %s "$key" >"$dir/key.pem"
 "$bin/initdb" -D "$dir/data" -U prosopon -A scram-sha-256 --pwfile="$dir/password" -E UTF8 --locale=C.UTF-8 \
     --locale-provider=icu --icu-locale=en-US --no-sync >"$dir/log" 2>&1 || { cat "$dir/log" >&2; exit 1; }
 while :; do
-    "$bin/postgres" -D "$dir/data" -k "$dir" -h 127.0.0.1 -p "$port" -c fsync=off -c full_page_writes=off \
+    "$bin/postgres" -D "$dir/data" -k "$dir" -h 127.0.0.1 -p "$port" -c fsync="${FSYNC:-off}" -c full_page_writes="${FSYNC:-off}" \
         -c max_connections=200 -c ssl=on -c ssl_cert_file="$dir/cert.pem" -c ssl_key_file="$dir/key.pem" >>"$dir/log" 2>&1 </dev/null &
     server=$!
     for _ in $(seq 300); do

@@ -1,0 +1,132 @@
+//! What several processes on Postgres and a bucket cost and bring against one on its own disk: operations of the queue, throughput of small
+//! jobs, takeover of a killed worker's job, overhead of a job.
+//!
+//! `cargo bench --bench cluster [-- queue throughput takeover overhead]` prints a table and writes `target/cluster.csv`. Needs what the tests
+//! of the shared store need: Debian's `postgresql`. The server waits for its disk as one in a hospital does; the bucket is served by this program.
+
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    clippy::print_stdout,
+    reason = "a benchmark stops where something is wrong"
+)]
+
+#[allow(dead_code, reason = "the tests' client; this uses a part of it")]
+#[path = "../../http/binary.rs"]
+mod binary;
+#[path = "../../engines/mod.rs"]
+mod engines;
+mod processes;
+mod queue;
+
+use std::fmt::Write;
+use std::time::{Duration, Instant};
+
+use engines::{Bucket, Cluster};
+use processes::{Site, Solves, busy_s};
+
+/// A measured number.
+struct Row {
+    what: String,
+    engine: &'static str,
+    /// Claimers, jobs at once or worker processes.
+    clients: usize,
+    value: f64,
+    unit: &'static str,
+}
+
+fn main() {
+    let wanted: Vec<String> = std::env::args().skip(1).filter(|a| !a.starts_with('-')).collect();
+    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
+    let (bucket, cluster) = (runtime.block_on(Bucket::start()), Cluster::start_with(true));
+    let site = Site { runtime: &runtime, cluster: &cluster, bucket: &bucket };
+    let parts: [(&str, fn(&Site) -> Vec<Row>); 4] =
+        [("queue", queue::operations), ("throughput", throughput), ("takeover", takeover), ("overhead", overhead)];
+    let mut table = String::from("what,engine,clients,value,unit\n");
+    for (name, part) in parts {
+        if !wanted.is_empty() && !wanted.iter().any(|w| w == name) {
+            continue;
+        }
+        for row in part(&site) {
+            let line = format!("{},{},{},{:.3},{}", row.what, row.engine, row.clients, row.value, row.unit);
+            println!("{line}");
+            writeln!(table, "{line}").unwrap();
+        }
+    }
+    std::fs::write(concat!(env!("CARGO_MANIFEST_DIR"), "/target/cluster.csv"), table).unwrap();
+}
+
+/// Small jobs (linear model, coarse phantom, two steps) a second, all asked for at once, and the processors that all processes kept busy.
+fn throughput(site: &Site) -> Vec<Row> {
+    const JOBS: usize = 60;
+    let mut rows = Vec::new();
+    for (engine, clients) in
+        [("embedded", 1), ("embedded", 2), ("embedded", 4), ("shared", 1), ("shared", 2), ("shared", 4)]
+    {
+        let group = if engine == "embedded" { site.embedded(clients) } else { site.shared(clients, &[]) };
+        let mut solves = Solves::new(&group.api, 5, 9.0, "linear", 2);
+        // Every worker has seen every session, or the first job of each would be measured.
+        (0..5 * clients.max(2)).map(|_| solves.post()).collect::<Vec<_>>().iter().for_each(|job| solves.finish(job));
+        let (started, busy) = (Instant::now(), busy_s());
+        (0..JOBS).map(|_| solves.post()).collect::<Vec<_>>().iter().for_each(|job| solves.finish(job));
+        let seconds = started.elapsed().as_secs_f64();
+        let row = |what: &str, value, unit| Row { what: what.to_owned(), engine, clients, value, unit };
+        rows.push(row("small jobs", JOBS as f64 / seconds, "1/s"));
+        rows.push(row("small jobs: processors busy", (busy_s() - busy) / seconds, ""));
+    }
+    rows
+}
+
+/// From the kill of a worker in mid-solve to the job's next start by another one: the median of five, with leases of 2 and of 15 s.
+fn takeover(site: &Site) -> Vec<Row> {
+    let measure = |lease_s: &'static str| {
+        let mut times: Vec<f64> = Vec::new();
+        for _ in 0..5 {
+            let mut group = site.shared(1, &[("PROSOPON_LEASE_S", lease_s)]);
+            let job = Solves::new(&group.api, 1, 8.0, "mixed", 16).post();
+            let mut stream = group.api.stream(&format!("{job}/events"));
+            while stream.next_event()["event"] != "step" {}
+            let killed = group.workers.pop();
+            group.add_worker(site, &[("PROSOPON_LEASE_S", lease_s)]);
+            let started = Instant::now();
+            drop(killed);
+            while stream.next_event()["data"]["attempt"] != 2 {}
+            times.push(started.elapsed().as_secs_f64());
+        }
+        let what = format!("takeover with a lease of {lease_s} s");
+        Row { what, engine: "shared", clients: 2, value: median(times), unit: "s" }
+    };
+    vec![measure("2"), measure("15")]
+}
+
+/// A solve of about five seconds by turns on the one and on the other, from the request to its end, and the ratio.
+fn overhead(site: &Site) -> Vec<Row> {
+    const ROUNDS: usize = 7;
+    let groups = [("embedded", site.embedded(1)), ("shared", site.shared(1, &[]))];
+    let mut solves = groups.each_ref().map(|(_, group)| Solves::new(&group.api, 1, 6.0, "mixed", 10));
+    let mut times = [Vec::new(), Vec::new()];
+    for round in 0..=ROUNDS {
+        for (solves, times) in solves.iter_mut().zip(&mut times) {
+            let started = Instant::now();
+            let job = solves.post();
+            solves.finish(&job);
+            // The first makes the mesh's factor.
+            if round > 0 {
+                times.push(started.elapsed().as_secs_f64());
+            }
+            std::thread::sleep(Duration::from_millis(200));
+        }
+    }
+    let [own, shared] = times.map(median);
+    let row = |what: &str, engine, value, unit| Row { what: what.to_owned(), engine, clients: 1, value, unit };
+    vec![
+        row("solve", "embedded", own, "s"),
+        row("solve", "shared", shared, "s"),
+        row("solve: shared to embedded", "shared", shared / own, ""),
+    ]
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
+}

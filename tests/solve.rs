@@ -246,6 +246,28 @@ fn held_points_inside_a_bone_are_told() {
     assert!(last["warnings"].to_string().contains("held points lie up to 1.00 mm inside bone 1"), "{last}");
 }
 
+/// A modulus in Pa, and a result that would take the mesh's place.
+#[test]
+fn another_unit_is_told_and_no_input_is_overwritten() {
+    let folder = tempfile::tempdir().unwrap();
+    let mesh = slab(1.0);
+    std::fs::write(folder.path().join("slab.vtu"), &mesh).unwrap();
+    let law = json!({ "law": "neo_hookean", "c10_mpa": 5000.0, "poisson": 0.45 });
+    let mut scene = json!({
+        "mesh": "slab.vtu", "model": "linear", "materials": { "skin": law, "fat": law, "muscle": law },
+        "segments": {"1": {"translation_mm": [0, 0, 0.1]}}, "steps": 1
+    });
+    let told = summary(&solve(folder.path(), &scene));
+    assert!(told["warnings"].to_string().contains("has a shear modulus of 1.000e4 MPa"), "{told}");
+
+    std::fs::write(folder.path().join("out.vtu"), &mesh).unwrap();
+    scene["mesh"] = json!("./out.vtu");
+    let output = solve(folder.path(), &scene);
+    assert!(!output.status.success());
+    assert!(String::from_utf8_lossy(&output.stderr).contains("out.vtu is an input"), "{output:?}");
+    assert_eq!(std::fs::read(folder.path().join("out.vtu")).unwrap(), mesh);
+}
+
 /// A push that no mesh can follow: the outcome says so and keeps the last equilibrium.
 #[test]
 fn a_scene_without_equilibrium_says_so() {
@@ -282,7 +304,7 @@ fn a_solve_that_is_asked_to_stop_writes_what_it_has() {
     let output = running.wait_with_output().unwrap();
     assert!(!output.status.success() && output.status.code().is_some(), "{:?}", output.status);
     let summary = summary(&output);
-    assert_eq!(summary["converged"], json!(false));
+    assert_eq!((&summary["converged"], &summary["outcome"]), (&json!(false), &json!("stopped")));
     assert!(summary.to_string().contains("cancelled"), "{summary}");
     assert!(!folder.path().join("out.vtu.part").exists());
 }

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde::Deserialize;
 
-use super::CommandResult;
+use super::{CommandResult, refuse_overwriting};
 use crate::control::Control;
 use crate::evaluate::{Mask, Part};
 use crate::export::{SurfaceView, ply, vtp};
@@ -51,6 +51,11 @@ enum MaskFile {
 
 pub(super) fn run(a: &CompareArguments) -> CommandResult {
     let mut told = std::io::stderr();
+    let read = [Some(&a.prediction), Some(&a.reference), a.mask.as_ref(), a.unaltered.as_ref(), a.exclude.as_ref()];
+    let read: Vec<PathBuf> = read.into_iter().flatten().cloned().collect();
+    for name in ["error.json", "error.png", "error.ply", "error.vtp"] {
+        refuse_overwriting(&a.out.join(name), &read)?;
+    }
     let (prediction, reference) = (load(&a.prediction, &mut told)?, load(&a.reference, &mut told)?);
     let mask = a.mask.as_deref().map(mask_of).transpose()?.unwrap_or_default();
     let region = a.unaltered.as_deref().map(mask_of).transpose()?.unwrap_or_default();

@@ -2,7 +2,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 
-use super::CommandResult;
+use super::{CommandResult, refuse_overwriting};
 use crate::bench::{CtConversion, CtSurfaceStudy};
 use crate::geometry::{Aabb, Point};
 use crate::import::{SeriesChoice, VolumeSettings};
@@ -84,6 +84,12 @@ pub(super) fn run(command: &CtCommand) -> CommandResult {
     match command {
         CtCommand::Convert(ConvertArguments { read, out: file, compare }) => {
             let settings = read.settings();
+            if let Some(file) = file {
+                refuse_overwriting(
+                    file,
+                    &[Some(&read.input), compare.as_ref()].map(|p| p.cloned().unwrap_or_default()),
+                )?;
+            }
             let conversion =
                 CtConversion { input: read.input.clone(), out: file.clone(), compare: compare.clone(), settings };
             conversion.run(&mut out)?;

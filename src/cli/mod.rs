@@ -13,6 +13,7 @@ mod solve;
 mod stop_signal;
 
 use std::io::Write;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
@@ -60,6 +61,13 @@ enum Command {
     Restore(operate::RestoreArguments),
     /// Print the API's description, OpenAPI 3.1.
     Openapi,
+}
+
+/// Refuses a result that would take the place of a file that it is made from, under whatever name.
+fn refuse_overwriting(out: &Path, inputs: &[PathBuf]) -> Result<(), String> {
+    let Ok(place) = out.canonicalize() else { return Ok(()) };
+    let same = inputs.iter().any(|input| input.canonicalize().is_ok_and(|input| input == place));
+    if same { Err(format!("{} is an input: name another place for the result", out.display())) } else { Ok(()) }
 }
 
 /// Runs the command that the process was called with.

@@ -160,6 +160,22 @@ impl SolveSettings {
         }
     }
 
+    /// What to tell of materials so stiff or so soft that another unit was probably meant, of the tissues that `mesh` has. Soft tissues of the
+    /// face have small-strain shear moduli of 0.3 kPa (fat) to 1 MPa (skin along its fibres).
+    #[must_use]
+    pub fn stiffness_warnings(&self, mesh: &MixedMesh) -> Vec<String> {
+        const EXPECTED_MPA: [f64; 2] = [1e-5, 30.0];
+        let [low, high] = EXPECTED_MPA;
+        let warning = |tissue: Tissue| {
+            let found = self.materials.of(tissue).shear_modulus();
+            (!(low..=high).contains(&found)).then(|| {
+                let name = tissue.name();
+                format!("the material of {name} has a shear modulus of {found:.3e} MPa; {low} to {high} MPa are to be expected: check the unit")
+            })
+        };
+        tissues(mesh).into_iter().filter_map(warning).collect()
+    }
+
     /// What to tell of materials that are not stable at the stretches to be expected, of the tissues that `mesh` has; nothing for small strain.
     #[must_use]
     pub fn stability_warnings(&self, mesh: &MixedMesh) -> Vec<String> {

@@ -70,6 +70,7 @@ impl Prepared {
         check_boundary(mesh, boundary)?;
         let (blocks, surface) = element_blocks(mesh, &settings)?;
         let mut warnings = surface.as_ref().map(C1Surface::warnings).unwrap_or_default();
+        warnings.extend(settings.stiffness_warnings(mesh));
         warnings.extend(settings.stability_warnings(mesh));
         warnings.extend(settings.locking_warning(mesh));
         control.check()?;

@@ -119,7 +119,7 @@ pub fn cut(bone: &Envelope, cuts: &[Cut], control: &Control) -> Result<Osteotomy
             let share = 100 * apart / own().count().max(1);
             let what = if apart == 0 { "nothing".to_owned() } else { format!("only {share} % of what it crosses") };
             let left = if places.is_empty() { "crumbs".to_owned() } else { places.join("; ") };
-            warnings.push(format!("cut {cut} runs in bone but parts {what}: left are {left}"));
+            warnings.push(format!("{} runs in bone but parts {what}: left are {left}", cuts[cut].label(cut)));
         }
     }
     let part = control.part(0.2, 1.0);

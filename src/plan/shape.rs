@@ -64,6 +64,14 @@ pub struct Cut {
     pub purpose: Purpose,
 }
 
+impl Cut {
+    /// What texts call it: its index in its list, and its name.
+    #[must_use]
+    pub fn label(&self, index: usize) -> String {
+        self.name.as_ref().map_or_else(|| format!("cut {index}"), |name| format!("cut {index} ({name})"))
+    }
+}
+
 impl From<CutShape> for Cut {
     fn from(shape: CutShape) -> Self {
         Self { shape, kerf_mm: 0.0, name: None, purpose: Purpose::Osteotomy }

@@ -170,7 +170,7 @@ fn template_fault(index: usize, error: plan::PlanError) -> Halt {
 }
 
 /// Points to the request's own cuts, which come after those of its templates.
-fn given_cuts(halt: Halt, from_templates: usize) -> Halt {
+fn given_cuts(halt: Halt, from_templates: usize, own: &[(Template, Vec<usize>)]) -> Halt {
     match halt {
         Halt::Cancelled => Halt::Cancelled,
         Halt::Fault(mut fault) => {
@@ -182,6 +182,13 @@ fn given_cuts(halt: Halt, from_templates: usize) -> Halt {
                     Some(own) => format!("/cuts/{own}{below}"),
                     None => "/templates".to_owned(),
                 };
+            }
+            let range = |(template, saws): &(Template, Vec<usize>)| {
+                Some(format!("{} to {} are of {}", saws.first()?, saws.last()?, template.name()))
+            };
+            let ranges: Vec<String> = own.iter().filter_map(range).collect();
+            if fault.kind == FaultKind::BoneNotParted && !ranges.is_empty() {
+                fault.detail = format!("{} (cuts {})", fault.detail, ranges.join(", "));
             }
             Halt::Fault(fault)
         }
@@ -238,10 +245,15 @@ impl Engine for Numerics {
         let bone = self.envelope_of(case, &control.part(0.0, 0.5))?;
         let (mut proposal, mut proposed) = (None, BTreeSet::new());
         let mut all: Vec<Cut> = Vec::new();
+        let mut own: Vec<(Template, Vec<usize>)> = Vec::new();
+        // One head has one Le Fort I plane, whichever template's request names it.
+        let plane = cuts.templates.iter().find_map(|call| call.landmarks.le_fort_1_plane);
         for (index, call) in cuts.templates.iter().enumerate() {
             let (template, mut landmarks) = (call.template, call.landmarks.clone());
+            landmarks.le_fort_1_plane = landmarks.le_fort_1_plane.or(plane);
             proposed.extend(propose_missing(template, &mut landmarks, &case.anatomy, &mut proposal));
             let placed = template.cuts(&landmarks, &bone).map_err(|e| template_fault(index, e))?;
+            let begin = all.len();
             // Two templates may tell the same bones apart.
             for mut cut in placed {
                 if cut.purpose == Purpose::Osteotomy && !matches!(cut.shape, CutShape::FreePart(_)) {
@@ -251,11 +263,23 @@ impl Engine for Numerics {
                     all.push(cut);
                 }
             }
+            let saws = (begin..all.len()).filter(|cut| all[*cut].purpose == Purpose::Osteotomy);
+            own.push((template, saws.collect()));
         }
         let from_templates = all.len();
         all.extend(cuts.cuts.iter().cloned());
         let cut = self.osteotomy_of(case, &all, &control.part(0.5, 1.0));
-        let mut osteotomy = Osteotomy::clone(&*cut.map_err(|halt| given_cuts(halt, from_templates))?);
+        let mut osteotomy = Osteotomy::clone(&*cut.map_err(|halt| given_cuts(halt, from_templates, &own))?);
+        for (template, saws) in &own {
+            let parts =
+                osteotomy.segments.iter().any(|s| s.id != 0 && s.bounded_by.iter().any(|cut| saws.contains(cut)));
+            if !parts && !saws.is_empty() {
+                osteotomy.warnings.push(format!(
+                    "the template {} parts nothing: there is no segment at its cuts; look at its landmarks, and whether the bone is in the scan",
+                    template.name()
+                ));
+            }
+        }
         if !proposed.is_empty() {
             let names: Vec<String> = proposed.into_iter().collect();
             osteotomy.warnings.push(format!(
@@ -269,8 +293,10 @@ impl Engine for Numerics {
             let Some(protected) = cuts.protected.get(near.protected) else { continue };
             if let Some(margin) = protected.margin_mm.filter(|m| near.distance_mm < *m) {
                 osteotomy.warnings.push(format!(
-                    "cut {} comes within {:.1} mm of {}, whose margin is {margin:.1} mm",
-                    near.cut, near.distance_mm, protected.name
+                    "{} comes within {:.1} mm of {}, whose margin is {margin:.1} mm",
+                    osteotomy.cuts.get(near.cut).map_or_else(String::new, |cut| cut.label(near.cut)),
+                    near.distance_mm,
+                    protected.name
                 ));
             }
         }

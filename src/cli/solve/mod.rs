@@ -9,8 +9,8 @@ use std::time::Instant;
 use clap::Args;
 use serde::Serialize;
 
-use super::CommandResult;
 use super::stop_signal::stop_signal;
+use super::{CommandResult, refuse_overwriting};
 use crate::bench::peak_mb;
 use crate::control::Control;
 use crate::fem::SolveError;
@@ -30,7 +30,7 @@ pub(super) struct SolveArguments {
 #[derive(Debug, Serialize)]
 struct Summary {
     converged: bool,
-    /// How the last step that was reached ended; null when there is none.
+    /// How the path ended: `stopped` before its end, or as its last step did; null when no step was reached.
     outcome: Option<&'static str>,
     solve_wall_s: f64,
     total_wall_s: f64,
@@ -71,7 +71,9 @@ pub(super) fn run(arguments: &SolveArguments) -> CommandResult {
 /// Solves, writes the result and the summary; why it is not to be relied on.
 fn solve(arguments: &SolveArguments) -> Result<Option<Unfinished>, Box<dyn std::error::Error>> {
     let begin = Instant::now();
-    let (scene, file, mut warnings) = SceneFile::read(&arguments.scene)?.load(&arguments.scene)?;
+    let described = SceneFile::read(&arguments.scene)?;
+    refuse_overwriting(&arguments.out, &described.files(&arguments.scene))?;
+    let (scene, file, mut warnings) = described.load(&arguments.scene)?;
     let control = stoppable()?;
     let out = Output::new(&arguments.out)?;
     let solve_begin = Instant::now();
@@ -83,12 +85,12 @@ fn solve(arguments: &SolveArguments) -> Result<Option<Unfinished>, Box<dyn std::
     if let Some(failure) = &outcome.failure {
         warnings.push(format!("stopped after {} of {} steps: {failure}", outcome.steps.len(), scene.steps));
     }
-    let last = outcome.steps.last();
+    let (last, finished) = (outcome.steps.last(), outcome.failure.is_none());
     let fault = last.and_then(|s| s.outcome.fault()).map(Unfinished::NotToRelyOn);
     let unfinished = outcome.failure.map(Unfinished::Stopped).or(fault);
     let summary = Summary {
         converged: unfinished.is_none(),
-        outcome: last.map(|s| s.outcome.name()),
+        outcome: last.map(|s| if finished { s.outcome.name() } else { "stopped" }),
         solve_wall_s,
         total_wall_s: begin.elapsed().as_secs_f64(),
         peak_mb: peak_mb(),

@@ -118,6 +118,13 @@ impl SceneFile {
         strict_json(&bytes).map_err(|e| SceneError::Json { path: path.to_owned(), detail: e.to_string() })
     }
 
+    /// The files that it is made of, itself first.
+    pub(super) fn files(&self, scene: &Path) -> Vec<PathBuf> {
+        let folder = scene.parent().unwrap_or(Path::new(""));
+        let named = std::iter::once(&self.mesh).chain(self.bones.values()).map(|name| folder.join(name));
+        std::iter::once(scene.to_owned()).chain(named).collect()
+    }
+
     /// Reads what it names and builds the scene; also the mesh as its file has it, and warnings.
     pub(super) fn load(&self, scene: &Path) -> Result<(Scene, VolumeMesh, Vec<String>), SceneError> {
         let folder = scene.parent().unwrap_or(Path::new(""));

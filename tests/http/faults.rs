@@ -28,7 +28,7 @@ fn plans(server: &Server) -> Vec<(String, Value)> {
     let sessions: Vec<_> = (0..SESSIONS).map(of_session).collect();
     let plan = |n: usize| {
         let (session, osteotomy, jaw) = &sessions[n % SESSIONS];
-        let forward = -2.0 - 0.05 * (n / SESSIONS) as f64;
+        let forward = -2.0 - 0.01 * n as f64;
         let waypoints = json!([{ "t": 1, "translation_mm": [0, forward, 0] }]);
         let plan = json!({ "osteotomy": osteotomy, "paths": [{ "segment": jaw, "waypoints": waypoints }] });
         (session.clone(), server.post(&format!("{session}/plans"), &plan).ok()["id"].clone())

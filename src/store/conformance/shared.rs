@@ -139,6 +139,35 @@ async fn what_is_written_again_after_a_lost_answer_stays() {
     assert_eq!(store.events(running.id, 0).await.unwrap().len(), 3, "told once");
 }
 
+/// Calls that are broken off at every await in turn, as by clients that leave: what is written after them is there for all, and nothing
+/// waits for what they had locked.
+#[tokio::test]
+async fn calls_that_are_broken_off_leave_no_transaction_behind() {
+    let database = fresh_database().await;
+    let directories = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
+    let places = Places { database: Some(database.parse().unwrap()), blobs: None };
+    let store = Store::open_at(directories[0].path(), &places).await.unwrap();
+    let other = Store::open_at(directories[1].path(), &places).await.unwrap();
+    let id = add_session(&store, "a").await.id;
+    accept(&store, id, "1").await;
+    let running = claim(&store).await.unwrap();
+    for polls in 1..60 {
+        let mut write = Box::pin(store.record_progress(&running, "solve", 0.5, "{}"));
+        for _ in 0..polls {
+            if futures::poll!(&mut write).is_ready() {
+                break;
+            }
+            tokio::time::sleep(Duration::from_micros(300)).await;
+        }
+        drop(write);
+        // On the same connection, with no transaction of its own.
+        assert_eq!(store.renew(&running, LEASE).await.unwrap(), Some(false));
+        let written = other.record_progress(&running, "solve", 0.5, "{}");
+        let written = tokio::time::timeout(Duration::from_secs(10), written).await;
+        assert!(written.expect("nothing is locked").unwrap(), "{polls}");
+    }
+}
+
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_server_that_was_away_is_told_so_and_used_again() {
     let mut cluster = Cluster::start();

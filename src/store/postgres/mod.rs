@@ -8,8 +8,8 @@ mod sql;
 
 use std::time::Duration;
 
-use sqlx::PgPool;
 use sqlx::postgres::{PgConnectOptions, PgPoolOptions};
+use sqlx::{PgConnection, PgPool};
 
 use self::PostgresMeta as Meta;
 use super::{Changes, StoreError};
@@ -29,7 +29,7 @@ const LIMITS: [(&str, &str); 2] = [("lock_timeout", "20s"), ("idle_in_transactio
 /// A database that others may use too.
 #[derive(Debug)]
 pub(super) struct PostgresMeta {
-    /// A connection is asked before it is used, so that one that broke meanwhile is replaced.
+    /// A connection is asked before it is used, so that one that broke meanwhile, or is not as it should be, is replaced.
     pool: PgPool,
 }
 
@@ -48,6 +48,8 @@ impl PostgresMeta {
 
     async fn connect(options: &PgConnectOptions) -> Result<Self> {
         let pool = PgPoolOptions::new().max_connections(CONNECTIONS).acquire_timeout(PATIENCE);
+        // In place of the driver's ping, which does not see a transaction.
+        let pool = pool.test_before_acquire(false).before_acquire(|connection, _| Box::pin(is_usable(connection)));
         let pool = pool.connect_with(options.clone().options(LIMITS)).await?;
         Ok(Self { pool })
     }
@@ -77,4 +79,13 @@ impl PostgresMeta {
     async fn close_all(&self) {
         self.pool.close().await;
     }
+}
+
+/// Whether a connection answers and is in no transaction. A call that is broken off (a client leaves, a job ends while its progress is
+/// being written) can give one back in a transaction that the driver does not know: what is written on it would be seen by nobody, and
+/// its locks would stay.
+async fn is_usable(connection: &mut PgConnection) -> sqlx::Result<bool> {
+    // In a simple query outside of a transaction the two are the same moment.
+    let fresh = sqlx::raw_sql("SELECT now() = statement_timestamp()").fetch_one(connection).await?;
+    sqlx::Row::try_get(&fresh, 0)
 }

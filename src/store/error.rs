@@ -92,10 +92,11 @@ impl From<sqlx::Error> for StoreError {
     }
 }
 
-/// Whether a database is away, starting, stopping, out of connections, or a copy that takes no writes.
+/// Whether a database is away, starting, stopping, out of connections, or a copy that takes no writes; or has given up a transaction that
+/// stood still or in the way of another, which may be tried again.
 fn is_unreachable(error: &sqlx::Error) -> bool {
     const CLASSES: [&str; 2] = ["08", "57P"];
-    const CODES: [&str; 2] = ["53300", "25006"];
+    const CODES: [&str; 5] = ["53300", "25006", "25P03", "40P01", "55P03"];
     let broken = matches!(
         error,
         sqlx::Error::Io(_)

@@ -24,12 +24,12 @@ const CONNECTIONS: u32 = 12;
 const PATIENCE: Duration = Duration::from_secs(5);
 /// Longest wait for a row that another transaction holds, and longest silence within a transaction: a process that has lost its way
 /// does not stand in the way of others.
-const LIMITS: [(&str, &str); 2] = [("lock_timeout", "20s"), ("idle_in_transaction_session_timeout", "60s")];
+const LIMITS: [(&str, &str); 2] = [("lock_timeout", "20s"), ("idle_in_transaction_session_timeout", "5s")];
 
 /// A database that others may use too.
 #[derive(Debug)]
 pub(super) struct PostgresMeta {
-    /// A connection is asked before it is used, so that one that broke meanwhile, or is not as it should be, is replaced.
+    /// A connection is asked before it is used, so that one that broke meanwhile is replaced.
     pool: PgPool,
 }
 
@@ -48,8 +48,7 @@ impl PostgresMeta {
 
     async fn connect(options: &PgConnectOptions) -> Result<Self> {
         let pool = PgPoolOptions::new().max_connections(CONNECTIONS).acquire_timeout(PATIENCE);
-        // In place of the driver's ping, which does not see a transaction.
-        let pool = pool.test_before_acquire(false).before_acquire(|connection, _| Box::pin(is_usable(connection)));
+        let pool = pool.after_release(|connection, _| Box::pin(is_free(connection)));
         let pool = pool.connect_with(options.clone().options(LIMITS)).await?;
         Ok(Self { pool })
     }
@@ -81,10 +80,10 @@ impl PostgresMeta {
     }
 }
 
-/// Whether a connection answers and is in no transaction. A call that is broken off (a client leaves, a job ends while its progress is
-/// being written) can give one back in a transaction that the driver does not know: what is written on it would be seen by nobody, and
-/// its locks would stay.
-async fn is_usable(connection: &mut PgConnection) -> sqlx::Result<bool> {
+/// Whether a connection that is given back is in no transaction; if not it is closed. A call that is broken off (a client leaves, a job
+/// ends while its progress is being written) can leave one that the driver does not know of: what is written in it would be seen by
+/// nobody, and its locks would stay.
+async fn is_free(connection: &mut PgConnection) -> sqlx::Result<bool> {
     // In a simple query outside of a transaction the two are the same moment.
     let fresh = sqlx::raw_sql("SELECT now() = statement_timestamp()").fetch_one(connection).await?;
     sqlx::Row::try_get(&fresh, 0)

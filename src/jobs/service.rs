@@ -13,7 +13,7 @@ use crate::control::Control;
 use crate::session::{Engine, Fault, FaultKind, Halt};
 use crate::store::{
     AnswerRecord, Audit, Insertion, JobChange, JobId, JobRecord, JobState, Lane, NewJob, SessionId, Store, Supersede,
-    TenantId, WorkerId, now_rfc3339,
+    TenantId, WorkerId,
 };
 use crate::trace;
 
@@ -342,34 +342,12 @@ const LOOKS: u32 = 50;
 
 fn record(order: Order) -> JobRecord {
     JobRecord {
-        number: 0,
-        id: JobId::new(),
-        session: order.session,
-        // The store knows whose the session is.
-        tenant: TenantId::local(),
-        kind: order.kind,
-        state: JobState::Accepted,
-        phase: "waiting".to_owned(),
-        progress: 0.0,
         steps: order.steps,
-        attempt: 0,
-        fence: 0,
-        request: order.request,
         subject: order.subject,
         other_session: order.other_session,
         max_wall_s: order.max_wall_s,
         traceparent: trace::traceparent(&tracing::Span::current()),
-        cancel_requested_at: None,
-        superseded_by: None,
-        events_from: 1,
-        report: None,
-        fault: None,
-        warnings: Vec::new(),
-        rest_blob: None,
-        tissue_blob: None,
-        created_at: now_rfc3339(),
-        started_at: None,
-        finished_at: None,
+        ..JobRecord::accepted(order.kind, order.session, order.request)
     }
 }
 

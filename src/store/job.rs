@@ -1,7 +1,7 @@
 use std::str::FromStr;
 use std::time::Duration;
 
-use super::{AnswerRecord, BlobInfo, JobId, JobState, SessionId, StoreError, TenantId, WorkerId};
+use super::{AnswerRecord, BlobInfo, JobId, JobState, SessionId, StoreError, TenantId, WorkerId, now_rfc3339};
 
 /// What a job makes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -134,6 +134,40 @@ pub struct JobRecord {
 }
 
 impl JobRecord {
+    /// A new job that waits, with no more than it must have; the store numbers it and knows whose the session is.
+    #[must_use]
+    pub fn accepted(kind: JobKind, session: SessionId, request: String) -> Self {
+        Self {
+            number: 0,
+            id: JobId::new(),
+            session,
+            tenant: TenantId::local(),
+            kind,
+            state: JobState::Accepted,
+            phase: "waiting".to_owned(),
+            progress: 0.0,
+            steps: 0,
+            attempt: 0,
+            fence: 0,
+            request,
+            subject: None,
+            other_session: None,
+            max_wall_s: None,
+            traceparent: None,
+            cancel_requested_at: None,
+            superseded_by: None,
+            events_from: 1,
+            report: None,
+            fault: None,
+            warnings: Vec::new(),
+            rest_blob: None,
+            tissue_blob: None,
+            created_at: now_rfc3339(),
+            started_at: None,
+            finished_at: None,
+        }
+    }
+
     /// Whether a change under `fence` from the state `from` to `to` is allowed as the row stands.
     pub(super) fn may_change(&self, from: JobState, fence: u64, to: JobState) -> bool {
         let stops = matches!(to, JobState::Cancelled | JobState::Interrupted);

@@ -75,33 +75,11 @@ pub(super) fn part_with(kind: PartKind, blob: &BlobInfo) -> PartRecord {
 
 fn job(session: SessionId, request: &str) -> JobRecord {
     JobRecord {
-        number: 0,
-        id: JobId::new(),
-        session,
-        tenant: TenantId::local(),
-        kind: JobKind::Solve,
-        state: JobState::Accepted,
-        phase: "waiting".to_owned(),
-        progress: 0.0,
         steps: 2,
-        attempt: 0,
-        fence: 0,
-        request: request.to_owned(),
         subject: Some("plan".to_owned()),
-        other_session: None,
         max_wall_s: Some(60.0),
         traceparent: Some("00-1-2-01".to_owned()),
-        cancel_requested_at: None,
-        superseded_by: None,
-        events_from: 1,
-        report: None,
-        fault: None,
-        warnings: Vec::new(),
-        rest_blob: None,
-        tissue_blob: None,
-        created_at: now_rfc3339(),
-        started_at: None,
-        finished_at: None,
+        ..JobRecord::accepted(JobKind::Solve, session, request.to_owned())
     }
 }
 

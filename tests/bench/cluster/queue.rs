@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use prosopon::store::{
-    Claim, Insertion, JobChange, JobId, JobKind, JobRecord, JobState, Lane, NewJob, Places, QueueLimits, SessionId,
+    Claim, Insertion, JobChange, JobKind, JobRecord, JobState, Lane, NewJob, Places, QueueLimits, SessionId,
     SessionRecord, Store, WorkerId, now_rfc3339,
 };
 
@@ -82,7 +82,8 @@ async fn measure(store: &Store, clients: usize) -> [(&'static str, Times); 3] {
     let (stored, _) = by_all(clients, {
         let (store, sessions) = (store.clone(), Arc::new(sessions));
         move |n| {
-            let (store, job) = (store.clone(), job(sessions[n % SESSIONS], n));
+            let (store, job) =
+                (store.clone(), JobRecord::accepted(JobKind::Solve, sessions[n % SESSIONS], n.to_string()));
             async move {
                 let limits = QueueLimits { all: u32::MAX, tenant: u32::MAX };
                 let new = NewJob { job: &job, limits, event: "{}", supersede: None, answer: &|_, _| None };
@@ -158,36 +159,4 @@ where
         }
     }
     (Times { each, all: started.elapsed() }, results)
-}
-
-fn job(session: SessionId, n: usize) -> JobRecord {
-    JobRecord {
-        number: 0,
-        id: JobId::new(),
-        session,
-        tenant: prosopon::store::TenantId::local(),
-        kind: JobKind::Solve,
-        state: JobState::Accepted,
-        phase: "waiting".to_owned(),
-        progress: 0.0,
-        steps: 6,
-        attempt: 0,
-        fence: 0,
-        request: format!("{{\"plan\":{n}}}"),
-        subject: None,
-        other_session: None,
-        max_wall_s: None,
-        traceparent: None,
-        cancel_requested_at: None,
-        superseded_by: None,
-        events_from: 1,
-        report: None,
-        fault: None,
-        warnings: Vec::new(),
-        rest_blob: None,
-        tissue_blob: None,
-        created_at: now_rfc3339(),
-        started_at: None,
-        finished_at: None,
-    }
 }

@@ -394,7 +394,7 @@ fn templates_of_both_jaws_part_the_teeth_in_one_plane() {
         .filter(|c| c.name.as_deref().is_some_and(|n| n.starts_with("occlusal")))
         .filter_map(|c| match &c.shape {
             CutShape::Plane(plane) => Some(*plane),
-            _ => None,
+            CutShape::Polyline { .. } | CutShape::Surface(_) | CutShape::FreePart(_) => None,
         })
         .collect();
     assert!(planes.len() >= 3, "{}", planes.len());

@@ -113,11 +113,13 @@ fn is_unreachable(error: &sqlx::Error) -> bool {
 
 impl From<object_store::Error> for StoreError {
     fn from(error: object_store::Error) -> Self {
-        match error {
-            object_store::Error::NotFound { .. } => Self::BlobGone,
+        if matches!(error, object_store::Error::NotFound { .. }) {
+            Self::BlobGone
+        } else if matches!(error, object_store::Error::Generic { store: "S3", .. }) {
             // What is refused for a reason has a kind of its own.
-            object_store::Error::Generic { store: "S3", .. } => Self::BucketAway(error),
-            _ => Self::Blob(error),
+            Self::BucketAway(error)
+        } else {
+            Self::Blob(error)
         }
     }
 }

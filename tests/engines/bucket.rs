@@ -85,7 +85,9 @@ impl Bucket {
 
 async fn refuse(mut connection: TcpStream) {
     let mut head = [0; 4096];
-    connection.read(&mut head).await.ok();
+    if matches!(connection.read(&mut head).await, Ok(0) | Err(_)) {
+        return;
+    }
     connection
         .write_all(b"HTTP/1.1 503 Service Unavailable\r\ncontent-length: 0\r\nconnection: close\r\n\r\n")
         .await

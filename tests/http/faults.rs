@@ -49,6 +49,7 @@ fn events_of(job: &Value) -> String {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+#[allow(clippy::disallowed_methods, reason = "faults last for a time")]
 async fn two_hundred_jobs_outlive_every_fault_and_are_those_of_one_process() {
     let bucket = Bucket::start().await;
     let mut cluster = Cluster::start();

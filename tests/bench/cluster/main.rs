@@ -20,7 +20,7 @@ mod processes;
 mod queue;
 
 use std::fmt::Write;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use engines::{Bucket, Cluster};
 use processes::{Site, Solves, busy_s};
@@ -114,7 +114,6 @@ fn overhead(site: &Site) -> Vec<Row> {
             if round > 0 {
                 times.push(started.elapsed().as_secs_f64());
             }
-            std::thread::sleep(Duration::from_millis(200));
         }
     }
     let [own, shared] = times.map(median);

@@ -252,7 +252,7 @@ fn another_unit_is_told_and_no_input_is_overwritten() {
     let folder = tempfile::tempdir().unwrap();
     let mesh = slab(1.0);
     std::fs::write(folder.path().join("slab.vtu"), &mesh).unwrap();
-    let law = json!({ "law": "neo_hookean", "c10_mpa": 5000.0, "poisson": 0.45 });
+    let law = json!({ "law": "neo_hookean", "shear_modulus_mpa": 10000.0, "poisson": 0.45 });
     let mut scene = json!({
         "mesh": "slab.vtu", "model": "linear", "materials": { "skin": law, "fat": law, "muscle": law },
         "segments": {"1": {"translation_mm": [0, 0, 0.1]}}, "steps": 1

@@ -81,7 +81,7 @@ pub(crate) struct Solves<'s> {
     sessions: Vec<(String, Value, Value)>,
     model: &'static str,
     steps: u32,
-    posted: usize,
+    planned: usize,
 }
 
 impl<'s> Solves<'s> {
@@ -94,16 +94,26 @@ impl<'s> Solves<'s> {
             );
             (session, osteotomy, jaw)
         };
-        Self { server, sessions: (0..sessions).map(session).collect(), model, steps, posted: 0 }
+        Self { server, sessions: (0..sessions).map(session).collect(), model, steps, planned: 0 }
     }
 
     /// Asks for one more: its path.
     pub(crate) fn post(&mut self) -> String {
-        let (session, osteotomy, jaw) = &self.sessions[self.posted % self.sessions.len()];
-        let waypoints = json!([{ "t": 1, "translation_mm": [0, -4.0 - 0.01 * self.posted as f64, 0] }]);
-        self.posted += 1;
+        let plan = self.plan();
+        self.post_planned(&plan)
+    }
+
+    /// Another plan: its session and id.
+    pub(crate) fn plan(&mut self) -> (String, Value) {
+        let (session, osteotomy, jaw) = &self.sessions[self.planned % self.sessions.len()];
+        let waypoints = json!([{ "t": 1, "translation_mm": [0, -4.0 - 0.01 * self.planned as f64, 0] }]);
+        self.planned += 1;
         let plan = json!({ "osteotomy": osteotomy, "paths": [{ "segment": jaw, "waypoints": waypoints }] });
-        let plan = self.server.post(&format!("{session}/plans"), &plan).ok()["id"].clone();
+        (session.clone(), self.server.post(&format!("{session}/plans"), &plan).ok()["id"].clone())
+    }
+
+    /// Asks for a plan's job: its path.
+    pub(crate) fn post_planned(&self, (session, plan): &(String, Value)) -> String {
         let job = json!({ "plan": plan, "model": self.model, "steps": self.steps });
         format!("/v1/jobs/{}", self.server.post(&format!("{session}/jobs"), &job).ok()["id"].as_str().unwrap())
     }

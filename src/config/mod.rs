@@ -169,6 +169,11 @@ impl ServeConfig {
             alone,
             "worker: nobody else can do the jobs of a store in the data directory; name a database, or leave it true",
         );
+        let divided = !(self.api && self.service.works) && self.places.database.is_some();
+        check(
+            divided && self.places.blobs.is_none(),
+            "blobs: processes that divide the work need one bucket; the data directory is each one's own",
+        );
         check(
             !self.api && self.places.database.is_none(),
             "database: a worker needs the one that the API's processes have",

@@ -120,6 +120,8 @@ fn without_source(text: &str) -> String {
 
 fn origin(metadata: &Metadata) -> String {
     match &metadata.source {
+        // A place in this program's source.
+        Some(figment::Source::Code(_)) => " (command line)".to_owned(),
         Some(source) => format!(" ({} {source})", metadata.name),
         None => format!(" ({})", metadata.name),
     }

@@ -11,7 +11,13 @@ const ANSWERS: Duration = Duration::from_secs(7 * 24 * 3600);
 /// Keeps house now and then until the service stops.
 pub(super) async fn keep_house(service: Arc<Service>) {
     loop {
-        if let Err(fault) = service.keep_house().await {
+        let kept = async {
+            if service.store.takes_turn(service.settings.janitor_every).await? {
+                service.keep_house().await?;
+            }
+            Ok::<_, Fault>(())
+        };
+        if let Err(fault) = kept.await {
             tracing::error!(detail = fault.detail, "the janitor failed");
         }
         tokio::select! {

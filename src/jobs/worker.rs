@@ -116,7 +116,7 @@ async fn claim(service: &Service, lane: Lane) -> Result<Option<JobRecord>, Fault
         ..JobChange::default()
     };
     let worker = service.store.is_shared().then_some(service.worker);
-    let claim = Claim { lane, worker, to, lease: service.settings.lease };
+    let claim = Claim { lane, worker, patience: Claim::PATIENCE, to, lease: service.settings.lease };
     Ok(service.store.claim_job(&claim, &start).await?)
 }
 

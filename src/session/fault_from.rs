@@ -41,6 +41,8 @@ impl From<StoreError> for Fault {
             }
             StoreError::Database(_)
             | StoreError::Bucket(_)
+            | StoreError::NoBucket
+            | StoreError::ForeignBlobs { .. }
             | StoreError::Blob(_)
             | StoreError::Io(_)
             | StoreError::Record { .. }
@@ -68,8 +70,12 @@ pub(crate) fn chain(error: &dyn std::error::Error) -> String {
     let mut text = error.to_string();
     let mut source = error.source();
     while let Some(error) = source {
-        text.push_str(": ");
-        text.push_str(&error.to_string());
+        let cause = error.to_string();
+        // Some errors say their source themselves.
+        if !text.ends_with(&cause) {
+            text.push_str(": ");
+            text.push_str(&cause);
+        }
         source = error.source();
     }
     text

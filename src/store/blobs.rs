@@ -28,6 +28,9 @@ pub struct BlobInfo {
     pub sha256: String,
 }
 
+/// Key of the name of the rows that the values belong to.
+const NAME: &str = "belongs-to";
+
 /// Immutable values under keys that are never used twice. A value is there whole and synced, or not at all.
 ///
 /// The trait behind it is [`ObjectStore`]: files, memory, and what speaks S3.
@@ -57,6 +60,19 @@ impl Blobs {
 
     pub(super) fn over(objects: Arc<dyn ObjectStore>) -> Self {
         Self { objects, root: None }
+    }
+
+    /// The name that this place bears, if any.
+    pub(super) async fn name(&self) -> Result<Option<String>, StoreError> {
+        match self.objects.get(&Path::from(NAME)).await {
+            Err(object_store::Error::NotFound { .. }) => Ok(None),
+            found => Ok(Some(String::from_utf8_lossy(&found?.bytes().await?).into_owned())),
+        }
+    }
+
+    pub(super) async fn set_name(&self, name: &str) -> Result<(), StoreError> {
+        self.objects.put(&Path::from(NAME), PutPayload::from(name.to_owned())).await?;
+        Ok(())
     }
 
     /// Stores `bytes` for a session.

@@ -15,6 +15,19 @@ pub enum StoreError {
     /// The object store, as it is configured.
     #[error("the bucket cannot be used")]
     Bucket(#[source] object_store::Error),
+    /// There is no bucket of this name.
+    #[error("there is no such bucket")]
+    NoBucket,
+    /// The place of the blobs belongs to other rows: what these do not name would be removed from it.
+    #[error(
+        "{place} and the database do not belong together: {detail}; name those that do, or an empty bucket or prefix with an empty database"
+    )]
+    ForeignBlobs {
+        /// Bucket or directory.
+        place: String,
+        /// How that shows.
+        detail: &'static str,
+    },
     /// A file of results or inputs.
     #[error("the blob store failed")]
     Blob(#[source] object_store::Error),

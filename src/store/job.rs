@@ -259,9 +259,12 @@ impl std::fmt::Debug for NewJob<'_> {
 pub struct Claim {
     /// Where it looks.
     pub lane: Lane,
-    /// Who asks. A job of a session that another worker computed last is left to that one, which has the field and the mesh at hand, for
-    /// [`Claim::HEAD_START`]; without a name every job is taken at once.
+    /// Who asks. A worker knows the sessions whose last job it began: it has their fields and meshes at hand. Of a tenant's jobs it takes
+    /// first those of sessions that it or nobody knows, and for [`Claim::HEAD_START`] it leaves others' to them. Without a name
+    /// every job is taken in order.
     pub worker: Option<WorkerId>,
+    /// How long others go before a job because the worker knows their sessions.
+    pub patience: Duration,
     /// What the job is from then on.
     pub to: JobState,
     /// How long it is the worker's, until it is renewed.
@@ -271,6 +274,9 @@ pub struct Claim {
 impl Claim {
     /// How long a job waits for the worker that knows its session: little to one who waits, enough for one that is free.
     pub const HEAD_START: Duration = Duration::from_secs(1);
+    /// A usual patience. When all workers are busy every job has waited for longer than the head start; were they taken in the order of
+    /// their numbers then, each worker would make the fields and meshes of all sessions again, just when there is too much to do.
+    pub const PATIENCE: Duration = Duration::from_secs(60);
 }
 
 /// What became of a job that was to be stored.

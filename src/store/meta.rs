@@ -187,6 +187,12 @@ pub trait MetaStore: Debug + Send + Sync {
 
     // ---- the engine ----
 
+    /// The name of these rows, which the place of their blobs bears too: `fresh` when they had none.
+    async fn name(&self, fresh: &str) -> Result<String>;
+
+    /// Whether nobody has kept house for the time `every`: then it is the caller's turn.
+    async fn take_turn(&self, every: Duration) -> Result<bool>;
+
     /// Keys of all blobs that a row names.
     async fn named_blobs(&self) -> Result<BTreeSet<String>>;
 

@@ -346,6 +346,14 @@ impl Store {
         self.blobs.remove_files(&unnamed).await
     }
 
+    /// Whether this process shall keep house now: of those that share the rows one does in the time `every`.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn takes_turn(&self, every: Duration) -> Result<bool> {
+        Ok(!self.shared || self.meta.take_turn(every).await?)
+    }
+
     /// Notes where the audit log ends, so that a tail that is cut off shows.
     ///
     /// # Errors

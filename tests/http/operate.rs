@@ -95,6 +95,12 @@ fn addresses_of_other_places_are_checked_and_printed_without_passwords() {
     let (fine, told) = check("mysql://anna:secret@db.example/plans", "plans", "http://127.0.0.1:1");
     assert!(!fine && !told.contains("secret"), "{told}");
     assert!(told.contains("database: is no address") && told.contains("blobs: `plans` is no address"), "{told}");
+    assert!(told.contains("(command line)") && !told.contains(".rs"), "{told}");
+    let database = ["--data", "d", "--database", "postgres://db.example/plans"];
+    for role in [&["worker"][..], &["serve", "--no-worker"]] {
+        let told = String::from_utf8(prosopon(&[role, &database].concat()).stderr).unwrap();
+        assert!(told.contains("blobs: processes that divide the work need one bucket"), "{told}");
+    }
     for command in ["migrate", "audit"] {
         let verify: &[&str] = if command == "audit" { &["verify", "--data", "d"] } else { &[] };
         let database = ["--database", "mysql://anna:secret@db.example/plans"];

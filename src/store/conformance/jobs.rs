@@ -77,6 +77,27 @@ async fn a_job_waits_a_little_for_the_worker_that_knows_its_session(store: Store
     assert_eq!(by(None).await, Some(fifth), "who has no name takes what is first");
 }
 
+async fn a_worker_takes_first_what_it_knows_but_nobody_waits_for_ever(store: Store) {
+    let known = add_session(&store, "a").await.id;
+    let (own, other) = (Some(WorkerId::new()), Some(WorkerId::new()));
+    let by = async |worker| claim_by(&store, Lane::Heavy, worker).await.map(|job| job.id);
+    let first = accept(&store, known, "1").await;
+    assert_eq!(by(own).await, Some(first));
+    let mut others = Vec::new();
+    for session in [add_session(&store, "a").await.id, add_session(&store, "b").await.id] {
+        let begun = accept(&store, session, "2").await;
+        assert_eq!(by(other).await, Some(begun));
+        others.push(accept(&store, session, "3").await);
+    }
+    let mine = [accept(&store, known, "4").await, accept(&store, known, "5").await];
+    tokio::time::sleep(Claim::HEAD_START + Duration::from_millis(20)).await;
+    assert_eq!(by(own).await, Some(mine[0]), "the others came first, but another worker knows them");
+    tokio::time::sleep(PATIENCE - Claim::HEAD_START).await;
+    assert_eq!(by(own).await, Some(others[1]), "all have waited long enough, and tenants take turns");
+    assert_eq!(by(own).await, Some(others[0]));
+    assert_eq!(by(own).await, Some(mine[1]));
+}
+
 async fn a_newer_job_takes_the_place_of_waiting_ones(store: Store) {
     let id = add_session(&store, "a").await.id;
     let running = accept(&store, id, "1").await;
@@ -272,6 +293,7 @@ conforms! {
     the_queue_is_bounded_in_all_and_by_tenant,
     tenants_take_turns,
     a_job_waits_a_little_for_the_worker_that_knows_its_session,
+    a_worker_takes_first_what_it_knows_but_nobody_waits_for_ever,
     a_newer_job_takes_the_place_of_waiting_ones,
     what_comes_under_an_old_fence_is_refused,
     a_lease_is_renewed_by_its_worker_and_passes_without,

@@ -46,9 +46,20 @@ async fn shared_store() -> (Store, impl Sized) {
 }
 
 async fn open_shared(directory: &std::path::Path, database: &str, bucket: &engines::Bucket) -> Store {
-    let places = Places { database: Some(database.parse().unwrap()), blobs: None };
-    let objects = bucket.url().parse::<BucketUrl>().unwrap().open_with(bucket.client()).unwrap();
-    Store::open_at(directory, &places).await.unwrap().with_objects(objects)
+    try_open_shared(directory, database, bucket, &bucket.url()).await.unwrap()
+}
+
+/// The same with another bucket of that server.
+async fn try_open_shared(
+    directory: &std::path::Path,
+    database: &str,
+    server: &engines::Bucket,
+    bucket: &str,
+) -> Result<Store, StoreError> {
+    let bucket: BucketUrl = bucket.parse().unwrap();
+    let objects = bucket.open_with(server.client()).unwrap();
+    let places = Places { database: Some(database.parse().unwrap()), blobs: Some(bucket) };
+    Store::open_over(directory, &places, Some(objects)).await
 }
 
 pub(super) fn session(tenant: &str) -> SessionRecord {
@@ -97,6 +108,7 @@ fn answer(tenant: &str, key: &str, session: SessionId) -> AnswerRecord {
 }
 
 const LEASE: Duration = Duration::from_secs(60);
+const PATIENCE: Duration = Duration::from_secs(4);
 
 const MANY: QueueLimits = QueueLimits { all: 100, tenant: 100 };
 
@@ -128,7 +140,7 @@ async fn claim_by(store: &Store, lane: Lane, worker: Option<WorkerId>) -> Option
         events: vec![("status", format!("{{\"attempt\":{}}}", job.attempt + 1))],
         ..JobChange::default()
     };
-    let claim = Claim { lane, worker, to: JobState::Running, lease: LEASE };
+    let claim = Claim { lane, worker, patience: PATIENCE, to: JobState::Running, lease: LEASE };
     store.claim_job(&claim, &started).await.unwrap()
 }
 

@@ -24,6 +24,68 @@ async fn stores_that_open_one_database_at_once_bring_it_up_once_and_share_it() {
 }
 
 #[tokio::test]
+async fn a_bucket_of_other_rows_is_refused_before_anything_in_it_is_removed() {
+    let server = Bucket::start().await;
+    let (bucket, empty) = (server.url(), format!("{}/empty", server.url()));
+    let opened = async |database: &str, bucket: &str| {
+        let directory = tempfile::tempdir().unwrap();
+        try_open_shared(directory.path(), database, &server, bucket).await.map(|store| (store, directory))
+    };
+    let [own, other] = [fresh_database().await, fresh_database().await];
+    let (store, _kept) = opened(&own, &bucket).await.unwrap();
+    let session = add_session(&store, "a").await.id;
+    let skin = blob(&store, session, b"skin").await;
+    store.put_parts(session, &[part_with(PartKind::Skin, &skin)]).await.unwrap();
+    opened(&own, &bucket).await.unwrap();
+    let refused = async |database: &str, bucket: &str, words: &str| {
+        let told = opened(database, bucket).await.unwrap_err().to_string();
+        assert!(told.contains(words) && told.contains(bucket), "{told}");
+    };
+    refused(&other, &bucket, "those of another database").await;
+    refused(&own, &empty, "has results, of which it holds none").await;
+    // As it is before the first start of a version that looks.
+    store.blobs().delete("belongs-to").await;
+    refused(&other, &bucket, "holds results, of which the database knows none").await;
+    opened(&own, &bucket).await.unwrap();
+    opened(&other, &empty).await.unwrap();
+    assert_eq!(store.blobs().get(&skin.key).await.unwrap().as_ref(), b"skin");
+    assert!(matches!(opened(&fresh_database().await, "s3://elsewhere").await, Err(StoreError::NoBucket)));
+}
+
+#[tokio::test]
+async fn files_of_a_directory_stay_when_its_rows_are_named_elsewhere_or_no_more() {
+    let database = fresh_database().await;
+    let elsewhere = Places { database: Some(database.parse().unwrap()), blobs: None };
+    for (first, then) in [(Places::default(), elsewhere.clone()), (elsewhere, Places::default())] {
+        let directory = tempfile::tempdir().unwrap();
+        let store = Store::open_at(directory.path(), &first).await.unwrap();
+        let session = add_session(&store, "a").await.id;
+        let skin = blob(&store, session, b"skin").await;
+        store.put_parts(session, &[part_with(PartKind::Skin, &skin)]).await.unwrap();
+        store.close().await;
+        drop(store);
+        let refused = Store::open_at(directory.path(), &then).await;
+        assert!(matches!(refused, Err(StoreError::ForeignBlobs { .. })), "{refused:?}");
+        let again = Store::open_at(directory.path(), &first).await.unwrap();
+        assert_eq!(again.blobs().get(&skin.key).await.unwrap().as_ref(), b"skin");
+    }
+}
+
+#[tokio::test]
+async fn of_those_that_share_rows_one_keeps_house() {
+    let (database, bucket) = (fresh_database().await, Bucket::start().await);
+    let directories = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
+    let [first, second] = directories.each_ref().map(|d| open_shared(d.path(), &database, &bucket));
+    let (first, second) = (first.await, second.await);
+    let every = Duration::from_millis(500);
+    assert!(first.takes_turn(every).await.unwrap());
+    assert!(!second.takes_turn(every).await.unwrap() && !first.takes_turn(every).await.unwrap());
+    tokio::time::sleep(every).await;
+    let both = tokio::join!(first.takes_turn(every), second.takes_turn(every));
+    assert_ne!(both.0.unwrap(), both.1.unwrap());
+}
+
+#[tokio::test]
 async fn a_job_is_claimed_once_by_many_and_tenants_take_turns() {
     let (store, _kept) = shared_store().await;
     let (a, b) = (add_session(&store, "a").await.id, add_session(&store, "b").await.id);

@@ -7,7 +7,7 @@ use crate::store::job::{joined_warnings, progress_after};
 use crate::store::records::now_rfc3339;
 use crate::store::{
     BlobInfo, Claim, EventRecord, Insertion, JobChange, JobId, JobKind, JobRecord, JobState, Lane, NewJob, StepRecord,
-    StepWritten, StoreError, TenantId, WorkerId,
+    StepWritten, StoreError, TenantId,
 };
 
 impl Rows {
@@ -99,18 +99,28 @@ impl Rows {
     }
 
     pub(super) fn queue(&self, lane: Lane) -> Vec<JobId> {
-        let mut rounds: BTreeMap<TenantId, u64> = BTreeMap::new();
-        let waiting = self.in_order_of_number().into_iter();
-        let waiting = waiting
-            .filter(|j| j.state == JobState::Accepted && j.kind.lane() == lane && j.cancel_requested_at.is_none());
+        self.places(lane, |_| 0).into_iter().map(|(_, id)| id).collect()
+    }
+
+    /// Jobs that wait in a lane with their ranks, in order.
+    fn places(&self, lane: Lane, rank: impl Fn(&Job) -> u8) -> Vec<(u8, JobId)> {
+        let waiting = self.jobs.values().filter(|j| {
+            let j = &j.record;
+            j.state == JobState::Accepted && j.kind.lane() == lane && j.cancel_requested_at.is_none()
+        });
+        let mut waiting: Vec<_> = waiting.map(|j| (rank(j), j.record.number, &j.record)).collect();
+        waiting.sort_unstable_by_key(|&(rank, number, _)| (rank, number));
+        let mut rounds: BTreeMap<&TenantId, u64> = BTreeMap::new();
         let mut places: Vec<_> = waiting
-            .map(|j| {
-                let round = rounds.entry(j.tenant.clone()).and_modify(|r| *r += 1).or_insert(1);
-                (*round, self.turns.get(&(j.tenant, lane)).copied().unwrap_or(0), j.number, j.id)
+            .into_iter()
+            .map(|(rank, number, j)| {
+                let round = rounds.entry(&j.tenant).and_modify(|r| *r += 1).or_insert(1);
+                let last = self.turns.get(&(j.tenant.clone(), lane)).copied().unwrap_or(0);
+                (*round, rank, last, number, j.id)
             })
             .collect();
         places.sort_unstable();
-        places.into_iter().map(|(_, _, _, id)| id).collect()
+        places.into_iter().map(|(_, rank, _, _, id)| (rank, id)).collect()
     }
 
     pub(super) fn claim(
@@ -118,7 +128,7 @@ impl Rows {
         claim: &Claim,
         change: &(dyn for<'a> Fn(&'a JobRecord) -> JobChange + Send + Sync),
     ) -> Option<JobRecord> {
-        let id = self.queue(claim.lane).into_iter().find(|id| self.is_open_to(*id, claim.worker))?;
+        let (_, id) = self.places(claim.lane, |job| self.rank(job, claim)).into_iter().find(|(rank, _)| *rank < 2)?;
         let change = change(&self.jobs.get(&id)?.record);
         self.write_change(id, claim.to, &change);
         let last = self.turns.values().max().copied().unwrap_or(0) + 1;
@@ -130,11 +140,21 @@ impl Rows {
         Some(job.record.clone())
     }
 
-    fn is_open_to(&self, id: JobId, worker: Option<WorkerId>) -> bool {
-        let (Some(job), Some(worker)) = (self.jobs.get(&id), worker) else { return true };
+    /// 0 for a job that is taken first, 1 for one of a session that another worker knows, 2 for one that is left to that worker for now.
+    fn rank(&self, job: &Job, claim: &Claim) -> u8 {
         let of_session = self.jobs.values().rev().filter(|j| j.record.session == job.record.session);
         let last = of_session.filter_map(|j| j.worker).next();
-        last.is_none_or(|last| last == worker) || job.accepted_at.elapsed() > Claim::HEAD_START
+        let waited = job.accepted_at.elapsed();
+        match (last, claim.worker) {
+            (Some(last), Some(worker)) if last != worker && waited <= claim.patience => {
+                if waited > Claim::HEAD_START {
+                    1
+                } else {
+                    2
+                }
+            }
+            _ => 0,
+        }
     }
 
     pub(super) fn renew(&mut self, id: JobId, fence: u64, lease: Duration) -> Option<bool> {

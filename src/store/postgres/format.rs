@@ -8,8 +8,11 @@ use super::Result;
 use crate::store::StoreError;
 
 /// Scripts that bring an empty database to the present format, one a version.
-const MIGRATIONS: &[(&str, &str)] =
-    &[("schema", include_str!("1_schema.sql")), ("several processes", include_str!("2_several_processes.sql"))];
+const MIGRATIONS: &[(&str, &str)] = &[
+    ("schema", include_str!("1_schema.sql")),
+    ("several processes", include_str!("2_several_processes.sql")),
+    ("place of blobs", include_str!("3_place_of_blobs.sql")),
+];
 
 /// What Postgres says when a table that a script makes is there already.
 const TABLE_IS_THERE: &str = "42P07";

@@ -3,7 +3,7 @@ use std::time::Duration;
 
 use async_trait::async_trait;
 
-use super::{Meta, Result, anchor, answers, contents, events, jobs, parts, plans, queue, sessions, steps};
+use super::{Meta, Result, anchor, answers, contents, events, house, jobs, parts, plans, queue, sessions, steps};
 use crate::store::{
     AnswerRecord, BlobInfo, Changes, Claim, EventRecord, Insertion, JobChange, JobFilter, JobId, JobRecord, JobState,
     Lane, MetaStore, NewJob, OsteotomyId, OsteotomyRecord, Owner, PartKind, PartRecord, PlanId, PlanRecord, Remembered,
@@ -196,6 +196,14 @@ impl MetaStore for Meta {
 
     async fn audit_anchor(&self, log: &str) -> Result<Option<(String, String)>> {
         anchor::get(self.reader(), log).await
+    }
+
+    async fn name(&self, fresh: &str) -> Result<String> {
+        house::name(self.writer(), fresh).await
+    }
+
+    async fn take_turn(&self, every: Duration) -> Result<bool> {
+        house::take_turn(self.writer(), every).await
     }
 
     async fn named_blobs(&self) -> Result<BTreeSet<String>> {

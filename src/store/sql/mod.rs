@@ -10,6 +10,7 @@ mod anchor;
 mod answers;
 mod contents;
 mod events;
+mod house;
 mod jobs;
 mod meta;
 mod parts;

@@ -9,19 +9,29 @@ use super::{Connection, Pool, Result, Transaction, gone_if_orphan, jobs, session
 use crate::store::records::{parse_id, to_i64};
 use crate::store::{Claim, Insertion, JobChange, JobId, JobRecord, Lane, NewJob};
 
-/// Jobs that wait in a lane: each tenant's oldest in the first round, each tenant's second in the next, and so on; with the turn that
-/// the tenant had last.
-const WAITING: &str = "SELECT j.id, j.number, row_number() OVER (PARTITION BY j.tenant ORDER BY j.number) AS round,
-        coalesce(t.last, 0) AS last
-    FROM jobs j LEFT JOIN turns t ON t.tenant = j.tenant AND t.lane = j.lane
-    WHERE j.state = 'accepted' AND j.lane = $1 AND j.cancel_requested_at IS NULL";
+/// Jobs `w` that wait in lane `$1`, in order: each tenant's first in the first round, each tenant's second in the next, and so on; within a
+/// round the tenant whose turn was longest ago. Those of a lower `rank`, an expression of the job `j`, come first.
+fn waiting(rank: &str, open: &str) -> String {
+    format!(
+        "SELECT w.id FROM (
+             SELECT j.*, row_number() OVER (PARTITION BY j.tenant ORDER BY j.rank, j.number) AS round, coalesce(t.last, 0) AS last
+             FROM (SELECT j.id, j.number, j.tenant, j.lane, {rank} AS rank FROM jobs j
+                   WHERE j.state = 'accepted' AND j.lane = $1 AND j.cancel_requested_at IS NULL) AS j
+             LEFT JOIN turns t ON t.tenant = j.tenant AND t.lane = j.lane
+         ) AS w {open} ORDER BY w.round, w.rank, w.last, w.number"
+    )
+}
 
-/// Who began a job of the session of the job `j` last; when nobody did, who asks (`$2`).
-const LAST_WORKER: &str = "coalesce((SELECT p.worker FROM jobs p WHERE p.session = j.session AND p.worker IS NOT NULL
-    ORDER BY p.id DESC LIMIT 1), $2)";
-
-/// Within a round the tenant whose turn was longest ago.
-const IN_ORDER: &str = "ORDER BY w.round, w.last, w.number";
+/// What the job `j` is to worker `$2`: 0 is one of a session that it or nobody knows, or that has lost its patience (`$4`); 1 is another's;
+/// 2 is another's that is left to that one for now (`$3`). The worker that began a session's last job knows it.
+fn rank() -> String {
+    format!(
+        "CASE WHEN $2 IS NULL OR j.waits_since + $4 < {NOW_MS} THEN 0
+              WHEN coalesce((SELECT p.worker FROM jobs p WHERE p.session = j.session AND p.worker IS NOT NULL
+                             ORDER BY p.id DESC LIMIT 1), $2) = $2 THEN 0
+              WHEN coalesce(j.waits_since, 0) + $3 < {NOW_MS} THEN 1 ELSE 2 END"
+    )
+}
 
 pub(super) async fn insert(writer: &Pool, new: &NewJob<'_>) -> Result<Insertion> {
     let mut transaction = writer.begin().await?;
@@ -81,7 +91,7 @@ pub(super) async fn insert(writer: &Pool, new: &NewJob<'_>) -> Result<Insertion>
 
 /// Jobs that wait before one in its lane, when it waits.
 async fn before(transaction: &mut Transaction<'_>, job: &JobRecord) -> Result<Option<u32>> {
-    let ids = waiting(transaction, job.kind.lane()).await?;
+    let ids = ids_in_order(transaction, job.kind.lane()).await?;
     let own = job.id.to_string();
     Ok(ids.iter().position(|id| *id == own).and_then(|n| u32::try_from(n).ok()))
 }
@@ -128,14 +138,14 @@ async fn supersede(transaction: &mut Transaction<'_>, new: &NewJob<'_>) -> Resul
 }
 
 /// Ids of jobs that wait in a lane, in order.
-async fn waiting(connection: &mut Connection, lane: Lane) -> Result<Vec<String>> {
-    let ids = sqlx::query_scalar(AssertSqlSafe(format!("SELECT w.id FROM ({WAITING}) AS w {IN_ORDER}")));
+async fn ids_in_order(connection: &mut Connection, lane: Lane) -> Result<Vec<String>> {
+    let ids = sqlx::query_scalar(AssertSqlSafe(waiting("0", "")));
     Ok(ids.bind(lane.as_str()).fetch_all(connection).await?)
 }
 
 pub(super) async fn in_order(reader: &Pool, lane: Lane) -> Result<Vec<JobId>> {
     let mut connection = reader.acquire().await?;
-    waiting(&mut connection, lane).await?.iter().map(|id| parse_id(id)).collect()
+    ids_in_order(&mut connection, lane).await?.iter().map(|id| parse_id(id)).collect()
 }
 
 pub(super) async fn claim(
@@ -145,14 +155,11 @@ pub(super) async fn claim(
 ) -> Result<Option<JobRecord>> {
     let mut transaction = writer.begin().await?;
     // Of one that was taken since the list was made, the state is another one.
-    let first = format!(
-        "SELECT j.id FROM ({WAITING}) AS w JOIN jobs j ON j.id = w.id
-         WHERE j.state = 'accepted' AND j.cancel_requested_at IS NULL
-         AND ($2 IS NULL OR {LAST_WORKER} = $2 OR coalesce(j.waits_since, 0) + $3 < {NOW_MS}) {IN_ORDER} LIMIT 1 {FOR_CLAIM}"
-    );
+    let open = "JOIN jobs j ON j.id = w.id WHERE j.state = 'accepted' AND j.cancel_requested_at IS NULL AND w.rank < 2";
+    let first = format!("{} LIMIT 1 {FOR_CLAIM}", waiting(&rank(), open));
     let worker = claim.worker.map(|w| w.to_string());
     let first = sqlx::query_scalar(AssertSqlSafe(first)).bind(claim.lane.as_str());
-    let first = first.bind(&worker).bind(milliseconds(Claim::HEAD_START));
+    let first = first.bind(&worker).bind(milliseconds(Claim::HEAD_START)).bind(milliseconds(claim.patience));
     let first: Option<String> = first.fetch_optional(&mut *transaction).await?;
     let Some(id) = first else { return Ok(None) };
     let id: JobId = parse_id(&id)?;
@@ -172,8 +179,8 @@ pub(super) async fn claim(
     Ok(claimed)
 }
 
-fn milliseconds(lease: Duration) -> i64 {
-    i64::try_from(lease.as_millis()).unwrap_or(i64::MAX / 4)
+pub(super) fn milliseconds(time: Duration) -> i64 {
+    i64::try_from(time.as_millis()).unwrap_or(i64::MAX / 4)
 }
 
 pub(super) async fn renew(writer: &Pool, id: JobId, fence: u64, lease: Duration) -> Result<Option<bool>> {

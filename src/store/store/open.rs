@@ -4,18 +4,21 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
+use object_store::ObjectStore;
+use uuid::Uuid;
+
 use super::{Result, Store};
 use crate::store::directory::{BLOBS, LOCAL_LOG, create_private, given_log_name, lock};
-use crate::store::place::Places;
+use crate::store::place::{BucketUrl, Places};
 use crate::store::postgres::PostgresMeta;
 use crate::store::sqlite::{self, SqliteMeta};
-use crate::store::{Blobs, MetaStore};
+use crate::store::{Blobs, MetaStore, StoreError};
 
 impl Store {
     /// Opens or creates the store in `directory`, and sweeps files that no row names (left by a crash).
     ///
     /// # Errors
-    /// [`StoreError::InUse`](crate::store::StoreError::InUse) when another process has it open, [`StoreError::Newer`](crate::store::StoreError::Newer) and [`StoreError::Foreign`](crate::store::StoreError::Foreign) when another
+    /// [`StoreError::InUse`] when another process has it open, [`StoreError::Newer`] and [`StoreError::Foreign`] when another
     /// version or program wrote it, otherwise whatever the disk or the database says.
     pub async fn open(directory: &Path) -> Result<Self> {
         Self::open_at(directory, &Places::default()).await
@@ -25,12 +28,23 @@ impl Store {
     /// no other place.
     ///
     /// # Errors
-    /// As [`Store::open`]; [`StoreError::Unreachable`](crate::store::StoreError::Unreachable), [`StoreError::ForeignTables`](crate::store::StoreError::ForeignTables), [`StoreError::Bucket`](crate::store::StoreError::Bucket).
+    /// As [`Store::open`]; [`StoreError::Unreachable`], [`StoreError::ForeignTables`], [`StoreError::Bucket`], [`StoreError::NoBucket`],
+    /// [`StoreError::ForeignBlobs`].
     pub async fn open_at(directory: &Path, places: &Places) -> Result<Self> {
+        let objects = places.blobs.as_ref().map(BucketUrl::open).transpose()?;
+        Self::open_over(directory, places, objects).await
+    }
+
+    /// The same with the bucket already open.
+    pub(in crate::store) async fn open_over(
+        directory: &Path,
+        places: &Places,
+        objects: Option<Arc<dyn ObjectStore>>,
+    ) -> Result<Self> {
         create_private(directory)?;
         let lock = lock(directory)?;
-        let blobs = match &places.blobs {
-            Some(bucket) => Blobs::over(bucket.open()?),
+        let blobs = match objects {
+            Some(objects) => Blobs::over(objects),
             None => Blobs::in_directory(&directory.join(BLOBS))?,
         };
         let (meta, log): (Arc<dyn MetaStore>, _) = match &places.database {
@@ -39,6 +53,7 @@ impl Store {
         };
         let shared = places.database.is_some();
         let store = Self { meta, blobs, quota: u64::MAX, shared, log: log.into(), _lock: Some(Arc::new(lock)) };
+        store.check_belonging(directory, places).await?;
         // Elsewhere another process may be about to name what it has stored.
         if *places == Places::default() {
             let swept = store.sweep(Duration::ZERO).await?;
@@ -49,10 +64,34 @@ impl Store {
         Ok(store)
     }
 
+    /// Refuses rows and blobs that do not belong together: a sweep would remove what the rows do not name. From their first start on
+    /// both bear one name, unless both have always been in the directory.
+    async fn check_belonging(&self, directory: &Path, places: &Places) -> Result<()> {
+        let at =
+            || places.blobs.as_ref().map_or_else(|| directory.join(BLOBS).display().to_string(), ToString::to_string);
+        let refused = |detail| Err(StoreError::ForeignBlobs { place: at(), detail });
+        let mut found = self.blobs.name().await?;
+        if found.is_none() && *places == Places::default() {
+            return Ok(());
+        }
+        let name = self.meta.name(&Uuid::now_v7().to_string()).await?;
+        if found.is_none() {
+            // A bucket that is not there says so here.
+            let stored = self.blobs.older_than(Duration::ZERO).await.map_err(not_there)?;
+            match (stored.is_empty(), self.meta.named_blobs().await?.is_empty()) {
+                (false, true) => return refused("it holds results, of which the database knows none"),
+                (true, false) => return refused("the database has results, of which it holds none"),
+                (true, true) | (false, false) => self.blobs.set_name(&name).await.map_err(not_there)?,
+            }
+            found = self.blobs.name().await?;
+        }
+        if found == Some(name) { Ok(()) } else { refused("it holds those of another database") }
+    }
+
     /// Removes what a store left in `directory`, of whatever version; other files stay.
     ///
     /// # Errors
-    /// [`StoreError::InUse`](crate::store::StoreError::InUse) when a process has it open, [`StoreError::Io`](crate::store::StoreError::Io).
+    /// [`StoreError::InUse`] when a process has it open, [`StoreError::Io`].
     pub fn erase(directory: &Path) -> Result<()> {
         create_private(directory)?;
         let _held = lock(directory)?;
@@ -65,10 +104,17 @@ impl Store {
     }
 }
 
+/// What is missing is the whole bucket.
+fn not_there(error: StoreError) -> StoreError {
+    match error {
+        StoreError::BlobGone => StoreError::NoBucket,
+        error => error,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::store::StoreError;
     use crate::store::sqlite::DATABASE;
 
     async fn change_database(directory: &Path, script: &'static str) {

@@ -92,6 +92,7 @@ async fn measure(store: &Store, clients: usize) -> [(&'static str, Times); 3] {
         }
     })
     .await;
+    let name = WorkerId::new();
     let (claimed, jobs) = by_all(clients, {
         let store = store.clone();
         move |_| {
@@ -99,9 +100,9 @@ async fn measure(store: &Store, clients: usize) -> [(&'static str, Times); 3] {
             async move {
                 let change =
                     |_: &JobRecord| JobChange { attempt_change: 1, events: told("status"), ..JobChange::default() };
-                // Without a name: affinity would leave jobs to others.
-                let (worker, lease) = (None::<WorkerId>, Duration::from_secs(60));
-                let claim = Claim { lane: Lane::Heavy, worker, to: JobState::Running, lease };
+                // Under one name, or sessions would be left to whom they are known.
+                let (worker, patience, lease) = (Some(name), Claim::PATIENCE, Duration::from_secs(60));
+                let claim = Claim { lane: Lane::Heavy, worker, patience, to: JobState::Running, lease };
                 store.claim_job(&claim, &change).await.unwrap().expect("as many as were stored")
             }
         }

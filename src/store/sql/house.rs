@@ -1,0 +1,19 @@
+use std::time::Duration;
+
+use sqlx::AssertSqlSafe;
+
+use super::dialect::NOW_MS;
+use super::queue::milliseconds;
+use super::{Pool, Result};
+
+pub(super) async fn name(writer: &Pool, fresh: &str) -> Result<String> {
+    let given = sqlx::query("INSERT INTO store (one, name, house_kept) VALUES (1, $1, 0) ON CONFLICT (one) DO NOTHING");
+    given.bind(fresh).execute(writer).await?;
+    Ok(sqlx::query_scalar("SELECT name FROM store").fetch_one(writer).await?)
+}
+
+pub(super) async fn take_turn(writer: &Pool, every: Duration) -> Result<bool> {
+    let turn = format!("UPDATE store SET house_kept = {NOW_MS} WHERE house_kept + $1 <= {NOW_MS}");
+    let turn = sqlx::query(AssertSqlSafe(turn)).bind(milliseconds(every)).execute(writer).await?;
+    Ok(turn.rows_affected() == 1)
+}

@@ -31,9 +31,11 @@ impl From<StoreError> for Fault {
             StoreError::KeyTaken => {
                 Self::new(FaultKind::WrongState, "another request with this idempotency key is under way; try again")
             }
-            StoreError::BlobGone => {
-                tracing::warn!("a file was removed before it was read");
-                Self::new(FaultKind::WrongState, "it was replaced or deleted while it was read; try again")
+            StoreError::BlobGone { key } => {
+                tracing::warn!(key, "a file was removed before it was read");
+                let detail =
+                    "it was replaced or deleted while it was read; try again: if that says the same, its file is lost";
+                Self::new(FaultKind::WrongState, detail)
             }
             StoreError::Unreachable(_) | StoreError::BucketAway(_) => {
                 tracing::error!(error = chain(&error), "the store is away");
@@ -41,7 +43,6 @@ impl From<StoreError> for Fault {
             }
             StoreError::Database(_)
             | StoreError::Bucket(_)
-            | StoreError::NoBucket
             | StoreError::ForeignBlobs { .. }
             | StoreError::Blob(_)
             | StoreError::Io(_)

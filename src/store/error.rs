@@ -15,9 +15,6 @@ pub enum StoreError {
     /// The object store, as it is configured.
     #[error("the bucket cannot be used")]
     Bucket(#[source] object_store::Error),
-    /// There is no bucket of this name.
-    #[error("there is no such bucket")]
-    NoBucket,
     /// The place of the blobs belongs to other rows: what these do not name would be removed from it.
     #[error(
         "{place} and the database do not belong together: {detail}; name those that do, or an empty bucket or prefix with an empty database"
@@ -32,8 +29,11 @@ pub enum StoreError {
     #[error("the blob store failed")]
     Blob(#[source] object_store::Error),
     /// A file was removed after its name was read: what it held was replaced or deleted meanwhile.
-    #[error("the blob was removed meanwhile")]
-    BlobGone,
+    #[error("the blob {key} is not there any more")]
+    BlobGone {
+        /// Where it was.
+        key: String,
+    },
     /// The data directory.
     #[error("its files cannot be read or written")]
     Io(#[from] std::io::Error),
@@ -126,8 +126,8 @@ fn is_unreachable(error: &sqlx::Error) -> bool {
 
 impl From<object_store::Error> for StoreError {
     fn from(error: object_store::Error) -> Self {
-        if matches!(error, object_store::Error::NotFound { .. }) {
-            Self::BlobGone
+        if let object_store::Error::NotFound { path: key, .. } = error {
+            Self::BlobGone { key }
         } else if matches!(error, object_store::Error::Generic { store: "S3", .. }) {
             // What is refused for a reason has a kind of its own.
             Self::BucketAway(error)

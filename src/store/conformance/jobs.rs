@@ -276,7 +276,7 @@ async fn results_of_old_comparisons_go(store: Store) {
     }
     let [(compared, rest, values), (solved, kept_rest, kept_values)] = kept.try_into().unwrap();
     for key in [rest, values] {
-        assert!(matches!(store.blobs().get(&key).await, Err(StoreError::BlobGone)));
+        assert!(matches!(store.blobs().get(&key).await, Err(StoreError::BlobGone { .. })));
     }
     let row = store.job(compared).await.unwrap().unwrap();
     assert_eq!((row.state, row.rest_blob, row.tissue_blob), (JobState::Succeeded, None, None));

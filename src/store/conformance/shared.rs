@@ -49,7 +49,8 @@ async fn a_bucket_of_other_rows_is_refused_before_anything_in_it_is_removed() {
     opened(&own, &bucket).await.unwrap();
     opened(&other, &empty).await.unwrap();
     assert_eq!(store.blobs().get(&skin.key).await.unwrap().as_ref(), b"skin");
-    assert!(matches!(opened(&fresh_database().await, "s3://elsewhere").await, Err(StoreError::NoBucket)));
+    let nowhere = opened(&fresh_database().await, "s3://elsewhere").await.unwrap_err();
+    assert!(format!("{nowhere:?}").contains("NoSuchBucket"), "{nowhere:?}");
 }
 
 #[tokio::test]
@@ -270,16 +271,16 @@ async fn a_server_that_was_away_is_told_so_and_used_again() {
 async fn databases_of_other_formats_are_refused() {
     let database = fresh_database().await;
     let url: DatabaseUrl = database.parse().unwrap();
-    assert_eq!(url.migrate().await.unwrap(), (0, 2));
-    assert_eq!(url.migrate().await.unwrap(), (2, 2));
+    assert_eq!(url.migrate().await.unwrap(), (0, 3));
+    assert_eq!(url.migrate().await.unwrap(), (3, 3));
     let mut connection = <sqlx::PgConnection as sqlx::Connection>::connect(&database).await.unwrap();
     let later = "INSERT INTO _sqlx_migrations (version, description, success, checksum, execution_time)
-                 VALUES (3, 'later', true, 'x', 0)";
+                 VALUES (4, 'later', true, 'x', 0)";
     let encrypted = sqlx::query_scalar::<_, bool>("SELECT ssl FROM pg_stat_ssl WHERE pid = pg_backend_pid()");
     assert!(encrypted.fetch_one(&mut connection).await.unwrap(), "TLS is used where the server has it");
     sqlx::query(later).execute(&mut connection).await.unwrap();
     let refused = url.migrate().await;
-    assert!(matches!(refused, Err(StoreError::Newer { found: 3, known: 2 })), "{refused:?}");
+    assert!(matches!(refused, Err(StoreError::Newer { found: 4, known: 3 })), "{refused:?}");
     sqlx::query("UPDATE _sqlx_migrations SET checksum = 'y' WHERE version = 1").execute(&mut connection).await.unwrap();
     assert!(matches!(url.migrate().await, Err(StoreError::ForeignTables)));
 

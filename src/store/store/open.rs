@@ -28,8 +28,8 @@ impl Store {
     /// no other place.
     ///
     /// # Errors
-    /// As [`Store::open`]; [`StoreError::Unreachable`], [`StoreError::ForeignTables`], [`StoreError::Bucket`], [`StoreError::NoBucket`],
-    /// [`StoreError::ForeignBlobs`].
+    /// As [`Store::open`]; [`StoreError::Unreachable`], [`StoreError::ForeignTables`], [`StoreError::Bucket`],
+    /// [`StoreError::BucketAway`], [`StoreError::ForeignBlobs`].
     pub async fn open_at(directory: &Path, places: &Places) -> Result<Self> {
         let objects = places.blobs.as_ref().map(BucketUrl::open).transpose()?;
         Self::open_over(directory, places, objects).await
@@ -77,11 +77,11 @@ impl Store {
         let name = self.meta.name(&Uuid::now_v7().to_string()).await?;
         if found.is_none() {
             // A bucket that is not there says so here.
-            let stored = self.blobs.older_than(Duration::ZERO).await.map_err(not_there)?;
+            let stored = self.blobs.older_than(Duration::ZERO).await?;
             match (stored.is_empty(), self.meta.named_blobs().await?.is_empty()) {
                 (false, true) => return refused("it holds results, of which the database knows none"),
                 (true, false) => return refused("the database has results, of which it holds none"),
-                (true, true) | (false, false) => self.blobs.set_name(&name).await.map_err(not_there)?,
+                (true, true) | (false, false) => self.blobs.set_name(&name).await?,
             }
             found = self.blobs.name().await?;
         }
@@ -101,14 +101,6 @@ impl Store {
             Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(error.into()),
             _ => Ok(()),
         }
-    }
-}
-
-/// What is missing is the whole bucket.
-fn not_there(error: StoreError) -> StoreError {
-    match error {
-        StoreError::BlobGone => StoreError::NoBucket,
-        error => error,
     }
 }
 

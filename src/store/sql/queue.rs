@@ -26,7 +26,7 @@ fn waiting(rank: &str, open: &str) -> String {
 /// 2 is another's that is left to that one for now (`$3`). The worker that began a session's last job knows it.
 fn rank() -> String {
     format!(
-        "CASE WHEN $2 IS NULL OR j.waits_since + $4 < {NOW_MS} THEN 0
+        "CASE WHEN $2 IS NULL OR coalesce(j.waits_since, 0) + $4 < {NOW_MS} THEN 0
               WHEN coalesce((SELECT p.worker FROM jobs p WHERE p.session = j.session AND p.worker IS NOT NULL
                              ORDER BY p.id DESC LIMIT 1), $2) = $2 THEN 0
               WHEN coalesce(j.waits_since, 0) + $3 < {NOW_MS} THEN 1 ELSE 2 END"

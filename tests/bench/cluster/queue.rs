@@ -101,7 +101,8 @@ async fn measure(store: &Store, clients: usize) -> [(&'static str, Times); 3] {
                 let change =
                     |_: &JobRecord| JobChange { attempt_change: 1, events: told("status"), ..JobChange::default() };
                 // Under one name, or sessions would be left to whom they are known.
-                let (worker, patience, lease) = (Some(name), Claim::PATIENCE, Duration::from_secs(60));
+                let worker = store.is_shared().then_some(name);
+                let (patience, lease) = (Claim::PATIENCE, Duration::from_secs(60));
                 let claim = Claim { lane: Lane::Heavy, worker, patience, to: JobState::Running, lease };
                 store.claim_job(&claim, &change).await.unwrap().expect("as many as were stored")
             }

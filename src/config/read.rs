@@ -139,6 +139,7 @@ fn service(s: &mut Source, has_tenants: bool) -> ServiceSettings {
         max_waiting_tenant: s.take("max_waiting_tenant", of_tenant),
         parallel_jobs: s.take("parallel_jobs", d.parallel_jobs),
         works: s.take("worker", d.works),
+        keeps_house: d.keeps_house,
         lease: Duration::from_secs(s.take("lease_s", d.lease.as_secs())),
         max_attempts: s.take("max_attempts", d.max_attempts),
         max_wall: Duration::from_secs(s.take("max_wall_s", d.max_wall.as_secs())),

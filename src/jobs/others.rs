@@ -2,7 +2,7 @@
 
 use std::convert::Infallible;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use super::Service;
 use super::running::Running;
@@ -46,14 +46,27 @@ pub(super) async fn follow(service: Arc<Service>) {
     }
 }
 
-/// Takes over jobs whose workers have not been heard of, until the service stops.
+/// Takes over jobs whose workers have not been heard of, until the service stops. Where the database was silent the workers could not be heard:
+/// they have time to renew their leases before anything is taken from them.
 pub(super) async fn take_over(service: Arc<Service>) {
+    let lease = service.settings.lease;
+    let mut heard_since = Instant::now();
     loop {
         tokio::select! {
-            () = tokio::time::sleep(service.settings.lease / 4) => {}
+            () = tokio::time::sleep(lease / 4) => {}
             () = service.stop.cancelled() => return,
         }
-        if let Err(fault) = recover(&service).await {
+        let asked = Instant::now();
+        let taken = async {
+            let abandoned = service.store.abandoned().await?;
+            if asked.elapsed() > lease / 4 {
+                heard_since = Instant::now();
+            }
+            let trusted = heard_since.elapsed() >= lease / 2;
+            recover(&service, if trusted { abandoned } else { Vec::new() }).await
+        };
+        if let Err(fault) = taken.await {
+            heard_since = Instant::now();
             tracing::error!(detail = fault.detail, "jobs that others left cannot be taken over");
         }
     }

@@ -69,11 +69,13 @@ impl Service {
             tasks: Mutex::default(),
         });
         service.check_audit_end().await?;
-        worker::recover(&service).await?;
-        let mut tasks = vec![
-            tokio::spawn(janitor::keep_house(Arc::clone(&service))),
-            tokio::spawn(janitor::anchor_audit(Arc::clone(&service))),
-        ];
+        // What others run is looked at once they have had time to say that they do.
+        let abandoned = if service.store.is_shared() { Vec::new() } else { service.store.abandoned().await? };
+        worker::recover(&service, abandoned).await?;
+        let mut tasks = vec![tokio::spawn(janitor::anchor_audit(Arc::clone(&service)))];
+        if settings.keeps_house {
+            tasks.push(tokio::spawn(janitor::keep_house(Arc::clone(&service))));
+        }
         if service.store.is_shared() {
             tasks.push(tokio::spawn(others::follow(Arc::clone(&service))));
             tasks.push(tokio::spawn(others::take_over(Arc::clone(&service))));

@@ -14,6 +14,8 @@ pub struct ServiceSettings {
     pub parallel_jobs: usize,
     /// Whether jobs are computed here, and not only by other processes on the same store.
     pub works: bool,
+    /// Whether what has expired is removed here: by processes that are told what that is, which workers need not be.
+    pub keeps_house: bool,
     /// A running job of which nothing was heard for so long is given to another process.
     pub lease: Duration,
     /// Times that a job is started before it is given up.
@@ -42,6 +44,7 @@ impl Default for ServiceSettings {
             max_waiting_tenant: 64,
             parallel_jobs: 1,
             works: true,
+            keeps_house: true,
             lease: Duration::from_secs(15),
             max_attempts: 3,
             max_wall: Duration::from_secs(2 * 3600),

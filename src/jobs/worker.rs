@@ -9,21 +9,23 @@ use super::running::{Running, Worker};
 use super::service::{end_event, panicked, status_event, warning_event};
 use super::state::{JobEvent, next};
 use super::work::{self, Done};
-use crate::session::{Fault, FaultKind, Halt};
+use crate::session::{Fault, FaultKind, Halt, chain};
 use crate::store::{Claim, JobChange, JobFilter, JobRecord, JobState, Lane, StoreError};
 use crate::trace;
 
 /// Shortest time between two progress events.
 const PROGRESS_EVERY: Duration = Duration::from_millis(250);
 
-/// Jobs that an earlier run or another process left running become interrupted; interrupted ones are accepted again or given up.
-/// Those that were asked to stop are cancelled.
-pub(super) async fn recover(service: &Service) -> Result<(), Fault> {
+/// Jobs that an earlier run or another process left running, `abandoned`, become interrupted; interrupted ones are accepted again or given
+/// up. Those that were asked to stop are cancelled.
+pub(super) async fn recover(service: &Service, abandoned: Vec<JobRecord>) -> Result<(), Fault> {
+    let mut abandoned = Some(abandoned);
     for state in [JobState::Accepted, JobState::Running, JobState::Interrupted] {
-        let jobs = if state == JobState::Running {
-            service.store.abandoned().await?
-        } else {
-            service.store.jobs(&JobFilter { state: Some(state), limit: u32::MAX, ..JobFilter::default() }).await?
+        let jobs = match abandoned.take_if(|_| state == JobState::Running) {
+            Some(jobs) => jobs,
+            None => {
+                service.store.jobs(&JobFilter { state: Some(state), limit: u32::MAX, ..JobFilter::default() }).await?
+            }
         };
         for job in jobs {
             if let Some((event, change)) = recovery(&job, service.settings.max_attempts) {
@@ -85,9 +87,13 @@ pub(super) async fn work_through(service: Arc<Service>, worker: Worker) {
                 if let Some(parent) = &job.traceparent {
                     trace::continue_from(&span, parent);
                 }
-                if let Err(error) = run(&service, job, worker).instrument(span).await {
-                    tracing::error!(detail = error.detail, "a job could not be recorded");
-                    pause(&service).await;
+                match run(&service, job, worker).instrument(span).await {
+                    Ok(Ran::ToItsEnd) => {}
+                    Ok(Ran::UntilTheStoreFailed) => wait_for_store(&service, worker).await,
+                    Err(error) => {
+                        tracing::error!(detail = error.detail, "a job could not be recorded");
+                        pause(&service).await;
+                    }
                 }
             }
             Ok(None) => tokio::select! {
@@ -120,6 +126,23 @@ async fn claim(service: &Service, lane: Lane) -> Result<Option<JobRecord>, Fault
     Ok(service.store.claim_job(&claim, &start).await?)
 }
 
+/// How far a job was run.
+enum Ran {
+    ToItsEnd,
+    /// It waits again, for anybody.
+    UntilTheStoreFailed,
+}
+
+/// Waits until values can be read and written: a worker that the bucket refuses would take job after job from those that it serves.
+async fn wait_for_store(service: &Service, worker: Worker) {
+    while !service.stop.is_cancelled() {
+        service.beats.beat(worker);
+        let Err(error) = service.store.check_writing().await else { return };
+        tracing::error!(error = chain(&error), "no job is taken until the bucket can be used");
+        pause(service).await;
+    }
+}
+
 async fn pause(service: &Service) {
     tokio::select! {
         () = tokio::time::sleep(Duration::from_secs(2)) => {}
@@ -127,7 +150,7 @@ async fn pause(service: &Service) {
     }
 }
 
-async fn run(service: &Arc<Service>, job: JobRecord, worker: Worker) -> Result<(), Fault> {
+async fn run(service: &Arc<Service>, job: JobRecord, worker: Worker) -> Result<Ran, Fault> {
     let running = Arc::new(Running::new(&job, worker, service.settings.max_wall));
     service.set_running(Arc::clone(&running));
     // A stop between the claim and this would not have found it.
@@ -140,7 +163,7 @@ async fn run(service: &Arc<Service>, job: JobRecord, worker: Worker) -> Result<(
     result
 }
 
-async fn run_visible(service: &Arc<Service>, job: &JobRecord, running: &Arc<Running>) -> Result<(), Fault> {
+async fn run_visible(service: &Arc<Service>, job: &JobRecord, running: &Arc<Running>) -> Result<Ran, Fault> {
     service.announce();
     tracing::info!(attempt = job.attempt, "job started");
 
@@ -161,8 +184,9 @@ async fn run_visible(service: &Arc<Service>, job: &JobRecord, running: &Arc<Runn
     }
     if event == JobEvent::Interrupt && !service.stop.is_cancelled() {
         requeue(service, job).await?;
+        return Ok(Ran::UntilTheStoreFailed);
     }
-    Ok(())
+    Ok(Ran::ToItsEnd)
 }
 
 /// What the end of the work means for the job.

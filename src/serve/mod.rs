@@ -23,7 +23,7 @@ use self::stalled::Patience;
 use crate::config::{ConfigError, ConnectionLimits, ServeConfig};
 use crate::http::auth::{Access, AuthError, Authenticator};
 use crate::http::{AppState, app, worker_app};
-use crate::jobs::{CpuPool, Service};
+use crate::jobs::{CpuPool, Service, ServiceSettings};
 use crate::session::{Engine, Fault, Numerics};
 use crate::store::{Audit, Store, StoreError};
 use crate::telemetry;
@@ -166,7 +166,8 @@ pub async fn state(config: &ServeConfig, store: Store, engine: Arc<dyn Engine>) 
         None => Access::Open,
     };
     let audit = Audit::open(&config.data).map_err(ServeError::Audit)?;
-    let service = Service::start(store, engine, cpu, audit, config.service).await;
+    let settings = ServiceSettings { keeps_house: config.api, ..config.service };
+    let service = Service::start(store, engine, cpu, audit, settings).await;
     Ok(AppState {
         service: service.map_err(|f| ServeError::Jobs(Box::new(f)))?,
         limits: config.limits,
@@ -212,7 +213,10 @@ impl Running {
             Ok(ended) => tracing::warn!(?ended, "the server ended with a fault"),
             Err(_) => tracing::warn!("open requests did not end in time"),
         }
-        self.service.store().close().await;
+        // A database that stands still would not let go.
+        if tokio::time::timeout(GRACE, self.service.store().close()).await.is_err() {
+            tracing::warn!("the database did not answer to the end of its connections");
+        }
         tracing::info!("stopped");
     }
 

@@ -37,7 +37,7 @@ impl From<StoreError> for Fault {
                     "it was replaced or deleted while it was read; try again: if that says the same, its file is lost";
                 Self::new(FaultKind::WrongState, detail)
             }
-            StoreError::Unreachable(_) | StoreError::BucketAway(_) => {
+            StoreError::Unreachable(_) | StoreError::BucketAway(_) | StoreError::BucketRefused(_) => {
                 tracing::error!(error = chain(&error), "the store is away");
                 Self::new(FaultKind::StoreUnavailable, format!("{error} now; try again later"))
             }

@@ -75,6 +75,14 @@ impl Blobs {
         Ok(())
     }
 
+    /// Whether this process is let write: the name is written again. A place without a name is not asked.
+    pub(super) async fn check_writing(&self) -> Result<(), StoreError> {
+        match self.name().await? {
+            Some(name) => self.set_name(&name).await,
+            None => Ok(()),
+        }
+    }
+
     /// Stores `bytes` for a session.
     ///
     /// # Errors

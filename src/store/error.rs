@@ -12,6 +12,9 @@ pub enum StoreError {
     /// The bucket did not answer, or with errors of its own, for as long as it was asked.
     #[error("the bucket cannot be reached")]
     BucketAway(#[source] object_store::Error),
+    /// The bucket lets this process do nothing: a key that was changed or may not do this, or a clock that is wrong.
+    #[error("the bucket refuses this process")]
+    BucketRefused(#[source] object_store::Error),
     /// The object store, as it is configured.
     #[error("the bucket cannot be used")]
     Bucket(#[source] object_store::Error),
@@ -105,11 +108,12 @@ impl From<sqlx::Error> for StoreError {
     }
 }
 
-/// Whether a database is away, starting, stopping, out of connections, or a copy that takes no writes; or has given up a transaction that
-/// stood still or in the way of another, which may be tried again.
+/// Whether a database is away, starting, stopping, out of connections or memory, lets this user in no more or not yet, or is a copy that takes
+/// no writes; or has given up a statement that stood still or in the way of another, which may be tried again.
 fn is_unreachable(error: &sqlx::Error) -> bool {
-    const CLASSES: [&str; 2] = ["08", "57P"];
-    const CODES: [&str; 5] = ["53300", "25006", "25P03", "40P01", "55P03"];
+    const CLASSES: [&str; 3] = ["08", "28", "57P"];
+    const CODES: [&str; 10] =
+        ["53200", "53300", "53400", "25006", "25P03", "3D000", "40P01", "42501", "55P03", "57014"];
     let broken = matches!(
         error,
         sqlx::Error::Io(_)
@@ -128,6 +132,11 @@ impl From<object_store::Error> for StoreError {
     fn from(error: object_store::Error) -> Self {
         if let object_store::Error::NotFound { path: key, .. } = error {
             Self::BlobGone { key }
+        } else if matches!(
+            error,
+            object_store::Error::PermissionDenied { .. } | object_store::Error::Unauthenticated { .. }
+        ) {
+            Self::BucketRefused(error)
         } else if matches!(error, object_store::Error::Generic { store: "S3", .. }) {
             // What is refused for a reason has a kind of its own.
             Self::BucketAway(error)

@@ -16,6 +16,8 @@ use super::{
     PlanRecord, Remembered, SessionContents, SessionId, SessionRecord, StoreError, TenantId,
 };
 
+/// Longest wait for a bucket that is asked whether it refuses this process.
+const BUCKET_ANSWERS: Duration = Duration::from_secs(2);
 /// Files younger than this may belong to a request that is under way.
 const UNDER_WAY: Duration = Duration::from_secs(2 * 3600);
 
@@ -378,12 +380,24 @@ impl Store {
         self.meta.changes().await
     }
 
-    /// Whether the database answers and can be written.
+    /// Whether the database answers and can be written, and the bucket does not refuse this process; one that is away is waited for.
     ///
     /// # Errors
     /// [`StoreError`].
     pub async fn check(&self) -> Result<()> {
-        self.meta.check().await
+        self.meta.check().await?;
+        match tokio::time::timeout(BUCKET_ANSWERS, self.blobs.name()).await {
+            Ok(Err(error)) if !error.is_away() => Err(error),
+            _ => Ok(()),
+        }
+    }
+
+    /// Whether values can be written, however long that takes to find out.
+    ///
+    /// # Errors
+    /// [`StoreError::BucketAway`], [`StoreError::BucketRefused`].
+    pub async fn check_writing(&self) -> Result<()> {
+        self.blobs.check_writing().await
     }
 
     /// Closes all connections after what is under way.

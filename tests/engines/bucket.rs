@@ -15,11 +15,21 @@ const NAME: &str = "plans";
 const KEY: &str = "key";
 const SECRET: &str = "secret";
 
+/// How a store answers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Mood {
+    Serving,
+    /// 503, and what is under way breaks.
+    Away,
+    /// 403, as to a key that is not known any more.
+    Refusing,
+}
+
 /// An S3-compatible store with one bucket, on loopback, served by the runtime of the test.
 #[derive(Debug)]
 pub(crate) struct Bucket {
     endpoint: String,
-    away: watch::Sender<bool>,
+    mood: watch::Sender<Mood>,
     _files: Arc<TempDir>,
 }
 
@@ -34,29 +44,32 @@ impl Bucket {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let endpoint = format!("http://{}", listener.local_addr().unwrap());
         let kept = Arc::clone(&files);
-        let (away, is_away) = watch::channel(false);
+        let (mood, moods) = watch::channel(Mood::Serving);
         tokio::spawn(async move {
             while let Ok((connection, _)) = listener.accept().await {
-                let (service, kept, mut is_away) = (service.clone(), Arc::clone(&kept), is_away.clone());
+                let (service, kept, mut mood) = (service.clone(), Arc::clone(&kept), moods.clone());
                 tokio::spawn(async move {
-                    if *is_away.borrow_and_update() {
-                        return refuse(connection).await;
+                    let now = *mood.borrow_and_update();
+                    match now {
+                        Mood::Serving => {}
+                        Mood::Away => return refuse(connection, "503 Service Unavailable").await,
+                        Mood::Refusing => return refuse(connection, "403 Forbidden").await,
                     }
                     let served = Builder::new(TokioExecutor::new());
                     tokio::select! {
                         _ = served.serve_connection(TokioIo::new(connection), service) => {}
-                        _ = is_away.changed() => {}
+                        _ = mood.changed() => {}
                     }
                     drop(kept);
                 });
             }
         });
-        Self { endpoint, away, _files: files }
+        Self { endpoint, mood, _files: files }
     }
 
-    /// From now on every connection breaks, and new ones are answered with 503; or that is over.
-    pub(crate) fn set_away(&self, away: bool) {
-        self.away.send_replace(away);
+    /// From now on new connections are answered like this; those that are open break.
+    pub(crate) fn set(&self, mood: Mood) {
+        self.mood.send_replace(mood);
     }
 
     /// What the environment says to a service.
@@ -83,13 +96,11 @@ impl Bucket {
     }
 }
 
-async fn refuse(mut connection: TcpStream) {
+async fn refuse(mut connection: TcpStream, status: &str) {
     let mut head = [0; 4096];
     if matches!(connection.read(&mut head).await, Ok(0) | Err(_)) {
         return;
     }
-    connection
-        .write_all(b"HTTP/1.1 503 Service Unavailable\r\ncontent-length: 0\r\nconnection: close\r\n\r\n")
-        .await
-        .ok();
+    let answer = format!("HTTP/1.1 {status}\r\ncontent-length: 0\r\nconnection: close\r\n\r\n");
+    connection.write_all(answer.as_bytes()).await.ok();
 }

@@ -58,7 +58,21 @@ impl Cluster {
 
     /// Stops the server, which breaks all connections, and starts it again.
     pub(crate) fn restart(&mut self) {
-        self.orders.write_all(b"restart\n").unwrap();
+        self.order("restart");
+    }
+
+    /// Has the server stand still: connections stay and say nothing.
+    pub(crate) fn halt(&mut self) {
+        self.order("halt");
+    }
+
+    /// Has it go on.
+    pub(crate) fn go_on(&mut self) {
+        self.order("continue");
+    }
+
+    fn order(&mut self, order: &str) {
+        writeln!(self.orders, "{order}").unwrap();
         self.wait();
     }
 

@@ -6,7 +6,7 @@ umask 077
 dir=$(mktemp -d)
 server=
 stop() {
-    [ -z "$server" ] || { kill -INT "$server" 2>/dev/null && wait "$server" || :; }
+    [ -z "$server" ] || { kill -CONT "$server" && kill -INT "$server" && wait "$server" || :; } 2>/dev/null
     rm -rf "$dir"
 }
 trap stop EXIT
@@ -25,7 +25,13 @@ while :; do
         kill -0 "$server" 2>/dev/null || { cat "$dir/log" >&2; exit 1; }
         sleep 0.1
     done
-    # `restart` stops the server and starts it again on the same port.
-    read -r command || exit 0
+    # `restart` stops the server and starts it again on the same port; between `halt` and `continue` it stands still.
+    while read -r command || exit 0; do
+        case $command in
+        halt) kill -STOP "$server" $(cat "/proc/$server/task/$server/children") && echo ready ;;
+        continue) kill -CONT "$server" $(cat "/proc/$server/task/$server/children") && echo ready ;;
+        *) break ;;
+        esac
+    done
     kill -INT "$server" && wait "$server" || :
 done

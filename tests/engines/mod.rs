@@ -11,5 +11,5 @@
 mod bucket;
 mod cluster;
 
-pub(crate) use bucket::Bucket;
+pub(crate) use bucket::{Bucket, Mood};
 pub(crate) use cluster::{Cluster, fresh_database};

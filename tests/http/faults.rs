@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use tempfile::TempDir;
 
 use crate::binary::Server;
-use crate::engines::{Bucket, Cluster};
+use crate::engines::{Bucket, Cluster, Mood};
 use crate::shared::{finished, signal, start};
 
 const JOBS: usize = 200;
@@ -80,9 +80,9 @@ async fn two_hundred_jobs_outlive_every_fault_and_are_those_of_one_process() {
         finished(&api, &jobs[90]);
         cluster.restart();
         finished(&api, &jobs[120]);
-        bucket.set_away(true);
+        bucket.set(Mood::Away);
         std::thread::sleep(Duration::from_secs(10));
-        bucket.set_away(false);
+        bucket.set(Mood::Serving);
         let last = &jobs[JOBS - 1];
         let mut stream = dying.stream(&events_of(last));
         let mut seen = vec![stream.next_event()];

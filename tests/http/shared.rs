@@ -2,11 +2,12 @@
 
 use std::path::Path;
 use std::process::{Command, Stdio};
+use std::time::Duration;
 
 use serde_json::{Value, json};
 
 use crate::binary::Server;
-use crate::engines::{Bucket, Cluster, fresh_database};
+use crate::engines::{Bucket, Cluster, Mood, fresh_database};
 use crate::shapes::skin;
 
 /// `serve`, `serve --no-worker` or `worker`, with leases of two seconds.
@@ -29,7 +30,7 @@ pub(crate) fn finished(server: &Server, job: &Value) -> Value {
     loop {
         let view = server.get(&format!("/v1/jobs/{}?wait_s=5", job["id"].as_str().unwrap())).json();
         match view["status"].as_str() {
-            Some("accepted" | "running") => {}
+            Some("accepted" | "running" | "interrupted") => {}
             None if view["type"] == "/problems/store-unavailable" => {}
             _ => return view,
         }
@@ -158,4 +159,58 @@ async fn a_job_is_cancelled_through_a_process_that_does_not_compute_it() {
         assert_eq!((worker.get("/readyz").status, worker.get("/livez").status), (200, 200));
         worker.get(&session).refused(404, "not-found", "nothing at this path");
     });
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+#[allow(clippy::disallowed_methods, reason = "faults last for a time")]
+async fn what_the_store_does_is_no_fault_of_a_job() {
+    let bucket = Bucket::start().await;
+    let mut cluster = Cluster::start();
+    let database = cluster.fresh_database().await;
+    tokio::task::block_in_place(move || {
+        let [api_data, first_data, second_data] = std::array::from_fn(|_| tempfile::tempdir().unwrap());
+        let api = start("serve --no-worker", api_data.path(), &database, &bucket);
+        let workers = [first_data.path(), second_data.path()].map(|data| start("worker", data, &database, &bucket));
+        let job = solve(&api);
+        let mut stream = api.stream(&format!("/v1/jobs/{}/events", job["id"].as_str().unwrap()));
+        while stream.next_event()["event"] != "step" {}
+        // Longer than a lease: nobody can say that he has a job, and nobody takes one.
+        for _ in 0..2 {
+            cluster.halt();
+            std::thread::sleep(Duration::from_secs(4));
+            cluster.go_on();
+            std::thread::sleep(Duration::from_secs(1));
+        }
+        // The job goes back, and no worker takes one.
+        bucket.set(Mood::Refusing);
+        for server in [&api, &workers[0], &workers[1]] {
+            while server.get("/readyz").status == 200 {}
+            server.get("/readyz").refused(503, "store-unavailable", "bucket refuses");
+            assert_eq!(server.get("/livez").status, 200);
+        }
+        std::thread::sleep(Duration::from_secs(4));
+        bucket.set(Mood::Serving);
+        let ended = finished(&api, &job);
+        assert_eq!((&ended["status"], &ended["attempt"]), (&json!("succeeded"), &json!(1)), "{ended}");
+        assert_eq!(api.get("/readyz").status, 200);
+    });
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+#[allow(clippy::disallowed_methods, reason = "what does not happen takes time")]
+async fn house_is_kept_by_those_who_are_told_what_expires() {
+    let (bucket, database) = (Bucket::start().await, fresh_database().await);
+    let mut rows = <sqlx::PgConnection as sqlx::Connection>::connect(&database).await.unwrap();
+    let mut kept = async || {
+        let kept = sqlx::query_scalar::<_, i64>("SELECT house_kept FROM store");
+        kept.fetch_one(&mut rows).await.unwrap()
+    };
+    let [api_data, worker_data] = std::array::from_fn(|_| tempfile::tempdir().unwrap());
+    let begin =
+        |role, data: &tempfile::TempDir| tokio::task::block_in_place(|| start(role, data.path(), &database, &bucket));
+    let _worker = begin("worker", &worker_data);
+    std::thread::sleep(Duration::from_secs(1));
+    assert_eq!(kept().await, 0);
+    let _api = begin("serve --no-worker", &api_data);
+    while kept().await == 0 {}
 }

@@ -1,3 +1,5 @@
+use std::time::Duration;
+
 use axum::extract::State;
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
@@ -5,6 +7,9 @@ use axum::response::{IntoResponse, Response};
 use crate::http::{AppState, Problem};
 use crate::session::FaultKind;
 use crate::store::Lane;
+
+/// Longest wait for what the database tells of a queue: scrapers wait for ten seconds.
+const QUEUE_TOLD: Duration = Duration::from_secs(2);
 
 /// Whether the process lives
 ///
@@ -22,7 +27,8 @@ pub(in crate::http) async fn livez(State(state): State<AppState>) -> Result<&'st
 
 /// Whether requests can be served
 ///
-/// The store answers and the service is not stopping.
+/// The database answers, the bucket refuses nothing, and the service is not stopping. A bucket that is away for a while does not count: what
+/// needs none is answered, and jobs wait.
 #[utoipa::path(get, path = "/readyz", tag = "health", responses((status = 200, description = "they can", body = String)))]
 pub(in crate::http) async fn readyz(State(state): State<AppState>) -> Result<&'static str, Problem> {
     if state.service.is_draining() {
@@ -34,23 +40,24 @@ pub(in crate::http) async fn readyz(State(state): State<AppState>) -> Result<&'s
 
 /// Metrics
 ///
-/// Prometheus text.
+/// Prometheus text. While the database does not answer, what it would tell of the queue is not a number.
 #[utoipa::path(get, path = "/metrics", tag = "health",
     responses((status = 200, description = "the metrics", body = String, content_type = "text/plain")))]
-pub(in crate::http) async fn metrics(State(state): State<AppState>) -> Result<Response, Problem> {
-    let mut waiting_in_all = 0;
+pub(in crate::http) async fn metrics(State(state): State<AppState>) -> Response {
+    let mut waiting_in_all = 0.0;
     for lane in Lane::ALL {
-        let waiting = state.service.store().queue(lane).await?.len();
-        metrics::gauge!("prosopon_queue_depth", "lane" => lane.as_str()).set(waiting as f64);
+        let queue = tokio::time::timeout(QUEUE_TOLD, state.service.store().queue(lane)).await;
+        let waiting = queue.ok().and_then(Result::ok).map_or(f64::NAN, |queue| queue.len() as f64);
+        metrics::gauge!("prosopon_queue_depth", "lane" => lane.as_str()).set(waiting);
         metrics::gauge!("prosopon_jobs_running", "lane" => lane.as_str()).set(state.service.running_in(lane) as f64);
         waiting_in_all += waiting;
     }
-    metrics::gauge!("prosopon_jobs_waiting").set(waiting_in_all as f64);
+    metrics::gauge!("prosopon_jobs_waiting").set(waiting_in_all);
     if let Some(bytes) = resident_bytes() {
         metrics::gauge!("prosopon_resident_bytes").set(bytes as f64);
     }
     let text = state.metrics.as_ref().map(|m| m.render()).unwrap_or_default();
-    Ok(([(header::CONTENT_TYPE, "text/plain; version=0.0.4")], text).into_response())
+    ([(header::CONTENT_TYPE, "text/plain; version=0.0.4")], text).into_response()
 }
 
 /// Memory of the process, where the system tells.

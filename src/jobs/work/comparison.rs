@@ -3,7 +3,7 @@ use crate::jobs::Comparison;
 use crate::jobs::requests::CompareRecord;
 use crate::jobs::running::Phase;
 use crate::jobs::tasks::{StoredComparison, load_surface, named_surface};
-use crate::session::{Fault, Halt};
+use crate::session::Halt;
 use crate::store::encode_mesh;
 
 /// Compares two stored surfaces; keeps the surface with its values.
@@ -29,10 +29,10 @@ pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
     let compared = context.compute(move |engine, control| comparison.run(engine, control)).await?;
 
     context.running.set_phase(Phase::Writing);
-    let rest = store.blobs().put(context.job.session, encode_mesh(&compared.mesh)).await.map_err(Fault::from)?;
+    let rest = context.put(encode_mesh(&compared.mesh)).await?;
     context.service.persist(|| store.set_rest(&context.job, &rest)).await?;
     let report = to_json(&compared.document)?;
     let values = StoredComparison::encode(&compared);
-    let values = store.blobs().put(context.job.session, values).await.map_err(Fault::from)?;
+    let values = context.put(values).await?;
     Ok(Done { report: Some(report), tissue: Some(values), warnings: Vec::new() })
 }

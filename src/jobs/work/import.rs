@@ -51,7 +51,7 @@ pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
         let wall_s = if kind == PartKind::Skin { started.elapsed().as_secs_f64() } else { 0.0 };
         records.push(surface_part(store, context.job.session, kind, surface, wall_s).await?.0);
     }
-    let blob = store.blobs().put(context.job.session, soft_tissue).await?;
+    let blob = context.put(soft_tissue).await?;
     records.push(PartRecord {
         kind: PartKind::SoftTissue,
         key: blob.sha256,

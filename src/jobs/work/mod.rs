@@ -10,7 +10,9 @@ mod scene;
 mod solve;
 mod solve_watch;
 
+use std::pin::pin;
 use std::sync::Arc;
+use std::time::Duration;
 
 use serde::de::DeserializeOwned;
 
@@ -23,6 +25,9 @@ use crate::store::{BlobInfo, JobKind, JobRecord, Lane, OsteotomyId, PartKind, Pa
 
 /// Share of a job that computes; the rest writes the results.
 const COMPUTING: f64 = 0.99;
+
+/// Longest time that a write goes on after the job should stop.
+const STOP_SEEN: Duration = Duration::from_millis(250);
 
 /// What a job leaves in its row.
 #[derive(Debug, Default)]
@@ -78,6 +83,19 @@ impl Context {
             Lane::Quick => self.service.cpu.run_request(work).await,
         };
         done.map_err(|_| panicked())?
+    }
+
+    /// Stores a large value for the job's session, unless it should stop: a bucket that is away is waited for by those who want what is
+    /// stored.
+    async fn put(&self, bytes: Vec<u8>) -> Result<BlobInfo, Halt> {
+        let mut put = pin!(self.service.store.blobs().put(self.job.session, bytes));
+        loop {
+            match tokio::time::timeout(STOP_SEEN, &mut put).await {
+                Ok(stored) => return Ok(stored?),
+                Err(_) if self.running.control.is_cancelled() => return Err(Halt::Cancelled),
+                Err(_) => {}
+            }
+        }
     }
 
     /// What is wrong with cuts is the osteotomy's, which the request names at `pointer`, itself or through its plan.

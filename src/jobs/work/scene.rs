@@ -37,7 +37,7 @@ pub(super) async fn perform(context: &Context, request: &SceneRequest) -> Result
         Ok((volume, encode_mesh(&outside.rest)))
     });
     let (volume, rest) = read.await?;
-    let rest = store.blobs().put(context.job.session, rest).await?;
+    let rest = context.put(rest).await?;
     context.service.persist(|| store.set_rest(&context.job, &rest)).await?;
     let run = SceneRun {
         volume,
@@ -58,7 +58,7 @@ pub(super) async fn perform(context: &Context, request: &SceneRequest) -> Result
     context.running.set_phase(Phase::Writing);
     let report = report(context, &parts, request, &solved, solving).await?;
     let tissue = match solved.file {
-        Some(file) => Some(store.blobs().put(context.job.session, file).await?),
+        Some(file) => Some(context.put(file).await?),
         None => None,
     };
     let mut told = context.running.own_warnings();

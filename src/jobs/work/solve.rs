@@ -42,7 +42,7 @@ async fn on_case(context: &Context, request: SolveRequest) -> Result<Done, Halt>
     }
     let store = &context.service.store;
     let case = parts.case(store).await?;
-    let rest = store.blobs().put(context.job.session, encode_mesh(&case.anatomy.skin)).await?;
+    let rest = context.put(encode_mesh(&case.anatomy.skin)).await?;
     context.service.persist(|| store.set_rest(&context.job, &rest)).await?;
     let reference = Reference::load(context, &parts, &request).await?;
     let settings = request.settings(&case.anatomy.skull)?;
@@ -59,7 +59,7 @@ async fn on_case(context: &Context, request: SolveRequest) -> Result<Done, Halt>
     context.running.set_phase(Phase::Writing);
     let steps = store.steps(context.job.id).await?;
     let tissue = match solved.tissue {
-        Some(file) => Some(store.blobs().put(context.job.session, file).await?),
+        Some(file) => Some(context.put(file).await?),
         None => None,
     };
     let mut warnings = solved.outcome.warnings.clone();
@@ -132,7 +132,7 @@ pub(super) async fn write_steps(context: &Context, mut steps: mpsc::Receiver<Fin
 async fn write_step(context: &Context, step: FinishedStep) -> Result<(), Halt> {
     let FinishedStep { document, error, frame } = step;
     let store = &context.service.store;
-    let frame = store.blobs().put(context.job.session, frame).await?;
+    let frame = context.put(frame).await?;
     let mut event = serde_json::to_value(&document).map_err(internal)?;
     if let Some(members) = event.as_object_mut() {
         members.insert("steps".to_owned(), context.job.steps.into());

@@ -47,7 +47,12 @@ async fn a_bucket_of_other_rows_is_refused_before_anything_in_it_is_removed() {
     store.blobs().delete("belongs-to").await;
     refused(&other, &bucket, "holds results, of which the database knows none").await;
     opened(&own, &bucket).await.unwrap();
-    opened(&other, &empty).await.unwrap();
+    let (theirs, _kept) = opened(&other, &empty).await.unwrap();
+    let session = add_session(&theirs, "b").await.id;
+    let skin_there = blob(&theirs, session, b"skin").await;
+    theirs.put_parts(session, &[part_with(PartKind::Skin, &skin_there)]).await.unwrap();
+    theirs.blobs().delete("belongs-to").await;
+    refused(&own, &empty, "has results, of which it holds none").await;
     assert_eq!(store.blobs().get(&skin.key).await.unwrap().as_ref(), b"skin");
     let nowhere = opened(&fresh_database().await, "s3://elsewhere").await.unwrap_err();
     assert!(format!("{nowhere:?}").contains("NoSuchBucket"), "{nowhere:?}");
@@ -265,6 +270,24 @@ async fn a_server_that_was_away_is_told_so_and_used_again() {
         }
     };
     assert!(matches!(gone, StoreError::Unreachable(_)), "{gone:?}");
+}
+
+#[tokio::test]
+async fn a_server_that_lets_nobody_in_is_one_that_is_away() {
+    let database = fresh_database().await;
+    let mut own = <sqlx::PgConnection as sqlx::Connection>::connect(&database).await.unwrap();
+    let mut told = async |order: &'static str| sqlx::raw_sql(order).execute(&mut own).await.unwrap();
+    told("CREATE ROLE ward LOGIN SUPERUSER PASSWORD 'key'").await;
+    let (_, server) = database.split_once('@').unwrap();
+    let (directory, bucket) = (tempfile::tempdir().unwrap(), Bucket::start().await);
+    let store = open_shared(directory.path(), &format!("postgres://ward:key@{server}"), &bucket).await;
+    let kept = add_session(&store, "a").await;
+    told("ALTER ROLE ward NOLOGIN; SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE usename = 'ward'")
+        .await;
+    let refused = store.session(kept.id).await;
+    assert!(matches!(refused, Err(StoreError::Unreachable(_))), "{refused:?}");
+    told("ALTER ROLE ward LOGIN").await;
+    assert_eq!(store.session(kept.id).await.unwrap(), Some(kept));
 }
 
 #[tokio::test]

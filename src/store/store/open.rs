@@ -78,11 +78,14 @@ impl Store {
         if found.is_none() {
             // A bucket that is not there says so here.
             let stored = self.blobs.older_than(Duration::ZERO).await?;
-            match (stored.is_empty(), self.meta.named_blobs().await?.is_empty()) {
+            let known = self.meta.named_blobs().await?;
+            match (stored.is_empty(), known.is_empty()) {
+                (true, true) => {}
                 (false, true) => return refused("it holds results, of which the database knows none"),
-                (true, false) => return refused("the database has results, of which it holds none"),
-                (true, true) | (false, false) => self.blobs.set_name(&name).await?,
+                (false, false) if stored.iter().any(|key| known.contains(key)) => {}
+                (_, false) => return refused("the database has results, of which it holds none"),
             }
+            self.blobs.set_name(&name).await?;
             found = self.blobs.name().await?;
         }
         if found == Some(name) { Ok(()) } else { refused("it holds those of another database") }

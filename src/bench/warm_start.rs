@@ -13,7 +13,7 @@ use crate::fem::{Model, Preset, SavedState, SolveSettings};
 use crate::geometry::{Motion, TriMesh};
 use crate::plan::{Path as SegmentPath, Plan};
 use crate::simulate::{
-    Frame, LEAVE_OUT_BELOW_MM, PreparedTissue, RunSettings, Way, displacement_class_mm, solve_prepared,
+    Frame, LEAVE_OUT_BELOW_MM, Milestone, PreparedTissue, RunSettings, Way, displacement_class_mm, solve_prepared,
 };
 
 /// Streamed steps from rest, as in `prosopon demo`.
@@ -123,8 +123,8 @@ fn job(
         None => PreparedTissue::new(&ready.tissue, &ready.bone, plan, &settings, &control)?,
     };
     let mut skin = None;
-    let way = Way { plan, from };
-    let mut on_frame = |frame: Frame| skin = Some(frame.skin);
+    let way = Way { plan, from, after: None };
+    let mut on_frame = |frame: Frame, _: &dyn Fn() -> Option<Milestone>| skin = Some(frame.skin);
     let found =
         solve_prepared(&head.anatomy, &ready.tissue, &prepared, &ready.bone, way, &settings, &control, &mut on_frame)?;
     let taken = Taken {

@@ -19,6 +19,8 @@ pub(super) struct Compliance {
     /// Place of each unknown node of the corner, from the first on.
     place: Vec<u32>,
     n_nodes: usize,
+    /// Nodes that came together.
+    groups: Vec<Vec<u32>>,
     /// `G`: rows of the corner, three columns a node.
     columns: Mat<f64>,
     /// `S`.
@@ -29,7 +31,7 @@ impl Compliance {
     /// Of no node yet. `corner` are unknowns.
     pub(super) fn new(corner: Range<usize>) -> Self {
         let nodes = corner.end / 3 - corner.start / 3;
-        Self { corner, place: vec![NONE; nodes], n_nodes: 0, columns: Mat::new(), gram: Mat::new() }
+        Self { corner, place: vec![NONE; nodes], n_nodes: 0, groups: Vec::new(), columns: Mat::new(), gram: Mat::new() }
     }
 
     /// Takes nodes in. `solve(first, b)` applies `L⁻¹` to columns that are zero above row `first` of the corner, given from there on.
@@ -71,7 +73,15 @@ impl Compliance {
                 self.n_nodes += 1;
             }
         }
+        if !new.is_empty() {
+            self.groups.push(new);
+        }
         Some(())
+    }
+
+    /// Its nodes in the groups in which they came: taken in like this again they have the same bits.
+    pub(super) fn groups(&self) -> &[Vec<u32>] {
+        &self.groups
     }
 
     /// Entries that a vector of forces or displacements has: three a node.

@@ -360,6 +360,16 @@ impl<'a> Contact<'a> {
         self.multipliers = multipliers;
     }
 
+    /// MPa/mm.
+    pub(super) fn stiffness(&self) -> f64 {
+        self.stiffness
+    }
+
+    /// Sets stiffness (MPa/mm) and multipliers as they were.
+    pub(super) fn restore(&mut self, stiffness: f64, multipliers: Vec<f64>) {
+        (self.stiffness, self.multipliers) = (stiffness, multipliers);
+    }
+
     /// Makes contact `factor` times as stiff.
     pub(super) fn stiffen(&mut self, factor: f64) {
         self.stiffness *= factor;

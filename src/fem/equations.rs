@@ -30,6 +30,9 @@ pub(super) struct Limits {
     pub(super) linear: bool,
 }
 
+/// A state that a stiffness belongs to, and which one it is.
+type Place = (Vec<Vector>, Curvature);
+
 /// Equations of the whole tissue, with their buffers.
 #[derive(Debug)]
 pub(super) struct Equations<'a> {
@@ -44,6 +47,10 @@ pub(super) struct Equations<'a> {
     pub(super) values: Vec<f64>,
     /// The elements' part of `values`.
     pub(super) elastic: Vec<f64>,
+    /// Where `elastic` was made.
+    assembled: Option<Place>,
+    /// Where what the present factor was made of was; none for the factor at rest that the solver began with.
+    pub(super) factored: Option<Place>,
     /// Pairs that push in the last model, ascending.
     pub(super) active: Vec<(usize, usize)>,
     /// Forces of contact by unknown node as it settled last, ascending, N.
@@ -101,6 +108,8 @@ impl<'a> Equations<'a> {
             records: Vec::new(),
             values,
             elastic,
+            assembled: None,
+            factored: None,
             active: Vec::new(),
             settled_forces: Vec::new(),
             forces,
@@ -208,8 +217,26 @@ impl<'a> Equations<'a> {
         near
     }
 
+    /// Has the linear solver make a factor of `self.elastic` when there is none that serves.
+    pub(super) fn prepare(&mut self) {
+        let before = self.solver.factorisations();
+        self.solver.prepare(self.assembly.pattern(), &self.elastic);
+        self.note_factor(before);
+    }
+
+    /// Notes what the factor was made of, if there is a new one since there were `before`.
+    pub(super) fn note_factor(&mut self, before: usize) {
+        if self.solver.factorisations() > before {
+            self.factored.clone_from(&self.assembled);
+        }
+    }
+
     /// The elements' stiffness in `self.elastic`, their forces in `self.forces`.
     pub(super) fn tangent(&mut self, x: &[Vector], curvature: Curvature) -> Result<(), Inversion> {
+        let place = self.assembled.get_or_insert_with(|| (Vec::new(), curvature));
+        place.0.clear();
+        place.0.extend_from_slice(x);
+        place.1 = curvature;
         if curvature == Curvature::Exact && !self.rest_stiffness.is_empty() && x == self.dofs.rest() {
             self.elastic.copy_from_slice(&self.rest_stiffness);
             return self.assembly.forces(x, &mut self.forces).map(|_| ());

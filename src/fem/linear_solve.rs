@@ -148,6 +148,16 @@ impl LinearSolver {
         }
     }
 
+    /// Whether the present factor belongs to a matrix like the next one.
+    pub(super) fn serves(&self) -> bool {
+        self.has_factor() && !self.stale
+    }
+
+    /// Whether a factor like the present one can be made from elements alone.
+    pub(super) fn can_be_restored(&self) -> bool {
+        !self.relaxes() && !self.whole
+    }
+
     /// Applies the last factor, which may belong to an older matrix.
     pub(super) fn precondition(&mut self, x: &mut [f64]) {
         let contact = self.low_rank.as_ref().zip(self.compliance.as_ref());
@@ -174,7 +184,7 @@ impl LinearSolver {
 
     /// Makes a factor of the elements' matrix when there is none that serves.
     pub(super) fn prepare(&mut self, pattern: &Pattern, elastic: &[f64]) {
-        if !self.relaxes() && (self.stale || !self.has_factor()) {
+        if !self.relaxes() && !self.serves() {
             let begin = (self.clock)();
             // A failure shows again when the system is solved.
             self.stale = self.factorise(pattern, elastic, elastic, false, false).is_err();
@@ -204,7 +214,7 @@ impl LinearSolver {
 
     /// `L⁻¹ b` of the present factor. `None` when there is none that serves, or when it knows of contact.
     pub(super) fn forward(&mut self, b: &[f64]) -> Option<Vec<f64>> {
-        if self.whole || self.stale || !self.has_factor() {
+        if self.whole || !self.serves() {
             return None;
         }
         let begin = (self.clock)();
@@ -286,7 +296,7 @@ impl LinearSolver {
         self.times.1 += (self.clock)() - begin;
         loop {
             let fresh = factorised;
-            if fresh || (self.has_factor() && !self.stale) {
+            if fresh || self.serves() {
                 let limit = match (self.relaxes(), fresh) {
                     (true, _) => MAX_RELAXATIONS,
                     (false, true) => MAX_WITH_NEW,

@@ -8,6 +8,7 @@
 
 mod assembly;
 mod cell_states;
+mod checkpoint;
 mod compliance;
 mod condensed;
 mod contact;
@@ -31,6 +32,7 @@ mod solver;
 mod support;
 mod triangular;
 
+pub use checkpoint::{Checkpoint, FactorOrigin, MotionNumbers, motion_numbers, motion_of_numbers};
 pub use error::SolveError;
 pub use report::{CellState, IterationRecord, LostEllipticity, PhaseTimes, StepOutcome, StepReport};
 pub use saved_state::SavedState;

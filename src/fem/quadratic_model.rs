@@ -57,7 +57,7 @@ impl Equations<'_> {
     ) -> Result<Vec<f64>, Indefinite> {
         let n = self.residual.len();
         let (mut d, mut change, mut rhs) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
-        self.solver.prepare(self.assembly.pattern(), &self.elastic);
+        self.prepare();
         self.dofs.restrict(load, &mut rhs);
         let settles = self.settles && !self.contact.is_empty();
         let settled = if settles { self.settle_contact(x, motions, &rhs) } else { None };
@@ -107,7 +107,10 @@ impl Equations<'_> {
                 }
             }
             let system = System { values: &self.values, elastic: &self.elastic, contact: &terms };
-            let work = self.solver.solve(self.assembly.pattern(), system, &rhs, &mut change, tolerance, norm_sq)?;
+            let before = self.solver.factorisations();
+            let work = self.solver.solve(self.assembly.pattern(), system, &rhs, &mut change, tolerance, norm_sq);
+            self.note_factor(before);
+            let work = work?;
             record.factorised |= work.factorised;
             record.cg_iterations += work.cg_iterations;
             if settled.is_some() && curved.is_some() && self.dofs.max_position_change(&change) > TRUSTED_MM {
@@ -160,7 +163,7 @@ impl Equations<'_> {
         for curvature in [Curvature::Exact, Curvature::Projected] {
             self.tangent(x, curvature)?;
             let mut record = IterationRecord::default();
-            self.solver.prepare(self.assembly.pattern(), &self.elastic);
+            self.prepare();
             let way = Way { length_mm, x: [x, &target], gradients: [&gradients[0], &gradients[1]], motions };
             if self.follow_contact(&way).is_none() {
                 self.settled_forces.clone_from(&kept);

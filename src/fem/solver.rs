@@ -30,11 +30,11 @@ pub struct Solver<'a> {
     segments: Vec<u32>,
     pub(super) state: State,
     /// Substep that worked last.
-    substep: f64,
+    pub(super) substep: f64,
     /// Stable materials are in the place of those asked for.
-    stabilised: bool,
+    pub(super) stabilised: bool,
     /// Whether tissue that came through bone, and round a rim of it, has been told of.
-    told_passage: [bool; 2],
+    pub(super) told_passage: [bool; 2],
     /// Found while setting up; told with the first step.
     warnings: Vec<String>,
     /// Times and factorisations of the preparation, where this solver is the first over it; told with the first step.
@@ -190,6 +190,12 @@ impl<'a> Solver<'a> {
         let found = self.advance(t, motions, control);
         self.equations.rough = false;
         found
+    }
+
+    /// Forgets what the next step would tell of the time before it: it was told by another solver.
+    pub(super) fn forget_untold(&mut self) {
+        self.warnings.clear();
+        self.preparation = Default::default();
     }
 
     /// Present positions of the mesh nodes, LPS mm.

@@ -4,7 +4,7 @@ use crate::fem::SolveSettings;
 use crate::geometry::TriMesh;
 use crate::import::VolumeMesh;
 use crate::plan::{Cut, Landmarks, Plan, Protected, Template};
-use crate::simulate::{Anatomy, FieldsSettings, RunSettings, TissueSettings};
+use crate::simulate::{Anatomy, FieldsSettings, Milestone, RunSettings, TissueSettings};
 
 /// A patient's surfaces with the settings of their fields.
 #[derive(Debug, Clone)]
@@ -69,6 +69,8 @@ pub struct Run {
     pub settings: RunSettings,
     /// What was solved before, whose end this one begins at; the patient at rest when `None`.
     pub after: Option<Box<Earlier>>,
+    /// The step that an earlier attempt came to.
+    pub milestone: Option<Milestone>,
 }
 
 /// A plan that was solved before, with the same patient, cuts, tissue and settings.
@@ -113,6 +115,8 @@ pub struct SceneRun {
     pub steps: usize,
     /// Whether the solved mesh is wanted as a file.
     pub file: bool,
+    /// The step that an earlier attempt came to.
+    pub milestone: Option<Milestone>,
 }
 
 /// A solid whose field can be asked for.

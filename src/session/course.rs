@@ -8,7 +8,7 @@ use super::{Halt, Run, key_of};
 use crate::control::Control;
 use crate::fem::SavedState;
 use crate::plan::{self, Plan};
-use crate::simulate::{self, CutBone, Frame, Outcome, PreparedTissue, RunSettings, TissueModel, Way};
+use crate::simulate::{self, CutBone, Milestone, OnFrame, Outcome, PreparedTissue, RunSettings, TissueModel, Way};
 
 /// Share of a solve's progress that preparing the equations takes.
 const PREPARING: f64 = 0.05;
@@ -31,11 +31,13 @@ pub(super) struct Course<'a> {
     pub(super) plan: &'a Plan,
     pub(super) steps: usize,
     pub(super) after: Option<&'a Earlier>,
+    /// The step that an earlier attempt came to.
+    pub(super) milestone: Option<&'a Milestone>,
 }
 
 impl<'a> From<&'a Earlier> for Course<'a> {
     fn from(earlier: &'a Earlier) -> Self {
-        Self { plan: &earlier.plan, steps: earlier.steps, after: earlier.after.as_deref() }
+        Self { plan: &earlier.plan, steps: earlier.steps, after: earlier.after.as_deref(), milestone: None }
     }
 }
 
@@ -61,15 +63,15 @@ impl Numerics {
         ready: &Ready<'_>,
         course: Course<'_>,
         control: &Control,
-        on_frame: &mut dyn FnMut(Frame),
+        on_frame: &mut OnFrame<'_>,
     ) -> Result<Outcome, Halt> {
         let Ready { run, bone, tissue } = ready;
         let mut control = control.part(0.0, 1.0);
         let mut from = None;
-        if let Some(earlier) = course.after {
+        if let (Some(earlier), None) = (course.after, course.milestone) {
             from = self.recent.get::<SavedState>(ENDS, &end_key(ready, earlier.into()));
             if from.is_none() {
-                let found = self.follow_course(ready, earlier.into(), &control.part(0.0, 0.5), &mut |_| ())?;
+                let found = self.follow_course(ready, earlier.into(), &control.part(0.0, 0.5), &mut |_, _| ())?;
                 control = control.part(0.5, 1.0);
                 from = Some(Arc::new(found.end));
             }
@@ -86,7 +88,7 @@ impl Numerics {
             made
         };
         let control = control.part(PREPARING, 1.0);
-        let way = Way { plan: course.plan, from: from.as_deref() };
+        let way = Way { plan: course.plan, from: from.as_deref(), after: course.milestone };
         let anatomy = &run.case.anatomy;
         let outcome = simulate::solve_prepared(anatomy, tissue, &prepared, bone, way, &settings, &control, on_frame)?;
         let end = Arc::new(outcome.end.clone());

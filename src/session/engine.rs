@@ -7,7 +7,7 @@ use crate::field::{FieldReport, Settled};
 use crate::geometry::{Point, TriMesh, Vector};
 use crate::mesh::MeshReport;
 use crate::plan::{Clearance, Cut, Osteotomy, PathReport, Plan, Proposal};
-use crate::simulate::{Frame, Outcome};
+use crate::simulate::{Frame, Milestone, Outcome};
 use crate::surface::{CtSettings, CtSurfaces};
 
 /// What a solve tells while it runs.
@@ -16,8 +16,8 @@ pub trait RunWatch {
     fn stage(&mut self, name: &'static str);
     /// Something to tell before the first step.
     fn warning(&mut self, text: String);
-    /// A step is solved.
-    fn frame(&mut self, frame: Frame);
+    /// A step is solved; `milestone` makes what a run can go on with after it, where it can.
+    fn frame(&mut self, frame: Frame, milestone: &dyn Fn() -> Option<Milestone>);
 }
 
 /// What comes of a ready mesh.

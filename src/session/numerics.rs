@@ -335,8 +335,13 @@ impl Engine for Numerics {
         watch.stage("solve");
         let ready = Ready { run, bone: &bone, tissue: &tissue };
         let control = control.part(shares[2], 1.0);
-        let last = Course { plan: &run.plan, steps: run.settings.steps, after: run.after.as_deref() };
-        self.follow_course(&ready, last, &control, &mut |frame| watch.frame(frame))
+        let last = Course {
+            plan: &run.plan,
+            steps: run.settings.steps,
+            after: run.after.as_deref(),
+            milestone: run.milestone.as_ref(),
+        };
+        self.follow_course(&ready, last, &control, &mut |frame, milestone| watch.frame(frame, milestone))
     }
 
     fn solve_scene(&self, run: &SceneRun, control: &Control, watch: &mut dyn RunWatch) -> Result<SceneSolved, Halt> {

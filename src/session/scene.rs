@@ -42,9 +42,9 @@ pub(super) fn solve_scene(
         watch.warning(warning);
     }
     watch.stage("solve");
-    let outcome = scene.solve_and_show(control, &mut |k, nodes, report| {
+    let outcome = scene.solve_and_show(run.milestone.as_ref(), control, &mut |k, nodes, report, milestone| {
         if let Some(frame) = frame(&outside, k, run.steps, nodes, report) {
-            watch.frame(frame);
+            watch.frame(frame, milestone);
         }
     })?;
     if let Some(failure) = outcome.failure {

@@ -24,7 +24,8 @@ pub use outer_surface::OuterSurface;
 pub use reach::displacement_class_mm;
 pub use ready_mesh::{CellPlace, ReadyMesh, ReadyMeshError};
 pub use run::{
-    Frame, LEAVE_OUT_BELOW_MM, LeftOut, Outcome, PreparedTissue, RegionMotion, RunSettings, Way, solve, solve_prepared,
+    Frame, LEAVE_OUT_BELOW_MM, LeftOut, Milestone, OnFrame, Outcome, PreparedTissue, RegionMotion, RunSettings, Way,
+    solve, solve_prepared,
 };
 pub use scene::{Scene, SceneOutcome};
 pub use tissue::{TissueModel, TissueSettings, build_tissue};

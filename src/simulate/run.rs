@@ -4,7 +4,10 @@ use super::reach::{beyond_reach, displacement_class_mm};
 use super::{Anatomy, AttachmentRules, CutBone, SimulateError, TissueModel};
 use crate::control::Control;
 use crate::evaluate::{FaceRegion, face_regions};
-use crate::fem::{Boundary, Prepared, SavedState, SolveSettings, Solver, StepReport};
+use crate::fem::{
+    Boundary, Checkpoint, MotionNumbers, Prepared, SavedState, SolveSettings, Solver, StepReport, motion_numbers,
+    motion_of_numbers,
+};
 use crate::geometry::{Aabb, Point, TriMesh, Vector};
 use crate::mesh::{Attachment, MixedMesh};
 use crate::plan::{Plan, PlanError};
@@ -46,6 +49,20 @@ pub struct Frame {
     /// What the solver needed.
     pub report: StepReport,
 }
+
+/// A step after which a path can be gone on with.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Milestone {
+    /// Its number, 1 to n.
+    pub k: usize,
+    /// Where the path began, when that was the end of another one: motion of moving segments from rest.
+    pub begin: Option<Vec<(u32, MotionNumbers)>>,
+    /// Where the solver stood.
+    pub solver: Checkpoint,
+}
+
+/// Hands out a step, with what makes a milestone of it where it can be one.
+pub type OnFrame<'a> = dyn FnMut(Frame, &dyn Fn() -> Option<Milestone>) + 'a;
 
 /// Movement of a part of the face at the end of the path.
 #[derive(Debug, Clone, PartialEq)]
@@ -100,6 +117,8 @@ pub struct Way<'a> {
     /// The end of another plan for the same tissue, bone, segments and elements: bone goes straight from there to the end of `plan`. Where tissue
     /// slides over edges of bone the result may hang a little on where it came from.
     pub from: Option<&'a SavedState>,
+    /// The step of this way to go on after, in the place of `from`: later steps have the same bits as if all had been solved at a stretch.
+    pub after: Option<&'a Milestone>,
 }
 
 /// A tissue attached to bone, with what solves along any plan that moves the same segments begin with.
@@ -160,11 +179,12 @@ pub fn solve(
 ) -> Result<Outcome, SimulateError> {
     let prepared = PreparedTissue::new(tissue, bone, plan, settings, &control.part(0.0, SETUP_SHARE))?;
     let control = control.part(SETUP_SHARE, 1.0);
-    let way = Way { plan, from: None };
-    solve_prepared(anatomy, tissue, &prepared, bone, way, settings, &control, on_frame)
+    let way = Way { plan, from: None, after: None };
+    solve_prepared(anatomy, tissue, &prepared, bone, way, settings, &control, &mut |frame, _| on_frame(frame))
 }
 
-/// [`solve`] with what was prepared for the same tissue, bone, moving segments, attachment and solver's settings: the same bits.
+/// [`solve`] with what was prepared for the same tissue, bone, moving segments, attachment and solver's settings: the same bits. Reports are of
+/// the steps that were solved here.
 ///
 /// # Errors
 /// [`SimulateError`]; frames that were handed out before stay valid.
@@ -173,10 +193,10 @@ pub fn solve_prepared(
     tissue: &TissueModel,
     prepared: &PreparedTissue,
     bone: &CutBone,
-    Way { plan, from }: Way<'_>,
+    Way { plan, from, after }: Way<'_>,
     settings: &RunSettings,
     control: &Control,
-    on_frame: &mut dyn FnMut(Frame),
+    on_frame: &mut OnFrame<'_>,
 ) -> Result<Outcome, SimulateError> {
     if settings.steps == 0 {
         let detail = "found 0, allowed is 1 or more".to_owned();
@@ -192,18 +212,29 @@ pub fn solve_prepared(
     }
     let mut warnings = prepared.warnings.clone();
     let mut solver = Solver::over(&prepared.equations, &prepared.mesh, bone.bodies(), &control.part(0.0, SETUP_SHARE))?;
-    let onwards = from.map(|from| plan.on_from(from.motions()));
-    if let Some(from) = from {
-        solver.resume(from)?;
+    let begin = match after {
+        Some(after) => after.begin.clone(),
+        None => from.map(|from| from.motions().iter().map(|(segment, m)| (*segment, motion_numbers(m))).collect()),
+    };
+    match (after, from) {
+        (Some(after), _) => solver.restore(&after.solver)?,
+        (None, Some(from)) => solver.resume(from)?,
+        (None, None) => {}
     }
+    let onwards = begin.as_ref().map(|begin: &Vec<_>| {
+        let motions: Vec<_> = begin.iter().map(|(segment, m)| (*segment, motion_of_numbers(*m))).collect();
+        plan.on_from(&motions)
+    });
     let plan = onwards.as_ref().unwrap_or(plan);
     let path = control.part(SETUP_SHARE, 1.0);
+    let share = |k: usize| k as f64 / settings.steps as f64;
     let carrier = Carrier::new(&anatomy.skin, &tissue.embedding);
     warnings.extend(Aabb::of(&prepared.mesh.positions).and_then(|region| carrier.warning(&anatomy.skin, &region)));
     let mut steps = Vec::with_capacity(settings.steps);
-    let mut last = vec![Vector::zeros(); anatomy.skin.positions().len()];
-    for k in 1..=settings.steps {
-        let share = |k: usize| k as f64 / settings.steps as f64;
+    let mut last = carrier.displacements(&solver);
+    let done = after.map_or(0, |after| after.k);
+    path.report(share(done));
+    for k in done + 1..=settings.steps {
         let (motions, part) = (|t| plan.motions(t), path.part(share(k - 1), share(k)));
         // Frames on the way are to be looked at; the last one is the result.
         let report = if k < settings.steps {
@@ -213,7 +244,8 @@ pub fn solve_prepared(
         };
         last = carrier.displacements(&solver);
         steps.push(report.clone());
-        on_frame(frame(anatomy, &last, k, share(k), report)?);
+        let milestone = || Some(Milestone { k, begin: begin.clone(), solver: solver.checkpoint()? });
+        on_frame(frame(anatomy, &last, k, share(k), report)?, &milestone);
     }
     let (face, from_landmarks) = face_regions(&anatomy.skin, &anatomy.landmarks, None);
     if !from_landmarks {

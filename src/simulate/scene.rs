@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use super::Milestone;
 use super::ready_mesh::{CellPlace, ReadyMesh};
 use crate::control::Control;
 use crate::export::vtu_of_cells;
@@ -55,17 +56,19 @@ impl Scene {
     /// # Errors
     /// [`SolveError`] when the problem cannot be set up; one that stops on the way is in the outcome.
     pub fn solve(&self, control: &Control) -> Result<SceneOutcome, SolveError> {
-        self.solve_and_show(control, &mut |_, _, _| {})
+        self.solve_and_show(None, control, &mut |_, _, _, _| {})
     }
 
-    /// As [`Scene::solve`], and hands out the positions of the nodes at each step with its number (from 1) and report.
+    /// As [`Scene::solve`], after a step of the same scene that was solved elsewhere, and hands out the positions of the nodes at each step with
+    /// its number (from 1), report, and what makes a milestone of it.
     ///
     /// # Errors
     /// As [`Scene::solve`].
     pub fn solve_and_show(
         &self,
+        after: Option<&Milestone>,
         control: &Control,
-        on_step: &mut dyn FnMut(usize, &[Point], &StepReport),
+        on_step: &mut dyn FnMut(usize, &[Point], &StepReport, &dyn Fn() -> Option<Milestone>),
     ) -> Result<SceneOutcome, SolveError> {
         let mut warnings = self.check()?;
         let mesh = &self.ready.mesh;
@@ -80,14 +83,22 @@ impl Scene {
         let share = |k: usize| k as f64 / self.steps as f64;
         let mut steps = Vec::with_capacity(self.steps);
         let mut failure = None;
-        for k in 1..=self.steps {
+        let mut reached = 0;
+        if let Some(after) = after {
+            solver.restore(&after.solver)?;
+            reached = after.k;
+            path.report(share(reached));
+        }
+        for k in reached + 1..=self.steps {
             let part = path.part(share(k - 1), share(k));
             match solver.advance(share(k), &|t| self.plan.motions(t), &part) {
                 Ok(report) => {
                     warnings
                         .extend(report.warnings.iter().filter(|w| !warnings.contains(w)).cloned().collect::<Vec<_>>());
-                    on_step(k, &solver.positions(), &report);
+                    let milestone = || Some(Milestone { k, begin: None, solver: solver.checkpoint()? });
+                    on_step(k, &solver.positions(), &report, &milestone);
                     steps.push(report);
+                    reached = k;
                 }
                 Err(error) => {
                     failure = Some(error);
@@ -95,7 +106,7 @@ impl Scene {
                 }
             }
         }
-        warnings.extend(self.held_inside_bone(&solver.positions(), share(steps.len())));
+        warnings.extend(self.held_inside_bone(&solver.positions(), share(reached)));
         let (tetrahedra, prisms) = solver.cell_states();
         let displacements_mm = solver.positions().iter().zip(&mesh.positions).map(|(x, rest)| x - rest).collect();
         Ok(SceneOutcome {

@@ -125,6 +125,8 @@ pub struct JobRecord {
     pub rest_blob: Option<String>,
     /// Blob of the deformed volume, VTU; of a comparison, of the values.
     pub tissue_blob: Option<String>,
+    /// Blob of the last milestone of a job that has not ended: with it another worker goes on.
+    pub milestone_blob: Option<String>,
     /// RFC 3339.
     pub created_at: String,
     /// Start of the last attempt, RFC 3339.
@@ -162,6 +164,7 @@ impl JobRecord {
             warnings: Vec::new(),
             rest_blob: None,
             tissue_blob: None,
+            milestone_blob: None,
             created_at: now_rfc3339(),
             started_at: None,
             finished_at: None,

@@ -152,6 +152,10 @@ pub trait MetaStore: Debug + Send + Sync {
     /// running under `fence` any more.
     async fn set_rest(&self, id: JobId, fence: u64, rest: &BlobInfo, quota: u64) -> Result<Option<String>>;
 
+    /// Names the last milestone of a running job: the blob that it replaces. [`StoreError::SessionGone`] when it is not running under
+    /// `fence` any more. The name goes when the job ends.
+    async fn set_milestone(&self, id: JobId, fence: u64, blob: &str) -> Result<Option<String>>;
+
     // ---- steps and events ----
 
     /// Makes a step of a running job visible, with its events. [`StoreError::SessionGone`] when the job is not there or not

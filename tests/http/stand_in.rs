@@ -283,13 +283,16 @@ impl Engine for StandIn {
                 warnings: self.step_warning.lock().unwrap().iter().cloned().collect(),
             };
             let positions = skin.positions().iter().map(|p| p + moved).collect();
-            watch.frame(Frame {
-                k,
-                t,
-                skin: skin.with_positions(positions).unwrap(),
-                displacement_mm: vec![moved.norm() as f32; skin.positions().len()],
-                report: report.clone(),
-            });
+            watch.frame(
+                Frame {
+                    k,
+                    t,
+                    skin: skin.with_positions(positions).unwrap(),
+                    displacement_mm: vec![moved.norm() as f32; skin.positions().len()],
+                    report: report.clone(),
+                },
+                &|| None,
+            );
             steps.push(report);
             control.report(t);
             if k == self.fails_after.load(Ordering::SeqCst) {

@@ -3,6 +3,7 @@
 mod blocks;
 mod bodies;
 mod calculix;
+mod checkpoint;
 mod closed_forms;
 mod contact;
 mod convergence;

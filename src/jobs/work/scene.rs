@@ -1,11 +1,11 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use tokio::sync::mpsc;
 
 use super::report::{inputs, step_documents, step_warnings};
-use super::solve::write_steps;
+use super::solve::{milestone, write_steps};
 use super::solve_watch::{FinishedStep, SolveWatch};
 use super::{Context, Done, changed_meanwhile, to_json};
 use crate::import::volume_mesh;
@@ -13,7 +13,7 @@ use crate::jobs::requests::SceneRequest;
 use crate::jobs::running::Phase;
 use crate::session::{
     Fault, FaultKind, Halt, PhasesDocument, ReportDocument, SceneBones, SceneRun, SceneSolved, SessionParts,
-    import_fault, load_mesh, stored_cuts,
+    StoredMilestone, import_fault, load_mesh, stored_cuts,
 };
 use crate::simulate::{OuterSurface, ReadyMesh};
 use crate::store::{PartKind, encode_mesh, now_rfc3339};
@@ -39,6 +39,7 @@ pub(super) async fn perform(context: &Context, request: &SceneRequest) -> Result
     let (volume, rest) = read.await?;
     let rest = context.put(rest).await?;
     context.service.persist(|| store.set_rest(&context.job, &rest)).await?;
+    let before = milestone(context).await?;
     let run = SceneRun {
         volume,
         bones,
@@ -47,10 +48,11 @@ pub(super) async fn perform(context: &Context, request: &SceneRequest) -> Result
         solver: (&request.physics).into(),
         steps: request.steps as usize,
         file: request.file,
+        milestone: before.as_ref().map(|before| before.milestone.clone()),
     };
 
     let (sender, receiver) = mpsc::channel(2);
-    let (solved, written) = tokio::join!(compute(context, run, sender), write_steps(context, receiver));
+    let (solved, written) = tokio::join!(compute(context, run, before, sender), write_steps(context, receiver));
     // A failed write cancels the solver: its reason is the one to tell.
     written?;
     let (solved, solving) = solved.map_err(|halt| context.cuts_of(request.osteotomy_id, "/plan", halt))?;
@@ -90,23 +92,13 @@ async fn bones(context: &Context, parts: &SessionParts, request: &SceneRequest) 
 async fn compute(
     context: &Context,
     run: SceneRun,
+    before: Option<StoredMilestone>,
     steps: mpsc::Sender<FinishedStep>,
 ) -> Result<(SceneSolved, Duration), Halt> {
     let running = Arc::clone(&context.running);
     context
         .compute(move |engine, control| {
-            let mut watch = SolveWatch {
-                engine,
-                cancel: control.part(0.0, 0.0),
-                running,
-                steps,
-                reference: None,
-                regions: Vec::new(),
-                mask: Vec::new(),
-                warnings: Vec::new(),
-                step_began: Instant::now(),
-                solving: Duration::ZERO,
-            };
+            let mut watch = SolveWatch::new(engine, control.part(0.0, 0.0), running, steps, before.as_ref());
             let solved = engine.solve_scene(&run, control, &mut watch)?;
             Ok((solved, watch.solving + watch.step_began.elapsed()))
         })

@@ -1,18 +1,18 @@
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use tokio::sync::mpsc;
 
 use super::compare::Reference;
-use super::report::{Ingredients, compile};
+use super::report::{Ingredients, compile, step_documents};
 use super::solve_watch::{FinishedStep, SolveWatch};
 use super::{Context, Done, changed_meanwhile, scene, to_json};
 use crate::jobs::requests::{SolveKind, SolveRequest};
 use crate::jobs::running::{Phase, step_warning};
 use crate::jobs::service::warning_event;
-use crate::session::{Fault, Halt, Run, stored_cuts};
+use crate::session::{Fault, Halt, Run, StoredMilestone, stored_cuts};
 use crate::simulate::Outcome;
-use crate::store::{StepRecord, encode_mesh};
+use crate::store::{StepRecord, StoreError, encode_mesh};
 
 /// Share of the computing that the steps take.
 const SOLVING: f64 = 0.98;
@@ -47,10 +47,13 @@ async fn on_case(context: &Context, request: SolveRequest) -> Result<Done, Halt>
     let reference = Reference::load(context, &parts, &request).await?;
     let settings = request.settings(&case.anatomy.skull)?;
     let after = request.warm_start.as_ref().map(|before| before.earlier()).transpose()?.map(Box::new);
-    let run = Run { case, cuts: stored_cuts(&request.cuts)?, tissue, plan: request.plan.plan()?, settings, after };
+    let before = milestone(context).await?;
+    let (cuts, plan) = (stored_cuts(&request.cuts)?, request.plan.plan()?);
+    let goes_on = before.as_ref().map(|before| before.milestone.clone());
+    let run = Run { case, cuts, tissue, plan, settings, after, milestone: goes_on };
 
     let (sender, receiver) = mpsc::channel(2);
-    let computing = compute(context, run, request.tissue, reference, sender);
+    let computing = compute(context, run, request.tissue, reference, before, sender);
     let (solved, written) = tokio::join!(computing, write_steps(context, receiver));
     // A failed write cancels the solver: its reason is the one to tell.
     written?;
@@ -83,6 +86,7 @@ async fn compute(
     run: Run,
     tissue: bool,
     reference: Option<Reference>,
+    before: Option<StoredMilestone>,
     steps: mpsc::Sender<FinishedStep>,
 ) -> Result<Solved, Halt> {
     let running = Arc::clone(&context.running);
@@ -92,18 +96,9 @@ async fn compute(
                 if reference.is_some() { engine.regions(&run.case) } else { (Vec::new(), false) };
             let in_face = |p| regions.iter().any(|r| r.bounds.contains(p));
             let mask = run.case.anatomy.skin.positions().iter().map(in_face).collect();
-            let mut watch = SolveWatch {
-                engine,
-                cancel: control.part(0.0, 0.0),
-                running,
-                steps,
-                reference,
-                regions,
-                mask,
-                warnings: Vec::new(),
-                step_began: Instant::now(),
-                solving: Duration::ZERO,
-            };
+            let cancel = control.part(0.0, 0.0);
+            let watch = SolveWatch::new(engine, cancel, running, steps, before.as_ref());
+            let mut watch = SolveWatch { reference, regions, mask, ..watch };
             let outcome = engine.solve(&run, &control.part(0.0, SOLVING), &mut watch)?;
             let solving = watch.solving + watch.step_began.elapsed();
             let warnings = watch.warnings;
@@ -112,6 +107,28 @@ async fn compute(
             Ok(Solved { outcome, tissue, solving, regions_from_landmarks, warnings })
         })
         .await
+}
+
+/// What an earlier attempt left to go on with; one that cannot be read costs the time to solve its steps again, and nothing else.
+pub(super) async fn milestone(context: &Context) -> Result<Option<StoredMilestone>, Halt> {
+    let Some(key) = &context.job.milestone_blob else { return Ok(None) };
+    let store = &context.service.store;
+    let bytes = match store.blobs().get(key).await {
+        Err(StoreError::BlobGone { .. }) => None,
+        read => Some(read?),
+    };
+    let Some(before) = bytes.and_then(|bytes| StoredMilestone::decode(&bytes)) else {
+        tracing::warn!(key, "the job's milestone is gone or another version's: all steps are solved again");
+        return Ok(None);
+    };
+    for step in step_documents(&store.steps(context.job.id).await?)? {
+        // Those of later steps are told when they are solved again.
+        if step.k as usize <= before.milestone.k {
+            step.warnings.iter().for_each(|warning| context.running.warn_of_step(step.k, warning));
+        }
+    }
+    tracing::info!(step = before.milestone.k, steps = context.job.steps, "the job goes on after a step");
+    Ok(Some(before))
 }
 
 /// Stores steps as they come: the file first, then the row that makes it visible.
@@ -130,7 +147,7 @@ pub(super) async fn write_steps(context: &Context, mut steps: mpsc::Receiver<Fin
 }
 
 async fn write_step(context: &Context, step: FinishedStep) -> Result<(), Halt> {
-    let FinishedStep { document, error, frame } = step;
+    let FinishedStep { document, error, frame, milestone } = step;
     let store = &context.service.store;
     let frame = context.put(frame).await?;
     let mut event = serde_json::to_value(&document).map_err(internal)?;
@@ -155,6 +172,10 @@ async fn write_step(context: &Context, step: FinishedStep) -> Result<(), Halt> {
         context.running.warn_of_step(document.k, warning);
     }
     context.service.announce();
+    if let Some(milestone) = milestone {
+        let milestone = context.put(milestone).await?;
+        context.service.persist(|| store.set_milestone(&context.job, &milestone)).await?;
+    }
     Ok(())
 }
 

@@ -190,6 +190,7 @@ impl Rows {
         }
         if to.has_ended() {
             record.finished_at = Some(now);
+            record.milestone_blob = None;
         }
         if let Some(tissue) = &change.tissue {
             record.tissue_blob = Some(tissue.key.clone());
@@ -239,6 +240,11 @@ impl Rows {
         let session = job.record.session;
         self.check_bytes(session, quota)?;
         Ok(old)
+    }
+
+    pub(super) fn set_milestone(&mut self, id: JobId, fence: u64, blob: &str) -> Result<Option<String>> {
+        let job = self.running(id, fence).ok_or(StoreError::SessionGone)?;
+        Ok(job.record.milestone_blob.replace(blob.to_owned()))
     }
 
     pub(super) fn commit_step(

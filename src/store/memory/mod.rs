@@ -277,6 +277,10 @@ impl MetaStore for MemoryMeta {
         self.write(|rows| rows.set_rest(id, fence, rest, quota))
     }
 
+    async fn set_milestone(&self, id: JobId, fence: u64, blob: &str) -> Result<Option<String>> {
+        self.write(|rows| rows.set_milestone(id, fence, blob))
+    }
+
     async fn commit_step(
         &self,
         job: JobId,

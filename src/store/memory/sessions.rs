@@ -4,8 +4,8 @@ use super::{Result, Rows};
 use crate::store::job::check_quota;
 use crate::store::records::now_rfc3339;
 use crate::store::{
-    AnswerRecord, JobId, OsteotomyId, Owner, PartKind, PartRecord, PlanId, SessionContents, SessionId, StoreError,
-    TenantId,
+    AnswerRecord, JobId, JobRecord, OsteotomyId, Owner, PartKind, PartRecord, PlanId, SessionContents, SessionId,
+    StoreError, TenantId,
 };
 
 impl Rows {
@@ -129,7 +129,8 @@ impl Rows {
 
     pub(super) fn named_blobs(&self) -> BTreeSet<String> {
         let parts = self.parts.values().filter_map(|p| p.blob.clone());
-        let jobs = self.jobs.values().flat_map(|j| [j.record.rest_blob.clone(), j.record.tissue_blob.clone()]);
+        let of = |j: &JobRecord| [&j.rest_blob, &j.tissue_blob, &j.milestone_blob].map(Clone::clone);
+        let jobs = self.jobs.values().flat_map(|j| of(&j.record));
         let steps = self.steps.values().map(|s| s.blob.clone());
         let osteotomies = self.osteotomies.values().flat_map(|o| o.blobs.iter().cloned());
         parts.chain(jobs.flatten()).chain(steps).chain(osteotomies).collect()

@@ -12,6 +12,7 @@ const MIGRATIONS: &[(&str, &str)] = &[
     ("schema", include_str!("1_schema.sql")),
     ("several processes", include_str!("2_several_processes.sql")),
     ("place of blobs", include_str!("3_place_of_blobs.sql")),
+    ("milestones", include_str!("4_milestones.sql")),
 ];
 
 /// What Postgres says when a table that a script makes is there already.

@@ -35,6 +35,7 @@ pub(super) fn record(row: &DbRow) -> Result<JobRecord> {
         warnings: from_json("warnings of a job", &text("warnings")?)?,
         rest_blob: row.try_get("rest_blob")?,
         tissue_blob: row.try_get("tissue_blob")?,
+        milestone_blob: row.try_get("milestone_blob")?,
         created_at: text("created_at")?,
         started_at: row.try_get("started_at")?,
         finished_at: row.try_get("finished_at")?,
@@ -113,7 +114,8 @@ pub(super) async fn write_change(
          report = coalesce($5, report), fault = coalesce($6, fault),
          tissue_blob = coalesce($7, tissue_blob), bytes = bytes + $8, progress = $9, warnings = $10,
          started_at = CASE WHEN $11 THEN $12 ELSE started_at END,
-         finished_at = CASE WHEN $13 THEN $12 ELSE finished_at END
+         finished_at = CASE WHEN $13 THEN $12 ELSE finished_at END,
+         milestone_blob = CASE WHEN $13 THEN NULL ELSE milestone_blob END
          WHERE id = $1",
     )
     .bind(job.id.to_string())
@@ -191,6 +193,16 @@ pub(super) async fn set_rest(
     transaction.commit().await?;
     // The same one when what was written is written again.
     Ok(job.rest_blob.filter(|old| *old != rest.key))
+}
+
+pub(super) async fn set_milestone(writer: &Pool, id: JobId, fence: u64, blob: &str) -> Result<Option<String>> {
+    let mut transaction = writer.begin().await?;
+    let running = |j: &JobRecord| j.state == JobState::Running && j.fence == fence;
+    let job = held(&mut transaction, id).await?.filter(running).ok_or(StoreError::SessionGone)?;
+    let named = sqlx::query("UPDATE jobs SET milestone_blob = $1 WHERE id = $2").bind(blob).bind(id.to_string());
+    named.execute(&mut *transaction).await?;
+    transaction.commit().await?;
+    Ok(job.milestone_blob)
 }
 
 pub(super) async fn drop_comparisons(writer: &Pool, ended_before: &str) -> Result<Vec<String>> {

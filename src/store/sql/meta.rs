@@ -163,6 +163,10 @@ impl MetaStore for Meta {
         jobs::set_rest(self.writer(), id, fence, rest, quota).await
     }
 
+    async fn set_milestone(&self, id: JobId, fence: u64, blob: &str) -> Result<Option<String>> {
+        jobs::set_milestone(self.writer(), id, fence, blob).await
+    }
+
     async fn commit_step(
         &self,
         job: JobId,

@@ -164,6 +164,7 @@ pub(super) async fn named_blobs(reader: &Pool) -> Result<BTreeSet<String>> {
         "SELECT blob FROM parts WHERE blob IS NOT NULL
          UNION SELECT rest_blob FROM jobs WHERE rest_blob IS NOT NULL
          UNION SELECT tissue_blob FROM jobs WHERE tissue_blob IS NOT NULL
+         UNION SELECT milestone_blob FROM jobs WHERE milestone_blob IS NOT NULL
          UNION SELECT blob FROM steps",
     )
     .fetch_all(&mut *transaction)

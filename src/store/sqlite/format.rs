@@ -16,6 +16,7 @@ const MIGRATIONS: &[&str] = &[
     include_str!("7_audit_anchors.sql"),
     include_str!("8_several_processes.sql"),
     include_str!("9_place_of_blobs.sql"),
+    include_str!("10_milestones.sql"),
 ];
 
 /// Name of the database in its directory.

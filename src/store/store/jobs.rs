@@ -6,7 +6,7 @@ use std::time::Duration;
 use super::{Result, Store};
 use crate::store::records::rfc3339_before;
 use crate::store::{
-    BlobInfo, Claim, EventRecord, Insertion, JobChange, JobFilter, JobId, JobRecord, JobState, Lane, NewJob,
+    BlobInfo, Claim, EventRecord, Insertion, JobChange, JobFilter, JobId, JobKind, JobRecord, JobState, Lane, NewJob,
     StepRecord, StepWritten, StoreError,
 };
 
@@ -77,12 +77,17 @@ impl Store {
     }
 
     /// Moves a job from the state that its row says to another, with events. False when it is not in that state any more; then
-    /// the blob that the change names is removed.
+    /// the blob that the change names is removed. At its end its milestone is removed.
     ///
     /// # Errors
     /// [`StoreError::QuotaFull`](crate::store::StoreError::QuotaFull).
     pub async fn change_job(&self, job: &JobRecord, to: JobState, change: &JobChange) -> Result<bool> {
+        let ends = to.has_ended() && job.kind == JobKind::Solve;
+        let before = if ends { self.job(job.id).await? } else { None };
         let changed = self.meta.change_job(job.id, job.fence, job.state, to, change, self.quota).await;
+        if matches!(changed, Ok(true)) {
+            self.remove_blobs(before.and_then(|row| row.milestone_blob).into_iter().collect()).await;
+        }
         let Some(tissue) = &change.tissue else { return changed };
         match changed {
             // Written before, by a call whose answer was lost.
@@ -124,6 +129,24 @@ impl Store {
             }
             Err(error) => {
                 self.remove_refused(&error, vec![rest.key.clone()]).await;
+                Err(error)
+            }
+        }
+    }
+
+    /// Names the last milestone of a running job; the blob that it replaces is removed, on failure the new one.
+    ///
+    /// # Errors
+    /// [`StoreError::SessionGone`](crate::store::StoreError::SessionGone) when the job is not there or not running any more.
+    pub async fn set_milestone(&self, job: &JobRecord, blob: &BlobInfo) -> Result<()> {
+        match self.meta.set_milestone(job.id, job.fence, &blob.key).await {
+            Ok(old) => {
+                // The same one when what was written is written again.
+                self.remove_blobs(old.into_iter().filter(|old| *old != blob.key).collect()).await;
+                Ok(())
+            }
+            Err(error) => {
+                self.remove_refused(&error, vec![blob.key.clone()]).await;
                 Err(error)
             }
         }

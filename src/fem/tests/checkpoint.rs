@@ -1,0 +1,95 @@
+//! A path gone on with by another solver has the bits of one that is solved at a stretch.
+
+use super::blocks::{Slab, attach};
+use super::bodies::RoundedPost;
+use crate::control::Control;
+use crate::fem::{
+    Checkpoint, ContactBody, FactorOrigin, Model, PhaseTimes, Preset, SkinElement, SolveError, SolveSettings, Solver,
+    StepReport,
+};
+use crate::geometry::{Motion, Vector};
+use crate::mesh::Attachment;
+
+const STEPS: usize = 6;
+
+/// Upwards, and slipping aside under the tissue.
+fn path(t: f64) -> Vec<(u32, Motion)> {
+    vec![(1, Motion::new(Vector::new(2.5 * t * t, 1.0 * t, 5.0 * t), Vector::new(0.0, 0.2 * t, 0.1 * t)))]
+}
+
+/// Solves the step `k` as a job does.
+fn solve(solver: &mut Solver<'_>, k: usize) -> StepReport {
+    let (t, control) = (k as f64 / STEPS as f64, Control::new());
+    let solved =
+        if k < STEPS { solver.approach(t, &path, &control) } else { solver.advance(t, &path, &control) }.unwrap();
+    StepReport { phases: PhaseTimes::default(), ..solved }
+}
+
+#[test]
+fn steps_after_a_checkpoint_have_the_bits_of_a_path_at_a_stretch() {
+    let mut mesh = Slab { cells: [10, 10, 3], origin: [-20.0, -20.0, 0.0], size: [40.0, 40.0, 10.0], skin: 1.5 }.mesh();
+    attach(&mut mesh, |p| {
+        let rim = p.x.abs() > 19.9 || p.y.abs() > 19.9;
+        if rim { Some(Attachment::Fixed) } else { (p.z == 0.0).then_some(Attachment::Sliding) }
+    });
+    let post = RoundedPost { half_width: 9.0, edge_radius: 2.0 };
+    let mut origins = [0; 3];
+    for (model, skin_element) in [
+        (Model::Mixed, SkinElement::Wedge),
+        (Model::Mixed, SkinElement::C1Prism),
+        (Model::Nonlinear, SkinElement::Tetrahedron),
+        (Model::Linear, SkinElement::Wedge),
+    ] {
+        let settings = SolveSettings { skin_element, ..SolveSettings::new(model, Preset::Wang2009.materials()) };
+        let bodies = || vec![ContactBody { segment: 1, solid: &post }];
+        let solver = || Solver::new(&mesh, bodies(), settings.clone(), &Control::new()).unwrap();
+        let mut whole = solver();
+        let (mut reports, mut checkpoints) = (Vec::new(), Vec::new());
+        for k in 1..=STEPS {
+            reports.push(solve(&mut whole, k));
+            checkpoints.push(whole.checkpoint().expect("elements alone are stable"));
+        }
+        assert!(reports.iter().any(|r| r.active_contacts > 10), "{reports:?}");
+        for k in 1..STEPS {
+            let from = &checkpoints[k - 1];
+            origins[match from.factor {
+                FactorOrigin::Rest => 0,
+                FactorOrigin::State { .. } => 1,
+                FactorOrigin::Nothing => 2,
+            }] += 1;
+            let mut after = solver();
+            after.restore(from).unwrap();
+            assert_eq!(after.checkpoint().as_ref(), Some(from));
+            for k in k + 1..=STEPS {
+                assert_eq!(solve(&mut after, k), reports[k - 1], "{model:?} {skin_element:?}");
+                assert!(after.checkpoint().unwrap() == checkpoints[k - 1], "{model:?} {skin_element:?} step {k}");
+            }
+        }
+    }
+    println!("factors at rest, at a state, none: {origins:?}");
+    assert!(origins[0] > 0 && origins[1] > 0, "both kinds of factors are met");
+}
+
+#[test]
+fn a_checkpoint_of_another_problem_is_refused() {
+    let slab = |cells| Slab { cells: [cells, cells, 2], origin: [0.0; 3], size: [20.0, 20.0, 8.0], skin: 1.5 }.mesh();
+    let held = |mesh: &mut _| attach(mesh, |p| (p.z == 0.0).then_some(Attachment::Tied(1)));
+    let (mut mesh, mut other) = (slab(4), slab(5));
+    held(&mut mesh);
+    held(&mut other);
+    let settings = SolveSettings::new(Model::Mixed, Preset::Wang2009.materials());
+    let new = |mesh| Solver::new(mesh, Vec::new(), settings.clone(), &Control::new()).unwrap();
+    let mut solver = new(&mesh);
+    solve(&mut solver, 1);
+    let checkpoint = solver.checkpoint().unwrap();
+    let refused = |mesh, checkpoint: &Checkpoint| new(mesh).restore(checkpoint);
+    assert!(matches!(refused(&other, &checkpoint), Err(SolveError::Problem { .. })));
+    let pressed = Checkpoint { multipliers: vec![(7, 1.0)], ..checkpoint.clone() };
+    assert!(matches!(refused(&mesh, &pressed), Err(SolveError::Problem { .. })));
+    let known = Checkpoint { known_compliance: vec![vec![u32::MAX]], ..checkpoint.clone() };
+    assert!(matches!(refused(&mesh, &known), Err(SolveError::Problem { .. })));
+    let mut broken = checkpoint.clone();
+    broken.x[0][0] = f64::NAN;
+    assert!(matches!(refused(&mesh, &broken), Err(SolveError::Problem { .. })));
+    new(&mesh).restore(&checkpoint).unwrap();
+}

@@ -19,7 +19,7 @@
 //!   [`store::MetaStore`] (SQLite, Postgres; memory for tests), large results behind `object_store` (files, S3; memory). One process has a
 //!   data directory; the queue computes one long job at a time, or as many as `parallel_jobs` says, and beside them comparisons one
 //!   after the other. Processes that share a database lease their jobs from it, take those of sessions that they know
-//!   first, and hear of each other's events. Rows and large results bear one name, so that nobody sweeps another's.
+//!   first, and hear of each other's events. A job that is taken over goes on after its last milestone, with the same bits. Rows and large results bear one name, so that nobody sweeps another's.
 //! - [`mod@bench`]: the studies behind the charts, and CTs as files.
 //! - [`trace`]: how a trace goes from a request to its job.
 //! - [`config`], [`telemetry`], [`serve`], [`demo`], [`cli`]: the program.

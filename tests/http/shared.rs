@@ -5,6 +5,7 @@ use std::process::{Command, Stdio};
 use std::time::Duration;
 
 use serde_json::{Value, json};
+use tokio::runtime::Handle;
 
 use crate::binary::Server;
 use crate::engines::{Bucket, Cluster, Mood, fresh_database};
@@ -94,6 +95,20 @@ fn solve(server: &Server) -> Value {
     server.post(&format!("{session}/jobs"), &json!({ "plan": plan, "model": "mixed", "steps": 16 })).ok()
 }
 
+/// A connection of the test's own to the database.
+struct Rows(sqlx::PgConnection);
+
+impl Rows {
+    fn open(database: &str) -> Self {
+        let connecting = <sqlx::PgConnection as sqlx::Connection>::connect(database);
+        Self(Handle::current().block_on(connecting).unwrap())
+    }
+
+    fn count(&mut self, query: &'static str) -> i64 {
+        Handle::current().block_on(sqlx::query_scalar(query).fetch_one(&mut self.0)).unwrap()
+    }
+}
+
 fn frames(server: &Server, job: &Value) -> Vec<Vec<u8>> {
     let path = |k| format!("/v1/jobs/{}/steps/{k}/frame", job["id"].as_str().unwrap());
     (1..=16).map(|k| server.get(&path(k)).body).collect()
@@ -117,6 +132,9 @@ async fn a_job_goes_on_when_its_worker_is_killed_or_stands_still() {
         let mut stream = api.stream(&events);
         while stream.next_event()["event"] != "step" {}
         let second = start("worker", second_data.path(), &database, &bucket);
+        // Until there is something to go on with.
+        let (mut rows, at_hand) = (Rows::open(&database), "SELECT count(milestone_blob) FROM jobs");
+        while rows.count(at_hand) == 0 {}
         drop(first);
         while stream.next_event()["data"]["attempt"] != 2 {}
         while stream.next_event()["event"] != "step" {}
@@ -127,6 +145,9 @@ async fn a_job_goes_on_when_its_worker_is_killed_or_stands_still() {
         signal(&second, "-CONT");
         let ended = finished(&api, &job);
         assert_eq!((&ended["status"], &ended["attempt"]), (&json!("succeeded"), &json!(3)), "{ended}");
+        let resumed = String::from_utf8(third.get("/metrics").body).unwrap();
+        assert!(resumed.contains("prosopon_jobs_resumed_total 1"), "{resumed}");
+        assert_eq!(rows.count(at_hand), 0);
         let steps: Vec<Value> = api.get_lines(&events).into_iter().filter(|e| e["event"] == "step").collect();
         assert_eq!(steps.len(), 16, "each step is told once");
         let shared = frames(&api, &job);
@@ -200,17 +221,14 @@ async fn what_the_store_does_is_no_fault_of_a_job() {
 #[allow(clippy::disallowed_methods, reason = "what does not happen takes time")]
 async fn house_is_kept_by_those_who_are_told_what_expires() {
     let (bucket, database) = (Bucket::start().await, fresh_database().await);
-    let mut rows = <sqlx::PgConnection as sqlx::Connection>::connect(&database).await.unwrap();
-    let mut kept = async || {
-        let kept = sqlx::query_scalar::<_, i64>("SELECT house_kept FROM store");
-        kept.fetch_one(&mut rows).await.unwrap()
-    };
-    let [api_data, worker_data] = std::array::from_fn(|_| tempfile::tempdir().unwrap());
-    let begin =
-        |role, data: &tempfile::TempDir| tokio::task::block_in_place(|| start(role, data.path(), &database, &bucket));
-    let _worker = begin("worker", &worker_data);
-    std::thread::sleep(Duration::from_secs(1));
-    assert_eq!(kept().await, 0);
-    let _api = begin("serve --no-worker", &api_data);
-    while kept().await == 0 {}
+    tokio::task::block_in_place(move || {
+        let [api_data, worker_data] = std::array::from_fn(|_| tempfile::tempdir().unwrap());
+        let kept = "SELECT house_kept FROM store";
+        let _worker = start("worker", worker_data.path(), &database, &bucket);
+        let mut rows = Rows::open(&database);
+        std::thread::sleep(Duration::from_secs(1));
+        assert_eq!(rows.count(kept), 0);
+        let _api = start("serve --no-worker", api_data.path(), &database, &bucket);
+        while rows.count(kept) == 0 {}
+    });
 }

@@ -40,7 +40,7 @@ fn steps_after_a_checkpoint_have_the_bits_of_a_path_at_a_stretch() {
         (Model::Nonlinear, SkinElement::Tetrahedron),
         (Model::Linear, SkinElement::Wedge),
     ] {
-        let settings = SolveSettings { skin_element, ..SolveSettings::new(model, Preset::Wang2009.materials()) };
+        let settings = SolveSettings { skin_element, ..SolveSettings::new(model, Preset::Wang2009Stable.materials()) };
         let bodies = || vec![ContactBody { segment: 1, solid: &post }];
         let solver = || Solver::new(&mesh, bodies(), settings.clone(), &Control::new()).unwrap();
         let mut whole = solver();
@@ -77,7 +77,7 @@ fn a_checkpoint_of_another_problem_is_refused() {
     let (mut mesh, mut other) = (slab(4), slab(5));
     held(&mut mesh);
     held(&mut other);
-    let settings = SolveSettings::new(Model::Mixed, Preset::Wang2009.materials());
+    let settings = SolveSettings::new(Model::Mixed, Preset::Wang2009Stable.materials());
     let new = |mesh| Solver::new(mesh, Vec::new(), settings.clone(), &Control::new()).unwrap();
     let mut solver = new(&mesh);
     solve(&mut solver, 1);

@@ -127,6 +127,7 @@ pub(super) async fn milestone(context: &Context) -> Result<Option<StoredMileston
             step.warnings.iter().for_each(|warning| context.running.warn_of_step(step.k, warning));
         }
     }
+    metrics::counter!("prosopon_jobs_resumed_total").increment(1);
     tracing::info!(step = before.milestone.k, steps = context.job.steps, "the job goes on after a step");
     Ok(Some(before))
 }

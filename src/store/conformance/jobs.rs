@@ -219,6 +219,31 @@ async fn steps_are_kept_and_the_same_one_is_told_once(store: Store) {
     assert_eq!(store.steps(running.id).await.unwrap().len(), 1);
 }
 
+async fn a_milestone_is_there_for_who_takes_a_job_over_and_goes_with_its_end(store: Store) {
+    let id = add_session(&store, "a").await.id;
+    accept(&store, id, "1").await;
+    let first = claim(&store).await.unwrap();
+    let [one, two, three] = [blob(&store, id, b"1").await, blob(&store, id, b"2").await, blob(&store, id, b"3").await];
+    store.set_milestone(&first, &one).await.unwrap();
+    // As when the answer was lost.
+    store.set_milestone(&first, &one).await.unwrap();
+    assert_eq!(store.blobs().get(&one.key).await.unwrap().as_ref(), b"1");
+    store.set_milestone(&first, &two).await.unwrap();
+    assert!(store.blobs().get(&one.key).await.is_err());
+    assert!(store.change_job(&first, JobState::Interrupted, &JobChange::default()).await.unwrap());
+    let interrupted = store.job(first.id).await.unwrap().unwrap();
+    assert!(store.change_job(&interrupted, JobState::Accepted, &JobChange::default()).await.unwrap());
+    let second = claim(&store).await.unwrap();
+    assert_eq!(second.milestone_blob.as_ref(), Some(&two.key));
+    assert!(matches!(store.set_milestone(&first, &three).await, Err(StoreError::SessionGone)));
+    assert!(store.blobs().get(&three.key).await.is_err());
+    assert_eq!((store.session_bytes(id).await.unwrap(), store.sweep_old().await.unwrap()), (0, 0));
+    assert_eq!(store.blobs().get(&two.key).await.unwrap().as_ref(), b"2");
+    assert!(store.change_job(&second, JobState::Succeeded, &JobChange::default()).await.unwrap());
+    assert_eq!(store.job(first.id).await.unwrap().unwrap().milestone_blob, None);
+    assert!(store.blobs().get(&two.key).await.is_err());
+}
+
 async fn events_count_up_and_old_ones_go(store: Store) {
     let id = add_session(&store, "a").await.id;
     accept(&store, id, "1").await;
@@ -299,6 +324,7 @@ conforms! {
     a_lease_is_renewed_by_its_worker_and_passes_without,
     a_job_that_was_asked_to_stop_can_only_be_cancelled,
     steps_are_kept_and_the_same_one_is_told_once,
+    a_milestone_is_there_for_who_takes_a_job_over_and_goes_with_its_end,
     events_count_up_and_old_ones_go,
     results_of_old_comparisons_go,
 }

@@ -12,7 +12,7 @@ pub enum StoreError {
     /// The bucket did not answer, or with errors of its own, for as long as it was asked.
     #[error("the bucket cannot be reached")]
     BucketAway(#[source] object_store::Error),
-    /// The bucket lets this process do nothing: a key that was changed or may not do this, or a clock that is wrong.
+    /// The bucket lets this process do nothing: it is not there, or a key was changed or may not do this, or a clock is wrong.
     #[error("the bucket refuses this process")]
     BucketRefused(#[source] object_store::Error),
     /// The object store, as it is configured.
@@ -130,20 +130,21 @@ fn is_unreachable(error: &sqlx::Error) -> bool {
 
 impl From<object_store::Error> for StoreError {
     fn from(error: object_store::Error) -> Self {
-        if let object_store::Error::NotFound { path: key, .. } = error {
-            Self::BlobGone { key }
-        } else if matches!(
-            error,
-            object_store::Error::PermissionDenied { .. } | object_store::Error::Unauthenticated { .. }
-        ) {
-            Self::BucketRefused(error)
-        } else if matches!(error, object_store::Error::Generic { store: "S3", .. }) {
+        use object_store::Error::{Generic, NotFound, PermissionDenied, Unauthenticated};
+        match error {
+            NotFound { path: key, .. } => Self::BlobGone { key },
+            PermissionDenied { .. } | Unauthenticated { .. } => Self::BucketRefused(error),
+            Generic { store: "S3", .. } if chain_has(&error, "NoSuchBucket") => Self::BucketRefused(error),
             // What is refused for a reason has a kind of its own.
-            Self::BucketAway(error)
-        } else {
-            Self::Blob(error)
+            Generic { store: "S3", .. } => Self::BucketAway(error),
+            other => Self::Blob(other),
         }
     }
+}
+
+/// Whether an error or one of its sources says `word`.
+fn chain_has(error: &dyn std::error::Error, word: &str) -> bool {
+    std::iter::successors(Some(error), |error| error.source()).any(|error| error.to_string().contains(word))
 }
 
 impl StoreError {

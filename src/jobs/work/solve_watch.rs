@@ -11,7 +11,7 @@ use crate::jobs::running::{Phase, Running};
 use crate::session::{Engine, ErrorDocument, Halt, RunWatch, StepDocument, StoredMilestone};
 use crate::simulate::{Frame, Milestone};
 
-/// Shortest time between two milestones: what a job loses when its worker dies, beside the step it was at. One is some 2 MB for 20 000 nodes.
+/// Shortest time between two milestones: what a job loses when its worker dies, beside the step it was at. One is some 1 to 2 MB on a head.
 const MILESTONE_EVERY: Duration = Duration::from_secs(2);
 
 /// A step on its way from the pool to the store.

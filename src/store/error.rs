@@ -131,13 +131,18 @@ fn is_unreachable(error: &sqlx::Error) -> bool {
 impl From<object_store::Error> for StoreError {
     fn from(error: object_store::Error) -> Self {
         use object_store::Error::{Generic, NotFound, PermissionDenied, Unauthenticated};
-        match error {
-            NotFound { path: key, .. } => Self::BlobGone { key },
-            PermissionDenied { .. } | Unauthenticated { .. } => Self::BucketRefused(error),
-            Generic { store: "S3", .. } if chain_has(&error, "NoSuchBucket") => Self::BucketRefused(error),
-            // What is refused for a reason has a kind of its own.
-            Generic { store: "S3", .. } => Self::BucketAway(error),
-            other => Self::Blob(other),
+        if let NotFound { path: key, .. } = error {
+            return Self::BlobGone { key };
+        }
+        // What is refused for a reason has a kind of its own.
+        let told = matches!(error, PermissionDenied { .. } | Unauthenticated { .. });
+        let answered = matches!(error, Generic { store: "S3", .. });
+        if told || (answered && chain_has(&error, "NoSuchBucket")) {
+            Self::BucketRefused(error)
+        } else if answered {
+            Self::BucketAway(error)
+        } else {
+            Self::Blob(error)
         }
     }
 }

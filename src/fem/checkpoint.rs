@@ -4,7 +4,7 @@ use super::assembly::Curvature;
 use super::error::SolveError;
 use super::solver::{Solver, State};
 use crate::geometry::{Motion, Vector};
-use nalgebra::{Quaternion, Translation3, UnitQuaternion};
+use nalgebra::{Matrix3, Quaternion, Translation3, UnitQuaternion};
 
 /// A rigid motion as numbers: translation, mm, and the unit quaternion's i, j, k and w.
 pub type MotionNumbers = [f64; 7];
@@ -53,6 +53,8 @@ pub enum FactorOrigin {
         /// Whether negative eigenvalues of the elements were left out.
         projected: bool,
     },
+    /// No factor: the inverse tensors of the unknown nodes that vertices are relaxed with, row by row.
+    Vertices(Vec<[f64; 9]>),
     /// None that serves: the next system is factorised.
     Nothing,
 }
@@ -80,7 +82,7 @@ fn vectors(x: &[[f64; 3]]) -> Vec<Vector> {
 
 impl Solver<'_> {
     /// Where the solver stands after a step. `None` where its factor cannot be made again: it knows of contact, because the elements alone
-    /// are not stable, or there is none and vertices are relaxed.
+    /// are not stable.
     #[must_use]
     pub fn checkpoint(&self) -> Option<Checkpoint> {
         let equations = &self.equations;
@@ -106,14 +108,14 @@ impl Solver<'_> {
     /// Goes on where another solver over the same mesh, bodies and settings stood: what follows has the bits that it would have had there.
     ///
     /// # Errors
-    /// [`SolveError::Problem`] when it does not fit; then the solver is of no more use.
+    /// [`SolveError::Checkpoint`] when it does not fit; then the solver is of no more use.
     pub fn restore(&mut self, checkpoint: &Checkpoint) -> Result<(), SolveError> {
-        let misfit = |what: &str| SolveError::Problem { detail: format!("the checkpoint does not fit: {what}") };
+        let misfit = |detail| SolveError::Checkpoint { detail };
         let nodes = self.state.x.len();
         let fits = |x: &[[f64; 3]]| x.len() == nodes && x.iter().flatten().all(|c| c.is_finite());
         let origin_fits = match &checkpoint.factor {
             FactorOrigin::State { x, .. } => fits(x),
-            FactorOrigin::Rest | FactorOrigin::Nothing => true,
+            FactorOrigin::Rest | FactorOrigin::Vertices(_) | FactorOrigin::Nothing => true,
         };
         if !fits(&checkpoint.x) || !origin_fits {
             return Err(misfit("another number of generalised nodes"));
@@ -150,6 +152,10 @@ impl super::equations::Equations<'_> {
         if !self.solver.serves() {
             return Some((FactorOrigin::Nothing, Vec::new()));
         }
+        if let Some(inverses) = self.solver.vertices() {
+            let rows = inverses.iter().map(|m| m.transpose().as_slice().try_into().unwrap_or_default());
+            return Some((FactorOrigin::Vertices(rows.collect()), Vec::new()));
+        }
         let origin = match &self.factored {
             None => FactorOrigin::Rest,
             Some((x, curvature)) => {
@@ -166,6 +172,12 @@ impl super::equations::Equations<'_> {
         match origin {
             FactorOrigin::Rest => {}
             FactorOrigin::Nothing => self.solver.refresh(),
+            FactorOrigin::Vertices(inverses) => {
+                if inverses.len() != self.dofs.n_unknown() {
+                    return None;
+                }
+                self.solver.set_vertices(inverses.iter().map(|rows| Matrix3::from_row_slice(rows)).collect())?;
+            }
             FactorOrigin::State { x, projected } => {
                 let curvature = if *projected { Curvature::Projected } else { Curvature::Exact };
                 self.tangent(&vectors(x), curvature).ok()?;

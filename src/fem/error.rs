@@ -95,6 +95,12 @@ pub enum SolveError {
         /// Reason.
         detail: String,
     },
+    /// A checkpoint is another problem's, or another build's.
+    #[error("the checkpoint does not fit: {detail}")]
+    Checkpoint {
+        /// What does not.
+        detail: &'static str,
+    },
     /// Stopped by the caller.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),

@@ -153,9 +153,28 @@ impl LinearSolver {
         self.has_factor() && !self.stale
     }
 
-    /// Whether a factor like the present one can be made from elements alone.
+    /// Whether what is here in the place of a factor can be made again without contact.
     pub(super) fn can_be_restored(&self) -> bool {
-        !self.relaxes() && !self.whole
+        !self.whole
+    }
+
+    /// The inverse tensors that vertices are relaxed with.
+    pub(super) fn vertices(&self) -> Option<&[Matrix3<f64>]> {
+        match &self.preconditioner {
+            Preconditioner::Factor { .. } => None,
+            Preconditioner::Vertices(inverses) => Some(inverses),
+        }
+    }
+
+    /// Sets them; `None` when this is no relaxation.
+    pub(super) fn set_vertices(&mut self, tensors: Vec<Matrix3<f64>>) -> Option<()> {
+        match &mut self.preconditioner {
+            Preconditioner::Factor { .. } => None,
+            Preconditioner::Vertices(inverses) => {
+                *inverses = tensors;
+                Some(())
+            }
+        }
     }
 
     /// Applies the last factor, which may belong to an older matrix.

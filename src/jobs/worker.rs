@@ -19,20 +19,20 @@ const PROGRESS_EVERY: Duration = Duration::from_millis(250);
 /// Jobs that an earlier run or another process left running, `abandoned`, become interrupted; interrupted ones are accepted again or given
 /// up. Those that were asked to stop are cancelled.
 pub(super) async fn recover(service: &Service, abandoned: Vec<JobRecord>) -> Result<(), Fault> {
-    let mut abandoned = Some(abandoned);
-    for state in [JobState::Accepted, JobState::Running, JobState::Interrupted] {
-        let jobs = match abandoned.take_if(|_| state == JobState::Running) {
-            Some(jobs) => jobs,
-            None => {
-                service.store.jobs(&JobFilter { state: Some(state), limit: u32::MAX, ..JobFilter::default() }).await?
-            }
-        };
-        for job in jobs {
-            if let Some((event, change)) = recovery(&job, service.settings.max_attempts) {
-                tracing::info!(job.id = %job.id, attempt = job.attempt, ?event, "job found that nobody computes");
-                apply(service, &job, event, change).await?;
-            }
-        }
+    let all = |state| JobFilter { state: Some(state), limit: u32::MAX, ..JobFilter::default() };
+    for job in service.store.jobs(&all(JobState::Accepted)).await?.iter().chain(&abandoned) {
+        recover_one(service, job).await?;
+    }
+    for job in service.store.jobs(&all(JobState::Interrupted)).await? {
+        recover_one(service, &job).await?;
+    }
+    Ok(())
+}
+
+async fn recover_one(service: &Service, job: &JobRecord) -> Result<(), Fault> {
+    if let Some((event, change)) = recovery(job, service.settings.max_attempts) {
+        tracing::info!(job.id = %job.id, attempt = job.attempt, ?event, "job found that nobody computes");
+        apply(service, job, event, change).await?;
     }
     Ok(())
 }

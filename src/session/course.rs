@@ -6,9 +6,11 @@ use super::case::Earlier;
 use super::numerics::{Numerics, bone_key};
 use super::{Halt, Run, key_of};
 use crate::control::Control;
-use crate::fem::SavedState;
+use crate::fem::{SavedState, SolveError};
 use crate::plan::{self, Plan};
-use crate::simulate::{self, CutBone, Milestone, OnFrame, Outcome, PreparedTissue, RunSettings, TissueModel, Way};
+use crate::simulate::{
+    self, CutBone, Milestone, OnFrame, Outcome, PreparedTissue, RunSettings, SimulateError, TissueModel, Way,
+};
 
 /// Share of a solve's progress that preparing the equations takes.
 const PREPARING: f64 = 0.05;
@@ -90,7 +92,12 @@ impl Numerics {
         let control = control.part(PREPARING, 1.0);
         let way = Way { plan: course.plan, from: from.as_deref(), after: course.milestone };
         let anatomy = &run.case.anatomy;
-        let outcome = simulate::solve_prepared(anatomy, tissue, &prepared, bone, way, &settings, &control, on_frame)?;
+        let outcome = simulate::solve_prepared(anatomy, tissue, &prepared, bone, way, &settings, &control, on_frame);
+        if let Err(SimulateError::Solve(SolveError::Checkpoint { detail })) = outcome {
+            tracing::warn!(detail, "what an earlier attempt left does not fit: all steps are solved again");
+            return self.follow_course(ready, Course { milestone: None, ..course }, &control, on_frame);
+        }
+        let outcome = outcome?;
         let end = Arc::new(outcome.end.clone());
         self.recent.put(ENDS, &end_key(ready, course), Arc::clone(&end), end.bytes());
         Ok(outcome)

@@ -199,9 +199,10 @@ impl From<SolveError> for Halt {
         let detail = error.to_string();
         match error {
             SolveError::Cancelled(_) => return Self::Cancelled,
-            SolveError::Element(_) | SolveError::Problem { .. } | SolveError::Factorisation { .. } => {
-                Fault::new(FaultKind::SceneNotUsable, detail)
-            }
+            SolveError::Element(_)
+            | SolveError::Problem { .. }
+            | SolveError::Factorisation { .. }
+            | SolveError::Checkpoint { .. } => Fault::new(FaultKind::SceneNotUsable, detail),
             SolveError::NotConverged { path_share, iterations, residual_n, tolerance_n } => {
                 Fault::new(FaultKind::SolverNotConverged, detail)
                     .with("stage", "solve")

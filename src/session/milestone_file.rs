@@ -52,6 +52,7 @@ struct CheckpointMembers {
 enum FactorOriginMembers {
     Rest,
     State { x: Vec<[f64; 3]>, projected: bool },
+    Vertices(Vec<[f64; 9]>),
     Nothing,
 }
 

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::fault::{Fault, FaultKind};
 use super::{Halt, RunWatch, SceneRun, SceneSolved};
 use crate::control::Control;
-use crate::fem::StepReport;
+use crate::fem::{SolveError, StepReport};
 use crate::field::SignedField;
 use crate::geometry::{Point, TriMesh};
 use crate::simulate::{Frame, OuterSurface, ReadyMesh, Scene};
@@ -42,11 +42,20 @@ pub(super) fn solve_scene(
         watch.warning(warning);
     }
     watch.stage("solve");
-    let outcome = scene.solve_and_show(run.milestone.as_ref(), control, &mut |k, nodes, report, milestone| {
-        if let Some(frame) = frame(&outside, k, run.steps, nodes, report) {
-            watch.frame(frame, milestone);
+    let mut solve = |after| {
+        scene.solve_and_show(after, control, &mut |k, nodes, report, milestone| {
+            if let Some(frame) = frame(&outside, k, run.steps, nodes, report) {
+                watch.frame(frame, milestone);
+            }
+        })
+    };
+    let outcome = match solve(run.milestone.as_ref()) {
+        Err(SolveError::Checkpoint { detail }) => {
+            tracing::warn!(detail, "what an earlier attempt left does not fit: all steps are solved again");
+            solve(None)
         }
-    })?;
+        solved => solved,
+    }?;
     if let Some(failure) = outcome.failure {
         return Err(failure.into());
     }

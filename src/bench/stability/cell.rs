@@ -91,7 +91,7 @@ fn refused(scene: &HardScene, error: &SolveError) -> Cell {
         SolveError::NotConverged { path_share, .. } => format!("no equilibrium {}", mm(*path_share)),
         SolveError::Penetration { path_share, .. } => format!("penetration {}", mm(*path_share)),
         SolveError::PassedThrough { path_share, .. } => format!("through bone {}", mm(*path_share)),
-        SolveError::Problem { .. } => "not usable".to_owned(),
+        SolveError::Problem { .. } | SolveError::Checkpoint { .. } => "not usable".to_owned(),
         SolveError::Element(_) => "element".to_owned(),
         SolveError::Factorisation { .. } => "factorisation".to_owned(),
         SolveError::Cancelled(_) => "cancelled".to_owned(),

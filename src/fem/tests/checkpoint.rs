@@ -33,12 +33,13 @@ fn steps_after_a_checkpoint_have_the_bits_of_a_path_at_a_stretch() {
         if rim { Some(Attachment::Fixed) } else { (p.z == 0.0).then_some(Attachment::Sliding) }
     });
     let post = RoundedPost { half_width: 9.0, edge_radius: 2.0 };
-    let mut origins = [0; 3];
+    let mut origins = [0; 4];
     for (model, skin_element) in [
         (Model::Mixed, SkinElement::Wedge),
         (Model::Mixed, SkinElement::C1Prism),
         (Model::Nonlinear, SkinElement::Tetrahedron),
         (Model::Linear, SkinElement::Wedge),
+        (Model::MassTensor, SkinElement::Wedge),
     ] {
         let settings = SolveSettings { skin_element, ..SolveSettings::new(model, Preset::Wang2009Stable.materials()) };
         let bodies = || vec![ContactBody { segment: 1, solid: &post }];
@@ -55,7 +56,8 @@ fn steps_after_a_checkpoint_have_the_bits_of_a_path_at_a_stretch() {
             origins[match from.factor {
                 FactorOrigin::Rest => 0,
                 FactorOrigin::State { .. } => 1,
-                FactorOrigin::Nothing => 2,
+                FactorOrigin::Vertices(_) => 2,
+                FactorOrigin::Nothing => 3,
             }] += 1;
             let mut after = solver();
             after.restore(from).unwrap();
@@ -66,8 +68,8 @@ fn steps_after_a_checkpoint_have_the_bits_of_a_path_at_a_stretch() {
             }
         }
     }
-    println!("factors at rest, at a state, none: {origins:?}");
-    assert!(origins[0] > 0 && origins[1] > 0, "both kinds of factors are met");
+    println!("factors at rest, at a state, vertices, none: {origins:?}");
+    assert!(origins[..3].iter().all(|n| *n > 0), "every kind of factor is met: {origins:?}");
 }
 
 #[test]
@@ -83,13 +85,13 @@ fn a_checkpoint_of_another_problem_is_refused() {
     solve(&mut solver, 1);
     let checkpoint = solver.checkpoint().unwrap();
     let refused = |mesh, checkpoint: &Checkpoint| new(mesh).restore(checkpoint);
-    assert!(matches!(refused(&other, &checkpoint), Err(SolveError::Problem { .. })));
+    assert!(matches!(refused(&other, &checkpoint), Err(SolveError::Checkpoint { .. })));
     let pressed = Checkpoint { multipliers: vec![(7, 1.0)], ..checkpoint.clone() };
-    assert!(matches!(refused(&mesh, &pressed), Err(SolveError::Problem { .. })));
+    assert!(matches!(refused(&mesh, &pressed), Err(SolveError::Checkpoint { .. })));
     let known = Checkpoint { known_compliance: vec![vec![u32::MAX]], ..checkpoint.clone() };
-    assert!(matches!(refused(&mesh, &known), Err(SolveError::Problem { .. })));
+    assert!(matches!(refused(&mesh, &known), Err(SolveError::Checkpoint { .. })));
     let mut broken = checkpoint.clone();
     broken.x[0][0] = f64::NAN;
-    assert!(matches!(refused(&mesh, &broken), Err(SolveError::Problem { .. })));
+    assert!(matches!(refused(&mesh, &broken), Err(SolveError::Checkpoint { .. })));
     new(&mesh).restore(&checkpoint).unwrap();
 }

@@ -53,7 +53,9 @@ impl Site<'_> {
 
     fn spawn(&self, role: &str, directory: &TempDir, database: &str, environment: &[(&str, &str)]) -> Server {
         let mut command = command(role, directory);
-        command.env("PROSOPON_DATABASE", database).env("PROSOPON_BLOBS", self.bucket.url());
+        // A place in the bucket belongs to one database.
+        let (_, name) = database.rsplit_once('/').unwrap();
+        command.env("PROSOPON_DATABASE", database).env("PROSOPON_BLOBS", format!("{}/{name}", self.bucket.url()));
         command.envs(self.bucket.environment()).envs(environment.iter().copied());
         Server::spawn(command)
     }

@@ -1,3 +1,4 @@
+use std::pin::pin;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -68,6 +69,9 @@ const LOOK_EVERY: Duration = Duration::from_secs(5);
 /// The same where other processes have the queue too: what was left to one of them is free then.
 const LOOK_AGAIN: Duration = Claim::HEAD_START.saturating_add(Duration::from_millis(50));
 
+/// Time between two attempts at what the store did not do.
+const PAUSE: Duration = Duration::from_secs(2);
+
 /// Runs jobs of the worker's lane one after the other until the service stops.
 pub(super) async fn work_through(service: Arc<Service>, worker: Worker) {
     let lane = worker.lane;
@@ -136,8 +140,17 @@ enum Ran {
 /// Waits until values can be read and written: a worker that the bucket refuses would take job after job from those that it serves.
 async fn wait_for_store(service: &Service, worker: Worker) {
     while !service.stop.is_cancelled() {
-        service.beats.beat(worker);
-        let Err(error) = service.store.check_writing().await else { return };
+        let mut asked = pin!(service.store.check_writing());
+        // A bucket that is away is asked for a minute.
+        let answer = loop {
+            service.beats.beat(worker);
+            match tokio::time::timeout(PAUSE, &mut asked).await {
+                Ok(answer) => break answer,
+                Err(_) if service.stop.is_cancelled() => return,
+                Err(_) => {}
+            }
+        };
+        let Err(error) = answer else { return };
         tracing::error!(error = chain(&error), "no job is taken until the bucket can be used");
         pause(service).await;
     }
@@ -145,7 +158,7 @@ async fn wait_for_store(service: &Service, worker: Worker) {
 
 async fn pause(service: &Service) {
     tokio::select! {
-        () = tokio::time::sleep(Duration::from_secs(2)) => {}
+        () = tokio::time::sleep(PAUSE) => {}
         () = service.stop.cancelled() => {}
     }
 }

@@ -173,11 +173,19 @@ async fn write_step(context: &Context, step: FinishedStep) -> Result<(), Halt> {
         context.running.warn_of_step(document.k, warning);
     }
     context.service.announce();
-    if let Some(milestone) = milestone {
-        let milestone = context.put(milestone).await?;
-        context.service.persist(|| store.set_milestone(&context.job, &milestone)).await?;
+    // The job is as good without it; what ails the store shows with the next step.
+    if let Some(milestone) = milestone
+        && let Err(halt) = keep_milestone(context, milestone).await
+    {
+        tracing::warn!(?halt, "a milestone could not be stored");
     }
     Ok(())
+}
+
+async fn keep_milestone(context: &Context, milestone: Vec<u8>) -> Result<(), Halt> {
+    let milestone = context.put(milestone).await?;
+    let store = &context.service.store;
+    Ok(context.service.persist(|| store.set_milestone(&context.job, &milestone)).await?)
 }
 
 fn internal(error: serde_json::Error) -> Fault {

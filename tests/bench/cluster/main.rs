@@ -107,7 +107,7 @@ fn affinity(site: &Site) -> Vec<Row> {
                     // They do not press the button all at once.
                     std::thread::park_timeout(pause * number as u32 / PLANNERS as u32);
                     for mesh in 1..=MESHES {
-                        solves.mesh(0, 9.0 + 0.01 * mesh as f64);
+                        solves.mesh(0, 9.0 + 1e-6 * mesh as f64);
                         let job = solves.post();
                         solves.finish(&job);
                         std::thread::park_timeout(pause);

@@ -93,7 +93,7 @@ impl<'s> Solves<'s> {
             let session = server.session_with_field();
             // Equal inputs would have one field for all.
             static SESSIONS: AtomicUsize = AtomicUsize::new(1);
-            let spacing_mm = 2.0 - 0.001 * SESSIONS.fetch_add(1, Ordering::Relaxed) as f64;
+            let spacing_mm = 2.0 - 1e-6 * SESSIONS.fetch_add(1, Ordering::Relaxed) as f64;
             let settings =
                 json!({ "spacing_mm": spacing_mm, "envelope_spacing_mm": spacing_mm, "envelope_closing_mm": 4.0 });
             server.put_json(&format!("{session}/field/settings"), &settings).ok();

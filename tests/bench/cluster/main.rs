@@ -1,7 +1,7 @@
 //! What several processes on Postgres and a bucket cost and bring against one on its own disk: operations of the queue, throughput of small
-//! jobs, jobs that find their session in memory, takeover of a killed worker's job, overhead of a job.
+//! jobs, takeover of a killed worker's job, overhead of a job.
 //!
-//! `cargo bench --bench cluster [-- queue throughput affinity takeover overhead]` prints a table and writes `target/cluster.csv`. Needs what the tests
+//! `cargo bench --bench cluster [-- queue throughput takeover overhead]` prints a table and writes `target/cluster.csv`. Needs what the tests
 //! of the shared store need: Debian's `postgresql`. The server waits for its disk as one in a hospital does; the bucket is served by this program.
 
 #![allow(
@@ -20,9 +20,8 @@ mod processes;
 mod queue;
 
 use std::fmt::Write;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
-use binary::Server;
 use engines::{Bucket, Cluster};
 use processes::{Site, Solves, busy_s};
 
@@ -41,13 +40,8 @@ fn main() {
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
     let (bucket, cluster) = (runtime.block_on(Bucket::start()), Cluster::start_with(true));
     let site = Site { runtime: &runtime, cluster: &cluster, bucket: &bucket };
-    let parts: [(&str, fn(&Site) -> Vec<Row>); 5] = [
-        ("queue", queue::operations),
-        ("throughput", throughput),
-        ("affinity", affinity),
-        ("takeover", takeover),
-        ("overhead", overhead),
-    ];
+    let parts: [(&str, fn(&Site) -> Vec<Row>); 4] =
+        [("queue", queue::operations), ("throughput", throughput), ("takeover", takeover), ("overhead", overhead)];
     let mut table = String::from("what,engine,clients,value,unit\n");
     for (name, part) in parts {
         if !wanted.is_empty() && !wanted.iter().any(|w| w == name) {
@@ -88,62 +82,6 @@ fn throughput(site: &Site) -> Vec<Row> {
         rows.push(row("small jobs: processors busy", (busy_s() - busy) / seconds, ""));
     }
     rows
-}
-
-/// How many jobs find what they need in their worker's memory: nine who plan at once, each a new mesh and a solve on it, on three workers;
-/// without a pause, when all wait in a queue, and with one, when workers are mostly idle.
-fn affinity(site: &Site) -> Vec<Row> {
-    const PLANNERS: usize = 9;
-    const MESHES: usize = 6;
-    const WORKERS: usize = 3;
-    let mut rows = Vec::new();
-    for (load, pause) in [("full", Duration::ZERO), ("light", Duration::from_secs(6))] {
-        let group = site.shared(WORKERS, &[]);
-        let mut planners: Vec<_> = (0..PLANNERS).map(|_| Solves::new(&group.api, 1, 9.0, "linear", 2)).collect();
-        let (started, busy, before) = (Instant::now(), busy_s(), misses(&group.workers));
-        std::thread::scope(|scope| {
-            for (number, solves) in planners.iter_mut().enumerate() {
-                scope.spawn(move || {
-                    // They do not press the button all at once.
-                    std::thread::park_timeout(pause * number as u32 / PLANNERS as u32);
-                    for mesh in 1..=MESHES {
-                        solves.mesh(0, 9.0 + 1e-6 * mesh as f64);
-                        let job = solves.post();
-                        solves.finish(&job);
-                        std::thread::park_timeout(pause);
-                    }
-                });
-            }
-        });
-        let jobs = (PLANNERS * MESHES) as f64;
-        let after = misses(&group.workers);
-        let [fields, meshes] = [0, 1].map(|n| after[n] - before[n]);
-        let seconds = started.elapsed().as_secs_f64();
-        let row = |what: &str, value, unit| Row {
-            what: format!("{what} ({load} load)"),
-            engine: "shared",
-            clients: WORKERS,
-            value,
-            unit,
-        };
-        // A mesh is asked for and not there once when it is made as wanted.
-        rows.push(row("solves that find their mesh", 1.0 - (meshes - jobs) / jobs, ""));
-        rows.push(row("fields made again a job", fields / (2.0 * jobs), ""));
-        rows.push(row("planned and solved", jobs / seconds, "1/s"));
-        rows.push(row("planned and solved: processors busy", (busy_s() - busy) / seconds, ""));
-    }
-    rows
-}
-
-/// How often workers had no field and no mesh in memory.
-fn misses(workers: &[Server]) -> [f64; 2] {
-    let said: Vec<String> =
-        workers.iter().map(|worker| String::from_utf8(worker.get("/metrics").body).unwrap()).collect();
-    ["field", "mesh"].map(|kind| {
-        let name = format!("prosopon_cache_requests_total{{kind=\"{kind}\",outcome=\"miss\"}} ");
-        let lines = said.iter().flat_map(|text| text.lines());
-        lines.filter_map(|line| line.strip_prefix(name.as_str())).map(|n| n.parse::<f64>().unwrap()).sum()
-    })
 }
 
 /// From the kill of a worker in mid-solve to the job's next start by another one: the median of five, with leases of 2 and of 15 s.

@@ -1,7 +1,6 @@
 //! Groups of processes, and jobs for them.
 
 use std::process::{Command, Stdio};
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 use serde_json::{Value, json};
 use tempfile::TempDir;
@@ -91,26 +90,13 @@ impl<'s> Solves<'s> {
     pub(crate) fn new(server: &'s Server, sessions: usize, edge_mm: f64, model: &'static str, steps: u32) -> Self {
         let session = |_| {
             let session = server.session_with_field();
-            // Equal inputs would have one field for all.
-            static SESSIONS: AtomicUsize = AtomicUsize::new(1);
-            let spacing_mm = 2.0 - 1e-6 * SESSIONS.fetch_add(1, Ordering::Relaxed) as f64;
-            let settings =
-                json!({ "spacing_mm": spacing_mm, "envelope_spacing_mm": spacing_mm, "envelope_closing_mm": 4.0 });
-            server.put_json(&format!("{session}/field/settings"), &settings).ok();
-            server.finish(&server.post(&format!("{session}/field"), &json!({})));
             let (osteotomy, jaw) = server.cut(&session);
+            server.finish(
+                &server.post(&format!("{session}/mesh"), &json!({ "osteotomy": osteotomy, "edge_mm": edge_mm })),
+            );
             (session, osteotomy, jaw)
         };
-        let solves = Self { server, sessions: (0..sessions).map(session).collect(), model, steps, planned: 0 };
-        (0..sessions).for_each(|n| solves.mesh(n, edge_mm));
-        solves
-    }
-
-    /// Makes a mesh for a session.
-    pub(crate) fn mesh(&self, session: usize, edge_mm: f64) {
-        let (session, osteotomy, _) = &self.sessions[session];
-        let mesh = json!({ "osteotomy": osteotomy, "edge_mm": edge_mm });
-        self.server.finish(&self.server.post(&format!("{session}/mesh"), &mesh));
+        Self { server, sessions: (0..sessions).map(session).collect(), model, steps, planned: 0 }
     }
 
     /// Asks for one more: its path.

@@ -169,6 +169,10 @@ impl super::equations::Equations<'_> {
         if double {
             self.solver.use_double();
         }
+        // There may be no memory for it here.
+        if self.solver.is_double() != double {
+            return None;
+        }
         match origin {
             FactorOrigin::Rest => {}
             FactorOrigin::Nothing => self.solver.refresh(),

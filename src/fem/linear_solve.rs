@@ -172,6 +172,7 @@ impl LinearSolver {
             Preconditioner::Factor { .. } => None,
             Preconditioner::Vertices(inverses) => {
                 *inverses = tensors;
+                self.stale = false;
                 Some(())
             }
         }

@@ -158,6 +158,7 @@ pub(super) fn status_and_title(kind: FaultKind) -> (StatusCode, &'static str) {
         K::Forbidden => (S::FORBIDDEN, "The sender may not do this"),
         K::ShuttingDown => (S::SERVICE_UNAVAILABLE, "The service is stopping"),
         K::StoreUnavailable => (S::SERVICE_UNAVAILABLE, "The database or the bucket cannot be reached"),
+        K::StoreRefuses => (S::SERVICE_UNAVAILABLE, "The bucket refuses the service"),
         K::StorageFull => (S::INSUFFICIENT_STORAGE, "The disk is full"),
         K::DeadlineExceeded => (S::UNPROCESSABLE_ENTITY, "The job took longer than it may"),
         K::JobInterrupted => (S::INTERNAL_SERVER_ERROR, "The service stopped too often while the job ran"),

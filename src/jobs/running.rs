@@ -149,7 +149,12 @@ impl Running {
 
     /// Keeps a warning of a step likewise.
     pub(super) fn warn_of_step(&self, k: u32, text: &str) {
-        self.step_warnings.lock().unwrap_or_else(PoisonError::into_inner).push((k, text.to_owned()));
+        let mut told = self.step_warnings.lock().unwrap_or_else(PoisonError::into_inner);
+        let warning = (k, text.to_owned());
+        // A step may be solved again.
+        if !told.contains(&warning) {
+            told.push(warning);
+        }
     }
 
     /// Warnings of the job as a whole.

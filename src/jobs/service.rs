@@ -36,6 +36,8 @@ pub struct Service {
     pub(super) drain: CancellationToken,
     pub(super) stop: CancellationToken,
     pub(super) beats: Beats,
+    /// Workers that take no job because the bucket refuses them.
+    refused: Mutex<Vec<Worker>>,
     tasks: Mutex<Vec<JoinHandle<()>>>,
 }
 
@@ -66,6 +68,7 @@ impl Service {
             drain: stop.child_token(),
             stop,
             beats: Beats::new(workers.clone()),
+            refused: Mutex::default(),
             tasks: Mutex::default(),
         });
         service.check_audit_end().await?;
@@ -150,6 +153,20 @@ impl Service {
         self.drain.is_cancelled()
     }
 
+    /// Whether a worker of this process takes no job because the bucket refuses it.
+    #[must_use]
+    pub fn is_refused(&self) -> bool {
+        !self.refused.lock().unwrap_or_else(PoisonError::into_inner).is_empty()
+    }
+
+    pub(super) fn set_refused(&self, worker: Worker, refused: bool) {
+        let mut all = self.refused.lock().unwrap_or_else(PoisonError::into_inner);
+        all.retain(|other| *other != worker);
+        if refused {
+            all.push(worker);
+        }
+    }
+
     pub(super) fn running_jobs(&self) -> Vec<Arc<Running>> {
         self.running.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
@@ -231,7 +248,7 @@ impl Service {
         };
         let before = match self.store.insert_job(&new).await? {
             Insertion::Stored { superseded, before } => {
-                for old in superseded {
+                for (old, _) in superseded {
                     tracing::info!(job.id = %old, superseded_by = %job.id, "a newer job took its place");
                 }
                 before

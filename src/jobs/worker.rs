@@ -93,7 +93,11 @@ pub(super) async fn work_through(service: Arc<Service>, worker: Worker) {
                 }
                 match run(&service, job, worker).instrument(span).await {
                     Ok(Ran::ToItsEnd) => {}
-                    Ok(Ran::UntilTheStoreFailed) => wait_for_store(&service, worker).await,
+                    Ok(Ran::UntilTheStoreFailed) => {
+                        // What failed for this job only is not tried again and again without a breath.
+                        pause(&service).await;
+                        wait_for_store(&service, worker).await;
+                    }
                     Err(error) => {
                         tracing::error!(detail = error.detail, "a job could not be recorded");
                         pause(&service).await;
@@ -140,19 +144,32 @@ enum Ran {
 /// Waits until values can be read and written: a worker that the bucket refuses would take job after job from those that it serves.
 async fn wait_for_store(service: &Service, worker: Worker) {
     while !service.stop.is_cancelled() {
-        let mut asked = pin!(service.store.check_writing());
-        // A bucket that is away is asked for a minute.
-        let answer = loop {
-            service.beats.beat(worker);
-            match tokio::time::timeout(PAUSE, &mut asked).await {
-                Ok(answer) => break answer,
-                Err(_) if service.stop.is_cancelled() => return,
-                Err(_) => {}
-            }
+        let answer = tokio::select! {
+            // A bucket that is away is asked for a minute.
+            answer = beating(service, worker, service.store.check_writing()) => answer,
+            () = service.stop.cancelled() => return,
         };
+        service.set_refused(worker, matches!(answer, Err(StoreError::BucketRefused(_))));
         let Err(error) = answer else { return };
         tracing::error!(error = chain(&error), "no job is taken until the bucket can be used");
         pause(service).await;
+    }
+}
+
+/// Whether the bucket refuses only what a job asked of it. One that is away cannot say so.
+async fn refuses_no_others(service: &Service, worker: Worker) -> bool {
+    let asked = tokio::time::timeout(PAUSE, service.store.check_writing());
+    matches!(beating(service, worker, asked).await, Ok(Ok(())))
+}
+
+/// Waits for the store, and shows meanwhile that the worker lives.
+async fn beating<T>(service: &Service, worker: Worker, work: impl Future<Output = T>) -> T {
+    let mut work = pin!(work);
+    loop {
+        service.beats.beat(worker);
+        if let Ok(done) = tokio::time::timeout(PAUSE, &mut work).await {
+            return done;
+        }
     }
 }
 
@@ -188,10 +205,16 @@ async fn run_visible(service: &Arc<Service>, job: &JobRecord, running: &Arc<Runn
         never = tell_progress(service, job, running) => match never {},
         never = keep_lease(service, job, running) => match never {},
     };
-    let (event, change) = outcome(service, job, running, done);
+    let refused = matches!(&done, Err(Halt::Fault(fault)) if fault.kind == FaultKind::StoreRefuses);
+    let only_this = refused && refuses_no_others(service, running.worker).await;
+    let (event, change) = outcome(service, job, running, done, only_this);
     tell_metrics(job, running, event);
-    if !record_end(service, job, running, event, &change).await? && service.store.session(job.session).await?.is_none()
-    {
+    beating(service, running.worker, end(service, job, event, &change)).await
+}
+
+/// Records the end of an attempt and what follows from it.
+async fn end(service: &Service, job: &JobRecord, event: JobEvent, change: &JobChange) -> Result<Ran, Fault> {
+    if !record_end(service, job, event, change).await? && service.store.session(job.session).await?.is_none() {
         // The session was deleted while the job ran: nothing of it stays.
         service.store.blobs().delete_session(job.session).await?;
     }
@@ -202,8 +225,14 @@ async fn run_visible(service: &Arc<Service>, job: &JobRecord, running: &Arc<Runn
     Ok(Ran::ToItsEnd)
 }
 
-/// What the end of the work means for the job.
-fn outcome(service: &Service, job: &JobRecord, running: &Running, done: Result<Done, Halt>) -> (JobEvent, JobChange) {
+/// What the end of the work means for the job; `only_this`: the bucket refuses what this job asked, and serves others.
+fn outcome(
+    service: &Service,
+    job: &JobRecord,
+    running: &Running,
+    done: Result<Done, Halt>,
+    only_this: bool,
+) -> (JobEvent, JobChange) {
     // From here on it is decided: a cancel comes before this or too late.
     if !running.close() {
         return (JobEvent::Cancel, stopped(running, ended(JobState::Cancelled, None)));
@@ -218,9 +247,11 @@ fn outcome(service: &Service, job: &JobRecord, running: &Running, done: Result<D
             let change = JobChange { phase: Some("done"), report, tissue, warnings, events, ..JobChange::default() };
             (JobEvent::Succeed, change)
         }
-        Err(Halt::Fault(fault)) if fault.kind == FaultKind::StoreUnavailable => interrupted(job),
+        Err(Halt::Fault(fault)) if fault.kind == FaultKind::StoreUnavailable => interrupted(job, -1),
+        Err(Halt::Fault(fault)) if fault.kind == FaultKind::StoreRefuses && !only_this => interrupted(job, -1),
+        Err(Halt::Fault(_)) if only_this && job.attempt < service.settings.max_attempts => interrupted(job, 0),
         Err(Halt::Fault(fault)) => (JobEvent::Fail, stopped(running, ended(JobState::Failed, Some(&fault)))),
-        Err(Halt::Cancelled) if service.stop.is_cancelled() && !running.control.is_overdue() => interrupted(job),
+        Err(Halt::Cancelled) if service.stop.is_cancelled() && !running.control.is_overdue() => interrupted(job, -1),
         Err(Halt::Cancelled) if running.control.is_overdue() => {
             let seconds = running.started.elapsed().as_secs_f64();
             let detail = format!("the job was stopped after {seconds:.0} s, the most that it may compute");
@@ -232,10 +263,10 @@ fn outcome(service: &Service, job: &JobRecord, running: &Running, done: Result<D
     }
 }
 
-/// The work was broken off from outside, by a stop in good order or a store that went away: that is no failed attempt.
-fn interrupted(job: &JobRecord) -> (JobEvent, JobChange) {
+/// The work was broken off from outside. A stop in good order and a store that went away are no failed attempts: -1 takes it back.
+fn interrupted(job: &JobRecord, attempt_change: i64) -> (JobEvent, JobChange) {
     let events = vec![("status", status_event(JobState::Interrupted, job.attempt))];
-    (JobEvent::Interrupt, JobChange { attempt_change: -1, events, ..JobChange::default() })
+    (JobEvent::Interrupt, JobChange { attempt_change, events, ..JobChange::default() })
 }
 
 /// Lets a job wait again that was interrupted while the service goes on.
@@ -289,13 +320,7 @@ fn stopped(running: &Running, change: JobChange) -> JobChange {
 }
 
 /// Records the end of a job, however long the database cannot be written: without it the job would seem to run until the next start.
-async fn record_end(
-    service: &Service,
-    job: &JobRecord,
-    running: &Running,
-    event: JobEvent,
-    change: &JobChange,
-) -> Result<bool, Fault> {
+async fn record_end(service: &Service, job: &JobRecord, event: JobEvent, change: &JobChange) -> Result<bool, Fault> {
     let to = next(job.state, event).map_err(|e| illegal(&e))?;
     loop {
         match write(service, job, to, change).await {
@@ -304,7 +329,6 @@ async fn record_end(
                     && !service.stop.is_cancelled() =>
             {
                 tracing::error!(%error, "the end of a job cannot be recorded yet");
-                service.beats.beat(running.worker);
                 pause(service).await;
             }
             written => return Ok(written?),

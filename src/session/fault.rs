@@ -109,6 +109,8 @@ kinds! {
     StorageFull = "storage-full",
     /// The database or the bucket cannot be reached now.
     StoreUnavailable = "store-unavailable",
+    /// The bucket refuses the service, or one of its values.
+    StoreRefuses = "store-refuses",
     /// The job computed for longer than it may.
     DeadlineExceeded = "deadline-exceeded",
     /// The service stopped too often while the job ran.

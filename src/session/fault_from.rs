@@ -37,9 +37,13 @@ impl From<StoreError> for Fault {
                     "it was replaced or deleted while it was read; try again: if that says the same, its file is lost";
                 Self::new(FaultKind::WrongState, detail)
             }
-            StoreError::Unreachable(_) | StoreError::BucketAway(_) | StoreError::BucketRefused(_) => {
+            StoreError::Unreachable(_) | StoreError::BucketAway(_) => {
                 tracing::error!(error = chain(&error), "the store is away");
                 Self::new(FaultKind::StoreUnavailable, format!("{error} now; try again later"))
+            }
+            StoreError::BucketRefused(_) => {
+                tracing::error!(error = chain(&error), "the store refuses");
+                Self::new(FaultKind::StoreRefuses, format!("{error}, or this value; the log says which and why"))
             }
             StoreError::Database(_)
             | StoreError::Bucket(_)

@@ -1,6 +1,7 @@
 //! Milestones as stored, for whoever takes a job over.
 
 use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
 
 use crate::fem::{Checkpoint, FactorOrigin, MotionNumbers};
 use crate::simulate::Milestone;
@@ -14,6 +15,8 @@ pub struct StoredMilestone {
     pub solving_s: f64,
     /// Warnings that no step has.
     pub warnings: Vec<String>,
+    /// Key of what its steps were compared with.
+    pub compared: String,
     /// Where to go on.
     #[serde(with = "MilestoneMembers")]
     pub milestone: Milestone,
@@ -57,22 +60,27 @@ enum FactorOriginMembers {
 }
 
 impl StoredMilestone {
-    /// A milestone of this version.
+    /// A milestone of this version, with the time of the steps up to it, s, and the warnings that no step has.
     #[must_use]
-    pub fn new(milestone: Milestone, solving_s: f64, warnings: Vec<String>) -> Self {
-        Self { version: env!("CARGO_PKG_VERSION").to_owned(), solving_s, warnings, milestone }
+    pub fn new(milestone: Milestone, (solving_s, warnings): (f64, Vec<String>), compared: String) -> Self {
+        Self { version: env!("CARGO_PKG_VERSION").to_owned(), solving_s, warnings, compared, milestone }
     }
 
-    /// Its bytes; `None` where there is no memory for them.
+    /// Its bytes after their SHA-256; `None` where they cannot be written.
     #[must_use]
     pub fn encode(&self) -> Option<Vec<u8>> {
-        postcard::to_allocvec(self).ok()
+        let content = postcard::to_allocvec(self).ok()?;
+        Some([&Sha256::digest(&content), content.as_slice()].concat())
     }
 
     /// Reads what [`StoredMilestone::encode`] wrote in this version; `None` for anything else.
     #[must_use]
     pub fn decode(bytes: &[u8]) -> Option<Self> {
-        let read: Self = postcard::from_bytes(bytes).ok()?;
+        let (sum, content) = bytes.split_first_chunk::<32>()?;
+        if *Sha256::digest(content) != *sum {
+            return None;
+        }
+        let read: Self = postcard::from_bytes(content).ok()?;
         (read.version == env!("CARGO_PKG_VERSION")).then_some(read)
     }
 }
@@ -101,11 +109,16 @@ mod tests {
             known_compliance: vec![vec![3, 4], vec![1]],
         };
         let milestone = Milestone { k: 3, begin: Some(vec![(1, motion)]), solver };
-        let stored = StoredMilestone::new(milestone, 2.5, vec!["told".to_owned()]);
+        let stored = StoredMilestone::new(milestone, (2.5, vec!["told".to_owned()]), "skin".to_owned());
         let bytes = stored.encode().unwrap();
         assert_eq!(StoredMilestone::decode(&bytes).unwrap(), stored);
         assert_eq!(StoredMilestone::decode(&bytes).unwrap().encode().unwrap(), bytes);
-        assert!((0..bytes.len()).all(|n| StoredMilestone::decode(&bytes[..n]).is_none()));
+        for n in 0..bytes.len() {
+            assert!(StoredMilestone::decode(&bytes[..n]).is_none());
+            let mut damaged = bytes.clone();
+            damaged[n] ^= 16;
+            assert!(StoredMilestone::decode(&damaged).is_none(), "byte {n}");
+        }
         let later = StoredMilestone { version: "99.0.0".to_owned(), ..stored };
         assert!(StoredMilestone::decode(&later.encode().unwrap()).is_none());
     }

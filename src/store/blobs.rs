@@ -75,12 +75,14 @@ impl Blobs {
         Ok(())
     }
 
-    /// Whether this process is let write: the name is written again. A place without a name is not asked.
+    /// Whether this process may write and read values: it does so with one of no session.
     pub(super) async fn check_writing(&self) -> Result<(), StoreError> {
-        match self.name().await? {
-            Some(name) => self.set_name(&name).await,
-            None => Ok(()),
-        }
+        let key = fresh_key(SessionId::new());
+        self.objects.put(&key, PutPayload::from_static(b"try")).await?;
+        self.objects.get(&key).await?.bytes().await?;
+        // A sweep finds it where that does not succeed.
+        self.delete(key.as_ref()).await;
+        Ok(())
     }
 
     /// Stores `bytes` for a session.

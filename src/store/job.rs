@@ -287,8 +287,8 @@ impl Claim {
 pub enum Insertion {
     /// It is stored.
     Stored {
-        /// Jobs that made room for it.
-        superseded: Vec<JobId>,
+        /// Jobs that made room for it, with their milestones, which no row names any more.
+        superseded: Vec<(JobId, Option<String>)>,
         /// Jobs that wait before it in its lane.
         before: u32,
     },

@@ -18,6 +18,8 @@ use super::{
 
 /// Longest wait for a bucket that is asked whether it refuses this process.
 const BUCKET_ANSWERS: Duration = Duration::from_secs(2);
+/// Longest wait for the removal of what no row names any more.
+const REMOVED: Duration = Duration::from_secs(2);
 /// Files younger than this may belong to a request that is under way.
 const UNDER_WAY: Duration = Duration::from_secs(2 * 3600);
 
@@ -88,9 +90,15 @@ impl Store {
         Ok(self.quota.saturating_sub(self.meta.session_bytes(session).await?))
     }
 
+    /// Removes blobs that no row names any more. Nobody waits long for it: a sweep finds what is left.
     async fn remove_blobs(&self, keys: Vec<String>) {
-        for key in keys {
-            self.blobs.delete(&key).await;
+        let removed = async {
+            for key in keys {
+                self.blobs.delete(&key).await;
+            }
+        };
+        if tokio::time::timeout(REMOVED, removed).await.is_err() {
+            tracing::warn!("blobs were not removed in time");
         }
     }
 
@@ -337,7 +345,7 @@ impl Store {
         self.sweep(UNDER_WAY).await
     }
 
-    async fn sweep(&self, older_than: Duration) -> Result<usize> {
+    pub(super) async fn sweep(&self, older_than: Duration) -> Result<usize> {
         // Listed before the rows are read: what is stored and named in between is not among the files.
         let found = self.blobs.older_than(older_than).await?;
         if found.is_empty() {
@@ -392,7 +400,7 @@ impl Store {
         }
     }
 
-    /// Whether values can be written, however long that takes to find out.
+    /// Whether values can be written and read, however long that takes to find out.
     ///
     /// # Errors
     /// [`StoreError::BucketAway`], [`StoreError::BucketRefused`].

@@ -3,8 +3,10 @@ use std::sync::Arc;
 use hyper_util::rt::{TokioExecutor, TokioIo};
 use hyper_util::server::conn::auto::Builder;
 use object_store::aws::AmazonS3Builder;
+use s3s::access::{S3Access, S3AccessContext};
 use s3s::auth::SimpleAuth;
 use s3s::service::S3ServiceBuilder;
+use s3s::{S3Result, s3_error};
 use s3s_fs::FileSystem;
 use tempfile::TempDir;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
@@ -23,6 +25,8 @@ pub(crate) enum Mood {
     Away,
     /// 403, as to a key that is not known any more.
     Refusing,
+    /// Takes requests and says nothing.
+    Silent,
 }
 
 /// An S3-compatible store with one bucket, on loopback, served by the runtime of the test.
@@ -30,6 +34,7 @@ pub(crate) enum Mood {
 pub(crate) struct Bucket {
     endpoint: String,
     mood: watch::Sender<Mood>,
+    kept_back: watch::Sender<Option<String>>,
     _files: Arc<TempDir>,
 }
 
@@ -40,6 +45,8 @@ impl Bucket {
         std::fs::create_dir(files.path().join(NAME)).unwrap();
         let mut service = S3ServiceBuilder::new(FileSystem::new(files.path()).unwrap());
         service.set_auth(SimpleAuth::from_single(KEY, SECRET));
+        let (kept_back, policy) = watch::channel(None);
+        service.set_access(Policy(policy));
         let service = service.build();
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let endpoint = format!("http://{}", listener.local_addr().unwrap());
@@ -54,6 +61,10 @@ impl Bucket {
                         Mood::Serving => {}
                         Mood::Away => return refuse(connection, "503 Service Unavailable").await,
                         Mood::Refusing => return refuse(connection, "403 Forbidden").await,
+                        Mood::Silent => {
+                            mood.changed().await.ok();
+                            return;
+                        }
                     }
                     let served = Builder::new(TokioExecutor::new());
                     tokio::select! {
@@ -64,7 +75,12 @@ impl Bucket {
                 });
             }
         });
-        Self { endpoint, mood, _files: files }
+        Self { endpoint, mood, kept_back, _files: files }
+    }
+
+    /// From now on nobody may do anything with the value of this key, as with one that a policy or its encryption keeps back.
+    pub(crate) fn keep_back(&self, key: Option<String>) {
+        self.kept_back.send_replace(key);
     }
 
     /// From now on new connections are answered like this; those that are open break.
@@ -93,6 +109,18 @@ impl Bucket {
     /// Its address, as a service takes it.
     pub(crate) fn url(&self) -> String {
         format!("s3://{NAME}/patients")
+    }
+}
+
+/// All for those who have the key, but for one value.
+struct Policy(watch::Receiver<Option<String>>);
+
+#[async_trait::async_trait]
+impl S3Access for Policy {
+    async fn check(&self, request: &mut S3AccessContext<'_>) -> S3Result<()> {
+        let key = request.s3_path().get_object_key().unwrap_or_default();
+        let kept_back = self.0.borrow().as_ref().is_some_and(|kept| key.ends_with(kept.as_str()));
+        if kept_back || request.credentials().is_none() { Err(s3_error!(AccessDenied)) } else { Ok(()) }
     }
 }
 

@@ -10,6 +10,7 @@ use tokio::runtime::Handle;
 use crate::binary::Server;
 use crate::engines::{Bucket, Cluster, Mood, fresh_database};
 use crate::shapes::skin;
+use prosopon::{export, phantom};
 
 /// `serve`, `serve --no-worker` or `worker`, with leases of two seconds.
 pub(crate) fn start(role: &str, data: &Path, database: &str, bucket: &Bucket) -> Server {
@@ -32,7 +33,7 @@ pub(crate) fn finished(server: &Server, job: &Value) -> Value {
         let view = server.get(&format!("/v1/jobs/{}?wait_s=5", job["id"].as_str().unwrap())).json();
         match view["status"].as_str() {
             Some("accepted" | "running" | "interrupted") => {}
-            None if view["type"] == "/problems/store-unavailable" => {}
+            None if view["type"] == "/problems/store-unavailable" || view["type"] == "/problems/store-refuses" => {}
             _ => return view,
         }
     }
@@ -83,8 +84,8 @@ async fn a_database_and_a_bucket_keep_everything_and_may_be_away_for_a_while() {
     });
 }
 
-/// The demo's plan on the coarse phantom, as the body of a job.
-fn solve(server: &Server) -> Value {
+/// A session with the demo's plan on the coarse phantom, and the body of a job that solves it.
+fn planned(server: &Server) -> (String, Value) {
     let session = server.session_with_field();
     let (osteotomy, jaw) = server.cut(&session);
     let waypoints = json!([{ "t": 1, "translation_mm": [0, -6, -1.5] }]);
@@ -92,7 +93,13 @@ fn solve(server: &Server) -> Value {
     let plan = server.post(&format!("{session}/plans"), &plan).ok()["id"].clone();
     let mesh = json!({ "osteotomy": osteotomy, "edge_mm": 8.0 });
     finished(server, &server.post(&format!("{session}/mesh"), &mesh).ok());
-    server.post(&format!("{session}/jobs"), &json!({ "plan": plan, "model": "mixed", "steps": 16 })).ok()
+    (session, json!({ "plan": plan, "model": "mixed", "steps": 16 }))
+}
+
+/// The job.
+fn solve(server: &Server) -> Value {
+    let (session, request) = planned(server);
+    server.post(&format!("{session}/jobs"), &request).ok()
 }
 
 /// A connection of the test's own to the database.
@@ -105,6 +112,10 @@ impl Rows {
     }
 
     fn count(&mut self, query: &'static str) -> i64 {
+        Handle::current().block_on(sqlx::query_scalar(query).fetch_one(&mut self.0)).unwrap()
+    }
+
+    fn text(&mut self, query: &'static str) -> String {
         Handle::current().block_on(sqlx::query_scalar(query).fetch_one(&mut self.0)).unwrap()
     }
 }
@@ -161,6 +172,64 @@ async fn a_job_goes_on_when_its_worker_is_killed_or_stands_still() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_job_whose_target_is_replaced_while_it_waits_compares_all_its_steps_with_the_new_one() {
+    let bucket = Bucket::start().await;
+    let database = fresh_database().await;
+    tokio::task::block_in_place(move || {
+        let [api_data, first_data, second_data] = std::array::from_fn(|_| tempfile::tempdir().unwrap());
+        let api = start("serve --no-worker", api_data.path(), &database, &bucket);
+        let first = start("worker", first_data.path(), &database, &bucket);
+        let (session, request) = planned(&api);
+        let target = |spacing_mm| {
+            let head = phantom::head();
+            let surface = phantom::surface_of(head.skin.as_ref(), &head.bounds(), spacing_mm).unwrap();
+            api.upload(&format!("{session}/target"), &export::stl(&surface)).ok();
+        };
+        target(4.0);
+        let accept = || api.post(&format!("{session}/jobs"), &request).ok();
+        let job = accept();
+        let mut rows = Rows::open(&database);
+        while rows.count("SELECT count(milestone_blob) FROM jobs") == 0 {}
+        drop(first);
+        target(5.0);
+        let second = start("worker", second_data.path(), &database, &bucket);
+        assert_eq!(finished(&api, &job)["status"], "succeeded");
+        let metrics = String::from_utf8(second.get("/metrics").body).unwrap();
+        assert!(!metrics.contains("prosopon_jobs_resumed_total 1"), "{metrics}");
+        let events = api.get_lines(&format!("/v1/jobs/{}/events", job["id"].as_str().unwrap()));
+        assert!(events.iter().all(|e| e["event"] != "step" || e["data"]["has_error"] == true), "{events:?}");
+        let again = accept();
+        assert_ne!(again["id"], job["id"]);
+        assert_eq!(finished(&api, &again)["status"], "succeeded");
+        assert!(frames(&api, &again) == frames(&api, &job), "values of errors are part of frames");
+    });
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_value_that_the_bucket_keeps_back_fails_only_jobs_that_need_it() {
+    let bucket = Bucket::start().await;
+    let database = fresh_database().await;
+    tokio::task::block_in_place(move || {
+        let [api_data, worker_data] = std::array::from_fn(|_| tempfile::tempdir().unwrap());
+        let api = start("serve --no-worker", api_data.path(), &database, &bucket);
+        let worker = start("worker", worker_data.path(), &database, &bucket);
+        let session = api.session_with_field();
+        bucket.keep_back(Some(Rows::open(&database).text("SELECT blob FROM parts WHERE kind = 'skull'")));
+        let settings = json!({ "spacing_mm": 2.5, "envelope_spacing_mm": 2.5, "envelope_closing_mm": 5.0 });
+        api.put_json(&format!("{session}/field/settings"), &settings).ok();
+        let field = || api.post(&format!("{session}/field"), &json!({})).ok();
+        let ended = finished(&api, &field());
+        assert_eq!((&ended["status"], &ended["attempt"]), (&json!("failed"), &json!(3)), "{ended}");
+        assert_eq!(ended["problem"]["type"], "/problems/store-refuses", "{ended}");
+        // Others are served.
+        assert_eq!((worker.get("/readyz").status, worker.get("/livez").status), (200, 200));
+        api.session_with_field();
+        bucket.keep_back(None);
+        assert_eq!(finished(&api, &field())["status"], "succeeded");
+    });
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_job_is_cancelled_through_a_process_that_does_not_compute_it() {
     let bucket = Bucket::start().await;
     let database = fresh_database().await;
@@ -206,7 +275,7 @@ async fn what_the_store_does_is_no_fault_of_a_job() {
         bucket.set(Mood::Refusing);
         for server in [&api, &workers[0], &workers[1]] {
             while server.get("/readyz").status == 200 {}
-            server.get("/readyz").refused(503, "store-unavailable", "bucket refuses");
+            server.get("/readyz").refused(503, "store-refuses", "bucket");
             assert_eq!(server.get("/livez").status, 200);
         }
         std::thread::sleep(Duration::from_secs(4));

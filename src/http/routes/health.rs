@@ -27,14 +27,17 @@ pub(in crate::http) async fn livez(State(state): State<AppState>) -> Result<&'st
 
 /// Whether requests can be served
 ///
-/// The database answers, the bucket refuses nothing, and the service is not stopping. A bucket that is away for a while does not count: what
-/// needs none is answered, and jobs wait.
+/// The database answers, the bucket refuses neither this process nor what its jobs write, and the service is not stopping. A bucket that is away
+/// for a while does not count: what needs none is answered, and jobs wait.
 #[utoipa::path(get, path = "/readyz", tag = "health", responses((status = 200, description = "they can", body = String)))]
 pub(in crate::http) async fn readyz(State(state): State<AppState>) -> Result<&'static str, Problem> {
     if state.service.is_draining() {
         return Err(Problem::new(FaultKind::ShuttingDown, "the service is stopping"));
     }
     state.service.store().check().await?;
+    if state.service.is_refused() {
+        return Err(Problem::new(FaultKind::StoreRefuses, "the bucket does not let jobs write; the log says more"));
+    }
     Ok("ok\n")
 }
 

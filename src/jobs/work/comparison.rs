@@ -16,8 +16,8 @@ pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
         return Err(changed_meanwhile().into());
     }
     let comparison = Comparison {
-        prediction: load_surface(service, request.prediction).await?,
-        reference: load_surface(service, request.reference).await?.mesh,
+        prediction: context.unless_stopped(load_surface(service, request.prediction)).await?,
+        reference: context.unless_stopped(load_surface(service, request.reference)).await?.mesh,
         reference_name: reference.name,
         mask: (&request.mask).into(),
         exclude: request.exclude.iter().map(Into::into).collect(),

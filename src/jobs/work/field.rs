@@ -13,7 +13,7 @@ pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
     if parts.field_key()? != request.key {
         return Err(changed_meanwhile().into());
     }
-    let case = parts.case(&context.service.store).await?;
+    let case = context.case(&parts).await?;
     let started = Instant::now();
     context.running.set_phase(Phase::Field);
     let (skin, bone, warnings) = context.compute(move |engine, control| engine.fields(&case, control)).await?;

@@ -18,7 +18,7 @@ pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
     }
     let store = &context.service.store;
     let document: CtDocument = read(&ct.document)?;
-    let bytes = store.blobs().get(ct.blob.as_deref().unwrap_or_default()).await?;
+    let bytes = context.get(ct.blob.as_deref().unwrap_or_default()).await?;
     let started = Instant::now();
     context.running.set_phase(Phase::Surfaces);
     let origin = SurfaceOrigin {

@@ -22,7 +22,7 @@ pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
     if tissue.key != request.key {
         return Err(changed_meanwhile().into());
     }
-    let case = parts.case(&context.service.store).await?;
+    let case = context.case(&parts).await?;
     let started = Instant::now();
     context.running.set_phase(Phase::Mesh);
     let built = context.compute(move |engine, control| engine.tissue(&case, &tissue, control)).await;

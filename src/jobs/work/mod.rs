@@ -14,19 +14,20 @@ use std::pin::pin;
 use std::sync::Arc;
 use std::time::Duration;
 
+use axum::body::Bytes;
 use serde::de::DeserializeOwned;
 
 use super::Service;
 use super::running::Running;
 use super::service::panicked;
 use crate::control::Control;
-use crate::session::{Engine, Fault, FaultKind, Halt, SessionParts};
-use crate::store::{BlobInfo, JobKind, JobRecord, Lane, OsteotomyId, PartKind, PartRecord, now_rfc3339};
+use crate::session::{Case, Engine, Fault, FaultKind, Halt, SessionParts};
+use crate::store::{BlobInfo, JobKind, JobRecord, Lane, OsteotomyId, PartKind, PartRecord, StepRecord, now_rfc3339};
 
 /// Share of a job that computes; the rest writes the results.
 const COMPUTING: f64 = 0.99;
 
-/// Longest time that a write goes on after the job should stop.
+/// Longest time that the store is waited for after the job should stop.
 const STOP_SEEN: Duration = Duration::from_millis(250);
 
 /// What a job leaves in its row.
@@ -85,17 +86,44 @@ impl Context {
         done.map_err(|_| panicked())?
     }
 
-    /// Stores a large value for the job's session, unless it should stop: a bucket that is away is waited for by those who want what is
-    /// stored.
-    async fn put(&self, bytes: Vec<u8>) -> Result<BlobInfo, Halt> {
-        let mut put = pin!(self.service.store.blobs().put(self.job.session, bytes));
+    /// What the store does for the job, unless it should stop: a bucket that is away is waited for by those who want what comes of it.
+    async fn unless_stopped<T, E>(&self, work: impl Future<Output = Result<T, E>>) -> Result<T, Halt>
+    where
+        Halt: From<E>,
+    {
+        let mut work = pin!(work);
         loop {
-            match tokio::time::timeout(STOP_SEEN, &mut put).await {
-                Ok(stored) => return Ok(stored?),
+            match tokio::time::timeout(STOP_SEEN, &mut work).await {
+                Ok(done) => return Ok(done?),
                 Err(_) if self.running.control.is_cancelled() => return Err(Halt::Cancelled),
                 Err(_) => {}
             }
         }
+    }
+
+    /// Stores a large value for the job's session.
+    async fn put(&self, bytes: Vec<u8>) -> Result<BlobInfo, Halt> {
+        self.unless_stopped(self.service.store.blobs().put(self.job.session, bytes)).await
+    }
+
+    /// A large value.
+    async fn get(&self, key: &str) -> Result<Bytes, Halt> {
+        self.unless_stopped(self.service.store.blobs().get(key)).await
+    }
+
+    /// What the numerics work on.
+    async fn case(&self, parts: &SessionParts) -> Result<Case, Halt> {
+        self.unless_stopped(parts.case(&self.service.store)).await
+    }
+
+    /// Steps of the job, which are all there.
+    async fn all_steps(&self) -> Result<Vec<StepRecord>, Halt> {
+        let steps = self.service.store.steps(self.job.id).await?;
+        if !steps.iter().map(|step| step.k).eq(1..=self.job.steps) {
+            tracing::error!(found = steps.len(), of = self.job.steps, "steps are missing");
+            return Err(Fault::new(FaultKind::Internal, "steps are missing; the log says more").into());
+        }
+        Ok(steps)
     }
 
     /// What is wrong with cuts is the osteotomy's, which the request names at `pointer`, itself or through its plan.

@@ -6,14 +6,14 @@ use tokio::sync::mpsc;
 
 use super::report::{inputs, step_documents, step_warnings};
 use super::solve::{milestone, write_steps};
-use super::solve_watch::{FinishedStep, SolveWatch};
+use super::solve_watch::{Beginning, FinishedStep, SolveWatch};
 use super::{Context, Done, changed_meanwhile, to_json};
 use crate::import::volume_mesh;
 use crate::jobs::requests::SceneRequest;
 use crate::jobs::running::Phase;
 use crate::session::{
     Fault, FaultKind, Halt, PhasesDocument, ReportDocument, SceneBones, SceneRun, SceneSolved, SessionParts,
-    StoredMilestone, import_fault, load_mesh, stored_cuts,
+    import_fault, load_mesh, stored_cuts,
 };
 use crate::simulate::{OuterSurface, ReadyMesh};
 use crate::store::{PartKind, encode_mesh, now_rfc3339};
@@ -26,7 +26,7 @@ pub(super) async fn perform(context: &Context, request: &SceneRequest) -> Result
         return Err(changed_meanwhile().into());
     }
     let store = &context.service.store;
-    let bytes = store.blobs().get(tissue.blob.as_deref().unwrap_or_default()).await?;
+    let bytes = context.get(tissue.blob.as_deref().unwrap_or_default()).await?;
     let bones = bones(context, &parts, request).await?;
     let limits = context.service.settings.import;
     let read = context.compute(move |_, _| {
@@ -39,7 +39,9 @@ pub(super) async fn perform(context: &Context, request: &SceneRequest) -> Result
     let (volume, rest) = read.await?;
     let rest = context.put(rest).await?;
     context.service.persist(|| store.set_rest(&context.job, &rest)).await?;
-    let before = milestone(context).await?;
+    // Its steps are compared with nothing.
+    let compared = String::new();
+    let before = milestone(context, &compared).await?;
     let run = SceneRun {
         volume,
         bones,
@@ -52,7 +54,8 @@ pub(super) async fn perform(context: &Context, request: &SceneRequest) -> Result
     };
 
     let (sender, receiver) = mpsc::channel(2);
-    let (solved, written) = tokio::join!(compute(context, run, before, sender), write_steps(context, receiver));
+    let beginning = Beginning { before, compared };
+    let (solved, written) = tokio::join!(compute(context, run, beginning, sender), write_steps(context, receiver));
     // A failed write cancels the solver: its reason is the one to tell.
     written?;
     let (solved, solving) = solved.map_err(|halt| context.cuts_of(request.osteotomy_id, "/plan", halt))?;
@@ -71,9 +74,8 @@ pub(super) async fn perform(context: &Context, request: &SceneRequest) -> Result
 
 /// The segments of the plan's osteotomy, else the bones that were uploaded.
 async fn bones(context: &Context, parts: &SessionParts, request: &SceneRequest) -> Result<SceneBones, Halt> {
-    let store = &context.service.store;
     if let Some(cuts) = &request.cuts {
-        let case = Box::new(parts.case(store).await?);
+        let case = Box::new(context.case(parts).await?);
         if case.key != request.field_key {
             return Err(changed_meanwhile().into());
         }
@@ -81,7 +83,7 @@ async fn bones(context: &Context, parts: &SessionParts, request: &SceneRequest) 
     }
     let mut surfaces = Vec::new();
     for (segment, part) in parts.bones() {
-        surfaces.push((segment, load_mesh(store, part).await?));
+        surfaces.push((segment, context.unless_stopped(load_mesh(&context.service.store, part)).await?));
     }
     if request.bones != parts.bone_keys() {
         return Err(changed_meanwhile().into());
@@ -92,13 +94,13 @@ async fn bones(context: &Context, parts: &SessionParts, request: &SceneRequest) 
 async fn compute(
     context: &Context,
     run: SceneRun,
-    before: Option<StoredMilestone>,
+    beginning: Beginning,
     steps: mpsc::Sender<FinishedStep>,
 ) -> Result<(SceneSolved, Duration), Halt> {
     let running = Arc::clone(&context.running);
     context
         .compute(move |engine, control| {
-            let mut watch = SolveWatch::new(engine, control.part(0.0, 0.0), running, steps, before.as_ref());
+            let mut watch = SolveWatch::new(engine, control.part(0.0, 0.0), running, steps, beginning);
             let solved = engine.solve_scene(&run, control, &mut watch)?;
             Ok((solved, watch.solving + watch.step_began.elapsed()))
         })
@@ -112,13 +114,14 @@ async fn report(
     solved: &SceneSolved,
     solving: Duration,
 ) -> Result<ReportDocument, Halt> {
-    let steps = step_documents(&context.service.store.steps(context.job.id).await?)?;
+    let steps = step_documents(&context.all_steps().await?)?;
     let told = context.running.own_warnings();
-    // The scene hands on those of its steps.
+    // The scene hands on those of its steps, which are told with their numbers.
+    let of_steps = |w: &String| steps.iter().any(|step| step.warnings.contains(w));
     let mut warnings = told.clone();
-    warnings.extend(solved.warnings.iter().filter(|w| !told.contains(w)).cloned());
+    warnings.extend(solved.warnings.iter().filter(|w| !told.contains(w) && !of_steps(w)).cloned());
     warnings.extend(request.cut_warnings.iter().chain(&request.ready.warnings).cloned());
-    warnings.extend(step_warnings(&steps, &warnings));
+    warnings.extend(step_warnings(&steps, &told));
     let solve_s = solving.as_secs_f64();
     let mut parameters = request.physics.parameters();
     for (name, value) in [

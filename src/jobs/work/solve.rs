@@ -5,14 +5,14 @@ use tokio::sync::mpsc;
 
 use super::compare::Reference;
 use super::report::{Ingredients, compile, step_documents};
-use super::solve_watch::{FinishedStep, SolveWatch};
+use super::solve_watch::{Beginning, FinishedStep, SolveWatch};
 use super::{Context, Done, changed_meanwhile, scene, to_json};
 use crate::jobs::requests::{SolveKind, SolveRequest};
 use crate::jobs::running::{Phase, step_warning};
 use crate::jobs::service::warning_event;
-use crate::session::{Fault, Halt, Run, StoredMilestone, stored_cuts};
+use crate::session::{Fault, Halt, Run, SessionParts, StoredMilestone, key_of, stored_cuts};
 use crate::simulate::Outcome;
-use crate::store::{StepRecord, StoreError, encode_mesh};
+use crate::store::{PartKind, StepRecord, StoreError, encode_mesh};
 
 /// Share of the computing that the steps take.
 const SOLVING: f64 = 0.98;
@@ -41,26 +41,28 @@ async fn on_case(context: &Context, request: SolveRequest) -> Result<Done, Halt>
         return Err(changed_meanwhile().into());
     }
     let store = &context.service.store;
-    let case = parts.case(store).await?;
+    let case = context.case(&parts).await?;
     let rest = context.put(encode_mesh(&case.anatomy.skin)).await?;
     context.service.persist(|| store.set_rest(&context.job, &rest)).await?;
-    let reference = Reference::load(context, &parts, &request).await?;
+    let reference = context.unless_stopped(Reference::load(context, &parts, &request)).await?;
     let settings = request.settings(&case.anatomy.skull)?;
     let after = request.warm_start.as_ref().map(|before| before.earlier()).transpose()?.map(Box::new);
-    let before = milestone(context).await?;
+    let compared = compared_with(&parts);
+    let before = milestone(context, &compared).await?;
     let (cuts, plan) = (stored_cuts(&request.cuts)?, request.plan.plan()?);
     let goes_on = before.as_ref().map(|before| before.milestone.clone());
     let run = Run { case, cuts, tissue, plan, settings, after, milestone: goes_on };
 
     let (sender, receiver) = mpsc::channel(2);
-    let computing = compute(context, run, request.tissue, reference, before, sender);
+    let beginning = Beginning { before, compared };
+    let computing = compute(context, run, request.tissue, reference, beginning, sender);
     let (solved, written) = tokio::join!(computing, write_steps(context, receiver));
     // A failed write cancels the solver: its reason is the one to tell.
     written?;
     let solved = solved.map_err(|halt| context.cuts_of(Some(request.osteotomy_id), "/plan", halt))?;
 
     context.running.set_phase(Phase::Writing);
-    let steps = store.steps(context.job.id).await?;
+    let steps = context.all_steps().await?;
     let tissue = match solved.tissue {
         Some(file) => Some(context.put(file).await?),
         None => None,
@@ -86,7 +88,7 @@ async fn compute(
     run: Run,
     tissue: bool,
     reference: Option<Reference>,
-    before: Option<StoredMilestone>,
+    beginning: Beginning,
     steps: mpsc::Sender<FinishedStep>,
 ) -> Result<Solved, Halt> {
     let running = Arc::clone(&context.running);
@@ -97,7 +99,7 @@ async fn compute(
             let in_face = |p| regions.iter().any(|r| r.bounds.contains(p));
             let mask = run.case.anatomy.skin.positions().iter().map(in_face).collect();
             let cancel = control.part(0.0, 0.0);
-            let watch = SolveWatch::new(engine, cancel, running, steps, before.as_ref());
+            let watch = SolveWatch::new(engine, cancel, running, steps, beginning);
             let mut watch = SolveWatch { reference, regions, mask, ..watch };
             let outcome = engine.solve(&run, &control.part(0.0, SOLVING), &mut watch)?;
             let solving = watch.solving + watch.step_began.elapsed();
@@ -109,23 +111,39 @@ async fn compute(
         .await
 }
 
-/// What an earlier attempt left to go on with; one that cannot be read costs the time to solve its steps again, and nothing else.
-pub(super) async fn milestone(context: &Context) -> Result<Option<StoredMilestone>, Halt> {
+/// Key of what steps of a session are compared with and where, which may be replaced while a job waits.
+fn compared_with(parts: &SessionParts) -> String {
+    key_of(&[PartKind::Target, PartKind::Landmarks].map(|kind| parts.get(kind).map_or("", |part| part.key.as_str())))
+}
+
+/// What an earlier attempt left to go on with; one that does not serve costs the time to solve its steps again, and nothing else.
+pub(super) async fn milestone(context: &Context, compared: &str) -> Result<Option<StoredMilestone>, Halt> {
     let Some(key) = &context.job.milestone_blob else { return Ok(None) };
     let store = &context.service.store;
-    let bytes = match store.blobs().get(key).await {
-        Err(StoreError::BlobGone { .. }) => None,
-        read => Some(read?),
+    let read = async {
+        match store.blobs().get(key).await {
+            Err(StoreError::BlobGone { .. }) => Ok(None),
+            read => read.map(Some),
+        }
     };
+    let bytes = context.unless_stopped(read).await?;
     let Some(before) = bytes.and_then(|bytes| StoredMilestone::decode(&bytes)) else {
-        tracing::warn!(key, "the job's milestone is gone or another version's: all steps are solved again");
+        tracing::warn!(key, "the job's milestone is gone, damaged or another version's: all steps are solved again");
         return Ok(None);
     };
-    for step in step_documents(&store.steps(context.job.id).await?)? {
-        // Those of later steps are told when they are solved again.
-        if step.k as usize <= before.milestone.k {
-            step.warnings.iter().for_each(|warning| context.running.warn_of_step(step.k, warning));
-        }
+    if before.compared != compared {
+        tracing::info!("what steps are compared with was replaced: all steps are solved again");
+        return Ok(None);
+    }
+    let steps = step_documents(&store.steps(context.job.id).await?)?;
+    let k = before.milestone.k as u32;
+    if !(1..context.job.steps).contains(&k) || !steps.iter().map(|step| step.k).take_while(|n| *n <= k).eq(1..=k) {
+        tracing::warn!(step = k, found = steps.len(), "steps before the milestone are missing: all are solved again");
+        return Ok(None);
+    }
+    // Those of later steps are told when they are solved again.
+    for step in steps.iter().take_while(|step| step.k <= k) {
+        step.warnings.iter().for_each(|warning| context.running.warn_of_step(step.k, warning));
     }
     metrics::counter!("prosopon_jobs_resumed_total").increment(1);
     tracing::info!(step = before.milestone.k, steps = context.job.steps, "the job goes on after a step");

@@ -24,6 +24,15 @@ pub(super) struct FinishedStep {
     pub(super) milestone: Option<Vec<u8>>,
 }
 
+/// Where a solve begins.
+#[derive(Debug)]
+pub(super) struct Beginning {
+    /// The milestone of an earlier attempt; rest where there is none.
+    pub(super) before: Option<StoredMilestone>,
+    /// Key of what its steps are compared with.
+    pub(super) compared: String,
+}
+
 /// Compares and encodes each frame on the pool and hands it to the writer; waits when the writer is behind.
 pub(super) struct SolveWatch<'a> {
     pub(super) engine: &'a dyn Engine,
@@ -35,6 +44,10 @@ pub(super) struct SolveWatch<'a> {
     pub(super) regions: Vec<FaceRegion>,
     pub(super) mask: Vec<bool>,
     pub(super) warnings: Vec<String>,
+    /// Number of the step that it goes on after; 0 at rest.
+    pub(super) after: u32,
+    /// Key of what steps are compared with.
+    pub(super) compared: String,
     /// When the present step began.
     pub(super) step_began: Instant,
     /// Time of all steps, without comparing and writing.
@@ -44,14 +57,18 @@ pub(super) struct SolveWatch<'a> {
 }
 
 impl<'a> SolveWatch<'a> {
-    /// Watches a solve from its beginning, or from the milestone of an earlier attempt.
+    /// Watches a solve from its beginning.
     pub(super) fn new(
         engine: &'a dyn Engine,
         cancel: Control,
         running: Arc<Running>,
         steps: mpsc::Sender<FinishedStep>,
-        before: Option<&StoredMilestone>,
+        Beginning { before, compared }: Beginning,
     ) -> Self {
+        let (after, solving_s, warnings) = match before {
+            Some(before) => (before.milestone.k as u32, before.solving_s.clamp(0.0, 1e6), before.warnings),
+            None => (0, 0.0, Vec::new()),
+        };
         Self {
             engine,
             cancel,
@@ -60,9 +77,11 @@ impl<'a> SolveWatch<'a> {
             reference: None,
             regions: Vec::new(),
             mask: Vec::new(),
-            warnings: before.map(|before| before.warnings.clone()).unwrap_or_default(),
+            warnings,
+            after,
+            compared,
             step_began: Instant::now(),
-            solving: Duration::from_secs_f64(before.map_or(0.0, |before| before.solving_s.clamp(0.0, 1e6))),
+            solving: Duration::from_secs_f64(solving_s),
             milestone_made: Instant::now(),
         }
     }
@@ -73,7 +92,8 @@ impl<'a> SolveWatch<'a> {
             return None;
         }
         self.milestone_made = Instant::now();
-        StoredMilestone::new(milestone()?, self.solving.as_secs_f64(), self.warnings.clone()).encode()
+        let told = (self.solving.as_secs_f64(), self.warnings.clone());
+        StoredMilestone::new(milestone()?, told, self.compared.clone()).encode()
     }
 
     fn compare(&mut self, k: u32, frame: &Frame) -> Option<(ErrorDocument, Vec<f32>)> {
@@ -103,6 +123,10 @@ impl RunWatch for SolveWatch<'_> {
 
     fn frame(&mut self, frame: Frame, milestone: &dyn Fn() -> Option<Milestone>) {
         let taken = self.step_began.elapsed();
+        if frame.k as u32 <= self.after {
+            // What it was to go on with did not fit.
+            (self.after, self.solving, self.warnings) = (0, Duration::ZERO, Vec::new());
+        }
         self.solving += taken;
         let document = StepDocument::new(&frame, taken.as_secs_f64());
         let compared = self.compare(document.k, &frame);

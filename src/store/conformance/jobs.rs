@@ -107,7 +107,10 @@ async fn a_newer_job_takes_the_place_of_waiting_ones(store: Store) {
     elsewhere.subject = Some("another plan".to_owned());
     insert(&store, &elsewhere, MANY, false).await;
     let newer = job(id, "4");
-    assert_eq!(insert(&store, &newer, MANY, true).await, Insertion::Stored { superseded: vec![waiting], before: 1 });
+    assert_eq!(
+        insert(&store, &newer, MANY, true).await,
+        Insertion::Stored { superseded: vec![(waiting, None)], before: 1 }
+    );
     let old = store.job(waiting).await.unwrap().unwrap();
     assert_eq!((old.state, old.superseded_by), (JobState::Cancelled, Some(newer.id)));
     assert!(old.finished_at.is_some());
@@ -238,10 +241,24 @@ async fn a_milestone_is_there_for_who_takes_a_job_over_and_goes_with_its_end(sto
     assert!(matches!(store.set_milestone(&first, &three).await, Err(StoreError::SessionGone)));
     assert!(store.blobs().get(&three.key).await.is_err());
     assert_eq!((store.session_bytes(id).await.unwrap(), store.sweep_old().await.unwrap()), (0, 0));
+    // Said again by the first, which was not told that it is named.
+    assert!(matches!(store.set_milestone(&first, &two).await, Err(StoreError::SessionGone)));
     assert_eq!(store.blobs().get(&two.key).await.unwrap().as_ref(), b"2");
     assert!(store.change_job(&second, JobState::Succeeded, &JobChange::default()).await.unwrap());
     assert_eq!(store.job(first.id).await.unwrap().unwrap().milestone_blob, None);
     assert!(store.blobs().get(&two.key).await.is_err());
+
+    accept(&store, id, "2").await;
+    let mut row = claim(&store).await.unwrap();
+    let four = blob(&store, id, b"4").await;
+    store.set_milestone(&row, &four).await.unwrap();
+    for to in [JobState::Interrupted, JobState::Accepted] {
+        assert!(store.change_job(&row, to, &JobChange::default()).await.unwrap());
+        row = store.job(row.id).await.unwrap().unwrap();
+    }
+    let superseded = vec![(row.id, Some(four.key.clone()))];
+    assert_eq!(insert(&store, &job(id, "3"), MANY, true).await, Insertion::Stored { superseded, before: 0 });
+    assert!(store.blobs().get(&four.key).await.is_err());
 }
 
 async fn events_count_up_and_old_ones_go(store: Store) {

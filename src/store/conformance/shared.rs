@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use futures::future::join_all;
 
-use super::engines::{Bucket, Cluster, fresh_database};
+use super::engines::{Bucket, Cluster, Mood, fresh_database};
 use super::*;
 
 #[tokio::test]
@@ -270,6 +270,25 @@ async fn a_server_that_was_away_is_told_so_and_used_again() {
         }
     };
     assert!(matches!(gone, StoreError::Unreachable(_)), "{gone:?}");
+}
+
+#[tokio::test]
+async fn a_bucket_that_says_nothing_holds_up_no_change_of_rows() {
+    let (database, bucket) = (fresh_database().await, Bucket::start().await);
+    let directory = tempfile::tempdir().unwrap();
+    let store = open_shared(directory.path(), &database, &bucket).await;
+    let id = add_session(&store, "a").await.id;
+    accept(&store, id, "1").await;
+    let running = claim(&store).await.unwrap();
+    let milestone = blob(&store, id, b"1").await;
+    store.set_milestone(&running, &milestone).await.unwrap();
+    bucket.set(Mood::Silent);
+    let change = JobChange::default();
+    let end = store.change_job(&running, JobState::Succeeded, &change);
+    // The bucket's own patience is a minute.
+    assert!(tokio::time::timeout(Duration::from_secs(20), end).await.expect("it waits for the bucket").unwrap());
+    bucket.set(Mood::Serving);
+    assert_eq!(store.sweep(Duration::ZERO).await.unwrap(), 1, "what could not be removed goes later");
 }
 
 #[tokio::test]

@@ -79,7 +79,7 @@ impl Rows {
         jobs
     }
 
-    fn supersede(&mut self, new: &NewJob<'_>) -> Vec<JobId> {
+    fn supersede(&mut self, new: &NewJob<'_>) -> Vec<(JobId, Option<String>)> {
         let (Some(supersede), Some(_)) = (&new.supersede, &new.job.subject) else { return Vec::new() };
         let replaced = |j: &JobRecord| {
             j.session == new.job.session
@@ -87,8 +87,9 @@ impl Rows {
                 && j.subject == new.job.subject
                 && j.state == supersede.from
         };
-        let old: Vec<JobId> = self.in_order_of_number().into_iter().filter(replaced).map(|j| j.id).collect();
-        for id in &old {
+        let old = self.in_order_of_number().into_iter().filter(replaced);
+        let old: Vec<(JobId, Option<String>)> = old.map(|j| (j.id, j.milestone_blob)).collect();
+        for (id, _) in &old {
             let change = JobChange { events: vec![supersede.event.clone()], ..JobChange::default() };
             self.write_change(*id, supersede.to, &change);
             if let Some(job) = self.jobs.get_mut(id) {

@@ -110,7 +110,7 @@ async fn twin(transaction: &mut Transaction<'_>, new: &NewJob<'_>) -> Result<Opt
     row.as_ref().map(jobs::record).transpose()
 }
 
-async fn supersede(transaction: &mut Transaction<'_>, new: &NewJob<'_>) -> Result<Vec<JobId>> {
+async fn supersede(transaction: &mut Transaction<'_>, new: &NewJob<'_>) -> Result<Vec<(JobId, Option<String>)>> {
     let (Some(supersede), Some(subject)) = (&new.supersede, &new.job.subject) else { return Ok(Vec::new()) };
     let rows = format!(
         "SELECT * FROM jobs WHERE session = $1 AND kind = $2 AND subject = $3 AND state = $4 ORDER BY id {FOR_CHANGE}"
@@ -132,7 +132,7 @@ async fn supersede(transaction: &mut Transaction<'_>, new: &NewJob<'_>) -> Resul
             .bind(old.id.to_string())
             .execute(&mut **transaction)
             .await?;
-        superseded.push(old.id);
+        superseded.push((old.id, old.milestone_blob));
     }
     Ok(superseded)
 }

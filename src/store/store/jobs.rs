@@ -16,7 +16,11 @@ impl Store {
     /// # Errors
     /// [`StoreError::SessionGone`](crate::store::StoreError::SessionGone), [`StoreError::KeyTaken`](crate::store::StoreError::KeyTaken).
     pub async fn insert_job(&self, new: &NewJob<'_>) -> Result<Insertion> {
-        self.meta.insert_job(new).await
+        let insertion = self.meta.insert_job(new).await?;
+        if let Insertion::Stored { superseded, .. } = &insertion {
+            self.remove_blobs(superseded.iter().filter_map(|(_, milestone)| milestone.clone()).collect()).await;
+        }
+        Ok(insertion)
     }
 
     /// A job, if it is there.
@@ -146,7 +150,11 @@ impl Store {
                 Ok(())
             }
             Err(error) => {
-                self.remove_refused(&error, vec![blob.key.clone()]).await;
+                // An earlier call, whose answer was lost, may have named it.
+                let named = |row: Option<JobRecord>| row.and_then(|row| row.milestone_blob).as_ref() == Some(&blob.key);
+                if self.job(job.id).await.is_ok_and(|row| !named(row)) {
+                    self.remove_refused(&error, vec![blob.key.clone()]).await;
+                }
                 Err(error)
             }
         }

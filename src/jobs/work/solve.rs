@@ -122,13 +122,16 @@ pub(super) async fn milestone(context: &Context, compared: &str) -> Result<Optio
     let store = &context.service.store;
     let read = async {
         match store.blobs().get(key).await {
-            Err(StoreError::BlobGone { .. }) => Ok(None),
+            Err(StoreError::BlobGone { .. } | StoreError::BucketRefused(_)) => Ok(None),
             read => read.map(Some),
         }
     };
     let bytes = context.unless_stopped(read).await?;
     let Some(before) = bytes.and_then(|bytes| StoredMilestone::decode(&bytes)) else {
-        tracing::warn!(key, "the job's milestone is gone, damaged or another version's: all steps are solved again");
+        tracing::warn!(
+            key,
+            "the job's milestone cannot be had, or is damaged or another version's: all steps are solved again"
+        );
         return Ok(None);
     };
     if before.compared != compared {

@@ -198,9 +198,12 @@ async fn steps_are_kept_and_the_same_one_is_told_once(store: Store) {
     let frame = blob(&store, id, b"frame").await;
     assert_eq!(store.commit_step(&running, &step(1, &frame), &told).await.unwrap(), StepWritten::New(None));
     let same = blob(&store, id, b"frame").await;
-    assert_eq!(store.commit_step(&running, &step(1, &same), &told).await.unwrap(), StepWritten::Same);
+    // The regions of the face may be others by now.
+    let again = StepRecord { error: Some("{}".to_owned()), ..step(1, &same) };
+    assert_eq!(store.commit_step(&running, &again, &told).await.unwrap(), StepWritten::Same);
     assert!(store.blobs().get(&same.key).await.is_err());
-    assert_eq!(store.step(running.id, 1).await.unwrap().unwrap().blob, frame.key);
+    let kept = store.step(running.id, 1).await.unwrap().unwrap();
+    assert_eq!((kept.blob, kept.error), (frame.key.clone(), again.error));
     let other = blob(&store, id, b"other").await;
     let replaced = store.commit_step(&running, &step(1, &other), &told).await.unwrap();
     assert_eq!(replaced, StepWritten::New(Some(frame.key.clone())));

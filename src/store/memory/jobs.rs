@@ -257,7 +257,8 @@ impl Rows {
         quota: u64,
     ) -> Result<StepWritten> {
         let session = self.running(job, fence).ok_or(StoreError::SessionGone)?.record.session;
-        if self.steps.get(&(job, step.k)).is_some_and(|old| old.sha256 == step.sha256) {
+        if let Some(old) = self.steps.get_mut(&(job, step.k)).filter(|old| old.sha256 == step.sha256) {
+            old.error.clone_from(&step.error);
             return Ok(StepWritten::Same);
         }
         let old = self.steps.insert((job, step.k), step.clone());

@@ -29,7 +29,12 @@ pub(super) async fn commit(
     match &old {
         // Written before, by a call whose answer was lost.
         Some((blob, _)) if *blob == step.blob => return Ok(StepWritten::New(None)),
-        Some((_, sha256)) if *sha256 == step.sha256 => return Ok(StepWritten::Same),
+        Some((_, sha256)) if *sha256 == step.sha256 => {
+            let error = sqlx::query("UPDATE steps SET error = $1 WHERE job = $2 AND k = $3").bind(&step.error);
+            error.bind(job.to_string()).bind(i64::from(step.k)).execute(&mut *transaction).await?;
+            transaction.commit().await?;
+            return Ok(StepWritten::Same);
+        }
         _ => {}
     }
     sqlx::query(

@@ -163,7 +163,7 @@ impl Store {
     // ---- steps and events ----
 
     /// Makes a step visible: its row and its events in one transaction, after the frame is on disk. A frame that an earlier
-    /// attempt left the same is kept, another one replaced.
+    /// attempt left the same is kept with what this one says of its errors, another one replaced.
     ///
     /// # Errors
     /// [`StoreError::SessionGone`](crate::store::StoreError::SessionGone) when the job is not there or not running any more, [`StoreError::QuotaFull`](crate::store::StoreError::QuotaFull).

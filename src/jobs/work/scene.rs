@@ -119,8 +119,11 @@ async fn report(
     // The scene hands on those of its steps, which are told with their numbers.
     let of_steps = |w: &String| steps.iter().any(|step| step.warnings.contains(w));
     let mut warnings = told.clone();
-    warnings.extend(solved.warnings.iter().filter(|w| !told.contains(w) && !of_steps(w)).cloned());
-    warnings.extend(request.cut_warnings.iter().chain(&request.ready.warnings).cloned());
+    for warning in solved.warnings.iter().chain(&request.cut_warnings).chain(&request.ready.warnings) {
+        if !warnings.contains(warning) && !of_steps(warning) {
+            warnings.push(warning.clone());
+        }
+    }
     warnings.extend(step_warnings(&steps, &told));
     let solve_s = solving.as_secs_f64();
     let mut parameters = request.physics.parameters();

@@ -64,6 +64,19 @@ impl Service {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::jobs::running::Running;
+    use crate::store::{JobKind, JobRecord, Lane, SessionId};
+
+    #[test]
+    fn work_that_is_over_ignores_no_stop() {
+        let job = JobRecord::accepted(JobKind::Field, SessionId::new(), String::new());
+        let running = Running::new(&job, Worker { lane: Lane::Heavy, number: 0 }, Duration::from_secs(60));
+        assert!(running.ignoring_stop().is_zero());
+        running.control.cancel();
+        while running.ignoring_stop().is_zero() {}
+        running.close();
+        assert!(running.ignoring_stop().is_zero(), "its end may wait for a store");
+    }
 
     #[test]
     fn a_worker_that_does_not_beat_is_silent() {

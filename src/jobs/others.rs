@@ -2,12 +2,12 @@
 
 use std::convert::Infallible;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use super::Service;
 use super::running::Running;
 use super::worker::recover;
-use crate::store::{JobRecord, Lane};
+use crate::store::{JobRecord, Lane, StoreError};
 
 /// Longest time without a look at what others did: word of it may be lost.
 const LOOK_EVERY: Duration = Duration::from_secs(2);
@@ -15,6 +15,8 @@ const LOOK_EVERY: Duration = Duration::from_secs(2);
 const PAUSE: Duration = Duration::from_millis(100);
 /// Longest time between two renewals of a lease: by one a worker learns that its job shall stop.
 const RENEW_EVERY: Duration = Duration::from_secs(1);
+/// How often one looks again for a sign of a worker's life before its job is taken from it.
+const LOOKS: u32 = 2;
 
 /// Passes on that others may have changed something, until the service stops.
 pub(super) async fn follow(service: Arc<Service>) {
@@ -46,40 +48,44 @@ pub(super) async fn follow(service: Arc<Service>) {
     }
 }
 
-/// Takes over jobs whose workers have not been heard of, until the service stops. Where the database was silent the workers could not be heard:
-/// they have time to renew their leases before anything is taken from them.
+/// Takes over jobs whose workers have not been heard of, until the service stops.
 pub(super) async fn take_over(service: Arc<Service>) {
-    let lease = service.settings.lease;
-    let (mut heard_since, mut was_slow) = (Instant::now(), false);
     loop {
         tokio::select! {
-            () = tokio::time::sleep(lease / 4) => {}
+            () = tokio::time::sleep(service.settings.lease / 4) => {}
             () = service.stop.cancelled() => return,
         }
-        let asked = Instant::now();
-        let taken = async {
-            let abandoned = service.store.abandoned().await?;
-            let slow = asked.elapsed() > lease / 4;
-            // One that is always slow is heard all the same.
-            if slow && !was_slow {
-                heard_since = Instant::now();
-            }
-            was_slow = slow;
-            let trusted = heard_since.elapsed() >= lease / 2;
-            recover(&service, if trusted { abandoned } else { Vec::new() }).await
-        };
+        let taken = async { recover(&service, silent(&service).await?).await };
         if let Err(fault) = taken.await {
-            heard_since = Instant::now();
             tracing::error!(detail = fault.detail, "jobs that others left cannot be taken over");
         }
     }
 }
 
+/// Jobs whose leases have passed and of which nothing is heard while the database answers several times. A lease that has passed says nothing
+/// by itself: the database may have been silent, or each of its answers takes long.
+async fn silent(service: &Service) -> Result<Vec<JobRecord>, StoreError> {
+    let lease = service.settings.lease;
+    let mut silent = service.store.abandoned().await?;
+    for _ in 0..LOOKS {
+        if silent.is_empty() || service.stop.is_cancelled() {
+            return Ok(Vec::new());
+        }
+        tokio::time::sleep(renew_every(lease).max(lease / 8)).await;
+        let still = service.store.abandoned().await?;
+        silent.retain(|job| still.contains(job));
+    }
+    Ok(silent)
+}
+
+fn renew_every(lease: Duration) -> Duration {
+    RENEW_EVERY.min(lease / 4)
+}
+
 /// Keeps a job its worker's, and stops it when it was lost, or when another process was asked to stop it.
 pub(super) async fn keep_lease(service: &Service, job: &JobRecord, running: &Running) -> Infallible {
-    let every = RENEW_EVERY.min(service.settings.lease / 4);
     while service.store.is_shared() {
-        tokio::time::sleep(every).await;
+        tokio::time::sleep(renew_every(service.settings.lease)).await;
         match service.store.renew(job, service.settings.lease).await {
             Ok(Some(false)) => {}
             Ok(Some(true)) => _ = running.request_cancel(),

@@ -189,9 +189,9 @@ impl Running {
         true
     }
 
-    /// From now on the job ends as its work says. False when it was cancelled before.
+    /// The work is over, and from now on the job ends as it says. False when it was cancelled before.
     pub(super) fn close(&self) -> bool {
-        self.ending.compare_exchange(OPEN, CLOSED, Ordering::AcqRel, Ordering::Acquire).is_ok()
+        self.ending.swap(CLOSED, Ordering::AcqRel) == OPEN
     }
 
     /// Whether its work is of this session or reads it.
@@ -201,7 +201,7 @@ impl Running {
 
     /// How long the work has gone on although it should stop.
     pub(super) fn ignoring_stop(&self) -> Duration {
-        if !self.control.is_cancelled() {
+        if !self.control.is_cancelled() || self.ending.load(Ordering::Acquire) == CLOSED {
             return Duration::ZERO;
         }
         self.stop_seen.get_or_init(Instant::now).elapsed()

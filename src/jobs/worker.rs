@@ -71,6 +71,8 @@ const LOOK_AGAIN: Duration = Claim::HEAD_START.saturating_add(Duration::from_mil
 
 /// Time between two attempts at what the store did not do.
 const PAUSE: Duration = Duration::from_secs(2);
+/// A bucket that takes longer for one small value is away.
+const BUCKET_ANSWERS: Duration = Duration::from_secs(10);
 
 /// Runs jobs of the worker's lane one after the other until the service stops.
 pub(super) async fn work_through(service: Arc<Service>, worker: Worker) {
@@ -157,9 +159,9 @@ async fn wait_for_store(service: &Service, worker: Worker) {
 }
 
 /// Whether the bucket refuses only what a job asked of it. One that is away cannot say so.
-async fn refuses_no_others(service: &Service, worker: Worker) -> bool {
-    let asked = tokio::time::timeout(PAUSE, service.store.check_writing());
-    matches!(beating(service, worker, asked).await, Ok(Ok(())))
+async fn refuses_no_others(service: &Service) -> bool {
+    let asked = tokio::time::timeout(BUCKET_ANSWERS, service.store.check_writing());
+    matches!(asked.await, Ok(Ok(())))
 }
 
 /// Waits for the store, and shows meanwhile that the worker lives.
@@ -199,14 +201,18 @@ async fn run_visible(service: &Arc<Service>, job: &JobRecord, running: &Arc<Runn
 
     // A task of its own, so that a panic in it ends the job and not the queue.
     let work = work::perform(Arc::clone(service), job.clone(), Arc::clone(running));
-    let mut work = tokio::spawn(work.in_current_span());
-    let done = tokio::select! {
-        done = &mut work => done.unwrap_or_else(|_| Err(panicked().into())),
+    let work = tokio::spawn(work.in_current_span());
+    let work = async {
+        let done = work.await.unwrap_or_else(|_| Err(panicked().into()));
+        let refused = matches!(&done, Err(Halt::Fault(fault)) if fault.kind == FaultKind::StoreRefuses);
+        let only_this = refused && refuses_no_others(service).await;
+        (done, only_this)
+    };
+    let (done, only_this) = tokio::select! {
+        ended = work => ended,
         never = tell_progress(service, job, running) => match never {},
         never = keep_lease(service, job, running) => match never {},
     };
-    let refused = matches!(&done, Err(Halt::Fault(fault)) if fault.kind == FaultKind::StoreRefuses);
-    let only_this = refused && refuses_no_others(service, running.worker).await;
     let (event, change) = outcome(service, job, running, done, only_this);
     tell_metrics(job, running, event);
     beating(service, running.worker, end(service, job, event, &change)).await
@@ -216,7 +222,7 @@ async fn run_visible(service: &Arc<Service>, job: &JobRecord, running: &Arc<Runn
 async fn end(service: &Service, job: &JobRecord, event: JobEvent, change: &JobChange) -> Result<Ran, Fault> {
     if !record_end(service, job, event, change).await? && service.store.session(job.session).await?.is_none() {
         // The session was deleted while the job ran: nothing of it stays.
-        service.store.blobs().delete_session(job.session).await?;
+        service.store.blobs().delete_session(job.session).await;
     }
     if event == JobEvent::Interrupt && !service.stop.is_cancelled() {
         requeue(service, job).await?;

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
 use axum::body::Bytes;
-use futures::TryStreamExt;
 use futures::stream::BoxStream;
+use futures::{StreamExt, TryStreamExt};
 use object_store::local::LocalFileSystem;
 use object_store::memory::InMemory;
 use object_store::path::Path;
@@ -30,6 +30,11 @@ pub struct BlobInfo {
 
 /// Key of the name of the rows that the values belong to.
 const NAME: &str = "belongs-to";
+
+/// Longest wait for the removal of what no row names any more.
+const REMOVED: Duration = Duration::from_secs(2);
+/// Removals that are under way at the same time.
+const AT_ONCE: usize = 8;
 
 /// Immutable values under keys that are never used twice. A value is there whole and synced, or not at all.
 ///
@@ -80,8 +85,9 @@ impl Blobs {
         let key = fresh_key(SessionId::new());
         self.objects.put(&key, PutPayload::from_static(b"try")).await?;
         self.objects.get(&key).await?.bytes().await?;
-        // A sweep finds it where that does not succeed.
-        self.delete(key.as_ref()).await;
+        // Whether it goes is not part of the answer.
+        let blobs = self.clone();
+        tokio::spawn(async move { blobs.remove_now(vec![key]).await });
         Ok(())
     }
 
@@ -130,26 +136,40 @@ impl Blobs {
         Ok(self.objects.get(&Path::from(key)).await?.into_stream())
     }
 
-    /// Removes a value; one that is not there is no error.
+    /// Removes a value that no row names any more, as [`Blobs::remove`].
     pub async fn delete(&self, key: &str) {
-        match self.objects.delete(&Path::from(key)).await {
-            Ok(()) | Err(object_store::Error::NotFound { .. }) => {}
-            // Rows no longer name it, so a sweep finds it.
-            Err(error) => tracing::warn!(%error, "a blob could not be removed"),
-        }
+        self.remove(vec![key.to_owned()]).await;
     }
 
-    /// Removes every value of a session.
-    ///
-    /// # Errors
-    /// [`StoreError::Blob`].
-    pub async fn delete_session(&self, session: SessionId) -> Result<(), StoreError> {
-        let keys = self.objects.list(Some(&Path::from(session.to_string()))).map_ok(|o| o.location);
-        let keys: Vec<Path> = keys.try_collect().await?;
-        for key in keys {
-            self.delete(key.as_ref()).await;
+    /// Removes values that no row names any more; those that are not there are no error. Nobody waits long for it: it goes on by itself,
+    /// and a sweep finds what it leaves.
+    pub(super) async fn remove(&self, keys: Vec<String>) {
+        if keys.is_empty() {
+            return;
         }
-        Ok(())
+        let blobs = self.clone();
+        aside(async move { blobs.remove_now(keys.into_iter().map(Path::from).collect()).await }).await;
+    }
+
+    /// Removes every value of a session that is not there any more, as [`Blobs::remove`].
+    pub async fn delete_session(&self, session: SessionId) {
+        let blobs = self.clone();
+        aside(async move {
+            let listed = blobs.objects.list(Some(&Path::from(session.to_string()))).map_ok(|o| o.location);
+            match listed.try_collect().await {
+                Ok(keys) => blobs.remove_now(keys).await,
+                Err(error) => tracing::warn!(%error, "the blobs of a session cannot be listed"),
+            }
+        })
+        .await;
+    }
+
+    async fn remove_now(&self, keys: Vec<Path>) {
+        let remove = async |key: Path| match self.objects.delete(&key).await {
+            Ok(()) | Err(object_store::Error::NotFound { .. }) => {}
+            Err(error) => tracing::warn!(%error, "a blob could not be removed"),
+        };
+        futures::stream::iter(keys).for_each_concurrent(AT_ONCE, remove).await;
     }
 
     /// Keys of all values, and names of unfinished uploads, that have not changed for `age`.
@@ -184,7 +204,7 @@ impl Blobs {
     pub(super) async fn remove_files(&self, names: &[String]) -> Result<usize, StoreError> {
         for name in names {
             let Some(root) = &self.root else {
-                self.delete(name).await;
+                self.remove_now(vec![Path::from(name.as_str())]).await;
                 continue;
             };
             match tokio::fs::remove_file(root.join(name)).await {
@@ -197,6 +217,13 @@ impl Blobs {
             }
         }
         Ok(names.len())
+    }
+}
+
+/// Waits a little for work that goes on by itself.
+async fn aside(work: impl Future<Output = ()> + Send + 'static) {
+    if tokio::time::timeout(REMOVED, tokio::spawn(work)).await.is_err() {
+        tracing::warn!("the removal of blobs takes long");
     }
 }
 
@@ -294,7 +321,7 @@ mod tests {
         upload.abort().await;
         assert_eq!(files_below(directory.path()), 1);
 
-        blobs.delete_session(session).await.unwrap();
+        blobs.delete_session(session).await;
         assert_eq!(files_below(directory.path()), 0);
     }
 

@@ -99,6 +99,8 @@ pub struct JobRecord {
     pub attempt: u32,
     /// Counts claims; what is written under an older one is refused.
     pub fence: u64,
+    /// Until when it is its worker's, ms of the store's clock; none before it was first claimed.
+    pub lease_until: Option<i64>,
     /// What was asked for, JSON.
     pub request: String,
     /// What it is about (a plan's id): a newer job about the same may take its place.
@@ -151,6 +153,7 @@ impl JobRecord {
             steps: 0,
             attempt: 0,
             fence: 0,
+            lease_until: None,
             request,
             subject: None,
             other_session: None,

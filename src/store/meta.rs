@@ -156,6 +156,10 @@ pub trait MetaStore: Debug + Send + Sync {
     /// `fence` any more. The name goes when the job ends.
     async fn set_milestone(&self, id: JobId, fence: u64, blob: &str) -> Result<Option<String>>;
 
+    /// Forgets the steps and the milestone of a running job: their blobs. [`StoreError::SessionGone`] when it is not running under `fence`
+    /// any more.
+    async fn begin_again(&self, id: JobId, fence: u64) -> Result<Vec<String>>;
+
     // ---- steps and events ----
 
     /// Makes a step of a running job visible, with its events. [`StoreError::SessionGone`] when the job is not there or not

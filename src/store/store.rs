@@ -18,8 +18,6 @@ use super::{
 
 /// Longest wait for a bucket that is asked whether it refuses this process.
 const BUCKET_ANSWERS: Duration = Duration::from_secs(2);
-/// Longest wait for the removal of what no row names any more.
-const REMOVED: Duration = Duration::from_secs(2);
 /// Files younger than this may belong to a request that is under way.
 const UNDER_WAY: Duration = Duration::from_secs(2 * 3600);
 
@@ -90,22 +88,10 @@ impl Store {
         Ok(self.quota.saturating_sub(self.meta.session_bytes(session).await?))
     }
 
-    /// Removes blobs that no row names any more. Nobody waits long for it: a sweep finds what is left.
-    async fn remove_blobs(&self, keys: Vec<String>) {
-        let removed = async {
-            for key in keys {
-                self.blobs.delete(&key).await;
-            }
-        };
-        if tokio::time::timeout(REMOVED, removed).await.is_err() {
-            tracing::warn!("blobs were not removed in time");
-        }
-    }
-
     /// Removes blobs that rows were to name and do not.
     async fn remove_refused(&self, error: &StoreError, keys: Vec<String>) {
         if !error.may_be_written() {
-            self.remove_blobs(keys).await;
+            self.blobs.remove(keys).await;
         }
     }
 
@@ -146,8 +132,8 @@ impl Store {
     /// [`StoreError`].
     pub async fn delete_session(&self, id: SessionId) -> Result<bool> {
         let Some(elsewhere) = self.meta.delete_session(id).await? else { return Ok(false) };
-        self.blobs.delete_session(id).await?;
-        self.remove_blobs(elsewhere).await;
+        self.blobs.delete_session(id).await;
+        self.blobs.remove(elsewhere).await;
         Ok(true)
     }
 
@@ -227,7 +213,7 @@ impl Store {
     pub async fn put_parts(&self, session: SessionId, parts: &[PartRecord]) -> Result<()> {
         match self.meta.put_parts(session, parts, self.quota).await {
             Ok(replaced) => {
-                self.remove_blobs(replaced).await;
+                self.blobs.remove(replaced).await;
                 Ok(())
             }
             Err(error) => {
@@ -243,7 +229,7 @@ impl Store {
     /// [`StoreError`].
     pub async fn delete_part(&self, session: SessionId, kind: PartKind) -> Result<bool> {
         let Some(blob) = self.meta.delete_part(session, kind).await? else { return Ok(false) };
-        self.remove_blobs(blob.into_iter().collect()).await;
+        self.blobs.remove(blob.into_iter().collect()).await;
         Ok(true)
     }
 
@@ -299,7 +285,7 @@ impl Store {
     /// [`StoreError`].
     pub async fn delete_osteotomy(&self, session: SessionId, id: OsteotomyId) -> Result<bool> {
         let Some(blobs) = self.meta.delete_osteotomy(session, id).await? else { return Ok(false) };
-        self.remove_blobs(blobs).await;
+        self.blobs.remove(blobs).await;
         Ok(true)
     }
 

@@ -1,4 +1,5 @@
 use std::sync::Arc;
+use std::time::Duration;
 
 use hyper_util::rt::{TokioExecutor, TokioIo};
 use hyper_util::server::conn::auto::Builder;
@@ -16,6 +17,9 @@ use tokio::sync::watch;
 const NAME: &str = "plans";
 const KEY: &str = "key";
 const SECRET: &str = "secret";
+
+/// How long a removal takes while a value is kept back.
+const REMOVAL: Duration = Duration::from_secs(12);
 
 /// How a store answers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -78,7 +82,8 @@ impl Bucket {
         Self { endpoint, mood, kept_back, _files: files }
     }
 
-    /// From now on nobody may do anything with the value of this key, as with one that a policy or its encryption keeps back.
+    /// From now on nobody may do anything with the value of this key, as with one that a policy or its encryption keeps back; and the
+    /// removal of others takes seconds.
     pub(crate) fn keep_back(&self, key: Option<String>) {
         self.kept_back.send_replace(key);
     }
@@ -119,7 +124,11 @@ struct Policy(watch::Receiver<Option<String>>);
 impl S3Access for Policy {
     async fn check(&self, request: &mut S3AccessContext<'_>) -> S3Result<()> {
         let key = request.s3_path().get_object_key().unwrap_or_default();
+        let all = self.0.borrow().is_none();
         let kept_back = self.0.borrow().as_ref().is_some_and(|kept| key.ends_with(kept.as_str()));
+        if !all && request.s3_op().name() == "DeleteObject" {
+            tokio::time::sleep(REMOVAL).await;
+        }
         if kept_back || request.credentials().is_none() { Err(s3_error!(AccessDenied)) } else { Ok(()) }
     }
 }

@@ -172,13 +172,14 @@ async fn a_job_goes_on_when_its_worker_is_killed_or_stands_still() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_job_whose_target_is_replaced_while_it_waits_compares_all_its_steps_with_the_new_one() {
+async fn a_job_whose_target_is_replaced_and_put_back_compares_all_its_steps_with_one() {
     let bucket = Bucket::start().await;
     let database = fresh_database().await;
     tokio::task::block_in_place(move || {
         let [api_data, first_data, second_data] = std::array::from_fn(|_| tempfile::tempdir().unwrap());
         let api = start("serve --no-worker", api_data.path(), &database, &bucket);
         let first = start("worker", first_data.path(), &database, &bucket);
+        let steps = "SELECT count(*) FROM steps";
         let (session, request) = planned(&api);
         let target = |spacing_mm| {
             let head = phantom::head();
@@ -189,12 +190,21 @@ async fn a_job_whose_target_is_replaced_while_it_waits_compares_all_its_steps_wi
         let accept = || api.post(&format!("{session}/jobs"), &request).ok();
         let job = accept();
         let mut rows = Rows::open(&database);
-        while rows.count("SELECT count(milestone_blob) FROM jobs") == 0 {}
+        let at_hand = "SELECT count(milestone_blob) FROM jobs";
+        while rows.count(at_hand) == 0 {}
         drop(first);
+        let before = rows.count(steps);
         target(5.0);
         let second = start("worker", second_data.path(), &database, &bucket);
+        // It begins at rest, and is gone before there is something of its own to go on with.
+        while rows.count(at_hand) == 1 {}
+        assert!(rows.count(steps) < before, "nothing of both is there at the same time");
+        while rows.count(steps) == 0 {}
+        drop(second);
+        target(4.0);
+        let third = start("worker", first_data.path(), &database, &bucket);
         assert_eq!(finished(&api, &job)["status"], "succeeded");
-        let metrics = String::from_utf8(second.get("/metrics").body).unwrap();
+        let metrics = String::from_utf8(third.get("/metrics").body).unwrap();
         assert!(!metrics.contains("prosopon_jobs_resumed_total 1"), "{metrics}");
         api.get(&format!("/v1/jobs/{}/steps/1/error", job["id"].as_str().unwrap())).ok();
         let again = accept();
@@ -264,11 +274,11 @@ async fn what_the_store_does_is_no_fault_of_a_job() {
         let mut stream = api.stream(&format!("/v1/jobs/{}/events", job["id"].as_str().unwrap()));
         while stream.next_event()["event"] != "step" {}
         // Longer than a lease: nobody can say that he has a job, and nobody takes one.
-        for _ in 0..2 {
+        for (halted_ms, between_ms) in [(4000, 1000), (1200, 200), (4000, 300), (2000, 0), (4000, 1000)] {
             cluster.halt();
-            std::thread::sleep(Duration::from_secs(4));
+            std::thread::sleep(Duration::from_millis(halted_ms));
             cluster.go_on();
-            std::thread::sleep(Duration::from_secs(1));
+            std::thread::sleep(Duration::from_millis(between_ms));
         }
         // The job goes back, and no worker takes one.
         bucket.set(Mood::Refusing);

@@ -116,9 +116,19 @@ fn compared_with(parts: &SessionParts) -> String {
     key_of(&[PartKind::Target, PartKind::Landmarks].map(|kind| parts.get(kind).map_or("", |part| part.key.as_str())))
 }
 
-/// What an earlier attempt left to go on with; one that does not serve costs the time to solve its steps again, and nothing else.
+/// What an earlier attempt left to go on with. One that does not serve is forgotten with the steps before it, which may be of other inputs
+/// than those that follow.
 pub(super) async fn milestone(context: &Context, compared: &str) -> Result<Option<StoredMilestone>, Halt> {
     let Some(key) = &context.job.milestone_blob else { return Ok(None) };
+    let before = usable(context, key, compared).await?;
+    if before.is_none() {
+        let store = &context.service.store;
+        context.service.persist(|| store.begin_again(&context.job)).await?;
+    }
+    Ok(before)
+}
+
+async fn usable(context: &Context, key: &str, compared: &str) -> Result<Option<StoredMilestone>, Halt> {
     let store = &context.service.store;
     let read = async {
         match store.blobs().get(key).await {

@@ -153,6 +153,12 @@ async fn a_lease_is_renewed_by_its_worker_and_passes_without(store: Store) {
     assert_eq!(passed(Duration::ZERO).await, []);
     assert_eq!(store.renew(&running, Duration::from_millis(50)).await.unwrap(), Some(false));
     assert_eq!(passed(Duration::from_millis(100)).await, [waiting]);
+    // What was renewed and has passed again is not as it was.
+    let once = store.meta().abandoned().await.unwrap();
+    assert_eq!(store.meta().abandoned().await.unwrap(), once);
+    assert_eq!(store.renew(&running, Duration::from_millis(50)).await.unwrap(), Some(false));
+    assert_eq!(passed(Duration::from_millis(100)).await, [waiting]);
+    assert_ne!(store.meta().abandoned().await.unwrap(), once);
     assert_eq!(store.renew(&running, LEASE).await.unwrap(), Some(false), "nobody took it meanwhile");
     assert_eq!(passed(Duration::ZERO).await, []);
     assert!(store.request_cancel(running.id).await.unwrap());
@@ -264,6 +270,46 @@ async fn a_milestone_is_there_for_who_takes_a_job_over_and_goes_with_its_end(sto
     assert!(store.blobs().get(&four.key).await.is_err());
 }
 
+async fn a_job_that_begins_again_has_no_steps_and_no_milestone(store: Store) {
+    let id = add_session(&store, "a").await.id;
+    let told = [("step", "{}".to_owned())];
+    let mut rows = Vec::new();
+    for request in ["other", "again"] {
+        accept(&store, id, request).await;
+        let running = claim(&store).await.unwrap();
+        for k in 1..=2 {
+            let frame = blob(&store, id, format!("{request} {k}").as_bytes()).await;
+            store.commit_step(&running, &step(k, &frame), &told).await.unwrap();
+        }
+        store.set_milestone(&running, &blob(&store, id, b"milestone").await).await.unwrap();
+        rows.push(running);
+    }
+    let [other, first] = rows.try_into().unwrap();
+    for to in [JobState::Interrupted, JobState::Accepted] {
+        let row = store.job(first.id).await.unwrap().unwrap();
+        assert!(store.change_job(&row, to, &JobChange::default()).await.unwrap());
+    }
+    let second = claim(&store).await.unwrap();
+    assert!(matches!(store.begin_again(&first).await, Err(StoreError::SessionGone)));
+    let steps = store.steps(first.id).await.unwrap();
+    assert_eq!(steps.len(), 2);
+    for _ in 0..2 {
+        store.begin_again(&second).await.unwrap();
+        assert_eq!(store.job(second.id).await.unwrap().unwrap().milestone_blob, None);
+        assert_eq!(store.steps(second.id).await.unwrap(), []);
+    }
+    for key in steps.iter().map(|step| &step.blob).chain(&second.milestone_blob) {
+        assert!(store.blobs().get(key).await.is_err());
+    }
+    assert_eq!(store.session_bytes(id).await.unwrap(), 2 * "other 1".len() as u64);
+    let frame = blob(&store, id, b"again 1").await;
+    assert_eq!(store.commit_step(&second, &step(1, &frame), &told).await.unwrap(), StepWritten::New(None));
+    // Others keep theirs.
+    assert_eq!(store.steps(other.id).await.unwrap().len(), 2);
+    let milestone = store.job(other.id).await.unwrap().unwrap().milestone_blob.unwrap();
+    assert!(store.blobs().get(&milestone).await.is_ok());
+}
+
 async fn events_count_up_and_old_ones_go(store: Store) {
     let id = add_session(&store, "a").await.id;
     accept(&store, id, "1").await;
@@ -345,6 +391,7 @@ conforms! {
     a_job_that_was_asked_to_stop_can_only_be_cancelled,
     steps_are_kept_and_the_same_one_is_told_once,
     a_milestone_is_there_for_who_takes_a_job_over_and_goes_with_its_end,
+    a_job_that_begins_again_has_no_steps_and_no_milestone,
     events_count_up_and_old_ones_go,
     results_of_old_comparisons_go,
 }

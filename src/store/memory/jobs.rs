@@ -1,5 +1,5 @@
 use std::collections::BTreeMap;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
 use super::{Job, Result, Rows};
 use crate::store::event::KEPT_PROGRESS;
@@ -9,6 +9,11 @@ use crate::store::{
     BlobInfo, Claim, EventRecord, Insertion, JobChange, JobId, JobKind, JobRecord, JobState, Lane, NewJob, StepRecord,
     StepWritten, StoreError, TenantId,
 };
+
+fn ms_after(time: Duration) -> i64 {
+    let at = SystemTime::UNIX_EPOCH.elapsed().unwrap_or_default().saturating_add(time);
+    i64::try_from(at.as_millis()).unwrap_or(i64::MAX)
+}
 
 impl Rows {
     fn last_seq(&self, job: JobId) -> u64 {
@@ -55,8 +60,7 @@ impl Rows {
         }
         self.last_number += 1;
         let record = JobRecord { number: self.last_number, tenant, ..job.clone() };
-        self.jobs
-            .insert(job.id, Job { record, bytes: 0, leased_until: None, accepted_at: Instant::now(), worker: None });
+        self.jobs.insert(job.id, Job { record, bytes: 0, accepted_at: Instant::now(), worker: None });
         self.append(job.id, "status", new.event);
         let before = self.before(job);
         self.remember((new.answer)(job, before).as_ref())?;
@@ -135,7 +139,7 @@ impl Rows {
         let last = self.turns.values().max().copied().unwrap_or(0) + 1;
         let job = self.jobs.get_mut(&id)?;
         job.record.fence += 1;
-        job.leased_until = Instant::now().checked_add(claim.lease);
+        job.record.lease_until = Some(ms_after(claim.lease));
         job.worker = claim.worker;
         self.turns.insert((job.record.tenant.clone(), claim.lane), last);
         Some(job.record.clone())
@@ -160,14 +164,14 @@ impl Rows {
 
     pub(super) fn renew(&mut self, id: JobId, fence: u64, lease: Duration) -> Option<bool> {
         let job = self.running(id, fence)?;
-        job.leased_until = Instant::now().checked_add(lease);
+        job.record.lease_until = Some(ms_after(lease));
         Some(job.record.cancel_requested_at.is_some())
     }
 
     pub(super) fn abandoned(&self) -> Vec<JobRecord> {
-        let passed = |j: &&Job| j.leased_until.is_none_or(|until| until < Instant::now());
-        let running = self.jobs.values().filter(|j| j.record.state == JobState::Running);
-        running.filter(passed).map(|j| j.record.clone()).collect()
+        let passed = |j: &&JobRecord| j.lease_until.is_none_or(|until| until < ms_after(Duration::ZERO));
+        let running = self.jobs.values().map(|j| &j.record).filter(|j| j.state == JobState::Running);
+        running.filter(passed).cloned().collect()
     }
 
     fn write_change(&mut self, id: JobId, to: JobState, change: &JobChange) {
@@ -246,6 +250,12 @@ impl Rows {
     pub(super) fn set_milestone(&mut self, id: JobId, fence: u64, blob: &str) -> Result<Option<String>> {
         let job = self.running(id, fence).ok_or(StoreError::SessionGone)?;
         Ok(job.record.milestone_blob.replace(blob.to_owned()))
+    }
+
+    pub(super) fn begin_again(&mut self, id: JobId, fence: u64) -> Result<Vec<String>> {
+        let milestone = self.running(id, fence).ok_or(StoreError::SessionGone)?.record.milestone_blob.take();
+        let forgotten = self.steps.extract_if((id, 0)..=(id, u32::MAX), |_, _| true).map(|(_, step)| step.blob);
+        Ok(forgotten.chain(milestone).collect())
     }
 
     pub(super) fn commit_step(

@@ -44,7 +44,6 @@ struct Rows {
 struct Job {
     record: JobRecord,
     bytes: u64,
-    leased_until: Option<Instant>,
     accepted_at: Instant,
     /// Who began it last.
     worker: Option<WorkerId>,
@@ -279,6 +278,10 @@ impl MetaStore for MemoryMeta {
 
     async fn set_milestone(&self, id: JobId, fence: u64, blob: &str) -> Result<Option<String>> {
         self.write(|rows| rows.set_milestone(id, fence, blob))
+    }
+
+    async fn begin_again(&self, id: JobId, fence: u64) -> Result<Vec<String>> {
+        self.write(|rows| rows.begin_again(id, fence))
     }
 
     async fn commit_step(

@@ -22,6 +22,7 @@ pub(super) fn record(row: &DbRow) -> Result<JobRecord> {
         steps: to_u32(row.try_get("steps")?),
         attempt: to_u32(row.try_get("attempt")?),
         fence: to_u64(row.try_get("fence")?),
+        lease_until: row.try_get("lease_until")?,
         request: text("request")?,
         subject: row.try_get("subject")?,
         other_session: id_in("other_session")?.as_deref().map(parse_id).transpose()?,

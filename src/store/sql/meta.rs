@@ -167,6 +167,10 @@ impl MetaStore for Meta {
         jobs::set_milestone(self.writer(), id, fence, blob).await
     }
 
+    async fn begin_again(&self, id: JobId, fence: u64) -> Result<Vec<String>> {
+        steps::forget(self.writer(), id, fence).await
+    }
+
     async fn commit_step(
         &self,
         job: JobId,

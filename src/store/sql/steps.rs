@@ -58,6 +58,19 @@ pub(super) async fn commit(
     Ok(StepWritten::New(old.map(|(blob, _)| blob)))
 }
 
+pub(super) async fn forget(writer: &Pool, id: JobId, fence: u64) -> Result<Vec<String>> {
+    let mut transaction = writer.begin().await?;
+    let running = |j: &JobRecord| j.state == JobState::Running && j.fence == fence;
+    let job = jobs::held_with_session(&mut transaction, id).await?.filter(running).ok_or(StoreError::SessionGone)?;
+    let forgotten = sqlx::query_scalar("DELETE FROM steps WHERE job = $1 RETURNING blob").bind(id.to_string());
+    let mut forgotten: Vec<String> = forgotten.fetch_all(&mut *transaction).await?;
+    let unnamed = sqlx::query("UPDATE jobs SET milestone_blob = NULL WHERE id = $1").bind(id.to_string());
+    unnamed.execute(&mut *transaction).await?;
+    transaction.commit().await?;
+    forgotten.extend(job.milestone_blob);
+    Ok(forgotten)
+}
+
 pub(super) async fn of(reader: &Pool, wanted: &[JobId]) -> Result<BTreeMap<JobId, Vec<StepRecord>>> {
     let rows = format!(
         "SELECT job, k, t, document, error, blob, sha256, bytes FROM steps WHERE job IN {LISTED} ORDER BY job, k"

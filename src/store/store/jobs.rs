@@ -18,7 +18,7 @@ impl Store {
     pub async fn insert_job(&self, new: &NewJob<'_>) -> Result<Insertion> {
         let insertion = self.meta.insert_job(new).await?;
         if let Insertion::Stored { superseded, .. } = &insertion {
-            self.remove_blobs(superseded.iter().filter_map(|(_, milestone)| milestone.clone()).collect()).await;
+            self.blobs.remove(superseded.iter().filter_map(|(_, milestone)| milestone.clone()).collect()).await;
         }
         Ok(insertion)
     }
@@ -90,7 +90,7 @@ impl Store {
         let before = if ends { self.job(job.id).await? } else { None };
         let changed = self.meta.change_job(job.id, job.fence, job.state, to, change, self.quota).await;
         if matches!(changed, Ok(true)) {
-            self.remove_blobs(before.and_then(|row| row.milestone_blob).into_iter().collect()).await;
+            self.blobs.remove(before.and_then(|row| row.milestone_blob).into_iter().collect()).await;
         }
         let Some(tissue) = &change.tissue else { return changed };
         match changed {
@@ -128,7 +128,7 @@ impl Store {
     pub async fn set_rest(&self, job: &JobRecord, rest: &BlobInfo) -> Result<()> {
         match self.meta.set_rest(job.id, job.fence, rest, self.quota).await {
             Ok(old) => {
-                self.remove_blobs(old.into_iter().collect()).await;
+                self.blobs.remove(old.into_iter().collect()).await;
                 Ok(())
             }
             Err(error) => {
@@ -146,7 +146,7 @@ impl Store {
         match self.meta.set_milestone(job.id, job.fence, &blob.key).await {
             Ok(old) => {
                 // The same one when what was written is written again.
-                self.remove_blobs(old.into_iter().filter(|old| *old != blob.key).collect()).await;
+                self.blobs.remove(old.into_iter().filter(|old| *old != blob.key).collect()).await;
                 Ok(())
             }
             Err(error) => {
@@ -158,6 +158,16 @@ impl Store {
                 Err(error)
             }
         }
+    }
+
+    /// Forgets the steps and the milestone of a running job, which begins at rest: what is stored of it is of one attempt.
+    ///
+    /// # Errors
+    /// [`StoreError::SessionGone`](crate::store::StoreError::SessionGone) when the job is not there or not running any more.
+    pub async fn begin_again(&self, job: &JobRecord) -> Result<()> {
+        let forgotten = self.meta.begin_again(job.id, job.fence).await?;
+        self.blobs.remove(forgotten).await;
+        Ok(())
     }
 
     // ---- steps and events ----
@@ -175,7 +185,7 @@ impl Store {
     ) -> Result<StepWritten> {
         let written = self.meta.commit_step(job.id, job.fence, step, events, self.quota).await;
         match &written {
-            Ok(StepWritten::New(old)) => self.remove_blobs(old.iter().cloned().collect()).await,
+            Ok(StepWritten::New(old)) => self.blobs.remove(old.iter().cloned().collect()).await,
             Ok(StepWritten::Same) => self.blobs.delete(&step.blob).await,
             Err(error) => self.remove_refused(error, vec![step.blob.clone()]).await,
         }
@@ -229,7 +239,7 @@ impl Store {
     pub async fn drop_comparisons(&self, age: Duration) -> Result<usize> {
         let blobs = self.meta.drop_comparisons(&rfc3339_before(age)).await?;
         let dropped = blobs.len();
-        self.remove_blobs(blobs).await;
+        self.blobs.remove(blobs).await;
         Ok(dropped)
     }
 

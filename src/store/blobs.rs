@@ -33,8 +33,6 @@ const NAME: &str = "belongs-to";
 
 /// Longest wait for the removal of what no row names any more.
 const REMOVED: Duration = Duration::from_secs(2);
-/// Removals that are under way at the same time.
-const AT_ONCE: usize = 8;
 
 /// Immutable values under keys that are never used twice. A value is there whole and synced, or not at all.
 ///
@@ -165,11 +163,13 @@ impl Blobs {
     }
 
     async fn remove_now(&self, keys: Vec<Path>) {
-        let remove = async |key: Path| match self.objects.delete(&key).await {
-            Ok(()) | Err(object_store::Error::NotFound { .. }) => {}
-            Err(error) => tracing::warn!(%error, "a blob could not be removed"),
-        };
-        futures::stream::iter(keys).for_each_concurrent(AT_ONCE, remove).await;
+        let mut removed = self.objects.delete_stream(futures::stream::iter(keys.into_iter().map(Ok)).boxed());
+        while let Some(removed) = removed.next().await {
+            match removed {
+                Ok(_) | Err(object_store::Error::NotFound { .. }) => {}
+                Err(error) => tracing::warn!(%error, "a blob could not be removed"),
+            }
+        }
     }
 
     /// Keys of all values, and names of unfinished uploads, that have not changed for `age`.

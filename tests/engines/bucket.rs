@@ -126,7 +126,7 @@ impl S3Access for Policy {
         let key = request.s3_path().get_object_key().unwrap_or_default();
         let all = self.0.borrow().is_none();
         let kept_back = self.0.borrow().as_ref().is_some_and(|kept| key.ends_with(kept.as_str()));
-        if !all && request.s3_op().name() == "DeleteObject" {
+        if !all && request.s3_op().name().starts_with("DeleteObject") {
             tokio::time::sleep(REMOVAL).await;
         }
         if kept_back || request.credentials().is_none() { Err(s3_error!(AccessDenied)) } else { Ok(()) }

@@ -134,13 +134,13 @@ impl Blobs {
         Ok(self.objects.get(&Path::from(key)).await?.into_stream())
     }
 
-    /// Removes a value that no row names any more, as [`Blobs::remove`].
+    /// Removes a value that no row names any more; one that is not there is no error. Nobody waits long for it: it goes on by itself, and
+    /// a sweep finds what it leaves.
     pub async fn delete(&self, key: &str) {
         self.remove(vec![key.to_owned()]).await;
     }
 
-    /// Removes values that no row names any more; those that are not there are no error. Nobody waits long for it: it goes on by itself,
-    /// and a sweep finds what it leaves.
+    /// Removes values that no row names any more, as [`Blobs::delete`].
     pub(super) async fn remove(&self, keys: Vec<String>) {
         if keys.is_empty() {
             return;
@@ -149,7 +149,7 @@ impl Blobs {
         aside(async move { blobs.remove_now(keys.into_iter().map(Path::from).collect()).await }).await;
     }
 
-    /// Removes every value of a session that is not there any more, as [`Blobs::remove`].
+    /// Removes every value of a session that is not there any more, as [`Blobs::delete`].
     pub async fn delete_session(&self, session: SessionId) {
         let blobs = self.clone();
         aside(async move {

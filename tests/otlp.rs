@@ -9,7 +9,8 @@ use std::sync::mpsc;
 
 use axum::routing::post;
 use axum::{Json, Router};
-use prosopon::{export, phantom};
+use prosopon_formats::export;
+use prosopon_planning::phantom;
 use serde_json::{Value, json};
 
 /// Attributes that spans may have: ids, routes and stages.

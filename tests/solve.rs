@@ -6,9 +6,10 @@ use std::path::Path;
 use std::process::{Command, Output, Stdio};
 use std::time::Duration;
 
-use prosopon::export::{stl, vtu};
-use prosopon::geometry::{Point, TriMesh};
-use prosopon::import::{Limits, VolumeMesh, volume_mesh};
+use prosopon_formats::export::{stl, vtu};
+use prosopon_formats::import::{Limits, volume_mesh};
+use prosopon_geometry::VolumeMesh;
+use prosopon_geometry::{Point, TriMesh};
 use serde_json::{Value, json};
 
 const CELLS: [usize; 3] = [8, 8, 3];

@@ -1,10 +1,10 @@
 //! The same bits at any number of threads.
 
-use prosopon::control::Control;
-use prosopon::evaluate::{error_map, register};
-use prosopon::field::{DistanceField, EnvelopeSettings, FieldSettings, envelope};
-use prosopon::geometry::{Implicit, Motion, Point, TriMesh, Vector};
-use prosopon::plan::{BoundedPlane, Cut, Path, Plan, cut, follow};
+use prosopon_field::{DistanceField, EnvelopeSettings, FieldSettings, envelope};
+use prosopon_geometry::control::Control;
+use prosopon_geometry::{Implicit, Motion, Point, TriMesh, Vector};
+use prosopon_planning::evaluate::{error_map, register};
+use prosopon_planning::plan::{BoundedPlane, Cut, Path, Plan, cut, follow};
 
 /// Result of `work` with 1, 2 and 3 threads.
 fn on_threads<T: Send>(work: impl Fn() -> T + Sync) -> [T; 3] {

@@ -3,12 +3,12 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Subcommand, ValueEnum};
 
 use super::CommandResult;
-use crate::bench::{
+use prosopon_field::{FieldSettings, Method, MethodSettings, Tolerance};
+use prosopon_study::{
     BoundStudy, CollisionStudy, ContactStudy, CutStudy, FieldStudy, GrowthStudy, HeadSource, ModelCase, ModelStudy,
     ReachStudy, ServiceStudy, SlabCase, SolverGrowthStudy, StabilityStudy, TruthStudy, WarmStartStudy, evaluate,
     run_model_cases, run_slab_case,
 };
-use crate::field::{FieldSettings, Method, MethodSettings, Tolerance};
 
 /// Studies of `prosopon bench`.
 #[derive(Debug, Subcommand)]

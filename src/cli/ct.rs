@@ -3,10 +3,10 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand};
 
 use super::{CommandResult, refuse_overwriting};
-use crate::bench::{CtConversion, CtSurfaceStudy};
-use crate::geometry::{Aabb, Point};
-use crate::import::{SeriesChoice, VolumeSettings};
-use crate::surface::CtSettings;
+use prosopon_formats::import::{SeriesChoice, VolumeSettings};
+use prosopon_geometry::{Aabb, Point};
+use prosopon_planning::surface::CtSettings;
+use prosopon_study::{CtConversion, CtSurfaceStudy};
 
 /// What `prosopon ct` does.
 #[derive(Debug, Subcommand)]

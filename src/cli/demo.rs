@@ -1,10 +1,11 @@
 use std::io::Write;
 
 use super::CommandResult;
-use crate::config::ServeConfig;
 use crate::demo::{self, DemoArgs};
-use crate::store::{Places, Store};
-use crate::{serve, telemetry};
+use prosopon_service::config::ServeConfig;
+use prosopon_service::serve;
+use prosopon_service::telemetry;
+use prosopon_store::{Places, Store};
 
 /// Starts a service of its own on an empty store, drives it through the main job, and stops it unless it shall stay.
 pub(super) fn run(arguments: &DemoArgs) -> CommandResult {

@@ -4,5 +4,5 @@ use super::CommandResult;
 
 /// Prints the description.
 pub(super) fn run() -> CommandResult {
-    Ok(std::io::stdout().write_all(crate::http::openapi_json()?.as_bytes())?)
+    Ok(std::io::stdout().write_all(prosopon_service::http::openapi_json()?.as_bytes())?)
 }

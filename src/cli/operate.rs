@@ -7,8 +7,8 @@ use clap::{Args, Subcommand};
 
 use super::CommandResult;
 use super::serve::ServeArguments;
-use crate::http::auth::{ApiKey, Scope, Scopes, new_key};
-use crate::store::{AuditEntry, BackupReport, DatabaseUrl, back_up, restore, verify_audit};
+use prosopon_service::http::auth::{ApiKey, Scope, Scopes, new_key};
+use prosopon_store::{AuditEntry, BackupReport, DatabaseUrl, back_up, restore, verify_audit};
 
 /// Calls of `prosopon config`.
 #[derive(Debug, Subcommand)]

@@ -6,8 +6,9 @@ use clap::Args;
 
 use super::CommandResult;
 use super::stop_signal::stop_signal;
-use crate::config::{ServeConfig, Value};
-use crate::{serve, telemetry};
+use prosopon_service::config::{ServeConfig, Value};
+use prosopon_service::serve;
+use prosopon_service::telemetry;
 
 /// Options of `prosopon serve` and `prosopon worker`. Every setting can also stand in the configuration, or in the environment as `PROSOPON_` and its name.
 #[derive(Debug, Args)]
@@ -51,7 +52,7 @@ pub(super) struct ServeArguments {
 
 impl ServeArguments {
     /// File, environment and flags together, and how that is printed.
-    pub(super) fn read(&self) -> Result<(ServeConfig, String), crate::config::ConfigError> {
+    pub(super) fn read(&self) -> Result<(ServeConfig, String), prosopon_service::config::ConfigError> {
         let mut flags: BTreeMap<&'static str, Value> = BTreeMap::new();
         let mut set = |path, value: Option<Value>| flags.extend(value.map(|value| (path, value)));
         set("listen", self.listen.clone().map(Value::from));

@@ -7,7 +7,7 @@ use super::client::Client;
 use super::output::{before_after, write};
 use super::patient::Patient;
 use super::{DemoArgs, DemoError};
-use crate::bench::read_ct;
+use prosopon_study::read_ct;
 
 /// Drives the service at `base` (`http://host:port`) through the main job and writes the results.
 ///

@@ -92,7 +92,7 @@ pub enum DemoError {
     },
     /// The CT could not be read.
     #[error("the CT could not be read")]
-    Ct(#[from] crate::bench::BenchError),
+    Ct(#[from] prosopon_study::BenchError),
     /// A landmarks file is not usable.
     #[error("landmarks in {path} are not usable: {detail}")]
     Landmarks {

@@ -2,9 +2,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use super::DemoError;
-use crate::evaluate::{Layer, View, picture};
-use crate::geometry::{TriMesh, Vector};
-use crate::import;
+use prosopon_formats::import;
+use prosopon_geometry::{TriMesh, Vector};
+use prosopon_planning::evaluate::{Layer, View, picture};
 
 /// Results besides the steps.
 const RESULTS: [&str; 6] = [

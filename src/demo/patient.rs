@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 use serde_json::{Map, Value, json};
 
 use super::{DemoArgs, DemoError};
-use crate::{export, phantom};
+use prosopon_formats::export;
+use prosopon_planning::phantom;
 
 /// Files to upload and what is known about the patient.
 #[derive(Debug)]
@@ -33,7 +34,7 @@ impl Patient {
         let head = phantom::head();
         let folder = args.out.join("phantom");
         fs::create_dir_all(&folder).map_err(|e| DemoError::file(&folder, e))?;
-        let write = |name: &str, solid: &dyn crate::geometry::Implicit| {
+        let write = |name: &str, solid: &dyn prosopon_geometry::Implicit| {
             let path = folder.join(name);
             let surface = phantom::surface_of(solid, &head.bounds(), PHANTOM_SPACING_MM);
             let bytes = surface.map(|s| export::stl(&s)).unwrap_or_default();

@@ -1,6 +1,6 @@
 use super::exact::ExactDistance;
-use crate::control::{Cancelled, Control};
-use crate::geometry::{Implicit, Point, TriMesh, Vector};
+use prosopon_geometry::control::{Cancelled, Control};
+use prosopon_geometry::{Implicit, Point, TriMesh, Vector};
 use rayon::prelude::*;
 
 /// Every so many sites also give points on the surface, on an edge and on the medial axis.

@@ -11,8 +11,8 @@ use super::certificate::{ROUNDING, curvature_bound};
 use super::distance_field::DistanceField;
 use super::exact::{ExactDistance, is_inside};
 use super::lattice::EDGE;
-use crate::control::{Cancelled, Control};
-use crate::geometry::{Implicit, Point, Vector};
+use prosopon_geometry::control::{Cancelled, Control};
+use prosopon_geometry::{Implicit, Point, Vector};
 use rayon::prelude::*;
 
 /// A bound of this many spacings is good enough: below three quarters of a spacing settled signs are proven.

@@ -4,8 +4,8 @@ use super::crossings::Rows;
 use super::exact::ExactDistance;
 use super::features::Features;
 use super::tiles::{Source, TILE, Tally, Tile, Tiles};
-use crate::control::{Cancelled, Control};
-use crate::geometry::{ScalarGrid, TriMesh};
+use prosopon_geometry::control::{Cancelled, Control};
+use prosopon_geometry::{ScalarGrid, TriMesh};
 
 /// Fills `grid` with signed distances to `surface`, for which `exact` was made: exact where they are at most `reach` (mm) and
 /// ±`reach` beyond.

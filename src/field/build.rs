@@ -14,8 +14,8 @@ use super::regions::{DoubtfulRegions, doubtful_regions};
 use super::sites::{self, Spread};
 use super::spline::weights;
 use super::tiles::{Source, TILE, Tally, Tile, Tiles};
-use crate::control::{Cancelled, Control};
-use crate::geometry::{Aabb, Implicit, TriMesh, Vector};
+use prosopon_geometry::control::{Cancelled, Control};
+use prosopon_geometry::{Aabb, Implicit, TriMesh, Vector};
 
 /// Most samples (coarse and fine) of a field: half a gigabyte of detail.
 pub(super) const MOST_SAMPLES: u64 = 1 << 27;

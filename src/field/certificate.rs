@@ -9,8 +9,8 @@
 use super::defects::Defects;
 use super::distance_field::DistanceField;
 use super::lattice::{EDGE, Lattice};
-use crate::control::{Cancelled, Control};
-use crate::geometry::{Implicit, Point, TriMesh};
+use prosopon_geometry::control::{Cancelled, Control};
+use prosopon_geometry::{Implicit, Point, TriMesh};
 use rayon::prelude::*;
 
 /// Parts at the start have edges of at most so many spacings.

@@ -2,8 +2,8 @@
 
 use super::flood;
 use super::sky;
-use crate::control::{Cancelled, Control};
-use crate::geometry::ScalarGrid;
+use prosopon_geometry::ScalarGrid;
+use prosopon_geometry::control::{Cancelled, Control};
 
 /// How far the closing surface may lie below the solid's own before it counts, in spacings: more than its own error, so
 /// that what faces the outside openly keeps its exact distance.

@@ -3,8 +3,8 @@ use super::exact::{ExactDistance, is_inside};
 use super::lattice::Lattice;
 use super::tiles::Tally;
 use super::tree::{Nearest, Tree};
-use crate::control::{Cancelled, Control};
-use crate::geometry::{Point, TriMesh, Vector};
+use prosopon_geometry::control::{Cancelled, Control};
+use prosopon_geometry::{Point, TriMesh, Vector};
 use rayon::prelude::*;
 
 /// For every node a triangle that is probably the nearest: those next to the triangles' middles, handed on from node to node,

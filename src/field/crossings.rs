@@ -2,7 +2,7 @@
 
 use super::lanes::with_vectors;
 use super::rim::Rim;
-use crate::geometry::{Point, TriMesh};
+use prosopon_geometry::{Point, TriMesh};
 use rayon::prelude::*;
 use robust::{Coord, Coord3D, orient2d, orient3d};
 

@@ -1,5 +1,5 @@
 use super::rim::Rim;
-use crate::geometry::{Point, TriMesh};
+use prosopon_geometry::{Point, TriMesh};
 use rayon::prelude::*;
 
 /// What a triangle soup lacks to be the boundary of a solid; vertices at the same place count as one.

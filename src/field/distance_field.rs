@@ -1,6 +1,6 @@
 use super::bricks::{Bricks, NO_BRICK, place};
 use super::lattice::{DETAIL_EDGE, EDGE, Lattice, PARTS};
-use crate::geometry::{Aabb, Point};
+use prosopon_geometry::{Aabb, Point};
 
 /// A quadratic B-spline with coefficients on three lattices: a coarse one everywhere, bricks of one eighth of its spacing in
 /// the band, and details of half that spacing where the surface needs them.

@@ -7,9 +7,9 @@ use super::exact::ExactDistance;
 use super::flood;
 use super::regions::{DoubtfulRegions, doubtful_regions};
 use super::{FieldReport, FieldSettings};
-use crate::control::Control;
-use crate::geometry::{ScalarGrid, TriMesh};
-use crate::surface::isosurface;
+use prosopon_geometry::control::Control;
+use prosopon_geometry::isosurface;
+use prosopon_geometry::{ScalarGrid, TriMesh};
 
 /// Separate parts below this volume are dropped, mm³.
 const CRUMB_MM3: f64 = 1000.0;

@@ -1,4 +1,4 @@
-use crate::control::Cancelled;
+use prosopon_geometry::control::Cancelled;
 
 /// Why no field could be built.
 #[derive(Debug, thiserror::Error)]

@@ -1,7 +1,7 @@
 use super::crossings;
 use super::defects::Defects;
 use super::tree::{Nearest, Tree};
-use crate::geometry::{Point, TriMesh};
+use prosopon_geometry::{Point, TriMesh};
 
 /// Exact distances to a triangle soup through a bounding volume hierarchy, signed by the generalised winding number.
 #[derive(Debug, Clone)]

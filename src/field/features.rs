@@ -1,6 +1,6 @@
 //! Faces, edges and vertices of a surface, each with the region of space where it can be the nearest of all.
 
-use crate::geometry::{Point, TriMesh, Vector};
+use prosopon_geometry::{Point, TriMesh, Vector};
 use rayon::prelude::*;
 
 /// Regions are widened by this, mm, so that rounding leaves no gap between neighbouring ones.

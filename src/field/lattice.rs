@@ -1,4 +1,4 @@
-use crate::geometry::{Aabb, Point, Vector};
+use prosopon_geometry::{Aabb, Point, Vector};
 
 /// Fine nodes along the edge of a brick.
 pub(super) const EDGE: usize = 8;

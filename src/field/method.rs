@@ -3,9 +3,9 @@ use super::build::{FieldReport, FieldSettings};
 use super::distance_field::DistanceField;
 use super::error::{FieldError, within};
 use super::exact::{ExactDistance, is_inside};
-use crate::control::{Cancelled, Control};
-use crate::geometry::{Aabb, Implicit, Point, TriMesh, Vector};
 use nalgebra::Matrix3;
+use prosopon_geometry::control::{Cancelled, Control};
+use prosopon_geometry::{Aabb, Implicit, Point, TriMesh, Vector};
 
 /// How a distance field is built.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

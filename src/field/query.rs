@@ -5,8 +5,8 @@ use super::distance_field::DistanceField;
 use super::lanes::{Lanes, Plain};
 use super::lattice::{DETAIL_EDGE, EDGE, PARTS};
 use super::spline::{self, Between, Jet};
-use crate::geometry::{Implicit, Point, Vector};
 use nalgebra::Matrix3;
+use prosopon_geometry::{Implicit, Point, Vector};
 
 /// The node nearest to a point.
 #[derive(Clone, Copy)]

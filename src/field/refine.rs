@@ -10,8 +10,8 @@ use super::lattice::{DETAIL_EDGE, EDGE, PARTS};
 use super::sites::{Site, Sites, Spread};
 use super::spline::weights;
 use super::tiles::{Source, TILE, Tile, Tiles};
-use crate::control::{Cancelled, Control};
-use crate::geometry::Vector;
+use prosopon_geometry::Vector;
+use prosopon_geometry::control::{Cancelled, Control};
 use rayon::prelude::*;
 
 /// Where the value at a point of the surface, which should be 0, is larger than this (in spacings), details are added.

@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 
 use super::exact::{ExactDistance, is_inside};
-use crate::control::{Cancelled, Control};
-use crate::geometry::{Aabb, Point, TriMesh};
+use prosopon_geometry::control::{Cancelled, Control};
+use prosopon_geometry::{Aabb, Point, TriMesh};
 use rayon::prelude::*;
 
 /// A winding number is clear when its magnitude is at least this far from one half.

@@ -5,7 +5,7 @@ use super::regions::Region;
 use super::tree::Tree;
 use super::triangle::solid_angle;
 use super::winding::Winding;
-use crate::geometry::{Aabb, Point, Vector};
+use prosopon_geometry::{Aabb, Point, Vector};
 
 /// One loop of the rim, or several that touch.
 #[derive(Debug, Clone)]

@@ -1,7 +1,7 @@
 //! Unsigned distances on a lattice by scan conversion of the features' regions.
 
 use super::features::{Region, Shape};
-use crate::geometry::Point;
+use prosopon_geometry::Point;
 
 /// Nodes along the edge of a block of storage.
 pub(super) const BLOCK: usize = 8;

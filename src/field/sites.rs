@@ -4,7 +4,7 @@ use super::bricks::NO_BRICK;
 use super::distance_field::{DistanceField, Level};
 use super::lanes::with_vectors;
 use super::lattice::EDGE;
-use crate::geometry::{Point, TriMesh, Vector};
+use prosopon_geometry::{Point, TriMesh, Vector};
 use rayon::prelude::*;
 
 /// Points of the surface are at most about this far apart, in spacings.

@@ -1,6 +1,6 @@
 //! How much of the sky each place of a grid sees.
 
-use crate::control::{Cancelled, Control};
+use prosopon_geometry::control::{Cancelled, Control};
 use rayon::prelude::*;
 
 /// Directions swept at the same time; fixed, so that memory does not grow with threads.

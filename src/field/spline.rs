@@ -1,8 +1,8 @@
 //! Quadratic B-splines on a lattice: weights of the three nearest coefficients along each axis, and their products.
 
 use super::lanes::Lanes;
-use crate::geometry::Vector;
 use nalgebra::Matrix3;
+use prosopon_geometry::Vector;
 
 /// Weights of the coefficients at -1, 0, 1 for a point at `t`, in spacings from the nearest.
 pub(super) fn weights(t: f64) -> [f64; 3] {

@@ -7,8 +7,8 @@ use super::features::Features;
 use super::lanes::with_vectors;
 use super::lattice::EDGE;
 use super::scan::Slab;
-use crate::control::{Cancelled, Control};
-use crate::geometry::{Point, TriMesh, Vector};
+use prosopon_geometry::control::{Cancelled, Control};
+use prosopon_geometry::{Point, TriMesh, Vector};
 use rayon::prelude::*;
 
 /// Nodes along the edge of a tile, without its halo: its distances fit the second cache.

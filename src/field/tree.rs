@@ -1,6 +1,6 @@
 use super::lanes::with_vectors;
 use super::triangle::closest_point;
-use crate::geometry::{Point, TriMesh};
+use prosopon_geometry::{Point, TriMesh};
 
 /// Most triangles in a leaf.
 const LEAF: usize = 4;

@@ -1,4 +1,4 @@
-use crate::geometry::{Point, Vector};
+use prosopon_geometry::{Point, Vector};
 
 /// Closest point of the triangle `a b c` to `p`, by Voronoi region; right for triangles without area too.
 ///

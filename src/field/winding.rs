@@ -1,6 +1,6 @@
 use super::tree::Tree;
 use super::triangle::solid_angle;
-use crate::geometry::{Point, Vector};
+use prosopon_geometry::{Point, Vector};
 
 /// A node of the tree stands for its triangles when the query is farther than this many radii from it.
 const ACCURACY: f64 = 2.3;

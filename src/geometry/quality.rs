@@ -96,7 +96,7 @@ fn duplicates(mesh: &TriMesh) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::Point;
+    use crate::Point;
 
     /// A cube of side 2, two triangles a side.
     fn cube() -> (Vec<Point>, Vec<[u32; 3]>) {
@@ -153,7 +153,7 @@ mod tests {
 
         // A second cube, pushed through the first along x by an odd amount.
         let mut points = positions.clone();
-        points.extend(positions.iter().map(|p| p + crate::geometry::Vector::new(1.5, 0.25, 0.125)));
+        points.extend(positions.iter().map(|p| p + crate::Vector::new(1.5, 0.25, 0.125)));
         let second = triangles.iter().map(|t| t.map(|v| v + 8));
         let both = report(&points, triangles.iter().copied().chain(second).collect());
         assert_eq!((both.components, both.closed), (2, true));

@@ -65,7 +65,7 @@ fn cross(mesh: &TriMesh, one: usize, other: usize) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::Vector;
+    use crate::Vector;
 
     fn soup(corners: &[[f64; 3]]) -> TriMesh {
         let positions = corners.iter().map(|[x, y, z]| Point::new(*x, *y, *z)).collect();

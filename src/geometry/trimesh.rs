@@ -70,7 +70,7 @@ impl Aabb {
 /// A triangle soup with shared vertices; counter-clockwise seen from outside when it bounds a solid.
 ///
 /// Coordinates are finite, indices are in range and there is at least one triangle. It may be open,
-/// non-manifold or self-intersecting: [`crate::geometry`] measures that, it does not promise it.
+/// non-manifold or self-intersecting: [`crate`] measures that, it does not promise it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TriMesh {
     positions: Vec<Point>,

@@ -29,9 +29,7 @@ impl Cluster {
     pub(crate) fn start_with(durable: bool) -> Self {
         let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
         // Postgres refuses to run as root, and an ordinary user may not be able to read this directory.
-        let read =
-            |name| std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests").join(name)).unwrap();
-        let script = read("engines/cluster.sh");
+        let script = include_str!("cluster.sh");
         let mut command = if is_root() {
             let mut command = Command::new("setpriv");
             command.args(["--reuid=nobody", "--regid=nogroup", "--clear-groups", "sh"]);
@@ -40,7 +38,7 @@ impl Cluster {
             Command::new("sh")
         };
         command.arg("-c").arg(script).arg("cluster").arg(programs()).arg(port.to_string()).arg(PASSWORD);
-        command.arg(read("data/tls/cert.pem")).arg(read("data/tls/key.pem"));
+        command.arg(include_str!("../data/tls/cert.pem")).arg(include_str!("../data/tls/key.pem"));
         command.env("FSYNC", if durable { "on" } else { "off" });
         command.current_dir("/").stdin(Stdio::piped()).stdout(Stdio::piped());
         let mut script = command.spawn().expect("sh and setpriv (util-linux) are there");

@@ -4,7 +4,8 @@ use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
-use prosopon::{export, phantom};
+use prosopon_formats::export;
+use prosopon_planning::phantom;
 use serde_json::{Value, json};
 use ureq::http::Response;
 use ureq::{Agent, Body};

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use axum::http::Method;
-use prosopon::geometry::{Motion, TriMesh, Vector};
+use prosopon_geometry::{Motion, TriMesh, Vector};
 use serde_json::{Value, json};
 
 use crate::app::{Answer, TestApp};

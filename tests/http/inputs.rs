@@ -5,8 +5,8 @@ use axum::http::{Method, StatusCode};
 use flate2::Compression;
 use flate2::write::GzEncoder;
 use futures::stream;
-use prosopon::geometry::{Point, TriMesh};
-use prosopon::session::FaultKind;
+use prosopon_geometry::{Point, TriMesh};
+use prosopon_service::session::FaultKind;
 use serde_json::json;
 
 use crate::app::TestApp;
@@ -131,7 +131,7 @@ async fn a_ct_becomes_skin_skull_and_air() {
     assert_eq!(report["origin"]["kind"], "ct");
     assert_eq!(
         report["origin"]["sha256"],
-        prosopon::store::sha256_hex(&nifti()),
+        prosopon_store::sha256_hex(&nifti()),
         "of the upload; of a CT something else is kept"
     );
 

@@ -4,8 +4,8 @@
 use std::process::{Command, Stdio};
 use std::sync::Arc;
 
-use prosopon::config::ServeConfig;
-use prosopon::serve;
+use prosopon_service::config::ServeConfig;
+use prosopon_service::serve;
 
 use crate::shapes::{cube, skin, skull, stl};
 use crate::stand_in::StandIn;

@@ -3,8 +3,8 @@
 use std::sync::atomic::Ordering;
 
 use axum::http::Method;
-use prosopon::fem::material::{Material, Materials};
-use prosopon::fem::{Locking, Model, SkinElement, SolveSettings, UnstableMaterial};
+use prosopon_tissue::fem::material::{Material, Materials};
+use prosopon_tissue::fem::{Locking, Model, SkinElement, SolveSettings, UnstableMaterial};
 use serde_json::{Value, json};
 
 use crate::app::TestApp;
@@ -155,7 +155,7 @@ async fn jobs_take_every_model_element_and_material() {
         "materials": {"fat": {"law": "ogden", "shear_modulus_mpa": 0.01, "alpha": 4, "poisson": 0.45}}
     }))
     .await;
-    let mut materials = Materials::wang2009_reading(prosopon::fem::material::D1Reading::PerMpa);
+    let mut materials = Materials::wang2009_reading(prosopon_tissue::fem::material::D1Reading::PerMpa);
     materials.fat = Material::ogden(0.01, 4.0, 0.45);
     let expected = SolveSettings {
         skin_element: SkinElement::Wedge,

@@ -4,10 +4,10 @@ use std::time::Duration;
 
 use axum::body::{Body, Bytes};
 use axum::http::Method;
-use prosopon::fem::SolveError;
-use prosopon::field::FieldError;
-use prosopon::plan::PlanError;
-use prosopon::session::Halt;
+use prosopon_field::FieldError;
+use prosopon_planning::plan::PlanError;
+use prosopon_service::session::Halt;
+use prosopon_tissue::fem::SolveError;
 use serde_json::json;
 
 use crate::app::TestApp;

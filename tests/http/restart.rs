@@ -1,6 +1,6 @@
 use std::sync::atomic::Ordering;
 
-use prosopon::store::{Store, StoreError};
+use prosopon_store::{Store, StoreError};
 use serde_json::json;
 
 use crate::app::TestApp;

@@ -49,7 +49,7 @@ async fn results_are_sent_once_in_part_and_compressed() {
     let path = format!("{job}/steps/6/frame");
     let whole = app.get(&path).await;
     let tag = whole.header("etag").to_owned();
-    assert_eq!(tag.trim_matches('"'), prosopon::store::sha256_hex(&whole.body));
+    assert_eq!(tag.trim_matches('"'), prosopon_store::sha256_hex(&whole.body));
     let known = app.call(Method::GET, &path, &[("if-none-match", &tag)], Body::empty()).await;
     assert_eq!((known.status, known.body.len()), (StatusCode::NOT_MODIFIED, 0));
     let part = app.call(Method::GET, &path, &[("range", "bytes=4-11")], Body::empty()).await;

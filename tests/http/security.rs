@@ -6,8 +6,8 @@ use axum::body::Body;
 use axum::http::{Method, StatusCode};
 use jsonwebtoken::jwk::{Jwk, JwkSet};
 use jsonwebtoken::{Algorithm, EncodingKey, Header, encode};
-use prosopon::http::auth::{ApiKey, AuthSettings, JwtSettings, Scope, Scopes, new_key};
-use prosopon::store::Audit;
+use prosopon_service::http::auth::{ApiKey, AuthSettings, JwtSettings, Scope, Scopes, new_key};
+use prosopon_store::Audit;
 use serde_json::{Value, json};
 
 use crate::app::{Answer, TestApp};

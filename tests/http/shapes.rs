@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use prosopon::geometry::{Point, TriMesh};
+use prosopon_geometry::{Point, TriMesh};
 
 /// A closed box around `centre`, half side `half`, in mm.
 pub(crate) fn cube(centre: [f64; 3], half: f64) -> TriMesh {

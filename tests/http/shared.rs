@@ -10,7 +10,8 @@ use tokio::runtime::Handle;
 use crate::binary::Server;
 use crate::engines::{Bucket, Cluster, Mood, fresh_database};
 use crate::shapes::skin;
-use prosopon::{export, phantom};
+use prosopon_formats::export;
+use prosopon_planning::phantom;
 
 /// `serve`, `serve --no-worker` or `worker`, with leases of two seconds.
 pub(crate) fn start(role: &str, data: &Path, database: &str, bucket: &Bucket) -> Server {

@@ -4,22 +4,22 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Condvar, Mutex};
 use std::time::Duration;
 
-use prosopon::control::Control;
-use prosopon::evaluate::{ErrorMap, FaceRegion, Registration, Statistics};
-use prosopon::fem::{SavedState, SolveSettings, StepOutcome, StepReport};
-use prosopon::field::{Doubt, DoubtfulRegions, FieldReport, Region, Settled};
-use prosopon::geometry::{Aabb, Motion, Point, ScalarGrid, TriMesh, Vector};
-use prosopon::import::Limits;
-use prosopon::mesh::MeshReport;
-use prosopon::plan::{
+use prosopon_field::{Doubt, DoubtfulRegions, FieldReport, Region, Settled};
+use prosopon_formats::import::Limits;
+use prosopon_geometry::control::Control;
+use prosopon_geometry::{Aabb, Motion, Point, ScalarGrid, TriMesh, Vector};
+use prosopon_planning::evaluate::{ErrorMap, FaceRegion, Registration, Statistics};
+use prosopon_planning::plan::{
     BoundedPlane, Clearance, Cut, CutShape, Osteotomy, PathReport, PathSample, Plan, PlanError, Proposal, Protected,
     Segment, Template,
 };
-use prosopon::session::{
+use prosopon_planning::simulate::{Attached, Frame, LeftOut, Outcome, RegionMotion, SimulateError};
+use prosopon_planning::surface::{CtSettings, CtSurfaces};
+use prosopon_service::session::{
     Case, Cuts, Engine, Fault, FaultKind, Halt, Numerics, Run, RunWatch, SceneRun, SceneSolved, Solid, TissueRequest,
 };
-use prosopon::simulate::{Attached, Frame, LeftOut, Outcome, RegionMotion, SimulateError};
-use prosopon::surface::{CtSettings, CtSurfaces};
+use prosopon_tissue::fem::{SavedState, SolveSettings, StepOutcome, StepReport};
+use prosopon_tissue::mesh::MeshReport;
 
 use crate::shapes::cube;
 
@@ -221,7 +221,7 @@ impl Engine for StandIn {
 
     fn follow(&self, _: &Case, _: &[Cut], plan: &Plan, _: &Control) -> Result<Vec<PathReport>, Halt> {
         self.cut_again()?;
-        let report = |path: &prosopon::plan::Path| {
+        let report = |path: &prosopon_planning::plan::Path| {
             let moved: Vector = path.at(1.0).translation.vector;
             PathReport {
                 segment: path.segment(),
@@ -279,7 +279,7 @@ impl Engine for StandIn {
                 active_contacts: 3,
                 reactions_n: vec![(1, [0.0, 1.0, 0.0])],
                 unknowns: 60_000,
-                phases: prosopon::fem::PhaseTimes::default(),
+                phases: prosopon_tissue::fem::PhaseTimes::default(),
                 warnings: self.step_warning.lock().unwrap().iter().cloned().collect(),
             };
             let positions = skin.positions().iter().map(|p| p + moved).collect();
@@ -296,7 +296,7 @@ impl Engine for StandIn {
             steps.push(report);
             control.report(t);
             if k == self.fails_after.load(Ordering::SeqCst) {
-                let error = prosopon::fem::SolveError::NotConverged {
+                let error = prosopon_tissue::fem::SolveError::NotConverged {
                     path_share: t,
                     iterations: 30,
                     residual_n: 0.4,

@@ -2,9 +2,10 @@
 
 use axum::body::Body;
 use axum::http::{Method, StatusCode};
-use prosopon::export::{stl, vtu};
-use prosopon::geometry::{Point, TriMesh};
-use prosopon::import::{Cell, Limits, VolumeMesh, volume_mesh};
+use prosopon_formats::export::{stl, vtu};
+use prosopon_formats::import::{Limits, volume_mesh};
+use prosopon_geometry::{Cell, VolumeMesh};
+use prosopon_geometry::{Point, TriMesh};
 use serde_json::{Value, json};
 
 use crate::app::{Answer, TestApp};

@@ -1,8 +1,8 @@
 //! A dense assembler and Newton's method, for problems of a few hundred unknowns.
 
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
-use prosopon::fem::element::ElementBlock;
-use prosopon::fem::material::{Material, Tangent};
+use prosopon_tissue::fem::element::ElementBlock;
+use prosopon_tissue::fem::material::{Material, Tangent};
 
 /// Blocks with one material each.
 pub(crate) type Body<'a> = [(&'a ElementBlock, Material)];

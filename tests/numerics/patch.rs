@@ -1,9 +1,9 @@
 //! Patch tests: nodes on the boundary follow a linear field, the others must find it; and a rigid rotation gives no stress.
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
-use prosopon::fem::element::{self, C1Surface, ElementBlock, TriangleRule};
-use prosopon::fem::material::Material;
-use prosopon::mesh::MixedMesh;
+use prosopon_tissue::fem::element::{self, C1Surface, ElementBlock, TriangleRule};
+use prosopon_tissue::fem::material::Material;
+use prosopon_tissue::mesh::MixedMesh;
 
 use crate::dense::{self, deformation_gradient};
 use crate::slab::Slab;

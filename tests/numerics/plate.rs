@@ -2,8 +2,8 @@
 //! constant curvature, which asks for second derivatives and so for C1 continuity, and a clamped plate.
 
 use nalgebra::{DMatrix, DVector, Matrix2, Matrix3, Point3, SMatrix, Vector3};
-use prosopon::fem::element::C1Surface;
-use prosopon::mesh::{Attachment, MixedMesh};
+use prosopon_tissue::fem::element::C1Surface;
+use prosopon_tissue::mesh::{Attachment, MixedMesh};
 
 const POISSON: f64 = 0.3;
 

@@ -1,7 +1,7 @@
 //! A slab of tetrahedra under one layer of prisms, with displaced nodes.
 
 use nalgebra::{Point3, Vector3};
-use prosopon::mesh::{Attachment, MixedMesh, Tissue};
+use prosopon_tissue::mesh::{Attachment, MixedMesh, Tissue};
 
 /// Shape of the slab: `cells` x `cells` columns of side 4, `layers` layers of tetrahedra of height 3, prisms of height 1.5 on top.
 pub(crate) struct Slab {

@@ -11,9 +11,9 @@ use serde::Serialize;
 
 use super::stop_signal::stop_signal;
 use super::{CommandResult, refuse_overwriting};
-use crate::bench::peak_mb;
-use crate::control::Control;
-use crate::fem::SolveError;
+use prosopon_geometry::control::Control;
+use prosopon_study::peak_mb;
+use prosopon_tissue::fem::SolveError;
 use scene_file::SceneFile;
 
 /// Arguments of `prosopon solve`.
@@ -61,7 +61,8 @@ enum Unfinished {
 
 pub(super) fn run(arguments: &SolveArguments) -> CommandResult {
     let failure = solve(arguments).inspect_err(|error| {
-        let line = serde_json::to_string(&NoResult { converged: false, error: &crate::session::chain(&**error) });
+        let line =
+            serde_json::to_string(&NoResult { converged: false, error: &prosopon_service::session::chain(&**error) });
         // The exit status and stderr tell it too.
         let _ = writeln!(std::io::stdout(), "{}", line.unwrap_or_default());
     })?;

@@ -6,18 +6,21 @@ use std::sync::Arc;
 
 use serde::Deserialize;
 
-use crate::control::Control;
-use crate::fem::SolveSettings;
-use crate::fem::material::Materials;
-use crate::field::{FieldSettings, MethodSettings, SignedField};
-use crate::http::dto::{RotationRequest, file_material, segment_motion};
-use crate::http::{strict_json, strict_value};
-use crate::import::{Limits, VolumeMesh, detect_surface, surface, volume_mesh};
-use crate::jobs::SolveModel;
-use crate::mesh::{Attachment, Tissue};
-use crate::plan::{Path as SegmentPath, Plan};
-use crate::session::{D1ReadingName, LockingName, MaterialDocument, PresetName, SkinElementName, UnstableMaterialName};
-use crate::simulate::{ReadyMesh, Scene};
+use prosopon_field::{FieldSettings, MethodSettings, SignedField};
+use prosopon_formats::import::{Limits, detect_surface, surface, volume_mesh};
+use prosopon_geometry::VolumeMesh;
+use prosopon_geometry::control::Control;
+use prosopon_planning::plan::{Path as SegmentPath, Plan};
+use prosopon_planning::simulate::{ReadyMesh, Scene};
+use prosopon_service::http::dto::{RotationRequest, file_material, segment_motion};
+use prosopon_service::http::{strict_json, strict_value};
+use prosopon_service::jobs::SolveModel;
+use prosopon_service::session::{
+    D1ReadingName, LockingName, MaterialDocument, PresetName, SkinElementName, UnstableMaterialName,
+};
+use prosopon_tissue::fem::SolveSettings;
+use prosopon_tissue::fem::material::Materials;
+use prosopon_tissue::mesh::{Attachment, Tissue};
 
 /// Most steps of a path.
 const MAX_STEPS: usize = 10_000;
@@ -104,7 +107,7 @@ fn value(place: impl Into<String>, detail: impl Into<String>) -> SceneError {
 }
 
 fn input(path: &Path, error: &dyn std::error::Error) -> SceneError {
-    SceneError::Input { path: path.to_owned(), detail: crate::session::chain(error) }
+    SceneError::Input { path: path.to_owned(), detail: prosopon_service::session::chain(error) }
 }
 
 fn read(path: &Path) -> Result<Vec<u8>, SceneError> {

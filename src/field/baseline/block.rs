@@ -1,7 +1,7 @@
 //! The nearest triangle of each node of a block of 4³: the inner loop of the sampling, on vectors of single precision.
 
 use super::tile::Boxed;
-use crate::geometry::{Point, Vector};
+use prosopon_geometry::{Point, Vector};
 use pulp::Simd;
 
 /// Nodes along the edge of a block.

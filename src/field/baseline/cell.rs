@@ -1,6 +1,6 @@
 //! Trilinear cells, and what a field is beyond its box.
 
-use crate::geometry::{Aabb, Point, Vector};
+use prosopon_geometry::{Aabb, Point, Vector};
 
 /// Value of the trilinear interpolant of `corners` (x fastest) and its derivatives along the edges of the unit cell.
 pub(super) fn trilinear(corners: &[f64; 8], t: [f64; 3]) -> (f64, Vector) {

@@ -1,6 +1,6 @@
 use super::settings::EDGE;
 use super::tile::Sampler;
-use crate::geometry::{Point, Vector};
+use prosopon_geometry::{Point, Vector};
 
 /// A node or a tile without a triangle.
 pub(super) const NONE: u32 = u32::MAX;

@@ -5,9 +5,9 @@ use super::report::{SampledReport, defects};
 use super::settings::{Cube, EDGE, SampledSettings};
 use super::tile::{Sampler, Scratch, TILE};
 use super::tolerance::{Predicate, corners};
-use crate::control::{Cancelled, Control};
-use crate::field::error::FieldError;
-use crate::geometry::TriMesh;
+use crate::error::FieldError;
+use prosopon_geometry::TriMesh;
+use prosopon_geometry::control::{Cancelled, Control};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
 

@@ -2,7 +2,7 @@ use super::cell::{continued, sampled};
 use super::packed::{Codec, Packed};
 use super::settings::{Cube, EDGE};
 use super::tolerance::Predicate;
-use crate::geometry::{Aabb, Implicit, Point, Vector};
+use prosopon_geometry::{Aabb, Implicit, Point, Vector};
 
 /// Marks an undivided brick in [`Octree`]'s index; the other bits are the level of its leaf.
 const LEAF: u32 = 1 << 31;

@@ -1,5 +1,5 @@
-use crate::field::defects::weld;
-use crate::geometry::{Point, TriMesh, Vector};
+use crate::defects::weld;
+use prosopon_geometry::{Point, TriMesh, Vector};
 use rayon::prelude::*;
 
 /// Which side of the surface a point is on, by the angle-weighted pseudonormal of the closest feature.

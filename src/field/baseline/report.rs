@@ -1,6 +1,6 @@
 use super::octree::Octree;
-use crate::field::defects::Defects;
-use crate::geometry::TriMesh;
+use crate::defects::Defects;
+use prosopon_geometry::TriMesh;
 
 /// What a field built by a published method is like.
 #[derive(Debug, Clone, PartialEq)]

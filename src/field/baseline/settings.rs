@@ -1,5 +1,5 @@
-use crate::field::error::{FieldError, within};
-use crate::geometry::{Aabb, Point, TriMesh, Vector};
+use crate::error::{FieldError, within};
+use prosopon_geometry::{Aabb, Point, TriMesh, Vector};
 
 /// Cells along the edge of a brick, and nodes along the edge of a tile.
 pub(super) const EDGE: usize = 8;

@@ -1,7 +1,7 @@
 use super::block::{Block, NODES, Nearest, SIDE, Shape, single};
 use super::pseudonormal::Pseudonormals;
 use super::settings::EDGE;
-use crate::geometry::{Point, TriMesh, Vector};
+use prosopon_geometry::{Point, TriMesh, Vector};
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 

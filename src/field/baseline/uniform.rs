@@ -3,9 +3,9 @@ use super::far::{FarLattice, NONE, far_value, within_far};
 use super::report::{SampledReport, defects};
 use super::settings::{Cube, EDGE, SampledSettings};
 use super::tile::{Sampler, Scratch};
-use crate::control::{Cancelled, Control};
-use crate::field::error::FieldError;
-use crate::geometry::{Aabb, Implicit, Point, TriMesh, Vector};
+use crate::error::FieldError;
+use prosopon_geometry::control::{Cancelled, Control};
+use prosopon_geometry::{Aabb, Implicit, Point, TriMesh, Vector};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
 

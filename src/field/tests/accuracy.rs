@@ -1,7 +1,7 @@
 use super::shapes::{Random, block, block_distance, joined, sphere};
-use crate::control::Control;
-use crate::field::{DistanceField, ExactDistance, FieldError, FieldReport, FieldSettings};
-use crate::geometry::{Implicit, Point, TriMesh, Vector};
+use crate::{DistanceField, ExactDistance, FieldError, FieldReport, FieldSettings};
+use prosopon_geometry::control::Control;
+use prosopon_geometry::{Implicit, Point, TriMesh, Vector};
 
 fn built(mesh: &TriMesh, spacing_mm: f64, band_mm: f64) -> (DistanceField, FieldReport) {
     let settings = FieldSettings { spacing_mm, band_mm, margin_mm: 6.0 };
@@ -20,12 +20,12 @@ fn exact_distances_and_winding_numbers_agree_with_brute_force() {
         let mut angle = 0.0;
         for t in 0..mesh.triangles().len() {
             let corners = mesh.corners(t);
-            nearest = nearest.min((crate::field::triangle::closest_point(&p, &corners) - p).norm());
-            angle += crate::field::triangle::solid_angle(&p, &corners);
+            nearest = nearest.min((crate::triangle::closest_point(&p, &corners) - p).norm());
+            angle += crate::triangle::solid_angle(&p, &corners);
         }
         let (point, triangle, distance) = exact.closest(&p);
         assert!((distance - nearest).abs() < 1e-12 && ((point - p).norm() - nearest).abs() < 1e-12);
-        let again = crate::field::triangle::closest_point(&p, &mesh.corners(triangle));
+        let again = crate::triangle::closest_point(&p, &mesh.corners(triangle));
         assert!((again - point).norm() < 1e-12);
         let winding = angle / (4.0 * std::f64::consts::PI);
         assert!((exact.winding_number(&p) - winding).abs() < 0.03, "{} {winding}", exact.winding_number(&p));

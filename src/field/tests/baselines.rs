@@ -1,10 +1,10 @@
 use super::shapes::{Random, block, block_distance, filtered, flipped, joined, sphere, torus};
-use crate::control::Control;
-use crate::field::{
+use crate::{
     ExactDistance, FieldError, FieldSettings, Method, MethodSettings, Octree, Resolution, SampledReport,
     SampledSettings, SignedField, Tolerance, UniformField,
 };
-use crate::geometry::{Implicit, Motion, Point, TriMesh, Vector};
+use prosopon_geometry::control::Control;
+use prosopon_geometry::{Implicit, Motion, Point, TriMesh, Vector};
 
 /// Every published method, by name.
 fn built(mesh: &TriMesh, settings: &SampledSettings) -> Vec<(&'static str, Box<dyn Implicit>, SampledReport)> {

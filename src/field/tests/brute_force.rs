@@ -1,7 +1,7 @@
 use super::shapes::{Random, block, fields, joined, torus};
-use crate::field::triangle::{closest_point, solid_angle};
-use crate::field::{ExactDistance, Method};
-use crate::geometry::{Implicit, Point, TriMesh, Vector};
+use crate::triangle::{closest_point, solid_angle};
+use crate::{ExactDistance, Method};
+use prosopon_geometry::{Implicit, Point, TriMesh, Vector};
 use rayon::prelude::*;
 
 const BAND_MM: f64 = 3.0;

@@ -1,7 +1,7 @@
 use super::shapes::{Random, block, joined, sphere};
-use crate::control::Control;
-use crate::field::{Accuracy, DistanceField, ExactDistance, FieldSettings, sample_points};
-use crate::geometry::{Implicit, Point, TriMesh, Vector};
+use crate::{Accuracy, DistanceField, ExactDistance, FieldSettings, sample_points};
+use prosopon_geometry::control::Control;
+use prosopon_geometry::{Implicit, Point, TriMesh, Vector};
 
 /// A solid with sharp edges, a thin plate, and a sphere that cuts through both.
 fn rough() -> TriMesh {

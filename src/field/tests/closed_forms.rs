@@ -2,8 +2,8 @@ use super::shapes::{
     Random, block, block_distance, cone, cone_distance, convex_distance, fields, joined, sphere, tetrahedron, torus,
     torus_distance,
 };
-use crate::field::Method;
-use crate::geometry::{Implicit, Point, TriMesh, Vector};
+use crate::Method;
+use prosopon_geometry::{Implicit, Point, TriMesh, Vector};
 
 const SPACING_MM: f64 = 0.5;
 const BAND_MM: f64 = 2.0;

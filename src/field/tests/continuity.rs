@@ -1,6 +1,6 @@
 use super::shapes::{Random, block, fields, joined, sphere};
-use crate::field::{ExactDistance, Method, SignedField};
-use crate::geometry::{Implicit, Point, TriMesh, Vector};
+use crate::{ExactDistance, Method, SignedField};
+use prosopon_geometry::{Implicit, Point, TriMesh, Vector};
 
 const BAND_MM: f64 = 1.5;
 const SPACING_MM: f64 = 0.5;

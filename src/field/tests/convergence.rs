@@ -1,6 +1,6 @@
 use super::shapes::{Random, fields, torus};
-use crate::field::{ExactDistance, Method};
-use crate::geometry::{Implicit, Point, Vector};
+use crate::{ExactDistance, Method};
+use prosopon_geometry::{Implicit, Point, Vector};
 
 /// Spacings, each half of the one before, mm.
 const SPACINGS_MM: [f64; 3] = [1.6, 0.8, 0.4];

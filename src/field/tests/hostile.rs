@@ -1,8 +1,8 @@
 //! Surfaces that break methods: each gives a right field or says what is wrong and where.
 
 use super::shapes::{Random, block, fields, filtered, flipped, joined, rough_ball, sphere};
-use crate::field::{Doubt, ExactDistance, FieldReport, Method};
-use crate::geometry::{GeometryError, Implicit, Motion, Point, TriMesh, Vector};
+use crate::{Doubt, ExactDistance, FieldReport, Method};
+use prosopon_geometry::{GeometryError, Implicit, Motion, Point, TriMesh, Vector};
 
 const BAND_MM: f64 = 2.0;
 const SPACING_MM: f64 = 0.6;

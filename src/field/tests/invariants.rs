@@ -1,9 +1,9 @@
 //! What holds for any surface.
 
 use super::shapes::{Random, fields, rough_ball, torus};
-use crate::field::{ExactDistance, Method, SignedField};
-use crate::geometry::{Implicit, Motion, Point, TriMesh, Vector};
+use crate::{ExactDistance, Method, SignedField};
 use proptest::prelude::*;
+use prosopon_geometry::{Implicit, Motion, Point, TriMesh, Vector};
 
 const SPACING_MM: f64 = 0.6;
 const BAND_MM: f64 = 2.0;

@@ -1,7 +1,7 @@
 use super::shapes::{Random, block, filtered, flipped, joined, rough_ball, sphere};
-use crate::control::Control;
-use crate::field::{Doubt, DoubtfulRegions, ExactDistance, doubtful_regions};
-use crate::geometry::{Point, TriMesh, Vector};
+use crate::{Doubt, DoubtfulRegions, ExactDistance, doubtful_regions};
+use prosopon_geometry::control::Control;
+use prosopon_geometry::{Point, TriMesh, Vector};
 
 fn found(mesh: &TriMesh) -> Vec<DoubtfulRegions> {
     doubtful_regions(mesh, &ExactDistance::new(mesh), &Control::new()).unwrap()

@@ -1,8 +1,8 @@
 //! Small surfaces with known distances.
 
-use crate::control::Control;
-use crate::field::{FieldReport, FieldSettings, Method, MethodSettings, SignedField, Tolerance};
-use crate::geometry::{Point, TriMesh, Vector};
+use crate::{FieldReport, FieldSettings, Method, MethodSettings, SignedField, Tolerance};
+use prosopon_geometry::control::Control;
+use prosopon_geometry::{Point, TriMesh, Vector};
 use std::collections::BTreeMap;
 
 /// Sphere around `center`: an icosahedron divided `levels` times.
@@ -147,7 +147,7 @@ pub(super) fn convex_distance(mesh: &TriMesh, p: &Point) -> f64 {
     if height <= 0.0 {
         return height;
     }
-    triangles().map(|c| (crate::field::triangle::closest_point(p, &c) - p).norm()).fold(f64::INFINITY, f64::min)
+    triangles().map(|c| (crate::triangle::closest_point(p, &c) - p).norm()).fold(f64::INFINITY, f64::min)
 }
 
 /// Sphere of 320 triangles whose vertices are moved along their radius by a share of up to `roughness`.

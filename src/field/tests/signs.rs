@@ -1,7 +1,7 @@
 use super::shapes::{Random, block, block_distance, filtered, flipped, joined, sphere};
-use crate::control::Control;
-use crate::field::{DistanceField, ExactDistance, FieldReport, FieldSettings, MethodSettings, SignedField};
-use crate::geometry::{Implicit, Point, TriMesh, Vector};
+use crate::{DistanceField, ExactDistance, FieldReport, FieldSettings, MethodSettings, SignedField};
+use prosopon_geometry::control::Control;
+use prosopon_geometry::{Implicit, Point, TriMesh, Vector};
 
 fn built(mesh: &TriMesh) -> (DistanceField, FieldReport) {
     let settings = FieldSettings { spacing_mm: 0.5, band_mm: 2.0, margin_mm: 5.0 };

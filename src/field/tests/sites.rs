@@ -1,9 +1,9 @@
 use super::shapes::{block, joined, sphere};
-use crate::control::Control;
-use crate::field::distance_field::Level;
-use crate::field::sites::{SHORT, Spread, of_bricks};
-use crate::field::{DistanceField, ExactDistance, FieldSettings};
-use crate::geometry::{Point, Vector};
+use crate::distance_field::Level;
+use crate::sites::{SHORT, Spread, of_bricks};
+use crate::{DistanceField, ExactDistance, FieldSettings};
+use prosopon_geometry::control::Control;
+use prosopon_geometry::{Point, Vector};
 
 #[test]
 fn every_part_of_a_triangle_and_every_vertex_has_one_site() {

@@ -1,7 +1,7 @@
 use super::shapes::{Random, block, filtered, sphere};
-use crate::control::Control;
-use crate::field::{DistanceField, FieldSettings};
-use crate::geometry::{Implicit, Point, Vector};
+use crate::{DistanceField, FieldSettings};
+use prosopon_geometry::control::Control;
+use prosopon_geometry::{Implicit, Point, Vector};
 
 fn fields() -> Vec<DistanceField> {
     let settings = FieldSettings { spacing_mm: 0.5, band_mm: 1.0, margin_mm: 4.0 };

@@ -1,7 +1,7 @@
 use super::shapes::{Random, block, sphere, torus};
-use crate::control::Control;
-use crate::field::{DistanceField, ExactDistance, FieldError, FieldSettings};
-use crate::geometry::{Aabb, Implicit, Point, Vector};
+use crate::{DistanceField, ExactDistance, FieldError, FieldSettings};
+use prosopon_geometry::control::Control;
+use prosopon_geometry::{Aabb, Implicit, Point, Vector};
 
 const SETTINGS: FieldSettings = FieldSettings { spacing_mm: 0.5, band_mm: 2.0, margin_mm: 4.0 };
 

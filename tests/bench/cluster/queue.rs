@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
-use prosopon::store::{
+use prosopon_store::{
     Claim, Insertion, JobChange, JobKind, JobRecord, JobState, Lane, NewJob, Places, QueueLimits, SessionId,
     SessionRecord, Store, WorkerId, now_rfc3339,
 };

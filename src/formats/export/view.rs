@@ -1,0 +1,29 @@
+use prosopon_geometry::TriMesh;
+
+/// A surface with named values per vertex, to be written.
+#[derive(Debug, Clone, Copy)]
+pub struct SurfaceView<'a> {
+    /// The surface.
+    pub mesh: &'a TriMesh,
+    /// Name (with unit, for example `displacement_mm`) and one value per vertex. Names differ in more than case. A vertex
+    /// without a value has NaN.
+    pub scalars: &'a [(&'a str, &'a [f32])],
+    /// Colour per vertex, sRGB, where the format can carry it.
+    pub colours: Option<&'a [[u8; 3]]>,
+}
+
+impl SurfaceView<'_> {
+    /// Asserts one value and one colour per vertex.
+    pub(super) fn assert_lengths(&self) {
+        let n = self.mesh.positions().len();
+        for (name, values) in self.scalars {
+            assert_eq!(values.len(), n, "values of {name}, of vertices");
+        }
+        assert_eq!(self.colours.map_or(n, <[_]>::len), n, "colours, of vertices");
+    }
+}
+
+/// `name` as letters, digits and underscores, which every format and program accepts.
+pub(super) fn identifier(name: &str) -> String {
+    name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect()
+}

@@ -1,0 +1,320 @@
+//! What one image says of itself. Only the tags named here are looked at: nothing of the patient is.
+
+use super::FORMAT;
+use super::elements::{DataSet, Elements, PIXEL_DATA, Tag, Value};
+use super::syntax::Syntax;
+use crate::import::ImportError;
+use crate::import::error::malformed;
+use prosopon_geometry::{Point, Vector};
+
+const IMAGE_TYPE: Tag = (0x0008, 0x0008);
+const MODALITY: Tag = (0x0008, 0x0060);
+const SERIES: Tag = (0x0020, 0x000e);
+const POSITION: Tag = (0x0020, 0x0032);
+const ORIENTATION: Tag = (0x0020, 0x0037);
+const SAMPLES: Tag = (0x0028, 0x0002);
+const FRAMES: Tag = (0x0028, 0x0008);
+const ROWS: Tag = (0x0028, 0x0010);
+const COLUMNS: Tag = (0x0028, 0x0011);
+const SPACING: Tag = (0x0028, 0x0030);
+const BITS_ALLOCATED: Tag = (0x0028, 0x0100);
+const BITS_STORED: Tag = (0x0028, 0x0101);
+const HIGH_BIT: Tag = (0x0028, 0x0102);
+const REPRESENTATION: Tag = (0x0028, 0x0103);
+const PADDING: Tag = (0x0028, 0x0120);
+const PADDING_LIMIT: Tag = (0x0028, 0x0121);
+const INTERCEPT: Tag = (0x0028, 0x1052);
+const SLOPE: Tag = (0x0028, 0x1053);
+const LOSSY: Tag = (0x0028, 0x2110);
+/// Of an enhanced image: what all frames share, and what each has of its own.
+const SHARED_GROUPS: Tag = (0x5200, 0x9229);
+const FRAME_GROUPS: Tag = (0x5200, 0x9230);
+/// Groups in these that are looked at: pixel measures, plane position, plane orientation, rescaling.
+const GROUPS: [Tag; 4] = [(0x0028, 0x9110), (0x0020, 0x9113), (0x0020, 0x9116), (0x0028, 0x9145)];
+/// Most frames of one file.
+const MAX_FRAMES: usize = 4096;
+
+/// How the stored numbers of an image lie in its words, and what they mean.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Words {
+    pub(super) bits_allocated: u16,
+    pub(super) bits_stored: u16,
+    pub(super) high_bit: u16,
+    pub(super) signed: bool,
+    /// Stored numbers from the first to the second are no measurement.
+    pub(super) padding: Option<(i32, i32)>,
+    /// HU per stored number.
+    pub(super) slope: f64,
+    /// HU of zero.
+    pub(super) intercept: f64,
+}
+
+/// Where an image lies.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Place {
+    /// Centre of the first pixel, LPS mm.
+    pub(super) origin: Point,
+    /// Unit vector along a row, to the next column.
+    pub(super) along_row: Vector,
+    /// Unit vector down a column, to the next row.
+    pub(super) along_column: Vector,
+    /// Distance of columns, of rows, mm.
+    pub(super) spacing: [f64; 2],
+}
+
+/// One image.
+#[derive(Debug, Clone, PartialEq)]
+pub(in crate::import) struct Header {
+    pub(super) syntax: Syntax,
+    /// SeriesInstanceUID; kept while a file is read only.
+    pub(super) series: Vec<u8>,
+    pub(super) modality: [u8; 2],
+    /// A survey picture to plan the scan on.
+    pub(super) localizer: bool,
+    /// Frames that its file tells nothing of, one by one; 1 for a plain image and for a frame of an enhanced one.
+    pub(super) frames: u32,
+    /// Which frame of its file it is, from 0, and of how many.
+    pub(super) frame: (usize, usize),
+    pub(super) samples: u16,
+    pub(super) columns: usize,
+    pub(super) rows: usize,
+    pub(super) place: Option<Place>,
+    pub(super) words: Words,
+    pub(super) lossy: bool,
+}
+
+/// The images of a data set (the frames of an enhanced one) and its pixels; `None` when it holds no image.
+pub(super) fn read<'a>(set: &'a DataSet<'_>) -> Result<Option<(Vec<Header>, Value<'a>)>, ImportError> {
+    let mut found = Fields::default();
+    let (mut shared, mut own) = (Fields::default(), Vec::new());
+    let mut elements = set.elements();
+    while let Some((tag, value)) = elements.next()? {
+        if tag == PIXEL_DATA {
+            let headers = frames(found, &shared, own, set.syntax)?;
+            return Ok(Some((headers, value)));
+        }
+        let sequence = |value: Value<'a>| match value {
+            Value::Sequence(inside) => inside,
+            Value::Bytes(bytes) => elements.over(bytes),
+            Value::Fragments(_) => elements.over(&[]),
+        };
+        match (tag, value) {
+            (SHARED_GROUPS, value) => {
+                for item in sequence(value).items(1)? {
+                    shared.keep_groups(item)?;
+                }
+            }
+            (FRAME_GROUPS, value) => {
+                for item in sequence(value).items(MAX_FRAMES)? {
+                    let mut fields = Fields::default();
+                    fields.keep_groups(item)?;
+                    own.push(fields);
+                }
+            }
+            (tag, Value::Bytes(bytes)) => found.keep(tag, bytes),
+            _ => {}
+        }
+    }
+    Ok(None)
+}
+
+/// One header, or one for each frame that says where it lies.
+fn frames<'a>(
+    top: Fields<'a>,
+    shared: &Fields<'a>,
+    own: Vec<Fields<'a>>,
+    syntax: Syntax,
+) -> Result<Vec<Header>, ImportError> {
+    let n = own.len();
+    let plain = top.header(syntax)?;
+    if n == 0 || usize::try_from(plain.frames) != Ok(n) {
+        return Ok(vec![plain]);
+    }
+    let of = |(at, fields): (usize, Fields<'a>)| {
+        // What a frame says of itself goes before what all share.
+        let mut all = fields.0;
+        all.extend(shared.0.iter().chain(&top.0).copied());
+        Ok(Header { frames: 1, frame: (at, n), ..Fields(all).header(syntax)? })
+    };
+    own.into_iter().enumerate().map(of).collect()
+}
+
+/// Values of the tags that are looked at.
+#[derive(Default)]
+struct Fields<'a>(Vec<(Tag, &'a [u8])>);
+
+impl<'a> Fields<'a> {
+    fn keep(&mut self, tag: Tag, bytes: &'a [u8]) {
+        const KEPT: [Tag; 19] = [
+            IMAGE_TYPE,
+            MODALITY,
+            SERIES,
+            POSITION,
+            ORIENTATION,
+            SAMPLES,
+            FRAMES,
+            ROWS,
+            COLUMNS,
+            SPACING,
+            BITS_ALLOCATED,
+            BITS_STORED,
+            HIGH_BIT,
+            REPRESENTATION,
+            PADDING,
+            PADDING_LIMIT,
+            INTERCEPT,
+            SLOPE,
+            LOSSY,
+        ];
+        if KEPT.contains(&tag) {
+            self.0.push((tag, bytes));
+        }
+    }
+
+    /// Keeps what the functional groups of an item hold.
+    fn keep_groups(&mut self, mut item: Elements<'a>) -> Result<(), ImportError> {
+        while let Some((tag, value)) = item.next()? {
+            if !GROUPS.contains(&tag) {
+                continue;
+            }
+            let inside = match value {
+                Value::Sequence(inside) => inside,
+                Value::Bytes(bytes) => item.over(bytes),
+                Value::Fragments(_) => continue,
+            };
+            for mut group in inside.items(1)? {
+                while let Some((tag, value)) = group.next()? {
+                    if let Value::Bytes(bytes) = value {
+                        self.keep(tag, bytes);
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn bytes(&self, tag: Tag) -> Option<&'a [u8]> {
+        self.0.iter().find(|(t, _)| *t == tag).map(|(_, bytes)| *bytes)
+    }
+
+    fn number(&self, tag: Tag, little: bool) -> Option<u16> {
+        let bytes = self.bytes(tag)?.first_chunk::<2>()?;
+        Some(if little { u16::from_le_bytes(*bytes) } else { u16::from_be_bytes(*bytes) })
+    }
+
+    /// Decimals parted by backslashes; `None` when the tag is absent or empty.
+    fn decimals(&self, tag: Tag, name: &str) -> Result<Option<Vec<f64>>, ImportError> {
+        let Some(bytes) = self.bytes(tag).map(|b| b.trim_ascii()).filter(|b| !b.is_empty() && *b != b"\0") else {
+            return Ok(None);
+        };
+        let word = |w: &[u8]| {
+            let text = std::str::from_utf8(w).ok()?.trim_matches(['\0', ' ']);
+            text.parse::<f64>().ok().filter(|v| v.is_finite())
+        };
+        let found: Option<Vec<f64>> = bytes.split(|b| *b == b'\\').take(16).map(word).collect();
+        found.map(Some).ok_or_else(|| malformed(FORMAT, format!("{name} is not made of finite numbers")))
+    }
+
+    fn one_decimal(&self, tag: Tag, name: &str) -> Result<Option<f64>, ImportError> {
+        Ok(self.decimals(tag, name)?.and_then(|v| v.first().copied()))
+    }
+
+    fn header(&self, syntax: Syntax) -> Result<Header, ImportError> {
+        let little = syntax.little_endian;
+        let need =
+            |tag, name: &str| self.number(tag, little).ok_or_else(|| malformed(FORMAT, format!("there is no {name}")));
+        let (columns, rows) = (need(COLUMNS, "number of columns")?, need(ROWS, "number of rows")?);
+        if columns == 0 || rows == 0 {
+            return Err(malformed(FORMAT, format!("{columns} x {rows} pixels, expected some")));
+        }
+        let frames =
+            self.bytes(FRAMES).and_then(|b| std::str::from_utf8(b).ok()?.trim_matches(['\0', ' ']).parse().ok());
+        let modality = self.bytes(MODALITY).and_then(|b| b.first_chunk::<2>().copied()).unwrap_or(*b"??");
+        let localizer =
+            self.bytes(IMAGE_TYPE).is_some_and(|b| b.split(|c| *c == b'\\').any(|w| w.trim_ascii() == b"LOCALIZER"));
+        Ok(Header {
+            syntax,
+            series: self
+                .bytes(SERIES)
+                .unwrap_or_default()
+                .trim_ascii_end()
+                .iter()
+                .copied()
+                .filter(|b| *b != 0)
+                .collect(),
+            modality: if modality.iter().all(u8::is_ascii_uppercase) { modality } else { *b"??" },
+            localizer,
+            frames: frames.unwrap_or(1),
+            frame: (0, 1),
+            samples: self.number(SAMPLES, little).unwrap_or(1),
+            columns: usize::from(columns),
+            rows: usize::from(rows),
+            place: self.place()?,
+            words: self.words(little)?,
+            lossy: self.bytes(LOSSY).is_some_and(|b| b.starts_with(b"01")),
+        })
+    }
+
+    fn words(&self, little: bool) -> Result<Words, ImportError> {
+        let bits_allocated = self.number(BITS_ALLOCATED, little).unwrap_or(16);
+        let bits_stored = self.number(BITS_STORED, little).unwrap_or(bits_allocated);
+        let high_bit = self.number(HIGH_BIT, little).unwrap_or(bits_stored.saturating_sub(1));
+        let signed = self.number(REPRESENTATION, little).unwrap_or(0) == 1;
+        let fits = matches!(bits_allocated, 8 | 16)
+            && (1..=bits_allocated).contains(&bits_stored)
+            && high_bit < bits_allocated
+            && high_bit.saturating_add(1) >= bits_stored;
+        if !fits {
+            let detail = format!(
+                "{bits_allocated} bits a pixel with {bits_stored} stored up to bit {high_bit}; read are 8 and 16 bits that hold them"
+            );
+            return Err(malformed(FORMAT, detail));
+        }
+        let slope = self.one_decimal(SLOPE, "the rescale slope")?;
+        let intercept = self.one_decimal(INTERCEPT, "the rescale intercept")?;
+        let (slope, intercept) = (slope.unwrap_or(1.0), intercept.unwrap_or(0.0));
+        if slope == 0.0 {
+            return Err(malformed(FORMAT, "the rescale slope is 0"));
+        }
+        let stored = |tag| self.number(tag, little).map(|v| if signed { i32::from(v as i16) } else { i32::from(v) });
+        let padding = stored(PADDING).map(|value| {
+            let limit = stored(PADDING_LIMIT).unwrap_or(value);
+            (value.min(limit), value.max(limit))
+        });
+        Ok(Words { bits_allocated, bits_stored, high_bit, signed, padding, slope, intercept })
+    }
+
+    fn place(&self) -> Result<Option<Place>, ImportError> {
+        let (position, orientation, spacing) = (
+            self.decimals(POSITION, "the image position")?,
+            self.decimals(ORIENTATION, "the image orientation")?,
+            self.decimals(SPACING, "the pixel spacing")?,
+        );
+        let (Some(position), Some(orientation), Some(spacing)) = (position, orientation, spacing) else {
+            return Ok(None);
+        };
+        let (&[px, py, pz], &[ax, ay, az, bx, by, bz], &[between_rows, between_columns]) =
+            (position.as_slice(), orientation.as_slice(), spacing.as_slice())
+        else {
+            let detail = "image position, orientation and pixel spacing need 3, 6 and 2 numbers";
+            return Err(malformed(FORMAT, detail));
+        };
+        let (a, b) = (Vector::new(ax, ay, az), Vector::new(bx, by, bz));
+        let unit = |v: &Vector| (v.norm() - 1.0).abs() < 1e-2;
+        if !(unit(&a) && unit(&b) && a.dot(&b).abs() < 1e-2) {
+            return Err(malformed(
+                FORMAT,
+                "rows and columns of the image orientation are no unit vectors at right angles",
+            ));
+        }
+        if !(between_rows > 0.0 && between_columns > 0.0) {
+            return Err(malformed(FORMAT, "the pixel spacing is not positive"));
+        }
+        Ok(Some(Place {
+            origin: Point::new(px, py, pz),
+            along_row: a.normalize(),
+            along_column: b.normalize(),
+            spacing: [between_columns, between_rows],
+        }))
+    }
+}

@@ -1,0 +1,184 @@
+//! DICOM series: single images in an archive, in any order, of any encoding, to one volume.
+//!
+//! The parser is ours, though there are crates: `dicom-parser` sets up to 4 GB aside for an element on the file's word alone, and
+//! decodes and keeps every tag. Here a value is a slice of the file, only the tags named in `header` are looked at, and
+//! nothing of a patient is ever decoded. Pixels are unpacked by crates (JPEG, JPEG-LS, JPEG 2000), except RLE.
+
+mod elements;
+mod header;
+mod pixels;
+mod rle;
+mod series;
+mod stack;
+mod stream;
+mod syntax;
+#[cfg(test)]
+pub(super) mod tests;
+
+use std::borrow::Cow;
+
+use rayon::prelude::*;
+
+use super::error::{at_most, malformed};
+use super::hounsfield::{AIR, Scale};
+use super::volume::check_extent;
+use super::{ImportError, Limits, VolumeSettings};
+use elements::DataSet;
+use header::Header;
+use prosopon_geometry::Volume;
+use series::Image;
+use stack::Layout;
+
+pub(super) const FORMAT: &str = "DICOM";
+/// Most bytes of one file: an enhanced image of 480 frames of 512 x 512.
+pub(super) const MAX_FILE: u64 = 256 << 20;
+/// Most pixels of one image.
+const MAX_PIXELS: usize = 4096 * 4096;
+
+/// Whether these may be the bytes of a DICOM file.
+pub(super) fn looks_like(bytes: &[u8]) -> bool {
+    elements::looks_like(bytes)
+}
+
+/// The images of a file, frames one by one; none when it holds none (reports, directories).
+pub(super) fn headers(bytes: &[u8]) -> Result<Vec<Header>, ImportError> {
+    let set = DataSet::open(bytes)?;
+    let found = header::read(&set)?.map_or_else(Vec::new, |(headers, _)| headers);
+    match found.first() {
+        Some(h) if h.columns.saturating_mul(h.rows) > MAX_PIXELS => {
+            Err(malformed(FORMAT, format!("{} x {} pixels, read are at most {MAX_PIXELS}", h.columns, h.rows)))
+        }
+        _ => Ok(found),
+    }
+}
+
+/// Makes the volume of the images that were found; `fetch` gives a file's bytes again.
+pub(super) fn assemble(
+    found: Vec<(usize, Header)>,
+    fetch: &(dyn Fn(usize) -> Result<Vec<u8>, ImportError> + Sync),
+    limits: &Limits,
+    settings: &VolumeSettings,
+    warnings: &mut Vec<String>,
+) -> Result<(Volume, Option<usize>), ImportError> {
+    let stack = series::choose(found, settings, warnings)?;
+    let images = stack.images;
+    let layout = stack::layout(&images, settings.max_step_mm, warnings)?;
+    let Some(Image { header, place, .. }) = images.first() else {
+        return Err(malformed(FORMAT, "there are no images"));
+    };
+    if let Some((image, code)) = images.iter().find_map(|i| match i.header.syntax.pixels {
+        syntax::Pixels::Unread(code) => Some((i, code)),
+        syntax::Pixels::Plain | syntax::Pixels::Rle | syntax::Pixels::Stream => None,
+    }) {
+        let number = image.file.saturating_add(1);
+        return Err(malformed(FORMAT, format!("file {number}: {}", syntax::unread(code))));
+    }
+    let per_slice = header.columns.saturating_mul(header.rows);
+    let dims = [header.columns, header.rows, layout.depth];
+    at_most("voxels", (per_slice as u64).saturating_mul(layout.depth.max(images.len()) as u64), limits.max_voxels)?;
+    #[expect(clippy::arithmetic_side_effects, reason = "floating point")]
+    let axes = [place.along_row * place.spacing[0], place.along_column * place.spacing[1], layout.step];
+    check_extent(dims, &layout.origin, &axes, warnings)?;
+
+    let stored = decode(&images, &layout, per_slice, fetch, warnings)?;
+    let hu = match &layout.uneven {
+        None => stored,
+        Some(places) => resample(&stored, per_slice, places, layout.depth),
+    };
+    Ok((Volume { dims, origin: layout.origin, axes, hu }, stack.series))
+}
+
+/// All slices, in order; images that are there twice are compared.
+fn decode(
+    images: &[Image],
+    layout: &Layout,
+    per_slice: usize,
+    fetch: &(dyn Fn(usize) -> Result<Vec<u8>, ImportError> + Sync),
+    warnings: &mut Vec<String>,
+) -> Result<Vec<i16>, ImportError> {
+    // An enhanced image is one file with all frames: it is fetched once.
+    let whole = match images.first() {
+        Some(first) if images.len() > 1 && images.iter().all(|i| i.file == first.file) => Some(fetch(first.file)?),
+        _ => None,
+    };
+    let decoded = |at: usize| -> Result<(Vec<i16>, u64, Scale), ImportError> {
+        let Some(image) = images.get(at) else { return Err(malformed(FORMAT, "an image is missing")) };
+        let mut scale = Scale::new(image.header.words.slope, image.header.words.intercept);
+        let named = |e: ImportError| match e {
+            ImportError::Malformed { format, detail } => {
+                malformed(format, format!("file {}: {detail}", image.file.saturating_add(1)))
+            }
+            other @ (ImportError::Empty
+            | ImportError::UnknownFormat { .. }
+            | ImportError::TooLarge { .. }
+            | ImportError::ImplausibleSize { .. }
+            | ImportError::Geometry(_)) => other,
+        };
+        let bytes = match &whole {
+            Some(bytes) => Cow::Borrowed(bytes),
+            None => Cow::Owned(fetch(image.file)?),
+        };
+        let set = DataSet::open(&bytes).map_err(named)?;
+        let Some((_, value)) = header::read(&set).map_err(named)? else {
+            return Err(malformed(FORMAT, "an image is missing"));
+        };
+        let (hu, n_padding) = pixels::hounsfield(&image.header, &value, &mut scale).map_err(named)?;
+        Ok((hu, n_padding, scale))
+    };
+    let mut hu = vec![AIR; per_slice.saturating_mul(layout.slices.len())];
+    let counts: Vec<(u64, Scale)> = hu
+        .par_chunks_mut(per_slice)
+        .zip(&layout.slices)
+        .map(|(slice, &at)| {
+            let (found, n_padding, scale) = decoded(at)?;
+            slice.copy_from_slice(found.get(..per_slice).unwrap_or_default());
+            Ok((n_padding, scale))
+        })
+        .collect::<Result<_, ImportError>>()?;
+    for &(double, other) in &layout.doubles {
+        let slice = layout.slices.iter().position(|s| *s == other).unwrap_or(0);
+        let start = slice.saturating_mul(per_slice);
+        if hu.get(start..start.saturating_add(per_slice)) != Some(&decoded(double)?.0) {
+            let detail = "two different images lie in one place: the series is of several scans or reconstructions";
+            return Err(malformed(FORMAT, detail));
+        }
+    }
+    tell(images, &counts, warnings);
+    Ok(hu)
+}
+
+fn tell(images: &[Image], counts: &[(u64, Scale)], warnings: &mut Vec<String>) {
+    let n_padding = counts.iter().fold(0u64, |n, (padding, _)| n.saturating_add(*padding));
+    if n_padding > 0 {
+        warnings.push(format!("{n_padding} pixels outside the scan (padding) were set to {AIR} HU"));
+    }
+    if images.iter().any(|i| pixels::padding_is_doubtful(&i.header.words)) {
+        warnings.push("the padding value of some images is one that tissue has too; it was not used".to_owned());
+    }
+    let lossy = images.iter().filter(|i| i.header.lossy).count();
+    if lossy > 0 {
+        warnings.push(format!("{lossy} images were compressed with loss"));
+    }
+    let mut sum = Scale::new(1.0, 0.0);
+    counts.iter().for_each(|(_, scale)| sum.join(scale));
+    sum.report(warnings);
+}
+
+/// Slices at uneven `places` (in steps) to even ones, linearly between neighbours.
+fn resample(stored: &[i16], per_slice: usize, places: &[f64], depth: usize) -> Vec<i16> {
+    let mut hu = vec![AIR; per_slice.saturating_mul(depth)];
+    hu.par_chunks_mut(per_slice.max(1)).enumerate().for_each(|(k, out)| {
+        let place = k as f64;
+        let above = places.partition_point(|p| *p < place).clamp(1, places.len().saturating_sub(1).max(1));
+        let below = above.saturating_sub(1);
+        let (Some(&from), Some(&to)) = (places.get(below), places.get(above)) else { return };
+        // Within what decimals are rounded to, a slice is where the lattice has it.
+        let share = ((place - from) / (to - from)).clamp(0.0, 1.0);
+        let share = if (share - share.round()).abs() < 1e-2 { share.round() } else { share };
+        let slice = |at: usize| stored.iter().skip(at.saturating_mul(per_slice)).take(per_slice);
+        for ((value, a), b) in out.iter_mut().zip(slice(below)).zip(slice(above)) {
+            *value = (f64::from(*a) * (1.0 - share) + f64::from(*b) * share).round() as i16;
+        }
+    });
+    hu
+}

@@ -1,0 +1,145 @@
+//! MetaImage: a text header with the voxels behind it (`.mha`) or in a file of their own (`.mhd`), plain or compressed by zlib.
+//!
+//! Source: ITK, MetaIO documentation (itk.org/Wiki/MetaIO). ITK writes LPS, and one line of `TransformMatrix` an axis.
+
+use super::error::malformed;
+use super::hounsfield::{self, Packing};
+use super::number::Kind;
+use super::{ImportError, Limits, lattice};
+use prosopon_geometry::Volume;
+use prosopon_geometry::{Point, Vector};
+
+const FORMAT: &str = "MetaImage";
+/// Most bytes of a header.
+const MAX_HEADER: usize = 1 << 16;
+
+pub(super) fn looks_like(bytes: &[u8]) -> bool {
+    let line = bytes.split(|b| *b == b'\n').next().unwrap_or_default();
+    let (key, value) = line.split_at(line.iter().position(|b| *b == b'=').unwrap_or(line.len()));
+    !value.is_empty() && matches!(key.trim_ascii(), b"ObjectType" | b"NDims" | b"Comment")
+}
+
+/// Reads header and voxels; `fetch` gives the file that the header names.
+pub(super) fn read(
+    bytes: &[u8],
+    limits: &Limits,
+    fetch: &mut dyn FnMut(&str) -> Result<Vec<u8>, &'static str>,
+    warnings: &mut Vec<String>,
+) -> Result<Volume, ImportError> {
+    let fault = |detail: &str| malformed(FORMAT, detail);
+    let (header, attached) = split(bytes).ok_or_else(|| fault("the header names no `ElementDataFile`"))?;
+    let field = |names: &[&str]| {
+        let mut fields = header.iter().filter(|(key, _)| names.contains(key));
+        fields.next().map(|(_, value)| *value)
+    };
+    let need = |name: &'static str| field(&[name]).ok_or_else(|| malformed(FORMAT, format!("there is no `{name}`")));
+    if need("NDims")? != "3" {
+        return Err(fault("expected three dimensions"));
+    }
+    if field(&["ElementNumberOfChannels"]).is_some_and(|n| n != "1") {
+        return Err(fault("expected one channel"));
+    }
+    let dims = lattice::counts::<3>(need("DimSize")?).ok_or_else(|| fault("`DimSize` are not three counts"))?;
+    let n = lattice::n_voxels(FORMAT, dims, limits)?;
+    let kind = kind_of(need("ElementType")?).ok_or_else(|| fault("`ElementType` is none that a CT has"))?;
+    let yes = |names: &[&str]| field(names).is_some_and(|v| v.eq_ignore_ascii_case("true"));
+    if field(&["BinaryData"]).is_some() && !yes(&["BinaryData"]) {
+        return Err(fault("the voxels are text, expected binary"));
+    }
+    let little = !yes(&["BinaryDataByteOrderMSB", "ElementByteOrderMSB"]);
+    let (origin, axes) = frame(&field, warnings)?;
+    lattice::check(FORMAT, dims, &origin, &axes, warnings)?;
+
+    let needed = (n as u64).saturating_mul(kind.size() as u64);
+    let fetched;
+    let data = match need("ElementDataFile")? {
+        "LOCAL" | "local" => attached,
+        "LIST" => return Err(fault("voxels in a list of files are not read")),
+        name if name.contains('%') => return Err(fault("voxels in a series of files are not read")),
+        name => {
+            // Without folders: nothing but what came with the header is looked at.
+            let base = name.rsplit(['/', '\\']).next().unwrap_or_default();
+            fetched = fetch(base).map_err(fault)?;
+            fetched.as_slice()
+        }
+    };
+    let data = match field(&["HeaderSize"]).map(str::parse::<i64>) {
+        None | Some(Ok(0)) => data,
+        Some(Ok(-1)) => data.len().checked_sub(needed as usize).and_then(|skip| data.get(skip..)).unwrap_or_default(),
+        Some(Ok(skip)) => usize::try_from(skip).ok().and_then(|skip| data.get(skip..)).unwrap_or_default(),
+        Some(Err(_)) => return Err(fault("`HeaderSize` is no number")),
+    };
+    let packing = if yes(&["CompressedData"]) { Packing::Zlib } else { Packing::Plain };
+    let hu = hounsfield::read_whole(FORMAT, data, packing, (kind, little), n, warnings)?;
+    Ok(Volume { dims, origin, axes, hu })
+}
+
+/// Key and value of a line.
+type Field<'a> = (&'a str, &'a str);
+
+/// Keys and values up to `ElementDataFile`, and what follows its line.
+fn split(bytes: &[u8]) -> Option<(Vec<Field<'_>>, &[u8])> {
+    let mut rest = bytes.get(..bytes.len().min(MAX_HEADER))?;
+    let mut fields = Vec::new();
+    let mut read = 0usize;
+    loop {
+        let length = rest.iter().position(|b| *b == b'\n').map_or(rest.len(), |at| at.saturating_add(1));
+        let (line, after) = rest.split_at(length);
+        read = read.saturating_add(length);
+        let (key, value) = std::str::from_utf8(line).ok()?.split_once('=')?;
+        fields.push((key.trim(), value.trim()));
+        if key.trim() == "ElementDataFile" {
+            return Some((fields, bytes.get(read..)?));
+        }
+        rest = after;
+    }
+}
+
+fn kind_of(name: &str) -> Option<Kind> {
+    Some(match name {
+        "MET_CHAR" => Kind::I8,
+        "MET_UCHAR" => Kind::U8,
+        "MET_SHORT" => Kind::I16,
+        "MET_USHORT" => Kind::U16,
+        "MET_INT" => Kind::I32,
+        "MET_UINT" => Kind::U32,
+        "MET_FLOAT" => Kind::F32,
+        "MET_DOUBLE" => Kind::F64,
+        _ => return None,
+    })
+}
+
+/// Origin and axes in LPS mm.
+#[expect(clippy::arithmetic_side_effects, reason = "floating point")]
+fn frame<'a>(
+    field: &dyn Fn(&[&str]) -> Option<&'a str>,
+    warnings: &mut Vec<String>,
+) -> Result<(Point, [Vector; 3]), ImportError> {
+    let fault = |name: &str| malformed(FORMAT, format!("`{name}` has not the numbers that it needs"));
+    if field(&["CenterOfRotation"]).is_some_and(|v| lattice::numbers::<3>(v) != Some([0.0; 3])) {
+        return Err(malformed(FORMAT, "a `CenterOfRotation` other than 0 0 0 is not read"));
+    }
+    let spacing = field(&["ElementSpacing", "ElementSize"]).ok_or_else(|| fault("ElementSpacing"))?;
+    let spacing = lattice::numbers::<3>(spacing).ok_or_else(|| fault("ElementSpacing"))?;
+    let directions = match field(&["TransformMatrix", "Rotation", "Orientation"]) {
+        Some(text) => lattice::numbers::<9>(text).ok_or_else(|| fault("TransformMatrix"))?,
+        None => {
+            warnings.push(
+                "the file states no orientation; i was taken to run to the patient's left, j to the back, k up"
+                    .to_owned(),
+            );
+            [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
+        }
+    };
+    let [ax, ay, az, bx, by, bz, cx, cy, cz] = directions;
+    let axes = [
+        Vector::new(ax, ay, az) * spacing[0],
+        Vector::new(bx, by, bz) * spacing[1],
+        Vector::new(cx, cy, cz) * spacing[2],
+    ];
+    let origin = match field(&["Offset", "Position", "Origin"]) {
+        Some(text) => lattice::numbers::<3>(text).ok_or_else(|| fault("Offset"))?,
+        None => [0.0; 3],
+    };
+    Ok((Point::from(origin), axes))
+}

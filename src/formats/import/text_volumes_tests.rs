@@ -1,0 +1,134 @@
+//! NRRD and MetaImage against the same lattice as NIfTI's tests have.
+
+use std::io::Write;
+
+use flate2::Compression;
+use flate2::write::{GzEncoder, ZlibEncoder};
+
+use super::dicom::tests::archive;
+use super::{ImportError, Limits, VolumeFormat, volume, volume_with};
+use prosopon_geometry::Volume;
+use prosopon_geometry::{Point, Vector};
+
+fn hu() -> Vec<i16> {
+    (0..60).map(|i| i * 50 - 1000).collect()
+}
+
+fn expected() -> Volume {
+    let axes = [Vector::new(0.0, 10.0, 0.0), Vector::new(-20.0, 0.0, 0.0), Vector::new(3.0, 0.0, 30.0)];
+    Volume { dims: [3, 4, 5], origin: Point::new(1.5, -2.0, 3.0), axes, hu: hu() }
+}
+
+fn raw(big: bool) -> Vec<u8> {
+    hu().iter().flat_map(|v| if big { v.to_be_bytes() } else { v.to_le_bytes() }).collect()
+}
+
+/// The lattice in an NRRD file; `space` with the signs of its x and y.
+pub(super) fn nrrd(encoding: &str, big: bool, space: (&str, f64, f64)) -> Vec<u8> {
+    let (name, x, y) = space;
+    let vector = |v: [f64; 3]| format!("({},{},{})", v[0] * x, v[1] * y, v[2]);
+    let directions = [[0.0, 10.0, 0.0], [-20.0, 0.0, 0.0], [3.0, 0.0, 30.0]].map(vector).join(" ");
+    let endian = if big { "big" } else { "little" };
+    let origin = vector([1.5, -2.0, 3.0]);
+    let head = format!(
+        "NRRD0004\n# made by hand\ntype: short\ndimension: 3\nspace: {name}\nsizes: 3 4 5\nspace directions: {directions}\n\
+         kinds: domain domain domain\nendian: {endian}\nencoding: {encoding}\nspace origin: {origin}\nPatientName:=NAME^OF\n\n"
+    );
+    let voxels = if encoding == "gzip" {
+        let mut packer = GzEncoder::new(Vec::new(), Compression::fast());
+        packer.write_all(&raw(big)).unwrap();
+        packer.finish().unwrap()
+    } else {
+        raw(big)
+    };
+    [head.into_bytes(), voxels].concat()
+}
+
+/// The lattice as MetaImage with its voxels in `file`.
+pub(super) fn meta_image(file: &str, big: bool, packed: bool) -> (Vec<u8>, Vec<u8>) {
+    let head = format!(
+        "ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = {big}\nCompressedData = {packed}\n\
+         TransformMatrix = 0 1 0 -1 0 0 0.09950371902099893 0 0.9950371902099893\nOffset = 1.5 -2 3\nCenterOfRotation = 0 0 0\n\
+         AnatomicalOrientation = RAI\nElementSpacing = 10 20 30.14962686336267\nDimSize = 3 4 5\nElementType = MET_SHORT\nElementDataFile = {file}\n"
+    )
+    .replace("true", "True")
+    .replace("false", "False");
+    let mut packer = ZlibEncoder::new(Vec::new(), Compression::fast());
+    packer.write_all(&raw(big)).unwrap();
+    (head.into_bytes(), if packed { packer.finish().unwrap() } else { raw(big) })
+}
+
+fn check(found: &Volume, what: &str) {
+    let expected = expected();
+    assert_eq!((found.dims, &found.hu), (expected.dims, &expected.hu), "{what}");
+    assert!((found.origin - expected.origin).norm() < 1e-9, "{what}");
+    for (axis, expected) in found.axes.iter().zip(expected.axes) {
+        assert!((axis - expected).norm() < 1e-9, "{what}: {axis}");
+    }
+}
+
+#[test]
+fn nrrd_in_every_space_and_encoding_is_the_same_volume() {
+    for space in [("left-posterior-superior", 1.0, 1.0), ("RAS", -1.0, -1.0), ("left-anterior-superior", 1.0, -1.0)] {
+        for encoding in ["raw", "gzip"] {
+            for big in [false, true] {
+                let (found, warnings) = volume(&nrrd(encoding, big, space), &Limits::default()).unwrap();
+                check(&found, space.0);
+                assert_eq!(warnings, [""; 0]);
+            }
+        }
+    }
+}
+
+#[test]
+fn meta_image_attached_and_in_an_archive_is_the_same_volume() {
+    for (big, packed) in [(false, false), (true, false), (false, true)] {
+        let (head, voxels) = meta_image("LOCAL", big, packed);
+        check(&volume(&[head, voxels].concat(), &Limits::default()).unwrap().0, "mha");
+        let (head, voxels) = meta_image("voxels.raw", big, packed);
+        let apart = volume(&head, &Limits::default()).unwrap_err().to_string();
+        assert!(apart.contains("in one zip archive"), "{apart}");
+        let zip = archive(&[("a/head.mhd".to_owned(), head), ("a/voxels.raw".to_owned(), voxels)]);
+        let found = volume_with(&zip, &Limits::default(), &Default::default()).unwrap();
+        assert_eq!(found.format, VolumeFormat::MetaImage);
+        check(&found.volume, "mhd");
+    }
+    let whole = nrrd("gzip", false, ("LPS", 1.0, 1.0));
+    check(&volume(&archive(&[("x.nrrd".to_owned(), whole.clone())]), &Limits::default()).unwrap().0, "zip");
+    let two = archive(&[("x.nrrd".to_owned(), whole.clone()), ("y.nrrd".to_owned(), whole)]);
+    assert!(volume(&two, &Limits::default()).unwrap_err().to_string().contains("several volumes"));
+}
+
+#[test]
+fn faults_are_named() {
+    let nrrd = String::from_utf8_lossy(&nrrd("raw", false, ("LPS", 1.0, 1.0))[..300]).into_owned();
+    let meta = String::from_utf8(meta_image("LOCAL", false, false).0).unwrap();
+    for (text, from, to, part) in [
+        (&nrrd, "dimension: 3", "dimension: 4", "three dimensions"),
+        (&nrrd, "sizes: 3 4 5", "sizes: 3 4", "three counts"),
+        (&nrrd, "sizes: 3 4 5", "sizes: 3 4 0", "expected three dimensions of 2"),
+        (&nrrd, "sizes: 3 4 5", "sizes: 3000 4000 5000", "at most"),
+        (&nrrd, "sizes: 3 4 5", "sizes: 30 40 50", "cannot be in"),
+        (&nrrd, "type: short", "type: block", "`type`"),
+        (&nrrd, "endian: little", "endian: middle", "`endian`"),
+        (&nrrd, "encoding: raw", "encoding: bzip2", "`encoding`"),
+        (&nrrd, "space: LPS", "space: scanner-xyz", "`space`"),
+        (&nrrd, "space: LPS", "data file: ../../secret", "file of their own"),
+        (&nrrd, "(0,10,0)", "(0,nan,0)", "`space directions`"),
+        (&nrrd, "(0,10,0)", "(-40,0,0)", "in one plane"),
+        (&nrrd, "\n\n", "\n", "empty line"),
+        (&meta, "NDims = 3", "NDims = 4", "three dimensions"),
+        (&meta, "DimSize = 3 4 5", "DimSize = 3 4 -5", "three counts"),
+        (&meta, "DimSize = 3 4 5", "DimSize = 30000 30000 30000", "at most"),
+        (&meta, "MET_SHORT", "MET_LONG_DOUBLE", "`ElementType`"),
+        (&meta, "ElementSpacing = 10 20", "ElementSpacing = 10", "`ElementSpacing`"),
+        (&meta, "BinaryData = True", "BinaryData = False", "binary"),
+        (&meta, "= LOCAL", "= slices%03d.raw", "series of files"),
+        (&meta, "CenterOfRotation = 0 0 0", "CenterOfRotation = 0 0 1", "CenterOfRotation"),
+    ] {
+        assert!(text.contains(from), "{from}");
+        let error = volume(text.replacen(from, to, 1).as_bytes(), &Limits::default()).unwrap_err();
+        assert!(error.to_string().contains(part), "{to}: {error}");
+        assert!(!matches!(error, ImportError::UnknownFormat { .. }));
+    }
+}

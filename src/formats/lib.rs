@@ -1,0 +1,4 @@
+//! Bytes to volumes and meshes ([`import`]), and back ([`export`]).
+
+pub mod export;
+pub mod import;

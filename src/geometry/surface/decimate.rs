@@ -1,0 +1,248 @@
+use super::bucket_queue::BucketQueue;
+use super::live_mesh::LiveMesh;
+use super::quadric::Quadric;
+use crate::control::{Cancelled, Control};
+use crate::{Point, TriMesh};
+
+/// Weight of the anchors relative to the planes. They decide only where the planes leave the place open.
+const ANCHOR: f64 = 1e-3;
+
+/// Quadric decimation to a geometric error of at most `max_error_mm`, no fewer than `min_triangles` triangles.
+/// Returns the mesh and the error reached, mm.
+///
+/// Edges collapse in the order of their quadric error. A collapse is refused when it would change the topology (link
+/// condition), turn a triangle by more than about 75°, make a needle, or leave an input vertex farther than the
+/// allowed error from the triangles that replace its surroundings. So a closed two-manifold stays one, and the error
+/// returned, the largest distance of an input vertex from the result, is measured and never above `max_error_mm`.
+/// Vertices on open borders and non-manifold places stay.
+///
+/// # Source
+/// Garland & Heckbert, SIGGRAPH 1997; link condition: Dey et al., Topology preserving edge contraction, 1999; error kept at
+/// the removed vertices: Ciampalini et al., Multiresolution decimation based on global error, 1997.
+#[must_use]
+pub fn decimate(mesh: &TriMesh, max_error_mm: f64, min_triangles: usize) -> (TriMesh, f64) {
+    // Nobody can cancel this control.
+    decimate_with(mesh, max_error_mm, min_triangles, &Control::new(), |_| {})
+        .unwrap_or_else(|Cancelled| (mesh.clone(), 0.0))
+}
+
+/// [`decimate`] that can be cancelled and reports the done share to `progress`.
+///
+/// # Errors
+/// [`Cancelled`].
+pub fn decimate_with(
+    mesh: &TriMesh,
+    max_error_mm: f64,
+    min_triangles: usize,
+    control: &Control,
+    progress: impl Fn(f64),
+) -> Result<(TriMesh, f64), Cancelled> {
+    let mut work = Decimation::new(mesh, max_error_mm);
+    let to_remove = mesh.triangles().len().saturating_sub(min_triangles).max(1) as f64;
+    let mut popped = 0usize;
+    // A collapse takes two triangles.
+    while work.live.triangle_count() >= min_triangles.saturating_add(2) {
+        let Some(candidate) = work.queue.pop() else { break };
+        work.try_collapse(&candidate);
+        popped += 1;
+        if popped % 4096 == 1 {
+            control.check()?;
+            progress((mesh.triangles().len() - work.live.triangle_count()) as f64 / to_remove);
+        }
+    }
+    Ok(work.live.finish().unwrap_or_else(|| (mesh.clone(), 0.0)))
+}
+
+/// An edge that may collapse, and the sum of its vertices' stamps when it was queued.
+#[derive(Clone, Copy)]
+struct Candidate {
+    edge: [u32; 2],
+    stamp: u32,
+}
+
+struct Decimation {
+    live: LiveMesh,
+    quadrics: Vec<Quadric>,
+    /// Counts the changes around a vertex; candidates with an old stamp are stale.
+    stamps: Vec<u32>,
+    queue: BucketQueue<Candidate>,
+    max_error: f64,
+}
+
+impl Decimation {
+    fn new(mesh: &TriMesh, max_error: f64) -> Self {
+        let n = mesh.positions().len();
+        let mut quadrics = vec![Quadric::ZERO; n];
+        for (t, corners) in mesh.triangles().iter().enumerate() {
+            let scaled = mesh.scaled_normal(t);
+            let Some(normal) = scaled.try_normalize(0.0) else { continue };
+            let area = 0.5 * scaled.norm();
+            for &v in corners {
+                let p = &mesh.positions()[v as usize];
+                let q = &mut quadrics[v as usize];
+                *q = q.plus(&Quadric::plane(p, &normal, area)).plus(&Quadric::anchor(p, ANCHOR * area));
+            }
+        }
+        let live = LiveMesh::new(mesh);
+        let mut work = Self { live, quadrics, stamps: vec![0; n], queue: BucketQueue::new(), max_error };
+        let edges = mesh.triangles().iter().flat_map(|t| [[t[0], t[1]], [t[1], t[2]], [t[2], t[0]]]);
+        // On a closed mesh every edge runs once in each direction.
+        for edge in edges.filter(|e| e[0] < e[1]) {
+            work.enqueue(edge);
+        }
+        work
+    }
+
+    /// Where the edge would collapse to, and the mean square distance there, mm².
+    fn target(&self, edge: [u32; 2]) -> (Point, f64) {
+        let [u, v] = edge.map(|w| w as usize);
+        let quadric = self.quadrics[u].plus(&self.quadrics[v]);
+        let (p, q) = (self.live.position(edge[0]), self.live.position(edge[1]));
+        let middle = nalgebra::center(&p, &q);
+        // A minimum far away comes from nearly parallel planes.
+        let reach_sq = (p - q).norm_squared();
+        let target = quadric.minimum().filter(|m| (m - middle).norm_squared() <= reach_sq).unwrap_or(middle);
+        (target, quadric.mean_square(&target))
+    }
+
+    fn enqueue(&mut self, edge: [u32; 2]) {
+        if self.live.is_fixed(edge[0]) || self.live.is_fixed(edge[1]) {
+            return;
+        }
+        let (_, cost) = self.target(edge);
+        // The anchors add to the cost, so the limit is a little tighter than the error.
+        if cost <= self.max_error * self.max_error {
+            self.queue.push(cost, Candidate { edge, stamp: self.stamp(edge) });
+        }
+    }
+
+    fn stamp(&self, edge: [u32; 2]) -> u32 {
+        self.stamps[edge[0] as usize] + self.stamps[edge[1] as usize]
+    }
+
+    fn try_collapse(&mut self, candidate: &Candidate) {
+        let [u, v] = candidate.edge;
+        if candidate.stamp != self.stamp(candidate.edge) {
+            return;
+        }
+        let (target, _) = self.target(candidate.edge);
+        if !self.live.collapse(u, v, &target, self.max_error) {
+            return;
+        }
+        self.quadrics[v as usize] = self.quadrics[u as usize].plus(&self.quadrics[v as usize]);
+        self.stamps[u as usize] += 1;
+        self.stamps[v as usize] += 1;
+        for w in self.live.neighbours(v) {
+            self.enqueue([v.min(w), v.max(w)]);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::point_triangle::distance_sq;
+    use super::super::{Topology, isosurface, parts, smooth};
+    use super::*;
+    use crate::ScalarGrid;
+
+    fn surface(half_width: f64, f: impl Fn(&Point) -> f64) -> TriMesh {
+        let n = (2.0 * half_width) as usize + 1;
+        let origin = Point::new(-half_width, -half_width, -half_width);
+        let mut grid = ScalarGrid { dims: [n; 3], origin, spacing: 1.0, values: vec![0.0; n * n * n] };
+        for k in 0..n {
+            for j in 0..n {
+                for i in 0..n {
+                    let at = grid.index(i, j, k);
+                    grid.values[at] = f(&grid.position(i, j, k)) as f32;
+                }
+            }
+        }
+        isosurface(&grid, 0.0).unwrap()
+    }
+
+    fn distance(p: &Point, mesh: &TriMesh) -> f64 {
+        let to = |t: usize| {
+            let [a, b, c] = mesh.corners(t);
+            distance_sq(p, &a, &b, &c)
+        };
+        (0..mesh.triangles().len()).map(to).fold(f64::MAX, f64::min).sqrt()
+    }
+
+    #[test]
+    fn a_torus_keeps_its_topology_and_the_error_is_what_is_said() {
+        let torus = |p: &Point| (p.x.hypot(p.y) - 12.0).hypot(p.z) - 5.0;
+        // Smoothed: raw slivers of marching cubes may lean over.
+        let mesh = smooth(&surface(19.0, torus), 3);
+        for limit in [0.02, 0.1, 0.5] {
+            let (coarse, error) = decimate(&mesh, limit, 4);
+            assert!(Topology::of(&coarse).is_closed_manifold(), "{limit}");
+            assert_eq!(coarse.positions().len(), coarse.triangles().len() / 2, "genus 1");
+            let measured = mesh.positions().iter().map(|p| distance(p, &coarse)).fold(0.0, f64::max);
+            assert!(measured <= error + 1e-9 && error <= limit, "{limit}: {measured} {error}");
+            // The other way: new vertices and triangles stay near the analytic surface; sampling adds h²/8r = 0.025.
+            let off = coarse.positions().iter().map(|p| torus(p).abs()).fold(0.0, f64::max);
+            assert!(off < 1.5 * limit + 0.03, "{limit}: {off}");
+            // No triangle looks the wrong way.
+            for t in 0..coarse.triangles().len() {
+                let [a, b, c] = coarse.corners(t);
+                let center = Point::from((a.coords + b.coords + c.coords) / 3.0);
+                let ring = center.coords.xy().normalize() * 12.0;
+                let outward = center - Point::new(ring.x, ring.y, 0.0);
+                assert!(coarse.scaled_normal(t).dot(&outward) > 0.0, "{limit}, triangle {t}");
+            }
+        }
+        let (coarse, _) = decimate(&mesh, 0.1, 4);
+        assert!(coarse.triangles().len() * 4 < mesh.triangles().len());
+    }
+
+    #[test]
+    fn a_box_becomes_few_triangles_and_keeps_its_edges() {
+        let mesh = surface(10.0, |p| (p.x.abs() - 7.5).max(p.y.abs() - 6.5).max(p.z.abs() - 8.5));
+        let (coarse, error) = decimate(&mesh, 0.05, 4);
+        assert!(Topology::of(&coarse).is_closed_manifold());
+        assert!(error <= 0.05);
+        // Most that stay lie on the narrow chamfers that marching cubes makes of edges, where longer ones would be needles.
+        assert!(coarse.triangles().len() < mesh.triangles().len() / 5);
+        assert!((coarse.volume() / mesh.volume() - 1.0).abs() < 2e-3);
+    }
+
+    #[test]
+    fn thin_and_branching_noise_stays_a_closed_manifold() {
+        let mesh = surface(12.0, |p| (p.x * 0.9).sin() * (p.y * 0.8).cos() + (p.z * 1.1).sin() * (p.x * 0.5).cos());
+        let before = parts(&mesh).len();
+        for limit in [0.1, 1.0] {
+            let (coarse, error) = decimate(&mesh, limit, 4);
+            assert!(Topology::of(&coarse).is_closed_manifold() && error <= limit);
+            assert_eq!(parts(&coarse).len(), before);
+        }
+    }
+
+    #[test]
+    fn it_stops_at_the_number_of_triangles_asked_for() {
+        let mesh = surface(8.0, |p| p.coords.norm() - 6.0);
+        let (coarse, _) = decimate(&mesh, 5.0, 200);
+        assert!((200..=201).contains(&coarse.triangles().len()));
+        let (same, error) = decimate(&mesh, 0.0, usize::MAX);
+        assert_eq!((same.triangles().len(), error), (mesh.triangles().len(), 0.0));
+    }
+
+    #[test]
+    fn an_open_border_stays() {
+        let ball = surface(8.0, |p| p.coords.norm() - 6.0);
+        let upper: Vec<u32> = (0..ball.triangles().len() as u32)
+            .filter(|&t| ball.corners(t as usize).iter().all(|p| p.z > 0.5))
+            .collect();
+        let cup = super::super::submesh(&ball, &upper).unwrap();
+        let (coarse, _) = decimate(&cup, 0.3, 4);
+        let (before, after) = (Topology::of(&cup), Topology::of(&coarse));
+        assert_eq!((after.boundary_edges, after.nonmanifold_edges), (before.boundary_edges, 0));
+        assert!(coarse.triangles().len() < cup.triangles().len() / 2);
+    }
+
+    #[test]
+    fn it_can_be_cancelled() {
+        let control = Control::new();
+        control.cancel();
+        assert_eq!(decimate_with(&surface(12.0, |p| p.coords.norm() - 10.0), 0.1, 4, &control, |_| {}), Err(Cancelled));
+    }
+}

@@ -1,0 +1,20 @@
+//! Scalar grids to surfaces, and surfaces to better ones: isosurface, components, smoothing, decimation.
+//!
+//! Invariants: an isosurface is closed and two-manifold, whatever the values; decimation keeps a closed manifold closed.
+
+mod bucket_queue;
+mod cell_table;
+mod decimate;
+mod isosurface;
+mod live_mesh;
+mod parts;
+mod point_triangle;
+mod quadric;
+mod smooth;
+mod topology;
+
+pub use decimate::{decimate, decimate_with};
+pub use isosurface::isosurface;
+pub use parts::{drop_small_parts, largest_part, parts, submesh};
+pub use smooth::smooth;
+pub use topology::Topology;

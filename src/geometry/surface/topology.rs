@@ -1,0 +1,140 @@
+//! Edges of a triangle mesh and whether it is a closed two-manifold.
+
+use crate::TriMesh;
+
+/// What keeps a mesh from being a closed, oriented two-manifold.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Topology {
+    /// Edges with a single triangle.
+    pub boundary_edges: usize,
+    /// Edges with more than two triangles, or with two that run along it in the same direction.
+    pub nonmanifold_edges: usize,
+    /// Vertices whose triangles do not form one fan.
+    pub nonmanifold_vertices: usize,
+    /// Triangles that name a vertex twice or have no area.
+    pub degenerate_triangles: usize,
+}
+
+impl Topology {
+    /// Counts the faults of `mesh`.
+    #[must_use]
+    pub fn of(mesh: &TriMesh) -> Self {
+        let mut found = Self::default();
+        found.count_edges(mesh);
+        found.nonmanifold_vertices = vertices_without_one_fan(mesh).len();
+        found.degenerate_triangles =
+            (0..mesh.triangles().len()).filter(|&t| mesh.scaled_normal(t).norm_squared() == 0.0).count();
+        found
+    }
+
+    /// Whether the mesh is a closed, consistently oriented two-manifold without degenerate triangles.
+    #[must_use]
+    pub fn is_closed_manifold(&self) -> bool {
+        *self == Self::default()
+    }
+
+    fn count_edges(&mut self, mesh: &TriMesh) {
+        for group in directed_edges(mesh).chunk_by(|a, b| a.0 == b.0) {
+            match (group.len(), runs_both_ways(group)) {
+                (1, _) => self.boundary_edges += 1,
+                (2, true) => {}
+                _ => self.nonmanifold_edges += 1,
+            }
+        }
+    }
+}
+
+fn runs_both_ways(group: &[DirectedEdge]) -> bool {
+    group.iter().filter(|e| e.1).count() == 1
+}
+
+/// Vertices on a boundary or non-manifold edge and those whose triangles do not form one fan; may name a vertex twice.
+pub(super) fn irregular_vertices(mesh: &TriMesh) -> Vec<u32> {
+    let edges = directed_edges(mesh);
+    let faulty = edges.chunk_by(|a, b| a.0 == b.0).filter(|g| g.len() != 2 || !runs_both_ways(g));
+    let mut found: Vec<u32> = faulty.flat_map(|g| [g[0].0.0, g[0].0.1]).collect();
+    found.extend(vertices_without_one_fan(mesh));
+    found
+}
+
+/// A vertex is good when walking from triangle to triangle around it meets all of its triangles.
+fn vertices_without_one_fan(mesh: &TriMesh) -> Vec<u32> {
+    let mut found = Vec::new();
+    // Per corner: (vertex, following corner, preceding corner); the fan walks from one to the next.
+    let mut spokes: Vec<[u32; 3]> = Vec::with_capacity(3 * mesh.triangles().len());
+    for t in mesh.triangles() {
+        spokes.extend((0..3).map(|i| [t[i], t[(i + 1) % 3], t[(i + 2) % 3]]));
+    }
+    spokes.sort_unstable();
+    for fan in spokes.chunk_by(|a, b| a[0] == b[0]) {
+        // An open fan starts at the spoke that no triangle of it ends at.
+        let open_start = fan.iter().find(|s| !fan.iter().any(|o| o[2] == s[1]));
+        let start = open_start.unwrap_or(&fan[0])[1];
+        let mut at = start;
+        let mut walked = 0;
+        while walked < fan.len() {
+            let Ok(next) = fan.binary_search_by_key(&at, |s| s[1]) else { break };
+            at = fan[next][2];
+            walked += 1;
+            if at == start {
+                break;
+            }
+        }
+        if walked != fan.len() {
+            found.push(fan[0][0]);
+        }
+    }
+    found
+}
+
+/// `((smaller vertex, larger vertex), runs from smaller to larger)`.
+type DirectedEdge = ((u32, u32), bool);
+
+/// Every edge of every triangle, sorted.
+fn directed_edges(mesh: &TriMesh) -> Vec<DirectedEdge> {
+    let mut edges = Vec::with_capacity(3 * mesh.triangles().len());
+    for t in mesh.triangles() {
+        for i in 0..3 {
+            let (a, b) = (t[i], t[(i + 1) % 3]);
+            edges.push(((a.min(b), a.max(b)), a < b));
+        }
+    }
+    edges.sort_unstable();
+    edges
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Point;
+
+    fn mesh(triangles: &[[u32; 3]]) -> TriMesh {
+        let n = triangles.iter().flatten().max().unwrap() + 1;
+        // Points on the moment curve: no three on a line.
+        let p = (0..n).map(f64::from).map(|s| Point::new(s, s * s, s * s * s)).collect();
+        TriMesh::new(p, triangles.to_vec()).unwrap()
+    }
+
+    const TETRAHEDRON: [[u32; 3]; 4] = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]];
+
+    #[test]
+    fn a_tetrahedron_is_a_closed_manifold_and_a_part_of_it_is_open() {
+        assert!(Topology::of(&mesh(&TETRAHEDRON)).is_closed_manifold());
+        let open = Topology::of(&mesh(&TETRAHEDRON[..3]));
+        assert_eq!(open, Topology { boundary_edges: 3, ..Topology::default() });
+    }
+
+    #[test]
+    fn a_turned_triangle_two_solids_at_a_vertex_and_a_flat_triangle_are_found() {
+        let mut turned = TETRAHEDRON;
+        turned[3] = [1, 3, 2];
+        assert_eq!(Topology::of(&mesh(&turned)).nonmanifold_edges, 3);
+
+        let mut touching = TETRAHEDRON.to_vec();
+        touching.extend(TETRAHEDRON.map(|t| t.map(|v| if v == 0 { 0 } else { v + 3 })));
+        let found = Topology::of(&mesh(&touching));
+        assert_eq!(found, Topology { nonmanifold_vertices: 1, ..Topology::default() });
+
+        assert_eq!(Topology::of(&mesh(&[[0, 1, 1]])).degenerate_triangles, 1);
+    }
+}

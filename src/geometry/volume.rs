@@ -1,0 +1,17 @@
+use super::{Point, Vector};
+
+/// A CT volume in Hounsfield units.
+///
+/// Voxel `(i, j, k)` is centred at `origin + i axes[0] + j axes[1] + k axes[2]` (LPS mm) and stored at
+/// `i + dims[0] * (j + dims[1] * k)`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Volume {
+    /// Voxels along i, j, k.
+    pub dims: [usize; 3],
+    /// Centre of voxel (0, 0, 0), LPS mm.
+    pub origin: Point,
+    /// Step from one voxel to the next along i, j and k, LPS mm.
+    pub axes: [Vector; 3],
+    /// Hounsfield units, i fastest.
+    pub hu: Vec<i16>,
+}

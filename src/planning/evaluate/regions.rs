@@ -1,0 +1,248 @@
+//! Named parts of a face.
+
+use super::Part;
+use prosopon_geometry::{Aabb, Point, TriMesh};
+
+/// A named part of the face: a box, LPS mm.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FaceRegion {
+    /// `nose`, `paranasal_left`, `paranasal_right`, `upper_lip`, `lower_lip`, `chin`, `cheek_left`, `cheek_right`, `submental`, `forehead`.
+    pub name: &'static str,
+    /// Its box.
+    pub bounds: Aabb,
+}
+
+/// Places that the boxes hang on, LPS mm.
+struct Face {
+    midline: f64,
+    /// Tip of the nose.
+    nose: Point,
+    /// z of the anterior nasal spine, of the line between the lips, of the chin's foremost point, and of the chin's lower border.
+    spine: f64,
+    lips: f64,
+    chin: f64,
+    menton: f64,
+    /// y of the chin's foremost skin.
+    chin_front: f64,
+    /// Height from chin to nose tip against that of an average adult, 87 mm.
+    scale: f64,
+}
+
+/// Regions from landmarks (`pronasale`, `ans`, `soft_pogonion`, `menton`, `occlusal_plane`) and the midline or, where they
+/// are missing, from proportions. Returns the regions and whether landmarks were used.
+///
+/// Landmarks are used when there are a `pronasale` and one of `menton` and `soft_pogonion`; the others then follow from
+/// proportions of that height. Without them the tip of the nose is the skin's foremost vertex within 15 mm of the midline
+/// (the middle of the skin's box when `None`), and the size follows from the height of the skin above it; that needs an
+/// upright head with its forehead, and a nose that is in front of everything else. The boxes do not overlap.
+#[must_use]
+pub fn face_regions(
+    skin: &TriMesh,
+    landmarks: &[(String, Point)],
+    midline_x_mm: Option<f64>,
+) -> (Vec<FaceRegion>, bool) {
+    let (face, used) = Face::of(skin, landmarks, midline_x_mm);
+    (face.regions(), used)
+}
+
+/// Balls over the eyes, placed as [`face_regions`] places its boxes: lids move between two scans of a face that has not changed.
+#[must_use]
+pub fn eyes(skin: &TriMesh, landmarks: &[(String, Point)], midline_x_mm: Option<f64>) -> [Part; 2] {
+    // Of an adult, from the tip of the nose: to the side, back and up, mm.
+    const CENTRE: [f64; 3] = [32.0, 44.0, 35.0];
+    const RADIUS: f64 = 17.0;
+    let face = Face::of(skin, landmarks, midline_x_mm).0;
+    [-1.0, 1.0].map(|side| {
+        let [x, y, z] = CENTRE.map(|c| c * face.scale);
+        Part::Ball {
+            centre: Point::new(face.midline + side * x, face.nose.y + y, face.nose.z + z),
+            radius_mm: RADIUS * face.scale,
+        }
+    })
+}
+
+impl Face {
+    /// And whether landmarks were used.
+    fn of(skin: &TriMesh, landmarks: &[(String, Point)], midline: Option<f64>) -> (Self, bool) {
+        match Self::from_landmarks(landmarks, midline) {
+            Some(face) => (face, true),
+            None => (Self::from_proportions(skin, midline), false),
+        }
+    }
+
+    fn from_landmarks(landmarks: &[(String, Point)], midline: Option<f64>) -> Option<Self> {
+        let named =
+            |name: &str| landmarks.iter().find(|l| l.0 == name && l.1.iter().all(|c| c.is_finite())).map(|l| l.1);
+        let nose = named("pronasale")?;
+        let (chin, menton) = (named("soft_pogonion"), named("menton"));
+        let menton_z = menton.map(|p| p.z).or_else(|| chin.map(|p| nose.z - (nose.z - p.z) * 87.0 / 74.0))?;
+        let scale = (nose.z - menton_z) / 87.0;
+        if !(0.3..3.0).contains(&scale) {
+            return None;
+        }
+        let z = |name: &str, below: f64| named(name).map_or(nose.z - below * scale, |p| p.z);
+        Some(Self {
+            midline: midline.unwrap_or(nose.x),
+            nose,
+            spine: z("ans", 9.0),
+            lips: z("occlusal_plane", 37.0),
+            chin: chin.map_or(nose.z - 74.0 * scale, |p| p.z),
+            menton: menton_z,
+            chin_front: chin.map_or(nose.y + 28.0 * scale, |p| p.y),
+            scale,
+        })
+    }
+
+    fn from_proportions(skin: &TriMesh, midline: Option<f64>) -> Self {
+        let bounds = skin.bounds();
+        let midline = midline.unwrap_or(bounds.center().x);
+        let near = skin.positions().iter().filter(|p| (p.x - midline).abs() < 15.0);
+        let foremost = near.min_by(|a, b| a.y.total_cmp(&b.y)).copied();
+        let nose = foremost.unwrap_or(Point::new(midline, bounds.min.y, bounds.center().z));
+        // From the tip of the nose to the vertex of an adult's head: 133 mm.
+        let scale = ((bounds.max.z - nose.z) / 133.0).clamp(0.7, 1.3);
+        Self {
+            midline,
+            nose,
+            spine: nose.z - 9.0 * scale,
+            lips: nose.z - 37.0 * scale,
+            chin: nose.z - 74.0 * scale,
+            menton: nose.z - 87.0 * scale,
+            chin_front: nose.y + 28.0 * scale,
+            scale,
+        }
+    }
+
+    fn regions(&self) -> Vec<FaceRegion> {
+        let s = self.scale;
+        // Half widths of the nose's wings, of the upper lip, of the mouth, and of the paranasal part; then the cheek's outer side.
+        let (wing, lip, mouth, paranasal, cheek) = (18.0 * s, 22.0 * s, 28.0 * s, 42.0 * s, 75.0 * s);
+        let subnasal = self.spine - 3.0 * s;
+        let fold = self.lips - 0.5 * (self.lips - self.chin);
+        let (front, nose_top) = (self.nose.y - 10.0 * s, self.nose.z + 35.0 * s);
+        let made = |name, x: [f64; 2], y: [f64; 2], z: [f64; 2]| {
+            let min = Point::new(self.midline + x[0], y[0], z[0]);
+            let max = Point::new(self.midline + x[1], y[1], z[1]);
+            FaceRegion { name, bounds: Aabb { min, max } }
+        };
+        let middle = |half: f64| [-half, half];
+        let depth = |mm: f64| [front, self.nose.y + mm * s];
+        let chin_depth = [self.chin_front - 12.0 * s, self.chin_front + 30.0 * s];
+        // Sides: beside the bases of the wings (paranasal) and from the corners of the mouth (cheek) outwards.
+        let side_z = [subnasal - 14.0 * s, subnasal + 6.0 * s];
+        let cheek_z = [self.lips - 15.0 * s, self.nose.z + 25.0 * s];
+        vec![
+            made("nose", middle(wing), depth(40.0), [subnasal, nose_top]),
+            made("paranasal_left", [lip, paranasal], depth(60.0), side_z),
+            made("paranasal_right", [-paranasal, -lip], depth(60.0), side_z),
+            made("upper_lip", middle(lip), depth(50.0), [self.lips, subnasal]),
+            made("lower_lip", middle(mouth), depth(50.0), [fold, self.lips]),
+            made("chin", middle(mouth), chin_depth, [self.menton - 3.0 * s, fold]),
+            made("cheek_left", [paranasal, cheek], depth(90.0), cheek_z),
+            made("cheek_right", [-cheek, -paranasal], depth(90.0), cheek_z),
+            made(
+                "submental",
+                middle(mouth),
+                [self.chin_front, self.chin_front + 60.0 * s],
+                [self.menton - 35.0 * s, self.menton - 3.0 * s],
+            ),
+            made("forehead", middle(60.0 * s), depth(70.0), [self.nose.z + 48.0 * s, self.nose.z + 110.0 * s]),
+        ]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::evaluate::Mask;
+    use prosopon_geometry::Vector;
+
+    fn ball() -> TriMesh {
+        // A diamond with its foremost point at (2, -100, 50).
+        let p = [
+            [2.0, -100.0, 50.0],
+            [-70.0, 0.0, 50.0],
+            [2.0, 80.0, 50.0],
+            [74.0, 0.0, 50.0],
+            [2.0, 0.0, 183.0],
+            [2.0, 0.0, -60.0],
+        ];
+        let t = vec![[0, 3, 4], [3, 2, 4], [2, 1, 4], [1, 0, 4], [3, 0, 5], [2, 3, 5], [1, 2, 5], [0, 1, 5]];
+        TriMesh::new(p.into_iter().map(Point::from).collect(), t).unwrap()
+    }
+
+    fn landmarks() -> Vec<(String, Point)> {
+        [
+            ("pronasale", [6.0, -111.0, 54.0]),
+            ("ans", [6.0, -84.0, 45.0]),
+            ("soft_pogonion", [6.0, -83.0, -20.0]),
+            ("menton", [6.0, -67.0, -33.0]),
+        ]
+        .map(|(name, p)| (name.to_string(), Point::from(p)))
+        .to_vec()
+    }
+
+    #[test]
+    fn balls_cover_the_lids_and_neither_nose_nor_temples() {
+        for face in [eyes(&ball(), &landmarks(), Some(6.0)), eyes(&ball(), &[], Some(2.0))] {
+            let [right, left] = face.map(|part| match part {
+                Part::Ball { centre, radius_mm } => (centre, radius_mm),
+                Part::Box(_) => panic!("not a ball"),
+            });
+            assert!((left.0 - right.0 - Vector::new(64.0, 0.0, 0.0)).norm() < 0.5, "{left:?} {right:?}");
+        }
+        // On a real head with these landmarks the lids' foremost points, the wings of the nose and the temples are here.
+        let [right, left] = eyes(&ball(), &landmarks(), Some(6.0)).map(|e| Mask { only: vec![e], ..Mask::default() });
+        let at = |x: f64, y: f64, z: f64| {
+            let p = Point::new(x, y, z);
+            let one = TriMesh::new(vec![p; 3], vec![[0, 1, 2]]).unwrap();
+            [&right, &left].map(|mask| mask.of(&one)[0])
+        };
+        assert_eq!((at(38.0, -70.0, 88.0), at(-26.0, -70.0, 88.0)), ([false, true], [true, false]));
+        for away in [at(24.0, -90.0, 56.0), at(70.0, -50.0, 88.0), at(6.0, -77.0, 99.0)] {
+            assert_eq!(away, [false, false]);
+        }
+    }
+
+    #[test]
+    fn landmarks_fall_into_their_regions_and_boxes_do_not_overlap() {
+        let (regions, used) = face_regions(&ball(), &landmarks(), Some(6.0));
+        assert!(used);
+        assert_eq!(regions.len(), 10);
+        let of = |p: [f64; 3]| -> Vec<&str> {
+            regions.iter().filter(|r| r.bounds.contains(&Point::from(p))).map(|r| r.name).collect()
+        };
+        assert_eq!(of([6.0, -111.0, 54.0]), ["nose"]);
+        assert_eq!(of([6.0, -83.0, -20.0]), ["chin"]);
+        assert_eq!(of([6.0, -93.0, 30.0]), ["upper_lip"]);
+        assert_eq!(of([6.0, -91.0, 8.0]), ["lower_lip"]);
+        assert_eq!(of([32.0, -85.0, 45.0]), ["paranasal_left"]);
+        assert_eq!(of([-20.0, -85.0, 45.0]), ["paranasal_right"]);
+        assert_eq!(of([56.0, -60.0, 40.0]), ["cheek_left"]);
+        assert_eq!(of([6.0, -50.0, -45.0]), ["submental"]);
+        assert_eq!(of([6.0, -90.0, 120.0]), ["forehead"]);
+        for (i, a) in regions.iter().enumerate() {
+            for b in &regions[..i] {
+                let apart = (0..3).any(|c| a.bounds.min[c] >= b.bounds.max[c] || b.bounds.min[c] >= a.bounds.max[c]);
+                assert!(apart, "{} and {} overlap", a.name, b.name);
+            }
+        }
+    }
+
+    #[test]
+    fn without_landmarks_the_foremost_point_is_the_nose() {
+        let (regions, used) = face_regions(&ball(), &[], None);
+        assert!(!used);
+        let nose = regions.iter().find(|r| r.name == "nose").unwrap();
+        assert!(nose.bounds.contains(&Point::new(2.0, -100.0, 50.0)));
+        assert!((nose.bounds.center().x - 2.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn impossible_landmarks_are_not_used() {
+        let mut upside_down = landmarks();
+        upside_down[3].1.z = 90.0;
+        assert!(!face_regions(&ball(), &upside_down, None).1);
+        assert!(!face_regions(&ball(), &landmarks()[..2], None).1);
+    }
+}

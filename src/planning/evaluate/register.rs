@@ -1,0 +1,347 @@
+//! Rigid registration of two surfaces.
+
+use nalgebra::{Translation3, UnitQuaternion};
+
+use super::distance::Surface;
+use super::plausible::plausible;
+use super::point_to_plane::{Pair, Row, solve, stiffness};
+use super::smoothing::Neighbourhoods;
+use super::statistics::vertex_areas;
+use super::{EvaluateError, RegistrationFault};
+use prosopon_geometry::control::Control;
+use prosopon_geometry::{Motion, Point, TriMesh, Vector};
+
+/// About this many source vertices are used, evenly picked by number.
+const POINTS: usize = 5000;
+/// And so many to choose among the starts.
+const COARSE_POINTS: usize = 500;
+const COARSE_ITERATIONS: usize = 25;
+const ITERATIONS: usize = 120;
+/// The starts are turned by this about each axis, both ways, rad.
+const START_TURN: f64 = 0.14;
+/// Middles farther apart than this are also brought together to start with, mm.
+const START_APART_MM: f64 = 15.0;
+/// A start's distances count up to this, mm.
+const FAR_MM: f64 = 10.0;
+/// While the surfaces come together, this share of the pairs is kept, the nearest.
+const SHARE: f64 = 0.6;
+/// That ends when no point moves farther than this any more, mm.
+const TOGETHER_MM: f64 = 1e-3;
+/// Then pairs farther apart than this many robust standard deviations are trimmed.
+const TRIM: f64 = 2.5;
+/// Never trim below this distance, mm: exact data would trim themselves away.
+const TRIM_FLOOR_MM: f64 = 1e-3;
+/// An update that moves no point farther than this ends the iteration, mm.
+const STILL_MM: f64 = 1e-8;
+/// Still accepted when the iterations run out: pairs that flip in and out of the trimmed set, mm and as a share of the residual, with
+/// which what a flip moves grows.
+const NEARLY_STILL_MM: f64 = 5e-3;
+const NEARLY_STILL_SHARE: f64 = 0.05;
+/// More movement than this is told then, mm.
+const TOLD_MM: f64 = 1e-3;
+/// Surfaces whose median distance stays above this do not show the same body, mm.
+const MATCH_MM: f64 = 3.0;
+/// Above this the fit is doubtful, mm.
+const GOOD_MM: f64 = 1.0;
+/// Least share of the region with a partner that counts; below the second it is doubtful.
+const OVERLAP: [f64; 2] = [0.1, 0.5];
+/// A region needs so many vertices and so much area, mm².
+const LEAST_VERTICES: usize = 30;
+const LEAST_AREA_MM2: f64 = 500.0;
+/// Normals are averaged over this before the shape is judged, mm, but at most this share of the surface's diagonal: noise must not
+/// pass for shape.
+const SHAPE_MM: f64 = 8.0;
+const SHAPE_SHARE: f64 = 0.04;
+/// Least stiffness of a rigid motion of the region against the stiffest; below it the region slides along itself.
+const LEAST_STIFFNESS: f64 = 2e-3;
+
+/// A rigid motion that brings one surface onto another, and how well.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Registration {
+    /// The motion: target from source.
+    pub motion: Motion,
+    /// Iterations of the last, fine run.
+    pub iterations: usize,
+    /// Vertices of the region that it goes by.
+    pub vertices: usize,
+    /// Root mean square distance of the pairs that count along the target's normals, weighted by area, mm.
+    pub residual_mm: f64,
+    /// Median distance of all pairs of the region, mm.
+    pub median_mm: f64,
+    /// Share of the region's area whose pairs count, 0 to 1.
+    pub overlap: f64,
+    /// How firmly the shape of the region holds the motion: stiffness of the softest rigid motion against the stiffest, 0 (it
+    /// slides, as a plane or a ball) to 1. Turns are measured at the region's radius.
+    pub stiffness: f64,
+    /// What is doubtful.
+    pub warnings: Vec<String>,
+}
+
+/// Rigid motion that brings `source` onto `target`, by trimmed point-to-plane ICP over the source vertices where `unaltered` holds.
+///
+/// Coarse runs from where the surfaces are, from there turned by 8° about each axis both ways, and with their middles brought
+/// together where these are far apart, choose the start. In each the nearest 60 % of the pairs bring the surfaces together,
+/// so that a third of them may have changed. Then all pairs count that are nearer than 2.5 robust standard deviations
+/// (1.4826 times the median distance). Pairs on the target's open border never count; all count by the source's area.
+///
+/// # Errors
+/// [`EvaluateError::Registration`] says why there is none: the region is too small, its shape does not fix the motion, the
+/// iteration does not settle, or the surfaces do not match. [`EvaluateError::Input`] for a mask of another length and
+/// surfaces in different units; cancellation.
+///
+/// # Source
+/// Chen & Medioni, Object modelling by registration of multiple range images, 1992; Chetverikov, Stepanov & Krsek, Robust
+/// Euclidean alignment of 3D point sets: the trimmed iterative closest point algorithm, 2005. The stiffness is that of Gelfand,
+/// Ikemoto, Rusinkiewicz & Levoy, Geometrically stable sampling for the ICP algorithm, 2003.
+pub fn register(
+    source: &TriMesh,
+    target: &TriMesh,
+    unaltered: Option<&[bool]>,
+    control: &Control,
+) -> Result<Registration, EvaluateError> {
+    let mut warnings = plausible(source, target)?;
+    let region = Region::of(source, unaltered)?;
+    let stiffness = region.stiffness();
+    if stiffness < LEAST_STIFFNESS {
+        return Err(RegistrationFault::Slides { stiffness, allowed: LEAST_STIFFNESS }.into());
+    }
+    let surface = Surface::new(target)?;
+    let coarse = region.thinned(COARSE_POINTS);
+    let start = best_start(&coarse, &surface, &starts(&region, target), control)?;
+    let fine = region.thinned(POINTS);
+    let found = fitted(&fine, &surface, start, ITERATIONS, &control.part(0.5, 1.0))?;
+    let mirrored = || mirror_fits(&coarse, &surface, found.motion, control);
+    if found.median_mm > MATCH_MM || found.overlap < OVERLAP[0] {
+        let (median_mm, overlap) = (found.median_mm, found.overlap);
+        return Err(
+            RegistrationFault::NoMatch { median_mm, allowed_mm: MATCH_MM, overlap, mirrored: mirrored()? }.into()
+        );
+    }
+    if !found.settled {
+        let (iterations, movement_mm) = (found.iterations, found.movement_mm);
+        return Err(RegistrationFault::NotConverged { iterations, movement_mm, mirrored: mirrored()? }.into());
+    }
+    if found.movement_mm > TOLD_MM {
+        warnings.push(format!(
+            "after {} iterations points still moved by {:.3} mm to and fro",
+            found.iterations, found.movement_mm
+        ));
+    }
+    if found.median_mm > GOOD_MM {
+        warnings.push(format!("after registration half of the region is still over {:.1} mm off", found.median_mm));
+    }
+    if found.overlap < OVERLAP[1] {
+        warnings.push(format!("only {:.0} % of the region has a partner that counts", 100.0 * found.overlap));
+    }
+    if (found.median_mm > GOOD_MM || found.overlap < OVERLAP[1]) && mirrored()? {
+        warnings.push("the mirror image fits better: is one of the surfaces mirrored?".to_owned());
+    }
+    control.report(1.0);
+    Ok(Registration {
+        motion: found.motion,
+        iterations: found.iterations,
+        vertices: region.vertices.len(),
+        residual_mm: found.residual_mm,
+        median_mm: found.median_mm,
+        overlap: found.overlap,
+        stiffness,
+        warnings,
+    })
+}
+
+/// Samples of the source.
+struct Points(Vec<Sample>);
+
+/// A point of the source with the area that it stands for and the direction of the surface there, over the same neighbourhood as the
+/// stiffness: a scan's own normals are noise, and noise in them holds a head where it is, as if it were no ball.
+#[derive(Clone, Copy)]
+struct Sample {
+    point: Point,
+    weight: f64,
+    normal: Vector,
+}
+
+/// The part of the source that registration goes by.
+struct Region {
+    vertices: Vec<usize>,
+    points: Points,
+}
+
+impl Region {
+    fn of(source: &TriMesh, unaltered: Option<&[bool]>) -> Result<Self, EvaluateError> {
+        let n = source.positions().len();
+        if let Some(mask) = unaltered
+            && mask.len() != n
+        {
+            let detail = format!("the mask has {} entries, the surface {n} vertices", mask.len());
+            return Err(EvaluateError::Input { detail });
+        }
+        let areas = vertex_areas(source);
+        // Loose vertices say nothing about the surface.
+        let chosen = |v: &usize| unaltered.is_none_or(|m| m[*v]) && areas[*v] > 0.0;
+        let vertices: Vec<usize> = (0..n).filter(chosen).collect();
+        let radius_mm = SHAPE_MM.min(SHAPE_SHARE * source.bounds().diagonal());
+        let normals = Neighbourhoods::new(source, radius_mm).normals(source);
+        let sample = |v: &usize| Sample { point: source.positions()[*v], weight: areas[*v], normal: normals[*v] };
+        let points: Vec<Sample> = vertices.iter().map(sample).collect();
+        let area_mm2 = points.iter().map(|p| p.weight).sum::<f64>() + 0.0;
+        if vertices.len() < LEAST_VERTICES || area_mm2 < LEAST_AREA_MM2 {
+            let vertices = vertices.len();
+            let (least_vertices, least_area_mm2) = (LEAST_VERTICES, LEAST_AREA_MM2);
+            return Err(RegistrationFault::RegionTooSmall { vertices, area_mm2, least_vertices, least_area_mm2 }.into());
+        }
+        Ok(Self { vertices, points: Points(points) })
+    }
+
+    /// About `count` of its points, evenly picked by number.
+    fn thinned(&self, count: usize) -> Points {
+        Points(self.points.0.iter().copied().step_by(self.points.0.len().div_ceil(count)).collect())
+    }
+
+    fn stiffness(&self) -> f64 {
+        let row = |s: &Sample| Row { point: s.point, normal: s.normal, weight: s.weight };
+        stiffness(&self.points.0.iter().map(row).collect::<Vec<_>>())
+    }
+}
+
+/// Where the coarse runs start.
+fn starts(region: &Region, target: &TriMesh) -> Vec<Motion> {
+    let middle = |points: &mut dyn Iterator<Item = (Point, f64)>| {
+        let (sum, total) = points.fold((Vector::zeros(), 0.0), |(s, t), (p, w)| (s + p.coords * w, t + w));
+        Point::from(sum / f64::max(total, f64::MIN_POSITIVE))
+    };
+    let own = middle(&mut region.points.0.iter().map(|s| (s.point, s.weight)));
+    let other = middle(&mut target.positions().iter().copied().zip(vertex_areas(target)));
+    let mut starts = vec![Motion::identity()];
+    if (other - own).norm() > START_APART_MM {
+        starts.push(Motion::from_parts(Translation3::from(other - own), UnitQuaternion::identity()));
+    }
+    for axis in [Vector::x(), Vector::y(), Vector::z()] {
+        for turn in [START_TURN, -START_TURN] {
+            let rotation = UnitQuaternion::from_scaled_axis(axis * turn);
+            let shift = own.coords - rotation * own.coords;
+            starts.push(Motion::from_parts(Translation3::from(shift), rotation));
+        }
+    }
+    starts
+}
+
+/// The start whose coarse run ends nearest; the first of equals.
+fn best_start(
+    points: &Points,
+    surface: &Surface,
+    starts: &[Motion],
+    control: &Control,
+) -> Result<Motion, EvaluateError> {
+    let mut best: Option<(f64, Motion)> = None;
+    for (i, start) in starts.iter().enumerate() {
+        control.report(0.5 * i as f64 / starts.len() as f64);
+        let found = match fitted(points, surface, *start, COARSE_ITERATIONS, &control.part(0.0, 0.0)) {
+            Ok(found) => found,
+            // Another start may have partners.
+            Err(EvaluateError::Registration(_)) => continue,
+            Err(other) => return Err(other),
+        };
+        let score = distance(points, surface, &found.motion, control)?;
+        if best.is_none_or(|(least, _)| score < least) {
+            best = Some((score, found.motion));
+        }
+    }
+    // Without any the fine run says why.
+    Ok(best.map_or_else(Motion::identity, |b| b.1))
+}
+
+/// Mean distance of moved points to the surface; what is far, or beyond the border, counts as far.
+fn distance(points: &Points, surface: &Surface, motion: &Motion, control: &Control) -> Result<f64, EvaluateError> {
+    let moved: Vec<Point> = points.0.iter().map(|s| motion * s.point).collect();
+    let hits = surface.all_nearest(&moved, control)?;
+    let size = |hit: &super::distance::Nearest| if hit.on_border { FAR_MM } else { hit.signed.abs().min(FAR_MM) };
+    let (sum, total) =
+        hits.iter().zip(&points.0).fold((0.0, 0.0), |(s, t), (hit, p)| (s + p.weight * size(hit), t + p.weight));
+    Ok(sum / total)
+}
+
+/// Whether the source's mirror image fits at least twice as well.
+fn mirror_fits(points: &Points, surface: &Surface, motion: Motion, control: &Control) -> Result<bool, EvaluateError> {
+    let as_is = distance(points, surface, &motion, control)?;
+    let middle = points.0.iter().map(|s| s.point.x).sum::<f64>() / points.0.len() as f64;
+    let turn = |s: &Sample| Sample {
+        point: Point::new(2.0 * middle - s.point.x, s.point.y, s.point.z),
+        normal: Vector::new(-s.normal.x, s.normal.y, s.normal.z),
+        ..*s
+    };
+    let turned = Points(points.0.iter().map(turn).collect());
+    match fitted(&turned, surface, motion, COARSE_ITERATIONS, &control.part(0.0, 0.0)) {
+        Ok(found) => Ok(distance(&turned, surface, &found.motion, control)? < 0.5 * as_is),
+        Err(EvaluateError::Registration(_)) => Ok(false),
+        Err(other) => Err(other),
+    }
+}
+
+/// Where a run has come to.
+struct Fitted {
+    motion: Motion,
+    iterations: usize,
+    /// Whether it stands still, and how far a point moved last.
+    settled: bool,
+    movement_mm: f64,
+    residual_mm: f64,
+    median_mm: f64,
+    overlap: f64,
+}
+
+fn fitted(
+    points: &Points,
+    surface: &Surface,
+    start: Motion,
+    iterations: usize,
+    control: &Control,
+) -> Result<Fitted, EvaluateError> {
+    let all: f64 = points.0.iter().map(|s| s.weight).sum();
+    let mut found = Fitted {
+        motion: start,
+        iterations: 0,
+        settled: false,
+        movement_mm: f64::INFINITY,
+        residual_mm: f64::INFINITY,
+        median_mm: f64::INFINITY,
+        overlap: 0.0,
+    };
+    let mut together = false;
+    for iteration in 0..iterations {
+        control.check()?;
+        control.report(iteration as f64 / iterations as f64);
+        let pairs = pairs(points, surface, &found.motion, control)?;
+        let mut sizes: Vec<f64> = pairs.iter().map(|p| p.gap.abs()).collect();
+        sizes.sort_by(f64::total_cmp);
+        found.median_mm = sizes.get(sizes.len() / 2).copied().unwrap_or(f64::INFINITY);
+        let nearest = sizes.get((SHARE * sizes.len() as f64) as usize).copied().unwrap_or(f64::INFINITY);
+        let limit = if together { TRIM * 1.4826 * found.median_mm } else { nearest }.max(TRIM_FLOOR_MM);
+        let kept: Vec<Pair> = pairs.into_iter().filter(|p| p.gap.abs() <= limit).collect();
+        let weight: f64 = kept.iter().map(|p| p.row.weight).sum();
+        found.overlap = weight / all;
+        found.residual_mm =
+            (kept.iter().map(|p| p.row.weight * p.gap * p.gap).sum::<f64>() / weight.max(f64::MIN_POSITIVE)).sqrt();
+        let (update, step) = solve(&kept)?;
+        found.motion = update * found.motion;
+        (found.movement_mm, found.iterations) = (step, iteration + 1);
+        if together && step < STILL_MM {
+            break;
+        }
+        together |= step < TOGETHER_MM;
+    }
+    found.settled = together && found.movement_mm <= NEARLY_STILL_MM.max(NEARLY_STILL_SHARE * found.residual_mm);
+    Ok(found)
+}
+
+/// Moved points with their partners inside the border.
+fn pairs(points: &Points, surface: &Surface, motion: &Motion, control: &Control) -> Result<Vec<Pair>, EvaluateError> {
+    let moved: Vec<Point> = points.0.iter().map(|s| motion * s.point).collect();
+    let hits = surface.all_nearest(&moved, control)?;
+    let pair = |((point, hit), sample): ((&Point, &super::distance::Nearest), &Sample)| {
+        let normal = motion * sample.normal;
+        let row = Row { point: *point, normal, weight: sample.weight };
+        (!hit.on_border).then(|| Pair { row, gap: normal.dot(&(point - hit.point)) })
+    };
+    Ok(moved.iter().zip(&hits).zip(&points.0).filter_map(pair).collect())
+}

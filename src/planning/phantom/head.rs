@@ -1,0 +1,58 @@
+use super::dual::Dual;
+use super::landmarks::Landmarks;
+use super::{air, skin, skull};
+use prosopon_geometry::{Aabb, Implicit, Point, Vector};
+
+/// The analytic solids of the phantom; each is negative inside, LPS mm.
+pub struct Phantom {
+    /// Everything inside the skin.
+    pub skin: Box<dyn Implicit + Send>,
+    /// Bone and teeth.
+    pub skull: Box<dyn Implicit + Send>,
+    /// Airway: nasal cavity and mouth.
+    pub air: Box<dyn Implicit + Send>,
+    /// Landmarks and planes, named as in `landmarks.json`.
+    pub landmarks: Landmarks,
+}
+
+impl std::fmt::Debug for Phantom {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Phantom").field("landmarks", &self.landmarks).finish_non_exhaustive()
+    }
+}
+
+/// One formula, evaluated plainly and with its gradient.
+struct Solid {
+    value: fn([f64; 3]) -> f64,
+    dual: fn([Dual; 3]) -> Dual,
+}
+
+impl Implicit for Solid {
+    fn value(&self, p: &Point) -> f64 {
+        (self.value)([p.x, p.y, p.z])
+    }
+
+    fn value_gradient(&self, p: &Point) -> (f64, Vector) {
+        let d = (self.dual)([0, 1, 2].map(|a| Dual::variable(p[a], a)));
+        (d.value, Vector::from(d.gradient))
+    }
+}
+
+/// The standard phantom.
+#[must_use]
+pub fn head() -> Phantom {
+    Phantom {
+        skin: Box::new(Solid { value: skin::skin, dual: skin::skin }),
+        skull: Box::new(Solid { value: skull::skull, dual: skull::skull }),
+        air: Box::new(Solid { value: air::air, dual: air::air }),
+        landmarks: Landmarks::of_head(),
+    }
+}
+
+impl Phantom {
+    /// Box around the head, LPS mm.
+    #[must_use]
+    pub fn bounds(&self) -> Aabb {
+        Aabb { min: Point::new(-80.0, -118.0, -68.0), max: Point::new(80.0, 102.0, 174.0) }
+    }
+}

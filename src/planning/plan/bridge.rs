@@ -1,0 +1,242 @@
+//! Where bone still holds together when a cut does not part it.
+
+use std::fmt;
+
+use nalgebra::Matrix3;
+use rayon::prelude::*;
+
+use super::PlanError;
+use super::min_cut;
+use super::parting::{Crossing, OUTSIDE, flood, for_each_neighbour, lattice, strides};
+use prosopon_geometry::control::{Cancelled, Control};
+use prosopon_geometry::{Point, ScalarGrid, Vector};
+
+/// A place where bone is left between the two sides of a cut.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bridge {
+    /// The cut.
+    pub cut: usize,
+    /// A point of bone in the middle of the bridge, LPS mm.
+    pub place: Point,
+    /// Extent across its narrowest direction, mm.
+    pub width_mm: f64,
+    /// Extent along its longest direction, mm.
+    pub length_mm: f64,
+    /// Cross-section, mm².
+    pub area_mm2: f64,
+}
+
+impl fmt::Display for Bridge {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { cut, place, width_mm, length_mm, area_mm2 } = self;
+        let (x, y, z) = (place.x, place.y, place.z);
+        write!(
+            f,
+            "a bridge of {width_mm:.0} mm by {length_mm:.0} mm ({area_mm2:.0} mm²) between the sides of cut {cut} near ({x:.1}, {y:.1}, {z:.1}) mm"
+        )
+    }
+}
+
+/// The error that names every bridge of every cut, the widest first.
+pub(super) fn not_parted(
+    grid: &ScalarGrid,
+    crossings: &[Crossing],
+    blocked: &[u8],
+    n_cuts: usize,
+    control: &Control,
+) -> Result<PlanError, Cancelled> {
+    let of_cuts: Vec<Result<Vec<Bridge>, Cancelled>> =
+        (0..n_cuts).into_par_iter().map(|cut| of_cut(grid, crossings, blocked, cut, control)).collect();
+    let mut bridges: Vec<Bridge> = Vec::new();
+    for of_cut in of_cuts {
+        for found in of_cut? {
+            // Two cuts round one piece name the same bridge.
+            let known = |b: &Bridge| (b.place - found.place).norm() < 0.5 * (b.length_mm + found.length_mm).max(6.0);
+            if !bridges.iter().any(known) {
+                bridges.push(found);
+            }
+        }
+    }
+    bridges.sort_by(|a, b| b.area_mm2.total_cmp(&a.area_mm2));
+    Ok(PlanError::NotParted { bridges })
+}
+
+/// What holds the two sides of one cut together, given all cuts, the widest first; nothing where they are apart.
+///
+/// The bridges are the connected patches of the smallest set of open grid edges that parts the bone beside the cut into its two
+/// sides: the thinnest places, wherever they are. Where that set only peels the sawn faces off (less is sawn than is left) the
+/// bridges are where floods from both sides meet, which is how the cut would go on.
+pub(super) fn of_cut(
+    grid: &ScalarGrid,
+    crossings: &[Crossing],
+    blocked: &[u8],
+    cut: usize,
+    control: &Control,
+) -> Result<Vec<Bridge>, Cancelled> {
+    let [front, back] = sides(grid, crossings, cut);
+    let sawn = crossings.iter().filter(|c| c.in_bone && c.cut == cut).count();
+    if front.is_empty() || back.is_empty() {
+        return Ok(Vec::new());
+    }
+    let Some(reached) = min_cut::reached(grid, blocked, &front, &back, control)? else {
+        let pieces = flood(grid, blocked, control)?;
+        let apart = front.iter().all(|f| back.iter().all(|b| pieces.label[*f] != pieces.label[*b]));
+        let open = if apart { Vec::new() } else { meeting(grid, blocked, &front, &back) };
+        return Ok(bridges(grid, cut, open));
+    };
+    let mut open = Vec::new();
+    for node in (0..reached.len()).filter(|n| reached[*n]) {
+        for_each_neighbour(grid, blocked, node, |other| {
+            if !reached[other] {
+                open.push(edge(grid, node, other));
+            }
+        });
+    }
+    if open.len() * 10 > 9 * sawn {
+        open = meeting(grid, blocked, &front, &back);
+    }
+    Ok(bridges(grid, cut, open))
+}
+
+/// Nodes in front of and behind a cut; those that would be both are neither.
+fn sides(grid: &ScalarGrid, crossings: &[Crossing], cut: usize) -> [Vec<usize>; 2] {
+    let steps = strides(grid);
+    let mut sides = [Vec::new(), Vec::new()];
+    for c in crossings.iter().filter(|c| c.in_bone && c.cut == cut) {
+        let next = c.node + steps[c.axis];
+        let (front, back) = if c.positive { (c.node, next) } else { (next, c.node) };
+        sides[0].push(front);
+        sides[1].push(back);
+    }
+    for side in &mut sides {
+        side.sort_unstable();
+        side.dedup();
+    }
+    let [front, back] = &sides;
+    let only = |a: &[usize], b: &[usize]| a.iter().copied().filter(|n| b.binary_search(n).is_err()).collect();
+    [only(front, back), only(back, front)]
+}
+
+/// An open edge that would part the bone: its start, axis, and whether its start is on the front side.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Open {
+    node: usize,
+    axis: usize,
+    forward: bool,
+}
+
+fn edge(grid: &ScalarGrid, front: usize, back: usize) -> Open {
+    let (node, far) = (front.min(back), front.max(back));
+    let axis = strides(grid).iter().position(|s| node + s == far).unwrap_or(0);
+    Open { node, axis, forward: node == front }
+}
+
+/// Open edges between the nodes nearer to the front and those nearer to the back, on ways through bone.
+fn meeting(grid: &ScalarGrid, blocked: &[u8], front: &[usize], back: &[usize]) -> Vec<Open> {
+    let mut label = vec![OUTSIDE; grid.values.len()];
+    let mut queue: Vec<usize> = Vec::new();
+    for (side, nodes) in [front, back].into_iter().enumerate() {
+        for node in nodes {
+            label[*node] = side as u32;
+            queue.push(*node);
+        }
+    }
+    let mut at = 0;
+    let mut open = Vec::new();
+    while at < queue.len() {
+        let node = queue[at];
+        at += 1;
+        let own = label[node];
+        let mut reached = Vec::new();
+        for_each_neighbour(grid, blocked, node, |other| {
+            if label[other] == OUTSIDE {
+                reached.push(other);
+            } else if label[other] != own {
+                open.push(if own == 0 { edge(grid, node, other) } else { edge(grid, other, node) });
+            }
+        });
+        for other in reached {
+            label[other] = own;
+            queue.push(other);
+        }
+    }
+    open
+}
+
+fn bridges(grid: &ScalarGrid, cut: usize, mut open: Vec<Open>) -> Vec<Bridge> {
+    open.sort_unstable();
+    open.dedup();
+    let mut found: Vec<Bridge> = patches(grid, &open).iter().map(|patch| measure(grid, cut, &open, patch)).collect();
+    found.sort_by(|a, b| b.area_mm2.total_cmp(&a.area_mm2));
+    found
+}
+
+/// Place and size of a patch of edges: each stands for a square across it.
+fn measure(grid: &ScalarGrid, cut: usize, open: &[Open], patch: &[usize]) -> Bridge {
+    let h = grid.spacing;
+    let middle = |e: &Open| {
+        let [i, j, k] = lattice(grid, e.node);
+        grid.position(i, j, k) + Vector::ith(e.axis, 0.5 * h)
+    };
+    let mut area = Vector::zeros();
+    for e in patch.iter().map(|i| &open[*i]) {
+        area[e.axis] += if e.forward { h * h } else { -h * h };
+    }
+    let points: Vec<Point> = patch.iter().map(|i| middle(&open[*i])).collect();
+    let n = points.len() as f64;
+    let mean = Point::from(points.iter().map(|p| p.coords).sum::<Vector>() / n);
+    let mut spread = Matrix3::zeros();
+    for p in &points {
+        let d = p - mean;
+        // Only what lies across the patch's normal counts: the steps of its stairs do not.
+        let d = area.try_normalize(0.0).map_or(d, |normal| d - normal * normal.dot(&d));
+        spread += d * d.transpose() / n;
+    }
+    let mut variance: [f64; 3] = spread.symmetric_eigen().eigenvalues.into();
+    variance.sort_by(f64::total_cmp);
+    // m points a step apart have the variance (m² - 1) h² / 12.
+    let extent = |v: f64| (12.0 * v.max(0.0) + h * h).sqrt();
+    let off = |p: &Point| (p - mean).norm_squared();
+    let place = points.iter().copied().min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(mean);
+    Bridge { cut, place, width_mm: extent(variance[1]), length_mm: extent(variance[2]), area_mm2: area.norm() }
+}
+
+/// Groups of edges that start within one step of each other in every direction, as indices; `open` is sorted by node.
+fn patches(grid: &ScalarGrid, open: &[Open]) -> Vec<Vec<usize>> {
+    let mut seen = vec![false; open.len()];
+    let mut found = Vec::new();
+    for start in 0..open.len() {
+        if seen[start] {
+            continue;
+        }
+        seen[start] = true;
+        let mut patch = vec![start];
+        let mut next = 0;
+        while next < patch.len() {
+            let at = lattice(grid, open[patch[next]].node);
+            next += 1;
+            for_each_around(grid, at, |node| {
+                let first = open.partition_point(|c| c.node < node);
+                for i in (first..open.len()).take_while(|i| open[*i].node == node) {
+                    if !seen[i] {
+                        seen[i] = true;
+                        patch.push(i);
+                    }
+                }
+            });
+        }
+        found.push(patch);
+    }
+    found
+}
+
+fn for_each_around(grid: &ScalarGrid, at: [usize; 3], mut visit: impl FnMut(usize)) {
+    let range = |a: usize| at[a].saturating_sub(1)..=(at[a] + 1).min(grid.dims[a] - 1);
+    for k in range(2) {
+        for j in range(1) {
+            for i in range(0) {
+                visit(grid.index(i, j, k));
+            }
+        }
+    }
+}

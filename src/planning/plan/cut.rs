@@ -1,0 +1,234 @@
+//! Cutting the bone's envelope into segments.
+
+use super::blade::Blade;
+use super::parting::{Crossing, OUTSIDE, Pieces, Sets, blocked_edges, crossings, flood, lattice, strides};
+use super::separation::{Saw, Separation};
+use super::shape::{Cut, CutShape, Purpose};
+use super::{Bridge, PlanError, bridge, solid};
+use prosopon_field::Envelope;
+use prosopon_geometry::control::Control;
+use prosopon_geometry::{Point, ScalarGrid, TriMesh};
+
+/// Pieces smaller than this are crumbs of the saw: dropped and reported.
+const CRUMB_MM3: f64 = 100.0;
+/// Segments whose volume over half their area is below this share of the grid's spacing lie between cuts that are one.
+const THINNEST: f64 = 0.2;
+
+/// A piece of bone.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Segment {
+    /// Number: 0 is the skull that stays; others by falling volume.
+    pub id: u32,
+    /// Suggested name, such as `maxilla`; see [`super::name_segments`].
+    pub name: Option<String>,
+    /// Closed surface with caps, LPS mm, at rest.
+    pub surface: TriMesh,
+    /// Volume, mm³.
+    pub volume_mm3: f64,
+    /// Area, mm².
+    pub area_mm2: f64,
+    /// Centroid of the solid.
+    pub centroid: Point,
+    /// Indices of the cuts that bound it.
+    pub bounded_by: Vec<usize>,
+}
+
+/// Bone in pieces.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Osteotomy {
+    /// The cuts.
+    pub cuts: Vec<Cut>,
+    /// The pieces, by id.
+    pub segments: Vec<Segment>,
+    /// Volume of the bone before it was cut, mm³.
+    pub bone_mm3: f64,
+    /// Volume of the crumbs that were dropped, mm³.
+    pub dropped_mm3: f64,
+    /// What was dropped or is doubtful.
+    pub warnings: Vec<String>,
+}
+
+impl Osteotomy {
+    /// The segment whose solid contains `p` or, where none does, whose surface has the vertex nearest to `p`.
+    #[must_use]
+    pub fn segment_near(&self, p: &Point) -> Option<u32> {
+        let nearest =
+            |s: &Segment| s.surface.positions().iter().map(|q| (q - p).norm_squared()).fold(f64::MAX, f64::min);
+        let inside = self.segments.iter().find(|s| solid::contains(&s.surface, p));
+        let best = || self.segments.iter().min_by(|a, b| nearest(a).total_cmp(&nearest(b)));
+        inside.or_else(best).map(|s| s.id)
+    }
+}
+
+/// Parts the bone envelope by the cuts.
+///
+/// The inside nodes of the envelope's grid are flooded over the grid edges that no cut crosses. Segment 0 is the largest
+/// piece of the largest part of the bone, together with the parts that were apart before (a free mandible, vertebrae) and
+/// that no cut divides or frees. All pieces of a divided part other than segment 0's get numbers from 1 by falling volume. A
+/// cut that ends inside bone leaves no mark where the bone on both sides still hangs together. Pieces below 100 mm³ are
+/// dropped with a warning. The slot of a saw is taken from the segments where they are apart.
+///
+/// # Accuracy
+/// Caps lie in planes, and in the slot's sides beside them, up to 1 % of the grid spacing; on curved cuts the error is of second
+/// order in the spacing. The caps of two neighbours have the same vertices. Corners between two cuts, and the rim between a cap
+/// and the bone's surface, are right to about half the spacing.
+///
+/// # Errors
+/// [`PlanError::Value`] for faulty cuts and for a slot that leaves nothing of a segment, [`PlanError::MissesBone`],
+/// [`PlanError::NotParted`], cancellation.
+pub fn cut(bone: &Envelope, cuts: &[Cut], control: &Control) -> Result<Osteotomy, PlanError> {
+    let grid = &bone.grid;
+    if cuts.is_empty() {
+        return Err(PlanError::Value { what: "cuts".into(), detail: "are missing; at least one is needed".into() });
+    }
+    let blades = cuts.iter().enumerate().map(|(i, c)| Blade::new(i, c)).collect::<Result<Vec<_>, _>>()?;
+    let crossings = crossings(grid, &blades, control)?;
+    for (cut, blade) in blades.iter().enumerate() {
+        if !matches!(blade, Blade::None) && !crossings.iter().any(|c| c.cut == cut && c.in_bone) {
+            let distances = blade.distances(bone.surface.positions());
+            let distance_mm = distances.into_iter().fold(f64::INFINITY, f64::min);
+            return Err(PlanError::MissesBone { cut, distance_mm });
+        }
+    }
+    control.report(0.1);
+    let blocked = blocked_edges(grid, &crossings);
+    let pieces = flood(grid, &blocked, control)?;
+    let freed = freed(grid, &pieces, cuts);
+    let Some(choice) = assign(grid, &pieces, &crossings, &freed) else {
+        return Err(bridge::not_parted(grid, &crossings, &blocked, cuts.len(), control)?);
+    };
+    if let Some((cut, _)) = freed.iter().find(|(_, piece)| choice.segment[*piece] == Some(0)) {
+        let detail = "the bone there hangs together with the skull; cut it off first".to_owned();
+        return Err(PlanError::Value { what: format!("cuts[{cut}].free_part"), detail });
+    }
+    control.report(0.2);
+    let of_piece = |l: u32| if l == OUTSIDE { None } else { choice.segment[l as usize] };
+    let segments: Vec<u32> = pieces.label.iter().map(|l| of_piece(*l).unwrap_or(OUTSIDE)).collect();
+    let saws: Vec<Saw<'_>> = blades.iter().zip(cuts).map(|(blade, cut)| Saw { blade, kerf_mm: cut.kerf_mm }).collect();
+    let parting = Separation::new(grid, &segments, choice.n_segments, &crossings, &saws);
+    let mut warnings = choice.warnings;
+    let steps = strides(grid);
+    for cut in 0..cuts.len() {
+        let own = || crossings.iter().filter(|c| c.cut == cut && c.in_bone);
+        let apart = own().filter(|c| segments[c.node] != segments[c.node + steps[c.axis]]).count();
+        // Cuts reach beyond what they part; one that parts little of what it crosses was meant to do more.
+        // What separates joints and teeth may find them apart.
+        if cuts[cut].purpose == Purpose::Osteotomy && 4 * apart < own().count() {
+            let bridges = bridge::of_cut(grid, &crossings, &blocked, cut, control)?;
+            let places: Vec<String> = bridges.iter().take(5).map(Bridge::to_string).collect();
+            let share = 100 * apart / own().count().max(1);
+            let what = if apart == 0 { "nothing".to_owned() } else { format!("only {share} % of what it crosses") };
+            let left = if places.is_empty() { "crumbs".to_owned() } else { places.join("; ") };
+            warnings.push(format!("{} runs in bone but parts {what}: left are {left}", cuts[cut].label(cut)));
+        }
+    }
+    let part = control.part(0.2, 1.0);
+    let found = solid::segments(grid, &segments, &parting, &part)?;
+    for segment in &found {
+        let thickness_mm = 2.0 * segment.volume_mm3 / segment.area_mm2;
+        if let [first, .., last] = *segment.bounded_by.as_slice()
+            && thickness_mm < THINNEST * grid.spacing
+        {
+            let detail = format!(
+                "leaves a sheet of {thickness_mm:.3} mm between itself and cut {first}: do they lie on one another?"
+            );
+            return Err(PlanError::Value { what: format!("cuts[{last}]"), detail });
+        }
+    }
+    for (id, bounds) in parting.bounded_by.iter().enumerate() {
+        let left = found.iter().find(|s| s.id as usize == id).map_or(0.0, |s| s.volume_mm3);
+        let widest = bounds.iter().max_by(|a, b| cuts[**a].kerf_mm.total_cmp(&cuts[**b].kerf_mm));
+        if let Some(cut) = widest.filter(|c| cuts[**c].kerf_mm > 0.0 && left < CRUMB_MM3) {
+            let detail = format!("is {} mm: of segment {id} it leaves {left:.0} mm³", cuts[*cut].kerf_mm);
+            return Err(PlanError::Value { what: format!("cuts[{cut}].kerf_mm"), detail });
+        }
+    }
+    let (bone_mm3, dropped_mm3) = (bone.surface.volume(), choice.dropped_mm3);
+    Ok(Osteotomy { cuts: cuts.to_vec(), segments: found, bone_mm3, dropped_mm3, warnings })
+}
+
+/// Cuts that free a part, each with the piece at its point.
+fn freed(grid: &ScalarGrid, pieces: &Pieces, cuts: &[Cut]) -> Vec<(usize, usize)> {
+    let piece_at = |p: &Point| {
+        let off = |node: usize| {
+            let [i, j, k] = lattice(grid, node);
+            (grid.position(i, j, k) - p).norm_squared()
+        };
+        let inside = (0..pieces.label.len()).filter(|n| pieces.label[*n] != OUTSIDE);
+        let nearest = inside.map(|n| (off(n), n)).min_by(|a, b| a.0.total_cmp(&b.0))?;
+        Some(pieces.label[nearest.1] as usize)
+    };
+    let of_cut = |(cut, c): (usize, &Cut)| match &c.shape {
+        CutShape::FreePart(p) => Some((cut, piece_at(p)?)),
+        CutShape::Plane(_) | CutShape::Polyline { .. } | CutShape::Surface(_) => None,
+    };
+    cuts.iter().enumerate().filter_map(of_cut).collect()
+}
+
+/// Which segment each piece belongs to.
+struct Choice {
+    /// By piece; `None` for dropped crumbs.
+    segment: Vec<Option<u32>>,
+    n_segments: u32,
+    dropped_mm3: f64,
+    warnings: Vec<String>,
+}
+
+/// `None` when no part of the bone falls into two pieces that are more than crumbs.
+fn assign(grid: &ScalarGrid, pieces: &Pieces, crossings: &[Crossing], freed: &[(usize, usize)]) -> Option<Choice> {
+    let n = pieces.size.len();
+    let voxel = grid.spacing.powi(3);
+    let volume = |piece: usize| pieces.size[piece] as f64 * voxel;
+    let steps = strides(grid);
+    let mut sets = Sets::new(n);
+    for c in crossings.iter().filter(|c| c.in_bone) {
+        sets.join(pieces.label[c.node], pieces.label[c.node + steps[c.axis]]);
+    }
+    let part: Vec<usize> = (0..n).map(|p| sets.find(p as u32) as usize).collect();
+    let mut part_size = vec![0usize; n];
+    let mut solids = vec![0usize; n];
+    for p in 0..n {
+        part_size[part[p]] += pieces.size[p];
+        solids[part[p]] += usize::from(volume(p) >= CRUMB_MM3);
+    }
+    // The largest, and of equals the first.
+    let largest = |sizes: &[usize], of: &mut dyn Iterator<Item = usize>| {
+        of.fold(None, |best: Option<usize>, p| best.filter(|b| sizes[*b] >= sizes[p]).or(Some(p)))
+    };
+    let main = largest(&part_size, &mut (0..n))?;
+    let stays = largest(&pieces.size, &mut (0..n).filter(|p| part[*p] == main))?;
+
+    let divided = |p: usize| solids[part[p]] >= 2;
+    let comes_off = |p: usize| divided(p) || freed.iter().any(|(_, piece)| *piece == p);
+    let mut movable: Vec<usize> = (0..n).filter(|p| *p != stays && comes_off(*p) && volume(*p) >= CRUMB_MM3).collect();
+    if movable.is_empty() {
+        return None;
+    }
+    movable.sort_by_key(|p| std::cmp::Reverse(pieces.size[*p]));
+    let mut segment = vec![Some(0); n];
+    for (i, p) in movable.iter().enumerate() {
+        segment[*p] = Some(i as u32 + 1);
+    }
+    let crumbs: Vec<usize> = (0..n).filter(|p| divided(*p) && volume(*p) < CRUMB_MM3).collect();
+    for p in &crumbs {
+        segment[*p] = None;
+    }
+    // An empty sum is -0.
+    let dropped_mm3 = crumbs.iter().map(|p| volume(*p)).sum::<f64>() + 0.0;
+    let mut warnings = Vec::new();
+    if let Some(widest) = largest(&pieces.size, &mut crumbs.iter().copied()) {
+        let first = pieces.label.iter().position(|l| *l as usize == widest).unwrap_or(0);
+        let [i, j, k] = lattice(grid, first);
+        let at = grid.position(i, j, k);
+        warnings.push(format!(
+            "{} crumbs of {:.0} mm³ together were dropped at the cuts, the largest of {:.0} mm³ near ({:.0}, {:.0}, {:.0}) mm",
+            crumbs.len(),
+            dropped_mm3,
+            volume(widest),
+            at.x,
+            at.y,
+            at.z
+        ));
+    }
+    Some(Choice { segment, n_segments: movable.len() as u32 + 1, dropped_mm3, warnings })
+}

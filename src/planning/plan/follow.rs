@@ -1,0 +1,143 @@
+//! What a segment meets on its path.
+
+use rayon::prelude::*;
+
+use super::cut_faces::{CutFaces, Solid};
+use super::{Osteotomy, Path, Plan, PlanError, Segment, overlap};
+use prosopon_geometry::control::Control;
+use prosopon_geometry::{Motion, Point};
+
+/// Samples along a path, besides its waypoints.
+const SAMPLES: usize = 10;
+/// At most about this many vertices of a segment are tested against other bone.
+const PROBES: usize = 6000;
+
+/// How a segment travels and what it meets.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PathReport {
+    /// The segment.
+    pub segment: u32,
+    /// Largest displacement of a point of the segment at the end, mm.
+    pub max_displacement_mm: f64,
+    /// Displacement of its centroid at the end, LPS mm.
+    pub centroid_displacement_mm: [f64; 3],
+    /// Length of the centroid's path, mm.
+    pub path_length_mm: f64,
+    /// What it meets, by rising t.
+    pub along: Vec<PathSample>,
+}
+
+/// What a segment meets at one place of its path.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct PathSample {
+    /// Path parameter.
+    pub t: f64,
+    /// Deepest overlap with other bone, mm; 0 when none.
+    pub overlap_mm: f64,
+    /// Volume that the segment shares with other bone, mm³.
+    pub overlap_mm3: f64,
+    /// Mean gap opened at the cut faces, mm.
+    pub gap_mm: f64,
+    /// Volume between the cut faces and those of other segments that lie straight in front of them within 30 mm, mm³.
+    pub gap_mm3: f64,
+}
+
+/// Follows every path, at t = 0, 0.1, … 1 and at its waypoints.
+///
+/// Overlap is measured at up to 6000 or so vertices of the segment, evenly picked by number, against the surfaces
+/// of all other segments where they are at that t. Cut faces are the triangles that face another segment at rest, with nothing or the slot
+/// of the saw between; the gap is the mean over them of the distance to the nearest other bone, 0 where they overlap: a face that slides
+/// along another has no gap. The volume of the gap is that of the prisms from the cut faces, along their outward normals, to the
+/// cut faces that they meet; where they meet other bone (the roof of a sinus) or none they count for nothing. Both volumes are integrals,
+/// the overlap's over cells of about a millimetre in which bone's surfaces are taken to be plane.
+///
+/// # Errors
+/// [`PlanError::Value`] when a path names a segment that does not exist, segment 0, or one that has a path already;
+/// cancellation.
+pub fn follow(osteotomy: &Osteotomy, plan: &Plan, control: &Control) -> Result<Vec<PathReport>, PlanError> {
+    let n = osteotomy.segments.len();
+    for (i, path) in plan.paths.iter().enumerate() {
+        let id = path.segment();
+        let fault = |detail: String| Err(PlanError::Value { what: format!("paths[{i}].segment"), detail });
+        if id == 0 || !osteotomy.segments.iter().any(|s| s.id == id) {
+            return fault(format!("is {id}, allowed are the segments 1 to {}", n.saturating_sub(1)));
+        }
+        if plan.paths[..i].iter().any(|p| p.segment() == id) {
+            return fault(format!("segment {id} has a path already"));
+        }
+    }
+    if plan.paths.is_empty() {
+        return Ok(Vec::new());
+    }
+    let mut solids = Vec::with_capacity(n);
+    for segment in &osteotomy.segments {
+        control.check()?;
+        if let Some(solid) = Solid::new(segment) {
+            solids.push((segment.id, solid));
+        }
+    }
+    let kerf_mm = osteotomy.cuts.iter().map(|c| c.kerf_mm).fold(0.0, f64::max);
+    let faces = CutFaces::of(&osteotomy.segments, &solids, kerf_mm, control)?;
+    control.report(0.3);
+    let mut reports = Vec::with_capacity(plan.paths.len());
+    for (i, path) in plan.paths.iter().enumerate() {
+        if let Some(segment) = osteotomy.segments.iter().find(|s| s.id == path.segment()) {
+            reports.push(follow_one(segment, path, plan, &solids, &faces, control)?);
+        }
+        control.report(0.3 + 0.7 * (i + 1) as f64 / plan.paths.len() as f64);
+    }
+    Ok(reports)
+}
+
+fn follow_one(
+    segment: &Segment,
+    path: &Path,
+    plan: &Plan,
+    solids: &[(u32, Solid)],
+    faces: &CutFaces,
+    control: &Control,
+) -> Result<PathReport, PlanError> {
+    let positions = segment.surface.positions();
+    let stride = positions.len().div_ceil(PROBES).max(1);
+    let probes: Vec<Point> = positions.iter().copied().step_by(stride).collect();
+    let others: Vec<(u32, &Solid)> =
+        solids.iter().filter(|(id, _)| *id != segment.id).map(|(id, solid)| (*id, solid)).collect();
+    let own = solids.iter().find(|(id, _)| *id == segment.id).map(|(_, solid)| solid);
+    let mut samples: Vec<f64> = (0..=SAMPLES).map(|i| i as f64 / SAMPLES as f64).collect();
+    samples.extend(path.waypoints().iter().map(|w| w.0));
+    samples.sort_by(f64::total_cmp);
+    samples.dedup_by(|a, b| (*a - *b).abs() < 1e-9);
+
+    let mut along = Vec::with_capacity(samples.len());
+    for t in samples {
+        control.check()?;
+        let motions = plan.motions(t);
+        let motion_of = |id: u32| motions.iter().find(|m| m.0 == id).map_or_else(Motion::identity, |m| m.1);
+        let motion = motion_of(segment.id);
+        let frames: Vec<Frame<'_>> =
+            others.iter().map(|(id, solid)| (*id, *solid, motion_of(*id).inverse() * motion)).collect();
+        let distances: Vec<f64> = probes.par_iter().with_min_len(256).map(|p| nearest_bone(p, &frames)).collect();
+        let overlap_mm = distances.iter().fold(0.0f64, |deepest, d| deepest.max(-d));
+        let shared = |own| frames.iter().map(|(_, s, m)| overlap::volume(own, s, m, &segment.surface.bounds())).sum();
+        let overlap_mm3 = own.map_or(0.0, shared);
+        let (gap_mm, gap_mm3) = faces.gap(segment.id, &frames);
+        along.push(PathSample { t, overlap_mm, overlap_mm3, gap_mm, gap_mm3 });
+    }
+    let end = path.at(1.0);
+    let shift = end * segment.centroid - segment.centroid;
+    Ok(PathReport {
+        segment: segment.id,
+        max_displacement_mm: positions.iter().map(|p| (end * p - p).norm()).fold(0.0, f64::max),
+        centroid_displacement_mm: [shift.x, shift.y, shift.z],
+        path_length_mm: path.length_mm(&segment.centroid),
+        along,
+    })
+}
+
+/// Another segment, with the motion into its frame.
+pub(super) type Frame<'a> = (u32, &'a Solid, Motion);
+
+/// Signed distance of `p` to the nearest other bone; infinite without others.
+pub(super) fn nearest_bone(p: &Point, frames: &[Frame<'_>]) -> f64 {
+    frames.iter().map(|(_, solid, motion)| solid.signed(&(motion * p))).fold(f64::INFINITY, f64::min)
+}

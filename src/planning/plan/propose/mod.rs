@@ -1,0 +1,171 @@
+//! Landmarks proposed from the surfaces of skin and bone.
+
+mod jaws;
+mod midline;
+mod profile;
+mod ramus;
+mod voxels;
+
+use std::collections::BTreeMap;
+
+use super::Landmarks;
+use jaws::{Occlusion, incisal_edge, nasal_aperture, occlusion};
+use midline::midline;
+use profile::Profile;
+use prosopon_geometry::{Motion, Point, TriMesh, Vector};
+use ramus::Jaw;
+use voxels::Voxels;
+
+/// The Le Fort I plane is proposed this far above the anterior nasal spine, mm: above the palate.
+const ABOVE_SPINE_MM: f64 = 1.0;
+
+/// Proposals to be checked by a person.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Proposal {
+    /// Points by name, LPS mm.
+    pub points: BTreeMap<String, Point>,
+    /// x of the midsagittal plane.
+    pub midline_x_mm: f64,
+    /// z of the occlusal plane below the anterior nasal spine.
+    pub occlusal_z_mm: Option<f64>,
+    /// Point and unit normal of the Le Fort I plane: parallel to the occlusal plane, above the palate.
+    pub le_fort_1_plane: Option<(Point, Vector)>,
+}
+
+impl Proposal {
+    /// Fills what `landmarks` lack; names of what was filled.
+    pub fn fill(&self, landmarks: &mut Landmarks) -> Vec<String> {
+        let mut filled = Vec::new();
+        for (name, p) in &self.points {
+            if !landmarks.points.contains_key(name) {
+                landmarks.points.insert(name.clone(), *p);
+                filled.push(name.clone());
+            }
+        }
+        if landmarks.midline_x_mm.is_none() {
+            landmarks.midline_x_mm = Some(self.midline_x_mm);
+            filled.push("midline_x_mm".to_owned());
+        }
+        if landmarks.occlusal_z_mm.is_none() && self.occlusal_z_mm.is_some() {
+            landmarks.occlusal_z_mm = self.occlusal_z_mm;
+            filled.push("occlusal_plane_z_mm".to_owned());
+        }
+        if landmarks.le_fort_1_plane.is_none() && self.le_fort_1_plane.is_some() {
+            landmarks.le_fort_1_plane = self.le_fort_1_plane;
+            filled.push("le_fort_1_plane".to_owned());
+        }
+        filled
+    }
+}
+
+/// Landmarks of a head that faces -y with z up, within some 20° of upright; the mouth may be open.
+///
+/// - The midline is where the front of the skin is most alike on both sides.
+/// - The nasal aperture is the highest gap in the bone's front beside the midline; `ans` is the corner below it.
+/// - The occlusal plane is the one below the palate that meets least bone, tilted from side to side not at all, and lowered half-way to the
+///   edge of the upper incisors; everything else is looked for with that plane horizontal.
+/// - Skin: `pronasale`, the foremost point of all; `subnasale`, the deepest place between it and the upper lip; `soft_pogonion`, the
+///   foremost point of the chin; `soft_menton`, the lowest.
+/// - Bone, midline: `menton`, the lowest point of the chin; `pogonion`, its foremost; `a_point`, the deepest between `ans` and the
+///   teeth; `nasal_bone_tip`, the lowest of the nasal bones, and `nasion`, the deepest above it.
+/// - Bone, sides: the ramus is the plate beside and behind the upper teeth. `lingula_*` on its medial face, three fifths from its
+///   front, 3 mm above the occlusal plane; `molar_*` on the body's outer face, 14 mm in front of the ramus; `zygomaxillare_*`, the
+///   lower border of the cheek bone 37 mm beside the midline.
+///
+/// What cannot be found is left out.
+///
+/// # Accuracy
+/// On CTs with slices of 1.5 and 2.5 mm some 3 mm in the midline; lingula and molar are where they lie in an average jaw, good for
+/// a cut that a person checks. Streaks of dental metal, masks and beards spoil it.
+#[must_use]
+pub fn propose(skin: &TriMesh, skull: &TriMesh) -> Proposal {
+    let midline = midline(skin);
+    let mut found = Proposal { midline_x_mm: midline, ..Proposal::default() };
+    let Some((spine, bite)) = upper_jaw(skull, midline) else {
+        return found;
+    };
+    // From here on with the occlusal plane horizontal.
+    let pivot = Point::new(midline, spine[0], spine[1]);
+    let level = turn_about(&pivot, -bite.pitch);
+    let (skin, skull) = (skin.moved(&level), skull.moved(&level));
+    let bone = Voxels::of(&skull);
+    let occlusal = spine[1] + bite.height * bite.pitch.cos();
+    let jaw = Jaw { bone: &bone, midline, spine_y: spine[0], occlusal };
+    let back = level.inverse();
+    let mut put = |name: &str, p: Option<Point>| -> Option<Point> {
+        found.points.insert(name.to_owned(), back * p?);
+        p
+    };
+    let (soft, hard) = (Profile::new(&skin, midline), Profile::new(&skull, midline));
+    let at = |p: [f64; 2]| Point::new(midline, p[0], p[1]);
+    let ans = put("ans", Some(pivot)).unwrap_or(pivot);
+    let alveolar = hard.foremost(ans.z - 24.0, ans.z - 10.0);
+    put("a_point", alveolar.and_then(|a| hard.deepest(a, [ans.y, ans.z])).map(at));
+    if let Some(nose) = soft.foremost(ans.z - 6.0, ans.z + 28.0) {
+        put("pronasale", Some(at(nose)));
+        // The lip's foremost point is looked for below the nose's underside.
+        let lip = soft.foremost(nose[1] - 38.0, nose[1] - 16.0);
+        put("subnasale", lip.and_then(|lip| soft.deepest(lip, nose)).map(at));
+        // The edge of the nasal bones: going down, the profile falls back into the nose.
+        let tip = hard.last_before_drop(nose[1] + 55.0, nose[1] + 8.0, 8.0);
+        put("nasal_bone_tip", tip.map(at));
+        put("nasion", tip.and_then(|t| hard.first_hollow(t[1] + 6.0, t[1] + 32.0)).map(at));
+    }
+    if let Some([pogonion, menton]) = jaw.chin() {
+        put("pogonion", Some(pogonion));
+        put("menton", Some(menton));
+        let chin = soft.foremost(pogonion.z - 6.0, pogonion.z + 8.0);
+        put("soft_pogonion", chin.map(at));
+        put("soft_menton", chin.and_then(|c| soft.lowest_within(c, 18.0, 30.0)).map(at));
+    }
+    for side in [1.0, -1.0] {
+        let name = Landmarks::side_name(side);
+        let points = jaw.side(side);
+        put(&format!("lingula_{name}"), points.as_ref().map(|p| p.lingula));
+        put(&format!("molar_{name}"), points.as_ref().map(|p| p.molar));
+        put(&format!("zygomaxillare_{name}"), jaw.zygoma(side, ans.z));
+    }
+    let up = back * Vector::z();
+    found.occlusal_z_mm = Some(spine[1] + bite.height);
+    found.le_fort_1_plane = Some((pivot + up * ABOVE_SPINE_MM, up));
+    found
+}
+
+/// The anterior nasal spine as (y, z), and the occlusal plane below it.
+fn upper_jaw(skull: &TriMesh, midline: f64) -> Option<([f64; 2], Occlusion)> {
+    const NEAR_APERTURE_MM: f64 = 6.0;
+    let bone = Voxels::of(skull);
+    let [bottom, _] = nasal_aperture(&bone, midline)?;
+    let profile = Profile::new(skull, midline);
+    let spine = profile.corner(bottom - NEAR_APERTURE_MM, bottom + NEAR_APERTURE_MM)?;
+    let mut bite = occlusion(&bone, midline, spine)?;
+    if let Some([y, z]) = incisal_edge(&bone, midline, spine) {
+        // Least bone is met between the molars; a deep bite of the incisors is met half-way.
+        let at_edge = z - spine[1] - bite.pitch.tan() * (y - spine[0]);
+        bite.height = bite.height.min(0.5 * (bite.height + at_edge));
+    }
+    Some((spine, bite))
+}
+
+/// A turn about the axis along x through `pivot`; positive lifts what lies behind it.
+fn turn_about(pivot: &Point, angle: f64) -> Motion {
+    Motion::rotation_wrt_point(nalgebra::UnitQuaternion::from_axis_angle(&Vector::x_axis(), angle), *pivot)
+}
+
+/// Points of the surface no farther than about `spacing` apart.
+fn samples(mesh: &TriMesh, spacing: f64) -> impl Iterator<Item = Point> {
+    (0..mesh.triangles().len()).flat_map(move |t| {
+        let [a, b, c] = mesh.corners(t);
+        let longest = (b - a).norm().max((c - a).norm()).max((c - b).norm());
+        let n = ((longest / spacing).ceil() as usize).clamp(1, 64);
+        (0..=n).flat_map(move |i| {
+            (0..=n - i).map(move |j| {
+                let (u, v) = (i as f64 / n as f64, j as f64 / n as f64);
+                a + (b - a) * u + (c - a) * v
+            })
+        })
+    })
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,85 @@
+//! Foremost points of a surface along the midline.
+
+use super::samples;
+use prosopon_geometry::TriMesh;
+
+/// Half width of the strip whose foremost points make a profile, mm.
+const STRIP_MM: f64 = 3.0;
+/// Step of a profile along z, mm.
+const STEP_MM: f64 = 1.0;
+
+/// Foremost y of a surface for each step of z in a strip about the midline.
+pub(super) struct Profile {
+    low: f64,
+    front: Vec<f64>,
+    /// All points of the strip, as (y, z).
+    strip: Vec<[f64; 2]>,
+}
+
+impl Profile {
+    pub(super) fn new(mesh: &TriMesh, midline: f64) -> Self {
+        let bounds = mesh.bounds();
+        let n = ((bounds.max.z - bounds.min.z) / STEP_MM) as usize + 1;
+        let mut profile = Self { low: bounds.min.z, front: vec![f64::INFINITY; n], strip: Vec::new() };
+        for p in samples(mesh, 1.0).filter(|p| (p.x - midline).abs() < STRIP_MM) {
+            if let Some(y) = profile.front.get_mut(((p.z - bounds.min.z) / STEP_MM) as usize) {
+                *y = y.min(p.y);
+            }
+            profile.strip.push([p.y, p.z]);
+        }
+        profile
+    }
+
+    /// (y, z) of the profile within heights, from below.
+    fn within(&self, low: f64, high: f64) -> impl DoubleEndedIterator<Item = [f64; 2]> {
+        let all = self.front.iter().enumerate().map(|(k, y)| [*y, self.low + (k as f64 + 0.5) * STEP_MM]);
+        all.filter(move |p| p[0].is_finite() && low <= p[1] && p[1] <= high)
+    }
+
+    pub(super) fn foremost(&self, low: f64, high: f64) -> Option<[f64; 2]> {
+        self.within(low, high).min_by(|a, b| a[0].total_cmp(&b[0]))
+    }
+
+    /// Going up, the hindmost point before the profile comes forward again.
+    pub(super) fn first_hollow(&self, low: f64, high: f64) -> Option<[f64; 2]> {
+        const FORWARD_MM: f64 = 1.0;
+        let mut hollow: Option<[f64; 2]> = None;
+        for p in self.within(low, high) {
+            match hollow {
+                Some(h) if p[0] < h[0] - FORWARD_MM => break,
+                Some(h) if p[0] <= h[0] => {}
+                _ => hollow = Some(p),
+            }
+        }
+        hollow
+    }
+
+    /// Farthest forwards and upwards together, within heights.
+    pub(super) fn corner(&self, low: f64, high: f64) -> Option<[f64; 2]> {
+        self.within(low, high).max_by(|a, b| (a[1] - a[0]).total_cmp(&(b[1] - b[0])))
+    }
+
+    /// Farthest behind the line from `a` up to `b`.
+    pub(super) fn deepest(&self, a: [f64; 2], b: [f64; 2]) -> Option<[f64; 2]> {
+        let behind = |p: &[f64; 2]| {
+            let share = (p[1] - a[1]) / (b[1] - a[1]);
+            let along = [b[0] - a[0], b[1] - a[1]];
+            let length = along[0].hypot(along[1]);
+            (p[0] - (a[0] + share * along[0])) * along[1].abs() / length
+        };
+        self.within(a[1], b[1]).max_by(|p, q| behind(p).total_cmp(&behind(q)))
+    }
+
+    /// Lowest point of the strip no farther behind `from` than `depth`, and no more than `height` from it.
+    pub(super) fn lowest_within(&self, from: [f64; 2], depth: f64, height: f64) -> Option<[f64; 2]> {
+        let near = |p: &&[f64; 2]| (from[0]..from[0] + depth).contains(&p[0]) && (p[1] - from[1]).abs() < height;
+        self.strip.iter().filter(near).min_by(|a, b| a[1].total_cmp(&b[1])).copied()
+    }
+
+    /// Going down from `high` to `low`, the last point before the profile falls back by `drop` within three steps.
+    pub(super) fn last_before_drop(&self, high: f64, low: f64, drop: f64) -> Option<[f64; 2]> {
+        let down: Vec<[f64; 2]> = self.within(low - 4.0, high).rev().collect();
+        let falls = |w: &&[[f64; 2]]| w[0][1] - w[1][1] > 3.5 || w[1..].iter().any(|p| p[0] - w[0][0] > drop);
+        down.windows(4).find(falls).map(|w| w[0])
+    }
+}

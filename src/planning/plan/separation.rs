@@ -1,0 +1,143 @@
+//! Where the cuts run between nodes of different segments.
+
+use std::collections::BTreeMap;
+
+use super::blade::Blade;
+use super::parting::{Crossing, lattice, neighbours, strides};
+use prosopon_geometry::{Point, ScalarGrid};
+
+/// What the cuts do at the nodes beside them.
+pub(super) struct Separation {
+    /// Distance of an inside node to the nearest cap of a cut that separates it from a neighbour in another segment, mm; infinite
+    /// elsewhere, negative in the slot of the saw.
+    pub(super) distance: Vec<f32>,
+    /// Width of the slot at these nodes, mm; empty where no cut has one.
+    pub(super) kerf: Vec<f32>,
+    /// Distance of an air node to a cap that lies between it and a segment's node beside it, by node and segment.
+    pub(super) beyond: BTreeMap<(usize, u32), f32>,
+    /// Cuts that bound each segment.
+    pub(super) bounded_by: Vec<Vec<usize>>,
+}
+
+/// A cut as it lies over the grid.
+pub(super) struct Saw<'a> {
+    pub(super) blade: &'a Blade,
+    pub(super) kerf_mm: f64,
+}
+
+impl Separation {
+    /// `segment`: segment of every node, anything else for air and crumbs.
+    pub(super) fn new(
+        grid: &ScalarGrid,
+        segment: &[u32],
+        n_segments: u32,
+        crossings: &[Crossing],
+        saws: &[Saw<'_>],
+    ) -> Self {
+        let mut parting = Self {
+            distance: vec![f32::INFINITY; segment.len()],
+            kerf: if saws.iter().any(|s| s.kerf_mm > 0.0) { vec![0.0; segment.len()] } else { Vec::new() },
+            beyond: BTreeMap::new(),
+            bounded_by: vec![Vec::new(); n_segments as usize],
+        };
+        let steps = strides(grid);
+        let ends = |c: &Crossing| [c.node, c.node + steps[c.axis]];
+        let between: Vec<Crossing> =
+            crossings.iter().copied().filter(|c| c.in_bone && segment[ends(c)[0]] != segment[ends(c)[1]]).collect();
+        // A node in a plane keeps a little depth, else it would be outside both segments.
+        let least = (1e-3 * grid.spacing) as f32;
+        let mut beside = Vec::new();
+        for c in &between {
+            for (node, distance) in ends(c).into_iter().zip(c.distance) {
+                parting.near(node, distance.max(least), saws[c.cut].kerf_mm as f32);
+                if let Some(list) = parting.bounded_by.get_mut(segment[node] as usize) {
+                    beside.push(node);
+                    if let Err(place) = list.binary_search(&c.cut) {
+                        list.insert(place, c.cut);
+                    }
+                }
+            }
+        }
+        for (cut, saw) in saws.iter().enumerate().filter(|(_, s)| s.kerf_mm > 0.0) {
+            parting.widen(grid, saw, between.iter().filter(|c| c.cut == cut).map(ends));
+        }
+        parting.round_the_rim(grid, segment, crossings, beside, saws);
+        parting
+    }
+
+    fn near(&mut self, node: usize, distance: f32, kerf: f32) {
+        if distance - 0.5 * kerf < self.distance[node] {
+            self.distance[node] = distance - 0.5 * kerf;
+            if let Some(k) = self.kerf.get_mut(node) {
+                *k = kerf;
+            }
+        }
+    }
+
+    /// Distances of the bone's nodes round the crossings `at` that the slot of one saw reaches.
+    fn widen(&mut self, grid: &ScalarGrid, saw: &Saw<'_>, at: impl Iterator<Item = [usize; 2]>) {
+        let reach = (0.5 * saw.kerf_mm / grid.spacing).ceil() as usize + 2;
+        let mut nodes = Vec::new();
+        let mut seen = vec![false; grid.values.len()];
+        for end in at.map(|[node, _]| lattice(grid, node)) {
+            let range = |a: usize| end[a].saturating_sub(reach)..=(end[a] + reach).min(grid.dims[a] - 1);
+            for k in range(2) {
+                for j in range(1) {
+                    for i in range(0) {
+                        let node = grid.index(i, j, k);
+                        if grid.values[node] < 0.0 && !std::mem::replace(&mut seen[node], true) {
+                            nodes.push(node);
+                        }
+                    }
+                }
+            }
+        }
+        let positions: Vec<Point> = nodes.iter().map(|n| position(grid, *n)).collect();
+        for (node, distance) in nodes.into_iter().zip(saw.blade.distances(&positions)) {
+            self.near(node, distance as f32, saw.kerf_mm as f32);
+        }
+    }
+
+    /// At the rim the cuts also run between bone and air: without this, bone would jut out over the cut.
+    fn round_the_rim(
+        &mut self,
+        grid: &ScalarGrid,
+        segment: &[u32],
+        crossings: &[Crossing],
+        beside: Vec<usize>,
+        saws: &[Saw<'_>],
+    ) {
+        let mut on_rim = vec![false; segment.len()];
+        for node in beside {
+            on_rim[node] = true;
+            for other in neighbours(grid, node).filter(|other| segment[*other] == segment[node]) {
+                on_rim[other] = true;
+            }
+        }
+        let least = (1e-3 * grid.spacing) as f32;
+        let steps = strides(grid);
+        for c in crossings.iter().filter(|c| !c.in_bone) {
+            let (ends, inside) = ([c.node, c.node + steps[c.axis]], usize::from(grid.values[c.node] >= 0.0));
+            let (node, air) = (ends[inside], ends[1 - inside]);
+            let own = segment[node];
+            if !on_rim[node] || !self.bounded_by.get(own as usize).is_some_and(|b| b.contains(&c.cut)) {
+                continue;
+            }
+            let kerf = saws[c.cut].kerf_mm as f32;
+            self.near(node, c.distance[inside].max(least), kerf);
+            let far = self.beyond.entry((air, own)).or_insert(0.0);
+            *far = far.max(c.distance[1 - inside].max(least) + 0.5 * kerf);
+        }
+    }
+
+    /// Distance of a node that belongs to another segment from this side's cap; `depth` where no cut is near.
+    pub(super) fn across(&self, node: usize, depth: f32) -> f32 {
+        let distance = self.distance[node];
+        if distance.is_finite() { distance + self.kerf.get(node).copied().unwrap_or(0.0) } else { depth }
+    }
+}
+
+fn position(grid: &ScalarGrid, node: usize) -> Point {
+    let [i, j, k] = lattice(grid, node);
+    grid.position(i, j, k)
+}

@@ -1,0 +1,300 @@
+//! What a saw does: planes, polylines with a sawing direction, surfaces.
+
+use super::PlanError;
+use prosopon_geometry::{Point, TriMesh, Vector};
+
+/// Most points of a polyline.
+const MAX_POINTS: usize = 1000;
+/// Most triangles of a cut's surface.
+const MAX_TRIANGLES: usize = 100_000;
+/// Widest slot that a saw may leave, mm.
+const MAX_KERF_MM: f64 = 10.0;
+
+/// A plane cut, bounded to a rectangle or endless.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BoundedPlane {
+    /// Centre of the rectangle, LPS mm.
+    pub point: Point,
+    /// Unit normal.
+    pub normal: Vector,
+    /// Unit direction in the plane and half extents along it and across it (`normal × direction`), mm; `None` is endless.
+    pub bounds: Option<(Vector, f64, f64)>,
+}
+
+/// Where a cut runs.
+#[derive(Debug, Clone, PartialEq)]
+pub enum CutShape {
+    /// A plane.
+    Plane(BoundedPlane),
+    /// A line on the bone and the way the saw goes from there: a strip of parallelograms.
+    Polyline {
+        /// Points of the line, LPS mm; the last may be the first, for a cut all round.
+        points: Vec<Point>,
+        /// Direction of sawing; any length.
+        direction: Vector,
+        /// How deep the saw goes, mm.
+        depth_mm: f64,
+    },
+    /// Triangles, open or closed, however they are turned.
+    Surface(TriMesh),
+    /// No cut: the part of bone at this point (or whose node is the nearest) is a segment although it was apart before.
+    FreePart(Point),
+}
+
+/// Why a cut is made.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Purpose {
+    /// Bone is sawn.
+    #[default]
+    Osteotomy,
+    /// Bones that touch in the image are told apart: teeth, streaks of metal, joints. Nothing is sawn.
+    Separation,
+}
+
+/// A cut.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Cut {
+    /// Where it runs.
+    pub shape: CutShape,
+    /// Width of the slot that the saw leaves, mm; half of it on each side.
+    pub kerf_mm: f64,
+    /// What it is called, where it has a name.
+    pub name: Option<String>,
+    /// Why it is made.
+    pub purpose: Purpose,
+}
+
+impl Cut {
+    /// What texts call it: its index in its list, and its name.
+    #[must_use]
+    pub fn label(&self, index: usize) -> String {
+        self.name.as_ref().map_or_else(|| format!("cut {index}"), |name| format!("cut {index} ({name})"))
+    }
+}
+
+impl From<CutShape> for Cut {
+    fn from(shape: CutShape) -> Self {
+        Self { shape, kerf_mm: 0.0, name: None, purpose: Purpose::Osteotomy }
+    }
+}
+
+impl From<BoundedPlane> for Cut {
+    fn from(plane: BoundedPlane) -> Self {
+        CutShape::Plane(plane).into()
+    }
+}
+
+impl Cut {
+    /// The same cut with a name.
+    #[must_use]
+    pub fn named(self, name: &str) -> Self {
+        Self { name: Some(name.to_owned()), ..self }
+    }
+
+    /// The same cut, which only tells touching bones apart.
+    #[must_use]
+    pub fn separating(self) -> Self {
+        Self { purpose: Purpose::Separation, ..self }
+    }
+
+    /// The cut as triangles, oriented alike where its surface allows it; an endless plane over `reach` mm around `centre`.
+    /// `None` for [`CutShape::FreePart`].
+    ///
+    /// # Errors
+    /// [`PlanError::Value`] as [`super::cut`].
+    pub fn surface(&self, centre: &Point, reach: f64) -> Result<Option<TriMesh>, PlanError> {
+        self.check(0)?;
+        Ok(match &self.shape {
+            CutShape::Plane(plane) => Some(rectangle(plane, centre, reach)),
+            CutShape::Polyline { points, direction, depth_mm } => strip(points, direction, *depth_mm),
+            CutShape::Surface(mesh) => Some(super::sheet::oriented(mesh)),
+            CutShape::FreePart(_) => None,
+        })
+    }
+
+    /// Checks every value; `index` names the cut.
+    pub(super) fn check(&self, index: usize) -> Result<(), PlanError> {
+        let fault = |name: &str, detail: String| {
+            let what = format!("cuts[{index}].{name}");
+            Err(PlanError::Value { what, detail })
+        };
+        if !(0.0..=MAX_KERF_MM).contains(&self.kerf_mm) {
+            return fault("kerf_mm", format!("is {}, allowed is 0 to {MAX_KERF_MM}", self.kerf_mm));
+        }
+        match &self.shape {
+            CutShape::Plane(plane) => match plane_fault(plane) {
+                Some((name, detail)) => fault(&format!("plane.{name}"), detail.to_owned()),
+                None => Ok(()),
+            },
+            CutShape::Polyline { points, direction, depth_mm } => match polyline_fault(points, direction, *depth_mm) {
+                Some((name, detail)) => fault(&format!("polyline.{name}"), detail),
+                None => Ok(()),
+            },
+            CutShape::Surface(mesh) if mesh.triangles().len() > MAX_TRIANGLES => fault(
+                "surface",
+                format!("has {} triangles, at most {MAX_TRIANGLES} are allowed", mesh.triangles().len()),
+            ),
+            CutShape::Surface(mesh) if mesh.area() <= 0.0 => fault("surface", "has no area".to_owned()),
+            CutShape::FreePart(p) if !finite(&p.coords) => fault("free_part", "is not finite".to_owned()),
+            CutShape::Surface(_) | CutShape::FreePart(_) => Ok(()),
+        }
+    }
+}
+
+/// A unit vector, unless it has no length or is not finite.
+pub(super) fn unit(v: &Vector) -> Option<Vector> {
+    v.try_normalize(1e-9).filter(finite)
+}
+
+fn finite(v: &Vector) -> bool {
+    v.iter().all(|c| c.is_finite())
+}
+
+fn plane_fault(plane: &BoundedPlane) -> Option<(&'static str, &'static str)> {
+    if !finite(&plane.point.coords) {
+        return Some(("point_mm", "is not finite"));
+    }
+    let Some(normal) = unit(&plane.normal) else { return Some(("normal", "has no direction")) };
+    let (direction, along, across) = plane.bounds?;
+    if unit(&direction).and_then(|d| unit(&(d - normal * normal.dot(&d)))).is_none() {
+        return Some(("bounds", "the direction is not in the plane"));
+    }
+    let extent = |e: f64| e > 0.0 && e.is_finite();
+    (!extent(along) || !extent(across)).then_some(("bounds", "half extents must be above 0 mm"))
+}
+
+fn polyline_fault(points: &[Point], direction: &Vector, depth_mm: f64) -> Option<(&'static str, String)> {
+    if !(2..=MAX_POINTS).contains(&points.len()) {
+        return Some(("points_mm", format!("are {}, allowed are 2 to {MAX_POINTS}", points.len())));
+    }
+    if let Some(i) = points.iter().position(|p| !finite(&p.coords)) {
+        return Some(("points_mm", format!("number {i} is not finite")));
+    }
+    let Some(direction) = unit(direction) else { return Some(("direction", "has no length".to_owned())) };
+    if !(depth_mm > 0.0 && depth_mm.is_finite()) {
+        return Some(("depth_mm", format!("is {depth_mm}, must be above 0")));
+    }
+    let flat: Vec<Vector> = points.iter().map(|p| p.coords - direction * direction.dot(&p.coords)).collect();
+    if let Some(i) = flat.windows(2).position(|w| (w[1] - w[0]).norm() < 1e-6) {
+        let detail =
+            format!("numbers {i} and {} lie behind each other as the saw sees them: no cut lies between", i + 1);
+        return Some(("points_mm", detail));
+    }
+    let side = direction.cross(&(flat[1] - flat[0])).normalize();
+    let along = side.cross(&direction);
+    let plane: Vec<[f64; 2]> = flat.iter().map(|p| [along.dot(p), side.dot(p)]).collect();
+    let (i, j) = crossing_segments(&plane)?;
+    Some(("points_mm", format!("cross as the saw sees them: the line from number {i} meets the line from number {j}")))
+}
+
+/// First two segments of a plane line that are not neighbours and meet.
+fn crossing_segments(line: &[[f64; 2]]) -> Option<(usize, usize)> {
+    let n = line.len() - 1;
+    let closed = line[0] == line[n];
+    let turn = |a: [f64; 2], b: [f64; 2], c: [f64; 2]| (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
+    let within =
+        |a: [f64; 2], b: [f64; 2], p: [f64; 2]| (0..2).all(|k| a[k].min(b[k]) <= p[k] && p[k] <= a[k].max(b[k]));
+    for i in 0..n {
+        for j in i + 2..n {
+            if closed && i == 0 && j == n - 1 {
+                continue;
+            }
+            let [a, b, c, d] = [line[i], line[i + 1], line[j], line[j + 1]];
+            let (s, t, u, v) = (turn(a, b, c), turn(a, b, d), turn(c, d, a), turn(c, d, b));
+            let touch = [(s, a, b, c), (t, a, b, d), (u, c, d, a), (v, c, d, b)];
+            if (s * t < 0.0 && u * v < 0.0) || touch.iter().any(|(e, a, b, p)| *e == 0.0 && within(*a, *b, *p)) {
+                return Some((i, j));
+            }
+        }
+    }
+    None
+}
+
+/// Two triangles per stretch of the line.
+fn strip(points: &[Point], direction: &Vector, depth_mm: f64) -> Option<TriMesh> {
+    let down = unit(direction)? * depth_mm;
+    let closed = points.len() > 2 && points.first() == points.last();
+    let top = if closed { &points[..points.len() - 1] } else { points };
+    let n = top.len() as u32;
+    let positions = top.iter().copied().chain(top.iter().map(|p| p + down)).collect();
+    let stretches = if closed { n } else { n - 1 };
+    let triangles = (0..stretches).flat_map(|i| {
+        let j = (i + 1) % n;
+        [[i, j, n + j], [i, n + j, n + i]]
+    });
+    TriMesh::new(positions, triangles.collect()).ok()
+}
+
+fn rectangle(plane: &BoundedPlane, centre: &Point, reach: f64) -> TriMesh {
+    let normal = plane.normal.normalize();
+    let (middle, u, along, across) = match plane.bounds {
+        Some((direction, along, across)) => {
+            (plane.point, (direction - normal * normal.dot(&direction)).normalize(), along, across)
+        }
+        None => {
+            let foot = centre - normal * normal.dot(&(centre - plane.point));
+            let axis = if normal.x.abs() < 0.8 { Vector::x() } else { Vector::y() };
+            (foot, (axis - normal * normal.dot(&axis)).normalize(), reach, reach)
+        }
+    };
+    let (u, v) = (u * along, normal.cross(&u) * across);
+    let positions = vec![middle - u - v, middle + u - v, middle + u + v, middle - u + v];
+    match TriMesh::new(positions, vec![[0, 1, 2], [0, 2, 3]]) {
+        Ok(mesh) => mesh,
+        Err(_) => unreachable!("a checked plane has finite corners"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn polyline(points: &[[f64; 3]], direction: [f64; 3], depth_mm: f64) -> Cut {
+        let points = points.iter().map(|p| Point::from(*p)).collect();
+        CutShape::Polyline { points, direction: direction.into(), depth_mm }.into()
+    }
+
+    #[test]
+    fn a_strip_has_the_area_of_its_parallelograms() {
+        let cut = polyline(&[[0.0; 3], [10.0, 0.0, 0.0], [10.0, 5.0, 0.0]], [0.0, 0.0, -2.0], 4.0);
+        let mesh = cut.surface(&Point::origin(), 1.0).unwrap().unwrap();
+        assert!((mesh.area() - 60.0).abs() < 1e-12);
+        let round = polyline(&[[0.0; 3], [3.0, 0.0, 0.0], [0.0, 4.0, 0.0], [0.0; 3]], [0.0, 0.0, 1.0], 2.0);
+        let mesh = round.surface(&Point::origin(), 1.0).unwrap().unwrap();
+        assert!((mesh.area() - 24.0).abs() < 1e-12 && mesh.positions().len() == 6);
+    }
+
+    #[test]
+    fn an_endless_plane_is_shown_around_the_centre() {
+        let plane = BoundedPlane { point: Point::new(500.0, 0.0, 3.0), normal: Vector::z(), bounds: None };
+        let mesh = Cut::from(plane).surface(&Point::new(1.0, 2.0, 90.0), 50.0).unwrap().unwrap();
+        assert!((mesh.area() - 1e4).abs() < 1e-9 && (mesh.bounds().center() - Point::new(1.0, 2.0, 3.0)).norm() < 1e-9);
+    }
+
+    #[test]
+    fn hostile_polylines_are_refused_by_name() {
+        let what = |cut: Cut| match cut.check(3) {
+            Err(PlanError::Value { what, .. }) => what,
+            other => panic!("{other:?}"),
+        };
+        let (a, b, down) = ([0.0; 3], [9.0, 0.0, 0.0], [0.0, 0.0, -1.0]);
+        assert_eq!(what(polyline(&[], down, 5.0)), "cuts[3].polyline.points_mm");
+        assert_eq!(what(polyline(&[a], down, 5.0)), "cuts[3].polyline.points_mm");
+        assert_eq!(what(polyline(&[a, a], down, 5.0)), "cuts[3].polyline.points_mm");
+        assert_eq!(what(polyline(&[a, [0.0, 0.0, 7.0]], down, 5.0)), "cuts[3].polyline.points_mm");
+        assert_eq!(what(polyline(&[a, [f64::NAN, 0.0, 0.0]], down, 5.0)), "cuts[3].polyline.points_mm");
+        assert_eq!(what(polyline(&vec![a; 1001], down, 5.0)), "cuts[3].polyline.points_mm");
+        assert_eq!(what(polyline(&[a, b], [0.0; 3], 5.0)), "cuts[3].polyline.direction");
+        assert_eq!(what(polyline(&[a, b], [f64::INFINITY, 0.0, 0.0], 5.0)), "cuts[3].polyline.direction");
+        for depth in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            assert_eq!(what(polyline(&[a, b], down, depth)), "cuts[3].polyline.depth_mm");
+        }
+        // A bow tie crosses itself, also when its lines lie at different depths.
+        let tie = [a, [10.0, 10.0, 1.0], [10.0, 0.0, 2.0], [0.0, 10.0, 3.0]];
+        assert_eq!(what(polyline(&tie, down, 5.0)), "cuts[3].polyline.points_mm");
+        for kerf_mm in [-1.0, 11.0, f64::NAN] {
+            assert_eq!(what(Cut { kerf_mm, ..polyline(&[a, b], down, 5.0) }), "cuts[3].kerf_mm");
+        }
+        assert!(polyline(&[a, b, [9.0, 9.0, 0.0], a], down, 5.0).check(0).is_ok());
+    }
+}

@@ -1,0 +1,192 @@
+//! The horizontal osteotomy of the upper jaw.
+
+use super::super::parting::lattice;
+use super::super::shape::{BoundedPlane, Cut};
+use super::{Occlusal, meets};
+use prosopon_field::Envelope;
+use prosopon_geometry::{Point, Vector};
+
+/// Half width of the cuts, mm: wider than a maxilla at its alveolar process (some 65 mm), narrower than the distance
+/// between the rami (some 85 mm).
+const HALF_WIDTH: f64 = 38.0;
+/// Half width of the Le Fort I plane, mm: in front of the tuberosities there is no mandible, but the zygoma may reach down.
+const HALF_WIDTH_ABOVE: f64 = 60.0;
+/// Beside the nose: where the plane steps down, mm from the midline.
+const STEP_BESIDE: f64 = 21.0;
+/// The step passes this far below the cheek bone's lower border, mm.
+const BELOW_ZYGOMA: f64 = 2.0;
+/// No lower than this share of the way to the occlusal plane: above the apices of the molars.
+const LOWEST_STEP: f64 = 0.45;
+/// Half width of the occlusal cut, mm: streaks of dental metal reach beyond the arch.
+const HALF_WIDTH_TEETH: f64 = 45.0;
+/// Neighbouring rectangles overlap by this, mm. Where a cut ends in bone it leaves no mark.
+const OVERLAP: f64 = 2.0;
+/// Where the tuberosities end when the bone does not show it: behind the foremost alveolar bone, mm.
+const ARCH_DEPTH: f64 = 48.0;
+
+/// Cuts that make a Le Fort I segment: the horizontal plane above the apices, the plane behind the tuberosities, and the
+/// occlusal plane that parts the teeth.
+///
+/// - `plane`: a point of the Le Fort I plane and its normal, LPS
+/// - `midline_x_mm`, `occlusal_z_mm`: the midsagittal plane and the occlusal plane
+/// - `zygomas`: lower borders of the left and right cheek bones, where known. A plane that would run through one steps down beside
+///   the nose (Bennett & Wolford 1985), by no more than nine twentieths of the way to the occlusal plane
+/// - returns: one to seven rectangles, the Le Fort I plane first. The others are left out where they meet no bone: teeth
+///   that are apart need no cut. An empty list when the plane's normal is not within 45° of z or a value is not finite
+///
+/// The plane behind is put where the cross-section of the alveolar bone, seen from the front, has fallen to a quarter of
+/// its size at the molars, 35 to 55 mm behind the foremost, or else 48 mm behind it. It passes between the tuberosities
+/// and the pterygoid plates, but it does not follow the bone: a part of either may lie on the wrong side. The rectangles
+/// overlap by two millimetres.
+#[must_use]
+pub fn le_fort_1(
+    plane: (Point, Vector),
+    midline_x_mm: f64,
+    occlusal_z_mm: f64,
+    zygomas: [Option<Point>; 2],
+    bone: &Envelope,
+) -> Vec<Cut> {
+    let Some(frame) = Frame::new(plane, midline_x_mm, occlusal_z_mm) else { return Vec::new() };
+    let (front, back) = frame.arch(bone);
+    let front = front - 15.0;
+    let middle = 0.5 * (front + back + OVERLAP);
+    let half_depth = 0.5 * (back + OVERLAP - front);
+    let level = |height: f64, half_width: f64| BoundedPlane {
+        point: frame.at(middle, height),
+        normal: frame.up,
+        bounds: Some((frame.left, half_width, half_depth)),
+    };
+    let behind = BoundedPlane {
+        point: frame.at(back, 0.5 * frame.occlusal),
+        normal: frame.back,
+        bounds: Some((frame.left, HALF_WIDTH, 0.5 * -frame.occlusal + OVERLAP)),
+    };
+    let mut cuts = frame.upper(zygomas, [front, back + OVERLAP]);
+    let behind = Cut::from(behind).named("pterygomaxillary");
+    let teeth = Cut::from(level(frame.occlusal, HALF_WIDTH_TEETH)).named("occlusal").separating();
+    cuts.extend([behind, teeth].into_iter().filter(|c| meets(bone, c)));
+    cuts
+}
+
+/// The cut that makes two halves of a Le Fort I segment: midsagittal, from the Le Fort I plane to the occlusal plane.
+pub(super) fn midsagittal(
+    plane: (Point, Vector),
+    midline_x_mm: f64,
+    occlusal_z_mm: f64,
+    bone: &Envelope,
+) -> Option<Cut> {
+    let frame = Frame::new(plane, midline_x_mm, occlusal_z_mm)?;
+    let (front, back) = frame.arch(bone);
+    let (front, back) = (front - 15.0, back + OVERLAP);
+    let half_height = 0.5 * -frame.occlusal + OVERLAP;
+    let point = frame.at(0.5 * (front + back), 0.5 * frame.occlusal);
+    let plane =
+        BoundedPlane { point, normal: frame.left, bounds: Some((frame.back, 0.5 * (back - front), half_height)) };
+    Some(Cut::from(plane).named("midsagittal"))
+}
+
+/// Depth of the end of the tuberosities, as y, and the height of the occlusal plane's overlap below it.
+pub(super) fn tuberosity_y(
+    plane: (Point, Vector),
+    midline_x_mm: f64,
+    occlusal_z_mm: f64,
+    bone: &Envelope,
+) -> Option<[f64; 2]> {
+    let frame = Frame::new(plane, midline_x_mm, occlusal_z_mm)?;
+    let (front, back) = frame.arch(bone);
+    Some([front, back].map(|depth| frame.at(depth, frame.occlusal).y))
+}
+
+/// Axes of the Le Fort I plane with the origin in the midline.
+pub(super) struct Frame {
+    origin: Point,
+    left: Vector,
+    back: Vector,
+    up: Vector,
+    /// Height of the occlusal plane, negative, mm.
+    occlusal: f64,
+}
+
+impl Frame {
+    pub(super) fn new((point, normal): (Point, Vector), midline: f64, occlusal_z: f64) -> Option<Self> {
+        let up = normal.try_normalize(1e-9)? * normal.z.signum();
+        if up.z.is_nan() || up.z < 0.7 || !point.iter().chain([&midline, &occlusal_z]).all(|c| c.is_finite()) {
+            return None;
+        }
+        let left = (Vector::x() - up * up.x).normalize();
+        let back = up.cross(&left);
+        // The point of the plane straight above or below in the midline.
+        let origin = point + left * ((midline - point.x) / left.x);
+        let occlusal = (occlusal_z - origin.z) * up.z;
+        (occlusal < -5.0).then_some(Self { origin, left, back, up, occlusal })
+    }
+
+    pub(super) fn occlusal_plane(&self, occlusal_z: f64) -> Occlusal {
+        let point = Point::new(self.origin.x, self.origin.y, occlusal_z);
+        Occlusal { point, left: self.left, up: self.up }
+    }
+
+    /// The plane above the apices between two depths; the first cut is its middle part.
+    fn upper(&self, zygomas: [Option<Point>; 2], [front, back]: [f64; 2]) -> Vec<Cut> {
+        let (middle, half_depth) = (0.5 * (front + back), 0.5 * (back - front));
+        let level = |height: f64, [from, to]: [f64; 2]| BoundedPlane {
+            point: self.at(middle, height) + self.left * (0.5 * (from + to)),
+            normal: self.up,
+            bounds: Some((self.left, 0.5 * (to - from), half_depth)),
+        };
+        let step = |zygoma: Option<Point>| {
+            let below = zygoma.map(|p| self.up.dot(&(p - self.origin)) - BELOW_ZYGOMA);
+            below.filter(|h| *h < -OVERLAP).map(|h| h.max(LOWEST_STEP * self.occlusal))
+        };
+        let steps =
+            [(zygomas[0], 1.0, "left"), (zygomas[1], -1.0, "right")].map(|(z, side, name)| (step(z), side, name));
+        let end = |step: Option<f64>| if step.is_some() { STEP_BESIDE } else { HALF_WIDTH_ABOVE };
+        let mut cuts = vec![Cut::from(level(0.0, [-end(steps[1].0), end(steps[0].0)])).named("le_fort_1")];
+        for (height, side, name) in steps {
+            let Some(height) = height else { continue };
+            let ends = [STEP_BESIDE - OVERLAP, HALF_WIDTH_ABOVE].map(|d| side * d);
+            let low = level(height, [ends[0].min(ends[1]), ends[0].max(ends[1])]);
+            let wall = BoundedPlane {
+                point: self.at(middle, 0.5 * height) + self.left * (side * (STEP_BESIDE - 0.5 * OVERLAP)),
+                normal: self.left,
+                bounds: Some((self.back, half_depth, 0.5 * -height + OVERLAP)),
+            };
+            cuts.push(Cut::from(low).named(&format!("le_fort_1_{name}")));
+            cuts.push(Cut::from(wall).named(&format!("le_fort_1_step_{name}")).separating());
+        }
+        cuts
+    }
+
+    /// The point of the midline at `depth` behind and `height` above the origin.
+    fn at(&self, depth: f64, height: f64) -> Point {
+        self.origin + self.back * depth + self.up * height
+    }
+
+    /// Depths of the foremost alveolar bone and of the end of the tuberosities, behind the origin, mm.
+    fn arch(&self, bone: &Envelope) -> (f64, f64) {
+        let grid = &bone.grid;
+        // The teeth and their streaks are left out below, the floor of the nose above.
+        let band = 0.7 * self.occlusal..0.1 * self.occlusal;
+        let reach = (grid.dims.iter().sum::<usize>() as f64 * grid.spacing).ceil();
+        let mut area = vec![0.0f64; 2 * reach as usize + 1];
+        for (node, _) in grid.values.iter().enumerate().filter(|(_, v)| **v < 0.0) {
+            let [i, j, k] = lattice(grid, node);
+            let d = grid.position(i, j, k) - self.origin;
+            let depth = self.back.dot(&d);
+            if band.contains(&self.up.dot(&d)) && self.left.dot(&d).abs() < HALF_WIDTH && depth.abs() < 80.0 {
+                area[(depth + reach).round() as usize] += grid.spacing.powi(3);
+            }
+        }
+        // Bins are 1 mm deep: mm³ in a bin are mm² of section. A running mean evens out grids of other spacings.
+        let n = area.len();
+        let mean = |i: usize| area[i.saturating_sub(1)..(i + 2).min(n)].iter().sum::<f64>() / 3.0;
+        let section: Vec<f64> = (0..n).map(mean).collect();
+        let Some(first) = section.iter().position(|a| *a > 20.0) else { return (-25.0, ARCH_DEPTH - 25.0) };
+        let front = first as f64 - reach;
+        let window = |from: usize, to: usize| (first + from).min(n)..(first + to).min(n);
+        let molars = section[window(25, 40)].iter().copied().fold(0.0, f64::max);
+        // An envelope with the mouth filled, or stout pterygoid plates, do not show the end.
+        let end = window(35, 56).find(|i| section[*i] < 0.25 * molars);
+        (front, end.map_or(front + ARCH_DEPTH, |i| i as f64 - reach))
+    }
+}

@@ -1,0 +1,224 @@
+//! Ready-made sets of cuts, placed by landmarks.
+//!
+//! Frame of all of them: LPS with the head upright; left is +x, back +y, up +z.
+
+mod le_fort_1;
+mod mandible;
+mod midface;
+
+use std::collections::BTreeMap;
+
+use le_fort_1::Frame;
+pub use le_fort_1::le_fort_1;
+
+use super::PlanError;
+use super::blade::Blade;
+use super::parting::crossings;
+use super::shape::{BoundedPlane, Cut};
+use prosopon_field::Envelope;
+use prosopon_geometry::control::Control;
+use prosopon_geometry::{Point, Vector};
+
+/// Points and planes that templates go by, LPS mm.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Landmarks {
+    /// Points by name.
+    pub points: BTreeMap<String, Point>,
+    /// x of the midsagittal plane.
+    pub midline_x_mm: Option<f64>,
+    /// z of the occlusal plane.
+    pub occlusal_z_mm: Option<f64>,
+    /// Point and normal of the Le Fort I plane.
+    pub le_fort_1_plane: Option<(Point, Vector)>,
+}
+
+/// Ready-made sets of cuts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Template {
+    /// Upper jaw above the apices (Bell 1975): horizontal plane, plane behind the tuberosities, occlusal separation.
+    LeFort1,
+    /// Upper jaw with the nasal pyramid: nasofrontal, medial orbit and infraorbital rim, below the zygoma, pterygomaxillary.
+    LeFort2,
+    /// Midface with the zygomas (Tessier 1971): frontozygomatic and nasofrontal sutures, zygomatic arches, pterygomaxillary.
+    LeFort3,
+    /// Sagittal split of the left ramus (Trauner & Obwegeser 1957, Dal Pont 1961, Hunsuck 1968).
+    BssoLeft,
+    /// Sagittal split of the right ramus.
+    BssoRight,
+    /// Sliding osteotomy of the chin below the mental foramina (Trauner & Obwegeser 1957).
+    Genioplasty,
+    /// Le Fort I with a midsagittal split of the palate.
+    TwoPieceMaxilla,
+    /// No osteotomy: the whole mandible told apart from the skull at both joints and the teeth, for autorotation.
+    Mandible,
+}
+
+impl Template {
+    /// Every template.
+    pub const ALL: [Self; 8] = [
+        Self::LeFort1,
+        Self::LeFort2,
+        Self::LeFort3,
+        Self::BssoLeft,
+        Self::BssoRight,
+        Self::Genioplasty,
+        Self::TwoPieceMaxilla,
+        Self::Mandible,
+    ];
+
+    /// Its name on the wire.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::LeFort1 => "le_fort_1",
+            Self::LeFort2 => "le_fort_2",
+            Self::LeFort3 => "le_fort_3",
+            Self::BssoLeft => "bsso_left",
+            Self::BssoRight => "bsso_right",
+            Self::Genioplasty => "genioplasty",
+            Self::TwoPieceMaxilla => "two_piece_maxilla",
+            Self::Mandible => "mandible",
+        }
+    }
+
+    /// Landmarks that it cannot do without: names of points, `midline_x_mm`, `occlusal_plane_z_mm`, `le_fort_1_plane`.
+    #[must_use]
+    pub fn needs(self) -> &'static [&'static str] {
+        match self {
+            Self::LeFort1 | Self::TwoPieceMaxilla => &["le_fort_1_plane", "midline_x_mm", "occlusal_plane_z_mm"],
+            Self::LeFort2 => &[
+                "nasion",
+                "orbitale_left",
+                "orbitale_right",
+                "zygomaxillare_left",
+                "zygomaxillare_right",
+                "occlusal_plane_z_mm",
+            ],
+            Self::LeFort3 => &["nasion", "frontomalare_left", "frontomalare_right", "occlusal_plane_z_mm"],
+            Self::BssoLeft => &["lingula_left", "molar_left", "midline_x_mm", "occlusal_plane_z_mm"],
+            Self::BssoRight => &["lingula_right", "molar_right", "midline_x_mm", "occlusal_plane_z_mm"],
+            Self::Genioplasty => &["pogonion", "menton"],
+            Self::Mandible => &["condylion_left", "condylion_right", "menton", "occlusal_plane_z_mm"],
+        }
+    }
+
+    /// The cuts on `bone`. Separations are left out where they meet no bone.
+    ///
+    /// # Errors
+    /// [`PlanError::MissingLandmarks`]; [`PlanError::Value`] where landmarks do not lie as they do in a head.
+    pub fn cuts(self, landmarks: &Landmarks, bone: &Envelope) -> Result<Vec<Cut>, PlanError> {
+        let missing = landmarks.missing(self);
+        if !missing.is_empty() {
+            return Err(PlanError::MissingLandmarks { template: self.name(), missing });
+        }
+        landmarks.check()?;
+        match self {
+            Self::LeFort1 | Self::TwoPieceMaxilla => upper_jaw(self, landmarks, bone),
+            Self::LeFort2 => midface::le_fort_2(landmarks, bone),
+            Self::LeFort3 => midface::le_fort_3(landmarks, bone),
+            Self::BssoLeft => mandible::sagittal_split(1.0, landmarks, bone),
+            Self::BssoRight => mandible::sagittal_split(-1.0, landmarks, bone),
+            Self::Genioplasty => mandible::genioplasty(landmarks, bone),
+            Self::Mandible => mandible::whole(landmarks, bone),
+        }
+    }
+}
+
+impl Landmarks {
+    /// What a template needs and these do not have.
+    #[must_use]
+    pub fn missing(&self, template: Template) -> Vec<&'static str> {
+        template.needs().iter().copied().filter(|n| !self.has(n)).collect()
+    }
+
+    fn has(&self, name: &str) -> bool {
+        match name {
+            "midline_x_mm" => self.midline_x_mm.is_some(),
+            "occlusal_plane_z_mm" => self.occlusal_z_mm.is_some(),
+            "le_fort_1_plane" => self.le_fort_1_plane.is_some(),
+            point => self.points.contains_key(point),
+        }
+    }
+
+    fn check(&self) -> Result<(), PlanError> {
+        let values = [self.midline_x_mm, self.occlusal_z_mm].into_iter().flatten();
+        let plane = self.le_fort_1_plane.iter().flat_map(|(p, n)| [p.coords, *n]);
+        let mut all = self.points.values().map(|p| p.coords).chain(plane);
+        if all.all(|v| v.iter().all(|c| c.is_finite())) && { values }.all(f64::is_finite) {
+            return Ok(());
+        }
+        Err(misplaced("are not all finite"))
+    }
+
+    /// A landmark that [`Template::needs`] names.
+    fn point(&self, name: &str) -> Result<Point, PlanError> {
+        self.points.get(name).copied().ok_or_else(|| misplaced(&format!("lack {name}")))
+    }
+
+    /// The plane between the rows of teeth, parallel to the Le Fort I plane as that template has it; horizontal without one.
+    fn occlusal(&self) -> Result<Occlusal, PlanError> {
+        let z = self.occlusal_z_mm.ok_or_else(|| misplaced("lack occlusal_plane_z_mm"))?;
+        let tilted = self.le_fort_1_plane.zip(self.midline_x_mm).and_then(|(plane, x)| Frame::new(plane, x, z));
+        let level = Occlusal { point: Point::new(0.0, 0.0, z), left: Vector::x(), up: Vector::z() };
+        Ok(tilted.map_or(level, |frame| frame.occlusal_plane(z)))
+    }
+
+    /// The landmark's side: +1 left, -1 right.
+    pub(in crate::plan) fn side_name(side: f64) -> &'static str {
+        if side > 0.0 { "left" } else { "right" }
+    }
+}
+
+/// The plane between the rows of teeth.
+struct Occlusal {
+    point: Point,
+    /// In the plane, to the patient's left.
+    left: Vector,
+    up: Vector,
+}
+
+impl Occlusal {
+    /// z of the plane at x and y.
+    fn z(&self, x: f64, y: f64) -> f64 {
+        self.point.z - (self.up.x * (x - self.point.x) + self.up.y * (y - self.point.y)) / self.up.z
+    }
+
+    /// The part of the plane over a range of x and of y.
+    fn part(&self, [x0, x1]: [f64; 2], [y0, y1]: [f64; 2]) -> BoundedPlane {
+        let (x, y) = (0.5 * (x0 + x1), 0.5 * (y0 + y1));
+        let half = [0.5 * (x1 - x0) / self.left.x, 0.5 * (y1 - y0) / self.up.cross(&self.left).y];
+        BoundedPlane {
+            point: Point::new(x, y, self.z(x, y)),
+            normal: self.up,
+            bounds: Some((self.left, half[0], half[1])),
+        }
+    }
+}
+
+fn misplaced(detail: &str) -> PlanError {
+    PlanError::Value { what: "landmarks".into(), detail: detail.to_owned() }
+}
+
+fn upper_jaw(template: Template, landmarks: &Landmarks, bone: &Envelope) -> Result<Vec<Cut>, PlanError> {
+    let (Some(plane), Some(midline), Some(occlusal)) =
+        (landmarks.le_fort_1_plane, landmarks.midline_x_mm, landmarks.occlusal_z_mm)
+    else {
+        return Err(misplaced("lack the Le Fort I plane"));
+    };
+    let zygomas = ["zygomaxillare_left", "zygomaxillare_right"].map(|n| landmarks.points.get(n).copied());
+    let mut cuts = le_fort_1(plane, midline, occlusal, zygomas, bone);
+    if cuts.is_empty() {
+        let detail = "does not place a Le Fort I cut: it must be within 45° of horizontal and more than 5 mm above the occlusal plane";
+        return Err(PlanError::Value { what: "plane".into(), detail: detail.to_owned() });
+    }
+    if template == Template::TwoPieceMaxilla {
+        cuts.extend(le_fort_1::midsagittal(plane, midline, occlusal, bone));
+    }
+    Ok(cuts)
+}
+
+/// Whether a cut meets bone.
+fn meets(bone: &Envelope, cut: &Cut) -> bool {
+    let Ok(blade) = Blade::new(0, cut) else { return false };
+    crossings(&bone.grid, &[blade], &Control::new()).is_ok_and(|c| c.iter().any(|c| c.in_bone))
+}

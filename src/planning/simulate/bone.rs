@@ -1,0 +1,79 @@
+use std::sync::Arc;
+
+use rayon::prelude::*;
+
+use super::SimulateError;
+use crate::plan::{Cut, Osteotomy, cut};
+use prosopon_field::{Envelope, MethodSettings, SignedField};
+use prosopon_geometry::control::Control;
+use prosopon_geometry::{Aabb, Implicit};
+use prosopon_tissue::fem::ContactBody;
+
+/// Bone in pieces, each with its own field in its rest frame.
+#[derive(Debug)]
+pub struct CutBone {
+    /// The pieces.
+    pub osteotomy: Arc<Osteotomy>,
+    /// Field of each segment, in the order of the osteotomy's segments.
+    pub fields: Vec<Arc<SignedField>>,
+}
+
+impl CutBone {
+    /// The segments as solids for ties and contact.
+    #[must_use]
+    pub fn bodies(&self) -> Vec<ContactBody<'_>> {
+        let segments = self.osteotomy.segments.iter();
+        segments.zip(&self.fields).map(|(s, f)| ContactBody { segment: s.id, solid: f.as_ref() }).collect()
+    }
+
+    /// Each segment's number and solid.
+    #[must_use]
+    pub fn solids(&self) -> Vec<(u32, &dyn Implicit)> {
+        self.bodies().into_iter().map(|b| (b.segment, b.solid)).collect()
+    }
+
+    /// Box around the segments that can move; `None` when there is only the skull.
+    #[must_use]
+    pub fn movable_bounds(&self) -> Option<Aabb> {
+        Aabb::of(self.osteotomy.segments.iter().filter(|s| s.id != 0).flat_map(|s| s.surface.positions()))
+    }
+}
+
+/// Fields for ties and contact are this much coarser than those of skin and bone: the cut bone comes from a lattice of a like
+/// spacing, and on its rounded edges Newton's method needs two thirds of the iterations.
+const CONTACT_SPACING: f64 = 2.0;
+
+/// Cuts the bone and builds a field for each segment, at twice the spacing that `settings` names.
+///
+/// # Errors
+/// [`SimulateError::Plan`] when the cuts do not part the bone, [`SimulateError::Field`].
+pub fn cut_bone(
+    bone: &Envelope,
+    cuts: &[Cut],
+    settings: &MethodSettings,
+    control: &Control,
+) -> Result<CutBone, SimulateError> {
+    let osteotomy = Arc::new(cut(bone, cuts, &control.part(0.0, 0.4))?);
+    segment_fields(&osteotomy, settings, &control.part(0.4, 1.0))
+}
+
+/// Builds a field for each segment, at twice the spacing that `settings` names.
+///
+/// # Errors
+/// [`SimulateError::Field`].
+pub fn segment_fields(
+    osteotomy: &Arc<Osteotomy>,
+    settings: &MethodSettings,
+    control: &Control,
+) -> Result<CutBone, SimulateError> {
+    let settings = settings.coarser(CONTACT_SPACING);
+    let unseen = control.unreported();
+    // Side by side: parts of each run on one thread.
+    let fields = osteotomy
+        .segments
+        .par_iter()
+        .map(|s| Ok(Arc::new(SignedField::build_only(&s.surface, &settings, &unseen)?.0)))
+        .collect::<Result<_, SimulateError>>()?;
+    control.report(1.0);
+    Ok(CutBone { osteotomy: Arc::clone(osteotomy), fields })
+}

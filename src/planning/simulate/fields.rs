@@ -1,0 +1,138 @@
+use std::sync::Arc;
+
+use super::SimulateError;
+use prosopon_field::{Envelope, EnvelopeSettings, FieldReport, MethodSettings, SignedField, envelope};
+use prosopon_geometry::control::Control;
+use prosopon_geometry::{Implicit, Point, ScalarGrid, TriMesh};
+
+/// The surfaces of one patient, LPS mm.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Anatomy {
+    /// Outer skin.
+    pub skin: TriMesh,
+    /// Bone with teeth, as dirty as it comes.
+    pub skull: TriMesh,
+    /// Air inside the head, when a CT gave it.
+    pub air: Option<TriMesh>,
+    /// Mean value of soft tissue around each place, HU, when a CT gave it; not a number where there is none.
+    pub soft_tissue: Option<ScalarGrid>,
+    /// Named landmarks; may be empty.
+    pub landmarks: Vec<(String, Point)>,
+}
+
+/// Fields of the anatomy at rest.
+#[derive(Debug)]
+pub struct Fields {
+    /// Field of the skin.
+    pub skin: SignedField,
+    /// Its report.
+    pub skin_report: FieldReport,
+    /// Outer envelope of bone.
+    pub bone: Arc<Envelope>,
+    /// Field of the envelope.
+    pub bone_field: SignedField,
+    /// Its report.
+    pub bone_report: FieldReport,
+    /// Field of the inner air.
+    pub air: Option<SignedField>,
+    /// What was repaired.
+    pub warnings: Vec<String>,
+}
+
+/// Settings of [`build_fields`].
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct FieldsSettings {
+    /// Method and resolution of the fields.
+    pub field: MethodSettings,
+    /// Bone envelope.
+    pub envelope: EnvelopeSettings,
+}
+
+/// Builds the fields of an anatomy, and checks that the skull lies inside the skin.
+///
+/// # Errors
+/// [`SimulateError::Anatomy`] when skin and skull do not belong together; else what the fields say.
+pub fn build_fields(anatomy: &Anatomy, settings: &FieldsSettings, control: &Control) -> Result<Fields, SimulateError> {
+    build_fields_around(anatomy, None, settings, control)
+}
+
+/// The same, with the bone's envelope where it is known: [`envelope`] of the skull with the same settings.
+///
+/// # Errors
+/// As [`build_fields`].
+pub fn build_fields_around(
+    anatomy: &Anatomy,
+    known: Option<Arc<Envelope>>,
+    settings: &FieldsSettings,
+    control: &Control,
+) -> Result<Fields, SimulateError> {
+    // Side by side, as parts of each run on one thread. Progress is that of the slower one.
+    let unseen = control.unreported();
+    let (soft, bone) = rayon::join(
+        || {
+            let skin = SignedField::build(&anatomy.skin, &settings.field, &unseen)?;
+            let air = match &anatomy.air {
+                Some(surface) => Some(SignedField::build(surface, &settings.field, &unseen)?.0),
+                None => None,
+            };
+            Ok::<_, SimulateError>((skin, air))
+        },
+        || {
+            let bone = match known {
+                Some(bone) => bone,
+                None => Arc::new(envelope(&anatomy.skull, &settings.envelope, &control.part(0.0, 0.5))?),
+            };
+            let (field, mut report) = SignedField::build(&bone.surface, &settings.field, &control.part(0.5, 1.0))?;
+            // The envelope is closed; what is doubtful is the surface that came.
+            report.regions.clone_from(&bone.regions);
+            Ok::<_, SimulateError>((bone, (field, report)))
+        },
+    );
+    let (((skin, skin_report), air), (bone, (bone_field, bone_report))) = (soft?, bone?);
+    let mut warnings = bone.warnings.clone();
+    let named = |name: &str, report: &FieldReport| -> Vec<String> {
+        report.warnings.iter().map(|w| format!("{name}: {w}")).collect()
+    };
+    warnings.extend(named("skin", &skin_report));
+    warnings.extend(named("bone envelope", &bone_report));
+    warnings.extend(check_nesting(anatomy, &skin, &bone, &bone_field)?);
+    control.report(1.0);
+    Ok(Fields { skin, skin_report, bone, bone_field, bone_report, air, warnings })
+}
+
+/// Bone farther outside the skin than this is a fault and no inaccuracy, mm.
+const OUTSIDE_MM: f64 = 2.0;
+/// Share of vertices on the wrong side from which the surfaces cannot belong together.
+const REFUSED_SHARE: f64 = 0.3;
+
+fn check_nesting(
+    anatomy: &Anatomy,
+    skin: &SignedField,
+    bone: &Envelope,
+    bone_field: &SignedField,
+) -> Result<Option<String>, SimulateError> {
+    let share = |points: &[Point], wrong: &dyn Fn(&Point) -> bool| {
+        points.iter().filter(|p| wrong(p)).count() as f64 / points.len().max(1) as f64
+    };
+    let covered = share(anatomy.skin.positions(), &|p| bone_field.value(p) < -OUTSIDE_MM);
+    if covered > REFUSED_SHARE {
+        let detail =
+            format!("{:.0} % of the skin's vertices lie inside the bone: are the two files swapped?", 100.0 * covered);
+        return Err(SimulateError::Anatomy { detail });
+    }
+    let bare = share(bone.surface.positions(), &|p| skin.value(p) > OUTSIDE_MM);
+    if bare > REFUSED_SHARE {
+        let detail = format!(
+            "{:.0} % of the bone's vertices lie outside the skin: do both have the same frame (LPS) and unit (mm)?",
+            100.0 * bare
+        );
+        return Err(SimulateError::Anatomy { detail });
+    }
+    let worst = bare.max(covered);
+    Ok((worst > 0.005).then(|| {
+        format!(
+            "skin and bone cross: {:.1} % of the vertices are more than {OUTSIDE_MM} mm on the wrong side",
+            100.0 * worst
+        )
+    }))
+}

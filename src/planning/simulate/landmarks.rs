@@ -1,0 +1,24 @@
+use crate::phantom::Landmarks;
+use prosopon_geometry::{Point, TriMesh, Vector};
+
+/// Half-width of the strip around the middle of the head in which the tip of the nose is looked for, mm.
+const NOSE_STRIP_MM: f64 = 20.0;
+/// Adult distances below the tip of the nose, mm: Le Fort I cut, occlusal plane.
+const LE_FORT_1_BELOW_NOSE_MM: f64 = 16.0;
+const OCCLUSAL_BELOW_NOSE_MM: f64 = 37.0;
+
+/// Landmarks guessed from the skin alone: the foremost point near the middle is the tip of the nose, and the planes lie at
+/// an adult's usual distance below it. A proposal to be checked by a person; only `pronasale` is named.
+#[must_use]
+pub fn propose_landmarks(skin: &TriMesh) -> Landmarks {
+    let center = skin.bounds().center();
+    let middle = skin.positions().iter().filter(|p| (p.x - center.x).abs() < NOSE_STRIP_MM);
+    let nose = middle.fold(center, |best, p| if p.y < best.y { *p } else { best });
+    let plane = Point::new(nose.x, center.y, nose.z - LE_FORT_1_BELOW_NOSE_MM);
+    Landmarks {
+        points: vec![("pronasale".to_owned(), nose)],
+        midline_x_mm: nose.x,
+        occlusal_plane_z_mm: nose.z - OCCLUSAL_BELOW_NOSE_MM,
+        le_fort_1_plane: (plane, Vector::z()),
+    }
+}

@@ -1,0 +1,329 @@
+use super::attach::{Attached, attach};
+use super::carry::Carrier;
+use super::reach::{beyond_reach, displacement_class_mm};
+use super::{Anatomy, AttachmentRules, CutBone, SimulateError, TissueModel};
+use crate::evaluate::{FaceRegion, face_regions};
+use crate::plan::{Plan, PlanError};
+use prosopon_geometry::control::Control;
+use prosopon_geometry::{Aabb, Point, TriMesh, Vector};
+use prosopon_tissue::fem::{
+    Boundary, Checkpoint, MotionNumbers, Prepared, SavedState, SolveSettings, Solver, StepReport, motion_numbers,
+    motion_of_numbers,
+};
+use prosopon_tissue::mesh::{Attachment, MixedMesh};
+
+/// Share of the work that setting up the equations takes.
+const SETUP_SHARE: f64 = 0.03;
+
+/// Settings of [`solve`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct RunSettings {
+    /// Model, elements, materials, tolerances.
+    pub solver: SolveSettings,
+    /// Streamed steps along the path.
+    pub steps: usize,
+    /// Attachment; the default rule when `None`.
+    pub attachment: Option<AttachmentRules>,
+    /// Tissue that the plan moves by less than this, by estimate, is left out: its nodes stay where they are, mm. 0 keeps all.
+    pub leave_out_below_mm: f64,
+}
+
+/// Displacement beside tissue that was left out, in units of what was thought to be the largest there, above which that is told.
+const TOLD_BORDER: f64 = 5.0;
+/// It is told above this in any case, mm.
+const TOLD_BORDER_MM: f64 = 0.25;
+/// Default of [`RunSettings::leave_out_below_mm`]: skin is then less than 0.05 mm off the whole tissue's at P99 (`prosopon bench reach`).
+pub const LEAVE_OUT_BELOW_MM: f64 = 0.03;
+
+/// One streamed step.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Frame {
+    /// Step number, 1 to n.
+    pub k: usize,
+    /// Path parameter, 0 to 1.
+    pub t: f64,
+    /// The user's skin, deformed: positions in the order of the anatomy's skin, LPS mm.
+    pub skin: TriMesh,
+    /// Length of each vertex' displacement, mm.
+    pub displacement_mm: Vec<f32>,
+    /// What the solver needed.
+    pub report: StepReport,
+}
+
+/// A step after which a path can be gone on with.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Milestone {
+    /// Its number, 1 to n.
+    pub k: usize,
+    /// Where the path began, when that was the end of another one: motion of moving segments from rest.
+    pub begin: Option<Vec<(u32, MotionNumbers)>>,
+    /// Where the solver stood.
+    pub solver: Checkpoint,
+}
+
+/// Hands out a step, with what makes a milestone of it where it can be one.
+pub type OnFrame<'a> = dyn FnMut(Frame, &dyn Fn() -> Option<Milestone>) + 'a;
+
+/// Movement of a part of the face at the end of the path.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RegionMotion {
+    /// Name of the region.
+    pub name: &'static str,
+    /// Mean movement forward (towards -y), mm.
+    pub forward_mm: f64,
+    /// Mean movement down (towards -z), mm.
+    pub down_mm: f64,
+    /// Mean movement to the patient's left (+x), mm.
+    pub left_mm: f64,
+}
+
+/// Tissue that a solve did without, since the plan hardly moves it.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct LeftOut {
+    /// Nodes that would else be free.
+    pub nodes: usize,
+    /// Nodes of the mesh.
+    pub of_nodes: usize,
+    /// Largest displacement of a free node beside one that is left out, mm: tissue just beyond would have moved by less.
+    pub border_mm: f64,
+}
+
+/// A finished path.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Outcome {
+    /// Reports of all steps.
+    pub steps: Vec<StepReport>,
+    /// Mean movement of each region of the face.
+    pub regions: Vec<RegionMotion>,
+    /// The regions used.
+    pub face: Vec<FaceRegion>,
+    /// Deformed mesh nodes, LPS mm.
+    pub nodes: Vec<Point>,
+    /// The end, for another path to begin at.
+    pub end: SavedState,
+    /// Tissue that was left out.
+    pub left_out: LeftOut,
+    /// How many nodes were tied, slid or were free.
+    pub attached: Attached,
+    /// What a caller should know.
+    pub warnings: Vec<String>,
+}
+
+/// A way for bone.
+#[derive(Debug, Clone, Copy)]
+pub struct Way<'a> {
+    /// Paths of all segments that move.
+    pub plan: &'a Plan,
+    /// The end of another plan for the same tissue, bone, segments and elements: bone goes straight from there to the end of `plan`. Where tissue
+    /// slides over edges of bone the result may hang a little on where it came from.
+    pub from: Option<&'a SavedState>,
+    /// The step of this way to go on after, in the place of `from`: later steps have the same bits as if all had been solved at a stretch.
+    pub after: Option<&'a Milestone>,
+}
+
+/// A tissue attached to bone, with what solves along any plan that moves the same segments begin with.
+#[derive(Debug)]
+pub struct PreparedTissue {
+    mesh: MixedMesh,
+    equations: Prepared,
+    moving: Vec<u32>,
+    displacement_mm: f64,
+    /// Nodes that are left out, ascending.
+    left_out: Vec<u32>,
+    attached: Attached,
+    warnings: Vec<String>,
+}
+
+impl PreparedTissue {
+    /// Attaches the tissue and prepares its equations.
+    ///
+    /// # Errors
+    /// [`SimulateError`].
+    pub fn new(
+        tissue: &TissueModel,
+        bone: &CutBone,
+        plan: &Plan,
+        settings: &RunSettings,
+        control: &Control,
+    ) -> Result<Self, SimulateError> {
+        let moving = moving_segments(bone, plan)?;
+        let rules = settings.attachment.clone().unwrap_or_default();
+        let mut mesh = tissue.mesh.clone();
+        let (warnings, attached) = attach(&mut mesh, bone, &moving, &rules);
+        let displacement_mm = displacement_class_mm(bone, plan);
+        let left_out = if settings.leave_out_below_mm > 0.0 {
+            let least = (settings.leave_out_below_mm, &settings.solver.materials);
+            beyond_reach(&mesh, bone, &moving, displacement_mm, least, control)?
+        } else {
+            Vec::new()
+        };
+        left_out.iter().for_each(|node| mesh.attachment[*node as usize] = Attachment::Fixed);
+        let touching = !bone.bodies().is_empty();
+        let equations = Prepared::new(&mesh, touching, &Boundary::default(), settings.solver.clone(), control)?;
+        Ok(Self { mesh, equations, moving, displacement_mm, left_out, attached, warnings })
+    }
+}
+
+/// Moves the bone along the plan and hands out each step as soon as it is solved.
+///
+/// # Errors
+/// [`SimulateError`]; frames that were handed out before stay valid.
+pub fn solve(
+    anatomy: &Anatomy,
+    tissue: &TissueModel,
+    bone: &CutBone,
+    plan: &Plan,
+    settings: &RunSettings,
+    control: &Control,
+    on_frame: &mut dyn FnMut(Frame),
+) -> Result<Outcome, SimulateError> {
+    let prepared = PreparedTissue::new(tissue, bone, plan, settings, &control.part(0.0, SETUP_SHARE))?;
+    let control = control.part(SETUP_SHARE, 1.0);
+    let way = Way { plan, from: None, after: None };
+    solve_prepared(anatomy, tissue, &prepared, bone, way, settings, &control, &mut |frame, _| on_frame(frame))
+}
+
+/// [`solve`] with what was prepared for the same tissue, bone, moving segments, attachment and solver's settings: the same bits. Reports are of
+/// the steps that were solved here.
+///
+/// # Errors
+/// [`SimulateError`]; frames that were handed out before stay valid.
+pub fn solve_prepared(
+    anatomy: &Anatomy,
+    tissue: &TissueModel,
+    prepared: &PreparedTissue,
+    bone: &CutBone,
+    Way { plan, from, after }: Way<'_>,
+    settings: &RunSettings,
+    control: &Control,
+    on_frame: &mut OnFrame<'_>,
+) -> Result<Outcome, SimulateError> {
+    if settings.steps == 0 {
+        let detail = "found 0, allowed is 1 or more".to_owned();
+        return Err(PlanError::Value { what: "steps".to_owned(), detail }.into());
+    }
+    if moving_segments(bone, plan)? != prepared.moving {
+        let detail = "other segments than those that the equations were prepared for".to_owned();
+        return Err(PlanError::Value { what: "paths".to_owned(), detail }.into());
+    }
+    if displacement_class_mm(bone, plan) != prepared.displacement_mm {
+        let detail = "displacements of another size than those that the equations were prepared for".to_owned();
+        return Err(PlanError::Value { what: "paths".to_owned(), detail }.into());
+    }
+    let mut warnings = prepared.warnings.clone();
+    let mut solver = Solver::over(&prepared.equations, &prepared.mesh, bone.bodies(), &control.part(0.0, SETUP_SHARE))?;
+    let begin = match after {
+        Some(after) => after.begin.clone(),
+        None => from.map(|from| from.motions().iter().map(|(segment, m)| (*segment, motion_numbers(m))).collect()),
+    };
+    match (after, from) {
+        (Some(after), _) => solver.restore(&after.solver)?,
+        (None, Some(from)) => solver.resume(from)?,
+        (None, None) => {}
+    }
+    let onwards = begin.as_ref().map(|begin: &Vec<_>| {
+        let motions: Vec<_> = begin.iter().map(|(segment, m)| (*segment, motion_of_numbers(*m))).collect();
+        plan.on_from(&motions)
+    });
+    let plan = onwards.as_ref().unwrap_or(plan);
+    let path = control.part(SETUP_SHARE, 1.0);
+    let share = |k: usize| k as f64 / settings.steps as f64;
+    let carrier = Carrier::new(&anatomy.skin, &tissue.embedding);
+    warnings.extend(Aabb::of(&prepared.mesh.positions).and_then(|region| carrier.warning(&anatomy.skin, &region)));
+    let mut steps = Vec::with_capacity(settings.steps);
+    let mut last = carrier.displacements(&solver);
+    let done = after.map_or(0, |after| after.k);
+    path.report(share(done));
+    for k in done + 1..=settings.steps {
+        let (motions, part) = (|t| plan.motions(t), path.part(share(k - 1), share(k)));
+        // Frames on the way are to be looked at; the last one is the result.
+        let report = if k < settings.steps {
+            solver.approach(share(k), &motions, &part)?
+        } else {
+            solver.advance(share(k), &motions, &part)?
+        };
+        last = carrier.displacements(&solver);
+        steps.push(report.clone());
+        let milestone = || Some(Milestone { k, begin: begin.clone(), solver: solver.checkpoint()? });
+        on_frame(frame(anatomy, &last, k, share(k), report)?, &milestone);
+    }
+    let (face, from_landmarks) = face_regions(&anatomy.skin, &anatomy.landmarks, None);
+    if !from_landmarks {
+        warnings.push("no landmarks: the regions of the face come from the proportions of the skin's box".to_owned());
+    }
+    let regions = face.iter().filter_map(|region| region_motion(&anatomy.skin, &last, region)).collect();
+    let (nodes, end) = (solver.positions(), solver.save());
+    let left_out = LeftOut {
+        nodes: prepared.left_out.len(),
+        of_nodes: nodes.len(),
+        border_mm: border_motion_mm(&prepared.mesh, &prepared.left_out, &nodes),
+    };
+    let told_mm = (TOLD_BORDER * settings.leave_out_below_mm).min(TOLD_BORDER_MM);
+    if left_out.border_mm > told_mm {
+        warnings.push(format!(
+            "beside tissue that was left out because the plan was thought to move it by less than {} mm, tissue moves by {:.2} mm: a smaller \
+             `leave_out_below_mm` would tell more",
+            settings.leave_out_below_mm, left_out.border_mm
+        ));
+    }
+    control.report(1.0);
+    let attached = prepared.attached.clone();
+    Ok(Outcome { steps, regions, face, nodes, end, left_out, attached, warnings })
+}
+
+/// Largest displacement of a node that shares a cell with one that was `left_out`, mm.
+fn border_motion_mm(mesh: &MixedMesh, left_out: &[u32], nodes: &[Point]) -> f64 {
+    let mut beyond = vec![false; nodes.len()];
+    left_out.iter().for_each(|node| beyond[*node as usize] = true);
+    let cells = mesh.tetrahedra.iter().map(<[u32; 4]>::as_slice).chain(mesh.prisms.iter().map(<[u32; 6]>::as_slice));
+    let border = cells.filter(|cell| cell.iter().any(|n| beyond[*n as usize])).flatten();
+    let free = border.filter(|n| matches!(mesh.attachment[**n as usize], Attachment::Free | Attachment::Sliding));
+    free.map(|n| (nodes[*n as usize] - mesh.positions[*n as usize]).norm()).fold(0.0, f64::max)
+}
+
+fn moving_segments(bone: &CutBone, plan: &Plan) -> Result<Vec<u32>, PlanError> {
+    let moving: Vec<u32> = plan.paths.iter().map(crate::plan::Path::segment).collect();
+    let known = |id: u32| id != 0 && bone.osteotomy.segments.iter().any(|s| s.id == id);
+    match moving.iter().position(|&id| !known(id)) {
+        Some(index) => Err(PlanError::Value {
+            what: format!("paths[{index}].segment"),
+            detail: format!("segment {} does not exist or is the skull that stays", moving[index]),
+        }),
+        None => Ok(moving),
+    }
+}
+
+fn frame(
+    anatomy: &Anatomy,
+    displacements: &[Vector],
+    k: usize,
+    t: f64,
+    report: StepReport,
+) -> Result<Frame, SimulateError> {
+    let moved = anatomy.skin.positions().iter().zip(displacements).map(|(p, u)| p + u).collect();
+    let skin = anatomy
+        .skin
+        .with_positions(moved)
+        .map_err(|e| SimulateError::Anatomy { detail: format!("the deformed skin is not usable: {e}") })?;
+    let displacement_mm = displacements.iter().map(|u| u.norm() as f32).collect();
+    Ok(Frame { k, t, skin, displacement_mm, report })
+}
+
+/// Area-weighted mean movement of the skin in `region`; `None` when it holds no vertex.
+fn region_motion(skin: &TriMesh, displacements: &[Vector], region: &FaceRegion) -> Option<RegionMotion> {
+    let mut weight = 0.0;
+    let mut sum = Vector::zeros();
+    for (triangle, corners) in skin.triangles().iter().enumerate() {
+        let third = skin.scaled_normal(triangle).norm() / 6.0;
+        for &v in corners {
+            if region.bounds.contains(&skin.positions()[v as usize]) {
+                weight += third;
+                sum += displacements[v as usize] * third;
+            }
+        }
+    }
+    (weight > 0.0).then(|| {
+        let mean = sum / weight;
+        RegionMotion { name: region.name, forward_mm: -mean.y, down_mm: -mean.z, left_mm: mean.x }
+    })
+}

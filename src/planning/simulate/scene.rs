@@ -1,0 +1,239 @@
+//! A ready mesh moved by bone: what a solve needs and no more.
+
+use std::sync::Arc;
+
+use super::Milestone;
+use super::ready_mesh::{CellPlace, ReadyMesh};
+use crate::plan::Plan;
+use prosopon_field::SignedField;
+use prosopon_formats::export::vtu_of_cells;
+use prosopon_geometry::VolumeMesh;
+use prosopon_geometry::control::Control;
+use prosopon_geometry::{Implicit, Motion, Point, Vector};
+use prosopon_tissue::fem::{CellState, ContactBody, SkinElement, SolveError, SolveSettings, Solver, StepReport};
+use prosopon_tissue::mesh::Attachment;
+
+/// Held points deeper in a bone than this are told, mm.
+const HELD_INSIDE_MM: f64 = 0.5;
+
+/// One problem on a ready mesh.
+#[derive(Debug)]
+pub struct Scene {
+    /// The mesh with its boundary.
+    pub ready: ReadyMesh,
+    /// Rigid bones that sliding nodes touch, with their segments.
+    pub bones: Vec<(u32, Arc<SignedField>)>,
+    /// Where the segments go.
+    pub plan: Plan,
+    /// Model, materials, tolerances.
+    pub settings: SolveSettings,
+    /// Steps along the path, at least 1.
+    pub steps: usize,
+}
+
+/// What came of a scene.
+#[derive(Debug)]
+pub struct SceneOutcome {
+    /// Displacement of each node at the last step that was reached, mm.
+    pub displacements_mm: Vec<Vector>,
+    /// Stress and volume ratio of the tetrahedra there.
+    pub tetrahedra: Vec<CellState>,
+    /// Stress and volume ratio of the prisms there.
+    pub prisms: Vec<CellState>,
+    /// Number of unknowns.
+    pub unknowns: usize,
+    /// Reports of the steps that were reached.
+    pub steps: Vec<StepReport>,
+    /// What a caller should know.
+    pub warnings: Vec<String>,
+    /// Why the path was not finished.
+    pub failure: Option<SolveError>,
+}
+
+impl Scene {
+    /// Moves the bone along the path and takes the loads up in proportion.
+    ///
+    /// # Errors
+    /// [`SolveError`] when the problem cannot be set up; one that stops on the way is in the outcome.
+    pub fn solve(&self, control: &Control) -> Result<SceneOutcome, SolveError> {
+        self.solve_and_show(None, control, &mut |_, _, _, _| {})
+    }
+
+    /// As [`Scene::solve`], after a step of the same scene that was solved elsewhere, and hands out the positions of the nodes at each step with
+    /// its number (from 1), report, and what makes a milestone of it.
+    ///
+    /// # Errors
+    /// As [`Scene::solve`].
+    pub fn solve_and_show(
+        &self,
+        after: Option<&Milestone>,
+        control: &Control,
+        on_step: &mut dyn FnMut(usize, &[Point], &StepReport, &dyn Fn() -> Option<Milestone>),
+    ) -> Result<SceneOutcome, SolveError> {
+        let mut warnings = self.check()?;
+        let mesh = &self.ready.mesh;
+        let bodies = self
+            .bones
+            .iter()
+            .map(|(segment, field)| ContactBody { segment: *segment, solid: field.as_ref() })
+            .collect();
+        let setup = control.part(0.0, 0.05);
+        let mut solver = Solver::with_boundary(mesh, bodies, &self.ready.boundary, self.settings.clone(), &setup)?;
+        let path = control.part(0.05, 1.0);
+        let share = |k: usize| k as f64 / self.steps as f64;
+        let mut steps = Vec::with_capacity(self.steps);
+        let mut failure = None;
+        let mut reached = 0;
+        if let Some(after) = after {
+            solver.restore(&after.solver)?;
+            reached = after.k;
+            path.report(share(reached));
+        }
+        for k in reached + 1..=self.steps {
+            let part = path.part(share(k - 1), share(k));
+            match solver.advance(share(k), &|t| self.plan.motions(t), &part) {
+                Ok(report) => {
+                    warnings
+                        .extend(report.warnings.iter().filter(|w| !warnings.contains(w)).cloned().collect::<Vec<_>>());
+                    let milestone = || Some(Milestone { k, begin: None, solver: solver.checkpoint()? });
+                    on_step(k, &solver.positions(), &report, &milestone);
+                    steps.push(report);
+                    reached = k;
+                }
+                Err(error) => {
+                    failure = Some(error);
+                    break;
+                }
+            }
+        }
+        warnings.extend(self.held_inside_bone(&solver.positions(), share(reached)));
+        let (tetrahedra, prisms) = solver.cell_states();
+        let displacements_mm = solver.positions().iter().zip(&mesh.positions).map(|(x, rest)| x - rest).collect();
+        Ok(SceneOutcome {
+            displacements_mm,
+            unknowns: solver.n_unknowns(),
+            tetrahedra,
+            prisms,
+            steps,
+            warnings,
+            failure,
+        })
+    }
+
+    /// Nodes that nothing can push out of a bone of another segment: held and tied ones that lie in it at `t` of the path, at the
+    /// positions `x`.
+    fn held_inside_bone(&self, x: &[Point], t: f64) -> Vec<String> {
+        let motions = self.plan.motions(t);
+        let attachment = &self.ready.mesh.attachment;
+        let held_axes = &self.ready.boundary.held_axes;
+        let inside = |(segment, field): &(u32, Arc<SignedField>)| {
+            let motion = motions.iter().find(|(s, _)| s == segment).map_or_else(Motion::identity, |(_, m)| *m);
+            let depths = (0..x.len()).filter_map(|node| {
+                let is_held = match attachment[node] {
+                    Attachment::Tied(own) => own != *segment,
+                    Attachment::Fixed => true,
+                    Attachment::Free | Attachment::Sliding => held_axes.get(node).is_some_and(|axes| *axes == 7),
+                };
+                let depth = -field.value(&motion.inverse_transform_point(&x[node]));
+                (is_held && depth > HELD_INSIDE_MM).then_some(depth)
+            });
+            let (count, deepest) = depths.fold((0, 0.0f64), |(count, deepest), depth| (count + 1, deepest.max(depth)));
+            (count > 0).then(|| {
+                format!(
+                    "{count} held points lie up to {deepest:.2} mm inside bone {segment}: nothing can push them out, and the points beside them are pushed away from them"
+                )
+            })
+        };
+        self.bones.iter().filter_map(inside).collect()
+    }
+
+    /// What does not fit together, and what is worth a warning.
+    fn check(&self) -> Result<Vec<String>, SolveError> {
+        let problem = |detail: String| Err(SolveError::Problem { detail });
+        if self.steps == 0 {
+            return problem("0 steps, at least 1 is needed".to_owned());
+        }
+        let buried = self.ready.buried_prisms();
+        if self.settings.skin_element == SkinElement::C1Prism && buried > 0 {
+            return problem(format!(
+                "{buried} wedges have an outer corner that is an inner corner of another: C1 prisms must form one layer at the surface"
+            ));
+        }
+        let mut warnings = self.ready.warnings.clone();
+        let attachment = &self.ready.mesh.attachment;
+        let slides = attachment.contains(&Attachment::Sliding);
+        if slides && self.bones.is_empty() {
+            warnings.push("points slide (attachment -2), but no bone is given that they could touch".to_owned());
+        }
+        if !slides && !self.bones.is_empty() {
+            warnings.push("bones are given, but no point slides (attachment -2): nothing touches them".to_owned());
+        }
+        for path in &self.plan.paths {
+            let segment = path.segment();
+            let used = attachment.contains(&Attachment::Tied(segment)) || self.bones.iter().any(|(s, _)| *s == segment);
+            if !used {
+                warnings.push(format!("segment {segment} moves, but no point is tied to it and it has no bone"));
+            }
+        }
+        let mut still: Vec<u32> = (attachment.iter())
+            .filter_map(|a| match a {
+                Attachment::Tied(s) if *s > 0 && !self.plan.paths.iter().any(|p| p.segment() == *s) => Some(*s),
+                Attachment::Tied(_) | Attachment::Free | Attachment::Sliding | Attachment::Fixed => None,
+            })
+            .collect();
+        still.sort_unstable();
+        still.dedup();
+        if !still.is_empty() {
+            warnings.push(format!(
+                "points are tied to segments {still:?}, for which no motion is given: they stay at rest"
+            ));
+        }
+        Ok(warnings)
+    }
+
+    /// The mesh of `file`, which the scene was made from, with the outcome: point arrays `displacement_mm` and `attachment`, cell
+    /// arrays `tissue`, `stress_mpa` (Cauchy: xx, yy, zz, xy, yz, xz), `von_mises_mpa` and `J`. Points are at rest, points and cells in the
+    /// file's order.
+    #[must_use]
+    pub fn file(&self, file: &VolumeMesh, outcome: &SceneOutcome) -> Vec<u8> {
+        let mesh = &self.ready.mesh;
+        let displacement: Vec<f64> = outcome.displacements_mm.iter().flat_map(|u| <[f64; 3]>::from(*u)).collect();
+        let attachment: Vec<f64> = mesh.attachment.iter().map(|a| a.number()).collect();
+        let states: Vec<(&CellState, f64)> = (self.ready.places.iter())
+            .map(|place| match *place {
+                CellPlace::Tetrahedron(i) => {
+                    (&outcome.tetrahedra[i as usize], f64::from(mesh.tetrahedron_tissue[i as usize] as u8))
+                }
+                CellPlace::Prism(i) => (&outcome.prisms[i as usize], f64::from(mesh.tissue_of_prism(i as usize) as u8)),
+            })
+            .collect();
+        let tissue: Vec<f64> = states.iter().map(|(_, tissue)| *tissue).collect();
+        let stress: Vec<f64> = states.iter().flat_map(|(s, _)| s.stress_mpa).collect();
+        let von_mises: Vec<f64> = states.iter().map(|(s, _)| von_mises(&s.stress_mpa)).collect();
+        let ratio: Vec<f64> = states.iter().map(|(s, _)| s.volume_ratio).collect();
+        let cells: Vec<&[u32]> = file.cells.iter().map(|c| c.corners()).collect();
+        let points: &[Point] = &file.points;
+        vtu_of_cells(
+            points,
+            &cells,
+            &[("displacement_mm", 3, &displacement), ("attachment", 1, &attachment)],
+            &[("tissue", 1, &tissue), ("stress_mpa", 6, &stress), ("von_mises_mpa", 1, &von_mises), ("J", 1, &ratio)],
+        )
+    }
+}
+
+fn von_mises(&[xx, yy, zz, xy, yz, xz]: &[f64; 6]) -> f64 {
+    let normal = (xx - yy).powi(2) + (yy - zz).powi(2) + (zz - xx).powi(2);
+    (0.5 * normal + 3.0 * (xy * xy + yz * yz + xz * xz)).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn von_mises_of_tension_and_shear() {
+        assert!((von_mises(&[2.0, 0.0, 0.0, 0.0, 0.0, 0.0]) - 2.0).abs() < 1e-15);
+        assert!((von_mises(&[5.0, 5.0, 5.0, 1.0, 0.0, 0.0]) - 3.0f64.sqrt()).abs() < 1e-15);
+    }
+}

@@ -1,0 +1,112 @@
+use super::components::Components;
+use super::distance::{Nearest, to_zero};
+use prosopon_geometry::ScalarGrid;
+use prosopon_geometry::control::{Cancelled, Control};
+use rayon::prelude::*;
+
+/// Sheets thinner than twice this do not join the head to what lies around it, mm.
+const SHEET_MM: f64 = 1.5;
+/// Bumps on the filled head narrower than twice this go: strands of a mask, markers, streaks, mm.
+const BUMP_MM: f64 = 3.0;
+/// Distances are good to this, steps; what stands out by less is no bump.
+const TOLERANCE: f32 = 0.4;
+/// Outside air is what a ball of this radius reaches from the border of the volume, mm …
+const BALL_MM: f64 = 5.0;
+/// … and what lies within this distance of where the ball's centre goes, mm. √2 times the radius lets air into
+/// creases of 90° and only a few mm into nostrils and ear canals.
+const REACH_MM: f64 = 7.5;
+/// Slope given to distances so that they mix with HU, HU per mm: about that of skin in a CT.
+pub(super) const HU_PER_MM: f64 = 300.0;
+
+/// The head without what lies on and around it, all air inside filled.
+pub(super) struct Body {
+    /// Negative inside the skin; HU near the skin, so that the surface has subvoxel accuracy.
+    pub(super) skin: ScalarGrid,
+    /// Volume of what was taken for sheets, mask and streaks, mm³.
+    pub(super) removed_mm3: f64,
+}
+
+/// `None` when there is no body or no air around it.
+pub(super) fn body(hu: &ScalarGrid, skin_hu: f64, control: &Control) -> Result<Option<Body>, Cancelled> {
+    let (dims, h) = (hu.dims, hu.spacing);
+    let tissue: Vec<bool> = hu.values.iter().map(|v| *v > skin_hu as f32).collect();
+    let Some(solid) = without_sheets(&tissue, dims, SHEET_MM / h) else { return Ok(None) };
+    control.check()?;
+    control.report(0.3);
+
+    let to_solid = Nearest::of(|at| solid[at].then_some(0.0), dims, cap(BALL_MM / h));
+    let ball_fits: Vec<bool> = (0..solid.len()).map(|at| to_solid.is_farther(at, BALL_MM / h)).collect();
+    drop(to_solid);
+    let components = Components::of(&ball_fits, dims);
+    if !components.at_border.iter().any(|b| *b) {
+        return Ok(None);
+    }
+    let ball = components.mask(|c| components.at_border[c]);
+    let to_ball = Nearest::of(|at| ball[at].then_some(0.0), dims, cap(REACH_MM / h));
+    drop((ball_fits, ball));
+    let mut filled = hu.clone();
+    for (at, value) in filled.values.iter_mut().enumerate() {
+        let from_tissue = if tissue[at] && !solid[at] { HU_PER_MM * h } else { skin_hu - f64::from(*value) };
+        let reached = to_ball.get(at).map_or(f64::MAX, |(d, _)| h * f64::from(d));
+        *value = from_tissue.min(HU_PER_MM * (REACH_MM - reached).max(-REACH_MM)) as f32;
+    }
+    drop(to_ball);
+    control.check()?;
+    control.report(0.6);
+
+    // Bumps are taken off the filled head, where the wings of the nose are not thin.
+    let Some(skin) = without_bumps(filled) else { return Ok(None) };
+    let removed = tissue.iter().zip(&skin.values).filter(|(t, v)| **t && **v > 0.0).count();
+    Ok(Some(Body { skin, removed_mm3: removed as f64 * h.powi(3) }))
+}
+
+/// Whole steps that distances up to `steps` need.
+fn cap(steps: f64) -> u16 {
+    steps.ceil() as u16 + 1
+}
+
+/// Largest part of `mask` once everything thinner than `2 steps` is taken away, to a whole step.
+fn without_sheets(mask: &[bool], dims: [usize; 3], steps: f64) -> Option<Vec<bool>> {
+    let to_empty = Nearest::of(|at| (!mask[at]).then_some(0.0), dims, cap(steps));
+    let core: Vec<bool> = (0..mask.len()).map(|at| to_empty.is_farther(at, steps)).collect();
+    let components = Components::of(&core, dims);
+    let largest = components.largest()?;
+    let core = components.mask(|c| c == largest);
+    let to_core = Nearest::of(|at| core[at].then_some(0.0), dims, cap(steps + 0.5));
+    // Half a step more undoes the lattice's rounding.
+    Some((0..mask.len()).map(|at| mask[at] && !to_core.is_farther(at, steps + 0.5)).collect())
+}
+
+/// Takes off what a ball of radius [`BUMP_MM`] that rolls inside the solid cannot reach: the opening of the solid, to a
+/// fraction of a step. Keeps the largest part.
+fn without_bumps(mut solid: ScalarGrid) -> Option<ScalarGrid> {
+    let (dims, h) = (solid.dims, solid.spacing);
+    let radius = (BUMP_MM / h) as f32;
+    let values = &solid.values;
+    let below = Nearest::of(|at| to_zero(|b| values[b], dims, at), dims, cap(BUMP_MM / h));
+    // Negative in the core, where the ball's centre can be.
+    let mut core: Vec<f32> = (0..values.len())
+        .into_par_iter()
+        .map(
+            |at| if values[at] >= 0.0 { radius } else { below.get(at).map_or(-1.0, |(d, offset)| radius - d - offset) },
+        )
+        .collect();
+    drop(below);
+    let components = Components::of(&core.iter().map(|c| *c < 0.0).collect::<Vec<_>>(), dims);
+    let largest = components.largest()?;
+    let in_largest = components.mask(|c| c == largest);
+    core.iter_mut().zip(&in_largest).filter(|(_, l)| !**l).for_each(|(c, _)| *c = c.max(0.0));
+    let offset = |at: usize| {
+        if core[at] >= 0.0 {
+            return None;
+        }
+        Some(to_zero(|b| core[b], dims, at).unwrap_or(0.0))
+    };
+    let to_core = Nearest::of(offset, dims, cap(BUMP_MM / h + 1.0));
+    let scale = (HU_PER_MM * h) as f32;
+    solid.values.par_iter_mut().enumerate().for_each(|(at, value)| {
+        let bump = to_core.get(at).map_or(1.0, |(d, offset)| d - offset - radius - TOLERANCE);
+        *value = value.max(scale * bump);
+    });
+    Some(solid)
+}

@@ -1,0 +1,105 @@
+//! Bone and air below the skin.
+
+use super::body::HU_PER_MM;
+use super::components::Components;
+use super::distance::{Nearest, to_zero};
+use super::metal::Metal;
+use prosopon_geometry::ScalarGrid;
+
+/// Bone lies at least this deep below the skin, mm.
+const BONE_DEPTH_MM: f64 = 2.0;
+/// Near metal it lies at least this deep, mm: streaks reach the lips.
+const BONE_DEPTH_NEAR_METAL_MM: f64 = 4.0;
+/// Air lies at least this deep below the skin, mm: it ends before the plugs of nostrils and ears.
+const AIR_DEPTH_MM: f64 = 1.5;
+/// Smallest airspace that is kept, mm³.
+const MIN_AIR_MM3: f64 = 200.0;
+/// Depths are at most this much too large, steps.
+const TOLERANCE: f64 = 0.4;
+
+/// Depth below the skin, mm, never more than true and capped.
+pub(super) struct Depth {
+    inside: Vec<bool>,
+    nearest: Nearest,
+    spacing: f64,
+    cap: f64,
+}
+
+impl Depth {
+    pub(super) fn below(skin: &ScalarGrid) -> Self {
+        let dims = skin.dims;
+        // The lattice's border counts as outside, so that bone ends before the caps of the skin.
+        let at_border = |at: usize| {
+            let place = [at % dims[0], at / dims[0] % dims[1], at / dims[0] / dims[1]];
+            (0..3).any(|a| place[a] == 0 || place[a] == dims[a] - 1)
+        };
+        let inside: Vec<bool> = skin.values.iter().enumerate().map(|(at, v)| *v < 0.0 && !at_border(at)).collect();
+        let value = |at: usize| if inside[at] || skin.values[at] >= 0.0 { skin.values[at] } else { 1.0 };
+        let cap = ((BONE_DEPTH_NEAR_METAL_MM + 1.0) / skin.spacing).ceil();
+        let nearest = Nearest::of(|at| to_zero(value, dims, at), dims, cap as u16);
+        Self { inside, nearest, spacing: skin.spacing, cap }
+    }
+
+    fn is_inside(&self, index: usize) -> bool {
+        self.inside[index]
+    }
+
+    pub(super) fn at(&self, index: usize) -> f64 {
+        if !self.inside[index] {
+            return -self.spacing;
+        }
+        let steps = self.nearest.get(index).map_or(self.cap, |(d, offset)| f64::from(d + offset));
+        self.spacing * (steps - TOLERANCE)
+    }
+}
+
+/// Bone, negative inside.
+pub(super) struct Bone {
+    pub(super) field: ScalarGrid,
+    /// What was as dense but too near the skin or a streak, mm³.
+    pub(super) cut_mm3: f64,
+}
+
+pub(super) fn bone(hu: &ScalarGrid, depth: &Depth, metal: Option<&Metal>, bone_hu: f64) -> Bone {
+    let streaks = metal.map(|m| m.streaks(hu, |v| v > bone_hu));
+    let mut field = hu.clone();
+    let mut cut = 0usize;
+    for (at, value) in field.values.iter_mut().enumerate() {
+        let dense = bone_hu - f64::from(*value);
+        let near_metal = metal.is_some_and(|m| m.is_near(at));
+        let needed = if near_metal { BONE_DEPTH_NEAR_METAL_MM } else { BONE_DEPTH_MM };
+        let shallow = HU_PER_MM * (needed - depth.at(at));
+        let streak = streaks.as_ref().is_some_and(|s| s[at]);
+        let limit = if streak { shallow.max(HU_PER_MM * hu.spacing) } else { shallow };
+        cut += usize::from(dense < 0.0 && limit >= 0.0 && depth.is_inside(at));
+        *value = dense.max(limit) as f32;
+    }
+    Bone { field, cut_mm3: cut as f64 * hu.spacing.powi(3) }
+}
+
+/// Airspaces inside the head; `None` when there are none of a size worth keeping.
+pub(super) fn air(hu: &ScalarGrid, depth: &Depth, metal: Option<&Metal>, air_below_hu: f64) -> Option<ScalarGrid> {
+    let streaks = metal.map(|m| m.streaks(hu, |v| v < air_below_hu));
+    let outside = (HU_PER_MM * hu.spacing) as f32;
+    let mut field = hu.clone();
+    for (at, value) in field.values.iter_mut().enumerate() {
+        let empty = f64::from(*value) - air_below_hu;
+        *value = empty.max(HU_PER_MM * (AIR_DEPTH_MM - depth.at(at))) as f32;
+        if streaks.as_ref().is_some_and(|s| s[at]) {
+            *value = value.max(outside);
+        }
+    }
+    let mask: Vec<bool> = field.values.iter().map(|v| *v < 0.0).collect();
+    let components = Components::of(&mask, hu.dims);
+    let large = |c: usize| components.sizes[c] as f64 * hu.spacing.powi(3) >= MIN_AIR_MM3;
+    if !(0..components.sizes.len()).any(large) {
+        return None;
+    }
+    let kept = components.mask(large);
+    for (value, kept) in field.values.iter_mut().zip(&kept) {
+        if *value < 0.0 && !kept {
+            *value = outside;
+        }
+    }
+    Some(field)
+}

@@ -1,0 +1,305 @@
+//! Skin, skull and inner air of a head CT.
+
+mod body;
+mod components;
+mod distance;
+mod inside;
+mod metal;
+mod resample;
+mod soft_tissue;
+#[cfg(test)]
+mod test_masks;
+
+use super::SurfaceError;
+use body::Body;
+use inside::Depth;
+use metal::Metal;
+use prosopon_geometry::Volume;
+use prosopon_geometry::control::{Cancelled, Control};
+use prosopon_geometry::{ScalarGrid, TriMesh, decimate_with, drop_small_parts, isosurface, largest_part, smooth};
+
+/// Smoothing of the skin: takes out the steps between slices of a few mm.
+const SKIN_ITERATIONS: usize = 10;
+/// Smoothing of bone and air, which are thin.
+const INNER_ITERATIONS: usize = 5;
+/// Pieces of bone with a smaller box diagonal go, mm.
+const MIN_BONE_MM: f64 = 12.0;
+/// Surfaces are not simplified below this.
+const MIN_TRIANGLES: usize = 2000;
+
+/// Thresholds and tolerances for [`from_ct`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CtSettings {
+    /// Skin level, HU.
+    pub skin_hu: f64,
+    /// Bone level, HU.
+    pub bone_hu: f64,
+    /// Geometric error allowed when surfaces are simplified, mm.
+    pub max_error_mm: f64,
+}
+
+impl Default for CtSettings {
+    fn default() -> Self {
+        Self { skin_hu: -300.0, bone_hu: 300.0, max_error_mm: 0.1 }
+    }
+}
+
+/// Surfaces of one head, LPS mm.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CtSurfaces {
+    /// Outer skin: closed, one part, nostrils and ear canals plugged by what the CT resolves.
+    pub skin: TriMesh,
+    /// Bone with teeth, as clean as the CT allows; closed, may have many parts and cavities.
+    pub skull: TriMesh,
+    /// Air inside the head (mouth, nose, sinuses), closed; absent when there is none.
+    pub air: Option<TriMesh>,
+    /// Mean value of soft tissue around each place of a lattice of about 2 mm, HU; not a number where there is hardly any.
+    pub soft_tissue: ScalarGrid,
+    /// What was removed or repaired.
+    pub warnings: Vec<String>,
+}
+
+/// Levels of skin that are allowed, HU.
+pub const SKIN_LEVELS_HU: [f64; 2] = [-900.0, 0.0];
+/// Levels of bone that are allowed, HU.
+pub const BONE_LEVELS_HU: [f64; 2] = [100.0, 1500.0];
+
+/// Skin, skull and inner air of a head CT; each a closed two-manifold.
+///
+/// The volume, of any orientation and spacing, is sampled on a lattice of its in-plane spacing (0.8 to 1.5 mm) along L, P, S.
+/// - Skin: the largest body above `skin_hu` after an opening that takes away sheets, mask strands and streaks; all air
+///   that a ball of 5 mm radius cannot reach from outside belongs to the inside.
+/// - Skull: above `bone_hu` and at least 2 mm below the skin and the volume's border; pieces under 12 mm go. In slices with
+///   metal at least 4 mm below the skin, and what is lower than 8 mm along S is taken for a streak.
+/// - Soft tissue: what lies between air and bone, averaged.
+/// - Air: below `skin_hu` at least 1.5 mm inside the skin, spaces of at least 200 mm³; streaks as for bone.
+///
+/// # Errors
+/// [`SurfaceError`] when the volume is not usable, there is no skin or no bone, or on cancellation.
+///
+/// # Accuracy
+/// Skin within about a third of a voxel where the CT is free of artefacts, plus `max_error_mm`.
+pub fn from_ct(volume: &Volume, settings: &CtSettings, control: &Control) -> Result<CtSurfaces, SurfaceError> {
+    resample::check(volume)?;
+    check_settings(settings)?;
+    let resampled = resample::resample(volume, settings.skin_hu, &control.part(0.0, 0.1))?;
+    let (hu, mut warnings) = (resampled.grid, resampled.warnings);
+    let nothing = |what, threshold| SurfaceError::NothingFound { what, threshold, unit: "HU" };
+
+    let body = body::body(&hu, settings.skin_hu, &control.part(0.1, 0.2))?;
+    let Body { skin, removed_mm3 } = body.ok_or(nothing("skin with air around it", settings.skin_hu))?;
+    if removed_mm3 > 0.0 {
+        let cm3 = removed_mm3 / 1e3;
+        warnings.push(format!("{cm3:.1} cm³ beside the head or too thin were left out (head rest, mask, streaks)"));
+    }
+    let depth = Depth::below(&skin);
+    control.check()?;
+    let metal = Metal::find(&hu, volume, &depth);
+    let bone = inside::bone(&hu, &depth, metal.as_ref(), settings.bone_hu);
+    if metal.is_some() {
+        warnings.push(
+            "there is metal: bone, air and skin in its slices are doubtful; flat pieces were taken for streaks".into(),
+        );
+    }
+    if bone.cut_mm3 > 0.0 {
+        let cm3 = bone.cut_mm3 / 1e3;
+        warnings.push(format!("{cm3:.2} cm³ as dense as bone were cut: too near the skin or streaks of metal"));
+    }
+    control.check()?;
+    let air = inside::air(&hu, &depth, metal.as_ref(), settings.skin_hu);
+    let soft_tissue = soft_tissue::soft_tissue(&hu);
+    drop((hu, depth, metal));
+    control.report(0.3);
+
+    let finish = |field: &ScalarGrid, part: Part, progress: &(dyn Fn(f64) + Sync)| {
+        finished(field, part, settings.max_error_mm, control, progress)
+    };
+    // Bone takes longest, so it alone tells the progress.
+    let (skin, (skull, air)) = rayon::join(
+        || finish(&skin, Part::Skin, &|_| {}),
+        || {
+            let skull = finish(&bone.field, Part::Bone, &|share| control.report(0.3 + 0.6 * share));
+            (skull, air.map(|field| finish(&field, Part::Air, &|share| control.report(0.9 + 0.1 * share))))
+        },
+    );
+    let (skin, beside) = skin?.ok_or(nothing("skin", settings.skin_hu))?;
+    let (skull, crumbs) = skull?.ok_or(nothing("bone", settings.bone_hu))?;
+    if beside > 0 {
+        warnings.push(format!("{beside} parts beside the skin were left out"));
+    }
+    if crumbs > 0 {
+        warnings.push(format!("{crumbs} pieces and cavities of bone smaller than {MIN_BONE_MM} mm were left out"));
+    }
+    let air = air.transpose()?.flatten().map(|(mesh, _)| mesh);
+    control.report(1.0);
+    Ok(CtSurfaces { skin, skull, air, soft_tissue, warnings })
+}
+
+fn check_settings(settings: &CtSettings) -> Result<(), SurfaceError> {
+    let CtSettings { skin_hu, bone_hu, max_error_mm } = *settings;
+    let ([s0, s1], [b0, b1]) = (SKIN_LEVELS_HU, BONE_LEVELS_HU);
+    if !((s0..=s1).contains(&skin_hu) && (b0..=b1).contains(&bone_hu)) {
+        let detail =
+            format!("levels {skin_hu} and {bone_hu} HU; allowed are {s0} to {s1} for skin and {b0} to {b1} for bone");
+        return Err(SurfaceError::Volume { detail });
+    }
+    if !(0.0..=5.0).contains(&max_error_mm) {
+        return Err(SurfaceError::Volume { detail: format!("error {max_error_mm} mm; allowed is 0 to 5") });
+    }
+    Ok(())
+}
+
+#[derive(Clone, Copy)]
+enum Part {
+    Skin,
+    Bone,
+    Air,
+}
+
+/// Surface of a field, without what does not belong to the part, smoothed and simplified; and how many pieces went.
+fn finished(
+    field: &ScalarGrid,
+    part: Part,
+    max_error_mm: f64,
+    control: &Control,
+    progress: impl Fn(f64),
+) -> Result<Option<(TriMesh, usize)>, Cancelled> {
+    let Some(raw) = isosurface(field, 0.0) else { return Ok(None) };
+    control.check()?;
+    let (iterations, (cleaned, left_out)) = match part {
+        Part::Skin => (SKIN_ITERATIONS, largest_part(&raw)),
+        Part::Bone => (INNER_ITERATIONS, drop_small_parts(&raw, MIN_BONE_MM)),
+        Part::Air => (INNER_ITERATIONS, (raw, 0)),
+    };
+    let smoothed = smooth(&cleaned, iterations);
+    drop(cleaned);
+    let (simplified, _) = decimate_with(&smoothed, max_error_mm, MIN_TRIANGLES, control, progress)?;
+    Ok(Some((simplified, left_out)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use prosopon_geometry::Topology;
+    use prosopon_geometry::{Point, Vector};
+
+    /// Soft tissue of radius 30 with a shell of bone (16 to 20), an airspace (radius 8) that a tube of radius 4 joins to the
+    /// outside, a throat that leaves the volume below, and a sheet beside the ball. Slices are 2 mm apart.
+    fn ball() -> Volume {
+        let dims = [76, 80, 34];
+        let axes = [Vector::x(), Vector::y(), Vector::z() * 2.0];
+        let origin = Point::new(-38.0, -38.0, -22.0);
+        // Values mix over the height of a slice.
+        let share = |d: f64| (0.5 - d / 2.0).clamp(0.0, 1.0);
+        let mut hu = Vec::new();
+        for at in 0..dims.iter().product::<usize>() {
+            let step = [at % 76, at / 76 % 80, at / 76 / 80].map(|c| c as f64);
+            let p = (origin + axes[0] * step[0] + axes[1] * step[1] + axes[2] * step[2]).coords;
+            let r = p.norm();
+            let tube = if p.y < 0.0 { p.x.hypot(p.z) - 4.0 } else { f64::MAX };
+            let throat = if p.z < 0.0 { p.x.hypot(p.y - 6.0) - 7.0 } else { f64::MAX };
+            let air = (r - 8.0).min(tube).min(throat);
+            let sheet = if (37.0..39.0).contains(&p.y) { 0.0 } else { 1.0 };
+            let mut value = -1000.0 + 1040.0 * share(r - 30.0).max(1.0 - sheet);
+            value += (1200.0 - value) * share((r - 18.0).abs() - 2.0);
+            value += (-1000.0 - value) * share(air);
+            hu.push(value as i16);
+        }
+        Volume { dims, origin, axes, hu }
+    }
+
+    fn run(volume: &Volume) -> Result<CtSurfaces, SurfaceError> {
+        from_ct(volume, &CtSettings::default(), &Control::new())
+    }
+
+    #[test]
+    fn a_ball_gives_skin_with_plugs_bone_and_air() {
+        let found = run(&ball()).unwrap();
+        let air = found.air.unwrap();
+        for mesh in [&found.skin, &found.skull, &air] {
+            assert!(Topology::of(mesh).is_closed_manifold());
+            assert!(mesh.volume() > 0.0);
+        }
+        // The skin bridges the tube's mouth and the throat and leaves the sheet out. -300 HU lies 0.35 mm below the surface
+        // of the ball, and the cut at z = -22 is capped.
+        let radius = |p: &Point| p.coords.norm();
+        assert!(found.skin.positions().iter().all(|p| radius(p) < 30.2));
+        let free = found.skin.positions().iter().filter(|p| p.z > -17.0 && (p.y > 0.0 || p.x.hypot(p.z) > 8.0));
+        assert!(
+            free.clone().count() > 200 && free.clone().all(|p| radius(p) > 29.2),
+            "{:?}",
+            free.min_by(|a, b| radius(a).total_cmp(&radius(b)))
+        );
+        assert!(found.skin.positions().iter().all(|p| radius(p) > 21.9));
+        // Bone ends 2 mm before the cap. 300 HU lies 0.55 mm outside the shell, give or take the slices.
+        assert!(found.skull.positions().iter().all(|p| p.z > -20.1 && radius(p) < 21.3 && radius(p) > 14.7));
+        assert!(air.positions().iter().all(|p| p.z > -20.6 && radius(p) < 29.0));
+        assert!(found.warnings.iter().any(|w| w.contains("1 airways")), "{:?}", found.warnings);
+        assert!(found.warnings.iter().any(|w| w.contains("left out")), "{:?}", found.warnings);
+    }
+
+    #[test]
+    fn a_crown_near_the_last_slice_carries_no_stub() {
+        // The volume ends 2 mm above the ball, within a shell of 2 mm that stands 5 mm off it: the last slice cuts a ring of it, and
+        // the air within is no airway.
+        let mut volume = ball();
+        volume.dims[2] = 28;
+        volume.hu.truncate(76 * 80 * 28);
+        for at in 0..volume.hu.len() {
+            let step = [at % 76, at / 76 % 80, at / 76 / 80].map(|c| c as f64);
+            let p = volume.origin + volume.axes[0] * step[0] + volume.axes[1] * step[1] + volume.axes[2] * step[2];
+            if p.z > 25.0 && (35.0..37.0).contains(&p.coords.norm()) {
+                volume.hu[at] = 0;
+            }
+        }
+        // Without the shell there is only too little room for air above the crown.
+        let mut bare = ball();
+        (bare.dims[2], bare.hu) = (28, bare.hu[..76 * 80 * 28].to_vec());
+        let ring = volume.hu[27 * 76 * 80..].iter().filter(|v| **v == 0).count();
+        assert!(ring > 300, "the last slice cuts the shell at {ring} voxels");
+        for volume in [bare, volume] {
+            let found = run(&volume).unwrap();
+            let highest = found.skin.positions().iter().map(|p| p.z).fold(f64::MIN, f64::max);
+            assert!((29.0..30.7).contains(&highest), "{highest}");
+            assert!(found.warnings.iter().any(|w| w.contains("1 airways")), "{:?}", found.warnings);
+        }
+    }
+
+    #[test]
+    fn progress_ends_at_one_and_cancelling_stops() {
+        let control = Control::new();
+        from_ct(&ball(), &CtSettings::default(), &control).unwrap();
+        assert!((control.progress() - 1.0).abs() < 1e-12);
+        control.cancel();
+        let stopped = from_ct(&ball(), &CtSettings::default(), &control);
+        assert!(matches!(stopped, Err(SurfaceError::Cancelled(_))));
+    }
+
+    #[test]
+    fn volumes_without_a_head_are_refused() {
+        let filled = |hu: i16| Volume { hu: vec![hu; 76 * 80 * 34], ..ball() };
+        for hu in [-1000, i16::MIN, 40, i16::MAX] {
+            assert!(matches!(run(&filled(hu)), Err(SurfaceError::NothingFound { .. })), "{hu} HU");
+        }
+        let no_bone = Volume { hu: ball().hu.iter().map(|v| (*v).min(60)).collect(), ..ball() };
+        assert!(matches!(run(&no_bone), Err(SurfaceError::NothingFound { what: "bone", .. })));
+    }
+
+    #[test]
+    fn unusable_volumes_and_settings_are_refused() {
+        let refused = |v: Volume| matches!(run(&v), Err(SurfaceError::Volume { .. }));
+        assert!(refused(Volume { hu: vec![0; 5], ..ball() }));
+        assert!(refused(Volume { dims: [usize::MAX, 8, 8], ..ball() }));
+        assert!(refused(Volume { dims: [1, 1, 1], hu: vec![0], ..ball() }));
+        assert!(refused(Volume { axes: [Vector::x(), Vector::x() * 1.001, Vector::z()], ..ball() }));
+        assert!(refused(Volume { axes: [Vector::x(), Vector::y(), Vector::z() * f64::NAN], ..ball() }));
+        assert!(refused(Volume { origin: Point::new(f64::INFINITY, 0.0, 0.0), ..ball() }));
+        for settings in [
+            CtSettings { skin_hu: f64::NAN, ..CtSettings::default() },
+            CtSettings { bone_hu: -5.0, ..CtSettings::default() },
+            CtSettings { max_error_mm: -1.0, ..CtSettings::default() },
+        ] {
+            assert!(from_ct(&ball(), &settings, &Control::new()).is_err(), "{settings:?}");
+        }
+    }
+}

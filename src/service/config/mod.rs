@@ -1,0 +1,365 @@
+//! Configuration of the service: defaults, a TOML file, `PROSOPON_…` variables and flags, each over the one before; checked once at
+//! start, all faults at once.
+
+mod log;
+mod otlp;
+mod read;
+mod source;
+mod tls;
+
+use std::collections::BTreeMap;
+use std::net::{SocketAddr, ToSocketAddrs};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+pub use figment::value::Value;
+
+use crate::http::HttpLimits;
+use crate::http::auth::AuthSettings;
+use crate::jobs::ServiceSettings;
+use crate::session::chain;
+use prosopon_store::{BucketUrl, Places};
+
+/// Certificate chain and private key, PEM.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct TlsFiles {
+    /// The chain, the service's own certificate first.
+    pub cert: PathBuf,
+    /// Its key.
+    pub key: PathBuf,
+}
+
+/// Bounds on connections.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ConnectionLimits {
+    /// Connections at the same time.
+    pub most: usize,
+    /// Longest time until the head of a request is there.
+    pub head: Duration,
+    /// Longest time for which a client may take nothing of an answer.
+    pub stalled: Duration,
+}
+
+impl Default for ConnectionLimits {
+    fn default() -> Self {
+        Self { most: 1024, head: Duration::from_secs(10), stalled: Duration::from_secs(60) }
+    }
+}
+
+/// How the log is written.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LogFormat {
+    /// Text on a terminal, JSON otherwise.
+    #[default]
+    Auto,
+    /// Text.
+    Text,
+    /// One JSON object a line.
+    Json,
+}
+
+/// Everything that `prosopon serve` is told.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ServeConfig {
+    /// Address; port 0 picks a free one. Off loopback only with authentication.
+    pub listen: SocketAddr,
+    /// Where sessions and results are kept, and the audit log.
+    pub data: PathBuf,
+    /// Other places for sessions and results.
+    pub places: Places,
+    /// Whether the API is served; else jobs are computed for processes on the same database that serve it.
+    pub api: bool,
+    /// Threads for numerics; 0 is one a core.
+    pub threads: usize,
+    /// Memory for fields, meshes and equations that are kept between jobs, bytes.
+    pub cache_bytes: u64,
+    /// Host names besides loopback that requests may be for (a proxy's).
+    pub allowed_hosts: Vec<String>,
+    /// Origins whose pages may use the service.
+    pub origins: Vec<String>,
+    /// Bounds on requests.
+    pub limits: HttpLimits,
+    /// Bounds on connections.
+    pub connections: ConnectionLimits,
+    /// Bounds on jobs and uploads' content.
+    pub service: ServiceSettings,
+    /// Whose tokens are trusted; `None` lets anyone in.
+    pub auth: Option<AuthSettings>,
+    /// TLS; plain HTTP when `None`.
+    pub tls: Option<TlsFiles>,
+    /// Longest wait for a running job when the service stops; then it is interrupted, and the next start takes it up.
+    pub drain: Duration,
+    /// What is logged.
+    pub log_level: String,
+    /// How.
+    pub log_format: LogFormat,
+    /// An OpenTelemetry collector for spans: the base of its OTLP over HTTP.
+    pub otlp_endpoint: Option<String>,
+}
+
+impl ServeConfig {
+    /// Defaults for a data directory, on a free loopback port.
+    #[must_use]
+    pub fn new(data: PathBuf) -> Self {
+        Self {
+            listen: SocketAddr::from(([127, 0, 0, 1], 0)),
+            data,
+            places: Places::default(),
+            api: true,
+            threads: 0,
+            cache_bytes: 1536 << 20,
+            allowed_hosts: Vec::new(),
+            origins: Vec::new(),
+            limits: HttpLimits::default(),
+            connections: ConnectionLimits::default(),
+            service: ServiceSettings::default(),
+            auth: None,
+            tls: None,
+            drain: Duration::from_secs(5),
+            log_level: "info,sqlx=warn".to_owned(),
+            log_format: LogFormat::Auto,
+            otlp_endpoint: None,
+        }
+    }
+
+    /// Reads a TOML file where one is named, the environment, and `flags` by the paths of settings.
+    ///
+    /// # Errors
+    /// [`ConfigError`] with one line a fault.
+    pub fn read(file: Option<&Path>, flags: &BTreeMap<&'static str, Value>) -> Result<(Self, String), ConfigError> {
+        read::read(file, flags)
+    }
+
+    /// All faults of the configuration.
+    ///
+    /// # Errors
+    /// [`ConfigError`] with one line a fault.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        let faults = self.faults();
+        if faults.is_empty() { Ok(()) } else { Err(ConfigError { faults }) }
+    }
+
+    fn faults(&self) -> Vec<String> {
+        let mut faults = Vec::new();
+        if !self.listen.ip().is_loopback() && self.auth.is_none() {
+            faults.push(format!(
+                "listen: {} is not a loopback address, and without authentication anyone there could read every session: configure \
+                 [auth] (deploy/README.md says how), or listen on 127.0.0.1 or ::1",
+                self.listen
+            ));
+        }
+        let mut check = |wrong: bool, fault: &str| {
+            if wrong {
+                faults.push(fault.to_owned());
+            }
+        };
+        let nameless = self.allowed_hosts.iter().any(|host| host.trim().is_empty());
+        check(nameless, "allow_host: there is a name without letters");
+        check(self.threads > 1024, "threads: allowed is 0 to 1024");
+        check(self.limits.max_surface_bytes == 0, "max_surface_mb: must be above 0");
+        check(self.limits.max_ct_bytes == 0, "max_ct_mb: must be above 0");
+        check(self.limits.max_json_bytes == 0, "max_json_mb: must be above 0");
+        check(self.service.max_waiting == 0, "max_waiting: must be above 0");
+        check(self.service.max_waiting_tenant == 0, "max_waiting_tenant: must be above 0");
+        check(!(1..=64).contains(&self.service.parallel_jobs), "parallel_jobs: allowed is 1 to 64");
+        check(self.service.max_attempts == 0, "max_attempts: must be above 0");
+        let alone = !self.service.works && self.places.database.is_none();
+        check(
+            alone,
+            "worker: nobody else can do the jobs of a store in the data directory; name a database, or leave it true",
+        );
+        let divided = !(self.api && self.service.works) && self.places.database.is_some();
+        check(
+            divided && self.places.blobs.is_none(),
+            "blobs: processes that divide the work need one bucket; the data directory is each one's own",
+        );
+        check(
+            !self.api && self.places.database.is_none(),
+            "database: a worker needs the one that the API's processes have",
+        );
+        check(!self.api && !self.service.works, "worker: a worker that computes no jobs does nothing");
+        check(!(2..=3600).contains(&self.service.lease.as_secs()), "lease_s: allowed is 2 to 3600");
+        check(self.service.max_wall.is_zero(), "max_wall_s: must be above 0");
+        check(self.service.session_quota == 0, "session_quota_mb: must be above 0");
+        check(self.service.session_retention.is_some_and(|r| r.is_zero()), "session_retention_days: must be above 0");
+        check(self.service.janitor_every.is_zero(), "janitor_every_s: must be above 0");
+        check(self.connections.most == 0, "max_connections: must be above 0");
+        // It is added to the present instant.
+        let head = self.connections.head.as_secs();
+        check(!(1..=86_400).contains(&head), "header_timeout_s: allowed is 1 to 86400");
+        check(self.connections.stalled.is_zero(), "write_timeout_s: must be above 0");
+        for origin in &self.origins {
+            let fine = ["http://", "https://"].iter().any(|scheme| {
+                origin.strip_prefix(scheme).is_some_and(|host| !host.is_empty() && !host.contains(['/', '*', ' ']))
+            });
+            check(!fine, &format!("cors_origins: `{origin}` is no origin such as https://plan.example"));
+        }
+        for (name, time) in [
+            ("upload_idle_s", self.limits.upload_idle),
+            ("body_timeout_s", self.limits.body),
+            ("heartbeat_s", self.limits.heartbeat),
+            ("answer_timeout_s", self.limits.answer),
+        ] {
+            check(time.is_zero(), &format!("{name}: must be above 0"));
+        }
+        if let Some(Err(fault)) = self.places.blobs.as_ref().map(BucketUrl::open) {
+            check(true, &format!("blobs: {}", chain(&fault)));
+        }
+        if let Err(fault) = log::check(&self.log_level) {
+            check(true, &format!("log.level: {fault}"));
+        }
+        if let Some(Err(fault)) = self.otlp_endpoint.as_deref().map(otlp::check) {
+            check(true, &format!("otlp.endpoint: {fault}"));
+        }
+        if let Some(Err(fault)) = self.tls.as_ref().map(tls::check) {
+            check(true, &format!("tls: {fault}"));
+        }
+        if let Some(auth) = &self.auth {
+            check(auth.keys.is_empty() && auth.jwt.is_none(), "auth: there is neither a key nor an identity provider");
+            for (index, key) in auth.keys.iter().enumerate() {
+                for fault in key.faults() {
+                    check(true, &format!("auth.keys[{index}]: {fault}"));
+                }
+                let twice = auth.keys.iter().take(index).any(|other| other.id == key.id);
+                check(twice, &format!("auth.keys[{index}]: there are two keys with the id `{}`", key.id));
+            }
+            if let Some(jwt) = &auth.jwt {
+                for fault in jwt.faults() {
+                    check(true, &format!("auth.jwt.{fault}"));
+                }
+            }
+        }
+        faults
+    }
+}
+
+/// What is wrong with the configuration.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{}", faults.join("\n"))]
+pub struct ConfigError {
+    /// One line a fault.
+    pub faults: Vec<String>,
+}
+
+/// An address as `--listen` takes it: `IP:PORT` or `localhost:PORT`.
+///
+/// # Errors
+/// What is wrong with it.
+pub fn parse_listen(text: &str) -> Result<SocketAddr, String> {
+    let expected = || format!("`{text}` is no address; expected IP:PORT such as 127.0.0.1:8080");
+    if let Ok(address) = text.parse() {
+        return Ok(address);
+    }
+    // Names are looked up for localhost only, so that nothing depends on a name server.
+    match text.strip_prefix("localhost:") {
+        Some(_) => text.to_socket_addrs().ok().and_then(|mut a| a.find(|a| a.ip().is_loopback())).ok_or_else(expected),
+        None => Err(expected()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::http::auth::{ApiKey, Scopes, new_key};
+    use prosopon_store::TenantId;
+
+    fn key(id: &str) -> ApiKey {
+        let hash = new_key(id).unwrap().hash;
+        ApiKey { id: id.to_owned(), tenant: TenantId::local(), scopes: Scopes::all(), hash }
+    }
+
+    #[test]
+    fn only_loopback_is_served_without_authentication() {
+        let mut config = ServeConfig::new(PathBuf::from("x"));
+        for (text, ok) in [("127.0.0.1:0", true), ("[::1]:8080", true), ("0.0.0.0:8080", false), ("10.1.2.3:80", false)]
+        {
+            config.listen = parse_listen(text).unwrap();
+            assert_eq!(config.check().is_ok(), ok, "{text}");
+        }
+        config.auth = Some(AuthSettings { keys: vec![key("a")], jwt: None });
+        config.check().unwrap();
+        config.auth = Some(AuthSettings::default());
+        assert!(config.check().is_err(), "authentication that lets nobody in");
+        assert!(parse_listen("localhost:0").unwrap().ip().is_loopback());
+        assert!(parse_listen("example.com:80").is_err());
+    }
+
+    #[test]
+    fn a_file_and_flags_are_read_and_hashes_are_not_printed() {
+        let directory = tempfile::tempdir().unwrap();
+        let file = directory.path().join("prosopon.toml");
+        let key = key("front");
+        let text = format!(
+            "listen = \"127.0.0.1:9000\"\nmax_waiting = 7\nsession_retention_days = 30\nallow_host = [\"plan.example\"]\n\
+             [log]\nformat = \"json\"\n[auth]\n[[auth.keys]]\nid = \"front\"\ntenant = \"hospital-a\"\n\
+             scopes = [\"read\", \"write\"]\nhash = \"{}\"\n",
+            key.hash
+        );
+        std::fs::write(&file, text).unwrap();
+        let flags = BTreeMap::from([("data", Value::from("d")), ("max_waiting", Value::from(9u32))]);
+        let (config, printed) = ServeConfig::read(Some(&file), &flags).unwrap();
+        assert_eq!((config.listen.port(), config.service.max_waiting, config.data), (9000, 9, PathBuf::from("d")));
+        assert_eq!(config.service.max_waiting_tenant, 4, "half of the queue, where there are tenants");
+        assert_eq!(config.service.session_retention, Some(Duration::from_secs(30 * 86400)));
+        assert_eq!((config.allowed_hosts, config.log_format), (vec!["plan.example".to_owned()], LogFormat::Json));
+        let keys = config.auth.unwrap().keys;
+        assert_eq!((keys[0].tenant.as_str(), keys[0].scopes.to_string().as_str()), ("hospital-a", "read write"));
+        assert!(printed.contains("max_waiting = 9") && printed.contains("front"));
+        assert!(!printed.contains("argon2"), "{printed}");
+        // What is printed can be read again.
+        std::fs::write(&file, &printed).unwrap();
+        let (again, reprinted) = ServeConfig::read(Some(&file), &BTreeMap::new()).unwrap();
+        assert_eq!((again.listen.port(), again.allowed_hosts), (9000, vec!["plan.example".to_owned()]));
+        let settings = |text: &str| text.lines().filter(|l| !l.starts_with('#')).map(str::to_owned).collect::<Vec<_>>();
+        assert_eq!(settings(&reprinted), settings(&printed));
+    }
+
+    #[test]
+    fn all_faults_are_told_at_once_and_where_they_come_from() {
+        let directory = tempfile::tempdir().unwrap();
+        let file = directory.path().join("prosopon.toml");
+        let text = "listen = \"nowhere\"\nmax_waiting = \"many\"\nmax_wating = 3\nmax_surface_mb = 0\ncors_origins = [\"*\"]\nallow_host = [\"\"]\n\
+            header_timeout_s = 9223372036854775807\n[tls]\ncert = \"missing.pem\"\n[auth]\n[[auth.keys]]\nid = \"a\"\ntenant = \"A B\"\nscopes = [\"fly\"]\nhash = \"x\"\n\
+            [[auth.keys]]\nid = \"b\"\n";
+        std::fs::write(&file, text).unwrap();
+        let error = ServeConfig::read(Some(&file), &BTreeMap::new()).unwrap_err();
+        for (path, words) in [
+            ("listen", "no address"),
+            ("max_waiting", "invalid type"),
+            ("max_wating", "is not a setting"),
+            ("max_surface_mb", "above 0"),
+            ("cors_origins", "no origin"),
+            ("allow_host", "without letters"),
+            ("header_timeout_s", "86400"),
+            ("tls", "key"),
+            ("auth.keys[0]", "tenant"),
+            ("auth.keys[0]", "fly"),
+            ("auth.keys[1]", "tenant is missing"),
+            ("auth.keys[1]", "hash is missing"),
+            ("data", "missing"),
+        ] {
+            let told = |f: &String| f.starts_with(&format!("{path}:")) && f.contains(words);
+            assert!(error.faults.iter().any(told), "{path} {words}: {error}");
+        }
+        // Of one key all is told.
+        for words in ["argon2id", "no scope"] {
+            assert!(error.faults.iter().any(|f| f.starts_with("auth.keys[0]:") && f.contains(words)), "{error}");
+        }
+        for secret in [
+            "[auth]\nkeys = \"sesame\"\n",
+            "[[auth.keys]]\nid = \"a\"\nhash = $sesame$x\n",
+            "[[auth.keys]]\nid = \"a\"\nhash = [\"sesame\"]\n",
+            "[[auth.keys]]\nid = \"a\"\nscopes = \"sesame\"\n",
+        ] {
+            std::fs::write(&file, format!("data = \"d\"\n{secret}")).unwrap();
+            let told = ServeConfig::read(Some(&file), &BTreeMap::new()).unwrap_err().to_string();
+            assert!(!told.contains("sesame") && !told.is_empty(), "{told}");
+        }
+        std::fs::write(&file, "listen = \n").unwrap();
+        for file in [file, directory.path().join("none.toml")] {
+            let error = ServeConfig::read(Some(&file), &BTreeMap::new()).unwrap_err();
+            assert!(error.faults.len() == 1 && !error.to_string().contains("data: missing"), "{error}");
+        }
+    }
+}

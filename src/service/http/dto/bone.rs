@@ -1,0 +1,329 @@
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+use uuid::Uuid;
+
+use super::check::{Check, REACH_MM};
+use super::inputs::checked_plane;
+use crate::session::{
+    CutSurfaceDocument, Cuts, Fault, FreePartDocument, LandmarksDocument, OsteotomyDocument, PlacedPlane,
+    PlaneDocument, PolylineDocument, TemplateCall,
+};
+use prosopon_geometry::{Point, TriMesh};
+use prosopon_planning::plan::{BoundedPlane, Cut, CutShape, Landmarks, Protected, Template};
+use prosopon_store::OsteotomyRecord;
+
+/// A line on the bone that is shorter is no cut but a mistake in units, mm.
+const SHORTEST_LINE_MM: f64 = 1.0;
+
+/// One cut: exactly one of `plane`, `polyline`, `surface` and `free_part`.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct CutRequest {
+    /// A plane, bounded or endless.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub plane: Option<PlaneDocument>,
+    /// A line on the bone with a sawing direction and depth.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub polyline: Option<PolylineDocument>,
+    /// Triangles, open or closed, however they are turned.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub surface: Option<CutSurfaceDocument>,
+    /// No cut: the part of bone at this point, apart from the skull before, becomes a segment that can move.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub free_part: Option<FreePartDocument>,
+    /// Width of the saw's slot, mm, 0 to 10; half of it is taken from each side.
+    #[serde(default)]
+    pub kerf_mm: Option<f64>,
+}
+
+/// Osteotomy templates.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum TemplateName {
+    /// Le Fort I. Landmarks: `le_fort_1_plane`, `midline_x_mm`, `occlusal_plane_z_mm`; with `zygomaxillare_left` and `_right` a plane that
+    /// would run through the cheek bones steps down beside the nose.
+    #[serde(rename = "le_fort_1")]
+    LeFort1,
+    /// Le Fort II. Landmarks: `nasion`, `orbitale_left`, `orbitale_right`, `zygomaxillare_left`, `zygomaxillare_right` and
+    /// `occlusal_plane_z_mm`.
+    #[serde(rename = "le_fort_2")]
+    LeFort2,
+    /// Le Fort III. Landmarks: `nasion`, `frontomalare_left`, `frontomalare_right` and `occlusal_plane_z_mm`.
+    #[serde(rename = "le_fort_3")]
+    LeFort3,
+    /// Sagittal split of the left ramus: medial cut above the foramen, split along the oblique ridge, buccal cut at the molar.
+    /// Landmarks: `lingula_left`, `molar_left` (buccal, beside the second molar), `midline_x_mm`, `occlusal_plane_z_mm`; with
+    /// `condylion_left` the joint is told apart too.
+    BssoLeft,
+    /// The same on the right.
+    BssoRight,
+    /// Genioplasty. Landmarks: `pogonion` and `menton`.
+    Genioplasty,
+    /// Le Fort I and a midsagittal split.
+    TwoPieceMaxilla,
+    /// No osteotomy: the whole mandible told apart from the skull, for autorotation. Landmarks: `condylion_left`,
+    /// `condylion_right`, `menton`, `occlusal_plane_z_mm`; better with `lingula_left` and `lingula_right`.
+    Mandible,
+}
+
+impl From<TemplateName> for Template {
+    fn from(name: TemplateName) -> Self {
+        match name {
+            TemplateName::LeFort1 => Self::LeFort1,
+            TemplateName::LeFort2 => Self::LeFort2,
+            TemplateName::LeFort3 => Self::LeFort3,
+            TemplateName::BssoLeft => Self::BssoLeft,
+            TemplateName::BssoRight => Self::BssoRight,
+            TemplateName::Genioplasty => Self::Genioplasty,
+            TemplateName::TwoPieceMaxilla => Self::TwoPieceMaxilla,
+            TemplateName::Mandible => Self::Mandible,
+        }
+    }
+}
+
+/// A template with its landmarks; those that are absent are taken from the session's, and what is not there either is proposed from the
+/// surfaces, with a warning.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct TemplateRequest {
+    /// Which template.
+    pub name: TemplateName,
+    /// Points by name, LPS mm; they replace those of the session with the same names.
+    #[serde(default)]
+    pub landmarks: BTreeMap<String, [f64; 3]>,
+    /// The horizontal cut of a Le Fort I.
+    #[serde(default)]
+    pub plane: Option<PlacedPlane>,
+    /// x of the midline.
+    #[serde(default)]
+    pub midline_x_mm: Option<f64>,
+    /// z of the occlusal plane.
+    #[serde(default)]
+    pub occlusal_plane_z_mm: Option<f64>,
+    /// Width of the saw's slot, mm, 0 to 10. Separations have none.
+    #[serde(default)]
+    pub kerf_mm: Option<f64>,
+}
+
+/// A point, or a curve through several, that cuts should keep away from: a nerve, a root.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ProtectedRequest {
+    /// What it is, 1 to 64 characters.
+    pub name: String,
+    /// One point, or the corners of a curve, at most 1000, LPS mm.
+    pub points_mm: Vec<[f64; 3]>,
+    /// Distance below which there is a warning, mm.
+    #[serde(default)]
+    pub margin_mm: Option<f64>,
+}
+
+/// Cuts to make: `template` or `templates`, `cuts`, or both; those of templates come first.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct CreateOsteotomy {
+    /// An opaque tag.
+    #[serde(default)]
+    pub label: Option<String>,
+    /// Cuts, at most 32.
+    #[serde(default)]
+    pub cuts: Option<Vec<CutRequest>>,
+    /// A template.
+    #[serde(default)]
+    pub template: Option<TemplateRequest>,
+    /// Several templates, at most 8, instead.
+    #[serde(default)]
+    pub templates: Option<Vec<TemplateRequest>>,
+    /// What cuts should keep away from, at most 32; the answer says how near each cut comes.
+    #[serde(default)]
+    pub protected: Vec<ProtectedRequest>,
+}
+
+impl CreateOsteotomy {
+    /// Label and cuts.
+    pub(in crate::http) fn check(self, landmarks: Option<&LandmarksDocument>) -> Result<(Option<String>, Cuts), Fault> {
+        let mut check = Check::default();
+        let label = check.label("/label", self.label);
+        let session = landmarks.map(Landmarks::from).unwrap_or_default();
+        if self.cuts.is_none() && self.template.is_none() && self.templates.is_none() {
+            check.fault("", "one of cuts, template and templates must be given");
+        }
+        if self.template.is_some() && self.templates.is_some() {
+            check.fault("/templates", "cannot stand beside template");
+        }
+        let mut templates = Vec::new();
+        if let Some(t) = &self.template {
+            templates.push(template(&mut check, "/template", t, &session));
+        }
+        if let Some(all) = &self.templates {
+            if !(1..=8).contains(&all.len()) {
+                check.fault("/templates", format!("has {} templates, allowed are 1 to 8", all.len()));
+            }
+            let placed = all.iter().take(8).enumerate();
+            templates.extend(placed.map(|(i, t)| template(&mut check, &format!("/templates/{i}"), t, &session)));
+        }
+        if let Some(cuts) = &self.cuts
+            && !(1..=32).contains(&cuts.len())
+        {
+            check.fault("/cuts", format!("has {} cuts, allowed are 1 to 32", cuts.len()));
+        }
+        let given = self.cuts.iter().flatten().take(32).enumerate();
+        let cuts: Vec<Cut> = given.filter_map(|(i, c)| cut(&mut check, &format!("/cuts/{i}"), c)).collect();
+        if self.protected.len() > 32 {
+            check.fault("/protected", format!("has {} members, at most 32 are allowed", self.protected.len()));
+        }
+        let protected = self.protected.iter().take(32).enumerate();
+        let protected = protected.map(|(i, p)| kept_away(&mut check, &format!("/protected/{i}"), p)).collect();
+        check.finish()?;
+        Ok((label, Cuts { templates, cuts, protected, landmarks: session }))
+    }
+}
+
+fn kept_away(check: &mut Check, pointer: &str, p: &ProtectedRequest) -> Protected {
+    if !(1..=64).contains(&p.name.chars().count()) {
+        check.fault(format!("{pointer}/name"), "must have 1 to 64 characters");
+    }
+    if let Some(margin) = p.margin_mm {
+        check.number(&format!("{pointer}/margin_mm"), margin, 0.0, 100.0);
+    }
+    let points = points(check, &format!("{pointer}/points_mm"), &p.points_mm, 1, 1000);
+    Protected { name: p.name.clone(), points, margin_mm: p.margin_mm }
+}
+
+fn points(check: &mut Check, pointer: &str, given: &[[f64; 3]], least: usize, most: usize) -> Vec<Point> {
+    if !(least..=most).contains(&given.len()) {
+        check.fault(pointer, format!("has {} points, allowed are {least} to {most}", given.len()));
+    }
+    let taken = given.iter().take(most).enumerate();
+    taken.map(|(i, p)| Point::from(check.vector(&format!("{pointer}/{i}"), *p))).collect()
+}
+
+/// `None` after a fault.
+fn cut(check: &mut Check, pointer: &str, request: &CutRequest) -> Option<Cut> {
+    let kerf_mm = request.kerf_mm.unwrap_or(0.0);
+    check.number(&format!("{pointer}/kerf_mm"), kerf_mm, 0.0, 10.0);
+    let shape = match (&request.plane, &request.polyline, &request.surface, &request.free_part) {
+        (Some(plane), None, None, None) => CutShape::Plane(bounded_plane(check, &format!("{pointer}/plane"), plane)),
+        (None, Some(line), None, None) => {
+            let pointer = format!("{pointer}/polyline");
+            let direction = check.direction(&format!("{pointer}/direction"), line.direction);
+            let depth_mm = check.number(&format!("{pointer}/depth_mm"), line.depth_mm, 0.1, REACH_MM);
+            let (least, most) = (2, 1000);
+            let points = points(check, &format!("{pointer}/points_mm"), &line.points_mm, least, most);
+            let length_mm: f64 = points.windows(2).map(|w| (w[1] - w[0]).norm()).sum();
+            if (least..=most).contains(&line.points_mm.len()) && length_mm < SHORTEST_LINE_MM {
+                let detail = format!(
+                    "make a line of {length_mm:.3} mm, at least {SHORTEST_LINE_MM} mm are needed: are they in mm?"
+                );
+                check.fault(format!("{pointer}/points_mm"), detail);
+            }
+            CutShape::Polyline { points, direction, depth_mm }
+        }
+        (None, None, Some(surface), None) => {
+            let pointer = format!("{pointer}/surface");
+            let points = points(check, &format!("{pointer}/points_mm"), &surface.points_mm, 3, 100_000);
+            if !(1..=100_000).contains(&surface.triangles.len()) {
+                let detail = format!("has {} triangles, allowed are 1 to 100000", surface.triangles.len());
+                check.fault(format!("{pointer}/triangles"), detail);
+                return None;
+            }
+            match TriMesh::new(points, surface.triangles.clone()) {
+                Ok(mesh) => CutShape::Surface(mesh),
+                Err(error) => {
+                    check.fault(format!("{pointer}/triangles"), error.to_string());
+                    return None;
+                }
+            }
+        }
+        (None, None, None, Some(part)) => {
+            CutShape::FreePart(Point::from(check.vector(&format!("{pointer}/free_part/point_mm"), part.point_mm)))
+        }
+        _ => {
+            check.fault(pointer, "must have exactly one of plane, polyline, surface and free_part");
+            return None;
+        }
+    };
+    Some(Cut { kerf_mm, ..Cut::from(shape) })
+}
+
+fn bounded_plane(check: &mut Check, pointer: &str, plane: &PlaneDocument) -> BoundedPlane {
+    let normal = check.direction(&format!("{pointer}/normal"), plane.normal);
+    let bounds = plane.bounds.map(|b| {
+        let direction = check.direction(&format!("{pointer}/bounds/direction"), b.direction);
+        // The rectangle's sides must be at right angles with the normal; a small slant is taken out.
+        let in_plane = direction - normal * normal.dot(&direction);
+        if in_plane.norm() < 0.9 {
+            check.fault(format!("{pointer}/bounds/direction"), "does not lie in the plane");
+        }
+        let length = check.number(&format!("{pointer}/bounds/half_length_mm"), b.half_length_mm, 0.1, REACH_MM);
+        let width = check.number(&format!("{pointer}/bounds/half_width_mm"), b.half_width_mm, 0.1, REACH_MM);
+        (in_plane.try_normalize(1e-9).unwrap_or(direction), length, width)
+    });
+    BoundedPlane { point: Point::from(check.vector(&format!("{pointer}/point_mm"), plane.point_mm)), normal, bounds }
+}
+
+fn template(check: &mut Check, pointer: &str, t: &TemplateRequest, session: &Landmarks) -> TemplateCall {
+    let mut landmarks = session.clone();
+    if t.landmarks.len() > 100 {
+        check.fault(
+            format!("{pointer}/landmarks"),
+            format!("has {} points, at most 100 are allowed", t.landmarks.len()),
+        );
+    }
+    for (name, point) in t.landmarks.iter().take(100) {
+        let escaped = name.replace('~', "~0").replace('/', "~1");
+        let point = check.vector(&format!("{pointer}/landmarks/{escaped}"), *point);
+        landmarks.points.insert(name.clone(), Point::from(point));
+    }
+    for (name, value) in [("midline_x_mm", t.midline_x_mm), ("occlusal_plane_z_mm", t.occlusal_plane_z_mm)] {
+        if let Some(value) = value {
+            check.number(&format!("{pointer}/{name}"), value, -REACH_MM, REACH_MM);
+        }
+    }
+    landmarks.midline_x_mm = t.midline_x_mm.or(landmarks.midline_x_mm);
+    landmarks.occlusal_z_mm = t.occlusal_plane_z_mm.or(landmarks.occlusal_z_mm);
+    if let Some(plane) = &t.plane {
+        let plane = checked_plane(check, &format!("{pointer}/plane"), plane);
+        landmarks.le_fort_1_plane = Some((Point::from(plane.point_mm), plane.normal.into()));
+    }
+    let kerf_mm = t.kerf_mm.unwrap_or(0.0);
+    check.number(&format!("{pointer}/kerf_mm"), kerf_mm, 0.0, 10.0);
+    TemplateCall { template: t.name.into(), landmarks, kerf_mm }
+}
+
+/// An osteotomy.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct OsteotomyView {
+    /// Its id.
+    pub id: Uuid,
+    /// When it was made.
+    pub created_at: String,
+    /// Time that the cut took, s.
+    pub wall_s: f64,
+    /// Whether it was cut from bone or settings that have changed.
+    pub stale: bool,
+    /// Cuts and segments.
+    #[serde(flatten)]
+    pub content: OsteotomyDocument,
+}
+
+impl OsteotomyView {
+    pub(in crate::http) fn new(record: &OsteotomyRecord, content: OsteotomyDocument, field_key: Option<&str>) -> Self {
+        Self {
+            id: record.id.uuid(),
+            created_at: record.created_at.clone(),
+            wall_s: record.wall_s,
+            stale: field_key != Some(record.field_key.as_str()),
+            content,
+        }
+    }
+}
+
+/// All osteotomies of a session, oldest first.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct OsteotomyList {
+    /// The osteotomies.
+    pub osteotomies: Vec<OsteotomyView>,
+}

@@ -1,0 +1,67 @@
+use crate::http::extract::short_number;
+use crate::session::{Fault, FieldFault};
+
+/// Farthest coordinate that a head can have, mm.
+pub(super) const REACH_MM: f64 = 10_000.0;
+
+/// Collects every fault of a request, so that a client sees all of them at once.
+#[derive(Debug, Default)]
+pub(in crate::http) struct Check {
+    faults: Vec<FieldFault>,
+}
+
+impl Check {
+    pub(in crate::http) fn fault(&mut self, pointer: impl Into<String>, detail: impl Into<String>) {
+        self.faults.push(FieldFault::new(pointer, detail));
+    }
+
+    /// A number from `min` to `max`.
+    pub(super) fn number(&mut self, pointer: &str, value: f64, min: f64, max: f64) -> f64 {
+        if !(min..=max).contains(&value) {
+            self.fault(pointer, format!("is {}, allowed is {min} to {max}", short_number(value)));
+        }
+        value
+    }
+
+    /// A point or translation within reach.
+    pub(super) fn vector(&mut self, pointer: &str, value: [f64; 3]) -> [f64; 3] {
+        for (axis, coordinate) in value.into_iter().enumerate() {
+            self.number(&format!("{pointer}/{axis}"), coordinate, -REACH_MM, REACH_MM);
+        }
+        value
+    }
+
+    /// A direction, as a unit vector.
+    pub(super) fn direction(&mut self, pointer: &str, value: [f64; 3]) -> prosopon_geometry::Vector {
+        self.vector(pointer, value);
+        prosopon_geometry::Vector::from(value).try_normalize(1e-9).unwrap_or_else(|| {
+            self.fault(pointer, "has no length");
+            prosopon_geometry::Vector::z()
+        })
+    }
+
+    /// A box with its corners in order.
+    pub(super) fn bounds(&mut self, pointer: &str, value: crate::session::BoxDocument) -> crate::session::BoxDocument {
+        self.vector(&format!("{pointer}/min_mm"), value.min_mm);
+        self.vector(&format!("{pointer}/max_mm"), value.max_mm);
+        if value.min_mm.iter().zip(value.max_mm).any(|(min, max)| *min >= max) {
+            self.fault(pointer, "min_mm must be below max_mm along every axis");
+        }
+        value
+    }
+
+    /// A tag of at most 200 characters.
+    pub(super) fn label(&mut self, pointer: &str, value: Option<String>) -> Option<String> {
+        if let Some(label) = &value
+            && label.chars().count() > 200
+        {
+            self.fault(pointer, format!("has {} characters, at most 200 are allowed", label.chars().count()));
+        }
+        value
+    }
+
+    /// The faults, if there are any.
+    pub(in crate::http) fn finish(self) -> Result<(), Fault> {
+        if self.faults.is_empty() { Ok(()) } else { Err(Fault::invalid(self.faults)) }
+    }
+}

@@ -1,0 +1,222 @@
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+use uuid::Uuid;
+
+use super::check::{Check, REACH_MM};
+use crate::jobs::{RegisterOn, SurfaceSource, UNMOVED_MM};
+use crate::session::{BoxDocument, ErrorDocument, Fault};
+use prosopon_geometry::Point;
+use prosopon_planning::evaluate::{Mask, Part};
+use prosopon_store::SessionId;
+
+/// A surface of a session.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum PartName {
+    /// Outer skin.
+    Skin,
+    /// Bone.
+    Skull,
+    /// Post-operative skin.
+    Target,
+}
+
+impl PartName {
+    fn of(self, session: SessionId) -> SurfaceSource {
+        match self {
+            Self::Skin => SurfaceSource::Skin(session),
+            Self::Skull => SurfaceSource::Skull(session),
+            Self::Target => SurfaceSource::Target(session),
+        }
+    }
+}
+
+/// A stored surface: `session` and `part`, or `job` and `step`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SurfaceRef {
+    /// A session …
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub session: Option<Uuid>,
+    /// … and its part.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub part: Option<PartName>,
+    /// A job …
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub job: Option<Uuid>,
+    /// … and its step.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub step: Option<u32>,
+}
+
+impl SurfaceRef {
+    pub(in crate::http) fn named(&self, pointer: &str) -> Result<SurfaceSource, Fault> {
+        match (self.session, self.part, self.job, self.step) {
+            (Some(session), Some(part), None, None) => Ok(part.of(session.into())),
+            (None, None, Some(job), Some(step)) => Ok(SurfaceSource::Step(job.into(), step)),
+            _ => {
+                let mut check = Check::default();
+                check.fault(pointer, "must have session and part, or job and step");
+                check.finish()?;
+                Err(Fault::invalid(Vec::new()))
+            }
+        }
+    }
+}
+
+/// A part of space: a box (`min_mm` and `max_mm`) or a ball (`centre_mm` and `radius_mm`), LPS mm.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PartRequest {
+    /// Smallest coordinates of a box …
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub min_mm: Option<[f64; 3]>,
+    /// … and largest.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub max_mm: Option<[f64; 3]>,
+    /// Centre of a ball …
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub centre_mm: Option<[f64; 3]>,
+    /// … and radius.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub radius_mm: Option<f64>,
+}
+
+impl PartRequest {
+    fn part(&self, pointer: &str, check: &mut Check) -> Option<Part> {
+        match (self.min_mm, self.max_mm, self.centre_mm, self.radius_mm) {
+            (Some(min_mm), Some(max_mm), None, None) => {
+                Some(Part::Box((&check.bounds(pointer, BoxDocument { min_mm, max_mm })).into()))
+            }
+            (None, None, Some(centre), Some(radius_mm)) => {
+                let centre = Point::from(check.vector(&format!("{pointer}/centre_mm"), centre));
+                check.number(&format!("{pointer}/radius_mm"), radius_mm, 0.1, REACH_MM);
+                Some(Part::Ball { centre, radius_mm })
+            }
+            _ => {
+                check.fault(pointer, "must have min_mm and max_mm, or centre_mm and radius_mm");
+                None
+            }
+        }
+    }
+}
+
+/// Rigid registration of the prediction onto the reference before comparing. It goes by the vertices that are in one of
+/// `unaltered` (all when empty), in none of `altered`, and chosen by `unaltered_vertices`. Where none of the three is given, a job's
+/// step is registered on what its plan does not move, another surface on all that fits (the worst pairs are trimmed).
+#[derive(Debug, Clone, Default, PartialEq, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct RegisterRequest {
+    /// Parts that the registration must not go by: what the operation altered.
+    #[serde(default)]
+    pub altered: Vec<PartRequest>,
+    /// Parts that it goes by.
+    #[serde(default)]
+    pub unaltered: Vec<PartRequest>,
+    /// Whether it goes by each vertex of the prediction.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unaltered_vertices: Option<Vec<bool>>,
+    /// What a job moves less than this is unmoved; 0.1 mm when absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub threshold_mm: Option<f64>,
+}
+
+/// Two surfaces to compare.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct CompareRequest {
+    /// What was predicted.
+    pub prediction: SurfaceRef,
+    /// What it is compared with.
+    pub reference: SurfaceRef,
+    /// Only prediction vertices in one of these parts count; all when absent.
+    #[serde(default)]
+    pub mask: Vec<PartRequest>,
+    /// Only prediction vertices that are true here count, one entry per vertex.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mask_vertices: Option<Vec<bool>>,
+    /// Parts that neither count nor are registered on.
+    #[serde(default)]
+    pub exclude: Vec<PartRequest>,
+    /// Whether the eyes neither count nor are registered on: they are placed by the landmarks of the prediction's session or, without
+    /// them, by proportions of an adult's face.
+    #[serde(default)]
+    pub exclude_eyes: bool,
+    /// Registration; none when absent.
+    #[serde(default)]
+    pub register: Option<RegisterRequest>,
+    /// Whether the value of every vertex is sent too.
+    #[serde(default)]
+    pub values: bool,
+}
+
+/// A comparison as asked for, checked.
+#[derive(Debug)]
+pub(in crate::http) struct CheckedCompare {
+    pub(in crate::http) prediction: SurfaceSource,
+    pub(in crate::http) reference: SurfaceSource,
+    pub(in crate::http) mask: Mask,
+    pub(in crate::http) exclude: Vec<Part>,
+    pub(in crate::http) exclude_eyes: bool,
+    pub(in crate::http) register: Option<RegisterOn>,
+    pub(in crate::http) values: bool,
+}
+
+impl CompareRequest {
+    pub(in crate::http) fn check(self) -> Result<CheckedCompare, Fault> {
+        let mut check = Check::default();
+        let mask =
+            Mask { only: parts("/mask", &self.mask, &mut check), vertices: self.mask_vertices, except: Vec::new() };
+        let exclude = parts("/exclude", &self.exclude, &mut check);
+        let register = self.register.map(|r| {
+            let threshold_mm = r.threshold_mm.unwrap_or(UNMOVED_MM);
+            check.number("/register/threshold_mm", threshold_mm, 1e-6, 100.0);
+            let region = Mask {
+                only: parts("/register/unaltered", &r.unaltered, &mut check),
+                except: parts("/register/altered", &r.altered, &mut check),
+                vertices: r.unaltered_vertices,
+            };
+            RegisterOn { region, threshold_mm }
+        });
+        check.finish()?;
+        let (prediction, reference) = (self.prediction.named("/prediction")?, self.reference.named("/reference")?);
+        let exclude_eyes = self.exclude_eyes;
+        Ok(CheckedCompare { prediction, reference, mask, exclude, exclude_eyes, register, values: self.values })
+    }
+}
+
+fn parts(pointer: &str, requests: &[PartRequest], check: &mut Check) -> Vec<Part> {
+    requests.iter().enumerate().filter_map(|(i, p)| p.part(&format!("{pointer}/{i}"), check)).collect()
+}
+
+/// A signed error map.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct CompareView {
+    /// Statistics.
+    #[serde(flatten)]
+    pub content: ErrorDocument,
+    /// Signed error of every prediction vertex, mm; `null` where it does not count.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub values_mm: Option<Vec<Option<f32>>>,
+    /// Distance of every prediction vertex from its counterpart, mm, where both have the same triangles.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub correspondence_mm: Option<Vec<Option<f32>>>,
+}
+
+/// A signed error map with the value of every vertex.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ErrorView {
+    /// Statistics.
+    #[serde(flatten)]
+    pub content: ErrorDocument,
+    /// Signed error of every vertex of the deformed skin, mm; `null` where it has none.
+    pub values_mm: Vec<Option<f32>>,
+    /// Distance of every vertex from its counterpart, mm; for comparisons on demand with a surface of the same triangles.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub correspondence_mm: Option<Vec<Option<f32>>>,
+}
+
+/// JSON has no NaN.
+pub(in crate::http) fn finite(values: Vec<f32>) -> Vec<Option<f32>> {
+    values.into_iter().map(|v| v.is_finite().then_some(v)).collect()
+}

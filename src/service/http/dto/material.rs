@@ -1,0 +1,95 @@
+use super::check::Check;
+use super::file_faults::FileFaults;
+use crate::session::{MaterialDocument, TissueLawsDocument};
+use prosopon_tissue::fem::material::Material;
+
+/// Largest modulus that is read, MPa: stiffer than any tissue by far.
+const MAX_MPA: f64 = 1e6;
+/// Smallest shear modulus that is read, MPa: softer than any tissue by far, and clear of rounding.
+const MIN_SHEAR_MPA: f64 = 1e-9;
+/// Smallest and largest Poisson ratio that are read.
+const POISSON: [f64; 2] = [-0.99, 0.4999];
+/// Largest exponent that is read, of either sign; powers of stretches stay finite by far.
+const MAX_ALPHA: f64 = 100.0;
+/// Smallest exponent: nearer to 0 the energy is the logarithm's, in which it loses all digits.
+const MIN_ALPHA: f64 = 0.1;
+
+/// The material of a document; faults go to `check` under `pointer`.
+pub(in crate::http) fn check_material(check: &mut Check, pointer: &str, document: &MaterialDocument) -> Material {
+    let (constants, poisson): (&[(&str, f64)], f64) = match *document {
+        MaterialDocument::MooneyRivlin { c10_mpa, c01_mpa, poisson } => {
+            (&[("c10_mpa", c10_mpa), ("c01_mpa", c01_mpa)], poisson)
+        }
+        MaterialDocument::NeoHookean { shear_modulus_mpa, poisson }
+        | MaterialDocument::Ogden { shear_modulus_mpa, poisson, .. } => {
+            (&[("shear_modulus_mpa", shear_modulus_mpa)], poisson)
+        }
+        MaterialDocument::Yeoh { c1_mpa, c2_mpa, c3_mpa, poisson } => {
+            (&[("c1_mpa", c1_mpa), ("c2_mpa", c2_mpa), ("c3_mpa", c3_mpa)], poisson)
+        }
+    };
+    for (name, value) in constants {
+        check.number(&format!("{pointer}/{name}"), *value, -MAX_MPA, MAX_MPA);
+    }
+    if let MaterialDocument::Ogden { alpha, .. } = *document
+        && !(MIN_ALPHA..=MAX_ALPHA).contains(&alpha.abs())
+    {
+        let detail = format!("is {alpha}, allowed is {MIN_ALPHA} to {MAX_ALPHA} of either sign");
+        check.fault(format!("{pointer}/alpha"), detail);
+    }
+    check.number(&format!("{pointer}/poisson"), poisson, POISSON[0], POISSON[1]);
+    let material = Material::from(document);
+    let shear = material.shear_modulus();
+    if shear < MIN_SHEAR_MPA {
+        check.fault(
+            pointer,
+            format!("the shear modulus at rest is {shear:e} MPa, it must be at least {MIN_SHEAR_MPA:e}"),
+        );
+    }
+    material
+}
+
+/// Checks the laws of tissues under `pointer`.
+pub(super) fn check_laws(check: &mut Check, pointer: &str, laws: &TissueLawsDocument) {
+    for (name, _, law) in laws.given() {
+        check_material(check, &format!("{pointer}/{name}"), law);
+    }
+}
+
+/// The material of a file that is no request: all faults in one text.
+///
+/// # Errors
+/// [`FileFaults`].
+pub fn file_material(pointer: &str, document: &MaterialDocument) -> Result<Material, FileFaults> {
+    let mut check = Check::default();
+    let material = check_material(&mut check, pointer, document);
+    FileFaults::finish(check).map(|()| material)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn faults_of_a_material_name_their_place() {
+        let material = |c10_mpa, c01_mpa, poisson| {
+            file_material("/m", &MaterialDocument::MooneyRivlin { c10_mpa, c01_mpa, poisson })
+        };
+        let good = material(0.004, 0.001, 0.45).unwrap();
+        assert!((good.shear_modulus() - 0.01).abs() < 1e-15 && (good.poisson_ratio() - 0.45).abs() < 1e-12);
+        let ogden =
+            |alpha| file_material("/m", &MaterialDocument::Ogden { shear_modulus_mpa: 0.1, alpha, poisson: 0.4 });
+        assert!(ogden(-3.0).is_ok());
+        for (fault, expected) in [
+            (material(0.004, 0.001, 0.5), "/m/poisson is 0.5"),
+            (material(0.004, -0.004, 0.45), "/m the shear modulus at rest is 0e0 MPa"),
+            (material(1e-300, 0.0, 0.45), "/m the shear modulus at rest is 2e-300 MPa"),
+            (material(f64::NAN, 0.001, 0.45), "/m/c10_mpa is"),
+            (ogden(0.0), "/m/alpha is 0"),
+            (ogden(f64::NAN), "/m/alpha is NaN"),
+        ] {
+            let text = fault.unwrap_err().to_string();
+            assert!(text.contains(expected), "{text}");
+        }
+    }
+}

@@ -1,0 +1,189 @@
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+use uuid::Uuid;
+
+use super::JobView;
+use super::check::Check;
+use crate::jobs::ImportRequest;
+use crate::session::{Fault, PresetName, SessionParts};
+use prosopon_store::{JobKind, JobRecord, JobState, PartKind, PartRecord, SessionRecord};
+
+/// Defaults of a session's jobs.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SessionSettings {
+    /// Steps where a job does not say.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub steps: Option<u32>,
+    /// Materials where a job does not say.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub preset: Option<PresetName>,
+}
+
+/// A new session.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct CreateSession {
+    /// An opaque tag, never a name.
+    #[serde(default)]
+    pub label: Option<String>,
+    /// Defaults of its jobs.
+    #[serde(default)]
+    pub settings: SessionSettings,
+}
+
+impl CreateSession {
+    pub(in crate::http) fn check(self) -> Result<Self, Fault> {
+        let mut check = Check::default();
+        let label = check.label("/label", self.label);
+        if let Some(steps) = self.settings.steps {
+            check.number("/settings/steps", f64::from(steps), 1.0, f64::from(super::job::MAX_STEPS));
+        }
+        check.finish()?;
+        Ok(Self { label, settings: self.settings })
+    }
+}
+
+/// One part of a session.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct PartView {
+    /// `missing`, `building` (a job makes it), `ready`, `stale` (made from inputs that have changed), or `failed` (of a CT: its last
+    /// import ended without surfaces; the job says why).
+    pub state: String,
+    /// Bytes stored.
+    pub bytes: u64,
+    /// Time that it took to make, s.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub wall_s: Option<f64>,
+    /// SHA-256 of what is kept of an input (a report's `origin` has that of the upload); key of what a derived part was made from.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sha256: Option<String>,
+    /// When it was stored.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub updated_at: Option<String>,
+}
+
+/// A session and the state of everything in it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct SessionView {
+    /// Its id.
+    pub id: Uuid,
+    /// The client's tag.
+    pub label: Option<String>,
+    /// Defaults of its jobs.
+    pub settings: SessionSettings,
+    /// When it was made.
+    pub created_at: String,
+    /// When it will be deleted if nothing is done with it; absent where sessions do not expire, and in lists.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub expires_at: Option<String>,
+    /// Bytes stored in all.
+    pub bytes: u64,
+    /// `ct`, `skin`, `skull`, `air`, `soft_tissue` (fat and muscle of the CT), `target`, `landmarks`, `field_settings`, `field`, `mesh`, `tissue`, and `bone_0` to `bone_9` where there.
+    pub parts: BTreeMap<String, PartView>,
+    /// Its osteotomies.
+    pub osteotomies: Vec<Uuid>,
+    /// Its plans.
+    pub plans: Vec<Uuid>,
+    /// Its last 100 jobs, newest first.
+    pub jobs: Vec<JobView>,
+}
+
+/// A page of sessions, newest first.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct SessionList {
+    /// The sessions.
+    pub sessions: Vec<SessionView>,
+    /// Path of the next page.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub next: Option<String>,
+}
+
+impl SessionView {
+    /// A session in which there is nothing yet.
+    pub(in crate::http) fn new(record: &SessionRecord) -> Self {
+        let missing = |kind: &PartKind| (kind.as_str().to_owned(), part_view("missing", None));
+        Self {
+            id: record.id.uuid(),
+            label: record.label.clone(),
+            settings: serde_json::from_str(&record.settings).unwrap_or_default(),
+            created_at: record.created_at.clone(),
+            expires_at: None,
+            bytes: 0,
+            parts: PartKind::ALL.iter().map(missing).collect(),
+            osteotomies: Vec::new(),
+            plans: Vec::new(),
+            jobs: Vec::new(),
+        }
+    }
+
+    pub(in crate::http) fn fill_parts(&mut self, parts: &SessionParts, jobs: &[JobRecord]) {
+        for kind in PartKind::ALL {
+            self.parts.insert(kind.as_str().to_owned(), view_of(kind, parts, jobs));
+        }
+        for bone in parts.all().iter().filter(|p| matches!(p.kind, PartKind::Bone(_))) {
+            self.parts.insert(bone.kind.as_str().to_owned(), view_of(bone.kind, parts, jobs));
+        }
+    }
+}
+
+fn part_view(state: &str, record: Option<&PartRecord>) -> PartView {
+    PartView {
+        state: state.to_owned(),
+        bytes: record.map_or(0, |r| r.bytes),
+        wall_s: record.map(|r| r.wall_s),
+        sha256: record.map(|r| r.key.clone()),
+        updated_at: record.map(|r| r.updated_at.clone()),
+    }
+}
+
+pub(in crate::http) fn view_of(kind: PartKind, parts: &SessionParts, jobs: &[JobRecord]) -> PartView {
+    let record = parts.get(kind);
+    let maker = match kind {
+        PartKind::Field => Some(JobKind::Field),
+        PartKind::Mesh => Some(JobKind::Mesh),
+        PartKind::Skin | PartKind::Skull | PartKind::Air | PartKind::SoftTissue => Some(JobKind::Import),
+        PartKind::Ct
+        | PartKind::Target
+        | PartKind::Landmarks
+        | PartKind::FieldSettings
+        | PartKind::Tissue
+        | PartKind::Bone(_) => None,
+    };
+    let building = jobs.iter().any(|job| Some(job.kind) == maker && !job.state.has_ended());
+    let stale = match kind {
+        PartKind::Field => parts.require_field().is_err(),
+        PartKind::Mesh => parts.require_mesh().is_err(),
+        PartKind::Ct
+        | PartKind::Skin
+        | PartKind::Skull
+        | PartKind::Air
+        | PartKind::SoftTissue
+        | PartKind::Target
+        | PartKind::Landmarks
+        | PartKind::FieldSettings
+        | PartKind::Tissue
+        | PartKind::Bone(_) => false,
+    };
+    let state = match (building, record.is_some(), stale) {
+        (true, ..) => "building",
+        (false, false, _) => "missing",
+        (false, true, true) => "stale",
+        (false, true, false) if kind == PartKind::Ct && import_failed(record, jobs) => "failed",
+        (false, true, false) => "ready",
+    };
+    part_view(state, record)
+}
+
+/// Whether imports of a CT ended without surfaces. One that was cancelled says nothing where another ran.
+fn import_failed(ct: Option<&PartRecord>, newest_first: &[JobRecord]) -> bool {
+    let is_of_ct = |job: &&JobRecord| {
+        let request = serde_json::from_str::<ImportRequest>(&job.request);
+        job.kind == JobKind::Import && request.is_ok_and(|request| ct.is_some_and(|ct| ct.key == request.ct_sha256))
+    };
+    let imports: Vec<&JobRecord> = newest_first.iter().filter(is_of_ct).collect();
+    let newest = imports.iter().find(|job| job.state != JobState::Cancelled);
+    newest.map_or(!imports.is_empty(), |job| job.state == JobState::Failed)
+}

@@ -1,0 +1,142 @@
+use axum::extract::{FromRequest, Request};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use serde_json::Value;
+
+use super::json::{parse, read_json};
+use crate::http::auth::Principal;
+use crate::http::{AppState, Problem};
+use crate::session::{FaultKind, key_of};
+use prosopon_store::{AnswerRecord, Remembered, SessionId, TenantId};
+
+const IDEMPOTENCY_KEY: &str = "idempotency-key";
+
+/// The JSON body of a request that creates something, with its idempotency key. A key that was seen with the same
+/// payload is answered as before, without reaching the handler.
+#[derive(Debug)]
+pub(in crate::http) struct Creating<T> {
+    pub(in crate::http) body: T,
+    tenant: TenantId,
+    key: Option<(String, String)>,
+}
+
+impl<T: DeserializeOwned> FromRequest<AppState> for Creating<T> {
+    type Rejection = Response;
+
+    async fn from_request(request: Request, state: &AppState) -> Result<Self, Response> {
+        let Repeatable { creating, earlier } =
+            Repeatable::from_request(request, state).await.map_err(IntoResponse::into_response)?;
+        match earlier {
+            Some(earlier) => Err(replay(&earlier)),
+            None => Ok(creating),
+        }
+    }
+}
+
+/// A [`Creating`] whose handler answers a repeated request itself, from the answer that was stored for the first.
+#[derive(Debug)]
+pub(in crate::http) struct Repeatable<T> {
+    pub(in crate::http) creating: Creating<T>,
+    pub(in crate::http) earlier: Option<AnswerRecord>,
+}
+
+impl<T: DeserializeOwned> FromRequest<AppState> for Repeatable<T> {
+    type Rejection = Problem;
+
+    async fn from_request(request: Request, state: &AppState) -> Result<Self, Problem> {
+        let key = match request.headers().get(IDEMPOTENCY_KEY) {
+            Some(value) => Some(checked_key(value)?),
+            None => None,
+        };
+        let mut earlier = None;
+        let tenant = request.extensions().get::<Principal>().map_or_else(TenantId::local, |p| p.tenant.clone());
+        let target = format!("{} {}", request.method(), request.uri().path());
+        let bytes = read_json(request, state).await?;
+        let key = match key {
+            Some(key) => {
+                // Members in order, so that the same payload written in another way is the same.
+                let payload: Value = parse(&bytes)?;
+                let sha256 = key_of(&[&target, &payload.to_string()]);
+                let remembered = state.service.store().remembered(&tenant, &key, &sha256).await;
+                match remembered? {
+                    Remembered::Nothing => {}
+                    Remembered::Answer(answer) => earlier = Some(answer),
+                    Remembered::OtherRequest => return Err(mismatch()),
+                }
+                Some((key, sha256))
+            }
+            None => None,
+        };
+        let body = parse(&bytes)?;
+        Ok(Self { creating: Creating { body, tenant, key }, earlier })
+    }
+}
+
+impl<T> Creating<T> {
+    /// The body, and what remembers the answer.
+    pub(in crate::http) fn split(self) -> (T, Answering) {
+        (self.body, Answering { tenant: self.tenant, key: self.key })
+    }
+}
+
+/// Makes the answer that is stored with what was created.
+#[derive(Debug)]
+pub(in crate::http) struct Answering {
+    tenant: TenantId,
+    key: Option<(String, String)>,
+}
+
+impl Answering {
+    pub(in crate::http) fn remember<T: Serialize>(
+        &self,
+        status: StatusCode,
+        location: &str,
+        retry_after: Option<&str>,
+        body: &T,
+        session: SessionId,
+    ) -> Option<AnswerRecord> {
+        let (key, request_sha256) = self.key.clone()?;
+        Some(AnswerRecord {
+            tenant: self.tenant.clone(),
+            key,
+            request_sha256,
+            status: status.as_u16(),
+            location: Some(location.to_owned()),
+            retry_after: retry_after.map(str::to_owned),
+            body: serde_json::to_string(body).unwrap_or_default(),
+            session: Some(session),
+        })
+    }
+}
+
+fn checked_key(value: &HeaderValue) -> Result<String, Problem> {
+    let key = value.to_str().unwrap_or_default();
+    if (1..=200).contains(&key.len()) {
+        return Ok(key.to_owned());
+    }
+    Err(Problem::new(FaultKind::MalformedRequest, "Idempotency-Key must be 1 to 200 ASCII characters"))
+}
+
+fn mismatch() -> Problem {
+    Problem::new(FaultKind::IdempotencyMismatch, "this Idempotency-Key was used with another path or payload")
+}
+
+fn replay(answer: &AnswerRecord) -> Response {
+    let status = StatusCode::from_u16(answer.status).unwrap_or(StatusCode::OK);
+    let mut response = (status, [(header::CONTENT_TYPE, "application/json")], answer.body.clone()).into_response();
+    let headers = response.headers_mut();
+    for (name, value) in [(header::LOCATION, &answer.location), (header::RETRY_AFTER, &answer.retry_after)] {
+        if let Some(value) = value.as_deref().and_then(|v| HeaderValue::from_str(v).ok()) {
+            headers.insert(name, value);
+        }
+    }
+    mark_replayed(headers);
+    response
+}
+
+/// Tells that an answer is that of an earlier request.
+pub(in crate::http) fn mark_replayed(headers: &mut HeaderMap) {
+    headers.insert("idempotency-replayed", HeaderValue::from_static("true"));
+}

@@ -1,0 +1,196 @@
+use axum::body::Bytes;
+use axum::extract::rejection::BytesRejection;
+use axum::extract::{FromRequest, Request};
+use axum::http::{HeaderMap, header};
+use serde::de::DeserializeOwned;
+use serde_json::Value;
+use serde_path_to_error::{Path, Segment};
+
+use super::strict::{Strict, Unique};
+use super::words::plain;
+use crate::http::{AppState, Problem};
+use crate::session::{Fault, FaultKind};
+
+/// A JSON body. Unknown members are refused by the types themselves.
+#[derive(Debug)]
+pub(in crate::http) struct Body<T>(pub(in crate::http) T);
+
+impl<T: DeserializeOwned> FromRequest<AppState> for Body<T> {
+    type Rejection = Problem;
+
+    async fn from_request(request: Request, state: &AppState) -> Result<Self, Problem> {
+        let bytes = read_json(request, state).await?;
+        parse(&bytes).map(Self)
+    }
+}
+
+/// The bytes of a JSON body; an empty one counts as `{}`.
+pub(super) async fn read_json(request: Request, state: &AppState) -> Result<Bytes, Problem> {
+    let is_json = is_json(request.headers());
+    let is_encoded = request.headers().get(header::CONTENT_ENCODING).is_some_and(|e| e != "identity");
+    let max_bytes = state.limits.max_json_bytes;
+    let bytes = tokio::time::timeout(state.limits.body, Bytes::from_request(request, state)).await;
+    let bytes = bytes.map_err(|_| {
+        let detail = format!("the body did not arrive within {} s", state.limits.body.as_secs());
+        Problem::new(FaultKind::Timeout, detail)
+    })?;
+    let bytes = bytes.map_err(|e| too_large_or_broken(&e, max_bytes))?;
+    if bytes.is_empty() {
+        return Ok(Bytes::from_static(b"{}"));
+    }
+    if is_encoded {
+        return Err(Problem::new(
+            FaultKind::UnsupportedFormat,
+            "a JSON body is taken as it is, without Content-Encoding",
+        ));
+    }
+    if !is_json {
+        return Err(Problem::new(FaultKind::UnsupportedFormat, "the body must have Content-Type application/json"));
+    }
+    Ok(bytes)
+}
+
+fn is_json(headers: &HeaderMap) -> bool {
+    let kind = headers.get(header::CONTENT_TYPE).and_then(|t| t.to_str().ok()).unwrap_or_default();
+    let essence = kind.split(';').next().unwrap_or_default().trim().to_ascii_lowercase();
+    essence == "application/json" || (essence.starts_with("application/") && essence.ends_with("+json"))
+}
+
+fn too_large_or_broken(rejection: &BytesRejection, max_bytes: usize) -> Problem {
+    if rejection.status() == axum::http::StatusCode::PAYLOAD_TOO_LARGE {
+        let detail = format!("the JSON body is longer than the {max_bytes} bytes allowed");
+        Problem(Fault::new(FaultKind::TooLarge, detail).with("allowed_bytes", max_bytes))
+    } else {
+        Problem::new(FaultKind::MalformedRequest, "the body broke off")
+    }
+}
+
+/// Reads JSON; what cannot be parsed is malformed, what has the wrong members or types is invalid, with its pointer.
+pub(super) fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
+    strict_json(bytes).map_err(|fault| match fault {
+        JsonFault::NoJson(e) => Problem::new(FaultKind::MalformedRequest, format!("the body is no JSON: {e}")),
+        JsonFault::NotAsExpected(error) => not_as_expected(&error),
+    })
+}
+
+/// Why JSON cannot be read.
+#[derive(Debug, thiserror::Error)]
+pub enum JsonFault {
+    /// It cannot be parsed.
+    #[error("{0}")]
+    NoJson(#[from] serde_json::Error),
+    /// Wrong members or types, with their place.
+    #[error("{0}")]
+    NotAsExpected(#[from] serde_path_to_error::Error<serde_json::Error>),
+}
+
+/// Reads JSON in which an object is an object and no member is there twice.
+///
+/// # Errors
+/// [`JsonFault`].
+pub fn strict_json<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, JsonFault> {
+    let mut reader = serde_json::Deserializer::from_slice(bytes);
+    let Unique(value) = match serde_path_to_error::deserialize(&mut reader) {
+        Err(error) if error.inner().is_data() => return Err(error.into()),
+        Err(error) => return Err(error.into_inner().into()),
+        Ok(value) => value,
+    };
+    reader.end()?;
+    strict_value(&value)
+}
+
+/// Reads a value in which an object is an object.
+///
+/// # Errors
+/// [`JsonFault::NotAsExpected`].
+pub fn strict_value<T: DeserializeOwned>(value: &Value) -> Result<T, JsonFault> {
+    Ok(serde_path_to_error::deserialize(Strict(value))?)
+}
+
+fn not_as_expected(error: &serde_path_to_error::Error<serde_json::Error>) -> Problem {
+    let detail = plain(&error.inner().to_string());
+    Problem(Fault::new(FaultKind::InvalidRequest, detail).at(&pointer_of(error.path())))
+}
+
+fn pointer_of(path: &Path) -> String {
+    path.iter()
+        .map(|segment| match segment {
+            Segment::Seq { index } => format!("/{index}"),
+            Segment::Map { key } => format!("/{}", key.replace('~', "~0").replace('/', "~1")),
+            Segment::Enum { variant } => format!("/{variant}"),
+            Segment::Unknown => String::new(),
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[derive(Debug, serde::Deserialize)]
+    #[serde(deny_unknown_fields)]
+    struct Sample {
+        values: Vec<f64>,
+        point: Option<[f64; 3]>,
+        name: Option<Name>,
+        plane: Option<Plane>,
+        #[serde(default)]
+        #[expect(dead_code)]
+        planes: Vec<Plane>,
+    }
+
+    #[derive(Debug, serde::Deserialize)]
+    struct Plane {
+        point: [f64; 3],
+        offset: f64,
+    }
+
+    #[derive(Debug, serde::Deserialize)]
+    #[serde(rename_all = "snake_case")]
+    enum Name {
+        One,
+    }
+
+    fn check(text: &str, kind: FaultKind, pointer: Option<&str>) {
+        let fault = parse::<Sample>(text.as_bytes()).unwrap_err().0;
+        assert_eq!(fault.kind, kind, "{text}");
+        assert_eq!(fault.errors.first().map(|e| e.pointer.as_str()), pointer, "{text}");
+    }
+
+    #[test]
+    fn what_fits_is_read() {
+        let text =
+            r#"{"values": [1, 2.5], "point": [1, 2, 3], "name": "one", "plane": {"point": [0, 0, 1], "offset": -2}}"#;
+        let read = parse::<Sample>(text.as_bytes()).unwrap();
+        assert_eq!((read.values, read.point), (vec![1.0, 2.5], Some([1.0, 2.0, 3.0])));
+        assert!(read.plane.is_some_and(|p| p.point == [0.0, 0.0, 1.0] && p.offset == -2.0) && read.name.is_some());
+    }
+
+    #[test]
+    fn faults_say_where_they_are() {
+        check(r#"{"values": [1, "x"]}"#, FaultKind::InvalidRequest, Some("/values/1"));
+        check(r#"{"value": []}"#, FaultKind::InvalidRequest, Some("/value"));
+        check("{}", FaultKind::InvalidRequest, Some(""));
+        check("5", FaultKind::InvalidRequest, Some(""));
+        check("[]", FaultKind::InvalidRequest, Some(""));
+        check(r#"{"values": [], "values": []}"#, FaultKind::InvalidRequest, Some("/values"));
+        check(r#"{"values": [], "point": [1, 2, 3, 4]}"#, FaultKind::InvalidRequest, Some("/point"));
+        check(r#"{"values": [], "name": 3}"#, FaultKind::InvalidRequest, Some("/name"));
+        check(r#"{"values": [], "plane": [[1, 2, 3], 4]}"#, FaultKind::InvalidRequest, Some("/plane"));
+        check(
+            r#"{"values": [], "planes": [{"point": [1, 2, 3], "offset": 4}, [[1, 2, 3], 4]]}"#,
+            FaultKind::InvalidRequest,
+            Some("/planes/1"),
+        );
+        check(
+            r#"{"values": [], "plane": {"point": [1, 2, 3], "offset": 4, "offset": 5}}"#,
+            FaultKind::InvalidRequest,
+            Some("/plane/offset"),
+        );
+        check(r#"{"values": {}, "plane": null}"#, FaultKind::InvalidRequest, Some("/values"));
+        check(r#"{"values": [1e999]}"#, FaultKind::MalformedRequest, None);
+        check(r#"{"values": [NaN]}"#, FaultKind::MalformedRequest, None);
+        check(r#"{"values": []} x"#, FaultKind::MalformedRequest, None);
+        check("", FaultKind::MalformedRequest, None);
+    }
+}

@@ -1,0 +1,15 @@
+//! Extractors whose refusals are problems.
+
+mod creating;
+mod json;
+mod path;
+mod query;
+mod strict;
+mod words;
+
+pub(super) use creating::{Answering, Creating, Repeatable, mark_replayed};
+pub(super) use json::Body;
+pub use json::{JsonFault, strict_json, strict_value};
+pub(super) use path::Ids;
+pub(super) use query::{Params, page_length};
+pub(super) use words::short_number;

@@ -1,0 +1,200 @@
+use utoipa::OpenApi as _;
+use utoipa::openapi::path::{Operation, ParameterBuilder, ParameterIn, PathItem};
+use utoipa::openapi::{Content, ContentBuilder, OpenApi, Ref, RefOr, Required, ResponseBuilder, Schema, schema};
+
+use super::dto::SliceAxis;
+use super::problem::PROBLEM_JSON;
+use super::{ProblemDocument, routes};
+
+#[derive(utoipa::OpenApi)]
+#[openapi(
+    info(
+        title = "Prosopon",
+        description = "Predicts a patient's face after jaw surgery. Coordinates are patient LPS in mm. Every error is a problem \
+            document (RFC 9457); `api/problems.md` explains each type. Not a medical device."
+    ),
+    tags(
+        (name = "sessions", description = "A patient's session"),
+        (name = "inputs", description = "CT, surfaces, landmarks"),
+        (name = "field", description = "Distance fields"),
+        (name = "mesh", description = "Tissue mesh"),
+        (name = "bone", description = "Cuts and where the bone goes"),
+        (name = "materials", description = "Laws, presets, stability"),
+        (name = "jobs", description = "Long work"),
+        (name = "results", description = "What came of it"),
+        (name = "health", description = "For operators")
+    ),
+    components(schemas(ProblemDocument, SliceAxis))
+)]
+struct Description;
+
+/// The description of all routes, OpenAPI 3.1.
+#[must_use]
+pub fn openapi() -> OpenApi {
+    let (plain, uploads) = routes::all();
+    let mut api = Description::openapi();
+    api.merge(plain.split_for_parts().1);
+    api.merge(uploads.split_for_parts().1);
+    if let Some(components) = &mut api.components {
+        components.schemas.values_mut().for_each(say_text_names);
+    }
+    let schemas = api.components.clone().unwrap_or_default().schemas;
+    for (path, item) in &mut api.paths.paths {
+        for (method, operation) in operations(item) {
+            let optional = body_name(operation).is_some_and(|name| schemas.get(name).is_some_and(needs_nothing));
+            if let (true, Some(RefOr::T(body))) = (optional, &mut operation.request_body) {
+                body.required = Some(Required::False);
+            }
+            operation.operation_id = Some(operation_id(method, path));
+            add_problem(operation);
+            say_binary(operation);
+        }
+        if let Some(post) = &mut item.post
+            && creates(path)
+        {
+            add_idempotency_key(post);
+        }
+    }
+    api
+}
+
+/// The description as it is checked in at `api/openapi.json`.
+///
+/// # Errors
+/// When it cannot be written as JSON.
+pub fn openapi_json() -> Result<String, serde_json::Error> {
+    Ok(openapi().to_pretty_json()? + "\n")
+}
+
+fn operations(item: &mut PathItem) -> impl Iterator<Item = (&'static str, &mut Operation)> {
+    [("get", &mut item.get), ("put", &mut item.put), ("post", &mut item.post), ("delete", &mut item.delete)]
+        .into_iter()
+        .filter_map(|(method, operation)| Some((method, operation.as_mut()?)))
+}
+
+/// Method and words of the path: `get_sessions_session_field`.
+fn operation_id(method: &str, path: &str) -> String {
+    let word = |w: &str| w.chars().filter(|c| *c != '{' && *c != '}').map(|c| if c == '.' { '_' } else { c }).collect();
+    let words = path.split('/').filter(|w| !w.is_empty() && *w != "v1").map(word);
+    std::iter::once(method.to_owned()).chain(words).collect::<Vec<String>>().join("_")
+}
+
+/// Bodies that are no text are bytes, not lists of numbers.
+fn say_binary(operation: &mut Operation) {
+    let bytes = || {
+        let format = schema::SchemaFormat::KnownFormat(schema::KnownFormat::Binary);
+        Schema::Object(schema::ObjectBuilder::new().schema_type(schema::Type::String).format(Some(format)).build())
+    };
+    let is_bytes = |media_type: &str| !media_type.contains("json") && !media_type.starts_with("text/");
+    let say = |media_type: &str, content: &mut RefOr<Content>| {
+        if let RefOr::T(content) = content
+            && is_bytes(media_type)
+        {
+            content.schema = Some(bytes().into());
+        }
+    };
+    if let Some(RefOr::T(body)) = &mut operation.request_body {
+        body.content.iter_mut().for_each(|(media_type, content)| say(media_type, content));
+    }
+    for response in operation.responses.responses.values_mut() {
+        if let RefOr::T(response) = response {
+            response.content.iter_mut().for_each(|(media_type, content)| say(media_type, content));
+            // A schema would be that of one event, of which each kind has its own.
+            if let Some(RefOr::T(stream)) = response.content.get_mut("text/event-stream") {
+                stream.schema = None;
+            }
+        }
+    }
+}
+
+/// Names of members are texts, also where they are numbers of segments.
+fn say_text_names(schema: &mut RefOr<Schema>) {
+    let RefOr::T(Schema::Object(object)) = schema else { return };
+    object.property_names = None;
+    object.properties.values_mut().for_each(say_text_names);
+}
+
+/// Name of the schema of a JSON body.
+fn body_name(operation: &Operation) -> Option<&str> {
+    let Some(RefOr::T(body)) = &operation.request_body else { return None };
+    let Some(RefOr::T(content)) = body.content.get("application/json") else { return None };
+    let Some(RefOr::Ref(reference)) = &content.schema else { return None };
+    reference.ref_location.rsplit('/').next()
+}
+
+/// Whether no member must be there: then a request without a body counts as one of `{}`.
+fn needs_nothing(schema: &RefOr<Schema>) -> bool {
+    matches!(schema, RefOr::T(Schema::Object(object)) if object.required.is_empty())
+}
+
+/// Every operation may answer with a problem.
+fn add_problem(operation: &mut Operation) {
+    let content = ContentBuilder::new().schema(Some(Ref::from_schema_name("ProblemDocument"))).build();
+    let problem = ResponseBuilder::new().description("a problem").content(PROBLEM_JSON, content).build();
+    operation.responses.responses.insert("default".to_owned(), problem.into());
+}
+
+/// POSTs that make something new; the others look or cancel.
+fn creates(path: &str) -> bool {
+    ["/v1/sessions", "/v1/compare"].contains(&path)
+        || ["/field", "/mesh", "/osteotomies", "/plans", "/jobs"].iter().any(|end| path.ends_with(end))
+}
+
+fn add_idempotency_key(operation: &mut Operation) {
+    let text = schema::ObjectBuilder::new().schema_type(schema::Type::String).max_length(Some(200)).build();
+    let header = ParameterBuilder::new()
+        .name("Idempotency-Key")
+        .parameter_in(ParameterIn::Header)
+        .required(Required::False)
+        .description(Some("Same key and payload: the first answer again. Same key, other payload: 422."))
+        .schema(Some(Schema::Object(text)))
+        .build();
+    operation.parameters.get_or_insert_default().push(header.into());
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_checked_in_description_is_that_of_the_routes() {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../api/openapi.json");
+        let checked_in = std::fs::read_to_string(path).unwrap_or_default();
+        assert!(
+            checked_in == openapi_json().unwrap(),
+            "run `cargo run -- openapi > api/openapi.json` and read the diff"
+        );
+    }
+
+    /// Schemas that only parameters name are not gathered by themselves.
+    #[test]
+    fn every_reference_leads_somewhere() {
+        let api: serde_json::Value = serde_json::from_str(&openapi_json().unwrap()).unwrap();
+        let (mut stack, mut followed) = (vec![&api], 0);
+        while let Some(value) = stack.pop() {
+            if let Some(reference) = value.get("$ref").and_then(serde_json::Value::as_str) {
+                assert!(api.pointer(reference.strip_prefix('#').unwrap()).is_some(), "{reference}");
+                followed += 1;
+            }
+            stack.extend(value.as_object().into_iter().flat_map(|o| o.values()));
+            stack.extend(value.as_array().into_iter().flatten());
+        }
+        assert!(followed > 50);
+        assert!(!openapi_json().unwrap().contains("propertyNames"), "names are texts");
+    }
+
+    #[test]
+    fn every_operation_can_answer_with_a_problem() {
+        let api = openapi();
+        let mut ids = std::collections::BTreeSet::new();
+        assert!(api.paths.paths.len() > 25);
+        for (path, mut item) in api.paths.paths {
+            for (_, operation) in operations(&mut item) {
+                assert!(operation.summary.as_ref().is_some_and(|s| !s.is_empty()), "{path}");
+                assert!(ids.insert(operation.operation_id.clone()), "{path}");
+                assert!(operation.responses.responses.contains_key("default"), "{path}");
+                assert!(operation.responses.responses.len() > 1, "{path}");
+            }
+        }
+    }
+}

@@ -1,0 +1,184 @@
+use axum::http::{HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+use utoipa::ToSchema;
+
+use super::middleware::request_id;
+use crate::session::{Fault, FaultKind, FieldFault, Halt};
+use prosopon_store::StoreError;
+
+/// Media type of problems.
+pub(super) const PROBLEM_JSON: &str = "application/problem+json";
+
+/// Kinds that pass, and the seconds after which to try again.
+const RETRY_AFTER: &[(&[FaultKind], &str)] = &[
+    (&[FaultKind::QueueFull, FaultKind::TenantQueueFull, FaultKind::QuotaFull, FaultKind::StoreUnavailable], "10"),
+    (&[FaultKind::ShuttingDown, FaultKind::NotReady, FaultKind::Busy], "2"),
+];
+
+/// A value that is not allowed.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct ProblemField {
+    /// JSON pointer to it; the bare name of a query parameter or an uploaded part.
+    pub pointer: String,
+    /// What was found and what is allowed.
+    pub detail: String,
+}
+
+/// A problem (RFC 9457). `api/problems.md` explains each type.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ProblemDocument {
+    /// `/problems/` and the kind.
+    #[serde(rename = "type")]
+    pub problem_type: String,
+    /// The kind in words.
+    pub title: String,
+    /// HTTP status.
+    pub status: u16,
+    /// What happened here.
+    pub detail: String,
+    /// Finds the request in the log.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub request_id: Option<String>,
+    /// Values that are not allowed.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub errors: Vec<ProblemField>,
+    /// Further members, by kind.
+    #[serde(flatten)]
+    pub facts: Map<String, Value>,
+}
+
+impl From<&Fault> for ProblemDocument {
+    fn from(fault: &Fault) -> Self {
+        let (status, title) = status_and_title(fault.kind);
+        let field = |f: &FieldFault| ProblemField { pointer: f.pointer.clone(), detail: f.detail.clone() };
+        Self {
+            problem_type: format!("/problems/{}", fault.kind.slug()),
+            title: title.to_owned(),
+            status: status.as_u16(),
+            detail: fault.detail.clone(),
+            request_id: None,
+            errors: fault.errors.iter().map(field).collect(),
+            facts: fault.facts.clone(),
+        }
+    }
+}
+
+/// An error answer.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Problem(pub(super) Fault);
+
+impl Problem {
+    pub(super) fn new(kind: FaultKind, detail: impl Into<String>) -> Self {
+        Self(Fault::new(kind, detail))
+    }
+}
+
+impl From<Fault> for Problem {
+    fn from(fault: Fault) -> Self {
+        Self(fault)
+    }
+}
+
+impl From<StoreError> for Problem {
+    fn from(error: StoreError) -> Self {
+        Self(error.into())
+    }
+}
+
+impl From<Halt> for Problem {
+    fn from(halt: Halt) -> Self {
+        Self(halt.into())
+    }
+}
+
+impl IntoResponse for Problem {
+    fn into_response(self) -> Response {
+        let (status, _) = status_and_title(self.0.kind);
+        let mut document = ProblemDocument::from(&self.0);
+        document.request_id = request_id();
+        let body = serde_json::to_string(&document).unwrap_or_default();
+        let mut response = (status, [(header::CONTENT_TYPE, PROBLEM_JSON)], body).into_response();
+        if self.0.kind == FaultKind::Unauthenticated {
+            response.headers_mut().insert(header::WWW_AUTHENTICATE, HeaderValue::from_static("Bearer"));
+        }
+        for (kinds, seconds) in RETRY_AFTER {
+            if kinds.contains(&self.0.kind) {
+                response.headers_mut().insert(header::RETRY_AFTER, HeaderValue::from_static(seconds));
+            }
+        }
+        response
+    }
+}
+
+/// Status and title of each kind; no wildcard, so that a new kind must choose.
+pub(super) fn status_and_title(kind: FaultKind) -> (StatusCode, &'static str) {
+    use FaultKind as K;
+    use StatusCode as S;
+    match kind {
+        K::MalformedRequest => (S::BAD_REQUEST, "The request cannot be read"),
+        K::InvalidRequest => (S::UNPROCESSABLE_ENTITY, "Values of the request are not allowed"),
+        K::NotFound => (S::NOT_FOUND, "There is no such thing"),
+        K::Gone => (S::GONE, "It was deleted"),
+        K::MethodNotAllowed => (S::METHOD_NOT_ALLOWED, "The path does not take this method"),
+        K::NotAcceptable => (S::NOT_ACCEPTABLE, "No representation that is accepted"),
+        K::Timeout => (S::REQUEST_TIMEOUT, "The request took too long"),
+        K::WrongState => (S::CONFLICT, "It is in another state"),
+        K::MissingInput => (S::CONFLICT, "Something must be there first"),
+        K::Stale => (S::CONFLICT, "It was made from other inputs"),
+        K::TooLarge => (S::PAYLOAD_TOO_LARGE, "Longer than allowed"),
+        K::RangeNotSatisfiable => (S::RANGE_NOT_SATISFIABLE, "The result does not have that range"),
+        K::UnsupportedFormat => (S::UNSUPPORTED_MEDIA_TYPE, "The format is not read"),
+        K::IdempotencyMismatch => (S::UNPROCESSABLE_ENTITY, "The idempotency key belongs to another request"),
+        K::SurfaceNotUsable => (S::UNPROCESSABLE_ENTITY, "The surface is not usable"),
+        K::VolumeNotUsable => (S::UNPROCESSABLE_ENTITY, "The CT volume is not usable"),
+        K::AnatomyNotUsable => (S::UNPROCESSABLE_ENTITY, "Skin and skull do not fit together"),
+        K::FieldNotUsable => (S::UNPROCESSABLE_ENTITY, "No distance field can be built"),
+        K::MeshNotUsable => (S::UNPROCESSABLE_ENTITY, "No tissue mesh can be built"),
+        K::CutMissesBone => (S::UNPROCESSABLE_ENTITY, "A cut misses the bone"),
+        K::BoneNotParted => (S::UNPROCESSABLE_ENTITY, "The cuts do not part the bone"),
+        K::PlanNotUsable => (S::UNPROCESSABLE_ENTITY, "The bone paths are not usable"),
+        K::SceneNotUsable => (S::UNPROCESSABLE_ENTITY, "Mesh, bone and settings cannot be solved together"),
+        K::SolverNotConverged => (S::UNPROCESSABLE_ENTITY, "Equilibrium was not reached"),
+        K::SolverUnstable => (S::UNPROCESSABLE_ENTITY, "A material lost its stability"),
+        K::SolverInverted => (S::UNPROCESSABLE_ENTITY, "Tissue cannot follow the bone"),
+        K::SolverPenetration => (S::UNPROCESSABLE_ENTITY, "Tissue stayed inside bone"),
+        K::ComparisonNotUsable => (S::UNPROCESSABLE_ENTITY, "The surfaces cannot be compared"),
+        K::RegistrationFailed => (S::UNPROCESSABLE_ENTITY, "The surfaces cannot be registered"),
+        K::NoReference => (S::NOT_FOUND, "There is nothing to compare with"),
+        K::NotReady => (S::NOT_FOUND, "The result is not there yet"),
+        K::NotAvailable => (S::UNPROCESSABLE_ENTITY, "Not available in this version"),
+        K::ForeignHost => (S::MISDIRECTED_REQUEST, "The request is for another host"),
+        K::QueueFull => (S::SERVICE_UNAVAILABLE, "Too many jobs wait"),
+        K::TenantQueueFull => (S::TOO_MANY_REQUESTS, "Too many of your jobs wait"),
+        K::QuotaFull => (S::TOO_MANY_REQUESTS, "The session holds as much as it may"),
+        K::Busy => (S::TOO_MANY_REQUESTS, "Too many such requests at once"),
+        K::Unauthenticated => (S::UNAUTHORIZED, "Who sends this is not known"),
+        K::Forbidden => (S::FORBIDDEN, "The sender may not do this"),
+        K::ShuttingDown => (S::SERVICE_UNAVAILABLE, "The service is stopping"),
+        K::StoreUnavailable => (S::SERVICE_UNAVAILABLE, "The database or the bucket cannot be reached"),
+        K::StoreRefuses => (S::SERVICE_UNAVAILABLE, "The bucket refuses the service"),
+        K::StorageFull => (S::INSUFFICIENT_STORAGE, "The disk is full"),
+        K::DeadlineExceeded => (S::UNPROCESSABLE_ENTITY, "The job took longer than it may"),
+        K::JobInterrupted => (S::INTERNAL_SERVER_ERROR, "The service stopped too often while the job ran"),
+        K::Internal => (S::INTERNAL_SERVER_ERROR, "A fault of the service"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_type_has_a_section_in_problems_md_and_no_section_is_left_over() {
+        let text = include_str!("../../../api/problems.md");
+        for kind in FaultKind::ALL {
+            let (status, title) = status_and_title(*kind);
+            let heading = format!("## {}\n\n{}: {title}.", kind.slug(), status.as_u16());
+            assert!(text.contains(&heading), "api/problems.md lacks:\n{heading}");
+        }
+        let sections = text.lines().filter(|l| l.starts_with("## ")).count();
+        assert_eq!(sections, FaultKind::ALL.len());
+    }
+}

@@ -1,0 +1,261 @@
+use std::time::Duration;
+
+use axum::extract::State;
+use axum::http::{HeaderMap, HeaderValue, header};
+use axum::response::Response;
+use serde::Deserialize;
+use utoipa::{IntoParams, ToSchema};
+
+use super::accepted::{accepted, store_order, stored};
+use crate::http::auth::Principal;
+use crate::http::dto::{CheckedCompare, CompareRequest, CompareView, JobView, finite};
+use crate::http::extract::{Ids, Params, Repeatable, mark_replayed};
+use crate::http::result::{tag_of, tagged};
+use crate::http::surface_format::SurfaceOutput;
+use crate::http::{AppState, Problem};
+use crate::jobs::{CompareRecord, Compared, NamedSurface, Order, SurfaceSource, named_surface, read_comparison};
+use crate::session::{Fault, FaultKind, error_sheet};
+use prosopon_formats::export::SurfaceView;
+use prosopon_store::{AnswerRecord, JobId, JobKind, JobRecord, JobState, SessionId};
+
+/// A comparison that is done by then is the answer; others are jobs.
+const PATIENCE: Duration = Duration::from_millis(900);
+/// Longest wait that a client may ask for.
+const MOST_PATIENCE_S: u64 = 60;
+
+/// Form of a comparison.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub(in crate::http) enum CompareForm {
+    /// Statistics.
+    Json,
+    /// A sheet with the map from all sides.
+    Png,
+    /// Binary glTF 2.0 of the prediction with `error_mm`.
+    Glb,
+    /// Binary PLY of it.
+    Ply,
+    /// VTK polygons of it.
+    Vtp,
+}
+
+/// Which form to send.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(in crate::http) struct CompareQuery {
+    /// Form; else JSON.
+    #[param(inline)]
+    format: Option<CompareForm>,
+}
+
+/// Which form of a comparison to send.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(in crate::http) struct ComparisonQuery {
+    /// Form; else JSON.
+    #[param(inline)]
+    format: Option<CompareForm>,
+    /// Whether the JSON has the value of every vertex.
+    values: Option<bool>,
+}
+
+/// Compare two stored surfaces
+///
+/// Signed error of one against the other, after rigid registration where asked for: statistics, a picture, or the surface with the error
+/// of every vertex, which stays in the prediction's frame. It is a `compare` job of the prediction's session: what is done within a second
+/// is answered with 200, else 202 names the job, whose `comparison` link has the result. `Prefer: wait=N` waits longer (at most 60 s),
+/// `Prefer: respond-async` not at all. A repeated `Idempotency-Key` asks how that job stands now.
+#[utoipa::path(post, path = "/v1/compare", tag = "results", request_body = CompareRequest,
+    params(CompareQuery, ("Prefer" = Option<String>, Header)),
+    responses((status = 200, description = "the error map", headers(("Content-Location" = String)), content(
+        (CompareView = "application/json"), (Vec<u8> = "image/png"), (Vec<u8> = "model/gltf-binary"),
+        (Vec<u8> = "application/ply"), (Vec<u8> = "application/vnd.vtk.vtp"))),
+        (status = 202, description = "the job", body = JobView, headers(("Location" = String), ("Retry-After" = u32)))))]
+pub(in crate::http) async fn compare(
+    State(state): State<AppState>,
+    principal: Principal,
+    Params(query): Params<CompareQuery>,
+    headers: HeaderMap,
+    Repeatable { creating, earlier }: Repeatable<CompareRequest>,
+) -> Result<Response, Problem> {
+    let (request, answering) = creating.split();
+    let checked = request.check()?;
+    let values = checked.values;
+    let job = match &earlier {
+        Some(answer) => named_job(answer)?,
+        None => {
+            let (record, order) = order(&state, &principal, checked).await?;
+            let order = Order { request: stored(&record)?, ..order };
+            store_order(&state, order, Some(&answering)).await?.record.id
+        }
+    };
+    let mut response = answer(&state, job, patience(&headers), query.format, values).await?;
+    if earlier.is_some() {
+        mark_replayed(response.headers_mut());
+    }
+    Ok(response)
+}
+
+/// The result of a comparison that ends in time, else where to look for it.
+async fn answer(
+    state: &AppState,
+    job: JobId,
+    patience: Duration,
+    form: Option<CompareForm>,
+    values: bool,
+) -> Result<Response, Problem> {
+    let status = state.service.wait(job, patience).await?;
+    match status.record.state {
+        JobState::Succeeded => {
+            let form = form.unwrap_or(CompareForm::Json);
+            let mut response = send(state, &status.record, form, values, &HeaderMap::new()).await?;
+            if let Ok(location) = HeaderValue::from_str(&format!("/v1/jobs/{job}/comparison")) {
+                response.headers_mut().insert(header::CONTENT_LOCATION, location);
+            }
+            Ok(response)
+        }
+        JobState::Failed => Err(failure(&status.record)),
+        JobState::Accepted | JobState::Running | JobState::Cancelled | JobState::Interrupted => {
+            Ok(accepted(&JobView::from(&status)))
+        }
+    }
+}
+
+/// The job that an earlier answer names.
+fn named_job(answer: &AnswerRecord) -> Result<JobId, Problem> {
+    let id = answer.location.as_deref().and_then(|location| location.rsplit('/').next()?.parse().ok());
+    id.ok_or_else(|| {
+        tracing::error!("a stored answer to a comparison names no job");
+        Problem::new(FaultKind::Internal, "a stored answer cannot be read; the log says more")
+    })
+}
+
+/// What a comparison found
+///
+/// As `POST /v1/compare` answers it.
+#[utoipa::path(get, path = "/v1/jobs/{job}/comparison", tag = "results", params(("job" = Uuid, Path), ComparisonQuery),
+    responses((status = 200, description = "the error map", content(
+        (CompareView = "application/json"), (Vec<u8> = "image/png"), (Vec<u8> = "model/gltf-binary"),
+        (Vec<u8> = "application/ply"), (Vec<u8> = "application/vnd.vtk.vtp"))),
+        (status = 304, description = "as known")))]
+pub(in crate::http) async fn comparison(
+    State(state): State<AppState>,
+    Ids(job): Ids<JobId>,
+    Params(query): Params<ComparisonQuery>,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let job = state.service.job(job).await?;
+    if job.kind == JobKind::Compare && job.state == JobState::Failed {
+        return Err(failure(&job));
+    }
+    send(&state, &job, query.format.unwrap_or(CompareForm::Json), query.values.unwrap_or(false), &headers).await
+}
+
+/// What is to be stored, once both surfaces are there and the sender's.
+async fn order(
+    state: &AppState,
+    principal: &Principal,
+    checked: CheckedCompare,
+) -> Result<(CompareRecord, Order), Problem> {
+    let CheckedCompare { prediction, reference, mask, exclude, exclude_eyes, register, .. } = checked;
+    let predicted = own_surface(state, principal, prediction).await?;
+    let compared_with = own_surface(state, principal, reference).await?;
+    let record = CompareRecord {
+        prediction,
+        reference,
+        keys: [predicted.key, compared_with.key],
+        mask: (&mask).into(),
+        exclude: exclude.iter().map(Into::into).collect(),
+        exclude_eyes,
+        register: register.as_ref().map(Into::into),
+    };
+    let other_session = Some(compared_with.session).filter(|other| *other != predicted.session);
+    Ok((record, Order { other_session, ..Order::new(predicted.session, JobKind::Compare, String::new()) }))
+}
+
+/// What the body names, if it is the sender's: else it is not there.
+async fn own_surface(state: &AppState, principal: &Principal, source: SurfaceSource) -> Result<NamedSurface, Problem> {
+    let own = |session: SessionId| async move {
+        match state.service.store().owner(&session.to_string()).await? {
+            Some(owner) if owner.tenant != principal.tenant => {
+                Err(Problem::new(FaultKind::NotFound, format!("there is no session {session}")))
+            }
+            _ => Ok(()),
+        }
+    };
+    match source {
+        SurfaceSource::Step(job, _) => _ = state.service.job_of(&principal.tenant, job).await?,
+        SurfaceSource::Skin(session) | SurfaceSource::Skull(session) | SurfaceSource::Target(session) => {
+            own(session).await?;
+        }
+    }
+    Ok(named_surface(&state.service, source).await?)
+}
+
+/// How long the client waits for a comparison, by its `Prefer` header (RFC 7240).
+fn patience(headers: &HeaderMap) -> Duration {
+    let mut patience = PATIENCE;
+    for preference in headers.get_all("prefer").iter().filter_map(|p| p.to_str().ok()).flat_map(|p| p.split([',', ';']))
+    {
+        let preference = preference.trim();
+        if preference.eq_ignore_ascii_case("respond-async") {
+            return Duration::ZERO;
+        }
+        if let Some(seconds) = preference.strip_prefix("wait=").and_then(|s| s.parse::<u64>().ok()) {
+            patience = Duration::from_secs(seconds.min(MOST_PATIENCE_S));
+        }
+    }
+    patience
+}
+
+/// The problem that a failed job has stored.
+fn failure(job: &JobRecord) -> Problem {
+    let fault = job.fault.as_deref().and_then(|f| serde_json::from_str::<Fault>(f).ok());
+    fault.map_or_else(|| Problem::new(FaultKind::Internal, "the comparison failed; the log says more"), Problem::from)
+}
+
+async fn send(
+    state: &AppState,
+    job: &JobRecord,
+    form: CompareForm,
+    values: bool,
+    headers: &HeaderMap,
+) -> Result<Response, Problem> {
+    let compared = read_comparison(&state.service, job).await?;
+    let tag = tag_of(&[&job.id.to_string(), &format!("{form:?}"), &values.to_string()]);
+    let format = match form {
+        CompareForm::Json => {
+            let text = serde_json::to_vec(&view(compared, values))
+                .map_err(|_| Problem::new(FaultKind::Internal, "the comparison cannot be written"))?;
+            return tagged(headers, &tag, "application/json", text.into());
+        }
+        CompareForm::Png => {
+            let sheet = move |_: &dyn crate::session::Engine, _: &prosopon_geometry::control::Control| {
+                Ok(error_sheet(&compared.mesh, &compared.error_mm, &compared.document))
+            };
+            return tagged(headers, &tag, "image/png", state.service.compute(sheet).await?.into());
+        }
+        CompareForm::Glb => SurfaceOutput::Glb,
+        CompareForm::Ply => SurfaceOutput::Ply,
+        CompareForm::Vtp => SurfaceOutput::Vtp,
+    };
+    let bytes = state.service.compute(move |_, _| Ok(write(&compared, format))).await?;
+    tagged(headers, &tag, format.media_type(), bytes.into())
+}
+
+fn view(compared: Compared, values: bool) -> CompareView {
+    let Compared { document, error_mm, correspondence_mm, .. } = compared;
+    CompareView {
+        content: document,
+        values_mm: values.then(|| finite(error_mm)),
+        correspondence_mm: correspondence_mm.filter(|_| values).map(finite),
+    }
+}
+
+fn write(compared: &Compared, format: SurfaceOutput) -> Vec<u8> {
+    let mut scalars = vec![("error_mm", compared.error_mm.as_slice())];
+    scalars.extend(compared.correspondence_mm.as_deref().map(|c| ("correspondence_mm", c)));
+    format.write(&SurfaceView { mesh: &compared.mesh, scalars: &scalars, colours: None })
+}

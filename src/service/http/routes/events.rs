@@ -1,0 +1,112 @@
+use std::convert::Infallible;
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::body::Body;
+use axum::extract::State;
+use axum::http::{HeaderMap, StatusCode, header};
+use axum::response::sse::{Event, KeepAlive, Sse};
+use axum::response::{IntoResponse, Response};
+use futures::{Stream, StreamExt, stream};
+use uuid::Uuid;
+
+use crate::http::dto::render_event;
+use crate::http::extract::Ids;
+use crate::http::{AppState, Problem};
+use crate::jobs::EventFeed;
+use crate::session::FaultKind;
+use prosopon_store::{EventRecord, JobId};
+
+/// A client that was cut off comes back after this and up to as long again, so that not all come at once.
+const RETRY: Duration = Duration::from_millis(1500);
+
+/// What a stream carries.
+#[derive(Debug)]
+enum Told {
+    Event(EventRecord),
+    /// Nothing happened for a while; the number of the last event.
+    Heartbeat(u64),
+}
+
+/// Follow a job
+///
+/// Server-Sent Events `status`, `progress`, `step`, `warning`, `end`; ids count up and Last-Event-ID replays from there. A job that is deleted with
+/// its session ends as `cancelled` with the problem `gone`. `resync` comes
+/// first where events after the given id are not kept any more: the job's status says what was missed. Silence is broken by comments.
+/// With `Accept: application/x-ndjson` the same as lines `{id, event, data}`, and lines with the event `heartbeat`. 204 when nothing
+/// comes after the given id.
+#[utoipa::path(get, path = "/v1/jobs/{job}/events", tag = "jobs",
+    params(("job" = Uuid, Path), ("Last-Event-ID" = Option<u64>, Header)),
+    responses((status = 200, description = "events", content(
+        (String = "text/event-stream"), (String = "application/x-ndjson"))),
+        (status = 204, description = "the job has ended and all was sent")))]
+pub(in crate::http) async fn events(
+    State(state): State<AppState>,
+    Ids(id): Ids<JobId>,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let events = EventFeed::open(Arc::clone(&state.service), id, last_event_id(&headers)?).await?;
+    if events.is_spent() {
+        return Ok(StatusCode::NO_CONTENT.into_response());
+    }
+    let heartbeat = state.limits.heartbeat;
+    if headers.get(header::ACCEPT).is_some_and(|a| a == "application/x-ndjson") {
+        let lines = told(events, Some(heartbeat)).map(move |told| Ok::<_, Infallible>(line(id, &told)));
+        let headers = [(header::CONTENT_TYPE, "application/x-ndjson"), (header::CACHE_CONTROL, "no-store")];
+        return Ok((headers, Body::from_stream(lines)).into_response());
+    }
+    let first = stream::once(async { Ok::<_, Infallible>(Event::default().retry(retry())) });
+    let events = first.chain(told(events, None).map(move |told| Ok(sse(id, told))));
+    Ok(Sse::new(events).keep_alive(KeepAlive::new().interval(heartbeat)).into_response())
+}
+
+fn line(job: JobId, told: &Told) -> String {
+    let line = match told {
+        Told::Event(event) => {
+            serde_json::json!({ "id": event.seq, "event": event.kind, "data": render_event(job, event) })
+        }
+        Told::Heartbeat(last) => serde_json::json!({ "id": last, "event": "heartbeat", "data": {} }),
+    };
+    format!("{line}\n")
+}
+
+fn sse(job: JobId, told: Told) -> Event {
+    match told {
+        Told::Event(event) => {
+            let data = render_event(job, &event).to_string();
+            Event::default().id(event.seq.to_string()).event(event.kind).data(data)
+        }
+        Told::Heartbeat(_) => Event::default().comment(""),
+    }
+}
+
+fn retry() -> Duration {
+    let most = RETRY.as_millis();
+    RETRY + Duration::from_millis(u64::try_from(Uuid::new_v4().as_u128() % most.max(1)).unwrap_or(0))
+}
+
+fn last_event_id(headers: &HeaderMap) -> Result<u64, Problem> {
+    let Some(value) = headers.get("last-event-id") else { return Ok(0) };
+    // As far as the store counts.
+    let number = value.to_str().ok().and_then(|v| v.parse().ok()).filter(|n| *n <= i64::MAX.unsigned_abs());
+    number.ok_or_else(|| Problem::new(FaultKind::MalformedRequest, "Last-Event-ID must be a number"))
+}
+
+/// Events one by one, and heartbeats after a silence of that length; ends when the feed ends or fails (the log says why).
+fn told(feed: EventFeed, heartbeat: Option<Duration>) -> impl Stream<Item = Told> + Send {
+    stream::unfold(feed, move |mut feed| async move {
+        let batch = match heartbeat {
+            Some(silence) => match tokio::time::timeout(silence, feed.next()).await {
+                Ok(batch) => batch.unwrap_or_default(),
+                Err(_) => {
+                    let beat = vec![Told::Heartbeat(feed.last())];
+                    return Some((stream::iter(beat), feed));
+                }
+            },
+            None => feed.next().await.unwrap_or_default(),
+        };
+        let told: Vec<Told> = batch.into_iter().map(Told::Event).collect();
+        (!told.is_empty()).then_some((stream::iter(told), feed))
+    })
+    .flatten()
+}

@@ -1,0 +1,122 @@
+use axum::Json;
+use axum::extract::State;
+use axum::http::header;
+use axum::response::{IntoResponse, Response};
+use serde::Deserialize;
+use utoipa::ToSchema;
+
+use super::accepted::accept;
+use crate::http::dto::{FieldView, JobView, PointQuery, PointValues, PutFieldSettings, SliceQuery, view_of};
+use crate::http::extract::{Body, Creating, Ids, Params};
+use crate::http::{AppState, Problem};
+use crate::jobs::{FieldRequest, field_slice};
+use crate::session::{FieldSettingsDocument, SessionParts};
+use prosopon_store::{JobFilter, JobKind, PartKind, PartRecord, SessionId, now_rfc3339, sha256_hex};
+
+/// Nothing to say.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(in crate::http) struct Nothing {}
+
+/// Set how the fields are built
+///
+/// Takes effect with the next build; a field that was built before is stale then.
+#[utoipa::path(put, path = "/v1/sessions/{session}/field/settings", tag = "field", params(("session" = Uuid, Path)),
+    request_body = PutFieldSettings,
+    responses((status = 200, description = "all settings", body = FieldSettingsDocument)))]
+pub(in crate::http) async fn put_settings(
+    State(state): State<AppState>,
+    Ids(session): Ids<SessionId>,
+    Body(request): Body<PutFieldSettings>,
+) -> Result<Json<FieldSettingsDocument>, Problem> {
+    SessionParts::load(state.service.store(), session).await?;
+    let settings = FieldSettingsDocument::try_from(request)?;
+    let document = serde_json::to_string(&settings).unwrap_or_default();
+    let part = PartRecord {
+        kind: PartKind::FieldSettings,
+        key: sha256_hex(document.as_bytes()),
+        blob: None,
+        bytes: document.len() as u64,
+        wall_s: 0.0,
+        document,
+        updated_at: now_rfc3339(),
+    };
+    state.service.store().put_parts(session, &[part]).await?;
+    Ok(Json(settings))
+}
+
+/// Build the distance fields
+///
+/// Of skin and bone; a `field` job.
+#[utoipa::path(post, path = "/v1/sessions/{session}/field", tag = "field", params(("session" = Uuid, Path)),
+    request_body(content = Option<Nothing>, description = "may be absent"),
+    responses((status = 202, description = "the job", body = JobView, headers(("Location" = String), ("Retry-After" = u32)))))]
+pub(in crate::http) async fn build(
+    State(state): State<AppState>,
+    Ids(session): Ids<SessionId>,
+    creating: Creating<Nothing>,
+) -> Result<Response, Problem> {
+    let (Nothing {}, answering) = creating.split();
+    let parts = SessionParts::load(state.service.store(), session).await?;
+    parts.require_nested()?;
+    let request = FieldRequest { settings: parts.field_settings()?, key: parts.field_key()? };
+    accept(&state, session, JobKind::Field, &request, Some(&answering)).await
+}
+
+/// The distance fields
+///
+/// State, settings, and memory, cells and measured error of the last build.
+#[utoipa::path(get, path = "/v1/sessions/{session}/field", tag = "field", params(("session" = Uuid, Path)),
+    responses((status = 200, description = "the fields", body = FieldView)))]
+pub(in crate::http) async fn get(
+    State(state): State<AppState>,
+    Ids(session): Ids<SessionId>,
+) -> Result<Json<FieldView>, Problem> {
+    let parts = SessionParts::load(state.service.store(), session).await?;
+    let filter = JobFilter { session: Some(session), limit: 100, ..JobFilter::default() };
+    let jobs = state.service.store().jobs(&filter).await?;
+    let report = parts.get(PartKind::Field).and_then(|p| serde_json::from_str(&p.document).ok());
+    Ok(Json(FieldView { part: view_of(PartKind::Field, &parts, &jobs), settings: parts.field_settings()?, report }))
+}
+
+/// A picture of a slice
+///
+/// Blue inside, red outside, black at the surface; PNG.
+#[utoipa::path(get, path = "/v1/sessions/{session}/field/slice.png", tag = "field",
+    params(("session" = Uuid, Path), SliceQuery),
+    responses((status = 200, description = "the picture", body = Vec<u8>, content_type = "image/png")))]
+pub(in crate::http) async fn slice(
+    State(state): State<AppState>,
+    Ids(session): Ids<SessionId>,
+    Params(query): Params<SliceQuery>,
+) -> Result<Response, Problem> {
+    let (solid, axis, offset_mm) = query.check()?;
+    let parts = SessionParts::load(state.service.store(), session).await?;
+    parts.require_field()?;
+    let case = parts.case(state.service.store()).await?;
+    let png = field_slice(&state.service, case, solid, axis, offset_mm).await?;
+    Ok(([(header::CONTENT_TYPE, "image/png")], png).into_response())
+}
+
+/// Distances, gradients and closest points
+///
+/// The sign is that of the winding number.
+#[utoipa::path(post, path = "/v1/sessions/{session}/field/query", tag = "field", params(("session" = Uuid, Path)),
+    request_body = PointQuery, responses((status = 200, description = "in order", body = PointValues)))]
+pub(in crate::http) async fn query(
+    State(state): State<AppState>,
+    Ids(session): Ids<SessionId>,
+    Body(request): Body<PointQuery>,
+) -> Result<Json<PointValues>, Problem> {
+    let (solid, points) = request.check()?;
+    let parts = SessionParts::load(state.service.store(), session).await?;
+    parts.require_field()?;
+    let case = parts.case(state.service.store()).await?;
+    let values = state.service.compute(move |engine, control| engine.nearest(&case, solid, &points, control)).await?;
+    Ok(Json(PointValues {
+        distances_mm: values.iter().map(|v| v.distance).collect(),
+        gradients: values.iter().map(|v| v.gradient.into()).collect(),
+        closest_points_mm: values.iter().map(|v| v.closest.into()).collect(),
+        triangles: values.iter().map(|v| v.triangle).collect(),
+    }))
+}

@@ -1,0 +1,192 @@
+use axum::Json;
+use axum::body::Body;
+use axum::extract::State;
+use axum::http::{HeaderMap, header};
+use axum::response::Response;
+use serde::Deserialize;
+use utoipa::{IntoParams, ToSchema};
+
+use super::accepted::accept;
+use super::results::send_surface;
+use crate::http::dto::{CtQuery, JobView, import_request};
+use crate::http::extract::{Ids, Params};
+use crate::http::result::{tag_of, tagged};
+use crate::http::surface_format::SurfaceOutput;
+use crate::http::upload::receive;
+use crate::http::{AppState, Problem};
+use crate::jobs::{CtScan, take_ct, take_surface};
+use crate::session::{FaultKind, SessionParts, SurfaceDocument, load_mesh};
+use prosopon_formats::export::SurfaceView;
+use prosopon_formats::import::SurfaceFormat;
+use prosopon_store::{JobKind, PartKind, SessionId};
+
+/// Times that an input is looked up again when it is replaced before it is read.
+const SEND_TRIES: usize = 4;
+
+/// Format of a stored input.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub(in crate::http) enum InputOutput {
+    /// Binary glTF 2.0.
+    Glb,
+    /// Binary PLY.
+    Ply,
+    /// Binary STL.
+    Stl,
+    /// The surface report.
+    Json,
+}
+
+/// Which format to send.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(in crate::http) struct InputQuery {
+    /// Format; else Accept chooses, else GLB. `json` is the surface report.
+    #[param(inline)]
+    format: Option<InputOutput>,
+}
+
+/// Upload a CT
+///
+/// A DICOM series as a zip archive, NIfTI (plain or gzipped), NRRD (header attached, raw or gzip) or MetaImage (`.mha`, or `.mhd` and its
+/// voxels in a zip archive). Streams to disk; an `import` job takes skin, skull and air from it.
+///
+/// DICOM files may be in any order and encoding (implicit, explicit, big endian, deflated, RLE, JPEG, JPEG lossless, JPEG-LS,
+/// JPEG 2000). Of them only the voxels and where they lie are kept, before the answer; of anything that names a patient, nothing.
+/// Oblique and sheared (gantry tilt) stacks are taken as they lie; uneven slices are interpolated up to `max_step_mm` and
+/// refused beyond, with the list of steps.
+#[utoipa::path(put, path = "/v1/sessions/{session}/ct", tag = "inputs",
+    params(("session" = Uuid, Path), CtQuery),
+    request_body(content = Vec<u8>, content_type = "application/octet-stream"),
+    responses((status = 202, description = "the import job", body = JobView, headers(("Location" = String), ("Retry-After" = u32)))))]
+pub(in crate::http) async fn put_ct(
+    State(state): State<AppState>,
+    Ids(session): Ids<SessionId>,
+    Params(query): Params<CtQuery>,
+    headers: HeaderMap,
+    body: Body,
+) -> Result<Response, Problem> {
+    let store = state.service.store();
+    SessionParts::load(store, session).await?;
+    let (settings, reading) = query.check()?;
+    let scan = CtScan::new(&state.service);
+    let upload = receive(store, session, &headers, body, state.limits.max_ct_bytes, &state.limits, Some(scan)).await?;
+    let part = take_ct(&state.service, session, upload, reading).await?;
+    let key = part.key.clone();
+    // A job may be reading the same CT: then its file stays.
+    match store.part(session, PartKind::Ct).await? {
+        Some(ct) if ct.key == key && ct.document == part.document => {
+            store.blobs().delete(part.blob.as_deref().unwrap_or_default()).await;
+        }
+        _ => store.put_parts(session, &[part]).await?,
+    }
+    accept(&state, session, JobKind::Import, &import_request(&settings, key), None).await
+}
+
+pub(super) async fn put(
+    state: &AppState,
+    session: SessionId,
+    kind: PartKind,
+    headers: &HeaderMap,
+    body: Body,
+) -> Result<Json<SurfaceDocument>, Problem> {
+    let store = state.service.store();
+    SessionParts::load(store, session).await?;
+    let upload = receive(store, session, headers, body, state.limits.max_surface_bytes, &state.limits, None).await?;
+    Ok(Json(take_surface(&state.service, session, kind, upload, named_format(headers)).await?))
+}
+
+/// The format that Content-Type names, for files that do not show what they are.
+fn named_format(headers: &HeaderMap) -> Option<SurfaceFormat> {
+    let name = headers.get(header::CONTENT_TYPE)?.to_str().ok()?;
+    match name.split(';').next()?.trim() {
+        "model/stl" | "model/x.stl-binary" | "model/x.stl-ascii" | "application/sla" => Some(SurfaceFormat::Stl),
+        "model/ply" | "application/ply" | "application/x-ply" => Some(SurfaceFormat::Ply),
+        "model/obj" => Some(SurfaceFormat::Obj),
+        "application/vnd.vtk.polydata+xml" | "model/vtp" => Some(SurfaceFormat::Vtp),
+        _ => None,
+    }
+}
+
+/// Sends an input as it is at one moment: a client that replaces it meanwhile takes its file away.
+pub(super) async fn send(
+    state: &AppState,
+    session: SessionId,
+    kind: PartKind,
+    query: &InputQuery,
+    headers: &HeaderMap,
+) -> Result<Response, Problem> {
+    for _ in 0..SEND_TRIES {
+        match send_present(state, session, kind, query, headers).await {
+            Err(Problem(fault)) if fault.kind == FaultKind::WrongState => {}
+            sent_or_refused => return sent_or_refused,
+        }
+    }
+    send_present(state, session, kind, query, headers).await
+}
+
+async fn send_present(
+    state: &AppState,
+    session: SessionId,
+    kind: PartKind,
+    query: &InputQuery,
+    headers: &HeaderMap,
+) -> Result<Response, Problem> {
+    let parts = SessionParts::load(state.service.store(), session).await?;
+    let part = parts.require(kind)?.clone();
+    let format = match query.format {
+        Some(InputOutput::Json) => {
+            let tag = tag_of(&[&part.key, "report"]);
+            return tagged(headers, &tag, "application/json", part.document.into());
+        }
+        Some(InputOutput::Glb) => SurfaceOutput::Glb,
+        Some(InputOutput::Ply) => SurfaceOutput::Ply,
+        Some(InputOutput::Stl) => SurfaceOutput::Stl,
+        None => SurfaceOutput::choose(None, headers)?,
+    };
+    let store = state.service.store().clone();
+    let key = part.key.clone();
+    send_surface(state, headers, format, &[&key], async move {
+        let mesh = load_mesh(&store, &part).await?;
+        Ok(move || format.write(&SurfaceView { mesh: &mesh, scalars: &[], colours: None }))
+    })
+    .await
+}
+
+macro_rules! surface_routes {
+    ($get:ident, $put:ident, $kind:expr, $path:literal, $what:literal) => {
+        #[doc = concat!("Sends the ", $what, ".")]
+        #[utoipa::path(get, path = $path, tag = "inputs", summary = concat!("The ", $what), description = "As it is stored now.", params(("session" = Uuid, Path), InputQuery),
+                            responses((status = 200, description = "the surface, or its report", content(
+                                (Vec<u8> = "model/gltf-binary"), (Vec<u8> = "application/ply"), (Vec<u8> = "model/stl"),
+                                (SurfaceDocument = "application/json"))), (status = 304, description = "as known")))]
+        pub(in crate::http) async fn $get(
+            State(state): State<AppState>,
+            Ids(session): Ids<SessionId>,
+            Params(query): Params<InputQuery>,
+            headers: HeaderMap,
+        ) -> Result<Response, Problem> {
+            send(&state, session, $kind, &query, &headers).await
+        }
+
+        #[doc = concat!("Takes the ", $what, ".")]
+        #[utoipa::path(put, path = $path, tag = "inputs", summary = concat!("Upload the ", $what),
+            description = "STL, PLY, OBJ or VTP, LPS mm. Streams to disk; takes the place of the one before. The bytes show the \
+                format; where they do not, Content-Type (`model/stl`, `model/ply`, `model/obj`, `model/vtp`) says it.", params(("session" = Uuid, Path)),
+                            request_body(content = Vec<u8>, content_type = "application/octet-stream"),
+                            responses((status = 200, description = "the surface report", body = SurfaceDocument)))]
+        pub(in crate::http) async fn $put(
+            State(state): State<AppState>,
+            Ids(session): Ids<SessionId>,
+            headers: HeaderMap,
+            body: Body,
+        ) -> Result<Json<SurfaceDocument>, Problem> {
+            put(&state, session, $kind, &headers, body).await
+        }
+    };
+}
+
+surface_routes!(get_skin, put_skin, PartKind::Skin, "/v1/sessions/{session}/skin", "skin");
+surface_routes!(get_skull, put_skull, PartKind::Skull, "/v1/sessions/{session}/skull", "skull");
+surface_routes!(get_target, put_target, PartKind::Target, "/v1/sessions/{session}/target", "post-operative skin");

@@ -1,0 +1,241 @@
+use std::time::Duration;
+
+use axum::Json;
+use axum::extract::State;
+use axum::http::StatusCode;
+use axum::response::Response;
+use serde::Deserialize;
+use utoipa::IntoParams;
+use uuid::Uuid;
+
+use super::accepted::{accept_order, stored};
+use super::osteotomies::fresh_osteotomy;
+use super::plans;
+use super::warm_start::begin_at;
+use crate::http::auth::Principal;
+use crate::http::dto::{CheckedJob, CreateJob, JobList, JobView, SessionSettings};
+use crate::http::extract::{Creating, Ids, Params, page_length, short_number};
+use crate::http::{AppState, Problem};
+use crate::jobs::{Order, PhysicsRecord, SceneRequest, SolveRequest};
+use crate::session::{Fault, FaultKind, SessionParts, TissueDocument};
+use prosopon_store::{JobFilter, JobId, JobKind, JobState, PartKind, SessionId};
+
+/// Longest long poll, s.
+const MAX_WAIT_S: f64 = 60.0;
+
+/// Which jobs to list.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(in crate::http) struct Page {
+    /// Only of this session.
+    session: Option<Uuid>,
+    /// Only with this status.
+    status: Option<String>,
+    /// Only those made before this one.
+    before: Option<Uuid>,
+    /// At most so many, 1 to 100; 20 when absent.
+    #[param(minimum = 1, maximum = 100)]
+    limit: Option<u32>,
+}
+
+/// How long to wait.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(in crate::http) struct Wait {
+    /// Answer when the job has ended, or after so many seconds (at most 60).
+    wait_s: Option<f64>,
+}
+
+/// Solve
+///
+/// Moves the bone along a plan; a `solve` job with streamed steps. Needs fields and mesh, or the session's ready `tissue`.
+#[utoipa::path(post, path = "/v1/sessions/{session}/jobs", tag = "jobs", params(("session" = Uuid, Path)),
+    request_body = CreateJob,
+    responses((status = 202, description = "the job", body = JobView, headers(("Location" = String), ("Retry-After" = u32)))))]
+pub(in crate::http) async fn create(
+    State(state): State<AppState>,
+    principal: Principal,
+    Ids(session): Ids<SessionId>,
+    creating: Creating<CreateJob>,
+) -> Result<Response, Problem> {
+    let (request, answering) = creating.split();
+    let parts = SessionParts::load(state.service.store(), session).await?;
+    check_painted(&request, &parts)?;
+    let defaults = session_settings(&state, session).await?;
+    let checked = request.check(&defaults, state.service.settings().max_wall)?;
+    let order = |steps: u32, content: String| Order {
+        steps,
+        subject: Some(request.plan.to_string()),
+        supersede: request.supersede,
+        max_wall_s: request.max_wall_s,
+        ..Order::new(session, JobKind::Solve, content)
+    };
+    if let Some(ready) = parts.tissue()? {
+        let scene = scene(&state, &parts, session, &request, checked, ready).await?;
+        return accept_order(&state, order(scene.steps, stored(&scene)?), Some(&answering)).await;
+    }
+    let mesh = parts.require_mesh()?;
+    let plan = plans::find(&state, session, request.plan.into()).await.map_err(|p| in_body(p, "/plan"))?;
+    let Some(osteotomy) = plan.osteotomy else {
+        // Its tissue mesh was taken away.
+        return Err(parts.require_tissue("the plan moves segments of a tissue mesh: PUT it again").err().map_or_else(
+            || Problem::new(FaultKind::Internal, "the tissue mesh came back meanwhile; send the request again"),
+            Problem::from,
+        ));
+    };
+    let (osteotomy, bone) = fresh_osteotomy(&state, &parts, session, osteotomy, "/plan").await?;
+    let reference_job = request.reference_job.map(JobId::from);
+    if let Some(id) = reference_job {
+        check_reference(&state, &principal, id).await?;
+    }
+    let solve = SolveRequest {
+        plan_id: plan.id,
+        osteotomy_id: osteotomy.id,
+        plan: plans::content(&plan)?,
+        cuts: bone.cuts,
+        cut_warnings: bone.warnings,
+        cut_s: osteotomy.wall_s,
+        mesh_key: parts.mesh_key(&mesh.settings, mesh.cuts.as_deref())?,
+        mesh,
+        physics: checked.physics,
+        steps: checked.steps,
+        attachment: checked.attachment,
+        error_maps: checked.error_maps,
+        tissue: checked.tissue,
+        reference_job,
+        target: parts.get(PartKind::Target).map(|target| target.key.clone()),
+        warm_start: None,
+    };
+    let solve = match request.warm_start {
+        Some(id) => begin_at(&state, &principal, session, id.into(), solve).await?,
+        None => solve,
+    };
+    accept_order(&state, order(solve.steps, stored(&solve)?), Some(&answering)).await
+}
+
+/// Painted vertices must be those of the skull that is there now.
+fn check_painted(request: &CreateJob, parts: &SessionParts) -> Result<(), Problem> {
+    let classes = request.attachment.as_ref().and_then(|a| a.skull_classes.as_ref());
+    let (Some(classes), Some(needed)) = (classes, parts.skull_vertices()?) else { return Ok(()) };
+    if classes.len() == needed {
+        return Ok(());
+    }
+    let detail = format!("has {} classes, the skull has {needed} vertices", classes.len());
+    Err(Fault::new(FaultKind::InvalidRequest, detail).at("/attachment/skull_classes").into())
+}
+
+/// Defaults of a session's jobs.
+pub(super) async fn session_settings(state: &AppState, session: SessionId) -> Result<SessionSettings, Problem> {
+    let settings = state.service.store().session(session).await?.map(|s| s.settings).unwrap_or_default();
+    Ok(serde_json::from_str(&settings).unwrap_or_default())
+}
+
+/// A solve on the session's ready mesh.
+async fn scene(
+    state: &AppState,
+    parts: &SessionParts,
+    session: SessionId,
+    request: &CreateJob,
+    checked: CheckedJob,
+    ready: TissueDocument,
+) -> Result<SceneRequest, Problem> {
+    request.check_scene()?;
+    let plan = plans::find(state, session, request.plan.into()).await.map_err(|p| in_body(p, "/plan"))?;
+    let bone = match plan.osteotomy {
+        Some(osteotomy) => Some(fresh_osteotomy(state, parts, session, osteotomy, "/plan").await?.1),
+        None => None,
+    };
+    let field_key = if bone.is_some() { parts.field_key()? } else { String::new() };
+    let (cuts, cut_warnings) = bone.map(|b| (b.cuts, b.warnings)).unzip();
+    Ok(SceneRequest {
+        ready,
+        plan_id: plan.id,
+        plan: plans::content(&plan)?,
+        osteotomy_id: plan.osteotomy,
+        cuts,
+        field_key,
+        cut_warnings: cut_warnings.unwrap_or_default(),
+        bones: parts.bone_keys(),
+        field_settings: parts.field_settings()?,
+        physics: PhysicsRecord { leave_out_below_mm: 0.0, ..checked.physics },
+        steps: checked.steps,
+        file: checked.tissue,
+    })
+}
+
+/// An id in the body that names nothing: the value is wrong, the path is right.
+fn in_body(Problem(fault): Problem, pointer: &str) -> Problem {
+    Fault { kind: FaultKind::InvalidRequest, ..fault.at(pointer) }.into()
+}
+
+async fn check_reference(state: &AppState, principal: &Principal, id: JobId) -> Result<(), Problem> {
+    let job = state.service.job_of(&principal.tenant, id).await.map_err(|f| in_body(f.into(), "/reference_job"))?;
+    if job.kind == JobKind::Solve && job.state == JobState::Succeeded {
+        return Ok(());
+    }
+    let detail = format!("job {id} is no solve that has succeeded: it is {} and {}", job.kind.as_str(), job.state);
+    Err(Fault::new(FaultKind::InvalidRequest, detail).at("/reference_job").into())
+}
+
+/// List jobs
+///
+/// Newest first, in pages.
+#[utoipa::path(get, path = "/v1/jobs", tag = "jobs", params(Page),
+    responses((status = 200, description = "a page", body = JobList)))]
+pub(in crate::http) async fn list(
+    State(state): State<AppState>,
+    principal: Principal,
+    Params(page): Params<Page>,
+) -> Result<Json<JobList>, Problem> {
+    let limit = page_length(page.limit)?;
+    let wanted = page.status.as_deref().map(str::parse::<JobState>).transpose();
+    let filter = JobFilter {
+        tenant: Some(principal.tenant),
+        session: page.session.map(SessionId::from),
+        state: wanted.map_err(|detail| Fault::new(FaultKind::MalformedRequest, detail).at("status"))?,
+        before: page.before.map(JobId::from),
+        limit,
+    };
+    let records = state.service.store().jobs(&filter).await?;
+    let next = records.last().filter(|_| records.len() == limit as usize).map(|last| next_page(&page, last.id, limit));
+    let jobs = state.service.statuses_of(records).await?.iter().map(JobView::from).collect();
+    Ok(Json(JobList { jobs, next }))
+}
+
+fn next_page(page: &Page, last: JobId, limit: u32) -> String {
+    let session = page.session.map(|s| format!("&session={s}")).unwrap_or_default();
+    let status = page.status.as_ref().map(|s| format!("&status={s}")).unwrap_or_default();
+    format!("/v1/jobs?before={last}&limit={limit}{session}{status}")
+}
+
+/// A job
+///
+/// Status, phase, progress, what has come of it. `wait_s` makes it a long poll.
+#[utoipa::path(get, path = "/v1/jobs/{job}", tag = "jobs", params(("job" = Uuid, Path), Wait),
+    responses((status = 200, description = "how it stands", body = JobView)))]
+pub(in crate::http) async fn get(
+    State(state): State<AppState>,
+    Ids(job): Ids<JobId>,
+    Params(wait): Params<Wait>,
+) -> Result<Json<JobView>, Problem> {
+    let wait_s = wait.wait_s.unwrap_or(0.0);
+    if !(0.0..=MAX_WAIT_S).contains(&wait_s) {
+        let detail = format!("is {}, allowed is 0 to {MAX_WAIT_S}", short_number(wait_s));
+        return Err(Fault::new(FaultKind::MalformedRequest, detail).at("wait_s").into());
+    }
+    Ok(Json(JobView::from(&state.service.wait(job, Duration::from_secs_f64(wait_s)).await?)))
+}
+
+/// Cancel a job
+///
+/// One that waits at once, one that runs within a Newton iteration. The request is stored before the answer: the job never succeeds.
+#[utoipa::path(post, path = "/v1/jobs/{job}/cancel", tag = "jobs", params(("job" = Uuid, Path)),
+    responses((status = 202, description = "it will stop", body = JobView)))]
+pub(in crate::http) async fn cancel(
+    State(state): State<AppState>,
+    Ids(job): Ids<JobId>,
+) -> Result<(StatusCode, Json<JobView>), Problem> {
+    Ok((StatusCode::ACCEPTED, Json(JobView::from(&state.service.cancel(job).await?))))
+}

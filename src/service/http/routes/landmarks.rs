@@ -1,0 +1,57 @@
+use axum::Json;
+use axum::extract::State;
+
+use crate::http::dto::{LandmarksQuery, PutLandmarks};
+use crate::http::extract::{Body, Ids, Params};
+use crate::http::{AppState, Problem};
+use crate::jobs::propose_landmarks;
+use crate::session::{FaultKind, LandmarksDocument, SessionParts};
+use prosopon_store::{PartKind, PartRecord, SessionId, now_rfc3339, sha256_hex};
+
+/// Set the landmarks
+///
+/// They place templates, regions of the face and where tissue slides.
+#[utoipa::path(put, path = "/v1/sessions/{session}/landmarks", tag = "inputs", params(("session" = Uuid, Path)),
+    request_body = PutLandmarks, responses((status = 200, description = "as stored", body = LandmarksDocument)))]
+pub(in crate::http) async fn put(
+    State(state): State<AppState>,
+    Ids(session): Ids<SessionId>,
+    Body(request): Body<PutLandmarks>,
+) -> Result<Json<LandmarksDocument>, Problem> {
+    SessionParts::load(state.service.store(), session).await?;
+    let landmarks = LandmarksDocument::try_from(request)?;
+    let document = serde_json::to_string(&landmarks).unwrap_or_default();
+    let part = PartRecord {
+        kind: PartKind::Landmarks,
+        key: sha256_hex(document.as_bytes()),
+        blob: None,
+        bytes: document.len() as u64,
+        wall_s: 0.0,
+        document,
+        updated_at: now_rfc3339(),
+    };
+    state.service.store().put_parts(session, &[part]).await?;
+    Ok(Json(landmarks))
+}
+
+/// The landmarks
+///
+/// With `propose=true` also what templates go by, proposed from skin and bone and named in `proposed`: points of the midline, lingula,
+/// buccal face and cheek bone of each side, the occlusal and the Le Fort I plane. A person should check them and PUT those that hold.
+/// Needs skin and skull.
+#[utoipa::path(get, path = "/v1/sessions/{session}/landmarks", tag = "inputs",
+    params(("session" = Uuid, Path), LandmarksQuery),
+    responses((status = 200, description = "as stored, with proposals where asked for", body = LandmarksDocument)))]
+pub(in crate::http) async fn get(
+    State(state): State<AppState>,
+    Ids(session): Ids<SessionId>,
+    Params(query): Params<LandmarksQuery>,
+) -> Result<Json<LandmarksDocument>, Problem> {
+    let parts = SessionParts::load(state.service.store(), session).await?;
+    if query.propose {
+        let proposal = propose_landmarks(&state.service, &parts).await?;
+        return Ok(Json(parts.landmarks()?.unwrap_or_default().with_proposals(&proposal)));
+    }
+    let missing = || Problem::new(FaultKind::NotFound, "the session has no landmarks yet");
+    Ok(Json(parts.landmarks()?.ok_or_else(missing)?))
+}

@@ -1,0 +1,55 @@
+use axum::Json;
+use axum::extract::State;
+use axum::response::Response;
+
+use super::accepted::accept;
+use super::jobs::session_settings;
+use super::osteotomies::fresh_osteotomy;
+use crate::http::dto::{BuildMesh, JobView, MeshView, view_of};
+use crate::http::extract::{Creating, Ids};
+use crate::http::{AppState, Problem};
+use crate::jobs::MeshRequest;
+use crate::session::{MeshSettingsDocument, SessionParts};
+use prosopon_store::{JobFilter, JobKind, OsteotomyId, PartKind, SessionId};
+
+/// Build the tissue mesh
+///
+/// Prisms under the skin, tetrahedra inside; a `mesh` job. Needs the fields.
+#[utoipa::path(post, path = "/v1/sessions/{session}/mesh", tag = "mesh", params(("session" = Uuid, Path)),
+    request_body = BuildMesh,
+    responses((status = 202, description = "the job", body = JobView, headers(("Location" = String), ("Retry-After" = u32)))))]
+pub(in crate::http) async fn build(
+    State(state): State<AppState>,
+    Ids(session): Ids<SessionId>,
+    creating: Creating<BuildMesh>,
+) -> Result<Response, Problem> {
+    let (request, answering) = creating.split();
+    let parts = SessionParts::load(state.service.store(), session).await?;
+    let settings = MeshSettingsDocument::try_from(&request)?;
+    let defaults = session_settings(&state, session).await?;
+    parts.require_field()?;
+    let osteotomy_id = request.osteotomy.map(OsteotomyId::from);
+    let cuts = match osteotomy_id {
+        Some(id) => Some(fresh_osteotomy(&state, &parts, session, id, "/osteotomy").await?.1.cuts),
+        None => None,
+    };
+    let key = parts.mesh_key(&settings, cuts.as_deref())?;
+    let request = MeshRequest { settings, cuts, osteotomy_id, preset: defaults.preset.unwrap_or_default(), key };
+    accept(&state, session, JobKind::Mesh, &request, Some(&answering)).await
+}
+
+/// The tissue mesh
+///
+/// State and quality report of the last build.
+#[utoipa::path(get, path = "/v1/sessions/{session}/mesh", tag = "mesh", params(("session" = Uuid, Path)),
+    responses((status = 200, description = "the mesh", body = MeshView)))]
+pub(in crate::http) async fn get(
+    State(state): State<AppState>,
+    Ids(session): Ids<SessionId>,
+) -> Result<Json<MeshView>, Problem> {
+    let parts = SessionParts::load(state.service.store(), session).await?;
+    let filter = JobFilter { session: Some(session), limit: 100, ..JobFilter::default() };
+    let jobs = state.service.store().jobs(&filter).await?;
+    let report = parts.get(PartKind::Mesh).and_then(|p| serde_json::from_str(&p.document).ok());
+    Ok(Json(MeshView { part: view_of(PartKind::Mesh, &parts, &jobs), report }))
+}

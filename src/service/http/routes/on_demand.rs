@@ -1,0 +1,102 @@
+use serde::Deserialize;
+use utoipa::IntoParams;
+
+use super::results::load;
+use crate::http::Problem;
+use crate::jobs::{self, Compared, Comparison, Prediction, RegisterOn, Service, face_of, read_frame, rest_of};
+use crate::session::{Fault, FaultKind, SessionParts, load_mesh};
+use prosopon_geometry::TriMesh;
+use prosopon_planning::evaluate::Mask;
+use prosopon_store::{JobId, JobRecord, PartKind, StepRecord};
+
+/// Against what an error is.
+#[derive(Debug, Clone, Copy, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(in crate::http) struct ErrorQuery {
+    /// A job whose step at the same place of the path takes the place of what the job was compared with.
+    #[param(value_type = Option<Uuid>)]
+    pub(super) reference: Option<JobId>,
+    /// Whether the prediction is registered on what the plan does not move; false when absent.
+    pub(super) register: Option<bool>,
+}
+
+impl ErrorQuery {
+    /// Whether anything but the stored map is asked for.
+    pub(super) fn is_asked(&self) -> bool {
+        self.reference.is_some() || self.register == Some(true)
+    }
+
+    /// Names the step and all that its error on demand depends on.
+    pub(super) async fn key(&self, service: &Service, job: &JobRecord, step: &StepRecord) -> Result<String, Problem> {
+        if !self.is_asked() {
+            return Ok(step.sha256.clone());
+        }
+        let register = self.register == Some(true);
+        let against = match self.reference {
+            Some(id) => reference_step(service, job, id, step).await?.1.sha256,
+            None => target(service, job).await?.1,
+        };
+        let parts = SessionParts::load(service.store(), job.session).await?;
+        let landmarks = parts.get(PartKind::Landmarks).map_or("", |p| p.key.as_str());
+        Ok(format!("{} {against} {register} {landmarks}", step.sha256))
+    }
+}
+
+/// The error of a step against another reference, or after registration.
+pub(super) async fn compared(
+    service: &Service,
+    job: &JobRecord,
+    step: &StepRecord,
+    query: &ErrorQuery,
+) -> Result<Compared, Problem> {
+    let (rest, mesh, frame) = load(service, job, step).await?;
+    let face = Some(face_of(&SessionParts::load(service.store(), job.session).await?)?);
+    let (reference, reference_name) = match query.reference {
+        Some(id) => {
+            let (other, found) = reference_step(service, job, id, step).await?;
+            let rest = rest_of(service, &other).await?;
+            (read_frame(service, &found, &rest).await?.mesh(&rest)?, format!("job {id} step {}", found.k))
+        }
+        None => (target(service, job).await?.0, "target".to_owned()),
+    };
+    let comparison = Comparison {
+        prediction: Prediction { mesh, displacement_mm: Some(frame.displacement_mm), rest: Some(rest), face },
+        reference,
+        reference_name,
+        mask: Mask::default(),
+        exclude: Vec::new(),
+        exclude_eyes: false,
+        face_only: true,
+        register: (query.register == Some(true)).then(RegisterOn::default),
+    };
+    Ok(jobs::compare(service, comparison).await?)
+}
+
+/// The step of another job, of the same tenant, at the same place of the path.
+async fn reference_step(
+    service: &Service,
+    own: &JobRecord,
+    id: JobId,
+    step: &StepRecord,
+) -> Result<(JobRecord, StepRecord), Problem> {
+    let job = service.job_of(&own.tenant, id).await?;
+    let steps = service.store().steps(id).await?;
+    match steps.into_iter().find(|s| (s.t - step.t).abs() < 1e-9) {
+        Some(found) => Ok((job, found)),
+        None => {
+            let detail = format!("job {id} has no step at {:.3} of its path", step.t);
+            Err(Fault::new(FaultKind::NoReference, detail).into())
+        }
+    }
+}
+
+/// The post-operative skin and its key.
+async fn target(service: &Service, job: &JobRecord) -> Result<(TriMesh, String), Problem> {
+    let parts = SessionParts::load(service.store(), job.session).await?;
+    let Some(part) = parts.get(PartKind::Target) else {
+        let detail = "there is nothing to register on: the session has no target and no reference job is given";
+        return Err(Fault::new(FaultKind::NoReference, detail).into());
+    };
+    Ok((load_mesh(service.store(), part).await?, part.key.clone()))
+}

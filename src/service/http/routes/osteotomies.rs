@@ -1,0 +1,160 @@
+use axum::Json;
+use axum::extract::State;
+use axum::http::{HeaderMap, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+
+use super::results::{FormatQuery, send_surface};
+use crate::http::dto::{CreateOsteotomy, OsteotomyList, OsteotomyView};
+use crate::http::extract::{Creating, Ids, Params};
+use crate::http::surface_format::SurfaceOutput;
+use crate::http::{AppState, Problem};
+use crate::jobs::cut_bone;
+use crate::session::{Fault, FaultKind, OsteotomyDocument, SessionParts};
+use prosopon_formats::export::SurfaceView;
+use prosopon_store::{OsteotomyId, OsteotomyRecord, SessionId, decode_mesh};
+
+/// Cut the bone
+///
+/// By planes, polylines, surfaces, and templates with their landmarks; several combine. Needs skin and skull.
+#[utoipa::path(post, path = "/v1/sessions/{session}/osteotomies", tag = "bone", params(("session" = Uuid, Path)),
+    request_body = CreateOsteotomy,
+    responses((status = 201, description = "the segments", body = OsteotomyView, headers(("Location" = String)))))]
+pub(in crate::http) async fn create(
+    State(state): State<AppState>,
+    Ids(session): Ids<SessionId>,
+    creating: Creating<CreateOsteotomy>,
+) -> Result<Response, Problem> {
+    let (request, answering) = creating.split();
+    let parts = SessionParts::load(state.service.store(), session).await?;
+    let is_single = request.template.is_some();
+    let (label, cuts) = request.check(parts.landmarks()?.as_ref())?;
+    let cut = cut_bone(&state.service, session, &parts, cuts, label).await;
+    let (record, content) = cut.map_err(|fault| if is_single { of_single(fault) } else { fault })?;
+    let view = OsteotomyView::new(&record, content, Some(&record.field_key));
+    let location = format!("/v1/sessions/{session}/osteotomies/{}", record.id);
+    let answer = answering.remember(StatusCode::CREATED, &location, None, &view, session);
+    state.service.store().insert_osteotomy(&record, answer.as_ref()).await?;
+    Ok((StatusCode::CREATED, [(header::LOCATION, location)], Json(view)).into_response())
+}
+
+/// Points to `/template`, as the request has it.
+fn of_single(mut fault: Fault) -> Fault {
+    for error in &mut fault.errors {
+        let below = error.pointer.strip_prefix("/templates").map(|rest| rest.strip_prefix("/0").unwrap_or(rest));
+        if let Some(below) = below {
+            error.pointer = format!("/template{below}");
+        }
+    }
+    fault
+}
+
+/// List osteotomies
+#[utoipa::path(get, path = "/v1/sessions/{session}/osteotomies", tag = "bone", params(("session" = Uuid, Path)),
+    responses((status = 200, description = "oldest first", body = OsteotomyList)))]
+pub(in crate::http) async fn list(
+    State(state): State<AppState>,
+    Ids(session): Ids<SessionId>,
+) -> Result<Json<OsteotomyList>, Problem> {
+    let parts = SessionParts::load(state.service.store(), session).await?;
+    let records = state.service.store().osteotomies(session).await?;
+    let osteotomies = records.iter().map(|r| view(r, &parts)).collect::<Result<_, _>>()?;
+    Ok(Json(OsteotomyList { osteotomies }))
+}
+
+/// An osteotomy
+#[utoipa::path(get, path = "/v1/sessions/{session}/osteotomies/{osteotomy}", tag = "bone",
+    params(("session" = Uuid, Path), ("osteotomy" = Uuid, Path)),
+    responses((status = 200, description = "cuts and segments", body = OsteotomyView)))]
+pub(in crate::http) async fn get(
+    State(state): State<AppState>,
+    Ids((session, osteotomy)): Ids<(SessionId, OsteotomyId)>,
+) -> Result<Json<OsteotomyView>, Problem> {
+    let parts = SessionParts::load(state.service.store(), session).await?;
+    Ok(Json(view(&find(&state, session, osteotomy).await?, &parts)?))
+}
+
+/// Delete an osteotomy
+///
+/// With its plans. Jobs keep what they need of it.
+#[utoipa::path(delete, path = "/v1/sessions/{session}/osteotomies/{osteotomy}", tag = "bone",
+    params(("session" = Uuid, Path), ("osteotomy" = Uuid, Path)),
+    responses((status = 204, description = "deleted")))]
+pub(in crate::http) async fn delete(
+    State(state): State<AppState>,
+    Ids((session, osteotomy)): Ids<(SessionId, OsteotomyId)>,
+) -> Result<StatusCode, Problem> {
+    find(&state, session, osteotomy).await?;
+    state.service.store().delete_osteotomy(session, osteotomy).await?;
+    Ok(StatusCode::NO_CONTENT)
+}
+
+/// Surface of a segment
+///
+/// At rest, closed, with caps.
+#[utoipa::path(get, path = "/v1/sessions/{session}/osteotomies/{osteotomy}/segments/{segment}", tag = "bone",
+    params(("session" = Uuid, Path), ("osteotomy" = Uuid, Path), ("segment" = u32, Path), FormatQuery),
+    responses((status = 200, description = "the surface", content(
+        (Vec<u8> = "model/gltf-binary"), (Vec<u8> = "application/ply"), (Vec<u8> = "model/stl"),
+        (Vec<u8> = "application/vnd.vtk.vtp"))),
+        (status = 304, description = "as known")))]
+pub(in crate::http) async fn segment(
+    State(state): State<AppState>,
+    Ids((session, osteotomy, segment)): Ids<(SessionId, OsteotomyId, u32)>,
+    Params(query): Params<FormatQuery>,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let record = find(&state, session, osteotomy).await?;
+    let missing = || Problem::new(FaultKind::NotFound, format!("the osteotomy has no segment {segment}"));
+    let blob = record.blobs.get(segment as usize).cloned().ok_or_else(missing)?;
+    let format = SurfaceOutput::choose(query.format, &headers)?;
+    let store = state.service.store().clone();
+    let key = blob.clone();
+    send_surface(&state, &headers, format, &[&key], async move {
+        let mesh = decode_mesh(&store.blobs().get(&blob).await?)?;
+        Ok(move || format.write(&SurfaceView { mesh: &mesh, scalars: &[], colours: None }))
+    })
+    .await
+}
+
+pub(super) async fn find(state: &AppState, session: SessionId, id: OsteotomyId) -> Result<OsteotomyRecord, Problem> {
+    SessionParts::load(state.service.store(), session).await?;
+    match state.service.store().osteotomy(session, id).await? {
+        Some(record) => Ok(record),
+        None if state.service.store().is_deleted(&id.to_string()).await? => {
+            Err(Problem::new(FaultKind::Gone, format!("osteotomy {id} was deleted")))
+        }
+        None => Err(Problem::new(FaultKind::NotFound, format!("the session has no osteotomy {id}"))),
+    }
+}
+
+/// An osteotomy that a request names, cut from the bone as it is now.
+pub(super) async fn fresh_osteotomy(
+    state: &AppState,
+    parts: &SessionParts,
+    session: SessionId,
+    id: OsteotomyId,
+    pointer: &str,
+) -> Result<(OsteotomyRecord, OsteotomyDocument), Problem> {
+    let record = match find(state, session, id).await {
+        Ok(record) => record,
+        // Named in the body, not in the path: the value is wrong, the path is right.
+        Err(Problem(fault)) => return Err(Fault { kind: FaultKind::InvalidRequest, ..fault.at(pointer) }.into()),
+    };
+    if record.field_key != parts.field_key()? {
+        let detail = "the osteotomy was cut from bone or field settings that have changed; cut again";
+        return Err(Fault::new(FaultKind::Stale, detail).with("stale", "osteotomy").into());
+    }
+    let content = content(&record)?;
+    Ok((record, content))
+}
+
+fn content(record: &OsteotomyRecord) -> Result<OsteotomyDocument, Problem> {
+    serde_json::from_str(&record.document).map_err(|error| {
+        tracing::error!(%error, "a stored osteotomy cannot be read");
+        Problem::new(FaultKind::Internal, "a stored osteotomy cannot be read; the log says more")
+    })
+}
+
+fn view(record: &OsteotomyRecord, parts: &SessionParts) -> Result<OsteotomyView, Problem> {
+    Ok(OsteotomyView::new(record, content(record)?, parts.field_key().ok().as_deref()))
+}

@@ -1,0 +1,314 @@
+use std::future::Future;
+
+use axum::body::Bytes;
+use axum::extract::State;
+use axum::http::HeaderMap;
+use axum::response::Response;
+use serde::Deserialize;
+use utoipa::IntoParams;
+
+use super::on_demand::{ErrorQuery, compared};
+use crate::http::dto::{ErrorView, finite};
+use crate::http::extract::{Ids, Params};
+use crate::http::result::{not_modified, tag_of, tagged};
+use crate::http::surface_format::SurfaceOutput;
+use crate::http::{AppState, Problem};
+use crate::jobs::{Service, SkinFrame, read_frame, rest_of};
+use crate::session::{ErrorDocument, Fault, FaultKind, error_sheet};
+use prosopon_formats::export::SurfaceView;
+use prosopon_geometry::{TriMesh, Vector};
+use prosopon_planning::evaluate::{Layer, View, picture as draw};
+use prosopon_store::{JobId, JobRecord, StepRecord};
+
+/// Which format to send.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(in crate::http) struct FormatQuery {
+    /// Format; else Accept chooses, else GLB.
+    #[param(inline)]
+    pub(super) format: Option<SurfaceOutput>,
+}
+
+/// Which format to send, and against what the error is.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(in crate::http) struct SkinQuery {
+    /// Format; else Accept chooses, else GLB.
+    #[param(inline)]
+    format: Option<SurfaceOutput>,
+    /// A job whose step at the same place of the path takes the place of what the job was compared with.
+    #[param(value_type = Option<Uuid>)]
+    reference: Option<JobId>,
+    /// Whether the prediction is registered on what the plan does not move; false when absent.
+    register: Option<bool>,
+}
+
+/// A surface in a format: from the client's own copy when the tag fits, else written on the CPU pool.
+pub(super) async fn send_surface<W>(
+    state: &AppState,
+    headers: &HeaderMap,
+    format: SurfaceOutput,
+    key: &[&str],
+    load: impl Future<Output = Result<W, Problem>>,
+) -> Result<Response, Problem>
+where
+    W: FnOnce() -> Vec<u8> + Send + 'static,
+{
+    let mut parts = key.to_vec();
+    parts.push(format.as_str());
+    let tag = tag_of(&parts);
+    if let Some(known) = not_modified(headers, &tag) {
+        return Ok(known);
+    }
+    let write = load.await?;
+    let bytes = state.service.compute(move |_, _| Ok(write())).await?;
+    tagged(headers, &tag, format.media_type(), Bytes::from(bytes))
+}
+
+async fn find(service: &Service, id: JobId, k: u32) -> Result<(JobRecord, StepRecord), Problem> {
+    let job = service.job(id).await?;
+    if k == 0 || k > job.steps {
+        return Err(Problem::new(FaultKind::NotFound, format!("the job has no step {k}, it has 1 to {}", job.steps)));
+    }
+    match service.store().step(id, k).await? {
+        Some(step) => Ok((job, step)),
+        None => {
+            let fault = Fault::new(FaultKind::NotReady, format!("step {k} is not there; the job is {}", job.state));
+            Err(fault.with("job_status", job.state.as_str()).into())
+        }
+    }
+}
+
+pub(super) async fn load(
+    service: &Service,
+    job: &JobRecord,
+    step: &StepRecord,
+) -> Result<(TriMesh, TriMesh, SkinFrame), Problem> {
+    let rest = rest_of(service, job).await?;
+    let frame = read_frame(service, step, &rest).await?;
+    let mesh = frame.mesh(&rest)?;
+    Ok((rest, mesh, frame))
+}
+
+/// Triangles of all frames
+///
+/// Three little-endian u32 a triangle: vertex numbers (`api/frames.md`).
+#[utoipa::path(get, path = "/v1/jobs/{job}/topology", tag = "results", params(("job" = Uuid, Path)),
+    responses((status = 200, description = "triangles", body = Vec<u8>, content_type = "application/octet-stream"),
+        (status = 304, description = "as known")))]
+pub(in crate::http) async fn topology(
+    State(state): State<AppState>,
+    Ids(id): Ids<JobId>,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let job = state.service.job(id).await?;
+    let rest = rest_of(&state.service, &job).await?;
+    let tag = tag_of(&[job.rest_blob.as_deref().unwrap_or_default(), "topology"]);
+    if let Some(known) = not_modified(&headers, &tag) {
+        return Ok(known);
+    }
+    let bytes: Vec<u8> = rest.triangles().iter().flatten().flat_map(|v| v.to_le_bytes()).collect();
+    tagged(&headers, &tag, "application/octet-stream", bytes.into())
+}
+
+/// Deformed skin of a step
+///
+/// With `displacement_mm` and, where there is something to compare with, `error_mm` of every vertex.
+#[utoipa::path(get, path = "/v1/jobs/{job}/steps/{k}/skin", tag = "results",
+    params(("job" = Uuid, Path), ("k" = u32, Path), SkinQuery),
+    responses((status = 200, description = "the surface", content(
+        (Vec<u8> = "model/gltf-binary"), (Vec<u8> = "application/ply"), (Vec<u8> = "model/stl"),
+        (Vec<u8> = "application/vnd.vtk.vtp"))),
+        (status = 304, description = "as known")))]
+pub(in crate::http) async fn skin(
+    State(state): State<AppState>,
+    Ids((id, k)): Ids<(JobId, u32)>,
+    Params(query): Params<SkinQuery>,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let (job, step) = find(&state.service, id, k).await?;
+    let format = SurfaceOutput::choose(query.format, &headers)?;
+    let query = ErrorQuery { reference: query.reference, register: query.register };
+    let key = query.key(&state.service, &job, &step).await?;
+    send_surface(&state, &headers, format, &[&key], async {
+        let (_, mesh, mut frame) = load(&state.service, &job, &step).await?;
+        if query.is_asked() {
+            frame.error_mm = Some(compared(&state.service, &job, &step, &query).await?.error_mm);
+        }
+        Ok(move || {
+            let mut scalars = vec![("displacement_mm", frame.displacement_mm.as_slice())];
+            scalars.extend(frame.error_mm.as_deref().map(|e| ("error_mm", e)));
+            format.write(&SurfaceView { mesh: &mesh, scalars: &scalars, colours: None })
+        })
+    })
+    .await
+}
+
+/// Deformed skin of a step, raw
+///
+/// Little-endian f32: positions, then scalars (`api/frames.md`).
+#[utoipa::path(get, path = "/v1/jobs/{job}/steps/{k}/frame", tag = "results",
+    params(("job" = Uuid, Path), ("k" = u32, Path)),
+    responses((status = 200, description = "the frame", body = Vec<u8>, content_type = "application/octet-stream"),
+        (status = 304, description = "as known")))]
+pub(in crate::http) async fn frame(
+    State(state): State<AppState>,
+    Ids((id, k)): Ids<(JobId, u32)>,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let (_, step) = find(&state.service, id, k).await?;
+    // The stored bytes themselves: their own hash is the tag.
+    let tag = format!("\"{}\"", step.sha256);
+    if let Some(known) = not_modified(&headers, &tag) {
+        return Ok(known);
+    }
+    let bytes = state.service.store().blobs().get(&step.blob).await?;
+    let scalars = if step.error.is_some() { "displacement_mm,error_mm" } else { "displacement_mm" };
+    let mut response = tagged(&headers, &tag, "application/octet-stream", bytes)?;
+    response.headers_mut().insert("prosopon-scalars", axum::http::HeaderValue::from_static(scalars));
+    Ok(response)
+}
+
+/// Deformed volume
+///
+/// VTU with displacement, tissue, attachment and volume ratio; for jobs with the output `tissue`.
+#[utoipa::path(get, path = "/v1/jobs/{job}/tissue", tag = "results", params(("job" = Uuid, Path)),
+    responses((status = 200, description = "the volume", body = Vec<u8>, content_type = "application/vnd.vtk.vtu"),
+        (status = 304, description = "as known")))]
+pub(in crate::http) async fn tissue(
+    State(state): State<AppState>,
+    Ids(id): Ids<JobId>,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let job = state.service.job(id).await?;
+    let Some(blob) = &job.tissue_blob else {
+        let detail = format!("there is no volume: the job is {} (ask for the output tissue)", job.state);
+        return Err(Fault::new(FaultKind::NotReady, detail).with("job_status", job.state.as_str()).into());
+    };
+    let tag = tag_of(&[blob, "tissue"]);
+    if let Some(known) = not_modified(&headers, &tag) {
+        return Ok(known);
+    }
+    tagged(&headers, &tag, "application/vnd.vtk.vtu", state.service.store().blobs().get(blob).await?)
+}
+
+fn error_of(job: &JobRecord, step: &StepRecord) -> Result<ErrorDocument, Problem> {
+    let Some(error) = &step.error else {
+        let detail = "there is no error map: the session had no target and the job no reference_job with a step at this \
+                      place of the path (or the job did not ask for error maps)";
+        let fault = Fault::new(FaultKind::NoReference, detail).with("warnings", job.warnings.clone());
+        return Err(fault.into());
+    };
+    serde_json::from_str(error).map_err(|error| {
+        tracing::error!(%error, "a stored error map cannot be read");
+        Problem::new(FaultKind::Internal, "a stored error map cannot be read; the log says more")
+    })
+}
+
+/// Signed error map of a step
+///
+/// Negative where the prediction lies behind the reference. Statistics, histogram and the value of every vertex. Against what the job was
+/// compared with when it ran; with `reference` against that job, with `register` after registration, both computed on demand.
+#[utoipa::path(get, path = "/v1/jobs/{job}/steps/{k}/error", tag = "results",
+    params(("job" = Uuid, Path), ("k" = u32, Path), ErrorQuery),
+    responses((status = 200, description = "the map", body = ErrorView), (status = 304, description = "as known")))]
+pub(in crate::http) async fn error(
+    State(state): State<AppState>,
+    Ids((id, k)): Ids<(JobId, u32)>,
+    Params(query): Params<ErrorQuery>,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let (job, step) = find(&state.service, id, k).await?;
+    let key = query.key(&state.service, &job, &step).await?;
+    let tag = tag_of(&[&key, "error"]);
+    if let Some(known) = not_modified(&headers, &tag) {
+        return Ok(known);
+    }
+    let view = if query.is_asked() {
+        let found = compared(&state.service, &job, &step, &query).await?;
+        let correspondence_mm = found.correspondence_mm.map(finite);
+        ErrorView { content: found.document, values_mm: finite(found.error_mm), correspondence_mm }
+    } else {
+        let content = error_of(&job, &step)?;
+        let (_, _, frame) = load(&state.service, &job, &step).await?;
+        ErrorView { content, values_mm: finite(frame.error_mm.unwrap_or_default()), correspondence_mm: None }
+    };
+    tagged(&headers, &tag, "application/json", serde_json::to_vec(&view).unwrap_or_default().into())
+}
+
+/// Picture of the error map
+///
+/// Front, sides and three-quarter views in colours from -3 (blue) to 3 mm (red), histogram and statistics on one sheet; PNG. The patient's left is
+/// on the right of the front view.
+#[utoipa::path(get, path = "/v1/jobs/{job}/steps/{k}/error.png", tag = "results",
+    params(("job" = Uuid, Path), ("k" = u32, Path), ErrorQuery),
+    responses((status = 200, description = "the picture", body = Vec<u8>, content_type = "image/png"),
+        (status = 304, description = "as known")))]
+pub(in crate::http) async fn error_picture(
+    State(state): State<AppState>,
+    Ids((id, k)): Ids<(JobId, u32)>,
+    Params(query): Params<ErrorQuery>,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let (job, step) = find(&state.service, id, k).await?;
+    let key = query.key(&state.service, &job, &step).await?;
+    let tag = tag_of(&[&key, "error.png"]);
+    if let Some(known) = not_modified(&headers, &tag) {
+        return Ok(known);
+    }
+    let png = if query.is_asked() {
+        let found = compared(&state.service, &job, &step, &query).await?;
+        let png = state.service.compute(move |_, _| Ok(error_sheet(&found.mesh, &found.error_mm, &found.document)));
+        png.await?
+    } else {
+        draw_error(&state.service, &job, &step).await?
+    };
+    tagged(&headers, &tag, "image/png", png.into())
+}
+
+/// Picture of a step
+///
+/// Skin before and after, and its displacement in colours; PNG.
+#[utoipa::path(get, path = "/v1/jobs/{job}/steps/{k}/picture.png", tag = "results",
+    params(("job" = Uuid, Path), ("k" = u32, Path)),
+    responses((status = 200, description = "the picture", body = Vec<u8>, content_type = "image/png"),
+        (status = 304, description = "as known")))]
+pub(in crate::http) async fn picture(
+    State(state): State<AppState>,
+    Ids((id, k)): Ids<(JobId, u32)>,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let (job, step) = find(&state.service, id, k).await?;
+    let tag = tag_of(&[&step.sha256, "picture.png"]);
+    if let Some(known) = not_modified(&headers, &tag) {
+        return Ok(known);
+    }
+    let png = draw_step(&state.service, &job, &step).await?;
+    tagged(&headers, &tag, "image/png", png.into())
+}
+
+/// Looks the patient in the face, turned a little so that the profile shows.
+fn view() -> View {
+    View { direction: Vector::new(-0.55, 0.8, -0.1).normalize(), up: Vector::z(), size_px: [1560, 620] }
+}
+
+pub(super) async fn draw_error(service: &Service, job: &JobRecord, step: &StepRecord) -> Result<Vec<u8>, Problem> {
+    let document = error_of(job, step)?;
+    let (_, mesh, frame) = load(service, job, step).await?;
+    let png = service.compute(move |_, _| Ok(error_sheet(&mesh, &frame.error_mm.unwrap_or_default(), &document)));
+    Ok(png.await?)
+}
+
+pub(super) async fn draw_step(service: &Service, job: &JobRecord, step: &StepRecord) -> Result<Vec<u8>, Problem> {
+    let (rest, mesh, frame) = load(service, job, step).await?;
+    let png = service.compute(move |_, _| {
+        let limit = f64::from(frame.displacement_mm.iter().copied().fold(0.0f32, f32::max)).max(1.0).ceil();
+        let before = Layer { mesh: &rest, values: None };
+        let after = Layer { mesh: &mesh, values: None };
+        let moved = Layer { mesh: &mesh, values: Some((&frame.displacement_mm, limit)) };
+        Ok(draw(&[("before", before), ("after", after), ("displacement", moved)], &view()))
+    });
+    Ok(png.await?)
+}

@@ -1,0 +1,137 @@
+use axum::Json;
+use axum::extract::State;
+use axum::http::{StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use serde::Deserialize;
+use utoipa::IntoParams;
+use uuid::Uuid;
+
+use crate::http::auth::Principal;
+use crate::http::dto::{CreateSession, JobView, SessionList, SessionView};
+use crate::http::extract::{Creating, Ids, Params, page_length};
+use crate::http::{AppState, Problem};
+use crate::session::{FaultKind, SessionParts};
+use prosopon_store::{SessionId, SessionRecord, later, now_rfc3339};
+
+/// Newest jobs that a session's view has.
+const MOST_JOBS: u32 = 100;
+
+/// Which page of sessions.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(in crate::http) struct Page {
+    /// Only those made before this one.
+    before: Option<Uuid>,
+    /// At most so many, 1 to 100; 20 when absent.
+    #[param(minimum = 1, maximum = 100)]
+    limit: Option<u32>,
+}
+
+/// Make a session
+///
+/// A session holds what belongs to one patient.
+#[utoipa::path(post, path = "/v1/sessions", tag = "sessions", request_body = CreateSession,
+    responses((status = 201, description = "made", body = SessionView, headers(("Location" = String)))))]
+pub(in crate::http) async fn create(
+    State(state): State<AppState>,
+    principal: Principal,
+    creating: Creating<CreateSession>,
+) -> Result<Response, Problem> {
+    let (request, answering) = creating.split();
+    let request = request.check()?;
+    let record = SessionRecord {
+        id: SessionId::new(),
+        tenant: principal.tenant,
+        label: request.label,
+        settings: serde_json::to_string(&request.settings).unwrap_or_default(),
+        created_at: now_rfc3339(),
+    };
+    let view = SessionView::new(&record);
+    let location = format!("/v1/sessions/{}", record.id);
+    let answer = answering.remember(StatusCode::CREATED, &location, None, &view, record.id);
+    state.service.store().insert_session(&record, answer.as_ref()).await?;
+    Ok((StatusCode::CREATED, [(header::LOCATION, location)], Json(view)).into_response())
+}
+
+/// List sessions
+///
+/// Newest first, in pages.
+#[utoipa::path(get, path = "/v1/sessions", tag = "sessions", params(Page),
+    responses((status = 200, description = "a page", body = SessionList)))]
+pub(in crate::http) async fn list(
+    State(state): State<AppState>,
+    principal: Principal,
+    Params(page): Params<Page>,
+) -> Result<Json<SessionList>, Problem> {
+    let limit = page_length(page.limit)?;
+    let records =
+        state.service.store().sessions(Some(&principal.tenant), page.before.map(SessionId::from), limit).await?;
+    let next = records.last().filter(|_| records.len() == limit as usize);
+    let next = next.map(|r| format!("/v1/sessions?before={}&limit={limit}", r.id));
+    Ok(Json(SessionList { sessions: views(&state, &records).await?, next }))
+}
+
+/// A session
+///
+/// With the state of every part, its osteotomies, plans and jobs.
+#[utoipa::path(get, path = "/v1/sessions/{session}", tag = "sessions", params(("session" = Uuid, Path)),
+    responses((status = 200, description = "the session", body = SessionView)))]
+pub(in crate::http) async fn get(
+    State(state): State<AppState>,
+    Ids(session): Ids<SessionId>,
+) -> Result<Json<SessionView>, Problem> {
+    let gone = || Problem::new(FaultKind::Gone, "the session was deleted meanwhile");
+    let Some(record) = state.service.store().session(session).await? else {
+        // Says whether it was ever there.
+        SessionParts::load(state.service.store(), session).await?;
+        return Err(gone());
+    };
+    let mut view = views(&state, &[record]).await?.pop().ok_or_else(gone)?;
+    view.expires_at = expires_at(&state, session).await?;
+    Ok(Json(view))
+}
+
+/// Delete a session
+///
+/// With everything in it, at once and for good; its running job is stopped.
+#[utoipa::path(delete, path = "/v1/sessions/{session}", tag = "sessions", params(("session" = Uuid, Path)),
+    responses((status = 204, description = "deleted")))]
+pub(in crate::http) async fn delete(
+    State(state): State<AppState>,
+    Ids(session): Ids<SessionId>,
+) -> Result<StatusCode, Problem> {
+    SessionParts::load(state.service.store(), session).await?;
+    state.service.delete_session(session).await?;
+    Ok(StatusCode::NO_CONTENT)
+}
+
+/// When the session will be deleted if nothing is done with it.
+async fn expires_at(state: &AppState, session: SessionId) -> Result<Option<String>, Problem> {
+    let Some(retention) = state.service.settings().session_retention else { return Ok(None) };
+    let used = state.service.store().last_used(session).await?;
+    Ok(used.and_then(|used| later(&used, retention)))
+}
+
+/// Sessions with what they hold; without those that were deleted meanwhile.
+async fn views(state: &AppState, records: &[SessionRecord]) -> Result<Vec<SessionView>, Problem> {
+    let ids: Vec<SessionId> = records.iter().map(|record| record.id).collect();
+    let mut contents = state.service.store().contents(&ids, MOST_JOBS).await?;
+    let (mut views, mut jobs) = (Vec::new(), Vec::new());
+    for record in records {
+        let Some(held) = contents.remove(&record.id) else { continue };
+        let mut view = SessionView::new(record);
+        view.fill_parts(&SessionParts::of(record.id, held.parts), &held.jobs);
+        view.bytes = held.bytes;
+        view.osteotomies = held.osteotomies.iter().map(|id| id.uuid()).collect();
+        view.plans = held.plans.iter().map(|id| id.uuid()).collect();
+        views.push((held.jobs.len(), view));
+        jobs.extend(held.jobs);
+    }
+    let mut jobs = state.service.statuses_of(jobs).await?.into_iter();
+    let fill = |(count, view): (usize, SessionView)| SessionView {
+        jobs: jobs.by_ref().take(count).map(|job| JobView::from(&job)).collect(),
+        ..view
+    };
+    Ok(views.into_iter().map(fill).collect())
+}

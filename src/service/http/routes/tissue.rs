@@ -1,0 +1,148 @@
+use axum::Json;
+use axum::body::Body;
+use axum::extract::State;
+use axum::http::{HeaderMap, StatusCode};
+use axum::response::Response;
+use serde::Deserialize;
+use utoipa::{IntoParams, ToSchema};
+
+use super::inputs::{InputQuery, put, send};
+use crate::http::extract::{Ids, Params};
+use crate::http::result::{tag_of, tagged};
+use crate::http::upload::receive;
+use crate::http::{AppState, Problem};
+use crate::jobs::take_tissue;
+use crate::session::{FaultKind, SessionParts, SurfaceDocument, TissueDocument};
+use prosopon_formats::import::is_legacy_vtk;
+use prosopon_store::{PartKind, SessionId};
+
+/// Upload a ready tissue mesh
+///
+/// VTU or legacy VTK (ASCII or binary) of tetrahedra (10) and wedges (13), LPS mm; takes the place of the one before. Cell array `tissue` (0 skin, 1 muscle, 2 fat, 3 mucosa); point
+/// arrays, all optional: `attachment` (-1 free, 0 skull, k segment k, -2 sliding), `fixed_mask` (axes along which a point stays: bits x 1, y 2, z 4),
+/// `force_n` (dead load). Jobs of the session then solve on it: nothing is meshed.
+#[utoipa::path(put, path = "/v1/sessions/{session}/tissue", tag = "inputs", params(("session" = Uuid, Path)),
+    request_body(content((Vec<u8> = "application/vnd.vtk.vtu"), (Vec<u8> = "application/octet-stream"))),
+    responses((status = 200, description = "what it is like", body = TissueDocument)))]
+pub(in crate::http) async fn put_tissue(
+    State(state): State<AppState>,
+    Ids(session): Ids<SessionId>,
+    headers: HeaderMap,
+    body: Body,
+) -> Result<Json<TissueDocument>, Problem> {
+    let store = state.service.store();
+    SessionParts::load(store, session).await?;
+    let limit = state.limits.max_surface_bytes;
+    let upload = receive(store, session, &headers, body, limit, &state.limits, None).await?;
+    Ok(Json(take_tissue(&state.service, session, upload).await?))
+}
+
+/// Format of a stored tissue mesh.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub(in crate::http) enum TissueOutput {
+    /// As uploaded: VTU, or legacy VTK as `application/octet-stream`.
+    Vtu,
+    /// The report.
+    Json,
+}
+
+/// Which format to send.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(in crate::http) struct TissueQuery {
+    /// Format; `vtu` when absent.
+    #[param(inline)]
+    format: Option<TissueOutput>,
+}
+
+/// The ready tissue mesh
+///
+/// The file as uploaded, or its report.
+#[utoipa::path(get, path = "/v1/sessions/{session}/tissue", tag = "inputs", params(("session" = Uuid, Path), TissueQuery),
+    responses((status = 200, description = "the mesh", content(
+        (Vec<u8> = "application/vnd.vtk.vtu"), (Vec<u8> = "application/octet-stream"), (TissueDocument = "application/json"))), (status = 304, description = "as known")))]
+pub(in crate::http) async fn get_tissue(
+    State(state): State<AppState>,
+    Ids(session): Ids<SessionId>,
+    Params(query): Params<TissueQuery>,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let parts = SessionParts::load(state.service.store(), session).await?;
+    let part = parts.require(PartKind::Tissue)?;
+    if query.format == Some(TissueOutput::Json) {
+        let tag = tag_of(&[&part.key, "report"]);
+        return tagged(&headers, &tag, "application/json", part.document.clone().into());
+    }
+    let bytes = state.service.store().blobs().get(part.blob.as_deref().unwrap_or_default()).await?;
+    let kind = if is_legacy_vtk(&bytes) { "application/octet-stream" } else { "application/vnd.vtk.vtu" };
+    tagged(&headers, &format!("\"{}\"", part.key), kind, bytes)
+}
+
+/// Remove the ready tissue mesh
+///
+/// Jobs solve on the session's own mesh again.
+#[utoipa::path(delete, path = "/v1/sessions/{session}/tissue", tag = "inputs", params(("session" = Uuid, Path)),
+    responses((status = 204, description = "removed")))]
+pub(in crate::http) async fn delete_tissue(
+    State(state): State<AppState>,
+    Ids(session): Ids<SessionId>,
+) -> Result<StatusCode, Problem> {
+    remove(&state, session, PartKind::Tissue).await
+}
+
+async fn remove(state: &AppState, session: SessionId, kind: PartKind) -> Result<StatusCode, Problem> {
+    SessionParts::load(state.service.store(), session).await?.require(kind)?;
+    state.service.store().delete_part(session, kind).await?;
+    Ok(StatusCode::NO_CONTENT)
+}
+
+fn bone_kind(segment: u32) -> Result<PartKind, Problem> {
+    let detail = format!("segments 0 to {} may have a bone", PartKind::BONES - 1);
+    PartKind::bone(segment).ok_or_else(|| Problem::new(FaultKind::NotFound, detail))
+}
+
+/// Upload the rigid bone of a segment
+///
+/// For a ready tissue mesh: its points with attachment -2 slide on the bones. STL, PLY or OBJ, LPS mm, at rest; segments 0 (stays) to 9.
+#[utoipa::path(put, path = "/v1/sessions/{session}/bones/{segment}", tag = "inputs",
+    params(("session" = Uuid, Path), ("segment" = u32, Path)),
+    request_body(content = Vec<u8>, content_type = "application/octet-stream"),
+    responses((status = 200, description = "the surface report", body = SurfaceDocument)))]
+pub(in crate::http) async fn put_bone(
+    State(state): State<AppState>,
+    Ids((session, segment)): Ids<(SessionId, u32)>,
+    headers: HeaderMap,
+    body: Body,
+) -> Result<Json<SurfaceDocument>, Problem> {
+    put(&state, session, bone_kind(segment)?, &headers, body).await
+}
+
+/// The rigid bone of a segment
+///
+/// As uploaded for a ready tissue mesh.
+#[utoipa::path(get, path = "/v1/sessions/{session}/bones/{segment}", tag = "inputs",
+    params(("session" = Uuid, Path), ("segment" = u32, Path), InputQuery),
+    responses((status = 200, description = "the surface, or its report", content(
+        (Vec<u8> = "model/gltf-binary"), (Vec<u8> = "application/ply"), (Vec<u8> = "model/stl"),
+        (SurfaceDocument = "application/json"))), (status = 304, description = "as known")))]
+pub(in crate::http) async fn get_bone(
+    State(state): State<AppState>,
+    Ids((session, segment)): Ids<(SessionId, u32)>,
+    Params(query): Params<InputQuery>,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    send(&state, session, bone_kind(segment)?, &query, &headers).await
+}
+
+/// Remove the rigid bone of a segment
+#[utoipa::path(delete, path = "/v1/sessions/{session}/bones/{segment}", tag = "inputs",
+    params(("session" = Uuid, Path), ("segment" = u32, Path)),
+    responses((status = 204, description = "removed")))]
+pub(in crate::http) async fn delete_bone(
+    State(state): State<AppState>,
+    Ids((session, segment)): Ids<(SessionId, u32)>,
+) -> Result<StatusCode, Problem> {
+    remove(&state, session, bone_kind(segment)?).await
+}

@@ -1,0 +1,119 @@
+use std::sync::Arc;
+use std::time::Duration;
+
+use super::Service;
+use crate::session::Fault;
+use prosopon_store::{AuditEntry, StoreError};
+
+/// Answers to repeated requests are kept for so long, and ten times as long the ids of what was deleted.
+const ANSWERS: Duration = Duration::from_secs(7 * 24 * 3600);
+
+/// Keeps house now and then until the service stops.
+pub(super) async fn keep_house(service: Arc<Service>) {
+    loop {
+        let kept = async {
+            if service.store.takes_turn(service.settings.janitor_every).await? {
+                service.keep_house().await?;
+            }
+            Ok::<_, Fault>(())
+        };
+        if let Err(fault) = kept.await {
+            tracing::error!(detail = fault.detail, "the janitor failed");
+        }
+        tokio::select! {
+            () = tokio::time::sleep(service.settings.janitor_every) => {}
+            () = service.stop.cancelled() => return,
+        }
+    }
+}
+
+/// Time between two notes of where the audit log ends.
+const ANCHOR_EVERY: Duration = Duration::from_secs(5);
+
+/// Notes now and then where the audit log ends, until the service stops.
+pub(super) async fn anchor_audit(service: Arc<Service>) {
+    let mut noted = None;
+    loop {
+        let stops = tokio::select! {
+            () = tokio::time::sleep(ANCHOR_EVERY) => false,
+            () = service.stop.cancelled() => true,
+        };
+        if let Err(fault) = service.anchor_audit(&mut noted).await {
+            tracing::error!(detail = fault.detail, "the end of the audit log cannot be noted");
+        }
+        if stops {
+            return;
+        }
+    }
+}
+
+impl Service {
+    /// Says in the audit log where its end is not what was noted: the next note would hide it.
+    pub(super) async fn check_audit_end(&self) -> Result<(), Fault> {
+        let Some((chain, at)) = self.store.audit_anchor().await? else { return Ok(()) };
+        if self.audit.holds(&chain).map_err(StoreError::from)? {
+            return Ok(());
+        }
+        tracing::error!(noted_at = at, "the audit log lacks entries that were there");
+        let entry = AuditEntry {
+            tenant: "local".to_owned(),
+            who: "service".to_owned(),
+            what: AuditEntry::GAP.to_owned(),
+            ..AuditEntry::default()
+        };
+        self.note(entry, true);
+        Ok(())
+    }
+
+    /// Notes where the audit log ends, unless that is what is `noted`.
+    async fn anchor_audit(&self, noted: &mut Option<String>) -> Result<(), Fault> {
+        let end = self.audit.settle().map_err(StoreError::from)?;
+        if let Some(chain) = end.as_ref().filter(|end| noted.as_ref() != Some(end)) {
+            self.store.set_audit_anchor(chain).await?;
+            noted.clone_from(&end);
+        }
+        Ok(())
+    }
+
+    /// Removes what is left over or has expired: files that no row names, old answers and events, sessions that nobody used
+    /// for the time of retention.
+    ///
+    /// # Errors
+    /// The store's.
+    pub async fn keep_house(&self) -> Result<(), Fault> {
+        let swept = self.store.sweep_old().await?;
+        let events = self.store.prune_events(self.settings.event_retention).await?;
+        let compared = self.store.drop_comparisons(self.settings.comparison_retention).await?;
+        self.store.forget_old_answers(ANSWERS).await?;
+        let mut expired = 0;
+        if let Some(retention) = self.settings.session_retention {
+            for session in self.store.idle_sessions(retention).await? {
+                self.delete_session(session.id).await?;
+                self.note(
+                    AuditEntry {
+                        tenant: session.tenant.to_string(),
+                        who: "retention".to_owned(),
+                        what: "DELETE /v1/sessions/{session}".to_owned(),
+                        id: Some(session.id.to_string()),
+                        status: 204,
+                        ..AuditEntry::default()
+                    },
+                    true,
+                );
+                expired += 1;
+            }
+        }
+        if swept > 0 || events > 0 || compared > 0 || expired > 0 {
+            tracing::info!(files = swept + compared, events, sessions = expired, "kept house");
+        }
+        Ok(())
+    }
+
+    /// Appends to the audit log; a log that cannot be written is told in the log of the service.
+    pub fn note(&self, entry: AuditEntry, sync: bool) {
+        if let Err(error) = self.audit.record(entry, sync) {
+            metrics::counter!("prosopon_audit_failures_total").increment(1);
+            tracing::error!(%error, "the audit log cannot be written");
+        }
+    }
+}

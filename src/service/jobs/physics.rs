@@ -1,0 +1,113 @@
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+
+use crate::session::{
+    D1ReadingName, LockingName, PresetName, SkinElementName, TissueLawsDocument, UnstableMaterialName,
+};
+use prosopon_tissue::fem::{Model, SkinElement, SolveSettings};
+
+/// Mechanical model, as asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SolveModel {
+    /// Small strain on linear elements.
+    Linear,
+    /// Small strain, vertices relaxed under the forces of their neighbours.
+    MassTensor,
+    /// Hyperelastic on linear elements.
+    Nonlinear,
+    /// Hyperelastic with a C1 skin layer.
+    Mixed,
+}
+
+impl SolveModel {
+    /// Its name on the wire.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Linear => "linear",
+            Self::MassTensor => "mass_tensor",
+            Self::Nonlinear => "nonlinear",
+            Self::Mixed => "mixed",
+        }
+    }
+}
+
+impl From<SolveModel> for Model {
+    fn from(model: SolveModel) -> Self {
+        match model {
+            SolveModel::Linear => Self::Linear,
+            SolveModel::MassTensor => Self::MassTensor,
+            SolveModel::Nonlinear => Self::Nonlinear,
+            SolveModel::Mixed => Self::Mixed,
+        }
+    }
+}
+
+/// What the solver is asked to solve with. Members that older records lack have the values that these were solved with.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct PhysicsRecord {
+    /// Model.
+    pub model: SolveModel,
+    /// Whether the model was chosen by the service.
+    pub model_chosen: bool,
+    /// Skin element; the model's when absent.
+    #[serde(default)]
+    pub skin_element: Option<SkinElementName>,
+    /// Cure of locking; none when absent.
+    #[serde(default)]
+    pub locking: Option<LockingName>,
+    /// Materials.
+    pub preset: PresetName,
+    /// Meaning of D1 among the published constants.
+    #[serde(default)]
+    pub d1_reading: D1ReadingName,
+    /// Laws in place of the preset's.
+    #[serde(default)]
+    pub materials: TissueLawsDocument,
+    /// Residual force over reaction force at which a step is in equilibrium; the solver's own when absent.
+    #[serde(default)]
+    pub relative_residual: Option<f64>,
+    /// Penetration that is left at most, mm; the solver's own when absent.
+    #[serde(default)]
+    pub penetration_tolerance_mm: Option<f64>,
+    /// What is done where a material loses ellipticity.
+    #[serde(default)]
+    pub unstable_material: UnstableMaterialName,
+    /// Tissue that the plan moves by less than this is left out, mm; 0 where all was kept.
+    #[serde(default)]
+    pub leave_out_below_mm: f64,
+}
+
+impl PhysicsRecord {
+    /// As a report shows it.
+    #[must_use]
+    pub fn parameters(&self) -> Map<String, Value> {
+        let mut members = match serde_json::to_value(self) {
+            Ok(Value::Object(members)) => members,
+            // A record of plain values is always an object.
+            _ => Map::new(),
+        };
+        members.remove("model");
+        let chosen = members.remove("model_chosen").unwrap_or_default();
+        members.insert("model_chosen_by_the_service".to_owned(), chosen);
+        members
+    }
+}
+
+impl From<&PhysicsRecord> for SolveSettings {
+    fn from(r: &PhysicsRecord) -> Self {
+        let materials = r.materials.over(r.preset.materials(r.d1_reading));
+        let mut settings = Self::new(r.model.into(), materials);
+        settings.skin_element = match (r.skin_element, r.model) {
+            (Some(name), _) => name.into(),
+            (None, SolveModel::Linear | SolveModel::MassTensor) => SkinElement::Wedge,
+            (None, SolveModel::Nonlinear | SolveModel::Mixed) => SkinElement::of(settings.model),
+        };
+        settings.locking = r.locking.map_or(settings.locking, Into::into);
+        settings.relative_residual = r.relative_residual.unwrap_or(settings.relative_residual);
+        settings.penetration_tolerance_mm = r.penetration_tolerance_mm.unwrap_or(settings.penetration_tolerance_mm);
+        settings.unstable_material = r.unstable_material.into();
+        settings
+    }
+}

@@ -1,0 +1,216 @@
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicU8, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use tracing::Span;
+
+use prosopon_geometry::control::Control;
+use prosopon_store::{JobId, JobRecord, Lane, SessionId};
+
+/// Stage of a job.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u8)]
+pub(super) enum Phase {
+    Reading,
+    Surfaces,
+    Field,
+    Cut,
+    Mesh,
+    Solve,
+    Compare,
+    Writing,
+}
+
+impl Phase {
+    const ALL: [Self; 8] =
+        [Self::Reading, Self::Surfaces, Self::Field, Self::Cut, Self::Mesh, Self::Solve, Self::Compare, Self::Writing];
+
+    pub(super) fn as_str(self) -> &'static str {
+        match self {
+            Self::Reading => "reading",
+            Self::Surfaces => "surfaces",
+            Self::Field => "field",
+            Self::Cut => "cut",
+            Self::Mesh => "mesh",
+            Self::Solve => "solve",
+            Self::Compare => "compare",
+            Self::Writing => "writing",
+        }
+    }
+
+    /// The stage with the engine's name; unknown ones count as solving.
+    pub(super) fn of_stage(name: &str) -> Self {
+        Self::ALL.into_iter().find(|p| p.as_str() == name).unwrap_or(Self::Solve)
+    }
+}
+
+/// A step's warning as the job tells it.
+pub(super) fn step_warning(k: u32, text: &str) -> String {
+    format!("step {k}: {text}")
+}
+
+fn stage_span(job: &Span, phase: Phase) -> Span {
+    tracing::info_span!(parent: job, "stage", stage = phase.as_str())
+}
+
+/// Seconds since the first call.
+fn seconds() -> f64 {
+    static BEGIN: OnceLock<Instant> = OnceLock::new();
+    BEGIN.get_or_init(Instant::now).elapsed().as_secs_f64()
+}
+
+/// One of those that take jobs from a lane.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Worker {
+    pub(super) lane: Lane,
+    /// From 0 within its lane.
+    pub(super) number: usize,
+}
+
+impl Worker {
+    /// All of a service that computes `parallel_jobs` jobs of minutes at the same time.
+    pub(super) fn all(parallel_jobs: usize) -> Vec<Self> {
+        let in_lane = |lane| match lane {
+            Lane::Heavy => parallel_jobs.max(1),
+            Lane::Quick => 1,
+        };
+        Lane::ALL.into_iter().flat_map(|lane| (0..in_lane(lane)).map(move |number| Self { lane, number })).collect()
+    }
+}
+
+const OPEN: u8 = 0;
+const CANCEL_REQUESTED: u8 = 1;
+const CLOSED: u8 = 2;
+
+/// A job that is being computed, as seen by everyone else.
+#[derive(Debug)]
+pub(super) struct Running {
+    pub(super) job: JobId,
+    pub(super) session: SessionId,
+    pub(super) other_session: Option<SessionId>,
+    pub(super) worker: Worker,
+    pub(super) control: Control,
+    pub(super) started: Instant,
+    phase: AtomicU8,
+    /// Whether it may still be cancelled: one change decides between a cancel and the end.
+    ending: AtomicU8,
+    warnings: Mutex<Vec<String>>,
+    /// Number and warning of steps, which told them with their own events.
+    step_warnings: Mutex<Vec<(u32, String)>>,
+    /// When each stage began.
+    stages: Mutex<Vec<(Phase, Instant)>>,
+    /// The job's span, and that of its present stage.
+    span: Span,
+    stage_span: Mutex<Span>,
+    /// When it was first seen that it should stop.
+    stop_seen: OnceLock<Instant>,
+}
+
+impl Running {
+    /// `most` is the longest that any job may compute. Called within the job's span.
+    pub(super) fn new(job: &JobRecord, worker: Worker, most: Duration) -> Self {
+        let limit = job.max_wall_s.unwrap_or(f64::INFINITY).min(most.as_secs_f64());
+        Self {
+            job: job.id,
+            session: job.session,
+            other_session: job.other_session,
+            worker,
+            control: Control::new().with_clock(seconds).with_deadline(seconds() + limit),
+            started: Instant::now(),
+            phase: AtomicU8::new(Phase::Reading as u8),
+            ending: AtomicU8::new(OPEN),
+            warnings: Mutex::default(),
+            step_warnings: Mutex::default(),
+            stages: Mutex::new(vec![(Phase::Reading, Instant::now())]),
+            span: Span::current(),
+            stage_span: Mutex::new(stage_span(&Span::current(), Phase::Reading)),
+            stop_seen: OnceLock::new(),
+        }
+    }
+
+    pub(super) fn set_phase(&self, phase: Phase) {
+        self.phase.store(phase as u8, Ordering::Relaxed);
+        self.stages.lock().unwrap_or_else(PoisonError::into_inner).push((phase, Instant::now()));
+        *self.stage_span.lock().unwrap_or_else(PoisonError::into_inner) = stage_span(&self.span, phase);
+    }
+
+    /// Seconds that each stage took until now.
+    pub(super) fn stage_seconds(&self) -> Vec<(&'static str, f64)> {
+        let stages = self.stages.lock().unwrap_or_else(PoisonError::into_inner);
+        let ends = stages.iter().skip(1).map(|(_, at)| *at).chain([Instant::now()]);
+        stages.iter().zip(ends).map(|((phase, from), to)| (phase.as_str(), (to - *from).as_secs_f64())).collect()
+    }
+
+    /// Keeps a warning for the job's row, however the job ends.
+    pub(super) fn warn(&self, text: String) {
+        self.warnings.lock().unwrap_or_else(PoisonError::into_inner).push(text);
+    }
+
+    /// Keeps a warning of a step likewise.
+    pub(super) fn warn_of_step(&self, k: u32, text: &str) {
+        let mut told = self.step_warnings.lock().unwrap_or_else(PoisonError::into_inner);
+        let warning = (k, text.to_owned());
+        // A step may be solved again.
+        if !told.contains(&warning) {
+            told.push(warning);
+        }
+    }
+
+    /// Warnings of the job as a whole.
+    pub(super) fn own_warnings(&self) -> Vec<String> {
+        self.warnings.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Warnings of the steps.
+    pub(super) fn step_warnings(&self) -> Vec<(u32, String)> {
+        self.step_warnings.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// All warnings, those of steps with their number.
+    pub(super) fn warnings(&self) -> Vec<String> {
+        let of_steps = self.step_warnings().into_iter().map(|(k, text)| step_warning(k, &text));
+        self.own_warnings().into_iter().chain(of_steps).collect()
+    }
+
+    pub(super) fn phase(&self) -> Phase {
+        let stored = self.phase.load(Ordering::Relaxed);
+        Phase::ALL.into_iter().find(|p| *p as u8 == stored).unwrap_or(Phase::Reading)
+    }
+
+    /// Stops the computation for good; without this, a cancelled control means that the service stops or the time is up. False when
+    /// the job is at its end already.
+    pub(super) fn request_cancel(&self) -> bool {
+        let before = self.ending.compare_exchange(OPEN, CANCEL_REQUESTED, Ordering::AcqRel, Ordering::Acquire);
+        if before == Err(CLOSED) {
+            return false;
+        }
+        self.control.cancel();
+        true
+    }
+
+    /// The work is over, and from now on the job ends as it says. False when it was cancelled before.
+    pub(super) fn close(&self) -> bool {
+        self.ending.swap(CLOSED, Ordering::AcqRel) == OPEN
+    }
+
+    /// Whether its work is of this session or reads it.
+    pub(super) fn reads(&self, session: SessionId) -> bool {
+        self.session == session || self.other_session == Some(session)
+    }
+
+    /// How long the work has gone on although it should stop.
+    pub(super) fn ignoring_stop(&self) -> Duration {
+        if !self.control.is_cancelled() || self.ending.load(Ordering::Acquire) == CLOSED {
+            return Duration::ZERO;
+        }
+        self.stop_seen.get_or_init(Instant::now).elapsed()
+    }
+
+    /// Time left when the rest goes as the part that is done, s; none before there is something to go by.
+    pub(super) fn eta_s(&self) -> Option<f64> {
+        let done = self.control.progress();
+        let elapsed = self.started.elapsed().as_secs_f64();
+        (done > 0.03).then(|| elapsed * (1.0 - done) / done)
+    }
+}

@@ -1,0 +1,65 @@
+use std::time::Duration;
+
+use prosopon_formats::import::Limits;
+use prosopon_store::QueueLimits;
+
+/// Bounds of the service.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ServiceSettings {
+    /// Jobs that may wait in all.
+    pub max_waiting: u32,
+    /// Jobs of one tenant that may wait.
+    pub max_waiting_tenant: u32,
+    /// Jobs of minutes that are computed at the same time, each with its share of the threads.
+    pub parallel_jobs: usize,
+    /// Whether jobs are computed here, and not only by other processes on the same store.
+    pub works: bool,
+    /// Whether what has expired is removed here: by processes that are told what that is, which workers need not be.
+    pub keeps_house: bool,
+    /// A running job of which nothing was heard for so long is given to another process.
+    pub lease: Duration,
+    /// Times that a job is started before it is given up.
+    pub max_attempts: u32,
+    /// Longest that a job may compute.
+    pub max_wall: Duration,
+    /// Bytes that a session may store.
+    pub session_quota: u64,
+    /// Sessions in which nothing happens for so long are deleted; never when absent.
+    pub session_retention: Option<Duration>,
+    /// Events of a job are kept for so long after its end.
+    pub event_retention: Duration,
+    /// Results of a comparison are kept for so long after its end.
+    pub comparison_retention: Duration,
+    /// Time between two rounds of the janitor.
+    pub janitor_every: Duration,
+    /// What an upload may hold.
+    pub import: Limits,
+}
+
+impl Default for ServiceSettings {
+    fn default() -> Self {
+        const DAY: u64 = 24 * 3600;
+        Self {
+            max_waiting: 64,
+            max_waiting_tenant: 64,
+            parallel_jobs: 1,
+            works: true,
+            keeps_house: true,
+            lease: Duration::from_secs(15),
+            max_attempts: 3,
+            max_wall: Duration::from_secs(2 * 3600),
+            session_quota: 16 << 30,
+            session_retention: None,
+            event_retention: Duration::from_secs(30 * DAY),
+            comparison_retention: Duration::from_secs(30 * DAY),
+            janitor_every: Duration::from_secs(600),
+            import: Limits::default(),
+        }
+    }
+}
+
+impl ServiceSettings {
+    pub(super) fn queue(&self) -> QueueLimits {
+        QueueLimits { all: self.max_waiting, tenant: self.max_waiting_tenant }
+    }
+}

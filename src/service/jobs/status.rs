@@ -1,0 +1,127 @@
+use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
+use std::time::Duration;
+
+use super::Service;
+use crate::session::{Fault, FaultKind, StepDocument};
+use prosopon_store::{JobId, JobRecord, JobState, StepRecord};
+
+/// How a job stands now.
+#[derive(Debug, Clone, PartialEq)]
+pub struct JobStatus {
+    /// Its row; phase and progress are live while it runs.
+    pub record: JobRecord,
+    /// Finished steps, the last one's report among them.
+    pub steps_done: u32,
+    /// Time left, s.
+    pub eta_s: Option<f64>,
+    /// Jobs before it.
+    pub queue_position: Option<u32>,
+    /// Relative residual of each finished step.
+    pub residuals: Vec<f64>,
+}
+
+impl JobStatus {
+    /// Of a job without a live part: `before` it wait so many, when it waits, and `running` run.
+    pub(super) fn waiting(record: JobRecord, before: Option<u32>, running: usize) -> Self {
+        let queue_position = before.map(|before| place(before as usize, running));
+        Self { record, steps_done: 0, eta_s: None, queue_position, residuals: Vec::new() }
+    }
+}
+
+/// Jobs before one in the queue of a lane.
+fn place(before: usize, running: usize) -> u32 {
+    u32::try_from(before.saturating_add(running)).unwrap_or(u32::MAX)
+}
+
+impl Service {
+    /// How a job stands now.
+    ///
+    /// # Errors
+    /// As [`Service::job`].
+    pub async fn status(&self, id: JobId) -> Result<JobStatus, Fault> {
+        let record = self.job(id).await?;
+        let steps = self.store.steps(id).await?;
+        let waits = record.state == JobState::Accepted;
+        let queue = if waits { Some(self.store.queue(record.kind.lane()).await?) } else { None };
+        self.status_with(record, &steps, queue.as_ref())
+    }
+
+    /// How the jobs of rows stand now, in their order.
+    ///
+    /// # Errors
+    /// The store's.
+    pub async fn statuses_of(&self, records: Vec<JobRecord>) -> Result<Vec<JobStatus>, Fault> {
+        let ids: Vec<JobId> = records.iter().map(|record| record.id).collect();
+        let mut steps = self.store.steps_of(&ids).await?;
+        let mut queues = BTreeMap::new();
+        for record in records.iter().filter(|record| record.state == JobState::Accepted) {
+            if let Entry::Vacant(queue) = queues.entry(record.kind.lane()) {
+                queue.insert(self.store.queue(record.kind.lane()).await?);
+            }
+        }
+        let status = |record: JobRecord| {
+            let queue = queues.get(&record.kind.lane()).filter(|_| record.state == JobState::Accepted);
+            let steps = steps.remove(&record.id).unwrap_or_default();
+            self.status_with(record, &steps, queue)
+        };
+        records.into_iter().map(status).collect()
+    }
+
+    fn status_with(
+        &self,
+        mut record: JobRecord,
+        steps: &[StepRecord],
+        queue: Option<&Vec<JobId>>,
+    ) -> Result<JobStatus, Fault> {
+        let running = self.running(record.id).filter(|_| record.state == JobState::Running);
+        if let Some(running) = &running {
+            running.phase().as_str().clone_into(&mut record.phase);
+            record.progress = running.control.progress();
+            record.warnings.extend(running.warnings());
+        }
+        let queue_position = queue.map(|queue| {
+            let before = queue.iter().position(|id| *id == record.id).unwrap_or(0);
+            place(before, self.running_in(record.kind.lane()))
+        });
+        Ok(JobStatus {
+            steps_done: u32::try_from(steps.len()).unwrap_or(u32::MAX),
+            residuals: steps.iter().map(residual).collect::<Result<_, _>>()?,
+            eta_s: running.and_then(|r| r.eta_s()),
+            queue_position,
+            record,
+        })
+    }
+
+    /// Waits until a job has ended, at most `patience`, and says how it stands.
+    ///
+    /// # Errors
+    /// As [`Service::job`].
+    pub async fn wait(&self, id: JobId, patience: Duration) -> Result<JobStatus, Fault> {
+        let mut changes = self.watch_changes();
+        let ended = async {
+            loop {
+                changes.borrow_and_update();
+                if self.job(id).await?.state.has_ended() {
+                    return Ok::<(), Fault>(());
+                }
+                tokio::select! {
+                    changed = changes.changed() => if changed.is_err() { return Ok(()) },
+                    () = self.stop.cancelled() => return Ok(()),
+                }
+            }
+        };
+        if let Ok(result) = tokio::time::timeout(patience, ended).await {
+            result?;
+        }
+        self.status(id).await
+    }
+}
+
+fn residual(step: &StepRecord) -> Result<f64, Fault> {
+    let document = serde_json::from_str::<StepDocument>(&step.document).map_err(|error| {
+        tracing::error!(%error, "the document of a step cannot be read");
+        Fault::new(FaultKind::Internal, "a stored document cannot be read; the log says more")
+    })?;
+    Ok(document.relative_residual)
+}

@@ -1,0 +1,87 @@
+use std::time::Instant;
+
+use crate::jobs::Service;
+use crate::session::{Cuts, Fault, Halt, OsteotomyDocument, PathReportDocument, PlanDocument, SessionParts, load_mesh};
+use prosopon_planning::plan::{Cut, Plan, Proposal};
+use prosopon_store::{OsteotomyId, OsteotomyRecord, PartKind, SessionId, encode_mesh, now_rfc3339};
+
+/// Cuts the session's bone and stores the segments' surfaces; the row is the caller's to insert.
+///
+/// # Errors
+/// What the numerics say of the cuts, or the store's.
+pub async fn cut_bone(
+    service: &Service,
+    session: SessionId,
+    parts: &SessionParts,
+    cuts: Cuts,
+    label: Option<String>,
+) -> Result<(OsteotomyRecord, OsteotomyDocument), Fault> {
+    parts.require_nested()?;
+    let case = parts.case(&service.store).await?;
+    let field_key = case.key.clone();
+    let templates: Vec<String> = cuts.templates.iter().map(|t| t.template.name().to_owned()).collect();
+    let from_template = cuts.cuts.is_empty().then_some("/templates");
+    let started = Instant::now();
+    let (document, surfaces) = service
+        .compute(move |engine, control| {
+            let (osteotomy, clearances) = engine.cut(&case, &cuts, control)?;
+            let document = OsteotomyDocument::new(label, templates, &osteotomy, &cuts.protected, &clearances);
+            let surfaces: Vec<Vec<u8>> = osteotomy.segments.iter().map(|s| encode_mesh(&s.surface)).collect();
+            Ok((document, surfaces))
+        })
+        .await
+        .map_err(|fault| from_template.map_or(fault.clone(), |pointer| fault.with_cuts_at(pointer)))?;
+    let wall_s = started.elapsed().as_secs_f64();
+    let mut blobs = Vec::new();
+    let mut bytes = 0;
+    for surface in surfaces {
+        let blob = service.store.blobs().put(session, surface).await?;
+        bytes += blob.bytes;
+        blobs.push(blob.key);
+    }
+    let record = OsteotomyRecord {
+        id: OsteotomyId::new(),
+        session,
+        field_key,
+        wall_s,
+        bytes,
+        document: serde_json::to_string(&document).unwrap_or_default(),
+        blobs,
+        created_at: now_rfc3339(),
+    };
+    Ok((record, document))
+}
+
+/// Landmarks proposed from the session's surfaces.
+///
+/// # Errors
+/// A missing skin or skull, or the store's.
+pub async fn propose_landmarks(service: &Service, parts: &SessionParts) -> Result<Proposal, Fault> {
+    let skin = load_mesh(&service.store, parts.require(PartKind::Skin)?).await?;
+    let skull = load_mesh(&service.store, parts.require(PartKind::Skull)?).await?;
+    service.compute(move |engine, _| Ok::<_, Halt>(engine.propose(&skin, &skull))).await
+}
+
+/// Follows the paths of a plan through the cut bone: the plan's document with its reports.
+///
+/// # Errors
+/// What the numerics say of the paths.
+pub async fn make_plan(
+    service: &Service,
+    parts: &SessionParts,
+    cuts: Vec<Cut>,
+    plan: Plan,
+    label: Option<String>,
+) -> Result<PlanDocument, Fault> {
+    let case = parts.case(&service.store).await?;
+    let started = Instant::now();
+    service
+        .compute(move |engine, control| {
+            let reports = engine.follow(&case, &cuts, &plan, control)?;
+            let reports = reports.iter().map(PathReportDocument::from).collect();
+            let wall_s = started.elapsed().as_secs_f64();
+            Ok::<_, Halt>(PlanDocument { label, paths: PlanDocument::paths_of(&plan), reports, wall_s })
+        })
+        .await
+        .map_err(|fault| fault.with_cuts_at("/osteotomy"))
+}

@@ -1,0 +1,154 @@
+use crate::jobs::Service;
+use crate::session::{Engine, ErrorDocument, Fault, FaultKind, Halt, RegistrationDocument};
+use prosopon_geometry::control::Control;
+use prosopon_geometry::{Point, TriMesh};
+use prosopon_planning::evaluate::{Mask, Part, eyes, face_regions};
+
+/// Vertices of the prediction that a registration goes by.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RegisterOn {
+    /// Parts, or vertices, that are given. When nothing is, what the plan does not move, where that is known.
+    pub region: Mask,
+    /// What the plan moves less than this counts as unmoved, mm.
+    pub threshold_mm: f64,
+}
+
+/// What a job predicts to move less than this is unaltered, mm.
+pub const UNMOVED_MM: f64 = 0.1;
+
+impl Default for RegisterOn {
+    fn default() -> Self {
+        Self { region: Mask::default(), threshold_mm: UNMOVED_MM }
+    }
+}
+
+/// What is predicted.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Prediction {
+    /// Its surface.
+    pub mesh: TriMesh,
+    /// How far each vertex moved, mm, where a job predicted it.
+    pub displacement_mm: Option<Vec<f32>>,
+    /// The surface before it moved, where a job moved it: the parts of the face lie on it.
+    pub rest: Option<TriMesh>,
+    /// Landmarks and midline that place the parts of the face; `None` where it is no face.
+    pub face: Option<(Vec<(String, Point)>, Option<f64>)>,
+}
+
+/// Two surfaces to compare.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Comparison {
+    /// What was predicted.
+    pub prediction: Prediction,
+    /// What it is compared with.
+    pub reference: TriMesh,
+    /// Name of the reference in the answer.
+    pub reference_name: String,
+    /// Prediction vertices that count.
+    pub mask: Mask,
+    /// Parts that neither count nor are registered on.
+    pub exclude: Vec<Part>,
+    /// Whether the eyes are left out too, where the prediction is a face.
+    pub exclude_eyes: bool,
+    /// Whether only the parts of the face count, where no mask is given.
+    pub face_only: bool,
+    /// Rigid registration of the prediction before comparing.
+    pub register: Option<RegisterOn>,
+}
+
+/// An error map with the surface that it lies on.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Compared {
+    /// Statistics.
+    pub document: ErrorDocument,
+    /// The prediction, where it lies in its own frame: a registration has brought the reference to it.
+    pub mesh: TriMesh,
+    /// Signed error of every vertex, mm.
+    pub error_mm: Vec<f32>,
+    /// Distance of every vertex from its counterpart, mm, where it has one.
+    pub correspondence_mm: Option<Vec<f32>>,
+}
+
+/// Compares two surfaces on the threads for requests.
+///
+/// # Errors
+/// What the numerics say.
+pub async fn compare(service: &Service, comparison: Comparison) -> Result<Compared, Fault> {
+    service.compute(move |engine, control| comparison.run(engine, control)).await
+}
+
+impl Comparison {
+    /// Registers where asked for, and compares.
+    ///
+    /// # Errors
+    /// What the numerics say; [`FaultKind::InvalidRequest`] for masks of another length.
+    pub fn run(self, engine: &dyn Engine, control: &Control) -> Result<Compared, Halt> {
+        let Prediction { mesh, displacement_mm, rest, face } = self.prediction;
+        let mut reference = self.reference;
+        let given = [
+            ("/mask_vertices", &self.mask),
+            ("/register/unaltered_vertices", &self.register.as_ref().map(|r| r.region.clone()).unwrap_or_default()),
+        ];
+        for (pointer, mask) in given {
+            check_length(pointer, mask, &mesh)?;
+        }
+        let rest = rest.as_ref().unwrap_or(&mesh);
+        let (mut except, mut document_of, mut warnings) = (self.exclude, None, Vec::new());
+        match &face {
+            Some((points, midline)) if self.exclude_eyes => except.extend(eyes(rest, points, *midline)),
+            None if self.exclude_eyes => {
+                warnings
+                    .push("the eyes were not left out: the prediction is no skin, they cannot be placed".to_owned());
+            }
+            _ => {}
+        }
+        let without: Vec<bool> = Mask { except, ..Mask::default() }.of(&mesh);
+        let both = |a: Vec<bool>| -> Vec<bool> { a.into_iter().zip(&without).map(|(a, b)| a && *b).collect() };
+        let (regions, _) = face.map_or_else(Default::default, |(points, midline)| face_regions(rest, &points, midline));
+        let in_face = |p: &Point| regions.iter().any(|r| r.bounds.contains(p));
+        let (mask_name, counted) = if !self.mask.is_empty() {
+            ("given", self.mask.of(&mesh))
+        } else if self.face_only && !regions.is_empty() {
+            ("face", rest.positions().iter().map(in_face).collect())
+        } else {
+            ("all", vec![true; mesh.positions().len()])
+        };
+        let counted = both(counted);
+        if let Some(on) = self.register {
+            let (name, region) = on.chosen(&mesh, displacement_mm.as_deref());
+            let found = engine.register(&mesh, &reference, Some(&both(region)), &control.part(0.0, 0.5))?;
+            warnings.extend(found.warnings.iter().cloned());
+            document_of = Some(RegistrationDocument::new(&found, name));
+            // The reference comes to the prediction, so that masks, parts of the face and pictures stay in the patient's frame.
+            reference = reference.moved(&found.motion.inverse());
+        }
+        let map = engine.error_map(&mesh, &reference, Some(&counted), &regions, &control.part(0.5, 1.0))?;
+        let mut document = ErrorDocument::new(self.reference_name, mask_name, &map);
+        document.registration = document_of;
+        document.warnings.splice(0..0, warnings);
+        let correspondence_mm = map.correspondence.map(|c| c.distance_mm);
+        Ok(Compared { document, mesh, error_mm: map.signed_mm, correspondence_mm })
+    }
+}
+
+impl RegisterOn {
+    /// Name and vertices of the region.
+    fn chosen(&self, mesh: &TriMesh, displacement_mm: Option<&[f32]>) -> (&'static str, Vec<bool>) {
+        match displacement_mm {
+            _ if !self.region.is_empty() => ("given", self.region.of(mesh)),
+            Some(moved) => ("unmoved", moved.iter().map(|d| f64::from(*d) < self.threshold_mm).collect()),
+            None => ("all", vec![true; mesh.positions().len()]),
+        }
+    }
+}
+
+fn check_length(pointer: &str, mask: &Mask, mesh: &TriMesh) -> Result<(), Fault> {
+    let n = mesh.positions().len();
+    match &mask.vertices {
+        Some(vertices) if vertices.len() != n => {
+            let detail = format!("has {} entries, the prediction {n} vertices", vertices.len());
+            Err(Fault::new(FaultKind::InvalidRequest, detail).at(pointer))
+        }
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,82 @@
+use super::{Prediction, read_frame, rest_of};
+use crate::jobs::{Service, SurfaceSource};
+use crate::session::{Fault, FaultKind, LandmarksDocument, SessionParts, load_mesh};
+use prosopon_geometry::Point;
+use prosopon_store::{PartKind, SessionId};
+
+/// A stored surface with what is known of it, its name in words, its key and its session.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NamedSurface {
+    /// Name in an answer.
+    pub name: String,
+    /// Hash of the surface.
+    pub key: String,
+    /// Session that it is of.
+    pub session: SessionId,
+}
+
+/// What a source names, without its surface.
+///
+/// # Errors
+/// [`FaultKind::NotFound`], [`FaultKind::Gone`], or the store's.
+pub async fn named_surface(service: &Service, source: SurfaceSource) -> Result<NamedSurface, Fault> {
+    match source {
+        SurfaceSource::Step(id, k) => {
+            let job = service.job(id).await?;
+            let step = service.store.step(id, k).await?;
+            let step = step.ok_or_else(|| Fault::new(FaultKind::NotFound, format!("job {id} has no step {k}")))?;
+            Ok(NamedSurface { name: format!("job {id} step {k}"), key: step.sha256, session: job.session })
+        }
+        SurfaceSource::Skin(session) | SurfaceSource::Skull(session) | SurfaceSource::Target(session) => {
+            let kind = part_of(source);
+            let parts = SessionParts::load(&service.store, session).await?;
+            let key = parts.require(kind)?.key.clone();
+            Ok(NamedSurface { name: format!("{} of session {session}", kind.as_str()), key, session })
+        }
+    }
+}
+
+/// The surface that a source names.
+///
+/// # Errors
+/// As [`named_surface`].
+pub(in crate::jobs) async fn load_surface(service: &Service, source: SurfaceSource) -> Result<Prediction, Fault> {
+    match source {
+        SurfaceSource::Step(id, k) => {
+            let job = service.job(id).await?;
+            let step = service.store.step(id, k).await?;
+            let step = step.ok_or_else(|| Fault::new(FaultKind::NotFound, format!("job {id} has no step {k}")))?;
+            let rest = rest_of(service, &job).await?;
+            let frame = read_frame(service, &step, &rest).await?;
+            let face = Some(face_of(&SessionParts::load(&service.store, job.session).await?)?);
+            let (mesh, displacement_mm) = (frame.mesh(&rest)?, Some(frame.displacement_mm));
+            Ok(Prediction { mesh, displacement_mm, rest: Some(rest), face })
+        }
+        SurfaceSource::Skin(session) | SurfaceSource::Skull(session) | SurfaceSource::Target(session) => {
+            let kind = part_of(source);
+            let parts = SessionParts::load(&service.store, session).await?;
+            let mesh = load_mesh(&service.store, parts.require(kind)?).await?;
+            let face = if kind == PartKind::Skull { None } else { Some(face_of(&parts)?) };
+            Ok(Prediction { mesh, displacement_mm: None, rest: None, face })
+        }
+    }
+}
+
+fn part_of(source: SurfaceSource) -> PartKind {
+    match source {
+        SurfaceSource::Skull(_) => PartKind::Skull,
+        SurfaceSource::Target(_) => PartKind::Target,
+        // A step has its own file; nobody asks for its part.
+        SurfaceSource::Skin(_) | SurfaceSource::Step(..) => PartKind::Skin,
+    }
+}
+
+/// What places the parts of the face: landmarks and midline of the session.
+///
+/// # Errors
+/// [`FaultKind::Internal`].
+pub fn face_of(parts: &SessionParts) -> Result<(Vec<(String, Point)>, Option<f64>), Fault> {
+    let landmarks = parts.landmarks()?;
+    let points = landmarks.as_ref().map(LandmarksDocument::named_points).unwrap_or_default();
+    Ok((points, landmarks.and_then(|l| l.midline_x_mm)))
+}

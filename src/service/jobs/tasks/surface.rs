@@ -1,0 +1,65 @@
+use std::time::Instant;
+
+use crate::jobs::Service;
+use crate::session::{
+    Fault, FaultKind, Halt, PreparedSurface, SurfaceDocument, SurfaceOrigin, import_fault, surface_part,
+};
+use prosopon_formats::import::{ImportError, SurfaceFormat, detect_surface, surface};
+use prosopon_store::{BlobInfo, PartKind, SessionId};
+
+/// Reads, measures and stores an uploaded surface as a part of the session. The upload's file is removed in any case.
+/// `hint` is the format that the sender names; what the bytes show comes first.
+///
+/// # Errors
+/// [`FaultKind::SurfaceNotUsable`], [`FaultKind::UnsupportedFormat`], or the store's.
+pub async fn take_surface(
+    service: &Service,
+    session: SessionId,
+    kind: PartKind,
+    upload: BlobInfo,
+    hint: Option<SurfaceFormat>,
+) -> Result<SurfaceDocument, Fault> {
+    let result = take(service, session, kind, &upload, hint).await;
+    service.store.blobs().delete(&upload.key).await;
+    result.map_err(|fault| if fault.kind == FaultKind::SurfaceNotUsable { fault.at(kind.as_str()) } else { fault })
+}
+
+async fn take(
+    service: &Service,
+    session: SessionId,
+    kind: PartKind,
+    upload: &BlobInfo,
+    hint: Option<SurfaceFormat>,
+) -> Result<SurfaceDocument, Fault> {
+    let started = Instant::now();
+    let bytes = service.store.blobs().get(&upload.key).await?;
+    let limits = service.settings.import;
+    let (length, sha256) = (upload.bytes, upload.sha256.clone());
+    let prepared = service
+        .compute(move |_, _| {
+            let refused = |e: ImportError| Halt::from(import_fault(&e, FaultKind::SurfaceNotUsable));
+            let format = detect_surface(&bytes).or(hint).or_else(|| cut_off_stl(&bytes, limits.max_triangles));
+            let format = match format {
+                Some(format) => format,
+                None if bytes.is_empty() => return Err(refused(ImportError::Empty)),
+                None => return Err(refused(ImportError::UnknownFormat { expected: "STL, PLY, OBJ and VTP" })),
+            };
+            let (mesh, warnings) = surface(&bytes, format, &limits).map_err(refused)?;
+            drop(bytes);
+            let origin =
+                SurfaceOrigin { kind: "upload".to_owned(), format: format.name().to_owned(), bytes: length, sha256 };
+            Ok(PreparedSurface::new(&mesh, origin, warnings)?)
+        })
+        .await?;
+    let wall_s = started.elapsed().as_secs_f64();
+    let (part, document) = surface_part(&service.store, session, kind, prepared, wall_s).await?;
+    service.store.put_parts(session, &[part]).await?;
+    Ok(document)
+}
+
+/// A binary STL file that was cut off has nothing to be known by but a plausible count of triangles; reading it as STL
+/// says what is missing.
+fn cut_off_stl(bytes: &[u8], max_triangles: usize) -> Option<SurfaceFormat> {
+    let count = u32::from_le_bytes(*bytes.get(80..84)?.first_chunk::<4>()?) as usize;
+    (1..=max_triangles).contains(&count).then_some(SurfaceFormat::Stl)
+}

@@ -1,0 +1,122 @@
+use std::sync::Arc;
+
+use bytes::Bytes;
+
+use crate::jobs::Service;
+use crate::session::{CtDocument, Fault, FaultKind, Halt, import_fault};
+use prosopon_formats::export::nifti_gz;
+use prosopon_formats::import::{ImportError, VolumeFormat, VolumeScan, VolumeSettings, volume_with};
+use prosopon_store::{BlobInfo, PartKind, PartRecord, SessionId, now_rfc3339};
+
+/// Bytes that are looked over at once, on a thread for requests.
+const BATCH: usize = 1 << 20;
+/// Fewest voxels along an axis that surfaces can be taken from.
+const MIN_EXTENT: usize = 4;
+
+/// Looks over a CT while it arrives, so that a file that cannot be one, or is cut off, is refused before a job takes it.
+#[derive(Debug)]
+pub struct CtScan {
+    service: Arc<Service>,
+    scan: VolumeScan,
+    waiting: Vec<Bytes>,
+    bytes: usize,
+}
+
+impl CtScan {
+    /// A scan that has seen nothing yet.
+    #[must_use]
+    pub fn new(service: &Arc<Service>) -> Self {
+        let scan = VolumeScan::new(service.settings.import);
+        Self { service: Arc::clone(service), scan, waiting: Vec::new(), bytes: 0 }
+    }
+
+    /// Takes the next piece; waits while a batch is looked over.
+    ///
+    /// # Errors
+    /// [`FaultKind::VolumeNotUsable`], [`FaultKind::UnsupportedFormat`].
+    pub async fn take(&mut self, piece: Bytes) -> Result<(), Fault> {
+        self.bytes += piece.len();
+        self.waiting.push(piece);
+        if self.bytes >= BATCH { self.look().await } else { Ok(()) }
+    }
+
+    /// Whether what came is a whole file, as far as that shows on the way.
+    ///
+    /// # Errors
+    /// As [`CtScan::take`].
+    pub async fn finish(mut self) -> Result<(), Fault> {
+        self.look().await?;
+        let scan = self.scan;
+        self.service.compute(move |_, _| scan.finish().map_err(|e| refused(&e))).await
+    }
+
+    async fn look(&mut self) -> Result<(), Fault> {
+        self.bytes = 0;
+        let pieces = std::mem::take(&mut self.waiting);
+        let mut scan = std::mem::replace(&mut self.scan, VolumeScan::new(self.service.settings.import));
+        let looked = self.service.compute(move |_, _| {
+            for piece in &pieces {
+                scan.push(piece).map_err(|e| refused(&e))?;
+            }
+            Ok(scan)
+        });
+        self.scan = looked.await?;
+        Ok(())
+    }
+}
+
+/// Makes an upload the session's CT. Whatever its format, the voxels and where they lie are kept, as NIfTI, and nothing else, so that no
+/// tag of a patient and no note in a header outlives the request. The upload's file is then removed.
+///
+/// # Errors
+/// [`FaultKind::VolumeNotUsable`], [`FaultKind::UnsupportedFormat`], or the store's.
+pub async fn take_ct(
+    service: &Service,
+    session: SessionId,
+    upload: BlobInfo,
+    settings: VolumeSettings,
+) -> Result<PartRecord, Fault> {
+    let read = read_ct(service, &upload.key, settings).await;
+    service.store.blobs().delete(&upload.key).await;
+    let (bytes, format, warnings) = read?;
+    let stored = service.store.blobs().put(session, bytes).await?;
+    let document =
+        CtDocument { sha256: upload.sha256, bytes: upload.bytes, format: format.name().to_owned(), warnings };
+    Ok(PartRecord {
+        kind: PartKind::Ct,
+        key: stored.sha256,
+        blob: Some(stored.key),
+        bytes: stored.bytes,
+        wall_s: 0.0,
+        document: serde_json::to_string(&document).unwrap_or_default(),
+        updated_at: now_rfc3339(),
+    })
+}
+
+async fn read_ct(
+    service: &Service,
+    key: &str,
+    settings: VolumeSettings,
+) -> Result<(Vec<u8>, VolumeFormat, Vec<String>), Fault> {
+    let bytes = service.store.blobs().get(key).await?;
+    let limits = service.settings.import;
+    service
+        .compute(move |_, _| {
+            let read = volume_with(&bytes, &limits, &settings).map_err(|e| refused(&e))?;
+            drop(bytes);
+            let dims = read.volume.dims;
+            if dims.iter().any(|d| *d < MIN_EXTENT) {
+                let detail = format!("{dims:?} voxels, but at least {MIN_EXTENT} along each axis are needed");
+                return Err(Fault::new(FaultKind::VolumeNotUsable, detail).at(PartKind::Ct.as_str()).into());
+            }
+            Ok((nifti_gz(&read.volume), read.format, read.warnings))
+        })
+        .await
+}
+
+fn refused(error: &ImportError) -> Halt {
+    match import_fault(error, FaultKind::VolumeNotUsable) {
+        fault if fault.kind == FaultKind::VolumeNotUsable => fault.at(PartKind::Ct.as_str()).into(),
+        fault => fault.into(),
+    }
+}

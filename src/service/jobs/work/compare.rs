@@ -1,0 +1,54 @@
+use std::collections::BTreeMap;
+
+use super::Context;
+use crate::jobs::requests::SolveRequest;
+use crate::jobs::tasks::{read_frame, rest_of};
+use crate::session::{Fault, Halt, SessionParts, load_mesh};
+use prosopon_geometry::TriMesh;
+use prosopon_store::PartKind;
+
+/// What the steps of a job are compared with.
+#[derive(Debug)]
+pub(super) enum Reference {
+    /// The post-operative skin, at every step.
+    Target(TriMesh),
+    /// Another job's step at the same place of the path: its number and skin, by our step number.
+    Job { id: String, steps: BTreeMap<u32, (u32, TriMesh)> },
+}
+
+impl Reference {
+    /// The target where the session has one, else the reference job, else nothing.
+    pub(super) async fn load(
+        context: &Context,
+        parts: &SessionParts,
+        request: &SolveRequest,
+    ) -> Result<Option<Self>, Halt> {
+        let store = &context.service.store;
+        if !request.error_maps {
+            return Ok(None);
+        }
+        if let Some(target) = parts.get(PartKind::Target) {
+            return Ok(Some(Self::Target(load_mesh(store, target).await?)));
+        }
+        let Some(id) = request.reference_job else { return Ok(None) };
+        let job = context.service.job(id).await?;
+        let rest = rest_of(&context.service, &job).await?;
+        let mut steps = BTreeMap::new();
+        for step in store.steps(id).await.map_err(Fault::from)? {
+            let own = (step.t * f64::from(request.steps)).round();
+            if (step.t - own / f64::from(request.steps)).abs() < 1e-9 {
+                let frame = read_frame(&context.service, &step, &rest).await?;
+                steps.insert(own as u32, (step.k, frame.mesh(&rest)?));
+            }
+        }
+        Ok(Some(Self::Job { id: id.to_string(), steps }))
+    }
+
+    /// Name and surface that step `k` is compared with.
+    pub(super) fn at(&self, k: u32) -> Option<(String, &TriMesh)> {
+        match self {
+            Self::Target(mesh) => Some(("target".to_owned(), mesh)),
+            Self::Job { id, steps } => steps.get(&k).map(|(other, mesh)| (format!("job {id} step {other}"), mesh)),
+        }
+    }
+}

@@ -1,0 +1,29 @@
+use std::time::Instant;
+
+use super::{Context, Done, changed_meanwhile, to_json};
+use crate::jobs::requests::FieldRequest;
+use crate::jobs::running::Phase;
+use crate::session::{FieldDocument, Halt};
+use prosopon_store::PartKind;
+
+/// The distance fields of the session's surfaces.
+pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
+    let request: FieldRequest = context.request()?;
+    let parts = context.parts().await?;
+    if parts.field_key()? != request.key {
+        return Err(changed_meanwhile().into());
+    }
+    let case = context.case(&parts).await?;
+    let started = Instant::now();
+    context.running.set_phase(Phase::Field);
+    let (skin, bone, warnings) = context.compute(move |engine, control| engine.fields(&case, control)).await?;
+    let wall_s = started.elapsed().as_secs_f64();
+    let document = FieldDocument {
+        settings: request.settings,
+        skin: (&skin).into(),
+        bone: (&bone).into(),
+        warnings: warnings.clone(),
+    };
+    context.put_document(PartKind::Field, request.key, wall_s, to_json(&document)?).await?;
+    Ok(Done { warnings, ..Done::default() })
+}

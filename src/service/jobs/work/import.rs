@@ -1,0 +1,69 @@
+use std::time::Instant;
+
+use super::report::read;
+use super::{Context, Done, changed_meanwhile};
+use crate::jobs::requests::ImportRequest;
+use crate::jobs::running::Phase;
+use crate::session::{CtDocument, Halt, PreparedSurface, SurfaceOrigin, surface_part};
+use prosopon_planning::surface::CtSettings;
+use prosopon_store::{PartKind, PartRecord, encode_grid, now_rfc3339};
+
+/// Skin, skull, air and soft tissue of the session's CT.
+pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
+    let request: ImportRequest = context.request()?;
+    let parts = context.parts().await?;
+    let ct = parts.require(PartKind::Ct)?;
+    if ct.key != request.ct_sha256 {
+        return Err(changed_meanwhile().into());
+    }
+    let store = &context.service.store;
+    let document: CtDocument = read(&ct.document)?;
+    let bytes = context.get(ct.blob.as_deref().unwrap_or_default()).await?;
+    let started = Instant::now();
+    context.running.set_phase(Phase::Surfaces);
+    let origin = SurfaceOrigin {
+        kind: "ct".to_owned(),
+        format: document.format,
+        bytes: document.bytes,
+        sha256: document.sha256,
+    };
+    let (surfaces, soft_tissue, warnings) = context
+        .compute(move |engine, control| {
+            let mut found = engine.surfaces(&bytes, &CtSettings::from(&request), control)?;
+            found.warnings.splice(0..0, document.warnings);
+            drop(bytes);
+            let prepare = |mesh, warnings| PreparedSurface::new(mesh, origin.clone(), warnings);
+            let mut surfaces = vec![
+                (PartKind::Skin, prepare(&found.skin, found.warnings.clone())?),
+                (PartKind::Skull, prepare(&found.skull, Vec::new())?),
+            ];
+            if let Some(air) = &found.air {
+                surfaces.push((PartKind::Air, prepare(air, Vec::new())?));
+            }
+            Ok((surfaces, encode_grid(&found.soft_tissue), found.warnings))
+        })
+        .await?;
+    context.running.set_phase(Phase::Writing);
+    let has_air = surfaces.iter().any(|(kind, _)| *kind == PartKind::Air);
+    let mut records = Vec::new();
+    for (kind, surface) in surfaces {
+        // The whole time is booked on the skin, so that the sum over the parts is right.
+        let wall_s = if kind == PartKind::Skin { started.elapsed().as_secs_f64() } else { 0.0 };
+        records.push(surface_part(store, context.job.session, kind, surface, wall_s).await?.0);
+    }
+    let blob = context.put(soft_tissue).await?;
+    records.push(PartRecord {
+        kind: PartKind::SoftTissue,
+        key: blob.sha256,
+        blob: Some(blob.key),
+        bytes: blob.bytes,
+        wall_s: 0.0,
+        document: "{}".to_owned(),
+        updated_at: now_rfc3339(),
+    });
+    context.service.persist(|| store.put_parts(context.job.session, &records)).await?;
+    if !has_air {
+        store.delete_part(context.job.session, PartKind::Air).await?;
+    }
+    Ok(Done { warnings, ..Done::default() })
+}

@@ -1,0 +1,35 @@
+use std::time::Instant;
+
+use super::{Context, Done, changed_meanwhile, to_json};
+use crate::jobs::requests::MeshRequest;
+use crate::jobs::running::Phase;
+use crate::session::{D1ReadingName, Halt, MeshDocument, PresetName};
+use prosopon_store::PartKind;
+use prosopon_tissue::mesh::Tissue;
+
+/// Materials that a solve on this mesh would warn of.
+fn unstable(preset: PresetName) -> Vec<String> {
+    let materials = preset.materials(D1ReadingName::default());
+    let tissues = [Tissue::Skin, Tissue::Muscle, Tissue::Fat, Tissue::Mucosa];
+    tissues.into_iter().filter_map(|t| materials.of(t).stability_warning(t.name())).collect()
+}
+
+/// The tissue mesh of the session.
+pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
+    let request: MeshRequest = context.request()?;
+    let parts = context.parts().await?;
+    let tissue = parts.tissue_request(&request.settings, request.cuts.as_deref())?;
+    if tissue.key != request.key {
+        return Err(changed_meanwhile().into());
+    }
+    let case = context.case(&parts).await?;
+    let started = Instant::now();
+    context.running.set_phase(Phase::Mesh);
+    let built = context.compute(move |engine, control| engine.tissue(&case, &tissue, control)).await;
+    let mut report = built.map_err(|halt| context.cuts_of(request.osteotomy_id, "/osteotomy", halt))?;
+    report.warnings.extend(unstable(request.preset));
+    let wall_s = started.elapsed().as_secs_f64();
+    let document = MeshDocument::new(request.settings, request.cuts, &report);
+    context.put_document(PartKind::Mesh, request.key, wall_s, to_json(&document)?).await?;
+    Ok(Done { warnings: report.warnings, ..Done::default() })
+}

@@ -1,0 +1,160 @@
+//! What each kind of job does: read, compute on the pool, write.
+
+mod compare;
+mod comparison;
+mod field;
+mod import;
+mod mesh;
+mod report;
+mod scene;
+mod solve;
+mod solve_watch;
+
+use std::pin::pin;
+use std::sync::Arc;
+use std::time::Duration;
+
+use bytes::Bytes;
+use serde::de::DeserializeOwned;
+
+use super::Service;
+use super::running::Running;
+use super::service::panicked;
+use crate::session::{Case, Engine, Fault, FaultKind, Halt, SessionParts};
+use prosopon_geometry::control::Control;
+use prosopon_store::{BlobInfo, JobKind, JobRecord, Lane, OsteotomyId, PartKind, PartRecord, StepRecord, now_rfc3339};
+
+/// Share of a job that computes; the rest writes the results.
+const COMPUTING: f64 = 0.99;
+
+/// Longest time that the store is waited for after the job should stop.
+const STOP_SEEN: Duration = Duration::from_millis(250);
+
+/// What a job leaves in its row.
+#[derive(Debug, Default)]
+pub(super) struct Done {
+    pub(super) report: Option<String>,
+    pub(super) tissue: Option<BlobInfo>,
+    pub(super) warnings: Vec<String>,
+}
+
+/// Everything that a job's work is given.
+#[derive(Debug, Clone)]
+struct Context {
+    service: Arc<Service>,
+    job: Arc<JobRecord>,
+    running: Arc<Running>,
+}
+
+pub(super) async fn perform(service: Arc<Service>, job: JobRecord, running: Arc<Running>) -> Result<Done, Halt> {
+    let context = Context { service, job: Arc::new(job), running };
+    match context.job.kind {
+        JobKind::Import => import::perform(&context).await,
+        JobKind::Field => field::perform(&context).await,
+        JobKind::Mesh => mesh::perform(&context).await,
+        JobKind::Solve => solve::perform(&context).await,
+        JobKind::Compare => comparison::perform(&context).await,
+    }
+}
+
+impl Context {
+    fn request<T: DeserializeOwned>(&self) -> Result<T, Fault> {
+        serde_json::from_str(&self.job.request).map_err(|error| {
+            tracing::error!(%error, "a job's request cannot be read");
+            Fault::new(FaultKind::Internal, "the stored request cannot be read; the log says more")
+        })
+    }
+
+    async fn parts(&self) -> Result<SessionParts, Halt> {
+        match SessionParts::load(&self.service.store, self.job.session).await {
+            Err(fault) if fault.kind == FaultKind::Gone => Err(Halt::Cancelled),
+            other => Ok(other?),
+        }
+    }
+
+    /// Runs numerics on the pool under the job's control.
+    async fn compute<T: Send + 'static>(
+        &self,
+        work: impl FnOnce(&dyn Engine, &Control) -> Result<T, Halt> + Send + 'static,
+    ) -> Result<T, Halt> {
+        let (engine, control) = (Arc::clone(&self.service.engine), self.running.control.part(0.0, COMPUTING));
+        let work = move || work(engine.as_ref(), &control);
+        let done = match self.running.worker.lane {
+            Lane::Heavy => self.service.cpu.run_job(self.running.worker.number, work).await,
+            Lane::Quick => self.service.cpu.run_request(work).await,
+        };
+        done.map_err(|_| panicked())?
+    }
+
+    /// What the store does for the job, unless it should stop: a bucket that is away is waited for by those who want what comes of it.
+    async fn unless_stopped<T, E>(&self, work: impl Future<Output = Result<T, E>>) -> Result<T, Halt>
+    where
+        Halt: From<E>,
+    {
+        let mut work = pin!(work);
+        loop {
+            match tokio::time::timeout(STOP_SEEN, &mut work).await {
+                Ok(done) => return Ok(done?),
+                Err(_) if self.running.control.is_cancelled() => return Err(Halt::Cancelled),
+                Err(_) => {}
+            }
+        }
+    }
+
+    /// Stores a large value for the job's session.
+    async fn put(&self, bytes: Vec<u8>) -> Result<BlobInfo, Halt> {
+        self.unless_stopped(self.service.store.blobs().put(self.job.session, bytes)).await
+    }
+
+    /// A large value.
+    async fn get(&self, key: &str) -> Result<Bytes, Halt> {
+        self.unless_stopped(self.service.store.blobs().get(key)).await
+    }
+
+    /// What the numerics work on.
+    async fn case(&self, parts: &SessionParts) -> Result<Case, Halt> {
+        self.unless_stopped(parts.case(&self.service.store)).await
+    }
+
+    /// Steps of the job, which are all there.
+    async fn all_steps(&self) -> Result<Vec<StepRecord>, Halt> {
+        let steps = self.service.store.steps(self.job.id).await?;
+        if !steps.iter().map(|step| step.k).eq(1..=self.job.steps) {
+            tracing::error!(found = steps.len(), of = self.job.steps, "steps are missing");
+            return Err(Fault::new(FaultKind::Internal, "steps are missing; the log says more").into());
+        }
+        Ok(steps)
+    }
+
+    /// What is wrong with cuts is the osteotomy's, which the request names at `pointer`, itself or through its plan.
+    fn cuts_of(&self, osteotomy: Option<OsteotomyId>, pointer: &str, halt: Halt) -> Halt {
+        match (halt, osteotomy) {
+            (Halt::Fault(fault), Some(id))
+                if matches!(fault.kind, FaultKind::CutMissesBone | FaultKind::BoneNotParted) =>
+            {
+                let path = format!("/v1/sessions/{}/osteotomies/{id}", self.job.session);
+                fault.with_cuts_at(pointer).with("osteotomy", path).into()
+            }
+            (other, _) => other,
+        }
+    }
+
+    /// Stores a derived part without a file.
+    async fn put_document(&self, kind: PartKind, key: String, wall_s: f64, document: String) -> Result<(), Halt> {
+        let bytes = document.len() as u64;
+        let part = PartRecord { kind, key, blob: None, bytes, wall_s, document, updated_at: now_rfc3339() };
+        Ok(self.service.persist(|| self.service.store.put_parts(self.job.session, std::slice::from_ref(&part))).await?)
+    }
+}
+
+/// Inputs changed between the request and its turn.
+fn changed_meanwhile() -> Fault {
+    Fault::new(FaultKind::Stale, "inputs or settings were changed after the job was accepted; send it again")
+}
+
+fn to_json<T: serde::Serialize>(value: &T) -> Result<String, Fault> {
+    serde_json::to_string(value).map_err(|error| {
+        tracing::error!(%error, "a document cannot be written");
+        Fault::new(FaultKind::Internal, "a document cannot be written; the log says more")
+    })
+}

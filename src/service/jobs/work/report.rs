@@ -1,0 +1,128 @@
+use std::collections::BTreeMap;
+
+use serde::de::DeserializeOwned;
+use serde_json::{Map, Value, json};
+
+use crate::jobs::requests::SolveRequest;
+use crate::jobs::running::step_warning;
+use crate::session::{
+    CtDocument, ErrorDocument, Fault, FaultKind, FieldDocument, PhasesDocument, ReportDocument, ReportInput,
+    SessionParts, StepDocument, SurfaceDocument,
+};
+use prosopon_planning::simulate::Outcome;
+use prosopon_store::{JobRecord, PartKind, StepRecord, now_rfc3339};
+
+/// What a report is made of.
+#[derive(Debug)]
+pub(super) struct Ingredients<'a> {
+    pub(super) job: &'a JobRecord,
+    pub(super) request: &'a SolveRequest,
+    pub(super) parts: &'a SessionParts,
+    pub(super) outcome: &'a Outcome,
+    pub(super) steps: &'a [StepRecord],
+    pub(super) regions_from_landmarks: bool,
+    pub(super) solve_s: f64,
+    pub(super) warnings: &'a [String],
+    /// Warnings from before the first step.
+    pub(super) told: &'a [String],
+}
+
+pub(super) fn compile(i: &Ingredients<'_>) -> Result<ReportDocument, Fault> {
+    let field: FieldDocument = i.parts.require_field()?;
+    let steps = step_documents(i.steps)?;
+    let error = i.steps.last().and_then(|s| s.error.as_deref()).map(read::<ErrorDocument>).transpose()?;
+    let mut warnings = i.told.to_vec();
+    warnings.extend(i.warnings.iter().cloned());
+    warnings.extend(field.warnings.iter().chain(&i.request.cut_warnings).chain(&i.request.mesh.warnings).cloned());
+    warnings.extend(step_warnings(&steps, i.told));
+    warnings.extend(error.iter().flat_map(|e| e.warnings.iter().map(|w| format!("error map: {w}"))));
+    Ok(ReportDocument {
+        format_version: 1,
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        job: i.job.id.to_string(),
+        session: i.job.session.to_string(),
+        finished_at: now_rfc3339(),
+        attempt: i.job.attempt,
+        model: i.request.physics.model.as_str().to_owned(),
+        parameters: parameters(i.request).into(),
+        inputs: inputs(i.parts)?,
+        phases: phases(i),
+        field: Some(field),
+        mesh: Some(i.request.mesh.clone()),
+        tissue: None,
+        plan: i.request.plan.clone(),
+        steps,
+        left_out: (i.outcome.left_out.nodes > 0).then(|| i.outcome.left_out.into()),
+        attached: Some((&i.outcome.attached).into()),
+        regions: i.outcome.regions.iter().map(|r| (r.name.to_owned(), r.into())).collect(),
+        error,
+        regions_from_landmarks: i.regions_from_landmarks,
+        warnings,
+    })
+}
+
+fn parameters(request: &SolveRequest) -> Map<String, Value> {
+    let mut members = request.physics.parameters();
+    for (name, value) in [
+        ("steps", json!(request.steps)),
+        ("attachment", json!(request.attachment)),
+        ("plan", json!(request.plan_id)),
+        ("osteotomy", json!(request.osteotomy_id)),
+        ("cuts", json!(request.cuts)),
+        ("reference_job", json!(request.reference_job)),
+        ("warm_start", json!(request.warm_start.as_ref().map(|before| before.job))),
+    ] {
+        members.insert(name.to_owned(), value);
+    }
+    members
+}
+
+/// Warnings of the steps that have not been `told`.
+pub(super) fn step_warnings(steps: &[StepDocument], told: &[String]) -> Vec<String> {
+    let of = |s: &StepDocument| {
+        let new = s.warnings.iter().filter(|w| !told.contains(w));
+        new.map(|w| step_warning(s.k, w)).collect::<Vec<_>>()
+    };
+    steps.iter().flat_map(of).collect()
+}
+
+/// Documents of stored steps.
+pub(super) fn step_documents(steps: &[StepRecord]) -> Result<Vec<StepDocument>, Fault> {
+    steps.iter().map(|s| read(&s.document)).collect()
+}
+
+/// Times of the jobs that made the parts; this job's own for the steps.
+fn phases(i: &Ingredients<'_>) -> PhasesDocument {
+    let wall_s = |kind| i.parts.get(kind).map_or(0.0, |p| p.wall_s);
+    let surfaces_s = [PartKind::Skin, PartKind::Skull, PartKind::Air].map(wall_s).iter().sum();
+    let (field_s, cut_s, mesh_s) = (wall_s(PartKind::Field), i.request.cut_s, wall_s(PartKind::Mesh));
+    let (plan_s, solve_s) = (i.request.plan.wall_s, i.solve_s);
+    let total_s = surfaces_s + field_s + cut_s + mesh_s + plan_s + solve_s;
+    PhasesDocument { surfaces_s, field_s, cut_s, mesh_s, plan_s, solve_s, total_s }
+}
+
+/// Inputs of the session with their hashes.
+pub(super) fn inputs(parts: &SessionParts) -> Result<BTreeMap<String, ReportInput>, Fault> {
+    let mut inputs = BTreeMap::new();
+    for part in parts.all() {
+        let source_sha256 = match part.kind {
+            PartKind::Skin | PartKind::Skull | PartKind::Air | PartKind::Target | PartKind::Bone(_) => {
+                Some(read::<SurfaceDocument>(&part.document)?.origin.sha256)
+            }
+            PartKind::Ct => Some(read::<CtDocument>(&part.document)?.sha256),
+            PartKind::Landmarks => None,
+            PartKind::Tissue => Some(part.key.clone()),
+            // Derived from the others.
+            PartKind::SoftTissue | PartKind::FieldSettings | PartKind::Field | PartKind::Mesh => continue,
+        };
+        inputs.insert(part.kind.as_str().to_owned(), ReportInput { sha256: part.key.clone(), source_sha256 });
+    }
+    Ok(inputs)
+}
+
+pub(super) fn read<T: DeserializeOwned>(text: &str) -> Result<T, Fault> {
+    serde_json::from_str(text).map_err(|error| {
+        tracing::error!(%error, "a stored document cannot be read");
+        Fault::new(FaultKind::Internal, "a stored document cannot be read; the log says more")
+    })
+}

@@ -1,0 +1,161 @@
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::sync::mpsc;
+
+use super::report::{inputs, step_documents, step_warnings};
+use super::solve::{milestone, write_steps};
+use super::solve_watch::{Beginning, FinishedStep, SolveWatch};
+use super::{Context, Done, changed_meanwhile, to_json};
+use crate::jobs::requests::SceneRequest;
+use crate::jobs::running::Phase;
+use crate::session::{
+    Fault, FaultKind, Halt, PhasesDocument, ReportDocument, SceneBones, SceneRun, SceneSolved, SessionParts,
+    import_fault, load_mesh, stored_cuts,
+};
+use prosopon_formats::import::volume_mesh;
+use prosopon_planning::simulate::{OuterSurface, ReadyMesh};
+use prosopon_store::{PartKind, encode_mesh, now_rfc3339};
+
+/// Moves a ready tissue mesh along the plan; each step is stored as soon as it is solved.
+pub(super) async fn perform(context: &Context, request: &SceneRequest) -> Result<Done, Halt> {
+    let parts = context.parts().await?;
+    let tissue = parts.require(PartKind::Tissue)?;
+    if tissue.key != request.ready.sha256 {
+        return Err(changed_meanwhile().into());
+    }
+    let store = &context.service.store;
+    let bytes = context.get(tissue.blob.as_deref().unwrap_or_default()).await?;
+    let bones = bones(context, &parts, request).await?;
+    let limits = context.service.settings.import;
+    let read = context.compute(move |_, _| {
+        let unusable = |detail: String| Halt::from(Fault::new(FaultKind::MeshNotUsable, detail));
+        let (volume, _) = volume_mesh(&bytes, &limits).map_err(|e| import_fault(&e, FaultKind::MeshNotUsable))?;
+        let ready = ReadyMesh::new(&volume).map_err(|e| unusable(e.to_string()))?;
+        let outside = OuterSurface::of(&ready).map_err(|e| unusable(e.to_string()))?;
+        Ok((volume, encode_mesh(&outside.rest)))
+    });
+    let (volume, rest) = read.await?;
+    let rest = context.put(rest).await?;
+    context.service.persist(|| store.set_rest(&context.job, &rest)).await?;
+    // Its steps are compared with nothing.
+    let compared = String::new();
+    let before = milestone(context, &compared).await?;
+    let run = SceneRun {
+        volume,
+        bones,
+        fields: (&request.field_settings).into(),
+        plan: request.plan.plan()?,
+        solver: (&request.physics).into(),
+        steps: request.steps as usize,
+        file: request.file,
+        milestone: before.as_ref().map(|before| before.milestone.clone()),
+    };
+
+    let (sender, receiver) = mpsc::channel(2);
+    let beginning = Beginning { before, compared };
+    let (solved, written) = tokio::join!(compute(context, run, beginning, sender), write_steps(context, receiver));
+    // A failed write cancels the solver: its reason is the one to tell.
+    written?;
+    let (solved, solving) = solved.map_err(|halt| context.cuts_of(request.osteotomy_id, "/plan", halt))?;
+
+    context.running.set_phase(Phase::Writing);
+    let report = report(context, &parts, request, &solved, solving).await?;
+    let tissue = match solved.file {
+        Some(file) => Some(context.put(file).await?),
+        None => None,
+    };
+    let mut told = context.running.own_warnings();
+    told.extend(context.running.step_warnings().into_iter().map(|(_, text)| text));
+    let warnings = solved.warnings.into_iter().filter(|w| !told.contains(w)).collect();
+    Ok(Done { report: Some(to_json(&report)?), tissue, warnings })
+}
+
+/// The segments of the plan's osteotomy, else the bones that were uploaded.
+async fn bones(context: &Context, parts: &SessionParts, request: &SceneRequest) -> Result<SceneBones, Halt> {
+    if let Some(cuts) = &request.cuts {
+        let case = Box::new(context.case(parts).await?);
+        if case.key != request.field_key {
+            return Err(changed_meanwhile().into());
+        }
+        return Ok(SceneBones::Cut { case, cuts: stored_cuts(cuts)? });
+    }
+    let mut surfaces = Vec::new();
+    for (segment, part) in parts.bones() {
+        surfaces.push((segment, context.unless_stopped(load_mesh(&context.service.store, part)).await?));
+    }
+    if request.bones != parts.bone_keys() {
+        return Err(changed_meanwhile().into());
+    }
+    Ok(SceneBones::Surfaces(surfaces))
+}
+
+async fn compute(
+    context: &Context,
+    run: SceneRun,
+    beginning: Beginning,
+    steps: mpsc::Sender<FinishedStep>,
+) -> Result<(SceneSolved, Duration), Halt> {
+    let running = Arc::clone(&context.running);
+    context
+        .compute(move |engine, control| {
+            let mut watch = SolveWatch::new(engine, control.part(0.0, 0.0), running, steps, beginning);
+            let solved = engine.solve_scene(&run, control, &mut watch)?;
+            Ok((solved, watch.solving + watch.step_began.elapsed()))
+        })
+        .await
+}
+
+async fn report(
+    context: &Context,
+    parts: &SessionParts,
+    request: &SceneRequest,
+    solved: &SceneSolved,
+    solving: Duration,
+) -> Result<ReportDocument, Halt> {
+    let steps = step_documents(&context.all_steps().await?)?;
+    let told = context.running.own_warnings();
+    // The scene hands on those of its steps, which are told with their numbers.
+    let of_steps = |w: &String| steps.iter().any(|step| step.warnings.contains(w));
+    let mut warnings = told.clone();
+    for warning in solved.warnings.iter().chain(&request.cut_warnings).chain(&request.ready.warnings) {
+        if !warnings.contains(warning) && !of_steps(warning) {
+            warnings.push(warning.clone());
+        }
+    }
+    warnings.extend(step_warnings(&steps, &told));
+    let solve_s = solving.as_secs_f64();
+    let mut parameters = request.physics.parameters();
+    for (name, value) in [
+        ("steps", serde_json::json!(request.steps)),
+        ("plan", serde_json::json!(request.plan_id)),
+        ("osteotomy", serde_json::json!(request.osteotomy_id)),
+        ("cuts", serde_json::json!(request.cuts)),
+    ] {
+        parameters.insert(name.to_owned(), value);
+    }
+    Ok(ReportDocument {
+        format_version: 1,
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        job: context.job.id.to_string(),
+        session: context.job.session.to_string(),
+        finished_at: now_rfc3339(),
+        attempt: context.job.attempt,
+        model: request.physics.model.as_str().to_owned(),
+        parameters: parameters.into(),
+        inputs: inputs(parts)?,
+        phases: PhasesDocument { solve_s, total_s: solve_s, ..PhasesDocument::default() },
+        field: None,
+        mesh: None,
+        tissue: Some(request.ready.clone()),
+        plan: request.plan.clone(),
+        steps,
+        left_out: None,
+        attached: None,
+        regions: BTreeMap::new(),
+        error: None,
+        regions_from_landmarks: false,
+        warnings,
+    })
+}

@@ -1,0 +1,141 @@
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use tokio::sync::mpsc;
+
+use super::compare::Reference;
+use crate::jobs::SkinFrame;
+use crate::jobs::running::{Phase, Running};
+use crate::session::{Engine, ErrorDocument, Halt, RunWatch, StepDocument, StoredMilestone};
+use prosopon_geometry::control::Control;
+use prosopon_planning::evaluate::FaceRegion;
+use prosopon_planning::simulate::{Frame, Milestone};
+
+/// Shortest time between two milestones: what a job loses when its worker dies, beside the step it was at. One is some 1 to 2 MB on a head.
+const MILESTONE_EVERY: Duration = Duration::from_secs(2);
+
+/// A step on its way from the pool to the store.
+#[derive(Debug)]
+pub(super) struct FinishedStep {
+    pub(super) document: StepDocument,
+    pub(super) error: Option<ErrorDocument>,
+    pub(super) frame: Vec<u8>,
+    /// What another worker would go on with.
+    pub(super) milestone: Option<Vec<u8>>,
+}
+
+/// Where a solve begins.
+#[derive(Debug)]
+pub(super) struct Beginning {
+    /// The milestone of an earlier attempt; rest where there is none.
+    pub(super) before: Option<StoredMilestone>,
+    /// Key of what its steps are compared with.
+    pub(super) compared: String,
+}
+
+/// Compares and encodes each frame on the pool and hands it to the writer; waits when the writer is behind.
+pub(super) struct SolveWatch<'a> {
+    pub(super) engine: &'a dyn Engine,
+    /// Tells of cancellation only: comparing is no progress of the path.
+    pub(super) cancel: Control,
+    pub(super) running: Arc<Running>,
+    pub(super) steps: mpsc::Sender<FinishedStep>,
+    pub(super) reference: Option<Reference>,
+    pub(super) regions: Vec<FaceRegion>,
+    pub(super) mask: Vec<bool>,
+    pub(super) warnings: Vec<String>,
+    /// Number of the step that it goes on after; 0 at rest.
+    pub(super) after: u32,
+    /// Key of what steps are compared with.
+    pub(super) compared: String,
+    /// When the present step began.
+    pub(super) step_began: Instant,
+    /// Time of all steps, without comparing and writing.
+    pub(super) solving: Duration,
+    /// When the last milestone was made, or the job began.
+    pub(super) milestone_made: Instant,
+}
+
+impl<'a> SolveWatch<'a> {
+    /// Watches a solve from its beginning.
+    pub(super) fn new(
+        engine: &'a dyn Engine,
+        cancel: Control,
+        running: Arc<Running>,
+        steps: mpsc::Sender<FinishedStep>,
+        Beginning { before, compared }: Beginning,
+    ) -> Self {
+        let (after, solving_s, warnings) = match before {
+            Some(before) => (before.milestone.k as u32, before.solving_s.clamp(0.0, 1e6), before.warnings),
+            None => (0, 0.0, Vec::new()),
+        };
+        Self {
+            engine,
+            cancel,
+            running,
+            steps,
+            reference: None,
+            regions: Vec::new(),
+            mask: Vec::new(),
+            warnings,
+            after,
+            compared,
+            step_began: Instant::now(),
+            solving: Duration::from_secs_f64(solving_s),
+            milestone_made: Instant::now(),
+        }
+    }
+
+    /// What the job can be gone on with after the step at `t` of the path, now and then; after the last one there is nothing to go on with.
+    fn milestone(&mut self, t: f64, milestone: &dyn Fn() -> Option<Milestone>) -> Option<Vec<u8>> {
+        if t >= 1.0 || self.milestone_made.elapsed() < MILESTONE_EVERY {
+            return None;
+        }
+        self.milestone_made = Instant::now();
+        let told = (self.solving.as_secs_f64(), self.warnings.clone());
+        StoredMilestone::new(milestone()?, told, self.compared.clone()).encode()
+    }
+
+    fn compare(&mut self, k: u32, frame: &Frame) -> Option<(ErrorDocument, Vec<f32>)> {
+        let (name, reference) = self.reference.as_ref()?.at(k)?;
+        let map = self.engine.error_map(&frame.skin, reference, Some(&self.mask), &self.regions, &self.cancel);
+        match map {
+            Ok(map) => Some((ErrorDocument::new(name, "face", &map), map.signed_mm)),
+            // The solver meets the cancellation at its next check.
+            Err(Halt::Cancelled) => None,
+            Err(Halt::Fault(fault)) => {
+                self.warnings.push(format!("step {k} could not be compared with {name}: {}", fault.detail));
+                None
+            }
+        }
+    }
+}
+
+impl RunWatch for SolveWatch<'_> {
+    fn stage(&mut self, name: &'static str) {
+        self.running.set_phase(Phase::of_stage(name));
+        self.step_began = Instant::now();
+    }
+
+    fn warning(&mut self, text: String) {
+        self.running.warn(text);
+    }
+
+    fn frame(&mut self, frame: Frame, milestone: &dyn Fn() -> Option<Milestone>) {
+        let taken = self.step_began.elapsed();
+        if frame.k as u32 <= self.after {
+            // What it was to go on with did not fit.
+            (self.after, self.solving, self.warnings) = (0, Duration::ZERO, Vec::new());
+        }
+        self.solving += taken;
+        let document = StepDocument::new(&frame, taken.as_secs_f64());
+        let compared = self.compare(document.k, &frame);
+        let (error, error_mm) = compared.unzip();
+        let positions_mm = frame.skin.positions().iter().map(|p| [p.x as f32, p.y as f32, p.z as f32]).collect();
+        let frame = SkinFrame { positions_mm, displacement_mm: frame.displacement_mm, error_mm }.encode();
+        // The writer leaves only when it has failed, and then it cancels the control.
+        let milestone = self.milestone(document.t, milestone);
+        self.steps.blocking_send(FinishedStep { document, error, frame, milestone }).ok();
+        self.step_began = Instant::now();
+    }
+}

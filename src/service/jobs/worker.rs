@@ -1,0 +1,389 @@
+use std::pin::pin;
+use std::sync::Arc;
+use std::time::Duration;
+
+use tracing::Instrument;
+
+use super::Service;
+use super::others::keep_lease;
+use super::running::{Running, Worker};
+use super::service::{end_event, panicked, status_event, warning_event};
+use super::state::{JobEvent, next};
+use super::work::{self, Done};
+use crate::session::{Fault, FaultKind, Halt, chain};
+use crate::trace;
+use prosopon_store::{Claim, JobChange, JobFilter, JobRecord, JobState, Lane, StoreError};
+
+/// Shortest time between two progress events.
+const PROGRESS_EVERY: Duration = Duration::from_millis(250);
+
+/// Jobs that an earlier run or another process left running, `abandoned`, become interrupted; interrupted ones are accepted again or given
+/// up. Those that were asked to stop are cancelled.
+pub(super) async fn recover(service: &Service, abandoned: Vec<JobRecord>) -> Result<(), Fault> {
+    let all = |state| JobFilter { state: Some(state), limit: u32::MAX, ..JobFilter::default() };
+    for job in service.store.jobs(&all(JobState::Accepted)).await?.iter().chain(&abandoned) {
+        recover_one(service, job).await?;
+    }
+    for job in service.store.jobs(&all(JobState::Interrupted)).await? {
+        recover_one(service, &job).await?;
+    }
+    Ok(())
+}
+
+async fn recover_one(service: &Service, job: &JobRecord) -> Result<(), Fault> {
+    if let Some((event, change)) = recovery(job, service.settings.max_attempts) {
+        tracing::info!(job.id = %job.id, attempt = job.attempt, ?event, "job found that nobody computes");
+        apply(service, job, event, change).await?;
+    }
+    Ok(())
+}
+
+/// What a start means for a job that has not ended; nothing for one that waits.
+fn recovery(job: &JobRecord, max_attempts: u32) -> Option<(JobEvent, JobChange)> {
+    if job.cancel_requested_at.is_some() {
+        return Some((JobEvent::Cancel, ended(JobState::Cancelled, None)));
+    }
+    let told = |state| vec![("status", status_event(state, job.attempt))];
+    match job.state {
+        JobState::Running => {
+            let events = told(JobState::Interrupted);
+            Some((JobEvent::Interrupt, JobChange { events, ..JobChange::default() }))
+        }
+        JobState::Interrupted if job.attempt < max_attempts => {
+            let events = told(JobState::Accepted);
+            Some((JobEvent::Requeue, JobChange { phase: Some("waiting"), events, ..JobChange::default() }))
+        }
+        JobState::Interrupted => {
+            let detail = format!("the service stopped {} times while the job ran", job.attempt);
+            let fault = Fault::new(FaultKind::JobInterrupted, detail)
+                .with("attempts", job.attempt)
+                .with("job_status", JobState::Failed.as_str());
+            Some((JobEvent::GiveUp, ended(JobState::Failed, Some(&fault))))
+        }
+        JobState::Accepted | JobState::Succeeded | JobState::Failed | JobState::Cancelled => None,
+    }
+}
+
+/// Longest time without a look at the queue.
+const LOOK_EVERY: Duration = Duration::from_secs(5);
+/// The same where other processes have the queue too: what was left to one of them is free then.
+const LOOK_AGAIN: Duration = Claim::HEAD_START.saturating_add(Duration::from_millis(50));
+
+/// Time between two attempts at what the store did not do.
+const PAUSE: Duration = Duration::from_secs(2);
+/// A bucket that takes longer for one small value is away.
+const BUCKET_ANSWERS: Duration = Duration::from_secs(10);
+
+/// Runs jobs of the worker's lane one after the other until the service stops.
+pub(super) async fn work_through(service: Arc<Service>, worker: Worker) {
+    let lane = worker.lane;
+    let look_every = if service.store.is_shared() { LOOK_AGAIN } else { LOOK_EVERY };
+    loop {
+        // Registered before the look, so that a job stored in between is not missed.
+        let woken = service.woken(lane).notified();
+        service.beats.beat(worker);
+        if service.stop.is_cancelled() {
+            return;
+        }
+        match claim(&service, lane).await {
+            Ok(Some(job)) => {
+                let span = tracing::info_span!(
+                    "job", job.id = %job.id, session.id = %job.session, tenant = %job.tenant, job.kind = job.kind.as_str()
+                );
+                if let Some(parent) = &job.traceparent {
+                    trace::continue_from(&span, parent);
+                }
+                match run(&service, job, worker).instrument(span).await {
+                    Ok(Ran::ToItsEnd) => {}
+                    Ok(Ran::UntilTheStoreFailed) => {
+                        // What failed for this job only is not tried again and again without a breath.
+                        pause(&service).await;
+                        wait_for_store(&service, worker).await;
+                    }
+                    Err(error) => {
+                        tracing::error!(detail = error.detail, "a job could not be recorded");
+                        pause(&service).await;
+                    }
+                }
+            }
+            Ok(None) => tokio::select! {
+                () = woken => {}
+                () = tokio::time::sleep(look_every) => {}
+                () = service.stop.cancelled() => {}
+            },
+            Err(error) => {
+                tracing::error!(detail = error.detail, "the queue cannot be read");
+                pause(&service).await;
+            }
+        }
+    }
+}
+
+/// The next job, which runs from now on. It is visible as running before its row says so: a cancel finds either.
+async fn claim(service: &Service, lane: Lane) -> Result<Option<JobRecord>, Fault> {
+    if service.is_draining() {
+        return Ok(None);
+    }
+    let to = next(JobState::Accepted, JobEvent::Start).map_err(|e| illegal(&e))?;
+    let start = |job: &JobRecord| JobChange {
+        phase: Some("reading"),
+        attempt_change: 1,
+        events: vec![("status", status_event(JobState::Running, job.attempt + 1))],
+        ..JobChange::default()
+    };
+    let worker = service.store.is_shared().then_some(service.worker);
+    let claim = Claim { lane, worker, patience: Claim::PATIENCE, to, lease: service.settings.lease };
+    Ok(service.store.claim_job(&claim, &start).await?)
+}
+
+/// How far a job was run.
+enum Ran {
+    ToItsEnd,
+    /// It waits again, for anybody.
+    UntilTheStoreFailed,
+}
+
+/// Waits until values can be read and written: a worker that the bucket refuses would take job after job from those that it serves.
+async fn wait_for_store(service: &Service, worker: Worker) {
+    while !service.stop.is_cancelled() {
+        let answer = tokio::select! {
+            // A bucket that is away is asked for a minute.
+            answer = beating(service, worker, service.store.check_writing()) => answer,
+            () = service.stop.cancelled() => return,
+        };
+        service.set_refused(worker, matches!(answer, Err(StoreError::BucketRefused(_))));
+        let Err(error) = answer else { return };
+        tracing::error!(error = chain(&error), "no job is taken until the bucket can be used");
+        pause(service).await;
+    }
+}
+
+/// Whether the bucket refuses only what a job asked of it. One that is away cannot say so.
+async fn refuses_no_others(service: &Service) -> bool {
+    let asked = tokio::time::timeout(BUCKET_ANSWERS, service.store.check_writing());
+    matches!(asked.await, Ok(Ok(())))
+}
+
+/// Waits for the store, and shows meanwhile that the worker lives.
+async fn beating<T>(service: &Service, worker: Worker, work: impl Future<Output = T>) -> T {
+    let mut work = pin!(work);
+    loop {
+        service.beats.beat(worker);
+        if let Ok(done) = tokio::time::timeout(PAUSE, &mut work).await {
+            return done;
+        }
+    }
+}
+
+async fn pause(service: &Service) {
+    tokio::select! {
+        () = tokio::time::sleep(PAUSE) => {}
+        () = service.stop.cancelled() => {}
+    }
+}
+
+async fn run(service: &Arc<Service>, job: JobRecord, worker: Worker) -> Result<Ran, Fault> {
+    let running = Arc::new(Running::new(&job, worker, service.settings.max_wall));
+    service.set_running(Arc::clone(&running));
+    // A stop between the claim and this would not have found it.
+    if service.stop.is_cancelled() {
+        running.control.cancel();
+    }
+    let result = run_visible(service, &job, &running).await;
+    service.unset_running(&running);
+    service.announce();
+    result
+}
+
+async fn run_visible(service: &Arc<Service>, job: &JobRecord, running: &Arc<Running>) -> Result<Ran, Fault> {
+    service.announce();
+    tracing::info!(attempt = job.attempt, "job started");
+
+    // A task of its own, so that a panic in it ends the job and not the queue.
+    let work = work::perform(Arc::clone(service), job.clone(), Arc::clone(running));
+    let work = tokio::spawn(work.in_current_span());
+    let work = async {
+        let done = work.await.unwrap_or_else(|_| Err(panicked().into()));
+        let refused = matches!(&done, Err(Halt::Fault(fault)) if fault.kind == FaultKind::StoreRefuses);
+        let only_this = refused && refuses_no_others(service).await;
+        (done, only_this)
+    };
+    let (done, only_this) = tokio::select! {
+        ended = work => ended,
+        never = tell_progress(service, job, running) => match never {},
+        never = keep_lease(service, job, running) => match never {},
+    };
+    let (event, change) = outcome(service, job, running, done, only_this);
+    tell_metrics(job, running, event);
+    beating(service, running.worker, end(service, job, event, &change)).await
+}
+
+/// Records the end of an attempt and what follows from it.
+async fn end(service: &Service, job: &JobRecord, event: JobEvent, change: &JobChange) -> Result<Ran, Fault> {
+    if !record_end(service, job, event, change).await? && service.store.session(job.session).await?.is_none() {
+        // The session was deleted while the job ran: nothing of it stays.
+        service.store.blobs().delete_session(job.session).await;
+    }
+    if event == JobEvent::Interrupt && !service.stop.is_cancelled() {
+        requeue(service, job).await?;
+        return Ok(Ran::UntilTheStoreFailed);
+    }
+    Ok(Ran::ToItsEnd)
+}
+
+/// What the end of the work means for the job; `only_this`: the bucket refuses what this job asked, and serves others.
+fn outcome(
+    service: &Service,
+    job: &JobRecord,
+    running: &Running,
+    done: Result<Done, Halt>,
+    only_this: bool,
+) -> (JobEvent, JobChange) {
+    // From here on it is decided: a cancel comes before this or too late.
+    if !running.close() {
+        return (JobEvent::Cancel, stopped(running, ended(JobState::Cancelled, None)));
+    }
+    match done {
+        Ok(Done { report, tissue, warnings: found }) => {
+            // Those of steps have had their events.
+            let mut events: Vec<_> = running.own_warnings().iter().chain(&found).map(|w| warning_event(w)).collect();
+            let mut warnings = running.warnings();
+            warnings.extend(found);
+            events.push(end_event(JobState::Succeeded, None));
+            let change = JobChange { phase: Some("done"), report, tissue, warnings, events, ..JobChange::default() };
+            (JobEvent::Succeed, change)
+        }
+        Err(Halt::Fault(fault)) if fault.kind == FaultKind::StoreUnavailable => interrupted(job, -1),
+        Err(Halt::Fault(fault)) if fault.kind == FaultKind::StoreRefuses && !only_this => interrupted(job, -1),
+        Err(Halt::Fault(_)) if only_this && job.attempt < service.settings.max_attempts => interrupted(job, 0),
+        Err(Halt::Fault(fault)) => (JobEvent::Fail, stopped(running, ended(JobState::Failed, Some(&fault)))),
+        Err(Halt::Cancelled) if service.stop.is_cancelled() && !running.control.is_overdue() => interrupted(job, -1),
+        Err(Halt::Cancelled) if running.control.is_overdue() => {
+            let seconds = running.started.elapsed().as_secs_f64();
+            let detail = format!("the job was stopped after {seconds:.0} s, the most that it may compute");
+            let fault = Fault::new(FaultKind::DeadlineExceeded, detail);
+            (JobEvent::Fail, stopped(running, ended(JobState::Failed, Some(&fault))))
+        }
+        // Its session is being deleted.
+        Err(Halt::Cancelled) => (JobEvent::Cancel, stopped(running, ended(JobState::Cancelled, None))),
+    }
+}
+
+/// The work was broken off from outside. A stop in good order and a store that went away are no failed attempts: -1 takes it back.
+fn interrupted(job: &JobRecord, attempt_change: i64) -> (JobEvent, JobChange) {
+    let events = vec![("status", status_event(JobState::Interrupted, job.attempt))];
+    (JobEvent::Interrupt, JobChange { attempt_change, events, ..JobChange::default() })
+}
+
+/// Lets a job wait again that was interrupted while the service goes on.
+async fn requeue(service: &Service, job: &JobRecord) -> Result<(), Fault> {
+    let row = service.persist(|| service.store.job(job.id)).await?;
+    let Some(job) = row.filter(|row| row.state == JobState::Interrupted) else { return Ok(()) };
+    let Some((event, change)) = recovery(&job, service.settings.max_attempts) else { return Ok(()) };
+    let to = next(job.state, event).map_err(|e| illegal(&e))?;
+    service.persist(|| write(service, &job, to, &change)).await?;
+    for lane in Lane::ALL {
+        service.woken(lane).notify_waiters();
+    }
+    Ok(())
+}
+
+fn tell_metrics(job: &JobRecord, running: &Running, event: JobEvent) {
+    let (kind, outcome) = (job.kind.as_str(), format!("{event:?}").to_lowercase());
+    let seconds = running.started.elapsed().as_secs_f64();
+    tracing::info!(outcome, duration_s = seconds, "job ended");
+    metrics::counter!("prosopon_jobs_total", "kind" => kind, "outcome" => outcome).increment(1);
+    metrics::histogram!("prosopon_job_seconds", "kind" => kind).record(seconds);
+    let model = model_of(job);
+    for (stage, seconds) in running.stage_seconds() {
+        let labels = [("kind", kind.to_owned()), ("stage", stage.to_owned()), ("model", model.clone())];
+        metrics::histogram!("prosopon_job_stage_seconds", &labels).record(seconds);
+    }
+}
+
+/// The mechanical model that a job asks for; empty where it has none.
+fn model_of(job: &JobRecord) -> String {
+    let request: serde_json::Value = serde_json::from_str(&job.request).unwrap_or_default();
+    let model = request.get("model").or_else(|| request.get("physics")?.get("model"));
+    model.and_then(serde_json::Value::as_str).unwrap_or_default().to_owned()
+}
+
+fn ended(state: JobState, fault: Option<&Fault>) -> JobChange {
+    JobChange {
+        fault: fault.and_then(|f| serde_json::to_string(f).ok()),
+        events: vec![end_event(state, fault)],
+        ..JobChange::default()
+    }
+}
+
+/// Where the work stood: what the row says may be a quarter of a second old.
+fn stopped(running: &Running, change: JobChange) -> JobChange {
+    let warnings = running.warnings();
+    let mut events: Vec<_> = running.own_warnings().iter().map(|w| warning_event(w)).collect();
+    events.extend(change.events);
+    let (phase, progress) = (Some(running.phase().as_str()), Some(running.control.progress()));
+    JobChange { phase, progress, warnings, events, ..change }
+}
+
+/// Records the end of a job, however long the database cannot be written: without it the job would seem to run until the next start.
+async fn record_end(service: &Service, job: &JobRecord, event: JobEvent, change: &JobChange) -> Result<bool, Fault> {
+    let to = next(job.state, event).map_err(|e| illegal(&e))?;
+    loop {
+        match write(service, job, to, change).await {
+            Err(error)
+                if (error.is_away() || matches!(error, StoreError::Database(_) | StoreError::Io(_)))
+                    && !service.stop.is_cancelled() =>
+            {
+                tracing::error!(%error, "the end of a job cannot be recorded yet");
+                pause(service).await;
+            }
+            written => return Ok(written?),
+        }
+    }
+}
+
+/// Moves the job by `event`. False when it is not in its state any more.
+async fn apply(service: &Service, job: &JobRecord, event: JobEvent, change: JobChange) -> Result<bool, Fault> {
+    let to = next(job.state, event).map_err(|e| illegal(&e))?;
+    Ok(write(service, job, to, &change).await?)
+}
+
+async fn write(service: &Service, job: &JobRecord, to: JobState, change: &JobChange) -> Result<bool, StoreError> {
+    let changed = match service.store.change_job(job, to, change).await {
+        // The last large result did not fit any more.
+        Err(StoreError::QuotaFull { allowed }) => {
+            let fault = Fault::from(StoreError::QuotaFull { allowed });
+            let to = next(job.state, JobEvent::Fail).unwrap_or(JobState::Failed);
+            service.store.change_job(job, to, &ended(JobState::Failed, Some(&fault))).await?
+        }
+        other => other?,
+    };
+    service.announce();
+    Ok(changed)
+}
+
+fn illegal(error: &super::state::Illegal) -> Fault {
+    tracing::error!(%error, "an illegal change of a job");
+    Fault::new(FaultKind::Internal, error.to_string())
+}
+
+/// Stores progress now and then, and shows that the scheduler lives.
+async fn tell_progress(service: &Service, job: &JobRecord, running: &Running) -> std::convert::Infallible {
+    let mut last = ("", -1.0);
+    loop {
+        tokio::time::sleep(PROGRESS_EVERY).await;
+        service.beats.beat(running.worker);
+        let (phase, progress) = (running.phase().as_str(), running.control.progress());
+        if phase == last.0 && progress - last.1 < 0.01 {
+            continue;
+        }
+        last = (phase, progress);
+        let event = serde_json::json!({ "phase": phase, "progress": progress, "eta_s": running.eta_s() });
+        match service.store.record_progress(job, phase, progress, &event.to_string()).await {
+            Ok(true) => service.announce(),
+            // It was deleted; the work sees that at its next write, until then the scheduler waits for it and is not wedged.
+            Ok(false) | Err(StoreError::SessionGone) => {}
+            Err(error) => tracing::warn!(%error, "progress could not be stored"),
+        }
+    }
+}

@@ -1,0 +1,228 @@
+//! A running service: store, numerics, jobs and HTTP put together.
+//!
+//! Invariant: what is started here is stopped here, in the order in which requests depend on it.
+
+mod stalled;
+mod tls;
+
+use std::future::Future;
+use std::net::{IpAddr, SocketAddr};
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum_server::Handle;
+use axum_server::accept::DefaultAcceptor;
+use axum_server::tls_rustls::RustlsAcceptor;
+use hyper_util::rt::{TokioExecutor, TokioTimer};
+use hyper_util::server::conn::auto::Builder;
+use tokio::net::TcpListener;
+use tokio::task::JoinHandle;
+
+use self::stalled::Patience;
+use crate::config::{ConfigError, ConnectionLimits, ServeConfig};
+use crate::http::auth::{Access, AuthError, Authenticator};
+use crate::http::{AppState, app, worker_app};
+use crate::jobs::{CpuPool, Service, ServiceSettings};
+use crate::session::{Engine, Fault, Numerics};
+use crate::telemetry;
+use prosopon_store::{Audit, Store, StoreError};
+
+/// Longest wait for a running job and open requests when the service stops.
+const GRACE: Duration = Duration::from_secs(20);
+/// Longest head of a request, bytes.
+const HEAD_BYTES: usize = 64 << 10;
+/// Header fields of a request.
+const HEAD_FIELDS: usize = 64;
+
+/// Why the service did not start.
+#[derive(Debug, thiserror::Error)]
+pub enum ServeError {
+    /// The configuration.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// The store.
+    #[error("{place} cannot be used")]
+    Store {
+        /// Where it is.
+        place: String,
+        /// What is wrong with it.
+        source: StoreError,
+    },
+    /// The address.
+    #[error("cannot listen on {address}")]
+    Listen {
+        /// Address asked for.
+        address: SocketAddr,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// The CPU pool.
+    #[error("the CPU pool cannot be started")]
+    Pool(#[from] rayon::ThreadPoolBuildError),
+    /// The audit log.
+    #[error("the audit log cannot be written")]
+    Audit(#[source] std::io::Error),
+    /// Keys and tokens.
+    #[error(transparent)]
+    Auth(#[from] AuthError),
+    /// Certificate or key.
+    #[error("certificate or key cannot be read")]
+    Tls(#[source] std::io::Error),
+    /// Jobs left by an earlier run.
+    #[error("jobs of an earlier run cannot be taken up: {}", .0.detail)]
+    Jobs(Box<Fault>),
+}
+
+/// A service that answers requests until it is stopped.
+#[derive(Debug)]
+pub struct Running {
+    address: SocketAddr,
+    scheme: &'static str,
+    service: Arc<Service>,
+    server: JoinHandle<std::io::Result<()>>,
+    handle: Handle<SocketAddr>,
+    drain: Duration,
+}
+
+/// Starts the service with the real numerics.
+///
+/// # Errors
+/// [`ServeError`].
+pub async fn start(config: ServeConfig) -> Result<Running, ServeError> {
+    let engine = Arc::new(Numerics::new(config.service.import).with_cache_bytes(config.cache_bytes));
+    start_with(config, engine).await
+}
+
+/// Starts the service with the given numerics.
+///
+/// # Errors
+/// [`ServeError`].
+pub async fn start_with(config: ServeConfig, engine: Arc<dyn Engine>) -> Result<Running, ServeError> {
+    config.check()?;
+    let store_error = |source| ServeError::Store { place: config.places.with_directory(&config.data), source };
+    let store = Store::open_at(&config.data, &config.places).await.map_err(store_error)?;
+    let state = state(&config, store, engine).await?;
+    let listen_error = |source| ServeError::Listen { address: config.listen, source };
+    let listener = TcpListener::bind(config.listen).await.map_err(listen_error)?;
+    let address = listener.local_addr().map_err(listen_error)?;
+    let listener = listener.into_std().map_err(listen_error)?;
+    let tls = match &config.tls {
+        Some(files) => Some((tls::load(files).await.map_err(ServeError::Tls)?, files.clone())),
+        None => None,
+    };
+    let scheme = if tls.is_some() { "https" } else { "http" };
+    if tls.is_none() && !address.ip().is_loopback() {
+        tracing::warn!(
+            "bearer tokens travel in the clear: configure [tls], or let only a proxy with TLS reach this address"
+        );
+    }
+    note_address(&config.data, scheme, address).await.map_err(|e| store_error(e.into()))?;
+    let service = Arc::clone(&state.service);
+    let routes = if config.api { app(state) } else { worker_app(state) };
+    let (routes, handle, limits) = (routes.into_make_service(), Handle::new(), config.connections);
+    let mut server = axum_server::from_tcp(listener).map_err(listen_error)?.handle(handle.clone());
+    bound(server.http_builder(), limits);
+    let server = server.first_request_timeout(limits.head);
+    let server = match tls {
+        Some((tls, files)) => {
+            tokio::spawn(tls::renew(tls.clone(), files, service.stopping().clone()));
+            tokio::spawn(server.acceptor(patient(RustlsAcceptor::new(tls), limits)).serve(routes))
+        }
+        None => tokio::spawn(server.acceptor(patient(DefaultAcceptor::new(), limits)).serve(routes)),
+    };
+    tracing::info!(%address, data = %config.data.display(), version = env!("CARGO_PKG_VERSION"), "serving");
+    Ok(Running { address, scheme, service, server, handle, drain: config.drain })
+}
+
+fn patient<A>(acceptor: A, limits: ConnectionLimits) -> Patience<A> {
+    Patience::new(acceptor, limits.stalled, limits.most)
+}
+
+/// Slow and huge heads of requests are refused before anything else sees them.
+fn bound(builder: &mut Builder<TokioExecutor>, limits: ConnectionLimits) {
+    builder.http1().timer(TokioTimer::new()).header_read_timeout(limits.head);
+    builder.http1().max_buf_size(HEAD_BYTES).max_headers(HEAD_FIELDS);
+    let most = u32::try_from(HEAD_BYTES).unwrap_or(u32::MAX);
+    builder.http2().timer(TokioTimer::new()).max_header_list_size(most).max_concurrent_streams(100);
+    builder.http2().keep_alive_interval(Duration::from_secs(30)).keep_alive_timeout(limits.head);
+}
+
+/// For scripts that asked for a free port: whole or not there.
+async fn note_address(data: &Path, scheme: &str, address: SocketAddr) -> std::io::Result<()> {
+    let fresh = data.join("listen.new");
+    tokio::fs::write(&fresh, format!("{scheme}://{address}\n")).await?;
+    tokio::fs::rename(&fresh, data.join("listen")).await
+}
+
+/// The state of the router over an open store.
+///
+/// # Errors
+/// [`ServeError::Pool`], [`ServeError::Audit`], [`ServeError::Auth`], [`ServeError::Jobs`].
+pub async fn state(config: &ServeConfig, store: Store, engine: Arc<dyn Engine>) -> Result<AppState, ServeError> {
+    let cpu = CpuPool::new(config.threads, config.service.parallel_jobs)?;
+    let access = match &config.auth {
+        Some(auth) => Access::Tokens(Authenticator::new(auth.clone(), cpu.clone())?),
+        None => Access::Open,
+    };
+    let audit = Audit::open(&config.data).map_err(ServeError::Audit)?;
+    let settings = ServiceSettings { keeps_house: config.api, ..config.service };
+    let service = Service::start(store, engine, cpu, audit, settings).await;
+    Ok(AppState {
+        service: service.map_err(|f| ServeError::Jobs(Box::new(f)))?,
+        limits: config.limits,
+        metrics: telemetry::start_metrics(),
+        allowed_hosts: config.allowed_hosts.clone().into(),
+        access,
+        origins: config.origins.clone().into(),
+        tls: config.tls.is_some(),
+    })
+}
+
+impl Running {
+    /// Where it listens.
+    #[must_use]
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// Scheme and address; of an address for all interfaces, one that can be opened.
+    #[must_use]
+    pub fn url(&self) -> String {
+        let mut address = self.address;
+        if address.ip().is_unspecified() {
+            address.set_ip(IpAddr::from([127, 0, 0, 1]));
+        }
+        format!("{}://{address}", self.scheme)
+    }
+
+    /// Sessions and jobs.
+    #[must_use]
+    pub fn service(&self) -> &Arc<Service> {
+        &self.service
+    }
+
+    /// Takes no new jobs, waits a while for those that run, interrupts what is left (the next start takes it up), lets open
+    /// requests end and closes the store.
+    pub async fn shut_down(self) {
+        self.service.drain(self.drain).await;
+        self.service.shut_down(GRACE).await;
+        self.handle.graceful_shutdown(Some(GRACE));
+        match tokio::time::timeout(GRACE + Duration::from_secs(1), self.server).await {
+            Ok(Ok(Ok(()))) => {}
+            Ok(ended) => tracing::warn!(?ended, "the server ended with a fault"),
+            Err(_) => tracing::warn!("open requests did not end in time"),
+        }
+        // A database that stands still would not let go.
+        if tokio::time::timeout(GRACE, self.service.store().close()).await.is_err() {
+            tracing::warn!("the database did not answer to the end of its connections");
+        }
+        tracing::info!("stopped");
+    }
+
+    /// Serves until `stop` is ready.
+    pub async fn until(self, stop: impl Future<Output = ()>) {
+        stop.await;
+        self.shut_down().await;
+    }
+}

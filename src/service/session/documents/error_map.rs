@@ -1,0 +1,160 @@
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::RegistrationDocument;
+use prosopon_planning::evaluate::{ErrorMap, Statistics};
+
+/// Statistics of signed values, mm. Each vertex counts by its area (a third of the triangles around it), but for `count`, `max_mm` and `l2_norm_mm`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct StatisticsDocument {
+    /// Vertices counted.
+    pub count: usize,
+    /// Signed mean.
+    pub mean_mm: f64,
+    /// Mean of absolute values.
+    pub mean_abs_mm: f64,
+    /// Root mean square.
+    pub rms_mm: f64,
+    /// Median of absolute values.
+    pub p50_mm: f64,
+    /// 90th percentile of absolute values.
+    pub p90_mm: f64,
+    /// 95th percentile of absolute values.
+    pub p95_mm: f64,
+    /// Largest absolute value.
+    pub max_mm: f64,
+    /// Square root of the sum of squares over the vertices, not weighted (Wang 2009, Figure 18).
+    pub l2_norm_mm: f64,
+    /// Variance of the signed values, mm².
+    pub variance_mm2: f64,
+    /// Share of area below 1 mm, 0 to 1.
+    pub share_below_1_mm: f64,
+    /// Share of area below 2 mm.
+    pub share_below_2_mm: f64,
+    /// Share of area below 3 mm.
+    pub share_below_3_mm: f64,
+}
+
+impl From<&Statistics> for StatisticsDocument {
+    fn from(s: &Statistics) -> Self {
+        let [share_below_1_mm, share_below_2_mm, share_below_3_mm] = s.share_below;
+        Self {
+            count: s.count,
+            mean_mm: s.mean,
+            mean_abs_mm: s.mean_abs,
+            rms_mm: s.rms,
+            p50_mm: s.p50,
+            p90_mm: s.p90,
+            p95_mm: s.p95,
+            max_mm: s.max,
+            l2_norm_mm: s.l2_norm,
+            variance_mm2: s.variance,
+            share_below_1_mm,
+            share_below_2_mm,
+            share_below_3_mm,
+        }
+    }
+}
+
+/// One bar of a histogram.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct HistogramBin {
+    /// Lower edge, mm; the first bar takes all below, the last all above.
+    pub from_mm: f64,
+    /// Share of area, 0 to 1.
+    pub share: f64,
+}
+
+/// A signed error map without its values: negative where the prediction lies behind the reference.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ErrorDocument {
+    /// What the prediction is compared with: `target`, or `job <id> step <k>`, or as asked for.
+    pub reference: String,
+    /// Which vertices count: `face` (inside the regions), `all`, or `given`.
+    pub mask: String,
+    /// Prediction against reference.
+    pub whole: StatisticsDocument,
+    /// Reference against prediction.
+    pub backward: StatisticsDocument,
+    /// Prediction against reference in each part of the face.
+    pub regions: BTreeMap<String, StatisticsDocument>,
+    /// Reference against prediction in each part of the face.
+    #[serde(default)]
+    pub backward_regions: BTreeMap<String, StatisticsDocument>,
+    /// `whole` after averaging the signed values over neighbourhoods of 5 mm: noise of a scan, which adds to every distance, averages
+    /// out, and so does finer detail. Absent in old records.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub smoothed: Option<StatisticsDocument>,
+    /// Root mean square of what that averaging takes away, mm: noise and detail.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub roughness_mm: Option<f64>,
+    /// Distance of each vertex from its own counterpart, where both surfaces have the same triangles: it has the error along the
+    /// surface that closest points hide.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub correspondence: Option<StatisticsDocument>,
+    /// Vertices that should count but lie beyond the reference's open border.
+    #[serde(default)]
+    pub excluded: usize,
+    /// Distribution of the signed error.
+    pub histogram: Vec<HistogramBin>,
+    /// Motion applied to the prediction before comparing; absent when none was.
+    pub registration: Option<RegistrationDocument>,
+    /// What is doubtful about the comparison.
+    #[serde(default)]
+    pub warnings: Vec<String>,
+}
+
+impl ErrorDocument {
+    /// The document of a map.
+    #[must_use]
+    pub fn new(reference: String, mask: &str, map: &ErrorMap) -> Self {
+        let by_name = |regions: &[(&'static str, Statistics)]| {
+            regions.iter().map(|(name, s)| ((*name).to_owned(), s.into())).collect::<BTreeMap<_, _>>()
+        };
+        Self {
+            reference,
+            mask: mask.to_owned(),
+            whole: StatisticsDocument::from(&map.whole),
+            backward: StatisticsDocument::from(&map.backward),
+            regions: by_name(&map.regions),
+            backward_regions: by_name(&map.backward_regions),
+            smoothed: Some(StatisticsDocument::from(&map.smoothed)),
+            roughness_mm: Some(map.roughness_mm),
+            correspondence: map.correspondence.as_ref().map(|c| StatisticsDocument::from(&c.whole)),
+            excluded: map.excluded,
+            histogram: map.histogram.iter().map(|&(from_mm, share)| HistogramBin { from_mm, share }).collect(),
+            registration: None,
+            warnings: map.warnings.clone(),
+        }
+    }
+
+    /// Name and value of what a reader looks for first.
+    #[must_use]
+    pub fn lines(&self) -> Vec<(String, String)> {
+        let signed = |v: f64| format!("{v:+.2} mm");
+        let size = |v: f64| format!("{v:.2} mm");
+        let share = |v: f64| format!("{:.1} %", 100.0 * v);
+        let w = &self.whole;
+        let mut lines = vec![
+            ("mean (signed)", signed(w.mean_mm)),
+            ("mean (absolute)", size(w.mean_abs_mm)),
+            ("root mean square", size(w.rms_mm)),
+            ("P50", size(w.p50_mm)),
+            ("P90", size(w.p90_mm)),
+            ("P95", size(w.p95_mm)),
+            ("largest", size(w.max_mm)),
+            ("L2 norm", size(w.l2_norm_mm)),
+            ("below 1 mm", share(w.share_below_1_mm)),
+            ("below 2 mm", share(w.share_below_2_mm)),
+            ("below 3 mm", share(w.share_below_3_mm)),
+            ("reference to prediction", size(self.backward.mean_abs_mm)),
+        ];
+        if let Some(r) = &self.registration {
+            lines.push(("registration residual", size(r.residual_mm)));
+            lines.push(("registration overlap", share(r.overlap)));
+        }
+        lines.into_iter().map(|(name, value)| (name.to_owned(), value)).collect()
+    }
+}

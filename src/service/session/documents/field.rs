@@ -1,0 +1,124 @@
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use crate::session::FieldSettingsDocument;
+use prosopon_field::{Doubt, DoubtfulRegions, FieldReport, Region};
+
+/// What one distance field is like.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct FieldQualityDocument {
+    /// Bricks of 8³ cells at the finest spacing.
+    pub bricks: usize,
+    /// Memory, bytes.
+    pub memory_bytes: usize,
+    /// Largest difference from the exact distance at sampled points within the band, mm.
+    pub max_error_mm: f64,
+    /// RMS difference at the same points, mm.
+    pub rms_error_mm: f64,
+    /// Number of those points.
+    pub checked_points: usize,
+    /// What is wrong with the surface and how it was dealt with.
+    pub warnings: Vec<String>,
+    /// Where the surface leaves it open what is inside, by kind; empty for a closed, consistently oriented surface that does not
+    /// cross itself. Of bone those of the skull that came, not of its envelope.
+    #[serde(default)]
+    pub regions: Vec<DoubtfulRegionsDocument>,
+}
+
+/// What is doubtful about a part of a surface.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum DoubtDocument {
+    /// The rim of a hole or sheet.
+    Open,
+    /// Triangles that look the other way than their surroundings, or whose normals point into the solid.
+    Inverted,
+    /// Triangles beside which the winding number's magnitude is within 0.2 of one half.
+    Ambiguous,
+    /// Triangles within another part of the surface.
+    Buried,
+    /// Triangles with the outside on both sides.
+    Sheet,
+    /// Triangles at the same place as another one.
+    Copy,
+    /// Triangles without area.
+    NoArea,
+}
+
+/// All regions of a surface with one kind of doubt.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct DoubtfulRegionsDocument {
+    /// What is doubtful.
+    pub doubt: DoubtDocument,
+    /// Number of connected regions.
+    pub count: usize,
+    /// Triangles of all of them, or for `open` edges.
+    pub elements: usize,
+    /// Their area, for `open` that of a fan over each rim, mm².
+    pub area_mm2: f64,
+    /// The largest of them by area, at most 50.
+    pub largest: Vec<RegionDocument>,
+}
+
+/// A connected part of a surface.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct RegionDocument {
+    /// Triangles, or for `open` edges.
+    pub elements: usize,
+    /// Area, mm².
+    pub area_mm2: f64,
+    /// Smallest coordinates of the box around it, LPS mm.
+    pub min_mm: [f64; 3],
+    /// Largest coordinates of the box around it, LPS mm.
+    pub max_mm: [f64; 3],
+}
+
+impl From<&DoubtfulRegions> for DoubtfulRegionsDocument {
+    fn from(r: &DoubtfulRegions) -> Self {
+        let doubt = match r.doubt {
+            Doubt::Open => DoubtDocument::Open,
+            Doubt::Inverted => DoubtDocument::Inverted,
+            Doubt::Ambiguous => DoubtDocument::Ambiguous,
+            Doubt::Buried => DoubtDocument::Buried,
+            Doubt::Sheet => DoubtDocument::Sheet,
+            Doubt::Copy => DoubtDocument::Copy,
+            Doubt::NoArea => DoubtDocument::NoArea,
+        };
+        let largest = r.largest.iter().map(RegionDocument::from).collect();
+        Self { doubt, count: r.count, elements: r.elements, area_mm2: r.area_mm2, largest }
+    }
+}
+
+impl From<&Region> for RegionDocument {
+    fn from(r: &Region) -> Self {
+        let [min_mm, max_mm] = [r.bounds.min, r.bounds.max].map(|p| p.coords.into());
+        Self { elements: r.elements, area_mm2: r.area_mm2, min_mm, max_mm }
+    }
+}
+
+impl From<&FieldReport> for FieldQualityDocument {
+    fn from(r: &FieldReport) -> Self {
+        Self {
+            bricks: r.bricks,
+            memory_bytes: r.bytes,
+            max_error_mm: r.max_error_mm,
+            rms_error_mm: r.rms_error_mm,
+            checked_points: r.checked_points,
+            warnings: r.warnings.clone(),
+            regions: r.regions.iter().map(DoubtfulRegionsDocument::from).collect(),
+        }
+    }
+}
+
+/// The distance fields of a session.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct FieldDocument {
+    /// Settings that they were built with.
+    pub settings: FieldSettingsDocument,
+    /// Field of the skin.
+    pub skin: FieldQualityDocument,
+    /// Field of the bone's outer envelope.
+    pub bone: FieldQualityDocument,
+    /// What was repaired.
+    pub warnings: Vec<String>,
+}

@@ -1,0 +1,362 @@
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use prosopon_tissue::fem::material::{D1Reading, Isochoric, Material, Materials};
+use prosopon_tissue::fem::{Locking, Preset, SkinElement, UnstableMaterial};
+use prosopon_tissue::mesh::Tissue;
+
+/// A compressible material: an isochoric law of the deviatoric stretches and the volumetric energy `K/2 (J - 1)²` with the bulk modulus K that
+/// gives the Poisson ratio at rest.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(tag = "law", rename_all = "snake_case", try_from = "MaterialMembers")]
+pub enum MaterialDocument {
+    /// `c10 (J^(-2/3) I1 - 3) + c01 (J^(-4/3) I2 - 3)`.
+    MooneyRivlin {
+        /// C10, MPa.
+        c10_mpa: f64,
+        /// C01, MPa.
+        c01_mpa: f64,
+        /// Poisson ratio at rest.
+        poisson: f64,
+    },
+    /// `mu/2 (J^(-2/3) I1 - 3)`.
+    NeoHookean {
+        /// Shear modulus mu, MPa.
+        shear_modulus_mpa: f64,
+        /// Poisson ratio at rest.
+        poisson: f64,
+    },
+    /// `c1 f + c2 f² + c3 f³` with `f = J^(-2/3) I1 - 3`.
+    Yeoh {
+        /// C1, MPa.
+        c1_mpa: f64,
+        /// C2, MPa; 0 when absent.
+        #[serde(default)]
+        c2_mpa: f64,
+        /// C3, MPa; 0 when absent.
+        #[serde(default)]
+        c3_mpa: f64,
+        /// Poisson ratio at rest.
+        poisson: f64,
+    },
+    /// `2 mu / alpha² (J^(-alpha/3) (s1^alpha + s2^alpha + s3^alpha) - 3)` of the principal stretches.
+    Ogden {
+        /// Shear modulus mu at rest, MPa.
+        shear_modulus_mpa: f64,
+        /// Exponent, not 0.
+        alpha: f64,
+        /// Poisson ratio at rest.
+        poisson: f64,
+    },
+}
+
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum LawName {
+    MooneyRivlin,
+    NeoHookean,
+    Yeoh,
+    Ogden,
+}
+
+/// The members of every law in one structure, so that faults keep their place and a list is no object.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct MaterialMembers {
+    law: LawName,
+    poisson: f64,
+    #[serde(default)]
+    c10_mpa: Option<f64>,
+    #[serde(default)]
+    c01_mpa: Option<f64>,
+    #[serde(default)]
+    shear_modulus_mpa: Option<f64>,
+    #[serde(default)]
+    c1_mpa: Option<f64>,
+    #[serde(default)]
+    c2_mpa: Option<f64>,
+    #[serde(default)]
+    c3_mpa: Option<f64>,
+    #[serde(default)]
+    alpha: Option<f64>,
+}
+
+impl TryFrom<MaterialMembers> for MaterialDocument {
+    type Error = String;
+
+    fn try_from(m: MaterialMembers) -> Result<Self, String> {
+        let all = [
+            ("c10_mpa", m.c10_mpa),
+            ("c01_mpa", m.c01_mpa),
+            ("shear_modulus_mpa", m.shear_modulus_mpa),
+            ("c1_mpa", m.c1_mpa),
+            ("c2_mpa", m.c2_mpa),
+            ("c3_mpa", m.c3_mpa),
+            ("alpha", m.alpha),
+        ];
+        let (law, needed, optional): (_, &[&str], &[&str]) = match m.law {
+            LawName::MooneyRivlin => ("mooney_rivlin", &["c10_mpa", "c01_mpa"], &[]),
+            LawName::NeoHookean => ("neo_hookean", &["shear_modulus_mpa"], &[]),
+            LawName::Yeoh => ("yeoh", &["c1_mpa"], &["c2_mpa", "c3_mpa"]),
+            LawName::Ogden => ("ogden", &["shear_modulus_mpa", "alpha"], &[]),
+        };
+        for (name, value) in all {
+            if needed.contains(&name) && value.is_none() {
+                return Err(format!("{law} needs {name}"));
+            }
+            if value.is_some() && !needed.contains(&name) && !optional.contains(&name) {
+                return Err(format!("{name} is no constant of {law}"));
+            }
+        }
+        let (number, poisson) = (Option::unwrap_or_default, m.poisson);
+        Ok(match m.law {
+            LawName::MooneyRivlin => {
+                Self::MooneyRivlin { c10_mpa: number(m.c10_mpa), c01_mpa: number(m.c01_mpa), poisson }
+            }
+            LawName::NeoHookean => Self::NeoHookean { shear_modulus_mpa: number(m.shear_modulus_mpa), poisson },
+            LawName::Yeoh => {
+                Self::Yeoh { c1_mpa: number(m.c1_mpa), c2_mpa: number(m.c2_mpa), c3_mpa: number(m.c3_mpa), poisson }
+            }
+            LawName::Ogden => {
+                Self::Ogden { shear_modulus_mpa: number(m.shear_modulus_mpa), alpha: number(m.alpha), poisson }
+            }
+        })
+    }
+}
+
+impl From<&MaterialDocument> for Material {
+    /// Takes the constants as they are: requests are checked before.
+    fn from(document: &MaterialDocument) -> Self {
+        match *document {
+            MaterialDocument::MooneyRivlin { c10_mpa, c01_mpa, poisson } => {
+                Self::mooney_rivlin(c10_mpa, c01_mpa, poisson)
+            }
+            MaterialDocument::NeoHookean { shear_modulus_mpa, poisson } => {
+                Self::neo_hookean(shear_modulus_mpa, poisson)
+            }
+            MaterialDocument::Yeoh { c1_mpa, c2_mpa, c3_mpa, poisson } => Self::yeoh([c1_mpa, c2_mpa, c3_mpa], poisson),
+            MaterialDocument::Ogden { shear_modulus_mpa, alpha, poisson } => {
+                Self::ogden(shear_modulus_mpa, alpha, poisson)
+            }
+        }
+    }
+}
+
+impl From<&Material> for MaterialDocument {
+    fn from(material: &Material) -> Self {
+        let poisson = material.poisson_ratio();
+        match material.isochoric {
+            Isochoric::MooneyRivlin { c10, c01: 0.0 } => Self::NeoHookean { shear_modulus_mpa: 2.0 * c10, poisson },
+            Isochoric::MooneyRivlin { c10, c01 } => Self::MooneyRivlin { c10_mpa: c10, c01_mpa: c01, poisson },
+            Isochoric::Yeoh { c1, c2, c3 } => Self::Yeoh { c1_mpa: c1, c2_mpa: c2, c3_mpa: c3, poisson },
+            Isochoric::Ogden { mu, alpha } => Self::Ogden { shear_modulus_mpa: mu, alpha, poisson },
+        }
+    }
+}
+
+/// Laws by tissue; a tissue without one keeps the preset's.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct TissueLawsDocument {
+    /// Of the skin.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub skin: Option<MaterialDocument>,
+    /// Of muscle.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub muscle: Option<MaterialDocument>,
+    /// Of fat.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fat: Option<MaterialDocument>,
+    /// Of mucosa.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mucosa: Option<MaterialDocument>,
+}
+
+impl TissueLawsDocument {
+    /// The laws that are given, by tissue.
+    #[must_use]
+    pub fn given(&self) -> Vec<(&'static str, Tissue, &MaterialDocument)> {
+        let all = [
+            ("skin", Tissue::Skin, &self.skin),
+            ("muscle", Tissue::Muscle, &self.muscle),
+            ("fat", Tissue::Fat, &self.fat),
+            ("mucosa", Tissue::Mucosa, &self.mucosa),
+        ];
+        all.into_iter().filter_map(|(name, tissue, law)| Some((name, tissue, law.as_ref()?))).collect()
+    }
+
+    /// `materials` with the given laws in place.
+    #[must_use]
+    pub fn over(&self, mut materials: Materials) -> Materials {
+        for (_, tissue, law) in self.given() {
+            materials.set(tissue, law.into());
+        }
+        materials
+    }
+}
+
+/// Materials of all tissues by name.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub enum PresetName {
+    /// Stable neo-Hookean with the published small-strain moduli.
+    #[default]
+    #[serde(rename = "wang_2009_stable", alias = "wang2009-stable")]
+    Wang2009Stable,
+    /// Stable Yeoh that follows the published curve in tension.
+    #[serde(rename = "wang_2009_tension", alias = "wang2009-tension")]
+    Wang2009Tension,
+    /// The published constants, which lose ellipticity early.
+    #[serde(rename = "wang_2009", alias = "wang2009")]
+    Wang2009,
+    /// Yeoh fitted to indentation of a cheek, one material for all tissues.
+    #[serde(rename = "nazari_2010", alias = "nazari2010")]
+    Nazari2010,
+    /// Small-strain moduli of passive facial tissue, one material for all tissues.
+    #[serde(rename = "chabanas_2003", alias = "chabanas2003")]
+    Chabanas2003,
+}
+
+impl PresetName {
+    /// Every preset, the default first.
+    pub const ALL: [Self; 5] =
+        [Self::Wang2009Stable, Self::Wang2009Tension, Self::Wang2009, Self::Nazari2010, Self::Chabanas2003];
+
+    /// The preset's materials; `d1` matters to the published constants only.
+    #[must_use]
+    pub fn materials(self, d1: D1ReadingName) -> Materials {
+        match self {
+            Self::Wang2009 => Materials::wang2009_reading(d1.into()),
+            Self::Wang2009Stable | Self::Wang2009Tension | Self::Nazari2010 | Self::Chabanas2003 => {
+                Preset::from(self).materials()
+            }
+        }
+    }
+}
+
+impl From<PresetName> for Preset {
+    fn from(name: PresetName) -> Self {
+        match name {
+            PresetName::Wang2009Stable => Self::Wang2009Stable,
+            PresetName::Wang2009Tension => Self::Wang2009Tension,
+            PresetName::Wang2009 => Self::Wang2009,
+            PresetName::Nazari2010 => Self::Nazari2010,
+            PresetName::Chabanas2003 => Self::Chabanas2003,
+        }
+    }
+}
+
+/// What `D1` of Wang 2009, Table 1 means; the paper does not say.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum D1ReadingName {
+    /// The Poisson ratio: 0.49, 0.30, 0.49 of skin, muscle, fat.
+    #[default]
+    PoissonRatio,
+    /// `2/K` in 1/MPa: Poisson ratios 0.4915, 0.4969, 0.4986.
+    PerMpa,
+    /// `2/K` in mm²/gf, the unit of the other constants: Poisson ratios -0.053, 0.240, 0.366.
+    Mm2PerGf,
+}
+
+impl From<D1ReadingName> for D1Reading {
+    fn from(name: D1ReadingName) -> Self {
+        match name {
+            D1ReadingName::PoissonRatio => Self::PoissonRatio,
+            D1ReadingName::PerMpa => Self::PerMpa,
+            D1ReadingName::Mm2PerGf => Self::Mm2PerGf,
+        }
+    }
+}
+
+/// Element of the skin layer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum SkinElementName {
+    /// Three linear tetrahedra a prism.
+    Tet,
+    /// Linear wedge.
+    Wedge,
+    /// Prism with a C1 outer surface.
+    C1Prism,
+}
+
+impl From<SkinElementName> for SkinElement {
+    fn from(name: SkinElementName) -> Self {
+        match name {
+            SkinElementName::Tet => Self::Tetrahedron,
+            SkinElementName::Wedge => Self::Wedge,
+            SkinElementName::C1Prism => Self::C1Prism,
+        }
+    }
+}
+
+/// What is done against locking of linear tetrahedra.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum LockingName {
+    /// Nothing.
+    None,
+    /// Isochoric energy at strains averaged around edges, volumetric energy at strains averaged around nodes.
+    Smoothed,
+}
+
+impl From<LockingName> for Locking {
+    fn from(name: LockingName) -> Self {
+        match name {
+            LockingName::None => Self::None,
+            LockingName::Smoothed => Self::Smoothed,
+        }
+    }
+}
+
+/// What is done where a material loses ellipticity during a solve.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum UnstableMaterialName {
+    /// The step's outcome says so; where no equilibrium is found the path ends.
+    #[default]
+    Report,
+    /// Neo-Hookean with the same small-strain moduli takes its place from there on.
+    Stabilise,
+}
+
+impl From<UnstableMaterialName> for UnstableMaterial {
+    fn from(name: UnstableMaterialName) -> Self {
+        match name {
+            UnstableMaterialName::Report => Self::Report,
+            UnstableMaterialName::Stabilise => Self::Stabilise,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn laws_come_back_and_faults_are_told() {
+        for text in [
+            r#"{"law":"mooney_rivlin","c10_mpa":0.004,"c01_mpa":0.001,"poisson":0.45}"#,
+            r#"{"law":"neo_hookean","shear_modulus_mpa":0.07,"poisson":0.49}"#,
+            r#"{"law":"yeoh","c1_mpa":0.0025,"c2_mpa":0.001175,"c3_mpa":0.0,"poisson":0.49}"#,
+            r#"{"law":"ogden","shear_modulus_mpa":0.4,"alpha":12.0,"poisson":0.49}"#,
+        ] {
+            let document: MaterialDocument = serde_json::from_str(text).unwrap();
+            assert_eq!(serde_json::to_string(&document).unwrap(), text);
+            let material = Material::from(&document);
+            let back = Material::from(&MaterialDocument::from(&material));
+            assert_eq!(back.isochoric, material.isochoric);
+            assert!((back.bulk - material.bulk).abs() < 1e-9 * material.bulk);
+        }
+        for (text, expected) in [
+            (r#"{"law":"yeoh","poisson":0.4}"#, "yeoh needs c1_mpa"),
+            (r#"{"law":"ogden","shear_modulus_mpa":1,"c1_mpa":1,"alpha":2,"poisson":0.4}"#, "no constant of ogden"),
+            (r#"{"law":"hooke","poisson":0.4}"#, "hooke"),
+            (r#"{"law":"neo_hookean","shear_modulus_mpa":1}"#, "poisson"),
+            (r#"{"law":"neo_hookean","shear_modulus_mpa":1,"poisson":0.4,"x":1}"#, "`x`"),
+        ] {
+            let error = serde_json::from_str::<MaterialDocument>(text).unwrap_err().to_string();
+            assert!(error.contains(expected), "{error}");
+        }
+    }
+}

@@ -1,0 +1,67 @@
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::CutDocument;
+use crate::session::MeshSettingsDocument;
+use prosopon_tissue::mesh::MeshReport;
+
+/// The tissue mesh of a session.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct MeshDocument {
+    /// Settings that it was built with.
+    pub settings: MeshSettingsDocument,
+    /// Cuts whose segments chose the region; absent when it is the front of the face or a box.
+    pub cuts: Option<Vec<CutDocument>>,
+    /// Number of tetrahedra.
+    pub tetrahedra: usize,
+    /// Number of prisms.
+    pub prisms: usize,
+    /// Number of nodes.
+    pub nodes: usize,
+    /// Inverted elements.
+    pub inverted: usize,
+    /// Smallest dihedral angle of a tetrahedron, degrees.
+    pub min_dihedral_deg: f64,
+    /// Largest dihedral angle of a tetrahedron, degrees.
+    pub max_dihedral_deg: f64,
+    /// Smallest scaled Jacobian of a prism, 0 to 1.
+    pub min_scaled_jacobian: f64,
+    /// Relative difference of the mesh's volume from that of the domain.
+    pub volume_error: f64,
+    /// Largest distance of a prism's outer vertex or barycentre from the skin, mm.
+    pub max_skin_distance_mm: f64,
+    /// Outer edges with more than two boundary faces.
+    pub non_manifold_edges: usize,
+    /// Share of muscle in the volume below the skin layer, the rest being fat.
+    #[serde(default)]
+    pub muscle_share: f64,
+    /// Whether a CT told fat from muscle; else it was depth.
+    #[serde(default)]
+    pub tissue_from_ct: bool,
+    /// What gave way where.
+    pub warnings: Vec<String>,
+}
+
+impl MeshDocument {
+    /// The document of a mesh.
+    #[must_use]
+    pub fn new(settings: MeshSettingsDocument, cuts: Option<Vec<CutDocument>>, r: &MeshReport) -> Self {
+        Self {
+            settings,
+            cuts,
+            tetrahedra: r.tetrahedra,
+            prisms: r.prisms,
+            nodes: r.nodes,
+            inverted: r.inverted,
+            min_dihedral_deg: r.min_dihedral_deg,
+            max_dihedral_deg: r.max_dihedral_deg,
+            min_scaled_jacobian: r.min_scaled_jacobian,
+            volume_error: r.volume_error,
+            max_skin_distance_mm: r.max_skin_distance_mm,
+            non_manifold_edges: r.nonmanifold_edges,
+            muscle_share: r.muscle_share,
+            tissue_from_ct: r.tissue_from_ct,
+            warnings: r.warnings.clone(),
+        }
+    }
+}

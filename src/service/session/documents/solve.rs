@@ -1,0 +1,164 @@
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use prosopon_planning::simulate::{Frame, LeftOut, RegionMotion};
+use prosopon_tissue::fem::PhaseTimes;
+
+/// Force on a bone segment.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ReactionDocument {
+    /// The segment; 0 is the skull that stays.
+    pub segment: u32,
+    /// Sum of the forces of tied nodes and contact, N, LPS.
+    pub force_n: [f64; 3],
+}
+
+/// Wall time of the solver's phases, s; none contains another.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, ToSchema)]
+pub struct StepPhasesDocument {
+    /// Elements, elimination order and symbolic factorisation; only in the first step.
+    pub setup_s: f64,
+    /// Tangents of the elements and their assembly.
+    pub tangent_s: f64,
+    /// Numeric factorisations.
+    pub factor_s: f64,
+    /// Triangular solves and conjugate gradients.
+    pub solve_s: f64,
+    /// Residuals.
+    pub residual_s: f64,
+    /// Search of contact points and their part of the matrix.
+    pub contact_s: f64,
+    /// Line searches, their energies and contacts.
+    pub line_search_s: f64,
+}
+
+impl From<PhaseTimes> for StepPhasesDocument {
+    fn from(p: PhaseTimes) -> Self {
+        Self {
+            setup_s: p.setup_s,
+            tangent_s: p.tangent_s,
+            factor_s: p.factor_s,
+            solve_s: p.solve_s,
+            residual_s: p.residual_s,
+            contact_s: p.contact_s,
+            line_search_s: p.line_search_s,
+        }
+    }
+}
+
+/// What a step needed and reached.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct StepDocument {
+    /// Number, 1 to n.
+    pub k: u32,
+    /// Path parameter, 0 to 1.
+    pub t: f64,
+    /// Whether the convergence test was met with every material elliptic and no element inside out.
+    pub converged: bool,
+    /// How it ended: `converged`; `stabilised`, with stable materials in the place of those asked for; `outside_ellipticity`, where forces
+    /// balance but a material has lost ellipticity, and `inside_out`, where they do but the linear model turns elements inside out: no answers to
+    /// rely on.
+    #[serde(default = "plain_outcome")]
+    pub outcome: String,
+    /// Smallest det F over all quadrature points.
+    pub min_det_f: f64,
+    /// Largest penetration of a contact point, mm.
+    pub max_penetration_mm: f64,
+    /// Residual force relative to the reaction force.
+    pub relative_residual: f64,
+    /// Estimate, no bound, of what is left to the exact equilibrium, mm: by the residual and the last tangent, or the last
+    /// iteration's movement of the skin. The last step is converged to the solver's tolerance; steps on the way are for the eye and end
+    /// when the estimate is below 0.02 mm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub remaining_mm: Option<f64>,
+    /// Newton iterations, substeps included.
+    pub newton_iterations: usize,
+    /// Substeps that the step was cut into.
+    pub substeps: usize,
+    /// Factorisations; that of the state at rest is in the first step of the first job with a mesh, materials, model and moved segments, and serves
+    /// the later ones.
+    pub factorisations: usize,
+    /// Contact points that push.
+    pub active_contacts: usize,
+    /// Number of unknowns.
+    pub unknowns: usize,
+    /// Forces on the bone.
+    pub reactions: Vec<ReactionDocument>,
+    /// Largest displacement of a skin vertex, mm.
+    pub max_displacement_mm: f64,
+    /// Time since the step before, s.
+    pub wall_s: f64,
+    /// Where the solver's part of it went.
+    #[serde(default)]
+    pub phases: StepPhasesDocument,
+    /// What was done to get there.
+    pub warnings: Vec<String>,
+}
+
+/// Of records from before there were others.
+fn plain_outcome() -> String {
+    "converged".to_owned()
+}
+
+impl StepDocument {
+    /// The document of a frame that took `wall_s`.
+    #[must_use]
+    pub fn new(frame: &Frame, wall_s: f64) -> Self {
+        let r = &frame.report;
+        let max_displacement = frame.displacement_mm.iter().copied().fold(0.0f32, f32::max);
+        Self {
+            k: u32::try_from(frame.k).unwrap_or(u32::MAX),
+            t: frame.t,
+            converged: r.outcome.converged(),
+            outcome: r.outcome.name().to_owned(),
+            min_det_f: r.min_det_f,
+            max_penetration_mm: r.max_penetration_mm,
+            relative_residual: r.relative_residual,
+            remaining_mm: r.remaining_mm.is_finite().then_some(r.remaining_mm),
+            newton_iterations: r.newton_iterations,
+            substeps: r.substeps,
+            factorisations: r.factorisations,
+            active_contacts: r.active_contacts,
+            unknowns: r.unknowns,
+            reactions: r.reactions_n.iter().map(|&(segment, force_n)| ReactionDocument { segment, force_n }).collect(),
+            max_displacement_mm: f64::from(max_displacement),
+            wall_s,
+            phases: r.phases.into(),
+            warnings: r.warnings.clone(),
+        }
+    }
+}
+
+/// Tissue that a solve did without, since the plan hardly moves it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct LeftOutDocument {
+    /// Nodes that would else be free: the plan was thought to move them by less than `leave_out_below_mm`.
+    pub nodes: usize,
+    /// Nodes of the mesh.
+    pub of_nodes: usize,
+    /// Largest displacement of a free node beside one that is left out, mm: tissue just beyond would have moved by less.
+    pub border_mm: f64,
+}
+
+impl From<LeftOut> for LeftOutDocument {
+    fn from(l: LeftOut) -> Self {
+        Self { nodes: l.nodes, of_nodes: l.of_nodes, border_mm: l.border_mm }
+    }
+}
+
+/// Mean movement of a part of the face at the end of the path, mm.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct RegionMotionDocument {
+    /// Forward (towards -y).
+    pub forward_mm: f64,
+    /// Down (towards -z).
+    pub down_mm: f64,
+    /// To the patient's left (+x).
+    pub left_mm: f64,
+}
+
+impl From<&RegionMotion> for RegionMotionDocument {
+    fn from(r: &RegionMotion) -> Self {
+        Self { forward_mm: r.forward_mm, down_mm: r.down_mm, left_mm: r.left_mm }
+    }
+}

@@ -1,0 +1,102 @@
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use prosopon_geometry::SurfaceReport;
+
+/// Where a stored surface comes from.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct SurfaceOrigin {
+    /// `upload` or `ct`.
+    pub kind: String,
+    /// Format of the upload: `stl`, `ply`, `obj`, `nifti`.
+    pub format: String,
+    /// Bytes of the upload.
+    pub bytes: u64,
+    /// SHA-256 of the upload.
+    pub sha256: String,
+}
+
+/// What a stored surface is like.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct SurfaceDocument {
+    /// Where it comes from.
+    pub origin: SurfaceOrigin,
+    /// Vertices.
+    pub vertices: usize,
+    /// Triangles.
+    pub triangles: usize,
+    /// Whether every edge has two triangles that run along it in opposite directions.
+    pub closed: bool,
+    /// Edges with one triangle.
+    pub open_edges: usize,
+    /// Holes: open edges that hang together count as one.
+    pub holes: usize,
+    /// Edges with more than two triangles.
+    pub non_manifold_edges: usize,
+    /// Edges whose two triangles run along them the same way.
+    pub inconsistent_edges: usize,
+    /// Parts that hang together.
+    pub components: usize,
+    /// Triangles without area.
+    pub degenerate_triangles: usize,
+    /// Triangles that are there more than once.
+    pub duplicate_triangles: usize,
+    /// Triangles that cross or touch another one; absent when there are too many to count.
+    pub self_intersections: Option<usize>,
+    /// Smallest coordinates, LPS mm.
+    pub min_mm: [f64; 3],
+    /// Largest coordinates, LPS mm.
+    pub max_mm: [f64; 3],
+    /// Area, mm².
+    pub area_mm2: f64,
+    /// Enclosed volume, mm³; absent when the surface is not closed.
+    pub volume_mm3: Option<f64>,
+    /// What was mended or is doubtful.
+    pub warnings: Vec<String>,
+}
+
+impl SurfaceDocument {
+    /// The document of a measured surface.
+    #[must_use]
+    pub fn new(origin: SurfaceOrigin, r: &SurfaceReport, warnings: Vec<String>) -> Self {
+        Self {
+            origin,
+            vertices: r.vertices,
+            triangles: r.triangles,
+            closed: r.closed,
+            open_edges: r.boundary_edges,
+            holes: r.boundary_loops,
+            non_manifold_edges: r.nonmanifold_edges,
+            inconsistent_edges: r.inconsistent_edges,
+            components: r.components,
+            degenerate_triangles: r.degenerate_triangles,
+            duplicate_triangles: r.duplicate_triangles,
+            self_intersections: r.self_intersecting_triangles,
+            min_mm: r.bounds.min.coords.into(),
+            max_mm: r.bounds.max.coords.into(),
+            area_mm2: r.area_mm2,
+            volume_mm3: r.closed.then_some(r.volume_mm3),
+            warnings,
+        }
+    }
+}
+
+/// What a stored CT is like.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct CtDocument {
+    /// SHA-256 of the upload.
+    pub sha256: String,
+    /// Bytes of the upload.
+    pub bytes: u64,
+    /// Format of the upload: `nifti`, `dicom`, `nrrd`, `metaimage`.
+    #[serde(default = "nifti")]
+    pub format: String,
+    /// What was changed or looks doubtful when it was read.
+    #[serde(default)]
+    pub warnings: Vec<String>,
+}
+
+/// The only format that was taken before others were.
+fn nifti() -> String {
+    "nifti".to_owned()
+}

@@ -1,0 +1,85 @@
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use prosopon_geometry::{Cell, VolumeMesh};
+use prosopon_planning::simulate::ReadyMesh;
+use prosopon_tissue::mesh::Attachment;
+
+/// What an uploaded tissue mesh is like.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct TissueDocument {
+    /// SHA-256 of the upload.
+    pub sha256: String,
+    /// Bytes of the upload.
+    pub bytes: u64,
+    /// Points.
+    pub nodes: usize,
+    /// Tetrahedra.
+    pub tetrahedra: usize,
+    /// Wedges.
+    pub wedges: usize,
+    /// Cells of each tissue: `skin`, `muscle`, `fat`, `mucosa`.
+    pub tissues: BTreeMap<String, usize>,
+    /// Points that are free.
+    pub free_nodes: usize,
+    /// Points that slide on bone.
+    pub sliding_nodes: usize,
+    /// Points tied to each segment; segment 0 stays.
+    pub tied_nodes: BTreeMap<u32, usize>,
+    /// Points that are held along some axes by `fixed_mask`.
+    pub held_nodes: usize,
+    /// Points with a load `force_n`.
+    pub loaded_nodes: usize,
+    /// Wedges that lie under others or inside, and so cannot be C1 prisms.
+    pub buried_wedges: usize,
+    /// Smallest coordinates, LPS mm.
+    pub min_mm: [f64; 3],
+    /// Largest coordinates, LPS mm.
+    pub max_mm: [f64; 3],
+    /// What was changed or looks doubtful.
+    pub warnings: Vec<String>,
+}
+
+impl TissueDocument {
+    /// The document of a mesh that was read from a file.
+    #[must_use]
+    pub fn new(sha256: String, bytes: u64, volume: &VolumeMesh, ready: &ReadyMesh, mut warnings: Vec<String>) -> Self {
+        let mesh = &ready.mesh;
+        let wedges = volume.cells.iter().filter(|c| matches!(c, Cell::Wedge(_))).count();
+        let mut tissues = BTreeMap::new();
+        let of_prisms = (0..mesh.prisms.len()).map(|p| mesh.tissue_of_prism(p));
+        for tissue in mesh.tetrahedron_tissue.iter().copied().chain(of_prisms) {
+            *tissues.entry(tissue.name().to_owned()).or_insert(0) += 1;
+        }
+        let mut tied_nodes = BTreeMap::new();
+        for attachment in &mesh.attachment {
+            if let Attachment::Tied(segment) = attachment {
+                *tied_nodes.entry(*segment).or_insert(0) += 1;
+            }
+        }
+        let count = |wanted: Attachment| mesh.attachment.iter().filter(|a| **a == wanted).count();
+        let extreme = |pick: fn(f64, f64) -> f64| {
+            [0, 1, 2].map(|axis| mesh.positions.iter().map(|p| p[axis]).reduce(pick).unwrap_or_default())
+        };
+        warnings.extend(ready.warnings.iter().cloned());
+        Self {
+            sha256,
+            bytes,
+            nodes: mesh.positions.len(),
+            tetrahedra: mesh.tetrahedra.len(),
+            wedges,
+            tissues,
+            free_nodes: count(Attachment::Free),
+            sliding_nodes: count(Attachment::Sliding),
+            tied_nodes,
+            held_nodes: ready.boundary.held_axes.iter().filter(|bits| **bits != 0).count(),
+            loaded_nodes: ready.boundary.loads_n.iter().filter(|f| f.norm() > 0.0).count(),
+            buried_wedges: ready.buried_prisms(),
+            min_mm: extreme(f64::min),
+            max_mm: extreme(f64::max),
+            warnings,
+        }
+    }
+}

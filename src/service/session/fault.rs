@@ -1,0 +1,228 @@
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+
+use prosopon_geometry::control::Cancelled;
+
+macro_rules! kinds {
+    ($($(#[$doc:meta])* $name:ident = $slug:literal,)*) => {
+        /// Kinds of problem; the name on the wire is the last part of the problem's type.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+        pub enum FaultKind {
+            $($(#[$doc])* #[serde(rename = $slug)] $name,)*
+        }
+
+        impl FaultKind {
+            /// Every kind.
+            pub const ALL: &'static [Self] = &[$(Self::$name),*];
+
+            /// Its name on the wire.
+            #[must_use]
+            pub fn slug(self) -> &'static str {
+                match self { $(Self::$name => $slug),* }
+            }
+        }
+    };
+}
+
+kinds! {
+    /// The request cannot be read at all.
+    MalformedRequest = "malformed-request",
+    /// The request is read but some of its values are not allowed.
+    InvalidRequest = "invalid-request",
+    /// Nothing with that id or path.
+    NotFound = "not-found",
+    /// It was there and was deleted.
+    Gone = "gone",
+    /// The path does not take this method.
+    MethodNotAllowed = "method-not-allowed",
+    /// No representation that the client accepts.
+    NotAcceptable = "not-acceptable",
+    /// The request took too long to arrive or to answer.
+    Timeout = "timeout",
+    /// It is in a state in which this cannot be done.
+    WrongState = "wrong-state",
+    /// Something must be uploaded or built first.
+    MissingInput = "missing-input",
+    /// It was built from inputs or settings that have been replaced.
+    Stale = "stale",
+    /// Longer than allowed.
+    TooLarge = "too-large",
+    /// A range that the result does not have.
+    RangeNotSatisfiable = "range-not-satisfiable",
+    /// A format that is not read.
+    UnsupportedFormat = "unsupported-format",
+    /// An idempotency key came again with another request.
+    IdempotencyMismatch = "idempotency-mismatch",
+    /// A surface cannot be used.
+    SurfaceNotUsable = "surface-not-usable",
+    /// A CT volume cannot be used.
+    VolumeNotUsable = "volume-not-usable",
+    /// Skin and skull do not belong together.
+    AnatomyNotUsable = "anatomy-not-usable",
+    /// No distance field comes out.
+    FieldNotUsable = "field-not-usable",
+    /// No tissue mesh comes out.
+    MeshNotUsable = "mesh-not-usable",
+    /// A cut does not touch bone.
+    CutMissesBone = "cut-misses-bone",
+    /// The cuts leave the bone in one piece.
+    BoneNotParted = "bone-not-parted",
+    /// A path or plan cannot be used.
+    PlanNotUsable = "plan-not-usable",
+    /// Mesh, bone and settings cannot be solved together.
+    SceneNotUsable = "scene-not-usable",
+    /// No equilibrium was reached.
+    SolverNotConverged = "solver-not-converged",
+    /// A material lost its stability under the load.
+    SolverUnstable = "solver-unstable",
+    /// An element would turn inside out.
+    SolverInverted = "solver-inverted",
+    /// Tissue stayed inside bone.
+    SolverPenetration = "solver-penetration",
+    /// Two surfaces cannot be compared.
+    ComparisonNotUsable = "comparison-not-usable",
+    /// No rigid motion brings one surface onto the other, or too many do.
+    RegistrationFailed = "registration-failed",
+    /// There is nothing to compare with.
+    NoReference = "no-reference",
+    /// The result is not there yet.
+    NotReady = "not-ready",
+    /// Part of the contract, but not in this version.
+    NotAvailable = "not-available",
+    /// The request is not for this host.
+    ForeignHost = "foreign-host",
+    /// Too many jobs wait.
+    QueueFull = "queue-full",
+    /// Too many jobs of one tenant wait.
+    TenantQueueFull = "tenant-queue-full",
+    /// The session holds as much as it may.
+    QuotaFull = "quota-full",
+    /// Too many requests that take long to check are under way.
+    Busy = "busy",
+    /// The request does not say who sends it, or not believably.
+    Unauthenticated = "unauthenticated",
+    /// The sender may not do this.
+    Forbidden = "forbidden",
+    /// The service is stopping.
+    ShuttingDown = "shutting-down",
+    /// The disk is full.
+    StorageFull = "storage-full",
+    /// The database or the bucket cannot be reached now.
+    StoreUnavailable = "store-unavailable",
+    /// The bucket refuses the service, or one of its values.
+    StoreRefuses = "store-refuses",
+    /// The job computed for longer than it may.
+    DeadlineExceeded = "deadline-exceeded",
+    /// The service stopped too often while the job ran.
+    JobInterrupted = "job-interrupted",
+    /// A fault of the service.
+    Internal = "internal",
+}
+
+/// A value in a request that is not allowed.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FieldFault {
+    /// JSON pointer to it.
+    pub pointer: String,
+    /// What was found and what is allowed.
+    pub detail: String,
+}
+
+impl FieldFault {
+    /// A fault at `pointer`; the name of a part or a query parameter becomes a pointer to it.
+    pub fn new(pointer: impl Into<String>, detail: impl Into<String>) -> Self {
+        let mut pointer = pointer.into();
+        if !pointer.is_empty() && !pointer.starts_with('/') {
+            pointer.insert(0, '/');
+        }
+        Self { pointer, detail: detail.into() }
+    }
+}
+
+/// Why something was refused or failed, without a word of HTTP. Also what a failed job stores.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Fault {
+    /// Kind.
+    pub kind: FaultKind,
+    /// What was found and what is allowed.
+    pub detail: String,
+    /// Bad values of the request.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub errors: Vec<FieldFault>,
+    /// Further members, for machines.
+    #[serde(default, skip_serializing_if = "Map::is_empty")]
+    pub facts: Map<String, Value>,
+}
+
+impl Fault {
+    /// A fault of `kind`.
+    pub fn new(kind: FaultKind, detail: impl Into<String>) -> Self {
+        Self { kind, detail: detail.into(), errors: Vec::new(), facts: Map::new() }
+    }
+
+    /// Bad values of a request.
+    #[must_use]
+    pub fn invalid(errors: Vec<FieldFault>) -> Self {
+        let detail = match errors.as_slice() {
+            [one] => one.detail.clone(),
+            many => format!("{} values are not allowed", many.len()),
+        };
+        Self { errors, ..Self::new(FaultKind::InvalidRequest, detail) }
+    }
+
+    /// Adds a member.
+    #[must_use]
+    pub fn with(mut self, name: &str, value: impl Into<Value>) -> Self {
+        self.facts.insert(name.to_owned(), value.into());
+        self
+    }
+
+    /// Adds a bad value.
+    #[must_use]
+    pub fn at(mut self, pointer: &str) -> Self {
+        self.errors.push(FieldFault::new(pointer, self.detail.clone()));
+        self
+    }
+
+    /// Points to `pointer` instead of `/cuts` and below: for requests that take their cuts from elsewhere.
+    #[must_use]
+    pub fn with_cuts_at(mut self, pointer: &str) -> Self {
+        for error in &mut self.errors {
+            if error.pointer == "/cuts" || error.pointer.starts_with("/cuts/") {
+                pointer.clone_into(&mut error.pointer);
+            }
+        }
+        self
+    }
+}
+
+/// Why long work ended early.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Halt {
+    /// It was asked to stop.
+    Cancelled,
+    /// It could not go on.
+    Fault(Box<Fault>),
+}
+
+impl From<Fault> for Halt {
+    fn from(fault: Fault) -> Self {
+        Self::Fault(Box::new(fault))
+    }
+}
+
+impl From<Cancelled> for Halt {
+    fn from(_: Cancelled) -> Self {
+        Self::Cancelled
+    }
+}
+
+impl From<Halt> for Fault {
+    /// Work that runs within a request is only cancelled when the client has left or the service stops.
+    fn from(halt: Halt) -> Self {
+        match halt {
+            Halt::Cancelled => Self::new(FaultKind::ShuttingDown, "the work was cancelled before it was done"),
+            Halt::Fault(fault) => *fault,
+        }
+    }
+}

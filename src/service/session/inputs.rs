@@ -1,0 +1,292 @@
+use std::sync::Arc;
+
+use serde::de::DeserializeOwned;
+
+use super::{
+    Case, CutDocument, Fault, FaultKind, FieldDocument, FieldSettingsDocument, LandmarksDocument, MeshDocument,
+    MeshSettingsDocument, SurfaceDocument, TissueDocument, TissueRequest, key_of, stored_cuts,
+};
+use prosopon_geometry::TriMesh;
+use prosopon_planning::simulate::Anatomy;
+use prosopon_store::{PartKind, PartRecord, SessionId, Store, decode_grid, decode_mesh};
+
+/// Boxes of surfaces that are cut at the same plane may differ by so much, mm.
+const BOX_SLACK_MM: f64 = 1.0;
+
+/// The parts of one session, and what they allow.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SessionParts {
+    session: SessionId,
+    parts: Vec<PartRecord>,
+}
+
+impl SessionParts {
+    /// Reads the parts of a session.
+    ///
+    /// # Errors
+    /// [`FaultKind::NotFound`], [`FaultKind::Gone`], or the store's.
+    pub async fn load(store: &Store, session: SessionId) -> Result<Self, Fault> {
+        if store.session(session).await?.is_none() {
+            return Err(if store.is_deleted(&session.to_string()).await? {
+                Fault::new(FaultKind::Gone, format!("session {session} was deleted"))
+            } else {
+                Fault::new(FaultKind::NotFound, format!("there is no session {session}"))
+            });
+        }
+        Ok(Self { session, parts: store.parts(session).await? })
+    }
+
+    /// Parts of a session that were read.
+    #[must_use]
+    pub fn of(session: SessionId, parts: Vec<PartRecord>) -> Self {
+        Self { session, parts }
+    }
+
+    /// All parts.
+    #[must_use]
+    pub fn all(&self) -> &[PartRecord] {
+        &self.parts
+    }
+
+    /// A part, if it is there.
+    #[must_use]
+    pub fn get(&self, kind: PartKind) -> Option<&PartRecord> {
+        self.parts.iter().find(|p| p.kind == kind)
+    }
+
+    /// A part that must be there.
+    ///
+    /// # Errors
+    /// [`FaultKind::NotFound`].
+    pub fn require(&self, kind: PartKind) -> Result<&PartRecord, Fault> {
+        let name = kind.as_str();
+        self.get(kind).ok_or_else(|| Fault::new(FaultKind::NotFound, format!("the session has no {name} yet")))
+    }
+
+    /// Uploaded bones with their segments, rising.
+    #[must_use]
+    pub fn bones(&self) -> Vec<(u32, &PartRecord)> {
+        let mut bones: Vec<_> = self.parts.iter().filter_map(|p| Some((p.kind.segment()?, p))).collect();
+        bones.sort_by_key(|(segment, _)| *segment);
+        bones
+    }
+
+    /// Segments and keys of the uploaded bones.
+    #[must_use]
+    pub fn bone_keys(&self) -> Vec<(u32, String)> {
+        self.bones().into_iter().map(|(segment, part)| (segment, part.key.clone())).collect()
+    }
+
+    /// The ready tissue mesh, where there is one.
+    ///
+    /// # Errors
+    /// [`FaultKind::Internal`].
+    pub fn tissue(&self) -> Result<Option<TissueDocument>, Fault> {
+        self.document(PartKind::Tissue)
+    }
+
+    /// The ready tissue mesh, which must be there; `next` says what to do.
+    ///
+    /// # Errors
+    /// [`FaultKind::MissingInput`], [`FaultKind::Internal`].
+    pub fn require_tissue(&self, next: &str) -> Result<TissueDocument, Fault> {
+        self.tissue()?.ok_or_else(|| self.missing(&["tissue"], next))
+    }
+
+    fn document<T: DeserializeOwned>(&self, kind: PartKind) -> Result<Option<T>, Fault> {
+        let Some(part) = self.get(kind) else { return Ok(None) };
+        serde_json::from_str(&part.document).map(Some).map_err(|error| {
+            tracing::error!(%error, part = kind.as_str(), "a stored document cannot be read");
+            Fault::new(FaultKind::Internal, "a stored document cannot be read; the log says more")
+        })
+    }
+
+    /// Settings of the field, or the defaults.
+    ///
+    /// # Errors
+    /// [`FaultKind::Internal`] when the stored document is damaged; so for the other documents.
+    pub fn field_settings(&self) -> Result<FieldSettingsDocument, Fault> {
+        Ok(self.document(PartKind::FieldSettings)?.unwrap_or_default())
+    }
+
+    /// Landmarks, where given.
+    ///
+    /// # Errors
+    /// [`FaultKind::Internal`].
+    pub fn landmarks(&self) -> Result<Option<LandmarksDocument>, Fault> {
+        self.document(PartKind::Landmarks)
+    }
+
+    /// Key of the fields that the present inputs and settings give.
+    ///
+    /// # Errors
+    /// [`FaultKind::MissingInput`] when skin or skull are missing.
+    pub fn field_key(&self) -> Result<String, Fault> {
+        self.require_surfaces()?;
+        let key = |kind| self.get(kind).map_or("", |p| p.key.as_str());
+        let settings = serde_json::to_string(&self.field_settings()?).unwrap_or_default();
+        Ok(key_of(&["field", key(PartKind::Skin), key(PartKind::Skull), key(PartKind::Air), &settings]))
+    }
+
+    fn missing(&self, names: &[&str], next: &str) -> Fault {
+        let detail = format!("{} missing: {next}", names.join(" and "));
+        let names: Vec<String> = names.iter().map(|n| (*n).to_owned()).collect();
+        Fault::new(FaultKind::MissingInput, detail).with("missing", names)
+    }
+
+    /// Skin and skull must be there.
+    ///
+    /// # Errors
+    /// [`FaultKind::MissingInput`].
+    pub fn require_surfaces(&self) -> Result<(), Fault> {
+        let missing: Vec<&str> = [PartKind::Skin, PartKind::Skull]
+            .into_iter()
+            .filter(|k| self.get(*k).is_none())
+            .map(PartKind::as_str)
+            .collect();
+        if missing.is_empty() {
+            return Ok(());
+        }
+        let has_ct = self.get(PartKind::Ct).is_some();
+        let next = if has_ct { "the import of the CT has not succeeded" } else { "PUT them, or a CT, first" };
+        Err(self.missing(&missing, next))
+    }
+
+    /// Vertices of the skull, where it is there.
+    ///
+    /// # Errors
+    /// [`FaultKind::Internal`].
+    pub fn skull_vertices(&self) -> Result<Option<usize>, Fault> {
+        Ok(self.document::<SurfaceDocument>(PartKind::Skull)?.map(|skull| skull.vertices))
+    }
+
+    /// What the boxes of skin and skull tell of whether they belong together; the field looks more closely.
+    ///
+    /// # Errors
+    /// [`FaultKind::AnatomyNotUsable`], [`FaultKind::MissingInput`].
+    pub fn require_nested(&self) -> Result<(), Fault> {
+        self.require_surfaces()?;
+        let skin: Option<SurfaceDocument> = self.document(PartKind::Skin)?;
+        let skull: Option<SurfaceDocument> = self.document(PartKind::Skull)?;
+        let (Some(skin), Some(skull)) = (skin, skull) else { return Ok(()) };
+        let axes = [0, 1, 2];
+        let inside = |a: usize| {
+            skin.min_mm[a] > skull.min_mm[a] - BOX_SLACK_MM && skin.max_mm[a] < skull.max_mm[a] + BOX_SLACK_MM
+        };
+        let apart = |a: usize| skin.min_mm[a] > skull.max_mm[a] || skin.max_mm[a] < skull.min_mm[a];
+        let detail = if axes.into_iter().all(inside) {
+            "the skin lies inside the skull's box: are the two files swapped?"
+        } else if axes.into_iter().any(apart) {
+            "skin and skull lie apart: do both have the same frame (LPS) and unit (mm)?"
+        } else {
+            return Ok(());
+        };
+        Err(Fault::new(FaultKind::AnatomyNotUsable, detail))
+    }
+
+    /// The fields must have been built from the present inputs.
+    ///
+    /// # Errors
+    /// [`FaultKind::MissingInput`], [`FaultKind::Stale`].
+    pub fn require_field(&self) -> Result<FieldDocument, Fault> {
+        let key = self.field_key()?;
+        let next = format!("POST /v1/sessions/{}/field first", self.session);
+        let Some(part) = self.get(PartKind::Field) else { return Err(self.missing(&["field"], &next)) };
+        if part.key != key {
+            let detail = format!("the field was built from inputs or settings that have changed: {next}");
+            return Err(Fault::new(FaultKind::Stale, detail).with("stale", "field"));
+        }
+        self.document(PartKind::Field)?.ok_or_else(|| self.missing(&["field"], &next))
+    }
+
+    /// The mesh must have been built from the present inputs.
+    ///
+    /// # Errors
+    /// [`FaultKind::MissingInput`], [`FaultKind::Stale`].
+    pub fn require_mesh(&self) -> Result<MeshDocument, Fault> {
+        self.require_surfaces()?;
+        let next = format!("POST /v1/sessions/{}/mesh first", self.session);
+        let mesh: Option<MeshDocument> = self.document(PartKind::Mesh)?;
+        let (Some(part), Some(mesh)) = (self.get(PartKind::Mesh), mesh) else {
+            return Err(self.missing(&["mesh"], &next));
+        };
+        if part.key != self.mesh_key(&mesh.settings, mesh.cuts.as_deref())? {
+            let detail = format!("the mesh was built from inputs or settings that have changed: {next}");
+            return Err(Fault::new(FaultKind::Stale, detail).with("stale", "mesh"));
+        }
+        Ok(mesh)
+    }
+
+    /// Key of a mesh of the present inputs.
+    ///
+    /// # Errors
+    /// As [`SessionParts::field_key`].
+    pub fn mesh_key(&self, settings: &MeshSettingsDocument, cuts: Option<&[CutDocument]>) -> Result<String, Fault> {
+        let landmarks = self.get(PartKind::Landmarks).map_or("", |p| p.key.as_str());
+        let text = serde_json::to_string(settings).unwrap_or_default();
+        let cuts = serde_json::to_string(&cuts).unwrap_or_default();
+        let field = self.field_key()?;
+        let mut made_from = vec!["mesh", &field, landmarks, &text, &cuts];
+        let soft_tissue = self.get(PartKind::SoftTissue).filter(|_| !settings.tissue_by_depth);
+        made_from.extend(soft_tissue.map(|part| part.key.as_str()));
+        Ok(key_of(&made_from))
+    }
+
+    /// Reads the surfaces: the patient as the numerics take it.
+    ///
+    /// # Errors
+    /// [`FaultKind::MissingInput`], or the store's.
+    pub async fn case(&self, store: &Store) -> Result<Case, Fault> {
+        let key = self.field_key()?;
+        let landmarks = self.landmarks()?;
+        let air = match self.get(PartKind::Air) {
+            Some(part) => Some(load_mesh(store, part).await?),
+            None => None,
+        };
+        let soft_tissue = match self.get(PartKind::SoftTissue).and_then(|part| part.blob.as_ref()) {
+            Some(key) => Some(decode_grid(&store.blobs().get(key).await?)?),
+            None => None,
+        };
+        let anatomy = Anatomy {
+            skin: load_mesh(store, self.require(PartKind::Skin)?).await?,
+            skull: load_mesh(store, self.require(PartKind::Skull)?).await?,
+            air,
+            soft_tissue,
+            landmarks: landmarks.as_ref().map(LandmarksDocument::named_points).unwrap_or_default(),
+        };
+        Ok(Case {
+            anatomy: Arc::new(anatomy),
+            fields: (&self.field_settings()?).into(),
+            key,
+            midline_x_mm: landmarks.and_then(|l| l.midline_x_mm),
+        })
+    }
+
+    /// The tissue mesh that a document describes.
+    ///
+    /// # Errors
+    /// As [`SessionParts::field_key`].
+    pub fn tissue_request(
+        &self,
+        settings: &MeshSettingsDocument,
+        cuts: Option<&[CutDocument]>,
+    ) -> Result<TissueRequest, Fault> {
+        Ok(TissueRequest {
+            settings: settings.into(),
+            cuts: cuts.map(stored_cuts).transpose()?,
+            key: self.mesh_key(settings, cuts)?,
+        })
+    }
+}
+
+/// Reads the surface of a part.
+///
+/// # Errors
+/// [`FaultKind::NotFound`] when the part is no surface, or the store's.
+pub async fn load_mesh(store: &Store, part: &PartRecord) -> Result<TriMesh, Fault> {
+    let key = part
+        .blob
+        .as_ref()
+        .ok_or_else(|| Fault::new(FaultKind::NotFound, format!("{} is no surface", part.kind.as_str())))?;
+    Ok(decode_mesh(&store.blobs().get(key).await?)?)
+}

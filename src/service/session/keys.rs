@@ -1,0 +1,23 @@
+use prosopon_store::sha256_hex;
+
+/// Key of something that is made from `parts`, in order.
+#[must_use]
+pub fn key_of(parts: &[&str]) -> String {
+    let mut text = String::new();
+    for part in parts {
+        // The length keeps ("ab", "c") and ("a", "bc") apart.
+        text.push_str(&format!("{}:{part};", part.len()));
+    }
+    sha256_hex(text.as_bytes())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::key_of;
+
+    #[test]
+    fn where_parts_end_matters() {
+        assert_ne!(key_of(&["ab", "c"]), key_of(&["a", "bc"]));
+        assert_eq!(key_of(&["a", "b"]), key_of(&["a", "b"]));
+    }
+}

@@ -1,0 +1,395 @@
+use std::collections::BTreeSet;
+use std::fmt;
+use std::sync::Arc;
+
+use super::course::{Course, Ready};
+use super::fault::{Fault, FaultKind};
+use super::fault_from::import_fault;
+use super::recent::Recent;
+use super::scene::{bone_fields, solve_scene};
+use super::tissue_file::tissue_file;
+use super::{Case, Cuts, Engine, Halt, Run, RunWatch, SceneBones, SceneRun, SceneSolved, Solid, TissueRequest, key_of};
+use prosopon_field::{Envelope, ExactDistance, FieldReport, Settled, envelope};
+use prosopon_formats::import::{self, Limits};
+use prosopon_geometry::control::Control;
+use prosopon_geometry::{Implicit, Point, TriMesh, Vector};
+use prosopon_planning::evaluate::{self, ErrorMap, FaceRegion, Registration};
+use prosopon_planning::plan::{
+    self, Clearance, Cut, CutShape, Landmarks, Osteotomy, PathReport, Plan, Proposal, Purpose, Template,
+};
+use prosopon_planning::simulate::{self, Anatomy, CutBone, Fields, Outcome, SimulateError, TissueModel};
+use prosopon_planning::surface::{self, CtSettings, CtSurfaces};
+use prosopon_tissue::mesh::MeshReport;
+
+/// Memory for intermediate results where nothing else is said.
+const CACHE_BYTES: u64 = 1536 << 20;
+/// Kinds of intermediate results.
+const ENVELOPES: &str = "envelope";
+const FIELDS: &str = "field";
+const OSTEOTOMIES: &str = "osteotomy";
+const BONES: &str = "bone";
+const TISSUES: &str = "mesh";
+/// Memory of a mesh by node with its share of elements and of the embedding, bytes.
+const MESH_BYTES: u64 = 1_000;
+
+/// The real numerics, with the last few intermediate results in memory.
+pub struct Numerics {
+    limits: Limits,
+    pub(super) recent: Recent,
+}
+
+impl fmt::Debug for Numerics {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Numerics").field("limits", &self.limits).finish_non_exhaustive()
+    }
+}
+
+impl Numerics {
+    /// Numerics that refuse inputs above `limits`.
+    #[must_use]
+    pub fn new(limits: Limits) -> Self {
+        Self { limits, recent: Recent::new(CACHE_BYTES) }
+    }
+
+    /// The same with so much memory for intermediate results.
+    #[must_use]
+    pub fn with_cache_bytes(self, bytes: u64) -> Self {
+        Self { recent: Recent::new(bytes), ..self }
+    }
+
+    /// The bone's envelope: all that a cut needs.
+    fn envelope_of(&self, case: &Case, control: &Control) -> Result<Arc<Envelope>, Halt> {
+        if let Some(found) = self.recent.get(ENVELOPES, &case.key) {
+            return Ok(found);
+        }
+        let built = envelope(&case.anatomy.skull, &case.fields.envelope, control).map_err(SimulateError::from)?;
+        Ok(self.keep_envelope(case, Arc::new(built)))
+    }
+
+    fn keep_envelope(&self, case: &Case, built: Arc<Envelope>) -> Arc<Envelope> {
+        let bytes = surface_bytes(&built.surface);
+        self.recent.put(ENVELOPES, &case.key, Arc::clone(&built), bytes);
+        built
+    }
+
+    fn fields_of(&self, case: &Case, control: &Control) -> Result<Arc<Fields>, Halt> {
+        if let Some(found) = self.recent.get(FIELDS, &case.key) {
+            return Ok(found);
+        }
+        let known = self.recent.get(ENVELOPES, &case.key);
+        let built = Arc::new(simulate::build_fields_around(&case.anatomy, known, &case.fields, control)?);
+        self.keep_envelope(case, Arc::clone(&built.bone));
+        let of_fields = [Some(&built.skin), Some(&built.bone_field), built.air.as_ref()];
+        let bytes = of_fields.into_iter().flatten().map(|f| f.bytes() as u64).sum::<u64>();
+        self.recent.put(FIELDS, &case.key, Arc::clone(&built), bytes);
+        Ok(built)
+    }
+
+    fn osteotomy_of(&self, case: &Case, cuts: &[Cut], control: &Control) -> Result<Arc<Osteotomy>, Halt> {
+        let key = bone_key(case, cuts);
+        if let Some(found) = self.recent.get(OSTEOTOMIES, &key) {
+            return Ok(found);
+        }
+        let bone = self.envelope_of(case, &control.part(0.0, 0.5))?;
+        let cut = Arc::new(plan::cut(&bone, cuts, &control.part(0.5, 1.0))?);
+        let bytes = cut.segments.iter().map(|s| surface_bytes(&s.surface)).sum::<u64>();
+        self.recent.put(OSTEOTOMIES, &key, Arc::clone(&cut), bytes);
+        Ok(cut)
+    }
+
+    fn bone_of(&self, case: &Case, cuts: &[Cut], control: &Control) -> Result<Arc<CutBone>, Halt> {
+        let key = bone_key(case, cuts);
+        if let Some(found) = self.recent.get(BONES, &key) {
+            return Ok(found);
+        }
+        let osteotomy = self.osteotomy_of(case, cuts, &control.part(0.0, 0.6))?;
+        let built = simulate::segment_fields(&osteotomy, &case.fields.field, &control.part(0.6, 1.0))?;
+        let bone = Arc::new(built);
+        let fields = bone.fields.iter().map(|f| f.bytes() as u64).sum::<u64>();
+        let surfaces = bone.osteotomy.segments.iter().map(|s| surface_bytes(&s.surface)).sum::<u64>();
+        self.recent.put(BONES, &key, Arc::clone(&bone), fields + surfaces);
+        Ok(bone)
+    }
+
+    fn tissue_of(&self, case: &Case, request: &TissueRequest, control: &Control) -> Result<Arc<TissueModel>, Halt> {
+        if let Some(found) = self.recent.get(TISSUES, &request.key) {
+            return Ok(found);
+        }
+        let fields = self.fields_of(case, &control.part(0.0, 0.3))?;
+        let bone = match &request.cuts {
+            Some(cuts) => Some(self.bone_of(case, cuts, &control.part(0.3, 0.4))?),
+            None => None,
+        };
+        let control = control.part(0.4, 1.0);
+        let built = simulate::build_tissue(&case.anatomy, &fields, bone.as_deref(), &request.settings, &control)?;
+        let built = Arc::new(built);
+        let bytes = built.report.nodes as u64 * MESH_BYTES;
+        self.recent.put(TISSUES, &request.key, Arc::clone(&built), bytes);
+        Ok(built)
+    }
+}
+
+fn surface_bytes(surface: &TriMesh) -> u64 {
+    (surface.positions().len() * 24 + surface.triangles().len() * 12) as u64
+}
+
+/// Fills in what a template lacks, from the surfaces; names of what was filled of what it needs.
+fn propose_missing(
+    template: Template,
+    landmarks: &mut Landmarks,
+    anatomy: &Anatomy,
+    cached: &mut Option<Proposal>,
+) -> Vec<String> {
+    if landmarks.missing(template).is_empty() {
+        return Vec::new();
+    }
+    let proposal = cached.get_or_insert_with(|| plan::propose(&anatomy.skin, &anatomy.skull));
+    let mut filled = proposal.fill(landmarks);
+    if matches!(template, Template::LeFort1 | Template::TwoPieceMaxilla) && !landmarks.missing(template).is_empty() {
+        // No nasal aperture in the bone: an adult's usual distances below the tip of the nose.
+        let guess = simulate::propose_landmarks(&anatomy.skin);
+        landmarks.le_fort_1_plane.get_or_insert(guess.le_fort_1_plane);
+        landmarks.occlusal_z_mm.get_or_insert(guess.occlusal_plane_z_mm);
+        filled.extend(["le_fort_1_plane", "occlusal_plane_z_mm"].map(str::to_owned));
+    }
+    filled.retain(|name| template.needs().contains(&name.as_str()));
+    filled
+}
+
+/// What keeps a template from placing its cuts, with its place in the request.
+fn template_fault(index: usize, error: plan::PlanError) -> Halt {
+    match Halt::from(error) {
+        Halt::Cancelled => Halt::Cancelled,
+        Halt::Fault(mut fault) => {
+            for field in &mut fault.errors {
+                field.pointer = format!("/templates/{index}{}", field.pointer);
+            }
+            Halt::Fault(fault)
+        }
+    }
+}
+
+/// Points to the request's own cuts, which come after those of its templates.
+fn given_cuts(halt: Halt, from_templates: usize, own: &[(Template, Vec<usize>)]) -> Halt {
+    match halt {
+        Halt::Cancelled => Halt::Cancelled,
+        Halt::Fault(mut fault) => {
+            for field in &mut fault.errors {
+                let Some(rest) = field.pointer.strip_prefix("/cuts/") else { continue };
+                let (number, below) = rest.split_once('/').map_or((rest, String::new()), |(n, b)| (n, format!("/{b}")));
+                let Ok(number) = number.parse::<usize>() else { continue };
+                field.pointer = match number.checked_sub(from_templates) {
+                    Some(own) => format!("/cuts/{own}{below}"),
+                    None => "/templates".to_owned(),
+                };
+            }
+            let range = |(template, saws): &(Template, Vec<usize>)| {
+                Some(format!("{} to {} are of {}", saws.first()?, saws.last()?, template.name()))
+            };
+            let ranges: Vec<String> = own.iter().filter_map(range).collect();
+            if fault.kind == FaultKind::BoneNotParted && !ranges.is_empty() {
+                fault.detail = format!("{} (cuts {})", fault.detail, ranges.join(", "));
+            }
+            Halt::Fault(fault)
+        }
+    }
+}
+
+/// Shortest decimal forms of the numbers tell every bit apart.
+pub(super) fn bone_key(case: &Case, cuts: &[Cut]) -> String {
+    key_of(&[&case.key, &format!("{cuts:?}")])
+}
+
+impl Engine for Numerics {
+    fn surfaces(&self, ct: &[u8], settings: &CtSettings, control: &Control) -> Result<CtSurfaces, Halt> {
+        let (volume, warnings) =
+            import::volume(ct, &self.limits).map_err(|e| import_fault(&e, FaultKind::VolumeNotUsable))?;
+        control.check()?;
+        let mut surfaces = surface::from_ct(&volume, settings, control)?;
+        surfaces.warnings.splice(0..0, warnings);
+        Ok(surfaces)
+    }
+
+    fn fields(&self, case: &Case, control: &Control) -> Result<(FieldReport, FieldReport, Vec<String>), Halt> {
+        let fields = self.fields_of(case, control)?;
+        Ok((fields.skin_report.clone(), fields.bone_report.clone(), fields.warnings.clone()))
+    }
+
+    fn distances(
+        &self,
+        case: &Case,
+        solid: Solid,
+        points: &[Point],
+        control: &Control,
+    ) -> Result<Vec<(f64, Vector)>, Halt> {
+        let fields = self.fields_of(case, control)?;
+        let field = match solid {
+            Solid::Skin => &fields.skin,
+            Solid::Bone => &fields.bone_field,
+        };
+        Ok(points.iter().map(|p| field.value_gradient(p)).collect())
+    }
+
+    fn nearest(&self, case: &Case, solid: Solid, points: &[Point], control: &Control) -> Result<Vec<Settled>, Halt> {
+        let fields = self.fields_of(case, control)?;
+        let (field, surface) = match solid {
+            Solid::Skin => (&fields.skin, &case.anatomy.skin),
+            Solid::Bone => (&fields.bone_field, &fields.bone.surface),
+        };
+        let exact = ExactDistance::new(surface);
+        control.check()?;
+        Ok(points.iter().map(|p| field.settled(&exact, p)).collect())
+    }
+
+    fn cut(&self, case: &Case, cuts: &Cuts, control: &Control) -> Result<(Osteotomy, Vec<Clearance>), Halt> {
+        let bone = self.envelope_of(case, &control.part(0.0, 0.5))?;
+        let (mut proposal, mut proposed) = (None, BTreeSet::new());
+        let mut all: Vec<Cut> = Vec::new();
+        let mut own: Vec<(Template, Vec<usize>)> = Vec::new();
+        // One head has one Le Fort I plane, whichever template's request names it.
+        let plane = cuts.templates.iter().find_map(|call| call.landmarks.le_fort_1_plane);
+        for (index, call) in cuts.templates.iter().enumerate() {
+            let (template, mut landmarks) = (call.template, call.landmarks.clone());
+            landmarks.le_fort_1_plane = landmarks.le_fort_1_plane.or(plane);
+            proposed.extend(propose_missing(template, &mut landmarks, &case.anatomy, &mut proposal));
+            let placed = template.cuts(&landmarks, &bone).map_err(|e| template_fault(index, e))?;
+            let begin = all.len();
+            // Two templates may tell the same bones apart.
+            for mut cut in placed {
+                if cut.purpose == Purpose::Osteotomy && !matches!(cut.shape, CutShape::FreePart(_)) {
+                    cut.kerf_mm = call.kerf_mm;
+                }
+                if !all.contains(&cut) {
+                    all.push(cut);
+                }
+            }
+            let saws = (begin..all.len()).filter(|cut| all[*cut].purpose == Purpose::Osteotomy);
+            own.push((template, saws.collect()));
+        }
+        let from_templates = all.len();
+        all.extend(cuts.cuts.iter().cloned());
+        let cut = self.osteotomy_of(case, &all, &control.part(0.5, 1.0));
+        let mut osteotomy = Osteotomy::clone(&*cut.map_err(|halt| given_cuts(halt, from_templates, &own))?);
+        for (template, saws) in &own {
+            let parts =
+                osteotomy.segments.iter().any(|s| s.id != 0 && s.bounded_by.iter().any(|cut| saws.contains(cut)));
+            if !parts && !saws.is_empty() {
+                osteotomy.warnings.push(format!(
+                    "the template {} parts nothing: there is no segment at its cuts; look at its landmarks, and whether the bone is in the scan",
+                    template.name()
+                ));
+            }
+        }
+        if !proposed.is_empty() {
+            let names: Vec<String> = proposed.into_iter().collect();
+            osteotomy.warnings.push(format!(
+                "no landmarks were given for {}: they were proposed from the surfaces and need to be checked",
+                names.join(", ")
+            ));
+        }
+        plan::name_segments(&mut osteotomy, &cuts.landmarks);
+        let clearances = plan::clearances(&osteotomy, &cuts.protected)?;
+        for near in &clearances {
+            let Some(protected) = cuts.protected.get(near.protected) else { continue };
+            if let Some(margin) = protected.margin_mm.filter(|m| near.distance_mm < *m) {
+                osteotomy.warnings.push(format!(
+                    "{} comes within {:.1} mm of {}, whose margin is {margin:.1} mm",
+                    osteotomy.cuts.get(near.cut).map_or_else(String::new, |cut| cut.label(near.cut)),
+                    near.distance_mm,
+                    protected.name
+                ));
+            }
+        }
+        Ok((osteotomy, clearances))
+    }
+
+    fn propose(&self, skin: &TriMesh, skull: &TriMesh) -> Proposal {
+        plan::propose(skin, skull)
+    }
+
+    fn follow(&self, case: &Case, cuts: &[Cut], plan: &Plan, control: &Control) -> Result<Vec<PathReport>, Halt> {
+        let osteotomy = self.osteotomy_of(case, cuts, &control.part(0.0, 0.5))?;
+        Ok(plan::follow(&osteotomy, plan, &control.part(0.5, 1.0))?)
+    }
+
+    fn tissue(&self, case: &Case, request: &TissueRequest, control: &Control) -> Result<MeshReport, Halt> {
+        Ok(self.tissue_of(case, request, control)?.report.clone())
+    }
+
+    fn solve(&self, run: &Run, control: &Control, watch: &mut dyn RunWatch) -> Result<Outcome, Halt> {
+        // Shares as measured on a head: a rebuilt field and mesh cost about as much as a quarter of the path.
+        let shares = if self.recent.get::<TissueModel>(TISSUES, &run.tissue.key).is_some() {
+            [0.0, 0.02, 0.03]
+        } else {
+            [0.1, 0.15, 0.25]
+        };
+        watch.stage("field");
+        self.fields_of(&run.case, &control.part(0.0, shares[0]))?;
+        watch.stage("cut");
+        let bone = self.bone_of(&run.case, &run.cuts, &control.part(shares[0], shares[1]))?;
+        watch.stage("mesh");
+        let tissue = self.tissue_of(&run.case, &run.tissue, &control.part(shares[1], shares[2]))?;
+        for warning in run.settings.solver.stability_warnings(&tissue.mesh) {
+            watch.warning(warning);
+        }
+        watch.stage("solve");
+        let ready = Ready { run, bone: &bone, tissue: &tissue };
+        let control = control.part(shares[2], 1.0);
+        let last = Course {
+            plan: &run.plan,
+            steps: run.settings.steps,
+            after: run.after.as_deref(),
+            milestone: run.milestone.as_ref(),
+        };
+        self.follow_course(&ready, last, &control, &mut |frame, milestone| watch.frame(frame, milestone))
+    }
+
+    fn solve_scene(&self, run: &SceneRun, control: &Control, watch: &mut dyn RunWatch) -> Result<SceneSolved, Halt> {
+        const FIELDS: f64 = 0.1;
+        let before = control.part(0.0, FIELDS);
+        watch.stage("field");
+        let (bones, warnings) = match &run.bones {
+            SceneBones::Surfaces(surfaces) => bone_fields(surfaces, run, &before)?,
+            SceneBones::Cut { case, cuts } => {
+                watch.stage("cut");
+                let bone = self.bone_of(case, cuts, &before)?;
+                let segments = bone.osteotomy.segments.iter().map(|s| s.id);
+                (segments.zip(bone.fields.iter().cloned()).collect(), bone.osteotomy.warnings.clone())
+            }
+        };
+        let mut solved = solve_scene(run, bones, &control.part(FIELDS, 1.0), watch)?;
+        solved.warnings.splice(0..0, warnings);
+        Ok(solved)
+    }
+
+    fn tissue_file(&self, run: &Run, nodes: &[Point], control: &Control) -> Result<Vec<u8>, Halt> {
+        let tissue = self.tissue_of(&run.case, &run.tissue, control)?;
+        tissue_file(&tissue.mesh, nodes)
+            .ok_or_else(|| Fault::new(FaultKind::Internal, "the deformed nodes are not those of the mesh").into())
+    }
+
+    fn regions(&self, case: &Case) -> (Vec<FaceRegion>, bool) {
+        evaluate::face_regions(&case.anatomy.skin, &case.anatomy.landmarks, case.midline_x_mm)
+    }
+
+    fn error_map(
+        &self,
+        prediction: &TriMesh,
+        reference: &TriMesh,
+        mask: Option<&[bool]>,
+        regions: &[FaceRegion],
+        control: &Control,
+    ) -> Result<ErrorMap, Halt> {
+        Ok(evaluate::error_map(prediction, reference, mask, regions, control)?)
+    }
+
+    fn register(
+        &self,
+        source: &TriMesh,
+        target: &TriMesh,
+        unaltered: Option<&[bool]>,
+        control: &Control,
+    ) -> Result<Registration, Halt> {
+        Ok(evaluate::register(source, target, unaltered, control)?)
+    }
+}

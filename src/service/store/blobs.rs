@@ -1,0 +1,344 @@
+use std::fmt;
+use std::ops::Range;
+use std::path::Path as FsPath;
+use std::sync::Arc;
+use std::time::{Duration, SystemTime};
+
+use bytes::Bytes;
+use futures::stream::BoxStream;
+use futures::{StreamExt, TryStreamExt};
+use object_store::local::LocalFileSystem;
+use object_store::memory::InMemory;
+use object_store::path::Path;
+use object_store::{ObjectStore, ObjectStoreExt, PutPayload, WriteMultipart};
+use sha2::{Digest, Sha256};
+use uuid::Uuid;
+
+use super::records::hex;
+use super::{SessionId, StoreError, sha256_hex};
+
+/// What is known of a stored value.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct BlobInfo {
+    /// Where it is: `<session>/<uuid>`.
+    pub key: String,
+    /// Length.
+    pub bytes: u64,
+    /// SHA-256 of the content, hexadecimal.
+    pub sha256: String,
+}
+
+/// Key of the name of the rows that the values belong to.
+const NAME: &str = "belongs-to";
+
+/// Longest wait for the removal of what no row names any more.
+const REMOVED: Duration = Duration::from_secs(2);
+
+/// Immutable values under keys that are never used twice. A value is there whole and synced, or not at all.
+///
+/// The trait behind it is [`ObjectStore`]: files, memory, and what speaks S3.
+#[derive(Clone)]
+pub struct Blobs {
+    objects: Arc<dyn ObjectStore>,
+    /// Where unfinished uploads are found, for files.
+    root: Option<Arc<FsPath>>,
+}
+
+impl fmt::Debug for Blobs {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Blobs").field("root", &self.root).finish()
+    }
+}
+
+impl Blobs {
+    pub(super) fn in_directory(root: &FsPath) -> Result<Self, StoreError> {
+        std::fs::create_dir_all(root)?;
+        let local = LocalFileSystem::new_with_prefix(root)?.with_fsync(true).with_automatic_cleanup(true);
+        Ok(Self { objects: Arc::new(local), root: Some(Arc::from(root)) })
+    }
+
+    pub(super) fn in_memory() -> Self {
+        Self::over(Arc::new(InMemory::new()))
+    }
+
+    pub(super) fn over(objects: Arc<dyn ObjectStore>) -> Self {
+        Self { objects, root: None }
+    }
+
+    /// The name that this place bears, if any.
+    pub(super) async fn name(&self) -> Result<Option<String>, StoreError> {
+        match self.objects.get(&Path::from(NAME)).await {
+            Err(object_store::Error::NotFound { .. }) => Ok(None),
+            found => Ok(Some(String::from_utf8_lossy(&found?.bytes().await?).into_owned())),
+        }
+    }
+
+    pub(super) async fn set_name(&self, name: &str) -> Result<(), StoreError> {
+        self.objects.put(&Path::from(NAME), PutPayload::from(name.to_owned())).await?;
+        Ok(())
+    }
+
+    /// Whether this process may write and read values: it does so with one of no session.
+    pub(super) async fn check_writing(&self) -> Result<(), StoreError> {
+        let key = fresh_key(SessionId::new());
+        self.objects.put(&key, PutPayload::from_static(b"try")).await?;
+        self.objects.get(&key).await?.bytes().await?;
+        // Whether it goes is not part of the answer.
+        let blobs = self.clone();
+        tokio::spawn(async move { blobs.remove_now(vec![key]).await });
+        Ok(())
+    }
+
+    /// Stores `bytes` for a session.
+    ///
+    /// # Errors
+    /// [`StoreError::Blob`].
+    pub async fn put(&self, session: SessionId, bytes: Vec<u8>) -> Result<BlobInfo, StoreError> {
+        let key = fresh_key(session);
+        let info = BlobInfo { key: key.to_string(), bytes: bytes.len() as u64, sha256: sha256_hex(&bytes) };
+        self.objects.put(&key, PutPayload::from(bytes)).await?;
+        Ok(info)
+    }
+
+    /// Begins a value that arrives in pieces and may grow to `max_bytes`. Dropping it unfinished leaves nothing behind.
+    ///
+    /// # Errors
+    /// [`StoreError::Blob`].
+    pub async fn upload(&self, session: SessionId, max_bytes: u64) -> Result<Upload, StoreError> {
+        let key = fresh_key(session);
+        let writer = WriteMultipart::new(self.objects.put_multipart(&key).await?);
+        Ok(Upload { key, writer, hash: Sha256::new(), bytes: 0, max_bytes })
+    }
+
+    /// The whole value.
+    ///
+    /// # Errors
+    /// [`StoreError::Blob`].
+    pub async fn get(&self, key: &str) -> Result<Bytes, StoreError> {
+        Ok(self.objects.get(&Path::from(key)).await?.bytes().await?)
+    }
+
+    /// Bytes `range` of the value.
+    ///
+    /// # Errors
+    /// [`StoreError::Blob`].
+    pub async fn get_range(&self, key: &str, range: Range<u64>) -> Result<Bytes, StoreError> {
+        Ok(self.objects.get_range(&Path::from(key), range).await?)
+    }
+
+    /// The value in pieces.
+    ///
+    /// # Errors
+    /// [`StoreError::Blob`].
+    pub async fn stream(&self, key: &str) -> Result<BoxStream<'static, object_store::Result<Bytes>>, StoreError> {
+        Ok(self.objects.get(&Path::from(key)).await?.into_stream())
+    }
+
+    /// Removes a value that no row names any more; one that is not there is no error. Nobody waits long for it: it goes on by itself, and
+    /// a sweep finds what it leaves.
+    pub async fn delete(&self, key: &str) {
+        self.remove(vec![key.to_owned()]).await;
+    }
+
+    /// Removes values that no row names any more, as [`Blobs::delete`].
+    pub(super) async fn remove(&self, keys: Vec<String>) {
+        if keys.is_empty() {
+            return;
+        }
+        let blobs = self.clone();
+        aside(async move { blobs.remove_now(keys.into_iter().map(Path::from).collect()).await }).await;
+    }
+
+    /// Removes every value of a session that is not there any more, as [`Blobs::delete`].
+    pub async fn delete_session(&self, session: SessionId) {
+        let blobs = self.clone();
+        aside(async move {
+            let listed = blobs.objects.list(Some(&Path::from(session.to_string()))).map_ok(|o| o.location);
+            match listed.try_collect().await {
+                Ok(keys) => blobs.remove_now(keys).await,
+                Err(error) => tracing::warn!(%error, "the blobs of a session cannot be listed"),
+            }
+        })
+        .await;
+    }
+
+    async fn remove_now(&self, keys: Vec<Path>) {
+        let mut removed = self.objects.delete_stream(futures::stream::iter(keys.into_iter().map(Ok)).boxed());
+        while let Some(removed) = removed.next().await {
+            match removed {
+                Ok(_) | Err(object_store::Error::NotFound { .. }) => {}
+                Err(error) => tracing::warn!(%error, "a blob could not be removed"),
+            }
+        }
+    }
+
+    /// Keys of all values, and names of unfinished uploads, that have not changed for `age`.
+    pub(super) async fn older_than(&self, age: Duration) -> Result<Vec<String>, StoreError> {
+        let Some(root) = &self.root else {
+            let listed: Vec<_> = self.objects.list(None).try_collect().await?;
+            let old = |o: &object_store::ObjectMeta| is_older(SystemTime::from(o.last_modified), age);
+            let keys = listed.into_iter().filter(old).map(|o| o.location.to_string());
+            // Whatever else is in a bucket stays.
+            return Ok(keys.filter(|key| is_key(key)).collect());
+        };
+        let mut found = Vec::new();
+        let mut sessions = tokio::fs::read_dir(root).await?;
+        while let Some(session) = sessions.next_entry().await? {
+            if !session.file_type().await?.is_dir() {
+                continue;
+            }
+            let mut files = tokio::fs::read_dir(session.path()).await?;
+            while let Some(file) = files.next_entry().await? {
+                // One that has gone meanwhile needs no removal.
+                let Ok(changed) = file.metadata().await.and_then(|m| m.modified()) else { continue };
+                if is_older(changed, age) {
+                    let (session, file) = (session.file_name(), file.file_name());
+                    found.push(format!("{}/{}", session.to_string_lossy(), file.to_string_lossy()));
+                }
+            }
+        }
+        Ok(found)
+    }
+
+    /// Removes values and unfinished uploads by the names that [`Blobs::older_than`] gave: how many.
+    pub(super) async fn remove_files(&self, names: &[String]) -> Result<usize, StoreError> {
+        for name in names {
+            let Some(root) = &self.root else {
+                self.remove_now(vec![Path::from(name.as_str())]).await;
+                continue;
+            };
+            match tokio::fs::remove_file(root.join(name)).await {
+                Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(error.into()),
+                _ => {}
+            }
+            if let Some(session) = root.join(name).parent() {
+                // Fails, as it should, while the directory holds something.
+                tokio::fs::remove_dir(session).await.ok();
+            }
+        }
+        Ok(names.len())
+    }
+}
+
+/// Waits a little for work that goes on by itself.
+async fn aside(work: impl Future<Output = ()> + Send + 'static) {
+    if tokio::time::timeout(REMOVED, tokio::spawn(work)).await.is_err() {
+        tracing::warn!("the removal of blobs takes long");
+    }
+}
+
+fn is_older(changed: SystemTime, age: Duration) -> bool {
+    // A clock that was set back makes nothing old.
+    changed.elapsed().is_ok_and(|elapsed| elapsed >= age)
+}
+
+/// Whether a value may have this key.
+fn is_key(key: &str) -> bool {
+    key.split_once('/').is_some_and(|(session, value)| [session, value].iter().all(|id| Uuid::try_parse(id).is_ok()))
+}
+
+fn fresh_key(session: SessionId) -> Path {
+    Path::from(format!("{session}/{}", Uuid::now_v7()))
+}
+
+/// A value on its way to disk.
+pub struct Upload {
+    key: Path,
+    writer: WriteMultipart,
+    hash: Sha256,
+    bytes: u64,
+    max_bytes: u64,
+}
+
+impl fmt::Debug for Upload {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Upload").field("key", &self.key).field("bytes", &self.bytes).finish_non_exhaustive()
+    }
+}
+
+impl Upload {
+    /// Appends a piece; waits when the disk is slower than the sender.
+    ///
+    /// # Errors
+    /// [`StoreError::TooLarge`] when the limit is passed, else [`StoreError::Blob`].
+    pub async fn write(&mut self, piece: Bytes) -> Result<(), StoreError> {
+        self.bytes += piece.len() as u64;
+        if self.bytes > self.max_bytes {
+            return Err(StoreError::TooLarge { allowed: self.max_bytes });
+        }
+        self.hash.update(&piece);
+        self.writer.wait_for_capacity(4).await?;
+        self.writer.put(piece);
+        Ok(())
+    }
+
+    /// Completes the value and makes it visible.
+    ///
+    /// # Errors
+    /// [`StoreError::Blob`].
+    pub async fn finish(self) -> Result<BlobInfo, StoreError> {
+        self.writer.finish().await?;
+        Ok(BlobInfo { key: self.key.to_string(), bytes: self.bytes, sha256: hex(&self.hash.finalize()) })
+    }
+
+    /// Gives up and removes what was written.
+    pub async fn abort(self) {
+        if let Err(error) = self.writer.abort().await {
+            tracing::warn!(%error, "an unfinished upload could not be removed");
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn files_below(root: &FsPath) -> usize {
+        std::fs::read_dir(root)
+            .unwrap()
+            .map(|e| e.unwrap().path())
+            .map(|p| if p.is_dir() { files_below(&p) } else { 1 })
+            .sum()
+    }
+
+    #[tokio::test]
+    async fn an_upload_arrives_whole_or_leaves_nothing() {
+        let directory = tempfile::tempdir().unwrap();
+        let blobs = Blobs::in_directory(directory.path()).unwrap();
+        let session = SessionId::new();
+        let mut upload = blobs.upload(session, 10).await.unwrap();
+        upload.write(Bytes::from_static(b"hello ")).await.unwrap();
+        upload.write(Bytes::from_static(b"you")).await.unwrap();
+        let info = upload.finish().await.unwrap();
+        assert_eq!((info.bytes, info.sha256.clone()), (9, sha256_hex(b"hello you")));
+        assert_eq!(blobs.get(&info.key).await.unwrap().as_ref(), b"hello you");
+        assert_eq!(blobs.get_range(&info.key, 6..9).await.unwrap().as_ref(), b"you");
+
+        let mut upload = blobs.upload(session, 10).await.unwrap();
+        upload.write(Bytes::from_static(b"12345678")).await.unwrap();
+        let refused = upload.write(Bytes::from_static(b"901")).await;
+        assert!(matches!(refused, Err(StoreError::TooLarge { allowed: 10 })));
+        upload.abort().await;
+        assert_eq!(files_below(directory.path()), 1);
+
+        blobs.delete_session(session).await;
+        assert_eq!(files_below(directory.path()), 0);
+    }
+
+    #[tokio::test]
+    async fn unfinished_uploads_are_found_by_their_age() {
+        let directory = tempfile::tempdir().unwrap();
+        let blobs = Blobs::in_directory(directory.path()).unwrap();
+        let session = SessionId::new();
+        let kept = blobs.put(session, b"kept".to_vec()).await.unwrap();
+        // What a killed process leaves of an upload.
+        std::fs::write(directory.path().join(session.to_string()).join("x#1"), b"part").unwrap();
+        assert_eq!(blobs.older_than(Duration::from_secs(600)).await.unwrap(), Vec::<String>::new());
+        let all = blobs.older_than(Duration::ZERO).await.unwrap();
+        assert_eq!(all.len(), 2);
+        let half: Vec<String> = all.into_iter().filter(|name| *name != kept.key).collect();
+        assert_eq!(blobs.remove_files(&half).await.unwrap(), 1);
+        assert_eq!(blobs.get(&kept.key).await.unwrap().as_ref(), b"kept");
+        assert_eq!(files_below(directory.path()), 1);
+    }
+}

@@ -1,0 +1,201 @@
+use std::time::Duration;
+
+use sqlx::AssertSqlSafe;
+
+use super::answers::remember;
+use super::dialect::{FOR_CHANGE, FOR_CLAIM, NEXT_TURN, NOW_MS, hold_queue};
+use super::events::append;
+use super::{Connection, Pool, Result, Transaction, gone_if_orphan, jobs, sessions};
+use crate::records::{parse_id, to_i64};
+use crate::{Claim, Insertion, JobChange, JobId, JobRecord, Lane, NewJob};
+
+/// Jobs `w` that wait in lane `$1`, in order: each tenant's first in the first round, each tenant's second in the next, and so on; within a
+/// round the tenant whose turn was longest ago. Those of a lower `rank`, an expression of the job `j`, come first.
+fn waiting(rank: &str, open: &str) -> String {
+    format!(
+        "SELECT w.id FROM (
+             SELECT j.*, row_number() OVER (PARTITION BY j.tenant ORDER BY j.rank, j.number) AS round, coalesce(t.last, 0) AS last
+             FROM (SELECT j.id, j.number, j.tenant, j.lane, {rank} AS rank FROM jobs j
+                   WHERE j.state = 'accepted' AND j.lane = $1 AND j.cancel_requested_at IS NULL) AS j
+             LEFT JOIN turns t ON t.tenant = j.tenant AND t.lane = j.lane
+         ) AS w {open} ORDER BY w.round, w.rank, w.last, w.number"
+    )
+}
+
+/// What the job `j` is to worker `$2`: 0 is one of a session that it or nobody knows, or that has lost its patience (`$4`); 1 is another's;
+/// 2 is another's that is left to that one for now (`$3`). The worker that began a session's last job knows it.
+fn rank() -> String {
+    format!(
+        "CASE WHEN $2 IS NULL OR coalesce(j.waits_since, 0) + $4 < {NOW_MS} THEN 0
+              WHEN coalesce((SELECT p.worker FROM jobs p WHERE p.session = j.session AND p.worker IS NOT NULL
+                             ORDER BY p.id DESC LIMIT 1), $2) = $2 THEN 0
+              WHEN coalesce(j.waits_since, 0) + $3 < {NOW_MS} THEN 1 ELSE 2 END"
+    )
+}
+
+pub(super) async fn insert(writer: &Pool, new: &NewJob<'_>) -> Result<Insertion> {
+    let mut transaction = writer.begin().await?;
+    sessions::hold(&mut transaction, new.job.session).await?;
+    if let Some(twin) = twin(&mut transaction, new).await? {
+        let before = before(&mut transaction, &twin).await?;
+        remember(&mut transaction, (new.answer)(&twin, before).as_ref()).await?;
+        transaction.commit().await?;
+        return Ok(Insertion::Twin(Box::new(twin), before));
+    }
+    hold_queue(&mut transaction).await?;
+    let superseded = supersede(&mut transaction, new).await?;
+    let job = new.job;
+    let (all, own): (i64, i64) = sqlx::query_as(
+        "SELECT count(*), count(*) FILTER (WHERE tenant = (SELECT tenant FROM sessions WHERE id = $1))
+         FROM jobs WHERE state = 'accepted'",
+    )
+    .bind(job.session.to_string())
+    .fetch_one(&mut *transaction)
+    .await?;
+    // Dropping the transaction takes back what was superseded.
+    if all >= i64::from(new.limits.all) {
+        return Ok(Insertion::Full);
+    }
+    if own >= i64::from(new.limits.tenant) {
+        return Ok(Insertion::TenantFull);
+    }
+    let row = format!(
+        "INSERT INTO jobs (id, session, tenant, kind, lane, state, phase, progress, steps, attempt, request, subject,
+                           other_session, max_wall_s, warnings, bytes, created_at, traceparent, waits_since)
+         VALUES ($1, $2, coalesce((SELECT tenant FROM sessions WHERE id = $2), 'local'),
+                 $3, $4, $5, $6, 0, $7, 0, $8, $9, $10, $11, '[]', 0, $12, $13, {NOW_MS})"
+    );
+    sqlx::query(AssertSqlSafe(row))
+        .bind(job.id.to_string())
+        .bind(job.session.to_string())
+        .bind(job.kind.as_str())
+        .bind(job.kind.lane().as_str())
+        .bind(job.state.as_str())
+        .bind(&job.phase)
+        .bind(i64::from(job.steps))
+        .bind(&job.request)
+        .bind(&job.subject)
+        .bind(job.other_session.map(|s| s.to_string()))
+        .bind(job.max_wall_s)
+        .bind(&job.created_at)
+        .bind(&job.traceparent)
+        .execute(&mut *transaction)
+        .await
+        .map_err(gone_if_orphan)?;
+    append(&mut transaction, job.id, "status", new.event).await?;
+    let before = before(&mut transaction, job).await?;
+    remember(&mut transaction, (new.answer)(job, before).as_ref()).await?;
+    transaction.commit().await?;
+    Ok(Insertion::Stored { superseded, before: before.unwrap_or(0) })
+}
+
+/// Jobs that wait before one in its lane, when it waits.
+async fn before(transaction: &mut Transaction<'_>, job: &JobRecord) -> Result<Option<u32>> {
+    let ids = ids_in_order(transaction, job.kind.lane()).await?;
+    let own = job.id.to_string();
+    Ok(ids.iter().position(|id| *id == own).and_then(|n| u32::try_from(n).ok()))
+}
+
+/// A job of the session that was asked for the same, has not ended and was not asked to stop.
+async fn twin(transaction: &mut Transaction<'_>, new: &NewJob<'_>) -> Result<Option<JobRecord>> {
+    let row = sqlx::query(
+        "SELECT * FROM jobs WHERE session = $1 AND kind = $2 AND request = $3
+         AND state IN ('accepted', 'running', 'interrupted') AND cancel_requested_at IS NULL ORDER BY number LIMIT 1",
+    )
+    .bind(new.job.session.to_string())
+    .bind(new.job.kind.as_str())
+    .bind(&new.job.request)
+    .fetch_optional(&mut **transaction)
+    .await?;
+    row.as_ref().map(jobs::record).transpose()
+}
+
+async fn supersede(transaction: &mut Transaction<'_>, new: &NewJob<'_>) -> Result<Vec<(JobId, Option<String>)>> {
+    let (Some(supersede), Some(subject)) = (&new.supersede, &new.job.subject) else { return Ok(Vec::new()) };
+    let rows = format!(
+        "SELECT * FROM jobs WHERE session = $1 AND kind = $2 AND subject = $3 AND state = $4 ORDER BY id {FOR_CHANGE}"
+    );
+    let rows = sqlx::query(AssertSqlSafe(rows))
+        .bind(new.job.session.to_string())
+        .bind(new.job.kind.as_str())
+        .bind(subject)
+        .bind(supersede.from.as_str())
+        .fetch_all(&mut **transaction)
+        .await?;
+    let mut superseded = Vec::new();
+    for row in &rows {
+        let old = jobs::record(row)?;
+        let change = JobChange { events: vec![supersede.event.clone()], ..JobChange::default() };
+        jobs::write_change(transaction, &old, supersede.to, &change).await?;
+        sqlx::query("UPDATE jobs SET superseded_by = $1 WHERE id = $2")
+            .bind(new.job.id.to_string())
+            .bind(old.id.to_string())
+            .execute(&mut **transaction)
+            .await?;
+        superseded.push((old.id, old.milestone_blob));
+    }
+    Ok(superseded)
+}
+
+/// Ids of jobs that wait in a lane, in order.
+async fn ids_in_order(connection: &mut Connection, lane: Lane) -> Result<Vec<String>> {
+    let ids = sqlx::query_scalar(AssertSqlSafe(waiting("0", "")));
+    Ok(ids.bind(lane.as_str()).fetch_all(connection).await?)
+}
+
+pub(super) async fn in_order(reader: &Pool, lane: Lane) -> Result<Vec<JobId>> {
+    let mut connection = reader.acquire().await?;
+    ids_in_order(&mut connection, lane).await?.iter().map(|id| parse_id(id)).collect()
+}
+
+pub(super) async fn claim(
+    writer: &Pool,
+    claim: &Claim,
+    change: &(dyn for<'a> Fn(&'a JobRecord) -> JobChange + Send + Sync),
+) -> Result<Option<JobRecord>> {
+    let mut transaction = writer.begin().await?;
+    // Of one that was taken since the list was made, the state is another one.
+    let open = "JOIN jobs j ON j.id = w.id WHERE j.state = 'accepted' AND j.cancel_requested_at IS NULL AND w.rank < 2";
+    let first = format!("{} LIMIT 1 {FOR_CLAIM}", waiting(&rank(), open));
+    let worker = claim.worker.map(|w| w.to_string());
+    let first = sqlx::query_scalar(AssertSqlSafe(first)).bind(claim.lane.as_str());
+    let first = first.bind(&worker).bind(milliseconds(Claim::HEAD_START)).bind(milliseconds(claim.patience));
+    let first: Option<String> = first.fetch_optional(&mut *transaction).await?;
+    let Some(id) = first else { return Ok(None) };
+    let id: JobId = parse_id(&id)?;
+    let Some(job) = jobs::held(&mut transaction, id).await? else { return Ok(None) };
+    jobs::write_change(&mut transaction, &job, claim.to, &change(&job)).await?;
+    let own = format!("UPDATE jobs SET fence = fence + 1, lease_until = {NOW_MS} + $2, worker = $3 WHERE id = $1");
+    let own = sqlx::query(AssertSqlSafe(own)).bind(id.to_string()).bind(milliseconds(claim.lease)).bind(worker);
+    own.execute(&mut *transaction).await?;
+    let turn = format!(
+        "INSERT INTO turns (tenant, lane, last) VALUES ($1, $2, {NEXT_TURN})
+         ON CONFLICT (tenant, lane) DO UPDATE SET last = excluded.last"
+    );
+    let turn = sqlx::query(AssertSqlSafe(turn)).bind(job.tenant.as_str()).bind(claim.lane.as_str());
+    turn.execute(&mut *transaction).await?;
+    let claimed = jobs::held(&mut transaction, id).await?;
+    transaction.commit().await?;
+    Ok(claimed)
+}
+
+pub(super) fn milliseconds(time: Duration) -> i64 {
+    i64::try_from(time.as_millis()).unwrap_or(i64::MAX / 4)
+}
+
+pub(super) async fn renew(writer: &Pool, id: JobId, fence: u64, lease: Duration) -> Result<Option<bool>> {
+    let renewed = format!(
+        "UPDATE jobs SET lease_until = {NOW_MS} + $3 WHERE id = $1 AND fence = $2 AND state = 'running'
+         RETURNING cancel_requested_at"
+    );
+    let renewed = sqlx::query_scalar(AssertSqlSafe(renewed));
+    let renewed = renewed.bind(id.to_string()).bind(to_i64(fence)).bind(milliseconds(lease));
+    let asked: Option<Option<String>> = renewed.fetch_optional(writer).await?;
+    Ok(asked.map(|at| at.is_some()))
+}
+
+pub(super) async fn abandoned(reader: &Pool) -> Result<Vec<JobRecord>> {
+    let passed =
+        format!("SELECT * FROM jobs WHERE state = 'running' AND coalesce(lease_until, 0) < {NOW_MS} ORDER BY id");
+    sqlx::query(AssertSqlSafe(passed)).fetch_all(reader).await?.iter().map(jobs::record).collect()
+}

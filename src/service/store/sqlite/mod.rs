@@ -1,0 +1,154 @@
+//! Rows in one SQLite database: write-ahead log, every commit synced.
+
+mod dialect;
+mod format;
+#[path = "../sql/mod.rs"]
+mod sql;
+
+use std::path::Path;
+use std::time::Duration;
+
+use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
+use sqlx::{Connection, SqlitePool};
+
+pub(super) use format::DATABASE;
+
+use self::SqliteMeta as Meta;
+use super::{Changes, StoreError};
+
+type Result<T> = std::result::Result<T, StoreError>;
+
+/// Readers beside the one writer.
+const READERS: u32 = 4;
+
+/// The database of one data directory.
+#[derive(Debug)]
+pub(super) struct SqliteMeta {
+    /// One connection: SQLite has one writer, so nobody meets a busy database.
+    writer: SqlitePool,
+    reader: SqlitePool,
+}
+
+impl SqliteMeta {
+    /// Opens or creates the database in `directory` and brings it to the present format.
+    pub(super) async fn open(directory: &Path) -> Result<Self> {
+        let options = options(directory).create_if_missing(true);
+        let writer = one_writer().connect_with(options.clone()).await.map_err(format::no_database)?;
+        format::prepare(&writer).await?;
+        // A connection to a file does not break while it waits: asking it first would double the time of a read.
+        let readers = SqlitePoolOptions::new().max_connections(READERS).test_before_acquire(false);
+        let reader = readers.connect_with(options).await?;
+        Ok(Self { writer, reader })
+    }
+
+    /// Opens a database of the present format beside the process that serves it.
+    pub(super) async fn open_beside(directory: &Path) -> Result<Self> {
+        let pool = one_writer().connect_with(options(directory)).await.map_err(format::no_database)?;
+        format::check_version(&pool).await?;
+        Ok(Self { writer: pool.clone(), reader: pool })
+    }
+
+    /// Writes a copy of the database as it is at one moment to `file`, which must not be there.
+    pub(super) async fn copy_to(&self, file: &Path) -> Result<()> {
+        let file = file.to_str().ok_or_else(|| StoreError::record("the path of the copy is not UTF-8"))?;
+        sqlx::query("VACUUM INTO ?").bind(file).execute(&self.reader).await?;
+        Ok(())
+    }
+
+    /// Forgets the end of an audit log that is elsewhere.
+    pub(super) async fn clear_audit_anchor(&self) -> Result<()> {
+        sqlx::query("DELETE FROM audit_anchors").execute(&self.writer).await?;
+        Ok(())
+    }
+
+    fn reader(&self) -> &SqlitePool {
+        &self.reader
+    }
+
+    /// One process has the directory: there are no changes by others.
+    async fn listen(&self) -> Result<Option<Changes>> {
+        Ok(None)
+    }
+
+    /// Whether it answers and can be written.
+    async fn probe(&self) -> Result<()> {
+        sqlx::query("SELECT 1").execute(&self.reader).await?;
+        let transaction = self.writer.begin().await?;
+        transaction.rollback().await?;
+        Ok(())
+    }
+
+    async fn close_all(&self) {
+        self.reader.close().await;
+        self.writer.close().await;
+    }
+
+    pub(super) fn writer(&self) -> &SqlitePool {
+        &self.writer
+    }
+}
+
+/// A connection that is still in a transaction when it is given back is closed: where the disk is full SQLite may have rolled back by
+/// itself, the driver does not learn it, and what is "committed" from then on would lie in a transaction that never ends.
+fn one_writer() -> SqlitePoolOptions {
+    SqlitePoolOptions::new().max_connections(1).after_release(|connection, _| {
+        Box::pin(async move {
+            // A roll-back that is under way is done before the answer.
+            connection.ping().await?;
+            Ok(!connection.is_in_transaction())
+        })
+    })
+}
+
+fn options(directory: &Path) -> SqliteConnectOptions {
+    SqliteConnectOptions::new()
+        .filename(directory.join(DATABASE))
+        .journal_mode(SqliteJournalMode::Wal)
+        .synchronous(SqliteSynchronous::Full)
+        .foreign_keys(true)
+        // What is deleted is overwritten: rows hold paths and reports of patients.
+        .pragma("secure_delete", "ON")
+        .busy_timeout(Duration::from_secs(10))
+}
+
+/// Removes the database of a directory.
+pub(super) fn remove(directory: &Path) -> Result<()> {
+    for suffix in ["", "-wal", "-shm"] {
+        match std::fs::remove_file(directory.join(format!("{DATABASE}{suffix}"))) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(error.into()),
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::MetaStore;
+    use crate::conformance::session;
+
+    #[tokio::test]
+    async fn a_connection_that_met_a_full_disk_is_not_used_again() {
+        let directory = tempfile::tempdir().unwrap();
+        let meta = SqliteMeta::open(directory.path()).await.unwrap();
+        let kept = session("a");
+        meta.insert_session(&kept, None).await.unwrap();
+        sqlx::query("PRAGMA max_page_count = 1").execute(&meta.writer).await.unwrap();
+        let mut refused = 0;
+        for _ in 0..400 {
+            let tried = session("a");
+            match meta.insert_session(&tried, None).await {
+                Ok(()) => assert_eq!(meta.session(tried.id).await.unwrap(), Some(tried)),
+                Err(error) => {
+                    assert!(error.is_disk_full(), "{error:?}");
+                    assert_eq!(meta.session(tried.id).await.unwrap(), None);
+                    refused += 1;
+                }
+            }
+        }
+        // The limit goes with the connection.
+        assert_eq!(refused, 1);
+        assert_eq!(meta.session(kept.id).await.unwrap(), Some(kept));
+    }
+}

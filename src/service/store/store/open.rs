@@ -1,0 +1,160 @@
+//! Stores in a data directory and elsewhere.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+use object_store::ObjectStore;
+use uuid::Uuid;
+
+use super::{Result, Store};
+use crate::directory::{BLOBS, LOCAL_LOG, create_private, given_log_name, lock};
+use crate::place::{BucketUrl, Places};
+use crate::postgres::PostgresMeta;
+use crate::sqlite::{self, SqliteMeta};
+use crate::{Blobs, MetaStore, StoreError};
+
+impl Store {
+    /// Opens or creates the store in `directory`, and sweeps files that no row names (left by a crash).
+    ///
+    /// # Errors
+    /// [`StoreError::InUse`] when another process has it open, [`StoreError::Newer`] and [`StoreError::Foreign`] when another
+    /// version or program wrote it, otherwise whatever the disk or the database says.
+    pub async fn open(directory: &Path) -> Result<Self> {
+        Self::open_at(directory, &Places::default()).await
+    }
+
+    /// The same with rows or large values in other places. The directory stays this process's own: it has the audit log, and what has
+    /// no other place.
+    ///
+    /// # Errors
+    /// As [`Store::open`]; [`StoreError::Unreachable`], [`StoreError::ForeignTables`], [`StoreError::Bucket`],
+    /// [`StoreError::BucketAway`], [`StoreError::ForeignBlobs`].
+    pub async fn open_at(directory: &Path, places: &Places) -> Result<Self> {
+        let objects = places.blobs.as_ref().map(BucketUrl::open).transpose()?;
+        Self::open_over(directory, places, objects).await
+    }
+
+    /// The same with the bucket already open.
+    pub(crate) async fn open_over(
+        directory: &Path,
+        places: &Places,
+        objects: Option<Arc<dyn ObjectStore>>,
+    ) -> Result<Self> {
+        create_private(directory)?;
+        let lock = lock(directory)?;
+        let blobs = match objects {
+            Some(objects) => Blobs::over(objects),
+            None => Blobs::in_directory(&directory.join(BLOBS))?,
+        };
+        let (meta, log): (Arc<dyn MetaStore>, _) = match &places.database {
+            Some(database) => (Arc::new(PostgresMeta::open(database.options()).await?), given_log_name(directory)?),
+            None => (Arc::new(SqliteMeta::open(directory).await?), LOCAL_LOG.to_owned()),
+        };
+        let shared = places.database.is_some();
+        let store = Self { meta, blobs, quota: u64::MAX, shared, log: log.into(), _lock: Some(Arc::new(lock)) };
+        store.check_belonging(directory, places).await?;
+        // Elsewhere another process may be about to name what it has stored.
+        if *places == Places::default() {
+            let swept = store.sweep(Duration::ZERO).await?;
+            if swept > 0 {
+                tracing::info!(files = swept, "removed files that no record names");
+            }
+        }
+        Ok(store)
+    }
+
+    /// Refuses rows and blobs that do not belong together: a sweep would remove what the rows do not name. From their first start on
+    /// both bear one name, unless both have always been in the directory.
+    async fn check_belonging(&self, directory: &Path, places: &Places) -> Result<()> {
+        let at =
+            || places.blobs.as_ref().map_or_else(|| directory.join(BLOBS).display().to_string(), ToString::to_string);
+        let refused = |detail| Err(StoreError::ForeignBlobs { place: at(), detail });
+        let mut found = self.blobs.name().await?;
+        if found.is_none() && *places == Places::default() {
+            return Ok(());
+        }
+        let name = self.meta.name(&Uuid::now_v7().to_string()).await?;
+        if found.is_none() {
+            // A bucket that is not there says so here.
+            let stored = self.blobs.older_than(Duration::ZERO).await?;
+            let known = self.meta.named_blobs().await?;
+            match (stored.is_empty(), known.is_empty()) {
+                (true, true) => {}
+                (false, true) => return refused("it holds results, of which the database knows none"),
+                (false, false) if stored.iter().any(|key| known.contains(key)) => {}
+                (_, false) => return refused("the database has results, of which it holds none"),
+            }
+            self.blobs.set_name(&name).await?;
+            found = self.blobs.name().await?;
+        }
+        if found == Some(name) { Ok(()) } else { refused("it holds those of another database") }
+    }
+
+    /// Removes what a store left in `directory`, of whatever version; other files stay.
+    ///
+    /// # Errors
+    /// [`StoreError::InUse`] when a process has it open, [`StoreError::Io`].
+    pub fn erase(directory: &Path) -> Result<()> {
+        create_private(directory)?;
+        let _held = lock(directory)?;
+        // The blobs last: rows without their files would be refused, files without rows are swept.
+        sqlite::remove(directory)?;
+        match std::fs::remove_dir_all(directory.join(BLOBS)) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(error.into()),
+            _ => Ok(()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sqlite::DATABASE;
+
+    async fn change_database(directory: &Path, script: &'static str) {
+        let meta = SqliteMeta::open(directory).await.unwrap();
+        sqlx::raw_sql(script).execute(meta.writer()).await.unwrap();
+        meta.close().await;
+    }
+
+    #[tokio::test]
+    async fn a_directory_belongs_to_one_process_and_opens_again() {
+        let directory = tempfile::tempdir().unwrap();
+        let first = Store::open(directory.path()).await.unwrap();
+        assert!(matches!(Store::open(directory.path()).await, Err(StoreError::InUse)));
+        first.check().await.unwrap();
+        first.close().await;
+        drop(first);
+        Store::open(directory.path()).await.unwrap().check().await.unwrap();
+    }
+
+    #[tokio::test]
+    async fn a_later_format_is_refused() {
+        let directory = tempfile::tempdir().unwrap();
+        change_database(directory.path(), "PRAGMA user_version = 99").await;
+        assert!(matches!(Store::open(directory.path()).await, Err(StoreError::Newer { found: 99, .. })));
+    }
+
+    /// A store whose tables are of an unreleased version, another program's database, and no database.
+    #[tokio::test]
+    async fn what_is_no_database_of_this_version_is_refused_and_can_be_erased() {
+        let other_columns = "ALTER TABLE jobs RENAME COLUMN state TO status";
+        let other_program = "PRAGMA user_version = 0";
+        for change in [Some(other_columns), Some(other_program), None] {
+            let directory = tempfile::tempdir().unwrap();
+            match change {
+                Some(change) => change_database(directory.path(), change).await,
+                None => std::fs::write(directory.path().join(DATABASE), [b'x'; 5000]).unwrap(),
+            }
+            let refused = Store::open(directory.path()).await;
+            assert!(matches!(refused, Err(StoreError::Foreign)), "{change:?}: {refused:?}");
+            std::fs::write(directory.path().join("notes.txt"), "mine").unwrap();
+            Store::erase(directory.path()).unwrap();
+            let store = Store::open(directory.path()).await.unwrap();
+            assert!(matches!(Store::erase(directory.path()), Err(StoreError::InUse)));
+            store.close().await;
+            assert_eq!(std::fs::read_to_string(directory.path().join("notes.txt")).unwrap(), "mine");
+        }
+    }
+}

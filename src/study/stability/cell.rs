@@ -1,0 +1,239 @@
+//! One method on one scene, checked.
+
+use super::method::Method;
+use super::scenes::{Check, HardScene, Setup};
+use crate::slab::moved;
+use prosopon_geometry::Vector;
+use prosopon_geometry::control::Control;
+use prosopon_tissue::fem::{ContactBody, SolveError, SolveSettings, Solver};
+use prosopon_tissue::mesh::MixedMesh;
+
+/// Difference from the answer at finite strain, or on a finer mesh, that must not go untold, mm: the mean error that the paper aims at.
+const UNTOLD_MM: f64 = 0.5;
+/// Residual over reactions of a check.
+const TIGHT: f64 = 1e-8;
+
+/// How a warning ends that leaves the answer to the reader.
+const UNRELIABLE: &str = "is not to be relied on";
+
+/// How a method ended on a scene.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Verdict {
+    /// Right, on the way that was asked for.
+    Converged,
+    /// Right, after help.
+    Helped,
+    /// An answer, with what is wrong with it.
+    Told,
+    /// No answer, with why.
+    Refused,
+    /// An answer that is wrong and does not say so.
+    Wrong,
+}
+
+impl Verdict {
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Converged => "converged",
+            Self::Helped => "helped",
+            Self::Told => "told",
+            Self::Refused => "refused",
+            Self::Wrong => "wrong",
+        }
+    }
+}
+
+/// A checked answer.
+#[derive(Debug, Clone)]
+pub(super) struct Cell {
+    pub(super) verdict: Verdict,
+    /// In a few words.
+    pub(super) short: String,
+    /// In full: help, warnings, error.
+    pub(super) detail: String,
+    /// Largest difference from the check on the skin, mm.
+    pub(super) error_mm: Option<f64>,
+    /// Largest difference from finite strain or the finer mesh on the skin, mm.
+    pub(super) model_error_mm: Option<f64>,
+}
+
+/// What a solver came to.
+struct Answer {
+    /// Of every node, mm.
+    moved: Vec<Vector>,
+    /// Help on the way.
+    help: Vec<String>,
+    /// Warnings about the answer.
+    told: Vec<String>,
+    /// The outcome, where the answer does not count as converged.
+    fault: Option<&'static str>,
+}
+
+/// Solves `scene` by `method` and checks what comes.
+pub(super) fn cell(scene: &HardScene, method: Method) -> Cell {
+    let answer =
+        match solve(&scene.setup, method, SolveSettings::new(method.model, scene.setup.materials).relative_residual) {
+            Ok(answer) => answer,
+            Err(error) => return refused(scene, &error),
+        };
+    let numeric = difference_of_the_check(scene, method, &answer);
+    let model = difference_of_the_model(scene, method, &answer);
+    judged(scene, answer, numeric, model)
+}
+
+fn refused(scene: &HardScene, error: &SolveError) -> Cell {
+    let mm = |share: f64| format!("at {:.2} mm", share * scene.length_mm);
+    let short = match error {
+        SolveError::Unstable { path_share, tissue, stretch, .. } => {
+            format!("{tissue} unstable {} ({stretch:.2})", mm(*path_share))
+        }
+        SolveError::Inverted { path_share, .. } => format!("would invert {}", mm(*path_share)),
+        SolveError::NotConverged { path_share, .. } => format!("no equilibrium {}", mm(*path_share)),
+        SolveError::Penetration { path_share, .. } => format!("penetration {}", mm(*path_share)),
+        SolveError::PassedThrough { path_share, .. } => format!("through bone {}", mm(*path_share)),
+        SolveError::Problem { .. } | SolveError::Checkpoint { .. } => "not usable".to_owned(),
+        SolveError::Element(_) => "element".to_owned(),
+        SolveError::Factorisation { .. } => "factorisation".to_owned(),
+        SolveError::Cancelled(_) => "cancelled".to_owned(),
+    };
+    Cell { verdict: Verdict::Refused, short, detail: error.to_string(), error_mm: None, model_error_mm: None }
+}
+
+/// Against the check; why there is none.
+fn difference_of_the_check(scene: &HardScene, method: Method, answer: &Answer) -> Result<f64, String> {
+    let mesh = &scene.setup.mesh;
+    let unchecked = |e: SolveError| format!("the check was refused: {e}");
+    match &scene.check {
+        // Small strain has closed forms of its own: its two ways of solving check each other.
+        Check::Exact(exact) if !method.model.is_linear() => {
+            let exact: Vec<Vector> = mesh.positions.iter().map(exact).collect();
+            Ok(on_skin(mesh, &answer.moved, &exact))
+        }
+        Check::Exact(_) | Check::Refined(_) => {
+            let mut finer = scene.setup.clone();
+            finer.steps = 10;
+            let found = solve(&finer, method.other_way(), TIGHT).map_err(unchecked)?;
+            Ok(on_skin(mesh, &answer.moved, &found.moved))
+        }
+        Check::Other(change) => {
+            let mut other = scene.setup.clone();
+            change(&mut other);
+            let found = solve(&other, method.other_way(), TIGHT).map_err(unchecked)?;
+            Ok(on_skin(mesh, &answer.moved, &found.moved))
+        }
+    }
+}
+
+/// Against finite strain and stable materials on the same mesh, or on a finer one; `None` where that is the check itself.
+fn difference_of_the_model(scene: &HardScene, method: Method, answer: &Answer) -> Option<Result<f64, String>> {
+    let mesh = &scene.setup.mesh;
+    let unchecked = |e: SolveError| format!("the answer at finite strain was refused: {e}");
+    let mut stable = scene.setup.clone();
+    for tissue in [prosopon_tissue::mesh::Tissue::Skin, prosopon_tissue::mesh::Tissue::Fat] {
+        if let Some(material) = stable.materials.of(tissue).stabilised() {
+            stable.materials.set(tissue, material);
+        }
+    }
+    match &scene.check {
+        Check::Refined(slab) => {
+            let finer = Setup { mesh: slab.over_a_patch(10.0, 16.0), ..stable };
+            // Far from the tolerance of the comparison, so the solver's own will do.
+            let residual = SolveSettings::new(method.model, finer.materials).relative_residual;
+            let found = solve(&finer, method.at_finite_strain().cured(), residual).map_err(unchecked);
+            Some(found.map(|found| on_skin(mesh, &answer.moved, &at_nodes_of(mesh, &finer.mesh, &found.moved))))
+        }
+        Check::Exact(exact) => method.model.is_linear().then(|| {
+            let exact: Vec<Vector> = mesh.positions.iter().map(exact).collect();
+            Ok(on_skin(mesh, &answer.moved, &exact))
+        }),
+        Check::Other(change) => method.model.is_linear().then(|| {
+            change(&mut stable);
+            let found = solve(&stable, method.at_finite_strain(), TIGHT).map_err(unchecked)?;
+            Ok(on_skin(mesh, &answer.moved, &found.moved))
+        }),
+    }
+}
+
+fn judged(scene: &HardScene, answer: Answer, numeric: Result<f64, String>, model: Option<Result<f64, String>>) -> Cell {
+    let error_mm = numeric.as_ref().ok().copied();
+    let model_error_mm = model.as_ref().and_then(|m| m.as_ref().ok()).copied();
+    let told = answer.told.join("; ");
+    let (verdict, short, detail) = match (&numeric, &model) {
+        _ if let Some(fault) = answer.fault => (Verdict::Told, fault.replace('_', " "), told),
+        (Err(_), _) if answer.told.iter().any(|warning| warning.ends_with(UNRELIABLE)) => {
+            (Verdict::Told, "contact told".to_owned(), told)
+        }
+        (Err(why), _) | (_, Some(Err(why))) => (Verdict::Wrong, "unchecked".to_owned(), why.clone()),
+        (Ok(error), _) if *error > scene.within_mm || error.is_nan() => {
+            (Verdict::Wrong, format!("{error:.3} mm off"), format!("differs from the check by {error:.4} mm; {told}"))
+        }
+        (Ok(_), Some(Ok(error))) if *error > UNTOLD_MM && told.is_empty() => {
+            (Verdict::Wrong, format!("{error:.2} mm, untold"), "nothing says that the model does not fit".to_owned())
+        }
+        (Ok(_), Some(Ok(error))) if *error > UNTOLD_MM => (Verdict::Told, format!("{error:.2} mm, told"), told),
+        (Ok(error), _) if answer.help.is_empty() => (Verdict::Converged, format!("{error:.4} mm"), told),
+        (Ok(_), _) => (Verdict::Helped, answer.help.join(", "), told),
+    };
+    Cell { verdict, short, detail, error_mm, model_error_mm }
+}
+
+/// Largest difference of two displacements at the outer nodes of the prisms, mm.
+fn on_skin(mesh: &MixedMesh, a: &[Vector], b: &[Vector]) -> f64 {
+    let outer = mesh.prisms.iter().flat_map(|p| &p[..3]).map(|n| *n as usize);
+    outer.map(|n| (a[n] - b[n]).norm()).fold(0.0, |most, d| if d.is_nan() { d } else { f64::max(most, d) })
+}
+
+/// Displacements of `finer` at the nodes of `mesh`; not a number where it has no node.
+fn at_nodes_of(mesh: &MixedMesh, finer: &MixedMesh, moved: &[Vector]) -> Vec<Vector> {
+    let key = |p: &prosopon_geometry::Point| p.coords.map(|c| (c * 1e6).round() as i64).data.0[0];
+    let places: std::collections::BTreeMap<[i64; 3], usize> =
+        finer.positions.iter().enumerate().map(|(n, p)| (key(p), n)).collect();
+    let find = |p: &prosopon_geometry::Point| places.get(&key(p)).map_or(Vector::repeat(f64::NAN), |n| moved[*n]);
+    mesh.positions.iter().map(find).collect()
+}
+
+fn solve(setup: &Setup, method: Method, relative_residual: f64) -> Result<Answer, SolveError> {
+    let settings = SolveSettings {
+        skin_element: method.skin_element,
+        locking: method.locking,
+        relative_residual,
+        contact_stiffness_factor: setup.contact_stiffness_factor,
+        penetration_tolerance_mm: setup.penetration_mm,
+        unstable_material: setup.unstable_material,
+        ..SolveSettings::new(method.model, setup.materials)
+    };
+    let control = Control::new();
+    let bodies = setup.bodies.iter().map(|(segment, solid)| ContactBody { segment: *segment, solid: solid.as_ref() });
+    let mut solver = Solver::with_boundary(&setup.mesh, bodies.collect(), &setup.boundary, settings, &control)?;
+    let mut answer = Answer { moved: Vec::new(), help: Vec::new(), told: Vec::new(), fault: None };
+    let mut projected = false;
+    for k in 1..=setup.steps {
+        let report = solver.advance(k as f64 / setup.steps as f64, &|t| (setup.path)(t), &control)?;
+        projected |= solver.iterations().iter().any(|i| i.projected);
+        answer.fault = (!report.outcome.converged()).then(|| report.outcome.name());
+        for warning in report.warnings {
+            let list = if warning.starts_with("substeps were shortened") || warning.contains("as asked for") {
+                &mut answer.help
+            } else {
+                &mut answer.told
+            };
+            if !list.contains(&warning) {
+                list.push(warning);
+            }
+        }
+    }
+    answer.help = answer.help.iter().map(|h| in_short(h)).collect();
+    if projected {
+        answer.help.push("projected".to_owned());
+    }
+    answer.moved = moved(&setup.mesh, &solver.positions());
+    Ok(answer)
+}
+
+fn in_short(help: &str) -> String {
+    match help.strip_prefix("substeps were shortened ").and_then(|rest| rest.split(' ').next()) {
+        Some("1") => "1 halving".to_owned(),
+        Some(times) => format!("{times} halvings"),
+        None => "stable materials".to_owned(),
+    }
+}

@@ -1,0 +1,46 @@
+use prosopon_tissue::fem::{Locking, Model, SkinElement};
+
+/// A model with its elements.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Method {
+    pub(super) name: &'static str,
+    pub(super) model: Model,
+    pub(super) skin_element: SkinElement,
+    pub(super) locking: Locking,
+}
+
+const fn method(name: &'static str, model: Model, skin_element: SkinElement, locking: Locking) -> Method {
+    Method { name, model, skin_element, locking }
+}
+
+/// Those of the service.
+pub(super) const METHODS: [Method; 6] = [
+    method("linear", Model::Linear, SkinElement::Wedge, Locking::None),
+    method("mass_tensor", Model::MassTensor, SkinElement::Wedge, Locking::None),
+    method("nonlinear", Model::Nonlinear, SkinElement::Tetrahedron, Locking::None),
+    method("nonlinear smoothed", Model::Nonlinear, SkinElement::Tetrahedron, Locking::Smoothed),
+    method("mixed", Model::Mixed, SkinElement::C1Prism, Locking::None),
+    method("mixed smoothed", Model::Mixed, SkinElement::C1Prism, Locking::Smoothed),
+];
+
+impl Method {
+    /// The one to compare with at finite strain on the same elements: itself, or hyperelastic in the place of small strain.
+    pub(super) fn at_finite_strain(self) -> Self {
+        if self.model.is_linear() { Self { model: Model::Nonlinear, ..self } } else { self }
+    }
+
+    /// A linear model solved by the other of the two ways; others as they are.
+    pub(super) fn other_way(self) -> Self {
+        let model = match self.model {
+            Model::Linear => Model::MassTensor,
+            Model::MassTensor => Model::Linear,
+            Model::Nonlinear | Model::Mixed => self.model,
+        };
+        Self { model, ..self }
+    }
+
+    /// With the cure of locking.
+    pub(super) fn cured(self) -> Self {
+        Self { locking: Locking::Smoothed, ..self }
+    }
+}

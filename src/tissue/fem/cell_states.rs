@@ -1,0 +1,80 @@
+//! Stress and volume ratio by cell of the mesh.
+
+use super::assembly::{Assembly, ElementState, Inversion};
+use super::element::{ElementBlock, MeshCell};
+use super::report::CellState;
+use crate::mesh::MixedMesh;
+use nalgebra::Matrix3;
+use prosopon_geometry::Vector;
+
+/// Tissues.
+const TISSUES: usize = 4;
+
+/// States of the tetrahedra and of the prisms at `x`.
+///
+/// Where averages over elements carry the energy, pressure is that of the averages around the element's nodes: an element's own would
+/// oscillate.
+pub(super) fn cell_states(assembly: &Assembly, mesh: &MixedMesh, x: &[Vector]) -> (Vec<CellState>, Vec<CellState>) {
+    let states: Vec<Vec<ElementState>> = (assembly.parts().iter().enumerate())
+        .map(|(part, p)| (0..p.block.n_elements()).map(|e| assembly.state(Inversion { part, element: e }, x)).collect())
+        .collect();
+    let dilatation = assembly.is_smoothed().then(|| nodal_dilatation(assembly, mesh, &states));
+    let mut tetrahedra = vec![(0.0, Matrix3::zeros(), 0.0); mesh.tetrahedra.len()];
+    let mut prisms = vec![(0.0, Matrix3::zeros(), 0.0); mesh.prisms.len()];
+    for (part, states) in assembly.parts().iter().zip(&states) {
+        for (element, state) in states.iter().enumerate() {
+            let mut stress = state.stress;
+            if let Some(dilatation) = &dilatation {
+                let corners = corners(&part.block, element, mesh);
+                let tissue = part.block.tissue[element] as usize;
+                let mean = corners.iter().map(|n| dilatation[TISSUES * *n as usize + tissue]).sum::<f64>()
+                    / corners.len() as f64;
+                let change = state.bulk * mean - stress.trace() / 3.0;
+                stress += Matrix3::from_diagonal_element(change);
+            }
+            let sum = match part.block.cells[element] {
+                MeshCell::Tetrahedron(cell) => &mut tetrahedra[cell as usize],
+                MeshCell::Prism(cell) => &mut prisms[cell as usize],
+            };
+            sum.0 += state.volume;
+            sum.1 += stress * state.volume;
+            sum.2 += state.ratio * state.volume;
+        }
+    }
+    let mean = |(volume, stress, ratio): (f64, Matrix3<f64>, f64)| {
+        // Cells between nodes that stay are not among the elements.
+        if volume == 0.0 {
+            return CellState { stress_mpa: [0.0; 6], volume_ratio: 1.0 };
+        }
+        let s: Matrix3<f64> = stress / volume;
+        let stress_mpa = [s[(0, 0)], s[(1, 1)], s[(2, 2)], s[(0, 1)], s[(1, 2)], s[(0, 2)]];
+        CellState { stress_mpa, volume_ratio: ratio / volume }
+    };
+    (tetrahedra.into_iter().map(mean).collect(), prisms.into_iter().map(mean).collect())
+}
+
+/// Mesh nodes at the corners of an element.
+fn corners<'a>(block: &'a ElementBlock, element: usize, mesh: &'a MixedMesh) -> &'a [u32] {
+    let n = block.n_functions;
+    match block.cells[element] {
+        MeshCell::Prism(prism) if n > 4 => &mesh.prisms[prism as usize],
+        MeshCell::Prism(_) | MeshCell::Tetrahedron(_) => &block.nodes[element * n..(element + 1) * n],
+    }
+}
+
+/// Mean dilatation of the elements of each tissue around each node, by node and tissue.
+fn nodal_dilatation(assembly: &Assembly, mesh: &MixedMesh, states: &[Vec<ElementState>]) -> Vec<f64> {
+    let mut sums = vec![(0.0, 0.0); TISSUES * mesh.positions.len()];
+    for (part, states) in assembly.parts().iter().zip(states) {
+        for (element, state) in states.iter().enumerate() {
+            let corners = corners(&part.block, element, mesh);
+            let share = state.volume / corners.len() as f64;
+            for node in corners {
+                let sum = &mut sums[TISSUES * *node as usize + part.block.tissue[element] as usize];
+                sum.0 += share;
+                sum.1 += share * state.dilatation;
+            }
+        }
+    }
+    sums.into_iter().map(|(volume, sum)| if volume > 0.0 { sum / volume } else { 0.0 }).collect()
+}

@@ -1,0 +1,197 @@
+//! All that the steps after an equilibrium depend on, so that they can be solved elsewhere with the same bits.
+
+use super::assembly::Curvature;
+use super::error::SolveError;
+use super::solver::{Solver, State};
+use nalgebra::{Matrix3, Quaternion, Translation3, UnitQuaternion};
+use prosopon_geometry::{Motion, Vector};
+
+/// A rigid motion as numbers: translation, mm, and the unit quaternion's i, j, k and w.
+pub type MotionNumbers = [f64; 7];
+
+/// Where a solver stands within a path, as plain numbers. Beside the equilibrium it says what the numbers of later steps hang on: contact
+/// pressures, what the present factor was made of, and how long substeps are.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Checkpoint {
+    /// Path parameter.
+    pub t: f64,
+    /// Values of the generalised nodes, mm.
+    pub x: Vec<[f64; 3]>,
+    /// Motion of moving segments from rest.
+    pub motions: Vec<(u32, MotionNumbers)>,
+    /// Substep that worked last.
+    pub substep: f64,
+    /// Whether stable materials are in the place of those asked for.
+    pub stabilised: bool,
+    /// Whether tissue that came through bone, and round a rim of it, has been told of.
+    pub told_passage: [bool; 2],
+    /// Stiffness of contact, MPa/mm.
+    pub contact_stiffness: f64,
+    /// Multipliers that are not 0 by pair of contact point and body, MPa.
+    pub multipliers: Vec<(u64, f64)>,
+    /// Forces of contact by unknown node as it settled last, N.
+    pub settled_forces: Vec<(u32, [f64; 3])>,
+    /// Contact points and bodies that pushed in the last model.
+    pub active: Vec<(u64, u64)>,
+    /// Whether factors are in double precision.
+    pub double: bool,
+    /// What the present factor was made of.
+    pub factor: FactorOrigin,
+    /// Unknown nodes whose compliance is known, in the groups in which it was found.
+    pub known_compliance: Vec<Vec<u32>>,
+}
+
+/// What a factor was made of.
+#[derive(Debug, Clone, PartialEq)]
+pub enum FactorOrigin {
+    /// The elements' stiffness at rest.
+    Rest,
+    /// Their stiffness at a state.
+    State {
+        /// Values of the generalised nodes, mm.
+        x: Vec<[f64; 3]>,
+        /// Whether negative eigenvalues of the elements were left out.
+        projected: bool,
+    },
+    /// No factor: the inverse tensors of the unknown nodes that vertices are relaxed with, row by row.
+    Vertices(Vec<[f64; 9]>),
+    /// None that serves: the next system is factorised.
+    Nothing,
+}
+
+/// A motion as numbers.
+#[must_use]
+pub fn motion_numbers(motion: &Motion) -> MotionNumbers {
+    let (t, q) = (motion.translation.vector, motion.rotation.coords);
+    [t.x, t.y, t.z, q.x, q.y, q.z, q.w]
+}
+
+/// The motion of [`motion_numbers`], bit for bit.
+#[must_use]
+pub fn motion_of_numbers([x, y, z, i, j, k, w]: MotionNumbers) -> Motion {
+    Motion::from_parts(Translation3::new(x, y, z), UnitQuaternion::new_unchecked(Quaternion::new(w, i, j, k)))
+}
+
+fn numbers(x: &[Vector]) -> Vec<[f64; 3]> {
+    x.iter().map(|x| (*x).into()).collect()
+}
+
+fn vectors(x: &[[f64; 3]]) -> Vec<Vector> {
+    x.iter().map(|x| Vector::from(*x)).collect()
+}
+
+impl Solver<'_> {
+    /// Where the solver stands after a step. `None` where its factor cannot be made again: it knows of contact, because the elements alone
+    /// are not stable.
+    #[must_use]
+    pub fn checkpoint(&self) -> Option<Checkpoint> {
+        let equations = &self.equations;
+        let (factor, known_compliance) = equations.factor_origin()?;
+        let multipliers = equations.contact.multipliers().iter().enumerate();
+        Some(Checkpoint {
+            t: self.state.t,
+            x: numbers(&self.state.x),
+            motions: self.state.motions.iter().map(|(segment, motion)| (*segment, motion_numbers(motion))).collect(),
+            substep: self.substep,
+            stabilised: self.stabilised,
+            told_passage: self.told_passage,
+            contact_stiffness: equations.contact.stiffness(),
+            multipliers: multipliers.filter(|(_, p)| **p != 0.0).map(|(pair, p)| (pair as u64, *p)).collect(),
+            settled_forces: equations.settled_forces.iter().map(|(node, force)| (*node, (*force).into())).collect(),
+            active: equations.active.iter().map(|(point, body)| (*point as u64, *body as u64)).collect(),
+            double: equations.solver.is_double(),
+            factor,
+            known_compliance,
+        })
+    }
+
+    /// Goes on where another solver over the same mesh, bodies and settings stood: what follows has the bits that it would have had there.
+    ///
+    /// # Errors
+    /// [`SolveError::Checkpoint`] when it does not fit; then the solver is of no more use.
+    pub fn restore(&mut self, checkpoint: &Checkpoint) -> Result<(), SolveError> {
+        let misfit = |detail| SolveError::Checkpoint { detail };
+        let nodes = self.state.x.len();
+        let fits = |x: &[[f64; 3]]| x.len() == nodes && x.iter().flatten().all(|c| c.is_finite());
+        let origin_fits = match &checkpoint.factor {
+            FactorOrigin::State { x, .. } => fits(x),
+            FactorOrigin::Rest | FactorOrigin::Vertices(_) | FactorOrigin::Nothing => true,
+        };
+        if !fits(&checkpoint.x) || !origin_fits {
+            return Err(misfit("another number of generalised nodes"));
+        }
+        let mut multipliers = vec![0.0; self.equations.contact.multipliers().len()];
+        for (pair, pressure) in &checkpoint.multipliers {
+            let pair = usize::try_from(*pair).ok().and_then(|pair| multipliers.get_mut(pair));
+            *pair.ok_or_else(|| misfit("a contact point that is not there"))? = *pressure;
+        }
+        if checkpoint.stabilised {
+            self.equations.stabilise();
+        }
+        let Checkpoint { double, factor, known_compliance, .. } = checkpoint;
+        self.equations.restore_factor(*double, factor, known_compliance).ok_or_else(|| misfit("its factor"))?;
+        self.equations.contact.restore(checkpoint.contact_stiffness, multipliers);
+        self.equations.settled_forces = checkpoint.settled_forces.iter().map(|(n, f)| (*n, Vector::from(*f))).collect();
+        self.equations.active = checkpoint.active.iter().map(|(p, b)| (*p as usize, *b as usize)).collect();
+        let motions = checkpoint.motions.iter().map(|(segment, motion)| (*segment, motion_of_numbers(*motion)));
+        self.state = State { t: checkpoint.t, x: vectors(&checkpoint.x), motions: motions.collect() };
+        self.substep = checkpoint.substep;
+        self.stabilised = checkpoint.stabilised;
+        self.told_passage = checkpoint.told_passage;
+        self.forget_untold();
+        Ok(())
+    }
+}
+
+impl super::equations::Equations<'_> {
+    /// What the present factor was made of, and the groups of nodes whose compliance is known. `None` when it cannot be made again.
+    fn factor_origin(&self) -> Option<(FactorOrigin, Vec<Vec<u32>>)> {
+        if !self.solver.can_be_restored() {
+            return None;
+        }
+        if !self.solver.serves() {
+            return Some((FactorOrigin::Nothing, Vec::new()));
+        }
+        if let Some(inverses) = self.solver.vertices() {
+            let rows = inverses.iter().map(|m| m.transpose().as_slice().try_into().unwrap_or_default());
+            return Some((FactorOrigin::Vertices(rows.collect()), Vec::new()));
+        }
+        let origin = match &self.factored {
+            None => FactorOrigin::Rest,
+            Some((x, curvature)) => {
+                FactorOrigin::State { x: numbers(x), projected: *curvature == Curvature::Projected }
+            }
+        };
+        Some((origin, self.solver.known_compliance().map(|known| known.groups().to_vec()).unwrap_or_default()))
+    }
+
+    fn restore_factor(&mut self, double: bool, origin: &FactorOrigin, known: &[Vec<u32>]) -> Option<()> {
+        if double {
+            self.solver.use_double();
+        }
+        // There may be no memory for it here.
+        if self.solver.is_double() != double {
+            return None;
+        }
+        match origin {
+            FactorOrigin::Rest => {}
+            FactorOrigin::Nothing => self.solver.refresh(),
+            FactorOrigin::Vertices(inverses) => {
+                if inverses.len() != self.dofs.n_unknown() {
+                    return None;
+                }
+                self.solver.set_vertices(inverses.iter().map(|rows| Matrix3::from_row_slice(rows)).collect())?;
+            }
+            FactorOrigin::State { x, projected } => {
+                let curvature = if *projected { Curvature::Projected } else { Curvature::Exact };
+                self.tangent(&vectors(x), curvature).ok()?;
+                self.solver.refresh();
+                self.prepare();
+                if !self.solver.serves() {
+                    return None;
+                }
+            }
+        }
+        known.iter().try_for_each(|group| self.solver.compliance(group.iter().copied()).map(|_| ()))
+    }
+}

@@ -1,0 +1,258 @@
+//! How nodes give way under forces at nodes, as a factor sees it: what contact adds to a factor without making it anew.
+
+use super::contact::RankOne;
+use faer::linalg::matmul::matmul;
+use faer::{Accum, Mat, Par};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix3};
+use prosopon_geometry::Vector;
+use std::ops::Range;
+
+/// Nodes whose columns are made together: those with late rows cost less when they need not wait for early ones.
+const TOGETHER: usize = 32;
+const NONE: u32 = u32::MAX;
+
+/// Compliance of a few nodes of the corner of a factor `L Lᵀ`, the unknowns that are eliminated last: `S = Gᵀ G` with `G = L⁻¹ E`,
+/// where `E` are unit forces along the axes at the nodes.
+#[derive(Debug)]
+pub(super) struct Compliance {
+    corner: Range<usize>,
+    /// Place of each unknown node of the corner, from the first on.
+    place: Vec<u32>,
+    n_nodes: usize,
+    /// Nodes that came together.
+    groups: Vec<Vec<u32>>,
+    /// `G`: rows of the corner, three columns a node.
+    columns: Mat<f64>,
+    /// `S`.
+    gram: Mat<f64>,
+}
+
+impl Compliance {
+    /// Of no node yet. `corner` are unknowns.
+    pub(super) fn new(corner: Range<usize>) -> Self {
+        let nodes = corner.end / 3 - corner.start / 3;
+        Self { corner, place: vec![NONE; nodes], n_nodes: 0, groups: Vec::new(), columns: Mat::new(), gram: Mat::new() }
+    }
+
+    /// Takes nodes in. `solve(first, b)` applies `L⁻¹` to columns that are zero above row `first` of the corner, given from there on.
+    /// `None` when a node does not lie in the corner.
+    pub(super) fn add(
+        &mut self,
+        nodes: impl Iterator<Item = u32>,
+        mut solve: impl FnMut(usize, Mat<f64>) -> Mat<f64>,
+    ) -> Option<()> {
+        let mut new: Vec<u32> = nodes.filter(|&node| self.place(node).is_none()).collect();
+        new.sort_unstable();
+        new.dedup();
+        if new.iter().any(|&n| (3 * n as usize) < self.corner.start || 3 * n as usize + 2 >= self.corner.end) {
+            return None;
+        }
+        let rows = self.corner.len();
+        let old = 3 * self.n_nodes;
+        let all = old + 3 * new.len();
+        self.columns.resize_with(rows, all, |_, _| 0.0);
+        self.gram.resize_with(all, all, |_, _| 0.0);
+        for chunk in new.chunks(TOGETHER) {
+            let first = 3 * chunk[0] as usize - self.corner.start;
+            let row = |c: usize| 3 * chunk[c / 3] as usize + c % 3 - self.corner.start - first;
+            let units = Mat::from_fn(rows - first, 3 * chunk.len(), |r, c| f64::from(u8::from(row(c) == r)));
+            let solved = solve(first, units);
+            let (from, to) = (3 * self.n_nodes, 3 * (self.n_nodes + chunk.len()));
+            self.columns.subrows_mut(first, rows - first).subcols_mut(from, to - from).copy_from(&solved);
+            let known = self.columns.subrows(first, rows - first).subcols(0, to);
+            let mut cross = Mat::<f64>::zeros(to, to - from);
+            matmul(cross.as_mut(), Accum::Replace, known.transpose(), solved.as_ref(), 1.0, Par::rayon(2));
+            for c in from..to {
+                for r in 0..to {
+                    self.gram[(r, c)] = cross[(r, c - from)];
+                    self.gram[(c, r)] = cross[(r, c - from)];
+                }
+            }
+            for &node in chunk {
+                self.place[node as usize - self.corner.start / 3] = self.n_nodes as u32;
+                self.n_nodes += 1;
+            }
+        }
+        if !new.is_empty() {
+            self.groups.push(new);
+        }
+        Some(())
+    }
+
+    /// Its nodes in the groups in which they came: taken in like this again they have the same bits.
+    pub(super) fn groups(&self) -> &[Vec<u32>] {
+        &self.groups
+    }
+
+    /// Entries that a vector of forces or displacements has: three a node.
+    pub(super) fn len(&self) -> usize {
+        3 * self.n_nodes
+    }
+
+    /// First entry of an unknown node in such vectors.
+    pub(super) fn place(&self, node: u32) -> Option<usize> {
+        let index = (node as usize).checked_sub(self.corner.start / 3)?;
+        let place = *self.place.get(index)?;
+        (place != NONE).then_some(3 * place as usize)
+    }
+
+    /// `S f`.
+    pub(super) fn displacements(&self, f: &[f64]) -> Vec<f64> {
+        let mut u = vec![0.0; self.len()];
+        for (c, f) in f.iter().enumerate().filter(|(_, f)| **f != 0.0) {
+            u.iter_mut().zip(self.gram.col_as_slice(c)).for_each(|(u, s)| *u += s * f);
+        }
+        u
+    }
+
+    /// Adds `G f` to the corner's unknowns.
+    pub(super) fn add_forces(&self, f: &[f64], y: &mut [f64]) {
+        for (c, f) in f.iter().enumerate().filter(|(_, f)| **f != 0.0) {
+            y.iter_mut().zip(self.columns.col_as_slice(c)).for_each(|(y, g)| *y += g * f);
+        }
+    }
+
+    /// 3x3 block of `S` between two places.
+    fn block(&self, a: usize, b: usize) -> Matrix3<f64> {
+        Matrix3::from_fn(|i, j| self.gram[(a + i, b + j)])
+    }
+}
+
+/// Rank-one terms that a factor does not know of, on nodes of its [`Compliance`] `S`: `(D⁻¹ + Vᵀ S V)⁻¹` of the Woodbury identity, with the
+/// terms' vectors `V` and factors `D`.
+#[derive(Debug)]
+pub(super) struct LowRank {
+    /// Place and entries, by term.
+    terms: Vec<Vec<(usize, Vector)>>,
+    core: Cholesky<f64, Dyn>,
+}
+
+impl LowRank {
+    /// `None` when there are no terms, when one acts on a node that `compliance` does not know, or when the factor is too coarse for them.
+    pub(super) fn new(terms: &[RankOne], compliance: &Compliance) -> Option<Self> {
+        if terms.is_empty() {
+            return None;
+        }
+        let placed = |t: &RankOne| t.nodes.iter().map(|(n, v)| Some((compliance.place(*n)?, *v))).collect();
+        let placed: Vec<Vec<(usize, Vector)>> = terms.iter().map(placed).collect::<Option<_>>()?;
+        let mut core = DMatrix::zeros(terms.len(), terms.len());
+        for (c, term) in placed.iter().enumerate() {
+            for (place, entry) in term {
+                for (r, other) in placed.iter().enumerate().skip(c) {
+                    core[(r, c)] +=
+                        other.iter().map(|(p, e)| e.dot(&(compliance.block(*p, *place) * entry))).sum::<f64>();
+                }
+            }
+            core[(c, c)] += 1.0 / terms[c].factor;
+        }
+        Some(Self { terms: placed, core: core.cholesky()? })
+    }
+
+    /// What the terms push back with at the nodes when these would move by `u` without them.
+    pub(super) fn reaction(&self, u: &[f64]) -> Vec<f64> {
+        let along = |t: &Vec<(usize, Vector)>| -> f64 {
+            t.iter().map(|(p, e)| e.x * u[*p] + e.y * u[p + 1] + e.z * u[p + 2]).sum()
+        };
+        let mut loads = DVector::from_iterator(self.terms.len(), self.terms.iter().map(along));
+        self.core.solve_mut(&mut loads);
+        let mut f = vec![0.0; u.len()];
+        for (term, load) in self.terms.iter().zip(loads.iter()) {
+            for (place, entry) in term {
+                for i in 0..3 {
+                    f[place + i] -= load * entry[i];
+                }
+            }
+        }
+        f
+    }
+
+    /// `(I + G V D Vᵀ Gᵀ)⁻¹` on the corner's unknowns: between the two triangular solves it makes the factor one of the matrix with the terms.
+    pub(super) fn apply(&self, compliance: &Compliance, y: &mut [f64]) {
+        let mut u = vec![0.0; compliance.len()];
+        for place in self.terms.iter().flatten().map(|(p, _)| *p) {
+            for c in place..place + 3 {
+                if u[c] == 0.0 {
+                    u[c] = vector_dot(compliance.columns.col_as_slice(c), y);
+                }
+            }
+        }
+        compliance.add_forces(&self.reaction(&u), y);
+    }
+}
+
+/// Sum in a fixed order that the processor's vectors can follow.
+fn vector_dot(a: &[f64], b: &[f64]) -> f64 {
+    const LANES: usize = 8;
+    let (a, a_rest) = a.as_chunks::<LANES>();
+    let (b, b_rest) = b.as_chunks::<LANES>();
+    let mut sums = [0.0; LANES];
+    for (a, b) in a.iter().zip(b) {
+        for i in 0..LANES {
+            sums[i] += a[i] * b[i];
+        }
+    }
+    sums.iter().sum::<f64>() + super::linear_solve::dot(a_rest, b_rest)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// With `L = 2 I` the matrix with the terms is `4 I + V D Vᵀ`.
+    #[test]
+    fn a_corrected_factor_is_the_inverse_of_the_matrix_with_the_terms() {
+        let term = |nodes: Vec<(u32, Vector)>, factor| RankOne { nodes, factor };
+        let terms = [
+            term(vec![(1, Vector::new(1.0, 2.0, 0.0)), (2, Vector::new(0.0, -1.0, 0.5))], 7.0),
+            term(vec![(2, Vector::new(0.3, 0.0, 1.0))], 100.0),
+        ];
+        let mut compliance = Compliance::new(3..9);
+        let half = |_: usize, b: Mat<f64>| &b * faer::Scale(0.5);
+        assert!(LowRank::new(&terms, &compliance).is_none(), "no node is known yet");
+        compliance.add([2].into_iter(), half).unwrap();
+        compliance.add([2, 1].into_iter(), half).unwrap();
+        let low_rank = LowRank::new(&terms, &compliance).unwrap();
+        let mut matrix = DMatrix::identity(6, 6) * 4.0;
+        for t in &terms {
+            let mut v = DVector::zeros(6);
+            for (node, entry) in &t.nodes {
+                v.fixed_rows_mut::<3>(3 * *node as usize - 3).copy_from(entry);
+            }
+            matrix += &v * v.transpose() * t.factor;
+        }
+        let b = DVector::from_fn(6, |i, _| i as f64 - 2.2);
+        let mut y: Vec<f64> = b.iter().map(|b| 0.5 * b).collect();
+        low_rank.apply(&compliance, &mut y);
+        let x = DVector::from_iterator(6, y.iter().map(|y| 0.5 * y));
+        assert!((matrix * x - &b).norm() < 1e-12 * b.norm());
+        assert!(compliance.add([0].into_iter(), half).is_none(), "node 0 is outside of the corner");
+        assert!(LowRank::new(&[], &compliance).is_none());
+    }
+
+    /// A corner with couplings, nodes taken in out of order: `S` is the inverse's part at the nodes.
+    #[test]
+    fn the_compliance_is_that_of_the_factor() {
+        let lower = DMatrix::from_fn(9, 9, |r, c| if r < c { 0.0 } else { 1.0 / (1.0 + (r - c) as f64) });
+        let mut compliance = Compliance::new(6..15);
+        let mut solve = |first: usize, b: Mat<f64>| {
+            let l = lower.view((first, first), (9 - first, 9 - first)).into_owned();
+            let b = DMatrix::from_fn(b.nrows(), b.ncols(), |r, c| b[(r, c)]);
+            let x = l.solve_lower_triangular(&b).unwrap();
+            Mat::from_fn(x.nrows(), x.ncols(), |r, c| x[(r, c)])
+        };
+        compliance.add([4].into_iter(), &mut solve).unwrap();
+        compliance.add([2].into_iter(), &mut solve).unwrap();
+        let inverse = (&lower * lower.transpose()).try_inverse().unwrap();
+        let force = [1.0, -2.0, 0.5, 0.3, 0.0, 4.0];
+        let found = compliance.displacements(&force);
+        let full = DVector::from_fn(9, |i, _| match i {
+            0..3 => force[3 + i],
+            6.. => force[i - 6],
+            _ => 0.0,
+        });
+        let expected = inverse * full;
+        for i in 0..3 {
+            assert!((found[i] - expected[6 + i]).abs() < 1e-12 && (found[3 + i] - expected[i]).abs() < 1e-12);
+        }
+    }
+}

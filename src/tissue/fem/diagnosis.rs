@@ -1,0 +1,126 @@
+//! Names for failures.
+
+use super::assembly::{Inversion, Law};
+use super::equations::Equations;
+use super::error::SolveError;
+use super::newton::Failure;
+use super::report::LostEllipticity;
+use crate::mesh::MixedMesh;
+use nalgebra::Matrix3;
+use prosopon_geometry::{Point, Vector};
+
+/// The error for a failure on the way to path parameter `goal`; `x` is the last equilibrium.
+pub(super) fn name(
+    equations: &Equations<'_>,
+    mesh: &MixedMesh,
+    failure: Failure,
+    goal: f64,
+    x: &[Vector],
+) -> SolveError {
+    // Whatever the symptom, a material that is no longer elliptic is the likely cause.
+    let weak = lost_ellipticity(equations, mesh, equations.last_iterate().unwrap_or(x));
+    if let (Some(weak), true) = (weak, failure != Failure::Cancelled) {
+        let LostEllipticity { tissue, kind, element, stretch, place, .. } = weak;
+        let [x, y, z] = [place.x, place.y, place.z];
+        return SolveError::Unstable { path_share: goal, tissue, kind, element, stretch, x, y, z };
+    }
+    match failure {
+        Failure::Inverted(at) => {
+            let p = centre(equations, mesh, at);
+            let kind = equations.assembly.parts()[at.part].block.kind;
+            SolveError::Inverted { path_share: goal, kind, element: at.element, x: p.x, y: p.y, z: p.z }
+        }
+        Failure::NotConverged { iterations, residual_n, tolerance_n } => {
+            SolveError::NotConverged { path_share: goal, iterations, residual_n, tolerance_n }
+        }
+        Failure::Penetration { found_mm } => SolveError::Penetration {
+            path_share: goal,
+            found_mm,
+            allowed_mm: equations.limits.penetration_tolerance_mm,
+        },
+        Failure::PassedThrough { body, place } => SolveError::PassedThrough {
+            path_share: goal,
+            segment: equations.contact.bodies()[body].segment,
+            x: place.x,
+            y: place.y,
+            z: place.z,
+        },
+        Failure::Indefinite => {
+            SolveError::Factorisation { detail: format!("it is not positive definite at {goal:.4} of the path") }
+        }
+        Failure::Cancelled => SolveError::Cancelled(prosopon_geometry::control::Cancelled),
+    }
+}
+
+/// Where materials have lost ellipticity at `x`: how many elements, and the one with the largest stretch.
+pub(super) fn lost_ellipticity(equations: &Equations<'_>, mesh: &MixedMesh, x: &[Vector]) -> Option<LostEllipticity> {
+    let mut elements = 0;
+    let mut weakest: Option<(Inversion, f64)> = None;
+    for (part, p) in equations.assembly.parts().iter().enumerate() {
+        for (element, tissue) in p.block.tissue.iter().enumerate() {
+            let Law::Hyperelastic(material) = &p.laws[*tissue as usize] else { continue };
+            if material.is_polyconvex() {
+                continue;
+            }
+            let at = Inversion { part, element };
+            let mut weak = false;
+            for f in equations.assembly.deformations(at, x) {
+                if f.determinant() > 0.0 && !material.is_elliptic(&f) {
+                    weak = true;
+                    let stretch = f.singular_values().max();
+                    if weakest.is_none_or(|w| stretch > w.1) {
+                        weakest = Some((at, stretch));
+                    }
+                }
+            }
+            elements += usize::from(weak);
+        }
+    }
+    weakest.map(|(at, stretch)| LostEllipticity {
+        elements,
+        tissue: equations.assembly.tissue(at).name(),
+        kind: equations.assembly.parts()[at.part].block.kind,
+        element: at.element,
+        stretch,
+        place: centre(equations, mesh, at),
+    })
+}
+
+/// Strain that a linear model may leave out, and the share of the tissue in which it may leave out more, before this is told. It leaves
+/// out half of the square of the largest stretch of `F - I`: 0.02 when turned by 11.5° or stretched by 0.2.
+const LEFT_OUT: f64 = 0.02;
+const LEFT_OUT_SHARE: f64 = 0.01;
+
+/// What to tell about a linear solution that is moved or turned too far for its model.
+pub(super) fn left_out_strain(equations: &Equations<'_>, x: &[Vector]) -> Option<String> {
+    let (mut volume, mut beyond, mut most) = (0.0, 0.0, 0.0f64);
+    for (part, p) in equations.assembly.parts().iter().enumerate() {
+        for (element, weights) in p.block.weights.chunks_exact(p.block.n_points).enumerate() {
+            let gradients = equations.assembly.deformations(Inversion { part, element }, x);
+            for (f, w) in gradients.iter().zip(weights) {
+                let stretch = (f - Matrix3::identity()).singular_values().max();
+                let left_out = 0.5 * stretch * stretch;
+                volume += w;
+                most = most.max(left_out);
+                if left_out > LEFT_OUT {
+                    beyond += w;
+                }
+            }
+        }
+    }
+    let share = beyond / volume;
+    (share > LEFT_OUT_SHARE).then(|| {
+        format!(
+            "the linear model leaves out strains above {LEFT_OUT} in {:.1} % of the tissue (up to {most:.2}): it is turned or stretched too far for small strain",
+            100.0 * share
+        )
+    })
+}
+
+fn centre(equations: &Equations<'_>, mesh: &MixedMesh, at: Inversion) -> Point {
+    let block = &equations.assembly.parts()[at.part].block;
+    let nodes = &block.nodes[at.element * block.n_functions..(at.element + 1) * block.n_functions];
+    let corners = nodes.iter().filter_map(|&n| mesh.positions.get(n as usize));
+    let count = corners.clone().count().max(1);
+    Point::from(corners.map(|p| p.coords).sum::<Vector>() / count as f64)
+}

@@ -1,0 +1,287 @@
+//! Which generalised nodes are unknown, which follow bone, and how unknowns are numbered.
+
+use super::element::{C1Surface, ElementBlock};
+use super::error::SolveError;
+use super::ordering;
+use super::settings::Boundary;
+use super::support::check_support;
+use crate::mesh::{Attachment, MixedMesh};
+use prosopon_geometry::{Motion, Point, Vector};
+
+/// What decides the value of a generalised node.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Hold {
+    /// Equilibrium does.
+    Free,
+    /// It moves with a bone segment.
+    Segment(u32),
+    /// It stays at rest: a far boundary, or a node of no element.
+    Still,
+}
+
+/// Marks a generalised node that is not unknown.
+const HELD: u32 = u32::MAX;
+
+/// Numbering of the unknown generalised nodes, in elimination order; each carries three unknowns.
+#[derive(Debug, Clone)]
+pub(super) struct Dofs {
+    hold: Vec<Hold>,
+    unknown: Vec<u32>,
+    node_of: Vec<u32>,
+    rest: Vec<Vector>,
+    n_mesh_nodes: usize,
+    /// Axes that stay at rest, by generalised node; empty when there are none.
+    axes: Vec<u8>,
+    /// Unknown nodes with such axes, and the axes.
+    partly_held: Vec<(u32, u8)>,
+    /// Tangent vectors of partly held nodes that lie askew to the axis and so stay free.
+    askew_tangents: usize,
+    /// First of the unknown nodes that are eliminated last.
+    first_last: usize,
+    /// Whether an unknown node is a corner of the outer skin.
+    visible: Vec<bool>,
+}
+
+impl Dofs {
+    /// Classifies and numbers the generalised nodes. `surface` is there when the skin is made of C1 prisms. Mesh nodes in `last` get the
+    /// last numbers.
+    pub(super) fn new(
+        mesh: &MixedMesh,
+        boundary: &Boundary,
+        surface: Option<&C1Surface>,
+        blocks: &[&ElementBlock],
+        last: &[bool],
+    ) -> Result<Self, SolveError> {
+        let n_mesh_nodes = mesh.positions.len();
+        let mut rest: Vec<Vector> = mesh.positions.iter().map(|p| p.coords).collect();
+        let mut hold: Vec<Hold> = mesh
+            .attachment
+            .iter()
+            .map(|a| match *a {
+                Attachment::Free | Attachment::Sliding => Hold::Free,
+                Attachment::Tied(segment) => Hold::Segment(segment),
+                Attachment::Fixed => Hold::Still,
+            })
+            .collect();
+        let attached = hold.clone();
+        for (hold, axes) in hold.iter_mut().zip(&boundary.held_axes) {
+            if *axes == ALL_AXES {
+                *hold = Hold::Still;
+            }
+        }
+        let mut axes = boundary.held_axes.clone();
+        let mut askew_tangents = 0;
+        // A tangent vector goes with the node it belongs to, so the rim of a region is clamped. Where three planes of symmetry meet only the
+        // node stays: its tangents stay in the planes.
+        let mut owner: Vec<u32> = (0..n_mesh_nodes as u32).collect();
+        if let Some(surface) = surface {
+            for (&node, tangents) in surface.outer_nodes.iter().zip(&surface.rest_tangents) {
+                for tangent in tangents {
+                    rest.push(*tangent);
+                    hold.push(attached[node as usize]);
+                    owner.push(node);
+                    if let Some(&held) = boundary.held_axes.get(node as usize) {
+                        let (of_tangent, is_askew) = axes_of_tangent(held, tangent);
+                        askew_tangents += usize::from(is_askew && attached[node as usize] == Hold::Free);
+                        axes.push(of_tangent);
+                    }
+                }
+            }
+        }
+        let mut used = vec![false; rest.len()];
+        for block in blocks {
+            for &node in &block.nodes {
+                used[node as usize] = true;
+            }
+        }
+        for (hold, used) in hold.iter_mut().zip(&used) {
+            if !used {
+                *hold = Hold::Still;
+            }
+        }
+        check_support(mesh, &boundary.held_axes)?;
+
+        let free: Vec<bool> = hold.iter().map(|h| *h == Hold::Free).collect();
+        let node_of = ordering::elimination_order(blocks, &free, &owner, last)?;
+        let mut outer = vec![false; rest.len()];
+        mesh.prisms.iter().flat_map(|p| &p[..3]).for_each(|&node| outer[node as usize] = true);
+        let visible = node_of.iter().map(|&node| outer[node as usize]).collect();
+        let is_last = |node: &u32| last.get(*node as usize).copied().unwrap_or(false);
+        let first_last = node_of.iter().position(is_last).unwrap_or(node_of.len());
+        let mut unknown = vec![HELD; rest.len()];
+        for (index, &node) in node_of.iter().enumerate() {
+            unknown[node as usize] = index as u32;
+        }
+        let partly_held = (axes.iter().enumerate())
+            .filter(|(_, axes)| **axes != 0)
+            .filter_map(|(node, axes)| (unknown[node] != HELD).then_some((unknown[node], *axes)))
+            .collect();
+        Ok(Self { hold, unknown, node_of, rest, n_mesh_nodes, axes, partly_held, askew_tangents, first_last, visible })
+    }
+
+    /// Number of generalised nodes.
+    pub(super) fn n_nodes(&self) -> usize {
+        self.rest.len()
+    }
+
+    /// Whether a generalised node stays at rest whatever bone does.
+    pub(super) fn is_still(&self, node: usize) -> bool {
+        self.hold[node] == Hold::Still
+    }
+
+    /// Number of unknown generalised nodes (three unknowns each).
+    pub(super) fn n_unknown(&self) -> usize {
+        self.node_of.len()
+    }
+
+    /// First of the unknown nodes that were asked to be eliminated last; [`Dofs::n_unknown`] when there are none.
+    pub(super) fn first_last(&self) -> usize {
+        self.first_last
+    }
+
+    /// Number of unknowns, without those along held axes.
+    pub(super) fn n_scalar(&self) -> usize {
+        let held: u32 = self.partly_held.iter().map(|(_, axes)| axes.count_ones()).sum();
+        3 * self.node_of.len() - held as usize
+    }
+
+    /// Unknown nodes that are held along some axes, and these axes (bits).
+    pub(super) fn partly_held(&self) -> &[(u32, u8)] {
+        &self.partly_held
+    }
+
+    /// Index of `node` among the unknown ones.
+    pub(super) fn unknown(&self, node: u32) -> Option<u32> {
+        let index = self.unknown[node as usize];
+        (index != HELD).then_some(index)
+    }
+
+    /// Generalised node of each unknown one.
+    pub(super) fn nodes(&self) -> &[u32] {
+        &self.node_of
+    }
+
+    /// Rest values of all generalised nodes.
+    pub(super) fn rest(&self) -> &[Vector] {
+        &self.rest
+    }
+
+    /// What holds each generalised node.
+    pub(super) fn holds(&self) -> &[Hold] {
+        &self.hold
+    }
+
+    /// Whether `node` is a position rather than a tangent vector.
+    pub(super) fn is_position(&self, node: usize) -> bool {
+        node < self.n_mesh_nodes
+    }
+
+    /// Writes the held values under `motion` (of a segment, from rest) into `x`.
+    pub(super) fn prescribe(&self, motion: impl Fn(u32) -> Motion, x: &mut [Vector]) {
+        for (node, hold) in self.hold.iter().enumerate() {
+            match *hold {
+                Hold::Free => {}
+                Hold::Still => x[node] = self.rest[node],
+                Hold::Segment(segment) => {
+                    let m = motion(segment);
+                    x[node] = if self.is_position(node) {
+                        (m * Point::from(self.rest[node])).coords
+                    } else {
+                        m.rotation * self.rest[node]
+                    };
+                    for axis in axes_in(self.axes_of(node)) {
+                        x[node][axis] = self.rest[node][axis];
+                    }
+                }
+            }
+        }
+    }
+
+    /// Adds `scale` times the unknowns `d` to `x`.
+    pub(super) fn add(&self, scale: f64, d: &[f64], x: &mut [Vector]) {
+        for (node, d) in self.node_of.iter().zip(d.chunks_exact(3)) {
+            x[*node as usize] += Vector::new(d[0], d[1], d[2]) * scale;
+        }
+    }
+
+    /// The entries of the unknowns out of one vector for each generalised node.
+    pub(super) fn restrict(&self, values: &[Vector], out: &mut [f64]) {
+        for (node, out) in self.node_of.iter().zip(out.chunks_exact_mut(3)) {
+            out.copy_from_slice(values[*node as usize].as_slice());
+        }
+        for &(unknown, axes) in &self.partly_held {
+            for axis in axes_in(axes) {
+                out[3 * unknown as usize + axis] = 0.0;
+            }
+        }
+    }
+
+    /// Axes (bits) along which a node stays at rest whatever else holds it.
+    pub(super) fn axes_of(&self, node: usize) -> u8 {
+        self.axes.get(node).copied().unwrap_or(0)
+    }
+
+    /// Tied nodes that `motion` would move by more than `tolerance` mm along an axis in which they are held.
+    pub(super) fn contradictions(&self, motion: impl Fn(u32) -> Motion, tolerance: f64) -> usize {
+        let torn = |node: usize, segment: u32| {
+            let change = motion(segment) * Point::from(self.rest[node]) - Point::from(self.rest[node]);
+            axes_in(self.axes_of(node)).any(|axis| change[axis].abs() > tolerance)
+        };
+        (0..self.n_mesh_nodes).filter(|&n| matches!(self.hold[n], Hold::Segment(s) if torn(n, s))).count()
+    }
+
+    /// Tangent vectors that a plane of symmetry should hold but that lie askew to it.
+    pub(super) fn askew_tangents(&self) -> usize {
+        self.askew_tangents
+    }
+
+    /// Largest length of the outer skin's position unknowns in `d`, mm; of all when there is no skin.
+    pub(super) fn max_visible_change(&self, d: &[f64]) -> f64 {
+        if !self.visible.contains(&true) {
+            return self.max_position_change(d);
+        }
+        let of_skin = d.chunks_exact(3).zip(&self.visible).filter(|(_, visible)| **visible);
+        of_skin.map(|(d, _)| Vector::new(d[0], d[1], d[2]).norm()).fold(0.0, f64::max)
+    }
+
+    /// Largest length of the position unknowns in `d`, mm.
+    pub(super) fn max_position_change(&self, d: &[f64]) -> f64 {
+        let positions = self.node_of.iter().zip(d.chunks_exact(3)).filter(|(n, _)| self.is_position(**n as usize));
+        positions.map(|(_, d)| Vector::new(d[0], d[1], d[2]).norm()).fold(0.0, f64::max)
+    }
+}
+
+/// All three axes.
+pub(super) const ALL_AXES: u8 = 7;
+
+/// The axes whose bits are set.
+pub(super) fn axes_in(bits: u8) -> impl Iterator<Item = usize> {
+    (0..3).filter(move |axis| bits >> axis & 1 == 1)
+}
+
+/// Axes of a tangent vector that a node held along `held` keeps at rest. A node held along an axis that lies in the surface is on a
+/// plane of symmetry: the tangent across the plane stays across it, the one along it stays in it. The frames of a surface at right
+/// angles to a coordinate plane have such tangents; others are left free, and the second value tells.
+fn axes_of_tangent(held: u8, tangent: &Vector) -> (u8, bool) {
+    const ALIGNED: f64 = 1e-6;
+    let direction = tangent.normalize();
+    let is_askew = axes_in(held).any(|a| (ALIGNED..=1.0 - ALIGNED).contains(&direction[a].abs()));
+    let across =
+        axes_in(held).filter(|&a| direction[a].abs() > 1.0 - ALIGNED).fold(0, |bits, a| bits | (ALL_AXES & !(1 << a)));
+    let along = axes_in(held).filter(|&a| direction[a].abs() < ALIGNED).fold(0, |bits, a| bits | 1 << a);
+    (across | along, is_askew)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tangents_on_a_plane_of_symmetry_stay_symmetric() {
+        assert_eq!(axes_of_tangent(1, &Vector::new(0.8, 0.0, 0.0)), (0b110, false));
+        assert_eq!(axes_of_tangent(1, &Vector::new(0.0, 0.6, 0.8)), (0b001, false));
+        assert_eq!(axes_of_tangent(1, &Vector::new(0.6, 0.8, 0.0)), (0, true));
+        assert_eq!(axes_of_tangent(5, &Vector::new(0.6, 0.8, 0.0)), (0b100, true));
+        assert_eq!(axes_of_tangent(3, &Vector::x()), (0b110, false));
+    }
+}

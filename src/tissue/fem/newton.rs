@@ -1,0 +1,294 @@
+//! Newton's method on the total potential energy at one position of the bones.
+
+use super::assembly::{Curvature, Inversion};
+use super::contact::{Touch, penetration};
+use super::equations::{Balance, Equations};
+use super::line_search::{self, Cut, Start};
+use super::linear_solve::dot;
+use super::quadratic_model::Bend;
+use super::report::IterationRecord;
+use prosopon_geometry::control::{Cancelled, Control};
+use prosopon_geometry::{Motion, Point, Vector};
+
+/// Iterations after which contact is no longer settled beforehand: points that slip over a rim may go round in a circle with it.
+const PATIENCE: usize = 6;
+/// It is also no longer settled once an iteration moves tissue by more than this share of the one before.
+const CIRCLING: f64 = 0.5;
+/// A step counts as converged only when the remaining displacement is estimated below this share of the element size: 1e-3 mm for
+/// elements of 4 mm.
+const DISPLACEMENT_TOLERANCE: f64 = 2.5e-4;
+/// The same while multipliers are still to be updated.
+const COARSE_DISPLACEMENT: f64 = 5e-3;
+/// After a whole Newton step shorter than this the contact's curvature is taken into the tangent, mm.
+const CURVED_BELOW_MM: f64 = 0.1;
+/// After a whole step shorter than this a share of the curvature is, mm: where a point creeps over an edge of the bone, Newton's method without
+/// it gains a few per cent each iteration.
+const BENT_BELOW_MM: f64 = 0.5;
+/// That share: small enough that the tangent mostly stays positive definite.
+const BENT_SHARE: f64 = 0.75;
+/// A rough equilibrium may be this far from the exact one on the skin, as far as the last Newton step tells, mm.
+const VISIBLE_MM: f64 = 0.02;
+/// Bone near contact points moves at most this far in one substep, and no line search lets a point sink deeper, mm: else a point
+/// could come out on the other side of a thin wall.
+pub(super) const MAX_CONTACT_MOTION_MM: f64 = 2.0;
+/// Relative residual at which multipliers are updated.
+const COARSE_RESIDUAL: f64 = 1e-2;
+/// Augmented Lagrangian steps before contact is given up.
+const MAX_AUGMENTATIONS: usize = 20;
+
+/// Why there is no equilibrium.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Failure {
+    Inverted(Inversion),
+    NotConverged { iterations: usize, residual_n: f64, tolerance_n: f64 },
+    Penetration { found_mm: f64 },
+    PassedThrough { body: usize, place: Point },
+    Indefinite,
+    Cancelled,
+}
+
+impl From<Cancelled> for Failure {
+    fn from(_: Cancelled) -> Self {
+        Self::Cancelled
+    }
+}
+
+impl From<Inversion> for Failure {
+    fn from(at: Inversion) -> Self {
+        Self::Inverted(at)
+    }
+}
+
+/// A state that was reached.
+#[derive(Debug, Clone)]
+pub(super) struct Equilibrium {
+    pub(super) iterations: usize,
+    /// Residual relative to the reaction, or to the floor when the reaction is smaller.
+    pub(super) relative_residual: f64,
+    /// Largest displacement that is left, as the last factor sees it, mm.
+    pub(super) remaining_mm: f64,
+    pub(super) touches: Vec<Touch>,
+}
+
+impl Equations<'_> {
+    /// Brings `x`, whose held nodes are in place and in which no element is inverted, to equilibrium.
+    pub(super) fn equilibrate(
+        &mut self,
+        x: &mut [Vector],
+        motions: &[Motion],
+        t: f64,
+        control: &Control,
+    ) -> Result<Equilibrium, Failure> {
+        self.failed_at.clear();
+        self.settles = true;
+        let result = self.augmented(x, motions, t, control);
+        if result.is_err() {
+            self.failed_at = x.to_vec();
+        }
+        result
+    }
+
+    /// Newton's method within the augmented Lagrangian's outer iteration.
+    fn augmented(
+        &mut self,
+        x: &mut [Vector],
+        motions: &[Motion],
+        t: f64,
+        control: &Control,
+    ) -> Result<Equilibrium, Failure> {
+        let mut iterations = 0;
+        let mut last_penetration = f64::INFINITY;
+        let full =
+            if self.rough { self.limits.relative_residual.max(COARSE_RESIDUAL) } else { self.limits.relative_residual };
+        // The multipliers need no exact equilibrium to grow towards the contact pressure.
+        let mut aim = if self.contact.is_empty() { full } else { full.max(COARSE_RESIDUAL) };
+        for _ in 0..=MAX_AUGMENTATIONS {
+            let found = self.newton(x, motions, t, aim, control)?;
+            iterations += found.iterations;
+            let depth = penetration(&found.touches);
+            if depth > self.limits.penetration_tolerance_mm {
+                self.contact.augment(&found.touches);
+                if depth > 0.25 * last_penetration {
+                    self.contact.stiffen(4.0);
+                }
+                last_penetration = depth;
+            } else if aim > full {
+                aim = full;
+            } else {
+                return Ok(Equilibrium { iterations, ..found });
+            }
+        }
+        Err(Failure::Penetration { found_mm: last_penetration })
+    }
+
+    /// Iterates until the residual is below `aim` relative to the reactions.
+    fn newton(
+        &mut self,
+        x: &mut [Vector],
+        motions: &[Motion],
+        t: f64,
+        aim: f64,
+        control: &Control,
+    ) -> Result<Equilibrium, Failure> {
+        let mut curvature = Curvature::Exact;
+        let (mut bend, mut wait) = (Bend { settled: true, ..Bend::default() }, 0usize);
+        let share = if aim > self.limits.relative_residual { COARSE_DISPLACEMENT } else { DISPLACEMENT_TOLERANCE };
+        let enough = share * self.limits.element_size_mm;
+        let mut last = (f64::INFINITY, 0.0);
+        let mut moved_mm = f64::INFINITY;
+        for iteration in 0..=self.limits.max_iterations {
+            control.check()?;
+            self.settles &= iteration < PATIENCE;
+            let balance = self.balance(x, motions)?;
+            let tolerance = aim * balance.reaction_n.max(self.limits.force_floor_n);
+            last = (balance.residual_n, tolerance);
+            let remaining_mm = if balance.residual_n <= tolerance { self.remaining_change() } else { f64::INFINITY };
+            if remaining_mm <= enough {
+                return Ok(Equilibrium {
+                    iterations: iteration,
+                    remaining_mm,
+                    relative_residual: aim * balance.residual_n / tolerance,
+                    touches: balance.touches,
+                });
+            }
+            if iteration == self.limits.max_iterations {
+                break;
+            }
+            // Inexact Newton: the linear system needs no more digits than the next residual can use.
+            let forcing = (0.25 * balance.residual_n / balance.reaction_n.max(self.limits.force_floor_n))
+                .max(0.1 * tolerance / balance.residual_n)
+                .clamp(1e-6, 0.05);
+            let mut record = IterationRecord {
+                t,
+                residual_n: balance.residual_n,
+                reaction_n: balance.reaction_n,
+                active_contacts: balance.touches.len(),
+                ..IterationRecord::default()
+            };
+            let (d, balance) = self.direction(x, motions, balance, &mut curvature, &mut bend, forcing, &mut record)?;
+            let slope = dot(&d, &self.residual);
+            let (begin, before) = ((self.clock)(), self.times().total_s());
+            let taken = line_search::along(
+                self,
+                x,
+                motions,
+                &d,
+                &Start {
+                    energy: balance.energy,
+                    slope,
+                    depth: penetration(&balance.touches),
+                    unstable: record.unstable,
+                },
+            );
+            let others = self.times().total_s() - before;
+            self.times.line_search_s += (self.clock)() - begin - others;
+            match taken {
+                Ok(step) => {
+                    self.dofs.add(step, &d, x);
+                    record.step = step;
+                    record.displacement_mm = step * self.dofs.max_position_change(&d);
+                    self.settles &= record.displacement_mm <= CIRCLING * moved_mm;
+                    moved_mm = record.displacement_mm;
+                    // A short step says that the quadratic model was poor.
+                    curvature = if step < 0.5 { Curvature::Projected } else { Curvature::Exact };
+                    wait = if record.unstable { 2 } else { wait.saturating_sub(1) };
+                    bend.settled = wait == 0;
+                    bend.share = match record.displacement_mm {
+                        _ if wait > 0 || step < 1.0 => 0.0,
+                        moved if moved < CURVED_BELOW_MM => 1.0,
+                        moved if moved < BENT_BELOW_MM => BENT_SHARE,
+                        _ => 0.0,
+                    };
+                    self.records.push(record);
+                    let remaining_mm = self.dofs.max_visible_change(&d);
+                    if self.rough && step >= 1.0 && remaining_mm <= VISIBLE_MM {
+                        let balance = self.balance(x, motions)?;
+                        let reaction_n = balance.reaction_n.max(self.limits.force_floor_n);
+                        return Ok(Equilibrium {
+                            iterations: iteration + 1,
+                            remaining_mm,
+                            relative_residual: balance.residual_n / reaction_n,
+                            touches: balance.touches,
+                        });
+                    }
+                }
+                Err(cut) => {
+                    self.records.push(record);
+                    if curvature == Curvature::Exact && !self.limits.linear {
+                        curvature = Curvature::Projected;
+                        self.solver.refresh();
+                        continue;
+                    }
+                    return Err(match cut {
+                        Cut::Inverted(at) => Failure::Inverted(at),
+                        Cut::NoDescent => Failure::NotConverged {
+                            iterations: iteration + 1,
+                            residual_n: balance.residual_n,
+                            tolerance_n: tolerance,
+                        },
+                    });
+                }
+            }
+        }
+        let (residual_n, tolerance_n) = last;
+        Err(Failure::NotConverged { iterations: self.limits.max_iterations, residual_n, tolerance_n })
+    }
+
+    /// Displacement that the last factor predicts from the present residual, mm; infinite when there is no factor.
+    fn remaining_change(&mut self) -> f64 {
+        if !self.solver.has_factor() {
+            return if self.residual.iter().all(|r| *r == 0.0) { 0.0 } else { f64::INFINITY };
+        }
+        let mut d = self.residual.clone();
+        self.solver.precondition(&mut d);
+        self.dofs.max_position_change(&d)
+    }
+
+    /// A descent direction: Newton's with the tangent asked for, with the projected one when that is not positive definite. Multipliers may
+    /// grow on the way: with it comes the balance at `x` with the present ones.
+    fn direction(
+        &mut self,
+        x: &[Vector],
+        motions: &[Motion],
+        mut balance: Balance,
+        curvature: &mut Curvature,
+        bend: &mut Bend,
+        forcing: f64,
+        record: &mut IterationRecord,
+    ) -> Result<(Vec<f64>, Balance), Failure> {
+        let mut assembled = None;
+        loop {
+            if assembled != Some(*curvature) {
+                self.tangent(x, *curvature)?;
+                assembled = Some(*curvature);
+            }
+            let mut load = self.forces.clone();
+            self.subtract_loads(&mut load);
+            let found = self.minimise_model(x, motions, &load, bend, forcing, record);
+            if !self.contact.is_empty() {
+                balance = self.weigh(balance.elastic, x, motions);
+            }
+            if let Ok(d) = found {
+                record.projected = *curvature == Curvature::Projected;
+                if dot(&d, &self.residual) < 0.0 {
+                    return Ok((d, balance));
+                }
+            }
+            // A projected tangent is positive definite: if the factor says otherwise, its precision was too low.
+            if bend.used {
+                *bend = Bend::default();
+                record.unstable = true;
+                continue;
+            }
+            if *curvature == Curvature::Exact && !self.limits.linear {
+                *curvature = Curvature::Projected;
+                record.unstable = true;
+            } else if self.solver.is_double() {
+                return Err(Failure::Indefinite);
+            } else {
+                self.solver.use_double();
+            }
+            self.solver.refresh();
+        }
+    }
+}

@@ -1,0 +1,373 @@
+//! From mesh and settings to equations.
+
+use super::assembly::{Assembly, Curvature, Law, Part};
+use super::contact::{Contact, contact_nodes};
+use super::dofs::Dofs;
+use super::element::{self, C1Surface, ElementBlock, MeshCell};
+use super::equations::{Equations, Limits};
+use super::error::SolveError;
+use super::factor::{Factor, Symbolic};
+use super::linear_solve::LinearSolver;
+use super::material::{Material, Materials};
+use super::report::PhaseTimes;
+use super::settings::{Boundary, ContactBody, Locking, Model, SkinElement, SolveSettings};
+use crate::mesh::{Attachment, MixedMesh, Tissue};
+use prosopon_geometry::Vector;
+use prosopon_geometry::control::Control;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Contact stiffness in units of the tissue's confined modulus over its mean thickness: a layer compressed by a third of its
+/// thickness sinks some 0.01 of the thickness into bone before the multipliers take over.
+const CONTACT_STIFFNESS: f64 = 30.0;
+/// Reaction force below which the residual is compared with this, in units of shear modulus times element size squared.
+const FORCE_FLOOR: f64 = 1e-3;
+
+const TISSUES: [Tissue; 4] = [Tissue::Skin, Tissue::Muscle, Tissue::Fat, Tissue::Mucosa];
+
+/// What the equations of a mesh need that does not depend on where its bones go: elements, unknowns, elimination order, pattern, symbolic
+/// factorisation, and stiffness and factor at rest. Any number of solvers may begin with one ([`Solver::over`](super::Solver::over)); each
+/// finds the same bits as a solver that prepared for itself.
+#[derive(Debug)]
+pub struct Prepared {
+    pub(super) surface: Option<Arc<C1Surface>>,
+    pub(super) settings: SolveSettings,
+    pub(super) warnings: Vec<String>,
+    /// Time of the parts.
+    times: PhaseTimes,
+    factorisations: usize,
+    /// Whether a solver has told of these.
+    told: AtomicBool,
+    dofs: Dofs,
+    assembly: Assembly,
+    factor: Option<(Arc<Symbolic>, Arc<Factor<f32>>)>,
+    /// Stiffness of the elements at rest.
+    rest: Arc<Vec<f64>>,
+    loads: Vec<Vector>,
+    /// MPa/mm.
+    contact_stiffness: f64,
+    limits: Limits,
+    /// Nodes and cells of the mesh.
+    size: [usize; 3],
+}
+
+impl Prepared {
+    /// Prepares for a mesh. `touching`: bodies will be in contact.
+    ///
+    /// # Errors
+    /// [`SolveError`] when elements are inverted at rest or the problem does not fit together (for example nothing is held).
+    pub fn new(
+        mesh: &MixedMesh,
+        touching: bool,
+        boundary: &Boundary,
+        settings: SolveSettings,
+        control: &Control,
+    ) -> Result<Self, SolveError> {
+        let clock = control.clock();
+        let begin = clock();
+        settings.check()?;
+        check_mesh(mesh)?;
+        check_boundary(mesh, boundary)?;
+        let (blocks, surface) = element_blocks(mesh, &settings)?;
+        let mut warnings = surface.as_ref().map(C1Surface::warnings).unwrap_or_default();
+        warnings.extend(settings.stiffness_warnings(mesh));
+        warnings.extend(settings.stability_warnings(mesh));
+        warnings.extend(settings.locking_warning(mesh));
+        control.check()?;
+        control.report(0.2);
+        let smoothed = match settings.locking {
+            Locking::None => None,
+            Locking::Smoothed => Some(smoothed_parts(mesh, &blocks, &settings)?),
+        };
+        let coupled: Vec<&ElementBlock> = match &smoothed {
+            Some(parts) => parts.iter().map(|p| &p.block).collect(),
+            None => blocks.iter().collect(),
+        };
+        // Contact changes at every iteration; eliminated last, it leaves most of a factor as it is.
+        let relaxes = settings.model == Model::MassTensor;
+        let last = if touching && !relaxes { contact_nodes(mesh) } else { Vec::new() };
+        let dofs = Dofs::new(mesh, boundary, surface.as_ref(), &coupled, &last)?;
+        if dofs.n_unknown() == 0 {
+            return Err(problem("no node is free to move: all are fixed or tied to bone".to_owned()));
+        }
+        control.check()?;
+        control.report(0.4);
+        let scale = Scale::new(mesh, &blocks, &settings.materials);
+        let whole = laws(&settings, |m| m)?;
+        let straining = |part: &mut Part| {
+            part.block.retain(|nodes| nodes.iter().any(|n| !dofs.is_still(*n as usize)));
+            part.block.n_elements() > 0
+        };
+        let mut elements: Vec<Part> = blocks.into_iter().map(|block| Part { block, laws: whole.clone() }).collect();
+        elements.retain_mut(straining);
+        let assembly = match smoothed {
+            Some(mut parts) => {
+                parts.retain_mut(straining);
+                Assembly::new(parts, Some(elements), &dofs)?
+            }
+            None => Assembly::new(elements, None, &dofs)?,
+        };
+        control.check()?;
+        control.report(0.5);
+        let limits = Limits {
+            relative_residual: settings.relative_residual,
+            max_iterations: settings.max_iterations,
+            penetration_tolerance_mm: settings.penetration_tolerance_mm,
+            force_floor_n: FORCE_FLOOR * scale.shear * scale.element_size_mm.powi(2),
+            element_size_mm: scale.element_size_mm,
+            energy_noise_mj: 1e-13 * scale.shear * scale.volume,
+            linear: settings.model.is_linear(),
+        };
+        let loads =
+            if boundary.loads_n.iter().any(|f| *f != Vector::zeros()) { boundary.loads_n.clone() } else { Vec::new() };
+        let mut prepared = Self {
+            surface: surface.map(Arc::new),
+            warnings,
+            times: PhaseTimes::default(),
+            factorisations: 0,
+            told: AtomicBool::new(false),
+            dofs,
+            assembly,
+            factor: None,
+            rest: Arc::default(),
+            loads,
+            contact_stiffness: settings.contact_stiffness_factor * CONTACT_STIFFNESS * scale.modulus
+                / scale.thickness_mm,
+            limits,
+            size: size(mesh),
+            settings,
+        };
+        prepared.times.setup_s = clock() - begin;
+        if !relaxes {
+            prepared.factorise(control)?;
+        }
+        control.report(1.0);
+        Ok(prepared)
+    }
+
+    /// Stiffness and factor at rest. A factor that fails is left without values: who solves tries again, and tells.
+    fn factorise(&mut self, control: &Control) -> Result<(), SolveError> {
+        let clock = control.clock();
+        let begin = clock();
+        let symbolic = Arc::new(Symbolic::new(self.assembly.pattern(), self.dofs.first_last())?);
+        let mut factor = Factor::new(Arc::clone(&symbolic))?;
+        control.check()?;
+        control.report(0.6);
+        let analysed = clock();
+        let mut values = vec![0.0; self.assembly.pattern().n_values()];
+        let mut forces = vec![Vector::zeros(); self.dofs.n_nodes()];
+        let rest = self.dofs.rest().to_vec();
+        let stiffness = self.assembly.tangent(&rest, Curvature::Exact, &mut forces, &mut values);
+        self.assembly.pattern().hold(self.dofs.partly_held(), &mut values);
+        control.check()?;
+        control.report(0.7);
+        let assembled = clock();
+        if stiffness.is_ok() {
+            self.factorisations = 1;
+            // Not positive definite at rest: told by the first solve.
+            let _ = factor.factorise(&values);
+            self.rest = Arc::new(values);
+        }
+        self.factor = Some((symbolic, Arc::new(factor)));
+        self.times.setup_s += analysed - begin;
+        self.times.tangent_s = assembled - analysed;
+        self.times.factor_s = clock() - assembled;
+        Ok(())
+    }
+
+    /// Time and factorisations of the preparation, for the first solver that asks.
+    pub(super) fn untold_work(&self) -> (PhaseTimes, usize) {
+        if self.told.swap(true, Ordering::Relaxed) { Default::default() } else { (self.times, self.factorisations) }
+    }
+
+    /// Sets up the equations; also warnings.
+    pub(super) fn equations<'a>(
+        &self,
+        mesh: &MixedMesh,
+        bodies: Vec<ContactBody<'a>>,
+        control: &Control,
+    ) -> Result<(Equations<'a>, Vec<String>), SolveError> {
+        check_bodies(&bodies)?;
+        if size(mesh) != self.size {
+            return Err(problem("the mesh is not the one that was prepared".to_owned()));
+        }
+        let solver = match &self.factor {
+            Some((symbolic, factor)) => LinearSolver::new(Arc::clone(symbolic), Arc::clone(factor), control.clock()),
+            None => LinearSolver::relaxation(control.clock()),
+        };
+        let (contact, overlap) = Contact::new(mesh, bodies, self.contact_stiffness);
+        let (dofs, assembly) = (self.dofs.clone(), self.assembly.clone());
+        let rest = Arc::clone(&self.rest);
+        let equations =
+            Equations::new(dofs, assembly, rest, contact, solver, self.loads.clone(), self.limits, control.clock());
+        let mut warnings = self.warnings.clone();
+        warnings.extend(overlap);
+        Ok((equations, warnings))
+    }
+}
+
+fn size(mesh: &MixedMesh) -> [usize; 3] {
+    [mesh.positions.len(), mesh.tetrahedra.len(), mesh.prisms.len()]
+}
+
+fn element_blocks(
+    mesh: &MixedMesh,
+    settings: &SolveSettings,
+) -> Result<(Vec<ElementBlock>, Option<C1Surface>), SolveError> {
+    let mut blocks = vec![element::tetrahedra(mesh)?];
+    let mut surface = None;
+    match settings.skin_element {
+        SkinElement::Tetrahedron => blocks.push(element::prisms_as_tetrahedra(mesh)?),
+        SkinElement::Wedge => blocks.push(element::wedges(mesh)?),
+        SkinElement::C1Prism => {
+            let c1 = C1Surface::new(mesh);
+            blocks.push(element::c1_prisms(mesh, &c1)?);
+            blocks.push(element::plain_prisms(mesh, &c1)?);
+            surface = Some(c1);
+        }
+    }
+    blocks.retain(|b| b.n_elements() > 0);
+    Ok((blocks, surface))
+}
+
+/// Parts whose energies add up to that of the elements, taken at averaged strains.
+fn smoothed_parts(
+    mesh: &MixedMesh,
+    blocks: &[ElementBlock],
+    settings: &SolveSettings,
+) -> Result<Vec<Part>, SolveError> {
+    let isochoric = laws(settings, Material::isochoric_part)?;
+    let volumetric = laws(settings, Material::volumetric_part)?;
+    let (tetrahedra, others): (Vec<&ElementBlock>, Vec<&ElementBlock>) =
+        blocks.iter().partition(|b| b.n_functions == 4);
+    let corners = |cell: MeshCell, nodes: &[u32]| match cell {
+        MeshCell::Prism(prism) if nodes.len() > 4 => mesh.prisms[prism as usize].to_vec(),
+        MeshCell::Prism(_) | MeshCell::Tetrahedron(_) => nodes.to_vec(),
+    };
+    let all: Vec<&ElementBlock> = blocks.iter().collect();
+    let mut parts: Vec<Part> = Vec::new();
+    parts.extend(element::edge_domains(&tetrahedra).into_iter().map(|block| Part { block, laws: isochoric.clone() }));
+    parts.extend(others.into_iter().map(|block| Part { block: block.clone(), laws: isochoric.clone() }));
+    parts
+        .extend(element::node_domains(&all, corners).into_iter().map(|block| Part { block, laws: volumetric.clone() }));
+    Ok(parts)
+}
+
+/// Laws by tissue, for the part of each material that `part` takes.
+fn laws(settings: &SolveSettings, part: impl Fn(Material) -> Material) -> Result<[Law; 4], SolveError> {
+    let law = |tissue: Tissue| {
+        let material = part(*settings.materials.of(tissue));
+        if settings.model.is_linear() {
+            Law::small_strain(&material).map_err(|e| SolveError::Problem { detail: e.to_string() })
+        } else {
+            Ok(Law::Hyperelastic(material))
+        }
+    };
+    let [a, b, c, d] = TISSUES;
+    Ok([law(a)?, law(b)?, law(c)?, law(d)?])
+}
+
+/// Sizes that tolerances and contact stiffness are measured by.
+struct Scale {
+    /// mm³.
+    volume: f64,
+    /// Volume mean of the shear modulus, MPa.
+    shear: f64,
+    /// Volume mean of the confined modulus K + 4/3 mu, MPa.
+    modulus: f64,
+    /// Edge of a regular tetrahedron of the mean element volume, mm.
+    element_size_mm: f64,
+    /// Volume over the area of bone faces, mm.
+    thickness_mm: f64,
+}
+
+impl Scale {
+    fn new(mesh: &MixedMesh, blocks: &[ElementBlock], materials: &Materials) -> Self {
+        let (mut volume, mut shear, mut modulus, mut elements) = (0.0, 0.0, 0.0, 0.0);
+        for block in blocks {
+            for (weights, tissue) in block.weights.chunks_exact(block.n_points).zip(&block.tissue) {
+                let v: f64 = weights.iter().sum();
+                let material: &Material = materials.of(*tissue);
+                volume += v;
+                shear += v * material.shear_modulus();
+                modulus += v * (material.bulk + 4.0 / 3.0 * material.shear_modulus());
+                elements += 1.0;
+            }
+        }
+        let area: f64 = (mesh.bone_faces.iter())
+            .map(|face| {
+                let [a, b, c] = face.map(|n| mesh.positions[n as usize]);
+                0.5 * (b - a).cross(&(c - a)).norm()
+            })
+            .sum();
+        let element_size_mm = (6.0 * 2.0f64.sqrt() * volume / elements).cbrt();
+        let thickness_mm = if area > 0.0 { volume / area } else { element_size_mm };
+        Self { volume, shear: shear / volume, modulus: modulus / volume, element_size_mm, thickness_mm }
+    }
+}
+
+fn problem(detail: String) -> SolveError {
+    SolveError::Problem { detail }
+}
+
+fn check_mesh(mesh: &MixedMesh) -> Result<(), SolveError> {
+    let n = mesh.positions.len();
+    if mesh.attachment.len() != n {
+        return Err(problem(format!("{} attachments for {n} nodes", mesh.attachment.len())));
+    }
+    if mesh.tetrahedron_tissue.len() != mesh.tetrahedra.len() {
+        let (tissues, tetrahedra) = (mesh.tetrahedron_tissue.len(), mesh.tetrahedra.len());
+        return Err(problem(format!("{tissues} tissues for {tetrahedra} tetrahedra")));
+    }
+    if let Some(node) = mesh.positions.iter().position(|p| !p.iter().all(|c| c.is_finite())) {
+        return Err(problem(format!("node {node} has a coordinate that is not finite")));
+    }
+    let named = (mesh.tetrahedra.iter().flatten())
+        .chain(mesh.prisms.iter().flatten())
+        .chain(mesh.bone_faces.iter().flatten())
+        .max();
+    match named {
+        Some(&node) if node as usize >= n => Err(problem(format!("node {node} is named, but there are only {n}"))),
+        _ => Ok(()),
+    }
+}
+
+fn check_boundary(mesh: &MixedMesh, boundary: &Boundary) -> Result<(), SolveError> {
+    let n = mesh.positions.len();
+    let (held, loads) = (boundary.held_axes.len(), boundary.loads_n.len());
+    if held != 0 && held != n {
+        return Err(problem(format!("{held} sets of held axes for {n} nodes")));
+    }
+    if loads != 0 && loads != n {
+        return Err(problem(format!("{loads} loads for {n} nodes")));
+    }
+    if let Some(node) = boundary.held_axes.iter().position(|axes| *axes > 7) {
+        return Err(problem(format!("node {node} has held axes {}, allowed are 0 to 7", boundary.held_axes[node])));
+    }
+    match boundary.loads_n.iter().position(|f| !f.iter().all(|c| c.is_finite())) {
+        Some(node) => Err(problem(format!("the load on node {node} is not finite"))),
+        None => Ok(()),
+    }
+}
+
+fn check_bodies(bodies: &[ContactBody<'_>]) -> Result<(), SolveError> {
+    let mut segments: Vec<u32> = bodies.iter().map(|b| b.segment).collect();
+    segments.sort_unstable();
+    match segments.windows(2).find(|w| w[0] == w[1]) {
+        Some(w) => Err(problem(format!("segment {} is given twice", w[0]))),
+        None => Ok(()),
+    }
+}
+
+/// Segments that tissue is tied to, ascending.
+pub(super) fn tied_segments(mesh: &MixedMesh) -> Vec<u32> {
+    let mut segments: Vec<u32> = (mesh.attachment.iter())
+        .filter_map(|a| match a {
+            Attachment::Tied(segment) => Some(*segment),
+            Attachment::Free | Attachment::Sliding | Attachment::Fixed => None,
+        })
+        .collect();
+    segments.sort_unstable();
+    segments.dedup();
+    segments
+}

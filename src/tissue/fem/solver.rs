@@ -1,0 +1,423 @@
+//! Static equilibrium of one mesh under moving bone, advanced along a path.
+
+use super::contact::Passage;
+use super::element::C1Surface;
+use super::equations::Equations;
+use super::error::SolveError;
+use super::newton::{Equilibrium, Failure, MAX_CONTACT_MOTION_MM};
+use super::report::{CellState, IterationRecord, PhaseTimes, StepOutcome, StepReport};
+use super::settings::{Boundary, ContactBody, SolveSettings, UnstableMaterial};
+use super::setup::Prepared;
+use super::{diagnosis, setup};
+use crate::mesh::MixedMesh;
+use prosopon_geometry::control::Control;
+use prosopon_geometry::{Motion, Point, Vector};
+use std::sync::Arc;
+
+/// Contact points farther from a body than this do not limit its substeps, mm.
+const CONTACT_REACH_MM: f64 = 10.0;
+/// Motion of a segment along an axis in which its nodes are held that is rounding, mm.
+const HELD_TOLERANCE_MM: f64 = 1e-9;
+
+/// Static equilibrium of one mesh under moving bone, advanced along a path.
+#[derive(Debug)]
+pub struct Solver<'a> {
+    mesh: &'a MixedMesh,
+    surface: Option<Arc<C1Surface>>,
+    settings: SolveSettings,
+    pub(super) equations: Equations<'a>,
+    /// Segments that a report gives reactions for, ascending.
+    segments: Vec<u32>,
+    pub(super) state: State,
+    /// Substep that worked last.
+    pub(super) substep: f64,
+    /// Stable materials are in the place of those asked for.
+    pub(super) stabilised: bool,
+    /// Whether tissue that came through bone, and round a rim of it, has been told of.
+    pub(super) told_passage: [bool; 2],
+    /// Found while setting up; told with the first step.
+    warnings: Vec<String>,
+    /// Times and factorisations of the preparation, where this solver is the first over it; told with the first step.
+    preparation: (PhaseTimes, usize),
+}
+
+/// Where bone moves no farther than this in a substep, mm, and tissue still comes through, it comes round a rim or the bone is too thin to
+/// hold it; that is told. Otherwise the substep is shortened.
+const LEAST_PASSAGE_MM: f64 = 0.25;
+
+/// An equilibrium.
+#[derive(Debug, Clone)]
+pub(super) struct State {
+    pub(super) t: f64,
+    /// Values of the generalised nodes.
+    pub(super) x: Vec<Vector>,
+    /// Motion of moving segments from rest.
+    pub(super) motions: Vec<(u32, Motion)>,
+}
+
+impl<'a> Solver<'a> {
+    /// Sets up elements, unknowns and the symbolic factorisation; the state is the rest configuration at path parameter 0.
+    ///
+    /// # Errors
+    /// [`SolveError`] when elements are inverted at rest or the problem does not fit together (for example nothing is held).
+    pub fn new(
+        mesh: &'a MixedMesh,
+        bodies: Vec<ContactBody<'a>>,
+        settings: SolveSettings,
+        control: &Control,
+    ) -> Result<Self, SolveError> {
+        Self::with_boundary(mesh, bodies, &Boundary::default(), settings, control)
+    }
+
+    /// [`Solver::new`] with held axes and dead loads.
+    ///
+    /// # Errors
+    /// [`SolveError`] as there.
+    pub fn with_boundary(
+        mesh: &'a MixedMesh,
+        bodies: Vec<ContactBody<'a>>,
+        boundary: &Boundary,
+        settings: SolveSettings,
+        control: &Control,
+    ) -> Result<Self, SolveError> {
+        let prepared = Prepared::new(mesh, !bodies.is_empty(), boundary, settings, &control.part(0.0, 0.9))?;
+        Self::over(&prepared, mesh, bodies, &control.part(0.9, 1.0))
+    }
+
+    /// A solver that begins with what was prepared for `mesh`.
+    ///
+    /// # Errors
+    /// [`SolveError`] when a segment is given twice, or when the mesh is of another size than that which was prepared for.
+    pub fn over(
+        prepared: &Prepared,
+        mesh: &'a MixedMesh,
+        bodies: Vec<ContactBody<'a>>,
+        control: &Control,
+    ) -> Result<Self, SolveError> {
+        let begin = (control.clock())();
+        let mut segments = setup::tied_segments(mesh);
+        segments.extend(bodies.iter().map(|b| b.segment));
+        segments.sort_unstable();
+        segments.dedup();
+        let (mut equations, warnings) = prepared.equations(mesh, bodies, control)?;
+        equations.times.setup_s = (control.clock())() - begin;
+        let state = State { t: 0.0, x: equations.dofs.rest().to_vec(), motions: Vec::new() };
+        control.report(1.0);
+        Ok(Self {
+            mesh,
+            surface: prepared.surface.clone(),
+            settings: prepared.settings.clone(),
+            equations,
+            segments,
+            state,
+            substep: f64::INFINITY,
+            stabilised: false,
+            told_passage: [false; 2],
+            warnings,
+            preparation: prepared.untold_work(),
+        })
+    }
+
+    /// Advances from the present path parameter to `t`: `motions(t)` gives each moving segment's motion from rest; segments
+    /// that it does not list stay at rest. Substeps are chosen here. On error the state stays at the last converged substep.
+    ///
+    /// # Errors
+    /// [`SolveError`].
+    pub fn advance(
+        &mut self,
+        t: f64,
+        motions: &dyn Fn(f64) -> Vec<(u32, Motion)>,
+        control: &Control,
+    ) -> Result<StepReport, SolveError> {
+        if !t.is_finite() {
+            return Err(SolveError::Problem { detail: format!("the path parameter is {t}") });
+        }
+        self.equations.records.clear();
+        let from = self.state.t;
+        let factorisations = self.equations.solver.factorisations();
+        let mut report = Progress::default();
+        let found = loop {
+            control.check()?;
+            let remaining = t - self.state.t;
+            let wanted = remaining.abs().min(self.substep);
+            let length = self.limit_contact_motion(wanted, remaining.signum(), motions);
+            let goal =
+                if length >= remaining.abs() * (1.0 - 1e-9) { t } else { self.state.t + length * remaining.signum() };
+            match self.substep_to(goal, motions, control) {
+                Ok(found) => {
+                    report.substeps += 1;
+                    report.iterations += found.iterations;
+                    if self.substep.is_finite() {
+                        self.substep *= 2.0;
+                    }
+                    control.report(if t == from { 1.0 } else { (goal - from) / (t - from) });
+                    if self.stabilise(goal) {
+                        continue;
+                    }
+                    if goal == t {
+                        break found;
+                    }
+                }
+                Err(Failure::Cancelled) => return Err(prosopon_geometry::control::Cancelled.into()),
+                Err(failure) => {
+                    report.halvings += 1;
+                    self.substep = 0.5 * length;
+                    if self.substep < self.settings.min_substep || length == 0.0 {
+                        if self.stabilise(goal) {
+                            self.substep = length;
+                            continue;
+                        }
+                        return Err(diagnosis::name(&self.equations, self.mesh, failure, goal, &self.state.x));
+                    }
+                }
+            }
+        };
+        Ok(self.report(&found, &report, self.equations.solver.factorisations() - factorisations))
+    }
+
+    /// [`Solver::advance`] to an equilibrium for the eye: contact settled, residual within 1e-2 of the reactions and at most an estimated
+    /// 5e-3 of the element size (0.02 mm for 4 mm) left to go. A step to be measured on is advanced to.
+    ///
+    /// # Errors
+    /// [`SolveError`].
+    pub fn approach(
+        &mut self,
+        t: f64,
+        motions: &dyn Fn(f64) -> Vec<(u32, Motion)>,
+        control: &Control,
+    ) -> Result<StepReport, SolveError> {
+        self.equations.rough = true;
+        let found = self.advance(t, motions, control);
+        self.equations.rough = false;
+        found
+    }
+
+    /// Forgets what the next step would tell of the time before it: it was told by another solver.
+    pub(super) fn forget_untold(&mut self) {
+        self.warnings.clear();
+        self.preparation = Default::default();
+    }
+
+    /// Present positions of the mesh nodes, LPS mm.
+    #[must_use]
+    pub fn positions(&self) -> Vec<Point> {
+        self.state.x[..self.mesh.positions.len()].iter().map(|x| Point::from(*x)).collect()
+    }
+
+    /// Number of unknowns.
+    #[must_use]
+    pub fn n_unknowns(&self) -> usize {
+        self.equations.dofs.n_scalar()
+    }
+
+    /// Path parameter of the present state.
+    #[must_use]
+    pub fn path_parameter(&self) -> f64 {
+        self.state.t
+    }
+
+    /// Displacement (mm) of the point of the outer surface at barycentric `l` of prism `prism`, interpolated with the skin
+    /// element's own functions; zero when there is no such prism.
+    #[must_use]
+    pub fn outer_displacement(&self, prism: u32, l: [f64; 3]) -> Vector {
+        let prism = prism as usize;
+        let Some(corners) = self.mesh.prisms.get(prism) else { return Vector::zeros() };
+        let moved = |node: u32| self.state.x[node as usize] - self.equations.dofs.rest()[node as usize];
+        match &self.surface {
+            Some(surface) => {
+                let functions = surface.outer_functions(self.mesh, prism, l);
+                let nodes = surface.outer_nodes_of(self.mesh, prism);
+                nodes.iter().zip(functions).map(|(&node, n)| moved(node) * n).sum()
+            }
+            None => corners[..3].iter().zip(l).map(|(&node, l)| moved(node) * l).sum(),
+        }
+    }
+
+    /// Stress and volume ratio of every tetrahedron and every prism of the mesh at the present state.
+    #[must_use]
+    pub fn cell_states(&self) -> (Vec<CellState>, Vec<CellState>) {
+        super::cell_states::cell_states(&self.equations.assembly, self.mesh, &self.state.x)
+    }
+
+    /// Newton iterations of the last call of [`Solver::advance`].
+    #[must_use]
+    pub fn iterations(&self) -> &[IterationRecord] {
+        &self.equations.records
+    }
+
+    fn substep_to(
+        &mut self,
+        goal: f64,
+        motions: &dyn Fn(f64) -> Vec<(u32, Motion)>,
+        control: &Control,
+    ) -> Result<Equilibrium, Failure> {
+        let listed = motions(goal);
+        let body_motions = self.body_motions(&listed);
+        self.equations.load_share = goal;
+        let from = self.state.t;
+        let bodies: Vec<u32> = self.equations.contact.bodies().iter().map(|b| b.segment).collect();
+        let on_the_way = |share: f64| -> Vec<Motion> {
+            let listed = motions(if share == 1.0 { goal } else { from + share * (goal - from) });
+            bodies.iter().map(|b| motion_of(&listed, *b)).collect()
+        };
+        let length_mm = self.contact_motion(&body_motions);
+        let multipliers = self.equations.contact.multipliers().to_vec();
+        let attempt = self
+            .equations
+            .predict(&self.state.x, &on_the_way, length_mm, &|segment| motion_of(&listed, segment))
+            .and_then(|mut x| {
+                let found = self.equations.equilibrate(&mut x, &body_motions, goal, control)?;
+                Ok((x, found))
+            })
+            .and_then(|(x, found)| {
+                let before = self.body_motions(&self.state.motions);
+                let passed = self.equations.contact.passed_through((&self.state.x, &x), (&before, &body_motions));
+                let Some(passage) = passed else { return Ok((x, found)) };
+                let Passage { body, place, round_a_rim } = passage;
+                let moved = |(from, to): (&Motion, &Motion)| {
+                    (to.transform_point(&from.inverse_transform_point(&place)) - place).norm()
+                };
+                let moved_mm = before.iter().zip(&body_motions).map(moved).fold(0.0, f64::max);
+                if !round_a_rim && moved_mm > LEAST_PASSAGE_MM {
+                    return Err(Failure::PassedThrough { body, place });
+                }
+                self.tell_passage(&passage);
+                Ok((x, found))
+            });
+        match attempt {
+            Ok((x, found)) => {
+                self.state = State { t: goal, x, motions: listed };
+                Ok(found)
+            }
+            Err(failure) => {
+                self.equations.contact.set_multipliers(multipliers);
+                Err(failure)
+            }
+        }
+    }
+
+    /// Warns of the first passage of each kind.
+    fn tell_passage(&mut self, passage: &Passage) {
+        let Passage { body, place, round_a_rim } = *passage;
+        if std::mem::replace(&mut self.told_passage[usize::from(round_a_rim)], true) {
+            return;
+        }
+        let segment = self.equations.contact.bodies()[body].segment;
+        let how = if round_a_rim { "slipped round a rim of" } else { "came through thin or over a rim of" };
+        self.warnings.push(format!(
+            "tissue near ({:.1}, {:.1}, {:.1}) mm {how} bone {segment}: contact there hangs on the length of the steps and is not to be relied on",
+            place.x, place.y, place.z
+        ));
+    }
+
+    /// Puts stable materials in the place of those that have lost ellipticity on the way to `goal`, where that was asked for; whether it
+    /// did.
+    fn stabilise(&mut self, goal: f64) -> bool {
+        if self.stabilised || self.settings.unstable_material == UnstableMaterial::Report {
+            return false;
+        }
+        let x = self.equations.last_iterate().unwrap_or(&self.state.x);
+        let Some(lost) = diagnosis::lost_ellipticity(&self.equations, self.mesh, x) else { return false };
+        if !self.equations.stabilise() {
+            return false;
+        }
+        self.stabilised = true;
+        self.warnings.push(format!(
+            "at {goal:.4} of the path {lost}: from there on neo-Hookean with the same moduli is in the place of every material that can lose it, as asked for"
+        ));
+        true
+    }
+
+    fn body_motions(&self, listed: &[(u32, Motion)]) -> Vec<Motion> {
+        self.equations.contact.bodies().iter().map(|b| motion_of(listed, b.segment)).collect()
+    }
+
+    /// Shortens a substep until bone near contact points moves at most [`MAX_CONTACT_MOTION_MM`], but not below the shortest allowed.
+    fn limit_contact_motion(&self, wanted: f64, sign: f64, motions: &dyn Fn(f64) -> Vec<(u32, Motion)>) -> f64 {
+        if self.equations.contact.is_empty() {
+            return wanted;
+        }
+        let mut length = wanted;
+        loop {
+            let moved = self.contact_motion(&self.body_motions(&motions(self.state.t + sign * length)));
+            // A little more than the limit is allowed, so that a step of twice the limit is not cut in three.
+            if moved <= 1.01 * MAX_CONTACT_MOTION_MM || length <= self.settings.min_substep {
+                return length;
+            }
+            length = (wanted / (wanted / length * moved / MAX_CONTACT_MOTION_MM).ceil()).max(self.settings.min_substep);
+        }
+    }
+
+    /// How far bone near contact points moves from the present state on, mm.
+    fn contact_motion(&self, to: &[Motion]) -> f64 {
+        let from = self.body_motions(&self.state.motions);
+        self.equations.contact.largest_motion(&self.state.x, &from, to, CONTACT_REACH_MM)
+    }
+
+    fn report(&mut self, found: &Equilibrium, progress: &Progress, factorisations: usize) -> StepReport {
+        let mut warnings = std::mem::take(&mut self.warnings);
+        let (mut phases, prepared) = std::mem::take(&mut self.preparation);
+        phases += self.equations.take_times();
+        if progress.halvings > 0 {
+            warnings.push(format!(
+                "substeps were shortened {} times to keep Newton's method on its way",
+                progress.halvings
+            ));
+        }
+        let dets: Vec<f64> = self.equations.assembly.min_det(&self.state.x).into_iter().flatten().collect();
+        let min_det_f = dets.iter().copied().fold(f64::INFINITY, f64::min);
+        let inside_out = dets.iter().filter(|det| **det <= 0.0).count();
+        if self.settings.model.is_linear() {
+            warnings.extend(diagnosis::left_out_strain(&self.equations, &self.state.x));
+        }
+        let torn = self.equations.dofs.contradictions(|s| motion_of(&self.state.motions, s), HELD_TOLERANCE_MM);
+        if torn > 0 {
+            warnings.push(format!(
+                "{torn} tied nodes are also held along an axis in which their segment moves; along that axis they stay"
+            ));
+        }
+        let askew = self.equations.dofs.askew_tangents();
+        if askew > 0 {
+            warnings.push(format!(
+                "{askew} tangents of C1 prisms at nodes held along an axis lie askew to it and stay free: there the surface need not meet the plane of symmetry at a right angle"
+            ));
+        }
+        let lost = diagnosis::lost_ellipticity(&self.equations, self.mesh, &self.state.x);
+        let outcome = match lost {
+            Some(lost) => StepOutcome::OutsideEllipticity(lost),
+            None if inside_out > 0 => StepOutcome::InsideOut { elements: inside_out, min_det_f },
+            None if self.stabilised => StepOutcome::Stabilised,
+            None => StepOutcome::Converged,
+        };
+        warnings.extend(outcome.fault().map(|fault| format!("{fault}: this step is no equilibrium to rely on")));
+        let body_motions = self.body_motions(&self.state.motions);
+        let reactions_n = self.equations.reactions(&self.state.x, &body_motions, &self.segments);
+        StepReport {
+            outcome,
+            newton_iterations: progress.iterations,
+            substeps: progress.substeps,
+            factorisations: factorisations + prepared,
+            relative_residual: found.relative_residual,
+            remaining_mm: found.remaining_mm,
+            min_det_f,
+            max_penetration_mm: super::contact::penetration(&found.touches),
+            active_contacts: found.touches.len(),
+            reactions_n,
+            unknowns: self.equations.dofs.n_scalar(),
+            phases,
+            warnings,
+        }
+    }
+}
+
+/// Counts of one call of [`Solver::advance`].
+#[derive(Debug, Default)]
+struct Progress {
+    substeps: usize,
+    iterations: usize,
+    halvings: usize,
+}
+
+fn motion_of(listed: &[(u32, Motion)], segment: u32) -> Motion {
+    listed.iter().find(|(s, _)| *s == segment).map_or_else(Motion::identity, |(_, m)| *m)
+}

@@ -1,0 +1,4 @@
+//! Soft tissue: the mixed mesh ([`mesh`]) and its finite elements ([`fem`]).
+
+pub mod fem;
+pub mod mesh;

@@ -1,0 +1,231 @@
+//! Which cubes of the lattice are halved: where tissue between two sheets of skin is thin, as in the wings of the nose, and where
+//! bone near the skin is. And how thick prisms may be in thin walls.
+
+use rayon::prelude::*;
+
+use super::domain::{Foot, InnerTissue};
+use super::lattice::Lattice;
+use prosopon_geometry::control::{Cancelled, Control};
+use prosopon_geometry::{Point, ScalarGrid};
+
+/// Prisms take at most this share of a wall from either side, and leave at least this many edges of it between them: one and a quarter
+/// edges of a halved cube, as [`InnerTissue`] keeps of whole ones above bone.
+const PRISM_SHARE: f64 = 0.25;
+const BETWEEN: f64 = 0.65;
+/// They are not made thinner than this, mm.
+const LEAST_THICKNESS: f64 = 0.3;
+/// Walls whose part between the prisms is thinner than this many edges are meshed by halved cubes.
+const RESOLVED: f64 = 1.0;
+/// Change of the prisms' thickness along the skin.
+const SLOPE: f64 = 0.12;
+/// Bone that stands in the middle of an edge of the lattice by so many edges, while both ends are in tissue, is too thin for it.
+const PIERCED: f64 = 0.2;
+/// So many edges below the skin thin bone is looked for: deeper down the skin does not feel it.
+const NEAR: f64 = 3.0;
+/// Vertices looked at between two looks at the cancel flag.
+const CHUNK: usize = 1024;
+
+/// What thin walls ask for.
+#[derive(Debug, Clone)]
+pub(super) struct Grading {
+    /// Thickness of the skin layer, mm; `None` where it is the same everywhere.
+    pub(super) thickness: Option<ScalarGrid>,
+    /// Per cube of the lattice.
+    pub(super) halved: Vec<bool>,
+}
+
+/// Measures walls at the lattice's vertices near the skin, and looks for bone along its edges.
+pub(super) fn grade(inner: &InnerTissue<'_>, lattice: &Lattice, control: &Control) -> Result<Grading, Cancelled> {
+    let n = lattice.vertex_count();
+    let thin = 2.0 * inner.thickness + RESOLVED * inner.edge;
+    let mut walls = vec![f64::INFINITY; n];
+    walls.par_chunks_mut(CHUNK).enumerate().try_for_each(|(chunk, out)| {
+        control.check()?;
+        for (i, wall) in out.iter_mut().enumerate() {
+            *wall = wall_near(inner, &lattice.position(chunk * CHUNK + i), thin).unwrap_or(f64::INFINITY);
+        }
+        Ok(())
+    })?;
+    let mut halved = vec![false; lattice.cube_count()];
+    let mut any = false;
+    for (vertex, _) in walls.iter().enumerate().filter(|(_, w)| w.is_finite()) {
+        for cube in lattice.cubes_at(vertex) {
+            halved[cube] = true;
+            any = true;
+        }
+    }
+    for cube in pierced(inner, lattice, control)? {
+        halved[cube] = true;
+    }
+    if !any {
+        return Ok(Grading { thickness: None, halved });
+    }
+    let mut grid = lattice.corner_grid(inner.thickness as f32);
+    let corners = grid.values.len();
+    for (vertex, wall) in walls.iter().enumerate().filter(|(_, w)| w.is_finite()) {
+        let allowed = (PRISM_SHARE * wall).min(0.5 * (wall - BETWEEN * inner.edge)).max(LEAST_THICKNESS) as f32;
+        let mut lower = |corner: usize| grid.values[corner] = grid.values[corner].min(allowed);
+        if vertex < corners {
+            lower(vertex);
+        } else {
+            lattice.corners_of_centre(vertex).for_each(lower);
+        }
+    }
+    soften(&mut grid);
+    Ok(Grading { thickness: Some(grid), halved })
+}
+
+/// Cubes at edges that go through thin bone or air near the skin.
+fn pierced(inner: &InnerTissue<'_>, lattice: &Lattice, control: &Control) -> Result<Vec<usize>, Cancelled> {
+    let n = lattice.vertex_count();
+    let mut inside = vec![false; n];
+    inside.par_chunks_mut(CHUNK).enumerate().try_for_each(|(chunk, out)| {
+        control.check()?;
+        for (i, inside) in out.iter_mut().enumerate() {
+            *inside = inner.value_side(&lattice.position(chunk * CHUNK + i)).0 < 0.0;
+        }
+        Ok(())
+    })?;
+    let through = |v: usize, u: usize| {
+        let middle = nalgebra::center(&lattice.position(v), &lattice.position(u));
+        inner.value_side(&middle).0 > PIERCED * inner.edge && inner.domain.skin.value(&middle) > -NEAR * inner.edge
+    };
+    let found: Result<Vec<Vec<usize>>, Cancelled> = (0..n.div_ceil(CHUNK))
+        .into_par_iter()
+        .map(|chunk| {
+            control.check()?;
+            let mut cubes = Vec::new();
+            for v in (chunk * CHUNK..((chunk + 1) * CHUNK).min(n)).filter(|v| inside[*v]) {
+                for u in lattice.neighbours_above(v).filter(|u| inside[*u] && through(v, *u)) {
+                    cubes.extend(lattice.cubes_at_edge(v, u));
+                }
+            }
+            Ok(cubes)
+        })
+        .collect();
+    Ok(found?.into_iter().flatten().collect())
+}
+
+/// Thickness of the wall under the skin nearest to `p`, where that is thin and `p` within an edge of it.
+fn wall_near(inner: &InnerTissue<'_>, p: &Point, thin: f64) -> Option<f64> {
+    if inner.domain.region.value_gradient(p).0 > inner.edge || inner.domain.skin.value(p).abs() > inner.edge {
+        return None;
+    }
+    let foot = inner.foot(p, 2.0 * inner.edge)?;
+    wall_below(inner, &foot, thin)
+}
+
+/// Way from a foot straight inwards until the skin is met again, mm; `None` beyond `reach`.
+fn wall_below(inner: &InnerTissue<'_>, foot: &Foot, reach: f64) -> Option<f64> {
+    let at = |s: f64| inner.domain.skin.value(&(foot.point - foot.normal * s));
+    // Past the skin's own roughness.
+    let mut s = 0.1 * inner.edge;
+    while s < reach {
+        let value = at(s);
+        if value >= 0.0 {
+            return Some(s);
+        }
+        s += (0.8 * -value).max(0.04 * inner.edge);
+    }
+    None
+}
+
+/// Lowers values until no two neighbours differ by more than [`SLOPE`] times their distance.
+fn soften(grid: &mut ScalarGrid) {
+    let step = (SLOPE * grid.spacing) as f32;
+    let dims = grid.dims;
+    let strides = [1, dims[0], dims[0] * dims[1]];
+    // Neighbours, each pair once up and once down: a sweep either way carries far along its own direction.
+    loop {
+        let mut changed = false;
+        for index in 0..grid.values.len() {
+            for axis in 0..3 {
+                if index / strides[axis] % dims[axis] + 1 == dims[axis] {
+                    continue;
+                }
+                let other = index + strides[axis];
+                let (a, b) = (grid.values[index], grid.values[other]);
+                if a > b + step {
+                    grid.values[index] = b + step;
+                    changed = true;
+                } else if b > a + step {
+                    grid.values[other] = a + step;
+                    changed = true;
+                }
+            }
+        }
+        if !changed {
+            return;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::domain::{Domain, MeshSettings, Region};
+    use super::super::test_domain::{Nothing, Shape};
+    use super::*;
+    use prosopon_geometry::Aabb;
+
+    /// A plate of skin `wall` mm thick on a thick block.
+    fn graded(wall: f64) -> (Grading, Lattice) {
+        let skin = Shape(Box::new(move |p| {
+            let plate = (p.x.abs() - 0.5 * wall).max(p.z.abs() - 20.0).max(p.y.abs() - 20.0);
+            plate.min((p.x.abs() - 25.0).max((p.z + 30.0).abs() - 15.0).max(p.y.abs() - 20.0))
+        }));
+        let bounds = Aabb { min: Point::new(-30.0, -15.0, -40.0), max: Point::new(30.0, 15.0, 30.0) };
+        let region = Region { bounds, half_spaces: vec![] };
+        let domain = Domain { skin: &skin, bone: &Nothing, air: None, soft_tissue: None, region: &region };
+        let inner = InnerTissue::new(&domain, &MeshSettings::default());
+        let lattice = Lattice::covering(&bounds, 4.0);
+        (grade(&inner, &lattice, &Control::new()).unwrap(), lattice)
+    }
+
+    #[test]
+    fn a_thin_wall_gets_thin_prisms_and_halved_cubes() {
+        let (grading, lattice) = graded(4.0);
+        let thickness = grading.thickness.unwrap();
+        let at = |x: f64, z: f64| thickness.sample(&Point::new(x, 0.0, z));
+        // 4 mm less 0.65 edges, halved, found to within a step of the search.
+        assert!((at(0.0, 0.0) - 0.7).abs() < 0.1, "{}", at(0.0, 0.0));
+        assert!((at(20.0, -40.0) - 1.5).abs() < 1e-6);
+        let near = |cube: usize| lattice.position(lattice.centre_of_cube(cube));
+        for (cube, halved) in grading.halved.iter().enumerate() {
+            let p = near(cube);
+            if p.x.abs() < 3.0 && (-8.0..16.0).contains(&p.z) && p.y.abs() < 12.0 {
+                assert!(halved, "{p}");
+            }
+            if p.z < -24.0 && p.x.abs() < 12.0 {
+                assert!(!halved, "{p}");
+            }
+        }
+    }
+
+    /// A plate of bone 1.8 mm thick between the lattice's planes, 8 mm below the skin: its cubes are halved, and those of a plate 30 mm deep are not.
+    #[test]
+    fn thin_bone_near_the_skin_gets_halved_cubes() {
+        let halved = |depth: f64| {
+            let bounds = Aabb { min: Point::new(-20.0, -20.0, -20.0), max: Point::new(20.0, 20.0, 20.0) };
+            let lattice = Lattice::covering(&bounds, 4.0);
+            let level = lattice.position(0).z + 16.0 + 1.0;
+            let skin = Shape(Box::new(move |p| p.z - level - depth));
+            let bone = Shape(Box::new(move |p| (p.z - level).abs() - 0.9));
+            let region = Region { bounds, half_spaces: vec![] };
+            let domain = Domain { skin: &skin, bone: &bone, air: None, soft_tissue: None, region: &region };
+            let settings = MeshSettings { depth_mm: 100.0, ..MeshSettings::default() };
+            let found = pierced(&InnerTissue::new(&domain, &settings), &lattice, &Control::new()).unwrap();
+            let around = |cube: &usize| (lattice.position(lattice.centre_of_cube(*cube)).z - level).abs() < 4.0;
+            assert!(found.iter().all(around));
+            found.len()
+        };
+        assert_eq!(halved(30.0), 0);
+        assert!(halved(9.0) > 50, "{}", halved(9.0));
+    }
+
+    #[test]
+    fn thick_tissue_stays_as_it_is() {
+        let (grading, _) = graded(16.0);
+        assert!(grading.thickness.is_none());
+        assert!(!grading.halved.contains(&true));
+    }
+}

@@ -1,0 +1,85 @@
+use prosopon_geometry::Point;
+
+/// Tissue of an element, numbered as in the cell array `tissue` of VTU files.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[repr(u8)]
+pub enum Tissue {
+    /// Skin.
+    Skin = 0,
+    /// Muscle.
+    Muscle = 1,
+    /// Fat.
+    Fat = 2,
+    /// Mucosa.
+    Mucosa = 3,
+}
+
+impl Tissue {
+    /// Its name, in lower case.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Skin => "skin",
+            Self::Muscle => "muscle",
+            Self::Fat => "fat",
+            Self::Mucosa => "mucosa",
+        }
+    }
+}
+
+/// What a node is held by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Attachment {
+    /// Nothing holds it: interior, skin or air side.
+    Free,
+    /// Slides on bone: contact can push it, nothing pulls.
+    Sliding,
+    /// Moves with bone segment `k`; 0 is the skull that stays.
+    Tied(u32),
+    /// On a far boundary (neck, back of the head): does not move.
+    Fixed,
+}
+
+impl Attachment {
+    /// Its number in files: -1 free, 0 skull or fixed, k segment k, -2 sliding.
+    #[must_use]
+    pub fn number(self) -> f64 {
+        match self {
+            Self::Free => -1.0,
+            Self::Sliding => -2.0,
+            Self::Tied(segment) => f64::from(segment),
+            Self::Fixed => 0.0,
+        }
+    }
+}
+
+/// Prisms and tetrahedra of one face at rest.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MixedMesh {
+    /// Nodes at rest, LPS mm.
+    pub positions: Vec<Point>,
+    /// Tetrahedra: `det(x1-x0, x2-x0, x3-x0) > 0`.
+    pub tetrahedra: Vec<[u32; 4]>,
+    /// Tissue of each tetrahedron.
+    pub tetrahedron_tissue: Vec<Tissue>,
+    /// Prisms: outer (skin) triangle 0, 1, 2, then the inner nodes below each. The outer triangle is counter-clockwise
+    /// seen from outside the head. (The same order as [`TriMesh`](prosopon_geometry::TriMesh); VTK's wedge has its first triangle facing away from the second, as here.)
+    pub prisms: Vec<[u32; 6]>,
+    /// Tissue of each prism; empty when all are skin.
+    pub prism_tissue: Vec<Tissue>,
+    /// Boundary triangles that face bone, counter-clockwise seen from the bone (outward from the tissue): contact is tested on their vertices and barycentres.
+    pub bone_faces: Vec<[u32; 3]>,
+    /// One per node.
+    pub attachment: Vec<Attachment>,
+    /// Nodes of the faces where tissue was cut off below [`MeshSettings::depth_mm`](super::MeshSettings::depth_mm),
+    /// rising. [`build`](super::build) makes them [`Attachment::Fixed`]; free those near bone that moves.
+    pub depth_cut_nodes: Vec<u32>,
+}
+
+impl MixedMesh {
+    /// Tissue of prism `prism`.
+    #[must_use]
+    pub fn tissue_of_prism(&self, prism: usize) -> Tissue {
+        self.prism_tissue.get(prism).copied().unwrap_or(Tissue::Skin)
+    }
+}

@@ -1,0 +1,210 @@
+//! The layer of prisms: triangles of the skin side moved out to the skin, mended where they fold.
+
+use rayon::prelude::*;
+
+use super::adjacency::Rows;
+use super::domain::{Foot, InnerTissue, Side};
+use super::lattice::STEPS;
+use super::quality::{scaled_jacobian, scaled_jacobian_curved, smallest_sine};
+use super::stuffing::TetMesh;
+use prosopon_geometry::control::{Cancelled, Control};
+use prosopon_geometry::{Point, Vector};
+
+/// Prisms are mended until their scaled Jacobian is above this.
+const WANTED: f64 = 0.35;
+/// Prisms below this after mending are left out.
+pub(super) const WORST: f64 = 0.1;
+/// Farthest that the barycentre of a prism's top may lie from the skin, mm.
+const OFF_SKIN: f64 = 0.3;
+/// A tetrahedron may not fall below this (smallest sine) when a prism's inner node moves.
+const TETRAHEDRON_FLOOR: f64 = 0.2;
+
+/// Triangles of the skin side with one outer node per inner node.
+pub(super) struct Layer {
+    /// Inner triangles, counter-clockwise seen from outside.
+    pub(super) faces: Vec<[u32; 3]>,
+    /// Outer end above each node of the tetrahedra; `None` away from the skin side.
+    pub(super) feet: Vec<Option<Foot>>,
+}
+
+impl Layer {
+    /// Moves the triangles' nodes out to the skin. A face with a node from which the skin is not found is left out; their number comes second.
+    pub(super) fn extrude(inner: &InnerTissue<'_>, mesh: &TetMesh, faces: &[[u32; 3]]) -> (Self, usize) {
+        let mut wanted = vec![false; mesh.positions.len()];
+        for &node in faces.iter().flatten() {
+            wanted[node as usize] = true;
+        }
+        let reach = inner.foot_reach();
+        let feet: Vec<Option<Foot>> = wanted
+            .par_iter()
+            .enumerate()
+            .map(|(node, wanted)| if *wanted { inner.foot(&mesh.positions[node], reach) } else { None })
+            .collect();
+        let kept: Vec<[u32; 3]> =
+            faces.iter().copied().filter(|f| f.iter().all(|&n| feet[n as usize].is_some())).collect();
+        let lost = faces.len() - kept.len();
+        (Self { faces: kept, feet }, lost)
+    }
+
+    /// Corners and outer normals of the prism on face `f`; `None` when a foot is missing.
+    fn corners(&self, mesh: &TetMesh, face: &[u32; 3]) -> Option<([Point; 6], [Vector; 3])> {
+        let [a, b, c] = face.map(|n| self.feet[n as usize]);
+        let (a, b, c) = (a?, b?, c?);
+        let [d, e, f] = face.map(|n| mesh.positions[n as usize]);
+        Some(([a.point, b.point, c.point, d, e, f], [a.normal, b.normal, c.normal]))
+    }
+
+    /// Smaller of the scaled Jacobians of the flat and of the curved prism.
+    pub(super) fn quality(&self, mesh: &TetMesh, face: &[u32; 3]) -> f64 {
+        self.corners(mesh, face).map_or(-1.0, |(p, n)| scaled_jacobian(&p).min(scaled_jacobian_curved(&p, &n)))
+    }
+
+    /// Moves outer nodes along the skin, and inner nodes on their own surface, until prisms are well shaped or nothing
+    /// helps any more.
+    pub(super) fn mend(
+        &mut self,
+        inner: &InnerTissue<'_>,
+        mesh: &mut TetMesh,
+        sides: &[Option<Side>],
+        control: &Control,
+    ) -> Result<(), Cancelled> {
+        let n = mesh.positions.len();
+        let prisms = Rows::incidence(n, &self.faces);
+        let tetrahedra = Rows::incidence(n, &mesh.tetrahedra);
+        // Where nothing moved in the last round another search finds nothing.
+        let mut stirred = vec![true; n];
+        for _round in 0..12 {
+            control.check()?;
+            let mut wanted = vec![false; n];
+            for face in self.faces.iter().filter(|f| f.iter().any(|&i| stirred[i as usize])) {
+                if self.quality(mesh, face) < WANTED {
+                    for &node in face {
+                        wanted[node as usize] = true;
+                    }
+                }
+            }
+            stirred.fill(false);
+            if !wanted.contains(&true) {
+                break;
+            }
+            for node in (0..n).filter(|&i| wanted[i]) {
+                let before = (self.feet[node].map(|f| f.point), mesh.positions[node]);
+                self.centre_outer(inner, mesh, &prisms, node);
+                for length in [0.2, 0.1, 0.05, 0.02] {
+                    self.search_outer(inner, mesh, &prisms, node, length * inner.edge);
+                    self.search_inner(inner, mesh, (&prisms, &tetrahedra), sides[node], node, length * inner.edge);
+                }
+                stirred[node] = before != (self.feet[node].map(|f| f.point), mesh.positions[node]);
+            }
+        }
+        Ok(())
+    }
+
+    fn worst(&self, mesh: &TetMesh, prisms: &Rows, node: usize) -> f64 {
+        prisms.row(node).iter().map(|&f| self.quality(mesh, &self.faces[f as usize])).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Tries `p`, put onto the skin, as outer end above `node`; keeps it when the worst prism there becomes better.
+    fn try_outer(&mut self, inner: &InnerTissue<'_>, mesh: &TetMesh, prisms: &Rows, node: usize, p: &Point) -> bool {
+        let before = self.worst(mesh, prisms, node);
+        if before >= WANTED {
+            return false;
+        }
+        let old = self.feet[node];
+        let Some(foot) = inner.foot(p, inner.edge) else { return false };
+        self.feet[node] = Some(foot);
+        if self.worst(mesh, prisms, node) > before + 1e-4 {
+            return true;
+        }
+        self.feet[node] = old;
+        false
+    }
+
+    fn centre_outer(&mut self, inner: &InnerTissue<'_>, mesh: &TetMesh, prisms: &Rows, node: usize) {
+        let mut sum = Vector::zeros();
+        let mut count = 0.0;
+        for &f in prisms.row(node) {
+            for &other in self.faces[f as usize].iter().filter(|&&o| o as usize != node) {
+                if let Some(foot) = self.feet[other as usize] {
+                    sum += foot.point.coords;
+                    count += 1.0;
+                }
+            }
+        }
+        let Some(here) = self.feet[node] else { return };
+        if count > 0.0 {
+            let mean = Point::from(sum / count);
+            for share in [1.0, 0.5, 0.25] {
+                if self.try_outer(inner, mesh, prisms, node, &(here.point + (mean - here.point) * share)) {
+                    return;
+                }
+            }
+        }
+    }
+
+    fn search_outer(&mut self, inner: &InnerTissue<'_>, mesh: &TetMesh, prisms: &Rows, node: usize, length: f64) {
+        for step in STEPS {
+            let Some(here) = self.feet[node] else { return };
+            let direction = Vector::from(step.map(f64::from));
+            let tangent = direction - here.normal * here.normal.dot(&direction);
+            let Some(tangent) = tangent.try_normalize(1e-6) else { continue };
+            self.try_outer(inner, mesh, prisms, node, &(here.point + tangent * length));
+        }
+    }
+
+    fn search_inner(
+        &mut self,
+        inner: &InnerTissue<'_>,
+        mesh: &mut TetMesh,
+        (prisms, tetrahedra): (&Rows, &Rows),
+        side: Option<Side>,
+        node: usize,
+        length: f64,
+    ) {
+        let Some(side) = side else { return };
+        let around = |mesh: &TetMesh| {
+            let worst = tetrahedra
+                .row(node)
+                .iter()
+                .map(|&t| smallest_sine(&mesh.tetrahedra[t as usize].map(|i| mesh.positions[i as usize])));
+            worst.fold(f64::INFINITY, f64::min)
+        };
+        for step in STEPS {
+            let before = self.worst(mesh, prisms, node);
+            if before >= WANTED {
+                return;
+            }
+            let here = mesh.positions[node];
+            let floor = around(mesh).min(TETRAHEDRON_FLOOR);
+            let to = here + Vector::from(step.map(f64::from)).normalize() * length;
+            let Some(p) = inner.project(side, &to, inner.edge) else { continue };
+            mesh.positions[node] = p;
+            if self.worst(mesh, prisms, node) <= before + 1e-4 || around(mesh) < floor {
+                mesh.positions[node] = here;
+            }
+        }
+    }
+
+    /// Leaves out the prisms that are still badly shaped and returns how many.
+    pub(super) fn drop_bad(&mut self, mesh: &TetMesh) -> usize {
+        self.keep(|layer, f| layer.quality(mesh, f) >= WORST)
+    }
+
+    /// Leaves out the prisms whose tops still stand off the skin: they cut off folds that are too thin for the lattice. Returns how many.
+    pub(super) fn drop_off_skin(&mut self, inner: &InnerTissue<'_>) -> usize {
+        self.keep(|layer, f| layer.barycentre(f).is_some_and(|p| inner.domain.skin.value(&p).abs() <= OFF_SKIN))
+    }
+
+    fn keep(&mut self, wanted: impl Fn(&Self, &[u32; 3]) -> bool) -> usize {
+        let before = self.faces.len();
+        let kept = self.faces.iter().copied().filter(|f| wanted(self, f)).collect();
+        self.faces = kept;
+        before - self.faces.len()
+    }
+
+    /// Barycentre of the top above `face`.
+    fn barycentre(&self, face: &[u32; 3]) -> Option<Point> {
+        let [a, b, c] = face.map(|n| self.feet[n as usize].map(|f| f.point.coords));
+        Some(Point::from((a? + b? + c?) / 3.0))
+    }
+}

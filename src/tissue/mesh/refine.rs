@@ -1,0 +1,350 @@
+//! Finer triangles where the skin is strongly curved: edges under the skin are halved together with the tetrahedra at
+//! them, so that the flat prisms' tops keep to the skin.
+
+use std::collections::BTreeSet;
+
+use rayon::prelude::*;
+
+use super::adjacency::sorted;
+use super::domain::{Foot, InnerTissue, Side};
+use super::prisms::Layer;
+use super::quality::smallest_sine;
+use super::settle::{NEAR_SKIN, stand_off};
+use super::stuffing::TetMesh;
+use prosopon_geometry::control::{Cancelled, Control};
+use prosopon_geometry::{Point, Vector};
+
+/// Edges shorter than this share of the lattice's, in the prism's top or below it, are not halved.
+const SHORTEST: f64 = 0.25;
+/// Rounds of independent halvings; a triangle takes part once a round.
+const ROUNDS: usize = 8;
+/// Tetrahedra are not halved to flatter ones than this (smallest sine); improving them afterwards gains more.
+const FLATTEST: f64 = 0.14; // 8°
+/// A middle moved to its surface may flatten tetrahedra by at most this factor against the straight one.
+const FLATTER: f64 = 0.9;
+/// Prisms are not halved to worse ones than this (scaled Jacobian), nor to much worse ones than before.
+const PRISM_FLOOR: f64 = 0.2;
+const PRISM_LOSS: f64 = 0.7;
+
+/// A boundary triangle of the stuffed tissue.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct SurfaceFace {
+    /// Counter-clockwise seen from outside.
+    pub(super) nodes: [u32; 3],
+    /// Whether a prism is to stand on it.
+    pub(super) skin: bool,
+}
+
+/// Nodes, their labels and the boundary, which refinement extends together.
+pub(super) struct Refinement<'a, 'd> {
+    pub(super) inner: &'a InnerTissue<'d>,
+    pub(super) mesh: &'a mut TetMesh,
+    pub(super) sides: &'a mut Vec<Option<Side>>,
+    /// Nodes that stay where they are.
+    pub(super) pinned: &'a mut Vec<bool>,
+    pub(super) faces: &'a mut Vec<SurfaceFace>,
+    /// Its feet: each node of a face with a prism has one.
+    pub(super) layer: &'a mut Layer,
+    /// Edges whose halves would be badly shaped.
+    pub(super) refused: BTreeSet<[u32; 2]>,
+}
+
+/// Elements at the edges of the skin's triangles: `(edge, element)`, rising.
+struct AtEdges(Vec<([u32; 2], u32)>);
+
+impl AtEdges {
+    fn row(&self, edge: [u32; 2]) -> impl Iterator<Item = usize> {
+        let start = self.0.partition_point(|e| e.0 < edge);
+        self.0[start..].iter().take_while(move |e| e.0 == edge).map(|e| e.1 as usize)
+    }
+}
+
+const CORNER_PAIRS: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
+
+impl Refinement<'_, '_> {
+    /// Halves edges until every triangle's top keeps to the skin or its edges are short; returns how many were halved.
+    pub(super) fn run(&mut self, control: &Control) -> Result<usize, Cancelled> {
+        let mut halved = 0;
+        for _ in 0..ROUNDS {
+            control.check()?;
+            let edges = self.edges_to_halve();
+            if edges.is_empty() {
+                break;
+            }
+            halved += self.halve(edges);
+        }
+        Ok(halved)
+    }
+
+    /// Longest edges (of a triangle and of its neighbour across) near the triangles that stand off the skin.
+    fn edges_to_halve(&self) -> Vec<[u32; 2]> {
+        let top = |face: &[u32; 3]| -> Option<[Point; 3]> {
+            let [a, b, c] = face.map(|n| self.layer.feet[n as usize].map(|f| f.point));
+            Some([a?, b?, c?])
+        };
+        let bad: Vec<u32> = self
+            .faces
+            .par_iter()
+            .enumerate()
+            .filter(|(_, f)| f.skin)
+            .filter_map(|(i, f)| top(&f.nodes).filter(|t| stand_off(self.inner, t) > NEAR_SKIN).map(|_| i as u32))
+            .collect();
+        if bad.is_empty() {
+            return Vec::new();
+        }
+        let mut at: Vec<([u32; 2], u32)> = Vec::new();
+        for (i, f) in self.faces.iter().enumerate().filter(|(_, f)| f.skin) {
+            at.extend(edges_of(f.nodes).map(|e| (e, i as u32)));
+        }
+        at.sort_unstable();
+        let at = AtEdges(at);
+        let least = SHORTEST * self.inner.edge;
+        // Lengths of the top's and of the lower edge together; 0 where the edge is to stay.
+        let length = |e: [u32; 2]| match e.map(|n| self.layer.feet[n as usize]) {
+            [Some(a), Some(b)] if !self.refused.contains(&e) => {
+                let [c, d] = e.map(|n| self.mesh.positions[n as usize]);
+                let (above, below) = ((a.point - b.point).norm(), (c - d).norm());
+                if above.min(below) < least { 0.0 } else { above + below }
+            }
+            _ => 0.0,
+        };
+        // The nodes break ties: neighbours agree on an order.
+        let longest = |face: usize| {
+            let [a, b, c] = edges_of(self.faces[face].nodes).map(|e| (length(e), e));
+            let more = |x: (f64, [u32; 2]), y: (f64, [u32; 2])| {
+                if x.0.total_cmp(&y.0).then(x.1.cmp(&y.1)).is_gt() { x } else { y }
+            };
+            more(more(a, b), c)
+        };
+        let mut chosen = Vec::new();
+        for &face in &bad {
+            let mut best = longest(face as usize);
+            if best.0 == 0.0 {
+                continue;
+            }
+            // Longest-edge propagation: lengths rise strictly, so that it ends.
+            loop {
+                let next = at.row(best.1).map(longest).fold(best, |x, y| if y.0 > x.0 { y } else { x });
+                if next.1 == best.1 {
+                    break;
+                }
+                best = next;
+            }
+            chosen.push(best);
+        }
+        chosen.sort_by(|x, y| y.0.total_cmp(&x.0).then(x.1.cmp(&y.1)));
+        chosen.dedup();
+        chosen.into_iter().map(|c| c.1).collect()
+    }
+
+    /// Halves those of the edges, in the order given, that share no element with one before; returns how many.
+    fn halve(&mut self, edges: Vec<[u32; 2]>) -> usize {
+        let mut wanted = edges.clone();
+        wanted.sort_unstable();
+        let is_wanted = |e: [u32; 2]| wanted.binary_search(&e).is_ok();
+        let mut tets: Vec<([u32; 2], u32)> = self
+            .mesh
+            .tetrahedra
+            .par_iter()
+            .enumerate()
+            .flat_map_iter(|(t, nodes)| {
+                CORNER_PAIRS
+                    .map(|[i, j]| (sorted([nodes[i], nodes[j]]), t as u32))
+                    .into_iter()
+                    .filter(|e| is_wanted(e.0))
+            })
+            .collect();
+        tets.par_sort_unstable();
+        let mut faces: Vec<([u32; 2], u32)> = Vec::new();
+        for (i, f) in self.faces.iter().enumerate() {
+            faces.extend(edges_of(f.nodes).into_iter().filter(|e| is_wanted(*e)).map(|e| (e, i as u32)));
+        }
+        faces.sort_unstable();
+        let (tets, faces) = (AtEdges(tets), AtEdges(faces));
+        let mut tet_done = vec![false; self.mesh.tetrahedra.len()];
+        let mut face_done = vec![false; self.faces.len()];
+        let mut halved = 0;
+        for edge in edges {
+            let at_tets: Vec<usize> = tets.row(edge).collect();
+            let at_faces: Vec<usize> = faces.row(edge).collect();
+            if at_tets.iter().any(|&t| tet_done[t]) || at_faces.iter().any(|&f| face_done[f]) {
+                continue;
+            }
+            let Some(middle) = self.add_middle(edge, &at_tets, &at_faces) else {
+                self.refused.insert(edge);
+                continue;
+            };
+            at_tets.iter().for_each(|&t| tet_done[t] = true);
+            at_faces.iter().for_each(|&f| face_done[f] = true);
+            for &t in &at_tets {
+                let old = self.mesh.tetrahedra[t];
+                self.mesh.tetrahedra[t] = with(old, edge[0], middle);
+                self.mesh.tetrahedra.push(with(old, edge[1], middle));
+            }
+            for &f in &at_faces {
+                let old = self.faces[f];
+                self.faces[f].nodes = with(old.nodes, edge[0], middle);
+                self.faces.push(SurfaceFace { nodes: with(old.nodes, edge[1], middle), ..old });
+            }
+            halved += 1;
+        }
+        halved
+    }
+
+    /// Points of the skin above or below the middle of two feet: along the mean of their normals, which on a ridge is its
+    /// crest while the closest point lies on a flank; along the normal of the faces below, which leads up a thin fold; and the closest.
+    fn feet_between(&self, a: &Foot, b: &Foot, faces: &[[u32; 3]]) -> Vec<Option<Foot>> {
+        let middle = nalgebra::center(&a.point, &b.point);
+        let below: Vector = faces
+            .iter()
+            .map(|f| {
+                let [p, q, r] = f.map(|n| self.mesh.positions[n as usize]);
+                (q - p).cross(&(r - p))
+            })
+            .sum();
+        let along = |normal: Vector, least: f64, reach: f64| {
+            normal.try_normalize(least).and_then(|n| self.inner.foot_along(&middle, &n, reach))
+        };
+        let found = [
+            along(a.normal + b.normal, 0.2, 0.75 * (a.point - b.point).norm()),
+            along(below, 1e-9, self.inner.edge),
+            self.inner.foot(&middle, self.inner.edge),
+        ];
+        found.into_iter().filter(Option::is_some).collect()
+    }
+
+    /// Adds a node halfway along `edge`, on the surface that both ends are held to; `None` when elements would come out bad.
+    fn add_middle(&mut self, edge: [u32; 2], at_tets: &[usize], at_faces: &[usize]) -> Option<u32> {
+        let [a, b] = edge.map(|n| n as usize);
+        let skin_faces: Vec<[u32; 3]> =
+            at_faces.iter().map(|&f| &self.faces[f]).filter(|f| f.skin).map(|f| f.nodes).collect();
+        let feet = match (self.layer.feet[a], self.layer.feet[b]) {
+            (Some(a), Some(b)) => self.feet_between(&a, &b, &skin_faces),
+            _ => vec![None],
+        };
+        let middle = nalgebra::center(&self.mesh.positions[a], &self.mesh.positions[b]);
+        let both_below_skin = [a, b].iter().all(|&n| self.sides[n] == Some(Side::Skin) && !self.pinned[n]);
+        let on_surface =
+            if both_below_skin { self.inner.project(Side::Skin, &middle, 0.5 * self.inner.edge) } else { None };
+        let worst = |p: &Point| {
+            at_tets
+                .iter()
+                .flat_map(|&t| edge.map(|end| (self.mesh.tetrahedra[t], end)))
+                .map(|(nodes, end)| {
+                    smallest_sine(&nodes.map(|n| if n == end { *p } else { self.mesh.positions[n as usize] }))
+                })
+                .fold(f64::INFINITY, f64::min)
+        };
+        let straight = worst(&middle);
+        let place = on_surface.filter(|p| worst(p) >= FLATTER * straight).unwrap_or(middle);
+        if worst(&place) < FLATTEST {
+            return None;
+        }
+        let node = self.mesh.positions.len() as u32;
+        self.mesh.positions.push(place);
+        self.layer.feet.push(None);
+        let floors: Vec<f64> = skin_faces
+            .iter()
+            .map(|nodes| (PRISM_LOSS * self.layer.quality(self.mesh, nodes)).min(PRISM_FLOOR))
+            .collect();
+        // Least surplus over the floors; without prisms there is nothing to spoil.
+        let mut best: Option<(f64, Option<Foot>)> = None;
+        for foot in feet {
+            self.layer.feet[node as usize] = foot;
+            let halves = skin_faces.iter().zip(&floors).flat_map(|(nodes, floor)| {
+                edge.map(|end| self.layer.quality(self.mesh, &with(*nodes, end, node)) - floor)
+            });
+            let surplus = halves.fold(f64::INFINITY, f64::min);
+            if surplus >= 0.0 && best.is_none_or(|(most, _)| surplus > most) {
+                best = Some((surplus, foot));
+            }
+        }
+        let Some((_, foot)) = best else {
+            self.mesh.positions.pop();
+            self.layer.feet.pop();
+            return None;
+        };
+        self.layer.feet[node as usize] = foot;
+        // Between a dropped node and one on the level set there is no surface to move on.
+        self.pinned.push(!both_below_skin && (self.sides[a] != self.sides[b] || self.pinned[a] || self.pinned[b]));
+        self.sides.push(if self.sides[a] == Some(Side::Skin) { self.sides[b] } else { self.sides[a] });
+        Some(node)
+    }
+}
+
+fn edges_of([a, b, c]: [u32; 3]) -> [[u32; 2]; 3] {
+    [sorted([a, b]), sorted([b, c]), sorted([c, a])]
+}
+
+fn with<const N: usize>(nodes: [u32; N], old: u32, new: u32) -> [u32; N] {
+    nodes.map(|n| if n == old { new } else { n })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::adjacency::boundary;
+    use super::super::domain::{Domain, MeshSettings, Region};
+    use super::super::quality::tetrahedron_volume;
+    use super::super::stuffing::{halve, lattice_over, stuff};
+    use super::super::test_domain::{Nothing, Shape};
+    use super::*;
+    use prosopon_geometry::Aabb;
+
+    fn refined(radius: f64) -> (TetMesh, Vec<SurfaceFace>, usize, f64) {
+        let skin = Shape::ball(Point::origin(), radius);
+        let reach = Vector::repeat(radius + 3.0);
+        let region =
+            Region { bounds: Aabb { min: Point::origin() - reach, max: Point::origin() + reach }, half_spaces: vec![] };
+        let domain = Domain { skin: &skin, bone: &Nothing, air: None, soft_tissue: None, region: &region };
+        let inner = InnerTissue::new(&domain, &MeshSettings { depth_mm: 100.0, ..MeshSettings::default() });
+        let mut mesh =
+            stuff(&inner, &halve(lattice_over(&inner, 4.0).unwrap(), vec![], 4.0).unwrap(), &Control::new()).unwrap();
+        let mut faces: Vec<SurfaceFace> =
+            boundary(&mesh.tetrahedra).iter().map(|f| SurfaceFace { nodes: f.nodes, skin: true }).collect();
+        let mut sides = vec![None; mesh.positions.len()];
+        faces.iter().flat_map(|f| f.nodes).for_each(|n| sides[n as usize] = Some(Side::Skin));
+        let mut pinned = vec![false; mesh.positions.len()];
+        let skin_faces: Vec<[u32; 3]> = faces.iter().map(|f| f.nodes).collect();
+        let (mut layer, lost) = Layer::extrude(&inner, &mesh, &skin_faces);
+        assert_eq!(lost, 0);
+        let halved = Refinement {
+            inner: &inner,
+            mesh: &mut mesh,
+            sides: &mut sides,
+            pinned: &mut pinned,
+            faces: &mut faces,
+            layer: &mut layer,
+            refused: BTreeSet::new(),
+        }
+        .run(&Control::new())
+        .unwrap();
+        let foot = |n: u32| layer.feet[n as usize].unwrap().point;
+        let off = faces.iter().map(|f| stand_off(&inner, &f.nodes.map(foot))).fold(0.0, f64::max);
+        (mesh, faces, halved, off)
+    }
+
+    /// Tops of 4 mm on a ball of 7 mm stand off by up to 0.5 mm; halved they keep to it, and all still fits together.
+    #[test]
+    fn curved_skin_gets_finer_tops_that_conform() {
+        let (mesh, faces, halved, off) = refined(7.0);
+        assert!(halved > 20, "{halved}");
+        assert!(off <= NEAR_SKIN, "{off}");
+        let mut kept: Vec<[u32; 3]> = faces.iter().map(|f| sorted(f.nodes)).collect();
+        kept.sort_unstable();
+        let found: Vec<[u32; 3]> = boundary(&mesh.tetrahedra).iter().map(|f| sorted(f.nodes)).collect();
+        assert_eq!(kept, found);
+        let volumes = mesh.tetrahedra.iter().map(|t| tetrahedron_volume(&t.map(|i| mesh.positions[i as usize])));
+        assert!(volumes.clone().all(|v| v > 0.0));
+        // The polyhedron below the prisms is inscribed: a little less than the ball of 5.5 mm.
+        let ball = 4.0 / 3.0 * std::f64::consts::PI * 5.5f64.powi(3);
+        let volume: f64 = volumes.sum();
+        assert!(volume < ball && volume > 0.93 * ball, "{volume} {ball}");
+    }
+
+    #[test]
+    fn flat_skin_is_left_alone() {
+        let (_, _, halved, off) = refined(30.0);
+        assert_eq!(halved, 0);
+        assert!(off <= NEAR_SKIN);
+    }
+}

@@ -1,120 +1,224 @@
-//! The direction of imports between rooms, and what pure rooms may not name, as stated in `src/lib.rs`.
+//! The walls that Cargo does not draw: the direction of imports between the rooms of a package, what pure packages may not name,
+//! and what their manifests may not ask for.
 
 #![allow(clippy::unwrap_used, reason = "a test's own reading of the tree")]
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Rooms from the bottom up; a room may import only rooms listed before it.
-const ROOMS: &[&str] = &[
-    "control",
-    "geometry",
-    "import",
-    "export",
-    "surface",
-    "phantom",
-    "field",
-    "mesh",
-    "fem",
-    "plan",
-    "evaluate",
-    "simulate", // wall
-    "bench",
-    "trace",
-    "store",
-    "session",
-    "jobs",
-    "http",
-    "config",
-    "telemetry",
-    "serve",
-    "demo",
-    "cli",
-];
-const FIRST_ROOM_ABOVE_WALL: &str = "bench";
-const FOREIGN_BELOW_WALL: &[&str] = &[
-    "axum",
-    "tokio",
-    "tower",
-    "serde_json",
-    "sqlx",
-    "object_store",
-    "std::fs",
-    "std::net",
-    "std::env",
-    "std::time",
-    "SystemTime",
-    "Instant",
-    "tracing",
-    "println!",
-    "ThreadPoolBuilder",
-];
-
-fn files_below(path: &Path, found: &mut Vec<PathBuf>) {
-    let mut entries: Vec<_> = fs::read_dir(path).unwrap().map(|e| e.unwrap().path()).collect();
-    entries.sort();
-    for entry in entries {
-        if entry.is_dir() {
-            files_below(&entry, found);
-        } else if entry.extension().is_some_and(|e| e == "rs") {
-            found.push(entry);
-        }
-    }
+/// A package: its folder, and its rooms from the bottom up. A room may import only rooms listed before it.
+struct Package {
+    folder: &'static str,
+    rooms: &'static [&'static str],
+    /// Synchronous and pure: no HTTP, no files, no network, no environment, no clock, no threads of its own.
+    pure: bool,
 }
 
-/// Breaches in one file of `room`: upward imports, and foreign words in pure rooms. Comment lines and what follows
-/// `#[cfg(test)]` at the margin do not count.
-fn breaches(room: &str, text: &str) -> Vec<String> {
-    let rank = |name: &str| ROOMS.iter().position(|r| *r == name);
-    let Some(own) = rank(room) else { return vec![format!("room `{room}` is not in the list")] };
-    let pure = own < rank(FIRST_ROOM_ABOVE_WALL).unwrap();
-    let mut found = Vec::new();
-    let production = text.split("\n#[cfg(test)]\nmod ").next().unwrap_or(text);
-    for line in production.lines().map(str::trim).filter(|l| !l.starts_with("//")) {
-        for (at, _) in line.match_indices("crate::") {
-            let name: String = line[at + 7..].chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect();
-            if let Some(other) = rank(&name)
-                && other > own
-            {
-                found.push(format!("imports `{name}` from below: {line}"));
+/// From the bottom up; a package may depend only on packages listed before it.
+const PACKAGES: &[Package] = &[
+    Package { folder: "src/geometry", rooms: &[], pure: true },
+    Package { folder: "src/formats", rooms: &["import", "export"], pure: true },
+    Package { folder: "src/field", rooms: &[], pure: true },
+    Package { folder: "src/tissue", rooms: &["mesh", "fem"], pure: true },
+    Package { folder: "src/planning", rooms: &["surface", "phantom", "plan", "evaluate", "simulate"], pure: true },
+    // ---- wall ----
+    Package { folder: "src/study", rooms: &[], pure: false },
+    Package { folder: "src/service/store", rooms: &[], pure: false },
+    Package {
+        folder: "src/service",
+        rooms: &["trace", "session", "jobs", "http", "config", "telemetry", "serve"],
+        pure: false,
+    },
+    Package { folder: "src", rooms: &["demo", "cli"], pure: false },
+];
+
+/// What pure packages may not name. Crates that are in none of their manifests cannot be named anyway.
+const FOREIGN_WORDS: &[&str] =
+    &["std::fs", "std::net", "std::env", "std::time", "SystemTime", "Instant", "println!", "ThreadPoolBuilder"];
+/// What may not be in their manifests.
+const FOREIGN_CRATES: &[&str] =
+    &["axum", "object_store", "serde_json", "sqlx", "tokio", "tower", "tracing", "tracing-subscriber", "utoipa"];
+
+fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// The files of a package's production code, with their paths in the package.
+fn files_of(package: &Package) -> Vec<PathBuf> {
+    fn below(directory: &Path, package: &Path, found: &mut Vec<PathBuf>) {
+        let mut entries: Vec<_> = fs::read_dir(directory).unwrap().map(|e| e.unwrap().path()).collect();
+        entries.sort();
+        for entry in entries {
+            let is_other_package = entry.join("Cargo.toml").exists();
+            if entry.is_dir() && !is_other_package {
+                below(&entry, package, found);
+            } else if entry.extension().is_some_and(|e| e == "rs") {
+                found.push(entry.strip_prefix(package).unwrap().to_owned());
             }
         }
-        if pure {
-            for word in FOREIGN_BELOW_WALL.iter().filter(|w| line.contains(**w)) {
-                found.push(format!("names `{word}`: {line}"));
+    }
+    let is_test = |file: &PathBuf| {
+        file.components().any(|c| {
+            let name = c.as_os_str().to_string_lossy();
+            name == "tests" || name.trim_end_matches(".rs").ends_with("tests") || name.starts_with("test_")
+        })
+    };
+    let (folder, mut found) = (root().join(package.folder), Vec::new());
+    below(&folder, &folder, &mut found);
+    found.retain(|file| !is_test(file));
+    found
+}
+
+/// The production code of a file: without comment lines and what follows `#[cfg(test)] mod` at the margin.
+fn production(text: &str) -> String {
+    let text = text.split("\n#[cfg(test)]\nmod ").next().unwrap_or(text);
+    text.lines().filter(|line| !line.trim_start().starts_with("//")).map(|line| format!("{line}\n")).collect()
+}
+
+fn identifier(text: &str) -> &str {
+    let end = text.find(|c: char| !c.is_alphanumeric() && c != '_').unwrap_or(text.len());
+    &text[..end]
+}
+
+/// The names at the beginning of a path or of each path of a group in braces.
+fn first_names(path: &str) -> Vec<&str> {
+    let Some(group) = path.strip_prefix('{') else { return vec![identifier(path)] };
+    let (mut names, mut depth, mut begin) = (Vec::new(), 0usize, 0);
+    for (at, c) in group.char_indices() {
+        match c {
+            '{' => depth += 1,
+            '}' if depth > 0 => depth -= 1,
+            ',' | '}' if depth == 0 => {
+                names.push(identifier(group[begin..at].trim()));
+                begin = at + 1;
+                if c == '}' {
+                    break;
+                }
             }
+            _ => {}
+        }
+    }
+    names
+}
+
+/// The rooms that a file names, by `crate::` or by as many `super::` as lead out of its own.
+fn rooms_named<'a>(file: &Path, text: &'a str) -> BTreeSet<&'a str> {
+    let mut named = BTreeSet::new();
+    for (at, _) in text.match_indices("crate::") {
+        named.extend(first_names(&text[at + "crate::".len()..]));
+    }
+    let modules = file.with_extension("");
+    let depth = modules.components().filter(|c| !["mod", "lib"].map(AsRef::as_ref).contains(&c.as_os_str())).count();
+    let mut rest = text;
+    while let Some(at) = rest.find("super::") {
+        rest = &rest[at..];
+        let mut up = 0;
+        while let Some(above) = rest.strip_prefix("super::") {
+            (rest, up) = (above, up + 1);
+        }
+        if up == depth {
+            named.extend(first_names(rest));
+        }
+    }
+    named
+}
+
+/// Breaches in one file of a package.
+fn breaches(package: &Package, file: &Path, text: &str) -> Vec<String> {
+    let text = production(text);
+    let mut found = Vec::new();
+    let room = file.components().next().unwrap().as_os_str().to_string_lossy().replace(".rs", "");
+    if !package.rooms.is_empty() && !["lib", "main"].contains(&room.as_str()) {
+        match package.rooms.iter().position(|r| *r == room) {
+            None => found.push(format!("room `{room}` is not in the list")),
+            Some(own) => {
+                let named = rooms_named(file, &text);
+                let above = package.rooms[own + 1..].iter().filter(|other| named.contains(**other));
+                found.extend(above.map(|other| format!("imports `{other}` from below")));
+            }
+        }
+    }
+    if package.pure {
+        found.extend(FOREIGN_WORDS.iter().filter(|word| text.contains(**word)).map(|word| format!("names `{word}`")));
+    }
+    found
+}
+
+/// Dependencies of a package, of the tests too.
+fn dependencies(manifest: &str) -> Vec<String> {
+    let mut section = "";
+    let mut found = Vec::new();
+    for line in manifest.lines() {
+        if line.starts_with('[') {
+            section = line.trim_matches(['[', ']']);
+        } else if section.ends_with("dependencies") && section != "workspace.dependencies" {
+            let name: String = line.chars().take_while(|c| c.is_alphanumeric() || "-_".contains(*c)).collect();
+            found.extend((!name.is_empty()).then_some(name));
+        }
+    }
+    found
+}
+
+/// Breaches in the manifest of the package at `index`.
+fn manifest_breaches(index: usize, manifest: &str) -> Vec<String> {
+    let name = |package: &Package| format!("prosopon-{}", package.folder.rsplit('/').next().unwrap());
+    let below: Vec<String> = PACKAGES[..index].iter().map(name).collect();
+    let mut found = Vec::new();
+    for dependency in dependencies(manifest) {
+        if dependency.starts_with("prosopon-") && !below.contains(&dependency) {
+            found.push(format!("depends on `{dependency}` from below"));
+        }
+        if PACKAGES[index].pure && FOREIGN_CRATES.contains(&dependency.as_str()) {
+            found.push(format!("depends on `{dependency}`"));
         }
     }
     found
 }
 
 #[test]
-fn rooms_import_only_rooms_above_them_and_pure_rooms_stay_pure() {
-    let src = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
-    let mut files = Vec::new();
-    files_below(&src, &mut files);
+fn rooms_import_only_rooms_above_them_and_pure_packages_stay_pure() {
     let mut found = Vec::new();
-    for file in files {
-        let inside = file.strip_prefix(&src).unwrap();
-        let first = inside.components().next().unwrap().as_os_str().to_string_lossy().replace(".rs", "");
-        let is_test = inside.components().any(|c| {
-            let name = c.as_os_str().to_string_lossy();
-            name == "tests" || name.trim_end_matches(".rs").ends_with("tests") || name.starts_with("test_")
-        });
-        if is_test || matches!(first.as_str(), "lib" | "main") {
-            continue;
+    for (index, package) in PACKAGES.iter().enumerate() {
+        for file in files_of(package) {
+            let path = root().join(package.folder).join(&file);
+            for breach in breaches(package, &file, &fs::read_to_string(&path).unwrap()) {
+                found.push(format!("{}: {breach}", path.display()));
+            }
         }
-        for breach in breaches(&first, &fs::read_to_string(&file).unwrap()) {
-            found.push(format!("{}: {breach}", inside.display()));
+        let manifest = root().join(package.folder.trim_end_matches("src")).join("Cargo.toml");
+        for breach in manifest_breaches(index, &fs::read_to_string(&manifest).unwrap()) {
+            found.push(format!("{}: {breach}", manifest.display()));
         }
     }
     assert!(found.is_empty(), "{}", found.join("\n"));
 }
 
 #[test]
-fn a_planted_breach_is_caught() {
-    assert_eq!(breaches("field", "use crate::simulate::Fields;").len(), 1);
-    assert_eq!(breaches("field", "let t = std::time::Instant::now();").len(), 2);
-    assert_eq!(breaches("http", "use crate::field::DistanceField;").len(), 0);
-    assert_eq!(breaches("attic", "").len(), 1);
+fn every_member_of_the_workspace_is_listed() {
+    let manifest = fs::read_to_string(root().join("Cargo.toml")).unwrap();
+    let members = manifest.split("members = [").nth(1).unwrap().split(']').next().unwrap();
+    let members: BTreeSet<&str> = members.split('"').filter(|m| m.starts_with("src")).collect();
+    let listed: BTreeSet<&str> = PACKAGES.iter().map(|p| p.folder).filter(|f| *f != "src").collect();
+    assert_eq!(members, listed);
+}
+
+#[test]
+fn planted_breaches_are_caught() {
+    let package = |folder: &str| PACKAGES.iter().find(|p| p.folder == folder).unwrap();
+    let count = |folder: &str, file: &str, text: &str| breaches(package(folder), Path::new(file), text).len();
+    assert_eq!(count("src/planning", "plan/cut.rs", "use crate::simulate::Fields;"), 1);
+    assert_eq!(count("src/planning", "plan/cut.rs", "use crate::{phantom, evaluate::{Mask, picture}};"), 1);
+    assert_eq!(count("src/planning", "plan/cut.rs", "use crate::{\n    evaluate,\n    simulate::Fields,\n};"), 2);
+    assert_eq!(count("src/planning", "plan/cut.rs", "let s = super::super::simulate::solve();"), 1);
+    assert_eq!(count("src/planning", "plan/mod.rs", "use super::simulate;"), 1);
+    assert_eq!(count("src/planning", "plan/cut.rs", "use super::simulate; // a file of the room\n"), 0);
+    assert_eq!(count("src/planning", "simulate/run.rs", "use crate::{plan, evaluate};"), 0);
+    assert_eq!(count("src/field", "build.rs", "let t = std::time::Instant::now();"), 2);
+    assert_eq!(count("src/service", "attic/mod.rs", ""), 1);
+    assert_eq!(
+        manifest_breaches(2, "[dependencies]\ntokio.workspace = true\nprosopon-planning.workspace = true\n").len(),
+        2
+    );
+    assert_eq!(manifest_breaches(2, "[dependencies]\nprosopon-geometry.workspace = true\n").len(), 0);
 }

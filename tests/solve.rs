@@ -8,8 +8,7 @@ use std::time::Duration;
 
 use prosopon_formats::export::{stl, vtu};
 use prosopon_formats::import::{Limits, volume_mesh};
-use prosopon_geometry::VolumeMesh;
-use prosopon_geometry::{Point, TriMesh};
+use prosopon_geometry::{Point, TriMesh, VolumeMesh};
 use serde_json::{Value, json};
 
 const CELLS: [usize; 3] = [8, 8, 3];

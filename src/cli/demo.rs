@@ -3,8 +3,7 @@ use std::io::Write;
 use super::CommandResult;
 use crate::demo::{self, DemoArgs};
 use prosopon_service::config::ServeConfig;
-use prosopon_service::serve;
-use prosopon_service::telemetry;
+use prosopon_service::{serve, telemetry};
 use prosopon_store::{Places, Store};
 
 /// Starts a service of its own on an empty store, drives it through the main job, and stops it unless it shall stay.

@@ -7,8 +7,7 @@ use clap::Args;
 use super::CommandResult;
 use super::stop_signal::stop_signal;
 use prosopon_service::config::{ServeConfig, Value};
-use prosopon_service::serve;
-use prosopon_service::telemetry;
+use prosopon_service::{serve, telemetry};
 
 /// Options of `prosopon serve` and `prosopon worker`. Every setting can also stand in the configuration, or in the environment as `PROSOPON_` and its name.
 #[derive(Debug, Args)]

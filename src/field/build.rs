@@ -1,7 +1,6 @@
 use super::accuracy::{Accuracy, sample_points};
 use super::band_certificate::{BandBound, band_bound};
 use super::certificate::surface_bound;
-use super::coarse;
 use super::crossings::Rows;
 use super::distance_field::{DistanceField, Level};
 use super::error::{FieldError, within};
@@ -9,11 +8,11 @@ use super::exact::ExactDistance;
 use super::features::Features;
 use super::fit::{Layer, fit};
 use super::lattice::{BRICK, EDGE, Lattice};
-use super::refine;
 use super::regions::{DoubtfulRegions, doubtful_regions};
 use super::sites::{self, Spread};
 use super::spline::weights;
 use super::tiles::{Source, TILE, Tally, Tile, Tiles};
+use super::{coarse, refine};
 use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{Aabb, Implicit, TriMesh, Vector};
 

@@ -1,7 +1,6 @@
 //! Closing of a solid from far outside: what is there to be reached, and how deep places lie under the closing surface.
 
-use super::flood;
-use super::sky;
+use super::{flood, sky};
 use prosopon_geometry::ScalarGrid;
 use prosopon_geometry::control::{Cancelled, Control};
 

@@ -1,15 +1,12 @@
-use super::banded;
 use super::build::MOST_SAMPLES;
 use super::closing::{close, far_outside};
 use super::distance_field::DistanceField;
 use super::error::{FieldError, within};
 use super::exact::ExactDistance;
-use super::flood;
 use super::regions::{DoubtfulRegions, doubtful_regions};
-use super::{FieldReport, FieldSettings};
+use super::{FieldReport, FieldSettings, banded, flood};
 use prosopon_geometry::control::Control;
-use prosopon_geometry::isosurface;
-use prosopon_geometry::{ScalarGrid, TriMesh};
+use prosopon_geometry::{ScalarGrid, TriMesh, isosurface};
 
 /// Separate parts below this volume are dropped, mm³.
 const CRUMB_MM3: f64 = 1000.0;

@@ -10,6 +10,7 @@ mod grid;
 mod implicit;
 mod quality;
 mod self_crossing;
+mod solid;
 mod surface;
 mod topology;
 mod trimesh;
@@ -19,6 +20,7 @@ mod volume_mesh;
 pub use grid::ScalarGrid;
 pub use implicit::Implicit;
 pub use quality::{SurfaceReport, surface_report};
+pub use solid::why_no_solid;
 pub use surface::{
     Topology, decimate, decimate_with, drop_small_parts, isosurface, largest_part, parts, smooth, submesh,
 };

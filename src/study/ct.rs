@@ -14,9 +14,8 @@ use super::files::read_surface;
 use prosopon_field::ExactDistance;
 use prosopon_formats::export::{SurfaceView, nifti_gz, ply};
 use prosopon_formats::import::{ImportError, Limits, VolumeRead, VolumeSettings, volume_with};
-use prosopon_geometry::Volume;
 use prosopon_geometry::control::Control;
-use prosopon_geometry::{Aabb, Point, TriMesh};
+use prosopon_geometry::{Aabb, Point, TriMesh, Volume};
 use prosopon_planning::surface::{CtSettings, from_ct};
 
 /// Most files of a folder that is taken for a series.

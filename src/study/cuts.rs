@@ -10,9 +10,8 @@ use serde::Deserialize;
 use super::error::{BenchError, read, write};
 use super::files::{read_surface, refuse_unwritable};
 use prosopon_field::{Envelope, EnvelopeSettings, envelope};
-use prosopon_geometry::Topology;
 use prosopon_geometry::control::Control;
-use prosopon_geometry::{Motion, Point, TriMesh, Vector};
+use prosopon_geometry::{Motion, Point, Topology, TriMesh, Vector};
 use prosopon_planning::plan::{
     BoundedPlane, Cut, CutShape, Landmarks, Osteotomy, Path as BonePath, Plan, PlanError, Template, cut, follow,
 };

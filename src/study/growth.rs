@@ -7,8 +7,7 @@ use super::error::{BenchError, write};
 use super::files::{read_surface, refuse_unwritable};
 use prosopon_field::{FieldSettings, Method, MethodSettings, SignedField};
 use prosopon_geometry::control::Control;
-use prosopon_geometry::decimate;
-use prosopon_geometry::{Point, TriMesh};
+use prosopon_geometry::{Point, TriMesh, decimate};
 
 /// Numbers of triangles asked for, rising; those above the surface's own are divided from coarser ones.
 const TRIANGLES: [usize; 8] = [12_000, 24_000, 48_000, 96_000, 192_000, 384_000, 768_000, 1_000_000];

@@ -3,8 +3,7 @@
 use rayon::prelude::*;
 
 use prosopon_field::ExactDistance;
-use prosopon_geometry::isosurface;
-use prosopon_geometry::{Point, ScalarGrid, TriMesh, Vector};
+use prosopon_geometry::{Point, ScalarGrid, TriMesh, Vector, isosurface};
 
 /// Edge of the scan's grid, mm, and where it begins beside the skin's own: no vertex is shared.
 const SPACING_MM: f64 = 1.8;

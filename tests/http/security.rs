@@ -4,10 +4,14 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 use axum::body::Body;
 use axum::http::{Method, StatusCode};
-use jsonwebtoken::jwk::{Jwk, JwkSet};
-use jsonwebtoken::{Algorithm, EncodingKey, Header, encode};
+use base64::Engine;
+use base64::engine::general_purpose::URL_SAFE_NO_PAD;
 use prosopon_service::http::auth::{ApiKey, AuthSettings, JwtSettings, Scope, Scopes, new_key};
 use prosopon_store::Audit;
+use ring::rand::SystemRandom;
+use ring::signature::{ECDSA_P256_SHA256_FIXED_SIGNING, EcdsaKeyPair, KeyPair};
+use rustls::pki_types::PrivateKeyDer;
+use rustls::pki_types::pem::PemObject;
 use serde_json::{Value, json};
 
 use crate::app::{Answer, TestApp};
@@ -159,16 +163,40 @@ async fn every_call_is_in_the_audit_log_and_nothing_of_a_body() {
     assert!(!text.contains("patient"));
 }
 
+/// The key pair of a PEM file.
+fn key_pair(pem: &[u8]) -> EcdsaKeyPair {
+    let key = PrivateKeyDer::from_pem_slice(pem).unwrap();
+    EcdsaKeyPair::from_pkcs8(&ECDSA_P256_SHA256_FIXED_SIGNING, key.secret_der(), &SystemRandom::new()).unwrap()
+}
+
+/// A token with these claims, signed by `sign` for the algorithm `alg`.
+fn token(alg: &str, claims: &Value, sign: impl Fn(&[u8]) -> Vec<u8>) -> String {
+    let part = |value: &Value| URL_SAFE_NO_PAD.encode(value.to_string());
+    let message = format!("{}.{}", part(&json!({ "typ": "JWT", "alg": alg, "kid": "k1" })), part(claims));
+    format!("{message}.{}", URL_SAFE_NO_PAD.encode(sign(message.as_bytes())))
+}
+
+/// A token signed with an elliptic curve's key.
+fn es256(claims: &Value, key: &EcdsaKeyPair) -> String {
+    token("ES256", claims, |message| key.sign(&SystemRandom::new(), message).unwrap().as_ref().to_vec())
+}
+
+/// A token signed with a secret.
+fn hs256(claims: &Value, secret: &[u8]) -> String {
+    let key = ring::hmac::Key::new(ring::hmac::HMAC_SHA256, secret);
+    token("HS256", claims, |message| ring::hmac::sign(&key, message).as_ref().to_vec())
+}
+
 /// Tokens of an identity provider, each with one thing wrong.
 #[tokio::test]
 async fn a_token_must_be_signed_fresh_and_for_this_service() {
-    let signer = EncodingKey::from_ec_pem(KEY).unwrap();
-    let other = EncodingKey::from_ec_pem(OTHER_KEY).unwrap();
-    let mut jwk = Jwk::from_encoding_key(&signer, Algorithm::ES256).unwrap();
-    jwk.common.key_id = Some("k1".to_owned());
+    let (signer, other) = (key_pair(KEY), key_pair(OTHER_KEY));
+    let (x, y) = signer.public_key().as_ref()[1..].split_at(32);
+    let coordinate = |bytes: &[u8]| URL_SAFE_NO_PAD.encode(bytes);
+    let jwk = json!({ "kty": "EC", "crv": "P-256", "kid": "k1", "x": coordinate(x), "y": coordinate(y) });
     let directory = tempfile::tempdir().unwrap();
     let jwks_file = directory.path().join("jwks.json");
-    std::fs::write(&jwks_file, serde_json::to_vec(&JwkSet { keys: vec![jwk] }).unwrap()).unwrap();
+    std::fs::write(&jwks_file, json!({ "keys": [jwk] }).to_string()).unwrap();
     let jwt = JwtSettings {
         issuer: "https://id.example".to_owned(),
         audience: "prosopon".to_owned(),
@@ -182,16 +210,12 @@ async fn a_token_must_be_signed_fresh_and_for_this_service() {
     let claims = json!({
         "iss": "https://id.example", "aud": "prosopon", "sub": "dr-a", "exp": now + 600, "tenant": "a", "scope": "openid read",
     });
-    let sign = |claims: &Value, key: &EncodingKey, algorithm: Algorithm| {
-        let header = Header { kid: Some("k1".to_owned()), ..Header::new(algorithm) };
-        encode(&header, claims, key).unwrap()
-    };
     let changed = |name: &str, value: Value| {
         let mut claims = claims.clone();
         claims[name] = value;
-        sign(&claims, &signer, Algorithm::ES256)
+        es256(&claims, &signer)
     };
-    let good = sign(&claims, &signer, Algorithm::ES256);
+    let good = es256(&claims, &signer);
     assert_eq!(call(&app, &good, Method::GET, "/v1/sessions", Value::Null).await.status, StatusCode::OK);
     call(&app, &good, Method::POST, "/v1/sessions", json!({})).await.problem(403, "forbidden");
     let listed = changed("scope", json!(["read", "write"]));
@@ -206,8 +230,8 @@ async fn a_token_must_be_signed_fresh_and_for_this_service() {
         ("no tenant", changed("tenant", Value::Null)),
         ("bad tenant", changed("tenant", json!("../a"))),
         ("no subject", changed("sub", Value::Null)),
-        ("signer", sign(&claims, &other, Algorithm::ES256)),
-        ("shared secret", sign(&claims, &EncodingKey::from_secret(KEY), Algorithm::HS256)),
+        ("signer", es256(&claims, &other)),
+        ("shared secret", hs256(&claims, KEY)),
         ("no signature", without_signature),
         ("tampered", good.replacen('.', ".e", 1)),
     ] {

@@ -4,8 +4,7 @@ use axum::body::Body;
 use axum::http::{Method, StatusCode};
 use prosopon_formats::export::{stl, vtu};
 use prosopon_formats::import::{Limits, volume_mesh};
-use prosopon_geometry::{Cell, VolumeMesh};
-use prosopon_geometry::{Point, TriMesh};
+use prosopon_geometry::{Cell, Point, TriMesh, VolumeMesh};
 use serde_json::{Value, json};
 
 use crate::app::{Answer, TestApp};

@@ -11,6 +11,7 @@ use serde::Serialize;
 
 use super::stop_signal::stop_signal;
 use super::{CommandResult, refuse_overwriting};
+use prosopon_formats::export::vtu_of_mesh;
 use prosopon_geometry::control::Control;
 use prosopon_study::peak_mb;
 use prosopon_tissue::fem::SolveError;
@@ -80,7 +81,7 @@ fn solve(arguments: &SolveArguments) -> Result<Option<Unfinished>, Box<dyn std::
     let solve_begin = Instant::now();
     let outcome = scene.solve(&control)?;
     let solve_wall_s = solve_begin.elapsed().as_secs_f64();
-    out.finish(&scene.file(&file, &outcome))?;
+    out.finish(&vtu_of_mesh(&scene.solved_mesh(&file, &outcome)))?;
 
     warnings.extend(outcome.warnings);
     if let Some(failure) = &outcome.failure {

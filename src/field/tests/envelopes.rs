@@ -1,8 +1,7 @@
 use super::shapes::{Random, block, block_distance, filtered, flipped, joined, sphere};
 use crate::{Envelope, EnvelopeSettings, FieldError, FieldSettings, envelope};
-use prosopon_geometry::Topology;
 use prosopon_geometry::control::Control;
-use prosopon_geometry::{Implicit, Point, TriMesh, Vector};
+use prosopon_geometry::{Implicit, Point, Topology, TriMesh, Vector};
 
 fn closed(mesh: &TriMesh, closing_mm: f64, least_sky: f64) -> Envelope {
     let settings = EnvelopeSettings { spacing_mm: 1.0, closing_mm, least_sky };

@@ -18,4 +18,4 @@ pub use ply::ply;
 pub use stl::stl;
 pub use view::SurfaceView;
 pub use vtp::vtp;
-pub use vtu::{vtu, vtu_of_cells};
+pub use vtu::{vtu, vtu_of_mesh};

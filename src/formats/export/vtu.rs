@@ -1,4 +1,4 @@
-use prosopon_geometry::Point;
+use prosopon_geometry::{Cell, DataArray, Point, VolumeMesh};
 
 /// VTK's numbers of the cells that are written.
 const TETRA: u8 = 10;
@@ -26,12 +26,24 @@ pub fn vtu(
     vtu_of_cells(positions, &cells.collect::<Vec<_>>(), point_arrays, cell_arrays)
 }
 
+/// The VTU file of a volume mesh with all its arrays, cells in their order.
+///
+/// # Panics
+/// When an array does not have its components for each point or cell.
+#[must_use]
+pub fn vtu_of_mesh(mesh: &VolumeMesh) -> Vec<u8> {
+    fn views(arrays: &[DataArray]) -> Vec<(&str, usize, &[f64])> {
+        arrays.iter().map(|a| (a.name.as_str(), a.components, a.values.as_slice())).collect()
+    }
+    let cells: Vec<&[u32]> = mesh.cells.iter().map(Cell::corners).collect();
+    vtu_of_cells(&mesh.points, &cells, &views(&mesh.point_arrays), &views(&mesh.cell_arrays))
+}
+
 /// [`vtu`] with cells in any order: of four corners (tetrahedra) or six (wedges).
 ///
 /// # Panics
 /// When an array is not of the right length, or a cell has another number of corners.
-#[must_use]
-pub fn vtu_of_cells(
+fn vtu_of_cells(
     positions: &[Point],
     cells: &[&[u32]],
     point_arrays: &[(&str, usize, &[f64])],

@@ -6,8 +6,7 @@ use super::error::malformed;
 use super::hounsfield::{self, Packing};
 use super::number::Kind;
 use super::{ImportError, Limits, lattice};
-use prosopon_geometry::Volume;
-use prosopon_geometry::{Point, Vector};
+use prosopon_geometry::{Point, Vector, Volume};
 
 const FORMAT: &str = "NRRD";
 /// Most bytes of a header.

@@ -7,8 +7,7 @@ use flate2::write::{GzEncoder, ZlibEncoder};
 
 use super::dicom::tests::archive;
 use super::{ImportError, Limits, VolumeFormat, volume, volume_with};
-use prosopon_geometry::Volume;
-use prosopon_geometry::{Point, Vector};
+use prosopon_geometry::{Point, Vector, Volume};
 
 fn hu() -> Vec<i16> {
     (0..60).map(|i| i * 50 - 1000).collect()

@@ -1,9 +1,8 @@
 //! Pictures of surfaces side by side.
 
-use image::{ExtendedColorType, ImageEncoder, codecs::png::PngEncoder};
-
 use super::colour::diverging;
 use super::font;
+use super::png::rgb_png;
 use super::raster::{Camera, Canvas, draw};
 use prosopon_geometry::{Aabb, Point, TriMesh, Vector};
 
@@ -121,17 +120,6 @@ pub(super) fn label(value: f64) -> String {
 }
 
 pub(super) fn encode(canvas: &Canvas) -> Vec<u8> {
-    let mut bytes = Vec::new();
-    let pixels = canvas.pixels.as_flattened();
-    // Writing to memory with matching sizes does not fail.
-    let done = PngEncoder::new(&mut bytes).write_image(
-        pixels,
-        canvas.width as u32,
-        canvas.height as u32,
-        ExtendedColorType::Rgb8,
-    );
-    if done.is_err() {
-        bytes.clear();
-    }
-    bytes
+    // A canvas has as many pixels as it says, and at least one.
+    rgb_png(canvas.pixels.as_flattened(), canvas.width as u32, canvas.height as u32).unwrap_or_default()
 }

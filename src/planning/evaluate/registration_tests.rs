@@ -2,6 +2,7 @@
 
 use nalgebra::UnitQuaternion;
 
+use super::png::Decoded;
 use super::tests::{potato, star};
 use super::*;
 use prosopon_geometry::control::Control;
@@ -212,14 +213,14 @@ fn a_sheet_has_the_patients_left_on_the_right() {
     let lines = [("mean".to_owned(), "-1.00".to_owned())];
     let shown =
         Sheet { title: "Error", mesh: &ball, values: &values, limit_mm: 3.0, histogram: &map.histogram, lines: &lines };
-    let image = image::load_from_memory(&sheet(&shown)).unwrap().to_rgb8();
-    assert_eq!(image.dimensions(), (1380, 1184));
+    let image = Decoded::of(&sheet(&shown));
+    assert_eq!(image.size, (1380, 1184));
     // The second panel is the front view: red (positive, here the patient's left) on the right.
-    let front = |x: i64| image.get_pixel((460 + 230 + x) as u32, 44 + 270).0;
+    let front = |x: i64| image.pixel((460 + 230 + x) as u32, 44 + 270);
     let (left, right) = (front(-150), front(150));
     assert!(left[2] > left[0] && right[0] > right[2], "{left:?} {right:?}");
     // From the patient's right all is blue, from the left red.
-    let side = |panel: u32| image.get_pixel(panel * 460 + 230, 44 + 570 + 270).0;
+    let side = |panel: u32| image.pixel(panel * 460 + 230, 44 + 570 + 270);
     assert!(side(0)[2] > side(0)[0] && side(1)[0] > side(1)[2]);
     assert_eq!(sheet(&shown), sheet(&shown));
 }

@@ -1,6 +1,5 @@
 use super::Phantom;
-use prosopon_geometry::Volume;
-use prosopon_geometry::{Point, Vector};
+use prosopon_geometry::{Point, Vector, Volume};
 use rayon::prelude::*;
 
 const AIR: f64 = -1000.0;

@@ -2,10 +2,8 @@
 
 use super::head;
 use crate::surface::{CtSettings, from_ct};
-use prosopon_geometry::Volume;
 use prosopon_geometry::control::Control;
-use prosopon_geometry::{Implicit, Point, TriMesh, Vector};
-use prosopon_geometry::{Topology, parts};
+use prosopon_geometry::{Implicit, Point, Topology, TriMesh, Vector, Volume, parts};
 
 /// Pixels of the stacks, mm; also the width over which `Phantom::ct` mixes values.
 const PIXEL: f64 = 1.7;

@@ -1,5 +1,4 @@
-use prosopon_geometry::isosurface;
-use prosopon_geometry::{Aabb, Implicit, Point, ScalarGrid, TriMesh, Vector};
+use prosopon_geometry::{Aabb, Implicit, Point, ScalarGrid, TriMesh, Vector, isosurface};
 use rayon::prelude::*;
 
 /// Surface of an analytic solid inside `bounds`, sampled at `spacing_mm`; `None` when the solid does not reach into them.

@@ -1,8 +1,7 @@
 //! The phantom against finite differences, its own symmetry and anatomical distances.
 
 use super::{Phantom, head, surface_of};
-use prosopon_geometry::Topology;
-use prosopon_geometry::{Aabb, Implicit, Point, TriMesh, Vector};
+use prosopon_geometry::{Aabb, Implicit, Point, Topology, TriMesh, Vector};
 
 /// Deterministic points in the head's box.
 fn points(n: u64) -> impl Iterator<Item = Point> {

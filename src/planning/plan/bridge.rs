@@ -5,9 +5,8 @@ use std::fmt;
 use nalgebra::Matrix3;
 use rayon::prelude::*;
 
-use super::PlanError;
-use super::min_cut;
 use super::parting::{Crossing, OUTSIDE, flood, for_each_neighbour, lattice, strides};
+use super::{PlanError, min_cut};
 use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{Point, ScalarGrid, Vector};
 

@@ -30,7 +30,7 @@ pub use names::name_segments;
 pub use path::{Path, Plan};
 pub use propose::{Proposal, propose};
 pub use shape::{BoundedPlane, Cut, CutShape, Purpose};
-pub use template::{Landmarks, Template, le_fort_1};
+pub use template::{Landmarks, Template, TemplateCall, TemplateCuts, TemplateFault, le_fort_1};
 
 use prosopon_geometry::control::Cancelled;
 

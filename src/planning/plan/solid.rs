@@ -4,8 +4,7 @@ use super::cut::Segment;
 use super::parting::{lattice, neighbours};
 use super::separation::Separation;
 use prosopon_geometry::control::{Cancelled, Control};
-use prosopon_geometry::isosurface;
-use prosopon_geometry::{Point, ScalarGrid, TriMesh, Vector};
+use prosopon_geometry::{Point, ScalarGrid, TriMesh, Vector, isosurface};
 
 /// The surfaces of all segments; `segment` is the segment of every node.
 pub(super) fn segments(

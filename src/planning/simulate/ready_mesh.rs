@@ -1,7 +1,6 @@
 //! A volume mesh that somebody else made, as the solver takes it.
 
-use prosopon_geometry::{Cell, DataArray, VolumeMesh};
-use prosopon_geometry::{Point, Vector};
+use prosopon_geometry::{Cell, DataArray, Point, Vector, VolumeMesh};
 use prosopon_tissue::fem::{Boundary, SolveError, check_support};
 use prosopon_tissue::mesh::{Attachment, MixedMesh, Tissue};
 

@@ -6,10 +6,8 @@ use super::Milestone;
 use super::ready_mesh::{CellPlace, ReadyMesh};
 use crate::plan::Plan;
 use prosopon_field::SignedField;
-use prosopon_formats::export::vtu_of_cells;
-use prosopon_geometry::VolumeMesh;
 use prosopon_geometry::control::Control;
-use prosopon_geometry::{Implicit, Motion, Point, Vector};
+use prosopon_geometry::{DataArray, Implicit, Motion, Point, Vector, VolumeMesh};
 use prosopon_tissue::fem::{CellState, ContactBody, SkinElement, SolveError, SolveSettings, Solver, StepReport};
 use prosopon_tissue::mesh::Attachment;
 
@@ -191,11 +189,11 @@ impl Scene {
         Ok(warnings)
     }
 
-    /// The mesh of `file`, which the scene was made from, with the outcome: point arrays `displacement_mm` and `attachment`, cell
+    /// The mesh `file`, which the scene was made from, with the outcome: point arrays `displacement_mm` and `attachment`, cell
     /// arrays `tissue`, `stress_mpa` (Cauchy: xx, yy, zz, xy, yz, xz), `von_mises_mpa` and `J`. Points are at rest, points and cells in the
     /// file's order.
     #[must_use]
-    pub fn file(&self, file: &VolumeMesh, outcome: &SceneOutcome) -> Vec<u8> {
+    pub fn solved_mesh(&self, file: &VolumeMesh, outcome: &SceneOutcome) -> VolumeMesh {
         let mesh = &self.ready.mesh;
         let displacement: Vec<f64> = outcome.displacements_mm.iter().flat_map(|u| <[f64; 3]>::from(*u)).collect();
         let attachment: Vec<f64> = mesh.attachment.iter().map(|a| a.number()).collect();
@@ -211,14 +209,18 @@ impl Scene {
         let stress: Vec<f64> = states.iter().flat_map(|(s, _)| s.stress_mpa).collect();
         let von_mises: Vec<f64> = states.iter().map(|(s, _)| von_mises(&s.stress_mpa)).collect();
         let ratio: Vec<f64> = states.iter().map(|(s, _)| s.volume_ratio).collect();
-        let cells: Vec<&[u32]> = file.cells.iter().map(|c| c.corners()).collect();
-        let points: &[Point] = &file.points;
-        vtu_of_cells(
-            points,
-            &cells,
-            &[("displacement_mm", 3, &displacement), ("attachment", 1, &attachment)],
-            &[("tissue", 1, &tissue), ("stress_mpa", 6, &stress), ("von_mises_mpa", 1, &von_mises), ("J", 1, &ratio)],
-        )
+        let array = |name: &str, components, values| DataArray { name: name.to_owned(), components, values };
+        VolumeMesh {
+            points: file.points.clone(),
+            cells: file.cells.clone(),
+            point_arrays: vec![array("displacement_mm", 3, displacement), array("attachment", 1, attachment)],
+            cell_arrays: vec![
+                array("tissue", 1, tissue),
+                array("stress_mpa", 6, stress),
+                array("von_mises_mpa", 1, von_mises),
+                array("J", 1, ratio),
+            ],
+        }
     }
 }
 

@@ -14,7 +14,7 @@ pub(super) fn check(files: &TlsFiles) -> Result<(), String> {
         return Err(unusable(&files.cert, &"holds no certificate"));
     }
     let key = PrivateKeyDer::from_pem_file(&files.key).map_err(|e| unusable(&files.key, &e))?;
-    let provider = rustls::crypto::aws_lc_rs::default_provider();
+    let provider = rustls::crypto::ring::default_provider();
     let config = ServerConfig::builder_with_provider(provider.into()).with_safe_default_protocol_versions();
     let config = config.map_err(|e| e.to_string())?.with_no_client_auth().with_single_cert(chain, key);
     config.map(|_| ()).map_err(|e| format!("certificate and key cannot be used together: {e}"))

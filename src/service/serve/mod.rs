@@ -1,6 +1,7 @@
 //! A running service: store, numerics, jobs and HTTP put together.
 //!
-//! Invariant: what is started here is stopped here, in the order in which requests depend on it.
+//! Invariant: what is started here is stopped here, in the order in which requests depend on it. Futures are boxed: an `async fn`, with
+//! all that it awaits, would be compiled again in every package that calls it.
 
 mod stalled;
 mod tls;
@@ -14,6 +15,7 @@ use std::time::Duration;
 use axum_server::Handle;
 use axum_server::accept::DefaultAcceptor;
 use axum_server::tls_rustls::RustlsAcceptor;
+use futures::future::{BoxFuture, LocalBoxFuture};
 use hyper_util::rt::{TokioExecutor, TokioTimer};
 use hyper_util::server::conn::auto::Builder;
 use tokio::net::TcpListener;
@@ -89,16 +91,23 @@ pub struct Running {
 ///
 /// # Errors
 /// [`ServeError`].
-pub async fn start(config: ServeConfig) -> Result<Running, ServeError> {
+pub fn start(config: ServeConfig) -> LocalBoxFuture<'static, Result<Running, ServeError>> {
     let engine = Arc::new(Numerics::new(config.service.import).with_cache_bytes(config.cache_bytes));
-    start_with(config, engine).await
+    start_with(config, engine)
 }
 
 /// Starts the service with the given numerics.
 ///
 /// # Errors
 /// [`ServeError`].
-pub async fn start_with(config: ServeConfig, engine: Arc<dyn Engine>) -> Result<Running, ServeError> {
+pub fn start_with(
+    config: ServeConfig,
+    engine: Arc<dyn Engine>,
+) -> LocalBoxFuture<'static, Result<Running, ServeError>> {
+    Box::pin(started(config, engine))
+}
+
+async fn started(config: ServeConfig, engine: Arc<dyn Engine>) -> Result<Running, ServeError> {
     config.check()?;
     let store_error = |source| ServeError::Store { place: config.places.with_directory(&config.data), source };
     let store = Store::open_at(&config.data, &config.places).await.map_err(store_error)?;
@@ -159,7 +168,15 @@ async fn note_address(data: &Path, scheme: &str, address: SocketAddr) -> std::io
 ///
 /// # Errors
 /// [`ServeError::Pool`], [`ServeError::Audit`], [`ServeError::Auth`], [`ServeError::Jobs`].
-pub async fn state(config: &ServeConfig, store: Store, engine: Arc<dyn Engine>) -> Result<AppState, ServeError> {
+pub fn state(
+    config: &ServeConfig,
+    store: Store,
+    engine: Arc<dyn Engine>,
+) -> BoxFuture<'_, Result<AppState, ServeError>> {
+    Box::pin(state_over(config, store, engine))
+}
+
+async fn state_over(config: &ServeConfig, store: Store, engine: Arc<dyn Engine>) -> Result<AppState, ServeError> {
     let cpu = CpuPool::new(config.threads, config.service.parallel_jobs)?;
     let access = match &config.auth {
         Some(auth) => Access::Tokens(Authenticator::new(auth.clone(), cpu.clone())?),
@@ -204,7 +221,11 @@ impl Running {
 
     /// Takes no new jobs, waits a while for those that run, interrupts what is left (the next start takes it up), lets open
     /// requests end and closes the store.
-    pub async fn shut_down(self) {
+    pub fn shut_down(self) -> BoxFuture<'static, ()> {
+        Box::pin(self.ended())
+    }
+
+    async fn ended(self) {
         self.service.drain(self.drain).await;
         self.service.shut_down(GRACE).await;
         self.handle.graceful_shutdown(Some(GRACE));

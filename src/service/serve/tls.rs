@@ -12,7 +12,7 @@ const LOOK_EVERY: Duration = Duration::from_secs(5);
 /// Reads certificate and key.
 pub(super) async fn load(files: &TlsFiles) -> std::io::Result<RustlsConfig> {
     // The second start of a process finds the provider installed.
-    rustls::crypto::aws_lc_rs::default_provider().install_default().ok();
+    rustls::crypto::ring::default_provider().install_default().ok();
     RustlsConfig::from_pem_file(&files.cert, &files.key).await
 }
 

@@ -1,8 +1,7 @@
 use std::sync::Arc;
 
-use prosopon_geometry::TriMesh;
-use prosopon_geometry::VolumeMesh;
-use prosopon_planning::plan::{Cut, Landmarks, Plan, Protected, Template};
+use prosopon_geometry::{TriMesh, VolumeMesh};
+use prosopon_planning::plan::{Cut, Landmarks, Plan, Protected, TemplateCall};
 use prosopon_planning::simulate::{Anatomy, FieldsSettings, Milestone, RunSettings, TissueSettings};
 use prosopon_tissue::fem::SolveSettings;
 
@@ -17,17 +16,6 @@ pub struct Case {
     pub key: String,
     /// x of the midline, mm, where known.
     pub midline_x_mm: Option<f64>,
-}
-
-/// A template asked for.
-#[derive(Debug, Clone, PartialEq)]
-pub struct TemplateCall {
-    /// Which one.
-    pub template: Template,
-    /// What it goes by.
-    pub landmarks: Landmarks,
-    /// Width of the saw's slot, mm.
-    pub kerf_mm: f64,
 }
 
 /// Cuts asked for.

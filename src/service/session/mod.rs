@@ -22,7 +22,7 @@ mod settings;
 mod surface_part;
 mod tissue_file;
 
-pub use case::{Case, Cuts, Earlier, Run, SceneBones, SceneRun, Solid, TemplateCall, TissueRequest};
+pub use case::{Case, Cuts, Earlier, Run, SceneBones, SceneRun, Solid, TissueRequest};
 pub use documents::{
     AttachedDocument, ClearanceDocument, CtDocument, CutDocument, CutSurfaceDocument, D1ReadingName, DoubtDocument,
     DoubtfulRegionsDocument, ErrorDocument, FieldDocument, FieldQualityDocument, FreePartDocument, HistogramBin,

@@ -1,4 +1,3 @@
-use std::collections::BTreeSet;
 use std::fmt;
 use std::sync::Arc;
 
@@ -15,9 +14,9 @@ use prosopon_geometry::control::Control;
 use prosopon_geometry::{Implicit, Point, TriMesh, Vector};
 use prosopon_planning::evaluate::{self, ErrorMap, FaceRegion, Registration};
 use prosopon_planning::plan::{
-    self, Clearance, Cut, CutShape, Landmarks, Osteotomy, PathReport, Plan, Proposal, Purpose, Template,
+    self, Clearance, Cut, Osteotomy, PathReport, Plan, Proposal, TemplateCuts, TemplateFault,
 };
-use prosopon_planning::simulate::{self, Anatomy, CutBone, Fields, Outcome, SimulateError, TissueModel};
+use prosopon_planning::simulate::{self, CutBone, Fields, Outcome, SimulateError, TissueModel};
 use prosopon_planning::surface::{self, CtSettings, CtSurfaces};
 use prosopon_tissue::mesh::MeshReport;
 
@@ -133,31 +132,8 @@ fn surface_bytes(surface: &TriMesh) -> u64 {
     (surface.positions().len() * 24 + surface.triangles().len() * 12) as u64
 }
 
-/// Fills in what a template lacks, from the surfaces; names of what was filled of what it needs.
-fn propose_missing(
-    template: Template,
-    landmarks: &mut Landmarks,
-    anatomy: &Anatomy,
-    cached: &mut Option<Proposal>,
-) -> Vec<String> {
-    if landmarks.missing(template).is_empty() {
-        return Vec::new();
-    }
-    let proposal = cached.get_or_insert_with(|| plan::propose(&anatomy.skin, &anatomy.skull));
-    let mut filled = proposal.fill(landmarks);
-    if matches!(template, Template::LeFort1 | Template::TwoPieceMaxilla) && !landmarks.missing(template).is_empty() {
-        // No nasal aperture in the bone: an adult's usual distances below the tip of the nose.
-        let guess = simulate::propose_landmarks(&anatomy.skin);
-        landmarks.le_fort_1_plane.get_or_insert(guess.le_fort_1_plane);
-        landmarks.occlusal_z_mm.get_or_insert(guess.occlusal_plane_z_mm);
-        filled.extend(["le_fort_1_plane", "occlusal_plane_z_mm"].map(str::to_owned));
-    }
-    filled.retain(|name| template.needs().contains(&name.as_str()));
-    filled
-}
-
 /// What keeps a template from placing its cuts, with its place in the request.
-fn template_fault(index: usize, error: plan::PlanError) -> Halt {
+fn template_fault(TemplateFault { index, error }: TemplateFault) -> Halt {
     match Halt::from(error) {
         Halt::Cancelled => Halt::Cancelled,
         Halt::Fault(mut fault) => {
@@ -170,7 +146,7 @@ fn template_fault(index: usize, error: plan::PlanError) -> Halt {
 }
 
 /// Points to the request's own cuts, which come after those of its templates.
-fn given_cuts(halt: Halt, from_templates: usize, own: &[(Template, Vec<usize>)]) -> Halt {
+fn given_cuts(halt: Halt, templates: &TemplateCuts) -> Halt {
     match halt {
         Halt::Cancelled => Halt::Cancelled,
         Halt::Fault(mut fault) => {
@@ -178,15 +154,12 @@ fn given_cuts(halt: Halt, from_templates: usize, own: &[(Template, Vec<usize>)])
                 let Some(rest) = field.pointer.strip_prefix("/cuts/") else { continue };
                 let (number, below) = rest.split_once('/').map_or((rest, String::new()), |(n, b)| (n, format!("/{b}")));
                 let Ok(number) = number.parse::<usize>() else { continue };
-                field.pointer = match number.checked_sub(from_templates) {
+                field.pointer = match number.checked_sub(templates.cuts.len()) {
                     Some(own) => format!("/cuts/{own}{below}"),
                     None => "/templates".to_owned(),
                 };
             }
-            let range = |(template, saws): &(Template, Vec<usize>)| {
-                Some(format!("{} to {} are of {}", saws.first()?, saws.last()?, template.name()))
-            };
-            let ranges: Vec<String> = own.iter().filter_map(range).collect();
+            let ranges = templates.ranges();
             if fault.kind == FaultKind::BoneNotParted && !ranges.is_empty() {
                 fault.detail = format!("{} (cuts {})", fault.detail, ranges.join(", "));
             }
@@ -243,50 +216,14 @@ impl Engine for Numerics {
 
     fn cut(&self, case: &Case, cuts: &Cuts, control: &Control) -> Result<(Osteotomy, Vec<Clearance>), Halt> {
         let bone = self.envelope_of(case, &control.part(0.0, 0.5))?;
-        let (mut proposal, mut proposed) = (None, BTreeSet::new());
-        let mut all: Vec<Cut> = Vec::new();
-        let mut own: Vec<(Template, Vec<usize>)> = Vec::new();
-        // One head has one Le Fort I plane, whichever template's request names it.
-        let plane = cuts.templates.iter().find_map(|call| call.landmarks.le_fort_1_plane);
-        for (index, call) in cuts.templates.iter().enumerate() {
-            let (template, mut landmarks) = (call.template, call.landmarks.clone());
-            landmarks.le_fort_1_plane = landmarks.le_fort_1_plane.or(plane);
-            proposed.extend(propose_missing(template, &mut landmarks, &case.anatomy, &mut proposal));
-            let placed = template.cuts(&landmarks, &bone).map_err(|e| template_fault(index, e))?;
-            let begin = all.len();
-            // Two templates may tell the same bones apart.
-            for mut cut in placed {
-                if cut.purpose == Purpose::Osteotomy && !matches!(cut.shape, CutShape::FreePart(_)) {
-                    cut.kerf_mm = call.kerf_mm;
-                }
-                if !all.contains(&cut) {
-                    all.push(cut);
-                }
-            }
-            let saws = (begin..all.len()).filter(|cut| all[*cut].purpose == Purpose::Osteotomy);
-            own.push((template, saws.collect()));
-        }
-        let from_templates = all.len();
-        all.extend(cuts.cuts.iter().cloned());
+        let anatomy = &case.anatomy;
+        let templates =
+            TemplateCuts::place(&cuts.templates, &anatomy.skin, &anatomy.skull, &bone).map_err(template_fault)?;
+        let all: Vec<Cut> = templates.cuts.iter().chain(&cuts.cuts).cloned().collect();
         let cut = self.osteotomy_of(case, &all, &control.part(0.5, 1.0));
-        let mut osteotomy = Osteotomy::clone(&*cut.map_err(|halt| given_cuts(halt, from_templates, &own))?);
-        for (template, saws) in &own {
-            let parts =
-                osteotomy.segments.iter().any(|s| s.id != 0 && s.bounded_by.iter().any(|cut| saws.contains(cut)));
-            if !parts && !saws.is_empty() {
-                osteotomy.warnings.push(format!(
-                    "the template {} parts nothing: there is no segment at its cuts; look at its landmarks, and whether the bone is in the scan",
-                    template.name()
-                ));
-            }
-        }
-        if !proposed.is_empty() {
-            let names: Vec<String> = proposed.into_iter().collect();
-            osteotomy.warnings.push(format!(
-                "no landmarks were given for {}: they were proposed from the surfaces and need to be checked",
-                names.join(", ")
-            ));
-        }
+        let mut osteotomy = Osteotomy::clone(&*cut.map_err(|halt| given_cuts(halt, &templates))?);
+        let warnings = templates.warnings(&osteotomy);
+        osteotomy.warnings.extend(warnings);
         plan::name_segments(&mut osteotomy, &cuts.landmarks);
         let clearances = plan::clearances(&osteotomy, &cuts.protected)?;
         for near in &clearances {

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use super::fault::{Fault, FaultKind};
 use super::{Halt, RunWatch, SceneRun, SceneSolved};
 use prosopon_field::SignedField;
+use prosopon_formats::export::vtu_of_mesh;
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Point, TriMesh};
 use prosopon_planning::simulate::{Frame, OuterSurface, ReadyMesh, Scene};
@@ -59,7 +60,7 @@ pub(super) fn solve_scene(
     if let Some(failure) = outcome.failure {
         return Err(failure.into());
     }
-    let file = run.file.then(|| scene.file(&run.volume, &outcome));
+    let file = run.file.then(|| vtu_of_mesh(&scene.solved_mesh(&run.volume, &outcome)));
     Ok(SceneSolved { file, warnings: outcome.warnings })
 }
 

@@ -3,6 +3,7 @@ use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
+use futures::future::BoxFuture;
 use serde::{Deserialize, Serialize};
 
 use super::MetaStore;
@@ -100,7 +101,14 @@ pub struct AuditReport {
 ///
 /// # Errors
 /// [`AuditFault`].
-pub async fn verify_audit(data: &Path, database: Option<&DatabaseUrl>) -> Result<AuditReport, AuditFault> {
+pub fn verify_audit<'a>(
+    data: &'a Path,
+    database: Option<&'a DatabaseUrl>,
+) -> BoxFuture<'a, Result<AuditReport, AuditFault>> {
+    Box::pin(follow_to_the_anchor(data, database))
+}
+
+async fn follow_to_the_anchor(data: &Path, database: Option<&DatabaseUrl>) -> Result<AuditReport, AuditFault> {
     let (meta, log): (Option<Box<dyn MetaStore>>, _) = match database {
         Some(url) => (Some(Box::new(PostgresMeta::open_beside(url.options()).await?)), log_name(data)?),
         None if data.join(DATABASE).is_file() => {

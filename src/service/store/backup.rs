@@ -3,6 +3,7 @@ use std::fs::File;
 use std::io::{self, Read, Write};
 use std::path::{Component, Path, PathBuf};
 
+use futures::future::BoxFuture;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
@@ -40,7 +41,11 @@ struct Manifest {
 ///
 /// # Errors
 /// [`StoreError::Backup`] when `out` is there, or when files vanish faster than they are copied; else the store's.
-pub async fn back_up(data: &Path, out: &Path) -> Result<BackupReport, StoreError> {
+pub fn back_up<'a>(data: &'a Path, out: &'a Path) -> BoxFuture<'a, Result<BackupReport, StoreError>> {
+    Box::pin(copy_out(data, out))
+}
+
+async fn copy_out(data: &Path, out: &Path) -> Result<BackupReport, StoreError> {
     if out.exists() {
         return Err(fault(format!("{} is there already", out.display())));
     }
@@ -169,7 +174,11 @@ fn finish(out: &Path, named: &BTreeSet<String>, mut files: Copied) -> Result<Bac
 ///
 /// # Errors
 /// [`StoreError::Backup`] when the backup is not whole or the directory has a store, [`StoreError::InUse`].
-pub async fn restore(from: &Path, data: &Path) -> Result<BackupReport, StoreError> {
+pub fn restore<'a>(from: &'a Path, data: &'a Path) -> BoxFuture<'a, Result<BackupReport, StoreError>> {
+    Box::pin(copy_back(from, data))
+}
+
+async fn copy_back(from: &Path, data: &Path) -> Result<BackupReport, StoreError> {
     let text = std::fs::read_to_string(from.join(MANIFEST))
         .map_err(|e| fault(format!("{} cannot be read: {e}", from.join(MANIFEST).display())))?;
     let manifest: Manifest = serde_json::from_str(&text).map_err(|e| fault(format!("the manifest: {e}")))?;

@@ -6,6 +6,9 @@
 //! Rows are in SQLite (the default), Postgres or memory; large results in files (the default), a bucket of an S3-compatible store, or
 //! memory: whatever is an [`object_store::ObjectStore`]. `conformance` holds all to the same behaviour. SQLite and Postgres share one text
 //! of SQL (`sql`). The fence that every write of a running job checks keeps out a worker whose job was given to another.
+//!
+//! What opens, checks or copies a whole store returns a boxed future. An `async fn` is compiled again in every package that awaits
+//! it, with the database drivers below it; a boxed one is compiled here only.
 
 #![allow(clippy::duplicate_mod, reason = "`sql` is compiled once for each database")]
 

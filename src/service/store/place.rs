@@ -4,6 +4,7 @@ use std::str::FromStr;
 use std::sync::Arc;
 use std::time::Duration;
 
+use futures::future::LocalBoxFuture;
 use object_store::aws::AmazonS3Builder;
 use object_store::path::Path;
 use object_store::prefix::PrefixStore;
@@ -68,8 +69,8 @@ impl DatabaseUrl {
     ///
     /// # Errors
     /// [`StoreError::Newer`], [`StoreError::ForeignTables`], [`StoreError::Unreachable`].
-    pub async fn migrate(&self) -> Result<(i64, i64), StoreError> {
-        postgres::migrate(&self.options).await
+    pub fn migrate(&self) -> LocalBoxFuture<'_, Result<(i64, i64), StoreError>> {
+        Box::pin(postgres::migrate(&self.options))
     }
 }
 
@@ -149,6 +150,8 @@ impl BucketUrl {
     /// # Errors
     /// [`StoreError::Bucket`] when the settings do not fit together.
     pub fn open_with(&self, client: AmazonS3Builder) -> Result<Arc<dyn ObjectStore>, StoreError> {
+        // The client's TLS takes the provider of the process; the second bucket of a process finds it installed.
+        rustls::crypto::ring::default_provider().install_default().ok();
         let bucket =
             client.with_bucket_name(&self.bucket).with_retry(patience()).build().map_err(StoreError::Bucket)?;
         if self.prefix.is_root() {

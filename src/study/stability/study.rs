@@ -2,9 +2,8 @@ use std::io::Write;
 use std::path::Path;
 
 use super::cell::{Cell, Verdict, cell};
-use super::map;
 use super::method::METHODS;
-use super::scenes;
+use super::{map, scenes};
 use crate::error::{BenchError, write};
 use crate::files::refuse_unwritable;
 

@@ -21,8 +21,7 @@ use super::hounsfield::{self, MAX_INFLATION};
 use super::number::Kind;
 use super::volume::check_extent;
 use super::{ImportError, Limits};
-use prosopon_geometry::Volume;
-use prosopon_geometry::{Point, Vector};
+use prosopon_geometry::{Point, Vector, Volume};
 
 const FORMAT: &str = "NIfTI-1";
 const HEADER: u64 = 348;

@@ -4,8 +4,7 @@ use flate2::Compression;
 use flate2::write::GzEncoder;
 
 use super::super::{ImportError, Limits, VolumeScan, volume};
-use prosopon_geometry::Volume;
-use prosopon_geometry::{Point, Vector};
+use prosopon_geometry::{Point, Vector, Volume};
 
 fn read(bytes: &[u8]) -> Result<(Volume, Vec<String>), ImportError> {
     volume(bytes, &Limits::default())

@@ -1,8 +1,7 @@
 use super::volume_mesh;
 use crate::import::Limits;
 use proptest::prelude::*;
-use prosopon_geometry::Point;
-use prosopon_geometry::{Cell, VolumeMesh};
+use prosopon_geometry::{Cell, Point, VolumeMesh};
 
 const LIMITS: Limits = Limits { max_triangles: 1000, max_voxels: 1000, max_cells: 1000 };
 const POINTS: [f64; 21] =

@@ -1,5 +1,6 @@
 //! Landmarks proposed from the surfaces of skin and bone.
 
+mod by_proportions;
 mod jaws;
 mod midline;
 mod profile;
@@ -9,6 +10,7 @@ mod voxels;
 use std::collections::BTreeMap;
 
 use super::Landmarks;
+pub(super) use by_proportions::propose_by_proportions;
 use jaws::{Occlusion, incisal_edge, nasal_aperture, occlusion};
 use midline::midline;
 use profile::Profile;

@@ -4,12 +4,14 @@
 
 mod le_fort_1;
 mod mandible;
+mod merge;
 mod midface;
 
 use std::collections::BTreeMap;
 
 use le_fort_1::Frame;
 pub use le_fort_1::le_fort_1;
+pub use merge::{TemplateCall, TemplateCuts, TemplateFault};
 
 use super::PlanError;
 use super::blade::Blade;

@@ -3,8 +3,7 @@
 use super::distance::Nearest;
 use super::inside::Depth;
 use nalgebra::Matrix3;
-use prosopon_geometry::Volume;
-use prosopon_geometry::{Point, ScalarGrid};
+use prosopon_geometry::{Point, ScalarGrid, Volume};
 use rayon::prelude::*;
 
 /// How far streaks that look like bone reach from metal, mm.

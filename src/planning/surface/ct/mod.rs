@@ -14,9 +14,10 @@ use super::SurfaceError;
 use body::Body;
 use inside::Depth;
 use metal::Metal;
-use prosopon_geometry::Volume;
 use prosopon_geometry::control::{Cancelled, Control};
-use prosopon_geometry::{ScalarGrid, TriMesh, decimate_with, drop_small_parts, isosurface, largest_part, smooth};
+use prosopon_geometry::{
+    ScalarGrid, TriMesh, Volume, decimate_with, drop_small_parts, isosurface, largest_part, smooth,
+};
 
 /// Smoothing of the skin: takes out the steps between slices of a few mm.
 const SKIN_ITERATIONS: usize = 10;
@@ -180,8 +181,7 @@ fn finished(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use prosopon_geometry::Topology;
-    use prosopon_geometry::{Point, Vector};
+    use prosopon_geometry::{Point, Topology, Vector};
 
     /// Soft tissue of radius 30 with a shell of bone (16 to 20), an airspace (radius 8) that a tube of radius 4 joins to the
     /// outside, a throat that leaves the volume below, and a sheet beside the ball. Slices are 2 mm apart.

@@ -1,8 +1,7 @@
 use crate::surface::SurfaceError;
 use nalgebra::Matrix3;
-use prosopon_geometry::Volume;
 use prosopon_geometry::control::{Cancelled, Control};
-use prosopon_geometry::{Aabb, Point, ScalarGrid, Vector};
+use prosopon_geometry::{Aabb, Point, ScalarGrid, Vector, Volume};
 use rayon::prelude::*;
 use std::borrow::Cow;
 

@@ -3,6 +3,7 @@
 mod api_key;
 mod authenticator;
 mod principal;
+mod ring_verifier;
 mod token;
 
 pub use api_key::{ApiKey, NewKey, new_key};

@@ -3,9 +3,10 @@ use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
 
 use jsonwebtoken::jwk::{Jwk, JwkSet};
-use jsonwebtoken::{Algorithm, DecodingKey, Validation, decode, decode_header};
+use jsonwebtoken::{DecodingKey, Validation, decode, decode_header};
 use serde_json::{Map, Value};
 
+use super::ring_verifier::{self, ALGORITHMS};
 use super::{Principal, Scopes};
 use prosopon_store::TenantId;
 
@@ -43,19 +44,6 @@ impl JwtSettings {
     }
 }
 
-/// Signatures that a public key can check; never a shared secret, for whoever knows the public key could then sign.
-const ALGORITHMS: [Algorithm; 9] = [
-    Algorithm::RS256,
-    Algorithm::RS384,
-    Algorithm::RS512,
-    Algorithm::PS256,
-    Algorithm::PS384,
-    Algorithm::PS512,
-    Algorithm::ES256,
-    Algorithm::ES384,
-    Algorithm::EdDSA,
-];
-
 /// Shortest time between two looks at the file.
 const LOOK_EVERY: Duration = Duration::from_secs(10);
 
@@ -76,6 +64,7 @@ struct Keys {
 impl Tokens {
     /// Reads the keys.
     pub(super) fn open(settings: JwtSettings) -> Result<Self, String> {
+        ring_verifier::install();
         let (set, changed) = read(&settings)?;
         Ok(Self { settings, keys: Mutex::new(Keys { set, changed, looked: Instant::now() }) })
     }

@@ -8,10 +8,10 @@ use super::check::{Check, REACH_MM};
 use super::inputs::checked_plane;
 use crate::session::{
     CutSurfaceDocument, Cuts, Fault, FreePartDocument, LandmarksDocument, OsteotomyDocument, PlacedPlane,
-    PlaneDocument, PolylineDocument, TemplateCall,
+    PlaneDocument, PolylineDocument,
 };
 use prosopon_geometry::{Point, TriMesh};
-use prosopon_planning::plan::{BoundedPlane, Cut, CutShape, Landmarks, Protected, Template};
+use prosopon_planning::plan::{BoundedPlane, Cut, CutShape, Landmarks, Protected, Template, TemplateCall};
 use prosopon_store::OsteotomyRecord;
 
 /// A line on the bone that is shorter is no cut but a mistake in units, mm.

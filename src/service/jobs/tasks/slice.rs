@@ -1,11 +1,7 @@
-use std::io::Cursor;
-
-use image::{ImageFormat, Rgb, RgbImage};
-
 use crate::jobs::Service;
 use crate::session::{Case, Fault, FaultKind, Halt, Solid};
 use prosopon_geometry::{Aabb, Point};
-use prosopon_planning::evaluate::diverging;
+use prosopon_planning::evaluate::{diverging, rgb_png};
 
 /// Pixels along the longer side of a slice.
 const SIZE_PX: u32 = 512;
@@ -33,17 +29,10 @@ pub async fn field_slice(
                 [across, up].map(|a| (((bounds.max[a] - bounds.min[a]) / pixel_mm).ceil() as u32).clamp(1, SIZE_PX));
             let points = pixel_centres(&bounds, [axis, across, up], [width, height], offset_mm, pixel_mm);
             let values = engine.distances(&case, solid, &points, control)?;
-            let mut picture = RgbImage::new(width, height);
-            for (index, (value, _)) in values.iter().enumerate() {
-                let colour = if value.abs() < pixel_mm { [0; 3] } else { diverging(*value, LIMIT_MM) };
-                let (x, y) = (index as u32 % width, index as u32 / width);
-                picture.put_pixel(x, y, Rgb(colour));
-            }
-            let mut png = Cursor::new(Vec::new());
-            picture
-                .write_to(&mut png, ImageFormat::Png)
-                .map_err(|e| Halt::from(Fault::new(FaultKind::Internal, e.to_string())))?;
-            Ok(png.into_inner())
+            let colour = |value: f64| if value.abs() < pixel_mm { [0; 3] } else { diverging(value, LIMIT_MM) };
+            let pixels: Vec<u8> = values.iter().flat_map(|(value, _)| colour(*value)).collect();
+            rgb_png(&pixels, width, height)
+                .ok_or_else(|| Halt::from(Fault::new(FaultKind::Internal, "a pixel of the slice has no value")))
         })
         .await
 }

@@ -4,6 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
+use futures::future::LocalBoxFuture;
 use object_store::ObjectStore;
 use uuid::Uuid;
 
@@ -20,8 +21,8 @@ impl Store {
     /// # Errors
     /// [`StoreError::InUse`] when another process has it open, [`StoreError::Newer`] and [`StoreError::Foreign`] when another
     /// version or program wrote it, otherwise whatever the disk or the database says.
-    pub async fn open(directory: &Path) -> Result<Self> {
-        Self::open_at(directory, &Places::default()).await
+    pub fn open(directory: &Path) -> LocalBoxFuture<'_, Result<Self>> {
+        Box::pin(async move { Self::open_at(directory, &Places::default()).await })
     }
 
     /// The same with rows or large values in other places. The directory stays this process's own: it has the audit log, and what has
@@ -30,9 +31,11 @@ impl Store {
     /// # Errors
     /// As [`Store::open`]; [`StoreError::Unreachable`], [`StoreError::ForeignTables`], [`StoreError::Bucket`],
     /// [`StoreError::BucketAway`], [`StoreError::ForeignBlobs`].
-    pub async fn open_at(directory: &Path, places: &Places) -> Result<Self> {
-        let objects = places.blobs.as_ref().map(BucketUrl::open).transpose()?;
-        Self::open_over(directory, places, objects).await
+    pub fn open_at<'a>(directory: &'a Path, places: &'a Places) -> LocalBoxFuture<'a, Result<Self>> {
+        Box::pin(async move {
+            let objects = places.blobs.as_ref().map(BucketUrl::open).transpose()?;
+            Self::open_over(directory, places, objects).await
+        })
     }
 
     /// The same with the bucket already open.

@@ -10,7 +10,7 @@ const OCCLUSAL_BELOW_NOSE_MM: f64 = 37.0;
 /// Landmarks guessed from the skin alone: the foremost point near the middle is the tip of the nose, and the planes lie at
 /// an adult's usual distance below it. A proposal to be checked by a person; only `pronasale` is named.
 #[must_use]
-pub fn propose_landmarks(skin: &TriMesh) -> Landmarks {
+pub(in super::super) fn propose_by_proportions(skin: &TriMesh) -> Landmarks {
     let center = skin.bounds().center();
     let middle = skin.positions().iter().filter(|p| (p.x - center.x).abs() < NOSE_STRIP_MM);
     let nose = middle.fold(center, |best, p| if p.y < best.y { *p } else { best });

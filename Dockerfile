@@ -4,8 +4,8 @@ WORKDIR /build
 COPY . .
 RUN --mount=type=cache,target=/usr/local/cargo/registry \
     --mount=type=cache,target=/build/target \
-    cargo build --release --locked --bin prosopon \
-    && cp target/release/prosopon /usr/local/bin/prosopon
+    cargo build --profile dist --locked --bin prosopon \
+    && cp target/dist/prosopon /usr/local/bin/prosopon
 
 FROM debian:bookworm-slim
 # The authorities that TLS to a bucket trusts.

@@ -23,13 +23,13 @@ const PACKAGES: &[Package] = &[
     Package { folder: "src/tissue", rooms: &["mesh", "fem"], pure: true },
     Package { folder: "src/planning", rooms: &["surface", "phantom", "plan", "evaluate", "simulate"], pure: true },
     // ---- wall ----
-    Package { folder: "src/study", rooms: &[], pure: false },
     Package { folder: "src/service/store", rooms: &[], pure: false },
     Package {
         folder: "src/service",
         rooms: &["trace", "session", "jobs", "http", "config", "telemetry", "serve"],
         pure: false,
     },
+    Package { folder: "src/study", rooms: &[], pure: false },
     Package { folder: "src", rooms: &["demo", "cli"], pure: false },
 ];
 
@@ -37,8 +37,26 @@ const PACKAGES: &[Package] = &[
 const FOREIGN_WORDS: &[&str] =
     &["std::fs", "std::net", "std::env", "std::time", "SystemTime", "Instant", "println!", "ThreadPoolBuilder"];
 /// What may not be in their manifests.
-const FOREIGN_CRATES: &[&str] =
-    &["axum", "object_store", "serde_json", "sqlx", "tokio", "tower", "tracing", "tracing-subscriber", "utoipa"];
+const FOREIGN_CRATES: &[&str] = &[
+    "axum",
+    "figment",
+    "hyper",
+    "object_store",
+    "plotters",
+    "postcard",
+    "reqwest",
+    "serde",
+    "serde_json",
+    "sqlx",
+    "tokio",
+    "tokio-util",
+    "tower",
+    "tower-http",
+    "tracing",
+    "tracing-subscriber",
+    "ureq",
+    "utoipa",
+];
 
 fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -140,23 +158,32 @@ fn breaches(package: &Package, file: &Path, text: &str) -> Vec<String> {
         }
     }
     if package.pure {
+        for (at, _) in text.match_indices("std::{") {
+            let named = first_names(&text[at + "std::".len()..]);
+            let foreign = named.iter().filter(|name| ["env", "fs", "net", "process", "thread", "time"].contains(*name));
+            found.extend(foreign.map(|name| format!("names `std::{name}`")));
+        }
         found.extend(FOREIGN_WORDS.iter().filter(|word| text.contains(**word)).map(|word| format!("names `{word}`")));
     }
     found
 }
 
-/// Dependencies of a package, of the tests too.
+/// Dependencies of a package, of the tests too; of a renamed one both names.
 fn dependencies(manifest: &str) -> Vec<String> {
-    let mut section = "";
+    let name = |text: &str| text.chars().take_while(|c| c.is_alphanumeric() || "-_".contains(*c)).collect::<String>();
+    let mut is_list = false;
     let mut found = Vec::new();
     for line in manifest.lines() {
         if line.starts_with('[') {
-            section = line.trim_matches(['[', ']']);
-        } else if section.ends_with("dependencies") && section != "workspace.dependencies" {
-            let name: String = line.chars().take_while(|c| c.is_alphanumeric() || "-_".contains(*c)).collect();
-            found.extend((!name.is_empty()).then_some(name));
+            let section = line.trim_matches(['[', ']']);
+            is_list = section.ends_with("dependencies") && section != "workspace.dependencies";
+            found.extend(section.split_once("dependencies.").map(|(_, dependency)| name(dependency)));
+        } else if is_list {
+            found.push(name(line));
         }
+        found.extend(line.split_once("package = \"").map(|(_, package)| name(package)));
     }
+    found.retain(|name| !name.is_empty());
     found
 }
 
@@ -215,10 +242,13 @@ fn planted_breaches_are_caught() {
     assert_eq!(count("src/planning", "plan/cut.rs", "use super::simulate; // a file of the room\n"), 0);
     assert_eq!(count("src/planning", "simulate/run.rs", "use crate::{plan, evaluate};"), 0);
     assert_eq!(count("src/field", "build.rs", "let t = std::time::Instant::now();"), 2);
+    assert_eq!(count("src/field", "build.rs", "use std::{fs, sync::Arc};"), 1);
     assert_eq!(count("src/service", "attic/mod.rs", ""), 1);
     assert_eq!(
         manifest_breaches(2, "[dependencies]\ntokio.workspace = true\nprosopon-planning.workspace = true\n").len(),
         2
     );
+    assert_eq!(manifest_breaches(2, "[dependencies.tokio]\nversion = \"1\"\n").len(), 1);
+    assert_eq!(manifest_breaches(2, "[dev-dependencies]\nt = { package = \"tokio\", version = \"1\" }\n").len(), 1);
     assert_eq!(manifest_breaches(2, "[dependencies]\nprosopon-geometry.workspace = true\n").len(), 0);
 }

@@ -119,12 +119,12 @@ async fn a_comparison_that_is_cancelled_or_loses_a_session_leaves_nothing() {
 
     let cancelled = ask(json!({"register": {}})).await.header("location").to_owned();
     assert!(app.post(&format!("{cancelled}/cancel"), json!({})).await.status.is_success());
-    let ended = app.get(&format!("{cancelled}?wait_s=30")).await.ok();
+    let ended = app.ended(&cancelled).await.ok();
     assert_eq!((&ended["status"], &app.get(&path).await.ok()["bytes"]), (&json!("cancelled"), &bytes), "{ended}");
 
     let lost = ask(between).await.header("location").to_owned();
     app.delete(&format!("/v1/sessions/{other}")).await;
-    app.get(&format!("{lost}?wait_s=30")).await.problem(410, "gone");
+    app.ended(&lost).await.problem(410, "gone");
     let done = compare(&app, &own, json!({})).await;
     done.ok();
     let with_one = app.get(&path).await.ok()["bytes"].as_u64().unwrap();
@@ -307,9 +307,9 @@ async fn the_error_of_a_step_is_found_on_demand_against_another_job_and_after_re
     let app = TestApp::new().await;
     let (session, plan) = app.session_with_plan().await;
     let first = app.solve(&session, &plan, json!({"steps": 2})).await;
-    app.get(&format!("{first}?wait_s=10")).await.ok();
+    app.ended(&first).await.ok();
     let second = app.solve(&session, &plan, json!({"steps": 4})).await;
-    app.get(&format!("{second}?wait_s=10")).await.ok();
+    app.ended(&second).await.ok();
     let id = first.rsplit('/').next().unwrap();
     let path = format!("{second}/steps/2/error?reference={id}");
     let answer = app.get(&path).await;
@@ -343,7 +343,7 @@ async fn the_report_is_one_page_that_needs_nothing_else() {
     let (session, plan) = app.session_with_plan().await;
     app.upload(&format!("{session}/target"), stl(&cube([0.0, -10.0, 0.0], 100.0))).await.ok();
     let job = app.solve(&session, &plan, json!({"steps": 2})).await;
-    app.get(&format!("{job}?wait_s=10")).await.ok();
+    app.ended(&job).await.ok();
     let page = app.get(&format!("{job}/report?format=html")).await;
     assert_eq!(page.header("content-type"), "text/html; charset=utf-8");
     let text = String::from_utf8(page.body.to_vec()).unwrap();

@@ -163,7 +163,7 @@ async fn a_job_that_finds_the_disk_full_fails_with_what_it_has_and_the_next_one_
     let before = disk.count();
     disk.leave(10);
     app.stand_in.release();
-    let ended = app.get(&format!("{job}?wait_s=10")).await.ok();
+    let ended = app.ended(&job).await.ok();
     assert_eq!((&ended["status"], &ended["problem"]["type"]), (&json!("failed"), &json!("/problems/storage-full")));
     assert_eq!((&ended["step"], &ended["problem"]["status"]), (&json!(1), &json!(507)), "{ended}");
     assert_eq!(app.get(&format!("{job}/steps/1/skin")).await.status, StatusCode::OK);
@@ -172,11 +172,11 @@ async fn a_job_that_finds_the_disk_full_fails_with_what_it_has_and_the_next_one_
 
     // Nor can a job begin; what is asked for again afterwards succeeds.
     let refused = app.solve(&session, &plan, json!({"steps": 2})).await;
-    let ended = app.get(&format!("{refused}?wait_s=10")).await.ok();
+    let ended = app.ended(&refused).await.ok();
     assert_eq!(ended["problem"]["type"], "/problems/storage-full", "{ended}");
     disk.leave(i64::MAX);
     let again = app.solve(&session, &plan, json!({"steps": 3})).await;
-    assert_eq!(app.get(&format!("{again}?wait_s=10")).await.ok()["status"], "succeeded");
+    assert_eq!(app.ended(&again).await.ok()["status"], "succeeded");
     assert_eq!(app.get("/readyz").await.status, StatusCode::OK);
 }
 
@@ -197,10 +197,10 @@ async fn the_end_of_a_job_is_recorded_once_the_database_can_be_written_again() {
     assert_eq!(waiting["status"], "running", "{waiting}");
     assert_eq!(app.get("/livez").await.status, StatusCode::OK);
     run("DROP TRIGGER broken").await;
-    let ended = app.get(&format!("{job}?wait_s=20")).await.ok();
+    let ended = app.ended(&job).await.ok();
     assert_eq!(ended["status"], "succeeded", "{ended}");
     assert_eq!(app.get(&format!("{job}/tissue")).await.status, StatusCode::OK, "its results are there");
     let next = app.solve(&session, &plan, json!({"steps": 1})).await;
-    assert_eq!(app.get(&format!("{next}?wait_s=10")).await.ok()["status"], "succeeded");
+    assert_eq!(app.ended(&next).await.ok()["status"], "succeeded");
     database.close().await;
 }

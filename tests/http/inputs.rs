@@ -140,7 +140,7 @@ async fn a_ct_becomes_skin_skull_and_air() {
     app.finish(app.post(&format!("{session}/field"), json!({})).await).await;
     let plan = app.plan(&session).await;
     let job = app.solve(&session, &plan, json!({})).await;
-    assert_eq!(app.get(&format!("{job}?wait_s=10")).await.ok()["status"], "succeeded");
+    assert_eq!(app.ended(&job).await.ok()["status"], "succeeded");
     let phases = app.get(&format!("{job}/report")).await.ok()["phases"].clone();
     assert!(import_s > 0.0 && phases["surfaces_s"] == import_s, "{import_s} {phases}");
     let members = phases.as_object().unwrap();
@@ -258,7 +258,7 @@ async fn the_same_ct_again_is_the_same_import() {
     let other = app.upload(&format!("{path}?bone_hu=250"), nifti()).await;
     assert_ne!(other.header("location"), first.header("location"));
     app.stand_in.release();
-    app.get(&format!("{running}?wait_s=10")).await.ok();
+    app.ended(&running).await.ok();
     for job in [first, other] {
         assert_eq!(app.finish(job).await["status"], "succeeded");
     }

@@ -49,7 +49,7 @@ async fn progress_is_that_of_the_path_and_residuals_are_those_of_its_steps() {
     assert!(view["eta_s"].as_f64().unwrap() >= 0.0);
     assert_eq!(view["residuals"], json!([1e-6, 1e-6]));
     app.stand_in.release();
-    let ended = app.get(&format!("{job}?wait_s=10")).await.ok();
+    let ended = app.ended(&job).await.ok();
     assert_eq!((&ended["progress"], ended["residuals"].as_array().unwrap().len()), (&json!(1.0), 4));
     let events = app.call(axum::http::Method::GET, &format!("{job}/events"), &[], axum::body::Body::empty()).await;
     let events = String::from_utf8(events.body.to_vec()).unwrap();
@@ -112,7 +112,7 @@ async fn what_a_step_warns_of_the_job_tells_once_and_the_report_too() {
     let told = |k: u32| format!("step {k}: 3 elements are inside out");
     assert_eq!(app.get(&job).await.ok()["warnings"], json!([told(1)]), "while it runs");
     app.stand_in.release();
-    let ended = app.get(&format!("{job}?wait_s=10")).await.ok();
+    let ended = app.ended(&job).await.ok();
     assert_eq!(ended["warnings"], json!([told(1), told(2), "a stand-in"]));
     let events = app.call(axum::http::Method::GET, &format!("{job}/events"), &[], axum::body::Body::empty()).await;
     let events = String::from_utf8(events.body.to_vec()).unwrap();
@@ -127,13 +127,13 @@ async fn a_panic_or_refusal_of_the_numerics_fails_the_job_and_the_service_goes_o
     let app = TestApp::new().await;
     let (session, plan) = app.session_with_plan().await;
     app.stand_in.panics.store(true, Ordering::SeqCst);
-    let job = app.get(&format!("{}?wait_s=10", app.solve(&session, &plan, json!({})).await)).await.ok();
+    let job = app.ended(&app.solve(&session, &plan, json!({})).await).await.ok();
     assert_eq!((&job["status"], &job["problem"]["type"]), (&json!("failed"), &json!("/problems/internal")));
     assert!(!job["problem"]["detail"].as_str().unwrap().contains("planted"), "nothing of the inside leaks");
 
     app.stand_in.panics.store(false, Ordering::SeqCst);
     app.stand_in.fails_after.store(2, Ordering::SeqCst);
-    let job = app.get(&format!("{}?wait_s=10", app.solve(&session, &plan, json!({})).await)).await.ok();
+    let job = app.ended(&app.solve(&session, &plan, json!({})).await).await.ok();
     assert_eq!(job["problem"]["type"], "/problems/solver-not-converged");
     assert_eq!(job["problem"]["residual_n"], 0.4);
     assert_eq!((&job["step"], &job["phase"]), (&json!(2), &json!("solve")), "steps before stay");
@@ -144,7 +144,7 @@ async fn a_panic_or_refusal_of_the_numerics_fails_the_job_and_the_service_goes_o
     app.get(&format!("{own}/steps/7/frame")).await.problem(404, "not-found");
 
     app.stand_in.fails_after.store(0, Ordering::SeqCst);
-    let job = app.get(&format!("{}?wait_s=10", app.solve(&session, &plan, json!({})).await)).await.ok();
+    let job = app.ended(&app.solve(&session, &plan, json!({})).await).await.ok();
     assert_eq!(job["status"], "succeeded");
 }
 
@@ -170,7 +170,7 @@ async fn one_job_runs_and_the_others_wait_in_line() {
     assert_eq!(full.header("retry-after"), "10");
     app.stand_in.release();
     for job in [first, second, third] {
-        assert_eq!(app.get(&format!("{job}?wait_s=10")).await.ok()["status"], "succeeded");
+        assert_eq!(app.ended(&job).await.ok()["status"], "succeeded");
     }
     assert_eq!(app.stand_in.solves.load(Ordering::SeqCst), 3);
 }
@@ -203,7 +203,7 @@ async fn a_job_that_is_asked_for_again_is_the_one_that_is_there() {
     let after = app.solve(&session, &plan, json!({})).await;
     assert_ne!(after, running, "one that is about to end is no answer");
     app.stand_in.release();
-    assert_eq!(app.get(&format!("{after}?wait_s=10")).await.ok()["status"], "succeeded");
+    assert_eq!(app.ended(&after).await.ok()["status"], "succeeded");
     assert_ne!(app.solve(&session, &plan, json!({})).await, after, "one that has ended neither");
 }
 
@@ -220,7 +220,7 @@ async fn a_cancelled_job_stops_at_once_and_only_once() {
     assert_eq!((answer.status, &answer.json()["status"]), (StatusCode::ACCEPTED, &json!("cancelled")));
     let asked = Instant::now();
     app.post(&format!("{running}/cancel"), json!({})).await.ok();
-    let ended = app.get(&format!("{running}?wait_s=10")).await.ok();
+    let ended = app.ended(&running).await.ok();
     assert!(asked.elapsed() < Duration::from_secs(2));
     assert_eq!((&ended["status"], &ended["step"]), (&json!("cancelled"), &json!(2)));
     assert_eq!(ended["phase"], "solve", "where it was stopped");
@@ -263,7 +263,7 @@ async fn a_job_whose_inputs_were_replaced_while_it_waited_says_so() {
     }
     app.upload(&format!("{session}/skin"), crate::shapes::stl(&crate::shapes::cube([1.0; 3], 90.0))).await.ok();
     app.stand_in.release();
-    assert_eq!(app.get(&format!("{first}?wait_s=10")).await.ok()["status"], "succeeded", "it has its inputs already");
-    let job = app.get(&format!("{second}?wait_s=10")).await.ok();
+    assert_eq!(app.ended(&first).await.ok()["status"], "succeeded", "it has its inputs already");
+    let job = app.ended(&second).await.ok();
     assert_eq!(job["problem"]["type"], "/problems/stale");
 }

@@ -37,7 +37,7 @@ async fn what_the_numerics_refuse_has_a_name() {
     ] {
         plant(error.into());
         let job = app.solve(&session, &plan, json!({})).await;
-        let ended = app.get(&format!("{job}?wait_s=10")).await.ok();
+        let ended = app.ended(&job).await.ok();
         assert_eq!(ended["problem"]["type"], kind, "{ended}");
     }
 }

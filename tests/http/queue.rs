@@ -24,7 +24,7 @@ async fn a_newer_job_on_the_plan_takes_the_place_of_one_that_waits() {
     assert!(String::from_utf8(events.body.to_vec()).unwrap().contains("superseded_by"));
     app.stand_in.release();
     for job in [running, newer] {
-        assert_eq!(app.get(&format!("{job}?wait_s=10")).await.ok()["status"], "succeeded");
+        assert_eq!(app.ended(&job).await.ok()["status"], "succeeded");
     }
 }
 
@@ -34,7 +34,7 @@ async fn a_job_that_computes_for_too_long_is_stopped_and_its_steps_stay() {
     let (session, plan) = app.session_with_plan().await;
     app.stand_in.hold_after(2);
     let job = app.solve(&session, &plan, json!({"max_wall_s": 1})).await;
-    let ended = app.get(&format!("{job}?wait_s=20")).await.ok();
+    let ended = app.ended(&job).await.ok();
     assert_eq!(
         (&ended["status"], &ended["problem"]["type"]),
         (&json!("failed"), &json!("/problems/deadline-exceeded"))
@@ -59,7 +59,7 @@ async fn a_job_that_was_cancelled_never_succeeds() {
         app.stand_in.release();
         tokio::time::sleep(Duration::from_micros(400 * round)).await;
         let cancel = app.post(&format!("{job}/cancel"), json!({})).await;
-        let ended = app.get(&format!("{job}?wait_s=10")).await.ok();
+        let ended = app.ended(&job).await.ok();
         if cancel.status == StatusCode::ACCEPTED {
             stopped += 1;
             assert_eq!(ended["status"], "cancelled", "round {round}");
@@ -135,7 +135,7 @@ async fn a_client_whose_history_is_gone_is_told_to_look_again() {
     let app = TestApp::with(|config| config.service.event_retention = Duration::ZERO).await;
     let (session, plan) = app.session_with_plan().await;
     let job = app.solve(&session, &plan, json!({"steps": 3})).await;
-    app.get(&format!("{job}?wait_s=10")).await.ok();
+    app.ended(&job).await.ok();
     let all = lines(&app, &job, "0").await;
     let newest = all.last().unwrap()["id"].as_u64().unwrap();
     // The future of another life: everything again.

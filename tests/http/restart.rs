@@ -10,7 +10,7 @@ async fn everything_is_there_after_a_restart() {
     let app = TestApp::new().await;
     let (session, plan) = app.session_with_plan().await;
     let job = app.solve(&session, &plan, json!({})).await;
-    app.get(&format!("{job}?wait_s=10")).await.ok();
+    app.ended(&job).await.ok();
     let paths = [
         session.clone(),
         job.clone(),
@@ -32,7 +32,7 @@ async fn everything_is_there_after_a_restart() {
     }
     // And it works on: the mesh is known to be of these inputs.
     let job = app.solve(&session, &plan, json!({})).await;
-    assert_eq!(app.get(&format!("{job}?wait_s=10")).await.ok()["status"], "succeeded");
+    assert_eq!(app.ended(&job).await.ok()["status"], "succeeded");
 }
 
 #[tokio::test]
@@ -44,7 +44,7 @@ async fn a_job_interrupted_by_a_stop_runs_again_and_its_steps_stay_the_same() {
     app.until_step(&job, 2).await;
     let step = app.get(&format!("{job}/steps/2/frame")).await;
     let app = app.restart().await;
-    let ended = app.get(&format!("{job}?wait_s=10")).await.ok();
+    let ended = app.ended(&job).await.ok();
     assert_eq!((&ended["status"], &ended["step"]), (&json!("succeeded"), &json!(4)));
     assert_eq!(ended["attempt"], 1, "a stop in good order is no failed attempt");
     let again = app.get(&format!("{job}/steps/2/frame")).await;
@@ -62,7 +62,7 @@ async fn a_job_that_the_service_did_not_survive_is_given_up_after_three_attempts
     let job = app.solve(&session, &plan, json!({})).await;
     app.until_step(&job, 1).await;
     let app = mark_as_crashed(app, &job, 2).await;
-    assert_eq!(app.get(&format!("{job}?wait_s=10")).await.ok()["attempt"], 3, "the third attempt is made");
+    assert_eq!(app.ended(&job).await.ok()["attempt"], 3, "the third attempt is made");
     let app = mark_as_crashed(app, &job, 3).await;
     let ended = app.get(&job).await.ok();
     assert_eq!((&ended["status"], &ended["problem"]["type"]), (&json!("failed"), &json!("/problems/job-interrupted")));

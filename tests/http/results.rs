@@ -8,7 +8,7 @@ use crate::shapes::{cube, stl};
 async fn solved(app: &TestApp, more: serde_json::Value) -> (String, String, String) {
     let (session, plan) = app.session_with_plan().await;
     let job = app.solve(&session, &plan, more).await;
-    assert_eq!(app.get(&format!("{job}?wait_s=10")).await.ok()["status"], "succeeded");
+    assert_eq!(app.ended(&job).await.ok()["status"], "succeeded");
     (session, plan, job)
 }
 
@@ -88,7 +88,7 @@ async fn errors_are_against_the_target() {
     let (session, plan) = app.session_with_plan().await;
     app.upload(&format!("{session}/target"), stl(&cube([0.0, -10.0, 0.0], 100.0))).await.ok();
     let job = app.solve(&session, &plan, json!({"steps": 3})).await;
-    app.get(&format!("{job}?wait_s=10")).await.ok();
+    app.ended(&job).await.ok();
     let error = app.get(&format!("{job}/steps/3/error")).await.ok();
     assert_eq!((&error["reference"], &error["whole"]["mean_mm"]), (&json!("target"), &json!(-4.0)));
     assert_eq!(error["regions"]["upper_lip"]["share_below_3_mm"], 1.0);
@@ -107,7 +107,7 @@ async fn errors_are_against_the_reference_job_at_the_same_place_of_the_path() {
     let (session, plan, fine) = solved(&app, json!({"steps": 4})).await;
     let id = fine.rsplit('/').next().unwrap();
     let job = app.solve(&session, &plan, json!({"steps": 6, "reference_job": id})).await;
-    app.get(&format!("{job}?wait_s=10")).await.ok();
+    app.ended(&job).await.ok();
     // Steps of both are at one half and at the end only.
     for k in [1, 2, 4, 5] {
         app.get(&format!("{job}/steps/{k}/error")).await.problem(404, "no-reference");

@@ -25,7 +25,7 @@ async fn solved(app: &TestApp, session: &str, osteotomy: &Value, forward_mm: f64
     let plan = json!({"osteotomy": osteotomy, "paths": [{"segment": 1, "waypoints": waypoints}]});
     let plan = app.post(&format!("{session}/plans"), plan).await.ok()["id"].as_str().unwrap().to_owned();
     let job = app.solve(session, &plan, more).await;
-    let view = app.get(&format!("{job}?wait_s=60")).await.ok();
+    let view = app.ended(&job).await.ok();
     assert_eq!(view["status"], "succeeded", "{view}");
     job
 }

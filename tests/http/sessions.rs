@@ -54,7 +54,7 @@ async fn a_deleted_session_is_gone_with_its_files() {
     let app = TestApp::new().await;
     let (session, plan) = app.session_with_plan().await;
     let job = app.solve(&session, &plan, json!({})).await;
-    app.get(&format!("{job}?wait_s=10")).await.ok();
+    app.ended(&job).await.ok();
     let kept = app.session().await;
     app.upload(&format!("{kept}/skin"), skin()).await.ok();
 

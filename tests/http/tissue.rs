@@ -7,7 +7,7 @@ use prosopon_formats::import::{Limits, volume_mesh};
 use prosopon_geometry::{Cell, Point, TriMesh, VolumeMesh};
 use serde_json::{Value, json};
 
-use crate::app::{Answer, TestApp};
+use crate::app::TestApp;
 
 /// A block of cubes of edge `edge` (each six tetrahedra) from the origin, with a layer of wedges 1.5 mm thick on top when `skin`.
 struct Block {
@@ -103,26 +103,13 @@ fn read(bytes: &[u8]) -> VolumeMesh {
     volume_mesh(bytes, &Limits::default()).unwrap().0
 }
 
-/// The job that was accepted, when it has ended: these solve in earnest.
-async fn ended(app: &TestApp, accepted: Answer) -> Value {
-    let path = format!("{}?wait_s=60", accepted.header("location"));
-    let mut job = app.get(&path).await.ok();
-    for _ in 0..4 {
-        if job["finished_at"].is_string() {
-            break;
-        }
-        job = app.get(&path).await.ok();
-    }
-    job
-}
-
 /// Plan and job on the session's tissue; the finished job and its solved mesh.
 async fn solve(app: &TestApp, session: &str, paths: Value, more: Value) -> (Value, VolumeMesh) {
     let plan = app.post(&format!("{session}/plans"), json!({"paths": paths})).await.ok();
     assert!(plan["osteotomy"].is_null() && plan["reports"] == json!([]), "{plan}");
     let mut body = json!({"plan": plan["id"], "outputs": ["skin", "tissue"], "steps": 2, "relative_residual": 1e-8});
     more.as_object().unwrap().iter().for_each(|(k, v)| body[k] = v.clone());
-    let job = ended(app, app.post(&format!("{session}/jobs"), body).await).await;
+    let job = app.finish(app.post(&format!("{session}/jobs"), body).await).await;
     assert_eq!(job["status"], "succeeded", "{job}");
     let file = app.get(job["links"]["tissue"].as_str().unwrap()).await;
     (job, read(&file.body))
@@ -341,8 +328,8 @@ async fn what_cannot_be_solved_is_told() {
     let job = waiting.header("location").to_owned();
     app.upload(&tissue, slab(1.0)).await.ok();
     app.stand_in.release();
-    app.get(&format!("{first}?wait_s=10")).await.ok();
-    let ended = app.get(&format!("{job}?wait_s=10")).await.ok();
+    app.ended(&first).await.ok();
+    let ended = app.ended(&job).await.ok();
     assert_eq!((&ended["status"], &ended["problem"]["type"]), (&json!("failed"), &json!("/problems/stale")));
 
     let gone = app.call(Method::DELETE, &tissue, &[], Body::empty()).await;
@@ -359,7 +346,7 @@ async fn a_material_that_loses_its_stability_is_named() {
     let plan = app.post(&format!("{session}/plans"), json!({"paths": up(6.0)})).await.ok();
     let body =
         json!({"plan": plan["id"], "model": "nonlinear", "skin_element": "wedge", "preset": "wang_2009", "steps": 6});
-    let job = ended(&app, app.post(&format!("{session}/jobs"), body).await).await;
+    let job = app.finish(app.post(&format!("{session}/jobs"), body).await).await;
     assert_eq!(
         (&job["status"], &job["problem"]["type"]),
         (&json!("failed"), &json!("/problems/solver-unstable")),

@@ -53,7 +53,7 @@ fn no_file_makes_a_reader_panic_hang_or_take_memory_for_what_is_not_there() {
         std::thread::park_timeout(Duration::from_millis(20));
     };
     let round = fs::read_to_string(&at).unwrap_or_default();
-    let again = format!("again with FUZZ_ROUND={round} FUZZ_AT=/dev/null cargo test --lib {CHILD}");
+    let again = format!("again with FUZZ_ROUND={round} FUZZ_AT=/dev/null cargo test -p prosopon-formats --lib {CHILD}");
     let status = status.unwrap_or_else(|| panic!("a reader hangs: {again}"));
     assert!(status.success(), "{status}: {again}");
 }

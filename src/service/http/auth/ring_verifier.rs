@@ -32,6 +32,10 @@ pub(super) fn install() {
 }
 
 fn verifier(algorithm: &Algorithm, key: &DecodingKey) -> Result<Box<dyn JwtVerifier>, Error> {
+    // A shared secret is never read as a public key.
+    if key.family() != algorithm.family() {
+        return Err(ErrorKind::InvalidKeyFormat.into());
+    }
     let method = Method::of(*algorithm).ok_or(ErrorKind::InvalidAlgorithm)?;
     Ok(Box::new(RingVerifier { algorithm: *algorithm, method, key: key.kind().clone() }))
 }
@@ -128,7 +132,7 @@ mod tests {
 
     /// Whether `signature` of `message` is one by `key`.
     fn accepts(algorithm: Algorithm, key: &DecodingKey, message: &[u8], signature: &[u8]) -> bool {
-        verifier(&algorithm, key).unwrap().verify(message, &signature.to_vec()).is_ok()
+        verifier(&algorithm, key).is_ok_and(|v| v.verify(message, &signature.to_vec()).is_ok())
     }
 
     /// Accepted as it is, refused for another message, another algorithm's, cut short, or by a key of another kind.
@@ -137,6 +141,10 @@ mod tests {
         assert!(!accepts(algorithm, key, b"header.other", signature), "{algorithm:?}");
         assert!(!accepts(algorithm, key, MESSAGE, &signature[1..]), "{algorithm:?}");
         assert!(!accepts(algorithm, other_kind, MESSAGE, signature), "{algorithm:?}");
+        if let DecodingKeyKind::SecretOrDer(bytes) = key.kind() {
+            let secret = DecodingKey::from_secret(bytes);
+            assert!(!accepts(algorithm, &secret, MESSAGE, signature), "{algorithm:?}: a public key sent as a secret");
+        }
         for other in ALGORITHMS.into_iter().filter(|a| *a != algorithm) {
             assert!(!accepts(other, key, MESSAGE, signature), "{algorithm:?} as {other:?}");
         }

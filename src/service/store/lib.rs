@@ -37,7 +37,6 @@ mod records;
 mod session;
 mod sqlite;
 mod step;
-#[expect(clippy::module_inception, reason = "the room is named for its main thing")]
 mod store;
 mod tenant;
 

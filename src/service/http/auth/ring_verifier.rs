@@ -58,7 +58,7 @@ impl Method {
             Algorithm::ES256 => Self::Curve(&ring_signature::ECDSA_P256_SHA256_FIXED),
             Algorithm::ES384 => Self::Curve(&ring_signature::ECDSA_P384_SHA384_FIXED),
             Algorithm::EdDSA => Self::Curve(&ring_signature::ED25519),
-            _ => return None,
+            Algorithm::HS256 | Algorithm::HS384 | Algorithm::HS512 | _ => return None,
         })
     }
 }

@@ -9,16 +9,18 @@
 //! | `prosopon-tissue` | `src/tissue` | the mixed mesh and its elements | geometry |
 //! | `prosopon-planning` | `src/planning` | CT to surfaces, cuts and paths, simulation, error maps | field, tissue |
 //! | `prosopon-store` | `src/service/store` | rows and large results | geometry |
-//! | `prosopon-service` | `src/service` | sessions, jobs, HTTP, configuration | planning, formats, store |
+//! | `prosopon-session` | `src/service/session` | what a patient's session holds and needs | planning, formats, store |
+//! | `prosopon-jobs` | `src/service/jobs` | long jobs and short tasks on CPU pools | session |
+//! | `prosopon-service` | `src/service` | HTTP, configuration, start and stop | jobs |
 //! | `prosopon-study` | `src/study` | the benches behind the charts | planning, formats |
 //! | `prosopon` | `src` | the program: commands | service, study |
 //!
 //! ```text
 //! geometry <-+- formats <-----------------+
 //!            +- field <---+               |
-//!            +- tissue <--+- planning <---+-- study <---+
-//!            |                            |             |
-//!            +- store <-------------------+-- service <-+- prosopon
+//!            +- tissue <--+- planning <---+-- study <----------------------+
+//!            |                            |                                |
+//!            +- store <-------------------+-- session <- jobs <- service <-+- prosopon
 //! ```
 //!
 //! Geometry, formats, field, tissue and planning know no HTTP, tokio, serialisation, files, network, environment or clock.

@@ -24,11 +24,9 @@ const PACKAGES: &[Package] = &[
     Package { folder: "src/planning", rooms: &["surface", "phantom", "plan", "evaluate", "simulate"], pure: true },
     // ---- wall ----
     Package { folder: "src/service/store", rooms: &[], pure: false },
-    Package {
-        folder: "src/service",
-        rooms: &["trace", "session", "jobs", "http", "config", "telemetry", "serve"],
-        pure: false,
-    },
+    Package { folder: "src/service/session", rooms: &[], pure: false },
+    Package { folder: "src/service/jobs", rooms: &[], pure: false },
+    Package { folder: "src/service", rooms: &["http", "config", "telemetry", "serve"], pure: false },
     Package { folder: "src/study", rooms: &[], pure: false },
     Package { folder: "src", rooms: &["demo", "cli"], pure: false },
 ];

@@ -9,10 +9,10 @@ use prosopon_formats::export::{SurfaceView, ply, vtp};
 use prosopon_formats::import::{Limits, detect_surface, surface};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Aabb, Point, TriMesh};
+use prosopon_jobs::{Compared, Comparison, Prediction, RegisterOn};
 use prosopon_planning::evaluate::{Mask, Part};
 use prosopon_service::http::dto::PartRequest;
-use prosopon_service::jobs::{Compared, Comparison, Prediction, RegisterOn};
-use prosopon_service::session::{Numerics, chain, error_sheet};
+use prosopon_session::{Numerics, chain, error_sheet};
 
 /// What `prosopon compare` is asked to do.
 #[derive(Debug, Args)]
@@ -79,8 +79,7 @@ pub(super) fn run(a: &CompareArguments) -> CommandResult {
         register: a.register.then(|| RegisterOn { region, ..RegisterOn::default() }),
     };
     let engine = Numerics::new(Limits::default());
-    let done =
-        comparison.run(&engine, &Control::new()).map_err(|halt| prosopon_service::session::Fault::from(halt).detail)?;
+    let done = comparison.run(&engine, &Control::new()).map_err(|halt| prosopon_session::Fault::from(halt).detail)?;
     write(&a.out, &done)?;
     for (name, value) in done.document.lines() {
         writeln!(std::io::stdout(), "{name:26} {value}")?;

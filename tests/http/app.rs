@@ -10,7 +10,7 @@ use object_store::ObjectStore;
 use prosopon_service::config::ServeConfig;
 use prosopon_service::http::{AppState, app};
 use prosopon_service::serve;
-use prosopon_service::session::{Engine, Numerics};
+use prosopon_session::{Engine, Numerics};
 use prosopon_store::Store;
 use serde_json::{Value, json};
 use tempfile::TempDir;

@@ -6,7 +6,7 @@ use flate2::Compression;
 use flate2::write::GzEncoder;
 use futures::stream;
 use prosopon_geometry::{Point, TriMesh};
-use prosopon_service::session::FaultKind;
+use prosopon_session::FaultKind;
 use serde_json::json;
 
 use crate::app::TestApp;

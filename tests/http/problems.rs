@@ -6,7 +6,7 @@ use axum::body::{Body, Bytes};
 use axum::http::Method;
 use prosopon_field::FieldError;
 use prosopon_planning::plan::PlanError;
-use prosopon_service::session::Halt;
+use prosopon_session::Halt;
 use prosopon_tissue::fem::SolveError;
 use serde_json::json;
 

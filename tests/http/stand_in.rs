@@ -15,7 +15,7 @@ use prosopon_planning::plan::{
 };
 use prosopon_planning::simulate::{Attached, Frame, LeftOut, Outcome, RegionMotion, SimulateError};
 use prosopon_planning::surface::{CtSettings, CtSurfaces};
-use prosopon_service::session::{
+use prosopon_session::{
     Case, Cuts, Engine, Fault, FaultKind, Halt, Numerics, Run, RunWatch, SceneRun, SceneSolved, Solid, TissueRequest,
 };
 use prosopon_tissue::fem::{SavedState, SolveSettings, StepOutcome, StepReport};

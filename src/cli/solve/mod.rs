@@ -62,8 +62,7 @@ enum Unfinished {
 
 pub(super) fn run(arguments: &SolveArguments) -> CommandResult {
     let failure = solve(arguments).inspect_err(|error| {
-        let line =
-            serde_json::to_string(&NoResult { converged: false, error: &prosopon_service::session::chain(&**error) });
+        let line = serde_json::to_string(&NoResult { converged: false, error: &prosopon_session::chain(&**error) });
         // The exit status and stderr tell it too.
         let _ = writeln!(std::io::stdout(), "{}", line.unwrap_or_default());
     })?;

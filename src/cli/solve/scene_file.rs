@@ -10,12 +10,12 @@ use prosopon_field::{FieldSettings, MethodSettings, SignedField};
 use prosopon_formats::import::{Limits, detect_surface, surface, volume_mesh};
 use prosopon_geometry::VolumeMesh;
 use prosopon_geometry::control::Control;
+use prosopon_jobs::SolveModel;
 use prosopon_planning::plan::{Path as SegmentPath, Plan};
 use prosopon_planning::simulate::{ReadyMesh, Scene};
 use prosopon_service::http::dto::{RotationRequest, file_material, segment_motion};
 use prosopon_service::http::{strict_json, strict_value};
-use prosopon_service::jobs::SolveModel;
-use prosopon_service::session::{
+use prosopon_session::{
     D1ReadingName, LockingName, MaterialDocument, PresetName, SkinElementName, UnstableMaterialName,
 };
 use prosopon_tissue::fem::SolveSettings;
@@ -107,7 +107,7 @@ fn value(place: impl Into<String>, detail: impl Into<String>) -> SceneError {
 }
 
 fn input(path: &Path, error: &dyn std::error::Error) -> SceneError {
-    SceneError::Input { path: path.to_owned(), detail: prosopon_service::session::chain(error) }
+    SceneError::Input { path: path.to_owned(), detail: prosopon_session::chain(error) }
 }
 
 fn read(path: &Path) -> Result<Vec<u8>, SceneError> {

@@ -22,7 +22,7 @@ mod tests {
 
     #[test]
     fn levels_are_those_of_the_filter_and_no_other_words() {
-        for fine in ["info", "info,sqlx=warn", "off", "WARN", "prosopon_service::jobs=debug, info"] {
+        for fine in ["info", "info,sqlx=warn", "off", "WARN", "prosopon_jobs=debug, info"] {
             assert_eq!(check(fine), Ok(()), "{fine}");
         }
         for faulty in ["inof", "", "info,,warn", "sqlx=loud", "info,sqlx", "="] {

@@ -16,8 +16,8 @@ pub use figment::value::Value;
 
 use crate::http::HttpLimits;
 use crate::http::auth::AuthSettings;
-use crate::jobs::ServiceSettings;
-use crate::session::chain;
+use prosopon_jobs::ServiceSettings;
+use prosopon_session::chain;
 use prosopon_store::{BucketUrl, Places};
 
 /// Certificate chain and private key, PEM.

@@ -11,7 +11,7 @@ use super::source::Source;
 use super::{ConfigError, ConnectionLimits, ServeConfig, TlsFiles, Value, parse_listen};
 use crate::http::HttpLimits;
 use crate::http::auth::{ApiKey, AuthSettings, JwtSettings, Scope, Scopes};
-use crate::jobs::ServiceSettings;
+use prosopon_jobs::ServiceSettings;
 use prosopon_store::{Places, TenantId};
 
 const MB: u64 = 1 << 20;

@@ -26,7 +26,7 @@ pub use openapi::{openapi, openapi_json};
 pub use problem::{Problem, ProblemDocument, ProblemField};
 pub use state::{AppState, HttpLimits};
 
-use crate::session::FaultKind;
+use prosopon_session::FaultKind;
 
 /// The whole service as a router.
 pub fn app(state: AppState) -> Router {

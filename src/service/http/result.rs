@@ -5,7 +5,7 @@ use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 
 use super::Problem;
-use crate::session::{FaultKind, key_of};
+use prosopon_session::{FaultKind, key_of};
 
 /// Tag of a result made from `parts` by this version of the software.
 pub(super) fn tag_of(parts: &[&str]) -> String {
@@ -61,7 +61,9 @@ fn range(request: &HeaderMap, tag: &str, length: usize) -> Result<Option<(usize,
     };
     if range.0 >= length {
         let detail = format!("the result has {length} bytes");
-        return Err(Problem(crate::session::Fault::new(FaultKind::RangeNotSatisfiable, detail).with("bytes", length)));
+        return Err(Problem(
+            prosopon_session::Fault::new(FaultKind::RangeNotSatisfiable, detail).with("bytes", length),
+        ));
     }
     Ok(Some(range))
 }

@@ -5,7 +5,7 @@ use axum::extract::FromRef;
 use metrics_exporter_prometheus::PrometheusHandle;
 
 use super::auth::Access;
-use crate::jobs::Service;
+use prosopon_jobs::Service;
 
 /// Bounds on requests.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

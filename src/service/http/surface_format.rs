@@ -3,8 +3,8 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::Problem;
-use crate::session::FaultKind;
 use prosopon_formats::export::{SurfaceView, glb, ply, stl, vtp};
+use prosopon_session::FaultKind;
 
 /// Format of a surface that is sent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]

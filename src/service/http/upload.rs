@@ -7,8 +7,8 @@ use axum::http::{HeaderMap, header};
 use futures::StreamExt;
 
 use super::{HttpLimits, Problem};
-use crate::jobs::CtScan;
-use crate::session::{Fault, FaultKind};
+use prosopon_jobs::CtScan;
+use prosopon_session::{Fault, FaultKind};
 use prosopon_store::{BlobInfo, SessionId, Store, StoreError};
 
 /// Stores the body, at most `max_bytes` of it and no more than the session has room for, while `scan` looks it over. On any failure nothing is left on disk.

@@ -1,5 +1,5 @@
-use crate::session::{Fault, FaultKind};
 use prosopon_geometry::{Point, TriMesh};
+use prosopon_session::{Fault, FaultKind};
 
 /// One step's skin as stored and served: positions x, y, z of all vertices, then the displacement's length of each, then
 /// the signed error of each where there is one; little-endian f32, mm. `api/frames.md` is its contract.

@@ -64,7 +64,7 @@ impl Service {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::jobs::running::Running;
+    use crate::running::Running;
     use prosopon_store::{JobKind, JobRecord, Lane, SessionId};
 
     #[test]

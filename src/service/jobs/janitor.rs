@@ -2,7 +2,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use super::Service;
-use crate::session::Fault;
+use prosopon_session::Fault;
 use prosopon_store::{AuditEntry, StoreError};
 
 /// Answers to repeated requests are kept for so long, and ten times as long the ids of what was deleted.

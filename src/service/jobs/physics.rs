@@ -1,7 +1,7 @@
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use crate::session::{
+use prosopon_session::{
     D1ReadingName, LockingName, PresetName, SkinElementName, TissueLawsDocument, UnstableMaterialName,
 };
 use prosopon_tissue::fem::{Model, SkinElement, SolveSettings};

@@ -3,15 +3,15 @@
 use serde::{Deserialize, Serialize};
 
 use super::{PhysicsRecord, RegisterOn};
-use crate::session::{
-    BoxDocument, CutDocument, Earlier, Fault, FaultKind, FieldSettingsDocument, MeshDocument, MeshSettingsDocument,
-    NodeClassName, PaintDocument, PlanDocument, PresetName, TissueDocument,
-};
 use prosopon_geometry::{Aabb, Point, TriMesh};
 use prosopon_planning::evaluate::{Mask, Part};
 use prosopon_planning::plan::PlanError;
 use prosopon_planning::simulate::{AttachmentRules, RunSettings, SkullPaint};
 use prosopon_planning::surface::CtSettings;
+use prosopon_session::{
+    BoxDocument, CutDocument, Earlier, Fault, FaultKind, FieldSettingsDocument, MeshDocument, MeshSettingsDocument,
+    NodeClassName, PaintDocument, PlanDocument, PresetName, TissueDocument,
+};
 use prosopon_store::{JobId, OsteotomyId, PlanId, SessionId};
 
 /// Skin and skull from a CT.

@@ -9,9 +9,9 @@ use super::health::Beats;
 use super::running::{Running, Worker};
 use super::state::{JobEvent, next};
 use super::{CpuPool, JobStatus, Order, ServiceSettings, janitor, others, worker};
-use crate::session::{Engine, Fault, FaultKind, Halt};
 use crate::trace;
 use prosopon_geometry::control::Control;
+use prosopon_session::{Engine, Fault, FaultKind, Halt};
 use prosopon_store::{
     AnswerRecord, Audit, Insertion, JobChange, JobId, JobRecord, JobState, Lane, NewJob, SessionId, Store, Supersede,
     TenantId, WorkerId,

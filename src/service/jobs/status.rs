@@ -3,7 +3,7 @@ use std::collections::btree_map::Entry;
 use std::time::Duration;
 
 use super::Service;
-use crate::session::{Fault, FaultKind, StepDocument};
+use prosopon_session::{Fault, FaultKind, StepDocument};
 use prosopon_store::{JobId, JobRecord, JobState, StepRecord};
 
 /// How a job stands now.

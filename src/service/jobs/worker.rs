@@ -10,8 +10,8 @@ use super::running::{Running, Worker};
 use super::service::{end_event, panicked, status_event, warning_event};
 use super::state::{JobEvent, next};
 use super::work::{self, Done};
-use crate::session::{Fault, FaultKind, Halt, chain};
 use crate::trace;
+use prosopon_session::{Fault, FaultKind, Halt, chain};
 use prosopon_store::{Claim, JobChange, JobFilter, JobRecord, JobState, Lane, StoreError};
 
 /// Shortest time between two progress events.

@@ -25,9 +25,9 @@ use self::stalled::Patience;
 use crate::config::{ConfigError, ConnectionLimits, ServeConfig};
 use crate::http::auth::{Access, AuthError, Authenticator};
 use crate::http::{AppState, app, worker_app};
-use crate::jobs::{CpuPool, Service, ServiceSettings};
-use crate::session::{Engine, Fault, Numerics};
 use crate::telemetry;
+use prosopon_jobs::{CpuPool, Service, ServiceSettings};
+use prosopon_session::{Engine, Fault, Numerics};
 use prosopon_store::{Audit, Store, StoreError};
 
 /// Longest wait for a running job and open requests when the service stops.

@@ -1,4 +1,4 @@
-use crate::session::{Fault, FaultKind, SurfaceDocument, SurfaceOrigin};
+use crate::{Fault, FaultKind, SurfaceDocument, SurfaceOrigin};
 use prosopon_geometry::{TriMesh, surface_report, why_no_solid};
 use prosopon_store::{PartKind, PartRecord, SessionId, Store, encode_mesh, now_rfc3339};
 

@@ -6,12 +6,12 @@ use uuid::Uuid;
 
 use super::check::{Check, REACH_MM};
 use super::inputs::checked_plane;
-use crate::session::{
+use prosopon_geometry::{Point, TriMesh};
+use prosopon_planning::plan::{BoundedPlane, Cut, CutShape, Landmarks, Protected, Template, TemplateCall};
+use prosopon_session::{
     CutSurfaceDocument, Cuts, Fault, FreePartDocument, LandmarksDocument, OsteotomyDocument, PlacedPlane,
     PlaneDocument, PolylineDocument,
 };
-use prosopon_geometry::{Point, TriMesh};
-use prosopon_planning::plan::{BoundedPlane, Cut, CutShape, Landmarks, Protected, Template, TemplateCall};
 use prosopon_store::OsteotomyRecord;
 
 /// A line on the bone that is shorter is no cut but a mistake in units, mm.

@@ -1,5 +1,5 @@
 use crate::http::extract::short_number;
-use crate::session::{Fault, FieldFault};
+use prosopon_session::{Fault, FieldFault};
 
 /// Farthest coordinate that a head can have, mm.
 pub(super) const REACH_MM: f64 = 10_000.0;
@@ -41,7 +41,11 @@ impl Check {
     }
 
     /// A box with its corners in order.
-    pub(super) fn bounds(&mut self, pointer: &str, value: crate::session::BoxDocument) -> crate::session::BoxDocument {
+    pub(super) fn bounds(
+        &mut self,
+        pointer: &str,
+        value: prosopon_session::BoxDocument,
+    ) -> prosopon_session::BoxDocument {
         self.vector(&format!("{pointer}/min_mm"), value.min_mm);
         self.vector(&format!("{pointer}/max_mm"), value.max_mm);
         if value.min_mm.iter().zip(value.max_mm).any(|(min, max)| *min >= max) {

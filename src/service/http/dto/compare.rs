@@ -3,10 +3,10 @@ use utoipa::ToSchema;
 use uuid::Uuid;
 
 use super::check::{Check, REACH_MM};
-use crate::jobs::{RegisterOn, SurfaceSource, UNMOVED_MM};
-use crate::session::{BoxDocument, ErrorDocument, Fault};
 use prosopon_geometry::Point;
+use prosopon_jobs::{RegisterOn, SurfaceSource, UNMOVED_MM};
 use prosopon_planning::evaluate::{Mask, Part};
+use prosopon_session::{BoxDocument, ErrorDocument, Fault};
 use prosopon_store::SessionId;
 
 /// A surface of a session.

@@ -1,7 +1,7 @@
 use serde_json::{Value, json};
 
 use crate::http::problem::ProblemDocument;
-use crate::session::Fault;
+use prosopon_session::Fault;
 use prosopon_store::{EventRecord, JobId};
 
 /// Data of an event as sent: stored data, with paths for a step and the problem for a failed end.

@@ -6,11 +6,13 @@ use utoipa::{IntoParams, ToSchema};
 use super::PartView;
 use super::check::{Check, REACH_MM};
 use crate::http::extract::short_number;
-use crate::jobs::ImportRequest;
-use crate::session::{Fault, FieldDocument, FieldMethod, FieldSettingsDocument, LandmarksDocument, PlacedPlane, Solid};
 use prosopon_formats::import::{SeriesChoice, VolumeSettings};
 use prosopon_geometry::{Aabb, Point};
+use prosopon_jobs::ImportRequest;
 use prosopon_planning::surface::{BONE_LEVELS_HU, CtSettings, SKIN_LEVELS_HU};
+use prosopon_session::{
+    Fault, FieldDocument, FieldMethod, FieldSettingsDocument, LandmarksDocument, PlacedPlane, Solid,
+};
 
 /// How surfaces are taken from a CT.
 #[derive(Debug, Clone, Deserialize, IntoParams)]

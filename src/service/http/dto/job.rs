@@ -9,12 +9,12 @@ use super::SessionSettings;
 use super::check::{Check, REACH_MM};
 use super::material::check_laws;
 use crate::http::problem::ProblemDocument;
-use crate::jobs::{AttachmentRecord, JobStatus, PhysicsRecord, SolveModel};
-use crate::session::{
+use prosopon_jobs::{AttachmentRecord, JobStatus, PhysicsRecord, SolveModel};
+use prosopon_planning::simulate::LEAVE_OUT_BELOW_MM;
+use prosopon_session::{
     BoxDocument, D1ReadingName, Fault, FaultKind, LockingName, NodeClassName, PaintDocument, PresetName,
     SkinElementName, TissueLawsDocument, UnstableMaterialName,
 };
-use prosopon_planning::simulate::LEAVE_OUT_BELOW_MM;
 use prosopon_store::{JobKind, JobRecord, JobState};
 
 /// Steps that a job may have.

@@ -1,6 +1,6 @@
 use super::check::Check;
 use super::file_faults::FileFaults;
-use crate::session::{MaterialDocument, TissueLawsDocument};
+use prosopon_session::{MaterialDocument, TissueLawsDocument};
 use prosopon_tissue::fem::material::Material;
 
 /// Largest modulus that is read, MPa: stiffer than any tissue by far.

@@ -5,7 +5,7 @@ use utoipa::{IntoParams, ToSchema};
 
 use super::check::Check;
 use super::material::check_material;
-use crate::session::{D1ReadingName, Fault, MaterialDocument, PresetName};
+use prosopon_session::{D1ReadingName, Fault, MaterialDocument, PresetName};
 use prosopon_tissue::fem::Preset;
 use prosopon_tissue::fem::material::{EXPECTED_SHEAR, EXPECTED_STRETCH, Material, Materials, PathCheck, StandardTest};
 

@@ -4,7 +4,7 @@ use uuid::Uuid;
 
 use super::PartView;
 use super::check::Check;
-use crate::session::{BoxDocument, Fault, MeshDocument, MeshSettingsDocument};
+use prosopon_session::{BoxDocument, Fault, MeshDocument, MeshSettingsDocument};
 use prosopon_tissue::mesh::MeshSettings;
 
 /// A tissue mesh to build; absent values take their defaults.

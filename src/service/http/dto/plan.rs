@@ -7,9 +7,9 @@ use uuid::Uuid;
 
 use super::check::Check;
 use super::file_faults::FileFaults;
-use crate::session::{Fault, Halt, LandmarksDocument, OsteotomyDocument, PlanDocument, TissueDocument, motion_from};
 use prosopon_geometry::{Motion, Point, Vector};
 use prosopon_planning::plan::{CondylarAxis, Path, Plan, PlanError};
+use prosopon_session::{Fault, Halt, LandmarksDocument, OsteotomyDocument, PlanDocument, TissueDocument, motion_from};
 use prosopon_store::PlanRecord;
 
 /// A rotation about an axis.

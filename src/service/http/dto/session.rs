@@ -6,8 +6,8 @@ use uuid::Uuid;
 
 use super::JobView;
 use super::check::Check;
-use crate::jobs::ImportRequest;
-use crate::session::{Fault, PresetName, SessionParts};
+use prosopon_jobs::ImportRequest;
+use prosopon_session::{Fault, PresetName, SessionParts};
 use prosopon_store::{JobKind, JobRecord, JobState, PartKind, PartRecord, SessionRecord};
 
 /// Defaults of a session's jobs.

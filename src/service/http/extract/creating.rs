@@ -8,7 +8,7 @@ use serde_json::Value;
 use super::json::{parse, read_json};
 use crate::http::auth::Principal;
 use crate::http::{AppState, Problem};
-use crate::session::{FaultKind, key_of};
+use prosopon_session::{FaultKind, key_of};
 use prosopon_store::{AnswerRecord, Remembered, SessionId, TenantId};
 
 const IDEMPOTENCY_KEY: &str = "idempotency-key";

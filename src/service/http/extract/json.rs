@@ -9,7 +9,7 @@ use serde_path_to_error::{Path, Segment};
 use super::strict::{Strict, Unique};
 use super::words::plain;
 use crate::http::{AppState, Problem};
-use crate::session::{Fault, FaultKind};
+use prosopon_session::{Fault, FaultKind};
 
 /// A JSON body. Unknown members are refused by the types themselves.
 #[derive(Debug)]

@@ -3,7 +3,7 @@ use axum::http::request::Parts;
 use serde::de::DeserializeOwned;
 
 use crate::http::Problem;
-use crate::session::FaultKind;
+use prosopon_session::FaultKind;
 
 /// Ids and numbers of the path; one that cannot be read names nothing.
 #[derive(Debug)]

@@ -7,7 +7,7 @@ use serde::de::{DeserializeOwned, value};
 
 use super::words::{plain, quoted_name};
 use crate::http::Problem;
-use crate::session::{Fault, FaultKind};
+use prosopon_session::{Fault, FaultKind};
 
 /// Query parameters.
 #[derive(Debug)]

@@ -8,7 +8,7 @@ use tracing::Instrument;
 use tracing::field::Empty;
 use uuid::Uuid;
 
-use crate::trace::{self, TRACEPARENT};
+use prosopon_jobs::trace::{self, TRACEPARENT};
 
 const X_REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 

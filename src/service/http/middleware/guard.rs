@@ -7,7 +7,7 @@ use axum::response::{IntoResponse, Response};
 use super::request_id;
 use crate::http::auth::{Access, Principal, Scope};
 use crate::http::{AppState, Problem};
-use crate::session::{Fault, FaultKind};
+use prosopon_session::{Fault, FaultKind};
 use prosopon_store::AuditEntry;
 
 /// Calls that only look although they have a body.

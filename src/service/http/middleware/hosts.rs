@@ -7,7 +7,7 @@ use axum::response::{IntoResponse, Response};
 
 use crate::http::auth::Access;
 use crate::http::{AppState, Problem};
-use crate::session::FaultKind;
+use prosopon_session::FaultKind;
 
 /// Refuses requests for other hosts than this one: a web page of elsewhere that resolves its own name to loopback
 /// (DNS rebinding) must not reach a service without authentication. With authentication hosts are checked where some are named.

@@ -9,7 +9,7 @@ use futures::FutureExt;
 
 use crate::http::Problem;
 use crate::http::problem::PROBLEM_JSON;
-use crate::session::FaultKind;
+use prosopon_session::FaultKind;
 
 /// Makes a problem of everything that goes wrong outside our own code: panics, time-outs, answers of libraries.
 pub(in crate::http) async fn safety_net(State(limit): State<Duration>, request: Request, next: Next) -> Response {

@@ -4,7 +4,7 @@ use axum::middleware::Next;
 use axum::response::Response;
 use tower_http::cors::{AllowOrigin, CorsLayer};
 
-use crate::trace::TRACEPARENT;
+use prosopon_jobs::trace::TRACEPARENT;
 
 /// Pages of the service bring their own styles and scripts, and load nothing from elsewhere.
 const PAGE_POLICY: &str = "default-src 'self'; script-src 'self' 'unsafe-inline'; style-src 'self' 'unsafe-inline'; \

@@ -6,8 +6,8 @@ use serde::Serialize;
 use crate::http::dto::JobView;
 use crate::http::extract::Answering;
 use crate::http::{AppState, Problem};
-use crate::jobs::{JobStatus, Order};
-use crate::session::FaultKind;
+use prosopon_jobs::{JobStatus, Order};
+use prosopon_session::FaultKind;
 use prosopon_store::{JobKind, SessionId};
 
 const RETRY_AFTER_S: &str = "1";

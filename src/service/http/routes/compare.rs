@@ -13,9 +13,9 @@ use crate::http::extract::{Ids, Params, Repeatable, mark_replayed};
 use crate::http::result::{tag_of, tagged};
 use crate::http::surface_format::SurfaceOutput;
 use crate::http::{AppState, Problem};
-use crate::jobs::{CompareRecord, Compared, NamedSurface, Order, SurfaceSource, named_surface, read_comparison};
-use crate::session::{Fault, FaultKind, error_sheet};
 use prosopon_formats::export::SurfaceView;
+use prosopon_jobs::{CompareRecord, Compared, NamedSurface, Order, SurfaceSource, named_surface, read_comparison};
+use prosopon_session::{Fault, FaultKind, error_sheet};
 use prosopon_store::{AnswerRecord, JobId, JobKind, JobRecord, JobState, SessionId};
 
 /// A comparison that is done by then is the answer; others are jobs.
@@ -232,7 +232,7 @@ async fn send(
             return tagged(headers, &tag, "application/json", text.into());
         }
         CompareForm::Png => {
-            let sheet = move |_: &dyn crate::session::Engine, _: &prosopon_geometry::control::Control| {
+            let sheet = move |_: &dyn prosopon_session::Engine, _: &prosopon_geometry::control::Control| {
                 Ok(error_sheet(&compared.mesh, &compared.error_mm, &compared.document))
             };
             return tagged(headers, &tag, "image/png", state.service.compute(sheet).await?.into());

@@ -13,8 +13,8 @@ use uuid::Uuid;
 use crate::http::dto::render_event;
 use crate::http::extract::Ids;
 use crate::http::{AppState, Problem};
-use crate::jobs::EventFeed;
-use crate::session::FaultKind;
+use prosopon_jobs::EventFeed;
+use prosopon_session::FaultKind;
 use prosopon_store::{EventRecord, JobId};
 
 /// A client that was cut off comes back after this and up to as long again, so that not all come at once.

@@ -9,8 +9,8 @@ use super::accepted::accept;
 use crate::http::dto::{FieldView, JobView, PointQuery, PointValues, PutFieldSettings, SliceQuery, view_of};
 use crate::http::extract::{Body, Creating, Ids, Params};
 use crate::http::{AppState, Problem};
-use crate::jobs::{FieldRequest, field_slice};
-use crate::session::{FieldSettingsDocument, SessionParts};
+use prosopon_jobs::{FieldRequest, field_slice};
+use prosopon_session::{FieldSettingsDocument, SessionParts};
 use prosopon_store::{JobFilter, JobKind, PartKind, PartRecord, SessionId, now_rfc3339, sha256_hex};
 
 /// Nothing to say.

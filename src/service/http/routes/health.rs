@@ -5,7 +5,7 @@ use axum::http::header;
 use axum::response::{IntoResponse, Response};
 
 use crate::http::{AppState, Problem};
-use crate::session::FaultKind;
+use prosopon_session::FaultKind;
 use prosopon_store::Lane;
 
 /// Longest wait for what the database tells of a queue: scrapers wait for ten seconds.

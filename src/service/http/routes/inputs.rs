@@ -14,10 +14,10 @@ use crate::http::result::{tag_of, tagged};
 use crate::http::surface_format::SurfaceOutput;
 use crate::http::upload::receive;
 use crate::http::{AppState, Problem};
-use crate::jobs::{CtScan, take_ct, take_surface};
-use crate::session::{FaultKind, SessionParts, SurfaceDocument, load_mesh};
 use prosopon_formats::export::SurfaceView;
 use prosopon_formats::import::SurfaceFormat;
+use prosopon_jobs::{CtScan, take_ct, take_surface};
+use prosopon_session::{FaultKind, SessionParts, SurfaceDocument, load_mesh};
 use prosopon_store::{JobKind, PartKind, SessionId};
 
 /// Times that an input is looked up again when it is replaced before it is read.

@@ -16,8 +16,8 @@ use crate::http::auth::Principal;
 use crate::http::dto::{CheckedJob, CreateJob, JobList, JobView, SessionSettings};
 use crate::http::extract::{Creating, Ids, Params, page_length, short_number};
 use crate::http::{AppState, Problem};
-use crate::jobs::{Order, PhysicsRecord, SceneRequest, SolveRequest};
-use crate::session::{Fault, FaultKind, SessionParts, TissueDocument};
+use prosopon_jobs::{Order, PhysicsRecord, SceneRequest, SolveRequest};
+use prosopon_session::{Fault, FaultKind, SessionParts, TissueDocument};
 use prosopon_store::{JobFilter, JobId, JobKind, JobState, PartKind, SessionId};
 
 /// Longest long poll, s.

@@ -4,8 +4,8 @@ use axum::extract::State;
 use crate::http::dto::{LandmarksQuery, PutLandmarks};
 use crate::http::extract::{Body, Ids, Params};
 use crate::http::{AppState, Problem};
-use crate::jobs::propose_landmarks;
-use crate::session::{FaultKind, LandmarksDocument, SessionParts};
+use prosopon_jobs::propose_landmarks;
+use prosopon_session::{FaultKind, LandmarksDocument, SessionParts};
 use prosopon_store::{PartKind, PartRecord, SessionId, now_rfc3339, sha256_hex};
 
 /// Set the landmarks

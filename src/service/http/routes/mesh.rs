@@ -8,8 +8,8 @@ use super::osteotomies::fresh_osteotomy;
 use crate::http::dto::{BuildMesh, JobView, MeshView, view_of};
 use crate::http::extract::{Creating, Ids};
 use crate::http::{AppState, Problem};
-use crate::jobs::MeshRequest;
-use crate::session::{MeshSettingsDocument, SessionParts};
+use prosopon_jobs::MeshRequest;
+use prosopon_session::{MeshSettingsDocument, SessionParts};
 use prosopon_store::{JobFilter, JobKind, OsteotomyId, PartKind, SessionId};
 
 /// Build the tissue mesh

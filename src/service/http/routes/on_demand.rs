@@ -3,10 +3,10 @@ use utoipa::IntoParams;
 
 use super::results::load;
 use crate::http::Problem;
-use crate::jobs::{self, Compared, Comparison, Prediction, RegisterOn, Service, face_of, read_frame, rest_of};
-use crate::session::{Fault, FaultKind, SessionParts, load_mesh};
 use prosopon_geometry::TriMesh;
+use prosopon_jobs::{Compared, Comparison, Prediction, RegisterOn, Service, face_of, read_frame, rest_of};
 use prosopon_planning::evaluate::Mask;
+use prosopon_session::{Fault, FaultKind, SessionParts, load_mesh};
 use prosopon_store::{JobId, JobRecord, PartKind, StepRecord};
 
 /// Against what an error is.
@@ -70,7 +70,7 @@ pub(super) async fn compared(
         face_only: true,
         register: (query.register == Some(true)).then(RegisterOn::default),
     };
-    Ok(jobs::compare(service, comparison).await?)
+    Ok(prosopon_jobs::compare(service, comparison).await?)
 }
 
 /// The step of another job, of the same tenant, at the same place of the path.

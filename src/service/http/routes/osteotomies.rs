@@ -8,9 +8,9 @@ use crate::http::dto::{CreateOsteotomy, OsteotomyList, OsteotomyView};
 use crate::http::extract::{Creating, Ids, Params};
 use crate::http::surface_format::SurfaceOutput;
 use crate::http::{AppState, Problem};
-use crate::jobs::cut_bone;
-use crate::session::{Fault, FaultKind, OsteotomyDocument, SessionParts};
 use prosopon_formats::export::SurfaceView;
+use prosopon_jobs::cut_bone;
+use prosopon_session::{Fault, FaultKind, OsteotomyDocument, SessionParts};
 use prosopon_store::{OsteotomyId, OsteotomyRecord, SessionId, decode_mesh};
 
 /// Cut the bone

@@ -7,8 +7,8 @@ use super::osteotomies::fresh_osteotomy;
 use crate::http::dto::{CreatePlan, PlanList, PlanView, Segments};
 use crate::http::extract::{Creating, Ids};
 use crate::http::{AppState, Problem};
-use crate::jobs::make_plan;
-use crate::session::{FaultKind, PlanDocument, SessionParts, stored_cuts};
+use prosopon_jobs::make_plan;
+use prosopon_session::{FaultKind, PlanDocument, SessionParts, stored_cuts};
 use prosopon_store::{OsteotomyId, PlanId, PlanRecord, SessionId, now_rfc3339};
 
 /// Plan where the bone goes

@@ -1,7 +1,7 @@
 use std::fmt::Write;
 
 use crate::http::Problem;
-use crate::session::{ErrorDocument, FaultKind, PathSample, PlanDocument, ReportDocument};
+use prosopon_session::{ErrorDocument, FaultKind, PathSample, PlanDocument, ReportDocument};
 
 /// One sheet of A4 when printed; two columns below the pictures.
 const STYLE: &str = "@page{size:A4;margin:8mm}*{box-sizing:border-box}body{font:9px/1.3 Helvetica,Arial,sans-serif;color:#222;max-width:194mm;\

@@ -13,11 +13,11 @@ use crate::http::extract::{Ids, Params};
 use crate::http::result::{not_modified, tag_of, tagged};
 use crate::http::surface_format::SurfaceOutput;
 use crate::http::{AppState, Problem};
-use crate::jobs::{Service, SkinFrame, read_frame, rest_of};
-use crate::session::{ErrorDocument, Fault, FaultKind, error_sheet};
 use prosopon_formats::export::SurfaceView;
 use prosopon_geometry::{TriMesh, Vector};
+use prosopon_jobs::{Service, SkinFrame, read_frame, rest_of};
 use prosopon_planning::evaluate::{Layer, View, picture as draw};
+use prosopon_session::{ErrorDocument, Fault, FaultKind, error_sheet};
 use prosopon_store::{JobId, JobRecord, StepRecord};
 
 /// Which format to send.

@@ -10,7 +10,7 @@ use crate::http::auth::Principal;
 use crate::http::dto::{CreateSession, JobView, SessionList, SessionView};
 use crate::http::extract::{Creating, Ids, Params, page_length};
 use crate::http::{AppState, Problem};
-use crate::session::{FaultKind, SessionParts};
+use prosopon_session::{FaultKind, SessionParts};
 use prosopon_store::{SessionId, SessionRecord, later, now_rfc3339};
 
 /// Newest jobs that a session's view has.

@@ -2,8 +2,8 @@ use std::collections::BTreeSet;
 
 use crate::http::auth::Principal;
 use crate::http::{AppState, Problem};
-use crate::jobs::{EarlierSolve, SolveRequest};
-use crate::session::{Fault, FaultKind, PlanDocument};
+use prosopon_jobs::{EarlierSolve, SolveRequest};
+use prosopon_session::{Fault, FaultKind, PlanDocument};
 use prosopon_store::{JobId, JobKind, JobState, SessionId};
 
 /// So many jobs may begin at each other's end: all of them are solved again where nothing of them is in memory.

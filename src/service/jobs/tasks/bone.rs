@@ -1,8 +1,10 @@
 use std::time::Instant;
 
-use crate::jobs::Service;
-use crate::session::{Cuts, Fault, Halt, OsteotomyDocument, PathReportDocument, PlanDocument, SessionParts, load_mesh};
+use crate::Service;
 use prosopon_planning::plan::{Cut, Plan, Proposal};
+use prosopon_session::{
+    Cuts, Fault, Halt, OsteotomyDocument, PathReportDocument, PlanDocument, SessionParts, load_mesh,
+};
 use prosopon_store::{OsteotomyId, OsteotomyRecord, PartKind, SessionId, encode_mesh, now_rfc3339};
 
 /// Cuts the session's bone and stores the segments' surfaces; the row is the caller's to insert.

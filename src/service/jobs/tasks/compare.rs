@@ -1,8 +1,8 @@
-use crate::jobs::Service;
-use crate::session::{Engine, ErrorDocument, Fault, FaultKind, Halt, RegistrationDocument};
+use crate::Service;
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Point, TriMesh};
 use prosopon_planning::evaluate::{Mask, Part, eyes, face_regions};
+use prosopon_session::{Engine, ErrorDocument, Fault, FaultKind, Halt, RegistrationDocument};
 
 /// Vertices of the prediction that a registration goes by.
 #[derive(Debug, Clone, PartialEq)]

@@ -1,7 +1,7 @@
 use super::{Prediction, read_frame, rest_of};
-use crate::jobs::{Service, SurfaceSource};
-use crate::session::{Fault, FaultKind, LandmarksDocument, SessionParts, load_mesh};
+use crate::{Service, SurfaceSource};
 use prosopon_geometry::Point;
+use prosopon_session::{Fault, FaultKind, LandmarksDocument, SessionParts, load_mesh};
 use prosopon_store::{PartKind, SessionId};
 
 /// A stored surface with what is known of it, its name in words, its key and its session.
@@ -40,7 +40,7 @@ pub async fn named_surface(service: &Service, source: SurfaceSource) -> Result<N
 ///
 /// # Errors
 /// As [`named_surface`].
-pub(in crate::jobs) async fn load_surface(service: &Service, source: SurfaceSource) -> Result<Prediction, Fault> {
+pub(crate) async fn load_surface(service: &Service, source: SurfaceSource) -> Result<Prediction, Fault> {
     match source {
         SurfaceSource::Step(id, k) => {
             let job = service.job(id).await?;

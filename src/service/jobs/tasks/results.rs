@@ -1,7 +1,7 @@
 use super::Compared;
-use crate::jobs::{Service, SkinFrame};
-use crate::session::{Fault, FaultKind};
+use crate::{Service, SkinFrame};
 use prosopon_geometry::TriMesh;
+use prosopon_session::{Fault, FaultKind};
 use prosopon_store::{JobKind, JobRecord, JobState, StepRecord, decode_mesh};
 
 /// The skin at rest that a job deforms.

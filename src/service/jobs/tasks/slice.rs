@@ -1,7 +1,7 @@
-use crate::jobs::Service;
-use crate::session::{Case, Fault, FaultKind, Halt, Solid};
+use crate::Service;
 use prosopon_geometry::{Aabb, Point};
 use prosopon_planning::evaluate::{diverging, rgb_png};
+use prosopon_session::{Case, Fault, FaultKind, Halt, Solid};
 
 /// Pixels along the longer side of a slice.
 const SIZE_PX: u32 = 512;

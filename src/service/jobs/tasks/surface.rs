@@ -1,10 +1,10 @@
 use std::time::Instant;
 
-use crate::jobs::Service;
-use crate::session::{
+use crate::Service;
+use prosopon_formats::import::{ImportError, SurfaceFormat, detect_surface, surface};
+use prosopon_session::{
     Fault, FaultKind, Halt, PreparedSurface, SurfaceDocument, SurfaceOrigin, import_fault, surface_part,
 };
-use prosopon_formats::import::{ImportError, SurfaceFormat, detect_surface, surface};
 use prosopon_store::{BlobInfo, PartKind, SessionId};
 
 /// Reads, measures and stores an uploaded surface as a part of the session. The upload's file is removed in any case.

@@ -1,7 +1,7 @@
-use crate::jobs::Service;
-use crate::session::{Fault, FaultKind, Halt, TissueDocument, import_fault};
+use crate::Service;
 use prosopon_formats::import::volume_mesh;
 use prosopon_planning::simulate::ReadyMesh;
+use prosopon_session::{Fault, FaultKind, Halt, TissueDocument, import_fault};
 use prosopon_store::{BlobInfo, PartKind, PartRecord, SessionId, now_rfc3339};
 
 /// Reads, checks and stores an uploaded tissue mesh as a part of the session. The upload's file is removed when it is refused.

@@ -2,10 +2,10 @@ use std::sync::Arc;
 
 use bytes::Bytes;
 
-use crate::jobs::Service;
-use crate::session::{CtDocument, Fault, FaultKind, Halt, import_fault};
+use crate::Service;
 use prosopon_formats::export::nifti_gz;
 use prosopon_formats::import::{ImportError, VolumeFormat, VolumeScan, VolumeSettings, volume_with};
+use prosopon_session::{CtDocument, Fault, FaultKind, Halt, import_fault};
 use prosopon_store::{BlobInfo, PartKind, PartRecord, SessionId, now_rfc3339};
 
 /// Bytes that are looked over at once, on a thread for requests.

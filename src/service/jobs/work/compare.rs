@@ -1,10 +1,10 @@
 use std::collections::BTreeMap;
 
 use super::Context;
-use crate::jobs::requests::SolveRequest;
-use crate::jobs::tasks::{read_frame, rest_of};
-use crate::session::{Fault, Halt, SessionParts, load_mesh};
+use crate::requests::SolveRequest;
+use crate::tasks::{read_frame, rest_of};
 use prosopon_geometry::TriMesh;
+use prosopon_session::{Fault, Halt, SessionParts, load_mesh};
 use prosopon_store::PartKind;
 
 /// What the steps of a job are compared with.

@@ -1,9 +1,9 @@
 use super::{Context, Done, changed_meanwhile, to_json};
-use crate::jobs::Comparison;
-use crate::jobs::requests::CompareRecord;
-use crate::jobs::running::Phase;
-use crate::jobs::tasks::{StoredComparison, load_surface, named_surface};
-use crate::session::Halt;
+use crate::Comparison;
+use crate::requests::CompareRecord;
+use crate::running::Phase;
+use crate::tasks::{StoredComparison, load_surface, named_surface};
+use prosopon_session::Halt;
 use prosopon_store::encode_mesh;
 
 /// Compares two stored surfaces; keeps the surface with its values.

@@ -1,9 +1,9 @@
 use std::time::Instant;
 
 use super::{Context, Done, changed_meanwhile, to_json};
-use crate::jobs::requests::FieldRequest;
-use crate::jobs::running::Phase;
-use crate::session::{FieldDocument, Halt};
+use crate::requests::FieldRequest;
+use crate::running::Phase;
+use prosopon_session::{FieldDocument, Halt};
 use prosopon_store::PartKind;
 
 /// The distance fields of the session's surfaces.

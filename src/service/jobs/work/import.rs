@@ -2,10 +2,10 @@ use std::time::Instant;
 
 use super::report::read;
 use super::{Context, Done, changed_meanwhile};
-use crate::jobs::requests::ImportRequest;
-use crate::jobs::running::Phase;
-use crate::session::{CtDocument, Halt, PreparedSurface, SurfaceOrigin, surface_part};
+use crate::requests::ImportRequest;
+use crate::running::Phase;
 use prosopon_planning::surface::CtSettings;
+use prosopon_session::{CtDocument, Halt, PreparedSurface, SurfaceOrigin, surface_part};
 use prosopon_store::{PartKind, PartRecord, encode_grid, now_rfc3339};
 
 /// Skin, skull, air and soft tissue of the session's CT.

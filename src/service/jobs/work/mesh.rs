@@ -1,9 +1,9 @@
 use std::time::Instant;
 
 use super::{Context, Done, changed_meanwhile, to_json};
-use crate::jobs::requests::MeshRequest;
-use crate::jobs::running::Phase;
-use crate::session::{D1ReadingName, Halt, MeshDocument, PresetName};
+use crate::requests::MeshRequest;
+use crate::running::Phase;
+use prosopon_session::{D1ReadingName, Halt, MeshDocument, PresetName};
 use prosopon_store::PartKind;
 use prosopon_tissue::mesh::Tissue;
 

@@ -20,8 +20,8 @@ use serde::de::DeserializeOwned;
 use super::Service;
 use super::running::Running;
 use super::service::panicked;
-use crate::session::{Case, Engine, Fault, FaultKind, Halt, SessionParts};
 use prosopon_geometry::control::Control;
+use prosopon_session::{Case, Engine, Fault, FaultKind, Halt, SessionParts};
 use prosopon_store::{BlobInfo, JobKind, JobRecord, Lane, OsteotomyId, PartKind, PartRecord, StepRecord, now_rfc3339};
 
 /// Share of a job that computes; the rest writes the results.

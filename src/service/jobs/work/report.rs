@@ -3,13 +3,13 @@ use std::collections::BTreeMap;
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value, json};
 
-use crate::jobs::requests::SolveRequest;
-use crate::jobs::running::step_warning;
-use crate::session::{
+use crate::requests::SolveRequest;
+use crate::running::step_warning;
+use prosopon_planning::simulate::Outcome;
+use prosopon_session::{
     CtDocument, ErrorDocument, Fault, FaultKind, FieldDocument, PhasesDocument, ReportDocument, ReportInput,
     SessionParts, StepDocument, SurfaceDocument,
 };
-use prosopon_planning::simulate::Outcome;
 use prosopon_store::{JobRecord, PartKind, StepRecord, now_rfc3339};
 
 /// What a report is made of.

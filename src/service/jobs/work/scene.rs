@@ -8,14 +8,14 @@ use super::report::{inputs, step_documents, step_warnings};
 use super::solve::{milestone, write_steps};
 use super::solve_watch::{Beginning, FinishedStep, SolveWatch};
 use super::{Context, Done, changed_meanwhile, to_json};
-use crate::jobs::requests::SceneRequest;
-use crate::jobs::running::Phase;
-use crate::session::{
+use crate::requests::SceneRequest;
+use crate::running::Phase;
+use prosopon_formats::import::volume_mesh;
+use prosopon_planning::simulate::{OuterSurface, ReadyMesh};
+use prosopon_session::{
     Fault, FaultKind, Halt, PhasesDocument, ReportDocument, SceneBones, SceneRun, SceneSolved, SessionParts,
     import_fault, load_mesh, stored_cuts,
 };
-use prosopon_formats::import::volume_mesh;
-use prosopon_planning::simulate::{OuterSurface, ReadyMesh};
 use prosopon_store::{PartKind, encode_mesh, now_rfc3339};
 
 /// Moves a ready tissue mesh along the plan; each step is stored as soon as it is solved.

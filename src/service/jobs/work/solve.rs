@@ -7,11 +7,11 @@ use super::compare::Reference;
 use super::report::{Ingredients, compile, step_documents};
 use super::solve_watch::{Beginning, FinishedStep, SolveWatch};
 use super::{Context, Done, changed_meanwhile, scene, to_json};
-use crate::jobs::requests::{SolveKind, SolveRequest};
-use crate::jobs::running::{Phase, step_warning};
-use crate::jobs::service::warning_event;
-use crate::session::{Fault, Halt, Run, SessionParts, StoredMilestone, key_of, stored_cuts};
+use crate::requests::{SolveKind, SolveRequest};
+use crate::running::{Phase, step_warning};
+use crate::service::warning_event;
 use prosopon_planning::simulate::Outcome;
+use prosopon_session::{Fault, Halt, Run, SessionParts, StoredMilestone, key_of, stored_cuts};
 use prosopon_store::{PartKind, StepRecord, StoreError, encode_mesh};
 
 /// Share of the computing that the steps take.
@@ -221,5 +221,5 @@ async fn keep_milestone(context: &Context, milestone: Vec<u8>) -> Result<(), Hal
 
 fn internal(error: serde_json::Error) -> Fault {
     tracing::error!(%error, "a document cannot be written");
-    Fault::new(crate::session::FaultKind::Internal, "a document cannot be written; the log says more")
+    Fault::new(prosopon_session::FaultKind::Internal, "a document cannot be written; the log says more")
 }

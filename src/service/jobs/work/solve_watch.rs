@@ -4,12 +4,12 @@ use std::time::{Duration, Instant};
 use tokio::sync::mpsc;
 
 use super::compare::Reference;
-use crate::jobs::SkinFrame;
-use crate::jobs::running::{Phase, Running};
-use crate::session::{Engine, ErrorDocument, Halt, RunWatch, StepDocument, StoredMilestone};
+use crate::SkinFrame;
+use crate::running::{Phase, Running};
 use prosopon_geometry::control::Control;
 use prosopon_planning::evaluate::FaceRegion;
 use prosopon_planning::simulate::{Frame, Milestone};
+use prosopon_session::{Engine, ErrorDocument, Halt, RunWatch, StepDocument, StoredMilestone};
 
 /// Shortest time between two milestones: what a job loses when its worker dies, beside the step it was at. One is some 1 to 2 MB on a head.
 const MILESTONE_EVERY: Duration = Duration::from_secs(2);

@@ -1,9 +1,9 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::session::fault::{Fault, FaultKind};
-use crate::session::motion::motion_of;
-use crate::session::motion_parts;
+use crate::fault::{Fault, FaultKind};
+use crate::motion::motion_of;
+use crate::motion_parts;
 use prosopon_geometry::{Point, TriMesh, Vector};
 use prosopon_planning::plan::{
     self, BoundedPlane, Clearance, Cut, CutShape, Osteotomy, Path, PathReport, Plan, PlanError, Protected, Purpose,

@@ -1,7 +1,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::session::FieldSettingsDocument;
+use crate::FieldSettingsDocument;
 use prosopon_field::{Doubt, DoubtfulRegions, FieldReport, Region};
 
 /// What one distance field is like.

@@ -2,7 +2,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::CutDocument;
-use crate::session::MeshSettingsDocument;
+use crate::MeshSettingsDocument;
 use prosopon_tissue::mesh::MeshReport;
 
 /// The tissue mesh of a session.

@@ -1,7 +1,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::session::motion_parts;
+use crate::motion_parts;
 use prosopon_planning::evaluate::Registration;
 
 /// Rigid motion of the prediction onto the reference, and how well it fits.

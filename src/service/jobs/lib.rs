@@ -23,6 +23,8 @@ mod tasks;
 mod work;
 mod worker;
 
+pub mod trace;
+
 pub use cpu_pool::{CpuPool, Panicked};
 pub use feed::EventFeed;
 pub use frame::SkinFrame;

@@ -15,7 +15,7 @@ pub fn continue_from(span: &Span, traceparent: &str) {
     use opentelemetry_sdk::propagation::TraceContextPropagator;
     use tracing_opentelemetry::OpenTelemetrySpanExt;
     let Ok(value) = traceparent.parse() else { return };
-    let headers = [(axum::http::HeaderName::from_static(TRACEPARENT), value)].into_iter().collect();
+    let headers = [(http::HeaderName::from_static(TRACEPARENT), value)].into_iter().collect();
     let carrier = opentelemetry_http::HeaderExtractor(&headers);
     let parent = TraceContextPropagator::new().extract_with_context(&Context::new(), &carrier);
     // Fails where nobody receives spans.
@@ -29,7 +29,7 @@ pub fn traceparent(span: &Span) -> Option<String> {
     use opentelemetry::propagation::TextMapPropagator;
     use opentelemetry_sdk::propagation::TraceContextPropagator;
     use tracing_opentelemetry::OpenTelemetrySpanExt;
-    let mut headers = axum::http::HeaderMap::new();
+    let mut headers = http::HeaderMap::new();
     TraceContextPropagator::new()
         .inject_context(&span.context(), &mut opentelemetry_http::HeaderInjector(&mut headers));
     Some(headers.get(TRACEPARENT)?.to_str().ok()?.to_owned())

@@ -57,6 +57,8 @@ enum Command {
     Migrate(operate::MigrateArguments),
     /// Copy the store in a data directory, also while the service runs.
     Backup(operate::BackupArguments),
+    /// Read every stored value of a data directory, also while the service runs: which are damaged or missing?
+    Scrub(operate::ScrubArguments),
     /// Put a backup into an empty directory.
     Restore(operate::RestoreArguments),
     /// Print the API's description, OpenAPI 3.1.
@@ -86,6 +88,7 @@ pub fn run() -> ExitCode {
         Command::Audit(command) => operate::audit(&command),
         Command::Migrate(arguments) => operate::migrate(&arguments),
         Command::Backup(arguments) => operate::backup(&arguments),
+        Command::Scrub(arguments) => operate::scrub_store(&arguments),
         Command::Restore(arguments) => operate::restore_from(&arguments),
         Command::Openapi => openapi::run(),
     };

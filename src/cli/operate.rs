@@ -8,7 +8,7 @@ use clap::{Args, Subcommand};
 use super::CommandResult;
 use super::serve::ServeArguments;
 use prosopon_service::http::auth::{ApiKey, Scope, Scopes, new_key};
-use prosopon_store::{AuditEntry, BackupReport, DatabaseUrl, back_up, restore, verify_audit};
+use prosopon_store::{AuditEntry, BackupReport, DatabaseUrl, back_up, restore, scrub, verify_audit};
 
 /// Calls of `prosopon config`.
 #[derive(Debug, Subcommand)]
@@ -71,6 +71,14 @@ pub(super) struct BackupArguments {
     /// New directory for the backup.
     #[arg(long)]
     out: PathBuf,
+}
+
+/// Options of `prosopon scrub`: of the embedded store. For values elsewhere the service does it by itself.
+#[derive(Debug, Args)]
+pub(super) struct ScrubArguments {
+    /// Directory of sessions and results; the service may be running.
+    #[arg(long, env = "PROSOPON_DATA")]
+    data: PathBuf,
 }
 
 /// Options of `prosopon restore`.
@@ -159,5 +167,25 @@ fn runtime() -> std::io::Result<tokio::runtime::Runtime> {
 
 fn told(report: BackupReport) -> CommandResult {
     writeln!(std::io::stdout(), "{} files, {} bytes", report.files, report.bytes)?;
-    Ok(())
+    whole(&report.damaged, &[])
+}
+
+pub(super) fn scrub_store(arguments: &ScrubArguments) -> CommandResult {
+    let found = runtime()?.block_on(scrub(&arguments.data))?;
+    writeln!(std::io::stdout(), "{} values, {} bytes", found.values, found.bytes)?;
+    if found.unsealed > 0 {
+        writeln!(std::io::stdout(), "{} of them have no seal: an earlier version wrote them", found.unsealed)?;
+    }
+    whole(&found.damaged, &found.missing)
+}
+
+/// An error that names values which are not what was stored.
+fn whole(damaged: &[String], missing: &[String]) -> CommandResult {
+    let lines = damaged.iter().map(|key| format!("damaged: {key}"));
+    let lines: Vec<String> = lines.chain(missing.iter().map(|key| format!("missing: {key}"))).collect();
+    if lines.is_empty() {
+        return Ok(());
+    }
+    let begin = format!("{} values are not what was stored (session/value; all others are)", lines.len());
+    Err(format!("{begin}\n{}", lines.join("\n")).into())
 }

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use super::DemoError;
 use prosopon_formats::import;
 use prosopon_geometry::{TriMesh, Vector};
-use prosopon_planning::evaluate::{Layer, View, picture};
+use prosopon_planning::evaluate::{Layer, View, moved_along, picture};
 
 /// Results besides the steps.
 const RESULTS: [&str; 6] = [
@@ -44,13 +44,11 @@ pub fn clear(folder: &Path) -> Result<(), DemoError> {
 /// Three panels and the colour bar, in pixels.
 const PICTURE_PX: [u32; 2] = [1640, 720];
 
-/// Before and after, in profile and in three-quarter view, and how far each point of the skin moved.
+/// Before and after, in profile and in three-quarter view, and how far each point of the skin moved forward.
 pub(super) fn before_after(out: &Path, before_ply: &[u8], after_ply: &[u8]) -> Result<(), DemoError> {
     let before = surface("skin before", before_ply)?;
     let after = surface("skin after", after_ply)?;
-    let moved: Vec<f32> =
-        before.positions().iter().zip(after.positions()).map(|(b, a)| (a - b).norm() as f32).collect();
-    let limit = f64::from(moved.iter().copied().fold(1.0, f32::max)).ceil();
+    let (moved, limit) = moved_along(&before, &after, &-Vector::y());
     for (name, direction) in [
         ("before_after.png", Vector::new(-0.7, 0.7, 0.0)),
         ("before_after_profile.png", Vector::new(-1.0, 0.0, 0.0)),
@@ -61,7 +59,7 @@ pub(super) fn before_after(out: &Path, before_ply: &[u8], after_ply: &[u8]) -> R
         let panels = [
             ("before", plain(&before)),
             ("after", plain(&after)),
-            ("displacement", Layer { mesh: &after, values: Some((&moved, limit)) }),
+            ("moved forward", Layer { mesh: &after, values: Some((&moved, limit)) }),
         ];
         write(out, name, &picture(&panels, &view))?;
     }

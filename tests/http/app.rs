@@ -234,7 +234,7 @@ impl TestApp {
         loop {
             let answer = self.get(&format!("{job}?wait_s=20")).await;
             let view: Value = serde_json::from_slice(&answer.body).unwrap_or_default();
-            let waits = ["queued", "running"].iter().any(|status| view["status"] == *status);
+            let waits = ["accepted", "running"].iter().any(|status| view["status"] == *status);
             if !waits || begin.elapsed() > HANGS_AFTER {
                 return answer;
             }

@@ -26,7 +26,7 @@ async fn a_solve_goes_its_way_and_leaves_a_report() {
     for phase in ["surfaces_s", "field_s", "cut_s", "mesh_s", "solve_s", "total_s"] {
         assert!(report["phases"][phase].as_f64().unwrap() >= 0.0, "{phase}");
     }
-    assert_eq!(report["warnings"], json!(["a stand-in", "the skull has crumbs", "thin over the nose"]));
+    assert_eq!(report["warnings"], json!(["a stand-in", "the skull has crumbs", "a wide gap", "thin over the nose"]));
     assert_eq!(app.get(job["links"]["tissue"].as_str().unwrap()).await.body.as_ref(), b"<VTKFile/>");
     let listed = app.get(&format!("/v1/jobs?session={}&status=succeeded", job["session"].as_str().unwrap())).await.ok();
     let kinds: Vec<&str> = listed["jobs"].as_array().unwrap().iter().map(|j| j["kind"].as_str().unwrap()).collect();
@@ -69,10 +69,9 @@ async fn what_a_job_lacks_is_named() {
     let session = app.session_with_surfaces().await;
     let problem = app.post(&format!("{session}/mesh"), json!({})).await.problem(409, "missing-input");
     assert_eq!(problem["missing"], json!(["field"]));
-    let session = app.session_with_field().await;
     let problem = app.post(&format!("{session}/jobs"), nil).await.problem(409, "missing-input");
-    assert_eq!(problem["missing"], json!(["mesh"]));
-    assert!(problem["detail"].as_str().unwrap().contains("/mesh first"));
+    assert_eq!(problem["missing"], json!(["field"]));
+    assert!(problem["detail"].as_str().unwrap().contains("/field first"));
 }
 
 #[tokio::test]

@@ -9,6 +9,7 @@ mod app;
 mod binary;
 mod bone;
 mod compare;
+mod damage;
 mod dicom;
 mod edges;
 #[path = "../engines/mod.rs"]
@@ -26,6 +27,7 @@ mod journey;
 mod kill;
 mod kills;
 mod materials;
+mod meshes;
 mod operate;
 mod problems;
 mod queue;

@@ -143,6 +143,7 @@ fn backups_go_elsewhere_and_of_nothing_there_is_none() {
     let out = directory.path().join("out");
     refused(&["backup", "--data", text_of(&data), "--out", text_of(&out)], "there is no store in");
     refused(&["audit", "verify", "--data", text_of(&data)], "there is no audit log in");
+    refused(&["scrub", "--data", text_of(&data)], "there is no store");
     assert!(!data.exists() && !out.exists());
     let server = Server::start(&data, &[]);
     server.session();

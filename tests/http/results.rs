@@ -114,6 +114,9 @@ async fn errors_are_against_the_reference_job_at_the_same_place_of_the_path() {
     }
     let half = app.get(&format!("{job}/steps/3/error")).await.ok();
     assert_eq!((&half["reference"], &half["whole"]["max_mm"]), (&json!(format!("job {id} step 2")), &json!(0.0)));
+    assert_eq!(half["models"], json!(["mixed", "mixed"]), "a difference, no error");
+    let on_demand = app.get(&format!("{job}/steps/3/error?reference={id}")).await.ok();
+    assert_eq!(on_demand["models"], half["models"]);
     assert_eq!(app.get(&format!("{job}/report")).await.ok()["error"]["reference"], format!("job {id} step 4"));
 }
 

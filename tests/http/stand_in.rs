@@ -33,6 +33,8 @@ pub(crate) struct StandIn {
     pub(crate) solves: AtomicUsize,
     /// What the last solve was to solve with.
     pub(crate) settings: Mutex<Option<SolveSettings>>,
+    /// Cuts of the mesh of the last solve.
+    pub(crate) meshed_for: Mutex<Option<Vec<Cut>>>,
     /// Panic in the solve.
     pub(crate) panics: AtomicBool,
     /// Fail the solve after this step, when above 0.
@@ -228,6 +230,7 @@ impl Engine for StandIn {
                 max_displacement_mm: moved.norm(),
                 centroid_displacement_mm: moved.into(),
                 path_length_mm: moved.norm(),
+                warnings: vec!["a wide gap".to_owned()],
                 along: [(0.0, 0.0), (1.0, 0.5)]
                     .map(|(t, gap_mm)| PathSample { t, gap_mm, ..PathSample::default() })
                     .to_vec(),
@@ -259,6 +262,9 @@ impl Engine for StandIn {
         self.solves.fetch_add(1, Ordering::SeqCst);
         *self.settings.lock().unwrap() = Some(run.settings.solver.clone());
         self.cut_again()?;
+        watch.stage("mesh");
+        watch.mesh(&self.tissue(&run.case, &run.tissue, control)?);
+        *self.meshed_for.lock().unwrap() = run.tissue.cuts.clone();
         watch.stage("solve");
         let skin = &run.case.anatomy.skin;
         let mut steps = Vec::new();

@@ -23,7 +23,7 @@ pub use colour::diverging;
 pub use error_map::{Correspondence, ErrorMap, error_map};
 pub use fault::{EvaluateError, RegistrationFault};
 pub use part::{Mask, Part};
-pub use picture::{Layer, View, picture};
+pub use picture::{Layer, View, moved_along, picture};
 pub use png::rgb_png;
 pub use regions::{FaceRegion, eyes, face_regions};
 pub use register::{Registration, register};

@@ -32,6 +32,15 @@ pub struct Layer<'a> {
     pub values: Option<(&'a [f32], f64)>,
 }
 
+/// How far each vertex moved along the unit vector `direction`, mm, negative against it; and a limit for its colours, mm.
+#[must_use]
+pub fn moved_along(before: &TriMesh, after: &TriMesh, direction: &Vector) -> (Vec<f32>, f64) {
+    let pairs = before.positions().iter().zip(after.positions());
+    let moved: Vec<f32> = pairs.map(|(before, after)| (after - before).dot(direction) as f32).collect();
+    let limit = f64::from(moved.iter().fold(1.0f32, |most, m| most.max(m.abs()))).ceil();
+    (moved, limit)
+}
+
 /// Draws panels side by side, each one surface seen from `view`, all at the same scale, with a colour bar (labelled in mm) when any panel has values. PNG bytes.
 ///
 /// Parallel projection lit from above the viewer's left shoulder, on white; all panels show the same window of space. Seen from the front

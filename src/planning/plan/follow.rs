@@ -25,7 +25,18 @@ pub struct PathReport {
     pub path_length_mm: f64,
     /// What it meets, by rising t.
     pub along: Vec<PathSample>,
+    /// What a surgeon should look at: motions beyond what is done, bone in bone at the end, wide gaps.
+    pub warnings: Vec<String>,
 }
+
+/// Bone is hardly ever moved further than this, mm.
+const MOST_MOVED_MM: f64 = 20.0;
+/// Nor turned further, degrees.
+const MOST_TURNED_DEG: f64 = 20.0;
+/// Bone that lies in other bone by less than this at the end is within what a saw and a file take, mm and mm³.
+const OVERLAP: (f64, f64) = (1.0, 100.0);
+/// Cut faces further apart than this need a graft, mm.
+const WIDE_GAP_MM: f64 = 5.0;
 
 /// What a segment meets at one place of its path.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -108,7 +119,7 @@ fn follow_one(
     samples.sort_by(f64::total_cmp);
     samples.dedup_by(|a, b| (*a - *b).abs() < 1e-9);
 
-    let mut along = Vec::with_capacity(samples.len());
+    let (mut along, mut overlapped) = (Vec::with_capacity(samples.len()), None);
     for t in samples {
         control.check()?;
         let motions = plan.motions(t);
@@ -118,6 +129,13 @@ fn follow_one(
             others.iter().map(|(id, solid)| (*id, *solid, motion_of(*id).inverse() * motion)).collect();
         let distances: Vec<f64> = probes.par_iter().with_min_len(256).map(|p| nearest_bone(p, &frames)).collect();
         let overlap_mm = distances.iter().fold(0.0f64, |deepest, d| deepest.max(-d));
+        let deepest = probes.iter().zip(&distances).min_by(|a, b| a.1.total_cmp(b.1));
+        // Of the last sample, which is the end.
+        overlapped = deepest.filter(|(_, d)| **d < 0.0).and_then(|(p, _)| {
+            let by = |frame: &&Frame<'_>| frame.1.signed(&(frame.2 * p));
+            let other = frames.iter().min_by(|a, b| by(a).total_cmp(&by(b)))?;
+            Some((other.0, motion * p))
+        });
         let shared = |own| frames.iter().map(|(_, s, m)| overlap::volume(own, s, m, &segment.surface.bounds())).sum();
         let overlap_mm3 = own.map_or(0.0, shared);
         let (gap_mm, gap_mm3) = faces.gap(segment.id, &frames);
@@ -125,13 +143,51 @@ fn follow_one(
     }
     let end = path.at(1.0);
     let shift = end * segment.centroid - segment.centroid;
+    let max_displacement_mm = positions.iter().map(|p| (end * p - p).norm()).fold(0.0, f64::max);
+    let turned_deg = end.rotation.angle().to_degrees();
     Ok(PathReport {
         segment: segment.id,
-        max_displacement_mm: positions.iter().map(|p| (end * p - p).norm()).fold(0.0, f64::max),
+        max_displacement_mm,
         centroid_displacement_mm: [shift.x, shift.y, shift.z],
         path_length_mm: path.length_mm(&segment.centroid),
+        warnings: doubts(segment.id, max_displacement_mm, turned_deg, along.last(), overlapped),
         along,
     })
+}
+
+/// What is unusual about where a segment ends; `overlapped` is the segment that it lies deepest in, and where.
+fn doubts(
+    segment: u32,
+    moved_mm: f64,
+    turned_deg: f64,
+    end: Option<&PathSample>,
+    overlapped: Option<(u32, Point)>,
+) -> Vec<String> {
+    let mut doubts = Vec::new();
+    if moved_mm > MOST_MOVED_MM {
+        doubts.push(format!(
+            "segment {segment} moves {moved_mm:.1} mm at its furthest point; more than {MOST_MOVED_MM} mm is not done"
+        ));
+    }
+    if turned_deg > MOST_TURNED_DEG {
+        doubts.push(format!(
+            "segment {segment} turns by {turned_deg:.1} degrees; more than {MOST_TURNED_DEG} is not done"
+        ));
+    }
+    let Some(end) = end else { return doubts };
+    if let Some((other, at)) = overlapped.filter(|_| end.overlap_mm > OVERLAP.0 && end.overlap_mm3 > OVERLAP.1) {
+        doubts.push(format!(
+            "segment {segment} ends {:.1} mm deep in segment {other} at [{:.1}, {:.1}, {:.1}]; {:.0} mm³ of bone would have to be removed",
+            end.overlap_mm, at.x, at.y, at.z, end.overlap_mm3
+        ));
+    }
+    if end.gap_mm > WIDE_GAP_MM {
+        doubts.push(format!(
+            "the cut faces of segment {segment} end {:.1} mm apart on average, with {:.0} mm³ between them to be grafted",
+            end.gap_mm, end.gap_mm3
+        ));
+    }
+    doubts
 }
 
 /// Another segment, with the motion into its frame.

@@ -325,6 +325,28 @@ fn a_lifted_segment_opens_a_gap_and_a_lowered_one_overlaps() {
 }
 
 #[test]
+fn what_a_surgeon_should_look_at_is_said_with_place_and_size() {
+    let cut = run(&block(), &[endless([0.0, 0.0, 12.2], [0.0, 0.0, 1.0])]).unwrap();
+    let warnings = |motion: Motion| {
+        let plan = Plan { paths: vec![Path::new(1, vec![(1.0, motion)]).unwrap()] };
+        follow(&cut, &plan, &Control::new()).unwrap().remove(0).warnings
+    };
+    assert_eq!(warnings(Motion::translation(0.0, -4.0, -2.0)), [] as [&str; 0]);
+    // 4 mm up into a face of 24 by 20 mm.
+    let driven_in = warnings(Motion::translation(0.0, 0.0, 4.0));
+    let said = driven_in[0].split_whitespace().collect::<Vec<_>>();
+    assert!(driven_in.len() == 1 && driven_in[0].contains("deep in segment 0 at ["), "{driven_in:?}");
+    let mm3: f64 = said[said.iter().position(|w| *w == "mm³").unwrap() - 1].parse().unwrap();
+    assert!((mm3 / (480.0 * 4.0) - 1.0).abs() < 0.05, "{driven_in:?}");
+    let far = warnings(Motion::translation(0.0, -60.0, -7.0));
+    assert!(far[0].contains("moves 60.4 mm at its furthest point"), "{far:?}");
+    assert!(warnings(Motion::translation(0.0, 0.0, -7.0))[0].contains("end 7.0 mm apart"));
+    let turn = nalgebra::UnitQuaternion::from_axis_angle(&Vector::z_axis(), 25f64.to_radians());
+    let turned = warnings(Motion::from_parts(Vector::zeros().into(), turn));
+    assert!(turned[0].contains("turns by 25.0 degrees"), "{turned:?}");
+}
+
+#[test]
 fn a_block_pushed_half_aside_overlaps_by_a_box_and_a_tilted_one_opens_a_wedge() {
     let cut = run(&block(), &[endless([0.0, 0.0, 12.2], [0.0, 0.0, 1.0])]).unwrap();
     let moved = |motion: Motion| {

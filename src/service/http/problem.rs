@@ -117,6 +117,7 @@ pub(super) fn status_and_title(kind: FaultKind) -> (StatusCode, &'static str) {
     use FaultKind as K;
     use StatusCode as S;
     match kind {
+        K::DamagedValue => (S::INTERNAL_SERVER_ERROR, "A stored value is damaged"),
         K::MalformedRequest => (S::BAD_REQUEST, "The request cannot be read"),
         K::InvalidRequest => (S::UNPROCESSABLE_ENTITY, "Values of the request are not allowed"),
         K::NotFound => (S::NOT_FOUND, "There is no such thing"),

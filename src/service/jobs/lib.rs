@@ -31,8 +31,8 @@ pub use frame::SkinFrame;
 pub use order::Order;
 pub use physics::{PhysicsRecord, SolveModel};
 pub use requests::{
-    AttachmentRecord, CompareRecord, EarlierSolve, FieldRequest, ImportRequest, MaskRecord, MeshRequest, PartShape,
-    RegisterRecord, SceneRequest, SolveRequest, SurfaceSource,
+    AttachmentRecord, CompareRecord, EarlierSolve, FieldRequest, ImportRequest, MaskRecord, MeshChoice, MeshRequest,
+    PartShape, RegisterRecord, SceneRequest, SolveRequest, SurfaceSource,
 };
 pub use service::Service;
 pub use settings::ServiceSettings;
@@ -40,6 +40,6 @@ pub use state::{Illegal, JobEvent, next};
 pub use status::JobStatus;
 pub use tasks::{
     Compared, Comparison, CtScan, NamedSurface, Prediction, RegisterOn, StoredComparison, UNMOVED_MM, compare,
-    cut_bone, face_of, field_slice, make_plan, named_surface, propose_landmarks, read_comparison, read_frame, rest_of,
-    take_ct, take_surface, take_tissue,
+    cut_bone, face_of, field_slice, make_plan, model_of, models_of, named_surface, propose_landmarks, read_comparison,
+    read_frame, rest_of, take_ct, take_surface, take_tissue,
 };

@@ -9,8 +9,8 @@ use prosopon_planning::plan::PlanError;
 use prosopon_planning::simulate::{AttachmentRules, RunSettings, SkullPaint};
 use prosopon_planning::surface::CtSettings;
 use prosopon_session::{
-    BoxDocument, CutDocument, Earlier, Fault, FaultKind, FieldSettingsDocument, MeshDocument, MeshSettingsDocument,
-    NodeClassName, PaintDocument, PlanDocument, PresetName, TissueDocument,
+    BoxDocument, CutDocument, Earlier, Fault, FaultKind, FieldSettingsDocument, MeshSettingsDocument, NodeClassName,
+    PaintDocument, PlanDocument, PresetName, TissueDocument,
 };
 use prosopon_store::{JobId, OsteotomyId, PlanId, SessionId};
 
@@ -100,6 +100,15 @@ impl AttachmentRecord {
     }
 }
 
+/// The tissue mesh that a solve takes, or builds where it is not there.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct MeshChoice {
+    /// Settings.
+    pub settings: MeshSettingsDocument,
+    /// Cuts whose segments choose the region: those of the solve; absent when it is the front of the face or a box.
+    pub cuts: Option<Vec<CutDocument>>,
+}
+
 /// Deformed skin along a plan. Holds copies of plan and mesh settings: the job outlives them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SolveRequest {
@@ -115,8 +124,8 @@ pub struct SolveRequest {
     pub cut_s: f64,
     /// What is doubtful about the cuts.
     pub cut_warnings: Vec<String>,
-    /// The mesh, as it was at the time of asking.
-    pub mesh: MeshDocument,
+    /// The mesh.
+    pub mesh: MeshChoice,
     /// Key of the mesh at the time of asking.
     pub mesh_key: String,
     /// Model, elements, materials.

@@ -14,6 +14,8 @@ use prosopon_tissue::mesh::MeshReport;
 pub trait RunWatch {
     /// A stage begins: `field`, `cut`, `mesh` or `solve`.
     fn stage(&mut self, name: &'static str);
+    /// The tissue mesh is there.
+    fn mesh(&mut self, report: &MeshReport);
     /// Something to tell before the first step.
     fn warning(&mut self, text: String);
     /// A step is solved; `milestone` makes what a run can go on with after it, where it can.

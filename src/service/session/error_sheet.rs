@@ -9,13 +9,8 @@ const ERROR_LIMIT_MM: f64 = 3.0;
 #[must_use]
 pub fn error_sheet(mesh: &TriMesh, error_mm: &[f32], document: &ErrorDocument) -> Vec<u8> {
     let histogram: Vec<(f64, f64)> = document.histogram.iter().map(|b| (b.from_mm, b.share)).collect();
-    let title = if document.reference.chars().count() <= 24 {
-        format!("Signed error against {}", document.reference)
-    } else {
-        "Signed error of the prediction".to_owned()
-    };
     sheet(&Sheet {
-        title: &title,
+        title: &document.title(),
         mesh,
         values: error_mm,
         limit_mm: ERROR_LIMIT_MM,

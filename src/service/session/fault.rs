@@ -27,6 +27,8 @@ macro_rules! kinds {
 kinds! {
     /// The request cannot be read at all.
     MalformedRequest = "malformed-request",
+    /// A stored value is not what was written.
+    DamagedValue = "damaged-value",
     /// The request is read but some of its values are not allowed.
     InvalidRequest = "invalid-request",
     /// Nothing with that id or path.

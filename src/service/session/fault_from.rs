@@ -37,6 +37,12 @@ impl From<StoreError> for Fault {
                     "it was replaced or deleted while it was read; try again: if that says the same, its file is lost";
                 Self::new(FaultKind::WrongState, detail)
             }
+            StoreError::Damaged { key } => {
+                tracing::error!(key, "a stored value is damaged");
+                metrics::counter!("prosopon_values_damaged_total").increment(1);
+                let detail = format!("the stored value {key} is not what was written; its file was changed or cut off");
+                Self::new(FaultKind::DamagedValue, detail).with("value", key)
+            }
             StoreError::Unreachable(_) | StoreError::BucketAway(_) => {
                 tracing::error!(error = chain(&error), "the store is away");
                 Self::new(FaultKind::StoreUnavailable, format!("{error} now; try again later"))
@@ -54,6 +60,7 @@ impl From<StoreError> for Fault {
             | StoreError::Newer { .. }
             | StoreError::Older { .. }
             | StoreError::Backup { .. }
+            | StoreError::Missing { .. }
             | StoreError::Foreign
             | StoreError::ForeignTables
             | StoreError::InUse => {

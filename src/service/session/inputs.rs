@@ -1,5 +1,6 @@
 use std::sync::Arc;
 
+use bytes::Bytes;
 use serde::de::DeserializeOwned;
 
 use super::{
@@ -199,6 +200,14 @@ impl SessionParts {
         self.document(PartKind::Field)?.ok_or_else(|| self.missing(&["field"], &next))
     }
 
+    /// The mesh that was built last, where there is one.
+    ///
+    /// # Errors
+    /// [`FaultKind::Internal`].
+    pub fn mesh(&self) -> Result<Option<MeshDocument>, Fault> {
+        self.document(PartKind::Mesh)
+    }
+
     /// The mesh must have been built from the present inputs.
     ///
     /// # Errors
@@ -206,8 +215,7 @@ impl SessionParts {
     pub fn require_mesh(&self) -> Result<MeshDocument, Fault> {
         self.require_surfaces()?;
         let next = format!("POST /v1/sessions/{}/mesh first", self.session);
-        let mesh: Option<MeshDocument> = self.document(PartKind::Mesh)?;
-        let (Some(part), Some(mesh)) = (self.get(PartKind::Mesh), mesh) else {
+        let (Some(part), Some(mesh)) = (self.get(PartKind::Mesh), self.mesh()?) else {
             return Err(self.missing(&["mesh"], &next));
         };
         if part.key != self.mesh_key(&mesh.settings, mesh.cuts.as_deref())? {
@@ -243,8 +251,8 @@ impl SessionParts {
             Some(part) => Some(load_mesh(store, part).await?),
             None => None,
         };
-        let soft_tissue = match self.get(PartKind::SoftTissue).and_then(|part| part.blob.as_ref()) {
-            Some(key) => Some(decode_grid(&store.blobs().get(key).await?)?),
+        let soft_tissue = match self.get(PartKind::SoftTissue) {
+            Some(part) => Some(decode_grid(&read_part(store, part).await?)?),
             None => None,
         };
         let anatomy = Anatomy {
@@ -284,9 +292,23 @@ impl SessionParts {
 /// # Errors
 /// [`FaultKind::NotFound`] when the part is no surface, or the store's.
 pub async fn load_mesh(store: &Store, part: &PartRecord) -> Result<TriMesh, Fault> {
-    let key = part
-        .blob
-        .as_ref()
-        .ok_or_else(|| Fault::new(FaultKind::NotFound, format!("{} is no surface", part.kind.as_str())))?;
-    Ok(decode_mesh(&store.blobs().get(key).await?)?)
+    if part.blob.is_none() {
+        return Err(Fault::new(FaultKind::NotFound, format!("{} is no surface", part.kind.as_str())));
+    }
+    Ok(decode_mesh(&read_part(store, part).await?)?)
+}
+
+/// Reads the value of a part.
+///
+/// # Errors
+/// [`FaultKind::DamagedValue`] with the part's name, or the store's.
+pub async fn read_part(store: &Store, part: &PartRecord) -> Result<Bytes, Fault> {
+    let name = part.kind.as_str();
+    store.blobs().get(part.blob.as_deref().unwrap_or_default()).await.map_err(|error| match Fault::from(error) {
+        fault if fault.kind == FaultKind::DamagedValue => {
+            let detail = format!("the stored {name}: {}; upload it, or the CT that it is from, again", fault.detail);
+            Fault { detail, ..fault }.with("part", name)
+        }
+        other => other,
+    })
 }

@@ -37,7 +37,7 @@ pub use engine::{Engine, RunWatch, SceneSolved};
 pub use error_sheet::error_sheet;
 pub use fault::{Fault, FaultKind, FieldFault, Halt};
 pub use fault_from::{chain, import_fault};
-pub use inputs::{SessionParts, load_mesh};
+pub use inputs::{SessionParts, load_mesh, read_part};
 pub use keys::key_of;
 pub use landmarks::{LandmarksDocument, PlacedPlane};
 pub use milestone_file::StoredMilestone;

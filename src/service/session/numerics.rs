@@ -266,6 +266,7 @@ impl Engine for Numerics {
         let bone = self.bone_of(&run.case, &run.cuts, &control.part(shares[0], shares[1]))?;
         watch.stage("mesh");
         let tissue = self.tissue_of(&run.case, &run.tissue, &control.part(shares[1], shares[2]))?;
+        watch.mesh(&tissue.report);
         for warning in run.settings.solver.stability_warnings(&tissue.mesh) {
             watch.warning(warning);
         }

@@ -36,6 +36,10 @@ pub struct AuditEntry {
 }
 
 impl AuditEntry {
+    /// What an entry is about that names a stored value which is not what was written.
+    pub const DAMAGED: &str = "a stored value is damaged";
+    /// The same of a value that is not there.
+    pub const MISSING: &str = "a stored value is missing";
     /// What an entry is about by which a start tells that entries before it are missing.
     pub const GAP: &str = "entries before this one were removed";
 }

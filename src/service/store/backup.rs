@@ -1,6 +1,6 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
-use std::io::{self, Read, Write};
+use std::io::{self, Read as _, Write};
 use std::path::{Component, Path, PathBuf};
 
 use futures::future::BoxFuture;
@@ -10,7 +10,7 @@ use sha2::{Digest, Sha256};
 use super::directory::{BLOBS, create_private, lock};
 use super::records::{hex, to_json};
 use super::sqlite::{self, DATABASE, SqliteMeta};
-use super::{MetaStore, StoreError};
+use super::{MetaStore, StoreError, seal};
 
 /// Lists every file of a backup with its hash; written last, so that a backup without it is not whole.
 const MANIFEST: &str = "manifest.json";
@@ -25,6 +25,9 @@ pub struct BackupReport {
     pub files: usize,
     /// Their bytes.
     pub bytes: u64,
+    /// Values among them that are not what was stored: they were damaged before.
+    #[serde(default)]
+    pub damaged: Vec<String>,
 }
 
 #[derive(Debug, Serialize, Deserialize)]
@@ -74,7 +77,7 @@ async fn copy_out(data: &Path, out: &Path) -> Result<BackupReport, StoreError> {
 async fn copy_store(data: &Path, out: &Path) -> Result<BackupReport, StoreError> {
     let meta = SqliteMeta::open_beside(data).await?;
     create_private(&out.join(BLOBS))?;
-    let mut copied = BTreeMap::new();
+    let mut copied = Copied::new();
     for _ in 0..TRIES {
         copy_present(data, out, &mut copied)?;
         let snapshot = out.join(DATABASE);
@@ -103,8 +106,17 @@ fn lies_below(path: &Path, directory: &Path) -> io::Result<bool> {
     Ok(there.is_some_and(|there| there.starts_with(&directory)))
 }
 
-/// Files by path with hash and length.
-type Copied = BTreeMap<String, (String, u64)>;
+/// Files by path.
+type Copied = BTreeMap<String, Read>;
+
+/// What reading a file through gave.
+#[derive(Debug, PartialEq)]
+struct Read {
+    sha256: String,
+    bytes: u64,
+    /// Whether it is what was stored.
+    is_whole: bool,
+}
 
 /// Copies what is there and not copied yet, before a snapshot is taken: what is removed after that is here already.
 fn copy_present(data: &Path, out: &Path, copied: &mut Copied) -> Result<(), StoreError> {
@@ -146,7 +158,7 @@ fn copy_one(data: &Path, out: &Path, key: &str, copied: &mut Copied) -> Result<b
     if let Some(parent) = target.parent() {
         create_private(parent)?;
     }
-    match copy(&data.join(&name), &target) {
+    match copy(&data.join(&name), &target, key) {
         Ok(found) => _ = copied.insert(name, found),
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(false),
         Err(error) => return Err(error.into()),
@@ -161,13 +173,24 @@ fn finish(out: &Path, named: &BTreeSet<String>, mut files: Copied) -> Result<Bac
         std::fs::remove_file(out.join(&name))?;
         files.remove(&name);
     }
-    files.insert(DATABASE.to_owned(), hash(&out.join(DATABASE))?);
-    let report = BackupReport { files: files.len(), bytes: files.values().map(|(_, bytes)| bytes).sum() };
+    files.insert(DATABASE.to_owned(), read(&out.join(DATABASE), DATABASE)?);
+    let report = report_of(&files);
+    let files = files.into_iter().map(|(name, file)| (name, (file.sha256, file.bytes))).collect();
     let manifest = to_json("manifest", &Manifest { version: env!("CARGO_PKG_VERSION").to_owned(), files })?;
     let mut file = File::create(out.join(MANIFEST))?;
     file.write_all(manifest.as_bytes())?;
     file.sync_all()?;
     Ok(report)
+}
+
+fn report_of(files: &Copied) -> BackupReport {
+    let damaged = files.iter().filter(|(_, file)| !file.is_whole).map(|(name, _)| key_of(name).to_owned());
+    BackupReport { files: files.len(), bytes: files.values().map(|file| file.bytes).sum(), damaged: damaged.collect() }
+}
+
+/// Key of the value in a file of a backup.
+fn key_of(name: &str) -> &str {
+    name.strip_prefix("blobs/").unwrap_or(name)
 }
 
 /// Puts a backup into a data directory that holds no store yet; every file is checked first.
@@ -182,12 +205,14 @@ async fn copy_back(from: &Path, data: &Path) -> Result<BackupReport, StoreError>
     let text = std::fs::read_to_string(from.join(MANIFEST))
         .map_err(|e| fault(format!("{} cannot be read: {e}", from.join(MANIFEST).display())))?;
     let manifest: Manifest = serde_json::from_str(&text).map_err(|e| fault(format!("the manifest: {e}")))?;
-    for (name, expected) in &manifest.files {
+    let mut files = Copied::new();
+    for (name, (sha256, bytes)) in &manifest.files {
         let path = from.join(safe(name)?);
-        let found = hash(&path).map_err(|e| fault(format!("{name} cannot be read: {e}")))?;
-        if found != *expected {
+        let found = read(&path, key_of(name)).map_err(|e| fault(format!("{name} cannot be read: {e}")))?;
+        if (&found.sha256, &found.bytes) != (sha256, bytes) {
             return Err(fault(format!("{name} is not what was written")));
         }
+        files.insert(name.clone(), found);
     }
     if !manifest.files.contains_key(DATABASE) {
         return Err(fault("there is no database in it"));
@@ -197,7 +222,7 @@ async fn copy_back(from: &Path, data: &Path) -> Result<BackupReport, StoreError>
     if data.join(DATABASE).exists() || data.join(BLOBS).exists() {
         return Err(fault(format!("{} holds a store already; name an empty directory", data.display())));
     }
-    let done = put_back(from, data, &manifest).await;
+    let done = put_back(from, data, &manifest).await.map(|()| report_of(&files));
     if done.is_err() {
         // All of it is of the backup: the directory was empty.
         sqlite::remove(data)?;
@@ -206,7 +231,7 @@ async fn copy_back(from: &Path, data: &Path) -> Result<BackupReport, StoreError>
     done
 }
 
-async fn put_back(from: &Path, data: &Path, manifest: &Manifest) -> Result<BackupReport, StoreError> {
+async fn put_back(from: &Path, data: &Path, manifest: &Manifest) -> Result<(), StoreError> {
     // The database last: without it there is no store.
     let mut files: Vec<&String> = manifest.files.keys().collect();
     files.sort_by_key(|name| name.as_str() == DATABASE);
@@ -215,14 +240,14 @@ async fn put_back(from: &Path, data: &Path, manifest: &Manifest) -> Result<Backu
         if let Some(parent) = target.parent() {
             create_private(parent)?;
         }
-        copy(&from.join(name), &target)?;
+        copy(&from.join(name), &target, key_of(name))?;
     }
     let check = SqliteMeta::open_beside(data).await?;
     check.check().await?;
     // The audit log of the directory it came from is not here.
     check.clear_audit_anchor().await?;
     check.close().await;
-    Ok(BackupReport { files: manifest.files.len(), bytes: manifest.files.values().map(|(_, bytes)| bytes).sum() })
+    Ok(())
 }
 
 /// A path below the directory and nowhere else.
@@ -232,26 +257,27 @@ fn safe(name: &str) -> Result<PathBuf, StoreError> {
     if plain && !name.is_empty() { Ok(path) } else { Err(fault(format!("`{name}` is no name of a file in it"))) }
 }
 
-fn copy(from: &Path, to: &Path) -> io::Result<(String, u64)> {
+fn copy(from: &Path, to: &Path, key: &str) -> io::Result<Read> {
     let (mut from, mut to) = (File::open(from)?, File::create(to)?);
-    let found = each_piece(&mut from, |piece| to.write_all(piece))?;
+    let found = each_piece(&mut from, key, |piece| to.write_all(piece))?;
     to.sync_all()?;
     Ok(found)
 }
 
-fn hash(path: &Path) -> io::Result<(String, u64)> {
-    each_piece(&mut File::open(path)?, |_| Ok(()))
+fn read(path: &Path, key: &str) -> io::Result<Read> {
+    each_piece(&mut File::open(path)?, key, |_| Ok(()))
 }
 
-fn each_piece(file: &mut File, mut take: impl FnMut(&[u8]) -> io::Result<()>) -> io::Result<(String, u64)> {
-    let (mut hash, mut bytes, mut piece) = (Sha256::new(), 0, vec![0; 1 << 20]);
+fn each_piece(file: &mut File, key: &str, mut take: impl FnMut(&[u8]) -> io::Result<()>) -> io::Result<Read> {
+    let (mut hash, mut check, mut bytes, mut piece) = (Sha256::new(), seal::Check::new(), 0, vec![0; 1 << 20]);
     loop {
         let n = file.read(&mut piece)?;
         if n == 0 {
-            return Ok((hex(&hash.finalize()), bytes));
+            return Ok(Read { sha256: hex(&hash.finalize()), bytes, is_whole: check.is_whole(key) });
         }
         let piece = piece.get(..n).unwrap_or_default();
         hash.update(piece);
+        check.read(piece);
         bytes += n as u64;
         take(piece)?;
     }
@@ -265,7 +291,7 @@ fn fault(detail: impl Into<String>) -> StoreError {
 mod tests {
     use super::*;
     use crate::conformance::{part_with, session};
-    use crate::{PartKind, SessionId, SessionRecord, Store};
+    use crate::{PartKind, SessionId, SessionRecord, Store, scrub};
 
     async fn put(store: &Store, id: SessionId, bytes: &[u8]) {
         let blob = store.blobs().put(id, bytes.to_vec()).await.unwrap();
@@ -337,7 +363,8 @@ mod tests {
         let database = std::fs::read(out.join(DATABASE)).unwrap();
         std::fs::write(out.join(DATABASE), [b'x'; 5000]).unwrap();
         let mut changed: Manifest = serde_json::from_slice(&manifest).unwrap();
-        changed.files.insert(DATABASE.to_owned(), hash(&out.join(DATABASE)).unwrap());
+        let database_file = read(&out.join(DATABASE), DATABASE).unwrap();
+        changed.files.insert(DATABASE.to_owned(), (database_file.sha256, database_file.bytes));
         std::fs::write(out.join(MANIFEST), to_json("manifest", &changed).unwrap()).unwrap();
         assert!(matches!(restore(&out, &back).await, Err(StoreError::Foreign)));
         std::fs::write(out.join(MANIFEST), manifest).unwrap();
@@ -350,13 +377,26 @@ mod tests {
         let (directory, data, store, kept) = filled().await;
         let out = directory.path().join("out");
         back_up(&data, &out).await.unwrap();
-        let part = store.part(kept.id, PartKind::Skin).await.unwrap().unwrap();
-        std::fs::write(out.join(BLOBS).join(part.blob.unwrap()), b"kopt").unwrap();
-        let refused = restore(&out, &directory.path().join("back")).await;
+        let blob = store.part(kept.id, PartKind::Skin).await.unwrap().unwrap().blob.unwrap();
+        std::fs::write(out.join(BLOBS).join(&blob), b"kopt").unwrap();
+        let refused = restore(&out, &directory.path().join("not")).await;
         assert!(matches!(refused, Err(StoreError::Backup { .. })));
+        // What was damaged before is in the backup as it is, and said.
+        let mut file = std::fs::read(data.join(BLOBS).join(&blob)).unwrap();
+        file[1] ^= 1;
+        std::fs::write(data.join(BLOBS).join(&blob), file).unwrap();
+        let [out, back] = ["again", "back"].map(|n| directory.path().join(n));
+        assert_eq!(back_up(&data, &out).await.unwrap().damaged, [blob.clone()]);
+        assert_eq!(restore(&out, &back).await.unwrap().damaged, [blob.clone()]);
+        let found = scrub(&back).await.unwrap();
+        assert_eq!((found.values, &found.damaged, found.unsealed), (1, &vec![blob.clone()], 0));
+        assert!(matches!(store.blobs().get(&blob).await, Err(StoreError::Damaged { key }) if key == blob));
+        std::fs::remove_file(back.join(BLOBS).join(&blob)).unwrap();
+        assert_eq!(scrub(&back).await.unwrap().missing, [blob]);
+
         let manifest = r#"{"version": "x", "files": {"../escape": ["", 0]}}"#;
         std::fs::write(out.join(MANIFEST), manifest).unwrap();
-        let refused = restore(&out, &directory.path().join("back")).await;
+        let refused = restore(&out, &directory.path().join("not")).await;
         assert!(matches!(refused, Err(StoreError::Backup { detail }) if detail.contains("escape")));
     }
 }

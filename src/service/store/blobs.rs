@@ -1,11 +1,9 @@
 use std::fmt;
-use std::ops::Range;
 use std::path::Path as FsPath;
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
 use bytes::Bytes;
-use futures::stream::BoxStream;
 use futures::{StreamExt, TryStreamExt};
 use object_store::local::LocalFileSystem;
 use object_store::memory::InMemory;
@@ -15,12 +13,12 @@ use sha2::{Digest, Sha256};
 use uuid::Uuid;
 
 use super::records::hex;
-use super::{SessionId, StoreError, sha256_hex};
+use super::{SessionId, StoreError, seal};
 
 /// What is known of a stored value.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct BlobInfo {
-    /// Where it is: `<session>/<uuid>`.
+    /// Where it is: `<session>/<uuid>.sealed`.
     pub key: String,
     /// Length.
     pub bytes: u64,
@@ -95,8 +93,10 @@ impl Blobs {
     /// [`StoreError::Blob`].
     pub async fn put(&self, session: SessionId, bytes: Vec<u8>) -> Result<BlobInfo, StoreError> {
         let key = fresh_key(session);
-        let info = BlobInfo { key: key.to_string(), bytes: bytes.len() as u64, sha256: sha256_hex(&bytes) };
-        self.objects.put(&key, PutPayload::from(bytes)).await?;
+        let hash = Sha256::digest(&bytes);
+        let info = BlobInfo { key: key.to_string(), bytes: bytes.len() as u64, sha256: hex(&hash) };
+        let seal = Bytes::from_owner(seal::seal(&info.key, &hash));
+        self.objects.put(&key, PutPayload::from_iter([Bytes::from(bytes), seal])).await?;
         Ok(info)
     }
 
@@ -110,28 +110,26 @@ impl Blobs {
         Ok(Upload { key, writer, hash: Sha256::new(), bytes: 0, max_bytes })
     }
 
-    /// The whole value.
+    /// The whole value, which is what was stored. There is no way to read a part: it could not be checked.
     ///
     /// # Errors
-    /// [`StoreError::Blob`].
+    /// [`StoreError::Damaged`], [`StoreError::Blob`].
     pub async fn get(&self, key: &str) -> Result<Bytes, StoreError> {
-        Ok(self.objects.get(&Path::from(key)).await?.bytes().await?)
+        seal::open(key, self.objects.get(&Path::from(key)).await?.bytes().await?).await
     }
 
-    /// Bytes `range` of the value.
+    /// Reads a value through in pieces: its length.
     ///
     /// # Errors
-    /// [`StoreError::Blob`].
-    pub async fn get_range(&self, key: &str, range: Range<u64>) -> Result<Bytes, StoreError> {
-        Ok(self.objects.get_range(&Path::from(key), range).await?)
-    }
-
-    /// The value in pieces.
-    ///
-    /// # Errors
-    /// [`StoreError::Blob`].
-    pub async fn stream(&self, key: &str) -> Result<BoxStream<'static, object_store::Result<Bytes>>, StoreError> {
-        Ok(self.objects.get(&Path::from(key)).await?.into_stream())
+    /// As [`Blobs::get`].
+    pub(super) async fn check(&self, key: &str) -> Result<u64, StoreError> {
+        let mut pieces = self.objects.get(&Path::from(key)).await?.into_stream();
+        let (mut check, mut bytes) = (seal::Check::new(), 0);
+        while let Some(piece) = pieces.try_next().await? {
+            bytes += piece.len() as u64;
+            check.read(&piece);
+        }
+        if check.is_whole(key) { Ok(bytes) } else { Err(StoreError::Damaged { key: key.to_owned() }) }
     }
 
     /// Removes a value that no row names any more; one that is not there is no error. Nobody waits long for it: it goes on by itself, and
@@ -234,11 +232,12 @@ fn is_older(changed: SystemTime, age: Duration) -> bool {
 
 /// Whether a value may have this key.
 fn is_key(key: &str) -> bool {
+    let key = key.strip_suffix(seal::SEALED).unwrap_or(key);
     key.split_once('/').is_some_and(|(session, value)| [session, value].iter().all(|id| Uuid::try_parse(id).is_ok()))
 }
 
 fn fresh_key(session: SessionId) -> Path {
-    Path::from(format!("{session}/{}", Uuid::now_v7()))
+    Path::from(format!("{session}/{}{}", Uuid::now_v7(), seal::SEALED))
 }
 
 /// A value on its way to disk.
@@ -276,9 +275,11 @@ impl Upload {
     ///
     /// # Errors
     /// [`StoreError::Blob`].
-    pub async fn finish(self) -> Result<BlobInfo, StoreError> {
+    pub async fn finish(mut self) -> Result<BlobInfo, StoreError> {
+        let (key, hash) = (self.key.to_string(), self.hash.finalize());
+        self.writer.put(Bytes::from_owner(seal::seal(&key, &hash)));
         self.writer.finish().await?;
-        Ok(BlobInfo { key: self.key.to_string(), bytes: self.bytes, sha256: hex(&self.hash.finalize()) })
+        Ok(BlobInfo { key, bytes: self.bytes, sha256: hex(&hash) })
     }
 
     /// Gives up and removes what was written.
@@ -292,6 +293,7 @@ impl Upload {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sha256_hex;
 
     fn files_below(root: &FsPath) -> usize {
         std::fs::read_dir(root)
@@ -312,7 +314,6 @@ mod tests {
         let info = upload.finish().await.unwrap();
         assert_eq!((info.bytes, info.sha256.clone()), (9, sha256_hex(b"hello you")));
         assert_eq!(blobs.get(&info.key).await.unwrap().as_ref(), b"hello you");
-        assert_eq!(blobs.get_range(&info.key, 6..9).await.unwrap().as_ref(), b"you");
 
         let mut upload = blobs.upload(session, 10).await.unwrap();
         upload.write(Bytes::from_static(b"12345678")).await.unwrap();

@@ -37,6 +37,12 @@ pub enum StoreError {
         /// Where it was.
         key: String,
     },
+    /// A stored value is not what was written.
+    #[error("the stored value {key} is damaged")]
+    Damaged {
+        /// Where it is.
+        key: String,
+    },
     /// The data directory.
     #[error("its files cannot be read or written")]
     Io(#[from] std::io::Error),
@@ -87,6 +93,14 @@ pub enum StoreError {
     QuotaFull {
         /// Bytes allowed.
         allowed: u64,
+    },
+    /// There is no store of this kind.
+    #[error(
+        "there is no store with rows and values of its own in {directory}; the service reads through those that are elsewhere"
+    )]
+    Missing {
+        /// Where one was looked for.
+        directory: String,
     },
     /// A backup is not whole.
     #[error("the backup is not usable: {detail}")]

@@ -188,6 +188,8 @@ pub struct JobFilter {
     pub tenant: Option<TenantId>,
     /// Only of this session.
     pub session: Option<SessionId>,
+    /// Only of this kind.
+    pub kind: Option<JobKind>,
     /// Only in this state.
     pub state: Option<JobState>,
     /// Only made before this one.

@@ -63,7 +63,6 @@ impl Store {
         &self.blobs
     }
 
-    #[cfg(test)]
     pub(super) fn meta(&self) -> &dyn MetaStore {
         self.meta.as_ref()
     }

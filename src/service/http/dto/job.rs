@@ -112,6 +112,10 @@ pub struct CreateJob {
     /// Streamed steps, 1 to 200; the session's, else 6. With `warm_start` 1 where absent.
     #[serde(default)]
     pub steps: Option<u32>,
+    /// A job that built a mesh for the plan's osteotomy, or for none: its mesh. When absent the one that fits and was built last; where none
+    /// fits the job builds it, with the settings of the last one, else with the defaults.
+    #[serde(default)]
+    pub mesh: Option<Uuid>,
     /// A solve of this session that has succeeded, with the same mesh, cuts, segments, model and settings: bone goes straight from the end of its
     /// plan to the end of this one, which takes a fraction of the time. The steps show that way. Where tissue slides over edges of bone
     /// the result may hang a little on where it came from: plans to be kept are best solved from rest.
@@ -183,6 +187,9 @@ impl CreateJob {
         let mut check = Check::default();
         if self.attachment.is_some() {
             check.fault("/attachment", "the session has a tissue mesh, whose array `attachment` says what is tied");
+        }
+        if self.mesh.is_some() {
+            check.fault("/mesh", "the session has a tissue mesh, which jobs take");
         }
         if self.reference_job.is_some() {
             check.fault("/reference_job", "jobs on a tissue mesh make no error maps");

@@ -9,6 +9,7 @@ use utoipa::IntoParams;
 use uuid::Uuid;
 
 use super::accepted::{accept_order, stored};
+use super::mesh_choice::mesh_of;
 use super::osteotomies::fresh_osteotomy;
 use super::plans;
 use super::warm_start::begin_at;
@@ -17,8 +18,8 @@ use crate::http::dto::{CheckedJob, CreateJob, JobList, JobView, SessionSettings}
 use crate::http::extract::{Creating, Ids, Params, page_length, short_number};
 use crate::http::{AppState, Problem};
 use prosopon_jobs::{Order, PhysicsRecord, SceneRequest, SolveRequest};
-use prosopon_session::{Fault, FaultKind, SessionParts, TissueDocument};
-use prosopon_store::{JobFilter, JobId, JobKind, JobState, PartKind, SessionId};
+use prosopon_session::{CutDocument, Fault, FaultKind, SessionParts, TissueDocument};
+use prosopon_store::{JobFilter, JobId, JobKind, JobState, PartKind, PlanRecord, SessionId};
 
 /// Longest long poll, s.
 const MAX_WAIT_S: f64 = 60.0;
@@ -76,7 +77,7 @@ pub(in crate::http) async fn create(
         let scene = scene(&state, &parts, session, &request, checked, ready).await?;
         return accept_order(&state, order(scene.steps, stored(&scene)?), Some(&answering)).await;
     }
-    let mesh = parts.require_mesh()?;
+    parts.require_field()?;
     let plan = plans::find(&state, session, request.plan.into()).await.map_err(|p| in_body(p, "/plan"))?;
     let Some(osteotomy) = plan.osteotomy else {
         // Its tissue mesh was taken away.
@@ -86,9 +87,10 @@ pub(in crate::http) async fn create(
         ));
     };
     let (osteotomy, bone) = fresh_osteotomy(&state, &parts, session, osteotomy, "/plan").await?;
+    let mesh = mesh_of(&state, &parts, session, osteotomy.id, &bone.cuts, request.mesh).await?;
     let reference_job = request.reference_job.map(JobId::from);
     if let Some(id) = reference_job {
-        check_reference(&state, &principal, id).await?;
+        check_reference(&state, &principal, id, &plan, &bone.cuts).await?;
     }
     let solve = SolveRequest {
         plan_id: plan.id,
@@ -170,13 +172,30 @@ fn in_body(Problem(fault): Problem, pointer: &str) -> Problem {
     Fault { kind: FaultKind::InvalidRequest, ..fault.at(pointer) }.into()
 }
 
-async fn check_reference(state: &AppState, principal: &Principal, id: JobId) -> Result<(), Problem> {
+/// A job to compare with must have moved the same bone the same way.
+async fn check_reference(
+    state: &AppState,
+    principal: &Principal,
+    id: JobId,
+    plan: &PlanRecord,
+    cuts: &[CutDocument],
+) -> Result<(), Problem> {
     let job = state.service.job_of(&principal.tenant, id).await.map_err(|f| in_body(f.into(), "/reference_job"))?;
-    if job.kind == JobKind::Solve && job.state == JobState::Succeeded {
-        return Ok(());
+    let wrong = |kind, detail: String| Problem(Fault::new(kind, detail).at("/reference_job"));
+    if job.kind != JobKind::Solve || job.state != JobState::Succeeded {
+        let detail = format!("job {id} is no solve that has succeeded: it is {} and {}", job.kind.as_str(), job.state);
+        return Err(wrong(FaultKind::InvalidRequest, detail));
     }
-    let detail = format!("job {id} is no solve that has succeeded: it is {} and {}", job.kind.as_str(), job.state);
-    Err(Fault::new(FaultKind::InvalidRequest, detail).at("/reference_job").into())
+    let Ok(solved) = serde_json::from_str::<SolveRequest>(&job.request) else {
+        let detail = format!("job {id} solved a ready tissue mesh, whose skin is another");
+        return Err(wrong(FaultKind::InvalidRequest, detail));
+    };
+    if solved.cuts != cuts || solved.plan.paths != plans::content(plan)?.paths {
+        let detail =
+            format!("job {id} followed plan {}, which moves bone otherwise than plan {}", solved.plan_id, plan.id);
+        return Err(wrong(FaultKind::WrongState, detail));
+    }
+    Ok(())
 }
 
 /// List jobs
@@ -194,6 +213,7 @@ pub(in crate::http) async fn list(
     let filter = JobFilter {
         tenant: Some(principal.tenant),
         session: page.session.map(SessionId::from),
+        kind: None,
         state: wanted.map_err(|detail| Fault::new(FaultKind::MalformedRequest, detail).at("status"))?,
         before: page.before.map(JobId::from),
         limit,

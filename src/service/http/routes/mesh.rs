@@ -9,7 +9,7 @@ use crate::http::dto::{BuildMesh, JobView, MeshView, view_of};
 use crate::http::extract::{Creating, Ids};
 use crate::http::{AppState, Problem};
 use prosopon_jobs::MeshRequest;
-use prosopon_session::{MeshSettingsDocument, SessionParts};
+use prosopon_session::{MeshDocument, MeshSettingsDocument, SessionParts};
 use prosopon_store::{JobFilter, JobKind, OsteotomyId, PartKind, SessionId};
 
 /// Build the tissue mesh
@@ -50,6 +50,6 @@ pub(in crate::http) async fn get(
     let parts = SessionParts::load(state.service.store(), session).await?;
     let filter = JobFilter { session: Some(session), limit: 100, ..JobFilter::default() };
     let jobs = state.service.store().jobs(&filter).await?;
-    let report = parts.get(PartKind::Mesh).and_then(|p| serde_json::from_str(&p.document).ok());
+    let report = parts.mesh()?.map(|mesh| MeshDocument { cuts: None, ..mesh });
     Ok(Json(MeshView { part: view_of(PartKind::Mesh, &parts, &jobs), report }))
 }

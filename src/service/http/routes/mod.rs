@@ -10,6 +10,7 @@ mod jobs;
 mod landmarks;
 mod materials;
 mod mesh;
+mod mesh_choice;
 mod on_demand;
 mod osteotomies;
 mod page;

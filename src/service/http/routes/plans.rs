@@ -35,7 +35,13 @@ pub(in crate::http) async fn create(
             let tissue = parts.require_tissue("name an osteotomy, or PUT the tissue first")?;
             let (label, plan) =
                 request.check(&Segments::of_tissue(&tissue, &parts.bone_keys()).with_landmarks(parts.landmarks()?))?;
-            PlanDocument { label, paths: PlanDocument::paths_of(&plan), reports: Vec::new(), wall_s: 0.0 }
+            PlanDocument {
+                label,
+                paths: PlanDocument::paths_of(&plan),
+                reports: Vec::new(),
+                warnings: Vec::new(),
+                wall_s: 0.0,
+            }
         }
     };
     let record = PlanRecord {

@@ -5,7 +5,7 @@ use serde::Deserialize;
 use utoipa::{IntoParams, ToSchema};
 
 use super::report_page::report_page;
-use super::results::{draw_error, draw_step};
+use super::results::{Movement, draw_error, draw_step};
 use crate::http::extract::{Ids, Params};
 use crate::http::result::{not_modified, tag_of, tagged};
 use crate::http::{AppState, Problem};
@@ -65,7 +65,7 @@ pub(in crate::http) async fn report(
     }
     let mut pictures = Vec::new();
     if let Some(step) = state.service.store().steps(id).await?.last() {
-        pictures.push(("Before and after", draw_step(&state.service, &job, step).await?));
+        pictures.push(("Before and after", draw_step(&state.service, &job, step, Movement::Forward).await?));
         if step.error.is_some() {
             pictures.push(("Signed error", draw_error(&state.service, &job, step).await?));
         }

@@ -3,15 +3,13 @@ use std::fmt::Write;
 use crate::http::Problem;
 use prosopon_session::{ErrorDocument, FaultKind, PathSample, PlanDocument, ReportDocument};
 
-/// One sheet of A4 when printed; two columns below the pictures.
+/// One sheet of A4 when printed, more where there are many warnings; two columns below the pictures.
 const STYLE: &str = "@page{size:A4;margin:8mm}*{box-sizing:border-box}body{font:9px/1.3 Helvetica,Arial,sans-serif;color:#222;max-width:194mm;\
 margin:0 auto;padding:2mm 0}h1{font-size:15px;margin:0}h2{font-size:10px;margin:2mm 0 .6mm;color:#245}p{margin:.6mm 0}img{display:block;\
 width:100%}.strip img{max-height:68mm;object-fit:contain}.columns:after{content:'';display:block;clear:both}.left{float:left;width:55%}\
 .right{float:right;width:43%}table{border-collapse:collapse;width:100%}td,th{padding:.15mm 1mm;border-bottom:.2mm solid #ddd;\
 text-align:right;font-weight:normal}th{color:#666}td:first-child,th:first-child{text-align:left}code{font-size:6.5px;word-break:break-all}\
 ul{margin:0;padding-left:4mm}.note{color:#666;font-size:8px}";
-/// Warnings that fit on the page; the JSON form has all.
-const WARNINGS: usize = 10;
 /// Steps that fit on the page: the last ones.
 const STEPS: usize = 6;
 
@@ -61,11 +59,8 @@ fn warnings(page: &mut String, all: &[String]) {
         return;
     }
     page.push_str("<h2>Warnings</h2><ul>");
-    for warning in all.iter().take(WARNINGS) {
+    for warning in all {
         add(page, format_args!("<li>{}</li>", escape(warning)));
-    }
-    if all.len() > WARNINGS {
-        add(page, format_args!("<li>and {} more in the report as JSON</li>", all.len() - WARNINGS));
     }
     page.push_str("</ul>");
 }
@@ -119,7 +114,7 @@ fn errors(page: &mut String, error: &ErrorDocument) {
             share,
         ]
     });
-    let title = format!("Signed error against {}, mm", error.reference);
+    let title = format!("{} ({}), mm", error.title(), error.reference);
     let names = ["region", "mean", "abs", "RMS", "P50", "P90", "P95", "max", "< 1 mm"];
     table(page, &title, &names, rows);
     let w = &error.whole;

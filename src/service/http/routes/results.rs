@@ -5,7 +5,7 @@ use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::Response;
 use serde::Deserialize;
-use utoipa::IntoParams;
+use utoipa::{IntoParams, ToSchema};
 
 use super::on_demand::{ErrorQuery, compared};
 use crate::http::dto::{ErrorView, finite};
@@ -16,7 +16,7 @@ use crate::http::{AppState, Problem};
 use prosopon_formats::export::SurfaceView;
 use prosopon_geometry::{TriMesh, Vector};
 use prosopon_jobs::{Service, SkinFrame, read_frame, rest_of};
-use prosopon_planning::evaluate::{Layer, View, picture as draw};
+use prosopon_planning::evaluate::{Layer, View, moved_along, picture as draw};
 use prosopon_session::{ErrorDocument, Fault, FaultKind, error_sheet};
 use prosopon_store::{JobId, JobRecord, StepRecord};
 
@@ -65,6 +65,40 @@ where
     let write = load.await?;
     let bytes = state.service.compute(move |_, _| Ok(write())).await?;
     tagged(headers, &tag, format.media_type(), Bytes::from(bytes))
+}
+
+/// A direction in which skin moves.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub(in crate::http) enum Movement {
+    /// To the front: back is negative.
+    #[default]
+    Forward,
+    /// Upwards: down is negative.
+    Up,
+    /// To the patient's left: right is negative.
+    Left,
+}
+
+impl Movement {
+    /// Its name in a picture, and its direction in LPS.
+    fn direction(self) -> (&'static str, Vector) {
+        match self {
+            Self::Forward => ("moved forward", -Vector::y()),
+            Self::Up => ("moved up", Vector::z()),
+            Self::Left => ("moved to the left", Vector::x()),
+        }
+    }
+}
+
+/// Which movement to paint.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(in crate::http) struct PictureQuery {
+    /// Direction; forward when absent.
+    #[param(inline)]
+    movement: Option<Movement>,
 }
 
 async fn find(service: &Service, id: JobId, k: u32) -> Result<(JobRecord, StepRecord), Problem> {
@@ -270,22 +304,24 @@ pub(in crate::http) async fn error_picture(
 
 /// Picture of a step
 ///
-/// Skin before and after, and its displacement in colours; PNG.
+/// Skin before and after, and in colours how far it moved in a direction: red forward (or up, or to the left), blue the other way; PNG.
 #[utoipa::path(get, path = "/v1/jobs/{job}/steps/{k}/picture.png", tag = "results",
-    params(("job" = Uuid, Path), ("k" = u32, Path)),
+    params(("job" = Uuid, Path), ("k" = u32, Path), PictureQuery),
     responses((status = 200, description = "the picture", body = Vec<u8>, content_type = "image/png"),
         (status = 304, description = "as known")))]
 pub(in crate::http) async fn picture(
     State(state): State<AppState>,
     Ids((id, k)): Ids<(JobId, u32)>,
+    Params(query): Params<PictureQuery>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let (job, step) = find(&state.service, id, k).await?;
-    let tag = tag_of(&[&step.sha256, "picture.png"]);
+    let movement = query.movement.unwrap_or_default();
+    let tag = tag_of(&[&step.sha256, "picture.png", movement.direction().0]);
     if let Some(known) = not_modified(&headers, &tag) {
         return Ok(known);
     }
-    let png = draw_step(&state.service, &job, &step).await?;
+    let png = draw_step(&state.service, &job, &step, movement).await?;
     tagged(&headers, &tag, "image/png", png.into())
 }
 
@@ -301,14 +337,20 @@ pub(super) async fn draw_error(service: &Service, job: &JobRecord, step: &StepRe
     Ok(png.await?)
 }
 
-pub(super) async fn draw_step(service: &Service, job: &JobRecord, step: &StepRecord) -> Result<Vec<u8>, Problem> {
-    let (rest, mesh, frame) = load(service, job, step).await?;
+pub(super) async fn draw_step(
+    service: &Service,
+    job: &JobRecord,
+    step: &StepRecord,
+    movement: Movement,
+) -> Result<Vec<u8>, Problem> {
+    let (rest, mesh, _) = load(service, job, step).await?;
     let png = service.compute(move |_, _| {
-        let limit = f64::from(frame.displacement_mm.iter().copied().fold(0.0f32, f32::max)).max(1.0).ceil();
+        let (title, direction) = movement.direction();
+        let (moved, limit) = moved_along(&rest, &mesh, &direction);
         let before = Layer { mesh: &rest, values: None };
         let after = Layer { mesh: &mesh, values: None };
-        let moved = Layer { mesh: &mesh, values: Some((&frame.displacement_mm, limit)) };
-        Ok(draw(&[("before", before), ("after", after), ("displacement", moved)], &view()))
+        let moved = Layer { mesh: &mesh, values: Some((&moved, limit)) };
+        Ok(draw(&[("before", before), ("after", after), (title, moved)], &view()))
     });
     Ok(png.await?)
 }

@@ -13,7 +13,7 @@ use crate::http::upload::receive;
 use crate::http::{AppState, Problem};
 use prosopon_formats::import::is_legacy_vtk;
 use prosopon_jobs::take_tissue;
-use prosopon_session::{FaultKind, SessionParts, SurfaceDocument, TissueDocument};
+use prosopon_session::{FaultKind, SessionParts, SurfaceDocument, TissueDocument, read_part};
 use prosopon_store::{PartKind, SessionId};
 
 /// Upload a ready tissue mesh
@@ -75,7 +75,7 @@ pub(in crate::http) async fn get_tissue(
         let tag = tag_of(&[&part.key, "report"]);
         return tagged(&headers, &tag, "application/json", part.document.clone().into());
     }
-    let bytes = state.service.store().blobs().get(part.blob.as_deref().unwrap_or_default()).await?;
+    let bytes = read_part(state.service.store(), part).await?;
     let kind = if is_legacy_vtk(&bytes) { "application/octet-stream" } else { "application/vnd.vtk.vtu" };
     tagged(&headers, &format!("\"{}\"", part.key), kind, bytes)
 }

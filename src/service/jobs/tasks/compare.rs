@@ -44,6 +44,8 @@ pub struct Comparison {
     pub reference: TriMesh,
     /// Name of the reference in the answer.
     pub reference_name: String,
+    /// Models of both, where both are predictions.
+    pub models: Option<[String; 2]>,
     /// Prediction vertices that count.
     pub mask: Mask,
     /// Parts that neither count nor are registered on.
@@ -124,6 +126,7 @@ impl Comparison {
         }
         let map = engine.error_map(&mesh, &reference, Some(&counted), &regions, &control.part(0.5, 1.0))?;
         let mut document = ErrorDocument::new(self.reference_name, mask_name, &map);
+        document.models = self.models;
         document.registration = document_of;
         document.warnings.splice(0..0, warnings);
         let correspondence_mm = map.correspondence.map(|c| c.distance_mm);

@@ -2,7 +2,8 @@ use super::{Prediction, read_frame, rest_of};
 use crate::{Service, SurfaceSource};
 use prosopon_geometry::Point;
 use prosopon_session::{Fault, FaultKind, LandmarksDocument, SessionParts, load_mesh};
-use prosopon_store::{PartKind, SessionId};
+use prosopon_store::{JobRecord, PartKind, SessionId};
+use serde::Deserialize;
 
 /// A stored surface with what is known of it, its name in words, its key and its session.
 #[derive(Debug, Clone, PartialEq)]
@@ -13,6 +14,32 @@ pub struct NamedSurface {
     pub key: String,
     /// Session that it is of.
     pub session: SessionId,
+}
+
+/// The model that a job solves with; `None` of one that does not solve.
+#[must_use]
+pub fn model_of(job: &JobRecord) -> Option<String> {
+    #[derive(Deserialize)]
+    struct OfCase {
+        model: Option<String>,
+        physics: Option<OfScene>,
+    }
+    #[derive(Deserialize)]
+    struct OfScene {
+        model: String,
+    }
+    let request: OfCase = serde_json::from_str(&job.request).ok()?;
+    request.model.or_else(|| Some(request.physics?.model))
+}
+
+/// Models of two surfaces, where both are predictions.
+///
+/// # Errors
+/// As [`named_surface`].
+pub async fn models_of(service: &Service, sources: [SurfaceSource; 2]) -> Result<Option<[String; 2]>, Fault> {
+    let [SurfaceSource::Step(one, _), SurfaceSource::Step(other, _)] = sources else { return Ok(None) };
+    let (one, other) = (service.job(one).await?, service.job(other).await?);
+    Ok(model_of(&one).zip(model_of(&other)).map(|(one, other)| [one, other]))
 }
 
 /// What a source names, without its surface.

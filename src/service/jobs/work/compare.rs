@@ -2,7 +2,7 @@ use std::collections::BTreeMap;
 
 use super::Context;
 use crate::requests::SolveRequest;
-use crate::tasks::{read_frame, rest_of};
+use crate::tasks::{model_of, read_frame, rest_of};
 use prosopon_geometry::TriMesh;
 use prosopon_session::{Fault, Halt, SessionParts, load_mesh};
 use prosopon_store::PartKind;
@@ -13,7 +13,12 @@ pub(super) enum Reference {
     /// The post-operative skin, at every step.
     Target(TriMesh),
     /// Another job's step at the same place of the path: its number and skin, by our step number.
-    Job { id: String, steps: BTreeMap<u32, (u32, TriMesh)> },
+    Job {
+        id: String,
+        /// The model of the job itself and of that one.
+        models: Option<[String; 2]>,
+        steps: BTreeMap<u32, (u32, TriMesh)>,
+    },
 }
 
 impl Reference {
@@ -41,14 +46,23 @@ impl Reference {
                 steps.insert(own as u32, (step.k, frame.mesh(&rest)?));
             }
         }
-        Ok(Some(Self::Job { id: id.to_string(), steps }))
+        let models = model_of(&job).map(|other| [request.physics.model.as_str().to_owned(), other]);
+        Ok(Some(Self::Job { id: id.to_string(), models, steps }))
+    }
+
+    /// The model of the job itself and of the reference, where that is a prediction.
+    pub(super) fn models(&self) -> Option<[String; 2]> {
+        match self {
+            Self::Target(_) => None,
+            Self::Job { models, .. } => models.clone(),
+        }
     }
 
     /// Name and surface that step `k` is compared with.
     pub(super) fn at(&self, k: u32) -> Option<(String, &TriMesh)> {
         match self {
             Self::Target(mesh) => Some(("target".to_owned(), mesh)),
-            Self::Job { id, steps } => steps.get(&k).map(|(other, mesh)| (format!("job {id} step {other}"), mesh)),
+            Self::Job { id, steps, .. } => steps.get(&k).map(|(other, mesh)| (format!("job {id} step {other}"), mesh)),
         }
     }
 }

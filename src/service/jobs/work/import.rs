@@ -5,20 +5,63 @@ use super::{Context, Done, changed_meanwhile};
 use crate::requests::ImportRequest;
 use crate::running::Phase;
 use prosopon_planning::surface::CtSettings;
-use prosopon_session::{CtDocument, Halt, PreparedSurface, SurfaceOrigin, surface_part};
-use prosopon_store::{PartKind, PartRecord, encode_grid, now_rfc3339};
+use prosopon_session::{
+    CtDocument, Fault, FaultKind, Halt, PreparedSurface, SessionParts, SurfaceDocument, SurfaceOrigin, read_part,
+    surface_part,
+};
+use prosopon_store::{JobFilter, JobKind, JobState, PartKind, PartRecord, encode_grid, now_rfc3339};
 
 /// Skin, skull, air and soft tissue of the session's CT.
 pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
-    let request: ImportRequest = context.request()?;
     let parts = context.parts().await?;
+    make(context, &parts, context.request()?).await
+}
+
+/// The last import of the session's CT once more, for a part of it that is damaged: the parts, and what the job tells of it. `None`
+/// where that part is not from a CT that is there.
+pub(super) async fn again(
+    context: &Context,
+    parts: &SessionParts,
+    damaged: &Fault,
+) -> Result<Option<SessionParts>, Halt> {
+    let part = parts.all().iter().find(|part| damaged.facts.get("part").is_some_and(|name| name == part.kind.as_str()));
+    let (Some(part), Some(ct)) = (part, parts.get(PartKind::Ct)) else { return Ok(None) };
+    let is_from_ct = match part.kind {
+        PartKind::SoftTissue => true,
+        PartKind::Skin | PartKind::Skull | PartKind::Air => {
+            read::<SurfaceDocument>(&part.document)?.origin.sha256 == read::<CtDocument>(&ct.document)?.sha256
+        }
+        _ => false,
+    };
+    let imports = JobFilter {
+        session: Some(context.job.session),
+        kind: Some(JobKind::Import),
+        state: Some(JobState::Succeeded),
+        limit: 1,
+        ..JobFilter::default()
+    };
+    let imports = context.service.store.jobs(&imports).await?;
+    let Some(last) = imports.first().filter(|_| is_from_ct) else { return Ok(None) };
+    let request: ImportRequest = read(&last.request)?;
+    tracing::warn!(part = part.kind.as_str(), "a damaged part is made again from the CT");
+    context.running.warn(format!("the stored {} was damaged and was made again from the CT", part.kind.as_str()));
+    make(context, parts, request).await?;
+    let made = context.parts().await?;
+    if made.get(part.kind).is_some_and(|made| made.key == part.key) {
+        return Ok(Some(made));
+    }
+    Err(Fault::new(FaultKind::Stale, format!("{}; what its CT gives now differs: import it again", damaged.detail))
+        .into())
+}
+
+async fn make(context: &Context, parts: &SessionParts, request: ImportRequest) -> Result<Done, Halt> {
     let ct = parts.require(PartKind::Ct)?;
     if ct.key != request.ct_sha256 {
         return Err(changed_meanwhile().into());
     }
     let store = &context.service.store;
     let document: CtDocument = read(&ct.document)?;
-    let bytes = context.get(ct.blob.as_deref().unwrap_or_default()).await?;
+    let bytes = context.unless_stopped(read_part(store, ct)).await?;
     let started = Instant::now();
     context.running.set_phase(Phase::Surfaces);
     let origin = SurfaceOrigin {

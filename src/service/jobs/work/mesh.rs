@@ -29,7 +29,8 @@ pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
     let mut report = built.map_err(|halt| context.cuts_of(request.osteotomy_id, "/osteotomy", halt))?;
     report.warnings.extend(unstable(request.preset));
     let wall_s = started.elapsed().as_secs_f64();
-    let document = MeshDocument::new(request.settings, request.cuts, &report);
+    let osteotomy = request.osteotomy_id.map(|id| id.to_string());
+    let document = MeshDocument { cuts: request.cuts, ..MeshDocument::new(request.settings, osteotomy, &report) };
     context.put_document(PartKind::Mesh, request.key, wall_s, to_json(&document)?).await?;
     Ok(Done { warnings: report.warnings, ..Done::default() })
 }

@@ -14,7 +14,6 @@ use std::pin::pin;
 use std::sync::Arc;
 use std::time::Duration;
 
-use bytes::Bytes;
 use serde::de::DeserializeOwned;
 
 use super::Service;
@@ -106,14 +105,16 @@ impl Context {
         self.unless_stopped(self.service.store.blobs().put(self.job.session, bytes)).await
     }
 
-    /// A large value.
-    async fn get(&self, key: &str) -> Result<Bytes, Halt> {
-        self.unless_stopped(self.service.store.blobs().get(key)).await
-    }
-
-    /// What the numerics work on.
+    /// What the numerics work on. A damaged part that comes from the session's CT is made again.
     async fn case(&self, parts: &SessionParts) -> Result<Case, Halt> {
-        self.unless_stopped(parts.case(&self.service.store)).await
+        let damaged = match self.unless_stopped(parts.case(&self.service.store)).await {
+            Err(Halt::Fault(fault)) if fault.kind == FaultKind::DamagedValue => fault,
+            read => return read,
+        };
+        match import::again(self, parts, &damaged).await? {
+            Some(parts) => self.unless_stopped(parts.case(&self.service.store)).await,
+            None => Err(Halt::Fault(damaged)),
+        }
     }
 
     /// Steps of the job, which are all there.

@@ -7,8 +7,8 @@ use crate::requests::SolveRequest;
 use crate::running::step_warning;
 use prosopon_planning::simulate::Outcome;
 use prosopon_session::{
-    CtDocument, ErrorDocument, Fault, FaultKind, FieldDocument, PhasesDocument, ReportDocument, ReportInput,
-    SessionParts, StepDocument, SurfaceDocument,
+    CtDocument, ErrorDocument, Fault, FaultKind, FieldDocument, MeshDocument, PhasesDocument, ReportDocument,
+    ReportInput, SessionParts, StepDocument, SurfaceDocument,
 };
 use prosopon_store::{JobRecord, PartKind, StepRecord, now_rfc3339};
 
@@ -20,6 +20,9 @@ pub(super) struct Ingredients<'a> {
     pub(super) parts: &'a SessionParts,
     pub(super) outcome: &'a Outcome,
     pub(super) steps: &'a [StepRecord],
+    pub(super) mesh: Option<MeshDocument>,
+    /// Time that the mesh took, s.
+    pub(super) mesh_s: f64,
     pub(super) regions_from_landmarks: bool,
     pub(super) solve_s: f64,
     pub(super) warnings: &'a [String],
@@ -33,7 +36,9 @@ pub(super) fn compile(i: &Ingredients<'_>) -> Result<ReportDocument, Fault> {
     let error = i.steps.last().and_then(|s| s.error.as_deref()).map(read::<ErrorDocument>).transpose()?;
     let mut warnings = i.told.to_vec();
     warnings.extend(i.warnings.iter().cloned());
-    warnings.extend(field.warnings.iter().chain(&i.request.cut_warnings).chain(&i.request.mesh.warnings).cloned());
+    warnings.extend(field.warnings.iter().chain(&i.request.cut_warnings).cloned());
+    warnings.extend(i.request.plan.warnings.iter().cloned());
+    warnings.extend(i.mesh.iter().flat_map(|mesh| mesh.warnings.iter().cloned()));
     warnings.extend(step_warnings(&steps, i.told));
     warnings.extend(error.iter().flat_map(|e| e.warnings.iter().map(|w| format!("error map: {w}"))));
     Ok(ReportDocument {
@@ -48,7 +53,7 @@ pub(super) fn compile(i: &Ingredients<'_>) -> Result<ReportDocument, Fault> {
         inputs: inputs(i.parts)?,
         phases: phases(i),
         field: Some(field),
-        mesh: Some(i.request.mesh.clone()),
+        mesh: i.mesh.clone(),
         tissue: None,
         plan: i.request.plan.clone(),
         steps,
@@ -95,7 +100,7 @@ pub(super) fn step_documents(steps: &[StepRecord]) -> Result<Vec<StepDocument>, 
 fn phases(i: &Ingredients<'_>) -> PhasesDocument {
     let wall_s = |kind| i.parts.get(kind).map_or(0.0, |p| p.wall_s);
     let surfaces_s = [PartKind::Skin, PartKind::Skull, PartKind::Air].map(wall_s).iter().sum();
-    let (field_s, cut_s, mesh_s) = (wall_s(PartKind::Field), i.request.cut_s, wall_s(PartKind::Mesh));
+    let (field_s, cut_s, mesh_s) = (wall_s(PartKind::Field), i.request.cut_s, i.mesh_s);
     let (plan_s, solve_s) = (i.request.plan.wall_s, i.solve_s);
     let total_s = surfaces_s + field_s + cut_s + mesh_s + plan_s + solve_s;
     PhasesDocument { surfaces_s, field_s, cut_s, mesh_s, plan_s, solve_s, total_s }

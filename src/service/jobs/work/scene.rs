@@ -14,7 +14,7 @@ use prosopon_formats::import::volume_mesh;
 use prosopon_planning::simulate::{OuterSurface, ReadyMesh};
 use prosopon_session::{
     Fault, FaultKind, Halt, PhasesDocument, ReportDocument, SceneBones, SceneRun, SceneSolved, SessionParts,
-    import_fault, load_mesh, stored_cuts,
+    import_fault, load_mesh, read_part, stored_cuts,
 };
 use prosopon_store::{PartKind, encode_mesh, now_rfc3339};
 
@@ -26,7 +26,7 @@ pub(super) async fn perform(context: &Context, request: &SceneRequest) -> Result
         return Err(changed_meanwhile().into());
     }
     let store = &context.service.store;
-    let bytes = context.get(tissue.blob.as_deref().unwrap_or_default()).await?;
+    let bytes = context.unless_stopped(read_part(store, tissue)).await?;
     let bones = bones(context, &parts, request).await?;
     let limits = context.service.settings.import;
     let read = context.compute(move |_, _| {

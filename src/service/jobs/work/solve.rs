@@ -11,8 +11,9 @@ use crate::requests::{SolveKind, SolveRequest};
 use crate::running::{Phase, step_warning};
 use crate::service::warning_event;
 use prosopon_planning::simulate::Outcome;
-use prosopon_session::{Fault, Halt, Run, SessionParts, StoredMilestone, key_of, stored_cuts};
+use prosopon_session::{Fault, Halt, MeshDocument, Run, SessionParts, StoredMilestone, key_of, stored_cuts};
 use prosopon_store::{PartKind, StepRecord, StoreError, encode_mesh};
+use prosopon_tissue::mesh::MeshReport;
 
 /// Share of the computing that the steps take.
 const SOLVING: f64 = 0.98;
@@ -22,6 +23,7 @@ struct Solved {
     outcome: Outcome,
     tissue: Option<Vec<u8>>,
     solving: Duration,
+    mesh: Option<(MeshReport, f64)>,
     regions_from_landmarks: bool,
     warnings: Vec<String>,
 }
@@ -69,7 +71,15 @@ async fn on_case(context: &Context, request: SolveRequest) -> Result<Done, Halt>
     };
     let mut warnings = solved.outcome.warnings.clone();
     warnings.extend(solved.warnings.iter().cloned());
+    let mesh_s = match (parts.get(PartKind::Mesh), &solved.mesh) {
+        (Some(part), _) if part.key == request.mesh_key => part.wall_s,
+        (_, Some((_, wall_s))) => *wall_s,
+        (_, None) => 0.0,
+    };
+    let osteotomy = request.mesh.cuts.is_some().then(|| request.osteotomy_id.to_string());
     let ingredients = Ingredients {
+        mesh: solved.mesh.map(|(report, _)| MeshDocument::new(request.mesh.settings, osteotomy, &report)),
+        mesh_s,
         job: &context.job,
         request: &request,
         parts: &parts,
@@ -94,8 +104,10 @@ async fn compute(
     let running = Arc::clone(&context.running);
     context
         .compute(move |engine, control| {
-            let (regions, regions_from_landmarks) =
-                if reference.is_some() { engine.regions(&run.case) } else { (Vec::new(), false) };
+            let (mut regions, regions_from_landmarks) = engine.regions(&run.case);
+            if reference.is_none() {
+                regions.clear();
+            }
             let in_face = |p| regions.iter().any(|r| r.bounds.contains(p));
             let mask = run.case.anatomy.skin.positions().iter().map(in_face).collect();
             let cancel = control.part(0.0, 0.0);
@@ -103,10 +115,10 @@ async fn compute(
             let mut watch = SolveWatch { reference, regions, mask, ..watch };
             let outcome = engine.solve(&run, &control.part(0.0, SOLVING), &mut watch)?;
             let solving = watch.solving + watch.step_began.elapsed();
-            let warnings = watch.warnings;
+            let (warnings, mesh) = (watch.warnings, watch.mesh);
             let tissue =
                 tissue.then(|| engine.tissue_file(&run, &outcome.nodes, &control.part(SOLVING, 1.0))).transpose()?;
-            Ok(Solved { outcome, tissue, solving, regions_from_landmarks, warnings })
+            Ok(Solved { outcome, tissue, solving, mesh, regions_from_landmarks, warnings })
         })
         .await
 }
@@ -132,7 +144,7 @@ async fn usable(context: &Context, key: &str, compared: &str) -> Result<Option<S
     let store = &context.service.store;
     let read = async {
         match store.blobs().get(key).await {
-            Err(StoreError::BlobGone { .. } | StoreError::BucketRefused(_)) => Ok(None),
+            Err(StoreError::BlobGone { .. } | StoreError::BucketRefused(_) | StoreError::Damaged { .. }) => Ok(None),
             read => read.map(Some),
         }
     };

@@ -10,6 +10,7 @@ use prosopon_geometry::control::Control;
 use prosopon_planning::evaluate::FaceRegion;
 use prosopon_planning::simulate::{Frame, Milestone};
 use prosopon_session::{Engine, ErrorDocument, Halt, RunWatch, StepDocument, StoredMilestone};
+use prosopon_tissue::mesh::MeshReport;
 
 /// Shortest time between two milestones: what a job loses when its worker dies, beside the step it was at. One is some 1 to 2 MB on a head.
 const MILESTONE_EVERY: Duration = Duration::from_secs(2);
@@ -44,6 +45,8 @@ pub(super) struct SolveWatch<'a> {
     pub(super) regions: Vec<FaceRegion>,
     pub(super) mask: Vec<bool>,
     pub(super) warnings: Vec<String>,
+    /// The tissue mesh, and how long it took, s.
+    pub(super) mesh: Option<(MeshReport, f64)>,
     /// Number of the step that it goes on after; 0 at rest.
     pub(super) after: u32,
     /// Key of what steps are compared with.
@@ -78,6 +81,7 @@ impl<'a> SolveWatch<'a> {
             regions: Vec::new(),
             mask: Vec::new(),
             warnings,
+            mesh: None,
             after,
             compared,
             step_began: Instant::now(),
@@ -100,7 +104,10 @@ impl<'a> SolveWatch<'a> {
         let (name, reference) = self.reference.as_ref()?.at(k)?;
         let map = self.engine.error_map(&frame.skin, reference, Some(&self.mask), &self.regions, &self.cancel);
         match map {
-            Ok(map) => Some((ErrorDocument::new(name, "face", &map), map.signed_mm)),
+            Ok(map) => {
+                let models = self.reference.as_ref().and_then(Reference::models);
+                Some((ErrorDocument { models, ..ErrorDocument::new(name, "face", &map) }, map.signed_mm))
+            }
             // The solver meets the cancellation at its next check.
             Err(Halt::Cancelled) => None,
             Err(Halt::Fault(fault)) => {
@@ -115,6 +122,10 @@ impl RunWatch for SolveWatch<'_> {
     fn stage(&mut self, name: &'static str) {
         self.running.set_phase(Phase::of_stage(name));
         self.step_began = Instant::now();
+    }
+
+    fn mesh(&mut self, report: &MeshReport) {
+        self.mesh = Some((report.clone(), self.step_began.elapsed().as_secs_f64()));
     }
 
     fn warning(&mut self, text: String) {

@@ -410,6 +410,9 @@ pub struct PlanDocument {
     pub paths: Vec<PathDocument>,
     /// One report a path.
     pub reports: Vec<PathReportDocument>,
+    /// What a surgeon should look at before the plan is solved: motions beyond what is done, bone in bone, wide gaps.
+    #[serde(default)]
+    pub warnings: Vec<String>,
     /// Time that the reports took, s.
     pub wall_s: f64,
 }

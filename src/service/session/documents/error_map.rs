@@ -72,6 +72,10 @@ pub struct HistogramBin {
 pub struct ErrorDocument {
     /// What the prediction is compared with: `target`, or `job <id> step <k>`, or as asked for.
     pub reference: String,
+    /// Models of the prediction and of the reference, where that is a prediction too: then the values are a difference between two models and say
+    /// nothing of accuracy.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub models: Option<[String; 2]>,
     /// Which vertices count: `face` (inside the regions), `all`, or `given`.
     pub mask: String,
     /// Prediction against reference.
@@ -115,6 +119,7 @@ impl ErrorDocument {
         };
         Self {
             reference,
+            models: None,
             mask: mask.to_owned(),
             whole: StatisticsDocument::from(&map.whole),
             backward: StatisticsDocument::from(&map.backward),
@@ -127,6 +132,16 @@ impl ErrorDocument {
             histogram: map.histogram.iter().map(|&(from_mm, share)| HistogramBin { from_mm, share }).collect(),
             registration: None,
             warnings: map.warnings.clone(),
+        }
+    }
+
+    /// What the values are, as a title.
+    #[must_use]
+    pub fn title(&self) -> String {
+        match &self.models {
+            Some([model, other]) => format!("Difference between two models: {model} against {other}"),
+            None if self.reference == "target" => "Signed error against target".to_owned(),
+            None => "Signed difference from the reference".to_owned(),
         }
     }
 

@@ -10,7 +10,11 @@ use prosopon_tissue::mesh::MeshReport;
 pub struct MeshDocument {
     /// Settings that it was built with.
     pub settings: MeshSettingsDocument,
-    /// Cuts whose segments chose the region; absent when it is the front of the face or a box.
+    /// The osteotomy whose segments chose the region; absent when it is the front of the face or a box.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub osteotomy: Option<String>,
+    /// Its cuts, in the stored form only.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cuts: Option<Vec<CutDocument>>,
     /// Number of tetrahedra.
     pub tetrahedra: usize,
@@ -43,12 +47,13 @@ pub struct MeshDocument {
 }
 
 impl MeshDocument {
-    /// The document of a mesh.
+    /// The document of a mesh without its cuts.
     #[must_use]
-    pub fn new(settings: MeshSettingsDocument, cuts: Option<Vec<CutDocument>>, r: &MeshReport) -> Self {
+    pub fn new(settings: MeshSettingsDocument, osteotomy: Option<String>, r: &MeshReport) -> Self {
         Self {
             settings,
-            cuts,
+            osteotomy,
+            cuts: None,
             tetrahedra: r.tetrahedra,
             prisms: r.prisms,
             nodes: r.nodes,

@@ -222,6 +222,7 @@ impl MetaStore for MemoryMeta {
     async fn jobs(&self, filter: &JobFilter) -> Result<Vec<JobRecord>> {
         let wanted = |j: &&JobRecord| {
             filter.session.is_none_or(|s| j.session == s)
+                && filter.kind.is_none_or(|k| j.kind == k)
                 && filter.state.is_none_or(|s| j.state == s)
                 && filter.before.is_none_or(|b| j.id < b)
                 && filter.tenant.as_ref().is_none_or(|t| j.tenant == *t)

@@ -13,6 +13,7 @@ const MIGRATIONS: &[(&str, &str)] = &[
     ("several processes", include_str!("2_several_processes.sql")),
     ("place of blobs", include_str!("3_place_of_blobs.sql")),
     ("milestones", include_str!("4_milestones.sql")),
+    ("sealed values", include_str!("5_sealed_values.sql")),
 ];
 
 /// What Postgres says when a table that a script makes is there already.

@@ -5,7 +5,7 @@ use super::events::{append_all, append_progress};
 use super::{DbRow, Pool, Result, Transaction, sessions};
 use crate::job::{joined_warnings, progress_after};
 use crate::records::{from_json, id_list, now_rfc3339, parse_id, to_i64, to_json, to_u32, to_u64};
-use crate::{BlobInfo, JobChange, JobFilter, JobId, JobRecord, JobState, StoreError, TenantId};
+use crate::{BlobInfo, JobChange, JobFilter, JobId, JobKind, JobRecord, JobState, StoreError, TenantId};
 
 pub(super) fn record(row: &DbRow) -> Result<JobRecord> {
     let text = |name: &str| row.try_get::<String, _>(name);
@@ -51,12 +51,13 @@ pub(super) async fn one(reader: &Pool, id: JobId) -> Result<Option<JobRecord>> {
 pub(super) async fn page(reader: &Pool, filter: &JobFilter) -> Result<Vec<JobRecord>> {
     sqlx::query(
         "SELECT * FROM jobs WHERE ($1 IS NULL OR session = $1) AND ($2 IS NULL OR state = $2)
-         AND ($3 IS NULL OR id < $3) AND ($4 IS NULL OR tenant = $4) ORDER BY id DESC LIMIT $5",
+         AND ($3 IS NULL OR id < $3) AND ($4 IS NULL OR tenant = $4) AND ($5 IS NULL OR kind = $5) ORDER BY id DESC LIMIT $6",
     )
     .bind(filter.session.map(|s| s.to_string()))
     .bind(filter.state.map(JobState::as_str))
     .bind(filter.before.map(|b| b.to_string()))
     .bind(filter.tenant.as_ref().map(TenantId::as_str))
+    .bind(filter.kind.map(JobKind::as_str))
     .bind(i64::from(filter.limit))
     .fetch_all(reader)
     .await?

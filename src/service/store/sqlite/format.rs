@@ -17,6 +17,7 @@ const MIGRATIONS: &[&str] = &[
     include_str!("8_several_processes.sql"),
     include_str!("9_place_of_blobs.sql"),
     include_str!("10_milestones.sql"),
+    include_str!("11_sealed_values.sql"),
 ];
 
 /// Name of the database in its directory.

@@ -1,0 +1,106 @@
+//! The last bytes of a stored value bind its content to its key: a changed bit, a missing tail and another value's file all show.
+
+use bytes::Bytes;
+use sha2::{Digest, Sha256};
+
+use super::StoreError;
+
+/// Ends the keys of sealed values. Values that earlier formats of the store wrote have no seal.
+pub(super) const SEALED: &str = ".sealed";
+
+/// Bytes of a seal.
+pub(super) const LENGTH: usize = 32;
+
+/// Above this a value is checked on a thread that may block, bytes.
+const LARGE: usize = 1 << 20;
+
+pub(super) fn is_sealed(key: &str) -> bool {
+    key.ends_with(SEALED)
+}
+
+/// The seal of the value under `key` whose content has this SHA-256.
+pub(super) fn seal(key: &str, content: &[u8]) -> [u8; LENGTH] {
+    Sha256::new().chain_update(key.as_bytes()).chain_update(content).finalize().into()
+}
+
+/// The content of a stored value.
+///
+/// # Errors
+/// [`StoreError::Damaged`].
+pub(super) async fn open(key: &str, stored: Bytes) -> Result<Bytes, StoreError> {
+    if !is_sealed(key) {
+        return Ok(stored);
+    }
+    let damaged = || StoreError::Damaged { key: key.to_owned() };
+    let length = stored.len().checked_sub(LENGTH).ok_or_else(damaged)?;
+    let content = stored.slice(..length);
+    let hash = if length > LARGE {
+        let content = content.clone();
+        tokio::task::spawn_blocking(move || Sha256::digest(&content)).await.map_err(|_| damaged())?
+    } else {
+        Sha256::digest(&content)
+    };
+    let is_whole = stored.get(length..) == Some(seal(key, &hash).as_slice());
+    if is_whole { Ok(content) } else { Err(damaged()) }
+}
+
+/// Checks a stored value that is read in pieces.
+#[derive(Debug)]
+pub(super) struct Check {
+    hash: Sha256,
+    /// The last bytes so far, which may be the seal.
+    tail: Vec<u8>,
+}
+
+impl Check {
+    pub(super) fn new() -> Self {
+        Self { hash: Sha256::new(), tail: Vec::new() }
+    }
+
+    pub(super) fn read(&mut self, piece: &[u8]) {
+        self.tail.extend_from_slice(piece);
+        let content = self.tail.len().saturating_sub(LENGTH);
+        self.hash.update(self.tail.drain(..content).as_slice());
+    }
+
+    /// Whether all of it was the value that was stored under `key`; one without a seal may be.
+    pub(super) fn is_whole(self, key: &str) -> bool {
+        !is_sealed(key) || self.tail == seal(key, &self.hash.finalize())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sealed(key: &str, content: &[u8]) -> Vec<u8> {
+        [content, &seal(key, &Sha256::digest(content))].concat()
+    }
+
+    #[tokio::test]
+    async fn every_change_shows_whole_and_in_pieces() {
+        const KEY: &str = "a/b.sealed";
+        let large = vec![7; LARGE + 5];
+        for content in [&b""[..], b"x", &[1; 100], &large] {
+            let stored = sealed(KEY, content);
+            let check = |stored: &[u8], key: &str| {
+                let mut check = Check::new();
+                stored.chunks(33).for_each(|piece| check.read(piece));
+                check.is_whole(key)
+            };
+            assert_eq!(open(KEY, stored.clone().into()).await.unwrap(), content);
+            assert!(check(&stored, KEY));
+            let mut faults = vec![stored[..stored.len() - 1].to_vec(), stored[1..].to_vec(), Vec::new()];
+            for at in [0, stored.len() / 2, stored.len() - 1] {
+                let mut flipped = stored.clone();
+                flipped[at] ^= 16;
+                faults.push(flipped);
+            }
+            for fault in faults {
+                assert!(!check(&fault, KEY));
+                assert!(matches!(open(KEY, fault.into()).await, Err(StoreError::Damaged { key }) if key == KEY));
+            }
+            assert!(!check(&stored, "a/c.sealed"), "the file of another key");
+        }
+    }
+}

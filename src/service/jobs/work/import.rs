@@ -31,7 +31,14 @@ pub(super) async fn again(
         PartKind::Skin | PartKind::Skull | PartKind::Air => {
             read::<SurfaceDocument>(&part.document)?.origin.sha256 == read::<CtDocument>(&ct.document)?.sha256
         }
-        _ => false,
+        PartKind::Ct
+        | PartKind::Target
+        | PartKind::Landmarks
+        | PartKind::FieldSettings
+        | PartKind::Field
+        | PartKind::Mesh
+        | PartKind::Tissue
+        | PartKind::Bone(_) => false,
     };
     let imports = JobFilter {
         session: Some(context.job.session),

@@ -129,7 +129,7 @@ impl Blobs {
             bytes += piece.len() as u64;
             check.read(&piece);
         }
-        if check.is_whole(key) { Ok(bytes) } else { Err(StoreError::Damaged { key: key.to_owned() }) }
+        if check.finds_whole(key) { Ok(bytes) } else { Err(StoreError::Damaged { key: key.to_owned() }) }
     }
 
     /// Removes a value that no row names any more; one that is not there is no error. Nobody waits long for it: it goes on by itself, and

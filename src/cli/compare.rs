@@ -71,7 +71,7 @@ pub(super) fn run(a: &CompareArguments) -> CommandResult {
             face: a.exclude_eyes.then(|| (Vec::new(), None)),
         },
         reference,
-        models: None,
+        predictions: None,
         reference_name: a.reference.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned()),
         mask,
         exclude: exclude.only,

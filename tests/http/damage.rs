@@ -82,6 +82,22 @@ async fn what_comes_from_a_ct_is_made_again_and_the_job_says_so() {
     assert_eq!((part("skin").await, part("skull").await), before);
     assert_eq!(app.get(&format!("{session}/skull")).await.status, StatusCode::OK);
 
+    // A skull that was uploaded since stays, also where it is the skin that is made again.
+    let own = crate::shapes::stl(&crate::shapes::cube([0.0; 3], 50.0));
+    app.upload(&format!("{session}/skull"), own).await.ok();
+    let uploaded = part("skull").await;
+    let newest = values(app.directory()).into_iter().max().unwrap();
+    values(app.directory()).iter().filter(|file| **file != ct && **file != newest).for_each(|file| flip_a_bit(file));
+    let job = app.finish(app.post(&format!("{session}/field"), json!({})).await).await;
+    assert_eq!(job["status"], "succeeded", "{job}");
+    assert_eq!((part("skin").await, part("skull").await), (before.0, uploaded.clone()));
+    // The uploaded one itself is of no CT.
+    flip_a_bit(&newest);
+    let job = app.finish(app.post(&format!("{session}/field"), json!({})).await).await;
+    assert_eq!((&job["status"], &job["problem"]["part"]), (&json!("failed"), &json!("skull")), "{job}");
+    assert_eq!(part("skull").await, uploaded);
+    app.upload(&format!("{session}/skull"), crate::shapes::skull()).await.ok();
+
     values(app.directory()).iter().for_each(|file| flip_a_bit(file));
     let job = app.finish(app.post(&format!("{session}/field"), json!({})).await).await;
     assert_eq!((&job["status"], &job["problem"]["part"]), (&json!("failed"), &json!("ct")), "{job}");

@@ -39,6 +39,26 @@ async fn solve(app: &TestApp, session: &str, osteotomy: &Value, forward_mm: f64,
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_mesh_that_lacks_the_bone_that_moves_is_warned_of() {
+    let app = TestApp::real().await;
+    let (session, osteotomy) = scene(&app).await;
+    let lacking = async |more: Value| {
+        let job = solved(&app, &session, &osteotomy, 1.0, more).await;
+        let warnings = app.get(&job).await.ok()["warnings"].to_string();
+        warnings.contains("lacks").then_some(warnings)
+    };
+    let linear = json!({"model": "linear", "steps": 1});
+    assert_eq!(lacking(linear.clone()).await, None, "its own mesh");
+    // The skull is a box from -60 to 60 mm, of which the lower half moves.
+    let region = json!({"min_mm": [-110, -110, -110], "max_mm": [30, 110, 110]});
+    let settings = json!({"edge_mm": 15, "depth_mm": 60, "skin_thickness_mm": 4, "region": region});
+    let mesh = app.finish(app.post(&format!("{session}/mesh"), settings).await).await;
+    assert_eq!(mesh["status"], "succeeded", "{mesh}");
+    let warning = lacking(linear).await.unwrap();
+    assert!(warning.contains("its region lacks 30 mm on the patient's left of the bone that moves"), "{warning}");
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_second_job_begins_with_the_factor_of_the_first_and_finds_the_same_bits_as_alone() {
     let linear = json!({"model": "linear", "steps": 2});
     let app = TestApp::real().await;

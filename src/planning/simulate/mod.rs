@@ -26,4 +26,4 @@ pub use run::{
     solve, solve_prepared,
 };
 pub use scene::{Scene, SceneOutcome};
-pub use tissue::{TissueModel, TissueSettings, build_tissue};
+pub use tissue::{TissueModel, TissueSettings, build_tissue, region_warning};

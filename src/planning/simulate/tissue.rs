@@ -31,6 +31,8 @@ const REACH_MM: Vector = Vector::new(45.0, 0.0, 60.0);
 const BEHIND_FRONT_MM: f64 = 65.0;
 /// How far behind its back the region reaches at least, mm: bone that is set back must find tissue there, no wall.
 const BEHIND_BACK_MM: f64 = 7.0;
+/// Bone may stick out of a region by so much, mm: about an edge of the mesh.
+const REGION_SLACK_MM: f64 = 5.0;
 /// A skin vertex farther than this from the prisms is not carried by them, mm.
 const EMBED_REACH_MM: f64 = 2.0;
 
@@ -58,6 +60,31 @@ pub fn build_tissue(
     let embedding = embed(&anatomy.skin, &mesh, EMBED_REACH_MM);
     control.report(1.0);
     Ok(TissueModel { mesh, report, embedding })
+}
+
+/// What a region that was not chosen for the `moving` segments lacks of them: the skin there stays where it is. `None` where it has all.
+#[must_use]
+pub fn region_warning(anatomy: &Anatomy, bone: &CutBone, moving: &[u32], settings: &TissueSettings) -> Option<String> {
+    let region = settings.region.unwrap_or_else(|| scene_box(anatomy, None));
+    let segments = bone.osteotomy.segments.iter().filter(|s| moving.contains(&s.id));
+    let moving = Aabb::of(segments.flat_map(|s| s.surface.positions()))?;
+    let (below, above) = (region.min - moving.min, moving.max - region.max);
+    let sides = [
+        (below.x, "on the patient's right"),
+        (above.x, "on the patient's left"),
+        (below.y, "in front"),
+        (above.y, "behind"),
+        (below.z, "below"),
+        (above.z, "above"),
+    ];
+    let lacks = sides.iter().filter(|(mm, _)| *mm > REGION_SLACK_MM).map(|(mm, side)| format!("{mm:.0} mm {side}"));
+    let lacks: Vec<String> = lacks.collect();
+    (!lacks.is_empty()).then(|| {
+        format!(
+            "the tissue mesh was not built for this operation: its region lacks {} of the bone that moves; skin there stays in place",
+            lacks.join(", ")
+        )
+    })
 }
 
 /// The part of the head that a plan for these segments can reach; the front half of the head without segments.

@@ -114,7 +114,8 @@ impl Service {
         Ok(())
     }
 
-    /// Reads through the stored values after `last`, as many as a round may, and tells of those that are not what was stored.
+    /// Reads the stored values whose keys come after `last`, up to 256 MiB, and sets `last` to the last of them (or to nothing at the end of
+    /// all). Damaged and missing ones go into the log, the audit log and the metrics.
     ///
     /// # Errors
     /// The store's.

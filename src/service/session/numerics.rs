@@ -14,7 +14,7 @@ use prosopon_geometry::control::Control;
 use prosopon_geometry::{Implicit, Point, TriMesh, Vector};
 use prosopon_planning::evaluate::{self, ErrorMap, FaceRegion, Registration};
 use prosopon_planning::plan::{
-    self, Clearance, Cut, Osteotomy, PathReport, Plan, Proposal, TemplateCuts, TemplateFault,
+    self, Clearance, Cut, Osteotomy, Path, PathReport, Plan, Proposal, TemplateCuts, TemplateFault,
 };
 use prosopon_planning::simulate::{self, CutBone, Fields, Outcome, SimulateError, TissueModel};
 use prosopon_planning::surface::{self, CtSettings, CtSurfaces};
@@ -267,6 +267,12 @@ impl Engine for Numerics {
         watch.stage("mesh");
         let tissue = self.tissue_of(&run.case, &run.tissue, &control.part(shares[1], shares[2]))?;
         watch.mesh(&tissue.report);
+        let is_chosen = run.tissue.cuts.is_some() && run.tissue.settings.region.is_none();
+        if !is_chosen {
+            let moving: Vec<u32> = run.plan.paths.iter().map(Path::segment).collect();
+            let lacks = simulate::region_warning(&run.case.anatomy, &bone, &moving, &run.tissue.settings);
+            lacks.into_iter().for_each(|warning| watch.warning(warning));
+        }
         for warning in run.settings.solver.stability_warnings(&tissue.mesh) {
             watch.warning(warning);
         }

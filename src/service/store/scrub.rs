@@ -52,19 +52,21 @@ impl Store {
     /// [`StoreError`].
     pub async fn scrub(&self, after: &str, most_bytes: u64) -> Result<(ScrubReport, Option<String>), StoreError> {
         let mut report = ScrubReport::default();
-        let mut last = None;
+        let (mut last, mut is_end) = (None, true);
         for key in self.meta().named_blobs().await?.into_iter().filter(|key| key.as_str() > after) {
             if report.bytes >= most_bytes {
-                return Ok((report, last));
+                is_end = false;
+                break;
             }
             read_through(self.blobs(), &key, &mut report).await?;
             last = Some(key);
         }
         if !report.missing.is_empty() {
+            // What went meanwhile was deleted, not lost.
             let named = self.meta().named_blobs().await?;
             report.missing.retain(|key| named.contains(key));
         }
-        Ok((report, None))
+        Ok((report, last.filter(|_| !is_end)))
     }
 }
 

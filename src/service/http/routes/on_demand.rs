@@ -4,7 +4,7 @@ use utoipa::IntoParams;
 use super::results::load;
 use crate::http::Problem;
 use prosopon_geometry::TriMesh;
-use prosopon_jobs::{Compared, Comparison, Prediction, RegisterOn, Service, face_of, model_of, read_frame, rest_of};
+use prosopon_jobs::{Compared, Comparison, Prediction, Predictions, RegisterOn, Service, face_of, read_frame, rest_of};
 use prosopon_planning::evaluate::Mask;
 use prosopon_session::{Fault, FaultKind, SessionParts, load_mesh};
 use prosopon_store::{JobId, JobRecord, PartKind, StepRecord};
@@ -52,12 +52,12 @@ pub(super) async fn compared(
 ) -> Result<Compared, Problem> {
     let (rest, mesh, frame) = load(service, job, step).await?;
     let face = Some(face_of(&SessionParts::load(service.store(), job.session).await?)?);
-    let (reference, reference_name, models) = match query.reference {
+    let (reference, reference_name, predictions) = match query.reference {
         Some(id) => {
             let (other, found) = reference_step(service, job, id, step).await?;
             let rest = rest_of(service, &other).await?;
-            let models = model_of(job).zip(model_of(&other)).map(|(own, other)| [own, other]);
-            (read_frame(service, &found, &rest).await?.mesh(&rest)?, format!("job {id} step {}", found.k), models)
+            let predictions = Predictions::of(job, &other);
+            (read_frame(service, &found, &rest).await?.mesh(&rest)?, format!("job {id} step {}", found.k), predictions)
         }
         None => (target(service, job).await?.0, "target".to_owned(), None),
     };
@@ -65,7 +65,7 @@ pub(super) async fn compared(
         prediction: Prediction { mesh, displacement_mm: Some(frame.displacement_mm), rest: Some(rest), face },
         reference,
         reference_name,
-        models,
+        predictions,
         mask: Mask::default(),
         exclude: Vec::new(),
         exclude_eyes: false,

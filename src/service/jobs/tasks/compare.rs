@@ -1,3 +1,4 @@
+use super::Predictions;
 use crate::Service;
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Point, TriMesh};
@@ -44,8 +45,8 @@ pub struct Comparison {
     pub reference: TriMesh,
     /// Name of the reference in the answer.
     pub reference_name: String,
-    /// Models of both, where both are predictions.
-    pub models: Option<[String; 2]>,
+    /// What both are, where both are predictions.
+    pub predictions: Option<Predictions>,
     /// Prediction vertices that count.
     pub mask: Mask,
     /// Parts that neither count nor are registered on.
@@ -126,7 +127,12 @@ impl Comparison {
         }
         let map = engine.error_map(&mesh, &reference, Some(&counted), &regions, &control.part(0.5, 1.0))?;
         let mut document = ErrorDocument::new(self.reference_name, mask_name, &map);
-        document.models = self.models;
+        if self.predictions.as_ref().is_some_and(|both| !both.same_plan) {
+            warnings.push(
+                "the two predictions follow different plans: the values are not of their models alone".to_owned(),
+            );
+        }
+        document.models = self.predictions.map(|both| both.models);
         document.registration = document_of;
         document.warnings.splice(0..0, warnings);
         let correspondence_mm = map.correspondence.map(|c| c.distance_mm);

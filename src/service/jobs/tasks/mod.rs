@@ -12,7 +12,7 @@ mod volume;
 pub use bone::{cut_bone, make_plan, propose_landmarks};
 pub use compare::{Compared, Comparison, Prediction, RegisterOn, UNMOVED_MM, compare};
 pub(super) use named_surface::load_surface;
-pub use named_surface::{NamedSurface, face_of, model_of, models_of, named_surface};
+pub use named_surface::{NamedSurface, Predictions, face_of, named_surface};
 pub use results::{StoredComparison, read_comparison, read_frame, rest_of};
 pub use slice::field_slice;
 pub use surface::take_surface;

@@ -1,7 +1,7 @@
 use super::{Prediction, read_frame, rest_of};
 use crate::{Service, SurfaceSource};
 use prosopon_geometry::Point;
-use prosopon_session::{Fault, FaultKind, LandmarksDocument, SessionParts, load_mesh};
+use prosopon_session::{Fault, FaultKind, LandmarksDocument, PathDocument, PlanDocument, SessionParts, load_mesh};
 use prosopon_store::{JobRecord, PartKind, SessionId};
 use serde::Deserialize;
 
@@ -16,30 +16,48 @@ pub struct NamedSurface {
     pub session: SessionId,
 }
 
-/// The model that a job solves with; `None` of one that does not solve.
-#[must_use]
-pub fn model_of(job: &JobRecord) -> Option<String> {
-    #[derive(Deserialize)]
-    struct OfCase {
-        model: Option<String>,
-        physics: Option<OfScene>,
-    }
-    #[derive(Deserialize)]
-    struct OfScene {
-        model: String,
-    }
-    let request: OfCase = serde_json::from_str(&job.request).ok()?;
-    request.model.or_else(|| Some(request.physics?.model))
+/// Two predictions that are compared with each other.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Predictions {
+    /// Their models.
+    pub models: [String; 2],
+    /// Whether both follow the same paths.
+    pub same_plan: bool,
 }
 
-/// Models of two surfaces, where both are predictions.
-///
-/// # Errors
-/// As [`named_surface`].
-pub async fn models_of(service: &Service, sources: [SurfaceSource; 2]) -> Result<Option<[String; 2]>, Fault> {
-    let [SurfaceSource::Step(one, _), SurfaceSource::Step(other, _)] = sources else { return Ok(None) };
-    let (one, other) = (service.job(one).await?, service.job(other).await?);
-    Ok(model_of(&one).zip(model_of(&other)).map(|(one, other)| [one, other]))
+impl Predictions {
+    /// What two jobs predict; `None` where one of them does not solve.
+    #[must_use]
+    pub fn of(one: &JobRecord, other: &JobRecord) -> Option<Self> {
+        let (one, other) = (solve_of(one)?, solve_of(other)?);
+        Some(Self { same_plan: one.1 == other.1, models: [one.0, other.0] })
+    }
+
+    /// The same of two surfaces.
+    ///
+    /// # Errors
+    /// As [`named_surface`].
+    pub async fn of_surfaces(service: &Service, sources: [SurfaceSource; 2]) -> Result<Option<Self>, Fault> {
+        let [SurfaceSource::Step(one, _), SurfaceSource::Step(other, _)] = sources else { return Ok(None) };
+        Ok(Self::of(&service.job(one).await?, &service.job(other).await?))
+    }
+}
+
+/// Model and paths of a job that solves, on a session's own mesh or on a ready one.
+fn solve_of(job: &JobRecord) -> Option<(String, Vec<PathDocument>)> {
+    #[derive(Deserialize)]
+    struct Solve {
+        model: Option<String>,
+        physics: Option<Physics>,
+        plan: PlanDocument,
+    }
+    #[derive(Deserialize)]
+    struct Physics {
+        model: String,
+    }
+    let solve: Solve = serde_json::from_str(&job.request).ok()?;
+    let model = solve.model.or_else(|| Some(solve.physics?.model))?;
+    Some((model, solve.plan.paths))
 }
 
 /// What a source names, without its surface.

@@ -2,7 +2,7 @@ use std::collections::BTreeMap;
 
 use super::Context;
 use crate::requests::SolveRequest;
-use crate::tasks::{model_of, read_frame, rest_of};
+use crate::tasks::{Predictions, read_frame, rest_of};
 use prosopon_geometry::TriMesh;
 use prosopon_session::{Fault, Halt, SessionParts, load_mesh};
 use prosopon_store::PartKind;
@@ -46,7 +46,7 @@ impl Reference {
                 steps.insert(own as u32, (step.k, frame.mesh(&rest)?));
             }
         }
-        let models = model_of(&job).map(|other| [request.physics.model.as_str().to_owned(), other]);
+        let models = Predictions::of(&context.job, &job).map(|both| both.models);
         Ok(Some(Self::Job { id: id.to_string(), models, steps }))
     }
 

@@ -2,7 +2,7 @@ use super::{Context, Done, changed_meanwhile, to_json};
 use crate::Comparison;
 use crate::requests::CompareRecord;
 use crate::running::Phase;
-use crate::tasks::{StoredComparison, load_surface, models_of, named_surface};
+use crate::tasks::{Predictions, StoredComparison, load_surface, named_surface};
 use prosopon_session::Halt;
 use prosopon_store::encode_mesh;
 
@@ -19,7 +19,7 @@ pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
         prediction: context.unless_stopped(load_surface(service, request.prediction)).await?,
         reference: context.unless_stopped(load_surface(service, request.reference)).await?.mesh,
         reference_name: reference.name,
-        models: models_of(service, [request.prediction, request.reference]).await?,
+        predictions: Predictions::of_surfaces(service, [request.prediction, request.reference]).await?,
         mask: (&request.mask).into(),
         exclude: request.exclude.iter().map(Into::into).collect(),
         exclude_eyes: request.exclude_eyes,

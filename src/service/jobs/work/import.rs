@@ -6,19 +6,24 @@ use crate::requests::ImportRequest;
 use crate::running::Phase;
 use prosopon_planning::surface::CtSettings;
 use prosopon_session::{
-    CtDocument, Fault, FaultKind, Halt, PreparedSurface, SessionParts, SurfaceDocument, SurfaceOrigin, read_part,
-    surface_part,
+    CtDocument, Fault, Halt, PreparedSurface, SessionParts, SurfaceDocument, SurfaceOrigin, read_part, surface_part,
 };
 use prosopon_store::{JobFilter, JobKind, JobState, PartKind, PartRecord, encode_grid, now_rfc3339};
 
 /// Skin, skull, air and soft tissue of the session's CT.
 pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
     let parts = context.parts().await?;
-    make(context, &parts, context.request()?).await
+    let (records, warnings) = make(context, &parts, context.request()?).await?;
+    let store = &context.service.store;
+    context.service.persist(|| store.put_parts(context.job.session, &records)).await?;
+    if !records.iter().any(|part| part.kind == PartKind::Air) {
+        store.delete_part(context.job.session, PartKind::Air).await?;
+    }
+    Ok(Done { warnings, ..Done::default() })
 }
 
-/// The last import of the session's CT once more, for a part of it that is damaged: the parts, and what the job tells of it. `None`
-/// where that part is not from a CT that is there.
+/// Imports the session's CT again because a part made from it is damaged. Only parts that come out as they were are stored again: what was
+/// uploaded since in place of others stays. Returns the session's parts, and `None` where the damaged one is not from the CT.
 pub(super) async fn again(
     context: &Context,
     parts: &SessionParts,
@@ -50,18 +55,30 @@ pub(super) async fn again(
     let imports = context.service.store.jobs(&imports).await?;
     let Some(last) = imports.first().filter(|_| is_from_ct) else { return Ok(None) };
     let request: ImportRequest = read(&last.request)?;
-    tracing::warn!(part = part.kind.as_str(), "a damaged part is made again from the CT");
-    context.running.warn(format!("the stored {} was damaged and was made again from the CT", part.kind.as_str()));
-    make(context, parts, request).await?;
-    let made = context.parts().await?;
-    if made.get(part.kind).is_some_and(|made| made.key == part.key) {
-        return Ok(Some(made));
+    let (mut made, _) = make(context, parts, request).await?;
+    let now = context.parts().await?;
+    let (same, other): (Vec<_>, Vec<_>) =
+        made.drain(..).partition(|made| now.get(made.kind).is_some_and(|there| there.key == made.key));
+    let store = &context.service.store;
+    for part in other.iter().filter_map(|part| part.blob.as_deref()) {
+        store.blobs().delete(part).await;
     }
-    Err(Fault::new(FaultKind::Stale, format!("{}; what its CT gives now differs: import it again", damaged.detail))
-        .into())
+    if !same.iter().any(|made| made.kind == part.kind) {
+        let detail = format!("{}; the CT gives another one now", damaged.detail);
+        return Err(Fault { detail, ..damaged.clone() }.into());
+    }
+    context.service.persist(|| store.put_parts(context.job.session, &same)).await?;
+    tracing::warn!(part = part.kind.as_str(), "a damaged part was made again from the CT");
+    context.running.warn(format!("the stored {} was damaged and was made again from the CT", part.kind.as_str()));
+    Ok(Some(context.parts().await?))
 }
 
-async fn make(context: &Context, parts: &SessionParts, request: ImportRequest) -> Result<Done, Halt> {
+/// Rows of the parts that a CT gives, whose values are stored, and what is doubtful about them.
+async fn make(
+    context: &Context,
+    parts: &SessionParts,
+    request: ImportRequest,
+) -> Result<(Vec<PartRecord>, Vec<String>), Halt> {
     let ct = parts.require(PartKind::Ct)?;
     if ct.key != request.ct_sha256 {
         return Err(changed_meanwhile().into());
@@ -94,7 +111,6 @@ async fn make(context: &Context, parts: &SessionParts, request: ImportRequest) -
         })
         .await?;
     context.running.set_phase(Phase::Writing);
-    let has_air = surfaces.iter().any(|(kind, _)| *kind == PartKind::Air);
     let mut records = Vec::new();
     for (kind, surface) in surfaces {
         // The whole time is booked on the skin, so that the sum over the parts is right.
@@ -111,9 +127,5 @@ async fn make(context: &Context, parts: &SessionParts, request: ImportRequest) -
         document: "{}".to_owned(),
         updated_at: now_rfc3339(),
     });
-    context.service.persist(|| store.put_parts(context.job.session, &records)).await?;
-    if !has_air {
-        store.delete_part(context.job.session, PartKind::Air).await?;
-    }
-    Ok(Done { warnings, ..Done::default() })
+    Ok((records, warnings))
 }

@@ -139,6 +139,7 @@ impl ErrorDocument {
     #[must_use]
     pub fn title(&self) -> String {
         match &self.models {
+            Some([model, other]) if model == other => format!("Difference between two predictions, both {model}"),
             Some([model, other]) => format!("Difference between two models: {model} against {other}"),
             None if self.reference == "target" => "Signed error against target".to_owned(),
             None => "Signed difference from the reference".to_owned(),

@@ -144,18 +144,20 @@ fn follow_one(
     let end = path.at(1.0);
     let shift = end * segment.centroid - segment.centroid;
     let max_displacement_mm = positions.iter().map(|p| (end * p - p).norm()).fold(0.0, f64::max);
-    let turned_deg = end.rotation.angle().to_degrees();
+    let reached = |most: &dyn Fn(&Motion) -> f64| path.waypoints().iter().map(|w| most(&w.1)).fold(0.0, f64::max);
+    let furthest_mm = reached(&|m| positions.iter().map(|p| (m * p - p).norm()).fold(0.0, f64::max));
+    let turned_deg = reached(&|m| m.rotation.angle()).to_degrees();
     Ok(PathReport {
         segment: segment.id,
         max_displacement_mm,
         centroid_displacement_mm: [shift.x, shift.y, shift.z],
         path_length_mm: path.length_mm(&segment.centroid),
-        warnings: doubts(segment.id, max_displacement_mm, turned_deg, along.last(), overlapped),
+        warnings: doubts(segment.id, furthest_mm, turned_deg, along.last(), overlapped),
         along,
     })
 }
 
-/// What is unusual about where a segment ends; `overlapped` is the segment that it lies deepest in, and where.
+/// What is unusual about how far a segment goes on its way and where it ends; `overlapped` is the segment that it lies deepest in, and where.
 fn doubts(
     segment: u32,
     moved_mm: f64,

@@ -340,6 +340,10 @@ fn what_a_surgeon_should_look_at_is_said_with_place_and_size() {
     assert!((mm3 / (480.0 * 4.0) - 1.0).abs() < 0.05, "{driven_in:?}");
     let far = warnings(Motion::translation(0.0, -60.0, -7.0));
     assert!(far[0].contains("moves 60.4 mm at its furthest point"), "{far:?}");
+    let there_and_back = vec![(0.5, Motion::translation(0.0, 0.0, -40.0)), (1.0, Motion::identity())];
+    let plan = Plan { paths: vec![Path::new(1, there_and_back).unwrap()] };
+    let on_the_way = follow(&cut, &plan, &Control::new()).unwrap().remove(0).warnings;
+    assert!(on_the_way[0].contains("moves 40.0 mm at its furthest point"), "{on_the_way:?}");
     assert!(warnings(Motion::translation(0.0, 0.0, -7.0))[0].contains("end 7.0 mm apart"));
     let turn = nalgebra::UnitQuaternion::from_axis_angle(&Vector::z_axis(), 25f64.to_radians());
     let turned = warnings(Motion::from_parts(Vector::zeros().into(), turn));

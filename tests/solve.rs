@@ -120,7 +120,7 @@ fn a_tied_scene_is_solved_by_every_model() {
         let (summary, file) = solved(folder.path(), &scene);
         let mut keys: Vec<&String> = summary.as_object().unwrap().keys().collect();
         keys.sort_unstable();
-        let expected = "converged max_penetration_mm newton_iterations outcome peak_mb solve_wall_s total_wall_s unknowns warnings";
+        let expected = "converged max_penetration_mm min_det_f newton_iterations outcome peak_mb reactions_n solve_wall_s total_wall_s unknowns warnings";
         assert_eq!(keys, expected.split(' ').collect::<Vec<_>>());
         assert_eq!(summary["converged"], true, "{model}");
         let warnings = summary["warnings"].as_array().unwrap();

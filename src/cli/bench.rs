@@ -6,8 +6,8 @@ use super::CommandResult;
 use prosopon_field::{FieldSettings, Method, MethodSettings, Tolerance};
 use prosopon_study::{
     BoundStudy, CollisionStudy, ContactStudy, CutStudy, FieldStudy, GrowthStudy, HeadSource, ModelCase, ModelStudy,
-    ReachStudy, ServiceStudy, SlabCase, SolverGrowthStudy, StabilityStudy, TruthStudy, WarmStartStudy, evaluate,
-    run_model_cases, run_slab_case,
+    OperationStudy, ProposalStudy, ReachStudy, ServiceStudy, SlabCase, SolverGrowthStudy, StabilityStudy, TruthStudy,
+    WarmStartStudy, evaluate, run_model_cases, run_slab_case,
 };
 
 /// Studies of `prosopon bench`.
@@ -23,6 +23,10 @@ pub(super) enum BenchCommand {
     Collision(CollisionArguments),
     /// Time and error of every mechanical model on several meshes of one head, against a refined reference.
     Models(ModelArguments),
+    /// Forty operations on several heads: how many end in an equilibrium to rely on, and how long they take.
+    Operations(OperationArguments),
+    /// Landmarks proposed from the surfaces, against known ones.
+    Proposals(ProposalArguments),
     /// What leaving out tissue that a plan hardly moves saves, and what it costs.
     Reach(ReachArguments),
     /// What a session's next job takes when it begins at the end of the one before.
@@ -201,6 +205,32 @@ pub(super) struct ModelArguments {
 }
 
 #[derive(Debug, Args)]
+pub(super) struct ProposalArguments {
+    /// Heads, as for `operations`.
+    #[arg(long, value_delimiter = ',', default_value = "phantom,phantom-long,phantom-narrow")]
+    heads: Vec<HeadSource>,
+}
+
+#[derive(Debug, Args)]
+pub(super) struct OperationArguments {
+    /// Heads: `phantom`, `phantom-long`, `phantom-narrow`, or folders as for `models`, whose landmarks are proposed where they are absent.
+    #[arg(long, value_delimiter = ',', default_value = "phantom,phantom-long,phantom-narrow")]
+    heads: Vec<HeadSource>,
+    /// Models as model:locking:edge.
+    #[arg(long, value_delimiter = ',', default_value = "mixed:none:4")]
+    cases: Vec<ModelCase>,
+    /// Operations whose name has this in it, alone.
+    #[arg(long)]
+    only: Option<String>,
+    /// A solve is given up after this long, s.
+    #[arg(long, default_value_t = 180.0)]
+    limit_s: f64,
+    /// Rows go here, the picture beside it.
+    #[arg(long, default_value = "operations.csv")]
+    csv: PathBuf,
+}
+
+#[derive(Debug, Args)]
 pub(super) struct ReachArguments {
     /// `phantom`, or a folder as for `models`.
     #[arg(long)]
@@ -349,6 +379,13 @@ pub(super) fn run(command: &BenchCommand) -> CommandResult {
                 return Err(
                     "a goal is missed: status reads below 50 ms (99 %), no errors, memory that does not grow".into()
                 );
+            }
+        }
+        BenchCommand::Proposals(a) => ProposalStudy { heads: &a.heads }.run(out)?,
+        BenchCommand::Operations(a) => {
+            let (only, limit_s) = (a.only.as_deref(), a.limit_s);
+            if !(OperationStudy { heads: &a.heads, cases: &a.cases, only, limit_s, csv: &a.csv }.run(out)?) {
+                return Err("a goal is missed: 97 % to rely on, the slowest within 60 s, the median within 10 s".into());
             }
         }
         BenchCommand::Stability(a) => {

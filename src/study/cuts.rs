@@ -5,10 +5,8 @@ use std::io::Write;
 use std::path::Path;
 use std::time::Instant;
 
-use serde::Deserialize;
-
-use super::error::{BenchError, read, write};
-use super::files::{read_surface, refuse_unwritable};
+use super::error::{BenchError, write};
+use super::files::{read_landmarks, read_surface, refuse_unwritable};
 use prosopon_field::{Envelope, EnvelopeSettings, envelope};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Motion, Point, Topology, TriMesh, Vector};
@@ -34,20 +32,6 @@ pub struct CutStudy<'a> {
     pub seed: u64,
     /// Rows go here.
     pub csv: &'a Path,
-}
-
-#[derive(Deserialize)]
-struct LandmarksFile {
-    landmarks: BTreeMap<String, [f64; 3]>,
-    midline_x_mm: Option<f64>,
-    occlusal_plane_z_mm: Option<f64>,
-    le_fort_1_plane: Option<PlaneWord>,
-}
-
-#[derive(Deserialize)]
-struct PlaneWord {
-    point: [f64; 3],
-    normal: [f64; 3],
 }
 
 /// SplitMix64 (Steele, Lea & Flood 2014).
@@ -132,17 +116,6 @@ impl CutStudy<'_> {
         writeln!(out, "volumes add up within {:.3} %; {wrong} wrong answers", 100.0 * worst)?;
         Ok(wrong == 0)
     }
-}
-
-fn read_landmarks(path: &Path) -> Result<Landmarks, BenchError> {
-    let file: LandmarksFile = serde_json::from_slice(&read(path)?)
-        .map_err(|e| BenchError::Landmarks { path: path.to_owned(), detail: e.to_string() })?;
-    Ok(Landmarks {
-        points: file.landmarks.into_iter().map(|(name, p)| (name, Point::from(p))).collect(),
-        midline_x_mm: file.midline_x_mm,
-        occlusal_z_mm: file.occlusal_plane_z_mm,
-        le_fort_1_plane: file.le_fort_1_plane.map(|p| (p.point.into(), p.normal.into())),
-    })
 }
 
 /// `count` cuts, then `count` paths over the osteotomies that came of them.

@@ -1,11 +1,41 @@
-//! Surfaces, points and distances as files.
+//! Surfaces, landmarks, points and distances as files.
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
 
 use super::error::{BenchError, PointsFault, read, write};
 use prosopon_formats::import::{Limits, detect_surface, surface};
 use prosopon_geometry::{Point, TriMesh};
+use prosopon_planning::plan::Landmarks;
+
+#[derive(Deserialize)]
+struct LandmarksFile {
+    landmarks: BTreeMap<String, [f64; 3]>,
+    midline_x_mm: Option<f64>,
+    occlusal_plane_z_mm: Option<f64>,
+    le_fort_1_plane: Option<PlaneFile>,
+}
+
+#[derive(Deserialize)]
+struct PlaneFile {
+    point: [f64; 3],
+    normal: [f64; 3],
+}
+
+/// Reads `landmarks.json`.
+pub(super) fn read_landmarks(path: &Path) -> Result<Landmarks, BenchError> {
+    let file: LandmarksFile = serde_json::from_slice(&read(path)?)
+        .map_err(|e| BenchError::Landmarks { path: path.to_owned(), detail: e.to_string() })?;
+    Ok(Landmarks {
+        points: file.landmarks.into_iter().map(|(name, p)| (name, Point::from(p))).collect(),
+        midline_x_mm: file.midline_x_mm,
+        occlusal_z_mm: file.occlusal_plane_z_mm,
+        le_fort_1_plane: file.le_fort_1_plane.map(|p| (p.point.into(), p.normal.into())),
+    })
+}
 
 /// Reads a surface (STL, PLY or OBJ).
 pub(super) fn read_surface(path: &Path) -> Result<TriMesh, BenchError> {

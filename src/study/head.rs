@@ -1,18 +1,15 @@
 //! The scene of `prosopon demo`: a Le Fort I osteotomy, the upper jaw 6 mm forward and 1.5 mm down.
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use serde::Deserialize;
-
 use super::error::{BenchError, read};
-use super::files::read_surface;
+use super::files::{read_landmarks, read_surface};
 use prosopon_formats::import::{Limits, volume};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Motion, Point, Vector};
 use prosopon_planning::evaluate::face_regions;
 use prosopon_planning::phantom;
-use prosopon_planning::plan::{Path as SegmentPath, Plan, le_fort_1};
+use prosopon_planning::plan::{Landmarks, Path as SegmentPath, Plan, le_fort_1};
 use prosopon_planning::simulate::{
     Anatomy, CutBone, FieldsSettings, TissueModel, TissueSettings, build_fields, build_tissue, cut_bone,
 };
@@ -27,17 +24,46 @@ const PHANTOM_SPACING_MM: f64 = 1.5;
 /// The head that a study is made on.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum HeadSource {
-    /// The generated one.
-    Phantom,
-    /// A folder with `landmarks.json` and a CT (`*.nii.gz`), or with surfaces whose names begin with `skin` and `skull`.
+    /// The generated one, stretched along each axis.
+    Phantom(Build),
+    /// A folder with `landmarks.json` (most studies need it) and a CT (`*.nii.gz`), or with surfaces whose names begin with `skin` and `skull`.
     Folder(PathBuf),
+}
+
+/// Proportions of the phantom.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Build {
+    /// As it is generated.
+    Usual,
+    /// Taller below the nose and everywhere.
+    Long,
+    /// Narrower, and shorter from front to back.
+    Narrow,
+}
+
+impl Build {
+    const ALL: [(&'static str, Self); 3] =
+        [("phantom", Self::Usual), ("phantom-long", Self::Long), ("phantom-narrow", Self::Narrow)];
+
+    fn word(self) -> &'static str {
+        Self::ALL.iter().find(|(_, build)| *build == self).map_or("", |(word, _)| word)
+    }
+
+    fn stretch(self) -> Vector {
+        match self {
+            Self::Usual => Vector::repeat(1.0),
+            Self::Long => Vector::new(1.0, 1.0, 1.12),
+            Self::Narrow => Vector::new(0.9, 0.95, 1.0),
+        }
+    }
 }
 
 impl std::str::FromStr for HeadSource {
     type Err = std::convert::Infallible;
 
     fn from_str(word: &str) -> Result<Self, Self::Err> {
-        Ok(if word == "phantom" { Self::Phantom } else { Self::Folder(word.into()) })
+        let build = Build::ALL.iter().find(|(name, _)| *name == word);
+        Ok(build.map_or_else(|| Self::Folder(word.into()), |(_, build)| Self::Phantom(*build)))
     }
 }
 
@@ -45,7 +71,7 @@ impl HeadSource {
     /// As it was given.
     pub(super) fn word(&self) -> String {
         match self {
-            Self::Phantom => "phantom".to_owned(),
+            Self::Phantom(build) => build.word().to_owned(),
             Self::Folder(folder) => folder.display().to_string(),
         }
     }
@@ -53,7 +79,7 @@ impl HeadSource {
     /// For a chart.
     pub(super) fn name(&self) -> String {
         match self {
-            Self::Phantom => "phantom".to_owned(),
+            Self::Phantom(build) => build.word().to_owned(),
             Self::Folder(folder) => {
                 folder.file_name().map_or_else(|| self.word(), |n| n.to_string_lossy().into_owned())
             }
@@ -65,9 +91,8 @@ impl HeadSource {
 #[derive(Debug)]
 pub(super) struct Head {
     pub(super) anatomy: Anatomy,
-    le_fort_1_plane: (Point, Vector),
-    midline_x_mm: f64,
-    occlusal_plane_z_mm: f64,
+    /// What is known of it; a folder without `landmarks.json` has none.
+    pub(super) landmarks: Landmarks,
 }
 
 /// What the solver is given.
@@ -78,48 +103,40 @@ pub(super) struct Prepared {
     pub(super) plan: Plan,
 }
 
-#[derive(Deserialize)]
-struct LandmarksFile {
-    landmarks: BTreeMap<String, [f64; 3]>,
-    midline_x_mm: f64,
-    occlusal_plane_z_mm: f64,
-    le_fort_1_plane: PlaneWord,
-}
-
-#[derive(Deserialize)]
-struct PlaneWord {
-    point: [f64; 3],
-    normal: [f64; 3],
-}
-
 impl Head {
     pub(super) fn load(source: &HeadSource) -> Result<Self, BenchError> {
         match source {
-            HeadSource::Phantom => Self::phantom(),
+            HeadSource::Phantom(build) => Self::phantom(*build),
             HeadSource::Folder(folder) => Self::of_folder(folder),
         }
     }
 
-    fn phantom() -> Result<Self, BenchError> {
+    fn phantom(build: Build) -> Result<Self, BenchError> {
         let head = phantom::head();
+        let stretched = |p: &Point| Point::from(p.coords.component_mul(&build.stretch()));
         let sampled = |solid| {
-            phantom::surface_of(solid, &head.bounds(), PHANTOM_SPACING_MM)
-                .ok_or_else(|| BenchError::Head { detail: "the phantom has no surface".to_owned() })
+            let surface = phantom::surface_of(solid, &head.bounds(), PHANTOM_SPACING_MM)?;
+            surface.with_positions(surface.positions().iter().map(stretched).collect()).ok()
         };
+        let sampled =
+            |solid| sampled(solid).ok_or_else(|| BenchError::Head { detail: "the phantom has no surface".to_owned() });
         let (skin, skull) = (sampled(head.skin.as_ref())?, sampled(head.skull.as_ref())?);
-        Ok(Self {
-            anatomy: Anatomy { skin, skull, air: None, soft_tissue: None, landmarks: head.landmarks.points.clone() },
-            le_fort_1_plane: head.landmarks.le_fort_1_plane,
-            midline_x_mm: head.landmarks.midline_x_mm,
-            occlusal_plane_z_mm: head.landmarks.occlusal_plane_z_mm,
-        })
+        let mut marks = head.landmarks.clone();
+        marks.points.iter_mut().for_each(|(_, p)| *p = stretched(p));
+        let landmarks = Landmarks {
+            points: marks.points.iter().cloned().collect(),
+            midline_x_mm: Some(marks.midline_x_mm * build.stretch().x),
+            occlusal_z_mm: Some(marks.occlusal_plane_z_mm * build.stretch().z),
+            le_fort_1_plane: Some((stretched(&marks.le_fort_1_plane.0), marks.le_fort_1_plane.1)),
+        };
+        let anatomy = Anatomy { skin, skull, air: None, soft_tissue: None, landmarks: marks.points };
+        Ok(Self { anatomy, landmarks })
     }
 
     fn of_folder(folder: &Path) -> Result<Self, BenchError> {
         let path = folder.join("landmarks.json");
-        let file: LandmarksFile = serde_json::from_slice(&read(&path)?)
-            .map_err(|e| BenchError::Landmarks { path: path.clone(), detail: e.to_string() })?;
-        let landmarks = file.landmarks.into_iter().map(|(name, p)| (name, Point::from(p))).collect();
+        let landmarks = if path.exists() { read_landmarks(&path)? } else { Landmarks::default() };
+        let points: Vec<(String, Point)> = landmarks.points.iter().map(|(name, p)| (name.clone(), *p)).collect();
         let mut names: Vec<String> = std::fs::read_dir(folder)
             .map_err(|source| BenchError::File { what: "list", path: folder.to_owned(), source })?
             .filter_map(|entry| entry.ok()?.file_name().into_string().ok())
@@ -130,13 +147,13 @@ impl Head {
             |start: &str| find(&|n| n.starts_with(start) && [".stl", ".ply", ".obj"].iter().any(|e| n.ends_with(e)));
         let anatomy =
             match (find(&|n| n.ends_with(".nii.gz") || n.ends_with(".nii")), surface("skin"), surface("skull")) {
-                (Some(ct), _, _) => of_ct(&ct, landmarks)?,
+                (Some(ct), _, _) => of_ct(&ct, points)?,
                 (None, Some(skin), Some(skull)) => Anatomy {
                     skin: read_surface(&skin)?,
                     skull: read_surface(&skull)?,
                     air: None,
                     soft_tissue: None,
-                    landmarks,
+                    landmarks: points,
                 },
                 _ => {
                     let detail =
@@ -144,17 +161,12 @@ impl Head {
                     return Err(BenchError::Head { detail });
                 }
             };
-        Ok(Self {
-            anatomy,
-            le_fort_1_plane: (file.le_fort_1_plane.point.into(), file.le_fort_1_plane.normal.into()),
-            midline_x_mm: file.midline_x_mm,
-            occlusal_plane_z_mm: file.occlusal_plane_z_mm,
-        })
+        Ok(Self { anatomy, landmarks })
     }
 
     /// Which vertices of the skin belong to the face.
     pub(super) fn face(&self) -> Vec<bool> {
-        let (regions, _) = face_regions(&self.anatomy.skin, &self.anatomy.landmarks, Some(self.midline_x_mm));
+        let (regions, _) = face_regions(&self.anatomy.skin, &self.anatomy.landmarks, self.landmarks.midline_x_mm);
         self.anatomy.skin.positions().iter().map(|p| regions.iter().any(|r| r.bounds.contains(p))).collect()
     }
 
@@ -162,8 +174,12 @@ impl Head {
     pub(super) fn prepare(&self, edge_mm: f64) -> Result<Prepared, BenchError> {
         let (control, settings) = (Control::new(), FieldsSettings::default());
         let fields = build_fields(&self.anatomy, &settings, &control)?;
-        let cuts =
-            le_fort_1(self.le_fort_1_plane, self.midline_x_mm, self.occlusal_plane_z_mm, [None; 2], &fields.bone);
+        let marks = &self.landmarks;
+        let known = marks.le_fort_1_plane.zip(marks.midline_x_mm).zip(marks.occlusal_z_mm);
+        let ((plane, midline), occlusal) = known.ok_or_else(|| BenchError::Head {
+            detail: "landmarks.json with le_fort_1_plane, midline_x_mm and occlusal_plane_z_mm is missing".to_owned(),
+        })?;
+        let cuts = le_fort_1(plane, midline, occlusal, [None; 2], &fields.bone);
         let bone = cut_bone(&fields.bone, &cuts, &settings.field, &control)?;
         // The template's first cut is the Le Fort I plane.
         let jaw = bone.osteotomy.segments.iter().find(|s| s.id != 0 && s.bounded_by.contains(&0));
@@ -199,7 +215,6 @@ mod tests {
     fn a_folder_without_a_head_is_refused_with_what_it_lacks() {
         let folder = tempfile::tempdir().unwrap();
         let source: HeadSource = folder.path().to_str().unwrap().parse().unwrap();
-        assert!(matches!(Head::load(&source), Err(BenchError::File { .. })));
         let landmarks = r#"{"landmarks": {"ans": [0, 0, 0]}, "midline_x_mm": 0, "occlusal_plane_z_mm": -20,
             "le_fort_1_plane": {"point": [0, 0, 0], "normal": [0, 0, 1]}}"#;
         std::fs::write(folder.path().join("landmarks.json"), landmarks).unwrap();

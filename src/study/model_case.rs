@@ -68,7 +68,7 @@ impl ModelCase {
     }
 
     /// The service's settings for the model.
-    fn settings(&self) -> SolveSettings {
+    pub(super) fn settings(&self) -> SolveSettings {
         let settings = SolveSettings::new(self.model, Preset::Wang2009Stable.materials());
         let skin_element = if self.model.is_linear() { SkinElement::Wedge } else { settings.skin_element };
         SolveSettings { locking: self.locking, skin_element, ..settings }

@@ -282,6 +282,7 @@ impl Engine for StandIn {
                 remaining_mm: 1e-4,
                 min_det_f: 0.5,
                 max_penetration_mm: 0.01,
+                sunk: None,
                 active_contacts: 3,
                 reactions_n: vec![(1, [0.0, 1.0, 0.0])],
                 unknowns: 60_000,

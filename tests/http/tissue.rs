@@ -180,7 +180,7 @@ async fn loads_and_planes_of_symmetry_give_the_closed_form() {
     let bulk = 2.0 * mu * (1.0 + nu) / (3.0 * (1.0 - 2.0 * nu));
     let nominal = |s: [f64; 3], axis: usize| {
         let (i1, j) = (s.iter().map(|s| s * s).sum::<f64>(), s.iter().product::<f64>());
-        mu * j.powf(-2.0 / 3.0) * (s[axis] - i1 / (3.0 * s[axis])) + bulk * (j - 1.0) * j / s[axis]
+        mu * j.powf(-2.0 / 3.0) * (s[axis] - i1 / (3.0 * s[axis])) + 0.5 * bulk * (j * j - 1.0) / s[axis]
     };
     let (mut low, mut high) = (0.5, 1.0);
     for _ in 0..60 {

@@ -2,9 +2,11 @@
 
 mod scene_file;
 
+use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::time::Instant;
+use std::sync::{Arc, Mutex, mpsc};
+use std::time::{Duration, Instant};
 
 use clap::Args;
 use serde::Serialize;
@@ -12,9 +14,11 @@ use serde::Serialize;
 use super::stop_signal::stop_signal;
 use super::{CommandResult, refuse_overwriting};
 use prosopon_formats::export::vtu_of_mesh;
-use prosopon_geometry::control::Control;
+use prosopon_geometry::control::{Cancelled, Control};
+use prosopon_geometry::{Point, Vector, VolumeMesh};
+use prosopon_planning::simulate::Scene;
 use prosopon_study::peak_mb;
-use prosopon_tissue::fem::SolveError;
+use prosopon_tissue::fem::{SolveError, StepReport};
 use scene_file::SceneFile;
 
 /// Arguments of `prosopon solve`.
@@ -38,7 +42,12 @@ struct Summary {
     peak_mb: Option<f64>,
     newton_iterations: usize,
     unknowns: usize,
+    /// Over all points of the boundary, deeper than at rest.
     max_penetration_mm: f64,
+    /// Smallest det F at the last step.
+    min_det_f: Option<f64>,
+    /// Force of each segment on the tissue at the last step, N.
+    reactions_n: BTreeMap<u32, [f64; 3]>,
     warnings: Vec<String>,
 }
 
@@ -74,50 +83,137 @@ fn solve(arguments: &SolveArguments) -> Result<Option<Unfinished>, Box<dyn std::
     let begin = Instant::now();
     let described = SceneFile::read(&arguments.scene)?;
     refuse_overwriting(&arguments.out, &described.files(&arguments.scene))?;
-    let (scene, file, mut warnings) = described.load(&arguments.scene)?;
-    let control = stoppable()?;
     let out = Output::new(&arguments.out)?;
-    let solve_begin = Instant::now();
-    let outcome = scene.solve(&control)?;
-    let solve_wall_s = solve_begin.elapsed().as_secs_f64();
-    out.finish(&vtu_of_mesh(&scene.solved_mesh(&file, &outcome)))?;
-
-    warnings.extend(outcome.warnings);
-    if let Some(failure) = &outcome.failure {
-        warnings.push(format!("stopped after {} of {} steps: {failure}", outcome.steps.len(), scene.steps));
+    let control = Control::new();
+    let (stop, stopped) = mpsc::channel();
+    on_signal(move || {
+        let _ = stop.send(());
+    })?;
+    let reached = Arc::new(Mutex::new(None));
+    let (done, finished) = mpsc::channel();
+    {
+        let (path, control, reached) = (arguments.scene.clone(), control.clone(), Arc::clone(&reached));
+        // Left alone when it does not end in time: a factorisation takes as long as it takes.
+        std::thread::spawn(move || drop(done.send(work(&described, &path, &control, &reached))));
     }
-    let (last, finished) = (outcome.steps.last(), outcome.failure.is_none());
+    let solved = loop {
+        match finished.recv_timeout(LOOK_FOR_SIGNALS) {
+            Ok(solved) => break solved.map_err(|error| -> Box<dyn std::error::Error> { error })?,
+            Err(mpsc::RecvTimeoutError::Disconnected) => return Err("the solver ended without a result".into()),
+            Err(mpsc::RecvTimeoutError::Timeout) => {}
+        }
+        if stopped.try_recv().is_ok() {
+            control.cancel();
+            match finished.recv_timeout(TIME_TO_STOP) {
+                Ok(solved) => break solved.map_err(|error| -> Box<dyn std::error::Error> { error })?,
+                Err(_) => break given_up(reached.lock().ok().and_then(|mut reached| reached.take()))?,
+            }
+        }
+    };
+    out.finish(&vtu_of_mesh(&solved.mesh))?;
+    let Solved { steps, planned, solve_wall_s, unknowns, mut warnings, failure, .. } = solved;
+    if let Some(failure) = &failure {
+        warnings.push(format!("stopped after {} of {planned} steps: {failure}", steps.len()));
+    }
+    let (last, finished) = (steps.last(), failure.is_none());
     let fault = last.and_then(|s| s.outcome.fault()).map(Unfinished::NotToRelyOn);
-    let unfinished = outcome.failure.map(Unfinished::Stopped).or(fault);
+    let unfinished = failure.map(Unfinished::Stopped).or(fault);
     let summary = Summary {
         converged: unfinished.is_none(),
         outcome: last.map(|s| if finished { s.outcome.name() } else { "stopped" }),
         solve_wall_s,
         total_wall_s: begin.elapsed().as_secs_f64(),
         peak_mb: peak_mb(),
-        newton_iterations: outcome.steps.iter().map(|s| s.newton_iterations).sum(),
-        unknowns: outcome.unknowns,
-        max_penetration_mm: last.map_or(0.0, |s| s.max_penetration_mm),
+        newton_iterations: steps.iter().map(|s| s.newton_iterations).sum(),
+        unknowns,
+        max_penetration_mm: last.map_or(0.0, StepReport::deepest_mm),
+        min_det_f: last.map(|s| s.min_det_f),
+        reactions_n: last.map(|s| s.reactions_n.iter().copied().collect()).unwrap_or_default(),
         warnings,
     };
     writeln!(std::io::stdout(), "{}", serde_json::to_string(&summary)?)?;
     Ok(unfinished)
 }
 
-/// A control that a signal to stop cancels: what was reached by then is written and told.
-fn stoppable() -> std::io::Result<Control> {
-    let control = Control::new();
+/// How often signals are looked for.
+const LOOK_FOR_SIGNALS: Duration = Duration::from_millis(50);
+/// How long the solver may take to stop before what it had reached is written without it.
+const TIME_TO_STOP: Duration = Duration::from_millis(1500);
+
+/// What is written and told.
+struct Solved {
+    mesh: VolumeMesh,
+    steps: Vec<StepReport>,
+    /// Steps of the whole path.
+    planned: usize,
+    solve_wall_s: f64,
+    unknowns: usize,
+    warnings: Vec<String>,
+    failure: Option<SolveError>,
+}
+
+/// Loads and solves the scene; `reached` has the last step that is done.
+fn work(
+    described: &SceneFile,
+    path: &Path,
+    control: &Control,
+    reached: &Mutex<Option<Solved>>,
+) -> Result<Solved, Box<dyn std::error::Error + Send + Sync>> {
+    let (scene, file, mut warnings) = described.load(path)?;
+    let begin = Instant::now();
+    let mut steps = Vec::new();
+    let outcome = scene.solve_and_show(None, control, &mut |_, positions, report, _| {
+        steps.push(report.clone());
+        if let Ok(mut reached) = reached.lock() {
+            *reached = Some(Solved {
+                mesh: scene.moved_mesh(&file, &moved(&scene, positions)),
+                steps: steps.clone(),
+                planned: scene.steps,
+                solve_wall_s: begin.elapsed().as_secs_f64(),
+                unknowns: report.unknowns,
+                warnings: Vec::new(),
+                failure: Some(SolveError::Cancelled(Cancelled)),
+            });
+        }
+    })?;
+    let mesh = scene.solved_mesh(&file, &outcome);
+    warnings.extend(outcome.warnings);
+    Ok(Solved {
+        mesh,
+        steps: outcome.steps,
+        planned: scene.steps,
+        solve_wall_s: begin.elapsed().as_secs_f64(),
+        unknowns: outcome.unknowns,
+        warnings,
+        failure: outcome.failure,
+    })
+}
+
+fn moved(scene: &Scene, positions: &[Point]) -> Vec<Vector> {
+    positions.iter().zip(&scene.ready.mesh.positions).map(|(x, rest)| x - rest).collect()
+}
+
+/// What was reached when the solver did not stop in time.
+fn given_up(reached: Option<Solved>) -> Result<Solved, SolveError> {
+    let mut solved = reached.ok_or(SolveError::Cancelled(Cancelled))?;
+    solved
+        .warnings
+        .push("the solver did not stop in time: the file has displacements of the last step, no stresses".to_owned());
+    Ok(solved)
+}
+
+/// Calls `stop` when a signal asks to.
+fn on_signal(stop: impl FnOnce() + Send + 'static) -> std::io::Result<()> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let signal = {
         let _within = runtime.enter();
         stop_signal()?
     };
-    let stopped = control.clone();
     std::thread::spawn(move || {
         runtime.block_on(signal);
-        stopped.cancel();
+        stop();
     });
-    Ok(control)
+    Ok(())
 }
 
 /// A file that is there whole or not at all: written beside its place, then moved there. A place that cannot be written to is

@@ -72,13 +72,13 @@ pub struct Attached {
 
 /// Tied at rest below this gap, mm.
 const TIE_GAP_MM: f64 = 1.5;
-/// Nodes on a moving segment nearer than this to bone that stays slide: there the periosteum is stripped for the saw, and a
-/// tied node would be torn, mm.
+/// Nodes on bone nearer than this to another bone slide, if one of the two moves: there the periosteum is stripped for the saw, and a tied
+/// node would be torn, mm.
 const STRIPPED_MM: f64 = 6.0;
 /// Nodes on bone that stays slide up to this far from a moving upper jaw, mm: a Le Fort I is sawn after the periosteum has been
 /// lifted off the front of the maxilla up to the infraorbital foramen. Not so at the teeth below.
 const STRIPPED_ABOVE_MM: f64 = 15.0;
-/// Nodes this near to a saw line, between moving bone and bone that stays, touch nothing, mm: about an edge of the mesh cannot
+/// Nodes this near to two bones of which one moves touch nothing, mm: about an edge of the mesh cannot
 /// resolve contact with the sharp rims of a cut, and Newton's method creeps where single nodes slip off them.
 const SEAM_MM: f64 = 4.0;
 /// Nodes on the mesh's inner cut nearer than this to a moving segment are freed, so that it does not push against a wall
@@ -96,9 +96,12 @@ enum Jaw {
     Upper,
     /// Teeth at this height.
     Lower(f64),
-    /// A chin: no teeth.
-    Chin,
+    /// A chin or a ramus: no teeth.
+    Toothless,
 }
+
+/// Of a sagittal split, a segment farther than this from the middle of the head is a ramus, mm.
+const ASIDE_MM: f64 = 18.0;
 
 fn jaw(bone: &CutBone, segment: &Segment) -> Jaw {
     let cuts = segment.bounded_by.iter().filter_map(|c| bone.osteotomy.cuts.get(*c));
@@ -108,10 +111,13 @@ fn jaw(bone: &CutBone, segment: &Segment) -> Jaw {
         CutShape::Plane(_) | CutShape::Polyline { .. } | CutShape::Surface(_) | CutShape::FreePart(_) => None,
     });
     let is_below = occlusal.is_some_and(|z| segment.centroid.z < z);
-    if named("bsso_") || named("joint_") || (is_below && !named("le_fort_")) {
+    let middle = bone.osteotomy.segments.first().map_or(0.0, |s| s.surface.bounds().center().x);
+    if named("bsso_") && (segment.centroid.x - middle).abs() > ASIDE_MM {
+        Jaw::Toothless
+    } else if named("bsso_") || named("joint_") || (is_below && !named("le_fort_")) {
         Jaw::Lower(occlusal.unwrap_or(segment.surface.bounds().max.z))
     } else if named("genioplasty") {
-        Jaw::Chin
+        Jaw::Toothless
     } else {
         Jaw::Upper
     }
@@ -123,7 +129,7 @@ fn teeth(bone: &CutBone, segment: &Segment) -> Option<Aabb> {
     let border = match jaw(bone, segment) {
         Jaw::Upper => b.min.z,
         Jaw::Lower(occlusal) => occlusal,
-        Jaw::Chin => return None,
+        Jaw::Toothless => return None,
     };
     let box_at =
         |p: Point, side: f64, z: f64| Point::new(p.x + side * CROWN_MM, p.y + side * CROWN_MM, z + side * CROWN_MM);
@@ -139,20 +145,22 @@ pub(super) fn attach(
 ) -> (Vec<String>, Attached) {
     let segments = || bone.osteotomy.segments.iter().filter(|s| moving.contains(&s.id));
     let sliding = rules.sliding.clone().unwrap_or_else(|| segments().filter_map(|s| teeth(bone, s)).collect());
-    let moves_upper = segments().any(|s| jaw(bone, s) == Jaw::Upper);
-    let above_mm = if moves_upper { STRIPPED_ABOVE_MM } else { STRIPPED_MM };
+    let uppers: Vec<u32> = segments().filter(|s| jaw(bone, s) == Jaw::Upper).map(|s| s.id).collect();
     let solids = bone.solids();
     tie(mesh, &solids, rules.tie_gap_mm.unwrap_or(TIE_GAP_MM), &sliding);
-    let nearest = |p: &Point, moves: bool| {
-        let chosen = solids.iter().filter(|(id, _)| moving.contains(id) == moves);
+    let nearest = |p: &Point, counts: &dyn Fn(u32) -> bool| {
+        let chosen = solids.iter().filter(|(id, _)| counts(*id));
         chosen.map(|(_, solid)| solid.value(p)).fold(f64::INFINITY, f64::min)
     };
+    let moves = |id: u32| moving.contains(&id);
     let mut stripped = 0;
     for (node, p) in mesh.positions.iter().enumerate() {
         let reach = match mesh.attachment[node] {
-            Attachment::Tied(segment) if moving.contains(&segment) => nearest(p, false) < STRIPPED_MM,
-            Attachment::Tied(_) if sliding.iter().any(|teeth| p.z < teeth.max.z) => nearest(p, true) < STRIPPED_MM,
-            Attachment::Tied(_) => nearest(p, true) < above_mm,
+            Attachment::Tied(own) => {
+                let is_above = !sliding.iter().any(|teeth| p.z < teeth.max.z);
+                nearest(p, &|id| id != own && (moves(own) || moves(id))) < STRIPPED_MM
+                    || (!moves(own) && is_above && nearest(p, &|id| uppers.contains(&id)) < STRIPPED_ABOVE_MM)
+            }
             Attachment::Free | Attachment::Sliding | Attachment::Fixed => false,
         };
         if reach {
@@ -160,9 +168,14 @@ pub(super) fn attach(
             stripped += 1;
         }
     }
+    // Between two bones of which at least one moves.
+    let is_at_seam = |p: &Point| {
+        let near: Vec<u32> = solids.iter().filter(|(_, solid)| solid.value(p) < SEAM_MM).map(|(id, _)| *id).collect();
+        near.len() > 1 && near.iter().any(|id| moves(*id))
+    };
     let mut seam = 0;
     for (node, p) in mesh.positions.iter().enumerate() {
-        if mesh.attachment[node] == Attachment::Sliding && nearest(p, true).max(nearest(p, false)) < SEAM_MM {
+        if mesh.attachment[node] == Attachment::Sliding && is_at_seam(p) {
             mesh.attachment[node] = Attachment::Free;
             seam += 1;
         }
@@ -170,7 +183,7 @@ pub(super) fn attach(
     let mut freed = 0;
     for &node in &mesh.depth_cut_nodes {
         let node = node as usize;
-        if mesh.attachment[node] == Attachment::Fixed && nearest(&mesh.positions[node], true) < FREE_CUT_MM {
+        if mesh.attachment[node] == Attachment::Fixed && nearest(&mesh.positions[node], &moves) < FREE_CUT_MM {
             mesh.attachment[node] = Attachment::Free;
             freed += 1;
         }
@@ -179,8 +192,12 @@ pub(super) fn attach(
     let mut notes = Vec::new();
     if stripped > 0 {
         notes.push(format!(
-            "{stripped} nodes slide instead of being tied where periosteum is stripped: within {STRIPPED_MM} mm of a saw line on the \
-             moved bone, {above_mm} mm on the bone that stays"
+            "{stripped} nodes slide instead of being tied where periosteum is stripped: within {STRIPPED_MM} mm of a saw line{}",
+            if uppers.is_empty() {
+                String::new()
+            } else {
+                format!(", {STRIPPED_ABOVE_MM} mm on the bone that stays above an upper jaw")
+            }
         ));
     }
     if seam > 0 {

@@ -2,7 +2,7 @@
 
 use prosopon_geometry::{Cell, DataArray, Point, Vector, VolumeMesh};
 use prosopon_tissue::fem::{Boundary, SolveError, check_support};
-use prosopon_tissue::mesh::{Attachment, MixedMesh, Tissue};
+use prosopon_tissue::mesh::{Attachment, MixedMesh, Tissue, boundary_of};
 
 /// Why a volume mesh cannot be solved on.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -25,6 +25,14 @@ pub enum ReadyMeshError {
     Flat {
         /// Index in the file.
         cell: usize,
+    },
+    /// A wedge whose triangles do not lie over each other corner by corner.
+    #[error("the wedge of cell {cell} is twisted: point {} of its second triangle does not lie over point {} of the first, another one does; number both triangles from corners that lie over each other", corners[0], corners[1])]
+    Twisted {
+        /// Index in the file.
+        cell: usize,
+        /// First points of the second and of the first triangle.
+        corners: [u32; 2],
     },
     /// Two cells on the same side of their common triangle.
     #[error("the two cells at the triangle of the points {triangle:?} lie on the same side of it: they overlap")]
@@ -69,7 +77,8 @@ impl ReadyMesh {
     /// the boundary becomes the outer one.
     ///
     /// Point arrays, all optional: `attachment` (-1 free, 0 skull, k segment k, -2 sliding), `fixed_mask` (axes along which the
-    /// point stays, bits x = 1, y = 2, z = 4), `force_n` (three components). Cell array `tissue` (0 skin, 1 muscle, 2 fat, 3 mucosa);
+    /// point is held, bits x = 1, y = 2, z = 4), `prescribed_mm` (where it goes along these axes; three components), `force_n` (three
+    /// components). Cell array `tissue` (0 skin, 1 muscle, 2 fat, 3 mucosa);
     /// without it wedges are skin and tetrahedra fat.
     ///
     /// # Errors
@@ -81,7 +90,12 @@ impl ReadyMesh {
         let mut warnings = Vec::new();
         let tissue = tissues(volume, &mut warnings)?;
         let attachment = attachments(volume, &mut warnings)?;
-        let boundary = Boundary { held_axes: held_axes(volume)?, loads_n: loads(volume)? };
+        let boundary = Boundary {
+            held_axes: held_axes(volume)?,
+            prescribed_mm: vectors(volume, "prescribed_mm")?,
+            loads_n: vectors(volume, "force_n")?,
+        };
+        check_prescribed(&boundary)?;
         check_loaded(volume, &boundary.loads_n)?;
         let x = &volume.points;
         let (mut tetrahedra, mut tetrahedron_tissue) = (Vec::new(), Vec::new());
@@ -99,6 +113,9 @@ impl ReadyMesh {
                 }
                 Cell::Wedge(corners) => {
                     let corners = turn_wedge(corners, x).ok_or(ReadyMeshError::Flat { cell })?;
+                    if is_twisted(corners, x) {
+                        return Err(ReadyMeshError::Twisted { cell, corners: [corners[3], corners[0]] });
+                    }
                     places.push(CellPlace::Prism(prisms.len() as u32));
                     prisms.push(corners);
                     prism_tissue.push(tissue);
@@ -110,7 +127,8 @@ impl ReadyMesh {
         }
         let boundary_faces = BoundaryFaces::of(&tetrahedra, &prisms)?;
         boundary_faces.outer_first(&mut prisms, &attachment);
-        let bone_faces = boundary_faces.bone_faces(&tetrahedra, &prisms, &attachment);
+        let bone_faces = bone_faces(&tetrahedra, &prisms, &attachment);
+        warnings.extend(doubled(x, &tetrahedra, &prisms));
         let mesh = MixedMesh {
             positions: x.clone(),
             tetrahedra,
@@ -143,7 +161,8 @@ impl ReadyMesh {
             let outer = mesh.prisms.iter().map(|p| triangles_of(p)[0]);
             return outer.filter(|t| boundary.contains(*t)).collect();
         }
-        let mut at_bone: Vec<[u32; 3]> = mesh.bone_faces.iter().copied().map(sorted).collect();
+        let is_held = |t: &&[u32; 3]| t.iter().all(|n| mesh.attachment[*n as usize] != Attachment::Free);
+        let mut at_bone: Vec<[u32; 3]> = mesh.bone_faces.iter().filter(is_held).copied().map(sorted).collect();
         at_bone.sort_unstable();
         let free = |t: &[u32; 3]| boundary.contains(*t) && at_bone.binary_search(&sorted(*t)).is_err();
         mesh.tetrahedra.iter().flat_map(faces_of).filter(free).collect()
@@ -192,6 +211,40 @@ fn turn_wedge(corners: [u32; 6], x: &[Point]) -> Option<[u32; 6]> {
     } else {
         Some([i, k, j, l, n, m])
     }
+}
+
+/// Whether the second triangle fits the first better when its corners are taken one or two on: then the wedge is turned in itself by more than
+/// 60°, though its volume may be positive everywhere.
+fn is_twisted(corners: [u32; 6], x: &[Point]) -> bool {
+    let p = corners.map(|n| x[n as usize].coords);
+    let middles = [p[0] + p[1] + p[2], p[3] + p[4] + p[5]].map(|sum| sum / 3.0);
+    let fit =
+        |shift: usize| -> f64 { (0..3).map(|i| (p[i] - middles[0]).dot(&(p[3 + (i + shift) % 3] - middles[1]))).sum() };
+    fit(0) < fit(1).max(fit(2))
+}
+
+/// Points of different cells at one place on the boundary: tissue is not joined there. What to tell of them.
+fn doubled(x: &[Point], tetrahedra: &[[u32; 4]], prisms: &[[u32; 6]]) -> Option<String> {
+    let (faces, _) = boundary_of(tetrahedra, prisms);
+    let mut nodes: Vec<u32> = faces.into_iter().flatten().collect();
+    nodes.sort_unstable();
+    nodes.dedup();
+    // Minus zero is zero.
+    let key = |n: &u32| x[*n as usize].coords.map(|c| (c + 0.0).to_bits());
+    nodes.sort_by_key(|n| (<[u64; 3]>::from(key(n)), *n));
+    let same: Vec<&[u32]> = nodes.chunk_by(|a, b| key(a) == key(b)).filter(|same| same.len() > 1).collect();
+    let first = same.iter().min_by_key(|same| same[0])?;
+    let p = x[first[0] as usize];
+    Some(format!(
+        "at {} places points of different cells lie in the same place, the first are {} and {} at ({:.2}, {:.2}, {:.2}) mm: tissue is not joined there and \
+         opens as a slit; merge them if that is not meant",
+        same.len(),
+        first[0],
+        first[1],
+        p.x,
+        p.y,
+        p.z
+    ))
 }
 
 /// Triangles of one cell only, by their sorted corners.
@@ -258,13 +311,23 @@ impl BoundaryFaces {
             }
         }
     }
+}
 
-    /// Boundary triangles with only held and sliding corners, but for those on the outside of prisms.
-    fn bone_faces(&self, tetrahedra: &[[u32; 4]], prisms: &[[u32; 6]], attachment: &[Attachment]) -> Vec<[u32; 3]> {
-        let at_bone = |t: &[u32; 3]| t.iter().all(|&n| attachment[n as usize] != Attachment::Free) && self.contains(*t);
-        let inner = prisms.iter().map(|p| triangles_of(p)[1]);
-        tetrahedra.iter().flat_map(faces_of).chain(inner).filter(at_bone).collect()
+/// Boundary triangles at bone: those with only held and sliding corners, but outer triangles of prisms only with a sliding one, and those round
+/// a sliding point that no such triangle has.
+fn bone_faces(tetrahedra: &[[u32; 4]], prisms: &[[u32; 6]], attachment: &[Attachment]) -> Vec<[u32; 3]> {
+    let (faces, n_outer) = boundary_of(tetrahedra, prisms);
+    let slides = |n: &u32| attachment[*n as usize] == Attachment::Sliding;
+    let is_whole = |i: usize, t: &[u32; 3]| {
+        t.iter().all(|&n| attachment[n as usize] != Attachment::Free) && (i >= n_outer || t.iter().any(slides))
+    };
+    let mut met = vec![false; attachment.len()];
+    let whole: Vec<bool> = faces.iter().enumerate().map(|(i, t)| is_whole(i, t)).collect();
+    for (t, _) in faces.iter().zip(&whole).filter(|(_, whole)| **whole) {
+        t.iter().for_each(|n| met[*n as usize] = true);
     }
+    let alone = |t: &[u32; 3]| t.iter().any(|n| slides(n) && !met[*n as usize]);
+    faces.iter().zip(&whole).filter(|(t, whole)| **whole || alone(t)).map(|(t, _)| *t).collect()
 }
 
 fn array_fault(on: &'static str, name: &'static str, detail: String) -> ReadyMeshError {
@@ -332,17 +395,34 @@ fn held_axes(volume: &VolumeMesh) -> Result<Vec<u8>, ReadyMeshError> {
     Ok(whole_numbers(array, "point", "fixed_mask", 0, 7)?.into_iter().map(|bits| bits as u8).collect())
 }
 
-fn loads(volume: &VolumeMesh) -> Result<Vec<Vector>, ReadyMeshError> {
-    let Some(array) = volume.point_array("force_n") else { return Ok(Vec::new()) };
-    let fault = |detail| array_fault("point", "force_n", detail);
+/// Three numbers a point; empty when there is no such array.
+fn vectors(volume: &VolumeMesh, name: &'static str) -> Result<Vec<Vector>, ReadyMeshError> {
+    let Some(array) = volume.point_array(name) else { return Ok(Vec::new()) };
+    let fault = |detail| array_fault("point", name, detail);
     if array.components != 3 {
         return Err(fault(format!("it has {} components, expected 3", array.components)));
     }
-    let (forces, _) = array.values.as_chunks::<3>();
-    match forces.iter().position(|f| !f.iter().all(|c| c.is_finite())) {
-        Some(point) => Err(fault(format!("point {point} has a force that is not finite"))),
-        None => Ok(forces.iter().map(|&f| Vector::from(f)).collect()),
+    let (vectors, _) = array.values.as_chunks::<3>();
+    match vectors.iter().position(|v| !v.iter().all(|c| c.is_finite())) {
+        Some(point) => Err(fault(format!("point {point} has a value that is not finite"))),
+        None => Ok(vectors.iter().map(|&v| Vector::from(v)).collect()),
     }
+}
+
+/// A displacement along an axis that is not held would be lost.
+fn check_prescribed(boundary: &Boundary) -> Result<(), ReadyMeshError> {
+    for (point, u) in boundary.prescribed_mm.iter().enumerate() {
+        let held = boundary.held_axes.get(point).copied().unwrap_or(0);
+        if let Some(axis) = (0..3).find(|axis| u[*axis] != 0.0 && held >> axis & 1 == 0) {
+            let detail = format!(
+                "point {point} has {} along {}, but `fixed_mask` does not hold it along that axis",
+                u[axis],
+                ["x", "y", "z"][axis]
+            );
+            return Err(array_fault("point", "prescribed_mm", detail));
+        }
+    }
+    Ok(())
 }
 
 /// A load on a point of no cell would be lost.
@@ -381,6 +461,53 @@ mod tests {
             volume.point_arrays.push(array)
         }
         volume
+    }
+
+    /// Its second triangle numbered from the next corner on: the volume is positive, and yet no wedge is meant.
+    #[test]
+    fn a_twisted_wedge_is_refused() {
+        for wedge in [[0, 1, 2, 4, 5, 3], [0, 1, 2, 5, 3, 4]] {
+            match ReadyMesh::new(&volume(wedge, [3, 4, 5, 6])) {
+                Err(ReadyMeshError::Twisted { cell: 0, .. }) => {}
+                other => panic!("{other:?}"),
+            }
+        }
+    }
+
+    #[test]
+    fn points_at_one_place_are_told_of() {
+        let mut torn = volume([0, 1, 2, 3, 4, 5], [7, 8, 9, 6]);
+        torn.points.extend_from_within(3..6);
+        let ready = ReadyMesh::new(&torn).unwrap();
+        let told = ready.warnings.iter().find(|w| w.contains("in the same place")).unwrap();
+        assert!(told.starts_with("at 3 places") && told.contains("the first are 3 and 7"), "{told}");
+        let whole = ReadyMesh::new(&volume([0, 1, 2, 3, 4, 5], [3, 4, 5, 6])).unwrap();
+        assert!(!whole.warnings.iter().any(|w| w.contains("in the same place")));
+    }
+
+    #[test]
+    fn sliding_points_touch_bone_wherever_they_lie() {
+        let faces = |sliding: &[u32]| {
+            let values: Vec<f64> = (0..7).map(|n| if sliding.contains(&n) { -2.0 } else { -1.0 }).collect();
+            ReadyMesh::new(&with_array("attachment", 1, &values)).unwrap().mesh.bone_faces
+        };
+        // The two halves of a wedge's side, its outer triangle, and a point alone with all triangles round it.
+        let side = faces(&[0, 1, 3, 4]);
+        assert!(side.len() == 2 && side.iter().flatten().all(|n| [0, 1, 3, 4].contains(n)), "{side:?}");
+        assert_eq!(faces(&[0, 1, 2]), [[0, 1, 2]]);
+        let alone = faces(&[6]);
+        assert!(alone.len() == 3 && alone.iter().all(|t| t.contains(&6)), "{alone:?}");
+    }
+
+    #[test]
+    fn a_displacement_along_an_axis_that_is_free_is_refused() {
+        let mut volume = with_array("fixed_mask", 1, &[1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        let mut values = vec![0.0; 21];
+        values[0] = 2.0;
+        volume.point_arrays.push(DataArray { name: "prescribed_mm".to_owned(), components: 3, values: values.clone() });
+        assert_eq!(ReadyMesh::new(&volume).unwrap().boundary.prescribed_mm[0].x, 2.0);
+        volume.point_arrays[1].values[4] = 1.0;
+        assert!(ReadyMesh::new(&volume).unwrap_err().to_string().contains("point 1 has 1 along y"));
     }
 
     #[test]
@@ -427,7 +554,7 @@ mod tests {
             ("fixed_mask", 1, vec![0., 0., 0., 0., 8., 0., 0.], "point 4 has 8"),
             ("fixed_mask", 3, vec![0.; 21], "3 components, expected 1"),
             ("force_n", 1, vec![0.; 7], "1 components, expected 3"),
-            ("force_n", 3, [vec![0.; 20], vec![f64::INFINITY]].concat(), "point 6 has a force"),
+            ("force_n", 3, [vec![0.; 20], vec![f64::INFINITY]].concat(), "point 6 has a value that is not finite"),
             ("tissue", 1, vec![0., 4.], "cell 1 has 4"),
         ] {
             let error = ReadyMesh::new(&with_array(name, components, &values)).unwrap_err().to_string();

@@ -247,6 +247,7 @@ pub fn solve_prepared(
         let milestone = || Some(Milestone { k, begin: begin.clone(), solver: solver.checkpoint()? });
         on_frame(frame(anatomy, &last, k, share(k), report)?, &milestone);
     }
+    warnings.extend(steps.last().and_then(|s: &StepReport| s.sunk?.warning()));
     let (face, from_landmarks) = face_regions(&anatomy.skin, &anatomy.landmarks, None);
     if !from_landmarks {
         warnings.push("no landmarks: the regions of the face come from the proportions of the skin's box".to_owned());

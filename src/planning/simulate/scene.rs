@@ -104,6 +104,7 @@ impl Scene {
                 }
             }
         }
+        warnings.extend(steps.last().and_then(|s: &StepReport| s.sunk?.warning()));
         warnings.extend(self.held_inside_bone(&solver.positions(), share(reached)));
         let (tetrahedra, prisms) = solver.cell_states();
         let displacements_mm = solver.positions().iter().zip(&mesh.positions).map(|(x, rest)| x - rest).collect();
@@ -189,14 +190,28 @@ impl Scene {
         Ok(warnings)
     }
 
+    /// The mesh `file`, which the scene was made from, with its nodes displaced: point arrays `displacement_mm` and `attachment`.
+    #[must_use]
+    pub fn moved_mesh(&self, file: &VolumeMesh, displacements_mm: &[Vector]) -> VolumeMesh {
+        let displacement = displacements_mm.iter().flat_map(|u| <[f64; 3]>::from(*u));
+        let attachment = self.ready.mesh.attachment.iter().map(|a| a.number()).collect();
+        VolumeMesh {
+            points: file.points.clone(),
+            cells: file.cells.clone(),
+            point_arrays: vec![
+                DataArray { name: "displacement_mm".to_owned(), components: 3, values: displacement.collect() },
+                DataArray { name: "attachment".to_owned(), components: 1, values: attachment },
+            ],
+            cell_arrays: Vec::new(),
+        }
+    }
+
     /// The mesh `file`, which the scene was made from, with the outcome: point arrays `displacement_mm` and `attachment`, cell
     /// arrays `tissue`, `stress_mpa` (Cauchy: xx, yy, zz, xy, yz, xz), `von_mises_mpa` and `J`. Points are at rest, points and cells in the
     /// file's order.
     #[must_use]
     pub fn solved_mesh(&self, file: &VolumeMesh, outcome: &SceneOutcome) -> VolumeMesh {
         let mesh = &self.ready.mesh;
-        let displacement: Vec<f64> = outcome.displacements_mm.iter().flat_map(|u| <[f64; 3]>::from(*u)).collect();
-        let attachment: Vec<f64> = mesh.attachment.iter().map(|a| a.number()).collect();
         let states: Vec<(&CellState, f64)> = (self.ready.places.iter())
             .map(|place| match *place {
                 CellPlace::Tetrahedron(i) => {
@@ -211,15 +226,13 @@ impl Scene {
         let ratio: Vec<f64> = states.iter().map(|(s, _)| s.volume_ratio).collect();
         let array = |name: &str, components, values| DataArray { name: name.to_owned(), components, values };
         VolumeMesh {
-            points: file.points.clone(),
-            cells: file.cells.clone(),
-            point_arrays: vec![array("displacement_mm", 3, displacement), array("attachment", 1, attachment)],
             cell_arrays: vec![
                 array("tissue", 1, tissue),
                 array("stress_mpa", 6, stress),
                 array("von_mises_mpa", 1, von_mises),
                 array("J", 1, ratio),
             ],
+            ..self.moved_mesh(file, &outcome.displacements_mm)
         }
     }
 }

@@ -31,7 +31,7 @@ pub use documents::{
     PolylineDocument, PresetName, PurposeDocument, ReactionDocument, RegionDocument, RegionMotionDocument,
     RegistrationDocument, ReportDocument, ReportInput, SegmentDocument, SkinElementName, StatisticsDocument,
     StepDocument, StepPhasesDocument, SurfaceDocument, SurfaceOrigin, TissueDocument, TissueLawsDocument,
-    UnstableMaterialName, WaypointDocument, stored_cuts,
+    UnstableMaterialName, VolumetricName, WaypointDocument, stored_cuts,
 };
 pub use engine::{Engine, RunWatch, SceneSolved};
 pub use error_sheet::error_sheet;

@@ -22,6 +22,9 @@ pub struct StoredMilestone {
     pub milestone: Milestone,
 }
 
+/// What this version writes and reads: the version of the program, then of the layout.
+const FORMAT: &str = concat!(env!("CARGO_PKG_VERSION"), "+2");
+
 #[derive(Serialize, Deserialize)]
 #[serde(remote = "Milestone")]
 struct MilestoneMembers {
@@ -42,6 +45,7 @@ struct CheckpointMembers {
     told_passage: [bool; 2],
     contact_stiffness: f64,
     multipliers: Vec<(u64, f64)>,
+    released: Vec<u64>,
     settled_forces: Vec<(u32, [f64; 3])>,
     active: Vec<(u64, u64)>,
     double: bool,
@@ -63,7 +67,7 @@ impl StoredMilestone {
     /// A milestone of this version, with the time of the steps up to it, s, and the warnings that no step has.
     #[must_use]
     pub fn new(milestone: Milestone, (solving_s, warnings): (f64, Vec<String>), compared: String) -> Self {
-        Self { version: env!("CARGO_PKG_VERSION").to_owned(), solving_s, warnings, compared, milestone }
+        Self { version: FORMAT.to_owned(), solving_s, warnings, compared, milestone }
     }
 
     /// Its bytes after their SHA-256; `None` where they cannot be written.
@@ -81,7 +85,7 @@ impl StoredMilestone {
             return None;
         }
         let read: Self = postcard::from_bytes(content).ok()?;
-        (read.version == env!("CARGO_PKG_VERSION")).then_some(read)
+        (read.version == FORMAT).then_some(read)
     }
 }
 
@@ -102,6 +106,7 @@ mod tests {
             told_passage: [true, false],
             contact_stiffness: 0.3,
             multipliers: vec![(9, 1e-3)],
+            released: vec![7],
             settled_forces: vec![(4, [1.0, 2.0, 3.0])],
             active: vec![(4, 0)],
             double: false,

@@ -173,7 +173,7 @@ fn confined(name: &str, flat: f64) -> HardScene {
     let side = |c: f64| c.abs() > 8.0 - 1e-6;
     let walls = mesh.positions.iter().map(|p| u8::from(side(p.x)) + 2 * u8::from(side(p.y))).collect();
     let setup = Setup {
-        boundary: Boundary { held_axes: walls, loads_n: Vec::new() },
+        boundary: Boundary { held_axes: walls, ..Boundary::default() },
         materials: Materials::homogeneous(Materials::wang2009_stable().fat),
         ..setup(mesh, up(-SHORTENED * CUBE_HEIGHT_MM))
     };
@@ -192,7 +192,7 @@ fn between_plates() -> HardScene {
     let material = Materials::wang2009_stable().fat;
     let wider = lateral_stretch(&material, 1.0 - SHORTENED) - 1.0;
     let setup = Setup {
-        boundary: Boundary { held_axes, loads_n: Vec::new() },
+        boundary: Boundary { held_axes, ..Boundary::default() },
         bodies: vec![(1, Arc::new(Floor))],
         materials: Materials::homogeneous(material),
         penetration_mm: 0.005,

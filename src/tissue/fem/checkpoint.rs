@@ -29,6 +29,8 @@ pub struct Checkpoint {
     pub contact_stiffness: f64,
     /// Multipliers that are not 0 by pair of contact point and body, MPa.
     pub multipliers: Vec<(u64, f64)>,
+    /// Pairs that do not push any more.
+    pub released: Vec<u64>,
     /// Forces of contact by unknown node as it settled last, N.
     pub settled_forces: Vec<(u32, [f64; 3])>,
     /// Contact points and bodies that pushed in the last model.
@@ -80,6 +82,20 @@ fn vectors(x: &[[f64; 3]]) -> Vec<Vector> {
     x.iter().map(|x| Vector::from(*x)).collect()
 }
 
+/// Indices of what is set.
+pub(super) fn pairs(flags: &[bool]) -> Vec<u64> {
+    flags.iter().enumerate().filter(|(_, set)| **set).map(|(pair, _)| pair as u64).collect()
+}
+
+/// `n` flags of which these are set; `None` when one lies beyond.
+pub(super) fn flags(pairs: &[u64], n: usize) -> Option<Vec<bool>> {
+    let mut flags = vec![false; n];
+    for pair in pairs {
+        *flags.get_mut(usize::try_from(*pair).ok()?)? = true;
+    }
+    Some(flags)
+}
+
 impl Solver<'_> {
     /// Where the solver stands after a step. `None` where its factor cannot be made again: it knows of contact, because the elements alone
     /// are not stable.
@@ -97,6 +113,7 @@ impl Solver<'_> {
             told_passage: self.told_passage,
             contact_stiffness: equations.contact.stiffness(),
             multipliers: multipliers.filter(|(_, p)| **p != 0.0).map(|(pair, p)| (pair as u64, *p)).collect(),
+            released: pairs(equations.contact.released()),
             settled_forces: equations.settled_forces.iter().map(|(node, force)| (*node, (*force).into())).collect(),
             active: equations.active.iter().map(|(point, body)| (*point as u64, *body as u64)).collect(),
             double: equations.solver.is_double(),
@@ -125,6 +142,9 @@ impl Solver<'_> {
             let pair = usize::try_from(*pair).ok().and_then(|pair| multipliers.get_mut(pair));
             *pair.ok_or_else(|| misfit("a contact point that is not there"))? = *pressure;
         }
+        let released = flags(&checkpoint.released, multipliers.len())
+            .ok_or_else(|| misfit("a contact point that is not there"))?;
+        self.equations.contact.set_released(released);
         if checkpoint.stabilised {
             self.equations.stabilise();
         }

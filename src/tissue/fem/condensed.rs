@@ -133,7 +133,7 @@ impl Equations<'_> {
         // Within thin bone a gap may show the way out on the other side.
         let through = |(state, _): &(State, bool)| {
             let at = frame.trial(&self.dofs, &state.corner);
-            self.contact.passed_through((x, &at), (motions, motions)).is_some_and(|passage| !passage.round_a_rim)
+            self.contact.passages((x, &at), (motions, motions)).iter().any(|passage| !passage.round_a_rim)
         };
         let found = found.filter(|found| !through(found));
         self.times.contact_s += (self.clock)() - begin;

@@ -1,7 +1,8 @@
 //! Frictionless unilateral contact of tissue with moved bone, by penalty and augmented Lagrangian (Wang 2009, eq. 0.9 to 0.13).
 //!
 //! A contact point is a sliding vertex or the barycentre of a bone face with at least one sliding vertex and no free one; together they
-//! are the quadrature points of eq. 0.13 over the faces at rest: half of a face's area at its barycentre, a sixth at each vertex.
+//! are the quadrature points of eq. 0.13 over the faces at rest: half of a face's area at its barycentre, a sixth at each vertex. A sliding
+//! vertex whose faces all have a free corner stands for a third of each.
 //! With gap `g` (negative inside), multiplier `p` and stiffness `k` the energy per area is `(max(0, p - k g)² - p²) / (2 k)`,
 //! which is `k g²/2` for `g < 0` when `p = 0`. The multipliers grow until the penetration is below the tolerance.
 //! Where tissue is stable enough for it, the Hessian has the distance's curvature: with its Gauss-Newton part `k n nᵀ` alone, points that
@@ -9,13 +10,16 @@
 
 mod overlap;
 mod passage;
+mod unguarded;
 
 pub(super) use passage::Passage;
+pub(super) use unguarded::{Unguarded, unguarded_points};
 
 use self::overlap::Overlap;
 use self::passage::{is_clear, is_round_a_rim};
 use super::compliance::Compliance;
 use super::dofs::{Dofs, axes_in};
+use super::report::Sunk;
 use super::settings::ContactBody;
 use crate::mesh::{Attachment, MixedMesh};
 use prosopon_geometry::{Motion, Point, Vector};
@@ -115,6 +119,8 @@ pub(super) struct Contact<'a> {
     overlap: Vec<Overlap>,
     /// Multipliers by point and body, MPa.
     multipliers: Vec<f64>,
+    /// By point and body: whether the point has gone round a rim of the body, or through it, and is not pushed by it any more.
+    released: Vec<bool>,
 }
 
 impl std::fmt::Debug for Contact<'_> {
@@ -130,7 +136,8 @@ impl<'a> Contact<'a> {
     /// Contact points of `mesh`; `stiffness` in MPa/mm. The second value says what was found overlapping at rest.
     pub(super) fn new(mesh: &MixedMesh, bodies: Vec<ContactBody<'a>>, stiffness: f64) -> (Self, Option<String>) {
         let points = contact_points(mesh);
-        let mut contact = Self { points, bodies, stiffness, overlap: Vec::new(), multipliers: Vec::new() };
+        let mut contact =
+            Self { points, bodies, stiffness, overlap: Vec::new(), multipliers: Vec::new(), released: Vec::new() };
         let rest: Vec<Vector> = mesh.positions.iter().map(|p| p.coords).collect();
         let at_rest = |p: &ContactPoint| {
             let (at, inward) = (p.at(&rest), p.inward);
@@ -142,6 +149,7 @@ impl<'a> Contact<'a> {
         let (gaps, overlap): (Vec<f64>, Vec<Overlap>) =
             contact.points.par_iter().with_min_len(TASK).flat_map_iter(at_rest).unzip();
         contact.multipliers = vec![0.0; gaps.len()];
+        contact.released = vec![false; gaps.len()];
         contact.overlap = overlap;
         let overlapping = gaps.iter().filter(|g| **g < -TOLD_OVERLAP_MM).count();
         let deepest = gaps.iter().fold(0.0, |m: f64, g| m.max(-g));
@@ -179,6 +187,9 @@ impl<'a> Contact<'a> {
                 let at = p.at(x);
                 self.bodies.iter().enumerate().filter_map(move |(body, b)| {
                     let pair = point * n + body;
+                    if self.released[pair] {
+                        return None;
+                    }
                     let Overlap { shift, rest_mm } = self.overlap[pair];
                     let (value, gradient) =
                         b.solid.value_gradient(&(motions[body].inverse_transform_point(&at) + shift));
@@ -352,6 +363,43 @@ impl<'a> Contact<'a> {
         }
     }
 
+    /// Has a body push a point no more.
+    pub(super) fn release(&mut self, passage: &Passage) {
+        let pair = passage.point * self.bodies.len() + passage.body;
+        self.released[pair] = true;
+        self.multipliers[pair] = 0.0;
+    }
+
+    /// Which pairs are released, by point and body.
+    pub(super) fn released(&self) -> &[bool] {
+        &self.released
+    }
+
+    pub(super) fn set_released(&mut self, released: Vec<bool>) {
+        self.released = released;
+    }
+
+    /// How deep released points lie in the body that does not push them, more than at rest.
+    pub(super) fn sunk(&self, x: &[Vector], motions: &[Motion]) -> Option<Sunk> {
+        let n = self.bodies.len();
+        let mut deepest: Option<Sunk> = None;
+        for (pair, _) in self.released.iter().enumerate().filter(|(_, released)| **released) {
+            let (point, body) = (pair / n, pair % n);
+            let place = self.points[point].at(x);
+            let Overlap { shift, rest_mm } = self.overlap[pair];
+            let b = &self.bodies[body];
+            let depth_mm = -rest_mm - b.solid.value(&(motions[body].inverse_transform_point(&place) + shift));
+            if depth_mm > 0.0 {
+                let points = 1 + deepest.map_or(0, |d| d.points);
+                let is_deepest = deepest.is_none_or(|d| depth_mm > d.depth_mm);
+                let found =
+                    if is_deepest { Some(Sunk { depth_mm, segment: b.segment, place, points }) } else { deepest };
+                deepest = found.map(|d| Sunk { points, ..d });
+            }
+        }
+        deepest
+    }
+
     pub(super) fn multipliers(&self) -> &[f64] {
         &self.multipliers
     }
@@ -397,16 +445,16 @@ impl<'a> Contact<'a> {
         per_point.into_iter().fold(0.0, f64::max)
     }
 
-    /// A contact point that has come to the other side of a body between two states of nodes and motions: on a straight line in the body's
-    /// frame it dipped into the solid, and the solid now pushes it the other way. One that has not come round a rim is told first.
-    pub(super) fn passed_through(&self, x: (&[Vector], &[Vector]), motions: (&[Motion], &[Motion])) -> Option<Passage> {
+    /// Contact points that have come to the other side of a body between two states of nodes and motions: on a straight line in the body's
+    /// frame they dipped into the solid, and the solid now pushes them the other way. In the order of points; of a point one body.
+    pub(super) fn passages(&self, x: (&[Vector], &[Vector]), motions: (&[Motion], &[Motion])) -> Vec<Passage> {
         let n = self.bodies.len();
-        let passed = |(index, p): (usize, &ContactPoint)| {
+        let passed = |(point, p): (usize, &ContactPoint)| {
             let (from, place) = (p.at(x.0), p.at(x.1));
             let through = |body: usize| {
-                let Overlap { shift, rest_mm } = self.overlap[index * n + body];
+                let Overlap { shift, rest_mm } = self.overlap[point * n + body];
                 // What overlaps at rest is on no side.
-                if rest_mm > 0.0 {
+                if rest_mm > 0.0 || self.released[point * n + body] {
                     return None;
                 }
                 let from_inside = shift != Vector::zeros();
@@ -420,13 +468,12 @@ impl<'a> Contact<'a> {
                 let (out, back) = (normal(&from), normal(&to));
                 let is_through = !is_clear(solid, &from, &to) && out.dot(&back) < TURNED_ROUND;
                 let round_a_rim = || from_inside || is_round_a_rim(solid, (&from, &to), &(out + back));
-                is_through.then(|| Passage { body, place, round_a_rim: round_a_rim() })
+                is_through.then(|| Passage { point, body, place, round_a_rim: round_a_rim() })
             };
             (0..n).find_map(through)
         };
-        // The first in the order of points, however many threads look.
-        let found: Vec<Passage> = self.points.par_iter().enumerate().with_min_len(TASK).filter_map(passed).collect();
-        found.iter().find(|p| !p.round_a_rim).or(found.first()).copied()
+        // In the order of points, however many threads look.
+        self.points.par_iter().enumerate().with_min_len(TASK).filter_map(passed).collect()
     }
 }
 
@@ -451,19 +498,33 @@ fn contact_points(mesh: &MixedMesh) -> Vec<ContactPoint> {
     let free = |n: u32| mesh.attachment[n as usize] == Attachment::Free;
     let (mut vertex_area, mut vertex_inward) =
         (vec![0.0; mesh.positions.len()], vec![Vector::zeros(); mesh.positions.len()]);
-    let mut points = Vec::new();
-    for face in &mesh.bone_faces {
-        if !face.iter().any(|&n| sliding(n)) || face.iter().any(|&n| free(n)) {
-            continue;
-        }
+    let inward_of = |face: &[u32; 3]| {
         let [a, b, c] = face.map(|n| mesh.positions[n as usize]);
-        let inward = (c - a).cross(&(b - a));
+        (c - a).cross(&(b - a))
+    };
+    let mut points = Vec::new();
+    let (whole, edge): (Vec<&[u32; 3]>, Vec<&[u32; 3]>) = (mesh.bone_faces.iter())
+        .filter(|face| face.iter().any(|&n| sliding(n)))
+        .partition(|face| !face.iter().any(|&n| free(n)));
+    for face in whole {
+        let inward = inward_of(face);
         let area = 0.5 * inward.norm();
         points.push(ContactPoint { nodes: *face, weights: [1.0 / 3.0; 3], area: 0.5 * area, inward });
         for &n in face {
             vertex_inward[n as usize] += inward;
             vertex_area[n as usize] += area / 6.0;
         }
+    }
+    // A vertex with none but faces that have a free corner stands for its share of them alone.
+    let mut alone: Vec<(usize, Vector)> = Vec::new();
+    for face in edge {
+        for &n in face.iter().filter(|n| sliding(**n) && vertex_area[**n as usize] == 0.0) {
+            alone.push((n as usize, inward_of(face)));
+        }
+    }
+    for (node, inward) in alone {
+        vertex_inward[node] += inward;
+        vertex_area[node] += inward.norm() / 6.0;
     }
     for (node, &area) in vertex_area.iter().enumerate() {
         if area > 0.0 && sliding(node as u32) {

@@ -30,8 +30,10 @@ pub(super) struct Dofs {
     node_of: Vec<u32>,
     rest: Vec<Vector>,
     n_mesh_nodes: usize,
-    /// Axes that stay at rest, by generalised node; empty when there are none.
+    /// Held axes, by generalised node; empty when there are none.
     axes: Vec<u8>,
+    /// Displacement along held axes at path parameter 1, by mesh node, mm; empty when all stay at rest.
+    prescribed: Vec<Vector>,
     /// Unknown nodes with such axes, and the axes.
     partly_held: Vec<(u32, u8)>,
     /// Tangent vectors of partly held nodes that lie askew to the axis and so stay free.
@@ -116,7 +118,20 @@ impl Dofs {
             .filter(|(_, axes)| **axes != 0)
             .filter_map(|(node, axes)| (unknown[node] != HELD).then_some((unknown[node], *axes)))
             .collect();
-        Ok(Self { hold, unknown, node_of, rest, n_mesh_nodes, axes, partly_held, askew_tangents, first_last, visible })
+        let prescribed = boundary.prescribed_mm.clone();
+        Ok(Self {
+            hold,
+            unknown,
+            node_of,
+            rest,
+            n_mesh_nodes,
+            axes,
+            prescribed,
+            partly_held,
+            askew_tangents,
+            first_last,
+            visible,
+        })
     }
 
     /// Number of generalised nodes.
@@ -176,12 +191,20 @@ impl Dofs {
         node < self.n_mesh_nodes
     }
 
-    /// Writes the held values under `motion` (of a segment, from rest) into `x`.
-    pub(super) fn prescribe(&self, motion: impl Fn(u32) -> Motion, x: &mut [Vector]) {
+    /// Writes the held values under `motion` (of a segment, from rest) and at this share of the prescribed displacements into `x`.
+    pub(super) fn prescribe(&self, motion: impl Fn(u32) -> Motion, share: f64, x: &mut [Vector]) {
         for (node, hold) in self.hold.iter().enumerate() {
             match *hold {
-                Hold::Free => {}
-                Hold::Still => x[node] = self.rest[node],
+                Hold::Free => {
+                    if let Some(along) = self.prescribed.get(node) {
+                        for axis in axes_in(self.axes_of(node)) {
+                            x[node][axis] = self.rest[node][axis] + share * along[axis];
+                        }
+                    }
+                }
+                Hold::Still => {
+                    x[node] = self.rest[node] + self.prescribed.get(node).map_or_else(Vector::zeros, |u| u * share);
+                }
                 Hold::Segment(segment) => {
                     let m = motion(segment);
                     x[node] = if self.is_position(node) {
@@ -190,7 +213,8 @@ impl Dofs {
                         m.rotation * self.rest[node]
                     };
                     for axis in axes_in(self.axes_of(node)) {
-                        x[node][axis] = self.rest[node][axis];
+                        x[node][axis] =
+                            self.rest[node][axis] + self.prescribed.get(node).map_or(0.0, |u| share * u[axis]);
                     }
                 }
             }
@@ -216,7 +240,7 @@ impl Dofs {
         }
     }
 
-    /// Axes (bits) along which a node stays at rest whatever else holds it.
+    /// Axes (bits) along which a node is held whatever else holds it.
     pub(super) fn axes_of(&self, node: usize) -> u8 {
         self.axes.get(node).copied().unwrap_or(0)
     }

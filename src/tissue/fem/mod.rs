@@ -34,7 +34,7 @@ mod triangular;
 
 pub use checkpoint::{Checkpoint, FactorOrigin, MotionNumbers, motion_numbers, motion_of_numbers};
 pub use error::SolveError;
-pub use report::{CellState, IterationRecord, LostEllipticity, PhaseTimes, StepOutcome, StepReport};
+pub use report::{CellState, IterationRecord, LostEllipticity, PhaseTimes, StepOutcome, StepReport, Sunk};
 pub use saved_state::SavedState;
 pub use settings::{Boundary, ContactBody, Locking, Model, Preset, SkinElement, SolveSettings, UnstableMaterial};
 pub use setup::Prepared;

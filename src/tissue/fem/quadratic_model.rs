@@ -144,7 +144,7 @@ impl Equations<'_> {
         self.failed_at.clear();
         self.settles = true;
         let mut target = x.to_vec();
-        self.dofs.prescribe(motion_of, &mut target);
+        self.dofs.prescribe(motion_of, self.load_share, &mut target);
         let change: Vec<Vector> = target.iter().zip(x).map(|(a, b)| a - b).collect();
         let mut load = vec![Vector::zeros(); x.len()];
         self.assembly.force_change(x, &change, &mut load)?;

@@ -80,6 +80,45 @@ impl StepOutcome {
     }
 }
 
+/// Free points of the boundary that lie deeper in bone than at rest: contact acts on sliding points alone.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sunk {
+    /// By how much the deepest one does, mm.
+    pub depth_mm: f64,
+    /// The bone that it lies in.
+    pub segment: u32,
+    /// Where it is now, mm.
+    pub place: Point,
+    /// How many do, vertices and barycentres.
+    pub points: usize,
+}
+
+impl Sunk {
+    /// Depths below this are not worth a word, mm: about what an edge of a mesh leaves open.
+    const TOLD_MM: f64 = 0.5;
+
+    /// What to tell of it, where it is deep.
+    #[must_use]
+    pub fn warning(&self) -> Option<String> {
+        let Self { depth_mm, segment, place, points } = self;
+        (*depth_mm > Self::TOLD_MM).then(|| {
+            format!(
+                "tissue that is free lies inside bone at {points} points, up to {depth_mm:.1} mm in bone {segment} near ({:.1}, {:.1}, {:.1}) mm: contact \
+                 acts on sliding points alone",
+                place.x, place.y, place.z
+            )
+        })
+    }
+}
+
+impl StepReport {
+    /// Largest depth in bone, more than at rest, of any point of the boundary that no bone holds, mm.
+    #[must_use]
+    pub fn deepest_mm(&self) -> f64 {
+        self.max_penetration_mm.max(self.sunk.map_or(0.0, |sunk| sunk.depth_mm))
+    }
+}
+
 /// What one step needed and reached.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StepReport {
@@ -101,6 +140,8 @@ pub struct StepReport {
     pub min_det_f: f64,
     /// Largest penetration of a contact point, mm; 0 when nothing touches.
     pub max_penetration_mm: f64,
+    /// Free points of the boundary that have sunk into bone; `None` when there are none.
+    pub sunk: Option<Sunk>,
     /// Contact points that push.
     pub active_contacts: usize,
     /// Sum of the forces of tied nodes and contact, per body: segment and the force that the bone exerts on the tissue, N.

@@ -1,5 +1,6 @@
 //! An equilibrium kept, for another path to begin at.
 
+use super::checkpoint::{flags, pairs};
 use super::error::SolveError;
 use super::solver::{Solver, State};
 use prosopon_geometry::{Motion, Vector};
@@ -11,6 +12,8 @@ pub struct SavedState {
     x: Vec<Vector>,
     /// Motion of moving segments from rest.
     motions: Vec<(u32, Motion)>,
+    /// Pairs of contact point and body that do not push any more.
+    released: Vec<u64>,
 }
 
 impl SavedState {
@@ -31,7 +34,8 @@ impl Solver<'_> {
     /// The present equilibrium.
     #[must_use]
     pub fn save(&self) -> SavedState {
-        SavedState { x: self.state.x.clone(), motions: self.state.motions.clone() }
+        let released = pairs(self.equations.contact.released());
+        SavedState { x: self.state.x.clone(), motions: self.state.motions.clone(), released }
     }
 
     /// Takes up an equilibrium of the same mesh and elements, at path parameter 0: what follows goes on from there. Nodes that are held now and
@@ -44,6 +48,11 @@ impl Solver<'_> {
         if found != needed {
             let detail = format!("the state to begin at has {found} generalised nodes, the mesh {needed}");
             return Err(SolveError::Problem { detail });
+        }
+        // Of another attachment there may be other contact points.
+        let known = self.equations.contact.released().len();
+        if let Some(released) = flags(&saved.released, known) {
+            self.equations.contact.set_released(released);
         }
         self.state = State { t: 0.0, x: saved.x.clone(), motions: saved.motions.clone() };
         // The factor at rest says little here.

@@ -75,8 +75,11 @@ pub enum UnstableMaterial {
 /// What acts on a mesh beside bone.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Boundary {
-    /// Axes along which each node stays at rest, for planes of symmetry: bit 0 x, bit 1 y, bit 2 z. Empty when no node is held so.
+    /// Axes along which each node is held, for planes of symmetry: bit 0 x, bit 1 y, bit 2 z. Empty when no node is held so.
     pub held_axes: Vec<u8>,
+    /// Where held nodes go along their held axes at path parameter 1 (proportional to the parameter before), mm; other axes are 0. Empty when
+    /// all stay at rest.
+    pub prescribed_mm: Vec<Vector>,
     /// Dead load on each node at path parameter 1 (proportional to the parameter before), N. Empty when there is none.
     pub loads_n: Vec<Vector>,
 }

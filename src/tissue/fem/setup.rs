@@ -1,7 +1,7 @@
 //! From mesh and settings to equations.
 
 use super::assembly::{Assembly, Curvature, Law, Part};
-use super::contact::{Contact, contact_nodes};
+use super::contact::{Contact, Unguarded, contact_nodes, unguarded_points};
 use super::dofs::Dofs;
 use super::element::{self, C1Surface, ElementBlock, MeshCell};
 use super::equations::{Equations, Limits};
@@ -44,6 +44,8 @@ pub struct Prepared {
     /// Stiffness of the elements at rest.
     rest: Arc<Vec<f64>>,
     loads: Vec<Vector>,
+    /// Boundary points on which contact does not act.
+    unguarded: Arc<Vec<[u32; 3]>>,
     /// MPa/mm.
     contact_stiffness: f64,
     limits: Limits,
@@ -85,7 +87,9 @@ impl Prepared {
         };
         // Contact changes at every iteration; eliminated last, it leaves most of a factor as it is.
         let relaxes = settings.model == Model::MassTensor;
-        let last = if touching && !relaxes { contact_nodes(mesh) } else { Vec::new() };
+        let guarded = if touching { contact_nodes(mesh) } else { Vec::new() };
+        let unguarded = if touching { unguarded_points(mesh, &guarded) } else { Vec::new() };
+        let last = if relaxes { Vec::new() } else { guarded };
         let dofs = Dofs::new(mesh, boundary, surface.as_ref(), &coupled, &last)?;
         if dofs.n_unknown() == 0 {
             return Err(problem("no node is free to move: all are fixed or tied to bone".to_owned()));
@@ -131,6 +135,7 @@ impl Prepared {
             factor: None,
             rest: Arc::default(),
             loads,
+            unguarded: Arc::new(unguarded),
             contact_stiffness: settings.contact_stiffness_factor * CONTACT_STIFFNESS * scale.modulus
                 / scale.thickness_mm,
             limits,
@@ -178,6 +183,11 @@ impl Prepared {
     /// Time and factorisations of the preparation, for the first solver that asks.
     pub(super) fn untold_work(&self) -> (PhaseTimes, usize) {
         if self.told.swap(true, Ordering::Relaxed) { Default::default() } else { (self.times, self.factorisations) }
+    }
+
+    /// The points of `mesh` on which contact with `bodies` does not act.
+    pub(super) fn unguarded(&self, mesh: &MixedMesh, bodies: &[ContactBody<'_>]) -> Unguarded {
+        Unguarded::new(Arc::clone(&self.unguarded), mesh, bodies)
     }
 
     /// Sets up the equations; also warnings.
@@ -340,6 +350,20 @@ fn check_boundary(mesh: &MixedMesh, boundary: &Boundary) -> Result<(), SolveErro
     }
     if loads != 0 && loads != n {
         return Err(problem(format!("{loads} loads for {n} nodes")));
+    }
+    let prescribed = boundary.prescribed_mm.len();
+    if prescribed != 0 && prescribed != n {
+        return Err(problem(format!("{prescribed} prescribed displacements for {n} nodes")));
+    }
+    let is_held = |node: usize, axis: usize| boundary.held_axes.get(node).is_some_and(|axes| axes >> axis & 1 == 1);
+    for (node, u) in boundary.prescribed_mm.iter().enumerate() {
+        if let Some(axis) = (0..3).find(|axis| !u[*axis].is_finite() || (u[*axis] != 0.0 && !is_held(node, *axis))) {
+            let name = ["x", "y", "z"][axis];
+            return Err(problem(format!(
+                "node {node} is to be displaced by {} mm along {name}; it must be a number, and the node held along that axis",
+                u[axis]
+            )));
+        }
     }
     if let Some(node) = boundary.held_axes.iter().position(|axes| *axes > 7) {
         return Err(problem(format!("node {node} has held axes {}, allowed are 0 to 7", boundary.held_axes[node])));

@@ -1,11 +1,11 @@
 //! Static equilibrium of one mesh under moving bone, advanced along a path.
 
-use super::contact::Passage;
+use super::contact::{Passage, Unguarded};
 use super::element::C1Surface;
 use super::equations::Equations;
 use super::error::SolveError;
 use super::newton::{Equilibrium, Failure, MAX_CONTACT_MOTION_MM};
-use super::report::{CellState, IterationRecord, PhaseTimes, StepOutcome, StepReport};
+use super::report::{CellState, IterationRecord, PhaseTimes, StepOutcome, StepReport, Sunk};
 use super::settings::{Boundary, ContactBody, SolveSettings, UnstableMaterial};
 use super::setup::Prepared;
 use super::{diagnosis, setup};
@@ -26,6 +26,7 @@ pub struct Solver<'a> {
     surface: Option<Arc<C1Surface>>,
     settings: SolveSettings,
     pub(super) equations: Equations<'a>,
+    unguarded: Unguarded,
     /// Segments that a report gives reactions for, ascending.
     segments: Vec<u32>,
     pub(super) state: State,
@@ -41,9 +42,15 @@ pub struct Solver<'a> {
     preparation: (PhaseTimes, usize),
 }
 
-/// Where bone moves no farther than this in a substep, mm, and tissue still comes through, it comes round a rim or the bone is too thin to
-/// hold it; that is told. Otherwise the substep is shortened.
+/// Where bone moves no farther than this in a substep, mm, and tissue still comes through, the bone is too thin to hold it. Otherwise the
+/// substep is shortened.
 const LEAST_PASSAGE_MM: f64 = 0.25;
+
+/// Times that a substep is solved again without contact at points that would have come to the other side of bone.
+const MAX_RELEASES: usize = 6;
+
+/// Share of its volume below which an element is warned of: soft tissue is nearly incompressible.
+const SQUEEZED: f64 = 0.3;
 
 /// An equilibrium.
 #[derive(Debug, Clone)]
@@ -100,6 +107,7 @@ impl<'a> Solver<'a> {
         segments.sort_unstable();
         segments.dedup();
         let (mut equations, warnings) = prepared.equations(mesh, bodies, control)?;
+        let unguarded = prepared.unguarded(mesh, equations.contact.bodies());
         equations.times.setup_s = (control.clock())() - begin;
         let state = State { t: 0.0, x: equations.dofs.rest().to_vec(), motions: Vec::new() };
         control.report(1.0);
@@ -108,6 +116,7 @@ impl<'a> Solver<'a> {
             surface: prepared.surface.clone(),
             settings: prepared.settings.clone(),
             equations,
+            unguarded,
             segments,
             state,
             substep: f64::INFINITY,
@@ -260,30 +269,38 @@ impl<'a> Solver<'a> {
             let listed = motions(if share == 1.0 { goal } else { from + share * (goal - from) });
             bodies.iter().map(|b| motion_of(&listed, *b)).collect()
         };
+        let before = self.body_motions(&self.state.motions);
         let length_mm = self.contact_motion(&body_motions);
         let multipliers = self.equations.contact.multipliers().to_vec();
-        let attempt = self
-            .equations
-            .predict(&self.state.x, &on_the_way, length_mm, &|segment| motion_of(&listed, segment))
-            .and_then(|mut x| {
-                let found = self.equations.equilibrate(&mut x, &body_motions, goal, control)?;
-                Ok((x, found))
-            })
-            .and_then(|(x, found)| {
-                let before = self.body_motions(&self.state.motions);
-                let passed = self.equations.contact.passed_through((&self.state.x, &x), (&before, &body_motions));
-                let Some(passage) = passed else { return Ok((x, found)) };
-                let Passage { body, place, round_a_rim } = passage;
-                let moved = |(from, to): (&Motion, &Motion)| {
-                    (to.transform_point(&from.inverse_transform_point(&place)) - place).norm()
-                };
-                let moved_mm = before.iter().zip(&body_motions).map(moved).fold(0.0, f64::max);
-                if !round_a_rim && moved_mm > LEAST_PASSAGE_MM {
-                    return Err(Failure::PassedThrough { body, place });
-                }
-                self.tell_passage(&passage);
-                Ok((x, found))
-            });
+        let released = self.equations.contact.released().to_vec();
+        let mut rounds = 0;
+        let attempt = loop {
+            let attempt = self
+                .equations
+                .predict(&self.state.x, &on_the_way, length_mm, &|segment| motion_of(&listed, segment))
+                .and_then(|mut x| {
+                    let found = self.equations.equilibrate(&mut x, &body_motions, goal, control)?;
+                    Ok((x, found))
+                });
+            let Ok((x, _)) = &attempt else { break attempt };
+            let passages = self.equations.contact.passages((&self.state.x, x), (&before, &body_motions));
+            let moved = |place: &Point, (from, to): (&Motion, &Motion)| {
+                (to.transform_point(&from.inverse_transform_point(place)) - place).norm()
+            };
+            let moved_mm =
+                |p: &Passage| before.iter().zip(&body_motions).map(|m| moved(&p.place, m)).fold(0.0, f64::max);
+            if let Some(p) = passages.iter().find(|p| !p.round_a_rim && moved_mm(p) > LEAST_PASSAGE_MM) {
+                break Err(Failure::PassedThrough { body: p.body, place: p.place });
+            }
+            rounds += 1;
+            if passages.is_empty() || rounds > MAX_RELEASES {
+                break attempt;
+            }
+            // What bone would push back the wrong way it does not push at all, from the begin of the substep on.
+            self.equations.contact.set_multipliers(multipliers.clone());
+            passages.iter().for_each(|p| self.equations.contact.release(p));
+            self.tell_passages(&passages);
+        };
         match attempt {
             Ok((x, found)) => {
                 self.state = State { t: goal, x, motions: listed };
@@ -291,23 +308,28 @@ impl<'a> Solver<'a> {
             }
             Err(failure) => {
                 self.equations.contact.set_multipliers(multipliers);
+                self.equations.contact.set_released(released);
                 Err(failure)
             }
         }
     }
 
-    /// Warns of the first passage of each kind.
-    fn tell_passage(&mut self, passage: &Passage) {
-        let Passage { body, place, round_a_rim } = *passage;
-        if std::mem::replace(&mut self.told_passage[usize::from(round_a_rim)], true) {
-            return;
+    /// Warns of the first passages of each kind.
+    fn tell_passages(&mut self, passages: &[Passage]) {
+        for round_a_rim in [false, true] {
+            let of_kind: Vec<&Passage> = passages.iter().filter(|p| p.round_a_rim == round_a_rim).collect();
+            let Some(Passage { body, place, .. }) = of_kind.first() else { continue };
+            if std::mem::replace(&mut self.told_passage[usize::from(round_a_rim)], true) {
+                continue;
+            }
+            let segment = self.equations.contact.bodies()[*body].segment;
+            let how = if round_a_rim { "slips round a rim of" } else { "comes through thin parts of" };
+            self.warnings.push(format!(
+                "tissue near ({:.1}, {:.1}, {:.1}) mm {how} bone {segment}: from there on that bone does not push the points that do; beyond a rim the \
+                 model is no more than that",
+                place.x, place.y, place.z
+            ));
         }
-        let segment = self.equations.contact.bodies()[body].segment;
-        let how = if round_a_rim { "slipped round a rim of" } else { "came through thin or over a rim of" };
-        self.warnings.push(format!(
-            "tissue near ({:.1}, {:.1}, {:.1}) mm {how} bone {segment}: contact there hangs on the length of the steps and is not to be relied on",
-            place.x, place.y, place.z
-        ));
     }
 
     /// Puts stable materials in the place of those that have lost ellipticity on the way to `goal`, where that was asked for; whether it
@@ -370,6 +392,14 @@ impl<'a> Solver<'a> {
         if self.settings.model.is_linear() {
             warnings.extend(diagnosis::left_out_strain(&self.equations, &self.state.x));
         }
+        let squeezed = dets.iter().filter(|det| **det > 0.0 && **det < SQUEEZED).count();
+        if squeezed > 0 {
+            warnings.push(format!(
+                "{squeezed} elements are pressed below {SQUEEZED} of their volume, the least to {:.3}: look whether tissue folds there; more steps or a \
+                 finer mesh may change it",
+                dets.iter().copied().filter(|det| *det > 0.0).fold(f64::INFINITY, f64::min)
+            ));
+        }
         let torn = self.equations.dofs.contradictions(|s| motion_of(&self.state.motions, s), HELD_TOLERANCE_MM);
         if torn > 0 {
             warnings.push(format!(
@@ -391,6 +421,8 @@ impl<'a> Solver<'a> {
         };
         warnings.extend(outcome.fault().map(|fault| format!("{fault}: this step is no equilibrium to rely on")));
         let body_motions = self.body_motions(&self.state.motions);
+        let free = self.unguarded.deepest(&self.state.x, self.equations.contact.bodies(), &body_motions);
+        let sunk = deeper(free, self.equations.contact.sunk(&self.state.x, &body_motions));
         let reactions_n = self.equations.reactions(&self.state.x, &body_motions, &self.segments);
         StepReport {
             outcome,
@@ -401,6 +433,7 @@ impl<'a> Solver<'a> {
             remaining_mm: found.remaining_mm,
             min_det_f,
             max_penetration_mm: super::contact::penetration(&found.touches),
+            sunk,
             active_contacts: found.touches.len(),
             reactions_n,
             unknowns: self.equations.dofs.n_scalar(),
@@ -416,6 +449,17 @@ struct Progress {
     substeps: usize,
     iterations: usize,
     halvings: usize,
+}
+
+/// The deeper of two, with the points of both.
+fn deeper(a: Option<Sunk>, b: Option<Sunk>) -> Option<Sunk> {
+    match (a, b) {
+        (Some(a), Some(b)) => {
+            let points = a.points + b.points;
+            Some(Sunk { points, ..if b.depth_mm > a.depth_mm { b } else { a } })
+        }
+        (one, other) => one.or(other),
+    }
 }
 
 fn motion_of(listed: &[(u32, Motion)], segment: u32) -> Motion {

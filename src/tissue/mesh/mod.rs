@@ -9,6 +9,7 @@
 //! measure (`report`).
 
 mod adjacency;
+mod boundary;
 mod build;
 mod classify;
 mod domain;
@@ -35,6 +36,7 @@ mod tests;
 mod thin;
 mod volume;
 
+pub use boundary::{boundary_of, boundary_triangles};
 pub use build::build;
 pub use classify::tie;
 pub use domain::{Domain, MeshSettings, Region};

@@ -72,7 +72,8 @@ impl Proposal {
 ///   teeth; `nasal_bone_tip`, the lowest of the nasal bones, and `nasion`, the deepest above it.
 /// - Bone, sides: the ramus is the plate beside and behind the upper teeth. `lingula_*` on its medial face, three fifths from its
 ///   front, 3 mm above the occlusal plane; `molar_*` on the body's outer face, 14 mm in front of the ramus; `zygomaxillare_*`, the
-///   lower border of the cheek bone 37 mm beside the midline.
+///   lower border of the cheek bone 37 mm beside the midline. `condylion_*`, the top of the condyle, or the last level at which it is apart
+///   from the skull; `gonion_*`, the angle of the jaw.
 ///
 /// What cannot be found is left out.
 ///
@@ -114,9 +115,12 @@ pub fn propose(skin: &TriMesh, skull: &TriMesh) -> Proposal {
         put("nasion", tip.and_then(|t| hard.first_hollow(t[1] + 6.0, t[1] + 32.0)).map(at));
     }
     if let Some([pogonion, menton]) = jaw.chin() {
+        let blunt = hard.summit(menton.z + 2.0, menton.z + 18.0).filter(|p| (p[0] - pogonion.y).abs() < 2.0);
+        let pogonion = blunt.map_or(pogonion, at);
+        let below = hard.bottom([menton.y - 2.0, menton.y + 12.0], menton.z - 3.0);
         put("pogonion", Some(pogonion));
-        put("menton", Some(menton));
-        let chin = soft.foremost(pogonion.z - 6.0, pogonion.z + 8.0);
+        put("menton", Some(below.map_or(menton, at)));
+        let chin = soft.summit(pogonion.z - 6.0, pogonion.z + 8.0);
         put("soft_pogonion", chin.map(at));
         put("soft_menton", chin.and_then(|c| soft.lowest_within(c, 18.0, 30.0)).map(at));
     }
@@ -126,6 +130,9 @@ pub fn propose(skin: &TriMesh, skull: &TriMesh) -> Proposal {
         put(&format!("lingula_{name}"), points.as_ref().map(|p| p.lingula));
         put(&format!("molar_{name}"), points.as_ref().map(|p| p.molar));
         put(&format!("zygomaxillare_{name}"), jaw.zygoma(side, ans.z));
+        let ends = jaw.ends(side);
+        put(&format!("condylion_{name}"), ends.as_ref().and_then(|e| e.condylion));
+        put(&format!("gonion_{name}"), ends.as_ref().and_then(|e| e.gonion));
     }
     let up = back * Vector::z();
     found.occlusal_z_mm = Some(spine[1] + bite.height);

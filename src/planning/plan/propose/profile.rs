@@ -8,6 +8,9 @@ const STRIP_MM: f64 = 3.0;
 /// Step of a profile along z, mm.
 const STEP_MM: f64 = 1.0;
 
+/// A blunt end is flat within this, mm.
+const BLUNT_MM: f64 = 0.5;
+
 /// Foremost y of a surface for each step of z in a strip about the midline.
 pub(super) struct Profile {
     low: f64,
@@ -38,6 +41,24 @@ impl Profile {
 
     pub(super) fn foremost(&self, low: f64, high: f64) -> Option<[f64; 2]> {
         self.within(low, high).min_by(|a, b| a[0].total_cmp(&b[0]))
+    }
+
+    /// The middle of the flat top round the foremost point, within heights: where the profile is blunt, its foremost point is anywhere on it.
+    pub(super) fn summit(&self, low: f64, high: f64) -> Option<[f64; 2]> {
+        let [y, at] = self.foremost(low, high)?;
+        let is_top = |p: &[f64; 2]| p[0] < y + BLUNT_MM;
+        let up = self.within(at, high).take_while(is_top).last().map_or(at, |p| p[1]);
+        let down = self.within(low, at).rev().take_while(is_top).last().map_or(at, |p| p[1]);
+        Some([y, 0.5 * (up + down)])
+    }
+
+    /// The middle of the flat bottom round the lowest point of the strip between two depths, as (y, z).
+    pub(super) fn bottom(&self, [front, back]: [f64; 2], above: f64) -> Option<[f64; 2]> {
+        let inside = || self.strip.iter().filter(|p| (front..back).contains(&p[0]) && p[1] > above);
+        let lowest = inside().map(|p| p[1]).min_by(f64::total_cmp)?;
+        let flat: Vec<f64> = inside().filter(|p| p[1] < lowest + BLUNT_MM).map(|p| p[0]).collect();
+        let ends = flat.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), y| (a.min(*y), b.max(*y)));
+        Some([0.5 * (ends.0 + ends.1), lowest])
     }
 
     /// Going up, the hindmost point before the profile comes forward again.

@@ -19,6 +19,12 @@ pub(super) struct SidePoints {
     pub(super) molar: Point,
 }
 
+/// Top of the condyle and angle of the jaw, where they are found.
+pub(super) struct RamusEnds {
+    pub(super) condylion: Option<Point>,
+    pub(super) gonion: Option<Point>,
+}
+
 /// The outermost run of bone along x, as distances from the midline.
 #[derive(Debug, Clone, Copy)]
 struct OuterRun {
@@ -41,6 +47,18 @@ const LINGULA_ABOVE_MM: f64 = 3.0;
 const SPLIT_MM: f64 = 22.0;
 /// The second molar lies this far in front of the ramus's front, mm.
 const MOLAR_AHEAD_MM: f64 = 14.0;
+
+/// The neck of the condyle fits a square of twice this, mm.
+const NECK_HALF_MM: f64 = 8.0;
+/// Within that square a level of the head has no more bone than this; more is the skull's base, mm².
+const LARGEST_CONDYLE_MM2: f64 = 190.0;
+/// The condyle's middle lies no farther beside that of the ramus, mm.
+const BESIDE_PLATE_MM: f64 = 2.5;
+/// The top of the condyle lies above the occlusal plane by at least this, mm, and above the middle of the ramus by at most that.
+const LEAST_JOINT_MM: f64 = 24.0;
+const TALLEST_RAMUS_MM: f64 = 60.0;
+/// The angle lies no farther below the occlusal plane, mm.
+const LOWEST_ANGLE_MM: f64 = 55.0;
 
 impl Jaw<'_> {
     fn outermost(&self, side: f64, y: f64, z: f64) -> Option<OuterRun> {
@@ -116,6 +134,97 @@ impl Jaw<'_> {
         let at = filled.iter().min_by(|a, b| (a.0 - height).abs().total_cmp(&(b.0 - height).abs()))?;
         let molar = Point::new(self.midline + side * at.1.lateral, y, at.0);
         Some(SidePoints { lingula, molar })
+    }
+
+    /// Joint and angle of one side: the ramus' hind border is followed up to where the condyle ends or runs into the skull, and down to where it
+    /// is farthest back and down.
+    pub(super) fn ends(&self, side: f64) -> Option<RamusEnds> {
+        let ([front, back], runs) = self.ramus(side)?;
+        let hindmost = runs.get(runs.len().saturating_sub(6)..)?;
+        let plate = median(hindmost.iter().map(|r| 0.5 * (r.lateral + r.medial)).collect())?;
+        let start = self.occlusal + 0.5 * (RAMUS_HEIGHTS_MM[0] + RAMUS_HEIGHTS_MM[1]);
+        let condylion = self.condylion(side, [plate, back - NECK_HALF_MM], start);
+        let gonion = self.gonion(side, plate, [front, back], start);
+        Some(RamusEnds { condylion, gonion })
+    }
+
+    /// Middle and size (mm²) of the bone in one level that hangs together with that near a place, within a window round it; distances from the
+    /// midline and y.
+    fn patch(&self, side: f64, [d, y]: [f64; 2], z: f64, half: f64) -> Option<([f64; 2], f64)> {
+        let n = (2.0 * half / VOXEL_MM) as i32;
+        let at =
+            |i: i32, j: i32| [d - half + (f64::from(i) + 0.5) * VOXEL_MM, y - half + (f64::from(j) + 0.5) * VOXEL_MM];
+        let is_bone = |i: i32, j: i32| {
+            let [d, y] = at(i, j);
+            self.bone.at(self.midline + side * d, y, z)
+        };
+        let inside = |i: i32, j: i32| (0..n).contains(&i) && (0..n).contains(&j);
+        let off = |i: i32, j: i32| (at(i, j)[0] - d).hypot(at(i, j)[1] - y);
+        let cells = (0..n).flat_map(|i| (0..n).map(move |j| (i, j)));
+        let (i, j) = cells.filter(|(i, j)| is_bone(*i, *j)).min_by(|a, b| off(a.0, a.1).total_cmp(&off(b.0, b.1)))?;
+        if off(i, j) > NECK_HALF_MM {
+            return None;
+        }
+        let mut seen = vec![false; (n * n) as usize];
+        let mut open = vec![(i, j)];
+        let (mut sum, mut count) = ([0.0; 2], 0.0);
+        while let Some((i, j)) = open.pop() {
+            if !inside(i, j) || !is_bone(i, j) || std::mem::replace(&mut seen[(i * n + j) as usize], true) {
+                continue;
+            }
+            let p = at(i, j);
+            (sum, count) = ([sum[0] + p[0], sum[1] + p[1]], count + 1.0);
+            open.extend([(i + 1, j), (i - 1, j), (i, j + 1), (i, j - 1)]);
+        }
+        Some((sum.map(|s| s / count), count * VOXEL_MM * VOXEL_MM))
+    }
+
+    /// The top of the condyle above `place` (distance from the midline, y) at height `start`.
+    fn condylion(&self, side: f64, mut place: [f64; 2], start: f64) -> Option<Point> {
+        let (plate, mut top) = (place[0], None);
+        // Beside the head lies the root of the cheek bone's arch.
+        let above_plate = |d: f64| d.clamp(plate - BESIDE_PLATE_MM, plate + BESIDE_PLATE_MM);
+        for z in steps(start, start + TALLEST_RAMUS_MM) {
+            let high_enough = z > self.occlusal + LEAST_JOINT_MM;
+            // Below the notch the plate goes on to the coronoid process: only its hind part is looked at.
+            let Some((middle, area)) = self.patch(side, place, z, NECK_HALF_MM) else { break };
+            if high_enough && area > LARGEST_CONDYLE_MM2 {
+                break;
+            }
+            // The border leans back and the head is wider than its neck: follow it, but not into the coronoid process.
+            let forward = middle[1].max(place[1] - 0.5 * VOXEL_MM);
+            let aside = (middle[0] - place[0]).clamp(-VOXEL_MM, VOXEL_MM);
+            place = [above_plate(place[0] + aside), place[1] + (forward - place[1]).min(VOXEL_MM)];
+            if high_enough {
+                top = Some(([above_plate(middle[0]), middle[1]], z));
+            }
+        }
+        let ([d, y], z) = top?;
+        Some(Point::new(self.midline + side * d, y, z + 0.5 * VOXEL_MM))
+    }
+
+    /// The angle of the jaw: the point of the ramus and body that is farthest back and down.
+    fn gonion(&self, side: f64, plate: f64, [front, back]: [f64; 2], start: f64) -> Option<Point> {
+        let mut best: Option<(f64, Point)> = None;
+        let mut hind = back;
+        for z in steps(self.occlusal - LOWEST_ANGLE_MM, start).rev() {
+            // The hind border near where it was one level above.
+            let near = steps(plate - NECK_HALF_MM, plate + NECK_HALF_MM);
+            let depths = steps(front.min(hind - 30.0), hind + 4.0).rev();
+            let found = depths.flat_map(|y| near.clone().map(move |d| (d, y)));
+            let Some((d, y)) = found.into_iter().find(|(d, y)| self.bone.at(self.midline + side * d, *y, z)) else {
+                break;
+            };
+            if hind - y > 12.0 {
+                break;
+            }
+            hind = y;
+            let score = y - z;
+            if best.is_none_or(|b| score > b.0) {
+                best = Some((score, Point::new(self.midline + side * d, y + 0.5 * VOXEL_MM, z)));
+            }
+        }
+        best.map(|b| b.1)
     }
 
     /// Lower border of the cheek bone.

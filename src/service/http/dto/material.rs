@@ -17,14 +17,14 @@ const MIN_ALPHA: f64 = 0.1;
 /// The material of a document; faults go to `check` under `pointer`.
 pub(in crate::http) fn check_material(check: &mut Check, pointer: &str, document: &MaterialDocument) -> Material {
     let (constants, poisson): (&[(&str, f64)], f64) = match *document {
-        MaterialDocument::MooneyRivlin { c10_mpa, c01_mpa, poisson } => {
+        MaterialDocument::MooneyRivlin { c10_mpa, c01_mpa, poisson, .. } => {
             (&[("c10_mpa", c10_mpa), ("c01_mpa", c01_mpa)], poisson)
         }
-        MaterialDocument::NeoHookean { shear_modulus_mpa, poisson }
+        MaterialDocument::NeoHookean { shear_modulus_mpa, poisson, .. }
         | MaterialDocument::Ogden { shear_modulus_mpa, poisson, .. } => {
             (&[("shear_modulus_mpa", shear_modulus_mpa)], poisson)
         }
-        MaterialDocument::Yeoh { c1_mpa, c2_mpa, c3_mpa, poisson } => {
+        MaterialDocument::Yeoh { c1_mpa, c2_mpa, c3_mpa, poisson, .. } => {
             (&[("c1_mpa", c1_mpa), ("c2_mpa", c2_mpa), ("c3_mpa", c3_mpa)], poisson)
         }
     };
@@ -69,16 +69,29 @@ pub fn file_material(pointer: &str, document: &MaterialDocument) -> Result<Mater
 #[cfg(test)]
 mod tests {
     use super::*;
+    use prosopon_session::VolumetricName;
 
     #[test]
     fn faults_of_a_material_name_their_place() {
         let material = |c10_mpa, c01_mpa, poisson| {
-            file_material("/m", &MaterialDocument::MooneyRivlin { c10_mpa, c01_mpa, poisson })
+            file_material(
+                "/m",
+                &MaterialDocument::MooneyRivlin { c10_mpa, c01_mpa, poisson, volumetric: VolumetricName::default() },
+            )
         };
         let good = material(0.004, 0.001, 0.45).unwrap();
         assert!((good.shear_modulus() - 0.01).abs() < 1e-15 && (good.poisson_ratio() - 0.45).abs() < 1e-12);
-        let ogden =
-            |alpha| file_material("/m", &MaterialDocument::Ogden { shear_modulus_mpa: 0.1, alpha, poisson: 0.4 });
+        let ogden = |alpha| {
+            file_material(
+                "/m",
+                &MaterialDocument::Ogden {
+                    shear_modulus_mpa: 0.1,
+                    alpha,
+                    poisson: 0.4,
+                    volumetric: VolumetricName::default(),
+                },
+            )
+        };
         assert!(ogden(-3.0).is_ok());
         for (fault, expected) in [
             (material(0.004, 0.001, 0.5), "/m/poisson is 0.5"),

@@ -135,7 +135,7 @@ pub struct MaterialsList {
     pub expected_shear: [f64; 2],
 }
 
-const VOLUMETRIC: &str = "K/2 (J - 1)², K = 2 mu (1 + nu) / (3 (1 - 2 nu))";
+const VOLUMETRIC: &str = "K/4 (J² - 1 - 2 ln J), K = 2 mu (1 + nu) / (3 (1 - 2 nu))";
 
 fn laws() -> Vec<LawView> {
     let law = |name: &str, energy: &str, constants: &[&str]| LawView {

@@ -19,7 +19,8 @@ use prosopon_store::{PartKind, SessionId};
 /// Upload a ready tissue mesh
 ///
 /// VTU or legacy VTK (ASCII or binary) of tetrahedra (10) and wedges (13), LPS mm; takes the place of the one before. Cell array `tissue` (0 skin, 1 muscle, 2 fat, 3 mucosa); point
-/// arrays, all optional: `attachment` (-1 free, 0 skull, k segment k, -2 sliding), `fixed_mask` (axes along which a point stays: bits x 1, y 2, z 4),
+/// arrays, all optional: `attachment` (-1 free, 0 skull, k segment k, -2 sliding), `fixed_mask` (axes along which a point is held: bits x 1, y 2, z 4),
+/// `prescribed_mm` (where it goes along these axes, three components),
 /// `force_n` (dead load). Jobs of the session then solve on it: nothing is meshed.
 #[utoipa::path(put, path = "/v1/sessions/{session}/tissue", tag = "inputs", params(("session" = Uuid, Path)),
     request_body(content((Vec<u8> = "application/vnd.vtk.vtu"), (Vec<u8> = "application/octet-stream"))),

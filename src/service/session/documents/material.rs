@@ -1,12 +1,47 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use prosopon_tissue::fem::material::{D1Reading, Isochoric, Material, Materials};
+use prosopon_tissue::fem::material::{D1Reading, Isochoric, Material, Materials, Volumetric};
 use prosopon_tissue::fem::{Locking, Preset, SkinElement, UnstableMaterial};
 use prosopon_tissue::mesh::Tissue;
 
-/// A compressible material: an isochoric law of the deviatoric stretches and the volumetric energy `K/2 (J - 1)²` with the bulk modulus K that
-/// gives the Poisson ratio at rest.
+/// Energy of a change of volume, of the bulk modulus K that gives the Poisson ratio at rest and of the volume ratio J.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum VolumetricName {
+    /// `K/4 (J² - 1 - 2 ln J)`, which resists collapse.
+    #[default]
+    Logarithmic,
+    /// `K/2 (J - 1)²`, finite for no volume: tissue collapses under large pressure.
+    Quadratic,
+}
+
+impl VolumetricName {
+    fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+impl From<VolumetricName> for Volumetric {
+    fn from(name: VolumetricName) -> Self {
+        match name {
+            VolumetricName::Logarithmic => Self::Logarithmic,
+            VolumetricName::Quadratic => Self::Quadratic,
+        }
+    }
+}
+
+impl From<Volumetric> for VolumetricName {
+    fn from(volumetric: Volumetric) -> Self {
+        match volumetric {
+            Volumetric::Logarithmic => Self::Logarithmic,
+            Volumetric::Quadratic => Self::Quadratic,
+        }
+    }
+}
+
+/// A compressible material: an isochoric law of the deviatoric stretches and a volumetric energy with the bulk modulus K that gives the
+/// Poisson ratio at rest.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(tag = "law", rename_all = "snake_case", try_from = "MaterialMembers")]
 pub enum MaterialDocument {
@@ -18,6 +53,9 @@ pub enum MaterialDocument {
         c01_mpa: f64,
         /// Poisson ratio at rest.
         poisson: f64,
+        /// Energy of a change of volume; `logarithmic` when absent.
+        #[serde(default, skip_serializing_if = "VolumetricName::is_default")]
+        volumetric: VolumetricName,
     },
     /// `mu/2 (J^(-2/3) I1 - 3)`.
     NeoHookean {
@@ -25,6 +63,9 @@ pub enum MaterialDocument {
         shear_modulus_mpa: f64,
         /// Poisson ratio at rest.
         poisson: f64,
+        /// Energy of a change of volume; `logarithmic` when absent.
+        #[serde(default, skip_serializing_if = "VolumetricName::is_default")]
+        volumetric: VolumetricName,
     },
     /// `c1 f + c2 f² + c3 f³` with `f = J^(-2/3) I1 - 3`.
     Yeoh {
@@ -38,6 +79,9 @@ pub enum MaterialDocument {
         c3_mpa: f64,
         /// Poisson ratio at rest.
         poisson: f64,
+        /// Energy of a change of volume; `logarithmic` when absent.
+        #[serde(default, skip_serializing_if = "VolumetricName::is_default")]
+        volumetric: VolumetricName,
     },
     /// `2 mu / alpha² (J^(-alpha/3) (s1^alpha + s2^alpha + s3^alpha) - 3)` of the principal stretches.
     Ogden {
@@ -47,6 +91,9 @@ pub enum MaterialDocument {
         alpha: f64,
         /// Poisson ratio at rest.
         poisson: f64,
+        /// Energy of a change of volume; `logarithmic` when absent.
+        #[serde(default, skip_serializing_if = "VolumetricName::is_default")]
+        volumetric: VolumetricName,
     },
 }
 
@@ -65,6 +112,8 @@ enum LawName {
 struct MaterialMembers {
     law: LawName,
     poisson: f64,
+    #[serde(default)]
+    volumetric: VolumetricName,
     #[serde(default)]
     c10_mpa: Option<f64>,
     #[serde(default)]
@@ -108,18 +157,27 @@ impl TryFrom<MaterialMembers> for MaterialDocument {
                 return Err(format!("{name} is no constant of {law}"));
             }
         }
-        let (number, poisson) = (Option::unwrap_or_default, m.poisson);
+        let (number, poisson, volumetric) = (Option::unwrap_or_default, m.poisson, m.volumetric);
         Ok(match m.law {
             LawName::MooneyRivlin => {
-                Self::MooneyRivlin { c10_mpa: number(m.c10_mpa), c01_mpa: number(m.c01_mpa), poisson }
+                Self::MooneyRivlin { c10_mpa: number(m.c10_mpa), c01_mpa: number(m.c01_mpa), poisson, volumetric }
             }
-            LawName::NeoHookean => Self::NeoHookean { shear_modulus_mpa: number(m.shear_modulus_mpa), poisson },
-            LawName::Yeoh => {
-                Self::Yeoh { c1_mpa: number(m.c1_mpa), c2_mpa: number(m.c2_mpa), c3_mpa: number(m.c3_mpa), poisson }
+            LawName::NeoHookean => {
+                Self::NeoHookean { shear_modulus_mpa: number(m.shear_modulus_mpa), poisson, volumetric }
             }
-            LawName::Ogden => {
-                Self::Ogden { shear_modulus_mpa: number(m.shear_modulus_mpa), alpha: number(m.alpha), poisson }
-            }
+            LawName::Yeoh => Self::Yeoh {
+                c1_mpa: number(m.c1_mpa),
+                c2_mpa: number(m.c2_mpa),
+                c3_mpa: number(m.c3_mpa),
+                poisson,
+                volumetric,
+            },
+            LawName::Ogden => Self::Ogden {
+                shear_modulus_mpa: number(m.shear_modulus_mpa),
+                alpha: number(m.alpha),
+                poisson,
+                volumetric,
+            },
         })
     }
 }
@@ -127,29 +185,36 @@ impl TryFrom<MaterialMembers> for MaterialDocument {
 impl From<&MaterialDocument> for Material {
     /// Takes the constants as they are: requests are checked before.
     fn from(document: &MaterialDocument) -> Self {
-        match *document {
-            MaterialDocument::MooneyRivlin { c10_mpa, c01_mpa, poisson } => {
-                Self::mooney_rivlin(c10_mpa, c01_mpa, poisson)
+        let (material, volumetric) = match *document {
+            MaterialDocument::MooneyRivlin { c10_mpa, c01_mpa, poisson, volumetric } => {
+                (Self::mooney_rivlin(c10_mpa, c01_mpa, poisson), volumetric)
             }
-            MaterialDocument::NeoHookean { shear_modulus_mpa, poisson } => {
-                Self::neo_hookean(shear_modulus_mpa, poisson)
+            MaterialDocument::NeoHookean { shear_modulus_mpa, poisson, volumetric } => {
+                (Self::neo_hookean(shear_modulus_mpa, poisson), volumetric)
             }
-            MaterialDocument::Yeoh { c1_mpa, c2_mpa, c3_mpa, poisson } => Self::yeoh([c1_mpa, c2_mpa, c3_mpa], poisson),
-            MaterialDocument::Ogden { shear_modulus_mpa, alpha, poisson } => {
-                Self::ogden(shear_modulus_mpa, alpha, poisson)
+            MaterialDocument::Yeoh { c1_mpa, c2_mpa, c3_mpa, poisson, volumetric } => {
+                (Self::yeoh([c1_mpa, c2_mpa, c3_mpa], poisson), volumetric)
             }
-        }
+            MaterialDocument::Ogden { shear_modulus_mpa, alpha, poisson, volumetric } => {
+                (Self::ogden(shear_modulus_mpa, alpha, poisson), volumetric)
+            }
+        };
+        material.with_volumetric(volumetric.into())
     }
 }
 
 impl From<&Material> for MaterialDocument {
     fn from(material: &Material) -> Self {
-        let poisson = material.poisson_ratio();
+        let (poisson, volumetric) = (material.poisson_ratio(), material.volumetric.into());
         match material.isochoric {
-            Isochoric::MooneyRivlin { c10, c01: 0.0 } => Self::NeoHookean { shear_modulus_mpa: 2.0 * c10, poisson },
-            Isochoric::MooneyRivlin { c10, c01 } => Self::MooneyRivlin { c10_mpa: c10, c01_mpa: c01, poisson },
-            Isochoric::Yeoh { c1, c2, c3 } => Self::Yeoh { c1_mpa: c1, c2_mpa: c2, c3_mpa: c3, poisson },
-            Isochoric::Ogden { mu, alpha } => Self::Ogden { shear_modulus_mpa: mu, alpha, poisson },
+            Isochoric::MooneyRivlin { c10, c01: 0.0 } => {
+                Self::NeoHookean { shear_modulus_mpa: 2.0 * c10, poisson, volumetric }
+            }
+            Isochoric::MooneyRivlin { c10, c01 } => {
+                Self::MooneyRivlin { c10_mpa: c10, c01_mpa: c01, poisson, volumetric }
+            }
+            Isochoric::Yeoh { c1, c2, c3 } => Self::Yeoh { c1_mpa: c1, c2_mpa: c2, c3_mpa: c3, poisson, volumetric },
+            Isochoric::Ogden { mu, alpha } => Self::Ogden { shear_modulus_mpa: mu, alpha, poisson, volumetric },
         }
     }
 }

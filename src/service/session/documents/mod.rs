@@ -21,7 +21,8 @@ pub use bone::{
 pub use error_map::{ErrorDocument, HistogramBin, StatisticsDocument};
 pub use field::{DoubtDocument, DoubtfulRegionsDocument, FieldDocument, FieldQualityDocument, RegionDocument};
 pub use material::{
-    D1ReadingName, LockingName, MaterialDocument, PresetName, SkinElementName, TissueLawsDocument, UnstableMaterialName,
+    D1ReadingName, LockingName, MaterialDocument, PresetName, SkinElementName, TissueLawsDocument,
+    UnstableMaterialName, VolumetricName,
 };
 pub use mesh::MeshDocument;
 pub use registration::RegistrationDocument;

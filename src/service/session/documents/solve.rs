@@ -64,6 +64,9 @@ pub struct StepDocument {
     pub min_det_f: f64,
     /// Largest penetration of a contact point, mm.
     pub max_penetration_mm: f64,
+    /// How much deeper than at rest free points of the tissue's boundary lie in bone at most, mm: contact acts on sliding points alone.
+    #[serde(default)]
+    pub free_penetration_mm: f64,
     /// Residual force relative to the reaction force.
     pub relative_residual: f64,
     /// Estimate, no bound, of what is left to the exact equilibrium, mm: by the residual and the last tangent, or the last
@@ -113,6 +116,7 @@ impl StepDocument {
             outcome: r.outcome.name().to_owned(),
             min_det_f: r.min_det_f,
             max_penetration_mm: r.max_penetration_mm,
+            free_penetration_mm: r.sunk.map_or(0.0, |sunk| sunk.depth_mm),
             relative_residual: r.relative_residual,
             remaining_mm: r.remaining_mm.is_finite().then_some(r.remaining_mm),
             newton_iterations: r.newton_iterations,

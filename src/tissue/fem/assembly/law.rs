@@ -54,10 +54,10 @@ impl Law {
         }
     }
 
-    /// What the bulk modulus acts on: det F - 1, or the trace of the small strain.
+    /// What the bulk modulus acts on: the slope of the volumetric energy over it, or the trace of the small strain.
     pub(super) fn dilatation(&self, f: &Matrix3<f64>) -> f64 {
         match self {
-            Self::Hyperelastic(_) => f.determinant() - 1.0,
+            Self::Hyperelastic(material) => material.volumetric.slope(f.determinant()),
             Self::SmallStrain(_) => f.trace() - 3.0,
         }
     }

@@ -54,7 +54,7 @@ pub(in crate::fem) struct ElementState {
     pub(in crate::fem) stress: Matrix3<f64>,
     /// det F.
     pub(in crate::fem) ratio: f64,
-    /// What the bulk modulus acts on: det F - 1, or the trace of a small strain.
+    /// What the bulk modulus acts on: the slope of the volumetric energy over it, or the trace of a small strain.
     pub(in crate::fem) dilatation: f64,
     /// Bulk modulus, MPa.
     pub(in crate::fem) bulk: f64,

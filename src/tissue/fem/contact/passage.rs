@@ -11,6 +11,8 @@ const LEAST_SUM: f64 = 0.1;
 /// A contact point that has come to the other side of a body.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::fem) struct Passage {
+    /// Index of the contact point.
+    pub(in crate::fem) point: usize,
     /// Index of the body.
     pub(in crate::fem) body: usize,
     /// Where the point is now.

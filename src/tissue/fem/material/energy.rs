@@ -42,13 +42,55 @@ pub enum Isochoric {
     },
 }
 
-/// A compressible hyperelastic material: isochoric part plus the volumetric energy `bulk/2 (J - 1)²`.
+/// Volumetric part of an energy, of the bulk modulus K and `J = det F`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Volumetric {
+    /// `K/4 (J² - 1 - 2 ln J)` (Simo and Taylor, Comput Methods Appl Mech Eng 1991): grows without bound as the volume goes to nothing.
+    #[default]
+    Logarithmic,
+    /// `K/2 (J - 1)²`: finite for no volume, so that tissue collapses under large pressure.
+    Quadratic,
+}
+
+impl Volumetric {
+    /// The energy over K.
+    #[inline(always)]
+    fn energy(self, j: f64) -> f64 {
+        match self {
+            // (J² - 1)/4 as a product: near 1 the difference of squares would lose digits.
+            Self::Logarithmic => 0.25 * (j - 1.0) * (j + 1.0) - 0.5 * (j - 1.0).ln_1p(),
+            Self::Quadratic => 0.5 * (j - 1.0) * (j - 1.0),
+        }
+    }
+
+    /// Its slope by J over K: the mean Cauchy stress of the part over K.
+    #[inline(always)]
+    pub(in crate::fem) fn slope(self, j: f64) -> f64 {
+        match self {
+            Self::Logarithmic => 0.5 * (j - 1.0) * (1.0 + 1.0 / j),
+            Self::Quadratic => j - 1.0,
+        }
+    }
+
+    /// Its second derivative over K.
+    #[inline(always)]
+    fn curvature(self, j: f64) -> f64 {
+        match self {
+            Self::Logarithmic => 0.5 * (1.0 + 1.0 / (j * j)),
+            Self::Quadratic => 1.0,
+        }
+    }
+}
+
+/// A compressible hyperelastic material: isochoric plus volumetric part.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Material {
     /// Isochoric part.
     pub isochoric: Isochoric,
     /// Bulk modulus K, MPa.
     pub bulk: f64,
+    /// Volumetric part.
+    pub volumetric: Volumetric,
 }
 
 /// Derivatives of `W(I1, I2, J)` with `I1 = tr C` and `I2 = (tr² C - tr C²) / 2`, in which it is linear.
@@ -115,20 +157,34 @@ impl Material {
     #[must_use]
     pub fn mooney_rivlin(c10: f64, c01: f64, poisson: f64) -> Self {
         let bulk = bulk_modulus(2.0 * (c10 + c01), poisson);
-        Self { isochoric: Isochoric::MooneyRivlin { c10, c01 }, bulk }
+        Self { isochoric: Isochoric::MooneyRivlin { c10, c01 }, bulk, volumetric: Volumetric::default() }
     }
 
     /// Yeoh with constants in MPa and the bulk modulus that gives Poisson ratio `poisson` at rest.
     #[must_use]
     pub fn yeoh([c1, c2, c3]: [f64; 3], poisson: f64) -> Self {
-        Self { isochoric: Isochoric::Yeoh { c1, c2, c3 }, bulk: bulk_modulus(2.0 * c1, poisson) }
+        Self {
+            isochoric: Isochoric::Yeoh { c1, c2, c3 },
+            bulk: bulk_modulus(2.0 * c1, poisson),
+            volumetric: Volumetric::default(),
+        }
     }
 
     /// One-term Ogden with small-strain shear modulus `shear` (MPa), exponent `alpha` (not 0) and the bulk modulus that gives Poisson
     /// ratio `poisson` at rest.
     #[must_use]
     pub fn ogden(shear: f64, alpha: f64, poisson: f64) -> Self {
-        Self { isochoric: Isochoric::Ogden { mu: shear, alpha }, bulk: bulk_modulus(shear, poisson) }
+        Self {
+            isochoric: Isochoric::Ogden { mu: shear, alpha },
+            bulk: bulk_modulus(shear, poisson),
+            volumetric: Volumetric::default(),
+        }
+    }
+
+    /// The same with another volumetric part.
+    #[must_use]
+    pub fn with_volumetric(self, volumetric: Volumetric) -> Self {
+        Self { volumetric, ..self }
     }
 
     /// Neo-Hookean with its small-strain moduli; `None` when it cannot lose ellipticity itself, or its shear modulus is not positive.
@@ -192,10 +248,12 @@ impl Material {
             w1,
             w11: curvature * scale * scale,
             w2,
-            wj: w1j * i1 + w2j * i2 + self.bulk * (j - 1.0),
+            wj: w1j * i1 + w2j * i2 + self.bulk * self.volumetric.slope(j),
             w1j: w1j + curvature * scale * by_j,
             w2j,
-            wjj: (-5.0 / 3.0 * w1j * i1 - 7.0 / 3.0 * w2j * i2) * inverse + curvature * by_j * by_j + self.bulk,
+            wjj: (-5.0 / 3.0 * w1j * i1 - 7.0 / 3.0 * w2j * i2) * inverse
+                + curvature * by_j * by_j
+                + self.bulk * self.volumetric.curvature(j),
         }
     }
 
@@ -213,7 +271,7 @@ impl Material {
             Isochoric::Yeoh { c1, c2, c3 } => shift * (c1 + shift * (c2 + shift * c3)),
             Isochoric::Ogden { mu, alpha } => Ogden { mu, alpha }.energy(&Principal::of(f).stretches),
         };
-        Ok(isochoric + 0.5 * self.bulk * (s.j - 1.0) * (s.j - 1.0))
+        Ok(isochoric + self.bulk * self.volumetric.energy(s.j))
     }
 
     /// First Piola-Kirchhoff stress, MPa.
@@ -324,6 +382,8 @@ mod tests {
             Material::ogden(0.05, 3.5, 0.45),
             Material::ogden(0.02, -4.0, 0.3),
             Material::ogden(0.07, 1.2, 0.49),
+            Material::neo_hookean(0.07, 0.3).with_volumetric(Volumetric::Quadratic),
+            Material::ogden(0.05, 3.5, 0.45).with_volumetric(Volumetric::Quadratic),
         ]
     }
 
@@ -409,11 +469,28 @@ mod tests {
         assert_eq!(m.energy(&mirrored), Err(Inverted { det_f: -1.0 }));
     }
 
+    /// Pressed to a millionth of its volume, by the formulas.
+    #[test]
+    fn the_logarithmic_energy_resists_collapse_where_the_quadratic_one_does_not() {
+        let material = Material::neo_hookean(0.07, 0.45);
+        let energy = |m: &Material, j: f64| m.energy(&(Matrix3::identity() * f64::cbrt(j))).unwrap() / m.bulk;
+        assert!((energy(&material, 1e-6) - 0.25 * (-1.0 + 12.0 * 10f64.ln())).abs() < 1e-6);
+        let quadratic = material.with_volumetric(Volumetric::Quadratic);
+        assert!((energy(&quadratic, 1e-6) - 0.5).abs() < 1e-5);
+        // The same at small strain.
+        let small = [material, quadratic].map(|m| energy(&m, 1.001));
+        assert!((small[0] / small[1] - 1.0).abs() < 1e-3, "{small:?}");
+    }
+
     /// Rows of an independent table of homogeneous states, made with 30-digit arithmetic (fat, nu 0.45; C10 4.7105788, C01 1.1776447,
     /// K 113.838987667 kPa): the lateral stretch is the one that frees the sides, `P11` and `P22` nominal stress in kPa.
     #[test]
     fn homogeneous_states_agree_with_an_independent_table() {
-        let m = Material { isochoric: Isochoric::MooneyRivlin { c10: 4.7105788, c01: 1.1776447 }, bulk: 113.838987667 };
+        let m = Material {
+            isochoric: Isochoric::MooneyRivlin { c10: 4.7105788, c01: 1.1776447 },
+            bulk: 113.838987667,
+            volumetric: Volumetric::Quadratic,
+        };
         let rows = [
             ([0.7, 1.1740087642117, 1.1740087642117], -16.565470766958, 0.0, 0.0),
             ([1.6346473814667, 0.7, 0.7], 0.0, -38.887247324874, -38.887247324874),
@@ -436,7 +513,11 @@ mod tests {
             assert!((cauchy[(i, i)] - expected).abs() < 1e-8 * 5.9);
         }
         // Neo-Hookean skin.
-        let m = Material { isochoric: Isochoric::MooneyRivlin { c10: 35.0714615, c01: 0.0 }, bulk: 678.048255667 };
+        let m = Material {
+            isochoric: Isochoric::MooneyRivlin { c10: 35.0714615, c01: 0.0 },
+            bulk: 678.048255667,
+            volumetric: Volumetric::Quadratic,
+        };
         let p = m.first_piola(&Matrix3::from_diagonal(&[0.7, 1.1756426109909, 1.1756426109909].into())).unwrap();
         assert!((p - Matrix3::from_diagonal(&[-91.386956342544, 0.0, 0.0].into())).norm() < 1e-8 * 91.4);
     }

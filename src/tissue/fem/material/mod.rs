@@ -12,7 +12,7 @@ mod principal;
 mod projection;
 mod stable_range;
 
-pub use energy::{Inverted, Isochoric, Material, Tangent};
+pub use energy::{Inverted, Isochoric, Material, Tangent, Volumetric};
 pub use path_check::PathCheck;
 pub use presets::{D1Reading, Materials};
 pub use stable_range::{EXPECTED_SHEAR, EXPECTED_STRETCH, StandardTest};

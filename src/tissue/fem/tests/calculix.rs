@@ -1,7 +1,7 @@
 //! Against CalculiX on the same mesh.
 
 use super::blocks::{Slab, attach};
-use crate::fem::material::{Material, Materials};
+use crate::fem::material::{Material, Materials, Volumetric};
 use crate::fem::{Model, SkinElement, SolveSettings, Solver};
 use crate::mesh::Attachment;
 use prosopon_geometry::control::Control;
@@ -21,7 +21,9 @@ fn a_layered_slab_deforms_as_in_calculix() {
             _ => (r > 60.0 - 1e-6).then_some(Attachment::Fixed),
         }
     });
-    let (skin, fat) = (Material::neo_hookean(0.070142923, 0.3), Material::neo_hookean(0.011776447, 0.3));
+    // The volumetric energy of the reference.
+    let of = |shear: f64| Material::neo_hookean(shear, 0.3).with_volumetric(Volumetric::Quadratic);
+    let (skin, fat) = (of(0.070142923), of(0.011776447));
     let materials = Materials { skin, fat, muscle: fat, mucosa: fat };
     let settings = SolveSettings {
         skin_element: SkinElement::Wedge,

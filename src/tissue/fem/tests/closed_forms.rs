@@ -38,11 +38,12 @@ fn uniaxial_tension(locking: Locking) {
     let (mu, nu) = (0.02, 0.45);
     let bulk = 2.0 * mu * (1.0 + nu) / (3.0 * (1.0 - 2.0 * nu));
     let material = Material::neo_hookean(mu, nu);
-    // Stresses of mu/2 (J^(-2/3) I1 - 3) + K/2 (J - 1)² under diag(l, a, a).
+    // Stresses of mu/2 (J^(-2/3) I1 - 3) + K/4 (J² - 1 - 2 ln J) under diag(l, a, a).
     let stress = |l: f64, a: f64| {
         let (i1, j) = (l * l + 2.0 * a * a, l * a * a);
         let s = mu * j.powf(-2.0 / 3.0);
-        (s * (l - i1 / (3.0 * l)) + bulk * (j - 1.0) * a * a, s * (a - i1 / (3.0 * a)) + bulk * (j - 1.0) * l * a)
+        let pressure = 0.5 * bulk * (j - 1.0 / j);
+        (s * (l - i1 / (3.0 * l)) + pressure * a * a, s * (a - i1 / (3.0 * a)) + pressure * l * a)
     };
     let l = 1.5;
     let (mut low, mut high) = (0.5, 1.0);
@@ -157,9 +158,9 @@ fn newton_converges_quadratically() {
     }
 }
 
-/// Three planes of symmetry and a dead traction on the face x = 3: stress and stretch of uniaxial tension.
+/// Three planes of symmetry, and a dead traction on the face x = 3 or its displacement along x alone: stress and stretch of uniaxial tension.
 #[test]
-fn a_cube_on_planes_of_symmetry_stretches_under_a_dead_load_as_in_closed_form() {
+fn a_cube_on_planes_of_symmetry_stretches_by_load_and_by_displacement_as_in_closed_form() {
     let mut mesh = crooked_cube();
     mesh.attachment.fill(Attachment::Free);
     let (mu, nu) = (0.02, 0.3);
@@ -167,7 +168,7 @@ fn a_cube_on_planes_of_symmetry_stretches_under_a_dead_load_as_in_closed_form() 
     let stretch = Vector::new(1.4, 0.86, 0.86);
     let nominal = |s: &Vector, axis: usize| {
         let (i1, j) = (s.norm_squared(), s.product());
-        mu * j.powf(-2.0 / 3.0) * (s[axis] - i1 / (3.0 * s[axis])) + bulk * (j - 1.0) * j / s[axis]
+        mu * j.powf(-2.0 / 3.0) * (s[axis] - i1 / (3.0 * s[axis])) + 0.5 * bulk * (j * j - 1.0) / s[axis]
     };
     // The lateral stretch that leaves the sides free.
     let (mut low, mut high) = (0.5, 1.0);
@@ -177,8 +178,11 @@ fn a_cube_on_planes_of_symmetry_stretches_under_a_dead_load_as_in_closed_form() 
     }
     let stretch = Vector::new(stretch.x, low, low);
     let held_axes = mesh.positions.iter().map(|p| (0..3).filter(|&a| p[a] == 0.0).fold(0, |bits, a| bits | 1 << a));
-    let mut boundary =
-        Boundary { held_axes: held_axes.collect(), loads_n: vec![Vector::zeros(); mesh.positions.len()] };
+    let mut boundary = Boundary {
+        held_axes: held_axes.collect(),
+        loads_n: vec![Vector::zeros(); mesh.positions.len()],
+        ..Boundary::default()
+    };
     for [a, b, c, d] in &mesh.tetrahedra {
         for face in [[a, c, b], [a, b, d], [a, d, c], [b, c, d]] {
             let x = face.map(|n| mesh.positions[*n as usize]);
@@ -188,14 +192,24 @@ fn a_cube_on_planes_of_symmetry_stretches_under_a_dead_load_as_in_closed_form() 
             }
         }
     }
-    for locking in [Locking::None, Locking::Smoothed] {
+    let mut displaced = Boundary {
+        prescribed_mm: vec![Vector::zeros(); mesh.positions.len()],
+        loads_n: Vec::new(),
+        ..boundary.clone()
+    };
+    for (node, _) in mesh.positions.iter().enumerate().filter(|(_, p)| p.x == 3.0) {
+        displaced.held_axes[node] |= 1;
+        displaced.prescribed_mm[node].x = 3.0 * (stretch.x - 1.0);
+    }
+    let cases = [Locking::None, Locking::Smoothed].into_iter().flat_map(|l| [(l, &boundary), (l, &displaced)]);
+    for (locking, boundary) in cases {
         let settings = SolveSettings {
             relative_residual: 1e-10,
             locking,
             ..SolveSettings::new(Model::Nonlinear, Materials::homogeneous(Material::neo_hookean(mu, nu)))
         };
         let control = Control::new();
-        let mut solver = Solver::with_boundary(&mesh, vec![], &boundary, settings, &control).unwrap();
+        let mut solver = Solver::with_boundary(&mesh, vec![], boundary, settings, &control).unwrap();
         solver.advance(1.0, &|_| Vec::new(), &control).unwrap();
         for (now, rest) in solver.positions().iter().zip(&mesh.positions) {
             assert!((now.coords - rest.coords.component_mul(&stretch)).norm() < 1e-8, "{locking:?} {now} {rest}");
@@ -215,7 +229,7 @@ fn a_body_that_can_slide_along_its_planes_of_symmetry_is_refused() {
     let mut mesh = crooked_cube();
     mesh.attachment.fill(Attachment::Free);
     let held_axes = mesh.positions.iter().map(|p| u8::from(p.x == 0.0) + 2 * u8::from(p.y == 0.0)).collect();
-    let boundary = Boundary { held_axes, loads_n: Vec::new() };
+    let boundary = Boundary { held_axes, ..Boundary::default() };
     let settings = SolveSettings::new(Model::Nonlinear, Preset::Wang2009Stable.materials());
     let error = Solver::with_boundary(&mesh, vec![], &boundary, settings, &Control::new()).unwrap_err();
     assert!(error.to_string().contains("can move freely"), "{error}");
@@ -297,7 +311,7 @@ fn a_bar_of_c1_prisms_between_three_planes_of_symmetry_stays_homogeneous() {
         let third = 0.5 * (b - a).cross(&(c - a)).norm() / 3.0;
         face.iter().for_each(|n| loads_n[*n as usize] -= Vector::z() * (pull * third));
     }
-    let boundary = Boundary { held_axes: mesh.positions.iter().map(held).collect(), loads_n };
+    let boundary = Boundary { held_axes: mesh.positions.iter().map(held).collect(), loads_n, ..Boundary::default() };
     let settings = SolveSettings {
         relative_residual: 1e-10,
         ..SolveSettings::new(Model::Mixed, Materials::homogeneous(material))

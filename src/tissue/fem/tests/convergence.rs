@@ -1,7 +1,7 @@
 //! Rates of convergence: a manufactured solution, thick shells under inner pressure.
 
 use super::blocks::{Slab, attach};
-use crate::fem::material::{Material, Materials};
+use crate::fem::material::{Material, Materials, Volumetric};
 use crate::fem::{Boundary, Locking, Model, SolveSettings, Solver};
 use crate::mesh::{Attachment, MixedMesh, Tissue};
 use nalgebra::Matrix3;
@@ -82,7 +82,7 @@ fn manufactured(n: usize, locking: Locking) -> (f64, f64) {
             t.iter().zip(w).for_each(|(n, w)| loads_n[*n as usize] += force * w);
         }
     }
-    let boundary = Boundary { held_axes: Vec::new(), loads_n };
+    let boundary = Boundary { loads_n, ..Boundary::default() };
     let settings = SolveSettings {
         relative_residual: 1e-8,
         locking,
@@ -194,9 +194,9 @@ fn inflate(mut mesh: MixedMesh, axes: usize) -> [f64; 2] {
         }
     }
     let held = |p: &Point| (0..3).filter(|&a| a >= axes || p[a].abs() < 1e-9).fold(0u8, |bits, a| bits | 1 << a);
-    let boundary = Boundary { held_axes: mesh.positions.iter().map(held).collect(), loads_n: Vec::new() };
+    let boundary = Boundary { held_axes: mesh.positions.iter().map(held).collect(), ..Boundary::default() };
     // Fat of the references, a fifth of the modulus in C01, Poisson ratio 0.45.
-    let material = Material::mooney_rivlin(4.7105788e-3, 1.1776447e-3, 0.45);
+    let material = Material::mooney_rivlin(4.7105788e-3, 1.1776447e-3, 0.45).with_volumetric(Volumetric::Quadratic);
     let settings = SolveSettings {
         relative_residual: 1e-8,
         ..SolveSettings::new(Model::Nonlinear, Materials::homogeneous(material))

@@ -22,7 +22,7 @@ fn up(d: f64) -> impl Fn(f64) -> Vec<(u32, Motion)> {
 /// Planes x = 0 and y = 0.
 fn quarter(mesh: &MixedMesh) -> Boundary {
     let held = |p: &Point| u8::from(p.x.abs() < 1e-9) + 2 * u8::from(p.y.abs() < 1e-9);
-    Boundary { held_axes: mesh.positions.iter().map(held).collect(), loads_n: Vec::new() }
+    Boundary { held_axes: mesh.positions.iter().map(held).collect(), ..Boundary::default() }
 }
 
 /// The layered block of the references: a quarter of 120 x 120 x 16.5 mm, the uppermost 1.5 mm of them skin, with a post of 40 x 40 mm with

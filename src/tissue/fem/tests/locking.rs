@@ -1,7 +1,7 @@
 //! Cook's membrane in three dimensions against independent solvers.
 
 use super::blocks::Slab;
-use crate::fem::material::{Material, Materials};
+use crate::fem::material::{Material, Materials, Volumetric};
 use crate::fem::{Boundary, Locking, Model, SolveSettings, Solver};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Point, Vector};
@@ -27,11 +27,13 @@ fn tip(poisson: f64, locking: Locking) -> f64 {
             }
         }
     }
-    let boundary = Boundary { held_axes: mesh.positions.iter().map(held).collect(), loads_n };
+    let boundary = Boundary { held_axes: mesh.positions.iter().map(held).collect(), loads_n, ..Boundary::default() };
+    // The volumetric energy of the references.
+    let material = Material::neo_hookean(SHEAR, poisson).with_volumetric(Volumetric::Quadratic);
     let settings = SolveSettings {
         relative_residual: 1e-6,
         locking,
-        ..SolveSettings::new(Model::Nonlinear, Materials::homogeneous(Material::neo_hookean(SHEAR, poisson)))
+        ..SolveSettings::new(Model::Nonlinear, Materials::homogeneous(material))
     };
     let control = Control::new();
     let mut solver = Solver::with_boundary(&mesh, vec![], &boundary, settings, &control).unwrap();

@@ -155,10 +155,11 @@ fn jaws(landmarks: &Landmarks, bone: &Envelope) -> Result<Vec<Cut>, PlanError> {
     Ok(cuts.into_iter().map(Cut::separating).filter(|c| meets(bone, c)).collect())
 }
 
-/// A cup over the head of the condyle, whose top is `condylion`: the upper part of an ellipsoid.
+/// A cup over the head of the condyle, whose top is `condylion`: the upper part of an ellipsoid, with a skirt down behind the neck.
 fn joint(side: f64, condylion: &Point) -> Result<Cut, PlanError> {
     const RADII_MM: [f64; 3] = [13.0, 9.5, 10.0];
     const LOWEST_POLAR: f64 = 2.0;
+    const SKIRT_MM: f64 = 14.0;
     let centre = condylion - Vector::z() * (RADII_MM[2] - 1.0);
     let (rings, spokes) = (16u32, 32u32);
     let mut positions = vec![centre + Vector::z() * RADII_MM[2]];
@@ -179,6 +180,15 @@ fn joint(side: f64, condylion: &Point) -> Result<Cut, PlanError> {
                 triangles.push([at(r, s), at(r + 1, s + 1), at(r, s + 1)]);
             }
         }
+    }
+    // Below its rim the neck leans forward; behind it the wall of the ear canal may touch it still.
+    let first = positions.len() as u32;
+    let behind: Vec<u32> = (0..=spokes / 2).map(|s| at(rings, s)).collect();
+    positions.extend(behind.iter().map(|v| positions[*v as usize] - Vector::z() * SKIRT_MM).collect::<Vec<Point>>());
+    for (i, pair) in behind.windows(2).enumerate() {
+        let below = [first + i as u32, first + i as u32 + 1];
+        triangles.push([pair[0], below[0], below[1]]);
+        triangles.push([pair[0], below[1], pair[1]]);
     }
     let cup = TriMesh::new(positions, triangles).map_err(|e| misplaced(&e.to_string()))?;
     Ok(Cut::from(CutShape::Surface(cup)).named(&format!("joint_{}", Landmarks::side_name(side))).separating())

@@ -3,6 +3,7 @@
 mod by_proportions;
 mod jaws;
 mod midline;
+mod orbit;
 mod profile;
 mod ramus;
 mod voxels;
@@ -73,7 +74,8 @@ impl Proposal {
 /// - Bone, sides: the ramus is the plate beside and behind the upper teeth. `lingula_*` on its medial face, three fifths from its
 ///   front, 3 mm above the occlusal plane; `molar_*` on the body's outer face, 14 mm in front of the ramus; `zygomaxillare_*`, the
 ///   lower border of the cheek bone 37 mm beside the midline. `condylion_*`, the top of the condyle, or the last level at which it is apart
-///   from the skull; `gonion_*`, the angle of the jaw.
+///   from the skull; `gonion_*`, the angle of the jaw; `orbitale_*`, the lowest point of the orbit's rim; `frontomalare_*`, its lateral rim at three
+///   quarters of its height.
 ///
 /// What cannot be found is left out.
 ///
@@ -130,6 +132,9 @@ pub fn propose(skin: &TriMesh, skull: &TriMesh) -> Proposal {
         put(&format!("lingula_{name}"), points.as_ref().map(|p| p.lingula));
         put(&format!("molar_{name}"), points.as_ref().map(|p| p.molar));
         put(&format!("zygomaxillare_{name}"), jaw.zygoma(side, ans.z));
+        let orbit = jaw.orbit(side, ans.z);
+        put(&format!("orbitale_{name}"), orbit.as_ref().map(|o| o.orbitale));
+        put(&format!("frontomalare_{name}"), orbit.as_ref().and_then(|o| o.frontomalare));
         let ends = jaw.ends(side);
         put(&format!("condylion_{name}"), ends.as_ref().and_then(|e| e.condylion));
         put(&format!("gonion_{name}"), ends.as_ref().and_then(|e| e.gonion));

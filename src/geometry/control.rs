@@ -24,6 +24,8 @@ pub struct Control {
     clock: Clock,
     /// On the clock, s.
     deadline: Option<f64>,
+    /// What may be taken beside what is in use, MB.
+    memory_mb: f64,
 }
 
 impl Default for Control {
@@ -43,6 +45,7 @@ impl Control {
             to: 1.0,
             clock: || 0.0,
             deadline: None,
+            memory_mb: f64::INFINITY,
         }
     }
 
@@ -56,6 +59,18 @@ impl Control {
     #[must_use]
     pub fn with_deadline(self, at: f64) -> Self {
         Self { deadline: Some(at), ..self }
+    }
+
+    /// The same control for work that may take so much memory, MB: a stage that would need more is refused before it begins.
+    #[must_use]
+    pub fn with_memory_mb(self, memory_mb: f64) -> Self {
+        Self { memory_mb, ..self }
+    }
+
+    /// Memory that the work may take, MB; infinite where nobody has said.
+    #[must_use]
+    pub fn memory_mb(&self) -> f64 {
+        self.memory_mb
     }
 
     /// Whether the deadline has passed.
@@ -119,6 +134,7 @@ impl Control {
             to: self.from + to * span,
             clock: self.clock,
             deadline: self.deadline,
+            memory_mb: self.memory_mb,
         }
     }
 }

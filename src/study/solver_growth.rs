@@ -18,7 +18,7 @@ use prosopon_geometry::Motion;
 use prosopon_geometry::control::Control;
 use prosopon_planning::simulate::SimulateError;
 use prosopon_tissue::fem::material::{Material, Materials};
-use prosopon_tissue::fem::{Locking, Model, SkinElement, SolveSettings, Solver};
+use prosopon_tissue::fem::{Boundary, Locking, Model, Prepared, SkinElement, SolveSettings, Solver};
 
 /// Cells along the sides and through the thickness, rising: 19 200 to 492 804 tetrahedra. The third is the slab of the reference results.
 const CELLS: [[usize; 2]; 5] = [[40, 2], [56, 3], [74, 4], [93, 5], [117, 6]];
@@ -74,6 +74,10 @@ struct SlabTiming {
     cpu_s: Option<f64>,
     phases_s: [f64; 7],
     peak_mb: Option<f64>,
+    /// Beyond what was in use before.
+    taken_mb: Option<f64>,
+    /// By counts, before it was taken.
+    estimated_mb: f64,
 }
 
 impl SlabCase {
@@ -99,7 +103,10 @@ impl SlabCase {
         let mesh = slab.over_a_patch(20.5, 30.0);
         let control = Control::new().with_clock(clock);
         let (start, cpu) = (Instant::now(), process::cpu_s());
-        let mut solver = Solver::new(&mesh, vec![], self.settings(), &control).map_err(SimulateError::from)?;
+        let before = process::memory_mb();
+        let prepared = Prepared::new(&mesh, false, &Boundary::default(), self.settings(), &control);
+        let prepared = prepared.map_err(SimulateError::from)?;
+        let mut solver = Solver::over(&prepared, &mesh, vec![], &control).map_err(SimulateError::from)?;
         let [x, y, z] = MOVED_MM;
         let path = |t: f64| vec![(1, Motion::translation(x * t, y * t, z * t))];
         let report = solver.advance(1.0, &path, &control).map_err(SimulateError::from)?;
@@ -113,6 +120,8 @@ impl SlabCase {
             cpu_s: process::cpu_s().zip(cpu).map(|(after, before)| after - before),
             phases_s: phases_s(&report.phases),
             peak_mb: process::peak_mb(),
+            taken_mb: process::peak_mb().zip(before).map(|(peak, before)| peak - before),
+            estimated_mb: prepared.estimated_mb(report.factorisations > 1),
         })
     }
 }
@@ -127,7 +136,7 @@ pub fn run_slab_case(case: &SlabCase, timing: &Path) -> Result<(), BenchError> {
         let next = case.solve()?;
         // Memory is that of the first round, before anything could be left over.
         if next.wall_s < best.wall_s {
-            best = SlabTiming { peak_mb: best.peak_mb, ..next };
+            best = SlabTiming { peak_mb: best.peak_mb, taken_mb: best.taken_mb, ..next };
         }
     }
     write(timing, &serde_json::to_vec(&best).map_err(std::io::Error::other)?)
@@ -142,7 +151,7 @@ impl SolverGrowthStudy<'_> {
         refuse_unwritable(self.csv)?;
         let scratch = Scratch::new()?;
         let mut csv = format!(
-            "locking,poisson,tetrahedra,prisms,unknowns,newton_iterations,factorisations,wall_s,cpu_s,{},peak_mb\n",
+            "locking,poisson,tetrahedra,prisms,unknowns,newton_iterations,factorisations,wall_s,cpu_s,{},peak_mb,taken_mb,estimated_mb\n",
             PHASES.join(",")
         );
         write!(out, "{csv}")?;
@@ -228,7 +237,7 @@ fn measure(case: &SlabCase, scratch: &Scratch) -> Result<SlabTiming, BenchError>
 fn row(case: &SlabCase, t: &SlabTiming) -> String {
     let phases: Vec<String> = t.phases_s.iter().map(|s| format!("{s:.3}")).collect();
     format!(
-        "{},{},{},{},{},{},{},{:.3},{},{},{}\n",
+        "{},{},{},{},{},{},{},{:.3},{},{},{},{},{:.0}\n",
         case.locking(),
         if case.smoothed { 0.49 } else { 0.45 },
         t.tetrahedra,
@@ -240,6 +249,8 @@ fn row(case: &SlabCase, t: &SlabTiming) -> String {
         t.cpu_s.map_or(String::new(), |s| format!("{s:.2}")),
         phases.join(","),
         t.peak_mb.map_or(String::new(), |mb| format!("{mb:.0}")),
+        t.taken_mb.map_or(String::new(), |mb| format!("{mb:.0}")),
+        t.estimated_mb,
     )
 }
 

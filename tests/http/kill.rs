@@ -205,3 +205,26 @@ fn a_demo_begins_anew_in_a_directory_that_was_used_before() {
         assert_eq!(at(name).exists(), stays, "{name}");
     }
 }
+
+/// A process that may take no more than it has by itself refuses the job, and goes on.
+#[test]
+fn a_job_that_would_not_fit_into_memory_is_refused_with_what_would() {
+    let directory = tempfile::tempdir().unwrap();
+    let mut command = serve(directory.path(), "127.0.0.1:0");
+    command.env("PROSOPON_MEMORY_MB", "1");
+    let server = Server::spawn(command);
+    let session = server.session();
+    server.upload(&format!("{session}/tissue"), &crate::tissue::slab(1.0)).ok();
+    let paths = json!([{"segment": 1, "waypoints": [{"t": 1, "translation_mm": [0.5, 0, 2]}]}]);
+    let plan = server.post(&format!("{session}/plans"), &json!({"paths": paths})).ok()["id"].clone();
+    let ended = server.end(&server.post(&format!("{session}/jobs"), &json!({"plan": plan, "model": "linear"})));
+    let problem = &ended["problem"];
+    assert_eq!(
+        (&ended["status"], &problem["type"]),
+        (&json!("failed"), &json!("/problems/not-enough-memory")),
+        "{ended}"
+    );
+    assert!(problem["needed_mb"].as_f64().unwrap() > 30.0 && problem["allowed_mb"] == 0.0, "{problem}");
+    assert!(problem["detail"].as_str().unwrap().contains("would fit"), "{problem}");
+    assert_eq!(server.get("/readyz").status, 200);
+}

@@ -142,6 +142,7 @@ fn service(s: &mut Source, has_tenants: bool) -> ServiceSettings {
         keeps_house: d.keeps_house,
         lease: Duration::from_secs(s.take("lease_s", d.lease.as_secs())),
         max_attempts: s.take("max_attempts", d.max_attempts),
+        memory_mb: s.take_optional("memory_mb").or(d.memory_mb),
         max_wall: Duration::from_secs(s.take("max_wall_s", d.max_wall.as_secs())),
         session_quota: megabytes(s.take("session_quota_mb", d.session_quota / MB)),
         session_retention: s.take_optional("session_retention_days").map(days),

@@ -141,6 +141,7 @@ pub(super) fn status_and_title(kind: FaultKind) -> (StatusCode, &'static str) {
         K::BoneNotParted => (S::UNPROCESSABLE_ENTITY, "The cuts do not part the bone"),
         K::PlanNotUsable => (S::UNPROCESSABLE_ENTITY, "The bone paths are not usable"),
         K::SceneNotUsable => (S::UNPROCESSABLE_ENTITY, "Mesh, bone and settings cannot be solved together"),
+        K::NotEnoughMemory => (S::UNPROCESSABLE_ENTITY, "The work would take too much memory"),
         K::SolverNotConverged => (S::UNPROCESSABLE_ENTITY, "Equilibrium was not reached"),
         K::SolverUnstable => (S::UNPROCESSABLE_ENTITY, "A material lost its stability"),
         K::SolverInverted => (S::UNPROCESSABLE_ENTITY, "Tissue cannot follow the bone"),

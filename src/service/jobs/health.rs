@@ -70,7 +70,8 @@ mod tests {
     #[test]
     fn work_that_is_over_ignores_no_stop() {
         let job = JobRecord::accepted(JobKind::Field, SessionId::new(), String::new());
-        let running = Running::new(&job, Worker { lane: Lane::Heavy, number: 0 }, Duration::from_secs(60));
+        let running =
+            Running::new(&job, Worker { lane: Lane::Heavy, number: 0 }, Duration::from_secs(60), f64::INFINITY);
         assert!(running.ignoring_stop().is_zero());
         running.control.cancel();
         while running.ignoring_stop().is_zero() {}

@@ -9,6 +9,7 @@ mod feed;
 mod frame;
 mod health;
 mod janitor;
+mod memory;
 mod order;
 mod others;
 mod persist;

@@ -108,15 +108,15 @@ pub(super) struct Running {
 }
 
 impl Running {
-    /// `most` is the longest that any job may compute. Called within the job's span.
-    pub(super) fn new(job: &JobRecord, worker: Worker, most: Duration) -> Self {
+    /// `most` is the longest that any job may compute, `memory_mb` what it may take beside what is in use. Called within the job's span.
+    pub(super) fn new(job: &JobRecord, worker: Worker, most: Duration, memory_mb: f64) -> Self {
         let limit = job.max_wall_s.unwrap_or(f64::INFINITY).min(most.as_secs_f64());
         Self {
             job: job.id,
             session: job.session,
             other_session: job.other_session,
             worker,
-            control: Control::new().with_clock(seconds).with_deadline(seconds() + limit),
+            control: Control::new().with_clock(seconds).with_deadline(seconds() + limit).with_memory_mb(memory_mb),
             started: Instant::now(),
             phase: AtomicU8::new(Phase::Reading as u8),
             ending: AtomicU8::new(OPEN),

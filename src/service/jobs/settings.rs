@@ -1,5 +1,6 @@
 use std::time::Duration;
 
+use super::memory::{allowed_mb, used_mb};
 use prosopon_formats::import::Limits;
 use prosopon_store::QueueLimits;
 
@@ -20,6 +21,8 @@ pub struct ServiceSettings {
     pub lease: Duration,
     /// Times that a job is started before it is given up.
     pub max_attempts: u32,
+    /// Memory that this process may use, MB; without it jobs are not held back.
+    pub memory_mb: Option<u64>,
     /// Longest that a job may compute.
     pub max_wall: Duration,
     /// Bytes that a session may store.
@@ -46,7 +49,8 @@ impl Default for ServiceSettings {
             works: true,
             keeps_house: true,
             lease: Duration::from_secs(15),
-            max_attempts: 3,
+            max_attempts: 2,
+            memory_mb: allowed_mb(),
             max_wall: Duration::from_secs(2 * 3600),
             session_quota: 16 << 30,
             session_retention: None,
@@ -59,6 +63,13 @@ impl Default for ServiceSettings {
 }
 
 impl ServiceSettings {
+    /// What a job that begins now may take beside what is in use, MB; of several at a time each its share at most.
+    pub(super) fn memory_of_a_job_mb(&self) -> f64 {
+        let Some((all, used)) = self.memory_mb.zip(used_mb()) else { return f64::INFINITY };
+        let share = all / self.parallel_jobs.max(1) as u64;
+        all.saturating_sub(used).min(share) as f64
+    }
+
     pub(super) fn queue(&self) -> QueueLimits {
         QueueLimits { all: self.max_waiting, tenant: self.max_waiting_tenant }
     }

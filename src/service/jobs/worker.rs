@@ -54,7 +54,10 @@ fn recovery(job: &JobRecord, max_attempts: u32) -> Option<(JobEvent, JobChange)>
             Some((JobEvent::Requeue, JobChange { phase: Some("waiting"), events, ..JobChange::default() }))
         }
         JobState::Interrupted => {
-            let detail = format!("the service stopped {} times while the job ran", job.attempt);
+            let detail = format!(
+                "the process ended {} times while the job ran, so it is not tried again: it may be what ended it, for lack of memory or by a fault",
+                job.attempt
+            );
             let fault = Fault::new(FaultKind::JobInterrupted, detail)
                 .with("attempts", job.attempt)
                 .with("job_status", JobState::Failed.as_str());
@@ -183,7 +186,8 @@ async fn pause(service: &Service) {
 }
 
 async fn run(service: &Arc<Service>, job: JobRecord, worker: Worker) -> Result<Ran, Fault> {
-    let running = Arc::new(Running::new(&job, worker, service.settings.max_wall));
+    let running =
+        Arc::new(Running::new(&job, worker, service.settings.max_wall, service.settings.memory_of_a_job_mb()));
     service.set_running(Arc::clone(&running));
     // A stop between the claim and this would not have found it.
     if service.stop.is_cancelled() {

@@ -73,6 +73,8 @@ kinds! {
     PlanNotUsable = "plan-not-usable",
     /// Mesh, bone and settings cannot be solved together.
     SceneNotUsable = "scene-not-usable",
+    /// The work would take more memory than is allowed.
+    NotEnoughMemory = "not-enough-memory",
     /// No equilibrium was reached.
     SolverNotConverged = "solver-not-converged",
     /// A material lost its stability under the load.

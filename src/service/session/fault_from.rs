@@ -214,6 +214,14 @@ impl From<SolveError> for Halt {
             | SolveError::Problem { .. }
             | SolveError::Factorisation { .. }
             | SolveError::Checkpoint { .. } => Fault::new(FaultKind::SceneNotUsable, detail),
+            SolveError::Memory { needed_mb, allowed_mb, .. } => {
+                // The factor's share grows with about the seventh half power of the number of cells along an edge.
+                let coarser = (needed_mb / allowed_mb.max(1.0)).powf(2.0 / 7.0);
+                let detail = format!("{detail}; edges {coarser:.2} times as long, or a smaller region, would fit");
+                Fault::new(FaultKind::NotEnoughMemory, detail)
+                    .with("needed_mb", needed_mb.round())
+                    .with("allowed_mb", allowed_mb.round())
+            }
             SolveError::NotConverged { path_share, iterations, residual_n, tolerance_n } => {
                 Fault::new(FaultKind::SolverNotConverged, detail)
                     .with("stage", "solve")

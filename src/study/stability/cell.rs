@@ -93,6 +93,7 @@ fn refused(scene: &HardScene, error: &SolveError) -> Cell {
         SolveError::PassedThrough { path_share, .. } => format!("through bone {}", mm(*path_share)),
         SolveError::Problem { .. } | SolveError::Checkpoint { .. } => "not usable".to_owned(),
         SolveError::Element(_) => "element".to_owned(),
+        SolveError::Memory { .. } => "memory".to_owned(),
         SolveError::Factorisation { .. } => "factorisation".to_owned(),
         SolveError::Cancelled(_) => "cancelled".to_owned(),
     };

@@ -89,6 +89,16 @@ pub enum SolveError {
         /// Where, mm.
         z: f64,
     },
+    /// The equations do not fit into the memory that is allowed.
+    #[error("{what} take about {needed_mb:.0} MB, {allowed_mb:.0} MB are allowed")]
+    Memory {
+        /// Elements, matrix or factor.
+        what: &'static str,
+        /// Estimate, MB.
+        needed_mb: f64,
+        /// Allowed, MB.
+        allowed_mb: f64,
+    },
     /// The factorisation failed.
     #[error("the stiffness matrix could not be factorised: {detail}")]
     Factorisation {

@@ -58,6 +58,17 @@ impl Symbolic {
         Ok(Self { cholesky, lower: lower_triangle(pattern), par, corner, schedule })
     }
 
+    /// Entries of a factor in single precision, and bytes of the room in which it is made.
+    pub(super) fn single(&self) -> (usize, usize) {
+        let room = self.cholesky.factorize_numeric_llt_scratch::<f32>(self.par, Default::default());
+        (self.cholesky.len_val(), room.unaligned_bytes_required())
+    }
+
+    /// Unknowns from the corner on.
+    pub(super) fn corner_len(&self) -> usize {
+        self.lower.ncols() - self.corner
+    }
+
     fn supernodal(&self) -> Option<&SymbolicSupernodalCholesky<usize>> {
         match self.cholesky.raw() {
             SymbolicCholeskyRaw::Supernodal(symbolic) => Some(symbolic),

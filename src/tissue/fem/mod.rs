@@ -21,6 +21,7 @@ mod factor;
 mod line_search;
 mod linear_solve;
 pub mod material;
+mod memory;
 mod newton;
 mod ordering;
 mod quadratic_model;

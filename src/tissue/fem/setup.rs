@@ -9,6 +9,7 @@ use super::error::SolveError;
 use super::factor::{Factor, Symbolic};
 use super::linear_solve::LinearSolver;
 use super::material::{Material, Materials};
+use super::memory;
 use super::report::PhaseTimes;
 use super::settings::{Boundary, ContactBody, Locking, Model, SkinElement, SolveSettings};
 use crate::mesh::{Attachment, MixedMesh, Tissue};
@@ -51,6 +52,10 @@ pub struct Prepared {
     limits: Limits,
     /// Nodes and cells of the mesh.
     size: [usize; 3],
+    /// Estimate of what all this and a solver over it take, MB, but for a factor of its own.
+    estimate_mb: f64,
+    /// A factor's share of it, MB.
+    factor_mb: f64,
 }
 
 impl Prepared {
@@ -85,6 +90,8 @@ impl Prepared {
             Some(parts) => parts.iter().map(|p| &p.block).collect(),
             None => blocks.iter().collect(),
         };
+        let elements_take = memory::of_elements(&coupled);
+        memory::check("the elements", elements_take, control)?;
         // Contact changes at every iteration; eliminated last, it leaves most of a factor as it is.
         let relaxes = settings.model == Model::MassTensor;
         let guarded = if touching { contact_nodes(mesh) } else { Vec::new() };
@@ -140,9 +147,13 @@ impl Prepared {
                 / scale.thickness_mm,
             limits,
             size: size(mesh),
+            estimate_mb: 0.0,
+            factor_mb: 0.0,
             settings,
         };
         prepared.times.setup_s = clock() - begin;
+        prepared.estimate_mb = 1e-6 * (elements_take + memory::of_matrix(prepared.assembly.pattern()));
+        memory::check("elements and matrix", 1e6 * prepared.estimate_mb, control)?;
         if !relaxes {
             prepared.factorise(control)?;
         }
@@ -155,6 +166,11 @@ impl Prepared {
         let clock = control.clock();
         let begin = clock();
         let symbolic = Arc::new(Symbolic::new(self.assembly.pattern(), self.dofs.first_last())?);
+        self.factor_mb = 1e-6 * memory::of_factor(&symbolic);
+        self.estimate_mb += self.factor_mb + 1e-6 * memory::of_corner(&symbolic);
+        // The factor at rest is kept for later paths; one that is not linear mostly needs another of its own.
+        let factors_mb = self.estimated_mb(!self.limits.linear);
+        memory::check("elements, matrix and factor", 1e6 * factors_mb, control)?;
         let mut factor = Factor::new(Arc::clone(&symbolic))?;
         control.check()?;
         control.report(0.6);
@@ -178,6 +194,13 @@ impl Prepared {
         self.times.tangent_s = assembled - analysed;
         self.times.factor_s = clock() - assembled;
         Ok(())
+    }
+
+    /// What this and a solver over it take in memory, estimated from counts before it was taken, MB; with a factor of the solver's own beside
+    /// that of the state at rest, or without.
+    #[must_use]
+    pub fn estimated_mb(&self, own_factor: bool) -> f64 {
+        self.estimate_mb + if own_factor { self.factor_mb } else { 0.0 }
     }
 
     /// Time and factorisations of the preparation, for the first solver that asks.

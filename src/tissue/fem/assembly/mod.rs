@@ -9,7 +9,7 @@ mod pattern;
 mod scatter;
 
 pub(in crate::fem) use law::{Curvature, Law};
-pub(in crate::fem) use pattern::Pattern;
+pub(in crate::fem) use pattern::{Pattern, total_slots};
 
 use super::dofs::Dofs;
 use super::element::{ElementBlock, SMOOTHED_WIDTHS};

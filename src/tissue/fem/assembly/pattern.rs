@@ -214,6 +214,6 @@ pub(super) fn build(blocks: &[&ElementBlock], dofs: &Dofs) -> (Pattern, Slots) {
 }
 
 /// Total number of slots.
-pub(super) fn total_slots(blocks: &[&ElementBlock]) -> usize {
+pub(in crate::fem) fn total_slots(blocks: &[&ElementBlock]) -> usize {
     blocks.iter().map(|b| b.n_elements() * n_slots(b.n_functions)).sum()
 }

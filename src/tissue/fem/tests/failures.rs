@@ -4,7 +4,8 @@ use super::blocks::{Slab, attach};
 use super::bodies::Ball;
 use crate::fem::material::Material;
 use crate::fem::{
-    ContactBody, Locking, Model, Preset, SolveError, SolveSettings, Solver, StepOutcome, StepReport, UnstableMaterial,
+    Boundary, ContactBody, Locking, Model, Prepared, Preset, SolveError, SolveSettings, Solver, StepOutcome,
+    StepReport, UnstableMaterial,
 };
 use crate::mesh::{Attachment, MixedMesh};
 use prosopon_geometry::control::Control;
@@ -177,6 +178,24 @@ fn a_linear_model_turned_too_far_and_elements_that_lock_are_told() {
         solver.advance(0.1, &push(1.0), &control).unwrap().warnings.iter().any(|w| w.contains("fat is above"))
     };
     assert!(locks(0.499, Locking::None) && !locks(0.499, Locking::Smoothed) && locks(0.4999, Locking::Smoothed));
+}
+
+/// Refused before it is taken, with what it would be.
+#[test]
+fn equations_that_do_not_fit_into_memory_are_refused() {
+    let mesh = slab();
+    let needed = |memory_mb: f64| {
+        let control = Control::new().with_memory_mb(memory_mb);
+        Prepared::new(&mesh, false, &Boundary::default(), settings(), &control).map(|p| p.estimated_mb(true))
+    };
+    let all = needed(f64::INFINITY).unwrap();
+    assert!(all > 32.0 && needed(1.01 * all).is_ok());
+    match needed(0.99 * all) {
+        Err(SolveError::Memory { needed_mb, allowed_mb, .. }) => {
+            assert!((needed_mb - all).abs() < 1e-6 && allowed_mb == 0.99 * all);
+        }
+        other => panic!("{other:?}"),
+    }
 }
 
 #[test]

@@ -13,7 +13,7 @@ use super::process;
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{TriMesh, Vector};
 use prosopon_planning::simulate::{Frame, RunSettings, SimulateError, solve};
-use prosopon_tissue::fem::{Locking, Model, PhaseTimes, Preset, SkinElement, SolveSettings};
+use prosopon_tissue::fem::{Locking, Model, PhaseTimes, Preset, SolveSettings};
 
 /// Streamed steps of the path, as in `prosopon demo`.
 const STEPS: usize = 6;
@@ -70,8 +70,7 @@ impl ModelCase {
     /// The service's settings for the model.
     pub(super) fn settings(&self) -> SolveSettings {
         let settings = SolveSettings::new(self.model, Preset::Wang2009Stable.materials());
-        let skin_element = if self.model.is_linear() { SkinElement::Wedge } else { settings.skin_element };
-        SolveSettings { locking: self.locking, skin_element, ..settings }
+        SolveSettings { locking: self.locking, ..settings }
     }
 }
 

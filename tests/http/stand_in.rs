@@ -10,8 +10,8 @@ use prosopon_geometry::control::Control;
 use prosopon_geometry::{Aabb, Motion, Point, ScalarGrid, TriMesh, Vector};
 use prosopon_planning::evaluate::{ErrorMap, FaceRegion, Registration, Statistics};
 use prosopon_planning::plan::{
-    BoundedPlane, Clearance, Cut, CutShape, Osteotomy, PathReport, PathSample, Plan, PlanError, Proposal, Protected,
-    Segment, Template,
+    BoundedPlane, Clearance, Cut, CutShape, Miss, Osteotomy, PathReport, PathSample, Plan, PlanError, Proposal,
+    Protected, Segment, Template,
 };
 use prosopon_planning::simulate::{Attached, Frame, LeftOut, Outcome, RegionMotion, SimulateError};
 use prosopon_planning::surface::{CtSettings, CtSurfaces};
@@ -73,7 +73,7 @@ impl StandIn {
     fn cut_again(&self) -> Result<(), Halt> {
         self.planted()?;
         if self.cuts_miss.load(Ordering::SeqCst) {
-            return Err(SimulateError::Plan(PlanError::MissesBone { cut: 0, distance_mm: 3.0 }).into());
+            return Err(SimulateError::Plan(PlanError::MissesBone { missed_by: vec![missed(0, 3.0)] }).into());
         }
         Ok(())
     }
@@ -202,7 +202,7 @@ impl Engine for StandIn {
             let CutShape::Plane(plane) = &asked.shape else { continue };
             let distance_mm = plane.point.z.abs() - 60.0;
             if distance_mm > 0.0 {
-                return Err(PlanError::MissesBone { cut, distance_mm }.into());
+                return Err(PlanError::MissesBone { missed_by: vec![missed(cut, distance_mm)] }.into());
             }
         }
         let segments = vec![
@@ -387,4 +387,8 @@ impl Engine for StandIn {
             warnings: vec!["hardly fits".to_owned()],
         })
     }
+}
+
+fn missed(cut: usize, distance_mm: f64) -> Miss {
+    Miss { cut, label: format!("cut {cut}"), distance_mm }
 }

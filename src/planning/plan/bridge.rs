@@ -6,15 +6,17 @@ use nalgebra::Matrix3;
 use rayon::prelude::*;
 
 use super::parting::{Crossing, OUTSIDE, flood, for_each_neighbour, lattice, strides};
-use super::{PlanError, min_cut};
+use super::{Cut, PlanError, min_cut};
 use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{Point, ScalarGrid, Vector};
 
 /// A place where bone is left between the two sides of a cut.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Bridge {
     /// The cut.
     pub cut: usize,
+    /// How a message calls it.
+    pub label: String,
     /// A point of bone in the middle of the bridge, LPS mm.
     pub place: Point,
     /// Extent across its narrowest direction, mm.
@@ -27,11 +29,11 @@ pub struct Bridge {
 
 impl fmt::Display for Bridge {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { cut, place, width_mm, length_mm, area_mm2 } = self;
+        let Self { label, place, width_mm, length_mm, area_mm2, .. } = self;
         let (x, y, z) = (place.x, place.y, place.z);
         write!(
             f,
-            "a bridge of {width_mm:.0} mm by {length_mm:.0} mm ({area_mm2:.0} mm²) between the sides of cut {cut} near ({x:.1}, {y:.1}, {z:.1}) mm"
+            "a bridge of {width_mm:.0} mm by {length_mm:.0} mm ({area_mm2:.0} mm²) between the sides of {label} near ({x:.1}, {y:.1}, {z:.1}) mm"
         )
     }
 }
@@ -41,11 +43,11 @@ pub(super) fn not_parted(
     grid: &ScalarGrid,
     crossings: &[Crossing],
     blocked: &[u8],
-    n_cuts: usize,
+    cuts: &[Cut],
     control: &Control,
 ) -> Result<PlanError, Cancelled> {
     let of_cuts: Vec<Result<Vec<Bridge>, Cancelled>> =
-        (0..n_cuts).into_par_iter().map(|cut| of_cut(grid, crossings, blocked, cut, control)).collect();
+        (0..cuts.len()).into_par_iter().map(|cut| of_cut(grid, crossings, blocked, cuts, cut, control)).collect();
     let mut bridges: Vec<Bridge> = Vec::new();
     for of_cut in of_cuts {
         for found in of_cut? {
@@ -69,6 +71,7 @@ pub(super) fn of_cut(
     grid: &ScalarGrid,
     crossings: &[Crossing],
     blocked: &[u8],
+    cuts: &[Cut],
     cut: usize,
     control: &Control,
 ) -> Result<Vec<Bridge>, Cancelled> {
@@ -81,7 +84,7 @@ pub(super) fn of_cut(
         let pieces = flood(grid, blocked, control)?;
         let apart = front.iter().all(|f| back.iter().all(|b| pieces.label[*f] != pieces.label[*b]));
         let open = if apart { Vec::new() } else { meeting(grid, blocked, &front, &back) };
-        return Ok(bridges(grid, cut, open));
+        return Ok(bridges(grid, cuts, cut, open));
     };
     let mut open = Vec::new();
     for node in (0..reached.len()).filter(|n| reached[*n]) {
@@ -94,7 +97,7 @@ pub(super) fn of_cut(
     if open.len() * 10 > 9 * sawn {
         open = meeting(grid, blocked, &front, &back);
     }
-    Ok(bridges(grid, cut, open))
+    Ok(bridges(grid, cuts, cut, open))
 }
 
 /// Nodes in front of and behind a cut; those that would be both are neither.
@@ -162,16 +165,17 @@ fn meeting(grid: &ScalarGrid, blocked: &[u8], front: &[usize], back: &[usize]) -
     open
 }
 
-fn bridges(grid: &ScalarGrid, cut: usize, mut open: Vec<Open>) -> Vec<Bridge> {
+fn bridges(grid: &ScalarGrid, cuts: &[Cut], cut: usize, mut open: Vec<Open>) -> Vec<Bridge> {
     open.sort_unstable();
     open.dedup();
-    let mut found: Vec<Bridge> = patches(grid, &open).iter().map(|patch| measure(grid, cut, &open, patch)).collect();
+    let mut found: Vec<Bridge> =
+        patches(grid, &open).iter().map(|patch| measure(grid, (cut, cuts[cut].label(cut)), &open, patch)).collect();
     found.sort_by(|a, b| b.area_mm2.total_cmp(&a.area_mm2));
     found
 }
 
 /// Place and size of a patch of edges: each stands for a square across it.
-fn measure(grid: &ScalarGrid, cut: usize, open: &[Open], patch: &[usize]) -> Bridge {
+fn measure(grid: &ScalarGrid, (cut, label): (usize, String), open: &[Open], patch: &[usize]) -> Bridge {
     let h = grid.spacing;
     let middle = |e: &Open| {
         let [i, j, k] = lattice(grid, e.node);
@@ -197,7 +201,7 @@ fn measure(grid: &ScalarGrid, cut: usize, open: &[Open], patch: &[usize]) -> Bri
     let extent = |v: f64| (12.0 * v.max(0.0) + h * h).sqrt();
     let off = |p: &Point| (p - mean).norm_squared();
     let place = points.iter().copied().min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(mean);
-    Bridge { cut, place, width_mm: extent(variance[1]), length_mm: extent(variance[2]), area_mm2: area.norm() }
+    Bridge { cut, label, place, width_mm: extent(variance[1]), length_mm: extent(variance[2]), area_mm2: area.norm() }
 }
 
 /// Groups of edges that start within one step of each other in every direction, as indices; `open` is sorted by node.

@@ -1,16 +1,20 @@
 //! Cutting the bone's envelope into segments.
 
+use std::collections::{BTreeMap, BTreeSet};
+
 use super::blade::Blade;
 use super::parting::{Crossing, OUTSIDE, Pieces, Sets, blocked_edges, crossings, flood, lattice, strides};
 use super::separation::{Saw, Separation};
 use super::shape::{Cut, CutShape, Purpose};
-use super::{Bridge, PlanError, bridge, solid};
+use super::{Bridge, Miss, PlanError, bridge, solid};
 use prosopon_field::Envelope;
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Point, ScalarGrid, TriMesh};
 
-/// Pieces smaller than this are crumbs of the saw: dropped and reported.
+/// Pieces smaller than this are crumbs of the saw: they stay with a neighbour.
 const CRUMB_MM3: f64 = 100.0;
+/// A piece up to this size is one too if a saw's slot leaves less than a crumb of it; of a larger one that is a fault.
+const SAWN_CRUMB_MM3: f64 = 300.0;
 /// Segments whose volume over half their area is below this share of the grid's spacing lie between cuts that are one.
 const THINNEST: f64 = 0.2;
 
@@ -65,8 +69,8 @@ impl Osteotomy {
 /// The inside nodes of the envelope's grid are flooded over the grid edges that no cut crosses. Segment 0 is the largest
 /// piece of the largest part of the bone, together with the parts that were apart before (a free mandible, vertebrae) and
 /// that no cut divides or frees. All pieces of a divided part other than segment 0's get numbers from 1 by falling volume. A
-/// cut that ends inside bone leaves no mark where the bone on both sides still hangs together. Pieces below 100 mm³ are
-/// dropped with a warning. The slot of a saw is taken from the segments where they are apart.
+/// cut that ends inside bone leaves no mark where the bone on both sides still hangs together. Pieces below 100 mm³, and those of up
+/// to 300 mm³ of which a saw's slot leaves less, stay with the segment that they touch most, with a warning. The slot of a saw is taken from the segments where they are apart.
 ///
 /// # Accuracy
 /// Caps lie in planes, and in the slot's sides beside them, up to 1 % of the grid spacing; on curved cuts the error is of second
@@ -83,68 +87,124 @@ pub fn cut(bone: &Envelope, cuts: &[Cut], control: &Control) -> Result<Osteotomy
     }
     let blades = cuts.iter().enumerate().map(|(i, c)| Blade::new(i, c)).collect::<Result<Vec<_>, _>>()?;
     let crossings = crossings(grid, &blades, control)?;
-    for (cut, blade) in blades.iter().enumerate() {
-        if !matches!(blade, Blade::None) && !crossings.iter().any(|c| c.cut == cut && c.in_bone) {
+    let missed = blades
+        .iter()
+        .enumerate()
+        .filter(|(cut, blade)| !matches!(blade, Blade::None) && !crossings.iter().any(|c| c.cut == *cut && c.in_bone));
+    let missed_by: Vec<Miss> = missed
+        .map(|(cut, blade)| {
             let distances = blade.distances(bone.surface.positions());
-            let distance_mm = distances.into_iter().fold(f64::INFINITY, f64::min);
-            return Err(PlanError::MissesBone { cut, distance_mm });
-        }
+            Miss { cut, label: cuts[cut].label(cut), distance_mm: distances.into_iter().fold(f64::INFINITY, f64::min) }
+        })
+        .collect();
+    if !missed_by.is_empty() {
+        return Err(PlanError::MissesBone { missed_by });
     }
     control.report(0.1);
     let blocked = blocked_edges(grid, &crossings);
     let pieces = flood(grid, &blocked, control)?;
     let freed = freed(grid, &pieces, cuts);
-    let Some(choice) = assign(grid, &pieces, &crossings, &freed) else {
-        return Err(bridge::not_parted(grid, &crossings, &blocked, cuts.len(), control)?);
-    };
-    if let Some((cut, _)) = freed.iter().find(|(_, piece)| choice.segment[*piece] == Some(0)) {
-        let detail = "the bone there hangs together with the skull; cut it off first".to_owned();
-        return Err(PlanError::Value { what: format!("cuts[{cut}].free_part"), detail });
-    }
-    control.report(0.2);
-    let of_piece = |l: u32| if l == OUTSIDE { None } else { choice.segment[l as usize] };
-    let segments: Vec<u32> = pieces.label.iter().map(|l| of_piece(*l).unwrap_or(OUTSIDE)).collect();
-    let saws: Vec<Saw<'_>> = blades.iter().zip(cuts).map(|(blade, cut)| Saw { blade, kerf_mm: cut.kerf_mm }).collect();
-    let parting = Separation::new(grid, &segments, choice.n_segments, &crossings, &saws);
-    let mut warnings = choice.warnings;
-    let steps = strides(grid);
-    for cut in 0..cuts.len() {
-        let own = || crossings.iter().filter(|c| c.cut == cut && c.in_bone);
-        let apart = own().filter(|c| segments[c.node] != segments[c.node + steps[c.axis]]).count();
-        // Cuts reach beyond what they part; one that parts little of what it crosses was meant to do more.
-        // What separates joints and teeth may find them apart.
-        if cuts[cut].purpose == Purpose::Osteotomy && 4 * apart < own().count() {
-            let bridges = bridge::of_cut(grid, &crossings, &blocked, cut, control)?;
-            let places: Vec<String> = bridges.iter().take(5).map(Bridge::to_string).collect();
-            let share = 100 * apart / own().count().max(1);
-            let what = if apart == 0 { "nothing".to_owned() } else { format!("only {share} % of what it crosses") };
-            let left = if places.is_empty() { "crumbs".to_owned() } else { places.join("; ") };
-            warnings.push(format!("{} runs in bone but parts {what}: left are {left}", cuts[cut].label(cut)));
+    // Pieces of which a saw's slot leaves less than a crumb are found once they are made; then they are crumbs.
+    let mut small = BTreeSet::new();
+    loop {
+        let Some(choice) = assign(grid, &pieces, &crossings, (&freed, &small)) else {
+            return Err(bridge::not_parted(grid, &crossings, &blocked, cuts, control)?);
+        };
+        if let Some((cut, _)) = freed.iter().find(|(_, piece)| choice.segment[*piece] == Some(0)) {
+            let label = cuts[*cut].label(*cut);
+            let detail = format!("the bone at the point of {label} hangs together with the skull; cut it off first");
+            return Err(PlanError::Value { what: format!("cuts[{cut}].free_part"), detail });
+        }
+        control.report(0.2);
+        let parted = Parted { bone, cuts, blades: &blades, crossings: &crossings, blocked: &blocked, pieces: &pieces };
+        match parted.made(choice, control)? {
+            Made::Done(osteotomy) => return Ok(osteotomy),
+            Made::LeavesCrumbs(found) if found.is_subset(&small) => {
+                let detail = "leave crumbs however they are joined to their neighbours".to_owned();
+                return Err(PlanError::Value { what: "cuts".into(), detail });
+            }
+            Made::LeavesCrumbs(found) => small.extend(found),
         }
     }
-    let part = control.part(0.2, 1.0);
-    let found = solid::segments(grid, &segments, &parting, &part)?;
-    for segment in &found {
-        let thickness_mm = 2.0 * segment.volume_mm3 / segment.area_mm2;
-        if let [first, .., last] = *segment.bounded_by.as_slice()
-            && thickness_mm < THINNEST * grid.spacing
-        {
-            let detail = format!(
-                "leaves a sheet of {thickness_mm:.3} mm between itself and cut {first}: do they lie on one another?"
-            );
-            return Err(PlanError::Value { what: format!("cuts[{last}]"), detail });
+}
+
+/// What came of a choice of segments.
+enum Made {
+    Done(Osteotomy),
+    /// Pieces of which a saw's slot leaves a crumb.
+    LeavesCrumbs(BTreeSet<usize>),
+}
+
+/// Bone flooded up to the cuts.
+struct Parted<'a> {
+    bone: &'a Envelope,
+    cuts: &'a [Cut],
+    blades: &'a [Blade],
+    crossings: &'a [Crossing],
+    blocked: &'a [u8],
+    pieces: &'a Pieces,
+}
+
+impl Parted<'_> {
+    /// The segments of `choice`.
+    fn made(&self, choice: Choice, control: &Control) -> Result<Made, PlanError> {
+        let Self { bone, cuts, blades, crossings, blocked, pieces } = *self;
+        let grid = &bone.grid;
+        let of_piece = |l: u32| if l == OUTSIDE { None } else { choice.segment[l as usize] };
+        let segments: Vec<u32> = pieces.label.iter().map(|l| of_piece(*l).unwrap_or(OUTSIDE)).collect();
+        let saws: Vec<Saw<'_>> =
+            blades.iter().zip(cuts).map(|(blade, cut)| Saw { blade, kerf_mm: cut.kerf_mm }).collect();
+        let parting = Separation::new(grid, &segments, choice.n_segments, crossings, &saws);
+        let mut warnings = choice.warnings;
+        let steps = strides(grid);
+        for cut in 0..cuts.len() {
+            let own = || crossings.iter().filter(|c| c.cut == cut && c.in_bone);
+            let apart = own().filter(|c| segments[c.node] != segments[c.node + steps[c.axis]]).count();
+            // Cuts reach beyond what they part; one that parts little of what it crosses was meant to do more.
+            // What separates joints and teeth may find them apart.
+            if cuts[cut].purpose == Purpose::Osteotomy && 4 * apart < own().count() {
+                let bridges = bridge::of_cut(grid, crossings, blocked, cuts, cut, control)?;
+                let places: Vec<String> = bridges.iter().take(5).map(Bridge::to_string).collect();
+                let share = 100 * apart / own().count().max(1);
+                let what = if apart == 0 { "nothing".to_owned() } else { format!("only {share} % of what it crosses") };
+                let left = if places.is_empty() { "crumbs".to_owned() } else { places.join("; ") };
+                warnings.push(format!("{} runs in bone but parts {what}: left are {left}", cuts[cut].label(cut)));
+            }
         }
-    }
-    for (id, bounds) in parting.bounded_by.iter().enumerate() {
-        let left = found.iter().find(|s| s.id as usize == id).map_or(0.0, |s| s.volume_mm3);
-        let widest = bounds.iter().max_by(|a, b| cuts[**a].kerf_mm.total_cmp(&cuts[**b].kerf_mm));
-        if let Some(cut) = widest.filter(|c| cuts[**c].kerf_mm > 0.0 && left < CRUMB_MM3) {
-            let detail = format!("is {} mm: of segment {id} it leaves {left:.0} mm³", cuts[*cut].kerf_mm);
-            return Err(PlanError::Value { what: format!("cuts[{cut}].kerf_mm"), detail });
+        let part = control.part(0.2, 1.0);
+        let found = solid::segments(grid, &segments, &parting, &part)?;
+        for segment in &found {
+            let thickness_mm = 2.0 * segment.volume_mm3 / segment.area_mm2;
+            if let [first, .., last] = *segment.bounded_by.as_slice()
+                && thickness_mm < THINNEST * grid.spacing
+            {
+                let detail = format!(
+                    "leaves a sheet of {thickness_mm:.3} mm between itself and cut {first}: do they lie on one another?"
+                );
+                return Err(PlanError::Value { what: format!("cuts[{last}]"), detail });
+            }
         }
+        let mut crumbs = BTreeSet::new();
+        for (id, bounds) in parting.bounded_by.iter().enumerate() {
+            let left = found.iter().find(|s| s.id as usize == id).map_or(0.0, |s| s.volume_mm3);
+            let widest = bounds.iter().max_by(|a, b| cuts[**a].kerf_mm.total_cmp(&cuts[**b].kerf_mm));
+            if let Some(cut) = widest.filter(|c| cuts[**c].kerf_mm > 0.0 && left < CRUMB_MM3) {
+                let own: Vec<usize> =
+                    (0..pieces.size.len()).filter(|p| choice.segment[*p] == Some(id as u32)).collect();
+                let whole: f64 = own.iter().map(|p| pieces.size[*p] as f64 * grid.spacing.powi(3)).sum();
+                if whole > SAWN_CRUMB_MM3 {
+                    let detail = format!("is {} mm: of segment {id} it leaves {left:.0} mm³", cuts[*cut].kerf_mm);
+                    return Err(PlanError::Value { what: format!("cuts[{cut}].kerf_mm"), detail });
+                }
+                crumbs.extend(own);
+            }
+        }
+        if !crumbs.is_empty() {
+            return Ok(Made::LeavesCrumbs(crumbs));
+        }
+        let (bone_mm3, dropped_mm3) = (bone.surface.volume(), choice.dropped_mm3);
+        Ok(Made::Done(Osteotomy { cuts: cuts.to_vec(), segments: found, bone_mm3, dropped_mm3, warnings }))
     }
-    let (bone_mm3, dropped_mm3) = (bone.surface.volume(), choice.dropped_mm3);
-    Ok(Osteotomy { cuts: cuts.to_vec(), segments: found, bone_mm3, dropped_mm3, warnings })
 }
 
 /// Cuts that free a part, each with the piece at its point.
@@ -175,10 +235,18 @@ struct Choice {
 }
 
 /// `None` when no part of the bone falls into two pieces that are more than crumbs.
-fn assign(grid: &ScalarGrid, pieces: &Pieces, crossings: &[Crossing], freed: &[(usize, usize)]) -> Option<Choice> {
+///
+/// `small` pieces count as crumbs. A crumb joins the neighbour that it shares most of the cuts with.
+fn assign(
+    grid: &ScalarGrid,
+    pieces: &Pieces,
+    crossings: &[Crossing],
+    (freed, small): (&[(usize, usize)], &BTreeSet<usize>),
+) -> Option<Choice> {
     let n = pieces.size.len();
     let voxel = grid.spacing.powi(3);
     let volume = |piece: usize| pieces.size[piece] as f64 * voxel;
+    let is_crumb = |piece: usize| volume(piece) < CRUMB_MM3 || small.contains(&piece);
     let steps = strides(grid);
     let mut sets = Sets::new(n);
     for c in crossings.iter().filter(|c| c.in_bone) {
@@ -189,7 +257,7 @@ fn assign(grid: &ScalarGrid, pieces: &Pieces, crossings: &[Crossing], freed: &[(
     let mut solids = vec![0usize; n];
     for p in 0..n {
         part_size[part[p]] += pieces.size[p];
-        solids[part[p]] += usize::from(volume(p) >= CRUMB_MM3);
+        solids[part[p]] += usize::from(!is_crumb(p));
     }
     // The largest, and of equals the first.
     let largest = |sizes: &[usize], of: &mut dyn Iterator<Item = usize>| {
@@ -200,7 +268,7 @@ fn assign(grid: &ScalarGrid, pieces: &Pieces, crossings: &[Crossing], freed: &[(
 
     let divided = |p: usize| solids[part[p]] >= 2;
     let comes_off = |p: usize| divided(p) || freed.iter().any(|(_, piece)| *piece == p);
-    let mut movable: Vec<usize> = (0..n).filter(|p| *p != stays && comes_off(*p) && volume(*p) >= CRUMB_MM3).collect();
+    let mut movable: Vec<usize> = (0..n).filter(|p| *p != stays && comes_off(*p) && !is_crumb(*p)).collect();
     if movable.is_empty() {
         return None;
     }
@@ -209,21 +277,38 @@ fn assign(grid: &ScalarGrid, pieces: &Pieces, crossings: &[Crossing], freed: &[(
     for (i, p) in movable.iter().enumerate() {
         segment[*p] = Some(i as u32 + 1);
     }
-    let crumbs: Vec<usize> = (0..n).filter(|p| divided(*p) && volume(*p) < CRUMB_MM3).collect();
-    for p in &crumbs {
-        segment[*p] = None;
+    let mut crumbs: Vec<usize> = (0..n).filter(|p| divided(*p) && is_crumb(*p)).collect();
+    crumbs.sort_by_key(|p| std::cmp::Reverse(pieces.size[*p]));
+    crumbs.iter().for_each(|p| segment[*p] = None);
+    let mut shared: BTreeMap<(usize, usize), usize> = BTreeMap::new();
+    for c in crossings.iter().filter(|c| c.in_bone) {
+        let [a, b] = [pieces.label[c.node], pieces.label[c.node + steps[c.axis]]].map(|l| l as usize);
+        for pair in [(a, b), (b, a)].into_iter().filter(|_| a != b) {
+            *shared.entry(pair).or_default() += 1;
+        }
     }
+    // Crumbs of crumbs come to their neighbours in a later round.
+    for _ in 0..crumbs.len() {
+        for crumb in crumbs.iter().copied() {
+            let beside = shared.range((crumb, 0)..(crumb + 1, 0)).filter(|((_, other), _)| segment[*other].is_some());
+            let most = beside.max_by_key(|((_, other), faces)| (**faces, std::cmp::Reverse(*other)));
+            if let (None, Some(((_, other), _))) = (segment[crumb], most) {
+                segment[crumb] = segment[*other];
+            }
+        }
+    }
+    let lost = crumbs.iter().filter(|p| segment[**p].is_none());
     // An empty sum is -0.
-    let dropped_mm3 = crumbs.iter().map(|p| volume(*p)).sum::<f64>() + 0.0;
+    let dropped_mm3 = lost.map(|p| volume(*p)).sum::<f64>() + 0.0;
     let mut warnings = Vec::new();
-    if let Some(widest) = largest(&pieces.size, &mut crumbs.iter().copied()) {
+    if let Some(widest) = crumbs.first().copied() {
         let first = pieces.label.iter().position(|l| *l as usize == widest).unwrap_or(0);
         let [i, j, k] = lattice(grid, first);
         let at = grid.position(i, j, k);
         warnings.push(format!(
-            "{} crumbs of {:.0} mm³ together were dropped at the cuts, the largest of {:.0} mm³ near ({:.0}, {:.0}, {:.0}) mm",
+            "{} crumbs of {:.0} mm³ together stay with the segments that they touch most, the largest of {:.0} mm³ near ({:.0}, {:.0}, {:.0}) mm",
             crumbs.len(),
-            dropped_mm3,
+            crumbs.iter().map(|p| volume(*p)).sum::<f64>(),
             volume(widest),
             at.x,
             at.y,

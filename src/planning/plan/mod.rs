@@ -37,13 +37,11 @@ use prosopon_geometry::control::Cancelled;
 /// Why a cut or a path is not usable.
 #[derive(Debug, thiserror::Error)]
 pub enum PlanError {
-    /// A cut does not touch bone.
-    #[error("cut {cut} {}", missed(*distance_mm))]
+    /// Cuts do not touch bone.
+    #[error("{}", missed(missed_by))]
     MissesBone {
-        /// Index of the cut.
-        cut: usize,
-        /// Distance from the cut to the bone, mm.
-        distance_mm: f64,
+        /// Every such cut.
+        missed_by: Vec<Miss>,
     },
     /// The cuts leave the bone in one piece.
     #[error("the cuts do not part the bone: {}", told(bridges))]
@@ -72,12 +70,26 @@ pub enum PlanError {
     Cancelled(#[from] Cancelled),
 }
 
-/// How far a cut is from the bone in words.
-fn missed(distance_mm: f64) -> String {
-    if distance_mm < 0.05 {
-        return "touches the bone's surface and goes through none of it".to_owned();
-    }
-    format!("misses the bone: its nearest point of the cut is {distance_mm:.1} mm away")
+/// A cut that touches no bone.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Miss {
+    /// Index of the cut.
+    pub cut: usize,
+    /// How a message calls it.
+    pub label: String,
+    /// Distance from the cut to the bone, mm.
+    pub distance_mm: f64,
+}
+
+/// How far cuts are from the bone in words.
+fn missed(missed_by: &[Miss]) -> String {
+    let one = |Miss { label, distance_mm, .. }: &Miss| {
+        if *distance_mm < 0.05 {
+            return format!("{label} touches the bone's surface and goes through none of it");
+        }
+        format!("{label} misses the bone: its nearest point of the cut is {distance_mm:.1} mm away")
+    };
+    missed_by.iter().map(one).collect::<Vec<_>>().join("; ")
 }
 
 /// Every bridge in words.

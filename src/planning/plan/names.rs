@@ -1,16 +1,21 @@
 //! Suggested names of segments.
 
-use super::{Landmarks, Osteotomy, Segment};
+use super::{CutShape, Landmarks, Osteotomy, Segment};
 
 /// Farther than this from the midline a segment is of one side, mm.
 const ASIDE_MM: f64 = 18.0;
 
 /// Names the segments by where they lie and which template's cuts bound them. Of several that would have one name the largest
-/// gets it, the others get it with a number. Without landmarks the midline is the middle of the bone, and what only the occlusal
-/// plane tells is left without a name.
+/// gets it, the others get it with a number. Without landmarks the midline is the middle of the bone, and the occlusal plane that of the cut
+/// called `occlusal`; what only it tells is else left without a name.
 pub fn name_segments(osteotomy: &mut Osteotomy, landmarks: &Landmarks) {
     let middle = osteotomy.segments.first().map_or(0.0, |s| s.surface.bounds().center().x);
     let midline = landmarks.midline_x_mm.unwrap_or(middle);
+    let of_cut = osteotomy.cuts.iter().find_map(|c| match &c.shape {
+        CutShape::Plane(plane) if c.name.as_deref() == Some("occlusal") => Some(plane.point.z),
+        CutShape::Plane(_) | CutShape::Polyline { .. } | CutShape::Surface(_) | CutShape::FreePart(_) => None,
+    });
+    let occlusal = landmarks.occlusal_z_mm.or(of_cut);
     let cuts: Vec<String> = osteotomy.cuts.iter().map(|c| c.name.clone().unwrap_or_default()).collect();
     let top_of_chin = osteotomy
         .segments
@@ -24,7 +29,7 @@ pub fn name_segments(osteotomy: &mut Osteotomy, landmarks: &Landmarks) {
         let name = match segment.id {
             0 => Some("skull".to_owned()),
             id if Some(id) == top_of_chin => Some("chin".to_owned()),
-            _ => name(segment, &cuts, midline, landmarks),
+            _ => name(segment, &cuts, midline, occlusal),
         };
         segment.name = name.map(|name| match taken.iter_mut().find(|(n, _)| *n == name) {
             Some((_, count)) => {
@@ -39,12 +44,14 @@ pub fn name_segments(osteotomy: &mut Osteotomy, landmarks: &Landmarks) {
     }
 }
 
-fn name(segment: &Segment, cuts: &[String], midline: f64, landmarks: &Landmarks) -> Option<String> {
+fn name(segment: &Segment, cuts: &[String], midline: f64, occlusal: Option<f64>) -> Option<String> {
     let bounded = |start: &str| segment.bounded_by.iter().any(|c| cuts[*c].starts_with(start));
     let off = segment.centroid.x - midline;
     let side = if off > 0.0 { "left" } else { "right" };
-    let is_upper = landmarks.occlusal_z_mm.map(|z| segment.centroid.z > z);
-    let split = bounded("bsso_");
+    let is_upper = occlusal.map(|z| segment.centroid.z > z);
+    // A split may run up to the upper jaw where teeth or streaks hang the jaws together.
+    let is_maxilla = is_upper == Some(true) && bounded("le_fort_1") && off.abs() < ASIDE_MM;
+    let split = bounded("bsso_") && !is_maxilla;
     if split || is_upper == Some(false) {
         let aside = off.abs() > ASIDE_MM;
         if split && aside {

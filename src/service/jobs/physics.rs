@@ -4,7 +4,7 @@ use serde_json::{Map, Value};
 use prosopon_session::{
     D1ReadingName, LockingName, PresetName, SkinElementName, TissueLawsDocument, UnstableMaterialName,
 };
-use prosopon_tissue::fem::{Model, SkinElement, SolveSettings};
+use prosopon_tissue::fem::{Model, SolveSettings};
 
 /// Mechanical model, as asked for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -99,11 +99,7 @@ impl From<&PhysicsRecord> for SolveSettings {
     fn from(r: &PhysicsRecord) -> Self {
         let materials = r.materials.over(r.preset.materials(r.d1_reading));
         let mut settings = Self::new(r.model.into(), materials);
-        settings.skin_element = match (r.skin_element, r.model) {
-            (Some(name), _) => name.into(),
-            (None, SolveModel::Linear | SolveModel::MassTensor) => SkinElement::Wedge,
-            (None, SolveModel::Nonlinear | SolveModel::Mixed) => SkinElement::of(settings.model),
-        };
+        settings.skin_element = r.skin_element.map_or(settings.skin_element, Into::into);
         settings.locking = r.locking.map_or(settings.locking, Into::into);
         settings.relative_residual = r.relative_residual.unwrap_or(settings.relative_residual);
         settings.penetration_tolerance_mm = r.penetration_tolerance_mm.unwrap_or(settings.penetration_tolerance_mm);

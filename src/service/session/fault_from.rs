@@ -6,7 +6,7 @@ use super::fault::{Fault, FaultKind, FieldFault, Halt};
 use prosopon_field::FieldError;
 use prosopon_formats::import::ImportError;
 use prosopon_planning::evaluate::{EvaluateError, RegistrationFault};
-use prosopon_planning::plan::{Bridge, PlanError};
+use prosopon_planning::plan::{Bridge, Miss, PlanError};
 use prosopon_planning::simulate::SimulateError;
 use prosopon_planning::surface::SurfaceError;
 use prosopon_store::StoreError;
@@ -150,11 +150,15 @@ impl From<PlanError> for Halt {
         let detail = error.to_string();
         match error {
             PlanError::Cancelled(_) => return Self::Cancelled,
-            PlanError::MissesBone { cut, distance_mm } => {
-                let mut fault = Fault::new(FaultKind::CutMissesBone, detail.clone())
-                    .with("cut", cut)
-                    .with("distance_mm", distance_mm);
-                fault.errors.push(FieldFault::new(format!("/cuts/{cut}"), detail));
+            PlanError::MissesBone { missed_by } => {
+                let first = missed_by.first();
+                let mut fault = Fault::new(FaultKind::CutMissesBone, detail)
+                    .with("cut", first.map(|m| m.cut))
+                    .with("distance_mm", first.map(|m| m.distance_mm));
+                let of = |m: &Miss| {
+                    FieldFault::new(format!("/cuts/{}", m.cut), format!("misses the bone by {:.1} mm", m.distance_mm))
+                };
+                fault.errors = missed_by.iter().map(of).collect();
                 fault
             }
             PlanError::NotParted { bridges } => {
@@ -338,7 +342,12 @@ mod tests {
 
     #[test]
     fn a_missing_cut_says_which_and_how_far() {
-        let Halt::Fault(fault) = PlanError::MissesBone { cut: 1, distance_mm: 4.0 }.into() else { unreachable!() };
+        let Halt::Fault(fault) =
+            PlanError::MissesBone { missed_by: vec![Miss { cut: 1, label: "cut 1".to_owned(), distance_mm: 4.0 }] }
+                .into()
+        else {
+            unreachable!()
+        };
         assert_eq!(fault.errors[0].pointer, "/cuts/1");
         assert_eq!(fault.facts["distance_mm"], 4.0);
     }

@@ -42,12 +42,13 @@ pub enum SkinElement {
 }
 
 impl SkinElement {
-    /// The skin element that a model is named for.
+    /// The skin element that a model has where nothing else is asked for, at every door. (The paper's linear model has tetrahedra; wedges lock less.)
     #[must_use]
     pub fn of(model: Model) -> Self {
         match model {
             Model::Mixed => Self::C1Prism,
-            Model::Linear | Model::MassTensor | Model::Nonlinear => Self::Tetrahedron,
+            Model::Linear | Model::MassTensor => Self::Wedge,
+            Model::Nonlinear => Self::Tetrahedron,
         }
     }
 }

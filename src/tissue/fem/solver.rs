@@ -49,6 +49,11 @@ const LEAST_PASSAGE_MM: f64 = 0.25;
 /// Times that a substep is solved again without contact at points that would have come to the other side of bone.
 const MAX_RELEASES: usize = 6;
 
+/// Iterations in vain, and shortened substeps, after which a step is given up: where it gets on so slowly it seldom gets there, and the caller is
+/// better served by the reason than by waiting.
+const MAX_IN_VAIN: usize = 90;
+const MAX_HALVINGS: usize = 24;
+
 /// Share of its volume below which an element is warned of: soft tissue is nearly incompressible.
 const SQUEEZED: f64 = 0.3;
 
@@ -152,6 +157,7 @@ impl<'a> Solver<'a> {
             let length = self.limit_contact_motion(wanted, remaining.signum(), motions);
             let goal =
                 if length >= remaining.abs() * (1.0 - 1e-9) { t } else { self.state.t + length * remaining.signum() };
+            let before = self.equations.records.len();
             match self.substep_to(goal, motions, control) {
                 Ok(found) => {
                     report.substeps += 1;
@@ -170,8 +176,10 @@ impl<'a> Solver<'a> {
                 Err(Failure::Cancelled) => return Err(prosopon_geometry::control::Cancelled.into()),
                 Err(failure) => {
                     report.halvings += 1;
+                    report.in_vain += self.equations.records.len() - before;
                     self.substep = 0.5 * length;
-                    if self.substep < self.settings.min_substep || length == 0.0 {
+                    let is_spent = report.in_vain > MAX_IN_VAIN || report.halvings > MAX_HALVINGS;
+                    if self.substep < self.settings.min_substep || length == 0.0 || is_spent {
                         if self.stabilise(goal) {
                             self.substep = length;
                             continue;
@@ -449,6 +457,8 @@ struct Progress {
     substeps: usize,
     iterations: usize,
     halvings: usize,
+    /// Iterations of substeps that came to nothing.
+    in_vain: usize,
 }
 
 /// The deeper of two, with the points of both.

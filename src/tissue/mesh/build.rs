@@ -26,6 +26,8 @@ const PASSES: usize = 4;
 /// Meshes the tissue by lattice-based isosurface stuffing; all inner boundary nodes that face bone start as [`Attachment::Sliding`](super::Attachment::Sliding),
 /// cut faces of the region as [`Attachment::Fixed`](super::Attachment::Fixed), all else as [`Attachment::Free`](super::Attachment::Free).
 ///
+/// Where elements stay inverted, other lattices are tried, of slightly shorter edges; the report then says so.
+///
 /// # Errors
 /// [`MeshError`]; a mesh that is handed out has no inverted element.
 ///
@@ -37,6 +39,38 @@ pub fn build(
     control: &Control,
 ) -> Result<(MixedMesh, MeshReport), MeshError> {
     settings.check()?;
+    let mut first = None;
+    for share in EDGE_SHARES {
+        let tried = MeshSettings { edge_mm: share * settings.edge_mm, ..settings.clone() };
+        match build_once(domain, &tried, control) {
+            Err(error @ MeshError::Inverted { .. }) => {
+                first.get_or_insert(error);
+            }
+            Ok((mesh, mut report)) => {
+                if let Some(error) = &first {
+                    report.warnings.push(format!(
+                        "with edges of {} mm {error}; the mesh has edges of {:.2} mm instead",
+                        settings.edge_mm, tried.edge_mm
+                    ));
+                }
+                return Ok((mesh, report));
+            }
+            // Shorter edges may be too many.
+            Err(MeshError::TooLarge { .. }) if first.is_some() => break,
+            Err(error) => return Err(error),
+        }
+    }
+    Err(first.unwrap_or(MeshError::NoTissue))
+}
+
+/// Edges that are tried one after the other, as shares of what was asked for.
+const EDGE_SHARES: [f64; 4] = [1.0, 0.97, 0.93, 0.88];
+
+fn build_once(
+    domain: &Domain<'_>,
+    settings: &MeshSettings,
+    control: &Control,
+) -> Result<(MixedMesh, MeshReport), MeshError> {
     let plain = InnerTissue::new(domain, settings);
     let mut warnings = Vec::new();
     let lattice = lattice_over(&plain, settings.edge_mm)?;

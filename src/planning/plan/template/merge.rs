@@ -81,7 +81,12 @@ impl TemplateCuts {
     #[must_use]
     pub fn ranges(&self) -> Vec<String> {
         let range = |(template, saws): &(Template, Vec<usize>)| {
-            Some(format!("{} to {} are of {}", saws.first()?, saws.last()?, template.name()))
+            let (first, last, name) = (saws.first()?, saws.last()?, template.name());
+            Some(if first == last {
+                format!("cut {first} is of {name}")
+            } else {
+                format!("cuts {first} to {last} are of {name}")
+            })
         };
         self.saws.iter().filter_map(range).collect()
     }
@@ -101,6 +106,7 @@ impl TemplateCuts {
                 )
             })
             .collect();
+        warnings.extend(self.steps());
         if !self.proposed.is_empty() {
             let names: Vec<&str> = self.proposed.iter().map(String::as_str).collect();
             warnings.push(format!(
@@ -109,6 +115,31 @@ impl TemplateCuts {
             ));
         }
         warnings
+    }
+}
+
+impl TemplateCuts {
+    /// What to tell of a Le Fort I cut whose sides lie lower than its middle.
+    fn steps(&self) -> Option<String> {
+        let level = |c: &Cut| {
+            let CutShape::Plane(p) = &c.shape else { return None };
+            let name = c.name.as_deref().filter(|name| name.starts_with("le_fort_1"))?;
+            (p.normal.z.abs() > 0.7).then(|| (name.to_owned(), p.point.z))
+        };
+        let levels: Vec<(String, f64)> = self.cuts.iter().filter_map(level).collect();
+        let (_, middle) = levels.iter().find(|(name, _)| name == "le_fort_1")?;
+        let sides: Vec<String> = levels
+            .iter()
+            .filter(|(_, z)| (z - middle).abs() > 0.5)
+            .map(|(name, z)| format!("{} at z = {z:.0} mm", name.trim_start_matches("le_fort_1_")))
+            .collect();
+        (!sides.is_empty()).then(|| {
+            format!(
+                "the Le Fort I cut steps down beside the nose so that it stays below the cheek bones: its middle lies at z = {middle:.0} mm, its sides {}; \
+                 moving the plane up moves the middle alone",
+                sides.join(", ")
+            )
+        })
     }
 }
 

@@ -41,6 +41,8 @@ pub(super) fn compile(i: &Ingredients<'_>) -> Result<ReportDocument, Fault> {
     warnings.extend(i.mesh.iter().flat_map(|mesh| mesh.warnings.iter().cloned()));
     warnings.extend(step_warnings(&steps, i.told));
     warnings.extend(error.iter().flat_map(|e| e.warnings.iter().map(|w| format!("error map: {w}"))));
+    let unconfirmed_landmarks = unconfirmed(i.parts)?;
+    warnings.extend(unconfirmed_warning(&unconfirmed_landmarks));
     Ok(ReportDocument {
         format_version: 1,
         version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -62,7 +64,19 @@ pub(super) fn compile(i: &Ingredients<'_>) -> Result<ReportDocument, Fault> {
         regions: i.outcome.regions.iter().map(|r| (r.name.to_owned(), r.into())).collect(),
         error,
         regions_from_landmarks: i.regions_from_landmarks,
+        unconfirmed_landmarks,
         warnings,
+    })
+}
+
+/// Landmarks of the session that are still proposals.
+fn unconfirmed(parts: &SessionParts) -> Result<Vec<String>, Fault> {
+    Ok(parts.landmarks()?.map(|landmarks| landmarks.proposed).unwrap_or_default())
+}
+
+fn unconfirmed_warning(names: &[String]) -> Option<String> {
+    (!names.is_empty()).then(|| {
+        format!("landmarks were proposed and no person has confirmed them: {}; what is measured by them is as good as they are", names.join(", "))
     })
 }
 

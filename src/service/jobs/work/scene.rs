@@ -156,6 +156,7 @@ async fn report(
         regions: BTreeMap::new(),
         error: None,
         regions_from_landmarks: false,
+        unconfirmed_landmarks: Vec::new(),
         warnings,
     })
 }

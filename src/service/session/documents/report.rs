@@ -84,6 +84,9 @@ pub struct ReportDocument {
     pub error: Option<ErrorDocument>,
     /// Whether landmarks placed the regions of the face (else the proportions of the skin did).
     pub regions_from_landmarks: bool,
+    /// Landmarks and planes of the session that were proposed and that no person has confirmed.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub unconfirmed_landmarks: Vec<String>,
     /// What a reader should know.
     pub warnings: Vec<String>,
 }

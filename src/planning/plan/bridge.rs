@@ -110,6 +110,11 @@ fn sides(grid: &ScalarGrid, crossings: &[Crossing], cut: usize) -> [Vec<usize>; 
         sides[0].push(front);
         sides[1].push(back);
     }
+    only_one_side(sides)
+}
+
+/// Sorted, and without the nodes that are on both sides.
+pub(super) fn only_one_side(mut sides: [Vec<usize>; 2]) -> [Vec<usize>; 2] {
     for side in &mut sides {
         side.sort_unstable();
         side.dedup();
@@ -121,13 +126,13 @@ fn sides(grid: &ScalarGrid, crossings: &[Crossing], cut: usize) -> [Vec<usize>; 
 
 /// An open edge that would part the bone: its start, axis, and whether its start is on the front side.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-struct Open {
-    node: usize,
-    axis: usize,
-    forward: bool,
+pub(super) struct Open {
+    pub(super) node: usize,
+    pub(super) axis: usize,
+    pub(super) forward: bool,
 }
 
-fn edge(grid: &ScalarGrid, front: usize, back: usize) -> Open {
+pub(super) fn edge(grid: &ScalarGrid, front: usize, back: usize) -> Open {
     let (node, far) = (front.min(back), front.max(back));
     let axis = strides(grid).iter().position(|s| node + s == far).unwrap_or(0);
     Open { node, axis, forward: node == front }
@@ -165,7 +170,8 @@ fn meeting(grid: &ScalarGrid, blocked: &[u8], front: &[usize], back: &[usize]) -
     open
 }
 
-fn bridges(grid: &ScalarGrid, cuts: &[Cut], cut: usize, mut open: Vec<Open>) -> Vec<Bridge> {
+/// The patches that open edges of one cut form, the largest first.
+pub(super) fn bridges(grid: &ScalarGrid, cuts: &[Cut], cut: usize, mut open: Vec<Open>) -> Vec<Bridge> {
     open.sort_unstable();
     open.dedup();
     let mut found: Vec<Bridge> =

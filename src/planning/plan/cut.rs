@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::blade::Blade;
+use super::complete::complete;
 use super::parting::{Crossing, OUTSIDE, Pieces, Sets, blocked_edges, crossings, flood, lattice, strides};
 use super::separation::{Saw, Separation};
 use super::shape::{Cut, CutShape, Purpose};
@@ -86,7 +87,7 @@ pub fn cut(bone: &Envelope, cuts: &[Cut], control: &Control) -> Result<Osteotomy
         return Err(PlanError::Value { what: "cuts".into(), detail: "are missing; at least one is needed".into() });
     }
     let blades = cuts.iter().enumerate().map(|(i, c)| Blade::new(i, c)).collect::<Result<Vec<_>, _>>()?;
-    let crossings = crossings(grid, &blades, control)?;
+    let mut crossings = crossings(grid, &blades, control)?;
     let missed = blades
         .iter()
         .enumerate()
@@ -101,13 +102,23 @@ pub fn cut(bone: &Envelope, cuts: &[Cut], control: &Control) -> Result<Osteotomy
         return Err(PlanError::MissesBone { missed_by });
     }
     control.report(0.1);
-    let blocked = blocked_edges(grid, &crossings);
-    let pieces = flood(grid, &blocked, control)?;
+    let mut blocked = blocked_edges(grid, &crossings);
+    let mut pieces = flood(grid, &blocked, control)?;
+    let completion = complete(grid, &crossings, &blocked, &pieces, cuts, control)?;
+    let parted_too = completion.map(|c| {
+        crossings.extend(c.crossings);
+        crossings.sort_by_key(|c| (c.node, c.axis, c.cut));
+        c.warning
+    });
+    if parted_too.is_some() {
+        blocked = blocked_edges(grid, &crossings);
+        pieces = flood(grid, &blocked, control)?;
+    }
     let freed = freed(grid, &pieces, cuts);
     // Pieces of which a saw's slot leaves less than a crumb are found once they are made; then they are crumbs.
     let mut small = BTreeSet::new();
     loop {
-        let Some(choice) = assign(grid, &pieces, &crossings, (&freed, &small)) else {
+        let Some(mut choice) = assign(grid, &pieces, &crossings, (&freed, &small)) else {
             return Err(bridge::not_parted(grid, &crossings, &blocked, cuts, control)?);
         };
         if let Some((cut, _)) = freed.iter().find(|(_, piece)| choice.segment[*piece] == Some(0)) {
@@ -116,6 +127,7 @@ pub fn cut(bone: &Envelope, cuts: &[Cut], control: &Control) -> Result<Osteotomy
             return Err(PlanError::Value { what: format!("cuts[{cut}].free_part"), detail });
         }
         control.report(0.2);
+        choice.warnings.extend(parted_too.clone());
         let parted = Parted { bone, cuts, blades: &blades, crossings: &crossings, blocked: &blocked, pieces: &pieces };
         match parted.made(choice, control)? {
             Made::Done(osteotomy) => return Ok(osteotomy),

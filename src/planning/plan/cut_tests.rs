@@ -180,3 +180,37 @@ fn a_part_that_was_apart_is_freed_at_a_point_and_a_joined_one_is_not() {
         other => panic!("{other:?}"),
     }
 }
+
+/// Two blocks over one another that touch over a fifth of their width, and over a thin column far from there; a separation parts only the first.
+#[test]
+fn what_separations_leave_is_parted_where_it_is_thin_and_named() {
+    let of = |half_mm: f64| {
+        let distance = move |p: &Point| {
+            let skull = box_distance(p, [-20.0, -10.0, 20.0], [20.0, 10.0, 40.0]);
+            let jaw = box_distance(p, [-20.0, -10.0, 0.0], [20.0, 10.0, 14.0]);
+            let joint = box_distance(p, [-20.0, -4.0, 10.0], [-12.0, 4.0, 24.0]);
+            let streak = box_distance(p, [8.0, -half_mm, 10.0], [16.0, half_mm, 24.0]);
+            skull.min(jaw).min(joint).min(streak)
+        };
+        bone([-20.0, -10.0, 0.0], [20.0, 10.0, 40.0], 1.0, distance)
+    };
+    let plane = BoundedPlane {
+        point: Point::new(-16.0, 0.0, 17.2),
+        normal: Vector::z(),
+        bounds: Some((Vector::x(), 8.0, 8.0)),
+    };
+    let joint = Cut::from(plane).named("joint").parting(Point::new(0.0, 0.0, -100.0));
+    let cuts = [joint.clone(), CutShape::FreePart(Point::new(0.0, 0.0, 4.0)).into()];
+    let done = run_all(&of(2.0), &cuts).unwrap();
+    check(&of(2.0), &done);
+    assert_eq!(done.segments.len(), 2);
+    // 40 x 20 x 14 mm, 3.2 mm of the joint's 64 mm² and up to 6 mm of the streak's 32.
+    let jaw_mm3 = done.segments[1].volume_mm3;
+    assert!((11_350.0..11_650.0).contains(&jaw_mm3), "{jaw_mm3}");
+    let warning = done.warnings.first().unwrap();
+    assert!(warning.contains("bridges of 32 mm²") && warning.contains("near (12"), "{warning}");
+    // As wide as the neck of a condyle it is no bridge any more, and a cut that does not say what it frees leaves all.
+    assert!(matches!(run_all(&of(6.0), &cuts), Err(PlanError::Value { .. } | PlanError::NotParted { .. })));
+    let plain = [Cut { part: None, ..joint }, cuts[1].clone()];
+    assert!(matches!(run_all(&of(2.0), &plain), Err(PlanError::Value { .. } | PlanError::NotParted { .. })));
+}

@@ -6,6 +6,7 @@ mod autorotate;
 mod blade;
 mod bridge;
 mod clearance;
+mod complete;
 mod cut;
 mod cut_faces;
 mod follow;

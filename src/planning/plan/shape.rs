@@ -62,6 +62,9 @@ pub struct Cut {
     pub name: Option<String>,
     /// Why it is made.
     pub purpose: Purpose,
+    /// A point on the side of the bone that a separation tells apart, LPS mm, however far away: bridges that all such cuts together leave
+    /// between their two sides are parted too, where they are thin. `None`: what is left stays.
+    pub part: Option<Point>,
 }
 
 impl Cut {
@@ -74,7 +77,7 @@ impl Cut {
 
 impl From<CutShape> for Cut {
     fn from(shape: CutShape) -> Self {
-        Self { shape, kerf_mm: 0.0, name: None, purpose: Purpose::Osteotomy }
+        Self { shape, kerf_mm: 0.0, name: None, purpose: Purpose::Osteotomy, part: None }
     }
 }
 
@@ -95,6 +98,12 @@ impl Cut {
     #[must_use]
     pub fn separating(self) -> Self {
         Self { purpose: Purpose::Separation, ..self }
+    }
+
+    /// The same cut, which only tells the bone on the side of `part` apart from what touches it, also where it leaves a bridge.
+    #[must_use]
+    pub fn parting(self, part: Point) -> Self {
+        Self { part: Some(part), ..self.separating() }
     }
 
     /// The cut as triangles, oriented alike where its surface allows it; an endless plane over `reach` mm around `centre`.

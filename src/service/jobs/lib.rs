@@ -6,6 +6,7 @@
 
 mod cpu_pool;
 mod feed;
+mod forecast;
 mod frame;
 mod health;
 mod janitor;

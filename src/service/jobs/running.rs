@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 
 use tracing::Span;
 
+use super::forecast::Forecast;
 use prosopon_geometry::control::Control;
 use prosopon_store::{JobId, JobRecord, Lane, SessionId};
 
@@ -103,6 +104,7 @@ pub(super) struct Running {
     /// The job's span, and that of its present stage.
     span: Span,
     stage_span: Mutex<Span>,
+    forecast: Mutex<Forecast>,
     /// When it was first seen that it should stop.
     stop_seen: OnceLock<Instant>,
 }
@@ -125,11 +127,13 @@ impl Running {
             stages: Mutex::new(vec![(Phase::Reading, Instant::now())]),
             span: Span::current(),
             stage_span: Mutex::new(stage_span(&Span::current(), Phase::Reading)),
+            forecast: Mutex::new(Forecast::new(seconds())),
             stop_seen: OnceLock::new(),
         }
     }
 
     pub(super) fn set_phase(&self, phase: Phase) {
+        self.forecast().begin_stage(seconds(), self.control.progress());
         self.phase.store(phase as u8, Ordering::Relaxed);
         self.stages.lock().unwrap_or_else(PoisonError::into_inner).push((phase, Instant::now()));
         *self.stage_span.lock().unwrap_or_else(PoisonError::into_inner) = stage_span(&self.span, phase);
@@ -207,10 +211,14 @@ impl Running {
         self.stop_seen.get_or_init(Instant::now).elapsed()
     }
 
-    /// Time left when the rest goes as the part that is done, s; none before there is something to go by.
+    /// Time left, s; none before there is something to go by. To be asked every second or so: that is how the progress is noted.
     pub(super) fn eta_s(&self) -> Option<f64> {
-        let done = self.control.progress();
-        let elapsed = self.started.elapsed().as_secs_f64();
-        (done > 0.03).then(|| elapsed * (1.0 - done) / done)
+        let mut forecast = self.forecast();
+        forecast.see(seconds(), self.control.progress());
+        forecast.left_s(seconds())
+    }
+
+    fn forecast(&self) -> std::sync::MutexGuard<'_, Forecast> {
+        self.forecast.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

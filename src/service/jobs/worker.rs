@@ -377,12 +377,12 @@ async fn tell_progress(service: &Service, job: &JobRecord, running: &Running) ->
     loop {
         tokio::time::sleep(PROGRESS_EVERY).await;
         service.beats.beat(running.worker);
-        let (phase, progress) = (running.phase().as_str(), running.control.progress());
+        let (phase, progress, eta_s) = (running.phase().as_str(), running.control.progress(), running.eta_s());
         if phase == last.0 && progress - last.1 < 0.01 {
             continue;
         }
         last = (phase, progress);
-        let event = serde_json::json!({ "phase": phase, "progress": progress, "eta_s": running.eta_s() });
+        let event = serde_json::json!({ "phase": phase, "progress": progress, "eta_s": eta_s });
         match service.store.record_progress(job, phase, progress, &event.to_string()).await {
             Ok(true) => service.announce(),
             // It was deleted; the work sees that at its next write, until then the scheduler waits for it and is not wedged.

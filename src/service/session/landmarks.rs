@@ -39,6 +39,9 @@ pub struct LandmarksDocument {
     /// `le_fort_1_plane`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub proposed: Vec<String>,
+    /// How far proposed points may be off, mm, by name: as measured on heads with known landmarks, more where the two sides of the head disagree.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub proposed_within_mm: BTreeMap<String, f64>,
 }
 
 impl From<&LandmarksDocument> for Landmarks {
@@ -57,7 +60,10 @@ impl LandmarksDocument {
     #[must_use]
     pub fn with_proposals(mut self, proposal: &Proposal) -> Self {
         let mut landmarks = Landmarks::from(&self);
-        self.proposed.extend(proposal.fill(&mut landmarks));
+        let filled = proposal.fill(&mut landmarks);
+        let within = |name: &String| Some((name.clone(), *proposal.within_mm.get(name)?));
+        self.proposed_within_mm.extend(filled.iter().filter_map(within));
+        self.proposed.extend(filled);
         self.points = landmarks.points.into_iter().map(|(name, p)| (name, p.coords.into())).collect();
         self.midline_x_mm = landmarks.midline_x_mm;
         self.occlusal_plane_z_mm = landmarks.occlusal_z_mm;

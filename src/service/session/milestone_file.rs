@@ -23,7 +23,7 @@ pub struct StoredMilestone {
 }
 
 /// What this version writes and reads: the version of the program, then of the layout.
-const FORMAT: &str = concat!(env!("CARGO_PKG_VERSION"), "+2");
+const FORMAT: &str = concat!(env!("CARGO_PKG_VERSION"), "+3");
 
 #[derive(Serialize, Deserialize)]
 #[serde(remote = "Milestone")]
@@ -51,6 +51,7 @@ struct CheckpointMembers {
     double: bool,
     #[serde(with = "FactorOriginMembers")]
     factor: FactorOrigin,
+    lost: u64,
     known_compliance: Vec<Vec<u32>>,
 }
 
@@ -111,6 +112,7 @@ mod tests {
             active: vec![(4, 0)],
             double: false,
             factor: FactorOrigin::State { x, projected: true },
+            lost: 5,
             known_compliance: vec![vec![3, 4], vec![1]],
         };
         let milestone = Milestone { k: 3, begin: Some(vec![(1, motion)]), solver };

@@ -14,10 +14,11 @@ use super::head::{Head, HeadSource};
 use super::model_case::{ModelCase, PHASES, clock, phases_s};
 use super::process;
 use catalogue::{Move, Operation, Pivot};
+use prosopon_geometry::Motion;
 use prosopon_geometry::control::Control;
-use prosopon_geometry::{Motion, Point, Vector};
 use prosopon_planning::plan::{
     CondylarAxis, Landmarks, Path as SegmentPath, Plan, Segment, Template, TemplateCall, TemplateCuts, name_segments,
+    propose,
 };
 use prosopon_planning::simulate::{
     CutBone, Fields, FieldsSettings, LEAVE_OUT_BELOW_MM, RunSettings, TissueModel, TissueSettings, build_fields,
@@ -137,7 +138,8 @@ impl OperationStudy<'_> {
         refuse_unwritable(self.csv)?;
         let mut rows: Vec<Row> = Vec::new();
         for source in self.heads {
-            let head = Head::load(source)?;
+            let mut head = Head::load(source)?;
+            propose(&head.anatomy.skin, &head.anatomy.skull).fill(&mut head.landmarks);
             let fields = build_fields(&head.anatomy, &FieldsSettings::default(), &Control::new())?;
             let mut scenes: BTreeMap<(Vec<Template>, u64), Result<Scene, String>> = BTreeMap::new();
             for operation in catalogue::all() {
@@ -209,7 +211,8 @@ impl OperationStudy<'_> {
             row.deepest_mm = row.deepest_mm.max(report.deepest_mm());
         }
         row.steps = reports.len();
-        let warnings: Vec<&String> = reports.iter().flat_map(|r| &r.warnings).collect();
+        let of_cuts = scene.bone.osteotomy.warnings.iter();
+        let warnings: Vec<&String> = of_cuts.chain(reports.iter().flat_map(|r| &r.warnings)).collect();
         row.warnings = warnings.iter().map(|w| w.as_str()).collect::<Vec<_>>().join(" | ");
         let doubt = reports.iter().rev().find_map(|r| r.outcome.fault());
         let unreliable = warnings.iter().find(|w| w.contains("not to be relied on")).map(|w| w.as_str().to_owned());
@@ -296,26 +299,20 @@ fn plan(bone: &CutBone, moves: &[Move], landmarks: &Landmarks) -> Result<Plan, S
 }
 
 fn motion(segment: &Segment, m: &Move, landmarks: &Landmarks) -> Result<Motion, String> {
-    let condyle = |side: &str| landmarks.points.get(&format!("condylion_{side}")).copied();
+    let condyle = |side: &str| {
+        let name = format!("condylion_{side}");
+        landmarks.points.get(&name).copied().ok_or(format!("{name} is not known and was not found"))
+    };
     match m.about {
         Pivot::Centre => Ok(m.motion(&segment.centroid)),
         Pivot::Condyle => {
             let side = if m.segment.ends_with("left") { "left" } else { "right" };
-            Ok(m.motion(&condyle(side).unwrap_or_else(|| top(segment))))
+            Ok(m.motion(&condyle(side)?))
         }
-        Pivot::Hinge => {
-            let (right, left) =
-                condyle("right").zip(condyle("left")).ok_or("condylion_left and condylion_right are not known")?;
-            CondylarAxis { right, left }.turn(m.turn.1.to_radians()).map_err(|e| e.to_string())
-        }
+        Pivot::Hinge => CondylarAxis { right: condyle("right")?, left: condyle("left")? }
+            .turn(m.turn.1.to_radians())
+            .map_err(|e| e.to_string()),
     }
-}
-
-/// The highest point of the hind half of a ramus: its condyle.
-fn top(segment: &Segment) -> Point {
-    let bounds = segment.surface.bounds();
-    let hind = segment.surface.positions().iter().filter(|p| p.y > bounds.center().y);
-    hind.max_by(|a, b| a.z.total_cmp(&b.z)).copied().unwrap_or_else(|| bounds.center() + Vector::zeros())
 }
 
 const COLUMNS: &str = "head,operation,case,end,detail,prepare_s,solve_s,first_frame_s,steps,newton,substeps,factorisations,unknowns,min_det_f,penetration_mm,deepest_mm,peak_mb";

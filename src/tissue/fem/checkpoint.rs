@@ -39,6 +39,8 @@ pub struct Checkpoint {
     pub double: bool,
     /// What the present factor was made of.
     pub factor: FactorOrigin,
+    /// Iterations that its age has cost.
+    pub lost: u64,
     /// Unknown nodes whose compliance is known, in the groups in which it was found.
     pub known_compliance: Vec<Vec<u32>>,
 }
@@ -118,6 +120,7 @@ impl Solver<'_> {
             active: equations.active.iter().map(|(point, body)| (*point as u64, *body as u64)).collect(),
             double: equations.solver.is_double(),
             factor,
+            lost: equations.solver.lost() as u64,
             known_compliance,
         })
     }
@@ -150,6 +153,7 @@ impl Solver<'_> {
         }
         let Checkpoint { double, factor, known_compliance, .. } = checkpoint;
         self.equations.restore_factor(*double, factor, known_compliance).ok_or_else(|| misfit("its factor"))?;
+        self.equations.solver.lose(usize::try_from(checkpoint.lost).unwrap_or(usize::MAX));
         self.equations.contact.restore(checkpoint.contact_stiffness, multipliers);
         self.equations.settled_forces = checkpoint.settled_forces.iter().map(|(n, f)| (*n, Vector::from(*f))).collect();
         self.equations.active = checkpoint.active.iter().map(|(p, b)| (*p as usize, *b as usize)).collect();

@@ -13,6 +13,9 @@ use std::sync::Arc;
 
 /// Iterations with an older factor after which a new one is cheaper: a factorisation costs about as much as 15 solves.
 const MAX_WITH_OLD: usize = 12;
+/// Iterations that an older factor may cost in all beyond those of a new one: what a factorisation costs (27 iterations on 153 657 unknowns). Waiting until
+/// the loss equals the price costs at most twice what the best moment, known beforehand, would.
+const MAX_LOST: usize = 27;
 /// Iterations with a new factor after which single precision is held to be too coarse for the matrix.
 const MAX_WITH_NEW: usize = 25;
 /// Iterations of relaxation before it is given up.
@@ -53,6 +56,8 @@ pub(super) struct LinearSolver {
     times: (f64, f64),
     /// The factor does not belong to a matrix like the next one.
     stale: bool,
+    /// Iterations that its age has cost so far.
+    lost: usize,
 }
 
 /// What conjugate gradients are preconditioned by.
@@ -113,6 +118,7 @@ impl LinearSolver {
             clock,
             times: (0.0, 0.0),
             stale: false,
+            lost: 0,
         }
     }
 
@@ -316,7 +322,7 @@ impl LinearSolver {
         self.times.1 += (self.clock)() - begin;
         loop {
             let fresh = factorised;
-            if fresh || self.serves() {
+            if fresh || (self.serves() && self.lost <= MAX_LOST) {
                 let limit = match (self.relaxes(), fresh) {
                     (true, _) => MAX_RELAXATIONS,
                     (false, true) => MAX_WITH_NEW,
@@ -326,7 +332,10 @@ impl LinearSolver {
                 let outcome = self.iterate(pattern, values, x, &mut at, tolerance, limit);
                 self.times.1 += (self.clock)() - begin;
                 match outcome {
-                    Outcome::Solved => return Ok(Work { factorised, cg_iterations: at.iterations }),
+                    Outcome::Solved => {
+                        self.lose(at.iterations.saturating_sub(1));
+                        return Ok(Work { factorised, cg_iterations: at.iterations });
+                    }
                     Outcome::Indefinite => return Err(Indefinite),
                     // Curved contact may be more than what the factor is told of it.
                     Outcome::Slow if fresh && !self.whole && !contact.is_empty() => whole = true,
@@ -348,6 +357,18 @@ impl LinearSolver {
         }
     }
 
+    /// Iterations that the present factor's age has cost.
+    pub(super) fn lost(&self) -> usize {
+        self.lost
+    }
+
+    /// Counts iterations that the present factor's age has cost; once they are worth a new one, the next system gets it.
+    pub(super) fn lose(&mut self, iterations: usize) {
+        if !self.relaxes() && !self.whole {
+            self.lost += iterations;
+        }
+    }
+
     fn factorise(
         &mut self,
         pattern: &Pattern,
@@ -357,6 +378,7 @@ impl LinearSolver {
         touches: bool,
     ) -> Result<(), Indefinite> {
         (self.low_rank, self.compliance) = (None, None);
+        self.lost = 0;
         match &mut self.preconditioner {
             Preconditioner::Factor { symbolic, single, double } => {
                 let mut factorise = |values: &[f64]| {

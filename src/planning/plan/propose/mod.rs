@@ -1,6 +1,8 @@
 //! Landmarks proposed from the surfaces of skin and bone.
 
+mod accuracy;
 mod by_proportions;
+mod ear;
 mod jaws;
 mod midline;
 mod orbit;
@@ -12,7 +14,7 @@ use std::collections::BTreeMap;
 
 use super::Landmarks;
 pub(super) use by_proportions::propose_by_proportions;
-use jaws::{Occlusion, incisal_edge, nasal_aperture, occlusion};
+use jaws::{Occlusion, incisal_edge, lower_incisal_edge, nasal_aperture, occlusion};
 use midline::midline;
 use profile::Profile;
 use prosopon_geometry::{Motion, Point, TriMesh, Vector};
@@ -27,6 +29,8 @@ const ABOVE_SPINE_MM: f64 = 1.0;
 pub struct Proposal {
     /// Points by name, LPS mm.
     pub points: BTreeMap<String, Point>,
+    /// How far each point may be off, mm: as measured on heads with known landmarks, more where the two sides disagree.
+    pub within_mm: BTreeMap<String, f64>,
     /// x of the midsagittal plane.
     pub midline_x_mm: f64,
     /// z of the occlusal plane below the anterior nasal spine.
@@ -70,17 +74,18 @@ impl Proposal {
 /// - Skin: `pronasale`, the foremost point of all; `subnasale`, the deepest place between it and the upper lip; `soft_pogonion`, the
 ///   foremost point of the chin; `soft_menton`, the lowest.
 /// - Bone, midline: `menton`, the lowest point of the chin; `pogonion`, its foremost; `a_point`, the deepest between `ans` and the
-///   teeth; `nasal_bone_tip`, the lowest of the nasal bones, and `nasion`, the deepest above it.
+///   teeth; `nasal_bone_tip`, the lowest of the nasal bones, and `nasion`, the deepest above it; `incisor_upper`, the edge of the upper
+///   incisors, and `incisor_lower` where they do not hide it.
 /// - Bone, sides: the ramus is the plate beside and behind the upper teeth. `lingula_*` on its medial face, three fifths from its
 ///   front, 3 mm above the occlusal plane; `molar_*` on the body's outer face, 14 mm in front of the ramus; `zygomaxillare_*`, the
 ///   lower border of the cheek bone 37 mm beside the midline. `condylion_*`, the top of the condyle, or the last level at which it is apart
-///   from the skull; `gonion_*`, the angle of the jaw; `orbitale_*`, the lowest point of the orbit's rim; `frontomalare_*`, its lateral rim at three
+///   from the skull; `porion_*`, the top of the bony ear canal; `gonion_*`, the angle of the jaw; `orbitale_*`, the lowest point of the orbit's rim; `frontomalare_*`, its lateral rim at three
 ///   quarters of its height.
 ///
 /// What cannot be found is left out.
 ///
 /// # Accuracy
-/// On CTs with slices of 1.5 and 2.5 mm some 3 mm in the midline; lingula and molar are where they lie in an average jaw, good for
+/// [`Proposal::within_mm`] has it for each point (`prosopon bench proposals`). Lingula and molar are where they lie in an average jaw, good for
 /// a cut that a person checks. Streaks of dental metal, masks and beards spoil it.
 #[must_use]
 pub fn propose(skin: &TriMesh, skull: &TriMesh) -> Proposal {
@@ -105,6 +110,9 @@ pub fn propose(skin: &TriMesh, skull: &TriMesh) -> Proposal {
     let at = |p: [f64; 2]| Point::new(midline, p[0], p[1]);
     let ans = put("ans", Some(pivot)).unwrap_or(pivot);
     let alveolar = hard.foremost(ans.z - 24.0, ans.z - 10.0);
+    let upper = incisal_edge(&bone, midline, [ans.y, ans.z]);
+    put("incisor_upper", upper.map(at));
+    put("incisor_lower", upper.and_then(|edge| lower_incisal_edge(&bone, midline, edge)).map(at));
     put("a_point", alveolar.and_then(|a| hard.deepest(a, [ans.y, ans.z])).map(at));
     if let Some(nose) = soft.foremost(ans.z - 6.0, ans.z + 28.0) {
         put("pronasale", Some(at(nose)));
@@ -136,12 +144,14 @@ pub fn propose(skin: &TriMesh, skull: &TriMesh) -> Proposal {
         put(&format!("orbitale_{name}"), orbit.as_ref().map(|o| o.orbitale));
         put(&format!("frontomalare_{name}"), orbit.as_ref().and_then(|o| o.frontomalare));
         let ends = jaw.ends(side);
-        put(&format!("condylion_{name}"), ends.as_ref().and_then(|e| e.condylion));
+        let condylion = put(&format!("condylion_{name}"), ends.as_ref().and_then(|e| e.condylion));
+        put(&format!("porion_{name}"), condylion.and_then(|c| jaw.porion(side, &c)));
         put(&format!("gonion_{name}"), ends.as_ref().and_then(|e| e.gonion));
     }
     let up = back * Vector::z();
     found.occlusal_z_mm = Some(spine[1] + bite.height);
     found.le_fort_1_plane = Some((pivot + up * ABOVE_SPINE_MM, up));
+    found.within_mm = accuracy::within_mm(&found.points, midline);
     found
 }
 

@@ -191,7 +191,7 @@ fn joint(side: f64, condylion: &Point) -> Result<Cut, PlanError> {
         triangles.push([pair[0], below[1], pair[1]]);
     }
     let cup = TriMesh::new(positions, triangles).map_err(|e| misplaced(&e.to_string()))?;
-    Ok(Cut::from(CutShape::Surface(cup)).named(&format!("joint_{}", Landmarks::side_name(side))).separating())
+    Ok(Cut::from(CutShape::Surface(cup)).named(&format!("joint_{}", Landmarks::side_name(side))).parting(centre))
 }
 
 /// Below the mental foramina: from the front of the chin back and out through the lower border.

@@ -9,6 +9,8 @@ use prosopon_geometry::{Point, Vector};
 /// Cuts begin this far in front of the face, mm.
 const AHEAD_MM: f64 = 20.0;
 const OVERLAP_MM: f64 = 2.0;
+/// The line of a Le Fort II runs from left to right by at least this between two landmarks, so that it does not cross itself, mm.
+const LEAST_STEP_MM: f64 = 0.5;
 /// Between the rami there is room for a plane of this half width, mm; above the coronoid processes for a wider one.
 const HALF_WIDTH_MM: f64 = 38.0;
 const HALF_WIDTH_FACE_MM: f64 = 80.0;
@@ -78,23 +80,31 @@ impl Back {
 /// zygomaticomaxillary suture; `occlusal_plane_z_mm`.
 pub(super) fn le_fort_2(landmarks: &Landmarks, bone: &Envelope) -> Result<Vec<Cut>, PlanError> {
     let back = Back::new(landmarks, bone)?;
-    let [nasion, orbit_l, orbit_r, cheek_l, cheek_r] =
-        ["nasion", "orbitale_left", "orbitale_right", "zygomaxillare_left", "zygomaxillare_right"]
-            .map(|n| landmarks.point(n));
-    let (nasion, left, right) = (nasion?, [cheek_l?, orbit_l?], [orbit_r?, cheek_r?]);
-    let line = [left[0], left[1], nasion, right[0], right[1]];
-    if line.windows(2).any(|w| w[0].x - w[1].x < 2.0) || line.iter().any(|p| p.z < back.occlusal + 5.0) {
-        return Err(misplaced(
-            "do not run from left to right above the occlusal plane: zygomaxillare_left, orbitale_left, nasion, orbitale_right, zygomaxillare_right",
-        ));
+    let names = ["zygomaxillare_left", "orbitale_left", "nasion", "orbitale_right", "zygomaxillare_right"];
+    let [cheek_l, orbit_l, nasion, orbit_r, cheek_r] = names.map(|n| landmarks.point(n));
+    let line = [cheek_l?, orbit_l?, nasion?, orbit_r?, cheek_r?];
+    let nasion = line[2];
+    for (pair, name) in line.windows(2).zip(names.windows(2)) {
+        if pair[0].x - pair[1].x < LEAST_STEP_MM {
+            return Err(misplaced(&format!(
+                "have {} at x = {:.1} and {} at {:.1} mm: the first must lie {LEAST_STEP_MM} mm and more to the left of the second",
+                name[0], pair[0].x, name[1], pair[1].x
+            )));
+        }
+    }
+    if let Some((p, name)) = line.iter().zip(names).find(|(p, _)| p.z < back.occlusal + 5.0) {
+        return Err(misplaced(&format!(
+            "have {name} at z = {:.1} mm, less than 5 mm above the occlusal plane ({:.1})",
+            p.z, back.occlusal
+        )));
     }
     // Out of the buttress sideways and down, below the border of the zygoma.
     let beyond = |p: &Point, side: f64| [p.x + side * 14.0, p.z - 10.0];
     let mut points = vec![beyond(&line[0], 1.0)];
     points.extend(line.iter().map(|p| [p.x, p.z]));
     points.push(beyond(&line[4], -1.0));
-    let knee = left[0].z.min(right[1].z) - 4.0;
-    let half_width = (left[0].x - back.midline).max(back.midline - right[1].x) + 16.0;
+    let knee = line[0].z.min(line[4].z) - 4.0;
+    let half_width = (line[0].x - back.midline).max(back.midline - line[4].x) + 16.0;
     let mut cuts = vec![back.swept(&points).named("le_fort_2")];
     cuts.extend(back.slanted([nasion.y + 12.0, nasion.z + 3.0], knee, half_width));
     cuts.extend(Some(back.teeth()).filter(|c| meets(bone, c)));

@@ -83,9 +83,13 @@ pub struct PutLandmarks {
     /// The horizontal cut of a Le Fort I osteotomy.
     #[serde(default)]
     pub le_fort_1_plane: Option<PlacedPlane>,
-    /// Which of these are still proposals: names of points, `midline_x_mm`. As `GET …/landmarks?propose=true` gives them.
+    /// Which of these are still proposals: names of points, `midline_x_mm`, `occlusal_plane_z_mm`, `le_fort_1_plane`. As
+    /// `GET …/landmarks?propose=true` gives them.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub proposed: Vec<String>,
+    /// How far proposed points may be off, mm, by name. As `GET …/landmarks?propose=true` gives it; kept for what is in `proposed`.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub proposed_within_mm: BTreeMap<String, f64>,
 }
 
 /// Whether landmarks are proposed.
@@ -123,7 +127,12 @@ impl TryFrom<PutLandmarks> for LandmarksDocument {
             }
         }
         for (index, name) in request.proposed.iter().take(600).enumerate() {
-            let known = request.points.contains_key(name) || (name == "midline_x_mm" && request.midline_x_mm.is_some());
+            let known = match name.as_str() {
+                "midline_x_mm" => request.midline_x_mm.is_some(),
+                "occlusal_plane_z_mm" => request.occlusal_plane_z_mm.is_some(),
+                "le_fort_1_plane" => request.le_fort_1_plane.is_some(),
+                point => request.points.contains_key(point),
+            };
             if !known {
                 check.fault(format!("/proposed/{index}"), "names nothing that is given");
             }
@@ -131,6 +140,14 @@ impl TryFrom<PutLandmarks> for LandmarksDocument {
         if request.proposed.len() > 600 {
             check.fault("/proposed", format!("has {} names, at most 600 are allowed", request.proposed.len()));
         }
+        if request.proposed_within_mm.values().any(|mm| !(mm.is_finite() && *mm >= 0.0)) {
+            check.fault(
+                "/proposed_within_mm",
+                "has a length that is negative or not finite; send it as it was proposed or leave it out",
+            );
+        }
+        let within = request.proposed_within_mm.into_iter().filter(|(name, _)| request.proposed.contains(name));
+        let proposed_within_mm = within.collect();
         let le_fort_1_plane = request.le_fort_1_plane.map(|p| checked_plane(&mut check, "/le_fort_1_plane", &p));
         check.finish()?;
         Ok(Self {
@@ -139,6 +156,7 @@ impl TryFrom<PutLandmarks> for LandmarksDocument {
             occlusal_plane_z_mm: request.occlusal_plane_z_mm,
             le_fort_1_plane,
             proposed: request.proposed,
+            proposed_within_mm,
         })
     }
 }

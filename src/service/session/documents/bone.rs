@@ -121,6 +121,10 @@ pub struct CutDocument {
     /// Why it is made.
     #[serde(default)]
     pub purpose: PurposeDocument,
+    /// For a separation: a point on the side of the bone that it tells apart, LPS mm, however far away. Thin bridges that all such cuts together leave
+    /// are parted too.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub part_mm: Option<[f64; 3]>,
 }
 
 /// A cut as it was stored: earlier versions wrote the plane alone.
@@ -143,6 +147,8 @@ enum StoredCut {
         name: Option<String>,
         #[serde(default)]
         purpose: PurposeDocument,
+        #[serde(default)]
+        part_mm: Option<[f64; 3]>,
     },
 }
 
@@ -150,8 +156,8 @@ impl From<StoredCut> for CutDocument {
     fn from(stored: StoredCut) -> Self {
         match stored {
             StoredCut::Plane(plane) => Self { plane: Some(plane), ..Self::default() },
-            StoredCut::Cut { plane, polyline, surface, free_part, kerf_mm, name, purpose } => {
-                Self { plane, polyline, surface, free_part, kerf_mm, name, purpose }
+            StoredCut::Cut { plane, polyline, surface, free_part, kerf_mm, name, purpose, part_mm } => {
+                Self { plane, polyline, surface, free_part, kerf_mm, name, purpose, part_mm }
             }
         }
     }
@@ -163,7 +169,8 @@ impl From<&Cut> for CutDocument {
             Purpose::Osteotomy => PurposeDocument::Osteotomy,
             Purpose::Separation => PurposeDocument::Separation,
         };
-        let blank = Self { kerf_mm: cut.kerf_mm, name: cut.name.clone(), purpose, ..Self::default() };
+        let part_mm = cut.part.map(|p| p.coords.into());
+        let blank = Self { kerf_mm: cut.kerf_mm, name: cut.name.clone(), purpose, part_mm, ..Self::default() };
         let coordinates = |points: &[Point]| points.iter().map(|p| p.coords.into()).collect();
         match &cut.shape {
             CutShape::Plane(plane) => Self { plane: Some(plane.into()), ..blank },
@@ -206,7 +213,7 @@ impl CutDocument {
             PurposeDocument::Osteotomy => Purpose::Osteotomy,
             PurposeDocument::Separation => Purpose::Separation,
         };
-        Ok(Cut { shape, kerf_mm: self.kerf_mm, name: self.name.clone(), purpose })
+        Ok(Cut { shape, kerf_mm: self.kerf_mm, name: self.name.clone(), purpose, part: self.part_mm.map(Point::from) })
     }
 }
 

@@ -134,6 +134,19 @@ impl State {
     }
 }
 
+/// `x^(-1/3)` of a positive normal number, to a few units in the last place: an estimate from the exponent's bits within 3.5 %, then twice
+/// the series of `(1 - e)^(-1/3)` up to the third power. The library's cube root took a twentieth of a solve.
+#[inline(always)]
+fn inverse_cube_root(x: f64) -> f64 {
+    /// Gives the smallest largest error of the estimate over three octaves.
+    const BITS: u64 = 0x553e_f0f2_7bb2_fec4;
+    let refined = |y: f64| {
+        let e = 1.0 - x * y * y * y;
+        y + y * e * (1.0 / 3.0 + e * (2.0 / 9.0 + e * (14.0 / 81.0)))
+    };
+    refined(refined(f64::from_bits(BITS - x.to_bits() / 3)))
+}
+
 /// `det(F) F^-T`, defined for singular `F` too.
 #[inline(always)]
 fn cofactor(f: &Matrix3<f64>) -> Matrix3<f64> {
@@ -227,9 +240,9 @@ impl Material {
     /// Derivatives of what is a function of the invariants: all but [`Ogden`].
     #[inline(always)]
     pub(super) fn derivatives(&self, i1: f64, i2: f64, j: f64) -> Derivatives {
-        let root = j.cbrt();
+        let root = inverse_cube_root(j);
         let inverse = 1.0 / j;
-        let scale = 1.0 / (root * root);
+        let scale = root * root;
         // By the isochoric first invariant: slope and curvature.
         let (slope, curvature, c01) = match self.isochoric {
             Isochoric::Ogden { .. } => (0.0, 0.0, 0.0),
@@ -240,7 +253,7 @@ impl Material {
             }
         };
         let w1 = slope * scale;
-        let w2 = c01 * inverse / root;
+        let w2 = c01 * inverse * root;
         let (w1j, w2j) = (-2.0 / 3.0 * w1 * inverse, -4.0 / 3.0 * w2 * inverse);
         // Change of the isochoric invariant with J.
         let by_j = -2.0 / 3.0 * scale * inverse * i1;
@@ -264,10 +277,10 @@ impl Material {
     #[inline(always)]
     pub fn energy(&self, f: &Matrix3<f64>) -> Result<f64, Inverted> {
         let s = State::new(f)?;
-        let root = s.j.cbrt();
-        let shift = s.i1 / (root * root) - 3.0;
+        let root = inverse_cube_root(s.j);
+        let shift = s.i1 * root * root - 3.0;
         let isochoric = match self.isochoric {
-            Isochoric::MooneyRivlin { c10, c01 } => c10 * shift + c01 * (s.i2 / (s.j * root) - 3.0),
+            Isochoric::MooneyRivlin { c10, c01 } => c10 * shift + c01 * (s.i2 * root / s.j - 3.0),
             Isochoric::Yeoh { c1, c2, c3 } => shift * (c1 + shift * (c2 + shift * c3)),
             Isochoric::Ogden { mu, alpha } => Ogden { mu, alpha }.energy(&Principal::of(f).stretches),
         };
@@ -366,6 +379,18 @@ fn add_second_derivative_of_i2(t: &mut Tangent, f: &Matrix3<f64>, s: &State, fac
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_inverse_cube_root_is_right_to_the_last_places() {
+        for k in -2000..2000 {
+            let x = (f64::from(k) * 0.0137).exp();
+            let error = inverse_cube_root(x) * x.cbrt() - 1.0;
+            assert!(error.abs() < 4.0 * f64::EPSILON, "{x}: {error:e}");
+        }
+        for x in [f64::MIN_POSITIVE, 1e-300, 1e300, f64::MAX] {
+            assert!((inverse_cube_root(x) * x.cbrt() - 1.0).abs() < 4.0 * f64::EPSILON, "{x}");
+        }
+    }
     use crate::fem::material::Materials;
     use crate::fem::material::principal::tests::admissible_gradients;
 

@@ -1,0 +1,49 @@
+//! How far proposed points may be off.
+
+use std::collections::BTreeMap;
+
+use super::Landmarks;
+use prosopon_geometry::Point;
+
+/// Distance within which a proposal lay of the known landmark on every head measured, mm, rounded up (`prosopon bench proposals` on `ct_head` and the
+/// phantoms). Points without a known landmark there have the spread between the sides of `ct_head` and `vtk_headsq`.
+const MEASURED_MM: [(&str, f64); 21] = [
+    ("a_point", 4.0),
+    ("ans", 4.0),
+    ("condylion", 8.0),
+    ("frontomalare", 3.0),
+    ("gonion", 5.0),
+    ("incisor_lower", 4.0),
+    ("incisor_upper", 3.0),
+    ("lingula", 6.0),
+    ("menton", 3.0),
+    ("molar", 6.0),
+    ("nasal_bone_tip", 4.0),
+    ("nasion", 4.0),
+    ("orbitale", 3.0),
+    ("pogonion", 2.0),
+    ("porion", 5.0),
+    ("pronasale", 3.0),
+    ("soft_menton", 5.0),
+    ("soft_pogonion", 3.0),
+    ("subnasale", 3.0),
+    ("zygomaxillare", 5.0),
+    ("zygion", 5.0),
+];
+/// Of what nothing was measured, mm.
+const UNKNOWN_MM: f64 = 8.0;
+
+/// By name: the measured accuracy, or half the distance between one side's point and the other's mirror image where that is more.
+pub(super) fn within_mm(points: &BTreeMap<String, Point>, midline: f64) -> BTreeMap<String, f64> {
+    let one = |(name, p): (&String, &Point)| {
+        let (stem, side) = [1.0, -1.0]
+            .into_iter()
+            .find_map(|side| Some((name.strip_suffix(Landmarks::side_name(side))?.strip_suffix('_')?, Some(side))))
+            .unwrap_or((name, None));
+        let measured = MEASURED_MM.iter().find(|(known, _)| *known == stem).map_or(UNKNOWN_MM, |(_, mm)| *mm);
+        let other = side.and_then(|side| points.get(&format!("{stem}_{}", Landmarks::side_name(-side))));
+        let apart = other.map_or(0.0, |q| (p - Point::new(2.0 * midline - q.x, q.y, q.z)).norm());
+        (name.clone(), measured.max((5.0 * apart).round() / 10.0))
+    };
+    points.iter().map(one).collect()
+}

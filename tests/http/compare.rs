@@ -123,7 +123,7 @@ async fn a_comparison_that_is_cancelled_or_loses_a_session_leaves_nothing() {
     assert_eq!((&ended["status"], &app.get(&path).await.ok()["bytes"]), (&json!("cancelled"), &bytes), "{ended}");
 
     let lost = ask(between).await.header("location").to_owned();
-    app.delete(&format!("/v1/sessions/{other}")).await;
+    app.delete(&format!("/v1/sessions/{other}?at_once=true")).await;
     app.ended(&lost).await.problem(410, "gone");
     let done = compare(&app, &own, json!({})).await;
     done.ok();
@@ -144,7 +144,7 @@ async fn a_comparison_does_not_outlive_either_session() {
     let path = found.header("content-location").to_owned();
     assert_eq!(app.get(&path).await.status.as_u16(), 200);
     let bytes = app.get(&format!("/v1/sessions/{own}")).await.ok()["bytes"].as_u64().unwrap();
-    assert_eq!(app.delete(&format!("/v1/sessions/{other}")).await.status.as_u16(), 204);
+    assert_eq!(app.delete(&format!("/v1/sessions/{other}?at_once=true")).await.status.as_u16(), 204);
     app.get(&path).await.problem(410, "gone");
     assert!(app.get(&format!("/v1/sessions/{own}")).await.ok()["bytes"].as_u64().unwrap() < bytes);
 }

@@ -94,7 +94,7 @@ async fn the_stream_of_a_job_that_is_deleted_with_its_session_has_an_end() {
     app.until_step(&job, 1).await;
     let delete = async {
         tokio::time::sleep(std::time::Duration::from_millis(30)).await;
-        assert_eq!(app.delete(&session).await.status, StatusCode::NO_CONTENT);
+        assert_eq!(app.delete(&format!("{session}?at_once=true")).await.status, StatusCode::NO_CONTENT);
     };
     let (told, ()) = tokio::join!(lines(&app, &job, None), delete);
     let [.., before, end] = told.as_slice() else { panic!("{told:?}") };

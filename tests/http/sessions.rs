@@ -1,3 +1,5 @@
+use std::time::Duration;
+
 use axum::http::StatusCode;
 use serde_json::json;
 
@@ -58,7 +60,7 @@ async fn a_deleted_session_is_gone_with_its_files() {
     let kept = app.session().await;
     app.upload(&format!("{kept}/skin"), skin()).await.ok();
 
-    assert_eq!(app.delete(&session).await.status, StatusCode::NO_CONTENT);
+    assert_eq!(app.delete(&format!("{session}?at_once=true")).await.status, StatusCode::NO_CONTENT);
     app.get(&session).await.problem(410, "gone");
     app.get(&job).await.problem(410, "gone");
     app.get(&format!("{session}/plans/{plan}")).await.problem(410, "gone");
@@ -66,6 +68,54 @@ async fn a_deleted_session_is_gone_with_its_files() {
     assert_eq!(app.get(&kept).await.status, StatusCode::OK);
     let sessions = std::fs::read_dir(app.directory().join("blobs")).unwrap().count();
     assert_eq!(sessions, 1, "only the other session's files are left");
+    app.post(&format!("{session}/restore"), json!({})).await.problem(410, "gone");
+    app.post(&format!("{kept}/restore"), json!({})).await.problem(409, "wrong-state");
+}
+
+#[tokio::test]
+async fn a_deleted_session_can_be_restored_with_all_that_it_holds() {
+    let app = TestApp::new().await;
+    let (session, plan) = app.session_with_plan().await;
+    let job = app.solve(&session, &plan, json!({})).await;
+    app.ended(&job).await.ok();
+    let frame = format!("{job}/steps/1/frame");
+    let (before, bytes) = (app.get(&session).await.ok(), app.get(&frame).await.body);
+    assert_eq!(app.delete(&session).await.status, StatusCode::NO_CONTENT);
+    for path in [&session, &job, &frame, &format!("{session}/plans/{plan}")] {
+        app.get(path).await.problem(410, "gone");
+    }
+    app.delete(&session).await.problem(410, "gone");
+    assert_eq!(app.get("/v1/sessions").await.ok()["sessions"], json!([]));
+    assert_eq!(app.get("/v1/jobs").await.ok()["jobs"], json!([]));
+    let restored = app.post(&format!("{session}/restore"), json!({})).await.ok();
+    assert_eq!(restored, before);
+    assert_eq!(app.get(&frame).await.body, bytes);
+}
+
+#[tokio::test]
+async fn a_session_that_is_not_restored_in_time_goes_for_good() {
+    let app = TestApp::with(|config| config.service.deleted_retention = Duration::from_millis(50)).await;
+    let session = app.session().await;
+    app.upload(&format!("{session}/skin"), skin()).await.ok();
+    assert_eq!(app.delete(&session).await.status, StatusCode::NO_CONTENT);
+    tokio::time::sleep(Duration::from_millis(60)).await;
+    app.state.service.keep_house().await.unwrap();
+    assert_eq!(std::fs::read_dir(app.directory().join("blobs")).unwrap().count(), 0);
+    app.post(&format!("{session}/restore"), json!({})).await.problem(410, "gone");
+}
+
+#[tokio::test]
+async fn a_session_deleted_in_mid_solve_comes_back_with_its_job_cancelled() {
+    let app = TestApp::new().await;
+    let (session, plan) = app.session_with_plan().await;
+    app.stand_in.hold_after(1);
+    let job = app.solve(&session, &plan, json!({})).await;
+    app.until_step(&job, 1).await;
+    assert_eq!(app.delete(&session).await.status, StatusCode::NO_CONTENT);
+    app.get(&job).await.problem(410, "gone");
+    app.stand_in.release();
+    app.post(&format!("{session}/restore"), json!({})).await.ok();
+    assert_eq!(app.ended(&job).await.json()["status"], "cancelled");
 }
 
 #[tokio::test]
@@ -75,7 +125,7 @@ async fn a_session_deleted_in_mid_solve_leaves_nothing() {
     app.stand_in.hold_after(1);
     let job = app.solve(&session, &plan, json!({})).await;
     app.until_step(&job, 1).await;
-    assert_eq!(app.delete(&session).await.status, StatusCode::NO_CONTENT);
+    assert_eq!(app.delete(&format!("{session}?at_once=true")).await.status, StatusCode::NO_CONTENT);
     // The queue goes on with others.
     app.stand_in.release();
     app.session_with_field().await;

@@ -18,7 +18,8 @@ pub(crate) fn start(role: &str, data: &Path, database: &str, bucket: &Bucket) ->
     let mut command = Command::new(env!("CARGO_BIN_EXE_prosopon"));
     command.args(role.split(' ')).args(["--listen", "127.0.0.1:0", "--threads", "1", "--data"]).arg(data);
     command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).env("PROSOPON_LEASE_S", "2");
-    command.env("PROSOPON_MAX_WAITING", "256");
+    // These tests lose more workers than a job may by default.
+    command.env("PROSOPON_MAX_WAITING", "256").env("PROSOPON_MAX_ATTEMPTS", "3");
     command.env("PROSOPON_DATABASE", database).env("PROSOPON_BLOBS", bucket.url()).envs(bucket.environment());
     Server::spawn(command)
 }

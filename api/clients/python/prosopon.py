@@ -151,8 +151,12 @@ class Client:
             yield from page["sessions"]
             path = page.get("next")
 
-    def delete_session(self, session):
-        self.request("DELETE", "/v1/sessions/%s" % session)
+    def delete_session(self, session, at_once=False):
+        """Deletes a session; `restore_session` brings it back for a day, unless it is deleted at once."""
+        self.request("DELETE", "/v1/sessions/%s%s" % (session, "?at_once=true" if at_once else ""))
+
+    def restore_session(self, session):
+        return self.request("POST", "/v1/sessions/%s/restore" % session)
 
     def put_ct(self, session, filename, **levels):
         """Uploads a CT and returns the import job. `skin_hu`, `bone_hu`, `max_error_mm` may be given."""

@@ -12,7 +12,7 @@ use prosopon_geometry::VolumeMesh;
 use prosopon_geometry::control::Control;
 use prosopon_jobs::SolveModel;
 use prosopon_planning::plan::{Path as SegmentPath, Plan};
-use prosopon_planning::simulate::{ReadyMesh, Scene};
+use prosopon_planning::simulate::{READY_MESH_LOCKING, ReadyMesh, Scene};
 use prosopon_service::http::dto::{RotationRequest, file_material, segment_motion};
 use prosopon_service::http::{strict_json, strict_value};
 use prosopon_session::{
@@ -150,7 +150,7 @@ impl SceneFile {
         let model = self.model.unwrap_or(SolveModel::Mixed);
         let mut settings = SolveSettings::new(model.into(), PresetName::default().materials(D1ReadingName::default()));
         settings.skin_element = self.skin_element.map_or(settings.skin_element, Into::into);
-        settings.locking = self.locking.unwrap_or(LockingName::Smoothed).into();
+        settings.locking = self.locking.map_or(READY_MESH_LOCKING, Into::into);
         let positive = |name: &str, found: Option<f64>, default: f64, most: f64| match found {
             None => Ok(default),
             Some(x) if x > 0.0 && x <= most => Ok(x),

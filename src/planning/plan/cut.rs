@@ -38,6 +38,16 @@ pub struct Segment {
     pub bounded_by: Vec<usize>,
 }
 
+impl Segment {
+    /// What texts call it: its name and number.
+    #[must_use]
+    pub fn label(&self) -> String {
+        self.name
+            .as_ref()
+            .map_or_else(|| format!("segment {}", self.id), |name| format!("{name} (segment {})", self.id))
+    }
+}
+
 /// Bone in pieces.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Osteotomy {

@@ -93,7 +93,7 @@ pub fn follow(osteotomy: &Osteotomy, plan: &Plan, control: &Control) -> Result<V
     let mut reports = Vec::with_capacity(plan.paths.len());
     for (i, path) in plan.paths.iter().enumerate() {
         if let Some(segment) = osteotomy.segments.iter().find(|s| s.id == path.segment()) {
-            reports.push(follow_one(segment, path, plan, &solids, &faces, control)?);
+            reports.push(follow_one(osteotomy, segment, (path, plan), &solids, &faces, control)?);
         }
         control.report(0.3 + 0.7 * (i + 1) as f64 / plan.paths.len() as f64);
     }
@@ -101,9 +101,9 @@ pub fn follow(osteotomy: &Osteotomy, plan: &Plan, control: &Control) -> Result<V
 }
 
 fn follow_one(
+    osteotomy: &Osteotomy,
     segment: &Segment,
-    path: &Path,
-    plan: &Plan,
+    (path, plan): (&Path, &Plan),
     solids: &[(u32, Solid)],
     faces: &CutFaces,
     control: &Control,
@@ -141,6 +141,10 @@ fn follow_one(
         let (gap_mm, gap_mm3) = faces.gap(segment.id, &frames);
         along.push(PathSample { t, overlap_mm, overlap_mm3, gap_mm, gap_mm3 });
     }
+    let label = |id: u32| {
+        let found = osteotomy.segments.iter().find(|s| s.id == id);
+        found.map_or_else(|| format!("segment {id}"), Segment::label)
+    };
     let end = path.at(1.0);
     let shift = end * segment.centroid - segment.centroid;
     let max_displacement_mm = positions.iter().map(|p| (end * p - p).norm()).fold(0.0, f64::max);
@@ -152,40 +156,44 @@ fn follow_one(
         max_displacement_mm,
         centroid_displacement_mm: [shift.x, shift.y, shift.z],
         path_length_mm: path.length_mm(&segment.centroid),
-        warnings: doubts(segment.id, furthest_mm, turned_deg, along.last(), overlapped),
+        warnings: doubts(
+            &segment.label(),
+            furthest_mm,
+            turned_deg,
+            along.last(),
+            overlapped.map(|(id, at)| (label(id), at)),
+        ),
         along,
     })
 }
 
 /// What is unusual about how far a segment goes on its way and where it ends; `overlapped` is the segment that it lies deepest in, and where.
 fn doubts(
-    segment: u32,
+    segment: &str,
     moved_mm: f64,
     turned_deg: f64,
     end: Option<&PathSample>,
-    overlapped: Option<(u32, Point)>,
+    overlapped: Option<(String, Point)>,
 ) -> Vec<String> {
     let mut doubts = Vec::new();
     if moved_mm > MOST_MOVED_MM {
         doubts.push(format!(
-            "segment {segment} moves {moved_mm:.1} mm at its furthest point; more than {MOST_MOVED_MM} mm is not done"
+            "{segment} moves {moved_mm:.1} mm at its furthest point; more than {MOST_MOVED_MM} mm is not done"
         ));
     }
     if turned_deg > MOST_TURNED_DEG {
-        doubts.push(format!(
-            "segment {segment} turns by {turned_deg:.1} degrees; more than {MOST_TURNED_DEG} is not done"
-        ));
+        doubts.push(format!("{segment} turns by {turned_deg:.1} degrees; more than {MOST_TURNED_DEG} is not done"));
     }
     let Some(end) = end else { return doubts };
     if let Some((other, at)) = overlapped.filter(|_| end.overlap_mm > OVERLAP.0 && end.overlap_mm3 > OVERLAP.1) {
         doubts.push(format!(
-            "segment {segment} ends {:.1} mm deep in segment {other} at [{:.1}, {:.1}, {:.1}]; {:.0} mm³ of bone would have to be removed",
+            "{segment} ends {:.1} mm deep in {other} at [{:.1}, {:.1}, {:.1}]; {:.0} mm³ of bone would have to be removed",
             end.overlap_mm, at.x, at.y, at.z, end.overlap_mm3
         ));
     }
     if end.gap_mm > WIDE_GAP_MM {
         doubts.push(format!(
-            "the cut faces of segment {segment} end {:.1} mm apart on average, with {:.0} mm³ between them to be grafted",
+            "the cut faces of {segment} end {:.1} mm apart on average, with {:.0} mm³ between them to be grafted",
             end.gap_mm, end.gap_mm3
         ));
     }

@@ -20,7 +20,7 @@ pub use error::SimulateError;
 pub use fields::{Anatomy, Fields, FieldsSettings, build_fields, build_fields_around};
 pub use outer_surface::OuterSurface;
 pub use reach::displacement_class_mm;
-pub use ready_mesh::{CellPlace, ReadyMesh, ReadyMeshError};
+pub use ready_mesh::{CellPlace, READY_MESH_LOCKING, ReadyMesh, ReadyMeshError};
 pub use run::{
     Frame, LEAVE_OUT_BELOW_MM, LeftOut, Milestone, OnFrame, Outcome, PreparedTissue, RegionMotion, RunSettings, Way,
     solve, solve_prepared,

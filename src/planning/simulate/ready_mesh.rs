@@ -1,7 +1,7 @@
 //! A volume mesh that somebody else made, as the solver takes it.
 
 use prosopon_geometry::{Cell, DataArray, Point, Vector, VolumeMesh};
-use prosopon_tissue::fem::{Boundary, SolveError, check_support};
+use prosopon_tissue::fem::{Boundary, Locking, SolveError, check_support};
 use prosopon_tissue::mesh::{Attachment, MixedMesh, Tissue, boundary_of};
 
 /// Why a volume mesh cannot be solved on.
@@ -58,6 +58,10 @@ pub enum CellPlace {
     /// A prism of the mesh.
     Prism(u32),
 }
+
+/// How a ready mesh is solved where nobody says otherwise, at every door: such meshes are made for any material, and plain linear elements are a
+/// quarter too stiff near incompressibility. Meshes that are built for a head have their default in [`prosopon_tissue::fem::SolveSettings::new`].
+pub const READY_MESH_LOCKING: Locking = Locking::Smoothed;
 
 /// A volume mesh with what holds and loads it.
 #[derive(Debug, Clone, PartialEq)]

@@ -183,6 +183,8 @@ impl ServeConfig {
         check(self.service.max_wall.is_zero(), "max_wall_s: must be above 0");
         check(self.service.session_quota == 0, "session_quota_mb: must be above 0");
         check(self.service.session_retention.is_some_and(|r| r.is_zero()), "session_retention_days: must be above 0");
+        // Ids of what is gone are forgotten later than that.
+        check(self.service.deleted_retention.as_secs() > 7 * 86_400, "deleted_retention_s: allowed is 0 to 604800");
         check(self.service.janitor_every.is_zero(), "janitor_every_s: must be above 0");
         check(self.connections.most == 0, "max_connections: must be above 0");
         // It is added to the present instant.

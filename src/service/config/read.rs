@@ -146,6 +146,7 @@ fn service(s: &mut Source, has_tenants: bool) -> ServiceSettings {
         max_wall: Duration::from_secs(s.take("max_wall_s", d.max_wall.as_secs())),
         session_quota: megabytes(s.take("session_quota_mb", d.session_quota / MB)),
         session_retention: s.take_optional("session_retention_days").map(days),
+        deleted_retention: Duration::from_secs(s.take("deleted_retention_s", d.deleted_retention.as_secs())),
         event_retention: days(s.take("event_retention_days", d.event_retention.as_secs() / DAY_S)),
         comparison_retention: days(s.take("comparison_retention_days", d.comparison_retention.as_secs() / DAY_S)),
         janitor_every: Duration::from_secs(s.take("janitor_every_s", d.janitor_every.as_secs())),

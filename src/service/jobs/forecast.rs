@@ -8,45 +8,52 @@ pub(super) struct Forecast {
     begin: (f64, f64),
     /// Time and progress at which the progress grew last.
     last: (f64, f64),
-    /// By how much it grew then.
+    /// By how much it grew then, and in how many seconds.
     gain: f64,
+    gained_in_s: f64,
 }
 
-impl Forecast {
-    /// Progress of the whole job from which on the job's own rate says something.
-    const LEAST_PROGRESS: f64 = 0.03;
+/// Progress of the whole job from which on the job's own rate says something.
+const LEAST_PROGRESS: f64 = 0.03;
+/// A path gets dearer as bone presses more tissue: of 1, 1.3 and 1.6 the last was within a factor of two most of the time, over two heads and three patients
+/// each (73 % of it; 52 % with the mean rate alone).
+const DEARER: f64 = 1.6;
+/// A step that has lasted for a while lasts this share of it longer.
+const STUCK: f64 = 0.5;
 
+impl Forecast {
     pub(super) fn new(now_s: f64) -> Self {
-        Self { job_begin_s: now_s, begin: (now_s, 0.0), last: (now_s, 0.0), gain: 0.0 }
+        Self { job_begin_s: now_s, begin: (now_s, 0.0), last: (now_s, 0.0), gain: 0.0, gained_in_s: 0.0 }
     }
 
     /// A stage begins: what the stages before it took says nothing about it.
     pub(super) fn begin_stage(&mut self, now_s: f64, progress: f64) {
-        *self = Self { begin: (now_s, progress), last: (now_s, progress), gain: 0.0, ..*self };
+        *self = Self { begin: (now_s, progress), last: (now_s, progress), gain: 0.0, gained_in_s: 0.0, ..*self };
     }
 
     /// Notes the present progress; to be called every second or so.
     pub(super) fn see(&mut self, now_s: f64, progress: f64) {
         if progress > self.last.1 + 1e-6 {
-            self.gain = progress - self.last.1;
+            (self.gain, self.gained_in_s) = (progress - self.last.1, now_s - self.last.0);
             self.last = (now_s, progress);
         }
     }
 
     /// Time left, s; `None` before there is something to go by.
     ///
-    /// The rest goes at the stage's mean rate. Between two reports the progress is taken to grow at that rate, but by no more than the last report
-    /// did: a step that takes longer than those before it moves the end away.
+    /// The rest goes at the geometric mean of the stage's mean rate and the last report's where that was slower, and takes [`DEARER`] times as long. A
+    /// step that lasts longer than those before it moves the end away.
     pub(super) fn left_s(&self, now_s: f64) -> Option<f64> {
-        let done = self.last.1 - self.begin.1;
+        let (done, rest) = (self.last.1 - self.begin.1, 1.0 - self.last.1);
         if done <= 0.0 {
             let (done, elapsed) = (self.last.1, now_s - self.job_begin_s);
-            return (done > Self::LEAST_PROGRESS).then(|| elapsed * (1.0 - done) / done);
+            return (done > LEAST_PROGRESS).then(|| elapsed * rest / done);
         }
-        let rate = done / (self.last.0 - self.begin.0).max(1e-3);
-        let grown = (rate * (now_s - self.last.0)).min(self.gain);
-        let present = (self.last.1 + grown).min(1.0);
-        Some((now_s - self.begin.0) * (1.0 - present) / (present - self.begin.1))
+        let mean = done / (self.last.0 - self.begin.0).max(1e-3);
+        let rate = (mean * mean.min(self.gain / self.gained_in_s.max(1e-3))).sqrt();
+        let waited = now_s - self.last.0;
+        let after_the_next = DEARER * (rest - self.gain).max(0.0) / rate;
+        Some((DEARER * rest / rate - waited).max(after_the_next).max(STUCK * waited))
     }
 }
 
@@ -54,39 +61,88 @@ impl Forecast {
 mod tests {
     use super::*;
 
-    /// Seconds of the steps of solves of `bench operations` on a head CT (4 mm edges, two cores): a sagittal split, and both jaws.
-    const STEPS_S: [&[f64]; 2] = [&[], &[]];
+    /// Seconds and progress of solves of both jaws with turned rami on raw CTs (`tests/bench/both_jaws.py`); the last pair is the end.
+    const SMOOTH: [&[(f64, f64)]; 3] = [
+        // ct_head_a
+        &[
+            (0.3, 0.000),
+            (0.8, 0.039),
+            (1.5, 0.053),
+            (5.3, 0.103),
+            (8.3, 0.248),
+            (12.6, 0.392),
+            (24.2, 0.537),
+            (35.0, 0.681),
+            (42.0, 0.826),
+            (56.9, 0.970),
+        ],
+        // ct_head_c
+        &[(0.3, 0.103), (2.3, 0.248), (5.3, 0.392), (15.6, 0.537), (19.1, 0.681), (24.2, 0.826), (32.0, 0.970)],
+        // vtk_headsq_c
+        &[
+            (0.3, 0.000),
+            (0.8, 0.039),
+            (1.3, 0.053),
+            (3.3, 0.103),
+            (7.6, 0.248),
+            (11.8, 0.392),
+            (16.9, 0.537),
+            (21.9, 0.681),
+            (29.2, 0.826),
+            (37.3, 0.970),
+        ],
+    ];
+    /// One whose last step takes half of all the time.
+    const STUCK_AT_THE_END: &[(f64, f64)] = &[
+        (0.3, 0.103),
+        (3.3, 0.248),
+        (9.3, 0.392),
+        (16.4, 0.537),
+        (20.9, 0.681),
+        (47.3, 0.753),
+        (83.3, 0.826),
+        (123.3, 0.898),
+        (159.5, 0.970),
+    ];
 
-    #[test]
-    fn from_a_fifth_on_the_end_is_known_to_a_factor_of_two() {
-        for steps in STEPS_S {
-            // Stages before the solve take 10 s and a tenth of the progress.
-            let total: f64 = steps.iter().sum();
-            let mut forecast = Forecast::new(0.0);
-            forecast.see(9.0, 0.1);
-            forecast.begin_stage(10.0, 0.1);
-            for now in 0..total as usize {
-                let now = now as f64;
-                let mut begun = 0.0;
-                let done = steps
-                    .iter()
-                    .take_while(|s| {
-                        begun += **s;
-                        begun <= now
-                    })
-                    .count();
-                let progress = 0.1 + 0.9 * done as f64 / steps.len() as f64;
-                forecast.see(10.0 + now, progress);
-                if progress >= 0.2 {
-                    let left = forecast.left_s(10.0 + now).unwrap();
-                    let truth = total - now;
-                    // The last seconds may be off by a few.
-                    assert!(
-                        left < 2.0 * truth + 2.0 && left > 0.5 * truth - 2.0,
-                        "{now} s of {total}: {left} for {truth}"
-                    );
-                }
+    /// Share of the time from a fifth of the progress on, up to 3 s before the end, in which the forecast is within a factor of two.
+    fn right(events: &[(f64, f64)]) -> f64 {
+        let (end, _) = *events.last().unwrap();
+        let (mut forecast, mut next) = (Forecast::new(0.0), 0);
+        forecast.begin_stage(events[0].0, 0.1f64.min(events[0].1));
+        let (mut judged, mut right) = (0, 0);
+        for quarter in 0..(4.0 * (end - 3.0)) as usize {
+            let now = 0.25 * quarter as f64;
+            while events[next].0 <= now {
+                forecast.see(events[next].0, events[next].1);
+                next += 1;
+            }
+            if next > 0 && events[next - 1].1 >= 0.2 {
+                let (left, truth) = (forecast.left_s(now).unwrap(), end - now);
+                judged += 1;
+                right += usize::from(left <= 2.0 * truth && truth <= 2.0 * left);
             }
         }
+        right as f64 / judged as f64
+    }
+
+    #[test]
+    fn from_a_fifth_on_the_end_is_mostly_known_to_a_factor_of_two() {
+        for events in SMOOTH {
+            assert!(right(events) >= 0.85, "{}", right(events));
+        }
+        // Nothing says beforehand that a step will be hard.
+        assert!(right(STUCK_AT_THE_END) >= 0.55, "{}", right(STUCK_AT_THE_END));
+    }
+
+    #[test]
+    fn a_stage_is_not_judged_by_those_before_it() {
+        let mut forecast = Forecast::new(0.0);
+        assert_eq!(forecast.left_s(5.0), None);
+        // A slow stage of a tenth, then steps of a second.
+        forecast.see(100.0, 0.1);
+        forecast.begin_stage(100.0, 0.1);
+        forecast.see(101.0, 0.2);
+        assert!((forecast.left_s(101.0).unwrap() - DEARER * 8.0).abs() < 1e-9);
     }
 }

@@ -3,7 +3,7 @@ use std::time::Duration;
 
 use super::Service;
 use prosopon_session::Fault;
-use prosopon_store::{AuditEntry, StoreError};
+use prosopon_store::{AuditEntry, SessionRecord, StoreError};
 
 /// Answers to repeated requests are kept for so long, and ten times as long the ids of what was deleted.
 const ANSWERS: Duration = Duration::from_secs(7 * 24 * 3600);
@@ -91,20 +91,15 @@ impl Service {
         let compared = self.store.drop_comparisons(self.settings.comparison_retention).await?;
         self.store.forget_old_answers(ANSWERS).await?;
         let mut expired = 0;
+        for session in self.store.hidden_sessions(self.settings.deleted_retention).await? {
+            self.delete_session(session.id).await?;
+            self.note_removal(&session, "deleted before");
+            expired += 1;
+        }
         if let Some(retention) = self.settings.session_retention {
             for session in self.store.idle_sessions(retention).await? {
                 self.delete_session(session.id).await?;
-                self.note(
-                    AuditEntry {
-                        tenant: session.tenant.to_string(),
-                        who: "retention".to_owned(),
-                        what: "DELETE /v1/sessions/{session}".to_owned(),
-                        id: Some(session.id.to_string()),
-                        status: 204,
-                        ..AuditEntry::default()
-                    },
-                    true,
-                );
+                self.note_removal(&session, "retention");
                 expired += 1;
             }
         }
@@ -112,6 +107,18 @@ impl Service {
             tracing::info!(files = swept + compared, events, sessions = expired, "kept house");
         }
         Ok(())
+    }
+
+    fn note_removal(&self, session: &SessionRecord, who: &str) {
+        let entry = AuditEntry {
+            tenant: session.tenant.to_string(),
+            who: who.to_owned(),
+            what: "DELETE /v1/sessions/{session}".to_owned(),
+            id: Some(session.id.to_string()),
+            status: 204,
+            ..AuditEntry::default()
+        };
+        self.note(entry, true);
     }
 
     /// Reads the stored values whose keys come after `last`, up to 256 MiB, and sets `last` to the last of them (or to nothing at the end of

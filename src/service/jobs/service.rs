@@ -13,8 +13,8 @@ use crate::trace;
 use prosopon_geometry::control::Control;
 use prosopon_session::{Engine, Fault, FaultKind, Halt};
 use prosopon_store::{
-    AnswerRecord, Audit, Insertion, JobChange, JobId, JobRecord, JobState, Lane, NewJob, SessionId, Store, Supersede,
-    TenantId, WorkerId,
+    AnswerRecord, Audit, Insertion, JobChange, JobFilter, JobId, JobRecord, JobState, Lane, NewJob, SessionId, Store,
+    Supersede, TenantId, WorkerId,
 };
 
 /// Sessions and jobs over one store, one engine and one CPU pool.
@@ -294,6 +294,9 @@ impl Service {
             Some(owner) if owner.tenant != *tenant => {
                 Err(Fault::new(FaultKind::NotFound, format!("there is no job {id}")))
             }
+            Some(owner) if owner.deleted => {
+                Err(Fault::new(FaultKind::Gone, format!("job {id} was deleted with its session")))
+            }
             _ => self.job(id).await,
         }
     }
@@ -342,7 +345,39 @@ impl Service {
         self.status(id).await
     }
 
-    /// Deletes a session with everything in it, and stops jobs that run in it or read it.
+    /// Deletes a session so that it can be restored for a while ([`ServiceSettings::deleted_retention`]), and cancels the jobs in it and those that read it.
+    /// False when it was not there or deleted before.
+    ///
+    /// # Errors
+    /// The store's.
+    pub async fn hide_session(&self, id: SessionId) -> Result<bool, Fault> {
+        if self.settings.deleted_retention.is_zero() {
+            return self.delete_session(id).await;
+        }
+        for state in [JobState::Accepted, JobState::Interrupted, JobState::Running] {
+            let all = JobFilter { session: Some(id), state: Some(state), limit: u32::MAX, ..JobFilter::default() };
+            for job in self.store.jobs(&all).await? {
+                self.cancel_unless_ended(job.id).await?;
+            }
+        }
+        for running in self.running_jobs().iter().filter(|r| r.reads(id)) {
+            self.cancel_unless_ended(running.job).await?;
+        }
+        let hidden = self.store.hide_session(id).await?;
+        self.announce();
+        Ok(hidden)
+    }
+
+    async fn cancel_unless_ended(&self, id: JobId) -> Result<(), Fault> {
+        match self.cancel(id).await {
+            Err(fault) if ![FaultKind::WrongState, FaultKind::NotFound, FaultKind::Gone].contains(&fault.kind) => {
+                Err(fault)
+            }
+            Ok(_) | Err(_) => Ok(()),
+        }
+    }
+
+    /// Deletes a session with everything in it for good, and stops jobs that run in it or read it.
     ///
     /// # Errors
     /// The store's.

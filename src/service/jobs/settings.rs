@@ -29,6 +29,8 @@ pub struct ServiceSettings {
     pub session_quota: u64,
     /// Sessions in which nothing happens for so long are deleted; never when absent.
     pub session_retention: Option<Duration>,
+    /// A deleted session can be restored for so long; then it goes for good. Zero: at once.
+    pub deleted_retention: Duration,
     /// Events of a job are kept for so long after its end.
     pub event_retention: Duration,
     /// Results of a comparison are kept for so long after its end.
@@ -54,6 +56,7 @@ impl Default for ServiceSettings {
             max_wall: Duration::from_secs(2 * 3600),
             session_quota: 16 << 30,
             session_retention: None,
+            deleted_retention: Duration::from_secs(DAY),
             event_retention: Duration::from_secs(30 * DAY),
             comparison_retention: Duration::from_secs(30 * DAY),
             janitor_every: Duration::from_secs(600),

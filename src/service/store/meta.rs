@@ -40,6 +40,16 @@ pub trait MetaStore: Debug + Send + Sync {
     /// from then on. Blobs of other sessions that are not named any more; `None` when the session was not there.
     async fn delete_session(&self, id: SessionId) -> Result<Option<Vec<String>>>;
 
+    /// Hides a session with everything in it, and jobs of other sessions that read it: ids answer [`MetaStore::is_deleted`] from then on, lists lack them,
+    /// and all stays stored. False when it was not there, or was hidden already.
+    async fn hide_session(&self, id: SessionId) -> Result<bool>;
+
+    /// Takes [`MetaStore::hide_session`] back. False when the session is not there or not hidden.
+    async fn restore_session(&self, id: SessionId) -> Result<bool>;
+
+    /// Sessions that were hidden before `before` (RFC 3339).
+    async fn hidden_sessions(&self, before: &str) -> Result<Vec<SessionRecord>>;
+
     /// Sessions in which nothing was made or changed since `since` (RFC 3339) and no job waits or runs.
     async fn idle_sessions(&self, since: &str) -> Result<Vec<SessionRecord>>;
 

@@ -136,6 +136,31 @@ impl Store {
         Ok(true)
     }
 
+    /// Hides a session with everything in it, and jobs of other sessions that read it: they answer as deleted, lists lack them, and all stays stored. False when
+    /// it was not there, or was hidden already.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn hide_session(&self, id: SessionId) -> Result<bool> {
+        self.meta.hide_session(id).await
+    }
+
+    /// Takes [`Store::hide_session`] back. False when the session is not there or not hidden.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn restore_session(&self, id: SessionId) -> Result<bool> {
+        self.meta.restore_session(id).await
+    }
+
+    /// Sessions that have been hidden for `age`.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub async fn hidden_sessions(&self, age: Duration) -> Result<Vec<SessionRecord>> {
+        self.meta.hidden_sessions(&rfc3339_before(age)).await
+    }
+
     /// Sessions in which nothing was made or changed for `idle` and no job waits or runs.
     ///
     /// # Errors

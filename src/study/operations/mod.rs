@@ -82,7 +82,8 @@ struct Row {
     /// Cut, fields of segments and mesh, s; shared by operations with the same cuts.
     prepare_s: f64,
     solve_s: f64,
-    first_frame_s: f64,
+    /// When each step was there, s.
+    steps_s: Vec<f64>,
     steps: usize,
     newton: usize,
     substeps: usize,
@@ -106,7 +107,7 @@ impl Row {
             detail,
             prepare_s: 0.0,
             solve_s: 0.0,
-            first_frame_s: 0.0,
+            steps_s: Vec::new(),
             steps: 0,
             newton: 0,
             substeps: 0,
@@ -193,9 +194,7 @@ impl OperationStudy<'_> {
         let begin = Instant::now();
         let mut reports = Vec::new();
         let outcome = solve(&head.anatomy, &scene.tissue, &scene.bone, &plan, &settings, &control, &mut |frame| {
-            if frame.k == 1 {
-                row.first_frame_s = begin.elapsed().as_secs_f64();
-            }
+            row.steps_s.push(begin.elapsed().as_secs_f64());
             reports.push(frame.report);
         });
         row.solve_s = begin.elapsed().as_secs_f64();
@@ -315,14 +314,14 @@ fn motion(segment: &Segment, m: &Move, landmarks: &Landmarks) -> Result<Motion, 
     }
 }
 
-const COLUMNS: &str = "head,operation,case,end,detail,prepare_s,solve_s,first_frame_s,steps,newton,substeps,factorisations,unknowns,min_det_f,penetration_mm,deepest_mm,peak_mb";
+const COLUMNS: &str = "head,operation,case,end,detail,prepare_s,solve_s,steps_s,steps,newton,substeps,factorisations,unknowns,min_det_f,penetration_mm,deepest_mm,peak_mb";
 
 fn csv(rows: &[Row]) -> String {
     let quoted = |text: &str| format!("\"{}\"", text.replace('"', "'"));
     let mut text = format!("{COLUMNS},{},warnings\n", PHASES.join(","));
     for r in rows {
         text += &format!(
-            "{},{},{},{},{},{:.2},{:.2},{:.2},{},{},{},{},{},{:.4},{:.4},{:.3},{},{},{}\n",
+            "{},{},{},{},{},{:.2},{:.2},{},{},{},{},{},{},{:.4},{:.4},{:.3},{},{},{}\n",
             r.head,
             quoted(&r.operation),
             r.case,
@@ -330,7 +329,7 @@ fn csv(rows: &[Row]) -> String {
             quoted(&r.detail),
             r.prepare_s,
             r.solve_s,
-            r.first_frame_s,
+            r.steps_s.iter().map(|s| format!("{s:.1}")).collect::<Vec<_>>().join(";"),
             r.steps,
             r.newton,
             r.substeps,

@@ -65,3 +65,28 @@ impl Jaw<'_> {
         best.map(|b| b.1)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plan::propose::voxels::Voxels;
+
+    /// A block beside the head with a canal of 8 mm along x, and a wider cave 20 mm above it.
+    #[test]
+    fn porion_is_the_top_of_the_canal_behind_the_condyle() {
+        let condylion = Point::new(50.0, 0.0, 60.0);
+        let is_bone = |p: &Point| {
+            let canal = (p.y - 14.0).hypot(p.z - 56.0) < 4.0;
+            let cave = (p.y - 14.0).hypot(p.z - 78.0) < 8.0;
+            p.x < 58.0 && p.y > -10.0 && !canal && !cave
+        };
+        let bone = Voxels::filled_where(Point::new(30.0, -20.0, 20.0), [40, 70, 80], is_bone);
+        let jaw = Jaw { bone: &bone, midline: 0.0, spine_y: -80.0, occlusal: 20.0 };
+        let found = jaw.porion(1.0, &condylion).unwrap();
+        // To a voxel; the block ends at x = 58.
+        assert!((found - Point::new(57.5, 14.0, 60.0)).norm() < 1.0, "{found}");
+        // Without a canal nothing is proposed.
+        let solid = Voxels::filled_where(Point::new(30.0, -20.0, 20.0), [40, 70, 80], |p| p.x < 58.0 && p.y > -10.0);
+        assert!(Jaw { bone: &solid, ..jaw }.porion(1.0, &condylion).is_none());
+    }
+}

@@ -150,3 +150,27 @@ pub(super) fn lower_incisal_edge(bone: &Voxels, midline: f64, edge: [f64; 2]) ->
     let z = levels.find(|z| front(*z).is_some())?;
     Some([front(z)?, z + 0.5 * VOXEL_MM])
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use prosopon_geometry::Point;
+
+    fn teeth(lower_front: f64, gap_mm: f64) -> Voxels {
+        let is_bone = move |p: &Point| {
+            let upper = p.z > 40.0 && p.y > 10.0;
+            upper || (p.z < 40.0 - gap_mm && p.y > lower_front)
+        };
+        Voxels::filled_where(Point::new(-20.0, 0.0, 0.0), [40, 40, 70], is_bone)
+    }
+
+    #[test]
+    fn the_lower_incisors_are_found_below_a_gap_and_not_where_they_touch() {
+        let bone = teeth(12.0, 6.0);
+        let upper = incisal_edge(&bone, 0.0, [10.0, 65.0]).unwrap();
+        assert!((upper[0] - 10.5).abs() < 1e-9 && (upper[1] - 40.0).abs() <= 1.0, "{upper:?}");
+        let lower = lower_incisal_edge(&bone, 0.0, upper).unwrap();
+        assert!((lower[0] - 12.5).abs() < 1e-9 && (lower[1] - 34.0).abs() <= 1.0, "{lower:?}");
+        assert!(lower_incisal_edge(&teeth(12.0, 0.0), 0.0, upper).is_none());
+    }
+}

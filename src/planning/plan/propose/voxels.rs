@@ -44,6 +44,16 @@ impl Voxels {
         Self { min: bounds.min, dims, filled }
     }
 
+    /// Voxels from `min` on, filled where `is_bone` holds at their middle.
+    #[cfg(test)]
+    pub(super) fn filled_where(min: Point, dims: [usize; 3], is_bone: impl Fn(&Point) -> bool) -> Self {
+        let middle = |n: usize| {
+            let at = [n / dims[1] % dims[0], n % dims[1], n / (dims[1] * dims[0])];
+            min + prosopon_geometry::Vector::from(at.map(|c| (c as f64 + 0.5) * VOXEL_MM))
+        };
+        Self { min, dims, filled: (0..dims.iter().product()).map(|n| is_bone(&middle(n))).collect() }
+    }
+
     /// Whether the voxel at a place is filled.
     pub(super) fn at(&self, x: f64, y: f64, z: f64) -> bool {
         let cell = |v: f64, a: usize| {

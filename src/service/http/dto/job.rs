@@ -142,7 +142,7 @@ pub struct CreateJob {
     /// Element of the skin layer; `wedge` for `linear` and `mass_tensor`, `tet` for `nonlinear`, `c1_prism` for `mixed` when absent.
     #[serde(default)]
     pub skin_element: Option<SkinElementName>,
-    /// Cure of locking near incompressibility; `none` when absent.
+    /// Cure of locking near incompressibility; when absent `smoothed` on a ready tissue mesh, else `none`.
     #[serde(default)]
     pub locking: Option<LockingName>,
     /// Residual force over reaction force at which a step is in equilibrium; 1e-4 when absent.

@@ -13,6 +13,9 @@ use prosopon_store::AuditEntry;
 /// Calls that only look although they have a body.
 const LOOKING_POSTS: [&str; 2] = ["/v1/sessions/{session}/field/query", "/v1/materials/check"];
 
+/// The one call that a deleted session still answers.
+const RESTORE: &str = "/v1/sessions/{session}/restore";
+
 /// Calls that are not in the audit log: how work stands, and what is the same for everybody.
 const NOT_AUDITED: [&str; 4] = ["/v1/jobs", "/v1/jobs/{job}", "/v1/materials", "/v1/materials/check"];
 
@@ -40,11 +43,11 @@ pub(in crate::http) async fn guard(
         request_id: request_id(),
         ..AuditEntry::default()
     };
-    let foreign = match &id {
-        Some((kind, id)) => is_foreign(&state, &principal, kind, id).await,
+    let refused = match &id {
+        Some((kind, id)) => refused(&state, &principal, &route, (kind, id)).await,
         None => None,
     };
-    let response = match foreign {
+    let response = match refused {
         Some(problem) => problem.into_response(),
         None => {
             request.extensions_mut().insert(principal);
@@ -104,9 +107,13 @@ fn named(params: &RawPathParams) -> Option<(&'static str, String)> {
     Some((name, id.to_string()))
 }
 
-/// What an id that belongs to somebody else answers: the same, at the same moment, as one that was never there.
-async fn is_foreign(state: &AppState, principal: &Principal, kind: &str, id: &str) -> Option<Problem> {
+/// What an id that belongs to somebody else answers: the same, at the same moment, as one that was never there. What was deleted says so, also while
+/// it can be restored.
+async fn refused(state: &AppState, principal: &Principal, route: &str, (kind, id): (&str, &str)) -> Option<Problem> {
     match state.service.store().owner(id).await {
+        Ok(Some(owner)) if owner.tenant == principal.tenant && owner.deleted && route != RESTORE => {
+            Some(Problem::new(FaultKind::Gone, format!("{kind} {id} was deleted")))
+        }
         Ok(Some(owner)) if owner.tenant == principal.tenant => None,
         Ok(_) => Some(Problem::new(FaultKind::NotFound, format!("there is no {kind} {id}"))),
         Err(error) => Some(error.into()),

@@ -182,6 +182,9 @@ async fn own_surface(state: &AppState, principal: &Principal, source: SurfaceSou
             Some(owner) if owner.tenant != principal.tenant => {
                 Err(Problem::new(FaultKind::NotFound, format!("there is no session {session}")))
             }
+            Some(owner) if owner.deleted => {
+                Err(Problem::new(FaultKind::Gone, format!("session {session} was deleted")))
+            }
             _ => Ok(()),
         }
     };

@@ -18,6 +18,7 @@ use crate::http::dto::{CheckedJob, CreateJob, JobList, JobView, SessionSettings}
 use crate::http::extract::{Creating, Ids, Params, page_length, short_number};
 use crate::http::{AppState, Problem};
 use prosopon_jobs::{Order, PhysicsRecord, SceneRequest, SolveRequest};
+use prosopon_planning::simulate::READY_MESH_LOCKING;
 use prosopon_session::{CutDocument, Fault, FaultKind, SessionParts, TissueDocument};
 use prosopon_store::{JobFilter, JobId, JobKind, JobState, PartKind, PlanRecord, SessionId};
 
@@ -161,7 +162,11 @@ async fn scene(
         cut_warnings: cut_warnings.unwrap_or_default(),
         bones: parts.bone_keys(),
         field_settings: parts.field_settings()?,
-        physics: PhysicsRecord { leave_out_below_mm: 0.0, ..checked.physics },
+        physics: PhysicsRecord {
+            leave_out_below_mm: 0.0,
+            locking: checked.physics.locking.or(Some(READY_MESH_LOCKING.into())),
+            ..checked.physics
+        },
         steps: checked.steps,
         file: checked.tissue,
     })

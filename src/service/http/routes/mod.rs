@@ -37,6 +37,7 @@ pub(super) fn all() -> (OpenApiRouter<AppState>, OpenApiRouter<AppState>) {
     let plain = OpenApiRouter::new()
         .routes(routes!(sessions::list, sessions::create))
         .routes(routes!(sessions::get, sessions::delete))
+        .routes(routes!(sessions::restore))
         .routes(routes!(landmarks::get, landmarks::put))
         .routes(routes!(field::put_settings))
         .routes(routes!(field::get, field::build))

@@ -92,18 +92,57 @@ pub(in crate::http) async fn get(
     Ok(Json(view))
 }
 
+/// How a session is deleted.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub(in crate::http) struct Deletion {
+    /// For good and at once: it cannot be restored.
+    #[serde(default)]
+    at_once: bool,
+}
+
 /// Delete a session
 ///
-/// With everything in it, at once and for good; its running job is stopped.
-#[utoipa::path(delete, path = "/v1/sessions/{session}", tag = "sessions", params(("session" = Uuid, Path)),
+/// With everything in it; its jobs are cancelled. From then on it answers 410 and no list has it. For a day (or what the service is set to) `POST …/restore`
+/// brings it back; then it goes for good, with `at_once=true` immediately.
+#[utoipa::path(delete, path = "/v1/sessions/{session}", tag = "sessions", params(("session" = Uuid, Path), Deletion),
     responses((status = 204, description = "deleted")))]
 pub(in crate::http) async fn delete(
     State(state): State<AppState>,
     Ids(session): Ids<SessionId>,
+    Params(deletion): Params<Deletion>,
 ) -> Result<StatusCode, Problem> {
     SessionParts::load(state.service.store(), session).await?;
-    state.service.delete_session(session).await?;
+    if deletion.at_once {
+        state.service.delete_session(session).await?;
+    } else {
+        state.service.hide_session(session).await?;
+    }
     Ok(StatusCode::NO_CONTENT)
+}
+
+/// Restore a session
+///
+/// That was deleted less than a day ago (or what the service is set to), with everything in it. Jobs that the deletion cancelled stay cancelled.
+#[utoipa::path(post, path = "/v1/sessions/{session}/restore", tag = "sessions", params(("session" = Uuid, Path)),
+    responses((status = 200, description = "the session", body = SessionView)))]
+pub(in crate::http) async fn restore(
+    State(state): State<AppState>,
+    Ids(session): Ids<SessionId>,
+) -> Result<Json<SessionView>, Problem> {
+    let is_there = state.service.store().session(session).await?.is_some();
+    if !state.service.store().restore_session(session).await? {
+        return Err(if is_there {
+            Problem::new(
+                FaultKind::WrongState,
+                format!("session {session} was not deleted: there is nothing to restore"),
+            )
+        } else {
+            Problem::new(FaultKind::Gone, format!("session {session} was deleted for good"))
+        });
+    }
+    get(State(state), Ids(session)).await
 }
 
 /// When the session will be deleted if nothing is done with it.

@@ -374,6 +374,15 @@ impl From<LockingName> for Locking {
     }
 }
 
+impl From<Locking> for LockingName {
+    fn from(locking: Locking) -> Self {
+        match locking {
+            Locking::None => Self::None,
+            Locking::Smoothed => Self::Smoothed,
+        }
+    }
+}
+
 /// What is done where a material loses ellipticity during a solve.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]

@@ -18,6 +18,41 @@ async fn sessions_belong_to_tenants_and_are_listed_newest_first(store: Store) {
     assert_eq!(store.session(b1.id).await.unwrap(), Some(b1));
 }
 
+async fn a_hidden_session_answers_as_deleted_until_it_is_restored(store: Store) {
+    let [kept, hidden] = [add_session(&store, "a").await, add_session(&store, "a").await];
+    let a: TenantId = "a".parse().unwrap();
+    let job = accept(&store, hidden.id, "1").await;
+    let reading = JobRecord { other_session: Some(hidden.id), ..super::job(kept.id, "2") };
+    insert(&store, &reading, MANY, false).await;
+    assert!(store.hide_session(hidden.id).await.unwrap());
+    assert!(!store.hide_session(hidden.id).await.unwrap());
+    assert_eq!(store.sessions(Some(&a), None, 10).await.unwrap(), std::slice::from_ref(&kept));
+    let all = JobFilter { tenant: Some(a.clone()), limit: 10, ..JobFilter::default() };
+    assert!(store.jobs(&all).await.unwrap().is_empty());
+    for id in [hidden.id.to_string(), job.to_string(), reading.id.to_string()] {
+        assert!(store.is_deleted(&id).await.unwrap());
+        assert!(store.owner(&id).await.unwrap().is_some_and(|o| o.deleted && o.tenant == a));
+    }
+    assert!(store.idle_sessions(Duration::ZERO).await.unwrap().iter().all(|s| s.id != hidden.id));
+    assert!(store.hidden_sessions(Duration::from_secs(3600)).await.unwrap().is_empty());
+    tokio::time::sleep(Duration::from_millis(5)).await;
+    assert_eq!(store.hidden_sessions(Duration::ZERO).await.unwrap(), std::slice::from_ref(&hidden));
+    assert!(store.restore_session(hidden.id).await.unwrap());
+    assert!(!store.restore_session(hidden.id).await.unwrap());
+    assert_eq!(store.sessions(Some(&a), None, 10).await.unwrap(), [hidden.clone(), kept.clone()]);
+    assert_eq!(store.jobs(&all).await.unwrap().len(), 2);
+    assert!(!store.is_deleted(&job.to_string()).await.unwrap());
+    // A comparison of two sessions needs both.
+    store.hide_session(kept.id).await.unwrap();
+    store.hide_session(hidden.id).await.unwrap();
+    store.restore_session(kept.id).await.unwrap();
+    assert!(store.is_deleted(&reading.id.to_string()).await.unwrap());
+    // What was hidden can be deleted for good, and then it does not come back.
+    assert!(store.delete_session(hidden.id).await.unwrap());
+    assert!(!store.restore_session(hidden.id).await.unwrap());
+    assert!(store.is_deleted(&hidden.id.to_string()).await.unwrap());
+}
+
 async fn answers_are_remembered_by_tenant_and_key(store: Store) {
     let record = session("a");
     store.insert_session(&record, Some(&answer("a", "k", record.id))).await.unwrap();
@@ -190,6 +225,7 @@ async fn the_end_of_the_audit_log_is_noted(store: Store) {
 
 conforms! {
     sessions_belong_to_tenants_and_are_listed_newest_first,
+    a_hidden_session_answers_as_deleted_until_it_is_restored,
     answers_are_remembered_by_tenant_and_key,
     parts_replace_each_other_within_the_quota,
     plans_go_with_their_osteotomy,

@@ -85,17 +85,38 @@ impl MetaStore for MemoryMeta {
     ) -> Result<Vec<SessionRecord>> {
         let wanted =
             |s: &&SessionRecord| before.is_none_or(|b| s.id < b) && tenant.is_none_or(|tenant| s.tenant == *tenant);
-        Ok(self.read(|rows| rows.sessions.values().rev().filter(wanted).take(limit as usize).cloned().collect()))
+        Ok(self.read(|rows| {
+            let shown = |s: &&SessionRecord| wanted(s) && rows.hidden_at(&s.id.to_string()).is_none();
+            rows.sessions.values().rev().filter(shown).take(limit as usize).cloned().collect()
+        }))
     }
 
     async fn delete_session(&self, id: SessionId) -> Result<Option<Vec<String>>> {
         self.write(|rows| Ok(rows.delete_session(id)))
     }
 
+    async fn hide_session(&self, id: SessionId) -> Result<bool> {
+        self.write(|rows| Ok(rows.hide_session(id)))
+    }
+
+    async fn restore_session(&self, id: SessionId) -> Result<bool> {
+        self.write(|rows| Ok(rows.restore_session(id)))
+    }
+
+    async fn hidden_sessions(&self, before: &str) -> Result<Vec<SessionRecord>> {
+        Ok(self.read(|rows| {
+            let is_old = |s: &&SessionRecord| rows.hidden_at(&s.id.to_string()).is_some_and(|at| at < before);
+            rows.sessions.values().filter(is_old).cloned().collect()
+        }))
+    }
+
     async fn idle_sessions(&self, since: &str) -> Result<Vec<SessionRecord>> {
         Ok(self.read(|rows| {
             let busy = |id| rows.jobs.values().any(|j| j.record.session == id && !j.record.state.has_ended());
-            let idle = |s: &&SessionRecord| rows.last_used(s.id).is_some_and(|t| t.as_str() < since) && !busy(s.id);
+            let idle = |s: &&SessionRecord| {
+                let hidden = rows.hidden_at(&s.id.to_string()).is_some();
+                !hidden && rows.last_used(s.id).is_some_and(|t| t.as_str() < since) && !busy(s.id)
+            };
             rows.sessions.values().filter(idle).cloned().collect()
         }))
     }
@@ -229,7 +250,8 @@ impl MetaStore for MemoryMeta {
         };
         Ok(self.read(|rows| {
             let newest_first = rows.jobs.values().rev().map(|j| &j.record);
-            newest_first.filter(wanted).take(filter.limit as usize).cloned().collect()
+            let shown = |j: &&JobRecord| wanted(j) && rows.hidden_at(&j.id.to_string()).is_none();
+            newest_first.filter(shown).take(filter.limit as usize).cloned().collect()
         }))
     }
 

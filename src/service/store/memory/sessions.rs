@@ -68,7 +68,48 @@ impl Rows {
         let job = id.parse().ok().and_then(|id: JobId| self.jobs.get(&id)).map(|j| &j.record.tenant);
         let here = session.or(job).map(|tenant| Owner { tenant: tenant.clone(), deleted: false });
         let gone = || self.tombstones.get(id).map(|(tenant, _)| Owner { tenant: tenant.clone(), deleted: true });
-        here.or_else(gone)
+        gone().or(here)
+    }
+
+    /// When a session, or a job that is still there, was hidden.
+    pub(super) fn hidden_at(&self, id: &str) -> Option<&str> {
+        self.tombstones.get(id).map(|(_, at)| at.as_str())
+    }
+
+    /// Ids of a session and of all that is hidden with it.
+    fn with_contents(&self, id: SessionId) -> Vec<String> {
+        let reads = |j: &&super::Job| j.record.session == id || j.record.other_session == Some(id);
+        let jobs = self.jobs.values().filter(reads).map(|j| j.record.id.to_string());
+        let osteotomies = self.osteotomies.values().filter(|o| o.session == id).map(|o| o.id.to_string());
+        let plans = self.plans.values().filter(|p| p.session == id).map(|p| p.id.to_string());
+        jobs.chain(osteotomies).chain(plans).chain([id.to_string()]).collect()
+    }
+
+    pub(super) fn hide_session(&mut self, id: SessionId) -> bool {
+        let Some(tenant) = self.sessions.get(&id).map(|s| s.tenant.clone()) else { return false };
+        if self.hidden_at(&id.to_string()).is_some() {
+            return false;
+        }
+        self.with_contents(id).into_iter().for_each(|id| self.bury(id, &tenant));
+        self.answers.retain(|_, (answer, _)| answer.session != Some(id));
+        true
+    }
+
+    pub(super) fn restore_session(&mut self, id: SessionId) -> bool {
+        if !self.sessions.contains_key(&id) || self.tombstones.remove(&id.to_string()).is_none() {
+            return false;
+        }
+        // A comparison of two sessions stays hidden while one of them is.
+        let hidden: BTreeSet<SessionId> =
+            self.sessions.keys().copied().filter(|s| self.hidden_at(&s.to_string()).is_some()).collect();
+        let of_hidden = |j: &&super::Job| {
+            hidden.contains(&j.record.session) || j.record.other_session.is_some_and(|other| hidden.contains(&other))
+        };
+        let stays: BTreeSet<String> = self.jobs.values().filter(of_hidden).map(|j| j.record.id.to_string()).collect();
+        for id in self.with_contents(id).into_iter().filter(|id| !stays.contains(id)) {
+            self.tombstones.remove(&id);
+        }
+        true
     }
 
     fn bury(&mut self, id: String, tenant: &TenantId) {

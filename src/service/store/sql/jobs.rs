@@ -51,7 +51,8 @@ pub(super) async fn one(reader: &Pool, id: JobId) -> Result<Option<JobRecord>> {
 pub(super) async fn page(reader: &Pool, filter: &JobFilter) -> Result<Vec<JobRecord>> {
     sqlx::query(
         "SELECT * FROM jobs WHERE ($1 IS NULL OR session = $1) AND ($2 IS NULL OR state = $2)
-         AND ($3 IS NULL OR id < $3) AND ($4 IS NULL OR tenant = $4) AND ($5 IS NULL OR kind = $5) ORDER BY id DESC LIMIT $6",
+         AND ($3 IS NULL OR id < $3) AND ($4 IS NULL OR tenant = $4) AND ($5 IS NULL OR kind = $5)
+         AND NOT EXISTS (SELECT 1 FROM tombstones t WHERE t.id = jobs.id) ORDER BY id DESC LIMIT $6",
     )
     .bind(filter.session.map(|s| s.to_string()))
     .bind(filter.state.map(JobState::as_str))

@@ -33,6 +33,18 @@ impl MetaStore for Meta {
         sessions::delete(self.writer(), id).await
     }
 
+    async fn hide_session(&self, id: SessionId) -> Result<bool> {
+        sessions::hide(self.writer(), id).await
+    }
+
+    async fn restore_session(&self, id: SessionId) -> Result<bool> {
+        sessions::restore(self.writer(), id).await
+    }
+
+    async fn hidden_sessions(&self, before: &str) -> Result<Vec<SessionRecord>> {
+        sessions::hidden(self.reader(), before).await
+    }
+
     async fn idle_sessions(&self, since: &str) -> Result<Vec<SessionRecord>> {
         sessions::idle(self.reader(), since).await
     }

@@ -53,8 +53,9 @@ pub(super) async fn page(
 ) -> Result<Vec<SessionRecord>> {
     // Ids are version 7 UUIDs: their order is the order of creation.
     let rows = sqlx::query_as::<_, Row>(
-        "SELECT id, tenant, label, settings, created_at FROM sessions
-         WHERE ($1 IS NULL OR id < $1) AND ($2 IS NULL OR tenant = $2) ORDER BY id DESC LIMIT $3",
+        "SELECT id, tenant, label, settings, created_at FROM sessions s
+         WHERE ($1 IS NULL OR id < $1) AND ($2 IS NULL OR tenant = $2)
+         AND NOT EXISTS (SELECT 1 FROM tombstones WHERE id = s.id) ORDER BY id DESC LIMIT $3",
     )
     .bind(before.map(|id| id.to_string()))
     .bind(tenant.map(TenantId::as_str))
@@ -66,27 +67,9 @@ pub(super) async fn page(
 
 pub(super) async fn delete(writer: &Pool, id: SessionId) -> Result<Option<Vec<String>>> {
     let mut transaction = writer.begin().await?;
-    // From here on nothing comes to it, and no job that reads it changes.
-    let held = format!("SELECT id FROM sessions WHERE id = $1 {FOR_REMOVAL}");
-    let held = sqlx::query(AssertSqlSafe(held)).bind(id.to_string()).fetch_optional(&mut *transaction).await?;
-    if held.is_none() {
+    if !bury(&mut transaction, id).await? {
         return Ok(None);
     }
-    let jobs = format!("SELECT id FROM jobs WHERE session = $1 OR other_session = $1 ORDER BY id {FOR_REMOVAL}");
-    sqlx::query(AssertSqlSafe(jobs)).bind(id.to_string()).fetch_all(&mut *transaction).await?;
-    sqlx::query(
-        "INSERT INTO tombstones (id, deleted_at, tenant)
-         SELECT id, $2, tenant FROM sessions WHERE id = $1
-         UNION ALL SELECT o.id, $2, s.tenant FROM osteotomies o JOIN sessions s ON s.id = o.session WHERE o.session = $1
-         UNION ALL SELECT p.id, $2, s.tenant FROM plans p JOIN sessions s ON s.id = p.session WHERE p.session = $1
-         UNION ALL SELECT id, $2, tenant FROM jobs WHERE session = $1 OR other_session = $1
-         ON CONFLICT (id) DO NOTHING",
-    )
-    .bind(id.to_string())
-    .bind(now_rfc3339())
-    .execute(&mut *transaction)
-    .await?;
-    sqlx::query("DELETE FROM answers WHERE session = $1").bind(id.to_string()).execute(&mut *transaction).await?;
     let elsewhere: Vec<String> = sqlx::query_scalar(
         "SELECT rest_blob FROM jobs WHERE other_session = $1 AND session <> $1 AND rest_blob IS NOT NULL
          UNION SELECT tissue_blob FROM jobs WHERE other_session = $1 AND session <> $1 AND tissue_blob IS NOT NULL
@@ -98,6 +81,72 @@ pub(super) async fn delete(writer: &Pool, id: SessionId) -> Result<Option<Vec<St
     sqlx::query("DELETE FROM sessions WHERE id = $1").bind(id.to_string()).execute(&mut *transaction).await?;
     transaction.commit().await?;
     Ok(Some(elsewhere))
+}
+
+/// Puts a tombstone for a session, for everything in it and for jobs that read it, and forgets answers that made it. False when it is not there.
+async fn bury(transaction: &mut Transaction<'_>, id: SessionId) -> Result<bool> {
+    // From here on nothing comes to it, and no job that reads it changes.
+    let held = format!("SELECT id FROM sessions WHERE id = $1 {FOR_REMOVAL}");
+    let held = sqlx::query(AssertSqlSafe(held)).bind(id.to_string()).fetch_optional(&mut **transaction).await?;
+    if held.is_none() {
+        return Ok(false);
+    }
+    let jobs = format!("SELECT id FROM jobs WHERE session = $1 OR other_session = $1 ORDER BY id {FOR_REMOVAL}");
+    sqlx::query(AssertSqlSafe(jobs)).bind(id.to_string()).fetch_all(&mut **transaction).await?;
+    sqlx::query(
+        "INSERT INTO tombstones (id, deleted_at, tenant)
+         SELECT id, $2, tenant FROM sessions WHERE id = $1
+         UNION ALL SELECT o.id, $2, s.tenant FROM osteotomies o JOIN sessions s ON s.id = o.session WHERE o.session = $1
+         UNION ALL SELECT p.id, $2, s.tenant FROM plans p JOIN sessions s ON s.id = p.session WHERE p.session = $1
+         UNION ALL SELECT id, $2, tenant FROM jobs WHERE session = $1 OR other_session = $1
+         ON CONFLICT (id) DO NOTHING",
+    )
+    .bind(id.to_string())
+    .bind(now_rfc3339())
+    .execute(&mut **transaction)
+    .await?;
+    sqlx::query("DELETE FROM answers WHERE session = $1").bind(id.to_string()).execute(&mut **transaction).await?;
+    Ok(true)
+}
+
+pub(super) async fn hide(writer: &Pool, id: SessionId) -> Result<bool> {
+    let mut transaction = writer.begin().await?;
+    let hidden = sqlx::query_scalar::<_, i64>("SELECT count(*) FROM tombstones WHERE id = $1").bind(id.to_string());
+    if hidden.fetch_one(&mut *transaction).await? > 0 || !bury(&mut transaction, id).await? {
+        return Ok(false);
+    }
+    transaction.commit().await?;
+    Ok(true)
+}
+
+pub(super) async fn restore(writer: &Pool, id: SessionId) -> Result<bool> {
+    let mut transaction = writer.begin().await?;
+    let held = format!("SELECT id FROM sessions WHERE id = $1 {FOR_REMOVAL}");
+    let held = sqlx::query(AssertSqlSafe(held)).bind(id.to_string()).fetch_optional(&mut *transaction).await?;
+    let stone = sqlx::query("DELETE FROM tombstones WHERE id = $1").bind(id.to_string());
+    if held.is_none() || stone.execute(&mut *transaction).await?.rows_affected() == 0 {
+        return Ok(false);
+    }
+    // A comparison of two sessions stays hidden while one of them is.
+    sqlx::query(
+        "DELETE FROM tombstones WHERE id IN (
+             SELECT id FROM osteotomies WHERE session = $1 UNION SELECT id FROM plans WHERE session = $1
+             UNION SELECT j.id FROM jobs j WHERE (j.session = $1 OR j.other_session = $1) AND NOT EXISTS (
+                 SELECT 1 FROM tombstones t WHERE t.id = j.session OR t.id = j.other_session))",
+    )
+    .bind(id.to_string())
+    .execute(&mut *transaction)
+    .await?;
+    transaction.commit().await?;
+    Ok(true)
+}
+
+pub(super) async fn hidden(reader: &Pool, before: &str) -> Result<Vec<SessionRecord>> {
+    let rows = sqlx::query_as::<_, Row>(
+        "SELECT s.id, s.tenant, s.label, s.settings, s.created_at FROM sessions s JOIN tombstones t ON t.id = s.id
+         WHERE t.deleted_at < $1 ORDER BY s.id",
+    );
+    rows.bind(before).fetch_all(reader).await?.into_iter().map(record).collect()
 }
 
 /// When something was last made or changed in the session `s`; times of the same form sort as texts.
@@ -112,6 +161,7 @@ const LAST_USED: &str = "(SELECT max(at) FROM (
 pub(super) async fn idle(reader: &Pool, since: &str) -> Result<Vec<SessionRecord>> {
     let query = format!(
         "SELECT id, tenant, label, settings, created_at FROM sessions s WHERE {LAST_USED} < $1
+         AND NOT EXISTS (SELECT 1 FROM tombstones WHERE id = s.id)
          AND NOT EXISTS (SELECT 1 FROM jobs WHERE session = s.id AND state IN ('accepted', 'running', 'interrupted'))
          ORDER BY id"
     );
@@ -126,9 +176,9 @@ pub(super) async fn last_used(reader: &Pool, id: SessionId) -> Result<Option<Str
 
 pub(super) async fn owner(reader: &Pool, id: &str) -> Result<Option<Owner>> {
     let row: Option<(String, bool)> = sqlx::query_as(
-        "SELECT tenant, FALSE FROM sessions WHERE id = $1
-         UNION ALL SELECT tenant, FALSE FROM jobs WHERE id = $1
-         UNION ALL SELECT tenant, TRUE FROM tombstones WHERE id = $1 LIMIT 1",
+        "SELECT tenant, TRUE AS deleted FROM tombstones WHERE id = $1
+         UNION ALL SELECT tenant, FALSE FROM sessions WHERE id = $1
+         UNION ALL SELECT tenant, FALSE FROM jobs WHERE id = $1 ORDER BY deleted DESC LIMIT 1",
     )
     .bind(id)
     .fetch_optional(reader)

@@ -41,7 +41,7 @@ pub fn build(
     settings.check()?;
     let mut first = None;
     for share in EDGE_SHARES {
-        let tried = MeshSettings { edge_mm: share * settings.edge_mm, ..settings.clone() };
+        let tried = MeshSettings { edge_mm: share * settings.edge_mm, ..*settings };
         match build_once(domain, &tried, control) {
             Err(error @ MeshError::Inverted { .. }) => {
                 first.get_or_insert(error);

@@ -130,6 +130,7 @@ pub struct CutDocument {
 /// A cut as it was stored: earlier versions wrote the plane alone.
 #[derive(Deserialize)]
 #[serde(untagged)]
+#[expect(clippy::large_enum_variant, reason = "it lives as long as one document is read")]
 enum StoredCut {
     Plane(PlaneDocument),
     Cut {

@@ -90,6 +90,10 @@ async fn a_deleted_session_can_be_restored_with_all_that_it_holds() {
     let restored = app.post(&format!("{session}/restore"), json!({})).await.ok();
     assert_eq!(restored, before);
     assert_eq!(app.get(&frame).await.body, bytes);
+    // Who has thought better of it once more need not wait for a day.
+    assert_eq!(app.delete(&session).await.status, StatusCode::NO_CONTENT);
+    assert_eq!(app.delete(&format!("{session}?at_once=true")).await.status, StatusCode::NO_CONTENT);
+    app.post(&format!("{session}/restore"), json!({})).await.problem(410, "gone");
 }
 
 #[tokio::test]

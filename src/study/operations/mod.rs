@@ -164,8 +164,8 @@ impl OperationStudy<'_> {
                     write(self.csv, csv(&rows).as_bytes())?;
                 }
             }
+            write(&self.csv.with_extension("svg"), picture::of_times(&rows)?.as_bytes())?;
         }
-        write(&self.csv.with_extension("svg"), picture::of_times(&rows)?.as_bytes())?;
         self.summary(&rows, out)
     }
 

@@ -13,8 +13,9 @@ use prosopon_store::AuditEntry;
 /// Calls that only look although they have a body.
 const LOOKING_POSTS: [&str; 2] = ["/v1/sessions/{session}/field/query", "/v1/materials/check"];
 
-/// The one call that a deleted session still answers.
-const RESTORE: &str = "/v1/sessions/{session}/restore";
+/// The calls that a deleted session still answers: to come back, and to go for good.
+const OF_DELETED: [(Method, &str); 2] =
+    [(Method::POST, "/v1/sessions/{session}/restore"), (Method::DELETE, "/v1/sessions/{session}")];
 
 /// Calls that are not in the audit log: how work stands, and what is the same for everybody.
 const NOT_AUDITED: [&str; 4] = ["/v1/jobs", "/v1/jobs/{job}", "/v1/materials", "/v1/materials/check"];
@@ -44,7 +45,7 @@ pub(in crate::http) async fn guard(
         ..AuditEntry::default()
     };
     let refused = match &id {
-        Some((kind, id)) => refused(&state, &principal, &route, (kind, id)).await,
+        Some((kind, id)) => refused(&state, &principal, (&method, &route), (kind, id)).await,
         None => None,
     };
     let response = match refused {
@@ -109,9 +110,15 @@ fn named(params: &RawPathParams) -> Option<(&'static str, String)> {
 
 /// What an id that belongs to somebody else answers: the same, at the same moment, as one that was never there. What was deleted says so, also while
 /// it can be restored.
-async fn refused(state: &AppState, principal: &Principal, route: &str, (kind, id): (&str, &str)) -> Option<Problem> {
+async fn refused(
+    state: &AppState,
+    principal: &Principal,
+    (method, route): (&Method, &str),
+    (kind, id): (&str, &str),
+) -> Option<Problem> {
+    let is_for_deleted = || OF_DELETED.iter().any(|(m, r)| m == method && *r == route);
     match state.service.store().owner(id).await {
-        Ok(Some(owner)) if owner.tenant == principal.tenant && owner.deleted && route != RESTORE => {
+        Ok(Some(owner)) if owner.tenant == principal.tenant && owner.deleted && !is_for_deleted() => {
             Some(Problem::new(FaultKind::Gone, format!("{kind} {id} was deleted")))
         }
         Ok(Some(owner)) if owner.tenant == principal.tenant => None,

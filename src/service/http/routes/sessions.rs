@@ -105,7 +105,7 @@ pub(in crate::http) struct Deletion {
 /// Delete a session
 ///
 /// With everything in it; its jobs are cancelled. From then on it answers 410 and no list has it. For a day (or what the service is set to) `POST …/restore`
-/// brings it back; then it goes for good, with `at_once=true` immediately.
+/// brings it back; then it goes for good, with `at_once=true` immediately (also when it was deleted before).
 #[utoipa::path(delete, path = "/v1/sessions/{session}", tag = "sessions", params(("session" = Uuid, Path), Deletion),
     responses((status = 204, description = "deleted")))]
 pub(in crate::http) async fn delete(
@@ -114,12 +114,16 @@ pub(in crate::http) async fn delete(
     Params(deletion): Params<Deletion>,
 ) -> Result<StatusCode, Problem> {
     SessionParts::load(state.service.store(), session).await?;
-    if deletion.at_once {
-        state.service.delete_session(session).await?;
+    let is_gone = if deletion.at_once {
+        state.service.delete_session(session).await?
     } else {
-        state.service.hide_session(session).await?;
+        state.service.hide_session(session).await?
+    };
+    if is_gone {
+        Ok(StatusCode::NO_CONTENT)
+    } else {
+        Err(Problem::new(FaultKind::Gone, format!("session {session} was deleted")))
     }
-    Ok(StatusCode::NO_CONTENT)
 }
 
 /// Restore a session

@@ -41,7 +41,9 @@ fn drawn(svg: &mut String, rows: &[Row]) -> Result<(), String> {
     let root = SVGBackend::with_string(svg, (WIDTH, height)).into_drawing_area();
     root.fill(&WHITE).map_err(said)?;
     let lines = names.len() as f64;
-    let (low, high) = (0.3, 1.5 * slowest);
+    let solved = rows.iter().filter(|r| r.end != End::Refused).map(|r| r.solve_s);
+    let quickest = solved.fold(GOALS.2, f64::min).max(0.1);
+    let (low, high) = (0.5 * quickest, 1.5 * slowest);
     let seconds = [0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 60.0, 120.0, 300.0, 600.0].into_iter().filter(|t| *t < high);
     let mut chart = ChartBuilder::on(&root)
         .caption("Time of a solve, one mark a head and model", ("sans-serif", 20))

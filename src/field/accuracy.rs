@@ -3,7 +3,7 @@ use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{Implicit, Point, TriMesh, Vector};
 use rayon::prelude::*;
 
-/// Every so many sites also give points on the surface, on an edge and on the medial axis.
+/// One site in this many also gives points on the surface, on an edge and on the medial axis.
 const STRIDE: usize = 4;
 
 /// Where a sample point lies.
@@ -15,15 +15,15 @@ pub enum Place {
     Face,
     /// On an edge.
     Edge,
-    /// Where the closest point jumps, below a face and within the band.
+    /// On the medial axis behind a face and within the band, where the closest point jumps.
     MedialAxis,
 }
 
-/// Fixed points at which a field of `surface` can be tested.
+/// Fixed points at which to test a field of `surface`.
 ///
-/// Of `sites` points spread over the surface's area each gives one of the band: itself plus a vector of the ball of radius
-/// `band` (mm), so that small distances are frequent; every fourth site one of each other kind, on the medial axis only where
-/// that comes within the band. The same points on every run.
+/// `sites` points are spread evenly over the surface's area. Each gives one point of the band: itself plus a vector in the ball
+/// of radius `band` (mm), distributed so that small distances are frequent. Every fourth site also gives a point on a face, one
+/// on an edge, and one on the medial axis where that lies within the band. Every run gives the same points.
 ///
 /// # Errors
 /// [`Cancelled`].
@@ -55,7 +55,7 @@ pub fn sample_points(
 
 fn site(surface: &TriMesh, exact: &ExactDistance, t: usize, n: usize, band: f64) -> [Option<(Place, Point)>; 4] {
     let [a, b, c] = surface.corners(t);
-    // Low-discrepancy sequence of Roberts in six dimensions: powers of the inverse of the root of x⁷ = x + 1.
+    // Low-discrepancy sequence of Roberts in six dimensions: its steps are powers of 1/r with r the root of x⁷ = x + 1.
     let sequence = |power: i32| (0.5 + 1.112_775_684_278_705_5f64.powi(-power) * n as f64).fract();
     let (mut u, mut v) = (sequence(1), sequence(2));
     if u + v > 1.0 {
@@ -75,7 +75,9 @@ fn site(surface: &TriMesh, exact: &ExactDistance, t: usize, n: usize, band: f64)
     points
 }
 
-/// The centre of the ball that touches the surface at `on_face` from below and elsewhere, when its radius is within `band`.
+/// Medial-axis point below `on_face`, when it lies within `band`.
+///
+/// It is the centre of the ball that touches the surface at `on_face` from below and at another point.
 fn medial(surface: &TriMesh, exact: &ExactDistance, t: usize, on_face: &Point, band: f64) -> Option<Point> {
     let normal = surface.scaled_normal(t).try_normalize(0.0)?;
     let slot = exact.nearest(on_face, 0).slot;
@@ -96,23 +98,23 @@ fn medial(surface: &TriMesh, exact: &ExactDistance, t: usize, on_face: &Point, b
     Some(on_face - normal * low)
 }
 
-/// Differences between a field and exact signed distances.
+/// Differences between a field and the exact signed distances.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Accuracy {
-    /// At all points, mm.
+    /// Largest error over all points, mm.
     pub max_error_mm: f64,
-    /// At all points, mm.
+    /// RMS error over all points, mm.
     pub rms_error_mm: f64,
-    /// At points on the surface, mm.
+    /// Largest error over the points on the surface (faces and edges), mm.
     pub surface_max_error_mm: f64,
-    /// Points more than 0.001 mm off the surface where the sign is wrong.
+    /// Number of points more than 0.001 mm off the surface where the field has the wrong sign.
     pub sign_errors: usize,
     /// Number of points.
     pub points: usize,
 }
 
 impl Accuracy {
-    /// Compares `(place, value, exact signed distance)`, mm.
+    /// Accuracy from triples of place, field value (mm) and exact signed distance (mm).
     pub fn of(values: impl IntoIterator<Item = (Place, f64, f64)>) -> Self {
         let mut a = Self::default();
         let mut sum = 0.0;
@@ -130,7 +132,7 @@ impl Accuracy {
         a
     }
 
-    /// Compares `field` with `exact` at `points`.
+    /// Measures `field` against `exact` at `points`.
     ///
     /// # Errors
     /// [`Cancelled`].

@@ -1,11 +1,12 @@
-//! A bound on the field's error within the band that no point of it can exceed.
+//! Proven bound on the field's error within the band.
 //!
-//! In a cube around c (half an edge a, radius r) that the surface does not meet, the sign s of the distance is that of c. With
-//! the spline v, its gradient g at c and M above the norm of its Hessian in the cube, s v(x) = s v(c) + s g·(x - c) up to M r² / 2.
-//! The distance to a triangle is convex, so d(x) >= min over triangles t of d_t(c) + n_t·(x - c) with n_t the direction from t
-//! to c; only triangles with d_t(c) <= d(c) + 2 r can be the closest. And d(x) <= |x - q| with q the point of the surface closest
-//! to c. Where the surface meets the cube: |error(x)| <= |v(x)| + d(x), and also <= |v(q)| + (1 + max |∇v|) |x - q| with q the
-//! point of the surface closest to x. Cubes whose bound is not good enough are divided.
+//! Consider a cube with centre c, half edge a and radius r that the surface does not meet: the distance has one sign s in it.
+//! With the spline v, its gradient g at c and M a bound on the norm of its Hessian in the cube, s v(x) = s v(c) + s g·(x - c)
+//! up to M r² / 2. The distance to a triangle is convex, so d(x) >= min over triangles t of d_t(c) + n_t·(x - c), where n_t is
+//! the direction from t to c; only triangles with d_t(c) <= d(c) + 2 r can be the closest. Also d(x) <= |x - q|, where q is the
+//! point of the surface closest to c. In a cube that the surface meets: |error(x)| <= |v(x)| + d(x), and also |error(x)| <=
+//! |v(q)| + (1 + max |∇v|) |x - q|, where q is the point of the surface closest to x. A cube is divided while its bound is too
+//! large.
 
 use super::certificate::{ROUNDING, curvature_bound};
 use super::distance_field::DistanceField;
@@ -15,33 +16,35 @@ use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{Implicit, Point, Vector};
 use rayon::prelude::*;
 
-/// A bound of this many spacings is good enough: below three quarters of a spacing settled signs are proven.
+/// A bound of this many spacings is accepted.
+///
+/// A bound below three quarters of a spacing proves the signs of settled queries.
 const ENOUGH: f64 = 0.7;
-/// A bound that exceeds an error found by no more than this share is good enough.
+/// A bound is accepted when it exceeds the largest error found by at most this share.
 const LOOSE: f64 = 0.1;
-/// Curvature is bounded again in a part of a cube where what it adds is more than this share of a bound that is good enough.
+/// A cube gets a new curvature bound where its term exceeds this share of an accepted bound.
 const SLIGHT: f64 = 0.1;
-/// Bricks next to each other in the order of proving lie so far apart that any share of them is spread over the field.
+/// Step between bricks examined one after the other; it spreads any share of them over the field.
 const STRIDE: usize = 7_919;
 /// Cubes with edges of at most this many spacings are not divided further.
 const SMALLEST: f64 = 1.0 / 32.0;
-/// With more cells in bricks than this a field gets no bound.
+/// A field with more cells in bricks than this gets no bound.
 const MOST_CELLS: usize = 20_000_000;
 
-/// A bound on the error in the band, as far as it was proven.
+/// Bound on the error in the band, and the share of the field that it was proven for.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BandBound {
-    /// No point of the band in the bricks that were gone through has a larger error, mm.
+    /// Bound on the error at every point of the band in the examined bricks, mm.
     pub bound_mm: f64,
-    /// Share of the domain's bricks that were gone through, spread evenly; 1 for a proof for the whole band.
+    /// Share of the domain's bricks that were examined, spread evenly; 1 for a proof of the whole band.
     pub share: f64,
 }
 
-/// Bound on the error of `field` (mm) at every point of its domain within `band` (mm) of the closed surface that `exact` was made for.
+/// Bound on the error of `field` at every point of its domain within `band` of a closed surface, mm.
 ///
-/// `on_surface` is a bound on its magnitude at the surface, `seen` (mm) the largest error found by trial. No more bricks are begun when
-/// `goes_on` says no. `None` when the surface is open (its sign then changes where no triangle is) or the field too large to be gone
-/// through.
+/// `exact` was made from the surface. `on_surface` bounds the field's magnitude at the surface (mm); `seen` is the largest error
+/// found by sampling (mm). No further bricks are started once `goes_on` returns false. `None` when the surface is open, because
+/// the sign then changes where there is no triangle, or when the field is too large to be examined.
 ///
 /// # Errors
 /// [`Cancelled`].
@@ -70,7 +73,7 @@ pub(super) fn band_bound(
             if !goes_on() {
                 return Ok((0.0, 0));
             }
-            // The stride is a prime number: every brick has its turn.
+            // The stride is a prime number, so every brick is examined once.
             let brick = (n as u128 * stride as u128 % n_bricks as u128) as usize;
             let at = lattice.brick_at(brick).map(|n| (2 * n + 1) as f64 * half);
             let center = domain.min + Vector::from(at);
@@ -94,11 +97,11 @@ struct Cube {
     center: Point,
     /// Half an edge, mm.
     half: f64,
-    /// Of the distance, when the surface does not meet the cube that this one is part of.
+    /// Sign of the distance, when the surface does not meet a cube that contains this one.
     sign: Option<f64>,
     /// Triangle (tree order) that is probably close.
     hint: u32,
-    /// Bound on the norm of the Hessian in a cube that this one is part of, 1/mm.
+    /// Bound on the norm of the Hessian in a cube that contains this one, 1/mm.
     curvature: f64,
 }
 
@@ -118,7 +121,7 @@ impl Cube {
 }
 
 impl Band<'_> {
-    /// The bound at the points of the band in `whole`.
+    /// Bound on the error at the points of the band in `whole`, mm.
     fn bound_in(&self, whole: Cube) -> f64 {
         let spacing = self.field.spacing_mm();
         let (mut bound, mut enough) = (0.0f64, self.enough);
@@ -131,7 +134,7 @@ impl Band<'_> {
             }
             let clear = || if is_inside(self.exact.winding_number(&cube.center)) { -1.0 } else { 1.0 };
             let sign = cube.sign.or_else(|| (distance > radius).then(clear));
-            // Half a cell is the cube of a node; in larger ones curvature says little.
+            // A cube of half a cell to every side is the cube of one node; in larger ones the curvature bound is of little use.
             if cube.half <= 0.5 * spacing {
                 let (found, here) = match sign {
                     Some(sign) => self.beside_surface(&mut cube, sign, distance, &near.point),
@@ -148,7 +151,7 @@ impl Band<'_> {
         bound
     }
 
-    /// The error at the centre of a cube that the surface does not meet, and the bound.
+    /// Error at the centre of a cube that the surface does not meet, and bound on the error in it, mm.
     fn beside_surface(&self, cube: &mut Cube, sign: f64, distance: f64, closest: &Point) -> (f64, f64) {
         let r = cube.radius();
         let (value, gradient) = self.field.value_gradient(&cube.center);
@@ -167,14 +170,14 @@ impl Band<'_> {
         ((value - distance).abs(), above.max(below) + bend)
     }
 
-    /// The bound in a cube that the surface may meet; one of at most `enough` is not made sharper.
+    /// Bound on the error in a cube that the surface may meet, mm; not refined once it is at most `enough`.
     fn across_surface(&self, cube: &mut Cube, distance: f64, enough: f64) -> f64 {
         let r = cube.radius();
         let (value, gradient) = self.field.value_gradient(&cube.center);
         let far = distance + r;
         let flat = value.abs() + cube.half * gradient.lp_norm(1) + far;
         let by_slope = |slope: f64| self.on_surface + (1.0 + slope) * far;
-        // Curvature makes neither smaller: the cube will be divided.
+        // The curvature term only adds to both, so the cube is divided without it.
         if self.divides(cube) && flat > enough && by_slope(gradient.norm()) > enough {
             return flat.max(enough.next_up());
         }
@@ -182,7 +185,7 @@ impl Band<'_> {
         if plain <= enough {
             return plain;
         }
-        // The closest point of the surface to a point of the cube, and the way there, lie within 3 radii of the centre.
+        // The surface point closest to a point of the cube, and the segment to it, lie within 3 radii of the centre.
         plain.min(by_slope(gradient.norm() + 3.0 * r * self.curvature(cube, 3.0 * 3f64.sqrt())))
     }
 
@@ -190,7 +193,7 @@ impl Band<'_> {
         2.0 * cube.half > SMALLEST * self.field.spacing_mm()
     }
 
-    /// How far curvature can bend the field in a cube off its tangent, mm.
+    /// Largest deviation of the field from its tangent in a cube, by the curvature bound, mm.
     fn bend(&self, cube: &mut Cube) -> f64 {
         let square = 0.5 * cube.radius().powi(2);
         if cube.curvature * square > SLIGHT * self.enough {
@@ -199,7 +202,7 @@ impl Band<'_> {
         cube.curvature * square
     }
 
-    /// Bound on the norm of the Hessian in the cube made `times` larger, 1/mm.
+    /// Bound on the norm of the Hessian in the cube enlarged by `times`, 1/mm.
     fn curvature(&self, cube: &Cube, times: f64) -> f64 {
         let reach = Vector::repeat(times * cube.half);
         curvature_bound(self.field, &(cube.center - reach), &(cube.center + reach))

@@ -1,4 +1,4 @@
-//! Distances on a dense grid: exact within a band around a surface, cut off beyond.
+//! Distances on a dense grid: exact within a band around a surface, clamped beyond.
 
 use super::crossings::Rows;
 use super::exact::ExactDistance;
@@ -7,8 +7,9 @@ use super::tiles::{Source, TILE, Tally, Tile, Tiles};
 use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{ScalarGrid, TriMesh};
 
-/// Fills `grid` with signed distances to `surface`, for which `exact` was made: exact where they are at most `reach` (mm) and
-/// ±`reach` beyond.
+/// Fills `grid` with signed distances (mm) to `surface`, from which `exact` was made.
+///
+/// They are exact up to a magnitude of `reach` (mm) and ±`reach` beyond.
 pub(super) fn signed(
     exact: &ExactDistance,
     surface: &TriMesh,
@@ -33,7 +34,7 @@ pub(super) fn signed(
     Ok(tally)
 }
 
-/// Edge of the boxes that are signed together.
+/// Edge of the boxes whose signs are computed together, in nodes.
 const BOX: usize = 8;
 
 fn values(tile: &Tile, reach: f32) -> (Vec<f32>, Tally) {

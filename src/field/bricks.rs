@@ -1,14 +1,14 @@
-/// Marks a place without a brick.
+/// Marks a position without a brick.
 pub(super) const NO_BRICK: u32 = u32::MAX;
-/// Codes that are read at once.
+/// Number of codes read at once.
 const WORD: usize = 4;
 
-/// Coefficients of bricks of equal size, x fastest, in 16 bits.
+/// Coefficients of bricks of equal size, x fastest, coded in 16 bits.
 #[derive(Debug, Clone)]
 pub(super) struct Bricks {
-    /// Codes of all bricks, of one of zeros that stands for none, and as many more as a row reads too far.
+    /// Codes of all bricks, then a brick of zeros that replaces missing ones, then padding for wide reads.
     codes: Vec<i16>,
-    /// What one step of the codes is worth, mm.
+    /// Value of one code step, mm.
     step: f64,
     /// Nodes along the edge of a brick.
     edge: usize,
@@ -17,7 +17,7 @@ pub(super) struct Bricks {
 }
 
 impl Bricks {
-    /// No bricks yet; coefficients are rounded to 1/32 767 of `largest` (mm) and cut off there.
+    /// Makes an empty store; coefficients are rounded to 1/32 767 of `largest` (mm) and clamped to it.
     pub(super) fn new(largest: f64, edge: usize) -> Self {
         Self { codes: vec![0; edge.pow(3) + WORD], step: largest / 32_767.0, edge, count: 0 }
     }
@@ -26,13 +26,13 @@ impl Bricks {
         self.edge * self.edge * self.edge
     }
 
-    /// Appends the codes of coefficients, mm, to `codes`.
+    /// Appends the codes of `coefficients` (mm) to `codes`.
     pub(super) fn pack(&self, coefficients: &[f32], codes: &mut Vec<i16>) {
         let inverse = 1.0 / self.step as f32;
         codes.extend(coefficients.iter().map(|c| code(c * inverse)));
     }
 
-    /// Adds bricks with the given codes; the number of the first of them.
+    /// Adds bricks with the given codes; returns the number of the first.
     pub(super) fn append(&mut self, codes: &[i16]) -> u32 {
         let first = self.count;
         self.codes.truncate(self.len() * self.volume());
@@ -46,7 +46,7 @@ impl Bricks {
         self.count as usize
     }
 
-    /// The codes of every brick.
+    /// The codes of each brick in turn.
     pub(super) fn each_mut(&mut self) -> impl Iterator<Item = &mut [i16]> {
         let (end, volume) = (self.len() * self.volume(), self.volume());
         self.codes[..end].chunks_exact_mut(volume)
@@ -58,13 +58,13 @@ impl Bricks {
         &self.codes[first..first + volume]
     }
 
-    /// Code at a node of a brick (x fastest).
+    /// Code at a node of a brick; `place` counts x fastest.
     #[inline]
     pub(super) fn at(&self, slot: u32, place: usize) -> f64 {
         f64::from(self.codes[slot as usize * self.volume() + place])
     }
 
-    /// What one step of the codes is worth, mm.
+    /// Value of one code step, mm.
     #[inline(always)]
     pub(super) fn step(&self) -> f64 {
         self.step
@@ -76,8 +76,10 @@ impl Bricks {
         self.count
     }
 
-    /// The codes around a node as words of four, a row along x each, y fastest; the fourth does not count. `slots` has the numbers of
-    /// its brick and of those that it touches: bit 0 for the other along x, and so on. `EDGE` is that of the bricks.
+    /// Codes around a node as words of four, one row along x each, y fastest; the fourth code is padding.
+    ///
+    /// `slots` are the node's brick and those of its neighbours: bit a of the index selects the other brick along axis a.
+    /// `EDGE` is the edge of the bricks in nodes.
     #[inline(always)]
     pub(super) fn around<const EDGE: usize>(&self, slots: &[u32; 8], local: [usize; 3]) -> [u64; 9] {
         let mut words = [0; 9];
@@ -103,7 +105,7 @@ impl Bricks {
             }
             return words;
         }
-        // The last word of one row and the first of the next one in the other brick.
+        // The last word of one row and the first of the next row, which lies in the other brick.
         let (before, behind, shift) = if local[0] == 0 { (1, 0, 48) } else { (0, 1, 32) };
         let mut starts = [[0; 2]; 4];
         for (n, starts) in starts.iter_mut().enumerate() {
@@ -124,7 +126,7 @@ impl Bricks {
         size_of_val(&self.codes[..])
     }
 
-    /// Makes room for exactly `more` bricks.
+    /// Reserves memory for exactly `more` bricks.
     pub(super) fn reserve(&mut self, more: usize) {
         self.codes.reserve_exact(more * self.volume());
     }
@@ -137,25 +139,25 @@ fn word(codes: &[i16]) -> u64 {
     bits(0) | bits(1) | bits(2) | bits(3)
 }
 
-/// Rounds half away from zero; the cast cuts off.
+/// Rounds half away from zero; the cast saturates.
 #[inline(always)]
 pub(super) fn code(c: f32) -> i16 {
     (c + 0.5f32.copysign(c)) as i16
 }
 
-/// The three nodes around one along an axis.
+/// The three nodes around a node along one axis.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Reach {
-    /// Step to the other brick that they touch; 0 for none.
+    /// Step to the other brick that holds one of them; 0 when they share a brick.
     pub(super) other: isize,
-    /// Which of them lie in it.
+    /// For each node 1 when it lies in the other brick, else 0.
     pub(super) lies: [usize; 3],
-    /// Where each lies in its brick.
+    /// Index of each in its own brick.
     pub(super) places: [usize; 3],
 }
 
 impl Reach {
-    /// Around a node of a brick with `edge` (a power of two) nodes along an axis.
+    /// The nodes around a node of a brick with `edge` (a power of two) nodes along the axis.
     #[inline(always)]
     pub(super) fn of(node: usize, edge: usize) -> Self {
         let local = node & (edge - 1);
@@ -168,15 +170,15 @@ impl Reach {
     }
 }
 
-/// Whether the nodes around one lie in its brick.
+/// Whether the nodes around a node all lie in its brick.
 #[inline(always)]
 pub(super) fn is_within([x, y, z]: [usize; 3], edge: usize) -> bool {
-    // 0 becomes the largest.
+    // Subtracting 1 wraps 0 to the largest number.
     let last = edge - 2;
     (x.wrapping_sub(1) < last) & (y.wrapping_sub(1) < last) & (z.wrapping_sub(1) < last)
 }
 
-/// Where the node (x, y, z) of a brick lies in its storage.
+/// Storage index of node (x, y, z) of a brick.
 #[inline(always)]
 pub(super) fn place(edge: usize, [x, y, z]: [usize; 3]) -> usize {
     x + edge * (y + edge * z)

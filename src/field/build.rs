@@ -16,32 +16,36 @@ use super::{coarse, refine};
 use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{Aabb, Implicit, TriMesh, Vector};
 
-/// Most samples (coarse and fine) of a field: half a gigabyte of detail.
+/// Most samples (coarse and fine) of a field: half a gigabyte of single-precision values.
 pub(super) const MOST_SAMPLES: u64 = 1 << 27;
-/// A point of the band needs coefficients up to 3/2 spacings away (where their weight vanishes), and these an eighth of their
-/// neighbours' values.
+/// Distances must be exact up to this many spacings beyond the band.
+///
+/// A point of the band needs coefficients up to 3/2 spacings away (where their weight vanishes), and each coefficient depends
+/// on its neighbours' values with the weight 1/8.
 const STENCIL_REACH: f64 = 2.3;
-/// From here on exact distances give way to the coarse spline's, in spacings beyond the band.
+/// Exact distances start to blend into the coarse spline at this many spacings beyond the band.
 const FADE: f64 = 1.5;
-/// Coefficients of a brick are at most this many spacings larger than the reach: a brick's diagonal and its neighbours.
+/// Brick coefficients exceed the reach by at most this many spacings.
+///
+/// This covers a brick's diagonal and its neighbours.
 pub(super) const LARGEST: f64 = 18.0;
-/// Sites of the sample at which the error is measured.
+/// Number of surface sites from which the error is measured.
 const SITES: usize = 2000;
-/// Sites where a bound looks for the largest error.
+/// Number of surface sites from which a bound searches for the largest error.
 const MANY_SITES: usize = 50_000;
-/// Times that the zero is moved towards the surface.
+/// Number of sweeps that move the spline's zero towards the surface.
 pub(super) const SWEEPS: usize = 2;
-/// Nodes around a tile that its coefficients need.
+/// Nodes around a tile that its coefficients depend on.
 pub(super) const HALO: usize = 1;
 
-/// Resolution of a field.
+/// Resolution and extent of a field.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FieldSettings {
     /// Finest spacing, mm.
     pub spacing_mm: f64,
-    /// Half-width of the band around the surface with full accuracy, mm.
+    /// Half-width of the band around the surface in which the field has its full accuracy, mm.
     pub band_mm: f64,
-    /// How far beyond the surface's box the grid reaches, mm; points farther out are extrapolated.
+    /// Distance that the grid reaches beyond the surface's box, mm; the field is extrapolated farther out.
     pub margin_mm: f64,
 }
 
@@ -59,27 +63,27 @@ impl FieldSettings {
     }
 }
 
-/// What a built field is like.
+/// Size, accuracy and warnings of a built field.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FieldReport {
-    /// Bricks of 8³ cells at the finest spacing, and of 4³ at half of it where the surface needs that.
+    /// Number of bricks: of 8³ nodes in the band, plus detail bricks of 4³ nodes at half the spacing.
     pub bricks: usize,
-    /// Memory of the field, bytes.
+    /// Memory that the field takes, bytes.
     pub bytes: usize,
-    /// Largest difference from the exact distance at a fixed sample of points within the band, mm.
+    /// Largest difference from the exact distance at a fixed set of points within the band, mm.
     pub max_error_mm: f64,
     /// RMS difference at the same points, mm.
     pub rms_error_mm: f64,
     /// Number of those points.
     pub checked_points: usize,
-    /// What is wrong with the surface and how it was dealt with.
+    /// Defects of the surface and how the field treats them.
     pub warnings: Vec<String>,
-    /// Where the surface leaves it open what is inside.
+    /// Parts of the surface where inside and outside are not clear.
     pub regions: Vec<DoubtfulRegions>,
 }
 
 impl FieldReport {
-    /// The errors of `field` at a fixed sample of points within `band` (mm) and on the surface, the rest left empty.
+    /// Errors of `field` at fixed points within `band` (mm) and on the surface; other entries stay empty.
     ///
     /// # Errors
     /// [`Cancelled`].
@@ -107,7 +111,27 @@ impl FieldReport {
 }
 
 impl DistanceField {
-    /// Builds the field of `surface` and measures its error at a sample of points.
+    /// Builds the field of `surface` and measures its error at a fixed set of sample points.
+    ///
+    /// ```
+    /// use prosopon_field::{DistanceField, FieldSettings};
+    /// use prosopon_geometry::control::Control;
+    /// use prosopon_geometry::{Implicit, Point, TriMesh};
+    ///
+    /// // A cube of 20 mm around the origin; the bits of a corner's number are its sides.
+    /// let side = |n: usize, axis: usize| if n >> axis & 1 == 1 { 10.0 } else { -10.0 };
+    /// let corners = (0..8).map(|n| Point::new(side(n, 0), side(n, 1), side(n, 2))).collect();
+    /// let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    /// let triangles = quads.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
+    /// let cube = TriMesh::new(corners, triangles)?;
+    ///
+    /// let settings = FieldSettings { spacing_mm: 1.0, band_mm: 3.0, margin_mm: 5.0 };
+    /// let (field, _report) = DistanceField::build(&cube, &settings, &Control::new())?;
+    /// let (value, gradient) = field.value_gradient(&Point::new(12.0, 0.0, 0.0));
+    /// assert!((value - 2.0).abs() < 0.01 && (gradient.x - 1.0).abs() < 0.01);
+    /// assert!(field.value(&Point::origin()) < 0.0);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
     ///
     /// # Errors
     /// [`FieldError`] for settings out of range, too much memory, or cancellation.
@@ -119,7 +143,7 @@ impl DistanceField {
         Self::build_from(&ExactDistance::new(surface), surface, settings, control)
     }
 
-    /// Builds the field of `surface`, for which `exact` was made, and measures its error at a sample of points.
+    /// Builds the field as [`DistanceField::build`] does, with `exact` already made from `surface`.
     ///
     /// # Errors
     /// As [`DistanceField::build`].
@@ -135,9 +159,10 @@ impl DistanceField {
         Ok((field, report))
     }
 
-    /// A bound on the field's magnitude (mm), which is its error, at every point of `surface`, for which it and `exact` were made:
-    /// proven, not sampled, and at most a twentieth above the largest value seen; takes some seconds. `None` when the
-    /// surface is too large for the field's spacing to be gone through.
+    /// Proven bound on the field's magnitude, which is its error, at every point of `surface`, mm.
+    ///
+    /// The field and `exact` were made from `surface`. The bound is proven, not sampled, and at most a twentieth above the
+    /// largest value found. It takes some seconds. `None` when the surface is too large for the field's spacing to be examined.
     ///
     /// # Errors
     /// [`Cancelled`].
@@ -150,10 +175,12 @@ impl DistanceField {
         surface_bound(self, surface, exact.defects(), control)
     }
 
-    /// A bound on the field's error (mm) at every point of its domain within `band` (mm) of the surface that it and `exact` were made
-    /// for: proven, not sampled. It is not made sharper than seven tenths of the spacing or a tenth above an error found. `on_surface` is
-    /// [`DistanceField::surface_bound`]. Takes some ten minutes of processor time on a skull at 0.8 mm; when `goes_on` says no it stops,
-    /// and the bound holds for a share of the field. `None` when the surface is open or the field too large to be gone through.
+    /// Proven bound on the field's error (mm) at every point of its domain within `band` (mm) of `surface`.
+    ///
+    /// The field and `exact` were made from `surface`. The bound is proven, not sampled, and is not refined below seven tenths of
+    /// the spacing or a tenth above the largest error found. `on_surface` is the result of [`DistanceField::surface_bound`], mm.
+    /// The proof takes some ten minutes of processor time on a skull at 0.8 mm; it stops when `goes_on` returns false, and the
+    /// bound then holds for a share of the field. `None` when the surface is open or the field is too large to be examined.
     ///
     /// # Errors
     /// [`Cancelled`].
@@ -170,11 +197,13 @@ impl DistanceField {
         band_bound(self, exact, band, (on_surface, seen), goes_on, control)
     }
 
-    /// Builds the field of `surface`, for which `exact` was made; also what is wrong with the surface.
+    /// Builds the field as [`DistanceField::build_from`] does, without measuring its error.
+    ///
+    /// Also returns the warnings about defects of the surface.
     ///
     /// Coefficients are c = f - (sum of f's second differences along the axes) / 8, exact for quadratics, of the signed distance
-    /// f on the coarse nodes, then on the nodes of the bricks within the band, then on those of half the spacing where the
-    /// distance bends too much for the spacing near the surface.
+    /// f: first on the coarse nodes, then on the nodes of the bricks within the band, then on nodes of half that spacing where
+    /// the distance curves too much near the surface for the brick spacing.
     ///
     /// # Errors
     /// As [`DistanceField::build`].
@@ -187,11 +216,12 @@ impl DistanceField {
         Self::build_within(exact, surface, None, settings, control)
     }
 
-    /// The same with full accuracy only in the box `within` (LPS mm), or everywhere without one: bricks that do not meet it are
-    /// left out, and a warning says so.
+    /// As [`DistanceField::build_unmeasured`], with full accuracy only in the box `within` (LPS mm).
     ///
-    /// Out there the coarse spline answers, on a lattice of eight spacings, as it does beyond the band: the sign is right farther than
-    /// about a coarse spacing from the surface, the distance some millimetres off. [`DistanceField::is_fine_at`] tells where.
+    /// Without a box the whole band has full accuracy. Bricks outside the box are not built, and a warning reports that. There,
+    /// as beyond the band, the field is the coarse spline, on a lattice of eight spacings: its sign is right farther than about a
+    /// coarse spacing from the surface, and its distance is some millimetres off. [`DistanceField::is_fine_at`] returns whether
+    /// a point has full accuracy.
     ///
     /// # Errors
     /// As [`DistanceField::build`]; [`FieldError::Elsewhere`] for a box that misses the field's domain.
@@ -215,7 +245,7 @@ impl DistanceField {
 
         let reach = settings.band_mm + STENCIL_REACH * settings.spacing_mm;
         let mut tally = Tally::default();
-        // Both are partly one step after the other.
+        // Each has sequential parts, so the two run in parallel.
         let (features, coarse) = rayon::join(
             || Features::new(surface, &exact.defects().triangles),
             || coarse::coefficients(&lattice, exact, surface, reach, &control.part(0.0, 0.3)),
@@ -268,7 +298,7 @@ impl DistanceField {
         warnings.extend(tally.warnings());
         if within.is_some() && chosen != [[0; 3], field.lattice.bricks] {
             warnings.push(format!(
-                "the field has its full accuracy only in part of its domain ({} of {} blocks); elsewhere its spacing is {:.1} mm",
+                "the field has full accuracy only in {} of {} blocks of its domain; elsewhere its spacing is {:.1} mm",
                 (0..3).map(|a| chosen[1][a] - chosen[0][a]).product::<usize>(),
                 field.lattice.n_bricks(),
                 field.lattice.coarse_spacing()
@@ -278,8 +308,10 @@ impl DistanceField {
         Ok((field, warnings))
     }
 
-    /// The bricks of a tile that the band reaches, from place `chosen[0]` up to before `chosen[1]`. Between the two distances `fade`
-    /// the coarse spline takes over.
+    /// The bricks of a tile that the band reaches.
+    ///
+    /// Only brick positions from `chosen[0]` up to before `chosen[1]` count. Between the two distances `fade` (mm) the values
+    /// blend into the coarse spline.
     #[inline(always)]
     fn tile_bricks(&self, tile: &Tile, chosen: [[usize; 3]; 2], fade: [f64; 2]) -> Built {
         let mut built = Built::default();

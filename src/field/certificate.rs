@@ -1,10 +1,10 @@
-//! A bound on the field's error at the surface that no point of it can exceed.
+//! Proven bound on the field's error at the surface.
 //!
-//! The distance is 0 on the surface, so the error there is the spline's value v. On a part of a triangle around its middle m
-//! within the radius r: |v(x)| <= |v(m)| + max |∇v(m)·(corner - m)| + M r² / 2 with M above the norm of the Hessian in all
-//! cells that the part meets (Taylor; the spline is C1 and a polynomial in every cell). Second differences of the
-//! coefficients bound M, as the Hessian's entries are convex combinations of them. Parts whose bound is above what was
-//! found at the middles are divided.
+//! The distance is 0 on the surface, so the error there is the spline's value v. On a part of a triangle with middle m and
+//! radius r: |v(x)| <= |v(m)| + max |∇v(m)·(corner - m)| + M r² / 2, where M bounds the norm of the Hessian in all cells that
+//! the part meets (Taylor; the spline is C1 and a polynomial in every cell). Second differences of the coefficients bound M,
+//! because the Hessian's entries are convex combinations of them. A part is divided while its bound is above the largest value
+//! found at the middles.
 
 use super::defects::Defects;
 use super::distance_field::DistanceField;
@@ -13,23 +13,24 @@ use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{Implicit, Point, TriMesh};
 use rayon::prelude::*;
 
-/// Parts at the start have edges of at most so many spacings.
+/// Longest edge of the parts at the start, in spacings.
 const LONGEST: f64 = 1.5;
-/// A bound that exceeds the largest value found at middles by no more than this share is good enough.
+/// A bound is accepted when it exceeds the largest value found at middles by at most this share.
 const LOOSE: f64 = 0.05;
-/// Parts with a smaller radius (in spacings) are not divided further.
+/// Parts with a smaller radius than this, in spacings, are not divided further.
 const SMALLEST: f64 = 0.02;
-/// The curvature is bounded again where a part has less than this share of the radius that it was bounded for.
+/// A part gets a new curvature bound below this share of the radius that the old one was made for.
 const NARROWER: f64 = 0.6;
-/// With more parts than this a surface gets no bound.
+/// A surface that needs more parts than this gets no bound.
 const MOST_PARTS: f64 = 2e7;
-/// Room for rounding, as a share of the largest coordinate.
+/// Allowance for rounding, as a share of the largest coordinate.
 pub(super) const ROUNDING: f64 = 1e-12;
 
 type Corners = [Point; 3];
 
-/// Bound on the magnitude of `field` (mm) on all triangles of `surface`, whose defects are `defects`; `None` when the surface is too
-/// large for the field's spacing to be gone through.
+/// Bound on the magnitude of `field` (mm) on all triangles of `surface`.
+///
+/// `defects` are those of `surface`. `None` when the surface is too large for the field's spacing to be examined.
 ///
 /// # Errors
 /// [`Cancelled`].
@@ -47,7 +48,7 @@ pub(super) fn surface_bound(
     if wanted > MOST_PARTS {
         return Ok(None);
     }
-    // Middles of whole triangles are where the zero was fitted: corners tell more.
+    // The zero was fitted at the middles of whole triangles, so corners show larger values.
     let largest = |t: &usize| {
         let at = parts(surface.corners(*t), longest).flat_map(|part| part.into_iter().chain([middle(&part)]));
         at.map(|p| field.value(&p).abs()).fold(0.0, f64::max)
@@ -92,7 +93,7 @@ fn longest_edge([a, b, c]: &Corners) -> f64 {
     (b - a).norm().max((c - b).norm()).max((a - c).norm())
 }
 
-/// The triangle in equal parts with edges of at most `longest`.
+/// The triangle divided into equal parts with edges of at most `longest`, mm.
 fn parts(corners: Corners, longest: f64) -> impl Iterator<Item = Corners> {
     let n = (longest_edge(&corners) / longest).ceil().max(1.0);
     let [a, b, c] = corners;
@@ -106,7 +107,7 @@ fn parts(corners: Corners, longest: f64) -> impl Iterator<Item = Corners> {
     })
 }
 
-/// The two parts on both sides of the middle of the longest edge.
+/// The two halves of a part, divided at the middle of its longest edge.
 fn halves(part: &Corners) -> [Corners; 2] {
     let length = |i: usize| (part[(i + 1) % 3] - part[i]).norm_squared();
     let longest = (1..3).fold(0, |best, i| if length(i) > length(best) { i } else { best });
@@ -115,20 +116,20 @@ fn halves(part: &Corners) -> [Corners; 2] {
     [[a, half, c], [half, b, c]]
 }
 
-/// The field on a part of a triangle.
+/// Bound on the field on a part of a triangle.
 struct Local {
-    /// Of the part around its middle, mm.
+    /// Radius of the part around its middle, mm.
     radius: f64,
-    /// The field's magnitude in the middle, mm.
+    /// Magnitude of the field at the middle, mm.
     value: f64,
-    /// No point of the part has a larger magnitude, mm.
+    /// Bound on the magnitude at every point of the part, mm.
     bound: f64,
 }
 
-/// A bound on the norm of the Hessian, 1/mm, in all cells that a part meets.
+/// Bound on the norm of the Hessian in all cells that a part meets.
 #[derive(Debug, Clone, Copy)]
 struct Curvature {
-    /// Of that part, mm.
+    /// Radius of that part, mm.
     radius: f64,
     bound: f64,
 }
@@ -148,14 +149,14 @@ impl Local {
         let m = middle(part);
         let (value, gradient) = field.value_gradient(&m);
         let radius = radius(part);
-        // Linear in x, so largest at a corner.
+        // The linear term is largest at a corner.
         let rise = part.iter().map(|p| gradient.dot(&(p - m)).abs()).fold(0.0, f64::max);
         let bend = 0.5 * curvature.bound * radius * radius;
         Self { radius, value: value.abs(), bound: value.abs() + rise + bend }
     }
 }
 
-/// Largest distance of a corner from the middle.
+/// Largest distance of a corner from the middle, mm.
 fn radius(part: &Corners) -> f64 {
     let m = middle(part);
     part.iter().map(|p| (p - m).norm()).fold(0.0, f64::max)
@@ -173,14 +174,16 @@ pub(super) fn curvature_bound(field: &DistanceField, min: &Point, max: &Point) -
     coarser + level_bound(h, |a, end| node_of(lattice, a, [min, max][end][a], true), |n| field.detail_coefficient(n))
 }
 
-/// The node whose cell holds the coordinate `x` along an axis.
+/// The node of the cell that holds the coordinate `x` along an axis.
 fn node_of(lattice: &Lattice, axis: usize, x: f64, detail: bool) -> isize {
     let u = (x - lattice.origin[axis]) / lattice.spacing;
     let (u, most) = if detail { (2.0 * u + 0.5, 2 * EDGE) } else { (u, EDGE) };
     ((u + 0.5).floor() as isize).clamp(0, (most * lattice.bricks[axis]) as isize - 1)
 }
 
-/// The bound for one level of spacing `h`, from the nodes around the cells `node(axis, 0)..=node(axis, 1)`.
+/// Bound on the norm of the Hessian of one level of spacing `h` (mm), 1/mm.
+///
+/// It uses the nodes around the cells `node(axis, 0)..=node(axis, 1)`.
 fn level_bound(h: f64, node: impl Fn(usize, usize) -> isize, coefficient: impl Fn([isize; 3]) -> f64) -> f64 {
     let first = [0, 1, 2].map(|a| node(a, 0) - 1);
     let dims = [0, 1, 2].map(|a| (node(a, 1) + 2 - first[a]) as usize);

@@ -1,17 +1,20 @@
-//! Closing of a solid from far outside: what is there to be reached, and how deep places lie under the closing surface.
+//! Closing of a solid from the far outside.
 
 use super::{flood, sky};
 use prosopon_geometry::ScalarGrid;
 use prosopon_geometry::control::{Cancelled, Control};
 
-/// How far the closing surface may lie below the solid's own before it counts, in spacings: more than its own error, so
-/// that what faces the outside openly keeps its exact distance.
+/// Depth of the closing surface below the solid's own, in spacings, up to which it is ignored.
+///
+/// It exceeds the closing surface's own error, so a surface that faces the outside openly keeps its exact distance.
 const SLACK: f32 = 0.25;
-/// No node of the far outside is known yet.
+/// Marks a node for which no far node is known.
 const NONE: u32 = u32::MAX;
 
-/// Marks what is far outside: farther than `closing` from the solid, seeing at least `least_sky` of the sky, and reached from
-/// the border over such places.
+/// Marks the far outside.
+///
+/// Its nodes are farther than `closing` (mm) from the solid, see at least `least_sky` of all directions, and connect to the
+/// grid's border over such nodes.
 pub(super) fn far_outside(
     solid: &ScalarGrid,
     closing: f64,
@@ -23,16 +26,17 @@ pub(super) fn far_outside(
     if least_sky <= 0.0 {
         return Ok(free);
     }
-    // Obstacles are at least two closing radii thick, so no longer steps can skip them.
+    // Obstacles are at least two closing radii thick, so steps up to that length cannot skip them.
     let seen = sky::seen(solid.dims, &free, 2.0 * closing / solid.spacing, control)?;
     Ok(flood::from_border(solid.dims, |n| free[n] && f64::from(seen[n]) >= least_sky))
 }
 
-/// Lowers the values of `solid` to the closing's, down to `-depth`.
+/// Lowers the values of `solid` to those of its closing, down to `-depth` (mm).
 ///
-/// A place at distance r from the far outside lies r - closing below the closing surface. As distances are 1-Lipschitz its
-/// height is the largest min(d(y), closing + spacing) - |x - y| over far nodes y, d their distance from the solid. The best y
-/// is handed on from node to node, layer by layer and then back and forth (vector distance transform, Danielsson 1980).
+/// A point at distance r from the far outside lies r - closing below the closing surface. As distances are 1-Lipschitz, its
+/// height is the largest min(d(y), closing + spacing) - |x - y| over far nodes y, where d is their distance from the solid. The
+/// best y is passed from node to node, first layer by layer and then in backward and forward sweeps (vector distance
+/// transform, Danielsson 1980).
 pub(super) fn close(
     solid: &mut ScalarGrid,
     outside: &[bool],
@@ -66,9 +70,9 @@ pub(super) fn close(
 struct Heights<'a> {
     solid: &'a ScalarGrid,
     outside: &'a [bool],
-    /// Largest distance that counts for a far node, mm.
+    /// Upper limit for the distance of a far node, mm.
     most: f32,
-    /// Best far node of each other node.
+    /// Best far node of each other node, or [`NONE`].
     source: Vec<u32>,
 }
 
@@ -78,7 +82,7 @@ impl<'a> Heights<'a> {
         Self { solid, outside, most: (closing + solid.spacing) as f32, source }
     }
 
-    /// Height of node `x` by the far node `y`, mm.
+    /// Height of node `x` that follows from the far node `y`, mm.
     fn of(&self, x: usize, y: u32) -> f32 {
         if y == NONE {
             return f32::NEG_INFINITY;
@@ -88,7 +92,7 @@ impl<'a> Heights<'a> {
         self.solid.values[y as usize].min(self.most) - (steps as f32).sqrt() * self.solid.spacing as f32
     }
 
-    /// Takes over the best far node among those of the neighbours; returns the height.
+    /// Gives `x` the best far node among its own and its neighbours'; returns the height, mm.
     fn improve(&mut self, x: usize) -> f32 {
         let mut best = self.of(x, self.source[x]);
         let mut source = self.source[x];
@@ -106,7 +110,9 @@ impl<'a> Heights<'a> {
         best
     }
 
-    /// Goes inwards from the far outside in layers until heights fall below `least`; returns the nodes in that order.
+    /// Visits nodes in layers inwards from the far outside; returns them in that order.
+    ///
+    /// It stops where heights fall below `least`, mm.
     fn descend(&mut self, least: f32, control: &Control) -> Result<Vec<u32>, Cancelled> {
         let dims = self.solid.dims;
         let mut queued = self.outside.to_vec();

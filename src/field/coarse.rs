@@ -7,8 +7,9 @@ use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{Point, TriMesh, Vector};
 use rayon::prelude::*;
 
-/// For every node a triangle that is probably the nearest: those next to the triangles' middles, handed on from node to node,
-/// forth and back.
+/// For every lattice node a triangle that is probably the nearest.
+///
+/// Nodes next to the triangles' middles start with those triangles; a forward and a backward sweep pass them to neighbours.
 ///
 /// # Source
 /// P.-E. Danielsson, Euclidean distance mapping, *Computer Graphics and Image Processing* 1980.
@@ -29,7 +30,7 @@ fn handed_on(rows: &Rows, tree: &Tree) -> Vec<Nearest> {
             found[n] = candidate;
         }
     }
-    // The half of the 26 neighbours that come before a node.
+    // The half of the 26 neighbours that precede a node.
     let before: [[isize; 3]; 13] = std::array::from_fn(|n| [n % 3, n / 3 % 3, n / 9].map(|s| s as isize - 1));
     for forth in [true, false] {
         for n in 0..found.len() {
@@ -54,13 +55,14 @@ fn handed_on(rows: &Rows, tree: &Tree) -> Vec<Nearest> {
             found[n] = best;
         }
     }
-    // Every node is reached, one way or the other.
+    // The two sweeps reach every node.
     debug_assert!(found.iter().all(|f| f.distance_sq < f64::INFINITY));
     found
 }
 
-/// Coefficients of the coarse spline of the signed distance, ring included, and the signs found. Beyond `exact_within` (mm)
-/// distances may be 1 % too large.
+/// Coefficients of the coarse spline of the signed distance, ring included, and the tally of signs.
+///
+/// Beyond `exact_within` (mm) distances may be 1 % too large.
 pub(super) fn coefficients(
     lattice: &Lattice,
     exact: &ExactDistance,

@@ -1,4 +1,4 @@
-//! Winding numbers on a lattice, exact, by counting where its rows cross the surface.
+//! Exact winding numbers on a lattice, from the crossings of its rows with the surface.
 
 use super::lanes::with_vectors;
 use super::rim::Rim;
@@ -17,16 +17,16 @@ pub(super) struct Rows {
 /// Changes of the winding number along the rows of a lattice.
 #[derive(Debug, Clone)]
 pub(super) struct Crossings {
-    /// Rows in a layer.
+    /// Number of rows in a layer.
     ny: usize,
-    /// Sorted.
+    /// All crossings, sorted.
     all: Vec<Crossing>,
 }
 
-/// Row (y fastest, from bit 32 on), first node behind it (from bit 10 on), and change plus 512.
+/// Packed crossing: row (y fastest, from bit 32), first node behind it (from bit 10), change plus 512.
 type Crossing = u64;
 
-/// Largest change of one crossing.
+/// Largest change that one crossing can store.
 const MOST: i32 = 511;
 
 fn packed(row: u64, node: u64, change: i32) -> Crossing {
@@ -34,11 +34,10 @@ fn packed(row: u64, node: u64, change: i32) -> Crossing {
 }
 
 impl Crossings {
-    /// Crossings of the rows of `rows` with the triangles of `mesh` that count for the winding number and with the caps that
-    /// close its rim.
+    /// Finds where the rows of `rows` cross the counted triangles of `mesh` and the caps of its rim.
     ///
-    /// Rows that meet an edge or a vertex are decided as if they were moved by an infinitesimal amount, so that every closed
-    /// surface is crossed as often inwards as outwards.
+    /// Rows that meet an edge or a vertex are treated as if shifted by an infinitesimal amount, so that every closed surface is
+    /// crossed as often inwards as outwards.
     pub(super) fn new(mesh: &TriMesh, counts: &[bool], rim: &Rim, rows: &Rows) -> Self {
         let parts: Vec<Vec<Crossing>> = (0..mesh.triangles().len())
             .into_par_iter()
@@ -54,7 +53,7 @@ impl Crossings {
         let mut all = Vec::with_capacity(parts.iter().map(Vec::len).sum());
         parts.into_iter().for_each(|mut part| all.append(&mut part));
         for (corners, times) in rim.caps() {
-            // One by one where they are too many for a crossing.
+            // A change that exceeds one crossing is split.
             let mut rest = times;
             while rest != 0 {
                 let part = rest.clamp(-MOST, MOST);
@@ -66,8 +65,10 @@ impl Crossings {
         Self { ny: rows.dims[1], all }
     }
 
-    /// Runs of nodes in the rows `first_row..` of layer `k` where the winding number of the closed surface is not 0:
-    /// `run(row, first, last, winding)` with the nodes from `first` up to before `last`.
+    /// Visits runs of nodes with a nonzero winding number, in rows `first_row..` of layer `k`.
+    ///
+    /// The winding number is that of the closed surface. Calls `run(row, first, last, winding)` for the nodes from `first` up
+    /// to before `last`.
     pub(super) fn for_runs(
         &self,
         k: usize,
@@ -91,7 +92,7 @@ impl Crossings {
     }
 }
 
-/// Adds the rows along x that cross the triangle.
+/// Adds the crossings of one triangle with the rows along x.
 #[inline(always)]
 fn cross(corners: &[Point; 3], times: i32, rows: &Rows, found: &mut Vec<Crossing>) {
     let flat = corners.map(|p| Coord { x: p.y, y: p.z });
@@ -123,14 +124,14 @@ fn cross(corners: &[Point; 3], times: i32, rows: &Rows, found: &mut Vec<Crossing
             let x = if x.is_finite() { x.clamp(x_min, x_max) } else { x_min };
             let node = ((x - rows.origin.x) / rows.spacing).ceil().max(0.0);
             if node < rows.dims[0] as f64 {
-                // A normal along +x means that the row leaves the solid.
+                // Where the normal points along +x the row leaves the solid.
                 found.push(packed((j + rows.dims[1] * k) as u64, node as u64, if positive { -times } else { times }));
             }
         }
     }
 }
 
-/// Whether a point lies left of the line through `a` and `b`, given its orientation; points on it are moved by (ε, ε²).
+/// Whether a point lies left of the line through `a` and `b`; points on it are shifted by (ε, ε²).
 fn is_left(orientation: f64, a: Coord<f64>, b: Coord<f64>) -> bool {
     if orientation != 0.0 {
         return orientation > 0.0;
@@ -138,7 +139,7 @@ fn is_left(orientation: f64, a: Coord<f64>, b: Coord<f64>) -> bool {
     if a.y == b.y { b.x > a.x } else { b.y < a.y }
 }
 
-/// What the triangle adds to the winding number of `p` when a ray from there along -x meets it.
+/// Contribution of a triangle to the winding number of `p`, counted along the ray from `p` along -x.
 pub(super) fn before(p: &Point, corners: &[Point; 3]) -> i32 {
     let [a, b, c] = corners.map(|q| Coord { x: q.y, y: q.z });
     let area = orient2d(a, b, c);

@@ -2,23 +2,24 @@ use super::rim::Rim;
 use prosopon_geometry::{Point, TriMesh};
 use rayon::prelude::*;
 
-/// What a triangle soup lacks to be the boundary of a solid; vertices at the same place count as one.
+/// Defects of a triangle soup as the boundary of a solid; vertices at the same position count as one.
 #[derive(Debug, Clone)]
 pub(super) struct Defects {
-    /// The triangles over vertices of which those at the same place are one.
+    /// The triangles with welded vertices: those at the same position share the smallest index.
     pub(super) triangles: Vec<[u32; 3]>,
-    /// For every triangle whether it counts for the winding number: false for all but one of identical triangles, and
-    /// for all of them when as many look one way as the other.
+    /// Whether each triangle counts for the winding number.
+    ///
+    /// Of identical triangles one counts, or none when as many face one way as the other.
     pub(super) counts: Vec<bool>,
-    /// For every triangle whether it has area and is the first at its place.
+    /// Whether each triangle has area and is the first at its position.
     pub(super) distinct: Vec<bool>,
-    /// Edges that the counted triangles on their two sides do not cancel: the rim of holes and sheets.
+    /// Edges at which the counted triangles do not cancel: the rim of holes and sheets.
     pub(super) rim: Rim,
-    /// Triangles left out because another one is at the same place and looks the same way.
+    /// Number of triangles that do not count because another one at the same position faces the same way.
     pub(super) duplicates: usize,
-    /// Triangles left out because another one is at the same place and looks the other way.
+    /// Number of triangles that do not count because another one at the same position faces the other way.
     pub(super) cancelled: usize,
-    /// Triangles without area.
+    /// Number of triangles without area.
     pub(super) without_area: usize,
 }
 
@@ -66,28 +67,28 @@ impl Defects {
         let mut warnings = Vec::new();
         if !self.rim.is_empty() {
             warnings.push(format!(
-                "the surface is open or not consistently oriented along {} edges: there the inside is where the winding number is above one half",
+                "the surface is open or inconsistently oriented along {} edges; inside is where the winding number is above 0.5",
                 self.rim.len()
             ));
         }
         if self.duplicates > 0 {
-            warnings.push(format!("{} triangles are copies of others and were left out of the sign", self.duplicates));
+            warnings.push(format!("{} triangles duplicate others; they do not affect the sign", self.duplicates));
         }
         if self.cancelled > 0 {
             warnings.push(format!(
-                "{} triangles lie in pairs that look opposite ways and bound nothing: left out of the sign, kept in the distance",
+                "{} triangles lie in pairs that face opposite ways; they affect the distance but not the sign",
                 self.cancelled
             ));
         }
         if self.without_area > 0 {
             warnings
-                .push(format!("{} triangles have no area: kept as edges or points in the distance", self.without_area));
+                .push(format!("{} triangles have no area; the distance uses their edges or points", self.without_area));
         }
         warnings
     }
 }
 
-/// For every vertex the smallest index of a vertex at the same place.
+/// For every vertex the smallest index of a vertex at the same position.
 pub(super) fn weld(positions: &[Point]) -> Vec<u32> {
     let mut order: Vec<u32> = (0..positions.len() as u32).collect();
     let compare = |i: u32, j: u32| {
@@ -105,7 +106,7 @@ pub(super) fn weld(positions: &[Point]) -> Vec<u32> {
     welded
 }
 
-/// The three indices in increasing order, and whether an even permutation takes them there.
+/// The three indices in increasing order, and whether the permutation is even.
 fn sorted(t: [u32; 3]) -> ([u32; 3], bool) {
     let mut key = t;
     key.sort_unstable();
@@ -113,7 +114,7 @@ fn sorted(t: [u32; 3]) -> ([u32; 3], bool) {
     (key, even)
 }
 
-/// Edges that are run through more often one way than the other, with how much more often from the first end to the second.
+/// Edges run through more often in one direction, with the net count from first to second end.
 fn rim(triangles: &[[u32; 3]], counts: &[bool]) -> Vec<([u32; 2], i32)> {
     let mut edges: Vec<(u32, u32, bool)> = triangles
         .par_iter()

@@ -2,37 +2,37 @@ use super::bricks::{Bricks, NO_BRICK, place};
 use super::lattice::{DETAIL_EDGE, EDGE, Lattice, PARTS};
 use prosopon_geometry::{Aabb, Point};
 
-/// A quadratic B-spline with coefficients on three lattices: a coarse one everywhere, bricks of one eighth of its spacing in
-/// the band, and details of half that spacing where the surface needs them.
+/// Signed distance field of a surface as a quadratic B-spline on three nested lattices.
 ///
-/// In the band a coefficient is that of its brick, or where there is none what the coarse spline has there when it is written
-/// on the finer lattice (exact for splines: knots are divided). The details are added to that, none at their own border. So
-/// the value is one C1 function everywhere in the domain, a quadratic polynomial in x, y, z each in every cell, whatever bricks
-/// there are. Beyond the domain's box it is the value at the closest point of the box plus the distance to that point:
-/// continuous and growing.
+/// The coarse lattice covers the whole domain. Bricks of one eighth of its spacing cover the band around the surface. Detail
+/// bricks of half the brick spacing are added where the surface needs them. A node without a brick takes the coefficient that
+/// the coarse spline has there after knot insertion, which is exact for splines. Detail coefficients are added to that and
+/// vanish at the border of the detail bricks. The value is therefore one C1 function everywhere in the domain, and one
+/// quadratic polynomial in x, y and z in every cell, whatever bricks exist. Beyond the domain's box the value is that at the
+/// closest point of the box plus the distance to that point; it is continuous and grows outwards.
 #[derive(Debug, Clone)]
 pub struct DistanceField {
     pub(super) lattice: Lattice,
     pub(super) domain: Aabb,
     /// Coefficients of the coarse spline, x fastest, ring included.
     coarse: Vec<f64>,
-    /// Number of a place's brick, or [`NO_BRICK`], with a ring of those around.
+    /// Number of the brick at each position, or [`NO_BRICK`]; includes a ring around the domain.
     pub(super) index: Vec<u32>,
     pub(super) bricks: Bricks,
-    /// The bricks of details in each brick; empty when there are none at all.
+    /// Detail bricks of each brick; empty when the field has no detail bricks at all.
     pub(super) parts: Vec<Parts>,
     pub(super) details: Bricks,
-    /// Vectors of this machine, when it has them.
+    /// Vector instructions of this processor, when it has them.
     #[cfg(target_arch = "x86_64")]
     pub(super) v3: Option<pulp::x86::V3>,
 }
 
-/// The bricks of details in a brick.
+/// The detail bricks of one brick.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Parts {
-    /// A bit for each place, x fastest.
+    /// One bit for each position in the brick, x fastest; set where a detail brick exists.
     pub(super) mask: u64,
-    /// Number of the first.
+    /// Number of the first detail brick.
     pub(super) first: u32,
 }
 
@@ -42,21 +42,21 @@ impl Parts {
         self.slot_or(at, NO_BRICK)
     }
 
-    /// Number of the brick of details at a place, or `none`.
+    /// Number of the detail brick at a position in the brick, or `none`.
     #[inline(always)]
     pub(super) fn slot_or(self, at: usize, none: u32) -> u32 {
         let bit = 1u64 << at;
         if self.mask & bit == 0 { none } else { self.first + (self.mask & (bit - 1)).count_ones() }
     }
 
-    /// Number of a place in a brick.
+    /// Index of a detail brick's position in its brick, from the position in the whole field.
     #[inline(always)]
     pub(super) fn place(at: [usize; 3]) -> usize {
         place(PARTS, at.map(|n| n % PARTS))
     }
 }
 
-/// The two lattices of bricks.
+/// The two lattices that are stored in bricks.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Level {
     Brick,
@@ -74,7 +74,7 @@ impl Level {
 }
 
 impl DistanceField {
-    /// A field that is its coarse spline alone; coefficients of bricks and of details are at most so large, mm.
+    /// A field of the coarse spline alone; `largest` bounds the brick and detail coefficients, mm.
     pub(super) fn coarse(lattice: Lattice, coarse: Vec<f64>, largest: [f64; 2]) -> Self {
         Self {
             index: vec![NO_BRICK; lattice.index_dims().iter().product()],
@@ -89,25 +89,27 @@ impl DistanceField {
         }
     }
 
-    /// The box within which the field is a spline, LPS mm.
+    /// The box in which the field is a spline, LPS mm.
     #[must_use]
     pub fn domain(&self) -> Aabb {
         self.domain
     }
 
-    /// Finest spacing, mm.
+    /// Spacing of the bricks in the band, mm; detail bricks have half of it.
     #[must_use]
     pub fn spacing_mm(&self) -> f64 {
         self.lattice.spacing
     }
 
-    /// Bricks of 8³ nodes at the finest spacing, and of 4³ at half of it.
+    /// Number of bricks: of 8³ nodes in the band, plus detail bricks of 4³ nodes at half the spacing.
     #[must_use]
     pub fn n_bricks(&self) -> usize {
         self.bricks.len() + self.details.len()
     }
 
-    /// Whether the field has its finest spacing at `p`: false beyond the band, the domain, or the box that it was built within.
+    /// Whether a brick covers `p`, so that the field has its full accuracy there.
+    ///
+    /// False beyond the band, beyond the domain, and beyond the box given to [`DistanceField::build_within`].
     #[must_use]
     pub fn is_fine_at(&self, p: &Point) -> bool {
         let u = (p - self.lattice.origin) * self.lattice.per_mm;
@@ -115,7 +117,7 @@ impl DistanceField {
         self.slot(Level::Brick, brick) != NO_BRICK
     }
 
-    /// Memory of the field, bytes.
+    /// Memory that the field takes, bytes.
     #[must_use]
     pub fn bytes(&self) -> usize {
         size_of_val(&self.coarse[..])
@@ -125,10 +127,10 @@ impl DistanceField {
             + self.details.bytes()
     }
 
-    /// Number of the brick of details at a place up to one brick beyond the domain.
+    /// Number of the detail brick at a position up to one brick beyond the domain, or [`NO_BRICK`].
     #[inline(always)]
     pub(super) fn detail_slot(&self, at: [isize; 3]) -> u32 {
-        // From the ring on.
+        // The index starts with the ring.
         let [i, j, k] = at.map(|n| (n + PARTS as isize) as usize);
         let [nx, ny, _] = self.lattice.index_dims();
         let slot = self.index[i / PARTS + nx * (j / PARTS + ny * (k / PARTS))];
@@ -148,7 +150,7 @@ impl DistanceField {
         c
     }
 
-    /// Where each brick of a level lies, in bricks of that level.
+    /// Position of each brick of a level, in bricks of that level; indexed by brick number.
     pub(super) fn places(&self, level: Level) -> Vec<[i32; 3]> {
         let mut places = vec![[0; 3]; self.bricks_of(level).len()];
         for n in 0..self.lattice.n_bricks() {
@@ -183,7 +185,7 @@ impl DistanceField {
         }
     }
 
-    /// Number of the brick at a place of its level, or [`NO_BRICK`].
+    /// Number of the brick at a position of its level, or [`NO_BRICK`].
     pub(super) fn slot(&self, level: Level, at: [isize; 3]) -> u32 {
         let size = if level == Level::Brick { 1 } else { PARTS as isize };
         if (0..3).any(|a| at[a] < 0 || at[a] >= size * self.lattice.bricks[a] as isize) {
@@ -195,12 +197,12 @@ impl DistanceField {
         }
     }
 
-    /// Coefficient of the bricks' spline at any node within one brick of the domain, mm.
+    /// Coefficient of the brick-level spline at any node within one brick of the domain, mm.
     pub(super) fn coefficient(&self, node: [isize; 3]) -> f64 {
         self.stored(Level::Brick, node).unwrap_or_else(|| self.refined_coarse(node))
     }
 
-    /// Coefficient of the details at any node of theirs, mm; 0 where there are none.
+    /// Coefficient of the detail-level spline at any of its nodes, mm; 0 where there is no detail brick.
     pub(super) fn detail_coefficient(&self, node: [isize; 3]) -> f64 {
         self.stored(Level::Detail, node).unwrap_or(0.0)
     }
@@ -213,7 +215,9 @@ impl DistanceField {
         (slot != NO_BRICK).then(|| bricks.step() * bricks.at(slot, place))
     }
 
-    /// Coefficient that the coarse spline has at a node of the finer lattice: its polar form at the two ends of the node's cell.
+    /// Coefficient of the coarse spline at a node of the brick lattice, by knot insertion, mm.
+    ///
+    /// It is the coarse spline's polar form at the two ends of the node's cell.
     pub(super) fn refined_coarse(&self, node: [isize; 3]) -> f64 {
         let edge = EDGE as isize;
         let half = 0.5 / EDGE as f64;

@@ -17,10 +17,12 @@ const BAND: f64 = 4.0;
 pub struct EnvelopeSettings {
     /// Grid spacing, mm.
     pub spacing_mm: f64,
-    /// Openings narrower than twice this are closed, mm.
+    /// Closing radius, mm: openings narrower than twice this are closed.
     pub closing_mm: f64,
-    /// Share of all directions in which a place must see out to be outside; 0 asks for none. Fills what narrow openings do
-    /// not enclose: sinuses open to the nose or behind walls so thin that they have holes, the nose's back, the cranial cavity.
+    /// Share of all directions in which a point must see out of the grid to count as outside.
+    ///
+    /// 0 turns this off. It fills cavities that narrow openings do not enclose: sinuses open to the nose or behind walls so
+    /// thin that they have holes, the back of the nose, the cranial cavity.
     pub least_sky: f64,
 }
 
@@ -30,16 +32,18 @@ impl Default for EnvelopeSettings {
     }
 }
 
-/// The outer shell of bone: cavities and sinuses filled, narrow openings closed, crumbs dropped.
+/// The outer shell of bone: cavities and sinuses filled, narrow openings closed, small separate parts dropped.
 #[derive(Debug, Clone)]
 pub struct Envelope {
-    /// Signed values, mm, negative inside; a distance near the surface, at least right in sign elsewhere. The border of the grid is positive.
+    /// Signed values, mm, negative inside; positive on the border of the grid.
+    ///
+    /// Values are distances near the surface; elsewhere at least their sign is right.
     pub grid: ScalarGrid,
     /// Isosurface of the grid: closed, two-manifold.
     pub surface: TriMesh,
     /// What was closed, filled or dropped.
     pub warnings: Vec<String>,
-    /// Where the surface that it was made of leaves it open what is inside.
+    /// Parts of the input surface where inside and outside are not clear.
     pub regions: Vec<DoubtfulRegions>,
 }
 
@@ -57,25 +61,49 @@ impl Envelope {
     }
 }
 
-/// Outer envelope of a dirty bone surface (notes 11 of the reading notes).
+/// Outer envelope of a bone surface with holes and other defects (notes 11 of the reading notes).
 ///
-/// Far outside is what a flood from the grid's border reaches over places that are farther than `closing_mm` from bone and
-/// see at least `least_sky` of the sky; outside is what lies within `closing_mm` of that, everything else is inside. Without a
-/// sky this is the morphological closing with a ball, its enclosed cavities filled. A closing alone cannot mend a thin wall:
-/// the ball bulges through a hole from both sides when both are outside. The value is the smaller of bone's own signed
-/// distance and the closing's: where bone faces the outside openly it is bone's own.
+/// The far outside is the set of points that are farther than `closing_mm` from bone, see at least `least_sky` of all
+/// directions, and connect to the grid's border over such points. The outside is everything within `closing_mm` of the far
+/// outside; the rest is inside. With `least_sky` 0 this is the morphological closing with a ball, its enclosed cavities filled. A
+/// closing alone cannot mend a thin wall: when both sides are outside, the ball bulges through a hole from both. The value is
+/// the smaller of bone's own signed distance and that of the closing; where bone faces the outside openly it is bone's own.
+///
+/// ```
+/// use prosopon_field::{EnvelopeSettings, envelope};
+/// use prosopon_geometry::control::Control;
+/// use prosopon_geometry::{Point, TriMesh};
+///
+/// // A cube of 20 mm around the origin with a cavity of 10 mm.
+/// let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+/// let (mut positions, mut triangles) = (Vec::new(), Vec::new());
+/// for n in 0..16 {
+///     let half = if n < 8 { 10.0 } else { 5.0 };
+///     let side = |axis: usize| if n >> axis & 1 == 1 { half } else { -half };
+///     positions.push(Point::new(side(0), side(1), side(2)));
+/// }
+/// for [a, b, c, d] in quads {
+///     triangles.extend([[a, b, c], [a, c, d]]);
+///     triangles.extend([[a + 8, c + 8, b + 8], [a + 8, d + 8, c + 8]]);
+/// }
+/// let bone = TriMesh::new(positions, triangles)?;
+/// let filled = envelope(&bone, &EnvelopeSettings::default(), &Control::new())?;
+/// assert!(filled.grid.sample(&Point::origin()) < 0.0);
+/// assert!(filled.surface.volume() > 7500.0);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 ///
 /// # Accuracy
-/// The closing surface lies up to a quarter of the spacing below its place, so may walls thinner than that. Bone thinner than the
-/// spacing with the outside on both sides gets holes or vanishes. Values are cut off four spacings inside, four and `closing_mm`
-/// outside; they are too small (but positive) around dropped crumbs.
+/// The closing surface lies up to a quarter of the spacing too deep, and so may walls thinner than that. Bone thinner than the
+/// spacing with the outside on both sides gets holes or vanishes. Values are cut off four spacings inside, and four spacings plus
+/// `closing_mm` outside; around dropped parts they are too small, but positive.
 ///
 /// # Errors
-/// [`FieldError`] when nothing is enclosed, for settings out of range, or cancellation.
+/// [`FieldError`] when nothing is enclosed, a setting is out of range, the grid would be too large, or on cancellation.
 pub fn envelope(skull: &TriMesh, settings: &EnvelopeSettings, control: &Control) -> Result<Envelope, FieldError> {
     let (spacing, closing) = (settings.spacing_mm, settings.closing_mm);
     within("spacing_mm", spacing, 0.05..=10.0, "0.05 to 10 mm")?;
-    // Below that the closing surface would be too rough to leave bone's own alone.
+    // With a smaller radius the closing surface would be too rough to keep bone's own surface where that is open.
     within("closing_mm", closing, 2.0 * spacing..=50.0, "twice spacing_mm to 50 mm")?;
     within("least_sky", settings.least_sky, 0.0..=0.4, "0 to 0.4")?;
     let reach = closing + BAND * spacing;
@@ -100,9 +128,9 @@ pub fn envelope(skull: &TriMesh, settings: &EnvelopeSettings, control: &Control)
     if exact.defects().rim.is_empty() {
         let (bone, shell) = (skull.volume().abs() / 1000.0, surface.volume() / 1000.0);
         warnings.push(format!(
-            "the envelope holds {shell:.1} cm³, the surface itself {bone:.1} cm³: cavities and openings narrower than {:.1} mm were filled{}",
+            "cavities and openings narrower than {:.1} mm were filled{}: envelope {shell:.1} cm³, surface {bone:.1} cm³",
             2.0 * closing,
-            if settings.least_sky > 0.0 { ", and places that see too little of the outside" } else { "" }
+            if settings.least_sky > 0.0 { ", and so were regions that see too little of the outside" } else { "" }
         ));
     }
     let regions = doubtful_regions(skull, &exact, control)?;
@@ -110,7 +138,7 @@ pub fn envelope(skull: &TriMesh, settings: &EnvelopeSettings, control: &Control)
     Ok(Envelope { grid, surface, warnings, regions })
 }
 
-/// Turns places that are positive but cannot be reached from the border to the inside.
+/// Makes positive regions negative that do not connect to the border.
 fn fill_pockets(grid: &mut ScalarGrid) {
     let outside = flood::from_border(grid.dims, |n| grid.values[n] >= 0.0);
     let least = (0.1 * grid.spacing) as f32;
@@ -121,7 +149,7 @@ fn fill_pockets(grid: &mut ScalarGrid) {
     }
 }
 
-/// Turns parts of the inside that are smaller than [`CRUMB_MM3`] to the outside; the largest part stays in any case.
+/// Makes negative parts positive that are smaller than [`CRUMB_MM3`]; the largest part always stays.
 fn drop_crumbs(grid: &mut ScalarGrid) -> Option<String> {
     let parts = flood::parts(grid.dims, |n| grid.values[n] < 0.0);
     let node_mm3 = grid.spacing.powi(3);
@@ -138,6 +166,6 @@ fn drop_crumbs(grid: &mut ScalarGrid) -> Option<String> {
     (dropped > 0).then(|| {
         let volume = nodes as f64 * node_mm3;
         let parts = if dropped == 1 { "part" } else { "parts" };
-        format!("{dropped} separate {parts} smaller than {CRUMB_MM3:.0} mm³, together {volume:.0} mm³: dropped")
+        format!("{dropped} separate {parts} smaller than {CRUMB_MM3:.0} mm³ dropped ({volume:.0} mm³ in all)")
     })
 }

@@ -1,6 +1,20 @@
 use prosopon_geometry::control::Cancelled;
 
 /// Why no field could be built.
+///
+/// ```
+/// use prosopon_field::{DistanceField, FieldError, FieldSettings};
+/// use prosopon_geometry::control::Control;
+/// use prosopon_geometry::{Point, TriMesh};
+///
+/// let corners = [[0.0, 0.0, 0.0], [9.0, 0.0, 0.0], [0.0, 9.0, 0.0], [0.0, 0.0, 9.0]];
+/// let positions = corners.map(Point::from).to_vec();
+/// let tetrahedron = TriMesh::new(positions, vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])?;
+/// let settings = FieldSettings { spacing_mm: 0.0, ..FieldSettings::default() };
+/// let refused = DistanceField::build(&tetrahedron, &settings, &Control::new());
+/// assert!(matches!(refused, Err(FieldError::Setting { name: "spacing_mm", .. })));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug, thiserror::Error)]
 pub enum FieldError {
     /// A setting is out of range.
@@ -8,33 +22,33 @@ pub enum FieldError {
     Setting {
         /// Name of the setting.
         name: &'static str,
-        /// Its value.
+        /// Value that was passed.
         found: f64,
-        /// What is allowed.
+        /// Allowed range with its unit.
         allowed: &'static str,
     },
-    /// The field would need too much memory.
-    #[error("a spacing of {spacing_mm} mm needs {samples} samples, at most {allowed} are allowed")]
+    /// The field would need too many samples.
+    #[error("a spacing of {spacing_mm} mm needs {samples} samples, allowed are {allowed}; use a larger spacing")]
     TooLarge {
-        /// Spacing asked for, mm.
+        /// Requested spacing, mm.
         spacing_mm: f64,
-        /// Samples needed.
+        /// Number of samples that this spacing needs.
         samples: u64,
-        /// Samples allowed.
+        /// Largest number of samples allowed.
         allowed: u64,
     },
-    /// The box within which the field is wanted lies beyond the field's domain.
-    #[error("the box within which the field is wanted does not meet the surface's box, grown by the margin")]
+    /// The requested box does not overlap the field's domain.
+    #[error("the requested box does not overlap the surface's bounding box plus margin; move or enlarge the box")]
     Elsewhere,
     /// The surface encloses nothing.
-    #[error("the surface encloses no volume: the winding number is below one half everywhere")]
+    #[error("the surface encloses no volume at this spacing; close its holes or use a smaller spacing")]
     NothingInside,
-    /// Stopped by the caller.
+    /// The caller cancelled the work.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
 }
 
-/// Refuses a setting that is not within `range`.
+/// Refuses a setting outside `range`.
 pub(super) fn within(
     name: &'static str,
     found: f64,

@@ -1,13 +1,13 @@
-//! Faces, edges and vertices of a surface, each with the region of space where it can be the nearest of all.
+//! Faces, edges and vertices of a surface, each with the region of space where it can be the nearest feature.
 
 use prosopon_geometry::{Point, TriMesh, Vector};
 use rayon::prelude::*;
 
-/// Regions are widened by this, mm, so that rounding leaves no gap between neighbouring ones.
+/// Width by which regions are enlarged so that rounding leaves no gap between neighbours, mm.
 const SLACK: f32 = 1e-4;
-/// Edges and vertices flatter than this (radian) have no region of their own: the faces' slack covers it.
+/// Edges and vertices flatter than this (radian) have no region; the slack of the faces covers it.
 const FLAT: f64 = 1e-5;
-/// Vertices with more edges than this get a region as large as a ball.
+/// The region of a vertex with more edges than this is a whole ball.
 const MOST_SPOKES: usize = 12;
 
 /// Half-space `normal · v <= limit` of offsets `v` from a feature's anchor, mm.
@@ -17,7 +17,7 @@ pub(super) struct HalfSpace {
     pub(super) limit: f32,
 }
 
-/// What a feature's distance is.
+/// Set from which the distance of a feature is measured.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Shape {
     /// Plane through the anchor with this unit normal.
@@ -28,12 +28,12 @@ pub(super) enum Shape {
     Point,
 }
 
-/// Region of a feature, within a reach.
+/// Region of a feature within a reach.
 #[derive(Debug, Clone)]
 pub(super) struct Region {
     pub(super) anchor: Point,
     pub(super) shape: Shape,
-    /// Along which the region is longest.
+    /// Axis along which the region is longest.
     pub(super) axis: usize,
     pub(super) half_spaces: [HalfSpace; MOST_SPOKES],
     pub(super) n_half_spaces: usize,
@@ -70,7 +70,7 @@ impl Region {
         }
     }
 
-    /// Widens the box by `reach` times the directions, or to all sides where they say nothing.
+    /// Enlarges the box by `reach` (mm) times each of the directions, or to all sides when there are none.
     fn spread(&mut self, directions: Option<&[Vector]>, reach: f64) {
         let (min, max) = (self.min, self.max);
         for a in 0..3 {
@@ -92,32 +92,32 @@ impl Region {
     }
 }
 
-/// An edge: where both sides' faces lie behind.
+/// An edge whose region is where the faces on both sides lie behind.
 #[derive(Debug, Clone)]
 struct Edge {
     ends: [u32; 2],
     /// Up to two directions in the faces, away from the edge, that bound the region.
     inward: [[f32; 3]; 2],
     n_inward: u8,
-    /// Middle direction of the region and sine of its half-angle.
+    /// Middle direction of the region, and the sine of the region's half-angle.
     axis: [f32; 3],
     sine: f32,
 }
 
-/// A vertex: where all edges point away.
+/// A vertex whose region is where all its edges point away.
 #[derive(Debug, Clone)]
 struct Corner {
     at: u32,
     first: u32,
     last: u32,
-    /// Directions whose hull (times the reach) holds the region; none for a ball.
+    /// Range in `rays` of directions whose hull (times the reach) contains the region; `None` for a ball.
     rays: Option<(u32, u32)>,
 }
 
-/// Features of a surface, vertices at the same place taken as one.
+/// Features of a surface; vertices at the same position count as one.
 ///
-/// A point's nearest feature always has the point in its region, so the smallest distance over the regions that hold a point
-/// is its distance, exact up to 1e-4 mm.
+/// A point always lies in the region of its nearest feature. The smallest distance over the regions that contain a point is
+/// therefore its distance, exact up to 1e-4 mm.
 ///
 /// # Source
 /// Scan conversion of Voronoi regions: S. Mauch, *Efficient Algorithms for Solving Static Hamilton-Jacobi Equations*, 2003;
@@ -141,7 +141,7 @@ fn double(v: [f32; 3]) -> Vector {
 }
 
 impl Features {
-    /// Features of `mesh`; `triangles` are its triangles over welded vertices.
+    /// Features of `mesh`; `triangles` are its triangles with welded vertices.
     pub(super) fn new(mesh: &TriMesh, triangles: &[[u32; 3]]) -> Self {
         let (points, triangles) = along_a_curve(mesh, triangles);
         let triangles = &triangles[..];
@@ -149,7 +149,7 @@ impl Features {
         let mut faces: Vec<[u32; 3]> =
             triangles.par_iter().copied().filter(|t| face_normal(t.map(at)).is_some()).collect();
         faces.par_sort_unstable_by_key(|t| (t[0].min(t[1]).min(t[2]), *t));
-        // Each edge of a triangle with the corner opposite to it; a triangle without area bounds no region.
+        // Each edge of a triangle with the opposite corner; a triangle without area bounds no region.
         let mut sides: Vec<(u64, u32)> = triangles
             .par_iter()
             .flat_map_iter(|t| {
@@ -228,7 +228,7 @@ impl Features {
         self.region_with::<true>(index, reach)
     }
 
-    /// Without its half-spaces when they are not wanted.
+    /// Region of feature `index`; its half-spaces are computed only when `CUT` is true.
     #[inline(always)]
     fn region_with<const CUT: bool>(&self, index: usize, reach: f64) -> Region {
         if let Some(&face) = self.faces.get(index) {
@@ -245,13 +245,13 @@ impl Features {
     pub(super) fn bounds(&self, index: usize, reach: f64) -> (Point, Point) {
         let region = self.region_with::<false>(index, reach);
         let corner = |offset: [f32; 3]| {
-            // Single precision of the offset.
+            // The offset has single precision.
             region.anchor + double(offset)
         };
         (corner(region.min), corner(region.max))
     }
 
-    /// Box around all that is within `reach` (mm) of feature `index`.
+    /// Box around all points within `reach` (mm) of feature `index`.
     pub(super) fn box_within(&self, index: usize, reach: f64) -> (Point, Point) {
         let at = |v: u32| self.points[v as usize];
         let (low, high) = if let Some(&[a, b, c]) = self.faces.get(index) {
@@ -302,7 +302,7 @@ impl Features {
             region.cut(*inward, 0.0);
         }
         let sine = f64::from(edge.sine);
-        // Beyond 60° the tip of the hull would be farther out than the ball.
+        // Beyond 60° the tip of the hull would lie outside the ball's box.
         if edge.n_inward == 0 || sine > 0.86 {
             region.spread(None, reach);
         } else {
@@ -328,7 +328,7 @@ impl Features {
     }
 }
 
-/// Vertices and triangles renumbered along a space-filling curve, so that neighbours are close in memory.
+/// Renumbers vertices and triangles along a space-filling curve: neighbours get close in memory.
 fn along_a_curve(mesh: &TriMesh, triangles: &[[u32; 3]]) -> (Vec<Point>, Vec<[u32; 3]>) {
     let bounds = mesh.bounds();
     let scale = 1023.0 / (bounds.max - bounds.min).max().max(f64::MIN_POSITIVE);
@@ -350,7 +350,7 @@ fn along_a_curve(mesh: &TriMesh, triangles: &[[u32; 3]]) -> (Vec<Point>, Vec<[u3
     (points, triangles.iter().map(|t| t.map(|v| rank[v as usize])).collect())
 }
 
-/// Bits of three numbers below 1024, interleaved.
+/// Interleaved bits of three numbers below 1024 (Morton code).
 fn morton(cell: [u32; 3]) -> u32 {
     let spread = |n: u32| {
         let n = (n | n << 16) & 0x0300_00ff;
@@ -361,16 +361,16 @@ fn morton(cell: [u32; 3]) -> u32 {
     spread(cell[0]) | spread(cell[1]) << 1 | spread(cell[2]) << 2
 }
 
-/// Unit normal; `None` for a triangle that is as good as its edges.
+/// Unit normal; `None` for a triangle so thin that its edges represent it.
 fn face_normal([a, b, c]: [Point; 3]) -> Option<Vector> {
     let (ab, ac) = (b - a, c - a);
     let normal = ab.cross(&ac);
     let area = normal.norm();
-    // Angle below 1e-7: the direction of the normal is a rounding error.
+    // Below an angle of 1e-7 the direction of the normal is a rounding error.
     (area > 1e-7 * ab.norm() * ac.norm() && area > 0.0).then(|| normal / area)
 }
 
-/// The edge of `group` (its triangles' opposite corners); `None` when no point can be nearest to its inside.
+/// The edge shared by `group` (opposite corners); `None` when no point is nearest to its interior.
 fn edge(group: &[(u64, u32)], points: &[Point]) -> Option<Edge> {
     let ends = [(group[0].0 >> 32) as u32, (group[0].0 & 0xffff_ffff) as u32];
     let [a, b] = ends.map(|v| points[v as usize]);
@@ -383,7 +383,7 @@ fn edge(group: &[(u64, u32)], points: &[Point]) -> Option<Edge> {
     let Some(first) = inward.next() else { return Some(found) };
     let axis = -first;
     let across = along.cross(&axis);
-    // The region's directions: an interval of angles from `axis`, each face leaving a half-turn.
+    // The region's directions are an interval of angles from `axis`; each face restricts it to a half-turn.
     let quarter = std::f64::consts::FRAC_PI_2;
     let (mut low, mut high) = ((-quarter, first), (quarter, first));
     for m in inward {
@@ -406,10 +406,10 @@ fn edge(group: &[(u64, u32)], points: &[Point]) -> Option<Edge> {
     Some(found)
 }
 
-/// Directions in which a vertex can be nearest.
+/// Directions in which a vertex can be the nearest feature.
 enum Cone {
     Empty,
-    /// Their hull with the vertex, scaled by the reach, holds the region.
+    /// Directions whose hull with the vertex, scaled by the reach, contains the region.
     Rays(Vec<Vector>),
     Wide,
 }
@@ -441,7 +441,7 @@ fn extreme_rays(spokes: &[[f32; 3]]) -> Cone {
         }
     }
     if rays.is_empty() {
-        // Nearly parallel spokes leave out pairs: without a pair that spans space nothing is known.
+        // Pairs of nearly parallel spokes are skipped; without a pair that spans space the cone is unknown.
         return if spans { Cone::Empty } else { Cone::Wide };
     }
     let sum: Vector = rays.iter().sum();

@@ -1,7 +1,8 @@
-//! Moves the coefficients near the surface so that the spline is 0 on it.
+//! Fits the coefficients near the surface so that the spline is 0 on it.
 //!
-//! A spline rounds the folds that a distance has along ridges and in thin walls, and so shifts its zero. Off the surface that
-//! does not matter; on it each coefficient takes back the mean of the errors around it, weighted by what it has to do with them.
+//! A spline rounds the folds of the distance along ridges and in thin walls, which shifts its zero. Away from the surface this
+//! is harmless. On the surface each coefficient is corrected by the mean of the errors around it, weighted by its influence
+//! on them.
 
 use super::bricks::{NO_BRICK, code, place};
 use super::distance_field::{DistanceField, Level};
@@ -10,24 +11,24 @@ use super::lattice::{DETAIL_EDGE, EDGE};
 use super::sites::{CLASSES, Site, Sites};
 use rayon::prelude::*;
 
-/// Errors below this (in spacings) are left alone.
+/// Errors below this, in spacings, are not corrected.
 const SMALL: f32 = 0.04;
-/// Nodes along the edge of the largest brick with those next to it.
+/// Nodes along the edge of the largest brick with one neighbour on both sides.
 const SIDE: usize = EDGE + 2;
-/// A brick's coefficients with those next to it, mm; a row of four may read one too far.
+/// A brick's coefficients and those next to it, mm; one spare because rows are read four at a time.
 pub(super) type Around = [f32; SIDE * SIDE * SIDE + 1];
-/// Neighbours of a brick with itself in the middle, x fastest.
+/// Number of bricks around and including one; itself in the middle, x fastest.
 const NEIGHBOURS: usize = 27;
 
-/// The bricks of one level and those next to them.
+/// The bricks of one level and their neighbours.
 pub(super) struct Layer {
     pub(super) level: Level,
-    /// Places, in bricks.
+    /// Position of each brick, in bricks of the level.
     pub(super) at: Vec<[i32; 3]>,
     neighbours: Vec<[u32; NEIGHBOURS]>,
 }
 
-/// Step to neighbour `n` along each axis.
+/// Offset of neighbour `n` along each axis: -1, 0 or 1.
 fn step(n: usize) -> [isize; 3] {
     [n % 3, n / 3 % 3, n / 9].map(|s| s as isize - 1)
 }
@@ -47,7 +48,7 @@ impl Layer {
         Self { level, at, neighbours }
     }
 
-    /// Nodes that touch a place without a brick: whether a node of brick `slot` is one.
+    /// Visits the nodes of brick `slot` next to a position without a brick.
     pub(super) fn for_rim(&self, slot: usize, mut visit: impl FnMut(usize)) {
         let edge = self.level.edge();
         for (n, _) in self.neighbours[slot].iter().enumerate().filter(|(_, s)| **s == NO_BRICK) {
@@ -64,14 +65,14 @@ impl Layer {
         }
     }
 
-    /// Fills in the coefficients of a brick and those next to it.
+    /// Fills `around` with the coefficients of a brick and those next to it, mm.
     pub(super) fn fill(&self, field: &DistanceField, slot: usize, around: &mut Around) {
         let edge = self.level.edge();
         let side = edge + 2;
         let bricks = field.bricks_of(self.level);
         let scale = bricks.step() as f32;
         for (n, &neighbour) in self.neighbours[slot].iter().enumerate() {
-            // A neighbour's nodes next to the brick are those that touch the opposite side.
+            // The neighbour's nodes next to the brick lie on its opposite side.
             let [(x, x1), (y, y1), (z, z1)] = step(n).map(|s| match s {
                 -1 => (edge - 1..edge, 0),
                 0 => (0..edge, 1),
@@ -109,7 +110,7 @@ impl Layer {
         let side = self.level.edge() + 2;
         let [x, y, z] = site.weights();
         let [i, j, k] = site.cell();
-        // The fourth lane does not count.
+        // The fourth lane is padding.
         let mut line = [0.0f32; 4];
         for (n, z) in z.iter().enumerate() {
             for (m, y) in y.iter().enumerate() {
@@ -129,7 +130,7 @@ pub(super) fn no_coefficients() -> Around {
     [0.0; SIDE * SIDE * SIDE + 1]
 }
 
-/// Moves the coefficients of a level `sweeps` times, and leaves at its `sites` (by brick) the values that the field then has.
+/// Fits the coefficients of a level in `sweeps` sweeps; updates the values of its `sites` (by brick).
 ///
 /// # Source
 /// S. Lee, G. Wolberg, S. Y. Shin, Scattered data interpolation with multilevel B-splines, IEEE TVCG 1997, equation 5.
@@ -185,27 +186,27 @@ pub(super) fn fit(field: &mut DistanceField, layer: &Layer, sites: &mut [Sites],
     }
 }
 
-/// Classes of sites of neighbour `n` that the brick's own coefficients matter to, as bits.
+/// Bit set of the classes of sites of neighbour `n` that the brick's own coefficients influence.
 fn classes_that_matter(n: usize) -> u32 {
     let step = step(n);
     let matters = |class: &usize| {
         let side = [class % 3, class / 3 % 3, class / 9];
-        // Of a neighbour on the upper side the first cells.
+        // In a neighbour on the upper side these are the first cells.
         (0..3).all(|a| step[a] == 0 || side[a] == if step[a] > 0 { 0 } else { 2 })
     };
     (0..CLASSES).filter(matters).fold(0, |bits, class| bits | 1 << class)
 }
 
-/// Nodes along the edges of the bricks with two more on every side.
+/// Nodes along the edge of a brick with two more on both sides.
 const WIDE: usize = EDGE + 4;
 const DETAIL_WIDE: usize = DETAIL_EDGE + 4;
 
-/// Two numbers for each node of a box and for one more, which a row of four reaches too far.
+/// Length of a buffer of two numbers per node and one spare node, as rows are read four at a time.
 const fn room(wide: usize) -> usize {
     2 * (wide * wide * wide + 1)
 }
 
-/// Takes from the codes of a brick, worth `step` (mm) each, what the errors at the sites around want.
+/// Corrects a brick's codes, each worth `step` (mm), by the weighted mean error of the sites around.
 #[inline(always)]
 fn take_back<const WIDE: usize, const ROOM: usize>(
     layer: &Layer,
@@ -217,7 +218,7 @@ fn take_back<const WIDE: usize, const ROOM: usize>(
     let edge = layer.level.edge();
     let mut wanted = [0.0f32; ROOM];
     for (n, &neighbour) in layer.neighbours[slot].iter().enumerate().filter(|(_, s)| **s != NO_BRICK) {
-        // The box's first node of the three around the neighbour's first.
+        // Index in the box of the first of the three nodes around the neighbour's first node.
         let shift = self::step(n).map(|s| s * edge as isize + 1);
         for class in (0..CLASSES).filter(|class| matters[n] >> class & 1 == 1) {
             for site in sites[neighbour as usize].of_class(class) {
@@ -228,7 +229,7 @@ fn take_back<const WIDE: usize, const ROOM: usize>(
         }
     }
     if layer.level == Level::Detail {
-        // The details end there.
+        // The details end there, so these coefficients stay.
         layer.for_rim(slot, |n| wanted[2 * wide_place::<WIDE>(edge, n) + 1] = 0.0);
     }
     for (n, own) in codes.iter_mut().enumerate() {
@@ -240,14 +241,15 @@ fn take_back<const WIDE: usize, const ROOM: usize>(
     }
 }
 
-/// Where a brick's node lies in the box around it.
+/// Index of a brick's node in the box around it.
 #[inline(always)]
 fn wide_place<const WIDE: usize>(edge: usize, n: usize) -> usize {
     place(WIDE, [n % edge + 2, n / edge % edge + 2, n / (edge * edge) + 2])
 }
 
-/// Adds what a site, the first of whose nodes is `first`, wants of each coefficient (times its weight), and the weight: w³ e / Σw²
-/// and w², one beside the other.
+/// Adds a site's weighted correction of each coefficient and its weight.
+///
+/// `first` is the first of the site's nodes. The two numbers, w³ e / Σw² and w², are stored next to each other.
 #[inline(always)]
 fn spread<const WIDE: usize>(site: &Site, first: [usize; 3], wanted: &mut [f32]) {
     let [x, y, z] = site.weights();

@@ -1,6 +1,6 @@
-//! Connected nodes of a grid, neighbours along the axes.
+//! Connected parts of a grid; neighbours lie along the axes.
 
-/// Marks the nodes that `passes` lets through and that can be reached from the grid's border over such nodes.
+/// Marks the nodes that `passes` accepts and that connect to the grid's border over such nodes.
 pub(super) fn from_border(dims: [usize; 3], passes: impl Fn(usize) -> bool) -> Vec<bool> {
     let mut reached = vec![false; dims.iter().product()];
     let mut stack = Vec::new();
@@ -21,7 +21,7 @@ pub(super) fn from_border(dims: [usize; 3], passes: impl Fn(usize) -> bool) -> V
     reached
 }
 
-/// The nodes that `belongs` takes, in connected parts; each part's nodes in the order that they were reached.
+/// Connected parts of the nodes that `belongs` accepts; a part lists its nodes in search order.
 pub(super) fn parts(dims: [usize; 3], belongs: impl Fn(usize) -> bool) -> Vec<Vec<usize>> {
     let total = dims.iter().product();
     let mut seen = vec![false; total];

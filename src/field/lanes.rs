@@ -1,6 +1,6 @@
-//! Four numbers at once, with the same bits on every processor: sums and products are rounded one by one, never fused.
+//! Vectors of four numbers with identical results on every processor: sums and products are never fused.
 
-/// Runs `work` compiled for the vectors of this processor. What it calls has to be inlined, itself too: `#[inline(always)]`.
+/// Runs `work` compiled for this processor's vectors; it and its callees must be `#[inline(always)]`.
 #[inline(always)]
 pub(super) fn with_vectors<T>(work: impl FnOnce() -> T) -> T {
     pulp::Arch::new().dispatch(work)
@@ -29,7 +29,7 @@ pub(super) trait Lanes: Copy {
     fn columns(self, rows: [Self::Four; 4]) -> [Self::Four; 3];
 }
 
-/// On any processor.
+/// Implementation for any processor.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Plain;
 

@@ -4,38 +4,42 @@ use prosopon_geometry::{Aabb, Point, Vector};
 pub(super) const EDGE: usize = 8;
 /// Fine nodes in a brick.
 pub(super) const BRICK: usize = EDGE * EDGE * EDGE;
-/// Nodes along the edge of a brick of details, which lie half as far apart.
+/// Nodes along the edge of a detail brick; they have half the spacing.
 pub(super) const DETAIL_EDGE: usize = 4;
-/// Bricks of details along the edge of a brick.
+/// Number of detail bricks along the edge of a brick.
 pub(super) const PARTS: usize = 2 * EDGE / DETAIL_EDGE;
-/// Most fine nodes along an axis.
+/// Most fine nodes along an axis: single precision counts them exactly.
 const LONGEST: f64 = 2e6;
-/// Coarse nodes beyond the bricks on every side: one whose coefficient is read, one for its second differences.
+/// Coarse nodes beyond the bricks on every side.
+///
+/// One has a coefficient that is read; the next one is needed for the second differences there.
 const RING: usize = 2;
 
 /// A box of bricks, each of 8³ fine nodes around one coarse node.
 ///
-/// Fine node (i, j, k) lies at `origin + spacing (i, j, k)`; coarse nodes lie in the middle of their brick, so the cell of a
-/// coarse coefficient (half a coarse spacing to every side) is exactly the cells of the brick's fine coefficients, and both
-/// splines together are one quadratic polynomial in every fine cell. The domain is the union of those cells.
+/// Fine node (i, j, k) lies at `origin + spacing (i, j, k)`. Coarse nodes lie in the middle of their brick, so the cell of a
+/// coarse coefficient (half a coarse spacing to every side) consists of the cells of the brick's fine coefficients. Both
+/// splines together are therefore one quadratic polynomial in every fine cell. The domain is the union of those cells.
 #[derive(Debug, Clone)]
 pub(super) struct Lattice {
     pub(super) origin: Point,
     pub(super) spacing: f64,
-    /// Nodes in a mm.
+    /// Fine nodes per mm.
     pub(super) per_mm: f64,
-    /// Bricks along each axis.
+    /// Number of bricks along each axis.
     pub(super) bricks: [usize; 3],
 }
 
 impl Lattice {
-    /// Covers `bounds`; the number of coarse nodes when they are more than `most` or too many in a row.
+    /// Lattice that covers `bounds`.
+    ///
+    /// Fails with the number of coarse nodes when that exceeds `most`, or when an axis would get too many fine nodes.
     pub(super) fn covering(bounds: &Aabb, spacing: f64, most: u64) -> Result<Self, u64> {
         let coarse = spacing * EDGE as f64;
         let extent = bounds.max - bounds.min;
         let needed = [0, 1, 2].map(|a| (extent[a] / coarse).ceil().max(1.0));
         let samples: f64 = needed.iter().map(|n| n + 2.0 * RING as f64).product();
-        // Steps along an axis are counted in single precision.
+        // Steps along an axis are counted in single precision, which limits their number.
         if samples > most as f64 || needed.iter().any(|n| n * EDGE as f64 > LONGEST) {
             return Err(samples as u64);
         }
@@ -49,7 +53,7 @@ impl Lattice {
         self.bricks.iter().product()
     }
 
-    /// Place of brick `index` along each axis.
+    /// Position of brick `index` along each axis.
     pub(super) fn brick_at(&self, index: usize) -> [usize; 3] {
         let [nx, ny, _] = self.bricks;
         [index % nx, index / nx % ny, index / (nx * ny)]
@@ -59,7 +63,7 @@ impl Lattice {
         i + self.bricks[0] * (j + self.bricks[1] * k)
     }
 
-    /// First and end of the places along each axis of the bricks that meet `bounds`, if any do.
+    /// First and end positions along each axis of the bricks that overlap `bounds`, if any do.
     pub(super) fn bricks_meeting(&self, bounds: &Aabb) -> Option<[[usize; 3]; 2]> {
         let domain = self.domain();
         let mut chosen = [[0; 3]; 2];
@@ -67,7 +71,7 @@ impl Lattice {
             let place = |x: f64| (x - domain.min[a]) / self.coarse_spacing();
             let last = self.bricks[a] as f64;
             let (from, to) = (place(bounds.min[a]), place(bounds.max[a]));
-            // False for what is no number, too.
+            // The comparisons are also false for NaN.
             let meets = from <= to && from < last && to > 0.0;
             if !meets {
                 return None;
@@ -78,19 +82,19 @@ impl Lattice {
         Some(chosen)
     }
 
-    /// Bricks with a ring of none around them, along each axis.
+    /// Dimensions of the brick index with its ring around the domain.
     pub(super) fn index_dims(&self) -> [usize; 3] {
         self.bricks.map(|n| n + 2)
     }
 
-    /// Where the brick at a place is looked up; the ring for places beyond the domain by one.
+    /// Entry of a brick position in the brick index; positions may lie one brick beyond the domain.
     #[inline(always)]
     pub(super) fn index_of(&self, [i, j, k]: [usize; 3]) -> usize {
         let [nx, ny, _] = self.index_dims();
         (i + 1) + nx * ((j + 1) + ny * (k + 1))
     }
 
-    /// Coarse nodes with their ring, along each axis.
+    /// Number of coarse nodes along each axis, ring included.
     pub(super) fn coarse_dims(&self) -> [usize; 3] {
         self.bricks.map(|n| n + 2 * RING)
     }
@@ -99,7 +103,7 @@ impl Lattice {
         self.spacing * EDGE as f64
     }
 
-    /// Position of the first coarse node, in the ring's corner.
+    /// Position of the first coarse node, at the corner of the ring.
     pub(super) fn coarse_origin(&self) -> Point {
         self.origin + Vector::repeat(self.spacing * (0.5 * (EDGE as f64 - 1.0) - (RING * EDGE) as f64))
     }
@@ -110,7 +114,7 @@ impl Lattice {
         (at[0] + RING) + dims[0] * ((at[1] + RING) + dims[1] * (at[2] + RING))
     }
 
-    /// Like [`Lattice::coarse_index`] for places up to [`RING`] bricks beyond the domain.
+    /// Like [`Lattice::coarse_index`], for positions up to [`RING`] bricks beyond the domain.
     pub(super) fn coarse_index_beyond(&self, at: [isize; 3]) -> usize {
         let dims = self.coarse_dims();
         let [i, j, k] = at.map(|b| (b + RING as isize).max(0) as usize);

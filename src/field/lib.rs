@@ -1,8 +1,9 @@
 //! Signed distance fields of surfaces, smooth enough for contact.
 //!
-//! Invariants: value, gradient and Hessian belong to one C1 function; finite at every finite point, also far
-//! outside the band; negative inside. Built from any triangle soup, dirty or open. The published methods that it is compared
-//! with ([`UniformField`], [`Octree`]) are finite and signed alike, but less smooth.
+//! [`DistanceField`] takes any triangle soup, also one that is open or has defects. Coordinates are LPS mm; values are mm,
+//! negative inside. Invariants: value, gradient and Hessian belong to one C1 function inside the domain, and all three are
+//! finite at every finite point, also far outside the band. The published methods for comparison ([`UniformField`],
+//! [`Octree`]) have the same sign convention and are finite as well, but they are less smooth.
 
 mod accuracy;
 mod band_certificate;

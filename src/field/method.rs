@@ -25,7 +25,7 @@ impl Method {
     /// All methods.
     pub const ALL: [Self; 4] = [Self::Uniform, Self::Frisken, Self::Hybrid, Self::Adaptive];
 
-    /// Its name in files and on the command line.
+    /// Name of the method in files and on the command line.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -40,13 +40,13 @@ impl Method {
 /// Settings of [`SignedField::build`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MethodSettings {
-    /// Method.
+    /// Method to build the field with.
     pub method: Method,
-    /// Spacing, band and margin.
+    /// Spacing, band and margin, mm.
     pub field: FieldSettings,
-    /// Cells along the edge of the bounding cube; instead of the spacing when given.
+    /// Number of cells along the edge of the bounding cube; replaces the spacing when given.
     pub resolution: Option<u32>,
-    /// Of `frisken` and `hybrid`.
+    /// Tolerance of the octrees (`frisken` and `hybrid`); the other methods ignore it.
     pub tolerance: Tolerance,
 }
 
@@ -62,18 +62,18 @@ impl Default for MethodSettings {
 }
 
 impl MethodSettings {
-    /// The same with cells `times` larger.
+    /// These settings with cells `times` larger.
     #[must_use]
     pub fn coarser(&self, times: f64) -> Self {
         Self {
             field: FieldSettings { spacing_mm: times * self.field.spacing_mm, ..self.field },
-            // The coarsest grid that there is has 8 cells.
+            // A grid has at least 8 cells.
             resolution: self.resolution.map(|n| ((f64::from(n) / times).ceil() as u32).max(8)),
             ..*self
         }
     }
 
-    /// The settings of the published methods.
+    /// These settings in the form that the published methods take.
     #[must_use]
     pub fn sampled(&self) -> SampledSettings {
         SampledSettings {
@@ -84,7 +84,9 @@ impl MethodSettings {
         }
     }
 
-    /// The settings of the adaptive method for `surface`: a resolution means a spacing of that share of the bounding cube.
+    /// These settings in the form that the adaptive method takes for `surface`.
+    ///
+    /// A resolution of n cells becomes a spacing of 1/n of the bounding cube's edge.
     ///
     /// # Errors
     /// [`FieldError::Setting`] when the resolution is out of range.
@@ -99,37 +101,39 @@ impl MethodSettings {
     }
 }
 
-/// Values below this share of the spacing may have the wrong sign.
+/// A value below this share of the spacing may have the wrong sign: the field's error can exceed it.
 const DOUBT: f64 = 0.75;
 
-/// Answer of [`SignedField::settled`].
+/// Result of [`SignedField::settled`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settled {
     /// Signed distance, mm; negative inside.
     pub distance: f64,
-    /// Gradient of the field.
+    /// Gradient of the field, dimensionless.
     pub gradient: Vector,
-    /// Closest point of the surface.
+    /// Closest point of the surface, LPS mm.
     pub closest: Point,
-    /// Triangle that it lies on.
+    /// Index of the triangle that holds the closest point.
     pub triangle: usize,
 }
 
 /// A signed distance field built by any of the methods, in the frame of its surface.
 ///
-/// A moved bone segment is queried at the point taken back by its motion; nothing is built again.
+/// To query a moved bone segment, apply the inverse of its motion to the point; the field is not built again.
 #[derive(Debug, Clone)]
 pub enum SignedField {
     /// Dense grid.
     Uniform(UniformField),
-    /// Octree, built either way.
+    /// Octree, built top down or bottom up.
     Octree(Octree),
     /// Bricks of quadratic B-splines.
     Adaptive(DistanceField),
 }
 
 impl SignedField {
-    /// Builds the field of `surface` without measuring its error; also its bricks and what is wrong with the surface.
+    /// Builds the field of `surface` without measuring its error.
+    ///
+    /// Returns the field, its number of bricks, and warnings about defects of the surface.
     ///
     /// # Errors
     /// [`FieldError`] for settings out of range, too much memory, or cancellation.
@@ -162,7 +166,7 @@ impl SignedField {
         })
     }
 
-    /// Builds the field of `surface` and measures its error at a fixed sample of points.
+    /// Builds the field of `surface` and measures its error at a fixed set of sample points.
     ///
     /// # Errors
     /// As [`SignedField::build_only`].
@@ -182,7 +186,7 @@ impl SignedField {
         Ok((field, report))
     }
 
-    /// As [`DistanceField::surface_bound`]; the published methods have none.
+    /// As [`DistanceField::surface_bound`]; `None` for the published methods.
     ///
     /// # Errors
     /// [`Cancelled`].
@@ -198,7 +202,7 @@ impl SignedField {
         }
     }
 
-    /// Value (mm), gradient (dimensionless) and Hessian (1/mm) at `p`.
+    /// Value (mm), gradient (dimensionless) and Hessian (1/mm) at `p` (LPS mm).
     #[must_use]
     pub fn value_gradient_hessian(&self, p: &Point) -> (f64, Vector, Matrix3<f64>) {
         if let Self::Adaptive(field) = self {
@@ -208,7 +212,7 @@ impl SignedField {
         (value, gradient, self.hessian(p))
     }
 
-    /// Memory of the field, bytes.
+    /// Memory that the field takes, bytes.
     #[must_use]
     pub fn bytes(&self) -> usize {
         match self {
@@ -218,7 +222,7 @@ impl SignedField {
         }
     }
 
-    /// The box within which the field is sampled, LPS mm.
+    /// The box in which the field is sampled, LPS mm.
     #[must_use]
     pub fn domain(&self) -> Aabb {
         match self {
@@ -238,11 +242,12 @@ impl SignedField {
         }
     }
 
-    /// What there is to say of `p`; `exact` was made for the field's surface.
+    /// Distance with a checked sign, gradient and closest point at `p`, LPS mm.
     ///
-    /// An adaptive field's distance has the sign of the winding number everywhere: where the value is so small that its error
-    /// could turn the sign (three quarters of the spacing), the winding number is asked, and where they disagree the exact distance
-    /// is given. The published methods answer as they are. The gradient is always the field's.
+    /// `exact` was made from the field's surface. An adaptive field's distance has the sign of the winding number everywhere.
+    /// Where the value is below three quarters of the spacing, its error could turn the sign: there the winding number decides,
+    /// and where the two signs differ the exact distance replaces the value. Values of the published methods are not corrected.
+    /// The gradient is always the field's.
     #[must_use]
     pub fn settled(&self, exact: &ExactDistance, p: &Point) -> Settled {
         let (value, gradient) = self.value_gradient(p);

@@ -8,27 +8,27 @@ use super::spline::{self, Between, Jet};
 use nalgebra::Matrix3;
 use prosopon_geometry::{Implicit, Point, Vector};
 
-/// The node nearest to a point.
+/// The node nearest to a point, and the point's position around it.
 #[derive(Clone, Copy)]
 struct Spot {
-    /// In its brick.
+    /// Index of the node in its brick, along each axis.
     local: [usize; 3],
-    /// The point between the nodes around.
+    /// Position of the point between the nodes around, along each axis.
     at: [Between; 3],
-    /// Numbers of its brick and of those that it touches: bit 0 for the other along x, and so on.
+    /// Bricks of the node and its neighbours; bit a of the index selects the other brick along axis a.
     slots: [u32; 8],
 }
 
 impl DistanceField {
-    /// Value (mm), gradient (dimensionless) and Hessian (1/mm) at `p`.
+    /// Value (mm), gradient (dimensionless) and Hessian (1/mm) at `p` (LPS mm).
     ///
-    /// The Hessian jumps between fine cells; on such a face it is that of one side.
+    /// The Hessian jumps across faces between cells; on such a face it is that of one side.
     #[must_use]
     pub fn value_gradient_hessian(&self, p: &Point) -> (f64, Vector, Matrix3<f64>) {
         let (inner, beyond) = self.clamped(p);
         let mut jet = self.jet(&inner);
         let Some((direction, distance)) = beyond else { return (jet.value, jet.gradient, jet.hessian) };
-        // Moving along an axis that was cut off does not move the closest point of the box.
+        // A step along a clamped axis does not move the closest point of the box.
         for a in 0..3 {
             if direction[a] != 0.0 {
                 jet.gradient[a] = 0.0;
@@ -41,7 +41,7 @@ impl DistanceField {
         (jet.value + distance, jet.gradient + direction, hessian)
     }
 
-    /// The closest point of the domain, and when `p` is outside the unit vector from there to `p` and its distance.
+    /// The closest point of the domain; for `p` outside also the unit vector to `p` and the distance, mm.
     #[inline]
     fn clamped(&self, p: &Point) -> (Point, Option<(Vector, f64)>) {
         if self.holds(p) {
@@ -54,7 +54,7 @@ impl DistanceField {
         (inner, (distance > 0.0).then(|| (offset / distance, distance)))
     }
 
-    /// From now on queries are computed without the vectors of this processor.
+    /// Makes further queries run without the vector instructions of this processor.
     #[cfg(test)]
     pub(super) fn without_vectors(&mut self) {
         #[cfg(target_arch = "x86_64")]
@@ -63,7 +63,7 @@ impl DistanceField {
         }
     }
 
-    /// The spline in the domain.
+    /// The spline at a point of the domain.
     #[inline(always)]
     fn jet(&self, inner: &Point) -> Jet {
         #[cfg(target_arch = "x86_64")]
@@ -103,7 +103,7 @@ impl DistanceField {
         (0..3).all(|a| domain.min[a] <= p[a] && p[a] <= domain.max[a])
     }
 
-    /// A point of the domain in nodes.
+    /// The node nearest to a point of the domain, and the point's position around it.
     #[inline(always)]
     fn in_nodes(&self, inner: &Point) -> Vector {
         (inner - self.lattice.origin) * self.lattice.per_mm
@@ -135,7 +135,7 @@ impl DistanceField {
         Spot { local, at: [x, y, z], slots }
     }
 
-    /// The same for the details, if there are any; all bricks around `spot` exist.
+    /// The same for the detail level, if there is one; all bricks around `spot` exist.
     #[inline(always)]
     fn detail_spot(&self, inner: &Point, spot: &Spot) -> Option<Spot> {
         if self.parts.get(spot.slots[0] as usize)?.mask == 0 {
@@ -146,7 +146,8 @@ impl DistanceField {
         let none = self.details.none();
         let mut at = [Between::at(0.0); 3];
         let mut local = [0; 3];
-        // Along each axis the parts that hold the node and the one that is touched, and whether that lies in the other brick.
+        // Along each axis: the detail bricks that hold the node and its neighbours, and whether the second lies in the other
+        // brick.
         let mut parts = [[0; 2]; 3];
         let mut beyond = [0; 3];
         for a in 0..3 {
@@ -175,7 +176,7 @@ impl DistanceField {
         Some(Spot { local, at, slots })
     }
 
-    /// The spline where some of the bricks around a point do not exist.
+    /// The spline where some of the bricks around a point are missing.
     #[cold]
     #[inline(never)]
     fn outer_jet(&self, inner: &Point, spot: &Spot) -> Jet {
@@ -184,7 +185,7 @@ impl DistanceField {
         let along = spot.local.map(|n| Reach::of(n, EDGE));
         let node = [0, 1, 2].map(|a| nearest_node(u[a], EDGE * lattice.bricks[a]).0);
         if spot.slots.iter().all(|s| *s == NO_BRICK) {
-            // The coarse spline says the same.
+            // The coarse spline has the same value there.
             let brick = node.map(|n| n / EDGE);
             let at = [0, 1, 2].map(|a| {
                 let middle = (brick[a] * EDGE) as f64 + 0.5 * (EDGE as f64 - 1.0);
@@ -220,7 +221,7 @@ fn is_whole(spot: &Spot) -> bool {
     largest != NO_BRICK
 }
 
-/// The spline in the domain, for vectors of this processor: a closure would be compiled without them (measured).
+/// The spline in the domain, compiled for this processor's vectors; a closure is not (measured).
 #[cfg(target_arch = "x86_64")]
 struct JetTask<'a, L> {
     field: &'a DistanceField,
@@ -238,12 +239,12 @@ impl<L: Lanes> pulp::WithSimd for JetTask<'_, L> {
     }
 }
 
-/// Rows of coefficients, x fastest.
+/// Coefficients in rows along x; the fourth entry of a row is padding.
 fn in_rows(c: &[f64; 27]) -> [[f64; 4]; 9] {
     std::array::from_fn(|n| [c[3 * n], c[3 * n + 1], c[3 * n + 2], 0.0])
 }
 
-/// Codes around a node, x fastest, of bricks whose numbers are `slots`, and what `missing` says where there is none.
+/// Codes around a node, x fastest; `slots` are the bricks, `missing` gives codes where there is none.
 fn some_around(bricks: &Bricks, slots: &[u32; 8], [x, y, z]: &[Reach; 3], missing: impl Fn(usize) -> f64) -> [f64; 27] {
     std::array::from_fn(|n| {
         let [i, j, k] = [n % 3, n / 3 % 3, n / 9];
@@ -254,10 +255,12 @@ fn some_around(bricks: &Bricks, slots: &[u32; 8], [x, y, z]: &[Reach; 3], missin
     })
 }
 
-/// The node nearest to `u` (in nodes, at most half a node off the lattice) among `count`, and where the point lies around it.
+/// The node nearest to `u` and the position of `u` around it; `count` is the number of nodes.
+///
+/// `u` is in nodes and at most half a node outside the lattice.
 #[inline(always)]
 fn nearest_node(u: f64, count: usize) -> (usize, Between) {
-    /// Adding it leaves the nearest integer in the lowest bits.
+    /// Adding this leaves the nearest integer in the lowest bits of the mantissa.
     const ROUNDING: f64 = 6_755_399_441_055_744.0;
     let u = if u > -0.5 { u } else { -0.5 };
     let n = ((u + ROUNDING).to_bits() as i32).min(count as i32 - 1);

@@ -1,4 +1,4 @@
-//! Bricks of half the spacing where the distance bends too much near the surface: thin walls, ridges, grooves.
+//! Detail bricks of half the spacing where the distance curves too much: thin walls, ridges, grooves.
 
 use super::bricks::{NO_BRICK, place};
 use super::build::{HALO, SWEEPS, coefficients};
@@ -14,29 +14,31 @@ use prosopon_geometry::Vector;
 use prosopon_geometry::control::{Cancelled, Control};
 use rayon::prelude::*;
 
-/// Where the value at a point of the surface, which should be 0, is larger than this (in spacings), details are added.
+/// Details are added where the value at a site, which should be 0, is larger than this, in spacings.
 const ROUGH: f32 = 0.13;
-/// The same for points between the sites.
+/// The same limit for surface points between the sites.
 const ROUGH_BETWEEN: f32 = 0.17;
-/// Distances are exact up to the first of these (in half spacings) and the coarser spline's from the second on.
+/// Exact distances blend into the coarser spline's between these two, in half spacings.
 const FADE: [f64; 2] = [2.7, 4.5];
-/// Nodes of a brick of details in a row, with those next to it.
+/// Nodes along the edge of a detail brick including its halo.
 const SIDE: usize = DETAIL_EDGE + 2 * HALO;
-/// Nodes of a brick of details.
+/// Number of nodes in a detail brick.
 const VOLUME: usize = DETAIL_EDGE.pow(3);
 
-/// Places of bricks of details.
+/// Positions of the detail bricks that are needed.
 struct Rough {
-    /// Along each axis.
+    /// Number of detail brick positions along each axis.
     counts: [usize; 3],
-    /// Whether each is wanted, x fastest.
+    /// Whether each position needs a detail brick, x fastest.
     wanted: Vec<bool>,
-    /// Whether any is wanted in each brick, x fastest.
+    /// Whether each brick needs any detail brick, x fastest.
     any: Vec<bool>,
 }
 
 impl Rough {
-    /// The places that the coefficients of the cells around points with too large values and their neighbours lie in.
+    /// Finds the positions of detail bricks around surface points with too large values.
+    ///
+    /// These are the positions that hold the coefficients of the points' cells and of the neighbouring cells.
     fn find(field: &DistanceField, layer: &Layer, spread: &Spread, sites: &[Sites]) -> Self {
         let lattice = &field.lattice;
         let limit = ROUGH * lattice.spacing as f32;
@@ -86,7 +88,7 @@ impl Rough {
         i + self.counts[0] * (j + self.counts[1] * k)
     }
 
-    /// Whether any is wanted in a box of places.
+    /// Whether a detail brick is needed at any position in a box.
     fn in_box(&self, field: &DistanceField, from: [usize; 3], to: [usize; 3]) -> bool {
         let lattice = &field.lattice;
         let any = |of: &dyn Fn([usize; 3]) -> bool, from: [usize; 3], to: [usize; 3]| {
@@ -97,7 +99,7 @@ impl Rough {
     }
 }
 
-/// Adds the places that matter to a point of the brick at `at`, in nodes from its first.
+/// Adds the detail brick positions that influence point `p` (nodes from the first) of the brick `at`.
 fn places_around(at: [i32; 3], p: &[f32; 3], counts: [usize; 3], places: &mut Vec<[usize; 3]>) {
     let range = |a: usize| {
         let node = 2 * EDGE as i32 * at[a] + (2.0 * p[a] + 1.0).floor() as i32;
@@ -111,8 +113,9 @@ fn places_around(at: [i32; 3], p: &[f32; 3], counts: [usize; 3], places: &mut Ve
     }
 }
 
-/// Adds bricks of half the spacing where the field is too far from 0 on the surface, and makes it 0 there; `sites` are those of
-/// the bricks in `layer`.
+/// Adds detail bricks where the field is too far from 0 on the surface, and fits them to 0 there.
+///
+/// `sites` are those of the bricks in `layer`.
 pub(super) fn add_details(
     field: &mut DistanceField,
     source: Source,
@@ -125,7 +128,7 @@ pub(super) fn add_details(
     if !rough.any.contains(&true) {
         return Ok(());
     }
-    // Those of other bricks are not needed any more.
+    // Bricks without details do not need their sites any more.
     for (sites, at) in sites.iter_mut().zip(&layer.at) {
         if !rough.any[field.lattice.brick_index(at.map(|n| n as usize))] {
             *sites = Sites::default();
@@ -137,7 +140,7 @@ pub(super) fn add_details(
         spacing,
         dims: rough.counts.map(|n| n * DETAIL_EDGE + 2 * HALO),
     };
-    // A box of nodes matters when a rough place or its halo meets it.
+    // A box of nodes is needed when it overlaps a rough position or its halo.
     let wanted = |first: [usize; 3], last: [usize; 3]| {
         let from = first.map(|n| n.saturating_sub(2 * HALO) / DETAIL_EDGE);
         rough.in_box(field, from, [0, 1, 2].map(|a| (last[a] / DETAIL_EDGE).min(rough.counts[a] - 1)))
@@ -157,14 +160,14 @@ pub(super) fn add_details(
     Ok(())
 }
 
-/// Bricks of details: their parents' numbers, their places in those, and their codes.
+/// Detail bricks of a tile: number of the parent and position in it, and codes.
 #[derive(Default)]
 struct Built {
     at: Vec<(u32, u8)>,
     codes: Vec<i16>,
 }
 
-/// The wanted bricks of a tile.
+/// Computes the needed detail bricks of a tile.
 #[inline(always)]
 fn tile_details(field: &DistanceField, rough: &Rough, tile: &Tile, spacing: f64) -> Built {
     const ALONG: usize = TILE / DETAIL_EDGE;
@@ -191,7 +194,7 @@ fn tile_details(field: &DistanceField, rough: &Rough, tile: &Tile, spacing: f64)
     built
 }
 
-/// Stores bricks in the order of their parents and of their places there.
+/// Stores detail bricks, sorted by parent and by position in it.
 fn add(field: &mut DistanceField, built: Vec<Built>) {
     let mut order: Vec<(u32, u8, u32, u32)> = Vec::new();
     for (n, of_tile) in built.iter().enumerate() {
@@ -210,14 +213,14 @@ fn add(field: &mut DistanceField, built: Vec<Built>) {
     }
 }
 
-/// Takes the details from nodes next to places without details: there they end, and with their slope 0.
+/// Sets coefficients to 0 next to positions without a detail brick: details end there with slope 0.
 fn seal(field: &mut DistanceField, layer: &Layer) {
     for (slot, codes) in field.details.each_mut().enumerate() {
         layer.for_rim(slot, |n| codes[n] = 0);
     }
 }
 
-/// Those of the bricks' `sites` that lie in bricks of details, by those.
+/// Moves the `sites` that lie in detail bricks into lists by detail brick.
 fn detail_sites(field: &DistanceField, sites: &[Sites]) -> Vec<Sites> {
     let parts = field.parts.par_iter().zip(sites).filter(|(parts, _)| parts.mask != 0);
     parts
@@ -237,7 +240,7 @@ fn detail_sites(field: &DistanceField, sites: &[Sites]) -> Vec<Sites> {
         .collect()
 }
 
-/// Signed distances at the nodes of a brick and next to it; away from the surface those of the coarser spline.
+/// Signed distances at the nodes of a brick and its halo; far from the surface the coarser spline's.
 #[inline(always)]
 fn detail_values(parents: &[f32], tile: &Tile, (node, spacing): ([usize; 3], f64), values: &mut [f32; SIDE.pow(3)]) {
     let (inside, _) = tile.inside(node, [SIDE; 3]);
@@ -253,10 +256,10 @@ fn detail_values(parents: &[f32], tile: &Tile, (node, spacing): ([usize; 3], f64
     }
 }
 
-/// Coefficients of the bricks' spline that the nodes of a brick of details and those next to it need, along each axis.
+/// Brick-level coefficients that a detail brick and its halo depend on, along each axis.
 const PARENTS: usize = DETAIL_EDGE / 2 + 4;
 
-/// Those coefficients for the brick of details at `at`, x fastest.
+/// The brick-level coefficients around the detail brick at `at`, x fastest, mm.
 fn parents(field: &DistanceField, at: [usize; 3]) -> [f32; PARENTS.pow(3)] {
     let first = at.map(|n| (n * DETAIL_EDGE / 2) as isize - 2);
     let bricks = first.map(|n| n.div_euclid(EDGE as isize));
@@ -278,8 +281,9 @@ fn parents(field: &DistanceField, at: [usize; 3]) -> [f32; PARENTS.pow(3)] {
     parents
 }
 
-/// Coefficients that the bricks' spline has at the nodes: halving the knots (Chaikin) takes three quarters of the near one and
-/// one quarter of the next.
+/// Coefficients of the brick-level spline on the detail lattice, by knot halving.
+///
+/// Along each axis it is three quarters of the near coefficient plus one quarter of the next (Chaikin).
 #[inline(always)]
 fn refined(parents: &[f32]) -> [f32; VOLUME] {
     let around = on_details(parents, &[[0.25, 0.75, 0.0], [0.0, 0.75, 0.25]]);
@@ -291,8 +295,10 @@ fn refined(parents: &[f32]) -> [f32; VOLUME] {
     own
 }
 
-/// Sums of a brick's parents at its nodes and those next to it. A node lies a quarter of the parents' spacing before or behind
-/// the nearest of them: `weights` are those of the three around for either case.
+/// Weighted sums of a brick's parents at its nodes and halo.
+///
+/// A node lies a quarter of the parents' spacing before or behind its nearest parent: `weights` are those of the three parents
+/// around for either case.
 #[inline(always)]
 fn on_details(parents: &[f32], weights: &[[f32; 3]; 2]) -> [f32; SIDE.pow(3)] {
     // The first node lies behind its parent.

@@ -1,4 +1,4 @@
-//! Where a surface leaves it open what is inside.
+//! Parts of a surface where inside and outside are not clear.
 
 use std::collections::BTreeMap;
 
@@ -7,27 +7,27 @@ use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{Aabb, Point, TriMesh};
 use rayon::prelude::*;
 
-/// A winding number is clear when its magnitude is at least this far from one half.
+/// A winding number is clear when its magnitude differs from one half by at least this.
 const CLEAR: f64 = 0.2;
-/// How far beside a triangle the winding number is asked, as a share of the box's diagonal.
+/// Distance from a triangle at which the winding number is evaluated, as a share of the box's diagonal.
 const BESIDE: f64 = 1e-7;
-/// Most places that are listed of a kind.
+/// Most regions listed of one kind.
 const MOST_PLACES: usize = 50;
 
-/// What is doubtful about a part of a surface.
+/// Kind of doubt about a part of a surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Doubt {
-    /// A rim along which the triangles of the two sides do not cancel: a hole, or the end of a sheet.
+    /// The rim of a hole or sheet, along which the triangles of the two sides do not cancel.
     Open,
-    /// Triangles that look the other way than their surroundings, or whose normals point into the solid.
+    /// Triangles that face opposite to their surroundings, or whose normals point into the solid.
     Inverted,
-    /// Next to these triangles the winding number's magnitude is within 0.2 of one half.
+    /// Triangles next to which the magnitude of the winding number is within 0.2 of one half.
     Ambiguous,
-    /// Inside on both sides: within another part of the surface.
+    /// Triangles with the inside on both sides: they lie within another part of the surface.
     Buried,
-    /// Outside on both sides: a sheet that bounds nothing.
+    /// Triangles with the outside on both sides: a sheet that bounds nothing.
     Sheet,
-    /// At the same place as another triangle.
+    /// Triangles at the same position as another triangle.
     Copy,
     /// Triangles without area.
     NoArea,
@@ -36,9 +36,9 @@ pub enum Doubt {
 /// A connected part of a surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Region {
-    /// Triangles of the part, or for a rim its edges.
+    /// Number of triangles of the part, or of edges for a rim.
     pub elements: usize,
-    /// Area, for a rim that of a fan over it, mm².
+    /// Area, mm²; for a rim that of a triangle fan over it.
     pub area_mm2: f64,
     /// Box around it, LPS mm.
     pub bounds: Aabb,
@@ -47,23 +47,36 @@ pub struct Region {
 /// All regions with one kind of doubt.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DoubtfulRegions {
-    /// The kind.
+    /// Kind of doubt.
     pub doubt: Doubt,
     /// Number of regions.
     pub count: usize,
-    /// Triangles of all of them, or for rims edges.
+    /// Number of triangles of all regions, or of edges for rims.
     pub elements: usize,
-    /// Their area, mm².
+    /// Total area, mm².
     pub area_mm2: f64,
-    /// The largest of them by area, at most 50.
+    /// The largest regions by area, at most 50.
     pub largest: Vec<Region>,
 }
 
-/// The doubtful parts of `surface`, for which `exact` was made; nothing for a closed, consistently oriented surface that does
-/// not cross itself.
+/// Finds the parts of `surface` where inside and outside are not clear; `exact` was made from it.
 ///
-/// On both sides of every triangle the winding number is asked (at its middle). A triangle has one doubt, the first
-/// that applies of: no area, a copy, inverted, ambiguous, buried, a sheet.
+/// The result is empty for a closed, consistently oriented surface that does not cross itself. The winding number is evaluated
+/// on both sides of every triangle, at its middle. A triangle has one kind of doubt, the first that applies in the order: no
+/// area, copy, inverted, ambiguous, buried, sheet.
+///
+/// ```
+/// use prosopon_field::{Doubt, ExactDistance, doubtful_regions};
+/// use prosopon_geometry::control::Control;
+/// use prosopon_geometry::{Point, TriMesh};
+///
+/// // A tetrahedron without its slanted face: the hole has three edges.
+/// let corners = [[0.0, 0.0, 0.0], [9.0, 0.0, 0.0], [0.0, 9.0, 0.0], [0.0, 0.0, 9.0]];
+/// let open = TriMesh::new(corners.map(Point::from).to_vec(), vec![[0, 2, 1], [0, 1, 3], [0, 3, 2]])?;
+/// let found = doubtful_regions(&open, &ExactDistance::new(&open), &Control::new())?;
+/// assert_eq!((found[0].doubt, found[0].count, found[0].elements), (Doubt::Open, 1, 3));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 ///
 /// # Errors
 /// [`Cancelled`].
@@ -99,7 +112,7 @@ pub fn doubtful_regions(
     Ok(found)
 }
 
-/// What the winding numbers on a triangle's two sides say.
+/// The doubt that follows from the winding numbers in front of a triangle and behind it.
 fn doubt(front: f64, back: f64) -> Option<Doubt> {
     if [front, back].iter().any(|w| (w.abs() - 0.5).abs() < CLEAR) {
         return Some(Doubt::Ambiguous);
@@ -112,8 +125,9 @@ fn doubt(front: f64, back: f64) -> Option<Doubt> {
     }
 }
 
-/// For every triangle whether it looks the other way than most of the area that it is connected to through edges with two
-/// triangles.
+/// For every triangle, whether it faces opposite to most of the area that it is connected to.
+///
+/// Triangles are connected through edges with exactly two triangles.
 fn turned(surface: &TriMesh, triangles: &[[u32; 3]], counts: &[bool]) -> Vec<bool> {
     let mut sides: Vec<(u32, u32, u32, bool)> = triangles
         .par_iter()
@@ -135,7 +149,7 @@ fn turned(surface: &TriMesh, triangles: &[[u32; 3]], counts: &[bool]) -> Vec<boo
         }
     };
     for pair in sides.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)).filter(|same| same.len() == 2) {
-        // Neighbours that look the same way run along their edge in opposite directions.
+        // Neighbours of the same orientation run along their common edge in opposite directions.
         let differs = pair[0].3 == pair[1].3;
         join(pair[0].2, pair[1].2, differs);
         join(pair[1].2, pair[0].2, differs);
@@ -168,7 +182,7 @@ fn turned(surface: &TriMesh, triangles: &[[u32; 3]], counts: &[bool]) -> Vec<boo
     turned
 }
 
-/// Triangles with the same doubt that hang together by vertices, by kind and then by their first triangle.
+/// Triangles of the same doubt connected by vertices; sorted by kind, then by first triangle.
 fn connected(surface: &TriMesh, triangles: &[[u32; 3]], doubts: &[Option<Doubt>]) -> BTreeMap<Doubt, Vec<Vec<usize>>> {
     let mut at_vertex: BTreeMap<(Doubt, u32), usize> = BTreeMap::new();
     let mut parents: Vec<usize> = (0..surface.triangles().len()).collect();
@@ -201,7 +215,7 @@ fn connected(surface: &TriMesh, triangles: &[[u32; 3]], doubts: &[Option<Doubt>]
 fn region(surface: &TriMesh, part: &[usize]) -> Region {
     let area_mm2 = part.iter().map(|&t| 0.5 * surface.scaled_normal(t).norm()).sum();
     let points: Vec<Point> = part.iter().flat_map(|&t| surface.corners(t)).collect();
-    // A part has at least one triangle.
+    // The fallback is never used: a part has at least one triangle.
     let bounds = Aabb::of(&points).unwrap_or_else(|| surface.bounds());
     Region { elements: part.len(), area_mm2, bounds }
 }

@@ -7,32 +7,32 @@ use super::triangle::solid_angle;
 use super::winding::Winding;
 use prosopon_geometry::{Aabb, Point, Vector};
 
-/// One loop of the rim, or several that touch.
+/// One loop of the rim, or several loops that touch.
 #[derive(Debug, Clone)]
 struct Hole {
     center: Point,
     radius: f64,
-    /// Edges with how often the surface runs through them more one way than the other.
+    /// Edges (ends), each with its net count of triangles that run from the first end to the second.
     edges: Vec<(Point, Point, i32)>,
     /// Area of its caps, mm².
     area: f64,
 }
 
-/// The rim of a triangle soup: edges whose triangles do not cancel.
+/// The rim of a triangle soup: the edges whose triangles do not cancel.
 ///
-/// Every connected part is closed by a fan of triangles to its middle. The winding number of the soup is that of the closed
-/// surface, an integer, less the caps' solid angle over 4π.
+/// Each connected part is closed by a cap, a fan of triangles to its middle. The winding number of the soup is that of the
+/// closed surface, an integer, minus the caps' solid angle over 4π.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Rim {
     holes: Vec<Hole>,
-    /// The caps as a tree, when they are many.
+    /// The caps as a tree of dipoles; only when there are many.
     tree: Option<(Tree, Winding)>,
 }
 
-/// From this many edges on the caps' winding number is that of a tree of dipoles, within about 0.01.
+/// From this many edges on the caps' winding number comes from a tree of dipoles, within about 0.01.
 const MANY: usize = 3000;
 
-/// How far the caps' share must leave a winding number from one half.
+/// Margin below one half that the caps' share of a winding number needs to be harmless.
 const CLEAR: f64 = 1e-9;
 
 impl Rim {
@@ -73,7 +73,7 @@ impl Rim {
         self
     }
 
-    /// What the caps add to the winding number of `p` when a ray from there along -x meets them.
+    /// The caps' contribution to the winding number of `p`, counted along the ray from `p` along -x.
     pub(super) fn before(&self, p: &Point) -> i32 {
         let mut count = 0;
         match &self.tree {
@@ -87,7 +87,9 @@ impl Rim {
         count
     }
 
-    /// The rims of holes and sheets: those of parts that only look the other way, where an edge counts twice, are left out.
+    /// The rims of holes and sheets.
+    ///
+    /// Rims of parts that are only inverted are left out; their edges count twice.
     pub(super) fn regions(&self) -> Vec<Region> {
         let is_open = |hole: &&Hole| hole.edges.iter().any(|(.., times)| times % 2 != 0);
         let region = |hole: &Hole| {
@@ -107,13 +109,14 @@ impl Rim {
         self.holes.is_empty()
     }
 
-    /// The caps' triangles and how often each counts; together with the soup they are a closed surface.
+    /// The caps' triangles and how often each counts; with the soup they form a closed surface.
     pub(super) fn caps(&self) -> Vec<([Point; 3], i32)> {
         self.holes.iter().flat_map(Hole::caps).collect()
     }
 
-    /// Whether it is certain that the caps cannot turn the sign of any point within `radius` of `center`: they take less than one
-    /// half from the winding number there.
+    /// Whether the caps certainly cannot change the sign of any point within `radius` of `center`.
+    ///
+    /// They cannot when they contribute less than one half to the winding number there.
     pub(super) fn is_far(&self, center: &Point, radius: f64) -> bool {
         if self.tree.is_some() {
             return false;
@@ -142,9 +145,10 @@ impl Rim {
         angle / (4.0 * std::f64::consts::PI)
     }
 
-    /// Bound on the change of the soup's winding number a mm within `radius` of `center`, away from the surface.
+    /// Bound on the gradient of the soup's winding number within `radius` of `center`, 1/mm.
     ///
-    /// It is the potential of a current around the rim (Biot and Savart): its gradient is at most 1/4π Σ length / distance².
+    /// It holds off the surface. The winding number is the potential of a current around the rim (Biot and Savart), so its
+    /// gradient is at most 1/4π Σ length / distance².
     pub(super) fn slope(&self, center: &Point, radius: f64) -> f64 {
         if self.tree.is_some() {
             return f64::INFINITY;
@@ -161,7 +165,7 @@ impl Rim {
         sum / (4.0 * std::f64::consts::PI)
     }
 
-    /// Whether some cap comes within `radius` of `center`.
+    /// Whether any cap comes within `radius` (mm) of `center`.
     pub(super) fn has_cap_near(&self, center: &Point, radius: f64) -> bool {
         if let Some((tree, _)) = &self.tree {
             return tree.nearest(center, 0).distance_sq <= radius * radius;

@@ -3,24 +3,24 @@
 use super::features::{Region, Shape};
 use prosopon_geometry::Point;
 
-/// Nodes along the edge of a block of storage.
+/// Nodes along the edge of a storage block.
 pub(super) const BLOCK: usize = 8;
 
-/// Layers of a lattice with squared distances, stored in blocks of 8³ nodes so that no direction is far apart in memory.
+/// Squared distances on a lattice, in blocks of 8³ nodes that keep neighbours close in memory.
 #[derive(Debug, Clone)]
 pub(super) struct Slab {
     /// Position of node (0, 0, 0).
     origin: Point,
     spacing: f64,
     dims: [usize; 3],
-    /// Place in storage along each axis; a node's is the sum of three.
+    /// Storage offsets along each axis; a node's index is the sum of three.
     places: [Vec<u32>; 3],
-    /// mm²; infinite where no feature is within reach.
+    /// Squared distances, mm²; infinite where no feature is within reach.
     squared: Vec<f32>,
 }
 
 impl Slab {
-    /// A slab without distances.
+    /// A slab with infinite distances.
     pub(super) fn new(origin: Point, spacing: f64, dims: [usize; 3]) -> Self {
         let blocks = dims.map(|n| n.div_ceil(BLOCK));
         let mut places = [Vec::new(), Vec::new(), Vec::new()];
@@ -43,7 +43,7 @@ impl Slab {
         self.squared[(self.places[0][i] + self.places[1][j] + self.places[2][k]) as usize]
     }
 
-    /// Squared distances of a row from (i, j, k) on, mm².
+    /// Copies squared distances (mm²) of the row along x from (i, j, k) on.
     #[inline(always)]
     pub(super) fn copy_row(&self, i: usize, j: usize, k: usize, to: &mut [f32]) {
         let row = self.places[1][j] + self.places[2][k];
@@ -52,11 +52,11 @@ impl Slab {
         }
     }
 
-    /// Lowers the squares in the region to the feature's.
+    /// Lowers the squared distances in a region to those of its feature.
     #[inline(always)]
     pub(super) fn add(&mut self, region: &Region) {
-        // Rows run along the region's longest axis: few of them. Nodes are counted from the one before the anchor, so that
-        // single precision is enough.
+        // Rows run along the region's longest axis, so that there are few. Nodes are counted from the node before the anchor, so
+        // that single precision suffices.
         let axes = [region.axis, (region.axis + 1) % 3, (region.axis + 2) % 3];
         let spacing = self.spacing as f32;
         let inverse = 1.0 / spacing;
@@ -69,7 +69,7 @@ impl Slab {
             let floor = u.floor();
             base[a] = floor as i32;
             shift[a] = (u - floor) as f32;
-            // Steps to the slab's ends, cut off where single precision counts no longer.
+            // Steps to the slab's ends, limited to the range that single precision counts exactly.
             let (start, end) = (-base[a], self.dims[axis] as i32 - 1 - base[a]);
             first[a] = (region.min[axis] * inverse + shift[a]).ceil().max(start as f32) as i32;
             last[a] = (region.max[axis] * inverse + shift[a]).floor().min(end as f32) as i32;
@@ -106,7 +106,7 @@ impl Slab {
     }
 }
 
-/// Lowers a row whose first node is at `offset` from the anchor and whose nodes are stored at `row` plus `places`.
+/// Lowers one row, stored at `row` plus `places`; its first node is at `offset` from the anchor.
 #[inline(always)]
 fn fill(squared: &mut [f32], row: u32, places: &[u32], shape: Shape, [x, y, z]: [f32; 3], h: f32) {
     match shape {
@@ -143,13 +143,13 @@ fn fill(squared: &mut [f32], row: u32, places: &[u32], shape: Shape, [x, y, z]: 
     }
 }
 
-/// The half-spaces of a region as bounds on x linear in y and z, and what follows from them for y (Fourier's elimination).
+/// Bounds of a region on x, linear in y and z, and those on y that follow (Fourier elimination).
 struct Bounds {
     low: [[f32; 3]; CUTS],
     high: [[f32; 3]; CUTS],
     n_low: usize,
     n_high: usize,
-    /// Bounds on y linear in z: those from below, and those from above.
+    /// Lower and upper bounds on y, linear in z.
     y_low: [[f32; 2]; PAIRS],
     y_high: [[f32; 2]; PAIRS],
     n_y_low: usize,
@@ -158,11 +158,11 @@ struct Bounds {
 
 const CUTS: usize = 13;
 const PAIRS: usize = 24;
-/// Half-spaces steeper than this are cut as if they had this slope: the bound then lies outside every row or inside none.
+/// Half-spaces steeper than this are cut with this slope: their bound then excludes every row or none.
 const STEEPEST: f32 = 1e-6;
 
 impl Bounds {
-    /// Bounds in nodes from the one before the anchor, which lies `shift` nodes before it.
+    /// Bounds in nodes from the node before the anchor, which lies `shift` nodes before the anchor.
     #[inline(always)]
     fn of(region: &Region, axes: [usize; 3], shift: [f32; 3], inverse_spacing: f32) -> Self {
         let mut bounds = Self {
@@ -192,7 +192,7 @@ impl Bounds {
         bounds
     }
 
-    /// Every lower bound on x must be below every upper one. Pairs beyond the room there is are left out.
+    /// Requires every lower bound on x below every upper one; pairs that exceed the array are skipped.
     #[inline(always)]
     fn eliminate_x(&mut self) {
         for l in &self.low[..self.n_low] {
@@ -241,7 +241,7 @@ impl Bounds {
     }
 }
 
-/// Without the care for NaN of `f32::max`.
+/// Maximum without the NaN handling of `f32::max`.
 #[inline(always)]
 fn larger(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
@@ -252,9 +252,9 @@ fn smaller(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
 }
 
-/// Adding it to a number below 2²² leaves the nearest integer in the lowest bits.
+/// Adding this to a number below 2²² leaves the nearest integer in the lowest bits.
 const ROUNDING: f32 = 12_582_912.0;
-/// Just below one half: integers are missed by less than the regions' slack.
+/// Just below one half: integers are missed by less than the slack of the regions.
 const HALF: f32 = 0.4999;
 
 #[inline(always)]

@@ -1,4 +1,4 @@
-//! Points spread over a surface, where a field should be 0, brick by brick.
+//! Points spread over a surface, by brick, at which the field should be 0.
 
 use super::bricks::NO_BRICK;
 use super::distance_field::{DistanceField, Level};
@@ -7,34 +7,34 @@ use super::lattice::EDGE;
 use prosopon_geometry::{Point, TriMesh, Vector};
 use rayon::prelude::*;
 
-/// Points of the surface are at most about this far apart, in spacings.
+/// Largest distance between neighbouring sites, in spacings, approximately.
 const APART: f64 = 1.5;
-/// Most parts of a triangle's edge.
+/// Most parts that a triangle's edge is divided into.
 const MOST_PARTS: f64 = 200.0;
-/// About the most points; with more to place they are farther apart.
+/// Approximate largest number of sites; a surface that needs more gets a larger distance between them.
 const MOST_SITES: f64 = 4e6;
-/// Rows of at most so many points are gone through point by point.
+/// Rows of at most this many points are tested point by point.
 pub(super) const SHORT: usize = 8;
 
-/// The triangles and vertices of a surface in each brick of a field.
+/// The triangles and vertices of a surface, listed by brick of a field.
 pub(super) struct Spread<'a> {
     mesh: &'a TriMesh,
     origin: Point,
     per_mm: f64,
-    /// In nodes.
+    /// Largest distance between neighbouring sites, in nodes.
     apart: f64,
     triangles: ByBrick,
     vertices: ByBrick,
 }
 
-/// Numbers by brick: those of brick n from `first[n]` up to before `first[n + 1]`.
+/// Numbers listed by brick: those of brick n are `all[first[n]..first[n + 1]]`.
 struct ByBrick {
     first: Vec<u32>,
     all: Vec<u32>,
 }
 
 impl ByBrick {
-    /// `each` calls what it is given with every brick and number.
+    /// Lists the pairs (brick, number) that `each` passes to its argument; `each` is called twice.
     fn new(n_bricks: usize, each: impl Fn(&mut dyn FnMut(u32, u32))) -> Self {
         let mut first = vec![0u32; n_bricks + 1];
         each(&mut |brick, _| first[brick as usize + 1] += 1);
@@ -55,17 +55,17 @@ impl ByBrick {
     }
 }
 
-/// Which points of a triangle divided in equal parts are visited.
+/// Kind of point visited on a triangle that is divided into equal parts.
 #[derive(Clone, Copy, PartialEq)]
 enum Kind {
-    /// The parts' middles.
+    /// Middles of the parts.
     Middles,
-    /// Their corners but the triangle's own: the points that are farthest from middles and vertices.
+    /// Corners of the parts except the triangle's own: the points farthest from middles and vertices.
     Joints,
 }
 
 impl<'a> Spread<'a> {
-    /// The triangles of `mesh` that are `distinct`, and their vertices.
+    /// Lists the `distinct` triangles of `mesh` and their vertices by the bricks of `field`.
     pub(super) fn new(field: &DistanceField, mesh: &'a TriMesh, distinct: &[bool]) -> Self {
         let lattice = &field.lattice;
         let n_bricks = field.bricks.len();
@@ -120,15 +120,17 @@ impl<'a> Spread<'a> {
         self.mesh.corners(t).map(|p| self.local(&p))
     }
 
-    /// Parts along the edge of a triangle.
+    /// Number of parts that each edge of a triangle is divided into.
     pub(super) fn parts(&self, t: usize) -> f64 {
         let [a, b, c] = self.mesh.corners(t);
         let longest_sq = (b - a).norm_squared().max((c - b).norm_squared()).max((a - c).norm_squared());
         (longest_sq.sqrt() * self.per_mm / self.apart).ceil().clamp(1.0, MOST_PARTS)
     }
 
-    /// Sites in the brick `slot` at `at` (in bricks): the middles of equal parts of triangles, and vertices: tips and ridges,
-    /// where a spline is farthest off. `sites` is room for them.
+    /// Sites in the brick `slot`: the middles of equal parts of triangles, and the vertices.
+    ///
+    /// Vertices are tips and ridges, where a spline is farthest off. `at` is the brick's position (in bricks); `sites` is a
+    /// reused buffer.
     #[inline(always)]
     pub(super) fn sites(&self, slot: usize, at: [i32; 3], sites: &mut Vec<Site>) -> Sites {
         let corner = corner_of(at);
@@ -140,7 +142,7 @@ impl<'a> Spread<'a> {
         Sites::new(sites, EDGE)
     }
 
-    /// The points of the surface in a brick that are farthest from sites, from the brick's first node on.
+    /// Visits the surface points in a brick farthest from sites, relative to the brick's first node.
     #[inline(always)]
     pub(super) fn for_joints(&self, slot: usize, at: [i32; 3], mut visit: impl FnMut(&Vector)) {
         self.for_points(slot, &corner_of(at), Kind::Joints, &mut visit);
@@ -166,16 +168,16 @@ impl<'a> Spread<'a> {
     }
 }
 
-/// Those of the points `start` + n `step` that lie in the cells of the brick at 0.
+/// Visits the points `start` + n `step` that lie in the cells of the brick at 0.
 #[inline(always)]
 fn row_in_brick(start: &Vector, step: &Vector, range: std::ops::Range<usize>, visit: &mut impl FnMut(&Vector)) {
     let (low, high) = (-0.5, EDGE as f64 - 0.5);
     let (mut from, mut to) = (range.start as f64, range.end as f64 - 1.0);
-    // Short rows are not worth the divisions.
+    // In short rows the divisions cost more than they save.
     for a in (0..3).filter(|_| range.len() > SHORT) {
         let (first, last) = ((low - start[a]) / step[a], (high - start[a]) / step[a]);
         if first.is_finite() && last.is_finite() {
-            // One more on both sides for rounding.
+            // One more point on both sides allows for rounding.
             from = from.max((first.min(last) - 1.0).floor());
             to = to.min((first.max(last) + 1.0).ceil());
         }
@@ -200,35 +202,35 @@ fn corner_of(at: [i32; 3]) -> Vector {
     Vector::from(at.map(|n| f64::from(n) * EDGE as f64))
 }
 
-/// Steps of a site's place in a node's spacing: 16 bits hold those of a brick.
+/// Resolution of a site's position, in steps per node spacing: 16 bits span a brick.
 const STEPS_PER_NODE: f64 = 8192.0;
 
-/// A site in a brick; there are a million and more of them.
+/// A site in a brick, packed because a field has a million and more of them.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Site {
-    /// From the lower end of the brick's first cell, in steps.
+    /// Position relative to the lower end of the brick's first cell, in steps.
     steps: [u16; 3],
-    /// The field's value there without the level of the brick, mm.
+    /// Value of the coarser levels at the site, without that of the brick's level, mm.
     pub(super) below: f32,
-    /// The field's value there, mm.
+    /// Value of the field at the site, mm.
     pub(super) value: f32,
 }
 
 impl Site {
-    /// At `p`, in nodes from the brick's first, where the levels below have the value `below`, mm.
+    /// Site at `p`, in nodes from the brick's first; `below` is the value of the coarser levels there, mm.
     #[inline(always)]
     pub(super) fn new(p: &Vector, below: f32) -> Self {
         let steps = [0, 1, 2].map(|a| ((p[a] + 0.5) * STEPS_PER_NODE) as u16);
         Self { steps, below, value: 0.0 }
     }
 
-    /// Its cell's node in the brick.
+    /// Node (in the brick) whose cell contains the site.
     #[inline(always)]
     pub(super) fn cell(&self) -> [usize; 3] {
         self.steps.map(|s| usize::from(s) / STEPS_PER_NODE as usize)
     }
 
-    /// From there, in nodes: the middle of its step.
+    /// Position relative to that node, in nodes: the middle of the site's step.
     #[inline(always)]
     fn offset(&self) -> [f32; 3] {
         self.steps.map(|s| {
@@ -237,12 +239,12 @@ impl Site {
         })
     }
 
-    /// From the brick's first node, in nodes.
+    /// Position relative to the brick's first node, in nodes.
     pub(super) fn local(&self) -> [f32; 3] {
         self.steps.map(|s| (f32::from(s) + 0.5) * (1.0 / STEPS_PER_NODE) as f32 - 0.5)
     }
 
-    /// Weights of the nodes around it along each axis.
+    /// Weights of the three nodes around the site along each axis.
     #[inline(always)]
     pub(super) fn weights(&self) -> [[f32; 3]; 3] {
         self.offset().map(|t| {
@@ -252,19 +254,19 @@ impl Site {
     }
 }
 
-/// Whether a cell is the first, one between, or the last along each axis of its brick: three to the power of three classes.
+/// Number of classes of cells: first, inner or last along each of the three axes of the brick.
 pub(super) const CLASSES: usize = 27;
 
-/// Sites of a brick, class by class.
+/// Sites of a brick, sorted by class.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Sites {
     pub(super) all: Vec<Site>,
-    /// Where each class begins, and the end; empty when there are no sites.
+    /// Start of each class in `all`, and the end; empty when there are no sites.
     first: Vec<u32>,
 }
 
 impl Sites {
-    /// Of a brick with `edge` nodes along an axis.
+    /// Sorts the sites of a brick with `edge` nodes along each axis.
     pub(super) fn new(all: &[Site], edge: usize) -> Self {
         if all.is_empty() {
             return Self::default();
@@ -285,7 +287,7 @@ impl Sites {
         for n in 0..CLASSES {
             first[n + 1] += first[n];
         }
-        // In the order that they were found within a class.
+        // The sort is stable within a class.
         let mut next = first.clone();
         let mut sorted = vec![all[0]; all.len()];
         for site in all {
@@ -296,7 +298,7 @@ impl Sites {
         Self { all: sorted, first }
     }
 
-    /// Sites of a class.
+    /// Sites of one class.
     #[inline]
     pub(super) fn of_class(&self, class: usize) -> &[Site] {
         match self.first.get(class..class + 2) {
@@ -305,7 +307,7 @@ impl Sites {
         }
     }
 
-    /// Classes with a site whose value is farther from 0 than `limit` (mm), as bits.
+    /// Bit set of the classes with a site whose value is farther from 0 than `limit`, mm.
     pub(super) fn classes_beyond(&self, limit: f32) -> u32 {
         let is_beyond = |class: &usize| self.of_class(*class).iter().any(|s| s.value.abs() > limit);
         (0..CLASSES).filter(is_beyond).fold(0, |bits, class| bits | 1 << class)

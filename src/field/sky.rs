@@ -1,14 +1,14 @@
-//! How much of the sky each place of a grid sees.
+//! Share of all directions in which each node of a grid sees out.
 
 use prosopon_geometry::control::{Cancelled, Control};
 use rayon::prelude::*;
 
-/// Directions swept at the same time; fixed, so that memory does not grow with threads.
+/// Number of directions swept at the same time; fixed, so that memory does not grow with threads.
 const CHUNK: usize = 7;
 
-/// Share of directions in which a ray over `free` nodes leaves the grid, for every node; 0 where it is not free.
+/// Share of directions in which a ray over `free` nodes leaves the grid, by node; 0 at other nodes.
 ///
-/// Directions are the lattice's primitive ones of at most `most_steps` node spacings (and 3): 98 at most.
+/// The directions are the primitive lattice directions of at most `most_steps` node spacings, and at most 3: 98 at most.
 pub(super) fn seen(dims: [usize; 3], free: &[bool], most_steps: f64, control: &Control) -> Result<Vec<f32>, Cancelled> {
     let directions = directions(most_steps);
     let mut counts = vec![0u8; free.len()];
@@ -42,11 +42,11 @@ fn directions(most_steps: f64) -> Vec<[i32; 3]> {
     directions
 }
 
-/// Nodes from which the ray towards `direction` leaves the grid over free nodes.
+/// Whether the ray from each node towards `direction` leaves the grid over free nodes.
 fn unblocked([nx, ny, nz]: [usize; 3], free: &[bool], [dx, dy, dz]: [i32; 3]) -> Vec<bool> {
     let mut open = vec![false; free.len()];
     let stride = dx as isize + nx as isize * (dy as isize + ny as isize * dz as isize);
-    // Each node asks the next one on its ray, which has to be done before it.
+    // A node takes the result of the next node on its ray, so that one comes first.
     let order = |n: usize, d: i32| (0..n).map(move |i| if d > 0 { n - 1 - i } else { i });
     let leaves = |i: usize, d: i32, n: usize| i.checked_add_signed(d as isize).is_none_or(|to| to >= n);
     for k in order(nz, dz) {
@@ -72,9 +72,9 @@ mod tests {
         let floor: Vec<bool> = (0..41 * 41 * 41).map(|n| at(n)[2] > 3).collect();
         let seen_over_floor = seen(dims, &floor, 3.0, &Control::new()).unwrap();
         let n = 20 + 41 * (20 + 41 * 4);
-        // Of 98 directions 41 go up and 16 along the floor.
+        // Of the 98 directions 41 point upwards and 16 lie in the plane of the floor.
         assert!((seen_over_floor[n] - 57.0 / 98.0).abs() < 1e-6, "{}", seen_over_floor[n]);
-        // A wall two nodes thick, as thick as the longest step needs.
+        // The wall is two nodes thick, as the longest step requires.
         let room: Vec<bool> = (0..41 * 41 * 41)
             .map(|n| {
                 let d = at(n).map(|i| i.abs_diff(20)).into_iter().max().unwrap_or(0);

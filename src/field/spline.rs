@@ -1,16 +1,16 @@
-//! Quadratic B-splines on a lattice: weights of the three nearest coefficients along each axis, and their products.
+//! Quadratic B-splines on a lattice: weights of the three nearest coefficients along each axis, and tensor products.
 
 use super::lanes::Lanes;
 use nalgebra::Matrix3;
 use prosopon_geometry::Vector;
 
-/// Weights of the coefficients at -1, 0, 1 for a point at `t`, in spacings from the nearest.
+/// Weights of the coefficients at -1, 0 and 1 for a point at `t`, in spacings from the middle one.
 pub(super) fn weights(t: f64) -> [f64; 3] {
     let (low, high) = (0.5 - t, 0.5 + t);
     [0.5 * low * low, 0.75 - t * t, 0.5 * high * high]
 }
 
-/// Value, gradient and Hessian.
+/// Value, gradient and Hessian of a function at a point.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Jet {
     pub(super) value: f64,
@@ -19,7 +19,7 @@ pub(super) struct Jet {
 }
 
 impl Jet {
-    /// Of coefficients that are worth `step` each, on a lattice with `per_mm` nodes in a mm.
+    /// The jet of coefficients that are worth `step` (mm) each, on a lattice with `per_mm` nodes per mm.
     #[inline(always)]
     pub(super) fn scaled(mut self, step: f64, per_mm: f64) -> Self {
         self.value *= step;
@@ -36,26 +36,26 @@ impl Jet {
     }
 }
 
-/// The place of a point between three coefficients along an axis.
+/// Position of a point between three coefficients along an axis.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Between {
-    /// Distances from the ends of the middle one's cell, in spacings.
+    /// Distances from the ends of the middle coefficient's cell, in spacings.
     low: f64,
     high: f64,
-    /// Halves of their squares.
+    /// Half the squares of these distances.
     low_sq: f64,
     high_sq: f64,
 }
 
 impl Between {
-    /// At `t` (in [-1/2, 1/2], in spacings from the middle one).
+    /// Position at `t`, in spacings from the middle coefficient, within [-1/2, 1/2].
     #[inline(always)]
     pub(super) fn at(t: f64) -> Self {
         let (low, high) = (0.5 - t, 0.5 + t);
         Self { low, high, low_sq: 0.5 * low * low, high_sq: 0.5 * high * high }
     }
 
-    /// The sum of three coefficients by their weights, and its first and second derivatives by `t`.
+    /// Weighted sum of three coefficients, and its first and second derivatives with respect to `t`.
     #[inline(always)]
     fn along<L: Lanes>(&self, lanes: L, [a, b, c]: [L::Four; 3]) -> [L::Four; 3] {
         let (from, to) = (lanes.sub(b, a), lanes.sub(c, b));
@@ -66,7 +66,7 @@ impl Between {
     }
 }
 
-/// Rows of codes.
+/// Rows of codes as vectors.
 #[inline(always)]
 pub(super) fn rows<L: Lanes>(lanes: L, words: &[u64; 9]) -> [L::Four; 9] {
     let mut rows = [lanes.splat(0.0); 9];
@@ -76,9 +76,9 @@ pub(super) fn rows<L: Lanes>(lanes: L, words: &[u64; 9]) -> [L::Four; 9] {
     rows
 }
 
-/// The spline with 3³ coefficients around its middle node, and its derivatives by lattice coordinates.
+/// Value and derivatives (lattice coordinates) of the spline with 3³ coefficients around a node.
 ///
-/// Row j + 3 k has the three coefficients along x; its fourth lane does not count.
+/// Row j + 3 k has the three coefficients along x; its fourth lane is padding.
 #[inline(always)]
 pub(super) fn jet<L: Lanes>(lanes: L, rows: &[L::Four; 9], [x, y, z]: &[Between; 3]) -> Jet {
     let near = z.along(lanes, [rows[0], rows[3], rows[6]]);

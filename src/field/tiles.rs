@@ -11,10 +11,10 @@ use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{Point, TriMesh, Vector};
 use rayon::prelude::*;
 
-/// Nodes along the edge of a tile, without its halo: its distances fit the second cache.
+/// Nodes along the edge of a tile without halo: its distances fit the second-level cache.
 pub(super) const TILE: usize = 48;
 
-/// What signed distances are made from.
+/// Surface data from which signed distances are computed.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Source<'a> {
     pub(super) mesh: &'a TriMesh,
@@ -22,7 +22,7 @@ pub(super) struct Source<'a> {
     pub(super) features: &'a Features,
 }
 
-/// A lattice whose nodes have distances of one surface, in tiles of 48³ nodes that overlap by a halo.
+/// Signed distances of one surface on a lattice, in tiles of 48³ nodes that overlap by a halo.
 #[derive(Debug)]
 pub(super) struct Tiles<'a> {
     source: Source<'a>,
@@ -30,9 +30,9 @@ pub(super) struct Tiles<'a> {
     halo: usize,
     reach: f64,
     crossings: Crossings,
-    /// Tiles along each axis.
+    /// Number of tiles along each axis.
     counts: [usize; 3],
-    /// Features of tile n: `members[first[n]..first[n + 1]]`.
+    /// Start of the features of each tile: those of tile n are `members[first[n]..first[n + 1]]`.
     first: Vec<u32>,
     members: Vec<u32>,
 }
@@ -41,7 +41,7 @@ pub(super) struct Tiles<'a> {
 #[derive(Debug)]
 pub(super) struct Tile<'a> {
     source: Source<'a>,
-    /// Lattice node of the tile's first node, halo included.
+    /// Lattice index of the tile's first node, halo included.
     pub(super) first: [usize; 3],
     slab: Slab,
     spacing: f64,
@@ -51,8 +51,9 @@ pub(super) struct Tile<'a> {
 }
 
 impl<'a> Tiles<'a> {
-    /// Covers `rows` (halo included) with tiles whose distances are exact up to `reach`, mm. Only features whose box of nodes
-    /// (first and last along each axis) is `wanted` are looked at.
+    /// Covers `rows` (halo included) with tiles whose distances are exact up to `reach`, mm.
+    ///
+    /// Only features whose box of nodes (first and last along each axis) is `wanted` are considered.
     pub(super) fn new(
         source: Source<'a>,
         rows: Rows,
@@ -77,10 +78,10 @@ impl<'a> Tiles<'a> {
                     Some(nodes)
                 };
                 let is_wanted = |nodes: &[[usize; 2]; 3]| wanted(nodes.map(|n| n[0]), nodes.map(|n| n[1]));
-                // A larger box is found faster.
+                // The larger box is cheaper to compute, so it is tested first.
                 nodes_in(source.features.box_within(index, reach)).filter(is_wanted)?;
                 let nodes = nodes_in(source.features.bounds(index, reach)).filter(is_wanted)?;
-                // A tile has its own nodes and a halo on both sides.
+                // A tile covers its own nodes and a halo on both sides.
                 Some([0, 1, 2].map(|a| {
                     let before = (nodes[a][0].saturating_sub(2 * halo) / TILE).min(counts[a] - 1);
                     [before as u16, (nodes[a][1] / TILE).min(counts[a] - 1) as u16]
@@ -113,13 +114,13 @@ impl<'a> Tiles<'a> {
                 });
             }
         }
-        // They are as large as the crossings.
+        // The boxes take as much memory as the crossings.
         drop(boxes);
         let crossings = Crossings::new(source.mesh, &source.defects.counts, &source.defects.rim, &rows);
         Self { source, rows, halo, reach, crossings, counts, first, members }
     }
 
-    /// Calls `each` for every tile that features reach, in parallel; the results in the order of the tiles.
+    /// Calls `each` in parallel for every tile with a feature in reach; results in the order of tiles.
     pub(super) fn map<T: Send>(
         &self,
         control: &Control,
@@ -129,7 +130,7 @@ impl<'a> Tiles<'a> {
         self.map_over(&busy, control, each)
     }
 
-    /// Like [`Tiles::map`] for every tile.
+    /// Like [`Tiles::map`], for every tile.
     pub(super) fn map_all<T: Send>(
         &self,
         control: &Control,
@@ -199,12 +200,12 @@ impl Tile<'_> {
         self.slab.origin() + Vector::new(at[0] as f64, at[1] as f64, at[2] as f64) * self.spacing
     }
 
-    /// Squared distance at a node, mm²; exact up to the reach, beyond too large or infinite.
+    /// Squared distance at a node, mm²; exact up to the reach, too large or infinite beyond.
     pub(super) fn squared(&self, [i, j, k]: [usize; 3]) -> f32 {
         self.slab.squared(i, j, k)
     }
 
-    /// Copies the squared distances of the box of `side` nodes along each axis from `first` on, x fastest.
+    /// Copies the squared distances (mm²) of `side` nodes along each axis from `first` on, x fastest.
     #[inline(always)]
     pub(super) fn copy_squared(&self, first: [usize; 3], side: usize, to: &mut [f32]) {
         for (row, to) in to.chunks_exact_mut(side).enumerate() {
@@ -226,15 +227,16 @@ impl Tile<'_> {
         least
     }
 
-    /// Whether the nodes of the box of `size` nodes from `first` on are inside, x fastest, and how many of those have a negative
-    /// winding number.
+    /// Inside flags of the nodes of the box of `size` nodes from `first` on, x fastest.
+    ///
+    /// Also returns how many of the inside nodes have a negative winding number.
     #[inline(always)]
     pub(super) fn inside(&self, first: [usize; 3], size: [usize; 3]) -> (Vec<bool>, usize) {
         let rim = &self.source.defects.rim;
         let half = Vector::from(size.map(|n| 0.5 * (n - 1) as f64 * self.spacing));
         let (center, radius) = (self.position(first) + half, half.norm() + 1e-9);
         let far = rim.is_far(&center, radius);
-        // Away from the caps their share changes slowly.
+        // Away from the caps their contribution changes slowly.
         let near = (!far).then(|| {
             let slope = if rim.has_cap_near(&center, radius) { f64::INFINITY } else { rim.slope(&center, radius) };
             (rim.share(&center), slope * radius)
@@ -275,7 +277,7 @@ pub(super) fn for_box(first: [usize; 3], size: [usize; 3], mut visit: impl FnMut
     }
 }
 
-/// Counts over all nodes whose sign was found.
+/// Counts over all nodes whose sign was determined.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Tally {
     n_inside: usize,
@@ -295,17 +297,17 @@ impl Tally {
     pub(super) fn warnings(&self) -> Option<String> {
         if self.n_inside == 0 {
             return Some(
-                "the surface encloses nothing at this spacing: the field is the distance without sign".to_owned(),
+                "the surface encloses nothing at this spacing; close the surface or use a smaller spacing".to_owned(),
             );
         }
         let share = self.n_inverted as f64 / self.n_inside as f64;
         if share > 0.99 {
             Some(
-                "the surface is inside out (its normals point inwards): taken as the boundary of the same solid"
+                "the surface is inside out (its normals point inwards); its enclosed volume still counts as inside"
                     .to_owned(),
             )
         } else if self.n_inverted > 0 {
-            Some(format!("normals point inwards around {:.2} % of the inside: taken as inside", 100.0 * share))
+            Some(format!("normals point inwards around {:.2} % of the inside; it stays inside", 100.0 * share))
         } else {
             None
         }

@@ -4,12 +4,12 @@ use prosopon_geometry::{Point, TriMesh};
 
 /// Most triangles in a leaf.
 const LEAF: usize = 4;
-/// Square of how many times farther than the nearest triangle another one may be where that will do.
+/// Square of the ratio to the nearest distance that an approximate query accepts.
 const FARTHER_SQ: f64 = 1.02;
-/// Halves of at least this many triangles are split side by side.
+/// From this many triangles per half on the two halves are built in parallel.
 const ALONE: usize = 4096;
 
-/// Box over a contiguous range of the tree's triangles. The first child follows its parent.
+/// Box over a contiguous range of the tree's triangles; the first child follows its parent.
 #[derive(Debug, Clone)]
 pub(super) struct Node {
     min: [f64; 3],
@@ -26,7 +26,7 @@ impl Node {
     fn distance_sq(&self, p: &Point) -> f64 {
         let mut sum = 0.0;
         for a in 0..3 {
-            // Without the care for NaN of `f64::max`.
+            // Comparisons without the NaN handling of `f64::max`.
             let (below, above) = (self.min[a] - p[a], p[a] - self.max[a]);
             let d = if below > above { below } else { above };
             let d = if d > 0.0 { d } else { 0.0 };
@@ -37,11 +37,11 @@ impl Node {
     }
 }
 
-/// Nearest triangle of a query.
+/// Nearest triangle found by a query.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Nearest {
     pub(super) point: Point,
-    /// Triangle in tree order: a good `hint` for a query close by.
+    /// Triangle in tree order: a good `hint` for a query nearby.
     pub(super) slot: u32,
     pub(super) distance_sq: f64,
 }
@@ -50,9 +50,9 @@ pub(super) struct Nearest {
 #[derive(Debug, Clone)]
 pub(super) struct Tree {
     pub(super) nodes: Vec<Node>,
-    /// Corners in tree order.
+    /// Corners of each triangle, in tree order.
     pub(super) corners: Vec<[Point; 3]>,
-    /// Index in the mesh of each triangle in tree order.
+    /// Mesh index of each triangle, in tree order.
     pub(super) original: Vec<u32>,
 }
 
@@ -61,7 +61,7 @@ impl Tree {
         Self::of((0..mesh.triangles().len()).map(|t| mesh.corners(t)).collect())
     }
 
-    /// A tree over at least one triangle.
+    /// Builds a tree; needs at least one triangle.
     pub(super) fn of(corners: Vec<[Point; 3]>) -> Self {
         let n = corners.len();
         let centers: Vec<[f64; 3]> =
@@ -78,7 +78,7 @@ impl Tree {
         self.nearly_nearest(p, hint, f64::INFINITY)
     }
 
-    /// Like [`Tree::nearest`], but beyond the distance `exact_within` (mm) a triangle will do that is at most 1 % farther.
+    /// Like [`Tree::nearest`], but beyond the distance `exact_within` (mm) the result may be 1 % too far.
     pub(super) fn nearly_nearest(&self, p: &Point, hint: u32, exact_within: f64) -> Nearest {
         with_vectors(
             #[inline(always)]
@@ -90,7 +90,7 @@ impl Tree {
     fn search(&self, p: &Point, hint: u32, exact_within: f64) -> Nearest {
         let exact_sq = exact_within * exact_within;
         let mut best = self.of_triangle(p, hint);
-        // Deep enough: a median split halves the range at every level.
+        // A median split halves the range at every level, so 64 levels suffice.
         let mut stack = [(0u32, 0.0f64); 64];
         let mut top = 1;
         stack[0] = (0, self.nodes[0].distance_sq(p));
@@ -120,7 +120,7 @@ impl Tree {
         best
     }
 
-    /// The triangles (tree order) whose boxes a ray from `p` along -x may meet.
+    /// Visits the triangles (tree order) in leaves whose box a ray from `p` along -x meets.
     pub(super) fn for_each_before(&self, p: &Point, mut visit: impl FnMut(usize, &[Point; 3])) {
         let meets = |node: &Node| {
             node.min[0] <= p.x
@@ -130,7 +130,7 @@ impl Tree {
         self.for_each_in(meets, |slot| visit(slot as usize, &self.corners[slot as usize]));
     }
 
-    /// The closest point of each triangle within `distance` (mm) of `p`, and how far it is.
+    /// Visits each triangle within `distance` (mm) of `p` with its closest point and its distance.
     pub(super) fn for_each_within(&self, p: &Point, distance: f64, mut visit: impl FnMut(&Point, f64)) {
         let limit = distance * distance;
         self.for_each_in(
@@ -144,7 +144,7 @@ impl Tree {
         );
     }
 
-    /// The triangles (tree order) in the leaves that lie in wanted boxes.
+    /// Visits the triangles (tree order) of the leaves whose boxes and ancestors' boxes are wanted.
     #[inline(always)]
     fn for_each_in(&self, wanted: impl Fn(&Node) -> bool, mut visit: impl FnMut(u32)) {
         let mut stack = [0u32; 64];
@@ -201,7 +201,7 @@ fn split(order: &mut [u32], first: u32, corners: &[[Point; 3]], centers: &[[f64;
     let extent = [0, 1, 2].map(|a| high[a] - low[a]);
     let axis = (0..3).fold(0, |best, a| if extent[a] > extent[best] { a } else { best });
     let middle = order.len() / 2;
-    // The index settles ties, so that the tree does not depend on the order of selection.
+    // Ties are broken by index, so that the tree does not depend on the order of selection.
     order.select_nth_unstable_by(middle, |&s, &t| {
         centers[s as usize][axis].total_cmp(&centers[t as usize][axis]).then(s.cmp(&t))
     });
@@ -222,7 +222,7 @@ fn split(order: &mut [u32], first: u32, corners: &[[Point; 3]], centers: &[[f64;
     append(nodes, above);
 }
 
-/// Appends a subtree that counts its nodes from 0.
+/// Appends a subtree whose node indices start from 0.
 fn append(nodes: &mut Vec<Node>, subtree: Vec<Node>) {
     let start = nodes.len() as u32;
     nodes.extend(

@@ -1,6 +1,6 @@
 use prosopon_geometry::{Point, Vector};
 
-/// Closest point of the triangle `a b c` to `p`, by Voronoi region; right for triangles without area too.
+/// Closest point of the triangle `a b c` to `p`, by Voronoi region; handles triangles without area.
 ///
 /// # Source
 /// C. Ericson, *Real-Time Collision Detection*, 2005, section 5.1.5.
@@ -18,7 +18,7 @@ pub(super) fn closest_point(p: &Point, [a, b, c]: &[Point; 3]) -> Point {
     }
     let vc = d1 * d4 - d3 * d2;
     if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 {
-        // With a = b this says nothing about c.
+        // With a = b this test does not involve c.
         return if a == b { closest_on_segment(p, a, c) } else { closest_on_segment(p, a, b) };
     }
     let cp = p - c;
@@ -35,7 +35,7 @@ pub(super) fn closest_point(p: &Point, [a, b, c]: &[Point; 3]) -> Point {
         return closest_on_segment(p, b, c);
     }
     let sum = va + vb + vc;
-    // Angle below 1e-5: the barycentric weights of a needle are rounding errors, its edges as good as all of it.
+    // Below an angle of 1e-5 barycentric weights are rounding errors; the edges represent such a needle.
     if sum <= 1e-10 * ab.norm_squared() * ac.norm_squared() {
         return closest_on_edges(p, a, b, c);
     }
@@ -61,14 +61,14 @@ fn closest_on_edges(p: &Point, a: &Point, b: &Point, c: &Point) -> Point {
     best
 }
 
-/// Solid angle of the triangle seen from `p`, steradian; positive seen from behind (inside a solid).
+/// Solid angle of the triangle seen from `p`, steradian; positive from behind (inside a solid).
 ///
 /// # Source
 /// A. van Oosterom, J. Strackee, The solid angle of a plane triangle, IEEE Trans. Biomed. Eng. 1983.
 pub(super) fn solid_angle(p: &Point, corners: &[Point; 3]) -> f64 {
     let [a, b, c]: [Vector; 3] = corners.map(|q| q - p);
     let det = a.dot(&b.cross(&c));
-    // In the triangle's plane nothing is subtended, except on the triangle itself, where any answer will do.
+    // In its own plane a triangle subtends nothing, except on the triangle itself, where any value is right.
     if det == 0.0 {
         return 0.0;
     }
@@ -81,7 +81,7 @@ pub(super) fn solid_angle(p: &Point, corners: &[Point; 3]) -> f64 {
 mod tests {
     use super::*;
 
-    /// Smallest distance over a dense sampling of the triangle; an upper bound that is close.
+    /// Smallest distance over a dense sampling of the triangle: a tight upper bound.
     fn sampled_distance(p: &Point, [a, b, c]: &[Point; 3]) -> f64 {
         let n = 200;
         let mut best = f64::INFINITY;

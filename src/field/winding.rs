@@ -2,7 +2,7 @@ use super::tree::Tree;
 use super::triangle::solid_angle;
 use prosopon_geometry::{Point, Vector};
 
-/// A node of the tree stands for its triangles when the query is farther than this many radii from it.
+/// A tree node replaces its triangles when the query is farther than this many of its radii away.
 const ACCURACY: f64 = 2.3;
 
 /// Far field of the triangles below a node: a dipole and its first moment about `center`.
@@ -19,20 +19,20 @@ struct Dipole {
 
 /// Generalised winding number of a triangle soup by a tree of dipoles.
 ///
-/// w(q) = 1/4π Σ ∫ (x - q)·n / |x - q|³ dA; near triangles by their exact solid angles, far ones by the Taylor expansion to
-/// first order about their area's centre: N·r/|r|³ + tr M/|r|³ - 3 rᵀ M r/|r|⁵ with r = center - q.
+/// w(q) = 1/4π Σ ∫ (x - q)·n / |x - q|³ dA. Near triangles contribute their exact solid angles, far ones the first-order Taylor
+/// expansion about the centre of their area: N·r/|r|³ + tr M/|r|³ - 3 rᵀ M r/|r|⁵ with r = center - q.
 ///
 /// # Source
 /// G. Barill, N. Dickson, R. Schmidt, D. Levin, A. Jacobson, Fast winding numbers for soups and clouds, SIGGRAPH 2018.
 #[derive(Debug, Clone)]
 pub(super) struct Winding {
     dipoles: Vec<Dipole>,
-    /// Whether a triangle (tree order) counts.
+    /// Whether each triangle (tree order) counts.
     counts: Vec<bool>,
 }
 
 impl Winding {
-    /// `counts` says for every triangle of the mesh whether it counts.
+    /// Builds the expansions; `counts` holds for each triangle of the mesh whether it counts.
     pub(super) fn new(tree: &Tree, counts: &[bool]) -> Self {
         let counts: Vec<bool> = tree.original.iter().map(|&t| counts[t as usize]).collect();
         let parts: Vec<(Point, Vector)> = tree
@@ -55,7 +55,7 @@ impl Winding {
         Self { dipoles, counts }
     }
 
-    /// Winding number at `q`; `tree` is the one that this was made from.
+    /// Winding number at `q`; `tree` is the one that the expansions were built from.
     pub(super) fn at(&self, tree: &Tree, q: &Point) -> f64 {
         let mut sum = 0.0;
         let mut stack = [0u32; 64];

@@ -1,4 +1,4 @@
-//! Bytes to volumes and meshes ([`import`]), and back ([`export`]).
+//! File formats of volumes and meshes: readers ([`import`]) and writers ([`export`]).
 
 pub mod export;
 pub mod import;

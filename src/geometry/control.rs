@@ -1,20 +1,32 @@
-//! Cancellation and progress for long numerical work, on plain atomics.
+//! Cancellation, deadline and progress of long computations, on plain atomics.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-/// The caller asked the computation to stop.
+/// Error of a computation that stopped because its caller asked for it or its deadline passed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("cancelled")]
 pub struct Cancelled;
 
-/// Seconds since a moment that stays the same.
+/// A clock: seconds since a fixed moment.
 pub type Clock = fn() -> f64;
 
-/// Handle that every long function takes: it says when to stop and is told how far the work is.
+/// Cancel flag, deadline, memory limit and progress of one long computation.
 ///
-/// Clones share the same cancel flag and progress value. [`Control::part`] maps the progress of a
-/// stage into a share of the whole.
+/// Every long function takes one: it checks whether to stop and reports its progress. Clones share the cancel flag and the
+/// progress value. [`Control::part`] maps the progress of a stage to a share of the whole.
+///
+/// ```
+/// use prosopon_geometry::control::{Cancelled, Control};
+///
+/// let control = Control::new();
+/// let second_half = control.part(0.5, 1.0);
+/// second_half.report(0.5);
+/// assert_eq!(control.progress(), 0.75);
+///
+/// control.cancel();
+/// assert_eq!(second_half.check(), Err(Cancelled));
+/// ```
 #[derive(Debug, Clone)]
 pub struct Control {
     cancel: Arc<AtomicBool>,
@@ -22,9 +34,9 @@ pub struct Control {
     from: f64,
     to: f64,
     clock: Clock,
-    /// On the clock, s.
+    /// Time on the clock at which the work counts as cancelled, s.
     deadline: Option<f64>,
-    /// What may be taken beside what is in use, MB.
+    /// Memory that the work may allocate in addition to what is in use, MB.
     memory_mb: f64,
 }
 
@@ -35,7 +47,7 @@ impl Default for Control {
 }
 
 impl Control {
-    /// A control with progress 0 that nobody has cancelled.
+    /// A control with progress 0, not cancelled, without clock, deadline or memory limit.
     #[must_use]
     pub fn new() -> Self {
         Self {
@@ -49,25 +61,27 @@ impl Control {
         }
     }
 
-    /// The same control with a clock, so that work which has none can report the time that its phases took.
+    /// The same control with a clock, by which the work times its phases and which the deadline needs.
     #[must_use]
     pub fn with_clock(self, clock: Clock) -> Self {
         Self { clock, ..self }
     }
 
-    /// The same control that counts as cancelled once its clock shows `at` seconds.
+    /// The same control with a deadline: it counts as cancelled once its clock shows `at` seconds.
     #[must_use]
     pub fn with_deadline(self, at: f64) -> Self {
         Self { deadline: Some(at), ..self }
     }
 
-    /// The same control for work that may take so much memory, MB: a stage that would need more is refused before it begins.
+    /// The same control with a memory limit, MB.
+    ///
+    /// A stage that would need more memory is refused before it begins.
     #[must_use]
     pub fn with_memory_mb(self, memory_mb: f64) -> Self {
         Self { memory_mb, ..self }
     }
 
-    /// Memory that the work may take, MB; infinite where nobody has said.
+    /// Memory that the work may allocate, MB; infinite unless [`Control::with_memory_mb`] set a limit.
     #[must_use]
     pub fn memory_mb(&self) -> f64 {
         self.memory_mb
@@ -79,7 +93,9 @@ impl Control {
         self.deadline.is_some_and(|at| (self.clock)() >= at)
     }
 
-    /// The caller's clock; one that stands still when there is none. It times work and decides nothing but the deadline.
+    /// The caller's clock; without one, a clock that always shows 0.
+    ///
+    /// Only the deadline and reported times depend on it, never a result.
     #[must_use]
     pub fn clock(&self) -> Clock {
         self.clock
@@ -96,7 +112,7 @@ impl Control {
         self.cancel.load(Ordering::Relaxed) || self.is_overdue()
     }
 
-    /// Returns early from the computation when it was cancelled.
+    /// Ends the computation with an error when it was cancelled or is overdue.
     ///
     /// # Errors
     /// [`Cancelled`] when [`Control::cancel`] was called on this control or a clone, or the deadline has passed.
@@ -104,10 +120,10 @@ impl Control {
         if self.is_cancelled() { Err(Cancelled) } else { Ok(()) }
     }
 
-    /// Reports the done share of this part, 0 to 1. Progress of the whole never falls.
+    /// Reports the completed share of this part, 0 to 1. The progress of the whole never falls.
     pub fn report(&self, fraction: f64) {
         let whole = self.from + fraction.clamp(0.0, 1.0) * (self.to - self.from);
-        // Bits of numbers from 0 on are in the order of the numbers.
+        // The bit patterns of non-negative floats have the order of the floats.
         self.progress.fetch_max(whole.max(0.0).to_bits(), Ordering::Relaxed);
     }
 
@@ -117,7 +133,7 @@ impl Control {
         f64::from_bits(self.progress.load(Ordering::Relaxed))
     }
 
-    /// A control with the same cancel flag, clock and deadline whose progress is not told.
+    /// A control with the same cancel flag, clock and deadline whose progress does not count.
     #[must_use]
     pub fn unreported(&self) -> Self {
         Self { progress: Arc::default(), from: 0.0, to: 1.0, ..self.clone() }

@@ -1,12 +1,13 @@
-//! Whether two triangles cross, exactly.
+//! Exact intersection tests of two triangles.
 
 use robust::{Coord, Coord3D, orient2d, orient3d};
 
 use super::Point;
 
-/// Whether the closed triangles `a` and `b` have a point in common; corners in common are the caller's business.
+/// Whether the closed triangles `a` and `b` have a point in common.
 ///
-/// Exact for the given coordinates (Shewchuk's adaptive predicates). A triangle without area counts as its sides.
+/// The caller handles triangles that share vertices. Exact for the given coordinates (Shewchuk's adaptive predicates). A
+/// triangle without area counts as its three sides.
 pub(super) fn triangles_meet(a: &[Point; 3], b: &[Point; 3]) -> bool {
     // Two triangles meet only where a side of one meets the other.
     (0..3).any(|i| segment_meets(&a[i], &a[(i + 1) % 3], b) || segment_meets(&b[i], &b[(i + 1) % 3], a))
@@ -22,12 +23,12 @@ pub(super) fn segment_meets(p: &Point, q: &Point, triangle: &[Point; 3]) -> bool
     if above == 0.0 && below == 0.0 {
         return coplanar_segment_meets(p, q, triangle);
     }
-    // The line through p and q passes the triangle's sides all on one hand.
+    // The line through p and q crosses the triangle when it passes all three sides on the same side.
     let turns = [side(p, q, a, b), side(p, q, b, c), side(p, q, c, a)];
     turns.iter().all(|t| *t >= 0.0) || turns.iter().all(|t| *t <= 0.0)
 }
 
-/// Sign of the volume of the tetrahedron; made of -1, 0 and 1 so that products do not underflow.
+/// Sign of the volume of the tetrahedron: -1, 0 or 1, so that products of signs do not underflow.
 fn side(a: &Point, b: &Point, c: &Point, d: &Point) -> f64 {
     let coord = |p: &Point| Coord3D { x: p.x, y: p.y, z: p.z };
     sign(orient3d(coord(a), coord(b), coord(c), coord(d)))
@@ -43,11 +44,11 @@ fn sign(x: f64) -> f64 {
     }
 }
 
-/// The same in the plane that they share, seen along the axis that the plane faces most.
+/// [`segment_meets`] for a coplanar segment, projected along the largest component of the triangle's normal.
 fn coplanar_segment_meets(p: &Point, q: &Point, triangle: &[Point; 3]) -> bool {
     let [a, b, c] = triangle;
     let normal = (b - a).cross(&(c - a));
-    // A triangle on a line has no normal: then any two views decide together.
+    // A triangle whose corners lie on a line has no normal: the segment meets it when all three projections do.
     if normal.iter().all(|x| *x == 0.0) {
         return (0..3).all(|axis| planar_segment_meets(p, q, triangle, axis));
     }

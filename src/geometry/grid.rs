@@ -5,13 +5,13 @@ use super::{Aabb, Point, Vector};
 /// Sample `(i, j, k)` lies at `origin + spacing * (i, j, k)` and is stored at `i + nx * (j + ny * k)`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScalarGrid {
-    /// Number of samples along x, y, z; each at least 2.
+    /// Number of samples along x, y and z; each at least 2.
     pub dims: [usize; 3],
     /// Position of sample (0, 0, 0), LPS mm.
     pub origin: Point,
     /// Distance between neighbours, mm.
     pub spacing: f64,
-    /// Samples, x fastest; `dims[0] * dims[1] * dims[2]` of them.
+    /// The `dims[0] * dims[1] * dims[2]` samples, x fastest.
     pub values: Vec<f32>,
 }
 

@@ -1,8 +1,9 @@
-//! Points, triangle meshes, grids, volumes, rigid motions and implicit solids; cancel and progress ([`control`]).
-//! Patient LPS, mm, `f64`.
+//! Points, meshes, grids, volumes, rigid motions and implicit solids in patient LPS, mm, `f64`.
 //!
-//! Invariants: a [`TriMesh`] has finite coordinates and indices in range; nothing here reads files or
-//! knows what a mesh stands for.
+//! [`control`] carries cancellation, deadline and progress through long computations.
+//!
+//! Invariants: a [`TriMesh`] has finite coordinates and indices in range. No function here reads a file or depends on what
+//! a mesh represents.
 
 pub mod control;
 mod crossing;
@@ -16,6 +17,7 @@ mod topology;
 mod trimesh;
 mod volume;
 mod volume_mesh;
+mod warning;
 
 pub use grid::ScalarGrid;
 pub use implicit::Implicit;
@@ -27,6 +29,7 @@ pub use surface::{
 pub use trimesh::{Aabb, GeometryError, TriMesh};
 pub use volume::Volume;
 pub use volume_mesh::{Cell, DataArray, VolumeMesh};
+pub use warning::{Severity, Warning};
 
 /// A point in patient LPS, mm.
 pub type Point = nalgebra::Point3<f64>;

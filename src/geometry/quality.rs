@@ -2,7 +2,7 @@ use super::self_crossing::crossing_triangles;
 use super::topology::{Sets, sides};
 use super::{Aabb, TriMesh};
 
-/// What is right and wrong with a surface.
+/// Counts of the defects of a surface, with its area, volume and bounds.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SurfaceReport {
     /// Number of triangles.
@@ -11,32 +11,49 @@ pub struct SurfaceReport {
     pub vertices: usize,
     /// Edges with one triangle: the rims of holes.
     pub boundary_edges: usize,
-    /// Holes: boundary edges that hang together count as one.
+    /// Holes: boundary edges connected through shared vertices count as one.
     pub boundary_loops: usize,
     /// Edges with more than two triangles.
     pub nonmanifold_edges: usize,
-    /// Edges whose two triangles run along them the same way, so that one of them faces inwards.
+    /// Edges that both their triangles traverse in the same direction, so that one of them faces inwards.
     pub inconsistent_edges: usize,
-    /// Parts that hang together through shared vertices.
+    /// Connected parts; triangles are connected through shared vertices.
     pub components: usize,
-    /// Triangles without area: a height of less than a millionth of the longest side.
+    /// Triangles without area: their height is at most a millionth of their longest side.
     pub degenerate_triangles: usize,
     /// Triangles with the same three vertices as an earlier one, in any order.
     pub duplicate_triangles: usize,
-    /// Triangles that cross or touch another one, or are copies of it; neighbours that share an edge do not count. `None`
-    /// when so many lie among each other that the count would take too long.
+    /// Triangles that cross, touch or duplicate another one; neighbours that share an edge do not count.
+    ///
+    /// `None` when so many bounding boxes overlap that the count would take too long.
     pub self_intersecting_triangles: Option<usize>,
-    /// Whether every edge has two triangles that run along it in opposite directions.
+    /// Whether every edge has exactly two triangles, which traverse it in opposite directions.
     pub closed: bool,
     /// Area, mm².
     pub area_mm2: f64,
-    /// Signed volume, mm³; positive when triangles are counter-clockwise seen from outside. Meaningful when closed.
+    /// Signed volume, mm³; positive when triangles are counter-clockwise seen from outside.
+    ///
+    /// Meaningful only when `closed`.
     pub volume_mm3: f64,
     /// Box around all vertices.
     pub bounds: Aabb,
 }
 
-/// Measures a surface. Takes some 3 µs a triangle, and a crafted one not more than about ten times as long.
+/// Counts the defects of a surface and measures its area and volume.
+///
+/// Takes about 3 µs per triangle, and at most about ten times as long on a crafted surface.
+///
+/// ```
+/// use prosopon_geometry::{Point, TriMesh, surface_report};
+///
+/// // A tetrahedron without one of its faces: an open surface with one hole of three edges.
+/// let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+/// let open = TriMesh::new(corners.map(Point::from).to_vec(), vec![[0, 2, 1], [0, 1, 3], [0, 3, 2]])?;
+/// let report = surface_report(&open);
+/// assert!(!report.closed);
+/// assert_eq!((report.boundary_edges, report.boundary_loops), (3, 1));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[must_use]
 pub fn surface_report(mesh: &TriMesh) -> SurfaceReport {
     let mut holes = Sets::new(mesh.positions().len());
@@ -137,7 +154,7 @@ mod tests {
     #[test]
     fn each_fault_is_counted() {
         let (positions, triangles) = cube();
-        // Two sides away that do not touch: two holes of four edges.
+        // Two opposite sides are missing: two holes of four edges.
         let open = report(&positions, triangles[4..].to_vec());
         assert_eq!((open.boundary_edges, open.boundary_loops, open.closed), (8, 2, false));
 
@@ -151,7 +168,7 @@ mod tests {
         assert_eq!((twice.duplicate_triangles, twice.nonmanifold_edges), (1, 3));
         assert_eq!(twice.self_intersecting_triangles, Some(2));
 
-        // A second cube, pushed through the first along x by an odd amount.
+        // A second cube that overlaps the first, shifted differently along each axis.
         let mut points = positions.clone();
         points.extend(positions.iter().map(|p| p + crate::Vector::new(1.5, 0.25, 0.125)));
         let second = triangles.iter().map(|t| t.map(|v| v + 8));

@@ -7,15 +7,16 @@ use parry3d_f64::partitioning::{Bvh, BvhBuildStrategy};
 use super::crossing::{segment_meets, triangles_meet};
 use super::{Point, TriMesh};
 
-/// Pairs of boxes that are looked at per triangle on average before it is given up. Surfaces of heads need 14 to 18; a
-/// crafted one may have every box in every other.
+/// Most pairs of overlapping boxes per triangle, on average, before the search gives up.
+///
+/// Surfaces of heads need 14 to 18. In a crafted surface every box may overlap every other.
 const MAX_PAIRS: usize = 100;
 
-/// For each triangle whether it crosses another one; `None` when too many boxes lie in each other to find out.
+/// For each triangle whether it crosses another one; `None` when too many bounding boxes overlap.
 ///
-/// Two triangles without a vertex in common cross when they have a point in common, even if they only touch. With one
-/// vertex in common they cross when the side of one opposite of it meets the other. Two that share an edge do not count,
-/// two copies of one triangle do. (The same rules as in VCGlib, so that counts compare with MeshLab's.)
+/// Two triangles without a common vertex cross when they have a common point, even if they only touch. Two triangles with
+/// one common vertex cross when the side opposite that vertex in one meets the other. Two triangles that share an edge do
+/// not count; two copies of one triangle do. These are VCGlib's rules, so that counts compare with MeshLab's.
 pub(super) fn crossing_triangles(mesh: &TriMesh) -> Option<Vec<bool>> {
     let triangles = mesh.triangles();
     let boxes: Vec<Bounds> = (0..triangles.len())
@@ -32,7 +33,7 @@ pub(super) fn crossing_triangles(mesh: &TriMesh) -> Option<Vec<bool>> {
         for other in tree.intersect_aabb(bounds) {
             let other = other as usize;
             budget = budget.checked_sub(1)?;
-            // Each pair once, and not where nothing would change.
+            // Tests each pair once, and none whose triangles are both marked already.
             if other > one && !(crosses[one] && crosses[other]) && cross(mesh, one, other) {
                 crosses[one] = true;
                 crosses[other] = true;
@@ -77,7 +78,7 @@ mod tests {
         (t[1] - t[0]).cross(&(t[2] - t[0]))
     }
 
-    /// Interval that a triangle covers on `line`, in which its plane cuts the other's (Möller 1997), in floating point.
+    /// Interval that a triangle covers on `line`, the intersection of both planes, in floating point (Möller 1997).
     fn interval(t: &[Point; 3], other: &[Point; 3], line: &Vector) -> Option<[f64; 2]> {
         let height = t.map(|p| normal(other).dot(&(p - other[0])));
         let mut ends = Vec::new();
@@ -92,7 +93,7 @@ mod tests {
         Some([a.min(b), a.max(b)])
     }
 
-    /// Evenly spread in 0 to 10, the same on every run.
+    /// Pseudo-random number, uniform in 0 to 10, the same on every run.
     fn random(state: &mut u64) -> f64 {
         *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (*state >> 11) as f64 / (1u64 << 53) as f64 * 10.0
@@ -131,7 +132,7 @@ mod tests {
         };
         assert_eq!(crossing(&[[0, 1, 2], [0, 2, 3]]), [false, false]); // an edge in common
         assert_eq!(crossing(&[[0, 1, 2], [0, 3, 5]]), [false, false]); // a vertex in common
-        assert_eq!(crossing(&[[0, 1, 2], [0, 4, 5]]), [true, true]); // and one through the other
+        assert_eq!(crossing(&[[0, 1, 2], [0, 4, 5]]), [true, true]); // a vertex in common, one passes through the other
         assert_eq!(crossing(&[[0, 1, 2], [2, 1, 0]]), [true, true]); // copies
     }
 

@@ -1,11 +1,12 @@
 use super::{SurfaceReport, TriMesh, Vector};
 
-/// Thickness of a surface that counts as flat, as a share of its diagonal: above what single precision makes of a plane.
+/// A surface thinner than this share of its diagonal counts as flat. Rounding a plane to `f32` stays below it.
 const FLAT: f64 = 1e-4;
 
-/// Why a surface bounds no solid even when its holes are closed: too few triangles, flat, or closed around nothing.
+/// Reason why a surface bounds no solid even when its holes are closed; `None` when it bounds one.
 ///
-/// `report` is [`surface_report`](super::surface_report) of `mesh`; `None` when it bounds one.
+/// The reasons are: fewer than four triangles, all triangles in one plane, or a closed surface without volume. `report` is
+/// the [`surface_report`](super::surface_report) of `mesh`.
 #[must_use]
 pub fn why_no_solid(mesh: &TriMesh, report: &SurfaceReport) -> Option<String> {
     if report.triangles < 4 {
@@ -22,7 +23,7 @@ pub fn why_no_solid(mesh: &TriMesh, report: &SurfaceReport) -> Option<String> {
         .then(|| format!("the surface is closed but encloses no volume: {:.3} mm³", report.volume_mm3))
 }
 
-/// Largest distance of a vertex from the plane through three far ones, mm.
+/// Largest distance of a vertex from the plane through three vertices that are far apart, mm.
 fn thickness(mesh: &TriMesh) -> f64 {
     let Some(first) = mesh.positions().first() else { return 0.0 };
     let farthest = |measure: &dyn Fn(Vector) -> f64| {
@@ -42,7 +43,7 @@ mod tests {
 
     const CUBE: [[u32; 4]; 6] = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
 
-    /// The box of these sides, without its first `left_out` triangles.
+    /// Reason for a box of these sides, mm, without its first `left_out` triangles.
     fn refusal(sides: [f64; 3], left_out: usize) -> Option<String> {
         let at = |v: u32, a: usize| if v >> a & 1 == 1 { sides[a] } else { 0.0 };
         let positions = (0..8).map(|v| Point::new(at(v, 0), at(v, 1), at(v, 2))).collect();
@@ -54,7 +55,7 @@ mod tests {
     #[test]
     fn open_surfaces_are_taken_and_those_that_bound_nothing_are_not() {
         assert_eq!(refusal([100.0; 3], 0), None);
-        assert_eq!(refusal([100.0; 3], 2), None, "one side away");
+        assert_eq!(refusal([100.0; 3], 2), None, "one side is missing");
         assert!(refusal([100.0; 3], 11).is_some_and(|d| d.contains("solid: 1,")));
         assert!(refusal([100.0, 100.0, 1e-4], 0).is_some_and(|d| d.contains("one plane")));
         assert!(refusal([100.0, 1e-4, 1e-4], 0).is_some_and(|d| d.contains("one plane")));

@@ -1,21 +1,21 @@
-//! Which triangles meet at which edge, and what hangs together.
+//! Triangles at each edge, and disjoint sets for connected parts.
 
 use super::TriMesh;
 
 /// One side of one triangle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Side {
-    /// Its two vertices, the smaller index first.
+    /// The side's two vertices, the smaller index first.
     pub(super) edge: [u32; 2],
-    /// Its triangle.
+    /// Index of the triangle.
     pub(super) triangle: u32,
-    /// Whether the triangle runs from the smaller index to the larger.
+    /// Whether the triangle traverses the side from the smaller index to the larger.
     pub(super) forward: bool,
 }
 
-/// The sides of all triangles, ordered by edge and then by triangle; sides from a vertex to itself are left out.
+/// The sides of all triangles, ordered by edge and then by triangle.
 ///
-/// `chunk_by(|a, b| a.edge == b.edge)` gives the sides at one edge.
+/// Sides from a vertex to itself are left out. `chunk_by(|a, b| a.edge == b.edge)` groups the sides by edge.
 pub(super) fn sides(mesh: &TriMesh) -> Vec<Side> {
     let mut sides = Vec::with_capacity(3 * mesh.triangles().len());
     for (triangle, &[a, b, c]) in mesh.triangles().iter().enumerate() {
@@ -30,19 +30,19 @@ pub(super) fn sides(mesh: &TriMesh) -> Vec<Side> {
     sides
 }
 
-/// Disjoint sets of `0..n`.
+/// Disjoint sets (union-find) of the numbers `0..n`.
 #[derive(Debug)]
 pub(super) struct Sets {
     parent: Vec<u32>,
 }
 
 impl Sets {
-    /// `n` sets of one each.
+    /// `n` sets of one number each.
     pub(super) fn new(n: usize) -> Self {
         Self { parent: (0..n as u32).collect() }
     }
 
-    /// The smallest of the set that holds `i`.
+    /// The smallest number in the set that holds `i`.
     pub(super) fn find(&mut self, mut i: u32) -> u32 {
         while self.parent[i as usize] != i {
             let above = self.parent[self.parent[i as usize] as usize];
@@ -52,13 +52,13 @@ impl Sets {
         i
     }
 
-    /// Makes one set of those that hold `i` and `j`.
+    /// Merges the sets that hold `i` and `j`.
     pub(super) fn join(&mut self, i: u32, j: u32) {
         let (i, j) = (self.find(i), self.find(j));
         self.parent[i.max(j) as usize] = i.min(j);
     }
 
-    /// Number of sets that hold one of `members`.
+    /// Number of sets that hold at least one of `members`.
     pub(super) fn count(&mut self, members: impl IntoIterator<Item = u32>) -> usize {
         let mut roots: Vec<u32> = members.into_iter().map(|i| self.find(i)).collect();
         roots.sort_unstable();

@@ -1,6 +1,6 @@
 use super::{Motion, Point, Vector};
 
-/// Why vertices and triangles do not make a mesh.
+/// Reason why vertices and triangles do not make a mesh.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum GeometryError {
     /// A coordinate is NaN or infinite.
@@ -9,17 +9,17 @@ pub enum GeometryError {
         /// Index of the vertex.
         vertex: usize,
     },
-    /// A triangle names a vertex that does not exist.
+    /// A triangle refers to a vertex that does not exist.
     #[error("triangle {triangle} names vertex {vertex}, but there are only {n_vertices} vertices")]
     IndexOutOfRange {
         /// Index of the triangle.
         triangle: usize,
-        /// The vertex that it names.
+        /// The vertex index that is out of range.
         vertex: u32,
-        /// How many vertices there are.
+        /// Number of vertices.
         n_vertices: usize,
     },
-    /// There is no triangle at all.
+    /// There are no triangles.
     #[error("the surface has no triangles")]
     Empty,
 }
@@ -67,10 +67,20 @@ impl Aabb {
     }
 }
 
-/// A triangle soup with shared vertices; counter-clockwise seen from outside when it bounds a solid.
+/// An indexed triangle mesh in LPS mm; counter-clockwise seen from outside when it bounds a solid.
 ///
-/// Coordinates are finite, indices are in range and there is at least one triangle. It may be open,
-/// non-manifold or self-intersecting: [`crate`] measures that, it does not promise it.
+/// Coordinates are finite, indices are in range and there is at least one triangle. The mesh may be open, non-manifold or
+/// self-intersecting: [`surface_report`](crate::surface_report) measures that.
+///
+/// ```
+/// use prosopon_geometry::{Point, TriMesh};
+///
+/// let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+/// let positions = corners.map(Point::from).to_vec();
+/// let tetrahedron = TriMesh::new(positions, vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])?;
+/// assert!((tetrahedron.volume() - 1.0 / 6.0).abs() < 1e-12);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct TriMesh {
     positions: Vec<Point>,
@@ -78,7 +88,7 @@ pub struct TriMesh {
 }
 
 impl TriMesh {
-    /// Checks and takes vertices (LPS, mm) and triangles (vertex indices).
+    /// Makes a mesh of vertices (LPS mm) and triangles (vertex indices) after checking both.
     ///
     /// # Errors
     /// [`GeometryError`] for a coordinate that is not finite, an index out of range, or no triangles.
@@ -115,14 +125,16 @@ impl TriMesh {
         self.triangles[index].map(|v| self.positions[v as usize])
     }
 
-    /// Cross product of two edges of triangle `index`: outward normal times twice the area, mm².
+    /// Outward normal of triangle `index` times twice its area, mm².
     #[must_use]
     pub fn scaled_normal(&self, index: usize) -> Vector {
         let [a, b, c] = self.corners(index);
         (b - a).cross(&(c - a))
     }
 
-    /// Unit normals of the vertices, weighted by the incident angles (Wang 2009, eq. 0.3); zero where undefined.
+    /// Unit normals of the vertices; zero where undefined.
+    ///
+    /// Triangle normals are weighted by their angle at the vertex (Wang 2009, eq. 0.3).
     #[must_use]
     pub fn vertex_normals(&self) -> Vec<Vector> {
         let mut normals = vec![Vector::zeros(); self.positions.len()];
@@ -153,10 +165,12 @@ impl TriMesh {
         (0..self.triangles.len()).map(|t| 0.5 * self.scaled_normal(t).norm()).sum()
     }
 
-    /// Enclosed signed volume, mm³; positive when triangles are counter-clockwise seen from outside. Meaningful for a closed surface.
+    /// Enclosed signed volume, mm³; meaningful only for a closed surface.
+    ///
+    /// Positive when triangles are counter-clockwise seen from outside.
     #[must_use]
     pub fn volume(&self) -> f64 {
-        // Relative to the box's centre, so that far-away coordinates do not cancel.
+        // Relative to the box's centre: far from the origin, large terms would cancel and lose digits.
         let o = self.bounds().center();
         (0..self.triangles.len())
             .map(|t| {
@@ -175,10 +189,10 @@ impl TriMesh {
         }
     }
 
-    /// The same triangles with other vertex positions.
+    /// The same triangles with other vertex positions, LPS mm.
     ///
     /// # Errors
-    /// [`GeometryError`] when a position is not finite or there are fewer positions than the triangles name.
+    /// [`GeometryError`] when a position is not finite or a triangle refers to a vertex beyond the last position.
     pub fn with_positions(&self, positions: Vec<Point>) -> Result<Self, GeometryError> {
         Self::new(positions, self.triangles.clone())
     }

@@ -2,11 +2,11 @@ use super::{Point, Vector};
 
 /// A CT volume in Hounsfield units.
 ///
-/// Voxel `(i, j, k)` is centred at `origin + i axes[0] + j axes[1] + k axes[2]` (LPS mm) and stored at
-/// `i + dims[0] * (j + dims[1] * k)`.
+/// Voxel `(i, j, k)` is centred at `origin + i axes[0] + j axes[1] + k axes[2]` (LPS mm) and stored at index
+/// `i + dims[0] * (j + dims[1] * k)`. The axes may be oblique or sheared.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Volume {
-    /// Voxels along i, j, k.
+    /// Number of voxels along i, j and k.
     pub dims: [usize; 3],
     /// Centre of voxel (0, 0, 0), LPS mm.
     pub origin: Point,

@@ -1,16 +1,16 @@
 use super::Point;
 
-/// A volume element as its file has it; corners are in the file's order, whatever its orientation.
+/// A volume element with its corners in the order of the file; the orientation is not checked.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Cell {
-    /// VTK's type 10.
+    /// Tetrahedron, VTK cell type 10.
     Tetrahedron([u32; 4]),
-    /// VTK's type 13: two triangles, corner `i + 3` beside corner `i`.
+    /// Wedge, VTK cell type 13: two triangles, with corner `i + 3` opposite corner `i`.
     Wedge([u32; 6]),
 }
 
 impl Cell {
-    /// Its corners.
+    /// Point indices of the corners.
     #[must_use]
     pub fn corners(&self) -> &[u32] {
         match self {
@@ -23,20 +23,20 @@ impl Cell {
 /// Named values on points or cells.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DataArray {
-    /// Name.
+    /// Name of the array.
     pub name: String,
-    /// Values a point or cell.
+    /// Number of values per point or cell.
     pub components: usize,
-    /// All values, those of one point or cell side by side.
+    /// All values, row-major: `components` values per point or cell.
     pub values: Vec<f64>,
 }
 
-/// A volume mesh as a file has it.
+/// A volume mesh of tetrahedra and wedges with arrays, as read from a file.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct VolumeMesh {
     /// Points, taken as LPS mm. All are finite.
     pub points: Vec<Point>,
-    /// Cells in the file's order; their corners are points.
+    /// Cells in the file's order; their corners are indices into `points`.
     pub cells: Vec<Cell>,
     /// Values on points.
     pub point_arrays: Vec<DataArray>,
@@ -45,13 +45,13 @@ pub struct VolumeMesh {
 }
 
 impl VolumeMesh {
-    /// The point array of that name.
+    /// The point array named `name`.
     #[must_use]
     pub fn point_array(&self, name: &str) -> Option<&DataArray> {
         self.point_arrays.iter().find(|a| a.name == name)
     }
 
-    /// The cell array of that name.
+    /// The cell array named `name`.
     #[must_use]
     pub fn cell_array(&self, name: &str) -> Option<&DataArray> {
         self.cell_arrays.iter().find(|a| a.name == name)

@@ -78,7 +78,7 @@ async fn a_dicom_series_becomes_surfaces_and_nothing_of_the_patient_is_kept() {
     let job = app.finish(app.upload(&format!("{session}/ct"), archive(&files)).await).await;
     assert_eq!(job["status"], "succeeded");
     let warnings = job["warnings"].to_string();
-    for part in ["1 files that are no images", "series 1 was taken as the largest CT", "a head-rest was removed"] {
+    for part in ["1 files that are not images", "series 1 was taken as the largest CT", "a head-rest was removed"] {
         assert!(warnings.contains(part), "{warnings}");
     }
     let report = app.get(&format!("{session}/skin?format=json")).await.ok();
@@ -107,13 +107,13 @@ async fn series_that_cannot_be_read_are_refused_by_the_upload() {
     let with_missing_bytes: Vec<Vec<u8>> = even.iter().map(|f| f[..f.len() - 30].to_vec()).collect();
     for (query, bytes, words) in [
         ("", archive(&stack(&[0.0, 4.0, 8.0, 20.0])), "Steps in mm: 4.00, 4.00, 12.00"),
-        ("", archive(&other_syntax), "which is not read"),
+        ("", archive(&other_syntax), "which is not supported"),
         ("", archive(&with_missing_bytes), "bytes, but"),
         ("", archive(&[b"a note".to_vec()]), "no DICOM images"),
         ("", even[0].clone(), "at least 4 along each axis"),
         ("", zip[..zip.len() - 40].to_vec(), "damaged or cut off"),
         ("", zip[..zip.len() / 2].to_vec(), "damaged or cut off"),
-        ("?series=3", zip.clone(), "is not there"),
+        ("?series=3", zip.clone(), "was not found"),
     ] {
         let problem = app.upload(&format!("{session}/ct{query}"), bytes).await.problem(422, "volume-not-usable");
         assert!(problem["detail"].as_str().unwrap().contains(words), "{problem}");

@@ -1,4 +1,4 @@
-//! The nearest triangle of each node of a block of 4³: the inner loop of the sampling, on vectors of single precision.
+//! The nearest triangle of each node of a block of 4³: the inner loop of sampling, in single-precision vectors.
 
 use super::tile::Boxed;
 use prosopon_geometry::{Point, Vector};
@@ -9,13 +9,13 @@ pub(super) const SIDE: usize = 4;
 /// Nodes of a block.
 pub(super) const NODES: usize = SIDE * SIDE * SIDE;
 
-/// Frames of a triangle in which the distance to it is a sum of squares.
+/// Local frames of a triangle in which its squared distance is a sum of squares.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Shape {
     corner: Point,
-    /// Unit normal of a plane that the triangle lies in.
+    /// Unit normal of a plane that contains the triangle.
     normal: [f32; 3],
-    /// From corner 0 to 1, 1 to 2, 2 to 0.
+    /// Sides from corner 0 to 1, 1 to 2 and 2 to 0.
     sides: [Side; 3],
 }
 
@@ -23,10 +23,10 @@ pub(super) struct Shape {
 struct Side {
     /// Start, relative to corner 0, mm.
     start: [f32; 3],
-    /// Unit vector towards the end, and one in the plane that points away from the triangle.
+    /// Unit vector towards the end, and unit vector in the plane that points away from the triangle.
     along: [f32; 3],
     outwards: [f32; 3],
-    /// mm.
+    /// Length, mm.
     length: f32,
 }
 
@@ -35,14 +35,14 @@ impl Shape {
         let edges = [corners[1] - corners[0], corners[2] - corners[1], corners[0] - corners[2]];
         let longest =
             (1..3).fold(edges[0], |l, i| if edges[i].norm_squared() > l.norm_squared() { edges[i] } else { l });
-        // A triangle without area is a segment in some plane, one without length a point on some line.
+        // A triangle without area gets some plane through its segment; one without length gets some line through its point.
         let direction = longest.try_normalize(0.0).unwrap_or_else(Vector::x);
         let normal = edges[0].cross(&edges[1]).try_normalize(0.0).unwrap_or_else(|| {
             let axis = Vector::ith(direction.iamin(), 1.0);
             direction.cross(&axis).normalize()
         });
         let sides = [0, 1, 2].map(|i: usize| {
-            // Those of a point lie back to back, so that nothing is between them.
+            // The sides of a point get opposite directions, so that nothing lies between them.
             let along = edges[i].try_normalize(0.0).unwrap_or(if i == 0 { direction } else { -direction });
             Side {
                 start: single(&(corners[i] - corners[0])),
@@ -55,23 +55,23 @@ impl Shape {
     }
 }
 
-/// In single precision.
+/// The vector in single precision.
 pub(super) fn single(v: &Vector) -> [f32; 3] {
     [v.x as f32, v.y as f32, v.z as f32]
 }
 
-/// Nodes that are handled at once, in one vector or several.
+/// Number of nodes handled at once, in one or several vectors.
 const LANES: usize = 16;
-/// Positions of those within the block.
+/// Number of such groups in a block.
 const STEPS: usize = NODES / LANES;
-/// The order of the steps: each is one spacing from the last, along an axis, forth or back.
+/// Order of the steps; each is one spacing from the last along an axis, forwards or backwards.
 const WALK: [(usize, usize, bool); STEPS] = [(0, 0, true), (1, 1, true), (3, 2, true), (2, 1, false)];
 
 #[derive(Debug, Clone)]
 struct Found {
     /// Squares of the smallest distances, mm².
     best_sq: [[f32; LANES]; STEPS],
-    /// Heights over the planes of the nearest triangles, mm.
+    /// Heights above the planes of the nearest triangles, mm.
     heights: [[f32; LANES]; STEPS],
     nearest: [[u32; LANES]; STEPS],
 }
@@ -83,28 +83,29 @@ const NOTHING: Found =
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Nearest {
     pub(super) id: u32,
-    /// mm².
+    /// Squared distance, mm².
     pub(super) distance_sq: f32,
-    /// Over the triangle's plane, mm.
+    /// Height above the triangle's plane, mm.
     pub(super) height: f32,
 }
 
-/// The nearest triangles found so far of the nodes of a block.
+/// The nearest triangles found so far for the nodes of a block.
 ///
-/// The lanes are the nodes of one layer across z of every second row: lane bits 0 and 1 are the place along x, bit 2 is bit 1
-/// of the place along y, bit 3 that of z; the step's bits are the low bits of the places along y and z. So each lane
-/// stands for a bundle of 2 × 2 nodes next to each other.
+/// The lanes are the nodes of one layer across z of every second row. Lane bits 0 and 1 are the position along x, bit 2 is bit 1
+/// of the position along y, and bit 3 is bit 1 of that along z. The two bits of the step are the low bits of the positions along
+/// y and z. Each lane therefore represents a bundle of 2 × 2 neighbouring nodes.
 #[derive(Debug, Clone)]
 pub(super) struct Block {
-    /// The present state of vector `n` is in `found[now[n]]`. The next is written to the other one: a masked store, which is
-    /// what a compiler makes of an update in place, is slow on some processors.
+    /// The current state of vector `n` is in `found[now[n]]`; the next state is written to the other entry.
+    ///
+    /// A compiler turns an update in place into a masked store, which is slow on some processors.
     found: [Found; 2],
     now: [usize; LANES],
-    /// Lanes of a vector.
+    /// Number of lanes of a vector.
     lanes: usize,
-    /// The largest of `best_sq` in each bundle.
+    /// Largest `best_sq` in each bundle, mm².
     worst_sq: [f32; LANES],
-    /// Offset of each bundle's first node from the block's along each axis, mm.
+    /// Offset of each bundle's first node from the block's first along each axis, mm.
     offsets: [[f32; LANES]; 3],
     spacing: f32,
 }
@@ -138,7 +139,7 @@ impl Block {
         }
     }
 
-    /// The largest distance of a node from its nearest triangle, squared.
+    /// Square of the largest distance of a node from its nearest triangle, mm².
     #[inline(always)]
     pub(super) fn worst_sq<S: Simd>(&self, simd: S) -> f32 {
         let mut worst = simd.splat_f32s(0.0);
@@ -148,13 +149,13 @@ impl Block {
         simd.reduce_max_f32s(worst)
     }
 
-    /// Takes into account the triangle of `shape`, which lies in the box with this `center` and `half` widths and has the
-    /// number `id`; `first` is the block's first node, `start` the same in the frame of the box.
+    /// Updates the nearest triangles with the triangle of `shape` and number `id`.
     ///
-    /// Vectors of bundles that it cannot be nearest to are left out. The square of the distance is that of the height over the
-    /// plane plus, for points not above the triangle, the smallest over its sides of the square of the distance from the
-    /// side's line and that of the overshoot along it. All these are linear in the position: the sum of the bundle's share
-    /// and of that of the step.
+    /// Its box has this `center` and `half` widths. `first` is the block's first node, and `start` the same node in the frame
+    /// of the box. Vectors of bundles to which the triangle cannot be nearest are skipped. The squared distance is the squared
+    /// height above the plane plus, for points not above the triangle, the smallest sum over its sides of the squared distance
+    /// from the side's line and the squared overshoot along it. All these are linear in the position: a sum of the bundle's and
+    /// the step's contributions.
     #[inline(always)]
     pub(super) fn add<S: Simd>(&mut self, simd: S, shape: &Shape, first: &Point, (b, start): (&Boxed, &[f32; 3])) {
         let corner = single(&(shape.corner - first));
@@ -231,9 +232,9 @@ impl Block {
     }
 }
 
-/// The linear function with this slope at `at`, zero at `start` from `corner`.
+/// Value at `at` of the linear function with this slope that is zero at `start` from `corner`.
 ///
-/// Functions, not closures: only what is forced inline is compiled for the vectors in use.
+/// It is a function and not a closure because only forced inlining compiles it for the vectors in use.
 #[inline(always)]
 fn linear<S: Simd>(simd: S, at: &[S::f32s; 3], corner: [f32; 3], slope: &[f32; 3], start: &[f32; 3]) -> S::f32s {
     let mut at_first = 0.0;

@@ -1,4 +1,4 @@
-//! Trilinear cells, and what a field is beyond its box.
+//! Trilinear cells, and the continuation of a field beyond its box.
 
 use prosopon_geometry::{Aabb, Point, Vector};
 
@@ -17,8 +17,10 @@ pub(super) fn trilinear(corners: &[f64; 8], t: [f64; 3]) -> (f64, Vector) {
     (lerp(y0, y1, t[2]), gradient)
 }
 
-/// Like [`trilinear`] for signed distances: where the sign changes although all corners are beyond the band, as it can behind
-/// the rim of an open surface, the value jumps rather than passes through zero.
+/// Like [`trilinear`], for signed distances that may jump.
+///
+/// Where the sign changes although all corners are beyond the band, as behind the rim of an open surface, the value jumps
+/// instead of passing through zero.
 pub(super) fn sampled(corners: &[f64; 8], t: [f64; 3], band: f64) -> (f64, Vector) {
     let (value, gradient) = trilinear(corners, t);
     let is_one_side = corners.iter().all(|c| (*c < 0.0) == (corners[0] < 0.0));
@@ -30,11 +32,11 @@ pub(super) fn sampled(corners: &[f64; 8], t: [f64; 3], band: f64) -> (f64, Vecto
     (size * sign, slope * sign)
 }
 
-/// The closest point of `domain` to `p`, and when `p` is outside the unit vector from there to `p` and its distance.
+/// The closest point of `domain`; for `p` outside also the unit vector to `p` and the distance, mm.
 pub(super) fn clamped(domain: &Aabb, p: &Point) -> (Point, Option<(Vector, f64)>) {
     let inner = p.sup(&domain.min).inf(&domain.max);
     let offset = p - inner;
-    // Scaled, so that no square overflows.
+    // The offset is scaled so that no square overflows.
     let scale = offset.amax();
     if scale == 0.0 {
         return (inner, None);
@@ -44,13 +46,14 @@ pub(super) fn clamped(domain: &Aabb, p: &Point) -> (Point, Option<(Vector, f64)>
     (inner, Some((scaled / length, scale * length)))
 }
 
-/// A function on `domain` continued beyond it by its value at the closest point of the box plus the distance from there:
-/// continuous and growing.
+/// Continues a function on `domain` beyond it, continuous and growing.
+///
+/// The value is that at the closest point of the box plus the distance from there.
 pub(super) fn continued(domain: &Aabb, p: &Point, inside: impl Fn(&Point) -> (f64, Vector)) -> (f64, Vector) {
     let (inner, beyond) = clamped(domain, p);
     let (value, mut gradient) = inside(&inner);
     let Some((direction, distance)) = beyond else { return (value, gradient) };
-    // Moving along an axis that was cut off does not move the closest point of the box.
+    // A step along a clamped axis does not move the closest point of the box.
     for a in 0..3 {
         if direction[a] != 0.0 {
             gradient[a] = 0.0;

@@ -2,27 +2,26 @@ use super::settings::EDGE;
 use super::tile::Sampler;
 use prosopon_geometry::{Point, Vector};
 
-/// A node or a tile without a triangle.
+/// Marks a node or a tile without a triangle.
 pub(super) const NONE: u32 = u32::MAX;
 
-/// Signed distances at the first nodes of all tiles, and at those that would follow the last: the field where nothing is
-/// within reach.
+/// Signed distances at the first nodes of all tiles and one layer more: the field beyond the reach.
 ///
-/// Distances to triangles that spread from the tiles within reach by sweeping: each node takes the nearest of its neighbours'
-/// triangles. Never too small, and seldom more than a few per cent too large.
+/// The tiles within reach know their nearest triangles. Sweeps spread these over the other nodes: each node takes the nearest of
+/// its neighbours' triangles. Distances are never too small, and seldom more than a few per cent too large.
 ///
 /// # Source
 /// P.-E. Danielsson, Euclidean distance mapping, 1980; the same sweeps with triangles in place of pixels.
 #[derive(Debug)]
 pub(super) struct FarLattice {
-    /// Nodes along an axis.
+    /// Number of nodes along an axis.
     n: usize,
-    /// x fastest, mm.
+    /// Signed distances, x fastest, mm.
     values: Vec<f32>,
 }
 
 impl FarLattice {
-    /// `nearest` has a triangle for the first node of some of `tiles`³ tiles, [`NONE`] for the others.
+    /// `nearest` has a triangle for the first node of some of the `tiles`³ tiles, else [`NONE`].
     pub(super) fn new(sampler: &Sampler, origin: &Point, spacing: f64, tiles: usize, nearest: &[u32]) -> Self {
         let n = tiles + 1;
         let position =
@@ -77,7 +76,7 @@ impl FarLattice {
         Self { n: m, values }
     }
 
-    /// x fastest, mm.
+    /// Signed distances, x fastest, mm.
     pub(super) fn values(&self) -> &[f32] {
         &self.values
     }
@@ -93,8 +92,9 @@ impl FarLattice {
     }
 }
 
-/// Value at a place (0 to 1 along each axis) of a tile far from the surface: where the corners differ in sign, as they can
-/// behind the rim of an open surface, it jumps rather than passes through zero.
+/// Value at a position `t` (0 to 1 along each axis) of a tile far from the surface, mm.
+///
+/// Where the corners differ in sign, as behind the rim of an open surface, the value jumps instead of passing through zero.
 pub(super) fn far_value(corners: &[f32; 8], t: [f32; 3]) -> f32 {
     let signed = interpolated(corners, t);
     if corners.iter().all(|c| (*c < 0.0) == (corners[0] < 0.0)) {
@@ -103,7 +103,9 @@ pub(super) fn far_value(corners: &[f32; 8], t: [f32; 3]) -> f32 {
     interpolated(&corners.map(f32::abs), t).copysign(signed)
 }
 
-/// A sampled `value` at such a place, made smaller where it is beyond `reach`, and so the distance to some triangle only.
+/// A sampled `value` at such a position, reduced where it exceeds `reach`, mm.
+///
+/// Beyond the reach a sampled value is the distance to some triangle and may be too large.
 pub(super) fn within_far(value: f32, reach: f32, corners: &[f32; 8], t: [f32; 3]) -> f32 {
     if value.abs() <= reach {
         return value;

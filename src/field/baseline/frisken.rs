@@ -13,8 +13,10 @@ use std::collections::VecDeque;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 impl Octree {
-    /// Builds the field of `surface` top down: from the bounding cube on, a cell is divided while it comes within the band and
-    /// its interpolant misses the exact distance at a corner of its children by more than the tolerance, down to the finest cells.
+    /// Builds the field of `surface` top down, from the bounding cube to the finest cells.
+    ///
+    /// A cell is divided while it overlaps the band and its interpolant differs from the exact distance at a corner of its
+    /// children by more than the tolerance.
     ///
     /// # Errors
     /// [`FieldError`] for settings out of range, too much memory, or cancellation.
@@ -64,7 +66,7 @@ impl Octree {
     }
 }
 
-/// Exact distances, signed by pseudonormals.
+/// Exact distances signed by pseudonormals.
 struct Oracle<'a> {
     surface: &'a TriMesh,
     exact: ExactDistance,
@@ -97,7 +99,7 @@ impl Oracle<'_> {
         Ok(rows.concat())
     }
 
-    /// Divides the bricks at `places`, which are in one layer and in increasing order.
+    /// Divides the bricks at `places`, which lie in one layer in increasing order.
     fn layer(
         &self,
         cube: &Cube,
@@ -112,7 +114,7 @@ impl Oracle<'_> {
         for &place in places {
             control.check()?;
             let mut values = Box::new([f32::NAN; NODES]);
-            // Faces shared with the brick before and with that in the row before.
+            // Faces shared with the previous brick and with the brick in the previous row.
             while known.front().is_some_and(|(p, _)| p + b < place) {
                 known.pop_front();
             }
@@ -139,8 +141,9 @@ impl Oracle<'_> {
         Ok(bricks)
     }
 
-    /// How brick `place` is divided; `None` when it is not. `values` are those at its nodes, NaN where not known yet: what is
-    /// needed of them is found.
+    /// The division of brick `place`; `None` when it stays whole.
+    ///
+    /// `values` are those at its nodes, NaN where unknown; the values that the division needs are computed.
     fn divided(
         &self,
         cube: &Cube,
@@ -160,7 +163,7 @@ impl Oracle<'_> {
             *value
         };
         let mut divides = |first: [usize; 3], size: usize| {
-            // The middle tells whether the cell comes within the band: no point of it is nearer than half the diagonal.
+            // A cell can overlap the band only when its middle is within half its diagonal of it.
             let middle = sample(first.map(|f| f + size / 2));
             let reach = predicate.band + 0.5 * 3f32.sqrt() * size as f32 * cube.spacing as f32;
             middle.abs() <= reach && !predicate.fits(&corners(first, size, &mut sample))
@@ -180,7 +183,7 @@ impl Oracle<'_> {
                 splits.twos |= u64::from(divides(two, 2)) << Splits::two(two);
             }
         }
-        // Corners of leaves that were never looked at.
+        // Computes the corners of leaves that no test has needed.
         for n in 0..8 {
             let four = [n % 2 * 4, n / 2 % 2 * 4, n / 4 * 4];
             let size = if splits.fours >> n & 1 == 1 { 2 } else { 4 };
@@ -201,9 +204,9 @@ struct Division<'a> {
     cube: &'a Cube,
     lattice: &'a [f32],
     predicate: Predicate,
-    /// Level of the leaf of each brick.
+    /// Level of the leaf that each brick belongs to.
     levels: Vec<u8>,
-    /// Bricks that are to be divided further, if they need to, in increasing order.
+    /// Bricks that may have to be divided further, in increasing order.
     reached: Vec<usize>,
 }
 
@@ -216,7 +219,7 @@ impl Division<'_> {
         self.reached.sort_unstable();
     }
 
-    /// Divides the cell of 2^`level` bricks at brick `first` as far as it needs.
+    /// Divides the cell of 2^`level` bricks at brick `first` as far as necessary.
     fn divide(&mut self, first: [usize; 3], level: u8) {
         let b = self.cube.bricks();
         let size = 1usize << level;
@@ -227,7 +230,7 @@ impl Division<'_> {
             self.reached.push(first[0] + b * (first[1] + b * first[2]));
             return;
         }
-        // A cell that sticks out of the cube is divided whatever it holds.
+        // A cell that extends beyond the cube is always divided.
         if first.iter().all(|f| f + size <= b) && !self.needs_division(first, size) {
             for n in 0..size * size * size {
                 let at = [first[0] + n % size, first[1] + n / size % size, first[2] + n / (size * size)];

@@ -11,38 +11,39 @@ use prosopon_geometry::control::{Cancelled, Control};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// The finest samples: tiles near the surface, and the field far from it.
+/// The finest samples: tiles near the surface, and the far field elsewhere.
 struct Samples {
     tiles: usize,
-    /// Place in `values` of each tile's samples, or [`NONE`].
+    /// Index in `values` of each tile's samples, or [`NONE`].
     index: Vec<u32>,
     values: Vec<Box<[f32]>>,
     far: FarLattice,
-    /// Values are exact up to here, mm.
+    /// Distance up to which values are exact, mm.
     reach: f32,
 }
 
-/// What the coalescence found about each brick.
+/// Result of the coalescence for each brick.
 struct Coalesced {
-    /// Level of the leaf that a brick is part of.
+    /// Level of the leaf that each brick belongs to.
     levels: Vec<u8>,
-    /// Bricks that are divided.
+    /// Whether each brick is divided.
     divided: Vec<bool>,
-    /// Whether some of the brick is within the band.
+    /// Whether any part of each brick is within the band.
     touches_band: Vec<bool>,
 }
 
 impl Octree {
-    /// Builds the field of `surface` bottom up: samples of the finest grid within the band around the triangles, then eight
-    /// cells at a time are united while their corners are within the tolerance of the united cell's interpolant.
+    /// Builds the field of `surface` bottom up, from samples of the finest grid in the band.
+    ///
+    /// Eight cells at a time are united while their corners are within the tolerance of the united cell's interpolant.
     ///
     /// # Errors
     /// [`FieldError`] for settings out of range, too much memory, or cancellation.
     ///
     /// # Source
-    /// Wang 2009, Algorithm 1. Departures: the smallest distance keeps its sign (notes 1); a triangle's region is its box grown
-    /// by the band, for the prism's own box misses points whose closest feature is a sharp edge; cells without a
-    /// corner in the band are united whatever the tolerance, and hold distances, not infinity (notes 4).
+    /// Wang 2009, Algorithm 1, with these departures. The smallest distance keeps its sign (notes 1). A triangle's region is
+    /// its box enlarged by the band, because the prism's own box misses points whose closest feature is a sharp edge. Cells
+    /// without a corner in the band are united whatever the tolerance, and hold distances instead of infinity (notes 4).
     pub fn hybrid(
         surface: &TriMesh,
         settings: &SampledSettings,
@@ -67,7 +68,7 @@ fn sampled(
     cube: &Cube,
     control: &Control,
 ) -> Result<Samples, FieldError> {
-    // One more, for the nodes on the far faces of the last bricks.
+    // One more tile for the nodes on the far faces of the last bricks.
     let tiles = cube.bricks() + 1;
     let reach = settings.band_mm + 2.0 * cube.spacing;
     let sampler = Sampler::new(surface, cube.origin, cube.spacing, reach);
@@ -109,7 +110,7 @@ fn sampled(
 }
 
 impl Samples {
-    /// Values at the nodes of brick `at`; `None` when nothing of it was sampled.
+    /// Values at the nodes of brick `at`; `None` when no part of it was sampled.
     fn brick(&self, at: [usize; 3]) -> Option<Box<[f32; NODES]>> {
         let place = |c: usize| {
             let [x, y, z] = [0, 1, 2].map(|a| at[a] + (c >> a & 1));
@@ -183,15 +184,16 @@ fn coalesce(
     Ok((coalesced, bricks))
 }
 
-/// A brick after its cells were united.
+/// Result of uniting a brick's cells.
 struct United {
-    /// `None` when it is one cell.
+    /// Divided cells; `None` when the brick is one cell.
     splits: Option<Splits>,
     touches_band: bool,
 }
 
-/// Unites the cells of a brick from the finest up: eight become one when none of them is divided and the one fits, or when no
-/// corner of theirs is within the band.
+/// Unites the cells of a brick from the finest up.
+///
+/// Eight cells become one when none of them is divided and the united cell fits, or when none of their corners is in the band.
 fn unite(values: &[f32; NODES], predicate: &Predicate) -> United {
     let mut splits = Splits::default();
     let mut touched = [0u64; 2];
@@ -260,10 +262,10 @@ impl Coalesced {
 }
 
 impl Cube {
-    /// The predicate that `settings` ask for; `far` are values whose range must be stored.
+    /// The predicate for `settings`; `far` are values whose range must be storable.
     pub(super) fn predicate(&self, settings: &SampledSettings, far: &[f32]) -> Predicate {
         let largest = far.iter().fold(0.0f32, |m, v| m.max(v.abs()));
-        // Corners of the finest cells that touch the band.
+        // Covers the corners of the finest cells that touch the band.
         let fine = settings.band_mm + 2.0 * self.spacing;
         let codec = Codec::new(fine, f64::from(largest).max(fine));
         Predicate { codec, tolerance: self.tolerance_mm(settings.tolerance) as f32, band: settings.band_mm as f32 }

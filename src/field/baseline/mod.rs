@@ -1,7 +1,7 @@
-//! The published methods that the adaptive field is compared with.
+//! Published methods for comparison with the adaptive field.
 //!
-//! Signs come from pseudonormals, as in the papers: right on closed manifold surfaces, wrong in places on dirty ones.
-//! Invariants: finite at every finite point; the same bits at any number of threads.
+//! Signs come from pseudonormals, as in the papers: right on closed manifold surfaces, wrong in parts on defective ones.
+//! Invariants: values are finite at every finite point, and have the same bits at any number of threads.
 
 mod block;
 mod cell;

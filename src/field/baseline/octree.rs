@@ -4,18 +4,18 @@ use super::settings::{Cube, EDGE};
 use super::tolerance::Predicate;
 use prosopon_geometry::{Aabb, Implicit, Point, Vector};
 
-/// Marks an undivided brick in [`Octree`]'s index; the other bits are the level of its leaf.
+/// Marks an undivided brick in the index of an [`Octree`]; the other bits are the level of its leaf.
 const LEAF: u32 = 1 << 31;
 
-/// Adaptively sampled signed distances: the leaves of an octree, interpolated trilinearly from the values at their corners.
+/// Adaptively sampled signed distances: octree leaves with trilinear interpolation between corners.
 ///
-/// Leaves down to 8³ finest cells share their corners on one lattice; below, each such brick keeps its own nodes, shared
-/// among its leaves and not with its neighbours. Values have 16 bits. Outside the bounding cube the value is that at the
-/// closest point of the cube plus the distance from there.
+/// Leaves down to 8³ finest cells share their corners on one lattice. Each divided brick of 8³ cells has its own nodes, shared
+/// among its leaves but not with its neighbours. Values have 16 bits. Outside the bounding cube the value is that at the closest
+/// point of the cube plus the distance from there.
 ///
 /// # Accuracy
-/// As in the paper, the field jumps across faces between leaves of different size, up to about the tolerance, and the
-/// tolerance was checked at the children's corners only: the error within a cell can be larger.
+/// As in the paper, the field jumps across faces between leaves of different size, by up to about the tolerance. The tolerance
+/// is checked at the children's corners only, so the error within a cell can be larger.
 ///
 /// # Source
 /// S. F. Frisken, R. N. Perry, A. P. Rockwood, T. R. Jones, Adaptively sampled distance fields, 2000; Wang 2009, Algorithm 1.
@@ -27,14 +27,14 @@ pub struct Octree {
     band: f64,
     /// Codes at the corners of all bricks, x fastest.
     lattice: Vec<i16>,
-    /// For every brick its place in `bricks`, or [`LEAF`] and the level.
+    /// For each brick its index in `bricks`, or [`LEAF`] and the level of its leaf.
     index: Vec<u32>,
     bricks: Vec<Packed>,
     codes: Vec<i16>,
     leaves: usize,
 }
 
-/// The divided bricks of an octree, in the order of their place.
+/// The divided bricks of an octree, sorted by their position.
 #[derive(Debug, Default)]
 pub(super) struct Bricks {
     pub(super) places: Vec<u32>,
@@ -44,7 +44,7 @@ pub(super) struct Bricks {
 }
 
 impl Bricks {
-    /// Appends bricks that come later.
+    /// Appends bricks at later positions.
     pub(super) fn append(&mut self, mut later: Self) {
         let shift = self.codes.len() as u32;
         for packed in &mut later.packed {
@@ -58,8 +58,9 @@ impl Bricks {
 }
 
 impl Octree {
-    /// `lattice` has the values at the corners of all bricks; `levels` for every undivided brick the level of the leaf that it is
-    /// part of: 0 is one brick, each level doubles the edge.
+    /// Makes an octree from the values at the corners of all bricks and the divided bricks.
+    ///
+    /// `levels` has for every undivided brick the level of its leaf: 0 is one brick, and each level doubles the edge.
     pub(super) fn new(cube: Cube, predicate: &Predicate, lattice: &[f32], levels: &[u8], bricks: Bricks) -> Self {
         let codec = predicate.codec;
         let mut index: Vec<u32> = levels.iter().map(|&l| LEAF | u32::from(l)).collect();
@@ -80,7 +81,7 @@ impl Octree {
         Self { cube, codec, band, lattice, index, bricks: packed, codes, leaves: leaves + undivided }
     }
 
-    /// Memory of the field, bytes.
+    /// Memory that the field takes, bytes.
     #[must_use]
     pub fn bytes(&self) -> usize {
         size_of_val(&self.lattice[..])

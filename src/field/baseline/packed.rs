@@ -4,19 +4,19 @@ use super::settings::EDGE;
 pub(super) const SIDE: usize = EDGE + 1;
 /// Nodes of a brick.
 pub(super) const NODES: usize = SIDE * SIDE * SIDE;
-/// Words of a bit for each node.
+/// Number of 64-bit words with one bit per node.
 const WORDS: usize = NODES.div_ceil(64);
-/// Codes up to here are fine steps.
+/// Codes up to this magnitude count fine steps.
 const FINE: f32 = 30_000.0;
 
-/// Stores distances in 16 bits: fine steps up to `fine_mm`, coarse ones beyond.
+/// Codes distances in 16 bits: fine steps up to `fine_mm`, coarse ones beyond.
 ///
 /// # Accuracy
-/// Half a step: `fine_mm` / 60 000 up to there, `largest_mm` / 5534 beyond. Larger values become `largest_mm`.
+/// Half a step: `fine_mm` / 60 000 in the fine range, `largest_mm` / 5534 beyond. Larger values become `largest_mm`.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Codec {
     fine: f32,
-    /// What a step beyond [`FINE`] adds to a fine one.
+    /// Additional length of a step beyond [`FINE`], mm.
     extra: f32,
 }
 
@@ -27,7 +27,7 @@ impl Codec {
         Self { fine, extra: (coarse - fine).max(0.0) }
     }
 
-    /// Largest rounding of a value within the fine steps, mm.
+    /// Largest rounding error of a value in the fine range, mm.
     pub(super) fn half_step(&self) -> f32 {
         0.5 * self.fine
     }
@@ -43,18 +43,18 @@ impl Codec {
         (size * self.fine + (size - FINE).max(0.0) * self.extra).copysign(f32::from(code))
     }
 
-    /// What a value becomes by being stored.
+    /// The value after coding and decoding, mm.
     pub(super) fn rounded(&self, value: f32) -> f32 {
         self.decode(self.encode(value))
     }
 }
 
-/// Which cells of a brick are divided: the octree from one cell of 8³ finest cells down to those.
+/// Divided cells of a brick: the octree from one cell of 8³ finest cells down to those.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct Splits {
-    /// Of the eight cells of 4³, bits x + 2 y + 4 z.
+    /// Divided cells among the eight of 4³, bit x + 2 y + 4 z.
     pub(super) fours: u8,
-    /// Of the 64 cells of 2³, bits x + 4 y + 16 z.
+    /// Divided cells among the 64 of 2³, bit x + 4 y + 16 z.
     pub(super) twos: u64,
 }
 
@@ -91,25 +91,27 @@ impl Splits {
     }
 }
 
-/// Place of a node among those of its brick.
+/// Index of a node in its brick.
 pub(super) fn node(at: [usize; 3]) -> usize {
     at[0] + SIDE * (at[1] + SIDE * at[2])
 }
 
-/// A divided brick: its leaves, and which nodes have a value.
+/// A divided brick: its leaves, and the nodes that have a value.
 #[derive(Debug, Clone)]
 pub(super) struct Packed {
     splits: Splits,
-    /// A bit for each node.
+    /// One bit for each node; set where it has a value.
     stored: [u64; WORDS],
-    /// Stored nodes before each word.
+    /// Number of stored nodes before each word.
     before: [u16; WORDS],
-    /// Where the brick's values start.
+    /// Index of the brick's first value.
     pub(super) first: u32,
 }
 
 impl Packed {
-    /// Packs the values that the leaves of `splits` need; appends them to `codes`. Returns the number of leaves, too.
+    /// Packs the values that the leaves of `splits` need.
+    ///
+    /// Appends the values to `codes`; also returns the number of leaves.
     pub(super) fn new(splits: Splits, values: &[f32; NODES], codec: &Codec, codes: &mut Vec<i16>) -> (Self, usize) {
         let mut stored = [0u64; WORDS];
         let mut leaves = 0;

@@ -2,25 +2,26 @@ use crate::defects::weld;
 use prosopon_geometry::{Point, TriMesh, Vector};
 use rayon::prelude::*;
 
-/// Which side of the surface a point is on, by the angle-weighted pseudonormal of the closest feature.
+/// Sides of a surface by the angle-weighted pseudonormal of the closest feature.
 ///
-/// Vertices at the same place count as one. At a vertex the normal is Σ nᵢθᵢ (Wang 2009, eq. 0.4), at an edge the sum of the
-/// unit normals of its triangles (eq. 0.5; of all of them where there are more than two), on a face its own.
+/// Vertices at the same position count as one. The normal of a vertex is Σ nᵢθᵢ (Wang 2009, eq. 0.4), that of an edge the sum of
+/// the unit normals of all its triangles (eq. 0.5), that of a face its own.
 ///
 /// # Accuracy
-/// Right for closed, two-manifold surfaces without self-intersections; elsewhere it can be wrong.
+/// Right for closed, two-manifold surfaces without self-intersections; the side can be wrong on others.
 ///
 /// # Source
 /// J. A. Bærentzen, H. Aanæs, Signed distance computation using the angle weighted pseudonormal, IEEE TVCG 2005.
 #[derive(Debug)]
 pub(super) struct Pseudonormals {
     faces: Vec<Vector>,
-    /// Of the edges from corner 0 to 1, 1 to 2, 2 to 0 of each triangle; not normalised.
+    /// Normals of the edges from corner 0 to 1, 1 to 2 and 2 to 0 of each triangle; not normalised.
     edges: Vec<[Vector; 3]>,
     vertices: Vec<Vector>,
     triangles: Vec<[u32; 3]>,
-    /// Squared sine of the largest angle between a triangle's normal and the pseudonormals of its edges and vertices; at
-    /// least 1 when one is beyond a right angle.
+    /// Squared sine of the largest angle between each triangle's normal and its pseudonormals.
+    ///
+    /// These are the pseudonormals of its edges and vertices. At least 1 when an angle exceeds a right angle.
     spread: Vec<f32>,
 }
 
@@ -44,14 +45,15 @@ impl Pseudonormals {
         Self { faces, edges, vertices, triangles, spread }
     }
 
-    /// Whether a point at this height over triangle `t` and at this distance from it is on the height's side whatever the
-    /// closest feature is: it is when the direction from there is closer to the normal than any pseudonormal is to a right
-    /// angle from it.
+    /// Whether a point is certainly on the side that its `height` above triangle `t` indicates.
+    ///
+    /// It is, whatever the closest feature is, when the angle between the direction from the closest point and the normal is
+    /// smaller than a right angle minus the largest angle between the normal and a pseudonormal.
     pub(super) fn is_clear(&self, t: u32, height: f32, distance_sq: f32) -> bool {
         height * height > self.spread[t as usize] * distance_sq
     }
 
-    /// Distance from `p` to triangle `t` of `corners`, negative behind the closest feature.
+    /// Distance from `p` to triangle `t` of `corners`, negative behind the closest feature, mm.
     pub(super) fn signed(&self, p: &Point, corners: &[Point; 3], t: usize) -> f64 {
         let (offset, feature) = closest_feature(p, corners, &self.faces[t]);
         let normal = match feature {
@@ -64,18 +66,18 @@ impl Pseudonormals {
     }
 }
 
-/// The part of a triangle that is closest to a point.
+/// The feature of a triangle that is closest to a point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Feature {
     Face,
-    /// From this corner to the next.
+    /// The edge from this corner to the next.
     Edge(usize),
     Vertex(usize),
 }
 
-/// The vector from the closest point of a triangle to `p`, and the feature that the closest point lies on.
+/// Vector from the closest point of a triangle to `p`, and the feature that holds the closest point.
 ///
-/// Triangles whose unit normal is zero count as their edges.
+/// A triangle whose unit normal is zero counts as its edges.
 fn closest_feature(p: &Point, corners: &[Point; 3], unit_normal: &Vector) -> (Vector, Feature) {
     let edges = [corners[1] - corners[0], corners[2] - corners[1], corners[0] - corners[2]];
     let from = corners.map(|c| p - c);
@@ -105,7 +107,7 @@ fn closest_feature(p: &Point, corners: &[Point; 3], unit_normal: &Vector) -> (Ve
 
 fn spread(face: &Vector, normal: &Vector) -> f32 {
     let (sine_sq, cosine) = (face.cross(normal).norm_squared(), face.dot(normal));
-    // Room for rounding.
+    // The addition allows for rounding.
     if cosine > 0.0 { (sine_sq / normal.norm_squared()) as f32 + 1e-4 } else { 1.0 }
 }
 
@@ -130,7 +132,7 @@ fn vertex_sums(mesh: &TriMesh, triangles: &[[u32; 3]], faces: &[Vector]) -> Vec<
 }
 
 fn edge_sums(triangles: &[[u32; 3]], faces: &[Vector], n_vertices: usize) -> Vec<[Vector; 3]> {
-    // Sides by their smaller vertex: the larger one, and the side.
+    // Lists the sides by their smaller vertex, as pairs of the larger vertex and the side.
     let ends = |side: usize| {
         let t = &triangles[side / 3];
         let (a, b) = (t[side % 3], t[(side + 1) % 3]);

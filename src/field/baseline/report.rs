@@ -2,24 +2,24 @@ use super::octree::Octree;
 use crate::defects::Defects;
 use prosopon_geometry::TriMesh;
 
-/// What a field built by a published method is like.
+/// Size and warnings of a field built by a published method.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SampledReport {
     /// Edge of the finest cell, mm.
     pub spacing_mm: f64,
-    /// Finest cells along the edge of the bounding cube.
+    /// Number of finest cells along the edge of the bounding cube.
     pub resolution: usize,
-    /// Tolerance of the octree, mm.
+    /// Tolerance of the octree, mm; `None` for a dense grid.
     pub tolerance_mm: Option<f64>,
-    /// Cells of the grid, or leaves of the octree.
+    /// Number of cells of the grid, or of leaves of the octree.
     pub cells: usize,
-    /// Bricks of 8³ finest cells that the field holds in detail.
+    /// Number of bricks of 8³ finest cells that are stored in detail.
     pub bricks: usize,
-    /// Stored distances.
+    /// Number of stored distances.
     pub samples: usize,
-    /// Memory of the field, bytes.
+    /// Memory that the field takes, bytes.
     pub bytes: usize,
-    /// What is wrong with the surface and what follows.
+    /// Defects of the surface and their consequences.
     pub warnings: Vec<String>,
 }
 
@@ -28,7 +28,7 @@ impl SampledReport {
         let half_step = octree.half_step_mm();
         if half_step > tolerance_mm {
             warnings.push(format!(
-                "the tolerance of {tolerance_mm:.1e} mm is below the precision of the stored values, {half_step:.1e} mm"
+                "the tolerance of {tolerance_mm:.1e} mm is finer than the stored values, which round by {half_step:.1e} mm"
             ));
         }
         Self {
@@ -49,23 +49,23 @@ pub(super) fn defects(surface: &TriMesh) -> Vec<String> {
     warnings(&Defects::of(surface))
 }
 
-/// One sentence for each kind of defect that makes pseudonormals doubtful.
+/// One sentence for each kind of defect that makes pseudonormals unreliable.
 pub(super) fn warnings(d: &Defects) -> Vec<String> {
     let mut warnings = Vec::new();
     if !d.rim.is_empty() {
         warnings.push(format!(
-            "the surface is open or not consistently oriented along {} edges: the sign by pseudonormals can be wrong where they are nearest",
+            "the surface is open or inconsistently oriented along {} edges; the sign can be wrong where one of them is nearest",
             d.rim.len()
         ));
     }
     if d.duplicates + d.cancelled > 0 {
         warnings.push(format!(
-            "{} triangles share their place with another one: the sign there depends on which is found first",
+            "{} triangles lie at the same position as another; the sign there depends on which is found first",
             d.duplicates + d.cancelled
         ));
     }
     if d.without_area > 0 {
-        warnings.push(format!("{} triangles have no area: kept as edges or points in the distance", d.without_area));
+        warnings.push(format!("{} triangles have no area; the distance uses their edges or points", d.without_area));
     }
     warnings
 }

@@ -5,37 +5,37 @@ use prosopon_geometry::{Aabb, Point, TriMesh, Vector};
 pub(super) const EDGE: usize = 8;
 /// Most samples of a field: 512³ single-precision values are half a gigabyte.
 pub(super) const MOST_SAMPLES: u64 = 1 << 27;
-/// Largest coordinate and extent, mm: beyond, squares of distances leave the range of `f32`.
+/// Largest coordinate and extent, mm: squares of larger distances exceed the range of `f32`.
 const MOST_MM: f64 = 1e8;
 
-/// How fine a grid is.
+/// Resolution of a grid.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Resolution {
-    /// This many cells along the edge of the bounding cube, rounded up to a multiple of 8.
+    /// Number of cells along the edge of the bounding cube, rounded up to a multiple of 8.
     Cells(u32),
-    /// Edge of the finest cell, mm; the cube grows to a multiple of eight cells.
+    /// Edge of the finest cell, mm; the cube is enlarged to a multiple of eight cells.
     SpacingMm(f64),
 }
 
-/// Largest difference between a value and its interpolation from a coarser cell.
+/// Largest difference allowed between a value and its interpolation from a coarser cell.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Tolerance {
-    /// As a share of the edge of the bounding cube (our reading of Wang 2009, Table 3).
+    /// Share of the edge of the bounding cube (our reading of Wang 2009, Table 3).
     Relative(f64),
-    /// In mm.
+    /// Absolute tolerance, mm.
     Mm(f64),
 }
 
 /// Settings of the published methods.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SampledSettings {
-    /// Finest grid.
+    /// Resolution of the finest grid.
     pub resolution: Resolution,
-    /// Tolerance of the octrees; the dense grid has none.
+    /// Tolerance of the octrees; the dense grid ignores it.
     pub tolerance: Tolerance,
-    /// Half-width of the band around the surface with full accuracy (ζ of Wang 2009), mm.
+    /// Half-width of the band around the surface in which values have full accuracy (ζ of Wang 2009), mm.
     pub band_mm: f64,
-    /// How far the bounding cube reaches beyond the surface, mm.
+    /// Distance that the bounding cube extends beyond the surface, mm.
     pub margin_mm: f64,
 }
 
@@ -51,12 +51,12 @@ pub(super) struct Cube {
     pub(super) origin: Point,
     /// Edge of the finest cell, mm.
     pub(super) spacing: f64,
-    /// Finest cells along an edge: a multiple of [`EDGE`].
+    /// Number of finest cells along an edge: a multiple of [`EDGE`].
     pub(super) cells: usize,
 }
 
 impl Cube {
-    /// The cube around `surface` that `settings` ask for.
+    /// The cube around `surface` for these `settings`.
     pub(super) fn around(surface: &TriMesh, settings: &SampledSettings) -> Result<Self, FieldError> {
         within("band_mm", settings.band_mm, 0.0..=200.0, "0 to 200 mm")?;
         within("margin_mm", settings.margin_mm, 0.0..=1000.0, "0 to 1000 mm")?;
@@ -68,7 +68,7 @@ impl Cube {
         let largest = bounds.min.iter().chain(bounds.max.iter()).fold(0.0f64, |m, c| m.max(c.abs()));
         within("largest coordinate", largest, 0.0..=MOST_MM, "up to 1e8 mm")?;
         let bounds = bounds.grown(settings.margin_mm);
-        // A surface that is one point still gets a cube, larger than rounding of its coordinates.
+        // A surface that is a single point still gets a cube, larger than the rounding of its coordinates.
         let edge = (bounds.max - bounds.min).max().max(1e-3).max(1e-6 * largest);
         let (spacing, cells) = match settings.resolution {
             Resolution::Cells(n) => {
@@ -95,12 +95,12 @@ impl Cube {
         self.spacing * self.cells as f64
     }
 
-    /// Bricks along an edge.
+    /// Number of bricks along an edge.
     pub(super) fn bricks(&self) -> usize {
         self.cells / EDGE
     }
 
-    /// The box.
+    /// The cube as a box, LPS mm.
     pub(super) fn domain(&self) -> Aabb {
         Aabb { min: self.origin, max: self.origin + Vector::repeat(self.edge()) }
     }
@@ -113,7 +113,7 @@ impl Cube {
         }
     }
 
-    /// Refuses what needs more than [`MOST_SAMPLES`].
+    /// Refuses a field of more than [`MOST_SAMPLES`].
     pub(super) fn allow(&self, samples: u64) -> Result<(), FieldError> {
         if samples <= MOST_SAMPLES {
             return Ok(());

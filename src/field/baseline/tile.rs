@@ -7,9 +7,9 @@ use rayon::prelude::*;
 
 /// Nodes of a tile.
 pub(super) const TILE: usize = EDGE * EDGE * EDGE;
-/// Boxes are tested in groups of so many; any vector's length divides it.
+/// Number of boxes tested together; every vector length divides it.
 const GROUP: usize = 16;
-/// Boxes closer to a block than this share of the largest distance of a node are taken first.
+/// Boxes closer to a block than this share of the largest distance of a node are processed first.
 const CLOSE: f32 = 0.5;
 
 /// Box around a triangle, mm from the lattice's origin.
@@ -27,11 +27,11 @@ pub(super) struct Tile {
     pub(super) nearest_to_first: u32,
 }
 
-/// Samples the signed distance on a lattice, tile by tile of 8³ nodes.
+/// Samples the signed distance on a lattice, by tiles of 8³ nodes.
 ///
-/// A block of 4³ nodes takes into account the triangles whose box comes within reach of it (the partial field's region of
-/// influence) and within the largest distance that one of its nodes still has.
-/// Values are exact up to the reach, within the rounding of `f32`; beyond they are distances to some of the triangles.
+/// A block of 4³ nodes considers the triangles whose box is within reach of it (the partial field's region of influence) and
+/// closer than the largest current distance of its nodes. Values are exact up to the reach, within the rounding of `f32`; beyond
+/// they are distances to some of the triangles.
 #[derive(Debug)]
 pub(super) struct Sampler {
     origin: Point,
@@ -50,21 +50,21 @@ pub(super) struct Scratch {
     /// Boxes within reach of the row of tiles, and of the tile.
     row: Vec<Boxed>,
     near: Vec<Boxed>,
-    /// Those of the tile by axis, padded to full groups: centres, then half widths.
+    /// Boxes of the tile by axis, padded to full groups: centres, then half widths.
     sides: [Vec<f32>; 6],
-    /// Squares of the smallest distances of the boxes from a block, mm².
+    /// Squares of the smallest distances between the boxes and a block, mm².
     least_sq: Vec<f32>,
-    /// Places in `near` of the candidates of a block.
+    /// Indices in `near` of the candidates of a block.
     order: Vec<u32>,
 }
 
 impl Sampler {
-    /// Node (i, j, k) lies at `origin + spacing (i, j, k)`; `reach` in mm.
+    /// Prepares sampling; node (i, j, k) lies at `origin + spacing (i, j, k)`, and `reach` is in mm.
     pub(super) fn new(surface: &TriMesh, origin: Point, spacing: f64, reach: f64) -> Self {
         let normals = Pseudonormals::new(surface);
         let corners: Vec<[Point; 3]> = (0..surface.triangles().len()).map(|t| surface.corners(t)).collect();
         let shapes = corners.par_iter().map(Shape::new).collect();
-        // Room for the rounding of positions to single precision.
+        // Allows for the rounding of positions to single precision.
         let extent = surface.bounds().diagonal() + spacing * EDGE as f64 + (surface.bounds().min - origin).norm();
         let slack = 1e-6 * extent;
         let boxes = corners
@@ -115,7 +115,7 @@ impl Sampler {
         for a in 0..3 {
             for (side, value) in [(a, &near[0].center), (3 + a, &near[0].half)] {
                 sides[side].clear();
-                // Copies of the first box do no harm.
+                // Padding repeats the first box, which changes no result.
                 sides[side].resize(n_padded, value[a]);
             }
             for (n, b) in near.iter().enumerate() {
@@ -152,7 +152,7 @@ impl Sampler {
         tile
     }
 
-    /// The nearest of the tile's triangles for each node of the block whose first node is at `offset` from the origin.
+    /// The nearest triangles of the nodes of the block with its first node at `offset` from the origin.
     #[inline(always)]
     fn nearest<S: Simd>(&self, simd: S, offset: &Vector, block: &mut Block, scratch: &mut Scratch) {
         let Scratch { near, sides, least_sq, order, .. } = scratch;
@@ -163,11 +163,11 @@ impl Sampler {
         let first_node = self.origin + offset;
         block.clear();
         block.add(simd, &self.shapes[near[first].id as usize], &first_node, (&near[first], &start));
-        // A block beyond reach of all makes do with the first.
+        // A block with all boxes out of reach uses only the first candidate.
         let worst_sq = block.worst_sq(simd).min(self.reach * self.reach);
         order.clear();
         order.extend((0..near.len() as u32).filter(|&n| least_sq[n as usize] < worst_sq && n as usize != first));
-        // Those close by first: they leave less for the others.
+        // Close boxes come first, because they exclude many of the others.
         let close_sq = CLOSE * CLOSE * worst_sq;
         for close in [true, false] {
             for &n in order.iter().filter(|&&n| (least_sq[n as usize] < close_sq) == close) {
@@ -178,7 +178,7 @@ impl Sampler {
     }
 }
 
-/// Squares of the smallest distances of boxes from a cube, mm², and the box whose middle is closest to the cube's.
+/// Squared smallest distances of boxes from a cube, mm², and the box with the closest middle.
 #[inline(always)]
 fn measure<S: Simd>(simd: S, sides: &[Vec<f32>; 6], middle: [f32; 3], half: f32, least_sq: &mut Vec<f32>) -> usize {
     let [cx, cy, cz, hx, hy, hz] = sides;
@@ -211,7 +211,7 @@ fn measure<S: Simd>(simd: S, sides: &[Vec<f32>; 6], middle: [f32; 3], half: f32,
     closest
 }
 
-/// Fills a tile; a type of its own so that all of it is compiled for the processor's vectors.
+/// Work that fills a tile; a type, so that all of it is compiled for the processor's vectors.
 struct Fill<'a> {
     sampler: &'a Sampler,
     at: [usize; 3],

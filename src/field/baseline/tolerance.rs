@@ -1,12 +1,12 @@
 use super::packed::Codec;
 
-/// When a cell need not be divided.
+/// Condition under which a cell need not be divided.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Predicate {
     pub(super) codec: Codec,
     /// Largest difference allowed at the corners of the children, mm.
     pub(super) tolerance: f32,
-    /// Cells beyond the band are not divided, mm.
+    /// Half-width of the band, mm; cells beyond it are not divided.
     pub(super) band: f32,
 }
 
@@ -16,8 +16,9 @@ impl Predicate {
         corners.iter().any(|v| v.abs() <= self.band)
     }
 
-    /// Whether the trilinear interpolant of a cell's eight corners, as stored, is within the tolerance at the 27 corners of
-    /// its children (x fastest; Wang 2009, adaptive sampling).
+    /// Whether the trilinear interpolant of a cell's stored corners fits its children.
+    ///
+    /// It fits when it is within the tolerance at all 27 `corners` of the children (x fastest; Wang 2009, adaptive sampling).
     pub(super) fn fits(&self, corners: &[f32; 27]) -> bool {
         let mut interpolated = *corners;
         for c in [0, 2, 6, 8, 18, 20, 24, 26] {

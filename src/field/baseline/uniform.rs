@@ -9,11 +9,11 @@ use prosopon_geometry::{Aabb, Implicit, Point, TriMesh, Vector};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Signed distances on a dense grid, interpolated trilinearly: continuous, with a gradient that jumps between cells.
+/// Signed distances on a dense grid with trilinear interpolation.
 ///
-/// Samples lie in the middle of the cells of the bounding cube. Within the band they are exact; beyond, the field is
-/// interpolated between every eighth sample, so it keeps growing. Outside the cube it is the value at the closest point of the
-/// cube plus the distance from there.
+/// The field is continuous; its gradient jumps between cells. Samples lie in the middle of the cells of the bounding cube. Within
+/// the band they are exact; beyond it the field is interpolated between every eighth sample, so it keeps growing. Outside the
+/// cube the value is that at the closest point of the cube plus the distance from there.
 ///
 /// # Source
 /// A. Fuhrmann, G. Sobottka, C. Groß, Distance fields for rapid collision detection in physically based modeling, 2003; signs
@@ -23,12 +23,12 @@ pub struct UniformField {
     cube: Cube,
     /// Half-width of the band, mm.
     band: f64,
-    /// x fastest, mm.
+    /// Samples, x fastest, mm.
     values: Vec<f32>,
 }
 
 impl UniformField {
-    /// Builds the field of `surface`; the tolerance does not matter.
+    /// Builds the field of `surface`; ignores the tolerance.
     ///
     /// # Errors
     /// [`FieldError`] for settings out of range, too much memory, or cancellation.
@@ -137,7 +137,7 @@ impl UniformField {
         let mut base = [0usize; 3];
         let mut t = [0.0; 3];
         for a in 0..3 {
-            // The outer half of the outermost cells continues its neighbour.
+            // In the outer half of the outermost cells the nearest two samples are extrapolated.
             base[a] = (from_first[a].max(0.0) as usize).min(n - 2);
             t[a] = from_first[a] - base[a] as f64;
         }

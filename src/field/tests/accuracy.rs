@@ -34,7 +34,8 @@ fn exact_distances_and_winding_numbers_agree_with_brute_force() {
 
 #[test]
 fn a_sphere_far_from_the_origin_has_its_closed_form() {
-    // A faceted sphere lies up to r (1 - cos 1.1°) = 0.004 mm inside the round one; the spline adds h² times the curvature's change.
+    // A faceted sphere lies up to r (1 - cos 1.1°) = 0.004 mm inside the round one. The error of the spline is h² times the
+    // change of curvature.
     for center in [Point::origin(), Point::new(1e5, -1e5, 1e5)] {
         let (field, report) = built(&sphere(center, 20.0, 5), 0.8, 3.0);
         assert!(report.warnings.is_empty(), "{:?}", report.warnings);
@@ -69,15 +70,15 @@ fn a_box_is_sharp_to_a_fraction_of_the_spacing() {
             n += 1.0;
         }
     }
-    // Next to an edge no C1 function with this spacing does better than some 0.1 h.
+    // Next to an edge no C1 function of this spacing is more accurate than about 0.1 h.
     assert!(max < 0.12 && (sum / n).sqrt() < 0.012, "{max} {}", (sum / n).sqrt());
-    // Two thirds of the report's points lie on edges and on the medial axis, the worst places there are.
+    // Two thirds of the report's points lie on edges and on the medial axis, where the error is largest.
     assert!(report.max_error_mm < 0.2 && report.rms_error_mm < 0.06, "{report:?}");
 }
 
 #[test]
 fn the_error_of_a_sphere_falls_with_the_third_power_of_the_spacing_near_the_surface() {
-    // Small enough that the spline's error stands above the rounding of its coefficients.
+    // The sphere is small enough that the spline's error exceeds the rounding of its coefficients.
     let mesh = sphere(Point::origin(), 5.0, 6);
     let exact = ExactDistance::new(&mesh);
     let rms = [1.6, 0.8].map(|spacing| {

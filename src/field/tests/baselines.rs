@@ -6,7 +6,7 @@ use crate::{
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Implicit, Motion, Point, TriMesh, Vector};
 
-/// Every published method, by name.
+/// The fields of all published methods, with their names and reports.
 fn built(mesh: &TriMesh, settings: &SampledSettings) -> Vec<(&'static str, Box<dyn Implicit>, SampledReport)> {
     let control = Control::new();
     let uniform = UniformField::build(mesh, settings, &control).unwrap();
@@ -28,7 +28,7 @@ fn settings(spacing_mm: f64, tolerance_mm: f64) -> SampledSettings {
     }
 }
 
-/// Largest difference from `distance` in the band, at random points around `center`; the sign must be right off the surface.
+/// Largest difference from `distance` at random points of the band; checks the sign off the surface.
 fn largest_error(name: &str, field: &dyn Implicit, center: Point, half: f64, distance: impl Fn(&Point) -> f64) -> f64 {
     let mut random = Random(3);
     let (mut largest, mut near) = (0.0f64, 0);
@@ -50,15 +50,15 @@ fn largest_error(name: &str, field: &dyn Implicit, center: Point, half: f64, dis
 #[test]
 fn sphere_box_and_torus_have_their_closed_forms() {
     let center = Point::new(1e3, -2e3, 5e2);
-    // Trilinear interpolation of a function of curvature 1/r misses by at most 3 h²/8r: 0.012 mm at 10 mm for h = 0.58,
-    // 0.05 mm at the inner side of the band; 0.02 mm more for the facets and the tolerance.
+    // Trilinear interpolation of a function of curvature 1/r is off by at most 3 h²/8r: 0.012 mm at 10 mm for h = 0.58, and
+    // 0.05 mm at the inner side of the band. The facets and the tolerance add 0.02 mm.
     let mesh = sphere(center, 10.0, 4);
     for (name, field, report) in built(&mesh, &settings(0.58, 0.01)) {
         assert!(report.warnings.is_empty(), "{:?}", report.warnings);
         let error = largest_error(name, field.as_ref(), center, 14.0, |p| (p - center).norm() - 10.0);
         assert!(error < 0.06, "{name}: {error}");
     }
-    // At edges the gradient jumps by √2: half a diagonal of a cell times that is never reached, h/2 is.
+    // At edges the gradient jumps by √2. The error stays below half a cell's diagonal times that; it reaches h/2.
     let half = Vector::new(9.0, 6.0, 4.0);
     let mesh = block(center, half);
     for (name, field, _) in built(&mesh, &settings(0.58, 0.01)) {
@@ -71,14 +71,14 @@ fn sphere_box_and_torus_have_their_closed_forms() {
             let q = p - center;
             (q.xy().norm() - 9.0).hypot(q.z) - 3.5
         });
-        // On the core circle the distance has a cone's tip: it misses by up to half a diagonal, √3 h / 2, times the slope.
+        // At the core circle the distance has a cone's tip: the error is up to half a diagonal, √3 h / 2, times the slope.
         assert!(error < 0.87 * 0.58, "{name}: {error}");
     }
 }
 
 #[test]
 fn samples_agree_with_the_exact_distance() {
-    // A coarse tolerance of zero: every value near a node is that of the node, whose distance is exact.
+    // With a tolerance of nearly zero a value near a node is that of the node, whose distance is exact.
     let mesh = joined(&sphere(Point::origin(), 8.0, 3), &block(Point::new(14.0, 0.0, 0.0), Vector::new(3.0, 2.0, 5.0)));
     let exact = ExactDistance::new(&mesh);
     let s = settings(0.7, 1e-4);
@@ -118,7 +118,7 @@ fn a_smaller_tolerance_or_spacing_never_costs_less_and_an_octree_costs_less_than
 fn deep_and_far_points_are_finite_and_lead_out() {
     let mesh = sphere(Point::new(2.0, 0.0, 0.0), 25.0, 4);
     for (name, field, _) in built(&mesh, &settings(1.0, 0.05)) {
-        // Along a ray from deep inside to far outside the value must grow from step to step.
+        // Along a ray from deep inside to far outside the value must grow at every step.
         let mut last = f64::NEG_INFINITY;
         for step in 1..60 {
             let p = Point::new(2.0 + 2.0 * f64::from(step), 0.3, -0.2);
@@ -148,7 +148,7 @@ fn the_gradient_is_the_derivative_of_the_value() {
                 wrong += usize::from((slope - gradient[a]).abs() > 1e-4);
             }
         }
-        // A difference across a face between cells is none.
+        // A finite difference across a face between cells is not a derivative.
         assert!(wrong <= 2, "{name}: {wrong}");
     }
 }
@@ -164,7 +164,7 @@ fn a_rigid_motion_of_the_query_is_one_of_the_mesh() {
         for _ in 0..1000 {
             let p = random.point(Point::origin(), 13.0);
             let d = ((p.coords.xy().norm() - 9.0).hypot(p.z) - 3.5).abs();
-            // Two grids: the difference is at most twice the error of one.
+            // The two grids differ by at most twice the error of one.
             if d < 2.5 {
                 assert!((fixed.value(&p) - moved.value(&(motion * p))).abs() < 0.12, "{name} at {p}");
             }
@@ -222,13 +222,13 @@ fn broken_surfaces_give_finite_fields() {
                 let (value, gradient) = field.value_gradient(&at);
                 assert!(value.is_finite() && gradient.iter().all(|g| g.is_finite()), "{name} of {what} at {at}");
                 let exact = (ExactDistance::new(mesh).closest(&at).2 - value.abs()).abs();
-                // Far from the band values are interpolated between every eighth node: off by up to half a diagonal, 7 h.
+                // Far from the band values are interpolated between every eighth node: the error is up to half a diagonal, 7 h.
                 let is_inside = mesh.bounds().grown(4.0).contains(&at);
                 assert!(!is_inside || exact < 7.0 * report.spacing_mm, "{name} of {what}: {exact} at {at}");
             }
         }
     }
-    assert!(built(&surfaces[8].1, &settings(1.0, 0.05))[0].2.warnings.iter().any(|w| w.contains("share their place")));
+    assert!(built(&surfaces[8].1, &settings(1.0, 0.05))[0].2.warnings.iter().any(|w| w.contains("same position")));
     assert!(built(&surfaces[7].1, &settings(1.0, 0.05))[1].2.warnings.iter().any(|w| w.contains("open")));
 }
 
@@ -272,7 +272,7 @@ fn one_type_holds_a_field_of_any_method_and_reports_its_error() {
         assert!(report.max_error_mm < 0.15 && report.max_error_mm > 0.0, "{method:?}: {report:?}");
         assert!(report.bytes == field.bytes() && report.checked_points > 3000);
         assert!(field.domain().contains(&Point::new(-9.0, 2.0, 3.0)));
-        // A query in the segment's frame is a moved segment.
+        // A query in the segment's frame gives the field of the moved segment.
         let motion = Motion::translation(5.0, 0.0, 0.0);
         let p = Point::new(18.0, 2.0, 3.0);
         assert!((field.value(&motion.inverse_transform_point(&p)) - 2.0).abs() < 0.1);

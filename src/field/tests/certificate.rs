@@ -3,7 +3,7 @@ use crate::{Accuracy, DistanceField, ExactDistance, FieldSettings, sample_points
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Implicit, Point, TriMesh, Vector};
 
-/// A solid with sharp edges, a thin plate, and a sphere that cuts through both.
+/// A solid with sharp edges, a thin plate, and a sphere that intersects both.
 fn rough() -> TriMesh {
     let solid = block(Point::origin(), Vector::new(9.0, 6.0, 4.0));
     let plate = block(Point::new(0.0, 0.0, 9.0), Vector::new(8.0, 7.0, 0.3));
@@ -22,7 +22,7 @@ fn no_point_of_the_surface_exceeds_the_bound_and_it_is_not_loose() {
         let mut largest = 0.0f64;
         for n in 0..200_000 {
             let [a, b, c] = mesh.corners(n % mesh.triangles().len());
-            // Inside, on an edge, at a vertex.
+            // A point inside the triangle, on an edge, or at a vertex.
             let (u, v) = match n % 4 {
                 0 => (random.unit(), 0.0),
                 1 => (0.0, 0.0),
@@ -31,7 +31,7 @@ fn no_point_of_the_surface_exceeds_the_bound_and_it_is_not_loose() {
             let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
             largest = largest.max(field.value(&(a + (b - a) * u + (c - a) * v)).abs());
         }
-        // Parts are divided until the bound is a twentieth above the largest value at their middles; random points miss it by more.
+        // Division stops when the bound is a twentieth above the largest value at middles; random points find smaller values.
         assert!(largest <= bound && bound < 1.25 * largest, "{largest} {bound}");
     }
 }
@@ -49,10 +49,10 @@ fn no_point_of_the_band_exceeds_the_bound_and_it_is_not_loose() {
         let bound = field.band_bound(&mesh, &exact, (band_mm, on_surface), &|| true, &control).unwrap().unwrap();
         assert_eq!(bound.share, 1.0);
         let bound = bound.bound_mm;
-        // Other points than those that the bound was started from: random, on faces, on edges, on the medial axis.
+        // Points other than those that started the bound: random, on faces, on edges, on the medial axis.
         let points = sample_points(&mesh, &exact, band_mm, 77_777, &control).unwrap();
         let largest = Accuracy::measure(&field, &exact, &points, &control).unwrap().max_error_mm;
-        // Cubes are divided until the bound is a tenth above what was seen, or 0.7 spacings.
+        // Division stops when the bound is a tenth above the largest error seen, or below 0.7 spacings.
         let enough = (1.15 * largest).max(0.7 * spacing_mm) + 1e-9;
         assert!(largest <= bound && bound <= enough, "{largest} {bound}");
     }

@@ -8,16 +8,16 @@ use prosopon_geometry::{Implicit, Point, TriMesh, Vector};
 const SPACING_MM: f64 = 0.5;
 const BAND_MM: f64 = 2.0;
 
-/// Largest error within the band allowed to a dense grid and octrees, and to the adaptive method, in spacings.
+/// Largest errors allowed in the band for sampled fields and for the adaptive method, in spacings.
 ///
-/// On smooth parts interpolation misses by 3 h²/8r. Where the gradient turns round (edges, tips, the medial axis) a trilinear
-/// function misses by at most half a cell's diagonal, 0.87 h, and splines round off some 0.4 h.
+/// On smooth parts interpolation is off by 3 h²/8r. Where the gradient jumps (edges, tips, the medial axis) a trilinear function
+/// is off by at most half a cell's diagonal, 0.87 h, and splines by about 0.4 h.
 struct Allowed {
     sampled: f64,
     adaptive: f64,
 }
 
-/// Compares every method with `distance` at points of the band within `half` of `center`, half of them close to `focus`.
+/// Compares every method with `distance` at points of the band, half of them near `focus`.
 fn check(mesh: &TriMesh, half: f64, focus: Point, allowed: &Allowed, distance: impl Fn(&Point) -> f64) {
     for (method, field, report) in fields(mesh, SPACING_MM, BAND_MM) {
         assert!(report.regions.is_empty() && report.warnings.is_empty(), "{method:?}: {report:?}");
@@ -76,7 +76,7 @@ fn a_plate_of_half_a_millimetre() {
 
 #[test]
 fn the_tip_of_a_cone() {
-    // Flat sides lie up to r (1 - cos π/n) = 0.0003 mm inside the round ones.
+    // The flat sides lie up to r (1 - cos π/n) = 0.0003 mm inside the round ones.
     let mesh = cone(4.0, 8.0, 256);
     check(&mesh, 8.0, Point::origin(), &Allowed { sampled: 0.75, adaptive: 0.5 }, |p| cone_distance(4.0, 8.0, p));
 }
@@ -88,7 +88,7 @@ fn two_tetrahedra_that_touch_at_a_corner() {
     let a = tetrahedron([o, at(6.0, -3.0, -3.0), at(6.0, 4.0, -2.0), at(5.0, 0.0, 4.0)]);
     let b = tetrahedron([o, at(-6.0, -3.0, -3.0), at(-5.0, 0.0, 4.0), at(-6.0, 4.0, -2.0)]);
     assert!(a.volume() > 0.0 && b.volume() > 0.0);
-    // The corner once: it belongs to both.
+    // The shared corner is stored once.
     let mut triangles = joined(&a, &b).triangles().to_vec();
     triangles.iter_mut().flatten().filter(|v| **v == 4).for_each(|v| *v = 0);
     let mesh = TriMesh::new(joined(&a, &b).positions().to_vec(), triangles).unwrap();

@@ -4,27 +4,27 @@ use prosopon_geometry::{Implicit, Point, TriMesh, Vector};
 
 const BAND_MM: f64 = 1.5;
 const SPACING_MM: f64 = 0.5;
-/// Distance of neighbouring samples on a line, mm.
+/// Distance between neighbouring samples on a line, mm.
 const STEP_MM: f64 = 0.002;
 
-/// A ball beside a plate of 0.5 mm: cells of every size.
+/// A ball beside a plate of 0.5 mm, which produces cells of every size.
 fn surface() -> TriMesh {
     let plate = block(Point::new(8.5, 0.1, 0.2), Vector::new(3.0, 3.0, 0.25));
     joined(&sphere(Point::origin(), 4.0, 4), &plate)
 }
 
-/// Largest jump of value along random lines, beyond what gradients on both sides of a step explain, and where it is; only at places
-/// that `counts` wants.
+/// Largest jump of the value along random lines, and where it is; only at points that `counts` accepts.
 ///
-/// Over a step within which a continuous function has one kink its change lies between the steps with the two gradients;
-/// curvature, at most some 10 / h, adds a little: 10 / 0.25 mm × step² = 2e-4 mm.
+/// A jump is a change that the gradients on both sides of a step do not explain. A continuous function with at most one kink in a
+/// step changes by an amount between the steps with the two gradients. Curvature of at most about 10 / h adds
+/// 10 / 0.25 mm × step² = 2e-4 mm.
 fn largest_jump(field: &SignedField, counts: impl Fn(&Point) -> bool) -> (f64, Point) {
     let domain = field.domain();
     let size = domain.max - domain.min;
     let mut random = Random(50);
     let mut largest = (0.0, domain.min);
     for _ in 0..30 {
-        // Across the domain and a little beyond.
+        // The line crosses the domain and extends a little beyond it.
         let [from, to] = [0, 1].map(|_| domain.min + size.map(|s| s * (1.1 * random.unit() - 0.05)));
         let n = ((to - from).norm() / STEP_MM) as usize;
         let step = (to - from) / n as f64;
@@ -55,8 +55,8 @@ fn the_value_does_not_jump_between_cells_of_different_size() {
                 let (jump, at) = largest_jump(&field, |_| true);
                 assert!(jump < 2e-4, "{method:?}: {jump} at {at}");
             }
-            // The papers' octrees jump where a cell meets smaller ones: in the band by up to the tolerance of 0.01 mm on each side,
-            // beyond it by much more.
+            // The papers' octrees jump where a cell meets smaller ones: in the band by up to the tolerance of 0.01 mm on each
+            // side, beyond it by much more.
             Method::Frisken | Method::Hybrid => {
                 let (jump, at) = largest_jump(&field, |p| exact.closest(p).2 < BAND_MM);
                 assert!(jump < 0.02, "{method:?}: {jump} at {at}");
@@ -73,7 +73,7 @@ fn value_and_gradient_agree_on_both_sides_of_every_face_of_the_adaptive_field() 
     let mut random = Random(51);
     let (mut checked, mut bent) = ([0; 5], 0);
     for n in 0..60_000 {
-        // Faces of details (half a spacing), cells, and bricks.
+        // Faces of detail cells (half a spacing), of cells, and of bricks.
         let level = n % 5;
         let step = [0.5, 1.0, 4.0, 8.0, 16.0][level] * field.spacing_mm();
         let axis = n / 5 % 3;
@@ -85,12 +85,12 @@ fn value_and_gradient_agree_on_both_sides_of_every_face_of_the_adaptive_field() 
         let offset = Vector::ith(axis, 1e-9);
         let (v0, g0, h0) = field.value_gradient_hessian(&(p - offset));
         let (v1, g1, h1) = field.value_gradient_hessian(&(p + offset));
-        // What the derivatives themselves explain of the change over 2e-9 mm, and round-off.
+        // The derivatives explain this much of the change over 2e-9 mm; the rest is round-off.
         assert!((v1 - v0 - 1e-9 * (g0 + g1)[axis]).abs() < 1e-12, "{p}: {v0} {v1} {g0} {g1}");
         assert!((g1 - g0).norm() < 2e-9 * (h0.norm() + h1.norm()) + 1e-11, "{p}: {g0} {g1}");
         checked[level] += 1;
         bent += usize::from((h1 - h0).norm() > 1e-3);
     }
-    // Faces they are: the second derivative jumps there.
+    // The second derivative jumps there, so the points do lie on faces.
     assert!(checked.iter().all(|n| *n > 3000) && bent > 5000, "{checked:?} {bent}");
 }

@@ -2,11 +2,12 @@ use super::shapes::{Random, fields, torus};
 use crate::{ExactDistance, Method};
 use prosopon_geometry::{Implicit, Point, Vector};
 
-/// Spacings, each half of the one before, mm.
+/// Spacings; each is half of the one before, mm.
 const SPACINGS_MM: [f64; 3] = [1.6, 0.8, 0.4];
 
-/// RMS errors of every method at each spacing, at points up to 1.5 mm off a torus: away from its medial axis, and with facets so
-/// small that the surface is smooth for the spacing.
+/// RMS errors of every method at each spacing, at points up to 1.5 mm off a torus, mm.
+///
+/// The points are away from the medial axis, and the facets are so small that the surface is smooth at these spacings.
 fn errors() -> Vec<(Method, [f64; 3])> {
     let mesh = torus(Point::origin(), 6.0, 3.0, 160);
     let exact = ExactDistance::new(&mesh);
@@ -34,7 +35,8 @@ fn errors() -> Vec<(Method, [f64; 3])> {
 fn halving_the_spacing_reduces_the_error_at_the_order_of_the_method() {
     for (method, rms) in errors() {
         let order = (rms[0] / rms[2]).log2() / 2.0;
-        // Second differences of a trilinear function, third ones of a quadratic spline; the finest spacing sees the facets.
+        // The error is of second order for trilinear functions and of third for quadratic splines; facets limit the finest
+        // spacing.
         let expected = if method == Method::Adaptive { 3.0 } else { 2.0 };
         assert!((order - expected).abs() < 0.3, "{method:?}: {order} by {rms:?}");
         assert!(rms[2] < 0.01, "{method:?}: {rms:?}");

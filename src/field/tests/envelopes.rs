@@ -16,7 +16,7 @@ fn closed(mesh: &TriMesh, closing_mm: f64, least_sky: f64) -> Envelope {
     found
 }
 
-/// Two spheres 2 mm apart, with a round hole of radius `hole` at the top through both; the inner one is a cavity.
+/// Two spheres 2 mm apart, the inner one a cavity, with a hole of radius `hole` at the top of both.
 fn hollow_ball(hole: f64) -> TriMesh {
     let keep = |_: usize, c: [Point; 3]| c.iter().any(|p| p.z < 0.0 || p.x.hypot(p.y) > hole);
     let outer = filtered(&sphere(Point::origin(), 16.0, 4), keep);
@@ -49,12 +49,12 @@ fn openly_facing_bone_keeps_its_exact_distance() {
 
 #[test]
 fn a_cavity_with_a_narrow_opening_is_filled_and_reported() {
-    // Radius 1.5 mm is below the closing radius. The rim is open between the two spheres: the winding number closes it.
+    // Radius 1.5 mm is below the closing radius. The rim is open between the two spheres; the winding number closes it.
     let found = closed(&hollow_ball(1.5), 2.0, 0.0);
     let volume = found.surface.volume();
     assert!((volume / ball_volume(16.0) - 1.0).abs() < 0.02, "{volume}");
     assert!(found.warnings.iter().any(|w| w.contains("open")), "{:?}", found.warnings);
-    // The same closed ball tells how much was filled.
+    // The same ball without a hole gives the filled volume.
     let shell = joined(&sphere(Point::origin(), 16.0, 4), &flipped(&sphere(Point::origin(), 14.0, 4), |_| true));
     let found = closed(&shell, 2.0, 0.0);
     assert!(found.warnings.iter().any(|w| w.contains("cavities")), "{:?}", found.warnings);
@@ -67,11 +67,11 @@ fn a_wide_opening_stays_open_unless_what_lies_behind_sees_too_little_sky() {
     let open = closed(&cup, 2.0, 0.0);
     let shell = ball_volume(16.0) - ball_volume(14.0);
     assert!(open.surface.volume() < 1.3 * shell, "{} {shell}", open.surface.volume());
-    // The middle sees (1 - cos 24°) / 2 = 4 % of the sky.
+    // The middle sees (1 - cos 24°) / 2 = 4 % of all directions.
     let filled = closed(&cup, 2.0, 0.06);
     assert!(filled.grid.sample(&Point::origin()) < 0.0);
     assert!(filled.surface.volume() > 0.9 * ball_volume(16.0), "{}", filled.surface.volume());
-    // So it is when nothing is asked for: a sinus behind a wall with a hole is no place for tissue.
+    // The default settings fill it too: a sinus behind a wall with a hole must not count as tissue.
     let usual = envelope(&cup, &EnvelopeSettings::default(), &Control::new()).unwrap();
     assert!(usual.grid.sample(&Point::origin()) < 0.0);
 }

@@ -1,4 +1,4 @@
-//! Surfaces that break methods: each gives a right field or says what is wrong and where.
+//! Surfaces that break methods: each gives a correct field or a report of what is wrong and where.
 
 use super::shapes::{Random, block, fields, filtered, flipped, joined, rough_ball, sphere};
 use crate::{Doubt, ExactDistance, FieldReport, Method};
@@ -7,7 +7,7 @@ use prosopon_geometry::{GeometryError, Implicit, Motion, Point, TriMesh, Vector}
 const BAND_MM: f64 = 2.0;
 const SPACING_MM: f64 = 0.6;
 
-/// A thick shell like a skull's, cut through at z = 3 by the field of view.
+/// A thick shell like a skull's, cut at z = 3 by the field of view.
 fn open_skull() -> TriMesh {
     let shell = joined(&sphere(Point::origin(), 8.0, 4), &flipped(&sphere(Point::origin(), 6.0, 4), |_| true));
     filtered(&shell, |_, c| c.iter().all(|p| p.z < 3.0))
@@ -17,9 +17,11 @@ fn triangle(corners: [Point; 3]) -> TriMesh {
     TriMesh::new(corners.to_vec(), vec![[0, 1, 2]]).unwrap()
 }
 
-/// Checks every method: finite everywhere; in the band the magnitude is never more than a spacing above the distance, nor below where
-/// the sign does not jump nearby; an adaptive field's sign is that of the winding number where that is clear; and all report the
-/// same `doubts`, at places within the surface's box.
+/// Checks every method on `mesh`.
+///
+/// Values are finite everywhere. In the band the magnitude is never more than a spacing above the distance, nor more than a
+/// spacing below it where the sign does not jump nearby. An adaptive field's sign is that of the winding number where that is
+/// clear. All methods report the same `doubts`, at positions within the surface's box.
 fn check(mesh: &TriMesh, doubts: &[Doubt]) -> FieldReport {
     let exact = ExactDistance::new(mesh);
     let bounds = mesh.bounds();
@@ -41,7 +43,7 @@ fn check(mesh: &TriMesh, doubts: &[Doubt]) -> FieldReport {
                 continue;
             }
             assert!(value.abs() < d + SPACING_MM, "{method:?}: {value} instead of {d} at {p}");
-            // Pseudonormals may turn the sign anywhere on such surfaces, the winding number across openings.
+            // On such surfaces pseudonormals may give the wrong sign anywhere, the winding number across openings.
             let is_clear = if method == Method::Adaptive { (winding.abs() - 0.5).abs() > 0.3 } else { !jumps };
             if is_clear {
                 clear += 1;
@@ -63,7 +65,7 @@ fn check(mesh: &TriMesh, doubts: &[Doubt]) -> FieldReport {
 #[test]
 fn a_skull_cut_at_the_field_of_view() {
     let report = check(&open_skull(), &[Doubt::Open, Doubt::Ambiguous]);
-    // One rim outside, one inside: both at the cut.
+    // One rim outside and one inside, both at the cut.
     assert_eq!(report.regions[0].count, 2);
     assert!(report.regions[0].largest.iter().all(|rim| rim.bounds.min.z > 1.5 && rim.bounds.max.z < 3.0));
 }
@@ -100,7 +102,7 @@ fn triangles_without_area_and_a_needle_of_one_to_ten_thousand() {
     let mut positions = block.positions().to_vec();
     positions.push(Point::new(0.0, -3.0, -3.0 + 0.0012));
     let triangles = block.triangles().iter().flat_map(|&[a, b, c]| {
-        // The side's triangle over the edge from corner 0 to corner 1 goes by the new vertex.
+        // The side's triangle over the edge from corner 0 to corner 1 is split at the new vertex.
         let side = [a, b, c].contains(&0) && [a, b, c].contains(&1) && [a, b, c].contains(&5);
         if side { vec![[a, b, 8], [b, c, 8], [c, a, 8]] } else { vec![[a, b, c]] }
     });
@@ -127,7 +129,7 @@ fn coordinates_of_a_million_millimetres() {
     let shift = Motion::translation(1e6, -1e6, 1e6);
     let far = ball.moved(&shift);
     check(&far, &[]);
-    // The same field, but for the vertices' rounding.
+    // The fields agree up to the rounding of the vertices.
     for ((method, here, _), (_, there, _)) in
         fields(&ball, SPACING_MM, BAND_MM).iter().zip(&fields(&far, SPACING_MM, BAND_MM))
     {

@@ -1,4 +1,4 @@
-//! What holds for any surface.
+//! Properties that hold for any surface.
 
 use super::shapes::{Random, fields, rough_ball, torus};
 use crate::{ExactDistance, Method, SignedField};
@@ -15,7 +15,7 @@ fn points_of_the_band(exact: &ExactDistance, seed: u64, n: usize) -> Vec<Point> 
     points.filter(|p| exact.closest(p).2 < 0.9 * BAND_MM).take(n).collect()
 }
 
-/// A ball with dents and spikes, a sharp edge between any two triangles.
+/// A ball with dents and spikes, with a sharp edge between any two triangles.
 fn surfaces() -> impl Strategy<Value = TriMesh> {
     (any::<u64>(), 3.5..6.0, 0.0..0.25)
         .prop_map(|(seed, radius, roughness)| rough_ball(Point::origin(), radius, roughness, seed))
@@ -69,7 +69,7 @@ proptest! {
                         (field.value(&(p + step)) - field.value(&(p - step))) / (2.0 * step.norm())
                     })
                 };
-                // A difference across a face between cells is none of a derivative: there the two steps disagree.
+                // A finite difference across a face between cells is not a derivative: there the two steps disagree.
                 let (wide, narrow) = (slope(1e-5), slope(1e-6));
                 if (wide - narrow).norm() > 1e-5 {
                     faces += 1;
@@ -90,13 +90,13 @@ proptest! {
                 let [u, v] = [0, 1].map(|_| std::f64::consts::TAU * random.unit());
                 let away = Vector::new(u.cos() * v.cos(), u.sin() * v.cos(), v.sin());
                 let core = Point::new(6.0 * u.cos(), 6.0 * u.sin(), 0.0);
-                // From 1 mm beside the core circle on, where the direction jumps.
+                // Points start 1 mm off the core circle, where the direction jumps.
                 (motion * (core + away * (1.0 + 3.5 * random.unit())), motion.rotation * away)
             })
             .collect();
         for (method, field, _) in fields(&mesh, SPACING_MM, BAND_MM) {
-            // Facets turn by 360° / 96 = 0.07; over a cell the direction turns by up to h / 1 mm at the core, half of which a
-            // trilinear function's gradient is off.
+            // Facets turn by 360° / 96 = 0.07. Over a cell the direction turns by up to h / 1 mm at the core; the gradient of a
+            // trilinear function is off by half of that.
             let limit = if method == Method::Adaptive { 0.2 } else { 0.5 };
             for (p, direction) in &probes {
                 let gradient = field.value_gradient(p).1;

@@ -20,7 +20,7 @@ fn closed_consistent_surfaces_have_none() {
     for seed in 0..4 {
         assert_eq!(found(&rough_ball(Point::new(1e3, 2.0, -5.0), 5.0, 0.25, seed)), []);
     }
-    // With a cavity, and two parts.
+    // A sphere with a cavity, and a surface of two parts.
     let hollow = joined(&sphere(Point::origin(), 7.0, 3), &flipped(&sphere(Point::origin(), 4.0, 3), |_| true));
     assert_eq!(found(&joined(&hollow, &block(Point::new(15.0, 0.0, 0.0), Vector::repeat(2.0)))), []);
 }
@@ -30,12 +30,12 @@ fn a_hole_has_its_rim_area_and_place() {
     let hole = Point::new(0.0, 0.0, 8.0);
     let bowl = filtered(&sphere(Point::origin(), 8.0, 4), |_, c| c.iter().any(|p| (p - hole).norm() > 3.0));
     let regions = found(&bowl);
-    // Its lid is seen edge-on from the triangles next to it: their sides are clear.
+    // The triangles next to the lid see it edge-on, so the winding numbers at their sides are clear.
     assert_eq!(kinds(&regions), [Doubt::Open]);
     let open = &regions[0];
     assert_eq!((open.count, open.largest.len()), (1, 1));
     let missing = sphere(Point::origin(), 8.0, 4).area() - bowl.area();
-    // A flat lid over a cap of radius 3 mm on a sphere of 8 mm is a little smaller than the cap.
+    // A flat lid over a cap of radius 3 mm on a sphere of 8 mm is slightly smaller than the cap.
     assert!(open.area_mm2 < missing && open.area_mm2 > 0.9 * missing, "{} {missing}", open.area_mm2);
     let bounds = open.largest[0].bounds;
     assert!((bounds.center() - Point::new(0.0, 0.0, 7.4)).norm() < 0.3 && bounds.diagonal() < 9.0, "{bounds:?}");
@@ -52,7 +52,7 @@ fn a_patch_and_a_part_that_look_the_other_way_are_inverted_with_their_place() {
     let inverted = of(&regions, Doubt::Inverted);
     assert_eq!((inverted.count, inverted.elements), (1, n));
     assert!((inverted.largest[0].bounds.center() - place).norm() < 0.3);
-    // Nothing is open: the rim of the patch only runs the same way twice.
+    // Nothing is open: the rim of the patch only counts twice.
     assert!(!kinds(&regions).contains(&Doubt::Open));
 
     let beside = flipped(&block(Point::new(20.0, 0.0, 0.0), Vector::repeat(3.0)), |_| true);
@@ -69,7 +69,7 @@ fn what_lies_within_another_part_is_buried_and_sheets_bound_nothing() {
     let regions = found(&crossing);
     assert_eq!(kinds(&regions), [Doubt::Buried]);
     assert_eq!(regions[0].count, 2);
-    // Each cap within the other sphere has area 2π r (r - 3) = 62.8 mm².
+    // Each cap inside the other sphere has the area 2π r (r - 3) = 62.8 mm².
     assert!((regions[0].area_mm2 / 125.7 - 1.0).abs() < 0.05, "{}", regions[0].area_mm2);
 
     let sheet = TriMesh::new(
@@ -77,7 +77,7 @@ fn what_lies_within_another_part_is_buried_and_sheets_bound_nothing() {
         vec![[0, 1, 2]],
     );
     let sheet = sheet.unwrap();
-    // Seen from its middle a triangle is half the sky on one side, minus half on the other.
+    // At its middle a triangle has the winding number one half on one side and minus one half on the other.
     assert_eq!(kinds(&found(&sheet)), [Doubt::Open, Doubt::Ambiguous]);
     let both = joined(&sheet, &flipped(&sheet, |_| true));
     assert_eq!(kinds(&found(&both)), [Doubt::Copy]);

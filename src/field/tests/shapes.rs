@@ -5,7 +5,7 @@ use prosopon_geometry::control::Control;
 use prosopon_geometry::{Point, TriMesh, Vector};
 use std::collections::BTreeMap;
 
-/// Sphere around `center`: an icosahedron divided `levels` times.
+/// Sphere around `center`: an icosahedron subdivided `levels` times.
 pub(super) fn sphere(center: Point, radius: f64, levels: usize) -> TriMesh {
     let g = (1.0 + 5f64.sqrt()) / 2.0;
     let mut p: Vec<Vector> = [
@@ -64,7 +64,7 @@ pub(super) fn sphere(center: Point, radius: f64, levels: usize) -> TriMesh {
     TriMesh::new(p.into_iter().map(|v| center + v * radius).collect(), t).unwrap()
 }
 
-/// Box with half-sizes `half`, two triangles a face.
+/// Box with half-sizes `half`, two triangles per face.
 pub(super) fn block(center: Point, half: Vector) -> TriMesh {
     let p = (0..8)
         .map(|n| {
@@ -105,7 +105,7 @@ pub(super) fn torus_distance(center: Point, large: f64, small: f64, p: &Point) -
     (q.xy().norm() - large).hypot(q.z) - small
 }
 
-/// Cone with its tip at the origin, axis z, base at -`height`, `n` sides.
+/// Cone with its tip at the origin, axis along z, base at -`height`, and `n` sides.
 pub(super) fn cone(radius: f64, height: f64, n: u32) -> TriMesh {
     let mut p = vec![Point::origin(), Point::new(0.0, 0.0, -height)];
     p.extend((0..n).map(|i| {
@@ -119,7 +119,7 @@ pub(super) fn cone(radius: f64, height: f64, n: u32) -> TriMesh {
     TriMesh::new(p, t.collect()).unwrap()
 }
 
-/// Signed distance to [`cone`] with round sides: in the half plane of the axis it is that to a triangle.
+/// Signed distance to [`cone`] with round sides: that to a triangle in a half plane of the axis.
 pub(super) fn cone_distance(radius: f64, height: f64, p: &Point) -> f64 {
     let (r, z) = (p.coords.xy().norm(), p.z);
     let to_segment = |a: [f64; 2], b: [f64; 2]| {
@@ -133,12 +133,12 @@ pub(super) fn cone_distance(radius: f64, height: f64, p: &Point) -> f64 {
     if inside { -distance } else { distance }
 }
 
-/// Tetrahedron with its corners in the order that makes its volume positive.
+/// Tetrahedron with its corners in the order that gives a positive volume.
 pub(super) fn tetrahedron(corners: [Point; 4]) -> TriMesh {
     TriMesh::new(corners.to_vec(), vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]).unwrap()
 }
 
-/// Signed distance to a convex polyhedron: inside it is that to the nearest plane.
+/// Signed distance to a convex polyhedron; inside it is the distance to the nearest plane.
 pub(super) fn convex_distance(mesh: &TriMesh, p: &Point) -> f64 {
     let triangles = || (0..mesh.triangles().len()).map(|t| mesh.corners(t));
     let height = triangles()
@@ -150,7 +150,7 @@ pub(super) fn convex_distance(mesh: &TriMesh, p: &Point) -> f64 {
     triangles().map(|c| (crate::triangle::closest_point(p, &c) - p).norm()).fold(f64::INFINITY, f64::min)
 }
 
-/// Sphere of 320 triangles whose vertices are moved along their radius by a share of up to `roughness`.
+/// Sphere of 320 triangles with vertices moved along their radius by a share of up to `roughness`.
 pub(super) fn rough_ball(center: Point, radius: f64, roughness: f64, seed: u64) -> TriMesh {
     let ball = sphere(Point::origin(), radius, 2);
     let mut random = Random(seed);
@@ -159,7 +159,7 @@ pub(super) fn rough_ball(center: Point, radius: f64, roughness: f64, seed: u64) 
     ball.with_positions(moved).unwrap()
 }
 
-/// Fields of every method at this spacing (mm), and what is reported of them. The octrees' tolerance is 0.01 mm.
+/// Fields of all methods at this spacing (mm) with their reports; the octrees' tolerance is 0.01 mm.
 pub(super) fn fields(mesh: &TriMesh, spacing_mm: f64, band_mm: f64) -> Vec<(Method, SignedField, FieldReport)> {
     let field = FieldSettings { spacing_mm, band_mm, margin_mm: band_mm + 1.0 };
     let build = |method| {
@@ -170,19 +170,19 @@ pub(super) fn fields(mesh: &TriMesh, spacing_mm: f64, band_mm: f64) -> Vec<(Meth
     Method::ALL.map(build).into()
 }
 
-/// `mesh` with only the triangles that `keep` (index, corners) wants.
+/// `mesh` with only the triangles that `keep` (index, corners) accepts.
 pub(super) fn filtered(mesh: &TriMesh, keep: impl Fn(usize, [Point; 3]) -> bool) -> TriMesh {
     let t = mesh.triangles().iter().enumerate().filter(|(n, _)| keep(*n, mesh.corners(*n))).map(|(_, t)| *t).collect();
     TriMesh::new(mesh.positions().to_vec(), t).unwrap()
 }
 
-/// `mesh` with the triangles that `flip` wants turned over.
+/// `mesh` with the triangles flipped that `flip` accepts.
 pub(super) fn flipped(mesh: &TriMesh, flip: impl Fn(usize) -> bool) -> TriMesh {
     let t = mesh.triangles().iter().enumerate().map(|(n, &[a, b, c])| if flip(n) { [a, c, b] } else { [a, b, c] });
     TriMesh::new(mesh.positions().to_vec(), t.collect()).unwrap()
 }
 
-/// Both surfaces in one.
+/// Both surfaces in one mesh.
 pub(super) fn joined(a: &TriMesh, b: &TriMesh) -> TriMesh {
     let shift = a.positions().len() as u32;
     let positions = a.positions().iter().chain(b.positions()).copied().collect();
@@ -190,7 +190,7 @@ pub(super) fn joined(a: &TriMesh, b: &TriMesh) -> TriMesh {
     TriMesh::new(positions, triangles.collect()).unwrap()
 }
 
-/// Pseudo-random numbers in [0, 1), the same on every run.
+/// Pseudo-random numbers in [0, 1); the same on every run.
 pub(super) struct Random(pub(super) u64);
 
 impl Random {
@@ -199,7 +199,7 @@ impl Random {
         (self.0 >> 11) as f64 / (1u64 << 53) as f64
     }
 
-    /// Point of the cube with half-size `half` around `center`.
+    /// Random point of the cube with half-size `half` around `center`.
     pub(super) fn point(&mut self, center: Point, half: f64) -> Point {
         center + Vector::from_fn(|_, _| (2.0 * self.unit() - 1.0) * half)
     }

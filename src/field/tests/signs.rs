@@ -8,7 +8,9 @@ fn built(mesh: &TriMesh) -> (DistanceField, FieldReport) {
     DistanceField::build(mesh, &settings, &Control::new()).unwrap()
 }
 
-/// Points of the cube with half-size `half` whose sign by `field` is not that of `expected`, among those at least `clear` off.
+/// Number of points at least `clear` off the surface where the signs of `field` and `expected` differ.
+///
+/// The points are random in the cube with half-size `half`.
 fn wrong_signs(field: &DistanceField, half: f64, clear: f64, expected: impl Fn(&Point) -> f64) -> usize {
     let mut random = Random(5);
     (0..20_000)
@@ -24,7 +26,7 @@ fn wrong_signs(field: &DistanceField, half: f64, clear: f64, expected: impl Fn(&
 fn a_closed_block_has_no_wrong_sign() {
     let half = Vector::new(5.0, 3.0, 4.0);
     let (field, _) = built(&block(Point::origin(), half));
-    // Rounded edges: the spline cuts some 0.1 h there.
+    // The spline rounds edges by about 0.1 h.
     assert_eq!(wrong_signs(&field, 8.0, 0.05, |p| block_distance(Point::origin(), half, p)), 0);
 }
 
@@ -45,12 +47,12 @@ fn doubled_and_degenerate_triangles_change_nothing() {
     triangles.extend([triangles[0], triangles[5], [3, 3, 1], [2, 2, 2]]);
     let dirty = TriMesh::new(clean.positions().to_vec(), triangles).unwrap();
     let (field, report) = built(&dirty);
-    assert!(report.warnings.iter().any(|w| w.contains("copies")), "{:?}", report.warnings);
+    assert!(report.warnings.iter().any(|w| w.contains("duplicate")), "{:?}", report.warnings);
     assert!(report.warnings.iter().any(|w| w.contains("no area")), "{:?}", report.warnings);
     let mut random = Random(6);
     for _ in 0..2000 {
         let p = random.point(Point::origin(), 9.0);
-        // Beyond the band the nearest triangle may be another one that is at most 1 % farther.
+        // Beyond the band the result may be another triangle that is at most 1 % farther.
         let least = if block_distance(Point::origin(), half, &p).abs() < 2.0 { 1e-6 } else { 0.1 };
         assert!((field.value(&p) - reference.value(&p)).abs() < least);
     }
@@ -62,7 +64,7 @@ fn an_open_hemisphere_is_closed_where_the_winding_number_is_one_half() {
     let exact = ExactDistance::new(&bowl);
     let (field, report) = built(&bowl);
     assert!(report.warnings.iter().any(|w| w.contains("open")), "{:?}", report.warnings);
-    // The sign is the winding number's wherever that is clear; the jump across the opening is smoothed over a coarse cell.
+    // The sign is that of the winding number where that is clear; the jump across the opening is smoothed over a coarse cell.
     let mut random = Random(7);
     let mut inside = 0;
     for _ in 0..20_000 {
@@ -127,8 +129,8 @@ fn overlapping_and_nested_solids_are_one() {
     let overlapping = joined(&sphere(Point::new(-3.0, 0.0, 0.0), 5.0, 4), &sphere(Point::new(3.0, 0.0, 0.0), 5.0, 4));
     let exact = ExactDistance::new(&overlapping);
     let (field, _) = built(&overlapping);
-    // The parts of the surfaces inside the union are still distance zero: only the sign is the union's.
-    // Where they cross, the spline rounds the groove, and the sheets inside pull the value to 0: by up to half a spacing.
+    // Only the sign is that of the union; parts of the surfaces inside the union still have distance zero.
+    // Where the surfaces cross, the spline rounds the groove, and the sheets inside pull the value to 0 by up to half a spacing.
     assert_eq!(wrong_signs(&field, 9.0, 0.25, |p| exact.signed(p)), 0);
     let hollow = joined(&sphere(Point::origin(), 7.0, 4), &flipped(&sphere(Point::origin(), 4.0, 4), |_| true));
     let (field, report) = built(&hollow);
@@ -151,7 +153,7 @@ fn a_settled_distance_has_the_sign_of_the_winding_number_and_the_closest_point()
         let mut random = Random(10);
         let (mut turned, mut checked) = (0, 0);
         for n in 0..20_000 {
-            // Half of the points next to the surface.
+            // Half of the points are moved next to the surface.
             let mut p = random.point(Point::origin(), 8.0);
             if n % 2 == 0 {
                 let (closest, ..) = exact.closest(&p);
@@ -160,7 +162,7 @@ fn a_settled_distance_has_the_sign_of_the_winding_number_and_the_closest_point()
             let signed = exact.signed(&p);
             let settled = field.settled(&exact, &p);
             assert!((settled.closest - p).norm() - signed.abs() < 1e-9);
-            // Across an opening the sign jumps where the distance does not vanish: there the spline's own zero is as good.
+            // Across an opening the sign jumps where the distance does not vanish; there the spline's own zero is acceptable.
             if signed.abs() > 0.001 && (exact.winding_number(&p).abs() - 0.5).abs() > 0.2 {
                 assert_eq!(settled.distance < 0.0, signed < 0.0, "{p} {settled:?} {signed}");
                 turned += usize::from((field.value(&p) < 0.0) != (signed < 0.0));
@@ -168,7 +170,7 @@ fn a_settled_distance_has_the_sign_of_the_winding_number_and_the_closest_point()
             }
         }
         assert!(checked > 10_000, "{checked}");
-        // A field that needs no settling would make this an idle test.
+        // Fields that need no correction would make this test meaningless.
         assert!(turned > 0 || std::ptr::eq(mesh, &bowl), "{turned}");
     }
 }

@@ -7,7 +7,7 @@ use prosopon_geometry::{Point, Vector};
 
 #[test]
 fn every_part_of_a_triangle_and_every_vertex_has_one_site() {
-    // Triangles with a part each and with 1369.
+    // Triangles with one part each and triangles with 1369.
     let mesh = joined(&block(Point::origin(), Vector::new(9.0, 7.0, 5.0)), &sphere(Point::new(0.3, 14.0, 0.0), 5.0, 5));
     let exact = ExactDistance::new(&mesh);
     let settings = FieldSettings { spacing_mm: 0.4, band_mm: 1.0, margin_mm: 2.0 };

@@ -23,10 +23,10 @@ fn value_and_gradient_are_the_same_on_both_sides_of_cells_and_bricks() {
         for n in 0..6000 {
             let mut p = random.point(domain.center(), 10.0);
             let axis = n % 3;
-            // On a face between cells; every second one between bricks.
+            // The point lies on a face between cells, every second one on a face between bricks.
             let step = if n % 2 == 0 { 8.0 * h } else { h };
             p[axis] = domain.min[axis] + ((p[axis] - domain.min[axis]) / step).round() * step;
-            // Beyond the domain it is only continuous.
+            // Beyond the domain the field is only continuous.
             if !domain.grown(-0.1).contains(&p) {
                 continue;
             }
@@ -34,7 +34,7 @@ fn value_and_gradient_are_the_same_on_both_sides_of_cells_and_bricks() {
             offset[axis] = 1e-9;
             let (v0, g0, h0) = field.value_gradient_hessian(&(p - offset));
             let (v1, g1, h1) = field.value_gradient_hessian(&(p + offset));
-            // What the derivatives themselves explain of the change over 2e-9 mm, and round-off.
+            // The derivatives explain this much of the change over 2e-9 mm; the rest is round-off.
             assert!((v1 - v0 - 1e-9 * (g0 + g1)[axis]).abs() < 1e-12, "{p}: {v0} {v1} {g0} {g1}");
             assert!((g1 - g0).norm() < 2e-9 * (h0.norm() + h1.norm()) + 1e-11, "{p}: {g0} {g1}");
         }
@@ -64,7 +64,8 @@ fn gradient_and_hessian_are_the_derivatives_of_the_value_inside_and_beyond_the_d
                 // Across a face between cells the second derivative jumps.
                 crosses |= (h1 - h0).norm() > 1e-3;
             }
-            // Round-off 1e-15 times 40 mm over 2e-6, and the third derivative (some 10 / h²) times the step squared.
+            // Round-off is 1e-15 times 40 mm over 2e-6; the third derivative (about 10 / h²) adds its product with the squared
+            // step.
             assert!(worst.0 < 1e-6, "{p} {worst:?}");
             assert!(crosses || worst.1 < 1e-5, "{p} {worst:?}");
         }
@@ -104,7 +105,7 @@ fn vectors_of_the_processor_give_the_bits_of_plain_arithmetic() {
         let with_vectors = all(&field);
         field.without_vectors();
         assert_eq!(all(&field), with_vectors);
-        // One polynomial, whatever is asked of it.
+        // All queries evaluate the same polynomial.
         assert!(with_vectors.iter().all(|((v, g, _), (v1, g1), v2)| v == v1 && g == g1 && v == v2));
     }
 }

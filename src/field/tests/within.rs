@@ -26,13 +26,13 @@ fn in_the_box_the_field_is_that_of_the_whole_and_elsewhere_it_is_coarse_small_an
         let (value, gradient) = part.value_gradient(&p);
         assert!(value.is_finite() && gradient.norm() < 3.0);
         let d = exact.signed(&p);
-        // Nothing beyond the border matters farther than its sweeps carry: two of three nodes, and of three half ones.
+        // Missing bricks influence points only as far as the fit's sweeps carry: two of three nodes, and two of three half ones.
         if corner().grown(-7.0).contains(&p) {
             assert_eq!(part.value_gradient(&p), whole.value_gradient(&p));
             assert_eq!(part.is_fine_at(&p), whole.is_fine_at(&p));
             fine += 1;
         } else if !part.is_fine_at(&p) {
-            // A tube of 4 mm on a lattice of 4 mm.
+            // The tube of 4 mm is sampled on a lattice of 4 mm.
             assert!((value - d).abs() < 2.0, "{p}: {value} {d}");
             assert!(d.abs() < 2.0 || (value < 0.0) == (d < 0.0), "{p}: {value} {d}");
             coarse += 1;
@@ -50,7 +50,7 @@ fn the_field_is_smooth_across_the_border_of_the_box() {
     for n in 0..20_000 {
         let mut p = random.point(Point::origin(), 9.0);
         let axis = n % 3;
-        // On a face between bricks.
+        // The point lies on a face between bricks.
         let domain = field.domain();
         p[axis] = domain.min[axis] + ((p[axis] - domain.min[axis]) / 4.0).round() * 4.0;
         if !domain.grown(-0.1).contains(&p) {
@@ -59,7 +59,7 @@ fn the_field_is_smooth_across_the_border_of_the_box() {
         let offset = Vector::ith(axis, 1e-9);
         let (v0, g0, h0) = field.value_gradient_hessian(&(p - offset));
         let (v1, g1, h1) = field.value_gradient_hessian(&(p + offset));
-        // What the derivatives themselves explain of the change over 2e-9 mm, and round-off.
+        // The derivatives explain this much of the change over 2e-9 mm; the rest is round-off.
         assert!((v1 - v0 - 1e-9 * (g0 + g1)[axis]).abs() < 1e-12, "{p}: {v0} {v1}");
         assert!((g1 - g0).norm() < 2e-9 * (h0.norm() + h1.norm()) + 1e-11, "{p}: {g0} {g1}");
     }

@@ -11,18 +11,17 @@ use gltf_json::{Asset, Index, Node, Root, Scene, Value};
 use super::SurfaceView;
 use super::view::identifier;
 
-/// Takes LPS mm (x left, y to the back, z up) to glTF's axes in metres (x left of who looks along z, y up, z to the
-/// front), by columns.
+/// Matrix from LPS mm (x left, y back, z up) to glTF metres (x left, y up, z front), column-major.
 const GLTF_FROM_LPS: [f32; 16] = [1e-3, 0., 0., 0., 0., 0., -1e-3, 0., 0., 1e-3, 0., 0., 0., 0., 0., 1.];
 
-/// Binary glTF 2.0 with normals, vertex colours and each scalar as a `_NAME` attribute. glTF is y-up and in metres:
-/// the root node's matrix maps LPS mm to that, and the coordinates in the buffer stay LPS mm.
+/// Binary glTF 2.0 with normals, vertex colours and each scalar as a `_NAME` attribute.
 ///
-/// Coordinates are `f32`. Colours are turned from sRGB to the linear light that glTF wants. A normal that is undefined
-/// points along z. A scalar that is NaN stays NaN, though glTF would have only finite numbers: a made-up value would lie.
+/// Coordinates in the buffer are LPS mm as `f32`. glTF is y-up and in metres: the matrix of the root node maps to that.
+/// Colours are converted from sRGB to linear light, which glTF demands. An undefined normal points along z. A NaN scalar
+/// stays NaN, although glTF allows only finite numbers, because any substitute would look like a value.
 ///
 /// # Panics
-/// When scalars or colours are not one per vertex.
+/// When scalars or colours do not have exactly one value per vertex.
 #[must_use]
 pub fn glb(surface: &SurfaceView<'_>) -> Vec<u8> {
     surface.assert_lengths();
@@ -41,7 +40,7 @@ pub fn glb(surface: &SurfaceView<'_>) -> Vec<u8> {
     attributes.insert(Valid(Semantic::Normals), body.floats(&normals, Type::Vec3, false));
 
     if let Some(colours) = surface.colours {
-        // 16 bits, since 8 bits of linear light are too coarse in the dark; four values, so that each is aligned to 4.
+        // 16 bits, since 8 bits of linear light are too coarse for dark colours; four values, to align each colour to 4 bytes.
         let linear = |c: u8| (linear_light(c) * 65535.0).round() as u16;
         let bytes = colours.iter().flat_map(|&[r, g, b]| [linear(r), linear(g), linear(b), u16::MAX]);
         let bytes: Vec<u8> = bytes.flat_map(u16::to_le_bytes).collect();
@@ -80,7 +79,7 @@ pub fn glb(surface: &SurfaceView<'_>) -> Vec<u8> {
     body.finish()
 }
 
-/// Dull and seen from both sides: open surfaces have an inside, and glTF's own default is metal.
+/// A matt, double-sided material: open surfaces show their inside, and glTF's default material is metal.
 fn matt() -> Material {
     let pbr_metallic_roughness = PbrMetallicRoughness {
         metallic_factor: StrengthFactor(0.0),
@@ -96,7 +95,7 @@ fn linear_light(c: u8) -> f64 {
     if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }
 }
 
-/// The one buffer and what describes it.
+/// The single buffer and the JSON that describes it.
 #[derive(Default)]
 struct Body {
     root: Root,
@@ -125,7 +124,7 @@ impl Body {
         let bytes: Vec<u8> = values.as_flattened().iter().flat_map(|x| x.to_le_bytes()).collect();
         let view = self.view(&bytes, Target::ArrayBuffer);
         let mut accessor = accessor_of(view, values.len(), ComponentType::F32, type_);
-        // `f32::min` passes over NaN; what is all NaN or infinite gets no bounds.
+        // `f32::min` ignores NaN. An attribute without a finite bound gets none.
         let bound = |start: f32, pick: fn(f32, f32) -> f32| {
             let bound = values.iter().fold([start; N], |b, v| std::array::from_fn(|i| pick(b[i], v[i])));
             bound.iter().all(|x| x.is_finite()).then(|| Value::from(bound.to_vec()))
@@ -137,7 +136,7 @@ impl Body {
         self.root.push(accessor)
     }
 
-    /// Head, JSON chunk and binary chunk, each a multiple of 4 bytes.
+    /// Header, JSON chunk and binary chunk, each a multiple of 4 bytes long.
     fn finish(mut self) -> Vec<u8> {
         self.root.asset = Asset { generator: Some("Prosopon".to_owned()), ..Asset::default() };
         self.root.push(Buffer {
@@ -147,7 +146,7 @@ impl Body {
             extensions: None,
             extras: None,
         });
-        // Numbers and names that were made above always have a JSON form.
+        // Serialisation cannot fail: the numbers and names above always have a JSON form.
         let mut json = gltf_json::serialize::to_vec(&self.root).unwrap_or_default();
         json.resize(json.len().next_multiple_of(4), b' ');
         let length = 12 + 8 + json.len() + 8 + self.bytes.len();

@@ -1,6 +1,7 @@
-//! Surfaces, volume meshes and volumes to bytes: GLB, PLY, STL, VTP, VTU, NIfTI.
+//! Writes surfaces (GLB, PLY, STL, VTP), volume meshes (VTU) and volumes (NIfTI) to bytes.
 //!
-//! Invariants: output is a function of the input only (no clock, no host), little-endian, LPS mm.
+//! Invariants: the output depends only on the input, not on clock or host. It is little-endian. Coordinates are in LPS mm,
+//! except that the NIfTI affine is in RAS mm, as its format demands.
 
 mod glb;
 mod nifti;

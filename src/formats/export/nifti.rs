@@ -5,16 +5,17 @@ use flate2::write::GzEncoder;
 
 use prosopon_geometry::Volume;
 
-/// Bytes of the header and of the four that say that no extension follows.
+/// Bytes of the header (348) and of the mark that no extension follows (4).
 const HEADER: usize = 352;
 
-/// NIfTI-1 in one gzipped file: HU as `i16`, the lattice as sform in RAS mm, whatever its directions. Nothing else is in the header.
+/// NIfTI-1 in one gzipped file, with HU as `i16` and the lattice as sform in RAS mm.
 ///
-/// The lattice is rounded to `f32`, about 1e-5 mm on a head.
+/// Oblique and sheared lattices are kept. The header holds nothing else. The lattice is rounded to `f32`, about 1e-5 mm on
+/// a head.
 #[must_use]
 pub fn nifti_gz(volume: &Volume) -> Vec<u8> {
     let mut packed = GzEncoder::new(Vec::new(), Compression::fast());
-    // Writing to memory does not fail.
+    // Writing to memory cannot fail.
     packed.write_all(&header(volume)).ok();
     for values in volume.hu.chunks(1 << 16) {
         let bytes: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
@@ -23,7 +24,7 @@ pub fn nifti_gz(volume: &Volume) -> Vec<u8> {
     packed.finish().unwrap_or_default()
 }
 
-/// Fields by their offset in `nifti1.h`.
+/// The header, with fields at their offsets in `nifti1.h`.
 fn header(volume: &Volume) -> Vec<u8> {
     let mut bytes = vec![0u8; HEADER];
     let mut put = |at: usize, field: &[u8]| bytes[at..at + field.len()].copy_from_slice(field);
@@ -39,9 +40,9 @@ fn header(volume: &Volume) -> Vec<u8> {
     }
     put(108, &(HEADER as f32).to_le_bytes());
     put(112, &1f32.to_le_bytes());
-    // mm.
+    // The unit of length is mm.
     put(123, &[2]);
-    // Coordinates of the scanner.
+    // The sform gives coordinates of the scanner.
     put(254, &1i16.to_le_bytes());
     for row in 0..3 {
         let sign = if row < 2 { -1.0 } else { 1.0 };
@@ -67,7 +68,7 @@ mod tests {
         let written = Volume { dims: [40, 30, 20], origin: Point::new(-7.5, 3.25, 11.0), axes, hu };
         let (read, warnings) = volume(&nifti_gz(&written), &Limits::default()).unwrap();
         assert_eq!(warnings, [""; 0]);
-        // All of these numbers are whole eighths, which `f32` holds exactly.
+        // All of these numbers are multiples of an eighth, which `f32` holds exactly.
         assert_eq!(read, written);
     }
 }

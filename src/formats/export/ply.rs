@@ -1,10 +1,27 @@
 use super::SurfaceView;
 use super::view::identifier;
 
-/// Binary little-endian PLY with scalars (`float`) and colours as vertex properties; coordinates are `double`.
+/// Binary little-endian PLY with scalars (`float`) and colours as vertex properties.
+///
+/// Coordinates are `double`, so that they come back unchanged.
+///
+/// ```
+/// use prosopon_formats::export::{SurfaceView, ply};
+/// use prosopon_formats::import::{Limits, SurfaceFormat, surface};
+/// use prosopon_geometry::{Point, TriMesh};
+///
+/// let positions = vec![Point::new(0.1, 0.0, 0.0), Point::new(100.0, 0.0, 0.0), Point::new(0.0, 100.0, 0.0)];
+/// let mesh = TriMesh::new(positions, vec![[0, 1, 2]])?;
+/// let scalars: &[(&str, &[f32])] = &[("displacement_mm", &[0.0, 1.5, 3.0])];
+/// let bytes = ply(&SurfaceView { mesh: &mesh, scalars, colours: None });
+/// let (read, warnings) = surface(&bytes, SurfaceFormat::Ply, &Limits::default())?;
+/// assert_eq!(read, mesh);
+/// assert!(warnings.is_empty());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 ///
 /// # Panics
-/// When scalars or colours are not one per vertex.
+/// When scalars or colours do not have exactly one value per vertex.
 #[must_use]
 pub fn ply(surface: &SurfaceView<'_>) -> Vec<u8> {
     surface.assert_lengths();

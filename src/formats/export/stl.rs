@@ -1,11 +1,11 @@
 use prosopon_geometry::TriMesh;
 
-/// Binary STL; scalars and colours have no place in it, and coordinates become `f32`.
+/// Binary STL with coordinates as `f32`; the format holds neither scalars nor colours.
 #[must_use]
 pub fn stl(mesh: &TriMesh) -> Vec<u8> {
     let n = mesh.triangles().len();
     let mut bytes = Vec::with_capacity(84 + 50 * n);
-    // The comment must not begin with "solid", else readers take the file for text.
+    // The comment must not begin with "solid", or readers would take the file for text.
     bytes.extend(b"Prosopon, LPS, mm");
     bytes.resize(80, 0);
     bytes.extend((n as u32).to_le_bytes());

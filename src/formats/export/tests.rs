@@ -8,7 +8,7 @@ use super::*;
 use crate::import::{Limits, SurfaceFormat, detect_surface, surface};
 use prosopon_geometry::{Point, TriMesh};
 
-/// A bumpy closed octahedron-like ball of about 100 mm around (30, -40, 50), `f32` coordinates.
+/// A closed, slightly uneven hexagonal bipyramid of 100 mm around (30, -40, 50), with `f32` coordinates.
 fn ball() -> TriMesh {
     let mut positions = vec![[0.0, 0.0, 50.0f32], [0.0, 0.0, -50.0]];
     for i in 0..6u8 {
@@ -77,7 +77,7 @@ fn glb_holds_positions_normals_colours_scalars_and_the_way_to_gltf_axes() {
     root.validate(&root, gltf_json::Path::new, &mut |path, error| faults.push(format!("{} {error:?}", path())));
     assert_eq!(faults, [""; 0]);
 
-    // Every view is aligned, in the buffer, and as long as its accessor says.
+    // Every view is aligned, in the buffer, and as long as its accessor states.
     let mut ends = 0;
     for (view, accessor) in root.buffer_views.iter().zip(&root.accessors) {
         let start = view.byte_offset.unwrap().0;
@@ -126,7 +126,7 @@ fn glb_holds_positions_normals_colours_scalars_and_the_way_to_gltf_axes() {
         read(primitive.indices.unwrap().value()).chunks(4).map(|b| u32::from_le_bytes(b.try_into().unwrap())).collect();
     assert_eq!(indices, mesh.triangles().as_flattened());
 
-    // A point 100 mm left, 200 mm to the back and 300 mm up stands at x 0.1, y 0.3, z -0.2 m.
+    // A point 100 mm left, 200 mm back and 300 mm up is at x 0.1, y 0.3, z -0.2 m.
     let matrix = nalgebra::Matrix4::from_column_slice(&root.nodes[0].matrix.unwrap());
     let seen = matrix.transform_point(&nalgebra::Point3::new(100.0f32, 200.0, 300.0));
     assert!((seen - nalgebra::Point3::new(0.1, 0.3, -0.2)).norm() < 1e-6);

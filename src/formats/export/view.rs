@@ -1,19 +1,20 @@
 use prosopon_geometry::TriMesh;
 
-/// A surface with named values per vertex, to be written.
+/// A surface with named values and colours per vertex, for the writers of surfaces.
 #[derive(Debug, Clone, Copy)]
 pub struct SurfaceView<'a> {
     /// The surface.
     pub mesh: &'a TriMesh,
-    /// Name (with unit, for example `displacement_mm`) and one value per vertex. Names differ in more than case. A vertex
-    /// without a value has NaN.
+    /// Name with unit (for example `displacement_mm`) and one value per vertex.
+    ///
+    /// Names must differ in more than case. A vertex without a value has NaN.
     pub scalars: &'a [(&'a str, &'a [f32])],
-    /// Colour per vertex, sRGB, where the format can carry it.
+    /// sRGB colour per vertex; STL drops it.
     pub colours: Option<&'a [[u8; 3]]>,
 }
 
 impl SurfaceView<'_> {
-    /// Asserts one value and one colour per vertex.
+    /// Panics unless there are one value and one colour per vertex.
     pub(super) fn assert_lengths(&self) {
         let n = self.mesh.positions().len();
         for (name, values) in self.scalars {
@@ -23,7 +24,7 @@ impl SurfaceView<'_> {
     }
 }
 
-/// `name` as letters, digits and underscores, which every format and program accepts.
+/// `name` with underscores for all but ASCII letters and digits, which every format and program accepts.
 pub(super) fn identifier(name: &str) -> String {
     name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect()
 }

@@ -1,12 +1,13 @@
 use super::SurfaceView;
 use super::vtu::File;
 
-/// A surface as VTK's XML file of polygons with raw appended data: coordinates `Float64`, scalars `Float32` per point, triangles.
+/// A VTP file (VTK's XML format of polygons) of a surface, with raw appended data.
 ///
-/// Colours, where there are any, are the point array `colour` of three `UInt8`.
+/// Coordinates are `Float64`, scalars are `Float32` point arrays, and colours, if any, are the point array `colour` of three
+/// `UInt8`.
 ///
 /// # Panics
-/// When scalars or colours are not one per vertex.
+/// When scalars or colours do not have exactly one value per vertex.
 #[must_use]
 pub fn vtp(surface: &SurfaceView<'_>) -> Vec<u8> {
     surface.assert_lengths();

@@ -1,19 +1,21 @@
 use prosopon_geometry::{Cell, DataArray, Point, VolumeMesh};
 
-/// VTK's numbers of the cells that are written.
+/// VTK's types of the cells that are written.
 const TETRA: u8 = 10;
 const WEDGE: u8 = 13;
 
-/// A mesh of tetrahedra and wedges with values on points and cells, as VTK's XML file with raw appended data.
+/// A VTU file (VTK's XML format) of tetrahedra and wedges, with raw appended data.
 ///
-/// Cells are the tetrahedra in their order and then the wedges. Corners keep their order: of a tetrahedron the fourth
-/// lies on the side to which the normal of the first three points; of a wedge the normal of the first triangle points
-/// away from the second. That is the order of VTK's file format guide, and what meshio expects; VTK 9.7 has turned its
-/// own wedge round, draws these all the same, but measures their volume as negative. A point array has a name, a number of components, and so many values per
-/// point; a cell array likewise. All values are `Float64`.
+/// Cells are the tetrahedra in their order, then the wedges. Corners keep their order. The fourth corner of a tetrahedron
+/// must lie on the side to which the normal of the first three points; the normal of the first triangle of a wedge must
+/// point away from the second triangle. This is the order of VTK's file format guide and of meshio. VTK 9.7 has reversed the
+/// order of its own wedge: it draws these wedges correctly, but measures their volume as negative.
+///
+/// An array on points or cells is its name, its number of components, and its values: `components` per point or cell. All
+/// values are written as `Float64`.
 ///
 /// # Panics
-/// When an array is not of that length.
+/// When an array does not have its components for each point or cell.
 #[must_use]
 pub fn vtu(
     positions: &[Point],
@@ -26,7 +28,7 @@ pub fn vtu(
     vtu_of_cells(positions, &cells.collect::<Vec<_>>(), point_arrays, cell_arrays)
 }
 
-/// The VTU file of a volume mesh with all its arrays, cells in their order.
+/// A VTU file of a volume mesh with all its arrays; cells keep their order.
 ///
 /// # Panics
 /// When an array does not have its components for each point or cell.
@@ -42,7 +44,7 @@ pub fn vtu_of_mesh(mesh: &VolumeMesh) -> Vec<u8> {
 /// [`vtu`] with cells in any order: of four corners (tetrahedra) or six (wedges).
 ///
 /// # Panics
-/// When an array is not of the right length, or a cell has another number of corners.
+/// When an array has the wrong length, or a cell does not have 4 or 6 corners.
 fn vtu_of_cells(
     positions: &[Point],
     cells: &[&[u32]],
@@ -90,7 +92,7 @@ fn vtu_of_cells(
     file.finish()
 }
 
-/// The XML part and the arrays that it points into.
+/// A VTK XML file under construction: the XML part and the appended arrays.
 #[derive(Default)]
 pub(super) struct File {
     bytes: Vec<u8>,
@@ -102,7 +104,7 @@ impl File {
         self.bytes.extend(text.as_bytes());
     }
 
-    /// Describes an array and appends it: its length in bytes as `u64`, then the bytes.
+    /// Adds an array: its description to the XML, and its length in bytes (`u64`) and its bytes to the appended data.
     pub(super) fn array(&mut self, kind: &str, name: &str, components: usize, bytes: impl Iterator<Item = u8>) {
         let name = name.replace('&', "&amp;").replace('<', "&lt;").replace('"', "&quot;");
         let offset = self.appended.len();
@@ -116,7 +118,7 @@ impl File {
         self.appended[offset..offset + 8].copy_from_slice(&length.to_le_bytes());
     }
 
-    /// The whole file.
+    /// The complete file.
     pub(super) fn finish(mut self) -> Vec<u8> {
         self.xml("<AppendedData encoding=\"raw\">\n_");
         self.bytes.extend(self.appended);

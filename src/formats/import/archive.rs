@@ -1,4 +1,4 @@
-//! Files of a zip archive, each unpacked into bounded memory.
+//! Reads the files of a zip archive, each into bounded memory.
 
 use std::io::{Cursor, Read};
 
@@ -9,7 +9,7 @@ use super::error::{at_most, malformed};
 use super::{ImportError, Limits};
 
 pub(super) const FORMAT: &str = "zip";
-/// More files than any examination has.
+/// Most files in an archive; no examination has so many.
 const MAX_FILES: usize = 50_000;
 
 /// An archive in memory.
@@ -24,11 +24,11 @@ pub(super) fn looks_like(bytes: &[u8]) -> bool {
 }
 
 impl<'a> Archive<'a> {
-    /// Reads the list of files. What they unpack to is held against what the largest volume needs.
+    /// Reads the list of files and checks their unpacked size against that of the largest volume.
     pub(super) fn open(bytes: &'a [u8], limits: &Limits) -> Result<Self, ImportError> {
         let mut zip = ZipArchive::new(Cursor::new(bytes)).map_err(|e| fault(&e))?;
         at_most("files in an archive", zip.len() as u64, MAX_FILES)?;
-        // Files over one another unpack to far more than the archive holds.
+        // Overlapping files unpack to far more than the archive holds: a zip bomb.
         if zip.has_overlapping_entries().map_err(|e| fault(&e))? {
             return Err(malformed(FORMAT, "files in the archive overlap"));
         }
@@ -44,7 +44,7 @@ impl<'a> Archive<'a> {
         self.zip.len()
     }
 
-    /// The file's name without folders; `None` for folders and for what systems leave in archives.
+    /// The file's name without folders; `None` for folders and for files that operating systems add.
     pub(super) fn name(&self, index: usize) -> Option<String> {
         let path = self.zip.name_for_index(index)?.ok()?.into_owned();
         let name = path.rsplit(['/', '\\']).next().unwrap_or_default();
@@ -53,18 +53,18 @@ impl<'a> Archive<'a> {
         (!name.is_empty() && !left_behind).then(|| name.to_owned())
     }
 
-    /// The file with that name, in any folder.
+    /// Index of the file with that name, in any folder.
     pub(super) fn find(&self, name: &str) -> Option<usize> {
         (0..self.len()).find(|&index| self.name(index).is_some_and(|n| n == name))
     }
 
-    /// The file's bytes, refused when there are more than `at_most` or another number than the archive says.
+    /// The file's bytes; an error when there are more than `at_most`, or not as many as the archive states.
     pub(super) fn read(&mut self, index: usize, at_most: u64) -> Result<Vec<u8>, ImportError> {
         let number = index.saturating_add(1);
         let file = self.zip.by_index(index).map_err(|e| fault(&e))?;
         let size = file.size();
         if size > at_most {
-            let detail = format!("file {number} of the archive has {size} bytes, read are at most {at_most}");
+            let detail = format!("file {number} of the archive has {size} bytes, but at most {at_most} are allowed");
             return Err(malformed(FORMAT, detail));
         }
         let mut bytes = Vec::new();
@@ -85,7 +85,7 @@ impl<'a> Archive<'a> {
     }
 }
 
-/// Says what is wrong without the names in the archive, which may be a patient's.
+/// Describes the error without file names, which may hold a patient's name.
 #[expect(clippy::wildcard_enum_match_arm, reason = "the crate's errors may grow; all others are damage")]
 fn fault(error: &ZipError) -> ImportError {
     let detail = match error {
@@ -93,7 +93,7 @@ fn fault(error: &ZipError) -> ImportError {
             "the archive is encrypted"
         }
         ZipError::UnsupportedArchive(_) | ZipError::CompressionMethodNotSupported(_) => {
-            "the archive is packed in a way that is not read; read are stored and deflated files"
+            "the archive uses an unsupported compression; supported are stored and deflated files"
         }
         _ => "the archive is damaged or cut off",
     };

@@ -1,13 +1,13 @@
 use prosopon_geometry::GeometryError;
 
-/// What an upload may at most hold; checked before anything is allocated.
+/// Largest numbers of elements that are read; checked before anything is allocated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Limits {
-    /// Triangles of a surface. Vertices may be three times as many.
+    /// Triangles of a surface; three times as many vertices are allowed.
     pub max_triangles: usize,
     /// Voxels of a volume.
     pub max_voxels: usize,
-    /// Points and cells, each, of a volume mesh.
+    /// Points of a volume mesh; the same number of cells is allowed.
     pub max_cells: usize,
 }
 
@@ -17,46 +17,47 @@ impl Default for Limits {
     }
 }
 
-/// Why bytes could not be read.
+/// Reason why bytes could not be read.
 #[derive(Debug, thiserror::Error)]
 pub enum ImportError {
-    /// No bytes at all.
+    /// There are no bytes.
     #[error("the file is empty")]
     Empty,
-    /// The bytes are of no format that is read here.
-    #[error("the format is not recognised; read are {expected}")]
+    /// The bytes have no supported format.
+    #[error("the format is not recognised; supported are {expected}")]
     UnknownFormat {
-        /// Formats that are read.
+        /// Supported formats.
         expected: &'static str,
     },
     /// The bytes break the rules of their format.
     #[error("not a usable {format} file: {detail}")]
     Malformed {
-        /// Format that was tried.
+        /// Format as which the bytes were read.
         format: &'static str,
-        /// What was found and where.
+        /// The fault and its position.
         detail: String,
     },
-    /// More elements than allowed.
+    /// The file holds more elements than allowed.
     #[error("{found} {what}, but at most {allowed} are allowed")]
     TooLarge {
         /// What is counted.
         what: &'static str,
-        /// How many the file holds.
+        /// Number in the file.
         found: u64,
-        /// How many are allowed.
+        /// Number allowed.
         allowed: u64,
     },
-    /// So small or large that the unit cannot be millimetres.
+    /// The size is so small or large that the unit cannot be millimetres.
     #[error(
-        "the box around everything measures {found_mm:?} mm across, expected {min_mm} to {max_mm} mm (a head has 100 to 600 mm): is the file in metres or another unit?"
+        "the bounding box has a diagonal of {found_mm:?} mm, expected {min_mm} to {max_mm} mm (a head has 100 to 600 mm): \
+         check whether the file is in metres or another unit"
     )]
     ImplausibleSize {
-        /// Diagonal of the box if the file were in mm.
+        /// Diagonal of the bounding box if the unit is mm.
         found_mm: f64,
-        /// Smallest diagonal that is read.
+        /// Smallest diagonal that is accepted.
         min_mm: f64,
-        /// Largest diagonal that is read.
+        /// Largest diagonal that is accepted.
         max_mm: f64,
     },
     /// Vertices and triangles do not make a mesh.
@@ -64,7 +65,7 @@ pub enum ImportError {
     Geometry(#[from] GeometryError),
 }
 
-/// A breach of the rules of `format`.
+/// The error of bytes that break the rules of `format`.
 pub(super) fn malformed(format: &'static str, detail: impl Into<String>) -> ImportError {
     ImportError::Malformed { format, detail: detail.into() }
 }
@@ -75,7 +76,7 @@ pub(super) fn at_most(what: &'static str, found: u64, allowed: usize) -> Result<
     if found > allowed { Err(ImportError::TooLarge { what, found, allowed }) } else { Ok(()) }
 }
 
-/// Refuses a size across that no unit mix-up short of mm explains, and warns of an unusual one.
+/// Refuses a bounding-box diagonal (mm) that shows another unit than mm, and warns of an unusual one.
 pub(super) fn check_size(diagonal_mm: f64, warnings: &mut Vec<String>) -> Result<(), ImportError> {
     const READ: [f64; 2] = [1.0, 2_500.0];
     const USUAL: [f64; 2] = [50.0, 1500.0];
@@ -85,7 +86,7 @@ pub(super) fn check_size(diagonal_mm: f64, warnings: &mut Vec<String>) -> Result
     }
     if !within(USUAL) {
         warnings.push(format!(
-            "the box around everything measures {diagonal_mm:.1} mm across; a head has 100 to 600 mm: check the unit"
+            "the bounding box has a diagonal of {diagonal_mm:.1} mm, but a head has 100 to 600 mm: check the unit"
         ));
     }
     Ok(())

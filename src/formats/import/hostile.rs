@@ -1,4 +1,6 @@
-//! Every reader against files that are cut off, changed or made up: an error or a mesh, never a panic.
+//! Tests every reader with files that are cut off, changed or crafted.
+//!
+//! Each file must give an error or a mesh, never a panic.
 
 use proptest::prelude::*;
 
@@ -99,7 +101,7 @@ pub(super) fn other_volumes() -> Vec<Vec<u8>> {
     all
 }
 
-/// Numbers that look random and are the same on every run.
+/// Pseudo-random numbers, the same on every run.
 struct Dice(u64);
 
 impl Dice {
@@ -109,7 +111,7 @@ impl Dice {
     }
 }
 
-/// A file, whether a shorter one shows that it was cut off, and how it is read: an error's text or nothing.
+/// A file, whether a shortened file must be refused, and its reader, which returns the text of an error.
 type Sound = (Vec<u8>, bool, Box<dyn Fn(&[u8]) -> Result<(), String>>);
 
 /// Files of every format.
@@ -147,7 +149,7 @@ fn five_hundred_damaged_files_are_errors_or_whole_volumes_and_surfaces() {
         for _ in 0..10 {
             judge(0, &bytes[..dice.below(bytes.len())], *ends);
         }
-        // Single bits: may hit a voxel or a coordinate, which stays a voxel or a coordinate.
+        // Single bits: one may hit a voxel or a coordinate, which then has another valid value.
         for _ in 0..10 {
             let mut damaged = bytes.clone();
             for _ in 0..=dice.below(4) {
@@ -156,7 +158,7 @@ fn five_hundred_damaged_files_are_errors_or_whole_volumes_and_surfaces() {
             }
             judge(1, &damaged, false);
         }
-        // Runs of the largest numbers: counts, lengths, offsets.
+        // Runs of the largest numbers, as counts, lengths and offsets.
         for _ in 0..5 {
             let mut damaged = bytes.clone();
             let from = dice.below(bytes.len().min(400));
@@ -165,7 +167,7 @@ fn five_hundred_damaged_files_are_errors_or_whole_volumes_and_surfaces() {
             damaged[from..to].fill(if digit { b'9' } else { 0xff });
             judge(2, &damaged, false);
         }
-        // Mislabelled: the beginning of one format before the rest of another.
+        // Mislabelled files: the beginning of one format before the rest of another.
         for _ in 0..3 {
             let (other, ..) = &readers[(at + 1 + dice.below(readers.len() - 1)) % readers.len()];
             let head = 16.min(other.len());
@@ -175,7 +177,7 @@ fn five_hundred_damaged_files_are_errors_or_whole_volumes_and_surfaces() {
         }
     }
     assert!(n >= 500, "{n}");
-    // Most damage is found; what is not, changed values only.
+    // Most damage is found; the rest changed only values.
     assert!(refused[0] >= 180 && refused[1] >= 60 && refused[2] >= 40 && refused[3] >= 40, "{refused:?} of {n}");
 }
 
@@ -227,7 +229,7 @@ fn counts_that_no_file_could_hold_are_refused() {
             assert!(matches!(surface(text.as_bytes(), SurfaceFormat::Ply, &all), Err(ImportError::Malformed { .. })));
             assert!(surface(text.as_bytes(), SurfaceFormat::Ply, &LIMITS).is_err());
         }
-        // An element without properties has no bytes, so any number of it fits and none must be visited.
+        // An element without properties has no bytes: any count fits, and the reader must not loop over it.
         assert!(surface(ply(count, 0, 0).as_bytes(), SurfaceFormat::Ply, &all).is_err());
     }
     let list = b"ply\nformat binary_little_endian 1.0\nelement vertex 1\nproperty uchar x\nproperty uchar y\nproperty uchar z\nelement face 1\nproperty list uint int vertex_indices\nend_header\n\0\0\0\xff\xff\xff\xff";
@@ -257,8 +259,8 @@ fn degenerate_triangles_unused_vertices_and_sizes_are_told_or_refused() {
         warnings,
         [
             "1 faces with fewer than three corners were left out",
-            "1 triangles that name a vertex twice were left out",
-            "1 vertices that no triangle names were left out"
+            "1 triangles with a repeated vertex were left out",
+            "1 vertices that no triangle uses were left out"
         ]
     );
     assert!(matches!(obj(100.0, "f 1 1 2\n"), Err(ImportError::Geometry(_))));
@@ -291,7 +293,7 @@ fn faults_in_stl_are_named_with_their_place() {
         let error = read(text.replacen(from, to, 1).as_bytes()).unwrap_err().to_string();
         assert!(error.contains(part), "{error}");
     }
-    // Upper case, two solids, and a first line that is one word.
+    // Upper case, two solids, and a first line of one word.
     let twice = format!("{text}\n{}", text.replace("solid a b", "solid")).to_uppercase();
     assert_eq!(read(twice.as_bytes()).unwrap().0.triangles().len(), 8);
 }

@@ -1,4 +1,4 @@
-//! Stored numbers to Hounsfield units.
+//! Converts stored numbers to Hounsfield units.
 
 use std::io::{ErrorKind, Read};
 
@@ -8,10 +8,10 @@ use super::ImportError;
 use super::error::malformed;
 use super::number::Kind;
 
-/// Air, for voxels without a value.
+/// Value of voxels without a measurement, HU: that of air.
 pub(super) const AIR: i16 = -1024;
 
-/// Scales stored numbers, rounds, clamps to `i16` and counts what it had to change.
+/// Scales stored numbers, rounds and clamps them to `i16`, and counts the changes.
 #[derive(Debug, Clone)]
 pub(super) struct Scale {
     slope: f64,
@@ -22,7 +22,7 @@ pub(super) struct Scale {
 }
 
 impl Scale {
-    /// HU = `slope` x stored + `intercept`, both finite.
+    /// HU = `slope` × stored + `intercept`; both are finite.
     pub(super) fn new(slope: f64, intercept: f64) -> Self {
         Self { slope, intercept, n_nan: 0, n_clamped: 0, min: i16::MAX }
     }
@@ -43,14 +43,14 @@ impl Scale {
         hu
     }
 
-    /// Adds what `other` counted.
+    /// Adds the counts of `other`.
     pub(super) fn join(&mut self, other: &Self) {
         self.n_nan = self.n_nan.saturating_add(other.n_nan);
         self.n_clamped = self.n_clamped.saturating_add(other.n_clamped);
         self.min = self.min.min(other.min);
     }
 
-    /// Tells what was changed or looks doubtful.
+    /// Warns of changed values and of values that are probably not HU.
     pub(super) fn report(&self, warnings: &mut Vec<String>) {
         if self.n_nan > 0 {
             warnings.push(format!("{} voxels without a value (NaN) were set to {AIR} HU", self.n_nan));
@@ -60,15 +60,15 @@ impl Scale {
         }
         if self.min > -200 {
             let min = self.min;
-            warnings.push(format!("the smallest value is {min}, but air has -1000 HU: are these Hounsfield units?"));
+            warnings.push(format!("the smallest value is {min}, but air has -1000 HU: check that the values are HU"));
         }
     }
 }
 
-/// Reads `n_voxels` numbers and turns them into HU. The caller has checked `n_voxels` against limits and length.
+/// Reads `n_voxels` numbers as HU. The caller has checked `n_voxels` against the limits and the length of the file.
 ///
 /// # Errors
-/// What `unreadable` makes of a stream that ends or breaks.
+/// The error that `unreadable` makes when the stream ends early or is damaged.
 pub(super) fn read(
     stream: &mut dyn Read,
     (kind, little_endian): (Kind, bool),
@@ -77,7 +77,7 @@ pub(super) fn read(
     warnings: &mut Vec<String>,
     unreadable: impl Fn(&std::io::Error) -> ImportError,
 ) -> Result<Vec<i16>, ImportError> {
-    // Not allocated at once: a crafted packed file states more than it holds.
+    // Grows with the data: a crafted compressed file may state more voxels than it holds.
     let mut hu = Vec::new();
     let mut buffer = vec![0u8; 1 << 18];
     while hu.len() < n_voxels {
@@ -92,7 +92,7 @@ pub(super) fn read(
     Ok(hu)
 }
 
-/// How voxels are packed.
+/// Compression of voxels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Packing {
     Plain,
@@ -100,13 +100,14 @@ pub(super) enum Packing {
     Gzip,
 }
 
-/// Most bytes that one byte of a deflated stream can become.
+/// Largest number of bytes to which one byte of a deflate stream can expand.
 pub(super) const MAX_INFLATION: u64 = 1032;
 
-/// Reads the `n_voxels` HU that `data` holds; the rest is ignored, and told.
+/// Reads the `n_voxels` HU in `data`; warns of bytes after them and ignores these.
 ///
 /// # Errors
-/// [`ImportError::Malformed`] of `format` when `data` is too short or damaged; nothing is allocated for voxels that cannot be there.
+/// [`ImportError::Malformed`] of `format` when `data` is too short or damaged. Data that are too short are refused before
+/// anything is allocated.
 pub(super) fn read_whole(
     format: &'static str,
     data: &[u8],
@@ -123,12 +124,12 @@ pub(super) fn read_whole(
     let needed = (n_voxels as u64).saturating_mul(kind.size() as u64);
     if needed > (data.len() as u64).saturating_mul(most) {
         let detail =
-            format!("{n_voxels} voxels need {needed} bytes, which cannot be in the {} that there are", data.len());
+            format!("{n_voxels} voxels need {needed} bytes, more than the {} bytes of data can hold", data.len());
         return Err(malformed(format, detail));
     }
     let unreadable = |error: &std::io::Error| {
         let cut_off = error.kind() == ErrorKind::UnexpectedEof;
-        malformed(format, if cut_off { "cut off" } else { "the packed voxels are damaged" })
+        malformed(format, if cut_off { "the voxels are cut off" } else { "the compressed voxels are damaged" })
     };
     let hu = read(&mut stream, (kind, little_endian), n_voxels, Scale::new(1.0, 0.0), warnings, unreadable)?;
     if stream.read(&mut [0]).map_err(|e| unreadable(&e))? > 0 {

@@ -1,4 +1,4 @@
-//! Checks that volume formats with a text header share.
+//! Checks shared by the volume formats with a text header.
 
 use super::error::{at_most, malformed};
 use super::volume::check_extent;
@@ -6,10 +6,10 @@ use super::{ImportError, Limits};
 use nalgebra::Matrix3;
 use prosopon_geometry::{Point, Vector};
 
-/// Voxels along one axis.
+/// Most voxels along one axis.
 const MAX_EXTENT: usize = 0x7fff;
 
-/// The number of voxels, when `dims` and the limits allow it.
+/// The number of voxels; an error when `dims` or the limits do not allow it.
 pub(super) fn n_voxels(format: &'static str, dims: [usize; 3], limits: &Limits) -> Result<usize, ImportError> {
     if !dims.iter().all(|d| (2..=MAX_EXTENT).contains(d)) {
         return Err(malformed(format, format!("{dims:?} voxels, expected three dimensions of 2 to {MAX_EXTENT}")));
@@ -19,7 +19,7 @@ pub(super) fn n_voxels(format: &'static str, dims: [usize; 3], limits: &Limits) 
     Ok(n as usize)
 }
 
-/// Refuses axes that are not finite or lie in one plane, and boxes of no head.
+/// Refuses axes that are not finite or lie in one plane, and boxes of implausible size.
 pub(super) fn check(
     format: &'static str,
     dims: [usize; 3],
@@ -31,12 +31,12 @@ pub(super) fn check(
     let volume = Matrix3::from_columns(axes).determinant().abs();
     let in_space = volume > 1e-3 * axes.iter().map(|a| a.norm()).product::<f64>();
     if !finite || !in_space {
-        return Err(malformed(format, "the steps between voxels are not finite, zero, or all in one plane"));
+        return Err(malformed(format, "the steps between voxels are zero, not finite, or all in one plane"));
     }
     check_extent(dims, origin, axes, warnings)
 }
 
-/// Finite numbers parted by white space, exactly `N` of them.
+/// Exactly `N` finite numbers separated by white space.
 pub(super) fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
     let found: Option<Vec<f64>> = text
         .split_whitespace()
@@ -46,7 +46,7 @@ pub(super) fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
     found?.try_into().ok()
 }
 
-/// Counts parted by white space, exactly `N` of them.
+/// Exactly `N` counts separated by white space.
 pub(super) fn counts<const N: usize>(text: &str) -> Option<[usize; N]> {
     let found: Option<Vec<usize>> = text.split_whitespace().take(N.saturating_add(1)).map(|w| w.parse().ok()).collect();
     found?.try_into().ok()

@@ -1,6 +1,8 @@
-//! MetaImage: a text header with the voxels behind it (`.mha`) or in a file of their own (`.mhd`), plain or compressed by zlib.
+//! Reads MetaImage files: a text header, and voxels that are plain or compressed by zlib.
 //!
-//! Source: ITK, MetaIO documentation (itk.org/Wiki/MetaIO). ITK writes LPS, and one line of `TransformMatrix` an axis.
+//! The voxels follow the header (`.mha`) or are in a separate file (`.mhd`).
+//!
+//! Source: ITK, MetaIO documentation (itk.org/Wiki/MetaIO). ITK writes LPS; each row of `TransformMatrix` is one axis.
 
 use super::error::malformed;
 use super::hounsfield::{self, Packing};
@@ -18,7 +20,7 @@ pub(super) fn looks_like(bytes: &[u8]) -> bool {
     !value.is_empty() && matches!(key.trim_ascii(), b"ObjectType" | b"NDims" | b"Comment")
 }
 
-/// Reads header and voxels; `fetch` gives the file that the header names.
+/// Reads header and voxels; `fetch` returns the voxel file with the name in the header.
 pub(super) fn read(
     bytes: &[u8],
     limits: &Limits,
@@ -40,7 +42,7 @@ pub(super) fn read(
     }
     let dims = lattice::counts::<3>(need("DimSize")?).ok_or_else(|| fault("`DimSize` are not three counts"))?;
     let n = lattice::n_voxels(FORMAT, dims, limits)?;
-    let kind = kind_of(need("ElementType")?).ok_or_else(|| fault("`ElementType` is none that a CT has"))?;
+    let kind = kind_of(need("ElementType")?).ok_or_else(|| fault("`ElementType` is not a supported number type"))?;
     let yes = |names: &[&str]| field(names).is_some_and(|v| v.eq_ignore_ascii_case("true"));
     if field(&["BinaryData"]).is_some() && !yes(&["BinaryData"]) {
         return Err(fault("the voxels are text, expected binary"));
@@ -53,10 +55,10 @@ pub(super) fn read(
     let fetched;
     let data = match need("ElementDataFile")? {
         "LOCAL" | "local" => attached,
-        "LIST" => return Err(fault("voxels in a list of files are not read")),
-        name if name.contains('%') => return Err(fault("voxels in a series of files are not read")),
+        "LIST" => return Err(fault("voxels in a list of files are not supported")),
+        name if name.contains('%') => return Err(fault("voxels in a series of files are not supported")),
         name => {
-            // Without folders: nothing but what came with the header is looked at.
+            // The folder is dropped: only files of the same archive are read.
             let base = name.rsplit(['/', '\\']).next().unwrap_or_default();
             fetched = fetch(base).map_err(fault)?;
             fetched.as_slice()
@@ -66,7 +68,7 @@ pub(super) fn read(
         None | Some(Ok(0)) => data,
         Some(Ok(-1)) => data.len().checked_sub(needed as usize).and_then(|skip| data.get(skip..)).unwrap_or_default(),
         Some(Ok(skip)) => usize::try_from(skip).ok().and_then(|skip| data.get(skip..)).unwrap_or_default(),
-        Some(Err(_)) => return Err(fault("`HeaderSize` is no number")),
+        Some(Err(_)) => return Err(fault("`HeaderSize` is not a number")),
     };
     let packing = if yes(&["CompressedData"]) { Packing::Zlib } else { Packing::Plain };
     let hu = hounsfield::read_whole(FORMAT, data, packing, (kind, little), n, warnings)?;
@@ -76,7 +78,7 @@ pub(super) fn read(
 /// Key and value of a line.
 type Field<'a> = (&'a str, &'a str);
 
-/// Keys and values up to `ElementDataFile`, and what follows its line.
+/// Keys and values up to `ElementDataFile`, and the bytes after its line.
 fn split(bytes: &[u8]) -> Option<(Vec<Field<'_>>, &[u8])> {
     let mut rest = bytes.get(..bytes.len().min(MAX_HEADER))?;
     let mut fields = Vec::new();
@@ -114,9 +116,9 @@ fn frame<'a>(
     field: &dyn Fn(&[&str]) -> Option<&'a str>,
     warnings: &mut Vec<String>,
 ) -> Result<(Point, [Vector; 3]), ImportError> {
-    let fault = |name: &str| malformed(FORMAT, format!("`{name}` has not the numbers that it needs"));
+    let fault = |name: &str| malformed(FORMAT, format!("`{name}` is missing or has the wrong number of values"));
     if field(&["CenterOfRotation"]).is_some_and(|v| lattice::numbers::<3>(v) != Some([0.0; 3])) {
-        return Err(malformed(FORMAT, "a `CenterOfRotation` other than 0 0 0 is not read"));
+        return Err(malformed(FORMAT, "a `CenterOfRotation` other than 0 0 0 is not supported"));
     }
     let spacing = field(&["ElementSpacing", "ElementSize"]).ok_or_else(|| fault("ElementSpacing"))?;
     let spacing = lattice::numbers::<3>(spacing).ok_or_else(|| fault("ElementSpacing"))?;
@@ -124,7 +126,7 @@ fn frame<'a>(
         Some(text) => lattice::numbers::<9>(text).ok_or_else(|| fault("TransformMatrix"))?,
         None => {
             warnings.push(
-                "the file states no orientation; i was taken to run to the patient's left, j to the back, k up"
+                "the header has no orientation; i was assumed to run to the patient's left, j to the back, k up"
                     .to_owned(),
             );
             [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]

@@ -1,15 +1,17 @@
-//! Bytes to volumes and surfaces. Everything that arrives here is untrusted.
+//! Reads volumes, surfaces and volume meshes from untrusted bytes.
 //!
-//! Invariants: takes `&[u8]`, never a path; every size, index and count is checked before it is used or
-//! allocated; no panic on any input; patient tags are never read; no error or warning repeats content of the file.
+//! Invariants: readers take `&[u8]`, never a path. Every size, index and count is checked before it is used or allocated.
+//! No input causes a panic. Patient tags are never read. No error or warning repeats content of the file.
 //!
-//! One file a format. A reader of a surface turns bytes into a private list of vertices and triangles, and `surface`
-//! does what all formats share: ranges, triangles without area by index, unused vertices, plausible size.
+//! Each format has one module. A surface reader turns bytes into unchecked vertices and triangles; `surface` then does what
+//! all formats share: it checks ranges and the plausible size and drops unused vertices and triangles with a repeated vertex.
 //!
-//! Only NIfTI headers, gzip, zip, and the pixels of JPEG, JPEG-LS and JPEG 2000 are read by crates. `stl_io` takes binary files whose comment begins with "solid" for
-//! text; `ply-rs-bw` lets the last of two elements of one name win and then reads the payload askew, loops over
-//! elements without properties as often as the header says, and quotes the file in its errors; `tobj` overflows on
-//! crafted indices, keeps `f32` only, and splits a surface at its groups so that shared vertices part.
+//! Crates read only NIfTI headers, gzip, zip, XML, and the pixels of JPEG, JPEG-LS and JPEG 2000. The crates for surfaces
+//! have these faults:
+//! - `stl_io` reads binary files whose comment begins with "solid" as text.
+//! - `ply-rs-bw` keeps the last of two elements with one name and then misreads the payload, loops over elements without
+//!   properties as often as the header states, and quotes the file in its errors.
+//! - `tobj` overflows on crafted indices, keeps only `f32`, and splits a surface at its groups, which separates shared vertices.
 
 #![cfg_attr(not(test), warn(clippy::indexing_slicing, clippy::arithmetic_side_effects))]
 

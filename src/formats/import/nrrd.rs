@@ -1,4 +1,4 @@
-//! NRRD with its header attached: raw or gzipped voxels.
+//! Reads NRRD files that hold header and voxels, raw or gzipped.
 //!
 //! Source: Definition of NRRD File Format, teem.sourceforge.net/nrrd/format.html.
 
@@ -25,7 +25,7 @@ pub(super) fn read(bytes: &[u8], limits: &Limits, warnings: &mut Vec<String>) ->
         line.filter(|(name, _)| names.contains(&name.trim())).map(|(_, value)| value.trim()).next()
     };
     if field(&["data file", "datafile"]).is_some() {
-        return Err(fault("the voxels are in a file of their own, expected them attached to the header"));
+        return Err(fault("the voxels are in a separate file, expected them after the header"));
     }
     let need = |names: &[&'static str]| {
         let name = names.first().copied().unwrap_or_default();
@@ -36,7 +36,7 @@ pub(super) fn read(bytes: &[u8], limits: &Limits, warnings: &mut Vec<String>) ->
     }
     let dims = lattice::counts::<3>(need(&["sizes"])?).ok_or_else(|| fault("`sizes` are not three counts"))?;
     let n = lattice::n_voxels(FORMAT, dims, limits)?;
-    let kind = kind_of(need(&["type"])?).ok_or_else(|| fault("`type` is none that a CT has"))?;
+    let kind = kind_of(need(&["type"])?).ok_or_else(|| fault("`type` is not a supported number type"))?;
     let little = match field(&["endian"]) {
         Some("little") => true,
         Some("big") => false,
@@ -45,7 +45,7 @@ pub(super) fn read(bytes: &[u8], limits: &Limits, warnings: &mut Vec<String>) ->
     };
     for skip in ["line skip", "lineskip", "byte skip", "byteskip"] {
         if field(&[skip]).is_some_and(|v| v != "0") {
-            return Err(fault("voxels after skipped lines or bytes are not read"));
+            return Err(fault("`line skip` and `byte skip` other than 0 are not supported"));
         }
     }
     let (origin, axes) = frame(&field, warnings)?;
@@ -60,7 +60,7 @@ pub(super) fn read(bytes: &[u8], limits: &Limits, warnings: &mut Vec<String>) ->
     Ok(Volume { dims, origin, axes, hu })
 }
 
-/// The header's text, and what follows the empty line that ends it.
+/// The header's text, and the bytes after the empty line that ends it.
 fn split(bytes: &[u8]) -> Option<(&str, &[u8])> {
     let beginning = bytes.get(..bytes.len().min(MAX_HEADER))?;
     let end = |mark: &[u8]| {
@@ -97,10 +97,10 @@ fn frame<'a>(
         Some("left-posterior-superior" | "lps") => [1.0, 1.0],
         Some("right-anterior-superior" | "ras") => [-1.0, -1.0],
         Some("left-anterior-superior" | "las") => [1.0, -1.0],
-        Some(_) => return Err(fault("`space` is none of LPS, RAS, LAS")),
+        Some(_) => return Err(fault("`space` is not LPS, RAS or LAS")),
         None => {
             warnings.push(
-                "the file states no space; left-posterior-superior was taken: left and right may be swapped".to_owned(),
+                "the header has no `space`; LPS was assumed, so left and right may be swapped: check them".to_owned(),
             );
             [1.0, 1.0]
         }
@@ -126,7 +126,7 @@ fn frame<'a>(
         (None, None) => return Err(fault("there are neither `space directions` nor `spacings`")),
     };
     let origin = match field(&["space origin"]) {
-        Some(text) => lps(vector(text).ok_or_else(|| fault("`space origin` is no vector"))?),
+        Some(text) => lps(vector(text).ok_or_else(|| fault("`space origin` is not a vector"))?),
         None => Vector::zeros(),
     };
     Ok((Point::from(origin), axes))

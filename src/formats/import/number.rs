@@ -1,6 +1,6 @@
 //! Numbers in binary files.
 
-/// Type of stored numbers.
+/// Type of the stored numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Kind {
     I8,
@@ -16,7 +16,7 @@ pub(super) enum Kind {
 }
 
 impl Kind {
-    /// Bytes of one.
+    /// Bytes of one number.
     pub(super) fn size(self) -> usize {
         match self {
             Self::I8 | Self::U8 => 1,
@@ -30,7 +30,7 @@ impl Kind {
         !matches!(self, Self::F32 | Self::F64)
     }
 
-    /// The first number in `bytes`, and what follows; `None` when they are too few.
+    /// The first number in `bytes` and the remaining bytes; `None` when there are too few bytes.
     pub(super) fn first(self, bytes: &[u8], little_endian: bool) -> Option<(f64, &[u8])> {
         let (head, rest) = bytes.split_at_checked(self.size())?;
         let mut number = None;
@@ -38,14 +38,14 @@ impl Kind {
         Some((number?, rest))
     }
 
-    /// Whole numbers in `bytes`; a part of one at the end is left out. Integers beyond 2^53 are rounded.
+    /// All complete numbers in `bytes`; an incomplete one at the end is ignored. Integers beyond 2^53 are rounded.
     pub(super) fn all(self, bytes: &[u8], little_endian: bool) -> Vec<f64> {
         let mut numbers = Vec::with_capacity(bytes.len().checked_div(self.size()).unwrap_or(0));
         self.each(bytes, little_endian, &mut |found| numbers.push(found));
         numbers
     }
 
-    /// Gives the whole numbers in `bytes` one after the other.
+    /// Passes each complete number in `bytes` to `take`, in order.
     pub(super) fn each(self, bytes: &[u8], little_endian: bool, take: &mut dyn FnMut(f64)) {
         macro_rules! read {
             ($type:ty) => {

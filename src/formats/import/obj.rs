@@ -1,4 +1,6 @@
-//! Wavefront OBJ: vertices and faces; normals, textures, materials, groups, lines and free-form surfaces are skipped.
+//! Reads vertices and faces of Wavefront OBJ files.
+//!
+//! Normals, textures, materials, groups, lines and free-form surfaces are skipped.
 
 use super::error::{at_most, malformed};
 use super::surface::{Faces, RawSurface};
@@ -8,7 +10,7 @@ use prosopon_geometry::Point;
 
 const FORMAT: &str = "OBJ";
 
-/// Whether the first statement is one of OBJ.
+/// Whether the first statement is an OBJ statement.
 pub(super) fn looks_like(bytes: &[u8]) -> bool {
     const STATEMENTS: [&[u8]; 9] = [b"v", b"vn", b"vt", b"f", b"o", b"g", b"s", b"mtllib", b"usemtl"];
     let is_comment = |line: &&[u8]| line.is_empty() || line.starts_with(b"#");
@@ -63,14 +65,16 @@ pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<RawSurface, ImportEr
     Ok(faces.finish(positions))
 }
 
-/// `x y z`; a weight or a colour may follow.
+/// The position `x y z`; a weight or a colour may follow.
 fn vertex<'a>(words: impl Iterator<Item = &'a [u8]>) -> Option<Point> {
     let mut numbers = words.map(number);
     Some(Point::new(numbers.next()??, numbers.next()??, numbers.next()??))
 }
 
-/// `v`, `v/vt`, `v//vn` or `v/vt/vn`: counted from 1, or from the latest vertex backwards if negative. The vertex must
-/// have come before, as the format demands.
+/// Vertex index, from 0, of a corner `v`, `v/vt`, `v//vn` or `v/vt/vn`.
+///
+/// In the file indices count from 1, or backwards from the latest vertex when negative. The format demands that the vertex
+/// comes before the face.
 fn corner(word: &[u8], n_vertices: usize) -> Option<u32> {
     let index: i64 = std::str::from_utf8(word.split(|&c| c == b'/').next()?).ok()?.parse().ok()?;
     let n = i64::try_from(n_vertices).ok()?;

@@ -1,14 +1,15 @@
-//! Faces with more than three corners.
+//! Splits faces with more than three corners into triangles.
 
 use prosopon_geometry::{Point, Vector};
 
-/// More corners than a face of a scanned or modelled surface ever has; bounds the work on a crafted one.
+/// Most corners of a face; scanned and modelled surfaces have fewer. The limit bounds the work on a crafted file.
 pub(super) const MAX_CORNERS: usize = 1000;
 
-/// Splits a polygon into a fan of triangles about one of its corners.
+/// Splits a polygon into a fan of triangles around one of its corners.
 ///
-/// The first corner is taken about which no triangle is turned against the polygon: any for a convex one. `None` when
-/// an index is out of range or no such corner is found (all are tried up to 32 corners, beyond that only the first).
+/// The fan's centre is the first corner for which no triangle faces against the polygon; any corner of a convex polygon
+/// qualifies. `None` when an index is out of range or no corner qualifies. Polygons of more than 32 corners are tried at
+/// their first corner only.
 #[expect(clippy::arithmetic_side_effects, clippy::indexing_slicing, reason = "indices are modulo the length")]
 pub(super) fn fan(positions: &[Point], polygon: &[u32]) -> Option<Vec<[u32; 3]>> {
     let n = polygon.len();
@@ -16,14 +17,14 @@ pub(super) fn fan(positions: &[Point], polygon: &[u32]) -> Option<Vec<[u32; 3]>>
     if n < 3 {
         return None;
     }
-    // Twice the vector area (Newell): its direction is the polygon's side even where corners are reflex.
+    // Twice the vector area (Newell): its direction is the polygon's normal even with reflex corners.
     let side: Vector = (1..n - 1).map(|i| (points[i] - points[0]).cross(&(points[i + 1] - points[0]))).sum();
     let tries = if n <= 32 { n } else { 1 };
     (0..tries).find_map(|start| {
         let at = |i: usize| (start + i) % n;
         let agrees = (1..n - 1).all(|i| {
             let [a, b, c] = [points[start], points[at(i)], points[at(i + 1)]];
-            // A triangle without area (corners on a line) is harmless; rounding may give it either sign.
+            // The tolerance accepts triangles without area (corners on a line), whose sign is decided by rounding.
             (b - a).cross(&(c - a)).dot(&side) >= -1e-9 * side.norm_squared()
         });
         agrees.then(|| (1..n - 1).map(|i| [polygon[start], polygon[at(i)], polygon[at(i + 1)]]).collect())
@@ -43,7 +44,7 @@ mod tests {
     fn a_fan_keeps_the_area_and_every_triangle_faces_one_way() {
         let p: Vec<Point> =
             [(0., 0.), (4., 0.), (4., 4.), (2., 1.)].iter().map(|&(x, y)| Point::new(x, y, 0.)).collect();
-        // An arrowhead with its reflex corner last: only fans about corners 1 and 3 work.
+        // An arrowhead with its reflex corner last: only fans around corners 1 and 3 work.
         let fan = fan(&p, &[0, 1, 2, 3]).unwrap();
         assert_eq!(fan, [[1, 2, 3], [1, 3, 0]]);
         assert!((area(&p, &fan) - 6.0).abs() < 1e-12);

@@ -1,4 +1,4 @@
-//! STL, binary and ASCII.
+//! Reads STL files, binary or ASCII.
 
 use super::error::{at_most, malformed};
 use super::surface::RawSurface;
@@ -7,19 +7,19 @@ use super::{ImportError, Limits};
 use prosopon_geometry::Point;
 
 const FORMAT: &str = "STL";
-/// Comment of 80 bytes and the number of triangles.
+/// Bytes of the header: a comment of 80 bytes and the number of triangles.
 const HEAD: usize = 84;
-/// Normal, three corners (12 `f32`) and two unused bytes.
+/// Bytes of a triangle: normal and three corners (12 `f32`) and two unused bytes.
 const RECORD: usize = 50;
 
 /// Whether these are the bytes of an STL file.
 pub(super) fn looks_like(bytes: &[u8]) -> bool {
-    // Some writers pad the end.
+    // Some writers pad the end of the file.
     let spare = stated_count(bytes).filter(|n| *n > 0).and_then(|n| (bytes.len() as u64).checked_sub(binary_length(n)));
     spare.is_some_and(|spare| spare < 4096) || is_whole_binary(bytes) || is_text(bytes)
 }
 
-/// Reads either kind. The length decides, since binary files exist whose comment begins with "solid".
+/// Reads either kind. The length decides between them: the comment of a binary file may begin with "solid".
 pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<RawSurface, ImportError> {
     let mut warnings = Vec::new();
     let corners = if !is_whole_binary(bytes) && is_text(bytes) {
@@ -35,7 +35,7 @@ fn stated_count(bytes: &[u8]) -> Option<u32> {
     bytes.get(80..HEAD)?.first_chunk::<4>().map(|b| u32::from_le_bytes(*b))
 }
 
-/// Bytes that a binary file of `count` triangles has.
+/// Length of a binary file of `count` triangles, bytes.
 fn binary_length(count: u32) -> u64 {
     u64::from(count).saturating_mul(RECORD as u64).saturating_add(HEAD as u64)
 }
@@ -47,18 +47,18 @@ fn is_whole_binary(bytes: &[u8]) -> bool {
 fn is_text(bytes: &[u8]) -> bool {
     let text = bytes.trim_ascii_start();
     let solid = text.get(..5).is_some_and(|word| word.eq_ignore_ascii_case(b"solid"));
-    // A zero byte never stands in text, but in a comment that is padded, and in small counts and floats.
+    // Text holds no zero byte; a padded comment, small counts and floats do.
     solid && !text.iter().take(512).any(|&c| c == 0)
 }
 
 fn read_binary(bytes: &[u8], limits: &Limits, warnings: &mut Vec<String>) -> Result<Vec<[Point; 3]>, ImportError> {
     let Some(count) = stated_count(bytes) else {
-        return Err(malformed(FORMAT, format!("{} bytes, but the head alone has {HEAD}", bytes.len())));
+        return Err(malformed(FORMAT, format!("{} bytes, but the header alone has {HEAD}", bytes.len())));
     };
     at_most("triangles", u64::from(count), limits.max_triangles)?;
     let (found, expected) = (bytes.len() as u64, binary_length(count));
     if found < expected {
-        let detail = format!("{count} triangles are stated, which take {expected} bytes, but the file has {found}");
+        let detail = format!("the header states {count} triangles ({expected} bytes), but the file has {found}");
         return Err(malformed(FORMAT, detail));
     }
     if found > expected {
@@ -81,8 +81,9 @@ fn read_binary(bytes: &[u8], limits: &Limits, warnings: &mut Vec<String>) -> Res
     Ok(triangles)
 }
 
-/// Reads `solid … { facet normal x y z; outer loop; 3 × vertex x y z; endloop; endfacet }* endsolid …`, any number of
-/// solids. The last one must be ended, else the file was cut off.
+/// Reads any number of `solid … { facet normal x y z; outer loop; 3 × vertex x y z; endloop; endfacet }* endsolid …`.
+///
+/// Without an end of the last solid the file was cut off.
 fn read_text(bytes: &[u8], limits: &Limits) -> Result<Vec<[Point; 3]>, ImportError> {
     let mut words = Words::new(bytes, 1);
     let mut triangles: Vec<[Point; 3]> = Vec::new();
@@ -100,7 +101,7 @@ fn read_text(bytes: &[u8], limits: &Limits) -> Result<Vec<[Point; 3]>, ImportErr
         }
     }
     if open {
-        return Err(malformed(FORMAT, format!("ends on line {} without `endsolid`: cut off", words.line())));
+        return Err(malformed(FORMAT, format!("cut off: ends on line {} without `endsolid`", words.line())));
     }
     Ok(triangles)
 }
@@ -108,7 +109,7 @@ fn read_text(bytes: &[u8], limits: &Limits) -> Result<Vec<[Point; 3]>, ImportErr
 /// Reads what follows the word `facet`.
 fn facet(words: &mut Words<'_>) -> Result<[Point; 3], ImportError> {
     keywords(words, &["normal"])?;
-    // Normals follow from the order of the corners; some writers put NaN for a triangle without area.
+    // The stored normal is ignored: it follows from the order of the corners, and some writers store NaN.
     for _ in 0..3 {
         words.next().and_then(number).ok_or_else(|| expected("a number", words))?;
     }
@@ -139,13 +140,13 @@ fn expected(what: &str, words: &Words<'_>) -> ImportError {
     malformed(FORMAT, format!("line {}: expected {what}", words.line()))
 }
 
-/// One vertex for all corners at the same coordinates, in the order in which they come first.
+/// Merges corners at the same coordinates into one vertex; vertices have the order of their first corner.
 ///
-/// By sorting: a hash table could be slowed down by crafted coordinates.
+/// Sorts the corners, because crafted coordinates could slow down a hash table.
 #[expect(clippy::indexing_slicing, reason = "indices run over the corners")]
 fn merge(triangles: &[[Point; 3]]) -> (Vec<Point>, Vec<[u32; 3]>) {
     let corners = triangles.as_flattened();
-    // -0 and 0 are one place.
+    // -0 and 0 are the same coordinate.
     let key = |corner: u32| corners[corner as usize].coords.map(|x| x + 0.0);
     let order = |a: &u32, b: &u32| {
         let (p, q) = (key(*a), key(*b));
@@ -153,7 +154,7 @@ fn merge(triangles: &[[Point; 3]]) -> (Vec<Point>, Vec<[u32; 3]>) {
     };
     let mut sorted: Vec<u32> = (0..corners.len() as u32).collect();
     sorted.sort_unstable_by(order);
-    // First corner at the same place, of each corner.
+    // For each corner, the first corner at the same coordinates.
     let mut first = vec![0u32; corners.len()];
     let mut group = 0;
     for (rank, &corner) in sorted.iter().enumerate() {

@@ -12,12 +12,12 @@ pub enum SurfaceFormat {
     Ply,
     /// Wavefront OBJ.
     Obj,
-    /// VTK's XML files of surfaces: ASCII, base64 or appended, plain or compressed by zlib.
+    /// VTK's XML format of surfaces: ASCII, base64 or appended data, plain or compressed by zlib.
     Vtp,
 }
 
 impl SurfaceFormat {
-    /// Short name.
+    /// Short lower-case name, for example `stl`.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -29,7 +29,7 @@ impl SurfaceFormat {
     }
 }
 
-/// Guesses the format of a surface from its first bytes and its length.
+/// Guesses the format of a surface from its bytes; `None` when no format fits.
 #[must_use]
 pub fn detect_surface(bytes: &[u8]) -> Option<SurfaceFormat> {
     if ply::looks_like(bytes) {
@@ -47,14 +47,30 @@ pub fn detect_surface(bytes: &[u8]) -> Option<SurfaceFormat> {
 
 /// Reads a surface; coordinates are taken as LPS mm.
 ///
-/// Returns the mesh and warnings about what was changed (for example polygons that were split) or looks doubtful.
-/// Triangles that name a vertex twice and vertices that no triangle names are left out. STL corners at the same
-/// coordinates are merged, which the format needs and is no warning.
+/// Returns the mesh and warnings about changes (for example polygons that were split) and doubtful content. Triangles with
+/// a repeated vertex and unused vertices are left out. STL corners at the same coordinates are merged without a warning,
+/// because the format stores no shared vertices.
 ///
-/// An OBJ file has no end mark: one that is cut off between two lines is read as the shorter surface that it is.
+/// An OBJ file has no end mark: a file that is cut off between two lines is read as a smaller surface.
+///
+/// ```
+/// use prosopon_formats::import::{Limits, SurfaceFormat, detect_surface, surface};
+///
+/// let file = b"solid plate
+/// facet normal 0 0 1 outer loop vertex 0 0 0 vertex 100 0 0 vertex 0 100 0 endloop endfacet
+/// facet normal 0 0 1 outer loop vertex 100 0 0 vertex 100 100 0 vertex 0 100 0 endloop endfacet
+/// endsolid plate";
+/// assert_eq!(detect_surface(file), Some(SurfaceFormat::Stl));
+/// let (mesh, warnings) = surface(file, SurfaceFormat::Stl, &Limits::default())?;
+/// // The two triangles share two of their corners.
+/// assert_eq!((mesh.triangles().len(), mesh.positions().len()), (2, 4));
+/// assert_eq!(mesh.area(), 10_000.0);
+/// assert!(warnings.is_empty());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 ///
 /// # Errors
-/// [`ImportError`] naming the fault and its place.
+/// [`ImportError`] with the fault and its position.
 pub fn surface(bytes: &[u8], format: SurfaceFormat, limits: &Limits) -> Result<(TriMesh, Vec<String>), ImportError> {
     if bytes.is_empty() {
         return Err(ImportError::Empty);
@@ -68,7 +84,7 @@ pub fn surface(bytes: &[u8], format: SurfaceFormat, limits: &Limits) -> Result<(
     raw.finish()
 }
 
-/// What a reader has found, unchecked.
+/// Vertices, triangles and warnings of a reader, unchecked.
 #[derive(Debug, Default)]
 pub(super) struct RawSurface {
     pub(super) positions: Vec<Point>,
@@ -77,7 +93,7 @@ pub(super) struct RawSurface {
 }
 
 impl RawSurface {
-    /// Checks ranges, leaves out what carries nothing, and judges the size.
+    /// Checks ranges and the size, and drops triangles with a repeated vertex and unused vertices.
     fn finish(mut self) -> Result<(TriMesh, Vec<String>), ImportError> {
         let n_vertices = self.positions.len();
         let mut used = vec![false; n_vertices];
@@ -89,7 +105,7 @@ impl RawSurface {
                 }
             }
         }
-        // A point that nothing names may be anything: scanners write NaN for what they did not see.
+        // Unused vertices may have any coordinates: scanners write NaN for points that they did not see.
         let faulty = self.positions.iter().zip(&used).position(|(p, u)| *u && !p.iter().all(|c| c.is_finite()));
         if let Some(vertex) = faulty {
             return Err(GeometryError::NotFinite { vertex }.into());
@@ -99,7 +115,7 @@ impl RawSurface {
         self.triangles.retain(|[a, b, c]| a != b && b != c && c != a);
         let dropped = before.saturating_sub(self.triangles.len());
         if dropped > 0 {
-            self.warnings.push(format!("{dropped} triangles that name a vertex twice were left out"));
+            self.warnings.push(format!("{dropped} triangles with a repeated vertex were left out"));
         }
         self.drop_unused();
 
@@ -108,7 +124,7 @@ impl RawSurface {
         Ok((mesh, self.warnings))
     }
 
-    /// Leaves out vertices that no triangle names; indices are in range.
+    /// Drops vertices that no triangle uses. The caller has checked the indices.
     #[expect(clippy::indexing_slicing, reason = "indices were checked by the caller")]
     fn drop_unused(&mut self) {
         const UNUSED: u32 = u32::MAX;
@@ -129,11 +145,11 @@ impl RawSurface {
         for v in self.triangles.iter_mut().flatten() {
             *v = new_index[*v as usize];
         }
-        self.warnings.push(format!("{unused} vertices that no triangle names were left out"));
+        self.warnings.push(format!("{unused} vertices that no triangle uses were left out"));
     }
 }
 
-/// Gathers faces with any number of corners as triangles.
+/// Collects faces with any number of corners as triangles.
 #[derive(Debug)]
 pub(super) struct Faces {
     format: &'static str,
@@ -150,7 +166,7 @@ impl Faces {
         Self { format, max_triangles, triangles: Vec::new(), n_faces: 0, n_polygons: 0, n_lines: 0 }
     }
 
-    /// Adds the face with these corners; `positions` are needed to split a polygon.
+    /// Adds the face with these corners; `positions` serve to split a polygon.
     pub(super) fn push(&mut self, positions: &[Point], corners: &[u32]) -> Result<(), ImportError> {
         let face = self.n_faces;
         self.n_faces = face.saturating_add(1);
@@ -179,7 +195,7 @@ impl Faces {
         at_most("triangles", self.triangles.len() as u64, self.max_triangles)
     }
 
-    /// Ends the list.
+    /// Ends the list and adds warnings about polygons and faces without area.
     pub(super) fn finish(self, positions: Vec<Point>) -> RawSurface {
         let mut warnings = Vec::new();
         if self.n_polygons > 0 {

@@ -1,6 +1,6 @@
 //! Words of a text file.
 
-/// Words parted by white space, with the line they stand on.
+/// Iterates over words separated by white space and counts lines.
 #[derive(Debug)]
 pub(super) struct Words<'a> {
     rest: &'a [u8],
@@ -8,7 +8,7 @@ pub(super) struct Words<'a> {
 }
 
 impl<'a> Words<'a> {
-    /// Words of `bytes`, whose first line has the number `line`.
+    /// Words of `bytes`, whose first line has number `line`.
     pub(super) fn new(bytes: &'a [u8], line: u64) -> Self {
         Self { rest: bytes, line }
     }
@@ -33,23 +33,23 @@ impl<'a> Words<'a> {
         number(self.next()?)
     }
 
-    /// Skips what is left of the line.
+    /// Skips the rest of the line.
     pub(super) fn skip_line(&mut self) {
         let end = self.rest.iter().position(|&c| c == b'\n').unwrap_or(self.rest.len());
         self.rest = self.rest.split_at(end).1;
     }
 
-    /// Whether no word is left on the line.
+    /// Whether the rest of the line holds no word.
     pub(super) fn line_is_done(&self) -> bool {
         self.rest.iter().find(|c| **c == b'\n' || !c.is_ascii_whitespace()).is_none_or(|c| *c == b'\n')
     }
 
-    /// Bytes from here on, less white space at the end.
+    /// Number of bytes left, without leading and trailing white space.
     pub(super) fn bytes_left(&self) -> usize {
         self.rest.trim_ascii().len()
     }
 
-    /// Line of the word that came last.
+    /// Line number of the last word.
     pub(super) fn line(&self) -> u64 {
         self.line
     }

@@ -1,4 +1,4 @@
-//! NRRD and MetaImage against the same lattice as NIfTI's tests have.
+//! Tests of NRRD and MetaImage with the lattice of the NIfTI tests.
 
 use std::io::Write;
 
@@ -22,7 +22,7 @@ fn raw(big: bool) -> Vec<u8> {
     hu().iter().flat_map(|v| if big { v.to_be_bytes() } else { v.to_le_bytes() }).collect()
 }
 
-/// The lattice in an NRRD file; `space` with the signs of its x and y.
+/// The lattice as an NRRD file; `space` is its name and the signs of its x and y.
 pub(super) fn nrrd(encoding: &str, big: bool, space: (&str, f64, f64)) -> Vec<u8> {
     let (name, x, y) = space;
     let vector = |v: [f64; 3]| format!("({},{},{})", v[0] * x, v[1] * y, v[2]);
@@ -43,7 +43,7 @@ pub(super) fn nrrd(encoding: &str, big: bool, space: (&str, f64, f64)) -> Vec<u8
     [head.into_bytes(), voxels].concat()
 }
 
-/// The lattice as MetaImage with its voxels in `file`.
+/// The lattice as a MetaImage header with its voxels in `file`.
 pub(super) fn meta_image(file: &str, big: bool, packed: bool) -> (Vec<u8>, Vec<u8>) {
     let head = format!(
         "ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = {big}\nCompressedData = {packed}\n\
@@ -107,12 +107,12 @@ fn faults_are_named() {
         (&nrrd, "sizes: 3 4 5", "sizes: 3 4", "three counts"),
         (&nrrd, "sizes: 3 4 5", "sizes: 3 4 0", "expected three dimensions of 2"),
         (&nrrd, "sizes: 3 4 5", "sizes: 3000 4000 5000", "at most"),
-        (&nrrd, "sizes: 3 4 5", "sizes: 30 40 50", "cannot be in"),
+        (&nrrd, "sizes: 3 4 5", "sizes: 30 40 50", "can hold"),
         (&nrrd, "type: short", "type: block", "`type`"),
         (&nrrd, "endian: little", "endian: middle", "`endian`"),
         (&nrrd, "encoding: raw", "encoding: bzip2", "`encoding`"),
         (&nrrd, "space: LPS", "space: scanner-xyz", "`space`"),
-        (&nrrd, "space: LPS", "data file: ../../secret", "file of their own"),
+        (&nrrd, "space: LPS", "data file: ../../secret", "separate file"),
         (&nrrd, "(0,10,0)", "(0,nan,0)", "`space directions`"),
         (&nrrd, "(0,10,0)", "(-40,0,0)", "in one plane"),
         (&nrrd, "\n\n", "\n", "empty line"),

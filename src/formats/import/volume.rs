@@ -6,20 +6,20 @@ use prosopon_geometry::{Aabb, Point, Vector, Volume};
 /// File formats of volumes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum VolumeFormat {
-    /// NIfTI-1 in one file, plain or gzipped.
+    /// NIfTI-1 in one file (`.nii`), plain or gzipped.
     Nifti,
     /// One DICOM image.
     Dicom,
-    /// NRRD with its header attached.
+    /// NRRD with header and voxels in one file.
     Nrrd,
-    /// MetaImage, `.mha`, or `.mhd` in an archive.
+    /// MetaImage: `.mha`, or `.mhd` with its voxel file in an archive.
     MetaImage,
     /// A zip archive of a DICOM series, or of one volume in another format.
     Zip,
 }
 
 impl VolumeFormat {
-    /// Short name.
+    /// Short lower-case name, for example `nifti`.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -32,31 +32,31 @@ impl VolumeFormat {
     }
 }
 
-/// Which of several DICOM series is meant.
+/// Selects one of several DICOM series.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum SeriesChoice {
-    /// By its SeriesInstanceUID.
+    /// The series with this SeriesInstanceUID.
     Uid(String),
-    /// By its number, from 1, in the order of the identifiers, as warnings list them.
+    /// The series with this number, from 1, in the order of the identifiers; warnings list series by this number.
     Number(usize),
 }
 
 impl SeriesChoice {
-    /// A number when `text` is one, else an identifier.
+    /// [`SeriesChoice::Number`] when `text` is a number, else [`SeriesChoice::Uid`].
     #[must_use]
     pub fn of(text: &str) -> Self {
         text.parse().map_or_else(|_| Self::Uid(text.to_owned()), Self::Number)
     }
 }
 
-/// How a volume is read.
+/// Settings for reading a volume.
 #[derive(Debug, Clone, PartialEq)]
 pub struct VolumeSettings {
-    /// The DICOM series; the largest CT when absent.
+    /// The DICOM series to read; the largest CT series when absent.
     pub series: Option<SeriesChoice>,
-    /// Takes series of other modalities than CT too.
+    /// Accepts series of other modalities than CT.
     pub any_modality: bool,
-    /// Largest gap between DICOM slices that is interpolated when they are uneven, mm.
+    /// Largest step between unevenly spaced DICOM slices that is interpolated, mm.
     pub max_step_mm: f64,
 }
 
@@ -66,23 +66,23 @@ impl Default for VolumeSettings {
     }
 }
 
-/// A volume and what there is to say of its file.
+/// A volume with the format and warnings of its file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct VolumeRead {
     /// The volume.
     pub volume: Volume,
-    /// Format of what holds the voxels.
+    /// Format of the file that holds the voxels; inside a zip archive, that of the packed file.
     pub format: VolumeFormat,
-    /// Number of the DICOM series that was taken, from 1, when there are several.
+    /// Number of the DICOM series that was read, from 1, when there are several.
     pub series: Option<usize>,
-    /// What was changed or looks doubtful.
+    /// Changes that were made, and doubtful content.
     pub warnings: Vec<String>,
 }
 
-/// Bytes that show the format.
+/// Number of first bytes that [`detect_volume`] needs.
 pub(super) const SHOWING: usize = 256;
 
-/// What the first bytes show.
+/// Detects the format of a volume from its first 256 bytes; `None` when no format fits.
 #[must_use]
 pub fn detect_volume(bytes: &[u8]) -> Option<VolumeFormat> {
     if nifti1::looks_like(bytes) {
@@ -100,15 +100,14 @@ pub fn detect_volume(bytes: &[u8]) -> Option<VolumeFormat> {
     }
 }
 
-/// Reads a CT volume: NIfTI-1, plain or gzipped; NRRD; MetaImage; a DICOM image; a zip archive of a DICOM series or of one file of
-/// these formats. RAS is turned into LPS.
+/// Reads a CT volume of any [`VolumeFormat`] and converts it to LPS and Hounsfield units.
 ///
-/// Returns the volume and warnings about what was changed (for example values that were clamped) or looks doubtful
-/// (for example an orientation that the file does not state). An oblique or sheared lattice is kept as it is. Slices at uneven steps
-/// are interpolated linearly to even ones.
+/// Returns the volume and warnings about changes (for example values that were clamped) and doubtful content (for example
+/// a header without orientation). An oblique or sheared lattice is kept. Unevenly spaced slices are interpolated linearly to
+/// even steps.
 ///
 /// # Errors
-/// [`ImportError`] naming the fault and its place.
+/// [`ImportError`] with the fault and its position.
 pub fn volume_with(bytes: &[u8], limits: &Limits, settings: &VolumeSettings) -> Result<VolumeRead, ImportError> {
     if bytes.is_empty() {
         return Err(ImportError::Empty);
@@ -131,7 +130,7 @@ pub fn volume_with(bytes: &[u8], limits: &Limits, settings: &VolumeSettings) -> 
     }
 }
 
-/// [`volume_with`] with default settings; the volume and warnings.
+/// Reads a CT volume with default settings; returns it with warnings.
 ///
 /// # Errors
 /// As [`volume_with`].
@@ -140,9 +139,10 @@ pub fn volume(bytes: &[u8], limits: &Limits) -> Result<(Volume, Vec<String>), Im
 }
 
 pub(super) const UNKNOWN: ImportError = ImportError::UnknownFormat {
-    expected: "NIfTI-1, plain (.nii) or gzipped (.nii.gz), NRRD (.nrrd), MetaImage (.mha), a zip archive of DICOM images or of one of these",
+    expected: "NIfTI-1, plain (.nii) or gzipped (.nii.gz), NRRD (.nrrd), MetaImage (.mha), \
+               a zip archive of DICOM images or of one of these",
 };
-const APART: &str = "the voxels are in a file of their own: send both in one zip archive";
+const APART: &str = "the voxels are in a separate file: send it with the header in one zip archive";
 
 fn from_archive(bytes: &[u8], limits: &Limits, settings: &VolumeSettings) -> Result<VolumeRead, ImportError> {
     let mut archive = Archive::open(bytes, limits)?;
@@ -175,8 +175,8 @@ fn from_archive(bytes: &[u8], limits: &Limits, settings: &VolumeSettings) -> Res
             }
             let at_most = archive_file_limit(limits);
             let mut fetch = |name: &str| {
-                let index = archive.find(name).ok_or("the file that the header names is not in the archive")?;
-                archive.read(index, at_most).map_err(|_| "the file that the header names is damaged or too large")
+                let index = archive.find(name).ok_or("the voxel file that the header names is not in the archive")?;
+                archive.read(index, at_most).map_err(|_| "the voxel file is damaged or too large")
             };
             let volume = meta_image::read(&whole, limits, &mut fetch, &mut warnings)?;
             Ok(VolumeRead { volume, format, series: None, warnings })
@@ -188,7 +188,7 @@ fn from_archive(bytes: &[u8], limits: &Limits, settings: &VolumeSettings) -> Res
         (false, _) => {
             let others = others.saturating_add(volumes.len());
             if others > 0 {
-                warnings.push(format!("{others} files that are no images were passed over"));
+                warnings.push(format!("{others} files that are not images were skipped"));
             }
             let fetch = |index: usize| archive.clone().read(index, dicom::MAX_FILE);
             let (volume, series) = dicom::assemble(images, &fetch, limits, settings, &mut warnings)?;
@@ -197,12 +197,12 @@ fn from_archive(bytes: &[u8], limits: &Limits, settings: &VolumeSettings) -> Res
     }
 }
 
-/// Voxels of eight bytes and a header.
+/// Largest file in an archive, bytes: voxels of eight bytes and a header.
 fn archive_file_limit(limits: &Limits) -> u64 {
     (limits.max_voxels as u64).saturating_mul(8).saturating_add(1 << 20)
 }
 
-/// Judges the size of the box around all voxels.
+/// Checks the size of the box around all voxels.
 #[expect(clippy::arithmetic_side_effects, reason = "floating point")]
 pub(super) fn check_extent(
     dims: [usize; 3],

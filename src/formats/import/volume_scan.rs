@@ -1,19 +1,21 @@
 use super::volume::{SHOWING, UNKNOWN, detect_volume};
 use super::{ImportError, Limits, VolumeFormat, nifti1};
 
-/// Looks over a CT file while it arrives, without keeping it: whether its format is read, and for NIfTI whether there is a header
-/// that is read, and all voxels. A gzipped file is unpacked on the way. Of other formats no more than the beginning is looked at.
+/// Checks a CT file while it arrives, without keeping it.
+///
+/// The format must be supported. Of a NIfTI file, plain or gzipped, the scan also checks the header and that all voxels are
+/// present. Of other formats it checks only the beginning.
 #[derive(Debug)]
 pub struct VolumeScan {
     limits: Limits,
-    /// The first bytes, until they show the format.
+    /// The first bytes, until the format is known.
     beginning: Vec<u8>,
     format: Option<VolumeFormat>,
     scan: Option<nifti1::Scan>,
 }
 
 impl VolumeScan {
-    /// A scan that has seen nothing yet.
+    /// A scan before the first piece.
     #[must_use]
     pub fn new(limits: Limits) -> Self {
         Self { limits, beginning: Vec::new(), format: None, scan: None }
@@ -22,7 +24,7 @@ impl VolumeScan {
     /// Takes the next piece of the file.
     ///
     /// # Errors
-    /// [`ImportError`], as soon as what came shows that the file cannot be read.
+    /// [`ImportError`] as soon as the pieces show that the file cannot be read.
     pub fn push(&mut self, piece: &[u8]) -> Result<(), ImportError> {
         match (&mut self.scan, self.format) {
             (Some(scan), _) => return scan.push(piece),
@@ -45,10 +47,10 @@ impl VolumeScan {
         Ok(())
     }
 
-    /// Whether the file that ended here is whole, as far as it was looked at.
+    /// Ends the scan: checks that the file is complete, as far as its format was checked.
     ///
     /// # Errors
-    /// [`ImportError`], as [`super::volume()`] would say it of the whole file.
+    /// [`ImportError`] as [`super::volume()`] gives it for the whole file.
     pub fn finish(mut self) -> Result<(), ImportError> {
         if self.format.is_none() {
             self.begin()?;

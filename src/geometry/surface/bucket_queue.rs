@@ -1,5 +1,6 @@
-/// A queue that gives the cheapest entries first, to about a tenth of the cost; among those within a tenth, the
-/// oldest. Much faster than a heap when millions of entries come and go.
+/// A priority queue that returns the cheapest entries first, to about a tenth of the cost.
+///
+/// Among entries within a tenth it returns the oldest. It is much faster than a heap for millions of entries.
 pub(super) struct BucketQueue<T> {
     buckets: Vec<Bucket<T>>,
     /// No bucket before this one holds an entry.
@@ -8,11 +9,11 @@ pub(super) struct BucketQueue<T> {
 
 struct Bucket<T> {
     entries: Vec<T>,
-    /// Entries before this one are taken.
+    /// Number of entries that were already returned.
     taken: usize,
 }
 
-/// Bits of an `f32` that are ignored: three bits of the fraction stay.
+/// Lowest bits of an `f32` cost that are ignored; three bits of the fraction remain, so a bucket spans an eighth or less.
 const IGNORED_BITS: u32 = 20;
 
 impl<T: Copy> BucketQueue<T> {
@@ -24,7 +25,7 @@ impl<T: Copy> BucketQueue<T> {
     /// Adds an entry; a negative cost counts as 0, NaN as infinite.
     pub(super) fn push(&mut self, cost: f64, entry: T) {
         let cost = if cost.is_nan() { f32::INFINITY } else { (cost as f32).max(0.0) };
-        // The bits of positive floats are in the order of the floats; adding 0 turns -0 into 0.
+        // The bit patterns of non-negative floats have the order of the floats; adding 0 turns -0 into 0.
         let index = ((cost + 0.0).to_bits() >> IGNORED_BITS) as usize;
         self.buckets[index].entries.push(entry);
         self.lowest = self.lowest.min(index);
@@ -61,7 +62,7 @@ mod tests {
             assert!(c >= last * 0.87, "{c} after {last}");
             last = c;
         }
-        // A cheap late entry overtakes.
+        // A cheap entry that was added late comes first.
         queue.push(0.0, 9999);
         assert_eq!(queue.pop(), Some(9999));
         assert_eq!(std::iter::from_fn(|| queue.pop()).count(), 2500);

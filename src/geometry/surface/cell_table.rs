@@ -1,21 +1,22 @@
-//! Triangles of a marching-cubes cell for each of its 256 sign patterns, derived instead of tabulated.
+//! Triangles of a marching-cubes cell for each of its 256 sign patterns, computed instead of tabulated.
 
 use std::sync::LazyLock;
 
 /// How the surface crosses a cell with a given sign pattern.
 #[derive(Debug, Default)]
 pub(super) struct CellCase {
-    /// Corners of each triangle: 0 to 11 is the vertex on that cell edge, 12 + n the n-th centre.
+    /// Corners of each triangle: 0 to 11 is the vertex on that cell edge, `12 + n` is centre `n`.
     pub(super) triangles: Vec<[u8; 3]>,
-    /// Extra vertices: each the mean of the vertices on these cell edges.
+    /// Extra vertices; each is the mean of the vertices on the listed cell edges.
     pub(super) centers: Vec<Vec<u8>>,
 }
 
-/// Cases by pattern: bit `c` is set when corner `c` (bit 0 x, bit 1 y, bit 2 z) is inside.
+/// Cases indexed by sign pattern: bit `c` is set when corner `c` (bit 0 is x, bit 1 y, bit 2 z) is inside.
 pub(super) static CASES: LazyLock<Vec<CellCase>> = LazyLock::new(|| (0..=255).map(cell_case).collect());
 
-/// Cell edge `4 axis + m` runs along `axis` from the corner given by `m` in the other two axes (lower axis in bit 0).
-/// Returns its lower and upper corner.
+/// Lower and upper corner of a cell edge.
+///
+/// Edge `4 axis + m` runs along `axis` from the corner given by `m` in the other two axes (lower axis in bit 0).
 pub(super) fn edge_corners(edge: usize) -> [usize; 2] {
     let axis = edge / 4;
     let (u, v) = other_axes(axis);
@@ -52,11 +53,12 @@ fn share_a_face(a: u8, b: u8) -> bool {
     [1, 2, 4].into_iter().any(all_equal)
 }
 
-/// For each cut edge the next one around the surface polygon, with the solid on the right seen from outside the cell,
-/// which makes polygons counter-clockwise seen from outside the solid.
+/// For each cut edge, the next cut edge around the surface polygon.
 ///
-/// On a face with two diagonal inside corners these are joined. The rule looks only at the face's own corners, so
-/// both cells at the face draw the same segments: this is what makes the surface closed.
+/// Seen from outside the cell the solid is on the right, so that polygons are counter-clockwise seen from outside the solid.
+///
+/// On a face with two diagonally opposite inside corners, these are joined. The rule depends only on the face's own corners,
+/// so both cells at the face draw the same segments: this makes the surface closed.
 fn next_edges(pattern: usize) -> [Option<u8>; 12] {
     let mut next = [None; 12];
     let inside = |c: usize| pattern >> c & 1 == 1;
@@ -67,7 +69,7 @@ fn next_edges(pattern: usize) -> [Option<u8>; 12] {
             if !entering {
                 continue;
             }
-            // Walk back over the outside corners to the edge where the boundary left the solid.
+            // Walks back over the outside corners to the edge at which the boundary of the face left the solid.
             let mut j = i;
             while !inside(corners[(j + 3) % 4]) {
                 j = (j + 3) % 4;
@@ -79,8 +81,9 @@ fn next_edges(pattern: usize) -> [Option<u8>; 12] {
     next
 }
 
-/// Triangles of a polygon without a diagonal that lies in a face of the cell: the neighbour could draw the same edge,
-/// which would then have four triangles.
+/// Triangulates a polygon without diagonals that lie in a face of the cell; `None` when that is impossible.
+///
+/// The neighbouring cell could draw the same diagonal, which would then have four triangles.
 fn triangulate(polygon: &[u8]) -> Option<Vec<[u8; 3]>> {
     let n = polygon.len();
     if n < 3 {

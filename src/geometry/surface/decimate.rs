@@ -4,21 +4,44 @@ use super::quadric::Quadric;
 use crate::control::{Cancelled, Control};
 use crate::{Point, TriMesh};
 
-/// Weight of the anchors relative to the planes. They decide only where the planes leave the place open.
+/// Weight of the anchors relative to the planes. It is small: anchors matter only where the planes have no unique minimum.
 const ANCHOR: f64 = 1e-3;
 
-/// Quadric decimation to a geometric error of at most `max_error_mm`, no fewer than `min_triangles` triangles.
-/// Returns the mesh and the error reached, mm.
+/// Simplifies a mesh by edge collapses; returns it with the error reached, mm.
+///
+/// The error is the largest distance of an input vertex from the result. It is measured and never exceeds `max_error_mm`.
+/// The result has no fewer than `min_triangles` triangles, unless the input has.
 ///
 /// Edges collapse in the order of their quadric error. A collapse is refused when it would change the topology (link
-/// condition), turn a triangle by more than about 75°, make a needle, or leave an input vertex farther than the
-/// allowed error from the triangles that replace its surroundings. So a closed two-manifold stays one, and the error
-/// returned, the largest distance of an input vertex from the result, is measured and never above `max_error_mm`.
-/// Vertices on open borders and non-manifold places stay.
+/// condition), turn a triangle by more than about 75°, make a needle, or leave an input vertex farther than `max_error_mm`
+/// from the triangles that replace its neighbourhood. A closed two-manifold therefore stays one. Vertices on open borders
+/// and non-manifold vertices keep their position.
+///
+/// ```
+/// use prosopon_geometry::{Aabb, Point, ScalarGrid, Topology, decimate, isosurface};
+///
+/// // A ball of 10 mm radius, sampled every 1 mm.
+/// let bounds = Aabb { min: Point::origin(), max: Point::origin() }.grown(12.0);
+/// let mut grid = ScalarGrid::covering(&bounds, 1.0, 0.0);
+/// let [nx, ny, nz] = grid.dims;
+/// for k in 0..nz {
+///     for j in 0..ny {
+///         for i in 0..nx {
+///             let at = grid.index(i, j, k);
+///             grid.values[at] = (grid.position(i, j, k).coords.norm() - 10.0) as f32;
+///         }
+///     }
+/// }
+/// let ball = isosurface(&grid, 0.0).expect("some samples are negative");
+/// let (coarse, error_mm) = decimate(&ball, 0.2, 4);
+/// assert!(error_mm <= 0.2);
+/// assert!(coarse.triangles().len() < ball.triangles().len() / 2);
+/// assert!(Topology::of(&coarse).is_closed_manifold());
+/// ```
 ///
 /// # Source
-/// Garland & Heckbert, SIGGRAPH 1997; link condition: Dey et al., Topology preserving edge contraction, 1999; error kept at
-/// the removed vertices: Ciampalini et al., Multiresolution decimation based on global error, 1997.
+/// Garland & Heckbert, SIGGRAPH 1997; link condition: Dey et al., Topology preserving edge contraction, 1999; error
+/// measured at the removed vertices: Ciampalini et al., Multiresolution decimation based on global error, 1997.
 #[must_use]
 pub fn decimate(mesh: &TriMesh, max_error_mm: f64, min_triangles: usize) -> (TriMesh, f64) {
     // Nobody can cancel this control.
@@ -26,10 +49,10 @@ pub fn decimate(mesh: &TriMesh, max_error_mm: f64, min_triangles: usize) -> (Tri
         .unwrap_or_else(|Cancelled| (mesh.clone(), 0.0))
 }
 
-/// [`decimate`] that can be cancelled and reports the done share to `progress`.
+/// [`decimate`] that can be cancelled and reports the completed share, 0 to 1, to `progress`.
 ///
 /// # Errors
-/// [`Cancelled`].
+/// [`Cancelled`] when `control` was cancelled or its deadline has passed.
 pub fn decimate_with(
     mesh: &TriMesh,
     max_error_mm: f64,
@@ -40,7 +63,7 @@ pub fn decimate_with(
     let mut work = Decimation::new(mesh, max_error_mm);
     let to_remove = mesh.triangles().len().saturating_sub(min_triangles).max(1) as f64;
     let mut popped = 0usize;
-    // A collapse takes two triangles.
+    // A collapse removes two triangles.
     while work.live.triangle_count() >= min_triangles.saturating_add(2) {
         let Some(candidate) = work.queue.pop() else { break };
         work.try_collapse(&candidate);
@@ -53,7 +76,7 @@ pub fn decimate_with(
     Ok(work.live.finish().unwrap_or_else(|| (mesh.clone(), 0.0)))
 }
 
-/// An edge that may collapse, and the sum of its vertices' stamps when it was queued.
+/// An edge that may collapse, with the sum of its vertices' stamps at the time it was queued.
 #[derive(Clone, Copy)]
 struct Candidate {
     edge: [u32; 2],
@@ -86,20 +109,20 @@ impl Decimation {
         let live = LiveMesh::new(mesh);
         let mut work = Self { live, quadrics, stamps: vec![0; n], queue: BucketQueue::new(), max_error };
         let edges = mesh.triangles().iter().flat_map(|t| [[t[0], t[1]], [t[1], t[2]], [t[2], t[0]]]);
-        // On a closed mesh every edge runs once in each direction.
+        // A closed mesh holds every edge once in each direction: this keeps one of the two.
         for edge in edges.filter(|e| e[0] < e[1]) {
             work.enqueue(edge);
         }
         work
     }
 
-    /// Where the edge would collapse to, and the mean square distance there, mm².
+    /// Position to which the edge would collapse, and the mean square distance there, mm².
     fn target(&self, edge: [u32; 2]) -> (Point, f64) {
         let [u, v] = edge.map(|w| w as usize);
         let quadric = self.quadrics[u].plus(&self.quadrics[v]);
         let (p, q) = (self.live.position(edge[0]), self.live.position(edge[1]));
         let middle = nalgebra::center(&p, &q);
-        // A minimum far away comes from nearly parallel planes.
+        // Nearly parallel planes have their minimum far away: the middle of the edge is used instead.
         let reach_sq = (p - q).norm_squared();
         let target = quadric.minimum().filter(|m| (m - middle).norm_squared() <= reach_sq).unwrap_or(middle);
         (target, quadric.mean_square(&target))
@@ -110,7 +133,7 @@ impl Decimation {
             return;
         }
         let (_, cost) = self.target(edge);
-        // The anchors add to the cost, so the limit is a little tighter than the error.
+        // The anchors add to the cost, so this limit is slightly stricter than `max_error`.
         if cost <= self.max_error * self.max_error {
             self.queue.push(cost, Candidate { edge, stamp: self.stamp(edge) });
         }
@@ -171,7 +194,7 @@ mod tests {
     #[test]
     fn a_torus_keeps_its_topology_and_the_error_is_what_is_said() {
         let torus = |p: &Point| (p.x.hypot(p.y) - 12.0).hypot(p.z) - 5.0;
-        // Smoothed: raw slivers of marching cubes may lean over.
+        // Smoothed first: slivers of marching cubes may face the wrong way.
         let mesh = smooth(&surface(19.0, torus), 3);
         for limit in [0.02, 0.1, 0.5] {
             let (coarse, error) = decimate(&mesh, limit, 4);
@@ -179,10 +202,10 @@ mod tests {
             assert_eq!(coarse.positions().len(), coarse.triangles().len() / 2, "genus 1");
             let measured = mesh.positions().iter().map(|p| distance(p, &coarse)).fold(0.0, f64::max);
             assert!(measured <= error + 1e-9 && error <= limit, "{limit}: {measured} {error}");
-            // The other way: new vertices and triangles stay near the analytic surface; sampling adds h²/8r = 0.025.
+            // In the other direction: new vertices stay near the analytic surface; sampling adds h²/8r = 0.025.
             let off = coarse.positions().iter().map(|p| torus(p).abs()).fold(0.0, f64::max);
             assert!(off < 1.5 * limit + 0.03, "{limit}: {off}");
-            // No triangle looks the wrong way.
+            // No triangle faces inwards.
             for t in 0..coarse.triangles().len() {
                 let [a, b, c] = coarse.corners(t);
                 let center = Point::from((a.coords + b.coords + c.coords) / 3.0);
@@ -201,7 +224,7 @@ mod tests {
         let (coarse, error) = decimate(&mesh, 0.05, 4);
         assert!(Topology::of(&coarse).is_closed_manifold());
         assert!(error <= 0.05);
-        // Most that stay lie on the narrow chamfers that marching cubes makes of edges, where longer ones would be needles.
+        // Most remaining triangles lie on the narrow chamfers that marching cubes makes of edges; longer ones would be needles.
         assert!(coarse.triangles().len() < mesh.triangles().len() / 5);
         assert!((coarse.volume() / mesh.volume() - 1.0).abs() < 2e-3);
     }

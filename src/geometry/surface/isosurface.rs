@@ -1,41 +1,43 @@
 use super::cell_table::{CASES, edge_corners};
 use crate::{Point, ScalarGrid, TriMesh, Vector};
 
-/// A vertex keeps at least this share of its grid edge from either end. Samples at the isolevel would otherwise put
-/// several vertices on one grid point and make triangles of no area. The surface moves by at most this share of the
-/// spacing.
+/// Smallest distance of a vertex from either end of its grid edge, as a share of the edge.
+///
+/// Without it, samples at the isolevel would put several vertices on one grid point and make triangles without area. The
+/// surface moves by at most this share of the spacing.
 const NUDGE: f64 = 0.01;
 
 const NONE: u32 = u32::MAX;
 
-/// Surface of `grid` at `iso`: the solid is where the value is below `iso`, triangles are counter-clockwise seen
-/// from outside. Where the solid reaches the grid's border the surface is capped there, so it is always closed.
-/// `None` when nothing is below `iso`.
+/// Closed surface of the solid where `grid` is below `iso`; `None` when no sample is below `iso`.
 ///
-/// Marching cubes with the polygons traced on the cell's faces: closed, two-manifold (edges and vertices) and without
-/// triangles of zero area for any values; a NaN counts as outside. Diagonal inside corners of a face are joined.
+/// Triangles are counter-clockwise seen from outside. Where the solid reaches the border of the grid, the surface is capped.
+///
+/// The method is marching cubes with polygons traced on the faces of the cells. For any values the surface is closed,
+/// two-manifold at edges and vertices, and free of triangles without area. A NaN counts as outside. Two diagonally opposite
+/// inside corners of a face are joined.
 ///
 /// # Accuracy
-/// Vertices lie on grid edges by linear interpolation, at least 1 % of the spacing from their ends.
+/// Vertices lie on grid edges by linear interpolation, at least 1 % of the spacing away from the ends of the edge.
 ///
 /// # Source
-/// Lorensen & Cline, Marching Cubes, SIGGRAPH 1987; face rule: Nielson & Hamann, The asymptotic decider, 1991, discusses
-/// why it must depend on the face only.
+/// Lorensen & Cline, Marching Cubes, SIGGRAPH 1987. Nielson & Hamann, The asymptotic decider, 1991, discuss why the rule for
+/// a face must depend on the face only.
 #[must_use]
 pub fn isosurface(grid: &ScalarGrid, iso: f32) -> Option<TriMesh> {
     let mut builder = Builder::new(grid, iso);
-    // Layers of the grid with one virtual layer of outside samples around it.
+    // The grid is padded with one virtual layer of outside samples on every side.
     for k in 0..grid.dims[2] + 2 {
         builder.add_layer(k);
     }
     TriMesh::new(builder.positions, builder.triangles).ok()
 }
 
-/// Sweeps the padded grid layer by layer; holds two layers of signs and of vertices on grid edges.
+/// Sweeps the padded grid layer by layer; holds the signs and the edge vertices of two layers.
 struct Builder<'a> {
     grid: &'a ScalarGrid,
     iso: f32,
-    /// Padded samples along x and y.
+    /// Number of padded samples along x and y.
     width: usize,
     height: usize,
     below: Layer,
@@ -140,7 +142,7 @@ impl<'a> Builder<'a> {
                 let t = (f64::from(self.iso) - f64::from(a)) / (f64::from(b) - f64::from(a));
                 if t.is_nan() { 0.5 } else { t.clamp(NUDGE, 1.0 - NUDGE) }
             }
-            // The cap lies just outside the last samples.
+            // The cap of a solid that reaches the border lies just outside the last samples.
             (Some(_), None) => NUDGE,
             _ => 1.0 - NUDGE,
         };
@@ -161,7 +163,7 @@ impl<'a> Builder<'a> {
     fn add_cells(&mut self) {
         let w = self.width;
         for j in 0..self.height - 1 {
-            // Bits 0 (y), 1 (y + 1), 2 and 3 (the same one layer up) of one column of corners.
+            // Four corners of one column: bits 0 (y) and 1 (y + 1), bits 2 and 3 the same one layer up.
             let column = |i: usize| {
                 let at = i + w * j;
                 self.below.inside[at]
@@ -258,7 +260,7 @@ mod tests {
         let grid = sampled(3.0, 1.0, |_| -1.0);
         let mesh = isosurface(&grid, 0.0).unwrap();
         assert!(Topology::of(&mesh).is_closed_manifold());
-        // The rounding of the box's edges by the cap's nudge is of second order in NUDGE.
+        // The cap rounds the edges of the box; that changes the volume only at second order in NUDGE.
         assert!((mesh.volume() - 216.0).abs() < 216.0 * 3.0 * NUDGE);
         let bounds = mesh.bounds();
         assert!((bounds.max.x - 3.0).abs() < 2.0 * NUDGE && (bounds.min.z + 3.0).abs() < 2.0 * NUDGE);
@@ -284,7 +286,7 @@ mod tests {
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(400))]
-        /// Few levels, so that exact iso values, ambiguous faces and pinched cells are common.
+        /// Few distinct levels, so that exact iso values, ambiguous faces and pinched cells are common.
         #[test]
         fn any_values_give_a_closed_manifold(
             dims in [2usize..7, 2..7, 2..7],

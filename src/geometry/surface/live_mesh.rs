@@ -1,4 +1,4 @@
-//! A triangle mesh under edge collapse that remembers how far it has moved from the vertices it started with.
+//! A triangle mesh under edge collapse that bounds its distance from the input vertices.
 
 use super::parts::submesh;
 use super::point_triangle::distance_sq;
@@ -7,10 +7,10 @@ use crate::{Point, TriMesh, Vector};
 
 const NONE: u32 = u32::MAX;
 
-/// A triangle may turn by a collapse as far as this cosine.
+/// Smallest cosine of the angle by which a collapse may turn a triangle; about 75°.
 const MIN_COS: f64 = 0.25;
 
-/// New triangles must be at least this good (1 is equilateral), or no worse than the worst they replace.
+/// Smallest [`quality`] of a new triangle (1 is equilateral), unless a triangle that it replaces is worse.
 const MIN_QUALITY: f64 = 0.15;
 
 pub(super) struct LiveMesh {
@@ -20,7 +20,7 @@ pub(super) struct LiveMesh {
     n_alive: usize,
     fixed: Vec<bool>,
     corners: CornerLists,
-    /// Input vertices, and for each triangle a list of those that it stands for.
+    /// Input vertices; each triangle has a linked list of the samples nearest to it.
     samples: Vec<Point>,
     first_sample: Vec<u32>,
     next_sample: Vec<u32>,
@@ -42,9 +42,9 @@ struct Scratch {
     other: Vec<u32>,
     link_u: Vec<u32>,
     link_v: Vec<u32>,
-    /// Triangles that stay, with the corners they would have.
+    /// Remaining triangles around the edge, with the corners that they would have.
     changed: Vec<(u32, [Point; 3])>,
-    /// Samples and the index in `changed` of the triangle nearest to each.
+    /// Pairs of a sample and the index in `changed` of the triangle nearest to it.
     moved: Vec<(u32, u32)>,
 }
 
@@ -98,8 +98,10 @@ impl LiveMesh {
         around.iter().map(|&c| self.following(c)).collect()
     }
 
-    /// Merges `u` into `v`, which goes to `target`. Returns false and changes nothing when that would break the topology, turn
-    /// or squeeze a triangle, or leave a sample farther than `max_error` (mm) from the new triangles.
+    /// Merges `u` into `v` and moves `v` to `target`; returns whether it did.
+    ///
+    /// Returns false and changes nothing when the collapse would change the topology, turn a triangle too far or make it too
+    /// thin, or leave a sample farther than `max_error` (mm) from the new triangles.
     pub(super) fn collapse(&mut self, u: u32, v: u32, target: &Point, max_error: f64) -> bool {
         let mut s = std::mem::take(&mut self.scratch);
         let done = self.keeps_topology(u, v, &mut s)
@@ -112,14 +114,15 @@ impl LiveMesh {
         done
     }
 
-    /// Vertex after the corner's own in its triangle.
+    /// The vertex that follows `corner` in its triangle.
     fn following(&self, corner: u32) -> u32 {
         let i = corner % 3;
         self.triangles[(corner / 3) as usize][if i == 2 { 0 } else { i as usize + 1 }]
     }
 
-    /// Link condition: exactly the two vertices opposite the edge are neighbours of both its ends, and they keep at least three
-    /// triangles each.
+    /// Link condition: the two ends have exactly two common neighbours, those opposite the edge.
+    ///
+    /// Each of these two must also keep at least three triangles.
     fn keeps_topology(&mut self, u: u32, v: u32, s: &mut Scratch) -> bool {
         self.corners.collect(u, &self.alive, &mut s.around_u);
         self.corners.collect(v, &self.alive, &mut s.around_v);
@@ -159,7 +162,7 @@ impl LiveMesh {
     fn keeps_distance(&self, u: u32, max_error: f64, s: &mut Scratch) -> bool {
         s.moved.clear();
         let max_sq = max_error * max_error;
-        // Triangles at the edge are in both fans; they are met once.
+        // Triangles at the edge are in both fans; this visits them once.
         let once = |c: &&u32| !self.triangles[(**c / 3) as usize].contains(&u);
         for &corner in s.around_u.iter().chain(s.around_v.iter().filter(once)) {
             let mut sample = self.first_sample[(corner / 3) as usize];
@@ -203,7 +206,7 @@ impl LiveMesh {
         }
     }
 
-    /// The mesh as it is now, and the largest distance of a sample from the triangle that stands for it, mm.
+    /// The simplified mesh, and the largest distance of a sample from the triangle that lists it, mm.
     pub(super) fn finish(self) -> Option<(TriMesh, f64)> {
         let mut max_sq = 0.0f64;
         let kept: Vec<u32> = (0..self.triangles.len() as u32).filter(|&t| self.alive[t as usize]).collect();
@@ -230,7 +233,7 @@ impl CornerLists {
         }
     }
 
-    /// Moves the list of `u` to the end of that of `v`.
+    /// Moves the list of `u` to the end of the list of `v`.
     fn append_all(&mut self, v: u32, u: u32) {
         let (first, last) = (self.first[u as usize], self.last[u as usize]);
         if first != NONE {
@@ -240,7 +243,7 @@ impl CornerLists {
         (self.first[u as usize], self.last[u as usize]) = (NONE, NONE);
     }
 
-    /// Fills `found` with the live corners of `v`, drops dead ones from its list, and returns how many there are.
+    /// Fills `found` with the live corners of `v`, drops dead ones from the list, and returns the number of live corners.
     fn collect(&mut self, v: u32, alive: &[bool], found: &mut Vec<u32>) -> usize {
         found.clear();
         let mut at = self.first[v as usize];
@@ -257,7 +260,7 @@ impl CornerLists {
     }
 }
 
-/// Vertices that a collapse could tear or merge wrongly.
+/// Marks vertices on borders and non-manifold vertices: a collapse could change the topology there.
 fn fixed_vertices(mesh: &TriMesh) -> Vec<bool> {
     let mut fixed = vec![false; mesh.positions().len()];
     for v in irregular_vertices(mesh) {
@@ -270,7 +273,7 @@ fn scaled_normal([a, b, c]: &[Point; 3]) -> Vector {
     (b - a).cross(&(c - a))
 }
 
-/// Area over the sum of the squared edges, 1 for an equilateral triangle.
+/// Area divided by the sum of the squared edges, scaled to 1 for an equilateral triangle.
 fn quality(corners: &[Point; 3]) -> f64 {
     let [a, b, c] = corners;
     let edges_sq = (b - a).norm_squared() + (c - b).norm_squared() + (a - c).norm_squared();

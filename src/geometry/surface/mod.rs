@@ -1,6 +1,6 @@
-//! Scalar grids to surfaces, and surfaces to better ones: isosurface, components, smoothing, decimation.
+//! Isosurfaces of scalar grids, connected parts, smoothing and decimation.
 //!
-//! Invariants: an isosurface is closed and two-manifold, whatever the values; decimation keeps a closed manifold closed.
+//! Invariants: an isosurface is a closed two-manifold for any values; decimation keeps a closed manifold closed.
 
 mod bucket_queue;
 mod cell_table;

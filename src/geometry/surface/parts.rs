@@ -1,7 +1,8 @@
 use crate::{Aabb, TriMesh};
 
-/// Parts of a mesh: triangles joined by shared vertices. Each part is a list of triangle indices in rising order; parts are
-/// sorted by their first triangle.
+/// Connected parts of a mesh; triangles are connected through shared vertices.
+///
+/// Each part is a list of triangle indices in rising order. Parts are sorted by their first triangle.
 #[must_use]
 pub fn parts(mesh: &TriMesh) -> Vec<Vec<u32>> {
     let mut parent: Vec<u32> = (0..mesh.positions().len() as u32).collect();
@@ -28,14 +29,16 @@ pub fn parts(mesh: &TriMesh) -> Vec<Vec<u32>> {
 fn root(parent: &mut [u32], v: u32) -> u32 {
     let mut at = v as usize;
     while parent[at] != at as u32 {
-        // Halving the path keeps later walks short.
+        // Path halving keeps later searches short.
         parent[at] = parent[parent[at] as usize];
         at = parent[at] as usize;
     }
     at as u32
 }
 
-/// The triangles `kept` of `mesh`, with only the vertices that they use, both in their old order. `None` when `kept` is empty.
+/// The triangles `kept` of `mesh` with only the vertices that they use; `None` when `kept` is empty.
+///
+/// Triangles have the order of `kept`; vertices keep their order in `mesh`.
 #[must_use]
 pub fn submesh(mesh: &TriMesh, kept: &[u32]) -> Option<TriMesh> {
     let mut used = vec![false; mesh.positions().len()];
@@ -54,8 +57,9 @@ pub fn submesh(mesh: &TriMesh, kept: &[u32]) -> Option<TriMesh> {
     TriMesh::new(positions, triangles).ok()
 }
 
-/// Keeps the parts (joined by shared vertices) whose bounding box diagonal is at least `min_diagonal_mm`, and always the
-/// largest; returns how many went.
+/// Removes small connected parts; returns the mesh and the number of removed parts.
+///
+/// A part stays when the diagonal of its bounding box is at least `min_diagonal_mm`. The largest part always stays.
 #[must_use]
 pub fn drop_small_parts(mesh: &TriMesh, min_diagonal_mm: f64) -> (TriMesh, usize) {
     let parts = parts(mesh);
@@ -74,7 +78,7 @@ fn diagonal(mesh: &TriMesh, part: &[u32]) -> f64 {
     Aabb::of(corners).map_or(0.0, |b| b.diagonal())
 }
 
-/// The part with the largest bounding box and the number of parts left out.
+/// The connected part with the largest bounding box, and the number of parts left out.
 #[must_use]
 pub fn largest_part(mesh: &TriMesh) -> (TriMesh, usize) {
     let parts = parts(mesh);
@@ -90,7 +94,7 @@ mod tests {
     use super::*;
     use crate::Point;
 
-    /// Tetrahedra of the given sizes side by side, with a vertex between them that nothing uses.
+    /// Tetrahedra of the given sizes in a row, each followed by an unused vertex.
     fn row(sizes: &[f64]) -> TriMesh {
         let (mut positions, mut triangles) = (Vec::new(), Vec::new());
         for (i, &s) in sizes.iter().enumerate() {

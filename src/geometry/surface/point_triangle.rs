@@ -58,7 +58,7 @@ mod tests {
                 }
             }
             let exact = distance_sq(&p, &a, &b, &c).sqrt();
-            // The lattice's points are at most 4.3 / 200 apart.
+            // The sampled points are at most 4.3 / 200 apart.
             assert!(exact <= sampled + 1e-12 && sampled - exact < 0.022, "{p}: {exact} {sampled}");
         }
     }

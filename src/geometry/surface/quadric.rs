@@ -1,7 +1,7 @@
 use crate::{Point, Vector};
 use nalgebra::Matrix3;
 
-/// Weighted sum of squared distances from planes, `xᵀ A x + 2 bᵀ x + c`, and the sum of the weights.
+/// Weighted sum of squared distances from planes, `xᵀ A x + 2 bᵀ x + c`, with the sum of the weights.
 ///
 /// # Source
 /// Garland & Heckbert, Surface simplification using quadric error metrics, SIGGRAPH 1997.
@@ -17,7 +17,7 @@ pub(super) struct Quadric {
 impl Quadric {
     pub(super) const ZERO: Self = Self { a: [0.0; 6], b: Vector::new(0.0, 0.0, 0.0), c: 0.0, weight: 0.0 };
 
-    /// Plane through `point` with unit normal `n`.
+    /// Weighted squared distance from the plane through `point` with unit normal `n`.
     pub(super) fn plane(point: &Point, n: &Vector, weight: f64) -> Self {
         let d = -n.dot(&point.coords);
         Self {
@@ -28,7 +28,9 @@ impl Quadric {
         }
     }
 
-    /// Squared distance from `point`, without weight of its own: it keeps vertices in flat places near where they were.
+    /// Weighted squared distance from `point`; it keeps vertices of flat regions near their position.
+    ///
+    /// It adds nothing to the sum of the weights.
     pub(super) fn anchor(point: &Point, weight: f64) -> Self {
         let w = weight;
         Self { a: [w, 0.0, 0.0, w, 0.0, w], b: point.coords * -w, c: w * point.coords.norm_squared(), weight: 0.0 }
@@ -52,7 +54,7 @@ impl Quadric {
         ((v.dot(&ax) + 2.0 * self.b.dot(&v) + self.c) / self.weight.max(f64::MIN_POSITIVE)).max(0.0)
     }
 
-    /// Point where the sum is smallest; `None` when it is not unique.
+    /// Point at which the sum is smallest; `None` when it is not unique.
     pub(super) fn minimum(&self) -> Option<Point> {
         let [xx, xy, xz, yy, yz, zz] = self.a;
         let x = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz).cholesky()?.solve(&-self.b);
@@ -71,7 +73,7 @@ mod tests {
         let q = planes.iter().map(|n| Quadric::plane(&corner, n, 2.0)).fold(Quadric::ZERO, |a, b| a.plus(&b));
         assert!((q.minimum().unwrap() - corner).norm() < 1e-9);
         assert!(q.mean_square(&corner) < 1e-9);
-        // 1 mm along x is 1 mm off one plane of three.
+        // A step of 1 mm along x leaves one of the three planes by 1 mm.
         assert!((q.mean_square(&(corner + Vector::x())) - 1.0 / 3.0).abs() < 1e-9);
     }
 

@@ -1,12 +1,14 @@
 use crate::{Point, TriMesh, Vector};
 use rayon::prelude::*;
 
-/// Factors of the two half steps. 1/LAMBDA + 1/MU = 0.1 is the pass band: waves longer than about 10 edges stay.
+/// Factors of the two half steps. 1/LAMBDA + 1/MU = 0.1 is the pass band: it keeps waves longer than about 10 edges.
 const LAMBDA: f64 = 0.5;
 const MU: f64 = -1.0 / (1.0 / LAMBDA - 0.1);
 
-/// Taubin smoothing without shrinking: each iteration moves every vertex by `LAMBDA` towards the mean of its neighbours and
-/// then by `MU` away from it. Vertices on an open border or a non-manifold edge stay.
+/// Taubin smoothing, which removes noise without shrinking the surface.
+///
+/// Each iteration moves every vertex by the share 0.5 towards the mean of its neighbours, then by the share 0.526 away from
+/// it. Vertices on an open border or a non-manifold edge keep their position.
 ///
 /// # Source
 /// G. Taubin, A signal processing approach to fair surface design, SIGGRAPH 1995.
@@ -22,7 +24,7 @@ pub fn smooth(mesh: &TriMesh, iterations: usize) -> TriMesh {
     mesh.with_positions(positions).unwrap_or_else(|_| mesh.clone())
 }
 
-/// Neighbours of each vertex in one array; none for vertices that stay.
+/// Neighbours of each vertex in one array; none for vertices that keep their position.
 struct Neighbours {
     starts: Vec<u32>,
     vertices: Vec<u32>,
@@ -32,7 +34,7 @@ impl Neighbours {
     fn of(mesh: &TriMesh) -> Self {
         let n = mesh.positions().len();
         let mut counts = vec![0u32; n];
-        // Around an inner vertex each neighbour follows in one triangle and precedes in another: the sum vanishes.
+        // Around an inner vertex each neighbour follows it in one triangle and precedes it in another, so that the sum is 0.
         let mut balance = vec![0i64; n];
         for t in mesh.triangles() {
             for i in 0..3 {
@@ -110,7 +112,7 @@ mod tests {
         let smoothed = smooth(&mesh, 10);
         assert!(Topology::of(&smoothed).is_closed_manifold());
         assert!(roughness(&smoothed, 16.0) < 0.5 * roughness(&mesh, 16.0));
-        // Plain smoothing by 10 steps would take 2 % away.
+        // Laplacian smoothing by 10 steps would remove 2 % of the volume.
         assert!((smoothed.volume() / mesh.volume() - 1.0).abs() < 2e-3);
     }
 

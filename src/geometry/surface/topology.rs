@@ -1,17 +1,17 @@
-//! Edges of a triangle mesh and whether it is a closed two-manifold.
+//! Checks whether a triangle mesh is a closed two-manifold.
 
 use crate::TriMesh;
 
-/// What keeps a mesh from being a closed, oriented two-manifold.
+/// Counts of the faults that keep a mesh from being a closed, oriented two-manifold.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Topology {
     /// Edges with a single triangle.
     pub boundary_edges: usize,
-    /// Edges with more than two triangles, or with two that run along it in the same direction.
+    /// Edges with more than two triangles, or with two that traverse them in the same direction.
     pub nonmanifold_edges: usize,
-    /// Vertices whose triangles do not form one fan.
+    /// Vertices whose triangles do not form a single fan.
     pub nonmanifold_vertices: usize,
-    /// Triangles that name a vertex twice or have no area.
+    /// Triangles with a repeated vertex or without area.
     pub degenerate_triangles: usize,
 }
 
@@ -48,7 +48,7 @@ fn runs_both_ways(group: &[DirectedEdge]) -> bool {
     group.iter().filter(|e| e.1).count() == 1
 }
 
-/// Vertices on a boundary or non-manifold edge and those whose triangles do not form one fan; may name a vertex twice.
+/// Vertices on a boundary or non-manifold edge, and vertices whose triangles do not form a single fan; may hold duplicates.
 pub(super) fn irregular_vertices(mesh: &TriMesh) -> Vec<u32> {
     let edges = directed_edges(mesh);
     let faulty = edges.chunk_by(|a, b| a.0 == b.0).filter(|g| g.len() != 2 || !runs_both_ways(g));
@@ -57,7 +57,7 @@ pub(super) fn irregular_vertices(mesh: &TriMesh) -> Vec<u32> {
     found
 }
 
-/// A vertex is good when walking from triangle to triangle around it meets all of its triangles.
+/// Vertices whose triangles cannot all be reached by walking from triangle to triangle around the vertex.
 fn vertices_without_one_fan(mesh: &TriMesh) -> Vec<u32> {
     let mut found = Vec::new();
     // Per corner: (vertex, following corner, preceding corner); the fan walks from one to the next.
@@ -67,7 +67,7 @@ fn vertices_without_one_fan(mesh: &TriMesh) -> Vec<u32> {
     }
     spokes.sort_unstable();
     for fan in spokes.chunk_by(|a, b| a[0] == b[0]) {
-        // An open fan starts at the spoke that no triangle of it ends at.
+        // An open fan starts at the spoke at which none of its triangles ends.
         let open_start = fan.iter().find(|s| !fan.iter().any(|o| o[2] == s[1]));
         let start = open_start.unwrap_or(&fan[0])[1];
         let mut at = start;
@@ -87,7 +87,7 @@ fn vertices_without_one_fan(mesh: &TriMesh) -> Vec<u32> {
     found
 }
 
-/// `((smaller vertex, larger vertex), runs from smaller to larger)`.
+/// `((smaller vertex, larger vertex), whether it runs from smaller to larger)`.
 type DirectedEdge = ((u32, u32), bool);
 
 /// Every edge of every triangle, sorted.

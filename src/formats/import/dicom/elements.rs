@@ -1,4 +1,4 @@
-//! The data elements of one file, in order.
+//! Iterates over the data elements of one file, in order.
 
 use std::borrow::Cow;
 use std::io::Read;
@@ -18,55 +18,56 @@ pub(super) const PIXEL_DATA: Tag = (0x7fe0, 0x0010);
 const ITEM: Tag = (0xfffe, 0xe000);
 const ITEM_END: Tag = (0xfffe, 0xe00d);
 const SEQUENCE_END: Tag = (0xfffe, 0xe0dd);
-/// A length that the file leaves open.
+/// Mark of an undefined length.
 const UNDEFINED: u32 = u32::MAX;
-/// Sequences in sequences that are followed.
+/// Deepest nesting of sequences.
 const MAX_DEPTH: usize = 32;
-/// A data set that is packed by deflate may grow to this, bytes.
+/// Largest unpacked length of a deflated data set, bytes.
 const MAX_DEFLATED: u64 = 64 << 20;
-/// Explicit types whose length takes four bytes, after two that mean nothing.
+/// Explicit types whose length takes four bytes, after two reserved bytes.
 const LONG: [&[u8; 2]; 13] =
     [b"OB", b"OD", b"OF", b"OL", b"OV", b"OW", b"SQ", b"SV", b"UC", b"UN", b"UR", b"UT", b"UV"];
 
-/// What an element holds.
+/// Value of an element.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum Value<'a> {
     Bytes(&'a [u8]),
     /// Encapsulated pixels: the fragments after the offset table.
     Fragments(Vec<&'a [u8]>),
-    /// A sequence; what is in its items is read on demand.
+    /// A sequence; its items are read on demand.
     Sequence(Elements<'a>),
 }
 
-/// A data set apart from its file meta information.
+/// A data set without its file meta information.
 #[derive(Debug)]
 pub(super) struct DataSet<'a> {
     pub(super) syntax: Syntax,
     bytes: Cow<'a, [u8]>,
 }
 
-/// Whether these may be the bytes of a DICOM file: it begins with 128 bytes of anything and `DICM`, or, without these, with
-/// an element of the first groups.
+/// Whether these may be the bytes of a DICOM file.
+///
+/// A file begins with a preamble of 128 bytes and `DICM`; a file without these begins with an element of the first groups.
 pub(super) fn looks_like(bytes: &[u8]) -> bool {
     bytes.get(128..132) == Some(b"DICM") || begins_bare(bytes)
 }
 
 fn begins_bare(bytes: &[u8]) -> bool {
     let Some((tag, rest)) = bytes.split_first_chunk::<4>() else { return false };
-    // Length and type as the first element of these groups has them, else any small number would do.
+    // Also checks the type or length that the first element of these groups has; the tag alone fits many files.
     let explicit = rest.first_chunk::<2>().is_some_and(|vr| vr == b"UL" || vr == b"UI" || vr == b"CS");
     let short = rest.first_chunk::<4>().is_some_and(|n| u32::from_le_bytes(*n) <= 64);
     matches!(tag, [2 | 8, 0, 0 | 1 | 5 | 8 | 0x10 | 0x16 | 0x18, 0]) && (explicit || short)
 }
 
 impl<'a> DataSet<'a> {
-    /// Reads the file meta information, and unpacks a data set that is packed.
+    /// Reads the file meta information and unpacks a deflated data set.
     pub(super) fn open(bytes: &'a [u8]) -> Result<Self, ImportError> {
         let body = match bytes.get(128..132) {
             Some(b"DICM") => bytes.get(132..).unwrap_or_default(),
             _ => bytes,
         };
-        // The meta information is explicit little endian, whatever follows; its end shows by the group.
+        // The meta information is always explicit little endian; it ends where the group number changes.
         let mut meta = Elements::new(body, true, true);
         let mut syntax = None;
         while meta.peek().is_some_and(|(group, _)| group == 0x0002) {
@@ -78,7 +79,7 @@ impl<'a> DataSet<'a> {
         let rest = body.get(meta.at..).unwrap_or_default();
         let syntax = match syntax {
             Some(syntax) => syntax,
-            // Files of old archives: no meta information, so the type's letters tell.
+            // Files of old archives have no meta information: letters in the place of the type show explicit encoding.
             None if rest.get(4..6).is_some_and(|vr| vr.iter().all(u8::is_ascii_uppercase)) => Syntax::EXPLICIT_LITTLE,
             None => Syntax::IMPLICIT_LITTLE,
         };
@@ -86,7 +87,7 @@ impl<'a> DataSet<'a> {
         Ok(Self { syntax, bytes })
     }
 
-    /// Its elements.
+    /// The elements of the data set.
     pub(super) fn elements(&self) -> Elements<'_> {
         Elements::new(&self.bytes, self.syntax.explicit, self.syntax.little_endian)
     }
@@ -99,12 +100,12 @@ fn inflate(packed: &[u8]) -> Result<Vec<u8>, ImportError> {
         return Err(malformed(FORMAT, "the deflated data set is damaged or cut off"));
     }
     if unpacked.len() as u64 > MAX_DEFLATED {
-        return Err(malformed(FORMAT, format!("the deflated data set grows beyond {MAX_DEFLATED} bytes")));
+        return Err(malformed(FORMAT, format!("the deflated data set unpacks to more than {MAX_DEFLATED} bytes")));
     }
     Ok(unpacked)
 }
 
-/// Goes through the top level of a data set; values are slices of the file.
+/// Iterates over the top level of a data set; values are slices of the file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Elements<'a> {
     bytes: &'a [u8],
@@ -113,7 +114,7 @@ pub(super) struct Elements<'a> {
     little: bool,
 }
 
-/// An element's beginning.
+/// Tag, type and length of an element.
 struct Head {
     tag: Tag,
     vr: Option<[u8; 2]>,
@@ -127,7 +128,7 @@ impl<'a> Elements<'a> {
 
     /// The next element; `None` at the end of the data set.
     pub(super) fn next(&mut self) -> Result<Option<(Tag, Value<'a>)>, ImportError> {
-        // Padding with zeros up to a block is common on old media.
+        // Old media often pad files with zeros up to a block.
         let rest = self.bytes.get(self.at..).unwrap_or_default();
         if rest.len() < 8 && rest.iter().all(|b| *b == 0) {
             return Ok(None);
@@ -136,7 +137,7 @@ impl<'a> Elements<'a> {
         let value = match head.length {
             UNDEFINED if head.tag == PIXEL_DATA => Value::Fragments(self.fragments()?),
             UNDEFINED => {
-                // What an element of unknown type holds is implicit, whatever the file is (CP-246).
+                // The content of an element of unknown type (UN) is always implicit (CP-246).
                 let explicit = self.explicit && head.vr.as_ref() != Some(b"UN");
                 Value::Sequence(self.inside(explicit)?)
             }
@@ -148,7 +149,7 @@ impl<'a> Elements<'a> {
         Ok(Some((head.tag, value)))
     }
 
-    /// The tag that comes next.
+    /// The tag of the next element.
     fn peek(&self) -> Option<Tag> {
         self.clone().tag()
     }
@@ -208,7 +209,7 @@ impl<'a> Elements<'a> {
             match head.tag {
                 ITEM => items.push(self.take(head.length)?),
                 SEQUENCE_END => break,
-                _ => return Err(malformed(FORMAT, "between the fragments of the pixels stands something else")),
+                _ => return Err(malformed(FORMAT, "the fragments of the pixels have other data between them")),
             }
         }
         if items.is_empty() {
@@ -218,7 +219,9 @@ impl<'a> Elements<'a> {
         Ok(items)
     }
 
-    /// Read as a sequence: the elements of its items. A sequence of implicit type comes as bytes and is read the same way.
+    /// Reads the bytes as a sequence and returns the elements of each item, at most `at_most`.
+    ///
+    /// A sequence with implicit type arrives as [`Value::Bytes`] and is read in the same way.
     pub(super) fn items(mut self, at_most: usize) -> Result<Vec<Elements<'a>>, ImportError> {
         let mut items = Vec::new();
         while self.bytes.len().saturating_sub(self.at) >= 8 {
@@ -230,18 +233,18 @@ impl<'a> Elements<'a> {
                 (ITEM, UNDEFINED) => items.push(self.inside(self.explicit)?),
                 (ITEM, length) => items.push(Elements::new(self.take(length)?, self.explicit, self.little)),
                 (SEQUENCE_END, _) => break,
-                _ => return Err(malformed(FORMAT, "between the items of a sequence stands something else")),
+                _ => return Err(malformed(FORMAT, "the items of a sequence have other data between them")),
             }
         }
         Ok(items)
     }
 
-    /// Elements over `bytes`, encoded as these are.
+    /// Elements of `bytes` in the encoding of these elements.
     pub(super) fn over(&self, bytes: &'a [u8]) -> Self {
         Elements::new(bytes, self.explicit, self.little)
     }
 
-    /// Passes over a sequence or an item of open length and all that is in it; that without its end.
+    /// Skips a sequence or item of undefined length; returns its content without the end mark.
     fn inside(&mut self, explicit: bool) -> Result<Elements<'a>, ImportError> {
         let start = self.at;
         self.skip_sequence(explicit)?;
@@ -249,7 +252,7 @@ impl<'a> Elements<'a> {
         Ok(Elements::new(self.bytes.get(start..end).unwrap_or_default(), explicit, self.little))
     }
 
-    /// Passes over a sequence of open length and all that is in it.
+    /// Skips a sequence of undefined length with all its content.
     fn skip_sequence(&mut self, explicit: bool) -> Result<(), ImportError> {
         let implicit = |vr: Option<[u8; 2]>| vr.as_ref() == Some(b"UN");
         let mut open = vec![explicit];

@@ -1,4 +1,4 @@
-//! What one image says of itself. Only the tags named here are looked at: nothing of the patient is.
+//! Reads the header of one image: only the tags named here, which hold no patient data.
 
 use super::FORMAT;
 use super::elements::{DataSet, Elements, PIXEL_DATA, Tag, Value};
@@ -26,30 +26,30 @@ const PADDING_LIMIT: Tag = (0x0028, 0x0121);
 const INTERCEPT: Tag = (0x0028, 0x1052);
 const SLOPE: Tag = (0x0028, 0x1053);
 const LOSSY: Tag = (0x0028, 0x2110);
-/// Of an enhanced image: what all frames share, and what each has of its own.
+/// Sequences of an enhanced image: fields that all frames share, and fields of each frame.
 const SHARED_GROUPS: Tag = (0x5200, 0x9229);
 const FRAME_GROUPS: Tag = (0x5200, 0x9230);
-/// Groups in these that are looked at: pixel measures, plane position, plane orientation, rescaling.
+/// Functional groups that are read: pixel measures, plane position, plane orientation, rescaling.
 const GROUPS: [Tag; 4] = [(0x0028, 0x9110), (0x0020, 0x9113), (0x0020, 0x9116), (0x0028, 0x9145)];
 /// Most frames of one file.
 const MAX_FRAMES: usize = 4096;
 
-/// How the stored numbers of an image lie in its words, and what they mean.
+/// Layout of the stored numbers in their words, and their scale.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Words {
     pub(super) bits_allocated: u16,
     pub(super) bits_stored: u16,
     pub(super) high_bit: u16,
     pub(super) signed: bool,
-    /// Stored numbers from the first to the second are no measurement.
+    /// Range of stored numbers, both ends included, that mark pixels without a measurement.
     pub(super) padding: Option<(i32, i32)>,
     /// HU per stored number.
     pub(super) slope: f64,
-    /// HU of zero.
+    /// HU of the stored number zero.
     pub(super) intercept: f64,
 }
 
-/// Where an image lies.
+/// Position and orientation of an image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Place {
     /// Centre of the first pixel, LPS mm.
@@ -58,22 +58,22 @@ pub(super) struct Place {
     pub(super) along_row: Vector,
     /// Unit vector down a column, to the next row.
     pub(super) along_column: Vector,
-    /// Distance of columns, of rows, mm.
+    /// Distance between columns, distance between rows, mm.
     pub(super) spacing: [f64; 2],
 }
 
-/// One image.
+/// Header of one image, or of one frame of an enhanced image.
 #[derive(Debug, Clone, PartialEq)]
 pub(in crate::import) struct Header {
     pub(super) syntax: Syntax,
-    /// SeriesInstanceUID; kept while a file is read only.
+    /// SeriesInstanceUID; kept only while files are read.
     pub(super) series: Vec<u8>,
     pub(super) modality: [u8; 2],
-    /// A survey picture to plan the scan on.
+    /// Whether this is a localizer, a survey image for planning the scan.
     pub(super) localizer: bool,
-    /// Frames that its file tells nothing of, one by one; 1 for a plain image and for a frame of an enhanced one.
+    /// Number of frames without their own position; 1 for a plain image and for a frame of an enhanced image.
     pub(super) frames: u32,
-    /// Which frame of its file it is, from 0, and of how many.
+    /// Index of the frame in its file, from 0, and number of frames.
     pub(super) frame: (usize, usize),
     pub(super) samples: u16,
     pub(super) columns: usize,
@@ -83,7 +83,7 @@ pub(in crate::import) struct Header {
     pub(super) lossy: bool,
 }
 
-/// The images of a data set (the frames of an enhanced one) and its pixels; `None` when it holds no image.
+/// The images of a data set, one per frame of an enhanced image, and its pixels; `None` when it holds no image.
 pub(super) fn read<'a>(set: &'a DataSet<'_>) -> Result<Option<(Vec<Header>, Value<'a>)>, ImportError> {
     let mut found = Fields::default();
     let (mut shared, mut own) = (Fields::default(), Vec::new());
@@ -118,7 +118,7 @@ pub(super) fn read<'a>(set: &'a DataSet<'_>) -> Result<Option<(Vec<Header>, Valu
     Ok(None)
 }
 
-/// One header, or one for each frame that says where it lies.
+/// One header for a plain image, or one for each frame with its own fields.
 fn frames<'a>(
     top: Fields<'a>,
     shared: &Fields<'a>,
@@ -131,7 +131,7 @@ fn frames<'a>(
         return Ok(vec![plain]);
     }
     let of = |(at, fields): (usize, Fields<'a>)| {
-        // What a frame says of itself goes before what all share.
+        // The first value of a tag counts: fields of the frame come before those that all frames share.
         let mut all = fields.0;
         all.extend(shared.0.iter().chain(&top.0).copied());
         Ok(Header { frames: 1, frame: (at, n), ..Fields(all).header(syntax)? })
@@ -139,7 +139,7 @@ fn frames<'a>(
     own.into_iter().enumerate().map(of).collect()
 }
 
-/// Values of the tags that are looked at.
+/// Values of the tags that are read.
 #[derive(Default)]
 struct Fields<'a>(Vec<(Tag, &'a [u8])>);
 
@@ -171,7 +171,7 @@ impl<'a> Fields<'a> {
         }
     }
 
-    /// Keeps what the functional groups of an item hold.
+    /// Keeps the fields in the functional groups of an item.
     fn keep_groups(&mut self, mut item: Elements<'a>) -> Result<(), ImportError> {
         while let Some((tag, value)) = item.next()? {
             if !GROUPS.contains(&tag) {
@@ -202,7 +202,7 @@ impl<'a> Fields<'a> {
         Some(if little { u16::from_le_bytes(*bytes) } else { u16::from_be_bytes(*bytes) })
     }
 
-    /// Decimals parted by backslashes; `None` when the tag is absent or empty.
+    /// Decimals separated by backslashes; `None` when the tag is absent or empty.
     fn decimals(&self, tag: Tag, name: &str) -> Result<Option<Vec<f64>>, ImportError> {
         let Some(bytes) = self.bytes(tag).map(|b| b.trim_ascii()).filter(|b| !b.is_empty() && *b != b"\0") else {
             return Ok(None);
@@ -225,7 +225,7 @@ impl<'a> Fields<'a> {
             |tag, name: &str| self.number(tag, little).ok_or_else(|| malformed(FORMAT, format!("there is no {name}")));
         let (columns, rows) = (need(COLUMNS, "number of columns")?, need(ROWS, "number of rows")?);
         if columns == 0 || rows == 0 {
-            return Err(malformed(FORMAT, format!("{columns} x {rows} pixels, expected some")));
+            return Err(malformed(FORMAT, format!("{columns} x {rows} pixels, expected at least 1 x 1")));
         }
         let frames =
             self.bytes(FRAMES).and_then(|b| std::str::from_utf8(b).ok()?.trim_matches(['\0', ' ']).parse().ok());
@@ -266,7 +266,7 @@ impl<'a> Fields<'a> {
             && high_bit.saturating_add(1) >= bits_stored;
         if !fits {
             let detail = format!(
-                "{bits_allocated} bits a pixel with {bits_stored} stored up to bit {high_bit}; read are 8 and 16 bits that hold them"
+                "{bits_allocated} bits a pixel, {bits_stored} stored up to bit {high_bit}; expected 8 or 16 bits that hold them"
             );
             return Err(malformed(FORMAT, detail));
         }
@@ -304,7 +304,7 @@ impl<'a> Fields<'a> {
         if !(unit(&a) && unit(&b) && a.dot(&b).abs() < 1e-2) {
             return Err(malformed(
                 FORMAT,
-                "rows and columns of the image orientation are no unit vectors at right angles",
+                "rows and columns of the image orientation are not unit vectors at right angles",
             ));
         }
         if !(between_rows > 0.0 && between_columns > 0.0) {

@@ -1,8 +1,8 @@
-//! DICOM series: single images in an archive, in any order, of any encoding, to one volume.
+//! Reads a DICOM series: images in an archive, in any order and encoding, to one volume.
 //!
-//! The parser is ours, though there are crates: `dicom-parser` sets up to 4 GB aside for an element on the file's word alone, and
-//! decodes and keeps every tag. Here a value is a slice of the file, only the tags named in `header` are looked at, and
-//! nothing of a patient is ever decoded. Pixels are unpacked by crates (JPEG, JPEG-LS, JPEG 2000), except RLE.
+//! The project has its own parser, because the crate `dicom-parser` allocates up to 4 GB for an element whose length the
+//! file only states, and decodes and keeps every tag. Here a value is a slice of the file, only the tags named in `header`
+//! are read, and no patient data are ever decoded. Crates decode JPEG, JPEG-LS and JPEG 2000; RLE is decoded here.
 
 mod elements;
 mod header;
@@ -30,7 +30,7 @@ use series::Image;
 use stack::Layout;
 
 pub(super) const FORMAT: &str = "DICOM";
-/// Most bytes of one file: an enhanced image of 480 frames of 512 x 512.
+/// Most bytes of one file; enough for an enhanced image with 480 frames of 512 × 512 pixels.
 pub(super) const MAX_FILE: u64 = 256 << 20;
 /// Most pixels of one image.
 const MAX_PIXELS: usize = 4096 * 4096;
@@ -40,19 +40,21 @@ pub(super) fn looks_like(bytes: &[u8]) -> bool {
     elements::looks_like(bytes)
 }
 
-/// The images of a file, frames one by one; none when it holds none (reports, directories).
+/// The images of a file, one per frame; empty for files without an image (reports, directories).
 pub(super) fn headers(bytes: &[u8]) -> Result<Vec<Header>, ImportError> {
     let set = DataSet::open(bytes)?;
     let found = header::read(&set)?.map_or_else(Vec::new, |(headers, _)| headers);
     match found.first() {
         Some(h) if h.columns.saturating_mul(h.rows) > MAX_PIXELS => {
-            Err(malformed(FORMAT, format!("{} x {} pixels, read are at most {MAX_PIXELS}", h.columns, h.rows)))
+            Err(malformed(FORMAT, format!("{} x {} pixels, but at most {MAX_PIXELS} are allowed", h.columns, h.rows)))
         }
         _ => Ok(found),
     }
 }
 
-/// Makes the volume of the images that were found; `fetch` gives a file's bytes again.
+/// Makes a volume of the images; `fetch` returns the bytes of a file, by its index.
+///
+/// Also returns the number of the series that was read, from 1, when there are several.
 pub(super) fn assemble(
     found: Vec<(usize, Header)>,
     fetch: &(dyn Fn(usize) -> Result<Vec<u8>, ImportError> + Sync),
@@ -88,7 +90,7 @@ pub(super) fn assemble(
     Ok((Volume { dims, origin: layout.origin, axes, hu }, stack.series))
 }
 
-/// All slices, in order; images that are there twice are compared.
+/// HU of all slices, in order; refuses images at the same position that differ.
 fn decode(
     images: &[Image],
     layout: &Layout,
@@ -96,7 +98,7 @@ fn decode(
     fetch: &(dyn Fn(usize) -> Result<Vec<u8>, ImportError> + Sync),
     warnings: &mut Vec<String>,
 ) -> Result<Vec<i16>, ImportError> {
-    // An enhanced image is one file with all frames: it is fetched once.
+    // An enhanced image holds all frames in one file, which is fetched once.
     let whole = match images.first() {
         Some(first) if images.len() > 1 && images.iter().all(|i| i.file == first.file) => Some(fetch(first.file)?),
         _ => None,
@@ -139,7 +141,7 @@ fn decode(
         let slice = layout.slices.iter().position(|s| *s == other).unwrap_or(0);
         let start = slice.saturating_mul(per_slice);
         if hu.get(start..start.saturating_add(per_slice)) != Some(&decoded(double)?.0) {
-            let detail = "two different images lie in one place: the series is of several scans or reconstructions";
+            let detail = "two different images lie at one position: the series mixes scans or reconstructions";
             return Err(malformed(FORMAT, detail));
         }
     }
@@ -153,18 +155,18 @@ fn tell(images: &[Image], counts: &[(u64, Scale)], warnings: &mut Vec<String>) {
         warnings.push(format!("{n_padding} pixels outside the scan (padding) were set to {AIR} HU"));
     }
     if images.iter().any(|i| pixels::padding_is_doubtful(&i.header.words)) {
-        warnings.push("the padding value of some images is one that tissue has too; it was not used".to_owned());
+        warnings.push("the padding value of some images is also a value of tissue; it was not used".to_owned());
     }
     let lossy = images.iter().filter(|i| i.header.lossy).count();
     if lossy > 0 {
-        warnings.push(format!("{lossy} images were compressed with loss"));
+        warnings.push(format!("{lossy} images have lossy compression"));
     }
     let mut sum = Scale::new(1.0, 0.0);
     counts.iter().for_each(|(_, scale)| sum.join(scale));
     sum.report(warnings);
 }
 
-/// Slices at uneven `places` (in steps) to even ones, linearly between neighbours.
+/// Interpolates slices at uneven `places` (in steps) linearly to even ones.
 fn resample(stored: &[i16], per_slice: usize, places: &[f64], depth: usize) -> Vec<i16> {
     let mut hu = vec![AIR; per_slice.saturating_mul(depth)];
     hu.par_chunks_mut(per_slice.max(1)).enumerate().for_each(|(k, out)| {
@@ -172,7 +174,7 @@ fn resample(stored: &[i16], per_slice: usize, places: &[f64], depth: usize) -> V
         let above = places.partition_point(|p| *p < place).clamp(1, places.len().saturating_sub(1).max(1));
         let below = above.saturating_sub(1);
         let (Some(&from), Some(&to)) = (places.get(below), places.get(above)) else { return };
-        // Within what decimals are rounded to, a slice is where the lattice has it.
+        // A slice that is off the lattice only by rounded decimals is copied instead of interpolated.
         let share = ((place - from) / (to - from)).clamp(0.0, 1.0);
         let share = if (share - share.round()).abs() < 1e-2 { share.round() } else { share };
         let slice = |at: usize| stored.iter().skip(at.saturating_mul(per_slice)).take(per_slice);

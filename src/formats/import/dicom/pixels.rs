@@ -1,4 +1,4 @@
-//! Pixels of one image to Hounsfield units.
+//! Converts the pixels of one image to Hounsfield units.
 
 use std::borrow::Cow;
 
@@ -10,10 +10,10 @@ use crate::import::ImportError;
 use crate::import::error::malformed;
 use crate::import::hounsfield::{AIR, Scale};
 
-/// What stands for "no measurement" is only believed where no tissue has such values, HU.
+/// A padding value is used only below the first or above the second of these, HU: between them tissue has such values.
 const NO_TISSUE_HU: [f64; 2] = [-500.0, 4000.0];
 
-/// The image in HU, row by row, and how many pixels were padding.
+/// The image in HU, row by row, and the number of padding pixels.
 pub(super) fn hounsfield(
     header: &Header,
     value: &Value<'_>,
@@ -23,7 +23,7 @@ pub(super) fn hounsfield(
     let packed = joined(value, header)?;
     let Words { bits_allocated, bits_stored, high_bit, .. } = header.words;
     let (words, shift) = match header.syntax.pixels {
-        // Decoders give the stored number, wherever it lay in the word.
+        // Decoders return the stored number itself, so that no shift is needed.
         Pixels::Stream => (stream::words(&packed, header.columns, header.rows)?, 0),
         Pixels::Rle => (
             rle::words(&packed, n, usize::from(bits_allocated / 8))?,
@@ -36,7 +36,7 @@ pub(super) fn hounsfield(
     let mut n_padding = 0u64;
     let unused = 16u32.saturating_sub(u32::from(bits_stored));
     let hu = words.into_iter().map(|word| {
-        // Up to the top of the word and down again: drops what is not stored and spreads the sign.
+        // Shifts up to the top of the word and down again: this drops unused bits and extends the sign.
         let lifted = (word >> shift) << unused;
         let stored = if header.words.signed { i32::from(lifted as i16 >> unused) } else { i32::from(lifted >> unused) };
         if padding.is_some_and(|(low, high)| (low..=high).contains(&stored)) {
@@ -49,7 +49,7 @@ pub(super) fn hounsfield(
     Ok((hu, n_padding))
 }
 
-/// The padding of an image, unless tissue has such values.
+/// The padding range of an image, unless tissue has such values.
 fn usable_padding(words: &Words) -> Option<(i32, i32)> {
     let hu = |stored: i32| words.slope * f64::from(stored) + words.intercept;
     let (low, high) = words.padding?;
@@ -58,12 +58,12 @@ fn usable_padding(words: &Words) -> Option<(i32, i32)> {
     (b < air || a > metal).then_some((low, high))
 }
 
-/// Whether an image names a padding value that tissue has too.
+/// Whether an image has a padding value that tissue has too.
 pub(super) fn padding_is_doubtful(words: &Words) -> bool {
     words.padding.is_some() && usable_padding(words).is_none()
 }
 
-/// The bytes of the header's frame.
+/// The bytes of the header's frame in the pixel data.
 fn joined<'a>(value: &Value<'a>, header: &Header) -> Result<Cow<'a, [u8]>, ImportError> {
     let (frame, of) = header.frame;
     Ok(match value {
@@ -71,7 +71,7 @@ fn joined<'a>(value: &Value<'a>, header: &Header) -> Result<Cow<'a, [u8]>, Impor
             let size = usize::from(header.words.bits_allocated / 8);
             let image = header.columns.saturating_mul(header.rows).saturating_mul(size);
             let (start, all) = (image.saturating_mul(frame), image.saturating_mul(of));
-            // One more makes an odd number even. With the wrong number of columns or rows an image would be sheared.
+            // One byte may pad an odd length. More bytes show a wrong number of columns or rows, which would shear the image.
             if bytes.len() > all.saturating_add(1) {
                 let (columns, rows) = (header.columns, header.rows);
                 let detail =
@@ -83,7 +83,7 @@ fn joined<'a>(value: &Value<'a>, header: &Header) -> Result<Cow<'a, [u8]>, Impor
         Value::Fragments(parts) if of > 1 => match parts.get(frame) {
             Some(one) if parts.len() == of => Cow::Borrowed(one),
             _ => {
-                let detail = format!("{of} frames are in {} fragments, read is one for each frame", parts.len());
+                let detail = format!("{of} frames are in {} fragments, expected one for each frame", parts.len());
                 return Err(malformed(FORMAT, detail));
             }
         },

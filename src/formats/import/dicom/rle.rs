@@ -1,10 +1,12 @@
-//! DICOM's run length encoding (PS3.5 annex G): the bytes of the words in planes, high bytes first, each plane in PackBits.
+//! Decodes DICOM's run length encoding (PS3.5 annex G).
+//!
+//! An image is stored as one PackBits plane per byte of its words, high bytes first.
 
 use super::FORMAT;
 use crate::import::ImportError;
 use crate::import::error::malformed;
 
-/// Bytes of the header: a count and up to 15 offsets.
+/// Bytes of the header: a count and 15 offsets.
 const HEADER: usize = 64;
 
 /// Unpacks one image to `n` words of one or two bytes.
@@ -15,7 +17,7 @@ pub(super) fn words(packed: &[u8], n: usize, bytes_per_word: usize) -> Result<Ve
     };
     let planes = number(0).ok_or_else(|| malformed(FORMAT, "the RLE header is cut off"))?;
     if planes != bytes_per_word {
-        let detail = format!("{planes} RLE planes, expected {bytes_per_word} for pixels of as many bytes");
+        let detail = format!("{planes} RLE planes, expected {bytes_per_word}, one for each byte of a pixel");
         return Err(malformed(FORMAT, detail));
     }
     let mut words = vec![0u16; n];
@@ -40,7 +42,7 @@ pub(super) fn words(packed: &[u8], n: usize, bytes_per_word: usize) -> Result<Ve
     Ok(words)
 }
 
-/// Gives at most `n` bytes of a PackBits stream.
+/// Passes at most `n` bytes of a PackBits stream to `give`.
 fn unpack(mut bytes: &[u8], n: usize, give: &mut dyn FnMut(u8)) {
     let mut left = n;
     while let (Some((&control, rest)), 1..) = (bytes.split_first(), left) {

@@ -1,41 +1,42 @@
-//! Which images of an archive make the volume.
+//! Chooses the images of an archive that make the volume.
 
 use super::FORMAT;
 use super::header::{Header, Place};
 use crate::import::error::malformed;
 use crate::import::{ImportError, SeriesChoice, VolumeSettings};
 
-/// Directions and spacings that differ by less are the same: what decimals are rounded to.
+/// Directions and spacings that differ by less, through rounded decimals, count as the same.
 const SAME: f64 = 1e-3;
-/// Most slices, as a share of all, that may be left out for their geometry: two halves of a series are no head.
+/// Largest share of slices that may be left out for their geometry: half of a series does not cover a head.
 const MAX_LEFT_OUT: f64 = 0.25;
-/// Geometries in one series that are told apart.
+/// Most geometries (size, spacing, direction) in one series.
 const MAX_STACKS: usize = 64;
 
-/// An image with its place in the archive.
+/// An image with its position, and its file in the archive.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Image {
-    /// Index of its file.
+    /// Index of the file in the archive.
     pub(super) file: usize,
     pub(super) header: Header,
     pub(super) place: Place,
 }
 
-/// An identifier and the images that have it.
+/// A series identifier and the images with that identifier.
 type Series = (Vec<u8>, Vec<(usize, Header)>);
 
 /// Images of one size and direction.
 #[derive(Debug)]
 pub(super) struct Stack {
     pub(super) images: Vec<Image>,
-    /// Number of the series, from 1, when there are others.
+    /// Number of the series, from 1, when there are several.
     pub(super) series: Option<usize>,
 }
 
-/// The images that are to make the volume.
+/// Chooses the images of the volume.
 ///
-/// The series that is asked for, else the one with most images of a CT; within it, the largest set of images of one size
-/// and direction. What is left out is told: series by number in the order of their identifiers, which are not repeated.
+/// They belong to the requested series, else to the CT series with most slices; within it, they are the largest set of
+/// images of one size and direction. Warnings list what was left out. They name series by number, in the order of the
+/// identifiers, and never repeat an identifier.
 pub(super) fn choose(
     found: Vec<(usize, Header)>,
     settings: &VolumeSettings,
@@ -62,7 +63,7 @@ pub(super) fn choose(
     let chosen = match &settings.series {
         Some(SeriesChoice::Number(n)) => n.checked_sub(1).filter(|n| *n < all.len()),
         Some(SeriesChoice::Uid(uid)) => all.iter().position(|(found, _)| found == uid.as_bytes()),
-        // The first of equals.
+        // Reversed, so that the first of equally large series is chosen.
         None => (0..all.len())
             .rev()
             .filter(|&s| all.get(s).is_some_and(|(_, i)| usable(i)))
@@ -70,13 +71,13 @@ pub(super) fn choose(
     };
     let Some(index) = chosen else {
         let detail = match settings.series {
-            Some(_) => format!("the series that is asked for is not there; there are {}", list()),
-            None => format!("there is no series of a CT; there are {}", list()),
+            Some(_) => format!("the requested series was not found; there are {}", list()),
+            None => format!("there is no CT series; there are {}", list()),
         };
         return Err(malformed(FORMAT, detail));
     };
     if !all.get(index).is_some_and(|(_, images)| usable(images)) {
-        return Err(malformed(FORMAT, format!("the series that is asked for is no CT; there are {}", list())));
+        return Err(malformed(FORMAT, format!("the requested series is not a CT; there are {}", list())));
     }
     let series = (all.len() > 1).then(|| index.saturating_add(1));
     if let (Some(number), None) = (series, &settings.series) {
@@ -113,7 +114,7 @@ fn largest_stack(images: Vec<(usize, Header)>, warnings: &mut Vec<String>) -> Re
             None if full => {
                 return Err(malformed(
                     FORMAT,
-                    format!("the images of the series have more than {MAX_STACKS} geometries"),
+                    format!("the images of the series have more than {MAX_STACKS} sizes and directions"),
                 ));
             }
             None => stacks.push(vec![image]),
@@ -121,31 +122,31 @@ fn largest_stack(images: Vec<(usize, Header)>, warnings: &mut Vec<String>) -> Re
     }
     let slices: usize = stacks.iter().map(Vec::len).sum();
     let list: Vec<String> = stacks.iter().take(8).map(|s| told(s)).collect();
-    // The first of equals, whatever the order of the files.
+    // Among equally large stacks the choice does not depend on the order of the files.
     let largest = stacks.into_iter().max_by(|a, b| a.len().cmp(&b.len()).then_with(|| order(b).total_cmp(&order(a))));
     let Some(stack) = largest else {
         let detail = if several > 0 {
-            "the images have several frames each and do not say where these lie: export one file a slice"
+            "the images have several frames without positions: export one file per slice"
         } else {
-            "no image says where it lies"
+            "no image has a position, orientation and pixel spacing"
         };
         return Err(malformed(FORMAT, detail));
     };
     if slices.saturating_sub(stack.len()) as f64 > MAX_LEFT_OUT * slices as f64 {
         let detail =
-            format!("the slices of the series are of several geometries, send those of one: {}", list.join("; "));
+            format!("the slices of the series differ in geometry, send only one of these sets: {}", list.join("; "));
         return Err(malformed(FORMAT, detail));
     }
     let left_out = all.saturating_sub(stack.len());
     if left_out > 0 {
         warnings.push(format!(
-            "{left_out} images of the series were left out: survey pictures, or of another size or direction than most"
+            "{left_out} images of the series were left out: localizers, or images of another size or direction than most"
         ));
     }
     Ok(stack)
 }
 
-/// A stack in words.
+/// Describes a stack for messages.
 fn told(stack: &[Image]) -> String {
     let Some(first) = stack.first() else { return String::new() };
     let ([x, y], [column, row]) = ([first.header.columns, first.header.rows], first.place.spacing);
@@ -154,7 +155,7 @@ fn told(stack: &[Image]) -> String {
     format!("{} of {x} x {y} pixels of {column} x {row} mm along {a} and {b}", stack.len())
 }
 
-/// Tells stacks apart by where they look.
+/// Number that orders stacks by their directions and spacing.
 fn order(stack: &[Image]) -> f64 {
     stack.first().map_or(0.0, |i| i.place.along_row.x.mul_add(100.0, i.place.along_column.y) + i.place.spacing[0])
 }

@@ -1,4 +1,4 @@
-//! Where the slices of a stack lie.
+//! Orders the slices of a stack and finds the step between them.
 
 use super::FORMAT;
 use super::series::Image;
@@ -6,30 +6,30 @@ use crate::import::ImportError;
 use crate::import::error::malformed;
 use prosopon_geometry::{Point, Vector};
 
-/// Slices nearer than this lie in one place, mm.
+/// Slices nearer to each other than this have the same position, mm.
 const SAME_PLACE_MM: f64 = 0.01;
-/// Slices this near to where an even stack has them make one, share of the step.
+/// Largest deviation of a slice from an evenly spaced stack that counts as even, as a share of the step.
 const EVEN: f64 = 0.05;
-/// Slices this far aside of the others' line cannot be one stack, share of a pixel.
+/// Largest distance of a slice from the straight line of the stack, as a share of a pixel.
 const ASIDE: f64 = 0.5;
-/// Stacks slanted by more are told, degrees.
+/// A tilt of the stack above this gives a warning, degrees.
 const TOLD_TILT_DEG: f64 = 0.5;
-/// Steps that an error lists.
+/// Most steps that an error lists.
 const LISTED: usize = 60;
 
-/// How a volume is made of a stack's images.
+/// Arrangement of a stack's images in the volume.
 #[derive(Debug)]
 pub(super) struct Layout {
     /// Indices into the images, from the first slice to the last.
     pub(super) slices: Vec<usize>,
-    /// Pairs of an image and a slice in the same place.
+    /// Duplicates: pairs of an image and the slice at the same position.
     pub(super) doubles: Vec<(usize, usize)>,
     pub(super) origin: Point,
     /// Step from slice to slice of the volume, LPS mm.
     pub(super) step: Vector,
-    /// Place of each slice along the steps; `None` when they are even.
+    /// Position of each slice, in steps from the first; `None` when slices are evenly spaced.
     pub(super) uneven: Option<Vec<f64>>,
-    /// Slices of the volume.
+    /// Number of slices of the volume.
     pub(super) depth: usize,
 }
 
@@ -40,7 +40,7 @@ pub(super) fn layout(images: &[Image], max_step_mm: f64, warnings: &mut Vec<Stri
     let normal = first.place.along_row.cross(&first.place.along_column).normalize();
     let height = |i: &Image| (i.place.origin - first.place.origin).dot(&normal);
     let mut order: Vec<(f64, usize)> = images.iter().enumerate().map(|(at, image)| (height(image), at)).collect();
-    // Equal heights go by where the image lies and then by file, so that the order of files does not matter more than it must.
+    // Images at equal heights keep the order of their files.
     order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
 
     let place = |at: usize| images.get(at).map_or_else(Point::origin, |i| i.place.origin);
@@ -58,7 +58,7 @@ pub(super) fn layout(images: &[Image], max_step_mm: f64, warnings: &mut Vec<Stri
         }
     }
     if !doubles.is_empty() {
-        warnings.push(format!("{} images are there twice; one of each was taken", doubles.len()));
+        warnings.push(format!("{} images are there twice; one of each was used", doubles.len()));
     }
     let slices: Vec<usize> = kept.iter().map(|(_, at)| *at).collect();
     let (Some(&(low, bottom)), Some(&(high, top))) = (kept.first(), kept.last()) else {
@@ -66,15 +66,15 @@ pub(super) fn layout(images: &[Image], max_step_mm: f64, warnings: &mut Vec<Stri
     };
     let origin = place(bottom);
     if kept.len() == 1 {
-        warnings.push("there is only one slice; 1 mm was taken for its thickness".to_owned());
+        warnings.push("there is only one slice; a thickness of 1 mm was assumed".to_owned());
         return Ok(Layout { slices, doubles, origin, step: normal, uneven: None, depth: 1 });
     }
-    // Slanted when the table moved aside of the normal; per mm of height the way is longer then.
+    // Path per mm of height; it is longer than 1 when the slices are displaced sideways along the stack.
     let way = (place(top) - origin) / (high - low);
     let aside = kept.iter().map(|(h, at)| (place(*at) - (origin + way * (h - low))).norm()).fold(0.0, f64::max);
     let pixel = first.place.spacing[0].min(first.place.spacing[1]);
     if aside > ASIDE * pixel {
-        let detail = format!("slices lie up to {aside:.2} mm aside of a straight line: they are no one stack");
+        let detail = format!("slices lie up to {aside:.2} mm off a straight line: they do not form one stack");
         return Err(malformed(FORMAT, detail));
     }
     tell_tilt(&way, warnings);
@@ -84,17 +84,17 @@ pub(super) fn layout(images: &[Image], max_step_mm: f64, warnings: &mut Vec<Stri
 }
 
 fn tell_tilt(way: &Vector, warnings: &mut Vec<String>) {
-    // The normal's share of the way is 1.
+    // The component of `way` along the normal is 1.
     let tilt = (1.0 / way.norm()).clamp(-1.0, 1.0).acos().to_degrees();
     if tilt > TOLD_TILT_DEG {
         warnings.push(format!(
-            "the slices are tilted by {tilt:.1}° against the way from one to the next (gantry tilt): the stack is sheared, and is \
-             resampled from the places that its slices truly have"
+            "the slices are tilted by {tilt:.1}° against the axis of the stack (gantry tilt): the stack is sheared, and is \
+             resampled from the true positions of its slices"
         ));
     }
 }
 
-/// The step in mm, the places of the slices in steps when they are uneven, and how many slices even ones make.
+/// The step (mm), the positions of uneven slices in steps, and the number of evenly spaced slices.
 fn spacing(
     places: &[f64],
     max_step_mm: f64,
@@ -113,8 +113,8 @@ fn spacing(
     if largest > max_step_mm {
         let listed: Vec<String> = steps.iter().take(LISTED).map(|s| format!("{s:.2}")).collect();
         let detail = format!(
-            "the slices are uneven: a step of {largest:.2} mm is more than the {max_step_mm} mm that are interpolated; \
-             slices are missing, or the series is of several scans. Steps in mm: {}",
+            "the slices are uneven: a step of {largest:.2} mm is above the limit for interpolation of {max_step_mm} mm; \
+             slices are missing, or the series mixes several scans. Steps in mm: {}",
             listed.join(", ")
         );
         return Err(malformed(FORMAT, detail));

@@ -1,4 +1,6 @@
-//! JPEG, JPEG-LS and JPEG 2000: what the stream says of itself is held against the image's header before a decoder sees it.
+//! Decodes JPEG, JPEG-LS and JPEG 2000.
+//!
+//! Before a decoder runs, the header of the stream is checked against that of the image.
 
 use std::panic::catch_unwind;
 
@@ -6,7 +8,7 @@ use super::FORMAT;
 use crate::import::ImportError;
 use crate::import::error::malformed;
 
-/// Most tiles of a JPEG 2000 image; bounds what its decoder sets up.
+/// Most tiles of a JPEG 2000 image; bounds the memory that its decoder allocates for them.
 const MAX_TILES: u64 = 4096;
 
 /// Decoder for a stream.
@@ -18,34 +20,34 @@ enum Codec {
     Jpeg2000,
 }
 
-/// What the stream's header says.
+/// Header of the compressed stream.
 #[derive(Debug, Clone, Copy)]
 struct Frame {
     codec: Codec,
     precision: u8,
-    /// Only JPEG 2000 knows signs.
+    /// Whether numbers are signed; only JPEG 2000 has signed numbers.
     signed: bool,
     columns: u64,
     rows: u64,
     components: u64,
 }
 
-/// The words of one image of `columns` x `rows` pixels: as stored, negative numbers as two's complement of 16 bits.
+/// The stored words of one image of `columns` × `rows` pixels; negative numbers are two's complement of 16 bits.
 pub(super) fn words(stream: &[u8], columns: usize, rows: usize) -> Result<Vec<u16>, ImportError> {
     let frame = if stream.starts_with(&[0xff, 0xd8]) { jpeg_frame(stream) } else { jpeg_2000_frame(stream) };
     let frame =
-        frame.ok_or_else(|| malformed(FORMAT, "the packed pixels begin as no JPEG or JPEG 2000 that is read"))?;
+        frame.ok_or_else(|| malformed(FORMAT, "the compressed pixels are not a supported JPEG or JPEG 2000 stream"))?;
     if (frame.columns, frame.rows, frame.components) != (columns as u64, rows as u64, 1) {
         let Frame { columns: c, rows: r, components, .. } = frame;
         let detail = format!(
-            "the packed pixels are {c} x {r} with {components} components, but the image is {columns} x {rows} with 1"
+            "the compressed pixels are {c} x {r} with {components} components, but the image is {columns} x {rows} with 1"
         );
         return Err(malformed(FORMAT, detail));
     }
-    // The decoders are memory-safe, but not free of panics on damaged streams.
+    // The decoders are memory-safe, but may panic on damaged streams.
     let words = catch_unwind(|| decode(stream, &frame)).ok().flatten();
     let words = words.filter(|w| w.len() == columns.saturating_mul(rows));
-    words.ok_or_else(|| malformed(FORMAT, format!("the packed pixels ({:?}) are damaged", frame.codec)))
+    words.ok_or_else(|| malformed(FORMAT, format!("the compressed pixels ({:?}) are damaged", frame.codec)))
 }
 
 fn decode(stream: &[u8], frame: &Frame) -> Option<Vec<u16>> {
@@ -69,7 +71,7 @@ fn decode(stream: &[u8], frame: &Frame) -> Option<Vec<u16>> {
             let settings = dicom_toolkit_jpeg2000::DecodeSettings { strict: true, ..Default::default() };
             let image = dicom_toolkit_jpeg2000::Image::new(stream, &settings).ok()?;
             let bitmap = image.decode_native().ok()?;
-            // The decoder lifts signed numbers by half the range as it does unsigned ones.
+            // The decoder adds half the range to signed numbers too; this subtracts it again.
             let lift = if frame.signed { 1u16.checked_shl(u32::from(frame.precision).saturating_sub(1))? } else { 0 };
             Some(match bitmap.bytes_per_sample {
                 1 => bitmap.data.iter().map(|b| u16::from(*b).wrapping_sub(lift)).collect(),
@@ -95,7 +97,7 @@ fn jpeg_frame(stream: &[u8]) -> Option<Frame> {
         let codec = match marker {
             0xc0..=0xc3 => Codec::Jpeg,
             0xf7 => Codec::JpegLs,
-            // Scans come after the frame; other kinds of frame are not read.
+            // A scan before any frame header, or a frame of an unsupported kind.
             0xda | 0xc5..=0xc7 | 0xc9..=0xcb | 0xcd..=0xcf => return None,
             _ => {
                 rest = after.get(length..)?;
@@ -114,7 +116,7 @@ fn jpeg_frame(stream: &[u8]) -> Option<Frame> {
     }
 }
 
-/// The size segment of a JPEG 2000 code stream, alone or within a JP2 file.
+/// The size segment of a JPEG 2000 code stream, bare or within a JP2 file.
 fn jpeg_2000_frame(stream: &[u8]) -> Option<Frame> {
     const START: [u8; 4] = [0xff, 0x4f, 0xff, 0x51];
     const JP2: [u8; 8] = [0, 0, 0, 12, b'j', b'P', b' ', b' '];
@@ -124,7 +126,7 @@ fn jpeg_2000_frame(stream: &[u8]) -> Option<Frame> {
         _ if stream.starts_with(&JP2) => beginning.windows(4).position(|w| w == START)?,
         _ => return None,
     };
-    // After the two markers: length and capabilities.
+    // Skips the two markers, the length and the capabilities.
     let size = stream.get(at.saturating_add(8)..)?;
     let number = |index: usize| {
         let bytes = size.get(index.saturating_mul(4)..)?.first_chunk::<4>()?;

@@ -1,4 +1,4 @@
-//! How a file's elements and pixels are encoded.
+//! Encoding of a file's elements and pixels.
 
 /// A transfer syntax.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -9,14 +9,14 @@ pub(super) struct Syntax {
     pub(super) pixels: Pixels,
 }
 
-/// How pixels are packed.
+/// Compression of the pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Pixels {
     Plain,
     Rle,
-    /// JPEG of one of its kinds, JPEG-LS or JPEG 2000: the stream itself says which, and labels are often wrong.
+    /// JPEG, JPEG-LS or JPEG 2000; the stream decides which, since the stated syntax is often wrong.
     Stream,
-    /// Not read here; the last numbers of a standard identifier, or `None` for a private one.
+    /// Not supported; the last number of a standard identifier, or `None` for any other.
     Unread(Option<u16>),
 }
 
@@ -46,13 +46,13 @@ impl Syntax {
     }
 }
 
-/// What is read, for error texts.
+/// Supported transfer syntaxes, for error texts.
 pub(super) const READ: &str = "implicit and explicit little endian, explicit big endian, deflated, RLE, JPEG (8 bits), \
      JPEG lossless, JPEG-LS, JPEG 2000";
 
-/// A syntax that is not read, by its identifier where that says nothing of a patient.
+/// Error text for an unsupported syntax. It quotes only standard identifiers: a private one could identify a patient.
 pub(super) fn unread(code: Option<u16>) -> String {
     let which =
-        code.map_or_else(|| "a transfer syntax of its own".to_owned(), |n| format!("transfer syntax {ROOT}.4.{n}"));
-    format!("the pixels have {which}, which is not read; read are {READ}")
+        code.map_or_else(|| "a private transfer syntax".to_owned(), |n| format!("transfer syntax {ROOT}.4.{n}"));
+    format!("the pixels have {which}, which is not supported; supported are {READ}")
 }

@@ -22,7 +22,7 @@ const JPEG_LS: &str = "1.2.840.10008.1.2.4.80";
 const JPEG_2000: &str = "1.2.840.10008.1.2.4.90";
 const READ: [&str; 7] = [IMPLICIT, EXPLICIT, DEFLATED, BIG, RLE, JPEG_LS, JPEG_2000];
 
-/// One image in the making.
+/// Builder of one image.
 #[derive(Clone)]
 pub(in crate::import) struct Slice {
     syntax: &'static str,
@@ -234,7 +234,7 @@ impl Writer {
         self.bytes(tag, b"US", &bytes);
     }
 
-    /// A sequence of open length with an item of open length, in which rows and pixels of an icon stand.
+    /// A sequence of undefined length with an item of undefined length that holds the rows and pixels of an icon.
     fn sequence(&mut self) {
         self.tag((0x88, 0x200));
         if self.explicit {
@@ -263,7 +263,7 @@ pub(in crate::import) fn archive(files: &[(String, Vec<u8>)]) -> Vec<u8> {
     archive.finish().unwrap().into_inner()
 }
 
-/// The slices in an archive, in an order of their own, with files beside that are no images.
+/// The slices in an archive, in a shuffled order, with other files that are not images.
 pub(in crate::import) fn series(slices: &[Slice]) -> Vec<u8> {
     let mut files = vec![("disc/README.txt".to_owned(), b"NAME^OF PATIENT".to_vec())];
     for at in 0..slices.len() {
@@ -292,7 +292,7 @@ fn every_encoding_gives_the_same_volume() {
     for slices in READ.map(stack).into_iter().chain([mixed]) {
         let VolumeRead { volume, format, series, warnings } = read(&slices).unwrap();
         assert_eq!((format, series), (VolumeFormat::Dicom, None));
-        assert_eq!(warnings, ["1 files that are no images were passed over"]);
+        assert_eq!(warnings, ["1 files that are not images were skipped"]);
         assert_eq!((volume.dims, volume.origin), ([COLUMNS, ROWS, 7], Point::new(-50.0, -40.0, 0.0)));
         assert_eq!(volume.axes, [Vector::x() * 10.0, Vector::y() * 8.0, Vector::z() * 20.0]);
         assert!(volume.hu == expected, "{}", slices[0].syntax);
@@ -308,7 +308,7 @@ fn every_encoding_gives_the_same_volume() {
 #[test]
 fn unsigned_scaled_padded_and_shifted_numbers_become_hu() {
     for syntax in [EXPLICIT, BIG, RLE, JPEG_LS, JPEG_2000] {
-        // Each slice with a scale of its own: 12 bits, no sign, air at 24, padding at 0.
+        // Each slice with its own scale: 12 bits, unsigned, air at 24, padding at 0.
         let slices: Vec<Slice> = (0..5)
             .map(|k| {
                 let mut slice = Slice { signed: false, bits: (16, 11), padding: Some(0), ..Slice::new(k, syntax) };
@@ -324,7 +324,7 @@ fn unsigned_scaled_padded_and_shifted_numbers_become_hu() {
         let n = slices.iter().flat_map(|s| &s.pixels).filter(|p| **p == 0).count();
         assert!(found.warnings.contains(&format!("{n} pixels outside the scan (padding) were set to -1024 HU")));
     }
-    // The sign stands in bit 11, what is above it is no part of the number.
+    // The sign is in bit 11; the bits above it are not part of the number.
     let mut slices = stack(EXPLICIT);
     let expected: Vec<i16> = slices.iter().flat_map(Slice::expected).map(|v| v.clamp(-2048, 2047)).collect();
     for slice in &mut slices {
@@ -332,13 +332,13 @@ fn unsigned_scaled_padded_and_shifted_numbers_become_hu() {
         slice.pixels.iter_mut().for_each(|p| *p = (*p).clamp(-2048, 2047) & 0xfff | 0x5000);
     }
     assert_eq!(read(&slices).unwrap().volume.hu, expected);
-    // A padding value among those of tissue is none.
+    // A padding value that tissue has too is not used.
     let doubtful: Vec<Slice> =
         stack(EXPLICIT).into_iter().map(|s| Slice { padding: Some(s.pixels[40] as i16), ..s }).collect();
     let tissue: Vec<Slice> = doubtful.into_iter().filter(|s| s.pixels[40] > -400).collect();
     let found = read(&tissue[..2]).unwrap();
     assert_eq!(found.volume.hu, tissue[..2].iter().flat_map(Slice::expected).collect::<Vec<_>>());
-    assert!(found.warnings.iter().any(|w| w.contains("one that tissue has too")), "{:?}", found.warnings);
+    assert!(found.warnings.iter().any(|w| w.contains("also a value of tissue")), "{:?}", found.warnings);
 }
 
 #[test]
@@ -397,22 +397,22 @@ fn missing_uneven_and_doubled_slices_are_mended_and_told_or_refused() {
         assert!(plane.iter().all(|v| *v == 200 * k as i16 - 1000), "slice {k}: {}", plane[0]);
     }
     assert!(found.warnings.iter().any(|w| w.contains("20.00 to 30.00 mm apart")), "{:?}", found.warnings);
-    // Too far apart to guess between: refused with all steps.
+    // Too far apart to interpolate: refused with a list of all steps.
     let far = volume_with(&series(&uneven), &Limits::default(), &VolumeSettings::default()).unwrap_err().to_string();
     assert!(far.contains("Steps in mm: 20.00, 30.00, 30.00, 20.00, 30.00, 30.00"), "{far}");
 
-    // The same image twice is one; another in its place is a fault.
+    // A duplicate of an image is dropped; another image at the same position is an error.
     let mut twice = stack(EXPLICIT);
     twice.push(Slice { syntax: RLE, ..twice[4].clone() });
     let found = read(&twice).unwrap();
     assert_eq!(planes(&stack(EXPLICIT)).concat(), found.volume.hu);
-    assert!(found.warnings.contains(&"1 images are there twice; one of each was taken".to_owned()));
+    assert!(found.warnings.contains(&"1 images are there twice; one of each was used".to_owned()));
     twice[7].pixels[5] += 1;
-    assert!(refused(&twice).contains("two different images lie in one place"));
-    // Slices that jump aside are no stack.
+    assert!(refused(&twice).contains("two different images lie at one position"));
+    // Slices that are displaced sideways do not form a stack.
     let mut aside = stack(EXPLICIT);
     aside[3].position[0] += 9.0;
-    assert!(refused(&aside).contains("aside of a straight line"));
+    assert!(refused(&aside).contains("off a straight line"));
 }
 
 #[test]
@@ -422,7 +422,7 @@ fn the_right_series_is_taken() {
     };
     let mut slices: Vec<Slice> =
         named("1.9", "CT", 4).chain(named("1.2", "MR", 9)).chain(named("1.5", "CT", 6)).collect();
-    // A survey picture and one of another size in the series that is taken.
+    // A localizer and an image of another size in the chosen series.
     slices.push(Slice { kind: "ORIGINAL\\PRIMARY\\LOCALIZER", series: "1.5", ..Slice::new(20, EXPLICIT) });
     let found = read(&slices).unwrap();
     assert_eq!((found.volume.dims[2], found.series), (6, Some(2)));
@@ -447,9 +447,9 @@ fn the_right_series_is_taken() {
     for (name, depth) in [("1.9", 4), ("3", 4), ("1.5", 6)] {
         assert_eq!(ask(name).unwrap().volume.dims[2], depth, "{name}");
     }
-    assert!(ask("1.2").unwrap_err().to_string().contains("no CT"));
-    assert!(ask("7").unwrap_err().to_string().contains("not there; there are series 1: MR"));
-    assert!(refused(&named("1.2", "MR", 3).collect::<Vec<_>>()).contains("no series of a CT"));
+    assert!(ask("1.2").unwrap_err().to_string().contains("not a CT"));
+    assert!(ask("7").unwrap_err().to_string().contains("not found; there are series 1: MR"));
+    assert!(refused(&named("1.2", "MR", 3).collect::<Vec<_>>()).contains("no CT series"));
 }
 
 #[test]
@@ -462,17 +462,17 @@ fn what_cannot_be_read_is_named_and_nothing_of_the_patient_is() {
         text
     };
     assert!(with(&|s| s.syntax = "1.2.840.10008.1.2.4.201").contains("transfer syntax 1.2.840.10008.1.2.4.201"));
-    assert!(with(&|s| s.syntax = "1.2.276.0.7230010").contains("a transfer syntax of its own"));
+    assert!(with(&|s| s.syntax = "1.2.276.0.7230010").contains("a private transfer syntax"));
     assert!(with(&|s| s.frames = 3).contains("several frames"));
     assert!(with(&|s| s.bits = (32, 31)).contains("32 bits a pixel"));
     assert!(with(&|s| s.slope = 0.0).contains("slope is 0"));
-    assert!(with(&|s| s.orientation[0] = 0.5).contains("no unit vectors"));
+    assert!(with(&|s| s.orientation[0] = 0.5).contains("not unit vectors"));
     assert!(with(&|s| s.position[1] = f64::NAN).contains("image position is not made of finite numbers"));
     assert!(with(&|s| s.pixels.truncate(119)).contains("the pixels are 238 bytes, expected 240"));
     let few = Limits { max_voxels: 800, ..Limits::default() };
     let large = volume(&series(&stack(EXPLICIT)), &few).unwrap_err();
     assert!(matches!(large, ImportError::TooLarge { what: "voxels", found: 840, allowed: 800 }), "{large}");
-    // A warning neither.
+    // Warnings do not repeat it either.
     assert!(read(&stack(EXPLICIT)).unwrap().warnings.iter().all(|w| !w.contains("PATIENT")));
 }
 
@@ -482,7 +482,7 @@ fn archives_that_swell_overlap_or_are_locked_are_refused() {
     let bomb = archive(&[("a".to_owned(), vec![]), ("b".to_owned(), vec![0; 2 << 20])]);
     assert!(bomb.len() < 10_000);
     assert!(matches!(volume(&bomb, &few), Err(ImportError::TooLarge { what: "unpacked bytes", .. })));
-    // The archive's word for the length is too small: what it unpacks to is not taken further than that.
+    // The archive states too small a length: the file is unpacked no further than that.
     let slices = stack(EXPLICIT);
     let mut lies = archive(&[("a".to_owned(), vec![]), ("b".to_owned(), slices[0].file())]);
     let central = lies.windows(4).rposition(|w| w == b"PK\x01\x02").unwrap();

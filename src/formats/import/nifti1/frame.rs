@@ -1,4 +1,4 @@
-//! Where the voxels lie.
+//! Position and axes of the voxel lattice.
 
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion};
 use nifti::NiftiHeader;
@@ -8,9 +8,9 @@ use super::super::error::malformed;
 use super::FORMAT;
 use prosopon_geometry::{Point, Vector};
 
-/// Origin and axes in LPS mm: from the sform if there is one, else the qform, else the spacing alone.
+/// Origin and axes in LPS mm, from the sform if there is one, else the qform, else the spacing alone.
 ///
-/// Source: the NIfTI-1 header `nifti1.h`, methods 3, 2 and 1. They give RAS, whose x and y are the negatives of LPS.
+/// Source: methods 3, 2 and 1 of the NIfTI-1 header `nifti1.h`. They give RAS, whose x and y are the negatives of LPS.
 #[expect(clippy::arithmetic_side_effects, reason = "floating point")]
 pub(super) fn read(
     header: &NiftiHeader,
@@ -29,7 +29,7 @@ pub(super) fn read(
                 let voxel = sform.1[0].norm();
                 if apart > 0.5 * voxel {
                     let apart = apart / voxel;
-                    warnings.push(format!("sform and qform differ by {apart:.1} voxels; the sform was taken"));
+                    warnings.push(format!("sform and qform differ by {apart:.1} voxels; the sform was used"));
                 }
             }
             sform
@@ -37,7 +37,7 @@ pub(super) fn read(
         (None, Some(qform)) => qform?,
         (None, None) => {
             warnings.push(
-                "the file states no orientation: i was taken to run to the patient's right, j to the front, k up; \
+                "the header has no orientation: i was assumed to run to the patient's right, j to the front, k up; \
                  left and right may be swapped"
                     .to_owned(),
             );
@@ -51,11 +51,11 @@ pub(super) fn read(
     let lps = |v: Vector| (Vector::new(-v.x, -v.y, v.z) * mm).add_scalar(0.0);
     let (origin, axes) = (Point::from(lps(origin.coords)), axes.map(lps));
     let finite = origin.iter().chain(axes.iter().flatten()).all(|c| c.is_finite());
-    // Axes at a slant (gantry tilt) are fine, but not ones in a plane.
+    // Sheared axes (gantry tilt) are allowed, axes in one plane are not.
     let volume = Matrix3::from_columns(&axes).determinant().abs();
     let in_space = volume > 1e-3 * axes[0].norm() * axes[1].norm() * axes[2].norm();
     if !finite || !in_space {
-        return Err(malformed(FORMAT, "the steps between voxels are not finite, zero, or all in one plane"));
+        return Err(malformed(FORMAT, "the steps between voxels are zero, not finite, or all in one plane"));
     }
     Ok((origin, axes))
 }
@@ -80,9 +80,9 @@ fn qform(header: &NiftiHeader) -> Result<(Point, [Vector; 3]), ImportError> {
     if !(x > 0.0 && y > 0.0 && z > 0.0) {
         return Err(malformed(FORMAT, format!("the spacing is {x:?} x {y:?} x {z:?}, expected positive")));
     }
-    // Half a turn has rest = 0, where f32 may round below.
+    // At a half turn the rest is 0, and rounding in f32 may make it negative.
     if rest.is_nan() || rest < -1e-4 {
-        return Err(malformed(FORMAT, "the quaternion of the qform is longer than 1"));
+        return Err(malformed(FORMAT, "the quaternion of the qform has a norm above 1"));
     }
     let rotation = UnitQuaternion::from_quaternion(Quaternion::new(rest.max(0.0).sqrt(), b, c, d));
     let z = if qfac < 0.0 { -z } else { z };
@@ -96,15 +96,15 @@ fn unit(header: &NiftiHeader, warnings: &mut Vec<String>) -> Result<f64, ImportE
     match header.xyzt_units & 7 {
         2 => Ok(1.0),
         0 => {
-            warnings.push("the file states no unit of length; mm was taken".to_owned());
+            warnings.push("the header has no unit of length; mm was assumed".to_owned());
             Ok(1.0)
         }
         1 => {
-            warnings.push("metres were turned into mm".to_owned());
+            warnings.push("metres were converted to mm".to_owned());
             Ok(1e3)
         }
         3 => {
-            warnings.push("micrometres were turned into mm".to_owned());
+            warnings.push("micrometres were converted to mm".to_owned());
             Ok(1e-3)
         }
         code => Err(malformed(FORMAT, format!("the unit of length has the code {code}, expected 0 to 3"))),

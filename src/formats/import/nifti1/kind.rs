@@ -8,7 +8,7 @@ use super::super::hounsfield::Scale;
 use super::super::number::Kind;
 use super::FORMAT;
 
-/// The header's type, if it is one that a CT can have.
+/// The number type in the header; an error for types that a CT cannot have.
 pub(super) fn kind_of(header: &NiftiHeader) -> Result<Kind, ImportError> {
     let kind = match header.datatype {
         2 => Kind::U8,
@@ -25,13 +25,13 @@ pub(super) fn kind_of(header: &NiftiHeader) -> Result<Kind, ImportError> {
     };
     let bits = i64::from(header.bitpix);
     if bits != (kind.size() as i64).saturating_mul(8) {
-        let detail = format!("{bits} bits a voxel, which do not fit the data type {}", header.datatype);
+        let detail = format!("{bits} bits a voxel, which do not match the data type {}", header.datatype);
         return Err(malformed(FORMAT, detail));
     }
     Ok(kind)
 }
 
-/// The header's slope and intercept; a slope of zero or NaN means that nothing is scaled.
+/// The slope and intercept in the header; a slope of zero or NaN means no scaling.
 pub(super) fn scale_of(header: &NiftiHeader) -> Result<Scale, ImportError> {
     let [slope, intercept] = [header.scl_slope, header.scl_inter].map(f64::from);
     if slope == 0.0 || slope.is_nan() {

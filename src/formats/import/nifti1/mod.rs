@@ -1,7 +1,7 @@
-//! NIfTI-1 in one file, plain or gzipped.
+//! Reads NIfTI-1 in one file, plain or gzipped.
 //!
-//! The `nifti` crate reads the 348 bytes of the header. The voxels are read here, since its volumes are allocated from
-//! the header's word alone and its affine panics on a negative spacing.
+//! The `nifti` crate reads the 348 bytes of the header. This module reads the voxels itself, because the crate allocates
+//! whatever the header states and its affine panics on a negative spacing.
 
 mod frame;
 mod kind;
@@ -27,14 +27,14 @@ const FORMAT: &str = "NIfTI-1";
 const HEADER: u64 = 348;
 const GZIP: [u8; 2] = [0x1f, 0x8b];
 
-/// Whether these may be the bytes of a NIfTI file; a gzipped one shows only once it is unpacked.
+/// Whether these may be the bytes of a NIfTI file; any gzip stream may, since the content shows only once it is unpacked.
 pub(super) fn looks_like(bytes: &[u8]) -> bool {
     let size = bytes.first_chunk::<4>();
     bytes.starts_with(&GZIP)
         || size.is_some_and(|b| [348u32, 540].iter().any(|n| n.to_le_bytes() == *b || n.to_be_bytes() == *b))
 }
 
-/// What the header tells, checked.
+/// The checked content of the header.
 struct Layout {
     header: NiftiHeader,
     dims: [usize; 3],
@@ -60,7 +60,7 @@ pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<(Volume, Vec<String>
     let little = header.endianness == Endianness::Little;
     let scale = kind::scale_of(&header)?;
     let hu = hounsfield::read(&mut stream, (kind, little), n_voxels, scale, &mut warnings, unreadable)?;
-    // Reaching the end also checks the sum of a gzipped file.
+    // Reading to the end also verifies the checksum of a gzipped file.
     match stream.read(&mut [0]).map_err(|e| unreadable(&e))? {
         0 => {}
         _ => warnings.push("bytes after the last voxel were ignored".to_owned()),
@@ -72,7 +72,7 @@ fn unpacked(bytes: &[u8]) -> Box<dyn Read + '_> {
     if bytes.starts_with(&GZIP) { Box::new(MultiGzDecoder::new(bytes)) } else { Box::new(bytes) }
 }
 
-/// Reads the header and checks it against limits and the file's `length`.
+/// Reads the header and checks it against the limits and the file's `length`.
 fn read_layout(
     stream: &mut dyn Read,
     zipped: bool,
@@ -106,7 +106,7 @@ fn read_header(stream: &mut dyn Read) -> Result<NiftiHeader, ImportError> {
     let mut bytes = [0u8; HEADER as usize];
     stream.read_exact(&mut bytes).map_err(|e| unreadable(&e))?;
     if bytes.starts_with(&540u32.to_le_bytes()) || bytes.starts_with(&540u32.to_be_bytes()) {
-        return Err(malformed(FORMAT, "this is NIfTI-2, only NIfTI-1 is read"));
+        return Err(malformed(FORMAT, "this is NIfTI-2, but only NIfTI-1 is supported"));
     }
     let header = NiftiHeader::from_reader(&bytes[..]).map_err(|_| malformed(FORMAT, "no NIfTI-1 header"))?;
     if header.sizeof_hdr != HEADER as i32 {
@@ -122,7 +122,7 @@ fn read_dims(header: &NiftiHeader) -> Result<[usize; 3], ImportError> {
     let dims = header
         .dim()
         .map_err(|_| malformed(FORMAT, "the dimensions are out of range, expected 1 to 7 of at least 1"))?;
-    // Sizes are signed in the format.
+    // The format stores sizes as signed 16-bit numbers.
     match *dims {
         [i, j, k, ref more @ ..]
             if [i, j, k].iter().all(|d| (2..=0x7fff).contains(d)) && more.iter().all(|d| *d == 1) =>
@@ -134,6 +134,6 @@ fn read_dims(header: &NiftiHeader) -> Result<[usize; 3], ImportError> {
 }
 
 fn unreadable(error: &std::io::Error) -> ImportError {
-    let detail = if error.kind() == ErrorKind::UnexpectedEof { "cut off" } else { "the gzip stream is damaged" };
+    let detail = if error.kind() == ErrorKind::UnexpectedEof { "it is cut off" } else { "the gzip stream is damaged" };
     malformed(FORMAT, detail)
 }

@@ -1,4 +1,4 @@
-//! A file looked over while it arrives.
+//! Checks a NIfTI file while it arrives.
 
 use std::io::{ErrorKind, Write};
 
@@ -8,19 +8,19 @@ use super::{FORMAT, GZIP, HEADER, read_layout, unreadable};
 use crate::import::error::malformed;
 use crate::import::{ImportError, Limits};
 
-/// Takes a file in pieces and says whether header and length fit, unpacking a gzipped one without keeping it.
+/// Takes a file in pieces and checks its header and length; unpacks a gzipped file without keeping it.
 #[derive(Debug)]
 pub(in crate::import) struct Scan {
     limits: Limits,
     unpacker: Option<MultiGzDecoder<Count>>,
-    /// What a file that is not gzipped holds.
+    /// Counts the bytes of a file that is not gzipped.
     plain: Count,
 }
 
-/// Bytes unpacked between two looks at how much there is: a crafted file swells a thousandfold.
+/// Compressed bytes between two checks of the unpacked length: a crafted file expands a thousandfold.
 const PIECE: usize = 1 << 14;
 
-/// What came out so far: the header's bytes, how many followed, and how many are to follow.
+/// The header's bytes, the number of unpacked bytes so far, and the number that the header demands.
 #[derive(Debug, Default)]
 struct Count {
     header: Vec<u8>,
@@ -42,12 +42,12 @@ impl Write for Count {
 }
 
 impl Count {
-    /// Whether more came than the voxels take: what follows them is not read.
+    /// Whether there are bytes after the voxels, which are not read.
     fn is_over(&self) -> bool {
         self.needed.is_some_and(|needed| self.bytes > needed)
     }
 
-    /// Reads the header once it is there. How long the file will be is not known yet.
+    /// Reads the header once it is complete. The length of the file is not known yet.
     fn look(&mut self, limits: &Limits) -> Result<(), ImportError> {
         if self.needed.is_none() && self.header.len() as u64 == HEADER {
             let layout = read_layout(&mut self.header.as_slice(), false, u64::MAX, limits, &mut Vec::new())?;
@@ -58,7 +58,7 @@ impl Count {
 }
 
 impl Scan {
-    /// A scan of a file that begins with `beginning`, which is still to be given to [`Scan::push`].
+    /// A scan of a file that begins with `beginning`; the caller must still pass these bytes to [`Scan::push`].
     pub(in crate::import) fn new(beginning: &[u8], limits: Limits) -> Self {
         let unpacker = beginning.starts_with(&GZIP).then(|| MultiGzDecoder::new(Count::default()));
         Self { limits, unpacker, plain: Count::default() }
@@ -68,7 +68,7 @@ impl Scan {
         self.unpacker.as_mut().map_or(&mut self.plain, MultiGzDecoder::get_mut)
     }
 
-    /// Takes the next piece. A header that cannot be of a CT is refused as soon as it is there.
+    /// Takes the next piece. Refuses the header of a volume that is not a CT as soon as it is complete.
     pub(in crate::import) fn push(&mut self, piece: &[u8]) -> Result<(), ImportError> {
         if self.count().is_over() {
             return Ok(());
@@ -88,10 +88,10 @@ impl Scan {
         Ok(())
     }
 
-    /// Whether all voxels were there, and the sums of a gzipped file right.
+    /// Ends the scan: checks that all voxels arrived, and the checksums of a gzipped file.
     pub(in crate::import) fn finish(mut self) -> Result<(), ImportError> {
         let limits = self.limits;
-        // Also hands out what the unpacker still held back.
+        // Also writes the bytes that the unpacker still buffered.
         let ended = match &mut self.unpacker {
             Some(unpacker) if !unpacker.get_ref().is_over() => unpacker.try_finish(),
             _ => Ok(()),

@@ -16,7 +16,7 @@ pub(in crate::import) fn gzip(bytes: &[u8]) -> Vec<u8> {
     encoder.finish().unwrap()
 }
 
-/// A file in the making: fields by their offset in `nifti1.h`.
+/// Builder of a file; fields are set by their offset in `nifti1.h`.
 #[derive(Clone)]
 pub(in super::super) struct File {
     bytes: Vec<u8>,
@@ -176,7 +176,7 @@ fn the_qform_turns_and_mirrors() {
     }
     assert_eq!(found.origin, Point::new(-7.0, -8.0, 9.0));
 
-    // With a differing sform, the sform counts and that is told.
+    // A sform that differs is used, with a warning.
     file.i16(254, 1);
     let (found, warnings) = read(&file.plain()).unwrap();
     assert_eq!(found.origin, Point::new(-1.0, -2.0, 3.0));
@@ -259,7 +259,7 @@ fn a_damaged_or_bloated_gzip_file_is_refused() {
     zipped[end - 6] ^= 1; // the check sum
     assert!(read(&zipped).unwrap_err().to_string().contains("damaged"));
 
-    // 64 MB of zeros behind a header that wants 120 bytes: only the header and the voxels are unpacked.
+    // 64 MB of zeros after a header that needs 120 bytes: only the header and the voxels are unpacked.
     let mut encoder = GzEncoder::new(Vec::new(), Compression::fast());
     encoder.write_all(&File::new(false).bytes).unwrap();
     for _ in 0..64 {
@@ -270,7 +270,7 @@ fn a_damaged_or_bloated_gzip_file_is_refused() {
     assert_eq!(warnings, ["bytes after the last voxel were ignored"]);
 }
 
-/// What a scan says of the pieces, and how many it took before it refused.
+/// Result of a scan of the pieces, and the number of pieces it took before it refused.
 fn scan<'a>(pieces: impl Iterator<Item = &'a [u8]>) -> (Result<(), String>, usize) {
     let mut scan = VolumeScan::new(Limits::default());
     let mut taken = 0;
@@ -302,14 +302,14 @@ fn a_scan_takes_what_the_reader_takes_in_pieces_of_any_size() {
 fn a_scan_refuses_a_header_that_cannot_be_before_the_voxels_come() {
     let mut flat = File::new(false);
     flat.dims(&[3, 4]);
-    // Stored, not compressed, so that there is much to come.
+    // Stored without compression, so that many bytes follow.
     let mut long = GzEncoder::new(Vec::new(), Compression::none());
     long.write_all(&flat.bytes).unwrap();
     long.write_all(&[0; 100_000]).unwrap();
     for bytes in [[flat.plain(), vec![0; 100_000]].concat(), long.finish().unwrap()] {
         let (refused, taken) = scan(bytes.chunks(1000));
         assert!(refused.is_err_and(|e| e.contains("three dimensions")));
-        // What an unpacker holds back shows with the piece after.
+        // Bytes that the unpacker buffers appear with the next piece.
         assert!(taken <= 40, "{taken} pieces");
     }
     assert!(scan([b"hello".as_slice()].into_iter()).0.is_err_and(|e| e.contains("not recognised")));
@@ -327,7 +327,7 @@ fn a_scan_tells_where_the_file_ends_and_unpacks_no_more_than_the_voxels() {
     let end = wrong_sum.len();
     wrong_sum[end - 6] ^= 1;
     assert!(told(&wrong_sum).is_err_and(|e| e.contains("damaged")));
-    // Beyond the voxels nothing is looked at, not even that it is no gzip any more.
+    // Bytes after the voxels are not checked, not even whether they are gzip.
     let bloated = [file.gzipped(), gzip(&vec![0; 1 << 20]), vec![7; 1 << 20]].concat();
     assert_eq!(told(&bloated), Ok(()));
 }

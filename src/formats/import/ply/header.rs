@@ -6,7 +6,7 @@ use super::super::number::Kind;
 use super::FORMAT;
 use super::payload::Values;
 
-/// How numbers are written.
+/// Encoding of the numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Encoding {
     Ascii,
@@ -14,7 +14,7 @@ pub(super) enum Encoding {
     BigEndian,
 }
 
-/// Numbers of the type that PLY calls `word`.
+/// The number type with the PLY name `word`.
 fn kind_named(word: &[u8]) -> Option<Kind> {
     Some(match word {
         b"char" | b"int8" => Kind::I8,
@@ -29,7 +29,7 @@ fn kind_named(word: &[u8]) -> Option<Kind> {
     })
 }
 
-/// What a property is read for.
+/// Use of a property by the reader.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Role {
     X,
@@ -39,16 +39,16 @@ pub(super) enum Role {
     Other,
 }
 
-/// One value, or a list of them, of every instance of an element.
+/// One value, or a list of values, of every instance of an element.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Property {
     pub(super) role: Role,
     pub(super) kind: Kind,
-    /// Type of the length, of a list.
+    /// Type of a list's length; `None` for a single value.
     pub(super) count_kind: Option<Kind>,
 }
 
-/// What an element is read for.
+/// Use of an element by the reader.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum What {
     Vertex,
@@ -56,7 +56,7 @@ pub(super) enum What {
     Other,
 }
 
-/// A table of the file.
+/// An element of the file: a table with one row per instance.
 #[derive(Debug)]
 pub(super) struct Element {
     pub(super) what: What,
@@ -71,14 +71,14 @@ impl Element {
     }
 }
 
-/// What the header says: tables in the order of the file.
+/// The header: elements in the order of the file.
 #[derive(Debug)]
 pub(super) struct Header {
     pub(super) elements: Vec<Element>,
 }
 
 impl Header {
-    /// Reads up to `end_header`; what follows comes back as values to be read.
+    /// Reads up to `end_header`; returns the header and a reader of the values that follow.
     pub(super) fn read(bytes: &[u8]) -> Result<(Self, Values<'_>), ImportError> {
         let mut elements: Vec<Element> = Vec::new();
         let mut encoding = None;
@@ -138,7 +138,7 @@ fn property(definition: &[&[u8]], what: What) -> Option<Property> {
     };
     let is_list = definition.len() == 4;
     if is_list && count_kind.is_none() {
-        return None; // The length of a list is an integer.
+        return None; // The length of a list must be an integer.
     }
     let kind = kind_named(kind)?;
     let role = match (what, name) {
@@ -151,7 +151,7 @@ fn property(definition: &[&[u8]], what: What) -> Option<Property> {
     Some(Property { role, kind, count_kind })
 }
 
-/// One table of vertices, then one of faces, each with what is needed.
+/// Requires one element of vertices and, after it, one of faces, each with the properties that the reader needs.
 fn check(elements: &[Element]) -> Result<(), ImportError> {
     let only = |what| {
         let mut found = elements.iter().enumerate().filter(move |(_, e)| e.what == what);

@@ -1,4 +1,4 @@
-//! PLY, binary of either byte order and ASCII.
+//! Reads PLY files, ASCII or binary of either byte order.
 
 mod header;
 mod payload;
@@ -21,7 +21,7 @@ pub(super) fn looks_like(bytes: &[u8]) -> bool {
     bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r")
 }
 
-/// Reads the elements `vertex` (`x`, `y`, `z`) and `face` (`vertex_indices` or `vertex_index`) and skips all else.
+/// Reads the elements `vertex` (`x`, `y`, `z`) and `face` (`vertex_indices` or `vertex_index`); skips all others.
 pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<RawSurface, ImportError> {
     let (header, mut values) = Header::read(bytes)?;
     let mut positions = Vec::new();
@@ -81,7 +81,7 @@ fn read_faces(
     Ok(())
 }
 
-/// Reads one face. Corners beyond those that any face may have are not kept, only counted in by one.
+/// Reads one face. Keeps one corner more than a face may have, which marks the face as too large, and drops the rest.
 fn face(element: &Element, values: &mut Values<'_>, corners: &mut Vec<u32>) -> Option<()> {
     corners.clear();
     for property in &element.properties {
@@ -101,7 +101,7 @@ fn face(element: &Element, values: &mut Values<'_>, corners: &mut Vec<u32>) -> O
 
 fn skip(element: &Element, values: &mut Values<'_>) -> Result<(), ImportError> {
     if element.properties.is_empty() {
-        return Ok(()); // Nothing is stored of it, however many are stated.
+        return Ok(()); // Its instances take no bytes, whatever their number.
     }
     for index in 0..element.count {
         let whole = element.properties.iter().try_for_each(|property| values.skip(property));
@@ -114,5 +114,5 @@ fn skip(element: &Element, values: &mut Values<'_>) -> Result<(), ImportError> {
 
 fn unreadable(what: &str, index: u64, values: &Values<'_>) -> ImportError {
     let place = values.place();
-    malformed(FORMAT, format!("{what} {index}{place}: a value is missing, not a fitting number, or one too many"))
+    malformed(FORMAT, format!("{what} {index}{place}: a value is missing, is not a valid number, or is one too many"))
 }

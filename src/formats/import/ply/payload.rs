@@ -1,4 +1,4 @@
-//! Numbers after the header of a PLY file.
+//! Values after the header of a PLY file.
 
 use super::super::ImportError;
 use super::super::error::malformed;
@@ -7,7 +7,7 @@ use super::super::text::Words;
 use super::FORMAT;
 use super::header::{Element, Encoding, Property};
 
-/// Reads one number after the other.
+/// Reads the values in order.
 #[derive(Debug)]
 pub(super) enum Values<'a> {
     Ascii(Words<'a>),
@@ -15,7 +15,7 @@ pub(super) enum Values<'a> {
 }
 
 impl<'a> Values<'a> {
-    /// Numbers in `bytes`, which begin on line `line` of the file.
+    /// Values in `bytes`, which begin on line `line` of the file.
     pub(super) fn new(bytes: &'a [u8], encoding: Encoding, line: u64) -> Self {
         match encoding {
             Encoding::Ascii => Self::Ascii(Words::new(bytes, line)),
@@ -24,7 +24,7 @@ impl<'a> Values<'a> {
         }
     }
 
-    /// Refuses more instances of `element` than the bytes that are left can hold.
+    /// Refuses more instances of `element` than the remaining bytes can hold.
     pub(super) fn check_length(&self, element: &Element) -> Result<(), ImportError> {
         let smallest = match self {
             // A digit and a space for each number.
@@ -43,7 +43,7 @@ impl<'a> Values<'a> {
         if needed > left {
             let count = element.count;
             let detail =
-                format!("{count} elements are stated, which take at least {needed} bytes, but {left} are left");
+                format!("the header states {count} instances, which take at least {needed} bytes, but {left} are left");
             return Err(malformed(FORMAT, detail));
         }
         Ok(())
@@ -67,7 +67,7 @@ impl<'a> Values<'a> {
         (f64::from(index) == number).then_some(index)
     }
 
-    /// Passes over the next value or list.
+    /// Skips the next value or list.
     pub(super) fn skip(&mut self, property: &Property) -> Option<()> {
         let count = match property.count_kind {
             Some(kind) => self.index(kind)?,
@@ -83,7 +83,7 @@ impl<'a> Values<'a> {
         }
     }
 
-    /// Whether the instance ends here: in a text file each has a line of its own.
+    /// Whether the instance ends here: in a text file each instance has its own line.
     pub(super) fn end_of_element(&self) -> bool {
         match self {
             Self::Ascii(words) => words.line_is_done(),
@@ -91,7 +91,7 @@ impl<'a> Values<'a> {
         }
     }
 
-    /// Bytes that were not read.
+    /// Number of bytes that were not read.
     pub(super) fn left_over(&self) -> usize {
         match self {
             Self::Ascii(words) => words.bytes_left(),
@@ -99,7 +99,7 @@ impl<'a> Values<'a> {
         }
     }
 
-    /// Where the reading stands, for an error.
+    /// The position in a text file, for errors.
     pub(super) fn place(&self) -> String {
         match self {
             Self::Ascii(words) => format!(" (line {})", words.line()),

@@ -1,5 +1,7 @@
-//! Made-up and damaged files for every reader, in a process of its own whose memory is bounded: a count that is believed before it is
-//! checked ends that process. `FUZZ_SECONDS` says for how long; `FUZZ_ROUND` repeats one round.
+//! Fuzzes every reader with crafted and damaged files in a child process with bounded memory.
+//!
+//! A reader that allocates for an unchecked count ends the child process. `FUZZ_SECONDS` sets the duration; `FUZZ_ROUND`
+//! repeats one round.
 
 mod mutate;
 mod seeds;
@@ -12,13 +14,13 @@ use self::mutate::{Dice, mutate};
 use self::seeds::{Seed, Target, seeds};
 use super::{Limits, SurfaceFormat, VolumeScan, detect_surface, detect_volume, surface, volume, volume_mesh};
 
-/// Memory of the process, kB: sound files and what they are grown to need a tenth of it.
+/// Memory limit of the child process, kB. Undamaged files and their enlarged copies need a tenth of it.
 const MEMORY_KB: u64 = 1_500_000;
 /// Longest file, bytes.
 const LONGEST: usize = 64 << 10;
-/// Files that are tried however slow the machine is.
+/// Least number of files that are tried, even on a slow machine.
 const LEAST_ROUNDS: u64 = 500;
-/// Longest that the process goes on behind its time: a reader that hangs is found by it.
+/// Longest overrun of the child process; a longer one means that a reader hangs.
 const HANGS: Duration = Duration::from_secs(120);
 const CHILD: &str = "import::test_fuzz::rounds_within_bounds";
 
@@ -31,7 +33,7 @@ fn seconds() -> u64 {
 fn no_file_makes_a_reader_panic_hang_or_take_memory_for_what_is_not_there() {
     let scratch = tempfile::tempdir().unwrap();
     let at = scratch.path().join("round");
-    // The words stand in for the program's name and its arguments.
+    // `sh` fills the script's `$0`; the arguments that follow are the program and its arguments.
     let script = format!("ulimit -v {MEMORY_KB}; exec \"$@\"");
     let mut child = Command::new("sh")
         .args(["-c", &script, "sh"])
@@ -58,7 +60,7 @@ fn no_file_makes_a_reader_panic_hang_or_take_memory_for_what_is_not_there() {
     assert!(status.success(), "{status}: {again}");
 }
 
-/// What the other test runs within its bounds; alone it does nothing.
+/// The rounds of the child process; does nothing when run on its own.
 #[test]
 fn rounds_within_bounds() {
     let Some(at) = std::env::var_os("FUZZ_AT") else { return };
@@ -78,11 +80,11 @@ fn rounds_within_bounds() {
         round += 1;
     }
     eprintln!("{round} files over {} seeds, {taken} of them read", seeds.len());
-    // Were all refused, nothing behind the first check would be tried.
+    // If every file were refused, the code after the first check would not be tested.
     assert!(taken > 0 && taken < round, "{taken} of {round}");
 }
 
-/// One damaged file: whether it was read.
+/// Tries one damaged file; returns whether it was read.
 fn make(seeds: &[Seed], round: u64) -> bool {
     let mut dice = Dice::new(round);
     let seed = &seeds[dice.below(seeds.len())];
@@ -92,20 +94,20 @@ fn make(seeds: &[Seed], round: u64) -> bool {
         mutate(&mut plain, &other.plain, &mut dice);
     }
     plain.truncate(LONGEST);
-    // Sometimes the envelope is damaged, not what is in it.
+    // Sometimes damages the envelope instead of its content.
     let mut file = seed.wrap(plain);
     if dice.below(4) == 0 {
         mutate(&mut file, &other.plain, &mut dice);
     }
     file.truncate(LONGEST);
     let read_by_own = read(seed.target, &file);
-    // A wrong name for the format is no reason either.
+    // A wrongly stated format must not cause a panic either.
     let another = [Target::Surface(SurfaceFormat::Obj), Target::Volume, Target::Mesh][dice.below(3)];
     read(another, &file);
     read_by_own
 }
 
-/// Reads as an upload does; what is read must hold what its type promises.
+/// Reads as an upload does and checks the invariants of the result.
 fn read(target: Target, file: &[u8]) -> bool {
     let limits = Limits::default();
     match target {
@@ -122,7 +124,7 @@ fn read(target: Target, file: &[u8]) -> bool {
             let mut scan = VolumeScan::new(limits);
             let scanned = file.chunks(1000).try_for_each(|piece| scan.push(piece)).and_then(|()| scan.finish());
             let Ok((volume, _)) = volume(file, &limits) else { return false };
-            // The scan also refuses a gzip stream that is damaged behind the voxels, which the reader does not look at.
+            // The scan also refuses a gzip stream that is damaged after the voxels, which the reader ignores.
             let is_packed = file.starts_with(&[0x1f, 0x8b]);
             assert!(scanned.is_ok() || is_packed, "the upload refuses what the reader takes: {scanned:?}");
             assert_eq!(volume.dims.iter().product::<usize>(), volume.hu.len());

@@ -1,4 +1,4 @@
-/// Numbers that look random and are the same for the same round.
+/// Pseudo-random numbers, the same for the same round.
 #[derive(Debug)]
 pub(super) struct Dice(u64);
 
@@ -15,10 +15,10 @@ impl Dice {
     }
 }
 
-/// Counts, lengths and offsets that no file has.
+/// Extreme counts, lengths and offsets.
 const HUGE: [u64; 10] =
     [0, 1, 0x7f, 0xff, 0xffff, 0x7fff_ffff, 0xffff_ffff, 0x1_0000_0001, 0x7fff_ffff_ffff_ffff, u64::MAX];
-/// Words that take the place of a number in a text.
+/// Words that replace a number in a text.
 const WORDS: [&str; 14] = [
     "0",
     "-1",
@@ -79,12 +79,12 @@ pub(super) fn mutate(file: &mut Vec<u8>, other: &[u8], dice: &mut Dice) {
     }
 }
 
-/// Mostly near the beginning, where headers are.
+/// A random position, mostly near the beginning, where headers are.
 fn place(length: usize, dice: &mut Dice) -> usize {
     if dice.below(3) > 0 { dice.below(length.min(600)) } else { dice.below(length) }
 }
 
-/// Puts a word in place of the number that is next from `at` on.
+/// Replaces the next number from `at` on by a word.
 fn word(file: &mut Vec<u8>, at: usize, dice: &mut Dice) {
     let number = |b: &u8| b.is_ascii_digit() || b"+-.".contains(b);
     let Some(from) = file[at..].iter().position(number).map(|n| at + n) else { return };

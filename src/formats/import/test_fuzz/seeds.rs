@@ -5,7 +5,7 @@ use crate::import::nifti1::tests::{File, gzip};
 use crate::import::vtu::legacy_tests;
 use crate::import::vtu::tests::{Encoding, file as vtu};
 
-/// Which reader a file is for.
+/// The reader of a file.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Target {
     Surface(SurfaceFormat),
@@ -13,7 +13,7 @@ pub(super) enum Target {
     Mesh,
 }
 
-/// What is around the bytes that are damaged.
+/// Envelope around the bytes that are damaged.
 #[derive(Debug, Clone)]
 enum Wrap {
     Nothing,
@@ -22,12 +22,12 @@ enum Wrap {
     Series(&'static str),
 }
 
-/// A sound file.
+/// An undamaged file.
 #[derive(Debug, Clone)]
 pub(super) struct Seed {
     pub(super) name: String,
     pub(super) target: Target,
-    /// What is damaged: of a packed file, what is in it.
+    /// The bytes that are damaged; of a packed file, its content.
     pub(super) plain: Vec<u8>,
     wrap: Wrap,
 }
@@ -37,7 +37,7 @@ impl Seed {
         Self { name: name.into(), target, plain, wrap: Wrap::Nothing }
     }
 
-    /// The whole file around `plain`.
+    /// The complete file with `plain` in its envelope.
     pub(super) fn wrap(&self, plain: Vec<u8>) -> Vec<u8> {
         match self.wrap {
             Wrap::Nothing => plain,
@@ -55,7 +55,7 @@ impl Seed {
     }
 }
 
-/// Syntaxes of pixels that are packed and not.
+/// Transfer syntaxes with compressed and plain pixels.
 const SYNTAXES: [&str; 6] = [
     "1.2.840.10008.1.2",
     "1.2.840.10008.1.2.1",

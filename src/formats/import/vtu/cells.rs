@@ -1,4 +1,4 @@
-//! Connectivity, offsets and types to cells.
+//! Builds cells from connectivity, offsets and types.
 
 use super::xml::{File, Section};
 use super::{FORMAT, numbers};
@@ -6,14 +6,14 @@ use crate::import::ImportError;
 use crate::import::error::malformed;
 use prosopon_geometry::Cell;
 
-/// VTK's numbers of cells without volume: vertices, lines, triangles, quadrilaterals, linear and quadratic.
+/// VTK's types of cells without volume: vertices, lines, triangles, quadrilaterals, linear and quadratic.
 const FLAT: [u32; 12] = [1, 2, 3, 4, 5, 6, 7, 8, 9, 21, 22, 23];
 const TETRAHEDRON: u32 = 10;
 const WEDGE: u32 = 13;
-/// Corners of a cell that can be skipped; bounds the connectivity.
+/// Most corners of a cell, including skipped ones; bounds the connectivity.
 const MAX_CORNERS: usize = 27;
 
-/// Types, ends in the corners, and corners of cells as a file has them.
+/// Types, ends (indices into `corners`) and corners of cells, unchecked.
 pub(super) struct RawCells<'a> {
     pub(super) format: &'static str,
     pub(super) types: &'a [f64],
@@ -21,7 +21,7 @@ pub(super) struct RawCells<'a> {
     pub(super) corners: &'a [f64],
 }
 
-/// The cells, and which of the file's were kept when not all were.
+/// The cells; when some were left out, also a mark for each cell of the file that was kept.
 pub(super) fn read(
     file: &File<'_>,
     n_points: usize,
@@ -37,12 +37,12 @@ pub(super) fn read(
     let last = ends.last().copied().unwrap_or(0.0);
     let length = whole(last)
         .filter(|n| *n as usize <= file.n_cells.saturating_mul(MAX_CORNERS))
-        .ok_or_else(|| fault(format!("the last of `offsets` is {last}, which no {} cells can reach", file.n_cells)))?;
+        .ok_or_else(|| fault(format!("the last of `offsets` is {last}, which {} cells cannot reach", file.n_cells)))?;
     let corners = numbers(file, array("connectivity")?, length as usize)?;
     from_raw(&RawCells { format: FORMAT, types: &types, ends: &ends, corners: &corners }, n_points, warnings)
 }
 
-/// As [`read`].
+/// [`read`] from numbers that are already decoded.
 pub(super) fn from_raw(
     raw: &RawCells<'_>,
     n_points: usize,
@@ -59,7 +59,7 @@ pub(super) fn from_raw(
             return Err(fault(format!("`offsets` do not rise at cell {index}")));
         };
         begin = end;
-        let kind = whole(kind).ok_or_else(|| fault(format!("cell {index} has no type")))?;
+        let kind = whole(kind).ok_or_else(|| fault(format!("the type of cell {index} is not a whole number")))?;
         let node = |c: &f64| {
             whole(*c)
                 .filter(|n| (*n as usize) < n_points)
@@ -77,7 +77,7 @@ pub(super) fn from_raw(
             }
             flat if FLAT.contains(&flat) => *kept = false,
             other => {
-                let detail = format!("cell {index} is of VTK's type {other}; read are tetrahedra (10) and wedges (13)");
+                let detail = format!("cell {index} is of VTK's type {other}; expected tetrahedra (10) or wedges (13)");
                 return Err(fault(detail));
             }
         }
@@ -90,7 +90,7 @@ pub(super) fn from_raw(
     Ok((cells, Some(kept)))
 }
 
-/// A whole number that fits.
+/// The value as `u32`; `None` unless it is a whole number in range.
 fn whole(value: f64) -> Option<u32> {
     (value >= 0.0 && value <= f64::from(u32::MAX) && value.fract() == 0.0).then_some(value as u32)
 }

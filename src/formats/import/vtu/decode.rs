@@ -1,4 +1,4 @@
-//! Encoded arrays to numbers.
+//! Decodes arrays to numbers.
 
 use std::io::Read;
 
@@ -11,7 +11,7 @@ use crate::import::text::Words;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 
-/// Numbers of the type that VTK calls `name`.
+/// The number type with the VTK name `name`.
 pub(super) fn kind_named(name: &str) -> Option<Kind> {
     Some(match name {
         "Int8" => Kind::I8,
@@ -28,7 +28,7 @@ pub(super) fn kind_named(name: &str) -> Option<Kind> {
     })
 }
 
-/// Numbers of an array, more than `at_most` never.
+/// The numbers of an array; an error when there are more than `at_most`.
 pub(super) fn numbers(file: &File<'_>, array: &RawArray<'_>, at_most: usize) -> Result<Vec<f64>, ImportError> {
     let fault = |detail: &str| malformed(FORMAT, format!("{} {detail}", array.place()));
     let kind = array.kind.ok_or_else(|| fault("holds no numbers"))?;
@@ -36,7 +36,7 @@ pub(super) fn numbers(file: &File<'_>, array: &RawArray<'_>, at_most: usize) -> 
     let decoded;
     let stored = match array.content {
         Content::Ascii(text) => {
-            return ascii(text, at_most).ok_or_else(|| fault("has a word that is no number, or too many of them"));
+            return ascii(text, at_most).ok_or_else(|| fault("has a word that is not a number, or too many numbers"));
         }
         Content::Base64(text) => {
             decoded = base64(text).ok_or_else(|| fault("is not base64"))?;
@@ -44,16 +44,16 @@ pub(super) fn numbers(file: &File<'_>, array: &RawArray<'_>, at_most: usize) -> 
         }
         Content::Appended(offset) => match file.appended {
             Some(Appended::Raw(data)) => {
-                data.get(offset..).ok_or_else(|| fault("begins behind the end of the data"))?
+                data.get(offset..).ok_or_else(|| fault("begins beyond the end of the data"))?
             }
             Some(Appended::Base64(data)) => {
-                let data = data.get(offset..).ok_or_else(|| fault("begins behind the end of the data"))?;
-                // Only so much as the next array's beginning allows; with padding anywhere.
+                let data = data.get(offset..).ok_or_else(|| fault("begins beyond the end of the data"))?;
+                // The array ends where the next one begins; padding may stand anywhere.
                 let end = next_offset(file, offset).map_or(data.len(), |next| next.saturating_sub(offset));
                 decoded = base64(data.get(..end).unwrap_or(data)).ok_or_else(|| fault("is not base64"))?;
                 decoded.as_slice()
             }
-            None => return Err(fault("is appended, but there are no appended data")),
+            None => return Err(fault("refers to appended data, but there are none")),
         },
     };
     let content = if file.zlib { inflate(file, stored, bytes) } else { plain(file, stored, bytes) };
@@ -81,7 +81,7 @@ fn ascii(text: &[u8], at_most: usize) -> Option<Vec<f64>> {
     Some(found)
 }
 
-/// Decodes text in which padding may stand after any part that was encoded on its own.
+/// Decodes base64 text of several parts, each encoded on its own and possibly padded.
 fn base64(text: &[u8]) -> Option<Vec<u8>> {
     let dense: Vec<u8> = text.iter().copied().filter(|c| !c.is_ascii_whitespace()).collect();
     let mut found = Vec::with_capacity(dense.len());
@@ -95,7 +95,7 @@ fn base64(text: &[u8]) -> Option<Vec<u8>> {
     Some(found)
 }
 
-/// A length or count of the header, and what follows.
+/// A length or count of the array's header, and the bytes after it.
 fn take_count<'a>(file: &File<'_>, bytes: &'a [u8]) -> Option<(usize, &'a [u8])> {
     let count = if file.wide_header {
         let (head, rest) = bytes.split_first_chunk::<8>()?;
@@ -107,19 +107,19 @@ fn take_count<'a>(file: &File<'_>, bytes: &'a [u8]) -> Option<(usize, &'a [u8])>
     usize::try_from(count.0).ok().map(|n| (n, count.1))
 }
 
-/// Length, then the bytes.
+/// Reads plain data: the length, then the bytes.
 fn plain(file: &File<'_>, stored: &[u8], at_most: usize) -> Result<Vec<u8>, &'static str> {
     if stored.is_empty() {
         return Ok(Vec::new());
     }
     let (length, rest) = take_count(file, stored).ok_or("has no length")?;
     if length > at_most {
-        return Err("is longer than it should be");
+        return Err("is longer than expected");
     }
     rest.get(..length).map(<[u8]>::to_vec).ok_or("is cut off")
 }
 
-/// Number of blocks, size of a block, size of the last when it is smaller, compressed sizes, then the blocks.
+/// Reads compressed data: number of blocks, block size, size of a smaller last block, compressed sizes, then the blocks.
 fn inflate(file: &File<'_>, stored: &[u8], at_most: usize) -> Result<Vec<u8>, &'static str> {
     if stored.is_empty() {
         return Ok(Vec::new());
@@ -142,7 +142,7 @@ fn inflate(file: &File<'_>, stored: &[u8], at_most: usize) -> Result<Vec<u8>, &'
         let whole = index.saturating_add(1) < n_blocks || last == 0;
         let expected = if whole { block } else { last };
         if found.len().saturating_add(expected) > at_most {
-            return Err("is longer than it should be");
+            return Err("is longer than expected");
         }
         let (packed, tail) = rest.split_at_checked(*size).ok_or(cut_off)?;
         rest = tail;
@@ -150,9 +150,9 @@ fn inflate(file: &File<'_>, stored: &[u8], at_most: usize) -> Result<Vec<u8>, &'
         flate2::read::ZlibDecoder::new(packed)
             .take(expected as u64)
             .read_to_end(&mut found)
-            .map_err(|_| "is not well compressed")?;
+            .map_err(|_| "has damaged compressed data")?;
         if found.len().saturating_sub(before) != expected {
-            return Err("holds less than its header says");
+            return Err("holds less than its header states");
         }
     }
     Ok(found)

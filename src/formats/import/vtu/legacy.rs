@@ -1,4 +1,6 @@
-//! VTK's legacy files (`.vtk`) of unstructured grids, ASCII or binary, with cells as in versions up to 4 and from 5.1 on.
+//! Reads legacy VTK files (`.vtk`) of unstructured grids, ASCII or binary.
+//!
+//! Cells may have the layout of versions up to 4 or that from version 5.1 on.
 //!
 //! # Source
 //! VTK File Formats for VTK version 4.2, and the notes on version 5.1 in VTK's documentation.
@@ -22,7 +24,7 @@ pub fn is_legacy_vtk(bytes: &[u8]) -> bool {
 /// Reads a legacy file.
 pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<(VolumeMesh, Vec<String>), ImportError> {
     let mut file = Reader { rest: bytes.trim_ascii_start(), is_ascii: true };
-    // The version and a title.
+    // Skips the version and the title.
     file.line();
     file.line();
     file.is_ascii = match file.line().trim_ascii().to_ascii_uppercase().as_slice() {
@@ -46,12 +48,12 @@ fn shown(word: &[u8]) -> String {
     String::from_utf8_lossy(head).into_owned()
 }
 
-/// What the values that follow belong to.
+/// Owner of the arrays that follow.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Owner {
     Points,
     Cells,
-    /// The file as a whole: read and dropped.
+    /// The file as a whole; its arrays are read and dropped.
     Nobody,
 }
 
@@ -59,10 +61,10 @@ enum Owner {
 struct Content {
     has_grid: bool,
     points: Option<Vec<f64>>,
-    /// Ends of the cells in their corners, and the corners.
+    /// Ends of the cells (indices into the corners), and the corners.
     cells: Option<(Vec<f64>, Vec<f64>)>,
     types: Option<Vec<f64>>,
-    /// Who the arrays belong to, and how many values they have.
+    /// Owner of the arrays that follow, and their number of tuples.
     owner: Option<(Owner, usize)>,
     point_arrays: Vec<DataArray>,
     cell_arrays: Vec<DataArray>,
@@ -72,11 +74,11 @@ impl Content {
     fn section(&mut self, file: &mut Reader<'_>, words: &[String], limits: &Limits) -> Result<(), ImportError> {
         let name = words.first().map(|w| w.to_ascii_uppercase()).unwrap_or_default();
         let word = |n: usize| {
-            words.get(n).map(String::as_str).ok_or_else(|| fault(format!("a line `{name}` has too few words")))
+            words.get(n).map(String::as_str).ok_or_else(|| fault(format!("the line `{name}` has too few words")))
         };
         let count = |n: usize| {
             let text = word(n)?;
-            text.parse::<usize>().map_err(|_| fault(format!("`{name}` has a count `{text}`")))
+            text.parse::<usize>().map_err(|_| fault(format!("`{name}`: `{text}` is not a count")))
         };
         match name.as_str() {
             "DATASET" if word(1)?.eq_ignore_ascii_case("UNSTRUCTURED_GRID") => self.has_grid = true,
@@ -130,7 +132,7 @@ impl Content {
                 }
             }
             "METADATA" => file.skip_metadata(),
-            _ => return Err(fault(format!("`{}` is no section that is known", shown(name.as_bytes())))),
+            _ => return Err(fault(format!("`{}` is not a known section", shown(name.as_bytes())))),
         }
         Ok(())
     }
@@ -140,7 +142,7 @@ impl Content {
             return Err(fault("an array of a field needs name, components, tuples and type"));
         };
         let [Ok(components), Ok(tuples)] = [components, tuples].map(|text| text.parse::<usize>()) else {
-            return Err(fault(format!("array `{}` of a field has counts that are none", shown(name.as_bytes()))));
+            return Err(fault(format!("array `{}` of a field has invalid counts", shown(name.as_bytes()))));
         };
         let owner = self.owner.unwrap_or((Owner::Nobody, tuples));
         if owner.1 != tuples {
@@ -156,7 +158,7 @@ impl Content {
     /// Reads the values of an array.
     fn array(&mut self, file: &mut Reader<'_>, name: &str, kind: &str, components: usize) -> Result<(), ImportError> {
         let Some((owner, n)) = self.owner else {
-            return Err(fault(format!("array `{}` stands before POINT_DATA and CELL_DATA", shown(name.as_bytes()))));
+            return Err(fault(format!("array `{}` comes before POINT_DATA and CELL_DATA", shown(name.as_bytes()))));
         };
         if components == 0 {
             return Err(fault(format!("array `{}` has no components", shown(name.as_bytes()))));
@@ -169,7 +171,7 @@ impl Content {
         };
         let name = decoded(name);
         if arrays.iter().any(|a| a.name == name) {
-            return Err(fault(format!("array `{}` is there twice", shown(name.as_bytes()))));
+            return Err(fault(format!("two arrays have the name `{}`", shown(name.as_bytes()))));
         }
         arrays.push(DataArray { name, components, values });
         Ok(())
@@ -206,7 +208,7 @@ impl Content {
     }
 }
 
-/// A name as it was before its blanks and percent signs were written as `%20`, `%25`.
+/// Decodes a percent-encoded name: `%20` is a blank, `%25` a percent sign.
 fn decoded(name: &str) -> String {
     let mut bytes = Vec::new();
     let mut rest = name.as_bytes();
@@ -238,18 +240,18 @@ fn kind_of(name: &str) -> Result<Kind, ImportError> {
         "unsigned_long" | "vtktypeuint64" => Kind::U64,
         "float" => Kind::F32,
         "double" => Kind::F64,
-        other => return Err(fault(format!("values of type `{}` are not read", shown(other.as_bytes())))),
+        other => return Err(fault(format!("values of type `{}` are not supported", shown(other.as_bytes())))),
     })
 }
 
-/// The file from here on.
+/// Reads the file from front to back.
 struct Reader<'a> {
     rest: &'a [u8],
     is_ascii: bool,
 }
 
 impl<'a> Reader<'a> {
-    /// The rest of the line, without its end.
+    /// The rest of the line, without the line end.
     fn line(&mut self) -> &'a [u8] {
         let end = self.rest.iter().position(|&c| c == b'\n').unwrap_or(self.rest.len());
         let (line, tail) = self.rest.split_at(end);
@@ -257,7 +259,7 @@ impl<'a> Reader<'a> {
         line
     }
 
-    /// The words of the next line that has any; `None` at the end.
+    /// The words of the next line that has words; `None` at the end of the file.
     fn words(&mut self) -> Result<Option<Vec<String>>, ImportError> {
         self.rest = self.rest.trim_ascii_start();
         if self.rest.is_empty() {
@@ -277,7 +279,7 @@ impl<'a> Reader<'a> {
         self.words()
     }
 
-    /// Skips to after the next empty line.
+    /// Skips everything up to and including the next empty line.
     fn skip_metadata(&mut self) {
         while !self.rest.is_empty() && !self.line().trim_ascii().is_empty() {}
     }
@@ -296,7 +298,7 @@ impl<'a> Reader<'a> {
             self.rest = tail;
             return Ok(kind.all(head, false));
         }
-        // Each takes a digit at least: nothing is allocated for numbers that cannot be there.
+        // Each number takes at least a digit: refuses impossible counts before anything is allocated.
         if n > self.rest.len() {
             return Err(short());
         }
@@ -309,15 +311,17 @@ impl<'a> Reader<'a> {
                 return Err(short());
             }
             self.rest = tail;
-            numbers.push(number(word).ok_or_else(|| fault(format!("`{}` is no number", shown(word))))?);
+            numbers.push(number(word).ok_or_else(|| fault(format!("`{}` is not a number", shown(word))))?);
         }
         Ok(numbers)
     }
 
-    /// Cells as each its number of corners and these, `size` numbers in all; ends and corners.
+    /// Reads cells up to version 4: per cell the number of corners and the corners, `size` numbers in all.
+    ///
+    /// Returns the ends of the cells and the corners.
     fn cells(&mut self, n: usize, size: usize) -> Result<(Vec<f64>, Vec<f64>), ImportError> {
         let numbers = self.numbers(size, "int")?;
-        let wrong = || fault(format!("the {size} numbers of CELLS are not those of {n} cells"));
+        let wrong = || fault(format!("the {size} numbers of CELLS do not make {n} cells"));
         let (mut ends, mut corners) = (Vec::new(), Vec::new());
         let mut rest = numbers.as_slice();
         while let Some((&count, tail)) = rest.split_first() {
@@ -330,13 +334,13 @@ impl<'a> Reader<'a> {
         if ends.len() == n { Ok((ends, corners)) } else { Err(wrong()) }
     }
 
-    /// Cells as offsets and corners, `n` and `size` of them.
+    /// Reads cells from version 5.1 on: `n` offsets, then `size` corners.
     fn cells_5(&mut self, n: usize, size: usize) -> Result<(Vec<f64>, Vec<f64>), ImportError> {
         let mut part = |name: &str, n: usize| {
             let words = self.words()?.unwrap_or_default();
             match words.as_slice() {
                 [found, kind] if found.eq_ignore_ascii_case(name) => self.numbers(n, kind),
-                _ => Err(fault(format!("CELLS has no {name} with its type"))),
+                _ => Err(fault(format!("CELLS has no line `{name}` with a type"))),
             }
         };
         let offsets = part("OFFSETS", n)?;

@@ -82,7 +82,7 @@ fn both_encodings_and_both_layouts_of_cells_give_the_same_mesh() {
 fn points_of_no_cell_are_told_and_do_not_count_for_the_size() {
     let text = String::from_utf8(file(true, 3)).unwrap();
     let unused = text.replacen("4 0 1 2 6", "4 0 1 2 3", 1).replacen("4 3 1 4 6", "4 3 1 4 5", 1);
-    // The box round the cells, 87 mm across, is that of a part of a head; with the point it would be that of a house.
+    // The box around the cells, 87 mm across, has a usual size; with the unused point its size would be refused.
     let far = unused.replacen("7 -20 3", "7000 -20 3", 1);
     for file in [unused, far] {
         let (_, warnings) = volume_mesh(file.as_bytes(), &LIMITS).unwrap();
@@ -98,19 +98,19 @@ fn faults_are_named() {
         ("ASCII", "OCTAL", "line 3 is `OCTAL`"),
         ("UNSTRUCTURED_GRID", "POLYDATA", "expected UNSTRUCTURED_GRID"),
         ("DATASET UNSTRUCTURED_GRID\n", "", "no DATASET"),
-        ("POINTS 7", "POINTS 8", "no number"),
+        ("POINTS 7", "POINTS 8", "not a number"),
         ("POINTS 7", "POINTS 99999999999999", "at most 1000"),
         ("POINTS 7 double", "POINTS 7 quad", "type `quad`"),
-        ("CELLS 4 21", "CELLS 3 21", "not those of 3 cells"),
+        ("CELLS 4 21", "CELLS 3 21", "do not make 3 cells"),
         ("CELLS 4 21", "CELLS 4 999999999999", "ends before"),
         ("CELL_TYPES 4\n13", "CELL_TYPES 4\n12", "VTK's type 12"),
         ("4 0 1 2 6", "4 0 1 2 7", "names the point 7"),
-        ("6 0 1 2", "7 0 1 2", "not those of 4 cells"),
+        ("6 0 1 2", "7 0 1 2", "do not make 4 cells"),
         ("50.5", "NaN", "point 5 has a coordinate"),
         ("CELL_DATA 4", "CELL_DATA 3", "has 4 tuples, expected 3"),
         ("attachment int 1", "attachment int 0", "has no components"),
-        ("VECTORS force_n", "VECTORS attachment", "is there twice"),
-        ("VECTORS", "WINDS", "`WINDS` is no section"),
+        ("VECTORS force_n", "VECTORS attachment", "two arrays have the name"),
+        ("VECTORS", "WINDS", "`WINDS` is not a known section"),
     ] {
         assert!(text.contains(from), "{from}");
         let error = volume_mesh(text.replacen(from, to, 1).as_bytes(), &LIMITS).map(|_| ()).unwrap_err().to_string();

@@ -1,5 +1,4 @@
-//! VTK's files: unstructured grids (XML, `.vtu`; legacy, `.vtk`) of tetrahedra and wedges with arrays on points and cells, and surfaces
-//! (XML, `.vtp`).
+//! Reads VTK files: volume meshes (XML `.vtu`, legacy `.vtk`) and surfaces (XML `.vtp`).
 
 mod cells;
 mod decode;
@@ -20,12 +19,14 @@ use xml::{File, Grid, RawArray, Section};
 
 const FORMAT: &str = "VTK XML";
 
-/// Reads a VTU file (ASCII, base64 or raw appended data, plain or compressed by zlib) or a legacy VTK file (ASCII or binary). Also gives
-/// warnings about what was left out (cells of lower dimension, arrays of text).
+/// Reads a volume mesh from a VTU file or a legacy VTK file.
+///
+/// VTU data may be ASCII, base64 or raw appended, plain or compressed by zlib; legacy files may be ASCII or binary. Returns
+/// the mesh and warnings about omitted content (cells of lower dimension, arrays of text).
 ///
 /// # Errors
-/// [`ImportError`] naming the fault and its place: among others cells that are neither tetrahedra nor wedges, several pieces,
-/// other compressors.
+/// [`ImportError`] with the fault and its position; among others for cells that are neither tetrahedra nor wedges, for
+/// several pieces, and for other compressors.
 pub fn volume_mesh(bytes: &[u8], limits: &Limits) -> Result<(VolumeMesh, Vec<String>), ImportError> {
     if bytes.is_empty() {
         return Err(ImportError::Empty);
@@ -44,14 +45,16 @@ pub fn volume_mesh(bytes: &[u8], limits: &Limits) -> Result<(VolumeMesh, Vec<Str
     Ok(finished(VolumeMesh { points, cells, point_arrays, cell_arrays }, warnings))
 }
 
-/// The mesh, with a warning when its size is unusual: no more than that, for a test body may have any size. Points of no cell do not count.
+/// The mesh with warnings about unused points and an unusual size.
+///
+/// The size is only a warning, since a test body may have any size. Unused points do not count towards it.
 fn finished(mesh: VolumeMesh, mut warnings: Vec<String>) -> (VolumeMesh, Vec<String>) {
     let mut used: Vec<u32> = mesh.cells.iter().flat_map(Cell::corners).copied().collect();
     used.sort_unstable();
     used.dedup();
     let unused = mesh.points.len().saturating_sub(used.len());
     if unused > 0 {
-        warnings.push(format!("{unused} points belong to no tetrahedron and no wedge: they stay where they are"));
+        warnings.push(format!("{unused} points belong to no tetrahedron and no wedge: they will not move"));
     }
     let points: Vec<Point> = used.iter().filter_map(|n| mesh.points.get(*n as usize)).copied().collect();
     let size = Aabb::of(&points).map_or(0.0, |b| b.diagonal());
@@ -73,7 +76,7 @@ fn points(file: &File<'_>) -> Result<Vec<Point>, ImportError> {
     points_from(FORMAT, &numbers(file, array, file.n_points.saturating_mul(3))?)
 }
 
-/// Points with these coordinates side by side.
+/// Points from their coordinates, three per point.
 fn points_from(format: &'static str, coordinates: &[f64]) -> Result<Vec<Point>, ImportError> {
     let (points, _) = coordinates.as_chunks::<3>();
     match points.iter().position(|p| !p.iter().all(|c| c.is_finite())) {
@@ -82,7 +85,7 @@ fn points_from(format: &'static str, coordinates: &[f64]) -> Result<Vec<Point>, 
     }
 }
 
-/// Exactly `n` numbers of an array.
+/// The numbers of an array, which must be exactly `n`.
 fn numbers(file: &File<'_>, array: &RawArray<'_>, n: usize) -> Result<Vec<f64>, ImportError> {
     let values = decode::numbers(file, array, n)?;
     if values.len() == n {
@@ -107,7 +110,7 @@ fn arrays(
             continue;
         }
         if found.iter().any(|a| a.name == array.name) {
-            return Err(malformed(FORMAT, format!("{} has the same name as one before", array.place())));
+            return Err(malformed(FORMAT, format!("{} has the same name as an earlier one", array.place())));
         }
         let components = array.components;
         let mut values = numbers(file, array, n.saturating_mul(components))?;

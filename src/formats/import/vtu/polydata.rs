@@ -1,4 +1,4 @@
-//! Surfaces: polygons and strips of triangles.
+//! Reads surfaces of polygons and triangle strips.
 
 use super::xml::{File, Grid, Section};
 use super::{FORMAT, numbers, points};
@@ -7,7 +7,7 @@ use crate::import::surface::{Faces, RawSurface};
 use crate::import::{ImportError, Limits};
 use prosopon_geometry::Point;
 
-/// Corners of a face on average; bounds the connectivity.
+/// Most corners per face on average; bounds the connectivity.
 const MAX_CORNERS: usize = 64;
 
 /// Whether these may be the bytes of a VTP file.
@@ -29,7 +29,7 @@ pub(in crate::import) fn read_polydata(bytes: &[u8], limits: &Limits) -> Result<
     Ok(faces.finish(positions))
 }
 
-/// Triangles of a strip; every other one is listed the other way round.
+/// Adds the triangles of a strip; every second one has the opposite order of corners.
 fn push_strip(faces: &mut Faces, positions: &[Point], strip: &[u32]) -> Result<(), ImportError> {
     for (at, corners) in strip.windows(3).enumerate() {
         if let &[a, b, c] = corners {
@@ -59,10 +59,10 @@ fn each_face(
     let last = ends.last().copied().unwrap_or(0.0);
     let length = whole(last)
         .filter(|l| *l as usize <= n.saturating_mul(MAX_CORNERS))
-        .ok_or_else(|| fault(format!("the last of `offsets` is {last}, which {n} faces do not reach")))?;
+        .ok_or_else(|| fault(format!("the last of `offsets` is {last}, which {n} faces cannot reach")))?;
     let connectivity = numbers(file, array("connectivity")?, length as usize)?;
     let corners: Option<Vec<u32>> = connectivity.into_iter().map(whole).collect();
-    let corners = corners.ok_or_else(|| fault(format!("a corner of {section:?} is no index")))?;
+    let corners = corners.ok_or_else(|| fault(format!("a corner of {section:?} is not an index")))?;
     let mut begin = 0usize;
     for (index, &end) in ends.iter().enumerate() {
         let end = whole(end).map(|e| e as usize);

@@ -7,7 +7,7 @@ use proptest::prelude::*;
 
 const LIMITS: Limits = Limits { max_triangles: 1000, max_voxels: 1000, max_cells: 1000 };
 
-/// How arrays are written.
+/// Encoding of the arrays.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(in crate::import) enum Encoding {
     Ascii,
@@ -165,7 +165,7 @@ fn faults_are_named() {
         ("6 9 13 17", "6 13 9 17", "`offsets` do not rise at cell 2"),
         ("6 9 13 17", "6 9 14 17", "cell 2 has 5 corners"),
         ("50.5", "NaN", "point 5 has a coordinate"),
-        ("50.5", "fifty", "a word that is no number"),
+        ("50.5", "fifty", "a word that is not a number"),
         ("</Piece>", "</Piece><Piece NumberOfPoints=\"0\" NumberOfCells=\"0\"/>", "2 pieces"),
         ("</UnstructuredGrid>", "</Grid>", "is not well formed"),
         ("header_type=\"UInt64\"", "header_type=\"UInt64\" compressor=\"vtkLZ4DataCompressor\"", "unknown compressor"),

@@ -1,4 +1,4 @@
-//! The XML part: which arrays there are and where their numbers stand.
+//! Reads the XML part: the arrays and the position of their numbers.
 
 use std::borrow::Cow;
 
@@ -10,10 +10,10 @@ use crate::import::number::Kind;
 use quick_xml::Reader;
 use quick_xml::events::{BytesStart, Event};
 
-/// More components than any array of a solver has; bounds products.
+/// Most components of an array; no solver writes so many. Bounds products.
 const MAX_COMPONENTS: usize = 1000;
 
-/// Part of the file that an array stands in.
+/// Part of the file that holds an array.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Section {
     Points,
@@ -24,14 +24,14 @@ pub(super) enum Section {
     Strips,
 }
 
-/// VTK's types of data sets that are read.
+/// Supported types of VTK data sets.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Grid {
     UnstructuredGrid,
     PolyData,
 }
 
-/// Where an array's numbers stand.
+/// Encoding and position of an array's numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Content<'a> {
     Ascii(&'a [u8]),
@@ -44,17 +44,17 @@ pub(super) enum Content<'a> {
 #[derive(Debug, Clone)]
 pub(super) struct RawArray<'a> {
     pub(super) section: Section,
-    /// How many arrays of the section come before.
+    /// Index of the array in its section.
     pub(super) place: usize,
     pub(super) name: String,
-    /// Type of its numbers; `None` for text.
+    /// Type of the numbers; `None` for text.
     pub(super) kind: Option<Kind>,
     pub(super) components: usize,
     pub(super) content: Content<'a>,
 }
 
 impl RawArray<'_> {
-    /// Its place, for messages.
+    /// Index and section, for messages.
     pub(super) fn place(&self) -> String {
         format!("array {} of {:?}", self.place, self.section)
     }
@@ -67,17 +67,17 @@ pub(super) enum Appended<'a> {
     Base64(&'a [u8]),
 }
 
-/// What the XML says.
+/// The content of the XML part.
 #[derive(Debug)]
 pub(super) struct File<'a> {
     pub(super) little_endian: bool,
-    /// Lengths take eight bytes instead of four.
+    /// Whether lengths take eight bytes instead of four.
     pub(super) wide_header: bool,
     pub(super) zlib: bool,
     pub(super) n_points: usize,
-    /// Cells of a grid, polygons of a surface.
+    /// Number of cells of a grid, or of polygons of a surface.
     pub(super) n_cells: usize,
-    /// Strips of triangles of a surface.
+    /// Number of triangle strips of a surface.
     pub(super) n_strips: usize,
     pub(super) arrays: Vec<RawArray<'a>>,
     pub(super) appended: Option<Appended<'a>>,
@@ -95,14 +95,14 @@ fn attribute(tag: &BytesStart<'_>, name: &str) -> Result<Option<String>, ImportE
 
 fn count(tag: &BytesStart<'_>, name: &str) -> Result<usize, ImportError> {
     let text = attribute(tag, name)?.ok_or_else(|| fault(format!("{name} is missing")))?;
-    text.trim().parse().map_err(|_| fault(format!("{name} is no count")))
+    text.trim().parse().map_err(|_| fault(format!("{name} is not a count")))
 }
 
-/// Reading state.
+/// State of the parser.
 struct Parser<'a> {
     file: File<'a>,
     section: Option<Section>,
-    /// An inline array that is open.
+    /// The inline array that is open, and whether it is base64.
     open: Option<(RawArray<'a>, bool)>,
     pieces: usize,
     expected: Grid,
@@ -139,7 +139,7 @@ impl<'a> File<'a> {
             })?;
             match event {
                 Event::Start(tag) if tag.name().as_ref() == b"AppendedData" => {
-                    // What follows need not be XML.
+                    // The bytes that follow need not be XML.
                     let rest = usize::try_from(reader.buffer_position()).ok().and_then(|at| bytes.get(at..));
                     parser.file.appended = Some(appended(&tag, rest.unwrap_or_default())?);
                     break;
@@ -199,7 +199,7 @@ impl<'a> Parser<'a> {
             b"CellData" => self.section = Some(Section::CellData),
             b"Polys" => self.section = Some(Section::Polys),
             b"Strips" => self.section = Some(Section::Strips),
-            // Points and lines carry no surface.
+            // Points and lines are not part of a surface.
             b"Verts" | b"Lines" => self.section = None,
             b"DataArray" | b"Array" => self.array(tag, empty)?,
             _ => {}
@@ -213,25 +213,25 @@ impl<'a> Parser<'a> {
     fn head(&mut self, tag: &BytesStart<'_>) -> Result<(), ImportError> {
         let kind = attribute(tag, "type")?.unwrap_or_default();
         if kind != format!("{:?}", self.expected) {
-            return Err(fault(format!("a VTKFile of another type, expected {:?}", self.expected)));
+            return Err(fault(format!("the VTKFile has another type, expected {:?}", self.expected)));
         }
         self.is_grid = true;
         self.file.little_endian = match attribute(tag, "byte_order")?.as_deref() {
             None | Some("LittleEndian") => true,
             Some("BigEndian") => false,
-            Some(_) => return Err(fault("unknown byte_order, read are LittleEndian and BigEndian")),
+            Some(_) => return Err(fault("unknown byte_order, expected LittleEndian or BigEndian")),
         };
         self.file.wide_header = match attribute(tag, "header_type")?.as_deref() {
             None | Some("UInt32") => false,
             Some("UInt64") => true,
-            Some(_) => return Err(fault("unknown header_type, read are UInt32 and UInt64")),
+            Some(_) => return Err(fault("unknown header_type, expected UInt32 or UInt64")),
         };
         self.file.zlib = match attribute(tag, "compressor")?.as_deref() {
             None | Some("") => false,
             Some("vtkZLibDataCompressor") => true,
             Some(_) => {
                 return Err(fault(
-                    "an unknown compressor; read are files without compression or with vtkZLibDataCompressor",
+                    "unknown compressor, expected a file without compression or with vtkZLibDataCompressor",
                 ));
             }
         };
@@ -265,7 +265,7 @@ impl<'a> Parser<'a> {
                 array.content = Content::Appended(count(tag, "offset")?);
                 self.file.arrays.push(array);
             }
-            Some(_) => return Err(fault("unknown format of an array, read are ascii, binary and appended")),
+            Some(_) => return Err(fault("unknown format of an array, expected ascii, binary or appended")),
         }
         Ok(())
     }
@@ -291,7 +291,7 @@ impl<'a> Parser<'a> {
     }
 }
 
-/// The appended data after its `_`, up to the closing tag when it is text.
+/// The appended data after the mark `_`, up to the closing tag when they are text.
 fn appended<'a>(tag: &BytesStart<'_>, rest: &'a [u8]) -> Result<Appended<'a>, ImportError> {
     let mark = rest.iter().position(|c| !c.is_ascii_whitespace()).filter(|&at| rest.get(at) == Some(&b'_'));
     let data = mark.and_then(|at| rest.get(at.saturating_add(1)..));
@@ -302,6 +302,6 @@ fn appended<'a>(tag: &BytesStart<'_>, rest: &'a [u8]) -> Result<Appended<'a>, Im
             let end = data.iter().position(|&c| c == b'<').unwrap_or(data.len());
             Ok(Appended::Base64(data.get(..end).unwrap_or_default()))
         }
-        Some(_) => Err(fault("unknown encoding of the appended data, read are raw and base64")),
+        Some(_) => Err(fault("unknown encoding of the appended data, expected raw or base64")),
     }
 }

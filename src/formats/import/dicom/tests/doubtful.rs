@@ -1,8 +1,8 @@
-//! Series that could be read, and would be wrong.
+//! Tests of series that a careless reader would read wrongly.
 
 use super::*;
 
-/// The stack's files, each with `from` replaced by `to` where `which` says so.
+/// The stack's files; `from` is replaced by `to` in those that `which` selects.
 fn patched(from: &[u8], to: &[u8], which: impl Fn(usize) -> bool) -> Vec<u8> {
     let patch = |(k, slice): (usize, &Slice)| {
         let mut file = slice.file();

@@ -1,4 +1,4 @@
-//! Enhanced images: all frames in one file, each with its own place.
+//! Tests of enhanced images: all frames in one file, each with its own position.
 
 use super::*;
 
@@ -9,7 +9,7 @@ impl Writer {
         inside.bytes
     }
 
-    /// A sequence with these items; of open length with items of open length, or of the length that it has.
+    /// A sequence with these items, both of undefined or both of explicit length.
     fn items(&mut self, tag: (u16, u16), items: &[Vec<u8>], open: bool) {
         self.tag(tag);
         if self.explicit {
@@ -33,7 +33,7 @@ impl Writer {
     }
 }
 
-/// The slices as frames of one file; `fragments` of encapsulated pixels for each frame.
+/// The slices as frames of one file, each with `fragments` of encapsulated pixels.
 fn enhanced(slices: &[Slice], open: bool, fragments: usize, told: usize) -> Vec<u8> {
     let first = &slices[0];
     let mut set = Writer { bytes: Vec::new(), explicit: first.syntax != IMPLICIT, little: first.syntax != BIG };
@@ -125,7 +125,7 @@ fn frames_of_an_enhanced_image_make_the_volume_that_single_files_make() {
 fn frames_that_cannot_be_told_apart_are_refused() {
     let refused = |bytes: &[u8]| volume(bytes, &Limits::default()).unwrap_err().to_string();
     assert!(refused(&enhanced(&frames(RLE), true, 2, 5)).contains("5 frames are in 10 fragments"));
-    assert!(refused(&enhanced(&frames(EXPLICIT), true, 1, 4)).contains("do not say where these lie"));
+    assert!(refused(&enhanced(&frames(EXPLICIT), true, 1, 4)).contains("several frames without positions"));
     // Pixels that end early.
     let mut short = enhanced(&frames(EXPLICIT), false, 1, 5);
     short.truncate(short.len() - 100);

@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use prosopon_tissue::fem::element::ElementBlock;
 use prosopon_tissue::fem::material::{Material, Tangent};
 
-/// Blocks with one material each.
+/// Element blocks with one material each.
 pub(crate) type Body<'a> = [(&'a ElementBlock, Material)];
 
 /// Deformation gradient of point `p` of element `e`.
@@ -70,7 +70,7 @@ pub(crate) fn stiffness(body: &Body<'_>, values: &[Vector3<f64>], free: &[usize]
     k
 }
 
-/// Newton's method for the free generalised nodes under `loads`, from `values`; panics when it does not converge.
+/// Newton's method for the free generalised nodes under `loads`, starting at `values`; panics when it does not converge.
 pub(crate) fn solve(body: &Body<'_>, values: &mut [Vector3<f64>], free: &[usize], loads: &[Vector3<f64>]) -> usize {
     let mut last = f64::INFINITY;
     for iteration in 0..30 {
@@ -86,7 +86,7 @@ pub(crate) fn solve(body: &Body<'_>, values: &mut [Vector3<f64>], free: &[usize]
         for (i, &n) in free.iter().enumerate() {
             values[n] += Vector3::new(step[3 * i], step[3 * i + 1], step[3 * i + 2]);
         }
-        // Quadratic convergence: one more step after this changes nothing but rounding.
+        // Quadratic convergence: after this, one more step changes only rounding errors.
         if step.amax() < 1e-10 && step.amax() > 0.1 * last || step.amax() < 1e-13 {
             return iteration + 1;
         }

@@ -1,4 +1,4 @@
-//! Known answers for the numerics, from small problems solved densely.
+//! Numerical checks with known answers on small problems, solved densely.
 
 #[cfg(test)]
 mod dense;

@@ -1,4 +1,4 @@
-//! Patch tests: nodes on the boundary follow a linear field, the others must find it; and a rigid rotation gives no stress.
+//! Patch tests: boundary nodes follow a linear field, and the others must reproduce it; a rigid rotation gives no stress.
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use prosopon_tissue::fem::element::{self, C1Surface, ElementBlock, TriangleRule};
@@ -24,8 +24,8 @@ fn curved() -> Slab {
     Slab { cells: 3, layers: 2, distortion: 0.12, height: |x, y| 1.2 * (0.35 * x).sin() + 0.04 * (y - 6.0).powi(2) }
 }
 
-/// Solves the patch test and gives the largest error relative to the largest displacement. Stresses balance loads at the free nodes
-/// that `blocks_for_loads` integrate (a finer rule where the rule itself is tested).
+/// Largest error of the patch test relative to the largest displacement. Loads at the free nodes balance the stresses, integrated
+/// with `blocks_for_loads` (a finer rule where the rule itself is tested).
 fn patch_error(
     slab: &Slab,
     rest: &[Vector3<f64>],
@@ -54,13 +54,13 @@ fn patch_error(
         )
         .collect();
     for &node in &free {
-        // Nothing pulls inside.
+        // Inner nodes carry no load.
         if node < n_positions && !slab.held_and_skin(node).1 {
             loads[node] = Vector3::zeros();
         }
     }
     let body: Vec<_> = blocks.iter().map(|b| (b, material)).collect();
-    // Start away from the answer.
+    // Start with an error at the free nodes.
     let mut values = exact.clone();
     for &node in &free {
         values[node] +=
@@ -95,7 +95,8 @@ fn wedges_over_tetrahedra_pass() {
     }
 }
 
-/// Only the quadrature keeps the C1 prism from passing exactly; the bounds are the measured errors of `TriangleRule`'s table, rounded up.
+/// Only the quadrature prevents the C1 prism from passing exactly; the bounds are the measured errors in `TriangleRule`'s table,
+/// rounded up.
 #[test]
 fn c1_prisms_over_tetrahedra_pass_as_well_as_their_quadrature() {
     for (slab, bounds) in [(flat(), [1e-7, 1e-7, 1e-7, 1e-4]), (curved(), [1e-5, 1e-5, 1e-6, 1e-4])] {
@@ -140,7 +141,7 @@ fn a_quarter_turn_gives_no_stress() {
     }
 }
 
-/// Range of the eigenvalues of one prism's stiffness relative to the exactly integrated one, rigid motions left out.
+/// Range of the eigenvalues of one prism's stiffness relative to the exactly integrated one, without rigid motions.
 fn relative_spectrum(mesh: &MixedMesh, surface: &C1Surface, prism: usize, poisson: f64) -> (f64, f64) {
     let material = Material::neo_hookean(1.0, poisson);
     let single = MixedMesh { prisms: vec![mesh.prisms[prism]], ..mesh.clone() };
@@ -177,7 +178,7 @@ fn rules_keep_the_rank_and_nearly_the_eigenvalues_of_the_stiffness() {
     }
 }
 
-/// The bottom's centre is pushed up by 1 mm, the other sides are held, the skin is free.
+/// The centre of the bottom is pushed up by 1 mm; the other sides are held, the skin is free.
 #[test]
 fn the_default_rule_changes_displacements_by_less_than_a_thousandth() {
     let slab = curved();

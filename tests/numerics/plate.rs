@@ -1,5 +1,5 @@
-//! The outer functions of a C1 prism on a flat skin are those of a plate triangle, values and slopes: Zienkiewicz's patch test of
-//! constant curvature, which asks for second derivatives and so for C1 continuity, and a clamped plate.
+//! On a flat skin the outer functions of a C1 prism are those of a plate triangle, in values and slopes. Tests: Zienkiewicz's
+//! patch test of constant curvature, which uses second derivatives and so needs C1 continuity, and a clamped plate.
 
 use nalgebra::{DMatrix, DVector, Matrix2, Matrix3, Point3, SMatrix, Vector3};
 use prosopon_tissue::fem::element::C1Surface;
@@ -42,7 +42,7 @@ fn plate(n: usize, distortion: f64) -> MixedMesh {
     }
 }
 
-/// Gauss-Legendre points of [0, 1] with eight points, collapsed onto the triangle.
+/// Eight Gauss-Legendre points of [0, 1], collapsed onto the triangle.
 fn triangle_points() -> Vec<([f64; 3], f64)> {
     let half = [
         (0.1834346424956498, 0.362683783378362),
@@ -61,7 +61,7 @@ fn triangle_points() -> Vec<([f64; 3], f64)> {
     points
 }
 
-/// Second derivatives (xx, yy, 2 xy) of the nine functions, from central differences of their first ones.
+/// Second derivatives (xx, yy, 2 xy) of the nine functions, from central differences of their first derivatives.
 fn curvatures(
     mesh: &MixedMesh,
     surface: &C1Surface,
@@ -69,7 +69,7 @@ fn curvatures(
     l: [f64; 3],
     by_place: &Matrix2<f64>,
 ) -> SMatrix<f64, 3, 9> {
-    // Points are at least 4e-4 away from the edges; the step is far below, and far above the rounding of first derivatives.
+    // Points are at least 4e-4 away from the edges; the step is far smaller, but far above the rounding of first derivatives.
     let h = 1e-5;
     let mut second = [[[0.0; 2]; 2]; 9];
     for c in 0..2 {
@@ -93,7 +93,7 @@ fn curvatures(
     })
 }
 
-/// Stiffness and uniform load of the plate, three unknowns a node: deflection, and slopes along the node's two tangents.
+/// Stiffness and uniform load of the plate; three unknowns for each node: deflection, and slopes along the node's two tangents.
 fn assemble(mesh: &MixedMesh, surface: &C1Surface) -> (DMatrix<f64>, DVector<f64>) {
     let n = mesh.positions.len() / 2;
     let (mut k, mut q) = (DMatrix::zeros(3 * n, 3 * n), DVector::zeros(3 * n));
@@ -123,12 +123,12 @@ fn on_rim(p: &Point3<f64>) -> bool {
     [p.x, p.y].iter().any(|c| *c < 1e-9 || *c > 1.0 - 1e-9)
 }
 
-/// Solves for the unknowns of inner nodes with the rim's given.
+/// Solves for the unknowns of inner nodes with given values on the rim.
 fn solve(mesh: &MixedMesh, k: &DMatrix<f64>, q: &DVector<f64>, given: &DVector<f64>) -> DVector<f64> {
     solve_with(k, q, given, &|i| on_rim(&mesh.positions[i / 3]))
 }
 
-/// Solves for the other unknowns than those that `is_held` names.
+/// Solves for all unknowns except those for which `is_held` is true.
 fn solve_with(
     k: &DMatrix<f64>,
     q: &DVector<f64>,
@@ -146,8 +146,9 @@ fn solve_with(
     all
 }
 
-/// An independent implementation (numpy, symbolic derivatives) with 8 x 8 points leaves 3.4e-5 on a distorted mesh of the same pattern,
-/// and 8e-3 without the blends, which fail the test; the rest is quadrature of singular second derivatives.
+/// An independent implementation (numpy, symbolic derivatives) with 8 x 8 points leaves 3.4e-5 on a distorted mesh of the same
+/// pattern, and 8e-3 without the blends, which then fails the test; the rest is the quadrature error of singular second
+/// derivatives.
 #[test]
 fn constant_curvature_is_found_on_a_distorted_mesh() {
     let mesh = plate(4, 0.2);
@@ -166,8 +167,8 @@ fn constant_curvature_is_found_on_a_distorted_mesh() {
     assert!(error < 5e-5, "{error:e}");
 }
 
-/// Uniform load on a clamped square: 0.00126532 q a⁴/D at the centre (Timoshenko). The reference element is 4.4 % too stiff on 8 x 8
-/// cells of this pattern and four times better on twice as many.
+/// Uniform load on a clamped square: 0.00126532 q a⁴/D at the centre (Timoshenko). The reference element is 4.4 % too stiff on 8
+/// x 8 cells of this pattern, and its error is four times smaller on twice as many.
 #[test]
 fn a_clamped_plate_converges() {
     let error = |n: usize| {
@@ -182,8 +183,8 @@ fn a_clamped_plate_converges() {
     assert!((-0.06..0.0).contains(&fine) && fine / coarse < 0.35, "{coarse} {fine}");
 }
 
-/// Deflection of the middle under a uniform load on `n` x `n` cells, in q a⁴/D; clamped, or simply supported (deflection and slope along the
-/// rim held).
+/// Deflection of the middle under a uniform load on `n` x `n` cells, in q a⁴/D; clamped, or simply supported (deflection and
+/// slope along the rim held).
 fn deflection(n: usize, clamped: bool) -> f64 {
     let mesh = plate(n, 0.0);
     let surface = C1Surface::new(&mesh);
@@ -202,8 +203,9 @@ fn deflection(n: usize, clamped: bool) -> f64 {
     found[3 * (n / 2 * (n + 1) + n / 2)]
 }
 
-/// Timoshenko's series: 0.00406235 simply supported, 0.00126532 clamped. An independent implementation of the element on this pattern is 0.9232 %
-/// and 0.2297 % too stiff when supported, 4.4295 % and 1.1537 % when clamped, on 8 x 8 and 16 x 16 cells (`f_plate_bciz.csv`).
+/// Timoshenko's series: 0.00406235 simply supported, 0.00126532 clamped. An independent implementation of the element on this
+/// pattern is 0.9232 % and 0.2297 % too stiff when supported, 4.4295 % and 1.1537 % when clamped, on 8 x 8 and 16 x 16 cells
+/// (`f_plate_bciz.csv`).
 #[test]
 fn a_plate_of_c1_prisms_converges_to_the_series_and_agrees_with_an_independent_element() {
     let frames = C1Surface::new(&plate(4, 0.0)).frames;
@@ -217,7 +219,7 @@ fn a_plate_of_c1_prisms_converges_to_the_series_and_agrees_with_an_independent_e
         let extrapolated = (4.0 * found[1] - found[0]) / 3.0;
         println!("plate, clamped {clamped}: {found:?}, extrapolated {extrapolated:.7}");
         for (found, reference) in found.iter().zip(reference) {
-            // The quadrature of singular second derivatives differs; 1.3e-3 at the most, and less on the finer mesh.
+            // The quadratures of singular second derivatives differ: by at most 1.3e-3, less on the finer mesh.
             assert!((found / reference - 1.0).abs() < 2e-3, "{found} {reference}");
         }
         assert!((extrapolated / exact - 1.0).abs() < 2e-3, "{extrapolated} {exact}");

@@ -3,13 +3,13 @@
 use nalgebra::{Point3, Vector3};
 use prosopon_tissue::mesh::{Attachment, MixedMesh, Tissue};
 
-/// Shape of the slab: `cells` x `cells` columns of side 4, `layers` layers of tetrahedra of height 3, prisms of height 1.5 on top.
+/// A slab: `cells` x `cells` columns of side 4, `layers` layers of tetrahedra of height 3, prisms of height 1.5 on top.
 pub(crate) struct Slab {
     pub(crate) cells: usize,
     pub(crate) layers: usize,
-    /// Share of the cell by which inner nodes are displaced.
+    /// Displacement of inner nodes as a share of the cell.
     pub(crate) distortion: f64,
-    /// Height added at (x, y), fading to 0 at the bottom.
+    /// Height added at (x, y), decreasing to 0 at the bottom.
     pub(crate) height: fn(f64, f64) -> f64,
 }
 

@@ -1,4 +1,4 @@
-//! Stress and volume ratio by cell of the mesh.
+//! Stress and volume ratio of each cell of the mesh.
 
 use super::assembly::{Assembly, ElementState, Inversion};
 use super::element::{ElementBlock, MeshCell};
@@ -7,13 +7,13 @@ use crate::mesh::MixedMesh;
 use nalgebra::Matrix3;
 use prosopon_geometry::Vector;
 
-/// Tissues.
+/// Number of tissues.
 const TISSUES: usize = 4;
 
 /// States of the tetrahedra and of the prisms at `x`.
 ///
-/// Where averages over elements carry the energy, pressure is that of the averages around the element's nodes: an element's own would
-/// oscillate.
+/// With smoothed elements the pressure of a cell is the mean over its nodes of the averaged nodal pressure: the pressure of
+/// single elements would oscillate.
 pub(super) fn cell_states(assembly: &Assembly, mesh: &MixedMesh, x: &[Vector]) -> (Vec<CellState>, Vec<CellState>) {
     let states: Vec<Vec<ElementState>> = (assembly.parts().iter().enumerate())
         .map(|(part, p)| (0..p.block.n_elements()).map(|e| assembly.state(Inversion { part, element: e }, x)).collect())
@@ -42,7 +42,7 @@ pub(super) fn cell_states(assembly: &Assembly, mesh: &MixedMesh, x: &[Vector]) -
         }
     }
     let mean = |(volume, stress, ratio): (f64, Matrix3<f64>, f64)| {
-        // Cells between nodes that stay are not among the elements.
+        // Cells whose nodes are all held are not among the elements.
         if volume == 0.0 {
             return CellState { stress_mpa: [0.0; 6], volume_ratio: 1.0 };
         }

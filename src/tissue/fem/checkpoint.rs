@@ -1,4 +1,4 @@
-//! All that the steps after an equilibrium depend on, so that they can be solved elsewhere with the same bits.
+//! Checkpoints: all that the steps after an equilibrium depend on, so that another solver continues with the same bits.
 
 use super::assembly::Curvature;
 use super::error::SolveError;
@@ -6,60 +6,62 @@ use super::solver::{Solver, State};
 use nalgebra::{Matrix3, Quaternion, Translation3, UnitQuaternion};
 use prosopon_geometry::{Motion, Vector};
 
-/// A rigid motion as numbers: translation, mm, and the unit quaternion's i, j, k and w.
+/// A rigid motion as numbers: translation, mm, then the unit quaternion's i, j, k and w.
 pub type MotionNumbers = [f64; 7];
 
-/// Where a solver stands within a path, as plain numbers. Beside the equilibrium it says what the numbers of later steps hang on: contact
-/// pressures, what the present factor was made of, and how long substeps are.
+/// Checkpoint of a solver within a path, as plain numbers.
+///
+/// Beside the equilibrium it holds what the bits of later steps depend on: contact pressures, the state at which the current
+/// factor was assembled, and the substep length.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Checkpoint {
     /// Path parameter.
     pub t: f64,
     /// Values of the generalised nodes, mm.
     pub x: Vec<[f64; 3]>,
-    /// Motion of moving segments from rest.
+    /// Motion of the moving segments from rest.
     pub motions: Vec<(u32, MotionNumbers)>,
-    /// Substep that worked last.
+    /// Length of the last substep that converged, as a share of the path.
     pub substep: f64,
-    /// Whether stable materials are in the place of those asked for.
+    /// Whether stable materials have replaced those requested.
     pub stabilised: bool,
-    /// Whether tissue that came through bone, and round a rim of it, has been told of.
+    /// Whether passage through bone, and slipping round a rim, have been reported in a warning.
     pub told_passage: [bool; 2],
-    /// Stiffness of contact, MPa/mm.
+    /// Contact stiffness, MPa/mm.
     pub contact_stiffness: f64,
-    /// Multipliers that are not 0 by pair of contact point and body, MPa.
+    /// Non-zero multipliers by pair of contact point and body, MPa.
     pub multipliers: Vec<(u64, f64)>,
-    /// Pairs that do not push any more.
+    /// Pairs of contact point and body whose contact is switched off.
     pub released: Vec<u64>,
-    /// Forces of contact by unknown node as it settled last, N.
+    /// Contact forces by unknown node from the last converged condensed contact solve, N.
     pub settled_forces: Vec<(u32, [f64; 3])>,
-    /// Contact points and bodies that pushed in the last model.
+    /// Active pairs of contact point and body in the last quadratic model.
     pub active: Vec<(u64, u64)>,
     /// Whether factors are in double precision.
     pub double: bool,
-    /// What the present factor was made of.
+    /// Origin of the current factor.
     pub factor: FactorOrigin,
-    /// Iterations that its age has cost.
+    /// Extra iterations so far that were caused by the factor's age.
     pub lost: u64,
-    /// Unknown nodes whose compliance is known, in the groups in which it was found.
+    /// Unknown nodes whose compliance is known, in the groups in which they were added.
     pub known_compliance: Vec<Vec<u32>>,
 }
 
-/// What a factor was made of.
+/// Matrix from which a factor was computed.
 #[derive(Debug, Clone, PartialEq)]
 pub enum FactorOrigin {
     /// The elements' stiffness at rest.
     Rest,
-    /// Their stiffness at a state.
+    /// The elements' stiffness at a state.
     State {
         /// Values of the generalised nodes, mm.
         x: Vec<[f64; 3]>,
-        /// Whether negative eigenvalues of the elements were left out.
+        /// Whether negative eigenvalues of the elements were set to zero.
         projected: bool,
     },
-    /// No factor: the inverse tensors of the unknown nodes that vertices are relaxed with, row by row.
+    /// No factor: inverse tensors with which the vertices are relaxed, by unknown node, row-major.
     Vertices(Vec<[f64; 9]>),
-    /// None that serves: the next system is factorised.
+    /// No usable factor: the next system is factorised.
     Nothing,
 }
 
@@ -84,12 +86,12 @@ fn vectors(x: &[[f64; 3]]) -> Vec<Vector> {
     x.iter().map(|x| Vector::from(*x)).collect()
 }
 
-/// Indices of what is set.
+/// Indices of the flags that are set.
 pub(super) fn pairs(flags: &[bool]) -> Vec<u64> {
     flags.iter().enumerate().filter(|(_, set)| **set).map(|(pair, _)| pair as u64).collect()
 }
 
-/// `n` flags of which these are set; `None` when one lies beyond.
+/// `n` flags with those of `pairs` set; `None` when an index is out of range.
 pub(super) fn flags(pairs: &[u64], n: usize) -> Option<Vec<bool>> {
     let mut flags = vec![false; n];
     for pair in pairs {
@@ -99,8 +101,9 @@ pub(super) fn flags(pairs: &[u64], n: usize) -> Option<Vec<bool>> {
 }
 
 impl Solver<'_> {
-    /// Where the solver stands after a step. `None` where its factor cannot be made again: it knows of contact, because the elements alone
-    /// are not stable.
+    /// Checkpoint after a step; `None` when the factor cannot be recomputed.
+    ///
+    /// A factor cannot be recomputed when it includes contact, because the elements alone are not stable.
     #[must_use]
     pub fn checkpoint(&self) -> Option<Checkpoint> {
         let equations = &self.equations;
@@ -125,10 +128,12 @@ impl Solver<'_> {
         })
     }
 
-    /// Goes on where another solver over the same mesh, bodies and settings stood: what follows has the bits that it would have had there.
+    /// Continues from a checkpoint of a solver over the same mesh, bodies and settings.
+    ///
+    /// Later steps have the same bits as those of that solver.
     ///
     /// # Errors
-    /// [`SolveError::Checkpoint`] when it does not fit; then the solver is of no more use.
+    /// [`SolveError::Checkpoint`] when it does not match; the solver must not be used afterwards.
     pub fn restore(&mut self, checkpoint: &Checkpoint) -> Result<(), SolveError> {
         let misfit = |detail| SolveError::Checkpoint { detail };
         let nodes = self.state.x.len();
@@ -138,21 +143,21 @@ impl Solver<'_> {
             FactorOrigin::Rest | FactorOrigin::Vertices(_) | FactorOrigin::Nothing => true,
         };
         if !fits(&checkpoint.x) || !origin_fits {
-            return Err(misfit("another number of generalised nodes"));
+            return Err(misfit("it has another number of generalised nodes"));
         }
         let mut multipliers = vec![0.0; self.equations.contact.multipliers().len()];
         for (pair, pressure) in &checkpoint.multipliers {
             let pair = usize::try_from(*pair).ok().and_then(|pair| multipliers.get_mut(pair));
-            *pair.ok_or_else(|| misfit("a contact point that is not there"))? = *pressure;
+            *pair.ok_or_else(|| misfit("it has a contact point that does not exist"))? = *pressure;
         }
         let released = flags(&checkpoint.released, multipliers.len())
-            .ok_or_else(|| misfit("a contact point that is not there"))?;
+            .ok_or_else(|| misfit("it has a contact point that does not exist"))?;
         self.equations.contact.set_released(released);
         if checkpoint.stabilised {
             self.equations.stabilise();
         }
         let Checkpoint { double, factor, known_compliance, .. } = checkpoint;
-        self.equations.restore_factor(*double, factor, known_compliance).ok_or_else(|| misfit("its factor"))?;
+        self.equations.restore_factor(*double, factor, known_compliance).ok_or_else(|| misfit("its factor differs"))?;
         self.equations.solver.lose(usize::try_from(checkpoint.lost).unwrap_or(usize::MAX));
         self.equations.contact.restore(checkpoint.contact_stiffness, multipliers);
         self.equations.settled_forces = checkpoint.settled_forces.iter().map(|(n, f)| (*n, Vector::from(*f))).collect();
@@ -168,7 +173,8 @@ impl Solver<'_> {
 }
 
 impl super::equations::Equations<'_> {
-    /// What the present factor was made of, and the groups of nodes whose compliance is known. `None` when it cannot be made again.
+    /// Origin of the current factor, and the groups of nodes whose compliance is known. `None` when the factor cannot be
+    /// recomputed.
     fn factor_origin(&self) -> Option<(FactorOrigin, Vec<Vec<u32>>)> {
         if !self.solver.can_be_restored() {
             return None;
@@ -193,7 +199,7 @@ impl super::equations::Equations<'_> {
         if double {
             self.solver.use_double();
         }
-        // There may be no memory for it here.
+        // The memory may not suffice for double precision here.
         if self.solver.is_double() != double {
             return None;
         }

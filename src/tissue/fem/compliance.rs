@@ -1,4 +1,4 @@
-//! How nodes give way under forces at nodes, as a factor sees it: what contact adds to a factor without making it anew.
+//! Compliance of nodes under forces at nodes, computed from a factor: it adds contact to a factor without a new factorisation.
 
 use super::contact::RankOne;
 use faer::linalg::matmul::matmul;
@@ -7,35 +7,35 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix3};
 use prosopon_geometry::Vector;
 use std::ops::Range;
 
-/// Nodes whose columns are made together: those with late rows cost less when they need not wait for early ones.
+/// Nodes whose columns are computed together: smaller groups spare nodes with late rows the work of the early ones.
 const TOGETHER: usize = 32;
 const NONE: u32 = u32::MAX;
 
-/// Compliance of a few nodes of the corner of a factor `L Lᵀ`, the unknowns that are eliminated last: `S = Gᵀ G` with `G = L⁻¹ E`,
-/// where `E` are unit forces along the axes at the nodes.
+/// Compliance of some nodes in the corner of a factor `L Lᵀ` (the unknowns eliminated last): `S = Gᵀ G` with `G = L⁻¹ E`, where
+/// the columns of `E` are unit forces along the axes at the nodes.
 #[derive(Debug)]
 pub(super) struct Compliance {
     corner: Range<usize>,
-    /// Place of each unknown node of the corner, from the first on.
+    /// Index of each unknown node of the corner in the order of addition, from the corner's first node on.
     place: Vec<u32>,
     n_nodes: usize,
-    /// Nodes that came together.
+    /// Nodes that were added together.
     groups: Vec<Vec<u32>>,
-    /// `G`: rows of the corner, three columns a node.
+    /// `G`: rows of the corner, three columns for each node.
     columns: Mat<f64>,
     /// `S`.
     gram: Mat<f64>,
 }
 
 impl Compliance {
-    /// Of no node yet. `corner` are unknowns.
+    /// A compliance without nodes. `corner` is a range of unknowns.
     pub(super) fn new(corner: Range<usize>) -> Self {
         let nodes = corner.end / 3 - corner.start / 3;
         Self { corner, place: vec![NONE; nodes], n_nodes: 0, groups: Vec::new(), columns: Mat::new(), gram: Mat::new() }
     }
 
-    /// Takes nodes in. `solve(first, b)` applies `L⁻¹` to columns that are zero above row `first` of the corner, given from there on.
-    /// `None` when a node does not lie in the corner.
+    /// Adds nodes. `solve(first, b)` applies `L⁻¹` to columns that are zero above row `first` of the corner and start at that
+    /// row. `None` when a node lies outside the corner.
     pub(super) fn add(
         &mut self,
         nodes: impl Iterator<Item = u32>,
@@ -79,12 +79,12 @@ impl Compliance {
         Some(())
     }
 
-    /// Its nodes in the groups in which they came: taken in like this again they have the same bits.
+    /// The nodes in the groups in which they were added: adding them again in these groups gives the same bits.
     pub(super) fn groups(&self) -> &[Vec<u32>] {
         &self.groups
     }
 
-    /// Entries that a vector of forces or displacements has: three a node.
+    /// Length of a vector of forces or displacements: three entries for each node.
     pub(super) fn len(&self) -> usize {
         3 * self.n_nodes
     }
@@ -112,23 +112,24 @@ impl Compliance {
         }
     }
 
-    /// 3x3 block of `S` between two places.
+    /// 3x3 block of `S` at two offsets.
     fn block(&self, a: usize, b: usize) -> Matrix3<f64> {
         Matrix3::from_fn(|i, j| self.gram[(a + i, b + j)])
     }
 }
 
-/// Rank-one terms that a factor does not know of, on nodes of its [`Compliance`] `S`: `(D⁻¹ + Vᵀ S V)⁻¹` of the Woodbury identity, with the
-/// terms' vectors `V` and factors `D`.
+/// Rank-one terms that a factor does not include, on nodes of its [`Compliance`] `S`: `(D⁻¹ + Vᵀ S V)⁻¹` of the Woodbury
+/// identity, with the terms' vectors `V` and factors `D`.
 #[derive(Debug)]
 pub(super) struct LowRank {
-    /// Place and entries, by term.
+    /// Offsets and entries, by term.
     terms: Vec<Vec<(usize, Vector)>>,
     core: Cholesky<f64, Dyn>,
 }
 
 impl LowRank {
-    /// `None` when there are no terms, when one acts on a node that `compliance` does not know, or when the factor is too coarse for them.
+    /// `None` when there are no terms, when a term acts on a node missing in `compliance`, or when the factor is too coarse for
+    /// the terms.
     pub(super) fn new(terms: &[RankOne], compliance: &Compliance) -> Option<Self> {
         if terms.is_empty() {
             return None;
@@ -148,7 +149,7 @@ impl LowRank {
         Some(Self { terms: placed, core: core.cholesky()? })
     }
 
-    /// What the terms push back with at the nodes when these would move by `u` without them.
+    /// Reaction of the terms at the nodes, whose displacement without the terms would be `u`.
     pub(super) fn reaction(&self, u: &[f64]) -> Vec<f64> {
         let along = |t: &Vec<(usize, Vector)>| -> f64 {
             t.iter().map(|(p, e)| e.x * u[*p] + e.y * u[p + 1] + e.z * u[p + 2]).sum()
@@ -166,7 +167,8 @@ impl LowRank {
         f
     }
 
-    /// `(I + G V D Vᵀ Gᵀ)⁻¹` on the corner's unknowns: between the two triangular solves it makes the factor one of the matrix with the terms.
+    /// Applies `(I + G V D Vᵀ Gᵀ)⁻¹` to the corner's unknowns: between the two triangular solves, it corrects the factor for the
+    /// terms.
     pub(super) fn apply(&self, compliance: &Compliance, y: &mut [f64]) {
         let mut u = vec![0.0; compliance.len()];
         for place in self.terms.iter().flatten().map(|(p, _)| *p) {
@@ -180,7 +182,7 @@ impl LowRank {
     }
 }
 
-/// Sum in a fixed order that the processor's vectors can follow.
+/// Dot product in a fixed order that suits SIMD registers.
 fn vector_dot(a: &[f64], b: &[f64]) -> f64 {
     const LANES: usize = 8;
     let (a, a_rest) = a.as_chunks::<LANES>();
@@ -229,7 +231,7 @@ mod tests {
         assert!(LowRank::new(&[], &compliance).is_none());
     }
 
-    /// A corner with couplings, nodes taken in out of order: `S` is the inverse's part at the nodes.
+    /// A coupled corner, nodes added out of order: `S` is the inverse's part at the nodes.
     #[test]
     fn the_compliance_is_that_of_the_factor() {
         let lower = DMatrix::from_fn(9, 9, |r, c| if r < c { 0.0 } else { 1.0 / (1.0 + (r - c) as f64) });

@@ -1,5 +1,5 @@
-//! Contact settled with all else condensed: at the nodes that contact acts on, the factor says how tissue gives way, so the points
-//! can be followed over the curved bone as far as they will go without a solve for the whole tissue.
+//! Contact on the condensed system: the factor gives the compliance of the nodes that contact acts on, so contact points can
+//! slide over the curved bone to equilibrium without a solve for the whole tissue.
 
 use super::compliance::{Compliance, LowRank};
 use super::contact::{Curved, Touch};
@@ -10,49 +10,49 @@ use nalgebra::Matrix3;
 use prosopon_geometry::{Motion, Vector};
 use std::ops::Range;
 
-/// Rounds of Newton's method on the condensed energy.
+/// Largest number of Newton iterations on the condensed energy.
 const MAX_ROUNDS: usize = 40;
-/// Rounds settle when no node moves farther than this share of the element size.
+/// The iterations converge when no node moves farther than this share of the element size.
 const SETTLED: f64 = 2.5e-4;
-/// Points that still move this far, mm, are followed without the bodies' curvature.
+/// While points still move farther than this, mm, the curvature of the bodies is left out.
 const CURVED_BELOW_MM: f64 = 1.0;
-/// Points move at most this far in one round, mm: the gap of thin bone says less farther off.
+/// Largest movement of a point in one iteration, mm: in thin bone the gap is unreliable farther away.
 const MAX_MOVE_MM: f64 = 1.0;
-/// Conjugate gradients of one round with curvature.
+/// Largest number of conjugate gradient iterations in one Newton iteration with curvature.
 const MAX_CURVED: usize = 40;
-/// Updates of the multipliers.
+/// Largest number of updates of the multipliers.
 const MAX_AUGMENTATIONS: usize = 6;
-/// Bone moves this far between two places at which contact settles on the way of a step, mm: a point that is met so deep at an edge is
+/// Motion of bone between two condensed contact solves along a step, mm. A point that penetrates an edge deeper than this is
 /// pushed out on the other face.
 const FOLLOWED_MM: f64 = 0.25;
-/// Contact on the way counts as settled when no node moves farther, mm.
+/// Along a step, contact has converged when no node moves farther than this, mm.
 const SETTLED_ON_THE_WAY_MM: f64 = 0.05;
-/// Gaps and penetrations are brought below this share of the tolerance.
+/// Gaps and penetrations are reduced below this share of the tolerance.
 const GAP_SHARE: f64 = 0.8;
 
-/// Contact that is in equilibrium with the quadratic model of the elements' energy, as the factor sees it.
+/// Contact in equilibrium with the quadratic model of the elements' energy, as given by the factor.
 #[derive(Debug)]
 pub(super) struct Settled {
     /// Change of all unknowns.
     pub(super) d: Vec<f64>,
-    /// Where it leads.
+    /// State after this change.
     pub(super) x: Vec<Vector>,
-    /// Points that push there or nearly touch, linearised there and told as for no change of the unknowns.
+    /// Contacts that are active or nearly so at `x`, linearised there and extrapolated back to zero change of the unknowns.
     pub(super) near: Vec<Touch>,
-    /// Those that push.
+    /// The active ones among them.
     pub(super) active: Vec<Touch>,
-    /// Whether it settled with the whole curvature of the bodies.
+    /// Whether the iterations converged with the whole curvature of the bodies.
     pub(super) curved: bool,
 }
 
-/// Forces at the nodes of the compliance, and where they bring the corner's unknowns.
+/// Forces at the nodes of the compliance, and the corner's unknowns under these forces.
 #[derive(Debug, Clone)]
 struct State {
     forces: Vec<f64>,
     corner: Vec<f64>,
 }
 
-/// When contact counts as settled.
+/// Convergence criteria of contact.
 #[derive(Debug, Clone, Copy)]
 struct Aim {
     enough_mm: f64,
@@ -72,32 +72,32 @@ impl Aim {
     }
 }
 
-/// A way of bones and held nodes.
+/// The path of bones and held nodes in one step.
 pub(super) struct Way<'a> {
-    /// How far bone moves near contact points, mm.
+    /// Largest motion of bone near contact points, mm.
     pub(super) length_mm: f64,
-    /// Nodes before, and with the held ones at the end of the way.
+    /// Nodes at the start, and with the held nodes at the end of the path.
     pub(super) x: [&'a [Vector]; 2],
-    /// Gradient of the elements' energy by the unknowns there, to first order.
+    /// Gradients of the elements' energy by the unknowns at both, to first order.
     pub(super) gradients: [&'a [f64]; 2],
-    /// Motions of the bodies at a share of the way.
+    /// Motions of the bodies at a share of the path.
     pub(super) motions: &'a dyn Fn(f64) -> Vec<Motion>,
 }
 
-/// What does not change while contact settles.
+/// Data that stay constant while contact is solved.
 struct Frame<'a> {
     x: &'a [Vector],
     motions: &'a [Motion],
     /// First unknown of the corner.
     start: usize,
-    /// The corner of `-L⁻¹ g`.
+    /// The corner's part of `-L⁻¹ g`.
     reached: Vec<f64>,
-    /// Corner without contact.
+    /// Unknowns of the corner without contact.
     free: Vec<f64>,
 }
 
 impl Frame<'_> {
-    /// Positions when the corner's unknowns have changed.
+    /// Positions after a change of the corner's unknowns.
     fn trial(&self, dofs: &Dofs, corner: &[f64]) -> Vec<Vector> {
         let mut x = self.x.to_vec();
         let first = self.start.div_ceil(3);
@@ -118,8 +118,9 @@ impl Frame<'_> {
 }
 
 impl Equations<'_> {
-    /// Minimises the quadratic model of the elements' energy, with `gradient` by the unknowns, plus the energy of contact as it is, as far
-    /// as the factor tells; multipliers grow with it. `None` when no factor serves or the points do not come to rest.
+    /// Minimises the quadratic model of the elements' energy (gradient `gradient` by the unknowns, stiffness of the current
+    /// factor) plus the exact energy of contact; the multipliers are updated. `None` when there is no usable factor or the
+    /// iterations do not converge.
     pub(super) fn settle_contact(&mut self, x: &[Vector], motions: &[Motion], gradient: &[f64]) -> Option<Settled> {
         let down: Vec<f64> = gradient.iter().map(|g| -g).collect();
         let mut reached = self.solver.forward(&down)?;
@@ -130,7 +131,7 @@ impl Equations<'_> {
         let frame = Frame { x, motions, start, reached: reached[start..].to_vec(), free };
         let multipliers = self.contact.multipliers().to_vec();
         let found = self.settle(&frame, Aim::of(&self.limits));
-        // Within thin bone a gap may show the way out on the other side.
+        // In thin bone the gradient of the gap may point out of the other side.
         let through = |(state, _): &(State, bool)| {
             let at = frame.trial(&self.dofs, &state.corner);
             self.contact.passages((x, &at), (motions, motions)).iter().any(|passage| !passage.round_a_rim)
@@ -156,8 +157,9 @@ impl Equations<'_> {
         Some(settled)
     }
 
-    /// Follows the points while the bones and held nodes go from one place to the next: contact settles every [`FOLLOWED_MM`], so that a
-    /// point over which an edge comes is met by the face that it met first. Leaves the forces for the end to begin with; multipliers stay.
+    /// Solves contact every [`FOLLOWED_MM`] along the path of the bones and held nodes, so that a point that an edge of bone
+    /// moves over stays on the face that it touched first. Stores the forces as start values for the end of the path; the
+    /// multipliers are unchanged.
     pub(super) fn follow_contact(&mut self, way: &Way<'_>) -> Option<()> {
         let n = (way.length_mm / FOLLOWED_MM).ceil() as usize;
         if n < 2 || self.contact.is_empty() {
@@ -194,11 +196,11 @@ impl Equations<'_> {
         followed
     }
 
-    /// The state in which contact is at rest, and whether the bodies' whole curvature was used.
+    /// The equilibrium of contact, and whether it converged with the whole curvature of the bodies.
     fn settle(&mut self, frame: &Frame<'_>, aim: Aim) -> Option<(State, bool)> {
         let Self { solver, contact, dofs, settled_forces, .. } = self;
         let Aim { enough_mm: enough, gap_mm: gap, .. } = aim;
-        // Bone that has moved into tissue would push it away too far: contact begins as it settled last.
+        // Pressures from the new bone position would push tissue too far away: contact starts from the last converged forces.
         let compliance = solver.compliance(settled_forces.iter().map(|(unknown, _)| *unknown))?;
         let mut forces = vec![0.0; compliance.len()];
         for (unknown, force) in settled_forces.iter() {
@@ -263,7 +265,7 @@ impl Equations<'_> {
     }
 }
 
-/// Forces at the nodes of `compliance` by unknown node, ascending, where there are any.
+/// Non-zero forces at the nodes of `compliance`, by unknown node, ascending.
 fn forces_by_unknown(compliance: &Compliance, forces: &[f64], unknowns: Range<usize>) -> Vec<(u32, Vector)> {
     unknowns
         .filter_map(|unknown| Some((unknown as u32, compliance.place(unknown as u32)?)))
@@ -272,7 +274,7 @@ fn forces_by_unknown(compliance: &Compliance, forces: &[f64], unknowns: Range<us
         .collect()
 }
 
-/// Half the forces' work on the way from the free state, mJ.
+/// Half the work of the forces from the free state on, mJ.
 fn work(frame: &Frame<'_>, compliance: &Compliance, dofs: &Dofs, state: &State) -> f64 {
     let mut sum = 0.0;
     for unknown in frame.start.div_ceil(3)..dofs.n_unknown() {
@@ -286,7 +288,7 @@ fn work(frame: &Frame<'_>, compliance: &Compliance, dofs: &Dofs, state: &State) 
     0.5 * sum
 }
 
-/// The state at `share` of the way from `a` to `b`; forces that `a` lacks are zero.
+/// Interpolation from `a` to `b` at `share`; forces missing in `a` are zero.
 fn between(a: &State, b: &State, share: f64) -> State {
     let mix = |a: &[f64], b: &[f64]| {
         let from = a.iter().copied().chain(std::iter::repeat(0.0));
@@ -299,10 +301,11 @@ fn between(a: &State, b: &State, share: f64) -> State {
     }
 }
 
-/// Change of the forces by Newton's method for forces that are `residual` away from what contact wants, and whether `curvature`, blocks
-/// that are taken off the stiffness, was used to the end: not where the energy is not convex with it.
+/// Newton change of the forces when they differ by `residual` from the contact forces, and whether `curvature` (blocks subtracted
+/// from the stiffness) was used to the end; it is dropped where the energy is not convex with it.
 ///
-/// Conjugate gradients for `S⁻¹ + V D Vᵀ - P`, preconditioned by its inverse without `P`; `S⁻¹` times each direction is carried along.
+/// Conjugate gradients for `S⁻¹ + V D Vᵀ - P`, preconditioned by the inverse without `P`; `S⁻¹` times each direction is updated
+/// by recurrence.
 fn step(
     compliance: &Compliance,
     low_rank: Option<&LowRank>,
@@ -325,7 +328,7 @@ fn step(
     }
     let mut r = residual.to_vec();
     let mut change = vec![0.0; r.len()];
-    // Direction, the stiffness without `P` times it, and `S⁻¹` times it.
+    // Direction, its product with the stiffness without `P`, and its product with `S⁻¹`.
     let (mut p, mut hp, mut sp) = (z.clone(), r.clone(), w.clone());
     let mut rz = dot(&r, &z);
     let goal = 1e-6 * rz;

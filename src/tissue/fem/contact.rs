@@ -1,12 +1,12 @@
 //! Frictionless unilateral contact of tissue with moved bone, by penalty and augmented Lagrangian (Wang 2009, eq. 0.9 to 0.13).
 //!
-//! A contact point is a sliding vertex or the barycentre of a bone face with at least one sliding vertex and no free one; together they
-//! are the quadrature points of eq. 0.13 over the faces at rest: half of a face's area at its barycentre, a sixth at each vertex. A sliding
-//! vertex whose faces all have a free corner stands for a third of each.
+//! A contact point is a sliding vertex, or the barycentre of a bone face with at least one sliding vertex and no free one. They
+//! are the quadrature points of eq. 0.13 over the faces at rest: half of a face's area at its barycentre, a sixth at each vertex.
+//! A sliding vertex whose faces all have a free corner takes a third of the area of each.
 //! With gap `g` (negative inside), multiplier `p` and stiffness `k` the energy per area is `(max(0, p - k g)² - p²) / (2 k)`,
 //! which is `k g²/2` for `g < 0` when `p = 0`. The multipliers grow until the penetration is below the tolerance.
-//! Where tissue is stable enough for it, the Hessian has the distance's curvature: with its Gauss-Newton part `k n nᵀ` alone, points that
-//! creep over an edge of bone gain a fifth each iteration instead of digits.
+//! Where the energy is convex enough, the Hessian includes the curvature of the distance. With the Gauss-Newton part `k n nᵀ`
+//! alone, points that slide slowly over an edge of bone gain a fifth in each iteration instead of digits.
 
 mod overlap;
 mod passage;
@@ -25,23 +25,23 @@ use crate::mesh::{Attachment, MixedMesh};
 use prosopon_geometry::{Motion, Point, Vector};
 use rayon::prelude::*;
 
-/// Overlap at rest that is told, mm.
+/// Smallest overlap at rest that is reported, mm.
 const TOLD_OVERLAP_MM: f64 = 0.1;
-/// Ways shorter than this lead through no bone, mm; longer ones are looked at in such steps.
+/// Shorter paths cannot pass through bone, mm; longer ones are sampled in steps of this length.
 const LEAST_PASSAGE_MM: f64 = 0.2;
-/// Cosine of two normals below which a body pushes the other way: over a rim it turns by a right angle.
+/// Cosine between two normals below which the body pushes the other way: over a rim the normal turns by a right angle.
 const TURNED_ROUND: f64 = -0.3;
-/// Contact points one task looks at.
+/// Contact points evaluated by one task.
 const TASK: usize = 64;
 
-/// A point of the tissue's inner surface, as weighted mean of nodes.
+/// A point of the tissue's inner surface, as a weighted mean of nodes.
 #[derive(Debug, Clone, Copy)]
 struct ContactPoint {
     nodes: [u32; 3],
     weights: [f64; 3],
-    /// Share of the surface at rest, mm².
+    /// Share of the surface area at rest, mm².
     area: f64,
-    /// Into the tissue at rest; no unit vector.
+    /// Direction into the tissue at rest; not a unit vector.
     inward: Vector,
 }
 
@@ -51,29 +51,29 @@ impl ContactPoint {
         Point::from(a * self.weights[0] + b * self.weights[1] + c * self.weights[2])
     }
 
-    /// Its nodes, each once, with weights.
+    /// Nodes with positive weight, each once, and their weights.
     fn terms(&self) -> impl Iterator<Item = (u32, f64)> {
         (0..3).map(|i| (self.nodes[i], self.weights[i])).filter(|(_, w)| *w > 0.0)
     }
 }
 
-/// A contact point at a body.
+/// A contact point paired with a body that it touches or is near to.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Touch {
     point: usize,
     body: usize,
-    /// Signed gap after the overlap at rest is taken off, mm.
+    /// Signed gap, mm, after subtraction of the overlap at rest.
     gap: f64,
-    /// Gradient of the gap by the point.
+    /// Gradient of the gap with respect to the point.
     normal: Vector,
-    /// `p - k g`, MPa; it pushes where this is positive.
+    /// `p - k g`, MPa; the contact is active where this is positive.
     pressure: f64,
-    /// The same where it was linearised.
+    /// Pressure at the state of linearisation, MPa.
     met: f64,
 }
 
 impl Touch {
-    /// Contact point and body.
+    /// Indices of contact point and body.
     pub(super) fn pair(&self) -> (usize, usize) {
         (self.point, self.body)
     }
@@ -83,27 +83,27 @@ impl Touch {
         self.gap
     }
 
-    /// Whether it pushes.
+    /// Whether the contact is active.
     pub(super) fn pushes(&self) -> bool {
         self.pressure > 0.0
     }
 }
 
-/// Where the curvature of bodies is taken.
+/// State at which the curvature of the bodies is evaluated.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Curved<'a> {
-    /// Nodes.
+    /// Values of the generalised nodes.
     pub(super) x: &'a [Vector],
     /// Motion of each body.
     pub(super) motions: &'a [Motion],
-    /// Share of the curvature: 1 is the exact Hessian.
+    /// Share of the curvature that is included: 1 gives the exact Hessian.
     pub(super) share: f64,
 }
 
 /// A term `factor v vᵀ` of a matrix.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct RankOne {
-    /// Unknown nodes and the three entries of `v` there.
+    /// Indices of unknown nodes and the three entries of `v` at each.
     pub(super) nodes: Vec<(u32, Vector)>,
     /// Positive.
     pub(super) factor: f64,
@@ -115,11 +115,12 @@ pub(super) struct Contact<'a> {
     bodies: Vec<ContactBody<'a>>,
     /// MPa/mm.
     stiffness: f64,
-    /// Overlap at rest by point and body.
+    /// Overlap at rest, by point and body.
     overlap: Vec<Overlap>,
     /// Multipliers by point and body, MPa.
     multipliers: Vec<f64>,
-    /// By point and body: whether the point has gone round a rim of the body, or through it, and is not pushed by it any more.
+    /// By point and body: whether the point has slipped round a rim of the body, or through it, so that the body no longer acts
+    /// on it.
     released: Vec<bool>,
 }
 
@@ -133,7 +134,7 @@ impl std::fmt::Debug for Contact<'_> {
 }
 
 impl<'a> Contact<'a> {
-    /// Contact points of `mesh`; `stiffness` in MPa/mm. The second value says what was found overlapping at rest.
+    /// Contact points of `mesh`; `stiffness` in MPa/mm. The second value is a warning about overlap at rest.
     pub(super) fn new(mesh: &MixedMesh, bodies: Vec<ContactBody<'a>>, stiffness: f64) -> (Self, Option<String>) {
         let points = contact_points(mesh);
         let mut contact =
@@ -155,8 +156,8 @@ impl<'a> Contact<'a> {
         let deepest = gaps.iter().fold(0.0, |m: f64, g| m.max(-g));
         let warning = (overlapping > 0).then(|| {
             format!(
-                "{overlapping} of {} contact points lie {TOLD_OVERLAP_MM} to {deepest:.2} mm inside bone at rest; contact and penetration are \
-                 measured from there",
+                "{overlapping} of {} contact points lie {TOLD_OVERLAP_MM} to {deepest:.2} mm inside bone at rest; their gap is \
+                 measured from that position",
                 contact.points.len()
             )
         });
@@ -171,12 +172,12 @@ impl<'a> Contact<'a> {
         self.points.is_empty() || self.bodies.is_empty()
     }
 
-    /// Points that push at `x` when body `b` has moved by `motions[b]` from rest, in the order of points.
+    /// Active contacts at `x` when body `b` has moved by `motions[b]` from rest, in the order of points.
     pub(super) fn touches(&self, x: &[Vector], motions: &[Motion]) -> Vec<Touch> {
         self.near(x, motions, f64::NEG_INFINITY)
     }
 
-    /// Points that push or whose gap is below `reach` mm, in the order of points.
+    /// Contacts that are active or whose gap is below `reach` mm, in the order of points.
     pub(super) fn near(&self, x: &[Vector], motions: &[Motion], reach: f64) -> Vec<Touch> {
         let n = self.bodies.len();
         self.points
@@ -217,7 +218,7 @@ impl<'a> Contact<'a> {
         (pushed - held) / (2.0 * self.stiffness)
     }
 
-    /// Adds the gradient of the energy where the touches were linearised to `forces`.
+    /// Adds the gradient of the contact energy, at the state of linearisation, to `forces`.
     pub(super) fn add_forces(&self, touches: &[Touch], forces: &mut [Vector]) {
         for t in touches {
             let p = &self.points[t.point];
@@ -227,7 +228,7 @@ impl<'a> Contact<'a> {
         }
     }
 
-    /// Change of the gap at `touch` for a change `d` of the unknowns, to first order, mm.
+    /// First-order change of the gap of `touch` for a change `d` of the unknowns, mm.
     fn gap_change(&self, touch: &Touch, dofs: &Dofs, d: &[f64]) -> f64 {
         (self.points[touch.point].terms())
             .filter_map(|(node, weight)| dofs.unknown(node).map(|u| (3 * u as usize, weight)))
@@ -235,23 +236,23 @@ impl<'a> Contact<'a> {
             .sum()
     }
 
-    /// Pressure at `touch` after the unknowns have changed by `d`, to first order, MPa.
+    /// First-order pressure at `touch` after the unknowns have changed by `d`, MPa.
     pub(super) fn pressure_after(&self, touch: &Touch, dofs: &Dofs, d: &[f64]) -> f64 {
         touch.pressure - self.stiffness * self.gap_change(touch, dofs, d)
     }
 
-    /// A touch found after the unknowns have changed by `d`, as its linearisation there shows it before.
+    /// A contact found after the unknowns have changed by `d`, extrapolated back linearly to the state before that change.
     pub(super) fn without_change(&self, touch: &Touch, dofs: &Dofs, d: &[f64]) -> Touch {
         let change = self.gap_change(touch, dofs, d);
         Touch { gap: touch.gap - change, pressure: touch.pressure + self.stiffness * change, ..*touch }
     }
 
-    /// Unknown nodes that touches act on; repeated.
+    /// Unknown nodes that the contacts act on; nodes may repeat.
     pub(super) fn unknowns_of(&self, touches: &[Touch], dofs: &Dofs) -> impl Iterator<Item = u32> {
         touches.iter().flat_map(|t| self.points[t.point].terms()).filter_map(|(node, _)| dofs.unknown(node))
     }
 
-    /// Forces of contact on the nodes of `compliance`, N; `None` when it lacks one.
+    /// Contact forces on the nodes of `compliance`, N; `None` when `compliance` lacks a node.
     pub(super) fn forces_at(&self, touches: &[Touch], dofs: &Dofs, compliance: &Compliance) -> Option<Vec<f64>> {
         let mut forces = vec![0.0; compliance.len()];
         for t in touches {
@@ -267,8 +268,8 @@ impl<'a> Contact<'a> {
         Some(forces)
     }
 
-    /// Blocks of the energy's Hessian: row and column among the unknowns (`row >= column`) and the block. Gauss-Newton,
-    /// or with the curvature of the bodies.
+    /// Passes the blocks of the energy's Hessian to `add`: row and column among the unknowns (`row >= column`), and the block.
+    /// Gauss-Newton when `curved` is `None`; otherwise with the curvature of the bodies.
     pub(super) fn hessian(
         &self,
         touches: &[Touch],
@@ -294,7 +295,7 @@ impl<'a> Contact<'a> {
         }
     }
 
-    /// What the curvature of its body takes off the Hessian of a touch by its point, N/mm.
+    /// Curvature term of one contact, subtracted from its Hessian with respect to the point, N/mm.
     fn bend(&self, touch: &Touch, x: &[Vector], motions: &[Motion]) -> nalgebra::Matrix3<f64> {
         let p = &self.points[touch.point];
         let motion = &motions[touch.body];
@@ -304,7 +305,7 @@ impl<'a> Contact<'a> {
         r.matrix() * curvature * r.matrix().transpose() * (touch.met.max(0.0) * p.area)
     }
 
-    /// What the curvature of bodies takes off the Hessian at the nodes of `compliance`: blocks with their places.
+    /// Curvature terms of the contacts at the nodes of `compliance`: row, column and the block to subtract from the Hessian.
     pub(super) fn bends(
         &self,
         touches: &[Touch],
@@ -331,7 +332,7 @@ impl<'a> Contact<'a> {
         touches.par_iter().with_min_len(TASK).flat_map_iter(of_touch).collect()
     }
 
-    /// The Gauss-Newton part of the Hessian, term by term.
+    /// The Gauss-Newton part of the Hessian as rank-one terms, one for each contact.
     pub(super) fn terms(&self, touches: &[Touch], dofs: &Dofs) -> Vec<RankOne> {
         let term = |t: &Touch| {
             let p = &self.points[t.point];
@@ -354,7 +355,7 @@ impl<'a> Contact<'a> {
         forces
     }
 
-    /// Augmented Lagrangian step: the present pressures become the multipliers.
+    /// Augmented Lagrangian update: the current pressures become the multipliers.
     pub(super) fn augment(&mut self, touches: &[Touch]) {
         let n = self.bodies.len();
         self.multipliers.fill(0.0);
@@ -363,7 +364,7 @@ impl<'a> Contact<'a> {
         }
     }
 
-    /// Has a body push a point no more.
+    /// Switches off contact between the point and the body of `passage`.
     pub(super) fn release(&mut self, passage: &Passage) {
         let pair = passage.point * self.bodies.len() + passage.body;
         self.released[pair] = true;
@@ -379,7 +380,7 @@ impl<'a> Contact<'a> {
         self.released = released;
     }
 
-    /// How deep released points lie in the body that does not push them, more than at rest.
+    /// The released point that lies deepest in its body, relative to rest.
     pub(super) fn sunk(&self, x: &[Vector], motions: &[Motion]) -> Option<Sunk> {
         let n = self.bodies.len();
         let mut deepest: Option<Sunk> = None;
@@ -408,23 +409,23 @@ impl<'a> Contact<'a> {
         self.multipliers = multipliers;
     }
 
-    /// MPa/mm.
+    /// Contact stiffness, MPa/mm.
     pub(super) fn stiffness(&self) -> f64 {
         self.stiffness
     }
 
-    /// Sets stiffness (MPa/mm) and multipliers as they were.
+    /// Restores stiffness (MPa/mm) and multipliers (MPa).
     pub(super) fn restore(&mut self, stiffness: f64, multipliers: Vec<f64>) {
         (self.stiffness, self.multipliers) = (stiffness, multipliers);
     }
 
-    /// Makes contact `factor` times as stiff.
+    /// Multiplies the contact stiffness by `factor`.
     pub(super) fn stiffen(&mut self, factor: f64) {
         self.stiffness *= factor;
     }
 
-    /// How far bone near the contact points moves between two sets of motions, mm. Points farther than `reach` from a body
-    /// do not count for it.
+    /// Largest displacement of bone near the contact points between two sets of motions, mm. A body is ignored for points farther
+    /// than `reach` from it.
     pub(super) fn largest_motion(&self, x: &[Vector], from: &[Motion], to: &[Motion], reach: f64) -> f64 {
         let per_point: Vec<f64> = self
             .points
@@ -445,15 +446,15 @@ impl<'a> Contact<'a> {
         per_point.into_iter().fold(0.0, f64::max)
     }
 
-    /// Contact points that have come to the other side of a body between two states of nodes and motions: on a straight line in the body's
-    /// frame they dipped into the solid, and the solid now pushes them the other way. In the order of points; of a point one body.
+    /// Contact points that have passed to the other side of a body between two states: on a straight line in the body's frame
+    /// they entered the solid, and the solid now pushes them the other way. In the order of points; one body for each point.
     pub(super) fn passages(&self, x: (&[Vector], &[Vector]), motions: (&[Motion], &[Motion])) -> Vec<Passage> {
         let n = self.bodies.len();
         let passed = |(point, p): (usize, &ContactPoint)| {
             let (from, place) = (p.at(x.0), p.at(x.1));
             let through = |body: usize| {
                 let Overlap { shift, rest_mm } = self.overlap[point * n + body];
-                // What overlaps at rest is on no side.
+                // A point that still overlaps at rest has no defined side.
                 if rest_mm > 0.0 || self.released[point * n + body] {
                     return None;
                 }
@@ -472,7 +473,7 @@ impl<'a> Contact<'a> {
             };
             (0..n).find_map(through)
         };
-        // In the order of points, however many threads look.
+        // The order of points does not depend on the number of threads.
         self.points.par_iter().enumerate().with_min_len(TASK).filter_map(passed).collect()
     }
 }
@@ -515,7 +516,7 @@ fn contact_points(mesh: &MixedMesh) -> Vec<ContactPoint> {
             vertex_area[n as usize] += area / 6.0;
         }
     }
-    // A vertex with none but faces that have a free corner stands for its share of them alone.
+    // A vertex whose faces all have a free corner takes its share of those faces only.
     let mut alone: Vec<(usize, Vector)> = Vec::new();
     for face in edge {
         for &n in face.iter().filter(|n| sliding(**n) && vertex_area[**n as usize] == 0.0) {

@@ -1,4 +1,4 @@
-//! Names for failures.
+//! From a failure of the solver to an error that names tissue, element and position.
 
 use super::assembly::{Inversion, Law};
 use super::equations::Equations;
@@ -9,7 +9,7 @@ use crate::mesh::MixedMesh;
 use nalgebra::Matrix3;
 use prosopon_geometry::{Point, Vector};
 
-/// The error for a failure on the way to path parameter `goal`; `x` is the last equilibrium.
+/// The error for a failure on the path to parameter `goal`; `x` is the last equilibrium.
 pub(super) fn name(
     equations: &Equations<'_>,
     mesh: &MixedMesh,
@@ -17,7 +17,7 @@ pub(super) fn name(
     goal: f64,
     x: &[Vector],
 ) -> SolveError {
-    // Whatever the symptom, a material that is no longer elliptic is the likely cause.
+    // Whatever the symptom, a material that has lost ellipticity is the likely cause.
     let weak = lost_ellipticity(equations, mesh, equations.last_iterate().unwrap_or(x));
     if let (Some(weak), true) = (weak, failure != Failure::Cancelled) {
         let LostEllipticity { tissue, kind, element, stretch, place, .. } = weak;
@@ -52,7 +52,7 @@ pub(super) fn name(
     }
 }
 
-/// Where materials have lost ellipticity at `x`: how many elements, and the one with the largest stretch.
+/// Loss of ellipticity at `x`: number of elements, and the one with the largest stretch.
 pub(super) fn lost_ellipticity(equations: &Equations<'_>, mesh: &MixedMesh, x: &[Vector]) -> Option<LostEllipticity> {
     let mut elements = 0;
     let mut weakest: Option<(Inversion, f64)> = None;
@@ -86,12 +86,12 @@ pub(super) fn lost_ellipticity(equations: &Equations<'_>, mesh: &MixedMesh, x: &
     })
 }
 
-/// Strain that a linear model may leave out, and the share of the tissue in which it may leave out more, before this is told. It leaves
-/// out half of the square of the largest stretch of `F - I`: 0.02 when turned by 11.5° or stretched by 0.2.
+/// Strain that a linear model may neglect, and the share of the tissue that may exceed it, before a warning. The neglected strain
+/// is half the square of the largest stretch of `F - I`: 0.02 for a rotation by 11.5° or a stretch of 0.2.
 const LEFT_OUT: f64 = 0.02;
 const LEFT_OUT_SHARE: f64 = 0.01;
 
-/// What to tell about a linear solution that is moved or turned too far for its model.
+/// Warning about a linear solution whose displacements or rotations are too large for small strain.
 pub(super) fn left_out_strain(equations: &Equations<'_>, x: &[Vector]) -> Option<String> {
     let (mut volume, mut beyond, mut most) = (0.0, 0.0, 0.0f64);
     for (part, p) in equations.assembly.parts().iter().enumerate() {
@@ -111,7 +111,8 @@ pub(super) fn left_out_strain(equations: &Equations<'_>, x: &[Vector]) -> Option
     let share = beyond / volume;
     (share > LEFT_OUT_SHARE).then(|| {
         format!(
-            "the linear model leaves out strains above {LEFT_OUT} in {:.1} % of the tissue (up to {most:.2}): it is turned or stretched too far for small strain",
+            "the linear model leaves out strains above {LEFT_OUT} in {:.1} % of the tissue (up to {most:.2}): rotation or \
+             stretch is too large for it, use a nonlinear model",
             100.0 * share
         )
     })

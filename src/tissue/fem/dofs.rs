@@ -1,4 +1,4 @@
-//! Which generalised nodes are unknown, which follow bone, and how unknowns are numbered.
+//! Classification of the generalised nodes (unknown, tied to bone or fixed) and numbering of the unknowns.
 
 use super::element::{C1Surface, ElementBlock};
 use super::error::SolveError;
@@ -8,14 +8,14 @@ use super::support::check_support;
 use crate::mesh::{Attachment, MixedMesh};
 use prosopon_geometry::{Motion, Point, Vector};
 
-/// What decides the value of a generalised node.
+/// Condition on the value of a generalised node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Hold {
-    /// Equilibrium does.
+    /// Unknown, found by equilibrium.
     Free,
-    /// It moves with a bone segment.
+    /// Moves with a bone segment.
     Segment(u32),
-    /// It stays at rest: a far boundary, or a node of no element.
+    /// Stays at rest, except along axes with a prescribed displacement: at a cut boundary, or a node of no element.
     Still,
 }
 
@@ -34,9 +34,9 @@ pub(super) struct Dofs {
     axes: Vec<u8>,
     /// Displacement along held axes at path parameter 1, by mesh node, mm; empty when all stay at rest.
     prescribed: Vec<Vector>,
-    /// Unknown nodes with such axes, and the axes.
+    /// Unknown nodes with held axes, and these axes.
     partly_held: Vec<(u32, u8)>,
-    /// Tangent vectors of partly held nodes that lie askew to the axis and so stay free.
+    /// Tangent vectors of partly held nodes that are oblique to the axis and therefore stay free.
     askew_tangents: usize,
     /// First of the unknown nodes that are eliminated last.
     first_last: usize,
@@ -45,8 +45,8 @@ pub(super) struct Dofs {
 }
 
 impl Dofs {
-    /// Classifies and numbers the generalised nodes. `surface` is there when the skin is made of C1 prisms. Mesh nodes in `last` get the
-    /// last numbers.
+    /// Classifies and numbers the generalised nodes. `surface` is present when the skin consists of C1 prisms. Mesh nodes flagged
+    /// in `last` get the last numbers.
     pub(super) fn new(
         mesh: &MixedMesh,
         boundary: &Boundary,
@@ -73,8 +73,8 @@ impl Dofs {
         }
         let mut axes = boundary.held_axes.clone();
         let mut askew_tangents = 0;
-        // A tangent vector goes with the node it belongs to, so the rim of a region is clamped. Where three planes of symmetry meet only the
-        // node stays: its tangents stay in the planes.
+        // A tangent vector has the condition of its node, so the rim of a region is clamped. Where three planes of symmetry meet,
+        // only the node is fixed: its tangents stay in the planes.
         let mut owner: Vec<u32> = (0..n_mesh_nodes as u32).collect();
         if let Some(surface) = surface {
             for (&node, tangents) in surface.outer_nodes.iter().zip(&surface.rest_tangents) {
@@ -139,7 +139,7 @@ impl Dofs {
         self.rest.len()
     }
 
-    /// Whether a generalised node stays at rest whatever bone does.
+    /// Whether a generalised node stays at rest whatever motion the bones make.
     pub(super) fn is_still(&self, node: usize) -> bool {
         self.hold[node] == Hold::Still
     }
@@ -149,12 +149,12 @@ impl Dofs {
         self.node_of.len()
     }
 
-    /// First of the unknown nodes that were asked to be eliminated last; [`Dofs::n_unknown`] when there are none.
+    /// First of the unknown nodes that are eliminated last; [`Dofs::n_unknown`] when there are none.
     pub(super) fn first_last(&self) -> usize {
         self.first_last
     }
 
-    /// Number of unknowns, without those along held axes.
+    /// Number of scalar unknowns, without those along held axes.
     pub(super) fn n_scalar(&self) -> usize {
         let held: u32 = self.partly_held.iter().map(|(_, axes)| axes.count_ones()).sum();
         3 * self.node_of.len() - held as usize
@@ -181,7 +181,7 @@ impl Dofs {
         &self.rest
     }
 
-    /// What holds each generalised node.
+    /// Condition on each generalised node.
     pub(super) fn holds(&self) -> &[Hold] {
         &self.hold
     }
@@ -191,7 +191,7 @@ impl Dofs {
         node < self.n_mesh_nodes
     }
 
-    /// Writes the held values under `motion` (of a segment, from rest) and at this share of the prescribed displacements into `x`.
+    /// Writes the held values into `x`: `motion` of each segment from rest, and `share` of the prescribed displacements.
     pub(super) fn prescribe(&self, motion: impl Fn(u32) -> Motion, share: f64, x: &mut [Vector]) {
         for (node, hold) in self.hold.iter().enumerate() {
             match *hold {
@@ -228,7 +228,7 @@ impl Dofs {
         }
     }
 
-    /// The entries of the unknowns out of one vector for each generalised node.
+    /// Extracts the entries of the unknowns from one vector for each generalised node; entries along held axes are 0.
     pub(super) fn restrict(&self, values: &[Vector], out: &mut [f64]) {
         for (node, out) in self.node_of.iter().zip(out.chunks_exact_mut(3)) {
             out.copy_from_slice(values[*node as usize].as_slice());
@@ -240,12 +240,12 @@ impl Dofs {
         }
     }
 
-    /// Axes (bits) along which a node is held whatever else holds it.
+    /// Axes (bits) along which a node is held in addition to its other condition.
     pub(super) fn axes_of(&self, node: usize) -> u8 {
         self.axes.get(node).copied().unwrap_or(0)
     }
 
-    /// Tied nodes that `motion` would move by more than `tolerance` mm along an axis in which they are held.
+    /// Number of tied nodes that `motion` would move by more than `tolerance` mm along an axis in which they are held.
     pub(super) fn contradictions(&self, motion: impl Fn(u32) -> Motion, tolerance: f64) -> usize {
         let torn = |node: usize, segment: u32| {
             let change = motion(segment) * Point::from(self.rest[node]) - Point::from(self.rest[node]);
@@ -254,12 +254,12 @@ impl Dofs {
         (0..self.n_mesh_nodes).filter(|&n| matches!(self.hold[n], Hold::Segment(s) if torn(n, s))).count()
     }
 
-    /// Tangent vectors that a plane of symmetry should hold but that lie askew to it.
+    /// Number of tangent vectors that a plane of symmetry should hold but that are oblique to it.
     pub(super) fn askew_tangents(&self) -> usize {
         self.askew_tangents
     }
 
-    /// Largest length of the outer skin's position unknowns in `d`, mm; of all when there is no skin.
+    /// Largest change of a position on the outer skin in `d`, mm; of all positions when there is no skin.
     pub(super) fn max_visible_change(&self, d: &[f64]) -> f64 {
         if !self.visible.contains(&true) {
             return self.max_position_change(d);
@@ -268,7 +268,7 @@ impl Dofs {
         of_skin.map(|(d, _)| Vector::new(d[0], d[1], d[2]).norm()).fold(0.0, f64::max)
     }
 
-    /// Largest length of the position unknowns in `d`, mm.
+    /// Largest change of a position in `d`, mm.
     pub(super) fn max_position_change(&self, d: &[f64]) -> f64 {
         let positions = self.node_of.iter().zip(d.chunks_exact(3)).filter(|(n, _)| self.is_position(**n as usize));
         positions.map(|(_, d)| Vector::new(d[0], d[1], d[2]).norm()).fold(0.0, f64::max)
@@ -278,14 +278,16 @@ impl Dofs {
 /// All three axes.
 pub(super) const ALL_AXES: u8 = 7;
 
-/// The axes whose bits are set.
+/// Indices of the axes whose bits are set.
 pub(super) fn axes_in(bits: u8) -> impl Iterator<Item = usize> {
     (0..3).filter(move |axis| bits >> axis & 1 == 1)
 }
 
-/// Axes of a tangent vector that a node held along `held` keeps at rest. A node held along an axis that lies in the surface is on a
-/// plane of symmetry: the tangent across the plane stays across it, the one along it stays in it. The frames of a surface at right
-/// angles to a coordinate plane have such tangents; others are left free, and the second value tells.
+/// Axes of a tangent vector that stay at rest when its node is held along `held`.
+///
+/// A node held along an axis in the surface lies on a plane of symmetry: the tangent across the plane stays across it, the
+/// tangent along the plane stays in it. Frames of a surface at right angles to a coordinate plane have such tangents. Other
+/// tangents stay free, and the second value is true.
 fn axes_of_tangent(held: u8, tangent: &Vector) -> (u8, bool) {
     const ALIGNED: f64 = 1e-6;
     let direction = tangent.normalize();

@@ -11,26 +11,27 @@ use prosopon_geometry::control::Clock;
 use prosopon_geometry::{Motion, Vector};
 use std::sync::Arc;
 
-/// Points with a smaller gap may come to touch within one Newton step, mm.
+/// Points with a smaller gap may become active within one Newton step, mm.
 pub(super) const NEAR_MM: f64 = 3.0;
 
-/// What Newton's method needs to know beside the equations.
+/// Tolerances and scales of Newton's method.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Limits {
     pub(super) relative_residual: f64,
     pub(super) max_iterations: usize,
     pub(super) penetration_tolerance_mm: f64,
-    /// Reactions below this count as this, N: scales with shear modulus times element size squared.
+    /// Smaller reactions are raised to this value in the convergence test, N: scales with shear modulus times element size
+    /// squared.
     pub(super) force_floor_n: f64,
-    /// Size of an element, mm; generalised forces of tangent vectors (N mm) are compared after division by it.
+    /// Element size, mm; generalised forces of tangent vectors (N mm) are divided by it before comparison.
     pub(super) element_size_mm: f64,
-    /// Round-off of the energy at rest, mJ: scales with shear modulus times volume.
+    /// Round-off error of the energy at rest, mJ: scales with shear modulus times volume.
     pub(super) energy_noise_mj: f64,
-    /// The forces are linear in the displacements.
+    /// Whether the forces are linear in the displacements.
     pub(super) linear: bool,
 }
 
-/// A state that a stiffness belongs to, and which one it is.
+/// State and kind of curvature at which a stiffness was assembled.
 type Place = (Vec<Vector>, Curvature);
 
 /// Equations of the whole tissue, with their buffers.
@@ -38,36 +39,36 @@ type Place = (Vec<Vector>, Curvature);
 pub(super) struct Equations<'a> {
     pub(super) dofs: Dofs,
     pub(super) assembly: Assembly,
-    /// The elements' stiffness at rest; empty when it is not known.
+    /// Stiffness of the elements at rest; empty when unknown.
     rest_stiffness: Arc<Vec<f64>>,
     pub(super) contact: Contact<'a>,
     pub(super) solver: LinearSolver,
     pub(super) limits: Limits,
     pub(super) records: Vec<IterationRecord>,
     pub(super) values: Vec<f64>,
-    /// The elements' part of `values`.
+    /// Stiffness of the elements, without contact.
     pub(super) elastic: Vec<f64>,
-    /// Where `elastic` was made.
+    /// State at which `elastic` was assembled.
     assembled: Option<Place>,
-    /// Where what the present factor was made of was; none for the factor at rest that the solver began with.
+    /// State at which the current factor was assembled; `None` for the factor at rest with which the solver started.
     pub(super) factored: Option<Place>,
-    /// Pairs that push in the last model, ascending.
+    /// Active pairs of contact point and body in the last quadratic model, ascending.
     pub(super) active: Vec<(usize, usize)>,
-    /// Forces of contact by unknown node as it settled last, ascending, N.
+    /// Contact forces by unknown node from the last converged condensed contact solve, ascending, N.
     pub(super) settled_forces: Vec<(u32, Vector)>,
     pub(super) forces: Vec<Vector>,
     pub(super) residual: Vec<f64>,
     pub(super) failed_at: Vec<Vector>,
     /// Dead loads at path parameter 1, by mesh node; empty when there are none.
     loads: Vec<Vector>,
-    /// Share of the loads that acts.
+    /// Share of the loads and prescribed displacements that is applied.
     pub(super) load_share: f64,
     pub(super) clock: Clock,
-    /// All but those that the linear solver counts.
+    /// Time of the phases that the linear solver does not measure.
     pub(super) times: PhaseTimes,
-    /// An equilibrium that looks right will do.
+    /// Whether an equilibrium for display suffices.
     pub(super) rough: bool,
-    /// Contact is settled before each direction is looked for.
+    /// Whether contact is solved on the condensed system before each Newton direction.
     pub(super) settles: bool,
 }
 
@@ -76,7 +77,7 @@ pub(super) struct Equations<'a> {
 pub(super) struct Balance {
     /// Energy of the elements, mJ.
     pub(super) elastic: f64,
-    /// The whole, mJ.
+    /// Total energy, mJ.
     pub(super) energy: f64,
     pub(super) residual_n: f64,
     pub(super) reaction_n: f64,
@@ -124,7 +125,7 @@ impl<'a> Equations<'a> {
         }
     }
 
-    /// Puts stable materials in the place of those that can lose ellipticity; whether there were any.
+    /// Replaces materials that can lose ellipticity by stable ones. Returns whether there were any.
     pub(super) fn stabilise(&mut self) -> bool {
         let changed = self.assembly.stabilise();
         if changed {
@@ -134,7 +135,7 @@ impl<'a> Equations<'a> {
         changed
     }
 
-    /// Time of the phases so far.
+    /// Time of the phases since the last call of [`Equations::take_times`].
     pub(super) fn times(&self) -> PhaseTimes {
         let (factor_s, solve_s) = self.solver.times();
         PhaseTimes { factor_s, solve_s, ..self.times }
@@ -153,12 +154,13 @@ impl<'a> Equations<'a> {
         self.load_share * self.loads.iter().zip(moved).map(|(f, (x, rest))| f.dot(&(x - rest))).sum::<f64>()
     }
 
-    /// Takes the dead loads off the gradient of the energy.
+    /// Subtracts the dead loads from the gradient of the energy.
     pub(super) fn subtract_loads(&self, gradient: &mut [Vector]) {
         gradient.iter_mut().zip(&self.loads).for_each(|(g, f)| *g -= f * self.load_share);
     }
 
-    /// Gradient of the total energy by the unknowns, in `self.residual`, and of the elements' part by all nodes in `self.forces`.
+    /// Computes the gradient of the total energy by the unknowns (`self.residual`) and of the elements' energy by all nodes
+    /// (`self.forces`).
     pub(super) fn balance(&mut self, x: &[Vector], motions: &[Motion]) -> Result<Balance, Inversion> {
         let begin = (self.clock)();
         let elastic = self.assembly.forces(x, &mut self.forces)?;
@@ -166,7 +168,7 @@ impl<'a> Equations<'a> {
         Ok(self.weigh(elastic, x, motions))
     }
 
-    /// [`Equations::balance`] with the elements' energy known and their forces at `x` in `self.forces`.
+    /// [`Equations::balance`] when the elements' energy is known and their forces at `x` are in `self.forces`.
     pub(super) fn weigh(&mut self, elastic: f64, x: &[Vector], motions: &[Motion]) -> Balance {
         let begin = (self.clock)();
         let touches = self.contact.touches(x, motions);
@@ -201,7 +203,7 @@ impl<'a> Equations<'a> {
         if self.dofs.is_position(node) { 1.0 } else { 1.0 / self.limits.element_size_mm }
     }
 
-    /// Exact stiffness of elements and contact at `x`, in `self.values`.
+    /// Computes the exact stiffness of elements and contact at `x` in `self.values`.
     #[cfg(test)]
     pub(super) fn stiffness(&mut self, x: &[Vector], touches: &[Touch], motions: &[Motion]) -> Result<(), Inversion> {
         self.assembly.tangent(x, Curvature::Exact, &mut self.forces, &mut self.elastic)?;
@@ -209,7 +211,7 @@ impl<'a> Equations<'a> {
         Ok(())
     }
 
-    /// Points that may come to touch within one step.
+    /// Contacts that may become active within one Newton step.
     pub(super) fn near(&mut self, x: &[Vector], motions: &[Motion]) -> Vec<Touch> {
         let begin = (self.clock)();
         let near = self.contact.near(x, motions, NEAR_MM);
@@ -217,21 +219,21 @@ impl<'a> Equations<'a> {
         near
     }
 
-    /// Has the linear solver make a factor of `self.elastic` when there is none that serves.
+    /// Factorises `self.elastic` when the solver has no usable factor.
     pub(super) fn prepare(&mut self) {
         let before = self.solver.factorisations();
         self.solver.prepare(self.assembly.pattern(), &self.elastic);
         self.note_factor(before);
     }
 
-    /// Notes what the factor was made of, if there is a new one since there were `before`.
+    /// Records the state of the factor, if the number of factorisations exceeds `before`.
     pub(super) fn note_factor(&mut self, before: usize) {
         if self.solver.factorisations() > before {
             self.factored.clone_from(&self.assembled);
         }
     }
 
-    /// The elements' stiffness in `self.elastic`, their forces in `self.forces`.
+    /// Computes the elements' stiffness in `self.elastic` and their forces in `self.forces`.
     pub(super) fn tangent(&mut self, x: &[Vector], curvature: Curvature) -> Result<(), Inversion> {
         let place = self.assembled.get_or_insert_with(|| (Vec::new(), curvature));
         place.0.clear();
@@ -256,7 +258,7 @@ impl<'a> Equations<'a> {
         times
     }
 
-    /// Force of tied nodes and contact of each segment on the tissue at `x`, N.
+    /// Force of each segment on the tissue at `x`, from tied nodes and contact, N.
     pub(super) fn reactions(&mut self, x: &[Vector], motions: &[Motion], segments: &[u32]) -> Vec<(u32, [f64; 3])> {
         let mut sums = vec![Vector::zeros(); segments.len()];
         let touches = self.contact.touches(x, motions);
@@ -277,7 +279,7 @@ impl<'a> Equations<'a> {
         segments.iter().zip(sums).map(|(s, f)| (*s, f.into())).collect()
     }
 
-    /// The last configuration that Newton's method looked at when it failed.
+    /// The last iterate of Newton's method when it failed.
     pub(super) fn last_iterate(&self) -> Option<&[Vector]> {
         (!self.failed_at.is_empty()).then_some(self.failed_at.as_slice())
     }

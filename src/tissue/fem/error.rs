@@ -1,98 +1,100 @@
 use super::element::ElementError;
 use prosopon_geometry::control::Cancelled;
 
-/// Why a step has no solution.
+/// Reason why a step or its setup failed.
 #[derive(Debug, thiserror::Error)]
 pub enum SolveError {
-    /// Elements are unusable at rest.
+    /// Elements are inverted at rest.
     #[error(transparent)]
     Element(#[from] ElementError),
-    /// Mesh, bodies or settings do not fit together.
-    #[error("the problem is not usable: {detail}")]
+    /// Mesh, bodies, boundary conditions or settings are inconsistent.
+    #[error("the finite element problem is inconsistent: {detail}")]
     Problem {
-        /// What does not fit.
+        /// What is inconsistent.
         detail: String,
     },
     /// Newton did not converge even with the shortest substep.
     #[error(
-        "no equilibrium at {path_share:.4} of the path: residual {residual_n:.3e} N, allowed {tolerance_n:.3e} N, after {iterations} iterations"
+        "no equilibrium at {path_share:.4} of the path: residual {residual_n:.3e} N, allowed {tolerance_n:.3e} N, after \
+         {iterations} iterations"
     )]
     NotConverged {
-        /// Share of the path, 0 to 1.
+        /// Path parameter, 0 to 1.
         path_share: f64,
-        /// Iterations of the last substep.
+        /// Newton iterations of the last substep.
         iterations: usize,
         /// Residual force, N.
         residual_n: f64,
-        /// Allowed, N.
+        /// Allowed residual force, N.
         tolerance_n: f64,
     },
-    /// A step failed where a material had lost ellipticity, so that no stable equilibrium exists nearby.
+    /// A step failed after a material lost ellipticity, so that no stable equilibrium exists nearby.
     #[error(
-        "{tissue} is not stable at {path_share:.4} of the path: {kind} {element} near ({x:.1}, {y:.1}, {z:.1}) mm is stretched to {stretch:.3} and its material has lost ellipticity"
+        "{tissue} is not stable at {path_share:.4} of the path: {kind} {element} near ({x:.1}, {y:.1}, {z:.1}) mm is stretched \
+         to {stretch:.3} and its material has lost ellipticity"
     )]
     Unstable {
-        /// Share of the path.
+        /// Path parameter, 0 to 1.
         path_share: f64,
         /// Name of the tissue.
         tissue: &'static str,
         /// Kind of element.
         kind: &'static str,
-        /// Element index.
+        /// Index of the element among those of its kind.
         element: usize,
-        /// Largest principal stretch there.
+        /// Largest principal stretch in the element.
         stretch: f64,
-        /// Its rest position, mm.
+        /// Rest position of the element, LPS x, mm.
         x: f64,
-        /// Its rest position, mm.
+        /// LPS y, mm.
         y: f64,
-        /// Its rest position, mm.
+        /// LPS z, mm.
         z: f64,
     },
-    /// An element cannot follow the bone without turning inside out.
+    /// An element would be inverted by the motion of the bone.
     #[error("{kind} {element} would turn inside out near ({x:.1}, {y:.1}, {z:.1}) mm at {path_share:.4} of the path")]
     Inverted {
-        /// Share of the path.
+        /// Path parameter, 0 to 1.
         path_share: f64,
         /// Kind of element.
         kind: &'static str,
-        /// Element index.
+        /// Index of the element among those of its kind.
         element: usize,
-        /// Its rest position, mm.
+        /// Rest position of the element, LPS x, mm.
         x: f64,
-        /// Its rest position, mm.
+        /// LPS y, mm.
         y: f64,
-        /// Its rest position, mm.
+        /// LPS z, mm.
         z: f64,
     },
-    /// Contact stayed deeper than allowed.
-    #[error("penetration of {found_mm:.3} mm is left at {path_share:.4} of the path, allowed is {allowed_mm} mm")]
+    /// Penetration stayed above its tolerance.
+    #[error("penetration of {found_mm:.3} mm remains at {path_share:.4} of the path, allowed is {allowed_mm} mm")]
     Penetration {
-        /// Share of the path.
+        /// Path parameter, 0 to 1.
         path_share: f64,
-        /// Found, mm.
+        /// Largest penetration found, mm.
         found_mm: f64,
-        /// Allowed, mm.
+        /// Tolerance, mm.
         allowed_mm: f64,
     },
-    /// Tissue would come out on the other side of thin bone.
+    /// Tissue would pass to the other side of thin bone.
     #[error("tissue would pass through bone {segment} near ({x:.1}, {y:.1}, {z:.1}) mm at {path_share:.4} of the path")]
     PassedThrough {
-        /// Share of the path.
+        /// Path parameter, 0 to 1.
         path_share: f64,
-        /// The bone's segment.
+        /// Segment of the bone.
         segment: u32,
-        /// Where, mm.
+        /// Position of the tissue, LPS x, mm.
         x: f64,
-        /// Where, mm.
+        /// LPS y, mm.
         y: f64,
-        /// Where, mm.
+        /// LPS z, mm.
         z: f64,
     },
-    /// The equations do not fit into the memory that is allowed.
-    #[error("{what} take about {needed_mb:.0} MB, {allowed_mb:.0} MB are allowed")]
+    /// The equations need more memory than is allowed.
+    #[error("{what} need about {needed_mb:.0} MB, {allowed_mb:.0} MB are allowed")]
     Memory {
-        /// Elements, matrix or factor.
+        /// The part that needs it: elements, matrix or factor.
         what: &'static str,
         /// Estimate, MB.
         needed_mb: f64,
@@ -105,13 +107,13 @@ pub enum SolveError {
         /// Reason.
         detail: String,
     },
-    /// A checkpoint is another problem's, or another build's.
-    #[error("the checkpoint does not fit: {detail}")]
+    /// The checkpoint belongs to another problem or another build.
+    #[error("the checkpoint does not match this problem: {detail}")]
     Checkpoint {
-        /// What does not.
+        /// What does not match.
         detail: &'static str,
     },
-    /// Stopped by the caller.
+    /// Cancelled by the caller.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
 }

@@ -1,4 +1,5 @@
-//! Supernodal sparse Cholesky factor of the stiffness matrix: symbolic once, numeric into kept buffers.
+//! Supernodal sparse Cholesky factor of the stiffness matrix: one symbolic analysis, numeric factorisations into the same
+//! buffers.
 
 use super::assembly::Pattern;
 use super::error::SolveError;
@@ -16,7 +17,8 @@ use faer::{Mat, MatRef, Par, Side};
 use std::ops::{Add, Div, Mul, Sub};
 use std::sync::{Arc, OnceLock};
 
-/// Unknowns above which faer splits its dense work in two. The split is fixed, so the bits do not depend on the number of threads.
+/// Unknowns above which faer splits its dense work in two. The split is fixed, so that the bits do not depend on the number of
+/// threads.
 const PARALLEL_FROM: usize = 3000;
 
 /// The matrix is not positive definite.
@@ -28,20 +30,20 @@ pub(super) struct Symbolic {
     cholesky: SymbolicCholesky<usize>,
     lower: SymbolicSparseColMat<usize>,
     par: Par,
-    /// First unknown of the first supernode with a node that is eliminated last.
+    /// First unknown of the first supernode that contains a node eliminated last.
     corner: usize,
     schedule: Schedule,
 }
 
 impl Symbolic {
-    /// Symbolic analysis. The pattern's order is the elimination order. The nodes from `first_last` on are asked for as a dense corner.
+    /// Symbolic analysis. The pattern's order is the elimination order. The nodes from `first_last` on form the dense corner.
     pub(super) fn new(pattern: &Pattern, first_last: usize) -> Result<Self, SolveError> {
         let n = 3 * pattern.n_columns();
         let params = CholeskySymbolicParams {
             supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SUPERNODAL,
             ..CholeskySymbolicParams::default()
         };
-        // Without a permutation faer's symbolic analysis reads the upper triangle whatever the side.
+        // Without a permutation, faer's symbolic analysis reads the upper triangle whatever the side.
         let upper = upper_triangle(pattern);
         let cholesky = factorize_symbolic_cholesky(upper.as_ref(), Side::Upper, SymmetricOrdering::Identity, params)
             .map_err(|e| SolveError::Factorisation { detail: format!("symbolic analysis of {n} unknowns: {e}") })?;
@@ -58,13 +60,13 @@ impl Symbolic {
         Ok(Self { cholesky, lower: lower_triangle(pattern), par, corner, schedule })
     }
 
-    /// Entries of a factor in single precision, and bytes of the room in which it is made.
+    /// Entries of a factor in single precision, and bytes of scratch memory for its computation.
     pub(super) fn single(&self) -> (usize, usize) {
         let room = self.cholesky.factorize_numeric_llt_scratch::<f32>(self.par, Default::default());
         (self.cholesky.len_val(), room.unaligned_bytes_required())
     }
 
-    /// Unknowns from the corner on.
+    /// Number of unknowns in the corner.
     pub(super) fn corner_len(&self) -> usize {
         self.lower.ncols() - self.corner
     }
@@ -77,7 +79,7 @@ impl Symbolic {
     }
 }
 
-/// Number type of a factor.
+/// Floating-point type of a factor.
 pub(super) trait Precision:
     RealField + Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self>
 {
@@ -109,7 +111,7 @@ pub(super) struct Factor<T> {
     l_values: Vec<T>,
     memory: MemBuffer,
     valid: bool,
-    /// Its corner, made when it is asked for.
+    /// Its dense corner, gathered at first use.
     dense_corner: OnceLock<Mat<T>>,
 }
 
@@ -121,7 +123,7 @@ impl<T> std::fmt::Debug for Factor<T> {
 }
 
 impl<T: Precision> Factor<T> {
-    /// Room for a factor of this structure.
+    /// Allocates a factor of this structure.
     pub(super) fn new(symbolic: Arc<Symbolic>) -> Result<Self, SolveError> {
         let need = symbolic.cholesky.factorize_numeric_llt_scratch::<T>(symbolic.par, Default::default());
         let entries = symbolic.cholesky.len_val();
@@ -133,12 +135,12 @@ impl<T: Precision> Factor<T> {
         Ok(Self { symbolic, l_values, memory, valid: false, dense_corner: OnceLock::new() })
     }
 
-    /// Whether there is a factor to solve with.
+    /// Whether the factor has values to solve with.
     pub(super) fn is_valid(&self) -> bool {
         self.valid
     }
 
-    /// Factorises the matrix with these values (laid out as [`Pattern`] says).
+    /// Factorises the matrix with these values (layout: [`Pattern`]).
     pub(super) fn factorise(&mut self, values: &[f64]) -> Result<(), Indefinite> {
         self.valid = false;
         self.dense_corner = OnceLock::new();
@@ -153,12 +155,12 @@ impl<T: Precision> Factor<T> {
             MemStack::new(&mut self.memory),
             Default::default(),
         );
-        // A pivot that is not a number passes faer's test for positive ones.
+        // A NaN pivot passes faer's test for positive pivots.
         self.valid = result.is_ok() && self.l_values.last().is_none_or(|v| v.to().is_finite());
         if self.valid { Ok(()) } else { Err(Indefinite) }
     }
 
-    /// Solves in place with the present factor: `L`, then what `between` does to the unknowns from the corner on, then `Lᵀ`.
+    /// Solves in place with the current factor: `L`, then `between` on the unknowns of the corner, then `Lᵀ`.
     pub(super) fn solve(&self, x: &mut [f64], between: impl FnOnce(&mut [f64])) {
         let mut y: Vec<T> = x.iter().map(|v| T::of(*v)).collect();
         let Some((l, schedule)) = self.triangle() else { return };
@@ -196,7 +198,7 @@ impl<T: Precision> Factor<T> {
         Some((SupernodalLltRef::new(symbolic, &self.l_values), &self.symbolic.schedule))
     }
 
-    /// `L⁻¹` of columns that are zero above row `first` of the corner, from that row on.
+    /// `L⁻¹` applied to columns that are zero above row `first` of the corner; input and result start at that row.
     pub(super) fn corner_solve(&self, first: usize, columns: Mat<f64>) -> Mat<f64> {
         let mut y = Mat::<T>::from_fn(columns.nrows(), columns.ncols(), |r, c| T::of(columns[(r, c)]));
         let l = self.corner_factor();
@@ -205,14 +207,14 @@ impl<T: Precision> Factor<T> {
         Mat::from_fn(y.nrows(), y.ncols(), |r, c| y[(r, c)].to())
     }
 
-    /// The part from the corner on of `L⁻ᵀ y`, in place.
+    /// The rows of `L⁻ᵀ y` in the corner, in place.
     pub(super) fn corner_transpose_solve(&self, y: &mut [f64]) {
         let mut column = Mat::<T>::from_fn(y.len(), 1, |r, _| T::of(y[r]));
         solve_upper_triangular_in_place(self.corner_factor().transpose(), column.as_mut(), Par::Seq);
         y.iter_mut().enumerate().for_each(|(r, y)| *y = column[(r, 0)].to());
     }
 
-    /// The factor from the corner on, dense.
+    /// The dense corner of the factor.
     fn corner_factor(&self) -> MatRef<'_, T> {
         self.dense_corner.get_or_init(|| self.gathered_corner().unwrap_or_else(Mat::new)).as_ref()
     }
@@ -239,13 +241,13 @@ impl<T: Precision> Factor<T> {
         Some(dense)
     }
 
-    /// Unknowns from the corner on.
+    /// Range of the unknowns in the corner.
     pub(super) fn corner(&self) -> std::ops::Range<usize> {
         self.symbolic.corner..self.symbolic.lower.ncols()
     }
 }
 
-/// Scalar compressed columns whose values are laid out as those of the pattern; diagonal blocks are whole.
+/// Scalar compressed columns whose values have the layout of the pattern; diagonal blocks are stored whole.
 fn lower_triangle(pattern: &Pattern) -> SymbolicSparseColMat<usize> {
     let n = 3 * pattern.n_columns();
     let mut start = Vec::with_capacity(n + 1);

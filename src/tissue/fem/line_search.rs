@@ -1,4 +1,4 @@
-//! Line search on the energy that never steps over an inverted element.
+//! Line search on the energy that never passes an inverted element.
 
 use super::assembly::Inversion;
 use super::equations::Equations;
@@ -6,40 +6,41 @@ use super::linear_solve::dot;
 use super::newton::MAX_CONTACT_MOTION_MM;
 use prosopon_geometry::{Motion, Vector};
 
-/// Share of the way to the first inversion that is taken at most.
+/// Largest share of the distance to the first inversion that a step may take.
 const INVERSION_MARGIN: f64 = 0.9;
-/// Armijo's constant.
+/// Constant of Armijo's sufficient-decrease condition.
 const SUFFICIENT: f64 = 1e-4;
-/// Below this change, relative to the energy, energies cannot be told apart safely.
+/// Relative change of the energy below which rounding makes a comparison unsafe.
 const ROUND_OFF: f64 = 1e-9;
-/// Longest multiple of a Newton step: at a saddle of the energy, where a point is to leave a rim of the bone, the model says little of how far.
+/// Largest multiple of a Newton step. At a saddle of the energy, where a point is about to leave a rim of the bone, the model's
+/// step is far too short.
 const LONGEST: f64 = 1024.0;
 /// Shortest share of a Newton step.
 const SHORTEST: f64 = 1e-5;
 
-/// Why no step was taken.
+/// Reason why no step was taken.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Cut {
     /// An element would be inverted by the shortest step.
     Inverted(Inversion),
-    /// The energy does not fall.
+    /// The energy does not decrease along the direction.
     NoDescent,
 }
 
-/// What is known where the search starts.
+/// Values at the start of the search.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Start {
     /// Energy, mJ.
     pub(super) energy: f64,
-    /// Its slope along the direction, negative.
+    /// Slope of the energy along the direction, negative.
     pub(super) slope: f64,
     /// Largest penetration, mm.
     pub(super) depth: f64,
-    /// The energy is not convex here, so that the model's step may be far too short.
+    /// Whether the energy is not convex here, so that the model's step may be far too short.
     pub(super) unstable: bool,
 }
 
-/// Share of `d` to take from `x`.
+/// Share of the step `d` to take from `x`.
 pub(super) fn along(
     equations: &mut Equations<'_>,
     x: &[Vector],
@@ -61,12 +62,12 @@ pub(super) fn along(
                 let longer = unstable && step == 1.0;
                 return Ok(if longer { extended(equations, x, motions, d, found, deepest) } else { step });
             }
-            // Near the minimum the slope still tells what the energy cannot.
+            // Near the minimum the slope is still accurate where differences of the energy are not.
             Ok(_) if (step * slope).abs() <= uncertain && slope_at(equations, &trial, motions, d) <= -0.9 * slope => {
                 return Ok(step);
             }
             Ok((found, _)) => {
-                // Minimum of the parabola through what is known, kept within the usual safeguards.
+                // Minimum of the parabola through the known values, within the usual safeguards.
                 let parabola = -0.5 * slope * step * step / (found - energy - slope * step);
                 step = if parabola.is_finite() { parabola.clamp(0.1 * step, 0.5 * step) } else { 0.5 * step };
             }
@@ -81,7 +82,7 @@ pub(super) fn along(
     Err(inverted.map_or(Cut::NoDescent, Cut::Inverted))
 }
 
-/// Doubles the step while the energy, `energy` at the whole step, goes on falling.
+/// Doubles the step while the energy, `energy` at the full step, keeps decreasing.
 fn extended(
     equations: &Equations<'_>,
     x: &[Vector],
@@ -105,7 +106,7 @@ fn extended(
     step
 }
 
-/// Magnitude of the energy's slope along `d`; infinite where an element is inverted.
+/// Absolute slope of the energy along `d`; infinite where an element is inverted.
 fn slope_at(equations: &mut Equations<'_>, x: &[Vector], motions: &[Motion], d: &[f64]) -> f64 {
     match equations.balance(x, motions) {
         Ok(_) => dot(&equations.residual, d).abs(),

@@ -1,6 +1,9 @@
 //! Linear systems of Newton's method: conjugate gradients in double precision, preconditioned by a Cholesky factor in single
-//! precision, which is kept while it serves. Measured on 81 135 unknowns, a single factor takes half the memory, 0.6 of the
-//! time to make and 0.4 of the time to apply; with a fresh one, one or two iterations solve the system.
+//! precision.
+//!
+//! A factor is reused for later matrices while it converges fast enough. Measured on 81 135 unknowns, a factor in single
+//! precision takes half the memory of one in double precision, 0.6 of the time to compute and 0.4 of the time to apply; a new
+//! factor solves the system in one or two iterations.
 
 use super::assembly::Pattern;
 use super::compliance::{Compliance, LowRank};
@@ -11,67 +14,67 @@ use prosopon_geometry::Vector;
 use prosopon_geometry::control::Clock;
 use std::sync::Arc;
 
-/// Iterations with an older factor after which a new one is cheaper: a factorisation costs about as much as 15 solves.
+/// Iterations with an older factor beyond which a new one is cheaper: a factorisation costs about as much as 15 solves.
 const MAX_WITH_OLD: usize = 12;
-/// Iterations that an older factor may cost in all beyond those of a new one: what a factorisation costs (27 iterations on 153 657 unknowns). Waiting until
-/// the loss equals the price costs at most twice what the best moment, known beforehand, would.
+/// Iterations that an older factor may cost in total beyond those of a new one. It equals the cost of a factorisation (27
+/// iterations on 153 657 unknowns): waiting until the loss equals the price costs at most twice the optimum known in hindsight.
 const MAX_LOST: usize = 27;
-/// Iterations with a new factor after which single precision is held to be too coarse for the matrix.
+/// Iterations with a new factor beyond which single precision counts as too coarse for the matrix.
 const MAX_WITH_NEW: usize = 25;
-/// Iterations of relaxation before it is given up.
+/// Largest number of iterations of relaxation.
 const MAX_RELAXATIONS: usize = 20_000;
-/// Tolerance of relaxation.
+/// Relative tolerance of relaxation.
 const RELAXED: f64 = 1e-9;
 
-/// A matrix and what it consists of.
+/// A matrix, its elastic part and its contact terms.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct System<'a> {
     pub(super) values: &'a [f64],
-    /// Without contact.
+    /// Values without contact.
     pub(super) elastic: &'a [f64],
-    /// The terms of contact, or what is most of them.
+    /// The Gauss-Newton terms of contact; the curvature of contact is not among them.
     pub(super) contact: &'a [RankOne],
 }
 
-/// How a system was solved.
+/// Cost of one solve.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) struct Work {
     pub(super) factorised: bool,
     pub(super) cg_iterations: usize,
 }
 
-/// Preconditioned conjugate gradients with their factor.
+/// Conjugate gradients with their preconditioner.
 #[derive(Debug)]
 pub(super) struct LinearSolver {
     preconditioner: Preconditioner,
-    /// Contact that the factor does not know of.
+    /// Correction for contact terms that the factor does not include.
     low_rank: Option<LowRank>,
-    /// Of the nodes that contact acted on since the factor was made.
+    /// Compliance of the nodes on which contact has acted since the factor was computed.
     compliance: Option<Compliance>,
-    /// The factor knows of contact, because elements alone are not stable.
+    /// Whether the factor includes contact, because the elements alone are not stable.
     whole: bool,
     factorisations: usize,
     clock: Clock,
     /// Time of factorisations and of solves, s.
     times: (f64, f64),
-    /// The factor does not belong to a matrix like the next one.
+    /// Whether the factor must be computed anew for the next matrix.
     stale: bool,
-    /// Iterations that its age has cost so far.
+    /// Extra iterations so far that were caused by the factor's age.
     lost: usize,
 }
 
-/// What conjugate gradients are preconditioned by.
+/// Preconditioner of the conjugate gradients.
 #[derive(Debug)]
 enum Preconditioner {
     /// A Cholesky factor of the whole matrix.
     Factor {
         symbolic: Arc<Symbolic>,
-        /// Shared while it is that of the state at rest.
+        /// Shared with other solvers while it is the factor at rest.
         single: Arc<Factor<f32>>,
-        /// Made when a matrix defeats the single one; used from then on.
+        /// Computed when single precision fails for a matrix; used from then on.
         double: Option<Box<Factor<f64>>>,
     },
-    /// Inverse 3x3 tensors of the vertices: only forces of neighbours act on a vertex in one iteration.
+    /// Inverse 3x3 tensors of the vertices (block Jacobi): in one iteration only forces of neighbours act on a vertex.
     Vertices(Vec<Matrix3<f64>>),
 }
 
@@ -81,11 +84,11 @@ impl std::fmt::Debug for Symbolic {
     }
 }
 
-/// Where conjugate gradients stand.
+/// State of the conjugate gradients.
 struct Iterate {
     /// Residual b - A x.
     r: Vec<f64>,
-    /// What `r·z` was for x = 0, with the first preconditioner that saw it.
+    /// Value of `r·z` at x = 0, with the first preconditioner that was applied.
     start: Option<f64>,
     iterations: usize,
 }
@@ -98,12 +101,12 @@ enum Outcome {
 }
 
 impl LinearSolver {
-    /// A solver with this factor, of the matrix that is solved for first or without values.
+    /// A solver with this factor: of the matrix that is solved first, or without values.
     pub(super) fn new(symbolic: Arc<Symbolic>, factor: Arc<Factor<f32>>, clock: Clock) -> Self {
         Self::with(Preconditioner::Factor { symbolic, single: factor, double: None }, clock)
     }
 
-    /// Relaxation of vertices under the forces of their neighbours, without any factor.
+    /// Relaxation of vertices under the forces of their neighbours, without a factor.
     pub(super) fn relaxation(clock: Clock) -> Self {
         Self::with(Preconditioner::Vertices(Vec::new()), clock)
     }
@@ -122,7 +125,7 @@ impl LinearSolver {
         }
     }
 
-    /// Starts the times anew.
+    /// Resets the times to zero.
     pub(super) fn forget_times(&mut self) {
         self.times = (0.0, 0.0);
     }
@@ -136,7 +139,7 @@ impl LinearSolver {
         matches!(self.preconditioner, Preconditioner::Vertices(_))
     }
 
-    /// The tolerance to solve with where `wanted` would do for a factor: vertices alone say little about the error that is left.
+    /// Tolerance to solve with when `wanted` suffices for a factor: block Jacobi gives a poor estimate of the remaining error.
     pub(super) fn tolerance(&self, wanted: f64) -> f64 {
         if self.relaxes() { wanted.min(RELAXED) } else { wanted }
     }
@@ -154,17 +157,17 @@ impl LinearSolver {
         }
     }
 
-    /// Whether the present factor belongs to a matrix like the next one.
+    /// Whether there is a factor and it may be used for the next matrix.
     pub(super) fn serves(&self) -> bool {
         self.has_factor() && !self.stale
     }
 
-    /// Whether what is here in the place of a factor can be made again without contact.
+    /// Whether the preconditioner can be rebuilt from the elements alone, without contact.
     pub(super) fn can_be_restored(&self) -> bool {
         !self.whole
     }
 
-    /// The inverse tensors that vertices are relaxed with.
+    /// Inverse tensors with which the vertices are relaxed; `None` without relaxation.
     pub(super) fn vertices(&self) -> Option<&[Matrix3<f64>]> {
         match &self.preconditioner {
             Preconditioner::Factor { .. } => None,
@@ -172,7 +175,7 @@ impl LinearSolver {
         }
     }
 
-    /// Sets them; `None` when this is no relaxation.
+    /// Sets these tensors; `None` when this solver does not relax.
     pub(super) fn set_vertices(&mut self, tensors: Vec<Matrix3<f64>>) -> Option<()> {
         match &mut self.preconditioner {
             Preconditioner::Factor { .. } => None,
@@ -184,7 +187,7 @@ impl LinearSolver {
         }
     }
 
-    /// Applies the last factor, which may belong to an older matrix.
+    /// Applies the current factor, which may belong to an older matrix.
     pub(super) fn precondition(&mut self, x: &mut [f64]) {
         let contact = self.low_rank.as_ref().zip(self.compliance.as_ref());
         let between = |corner: &mut [f64]| {
@@ -203,22 +206,22 @@ impl LinearSolver {
         }
     }
 
-    /// Has the next system factorised at once.
+    /// Marks the factor as stale, so that the next system is factorised at once.
     pub(super) fn refresh(&mut self) {
         self.stale = true;
     }
 
-    /// Makes a factor of the elements' matrix when there is none that serves.
+    /// Factorises the elements' matrix when there is no usable factor.
     pub(super) fn prepare(&mut self, pattern: &Pattern, elastic: &[f64]) {
         if !self.relaxes() && !self.serves() {
             let begin = (self.clock)();
-            // A failure shows again when the system is solved.
+            // A failure is reported when the system is solved.
             self.stale = self.factorise(pattern, elastic, elastic, false, false).is_err();
             self.times.0 += (self.clock)() - begin;
         }
     }
 
-    /// Tells the factor of contact.
+    /// Sets the low-rank correction for the contact terms.
     fn correct(&mut self, contact: &[RankOne]) {
         self.low_rank = None;
         if contact.is_empty() || self.whole || self.relaxes() || !self.has_factor() {
@@ -228,7 +231,7 @@ impl LinearSolver {
         self.low_rank = self.compliance(nodes).and_then(|compliance| LowRank::new(contact, compliance));
     }
 
-    /// What the present factor with the terms `contact` has for `A x = b`, before any conjugate gradients.
+    /// Approximate solution of `A x = b` by the current factor and the terms `contact`, without conjugate gradients.
     pub(super) fn estimate(&mut self, contact: &[RankOne], b: &[f64]) -> Vec<f64> {
         let begin = (self.clock)();
         self.correct(contact);
@@ -238,7 +241,7 @@ impl LinearSolver {
         x
     }
 
-    /// `L⁻¹ b` of the present factor. `None` when there is none that serves, or when it knows of contact.
+    /// `L⁻¹ b` of the current factor. `None` when there is no usable one, or when it includes contact.
     pub(super) fn forward(&mut self, b: &[f64]) -> Option<Vec<f64>> {
         if self.whole || !self.serves() {
             return None;
@@ -253,7 +256,7 @@ impl LinearSolver {
         Some(y)
     }
 
-    /// `L⁻ᵀ y` of the present factor.
+    /// `L⁻ᵀ y` of the current factor.
     pub(super) fn backward(&mut self, y: &[f64]) -> Vec<f64> {
         let begin = (self.clock)();
         let x = match &self.preconditioner {
@@ -265,7 +268,7 @@ impl LinearSolver {
         x
     }
 
-    /// The part of [`LinearSolver::backward`] from the corner on.
+    /// The rows of [`LinearSolver::backward`] from the corner on.
     pub(super) fn corner_backward(&self, y: &mut [f64]) {
         match &self.preconditioner {
             Preconditioner::Factor { double: Some(f), .. } => f.corner_transpose_solve(y),
@@ -274,7 +277,7 @@ impl LinearSolver {
         }
     }
 
-    /// Unknowns from the corner on.
+    /// Range of the unknowns in the corner.
     pub(super) fn corner(&self) -> std::ops::Range<usize> {
         match &self.preconditioner {
             Preconditioner::Factor { single, .. } => single.corner(),
@@ -282,12 +285,12 @@ impl LinearSolver {
         }
     }
 
-    /// Compliance of the nodes so far.
+    /// Compliance of the nodes added so far.
     pub(super) fn known_compliance(&self) -> Option<&Compliance> {
         self.compliance.as_ref()
     }
 
-    /// Compliance of at least the `nodes`, as the present factor sees it; `None` when one lies outside of the corner.
+    /// Compliance of at least the `nodes`, as computed by the current factor; `None` when a node lies outside the corner.
     pub(super) fn compliance(&mut self, nodes: impl Iterator<Item = u32>) -> Option<&Compliance> {
         let corner = self.corner();
         let compliance = self.compliance.get_or_insert_with(|| Compliance::new(corner));
@@ -301,10 +304,11 @@ impl LinearSolver {
         Some(compliance)
     }
 
-    /// Solves `A x = b` until the error's energy norm, as the preconditioner sees it, has fallen by `tolerance`.
+    /// Solves `A x = b` until the energy norm of the error, as estimated with the preconditioner, has fallen by the factor
+    /// `tolerance`.
     ///
-    /// `values` are those of `A`, `elastic` those without the terms `contact`. `norm_sq` is the square of the energy norm that `tolerance`
-    /// is a share of; that of `x` itself when there is none.
+    /// `values` are those of `A`, `elastic` those without the terms `contact`. `tolerance` is relative to the energy norm whose
+    /// square is `norm_sq`, or to that of `x` when `norm_sq` is `None`.
     pub(super) fn solve(
         &mut self,
         pattern: &Pattern,
@@ -337,10 +341,10 @@ impl LinearSolver {
                         return Ok(Work { factorised, cg_iterations: at.iterations });
                     }
                     Outcome::Indefinite => return Err(Indefinite),
-                    // Curved contact may be more than what the factor is told of it.
+                    // The curvature of contact may be too large for the Gauss-Newton terms of the correction.
                     Outcome::Slow if fresh && !self.whole && !contact.is_empty() => whole = true,
                     Outcome::Slow if fresh && self.is_double() => {
-                        // As good as it gets.
+                        // A new factor in double precision is the best preconditioner available.
                         return Ok(Work { factorised, cg_iterations: at.iterations });
                     }
                     Outcome::Slow if fresh => self.use_double(),
@@ -357,12 +361,12 @@ impl LinearSolver {
         }
     }
 
-    /// Iterations that the present factor's age has cost.
+    /// Extra iterations so far that were caused by the factor's age.
     pub(super) fn lost(&self) -> usize {
         self.lost
     }
 
-    /// Counts iterations that the present factor's age has cost; once they are worth a new one, the next system gets it.
+    /// Adds iterations caused by the factor's age. Once they cost as much as a factorisation, the next system is factorised.
     pub(super) fn lose(&mut self, iterations: usize) {
         if !self.relaxes() && !self.whole {
             self.lost += iterations;
@@ -387,7 +391,7 @@ impl LinearSolver {
                         return factor.factorise(values);
                     }
                     if Arc::get_mut(single).is_none() {
-                        // Others go on with the shared one.
+                        // Other solvers keep the shared factor.
                         *single = Arc::new(Factor::new(Arc::clone(symbolic)).map_err(|_| Indefinite)?);
                     }
                     Arc::get_mut(single).ok_or(Indefinite)?.factorise(values)
@@ -403,7 +407,7 @@ impl LinearSolver {
         }
     }
 
-    /// Goes over to double precision, when there is memory for it.
+    /// Switches to double precision, if the memory suffices.
     pub(super) fn use_double(&mut self) {
         if let Preconditioner::Factor { symbolic, double, .. } = &mut self.preconditioner
             && double.is_none()
@@ -413,7 +417,7 @@ impl LinearSolver {
         }
     }
 
-    /// Whether factors are in double precision already.
+    /// Whether factors are in double precision.
     pub(super) fn is_double(&self) -> bool {
         match &self.preconditioner {
             Preconditioner::Factor { double, .. } => double.is_some(),
@@ -458,7 +462,7 @@ impl LinearSolver {
             if next <= goal {
                 return Outcome::Solved;
             }
-            // At this rate it will not get there.
+            // At this rate the iteration limit would be reached first.
             let rate = (next / begin).powf(1.0 / iteration as f64);
             if iteration >= 3 && limit < MAX_RELAXATIONS && next * rate.powf((limit - iteration) as f64) > goal {
                 return Outcome::Slow;

@@ -1,4 +1,4 @@
-//! Newton's method on the total potential energy at one position of the bones.
+//! Newton's method on the total potential energy at fixed positions of the bones.
 
 use super::assembly::{Curvature, Inversion};
 use super::contact::{Touch, penetration};
@@ -10,33 +10,33 @@ use super::report::IterationRecord;
 use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{Motion, Point, Vector};
 
-/// Iterations after which contact is no longer settled beforehand: points that slip over a rim may go round in a circle with it.
+/// Iterations after which the condensed contact solve is no longer used: points that slip over a rim may cycle with it.
 const PATIENCE: usize = 6;
-/// It is also no longer settled once an iteration moves tissue by more than this share of the one before.
+/// The condensed contact solve also stops once an iteration moves tissue by more than this share of the previous one.
 const CIRCLING: f64 = 0.5;
-/// A step counts as converged only when the remaining displacement is estimated below this share of the element size: 1e-3 mm for
+/// A step has converged only when the estimated remaining displacement is below this share of the element size: 1e-3 mm for
 /// elements of 4 mm.
 const DISPLACEMENT_TOLERANCE: f64 = 2.5e-4;
-/// The same while multipliers are still to be updated.
+/// The same tolerance while multipliers are still to be updated.
 const COARSE_DISPLACEMENT: f64 = 5e-3;
-/// After a whole Newton step shorter than this the contact's curvature is taken into the tangent, mm.
+/// After a full Newton step shorter than this, mm, the tangent includes the whole curvature of the contact.
 const CURVED_BELOW_MM: f64 = 0.1;
-/// After a whole step shorter than this a share of the curvature is, mm: where a point creeps over an edge of the bone, Newton's method without
-/// it gains a few per cent each iteration.
+/// After a full Newton step shorter than this, mm, the tangent includes a share of the curvature. Without it, Newton's method
+/// gains a few per cent in each iteration where a point slides slowly over an edge of the bone.
 const BENT_BELOW_MM: f64 = 0.5;
-/// That share: small enough that the tangent mostly stays positive definite.
+/// That share: small enough that the tangent mostly remains positive definite.
 const BENT_SHARE: f64 = 0.75;
-/// A rough equilibrium may be this far from the exact one on the skin, as far as the last Newton step tells, mm.
+/// Largest last Newton step of the skin at which an equilibrium for display is accepted, mm.
 const VISIBLE_MM: f64 = 0.02;
-/// Bone near contact points moves at most this far in one substep, and no line search lets a point sink deeper, mm: else a point
-/// could come out on the other side of a thin wall.
+/// Bone near contact points moves at most this far in one substep, and no line search lets a point penetrate deeper, mm:
+/// otherwise a point could come out on the other side of a thin wall.
 pub(super) const MAX_CONTACT_MOTION_MM: f64 = 2.0;
 /// Relative residual at which multipliers are updated.
 const COARSE_RESIDUAL: f64 = 1e-2;
-/// Augmented Lagrangian steps before contact is given up.
+/// Augmented Lagrangian updates before contact fails.
 const MAX_AUGMENTATIONS: usize = 20;
 
-/// Why there is no equilibrium.
+/// Reason why no equilibrium was found.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Failure {
     Inverted(Inversion),
@@ -59,19 +59,19 @@ impl From<Inversion> for Failure {
     }
 }
 
-/// A state that was reached.
+/// An equilibrium that was reached.
 #[derive(Debug, Clone)]
 pub(super) struct Equilibrium {
     pub(super) iterations: usize,
-    /// Residual relative to the reaction, or to the floor when the reaction is smaller.
+    /// Residual relative to the reaction force, or to the force floor when the reaction is smaller.
     pub(super) relative_residual: f64,
-    /// Largest displacement that is left, as the last factor sees it, mm.
+    /// Largest remaining displacement, estimated with the current factor, mm.
     pub(super) remaining_mm: f64,
     pub(super) touches: Vec<Touch>,
 }
 
 impl Equations<'_> {
-    /// Brings `x`, whose held nodes are in place and in which no element is inverted, to equilibrium.
+    /// Iterates `x` to equilibrium. Its held nodes must be in place, and no element may be inverted.
     pub(super) fn equilibrate(
         &mut self,
         x: &mut [Vector],
@@ -88,7 +88,7 @@ impl Equations<'_> {
         result
     }
 
-    /// Newton's method within the augmented Lagrangian's outer iteration.
+    /// Outer iteration of the augmented Lagrangian around Newton's method.
     fn augmented(
         &mut self,
         x: &mut [Vector],
@@ -100,7 +100,7 @@ impl Equations<'_> {
         let mut last_penetration = f64::INFINITY;
         let full =
             if self.rough { self.limits.relative_residual.max(COARSE_RESIDUAL) } else { self.limits.relative_residual };
-        // The multipliers need no exact equilibrium to grow towards the contact pressure.
+        // Multipliers converge to the contact pressure without an exact equilibrium.
         let mut aim = if self.contact.is_empty() { full } else { full.max(COARSE_RESIDUAL) };
         for _ in 0..=MAX_AUGMENTATIONS {
             let found = self.newton(x, motions, t, aim, control)?;
@@ -154,7 +154,7 @@ impl Equations<'_> {
             if iteration == self.limits.max_iterations {
                 break;
             }
-            // Inexact Newton: the linear system needs no more digits than the next residual can use.
+            // Inexact Newton: the linear system is solved only as accurately as the next residual needs.
             let forcing = (0.25 * balance.residual_n / balance.reaction_n.max(self.limits.force_floor_n))
                 .max(0.1 * tolerance / balance.residual_n)
                 .clamp(1e-6, 0.05);
@@ -189,7 +189,7 @@ impl Equations<'_> {
                     record.displacement_mm = step * self.dofs.max_position_change(&d);
                     self.settles &= record.displacement_mm <= CIRCLING * moved_mm;
                     moved_mm = record.displacement_mm;
-                    // A short step says that the quadratic model was poor.
+                    // A short step shows that the quadratic model was poor.
                     curvature = if step < 0.5 { Curvature::Projected } else { Curvature::Exact };
                     wait = if record.unstable { 2 } else { wait.saturating_sub(1) };
                     bend.settled = wait == 0;
@@ -234,7 +234,7 @@ impl Equations<'_> {
         Err(Failure::NotConverged { iterations: self.limits.max_iterations, residual_n, tolerance_n })
     }
 
-    /// Displacement that the last factor predicts from the present residual, mm; infinite when there is no factor.
+    /// Displacement that the current factor predicts from the residual, mm; infinite when there is no factor.
     fn remaining_change(&mut self) -> f64 {
         if !self.solver.has_factor() {
             return if self.residual.iter().all(|r| *r == 0.0) { 0.0 } else { f64::INFINITY };
@@ -244,8 +244,8 @@ impl Equations<'_> {
         self.dofs.max_position_change(&d)
     }
 
-    /// A descent direction: Newton's with the tangent asked for, with the projected one when that is not positive definite. Multipliers may
-    /// grow on the way: with it comes the balance at `x` with the present ones.
+    /// A descent direction: the Newton step with the requested tangent, or with the projected one when that tangent is not
+    /// positive definite. Multipliers may grow meanwhile, so the balance at `x` is returned with the updated ones.
     fn direction(
         &mut self,
         x: &[Vector],
@@ -274,7 +274,7 @@ impl Equations<'_> {
                     return Ok((d, balance));
                 }
             }
-            // A projected tangent is positive definite: if the factor says otherwise, its precision was too low.
+            // A projected tangent is positive definite: when its factorisation fails, the precision was too low.
             if bend.used {
                 *bend = Bend::default();
                 record.unstable = true;

@@ -1,7 +1,7 @@
 //! Elimination order: nested dissection of the graph of nodes, then a postorder of the elimination tree.
 //!
 //! Ordering nodes instead of single unknowns keeps the three (or nine) unknowns of a node together and is several times
-//! faster. Postordering changes no fill, it puts the columns of a supernode side by side.
+//! faster. The postorder does not change the fill; it makes the columns of a supernode contiguous.
 
 use super::element::ElementBlock;
 use super::error::SolveError;
@@ -9,15 +9,15 @@ use feral_metis::{CscPattern, metis_order};
 
 const NONE: u32 = u32::MAX;
 
-/// Generalised nodes that are `free`, in elimination order. Nodes with the same `owner` are eliminated one after another, those whose
-/// owner is in `last` after all others.
+/// Elimination order of the generalised nodes that are `free`. Nodes with the same `owner` are consecutive; those whose owner is
+/// in `last` come after all others.
 pub(super) fn elimination_order(
     blocks: &[&ElementBlock],
     free: &[bool],
     owner: &[u32],
     last: &[bool],
 ) -> Result<Vec<u32>, SolveError> {
-    // Groups: the free nodes of one owner.
+    // A group is the set of free nodes of one owner.
     let mut group_of_owner = vec![NONE; owner.len()];
     let mut members: Vec<Vec<u32>> = Vec::new();
     let is_last = |owner: u32| last.get(owner as usize).copied().unwrap_or(false);
@@ -113,7 +113,7 @@ fn postorder(graph: &Graph, order: &[u32]) -> Vec<u32> {
             if i as usize >= j {
                 continue;
             }
-            // Climb to the root of i's subtree, shortening the way for later climbs.
+            // Climb to the root of i's subtree and shorten the path for later climbs.
             loop {
                 let next = ancestor[i as usize];
                 if next == j as u32 {

@@ -1,4 +1,4 @@
-//! The quadratic model of the energy with unilateral contact: Newton's direction and the linear prediction of a step.
+//! The quadratic model of the energy with unilateral contact: the Newton step and the linear prediction of a load step.
 
 use super::assembly::Curvature;
 use super::condensed::Way;
@@ -10,32 +10,32 @@ use super::newton::{Failure, MAX_CONTACT_MOTION_MM};
 use super::report::IterationRecord;
 use prosopon_geometry::{Motion, Vector};
 
-/// Changes of the set of touching points are left to the next iteration when they are fewer than one point in so many.
+/// Changes of the active set below one point in this many are left to the next iteration.
 const NEGLIGIBLE: usize = 50;
-/// Changes of the set of touching points within one Newton step.
+/// Largest number of active-set updates within one Newton step.
 const MAX_ACTIVE_SETS: usize = 8;
 
-/// Forcing term of the linear prediction of a step.
+/// Forcing term (relative tolerance) of the linear prediction.
 const PREDICTED: f64 = 1e-2;
 
-/// Points that settled contact has within this of the whole model's answer, mm, are held to be right about the bodies' curvature.
+/// The condensed contact solve is trusted with the curvature of bodies while it differs by at most this from the whole model, mm.
 const TRUSTED_MM: f64 = 0.1;
-/// From this on, mm, the factor alone tells that they will not be.
+/// Above this difference, mm, the factor alone shows that the condensed solve is not to be trusted.
 const DOUBTFUL_MM: f64 = 2.0 * TRUSTED_MM;
 
-/// How much of the bodies' curvature a model takes.
+/// Share of the bodies' curvature that a model includes.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Bend {
-    /// Share of it at a state that contact did not settle in.
+    /// Share at a state that does not come from the condensed contact solve.
     pub(super) share: f64,
-    /// Whether the whole is taken where contact settled.
+    /// Whether the whole curvature is included at a state from the condensed contact solve.
     pub(super) settled: bool,
-    /// Whether the last model took any.
+    /// Whether the last model included any.
     pub(super) used: bool,
 }
 
 impl Equations<'_> {
-    /// `self.values` from the elements' stiffness and that of `touches`.
+    /// Computes `self.values` from the stiffness of the elements and of `touches`.
     pub(super) fn add_contact(&mut self, touches: &[Touch], curved: Option<Curved<'_>>) {
         self.values.copy_from_slice(&self.elastic);
         let (pattern, values) = (self.assembly.pattern(), &mut self.values);
@@ -43,9 +43,11 @@ impl Equations<'_> {
         pattern.hold(self.dofs.partly_held(), values);
     }
 
-    /// Minimises the quadratic model of the energy over the unknowns: elements with gradient `load` (by all nodes) and stiffness
-    /// `self.elastic` at `x`, and contact as it is linearised where the condensed energy has it settle, or else at `x`; each point pushes or
-    /// not as the model's own solution says (a primal-dual active set: without it a step runs into bone that it did not know of).
+    /// Minimises the quadratic model of the energy over the unknowns.
+    ///
+    /// The elements have gradient `load` (by all nodes) and stiffness `self.elastic` at `x`. Contact is linearised at the state
+    /// of the condensed contact solve, or else at `x`. A primal-dual active set decides which points are active in the model's
+    /// own solution: otherwise a step would run into bone that was not active at its start.
     pub(super) fn minimise_model(
         &mut self,
         x: &[Vector],
@@ -69,7 +71,7 @@ impl Equations<'_> {
             }
             None => {
                 let near = self.near(x, motions);
-                // What the last model found is nearer to its answer than what touches after a whole step of the bone.
+                // The last active set is closer to the solution than the contacts found after a whole step of the bone.
                 let active = near.iter().filter(|t| self.active.binary_search(&t.pair()).is_ok()).copied().collect();
                 let bent = (bend.share > 0.0).then_some(Curved { x, motions, share: bend.share });
                 (near, active, bent)
@@ -83,7 +85,7 @@ impl Equations<'_> {
             let mut gradient = load.to_vec();
             self.contact.add_forces(&active, &mut gradient);
             self.dofs.restrict(&gradient, &mut rhs);
-            // Square of the solution's energy norm, as the factor sees it.
+            // Square of the solution's energy norm, estimated with the factor.
             let norm_sq = settled.as_ref().map(|s| -dot(&rhs, &s.d)).filter(|norm| *norm > 0.0);
             if let Some(settled) = &settled {
                 self.assembly.pattern().multiply(&self.elastic, &settled.d, &mut change);
@@ -114,7 +116,7 @@ impl Equations<'_> {
             record.factorised |= work.factorised;
             record.cg_iterations += work.cg_iterations;
             if settled.is_some() && curved.is_some() && self.dofs.max_position_change(&change) > TRUSTED_MM {
-                // Where the tangent with it is nearly singular, points would creep farther than it can tell.
+                // Where the tangent with curvature is nearly singular, points would slide beyond the validity of the model.
                 (curved, bend.used) = (None, false);
                 continue;
             }
@@ -131,9 +133,9 @@ impl Equations<'_> {
         Ok(d)
     }
 
-    /// Linear estimate of the state after the bones have moved to `motions`: held nodes go where they must, the others
-    /// follow by the tangent at `x`. `motions` are those of the bodies at a share of the way, on which bone near contact points moves by
-    /// `length_mm`.
+    /// Linear prediction of the state after the bones have moved: held nodes take their prescribed positions, the others follow
+    /// by the tangent at `x`. `motions` gives the motions of the bodies at a share of the path, along which bone near contact
+    /// points moves by `length_mm`.
     pub(super) fn predict(
         &mut self,
         x: &[Vector],
@@ -183,7 +185,7 @@ impl Equations<'_> {
     }
 }
 
-/// Number of points that are in one of two sets, each in the order of points.
+/// Number of points in exactly one of two sets, each in the order of points.
 fn differing(a: &[Touch], b: &[Touch]) -> usize {
     let common = a.iter().filter(|t| b.binary_search_by_key(&t.pair(), Touch::pair).is_ok()).count();
     a.len() + b.len() - 2 * common

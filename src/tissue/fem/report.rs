@@ -2,20 +2,20 @@ use std::fmt;
 
 use prosopon_geometry::Point;
 
-/// Where a material has lost strong ellipticity: an equilibrium there is not well posed, and depends on the mesh.
+/// Loss of strong ellipticity: equilibrium is not well posed there and depends on the mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LostEllipticity {
-    /// Elements in which it is lost.
+    /// Number of elements in which it is lost.
     pub elements: usize,
-    /// Tissue of the most stretched one of them.
+    /// Tissue of the most stretched of these elements.
     pub tissue: &'static str,
-    /// Its kind.
+    /// Kind of that element.
     pub kind: &'static str,
-    /// Its index.
+    /// Index of that element among those of its kind.
     pub element: usize,
     /// Largest principal stretch in it.
     pub stretch: f64,
-    /// Its place at rest, mm.
+    /// Position of that element at rest, LPS mm.
     pub place: Point,
 }
 
@@ -25,24 +25,26 @@ impl fmt::Display for LostEllipticity {
         let [x, y, z] = [place.x, place.y, place.z];
         write!(
             f,
-            "the material of {elements} elements has lost ellipticity, the worst is {kind} {element} ({tissue}) near ({x:.1}, {y:.1}, {z:.1}) mm at a stretch of {stretch:.3}"
+            "the material of {elements} elements has lost ellipticity, the most stretched is {kind} {element} ({tissue}) near \
+             ({x:.1}, {y:.1}, {z:.1}) mm at a stretch of {stretch:.3}"
         )
     }
 }
 
-/// How a step ended that met the convergence test.
+/// Outcome of a step that met the convergence test.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum StepOutcome {
-    /// In equilibrium, every material elliptic.
+    /// Equilibrium, with every material elliptic.
     Converged,
-    /// In equilibrium of stable materials, which took the place of those asked for, as told by
-    /// [`UnstableMaterial::Stabilise`](super::UnstableMaterial::Stabilise).
+    /// Equilibrium with stable materials, which replaced those requested.
+    ///
+    /// See [`UnstableMaterial::Stabilise`](super::UnstableMaterial::Stabilise).
     Stabilised,
-    /// Forces balance, but a material has lost ellipticity: no answer to rely on.
+    /// Forces balance, but a material has lost ellipticity: the result is unreliable.
     OutsideEllipticity(LostEllipticity),
-    /// Forces balance, but elements lie inside out, which small strain does not know of: no answer to rely on.
+    /// Forces balance, but the small-strain model has inverted elements: the result is unreliable.
     InsideOut {
-        /// How many.
+        /// Number of inverted elements.
         elements: usize,
         /// Smallest det F.
         min_det_f: f64,
@@ -50,25 +52,26 @@ pub enum StepOutcome {
 }
 
 impl StepOutcome {
-    /// Whether the equilibrium is one to rely on.
+    /// Whether the equilibrium is reliable.
     #[must_use]
     pub fn converged(&self) -> bool {
         self.fault().is_none()
     }
 
-    /// Why it is not to be relied on, if it is not.
+    /// Reason why the result is unreliable; `None` when it is reliable.
     #[must_use]
     pub fn fault(&self) -> Option<String> {
         match self {
             Self::Converged | Self::Stabilised => None,
             Self::OutsideEllipticity(lost) => Some(lost.to_string()),
             Self::InsideOut { elements, min_det_f } => Some(format!(
-                "the linear model turns {elements} elements inside out (det F down to {min_det_f:.3}): strains are too large for it"
+                "the linear model turns {elements} elements inside out (det F down to {min_det_f:.3}): strains are too large \
+                 for it"
             )),
         }
     }
 
-    /// Its name on the wire: `converged`, `stabilised`, `outside_ellipticity`, `inside_out`.
+    /// Name in documents: `converged`, `stabilised`, `outside_ellipticity`, `inside_out`.
     #[must_use]
     pub fn name(&self) -> &'static str {
         match self {
@@ -80,31 +83,31 @@ impl StepOutcome {
     }
 }
 
-/// Free points of the boundary that lie deeper in bone than at rest: contact acts on sliding points alone.
+/// Boundary points on which contact does not act and that lie deeper in bone than at rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sunk {
-    /// By how much the deepest one does, mm.
+    /// Depth of the deepest point, relative to rest, mm.
     pub depth_mm: f64,
-    /// The bone that it lies in.
+    /// Segment that this point lies in.
     pub segment: u32,
-    /// Where it is now, mm.
+    /// Current position of this point, LPS mm.
     pub place: Point,
-    /// How many do, vertices and barycentres.
+    /// Number of such points, vertices and barycentres.
     pub points: usize,
 }
 
 impl Sunk {
-    /// Depths below this are not worth a word, mm: about what an edge of a mesh leaves open.
+    /// Smaller depths are not reported, mm: about the gap that an edge of a mesh leaves open.
     const TOLD_MM: f64 = 0.5;
 
-    /// What to tell of it, where it is deep.
+    /// Warning about this depth; `None` when it is small.
     #[must_use]
     pub fn warning(&self) -> Option<String> {
         let Self { depth_mm, segment, place, points } = self;
         (*depth_mm > Self::TOLD_MM).then(|| {
             format!(
-                "tissue that is free lies inside bone at {points} points, up to {depth_mm:.1} mm in bone {segment} near ({:.1}, {:.1}, {:.1}) mm: contact \
-                 acts on sliding points alone",
+                "free tissue lies inside bone at {points} points, up to {depth_mm:.1} mm in bone {segment} near ({:.1}, {:.1}, \
+                 {:.1}) mm: contact acts on sliding points only",
                 place.x, place.y, place.z
             )
         })
@@ -112,45 +115,46 @@ impl Sunk {
 }
 
 impl StepReport {
-    /// Largest depth in bone, more than at rest, of any point of the boundary that no bone holds, mm.
+    /// Largest depth in bone, relative to rest, of any boundary point that no bone holds, mm.
     #[must_use]
     pub fn deepest_mm(&self) -> f64 {
         self.max_penetration_mm.max(self.sunk.map_or(0.0, |sunk| sunk.depth_mm))
     }
 }
 
-/// What one step needed and reached.
+/// Cost and result of one step.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StepReport {
-    /// How it ended.
+    /// Outcome.
     pub outcome: StepOutcome,
     /// Newton iterations, substeps included.
     pub newton_iterations: usize,
-    /// Substeps that the step was cut into (1 when it was not).
+    /// Number of substeps (1 when the step was not divided).
     pub substeps: usize,
-    /// Factorisations.
+    /// Number of factorisations.
     pub factorisations: usize,
     /// Residual force relative to the reaction force.
     pub relative_residual: f64,
-    /// Estimate, no bound, of the displacement that is left, mm: what the residual could still cause as the last tangent sees it, or
-    /// for a step converged for the eye the last iteration's movement of the skin. Points that creep over an edge of the bone may
-    /// be several times farther off.
+    /// Estimate (no bound) of the remaining displacement, mm.
+    ///
+    /// It is the displacement that the last tangent predicts from the residual, or the last iteration's movement of the skin for
+    /// a step solved for display. Points that slide slowly over an edge of bone may be several times farther off.
     pub remaining_mm: f64,
     /// Smallest det F over all quadrature points.
     pub min_det_f: f64,
-    /// Largest penetration of a contact point, mm; 0 when nothing touches.
+    /// Largest penetration of a contact point, mm; 0 without active contacts.
     pub max_penetration_mm: f64,
-    /// Free points of the boundary that have sunk into bone; `None` when there are none.
+    /// Boundary points without contact that have penetrated bone; `None` when there are none.
     pub sunk: Option<Sunk>,
-    /// Contact points that push.
+    /// Number of active contact points.
     pub active_contacts: usize,
-    /// Sum of the forces of tied nodes and contact, per body: segment and the force that the bone exerts on the tissue, N.
+    /// For each segment, the total force of its tied nodes and its contact on the tissue, N.
     pub reactions_n: Vec<(u32, [f64; 3])>,
-    /// Number of unknowns.
+    /// Number of scalar unknowns.
     pub unknowns: usize,
-    /// Where the time went; zeros without a clock.
+    /// Wall time by phase; zeros without a clock.
     pub phases: PhaseTimes,
-    /// What was done to get there, and what a caller should know.
+    /// Warnings for the caller.
     pub warnings: Vec<String>,
 }
 
@@ -167,9 +171,9 @@ pub struct PhaseTimes {
     pub solve_s: f64,
     /// Residuals.
     pub residual_s: f64,
-    /// Search of contact points and their part of the matrix.
+    /// Search for contact points and their part of the matrix.
     pub contact_s: f64,
-    /// Line searches, their energies and contacts.
+    /// Line searches, with their energies and contacts.
     pub line_search_s: f64,
 }
 
@@ -199,25 +203,25 @@ impl std::ops::AddAssign for PhaseTimes {
     }
 }
 
-/// State of a cell of the mesh, a mean over its volume.
+/// State of a cell of the mesh, averaged over its volume.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CellState {
-    /// Cauchy stress xx, yy, zz, xy, yz, xz, MPa.
+    /// Cauchy stress, MPa: xx, yy, zz, xy, yz, xz.
     pub stress_mpa: [f64; 6],
-    /// det F: present volume over volume at rest.
+    /// det F: current volume over volume at rest.
     pub volume_ratio: f64,
 }
 
 /// One Newton iteration.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct IterationRecord {
-    /// Path parameter that was aimed at.
+    /// Path parameter at the end of the substep.
     pub t: f64,
     /// Residual force before the iteration, N.
     pub residual_n: f64,
     /// Reaction force that the residual is compared with, N.
     pub reaction_n: f64,
-    /// Largest displacement of a node by this iteration, mm.
+    /// Largest displacement of a node in this iteration, mm.
     pub displacement_mm: f64,
     /// Share of the Newton step that was taken.
     pub step: f64,
@@ -225,10 +229,10 @@ pub struct IterationRecord {
     pub projected: bool,
     /// Whether the exact tangent was not positive definite.
     pub unstable: bool,
-    /// Whether the matrix was factorised anew; otherwise an older factor preconditioned conjugate gradients.
+    /// Whether the matrix was factorised; otherwise an older factor preconditioned conjugate gradients.
     pub factorised: bool,
     /// Conjugate gradient iterations.
     pub cg_iterations: usize,
-    /// Contact points that push.
+    /// Number of active contact points.
     pub active_contacts: usize,
 }

@@ -1,29 +1,29 @@
-//! An equilibrium kept, for another path to begin at.
+//! An equilibrium kept as the start of another path.
 
 use super::checkpoint::{flags, pairs};
 use super::error::SolveError;
 use super::solver::{Solver, State};
 use prosopon_geometry::{Motion, Vector};
 
-/// An equilibrium of a mesh under bone that has moved; by default one of no mesh.
+/// An equilibrium of a mesh under moved bone; the default value has no nodes.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SavedState {
     /// Values of the generalised nodes, mm.
     x: Vec<Vector>,
-    /// Motion of moving segments from rest.
+    /// Motion of the moving segments from rest.
     motions: Vec<(u32, Motion)>,
-    /// Pairs of contact point and body that do not push any more.
+    /// Pairs of contact point and body whose contact is switched off.
     released: Vec<u64>,
 }
 
 impl SavedState {
-    /// Motion of moving segments from rest.
+    /// Motion of the moving segments from rest.
     #[must_use]
     pub fn motions(&self) -> &[(u32, Motion)] {
         &self.motions
     }
 
-    /// What it takes in memory, bytes.
+    /// Memory it occupies, bytes.
     #[must_use]
     pub fn bytes(&self) -> u64 {
         (self.x.len() * size_of::<Vector>() + self.motions.len() * size_of::<(u32, Motion)>()) as u64
@@ -31,31 +31,33 @@ impl SavedState {
 }
 
 impl Solver<'_> {
-    /// The present equilibrium.
+    /// The current equilibrium.
     #[must_use]
     pub fn save(&self) -> SavedState {
         let released = pairs(self.equations.contact.released());
         SavedState { x: self.state.x.clone(), motions: self.state.motions.clone(), released }
     }
 
-    /// Takes up an equilibrium of the same mesh and elements, at path parameter 0: what follows goes on from there. Nodes that are held now and
-    /// were not then go to where they are held with the next step; contact pressures are found anew.
+    /// Starts from an equilibrium of the same mesh and elements, at path parameter 0.
+    ///
+    /// Nodes that are held now but were free then move to their prescribed positions in the next step. Contact pressures are
+    /// computed anew.
     ///
     /// # Errors
-    /// [`SolveError::Problem`] when it has another number of generalised nodes.
+    /// [`SolveError::Problem`] when `saved` has another number of generalised nodes.
     pub fn resume(&mut self, saved: &SavedState) -> Result<(), SolveError> {
         let (found, needed) = (saved.x.len(), self.state.x.len());
         if found != needed {
-            let detail = format!("the state to begin at has {found} generalised nodes, the mesh {needed}");
+            let detail = format!("the start state has {found} generalised nodes, the mesh has {needed}");
             return Err(SolveError::Problem { detail });
         }
-        // Of another attachment there may be other contact points.
+        // With other attachments there may be other contact points.
         let known = self.equations.contact.released().len();
         if let Some(released) = flags(&saved.released, known) {
             self.equations.contact.set_released(released);
         }
         self.state = State { t: 0.0, x: saved.x.clone(), motions: saved.motions.clone() };
-        // The factor at rest says little here.
+        // The factor at rest is a poor preconditioner here.
         self.equations.solver.refresh();
         Ok(())
     }

@@ -8,10 +8,11 @@ use prosopon_geometry::{Implicit, Vector};
 pub enum Model {
     /// Small strain on linear elements (LFEM).
     Linear,
-    /// Small strain again, but vertices are relaxed under the forces of their neighbours instead of solving for all at once (MTM).
+    /// Small strain on linear elements, solved by relaxation of vertices (MTM).
     ///
-    /// The tensors of vertices and edges are those of Cotin, Delingette and Ayache, IEEE Trans Vis Comput Graph 1999; instead of their
-    /// time steps, conjugate gradients with the vertices' tensors as preconditioner bring the vertices to rest: the equilibrium is the same.
+    /// Each vertex moves under the forces of its neighbours. The tensors of vertices and edges are those of Cotin, Delingette and
+    /// Ayache, IEEE Trans Vis Comput Graph 1999. Conjugate gradients preconditioned with the vertices' tensors replace their time
+    /// steps; the equilibrium is the same.
     MassTensor,
     /// Hyperelastic on linear elements (NFEM).
     Nonlinear,
@@ -33,7 +34,7 @@ impl Model {
 /// Element of the skin layer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SkinElement {
-    /// Three linear tetrahedra a prism.
+    /// Three linear tetrahedra for each prism.
     Tetrahedron,
     /// Linear wedge.
     Wedge,
@@ -42,7 +43,9 @@ pub enum SkinElement {
 }
 
 impl SkinElement {
-    /// The skin element that a model has where nothing else is asked for, at every door. (The paper's linear model has tetrahedra; wedges lock less.)
+    /// Default skin element of a model, the same for every interface.
+    ///
+    /// The paper's linear model has tetrahedra; wedges lock less.
     #[must_use]
     pub fn of(model: Model) -> Self {
         match model {
@@ -53,35 +56,46 @@ impl SkinElement {
     }
 }
 
-/// What is done against locking of linear tetrahedra.
+/// Locking-free formulation for linear elements.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Locking {
-    /// Nothing: the elements as they are.
+    /// None: standard linear elements.
     None,
+    /// Smoothed elements (selective ES/NS-FEM).
+    ///
     /// Isochoric energy at strains averaged around edges, volumetric energy at strains averaged around nodes
     /// ([`edge_domains`](super::element::edge_domains), [`node_domains`](super::element::node_domains)).
     Smoothed,
 }
 
-/// What is done where a material loses ellipticity during a solve.
+/// Reaction to a material that loses ellipticity during a solve.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum UnstableMaterial {
-    /// Steps say so in their outcome; where no equilibrium is found the path ends with an error that names tissue, element and stretch.
+    /// The step's outcome reports it.
+    ///
+    /// When no equilibrium is found, the path ends with an error that names tissue, element and stretch.
     #[default]
     Report,
-    /// From there on neo-Hookean with the same small-strain moduli takes its place, as in [`Preset::Wang2009Stable`]; the outcome says so.
+    /// Neo-Hookean with the same small-strain moduli replaces it from there on.
+    ///
+    /// The replacement is that of [`Preset::Wang2009Stable`]; the outcome reports it.
     Stabilise,
 }
 
-/// What acts on a mesh beside bone.
+/// Boundary conditions that do not come from bone: held axes, prescribed displacements and dead loads.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Boundary {
-    /// Axes along which each node is held, for planes of symmetry: bit 0 x, bit 1 y, bit 2 z. Empty when no node is held so.
+    /// Axes along which each node is held: bit 0 x, bit 1 y, bit 2 z.
+    ///
+    /// They serve for planes of symmetry. Empty when no axis is held.
     pub held_axes: Vec<u8>,
-    /// Where held nodes go along their held axes at path parameter 1 (proportional to the parameter before), mm; other axes are 0. Empty when
-    /// all stay at rest.
+    /// Displacement of nodes along their held axes at path parameter 1, mm; other axes must be 0.
+    ///
+    /// It is proportional to the parameter. Empty when all held axes stay at rest.
     pub prescribed_mm: Vec<Vector>,
-    /// Dead load on each node at path parameter 1 (proportional to the parameter before), N. Empty when there is none.
+    /// Dead load on each node at path parameter 1, N.
+    ///
+    /// It is proportional to the parameter. Empty when there is none.
     pub loads_n: Vec<Vector>,
 }
 
@@ -92,7 +106,7 @@ pub enum Preset {
     Wang2009Stable,
     /// Stable Yeoh that follows the published curve in tension.
     Wang2009Tension,
-    /// The published constants, which lose ellipticity early.
+    /// The published constants. They lose ellipticity at small stretches.
     Wang2009,
     /// Yeoh fitted to indentation of a cheek, the same for all tissues.
     Nazari2010,
@@ -103,7 +117,7 @@ pub enum Preset {
 /// A bone segment that tissue is tied to or slides on.
 #[derive(Clone, Copy)]
 pub struct ContactBody<'a> {
-    /// Segment number as in [`crate::mesh::Attachment::Tied`]; 0 is the skull that stays.
+    /// Segment number as in [`crate::mesh::Attachment::Tied`]; 0 is the skull, the fixed segment.
     pub segment: u32,
     /// Its solid in the rest frame.
     pub solid: &'a dyn Implicit,
@@ -115,39 +129,55 @@ impl std::fmt::Debug for ContactBody<'_> {
     }
 }
 
-/// Poisson ratio above which linear elements without a cure of locking are told to be too stiff: at 0.49 cells of 4 mm over a patch that is
-/// moved by 4 mm are 0.8 to 1.1 mm off (`prosopon bench stability`); at 0.499 the tip of Cook's membrane moves a third of what it should.
+/// Poisson ratio above which standard linear elements are reported as too stiff. At 0.49, cells of 4 mm over a patch that is
+/// moved by 4 mm are 0.8 to 1.1 mm off (`prosopon bench stability`); at 0.499 the tip of Cook's membrane moves a third of the
+/// correct distance.
 const LOCKED_POISSON: f64 = 0.48;
-/// The same with the cure: at 0.4999 that scene is 0.5 mm off, at 0.49 0.3 mm, which is the mesh's.
+/// The same limit for smoothed elements: at 0.4999 that scene is 0.5 mm off; at 0.49 it is 0.3 mm off, which is the error of the
+/// mesh.
 const LOCKED_THOUGH_CURED: f64 = 0.4995;
 
-/// How the problem is solved.
+/// Settings of a solve.
+///
+/// ```
+/// use prosopon_tissue::fem::{Model, Preset, SkinElement, SolveSettings};
+///
+/// let settings = SolveSettings::new(Model::Mixed, Preset::Wang2009Stable.materials());
+/// assert_eq!(settings.skin_element, SkinElement::C1Prism);
+/// assert_eq!((settings.penetration_tolerance_mm, settings.min_substep), (0.05, 1.0 / 256.0));
+/// // Small-strain shear modulus of skin, 70.1 kPa.
+/// assert!((settings.materials.skin.shear_modulus() - 0.070142923).abs() < 1e-8);
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct SolveSettings {
     /// Mechanical model.
     pub model: Model,
     /// Skin element.
     pub skin_element: SkinElement,
-    /// Cure of locking.
+    /// Locking-free formulation.
     pub locking: Locking,
     /// Materials.
     pub materials: Materials,
     /// Largest penetration accepted after a step, mm.
     pub penetration_tolerance_mm: f64,
-    /// Factor on the contact stiffness that the solver chooses; multipliers keep penetration below its tolerance whatever it is.
+    /// Factor on the penalty stiffness that the solver chooses.
+    ///
+    /// The multipliers keep the penetration below its tolerance at any value.
     pub contact_stiffness_factor: f64,
-    /// Residual force relative to the reaction force.
+    /// Residual force at convergence, relative to the reaction force.
     pub relative_residual: f64,
-    /// Newton iterations before a step is halved.
+    /// Newton iterations before a substep is halved.
     pub max_iterations: usize,
-    /// Shortest substep as a share of the path, before giving up.
+    /// Shortest substep, as a share of the path; a step that needs a shorter one fails.
     pub min_substep: f64,
-    /// What is done where a material loses ellipticity.
+    /// Reaction to a material that loses ellipticity.
     pub unstable_material: UnstableMaterial,
 }
 
 impl SolveSettings {
-    /// Settings with the defaults: the model's skin element, 0.05 mm penetration, 1e-4 relative residual, 30 iterations, substeps down to 1/256.
+    /// Settings with the default values.
+    ///
+    /// They are the model's skin element, 0.05 mm penetration, 1e-4 relative residual, 30 iterations, and substeps down to 1/256.
     #[must_use]
     pub fn new(model: Model, materials: Materials) -> Self {
         Self {
@@ -164,8 +194,9 @@ impl SolveSettings {
         }
     }
 
-    /// What to tell of materials so stiff or so soft that another unit was probably meant, of the tissues that `mesh` has. Soft tissues of the
-    /// face have small-strain shear moduli of 0.3 kPa (fat) to 1 MPa (skin along its fibres).
+    /// Warnings about materials of the tissues in `mesh` whose stiffness suggests another unit.
+    ///
+    /// Soft tissues of the face have small-strain shear moduli of 0.3 kPa (fat) to 1 MPa (skin along its fibres).
     #[must_use]
     pub fn stiffness_warnings(&self, mesh: &MixedMesh) -> Vec<String> {
         const EXPECTED_MPA: [f64; 2] = [1e-5, 30.0];
@@ -174,13 +205,15 @@ impl SolveSettings {
             let found = self.materials.of(tissue).shear_modulus();
             (!(low..=high).contains(&found)).then(|| {
                 let name = tissue.name();
-                format!("the material of {name} has a shear modulus of {found:.3e} MPa; {low} to {high} MPa are to be expected: check the unit")
+                format!("{name} has a shear modulus of {found:.3e} MPa, expected is {low} to {high}: check the unit")
             })
         };
         tissues(mesh).into_iter().filter_map(warning).collect()
     }
 
-    /// What to tell of materials that are not stable at the stretches to be expected, of the tissues that `mesh` has; nothing for small strain.
+    /// Warnings about materials in `mesh` that lose ellipticity at expected stretches.
+    ///
+    /// Small strain has no such warnings.
     #[must_use]
     pub fn stability_warnings(&self, mesh: &MixedMesh) -> Vec<String> {
         if self.model.is_linear() {
@@ -189,16 +222,17 @@ impl SolveSettings {
         tissues(mesh).into_iter().filter_map(|t| self.materials.of(t).stability_warning(t.name())).collect()
     }
 
-    /// What to tell of tissues that are so nearly incompressible that elements lock; of those that `mesh` has.
+    /// Warning about tissues in `mesh` that are so nearly incompressible that elements lock.
     pub(super) fn locking_warning(&self, mesh: &MixedMesh) -> Option<String> {
         let (above, what) = match self.locking {
             Locking::None => (
                 LOCKED_POISSON,
-                "linear elements without a cure of locking are too stiff there, on coarse meshes by a quarter of the movement; `smoothed` cures it",
+                "linear elements are too stiff there, on coarse meshes by a quarter of the movement; use the locking option \
+                 `smoothed`",
             ),
             Locking::Smoothed => (
                 LOCKED_THOUGH_CURED,
-                "even smoothed elements are an eighth of the movement too stiff there on coarse meshes",
+                "even smoothed elements are too stiff there, on coarse meshes by an eighth of the movement; use a finer mesh",
             ),
         };
         let mut locked: Vec<Tissue> = tissues(mesh);
@@ -227,7 +261,7 @@ impl SolveSettings {
     }
 }
 
-/// Tissues of a mesh, each once.
+/// Tissues of a mesh, each once, ascending.
 fn tissues(mesh: &MixedMesh) -> Vec<Tissue> {
     let mut tissues: Vec<Tissue> = mesh.tetrahedron_tissue.clone();
     tissues.extend((0..mesh.prisms.len()).map(|p| mesh.tissue_of_prism(p)));
@@ -237,25 +271,27 @@ fn tissues(mesh: &MixedMesh) -> Vec<Tissue> {
 }
 
 impl Preset {
-    /// Where its constants come from.
+    /// Publication from which the constants are taken.
     #[must_use]
     pub fn source(self) -> &'static str {
         match self {
             Self::Wang2009Stable => {
-                "Wang, Yang and Gee, Int J Med Robotics 5, 2009, Table 1: the small-strain shear moduli 2 (C10 + C01), as neo-Hookean"
+                "Wang, Yang and Gee, Int J Med Robotics 5, 2009, Table 1: the small-strain shear moduli 2 (C10 + C01), as \
+                 neo-Hookean"
             }
             Self::Wang2009Tension => {
-                "Wang, Yang and Gee, Int J Med Robotics 5, 2009, Table 1: the same moduli, second constant fitted to the published uniaxial \
-                 curve up to a stretch of 1.2 (within 13, 12, 40 % in skin, muscle, fat)"
+                "Wang, Yang and Gee, Int J Med Robotics 5, 2009, Table 1: the same moduli, second constant fitted to the \
+                 published uniaxial curve up to a stretch of 1.2 (within 13, 12, 40 % in skin, muscle, fat)"
             }
             Self::Wang2009 => "Wang, Yang and Gee, Int J Med Robotics 5, 2009, Table 1, as published",
             Self::Nazari2010 => {
-                "Nazari, Perrier, Chabanas and Payan, Comput Methods Biomech Biomed Eng 13, 2010, after indentation of a cheek by Gerard, \
-                 Ohayon, Luboz, Perrier and Payan, Med Eng Phys 27, 2005; the Poisson ratio is ours; constants not compared with the print"
+                "Nazari, Perrier, Chabanas and Payan, Comput Methods Biomech Biomed Eng 13, 2010, after indentation of a cheek \
+                 by Gerard, Ohayon, Luboz, Perrier and Payan, Med Eng Phys 27, 2005; the Poisson ratio is chosen here; \
+                 constants not compared with the print"
             }
             Self::Chabanas2003 => {
-                "Chabanas, Luboz and Payan, Med Image Anal 7, 2003: passive tissue, E = 15 kPa and Poisson ratio 0.49 at small strain, here \
-                 neo-Hookean; without the stiffer fibres of muscles; constants not compared with the print"
+                "Chabanas, Luboz and Payan, Med Image Anal 7, 2003: passive tissue, E = 15 kPa and Poisson ratio 0.49 at small \
+                 strain, here neo-Hookean; without the stiffer fibres of muscles; constants not compared with the print"
             }
         }
     }

@@ -1,4 +1,4 @@
-//! From mesh and settings to equations.
+//! Setup of the equations from mesh and settings.
 
 use super::assembly::{Assembly, Curvature, Law, Part};
 use super::contact::{Contact, Unguarded, contact_nodes, unguarded_points};
@@ -18,26 +18,29 @@ use prosopon_geometry::control::Control;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Contact stiffness in units of the tissue's confined modulus over its mean thickness: a layer compressed by a third of its
-/// thickness sinks some 0.01 of the thickness into bone before the multipliers take over.
+/// Penalty stiffness in units of the tissue's confined modulus over its mean thickness: a layer compressed by a third of its
+/// thickness penetrates bone by about 0.01 of the thickness before the multipliers take over.
 const CONTACT_STIFFNESS: f64 = 30.0;
-/// Reaction force below which the residual is compared with this, in units of shear modulus times element size squared.
+/// Force floor in units of shear modulus times element size squared: a smaller reaction force is replaced by it in the
+/// convergence test.
 const FORCE_FLOOR: f64 = 1e-3;
 
 const TISSUES: [Tissue; 4] = [Tissue::Skin, Tissue::Muscle, Tissue::Fat, Tissue::Mucosa];
 
-/// What the equations of a mesh need that does not depend on where its bones go: elements, unknowns, elimination order, pattern, symbolic
-/// factorisation, and stiffness and factor at rest. Any number of solvers may begin with one ([`Solver::over`](super::Solver::over)); each
-/// finds the same bits as a solver that prepared for itself.
+/// Everything in the equations of a mesh that does not depend on the motion of its bones.
+///
+/// It holds elements, unknowns, elimination order, sparsity pattern, symbolic factorisation, and stiffness and factor at rest.
+/// Any number of solvers may start from one ([`Solver::over`](super::Solver::over)); each gives the same bits as a solver with
+/// its own preparation.
 #[derive(Debug)]
 pub struct Prepared {
     pub(super) surface: Option<Arc<C1Surface>>,
     pub(super) settings: SolveSettings,
     pub(super) warnings: Vec<String>,
-    /// Time of the parts.
+    /// Time of the phases.
     times: PhaseTimes,
     factorisations: usize,
-    /// Whether a solver has told of these.
+    /// Whether a solver has reported times and factorisations of the preparation.
     told: AtomicBool,
     dofs: Dofs,
     assembly: Assembly,
@@ -50,19 +53,19 @@ pub struct Prepared {
     /// MPa/mm.
     contact_stiffness: f64,
     limits: Limits,
-    /// Nodes and cells of the mesh.
+    /// Numbers of nodes, tetrahedra and prisms.
     size: [usize; 3],
-    /// Estimate of what all this and a solver over it take, MB, but for a factor of its own.
+    /// Estimated memory of this and of a solver over it, MB, without a factor of the solver's own.
     estimate_mb: f64,
-    /// A factor's share of it, MB.
+    /// Memory of one factor, MB.
     factor_mb: f64,
 }
 
 impl Prepared {
-    /// Prepares for a mesh. `touching`: bodies will be in contact.
+    /// Prepares for a mesh; `touching` states whether bodies will be in contact.
     ///
     /// # Errors
-    /// [`SolveError`] when elements are inverted at rest or the problem does not fit together (for example nothing is held).
+    /// [`SolveError`] when elements are inverted at rest or the problem is inconsistent (for example when nothing is held).
     pub fn new(
         mesh: &MixedMesh,
         touching: bool,
@@ -92,7 +95,7 @@ impl Prepared {
         };
         let elements_take = memory::of_elements(&coupled);
         memory::check("the elements", elements_take, control)?;
-        // Contact changes at every iteration; eliminated last, it leaves most of a factor as it is.
+        // Contact changes in every iteration. Its nodes are eliminated last, so that most of the factor stays valid.
         let relaxes = settings.model == Model::MassTensor;
         let guarded = if touching { contact_nodes(mesh) } else { Vec::new() };
         let unguarded = if touching { unguarded_points(mesh, &guarded) } else { Vec::new() };
@@ -161,14 +164,15 @@ impl Prepared {
         Ok(prepared)
     }
 
-    /// Stiffness and factor at rest. A factor that fails is left without values: who solves tries again, and tells.
+    /// Computes stiffness and factor at rest. A factor that fails stays without values: the solver tries again and reports the
+    /// failure.
     fn factorise(&mut self, control: &Control) -> Result<(), SolveError> {
         let clock = control.clock();
         let begin = clock();
         let symbolic = Arc::new(Symbolic::new(self.assembly.pattern(), self.dofs.first_last())?);
         self.factor_mb = 1e-6 * memory::of_factor(&symbolic);
         self.estimate_mb += self.factor_mb + 1e-6 * memory::of_corner(&symbolic);
-        // The factor at rest is kept for later paths; one that is not linear mostly needs another of its own.
+        // The factor at rest is kept for later paths; a nonlinear path mostly needs a second one.
         let factors_mb = self.estimated_mb(!self.limits.linear);
         memory::check("elements, matrix and factor", 1e6 * factors_mb, control)?;
         let mut factor = Factor::new(Arc::clone(&symbolic))?;
@@ -185,7 +189,7 @@ impl Prepared {
         let assembled = clock();
         if stiffness.is_ok() {
             self.factorisations = 1;
-            // Not positive definite at rest: told by the first solve.
+            // A matrix that is not positive definite at rest is reported by the first solve.
             let _ = factor.factorise(&values);
             self.rest = Arc::new(values);
         }
@@ -196,24 +200,25 @@ impl Prepared {
         Ok(())
     }
 
-    /// What this and a solver over it take in memory, estimated from counts before it was taken, MB; with a factor of the solver's own beside
-    /// that of the state at rest, or without.
+    /// Estimated memory of this and of a solver over it, MB, computed from counts before allocation.
+    ///
+    /// `own_factor` adds a factor of the solver's own to the one at rest.
     #[must_use]
     pub fn estimated_mb(&self, own_factor: bool) -> f64 {
         self.estimate_mb + if own_factor { self.factor_mb } else { 0.0 }
     }
 
-    /// Time and factorisations of the preparation, for the first solver that asks.
+    /// Time and factorisations of the preparation for the first caller; zeros for later ones.
     pub(super) fn untold_work(&self) -> (PhaseTimes, usize) {
         if self.told.swap(true, Ordering::Relaxed) { Default::default() } else { (self.times, self.factorisations) }
     }
 
-    /// The points of `mesh` on which contact with `bodies` does not act.
+    /// The points of `mesh` on which contact does not act, with their depths in `bodies` at rest.
     pub(super) fn unguarded(&self, mesh: &MixedMesh, bodies: &[ContactBody<'_>]) -> Unguarded {
         Unguarded::new(Arc::clone(&self.unguarded), mesh, bodies)
     }
 
-    /// Sets up the equations; also warnings.
+    /// Sets up the equations; the second value holds warnings.
     pub(super) fn equations<'a>(
         &self,
         mesh: &MixedMesh,
@@ -222,7 +227,7 @@ impl Prepared {
     ) -> Result<(Equations<'a>, Vec<String>), SolveError> {
         check_bodies(&bodies)?;
         if size(mesh) != self.size {
-            return Err(problem("the mesh is not the one that was prepared".to_owned()));
+            return Err(problem("the mesh differs in size from the prepared one".to_owned()));
         }
         let solver = match &self.factor {
             Some((symbolic, factor)) => LinearSolver::new(Arc::clone(symbolic), Arc::clone(factor), control.clock()),
@@ -263,7 +268,7 @@ fn element_blocks(
     Ok((blocks, surface))
 }
 
-/// Parts whose energies add up to that of the elements, taken at averaged strains.
+/// Smoothed elements whose energies add up to that of the mesh.
 fn smoothed_parts(
     mesh: &MixedMesh,
     blocks: &[ElementBlock],
@@ -286,7 +291,7 @@ fn smoothed_parts(
     Ok(parts)
 }
 
-/// Laws by tissue, for the part of each material that `part` takes.
+/// Laws by tissue, for the part of each material that `part` extracts.
 fn laws(settings: &SolveSettings, part: impl Fn(Material) -> Material) -> Result<[Law; 4], SolveError> {
     let law = |tissue: Tissue| {
         let material = part(*settings.materials.of(tissue));
@@ -300,7 +305,7 @@ fn laws(settings: &SolveSettings, part: impl Fn(Material) -> Material) -> Result
     Ok([law(a)?, law(b)?, law(c)?, law(d)?])
 }
 
-/// Sizes that tolerances and contact stiffness are measured by.
+/// Scales for tolerances and for the penalty stiffness.
 struct Scale {
     /// mm³.
     volume: f64,
@@ -310,7 +315,7 @@ struct Scale {
     modulus: f64,
     /// Edge of a regular tetrahedron of the mean element volume, mm.
     element_size_mm: f64,
-    /// Volume over the area of bone faces, mm.
+    /// Volume divided by the area of the bone faces, mm.
     thickness_mm: f64,
 }
 
@@ -346,11 +351,11 @@ fn problem(detail: String) -> SolveError {
 fn check_mesh(mesh: &MixedMesh) -> Result<(), SolveError> {
     let n = mesh.positions.len();
     if mesh.attachment.len() != n {
-        return Err(problem(format!("{} attachments for {n} nodes", mesh.attachment.len())));
+        return Err(problem(format!("the mesh has {} attachments for {n} nodes", mesh.attachment.len())));
     }
     if mesh.tetrahedron_tissue.len() != mesh.tetrahedra.len() {
         let (tissues, tetrahedra) = (mesh.tetrahedron_tissue.len(), mesh.tetrahedra.len());
-        return Err(problem(format!("{tissues} tissues for {tetrahedra} tetrahedra")));
+        return Err(problem(format!("the mesh has {tissues} tissues for {tetrahedra} tetrahedra")));
     }
     if let Some(node) = mesh.positions.iter().position(|p| !p.iter().all(|c| c.is_finite())) {
         return Err(problem(format!("node {node} has a coordinate that is not finite")));
@@ -360,7 +365,7 @@ fn check_mesh(mesh: &MixedMesh) -> Result<(), SolveError> {
         .chain(mesh.bone_faces.iter().flatten())
         .max();
     match named {
-        Some(&node) if node as usize >= n => Err(problem(format!("node {node} is named, but there are only {n}"))),
+        Some(&node) if node as usize >= n => Err(problem(format!("a cell has node {node}, the mesh has only {n}"))),
         _ => Ok(()),
     }
 }
@@ -369,21 +374,22 @@ fn check_boundary(mesh: &MixedMesh, boundary: &Boundary) -> Result<(), SolveErro
     let n = mesh.positions.len();
     let (held, loads) = (boundary.held_axes.len(), boundary.loads_n.len());
     if held != 0 && held != n {
-        return Err(problem(format!("{held} sets of held axes for {n} nodes")));
+        return Err(problem(format!("held axes are given for {held} nodes, the mesh has {n}")));
     }
     if loads != 0 && loads != n {
-        return Err(problem(format!("{loads} loads for {n} nodes")));
+        return Err(problem(format!("loads are given for {loads} nodes, the mesh has {n}")));
     }
     let prescribed = boundary.prescribed_mm.len();
     if prescribed != 0 && prescribed != n {
-        return Err(problem(format!("{prescribed} prescribed displacements for {n} nodes")));
+        return Err(problem(format!("prescribed displacements are given for {prescribed} nodes, the mesh has {n}")));
     }
     let is_held = |node: usize, axis: usize| boundary.held_axes.get(node).is_some_and(|axes| axes >> axis & 1 == 1);
     for (node, u) in boundary.prescribed_mm.iter().enumerate() {
         if let Some(axis) = (0..3).find(|axis| !u[*axis].is_finite() || (u[*axis] != 0.0 && !is_held(node, *axis))) {
             let name = ["x", "y", "z"][axis];
             return Err(problem(format!(
-                "node {node} is to be displaced by {} mm along {name}; it must be a number, and the node held along that axis",
+                "node {node} has a prescribed displacement of {} mm along {name}; it must be finite, and the node held along \
+                 that axis",
                 u[axis]
             )));
         }
@@ -406,7 +412,7 @@ fn check_bodies(bodies: &[ContactBody<'_>]) -> Result<(), SolveError> {
     }
 }
 
-/// Segments that tissue is tied to, ascending.
+/// Segments to which tissue is tied, ascending.
 pub(super) fn tied_segments(mesh: &MixedMesh) -> Vec<u32> {
     let mut segments: Vec<u32> = (mesh.attachment.iter())
         .filter_map(|a| match a {

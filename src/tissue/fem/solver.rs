@@ -14,9 +14,9 @@ use prosopon_geometry::control::Control;
 use prosopon_geometry::{Motion, Point, Vector};
 use std::sync::Arc;
 
-/// Contact points farther from a body than this do not limit its substeps, mm.
+/// Contact points farther from a body than this do not limit the substep, mm.
 const CONTACT_REACH_MM: f64 = 10.0;
-/// Motion of a segment along an axis in which its nodes are held that is rounding, mm.
+/// Smaller motions of a segment along an axis in which its nodes are held are rounding, mm.
 const HELD_TOLERANCE_MM: f64 = 1e-9;
 
 /// Static equilibrium of one mesh under moving bone, advanced along a path.
@@ -27,51 +27,51 @@ pub struct Solver<'a> {
     settings: SolveSettings,
     pub(super) equations: Equations<'a>,
     unguarded: Unguarded,
-    /// Segments that a report gives reactions for, ascending.
+    /// Segments whose reactions are reported, ascending.
     segments: Vec<u32>,
     pub(super) state: State,
-    /// Substep that worked last.
+    /// Length of the last substep that converged.
     pub(super) substep: f64,
-    /// Stable materials are in the place of those asked for.
+    /// Whether stable materials have replaced those requested.
     pub(super) stabilised: bool,
-    /// Whether tissue that came through bone, and round a rim of it, has been told of.
+    /// Whether a warning has been given of tissue that passed through bone, and of tissue that slipped round a rim.
     pub(super) told_passage: [bool; 2],
-    /// Found while setting up; told with the first step.
+    /// Warnings collected so far; the next report includes them.
     warnings: Vec<String>,
-    /// Times and factorisations of the preparation, where this solver is the first over it; told with the first step.
+    /// Times and factorisations of the preparation, when this is the first solver over it; the first report includes them.
     preparation: (PhaseTimes, usize),
 }
 
-/// Where bone moves no farther than this in a substep, mm, and tissue still comes through, the bone is too thin to hold it. Otherwise the
-/// substep is shortened.
+/// When bone moves no farther than this in a substep, mm, and tissue still passes through, the bone is too thin to hold it. When
+/// it moves farther, the substep is shortened.
 const LEAST_PASSAGE_MM: f64 = 0.25;
 
-/// Times that a substep is solved again without contact at points that would have come to the other side of bone.
+/// Largest number of times that a substep is solved again without contact at points that would pass to the other side of bone.
 const MAX_RELEASES: usize = 6;
 
-/// Iterations in vain, and shortened substeps, after which a step is given up: where it gets on so slowly it seldom gets there, and the caller is
-/// better served by the reason than by waiting.
+/// Wasted iterations, and shortened substeps, after which a step fails. A step that advances so slowly seldom converges, and the
+/// reason helps the caller more than waiting.
 const MAX_IN_VAIN: usize = 90;
 const MAX_HALVINGS: usize = 24;
 
-/// Share of its volume below which an element is warned of: soft tissue is nearly incompressible.
+/// Volume ratio below which an element is reported: soft tissue is nearly incompressible.
 const SQUEEZED: f64 = 0.3;
 
-/// An equilibrium.
+/// An equilibrium at path parameter `t`.
 #[derive(Debug, Clone)]
 pub(super) struct State {
     pub(super) t: f64,
-    /// Values of the generalised nodes.
+    /// Values of the generalised nodes, mm.
     pub(super) x: Vec<Vector>,
-    /// Motion of moving segments from rest.
+    /// Motion of the moving segments from rest.
     pub(super) motions: Vec<(u32, Motion)>,
 }
 
 impl<'a> Solver<'a> {
-    /// Sets up elements, unknowns and the symbolic factorisation; the state is the rest configuration at path parameter 0.
+    /// Sets up elements, unknowns and factorisation; the state is rest at path parameter 0.
     ///
     /// # Errors
-    /// [`SolveError`] when elements are inverted at rest or the problem does not fit together (for example nothing is held).
+    /// [`SolveError`] when elements are inverted at rest or the problem is inconsistent (for example when nothing is held).
     pub fn new(
         mesh: &'a MixedMesh,
         bodies: Vec<ContactBody<'a>>,
@@ -84,7 +84,7 @@ impl<'a> Solver<'a> {
     /// [`Solver::new`] with held axes and dead loads.
     ///
     /// # Errors
-    /// [`SolveError`] as there.
+    /// As [`Solver::new`].
     pub fn with_boundary(
         mesh: &'a MixedMesh,
         bodies: Vec<ContactBody<'a>>,
@@ -96,10 +96,10 @@ impl<'a> Solver<'a> {
         Self::over(&prepared, mesh, bodies, &control.part(0.9, 1.0))
     }
 
-    /// A solver that begins with what was prepared for `mesh`.
+    /// A solver that starts from a [`Prepared`] for `mesh`.
     ///
     /// # Errors
-    /// [`SolveError`] when a segment is given twice, or when the mesh is of another size than that which was prepared for.
+    /// [`SolveError`] when a segment is given twice, or when the mesh differs in size from the prepared one.
     pub fn over(
         prepared: &Prepared,
         mesh: &'a MixedMesh,
@@ -132,11 +132,13 @@ impl<'a> Solver<'a> {
         })
     }
 
-    /// Advances from the present path parameter to `t`: `motions(t)` gives each moving segment's motion from rest; segments
-    /// that it does not list stay at rest. Substeps are chosen here. On error the state stays at the last converged substep.
+    /// Advances from the current path parameter to `t`.
+    ///
+    /// `motions(t)` lists each moving segment's motion from rest; segments that it does not list stay at rest. The solver chooses
+    /// the substeps. On error the state stays at the last converged substep.
     ///
     /// # Errors
-    /// [`SolveError`].
+    /// [`SolveError`] when no equilibrium is found, or when `control` cancels.
     pub fn advance(
         &mut self,
         t: f64,
@@ -144,7 +146,7 @@ impl<'a> Solver<'a> {
         control: &Control,
     ) -> Result<StepReport, SolveError> {
         if !t.is_finite() {
-            return Err(SolveError::Problem { detail: format!("the path parameter is {t}") });
+            return Err(SolveError::Problem { detail: format!("the path parameter is {t}; it must be finite") });
         }
         self.equations.records.clear();
         let from = self.state.t;
@@ -192,11 +194,13 @@ impl<'a> Solver<'a> {
         Ok(self.report(&found, &report, self.equations.solver.factorisations() - factorisations))
     }
 
-    /// [`Solver::advance`] to an equilibrium for the eye: contact settled, residual within 1e-2 of the reactions and at most an estimated
-    /// 5e-3 of the element size (0.02 mm for 4 mm) left to go. A step to be measured on is advanced to.
+    /// [`Solver::advance`] to a tolerance that suffices for display, not for measurement.
+    ///
+    /// The active set has converged, the residual is within 1e-2 of the reactions, and the estimated remaining displacement is at
+    /// most 5e-3 of the element size (0.02 mm for 4 mm). Use [`Solver::advance`] for a step on which something is measured.
     ///
     /// # Errors
-    /// [`SolveError`].
+    /// As [`Solver::advance`].
     pub fn approach(
         &mut self,
         t: f64,
@@ -209,13 +213,13 @@ impl<'a> Solver<'a> {
         found
     }
 
-    /// Forgets what the next step would tell of the time before it: it was told by another solver.
+    /// Drops warnings and times that another solver has already reported.
     pub(super) fn forget_untold(&mut self) {
         self.warnings.clear();
         self.preparation = Default::default();
     }
 
-    /// Present positions of the mesh nodes, LPS mm.
+    /// Current positions of the mesh nodes, LPS mm, in the order of the mesh.
     #[must_use]
     pub fn positions(&self) -> Vec<Point> {
         self.state.x[..self.mesh.positions.len()].iter().map(|x| Point::from(*x)).collect()
@@ -227,14 +231,15 @@ impl<'a> Solver<'a> {
         self.equations.dofs.n_scalar()
     }
 
-    /// Path parameter of the present state.
+    /// Path parameter of the current state.
     #[must_use]
     pub fn path_parameter(&self) -> f64 {
         self.state.t
     }
 
-    /// Displacement (mm) of the point of the outer surface at barycentric `l` of prism `prism`, interpolated with the skin
-    /// element's own functions; zero when there is no such prism.
+    /// Displacement (mm) of the point of the outer surface at barycentric `l` of prism `prism`.
+    ///
+    /// It is interpolated with the skin element's own shape functions; zero when there is no such prism.
     #[must_use]
     pub fn outer_displacement(&self, prism: u32, l: [f64; 3]) -> Vector {
         let prism = prism as usize;
@@ -250,7 +255,7 @@ impl<'a> Solver<'a> {
         }
     }
 
-    /// Stress and volume ratio of every tetrahedron and every prism of the mesh at the present state.
+    /// Cauchy stress and volume ratio of every tetrahedron and of every prism at the current state.
     #[must_use]
     pub fn cell_states(&self) -> (Vec<CellState>, Vec<CellState>) {
         super::cell_states::cell_states(&self.equations.assembly, self.mesh, &self.state.x)
@@ -304,7 +309,7 @@ impl<'a> Solver<'a> {
             if passages.is_empty() || rounds > MAX_RELEASES {
                 break attempt;
             }
-            // What bone would push back the wrong way it does not push at all, from the begin of the substep on.
+            // A body that would push these points the wrong way does not act on them from the start of the substep on.
             self.equations.contact.set_multipliers(multipliers.clone());
             passages.iter().for_each(|p| self.equations.contact.release(p));
             self.tell_passages(&passages);
@@ -322,7 +327,7 @@ impl<'a> Solver<'a> {
         }
     }
 
-    /// Warns of the first passages of each kind.
+    /// Warns of the first passage of each kind.
     fn tell_passages(&mut self, passages: &[Passage]) {
         for round_a_rim in [false, true] {
             let of_kind: Vec<&Passage> = passages.iter().filter(|p| p.round_a_rim == round_a_rim).collect();
@@ -331,17 +336,17 @@ impl<'a> Solver<'a> {
                 continue;
             }
             let segment = self.equations.contact.bodies()[*body].segment;
-            let how = if round_a_rim { "slips round a rim of" } else { "comes through thin parts of" };
+            let how = if round_a_rim { "slips round a rim of" } else { "passes through thin parts of" };
             self.warnings.push(format!(
-                "tissue near ({:.1}, {:.1}, {:.1}) mm {how} bone {segment}: from there on that bone does not push the points that do; beyond a rim the \
-                 model is no more than that",
+                "tissue near ({:.1}, {:.1}, {:.1}) mm {how} bone {segment}: from there on this bone does not act on the \
+                 affected points, so the result near them is unreliable",
                 place.x, place.y, place.z
             ));
         }
     }
 
-    /// Puts stable materials in the place of those that have lost ellipticity on the way to `goal`, where that was asked for; whether it
-    /// did.
+    /// Replaces materials that have lost ellipticity on the path to `goal` by stable ones, if the settings request it. Returns
+    /// whether it did.
     fn stabilise(&mut self, goal: f64) -> bool {
         if self.stabilised || self.settings.unstable_material == UnstableMaterial::Report {
             return false;
@@ -353,7 +358,8 @@ impl<'a> Solver<'a> {
         }
         self.stabilised = true;
         self.warnings.push(format!(
-            "at {goal:.4} of the path {lost}: from there on neo-Hookean with the same moduli is in the place of every material that can lose it, as asked for"
+            "at {goal:.4} of the path {lost}: from there on neo-Hookean with the same moduli replaces every material that can \
+             lose it, as asked for"
         ));
         true
     }
@@ -362,7 +368,8 @@ impl<'a> Solver<'a> {
         self.equations.contact.bodies().iter().map(|b| motion_of(listed, b.segment)).collect()
     }
 
-    /// Shortens a substep until bone near contact points moves at most [`MAX_CONTACT_MOTION_MM`], but not below the shortest allowed.
+    /// Shortens a substep until bone near contact points moves at most [`MAX_CONTACT_MOTION_MM`], but not below the shortest one
+    /// allowed.
     fn limit_contact_motion(&self, wanted: f64, sign: f64, motions: &dyn Fn(f64) -> Vec<(u32, Motion)>) -> f64 {
         if self.equations.contact.is_empty() {
             return wanted;
@@ -370,7 +377,7 @@ impl<'a> Solver<'a> {
         let mut length = wanted;
         loop {
             let moved = self.contact_motion(&self.body_motions(&motions(self.state.t + sign * length)));
-            // A little more than the limit is allowed, so that a step of twice the limit is not cut in three.
+            // The 1 % margin keeps a step of twice the limit from being cut in three.
             if moved <= 1.01 * MAX_CONTACT_MOTION_MM || length <= self.settings.min_substep {
                 return length;
             }
@@ -378,7 +385,7 @@ impl<'a> Solver<'a> {
         }
     }
 
-    /// How far bone near contact points moves from the present state on, mm.
+    /// Largest displacement of bone near contact points from the current state on, mm.
     fn contact_motion(&self, to: &[Motion]) -> f64 {
         let from = self.body_motions(&self.state.motions);
         self.equations.contact.largest_motion(&self.state.x, &from, to, CONTACT_REACH_MM)
@@ -390,7 +397,7 @@ impl<'a> Solver<'a> {
         phases += self.equations.take_times();
         if progress.halvings > 0 {
             warnings.push(format!(
-                "substeps were shortened {} times to keep Newton's method on its way",
+                "substeps were shortened {} times so that Newton's method could converge",
                 progress.halvings
             ));
         }
@@ -403,21 +410,22 @@ impl<'a> Solver<'a> {
         let squeezed = dets.iter().filter(|det| **det > 0.0 && **det < SQUEEZED).count();
         if squeezed > 0 {
             warnings.push(format!(
-                "{squeezed} elements are pressed below {SQUEEZED} of their volume, the least to {:.3}: look whether tissue folds there; more steps or a \
-                 finer mesh may change it",
+                "{squeezed} elements are compressed below {SQUEEZED} of their volume, the smallest to {:.3}: check whether \
+                 tissue folds there, or use more steps or a finer mesh",
                 dets.iter().copied().filter(|det| *det > 0.0).fold(f64::INFINITY, f64::min)
             ));
         }
         let torn = self.equations.dofs.contradictions(|s| motion_of(&self.state.motions, s), HELD_TOLERANCE_MM);
         if torn > 0 {
             warnings.push(format!(
-                "{torn} tied nodes are also held along an axis in which their segment moves; along that axis they stay"
+                "{torn} tied nodes are also held along an axis in which their segment moves; they stay at rest along it"
             ));
         }
         let askew = self.equations.dofs.askew_tangents();
         if askew > 0 {
             warnings.push(format!(
-                "{askew} tangents of C1 prisms at nodes held along an axis lie askew to it and stay free: there the surface need not meet the plane of symmetry at a right angle"
+                "{askew} tangents of C1 prisms at nodes held along an axis are oblique to it and stay free: there the surface \
+                 need not meet the plane of symmetry at a right angle"
             ));
         }
         let lost = diagnosis::lost_ellipticity(&self.equations, self.mesh, &self.state.x);
@@ -427,7 +435,7 @@ impl<'a> Solver<'a> {
             None if self.stabilised => StepOutcome::Stabilised,
             None => StepOutcome::Converged,
         };
-        warnings.extend(outcome.fault().map(|fault| format!("{fault}: this step is no equilibrium to rely on")));
+        warnings.extend(outcome.fault().map(|fault| format!("{fault}: the result of this step is unreliable")));
         let body_motions = self.body_motions(&self.state.motions);
         let free = self.unguarded.deepest(&self.state.x, self.equations.contact.bodies(), &body_motions);
         let sunk = deeper(free, self.equations.contact.sunk(&self.state.x, &body_motions));
@@ -457,11 +465,11 @@ struct Progress {
     substeps: usize,
     iterations: usize,
     halvings: usize,
-    /// Iterations of substeps that came to nothing.
+    /// Iterations of substeps that did not converge.
     in_vain: usize,
 }
 
-/// The deeper of two, with the points of both.
+/// The deeper of two, with the sum of their point counts.
 fn deeper(a: Option<Sunk>, b: Option<Sunk>) -> Option<Sunk> {
     match (a, b) {
         (Some(a), Some(b)) => {

@@ -5,11 +5,13 @@ use super::error::SolveError;
 use crate::mesh::{Attachment, MixedMesh};
 use prosopon_geometry::{Point, Vector};
 
-/// Checks that each connected part of a mesh is held against all six rigid motions, by nodes that are tied, fixed or held along axes
-/// (`held_axes` by node, bits x = 1, y = 2, z = 4; may be empty).
+/// Checks that every connected part of a mesh is held against all six rigid motions.
+///
+/// Tied and fixed nodes hold a part, and so do nodes held along axes (`held_axes` by node, bits x = 1, y = 2, z = 4; may be
+/// empty).
 ///
 /// # Errors
-/// [`SolveError::Problem`] with the place of a part that is not, or for a mesh without elements.
+/// [`SolveError::Problem`] with the position of a part that can move freely, or for a mesh without elements.
 pub fn check_support(mesh: &MixedMesh, held_axes: &[u8]) -> Result<(), SolveError> {
     let mut parent: Vec<u32> = (0..mesh.positions.len() as u32).collect();
     let mut used = vec![false; mesh.positions.len()];
@@ -39,8 +41,9 @@ pub fn check_support(mesh: &MixedMesh, held_axes: &[u8]) -> Result<(), SolveErro
         if !holds_a_body(&held) {
             let p = mesh.positions[part[0].1 as usize];
             let detail = format!(
-                "the part of {} nodes near ({:.1}, {:.1}, {:.1}) mm can move freely: {} of its nodes are tied, fixed or held along an axis, \
-                 and they do not hold it against all six rigid motions (three fixed nodes that are not on one line would)",
+                "the part of {} nodes near ({:.1}, {:.1}, {:.1}) mm can move freely: {} of its nodes are tied, fixed or held \
+                 along an axis, and they do not hold it against all six rigid motions (three fixed nodes that are not on one line \
+                 would)",
                 part.len(),
                 p.x,
                 p.y,
@@ -61,7 +64,7 @@ fn root(parent: &mut [u32], mut node: u32) -> u32 {
     node
 }
 
-/// Whether points that are held along axes hold a rigid body: no rigid motion leaves all of them in place.
+/// Whether points held along axes hold a rigid body: no rigid motion leaves all of them in place.
 fn holds_a_body(held: &[(Point, u8)]) -> bool {
     let n = held.len().max(1) as f64;
     let centre = held.iter().map(|(p, _)| p.coords).sum::<Vector>() / n;

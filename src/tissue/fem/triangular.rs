@@ -1,7 +1,7 @@
-//! Triangular solves with a supernodal factor: subtrees of the elimination tree at the same time, then what is above them.
+//! Triangular solves with a supernodal factor: subtrees of the elimination tree in parallel, then the supernodes above them.
 //!
-//! The tasks depend on the factor's structure alone, and what they leave for the columns above is added in their order: the same bits at
-//! any number of threads.
+//! The tasks depend on the factor's structure only, and their contributions to the columns above are added in task order: the
+//! bits are the same at any number of threads.
 
 use super::factor::Precision;
 use faer::sparse::linalg::cholesky::supernodal::{SupernodalLltRef, SymbolicSupernodalCholesky};
@@ -9,16 +9,16 @@ use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Subtrees are divided until none is heavier than this share of the factor.
+/// Subtrees are divided until none holds more than this share of the factor's entries.
 const LARGEST_SHARE: f64 = 1.0 / 8.0;
 /// Columns that are eliminated together.
 const BLOCK: usize = 4;
-/// Partial sums of a dot product, for the processor's vectors.
+/// Partial sums of a dot product, for SIMD registers.
 const LANES: usize = 16;
-/// Rows from which a supernode's work is divided among threads.
+/// Rows below a supernode's diagonal block from which its work is shared by two threads.
 const SHARED_ROWS: usize = 1024;
 
-/// Who does what in a triangular solve.
+/// Division of a triangular solve into tasks.
 #[derive(Debug, Clone)]
 pub(super) struct Schedule {
     /// Supernodes of each subtree, in the order of columns.
@@ -48,7 +48,7 @@ impl Schedule {
                 None => roots.push(s),
             }
         }
-        // First supernode and weight of each subtree. Only contiguous ones, as a postorder makes them, can be a task.
+        // First supernode and weight of each subtree. Only a contiguous subtree, as a postorder makes it, can be a task.
         let (mut first, mut total, mut count) = ((0..n).collect::<Vec<_>>(), weight, vec![1usize; n]);
         for s in 0..n {
             for &c in &children[s] {
@@ -74,7 +74,7 @@ impl Schedule {
     }
 }
 
-/// Supernodes of each subtree, its first column, and the entries of `x` in its columns: disjoint pieces, ascending.
+/// For each subtree: its supernodes, its first column, and its part of `x`; the parts are disjoint and ascending.
 fn subtree_tasks<'x, T: Precision>(
     l: &SupernodalLltRef<'_, usize, T>,
     schedule: &Schedule,
@@ -159,7 +159,7 @@ pub(super) fn backward<T: Precision>(l: &SupernodalLltRef<'_, usize, T>, schedul
     });
 }
 
-/// Columns of a supernode: `width` columns of `rows` values each, the diagonal block on top.
+/// Columns of a supernode: `width` columns of `rows` values each, with the diagonal block on top.
 #[derive(Clone, Copy)]
 struct Panel<'a, T> {
     values: &'a [T],
@@ -182,7 +182,8 @@ impl<'a, T: Precision> Panel<'a, T> {
     }
 }
 
-/// Solves with the diagonal block of supernode `s`, in `x`, which begins at its first column; `below` gets what to add to the rows below.
+/// Solves with the diagonal block of supernode `s` in `x`, which starts at its first column; `below` receives the update of the
+/// rows below.
 fn eliminate<T: Precision>(
     l: &SupernodalLltRef<'_, usize, T>,
     s: usize,
@@ -208,13 +209,14 @@ fn eliminate<T: Precision>(
     }
 }
 
-/// Solves with the diagonal block of supernode `s` transposed, in `x`, which begins at its first column; `below` are the solved rows below it.
+/// Solves with the transposed diagonal block of supernode `s` in `x`, which starts at its first column; `below` holds the solved
+/// rows below.
 fn substitute<T: Precision>(l: &SupernodalLltRef<'_, usize, T>, s: usize, x: &mut [T], below: &[T]) {
     let panel = Panel::of(l, s);
     pulp::Arch::new().dispatch(Transposed { panel, x: &mut x[..panel.width], below });
 }
 
-/// `x` becomes the solution with the diagonal block.
+/// Solves with the diagonal block, in place in `x`.
 struct Diagonal<'a, T> {
     panel: Panel<'a, T>,
     x: &'a mut [T],
@@ -242,7 +244,7 @@ impl<T: Precision> WithSimd for Diagonal<'_, T> {
     }
 }
 
-/// Takes the rows from `first` on, times `x`, off `out`.
+/// Subtracts the rows from `first` on, times `x`, from `out`.
 struct Below<'a, T> {
     panel: Panel<'a, T>,
     first: usize,
@@ -282,7 +284,7 @@ fn subtract<T: Precision>(panel: &Panel<'_, T>, columns: Range<usize>, first: us
     }
 }
 
-/// `x` becomes the solution with the transposed diagonal block after `below` is accounted for.
+/// Solves with the transposed diagonal block in place in `x`, after subtraction of `below`.
 struct Transposed<'a, T> {
     panel: Panel<'a, T>,
     x: &'a mut [T],
@@ -332,7 +334,7 @@ mod tests {
     use faer::sparse::{SparseColMat, Triplet};
     use faer::{Conj, MatMut, Par, Side};
 
-    /// Dense blocks that are coupled through common last columns: an elimination tree with branches.
+    /// Dense diagonal blocks coupled through common last columns: an elimination tree with branches.
     fn arrow(blocks: usize, width: usize, common: usize) -> SparseColMat<usize, f64> {
         let n = blocks * width + common;
         let mut triplets = Vec::new();

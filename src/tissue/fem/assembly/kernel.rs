@@ -1,4 +1,4 @@
-//! What one element contributes, for any number `N` of functions and any number of quadrature points.
+//! Energy, forces and stiffness of one element, for any number `N` of functions and any number of quadrature points.
 
 use super::law::{Curvature, Law, matrix};
 use crate::fem::element::ElementBlock;
@@ -8,7 +8,7 @@ use prosopon_geometry::Vector;
 
 /// Index pairs `(i, k)`, `i <= k`, of the 3×3 parts of an element matrix.
 const PAIRS: [(usize, usize); 6] = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)];
-/// Place of `(i, k)` in [`PAIRS`].
+/// Index of `(i, k)` in [`PAIRS`].
 const PAIR_OF: [[usize; 3]; 3] = [[0, 3, 4], [3, 1, 5], [4, 5, 2]];
 
 /// Number of 3×3 blocks in the lower triangle of an element matrix.
@@ -52,7 +52,7 @@ impl<'a, const N: usize> Element<'a, N> {
         Ok(energy)
     }
 
-    /// Adds the forces to `out` (three an entry) and returns the energy.
+    /// Adds the forces to `out` (three entries for each node) and returns the energy, mJ.
     #[inline(always)]
     pub(super) fn forces(&self, law: &Law, x: &[Vector; N], out: &mut [f64]) -> Result<f64, Inverted> {
         let mut energy = 0.0;
@@ -64,7 +64,7 @@ impl<'a, const N: usize> Element<'a, N> {
         Ok(energy)
     }
 
-    /// Adds the change of the forces for a change `dx` of the nodes, to first order.
+    /// Adds the first-order change of the forces for a change `dx` of the nodes.
     #[inline(always)]
     pub(super) fn force_change(
         &self,
@@ -81,8 +81,8 @@ impl<'a, const N: usize> Element<'a, N> {
         Ok(())
     }
 
-    /// Adds the forces, and writes the lower triangle of the element matrix: block `(a, b)`, `a >= b`, is the nine
-    /// numbers (column-major) at `9 (a (a + 1) / 2 + b)`.
+    /// Adds the forces, and writes the lower triangle of the element matrix: block `(a, b)`, `a >= b`, has nine column-major
+    /// entries from `9 (a (a + 1) / 2 + b)` on.
     #[inline(always)]
     pub(super) fn tangent(
         &self,
@@ -188,8 +188,9 @@ fn det_along(f: &Matrix3<f64>, d: &Matrix3<f64>) -> [f64; 4] {
     [c0, c0 + c1 / 3.0, c0 + (2.0 * c1 + c2) / 3.0, c0 + c1 + c2 + c3]
 }
 
-/// First root of a cubic in the interval `from` to `from + width` that its Bernstein coefficients belong to, found by
-/// halving down to 1e-3 and rounded towards `from`.
+/// First root of a cubic in the interval from `from` to `from + width`, given by its Bernstein coefficients there.
+///
+/// It is found by bisection to 1e-3 and rounded towards `from`.
 fn first_root(bernstein: &[f64; 4], from: f64, width: f64) -> Option<f64> {
     if bernstein.iter().all(|b| *b > 0.0) {
         return None;

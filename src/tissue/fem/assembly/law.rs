@@ -4,17 +4,17 @@ use nalgebra::{Matrix3, SVector};
 /// Relation of stress and deformation gradient in an element.
 #[derive(Debug, Clone)]
 pub(in crate::fem) enum Law {
-    /// The energy itself, at any strain.
+    /// The hyperelastic energy, at any strain.
     Hyperelastic(Material),
-    /// Its quadratic expansion about rest: energy `1/2 (F - I) : C : (F - I)`. `C` has the minor symmetries, so only
+    /// The quadratic expansion of the energy about rest, `1/2 (F - I) : C : (F - I)`. `C` has the minor symmetries, so only
     /// the symmetric part of `F - I` counts. It is defined for inverted elements too.
     SmallStrain(Box<Tangent>),
 }
 
-/// What to do with negative eigenvalues of the tangent.
+/// Treatment of negative eigenvalues of the tangent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::fem) enum Curvature {
-    /// Keep them: Newton's method proper.
+    /// Keep them: exact Newton's method.
     Exact,
     /// Set them to zero: the assembled matrix is positive semi-definite.
     Projected,
@@ -54,7 +54,7 @@ impl Law {
         }
     }
 
-    /// What the bulk modulus acts on: the slope of the volumetric energy over it, or the trace of the small strain.
+    /// Slope of the volumetric energy divided by the bulk modulus, or the trace of the small strain.
     pub(super) fn dilatation(&self, f: &Matrix3<f64>) -> f64 {
         match self {
             Self::Hyperelastic(material) => material.volumetric.slope(f.determinant()),
@@ -62,7 +62,7 @@ impl Law {
         }
     }
 
-    /// Cauchy stress; zero where `f` is inverted. Small strain knows no difference between the stresses.
+    /// Cauchy stress, MPa; zero where `f` is inverted. With small strain all stress measures agree.
     pub(super) fn cauchy(&self, f: &Matrix3<f64>) -> Matrix3<f64> {
         let stress = self.stress(f).unwrap_or_else(|_| Matrix3::zeros());
         match self {

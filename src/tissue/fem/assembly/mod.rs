@@ -1,7 +1,7 @@
 //! Energy, forces and stiffness of all elements.
 //!
-//! Elements are evaluated in parallel into buffers, then each force gathers and each block of the matrix is given its
-//! contributions in the order of elements: the same bits at any number of threads.
+//! Elements are evaluated in parallel into buffers. Each force and each block of the matrix then sums its contributions in the
+//! order of elements, so that the bits are the same at any number of threads.
 
 mod kernel;
 mod law;
@@ -23,7 +23,7 @@ use rayon::prelude::*;
 use scatter::{ForceSources, Scatter};
 use std::sync::Arc;
 
-/// Elements with their material laws, one law a tissue.
+/// Elements with their material laws, one law for each tissue.
 #[derive(Debug, Clone)]
 pub(in crate::fem) struct Part {
     pub(in crate::fem) block: ElementBlock,
@@ -36,25 +36,25 @@ impl Part {
     }
 }
 
-/// An element that is inverted in the configuration asked for.
+/// An element that is inverted in a given configuration.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(in crate::fem) struct Inversion {
     /// Index of the part.
     pub(in crate::fem) part: usize,
-    /// Element in it.
+    /// Index of the element in the part.
     pub(in crate::fem) element: usize,
 }
 
-/// State of an element, means over its points.
+/// State of an element, averaged over its quadrature points.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::fem) struct ElementState {
-    /// At rest, mm³.
+    /// Volume at rest, mm³.
     pub(in crate::fem) volume: f64,
     /// Cauchy stress, MPa.
     pub(in crate::fem) stress: Matrix3<f64>,
     /// det F.
     pub(in crate::fem) ratio: f64,
-    /// What the bulk modulus acts on: the slope of the volumetric energy over it, or the trace of a small strain.
+    /// Slope of the volumetric energy divided by the bulk modulus, or the trace of the small strain.
     pub(in crate::fem) dilatation: f64,
     /// Bulk modulus, MPa.
     pub(in crate::fem) bulk: f64,
@@ -63,9 +63,9 @@ pub(in crate::fem) struct ElementState {
 /// All elements, the matrix's pattern, and buffers. Clones share all but the buffers.
 #[derive(Debug, Clone)]
 pub(in crate::fem) struct Assembly {
-    /// Elements that carry the energy.
+    /// Elements that carry the energy: those of the mesh, or smoothed ones.
     parts: Arc<Vec<Part>>,
-    /// Elements of the mesh where others, averages over them, carry the energy.
+    /// Elements of the mesh when smoothed elements carry the energy.
     geometry: Option<Arc<Vec<Part>>>,
     pattern: Arc<Pattern>,
     slots: Arc<pattern::Slots>,
@@ -76,21 +76,21 @@ pub(in crate::fem) struct Assembly {
     element_blocks: Vec<f64>,
 }
 
-/// Elements evaluated by one task: about the same work for each kind.
+/// Number of elements evaluated by one task: about the same work for each kind.
 const fn chunk(n_functions: usize, n_points: usize) -> usize {
     let work = n_functions * n_functions * n_points;
     if work >= 4096 { 8 } else { 8192 / (work + 1) + 1 }
 }
 
-/// Values of element matrices that are held at once: some 16 MB.
+/// Values of element matrices held at once: about 16 MB.
 const BUFFERED: usize = 1 << 21;
 
-/// Elements of a block whose matrices are made before they are added to the whole.
+/// Elements of a block whose matrices are computed before they are added to the global matrix.
 fn elements_at_once(block: &ElementBlock) -> usize {
     (BUFFERED / (9 * n_slots(block.n_functions))).clamp(1, block.n_elements().max(1))
 }
 
-/// Calls `$method::<N>` for the block's number of functions; blocks of other sizes were refused by [`Assembly::new`].
+/// Calls `$method::<N>` for the block's number of functions; [`Assembly::new`] has refused blocks of other widths.
 macro_rules! by_width {
     ($part:expr, $function:ident ( $($argument:expr),* )) => {
         match $part.block.n_functions {
@@ -107,7 +107,7 @@ macro_rules! by_width {
 }
 
 impl Assembly {
-    /// `geometry` holds the elements of the mesh when those of `parts` are averages over them.
+    /// `geometry` holds the elements of the mesh when `parts` are smoothed elements.
     pub(in crate::fem) fn new(parts: Vec<Part>, geometry: Option<Vec<Part>>, dofs: &Dofs) -> Result<Self, SolveError> {
         let blocks: Vec<&ElementBlock> = parts.iter().map(|p| &p.block).collect();
         for b in &blocks {
@@ -116,13 +116,13 @@ impl Assembly {
                 && b.weights.len() == n * b.n_points
                 && b.gradients.len() == n * b.n_points * b.n_functions;
             if !SMOOTHED_WIDTHS.contains(&b.n_functions) || !complete {
-                let detail = format!("the block of {}s is not complete", b.kind);
+                let detail = format!("the block of {}s is incomplete", b.kind);
                 return Err(SolveError::Problem { detail });
             }
         }
         let n_slots_in_all = pattern::total_slots(&blocks);
         if n_slots_in_all > (u32::MAX / 2) as usize {
-            let detail = format!("{n_slots_in_all} element blocks, at most {} are possible", u32::MAX / 2);
+            let detail = format!("the mesh has {n_slots_in_all} element blocks, at most {} are possible", u32::MAX / 2);
             return Err(SolveError::Problem { detail });
         }
         let (pattern, slots) = pattern::build(&blocks, dofs);
@@ -151,16 +151,16 @@ impl Assembly {
         &self.pattern
     }
 
-    /// Elements of the mesh; [`Inversion`] counts in these.
+    /// Elements of the mesh, in the order of the indices of [`Inversion`].
     pub(in crate::fem) fn parts(&self) -> &[Part] {
         self.geometry.as_ref().unwrap_or(&self.parts)
     }
 
-    /// Puts stable materials in the place of those that can lose ellipticity; whether there were any.
+    /// Replaces materials that can lose ellipticity by stable ones. Returns whether there were any.
     pub(in crate::fem) fn stabilise(&mut self) -> bool {
         let shared = std::iter::once(&mut self.parts).chain(&mut self.geometry);
         let mut any = false;
-        // Others may hold the same parts.
+        // Clones of this assembly may share the parts.
         for law in shared.flat_map(Arc::make_mut).flat_map(|p| &mut p.laws) {
             if let Law::Hyperelastic(material) = law
                 && let Some(stable) = material.stabilised()
@@ -172,12 +172,12 @@ impl Assembly {
         any
     }
 
-    /// Whether averages over elements carry the energy.
+    /// Whether smoothed elements carry the energy.
     pub(in crate::fem) fn is_smoothed(&self) -> bool {
         self.geometry.is_some()
     }
 
-    /// An element of the mesh for one that carries energy.
+    /// An element of the mesh for an element that carries energy.
     fn in_mesh(&self, at: Inversion) -> Inversion {
         let Some(geometry) = &self.geometry else { return at };
         let cell = self.parts[at.part].block.cells[at.element];
@@ -187,7 +187,7 @@ impl Assembly {
         geometry.iter().enumerate().find_map(place).unwrap_or(Inversion { part: 0, element: 0 })
     }
 
-    /// Refuses an inverted element of the mesh that averages might hide. Small strain knows no inversion.
+    /// Fails for an inverted element of the mesh that averages might hide. Small strain allows inversion.
     fn check_geometry(&self, x: &[Vector]) -> Result<(), Inversion> {
         for (index, part) in self.geometry.iter().flat_map(|g| g.iter()).enumerate() {
             if matches!(part.laws[0], Law::SmallStrain(_)) {
@@ -211,7 +211,7 @@ impl Assembly {
         Ok(total)
     }
 
-    /// Energy at `x`, and its gradient by every generalised node in `forces`.
+    /// Energy (mJ) at `x`, and its gradient by every generalised node in `forces`.
     pub(in crate::fem) fn forces(&mut self, x: &[Vector], forces: &mut [Vector]) -> Result<f64, Inversion> {
         self.check_geometry(x)?;
         let mut total = 0.0;
@@ -283,7 +283,7 @@ impl Assembly {
         Ok(())
     }
 
-    /// Share of `dx`, at most 1, at which an element is first inverted.
+    /// Share of `dx`, at most 1, at which an element is first inverted, and that element.
     pub(in crate::fem) fn first_inversion(&self, x: &[Vector], dx: &[Vector]) -> (f64, Option<Inversion>) {
         let mut least = (1.0, None);
         let mut search = |parts: &[Part], in_mesh: &dyn Fn(Inversion) -> Inversion| {
@@ -314,7 +314,7 @@ impl Assembly {
         by_width!(part, element_deformations(part, at.element, x))
     }
 
-    /// Means over the points of an element.
+    /// State of an element at `x`.
     pub(in crate::fem) fn state(&self, at: Inversion, x: &[Vector]) -> ElementState {
         let part = &self.parts()[at.part];
         let law = part.law(at.element);
@@ -338,12 +338,12 @@ impl Assembly {
     }
 }
 
-/// Runs a loop over elements that was compiled for the vectors of the processor at hand; what it calls must be inlined.
+/// Runs a loop over elements compiled for the SIMD instructions of this processor; functions that it calls must be inlined.
 fn vectorised<T>(elements: impl FnOnce() -> T) -> T {
     pulp::Arch::new().dispatch(elements)
 }
 
-/// Sum of the energies of chunks, in order; the first inverted element when there is one.
+/// Sum of the energies of chunks, in order; the first inverted element if there is one.
 fn in_order(index: usize, chunks: Vec<Result<f64, usize>>) -> Result<f64, Inversion> {
     chunks.into_iter().try_fold(0.0, |sum, c| c.map(|c| sum + c)).map_err(|element| Inversion { part: index, element })
 }

@@ -1,4 +1,4 @@
-//! Sparsity of the stiffness matrix and where each element's block goes.
+//! Sparsity pattern of the stiffness matrix, and the position of each element's blocks in it.
 
 use super::kernel::n_slots;
 use crate::fem::dofs::Dofs;
@@ -63,7 +63,8 @@ impl Pattern {
         }
     }
 
-    /// Takes unknowns out of the system: rows and columns of the axes (bits) of these unknown nodes become zero but for the diagonal.
+    /// Removes unknowns from the system: sets rows and columns of the axes (bits) of these unknown nodes to zero, except the
+    /// diagonal.
     pub(in crate::fem) fn hold(&self, held: &[(u32, u8)], values: &mut [f64]) {
         if held.is_empty() {
             return;
@@ -102,7 +103,7 @@ impl Pattern {
         (0..self.n_columns()).map(block).collect()
     }
 
-    /// `y = A x`. In two halves whatever the number of threads.
+    /// `y = A x`, always computed in two halves, so that the bits do not depend on the number of threads.
     pub(in crate::fem) fn multiply(&self, values: &[f64], x: &[f64], y: &mut [f64]) {
         let middle = self.start.partition_point(|&start| 2 * start < self.n_blocks()).min(self.n_columns());
         let mut second = vec![0.0; y.len()];
@@ -114,7 +115,8 @@ impl Pattern {
         y[3 * middle..].iter_mut().zip(&second[3 * middle..]).for_each(|(y, s)| *y += s);
     }
 
-    /// Adds what the blocks of these columns and their mirror images contribute to `A x`: to rows from the first of the columns on.
+    /// Adds the contribution of the blocks of these columns, and of their transposes, to `A x`. It affects rows from the first
+    /// column on.
     fn add_product(&self, columns: std::ops::Range<usize>, values: &[f64], x: &[f64], y: &mut [f64]) {
         for column in columns {
             let rows = self.rows(column);
@@ -140,12 +142,12 @@ impl Pattern {
     }
 }
 
-/// Marks a slot that adds to nothing.
+/// Code of a slot that is not added anywhere.
 pub(super) const NOWHERE: u32 = u32::MAX;
 
-/// For each slot of the element matrices, twice the block of the pattern that it adds to, plus one when it does so transposed.
+/// For each slot of the element matrices, twice the index of its block in the pattern, plus one if the slot is added transposed.
 ///
-/// Slots are numbered through all blocks of elements, elements, and local pairs `(a, b)`, `a >= b`.
+/// Slots are numbered through all element blocks, their elements, and the local pairs `(a, b)` with `a >= b`.
 #[derive(Debug, Clone)]
 pub(super) struct Slots {
     codes: Vec<u32>,
@@ -157,8 +159,8 @@ impl Slots {
     }
 }
 
-/// The pairs `(row, column, transposed)` of unknowns that an element couples, in the order of its slots; `None` for slots of held nodes and
-/// of padding (the first node, repeated).
+/// Pairs `(row, column, transposed)` of unknowns that an element couples, in the order of its slots; `None` for slots of held
+/// nodes and of padding (the first node, repeated).
 fn pairs<'a>(nodes: &'a [u32], dofs: &'a Dofs) -> impl Iterator<Item = Option<(u32, u32, bool)>> + 'a {
     let unknown = |i: usize| if i > 0 && nodes[i] == nodes[0] { None } else { dofs.unknown(nodes[i]) };
     (0..nodes.len()).flat_map(move |a| (0..=a).map(move |b| (a, b))).map(move |(a, b)| {
@@ -167,7 +169,7 @@ fn pairs<'a>(nodes: &'a [u32], dofs: &'a Dofs) -> impl Iterator<Item = Option<(u
     })
 }
 
-/// Pattern and where the slots go.
+/// Builds the pattern and the codes of the slots.
 pub(super) fn build(blocks: &[&ElementBlock], dofs: &Dofs) -> (Pattern, Slots) {
     let elements = || blocks.iter().flat_map(|b| b.nodes.chunks_exact(b.n_functions));
     let mut begin = vec![0usize; dofs.n_unknown() + 1];

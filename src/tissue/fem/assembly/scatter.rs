@@ -1,16 +1,16 @@
-//! Gathering of element contributions into forces and matrix, in the order of elements.
+//! Summation of element contributions into forces and matrix, in the order of elements.
 
 use super::pattern::{NOWHERE, Pattern};
 use crate::fem::element::ElementBlock;
 use prosopon_geometry::Vector;
 use rayon::prelude::*;
 
-/// Generalised nodes that one task gathers.
+/// Generalised nodes gathered by one task.
 const TASK: usize = 256;
-/// Parts of the matrix that are added to at the same time.
+/// Parts of the matrix that are filled in parallel.
 const RANGES: usize = 8;
 
-/// For each generalised node, the places in the buffer of element forces that add up to its force.
+/// For each generalised node, the entries in the buffer of element forces that add up to its force.
 #[derive(Debug, Clone)]
 pub(super) struct ForceSources {
     start: Vec<u32>,
@@ -47,14 +47,14 @@ impl ForceSources {
     }
 }
 
-/// Adds element matrices to the matrix's values, a chunk of elements at a time.
+/// Adds element matrices to the values of the global matrix, a chunk of elements at a time.
 #[derive(Debug, Clone)]
 pub(super) struct Scatter {
     /// Ranges of block columns with about the same number of blocks.
     ranges: Vec<std::ops::Range<usize>>,
-    /// Where each block's first value stands, from the beginning of its column's range.
+    /// Offset of each block's first value from the start of its column's range.
     offsets: Vec<u32>,
-    /// Values from one of a block's columns to the next.
+    /// Offset from one scalar column of a block to the next.
     strides: Vec<u32>,
 }
 
@@ -79,7 +79,8 @@ impl Scatter {
         Self { ranges, offsets, strides }
     }
 
-    /// Adds the element blocks with these codes; each value gets its contributions in the order of the codes, whatever the number of threads.
+    /// Adds the element blocks with these codes. Each value sums its contributions in the order of the codes at any number of
+    /// threads.
     pub(super) fn add(&self, pattern: &Pattern, codes: &[u32], element_blocks: &[f64], values: &mut [f64]) {
         let mut tasks = Vec::with_capacity(self.ranges.len());
         let mut rest = values;

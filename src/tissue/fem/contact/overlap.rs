@@ -1,26 +1,26 @@
-//! Points that lie inside bone at rest.
+//! Contact points that lie inside bone at rest.
 
 use super::LEAST_PASSAGE_MM;
 use prosopon_geometry::{Implicit, Point, Vector};
 
-/// Steps in which the surface is looked for from a point inside, and the least of one, mm.
+/// Largest number of steps in the search for the surface from a point inside, and the shortest step, mm.
 const SHIFT_STEPS: usize = 100;
 const LEAST_SHIFT_MM: f64 = 0.01;
-/// Depths of a point within which the surface counts as the one on its side.
+/// The surface counts as the one on the tissue's side up to this many depths of the point.
 const LONGEST_SHIFT: f64 = 3.0;
 
-/// How a point that lies inside a body at rest is measured from there.
+/// Reference from which the gap of a point that overlaps a body at rest is measured.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Overlap {
-    /// From the point to the body's surface on the tissue's side, mm: the distance is taken there, since deep in thin bone it has no
-    /// direction to rely on. Zero where that side is not found.
+    /// From the point to the body's surface on the tissue's side, mm. The distance is evaluated there, because deep in thin bone
+    /// its gradient is unreliable. Zero where that side is not found.
     pub(super) shift: Vector,
-    /// What overlaps there still, mm.
+    /// Overlap that remains after the shift, mm.
     pub(super) rest_mm: f64,
 }
 
 impl Overlap {
-    /// Of a point at which `solid` has `value`.
+    /// Overlap of a point `at` where `solid` has `value`; `inward` points into the tissue.
     pub(super) fn of(solid: &dyn Implicit, at: &Point, value: f64, inward: &Vector) -> Self {
         if value >= 0.0 {
             return Self::default();

@@ -1,4 +1,4 @@
-//! Free boundary points in bone: contact does not act on them, so what they sink is measured apart.
+//! Free boundary points inside bone. Contact does not act on them, so their penetration is measured separately.
 
 use std::sync::Arc;
 
@@ -10,13 +10,13 @@ use crate::fem::settings::ContactBody;
 use crate::mesh::{Attachment, MixedMesh, boundary_triangles};
 use prosopon_geometry::{Motion, Point, Vector};
 
-/// Depths below this are the mesh's, mm.
+/// Smaller depths are attributed to the mesh and ignored, mm.
 const LEAST_MM: f64 = 0.05;
 
-/// Boundary points, vertices and barycentres, on which contact does not act and that bone does not hold.
+/// Boundary vertices and barycentres that are neither contact points nor held by bone.
 #[derive(Debug)]
 pub(in crate::fem) struct Unguarded {
-    /// Nodes, with equal weights; a vertex is named three times.
+    /// Three nodes with equal weights; a vertex is listed three times.
     points: Arc<Vec<[u32; 3]>>,
     /// Depth in each body at rest, mm, by point and body.
     rest_mm: Vec<f64>,

@@ -1,14 +1,16 @@
 use prosopon_geometry::Vector;
 
-/// The nine functions N9* of a triangle (Wang 2009, eq. 0.16 and Appendix A), in values and edge derivatives: functions `3 i`, `3 i + 1`
-/// and `3 i + 2` belong to the value at corner `i` and the derivatives along the edges from `i` to the next and the next but one corner.
+/// The nine functions N9* of a triangle (Wang 2009, eq. 0.16 and Appendix A), in values and edge derivatives.
 ///
-/// The cubics N9 alone have a cross-boundary derivative that varies quadratically along an edge; a rational blend for each edge takes
-/// the difference from the linear variation away, at the midpoint and so everywhere. Second derivatives of the blends are singular at
-/// the corners; they are taken as 0 there.
+/// Function `3 i` belongs to the value at corner `i`, functions `3 i + 1` and `3 i + 2` to the derivatives along the edges from
+/// `i` to the next corner and to the one after.
+///
+/// The cubics N9 alone have a cross-boundary derivative that varies quadratically along an edge. A rational blend for each edge
+/// removes the difference from the linear variation at the midpoint, and so along the whole edge. Second derivatives of the
+/// blends are singular at the corners; they are set to 0 there.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct BlendedCubic {
-    /// Share of each edge's blend in each function; edge `i` lies opposite corner `i`.
+    /// Share of each edge's blend in each function; edge `i` is opposite corner `i`.
     blend: [[f64; 9]; 3],
 }
 
@@ -16,13 +18,13 @@ const fn next(i: usize) -> usize {
     (i + 1) % 3
 }
 
-/// The function of the derivative along the edge from `from` to `to`.
+/// Index of the function of the derivative along the edge from `from` to `to`.
 const fn along(from: usize, to: usize) -> usize {
     3 * from + if to == next(from) { 1 } else { 2 }
 }
 
 impl BlendedCubic {
-    /// For a flat triangle with these corners: its angles say which direction is normal to an edge.
+    /// For a flat triangle with these corners: its angles define the direction normal to each edge.
     pub(super) fn new(corners: &[Vector; 3]) -> Self {
         let mut blend = [[0.0; 9]; 3];
         for i in 0..3 {
@@ -86,7 +88,7 @@ impl BlendedCubic {
     }
 }
 
-/// Derivatives of the cubics N9 by L1, L2, L3 taken as independent.
+/// Derivatives of the cubics N9 by L1, L2, L3, taken as independent.
 fn cubic_gradients(l: [f64; 3]) -> [[f64; 3]; 9] {
     let mut g = [[0.0; 3]; 9];
     for i in 0..3 {
@@ -103,8 +105,9 @@ fn cubic_gradients(l: [f64; 3]) -> [[f64; 3]; 9] {
     g
 }
 
-/// Zienkiewicz's rational blend of the edge opposite corner `i`, L_i L_j² L_k² (1 + L_i) / ((L_i + L_j)(L_i + L_k)), and its derivatives
-/// by L1, L2, L3: it vanishes on all edges, and so does its slope but on its own edge, where it is L_j L_k.
+/// Zienkiewicz's rational blend of the edge opposite corner `i`, L_i L_j² L_k² (1 + L_i) / ((L_i + L_j)(L_i + L_k)), and its
+/// derivatives by L1, L2, L3. It vanishes on all edges, and so does its slope, except on its own edge, where the slope is L_j
+/// L_k.
 fn blend(l: [f64; 3], i: usize) -> (f64, [f64; 3]) {
     let (j, k) = (next(i), next(next(i)));
     let (a, b, c) = (l[i], l[j], l[k]);

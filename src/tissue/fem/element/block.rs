@@ -3,7 +3,7 @@ use nalgebra::Matrix3;
 use crate::mesh::Tissue;
 use prosopon_geometry::Vector;
 
-/// Why elements could not be set up.
+/// Reason why elements could not be set up.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ElementError {
     /// The rest configuration is inverted at a quadrature point.
@@ -11,9 +11,9 @@ pub enum ElementError {
     InvertedAtRest {
         /// Kind of element.
         kind: &'static str,
-        /// Its index in the mesh.
+        /// Index of the cell in the mesh.
         element: usize,
-        /// Jacobian determinant found.
+        /// Jacobian determinant at that point.
         det: f64,
     },
 }
@@ -29,16 +29,16 @@ pub enum MeshCell {
 
 /// Elements of one kind, with shape function gradients at rest.
 ///
-/// With `n` functions an element and `q` points an element, for element `e`, point `p`, function `a`:
+/// Each element has `n` functions and `q` points. For element `e`, point `p` and function `a`:
 /// generalised node `nodes[e*n + a]`, gradient `gradients[(e*q + p)*n + a]` = dN_a/dX (1/mm), weight `weights[e*q + p]` (mm³).
-/// The deformation gradient is `F = Σ_a x_a ⊗ gradients_a` with `x_a` the generalised node's current 3-vector.
+/// The deformation gradient is `F = Σ_a x_a ⊗ gradients_a`, where `x_a` is the generalised node's current 3-vector.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ElementBlock {
     /// Kind, for messages: `tetrahedron`, `wedge`, `prism`.
     pub kind: &'static str,
-    /// Functions an element: 4, 6 or 12.
+    /// Functions of each element: 4, 6 or 12, or one of [`SMOOTHED_WIDTHS`](super::SMOOTHED_WIDTHS).
     pub n_functions: usize,
-    /// Quadrature points an element.
+    /// Quadrature points of each element.
     pub n_points: usize,
     /// Generalised node of each function of each element.
     pub nodes: Vec<u32>,
@@ -48,7 +48,7 @@ pub struct ElementBlock {
     pub weights: Vec<f64>,
     /// Tissue of each element.
     pub tissue: Vec<Tissue>,
-    /// Cell of the mesh that each element is or is part of.
+    /// Cell of the mesh that each element is, or is part of.
     pub cells: Vec<MeshCell>,
 }
 
@@ -59,7 +59,7 @@ impl ElementBlock {
         self.tissue.len()
     }
 
-    /// Keeps the elements whose generalised nodes `wanted` says yes to.
+    /// Keeps the elements for whose generalised nodes `wanted` returns true.
     pub(in crate::fem) fn retain(&mut self, wanted: impl Fn(&[u32]) -> bool) {
         let keep: Vec<bool> = self.nodes.chunks_exact(self.n_functions).map(wanted).collect();
         if keep.iter().all(|k| *k) {
@@ -89,8 +89,8 @@ impl ElementBlock {
         }
     }
 
-    /// Appends one quadrature point of element `element`: `rest[a]` is generalised node `a` at rest, `derivatives[a]` the derivative of
-    /// function `a` by the reference coordinates, whose handedness is that of space.
+    /// Appends one quadrature point of element `element`: `rest[a]` is generalised node `a` at rest, `derivatives[a]` the
+    /// derivative of function `a` by the reference coordinates, which must be right-handed.
     pub(super) fn push_point(
         &mut self,
         element: usize,

@@ -5,11 +5,12 @@ use super::quadrature::{THROUGH_THICKNESS, THROUGH_THICKNESS_WEIGHT, TrianglePoi
 use crate::mesh::MixedMesh;
 use prosopon_geometry::Vector;
 
-/// Prisms with a C1 outer surface (Wang 2009, eq. 0.17 and Appendix A; reading notes 12 to 15): functions 0 to 8 are the outer ones,
-/// 9 to 11 the inner corners.
+/// Prisms with a C1 outer surface (Wang 2009, eq. 0.17 and Appendix A; reading notes 12 to 15).
 ///
-/// Isoparametric: the rest surface is interpolated by the same functions, so linear fields and rigid rotations are exact at every point.
-/// Prisms that the surface has as plain are left to [`plain_prisms`].
+/// Functions 0 to 8 belong to the outer triangle, 9 to 11 to the inner corners.
+///
+/// The element is isoparametric: the rest surface is interpolated by the same functions, so linear fields and rigid rotations are
+/// exact at every point. Prisms listed in [`C1Surface::plain`] are left to [`plain_prisms`].
 ///
 /// # Errors
 /// [`ElementError::InvertedAtRest`].
@@ -30,7 +31,7 @@ pub fn c1_prisms(mesh: &MixedMesh, surface: &C1Surface) -> Result<ElementBlock, 
     Ok(block)
 }
 
-/// The prisms that cannot be C1 prisms, as linear wedges.
+/// The prisms in [`C1Surface::plain`], which cannot be C1 prisms, as linear wedges.
 ///
 /// # Errors
 /// [`ElementError::InvertedAtRest`].
@@ -38,7 +39,8 @@ pub fn plain_prisms(mesh: &MixedMesh, surface: &C1Surface) -> Result<ElementBloc
     linear::wedges_of(mesh, surface.plain.iter().map(|&p| p as usize))
 }
 
-/// Rest values of a prism's twelve generalised nodes, positions relative to its first corner so that far-away coordinates do not cancel.
+/// Rest values of a prism's twelve generalised nodes; positions are relative to its first corner, so that large coordinates do
+/// not cancel.
 pub(super) fn rest_of(mesh: &MixedMesh, prism: usize, patch: &Patch, tangents: &[[Vector; 2]]) -> [Vector; 12] {
     let corners = mesh.prisms[prism].map(|n| mesh.positions[n as usize]);
     let mut rest = [Vector::zeros(); 12];

@@ -5,41 +5,52 @@ use super::rest_shape;
 use crate::mesh::MixedMesh;
 use prosopon_geometry::Vector;
 
-/// Generalised nodes of a mesh whose skin is made of C1 prisms: mesh node `i` keeps index `i` (its position); the two
-/// tangent vectors of the `j`-th outer node are `n_nodes + 2 j` and `n_nodes + 2 j + 1`.
+/// C1 outer surface of the skin, with the generalised nodes of C1 prisms.
 ///
-/// The derivative of the surface at a vertex, along an edge `e` of the flat rest triangles, is the pair of tangent vectors applied to the
-/// coordinates of `(I - n nᵀ) e` in the vertex's frame: linear in `e` and the same for every triangle there, so that the surface is
-/// continuous along edges and has one tangent plane at each vertex (reading notes 14; the paper is silent on curved surfaces).
+/// Mesh node `i` keeps index `i` (its position); the two tangent vectors of the `j`-th outer node have indices `n_nodes + 2 j`
+/// and `n_nodes + 2 j + 1`.
+///
+/// The derivative of the surface at a vertex along an edge `e` of the flat rest triangles is the pair of tangent vectors applied
+/// to the coordinates of `(I - n nᵀ) e` in the vertex's frame. It is linear in `e` and the same for every triangle there, so the
+/// surface is continuous along edges and has one tangent plane at each vertex (reading notes 14; the paper does not treat curved
+/// surfaces).
 #[derive(Debug, Clone, PartialEq)]
 pub struct C1Surface {
     /// Mesh nodes that are corners of prisms' outer triangles, ascending.
     pub outer_nodes: Vec<u32>,
-    /// Per outer node: the unit normal and two unit tangents of its vertex frame at rest.
+    /// For each outer node, the unit normal and two unit tangents of its vertex frame at rest.
     pub frames: Vec<[Vector; 3]>,
-    /// Per outer node: the two tangent vectors of the isoparametric rest surface (the generalised nodes' rest values).
+    /// For each outer node, the two tangent vectors of the isoparametric rest surface.
+    ///
+    /// They are the rest values of the generalised nodes.
     pub rest_tangents: Vec<[Vector; 2]>,
     /// Quadrature of the outer triangle.
     pub rule: TriangleRule,
-    /// Outer nodes whose normal was tilted away from the angle-weighted one, because a triangle there was seen edge-on or from behind.
+    /// Outer nodes whose normal was tilted away from the angle-weighted one.
+    ///
+    /// The angle-weighted normal saw a triangle there edge-on or from behind.
     pub tilted: Vec<u32>,
-    /// Outer nodes whose rest tangents were shortened (to this share) so that no prism is inverted at rest: the rest surface is flatter there.
+    /// Outer nodes whose rest tangents were shortened, with the factor.
+    ///
+    /// This prevents inverted prisms at rest; the surface is flatter there.
     pub flattened: Vec<(u32, f64)>,
-    /// Prisms, rising, that would be inverted all the same: they are linear wedges, and the surface is only continuous at their edges' ends.
+    /// Prisms that would still be inverted, ascending.
+    ///
+    /// They are linear wedges; along their edges the surface is continuous only at the ends.
     pub plain: Vec<u32>,
 }
 
 /// The outer triangle of one prism.
 pub(super) struct Patch {
-    /// Places of the corners in `outer_nodes`.
+    /// Indices of the corners in `outer_nodes`.
     pub(super) corners: [usize; 3],
-    /// Per corner, for the edges to the next and the next but one corner: coordinates in the corner's frame.
+    /// For each corner, the edges to the next corner and the one after, in coordinates of the corner's frame.
     edges: [[[f64; 2]; 2]; 3],
     cubic: BlendedCubic,
 }
 
 impl Patch {
-    /// Nine functions in values and tangents from nine in values and edge derivatives.
+    /// Converts nine functions of values and edge derivatives to nine functions of values and tangents.
     fn in_tangents<const N: usize>(&self, f: &[[f64; N]; 9]) -> [[f64; N]; 9] {
         let mut out = *f;
         for i in 0..3 {
@@ -62,33 +73,36 @@ impl Patch {
 }
 
 impl C1Surface {
-    /// Chooses frames from the angle-weighted normals of the outer triangles (Wang 2009, eq. 0.3); the rest tangents are the frames'
-    /// tangents, except at the nodes that [`C1Surface::warnings`] tells of.
+    /// Surface with frames from the angle-weighted normals of the outer triangles (Wang 2009, eq. 0.3).
+    ///
+    /// The rest tangents are the tangents of the frames, except at the nodes that [`C1Surface::warnings`] reports.
     #[must_use]
     pub fn new(mesh: &MixedMesh) -> Self {
         Self::with_rule(mesh, TriangleRule::DEFAULT)
     }
 
-    /// The same with another quadrature.
+    /// As [`C1Surface::new`], with another quadrature rule.
     #[must_use]
     pub fn with_rule(mesh: &MixedMesh, rule: TriangleRule) -> Self {
         rest_shape::choose(mesh, rule)
     }
 
-    /// What was changed so that no prism is inverted at rest; empty when nothing was.
+    /// Changes made to prevent inverted prisms at rest; empty when none were needed.
     #[must_use]
     pub fn warnings(&self) -> Vec<String> {
         let mut warnings = Vec::new();
         if !self.tilted.is_empty() {
             warnings.push(format!(
-                "the skin is so sharply creased at {} of {} outer nodes that their normals were tilted to see all triangles there",
+                "the skin is so sharply creased at {} of {} outer nodes that their normals were tilted towards all triangles \
+                 there",
                 self.tilted.len(),
                 self.outer_nodes.len()
             ));
         }
         if let Some(least) = self.flattened.iter().map(|f| f.1).min_by(f64::total_cmp) {
             warnings.push(format!(
-                "the skin surface was flattened at {} of {} outer nodes (tangents shortened to {least:.2} at least) so that no prism is inverted at rest",
+                "the skin surface was flattened at {} of {} outer nodes (tangents shortened by factors down to {least:.2}) so \
+                 that no prism is inverted at rest",
                 self.flattened.len(),
                 self.outer_nodes.len()
             ));
@@ -102,7 +116,7 @@ impl C1Surface {
         warnings
     }
 
-    /// Place of mesh node `node` in `outer_nodes`.
+    /// Index of mesh node `node` in `outer_nodes`.
     fn place(&self, node: u32) -> usize {
         self.outer_nodes.partition_point(|&n| n < node)
     }
@@ -121,8 +135,9 @@ impl C1Surface {
         Patch { corners, edges, cubic: BlendedCubic::new(&x) }
     }
 
-    /// Values of the nine outer functions of prism `prism` (three a corner: position, tangent 1, tangent 2) at barycentric
-    /// coordinates `l` of its outer triangle.
+    /// Values of the nine outer functions of prism `prism`, at barycentric coordinates `l`.
+    ///
+    /// `l` refers to the outer triangle. The order is position, tangent 1, tangent 2 for each corner.
     #[must_use]
     pub fn outer_functions(&self, mesh: &MixedMesh, prism: usize, l: [f64; 3]) -> [f64; 9] {
         if self.is_plain(prism) {
@@ -172,7 +187,9 @@ impl C1Surface {
         self.outer_nodes_of(mesh, prism).iter().zip(functions).map(|(&n, f)| values[n as usize] * f).sum()
     }
 
-    /// Unit normal of the outer surface, outward, for generalised nodal values `values`; `None` where the surface has none.
+    /// Outward unit normal of the outer surface for generalised nodal values `values`.
+    ///
+    /// `None` where the surface has no normal.
     #[must_use]
     pub fn normal(&self, mesh: &MixedMesh, values: &[Vector], prism: usize, l: [f64; 3]) -> Option<Vector> {
         let (mut u, mut v) = (Vector::zeros(), Vector::zeros());
@@ -278,7 +295,7 @@ mod tests {
             for (p, one) in mesh.prisms.iter().enumerate() {
                 for (q, two) in mesh.prisms.iter().enumerate().skip(p + 1) {
                     for (i, j) in (0..9).map(|x| (x / 3, x % 3)) {
-                        // The same edge runs the other way in the neighbour.
+                        // The neighbour traverses the same edge in the other direction.
                         if one[i] != two[(j + 1) % 3] || one[(i + 1) % 3] != two[j] {
                             continue;
                         }

@@ -2,7 +2,7 @@ use super::block::{ElementBlock, ElementError, MeshCell};
 use crate::mesh::{MixedMesh, Tissue};
 use prosopon_geometry::Vector;
 
-/// Linear tetrahedra with one point (Wang 2009, eq. 0.14).
+/// Linear tetrahedra with one quadrature point (Wang 2009, eq. 0.14).
 ///
 /// # Errors
 /// [`ElementError::InvertedAtRest`].
@@ -15,8 +15,10 @@ pub fn tetrahedra(mesh: &MixedMesh) -> Result<ElementBlock, ElementError> {
     Ok(block)
 }
 
-/// Prisms as linear wedges with two points (Wang 2009, eq. 0.15 with the third entry mended): at the triangle's centroid, Gauss points
-/// through the thickness.
+/// Prisms as linear wedges with two quadrature points.
+///
+/// Functions: Wang 2009, eq. 0.15 with the third entry corrected. The points lie at the triangle's centroid, at the two Gauss
+/// points through the thickness.
 ///
 /// # Errors
 /// [`ElementError::InvertedAtRest`].
@@ -24,7 +26,7 @@ pub fn wedges(mesh: &MixedMesh) -> Result<ElementBlock, ElementError> {
     wedges_of(mesh, 0..mesh.prisms.len())
 }
 
-/// The named prisms as linear wedges.
+/// The listed prisms as linear wedges.
 pub(super) fn wedges_of(
     mesh: &MixedMesh,
     prisms: impl ExactSizeIterator<Item = usize>,
@@ -44,8 +46,8 @@ pub(super) fn wedges_of(
     Ok(block)
 }
 
-/// Derivatives by (L2, L3, -q) of the barycentric coordinates, at fixed L1 + L2 + L3 = 1: the depth `q` is turned round so that the
-/// coordinates are right-handed.
+/// Derivatives by (L2, L3, -q) of the barycentric coordinates, at fixed L1 + L2 + L3 = 1. The sign of the depth `q` makes the
+/// coordinates right-handed.
 pub(super) const BARYCENTRIC: [[f64; 2]; 3] = [[-1.0, -1.0], [1.0, 0.0], [0.0, 1.0]];
 
 /// Derivatives by (L2, L3, -q) of the six functions L_i (1 - q), L_i q.
@@ -72,7 +74,7 @@ pub(super) fn push_tetrahedron(
     ];
     block.nodes.extend(corners);
     block.tissue.push(tissue);
-    // Relative to a corner: far-away coordinates must not cancel.
+    // Relative to a corner, so that large coordinates do not cancel.
     let origin = mesh.positions[corners[0] as usize];
     let rest = corners.map(|n| mesh.positions[n as usize] - origin);
     block.push_point(element, 1.0 / 6.0, &rest, &DERIVATIVES)
@@ -88,7 +90,7 @@ mod tests {
         let mut mesh = prism(2.0, 3.0, 1.5, [0, 1, 2, 3, 4, 5]);
         mesh.tetrahedra = vec![[3, 4, 5, 1], [3, 5, 0, 1]];
         mesh.tetrahedron_tissue = vec![Tissue::Fat, Tissue::Muscle];
-        // Far from the origin, as patients are.
+        // Far from the origin, as in patient coordinates.
         let a = nalgebra::Matrix3::new(1.2, 0.3, -0.1, 0.2, 0.9, 0.4, 0.0, -0.3, 1.1);
         for p in &mut mesh.positions {
             *p += Vector::new(120.0, -230.0, 700.0);

@@ -1,6 +1,6 @@
 //! Shape functions of tetrahedra, wedges and C1 prisms, evaluated at quadrature points of the rest configuration.
 //!
-//! A block holds only gradients and weights: nothing downstream knows which element it came from. Every block handed out has
+//! A block holds gradients and weights only: later code does not depend on the kind of element. Every block returned here has
 //! positive weights.
 
 mod blended_cubic;

@@ -2,8 +2,9 @@ use super::c1_surface::C1Surface;
 use crate::mesh::MixedMesh;
 use prosopon_geometry::Vector;
 
-/// How far the outer surface's normal jumps across the edges between prisms, with the C1 prism and with linear triangles through the
-/// same vertices.
+/// Jump of the outer surface's normal across the edges between prisms.
+///
+/// It is given for the C1 prism and for linear triangles through the same vertices.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NormalJump {
     /// Edges shared by two prisms.
@@ -18,11 +19,13 @@ pub struct NormalJump {
     pub linear_mean_deg: f64,
 }
 
-/// Places along an edge where normals are compared.
+/// Positions along an edge at which normals are compared.
 const ALONG: [f64; 5] = [0.1, 0.3, 0.5, 0.7, 0.9];
 
 impl C1Surface {
-    /// Jumps of the normal for generalised nodal values `values` (rest or deformed). Zeros when no edge is shared.
+    /// Jumps of the normal for generalised nodal values `values`, at rest or deformed.
+    ///
+    /// All are zero when no edge is shared.
     #[must_use]
     pub fn normal_jump(&self, mesh: &MixedMesh, values: &[Vector]) -> NormalJump {
         // Edges as (smaller node, larger node, prism, local edge); edge i goes from corner i to the next.
@@ -76,7 +79,7 @@ fn on_edge(mesh: &MixedMesh, prism: usize, i: usize, low: u32, t: f64) -> [f64; 
     l
 }
 
-/// Angle between two normals; a surface without a normal counts as a right angle.
+/// Angle between two normals, degrees; a missing normal counts as a right angle.
 fn angle_deg(normals: [Option<Vector>; 2]) -> f64 {
     match normals {
         [Some(a), Some(b)] => a.cross(&b).norm().atan2(a.dot(&b)).to_degrees(),
@@ -111,7 +114,7 @@ mod tests {
         let mesh = height_field(3, 1.5, |_, _| 1.0);
         let surface = C1Surface::new(&mesh);
         let jump = surface.normal_jump(&mesh, &surface.rest_values(&mesh));
-        // Normals of the blends' rounding only.
+        // Only rounding errors of the blends remain.
         assert!(jump.c1_max_deg < 1e-9 && jump.linear_max_deg < 1e-9, "{jump:?}");
 
         let mesh = height_field(3, 1.5, |x, y| (0.3 * x).sin() + 0.02 * x * y);

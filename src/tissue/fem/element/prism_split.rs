@@ -4,14 +4,17 @@ use super::block::{ElementBlock, ElementError, MeshCell};
 use super::linear::push_tetrahedron;
 use crate::mesh::MixedMesh;
 
-/// How often the order of the nodes is gone over to mend inverted tetrahedra.
+/// Number of passes that change the order of the nodes to reduce inverted tetrahedra.
 const PASSES: usize = 4;
 
-/// Prisms split into three linear tetrahedra each, consistently across prisms: every side face is cut from its corner that comes first in
-/// an order of all nodes, which is always possible (Dompierre et al., 8th International Meshing Roundtable 1999). The order is that of the
-/// rest positions by x, then y, then z, so that it does not change with the numbering; nodes of twisted prisms are moved to its front where that leaves fewer inverted tetrahedra.
+/// Prisms split into three linear tetrahedra each, consistently across prisms.
 ///
-/// Tetrahedra `3 i` to `3 i + 2` come from prism `i`, and that is the index an error names.
+/// Every side face is cut from its corner that comes first in an order of all nodes, which is always possible (Dompierre et al.,
+/// 8th International Meshing Roundtable 1999). The order is that of the rest positions by x, then y, then z, so it does not
+/// depend on the numbering. Nodes of twisted prisms are moved to the front of the order where that leaves fewer inverted
+/// tetrahedra.
+///
+/// Tetrahedra `3 i` to `3 i + 2` come from prism `i`; an error names `i`.
 ///
 /// # Errors
 /// [`ElementError::InvertedAtRest`].
@@ -33,7 +36,7 @@ pub fn prisms_as_tetrahedra(mesh: &MixedMesh) -> Result<ElementBlock, ElementErr
     Ok(block)
 }
 
-/// Rank of each node; the smallest comes first.
+/// Rank of each node; the smallest is first in the order.
 fn order(mesh: &MixedMesh) -> Vec<i64> {
     let x = &mesh.positions;
     let mut sorted: Vec<usize> = (0..x.len()).collect();
@@ -69,7 +72,7 @@ fn order(mesh: &MixedMesh) -> Vec<i64> {
     rank
 }
 
-/// Inverted tetrahedra of a prism split in this order.
+/// Number of inverted tetrahedra of a prism split in this order.
 fn inverted(mesh: &MixedMesh, prism: usize, rank: &[i64]) -> usize {
     let volume = |t: &[u32; 4]| {
         let x = t.map(|n| mesh.positions[n as usize]);
@@ -80,7 +83,7 @@ fn inverted(mesh: &MixedMesh, prism: usize, rank: &[i64]) -> usize {
 
 /// The three tetrahedra of a prism.
 fn split(corners: &[u32; 6], rank: &[i64]) -> [[u32; 4]; 3] {
-    // The rotations of the prism that bring each corner to the front and keep its handedness.
+    // Rotations of the prism that bring each corner to the front and keep its handedness.
     const TURNS: [[usize; 6]; 6] = [
         [0, 1, 2, 3, 4, 5],
         [1, 2, 0, 4, 5, 3],
@@ -92,7 +95,7 @@ fn split(corners: &[u32; 6], rank: &[i64]) -> [[u32; 4]; 3] {
     let place = |n: u32| rank[n as usize];
     let first = (0..6).min_by_key(|&i| place(corners[i])).unwrap_or(0);
     let v = TURNS[first].map(|i| corners[i]);
-    // The two faces at the first corner are cut from it; the third has a choice.
+    // The two faces at the first corner are cut from it; the third has two possibilities.
     if place(v[1]).min(place(v[5])) < place(v[2]).min(place(v[4])) {
         [[v[0], v[2], v[1], v[5]], [v[0], v[1], v[4], v[5]], [v[0], v[4], v[3], v[5]]]
     } else {
@@ -156,8 +159,8 @@ mod tests {
         assert_eq!((splits.len(), splits[0].len()), (1, 3));
     }
 
-    /// The outer triangle turned by half a right angle against the inner one: with its numbers rising round the wrong way the split by
-    /// number has an inverted tetrahedron, another order has none.
+    /// The outer triangle is rotated by 45° against the inner one. With the numbers ascending in the wrong direction, the split
+    /// by number has an inverted tetrahedron; another order has none.
     #[test]
     fn a_twisted_prism_is_split_the_other_way_round() {
         let mut mended = 0;

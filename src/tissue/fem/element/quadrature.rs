@@ -1,12 +1,16 @@
-/// Quadrature of the outer triangle of a C1 prism; through the thickness there are always two Gauss points.
+/// Quadrature rule of the outer triangle of a C1 prism.
 ///
-/// The blended rules are made for the C1 functions: symmetric, positive, inside, and exact not only on polynomials but on the rational
-/// blends and on their derivatives times linear functions, which is what a patch test on flat prisms integrates. Rules for polynomials
-/// alone need many more points: 16, 25 and 33 points of degree 8, 10 and 12 leave patch-test errors of 4e-4, 7e-5 and 5e-5.
+/// Through the thickness there are always two Gauss points.
 ///
-/// Measured in `tests/numerics`: nodal error of patch tests relative to the largest displacement, on distorted prisms; eigenvalues of a
-/// curved prism's stiffness relative to the exact ones, and what the rule changes in a push of the layered slab, relative to the
-/// displacement of the skin, both at Poisson ratio 0.49 (0.3):
+/// The blended rules are made for the C1 functions. They are symmetric, positive and inside the triangle, and they are exact for
+/// polynomials and for the rational blends and their derivatives times linear functions, which a patch test on flat prisms
+/// integrates. Polynomial rules need many more points: 16, 25 and 33 points of degree 8, 10 and 12 leave patch-test errors of
+/// 4e-4, 7e-5 and 5e-5.
+///
+/// The table was measured in `tests/numerics`. *Patch*: nodal error of patch tests on distorted prisms, relative to the largest
+/// displacement. *Stiffness*: eigenvalues of a curved prism's stiffness, relative to the exact ones. *Push*: change of the skin's
+/// displacement caused by the rule when the layered slab is pushed, relative to that displacement. Stiffness and push are at
+/// Poisson ratio 0.49 (0.3).
 ///
 /// | rule | points a prism | patch, flat | patch, curved | stiffness | push |
 /// |---|---|---|---|---|---|
@@ -27,21 +31,22 @@ pub enum TriangleRule {
 }
 
 impl TriangleRule {
-    /// The cheapest rule that keeps the patch test to 1e-5 and changes displacements by less than 1e-3 of themselves.
+    /// The cheapest rule with patch-test errors below 1e-5 and changes of displacements below 1e-3.
     pub const DEFAULT: Self = Self::Blended16;
 }
 
-/// Orbits of the triangle's symmetry group: weight (of a triangle with area 1/2) and generating coordinates.
+/// Orbits of the triangle's symmetry group: weight (for a triangle of area 1/2) and generating coordinates.
 struct Orbits {
     centre: Option<f64>,
-    /// Weight and the coordinate that comes twice.
+    /// Weight and the coordinate that occurs twice.
     three: &'static [[f64; 2]],
     /// Weight and two of the three different coordinates.
     six: &'static [[f64; 3]],
 }
 
-// Tables: solutions of the moment equations for the symmetric polynomials up to the degree and the symmetrised rational functions, by
-// Gauss-Newton from random starts; of the solutions inside, the one with the smallest error on all products of the functions and slopes.
+// The tables solve the moment equations for the symmetric polynomials up to the degree and the symmetrised rational functions, by
+// Gauss-Newton from random starts. Of the solutions with inside points, each has the smallest error on all products of functions
+// and slopes.
 const BLENDED_12: Orbits = Orbits {
     centre: None,
     three: &[[0.045594806263812654, 0.4763378062709432], [0.07397460801463662, 0.22922435875616134]],
@@ -95,7 +100,7 @@ impl Orbits {
     }
 }
 
-/// The two Gauss points of [0, 1] and their weight.
+/// The two Gauss points of [0, 1].
 pub(super) const THROUGH_THICKNESS: [f64; 2] = [0.21132486540518713, 0.7886751345948129];
 /// Weight of each of [`THROUGH_THICKNESS`].
 pub(super) const THROUGH_THICKNESS_WEIGHT: f64 = 0.5;

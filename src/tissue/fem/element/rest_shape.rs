@@ -1,4 +1,4 @@
-//! The choice of vertex frames and rest tangents, and their mending at sharp creases.
+//! Choice of vertex frames and rest tangents, and their correction at sharp creases.
 
 use super::c1_prism::{quadrature, rest_of};
 use super::c1_surface::C1Surface;
@@ -7,11 +7,13 @@ use crate::mesh::MixedMesh;
 use nalgebra::Matrix3;
 use prosopon_geometry::Vector;
 
-/// A normal is tilted when it sees a triangle at less than this cosine.
+/// A normal is tilted when its cosine with a triangle's normal is below this.
 const LEAST_COSINE: f64 = 0.3;
-/// Smallest Jacobian determinant accepted at a quadrature point, as a share of the linear wedge's smallest at the same points.
+/// Smallest Jacobian determinant accepted at a quadrature point, relative to the smallest one of the linear wedge at the same
+/// points.
 const LEAST_SHARE: f64 = 0.05;
-/// Factor by which rest tangents are shortened, and how often at most: much shorter ones would make stiff, narrow bends.
+/// Factor by which rest tangents are shortened, and the largest number of times: much shorter ones would make stiff, narrow
+/// bends.
 const SHORTER: f64 = 0.8;
 const ROUNDS: usize = 8;
 
@@ -30,7 +32,7 @@ pub(super) fn choose(mesh: &MixedMesh, rule: TriangleRule) -> C1Surface {
         flattened: Vec::new(),
         plain: Vec::new(),
     };
-    // Prisms that cannot be mended flatten nothing around them.
+    // Prisms that stay inverted must not flatten the surface around them.
     loop {
         let lost = flatten(mesh, &mut surface);
         if lost.is_empty() {
@@ -41,7 +43,7 @@ pub(super) fn choose(mesh: &MixedMesh, rule: TriangleRule) -> C1Surface {
     }
 }
 
-/// Angle-weighted normals of the outer triangles at the outer nodes, and the nodes where another was needed.
+/// Angle-weighted normals of the outer triangles at the outer nodes, and the nodes with a tilted normal.
 fn normals(mesh: &MixedMesh, outer_nodes: &[u32]) -> (Vec<Vector>, Vec<u32>) {
     let mut faces: Vec<Vec<Vector>> = vec![Vec::new(); outer_nodes.len()];
     let mut normals = vec![Vector::zeros(); outer_nodes.len()];
@@ -70,8 +72,8 @@ fn normals(mesh: &MixedMesh, outer_nodes: &[u32]) -> (Vec<Vector>, Vec<u32>) {
     (normals, tilted)
 }
 
-/// The direction whose largest angle to the given unit vectors is least, nearly: the centre of their smallest enclosing ball by
-/// Bădoiu and Clarkson's iteration ("most normal normal", Aubry and Löhner, Int J Numer Methods Eng 2008).
+/// Approximate direction with the least largest angle to the given unit vectors: the centre of their smallest enclosing ball by
+/// the iteration of Bădoiu and Clarkson ("most normal normal", Aubry and Löhner, Int J Numer Methods Eng 2008).
 fn most_normal(faces: &[Vector]) -> Vector {
     let Some(first) = faces.first() else { return Vector::z() };
     let mut centre = *first;
@@ -83,7 +85,8 @@ fn most_normal(faces: &[Vector]) -> Vector {
     centre.try_normalize(1e-12).unwrap_or(*first)
 }
 
-/// A right-handed frame (normal, tangent, tangent) from a unit normal; the first tangent is the coordinate axis farthest from the normal, projected.
+/// A right-handed frame (normal, tangent, tangent) from a unit normal; the first tangent is the projection of the coordinate axis
+/// farthest from it.
 fn frame(normal: Vector) -> [Vector; 3] {
     let axis = normal.iamin();
     let mut tangent = -normal * normal[axis];
@@ -92,8 +95,9 @@ fn frame(normal: Vector) -> [Vector; 3] {
     [normal, tangent, normal.cross(&tangent)]
 }
 
-/// Shortens the rest tangents at the corners of prisms that are inverted, or nearly so: with shorter tangents the surface approaches the
-/// flat triangles, and it stays continuous because the tangents are shared. Returns the prisms that this does not mend.
+/// Shortens the rest tangents at the corners of prisms that are inverted or nearly so. With shorter tangents the surface
+/// approaches the flat triangles, and it stays continuous because the tangents are shared. Returns the prisms that remain
+/// inverted.
 fn flatten(mesh: &MixedMesh, surface: &mut C1Surface) -> Vec<u32> {
     let points = surface.rule.points();
     surface.rest_tangents = surface.frames.iter().map(|&[_, t1, t2]| [t1, t2]).collect();
@@ -115,7 +119,7 @@ fn flatten(mesh: &MixedMesh, surface: &mut C1Surface) -> Vec<u32> {
                 .cross(&(corners[2] - corners[0]))
                 .dot(&(0..3).map(|i| corners[i] - corners[3 + i]).sum::<Vector>())
                 / 3.0;
-            // A determinant that is not a number is bad too.
+            // A NaN determinant is bad too.
             let bad = least.is_nan() || flat.is_nan() || least <= LEAST_SHARE * flat;
             if bad {
                 patch.corners.iter().for_each(|&c| shorten[c] = true);
@@ -130,7 +134,7 @@ fn flatten(mesh: &MixedMesh, surface: &mut C1Surface) -> Vec<u32> {
             let [_, t1, t2] = surface.frames[place];
             surface.rest_tangents[place] = [t1 * share[place], t2 * share[place]];
         }
-        // Neighbours have changed too.
+        // Prisms that share a changed corner must be checked again.
         suspects = curved.iter().copied().filter(|&p| touches(mesh, surface, p, &shorten)).collect();
     }
     surface.flattened = surface.outer_nodes.iter().copied().zip(share).filter(|&(_, s)| s < 1.0).collect();
@@ -176,7 +180,7 @@ mod tests {
         assert!(!surface.plain.is_empty() && surface.plain.len() < mesh.prisms.len());
         let (curved, plain) = (c1_prisms(&mesh, &surface).unwrap(), plain_prisms(&mesh, &surface).unwrap());
         assert_eq!(curved.n_elements() + plain.n_elements(), mesh.prisms.len());
-        // Both kinds see a linear field of the generalised nodes exactly.
+        // Both kinds reproduce a linear field of the generalised nodes exactly.
         let m = Matrix3::new(1.2, 0.3, -0.1, 0.2, 0.9, 0.4, 0.0, -0.3, 1.1);
         let values: Vec<Vector> = surface.rest_values(&mesh).iter().map(|v| m * v).collect();
         for block in [curved, plain] {
@@ -190,13 +194,13 @@ mod tests {
         }
     }
 
-    /// A node whose angle-weighted normal does not see one of its triangles gets one that does.
+    /// A node whose angle-weighted normal sees a triangle from behind gets a normal that sees all of them.
     #[test]
     fn the_most_normal_normal_sees_all_triangles_alike() {
         let faces = [Vector::new(1.0, 0.0, 0.2), Vector::new(-1.0, 0.0, 0.2), Vector::new(1.0, 0.1, 0.2)]
             .map(|f| f.normalize());
         let normal = most_normal(&faces);
-        // The widest pair decides: halfway between it.
+        // The pair with the largest angle decides: the normal is halfway between.
         let farther = if faces[0].dot(&faces[1]) < faces[2].dot(&faces[1]) { faces[0] } else { faces[2] };
         assert!(normal.angle(&(faces[1] + farther)) < 0.03, "{normal}");
         assert_eq!(most_normal(&[]), Vector::z());

@@ -1,4 +1,4 @@
-//! Meshes for the tests of this room.
+//! Meshes for the tests of the elements.
 
 use std::collections::BTreeMap;
 
@@ -13,7 +13,7 @@ pub(super) fn ellipsoid_shell(rounds: usize, axes: [f64; 3], thickness: f64) -> 
         .flat_map(|(a, b)| [Vector::new(a, b, 0.0), Vector::new(0.0, a, b), Vector::new(b, 0.0, a)])
         .map(|p| p.normalize())
         .collect();
-    // The faces are the triples at the shortest distance.
+    // The faces are the triples of points at the shortest distance.
     let near = |a: usize, b: usize, p: &[Vector]| (p[a] - p[b]).norm() < 1.1;
     let mut triangles = vec![];
     for a in 0..12 {
@@ -47,7 +47,8 @@ pub(super) fn ellipsoid_shell(rounds: usize, axes: [f64; 3], thickness: f64) -> 
     shell(&outer, &inner, &triangles)
 }
 
-/// Prisms between two vertex sets with the same triangles. Inner nodes come first, so that outer node numbers are not places.
+/// Prisms between two vertex sets with the same triangles. Inner nodes come first, so that outer node numbers differ from outer
+/// indices.
 pub(super) fn shell(outer: &[Point], inner: &[Point], triangles: &[[usize; 3]]) -> MixedMesh {
     let n = inner.len();
     let prisms = triangles.iter().map(|&[a, b, c]| [n + a, n + b, n + c, a, b, c].map(|i| i as u32)).collect();
@@ -63,7 +64,7 @@ pub(super) fn shell(outer: &[Point], inner: &[Point], triangles: &[[usize; 3]]) 
     }
 }
 
-/// Irregular shell over a square of `n` x `n` cells with side 4, its height a function of the place; deterministic.
+/// Irregular shell over a square of `n` x `n` cells with side 4 and height `height(x, y)`; deterministic.
 pub(super) fn height_field(n: usize, thickness: f64, height: impl Fn(f64, f64) -> f64) -> MixedMesh {
     let mut points = vec![];
     let wobble = |i: usize, j: usize, s: f64| {

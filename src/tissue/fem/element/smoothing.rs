@@ -1,34 +1,34 @@
-//! Strain averaged over the elements around edges and nodes, against locking.
+//! Smoothed elements: strain averaged over the elements around edges and nodes, a locking-free formulation.
 //!
-//! A linear tetrahedron is too stiff in bending, and near incompressibility it locks. The cure takes the isochoric energy at the
-//! mean deformation gradient of the tetrahedra around each edge, and the volumetric energy at that of the elements around each node
-//! (Liu and Nguyen-Thoi, *Smoothed Finite Element Methods*, 2010, "selective ES/NS-FEM-T4"; Onishi and Amaya, Int J Numer Methods Eng
-//! 2014). Means are linear in the node values, so a domain of averaging is an element like any other, with more nodes. Averages never
-//! cross from one tissue to another, so that jumps of the strain between tissues stay.
+//! A linear tetrahedron is too stiff in bending, and it locks near incompressibility. Smoothed elements take the isochoric energy
+//! at the mean deformation gradient of the tetrahedra around each edge, and the volumetric energy at that of the elements around
+//! each node (Liu and Nguyen-Thoi, *Smoothed Finite Element Methods*, 2010, "selective ES/NS-FEM-T4"; Onishi and Amaya, Int J
+//! Numer Methods Eng 2014). Means are linear in the nodal values, so a smoothing domain is an element like any other, with more
+//! nodes. Averages never cross from one tissue to another, so that jumps of the strain between tissues remain.
 
 use super::block::{ElementBlock, MeshCell};
 use crate::mesh::Tissue;
 use prosopon_geometry::Vector;
 
-/// Numbers of functions that smoothed blocks are padded to.
+/// Numbers of functions to which smoothed blocks are padded.
 pub const SMOOTHED_WIDTHS: [usize; 8] = [4, 6, 8, 12, 16, 24, 32, 48];
 
 /// Edges of a tetrahedron.
 const EDGES: [(usize, usize); 6] = [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)];
 
-/// A share of an element in a domain of averaging.
+/// Share of an element in a smoothing domain.
 #[derive(Debug, Clone, Copy)]
 struct Share {
-    /// Two ends of an edge, or a node twice.
+    /// The two ends of an edge, or a node twice.
     key: (u32, u32),
     tissue: Tissue,
     block: u32,
     element: u32,
-    /// Of its volume.
+    /// Share of the element's volume.
     part: f64,
 }
 
-/// Domains around the edges of linear tetrahedra: each gets a sixth of every tetrahedron at the edge.
+/// Smoothing domains around edges: each gets a sixth of every linear tetrahedron at the edge.
 #[must_use]
 pub fn edge_domains(tetrahedra: &[&ElementBlock]) -> Vec<ElementBlock> {
     let mut shares = Vec::new();
@@ -44,8 +44,9 @@ pub fn edge_domains(tetrahedra: &[&ElementBlock]) -> Vec<ElementBlock> {
     domains(tetrahedra, shares, "edge domain")
 }
 
-/// Domains around nodes: each gets an equal share of every element at the node. `corners` gives the mesh nodes of an element, from its
-/// cell and its generalised nodes.
+/// Smoothing domains around nodes: each gets an equal share of every element at the node.
+///
+/// `corners` returns the mesh nodes of an element, from its cell and its generalised nodes.
 #[must_use]
 pub fn node_domains(blocks: &[&ElementBlock], corners: impl Fn(MeshCell, &[u32]) -> Vec<u32>) -> Vec<ElementBlock> {
     let mut shares = Vec::new();
@@ -73,7 +74,7 @@ fn domains(blocks: &[&ElementBlock], mut shares: Vec<Share>, kind: &'static str)
     out
 }
 
-/// Appends the domain of some shares; one with too many nodes is cut in two.
+/// Appends the domain of some shares; a domain with too many nodes is divided in two.
 fn push_domain(blocks: &[&ElementBlock], shares: &[Share], out: &mut [ElementBlock]) {
     let mut terms: Vec<(u32, Vector)> = Vec::new();
     let mut volume = 0.0;
@@ -88,7 +89,7 @@ fn push_domain(blocks: &[&ElementBlock], shares: &[Share], out: &mut [ElementBlo
             terms.extend(nodes.iter().zip(gradients).map(|(node, g)| (*node, g * weight)));
         }
     }
-    // Stable: the sums are in the order of the elements.
+    // A stable sort keeps the sums in the order of the elements.
     terms.sort_by_key(|(node, _)| *node);
     let sums: Vec<(u32, Vector)> = terms
         .chunk_by(|a, b| a.0 == b.0)
@@ -120,7 +121,7 @@ mod tests {
     use super::*;
     use nalgebra::Matrix3;
 
-    /// Domains share out the volume and reproduce a linear field exactly; edges of a tetrahedron give six domains.
+    /// Domains add up to the volume and reproduce a linear field exactly; the edges of a tetrahedron give six domains.
     #[test]
     fn domains_keep_the_volume_and_linear_fields() {
         let mut mesh = prism(2.0, 3.0, 1.5, [0, 1, 2, 3, 4, 5]);
@@ -149,7 +150,7 @@ mod tests {
         }
     }
 
-    /// A node with more neighbours than the widest block has room for gets several domains.
+    /// A node with more neighbours than the widest block holds gets several domains.
     #[test]
     fn crowded_nodes_get_several_domains() {
         let mesh = height_field(2, 1.0, |_, _| 0.0);

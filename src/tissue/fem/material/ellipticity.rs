@@ -4,9 +4,11 @@ use super::energy::{Isochoric, Material};
 use super::principal::{Principal, PrincipalHessian};
 
 impl Material {
-    /// Whether the energy is polyconvex, and so elliptic wherever `det F > 0`: neo-Hookean and Yeoh with non-negative constants, Ogden with an
-    /// exponent of at least 3/2 or at most -3. (`J^(-4/3) I2` is not polyconvex, only its power 3/2 is: Hartmann and Neff, Int J Solids Struct
-    /// 2003, whose `|A|^p / d^q` with `p >= q + 1` gives the exponents too.)
+    /// Whether the energy is polyconvex, and so elliptic wherever `det F > 0`.
+    ///
+    /// It is for neo-Hookean and Yeoh with non-negative constants, and for Ogden with an exponent of at least 3/2 or at most -3.
+    /// (`J^(-4/3) I2` is not polyconvex, only its power 3/2 is: Hartmann and Neff, Int J Solids Struct 2003, whose `|A|^p / d^q`
+    /// with `p >= q + 1` gives the exponents too.)
     #[must_use]
     pub fn is_polyconvex(&self) -> bool {
         let isochoric = match self.isochoric {
@@ -17,12 +19,14 @@ impl Material {
         isochoric && self.bulk >= 0.0
     }
 
-    /// Whether the tangent at `f` is strongly elliptic: `(a⊗b) : T : (a⊗b) > 0` for all non-zero `a`, `b`, so that every acoustic tensor is
-    /// positive definite. `false` where `f` is not admissible.
+    /// Whether the tangent at `f` is strongly elliptic; false where `f` is not admissible.
     ///
-    /// Exact, no sampling: with `p_i = a_i b_i` in principal axes, the form is at least a quadratic form in `|p|`, one for each choice of
-    /// signs, and reaches it; so strict copositivity of these 3x3 matrices together with the Baker-Ericksen inequalities decides
-    /// (Simpson and Spector, Arch Ration Mech Anal 1983; Dacorogna, Discrete Contin Dyn Syst B 2001).
+    /// Strong ellipticity means `(a⊗b) : T : (a⊗b) > 0` for all non-zero `a`, `b`, so that every acoustic tensor is positive
+    /// definite.
+    ///
+    /// The test is exact, without sampling. With `p_i = a_i b_i` in principal axes, the form has as its attained lower bound a
+    /// quadratic form in `|p|`, one for each choice of signs; so strict copositivity of these 3x3 matrices and the Baker-Ericksen
+    /// inequalities decide (Simpson and Spector, Arch Ration Mech Anal 1983; Dacorogna, Discrete Contin Dyn Syst B 2001).
     #[must_use]
     pub fn is_elliptic(&self, f: &Matrix3<f64>) -> bool {
         let det = f.determinant();
@@ -107,7 +111,7 @@ mod tests {
                 for f in admissible_gradients(12, amplitude) {
                     let (_, t) = material.stress_and_tangent(&f).unwrap();
                     let least = sampled(&t);
-                    // Sampling misses the minimum by at most about the squared step between directions.
+                    // The error of sampling at the minimum is about the squared step between directions.
                     if least.abs() > 3e-3 * t.norm() || least < 0.0 {
                         assert_eq!(material.is_elliptic(&f), least > 0.0, "{least} {f}");
                         lost += usize::from(least < 0.0);
@@ -119,8 +123,9 @@ mod tests {
         assert!(lost > 40 && kept > 40, "{lost} lost, {kept} kept");
     }
 
-    /// Incompressible closed form: lost as soon as the largest principal stretch exceeds sqrt(C10/|C01|) (an independent table gives
-    /// 1.1101, 1.1276, 1.0186 in uniaxial tension, 0.8116, 0.7864, 0.9638 in compression, 0.9008, 0.8868, 0.9817 in planar compression).
+    /// Incompressible closed form: ellipticity is lost when the largest principal stretch exceeds sqrt(C10/|C01|). An independent
+    /// table gives 1.1101, 1.1276, 1.0186 in uniaxial tension, 0.8116, 0.7864, 0.9638 in compression, 0.9008, 0.8868, 0.9817 in
+    /// planar compression.
     #[test]
     fn published_constants_lose_ellipticity_at_the_known_stretches() {
         let m = Materials::wang2009();
@@ -144,7 +149,7 @@ mod tests {
                 // The table has four decimals.
                 let found = limit(&nearly_incompressible, towards, path);
                 assert!((found - expected).abs() < 1.2e-4, "{found} {expected}");
-                // A compressible tangent can lose it earlier, never later.
+                // A compressible tangent can lose ellipticity earlier, never later.
                 let compressible = limit(&material, towards, path);
                 assert!((compressible - 1.0).abs() < (expected - 1.0).abs() + 1.2e-4);
             }

@@ -3,7 +3,9 @@ use nalgebra::{Matrix3, SMatrix, SVector};
 use super::ogden::Ogden;
 use super::principal::Principal;
 
-/// Second derivative of the energy by `F`, both indices column-major (`F[(r, c)]` is entry `r + 3 c`), MPa.
+/// Second derivative of the energy by `F`, MPa.
+///
+/// Both indices are column-major: `F[(r, c)]` is entry `r + 3 c`.
 pub type Tangent = SMatrix<f64, 9, 9>;
 
 /// The deformation gradient is not admissible: `det F <= 0` or not finite.
@@ -14,10 +16,11 @@ pub struct Inverted {
     pub det_f: f64,
 }
 
-/// Isochoric part of an energy, on `F / J^(1/3)`.
+/// Isochoric part of an energy, a function of `F / J^(1/3)`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Isochoric {
-    /// `c10 (J^(-2/3) I1 - 3) + c01 (J^(-4/3) I2 - 3)`, MPa (Wang 2009, eq. 0.21, made stress-free at rest). `c01 = 0` is neo-Hookean.
+    /// `c10 (J^(-2/3) I1 - 3) + c01 (J^(-4/3) I2 - 3)`, MPa (Wang 2009, eq. 0.21, modified to be stress-free at rest). `c01 = 0`
+    /// is neo-Hookean.
     MooneyRivlin {
         /// C10, MPa.
         c10: f64,
@@ -33,7 +36,8 @@ pub enum Isochoric {
         /// C3, MPa.
         c3: f64,
     },
-    /// `2 mu / alpha² (J^(-alpha/3) (s1^alpha + s2^alpha + s3^alpha) - 3)` of the principal stretches (Ogden, Proc R Soc Lond A 1972).
+    /// `2 mu / alpha² (J^(-alpha/3) (s1^alpha + s2^alpha + s3^alpha) - 3)` of the principal stretches (Ogden, Proc R Soc Lond A
+    /// 1972).
     Ogden {
         /// Small-strain shear modulus, MPa.
         mu: f64,
@@ -42,28 +46,29 @@ pub enum Isochoric {
     },
 }
 
-/// Volumetric part of an energy, of the bulk modulus K and `J = det F`.
+/// Volumetric part of an energy, a function of the bulk modulus K and `J = det F`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Volumetric {
-    /// `K/4 (J² - 1 - 2 ln J)` (Simo and Taylor, Comput Methods Appl Mech Eng 1991): grows without bound as the volume goes to nothing.
+    /// `K/4 (J² - 1 - 2 ln J)` (Simo and Taylor, Comput Methods Appl Mech Eng 1991): grows without bound as the volume tends to
+    /// zero.
     #[default]
     Logarithmic,
-    /// `K/2 (J - 1)²`: finite for no volume, so that tissue collapses under large pressure.
+    /// `K/2 (J - 1)²`: finite at zero volume, so that tissue collapses under large pressure.
     Quadratic,
 }
 
 impl Volumetric {
-    /// The energy over K.
+    /// Energy divided by K.
     #[inline(always)]
     fn energy(self, j: f64) -> f64 {
         match self {
-            // (J² - 1)/4 as a product: near 1 the difference of squares would lose digits.
+            // (J² - 1)/4 as a product: near J = 1 the difference of squares would lose digits.
             Self::Logarithmic => 0.25 * (j - 1.0) * (j + 1.0) - 0.5 * (j - 1.0).ln_1p(),
             Self::Quadratic => 0.5 * (j - 1.0) * (j - 1.0),
         }
     }
 
-    /// Its slope by J over K: the mean Cauchy stress of the part over K.
+    /// First derivative by J, divided by K: the mean Cauchy stress of this part over K.
     #[inline(always)]
     pub(in crate::fem) fn slope(self, j: f64) -> f64 {
         match self {
@@ -72,7 +77,7 @@ impl Volumetric {
         }
     }
 
-    /// Its second derivative over K.
+    /// Second derivative by J, divided by K.
     #[inline(always)]
     fn curvature(self, j: f64) -> f64 {
         match self {
@@ -83,6 +88,23 @@ impl Volumetric {
 }
 
 /// A compressible hyperelastic material: isochoric plus volumetric part.
+///
+/// ```
+/// use nalgebra::{Matrix3, Vector3};
+/// use prosopon_tissue::fem::material::Material;
+///
+/// let fat = Material::neo_hookean(0.012, 0.45);
+/// let rest = Matrix3::identity();
+/// assert!(fat.energy(&rest)?.abs() < 1e-14);
+/// assert!(fat.first_piola(&rest)?.norm() < 1e-14);
+/// // Simple shear by 0.1 keeps the volume; the shear stress is mu times the shear.
+/// let mut shear = rest;
+/// shear[(0, 1)] = 0.1;
+/// assert!((fat.first_piola(&shear)?[(0, 1)] - 0.0012).abs() < 1e-12);
+/// // An inverted element has no energy.
+/// assert!(fat.energy(&Matrix3::from_diagonal(&Vector3::new(-1.0, 1.0, 1.0))).is_err());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Material {
     /// Isochoric part.
@@ -93,7 +115,7 @@ pub struct Material {
     pub volumetric: Volumetric,
 }
 
-/// Derivatives of `W(I1, I2, J)` with `I1 = tr C` and `I2 = (tr² C - tr C²) / 2`, in which it is linear.
+/// Derivatives of `W(I1, I2, J)` with `I1 = tr C` and `I2 = (tr² C - tr C²) / 2`; `W` is linear in `I2`.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Derivatives {
     pub(super) w1: f64,
@@ -105,7 +127,7 @@ pub(super) struct Derivatives {
     pub(super) wjj: f64,
 }
 
-/// What stress and tangent share: invariants and their gradients at one `F`.
+/// Invariants and their gradients at one `F`, used by stress and tangent.
 struct State {
     c: Matrix3<f64>,
     i1: f64,
@@ -134,11 +156,13 @@ impl State {
     }
 }
 
-/// `x^(-1/3)` of a positive normal number, to a few units in the last place: an estimate from the exponent's bits within 3.5 %, then twice
-/// the series of `(1 - e)^(-1/3)` up to the third power. The library's cube root took a twentieth of a solve.
+/// `x^(-1/3)` of a positive normal number, accurate to a few units in the last place.
+///
+/// An estimate from the exponent's bits is within 3.5 %; the series of `(1 - e)^(-1/3)` up to the third power then refines it
+/// twice. The standard library's cube root took a twentieth of a solve.
 #[inline(always)]
 fn inverse_cube_root(x: f64) -> f64 {
-    /// Gives the smallest largest error of the estimate over three octaves.
+    /// Minimises the largest error of the estimate over three octaves.
     const BITS: u64 = 0x553e_f0f2_7bb2_fec4;
     let refined = |y: f64| {
         let e = 1.0 - x * y * y * y;
@@ -160,20 +184,22 @@ fn bulk_modulus(shear: f64, poisson: f64) -> f64 {
 }
 
 impl Material {
-    /// Neo-Hookean with shear modulus `shear` (MPa) and Poisson ratio `poisson`: K = 2 mu (1 + nu) / (3 (1 - 2 nu)).
+    /// Neo-Hookean with shear modulus `shear` (MPa) and Poisson ratio `poisson`.
+    ///
+    /// The bulk modulus is K = 2 mu (1 + nu) / (3 (1 - 2 nu)).
     #[must_use]
     pub fn neo_hookean(shear: f64, poisson: f64) -> Self {
         Self::mooney_rivlin(0.5 * shear, 0.0, poisson)
     }
 
-    /// Mooney-Rivlin with constants in MPa and the bulk modulus that gives Poisson ratio `poisson` at rest.
+    /// Mooney-Rivlin with constants in MPa and the bulk modulus for Poisson ratio `poisson` at rest.
     #[must_use]
     pub fn mooney_rivlin(c10: f64, c01: f64, poisson: f64) -> Self {
         let bulk = bulk_modulus(2.0 * (c10 + c01), poisson);
         Self { isochoric: Isochoric::MooneyRivlin { c10, c01 }, bulk, volumetric: Volumetric::default() }
     }
 
-    /// Yeoh with constants in MPa and the bulk modulus that gives Poisson ratio `poisson` at rest.
+    /// Yeoh with constants in MPa and the bulk modulus for Poisson ratio `poisson` at rest.
     #[must_use]
     pub fn yeoh([c1, c2, c3]: [f64; 3], poisson: f64) -> Self {
         Self {
@@ -183,8 +209,9 @@ impl Material {
         }
     }
 
-    /// One-term Ogden with small-strain shear modulus `shear` (MPa), exponent `alpha` (not 0) and the bulk modulus that gives Poisson
-    /// ratio `poisson` at rest.
+    /// One-term Ogden with small-strain shear modulus `shear` (MPa) and exponent `alpha` (not 0).
+    ///
+    /// The bulk modulus is the one for Poisson ratio `poisson` at rest.
     #[must_use]
     pub fn ogden(shear: f64, alpha: f64, poisson: f64) -> Self {
         Self {
@@ -194,13 +221,15 @@ impl Material {
         }
     }
 
-    /// The same with another volumetric part.
+    /// This material with another volumetric part.
     #[must_use]
     pub fn with_volumetric(self, volumetric: Volumetric) -> Self {
         Self { volumetric, ..self }
     }
 
-    /// Neo-Hookean with its small-strain moduli; `None` when it cannot lose ellipticity itself, or its shear modulus is not positive.
+    /// Neo-Hookean with the same small-strain moduli.
+    ///
+    /// `None` when this material cannot lose ellipticity, or when its shear modulus is not positive.
     #[must_use]
     pub fn stabilised(&self) -> Option<Self> {
         let mu = self.shear_modulus();
@@ -208,13 +237,13 @@ impl Material {
         (!self.is_polyconvex() && mu > 0.0).then_some(stable)
     }
 
-    /// Its energy without the volumetric part.
+    /// This material without its volumetric energy.
     #[must_use]
     pub fn isochoric_part(self) -> Self {
         Self { bulk: 0.0, ..self }
     }
 
-    /// Its volumetric energy alone.
+    /// This material without its isochoric energy.
     #[must_use]
     pub fn volumetric_part(self) -> Self {
         Self { isochoric: Isochoric::MooneyRivlin { c10: 0.0, c01: 0.0 }, ..self }
@@ -237,13 +266,13 @@ impl Material {
         (3.0 * self.bulk - 2.0 * mu) / (2.0 * (3.0 * self.bulk + mu))
     }
 
-    /// Derivatives of what is a function of the invariants: all but [`Ogden`].
+    /// Derivatives of the parts that are functions of the invariants: all but [`Ogden`].
     #[inline(always)]
     pub(super) fn derivatives(&self, i1: f64, i2: f64, j: f64) -> Derivatives {
         let root = inverse_cube_root(j);
         let inverse = 1.0 / j;
         let scale = root * root;
-        // By the isochoric first invariant: slope and curvature.
+        // Slope and curvature by the isochoric first invariant.
         let (slope, curvature, c01) = match self.isochoric {
             Isochoric::Ogden { .. } => (0.0, 0.0, 0.0),
             Isochoric::MooneyRivlin { c10, c01 } => (c10, 0.0, c01),
@@ -255,7 +284,7 @@ impl Material {
         let w1 = slope * scale;
         let w2 = c01 * inverse * root;
         let (w1j, w2j) = (-2.0 / 3.0 * w1 * inverse, -4.0 / 3.0 * w2 * inverse);
-        // Change of the isochoric invariant with J.
+        // Derivative of the isochoric invariant by J.
         let by_j = -2.0 / 3.0 * scale * inverse * i1;
         Derivatives {
             w1,
@@ -313,7 +342,7 @@ impl Material {
         let i2_gradient = s.i2_gradient(f);
         let mut stress = f * (2.0 * d.w1) + i2_gradient * d.w2 + s.cofactor * d.wj;
 
-        // Curvature in the invariants: g hᵀ + h gᵀ with g = dJ/dF.
+        // Second derivatives in the invariants: g hᵀ + h gᵀ with g = dJ/dF.
         let half = f * (2.0 * d.w1j) + i2_gradient * d.w2j + s.cofactor * (0.5 * d.wjj);
         let g = SVector::<f64, 9>::from_column_slice(s.cofactor.as_slice());
         let h = SVector::<f64, 9>::from_column_slice(half.as_slice());
@@ -339,7 +368,7 @@ impl Material {
     }
 }
 
-/// Adds d²J/dF², times the factor that `f` was multiplied with: the derivative of `b x c` by `b` is `-[c]x`.
+/// Adds d²J/dF², times the factor already in `f`: the derivative of `b x c` by `b` is `-[c]x`.
 #[inline(always)]
 fn add_second_derivative_of_j(t: &mut Tangent, f: &Matrix3<f64>) {
     for (row, col, sign, of) in [(0, 1, -1.0, 2), (0, 2, 1.0, 1), (1, 2, -1.0, 0)] {

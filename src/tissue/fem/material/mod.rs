@@ -1,7 +1,7 @@
-//! Strain energies with stress, tangent and a check of stability. MPa.
+//! Strain energies with stress, tangent and checks of stability. Stresses and moduli are in MPa.
 //!
-//! Every energy here is isotropic, vanishes and is stress-free at rest, and grows without bound only as far as its constants
-//! allow: [`Material::is_elliptic`] tells where a deformation has left the range in which equilibrium is well posed.
+//! Every energy here is isotropic, and it vanishes and is stress-free at rest. How fast it grows depends on its constants:
+//! [`Material::is_elliptic`] tests whether a deformation is in the range in which equilibrium is well posed.
 
 mod ellipticity;
 mod energy;

@@ -17,18 +17,18 @@ pub(super) struct Ogden {
     pub(super) alpha: f64,
 }
 
-/// What the derivatives share at one triple of stretches.
+/// Quantities shared by the derivatives, at one triple of stretches.
 struct Powers {
     /// `s^alpha`.
     p: Vector3<f64>,
-    /// A third of their sum.
+    /// Mean of `p`.
     mean: f64,
     /// `2 mu / alpha J^(-alpha/3)`.
     factor: f64,
 }
 
 impl Ogden {
-    /// The energy of `material`, when it is of this kind.
+    /// The Ogden energy of `material`; `None` for other energies.
     pub(super) fn of(material: &Material) -> Option<Self> {
         match material.isochoric {
             Isochoric::Ogden { mu, alpha } => Some(Self { mu, alpha }),
@@ -42,7 +42,7 @@ impl Ogden {
         Powers { p, mean: p.sum() / 3.0, factor }
     }
 
-    /// Energy density at stretches with a positive product; so for the derivatives.
+    /// Energy density at stretches with a positive product (required by the derivatives too), MPa.
     pub(super) fn energy(&self, s: &Vector3<f64>) -> f64 {
         let w = self.powers(s);
         // 2 mu / alpha² times 3 (J^(-alpha/3) mean - 1).
@@ -68,7 +68,7 @@ impl Ogden {
         let pair = |k: usize| (s[(k + 1) % 3], s[(k + 2) % 3], gradient[(k + 1) % 3] + gradient[(k + 2) % 3]);
         let flip = Vector3::from_fn(|k, _| {
             let (a, b, _) = pair(k);
-            // Of s^(alpha-1), and of the mean over s.
+            // Divided difference of s^(alpha-1), and of the mean over s.
             w.factor * (power_difference(a, b, alpha - 1.0) + w.mean / (a * b))
         });
         let twist = Vector3::from_fn(|k, _| {
@@ -82,7 +82,7 @@ impl Ogden {
         axes.u * Matrix3::from_diagonal(&self.gradient(&axes.stretches)) * axes.v.transpose()
     }
 
-    /// dP/dF from its eigenmodes: three stretches coupled by `scaling`, and in each plane a symmetric shear and a rotation.
+    /// dP/dF from its eigenmodes: three stretches coupled by `scaling`, and a symmetric shear and a rotation in each plane.
     pub(super) fn tangent(&self, axes: &Principal) -> Tangent {
         let h = self.hessian(&axes.stretches);
         let mode = |m: Matrix3<f64>| SVector::<f64, 9>::from_column_slice(m.as_slice());
@@ -103,7 +103,7 @@ impl Ogden {
     }
 }
 
-/// `(a^m - b^m) / (a - b)` for positive `a`, `b`, without cancellation where they are near.
+/// `(a^m - b^m) / (a - b)` for positive `a`, `b`, without cancellation where they are close.
 fn power_difference(a: f64, b: f64, m: f64) -> f64 {
     let h = (a - b) / b;
     let quotient = if h == 0.0 { m } else { (m * h.ln_1p()).exp_m1() / h };
@@ -135,7 +135,7 @@ mod tests {
         }
     }
 
-    /// Along the diagonal and in simple shear the stresses can be written down.
+    /// Confined stretch, uniaxial tension and simple shear have closed forms.
     #[test]
     fn homogeneous_states_agree_with_closed_forms() {
         for (mu, alpha, nu) in [(0.4, 12.0, 0.49), (0.02, 5.0, 0.45), (0.03, -4.0, 0.3), (0.05, 1.0, 0.4)] {

@@ -5,31 +5,43 @@ use super::principal::Principal;
 use super::stable_range::StandardTest;
 use nalgebra::{Matrix2, Matrix3, Vector3};
 
-/// Stretches that are looked at, and the step between them.
+/// Range of stretches, and the step between samples.
 const STRETCHES: [f64; 2] = [0.4, 2.0];
-/// Shears that are looked at, in the same steps; the other direction is alike.
+/// Range of shears, with the same step; negative shears are equivalent by symmetry.
 const SHEARS: [f64; 2] = [0.0, 1.5];
 const STEP: f64 = 1e-3;
-/// Step of stress differences.
+/// Step of the central differences of the stress.
 const DIFFERENCE: f64 = 1e-6;
 
-/// Ranges of stretch, from 0.4 to 2 in steps of 0.001 (of shear, from 0 to 1.5), in which a material misbehaves; each list rises.
+/// Ranges of a standard test in which a material is unstable, each list ascending.
+///
+/// The samples are stretches from 0.4 to 2 in steps of 0.001, or shears from 0 to 1.5.
+///
+/// ```
+/// use prosopon_tissue::fem::material::{Materials, StandardTest};
+///
+/// let published = Materials::wang2009().fat.check_path(StandardTest::Uniaxial);
+/// assert!(!published.ellipticity_lost.is_empty());
+/// assert!(Materials::wang2009_stable().fat.check_path(StandardTest::Uniaxial).is_clean());
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct PathCheck {
     /// The test.
     pub test: StandardTest,
-    /// It pulls when compressed or pushes when stretched.
+    /// The material pulls when compressed or pushes when stretched.
     pub wrong_sign: Vec<[f64; 2]>,
     /// The nominal stress falls while the stretch rises.
     pub falling_stress: Vec<[f64; 2]>,
-    /// The second variation of the energy by logarithmic strains at constant volume is not positive definite (Drucker).
+    /// Drucker stability is lost.
+    ///
+    /// The second variation of the energy by logarithmic strains at constant volume is not positive definite.
     pub drucker_unstable: Vec<[f64; 2]>,
     /// Strong ellipticity is lost.
     pub ellipticity_lost: Vec<[f64; 2]>,
 }
 
 impl PathCheck {
-    /// Smallest and largest amount that is looked at.
+    /// Smallest and largest amount that is sampled.
     #[must_use]
     pub fn range(test: StandardTest) -> [f64; 2] {
         match test {
@@ -38,7 +50,7 @@ impl PathCheck {
         }
     }
 
-    /// Whether nothing was found.
+    /// Whether all lists are empty.
     #[must_use]
     pub fn is_clean(&self) -> bool {
         [&self.wrong_sign, &self.falling_stress, &self.drucker_unstable, &self.ellipticity_lost]
@@ -48,7 +60,7 @@ impl PathCheck {
 }
 
 impl Material {
-    /// Looks along `test` at constant volume, the sides that are not stretched free.
+    /// Samples `test` at constant volume; sides without a prescribed stretch are unloaded.
     #[must_use]
     pub fn check_path(&self, test: StandardTest) -> PathCheck {
         let [first, last] = PathCheck::range(test);
@@ -74,8 +86,8 @@ impl Material {
         }
     }
 
-    /// Nominal stress along the first axis when the third is free, MPa: the pressure that keeps the volume is eliminated. The shear stress of
-    /// a shear.
+    /// Nominal stress along the first axis with the third free, MPa (the pressure that keeps the volume is eliminated); in shear,
+    /// the shear stress.
     fn driving_stress(&self, test: StandardTest, amount: f64) -> f64 {
         let f: Matrix3<f64> = test.deformation(amount);
         let Ok(p) = self.isochoric_part().first_piola(&f) else { return f64::NAN };
@@ -87,7 +99,7 @@ impl Material {
         }
     }
 
-    /// Whether stress and strain increments agree in direction: `d²W` by two logarithmic strains, the third making up the volume.
+    /// Drucker stability: `d²W` by two logarithmic strains, with the third determined by constant volume, is positive definite.
     fn is_drucker_stable(&self, s: &Vector3<f64>) -> bool {
         let isochoric = self.isochoric_part();
         let (Ok(h), Ok(p)) = (isochoric.principal_hessian(s), isochoric.first_piola(&Matrix3::from_diagonal(s))) else {
@@ -108,12 +120,12 @@ mod tests {
     fn near(found: &[[f64; 2]], expected: &[[f64; 2]]) {
         assert_eq!(found.len(), expected.len(), "{found:?} {expected:?}");
         for (f, e) in found.iter().flatten().zip(expected.iter().flatten()) {
-            // The table has four digits, the samples here stand 1e-3 apart.
+            // The table has four digits, and the samples are 1e-3 apart.
             assert!((f - e).abs() < 1.2e-3, "{found:?} {expected:?}");
         }
     }
 
-    /// Against a table that another program made of the incompressible closed forms.
+    /// Against a table computed by another program from the incompressible closed forms.
     #[test]
     fn published_constants_misbehave_as_in_an_independent_table() {
         let m = Materials::wang2009();
@@ -156,7 +168,7 @@ mod tests {
         }
     }
 
-    /// Simple shear by l - 1/l is a planar stretch l, turned; the shear stress of Mooney-Rivlin is mu times the shear.
+    /// Simple shear by l - 1/l is a planar stretch l, rotated; the shear stress of Mooney-Rivlin is mu times the shear.
     #[test]
     fn shear_loses_ellipticity_where_planar_stretch_does_and_keeps_its_sign() {
         let m = Materials::wang2009();
@@ -166,7 +178,8 @@ mod tests {
             near(&check.wrong_sign, &[]);
             near(&check.falling_stress, &[]);
         }
-        // A shear stress that falls again: Yeoh with a negative second constant, mu g (1 + 2 c2 / c1 g²), highest at g = sqrt(-c1 / (6 c2)).
+        // A shear stress with a maximum: Yeoh with a negative second constant, mu g (1 + 2 c2 / c1 g²), highest at g = sqrt(-c1 /
+        // (6 c2)).
         let check = Material::yeoh([0.02, -0.02, 0.0], 0.45).check_path(StandardTest::Shear);
         near(&check.falling_stress, &[[(1.0f64 / 6.0).sqrt(), 1.5]]);
         near(&check.wrong_sign, &[[0.5f64.sqrt(), 1.5]]);

@@ -22,7 +22,7 @@ const SKIN: [f64; 3] = [18.9834587, -15.4071649, 0.49];
 const MUSCLE: [f64; 3] = [9.84540206, -7.74326281, 0.30];
 const FAT: [f64; 3] = [16.6131140, -16.0126823, 0.49];
 
-/// What `D1` of Wang 2009, Table 1 means; the paper does not say (reading notes 19).
+/// Meaning of `D1` in Wang 2009, Table 1, which the paper does not state (reading notes 19).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum D1Reading {
     /// The Poisson ratio: 0.49, 0.30, 0.49 of skin, muscle, fat.
@@ -30,7 +30,7 @@ pub enum D1Reading {
     PoissonRatio,
     /// `2/K` in 1/MPa, although the other constants are in gf/mm²: Poisson ratios 0.4915, 0.4969, 0.4986.
     PerMpa,
-    /// `2/K` in mm²/gf: Poisson ratios -0.053, 0.240, 0.366, of no soft tissue.
+    /// `2/K` in mm²/gf: Poisson ratios -0.053, 0.240, 0.366, which no soft tissue has.
     Mm2PerGf,
 }
 
@@ -58,8 +58,10 @@ impl Materials {
         Self::wang2009_reading(D1Reading::PoissonRatio)
     }
 
-    /// The published constants (Wang 2009, Table 1). C01 is negative: ellipticity is lost when the largest principal stretch exceeds about
-    /// 1.110 in skin, 1.128 in muscle, 1.019 in fat, whatever D1 means. No value is published for mucosa: muscle's is used.
+    /// The published constants (Wang 2009, Table 1).
+    ///
+    /// C01 is negative: ellipticity is lost when the largest principal stretch exceeds about 1.110 in skin, 1.128 in muscle and
+    /// 1.019 in fat, for every reading of D1. No value is published for mucosa; it gets that of muscle.
     #[must_use]
     pub fn wang2009_reading(d1: D1Reading) -> Self {
         let of = |constants| published(constants, d1);
@@ -69,15 +71,18 @@ impl Materials {
     /// Passive tissue of the face as one Yeoh material: C1 2.5 kPa, C2 1.175 kPa.
     ///
     /// # Source
-    /// Measured on a cheek by indentation (Gerard, Ohayon, Luboz, Perrier and Payan, Med Eng Phys 27, 2005); used for a whole face by Nazari,
-    /// Perrier, Chabanas and Payan, Comput Methods Biomech Biomed Eng 13, 2010. The Poisson ratio 0.49 is ours: they are nearly incompressible.
+    /// Measured on a cheek by indentation (Gerard, Ohayon, Luboz, Perrier and Payan, Med Eng Phys 27, 2005); used for a whole
+    /// face by Nazari, Perrier, Chabanas and Payan, Comput Methods Biomech Biomed Eng 13, 2010. The Poisson ratio 0.49 is chosen
+    /// here for near incompressibility.
     #[must_use]
     pub fn nazari2010() -> Self {
         Self::homogeneous(Material::yeoh([2.5e-3, 1.175e-3, 0.0], 0.49))
     }
 
-    /// Passive tissue of the face with Young's modulus 15 kPa and Poisson ratio 0.49; published for small strains, here neo-Hookean with these
-    /// moduli. The stiffer fibres that the source gives to muscles are left out.
+    /// Passive tissue of the face with Young's modulus 15 kPa and Poisson ratio 0.49.
+    ///
+    /// The moduli are published for small strains and used here in a neo-Hookean material. The stiffer fibres that the source
+    /// gives to muscles are left out.
     ///
     /// # Source
     /// Chabanas, Luboz and Payan, Med Image Anal 7, 2003.
@@ -87,15 +92,19 @@ impl Materials {
         Self::homogeneous(Material::neo_hookean(0.5 * young / (1.0 + poisson), poisson))
     }
 
-    /// Neo-Hookean with the published small-strain shear moduli 2 (C10 + C01): 70.142923 kPa in skin, 41.229888 kPa in muscle,
-    /// 11.776447 kPa in fat, and the same Poisson ratios. No value is published for mucosa: muscle's is used.
+    /// Neo-Hookean with the published small-strain shear moduli 2 (C10 + C01) and Poisson ratios.
+    ///
+    /// The shear moduli are 70.142923 kPa in skin, 41.229888 kPa in muscle and 11.776447 kPa in fat. No value is published for
+    /// mucosa; it gets that of muscle.
     #[must_use]
     pub fn wang2009_stable() -> Self {
         Self { skin: stable(SKIN), muscle: stable(MUSCLE), fat: stable(FAT), mucosa: stable(MUSCLE) }
     }
 
-    /// Yeoh with the published small-strain shear moduli and the second constant fitted to the published uniaxial curve up to a stretch of 1.2,
-    /// which it follows within 13 % in skin, 12 % in muscle, 40 % in fat; the same Poisson ratios. Stable at every stretch.
+    /// Yeoh with the published small-strain moduli, fitted to the published uniaxial curve.
+    ///
+    /// The second constant is fitted up to a stretch of 1.2, within 13 % in skin, 12 % in muscle and 40 % in fat. Stable at every
+    /// stretch.
     #[must_use]
     pub fn wang2009_tension() -> Self {
         // MPa.
@@ -103,13 +112,13 @@ impl Materials {
         Self { skin, muscle, fat, mucosa: muscle }
     }
 
-    /// One material for all tissues.
+    /// The same material for all tissues.
     #[must_use]
     pub fn homogeneous(material: Material) -> Self {
         Self { skin: material, muscle: material, fat: material, mucosa: material }
     }
 
-    /// Gives `tissue` another material.
+    /// Sets the material of `tissue`.
     pub fn set(&mut self, tissue: Tissue, material: Material) {
         *match tissue {
             Tissue::Skin => &mut self.skin,
@@ -156,7 +165,7 @@ mod tests {
             assert!(
                 material.is_polyconvex() && (material.shear_modulus() / published.shear_modulus() - 1.0).abs() < 1e-12
             );
-            // Incompressible uniaxial nominal stress: of deviators, so that the volumetric parts drop out.
+            // Incompressible uniaxial nominal stress from deviators, so that the volumetric parts cancel.
             let nominal = |m: &Material, l: f64| {
                 let p =
                     m.first_piola(&nalgebra::Matrix3::from_diagonal(&[l, l.powf(-0.5), l.powf(-0.5)].into())).unwrap();
@@ -171,7 +180,7 @@ mod tests {
         assert_eq!(stable.of(Tissue::Mucosa), stable.of(Tissue::Muscle));
     }
 
-    /// Poisson ratios of the reading notes; (3 K - 2 mu) / (2 (3 K + mu)) by hand for the last.
+    /// Poisson ratios of the reading notes; for the last, (3 K - 2 mu) / (2 (3 K + mu)) by hand.
     #[test]
     fn readings_of_d1_give_the_known_poisson_ratios_and_the_same_shear() {
         for (reading, ratios) in [

@@ -16,7 +16,8 @@ pub(super) struct Principal {
 pub(super) struct PrincipalHessian {
     /// d²W / d stretch_i d stretch_j.
     pub(super) scaling: Matrix3<f64>,
-    /// Per axis `k`, of the plane of the other two axes `i, j`: `(W_i - W_j) / (s_i - s_j)`, the eigenvalue of a symmetric shear.
+    /// For each axis `k` and the plane of the other two axes `i, j`: `(W_i - W_j) / (s_i - s_j)`, the eigenvalue of a symmetric
+    /// shear.
     pub(super) flip: Vector3<f64>,
     /// `(W_i + W_j) / (s_i + s_j)`, the eigenvalue of a rotation.
     pub(super) twist: Vector3<f64>,
@@ -39,7 +40,7 @@ pub(super) fn eigen(matrix: &Matrix3<f64>) -> (Vector3<f64>, Matrix3<f64>) {
         let mut turned = false;
         for (p, q) in [(0, 1), (0, 2), (1, 2)] {
             let (a, b, c) = (m[(p, p)], m[(q, q)], m[(p, q)]);
-            // Negligible against the smaller diagonal entry, or against rounding of the larger.
+            // Negligible against the smaller diagonal entry, or against rounding of the larger one.
             if c == 0.0 || c.abs() < 1e-16 * (a.abs() + b.abs()) {
                 continue;
             }
@@ -95,8 +96,8 @@ impl Principal {
 }
 
 impl Material {
-    /// Second derivatives at principal stretches with a positive product. The quotients of [`PrincipalHessian`] are divided out, so that
-    /// equal stretches need no limit.
+    /// Second derivatives at principal stretches with a positive product. The quotients of [`PrincipalHessian`] are divided out
+    /// analytically, so equal stretches need no limit.
     pub(super) fn principal_hessian(&self, stretches: &Vector3<f64>) -> Result<PrincipalHessian, Inverted> {
         let s = stretches;
         let j = s[0] * s[1] * s[2];
@@ -138,7 +139,7 @@ impl Material {
 pub(in crate::fem::material) mod tests {
     use super::*;
 
-    /// Reproducible deformation gradients with entries within `amplitude` of a rotation's and a positive determinant.
+    /// Reproducible deformation gradients with a positive determinant and entries within `amplitude` of those of a rotation.
     pub(in crate::fem::material) fn admissible_gradients(count: usize, amplitude: f64) -> Vec<Matrix3<f64>> {
         let mut state = 0x9E37_79B9_7F4A_7C15_u64;
         let mut next = || {

@@ -4,7 +4,9 @@ use super::energy::{Inverted, Material, Tangent};
 use super::principal::{Principal, eigen};
 
 impl Material {
-    /// The tangent with its negative eigenvalues set to zero (positive semi-definite), and the smallest eigenvalue before, MPa.
+    /// Stress, projected tangent, and smallest eigenvalue of the tangent before projection, MPa.
+    ///
+    /// The projection sets negative eigenvalues to zero, so that the tangent is positive semi-definite.
     ///
     /// The eigenvalues of an isotropic energy's tangent are known in principal axes: three of the 3x3 matrix d²W/ds_i ds_j, and a
     /// symmetric shear and a rotation in each plane (Smith, de Goes and Kim, ACM Trans Graph 2019).

@@ -1,31 +1,31 @@
-//! Where on standard tests a material stays well posed.
+//! Ranges of standard tests in which a material is strongly elliptic.
 
 use super::energy::Material;
 use nalgebra::{Matrix3, Vector3};
 
-/// Stretches between which tissue is looked at: from half its length to twice.
+/// Range of stretches in which materials are checked: from half the length to twice.
 pub const EXPECTED_STRETCH: [f64; 2] = [0.5, 2.0];
-/// Shears between which tissue is looked at: up to those whose largest principal stretch is 2.
+/// Range of shears in which materials are checked: their largest principal stretch is 2.
 pub const EXPECTED_SHEAR: [f64; 2] = [-1.5, 1.5];
 
-/// A standard test. Volume is kept, as soft tissue nearly does.
+/// A standard test at constant volume, which soft tissue nearly keeps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StandardTest {
-    /// Stretch along one axis, the others alike.
+    /// Stretch along one axis, the other two axes contract equally.
     Uniaxial,
     /// The same stretch along two axes.
     Equibiaxial,
     /// Stretch along one axis, none along the second.
     Planar,
-    /// Simple shear; its amount stands in for the stretch.
+    /// Simple shear; the amount is the shear instead of a stretch.
     Shear,
 }
 
 impl StandardTest {
-    /// All of them.
+    /// All tests.
     pub const ALL: [Self; 4] = [Self::Uniaxial, Self::Equibiaxial, Self::Planar, Self::Shear];
 
-    /// Its name.
+    /// Name of the test in messages.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -36,7 +36,7 @@ impl StandardTest {
         }
     }
 
-    /// Its amount at rest.
+    /// Amount at rest: 1 for a stretch, 0 for a shear.
     #[must_use]
     pub fn rest(self) -> f64 {
         match self {
@@ -45,7 +45,7 @@ impl StandardTest {
         }
     }
 
-    /// Smallest and largest amount that tissue is expected to meet.
+    /// Smallest and largest amount expected in tissue.
     #[must_use]
     pub fn expected(self) -> [f64; 2] {
         match self {
@@ -54,7 +54,7 @@ impl StandardTest {
         }
     }
 
-    /// Deformation gradient at `amount`: a stretch, or a shear.
+    /// Deformation gradient at `amount`, a stretch or a shear.
     #[must_use]
     pub fn deformation(self, amount: f64) -> Matrix3<f64> {
         let l = amount;
@@ -68,12 +68,23 @@ impl StandardTest {
 }
 
 impl Material {
-    /// Smallest and largest amount of `test` within [`StandardTest::expected`] up to which the material stays strongly elliptic, from rest
-    /// on; to 1e-4.
+    /// Smallest and largest amount of `test` up to which the material stays strongly elliptic from rest on.
+    ///
+    /// The search is limited to [`StandardTest::expected`] and accurate to 1e-4.
+    ///
+    /// ```
+    /// use prosopon_tissue::fem::material::{EXPECTED_STRETCH, Materials, StandardTest};
+    ///
+    /// // The published constants of fat lose ellipticity below a stretch of 1.02, the stable ones nowhere.
+    /// let [_, high] = Materials::wang2009().fat.elliptic_range(StandardTest::Uniaxial);
+    /// assert!(high < 1.02);
+    /// let stable = Materials::wang2009_stable().fat;
+    /// assert_eq!(stable.elliptic_range(StandardTest::Uniaxial), EXPECTED_STRETCH);
+    /// ```
     #[must_use]
     pub fn elliptic_range(&self, test: StandardTest) -> [f64; 2] {
         test.expected().map(|end| {
-            // In steps of a hundredth of the way, of stretches in logarithmic ones, then by halving.
+            // A hundred steps (logarithmic for stretches) bracket the limit, then bisection.
             let (at, length): (&dyn Fn(f64) -> f64, f64) = match test {
                 StandardTest::Uniaxial | StandardTest::Equibiaxial | StandardTest::Planar => {
                     (&|share: f64| end.powf(share), end.ln().abs())
@@ -94,7 +105,7 @@ impl Material {
         })
     }
 
-    /// What to tell about a material of `tissue` that is not elliptic in all of the expected range; `None` when it is.
+    /// Warning about a material of `tissue` that loses ellipticity in the expected range, if it does.
     #[must_use]
     pub fn stability_warning(&self, tissue: &str) -> Option<String> {
         if self.is_polyconvex() {
@@ -108,7 +119,8 @@ impl Material {
             .collect();
         (!ranges.is_empty()).then(|| {
             format!(
-                "the material of {tissue} is stable only at stretches of {}; expected are stretches of {} to {} and shears up to {}",
+                "the material of {tissue} is stable only at stretches of {}; expected are stretches of {} to {} and shears \
+                 up to {}",
                 ranges.join(", "),
                 EXPECTED_STRETCH[0],
                 EXPECTED_STRETCH[1],
@@ -135,7 +147,7 @@ mod tests {
             assert!((low - limit.powi(-2)).abs() < 3e-4, "{low}");
             let [low, high] = stiff.elliptic_range(StandardTest::Planar);
             assert!((high - limit).abs() < 3e-4 && (low - 1.0 / limit).abs() < 3e-4);
-            // Simple shear by l - 1/l is a planar stretch l, turned.
+            // Simple shear by l - 1/l is a planar stretch l, rotated.
             let [low, high] = stiff.elliptic_range(StandardTest::Shear);
             let shear = limit - 1.0 / limit;
             assert!((high - shear).abs() < 6e-4 && (low + shear).abs() < 6e-4, "{low} {high} {shear}");

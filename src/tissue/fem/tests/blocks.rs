@@ -3,19 +3,19 @@
 use crate::mesh::{Attachment, MixedMesh, Tissue};
 use prosopon_geometry::{Point, Vector};
 
-/// A box of Kuhn tetrahedra, six a cell, with a layer of prisms on top when `skin > 0`.
+/// A box of Kuhn tetrahedra, six for each cell, with a layer of prisms on top when `skin > 0`.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Slab {
     pub(super) cells: [usize; 3],
     pub(super) origin: [f64; 3],
-    /// Size of the tetrahedra's part.
+    /// Size of the part with tetrahedra, mm.
     pub(super) size: [f64; 3],
-    /// Thickness of the prisms.
+    /// Thickness of the prisms, mm.
     pub(super) skin: f64,
 }
 
 impl Slab {
-    /// Mesh in fat and skin, all nodes [`Attachment::Free`]; nodes are numbered with x slowest and z fastest. Bone faces
+    /// Mesh of fat and skin with all nodes [`Attachment::Free`]; nodes are numbered with x slowest and z fastest. Bone faces
     /// are the triangles of the bottom.
     pub(super) fn mesh(&self) -> MixedMesh {
         let [nx, ny, nz] = self.cells;
@@ -38,7 +38,7 @@ impl Slab {
         for i in 0..nx {
             for j in 0..ny {
                 for k in 0..nz {
-                    // All ways from corner (0, 0, 0) to (1, 1, 1) along axes; odd permutations turn the tetrahedron round.
+                    // All paths from corner (0, 0, 0) to (1, 1, 1) along axes; odd permutations invert the tetrahedron.
                     for (path, odd) in
                         [([0, 1, 2], 0), ([1, 2, 0], 0), ([2, 0, 1], 0), ([0, 2, 1], 1), ([2, 1, 0], 1), ([1, 0, 2], 1)]
                     {
@@ -78,7 +78,7 @@ impl Slab {
     }
 }
 
-/// Sets the attachment of every node that `rule` has one for.
+/// Sets the attachment of every node for which `rule` returns one.
 pub(super) fn attach(mesh: &mut MixedMesh, rule: impl Fn(&Point) -> Option<Attachment>) {
     for (p, a) in mesh.positions.iter().zip(&mut mesh.attachment) {
         if let Some(attachment) = rule(p) {

@@ -30,7 +30,7 @@ impl Implicit for Ball {
     }
 }
 
-/// A post upwards from below whose top is z = 0, with rounded edges, about the z axis.
+/// A post about the z axis with rounded edges, unbounded below, whose top is z = 0.
 pub(super) struct RoundedPost {
     pub(super) half_width: f64,
     pub(super) edge_radius: f64,
@@ -55,9 +55,9 @@ impl Implicit for RoundedPost {
     }
 }
 
-/// A flat disc below z = 0 with a rounded rim, about the z axis.
+/// A flat disc about the z axis with a rounded rim, whose top is z = 0.
 pub(super) struct Coin {
-    /// Of its flat part.
+    /// Radius of the flat part, mm.
     pub(super) radius: f64,
     pub(super) half_thickness: f64,
 }

@@ -1,4 +1,4 @@
-//! Against CalculiX on the same mesh.
+//! Comparison with CalculiX on the same mesh.
 
 use super::blocks::{Slab, attach};
 use crate::fem::material::{Material, Materials, Volumetric};

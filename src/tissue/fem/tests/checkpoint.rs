@@ -1,4 +1,4 @@
-//! A path gone on with by another solver has the bits of one that is solved at a stretch.
+//! A path continued by another solver has the bits of a path solved without interruption.
 
 use super::blocks::{Slab, attach};
 use super::bodies::RoundedPost;
@@ -12,12 +12,12 @@ use prosopon_geometry::{Motion, Vector};
 
 const STEPS: usize = 6;
 
-/// Upwards, and slipping aside under the tissue.
+/// Bone moves upwards and sideways under the tissue.
 fn path(t: f64) -> Vec<(u32, Motion)> {
     vec![(1, Motion::new(Vector::new(2.5 * t * t, 1.0 * t, 5.0 * t), Vector::new(0.0, 0.2 * t, 0.1 * t)))]
 }
 
-/// Solves the step `k` as a job does.
+/// Solves step `k` as a job does.
 fn solve(solver: &mut Solver<'_>, k: usize) -> StepReport {
     let (t, control) = (k as f64 / STEPS as f64, Control::new());
     let solved =
@@ -47,7 +47,7 @@ fn steps_after_a_checkpoint_have_the_bits_of_a_path_at_a_stretch() {
         let unstable_material = UnstableMaterial::Stabilise;
         let settings = SolveSettings { skin_element, unstable_material, ..settings };
         let bodies = || vec![ContactBody { segment: 1, solid: &post }];
-        // As where the last system of a step did.
+        // As in a step whose last system requested a factor.
         let ask_for_a_factor = |solver: &mut Solver<'_>, k| {
             if k == 2 && model == Model::Nonlinear {
                 solver.equations.solver.refresh();

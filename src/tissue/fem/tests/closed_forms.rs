@@ -1,4 +1,4 @@
-//! Against closed forms, without contact.
+//! Comparison with closed forms, without contact.
 
 use super::blocks::{Slab, attach};
 use crate::fem::material::{Material, Materials};
@@ -12,7 +12,7 @@ fn is_on_box(p: &Point, size: f64) -> bool {
     p.iter().any(|c| *c < 1e-9 || *c > size - 1e-9)
 }
 
-/// A cube of edge 3 mm with crooked inner nodes; every boundary node is its own segment.
+/// A cube of edge 3 mm with displaced inner nodes; every boundary node is its own segment.
 fn crooked_cube() -> MixedMesh {
     let mut mesh = Slab { cells: [3, 3, 3], origin: [0.0; 3], size: [3.0; 3], skin: 0.0 }.mesh();
     for (i, p) in mesh.positions.iter_mut().enumerate() {
@@ -98,7 +98,7 @@ fn turning_the_whole_boundary_by_90_degrees_costs_no_energy() {
         }
         let energy = solver.equations.assembly.energy(&solver.state.x).unwrap();
         assert!(energy.abs() < 1e-9, "{energy}");
-        // The outer surface turns too.
+        // The outer surface rotates too.
         let p = mesh.prisms[0].map(|n| mesh.positions[n as usize]);
         let rest = Point::from((p[0].coords + p[1].coords + p[2].coords) / 3.0);
         let moved = solver.outer_displacement(0, [1.0 / 3.0; 3]);
@@ -151,14 +151,15 @@ fn newton_converges_quadratically() {
     solver.advance(1.0, &|t| vec![(1, Motion::translation(0.0, t, 2.0 * t))], &control).unwrap();
     let relative: Vec<f64> = solver.iterations().iter().map(|r| r.residual_n / r.reaction_n).collect();
     assert!(relative.len() >= 3);
-    // Error ratio e(k+1) / e(k)² stays bounded once e < 0.1; down to where round-off begins.
+    // The error ratio e(k+1) / e(k)² stays bounded once e < 0.1, until rounding dominates.
     let tail: Vec<f64> = relative.into_iter().filter(|r| *r > 1e-12).collect();
     for pair in tail.windows(2).filter(|p| p[0] < 0.1) {
         assert!(pair[1] < 3.0 * pair[0] * pair[0] + 1e-11, "{tail:?}");
     }
 }
 
-/// Three planes of symmetry, and a dead traction on the face x = 3 or its displacement along x alone: stress and stretch of uniaxial tension.
+/// Three planes of symmetry, and a dead traction on the face x = 3 or its displacement along x: stress and stretch of uniaxial
+/// tension.
 #[test]
 fn a_cube_on_planes_of_symmetry_stretches_by_load_and_by_displacement_as_in_closed_form() {
     let mut mesh = crooked_cube();
@@ -170,7 +171,7 @@ fn a_cube_on_planes_of_symmetry_stretches_by_load_and_by_displacement_as_in_clos
         let (i1, j) = (s.norm_squared(), s.product());
         mu * j.powf(-2.0 / 3.0) * (s[axis] - i1 / (3.0 * s[axis])) + 0.5 * bulk * (j * j - 1.0) / s[axis]
     };
-    // The lateral stretch that leaves the sides free.
+    // The lateral stretch with stress-free sides.
     let (mut low, mut high) = (0.5, 1.0);
     for _ in 0..60 {
         let mid = 0.5 * (low + high);
@@ -287,8 +288,9 @@ fn the_answer_has_no_units() {
     }
 }
 
-/// A bar between three planes of symmetry that meet in a corner of its C1 surface, pulled by a dead load: homogeneous, with the stretch across
-/// that leaves no stress there. The tangents at that corner must be free to grow with it. The quadrature's patch test holds to 2e-8.
+/// A bar between three planes of symmetry that meet in a corner of its C1 surface, pulled by a dead load: the deformation is
+/// homogeneous, with stress-free sides. The tangents at that corner must be free to grow with it. The quadrature's patch test
+/// holds to 2e-8.
 #[test]
 fn a_bar_of_c1_prisms_between_three_planes_of_symmetry_stays_homogeneous() {
     let size = [8.0, 6.0, 5.0];
@@ -296,7 +298,7 @@ fn a_bar_of_c1_prisms_between_three_planes_of_symmetry_stays_homogeneous() {
     let top = size[2] + 1.5;
     let held = |p: &Point| u8::from(p.x == 0.0) + 2 * u8::from(p.y == 0.0) + 4 * u8::from((p.z - top).abs() < 1e-9);
     let material = Material::neo_hookean(0.01, 0.45);
-    // Nominal stress of the stretch 1.2, and the stretch across it by halving.
+    // Nominal stress at the stretch 1.2, and the transverse stretch by bisection.
     let stress =
         |across: f64| material.first_piola(&Matrix3::from_diagonal(&Vector::new(across, across, 1.2))).unwrap();
     let (mut low, mut high) = (0.5, 1.0);

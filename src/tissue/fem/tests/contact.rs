@@ -1,4 +1,4 @@
-//! Contact: derivatives, patch test, Hertz, and what only pushes.
+//! Contact: derivatives, patch test, Hertz, and unilateral behaviour.
 
 use super::blocks::{Slab, attach};
 use super::bodies::{Ball, Coin, Floor, RoundedPost};
@@ -43,7 +43,7 @@ fn forces_and_stiffness_with_contact_are_derivatives_of_the_energy() {
         equations.dofs.add(0.05, &noise(1.3), &mut x);
         let balance = equations.balance(&x, &motions).unwrap();
         assert!(balance.touches.len() > 10);
-        // With multipliers the energy has all its terms.
+        // With multipliers all terms of the energy are present.
         equations.contact.augment(&balance.touches);
         let d = noise(2.1);
         let along = |equations: &mut crate::fem::equations::Equations<'_>, h: f64| {
@@ -56,7 +56,7 @@ fn forces_and_stiffness_with_contact_are_derivatives_of_the_energy() {
         let ((before, r0), (after, r1)) = (along(equations, -h), along(equations, h));
         let touches = equations.balance(&x, &motions).unwrap().touches;
         let slope = dot(&equations.residual, &d);
-        // Central differences lose h² and 1e-16/h.
+        // Central differences have errors of order h² and 1e-16/h.
         assert!(((after - before) / (2.0 * h) - slope).abs() < 1e-6 * slope.abs(), "{slope}");
         equations.stiffness(&x, &touches, &motions).unwrap();
         let mut kd = vec![0.0; n];
@@ -69,7 +69,7 @@ fn forces_and_stiffness_with_contact_are_derivatives_of_the_energy() {
 
 #[test]
 fn a_flat_body_presses_a_flat_block_uniformly() {
-    // Poisson ratio 0 and small strain: pressure E d / H everywhere, no movement sideways.
+    // Poisson ratio 0 and small strain: pressure E d / H everywhere, no lateral movement.
     let mut mesh = Slab { cells: [4, 3, 3], origin: [0.0; 3], size: [8.0, 6.0, 5.0], skin: 0.0 }.mesh();
     attach(&mut mesh, |p| match p.z {
         0.0 => Some(Attachment::Sliding),
@@ -91,7 +91,8 @@ fn a_flat_body_presses_a_flat_block_uniformly() {
     assert!((force[2] - 0.02 * d / 5.0 * 48.0).abs() < 1e-7 && force[0].abs() < 1e-7, "{force:?}");
 }
 
-/// Force (N) of a ball of radius 10 mm pressed 0.5 mm into a block of 80 × 80 × 40 mm made of `2 n`, `2 n` and `n` cells, fine near the contact.
+/// Force (N) of a ball of radius 10 mm pressed 0.5 mm into a block of 80 × 80 × 40 mm, with `2 n`, `2 n` and `n` cells that are
+/// fine near the contact.
 fn indentation_force(n: usize) -> f64 {
     let mut mesh =
         Slab { cells: [2 * n, 2 * n, n], origin: [-1.0, -1.0, 0.0], size: [2.0, 2.0, 1.0], skin: 0.0 }.mesh();
@@ -117,7 +118,7 @@ fn indentation_force(n: usize) -> f64 {
 #[test]
 fn indentation_by_a_ball_converges_with_order_two_to_the_independent_reference() {
     // `d_hertz.csv` of the project's reference results (dolfinx, axisymmetric, radius 40 mm): 53.22 mN. Linear tetrahedra are too
-    // stiff, by 49, 22 and 12 % with n = 6, 9 and 12: second order, so two meshes extrapolate to it.
+    // stiff, by 49, 22 and 12 % with n = 6, 9 and 12: second order, so two meshes extrapolate to the reference.
     let (coarse, fine) = (indentation_force(6), indentation_force(8));
     let limit = (fine * 64.0 - coarse * 36.0) / 28.0;
     assert!((limit / 0.05322 - 1.0).abs() < 0.03, "{coarse} {fine} {limit}");
@@ -135,14 +136,14 @@ fn sliding_tissue_is_pushed_but_not_pulled_and_tied_tissue_is_pulled() {
     let ball = Ball { centre: Point::new(0.0, 0.0, -10.0), radius: 10.0 };
     let body = ContactBody { segment: 1, solid: &ball };
     let mut solver = Solver::new(&mesh, vec![body], settings.clone(), &control).unwrap();
-    // Back and forth: only the part of the path above rest moves anything.
+    // Down and up: only the part of the path above rest moves the tissue.
     let report = solver.advance(0.5, &up(-4.0), &control).unwrap();
     assert_eq!((report.active_contacts, report.reactions_n[0].1), (0, [0.0; 3]));
     assert!(solver.positions()[bottom].z.abs() < 1e-12);
     let report = solver.advance(1.0, &|t| up(-4.0 + 16.0 * (t - 0.5))(1.0), &control).unwrap();
     assert!(report.active_contacts > 0 && report.max_penetration_mm <= 0.05, "{report:?}");
     assert!(report.substeps >= 3 && report.reactions_n[0].1[2] > 0.0);
-    // No point of a face may be inside the ball, so on a mesh as coarse as this its apex need not touch a node.
+    // Contact acts on faces too, so the ball's apex need not reach a node on a mesh as coarse as this.
     assert!((3.95..5.0).contains(&solver.positions()[bottom].z), "{}", solver.positions()[bottom].z);
     assert!(solver.positions()[top].z > 9.5 + 1.0);
 
@@ -154,8 +155,8 @@ fn sliding_tissue_is_pushed_but_not_pulled_and_tied_tissue_is_pulled() {
     assert!(report.reactions_n[0].1[2] < 0.0);
 }
 
-/// Bone thinner than the longest substep: a point that would come out below it is stopped by shorter substeps, and by name where they are
-/// not allowed.
+/// Bone is thinner than the longest substep: shorter substeps stop a point that would come out below it, and where they are not
+/// allowed the error names the passage.
 #[test]
 fn tissue_does_not_pass_through_thin_bone() {
     let mesh = sliding_slab(6);
@@ -170,7 +171,7 @@ fn tissue_does_not_pass_through_thin_bone() {
     let report = free.advance(1.0, &up(4.0), &control).unwrap();
     assert!(report.active_contacts > 0, "{report:?}");
     for (now, rest) in free.positions().iter().zip(&mesh.positions) {
-        // Above the coin at rest, above it after the path, but for the penetration that is allowed.
+        // A point above the coin at rest is above it after the path, except for the allowed penetration.
         if rest.z == 0.0 && rest.x.hypot(rest.y) < 7.0 {
             assert!(now.z > 4.0 - 0.06, "{now}");
         }
@@ -182,14 +183,15 @@ fn tissue_does_not_pass_through_thin_bone() {
     }
 }
 
-/// Beside the edge of a coin a point that changes sides came round it; in the middle it came through. Both at once: what came through is told.
+/// Beside the edge of a coin a point that changes sides went round the rim; in the middle it passed through. Two such points
+/// are both found.
 #[test]
 fn a_way_round_a_rim_is_told_from_one_through() {
     let mesh = sliding_slab(6);
     let coin = Coin { radius: 8.0, half_thickness: 0.3 };
     let (contact, _) = Contact::new(&mesh, vec![ContactBody { segment: 1, solid: &coin }], 1.0);
     let still = [Motion::identity()];
-    // All others far above; the coin lies between z = -0.6 and 0.
+    // All other nodes are far above; the coin lies between z = -0.6 and 0.
     let away = vec![Vector::new(0.0, 0.0, 90.0); mesh.positions.len()];
     let (above, below) = (0.05, -0.75);
     let nodes: Vec<usize> = (0..mesh.positions.len()).filter(|n| mesh.attachment[*n] == Attachment::Sliding).collect();
@@ -204,7 +206,7 @@ fn a_way_round_a_rim_is_told_from_one_through() {
     let middle = (nodes[9], Vector::new(0.0, 0.0, above), Vector::new(0.0, 0.0, below));
     let beside = (nodes[0], Vector::new(8.3, 0.0, above), Vector::new(8.3, 0.0, below));
     let kinds = |ways: &[(usize, Vector, Vector)]| moved(ways).iter().map(|p| p.round_a_rim).collect::<Vec<bool>>();
-    // A vertex alone: barycentres have corners far above.
+    // Only a vertex: barycentres have corners far above.
     assert_eq!(kinds(&[rim]), [true]);
     assert_eq!(kinds(&[middle]), [false]);
     assert_eq!(kinds(&[rim, middle]).len(), 2);
@@ -225,7 +227,7 @@ fn overlap_at_rest_is_stress_free_and_reported() {
     }
 }
 
-/// A post, raised by `0`.
+/// A post raised by the second field, mm.
 struct Raised(RoundedPost, f64);
 
 impl Implicit for Raised {
@@ -237,7 +239,7 @@ impl Implicit for Raised {
     }
 }
 
-/// A spine of bone pokes through a face between its nodes: the nearest surface is at its side, but tissue lies on its tip.
+/// A spine of bone penetrates a face between its nodes: the nearest surface is at its side, but tissue lies on its tip.
 #[test]
 fn what_overlaps_within_thin_bone_is_pushed_towards_the_tissue() {
     let mesh = sliding_slab(6);
@@ -246,7 +248,7 @@ fn what_overlaps_within_thin_bone_is_pushed_towards_the_tissue() {
     let spine = Raised(RoundedPost { half_width: 0.5, edge_radius: 0.1 }, 1.0);
     let body = ContactBody { segment: 1, solid: &spine };
     let still = Motion::translation(at.x - 0.2, at.y, 0.0);
-    // The spine stands at the middle of that face at rest.
+    // The spine is at the middle of that face at rest.
     let moved: Vec<Point> = mesh.positions.iter().map(|p| still.inverse_transform_point(p)).collect();
     let mesh = MixedMesh { positions: moved, ..mesh };
     let (contact, _) = Contact::new(&mesh, vec![body], 1.0);
@@ -255,7 +257,7 @@ fn what_overlaps_within_thin_bone_is_pushed_towards_the_tissue() {
     let touches = contact.touches(&x, &[Motion::translation(0.0, 0.0, 0.1)]);
     // The nodes of the face are farther away than the spine is wide.
     let [touch] = touches.as_slice() else { panic!("{touches:?}") };
-    // The surface is looked for to 0.01 mm.
+    // The search for the surface is accurate to 0.01 mm.
     assert!((touch.gap() + 0.1).abs() < 0.011, "{touch:?}");
     let mut forces = vec![Vector::zeros(); x.len()];
     contact.add_forces(&touches, &mut forces);
@@ -263,8 +265,8 @@ fn what_overlaps_within_thin_bone_is_pushed_towards_the_tissue() {
     assert!(total.z < 0.0 && total.x.abs() + total.y.abs() < 1e-9 * -total.z, "{total}");
 }
 
-/// Edges of bone come up under rows of nodes, which may slip to either side of them: contact is followed on the way, so one long step ends
-/// where eight short ones do. Within twice the penetration that is left at most.
+/// Edges of bone rise under rows of nodes, which may slip to either side. Contact is solved along the path, so one long step ends
+/// where eight short ones do, within twice the penetration tolerance.
 #[test]
 fn a_long_step_ends_where_short_ones_do_at_an_edge() {
     let mut mesh = Slab { cells: [12, 12, 3], origin: [-24.0, -24.0, 0.0], size: [48.0, 48.0, 12.0], skin: 1.5 }.mesh();
@@ -290,8 +292,8 @@ fn a_long_step_ends_where_short_ones_do_at_an_edge() {
     assert!(off < 0.1, "{off}");
 }
 
-/// The energy of linear tissue is the quadratic model that contact settles in, so one model finds the equilibrium over a curved body;
-/// what is left is single precision.
+/// The energy of linear tissue equals the quadratic model of the condensed contact solve, so one model finds the equilibrium over
+/// a curved body, up to the error of single precision.
 #[test]
 fn contact_of_linear_tissue_settles_at_once_over_a_curved_body() {
     let mesh = sliding_slab(8);

@@ -1,4 +1,4 @@
-//! Rates of convergence: a manufactured solution, thick shells under inner pressure.
+//! Rates of convergence: a manufactured solution, and thick shells under internal pressure.
 
 use super::blocks::{Slab, attach};
 use crate::fem::material::{Material, Materials, Volumetric};
@@ -20,7 +20,7 @@ fn rate(errors: &[f64]) -> f64 {
     top / bottom
 }
 
-/// Four points of a tetrahedron that integrate polynomials of degree 2, as weights of its corners.
+/// Four quadrature points of a tetrahedron, exact for polynomials of degree 2, as weights of its corners.
 const QUADRATURE: [[f64; 4]; 4] = {
     const A: f64 = 0.5854101966249685;
     const B: f64 = 0.1381966011250105;
@@ -50,8 +50,8 @@ fn exact_gradient(p: &Vector) -> Matrix3<f64> {
     rows * AMPLITUDE
 }
 
-/// Body force that keeps the exact deformation in equilibrium: minus the divergence of the nominal stress, by central differences that lose
-/// about 1e-9 of it.
+/// Body force of the exact deformation: minus the divergence of the nominal stress, by central differences with a relative error
+/// of about 1e-9.
 fn body_force(material: &Material, p: &Vector) -> Vector {
     let h = 1e-4;
     let stress = |p: Vector| material.first_piola(&(Matrix3::identity() + exact_gradient(&p))).unwrap();
@@ -61,7 +61,7 @@ fn body_force(material: &Material, p: &Vector) -> Vector {
     })
 }
 
-/// Errors of displacement and of its gradient (L2 norms) on a unit cube of `n`³ cells with the boundary's displacement given.
+/// L2 errors of displacement and gradient on a unit cube of `n`³ cells with prescribed displacement on the boundary.
 fn manufactured(n: usize, locking: Locking) -> (f64, f64) {
     let mut mesh = Slab { cells: [n; 3], origin: [0.0; 3], size: [1.0; 3], skin: 0.0 }.mesh();
     let on_boundary = |p: &Point| p.iter().any(|c| *c < 1e-9 || *c > 1.0 - 1e-9);
@@ -117,7 +117,7 @@ fn a_manufactured_solution_converges_with_orders_two_and_one() {
         let (l2, h1) = (rate(&errors.map(|e| e.0)), rate(&errors.map(|e| e.1)));
         println!("manufactured, {locking:?}: rates {l2:.3} and {h1:.3}, {errors:?}");
         assert!((l2 - 2.0).abs() < 0.1 && (h1 - 1.0).abs() < 0.1, "{locking:?}: {l2} {h1} {errors:?}");
-        // On the finest mesh the displacement, some 0.08 long, is off by less than a hundredth.
+        // On the finest mesh the relative error of the displacement, about 0.08 long, is below a hundredth.
         assert!(errors[2].0 < 8e-4, "{errors:?}");
     }
 }
@@ -148,7 +148,7 @@ fn sphere(n: usize) -> MixedMesh {
     let mut tetrahedra = Vec::new();
     for k in 0..n {
         for triangle in &triangles {
-            // Split along the order of the numbers, so that neighbours agree.
+            // Split in the order of node numbers, so that neighbours agree.
             let mut t = *triangle;
             t.sort_unstable();
             let [a, b, c] = t.map(|v| (k * m + v) as u32);
@@ -183,8 +183,8 @@ fn cylinder(n: usize) -> MixedMesh {
     mesh
 }
 
-/// Outward displacement at radius 20 and at 15 mm, a mean over the nodes there, when the inner radius goes from 10 to 12 mm; `axes` are those
-/// of the radius, the others are kept.
+/// Mean outward displacement of the nodes at radius 20 and at 15 mm when the inner radius grows from 10 to 12 mm. `axes` is the
+/// number of radial axes; the displacement along the others is zero.
 fn inflate(mut mesh: MixedMesh, axes: usize) -> [f64; 2] {
     let outward = |p: &Point| Vector::from_fn(|a, _| if a < axes { p[a] } else { 0.0 });
     let radius = |p: &Point| outward(p).norm();
@@ -195,7 +195,7 @@ fn inflate(mut mesh: MixedMesh, axes: usize) -> [f64; 2] {
     }
     let held = |p: &Point| (0..3).filter(|&a| a >= axes || p[a].abs() < 1e-9).fold(0u8, |bits, a| bits | 1 << a);
     let boundary = Boundary { held_axes: mesh.positions.iter().map(held).collect(), ..Boundary::default() };
-    // Fat of the references, a fifth of the modulus in C01, Poisson ratio 0.45.
+    // Fat of the references: a fifth of the modulus from C01, Poisson ratio 0.45.
     let material = Material::mooney_rivlin(4.7105788e-3, 1.1776447e-3, 0.45).with_volumetric(Volumetric::Quadratic);
     let settings = SolveSettings {
         relative_residual: 1e-8,
@@ -235,13 +235,13 @@ fn thick_shells_converge_with_order_two() {
     }
 }
 
-/// Any other order of the nodes gives the same answer but for rounding.
+/// Any other order of the nodes gives the same result up to rounding.
 #[test]
 fn renumbered_nodes_give_the_same_answer() {
     let mut mesh = Slab { cells: [6, 6, 2], origin: [0.0; 3], size: [24.0, 24.0, 8.0], skin: 1.5 }.mesh();
     attach(&mut mesh, |p| (p.z == 0.0).then_some(if p.x > 12.0 { Attachment::Tied(1) } else { Attachment::Tied(0) }));
     let n = mesh.positions.len();
-    // A prime that does not divide the count: its multiples run through all nodes.
+    // A prime that does not divide the number of nodes: its multiples reach all nodes.
     let step = 61;
     assert_ne!(n % step, 0);
     let place = |node: usize| (node * step + 5) % n;

@@ -1,4 +1,4 @@
-//! Rigid bodies pressed into blocks, against finer independent solutions; the finest meshes only with `SLOW_TESTS`.
+//! Rigid bodies pressed into blocks, against finer independent solutions; the finest meshes run only with `SLOW_TESTS`.
 
 use super::blocks::{Slab, attach};
 use super::bodies::{Ball, RoundedPost};
@@ -8,7 +8,7 @@ use crate::mesh::{Attachment, MixedMesh};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Motion, Point, Vector};
 
-/// Penetration that is left under the post: a five hundredth of its height.
+/// Penetration tolerance under the post, mm: a five hundredth of its height.
 const PENETRATION_MM: f64 = 0.01;
 
 fn slow() -> bool {
@@ -19,14 +19,15 @@ fn up(d: f64) -> impl Fn(f64) -> Vec<(u32, Motion)> {
     move |t| vec![(1, Motion::translation(0.0, 0.0, d * t))]
 }
 
-/// Planes x = 0 and y = 0.
+/// Boundary with planes of symmetry x = 0 and y = 0.
 fn quarter(mesh: &MixedMesh) -> Boundary {
     let held = |p: &Point| u8::from(p.x.abs() < 1e-9) + 2 * u8::from(p.y.abs() < 1e-9);
     Boundary { held_axes: mesh.positions.iter().map(held).collect(), ..Boundary::default() }
 }
 
-/// The layered block of the references: a quarter of 120 x 120 x 16.5 mm, the uppermost 1.5 mm of them skin, with a post of 40 x 40 mm with
-/// edges rounded by 5 mm below it. Displacements of the middle of the skin at each of `heights` of the post, and the last report.
+/// The layered block of the references: a quarter of 120 x 120 x 16.5 mm, whose uppermost 1.5 mm are skin, with a post of 40 x 40
+/// mm with edges rounded by 5 mm below it. Returns displacements of the middle of the skin at each of `heights` of the post, and
+/// the last report.
 fn layered_block(
     cells: [usize; 3],
     locking: Locking,
@@ -69,8 +70,8 @@ fn layered_block(
     (lines, last.unwrap())
 }
 
-/// Reference: hexahedra of degree 2 (`e_3d_contact_nu45.csv`, level 2), which changed by 0.1 to 0.8 % from the level before. Plain linear
-/// tetrahedra with this spacing miss by 5 to 23 %.
+/// Reference: hexahedra of degree 2 (`e_3d_contact_nu45.csv`, level 2), which changed by 0.1 to 0.8 % from the level before.
+/// Standard linear tetrahedra with this spacing are 5 to 23 % off.
 #[test]
 fn a_layered_block_over_a_post_is_as_in_an_independent_solution() {
     if !slow() {
@@ -94,8 +95,8 @@ fn a_layered_block_over_a_post_is_as_in_an_independent_solution() {
     }
 }
 
-/// The same post twice as high: `e_3d_contact_nu45.csv`, level 2, d = 10 mm; force of level 1, as level 2 has none. From level 1 to 2 the
-/// lines changed by up to 0.8 %.
+/// The same post, twice as high: `e_3d_contact_nu45.csv`, level 2, d = 10 mm; the force is that of level 1, as level 2 has none.
+/// From level 1 to 2 the displacements changed by up to 0.8 %.
 #[test]
 fn a_post_of_ten_millimetres_is_as_in_an_independent_solution() {
     if !slow() {
@@ -118,7 +119,7 @@ fn a_post_of_ten_millimetres_is_as_in_an_independent_solution() {
     }
 }
 
-/// Multipliers make the answer independent of the stiffness of the contact.
+/// Multipliers make the result independent of the penalty stiffness.
 #[test]
 fn a_stiffer_contact_gives_the_same_answer() {
     let height = |stiffness: f64| {
@@ -131,11 +132,11 @@ fn a_stiffer_contact_gives_the_same_answer() {
     assert!((stiff / plain - 1.0).abs() < 1e-3, "{plain} {stiff}");
 }
 
-/// A ball of radius 10 mm into a quarter of a block of radius 40 mm, `n` cells a side, fine near the contact.
+/// A ball of radius 10 mm pressed into a quarter of a block of radius 40 mm, `n` cells a side, fine near the contact.
 fn hertz(n: usize, depth: f64) -> f64 {
     let mut mesh = Slab { cells: [n; 3], origin: [0.0; 3], size: [1.0; 3], skin: 0.0 }.mesh();
     for p in &mut mesh.positions {
-        // Equal cells over some four contact radii, then ever wider.
+        // Equal cells over about four contact radii, then growing ones.
         let grade = |s: f64| 8.0 * s + 32.0 * s.powi(4);
         *p = Point::new(grade(p.x), grade(p.y), grade(p.z));
     }
@@ -157,7 +158,8 @@ fn hertz(n: usize, depth: f64) -> f64 {
     4e3 * report.reactions_n.iter().find(|(s, _)| *s == 1).unwrap().1[2]
 }
 
-/// `d_hertz.csv`: 66.40 mN at half a millimetre (dolfinx, axisymmetric, radius 40 mm; a square block differs by less than the tolerance).
+/// `d_hertz.csv`: 66.40 mN at half a millimetre (dolfinx, axisymmetric, radius 40 mm; a square block differs by less than the
+/// tolerance).
 #[test]
 fn a_ball_is_pressed_in_with_the_force_of_an_independent_solution() {
     let cells: &[usize] = if slow() { &[10, 14, 20] } else { &[10] };

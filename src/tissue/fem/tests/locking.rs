@@ -1,4 +1,4 @@
-//! Cook's membrane in three dimensions against independent solvers.
+//! Cook's membrane in three dimensions, against independent solvers.
 
 use super::blocks::Slab;
 use crate::fem::material::{Material, Materials, Volumetric};
@@ -10,7 +10,7 @@ use prosopon_geometry::{Point, Vector};
 const SHEAR: f64 = 11.776447e-3;
 const TRACTION: f64 = 6.25 * SHEAR / 80.1938;
 
-/// Vertical displacement of the tip, half of a membrane 10 mm thick with 16 x 16 x 3 cells.
+/// Vertical displacement of the tip, mm, of half a membrane 10 mm thick with 16 x 16 x 3 cells.
 fn tip(poisson: f64, locking: Locking) -> f64 {
     let mut mesh = Slab { cells: [16, 16, 3], origin: [0.0; 3], size: [1.0, 1.0, 5.0], skin: 0.0 }.mesh();
     for p in &mut mesh.positions {
@@ -46,7 +46,7 @@ fn tip(poisson: f64, locking: Locking) -> f64 {
 
 #[test]
 fn cooks_membrane_bends_as_in_other_solvers_and_does_not_lock_when_smoothed() {
-    // Poisson ratio, plain tetrahedra by another program on the same mesh, averaged nodal pressure on it, converged.
+    // Poisson ratio; standard tetrahedra of another program on the same mesh; averaged nodal pressure on it; converged value.
     for (poisson, plain, averaged, converged) in [(0.45, 6.82237, 8.03, 8.570), (0.499, 2.73119, 7.62, 8.355)] {
         let found = tip(poisson, Locking::None);
         // That program stopped at an increment of 1e-7 mm.

@@ -58,7 +58,7 @@ fn rest_is_free_of_energy_and_stress_and_has_the_moduli() {
     assert!((nu - 0.45).abs() < 1e-14);
 }
 
-/// Central differences at two steps: the error must fall with h² until rounding takes over.
+/// Central differences at two steps: the error must fall with h² until rounding dominates.
 #[test]
 fn stress_and_tangent_are_derivatives_of_the_energy() {
     for m in materials() {
@@ -96,7 +96,7 @@ fn a_rotation_turns_the_stress_and_keeps_the_energy() {
             let scale = m.bulk;
             assert!((m.energy(&(q * f)).unwrap() - e).abs() < 1e-13 * scale);
             assert!((m.first_piola(&(q * f)).unwrap() - q * p).norm() < 1e-13 * scale);
-            // Isotropy: a rotation before the deformation.
+            // Isotropy: a rotation before the deformation changes nothing.
             assert!((m.energy(&(f * q)).unwrap() - e).abs() < 1e-13 * scale);
         }
     }
@@ -114,7 +114,7 @@ fn inverted_and_broken_gradients_are_refused() {
     assert_eq!(m.energy(&mirrored), Err(Inverted { det_f: -1.0 }));
 }
 
-/// Pressed to a millionth of its volume, by the formulas.
+/// Compressed to a millionth of the volume, by the formulas.
 #[test]
 fn the_logarithmic_energy_resists_collapse_where_the_quadratic_one_does_not() {
     let material = Material::neo_hookean(0.07, 0.45);
@@ -122,13 +122,14 @@ fn the_logarithmic_energy_resists_collapse_where_the_quadratic_one_does_not() {
     assert!((energy(&material, 1e-6) - 0.25 * (-1.0 + 12.0 * 10f64.ln())).abs() < 1e-6);
     let quadratic = material.with_volumetric(Volumetric::Quadratic);
     assert!((energy(&quadratic, 1e-6) - 0.5).abs() < 1e-5);
-    // The same at small strain.
+    // Both agree at small strain.
     let small = [material, quadratic].map(|m| energy(&m, 1.001));
     assert!((small[0] / small[1] - 1.0).abs() < 1e-3, "{small:?}");
 }
 
-/// Rows of an independent table of homogeneous states, made with 30-digit arithmetic (fat, nu 0.45; C10 4.7105788, C01 1.1776447,
-/// K 113.838987667 kPa): the lateral stretch is the one that frees the sides, `P11` and `P22` nominal stress in kPa.
+/// Rows of an independent table of homogeneous states, computed with 30-digit arithmetic (fat, nu 0.45; C10 4.7105788, C01
+/// 1.1776447, K 113.838987667 kPa): the lateral stretch leaves the sides stress-free, `P11` and `P22` are nominal stresses in
+/// kPa.
 #[test]
 fn homogeneous_states_agree_with_an_independent_table() {
     let m = Material {

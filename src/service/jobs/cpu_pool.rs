@@ -3,14 +3,15 @@ use std::sync::Arc;
 
 use tokio::sync::oneshot;
 
-/// The work panicked; the log has the message.
+/// The computation panicked; the log has the message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("the computation panicked")]
 pub struct Panicked;
 
-/// The threads on which numerics run; async code never computes. Short work within a request has threads of its own: it would
-/// else wait for a job's whole computation. Jobs at the same time have too: a thread that waits for a part of one job would else
-/// begin another.
+/// The threads that run numerics; async code never computes.
+///
+/// Short computations of requests have separate threads, so that they do not wait for a whole job. Each worker has separate
+/// threads too, because a thread that waits for a part of one job would otherwise begin another job.
 ///
 /// Work whose caller has gone before it starts is skipped. Clones share the threads.
 #[derive(Debug, Clone)]
@@ -20,7 +21,9 @@ pub struct CpuPool {
 }
 
 impl CpuPool {
-    /// `threads` threads for jobs, shared out to `parallel_jobs` at the same time, and as many for requests; 0 is one a core.
+    /// Starts `threads` threads for jobs, divided among `parallel_jobs` workers, and as many for requests.
+    ///
+    /// With `threads` = 0 there is one thread per core.
     ///
     /// # Errors
     /// When the threads cannot be started.
@@ -35,10 +38,10 @@ impl CpuPool {
         Ok(Self { jobs: jobs?.into(), requests: Arc::new(pool("request".to_owned(), all)?) })
     }
 
-    /// Runs a job's `work` on the threads of a worker; workers are numbered from 0.
+    /// Runs the `work` of a job on the threads of a worker; workers are numbered from 0.
     ///
     /// # Errors
-    /// [`Panicked`] when it panics; the pool goes on.
+    /// [`Panicked`] when `work` panics; the pool stays usable.
     pub async fn run_job<T: Send + 'static>(
         &self,
         worker: usize,
@@ -47,10 +50,10 @@ impl CpuPool {
         run(&self.jobs[worker % self.jobs.len()], work).await
     }
 
-    /// Runs a request's short `work`.
+    /// Runs the short `work` of a request on the threads for requests.
     ///
     /// # Errors
-    /// [`Panicked`] when it panics; the pool goes on.
+    /// [`Panicked`] when `work` panics; the pool stays usable.
     pub async fn run_request<T: Send + 'static>(
         &self,
         work: impl FnOnce() -> T + Send + 'static,
@@ -82,7 +85,7 @@ async fn run<T: Send + 'static>(
         // The caller may have left meanwhile.
         sender.send(result).ok();
     });
-    // The sender is only dropped unused when the pool itself is torn down.
+    // The sender is dropped unused only when the pool is torn down.
     receiver.await.unwrap_or(Err(Panicked))
 }
 

@@ -7,21 +7,23 @@ use super::service::end_event;
 use prosopon_session::{Fault, FaultKind};
 use prosopon_store::{EventRecord, JobId, JobState};
 
-/// Events of one job as they are stored, from a given number on. Where events after that number are not kept any more, the first
-/// one is `resync`: the client reads the job's status and goes on from here.
+/// Events of one job as they are stored, from a given number on.
+///
+/// When events after that number are not stored any more, the first event is `resync`: the client reads the job's status and
+/// continues from there.
 #[derive(Debug)]
 pub struct EventFeed {
     service: Arc<Service>,
     changes: watch::Receiver<u64>,
     job: JobId,
     last: u64,
-    /// Told before anything else.
+    /// Event to send first.
     resync: Option<EventRecord>,
     ended: bool,
 }
 
 impl EventFeed {
-    /// Events after number `last`.
+    /// Opens a feed of the events after number `last`.
     ///
     /// # Errors
     /// As [`Service::job`].
@@ -36,7 +38,7 @@ impl EventFeed {
         };
         let begins_at = record.events_from.saturating_sub(1);
         let (last, resync) = if last > newest {
-            // A number of another life of the job, as before a restored backup.
+            // The number comes from another history of the job, for example from before a backup was restored.
             (begins_at, Some(resync(begins_at)))
         } else if last < begins_at {
             (begins_at, Some(resync(begins_at)))
@@ -47,20 +49,21 @@ impl EventFeed {
         Ok(Self { service, changes, job, last, resync, ended })
     }
 
-    /// Number after which it goes on.
+    /// Number of the last event that was returned.
     #[must_use]
     pub fn last(&self) -> u64 {
         self.last
     }
 
-    /// Whether nothing will come: the job has ended and all was seen.
+    /// Whether no event will follow: the job has ended and all its events were returned.
     #[must_use]
     pub fn is_spent(&self) -> bool {
         self.ended
     }
 
-    /// The next events in order; none after `end`, or when the service stops. A job that is deleted with its session ends as
-    /// cancelled, with a problem that says so.
+    /// The next events in order; empty after `end` and when the service stops.
+    ///
+    /// A job that is deleted with its session ends as cancelled, with a problem that says so.
     ///
     /// # Errors
     /// The store's.
@@ -71,7 +74,7 @@ impl EventFeed {
         let stopping = self.service.stopping().clone();
         while !self.ended {
             self.changes.borrow_and_update();
-            // Before the events: a job that ends in between has its last ones among them or sends a change.
+            // Read before the events: if the job ends in between, its last events are among them or trigger a change.
             let job = self.service.store().job(self.job).await?;
             let events = self.service.store().events(self.job, self.last).await?;
             if let Some(last) = events.last() {
@@ -80,13 +83,13 @@ impl EventFeed {
                 return Ok(events);
             }
             match job {
-                // Its events went with its session: the last word is said here.
+                // The events were deleted with the session, so the last event is made here.
                 None => {
                     self.ended = true;
                     self.last += 1;
                     return Ok(vec![EventRecord { seq: self.last, ..deleted(self.job) }]);
                 }
-                // It has said so, and the client has seen it.
+                // The client has received the last event.
                 Some(job) if job.state.has_ended() => break,
                 Some(_) => {}
             }
@@ -100,7 +103,7 @@ impl EventFeed {
     }
 }
 
-/// The end of a job that is not there any more.
+/// The last event of a deleted job.
 fn deleted(job: JobId) -> EventRecord {
     let fault = Fault::new(FaultKind::Gone, format!("job {job} was deleted with its session"));
     let (kind, data) = end_event(JobState::Cancelled, Some(&fault));

@@ -1,24 +1,26 @@
-//! When a job ends, by how its progress has grown in the present stage.
+//! Forecast of the end of a job, from the growth of its progress in the current stage.
 
-/// Progress of a stage over time; times in seconds on one clock, progress from 0 to 1 of the whole job.
+/// Progress of a stage over time; times in seconds on one clock, progress of the whole job from 0 to 1.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Forecast {
     job_begin_s: f64,
-    /// Time and progress at which the stage began.
+    /// Time and progress at the begin of the stage.
     begin: (f64, f64),
-    /// Time and progress at which the progress grew last.
+    /// Time and progress at the last growth of the progress.
     last: (f64, f64),
-    /// By how much it grew then, and in how many seconds.
+    /// Last growth of the progress; `gained_in_s` is the time that it took, s.
     gain: f64,
     gained_in_s: f64,
 }
 
-/// Progress of the whole job from which on the job's own rate says something.
+/// Progress of the whole job from which on its mean rate is used.
 const LEAST_PROGRESS: f64 = 0.03;
-/// A path gets dearer as bone presses more tissue: of 1, 1.3 and 1.6 the last was within a factor of two most of the time, over two heads and three patients
-/// each (73 % of it; 52 % with the mean rate alone).
+/// Factor on the remaining time, because steps take longer as bone compresses more tissue.
+///
+/// Of 1, 1.3 and 1.6, the last kept the forecast within a factor of two for most of the time, over two heads and three patients
+/// each: 73 % of the time, against 52 % with the mean rate alone.
 const DEARER: f64 = 1.6;
-/// A step that has lasted for a while lasts this share of it longer.
+/// Lower bound of the remaining time as a share of the time since the last growth of the progress.
 const STUCK: f64 = 0.5;
 
 impl Forecast {
@@ -26,12 +28,12 @@ impl Forecast {
         Self { job_begin_s: now_s, begin: (now_s, 0.0), last: (now_s, 0.0), gain: 0.0, gained_in_s: 0.0 }
     }
 
-    /// A stage begins: what the stages before it took says nothing about it.
+    /// Begins a stage; the rates of earlier stages do not apply to it.
     pub(super) fn begin_stage(&mut self, now_s: f64, progress: f64) {
         *self = Self { begin: (now_s, progress), last: (now_s, progress), gain: 0.0, gained_in_s: 0.0, ..*self };
     }
 
-    /// Notes the present progress; to be called every second or so.
+    /// Records the current progress; call it about once a second.
     pub(super) fn see(&mut self, now_s: f64, progress: f64) {
         if progress > self.last.1 + 1e-6 {
             (self.gain, self.gained_in_s) = (progress - self.last.1, now_s - self.last.0);
@@ -39,10 +41,10 @@ impl Forecast {
         }
     }
 
-    /// Time left, s; `None` before there is something to go by.
+    /// Estimate of the remaining time, s; `None` before there is progress.
     ///
-    /// The rest goes at the geometric mean of the stage's mean rate and the last report's where that was slower, and takes [`DEARER`] times as long. A
-    /// step that lasts longer than those before it moves the end away.
+    /// The rate is the geometric mean of the stage's mean rate and its last rate, where that was slower; the remaining time is
+    /// [`DEARER`] times that at this rate. A step that lasts longer than those before it moves the forecast end later.
     pub(super) fn left_s(&self, now_s: f64) -> Option<f64> {
         let (done, rest) = (self.last.1 - self.begin.1, 1.0 - self.last.1);
         if done <= 0.0 {
@@ -61,7 +63,7 @@ impl Forecast {
 mod tests {
     use super::*;
 
-    /// Seconds and progress of solves of both jaws with turned rami on raw CTs (`tests/bench/both_jaws.py`); the last pair is the end.
+    /// Seconds and progress of solves of both jaws with turned rami (`tests/bench/both_jaws.py`, raw CTs).
     const SMOOTH: [&[(f64, f64)]; 3] = [
         // ct_head_a
         &[
@@ -92,7 +94,7 @@ mod tests {
             (37.3, 0.970),
         ],
     ];
-    /// One whose last step takes half of all the time.
+    /// A solve whose last step takes about half of the whole time.
     const STUCK_AT_THE_END: &[(f64, f64)] = &[
         (0.3, 0.103),
         (3.3, 0.248),
@@ -105,7 +107,9 @@ mod tests {
         (159.5, 0.970),
     ];
 
-    /// Share of the time from a fifth of the progress on, up to 3 s before the end, in which the forecast is within a factor of two.
+    /// Share of the time in which the forecast is within a factor of two.
+    ///
+    /// Judged from 20 % progress to 3 s before the end.
     fn right(events: &[(f64, f64)]) -> f64 {
         let (end, _) = *events.last().unwrap();
         let (mut forecast, mut next) = (Forecast::new(0.0), 0);
@@ -131,7 +135,7 @@ mod tests {
         for events in SMOOTH {
             assert!(right(events) >= 0.85, "{}", right(events));
         }
-        // Nothing says beforehand that a step will be hard.
+        // No rate predicts a hard step.
         assert!(right(STUCK_AT_THE_END) >= 0.55, "{}", right(STUCK_AT_THE_END));
     }
 
@@ -139,7 +143,7 @@ mod tests {
     fn a_stage_is_not_judged_by_those_before_it() {
         let mut forecast = Forecast::new(0.0);
         assert_eq!(forecast.left_s(5.0), None);
-        // A slow stage of a tenth, then steps of a second.
+        // A slow stage of a tenth of the progress, then steps of one second.
         forecast.see(100.0, 0.1);
         forecast.begin_stage(100.0, 0.1);
         forecast.see(101.0, 0.2);

@@ -1,37 +1,39 @@
 use prosopon_geometry::{Point, TriMesh};
 use prosopon_session::{Fault, FaultKind};
 
-/// One step's skin as stored and served: positions x, y, z of all vertices, then the displacement's length of each, then
-/// the signed error of each where there is one; little-endian f32, mm. `api/frames.md` is its contract.
+/// Skin of one step, as stored and served; `api/frames.md` is the contract.
+///
+/// Layout, little-endian f32: positions x, y, z of all vertices, then the length of each vertex' displacement, then the signed
+/// error of each vertex if there is one; all in mm.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SkinFrame {
-    /// Positions, LPS mm.
+    /// Positions of the vertices, LPS mm.
     pub positions_mm: Vec<[f32; 3]>,
     /// Length of each vertex' displacement, mm.
     pub displacement_mm: Vec<f32>,
-    /// Signed error, mm.
+    /// Signed error of each vertex, mm; `None` when the step is compared with nothing.
     pub error_mm: Option<Vec<f32>>,
 }
 
 impl SkinFrame {
-    /// The stored form.
+    /// Encodes the frame.
     #[must_use]
     pub fn encode(&self) -> Vec<u8> {
         let scalars = self.displacement_mm.iter().chain(self.error_mm.iter().flatten());
         self.positions_mm.iter().flatten().chain(scalars).flat_map(|v| v.to_le_bytes()).collect()
     }
 
-    /// Reads the stored form of `n_vertices` vertices.
+    /// Decodes a frame of `n_vertices` vertices.
     ///
     /// # Errors
-    /// [`FaultKind::Internal`] when the length does not fit.
+    /// [`FaultKind::Internal`] when the length does not match the number of vertices.
     pub fn decode(bytes: &[u8], n_vertices: usize) -> Result<Self, Fault> {
         let values: Vec<f32> = bytes.as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect();
         let n_scalars = values.len().checked_sub(3 * n_vertices).filter(|_| bytes.len().is_multiple_of(4));
         let has_error = match n_scalars {
             Some(n) if n == n_vertices => false,
             Some(n) if n == 2 * n_vertices => true,
-            _ => return Err(Fault::new(FaultKind::Internal, "a stored frame does not fit its surface")),
+            _ => return Err(Fault::new(FaultKind::Internal, "a stored frame does not match its surface")),
         };
         let (positions, scalars) = values.split_at(3 * n_vertices);
         let (displacement, error) = scalars.split_at(n_vertices);
@@ -45,11 +47,11 @@ impl SkinFrame {
     /// The deformed skin on the triangles of the skin at rest.
     ///
     /// # Errors
-    /// [`FaultKind::Internal`] when the frame is not of that skin.
+    /// [`FaultKind::Internal`] when the numbers of vertices differ.
     pub fn mesh(&self, rest: &TriMesh) -> Result<TriMesh, Fault> {
         let positions = self.positions_mm.iter().map(|p| Point::from(p.map(f64::from))).collect();
         rest.with_positions(positions)
-            .map_err(|_| Fault::new(FaultKind::Internal, "a stored frame does not fit its surface"))
+            .map_err(|_| Fault::new(FaultKind::Internal, "a stored frame does not match its surface"))
     }
 }
 

@@ -4,16 +4,16 @@ use std::time::{Duration, Instant};
 use super::Service;
 use super::running::Worker;
 
-/// A scheduler that has not moved for so long is wedged.
+/// A worker without a heartbeat for this long is stuck.
 const SILENCE: Duration = Duration::from_secs(60);
-/// Work that goes on for so long after it should stop is wedged: solvers look at every Newton iteration.
+/// Work that ignores a stop for this long is stuck: solvers check for a stop in every Newton iteration.
 const DEAF: Duration = Duration::from_secs(180);
 
-/// When each worker last moved.
+/// Last heartbeat of each worker.
 #[derive(Debug)]
 pub(super) struct Beats {
     begin: Instant,
-    /// Milliseconds since the beginning.
+    /// Time of the last heartbeat, ms since `begin`.
     last: Vec<(Worker, AtomicU64)>,
 }
 
@@ -29,7 +29,7 @@ impl Beats {
         }
     }
 
-    /// How long each worker has not moved.
+    /// Time since the last heartbeat of each worker.
     fn silences(&self) -> impl Iterator<Item = (Worker, Duration)> {
         let since = |last: &AtomicU64| Duration::from_millis(last.load(Ordering::Relaxed));
         self.last.iter().map(move |(w, last)| (*w, self.begin.elapsed().saturating_sub(since(last))))
@@ -37,7 +37,7 @@ impl Beats {
 }
 
 impl Service {
-    /// What is wedged, in words; nothing while all goes well, also while a solver is busy.
+    /// Descriptions of stuck workers and jobs; empty while all is well, also while a solver is busy.
     #[must_use]
     pub fn wedged(&self) -> Vec<String> {
         self.wedged_for(SILENCE, DEAF)
@@ -48,7 +48,7 @@ impl Service {
         for (worker, silent) in self.beats.silences() {
             if silent > silence && !self.stop.is_cancelled() {
                 let (lane, number) = (worker.lane.as_str(), worker.number);
-                faults.push(format!("worker {number} of {lane} jobs has not moved for {} s", silent.as_secs()));
+                faults.push(format!("worker {number} of the {lane} lane has had no heartbeat for {} s", silent.as_secs()));
             }
         }
         for running in self.running_jobs() {

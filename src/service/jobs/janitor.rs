@@ -5,13 +5,15 @@ use super::Service;
 use prosopon_session::Fault;
 use prosopon_store::{AuditEntry, SessionRecord, StoreError};
 
-/// Answers to repeated requests are kept for so long, and ten times as long the ids of what was deleted.
+/// Retention of stored answers to repeated requests.
+///
+/// Tombstones of deleted ids are kept ten times as long.
 const ANSWERS: Duration = Duration::from_secs(7 * 24 * 3600);
 
-/// Bytes of stored values that a round of the janitor reads through: at a round each ten minutes 37 GB a day.
+/// Bytes of blobs that one maintenance round checks: with a round every ten minutes 37 GB a day.
 const SCRUBBED: u64 = 256 << 20;
 
-/// Keeps house now and then until the service stops.
+/// Runs the maintenance rounds until the service stops.
 pub(super) async fn keep_house(service: Arc<Service>) {
     let mut scrubbed = String::new();
     loop {
@@ -23,7 +25,7 @@ pub(super) async fn keep_house(service: Arc<Service>) {
             Ok::<_, Fault>(())
         };
         if let Err(fault) = kept.await {
-            tracing::error!(detail = fault.detail, "the janitor failed");
+            tracing::error!(detail = fault.detail, "the maintenance round failed");
         }
         tokio::select! {
             () = tokio::time::sleep(service.settings.janitor_every) => {}
@@ -32,10 +34,10 @@ pub(super) async fn keep_house(service: Arc<Service>) {
     }
 }
 
-/// Time between two notes of where the audit log ends.
+/// Time between two updates of the stored end of the audit log.
 const ANCHOR_EVERY: Duration = Duration::from_secs(5);
 
-/// Notes now and then where the audit log ends, until the service stops.
+/// Stores the end of the audit log at intervals, until the service stops.
 pub(super) async fn anchor_audit(service: Arc<Service>) {
     let mut noted = None;
     loop {
@@ -44,7 +46,7 @@ pub(super) async fn anchor_audit(service: Arc<Service>) {
             () = service.stop.cancelled() => true,
         };
         if let Err(fault) = service.anchor_audit(&mut noted).await {
-            tracing::error!(detail = fault.detail, "the end of the audit log cannot be noted");
+            tracing::error!(detail = fault.detail, "the end of the audit log cannot be stored");
         }
         if stops {
             return;
@@ -53,13 +55,15 @@ pub(super) async fn anchor_audit(service: Arc<Service>) {
 }
 
 impl Service {
-    /// Says in the audit log where its end is not what was noted: the next note would hide it.
+    /// Checks at the start that the audit log has its stored end.
+    ///
+    /// If not, adds a gap entry, because the next update of the stored end hides the gap.
     pub(super) async fn check_audit_end(&self) -> Result<(), Fault> {
         let Some((chain, at)) = self.store.audit_anchor().await? else { return Ok(()) };
         if self.audit.holds(&chain).map_err(StoreError::from)? {
             return Ok(());
         }
-        tracing::error!(noted_at = at, "the audit log lacks entries that were there");
+        tracing::error!(noted_at = at, "entries of the audit log were removed");
         let entry = AuditEntry {
             tenant: "local".to_owned(),
             who: "service".to_owned(),
@@ -70,7 +74,7 @@ impl Service {
         Ok(())
     }
 
-    /// Notes where the audit log ends, unless that is what is `noted`.
+    /// Stores the end of the audit log unless it equals `noted`.
     async fn anchor_audit(&self, noted: &mut Option<String>) -> Result<(), Fault> {
         let end = self.audit.settle().map_err(StoreError::from)?;
         if let Some(chain) = end.as_ref().filter(|end| noted.as_ref() != Some(end)) {
@@ -80,8 +84,10 @@ impl Service {
         Ok(())
     }
 
-    /// Removes what is left over or has expired: files that no row names, old answers and events, sessions that nobody used
-    /// for the time of retention.
+    /// Runs one maintenance round, which removes leftovers and what has expired.
+    ///
+    /// These are blobs that no row names, old answers and events, results of old comparisons, deleted sessions after the time to
+    /// restore them, and unused sessions after their retention.
     ///
     /// # Errors
     /// The store's.
@@ -104,7 +110,7 @@ impl Service {
             }
         }
         if swept > 0 || events > 0 || compared > 0 || expired > 0 {
-            tracing::info!(files = swept + compared, events, sessions = expired, "kept house");
+            tracing::info!(files = swept + compared, events, sessions = expired, "maintenance round done");
         }
         Ok(())
     }
@@ -121,8 +127,10 @@ impl Service {
         self.note(entry, true);
     }
 
-    /// Reads the stored values whose keys come after `last`, up to 256 MiB, and sets `last` to the last of them (or to nothing at the end of
-    /// all). Damaged and missing ones go into the log, the audit log and the metrics.
+    /// Reads and checks up to 256 MiB of the blobs with keys after `last`.
+    ///
+    /// Sets `last` to the last key read, or to the empty string at the end of all. Reports damaged and missing blobs in the log,
+    /// the audit log and the metrics.
     ///
     /// # Errors
     /// The store's.
@@ -148,7 +156,7 @@ impl Service {
         Ok(())
     }
 
-    /// Appends to the audit log; a log that cannot be written is told in the log of the service.
+    /// Appends an entry to the audit log; a failure is reported in the service's log and metrics.
     pub fn note(&self, entry: AuditEntry, sync: bool) {
         if let Err(error) = self.audit.record(entry, sync) {
             metrics::counter!("prosopon_audit_failures_total").increment(1);

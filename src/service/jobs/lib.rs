@@ -1,8 +1,8 @@
-//! Work that computes: the CPU pools, long jobs with their states and events, and short tasks within a request.
+//! Computations: CPU pools, long jobs with their states and events, and short tasks within a request.
 //!
-//! Invariants: numerics run on [`CpuPool`] only; a job is stored before anyone hears of it; a step is visible only when
-//! it is whole; one job computes at a time in each lane; a stopped service leaves jobs that the next start takes up, or another
-//! process on the same store; a job that was cancelled never succeeds.
+//! Invariants: numerics run on [`CpuPool`] only; a job is stored before a client learns of it; a step becomes visible only when
+//! it is complete; each worker computes one job at a time; a cancelled job never succeeds. When the service stops, its running
+//! jobs are continued by its next start or by another process on the same store.
 
 mod cpu_pool;
 mod feed;

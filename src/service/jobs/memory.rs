@@ -3,10 +3,14 @@
 use std::fs;
 
 const MB: u64 = 1 << 20;
-/// What is left to the rest of the machine, MB: at least this, and at least a tenth.
+/// Smallest memory that is left to the rest of the machine, MB.
+///
+/// The reserve is at least a tenth of the memory.
 const RESERVE_MB: u64 = 512;
 
-/// Memory that this process may use, MB: what the control group or the machine has, less a reserve. `None` where the system does not say.
+/// Memory that this process may use, MB: that of the control group or the machine, less a reserve.
+///
+/// `None` when the system does not report it.
 #[must_use]
 pub(super) fn allowed_mb() -> Option<u64> {
     let machine = in_kilobytes("/proc/meminfo", "MemTotal:");
@@ -19,7 +23,7 @@ pub(super) fn allowed_mb() -> Option<u64> {
     Some(all.saturating_sub(RESERVE_MB.max(all / 10)))
 }
 
-/// Memory in use by this process, MB.
+/// Resident memory of this process, MB.
 #[must_use]
 pub(super) fn used_mb() -> Option<u64> {
     in_kilobytes("/proc/self/status", "VmRSS:").map(|kb| kb / 1024)

@@ -1,28 +1,28 @@
 use prosopon_store::{JobKind, SessionId};
 
-/// A job that is asked for.
+/// Order of a new job.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Order {
-    /// Session that it belongs to.
+    /// Session of the job.
     pub session: SessionId,
-    /// What it makes.
+    /// Kind of the job.
     pub kind: JobKind,
-    /// Steps that it will hand out.
+    /// Number of steps that a solve produces; 0 for other kinds.
     pub steps: u32,
-    /// What is asked for, JSON.
+    /// The request, JSON.
     pub request: String,
-    /// What it is about, where a newer job may take its place.
+    /// Subject, for example the id of a plan; a newer job with the same subject may supersede this one.
     pub subject: Option<String>,
-    /// Whether it takes the place of waiting jobs about the same.
+    /// Whether the job supersedes waiting jobs with the same subject.
     pub supersede: bool,
-    /// Another session that it reads.
+    /// Another session that the job reads.
     pub other_session: Option<SessionId>,
-    /// Longest time that it may compute, s; the service's when absent.
+    /// Longest computing time, s; the service's limit when `None`.
     pub max_wall_s: Option<f64>,
 }
 
 impl Order {
-    /// A job without steps and options.
+    /// An order without steps and options.
     #[must_use]
     pub fn new(session: SessionId, kind: JobKind, request: String) -> Self {
         Self {

@@ -1,4 +1,4 @@
-//! Other processes on the same store: their events are passed on, and jobs that they left are taken over.
+//! Other processes on the same store: passing on their events, taking over jobs that they abandoned.
 
 use std::convert::Infallible;
 use std::sync::Arc;
@@ -9,16 +9,16 @@ use super::running::Running;
 use super::worker::recover;
 use prosopon_store::{JobRecord, Lane, StoreError};
 
-/// Longest time without a look at what others did: word of it may be lost.
+/// Longest time without a check for changes, because a notification may be lost.
 const LOOK_EVERY: Duration = Duration::from_secs(2);
-/// Shortest time between two looks.
+/// Shortest time between two checks.
 const PAUSE: Duration = Duration::from_millis(100);
-/// Longest time between two renewals of a lease: by one a worker learns that its job shall stop.
+/// Longest time between two renewals of a lease; at each the worker also sees a cancellation request.
 const RENEW_EVERY: Duration = Duration::from_secs(1);
-/// How often one looks again for a sign of a worker's life before its job is taken from it.
+/// Number of further checks of an expired lease before its job is taken over.
 const LOOKS: u32 = 2;
 
-/// Passes on that others may have changed something, until the service stops.
+/// Passes on notifications of other processes until the service stops.
 pub(super) async fn follow(service: Arc<Service>) {
     let mut changes = None;
     loop {
@@ -48,7 +48,7 @@ pub(super) async fn follow(service: Arc<Service>) {
     }
 }
 
-/// Takes over jobs whose workers have not been heard of, until the service stops.
+/// Takes over jobs whose workers do not renew their leases, until the service stops.
 pub(super) async fn take_over(service: Arc<Service>) {
     loop {
         tokio::select! {
@@ -57,13 +57,14 @@ pub(super) async fn take_over(service: Arc<Service>) {
         }
         let taken = async { recover(&service, silent(&service).await?).await };
         if let Err(fault) = taken.await {
-            tracing::error!(detail = fault.detail, "jobs that others left cannot be taken over");
+            tracing::error!(detail = fault.detail, "abandoned jobs of other processes cannot be taken over");
         }
     }
 }
 
-/// Jobs whose leases have passed and of which nothing is heard while the database answers several times. A lease that has passed says nothing
-/// by itself: the database may have been silent, or each of its answers takes long.
+/// Jobs whose lease has expired and is not renewed during several further checks.
+///
+/// An expired lease alone proves nothing: the database may have been unreachable or slow.
 async fn silent(service: &Service) -> Result<Vec<JobRecord>, StoreError> {
     let lease = service.settings.lease;
     let mut silent = service.store.abandoned().await?;
@@ -82,7 +83,9 @@ fn renew_every(lease: Duration) -> Duration {
     RENEW_EVERY.min(lease / 4)
 }
 
-/// Keeps a job its worker's, and stops it when it was lost, or when another process was asked to stop it.
+/// Renews the lease of a running job.
+///
+/// Stops the job when the lease is lost or another process recorded a cancellation.
 pub(super) async fn keep_lease(service: &Service, job: &JobRecord, running: &Running) -> Infallible {
     while service.store.is_shared() {
         tokio::time::sleep(renew_every(service.settings.lease)).await;
@@ -90,11 +93,11 @@ pub(super) async fn keep_lease(service: &Service, job: &JobRecord, running: &Run
             Ok(Some(false)) => {}
             Ok(Some(true)) => _ = running.request_cancel(),
             Ok(None) => {
-                tracing::warn!("the job was deleted, or given to another worker");
+                tracing::warn!("the lease is lost: the job was deleted or claimed by another worker");
                 running.control.cancel();
                 break;
             }
-            Err(error) => tracing::warn!(%error, "the lease of a job cannot be renewed now"),
+            Err(error) => tracing::warn!(%error, "the lease of a job cannot be renewed; trying again"),
         }
     }
     std::future::pending().await

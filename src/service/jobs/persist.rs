@@ -3,15 +3,16 @@ use std::time::Duration;
 use super::Service;
 use prosopon_store::StoreError;
 
-/// Time between two attempts to write to a store that is away.
+/// Time between two attempts to write to an unreachable store.
 const PAUSE: Duration = Duration::from_secs(2);
 
 impl Service {
-    /// Writes what a job has made, however long the store is away: its work is not lost by that. What is written again must
-    /// have the effect of one write, as those of a running job have.
+    /// Stores a result of a job, and tries again while the store is unreachable, so that no work is lost.
+    ///
+    /// `write` may run several times and must then have the effect of one write, as the store's writes for running jobs do.
     ///
     /// # Errors
-    /// The store's: that it is away only when the service stops meanwhile.
+    /// The store's; that it is unreachable only when the service stops meanwhile.
     pub(super) async fn persist<T, W>(&self, write: impl Fn() -> W) -> Result<T, StoreError>
     where
         W: Future<Output = Result<T, StoreError>>,
@@ -19,7 +20,7 @@ impl Service {
         loop {
             match write().await {
                 Err(error) if error.is_away() && !self.stop.is_cancelled() => {
-                    tracing::warn!(%error, "the result of a job cannot be stored yet");
+                    tracing::warn!(%error, "the result of a job cannot be stored yet; trying again");
                     tokio::select! {
                         () = tokio::time::sleep(PAUSE) => {}
                         () = self.stop.cancelled() => {}

@@ -6,13 +6,13 @@ use prosopon_session::{
 };
 use prosopon_tissue::fem::{Model, SolveSettings};
 
-/// Mechanical model, as asked for.
+/// Mechanical model of a request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SolveModel {
     /// Small strain on linear elements.
     Linear,
-    /// Small strain, vertices relaxed under the forces of their neighbours.
+    /// Small strain on linear elements, solved by relaxing each vertex under the forces of its neighbours.
     MassTensor,
     /// Hyperelastic on linear elements.
     Nonlinear,
@@ -21,7 +21,7 @@ pub enum SolveModel {
 }
 
 impl SolveModel {
-    /// Its name on the wire.
+    /// Name on the wire.
     #[must_use]
     pub fn as_str(self) -> &'static str {
         match self {
@@ -44,48 +44,52 @@ impl From<SolveModel> for Model {
     }
 }
 
-/// What the solver is asked to solve with. Members that older records lack have the values that these were solved with.
+/// Model, elements, materials and tolerances of a solve.
+///
+/// Members that older records lack have the values that those jobs were solved with.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PhysicsRecord {
-    /// Model.
+    /// Mechanical model.
     pub model: SolveModel,
     /// Whether the model was chosen by the service.
     pub model_chosen: bool,
-    /// Skin element; the model's when absent.
+    /// Element of the skin layer; the model's default when `None`.
     #[serde(default)]
     pub skin_element: Option<SkinElementName>,
-    /// Cure of locking; none when absent.
+    /// Locking-free formulation of linear tetrahedra; plain linear tetrahedra when `None`.
     #[serde(default)]
     pub locking: Option<LockingName>,
-    /// Materials.
+    /// Material preset.
     pub preset: PresetName,
     /// Meaning of D1 among the published constants.
     #[serde(default)]
     pub d1_reading: D1ReadingName,
-    /// Laws in place of the preset's.
+    /// Material laws that replace those of the preset.
     #[serde(default)]
     pub materials: TissueLawsDocument,
-    /// Residual force over reaction force at which a step is in equilibrium; the solver's own when absent.
+    /// Residual force over reaction force below which a step is in equilibrium.
+    ///
+    /// The solver's default when `None`.
     #[serde(default)]
     pub relative_residual: Option<f64>,
-    /// Penetration that is left at most, mm; the solver's own when absent.
+    /// Largest penetration allowed in a converged step, mm; the solver's default when `None`.
     #[serde(default)]
     pub penetration_tolerance_mm: Option<f64>,
-    /// What is done where a material loses ellipticity.
+    /// What the solver does when a material loses ellipticity.
     #[serde(default)]
     pub unstable_material: UnstableMaterialName,
-    /// Tissue that the plan moves by less than this is left out, mm; 0 where all was kept.
+    /// Tissue that the plan moves by less than this is left out, mm; 0 keeps all tissue.
     #[serde(default)]
     pub leave_out_below_mm: f64,
 }
 
 impl PhysicsRecord {
-    /// As a report shows it.
+    /// The members as a report shows them.
     #[must_use]
     pub fn parameters(&self) -> Map<String, Value> {
         let mut members = match serde_json::to_value(self) {
             Ok(Value::Object(members)) => members,
-            // A record of plain values is always an object.
+            // Not reached: a record of plain values is always an object.
             _ => Map::new(),
         };
         members.remove("model");

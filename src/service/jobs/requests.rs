@@ -1,4 +1,4 @@
-//! What a job was asked to do, as stored in its row.
+//! Requests of jobs, as stored in their rows.
 
 use serde::{Deserialize, Serialize};
 
@@ -14,16 +14,16 @@ use prosopon_session::{
 };
 use prosopon_store::{JobId, OsteotomyId, PlanId, SessionId};
 
-/// Skin and skull from a CT.
+/// Request of an import: skin, skull, air and soft tissue from a CT.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ImportRequest {
     /// SHA-256 of the CT.
     pub ct_sha256: String,
-    /// Skin level, HU.
+    /// Threshold of the skin, HU.
     pub skin_hu: f64,
-    /// Bone level, HU.
+    /// Threshold of bone, HU.
     pub bone_hu: f64,
-    /// Geometric error allowed when surfaces are simplified, mm.
+    /// Largest geometric error of the simplified surfaces, mm.
     pub max_error_mm: f64,
 }
 
@@ -33,59 +33,59 @@ impl From<&ImportRequest> for CtSettings {
     }
 }
 
-/// Distance fields.
+/// Request of the distance fields.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct FieldRequest {
-    /// Settings.
+    /// Settings of the fields.
     pub settings: FieldSettingsDocument,
-    /// Key of the inputs and settings at the time of asking.
+    /// Key of the inputs and settings when the job was accepted.
     pub key: String,
 }
 
-/// Tissue mesh.
+/// Request of the tissue mesh.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct MeshRequest {
-    /// Settings.
+    /// Settings of the mesh.
     pub settings: MeshSettingsDocument,
-    /// Cuts whose segments choose the region.
+    /// Cuts whose segments determine the meshed region.
     pub cuts: Option<Vec<CutDocument>>,
-    /// The osteotomy that they come from.
+    /// Osteotomy of the cuts.
     #[serde(default)]
     pub osteotomy_id: Option<OsteotomyId>,
-    /// Materials of the session's jobs.
+    /// Material preset whose stability the mesh job checks.
     #[serde(default)]
     pub preset: PresetName,
-    /// Key of the inputs and settings at the time of asking.
+    /// Key of the inputs and settings when the job was accepted.
     pub key: String,
 }
 
-/// Which inner nodes are tied to bone, which slide.
+/// Rules for which inner nodes are tied to bone and which slide.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct AttachmentRecord {
     /// Boundary nodes nearer to bone than this are tied, mm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tie_gap_mm: Option<f64>,
-    /// Boxes in which nodes slide instead.
+    /// Boxes in which nodes near bone slide.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sliding: Option<Vec<BoxDocument>>,
-    /// Classes painted in parts of space.
+    /// Node classes painted in boxes and balls.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub paint: Vec<PaintDocument>,
-    /// Classes painted on the skull's vertices.
+    /// Node classes painted on the skull's vertices, one entry for each vertex.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub skull_classes: Option<Vec<Option<NodeClassName>>>,
 }
 
 impl AttachmentRecord {
-    /// As the numerics take it.
+    /// The rules for the numerics.
     ///
     /// # Errors
-    /// Painted vertices that are not those of the `skull`.
+    /// [`FaultKind::InvalidRequest`] when the number of painted vertices is not that of the `skull`.
     pub fn rules(&self, skull: &TriMesh) -> Result<AttachmentRules, Fault> {
         let skull = self.skull_classes.as_ref().map(|classes| {
             let (found, needed) = (classes.len(), skull.positions().len());
             if found != needed {
-                let detail = format!("has {found} classes, the skull has {needed} vertices");
+                let detail = format!("has {found} classes, but the skull has {needed} vertices; give one class for each vertex");
                 return Err(Fault::new(FaultKind::InvalidRequest, detail).at("/attachment/skull_classes"));
             }
             let classes = classes.iter().map(|c| c.map(Into::into)).collect();
@@ -100,16 +100,18 @@ impl AttachmentRecord {
     }
 }
 
-/// The tissue mesh that a solve takes, or builds where it is not there.
+/// The tissue mesh of a solve, which is built when it is not stored.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct MeshChoice {
-    /// Settings.
+    /// Settings of the mesh.
     pub settings: MeshSettingsDocument,
-    /// Cuts whose segments choose the region: those of the solve; absent when it is the front of the face or a box.
+    /// Cuts whose segments determine the meshed region; `None` for the front of the face or a box.
     pub cuts: Option<Vec<CutDocument>>,
 }
 
-/// Deformed skin along a plan. Holds copies of plan and mesh settings: the job outlives them.
+/// Request of a solve along a plan.
+///
+/// It holds copies of the plan and the mesh settings, because the job may outlive them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SolveRequest {
     /// The plan's id.
@@ -118,98 +120,102 @@ pub struct SolveRequest {
     pub osteotomy_id: OsteotomyId,
     /// The plan.
     pub plan: PlanDocument,
-    /// Cuts of its osteotomy.
+    /// Cuts of the plan's osteotomy.
     pub cuts: Vec<CutDocument>,
-    /// Time that the cut took, s.
+    /// Computing time of the cut, s.
     pub cut_s: f64,
-    /// What is doubtful about the cuts.
+    /// Warnings of the cuts.
     pub cut_warnings: Vec<String>,
-    /// The mesh.
+    /// The tissue mesh.
     pub mesh: MeshChoice,
-    /// Key of the mesh at the time of asking.
+    /// Key of the mesh when the job was accepted.
     pub mesh_key: String,
     /// Model, elements, materials.
     #[serde(flatten)]
     pub physics: PhysicsRecord,
-    /// Steps.
+    /// Number of steps.
     pub steps: u32,
-    /// Attachment; chosen from the landmarks when absent.
+    /// Attachment rules; derived from the landmarks when `None`.
     pub attachment: Option<AttachmentRecord>,
-    /// Whether error maps are made where there is something to compare with.
+    /// Whether error maps are computed when there is a reference.
     pub error_maps: bool,
-    /// Whether the deformed volume is kept.
+    /// Whether the deformed volume is stored.
     pub tissue: bool,
-    /// Job to compare with when the session has no target.
+    /// Job to compare with when the session has no target surface.
     pub reference_job: Option<JobId>,
-    /// SHA-256 of the session's target at the time of asking.
+    /// SHA-256 of the session's target surface when the job was accepted.
     #[serde(default)]
     pub target: Option<String>,
-    /// The job at whose end this one begins.
+    /// Job from whose end state this solve starts; `None` starts from rest.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub warm_start: Option<Box<EarlierSolve>>,
 }
 
-/// What a solve needs to know of an earlier one to begin at its end. Holds a copy of the plan: it may outlive that job.
+/// An earlier solve from whose end state a solve starts.
+///
+/// It holds a copy of the plan, because the later job may outlive the earlier one.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct EarlierSolve {
-    /// That job.
+    /// The earlier job.
     pub job: JobId,
     /// Its plan.
     pub plan: PlanDocument,
-    /// Its steps.
+    /// Its number of steps.
     pub steps: u32,
-    /// What it began at itself.
+    /// Solve from whose end state the earlier job started.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub warm_start: Option<Box<EarlierSolve>>,
 }
 
 impl EarlierSolve {
-    /// How many jobs, each begun at the end of the next, it takes to come to rest.
+    /// Length of the chain of earlier jobs down to one that started from rest.
     #[must_use]
     pub fn depth(&self) -> usize {
         1 + self.warm_start.as_ref().map_or(0, |before| before.depth())
     }
 
-    /// As the numerics take it.
+    /// The earlier solve for the numerics.
     ///
     /// # Errors
-    /// [`PlanDocument::plan`].
+    /// As [`PlanDocument::plan`].
     pub fn earlier(&self) -> Result<Earlier, PlanError> {
         let after = self.warm_start.as_ref().map(|before| before.earlier()).transpose()?;
         Ok(Earlier { plan: self.plan.plan()?, steps: self.steps as usize, after: after.map(Box::new) })
     }
 }
 
-/// A ready tissue mesh moved along a plan. Holds a copy of the plan: the job outlives it.
+/// Request of a solve with an uploaded tissue mesh (a scene).
+///
+/// It holds a copy of the plan, because the job may outlive it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SceneRequest {
-    /// The mesh, as it was at the time of asking.
+    /// Description of the mesh when the job was accepted.
     pub ready: TissueDocument,
     /// The plan's id.
     pub plan_id: PlanId,
     /// The plan.
     pub plan: PlanDocument,
-    /// Its osteotomy's id, where it has one.
+    /// Id of the plan's osteotomy, if it has one.
     pub osteotomy_id: Option<OsteotomyId>,
-    /// Cuts of its osteotomy, whose segments the mesh touches.
+    /// Cuts of the plan's osteotomy, whose segments the mesh is in contact with.
     pub cuts: Option<Vec<CutDocument>>,
-    /// Key of the fields that were cut; empty without cuts.
+    /// Key of the fields in which the cuts were made; empty without cuts.
     pub field_key: String,
-    /// What is doubtful about the cuts.
+    /// Warnings of the cuts.
     pub cut_warnings: Vec<String>,
-    /// Segments and keys of the uploaded bones.
+    /// Segments and part keys of the uploaded bones.
     pub bones: Vec<(u32, String)>,
-    /// How the fields of the bones are built.
+    /// Settings of the distance fields of the bones.
     pub field_settings: FieldSettingsDocument,
     /// Model, elements, materials.
     pub physics: PhysicsRecord,
-    /// Steps.
+    /// Number of steps.
     pub steps: u32,
-    /// Whether the solved mesh is kept.
+    /// Whether the solved mesh is stored as a VTU file.
     pub file: bool,
 }
 
-/// Tells the request of a scene from that of a case: only a scene has a ready mesh.
+/// Distinguishes the request of a scene from that of a patient case: only a scene has `ready`.
 #[derive(Debug, Deserialize)]
 pub(super) struct SolveKind {
     #[serde(default)]
@@ -217,10 +223,10 @@ pub(super) struct SolveKind {
 }
 
 impl SolveRequest {
-    /// Settings for the numerics, on the patient's `skull`.
+    /// Solver settings for the numerics, for the patient's `skull`.
     ///
     /// # Errors
-    /// [`AttachmentRecord::rules`].
+    /// As [`AttachmentRecord::rules`].
     pub fn settings(&self, skull: &TriMesh) -> Result<RunSettings, Fault> {
         Ok(RunSettings {
             solver: (&self.physics).into(),
@@ -241,7 +247,7 @@ pub enum SurfaceSource {
     Skull(SessionId),
     /// Post-operative skin of a session.
     Target(SessionId),
-    /// A job's step.
+    /// Skin of a solve at a step: job and step number.
     Step(JobId, u32),
 }
 
@@ -255,43 +261,43 @@ pub enum PartShape {
     Ball([f64; 3], f64),
 }
 
-/// Vertices of a surface that count.
+/// Mask: the vertices of a surface that count.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct MaskRecord {
-    /// Those in one of these.
+    /// Only vertices in one of these parts of space; all when empty.
     pub only: Vec<PartShape>,
-    /// Those that are true here.
+    /// Only vertices that are true here, one entry for each vertex.
     pub vertices: Option<Vec<bool>>,
-    /// Not those in one of these.
+    /// No vertices in one of these parts of space.
     pub except: Vec<PartShape>,
 }
 
-/// Registration before comparing.
+/// Rigid registration before a comparison.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RegisterRecord {
-    /// What it goes by.
+    /// Vertices that the registration uses.
     pub region: MaskRecord,
-    /// What a job moves less than this is unmoved, mm.
+    /// Vertices that a job moves by less than this count as unmoved, mm.
     pub threshold_mm: f64,
 }
 
-/// Two surfaces to compare. The keys name what they were at the time of asking.
+/// Request of a comparison of two surfaces.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CompareRecord {
-    /// What was predicted.
+    /// The predicted surface.
     pub prediction: SurfaceSource,
-    /// What it is compared with.
+    /// The reference surface.
     pub reference: SurfaceSource,
-    /// Keys of both.
+    /// Keys of the prediction and the reference when the job was accepted.
     pub keys: [String; 2],
-    /// Prediction vertices that count.
+    /// Vertices of the prediction that count.
     pub mask: MaskRecord,
-    /// Parts that neither count nor are registered on.
+    /// Parts of space that are left out of the comparison and of the registration.
     pub exclude: Vec<PartShape>,
-    /// Whether the eyes do neither.
+    /// Whether the eyes are left out too.
     #[serde(default)]
     pub exclude_eyes: bool,
-    /// Registration.
+    /// Registration before the comparison, if requested.
     pub register: Option<RegisterRecord>,
 }
 

@@ -46,7 +46,7 @@ impl Phase {
     }
 }
 
-/// A step's warning as the job tells it.
+/// Warning of step `k` as the job shows it.
 pub(super) fn step_warning(k: u32, text: &str) -> String {
     format!("step {k}: {text}")
 }
@@ -61,7 +61,7 @@ fn seconds() -> f64 {
     BEGIN.get_or_init(Instant::now).elapsed().as_secs_f64()
 }
 
-/// One of those that take jobs from a lane.
+/// A worker: it runs one job of its lane at a time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Worker {
     pub(super) lane: Lane,
@@ -70,7 +70,7 @@ pub(super) struct Worker {
 }
 
 impl Worker {
-    /// All of a service that computes `parallel_jobs` jobs of minutes at the same time.
+    /// All workers of a service with `parallel_jobs` workers in the heavy lane and one in the quick lane.
     pub(super) fn all(parallel_jobs: usize) -> Vec<Self> {
         let in_lane = |lane| match lane {
             Lane::Heavy => parallel_jobs.max(1),
@@ -84,7 +84,7 @@ const OPEN: u8 = 0;
 const CANCEL_REQUESTED: u8 = 1;
 const CLOSED: u8 = 2;
 
-/// A job that is being computed, as seen by everyone else.
+/// A running job, as shared between its worker and the rest of the service.
 #[derive(Debug)]
 pub(super) struct Running {
     pub(super) job: JobId,
@@ -94,23 +94,27 @@ pub(super) struct Running {
     pub(super) control: Control,
     pub(super) started: Instant,
     phase: AtomicU8,
-    /// Whether it may still be cancelled: one change decides between a cancel and the end.
+    /// Open, cancellation requested, or closed.
+    ///
+    /// One atomic change decides between a cancellation and the end.
     ending: AtomicU8,
     warnings: Mutex<Vec<String>>,
-    /// Number and warning of steps, which told them with their own events.
+    /// Step numbers and warnings; the steps' own events reported them.
     step_warnings: Mutex<Vec<(u32, String)>>,
     /// When each stage began.
     stages: Mutex<Vec<(Phase, Instant)>>,
-    /// The job's span, and that of its present stage.
+    /// Tracing span of the job.
     span: Span,
     stage_span: Mutex<Span>,
     forecast: Mutex<Forecast>,
-    /// When it was first seen that it should stop.
+    /// When a check first found that the job should stop.
     stop_seen: OnceLock<Instant>,
 }
 
 impl Running {
-    /// `most` is the longest that any job may compute, `memory_mb` what it may take beside what is in use. Called within the job's span.
+    /// A running job. Call it within the job's span.
+    ///
+    /// `most` is the longest computing time of any job; `memory_mb` is the memory that this job may add to the memory in use, MB.
     pub(super) fn new(job: &JobRecord, worker: Worker, most: Duration, memory_mb: f64) -> Self {
         let limit = job.max_wall_s.unwrap_or(f64::INFINITY).min(most.as_secs_f64());
         Self {
@@ -139,23 +143,23 @@ impl Running {
         *self.stage_span.lock().unwrap_or_else(PoisonError::into_inner) = stage_span(&self.span, phase);
     }
 
-    /// Seconds that each stage took until now.
+    /// Time of each stage so far, s.
     pub(super) fn stage_seconds(&self) -> Vec<(&'static str, f64)> {
         let stages = self.stages.lock().unwrap_or_else(PoisonError::into_inner);
         let ends = stages.iter().skip(1).map(|(_, at)| *at).chain([Instant::now()]);
         stages.iter().zip(ends).map(|((phase, from), to)| (phase.as_str(), (to - *from).as_secs_f64())).collect()
     }
 
-    /// Keeps a warning for the job's row, however the job ends.
+    /// Adds a warning that is stored in the job's row, however the job ends.
     pub(super) fn warn(&self, text: String) {
         self.warnings.lock().unwrap_or_else(PoisonError::into_inner).push(text);
     }
 
-    /// Keeps a warning of a step likewise.
+    /// Adds a warning of a step, likewise.
     pub(super) fn warn_of_step(&self, k: u32, text: &str) {
         let mut told = self.step_warnings.lock().unwrap_or_else(PoisonError::into_inner);
         let warning = (k, text.to_owned());
-        // A step may be solved again.
+        // A step may be solved twice.
         if !told.contains(&warning) {
             told.push(warning);
         }
@@ -171,7 +175,7 @@ impl Running {
         self.step_warnings.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// All warnings, those of steps with their number.
+    /// All warnings; those of steps have the step's number.
     pub(super) fn warnings(&self) -> Vec<String> {
         let of_steps = self.step_warnings().into_iter().map(|(k, text)| step_warning(k, &text));
         self.own_warnings().into_iter().chain(of_steps).collect()
@@ -182,8 +186,9 @@ impl Running {
         Phase::ALL.into_iter().find(|p| *p as u8 == stored).unwrap_or(Phase::Reading)
     }
 
-    /// Stops the computation for good; without this, a cancelled control means that the service stops or the time is up. False when
-    /// the job is at its end already.
+    /// Cancels the computation for good; false when the job has reached its end already.
+    ///
+    /// A cancelled control without this request means that the service stops or that the time limit is reached.
     pub(super) fn request_cancel(&self) -> bool {
         let before = self.ending.compare_exchange(OPEN, CANCEL_REQUESTED, Ordering::AcqRel, Ordering::Acquire);
         if before == Err(CLOSED) {
@@ -193,17 +198,17 @@ impl Running {
         true
     }
 
-    /// The work is over, and from now on the job ends as it says. False when it was cancelled before.
+    /// Marks the end of the work; false when the job was cancelled before.
     pub(super) fn close(&self) -> bool {
         self.ending.swap(CLOSED, Ordering::AcqRel) == OPEN
     }
 
-    /// Whether its work is of this session or reads it.
+    /// Whether the job belongs to this session or reads it.
     pub(super) fn reads(&self, session: SessionId) -> bool {
         self.session == session || self.other_session == Some(session)
     }
 
-    /// How long the work has gone on although it should stop.
+    /// How long the work has ignored a stop.
     pub(super) fn ignoring_stop(&self) -> Duration {
         if !self.control.is_cancelled() || self.ending.load(Ordering::Acquire) == CLOSED {
             return Duration::ZERO;
@@ -211,7 +216,9 @@ impl Running {
         self.stop_seen.get_or_init(Instant::now).elapsed()
     }
 
-    /// Time left, s; none before there is something to go by. To be asked every second or so: that is how the progress is noted.
+    /// Estimate of the remaining time, s; `None` before there is progress.
+    ///
+    /// Call it about once a second: it records the progress.
     pub(super) fn eta_s(&self) -> Option<f64> {
         let mut forecast = self.forecast();
         forecast.see(seconds(), self.control.progress());

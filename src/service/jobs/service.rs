@@ -25,24 +25,24 @@ pub struct Service {
     pub(super) cpu: CpuPool,
     pub(super) settings: ServiceSettings,
     pub(super) audit: Audit,
-    /// This process, to others on the same store.
+    /// Id of this process for others on the same store.
     pub(super) worker: WorkerId,
-    /// A job was accepted, by lane.
+    /// Notified when a job was accepted, by lane.
     wake: [Notify; Lane::ALL.len()],
     running: Mutex<Vec<Arc<Running>>>,
-    /// Counts up whenever an event was stored.
+    /// Incremented whenever an event was stored.
     pub(super) changes: watch::Sender<u64>,
-    /// No job is begun any more.
+    /// Cancelled when no job is begun any more.
     pub(super) drain: CancellationToken,
     pub(super) stop: CancellationToken,
     pub(super) beats: Beats,
-    /// Workers that take no job because the bucket refuses them.
+    /// Workers that claim no job because the bucket refuses them.
     refused: Mutex<Vec<Worker>>,
     tasks: Mutex<Vec<JoinHandle<()>>>,
 }
 
 impl Service {
-    /// Takes up what an earlier run left, and starts to work.
+    /// Recovers the jobs of an earlier run and starts the workers and background tasks.
     ///
     /// # Errors
     /// The store's.
@@ -72,7 +72,7 @@ impl Service {
             tasks: Mutex::default(),
         });
         service.check_audit_end().await?;
-        // What others run is looked at once they have had time to say that they do.
+        // In a shared store, running jobs may belong to other processes; `take_over` waits for their leases to expire.
         let abandoned = if service.store.is_shared() { Vec::new() } else { service.store.abandoned().await? };
         worker::recover(&service, abandoned).await?;
         let mut tasks = vec![tokio::spawn(janitor::anchor_audit(Arc::clone(&service)))];
@@ -95,7 +95,7 @@ impl Service {
         &self.store
     }
 
-    /// Bounds.
+    /// The limits and retention times.
     #[must_use]
     pub fn settings(&self) -> &ServiceSettings {
         &self.settings
@@ -107,7 +107,7 @@ impl Service {
         &self.engine
     }
 
-    /// Begins no job any more and waits for those that run, at most `patience`.
+    /// Stops beginning jobs and waits at most `patience` for the running ones.
     pub async fn drain(&self, patience: Duration) {
         self.drain.cancel();
         let mut changes = self.watch_changes();
@@ -120,11 +120,11 @@ impl Service {
             }
         };
         if tokio::time::timeout(patience, idle).await.is_err() {
-            tracing::info!("a job still runs; it is interrupted, and the next start takes it up");
+            tracing::info!("a job still runs; it is interrupted, and the next start continues it");
         }
     }
 
-    /// Stops taking jobs, interrupts those that run and waits for them, at most `grace`.
+    /// Stops the workers, interrupts the running jobs and waits for them at most `grace`.
     pub async fn shut_down(&self, grace: Duration) {
         self.stop.cancel();
         for running in self.running_jobs() {
@@ -137,23 +137,23 @@ impl Service {
             }
         };
         if tokio::time::timeout(grace, ended).await.is_err() {
-            tracing::warn!("a running job did not stop in time; the next start takes it up");
+            tracing::warn!("a running job did not stop in time; the next start continues it");
         }
     }
 
-    /// Whether the service is stopping; cancelled futures of this token end streams.
+    /// Token that is cancelled when the service stops; event streams end with it.
     #[must_use]
     pub fn stopping(&self) -> &CancellationToken {
         &self.stop
     }
 
-    /// Whether no job is taken or begun any more.
+    /// Whether the service accepts and begins no jobs any more.
     #[must_use]
     pub fn is_draining(&self) -> bool {
         self.drain.is_cancelled()
     }
 
-    /// Whether a worker of this process takes no job because the bucket refuses it.
+    /// Whether a worker of this process claims no job because the bucket refuses it.
     #[must_use]
     pub fn is_refused(&self) -> bool {
         !self.refused.lock().unwrap_or_else(PoisonError::into_inner).is_empty()
@@ -171,7 +171,7 @@ impl Service {
         self.running.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Jobs of a lane that run now.
+    /// Number of running jobs of a lane in this process.
     #[must_use]
     pub fn running_in(&self, lane: Lane) -> usize {
         self.running_jobs().iter().filter(|r| r.worker.lane == lane).count()
@@ -186,7 +186,7 @@ impl Service {
     }
 
     pub(super) fn unset_running(&self, running: &Arc<Running>) {
-        // A job whose lease has passed may have been begun again here.
+        // This process may have begun the same job again after its lease expired, so compare the attempt.
         self.running.lock().unwrap_or_else(PoisonError::into_inner).retain(|r| !Arc::ptr_eq(r, running));
     }
 
@@ -198,16 +198,18 @@ impl Service {
         self.changes.send_modify(|n| *n += 1);
     }
 
-    /// Tells when events were stored.
+    /// A receiver that changes whenever an event was stored.
     #[must_use]
     pub fn watch_changes(&self) -> watch::Receiver<u64> {
         self.changes.subscribe()
     }
 
-    /// Runs short work of a request on the threads for requests; it is told to stop when the caller leaves.
+    /// Runs the short computation of a request on the threads for requests.
+    ///
+    /// The computation is cancelled when the caller drops the future.
     ///
     /// # Errors
-    /// What the work says, or [`FaultKind::Internal`] when it panics.
+    /// The computation's, or [`FaultKind::Internal`] when it panics.
     pub async fn compute<T: Send + 'static>(
         &self,
         work: impl FnOnce(&dyn Engine, &Control) -> Result<T, Halt> + Send + 'static,
@@ -219,8 +221,9 @@ impl Service {
         Ok(done.map_err(|_| panicked())??)
     }
 
-    /// Stores a new job; one that the session has already, that has not ended and was not asked to stop is taken instead.
-    /// `answer` makes what a repeated request gets from how the job stands.
+    /// Stores a new job, or returns the session's unfinished job with the same request.
+    ///
+    /// `answer` makes the answer that a repeated request gets from the job's status.
     ///
     /// # Errors
     /// [`FaultKind::QueueFull`], [`FaultKind::TenantQueueFull`], [`FaultKind::ShuttingDown`], or the store's.
@@ -230,14 +233,14 @@ impl Service {
         answer: &(dyn Fn(&JobStatus) -> Option<AnswerRecord> + Send + Sync),
     ) -> Result<JobStatus, Fault> {
         if self.is_draining() {
-            return Err(Fault::new(FaultKind::ShuttingDown, "the service is stopping"));
+            return Err(Fault::new(FaultKind::ShuttingDown, "the service is stopping; try again later"));
         }
         let supersede = order.supersede;
         let job = record(order);
         let event = serde_json::json!({ "status": "cancelled", "superseded_by": job.id }).to_string();
         let running = self.running_in(job.kind.lane());
         let status = |job: &JobRecord, before: Option<u32>| JobStatus::waiting(job.clone(), before, running);
-        // The state machine says where a replaced job goes.
+        // The state machine decides the state of a superseded job.
         let to = next(JobState::Accepted, JobEvent::Cancel).unwrap_or(JobState::Cancelled);
         let new = NewJob {
             job: &job,
@@ -249,24 +252,24 @@ impl Service {
         let before = match self.store.insert_job(&new).await? {
             Insertion::Stored { superseded, before } => {
                 for (old, _) in superseded {
-                    tracing::info!(job.id = %old, superseded_by = %job.id, "a newer job took its place");
+                    tracing::info!(job.id = %old, superseded_by = %job.id, "superseded by a newer job");
                 }
                 before
             }
             Insertion::Twin(twin, before) => return Ok(status(&twin, before)),
             Insertion::Full => {
-                let detail = format!("{} jobs wait already; try again later", self.settings.max_waiting);
+                let detail = format!("the queue is full with {} waiting jobs; try again later", self.settings.max_waiting);
                 return Err(Fault::new(FaultKind::QueueFull, detail));
             }
             Insertion::TenantFull => {
                 let detail =
-                    format!("{} jobs of yours wait already; try again later", self.settings.max_waiting_tenant);
+                    format!("{} of your jobs wait, the most allowed; try again later", self.settings.max_waiting_tenant);
                 return Err(Fault::new(FaultKind::TenantQueueFull, detail));
             }
         };
         tracing::info!(job.id = %job.id, job.kind = job.kind.as_str(), session.id = %job.session, "job accepted");
         self.announce();
-        // All look, and one finds it.
+        // All workers of the lane look for it, and one claims it.
         self.woken(job.kind.lane()).notify_waiters();
         Ok(status(&job, Some(before)))
     }
@@ -285,10 +288,10 @@ impl Service {
         }
     }
 
-    /// A job's row, if it is `tenant`'s: what a request names in its body or query.
+    /// The row of a job that a request names in its body or query, if the job belongs to `tenant`.
     ///
     /// # Errors
-    /// As [`Service::job`]; another tenant's job is not there.
+    /// As [`Service::job`]; [`FaultKind::NotFound`] for another tenant's job.
     pub async fn job_of(&self, tenant: &TenantId, id: JobId) -> Result<JobRecord, Fault> {
         match self.store.owner(&id.to_string()).await? {
             Some(owner) if owner.tenant != *tenant => {
@@ -301,35 +304,37 @@ impl Service {
         }
     }
 
-    /// Asks a job to stop, for good once this returns. One that waits is cancelled at once, one that runs within a Newton iteration.
+    /// Cancels a job; once this returns, the job can only end as cancelled.
+    ///
+    /// A waiting job is cancelled at once, a running one within a Newton iteration.
     ///
     /// # Errors
     /// [`FaultKind::WrongState`] when it has ended; as [`Service::job`].
     pub async fn cancel(&self, id: JobId) -> Result<JobStatus, Fault> {
-        // It may start between the look and the change: then look again.
+        // The job may start between the read and the change: then read it again.
         for look in 0.. {
             let job = self.job(id).await?;
             if job.state.has_ended() {
-                let detail = format!("the job has ended: it is {}", job.state);
+                let detail = format!("the job has ended already: it is {}", job.state);
                 return Err(Fault::new(FaultKind::WrongState, detail).with("job_status", job.state.as_str()));
             }
             if let Some(running) = self.running(id) {
                 if running.request_cancel() {
-                    // On disk before it is answered. False when the worker was quicker: then it ended as cancelled.
+                    // Stored before the answer. False when the worker was faster: then the job has ended as cancelled.
                     self.store.request_cancel(id).await?;
                     return self.status(id).await;
                 }
-                // Its end is being written: then it has ended.
+                // The end of the job is being written; read it again.
                 tokio::time::sleep(Duration::from_millis(5)).await;
                 continue;
             }
             if job.state == JobState::Running && look >= LOOKS && self.store.is_shared() {
-                // Another process computes it, and learns of this when it renews its lease.
+                // Another process computes the job and sees the request when it renews the lease.
                 self.store.request_cancel(id).await?;
                 return self.status(id).await;
             }
             if job.state == JobState::Running && look < LOOKS {
-                // Its worker is about to show itself.
+                // The job was just claimed, and its worker is not in the list of running jobs yet.
                 tokio::time::sleep(Duration::from_millis(5)).await;
                 continue;
             }
@@ -345,8 +350,9 @@ impl Service {
         self.status(id).await
     }
 
-    /// Deletes a session so that it can be restored for a while ([`ServiceSettings::deleted_retention`]), and cancels the jobs in it and those that read it.
-    /// False when it was not there or deleted before.
+    /// Deletes a session so that it can be restored for a while ([`ServiceSettings::deleted_retention`]).
+    ///
+    /// Cancels the jobs in it and those that read it. Returns false when the session does not exist or was deleted before.
     ///
     /// # Errors
     /// The store's.
@@ -377,7 +383,7 @@ impl Service {
         }
     }
 
-    /// Deletes a session with everything in it for good, and stops jobs that run in it or read it.
+    /// Deletes a session with everything in it for good, and stops the jobs in it and those that read it.
     ///
     /// # Errors
     /// The store's.
@@ -391,7 +397,7 @@ impl Service {
     }
 }
 
-/// Looks for the worker of a job that runs.
+/// Number of times that a cancellation waits 5 ms for a running job's worker to appear in this process.
 const LOOKS: u32 = 50;
 
 fn record(order: Order) -> JobRecord {
@@ -414,7 +420,7 @@ impl Drop for CancelOnDrop {
 }
 
 pub(super) fn panicked() -> Fault {
-    Fault::new(FaultKind::Internal, "a computation broke off; the log says more")
+    Fault::new(FaultKind::Internal, "a computation panicked; see the log of the service")
 }
 
 pub(super) fn status_event(state: JobState, attempt: u32) -> String {

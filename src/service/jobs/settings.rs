@@ -4,40 +4,42 @@ use super::memory::{allowed_mb, used_mb};
 use prosopon_formats::import::Limits;
 use prosopon_store::QueueLimits;
 
-/// Bounds of the service.
+/// Limits and retention times of the service.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ServiceSettings {
-    /// Jobs that may wait in all.
+    /// Largest number of waiting jobs of all tenants.
     pub max_waiting: u32,
-    /// Jobs of one tenant that may wait.
+    /// Largest number of waiting jobs of one tenant.
     pub max_waiting_tenant: u32,
-    /// Jobs of minutes that are computed at the same time, each with its share of the threads.
+    /// Number of workers of the heavy lane, each with its share of the threads.
     pub parallel_jobs: usize,
-    /// Whether jobs are computed here, and not only by other processes on the same store.
+    /// Whether this process computes jobs, and not only other processes on the same store.
     pub works: bool,
-    /// Whether what has expired is removed here: by processes that are told what that is, which workers need not be.
+    /// Whether this process runs maintenance rounds.
+    ///
+    /// It must then have the retention times of the deployment.
     pub keeps_house: bool,
-    /// A running job of which nothing was heard for so long is given to another process.
+    /// Lease of a running job: after it, without renewal, another process may take the job over.
     pub lease: Duration,
-    /// Times that a job is started before it is given up.
+    /// Number of attempts of a job before it fails.
     pub max_attempts: u32,
-    /// Memory that this process may use, MB; without it jobs are not held back.
+    /// Memory that this process may use, MB; `None` sets no limit.
     pub memory_mb: Option<u64>,
-    /// Longest that a job may compute.
+    /// Longest computing time of a job.
     pub max_wall: Duration,
-    /// Bytes that a session may store.
+    /// Quota of a session, bytes.
     pub session_quota: u64,
-    /// Sessions in which nothing happens for so long are deleted; never when absent.
+    /// Retention of unused sessions; `None` keeps them.
     pub session_retention: Option<Duration>,
-    /// A deleted session can be restored for so long; then it goes for good. Zero: at once.
+    /// Time in which a deleted session can be restored; zero deletes it at once.
     pub deleted_retention: Duration,
-    /// Events of a job are kept for so long after its end.
+    /// Retention of a job's events after its end.
     pub event_retention: Duration,
-    /// Results of a comparison are kept for so long after its end.
+    /// Retention of a comparison's results after its end.
     pub comparison_retention: Duration,
-    /// Time between two rounds of the janitor.
+    /// Time between two maintenance rounds.
     pub janitor_every: Duration,
-    /// What an upload may hold.
+    /// Limits of uploads.
     pub import: Limits,
 }
 
@@ -66,7 +68,7 @@ impl Default for ServiceSettings {
 }
 
 impl ServiceSettings {
-    /// What a job that begins now may take beside what is in use, MB; of several at a time each its share at most.
+    /// Memory that a job that begins now may add to the memory in use, MB; its share at most.
     pub(super) fn memory_of_a_job_mb(&self) -> f64 {
         let Some((all, used)) = self.memory_mb.zip(used_mb()) else { return f64::INFINITY };
         let share = all / self.parallel_jobs.max(1) as u64;

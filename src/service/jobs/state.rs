@@ -1,23 +1,23 @@
-//! The life of a job as one pure function.
+//! The state machine of a job as one pure function.
 
 use prosopon_store::JobState;
 
-/// What happens to a job.
+/// Event that changes the state of a job.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum JobEvent {
-    /// A worker takes it.
+    /// A worker claims the job.
     Start,
-    /// It is done.
+    /// The work ended with a result.
     Succeed,
-    /// It cannot go on.
+    /// The work ended with a problem.
     Fail,
-    /// It was asked to stop, and has.
+    /// The job was cancelled.
     Cancel,
-    /// The service stopped while it ran.
+    /// The worker stopped, lost its lease or lost the store.
     Interrupt,
-    /// An interrupted job gets another try.
+    /// An interrupted job gets another attempt.
     Requeue,
-    /// An interrupted job had its tries.
+    /// An interrupted job has used all its attempts.
     GiveUp,
 }
 
@@ -27,20 +27,20 @@ impl JobEvent {
         [Self::Start, Self::Succeed, Self::Fail, Self::Cancel, Self::Interrupt, Self::Requeue, Self::GiveUp];
 }
 
-/// The event does not fit the state.
+/// The event is not allowed in this state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("a job that is {state} cannot {event:?}")]
 pub struct Illegal {
-    /// Where the job stands.
+    /// State of the job.
     pub state: JobState,
-    /// What was tried.
+    /// Event that is not allowed.
     pub event: JobEvent,
 }
 
 /// The state after `event`.
 ///
 /// # Errors
-/// [`Illegal`] when the event does not fit the state.
+/// [`Illegal`] when the event is not allowed in this state.
 pub fn next(state: JobState, event: JobEvent) -> Result<JobState, Illegal> {
     use JobEvent as E;
     use JobState as S;

@@ -6,36 +6,38 @@ use super::Service;
 use prosopon_session::{Fault, FaultKind, StepDocument};
 use prosopon_store::{JobId, JobRecord, JobState, StepRecord};
 
-/// How a job stands now.
+/// Current status of a job.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JobStatus {
-    /// Its row; phase and progress are live while it runs.
+    /// Its row; phase, progress and warnings are live while it runs in this process.
     pub record: JobRecord,
-    /// Finished steps, the last one's report among them.
+    /// Number of finished steps.
     pub steps_done: u32,
-    /// Time left, s.
+    /// Estimate of the remaining time, s; `None` while there is no estimate.
     pub eta_s: Option<f64>,
-    /// Jobs before it.
+    /// Number of jobs that end before it begins, the running ones included; `None` unless it waits.
     pub queue_position: Option<u32>,
     /// Relative residual of each finished step.
     pub residuals: Vec<f64>,
 }
 
 impl JobStatus {
-    /// Of a job without a live part: `before` it wait so many, when it waits, and `running` run.
+    /// Status of a job that this process does not run.
+    ///
+    /// `before` jobs wait before it (`None` unless it waits), and `running` jobs run.
     pub(super) fn waiting(record: JobRecord, before: Option<u32>, running: usize) -> Self {
         let queue_position = before.map(|before| place(before as usize, running));
         Self { record, steps_done: 0, eta_s: None, queue_position, residuals: Vec::new() }
     }
 }
 
-/// Jobs before one in the queue of a lane.
+/// Position in a lane behind `before` waiting and `running` running jobs.
 fn place(before: usize, running: usize) -> u32 {
     u32::try_from(before.saturating_add(running)).unwrap_or(u32::MAX)
 }
 
 impl Service {
-    /// How a job stands now.
+    /// Current status of a job.
     ///
     /// # Errors
     /// As [`Service::job`].
@@ -47,7 +49,7 @@ impl Service {
         self.status_with(record, &steps, queue.as_ref())
     }
 
-    /// How the jobs of rows stand now, in their order.
+    /// Current status of the jobs of rows, in their order.
     ///
     /// # Errors
     /// The store's.
@@ -93,7 +95,7 @@ impl Service {
         })
     }
 
-    /// Waits until a job has ended, at most `patience`, and says how it stands.
+    /// Waits at most `patience` for the end of a job and returns its status.
     ///
     /// # Errors
     /// As [`Service::job`].
@@ -121,7 +123,7 @@ impl Service {
 fn residual(step: &StepRecord) -> Result<f64, Fault> {
     let document = serde_json::from_str::<StepDocument>(&step.document).map_err(|error| {
         tracing::error!(%error, "the document of a step cannot be read");
-        Fault::new(FaultKind::Internal, "a stored document cannot be read; the log says more")
+        Fault::new(FaultKind::Internal, "a stored document cannot be read; see the log of the service")
     })?;
     Ok(document.relative_residual)
 }

@@ -1,13 +1,15 @@
-//! Where a trace goes on: from a request's header to its span, and from there to the job, which a worker begins later.
+//! Trace context: from a request's header to its span, and on to the job that a worker begins later.
 //!
-//! Without the feature `otlp` nobody receives spans, and nothing here does anything.
+//! Without the feature `otlp` no spans are exported, and the functions here do nothing.
 
 use tracing::Span;
 
-/// The header of W3C Trace Context.
+/// Name of the W3C Trace Context header.
 pub const TRACEPARENT: &str = "traceparent";
 
-/// Makes a span that was not entered yet a part of the trace that the value of `traceparent` names; another value is ignored.
+/// Makes a span that was not entered yet part of the trace in `traceparent`.
+///
+/// Invalid values are ignored.
 #[cfg(feature = "otlp")]
 pub fn continue_from(span: &Span, traceparent: &str) {
     use opentelemetry::Context;
@@ -18,11 +20,11 @@ pub fn continue_from(span: &Span, traceparent: &str) {
     let headers = [(http::HeaderName::from_static(TRACEPARENT), value)].into_iter().collect();
     let carrier = opentelemetry_http::HeaderExtractor(&headers);
     let parent = TraceContextPropagator::new().extract_with_context(&Context::new(), &carrier);
-    // Fails where nobody receives spans.
+    // Fails when no spans are exported.
     span.set_parent(parent).ok();
 }
 
-/// The value of `traceparent` for what a span leads to, where somebody receives spans.
+/// The `traceparent` value for work that a span starts; `None` when no spans are exported.
 #[cfg(feature = "otlp")]
 #[must_use]
 pub fn traceparent(span: &Span) -> Option<String> {
@@ -35,11 +37,11 @@ pub fn traceparent(span: &Span) -> Option<String> {
     Some(headers.get(TRACEPARENT)?.to_str().ok()?.to_owned())
 }
 
-/// Nobody receives spans.
+/// Does nothing: without the feature `otlp` no spans are exported.
 #[cfg(not(feature = "otlp"))]
 pub fn continue_from(_: &Span, _: &str) {}
 
-/// Nobody receives spans.
+/// Does nothing: without the feature `otlp` no spans are exported.
 #[cfg(not(feature = "otlp"))]
 #[must_use]
 pub fn traceparent(_: &Span) -> Option<String> {

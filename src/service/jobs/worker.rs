@@ -17,8 +17,10 @@ use prosopon_store::{Claim, JobChange, JobFilter, JobRecord, JobState, Lane, Sto
 /// Shortest time between two progress events.
 const PROGRESS_EVERY: Duration = Duration::from_millis(250);
 
-/// Jobs that an earlier run or another process left running, `abandoned`, become interrupted; interrupted ones are accepted again or given
-/// up. Those that were asked to stop are cancelled.
+/// Recovers unfinished jobs.
+///
+/// The jobs `abandoned`, which an earlier run or another process left running, become interrupted. Interrupted jobs are accepted
+/// again, or fail after the last attempt. Jobs with a cancellation request are cancelled.
 pub(super) async fn recover(service: &Service, abandoned: Vec<JobRecord>) -> Result<(), Fault> {
     let all = |state| JobFilter { state: Some(state), limit: u32::MAX, ..JobFilter::default() };
     for job in service.store.jobs(&all(JobState::Accepted)).await?.iter().chain(&abandoned) {
@@ -32,13 +34,13 @@ pub(super) async fn recover(service: &Service, abandoned: Vec<JobRecord>) -> Res
 
 async fn recover_one(service: &Service, job: &JobRecord) -> Result<(), Fault> {
     if let Some((event, change)) = recovery(job, service.settings.max_attempts) {
-        tracing::info!(job.id = %job.id, attempt = job.attempt, ?event, "job found that nobody computes");
+        tracing::info!(job.id = %job.id, attempt = job.attempt, ?event, "found a job that no worker computes");
         apply(service, job, event, change).await?;
     }
     Ok(())
 }
 
-/// What a start means for a job that has not ended; nothing for one that waits.
+/// The recovery of an unfinished job; `None` for one that waits or has ended.
 fn recovery(job: &JobRecord, max_attempts: u32) -> Option<(JobEvent, JobChange)> {
     if job.cancel_requested_at.is_some() {
         return Some((JobEvent::Cancel, ended(JobState::Cancelled, None)));
@@ -55,7 +57,7 @@ fn recovery(job: &JobRecord, max_attempts: u32) -> Option<(JobEvent, JobChange)>
         }
         JobState::Interrupted => {
             let detail = format!(
-                "the process ended {} times while the job ran, so it is not tried again: it may be what ended it, for lack of memory or by a fault",
+                "the process ended {} times while the job ran, so it is not tried again; the job may have caused this by lack of memory or by a fault",
                 job.attempt
             );
             let fault = Fault::new(FaultKind::JobInterrupted, detail)
@@ -67,22 +69,22 @@ fn recovery(job: &JobRecord, max_attempts: u32) -> Option<(JobEvent, JobChange)>
     }
 }
 
-/// Longest time without a look at the queue.
+/// Longest time between two looks at the queue.
 const LOOK_EVERY: Duration = Duration::from_secs(5);
-/// The same where other processes have the queue too: what was left to one of them is free then.
+/// The same in a shared store: after it the job left to another worker may be claimed.
 const LOOK_AGAIN: Duration = Claim::HEAD_START.saturating_add(Duration::from_millis(50));
 
-/// Time between two attempts at what the store did not do.
+/// Time between two attempts after a failure of the store.
 const PAUSE: Duration = Duration::from_secs(2);
-/// A bucket that takes longer for one small value is away.
+/// A bucket that takes longer for one small blob counts as unreachable.
 const BUCKET_ANSWERS: Duration = Duration::from_secs(10);
 
-/// Runs jobs of the worker's lane one after the other until the service stops.
+/// Runs the jobs of the worker's lane one after the other until the service stops.
 pub(super) async fn work_through(service: Arc<Service>, worker: Worker) {
     let lane = worker.lane;
     let look_every = if service.store.is_shared() { LOOK_AGAIN } else { LOOK_EVERY };
     loop {
-        // Registered before the look, so that a job stored in between is not missed.
+        // Registered before the claim, so that a job stored in between is not missed.
         let woken = service.woken(lane).notified();
         service.beats.beat(worker);
         if service.stop.is_cancelled() {
@@ -99,7 +101,7 @@ pub(super) async fn work_through(service: Arc<Service>, worker: Worker) {
                 match run(&service, job, worker).instrument(span).await {
                     Ok(Ran::ToItsEnd) => {}
                     Ok(Ran::UntilTheStoreFailed) => {
-                        // What failed for this job only is not tried again and again without a breath.
+                        // A pause, so that a failure of this job alone is not repeated without end.
                         pause(&service).await;
                         wait_for_store(&service, worker).await;
                     }
@@ -122,7 +124,7 @@ pub(super) async fn work_through(service: Arc<Service>, worker: Worker) {
     }
 }
 
-/// The next job, which runs from now on. It is visible as running before its row says so: a cancel finds either.
+/// Claims the next job.
 async fn claim(service: &Service, lane: Lane) -> Result<Option<JobRecord>, Fault> {
     if service.is_draining() {
         return Ok(None);
@@ -139,35 +141,37 @@ async fn claim(service: &Service, lane: Lane) -> Result<Option<JobRecord>, Fault
     Ok(service.store.claim_job(&claim, &start).await?)
 }
 
-/// How far a job was run.
+/// How an attempt ended.
 enum Ran {
     ToItsEnd,
-    /// It waits again, for anybody.
+    /// The job waits again for any worker.
     UntilTheStoreFailed,
 }
 
-/// Waits until values can be read and written: a worker that the bucket refuses would take job after job from those that it serves.
+/// Waits until blobs can be read and written.
+///
+/// Otherwise a worker that the bucket refuses would claim job after job from workers that it serves.
 async fn wait_for_store(service: &Service, worker: Worker) {
     while !service.stop.is_cancelled() {
         let answer = tokio::select! {
-            // A bucket that is away is asked for a minute.
+            // For a bucket that cannot be reached, this takes the minute of its retries.
             answer = beating(service, worker, service.store.check_writing()) => answer,
             () = service.stop.cancelled() => return,
         };
         service.set_refused(worker, matches!(answer, Err(StoreError::BucketRefused(_))));
         let Err(error) = answer else { return };
-        tracing::error!(error = chain(&error), "no job is taken until the bucket can be used");
+        tracing::error!(error = chain(&error), "this worker claims no job until the bucket can be used");
         pause(service).await;
     }
 }
 
-/// Whether the bucket refuses only what a job asked of it. One that is away cannot say so.
+/// Whether the bucket takes other requests of this process; false when it cannot be reached.
 async fn refuses_no_others(service: &Service) -> bool {
     let asked = tokio::time::timeout(BUCKET_ANSWERS, service.store.check_writing());
     matches!(asked.await, Ok(Ok(())))
 }
 
-/// Waits for the store, and shows meanwhile that the worker lives.
+/// Waits for the store and sends the worker's heartbeat meanwhile.
 async fn beating<T>(service: &Service, worker: Worker, work: impl Future<Output = T>) -> T {
     let mut work = pin!(work);
     loop {
@@ -189,7 +193,7 @@ async fn run(service: &Arc<Service>, job: JobRecord, worker: Worker) -> Result<R
     let running =
         Arc::new(Running::new(&job, worker, service.settings.max_wall, service.settings.memory_of_a_job_mb()));
     service.set_running(Arc::clone(&running));
-    // A stop between the claim and this would not have found it.
+    // A stop between the claim and this point did not find the job.
     if service.stop.is_cancelled() {
         running.control.cancel();
     }
@@ -203,7 +207,7 @@ async fn run_visible(service: &Arc<Service>, job: &JobRecord, running: &Arc<Runn
     service.announce();
     tracing::info!(attempt = job.attempt, "job started");
 
-    // A task of its own, so that a panic in it ends the job and not the queue.
+    // A separate task, so that a panic in it ends the job and not the worker.
     let work = work::perform(Arc::clone(service), job.clone(), Arc::clone(running));
     let work = tokio::spawn(work.in_current_span());
     let work = async {
@@ -222,10 +226,10 @@ async fn run_visible(service: &Arc<Service>, job: &JobRecord, running: &Arc<Runn
     beating(service, running.worker, end(service, job, event, &change)).await
 }
 
-/// Records the end of an attempt and what follows from it.
+/// Stores the end of an attempt; an interrupted job is accepted again.
 async fn end(service: &Service, job: &JobRecord, event: JobEvent, change: &JobChange) -> Result<Ran, Fault> {
     if !record_end(service, job, event, change).await? && service.store.session(job.session).await?.is_none() {
-        // The session was deleted while the job ran: nothing of it stays.
+        // The session was deleted while the job ran: remove what the job stored.
         service.store.blobs().delete_session(job.session).await;
     }
     if event == JobEvent::Interrupt && !service.stop.is_cancelled() {
@@ -235,7 +239,9 @@ async fn end(service: &Service, job: &JobRecord, event: JobEvent, change: &JobCh
     Ok(Ran::ToItsEnd)
 }
 
-/// What the end of the work means for the job; `only_this`: the bucket refuses what this job asked, and serves others.
+/// The change of state at the end of an attempt.
+///
+/// `only_this` means that the bucket refuses this job's requests only.
 fn outcome(
     service: &Service,
     job: &JobRecord,
@@ -243,13 +249,13 @@ fn outcome(
     done: Result<Done, Halt>,
     only_this: bool,
 ) -> (JobEvent, JobChange) {
-    // From here on it is decided: a cancel comes before this or too late.
+    // From here on a cancellation comes too late.
     if !running.close() {
         return (JobEvent::Cancel, stopped(running, ended(JobState::Cancelled, None)));
     }
     match done {
         Ok(Done { report, tissue, warnings: found }) => {
-            // Those of steps have had their events.
+            // Warnings of steps have their events already.
             let mut events: Vec<_> = running.own_warnings().iter().chain(&found).map(|w| warning_event(w)).collect();
             let mut warnings = running.warnings();
             warnings.extend(found);
@@ -268,18 +274,20 @@ fn outcome(
             let fault = Fault::new(FaultKind::DeadlineExceeded, detail);
             (JobEvent::Fail, stopped(running, ended(JobState::Failed, Some(&fault))))
         }
-        // Its session is being deleted.
+        // The session of the job is being deleted.
         Err(Halt::Cancelled) => (JobEvent::Cancel, stopped(running, ended(JobState::Cancelled, None))),
     }
 }
 
-/// The work was broken off from outside. A stop in good order and a store that went away are no failed attempts: -1 takes it back.
+/// The change for work that was stopped from outside.
+///
+/// A stop of the service or a failed store takes the attempt back (-1).
 fn interrupted(job: &JobRecord, attempt_change: i64) -> (JobEvent, JobChange) {
     let events = vec![("status", status_event(JobState::Interrupted, job.attempt))];
     (JobEvent::Interrupt, JobChange { attempt_change, events, ..JobChange::default() })
 }
 
-/// Lets a job wait again that was interrupted while the service goes on.
+/// Accepts a job again that was interrupted while the service continues.
 async fn requeue(service: &Service, job: &JobRecord) -> Result<(), Fault> {
     let row = service.persist(|| service.store.job(job.id)).await?;
     let Some(job) = row.filter(|row| row.state == JobState::Interrupted) else { return Ok(()) };
@@ -305,7 +313,7 @@ fn tell_metrics(job: &JobRecord, running: &Running, event: JobEvent) {
     }
 }
 
-/// The mechanical model that a job asks for; empty where it has none.
+/// Mechanical model that a job requests; empty for jobs without one.
 fn model_of(job: &JobRecord) -> String {
     let request: serde_json::Value = serde_json::from_str(&job.request).unwrap_or_default();
     let model = request.get("model").or_else(|| request.get("physics")?.get("model"));
@@ -320,7 +328,7 @@ fn ended(state: JobState, fault: Option<&Fault>) -> JobChange {
     }
 }
 
-/// Where the work stood: what the row says may be a quarter of a second old.
+/// Adds the current stage, progress and warnings, because those in the row may be 250 ms old.
 fn stopped(running: &Running, change: JobChange) -> JobChange {
     let warnings = running.warnings();
     let mut events: Vec<_> = running.own_warnings().iter().map(|w| warning_event(w)).collect();
@@ -329,7 +337,9 @@ fn stopped(running: &Running, change: JobChange) -> JobChange {
     JobChange { phase, progress, warnings, events, ..change }
 }
 
-/// Records the end of a job, however long the database cannot be written: without it the job would seem to run until the next start.
+/// Stores the end of a job and retries while the database takes no writes.
+///
+/// Without it the job would seem to run until the next start.
 async fn record_end(service: &Service, job: &JobRecord, event: JobEvent, change: &JobChange) -> Result<bool, Fault> {
     let to = next(job.state, event).map_err(|e| illegal(&e))?;
     loop {
@@ -338,7 +348,7 @@ async fn record_end(service: &Service, job: &JobRecord, event: JobEvent, change:
                 if (error.is_away() || matches!(error, StoreError::Database(_) | StoreError::Io(_)))
                     && !service.stop.is_cancelled() =>
             {
-                tracing::error!(%error, "the end of a job cannot be recorded yet");
+                tracing::error!(%error, "the end of a job cannot be stored yet; trying again");
                 pause(service).await;
             }
             written => return Ok(written?),
@@ -346,7 +356,7 @@ async fn record_end(service: &Service, job: &JobRecord, event: JobEvent, change:
     }
 }
 
-/// Moves the job by `event`. False when it is not in its state any more.
+/// Changes the state of a job by `event`; false when the job is not in its state any more.
 async fn apply(service: &Service, job: &JobRecord, event: JobEvent, change: JobChange) -> Result<bool, Fault> {
     let to = next(job.state, event).map_err(|e| illegal(&e))?;
     Ok(write(service, job, to, &change).await?)
@@ -354,7 +364,7 @@ async fn apply(service: &Service, job: &JobRecord, event: JobEvent, change: JobC
 
 async fn write(service: &Service, job: &JobRecord, to: JobState, change: &JobChange) -> Result<bool, StoreError> {
     let changed = match service.store.change_job(job, to, change).await {
-        // The last large result did not fit any more.
+        // The last large result exceeds the quota, so the job fails.
         Err(StoreError::QuotaFull { allowed }) => {
             let fault = Fault::from(StoreError::QuotaFull { allowed });
             let to = next(job.state, JobEvent::Fail).unwrap_or(JobState::Failed);
@@ -367,11 +377,11 @@ async fn write(service: &Service, job: &JobRecord, to: JobState, change: &JobCha
 }
 
 fn illegal(error: &super::state::Illegal) -> Fault {
-    tracing::error!(%error, "an illegal change of a job");
+    tracing::error!(%error, "illegal change of a job's state");
     Fault::new(FaultKind::Internal, error.to_string())
 }
 
-/// Stores progress now and then, and shows that the scheduler lives.
+/// Stores the progress at intervals and sends the worker's heartbeat.
 async fn tell_progress(service: &Service, job: &JobRecord, running: &Running) -> std::convert::Infallible {
     let mut last = ("", -1.0);
     loop {
@@ -385,7 +395,7 @@ async fn tell_progress(service: &Service, job: &JobRecord, running: &Running) ->
         let event = serde_json::json!({ "phase": phase, "progress": progress, "eta_s": eta_s });
         match service.store.record_progress(job, phase, progress, &event.to_string()).await {
             Ok(true) => service.announce(),
-            // It was deleted; the work sees that at its next write, until then the scheduler waits for it and is not wedged.
+            // The job was deleted. The work sees that at its next write; until then the heartbeat shows that the worker is alive.
             Ok(false) | Err(StoreError::SessionGone) => {}
             Err(error) => tracing::warn!(%error, "progress could not be stored"),
         }

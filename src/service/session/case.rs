@@ -5,44 +5,44 @@ use prosopon_planning::plan::{Cut, Landmarks, Plan, Protected, TemplateCall};
 use prosopon_planning::simulate::{Anatomy, FieldsSettings, Milestone, RunSettings, TissueSettings};
 use prosopon_tissue::fem::SolveSettings;
 
-/// A patient's surfaces with the settings of their fields.
+/// A patient case: surfaces and landmarks, with the settings of their fields.
 #[derive(Debug, Clone)]
 pub struct Case {
     /// Surfaces and landmarks.
     pub anatomy: Arc<Anatomy>,
-    /// How the fields are built.
+    /// Settings of the distance fields.
     pub fields: FieldsSettings,
-    /// Key of everything that the fields are made from.
+    /// Key of everything that the fields are built from.
     pub key: String,
-    /// x of the midline, mm, where known.
+    /// x of the midline, mm; `None` when unknown.
     pub midline_x_mm: Option<f64>,
 }
 
-/// Cuts asked for.
+/// Cuts of a request.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Cuts {
-    /// Templates. What they lack is proposed from the surfaces.
+    /// Templates; missing landmarks are proposed from the surfaces.
     pub templates: Vec<TemplateCall>,
     /// Further cuts.
     pub cuts: Vec<Cut>,
-    /// What cuts should keep away from.
+    /// Protected points and curves, whose distance to the cuts is reported.
     pub protected: Vec<Protected>,
     /// Landmarks that segments are named by.
     pub landmarks: Landmarks,
 }
 
-/// A tissue mesh asked for.
+/// A tissue mesh of a request.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TissueRequest {
     /// Settings of the mesh.
     pub settings: TissueSettings,
-    /// Cuts whose segments choose the region; the front of the face when `None`.
+    /// Cuts whose segments determine the meshed region; the front of the face when `None`.
     pub cuts: Option<Vec<Cut>>,
-    /// Key of everything that the mesh is made from.
+    /// Key of everything that the mesh is built from.
     pub key: String,
 }
 
-/// Everything that a solve needs.
+/// Inputs of a solve.
 #[derive(Debug, Clone)]
 pub struct Run {
     /// The patient.
@@ -55,20 +55,20 @@ pub struct Run {
     pub plan: Plan,
     /// Model, steps, materials, attachment.
     pub settings: RunSettings,
-    /// What was solved before, whose end this one begins at; the patient at rest when `None`.
+    /// Earlier solve from whose end state this one starts; rest when `None`.
     pub after: Option<Box<Earlier>>,
-    /// The step that an earlier attempt came to.
+    /// Checkpoint of an earlier attempt, from which the solve continues.
     pub milestone: Option<Milestone>,
 }
 
-/// A plan that was solved before, with the same patient, cuts, tissue and settings.
+/// An earlier solve with the same patient, cuts, tissue and settings.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Earlier {
     /// Bone paths.
     pub plan: Plan,
-    /// Its streamed steps.
+    /// Number of its steps.
     pub steps: usize,
-    /// What it began at.
+    /// Solve from whose end state it started; rest when `None`.
     pub after: Option<Box<Earlier>>,
 }
 
@@ -81,33 +81,33 @@ pub enum SceneBones {
     Cut {
         /// The patient.
         case: Box<Case>,
-        /// The cuts that part the bone.
+        /// The cuts that separate the segments.
         cuts: Vec<Cut>,
     },
 }
 
-/// A ready tissue mesh moved by bone.
+/// Inputs of a solve with an uploaded tissue mesh.
 #[derive(Debug)]
 pub struct SceneRun {
-    /// The mesh as its file has it.
+    /// The mesh of the file.
     pub volume: VolumeMesh,
-    /// What sliding points touch.
+    /// Bones for the contact of sliding nodes.
     pub bones: SceneBones,
-    /// How the fields of the bones are built.
+    /// Settings of the distance fields of the bones.
     pub fields: FieldsSettings,
     /// Bone paths.
     pub plan: Plan,
     /// Model, elements, materials, tolerances.
     pub solver: SolveSettings,
-    /// Streamed steps along the path.
+    /// Number of steps along the path.
     pub steps: usize,
-    /// Whether the solved mesh is wanted as a file.
+    /// Whether to return the solved mesh as a file.
     pub file: bool,
-    /// The step that an earlier attempt came to.
+    /// Checkpoint of an earlier attempt, from which the solve continues.
     pub milestone: Option<Milestone>,
 }
 
-/// A solid whose field can be asked for.
+/// A solid with a distance field.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Solid {
     /// Inside of the skin.

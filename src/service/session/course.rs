@@ -1,4 +1,4 @@
-//! Solves along plans, each from rest or from the end of another.
+//! Solves along plans, from rest or from the end state of an earlier solve.
 
 use std::sync::Arc;
 
@@ -12,28 +12,28 @@ use prosopon_planning::simulate::{
 };
 use prosopon_tissue::fem::{SavedState, SolveError};
 
-/// Share of a solve's progress that preparing the equations takes.
+/// Share of a solve's progress for preparing the equations.
 const PREPARING: f64 = 0.05;
-/// Kinds of intermediate results.
+/// Kinds of intermediate results in the cache.
 const EQUATIONS: &str = "equations";
 const ENDS: &str = "end";
-/// Memory of prepared equations by node, bytes: on a head some 400 MB for 20 000.
+/// Memory of prepared equations for each node, bytes: on a head about 400 MB for 20 000 nodes.
 const EQUATION_BYTES: u64 = 20_000;
 
-/// What all courses of a run have in common.
+/// Inputs that all paths of a run share.
 pub(super) struct Ready<'a> {
     pub(super) run: &'a Run,
     pub(super) bone: &'a CutBone,
     pub(super) tissue: &'a TissueModel,
 }
 
-/// A plan to follow.
+/// A plan to follow, with its start state.
 #[derive(Clone, Copy)]
 pub(super) struct Course<'a> {
     pub(super) plan: &'a Plan,
     pub(super) steps: usize,
     pub(super) after: Option<&'a Earlier>,
-    /// The step that an earlier attempt came to.
+    /// Checkpoint of an earlier attempt, from which to continue.
     pub(super) milestone: Option<&'a Milestone>,
 }
 
@@ -43,7 +43,9 @@ impl<'a> From<&'a Earlier> for Course<'a> {
     }
 }
 
-/// Everything that prepared equations are made from: only the way and the steps may differ.
+/// Key of everything that the prepared equations depend on.
+///
+/// They do not depend on the motions along the path or on the number of steps.
 fn prepared_key(Ready { run, bone, .. }: &Ready<'_>, plan: &Plan) -> String {
     let moving: Vec<u32> = plan.paths.iter().map(plan::Path::segment).collect();
     let RunSettings { solver, attachment, leave_out_below_mm, steps: _ } = &run.settings;
@@ -52,14 +54,16 @@ fn prepared_key(Ready { run, bone, .. }: &Ready<'_>, plan: &Plan) -> String {
     key_of(&[&run.tissue.key, &bone_key(&run.case, &run.cuts), &settings])
 }
 
-/// Key of the state that a course ends in.
+/// Key of the end state of a path.
 fn end_key(ready: &Ready<'_>, course: Course<'_>) -> String {
     let after = course.after.map(|earlier| end_key(ready, earlier.into())).unwrap_or_default();
     key_of(&[&prepared_key(ready, course.plan), &format!("{:?} {}", course.plan, course.steps), &after])
 }
 
 impl Numerics {
-    /// Follows a course from where it begins; that is solved again where it has been let go.
+    /// Follows a path from its start state.
+    ///
+    /// An earlier solve is repeated when its end state is not in the cache.
     pub(super) fn follow_course(
         &self,
         ready: &Ready<'_>,
@@ -94,7 +98,7 @@ impl Numerics {
         let anatomy = &run.case.anatomy;
         let outcome = simulate::solve_prepared(anatomy, tissue, &prepared, bone, way, &settings, &control, on_frame);
         if let Err(SimulateError::Solve(SolveError::Checkpoint { detail })) = outcome {
-            tracing::warn!(detail, "what an earlier attempt left does not fit: all steps are solved again");
+            tracing::warn!(detail, "the checkpoint does not match this job; all steps are solved again");
             return self.follow_course(ready, Course { milestone: None, ..course }, &control, on_frame);
         }
         let outcome = outcome?;

@@ -10,51 +10,51 @@ use prosopon_planning::simulate::{Frame, Milestone, Outcome};
 use prosopon_planning::surface::{CtSettings, CtSurfaces};
 use prosopon_tissue::mesh::MeshReport;
 
-/// What a solve tells while it runs.
+/// Receiver of the progress of a solve.
 pub trait RunWatch {
     /// A stage begins: `field`, `cut`, `mesh` or `solve`.
     fn stage(&mut self, name: &'static str);
-    /// The tissue mesh is there.
+    /// The tissue mesh is built.
     fn mesh(&mut self, report: &MeshReport);
-    /// Something to tell before the first step.
+    /// A warning from before the first step.
     fn warning(&mut self, text: String);
-    /// A step is solved; `milestone` makes what a run can go on with after it, where it can.
+    /// A step is solved; `milestone` makes the checkpoint after it, if there can be one.
     fn frame(&mut self, frame: Frame, milestone: &dyn Fn() -> Option<Milestone>);
 }
 
-/// What comes of a ready mesh.
+/// Result of a solve with an uploaded tissue mesh.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SceneSolved {
-    /// The solved mesh as VTU, where asked for: displacement, stress, volume ratio.
+    /// The solved mesh as VTU with displacement, stress and volume ratio; `None` unless requested.
     pub file: Option<Vec<u8>>,
-    /// What a caller should know.
+    /// Warnings.
     pub warnings: Vec<String>,
 }
 
-/// The numerics as the service sees them; heavy intermediate results stay behind it.
+/// The numerics behind the service.
 ///
-/// Every method is a function of its arguments: results may be remembered, and are rebuilt the same when they are not.
-/// All of them compute for long and must be called on the CPU pool.
+/// Every method is a function of its arguments: an implementation may cache results and rebuilds identical ones. All methods
+/// compute for long and must run on the CPU pool.
 pub trait Engine: Debug + Send + Sync {
-    /// Skin, skull and air of a CT file.
+    /// Extracts skin, skull, air and soft tissue from a CT file.
     ///
     /// # Errors
     /// [`Halt`].
     fn surfaces(&self, ct: &[u8], settings: &CtSettings, control: &Control) -> Result<CtSurfaces, Halt>;
 
-    /// Builds the fields of a case: reports of skin and bone, and warnings.
+    /// Builds the fields of a case; returns the reports of skin and bone, and warnings.
     ///
     /// # Errors
     /// [`Halt`].
     fn fields(&self, case: &Case, control: &Control) -> Result<(FieldReport, FieldReport, Vec<String>), Halt>;
 
-    /// Distances with settled signs, gradients and closest points at `points`.
+    /// Distances with reliable signs, gradients and closest points at `points` (LPS mm).
     ///
     /// # Errors
     /// [`Halt`].
     fn nearest(&self, case: &Case, solid: Solid, points: &[Point], control: &Control) -> Result<Vec<Settled>, Halt>;
 
-    /// Signed distances (mm) and gradients at `points`.
+    /// Signed distances (mm) and gradients at `points` (LPS mm).
     ///
     /// # Errors
     /// [`Halt`].
@@ -66,49 +66,53 @@ pub trait Engine: Debug + Send + Sync {
         control: &Control,
     ) -> Result<Vec<(f64, Vector)>, Halt>;
 
-    /// Cuts the bone: the cuts of the templates, in their order, then the others. With how near they come to what is protected.
+    /// Cuts the bone with the cuts of the templates, in their order, then with the others.
+    ///
+    /// Also returns the distance of each cut to each protected point or curve.
     ///
     /// # Errors
     /// [`Halt`].
     fn cut(&self, case: &Case, cuts: &Cuts, control: &Control) -> Result<(Osteotomy, Vec<Clearance>), Halt>;
 
-    /// Landmarks proposed from the surfaces of skin and skull.
+    /// Proposes landmarks from the surfaces of skin and skull.
     fn propose(&self, skin: &TriMesh, skull: &TriMesh) -> Proposal;
 
-    /// Follows the paths of a plan.
+    /// Follows the paths of a plan; returns a report for each path.
     ///
     /// # Errors
     /// [`Halt`].
     fn follow(&self, case: &Case, cuts: &[Cut], plan: &Plan, control: &Control) -> Result<Vec<PathReport>, Halt>;
 
-    /// Meshes the tissue.
+    /// Builds the tissue mesh.
     ///
     /// # Errors
     /// [`Halt`].
     fn tissue(&self, case: &Case, request: &TissueRequest, control: &Control) -> Result<MeshReport, Halt>;
 
-    /// Moves the bone and hands out steps.
+    /// Solves along the plan; reports each step to `watch`.
     ///
     /// # Errors
-    /// [`Halt`]; frames that were handed out stay valid.
+    /// [`Halt`]; steps that were reported stay valid.
     fn solve(&self, run: &Run, control: &Control, watch: &mut dyn RunWatch) -> Result<Outcome, Halt>;
 
-    /// Moves a ready mesh by bone and hands out steps.
+    /// Solves an uploaded tissue mesh along the plan; reports each step to `watch`.
     ///
     /// # Errors
-    /// [`Halt`]; frames that were handed out stay valid.
+    /// [`Halt`]; steps that were reported stay valid.
     fn solve_scene(&self, run: &SceneRun, control: &Control, watch: &mut dyn RunWatch) -> Result<SceneSolved, Halt>;
 
-    /// The deformed volume as a VTU file: displacement, tissue, attachment, and volume ratio of every cell.
+    /// The deformed volume as a VTU file; `nodes` are the deformed positions, LPS mm.
+    ///
+    /// With displacement and attachment of every node, and tissue and volume ratio of every cell.
     ///
     /// # Errors
     /// [`Halt`].
     fn tissue_file(&self, run: &Run, nodes: &[Point], control: &Control) -> Result<Vec<u8>, Halt>;
 
-    /// Parts of the face, and whether landmarks were used to find them.
+    /// Regions of the face, and whether landmarks placed them.
     fn regions(&self, case: &Case) -> (Vec<FaceRegion>, bool);
 
-    /// Signed error of `prediction` against `reference`.
+    /// Signed error of `prediction` against `reference`, mm, over the vertices of the mask.
     ///
     /// # Errors
     /// [`Halt`].
@@ -121,7 +125,7 @@ pub trait Engine: Debug + Send + Sync {
         control: &Control,
     ) -> Result<ErrorMap, Halt>;
 
-    /// Rigid motion that brings `source` onto `target` over the unaltered vertices.
+    /// Rigid motion that maps `source` onto `target` over the unaltered vertices.
     ///
     /// # Errors
     /// [`Halt`].

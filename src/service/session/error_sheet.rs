@@ -2,10 +2,10 @@ use super::ErrorDocument;
 use prosopon_geometry::TriMesh;
 use prosopon_planning::evaluate::{Sheet, sheet};
 
-/// Colours of error maps saturate here, mm.
+/// Error at which the colours saturate, mm.
 const ERROR_LIMIT_MM: f64 = 3.0;
 
-/// The error map of `mesh` from all sides, with its numbers. PNG; computes.
+/// Draws the error map of `mesh` from all sides with its statistics, as PNG. Call it on the CPU pool.
 #[must_use]
 pub fn error_sheet(mesh: &TriMesh, error_mm: &[f32], document: &ErrorDocument) -> Vec<u8> {
     let histogram: Vec<(f64, f64)> = document.histogram.iter().map(|b| (b.from_mm, b.share)).collect();

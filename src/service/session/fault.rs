@@ -5,7 +5,7 @@ use prosopon_geometry::control::Cancelled;
 
 macro_rules! kinds {
     ($($(#[$doc:meta])* $name:ident = $slug:literal,)*) => {
-        /// Kinds of problem; the name on the wire is the last part of the problem's type.
+        /// Kind of a problem; its name on the wire is the last part of the problem's type.
         #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
         pub enum FaultKind {
             $($(#[$doc])* #[serde(rename = $slug)] $name,)*
@@ -15,7 +15,7 @@ macro_rules! kinds {
             /// Every kind.
             pub const ALL: &'static [Self] = &[$(Self::$name),*];
 
-            /// Its name on the wire.
+            /// Name on the wire.
             #[must_use]
             pub fn slug(self) -> &'static str {
                 match self { $(Self::$name => $slug),* }
@@ -25,35 +25,35 @@ macro_rules! kinds {
 }
 
 kinds! {
-    /// The request cannot be read at all.
+    /// The request cannot be parsed.
     MalformedRequest = "malformed-request",
-    /// A stored value is not what was written.
+    /// A stored value is damaged: it does not match its seal.
     DamagedValue = "damaged-value",
-    /// The request is read but some of its values are not allowed.
+    /// Some values of the request are not allowed.
     InvalidRequest = "invalid-request",
-    /// Nothing with that id or path.
+    /// Nothing has this id or path.
     NotFound = "not-found",
-    /// It was there and was deleted.
+    /// The thing with this id was deleted.
     Gone = "gone",
     /// The path does not take this method.
     MethodNotAllowed = "method-not-allowed",
-    /// No representation that the client accepts.
+    /// The client accepts none of the representations.
     NotAcceptable = "not-acceptable",
     /// The request took too long to arrive or to answer.
     Timeout = "timeout",
-    /// It is in a state in which this cannot be done.
+    /// The current state does not allow the request.
     WrongState = "wrong-state",
     /// Something must be uploaded or built first.
     MissingInput = "missing-input",
     /// It was built from inputs or settings that have been replaced.
     Stale = "stale",
-    /// Longer than allowed.
+    /// The body is longer than allowed.
     TooLarge = "too-large",
-    /// A range that the result does not have.
+    /// The result does not have the requested range.
     RangeNotSatisfiable = "range-not-satisfiable",
-    /// A format that is not read.
+    /// The format is not supported.
     UnsupportedFormat = "unsupported-format",
-    /// An idempotency key came again with another request.
+    /// An idempotency key was used again for another request.
     IdempotencyMismatch = "idempotency-mismatch",
     /// A surface cannot be used.
     SurfaceNotUsable = "surface-not-usable",
@@ -61,9 +61,9 @@ kinds! {
     VolumeNotUsable = "volume-not-usable",
     /// Skin and skull do not belong together.
     AnatomyNotUsable = "anatomy-not-usable",
-    /// No distance field comes out.
+    /// No distance field can be built.
     FieldNotUsable = "field-not-usable",
-    /// No tissue mesh comes out.
+    /// No tissue mesh can be built, or an uploaded one cannot be used.
     MeshNotUsable = "mesh-not-usable",
     /// A cut does not touch bone.
     CutMissesBone = "cut-misses-bone",
@@ -73,7 +73,7 @@ kinds! {
     PlanNotUsable = "plan-not-usable",
     /// Mesh, bone and settings cannot be solved together.
     SceneNotUsable = "scene-not-usable",
-    /// The work would take more memory than is allowed.
+    /// The computation would need more memory than is allowed.
     NotEnoughMemory = "not-enough-memory",
     /// No equilibrium was reached.
     SolverNotConverged = "solver-not-converged",
@@ -85,13 +85,13 @@ kinds! {
     SolverPenetration = "solver-penetration",
     /// Two surfaces cannot be compared.
     ComparisonNotUsable = "comparison-not-usable",
-    /// No rigid motion brings one surface onto the other, or too many do.
+    /// No rigid motion maps one surface onto the other, or many do.
     RegistrationFailed = "registration-failed",
     /// There is nothing to compare with.
     NoReference = "no-reference",
     /// The result is not there yet.
     NotReady = "not-ready",
-    /// Part of the contract, but not in this version.
+    /// Part of the API contract, but not in this version.
     NotAvailable = "not-available",
     /// The request is not for this host.
     ForeignHost = "foreign-host",
@@ -99,11 +99,11 @@ kinds! {
     QueueFull = "queue-full",
     /// Too many jobs of one tenant wait.
     TenantQueueFull = "tenant-queue-full",
-    /// The session holds as much as it may.
+    /// The session would exceed its quota.
     QuotaFull = "quota-full",
-    /// Too many requests that take long to check are under way.
+    /// Too many requests with expensive checks are running.
     Busy = "busy",
-    /// The request does not say who sends it, or not believably.
+    /// The request has no valid credentials.
     Unauthenticated = "unauthenticated",
     /// The sender may not do this.
     Forbidden = "forbidden",
@@ -115,7 +115,7 @@ kinds! {
     StoreUnavailable = "store-unavailable",
     /// The bucket refuses the service, or one of its values.
     StoreRefuses = "store-refuses",
-    /// The job computed for longer than it may.
+    /// The job reached its limit of computing time.
     DeadlineExceeded = "deadline-exceeded",
     /// The service stopped too often while the job ran.
     JobInterrupted = "job-interrupted",
@@ -128,12 +128,12 @@ kinds! {
 pub struct FieldFault {
     /// JSON pointer to it.
     pub pointer: String,
-    /// What was found and what is allowed.
+    /// What is wrong, what is allowed, and what to do.
     pub detail: String,
 }
 
 impl FieldFault {
-    /// A fault at `pointer`; the name of a part or a query parameter becomes a pointer to it.
+    /// A fault at `pointer`; a plain name of a part or query parameter becomes a pointer to it.
     pub fn new(pointer: impl Into<String>, detail: impl Into<String>) -> Self {
         let mut pointer = pointer.into();
         if !pointer.is_empty() && !pointer.starts_with('/') {
@@ -143,17 +143,17 @@ impl FieldFault {
     }
 }
 
-/// Why something was refused or failed, without a word of HTTP. Also what a failed job stores.
+/// Why a request was refused or failed, independent of HTTP; also stored with a failed job.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Fault {
-    /// Kind.
+    /// Kind of the problem.
     pub kind: FaultKind,
-    /// What was found and what is allowed.
+    /// What is wrong, what is allowed, and what to do.
     pub detail: String,
-    /// Bad values of the request.
+    /// Values of the request that are not allowed.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub errors: Vec<FieldFault>,
-    /// Further members, for machines.
+    /// Further members of the problem document, for programs.
     #[serde(default, skip_serializing_if = "Map::is_empty")]
     pub facts: Map<String, Value>,
 }
@@ -164,7 +164,7 @@ impl Fault {
         Self { kind, detail: detail.into(), errors: Vec::new(), facts: Map::new() }
     }
 
-    /// Bad values of a request.
+    /// A fault for values of a request that are not allowed.
     #[must_use]
     pub fn invalid(errors: Vec<FieldFault>) -> Self {
         let detail = match errors.as_slice() {
@@ -174,21 +174,23 @@ impl Fault {
         Self { errors, ..Self::new(FaultKind::InvalidRequest, detail) }
     }
 
-    /// Adds a member.
+    /// Adds a member to the problem document.
     #[must_use]
     pub fn with(mut self, name: &str, value: impl Into<Value>) -> Self {
         self.facts.insert(name.to_owned(), value.into());
         self
     }
 
-    /// Adds a bad value.
+    /// Adds `pointer` as a value that is not allowed, with the fault's detail.
     #[must_use]
     pub fn at(mut self, pointer: &str) -> Self {
         self.errors.push(FieldFault::new(pointer, self.detail.clone()));
         self
     }
 
-    /// Points to `pointer` instead of `/cuts` and below: for requests that take their cuts from elsewhere.
+    /// Replaces pointers to `/cuts` and below by `pointer`.
+    ///
+    /// For requests that take their cuts from elsewhere.
     #[must_use]
     pub fn with_cuts_at(mut self, pointer: &str) -> Self {
         for error in &mut self.errors {
@@ -203,9 +205,9 @@ impl Fault {
 /// Why long work ended early.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Halt {
-    /// It was asked to stop.
+    /// It was cancelled.
     Cancelled,
-    /// It could not go on.
+    /// It failed.
     Fault(Box<Fault>),
 }
 
@@ -225,7 +227,7 @@ impl From<Halt> for Fault {
     /// Work that runs within a request is only cancelled when the client has left or the service stops.
     fn from(halt: Halt) -> Self {
         match halt {
-            Halt::Cancelled => Self::new(FaultKind::ShuttingDown, "the work was cancelled before it was done"),
+            Halt::Cancelled => Self::new(FaultKind::ShuttingDown, "the service is stopping; try again later"),
             Halt::Fault(fault) => *fault,
         }
     }

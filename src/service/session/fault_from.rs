@@ -1,4 +1,6 @@
-//! Errors of the pure rooms and of the store as faults. Every `match` is exhaustive: a new variant must choose its kind.
+//! Conversion of the errors of the store and the numerics to faults.
+//!
+//! Every `match` is exhaustive, so a new variant must choose its kind.
 
 use serde_json::{Value, json};
 
@@ -16,7 +18,7 @@ use prosopon_tissue::mesh::MeshError;
 impl From<StoreError> for Fault {
     fn from(error: StoreError) -> Self {
         if error.is_disk_full() {
-            return Self::new(FaultKind::StorageFull, "the disk is full");
+            return Self::new(FaultKind::StorageFull, "the disk of the service is full; delete sessions or enlarge the disk");
         }
         match error {
             StoreError::SessionGone => Self::new(FaultKind::Gone, "the session was deleted meanwhile"),
@@ -25,31 +27,31 @@ impl From<StoreError> for Fault {
                     .with("allowed_bytes", allowed)
             }
             StoreError::QuotaFull { allowed } => {
-                Self::new(FaultKind::QuotaFull, format!("a session may have {allowed} bytes; delete something first"))
+                Self::new(FaultKind::QuotaFull, format!("this exceeds the quota of {allowed} bytes; delete something first"))
                     .with("allowed_bytes", allowed)
             }
             StoreError::KeyTaken => {
-                Self::new(FaultKind::WrongState, "another request with this idempotency key is under way; try again")
+                Self::new(FaultKind::WrongState, "another request with this idempotency key is running; try again later")
             }
             StoreError::BlobGone { key } => {
-                tracing::warn!(key, "a file was removed before it was read");
+                tracing::warn!(key, "a blob was removed before it was read");
                 let detail =
-                    "it was replaced or deleted while it was read; try again: if that says the same, its file is lost";
+                    "the value was replaced or deleted while it was read; try again; if this repeats, its file is lost";
                 Self::new(FaultKind::WrongState, detail)
             }
             StoreError::Damaged { key } => {
                 tracing::error!(key, "a stored value is damaged");
                 metrics::counter!("prosopon_values_damaged_total").increment(1);
-                let detail = format!("the stored value {key} is not what was written; its file was changed or cut off");
+                let detail = format!("the stored value {key} is damaged: its file was changed or cut off");
                 Self::new(FaultKind::DamagedValue, detail).with("value", key)
             }
             StoreError::Unreachable(_) | StoreError::BucketAway(_) => {
-                tracing::error!(error = chain(&error), "the store is away");
+                tracing::error!(error = chain(&error), "the store cannot be reached");
                 Self::new(FaultKind::StoreUnavailable, format!("{error} now; try again later"))
             }
             StoreError::BucketRefused(_) => {
-                tracing::error!(error = chain(&error), "the store refuses");
-                Self::new(FaultKind::StoreRefuses, format!("{error}, or this value; the log says which and why"))
+                tracing::error!(error = chain(&error), "the bucket refuses a request");
+                Self::new(FaultKind::StoreRefuses, format!("{error}, or refuses this value; see the log of the service"))
             }
             StoreError::Database(_)
             | StoreError::Bucket(_)
@@ -65,7 +67,7 @@ impl From<StoreError> for Fault {
             | StoreError::ForeignTables
             | StoreError::InUse => {
                 tracing::error!(error = chain(&error), "the store failed");
-                Self::new(FaultKind::Internal, "the store failed; the log says more")
+                Self::new(FaultKind::Internal, "the store failed; see the log of the service")
             }
         }
     }
@@ -83,7 +85,7 @@ pub fn chain(error: &dyn std::error::Error) -> String {
     let mut source = error.source();
     while let Some(error) = source {
         let cause = error.to_string();
-        // Some errors say their source themselves.
+        // The text of some errors contains their source already.
         if !text.ends_with(&cause) {
             text.push_str(": ");
             text.push_str(&cause);
@@ -93,7 +95,7 @@ pub fn chain(error: &dyn std::error::Error) -> String {
     text
 }
 
-/// An unreadable surface or volume; `kind` says which.
+/// The fault of an unreadable surface or volume; `kind` distinguishes the two.
 pub fn import_fault(error: &ImportError, kind: FaultKind) -> Fault {
     match error {
         ImportError::UnknownFormat { .. } => Fault::new(FaultKind::UnsupportedFormat, error.to_string()),
@@ -177,7 +179,7 @@ impl From<PlanError> for Halt {
                 let mut fault = Fault::new(FaultKind::PlanNotUsable, detail)
                     .with("template", template)
                     .with("missing", missing.clone());
-                // As a template's request has them.
+                // Pointers into the request of a template.
                 let pointer = |name: &&str| match *name {
                     "midline_x_mm" | "occlusal_plane_z_mm" => format!("/{name}"),
                     "le_fort_1_plane" => "/plane".to_owned(),
@@ -196,7 +198,7 @@ impl From<PlanError> for Halt {
     }
 }
 
-/// `waypoints[2].t` as `/waypoints/2/t`.
+/// JSON pointer to a place: `waypoints[2].t` becomes `/waypoints/2/t`.
 fn pointer_of(place: &str) -> String {
     let mut pointer = String::from("/");
     for character in place.chars() {
@@ -219,7 +221,7 @@ impl From<SolveError> for Halt {
             | SolveError::Factorisation { .. }
             | SolveError::Checkpoint { .. } => Fault::new(FaultKind::SceneNotUsable, detail),
             SolveError::Memory { needed_mb, allowed_mb, .. } => {
-                // The factor's share grows with about the seventh half power of the number of cells along an edge.
+                // The memory of the factor grows with about the 7/2 power of the number of cells along an edge.
                 let coarser = (needed_mb / allowed_mb.max(1.0)).powf(2.0 / 7.0);
                 let detail = format!("{detail}; edges {coarser:.2} times as long, or a smaller region, would fit");
                 Fault::new(FaultKind::NotEnoughMemory, detail)

@@ -11,10 +11,10 @@ use prosopon_geometry::TriMesh;
 use prosopon_planning::simulate::Anatomy;
 use prosopon_store::{PartKind, PartRecord, SessionId, Store, decode_grid, decode_mesh};
 
-/// Boxes of surfaces that are cut at the same plane may differ by so much, mm.
+/// Allowed difference of the boxes of surfaces that end at the same plane, mm.
 const BOX_SLACK_MM: f64 = 1.0;
 
-/// The parts of one session, and what they allow.
+/// The parts of one session, with checks of what they allow.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SessionParts {
     session: SessionId,
@@ -37,7 +37,7 @@ impl SessionParts {
         Ok(Self { session, parts: store.parts(session).await? })
     }
 
-    /// Parts of a session that were read.
+    /// Wraps parts of a session that were read already.
     #[must_use]
     pub fn of(session: SessionId, parts: Vec<PartRecord>) -> Self {
         Self { session, parts }
@@ -49,22 +49,22 @@ impl SessionParts {
         &self.parts
     }
 
-    /// A part, if it is there.
+    /// The part of a kind; `None` when there is none.
     #[must_use]
     pub fn get(&self, kind: PartKind) -> Option<&PartRecord> {
         self.parts.iter().find(|p| p.kind == kind)
     }
 
-    /// A part that must be there.
+    /// The part of a kind, which must exist.
     ///
     /// # Errors
     /// [`FaultKind::NotFound`].
     pub fn require(&self, kind: PartKind) -> Result<&PartRecord, Fault> {
         let name = kind.as_str();
-        self.get(kind).ok_or_else(|| Fault::new(FaultKind::NotFound, format!("the session has no {name} yet")))
+        self.get(kind).ok_or_else(|| Fault::new(FaultKind::NotFound, format!("the session has no {name}; upload or build it")))
     }
 
-    /// Uploaded bones with their segments, rising.
+    /// Uploaded bones with their segments, in ascending order of segments.
     #[must_use]
     pub fn bones(&self) -> Vec<(u32, &PartRecord)> {
         let mut bones: Vec<_> = self.parts.iter().filter_map(|p| Some((p.kind.segment()?, p))).collect();
@@ -78,7 +78,7 @@ impl SessionParts {
         self.bones().into_iter().map(|(segment, part)| (segment, part.key.clone())).collect()
     }
 
-    /// The ready tissue mesh, where there is one.
+    /// Description of the uploaded tissue mesh; `None` when there is none.
     ///
     /// # Errors
     /// [`FaultKind::Internal`].
@@ -86,7 +86,7 @@ impl SessionParts {
         self.document(PartKind::Tissue)
     }
 
-    /// The ready tissue mesh, which must be there; `next` says what to do.
+    /// Description of the uploaded tissue mesh, which must exist; `next` tells the client what to do.
     ///
     /// # Errors
     /// [`FaultKind::MissingInput`], [`FaultKind::Internal`].
@@ -98,19 +98,19 @@ impl SessionParts {
         let Some(part) = self.get(kind) else { return Ok(None) };
         serde_json::from_str(&part.document).map(Some).map_err(|error| {
             tracing::error!(%error, part = kind.as_str(), "a stored document cannot be read");
-            Fault::new(FaultKind::Internal, "a stored document cannot be read; the log says more")
+            Fault::new(FaultKind::Internal, "a stored document cannot be read; see the log of the service")
         })
     }
 
-    /// Settings of the field, or the defaults.
+    /// Settings of the distance fields, or the defaults.
     ///
     /// # Errors
-    /// [`FaultKind::Internal`] when the stored document is damaged; so for the other documents.
+    /// [`FaultKind::Internal`] when the stored document cannot be read.
     pub fn field_settings(&self) -> Result<FieldSettingsDocument, Fault> {
         Ok(self.document(PartKind::FieldSettings)?.unwrap_or_default())
     }
 
-    /// Landmarks, where given.
+    /// Landmarks; `None` when none were given.
     ///
     /// # Errors
     /// [`FaultKind::Internal`].
@@ -118,7 +118,7 @@ impl SessionParts {
         self.document(PartKind::Landmarks)
     }
 
-    /// Key of the fields that the present inputs and settings give.
+    /// Key of the fields for the current inputs and settings.
     ///
     /// # Errors
     /// [`FaultKind::MissingInput`] when skin or skull are missing.
@@ -135,7 +135,7 @@ impl SessionParts {
         Fault::new(FaultKind::MissingInput, detail).with("missing", names)
     }
 
-    /// Skin and skull must be there.
+    /// Checks that skin and skull exist.
     ///
     /// # Errors
     /// [`FaultKind::MissingInput`].
@@ -153,7 +153,7 @@ impl SessionParts {
         Err(self.missing(&missing, next))
     }
 
-    /// Vertices of the skull, where it is there.
+    /// Number of vertices of the skull; `None` when there is no skull.
     ///
     /// # Errors
     /// [`FaultKind::Internal`].
@@ -161,7 +161,7 @@ impl SessionParts {
         Ok(self.document::<SurfaceDocument>(PartKind::Skull)?.map(|skull| skull.vertices))
     }
 
-    /// What the boxes of skin and skull tell of whether they belong together; the field looks more closely.
+    /// Checks by their boxes that skin and skull belong together; building the field checks more closely.
     ///
     /// # Errors
     /// [`FaultKind::AnatomyNotUsable`], [`FaultKind::MissingInput`].
@@ -176,16 +176,16 @@ impl SessionParts {
         };
         let apart = |a: usize| skin.min_mm[a] > skull.max_mm[a] || skin.max_mm[a] < skull.min_mm[a];
         let detail = if axes.into_iter().all(inside) {
-            "the skin lies inside the skull's box: are the two files swapped?"
+            "the skin lies inside the bounding box of the skull; check whether the two files are swapped"
         } else if axes.into_iter().any(apart) {
-            "skin and skull lie apart: do both have the same frame (LPS) and unit (mm)?"
+            "skin and skull do not overlap; check that both use the same frame (LPS) and unit (mm)"
         } else {
             return Ok(());
         };
         Err(Fault::new(FaultKind::AnatomyNotUsable, detail))
     }
 
-    /// The fields must have been built from the present inputs.
+    /// The report of the fields, which must have been built from the current inputs.
     ///
     /// # Errors
     /// [`FaultKind::MissingInput`], [`FaultKind::Stale`].
@@ -194,13 +194,13 @@ impl SessionParts {
         let next = format!("POST /v1/sessions/{}/field first", self.session);
         let Some(part) = self.get(PartKind::Field) else { return Err(self.missing(&["field"], &next)) };
         if part.key != key {
-            let detail = format!("the field was built from inputs or settings that have changed: {next}");
+            let detail = format!("the field was built from inputs or settings that have changed since; {next}");
             return Err(Fault::new(FaultKind::Stale, detail).with("stale", "field"));
         }
         self.document(PartKind::Field)?.ok_or_else(|| self.missing(&["field"], &next))
     }
 
-    /// The mesh that was built last, where there is one.
+    /// The report of the mesh that was built last; `None` when there is none.
     ///
     /// # Errors
     /// [`FaultKind::Internal`].
@@ -208,7 +208,7 @@ impl SessionParts {
         self.document(PartKind::Mesh)
     }
 
-    /// The mesh must have been built from the present inputs.
+    /// The report of the mesh, which must have been built from the current inputs.
     ///
     /// # Errors
     /// [`FaultKind::MissingInput`], [`FaultKind::Stale`].
@@ -219,13 +219,13 @@ impl SessionParts {
             return Err(self.missing(&["mesh"], &next));
         };
         if part.key != self.mesh_key(&mesh.settings, mesh.cuts.as_deref())? {
-            let detail = format!("the mesh was built from inputs or settings that have changed: {next}");
+            let detail = format!("the mesh was built from inputs or settings that have changed since; {next}");
             return Err(Fault::new(FaultKind::Stale, detail).with("stale", "mesh"));
         }
         Ok(mesh)
     }
 
-    /// Key of a mesh of the present inputs.
+    /// Key of a mesh with these settings and cuts for the current inputs.
     ///
     /// # Errors
     /// As [`SessionParts::field_key`].
@@ -240,7 +240,7 @@ impl SessionParts {
         Ok(key_of(&made_from))
     }
 
-    /// Reads the surfaces: the patient as the numerics take it.
+    /// Reads the surfaces and returns the patient case for the numerics.
     ///
     /// # Errors
     /// [`FaultKind::MissingInput`], or the store's.
@@ -270,7 +270,7 @@ impl SessionParts {
         })
     }
 
-    /// The tissue mesh that a document describes.
+    /// The request of a tissue mesh with these settings and cuts.
     ///
     /// # Errors
     /// As [`SessionParts::field_key`].
@@ -290,15 +290,15 @@ impl SessionParts {
 /// Reads the surface of a part.
 ///
 /// # Errors
-/// [`FaultKind::NotFound`] when the part is no surface, or the store's.
+/// [`FaultKind::NotFound`] when the part has no surface, or the store's.
 pub async fn load_mesh(store: &Store, part: &PartRecord) -> Result<TriMesh, Fault> {
     if part.blob.is_none() {
-        return Err(Fault::new(FaultKind::NotFound, format!("{} is no surface", part.kind.as_str())));
+        return Err(Fault::new(FaultKind::NotFound, format!("{} is not a surface", part.kind.as_str())));
     }
     Ok(decode_mesh(&read_part(store, part).await?)?)
 }
 
-/// Reads the value of a part.
+/// Reads the blob of a part.
 ///
 /// # Errors
 /// [`FaultKind::DamagedValue`] with the part's name, or the store's.
@@ -306,7 +306,7 @@ pub async fn read_part(store: &Store, part: &PartRecord) -> Result<Bytes, Fault>
     let name = part.kind.as_str();
     store.blobs().get(part.blob.as_deref().unwrap_or_default()).await.map_err(|error| match Fault::from(error) {
         fault if fault.kind == FaultKind::DamagedValue => {
-            let detail = format!("the stored {name}: {}; upload it, or the CT that it is from, again", fault.detail);
+            let detail = format!("the stored {name}: {}; upload it again, or the CT that it was made from", fault.detail);
             Fault { detail, ..fault }.with("part", name)
         }
         other => other,

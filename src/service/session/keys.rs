@@ -1,11 +1,11 @@
 use prosopon_store::sha256_hex;
 
-/// Key of something that is made from `parts`, in order.
+/// Key (SHA-256, hexadecimal) of something that is made from `parts`, in order.
 #[must_use]
 pub fn key_of(parts: &[&str]) -> String {
     let mut text = String::new();
     for part in parts {
-        // The length keeps ("ab", "c") and ("a", "bc") apart.
+        // The length distinguishes ("ab", "c") from ("a", "bc").
         text.push_str(&format!("{}:{part};", part.len()));
     }
     sha256_hex(text.as_bytes())

@@ -6,13 +6,13 @@ use utoipa::ToSchema;
 use prosopon_geometry::{Point, Vector};
 use prosopon_planning::plan::{Landmarks, Proposal};
 
-/// A plane as it stands in documents.
+/// A plane in a document.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PlacedPlane {
     /// A point of the plane, LPS mm.
     pub point_mm: [f64; 3],
-    /// Its normal; unit length in answers.
+    /// Normal; unit length in answers.
     pub normal: [f64; 3],
 }
 
@@ -27,19 +27,24 @@ impl PlacedPlane {
 /// Landmarks and planes of a head, LPS mm.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct LandmarksDocument {
-    /// Points by name: `ans`, `pronasale`, `pogonion`, `menton`, `soft_pogonion`, `nasal_bone_tip` and others.
+    /// Points by name, LPS mm.
+    ///
+    /// `ans`, `pronasale`, `pogonion`, `menton`, `soft_pogonion`, `nasal_bone_tip` and others.
     pub points: BTreeMap<String, [f64; 3]>,
-    /// x of the midline.
+    /// x of the midline, mm.
     pub midline_x_mm: Option<f64>,
-    /// z of the occlusal plane.
+    /// z of the occlusal plane, mm.
     pub occlusal_plane_z_mm: Option<f64>,
-    /// The horizontal cut of a Le Fort I osteotomy.
+    /// Plane of the horizontal cut of a Le Fort I osteotomy.
     pub le_fort_1_plane: Option<PlacedPlane>,
-    /// Which of all these are proposals that no person has confirmed: names of points, `midline_x_mm`, `occlusal_plane_z_mm`,
-    /// `le_fort_1_plane`.
+    /// Names of proposals that no person has confirmed.
+    ///
+    /// Names of points, `midline_x_mm`, `occlusal_plane_z_mm` and `le_fort_1_plane`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub proposed: Vec<String>,
-    /// How far proposed points may be off, mm, by name: as measured on heads with known landmarks, more where the two sides of the head disagree.
+    /// Expected error of proposed points, mm, by name.
+    ///
+    /// Measured on heads with known landmarks; larger where the two sides of the head disagree.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub proposed_within_mm: BTreeMap<String, f64>,
 }
@@ -56,7 +61,7 @@ impl From<&LandmarksDocument> for Landmarks {
 }
 
 impl LandmarksDocument {
-    /// With proposals for what is not given.
+    /// Adds proposals for landmarks that are not given.
     #[must_use]
     pub fn with_proposals(mut self, proposal: &Proposal) -> Self {
         let mut landmarks = Landmarks::from(&self);
@@ -72,7 +77,7 @@ impl LandmarksDocument {
         self
     }
 
-    /// Names and points as the numerics take them.
+    /// Names and points (LPS mm) for the numerics.
     #[must_use]
     pub fn named_points(&self) -> Vec<(String, Point)> {
         self.points.iter().map(|(name, p)| (name.clone(), Point::from(*p))).collect()

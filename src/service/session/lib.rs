@@ -1,7 +1,7 @@
-//! What a patient session holds, what it needs before the next thing can be done, and the numerics behind it.
+//! Contents of a patient session, their dependencies, and the numerics behind them.
 //!
-//! Invariants: knows no HTTP; numerics are reached through [`Engine`] only; every derived thing has a key made from
-//! all that it was derived from, so that it can be dropped and rebuilt the same.
+//! Invariants: this crate knows no HTTP; numerics are reached through [`Engine`] only; every derived part has a key made from
+//! everything that it was derived from, so that it can be deleted and rebuilt identically.
 
 mod case;
 mod course;

@@ -1,4 +1,4 @@
-//! Milestones as stored, for whoever takes a job over.
+//! Stored form of checkpoints, from which another worker continues a job.
 
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
@@ -6,23 +6,23 @@ use sha2::{Digest, Sha256};
 use prosopon_planning::simulate::Milestone;
 use prosopon_tissue::fem::{Checkpoint, FactorOrigin, MotionNumbers};
 
-/// A milestone and what is told of the way to it.
+/// A checkpoint with the time, the warnings and the inputs of the steps before it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct StoredMilestone {
-    /// Version that made it: another one may find other bits.
+    /// Version that wrote it; another version may compute other bits.
     version: String,
-    /// Time of the steps up to it, s.
+    /// Computing time of the steps up to it, s.
     pub solving_s: f64,
-    /// Warnings that no step has.
+    /// Warnings that belong to no step.
     pub warnings: Vec<String>,
-    /// Key of what its steps were compared with.
+    /// Key of the target and the landmarks that the error maps of its steps depend on.
     pub compared: String,
-    /// Where to go on.
+    /// The checkpoint.
     #[serde(with = "MilestoneMembers")]
     pub milestone: Milestone,
 }
 
-/// What this version writes and reads: the version of the program, then of the layout.
+/// Format that this version writes and reads: version of the program, then of the layout.
 const FORMAT: &str = concat!(env!("CARGO_PKG_VERSION"), "+3");
 
 #[derive(Serialize, Deserialize)]
@@ -65,20 +65,22 @@ enum FactorOriginMembers {
 }
 
 impl StoredMilestone {
-    /// A milestone of this version, with the time of the steps up to it, s, and the warnings that no step has.
+    /// A checkpoint of this version.
+    ///
+    /// With the time of the steps up to it (s) and the warnings that belong to no step.
     #[must_use]
     pub fn new(milestone: Milestone, (solving_s, warnings): (f64, Vec<String>), compared: String) -> Self {
         Self { version: FORMAT.to_owned(), solving_s, warnings, compared, milestone }
     }
 
-    /// Its bytes after their SHA-256; `None` where they cannot be written.
+    /// Encodes the SHA-256 and the content; `None` when the content cannot be encoded.
     #[must_use]
     pub fn encode(&self) -> Option<Vec<u8>> {
         let content = postcard::to_allocvec(self).ok()?;
         Some([&Sha256::digest(&content), content.as_slice()].concat())
     }
 
-    /// Reads what [`StoredMilestone::encode`] wrote in this version; `None` for anything else.
+    /// Decodes what [`StoredMilestone::encode`] of this version wrote; `None` for anything else.
     #[must_use]
     pub fn decode(bytes: &[u8]) -> Option<Self> {
         let (sum, content) = bytes.split_first_chunk::<32>()?;

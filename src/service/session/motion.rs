@@ -1,21 +1,21 @@
 use nalgebra::{Quaternion, Translation3, UnitQuaternion};
 use prosopon_geometry::{Motion, Point, Vector};
 
-/// Motion from rest: rotation about `pivot`, then translation (mm).
+/// Motion from rest: a rotation about `pivot` (mm), then a translation (mm).
 #[must_use]
 pub fn motion_from(translation: Vector, rotation: UnitQuaternion<f64>, pivot: Point) -> Motion {
     let shift = translation + pivot.coords - rotation * pivot.coords;
     Motion::from_parts(Translation3::from(shift), rotation)
 }
 
-/// Translation (mm, of the point at the origin) and rotation (unit quaternion x, y, z, w) of a motion.
+/// Translation (mm, of the point at the origin) and rotation (unit quaternion x, y, z, w).
 #[must_use]
 pub fn motion_parts(motion: &Motion) -> ([f64; 3], [f64; 4]) {
     let q = motion.rotation.quaternion();
     (motion.translation.vector.into(), [q.i, q.j, q.k, q.w])
 }
 
-/// The motion of stored parts.
+/// The motion of a stored translation (mm) and quaternion (x, y, z, w).
 pub(super) fn motion_of(translation_mm: [f64; 3], [x, y, z, w]: [f64; 4]) -> Motion {
     Motion::from_parts(
         Translation3::from(Vector::from(translation_mm)),

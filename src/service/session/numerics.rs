@@ -20,18 +20,18 @@ use prosopon_planning::simulate::{self, CutBone, Fields, Outcome, SimulateError,
 use prosopon_planning::surface::{self, CtSettings, CtSurfaces};
 use prosopon_tissue::mesh::MeshReport;
 
-/// Memory for intermediate results where nothing else is said.
+/// Default memory for intermediate results: 1.5 GiB.
 const CACHE_BYTES: u64 = 1536 << 20;
-/// Kinds of intermediate results.
+/// Kinds of intermediate results in the cache.
 const ENVELOPES: &str = "envelope";
 const FIELDS: &str = "field";
 const OSTEOTOMIES: &str = "osteotomy";
 const BONES: &str = "bone";
 const TISSUES: &str = "mesh";
-/// Memory of a mesh by node with its share of elements and of the embedding, bytes.
+/// Memory of a mesh for each node, with its share of elements and of the embedding, bytes.
 const MESH_BYTES: u64 = 1_000;
 
-/// The real numerics, with the last few intermediate results in memory.
+/// The numerics of the service, with the most recently used intermediate results in memory.
 pub struct Numerics {
     limits: Limits,
     pub(super) recent: Recent,
@@ -50,13 +50,13 @@ impl Numerics {
         Self { limits, recent: Recent::new(CACHE_BYTES) }
     }
 
-    /// The same with so much memory for intermediate results.
+    /// The same numerics with `bytes` of memory for intermediate results.
     #[must_use]
     pub fn with_cache_bytes(self, bytes: u64) -> Self {
         Self { recent: Recent::new(bytes), ..self }
     }
 
-    /// The bone's envelope: all that a cut needs.
+    /// The outer envelope of the bone; a cut needs nothing else.
     fn envelope_of(&self, case: &Case, control: &Control) -> Result<Arc<Envelope>, Halt> {
         if let Some(found) = self.recent.get(ENVELOPES, &case.key) {
             return Ok(found);
@@ -132,7 +132,7 @@ fn surface_bytes(surface: &TriMesh) -> u64 {
     (surface.positions().len() * 24 + surface.triangles().len() * 12) as u64
 }
 
-/// What keeps a template from placing its cuts, with its place in the request.
+/// The fault of a template that cannot place its cuts, with the template's position in the request.
 fn template_fault(TemplateFault { index, error }: TemplateFault) -> Halt {
     match Halt::from(error) {
         Halt::Cancelled => Halt::Cancelled,
@@ -145,7 +145,7 @@ fn template_fault(TemplateFault { index, error }: TemplateFault) -> Halt {
     }
 }
 
-/// Points to the request's own cuts, which come after those of its templates.
+/// Maps pointers to the request's own cuts, which come after those of its templates.
 fn given_cuts(halt: Halt, templates: &TemplateCuts) -> Halt {
     match halt {
         Halt::Cancelled => Halt::Cancelled,
@@ -168,7 +168,9 @@ fn given_cuts(halt: Halt, templates: &TemplateCuts) -> Halt {
     }
 }
 
-/// Shortest decimal forms of the numbers tell every bit apart.
+/// Key of the cut bone.
+///
+/// The debug form prints the shortest decimals, which distinguish all bits of the numbers.
 pub(super) fn bone_key(case: &Case, cuts: &[Cut]) -> String {
     key_of(&[&case.key, &format!("{cuts:?}")])
 }
@@ -230,7 +232,7 @@ impl Engine for Numerics {
             let Some(protected) = cuts.protected.get(near.protected) else { continue };
             if let Some(margin) = protected.margin_mm.filter(|m| near.distance_mm < *m) {
                 osteotomy.warnings.push(format!(
-                    "{} comes within {:.1} mm of {}, whose margin is {margin:.1} mm",
+                    "{} comes within {:.1} mm of {}, less than its margin of {margin:.1} mm",
                     osteotomy.cuts.get(near.cut).map_or_else(String::new, |cut| cut.label(near.cut)),
                     near.distance_mm,
                     protected.name
@@ -254,7 +256,7 @@ impl Engine for Numerics {
     }
 
     fn solve(&self, run: &Run, control: &Control, watch: &mut dyn RunWatch) -> Result<Outcome, Halt> {
-        // Shares as measured on a head: a rebuilt field and mesh cost about as much as a quarter of the path.
+        // Measured on a head: rebuilding field and mesh takes about as long as a quarter of the path.
         let shares = if self.recent.get::<TissueModel>(TISSUES, &run.tissue.key).is_some() {
             [0.0, 0.02, 0.03]
         } else {

@@ -1,14 +1,16 @@
 use std::any::Any;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Intermediate results of all kinds by key, within one bound on memory: the least recently used go first. What has gone is built
-/// again from stored inputs, the same.
+/// Cache of intermediate results by kind and key, with one memory limit.
 ///
-/// The lock is never held while something is computed: a thread of the CPU pool that waits inside one computation may
-/// start another on the same stack. Two callers may therefore build the same thing at once; they get equal results.
+/// The least recently used are evicted first.
+///
+/// An evicted result is rebuilt identically from stored inputs. The lock is never held during a computation: a thread of the CPU
+/// pool that waits inside one computation may start another on the same stack. Two callers may therefore build the same result
+/// at once; they get equal ones.
 #[derive(Debug)]
 pub(super) struct Recent {
-    /// The youngest last.
+    /// Entries; the most recently used is the last.
     entries: Mutex<Vec<Entry>>,
     most_bytes: u64,
 }
@@ -26,7 +28,7 @@ impl Recent {
         Self { entries: Mutex::default(), most_bytes }
     }
 
-    /// What is kept under `key`, now the youngest.
+    /// The result under `key`, which becomes the most recently used.
     pub(super) fn get<T: Send + Sync + 'static>(&self, kind: &'static str, key: &str) -> Option<Arc<T>> {
         let mut entries = self.entries.lock().unwrap_or_else(PoisonError::into_inner);
         let index = entries.iter().position(|e| e.kind == kind && e.key == key);
@@ -38,7 +40,9 @@ impl Recent {
         value.downcast().ok()
     }
 
-    /// Keeps `value` of about `bytes`; the oldest go while there is too much. The youngest stays, however large it is: it is in use.
+    /// Stores `value` of about `bytes` and evicts the least recently used results above the limit.
+    ///
+    /// The new result stays, however large it is, because it is in use.
     pub(super) fn put<T: Send + Sync + 'static>(&self, kind: &'static str, key: &str, value: Arc<T>, bytes: u64) {
         let mut entries = self.entries.lock().unwrap_or_else(PoisonError::into_inner);
         entries.retain(|e| e.kind != kind || e.key != key);
@@ -50,7 +54,7 @@ impl Recent {
         metrics::gauge!("prosopon_cache_bytes").set(entries.iter().map(|e| e.bytes).sum::<u64>() as f64);
     }
 
-    /// Lets all of a kind go before one more is built: two of them are too much at a time.
+    /// Evicts all results of a kind before another one is built, when two would take too much memory.
     pub(super) fn let_go(&self, kind: &'static str) {
         self.entries.lock().unwrap_or_else(PoisonError::into_inner).retain(|e| e.kind != kind);
     }

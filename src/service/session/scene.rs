@@ -1,4 +1,4 @@
-//! A ready mesh from its file to its solution.
+//! Solves with an uploaded tissue mesh.
 
 use std::sync::Arc;
 
@@ -11,7 +11,7 @@ use prosopon_geometry::{Point, TriMesh};
 use prosopon_planning::simulate::{Frame, OuterSurface, ReadyMesh, Scene};
 use prosopon_tissue::fem::{SolveError, StepReport};
 
-/// Fields of uploaded bones, with what was repaired.
+/// Builds the fields of uploaded bones by segment, with warnings about repairs.
 pub(super) fn bone_fields(
     surfaces: &[(u32, TriMesh)],
     run: &SceneRun,
@@ -28,7 +28,7 @@ pub(super) fn bone_fields(
     Ok((fields, warnings))
 }
 
-/// Solves with the bones' fields.
+/// Solves the mesh with the fields of the bones.
 pub(super) fn solve_scene(
     run: &SceneRun,
     bones: Vec<(u32, Arc<SignedField>)>,
@@ -52,7 +52,7 @@ pub(super) fn solve_scene(
     };
     let outcome = match solve(run.milestone.as_ref()) {
         Err(SolveError::Checkpoint { detail }) => {
-            tracing::warn!(detail, "what an earlier attempt left does not fit: all steps are solved again");
+            tracing::warn!(detail, "the checkpoint does not match this job; all steps are solved again");
             solve(None)
         }
         solved => solved,
@@ -64,7 +64,7 @@ pub(super) fn solve_scene(
     Ok(SceneSolved { file, warnings: outcome.warnings })
 }
 
-/// `None` when a position is not finite, which no equilibrium has.
+/// The frame of a step; `None` when a position is not finite, which no equilibrium has.
 fn frame(outside: &OuterSurface, k: usize, steps: usize, nodes: &[Point], report: &StepReport) -> Option<Frame> {
     let skin = outside.at(nodes).ok()?;
     let rest = outside.rest.positions();

@@ -6,16 +6,16 @@ use prosopon_geometry::{Aabb, Point};
 use prosopon_planning::simulate::{FieldsSettings, TissueSettings};
 use prosopon_tissue::mesh::MeshSettings;
 
-/// How a distance field is built.
+/// Method of building a distance field.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum FieldMethod {
-    /// Bricks of quadratic splines near the surface, coarse ones elsewhere: smooth, as contact wants it.
+    /// Bricks of quadratic splines near the surface, coarse bricks elsewhere; smooth, as contact needs it.
     #[default]
     Adaptive,
-    /// Octree, united from the finest cells up (Wang 2009).
+    /// Octree, merged from the finest cells up (Wang 2009).
     Hybrid,
-    /// Octree, divided from the whole down (Frisken 2000).
+    /// Octree, divided from the root down (Frisken 2000).
     Frisken,
     /// Dense grid (Fuhrmann 2003).
     Uniform,
@@ -35,19 +35,21 @@ impl From<FieldMethod> for Method {
 /// Settings of the distance fields.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct FieldSettingsDocument {
-    /// Method.
+    /// Method of building the fields.
     pub method: FieldMethod,
     /// Finest spacing, mm.
     pub spacing_mm: f64,
-    /// Finest cells along the edge of the cube around each surface; instead of the spacing when given.
+    /// Number of finest cells along the edge of the cube around each surface.
+    ///
+    /// Replaces `spacing_mm` when given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub resolution: Option<u32>,
     /// Tolerance of `hybrid` and `frisken`, mm; 1e-5 of the cube's edge when absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tolerance_mm: Option<f64>,
-    /// Half-width of the band with full accuracy, mm.
+    /// Half-width of the band of full accuracy around the surface, mm.
     pub band_mm: f64,
-    /// How far the grid reaches beyond the surface, mm.
+    /// Extent of the grid beyond the surface, mm.
     pub margin_mm: f64,
     /// Grid spacing of the bone envelope, mm.
     pub envelope_spacing_mm: f64,
@@ -110,13 +112,13 @@ impl From<&BoxDocument> for Aabb {
 pub struct MeshSettingsDocument {
     /// Thickness of the skin layer, mm.
     pub skin_thickness_mm: f64,
-    /// Edge of the lattice, mm.
+    /// Edge length of the lattice, mm.
     pub edge_mm: f64,
     /// Tissue deeper than this below the skin is left out, mm.
     pub depth_mm: f64,
-    /// Box to mesh; chosen from the moving segments or the face when absent.
+    /// Box to mesh; derived from the moving segments or the face when absent.
     pub region: Option<BoxDocument>,
-    /// Fat is told from muscle by depth alone, also where a CT tells.
+    /// Whether depth alone separates fat from muscle, even when a CT shows the tissue.
     #[serde(default, skip_serializing_if = "is_false")]
     pub tissue_by_depth: bool,
 }

@@ -2,7 +2,7 @@ use crate::{Fault, FaultKind, SurfaceDocument, SurfaceOrigin};
 use prosopon_geometry::{TriMesh, surface_report, why_no_solid};
 use prosopon_store::{PartKind, PartRecord, SessionId, Store, encode_mesh, now_rfc3339};
 
-/// A surface measured and encoded, ready to be stored. Measuring computes: make it on the CPU pool.
+/// A measured and encoded surface, ready to store. Make it on the CPU pool, because measuring computes.
 #[derive(Debug)]
 pub struct PreparedSurface {
     document: SurfaceDocument,
@@ -10,7 +10,7 @@ pub struct PreparedSurface {
 }
 
 impl PreparedSurface {
-    /// Measures `mesh`. It may be open, but must be such that it bounds a solid once its holes are closed.
+    /// Measures and encodes `mesh`, which must bound a solid once its holes are closed.
     ///
     /// # Errors
     /// [`FaultKind::SurfaceNotUsable`].
@@ -23,7 +23,7 @@ impl PreparedSurface {
     }
 }
 
-/// Stores the surface's file and returns the row that will name it, with its document.
+/// Stores the blob of a surface; returns the row to insert, and its document.
 ///
 /// # Errors
 /// The store's.

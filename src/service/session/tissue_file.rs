@@ -2,9 +2,10 @@ use prosopon_formats::export::vtu;
 use prosopon_geometry::{Point, Vector};
 use prosopon_tissue::mesh::MixedMesh;
 
-/// The mesh with its nodes at `nodes`: point arrays `displacement_mm` and `attachment` (-1 free, 0 skull or fixed, k segment
-/// k, -2 sliding), cell arrays `tissue` (0 skin, 1 muscle, 2 fat, 3 mucosa) and `volume_ratio`. `None` when there are not
-/// as many nodes as in the mesh.
+/// The mesh with its nodes at `nodes` (LPS mm) as a VTU file; `None` when the numbers of nodes differ.
+///
+/// Point arrays: `displacement_mm`, and `attachment` (-1 free, 0 skull or fixed, k segment k, -2 sliding). Cell arrays: `tissue`
+/// (0 skin, 1 muscle, 2 fat, 3 mucosa) and `volume_ratio`.
 pub(super) fn tissue_file(mesh: &MixedMesh, nodes: &[Point]) -> Option<Vec<u8>> {
     if nodes.len() != mesh.positions.len() {
         return None;
@@ -23,12 +24,12 @@ pub(super) fn tissue_file(mesh: &MixedMesh, nodes: &[Point]) -> Option<Vec<u8>> 
     Some(vtu(nodes, &mesh.tetrahedra, &mesh.prisms, &points, &cells))
 }
 
-/// A prism as three tetrahedra of the same orientation, for its volume.
+/// Splits a prism into three tetrahedra of the same orientation, for its volume.
 fn split(&[a, b, c, d, e, f]: &[u32; 6]) -> [[u32; 4]; 3] {
     [[a, b, c, f], [a, b, f, e], [a, e, f, d]]
 }
 
-/// Present volume of tetrahedra over their volume at rest.
+/// Current volume of tetrahedra over their volume at rest.
 fn ratio(now: &[Point], rest: &[Point], tetrahedra: &[[u32; 4]]) -> f64 {
     let volume = |x: &[Point]| -> f64 {
         let of = |t: &[u32; 4]| {

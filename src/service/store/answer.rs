@@ -1,9 +1,9 @@
 use super::{SessionId, TenantId};
 
-/// The answer to a creating request, kept under its idempotency key.
+/// The answer to a request that creates something, stored under its idempotency key.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct AnswerRecord {
-    /// Whose key it is.
+    /// Tenant of the key.
     pub tenant: TenantId,
     /// The client's key.
     pub key: String,
@@ -17,16 +17,16 @@ pub struct AnswerRecord {
     pub retry_after: Option<String>,
     /// Body, JSON.
     pub body: String,
-    /// Forgotten together with this session.
+    /// Session with which the answer is deleted.
     pub session: Option<SessionId>,
 }
 
-/// What is known of an idempotency key.
+/// The stored answer to an idempotency key, if any.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Remembered {
-    /// Never seen.
+    /// The key was not used, or its answer has expired.
     Nothing,
-    /// The same request was answered so.
+    /// The same request got this answer.
     Answer(AnswerRecord),
     /// The key was used for another request.
     OtherRequest,

@@ -13,95 +13,101 @@ use super::postgres::PostgresMeta;
 use super::records::{now_rfc3339, sha256_hex};
 use super::sqlite::{DATABASE, SqliteMeta};
 
-/// Who did what to which session or job, and with what outcome; never what it held.
+/// One entry of the audit log: who did what to which session or job, with what outcome; no contents.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AuditEntry {
     /// When, RFC 3339; filled in by [`Audit::record`].
     pub at: String,
-    /// Whose data.
+    /// Tenant whose data the request concerned.
     pub tenant: String,
-    /// Key or subject of the token; `local` without authentication, `retention` for the service itself.
+    /// Name of the API key or subject of the token; `local` without authentication.
+    ///
+    /// The service's own entries have `service`, `retention` (unused session) or `deleted before` (end of the time to restore).
     pub who: String,
-    /// Method and route, `DELETE /v1/sessions/{session}`.
+    /// Method and route, for example `DELETE /v1/sessions/{session}`.
     pub what: String,
-    /// Id in the path, or of what the request made.
+    /// Id in the path, or id of what the request created.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub id: Option<String>,
     /// HTTP status.
     pub status: u16,
-    /// Finds the request in the log.
+    /// Id of the request, which the service's log also has.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub request_id: Option<String>,
 }
 
 impl AuditEntry {
-    /// What an entry is about that names a stored value which is not what was written.
+    /// `what` of an entry about a blob that does not match its seal.
     pub const DAMAGED: &str = "a stored value is damaged";
-    /// The same of a value that is not there.
+    /// `what` of an entry about a blob that a row names and that does not exist.
     pub const MISSING: &str = "a stored value is missing";
-    /// What an entry is about by which a start tells that entries before it are missing.
+    /// `what` of an entry by which a start of the service reports that earlier entries were removed.
     pub const GAP: &str = "entries before this one were removed";
 }
 
-/// A line as written: `chain` is the SHA-256 of the chain before and the entry, so that a line that was changed or removed shows.
+/// A line of the log.
+///
+/// `chain` is the SHA-256 of the previous chain and the entry, so changed or removed lines are found.
 #[derive(Debug, Serialize, Deserialize)]
 struct Line {
     entry: AuditEntry,
     chain: String,
 }
 
-/// Why an audit log is not as it was written.
+/// Why an audit log cannot be verified.
 #[derive(Debug, thiserror::Error)]
 pub enum AuditFault {
-    /// A line that is no entry, was changed, or follows one that was removed.
-    #[error("{file}, line {line}: was changed, or a line before it was removed")]
+    /// A line is not an entry, was changed, or follows a removed line.
+    #[error("{file}, line {line}: this line was changed, or a line before it was removed")]
     Broken {
-        /// Which file.
+        /// Path of the file.
         file: String,
-        /// Which line, from 1.
+        /// Number of the line, from 1.
         line: usize,
     },
-    /// The chain ends before the end that the store notes.
-    #[error("the entries after number {entries} were removed: the end that the store noted at {at} is not there")]
+    /// The log ends before the anchor that the store holds.
+    #[error("entries after number {entries} were removed: the end of the log that the store recorded at {at} is missing")]
     CutOff {
-        /// Entries that are there.
+        /// Number of entries found.
         entries: usize,
-        /// When the end was noted.
+        /// When the store recorded the end, RFC 3339.
         at: String,
     },
-    /// There is no log.
+    /// The directory has no audit log.
     #[error("there is no audit log in {directory}")]
     Missing {
-        /// Where one was looked for.
+        /// The directory that was searched.
         directory: String,
     },
-    /// The store beside it cannot be read.
-    #[error("the store beside the audit log cannot be read")]
+    /// The store that holds the anchor cannot be read.
+    #[error("the store that holds the recorded end of the audit log cannot be read")]
     Store(#[from] super::StoreError),
-    /// The files cannot be read.
+    /// A file of the log cannot be read.
     #[error("the audit log cannot be read")]
     Io(#[from] io::Error),
 }
 
-/// An audit log in which nothing was changed or removed up to its noted end.
+/// Result of a successful verification: nothing was changed or removed up to the recorded end.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct AuditReport {
-    /// Entries.
+    /// Number of entries.
     pub entries: usize,
-    /// When the store last noted the end.
+    /// When the store last recorded the end of the log, RFC 3339.
     pub anchored_at: Option<String>,
-    /// Entries after that end: were some of them cut off, that would not show.
+    /// Number of entries after the recorded end; removals among them cannot be found.
     pub later: usize,
-    /// Entries by which a start of the service tells that it found the end cut off.
+    /// Number of [`AuditEntry::GAP`] entries: starts of the service that found the end of the log removed.
     pub gaps: usize,
 }
 
-/// Follows the audit log of a data directory up to the end that the store beside it notes, or `database` where the rows are there.
+/// Verifies the audit log of a data directory up to the end that the store recorded.
 ///
-/// What this proves: no entry up to that end was changed, removed or cut off without the store being changed too. What it cannot: that
-/// nothing was removed after that end (some seconds at most), and anything against someone who writes both the log and the store. For that
-/// ship the log to another machine.
+/// The store is the directory's own database, or `database` when given.
+///
+/// A success proves that no entry up to the recorded end was changed or removed unless the store was changed too. It cannot
+/// show that entries after that end (a few seconds at most) were removed, and it does not protect against someone who can write
+/// both the log and the store. For that, ship the log to another machine.
 ///
 /// # Errors
 /// [`AuditFault`].
@@ -150,7 +156,9 @@ struct State {
 }
 
 impl Audit {
-    /// Opens the log below a data directory and goes on where it ends. What a crash left of a line is closed off.
+    /// Opens the log in a data directory and continues its chain.
+    ///
+    /// A line that a crash cut off is marked as such.
     ///
     /// # Errors
     /// The file system's.
@@ -166,13 +174,13 @@ impl Audit {
         Ok(Self { directory: Some(directory), state: Mutex::new(state) })
     }
 
-    /// A log that keeps nothing, for a store in memory.
+    /// A log that discards every entry, for a store in memory.
     #[must_use]
     pub fn none() -> Self {
         Self { directory: None, state: Mutex::default() }
     }
 
-    /// Appends an entry with the present time. `sync` waits until it is on disk.
+    /// Appends an entry with the current time; with `sync`, waits until it is on disk.
     ///
     /// # Errors
     /// The file system's.
@@ -190,7 +198,7 @@ impl Audit {
         let mut line = serde_json::to_string(&Line { entry, chain: chain.clone() })?;
         line.push('\n');
         if let Some(file) = &mut state.file {
-            // One write, so that lines of a crash are whole or the last one.
+            // One write, so that a crash can cut off only the last line.
             file.write_all(line.as_bytes())?;
             if sync {
                 file.sync_data()?;
@@ -200,7 +208,9 @@ impl Audit {
         Ok(())
     }
 
-    /// The chain at the end, on disk from now on; nothing of a log that keeps nothing or is empty.
+    /// Syncs the log to disk and returns the chain at its end.
+    ///
+    /// `None` when the log is empty or discards its entries.
     ///
     /// # Errors
     /// The file system's.
@@ -209,14 +219,16 @@ impl Audit {
             let state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
             (state.file.as_ref().map(File::try_clone).transpose()?, state.chain.clone())
         };
-        // Outside the lock: requests do not wait for the disk.
+        // Outside the lock, so that requests do not wait for the disk.
         if let Some(file) = file {
             file.sync_data()?;
         }
         Ok(Some(chain).filter(|chain| !chain.is_empty()))
     }
 
-    /// Whether an entry has this chain: the end that the store noted must be there. A log that keeps nothing has every one.
+    /// Whether an entry has this chain; used to check that the recorded end still exists.
+    ///
+    /// Always true for a log that discards its entries.
     ///
     /// # Errors
     /// The file system's.
@@ -233,7 +245,9 @@ impl Audit {
         Ok(false)
     }
 
-    /// Reads all files below a data directory and follows the chain, which must come by the `anchor`: a chain and when it was the end.
+    /// Reads the whole log of a data directory and checks its chain.
+    ///
+    /// `anchor` is the recorded end: a chain that must occur, and when it was recorded (RFC 3339).
     ///
     /// # Errors
     /// [`AuditFault`].
@@ -244,7 +258,7 @@ impl Audit {
             for (index, line) in BufReader::new(File::open(&path)?).lines().enumerate() {
                 let line = line?;
                 let broken = || AuditFault::Broken { file: path.display().to_string(), line: index + 1 };
-                // What a crash left of a line is marked by the next start.
+                // A start marks a line that a crash cut off.
                 if line.ends_with(CUT_OFF) {
                     continue;
                 }
@@ -272,14 +286,14 @@ impl Audit {
     }
 }
 
-/// Ends a line that a crash cut off.
+/// Marks the end of a line that a crash cut off.
 const CUT_OFF: &str = "#cut-off";
 
 fn chained(before: &str, entry: &AuditEntry) -> io::Result<String> {
     Ok(sha256_hex(format!("{before}\n{}", serde_json::to_string(entry)?).as_bytes()))
 }
 
-/// The files of a log, by month.
+/// The files of a log, oldest month first.
 fn files(directory: &Path) -> io::Result<Vec<PathBuf>> {
     let mut found = Vec::new();
     match std::fs::read_dir(directory) {
@@ -375,7 +389,7 @@ mod tests {
         let whole = std::fs::read_to_string(&path).unwrap();
         let first = |n: usize| whole.lines().take(n).map(|l| format!("{l}\n")).collect::<String>();
         std::fs::write(&path, first(3)).unwrap();
-        assert_eq!(verify_audit(data.path(), None).await.unwrap().later, 0, "what came after it does not show");
+        assert_eq!(verify_audit(data.path(), None).await.unwrap().later, 0, "removals after the recorded end are not found");
         std::fs::write(&path, first(2)).unwrap();
         assert!(matches!(verify_audit(data.path(), None).await, Err(AuditFault::CutOff { entries: 2, .. })));
         std::fs::remove_dir_all(data.path().join("audit")).unwrap();

@@ -12,20 +12,22 @@ use super::records::{hex, to_json};
 use super::sqlite::{self, DATABASE, SqliteMeta};
 use super::{MetaStore, StoreError, seal};
 
-/// Lists every file of a backup with its hash; written last, so that a backup without it is not whole.
+/// Lists every file of a backup with its hash.
+///
+/// It is written last, so a backup without it is incomplete.
 const MANIFEST: &str = "manifest.json";
 
-/// Snapshots that are tried when sessions are deleted while their files are copied.
+/// Attempts at a snapshot while sessions are deleted during the copy.
 const TRIES: usize = 5;
 
-/// What a backup holds.
+/// Summary of a backup.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct BackupReport {
-    /// Files, the database among them.
+    /// Number of files, the database included.
     pub files: usize,
-    /// Their bytes.
+    /// Total size of the files, bytes.
     pub bytes: u64,
-    /// Values among them that are not what was stored: they were damaged before.
+    /// Keys of blobs that do not match their seal: they were damaged before the backup.
     #[serde(default)]
     pub damaged: Vec<String>,
 }
@@ -33,42 +35,44 @@ pub struct BackupReport {
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Manifest {
-    /// Version of the program that wrote it.
+    /// Version of the program that wrote the backup.
     version: String,
     /// SHA-256 and length by path.
     files: BTreeMap<String, (String, u64)>,
 }
 
-/// Copies the store of a data directory to the new directory `out`, also while the service runs: the database as it is at one
-/// moment, and every file that it names.
+/// Copies the store of a data directory to the new directory `out`, also while the service runs.
+///
+/// The copy holds the database at one moment and every blob that it names.
 ///
 /// # Errors
-/// [`StoreError::Backup`] when `out` is there, or when files vanish faster than they are copied; else the store's.
+/// [`StoreError::Backup`] when `out` exists or lies in `data`, when `data` has no local store, or when blobs are removed faster
+/// than they are copied; else the store's.
 pub fn back_up<'a>(data: &'a Path, out: &'a Path) -> BoxFuture<'a, Result<BackupReport, StoreError>> {
     Box::pin(copy_out(data, out))
 }
 
 async fn copy_out(data: &Path, out: &Path) -> Result<BackupReport, StoreError> {
     if out.exists() {
-        return Err(fault(format!("{} is there already", out.display())));
+        return Err(fault(format!("{} exists already; name a new directory", out.display())));
     }
     if !data.join(DATABASE).is_file() {
         let detail =
-            format!("there is no store in {}; rows in Postgres are backed up with its own tools", data.display());
+            format!("there is no store in {}; back up a Postgres database with its own tools", data.display());
         return Err(fault(detail));
     }
     if !data.join(BLOBS).is_dir() {
         let detail =
-            format!("there are no files in {}; what is in a bucket is backed up with its own tools", data.display());
+            format!("there are no blobs in {}; back up a bucket with its own tools", data.display());
         return Err(fault(detail));
     }
     if lies_below(out, data)? {
-        let inside = "is inside the data directory, where it would be lost with it";
-        return Err(fault(format!("{} {inside}; name one elsewhere", out.display())));
+        let inside = "is inside the data directory and would be lost with it";
+        return Err(fault(format!("{} {inside}; name a directory elsewhere", out.display())));
     }
     let done = copy_store(data, out).await;
     if done.is_err() {
-        // A part of a backup is of no use and would stand in the way of the next one.
+        // An incomplete backup is of no use, and its directory would make the next attempt fail.
         std::fs::remove_dir_all(out).ok();
     }
     done
@@ -89,16 +93,16 @@ async fn copy_store(data: &Path, out: &Path) -> Result<BackupReport, StoreError>
         let copy = SqliteMeta::open_beside(out).await?;
         let named = copy.named_blobs().await?;
         copy.close().await;
-        // The copy is one file: its log is empty once closed.
+        // Closing the copy empties its write-ahead log, so one file holds the whole database.
         if copy_named(data, out, &named, &mut copied)? {
             meta.close().await;
             return finish(out, &named, copied);
         }
     }
-    Err(fault("files were removed while they were copied; try again"))
+    Err(fault("files were removed during the copy; try again when fewer sessions are deleted"))
 }
 
-/// Whether a path that may not be there yet is, or will be, in a directory.
+/// Whether a path, which need not exist yet, lies in a directory.
 fn lies_below(path: &Path, directory: &Path) -> io::Result<bool> {
     let directory = directory.canonicalize()?;
     let path = std::path::absolute(path)?;
@@ -106,19 +110,21 @@ fn lies_below(path: &Path, directory: &Path) -> io::Result<bool> {
     Ok(there.is_some_and(|there| there.starts_with(&directory)))
 }
 
-/// Files by path.
+/// Copied files by their path in the backup.
 type Copied = BTreeMap<String, Read>;
 
-/// What reading a file through gave.
+/// What was measured while a file was read.
 #[derive(Debug, PartialEq)]
 struct Read {
     sha256: String,
     bytes: u64,
-    /// Whether it is what was stored.
+    /// Whether the content matches its seal.
     is_whole: bool,
 }
 
-/// Copies what is there and not copied yet, before a snapshot is taken: what is removed after that is here already.
+/// Copies all blobs that are not copied yet.
+///
+/// It runs before a snapshot, so that the copy has blobs that are removed later.
 fn copy_present(data: &Path, out: &Path, copied: &mut Copied) -> Result<(), StoreError> {
     for session in std::fs::read_dir(data.join(BLOBS))? {
         let session = session?;
@@ -138,7 +144,9 @@ fn copy_present(data: &Path, out: &Path, copied: &mut Copied) -> Result<(), Stor
     Ok(())
 }
 
-/// Copies what is named and not copied yet. False when one has gone meanwhile: then the snapshot is outdated.
+/// Copies all named blobs that are not copied yet.
+///
+/// False when one was removed meanwhile: the snapshot is then outdated.
 fn copy_named(data: &Path, out: &Path, named: &BTreeSet<String>, copied: &mut Copied) -> Result<bool, StoreError> {
     for key in named {
         if !copy_one(data, out, key, copied)? {
@@ -148,7 +156,7 @@ fn copy_named(data: &Path, out: &Path, named: &BTreeSet<String>, copied: &mut Co
     Ok(true)
 }
 
-/// Copies a file unless it is copied. False when it is not there.
+/// Copies a blob unless it is copied already. False when its file does not exist.
 fn copy_one(data: &Path, out: &Path, key: &str, copied: &mut Copied) -> Result<bool, StoreError> {
     let name = format!("{BLOBS}/{key}");
     if copied.contains_key(&name) {
@@ -167,7 +175,7 @@ fn copy_one(data: &Path, out: &Path, key: &str, copied: &mut Copied) -> Result<b
 }
 
 fn finish(out: &Path, named: &BTreeSet<String>, mut files: Copied) -> Result<BackupReport, StoreError> {
-    // Files of an outdated snapshot are of deleted sessions.
+    // Blobs that the snapshot does not name belong to deleted sessions or replaced parts.
     let outdated = |name: &String| name.strip_prefix("blobs/").is_some_and(|key| !named.contains(key));
     for name in files.keys().filter(|name| outdated(name)).cloned().collect::<Vec<_>>() {
         std::fs::remove_file(out.join(&name))?;
@@ -188,15 +196,16 @@ fn report_of(files: &Copied) -> BackupReport {
     BackupReport { files: files.len(), bytes: files.values().map(|file| file.bytes).sum(), damaged: damaged.collect() }
 }
 
-/// Key of the value in a file of a backup.
+/// Key of the blob in a file of a backup.
 fn key_of(name: &str) -> &str {
     name.strip_prefix("blobs/").unwrap_or(name)
 }
 
-/// Puts a backup into a data directory that holds no store yet; every file is checked first.
+/// Restores a backup into a data directory without a store; checks every file first.
 ///
 /// # Errors
-/// [`StoreError::Backup`] when the backup is not whole or the directory has a store, [`StoreError::InUse`].
+/// [`StoreError::Backup`] when the backup is incomplete or changed, or when the directory has a store;
+/// [`StoreError::InUse`] when another process has the directory open.
 pub fn restore<'a>(from: &'a Path, data: &'a Path) -> BoxFuture<'a, Result<BackupReport, StoreError>> {
     Box::pin(copy_back(from, data))
 }
@@ -204,27 +213,27 @@ pub fn restore<'a>(from: &'a Path, data: &'a Path) -> BoxFuture<'a, Result<Backu
 async fn copy_back(from: &Path, data: &Path) -> Result<BackupReport, StoreError> {
     let text = std::fs::read_to_string(from.join(MANIFEST))
         .map_err(|e| fault(format!("{} cannot be read: {e}", from.join(MANIFEST).display())))?;
-    let manifest: Manifest = serde_json::from_str(&text).map_err(|e| fault(format!("the manifest: {e}")))?;
+    let manifest: Manifest = serde_json::from_str(&text).map_err(|e| fault(format!("{MANIFEST} cannot be read: {e}")))?;
     let mut files = Copied::new();
     for (name, (sha256, bytes)) in &manifest.files {
         let path = from.join(safe(name)?);
         let found = read(&path, key_of(name)).map_err(|e| fault(format!("{name} cannot be read: {e}")))?;
         if (&found.sha256, &found.bytes) != (sha256, bytes) {
-            return Err(fault(format!("{name} is not what was written")));
+            return Err(fault(format!("{name} does not match its hash in the manifest: it was changed or cut off")));
         }
         files.insert(name.clone(), found);
     }
     if !manifest.files.contains_key(DATABASE) {
-        return Err(fault("there is no database in it"));
+        return Err(fault("the manifest lists no database; the backup is incomplete"));
     }
     create_private(data)?;
     let _held = lock(data)?;
     if data.join(DATABASE).exists() || data.join(BLOBS).exists() {
-        return Err(fault(format!("{} holds a store already; name an empty directory", data.display())));
+        return Err(fault(format!("{} has a store already; name an empty directory", data.display())));
     }
     let done = put_back(from, data, &manifest).await.map(|()| report_of(&files));
     if done.is_err() {
-        // All of it is of the backup: the directory was empty.
+        // The directory was empty, so everything removed here came from the backup.
         sqlite::remove(data)?;
         std::fs::remove_dir_all(data.join(BLOBS)).ok();
     }
@@ -232,7 +241,7 @@ async fn copy_back(from: &Path, data: &Path) -> Result<BackupReport, StoreError>
 }
 
 async fn put_back(from: &Path, data: &Path, manifest: &Manifest) -> Result<(), StoreError> {
-    // The database last: without it there is no store.
+    // The database comes last: without it the directory counts as empty.
     let mut files: Vec<&String> = manifest.files.keys().collect();
     files.sort_by_key(|name| name.as_str() == DATABASE);
     for name in files {
@@ -244,17 +253,17 @@ async fn put_back(from: &Path, data: &Path, manifest: &Manifest) -> Result<(), S
     }
     let check = SqliteMeta::open_beside(data).await?;
     check.check().await?;
-    // The audit log of the directory it came from is not here.
+    // The anchor belongs to the audit log of the original directory, which a backup does not hold.
     check.clear_audit_anchor().await?;
     check.close().await;
     Ok(())
 }
 
-/// A path below the directory and nowhere else.
+/// The path of a file in the backup; absolute paths and `..` are refused.
 fn safe(name: &str) -> Result<PathBuf, StoreError> {
     let path = PathBuf::from(name);
     let plain = path.components().all(|c| matches!(c, Component::Normal(_)));
-    if plain && !name.is_empty() { Ok(path) } else { Err(fault(format!("`{name}` is no name of a file in it"))) }
+    if plain && !name.is_empty() { Ok(path) } else { Err(fault(format!("`{name}` is not a path inside the backup"))) }
 }
 
 fn copy(from: &Path, to: &Path, key: &str) -> io::Result<Read> {
@@ -298,7 +307,7 @@ mod tests {
         store.put_parts(id, &[part_with(PartKind::Skin, &blob)]).await.unwrap();
     }
 
-    /// A store in a directory of its own, with a session that has a skin.
+    /// A store in a new directory, with one session that has a skin.
     async fn filled() -> (tempfile::TempDir, PathBuf, Store, SessionRecord) {
         let directory = tempfile::tempdir().unwrap();
         let data = directory.path().join("data");
@@ -327,7 +336,7 @@ mod tests {
         });
         let report = back_up(&data, &out).await;
         going.await.unwrap();
-        // Under this load a file may come and go each time between two looks: that is said, and a quiet moment helps.
+        // Under this load a blob may be removed during every attempt; then the backup fails, and a later one succeeds.
         let report = match report {
             Ok(report) => report,
             Err(StoreError::Backup { .. }) => back_up(&data, &out).await.unwrap(),
@@ -358,7 +367,7 @@ mod tests {
         std::fs::rename(&aside, &file).unwrap();
         back_up(&data, &out).await.unwrap();
 
-        // A database that is whole but no database.
+        // The hash of the database matches, but its content is not a database.
         let manifest = std::fs::read(out.join(MANIFEST)).unwrap();
         let database = std::fs::read(out.join(DATABASE)).unwrap();
         std::fs::write(out.join(DATABASE), [b'x'; 5000]).unwrap();
@@ -381,7 +390,7 @@ mod tests {
         std::fs::write(out.join(BLOBS).join(&blob), b"kopt").unwrap();
         let refused = restore(&out, &directory.path().join("not")).await;
         assert!(matches!(refused, Err(StoreError::Backup { .. })));
-        // What was damaged before is in the backup as it is, and said.
+        // A blob that was damaged before is copied as it is, and reported.
         let mut file = std::fs::read(data.join(BLOBS).join(&blob)).unwrap();
         file[1] ^= 1;
         std::fs::write(data.join(BLOBS).join(&blob), file).unwrap();

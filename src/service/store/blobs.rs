@@ -15,30 +15,30 @@ use uuid::Uuid;
 use super::records::hex;
 use super::{SessionId, StoreError, seal};
 
-/// What is known of a stored value.
+/// Key, size and hash of a stored blob.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct BlobInfo {
-    /// Where it is: `<session>/<uuid>.sealed`.
+    /// Key: `<session>/<uuid>.sealed`.
     pub key: String,
-    /// Length.
+    /// Length of the content, bytes.
     pub bytes: u64,
     /// SHA-256 of the content, hexadecimal.
     pub sha256: String,
 }
 
-/// Key of the name of the rows that the values belong to.
+/// Key of the object that holds the name of the database that owns the bucket or directory.
 const NAME: &str = "belongs-to";
 
-/// Longest wait for the removal of what no row names any more.
+/// Longest wait of a caller for a removal, which continues in the background.
 const REMOVED: Duration = Duration::from_secs(2);
 
-/// Immutable values under keys that are never used twice. A value is there whole and synced, or not at all.
+/// Immutable values under keys that are never used twice.
 ///
-/// The trait behind it is [`ObjectStore`]: files, memory, and what speaks S3.
+/// A blob exists complete and synced, or not at all. Behind it is an [`ObjectStore`]: files, memory or an S3-compatible bucket.
 #[derive(Clone)]
 pub struct Blobs {
     objects: Arc<dyn ObjectStore>,
-    /// Where unfinished uploads are found, for files.
+    /// Directory of the files, where unfinished uploads are found; `None` for other object stores.
     root: Option<Arc<FsPath>>,
 }
 
@@ -63,7 +63,7 @@ impl Blobs {
         Self { objects, root: None }
     }
 
-    /// The name that this place bears, if any.
+    /// The name of the database that owns this bucket or directory, if it is recorded.
     pub(super) async fn name(&self) -> Result<Option<String>, StoreError> {
         match self.objects.get(&Path::from(NAME)).await {
             Err(object_store::Error::NotFound { .. }) => Ok(None),
@@ -76,12 +76,12 @@ impl Blobs {
         Ok(())
     }
 
-    /// Whether this process may write and read values: it does so with one of no session.
+    /// Checks that this process may write and read blobs, with a small blob under the id of no session.
     pub(super) async fn check_writing(&self) -> Result<(), StoreError> {
         let key = fresh_key(SessionId::new());
         self.objects.put(&key, PutPayload::from_static(b"try")).await?;
         self.objects.get(&key).await?.bytes().await?;
-        // Whether it goes is not part of the answer.
+        // The result of the removal is not part of the check.
         let blobs = self.clone();
         tokio::spawn(async move { blobs.remove_now(vec![key]).await });
         Ok(())
@@ -100,7 +100,9 @@ impl Blobs {
         Ok(info)
     }
 
-    /// Begins a value that arrives in pieces and may grow to `max_bytes`. Dropping it unfinished leaves nothing behind.
+    /// Begins a blob that arrives in pieces and may grow to `max_bytes`.
+    ///
+    /// An upload that is dropped unfinished leaves nothing behind.
     ///
     /// # Errors
     /// [`StoreError::Blob`].
@@ -110,7 +112,9 @@ impl Blobs {
         Ok(Upload { key, writer, hash: Sha256::new(), bytes: 0, max_bytes })
     }
 
-    /// The whole value, which is what was stored. There is no way to read a part: it could not be checked.
+    /// The whole content of a blob, checked against its seal.
+    ///
+    /// A part of a blob cannot be read, because it could not be checked.
     ///
     /// # Errors
     /// [`StoreError::Damaged`], [`StoreError::Blob`].
@@ -118,7 +122,7 @@ impl Blobs {
         seal::open(key, self.objects.get(&Path::from(key)).await?.bytes().await?).await
     }
 
-    /// Reads a value through in pieces: its length.
+    /// Reads a blob in pieces and checks its seal; returns its stored length, bytes.
     ///
     /// # Errors
     /// As [`Blobs::get`].
@@ -132,13 +136,15 @@ impl Blobs {
         if check.finds_whole(key) { Ok(bytes) } else { Err(StoreError::Damaged { key: key.to_owned() }) }
     }
 
-    /// Removes a value that no row names any more; one that is not there is no error. Nobody waits long for it: it goes on by itself, and
-    /// a sweep finds what it leaves.
+    /// Removes a blob that no row names any more.
+    ///
+    /// A missing blob is not an error. The caller waits 2 s at most; the removal continues in the background, and a sweep removes
+    /// what it leaves.
     pub async fn delete(&self, key: &str) {
         self.remove(vec![key.to_owned()]).await;
     }
 
-    /// Removes values that no row names any more, as [`Blobs::delete`].
+    /// Removes blobs that no row names any more, as [`Blobs::delete`].
     pub(super) async fn remove(&self, keys: Vec<String>) {
         if keys.is_empty() {
             return;
@@ -147,7 +153,7 @@ impl Blobs {
         aside(async move { blobs.remove_now(keys.into_iter().map(Path::from).collect()).await }).await;
     }
 
-    /// Removes every value of a session that is not there any more, as [`Blobs::delete`].
+    /// Removes every blob of a deleted session, as [`Blobs::delete`].
     pub async fn delete_session(&self, session: SessionId) {
         let blobs = self.clone();
         aside(async move {
@@ -170,13 +176,13 @@ impl Blobs {
         }
     }
 
-    /// Keys of all values, and names of unfinished uploads, that have not changed for `age`.
+    /// Keys of all blobs, and names of unfinished uploads, that have not changed for `age`.
     pub(super) async fn older_than(&self, age: Duration) -> Result<Vec<String>, StoreError> {
         let Some(root) = &self.root else {
             let listed: Vec<_> = self.objects.list(None).try_collect().await?;
             let old = |o: &object_store::ObjectMeta| is_older(SystemTime::from(o.last_modified), age);
             let keys = listed.into_iter().filter(old).map(|o| o.location.to_string());
-            // Whatever else is in a bucket stays.
+            // Other objects in the bucket are not ours and stay.
             return Ok(keys.filter(|key| is_key(key)).collect());
         };
         let mut found = Vec::new();
@@ -187,7 +193,7 @@ impl Blobs {
             }
             let mut files = tokio::fs::read_dir(session.path()).await?;
             while let Some(file) = files.next_entry().await? {
-                // One that has gone meanwhile needs no removal.
+                // A file that was removed meanwhile needs no removal.
                 let Ok(changed) = file.metadata().await.and_then(|m| m.modified()) else { continue };
                 if is_older(changed, age) {
                     let (session, file) = (session.file_name(), file.file_name());
@@ -198,7 +204,7 @@ impl Blobs {
         Ok(found)
     }
 
-    /// Removes values and unfinished uploads by the names that [`Blobs::older_than`] gave: how many.
+    /// Removes blobs and unfinished uploads by the names from [`Blobs::older_than`]; returns their number.
     pub(super) async fn remove_files(&self, names: &[String]) -> Result<usize, StoreError> {
         for name in names {
             let Some(root) = &self.root else {
@@ -210,7 +216,7 @@ impl Blobs {
                 _ => {}
             }
             if let Some(session) = root.join(name).parent() {
-                // Fails, as it should, while the directory holds something.
+                // Fails, as intended, while the directory is not empty.
                 tokio::fs::remove_dir(session).await.ok();
             }
         }
@@ -218,19 +224,19 @@ impl Blobs {
     }
 }
 
-/// Waits a little for work that goes on by itself.
+/// Runs `work` in the background and waits at most [`REMOVED`] for its end.
 async fn aside(work: impl Future<Output = ()> + Send + 'static) {
     if tokio::time::timeout(REMOVED, tokio::spawn(work)).await.is_err() {
-        tracing::warn!("the removal of blobs takes long");
+        tracing::warn!("the removal of blobs takes longer than 2 s and continues in the background");
     }
 }
 
 fn is_older(changed: SystemTime, age: Duration) -> bool {
-    // A clock that was set back makes nothing old.
+    // If the clock was set back, nothing counts as old.
     changed.elapsed().is_ok_and(|elapsed| elapsed >= age)
 }
 
-/// Whether a value may have this key.
+/// Whether a string has the form of a blob's key.
 fn is_key(key: &str) -> bool {
     let key = key.strip_suffix(seal::SEALED).unwrap_or(key);
     key.split_once('/').is_some_and(|(session, value)| [session, value].iter().all(|id| Uuid::try_parse(id).is_ok()))
@@ -240,7 +246,7 @@ fn fresh_key(session: SessionId) -> Path {
     Path::from(format!("{session}/{}{}", Uuid::now_v7(), seal::SEALED))
 }
 
-/// A value on its way to disk.
+/// A blob that is being uploaded in pieces.
 pub struct Upload {
     key: Path,
     writer: WriteMultipart,
@@ -256,10 +262,10 @@ impl fmt::Debug for Upload {
 }
 
 impl Upload {
-    /// Appends a piece; waits when the disk is slower than the sender.
+    /// Appends a piece; waits while the object store is slower than the sender.
     ///
     /// # Errors
-    /// [`StoreError::TooLarge`] when the limit is passed, else [`StoreError::Blob`].
+    /// [`StoreError::TooLarge`] when the upload exceeds its limit, else [`StoreError::Blob`].
     pub async fn write(&mut self, piece: Bytes) -> Result<(), StoreError> {
         self.bytes += piece.len() as u64;
         if self.bytes > self.max_bytes {
@@ -271,7 +277,7 @@ impl Upload {
         Ok(())
     }
 
-    /// Completes the value and makes it visible.
+    /// Completes the blob and makes it visible.
     ///
     /// # Errors
     /// [`StoreError::Blob`].
@@ -282,7 +288,7 @@ impl Upload {
         Ok(BlobInfo { key, bytes: self.bytes, sha256: hex(&hash) })
     }
 
-    /// Gives up and removes what was written.
+    /// Aborts the upload and removes what was written.
     pub async fn abort(self) {
         if let Err(error) = self.writer.abort().await {
             tracing::warn!(%error, "an unfinished upload could not be removed");
@@ -332,7 +338,7 @@ mod tests {
         let blobs = Blobs::in_directory(directory.path()).unwrap();
         let session = SessionId::new();
         let kept = blobs.put(session, b"kept".to_vec()).await.unwrap();
-        // What a killed process leaves of an upload.
+        // The file that a killed process leaves of an upload.
         std::fs::write(directory.path().join(session.to_string()).join("x#1"), b"part").unwrap();
         assert_eq!(blobs.older_than(Duration::from_secs(600)).await.unwrap(), Vec::<String>::new());
         let all = blobs.older_than(Duration::ZERO).await.unwrap();

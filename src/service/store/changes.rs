@@ -3,13 +3,13 @@ use std::time::Duration;
 
 use async_trait::async_trait;
 
-/// Tells that another process may have changed jobs or events.
+/// Notifications that another process may have changed jobs or events.
 pub struct Changes(Box<dyn Source>);
 
-/// What waits for word of others.
+/// Source of the notifications.
 #[async_trait]
 pub(super) trait Source: Send {
-    /// Waits for word, at most `patience`: whether a job may be begun.
+    /// Waits at most `patience` for a notification; true when a job may be ready to begin.
     async fn next(&mut self, patience: Duration) -> bool;
 }
 
@@ -18,7 +18,9 @@ impl Changes {
         Self(Box::new(source))
     }
 
-    /// Waits for word, at most `patience`: whether there may be a job to begin. Without word there may be changes too.
+    /// Waits at most `patience` for a notification; returns whether a job may be ready to begin.
+    ///
+    /// A notification may be lost, so it also returns true when none came.
     pub async fn next(&mut self, patience: Duration) -> bool {
         self.0.next(patience).await
     }

@@ -5,17 +5,17 @@ use std::path::Path;
 
 use super::StoreError;
 
-/// Directory of the large values.
+/// Directory of the blobs.
 pub(super) const BLOBS: &str = "blobs";
-/// File whose lock says that a process has the directory.
+/// File that a process locks while it has the directory open.
 const LOCK: &str = "lock";
 
-/// The audit log of a store in its own directory.
+/// Name of the audit log when the rows are in the same directory.
 pub(super) const LOCAL_LOG: &str = "local";
-/// File with the name of the audit log beside it, by which a shared database tells it from others.
+/// File with the name of the directory's audit log; a shared database keeps one anchor for each name.
 const LOG_NAME: &str = "audit-log";
 
-/// The name of the audit log in a directory, where it has one.
+/// The name of the audit log in a directory; `None` when it has none.
 pub(super) fn log_name(directory: &Path) -> std::io::Result<Option<String>> {
     match std::fs::read_to_string(directory.join(LOG_NAME)) {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
@@ -23,7 +23,7 @@ pub(super) fn log_name(directory: &Path) -> std::io::Result<Option<String>> {
     }
 }
 
-/// The name of the audit log in a directory, from now on if it had none.
+/// The name of the audit log in a directory; a directory without one gets a new name.
 pub(super) fn given_log_name(directory: &Path) -> std::io::Result<String> {
     if let Some(name) = log_name(directory)? {
         return Ok(name);
@@ -35,7 +35,7 @@ pub(super) fn given_log_name(directory: &Path) -> std::io::Result<String> {
     Ok(name)
 }
 
-/// Takes the directory for this process.
+/// Locks the directory for this process.
 pub(super) fn lock(directory: &Path) -> Result<File, StoreError> {
     let lock = File::create(directory.join(LOCK))?;
     match lock.try_lock() {
@@ -45,7 +45,7 @@ pub(super) fn lock(directory: &Path) -> Result<File, StoreError> {
     }
 }
 
-/// Makes the directory, for its owner only.
+/// Creates the directory, accessible to its owner only.
 pub(super) fn create_private(directory: &Path) -> std::io::Result<()> {
     let mut builder = std::fs::DirBuilder::new();
     builder.recursive(true);

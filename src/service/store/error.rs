@@ -1,60 +1,64 @@
 use sqlx::error::DatabaseError;
 
-/// Why the store could not do what it was asked.
+/// Why the store could not do what was requested.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
-    /// What the database says to a query.
+    /// The database answered a statement with an error.
     #[error("the database failed")]
     Database(#[source] sqlx::Error),
-    /// The database did not answer, or does not take writes now; whether what was being written is there, is not known.
+    /// The database did not answer, or takes no writes now.
+    ///
+    /// The outcome of the current write is unknown: it may have been committed.
     #[error("the database cannot be reached or written")]
     Unreachable(#[source] sqlx::Error),
-    /// The bucket did not answer, or with errors of its own, for as long as it was asked.
+    /// The bucket did not answer, or answered only with server errors, until the retries ended.
     #[error("the bucket cannot be reached")]
     BucketAway(#[source] object_store::Error),
-    /// The bucket lets this process do nothing: it is not there, or a key was changed or may not do this, or a clock is wrong.
+    /// The bucket refuses every request of this process.
+    ///
+    /// It does not exist, the access key is wrong or lacks a permission, or the clock of this machine is wrong.
     #[error("the bucket refuses this process")]
     BucketRefused(#[source] object_store::Error),
-    /// The object store, as it is configured.
+    /// The configuration of the object store is not valid.
     #[error("the bucket cannot be used")]
     Bucket(#[source] object_store::Error),
-    /// The place of the blobs belongs to other rows: what these do not name would be removed from it.
+    /// The bucket or directory of the blobs belongs to another database, whose blobs a sweep would remove.
     #[error(
-        "{place} and the database do not belong together: {detail}; name those that do, or an empty bucket or prefix with an empty database"
+        "{place} and the database do not belong together: {detail}; name a matching pair, or an empty database with an empty bucket or prefix"
     )]
     ForeignBlobs {
         /// Bucket or directory.
         place: String,
-        /// How that shows.
+        /// What does not match.
         detail: &'static str,
     },
-    /// A file of results or inputs.
+    /// Reading or writing a blob failed.
     #[error("the blob store failed")]
     Blob(#[source] object_store::Error),
-    /// A file was removed after its name was read: what it held was replaced or deleted meanwhile.
-    #[error("the blob {key} is not there any more")]
+    /// The blob was removed after its name was read, because its row was replaced or deleted meanwhile.
+    #[error("the blob {key} was removed")]
     BlobGone {
-        /// Where it was.
+        /// Its key.
         key: String,
     },
-    /// A stored value is not what was written.
-    #[error("the stored value {key} is damaged")]
+    /// A blob does not match its seal: its bytes were changed or cut off.
+    #[error("the stored value {key} is damaged: its bytes were changed or cut off")]
     Damaged {
-        /// Where it is.
+        /// Its key.
         key: String,
     },
-    /// The data directory.
+    /// A file of the data directory cannot be read or written.
     #[error("its files cannot be read or written")]
     Io(#[from] std::io::Error),
-    /// A stored document is not what was written.
+    /// A row or the content of a blob cannot be decoded.
     #[error("a stored record cannot be read: {detail}")]
     Record {
-        /// Which, and why.
+        /// Which record, and why.
         detail: String,
     },
-    /// Written by a later version.
+    /// A later version of the program wrote the store.
     #[error(
-        "it has format {found}, this version reads up to {known}; run the version that wrote it, or name another store"
+        "it has format {found}, this version reads formats up to {known}; run the version that wrote it, or name another store"
     )]
     Newer {
         /// Version found.
@@ -62,54 +66,54 @@ pub enum StoreError {
         /// Newest version that is known.
         known: i64,
     },
-    /// Written by an earlier version, and not brought to the present format here.
-    #[error("it has format {found}, this version writes {known}; start the service once, which brings it up to date")]
+    /// An earlier version wrote the store, and this call does not migrate it.
+    #[error("it has format {found}, this version needs format {known}; start the service once to migrate it")]
     Older {
         /// Version found.
         found: i64,
         /// Version of this program.
         known: i64,
     },
-    /// Of another program, or of a version whose format was never released.
+    /// The database file is another program's, or has a format that was never released.
     #[error(
         "its database is not of this version's format; name another directory, or, when nothing in it is needed, \
          delete prosopon.sqlite and blobs in it"
     )]
     Foreign,
-    /// Tables of another program, or changed by hand.
-    #[error("the database holds tables that are not of this program's versions; name a database of its own")]
+    /// The database has tables of another program, or tables that were changed by hand.
+    #[error("the database has tables that no version of this program made; name a database that only this program uses")]
     ForeignTables,
-    /// Another process has it.
+    /// Another process has the data directory open.
     #[error("another process is using it")]
     InUse,
-    /// The session that the row belongs to was deleted meanwhile.
+    /// The session of the row was deleted meanwhile, or the job does not run under this fence any more.
     #[error("the session was deleted meanwhile")]
     SessionGone,
-    /// An idempotency key was taken meanwhile.
+    /// Another request used the idempotency key meanwhile.
     #[error("the idempotency key was used meanwhile")]
     KeyTaken,
-    /// The session has as much as it may.
-    #[error("a session may have {allowed} bytes")]
+    /// The write would take the session above its quota.
+    #[error("the session would exceed its quota of {allowed} bytes")]
     QuotaFull {
         /// Bytes allowed.
         allowed: u64,
     },
-    /// There is no store of this kind.
+    /// The directory has no local database with local blobs.
     #[error(
-        "there is no store with rows and values of its own in {directory}; the service reads through those that are elsewhere"
+        "there is no store with a local database and local files in {directory}; the service itself checks values in a bucket"
     )]
     Missing {
-        /// Where one was looked for.
+        /// The directory that was searched.
         directory: String,
     },
-    /// A backup is not whole.
+    /// A backup cannot be made or restored.
     #[error("the backup is not usable: {detail}")]
     Backup {
         /// What is wrong.
         detail: String,
     },
     /// The upload is longer than allowed.
-    #[error("more than {allowed} bytes")]
+    #[error("the upload is longer than {allowed} bytes")]
     TooLarge {
         /// Bytes allowed.
         allowed: u64,
@@ -122,8 +126,10 @@ impl From<sqlx::Error> for StoreError {
     }
 }
 
-/// Whether a database is away, starting, stopping, out of connections or memory, lets this user in no more or not yet, or is a copy that takes
-/// no writes; or has given up a statement that stood still or in the way of another, which may be tried again.
+/// Whether the same statement may succeed later.
+///
+/// True when the database cannot be reached, starts or stops, lacks connections or memory, does not let this user in, or is a
+/// read-only replica; also when it ended a statement because of a lock timeout, a deadlock or a cancellation.
 fn is_unreachable(error: &sqlx::Error) -> bool {
     const CLASSES: [&str; 3] = ["08", "28", "57P"];
     const CODES: [&str; 10] =
@@ -148,7 +154,7 @@ impl From<object_store::Error> for StoreError {
         if let NotFound { path: key, .. } = error {
             return Self::BlobGone { key };
         }
-        // What is refused for a reason has a kind of its own.
+        // object_store has kinds of their own for refused requests; other S3 errors are `Generic`.
         let told = matches!(error, PermissionDenied { .. } | Unauthenticated { .. });
         let answered = matches!(error, Generic { store: "S3", .. });
         if told || (answered && chain_has(&error, "NoSuchBucket")) {
@@ -161,7 +167,7 @@ impl From<object_store::Error> for StoreError {
     }
 }
 
-/// Whether an error or one of its sources says `word`.
+/// Whether the text of an error or of one of its sources contains `word`.
 fn chain_has(error: &dyn std::error::Error, word: &str) -> bool {
     std::iter::successors(Some(error), |error| error.source()).any(|error| error.to_string().contains(word))
 }
@@ -171,13 +177,15 @@ impl StoreError {
         Self::Record { detail: detail.into() }
     }
 
-    /// Whether the same may succeed later.
+    /// Whether the same call may succeed later, when the database or the bucket can be reached again.
     #[must_use]
     pub fn is_away(&self) -> bool {
         matches!(self, Self::Unreachable(_) | Self::BucketAway(_))
     }
 
-    /// Whether the rows may say what was to be written: then the blobs that they would name stay, and go with the next sweep if not.
+    /// Whether the write may have been committed although its answer was lost.
+    ///
+    /// The blobs that it names must then stay; a later sweep removes them if no row names them.
     pub(super) fn may_be_written(&self) -> bool {
         matches!(self, Self::Unreachable(_))
     }
@@ -198,7 +206,9 @@ impl StoreError {
     }
 }
 
-/// SQLITE_FULL, in its plain or an extended form, or what Postgres says, whose codes have five characters.
+/// SQLITE_FULL (plain or extended), or the Postgres code for a full disk.
+///
+/// Postgres codes have five characters.
 fn is_full(error: &dyn DatabaseError) -> bool {
     let code = error.code().unwrap_or_default();
     code == "53100" || (code.len() < 5 && code.parse::<u32>().is_ok_and(|code| code & 0xff == 13))

@@ -5,9 +5,9 @@ pub struct EventRecord {
     pub seq: u64,
     /// `status`, `progress`, `step`, `warning`, `resync` or `end`.
     pub kind: String,
-    /// JSON.
+    /// Content, JSON.
     pub data: String,
 }
 
-/// Progress events that are kept of a job: the last ones tell all.
+/// Number of a job's last events among which progress events are kept; older ones are outdated.
 pub(super) const KEPT_PROGRESS: u64 = 100;

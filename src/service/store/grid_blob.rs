@@ -2,11 +2,12 @@ use super::StoreError;
 use prosopon_geometry::{Point, ScalarGrid};
 
 const MAGIC: &[u8; 8] = b"PRGRID01";
-/// Stands for what is no number.
+/// Stands for NaN.
 const NOTHING: i8 = i8::MIN;
 
-/// Whole values from -127 to 127 on a lattice as stored: magic, dimensions (u64), origin and spacing (f64), values (i8), little-endian. Other values
-/// are rounded and cut off; what is no number stays so.
+/// Encodes a grid of whole values from -127 to 127; other values are rounded and clamped, NaN is kept.
+///
+/// Layout, little-endian: magic, dimensions (u64), origin and spacing (f64, mm), values (i8) in the order of the grid.
 #[must_use]
 pub fn encode_grid(grid: &ScalarGrid) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(64 + grid.values.len());
@@ -21,9 +22,9 @@ pub fn encode_grid(grid: &ScalarGrid) -> Vec<u8> {
 /// Reads what [`encode_grid`] wrote.
 ///
 /// # Errors
-/// [`StoreError::Record`] when the bytes are something else.
+/// [`StoreError::Record`] when the bytes have another layout.
 pub fn decode_grid(bytes: &[u8]) -> Result<ScalarGrid, StoreError> {
-    let bad = |what: &str| StoreError::record(format!("stored lattice: {what}"));
+    let bad = |what: &str| StoreError::record(format!("stored grid: {what}"));
     let (head, values) = bytes.split_at_checked(64).ok_or_else(|| bad("too short"))?;
     let [magic, nx, ny, nz, x, y, z, spacing] = *head.as_chunks::<8>().0 else { return Err(bad("too short")) };
     if &magic != MAGIC {
@@ -32,7 +33,7 @@ pub fn decode_grid(bytes: &[u8]) -> Result<ScalarGrid, StoreError> {
     let dims = [nx, ny, nz].map(|d| u64::from_le_bytes(d) as usize);
     let count = dims.iter().try_fold(1_usize, |product, d| product.checked_mul(*d));
     if dims.iter().any(|d| *d < 2) || count != Some(values.len()) {
-        return Err(bad("length does not fit the dimensions"));
+        return Err(bad("the length does not match the dimensions"));
     }
     let [x, y, z, spacing] = [x, y, z, spacing].map(f64::from_le_bytes);
     let value = |b: &u8| if *b as i8 == NOTHING { f32::NAN } else { f32::from(*b as i8) };

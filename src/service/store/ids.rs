@@ -12,7 +12,7 @@ macro_rules! id {
         pub struct $name(Uuid);
 
         impl $name {
-            /// A fresh id; ids made later sort later.
+            /// A new id (version 7 UUID); ids that are made later sort later.
             #[must_use]
             #[allow(clippy::new_without_default, reason = "a default that differs each time would surprise")]
             pub fn new() -> Self {
@@ -48,22 +48,22 @@ macro_rules! id {
 }
 
 id!(
-    /// A patient session.
+    /// Id of a patient session.
     SessionId
 );
 id!(
-    /// A set of cuts with their bone segments.
+    /// Id of an osteotomy: a set of cuts with their bone segments.
     OsteotomyId
 );
 id!(
-    /// Bone paths.
+    /// Id of a plan: the paths of the bone segments.
     PlanId
 );
 id!(
-    /// A piece of long work.
+    /// Id of a job.
     JobId
 );
 id!(
-    /// A process that computes jobs, from its start to its end.
+    /// Id of a process that computes jobs, from its start to its end.
     WorkerId
 );

@@ -3,10 +3,10 @@ use std::time::Duration;
 
 use super::{AnswerRecord, BlobInfo, JobId, JobState, SessionId, StoreError, TenantId, WorkerId, now_rfc3339};
 
-/// What a job makes.
+/// Kind of a job, by its result.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum JobKind {
-    /// Skin and skull from a CT.
+    /// Skin, skull, air and soft tissue from a CT.
     Import,
     /// Distance fields.
     Field,
@@ -22,7 +22,7 @@ impl JobKind {
     /// Every kind.
     pub const ALL: [Self; 5] = [Self::Import, Self::Field, Self::Mesh, Self::Solve, Self::Compare];
 
-    /// Its name on the wire and in the database.
+    /// Name on the wire and in the database.
     #[must_use]
     pub fn as_str(self) -> &'static str {
         match self {
@@ -34,7 +34,7 @@ impl JobKind {
         }
     }
 
-    /// Where it waits.
+    /// Lane in which jobs of this kind wait.
     #[must_use]
     pub fn lane(self) -> Lane {
         match self {
@@ -51,12 +51,12 @@ impl FromStr for JobKind {
     }
 }
 
-/// Queue of its own, so that work of seconds does not wait for work of minutes.
+/// One of the job queues. Separate lanes keep jobs of seconds from waiting for jobs of minutes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Lane {
-    /// Work of minutes, on the threads for jobs.
+    /// Jobs of minutes, computed on the threads for jobs.
     Heavy,
-    /// Work of seconds, on the threads for requests.
+    /// Jobs of seconds, computed on the threads for requests.
     Quick,
 }
 
@@ -64,7 +64,7 @@ impl Lane {
     /// Every lane.
     pub const ALL: [Self; 2] = [Self::Heavy, Self::Quick];
 
-    /// Its name in the database and in metrics.
+    /// Name in the database and in metrics.
     #[must_use]
     pub fn as_str(self) -> &'static str {
         match self {
@@ -77,68 +77,70 @@ impl Lane {
 /// A job's row.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JobRecord {
-    /// Its place in the queue of its tenant: lower ones run first.
+    /// Order in the queue of its tenant: jobs with lower numbers run first.
     pub number: u64,
     /// Its id.
     pub id: JobId,
     /// Its session.
     pub session: SessionId,
-    /// Whose it is.
+    /// Its tenant.
     pub tenant: TenantId,
-    /// What it makes.
+    /// Its kind.
     pub kind: JobKind,
-    /// Where it stands.
+    /// Its state.
     pub state: JobState,
-    /// Stage of the work, free text of one word.
+    /// Current stage, one word.
     pub phase: String,
-    /// Done share, 0 to 1.
+    /// Progress, 0 to 1.
     pub progress: f64,
-    /// Steps that it will hand out.
+    /// Number of steps that a solve produces; 0 for other kinds.
     pub steps: u32,
-    /// How often it was started.
+    /// Number of attempts so far.
     pub attempt: u32,
-    /// Counts claims; what is written under an older one is refused.
+    /// Number of claims; a write with an older number is refused.
     pub fence: u64,
-    /// Until when it is its worker's, ms of the store's clock; none before it was first claimed.
+    /// End of the lease, ms since 1970 by the store's clock; `None` before the first claim.
     pub lease_until: Option<i64>,
-    /// What was asked for, JSON.
+    /// The request, JSON.
     pub request: String,
-    /// What it is about (a plan's id): a newer job about the same may take its place.
+    /// Subject, for example the id of a plan: a newer job with the same subject may supersede this one.
     pub subject: Option<String>,
-    /// Another session that it reads; it does not outlive that one either.
+    /// Another session that the job reads; when either session is deleted, the job is deleted too.
     pub other_session: Option<SessionId>,
-    /// Longest time that an attempt may compute, s.
+    /// Longest computing time of one attempt, s.
     pub max_wall_s: Option<f64>,
-    /// The trace that it goes on, W3C; none where no traces are sent.
+    /// W3C `traceparent` of the request that created the job; `None` when no traces are sent.
     pub traceparent: Option<String>,
-    /// When it was asked to stop, RFC 3339: from then on it can only end as cancelled.
+    /// When cancellation was requested, RFC 3339: from then on the job can only end as cancelled.
     pub cancel_requested_at: Option<String>,
-    /// The newer job that took its place.
+    /// The newer job that superseded this one.
     pub superseded_by: Option<JobId>,
-    /// Events before this number are not kept any more.
+    /// Number of the first event that is still stored.
     pub events_from: u64,
     /// Its report, JSON, once it has succeeded.
     pub report: Option<String>,
     /// Why it failed, JSON.
     pub fault: Option<String>,
-    /// What a caller should know.
+    /// Warnings.
     pub warnings: Vec<String>,
-    /// Blob of the skin at rest; of a comparison, of the surface that its values lie on.
+    /// Blob of the skin at rest; of a comparison, blob of the surface that its values belong to.
     pub rest_blob: Option<String>,
-    /// Blob of the deformed volume, VTU; of a comparison, of the values.
+    /// Blob of the deformed volume (VTU); of a comparison, blob of the values.
     pub tissue_blob: Option<String>,
-    /// Blob of the last milestone of a job that has not ended: with it another worker goes on.
+    /// Blob of the last checkpoint of an unfinished job, from which another worker can continue.
     pub milestone_blob: Option<String>,
-    /// RFC 3339.
+    /// When it was accepted, RFC 3339.
     pub created_at: String,
     /// Start of the last attempt, RFC 3339.
     pub started_at: Option<String>,
-    /// RFC 3339.
+    /// When it ended, RFC 3339.
     pub finished_at: Option<String>,
 }
 
 impl JobRecord {
-    /// A new job that waits, with no more than it must have; the store numbers it and knows whose the session is.
+    /// A new accepted job with default values.
+    ///
+    /// The store sets its number and its tenant (that of the session).
     #[must_use]
     pub fn accepted(kind: JobKind, session: SessionId, request: String) -> Self {
         Self {
@@ -174,7 +176,7 @@ impl JobRecord {
         }
     }
 
-    /// Whether a change under `fence` from the state `from` to `to` is allowed as the row stands.
+    /// Whether the row allows a change from the state `from` to `to` under `fence`.
     pub(super) fn may_change(&self, from: JobState, fence: u64, to: JobState) -> bool {
         let stops = matches!(to, JobState::Cancelled | JobState::Interrupted);
         self.state == from && self.fence == fence && (stops || self.cancel_requested_at.is_none())
@@ -192,68 +194,68 @@ pub struct JobFilter {
     pub kind: Option<JobKind>,
     /// Only in this state.
     pub state: Option<JobState>,
-    /// Only made before this one.
+    /// Only created before this job.
     pub before: Option<JobId>,
-    /// At most so many.
+    /// Largest number of jobs to return.
     pub limit: u32,
 }
 
-/// A change of state and what is written with it.
+/// A change of a job's state, with the values that are written in the same transaction.
 #[derive(Debug, Clone, Default)]
 pub struct JobChange {
-    /// Stage from now on; as before when absent.
+    /// New stage; unchanged when `None`.
     pub phase: Option<&'static str>,
-    /// Done share from now on; as before when absent.
+    /// New progress, 0 to 1; unchanged when `None`.
     pub progress: Option<f64>,
-    /// Added to the attempts.
+    /// Change of the number of attempts; -1 takes an attempt back.
     pub attempt_change: i64,
-    /// The report, JSON.
+    /// The report, JSON; unchanged when `None`.
     pub report: Option<String>,
     /// Why it failed, JSON.
     pub fault: Option<String>,
-    /// Added to what a caller should know.
+    /// Warnings to add; each is stored once.
     pub warnings: Vec<String>,
-    /// The second large result.
+    /// The second large result: the deformed volume, or the values of a comparison.
     pub tissue: Option<BlobInfo>,
-    /// Kind and JSON of the events that tell of it.
+    /// Kind and JSON of the events to append.
     pub events: Vec<(&'static str, String)>,
 }
 
-/// Jobs that may wait.
+/// Limits on the number of waiting jobs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct QueueLimits {
-    /// In all.
+    /// Of all tenants together.
     pub all: u32,
     /// Of one tenant.
     pub tenant: u32,
 }
 
-/// How a waiting job of the same session, kind and subject makes room for a newer one.
+/// How a new job supersedes waiting jobs of the same session, kind and subject.
 #[derive(Debug, Clone)]
 pub struct Supersede {
-    /// State in which a job may be replaced.
+    /// State in which a job may be superseded.
     pub from: JobState,
-    /// State of a replaced job.
+    /// State of a superseded job.
     pub to: JobState,
-    /// Kind and JSON of the event that tells of it.
+    /// Kind and JSON of the event to append to a superseded job.
     pub event: (&'static str, String),
 }
 
-/// A job to be stored.
+/// A job to store, with the rules for storing it.
 pub struct NewJob<'a> {
-    /// Its row; the tenant is the session's, the number the store's.
+    /// Its row; the store sets the tenant and the number.
     pub job: &'a JobRecord,
-    /// Bounds of the queue.
+    /// Limits of the queue.
     pub limits: QueueLimits,
-    /// JSON of its first event, `status`.
+    /// JSON of its first event, of kind `status`.
     pub event: &'a str,
-    /// Whether and how older ones make room.
+    /// How older waiting jobs are superseded; `None` when they are kept.
     pub supersede: Option<Supersede>,
-    /// What a repeated request gets, from the job as stored or its twin, and the jobs that wait before it in its lane.
+    /// Makes the answer to repeat, from the stored job or its twin and its position in the queue.
     pub answer: &'a AnswerOf<'a>,
 }
 
-/// Makes an answer from a job and the number of jobs that wait before it; no number for a job that does not wait.
+/// Makes an answer from a job and the number of jobs before it in its lane (`None` unless it waits).
 pub type AnswerOf<'a> = dyn Fn(&JobRecord, Option<u32>) -> Option<AnswerRecord> + Send + Sync + 'a;
 
 impl std::fmt::Debug for NewJob<'_> {
@@ -262,51 +264,58 @@ impl std::fmt::Debug for NewJob<'_> {
     }
 }
 
-/// What a worker asks of the queue.
+/// A worker's request for the next job.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Claim {
-    /// Where it looks.
+    /// Lane to take the job from.
     pub lane: Lane,
-    /// Who asks. A worker knows the sessions whose last job it began: it has their fields and meshes at hand. Of a tenant's jobs it takes
-    /// first those of sessions that it or nobody knows, and for [`Claim::HEAD_START`] it leaves others' to them. Without a name
-    /// every job is taken in order.
+    /// The worker that claims; `None` takes every job in order.
+    ///
+    /// The worker that began the last job of a session keeps the session's fields and meshes in memory: it knows the session.
+    /// Of a tenant's jobs a worker first takes those of sessions that it or no worker knows. For [`Claim::HEAD_START`] it leaves
+    /// jobs of other sessions to the worker that knows them.
     pub worker: Option<WorkerId>,
-    /// How long others go before a job because the worker knows their sessions.
+    /// How long jobs of sessions that the worker knows may go before an older job.
     pub patience: Duration,
-    /// What the job is from then on.
+    /// State of the claimed job.
     pub to: JobState,
-    /// How long it is the worker's, until it is renewed.
+    /// Length of the lease, until it is renewed.
     pub lease: Duration,
 }
 
 impl Claim {
-    /// How long a job waits for the worker that knows its session: little to one who waits, enough for one that is free.
+    /// How long a job is left to the worker that knows its session.
+    ///
+    /// One second is short for the client and long enough for a free worker to claim the job.
     pub const HEAD_START: Duration = Duration::from_secs(1);
-    /// A usual patience. When all workers are busy every job has waited for longer than the head start; were they taken in the order of
-    /// their numbers then, each worker would make the fields and meshes of all sessions again, just when there is too much to do.
+    /// Default of [`Claim::patience`].
+    ///
+    /// When all workers are busy, every job waits for longer than the head start. If workers then took jobs in the order of their
+    /// numbers, each worker would rebuild the fields and meshes of all sessions while the load is highest.
     pub const PATIENCE: Duration = Duration::from_secs(60);
 }
 
-/// What became of a job that was to be stored.
+/// Result of storing a job.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Insertion {
-    /// It is stored.
+    /// The job is stored.
     Stored {
-        /// Jobs that made room for it, with their milestones, which no row names any more.
+        /// Superseded jobs with the blobs of their checkpoints, which no row names any more.
         superseded: Vec<(JobId, Option<String>)>,
-        /// Jobs that wait before it in its lane.
+        /// Number of jobs before it in its lane.
         before: u32,
     },
-    /// The session has a job that was asked for the same, has not ended and was not asked to stop; and the jobs that wait before
-    /// it, when it waits.
+    /// The session has an unfinished job with the same request (its twin) and no cancellation request.
+    ///
+    /// With the number of jobs before the twin when it waits.
     Twin(Box<JobRecord>, Option<u32>),
-    /// Too many jobs wait in all.
+    /// Too many jobs of all tenants wait.
     Full,
     /// Too many jobs of the tenant wait.
     TenantFull,
 }
 
-/// The warnings of a row with `new` ones, each once.
+/// The warnings of a row and `new` ones, without duplicates.
 pub(super) fn joined_warnings(mut warnings: Vec<String>, new: &[String]) -> Vec<String> {
     for warning in new {
         if !warnings.contains(warning) {
@@ -316,7 +325,7 @@ pub(super) fn joined_warnings(mut warnings: Vec<String>, new: &[String]) -> Vec<
     warnings
 }
 
-/// Progress after a change to `to`.
+/// Progress after a change to the state `to`.
 pub(super) fn progress_after(to: JobState, change: Option<f64>, before: f64) -> f64 {
     match to {
         JobState::Succeeded => 1.0,
@@ -325,7 +334,7 @@ pub(super) fn progress_after(to: JobState, change: Option<f64>, before: f64) -> 
     }
 }
 
-/// Refuses what would take a session above its quota.
+/// Refuses a write that takes a session above its quota, both in bytes.
 pub(super) fn check_quota(bytes: u64, quota: u64) -> Result<(), StoreError> {
     if bytes > quota { Err(StoreError::QuotaFull { allowed: quota }) } else { Ok(()) }
 }

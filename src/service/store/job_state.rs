@@ -1,20 +1,20 @@
 use std::fmt;
 use std::str::FromStr;
 
-/// Where a job stands, as stored.
+/// Stored state of a job.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum JobState {
-    /// Stored, waits for its turn.
+    /// Waits in its lane.
     Accepted,
-    /// Being computed.
+    /// A worker computes it.
     Running,
-    /// Done.
+    /// Ended with a result.
     Succeeded,
     /// Ended with a problem.
     Failed,
-    /// Stopped on request.
+    /// Ended by a cancellation.
     Cancelled,
-    /// The service stopped while it ran; it will be accepted again or fail.
+    /// Its worker stopped or lost its lease; the job will be accepted again, or fail.
     Interrupted,
 }
 
@@ -23,7 +23,7 @@ impl JobState {
     pub const ALL: [Self; 6] =
         [Self::Accepted, Self::Running, Self::Succeeded, Self::Failed, Self::Cancelled, Self::Interrupted];
 
-    /// Its name on the wire and in the database.
+    /// Name on the wire and in the database.
     #[must_use]
     pub fn as_str(self) -> &'static str {
         match self {
@@ -36,7 +36,7 @@ impl JobState {
         }
     }
 
-    /// Whether nothing more will happen to the job.
+    /// Whether the state is final.
     #[must_use]
     pub fn has_ended(self) -> bool {
         matches!(self, Self::Succeeded | Self::Failed | Self::Cancelled)

@@ -1,13 +1,16 @@
-//! What survives a restart: rows behind [`MetaStore`], large results behind [`Blobs`].
+//! Persistent storage of the service: rows behind [`MetaStore`], large values behind [`Blobs`].
 //!
-//! Invariants: a row names a file only after the file is complete and synced; files are never changed once written;
-//! knows nothing of HTTP or numerics beyond the meshes that it encodes. Opening locks the directory for one process.
+//! Invariants: a row names a blob only after the blob is complete and synced; a blob never changes once it is written;
+//! this crate knows nothing of HTTP, and of numerics only the meshes and grids that it encodes. One process at a time has a
+//! data directory open.
 //!
-//! Rows are in SQLite (the default), Postgres or memory; large results in files (the default), a bucket of an S3-compatible store, or
-//! memory: whatever is an [`object_store::ObjectStore`]. `conformance` holds all to the same behaviour. SQLite and Postgres share one text
-//! of SQL (`sql`). The fence that every write of a running job checks keeps out a worker whose job was given to another.
+//! Rows live in SQLite (the default), Postgres or memory. Blobs live in files (the default), in a bucket of an S3-compatible
+//! store, or in memory: in any [`object_store::ObjectStore`]. SQLite and Postgres share one SQL text (`sql`), and the tests in
+//! `conformance` hold all engines to the same behaviour. Each claim of a job gives it a new fence. Every write for a running
+//! job checks the fence, so a worker that has lost its job cannot write.
 //!
-//! What opens, checks or copies a whole store returns a boxed future. An `async fn` is compiled again in every package that awaits
+//! Functions that open, check or copy a whole store return a boxed future. An `async fn` is compiled again in every crate that
+//! awaits it, together with the database drivers below it; a boxed future is compiled once, here.
 //! it, with the database drivers below it; a boxed one is compiled here only.
 
 #![allow(clippy::duplicate_mod, reason = "`sql` is compiled once for each database")]

@@ -3,9 +3,9 @@ use prosopon_geometry::{Point, TriMesh};
 
 const MAGIC: &[u8; 8] = b"PRMESH01";
 
-/// A surface as stored: magic, vertex and triangle counts (u64), positions (f64 x, y, z), corners (u32), little-endian.
+/// Encodes a surface bit for bit, so that fields and meshes rebuilt from it are identical.
 ///
-/// Keeps every bit, so that fields and meshes rebuilt after a restart are the same.
+/// Layout, little-endian: magic, numbers of vertices and triangles (u64), positions (f64 x, y, z; LPS mm), corners (u32).
 #[must_use]
 pub fn encode_mesh(mesh: &TriMesh) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(24 + 24 * mesh.positions().len() + 12 * mesh.triangles().len());
@@ -26,7 +26,7 @@ pub fn encode_mesh(mesh: &TriMesh) -> Vec<u8> {
 /// Reads what [`encode_mesh`] wrote.
 ///
 /// # Errors
-/// [`StoreError::Record`] when the bytes are something else.
+/// [`StoreError::Record`] when the bytes have another layout or do not form a mesh.
 pub fn decode_mesh(bytes: &[u8]) -> Result<TriMesh, StoreError> {
     let bad = |what: &str| StoreError::record(format!("stored surface: {what}"));
     let (magic, rest) = bytes.split_first_chunk::<8>().ok_or_else(|| bad("too short"))?;
@@ -37,10 +37,10 @@ pub fn decode_mesh(bytes: &[u8]) -> Result<TriMesh, StoreError> {
     let (n_triangles, rest) = rest.split_first_chunk::<8>().ok_or_else(|| bad("too short"))?;
     let n_vertices = u64::from_le_bytes(*n_vertices) as usize;
     let n_triangles = u64::from_le_bytes(*n_triangles) as usize;
-    let position_bytes = n_vertices.checked_mul(24).ok_or_else(|| bad("vertex count"))?;
-    let corner_bytes = n_triangles.checked_mul(12).ok_or_else(|| bad("triangle count"))?;
+    let position_bytes = n_vertices.checked_mul(24).ok_or_else(|| bad("impossible number of vertices"))?;
+    let corner_bytes = n_triangles.checked_mul(12).ok_or_else(|| bad("impossible number of triangles"))?;
     if position_bytes.checked_add(corner_bytes) != Some(rest.len()) {
-        return Err(bad("length does not fit the counts"));
+        return Err(bad("the length does not match the numbers of vertices and triangles"));
     }
     let (positions, corners) = rest.split_at(position_bytes);
     let number = |b: &[u8; 8]| f64::from_le_bytes(*b);

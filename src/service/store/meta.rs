@@ -12,23 +12,27 @@ use super::{
 
 type Result<T> = std::result::Result<T, StoreError>;
 
-/// Rows: sessions and what they hold, the queue, events. Every call is one transaction: it happens whole or not at all, and what
-/// it returns as done survives the process (of an engine that is durable).
+/// The rows of a store: sessions and their contents, the job queue, and events.
 ///
-/// Knows no files: where rows that named blobs go, the names are returned, and the caller removes the blobs.
+/// Every call is one transaction: it takes effect completely or not at all. On a durable engine a completed call survives the
+/// end of the process.
 ///
-/// What every engine must do alike is written down as tests in `conformance`.
+/// An engine knows no blobs. Calls that remove rows return the keys of their blobs, and the caller removes these.
+///
+/// The tests in `conformance` define the behaviour that all engines share.
 #[async_trait]
 pub trait MetaStore: Debug + Send + Sync {
     // ---- sessions ----
 
-    /// Stores a new session together with the answer that a repeated request gets.
+    /// Stores a new session and the answer to repeat when the request comes again.
     async fn insert_session(&self, session: &SessionRecord, answer: Option<&AnswerRecord>) -> Result<()>;
 
-    /// A session, if it is there.
+    /// The session `id`; `None` when there is none.
     async fn session(&self, id: SessionId) -> Result<Option<SessionRecord>>;
 
-    /// Sessions of a tenant (of all when `None`), newest first, from those made before `before` on.
+    /// Newest sessions of a tenant (of all tenants when `None`), at most `limit`.
+    ///
+    /// With `before`, only sessions created before that session.
     async fn sessions(
         &self,
         tenant: Option<&TenantId>,
@@ -36,53 +40,61 @@ pub trait MetaStore: Debug + Send + Sync {
         limit: u32,
     ) -> Result<Vec<SessionRecord>>;
 
-    /// Deletes a session with everything in it, and jobs of other sessions that read it; ids answer [`MetaStore::is_deleted`]
-    /// from then on. Blobs of other sessions that are not named any more; `None` when the session was not there.
+    /// Deletes a session with everything in it, and the jobs of other sessions that read it.
+    ///
+    /// Leaves tombstones of their ids.
+    ///
+    /// Returns the blobs of other sessions that no row names any more; `None` when the session does not exist.
     async fn delete_session(&self, id: SessionId) -> Result<Option<Vec<String>>>;
 
-    /// Hides a session with everything in it, and jobs of other sessions that read it: ids answer [`MetaStore::is_deleted`] from then on, lists lack them,
-    /// and all stays stored. False when it was not there, or was hidden already.
+    /// Hides a session with everything in it, and the jobs of other sessions that read it.
+    ///
+    /// Their ids count as deleted ([`MetaStore::is_deleted`]) and lists omit them, but all of it stays stored. Returns false when
+    /// the session does not exist or is hidden already.
     async fn hide_session(&self, id: SessionId) -> Result<bool>;
 
-    /// Takes [`MetaStore::hide_session`] back. False when the session is not there or not hidden.
+    /// Undoes [`MetaStore::hide_session`]; false when the session does not exist or is not hidden.
     async fn restore_session(&self, id: SessionId) -> Result<bool>;
 
     /// Sessions that were hidden before `before` (RFC 3339).
     async fn hidden_sessions(&self, before: &str) -> Result<Vec<SessionRecord>>;
 
-    /// Sessions in which nothing was made or changed since `since` (RFC 3339) and no job waits or runs.
+    /// Sessions without a change since `since` (RFC 3339) and without a waiting or running job.
     async fn idle_sessions(&self, since: &str) -> Result<Vec<SessionRecord>>;
 
-    /// When something was last made or changed in a session, RFC 3339.
+    /// Time of the last change in a session, RFC 3339; `None` when the session does not exist.
     async fn last_used(&self, id: SessionId) -> Result<Option<String>>;
 
     /// Bytes stored for a session.
     async fn session_bytes(&self, id: SessionId) -> Result<u64>;
 
-    /// What sessions hold, with at most `jobs` jobs each; nothing for those that are not there.
+    /// Contents of sessions, with at most `jobs` jobs each; sessions that do not exist are omitted.
     async fn contents(&self, sessions: &[SessionId], jobs: u32) -> Result<BTreeMap<SessionId, SessionContents>>;
 
-    /// Whose a session or job is, or was.
+    /// Owner of a session or job, also of a deleted one.
+    ///
+    /// `None` when the id was never used or its tombstone has expired.
     async fn owner(&self, id: &str) -> Result<Option<Owner>>;
 
-    /// Whether something with this id was there and was deleted.
+    /// Whether the id has a tombstone: it belongs to something that was deleted or hidden.
     async fn is_deleted(&self, id: &str) -> Result<bool>;
 
     // ---- answers ----
 
-    /// What is known of a tenant's idempotency key.
+    /// The stored answer to a tenant's idempotency key, if any.
     async fn remembered(&self, tenant: &TenantId, key: &str, request_sha256: &str) -> Result<Remembered>;
 
-    /// Forgets answers from before `answers` and tombstones from before `tombstones`, RFC 3339.
+    /// Deletes answers older than `answers` and tombstones older than `tombstones` (times, RFC 3339).
     async fn forget(&self, answers: &str, tombstones: &str) -> Result<()>;
 
     // ---- parts ----
 
-    /// Stores parts, each in place of the one before: the blobs that they replace. [`StoreError::QuotaFull`] when the session
-    /// would be above `quota` bytes.
+    /// Stores parts, each in place of the earlier part of its kind; returns the blobs that they replace.
+    ///
+    /// [`StoreError::QuotaFull`] when the session would exceed `quota` bytes.
     async fn put_parts(&self, session: SessionId, parts: &[PartRecord], quota: u64) -> Result<Vec<String>>;
 
-    /// Removes a part: its blob, where it had one; `None` when it was not there.
+    /// Removes a part; returns its blob if it has one, `None` when the part does not exist.
     async fn delete_part(&self, session: SessionId, kind: PartKind) -> Result<Option<Option<String>>>;
 
     /// All parts of a session.
@@ -90,14 +102,14 @@ pub trait MetaStore: Debug + Send + Sync {
 
     // ---- osteotomies and plans ----
 
-    /// Stores an osteotomy; as [`MetaStore::put_parts`] with the quota.
+    /// Stores an osteotomy; `quota` as in [`MetaStore::put_parts`].
     async fn insert_osteotomy(&self, record: &OsteotomyRecord, answer: Option<&AnswerRecord>, quota: u64)
     -> Result<()>;
 
     /// Osteotomies of a session, oldest first.
     async fn osteotomies(&self, session: SessionId) -> Result<Vec<OsteotomyRecord>>;
 
-    /// Deletes an osteotomy and its plans: its blobs; `None` when it was not there.
+    /// Deletes an osteotomy and its plans; returns its blobs, `None` when it does not exist.
     async fn delete_osteotomy(&self, session: SessionId, id: OsteotomyId) -> Result<Option<Vec<String>>>;
 
     /// Stores a plan.
@@ -106,42 +118,51 @@ pub trait MetaStore: Debug + Send + Sync {
     /// Plans of a session, oldest first.
     async fn plans(&self, session: SessionId) -> Result<Vec<PlanRecord>>;
 
-    /// Deletes a plan. False when it was not there.
+    /// Deletes a plan; false when it does not exist.
     async fn delete_plan(&self, session: SessionId, id: PlanId) -> Result<bool>;
 
     // ---- jobs ----
 
-    /// Stores an accepted job with its first event, unless the session has its twin or the queue is full; waiting jobs that it
-    /// supersedes end in the same transaction.
+    /// Stores an accepted job with its first event, unless the session has its twin or the queue is full.
+    ///
+    /// Waiting jobs that it supersedes end in the same transaction.
     async fn insert_job(&self, new: &NewJob<'_>) -> Result<Insertion>;
 
-    /// A job, if it is there.
+    /// The job `id`; `None` when there is none.
     async fn job(&self, id: JobId) -> Result<Option<JobRecord>>;
 
     /// Jobs, newest first.
     async fn jobs(&self, filter: &JobFilter) -> Result<Vec<JobRecord>>;
 
-    /// Accepted jobs of a lane that were not asked to stop, in the order in which they will be claimed: tenants take turns, the one whose turn was longest
-    /// ago first; within a tenant the oldest first.
+    /// Accepted jobs of a lane in the order in which workers claim them.
+    ///
+    /// Jobs with a cancellation request are omitted.
+    ///
+    /// Tenants take turns: the tenant whose last turn is longest ago comes first. Within a tenant the oldest job comes first.
     async fn queue(&self, lane: Lane) -> Result<Vec<JobId>>;
 
-    /// Takes the first job of the queue that is not left to another worker (see [`Claim`]): it is in the claimed state from now on, under a
-    /// new fence and for the time of the lease, and its tenant had its turn. `change` is made from the row as it was.
+    /// Claims the first job of the queue that is not left to another worker (see [`Claim`]).
+    ///
+    /// The job gets the claimed state, a new fence and a lease, and its tenant's turn is recorded. `change` makes the change from
+    /// the row before the claim.
     async fn claim_job(
         &self,
         claim: &Claim,
         change: &(dyn for<'a> Fn(&'a JobRecord) -> JobChange + Send + Sync),
     ) -> Result<Option<JobRecord>>;
 
-    /// Leases a running job anew: whether it was asked to stop. `None` when it is not running under `fence` any more.
+    /// Renews the lease of a running job; returns whether its cancellation was requested.
+    ///
+    /// `None` when the job does not run under `fence` any more.
     async fn renew(&self, id: JobId, fence: u64, lease: Duration) -> Result<Option<bool>>;
 
-    /// Running jobs whose lease has passed, by the clock of the engine.
+    /// Running jobs whose lease has expired by the engine's clock.
     async fn abandoned(&self) -> Result<Vec<JobRecord>>;
 
-    /// Moves a job from one state to another, with its events, if it is in `from` under `fence`. False when it is not, and when
-    /// a job that was asked to stop would succeed, fail or run again.
-    /// [`StoreError::QuotaFull`] when the change's blob takes the session above `quota` bytes.
+    /// Changes the state of a job and appends events, if the job is in the state `from` under `fence`.
+    ///
+    /// Returns false when it is not, or when its cancellation was requested and `to` is neither cancelled nor interrupted.
+    /// [`StoreError::QuotaFull`] when the blob of the change takes the session above `quota` bytes.
     async fn change_job(
         &self,
         id: JobId,
@@ -152,28 +173,36 @@ pub trait MetaStore: Debug + Send + Sync {
         quota: u64,
     ) -> Result<bool>;
 
-    /// Records that a job was asked to stop, so that no end but a cancel is left to it. False when it is not there or has ended.
+    /// Records a cancellation request: from then on the job can only end as cancelled.
+    ///
+    /// Returns false when the job does not exist or has ended.
     async fn request_cancel(&self, id: JobId) -> Result<bool>;
 
-    /// Records how far a running job is, with an event. False when it is not running under `fence` any more.
+    /// Stores the progress of a running job with an event.
+    ///
+    /// False when it does not run under `fence` any more.
     async fn record_progress(&self, id: JobId, fence: u64, phase: &str, progress: f64, event: &str) -> Result<bool>;
 
-    /// Names the first large result of a running job: the blob that it replaces. [`StoreError::SessionGone`] when it is not
-    /// running under `fence` any more.
+    /// Stores the key of a running job's first large result; returns the blob that it replaces.
+    ///
+    /// [`StoreError::SessionGone`] when the job does not run under `fence` any more.
     async fn set_rest(&self, id: JobId, fence: u64, rest: &BlobInfo, quota: u64) -> Result<Option<String>>;
 
-    /// Names the last milestone of a running job: the blob that it replaces. [`StoreError::SessionGone`] when it is not running under
-    /// `fence` any more. The name goes when the job ends.
+    /// Stores the key of a running job's last checkpoint; returns the blob that it replaces.
+    ///
+    /// The key is cleared when the job ends. [`StoreError::SessionGone`] when the job does not run under `fence` any more.
     async fn set_milestone(&self, id: JobId, fence: u64, blob: &str) -> Result<Option<String>>;
 
-    /// Forgets the steps and the milestone of a running job: their blobs. [`StoreError::SessionGone`] when it is not running under `fence`
-    /// any more.
+    /// Deletes the steps and the checkpoint of a running job; returns their blobs.
+    ///
+    /// [`StoreError::SessionGone`] when the job does not run under `fence` any more.
     async fn begin_again(&self, id: JobId, fence: u64) -> Result<Vec<String>>;
 
     // ---- steps and events ----
 
-    /// Makes a step of a running job visible, with its events. [`StoreError::SessionGone`] when the job is not there or not
-    /// running under `fence` any more.
+    /// Stores a step of a running job with its events.
+    ///
+    /// [`StoreError::SessionGone`] when the job does not run under `fence` any more.
     async fn commit_step(
         &self,
         job: JobId,
@@ -183,43 +212,49 @@ pub trait MetaStore: Debug + Send + Sync {
         quota: u64,
     ) -> Result<StepWritten>;
 
-    /// Finished steps of jobs, in order; nothing for those that have none.
+    /// Finished steps of jobs, in order; jobs without steps are omitted.
     async fn steps(&self, jobs: &[JobId]) -> Result<BTreeMap<JobId, Vec<StepRecord>>>;
 
     /// Events of a job after number `after`, in order.
     async fn events(&self, job: JobId, after: u64) -> Result<Vec<EventRecord>>;
 
-    /// Drops all but the last event of jobs that ended before `ended_before` (RFC 3339): the number dropped.
+    /// Deletes all but the last event of jobs that ended before `ended_before` (RFC 3339).
+    ///
+    /// Returns the number deleted.
     async fn prune_events(&self, ended_before: &str) -> Result<u64>;
 
-    /// Drops the large results of comparisons that ended before `ended_before` (RFC 3339): their blobs.
+    /// Clears the large results of comparisons that ended before `ended_before` (RFC 3339).
+    ///
+    /// Returns their blobs.
     async fn drop_comparisons(&self, ended_before: &str) -> Result<Vec<String>>;
 
     // ---- the audit log ----
 
-    /// Notes the chain at the end of an audit log, and when that was (RFC 3339).
+    /// Stores the chain at the end of an audit log (its anchor), and the time `at` (RFC 3339).
     async fn set_audit_anchor(&self, log: &str, chain: &str, at: &str) -> Result<()>;
 
-    /// The chain that was noted last for a log, and when.
+    /// The stored chain of an audit log, and when it was stored.
     async fn audit_anchor(&self, log: &str) -> Result<Option<(String, String)>>;
 
     // ---- the engine ----
 
-    /// The name of these rows, which the place of their blobs bears too: `fresh` when they had none.
+    /// The name of this database, which its bucket also stores; set to `fresh` when there is none.
     async fn name(&self, fresh: &str) -> Result<String>;
 
-    /// Whether nobody has kept house for the time `every`: then it is the caller's turn.
+    /// Whether no process has begun a maintenance round for the time `every`.
+    ///
+    /// If so, records that the caller begins one.
     async fn take_turn(&self, every: Duration) -> Result<bool>;
 
     /// Keys of all blobs that a row names.
     async fn named_blobs(&self) -> Result<BTreeSet<String>>;
 
-    /// What tells of changes by other processes; `None` where there are no others.
+    /// Notifications of changes by other processes; `None` when the rows are not shared.
     async fn changes(&self) -> Result<Option<Changes>>;
 
-    /// Whether it answers and can be written.
+    /// Checks that the engine answers and takes writes.
     async fn check(&self) -> Result<()>;
 
-    /// Closes all connections after what is under way.
+    /// Closes all connections once their current statements are done.
     async fn close(&self);
 }

@@ -1,19 +1,19 @@
 use std::str::FromStr;
 
-/// What a session holds one of.
+/// Kind of a part; a session has at most one part of each kind.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum PartKind {
-    /// CT volume as uploaded.
+    /// CT volume, stored as NIfTI.
     Ct,
-    /// Outer skin.
+    /// Outer skin surface.
     Skin,
-    /// Bone.
+    /// Bone surface.
     Skull,
-    /// Air inside the head.
+    /// Surface of the air inside the head.
     Air,
-    /// Fat and muscle of the CT.
+    /// Grid of fat and muscle from the CT.
     SoftTissue,
-    /// Post-operative skin.
+    /// Post-operative skin surface.
     Target,
     /// Landmarks and planes.
     Landmarks,
@@ -25,12 +25,12 @@ pub enum PartKind {
     Mesh,
     /// A ready tissue mesh as uploaded.
     Tissue,
-    /// Rigid bone of a segment of the ready mesh, below [`PartKind::BONES`].
+    /// Rigid bone of a segment of the uploaded tissue mesh; the segment is below [`PartKind::BONES`].
     Bone(u8),
 }
 
 impl PartKind {
-    /// Segments that may have a bone.
+    /// Number of segments that may have a bone.
     pub const BONES: u8 = 10;
 
     /// Every kind but the bones.
@@ -48,7 +48,7 @@ impl PartKind {
         Self::Tissue,
     ];
 
-    /// Its name on the wire and in the database.
+    /// Name on the wire and in the database.
     #[must_use]
     pub fn as_str(self) -> &'static str {
         match self {
@@ -67,13 +67,13 @@ impl PartKind {
         }
     }
 
-    /// Whose bone it is, if it is one.
+    /// Segment of a bone; `None` for other kinds.
     #[must_use]
     pub fn segment(self) -> Option<u32> {
         if let Self::Bone(segment) = self { Some(u32::from(segment)) } else { None }
     }
 
-    /// The bone of `segment`, if it may have one.
+    /// The bone of `segment`; `None` from [`PartKind::BONES`] on.
     #[must_use]
     pub fn bone(segment: u32) -> Option<Self> {
         u8::try_from(segment).ok().filter(|s| *s < Self::BONES).map(Self::Bone)
@@ -91,20 +91,20 @@ impl FromStr for PartKind {
     }
 }
 
-/// One part of a session.
+/// The row of a part of a session.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PartRecord {
-    /// Which.
+    /// Its kind.
     pub kind: PartKind,
-    /// Hash of what it is (inputs) or what it was made from (field, mesh).
+    /// Hash of the content (inputs), or key of everything that it was made from (field, mesh).
     pub key: String,
-    /// Blob, where it has one.
+    /// Its blob, if it has one.
     pub blob: Option<String>,
     /// Bytes stored.
     pub bytes: u64,
-    /// Time that it took to make, s.
+    /// Computing time, s.
     pub wall_s: f64,
-    /// Report or content, JSON.
+    /// Its report or its content, JSON.
     pub document: String,
     /// When it was stored, RFC 3339.
     pub updated_at: String,

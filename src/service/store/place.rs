@@ -13,17 +13,17 @@ use sqlx::postgres::PgConnectOptions;
 
 use super::{StoreError, postgres};
 
-/// Where a store keeps what it holds; what is absent is in the data directory.
+/// Where a store keeps rows and blobs; `None` means in the data directory.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Places {
-    /// Rows.
+    /// Database of the rows.
     pub database: Option<DatabaseUrl>,
-    /// Large values.
+    /// Bucket of the blobs.
     pub blobs: Option<BucketUrl>,
 }
 
 impl Places {
-    /// In words, without the password.
+    /// Description for messages, without the password.
     #[must_use]
     pub fn with_directory(&self, data: &FsPath) -> String {
         let mut text = format!("the data directory {}", data.display());
@@ -37,14 +37,16 @@ impl Places {
     }
 }
 
-/// A Postgres database: `postgres://user:password@host:port/name?sslmode=…`. It is shown without the password.
+/// Address of a Postgres database: `postgres://user:password@host:port/name?sslmode=…`.
+///
+/// `Display` and `Debug` omit the password.
 #[derive(Clone)]
 pub struct DatabaseUrl {
     shown: String,
     options: PgConnectOptions,
 }
 
-/// Parameters of a database's address.
+/// Parameters that the address of a database may have.
 const PARAMETERS: &[&str] = &[
     "sslmode",
     "sslrootcert",
@@ -65,7 +67,9 @@ impl DatabaseUrl {
         &self.options
     }
 
-    /// Brings the database to the present format, one process at a time: the version found (0 of an empty one) and the present one.
+    /// Migrates the database to the current format, one process at a time.
+    ///
+    /// Returns the format found (0 for an empty database) and the current one.
     ///
     /// # Errors
     /// [`StoreError::Newer`], [`StoreError::ForeignTables`], [`StoreError::Unreachable`].
@@ -77,9 +81,9 @@ impl DatabaseUrl {
 impl FromStr for DatabaseUrl {
     type Err = String;
 
-    /// What is wrong is told without quoting the address: it may hold a password.
+    /// The error does not quote the address, which may hold a password.
     fn from_str(text: &str) -> Result<Self, String> {
-        const EXPECTED: &str = "is no address such as postgres://user:password@host:5432/name";
+        const EXPECTED: &str = "is not an address of the form postgres://user:password@host:5432/name";
         let is_postgres = |scheme: &str| matches!(scheme, "postgres" | "postgresql");
         let (scheme, rest) = text.split_once("://").filter(|(s, _)| is_postgres(s)).ok_or(EXPECTED)?;
         let (place, query) = rest.split_once('?').unwrap_or((rest, ""));
@@ -90,11 +94,11 @@ impl FromStr for DatabaseUrl {
         let parameters: Vec<(&str, &str)> =
             query.split('&').filter(|p| !p.is_empty()).map(|p| p.split_once('=').unwrap_or((p, ""))).collect();
         if parameters.iter().any(|(key, _)| !PARAMETERS.contains(key)) {
-            return Err(format!("has a parameter that is none of {}", PARAMETERS.join(", ")));
+            return Err(format!("has an unknown parameter; the known ones are {}", PARAMETERS.join(", ")));
         }
         let options: PgConnectOptions = text.parse().map_err(|_| EXPECTED)?;
         if options.get_database().is_none() {
-            return Err("names no database; end the address in `/` and its name".to_owned());
+            return Err("names no database; end the address with `/` and the name of the database".to_owned());
         }
         let (user, host) = authority.rsplit_once('@').unwrap_or(("", authority));
         let user = user.split(':').next().filter(|u| !u.is_empty()).map(|u| format!("{u}@")).unwrap_or_default();
@@ -128,7 +132,7 @@ impl PartialEq for DatabaseUrl {
     }
 }
 
-/// A bucket of an S3-compatible store, and where in it: `s3://bucket/prefix`.
+/// Address of a bucket of an S3-compatible store, with an optional prefix: `s3://bucket/prefix`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct BucketUrl {
     bucket: String,
@@ -136,21 +140,22 @@ pub struct BucketUrl {
 }
 
 impl BucketUrl {
-    /// The bucket, with endpoint, region and credentials from the environment (`AWS_ENDPOINT_URL`, `AWS_REGION`, `AWS_ACCESS_KEY_ID`,
-    /// `AWS_SECRET_ACCESS_KEY` and so on).
+    /// Opens the bucket with the endpoint, region and credentials of the environment.
+    ///
+    /// It reads `AWS_ENDPOINT_URL`, `AWS_REGION`, `AWS_ACCESS_KEY_ID`, `AWS_SECRET_ACCESS_KEY` and the other `AWS_` variables.
     ///
     /// # Errors
-    /// [`StoreError::Bucket`] when they do not fit together.
+    /// [`StoreError::Bucket`] when the settings are incomplete or contradict each other.
     pub fn open(&self) -> Result<Arc<dyn ObjectStore>, StoreError> {
         self.open_with(AmazonS3Builder::from_env())
     }
 
-    /// The bucket, with the rest from `client`.
+    /// Opens the bucket with the endpoint, region and credentials of `client`.
     ///
     /// # Errors
-    /// [`StoreError::Bucket`] when the settings do not fit together.
+    /// [`StoreError::Bucket`] when the settings are incomplete or contradict each other.
     pub fn open_with(&self, client: AmazonS3Builder) -> Result<Arc<dyn ObjectStore>, StoreError> {
-        // The client's TLS takes the provider of the process; the second bucket of a process finds it installed.
+        // The client's TLS uses the process's provider; for the second bucket it is installed already.
         rustls::crypto::ring::default_provider().install_default().ok();
         let bucket =
             client.with_bucket_name(&self.bucket).with_retry(patience()).build().map_err(StoreError::Bucket)?;
@@ -161,8 +166,10 @@ impl BucketUrl {
     }
 }
 
-/// A bucket that answers with errors is asked again for a minute. The count bounds nothing: by the library's own, of ten, most of the
-/// patience of three minutes would be left after four seconds.
+/// Retries of requests to a bucket: for one minute.
+///
+/// `max_retries` is so large that only the time limits them. With the library's ten retries and three minutes, the retries
+/// would be used up after four seconds.
 fn patience() -> RetryConfig {
     let backoff = BackoffConfig { max_backoff: Duration::from_secs(5), ..BackoffConfig::default() };
     RetryConfig { backoff, max_retries: 1000, retry_timeout: Duration::from_secs(60) }
@@ -171,7 +178,7 @@ fn patience() -> RetryConfig {
 impl FromStr for BucketUrl {
     type Err = String;
     fn from_str(text: &str) -> Result<Self, String> {
-        let expected = || format!("`{text}` is no address such as s3://bucket or s3://bucket/prefix");
+        let expected = || format!("`{text}` is not an address of the form s3://bucket or s3://bucket/prefix");
         let (bucket, prefix) =
             text.strip_prefix("s3://").map(|t| t.split_once('/').unwrap_or((t, ""))).ok_or_else(expected)?;
         let allowed = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || "-.".contains(c);

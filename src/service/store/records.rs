@@ -10,26 +10,26 @@ use time::macros::format_description;
 
 use super::StoreError;
 
-/// The present time, RFC 3339 UTC with milliseconds.
+/// The current time, RFC 3339 UTC with milliseconds.
 #[must_use]
 pub fn now_rfc3339() -> String {
     rfc3339(OffsetDateTime::now_utc())
 }
 
-/// The time `age` ago, in the same form.
+/// The time `age` ago, in the form of [`now_rfc3339`].
 pub(super) fn rfc3339_before(age: Duration) -> String {
     let then = time::Duration::try_from(age).ok().and_then(|age| OffsetDateTime::now_utc().checked_sub(age));
     rfc3339(then.unwrap_or(OffsetDateTime::UNIX_EPOCH))
 }
 
-/// The time `after` a time of the same form; `None` when it cannot be read.
+/// The time that lies `after` later than `time` (RFC 3339); `None` when `time` cannot be parsed.
 #[must_use]
 pub fn later(time: &str, after: Duration) -> Option<String> {
     let time = OffsetDateTime::parse(time, &Rfc3339).ok()?;
     Some(rfc3339(time.checked_add(time::Duration::try_from(after).ok()?)?))
 }
 
-/// Always as long, so that times sort as texts.
+/// All times have the same length, so they sort as text.
 fn rfc3339(time: OffsetDateTime) -> String {
     const FORM: &[BorrowedFormatItem<'_>] =
         format_description!("[year]-[month]-[day]T[hour]:[minute]:[second].[subsecond digits:3]Z");
@@ -54,7 +54,7 @@ pub(super) fn from_json<T: DeserializeOwned>(what: &str, text: &str) -> Result<T
     serde_json::from_str(text).map_err(|e| StoreError::record(format!("{what}: {e}")))
 }
 
-/// Ids as the JSON list that a query takes apart.
+/// Ids as a JSON list, for one parameter of a query.
 pub(super) fn id_list(ids: &[impl std::fmt::Display]) -> String {
     let texts: Vec<String> = ids.iter().map(ToString::to_string).collect();
     serde_json::Value::from(texts).to_string()
@@ -64,7 +64,7 @@ pub(super) fn parse_id<T: std::str::FromStr>(text: &str) -> Result<T, StoreError
     text.parse().map_err(|_| StoreError::record(format!("`{text}` is not an id")))
 }
 
-/// Byte counts and sequence numbers are signed in SQLite; nothing here comes near the limit.
+/// Byte counts and sequence numbers are signed in SQL; all of them stay far below the limit.
 pub(super) fn to_i64(value: u64) -> i64 {
     i64::try_from(value).unwrap_or(i64::MAX)
 }

@@ -6,25 +6,25 @@ use super::directory::BLOBS;
 use super::sqlite::{DATABASE, SqliteMeta};
 use super::{Blobs, MetaStore, Store, StoreError, seal};
 
-/// What reading through stored values found.
+/// Result of reading and checking blobs.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct ScrubReport {
-    /// Values read.
+    /// Number of blobs read.
     pub values: usize,
-    /// Their bytes.
+    /// Total size of the blobs, bytes.
     pub bytes: u64,
-    /// Those among them that a version without seals wrote: whether they are whole is not known.
+    /// Number of blobs without a seal, from versions that wrote none; damage in them cannot be found.
     pub unsealed: usize,
-    /// Keys of values that are not what was stored.
+    /// Keys of blobs that do not match their seal.
     pub damaged: Vec<String>,
-    /// Keys of values that rows name and that are not there.
+    /// Keys of blobs that a row names and that do not exist.
     pub missing: Vec<String>,
 }
 
-/// Reads every value of the store in `data`, also while a service runs on it.
+/// Reads and checks every blob of the local store in `data`, also while a service uses it.
 ///
 /// # Errors
-/// [`StoreError::Missing`] where there is no store, else what the database or the disk says.
+/// [`StoreError::Missing`] when the directory has no local store, else the database's or the disk's.
 pub fn scrub(data: &Path) -> BoxFuture<'_, Result<ScrubReport, StoreError>> {
     Box::pin(async move {
         if !data.join(DATABASE).is_file() || !data.join(BLOBS).is_dir() {
@@ -36,7 +36,7 @@ pub fn scrub(data: &Path) -> BoxFuture<'_, Result<ScrubReport, StoreError>> {
         for key in meta.named_blobs().await? {
             read_through(&blobs, &key, &mut report).await?;
         }
-        // What went meanwhile was deleted, not lost.
+        // A blob that no row names any more was deleted meanwhile, not lost.
         let named = meta.named_blobs().await?;
         report.missing.retain(|key| named.contains(key));
         meta.close().await;
@@ -45,8 +45,9 @@ pub fn scrub(data: &Path) -> BoxFuture<'_, Result<ScrubReport, StoreError>> {
 }
 
 impl Store {
-    /// Reads the values whose keys come after `after`, until some `most_bytes` are read: what was found, and the last key, or `None` at the
-    /// end of all.
+    /// Reads and checks the blobs with keys after `after`, until `most_bytes` bytes are read.
+    ///
+    /// Returns the findings and the last key; `None` instead of the key after the last blob.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -62,7 +63,7 @@ impl Store {
             last = Some(key);
         }
         if !report.missing.is_empty() {
-            // What went meanwhile was deleted, not lost.
+            // A blob that no row names any more was deleted meanwhile, not lost.
             let named = self.meta().named_blobs().await?;
             report.missing.retain(|key| named.contains(key));
         }

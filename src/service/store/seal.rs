@@ -1,29 +1,31 @@
-//! The last bytes of a stored value bind its content to its key: a changed bit, a missing tail and another value's file all show.
+//! Seals: the last bytes of a stored blob bind its content to its key.
+//!
+//! A seal shows a changed bit, a missing tail, and the file of another blob.
 
 use bytes::Bytes;
 use sha2::{Digest, Sha256};
 
 use super::StoreError;
 
-/// Ends the keys of sealed values. Values that earlier formats of the store wrote have no seal.
+/// Suffix of the keys of sealed blobs. Blobs of earlier formats of the store have no seal.
 pub(super) const SEALED: &str = ".sealed";
 
-/// Bytes of a seal.
+/// Length of a seal, bytes.
 pub(super) const LENGTH: usize = 32;
 
-/// Bytes that are hashed at a time.
+/// Bytes that are hashed before other tasks get a turn.
 const PIECE: usize = 1 << 20;
 
 pub(super) fn is_sealed(key: &str) -> bool {
     key.ends_with(SEALED)
 }
 
-/// The seal of the value under `key` whose content has this SHA-256.
+/// The seal of the blob `key` whose content has the SHA-256 `content`.
 pub(super) fn seal(key: &str, content: &[u8]) -> [u8; LENGTH] {
     Sha256::new().chain_update(key.as_bytes()).chain_update(content).finalize().into()
 }
 
-/// The content of a stored value.
+/// Checks the seal of a stored blob and returns its content.
 ///
 /// # Errors
 /// [`StoreError::Damaged`].
@@ -37,14 +39,14 @@ pub(super) async fn open(key: &str, stored: Bytes) -> Result<Bytes, StoreError> 
     let mut hash = Sha256::new();
     for piece in content.chunks(PIECE) {
         hash.update(piece);
-        // A large value takes long: others have their turn.
+        // A large blob takes long: other tasks get a turn.
         tokio::task::yield_now().await;
     }
     let is_whole = stored.get(length..) == Some(seal(key, &hash.finalize()).as_slice());
     if is_whole { Ok(content) } else { Err(damaged()) }
 }
 
-/// Checks a stored value that is read in pieces.
+/// Checks the seal of a blob that is read in pieces.
 #[derive(Debug)]
 pub(super) struct Check {
     hash: Sha256,
@@ -63,7 +65,7 @@ impl Check {
         self.hash.update(self.tail.drain(..content).as_slice());
     }
 
-    /// Whether all of it was the value that was stored under `key`; one without a seal may be.
+    /// Whether everything read is the blob `key`; always true for a blob without a seal.
     pub(super) fn finds_whole(self, key: &str) -> bool {
         !is_sealed(key) || self.tail == seal(key, &self.hash.finalize())
     }

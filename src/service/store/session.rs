@@ -1,30 +1,30 @@
 use super::{JobRecord, OsteotomyId, PartRecord, PlanId, SessionId, TenantId};
 
-/// A session's row.
+/// The row of a session.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SessionRecord {
     /// Its id.
     pub id: SessionId,
-    /// Whose it is.
+    /// Its tenant.
     pub tenant: TenantId,
-    /// The client's opaque tag.
+    /// Label that the client gave it.
     pub label: Option<String>,
     /// Settings document, JSON.
     pub settings: String,
-    /// When it was made, RFC 3339.
+    /// When it was created, RFC 3339.
     pub created_at: String,
 }
 
-/// Whose a session or job is, or was.
+/// Owner of a session or job, which may be deleted.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Owner {
     /// The tenant.
     pub tenant: TenantId,
-    /// Whether the thing was deleted.
+    /// Whether the session or job was deleted or hidden.
     pub deleted: bool,
 }
 
-/// What a session holds, as lists show it.
+/// Contents of a session, as lists show them.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct SessionContents {
     /// Its parts.
@@ -33,8 +33,8 @@ pub struct SessionContents {
     pub osteotomies: Vec<OsteotomyId>,
     /// Its plans, oldest first.
     pub plans: Vec<PlanId>,
-    /// Its jobs, newest first, at most so many as were asked for.
+    /// Its newest jobs, newest first, up to the number requested.
     pub jobs: Vec<JobRecord>,
-    /// Bytes stored for it.
+    /// Bytes stored for the session.
     pub bytes: u64,
 }

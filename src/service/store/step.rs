@@ -7,7 +7,7 @@ pub struct StepRecord {
     pub t: f64,
     /// Solver's report, JSON.
     pub document: String,
-    /// Error statistics, JSON, where there is something to compare with.
+    /// Error statistics, JSON; `None` when the step is compared with nothing.
     pub error: Option<String>,
     /// Blob of the frame.
     pub blob: String,
@@ -17,11 +17,11 @@ pub struct StepRecord {
     pub bytes: u64,
 }
 
-/// What came of storing a step.
+/// Result of storing a step.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum StepWritten {
-    /// It is visible now; the blob that it replaces, where there was one, is not named any more.
+    /// The step is stored. With the blob that it replaces, if any, which no row names any more.
     New(Option<String>),
-    /// An earlier attempt left the same frame: that one stays, and nothing is told again.
+    /// An earlier attempt stored the same frame: that frame stays, and no event is appended.
     Same,
 }

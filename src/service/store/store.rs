@@ -16,48 +16,52 @@ use super::{
     PlanRecord, Remembered, SessionContents, SessionId, SessionRecord, StoreError, TenantId,
 };
 
-/// Longest wait for a bucket that is asked whether it refuses this process.
+/// Longest wait of [`Store::check`] for the bucket's answer.
+///
+/// A bucket that does not answer by then passes the check.
 const BUCKET_ANSWERS: Duration = Duration::from_secs(2);
-/// Files younger than this may belong to a request that is under way.
+/// Files younger than this may belong to an unfinished request, so a sweep keeps them.
 const UNDER_WAY: Duration = Duration::from_secs(2 * 3600);
 
 type Result<T> = std::result::Result<T, StoreError>;
 
-/// Rows and large values together: a row names a blob only after the blob is whole and synced, and a blob that no row names
-/// any more is removed. Clones share it.
+/// Rows and blobs of one store.
+///
+/// A row names a blob only after the blob is complete and synced, and a blob that no row names any more is removed. Clones
+/// share the store.
 #[derive(Debug, Clone)]
 pub struct Store {
     meta: Arc<dyn MetaStore>,
     blobs: Blobs,
     quota: u64,
     shared: bool,
-    /// Name of the audit log beside it.
+    /// Name of this process's audit log, under which the rows keep its anchor.
     log: Arc<str>,
-    /// Held open for its lock.
+    /// Lock file of the data directory; the lock is held while the file is open.
     _lock: Option<Arc<File>>,
 }
 
 impl Store {
-    /// A store that ends with the process.
+    /// A store in memory; its contents are lost when the process ends.
     #[must_use]
     pub fn in_memory() -> Self {
         let (meta, blobs) = (Arc::new(MemoryMeta::default()), Blobs::in_memory());
         Self { meta, blobs, quota: u64::MAX, shared: false, log: LOCAL_LOG.into(), _lock: None }
     }
 
-    /// The same rows with large values in another place, such as an S3-compatible store.
+    /// The same rows with blobs in `objects`, for example in an S3-compatible store.
     #[must_use]
     pub fn with_objects(self, objects: Arc<dyn ObjectStore>) -> Self {
         Self { blobs: Blobs::over(objects), ..self }
     }
 
-    /// The same store that lets a session have at most `bytes`.
+    /// The same store with a quota of `bytes` for each session.
     #[must_use]
     pub fn with_quota(self, bytes: u64) -> Self {
         Self { quota: bytes, ..self }
     }
 
-    /// Large immutable values.
+    /// The blobs: large immutable values.
     #[must_use]
     pub fn blobs(&self) -> &Blobs {
         &self.blobs
@@ -67,27 +71,27 @@ impl Store {
         self.meta.as_ref()
     }
 
-    /// Whether other processes may use the rows at the same time.
+    /// Whether other processes may use the same rows: true for Postgres.
     #[must_use]
     pub fn is_shared(&self) -> bool {
         self.shared
     }
 
-    /// Bytes that a session may have.
+    /// Quota of a session, bytes.
     #[must_use]
     pub fn quota(&self) -> u64 {
         self.quota
     }
 
-    /// Bytes that a session may still store.
+    /// Bytes left of a session's quota.
     ///
     /// # Errors
-    /// [`StoreError`]; so for all that follow.
+    /// [`StoreError`].
     pub async fn room(&self, session: SessionId) -> Result<u64> {
         Ok(self.quota.saturating_sub(self.meta.session_bytes(session).await?))
     }
 
-    /// Removes blobs that rows were to name and do not.
+    /// Removes the blobs of a failed write, unless the write may have been committed.
     async fn remove_refused(&self, error: &StoreError, keys: Vec<String>) {
         if !error.may_be_written() {
             self.blobs.remove(keys).await;
@@ -96,15 +100,15 @@ impl Store {
 
     // ---- sessions ----
 
-    /// Stores a new session together with the answer that a repeated request gets.
+    /// Stores a new session and the answer to repeat when the request comes again.
     ///
     /// # Errors
-    /// [`StoreError::KeyTaken`] when the idempotency key was used meanwhile.
+    /// [`StoreError::KeyTaken`] when another request used the idempotency key meanwhile.
     pub async fn insert_session(&self, session: &SessionRecord, answer: Option<&AnswerRecord>) -> Result<()> {
         self.meta.insert_session(session, answer).await
     }
 
-    /// A session, if it is there.
+    /// The session `id`; `None` when there is none.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -112,7 +116,9 @@ impl Store {
         self.meta.session(id).await
     }
 
-    /// Sessions of a tenant (of all when `None`), newest first, from those made before `before` on.
+    /// Newest sessions of a tenant (of all tenants when `None`), at most `limit`.
+    ///
+    /// With `before`, only sessions created before that session.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -125,7 +131,9 @@ impl Store {
         self.meta.sessions(tenant, before, limit).await
     }
 
-    /// Deletes a session with everything in it, and jobs of other sessions that read it. False when it was not there.
+    /// Deletes a session with everything in it, and the jobs of other sessions that read it.
+    ///
+    /// Returns false when the session does not exist.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -136,8 +144,10 @@ impl Store {
         Ok(true)
     }
 
-    /// Hides a session with everything in it, and jobs of other sessions that read it: they answer as deleted, lists lack them, and all stays stored. False when
-    /// it was not there, or was hidden already.
+    /// Hides a session with everything in it, and the jobs of other sessions that read it.
+    ///
+    /// Their ids count as deleted and lists omit them, but all of it stays stored. Returns false when the session does not exist
+    /// or is hidden already.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -145,7 +155,9 @@ impl Store {
         self.meta.hide_session(id).await
     }
 
-    /// Takes [`Store::hide_session`] back. False when the session is not there or not hidden.
+    /// Undoes [`Store::hide_session`].
+    ///
+    /// Returns false when the session does not exist or is not hidden.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -153,7 +165,7 @@ impl Store {
         self.meta.restore_session(id).await
     }
 
-    /// Sessions that have been hidden for `age`.
+    /// Sessions that were hidden at least `age` ago.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -161,7 +173,7 @@ impl Store {
         self.meta.hidden_sessions(&rfc3339_before(age)).await
     }
 
-    /// Sessions in which nothing was made or changed for `idle` and no job waits or runs.
+    /// Sessions without a change for `idle` and without a waiting or running job.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -169,7 +181,7 @@ impl Store {
         self.meta.idle_sessions(&rfc3339_before(idle)).await
     }
 
-    /// When something was last made or changed in a session, RFC 3339.
+    /// Time of the last change in a session, RFC 3339; `None` when the session does not exist.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -185,7 +197,7 @@ impl Store {
         self.meta.session_bytes(id).await
     }
 
-    /// What sessions hold, with at most `jobs` jobs each; nothing for those that are not there.
+    /// Contents of sessions, with at most `jobs` jobs each; sessions that do not exist are omitted.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -193,7 +205,9 @@ impl Store {
         self.meta.contents(sessions, jobs).await
     }
 
-    /// Whose a session or job is, or was.
+    /// Owner of a session or job, also of a deleted one.
+    ///
+    /// `None` when the id was never used or its tombstone has expired.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -201,7 +215,7 @@ impl Store {
         self.meta.owner(id).await
     }
 
-    /// Whether something with this id was there and was deleted.
+    /// Whether the id belongs to something that was deleted or hidden.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -211,7 +225,7 @@ impl Store {
 
     // ---- answers ----
 
-    /// What is known of a tenant's idempotency key.
+    /// The stored answer to a tenant's idempotency key, if any.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -219,7 +233,7 @@ impl Store {
         self.meta.remembered(tenant, key, request_sha256).await
     }
 
-    /// Forgets answers older than `age` and tombstones older than ten times that.
+    /// Deletes answers older than `age`, and tombstones older than ten times `age`.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -229,11 +243,12 @@ impl Store {
 
     // ---- parts ----
 
-    /// Stores parts in one transaction, each in place of the one before, and removes the blobs that they replace; on
-    /// failure those that they name.
+    /// Stores parts in one transaction, each in place of the earlier part of its kind.
+    ///
+    /// Removes the blobs that the parts replace; on failure removes the blobs that the parts name.
     ///
     /// # Errors
-    /// [`StoreError::SessionGone`] when the session is not there, [`StoreError::QuotaFull`].
+    /// [`StoreError::SessionGone`] when the session does not exist, [`StoreError::QuotaFull`].
     pub async fn put_parts(&self, session: SessionId, parts: &[PartRecord]) -> Result<()> {
         match self.meta.put_parts(session, parts, self.quota).await {
             Ok(replaced) => {
@@ -247,7 +262,7 @@ impl Store {
         }
     }
 
-    /// Removes a part; true when it was there.
+    /// Removes a part of a session; false when there is none of this kind.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -265,7 +280,7 @@ impl Store {
         self.meta.parts(session).await
     }
 
-    /// One part of a session, if it is there.
+    /// One part of a session; `None` when there is none of this kind.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -275,7 +290,7 @@ impl Store {
 
     // ---- osteotomies and plans ----
 
-    /// Stores an osteotomy; on failure the blobs that it names are removed.
+    /// Stores an osteotomy; on failure removes the blobs that it names.
     ///
     /// # Errors
     /// [`StoreError::SessionGone`], [`StoreError::KeyTaken`], [`StoreError::QuotaFull`].
@@ -295,7 +310,7 @@ impl Store {
         self.meta.osteotomies(session).await
     }
 
-    /// One osteotomy of a session, if it is there.
+    /// One osteotomy of a session; `None` when there is none with this id.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -303,7 +318,7 @@ impl Store {
         Ok(self.osteotomies(session).await?.into_iter().find(|o| o.id == id))
     }
 
-    /// Deletes an osteotomy and its plans. False when it was not there.
+    /// Deletes an osteotomy and its plans; false when it does not exist.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -316,7 +331,7 @@ impl Store {
     /// Stores a plan.
     ///
     /// # Errors
-    /// [`StoreError::SessionGone`] (or its osteotomy), [`StoreError::KeyTaken`].
+    /// [`StoreError::SessionGone`] when the session or the plan's osteotomy does not exist, [`StoreError::KeyTaken`].
     pub async fn insert_plan(&self, record: &PlanRecord, answer: Option<&AnswerRecord>) -> Result<()> {
         self.meta.insert_plan(record, answer).await
     }
@@ -329,7 +344,7 @@ impl Store {
         self.meta.plans(session).await
     }
 
-    /// One plan of a session, if it is there.
+    /// One plan of a session; `None` when there is none with this id.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -337,7 +352,7 @@ impl Store {
         Ok(self.plans(session).await?.into_iter().find(|p| p.id == id))
     }
 
-    /// Deletes a plan. False when it was not there.
+    /// Deletes a plan; false when it does not exist.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -347,7 +362,9 @@ impl Store {
 
     // ---- jobs ----
 
-    /// Removes blobs and unfinished uploads that no row names and that are too old to be under way: their number.
+    /// Removes blobs and unfinished uploads that no row names and that are older than two hours.
+    ///
+    /// Returns their number.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -356,7 +373,7 @@ impl Store {
     }
 
     pub(super) async fn sweep(&self, older_than: Duration) -> Result<usize> {
-        // Listed before the rows are read: what is stored and named in between is not among the files.
+        // Listed before the rows are read: a blob that is stored and named in between is not in the list.
         let found = self.blobs.older_than(older_than).await?;
         if found.is_empty() {
             return Ok(0);
@@ -366,7 +383,9 @@ impl Store {
         self.blobs.remove_files(&unnamed).await
     }
 
-    /// Whether this process shall keep house now: of those that share the rows one does in the time `every`.
+    /// Whether this process runs the maintenance round now.
+    ///
+    /// Of the processes that share the rows, one gets true in each interval `every`. A store that is not shared always gets true.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -374,7 +393,7 @@ impl Store {
         Ok(!self.shared || self.meta.take_turn(every).await?)
     }
 
-    /// Notes where the audit log ends, so that a tail that is cut off shows.
+    /// Stores the end of the audit log (its anchor), so that a verification finds a removed tail.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -382,7 +401,7 @@ impl Store {
         self.meta.set_audit_anchor(&self.log, chain, &now_rfc3339()).await
     }
 
-    /// The noted end of the audit log, and when it was noted.
+    /// The stored end of the audit log (the chain's hash), and when it was stored (RFC 3339).
     ///
     /// # Errors
     /// [`StoreError`].
@@ -390,7 +409,7 @@ impl Store {
         self.meta.audit_anchor(&self.log).await
     }
 
-    /// What tells of changes by other processes; `None` where there are no others.
+    /// Notifications of changes by other processes; `None` when the rows are not shared.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -398,7 +417,9 @@ impl Store {
         self.meta.changes().await
     }
 
-    /// Whether the database answers and can be written, and the bucket does not refuse this process; one that is away is waited for.
+    /// Checks that the database answers and takes writes, and that the bucket does not refuse this process.
+    ///
+    /// A bucket that cannot be reached passes: jobs wait for it.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -410,7 +431,7 @@ impl Store {
         }
     }
 
-    /// Whether values can be written and read, however long that takes to find out.
+    /// Checks that blobs can be written and read, without a time limit of its own.
     ///
     /// # Errors
     /// [`StoreError::BucketAway`], [`StoreError::BucketRefused`].
@@ -418,7 +439,7 @@ impl Store {
         self.blobs.check_writing().await
     }
 
-    /// Closes all connections after what is under way.
+    /// Closes all connections once their current statements are done.
     pub async fn close(&self) {
         self.meta.close().await;
     }

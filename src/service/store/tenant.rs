@@ -1,12 +1,12 @@
 use std::fmt;
 use std::str::FromStr;
 
-/// Whose a session is: the name of a tenant as the configuration or a token gives it.
+/// Name of a tenant, the owner of sessions, as the configuration or a token gives it.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 pub struct TenantId(String);
 
 impl TenantId {
-    /// Longest name, bytes.
+    /// Largest length of a name, bytes.
     pub const MAX_BYTES: usize = 64;
 
     /// The only tenant of a service without authentication.
@@ -15,7 +15,7 @@ impl TenantId {
         Self("local".to_owned())
     }
 
-    /// Its name.
+    /// The name.
     #[must_use]
     pub fn as_str(&self) -> &str {
         &self.0

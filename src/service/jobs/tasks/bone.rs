@@ -7,10 +7,10 @@ use prosopon_session::{
 };
 use prosopon_store::{OsteotomyId, OsteotomyRecord, PartKind, SessionId, encode_mesh, now_rfc3339};
 
-/// Cuts the session's bone and stores the segments' surfaces; the row is the caller's to insert.
+/// Cuts the bone of a session and stores the segments' surfaces; the caller inserts the returned row.
 ///
 /// # Errors
-/// What the numerics say of the cuts, or the store's.
+/// The numerics' for unusable cuts, or the store's.
 pub async fn cut_bone(
     service: &Service,
     session: SessionId,
@@ -54,20 +54,20 @@ pub async fn cut_bone(
     Ok((record, document))
 }
 
-/// Landmarks proposed from the session's surfaces.
+/// Proposes landmarks from the skin and skull of a session.
 ///
 /// # Errors
-/// A missing skin or skull, or the store's.
+/// [`FaultKind::NotFound`](prosopon_session::FaultKind::NotFound) when skin or skull is missing, or the store's.
 pub async fn propose_landmarks(service: &Service, parts: &SessionParts) -> Result<Proposal, Fault> {
     let skin = load_mesh(&service.store, parts.require(PartKind::Skin)?).await?;
     let skull = load_mesh(&service.store, parts.require(PartKind::Skull)?).await?;
     service.compute(move |engine, _| Ok::<_, Halt>(engine.propose(&skin, &skull))).await
 }
 
-/// Follows the paths of a plan through the cut bone: the plan's document with its reports.
+/// Follows the paths of a plan through the cut bone; returns the plan's document with its reports.
 ///
 /// # Errors
-/// What the numerics say of the paths.
+/// The numerics' for unusable paths, or the store's.
 pub async fn make_plan(
     service: &Service,
     parts: &SessionParts,

@@ -5,16 +5,18 @@ use prosopon_geometry::{Point, TriMesh};
 use prosopon_planning::evaluate::{Mask, Part, eyes, face_regions};
 use prosopon_session::{Engine, ErrorDocument, Fault, FaultKind, Halt, RegistrationDocument};
 
-/// Vertices of the prediction that a registration goes by.
+/// Vertices of the prediction that a registration uses.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RegisterOn {
-    /// Parts, or vertices, that are given. When nothing is, what the plan does not move, where that is known.
+    /// Given vertices.
+    ///
+    /// When empty, the vertices that the plan does not move, or all when the movement is unknown.
     pub region: Mask,
-    /// What the plan moves less than this counts as unmoved, mm.
+    /// Vertices that the plan moves by less than this count as unmoved, mm.
     pub threshold_mm: f64,
 }
 
-/// What a job predicts to move less than this is unaltered, mm.
+/// Default of [`RegisterOn::threshold_mm`], mm.
 pub const UNMOVED_MM: f64 = 0.1;
 
 impl Default for RegisterOn {
@@ -23,68 +25,70 @@ impl Default for RegisterOn {
     }
 }
 
-/// What is predicted.
+/// A predicted surface.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Prediction {
-    /// Its surface.
+    /// The surface.
     pub mesh: TriMesh,
-    /// How far each vertex moved, mm, where a job predicted it.
+    /// Displacement of each vertex, mm; `None` when no job predicted the surface.
     pub displacement_mm: Option<Vec<f32>>,
-    /// The surface before it moved, where a job moved it: the parts of the face lie on it.
+    /// The surface at rest, on which the parts of the face are placed; `None` when no job moved it.
     pub rest: Option<TriMesh>,
-    /// Landmarks and midline that place the parts of the face; `None` where it is no face.
+    /// Landmarks (LPS mm) and x of the midline (mm) that place the parts of the face.
+    ///
+    /// `None` when it is not a face.
     pub face: Option<(Vec<(String, Point)>, Option<f64>)>,
 }
 
 /// Two surfaces to compare.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Comparison {
-    /// What was predicted.
+    /// The prediction.
     pub prediction: Prediction,
-    /// What it is compared with.
+    /// The reference surface.
     pub reference: TriMesh,
     /// Name of the reference in the answer.
     pub reference_name: String,
-    /// What both are, where both are predictions.
+    /// Models of both, when both are predictions.
     pub predictions: Option<Predictions>,
-    /// Prediction vertices that count.
+    /// Vertices of the prediction that count.
     pub mask: Mask,
-    /// Parts that neither count nor are registered on.
+    /// Parts of space that are left out of the comparison and of the registration.
     pub exclude: Vec<Part>,
-    /// Whether the eyes are left out too, where the prediction is a face.
+    /// Whether the eyes are left out too, when the prediction is a face.
     pub exclude_eyes: bool,
-    /// Whether only the parts of the face count, where no mask is given.
+    /// Whether only the parts of the face count when the mask is empty.
     pub face_only: bool,
     /// Rigid registration of the prediction before comparing.
     pub register: Option<RegisterOn>,
 }
 
-/// An error map with the surface that it lies on.
+/// An error map with its surface.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Compared {
     /// Statistics.
     pub document: ErrorDocument,
-    /// The prediction, where it lies in its own frame: a registration has brought the reference to it.
+    /// The prediction in its own frame: a registration moves the reference.
     pub mesh: TriMesh,
-    /// Signed error of every vertex, mm.
+    /// Signed error of each vertex, mm.
     pub error_mm: Vec<f32>,
-    /// Distance of every vertex from its counterpart, mm, where it has one.
+    /// Distance of each vertex from its counterpart, mm; `None` when the triangles differ.
     pub correspondence_mm: Option<Vec<f32>>,
 }
 
 /// Compares two surfaces on the threads for requests.
 ///
 /// # Errors
-/// What the numerics say.
+/// As [`Comparison::run`].
 pub async fn compare(service: &Service, comparison: Comparison) -> Result<Compared, Fault> {
     service.compute(move |engine, control| comparison.run(engine, control)).await
 }
 
 impl Comparison {
-    /// Registers where asked for, and compares.
+    /// Registers the surfaces if requested, and compares them.
     ///
     /// # Errors
-    /// What the numerics say; [`FaultKind::InvalidRequest`] for masks of another length.
+    /// The numerics'; [`FaultKind::InvalidRequest`] for a mask whose length is not the number of vertices.
     pub fn run(self, engine: &dyn Engine, control: &Control) -> Result<Compared, Halt> {
         let Prediction { mesh, displacement_mm, rest, face } = self.prediction;
         let mut reference = self.reference;
@@ -101,7 +105,7 @@ impl Comparison {
             Some((points, midline)) if self.exclude_eyes => except.extend(eyes(rest, points, *midline)),
             None if self.exclude_eyes => {
                 warnings
-                    .push("the eyes were not left out: the prediction is no skin, they cannot be placed".to_owned());
+                    .push("the eyes were not left out: the prediction is not a skin, so the eyes cannot be placed".to_owned());
             }
             _ => {}
         }
@@ -122,14 +126,14 @@ impl Comparison {
             let found = engine.register(&mesh, &reference, Some(&both(region)), &control.part(0.0, 0.5))?;
             warnings.extend(found.warnings.iter().cloned());
             document_of = Some(RegistrationDocument::new(&found, name));
-            // The reference comes to the prediction, so that masks, parts of the face and pictures stay in the patient's frame.
+            // The reference moves to the prediction, so that masks, parts of the face and pictures stay in the patient's frame.
             reference = reference.moved(&found.motion.inverse());
         }
         let map = engine.error_map(&mesh, &reference, Some(&counted), &regions, &control.part(0.5, 1.0))?;
         let mut document = ErrorDocument::new(self.reference_name, mask_name, &map);
         if self.predictions.as_ref().is_some_and(|both| !both.same_plan) {
             warnings.push(
-                "the two predictions follow different plans: the values are not of their models alone".to_owned(),
+                "the two predictions follow different plans: the values do not compare the models alone".to_owned(),
             );
         }
         document.models = self.predictions.map(|both| both.models);
@@ -141,7 +145,7 @@ impl Comparison {
 }
 
 impl RegisterOn {
-    /// Name and vertices of the region.
+    /// Name of the region and a flag for each vertex.
     fn chosen(&self, mesh: &TriMesh, displacement_mm: Option<&[f32]>) -> (&'static str, Vec<bool>) {
         match displacement_mm {
             _ if !self.region.is_empty() => ("given", self.region.of(mesh)),
@@ -155,7 +159,7 @@ fn check_length(pointer: &str, mask: &Mask, mesh: &TriMesh) -> Result<(), Fault>
     let n = mesh.positions().len();
     match &mask.vertices {
         Some(vertices) if vertices.len() != n => {
-            let detail = format!("has {} entries, the prediction {n} vertices", vertices.len());
+            let detail = format!("has {} entries, but the prediction has {n} vertices", vertices.len());
             Err(Fault::new(FaultKind::InvalidRequest, detail).at(pointer))
         }
         _ => Ok(()),

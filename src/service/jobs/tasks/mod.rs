@@ -1,4 +1,4 @@
-//! Work that is done within a request, computed on the pool all the same.
+//! Short tasks within a request, computed on the threads for requests.
 
 mod bone;
 mod compare;

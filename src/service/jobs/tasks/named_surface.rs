@@ -5,35 +5,35 @@ use prosopon_session::{Fault, FaultKind, LandmarksDocument, PathDocument, PlanDo
 use prosopon_store::{JobRecord, PartKind, SessionId};
 use serde::Deserialize;
 
-/// A stored surface with what is known of it, its name in words, its key and its session.
+/// Name, key and session of a stored surface.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NamedSurface {
-    /// Name in an answer.
+    /// Name that answers show.
     pub name: String,
     /// Hash of the surface.
     pub key: String,
-    /// Session that it is of.
+    /// Session of the surface.
     pub session: SessionId,
 }
 
 /// Two predictions that are compared with each other.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Predictions {
-    /// Their models.
+    /// Names of the models of both.
     pub models: [String; 2],
     /// Whether both follow the same paths.
     pub same_plan: bool,
 }
 
 impl Predictions {
-    /// What two jobs predict; `None` where one of them does not solve.
+    /// Models and plans of two jobs; `None` when one of them is not a solve.
     #[must_use]
     pub fn of(one: &JobRecord, other: &JobRecord) -> Option<Self> {
         let (one, other) = (solve_of(one)?, solve_of(other)?);
         Some(Self { same_plan: one.1 == other.1, models: [one.0, other.0] })
     }
 
-    /// The same of two surfaces.
+    /// Models and plans of two surfaces; `None` when one of them is not a step of a solve.
     ///
     /// # Errors
     /// As [`named_surface`].
@@ -43,7 +43,7 @@ impl Predictions {
     }
 }
 
-/// Model and paths of a job that solves, on a session's own mesh or on a ready one.
+/// Model and paths of a solve, on the session's own mesh or on an uploaded one.
 fn solve_of(job: &JobRecord) -> Option<(String, Vec<PathDocument>)> {
     #[derive(Deserialize)]
     struct Solve {
@@ -60,7 +60,7 @@ fn solve_of(job: &JobRecord) -> Option<(String, Vec<PathDocument>)> {
     Some((model, solve.plan.paths))
 }
 
-/// What a source names, without its surface.
+/// Name, key and session of a source, without loading its surface.
 ///
 /// # Errors
 /// [`FaultKind::NotFound`], [`FaultKind::Gone`], or the store's.
@@ -81,7 +81,7 @@ pub async fn named_surface(service: &Service, source: SurfaceSource) -> Result<N
     }
 }
 
-/// The surface that a source names.
+/// Loads the surface of a source.
 ///
 /// # Errors
 /// As [`named_surface`].
@@ -111,15 +111,15 @@ fn part_of(source: SurfaceSource) -> PartKind {
     match source {
         SurfaceSource::Skull(_) => PartKind::Skull,
         SurfaceSource::Target(_) => PartKind::Target,
-        // A step has its own file; nobody asks for its part.
+        // Never called for a step, which has its own blob.
         SurfaceSource::Skin(_) | SurfaceSource::Step(..) => PartKind::Skin,
     }
 }
 
-/// What places the parts of the face: landmarks and midline of the session.
+/// Landmarks (LPS mm) and x of the midline (mm) of a session, which place the parts of the face.
 ///
 /// # Errors
-/// [`FaultKind::Internal`].
+/// [`FaultKind::Internal`] when the stored document cannot be read.
 pub fn face_of(parts: &SessionParts) -> Result<(Vec<(String, Point)>, Option<f64>), Fault> {
     let landmarks = parts.landmarks()?;
     let points = landmarks.as_ref().map(LandmarksDocument::named_points).unwrap_or_default();

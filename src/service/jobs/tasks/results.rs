@@ -4,13 +4,13 @@ use prosopon_geometry::TriMesh;
 use prosopon_session::{Fault, FaultKind};
 use prosopon_store::{JobKind, JobRecord, JobState, StepRecord, decode_mesh};
 
-/// The skin at rest that a job deforms.
+/// The skin at rest of a solve.
 ///
 /// # Errors
-/// [`FaultKind::NotFound`] for a job without skin, [`FaultKind::NotReady`] before it has begun, or the store's.
+/// [`FaultKind::NotFound`] for another kind of job, [`FaultKind::NotReady`] before it has stored its skin, or the store's.
 pub async fn rest_of(service: &Service, job: &JobRecord) -> Result<TriMesh, Fault> {
     if job.kind != JobKind::Solve {
-        return Err(Fault::new(FaultKind::NotFound, format!("a job of kind {} has no skin", job.kind.as_str())));
+        return Err(Fault::new(FaultKind::NotFound, format!("a job of kind {} has no skin; name a solve", job.kind.as_str())));
     }
     let Some(blob) = &job.rest_blob else {
         let detail = format!("the job is {} and has not read its inputs yet", job.state);
@@ -27,13 +27,14 @@ pub async fn read_frame(service: &Service, step: &StepRecord, rest: &TriMesh) ->
     SkinFrame::decode(&service.store.blobs().get(&step.blob).await?, rest.positions().len())
 }
 
-/// Values of a comparison as stored: the signed error of every vertex, then where there is one the distance from its counterpart;
-/// little-endian f32, mm.
+/// Stored form of the values of a comparison, little-endian f32, mm.
+///
+/// First the signed error of every vertex, then, if the triangles are the same, the distance of each vertex to its counterpart.
 #[derive(Debug, Clone, Copy)]
 pub struct StoredComparison;
 
 impl StoredComparison {
-    /// The stored form.
+    /// Encodes the values.
     #[must_use]
     pub fn encode(compared: &Compared) -> Vec<u8> {
         let values = compared.error_mm.iter().chain(compared.correspondence_mm.iter().flatten());
@@ -43,25 +44,25 @@ impl StoredComparison {
     fn decode(bytes: &[u8], n_vertices: usize) -> Result<(Vec<f32>, Option<Vec<f32>>), Fault> {
         let values: Vec<f32> = bytes.as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect();
         if !bytes.len().is_multiple_of(4) || (values.len() != n_vertices && values.len() != 2 * n_vertices) {
-            return Err(Fault::new(FaultKind::Internal, "stored values do not fit their surface"));
+            return Err(Fault::new(FaultKind::Internal, "the stored values do not match their surface"));
         }
         let (error, correspondence) = values.split_at(n_vertices);
         Ok((error.to_vec(), (!correspondence.is_empty()).then(|| correspondence.to_vec())))
     }
 }
 
-/// What a comparison that has succeeded found.
+/// The result of a comparison.
 ///
 /// # Errors
-/// [`FaultKind::NotFound`] for another kind of job, [`FaultKind::NotReady`] before its end, [`FaultKind::Gone`] when it was kept long
-/// enough, or the store's.
+/// [`FaultKind::NotFound`] for another kind of job, [`FaultKind::NotReady`] before its end, [`FaultKind::Gone`] after its
+/// retention, or the store's.
 pub async fn read_comparison(service: &Service, job: &JobRecord) -> Result<Compared, Fault> {
     if job.kind != JobKind::Compare {
-        return Err(Fault::new(FaultKind::NotFound, format!("a job of kind {} compares nothing", job.kind.as_str())));
+        return Err(Fault::new(FaultKind::NotFound, format!("a job of kind {} is not a comparison", job.kind.as_str())));
     }
     if job.state == JobState::Succeeded && job.rest_blob.is_none() {
         let days = service.settings.comparison_retention.as_secs() / 86_400;
-        let detail = format!("results of comparisons are kept for {days} days; compare again");
+        let detail = format!("the result was removed: results of comparisons are kept for {days} days; compare again");
         return Err(Fault::new(FaultKind::Gone, detail));
     }
     let (Some(report), Some(rest), Some(values)) = (&job.report, &job.rest_blob, &job.tissue_blob) else {
@@ -70,7 +71,7 @@ pub async fn read_comparison(service: &Service, job: &JobRecord) -> Result<Compa
     };
     let document = serde_json::from_str(report).map_err(|error| {
         tracing::error!(%error, "a stored comparison cannot be read");
-        Fault::new(FaultKind::Internal, "a stored document cannot be read; the log says more")
+        Fault::new(FaultKind::Internal, "a stored document cannot be read; see the log of the service")
     })?;
     let mesh = decode_mesh(&service.store.blobs().get(rest).await?)?;
     let values = service.store.blobs().get(values).await?;

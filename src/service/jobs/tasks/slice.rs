@@ -8,11 +8,13 @@ const SIZE_PX: u32 = 512;
 /// Distance at which the colours saturate, mm.
 const LIMIT_MM: f64 = 20.0;
 
-/// A plane `axis = offset_mm` through a field as a PNG: blue inside, red outside, black at the surface. Second axis up
-/// (or z up), LPS; patient left is to the right of the picture.
+/// Picture (PNG) of a distance field in the plane `axis = offset_mm`; `axis` is 0, 1 or 2 of LPS.
+///
+/// Blue is inside, red outside, black at the surface. The vertical axis of the picture is z, for `axis` 2 it is y. Patient left
+/// is on the right of the picture.
 ///
 /// # Errors
-/// What the numerics say.
+/// The numerics'.
 pub async fn field_slice(
     service: &Service,
     case: Case,
@@ -37,7 +39,7 @@ pub async fn field_slice(
         .await
 }
 
-/// Row by row from the top left.
+/// Centres of the pixels, row by row from the top left.
 fn pixel_centres(
     bounds: &Aabb,
     [axis, across, up]: [usize; 3],

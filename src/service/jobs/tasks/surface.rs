@@ -7,8 +7,10 @@ use prosopon_session::{
 };
 use prosopon_store::{BlobInfo, PartKind, SessionId};
 
-/// Reads, measures and stores an uploaded surface as a part of the session. The upload's file is removed in any case.
-/// `hint` is the format that the sender names; what the bytes show comes first.
+/// Reads, measures and stores an uploaded surface as a part of the session.
+///
+/// `hint` is the format that the sender names; it counts only when the bytes do not show the format. The upload's blob is removed
+/// in any case.
 ///
 /// # Errors
 /// [`FaultKind::SurfaceNotUsable`], [`FaultKind::UnsupportedFormat`], or the store's.
@@ -57,8 +59,9 @@ async fn take(
     Ok(document)
 }
 
-/// A binary STL file that was cut off has nothing to be known by but a plausible count of triangles; reading it as STL
-/// says what is missing.
+/// Recognises a truncated binary STL file by a plausible number of triangles.
+///
+/// Reading it as STL then reports what is missing.
 fn cut_off_stl(bytes: &[u8], max_triangles: usize) -> Option<SurfaceFormat> {
     let count = u32::from_le_bytes(*bytes.get(80..84)?.first_chunk::<4>()?) as usize;
     (1..=max_triangles).contains(&count).then_some(SurfaceFormat::Stl)

@@ -4,7 +4,9 @@ use prosopon_planning::simulate::ReadyMesh;
 use prosopon_session::{Fault, FaultKind, Halt, TissueDocument, import_fault};
 use prosopon_store::{BlobInfo, PartKind, PartRecord, SessionId, now_rfc3339};
 
-/// Reads, checks and stores an uploaded tissue mesh as a part of the session. The upload's file is removed when it is refused.
+/// Reads, checks and stores an uploaded tissue mesh as a part of the session.
+///
+/// A refused upload's blob is removed.
 ///
 /// # Errors
 /// [`FaultKind::MeshNotUsable`], [`FaultKind::UnsupportedFormat`], or the store's.

@@ -8,12 +8,12 @@ use prosopon_formats::import::{ImportError, VolumeFormat, VolumeScan, VolumeSett
 use prosopon_session::{CtDocument, Fault, FaultKind, Halt, import_fault};
 use prosopon_store::{BlobInfo, PartKind, PartRecord, SessionId, now_rfc3339};
 
-/// Bytes that are looked over at once, on a thread for requests.
+/// Bytes that are scanned at once, on a thread for requests.
 const BATCH: usize = 1 << 20;
-/// Fewest voxels along an axis that surfaces can be taken from.
+/// Smallest number of voxels along an axis for extracting surfaces.
 const MIN_EXTENT: usize = 4;
 
-/// Looks over a CT while it arrives, so that a file that cannot be one, or is cut off, is refused before a job takes it.
+/// Scans a CT while it arrives, and refuses a wrong or truncated file before a job takes it.
 #[derive(Debug)]
 pub struct CtScan {
     service: Arc<Service>,
@@ -23,14 +23,14 @@ pub struct CtScan {
 }
 
 impl CtScan {
-    /// A scan that has seen nothing yet.
+    /// A scan before the first piece.
     #[must_use]
     pub fn new(service: &Arc<Service>) -> Self {
         let scan = VolumeScan::new(service.settings.import);
         Self { service: Arc::clone(service), scan, waiting: Vec::new(), bytes: 0 }
     }
 
-    /// Takes the next piece; waits while a batch is looked over.
+    /// Takes the next piece; waits while a batch is scanned.
     ///
     /// # Errors
     /// [`FaultKind::VolumeNotUsable`], [`FaultKind::UnsupportedFormat`].
@@ -40,7 +40,7 @@ impl CtScan {
         if self.bytes >= BATCH { self.look().await } else { Ok(()) }
     }
 
-    /// Whether what came is a whole file, as far as that shows on the way.
+    /// Checks that the file is complete, as far as a scan without decoding can tell.
     ///
     /// # Errors
     /// As [`CtScan::take`].
@@ -65,8 +65,10 @@ impl CtScan {
     }
 }
 
-/// Makes an upload the session's CT. Whatever its format, the voxels and where they lie are kept, as NIfTI, and nothing else, so that no
-/// tag of a patient and no note in a header outlives the request. The upload's file is then removed.
+/// Makes an upload the session's CT; the caller stores the returned part.
+///
+/// Whatever the format, only the voxels and their positions are stored, as NIfTI, so that no tag of a patient and no note in a
+/// header outlives the request. The upload's blob is then removed.
 ///
 /// # Errors
 /// [`FaultKind::VolumeNotUsable`], [`FaultKind::UnsupportedFormat`], or the store's.
@@ -106,7 +108,7 @@ async fn read_ct(
             drop(bytes);
             let dims = read.volume.dims;
             if dims.iter().any(|d| *d < MIN_EXTENT) {
-                let detail = format!("{dims:?} voxels, but at least {MIN_EXTENT} along each axis are needed");
+                let detail = format!("the volume has {dims:?} voxels; it needs at least {MIN_EXTENT} along each axis");
                 return Err(Fault::new(FaultKind::VolumeNotUsable, detail).at(PartKind::Ct.as_str()).into());
             }
             Ok((nifti_gz(&read.volume), read.format, read.warnings))

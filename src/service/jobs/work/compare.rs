@@ -7,22 +7,24 @@ use prosopon_geometry::TriMesh;
 use prosopon_session::{Fault, Halt, SessionParts, load_mesh};
 use prosopon_store::PartKind;
 
-/// What the steps of a job are compared with.
+/// Reference of the steps of a solve.
 #[derive(Debug)]
 pub(super) enum Reference {
     /// The post-operative skin, at every step.
     Target(TriMesh),
-    /// Another job's step at the same place of the path: its number and skin, by our step number.
+    /// Steps of another job at the same path parameters.
+    ///
+    /// By this job's step number: the other job's step number and skin.
     Job {
         id: String,
-        /// The model of the job itself and of that one.
+        /// Names of the models of this job and of the other job.
         models: Option<[String; 2]>,
         steps: BTreeMap<u32, (u32, TriMesh)>,
     },
 }
 
 impl Reference {
-    /// The target where the session has one, else the reference job, else nothing.
+    /// Loads the session's target surface, or else the reference job; `None` when there is neither.
     pub(super) async fn load(
         context: &Context,
         parts: &SessionParts,
@@ -50,7 +52,7 @@ impl Reference {
         Ok(Some(Self::Job { id: id.to_string(), models, steps }))
     }
 
-    /// The model of the job itself and of the reference, where that is a prediction.
+    /// Names of the models of this job and of the reference; `None` when the reference is not a prediction.
     pub(super) fn models(&self) -> Option<[String; 2]> {
         match self {
             Self::Target(_) => None,
@@ -58,7 +60,7 @@ impl Reference {
         }
     }
 
-    /// Name and surface that step `k` is compared with.
+    /// Name and surface of the reference of step `k`.
     pub(super) fn at(&self, k: u32) -> Option<(String, &TriMesh)> {
         match self {
             Self::Target(mesh) => Some(("target".to_owned(), mesh)),

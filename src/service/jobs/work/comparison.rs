@@ -6,7 +6,7 @@ use crate::tasks::{Predictions, StoredComparison, load_surface, named_surface};
 use prosopon_session::Halt;
 use prosopon_store::encode_mesh;
 
-/// Compares two stored surfaces; keeps the surface with its values.
+/// Compares two stored surfaces and stores the surface with its values.
 pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
     let request: CompareRecord = context.request()?;
     let (service, store) = (&context.service, &context.service.store);

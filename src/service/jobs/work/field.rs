@@ -6,7 +6,7 @@ use crate::running::Phase;
 use prosopon_session::{FieldDocument, Halt};
 use prosopon_store::PartKind;
 
-/// The distance fields of the session's surfaces.
+/// Builds the distance fields of the session's surfaces.
 pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
     let request: FieldRequest = context.request()?;
     let parts = context.parts().await?;

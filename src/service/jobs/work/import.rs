@@ -10,7 +10,7 @@ use prosopon_session::{
 };
 use prosopon_store::{JobFilter, JobKind, JobState, PartKind, PartRecord, encode_grid, now_rfc3339};
 
-/// Skin, skull, air and soft tissue of the session's CT.
+/// Extracts skin, skull, air and soft tissue from the session's CT.
 pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
     let parts = context.parts().await?;
     let (records, warnings) = make(context, &parts, context.request()?).await?;
@@ -22,8 +22,10 @@ pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
     Ok(Done { warnings, ..Done::default() })
 }
 
-/// Imports the session's CT again because a part made from it is damaged. Only parts that come out as they were are stored again: what was
-/// uploaded since in place of others stays. Returns the session's parts, and `None` where the damaged one is not from the CT.
+/// Imports the session's CT again because a part made from it is damaged.
+///
+/// Stores only parts that are identical to the stored ones; parts that were uploaded later stay. Returns the session's parts, or
+/// `None` when the damaged part does not come from the CT.
 pub(super) async fn again(
     context: &Context,
     parts: &SessionParts,
@@ -64,7 +66,7 @@ pub(super) async fn again(
         store.blobs().delete(part).await;
     }
     if !same.iter().any(|made| made.kind == part.kind) {
-        let detail = format!("{}; the CT gives another one now", damaged.detail);
+        let detail = format!("{}; importing the CT again gives a different one", damaged.detail);
         return Err(Fault { detail, ..damaged.clone() }.into());
     }
     context.service.persist(|| store.put_parts(context.job.session, &same)).await?;
@@ -73,7 +75,7 @@ pub(super) async fn again(
     Ok(Some(context.parts().await?))
 }
 
-/// Rows of the parts that a CT gives, whose values are stored, and what is doubtful about them.
+/// Rows of the parts of a CT, whose blobs are stored, and warnings.
 async fn make(
     context: &Context,
     parts: &SessionParts,
@@ -113,7 +115,7 @@ async fn make(
     context.running.set_phase(Phase::Writing);
     let mut records = Vec::new();
     for (kind, surface) in surfaces {
-        // The whole time is booked on the skin, so that the sum over the parts is right.
+        // The skin gets the whole time, so that the sum over the parts is right.
         let wall_s = if kind == PartKind::Skin { started.elapsed().as_secs_f64() } else { 0.0 };
         records.push(surface_part(store, context.job.session, kind, surface, wall_s).await?.0);
     }

@@ -7,14 +7,14 @@ use prosopon_session::{D1ReadingName, Halt, MeshDocument, PresetName};
 use prosopon_store::PartKind;
 use prosopon_tissue::mesh::Tissue;
 
-/// Materials that a solve on this mesh would warn of.
+/// Stability warnings that a solve on this mesh would have.
 fn unstable(preset: PresetName) -> Vec<String> {
     let materials = preset.materials(D1ReadingName::default());
     let tissues = [Tissue::Skin, Tissue::Muscle, Tissue::Fat, Tissue::Mucosa];
     tissues.into_iter().filter_map(|t| materials.of(t).stability_warning(t.name())).collect()
 }
 
-/// The tissue mesh of the session.
+/// Builds the tissue mesh of the session.
 pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
     let request: MeshRequest = context.request()?;
     let parts = context.parts().await?;

@@ -1,4 +1,4 @@
-//! What each kind of job does: read, compute on the pool, write.
+//! The work of each kind of job: read, compute on the pool, write.
 
 mod compare;
 mod comparison;
@@ -23,13 +23,13 @@ use prosopon_geometry::control::Control;
 use prosopon_session::{Case, Engine, Fault, FaultKind, Halt, SessionParts};
 use prosopon_store::{BlobInfo, JobKind, JobRecord, Lane, OsteotomyId, PartKind, PartRecord, StepRecord, now_rfc3339};
 
-/// Share of a job that computes; the rest writes the results.
+/// Share of a job's progress that the computation takes; the rest is writing the results.
 const COMPUTING: f64 = 0.99;
 
-/// Longest time that the store is waited for after the job should stop.
+/// Interval of checks for a stop while a job waits for the store.
 const STOP_SEEN: Duration = Duration::from_millis(250);
 
-/// What a job leaves in its row.
+/// Result of a job for its row.
 #[derive(Debug, Default)]
 pub(super) struct Done {
     pub(super) report: Option<String>,
@@ -37,7 +37,7 @@ pub(super) struct Done {
     pub(super) warnings: Vec<String>,
 }
 
-/// Everything that a job's work is given.
+/// Inputs of a job's work.
 #[derive(Debug, Clone)]
 struct Context {
     service: Arc<Service>,
@@ -60,7 +60,7 @@ impl Context {
     fn request<T: DeserializeOwned>(&self) -> Result<T, Fault> {
         serde_json::from_str(&self.job.request).map_err(|error| {
             tracing::error!(%error, "a job's request cannot be read");
-            Fault::new(FaultKind::Internal, "the stored request cannot be read; the log says more")
+            Fault::new(FaultKind::Internal, "the stored request cannot be read; see the log of the service")
         })
     }
 
@@ -85,7 +85,9 @@ impl Context {
         done.map_err(|_| panicked())?
     }
 
-    /// What the store does for the job, unless it should stop: a bucket that is away is waited for by those who want what comes of it.
+    /// Waits for the store, unless the job should stop.
+    ///
+    /// Requests to an unreachable bucket are retried for a minute; a stopped job does not wait for them.
     async fn unless_stopped<T, E>(&self, work: impl Future<Output = Result<T, E>>) -> Result<T, Halt>
     where
         Halt: From<E>,
@@ -100,12 +102,12 @@ impl Context {
         }
     }
 
-    /// Stores a large value for the job's session.
+    /// Stores a blob for the job's session.
     async fn put(&self, bytes: Vec<u8>) -> Result<BlobInfo, Halt> {
         self.unless_stopped(self.service.store.blobs().put(self.job.session, bytes)).await
     }
 
-    /// What the numerics work on. A damaged part that comes from the session's CT is made again.
+    /// The patient case for the numerics; a damaged part that comes from the session's CT is made again.
     async fn case(&self, parts: &SessionParts) -> Result<Case, Halt> {
         let damaged = match self.unless_stopped(parts.case(&self.service.store)).await {
             Err(Halt::Fault(fault)) if fault.kind == FaultKind::DamagedValue => fault,
@@ -117,17 +119,17 @@ impl Context {
         }
     }
 
-    /// Steps of the job, which are all there.
+    /// All steps of the job.
     async fn all_steps(&self) -> Result<Vec<StepRecord>, Halt> {
         let steps = self.service.store.steps(self.job.id).await?;
         if !steps.iter().map(|step| step.k).eq(1..=self.job.steps) {
             tracing::error!(found = steps.len(), of = self.job.steps, "steps are missing");
-            return Err(Fault::new(FaultKind::Internal, "steps are missing; the log says more").into());
+            return Err(Fault::new(FaultKind::Internal, "steps of the job are missing; see the log of the service").into());
         }
         Ok(steps)
     }
 
-    /// What is wrong with cuts is the osteotomy's, which the request names at `pointer`, itself or through its plan.
+    /// Points faults of the cuts to the osteotomy, which the request names at `pointer`.
     fn cuts_of(&self, osteotomy: Option<OsteotomyId>, pointer: &str, halt: Halt) -> Halt {
         match (halt, osteotomy) {
             (Halt::Fault(fault), Some(id))
@@ -140,7 +142,7 @@ impl Context {
         }
     }
 
-    /// Stores a derived part without a file.
+    /// Stores a derived part without a blob.
     async fn put_document(&self, kind: PartKind, key: String, wall_s: f64, document: String) -> Result<(), Halt> {
         let bytes = document.len() as u64;
         let part = PartRecord { kind, key, blob: None, bytes, wall_s, document, updated_at: now_rfc3339() };
@@ -148,14 +150,14 @@ impl Context {
     }
 }
 
-/// Inputs changed between the request and its turn.
+/// The fault of a job whose inputs changed after it was accepted.
 fn changed_meanwhile() -> Fault {
-    Fault::new(FaultKind::Stale, "inputs or settings were changed after the job was accepted; send it again")
+    Fault::new(FaultKind::Stale, "inputs or settings were changed after the job was accepted; send the request again")
 }
 
 fn to_json<T: serde::Serialize>(value: &T) -> Result<String, Fault> {
     serde_json::to_string(value).map_err(|error| {
         tracing::error!(%error, "a document cannot be written");
-        Fault::new(FaultKind::Internal, "a document cannot be written; the log says more")
+        Fault::new(FaultKind::Internal, "a document cannot be written; see the log of the service")
     })
 }

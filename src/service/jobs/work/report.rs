@@ -12,7 +12,7 @@ use prosopon_session::{
 };
 use prosopon_store::{JobRecord, PartKind, StepRecord, now_rfc3339};
 
-/// What a report is made of.
+/// Inputs of a report.
 #[derive(Debug)]
 pub(super) struct Ingredients<'a> {
     pub(super) job: &'a JobRecord,
@@ -21,7 +21,7 @@ pub(super) struct Ingredients<'a> {
     pub(super) outcome: &'a Outcome,
     pub(super) steps: &'a [StepRecord],
     pub(super) mesh: Option<MeshDocument>,
-    /// Time that the mesh took, s.
+    /// Computing time of the mesh, s.
     pub(super) mesh_s: f64,
     pub(super) regions_from_landmarks: bool,
     pub(super) solve_s: f64,
@@ -76,7 +76,7 @@ fn unconfirmed(parts: &SessionParts) -> Result<Vec<String>, Fault> {
 
 fn unconfirmed_warning(names: &[String]) -> Option<String> {
     (!names.is_empty()).then(|| {
-        format!("landmarks were proposed and no person has confirmed them: {}; what is measured by them is as good as they are", names.join(", "))
+        format!("these landmarks were proposed and are not confirmed: {}; check them, since measurements depend on them", names.join(", "))
     })
 }
 
@@ -96,7 +96,7 @@ fn parameters(request: &SolveRequest) -> Map<String, Value> {
     members
 }
 
-/// Warnings of the steps that have not been `told`.
+/// Warnings of the steps that are not in `told`.
 pub(super) fn step_warnings(steps: &[StepDocument], told: &[String]) -> Vec<String> {
     let of = |s: &StepDocument| {
         let new = s.warnings.iter().filter(|w| !told.contains(w));
@@ -110,7 +110,7 @@ pub(super) fn step_documents(steps: &[StepRecord]) -> Result<Vec<StepDocument>, 
     steps.iter().map(|s| read(&s.document)).collect()
 }
 
-/// Times of the jobs that made the parts; this job's own for the steps.
+/// Times of the jobs that made the parts, and this job's time for the steps.
 fn phases(i: &Ingredients<'_>) -> PhasesDocument {
     let wall_s = |kind| i.parts.get(kind).map_or(0.0, |p| p.wall_s);
     let surfaces_s = [PartKind::Skin, PartKind::Skull, PartKind::Air].map(wall_s).iter().sum();
@@ -131,7 +131,7 @@ pub(super) fn inputs(parts: &SessionParts) -> Result<BTreeMap<String, ReportInpu
             PartKind::Ct => Some(read::<CtDocument>(&part.document)?.sha256),
             PartKind::Landmarks => None,
             PartKind::Tissue => Some(part.key.clone()),
-            // Derived from the others.
+            // These are derived from the other parts.
             PartKind::SoftTissue | PartKind::FieldSettings | PartKind::Field | PartKind::Mesh => continue,
         };
         inputs.insert(part.kind.as_str().to_owned(), ReportInput { sha256: part.key.clone(), source_sha256 });
@@ -142,6 +142,6 @@ pub(super) fn inputs(parts: &SessionParts) -> Result<BTreeMap<String, ReportInpu
 pub(super) fn read<T: DeserializeOwned>(text: &str) -> Result<T, Fault> {
     serde_json::from_str(text).map_err(|error| {
         tracing::error!(%error, "a stored document cannot be read");
-        Fault::new(FaultKind::Internal, "a stored document cannot be read; the log says more")
+        Fault::new(FaultKind::Internal, "a stored document cannot be read; see the log of the service")
     })
 }

@@ -18,7 +18,7 @@ use prosopon_session::{
 };
 use prosopon_store::{PartKind, encode_mesh, now_rfc3339};
 
-/// Moves a ready tissue mesh along the plan; each step is stored as soon as it is solved.
+/// Solves an uploaded tissue mesh along the plan; each step is stored as soon as it is solved.
 pub(super) async fn perform(context: &Context, request: &SceneRequest) -> Result<Done, Halt> {
     let parts = context.parts().await?;
     let tissue = parts.require(PartKind::Tissue)?;
@@ -39,7 +39,7 @@ pub(super) async fn perform(context: &Context, request: &SceneRequest) -> Result
     let (volume, rest) = read.await?;
     let rest = context.put(rest).await?;
     context.service.persist(|| store.set_rest(&context.job, &rest)).await?;
-    // Its steps are compared with nothing.
+    // The steps of a scene have no reference.
     let compared = String::new();
     let before = milestone(context, &compared).await?;
     let run = SceneRun {
@@ -56,7 +56,7 @@ pub(super) async fn perform(context: &Context, request: &SceneRequest) -> Result
     let (sender, receiver) = mpsc::channel(2);
     let beginning = Beginning { before, compared };
     let (solved, written) = tokio::join!(compute(context, run, beginning, sender), write_steps(context, receiver));
-    // A failed write cancels the solver: its reason is the one to tell.
+    // A failed write cancels the solver, so report the reason of the write.
     written?;
     let (solved, solving) = solved.map_err(|halt| context.cuts_of(request.osteotomy_id, "/plan", halt))?;
 
@@ -72,7 +72,7 @@ pub(super) async fn perform(context: &Context, request: &SceneRequest) -> Result
     Ok(Done { report: Some(to_json(&report)?), tissue, warnings })
 }
 
-/// The segments of the plan's osteotomy, else the bones that were uploaded.
+/// The segments of the plan's osteotomy, or the uploaded bones when the plan has none.
 async fn bones(context: &Context, parts: &SessionParts, request: &SceneRequest) -> Result<SceneBones, Halt> {
     if let Some(cuts) = &request.cuts {
         let case = Box::new(context.case(parts).await?);
@@ -116,7 +116,7 @@ async fn report(
 ) -> Result<ReportDocument, Halt> {
     let steps = step_documents(&context.all_steps().await?)?;
     let told = context.running.own_warnings();
-    // The scene hands on those of its steps, which are told with their numbers.
+    // The scene also returns the warnings of its steps, which the report lists with the step numbers.
     let of_steps = |w: &String| steps.iter().any(|step| step.warnings.contains(w));
     let mut warnings = told.clone();
     for warning in solved.warnings.iter().chain(&request.cut_warnings).chain(&request.ready.warnings) {

@@ -15,10 +15,10 @@ use prosopon_session::{Fault, Halt, MeshDocument, Run, SessionParts, StoredMiles
 use prosopon_store::{PartKind, StepRecord, StoreError, encode_mesh};
 use prosopon_tissue::mesh::MeshReport;
 
-/// Share of the computing that the steps take.
+/// Share of the computation's progress that the steps take.
 const SOLVING: f64 = 0.98;
 
-/// What comes back from the pool.
+/// Result of the computation on the pool.
 struct Solved {
     outcome: Outcome,
     tissue: Option<Vec<u8>>,
@@ -28,7 +28,7 @@ struct Solved {
     warnings: Vec<String>,
 }
 
-/// Moves the bone along the plan; each step is stored as soon as it is solved.
+/// Solves along the plan; each step is stored as soon as it is solved.
 pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
     match context.request::<SolveKind>()?.ready {
         Some(_) => scene::perform(context, &context.request()?).await,
@@ -59,7 +59,7 @@ async fn on_case(context: &Context, request: SolveRequest) -> Result<Done, Halt>
     let beginning = Beginning { before, compared };
     let computing = compute(context, run, request.tissue, reference, beginning, sender);
     let (solved, written) = tokio::join!(computing, write_steps(context, receiver));
-    // A failed write cancels the solver: its reason is the one to tell.
+    // A failed write cancels the solver, so report the reason of the write.
     written?;
     let solved = solved.map_err(|halt| context.cuts_of(Some(request.osteotomy_id), "/plan", halt))?;
 
@@ -123,13 +123,16 @@ async fn compute(
         .await
 }
 
-/// Key of what steps of a session are compared with and where, which may be replaced while a job waits.
+/// Key of the target and the landmarks, which error maps depend on.
+///
+/// Both may be replaced while a job waits.
 fn compared_with(parts: &SessionParts) -> String {
     key_of(&[PartKind::Target, PartKind::Landmarks].map(|kind| parts.get(kind).map_or("", |part| part.key.as_str())))
 }
 
-/// What an earlier attempt left to go on with. One that does not serve is forgotten with the steps before it, which may be of other inputs
-/// than those that follow.
+/// The checkpoint of an earlier attempt.
+///
+/// An unusable checkpoint is deleted with the steps before it, because these may come from other inputs than later steps.
 pub(super) async fn milestone(context: &Context, compared: &str) -> Result<Option<StoredMilestone>, Halt> {
     let Some(key) = &context.job.milestone_blob else { return Ok(None) };
     let before = usable(context, key, compared).await?;
@@ -152,30 +155,30 @@ async fn usable(context: &Context, key: &str, compared: &str) -> Result<Option<S
     let Some(before) = bytes.and_then(|bytes| StoredMilestone::decode(&bytes)) else {
         tracing::warn!(
             key,
-            "the job's milestone cannot be had, or is damaged or another version's: all steps are solved again"
+            "the job's checkpoint is missing, damaged or of another version; all steps are solved again"
         );
         return Ok(None);
     };
     if before.compared != compared {
-        tracing::info!("what steps are compared with was replaced: all steps are solved again");
+        tracing::info!("the target or the landmarks were replaced; all steps are solved again");
         return Ok(None);
     }
     let steps = step_documents(&store.steps(context.job.id).await?)?;
     let k = before.milestone.k as u32;
     if !(1..context.job.steps).contains(&k) || !steps.iter().map(|step| step.k).take_while(|n| *n <= k).eq(1..=k) {
-        tracing::warn!(step = k, found = steps.len(), "steps before the milestone are missing: all are solved again");
+        tracing::warn!(step = k, found = steps.len(), "steps before the checkpoint are missing; all steps are solved again");
         return Ok(None);
     }
-    // Those of later steps are told when they are solved again.
+    // Later steps are solved again and report their warnings then.
     for step in steps.iter().take_while(|step| step.k <= k) {
         step.warnings.iter().for_each(|warning| context.running.warn_of_step(step.k, warning));
     }
     metrics::counter!("prosopon_jobs_resumed_total").increment(1);
-    tracing::info!(step = before.milestone.k, steps = context.job.steps, "the job goes on after a step");
+    tracing::info!(step = before.milestone.k, steps = context.job.steps, "the job continues from its checkpoint");
     Ok(Some(before))
 }
 
-/// Stores steps as they come: the file first, then the row that makes it visible.
+/// Stores steps as they arrive: the frame first, then the row that makes it visible.
 pub(super) async fn write_steps(context: &Context, mut steps: mpsc::Receiver<FinishedStep>) -> Result<(), Halt> {
     let mut first_failure = Ok(());
     while let Some(step) = steps.recv().await {
@@ -216,11 +219,11 @@ async fn write_step(context: &Context, step: FinishedStep) -> Result<(), Halt> {
         context.running.warn_of_step(document.k, warning);
     }
     context.service.announce();
-    // The job is as good without it; what ails the store shows with the next step.
+    // The job does not need the checkpoint, and a failure of the store shows at the next step.
     if let Some(milestone) = milestone
         && let Err(halt) = keep_milestone(context, milestone).await
     {
-        tracing::warn!(?halt, "a milestone could not be stored");
+        tracing::warn!(?halt, "a checkpoint could not be stored");
     }
     Ok(())
 }
@@ -233,5 +236,5 @@ async fn keep_milestone(context: &Context, milestone: Vec<u8>) -> Result<(), Hal
 
 fn internal(error: serde_json::Error) -> Fault {
     tracing::error!(%error, "a document cannot be written");
-    Fault::new(prosopon_session::FaultKind::Internal, "a document cannot be written; the log says more")
+    Fault::new(prosopon_session::FaultKind::Internal, "a document cannot be written; see the log of the service")
 }

@@ -12,32 +12,36 @@ use prosopon_planning::simulate::{Frame, Milestone};
 use prosopon_session::{Engine, ErrorDocument, Halt, RunWatch, StepDocument, StoredMilestone};
 use prosopon_tissue::mesh::MeshReport;
 
-/// Shortest time between two milestones: what a job loses when its worker dies, beside the step it was at. One is some 1 to 2 MB on a head.
+/// Shortest time between two checkpoints.
+///
+/// When a worker dies, its job loses at most this time and the current step. A checkpoint of a head has 1 to 2 MB.
 const MILESTONE_EVERY: Duration = Duration::from_secs(2);
 
-/// A step on its way from the pool to the store.
+/// A solved step on its way from the pool to the store.
 #[derive(Debug)]
 pub(super) struct FinishedStep {
     pub(super) document: StepDocument,
     pub(super) error: Option<ErrorDocument>,
     pub(super) frame: Vec<u8>,
-    /// What another worker would go on with.
+    /// Checkpoint from which another worker can continue.
     pub(super) milestone: Option<Vec<u8>>,
 }
 
-/// Where a solve begins.
+/// Start of a solve.
 #[derive(Debug)]
 pub(super) struct Beginning {
-    /// The milestone of an earlier attempt; rest where there is none.
+    /// Checkpoint of an earlier attempt; `None` starts from rest.
     pub(super) before: Option<StoredMilestone>,
-    /// Key of what its steps are compared with.
+    /// Key of the target and the landmarks that error maps depend on.
     pub(super) compared: String,
 }
 
-/// Compares and encodes each frame on the pool and hands it to the writer; waits when the writer is behind.
+/// Compares and encodes each frame on the pool and sends it to the writer.
+///
+/// Waits while the writer is behind.
 pub(super) struct SolveWatch<'a> {
     pub(super) engine: &'a dyn Engine,
-    /// Tells of cancellation only: comparing is no progress of the path.
+    /// Control for cancellation only: a comparison is no progress of the solve.
     pub(super) cancel: Control,
     pub(super) running: Arc<Running>,
     pub(super) steps: mpsc::Sender<FinishedStep>,
@@ -45,22 +49,22 @@ pub(super) struct SolveWatch<'a> {
     pub(super) regions: Vec<FaceRegion>,
     pub(super) mask: Vec<bool>,
     pub(super) warnings: Vec<String>,
-    /// The tissue mesh, and how long it took, s.
+    /// Report of the tissue mesh, and its computing time, s.
     pub(super) mesh: Option<(MeshReport, f64)>,
-    /// Number of the step that it goes on after; 0 at rest.
+    /// Number of the checkpoint's step, after which the solve continues; 0 from rest.
     pub(super) after: u32,
-    /// Key of what steps are compared with.
+    /// Key of the target and the landmarks that error maps depend on.
     pub(super) compared: String,
-    /// When the present step began.
+    /// Begin of the current step.
     pub(super) step_began: Instant,
-    /// Time of all steps, without comparing and writing.
+    /// Time of all steps, without comparisons and writing.
     pub(super) solving: Duration,
-    /// When the last milestone was made, or the job began.
+    /// Time of the last checkpoint, or of the begin of the job.
     pub(super) milestone_made: Instant,
 }
 
 impl<'a> SolveWatch<'a> {
-    /// Watches a solve from its beginning.
+    /// A watch of a solve, from rest or from a checkpoint.
     pub(super) fn new(
         engine: &'a dyn Engine,
         cancel: Control,
@@ -90,7 +94,7 @@ impl<'a> SolveWatch<'a> {
         }
     }
 
-    /// What the job can be gone on with after the step at `t` of the path, now and then; after the last one there is nothing to go on with.
+    /// An encoded checkpoint after the step at path parameter `t`, at intervals; none after the last step.
     fn milestone(&mut self, t: f64, milestone: &dyn Fn() -> Option<Milestone>) -> Option<Vec<u8>> {
         if t >= 1.0 || self.milestone_made.elapsed() < MILESTONE_EVERY {
             return None;
@@ -108,7 +112,7 @@ impl<'a> SolveWatch<'a> {
                 let models = self.reference.as_ref().and_then(Reference::models);
                 Some((ErrorDocument { models, ..ErrorDocument::new(name, "face", &map) }, map.signed_mm))
             }
-            // The solver meets the cancellation at its next check.
+            // The solver sees the cancellation at its next check.
             Err(Halt::Cancelled) => None,
             Err(Halt::Fault(fault)) => {
                 self.warnings.push(format!("step {k} could not be compared with {name}: {}", fault.detail));
@@ -135,7 +139,7 @@ impl RunWatch for SolveWatch<'_> {
     fn frame(&mut self, frame: Frame, milestone: &dyn Fn() -> Option<Milestone>) {
         let taken = self.step_began.elapsed();
         if frame.k as u32 <= self.after {
-            // What it was to go on with did not fit.
+            // The checkpoint did not match this job, so the solve started from rest again.
             (self.after, self.solving, self.warnings) = (0, Duration::ZERO, Vec::new());
         }
         self.solving += taken;
@@ -144,7 +148,7 @@ impl RunWatch for SolveWatch<'_> {
         let (error, error_mm) = compared.unzip();
         let positions_mm = frame.skin.positions().iter().map(|p| [p.x as f32, p.y as f32, p.z as f32]).collect();
         let frame = SkinFrame { positions_mm, displacement_mm: frame.displacement_mm, error_mm }.encode();
-        // The writer leaves only when it has failed, and then it cancels the control.
+        // Sending fails only after the writer has failed, and then the writer cancels the control.
         let milestone = self.milestone(document.t, milestone);
         self.steps.blocking_send(FinishedStep { document, error, frame, milestone }).ok();
         self.step_began = Instant::now();

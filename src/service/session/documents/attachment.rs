@@ -7,15 +7,15 @@ use prosopon_geometry::{Aabb, Point};
 use prosopon_planning::evaluate::Part;
 use prosopon_planning::simulate::{Attached, NodeClass, Paint};
 
-/// What a node of the tissue at bone does: `tied` (moves with the nearest bone), `sliding` (on bone), `free` (touches nothing).
+/// Boundary condition of a tissue node at bone: `tied`, `sliding` or `free`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum NodeClassName {
-    /// Moves with the nearest bone.
+    /// The node moves with the nearest bone.
     Tied,
-    /// Slides on bone.
+    /// The node slides on bone.
     Sliding,
-    /// Touches nothing.
+    /// The node has no contact.
     Free,
 }
 
@@ -29,28 +29,30 @@ impl From<NodeClassName> for NodeClass {
     }
 }
 
-/// A class painted on the nodes at bone in a box (`min_mm` and `max_mm`) or a ball (`centre_mm` and `radius_mm`), LPS mm.
+/// A class for all nodes at bone in a box or a ball, LPS mm.
+///
+/// A box has `min_mm` and `max_mm`, a ball `centre_mm` and `radius_mm`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PaintDocument {
-    /// The class.
+    /// The class of the nodes.
     pub class: NodeClassName,
-    /// Smallest coordinates of a box …
+    /// Smallest coordinates of a box, mm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub min_mm: Option<[f64; 3]>,
-    /// … and largest.
+    /// Largest coordinates of a box, mm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub max_mm: Option<[f64; 3]>,
-    /// Centre of a ball …
+    /// Centre of a ball, mm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub centre_mm: Option<[f64; 3]>,
-    /// … and radius, above 0.
+    /// Radius of a ball, mm; above 0.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub radius_mm: Option<f64>,
 }
 
 impl PaintDocument {
-    /// The painting; `None` when it is neither a box with its corners in order nor a ball.
+    /// The painted part of space; `None` when it is neither a box with its corners in order nor a ball.
     #[must_use]
     pub fn paint(&self) -> Option<Paint> {
         let part = match (self.min_mm, self.max_mm, self.centre_mm, self.radius_mm) {
@@ -66,18 +68,18 @@ impl PaintDocument {
     }
 }
 
-/// How many nodes of the tissue mesh did what.
+/// Number of tissue nodes of each class.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, ToSchema)]
 pub struct AttachedDocument {
-    /// Nodes tied to each segment; segment 0 stays.
+    /// Number of nodes tied to each segment; segment 0 is fixed.
     pub tied_nodes: BTreeMap<u32, usize>,
-    /// Nodes that slid on bone.
+    /// Number of nodes that slide on bone.
     pub sliding_nodes: usize,
-    /// Nodes at bone that touched nothing.
+    /// Number of nodes at bone without contact.
     pub free_nodes_at_bone: usize,
-    /// Nodes held at the mesh's cuts.
+    /// Number of nodes fixed at the cut boundary of the mesh.
     pub fixed_nodes: usize,
-    /// Of all these, nodes whose class was painted.
+    /// Number of all these nodes whose class was painted.
     pub painted_nodes: usize,
 }
 

@@ -9,11 +9,11 @@ use prosopon_planning::plan::{
     self, BoundedPlane, Clearance, Cut, CutShape, Osteotomy, Path, PathReport, Plan, PlanError, Protected, Purpose,
 };
 
-/// Rectangle that bounds a cut plane.
+/// Rectangle that bounds a cutting plane.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PlaneBoundsDocument {
-    /// Direction in the plane.
+    /// Direction of the rectangle's length, in the plane.
     pub direction: [f64; 3],
     /// Half extent along `direction`, mm.
     pub half_length_mm: f64,
@@ -25,11 +25,11 @@ pub struct PlaneBoundsDocument {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PlaneDocument {
-    /// Centre of the rectangle, or any point of an endless plane, LPS mm.
+    /// Centre of the rectangle, or any point of an unbounded plane, LPS mm.
     pub point_mm: [f64; 3],
     /// Normal; unit length in answers.
     pub normal: [f64; 3],
-    /// Bounds; endless when absent.
+    /// Bounds; the plane is unbounded when absent.
     pub bounds: Option<PlaneBoundsDocument>,
 }
 
@@ -45,7 +45,7 @@ impl From<&BoundedPlane> for PlaneDocument {
 }
 
 impl From<&PlaneDocument> for BoundedPlane {
-    /// Takes unit vectors as they are: documents hold checked planes.
+    /// Takes the vectors unchanged: documents hold checked planes with unit vectors.
     fn from(d: &PlaneDocument) -> Self {
         Self {
             point: Point::from(d.point_mm),
@@ -55,44 +55,44 @@ impl From<&PlaneDocument> for BoundedPlane {
     }
 }
 
-/// A line on the bone and the way the saw goes from there.
+/// A line on the bone with the direction and depth of sawing.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PolylineDocument {
-    /// Points of the line, 2 to 1000, LPS mm; the last may be the first, for a cut all round.
+    /// Points of the line, 2 to 1000, LPS mm; for a cut all round, the last point equals the first.
     pub points_mm: Vec<[f64; 3]>,
     /// Direction of sawing, into the bone; any length.
     pub direction: [f64; 3],
-    /// How deep the saw goes from the line, mm.
+    /// Depth of the cut from the line, mm.
     pub depth_mm: f64,
 }
 
-/// Triangles of a cut, open or closed.
+/// A cut by a triangle mesh, open or closed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CutSurfaceDocument {
     /// Vertices, LPS mm.
     pub points_mm: Vec<[f64; 3]>,
-    /// Three vertex numbers from 0 each; at most 100 000.
+    /// Triangles, each three vertex indices from 0; at most 100 000.
     pub triangles: Vec<[u32; 3]>,
 }
 
-/// A part of bone that was apart before.
+/// A part of bone that is separate without a cut.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FreePartDocument {
-    /// A point in it or next to it, LPS mm.
+    /// A point in the part or next to it, LPS mm.
     pub point_mm: [f64; 3],
 }
 
-/// Why a cut is made.
+/// Purpose of a cut.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum PurposeDocument {
     /// Bone is sawn.
     #[default]
     Osteotomy,
-    /// Bones that touch in the image are told apart (teeth, streaks of metal, joints); nothing is sawn.
+    /// Bones that touch in the image (teeth, streaks of metal, joints) are separated; nothing is sawn.
     Separation,
 }
 
@@ -100,7 +100,7 @@ pub enum PurposeDocument {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(from = "StoredCut")]
 pub struct CutDocument {
-    /// A plane, bounded or endless.
+    /// A plane, bounded or unbounded.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub plane: Option<PlaneDocument>,
     /// A line with a sawing direction and depth.
@@ -109,25 +109,26 @@ pub struct CutDocument {
     /// Triangles.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub surface: Option<CutSurfaceDocument>,
-    /// No cut: a part that was apart before becomes a segment.
+    /// No cut: a separate part of bone becomes a segment.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub free_part: Option<FreePartDocument>,
-    /// Width of the saw's slot, mm; half on each side.
+    /// Kerf: width of the saw's slot, mm; half of it lies on each side.
     #[serde(default)]
     pub kerf_mm: f64,
-    /// What a template calls it.
+    /// Name that a template gave the cut.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
-    /// Why it is made.
+    /// Purpose of the cut.
     #[serde(default)]
     pub purpose: PurposeDocument,
-    /// For a separation: a point on the side of the bone that it tells apart, LPS mm, however far away. Thin bridges that all such cuts together leave
-    /// are parted too.
+    /// For a separation: a point on the side of the bone to separate, LPS mm, at any distance.
+    ///
+    /// Thin bridges that all separations together leave are removed too.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub part_mm: Option<[f64; 3]>,
 }
 
-/// A cut as it was stored: earlier versions wrote the plane alone.
+/// A stored cut; earlier versions stored the plane alone.
 #[derive(Deserialize)]
 #[serde(untagged)]
 #[expect(clippy::large_enum_variant, reason = "it lives as long as one document is read")]
@@ -191,10 +192,10 @@ impl From<&Cut> for CutDocument {
 }
 
 impl CutDocument {
-    /// The cut as the numerics take it.
+    /// The cut for the numerics.
     ///
     /// # Errors
-    /// What is wrong with its surface, or that it has not exactly one shape.
+    /// A description when the surface is not valid, or when there is not exactly one shape.
     pub fn cut(&self) -> Result<Cut, String> {
         let points = |all: &[[f64; 3]]| all.iter().copied().map(Point::from).collect::<Vec<_>>();
         let shape = match (&self.plane, &self.polyline, &self.surface, &self.free_part) {
@@ -218,10 +219,10 @@ impl CutDocument {
     }
 }
 
-/// Cuts of stored documents, which were checked before.
+/// Cuts for the numerics from stored documents, which were checked before.
 ///
 /// # Errors
-/// A fault when a document was changed since.
+/// [`FaultKind::PlanNotUsable`] when a document was changed since.
 pub fn stored_cuts(documents: &[CutDocument]) -> Result<Vec<Cut>, Fault> {
     let cut = |(i, d): (usize, &CutDocument)| {
         d.cut().map_err(|detail| Fault::new(FaultKind::PlanNotUsable, detail).at(&format!("/cuts/{i}")))
@@ -229,19 +230,21 @@ pub fn stored_cuts(documents: &[CutDocument]) -> Result<Vec<Cut>, Fault> {
     documents.iter().enumerate().map(cut).collect()
 }
 
-/// A piece of bone.
+/// A segment of the cut bone.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct SegmentDocument {
-    /// Number; 0 is the skull that stays.
+    /// Number; 0 is the fixed skull.
     pub id: u32,
-    /// Suggested name, from where it lies: `skull`, `maxilla`, `mandible_distal`, `mandible_proximal_left`, `chin` and others.
+    /// Suggested name by position.
+    ///
+    /// `skull`, `maxilla`, `mandible_distal`, `mandible_proximal_left`, `chin` and others.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
     /// Volume, mm³.
     pub volume_mm3: f64,
     /// Area, mm².
     pub area_mm2: f64,
-    /// Triangles of its surface.
+    /// Number of triangles of its surface.
     pub triangles: usize,
     /// Centroid, LPS mm.
     pub centroid_mm: [f64; 3],
@@ -249,29 +252,29 @@ pub struct SegmentDocument {
     pub bounded_by: Vec<usize>,
 }
 
-/// How near a cut comes to a protected point or curve.
+/// Distance of a cut to a protected point or curve.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ClearanceDocument {
     /// Index of the cut.
     pub cut: usize,
-    /// Name of what is protected.
+    /// Name of the protected point or curve.
     pub protected: String,
-    /// Least distance to the side of the saw's slot, mm; 0 where it is cut.
+    /// Smallest distance to the side of the saw's slot, mm; 0 when the cut crosses it.
     pub distance_mm: f64,
-    /// Its nearest point, LPS mm.
+    /// Nearest protected point, LPS mm.
     pub place_mm: [f64; 3],
-    /// The margin that was asked for, mm.
+    /// Requested margin, mm.
     pub margin_mm: Option<f64>,
-    /// Whether the cut comes nearer than that.
+    /// Whether the distance is smaller than the margin.
     pub below_margin: bool,
 }
 
 /// Cuts and the segments that they make.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct OsteotomyDocument {
-    /// The client's tag.
+    /// Label that the client gave it.
     pub label: Option<String>,
-    /// Template that placed the cuts, where there is one only.
+    /// Template that placed the cuts, when there is exactly one.
     pub template: Option<String>,
     /// Templates that placed cuts, in the order of the cuts.
     #[serde(default)]
@@ -280,16 +283,16 @@ pub struct OsteotomyDocument {
     pub cuts: Vec<CutDocument>,
     /// The segments, by id.
     pub segments: Vec<SegmentDocument>,
-    /// How near each cut comes to each protected point or curve.
+    /// Distance of each cut to each protected point or curve.
     #[serde(default)]
     pub clearances: Vec<ClearanceDocument>,
     /// Volume of the bone before it was cut, mm³.
     #[serde(default)]
     pub bone_mm3: f64,
-    /// Volume of crumbs that were dropped, mm³.
+    /// Volume of small fragments that were dropped, mm³.
     #[serde(default)]
     pub dropped_mm3: f64,
-    /// What was dropped or is doubtful.
+    /// What was dropped, and what is doubtful.
     pub warnings: Vec<String>,
 }
 
@@ -338,7 +341,7 @@ impl OsteotomyDocument {
     }
 }
 
-/// A motion from rest at `t`.
+/// Motion from rest at the path parameter `t`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct WaypointDocument {
     /// Path parameter, 0 to 1.
@@ -358,7 +361,7 @@ pub struct PathDocument {
     pub waypoints: Vec<WaypointDocument>,
 }
 
-/// State of a segment along its path.
+/// Overlap and gap of a segment at a point of its path.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct PathSample {
     /// Path parameter.
@@ -375,12 +378,12 @@ pub struct PathSample {
     pub gap_mm3: f64,
 }
 
-/// How a segment travels and what it meets.
+/// Report of a segment's path: displacement, overlaps and gaps.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct PathReportDocument {
     /// The segment.
     pub segment: u32,
-    /// Largest displacement of a point at the end, mm.
+    /// Largest displacement of a point of the segment at the end, mm.
     pub max_displacement_mm: f64,
     /// Displacement of its centroid at the end, LPS mm.
     pub centroid_displacement_mm: [f64; 3],
@@ -409,24 +412,24 @@ impl From<&PathReport> for PathReportDocument {
     }
 }
 
-/// Bone paths and what they meet.
+/// Plan: paths of the bone segments with their reports.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct PlanDocument {
-    /// The client's tag.
+    /// Label that the client gave it.
     pub label: Option<String>,
-    /// One path a moving segment.
+    /// One path for each moving segment.
     pub paths: Vec<PathDocument>,
-    /// One report a path.
+    /// One report for each path.
     pub reports: Vec<PathReportDocument>,
-    /// What a surgeon should look at before the plan is solved: motions beyond what is done, bone in bone, wide gaps.
+    /// What to check before the plan is solved: unusual motions, overlapping bone, wide gaps.
     #[serde(default)]
     pub warnings: Vec<String>,
-    /// Time that the reports took, s.
+    /// Computing time of the reports, s.
     pub wall_s: f64,
 }
 
 impl PlanDocument {
-    /// The plan that the numerics take.
+    /// The plan for the numerics.
     ///
     /// # Errors
     /// [`PlanError`] when a path is not usable.
@@ -438,7 +441,7 @@ impl PlanDocument {
         Ok(Plan { paths: self.paths.iter().map(path).collect::<Result<_, _>>()? })
     }
 
-    /// Documents of checked paths.
+    /// Documents of the paths of a plan.
     #[must_use]
     pub fn paths_of(plan: &Plan) -> Vec<PathDocument> {
         let waypoint = |(t, motion): &(f64, prosopon_geometry::Motion)| {

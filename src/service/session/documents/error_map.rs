@@ -6,12 +6,14 @@ use utoipa::ToSchema;
 use super::RegistrationDocument;
 use prosopon_planning::evaluate::{ErrorMap, Statistics};
 
-/// Statistics of signed values, mm. Each vertex counts by its area (a third of the triangles around it), but for `count`, `max_mm` and `l2_norm_mm`.
+/// Statistics of signed values, mm.
+///
+/// Each vertex is weighted by its area (a third of the triangles around it), except in `count`, `max_mm` and `l2_norm_mm`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct StatisticsDocument {
-    /// Vertices counted.
+    /// Number of vertices.
     pub count: usize,
-    /// Signed mean.
+    /// Mean of the signed values.
     pub mean_mm: f64,
     /// Mean of absolute values.
     pub mean_abs_mm: f64,
@@ -29,11 +31,11 @@ pub struct StatisticsDocument {
     pub l2_norm_mm: f64,
     /// Variance of the signed values, mm².
     pub variance_mm2: f64,
-    /// Share of area below 1 mm, 0 to 1.
+    /// Share of area with an absolute value below 1 mm, 0 to 1.
     pub share_below_1_mm: f64,
-    /// Share of area below 2 mm.
+    /// Share of area with an absolute value below 2 mm, 0 to 1.
     pub share_below_2_mm: f64,
-    /// Share of area below 3 mm.
+    /// Share of area with an absolute value below 3 mm, 0 to 1.
     pub share_below_3_mm: f64,
 }
 
@@ -61,22 +63,23 @@ impl From<&Statistics> for StatisticsDocument {
 /// One bar of a histogram.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct HistogramBin {
-    /// Lower edge, mm; the first bar takes all below, the last all above.
+    /// Lower edge, mm; the first bar includes all smaller values, the last all larger ones.
     pub from_mm: f64,
     /// Share of area, 0 to 1.
     pub share: f64,
 }
 
-/// A signed error map without its values: negative where the prediction lies behind the reference.
+/// Statistics of a signed error map; negative values lie behind the reference.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ErrorDocument {
-    /// What the prediction is compared with: `target`, or `job <id> step <k>`, or as asked for.
+    /// Reference: `target`, `job <id> step <k>`, or the name in the request.
     pub reference: String,
-    /// Models of the prediction and of the reference, where that is a prediction too: then the values are a difference between two models and say
-    /// nothing of accuracy.
+    /// Models of the prediction and of the reference, when the reference is a prediction too.
+    ///
+    /// The values are then a difference between two models and not a measure of accuracy.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub models: Option<[String; 2]>,
-    /// Which vertices count: `face` (inside the regions), `all`, or `given`.
+    /// Vertices that count: `face` (inside the regions), `all`, or `given`.
     pub mask: String,
     /// Prediction against reference.
     pub whole: StatisticsDocument,
@@ -87,25 +90,27 @@ pub struct ErrorDocument {
     /// Reference against prediction in each part of the face.
     #[serde(default)]
     pub backward_regions: BTreeMap<String, StatisticsDocument>,
-    /// `whole` after averaging the signed values over neighbourhoods of 5 mm: noise of a scan, which adds to every distance, averages
-    /// out, and so does finer detail. Absent in old records.
+    /// `whole` after averaging the signed values over neighbourhoods of 5 mm; absent in old records.
+    ///
+    /// Noise of a scan adds to every distance and is averaged out, as is detail finer than that.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub smoothed: Option<StatisticsDocument>,
-    /// Root mean square of what that averaging takes away, mm: noise and detail.
+    /// Root mean square of what the averaging removes, mm: noise and detail.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub roughness_mm: Option<f64>,
-    /// Distance of each vertex from its own counterpart, where both surfaces have the same triangles: it has the error along the
-    /// surface that closest points hide.
+    /// Distance of each vertex from its counterpart, when both surfaces have the same triangles.
+    ///
+    /// It includes the error along the surface, which the distance to the closest point does not.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub correspondence: Option<StatisticsDocument>,
-    /// Vertices that should count but lie beyond the reference's open border.
+    /// Number of vertices in the mask that lie beyond the open border of the reference and do not count.
     #[serde(default)]
     pub excluded: usize,
     /// Distribution of the signed error.
     pub histogram: Vec<HistogramBin>,
-    /// Motion applied to the prediction before comparing; absent when none was.
+    /// Registration before the comparison; absent when there was none.
     pub registration: Option<RegistrationDocument>,
-    /// What is doubtful about the comparison.
+    /// Warnings about the comparison.
     #[serde(default)]
     pub warnings: Vec<String>,
 }
@@ -135,7 +140,7 @@ impl ErrorDocument {
         }
     }
 
-    /// What the values are, as a title.
+    /// Title of a picture of the values.
     #[must_use]
     pub fn title(&self) -> String {
         match &self.models {
@@ -146,7 +151,7 @@ impl ErrorDocument {
         }
     }
 
-    /// Name and value of what a reader looks for first.
+    /// Names and values of the main statistics.
     #[must_use]
     pub fn lines(&self) -> Vec<(String, String)> {
         let signed = |v: f64| format!("{v:+.2} mm");

@@ -4,10 +4,10 @@ use utoipa::ToSchema;
 use crate::FieldSettingsDocument;
 use prosopon_field::{Doubt, DoubtfulRegions, FieldReport, Region};
 
-/// What one distance field is like.
+/// Size and accuracy of one distance field.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct FieldQualityDocument {
-    /// Bricks of 8³ cells at the finest spacing.
+    /// Number of bricks of 8³ cells at the finest spacing.
     pub bricks: usize,
     /// Memory, bytes.
     pub memory_bytes: usize,
@@ -17,29 +17,31 @@ pub struct FieldQualityDocument {
     pub rms_error_mm: f64,
     /// Number of those points.
     pub checked_points: usize,
-    /// What is wrong with the surface and how it was dealt with.
+    /// Faults of the surface, and how they were repaired.
     pub warnings: Vec<String>,
-    /// Where the surface leaves it open what is inside, by kind; empty for a closed, consistently oriented surface that does not
-    /// cross itself. Of bone those of the skull that came, not of its envelope.
+    /// Regions where the surface does not determine what is inside, by kind.
+    ///
+    /// Empty for a closed, consistently oriented surface without self-intersections. For bone, the regions are those of the
+    /// skull's surface, not of its envelope.
     #[serde(default)]
     pub regions: Vec<DoubtfulRegionsDocument>,
 }
 
-/// What is doubtful about a part of a surface.
+/// Kind of doubt about a region of a surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum DoubtDocument {
     /// The rim of a hole or sheet.
     Open,
-    /// Triangles that look the other way than their surroundings, or whose normals point into the solid.
+    /// Triangles oriented against their surroundings, or with normals that point into the solid.
     Inverted,
-    /// Triangles beside which the winding number's magnitude is within 0.2 of one half.
+    /// Triangles beside which the absolute winding number is within 0.2 of one half.
     Ambiguous,
-    /// Triangles within another part of the surface.
+    /// Triangles inside another part of the surface.
     Buried,
     /// Triangles with the outside on both sides.
     Sheet,
-    /// Triangles at the same place as another one.
+    /// Triangles with the same corners as another one.
     Copy,
     /// Triangles without area.
     NoArea,
@@ -48,22 +50,22 @@ pub enum DoubtDocument {
 /// All regions of a surface with one kind of doubt.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct DoubtfulRegionsDocument {
-    /// What is doubtful.
+    /// Kind of doubt.
     pub doubt: DoubtDocument,
     /// Number of connected regions.
     pub count: usize,
-    /// Triangles of all of them, or for `open` edges.
+    /// Number of triangles of all regions; for `open`, number of edges.
     pub elements: usize,
-    /// Their area, for `open` that of a fan over each rim, mm².
+    /// Area of all regions, mm²; for `open`, the area of a fan over each rim.
     pub area_mm2: f64,
-    /// The largest of them by area, at most 50.
+    /// The regions of largest area, at most 50.
     pub largest: Vec<RegionDocument>,
 }
 
-/// A connected part of a surface.
+/// A connected region of a surface.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct RegionDocument {
-    /// Triangles, or for `open` edges.
+    /// Number of triangles; for `open`, number of edges.
     pub elements: usize,
     /// Area, mm².
     pub area_mm2: f64,
@@ -110,15 +112,15 @@ impl From<&FieldReport> for FieldQualityDocument {
     }
 }
 
-/// The distance fields of a session.
+/// Report of the distance fields of a session.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct FieldDocument {
-    /// Settings that they were built with.
+    /// Settings that the fields were built with.
     pub settings: FieldSettingsDocument,
     /// Field of the skin.
     pub skin: FieldQualityDocument,
     /// Field of the bone's outer envelope.
     pub bone: FieldQualityDocument,
-    /// What was repaired.
+    /// Warnings about faults and repairs of the surfaces.
     pub warnings: Vec<String>,
 }

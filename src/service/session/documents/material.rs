@@ -5,14 +5,14 @@ use prosopon_tissue::fem::material::{D1Reading, Isochoric, Material, Materials, 
 use prosopon_tissue::fem::{Locking, Preset, SkinElement, UnstableMaterial};
 use prosopon_tissue::mesh::Tissue;
 
-/// Energy of a change of volume, of the bulk modulus K that gives the Poisson ratio at rest and of the volume ratio J.
+/// Volumetric energy of the volume ratio J; its bulk modulus K gives the Poisson ratio at rest.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum VolumetricName {
     /// `K/4 (J² - 1 - 2 ln J)`, which resists collapse.
     #[default]
     Logarithmic,
-    /// `K/2 (J - 1)²`, finite for no volume: tissue collapses under large pressure.
+    /// `K/2 (J - 1)²`, finite at J = 0: tissue collapses under large pressure.
     Quadratic,
 }
 
@@ -40,8 +40,9 @@ impl From<Volumetric> for VolumetricName {
     }
 }
 
-/// A compressible material: an isochoric law of the deviatoric stretches and a volumetric energy with the bulk modulus K that gives the
-/// Poisson ratio at rest.
+/// A compressible material: an isochoric law of the deviatoric stretches and a volumetric energy.
+///
+/// The bulk modulus K of the volumetric energy gives the Poisson ratio at rest.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(tag = "law", rename_all = "snake_case", try_from = "MaterialMembers")]
 pub enum MaterialDocument {
@@ -53,7 +54,7 @@ pub enum MaterialDocument {
         c01_mpa: f64,
         /// Poisson ratio at rest.
         poisson: f64,
-        /// Energy of a change of volume; `logarithmic` when absent.
+        /// Volumetric energy; `logarithmic` when absent.
         #[serde(default, skip_serializing_if = "VolumetricName::is_default")]
         volumetric: VolumetricName,
     },
@@ -63,7 +64,7 @@ pub enum MaterialDocument {
         shear_modulus_mpa: f64,
         /// Poisson ratio at rest.
         poisson: f64,
-        /// Energy of a change of volume; `logarithmic` when absent.
+        /// Volumetric energy; `logarithmic` when absent.
         #[serde(default, skip_serializing_if = "VolumetricName::is_default")]
         volumetric: VolumetricName,
     },
@@ -79,7 +80,7 @@ pub enum MaterialDocument {
         c3_mpa: f64,
         /// Poisson ratio at rest.
         poisson: f64,
-        /// Energy of a change of volume; `logarithmic` when absent.
+        /// Volumetric energy; `logarithmic` when absent.
         #[serde(default, skip_serializing_if = "VolumetricName::is_default")]
         volumetric: VolumetricName,
     },
@@ -91,7 +92,7 @@ pub enum MaterialDocument {
         alpha: f64,
         /// Poisson ratio at rest.
         poisson: f64,
-        /// Energy of a change of volume; `logarithmic` when absent.
+        /// Volumetric energy; `logarithmic` when absent.
         #[serde(default, skip_serializing_if = "VolumetricName::is_default")]
         volumetric: VolumetricName,
     },
@@ -106,7 +107,9 @@ enum LawName {
     Ogden,
 }
 
-/// The members of every law in one structure, so that faults keep their place and a list is no object.
+/// Members of all laws in one structure.
+///
+/// Errors then keep their path in the document, and a list is refused.
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct MaterialMembers {
@@ -183,7 +186,7 @@ impl TryFrom<MaterialMembers> for MaterialDocument {
 }
 
 impl From<&MaterialDocument> for Material {
-    /// Takes the constants as they are: requests are checked before.
+    /// Takes the constants unchanged: requests are checked before.
     fn from(document: &MaterialDocument) -> Self {
         let (material, volumetric) = match *document {
             MaterialDocument::MooneyRivlin { c10_mpa, c01_mpa, poisson, volumetric } => {
@@ -219,20 +222,20 @@ impl From<&Material> for MaterialDocument {
     }
 }
 
-/// Laws by tissue; a tissue without one keeps the preset's.
+/// Material laws by tissue; a tissue without one keeps that of the preset.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TissueLawsDocument {
-    /// Of the skin.
+    /// Law of the skin.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub skin: Option<MaterialDocument>,
-    /// Of muscle.
+    /// Law of muscle.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub muscle: Option<MaterialDocument>,
-    /// Of fat.
+    /// Law of fat.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fat: Option<MaterialDocument>,
-    /// Of mucosa.
+    /// Law of mucosa.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mucosa: Option<MaterialDocument>,
 }
@@ -250,7 +253,7 @@ impl TissueLawsDocument {
         all.into_iter().filter_map(|(name, tissue, law)| Some((name, tissue, law.as_ref()?))).collect()
     }
 
-    /// `materials` with the given laws in place.
+    /// `materials` with the given laws in place of its own.
     #[must_use]
     pub fn over(&self, mut materials: Materials) -> Materials {
         for (_, tissue, law) in self.given() {
@@ -260,7 +263,7 @@ impl TissueLawsDocument {
     }
 }
 
-/// Materials of all tissues by name.
+/// Material preset: laws of all tissues.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub enum PresetName {
     /// Stable neo-Hookean with the published small-strain moduli.
@@ -286,7 +289,7 @@ impl PresetName {
     pub const ALL: [Self; 5] =
         [Self::Wang2009Stable, Self::Wang2009Tension, Self::Wang2009, Self::Nazari2010, Self::Chabanas2003];
 
-    /// The preset's materials; `d1` matters to the published constants only.
+    /// Materials of the preset; `d1` applies to `wang_2009` only.
     #[must_use]
     pub fn materials(self, d1: D1ReadingName) -> Materials {
         match self {
@@ -310,7 +313,7 @@ impl From<PresetName> for Preset {
     }
 }
 
-/// What `D1` of Wang 2009, Table 1 means; the paper does not say.
+/// Reading of `D1` in Wang 2009, Table 1, which the paper does not define.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum D1ReadingName {
@@ -337,7 +340,7 @@ impl From<D1ReadingName> for D1Reading {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum SkinElementName {
-    /// Three linear tetrahedra a prism.
+    /// Three linear tetrahedra for each prism.
     Tet,
     /// Linear wedge.
     Wedge,
@@ -355,13 +358,13 @@ impl From<SkinElementName> for SkinElement {
     }
 }
 
-/// What is done against locking of linear tetrahedra.
+/// Locking-free formulation of linear tetrahedra.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum LockingName {
-    /// Nothing.
+    /// None: plain linear tetrahedra.
     None,
-    /// Isochoric energy at strains averaged around edges, volumetric energy at strains averaged around nodes.
+    /// Isochoric energy at strains averaged over edges, volumetric energy at strains averaged over nodes.
     Smoothed,
 }
 
@@ -383,14 +386,14 @@ impl From<Locking> for LockingName {
     }
 }
 
-/// What is done where a material loses ellipticity during a solve.
+/// What the solver does when a material loses ellipticity.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum UnstableMaterialName {
-    /// The step's outcome says so; where no equilibrium is found the path ends.
+    /// Report it in the step's outcome; the path ends when no equilibrium is found.
     #[default]
     Report,
-    /// Neo-Hookean with the same small-strain moduli takes its place from there on.
+    /// Replace the material from there on by neo-Hookean with the same small-strain moduli.
     Stabilise,
 }
 

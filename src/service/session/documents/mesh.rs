@@ -5,15 +5,17 @@ use super::CutDocument;
 use crate::MeshSettingsDocument;
 use prosopon_tissue::mesh::MeshReport;
 
-/// The tissue mesh of a session.
+/// Report of the tissue mesh of a session.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct MeshDocument {
-    /// Settings that it was built with.
+    /// Settings that the mesh was built with.
     pub settings: MeshSettingsDocument,
-    /// The osteotomy whose segments chose the region; absent when it is the front of the face or a box.
+    /// Osteotomy whose segments determined the region.
+    ///
+    /// Absent when the region is the front of the face or a box.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub osteotomy: Option<String>,
-    /// Its cuts, in the stored form only.
+    /// Cuts of the osteotomy; only in the stored form.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cuts: Option<Vec<CutDocument>>,
     /// Number of tetrahedra.
@@ -22,7 +24,7 @@ pub struct MeshDocument {
     pub prisms: usize,
     /// Number of nodes.
     pub nodes: usize,
-    /// Inverted elements.
+    /// Number of inverted elements.
     pub inverted: usize,
     /// Smallest dihedral angle of a tetrahedron, degrees.
     pub min_dihedral_deg: f64,
@@ -34,15 +36,15 @@ pub struct MeshDocument {
     pub volume_error: f64,
     /// Largest distance of a prism's outer vertex or barycentre from the skin, mm.
     pub max_skin_distance_mm: f64,
-    /// Outer edges with more than two boundary faces.
+    /// Number of outer edges with more than two boundary faces.
     pub non_manifold_edges: usize,
-    /// Share of muscle in the volume below the skin layer, the rest being fat.
+    /// Share of muscle in the volume below the skin layer, 0 to 1; the rest is fat.
     #[serde(default)]
     pub muscle_share: f64,
-    /// Whether a CT told fat from muscle; else it was depth.
+    /// Whether the CT separated fat from muscle; otherwise depth did.
     #[serde(default)]
     pub tissue_from_ct: bool,
-    /// What gave way where.
+    /// What was changed to build the mesh, and where.
     pub warnings: Vec<String>,
 }
 

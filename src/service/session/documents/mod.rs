@@ -1,4 +1,6 @@
-//! Documents: results as they are stored and served. Once written they never change; members are only ever added.
+//! Documents: results in their stored and served form.
+//!
+//! A stored document never changes, and new versions only add members.
 
 mod attachment;
 mod bone;

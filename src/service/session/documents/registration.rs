@@ -4,7 +4,7 @@ use utoipa::ToSchema;
 use crate::motion_parts;
 use prosopon_planning::evaluate::Registration;
 
-/// Rigid motion of the prediction onto the reference, and how well it fits.
+/// Rigid motion of the prediction onto the reference, with the quality of the fit.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct RegistrationDocument {
     /// Always 1.
@@ -13,34 +13,36 @@ pub struct RegistrationDocument {
     pub translation_mm: [f64; 3],
     /// Rotation, unit quaternion x, y, z, w.
     pub quaternion_xyzw: [f64; 4],
-    /// Angle of the rotation.
+    /// Angle of the rotation, degrees.
     #[serde(default)]
     pub angle_deg: f64,
-    /// What the registration went by: `given`, `unmoved` (what the plan does not move), or `all` (trimmed).
+    /// Vertices that the registration used: `given`, `unmoved` or `all`.
+    ///
+    /// `unmoved` are those that the plan does not move; `all` are trimmed.
     #[serde(default)]
     pub region: String,
-    /// Vertices of that region.
+    /// Number of vertices of that region.
     #[serde(default)]
     pub vertices: usize,
-    /// Iterations.
+    /// Number of iterations.
     #[serde(default)]
     pub iterations: usize,
-    /// Root mean square distance of the pairs that count, mm.
+    /// Root mean square distance of the pairs that were kept, mm.
     #[serde(default)]
     pub residual_mm: f64,
     /// Median distance of all pairs of the region, mm.
     #[serde(default)]
     pub median_mm: f64,
-    /// Share of the region's area whose pairs count, 0 to 1.
+    /// Share of the region's area whose pairs were kept, 0 to 1.
     #[serde(default)]
     pub overlap: f64,
-    /// How firmly the region's shape holds the motion, 0 (it slides) to 1.
+    /// How well the shape of the region determines the motion, from 0 (it can slide) to 1.
     #[serde(default)]
     pub stiffness: f64,
 }
 
 impl RegistrationDocument {
-    /// The document of a registration that went by `region`.
+    /// The document of a registration that used the vertices `region`.
     #[must_use]
     pub fn new(r: &Registration, region: &str) -> Self {
         let (translation_mm, quaternion_xyzw) = motion_parts(&r.motion);

@@ -8,7 +8,7 @@ use super::{
     StepDocument, TissueDocument,
 };
 
-/// Time by phase, s. All but the steps were taken when the parts were made.
+/// Computing time of each phase, s; all but `solve_s` are from when the parts were made.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, ToSchema)]
 pub struct PhasesDocument {
     /// Import, surfaces included.
@@ -19,15 +19,15 @@ pub struct PhasesDocument {
     pub cut_s: f64,
     /// Tissue mesh.
     pub mesh_s: f64,
-    /// Following the bone along its path, overlap and gap.
+    /// Following the bone along its path, with overlaps and gaps.
     pub plan_s: f64,
     /// The steps.
     pub solve_s: f64,
-    /// Sum of all.
+    /// Sum of all phases.
     pub total_s: f64,
 }
 
-/// An input that the result depends on.
+/// Hashes of an input of the result.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct ReportInput {
     /// SHA-256 of the stored part.
@@ -36,10 +36,10 @@ pub struct ReportInput {
     pub source_sha256: Option<String>,
 }
 
-/// Everything worth keeping about a finished job.
+/// Report of a finished job.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ReportDocument {
-    /// Layout of this document.
+    /// Version of the layout of this document.
     pub format_version: u32,
     /// Version of the software.
     pub version: String,
@@ -57,36 +57,38 @@ pub struct ReportDocument {
     pub parameters: serde_json::Value,
     /// Input parts by name.
     pub inputs: BTreeMap<String, ReportInput>,
-    /// Time by phase.
+    /// Computing time of each phase.
     pub phases: PhasesDocument,
-    /// The distance fields; absent for a ready mesh.
+    /// The distance fields; absent for an uploaded tissue mesh.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub field: Option<FieldDocument>,
-    /// The tissue mesh; absent for a ready mesh.
+    /// The tissue mesh; absent for an uploaded tissue mesh.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mesh: Option<MeshDocument>,
-    /// The ready mesh that took its place.
+    /// The uploaded tissue mesh that replaces it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tissue: Option<TissueDocument>,
-    /// Where the bone went.
+    /// Plan with the paths of the bone.
     pub plan: PlanDocument,
-    /// What each step needed and reached.
+    /// Cost and result of each step.
     pub steps: Vec<StepDocument>,
-    /// Tissue that was left out; absent where all was kept.
+    /// Tissue that was left out; absent when all was kept.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub left_out: Option<LeftOutDocument>,
-    /// How many nodes were tied, slid or were free; absent for a ready mesh, whose file says it.
+    /// Numbers of tied, sliding and free nodes.
+    ///
+    /// Absent for an uploaded tissue mesh, whose description has them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub attached: Option<AttachedDocument>,
-    /// Mean movement of the parts of the face at the end of the path.
+    /// Mean movement of the regions of the face at the end of the path.
     pub regions: BTreeMap<String, RegionMotionDocument>,
-    /// Error of the last step, where there is something to compare with.
+    /// Error of the last step, when there is a reference.
     pub error: Option<ErrorDocument>,
-    /// Whether landmarks placed the regions of the face (else the proportions of the skin did).
+    /// Whether landmarks placed the regions of the face; otherwise the proportions of the skin did.
     pub regions_from_landmarks: bool,
-    /// Landmarks and planes of the session that were proposed and that no person has confirmed.
+    /// Proposed landmarks and planes of the session that no person has confirmed.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub unconfirmed_landmarks: Vec<String>,
-    /// What a reader should know.
+    /// Warnings.
     pub warnings: Vec<String>,
 }

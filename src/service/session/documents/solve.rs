@@ -7,18 +7,18 @@ use prosopon_tissue::fem::PhaseTimes;
 /// Force on a bone segment.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ReactionDocument {
-    /// The segment; 0 is the skull that stays.
+    /// The segment; 0 is the fixed skull.
     pub segment: u32,
     /// Sum of the forces of tied nodes and contact, N, LPS.
     pub force_n: [f64; 3],
 }
 
-/// Wall time of the solver's phases, s; none contains another.
+/// Wall time of the solver's phases, s; the phases do not overlap.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, ToSchema)]
 pub struct StepPhasesDocument {
-    /// Elements, elimination order and symbolic factorisation; only in the first step.
+    /// Elements, elimination order and symbolic factorisation; in the first step only.
     pub setup_s: f64,
-    /// Tangents of the elements and their assembly.
+    /// Element tangents and their assembly.
     pub tangent_s: f64,
     /// Numeric factorisations.
     pub factor_s: f64,
@@ -26,9 +26,9 @@ pub struct StepPhasesDocument {
     pub solve_s: f64,
     /// Residuals.
     pub residual_s: f64,
-    /// Search of contact points and their part of the matrix.
+    /// Contact search and the contact part of the matrix.
     pub contact_s: f64,
-    /// Line searches, their energies and contacts.
+    /// Line searches with their energies and contacts.
     pub line_search_s: f64,
 }
 
@@ -46,42 +46,48 @@ impl From<PhaseTimes> for StepPhasesDocument {
     }
 }
 
-/// What a step needed and reached.
+/// Cost and result of a step.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct StepDocument {
     /// Number, 1 to n.
     pub k: u32,
     /// Path parameter, 0 to 1.
     pub t: f64,
-    /// Whether the convergence test was met with every material elliptic and no element inside out.
+    /// Whether the convergence test was met, with every material elliptic and no element inverted.
     pub converged: bool,
-    /// How it ended: `converged`; `stabilised`, with stable materials in the place of those asked for; `outside_ellipticity`, where forces
-    /// balance but a material has lost ellipticity, and `inside_out`, where they do but the linear model turns elements inside out: no answers to
-    /// rely on.
+    /// How the step ended: `converged`, `stabilised`, `outside_ellipticity` or `inside_out`.
+    ///
+    /// `stabilised`: stable materials replaced the requested ones. `outside_ellipticity`: forces balance, but a material has lost
+    /// ellipticity. `inside_out`: forces balance, but the linear model inverts elements. Do not rely on the last two.
     #[serde(default = "plain_outcome")]
     pub outcome: String,
     /// Smallest det F over all quadrature points.
     pub min_det_f: f64,
     /// Largest penetration of a contact point, mm.
     pub max_penetration_mm: f64,
-    /// How much deeper than at rest free points of the tissue's boundary lie in bone at most, mm: contact acts on sliding points alone.
+    /// Largest penetration of free boundary nodes into bone beyond that at rest, mm.
+    ///
+    /// Contact acts on sliding nodes only.
     #[serde(default)]
     pub free_penetration_mm: f64,
-    /// Residual force relative to the reaction force.
+    /// Residual force over reaction force.
     pub relative_residual: f64,
-    /// Estimate, no bound, of what is left to the exact equilibrium, mm: by the residual and the last tangent, or the last
-    /// iteration's movement of the skin. The last step is converged to the solver's tolerance; steps on the way are for the eye and end
-    /// when the estimate is below 0.02 mm.
+    /// Estimate (not a bound) of the distance to the exact equilibrium, mm.
+    ///
+    /// From the residual and the last tangent, or the last iteration's movement of the skin. The last step converges to the
+    /// solver's tolerance; intermediate steps are for display and end when the estimate is below 0.02 mm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub remaining_mm: Option<f64>,
-    /// Newton iterations, substeps included.
+    /// Number of Newton iterations, substeps included.
     pub newton_iterations: usize,
-    /// Substeps that the step was cut into.
+    /// Number of substeps.
     pub substeps: usize,
-    /// Factorisations; that of the state at rest is in the first step of the first job with a mesh, materials, model and moved segments, and serves
-    /// the later ones.
+    /// Number of factorisations.
+    ///
+    /// The factorisation at rest counts in the first step of the first job with a mesh, materials, model and moving segments;
+    /// later such jobs reuse it.
     pub factorisations: usize,
-    /// Contact points that push.
+    /// Number of active contact points.
     pub active_contacts: usize,
     /// Number of unknowns.
     pub unknowns: usize,
@@ -91,20 +97,20 @@ pub struct StepDocument {
     pub max_displacement_mm: f64,
     /// Time since the step before, s.
     pub wall_s: f64,
-    /// Where the solver's part of it went.
+    /// Wall time of the solver's phases.
     #[serde(default)]
     pub phases: StepPhasesDocument,
-    /// What was done to get there.
+    /// Warnings of the step.
     pub warnings: Vec<String>,
 }
 
-/// Of records from before there were others.
+/// Outcome of records without one.
 fn plain_outcome() -> String {
     "converged".to_owned()
 }
 
 impl StepDocument {
-    /// The document of a frame that took `wall_s`.
+    /// The document of a frame that took `wall_s` seconds.
     #[must_use]
     pub fn new(frame: &Frame, wall_s: f64) -> Self {
         let r = &frame.report;
@@ -133,14 +139,16 @@ impl StepDocument {
     }
 }
 
-/// Tissue that a solve did without, since the plan hardly moves it.
+/// Tissue that a solve left out because the plan hardly moves it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct LeftOutDocument {
-    /// Nodes that would else be free: the plan was thought to move them by less than `leave_out_below_mm`.
+    /// Number of left-out nodes, which the plan was expected to move by less than `leave_out_below_mm`.
     pub nodes: usize,
-    /// Nodes of the mesh.
+    /// Number of nodes of the mesh.
     pub of_nodes: usize,
-    /// Largest displacement of a free node beside one that is left out, mm: tissue just beyond would have moved by less.
+    /// Largest displacement of a free node next to a left-out one, mm.
+    ///
+    /// Left-out tissue would have moved by less.
     pub border_mm: f64,
 }
 
@@ -150,14 +158,14 @@ impl From<LeftOut> for LeftOutDocument {
     }
 }
 
-/// Mean movement of a part of the face at the end of the path, mm.
+/// Mean movement of a region of the face at the end of the path, mm.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct RegionMotionDocument {
-    /// Forward (towards -y).
+    /// Forward (towards -y), mm.
     pub forward_mm: f64,
-    /// Down (towards -z).
+    /// Down (towards -z), mm.
     pub down_mm: f64,
-    /// To the patient's left (+x).
+    /// To the patient's left (+x), mm.
     pub left_mm: f64,
 }
 

@@ -3,7 +3,7 @@ use utoipa::ToSchema;
 
 use prosopon_geometry::SurfaceReport;
 
-/// Where a stored surface comes from.
+/// Origin of a stored surface.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct SurfaceOrigin {
     /// `upload` or `ct`.
@@ -16,32 +16,32 @@ pub struct SurfaceOrigin {
     pub sha256: String,
 }
 
-/// What a stored surface is like.
+/// Description of a stored surface.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct SurfaceDocument {
-    /// Where it comes from.
+    /// Origin of the surface.
     pub origin: SurfaceOrigin,
-    /// Vertices.
+    /// Number of vertices.
     pub vertices: usize,
-    /// Triangles.
+    /// Number of triangles.
     pub triangles: usize,
     /// Whether every edge has two triangles that run along it in opposite directions.
     pub closed: bool,
-    /// Edges with one triangle.
+    /// Number of edges with one triangle.
     pub open_edges: usize,
-    /// Holes: open edges that hang together count as one.
+    /// Number of holes: connected open edges count as one hole.
     pub holes: usize,
-    /// Edges with more than two triangles.
+    /// Number of edges with more than two triangles.
     pub non_manifold_edges: usize,
-    /// Edges whose two triangles run along them the same way.
+    /// Number of edges whose two triangles run along them in the same direction.
     pub inconsistent_edges: usize,
-    /// Parts that hang together.
+    /// Number of connected components.
     pub components: usize,
-    /// Triangles without area.
+    /// Number of triangles without area.
     pub degenerate_triangles: usize,
-    /// Triangles that are there more than once.
+    /// Number of triangles that occur more than once.
     pub duplicate_triangles: usize,
-    /// Triangles that cross or touch another one; absent when there are too many to count.
+    /// Number of triangles that cross or touch another one; absent when there are too many to count.
     pub self_intersections: Option<usize>,
     /// Smallest coordinates, LPS mm.
     pub min_mm: [f64; 3],
@@ -51,7 +51,7 @@ pub struct SurfaceDocument {
     pub area_mm2: f64,
     /// Enclosed volume, mm³; absent when the surface is not closed.
     pub volume_mm3: Option<f64>,
-    /// What was mended or is doubtful.
+    /// What was repaired, and what is doubtful.
     pub warnings: Vec<String>,
 }
 
@@ -81,7 +81,7 @@ impl SurfaceDocument {
     }
 }
 
-/// What a stored CT is like.
+/// Description of a stored CT.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct CtDocument {
     /// SHA-256 of the upload.
@@ -91,12 +91,12 @@ pub struct CtDocument {
     /// Format of the upload: `nifti`, `dicom`, `nrrd`, `metaimage`.
     #[serde(default = "nifti")]
     pub format: String,
-    /// What was changed or looks doubtful when it was read.
+    /// What was changed on reading, and what is doubtful.
     #[serde(default)]
     pub warnings: Vec<String>,
 }
 
-/// The only format that was taken before others were.
+/// Format of records without one: they were all NIfTI.
 fn nifti() -> String {
     "nifti".to_owned()
 }

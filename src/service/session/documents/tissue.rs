@@ -7,38 +7,38 @@ use prosopon_geometry::{Cell, VolumeMesh};
 use prosopon_planning::simulate::ReadyMesh;
 use prosopon_tissue::mesh::Attachment;
 
-/// What an uploaded tissue mesh is like.
+/// Description of an uploaded tissue mesh.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct TissueDocument {
     /// SHA-256 of the upload.
     pub sha256: String,
     /// Bytes of the upload.
     pub bytes: u64,
-    /// Points.
+    /// Number of points.
     pub nodes: usize,
-    /// Tetrahedra.
+    /// Number of tetrahedra.
     pub tetrahedra: usize,
-    /// Wedges.
+    /// Number of wedges.
     pub wedges: usize,
-    /// Cells of each tissue: `skin`, `muscle`, `fat`, `mucosa`.
+    /// Number of cells of each tissue: `skin`, `muscle`, `fat`, `mucosa`.
     pub tissues: BTreeMap<String, usize>,
-    /// Points that are free.
+    /// Number of free points.
     pub free_nodes: usize,
-    /// Points that slide on bone.
+    /// Number of points that slide on bone.
     pub sliding_nodes: usize,
-    /// Points tied to each segment; segment 0 stays.
+    /// Number of points tied to each segment; segment 0 is fixed.
     pub tied_nodes: BTreeMap<u32, usize>,
-    /// Points that are held along some axes by `fixed_mask`.
+    /// Number of points that `fixed_mask` holds along some axes.
     pub held_nodes: usize,
-    /// Points with a load `force_n`.
+    /// Number of points with a load `force_n`.
     pub loaded_nodes: usize,
-    /// Wedges that lie under others or inside, and so cannot be C1 prisms.
+    /// Number of wedges that lie below others or inside, and so cannot be C1 prisms.
     pub buried_wedges: usize,
     /// Smallest coordinates, LPS mm.
     pub min_mm: [f64; 3],
     /// Largest coordinates, LPS mm.
     pub max_mm: [f64; 3],
-    /// What was changed or looks doubtful.
+    /// What was changed on reading, and what is doubtful.
     pub warnings: Vec<String>,
 }
 

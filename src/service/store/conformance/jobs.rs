@@ -27,7 +27,7 @@ async fn the_queue_is_bounded_in_all_and_by_tenant(store: Store) {
     assert_eq!(insert(&store, &refused, limits, false).await, Insertion::Full);
     assert_eq!(store.job(refused.id).await.unwrap(), None);
     assert_eq!(store.queue(Lane::Heavy).await.unwrap().len(), 3);
-    // One that makes room for itself fits.
+    // A job that supersedes waiting ones fits into a full queue.
     assert!(
         matches!(insert(&store, &job(a, "3"), limits, true).await, Insertion::Stored { superseded, before: 1 } if superseded.len() == 2)
     );
@@ -48,7 +48,7 @@ async fn tenants_take_turns(store: Store) {
         assert!(store.change_job(&job, JobState::Succeeded, &JobChange::default()).await.unwrap());
     }
     assert_eq!(claimed, [a1, b1, a2, b2, a3]);
-    // Who was served longest ago is first, whoever asked first.
+    // The tenant whose last turn is longest ago comes first, whatever the order of the requests.
     let (late_a, late_b) = (accept(&store, a, "6").await, accept(&store, b, "7").await);
     assert_eq!(store.queue(Lane::Heavy).await.unwrap(), [late_b, late_a]);
     assert_eq!(store.queue(Lane::Quick).await.unwrap(), []);
@@ -69,7 +69,7 @@ async fn a_job_waits_a_little_for_the_worker_that_knows_its_session(store: Store
     assert_eq!(by(other).await, None);
     tokio::time::sleep(Claim::HEAD_START + Duration::from_millis(20)).await;
     assert_eq!(by(other).await, Some(third), "the worker that knows it has something else to do");
-    // From now on that one knows it.
+    // From now on the other worker knows the session.
     let fourth = accept(&store, known, "5").await;
     assert_eq!(by(own).await, None);
     assert_eq!(by(other).await, Some(fourth));
@@ -153,7 +153,7 @@ async fn a_lease_is_renewed_by_its_worker_and_passes_without(store: Store) {
     assert_eq!(passed(Duration::ZERO).await, []);
     assert_eq!(store.renew(&running, Duration::from_millis(50)).await.unwrap(), Some(false));
     assert_eq!(passed(Duration::from_millis(100)).await, [waiting]);
-    // What was renewed and has passed again is not as it was.
+    // A lease that was renewed and has expired again is not equal to the earlier one.
     let once = store.meta().abandoned().await.unwrap();
     assert_eq!(store.meta().abandoned().await.unwrap(), once);
     assert_eq!(store.renew(&running, Duration::from_millis(50)).await.unwrap(), Some(false));
@@ -178,7 +178,7 @@ async fn a_job_that_was_asked_to_stop_can_only_be_cancelled(store: Store) {
     assert!(asked.cancel_requested_at.is_some() && asked.state == JobState::Running);
     assert!(store.request_cancel(first).await.unwrap(), "asking again changes nothing");
     assert_eq!(store.job(first).await.unwrap().unwrap(), asked);
-    // It is no twin any more: who asks for the same wants it done.
+    // A job with a cancellation request is no twin: a client that repeats the request wants a result.
     assert!(matches!(insert(&store, &job(id, "1"), MANY, false).await, Insertion::Stored { before: 1, .. }));
     for to in [JobState::Succeeded, JobState::Failed] {
         assert!(!store.change_job(&running, to, &JobChange::default()).await.unwrap(), "{to}");
@@ -189,7 +189,7 @@ async fn a_job_that_was_asked_to_stop_can_only_be_cancelled(store: Store) {
     assert!(store.change_job(&interrupted, JobState::Cancelled, &JobChange::default()).await.unwrap());
     assert!(!store.request_cancel(first).await.unwrap(), "it has ended");
     assert!(!store.request_cancel(JobId::new()).await.unwrap());
-    // One that waits is not begun.
+    // A waiting job with a cancellation request is not claimed.
     assert!(store.request_cancel(second).await.unwrap());
     assert!(!store.queue(Lane::Heavy).await.unwrap().contains(&second));
     assert_ne!(claim(&store).await.unwrap().id, second);
@@ -204,7 +204,7 @@ async fn steps_are_kept_and_the_same_one_is_told_once(store: Store) {
     let frame = blob(&store, id, b"frame").await;
     assert_eq!(store.commit_step(&running, &step(1, &frame), &told).await.unwrap(), StepWritten::New(None));
     let same = blob(&store, id, b"frame").await;
-    // The regions of the face may be others by now.
+    // The regions of the face may have changed meanwhile.
     let again = StepRecord { error: Some("{}".to_owned()), ..step(1, &same) };
     assert_eq!(store.commit_step(&running, &again, &told).await.unwrap(), StepWritten::Same);
     assert!(store.blobs().get(&same.key).await.is_err());
@@ -237,7 +237,7 @@ async fn a_milestone_is_there_for_who_takes_a_job_over_and_goes_with_its_end(sto
     let first = claim(&store).await.unwrap();
     let [one, two, three] = [blob(&store, id, b"1").await, blob(&store, id, b"2").await, blob(&store, id, b"3").await];
     store.set_milestone(&first, &one).await.unwrap();
-    // As when the answer was lost.
+    // A repeated call, as after a lost answer.
     store.set_milestone(&first, &one).await.unwrap();
     assert_eq!(store.blobs().get(&one.key).await.unwrap().as_ref(), b"1");
     store.set_milestone(&first, &two).await.unwrap();
@@ -250,7 +250,7 @@ async fn a_milestone_is_there_for_who_takes_a_job_over_and_goes_with_its_end(sto
     assert!(matches!(store.set_milestone(&first, &three).await, Err(StoreError::SessionGone)));
     assert!(store.blobs().get(&three.key).await.is_err());
     assert_eq!((store.session_bytes(id).await.unwrap(), store.sweep_old().await.unwrap()), (0, 0));
-    // Said again by the first, which was not told that it is named.
+    // The first worker repeats its call, because it did not learn that the key was stored.
     assert!(matches!(store.set_milestone(&first, &two).await, Err(StoreError::SessionGone)));
     assert_eq!(store.blobs().get(&two.key).await.unwrap().as_ref(), b"2");
     assert!(store.change_job(&second, JobState::Succeeded, &JobChange::default()).await.unwrap());
@@ -304,7 +304,7 @@ async fn a_job_that_begins_again_has_no_steps_and_no_milestone(store: Store) {
     assert_eq!(store.session_bytes(id).await.unwrap(), 2 * "other 1".len() as u64);
     let frame = blob(&store, id, b"again 1").await;
     assert_eq!(store.commit_step(&second, &step(1, &frame), &told).await.unwrap(), StepWritten::New(None));
-    // Others keep theirs.
+    // Other jobs keep their steps and checkpoints.
     assert_eq!(store.steps(other.id).await.unwrap().len(), 2);
     let milestone = store.job(other.id).await.unwrap().unwrap().milestone_blob.unwrap();
     assert!(store.blobs().get(&milestone).await.is_ok());
@@ -333,7 +333,7 @@ async fn events_count_up_and_old_ones_go(store: Store) {
     };
     assert!(store.change_job(&running, JobState::Succeeded, &change).await.unwrap());
     assert_eq!(store.prune_events(Duration::from_secs(600)).await.unwrap(), 0, "it has just ended");
-    // Times have milliseconds.
+    // Times have a resolution of milliseconds.
     tokio::time::sleep(Duration::from_millis(5)).await;
     assert_eq!(store.prune_events(Duration::ZERO).await.unwrap(), 102);
     let left = store.events(running.id, 0).await.unwrap();

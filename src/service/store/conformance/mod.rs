@@ -1,4 +1,6 @@
-//! What every engine does alike, run on memory, on SQLite with files, and on Postgres with a bucket.
+//! Tests of the behaviour that all engines share.
+//!
+//! They run on memory, on SQLite with files, and on Postgres with a bucket.
 
 use std::time::Duration;
 
@@ -38,7 +40,7 @@ mod jobs;
 mod sessions;
 mod shared;
 
-/// A store with an empty database and an empty bucket, and what must be kept while it is used.
+/// A store with an empty database and an empty bucket, and the guards that keep these alive.
 async fn shared_store() -> (Store, impl Sized) {
     let (directory, bucket) = (tempfile::tempdir().unwrap(), engines::Bucket::start().await);
     let store = open_shared(directory.path(), &engines::fresh_database().await, &bucket).await;
@@ -49,7 +51,7 @@ async fn open_shared(directory: &std::path::Path, database: &str, bucket: &engin
     try_open_shared(directory, database, bucket, &bucket.url()).await.unwrap()
 }
 
-/// The same with another bucket of that server.
+/// Opens a store with another bucket of the same server.
 async fn try_open_shared(
     directory: &std::path::Path,
     database: &str,

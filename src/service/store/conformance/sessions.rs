@@ -1,4 +1,4 @@
-//! Sessions, what they hold, answers and the audit log.
+//! Sessions and their contents, stored answers, and the anchor of the audit log.
 
 use super::*;
 
@@ -42,12 +42,12 @@ async fn a_hidden_session_answers_as_deleted_until_it_is_restored(store: Store) 
     assert_eq!(store.sessions(Some(&a), None, 10).await.unwrap(), [hidden.clone(), kept.clone()]);
     assert_eq!(store.jobs(&all).await.unwrap().len(), 2);
     assert!(!store.is_deleted(&job.to_string()).await.unwrap());
-    // A comparison of two sessions needs both.
+    // A comparison of two sessions is visible only while both are.
     store.hide_session(kept.id).await.unwrap();
     store.hide_session(hidden.id).await.unwrap();
     store.restore_session(kept.id).await.unwrap();
     assert!(store.is_deleted(&reading.id.to_string()).await.unwrap());
-    // What was hidden can be deleted for good, and then it does not come back.
+    // A hidden session can be deleted for good, and then cannot be restored.
     assert!(store.delete_session(hidden.id).await.unwrap());
     assert!(!store.restore_session(hidden.id).await.unwrap());
     assert!(store.is_deleted(&hidden.id.to_string()).await.unwrap());

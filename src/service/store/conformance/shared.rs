@@ -1,4 +1,4 @@
-//! What only stores that several processes share are asked for.
+//! Tests of stores that several processes share.
 
 use std::collections::BTreeSet;
 
@@ -17,7 +17,7 @@ async fn stores_that_open_one_database_at_once_bring_it_up_once_and_share_it() {
     stores[1].put_parts(record.id, &[part_with(PartKind::Skin, &skin)]).await.unwrap();
     assert_eq!(stores[2].session(record.id).await.unwrap(), Some(record));
     assert_eq!(stores[3].blobs().get(&skin.key).await.unwrap().as_ref(), b"skin");
-    // Each has its audit log, with an end of its own.
+    // Each process has its own audit log with its own end.
     stores[0].set_audit_anchor("end").await.unwrap();
     assert_eq!(stores[0].audit_anchor().await.unwrap().unwrap().0, "end");
     assert_eq!(stores[1].audit_anchor().await.unwrap(), None);
@@ -41,18 +41,18 @@ async fn a_bucket_of_other_rows_is_refused_before_anything_in_it_is_removed() {
         let told = opened(database, bucket).await.unwrap_err().to_string();
         assert!(told.contains(words) && told.contains(bucket), "{told}");
     };
-    refused(&other, &bucket, "those of another database").await;
-    refused(&own, &empty, "has results, of which it holds none").await;
-    // As it is before the first start of a version that looks.
+    refused(&other, &bucket, "the results of another database").await;
+    refused(&own, &empty, "has results that it does not hold").await;
+    // A store from before the first start of a version that records the name.
     store.blobs().delete("belongs-to").await;
-    refused(&other, &bucket, "holds results, of which the database knows none").await;
+    refused(&other, &bucket, "holds results that the database does not know").await;
     opened(&own, &bucket).await.unwrap();
     let (theirs, _kept) = opened(&other, &empty).await.unwrap();
     let session = add_session(&theirs, "b").await.id;
     let skin_there = blob(&theirs, session, b"skin").await;
     theirs.put_parts(session, &[part_with(PartKind::Skin, &skin_there)]).await.unwrap();
     theirs.blobs().delete("belongs-to").await;
-    refused(&own, &empty, "has results, of which it holds none").await;
+    refused(&own, &empty, "has results that it does not hold").await;
     assert_eq!(store.blobs().get(&skin.key).await.unwrap().as_ref(), b"skin");
     let nowhere = opened(&fresh_database().await, "s3://elsewhere").await.unwrap_err();
     assert!(format!("{nowhere:?}").contains("NoSuchBucket"), "{nowhere:?}");
@@ -114,7 +114,7 @@ async fn a_job_is_claimed_once_by_many_and_tenants_take_turns() {
     let claimed: Vec<JobRecord> = join_all(claimers).await.into_iter().flat_map(Result::unwrap).collect();
     assert_eq!(claimed.len(), jobs.len(), "none twice");
     assert_eq!(claimed.iter().map(|j| j.id).collect::<BTreeSet<_>>(), jobs, "all");
-    // Of the first half of the starts each tenant has its share.
+    // Each tenant has its share of the first half of the claims.
     let mut by_start = claimed;
     by_start.sort_by(|x, y| x.started_at.cmp(&y.started_at));
     let of_a = by_start.iter().take(20).filter(|job| job.session == a).count();
@@ -130,7 +130,7 @@ async fn limits_hold_for_jobs_that_are_stored_at_once() {
     let insertions = join_all(new.iter().map(|job| insert(&store, job, limits, false))).await;
     let stored = insertions.iter().filter(|i| matches!(i, Insertion::Stored { .. })).count();
     assert_eq!((stored, store.queue(Lane::Heavy).await.unwrap().len()), (7, 7));
-    // The same job, asked for many times at once, is there once.
+    // Many concurrent requests for the same job store it once.
     let (id, twins) = (add_session(&store, "c").await.id, 10);
     let same: Vec<JobRecord> = (0..twins).map(|_| job(id, "same")).collect();
     let insertions = join_all(same.iter().map(|job| insert(&store, job, MANY, false))).await;
@@ -207,8 +207,9 @@ async fn what_is_written_again_after_a_lost_answer_stays() {
     assert_eq!(store.events(running.id, 0).await.unwrap().len(), 3, "told once");
 }
 
-/// Calls that are broken off at every await in turn, as by clients that leave: what is written after them is there for all, and nothing
-/// waits for what they had locked.
+/// Cancels calls at every await in turn, as when clients leave.
+///
+/// Later writes must be visible to all, and no call may wait for locks of a cancelled one.
 #[tokio::test]
 async fn calls_that_are_broken_off_leave_no_transaction_behind() {
     let database = fresh_database().await;
@@ -228,7 +229,7 @@ async fn calls_that_are_broken_off_leave_no_transaction_behind() {
             tokio::time::sleep(Duration::from_micros(300)).await;
         }
         drop(write);
-        // On the same connection, with no transaction of its own.
+        // Uses the same connection, which must not be inside a transaction.
         assert_eq!(store.renew(&running, LEASE).await.unwrap(), Some(false));
         let written = other.record_progress(&running, "solve", 0.5, "{}");
         let written = tokio::time::timeout(Duration::from_secs(10), written).await;
@@ -285,12 +286,12 @@ async fn a_bucket_that_says_nothing_holds_up_no_change_of_rows() {
     bucket.set(Mood::Silent);
     let change = JobChange::default();
     let end = store.change_job(&running, JobState::Succeeded, &change);
-    // The bucket's own patience is a minute.
+    // The retries of the bucket last a minute.
     assert!(tokio::time::timeout(Duration::from_secs(20), end).await.expect("it waits for the bucket").unwrap());
     let deletion = tokio::time::timeout(Duration::from_secs(20), store.delete_session(id));
     assert!(deletion.await.expect("it waits for the bucket").unwrap());
     bucket.set(Mood::Serving);
-    // By itself or with a sweep.
+    // The blob is removed in the background or by a sweep.
     store.sweep(Duration::ZERO).await.unwrap();
     assert!(matches!(store.blobs().get(&milestone.key).await, Err(StoreError::BlobGone { .. })));
 }

@@ -107,7 +107,7 @@ impl Rows {
         self.places(lane, |_| 0).into_iter().map(|(_, id)| id).collect()
     }
 
-    /// Jobs that wait in a lane with their ranks, in order.
+    /// Waiting jobs of a lane with their ranks, in claiming order.
     fn places(&self, lane: Lane, rank: impl Fn(&Job) -> u8) -> Vec<(u8, JobId)> {
         let waiting = self.jobs.values().filter(|j| {
             let j = &j.record;
@@ -145,7 +145,9 @@ impl Rows {
         Some(job.record.clone())
     }
 
-    /// 0 for a job that is taken first, 1 for one of a session that another worker knows, 2 for one that is left to that worker for now.
+    /// Rank of a job: 0 to claim first; 1 if another worker knows its session.
+    ///
+    /// 2 if it is still left to that worker.
     fn rank(&self, job: &Job, claim: &Claim) -> u8 {
         let of_session = self.jobs.values().rev().filter(|j| j.record.session == job.record.session);
         let last = of_session.filter_map(|j| j.worker).next();

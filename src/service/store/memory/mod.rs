@@ -1,4 +1,6 @@
-//! Rows in memory: what every engine must do, in the plainest form. For tests and trials; nothing outlives the process.
+//! Rows in memory, for tests and trials; lost when the process ends.
+//!
+//! This is the simplest form of what every engine must do.
 
 mod jobs;
 mod sessions;
@@ -17,7 +19,7 @@ use super::{
 
 type Result<T> = std::result::Result<T, StoreError>;
 
-/// Rows of one process.
+/// The rows of one process.
 #[derive(Debug, Default)]
 pub(super) struct MemoryMeta {
     rows: Mutex<Rows>,
@@ -33,7 +35,7 @@ struct Rows {
     steps: BTreeMap<(JobId, u32), StepRecord>,
     events: BTreeMap<(JobId, u64), EventRecord>,
     answers: BTreeMap<(TenantId, String), (AnswerRecord, String)>,
-    /// Tenant and time of deletion.
+    /// Tenant and time of deletion, by id.
     tombstones: BTreeMap<String, (TenantId, String)>,
     turns: BTreeMap<(TenantId, Lane), u64>,
     last_number: u64,
@@ -45,7 +47,7 @@ struct Job {
     record: JobRecord,
     bytes: u64,
     accepted_at: Instant,
-    /// Who began it last.
+    /// Worker that claimed it last.
     worker: Option<WorkerId>,
 }
 
@@ -54,7 +56,7 @@ impl MemoryMeta {
         look(&self.rows.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
-    /// Changes a copy and keeps it when the change succeeds.
+    /// Changes a copy of the rows, which replaces them only when the change succeeds.
     fn write<T>(&self, change: impl FnOnce(&mut Rows) -> Result<T>) -> Result<T> {
         let mut rows = self.rows.lock().unwrap_or_else(PoisonError::into_inner);
         let mut next = rows.clone();
@@ -223,7 +225,7 @@ impl MetaStore for MemoryMeta {
     }
 
     async fn insert_job(&self, new: &NewJob<'_>) -> Result<Insertion> {
-        // What is refused leaves no trace: the copy is dropped.
+        // A refused job must leave no trace, so the copy is dropped.
         let refused = std::cell::Cell::new(None);
         let inserted = self.write(|rows| {
             let outcome = rows.insert_job(new)?;

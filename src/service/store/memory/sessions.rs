@@ -71,12 +71,12 @@ impl Rows {
         gone().or(here)
     }
 
-    /// When a session, or a job that is still there, was hidden.
+    /// When a stored session or job was hidden, RFC 3339.
     pub(super) fn hidden_at(&self, id: &str) -> Option<&str> {
         self.tombstones.get(id).map(|(_, at)| at.as_str())
     }
 
-    /// Ids of a session and of all that is hidden with it.
+    /// Ids of a session and of everything that is hidden with it.
     fn with_contents(&self, id: SessionId) -> Vec<String> {
         let reads = |j: &&super::Job| j.record.session == id || j.record.other_session == Some(id);
         let jobs = self.jobs.values().filter(reads).map(|j| j.record.id.to_string());
@@ -99,7 +99,7 @@ impl Rows {
         if !self.sessions.contains_key(&id) || self.tombstones.remove(&id.to_string()).is_none() {
             return false;
         }
-        // A comparison of two sessions stays hidden while one of them is.
+        // A comparison of two sessions stays hidden while either session is hidden.
         let hidden: BTreeSet<SessionId> =
             self.sessions.keys().copied().filter(|s| self.hidden_at(&s.to_string()).is_some()).collect();
         let of_hidden = |j: &&super::Job| {

@@ -6,12 +6,12 @@ use sqlx::postgres::PgListener;
 use super::Result;
 use crate::Changes;
 
-/// Channel on which the triggers of the schema tell that jobs or events have changed.
+/// Channel on which the schema's triggers notify of changed jobs and events.
 const CHANNEL: &str = "prosopon";
-/// What they say of a job that can be begun.
+/// Payload of the notification of a job that can begin.
 const QUEUE: &str = "queue";
 
-/// What the server tells; it connects again by itself.
+/// Notifications of the server; the listener reconnects by itself.
 struct Told(PgListener);
 
 pub(super) async fn changes(pool: &PgPool) -> Result<Changes> {
@@ -23,7 +23,7 @@ pub(super) async fn changes(pool: &PgPool) -> Result<Changes> {
 #[async_trait::async_trait]
 impl crate::changes::Source for Told {
     async fn next(&mut self, patience: Duration) -> bool {
-        // A word that was lost costs no more than the patience.
+        // A lost notification delays a job by `patience` at most.
         let mut queue = match tokio::time::timeout(patience, self.0.recv()).await {
             Ok(Ok(word)) => word.payload() == QUEUE,
             Ok(Err(_)) => {
@@ -32,7 +32,7 @@ impl crate::changes::Source for Told {
             }
             Err(_) => true,
         };
-        // What was said meanwhile is the same word.
+        // Merges all notifications that have arrived into one.
         while let Ok(Ok(word)) = tokio::time::timeout(Duration::ZERO, self.0.recv()).await {
             queue |= word.payload() == QUEUE;
         }

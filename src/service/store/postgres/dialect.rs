@@ -1,28 +1,28 @@
-//! What Postgres says in its own words.
+//! SQL that only Postgres uses.
 
 use crate::StoreError;
 
 pub(super) type Db = sqlx::Postgres;
 
-/// Ends a query whose rows nobody else changes until the transaction ends.
+/// Ends a query that locks its rows against changes until the transaction ends.
 pub(super) const FOR_CHANGE: &str = "FOR NO KEY UPDATE";
-/// The same, and nothing new refers to them.
+/// Ends a query that also locks its rows against new references to them.
 pub(super) const FOR_REMOVAL: &str = "FOR UPDATE";
-/// Ends a query for the first job (`j`) that no one else takes at this moment.
+/// Ends a query for the first job (`j`) that no concurrent claim has locked.
 pub(super) const FOR_CLAIM: &str = "FOR UPDATE OF j SKIP LOCKED";
-/// Begins a transaction whose queries all see the same moment.
+/// Begins a read transaction on one snapshot.
 pub(super) const SNAPSHOT: &str = "BEGIN ISOLATION LEVEL REPEATABLE READ, READ ONLY";
-/// The texts of the JSON list `$1`.
+/// The strings of the JSON list `$1`.
 pub(super) const LISTED: &str = "(SELECT json_array_elements_text($1::json))";
-/// A number above that of all turns before.
+/// A number larger than that of every earlier turn.
 pub(super) const NEXT_TURN: &str = "nextval('turn')";
-/// The present time, ms since 1970.
+/// The current time, ms since 1970.
 pub(super) const NOW_MS: &str = "CAST(extract(epoch FROM clock_timestamp()) * 1000 AS BIGINT)";
 
-/// Key of the advisory lock on the length of the queue, `"queue"` in ASCII.
+/// Key of the advisory lock on the queue: `"queue"` in ASCII.
 const QUEUE: i64 = 0x71_75_65_75_65;
 
-/// Lets one transaction at a time count and lengthen the queue.
+/// Locks the queue, so that one transaction at a time counts and extends it.
 pub(super) async fn hold_queue(connection: &mut sqlx::PgConnection) -> Result<(), StoreError> {
     sqlx::query("SELECT pg_advisory_xact_lock($1)").bind(QUEUE).execute(connection).await?;
     Ok(())

@@ -1,4 +1,4 @@
-//! The format of the database: scripts under the lock and in the table of [`sqlx::migrate`].
+//! Format of the Postgres database and its migrations, run by [`sqlx::migrate`].
 
 use sqlx::migrate::{MigrateError, Migration, MigrationType, Migrator};
 use sqlx::postgres::PgConnectOptions;
@@ -7,7 +7,7 @@ use sqlx::{ConnectOptions, Connection, PgConnection, SqlStr};
 use super::Result;
 use crate::StoreError;
 
-/// Scripts that bring an empty database to the present format, one a version.
+/// Migration scripts with their names, one for each version of the format, in order.
 const MIGRATIONS: &[(&str, &str)] = &[
     ("schema", include_str!("1_schema.sql")),
     ("several processes", include_str!("2_several_processes.sql")),
@@ -16,10 +16,10 @@ const MIGRATIONS: &[(&str, &str)] = &[
     ("sealed values", include_str!("5_sealed_values.sql")),
 ];
 
-/// What Postgres says when a table that a script makes is there already.
+/// Postgres error code: a table that a script creates exists already.
 const TABLE_IS_THERE: &str = "42P07";
 
-/// Refuses any format but the present one.
+/// Refuses every format but the current one.
 pub(super) async fn check_version(options: &PgConnectOptions) -> Result<()> {
     let mut connection = options.connect().await?;
     let found = version(&mut connection, &migrator()).await;
@@ -28,9 +28,9 @@ pub(super) async fn check_version(options: &PgConnectOptions) -> Result<()> {
     if found < known { Err(StoreError::Older { found, known }) } else { Ok(()) }
 }
 
-/// Brings the database to the present format, one process at a time: the version found and the present one.
+/// Migrates the database, one process at a time; returns the format found and the current one.
 pub(crate) async fn migrate(options: &PgConnectOptions) -> Result<(i64, i64)> {
-    // A connection of its own: closing it gives the lock back, whatever happened.
+    // A separate connection: closing it releases the lock in every case.
     let mut connection = options.connect().await?;
     let done = bring_up(&mut connection).await;
     connection.close().await.ok();
@@ -40,7 +40,7 @@ pub(crate) async fn migrate(options: &PgConnectOptions) -> Result<(i64, i64)> {
 async fn bring_up(connection: &mut PgConnection) -> Result<(i64, i64)> {
     let (migrator, known) = (migrator(), MIGRATIONS.len() as i64);
     let found = version(connection, &migrator).await?;
-    // A user who may not make tables can serve a database that needs none.
+    // Without a migration to run, a user without the right to create tables suffices.
     if found < known {
         migrator.run(&mut *connection).await.map_err(fault)?;
     }
@@ -54,7 +54,9 @@ fn migrator() -> Migrator {
     Migrator::with_migrations((1..).zip(MIGRATIONS).map(script).collect())
 }
 
-/// The version that the database has; 0 when it is empty. A later one and one of another program are refused.
+/// Format of the database, 0 when it is empty.
+///
+/// Refuses a later format and the tables of another program.
 async fn version(connection: &mut PgConnection, migrator: &Migrator) -> Result<i64> {
     let applied = applied(connection).await?;
     let (found, known) = (applied.len() as i64, MIGRATIONS.len() as i64);
@@ -67,7 +69,7 @@ async fn version(connection: &mut PgConnection, migrator: &Migrator) -> Result<i
     if found > known { Err(StoreError::Newer { found, known }) } else { Ok(found) }
 }
 
-/// Version and checksum of the scripts that were run here.
+/// Versions and checksums of the scripts that were run on this database.
 async fn applied(connection: &mut PgConnection) -> Result<Vec<(i64, Vec<u8>)>> {
     let table = sqlx::query_scalar("SELECT to_regclass('_sqlx_migrations') IS NOT NULL");
     if !table.fetch_one(&mut *connection).await? {
@@ -79,7 +81,7 @@ async fn applied(connection: &mut PgConnection) -> Result<Vec<(i64, Vec<u8>)>> {
 
 fn fault(error: MigrateError) -> StoreError {
     let (MigrateError::Execute(error) | MigrateError::ExecuteMigration(error, _)) = error else {
-        // Other scripts were run here since the look.
+        // Other scripts were run on the database after its version was read.
         return StoreError::ForeignTables;
     };
     let code = error.as_database_error().and_then(sqlx::error::DatabaseError::code);

@@ -18,29 +18,30 @@ pub(super) use format::migrate;
 
 type Result<T> = std::result::Result<T, StoreError>;
 
-/// Connections of one process.
+/// Largest number of connections of one process.
 const CONNECTIONS: u32 = 12;
-/// Longest wait for a connection: after that the database counts as away.
+/// Longest wait for a connection; after it the database counts as unreachable.
 const PATIENCE: Duration = Duration::from_secs(5);
-/// Longest wait for a row that another transaction holds, and longest silence within a transaction: a process that has lost its way
-/// does not stand in the way of others.
+/// Longest wait for a lock, and longest pause within a transaction.
+///
+/// They keep a process that hangs from blocking others.
 const LIMITS: [(&str, &str); 2] = [("lock_timeout", "20s"), ("idle_in_transaction_session_timeout", "5s")];
 
-/// A database that others may use too.
+/// A Postgres database that other processes may use at the same time.
 #[derive(Debug)]
 pub(super) struct PostgresMeta {
-    /// A connection is asked before it is used, so that one that broke meanwhile is replaced.
+    /// Tests each connection before its use, so that a broken one is replaced.
     pool: PgPool,
 }
 
 impl PostgresMeta {
-    /// Opens the database and brings it to the present format.
+    /// Opens the database and migrates it to the current format.
     pub(super) async fn open(options: &PgConnectOptions) -> Result<Self> {
         migrate(options).await?;
         Self::connect(options).await
     }
 
-    /// Opens a database of the present format as it is.
+    /// Opens a database of the current format without migrating it.
     pub(super) async fn open_beside(options: &PgConnectOptions) -> Result<Self> {
         format::check_version(options).await?;
         Self::connect(options).await
@@ -61,15 +62,15 @@ impl PostgresMeta {
         &self.pool
     }
 
-    /// Takes a connection for itself.
+    /// Listens for notifications on a connection of its own.
     async fn listen(&self) -> Result<Option<Changes>> {
         Ok(Some(changes::changes(&self.pool).await?))
     }
 
-    /// Whether it answers and can be written: a copy that only follows another server cannot.
+    /// Checks that the database answers and takes writes; a read-only replica does not.
     async fn probe(&self) -> Result<()> {
         let mut transaction = self.pool.begin().await?;
-        // Takes a row lock, which a server that takes no writes refuses.
+        // FOR UPDATE takes a row lock, which a read-only server refuses.
         sqlx::query("SELECT chain FROM audit_anchors LIMIT 0 FOR UPDATE").execute(&mut *transaction).await?;
         transaction.rollback().await?;
         Ok(())
@@ -80,11 +81,12 @@ impl PostgresMeta {
     }
 }
 
-/// Whether a connection that is given back is in no transaction; if not it is closed. A call that is broken off (a client leaves, a job
-/// ends while its progress is being written) can leave one that the driver does not know of: what is written in it would be seen by
-/// nobody, and its locks would stay.
+/// Whether a released connection is outside a transaction; if not, it is closed.
+///
+/// A cancelled call (a client leaves, a job ends while its progress is written) can leave a transaction that the driver does not
+/// know of. Writes in it would stay invisible, and its locks would stay held.
 async fn is_free(connection: &mut PgConnection) -> sqlx::Result<bool> {
-    // In a simple query outside of a transaction the two are the same moment.
+    // The two times are equal only when the statement has its own transaction.
     let fresh = sqlx::raw_sql("SELECT now() = statement_timestamp()").fetch_one(connection).await?;
     sqlx::Row::try_get(&fresh, 0)
 }

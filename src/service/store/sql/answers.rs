@@ -2,7 +2,7 @@ use super::{Pool, Result, Transaction};
 use crate::records::now_rfc3339;
 use crate::{AnswerRecord, Remembered, StoreError, TenantId};
 
-/// Writes the answer in the transaction that creates the thing, so that either both are there or none.
+/// Stores the answer in the transaction that creates the thing, so that either both exist or neither.
 pub(super) async fn remember(transaction: &mut Transaction<'_>, answer: Option<&AnswerRecord>) -> Result<()> {
     let Some(answer) = answer else { return Ok(()) };
     sqlx::query(

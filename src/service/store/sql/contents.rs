@@ -1,4 +1,4 @@
-//! What many sessions hold, read at one moment with as many queries as for one.
+//! Contents of many sessions, read in one snapshot with as many queries as for one session.
 
 use std::collections::BTreeMap;
 
@@ -36,7 +36,7 @@ pub(super) async fn of(
     for (session, id) in ids(&mut snapshot, "plans", &wanted).await? {
         of_session(&mut found, &session)?.plans.push(parse_id(&id)?);
     }
-    // Numbered without the long columns.
+    // The window function sorts ids only, without the long columns.
     let rows = format!(
         "SELECT * FROM jobs WHERE id IN (SELECT id FROM (
              SELECT id, row_number() OVER (PARTITION BY session ORDER BY id DESC) AS place
@@ -52,7 +52,7 @@ pub(super) async fn of(
     Ok(found)
 }
 
-/// Sessions and ids of what they hold in a table.
+/// Pairs of session and id from a table.
 async fn ids(snapshot: &mut Transaction<'_>, table: &str, wanted: &str) -> Result<Vec<(String, String)>> {
     let rows = format!("SELECT session, id FROM {table} WHERE session IN {LISTED} ORDER BY id");
     Ok(sqlx::query_as(AssertSqlSafe(rows)).bind(wanted).fetch_all(&mut **snapshot).await?)

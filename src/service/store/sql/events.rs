@@ -30,7 +30,7 @@ pub(super) async fn append_all(
     Ok(())
 }
 
-/// Appends a progress event and drops those that are long outdated.
+/// Appends a progress event and deletes progress events that are not among the last events of the job.
 pub(super) async fn append_progress(transaction: &mut Transaction<'_>, job: JobId, data: &str) -> Result<()> {
     append(transaction, job, "progress", data).await?;
     sqlx::query(

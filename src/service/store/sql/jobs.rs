@@ -67,14 +67,14 @@ pub(super) async fn page(reader: &Pool, filter: &JobFilter) -> Result<Vec<JobRec
     .collect()
 }
 
-/// The row of a job, which nobody else changes until the transaction ends.
+/// Locks the row of a job until the transaction ends, and reads it.
 pub(super) async fn held(transaction: &mut Transaction<'_>, id: JobId) -> Result<Option<JobRecord>> {
     let row = format!("SELECT * FROM jobs WHERE id = $1 {FOR_CHANGE}");
     let row = sqlx::query(AssertSqlSafe(row)).bind(id.to_string());
     row.fetch_optional(&mut **transaction).await?.as_ref().map(record).transpose()
 }
 
-/// The same, and of its session, whose bytes it changes.
+/// Locks the row of a job and of its session, for changes of the session's stored bytes.
 pub(super) async fn held_with_session(transaction: &mut Transaction<'_>, id: JobId) -> Result<Option<JobRecord>> {
     let session = format!("SELECT id FROM sessions WHERE id = (SELECT session FROM jobs WHERE id = $1) {FOR_CHANGE}");
     sqlx::query(AssertSqlSafe(session)).bind(id.to_string()).fetch_optional(&mut **transaction).await?;
@@ -104,7 +104,7 @@ pub(super) async fn change(
     Ok(true)
 }
 
-/// Writes a change of state with its events; the row is as `job` says.
+/// Writes a change of state with its events; `job` must be the locked row.
 pub(super) async fn write_change(
     transaction: &mut Transaction<'_>,
     job: &JobRecord,
@@ -194,7 +194,7 @@ pub(super) async fn set_rest(
         .await?;
     sessions::check_bytes(&mut transaction, job.session, quota).await?;
     transaction.commit().await?;
-    // The same one when what was written is written again.
+    // A repeated call finds its own key; that blob stays.
     Ok(job.rest_blob.filter(|old| *old != rest.key))
 }
 

@@ -1,10 +1,11 @@
-//! Rows as SQL, one text for all databases: each engine compiles this module against its driver, and its `dialect` says what the
-//! databases do not have in common.
+//! Rows as SQL, with one text for all databases.
 //!
-//! Transactions may run side by side (on Postgres; SQLite has one writer). What each relies on:
-//! - What changes a session as a whole (quota, twins of jobs) holds the session's row; what changes a job holds the job's row, and its
-//!   session's before it where both are needed. Several jobs are held in the order of their ids. So nobody waits in a circle.
-//! - A row that was waited for is read again after the wait.
+//! Each engine compiles this module against its driver; its module `dialect` holds what differs between the databases.
+//!
+//! On Postgres transactions run concurrently (SQLite has one writer). They rely on two rules:
+//! - A change of a session as a whole (quota, twins of jobs) locks the session's row. A change of a job locks the job's row, and
+//!   the session's row before it where it needs both. Several jobs are locked in the order of their ids, so nothing deadlocks.
+//! - A transaction that waited for a lock reads the row again.
 
 mod anchor;
 mod answers;
@@ -29,7 +30,7 @@ type Transaction<'t> = sqlx::Transaction<'t, Db>;
 type Connection = <Db as sqlx::Database>::Connection;
 type DbRow = <Db as sqlx::Database>::Row;
 
-/// A row whose session is gone breaks the foreign key.
+/// Maps a foreign key violation to [`StoreError::SessionGone`]: the session of the row was deleted.
 fn gone_if_orphan(error: sqlx::Error) -> StoreError {
     let orphan = error.as_database_error().is_some_and(sqlx::error::DatabaseError::is_foreign_key_violation);
     if orphan { StoreError::SessionGone } else { error.into() }

@@ -69,7 +69,7 @@ pub(super) async fn delete_osteotomy(
     id: OsteotomyId,
 ) -> Result<Option<Vec<String>>> {
     let mut transaction = writer.begin().await?;
-    // No plan is made for it any more.
+    // The lock keeps other transactions from storing a plan for this osteotomy.
     let held = format!("SELECT id FROM osteotomies WHERE id = $1 {FOR_REMOVAL}");
     sqlx::query(AssertSqlSafe(held)).bind(id.to_string()).fetch_optional(&mut *transaction).await?;
     sqlx::query(

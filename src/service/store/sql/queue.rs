@@ -9,8 +9,11 @@ use super::{Connection, Pool, Result, Transaction, gone_if_orphan, jobs, session
 use crate::records::{parse_id, to_i64};
 use crate::{Claim, Insertion, JobChange, JobId, JobRecord, Lane, NewJob};
 
-/// Jobs `w` that wait in lane `$1`, in order: each tenant's first in the first round, each tenant's second in the next, and so on; within a
-/// round the tenant whose turn was longest ago. Those of a lower `rank`, an expression of the job `j`, come first.
+/// SQL for the waiting jobs `w` of lane `$1` in claiming order.
+///
+/// The first round has the first job of each tenant, the second round the second job, and so on. Within a round, jobs with a
+/// lower `rank` come first, then those of the tenant whose last turn is longest ago. `rank` is an expression of the job `j`;
+/// `open` is appended to the FROM clause.
 fn waiting(rank: &str, open: &str) -> String {
     format!(
         "SELECT w.id FROM (
@@ -22,8 +25,13 @@ fn waiting(rank: &str, open: &str) -> String {
     )
 }
 
-/// What the job `j` is to worker `$2`: 0 is one of a session that it or nobody knows, or that has lost its patience (`$4`); 1 is another's;
-/// 2 is another's that is left to that one for now (`$3`). The worker that began a session's last job knows it.
+/// SQL for the rank of the job `j` for worker `$2`.
+///
+/// The worker that began a session's last job knows the session.
+///
+/// - 0: a job of a session that this worker or no worker knows, or one that has waited longer than the patience `$4`.
+/// - 1: a job of a session that another worker knows.
+/// - 2: the same, still left to that worker because it has waited for less than the head start `$3`.
 fn rank() -> String {
     format!(
         "CASE WHEN $2 IS NULL OR coalesce(j.waits_since, 0) + $4 < {NOW_MS} THEN 0
@@ -52,7 +60,7 @@ pub(super) async fn insert(writer: &Pool, new: &NewJob<'_>) -> Result<Insertion>
     .bind(job.session.to_string())
     .fetch_one(&mut *transaction)
     .await?;
-    // Dropping the transaction takes back what was superseded.
+    // Returning drops the transaction, which undoes the superseding.
     if all >= i64::from(new.limits.all) {
         return Ok(Insertion::Full);
     }
@@ -89,14 +97,14 @@ pub(super) async fn insert(writer: &Pool, new: &NewJob<'_>) -> Result<Insertion>
     Ok(Insertion::Stored { superseded, before: before.unwrap_or(0) })
 }
 
-/// Jobs that wait before one in its lane, when it waits.
+/// Number of jobs before one in its lane; `None` when the job does not wait.
 async fn before(transaction: &mut Transaction<'_>, job: &JobRecord) -> Result<Option<u32>> {
     let ids = ids_in_order(transaction, job.kind.lane()).await?;
     let own = job.id.to_string();
     Ok(ids.iter().position(|id| *id == own).and_then(|n| u32::try_from(n).ok()))
 }
 
-/// A job of the session that was asked for the same, has not ended and was not asked to stop.
+/// An unfinished job of the session with the same request, whose cancellation was not requested.
 async fn twin(transaction: &mut Transaction<'_>, new: &NewJob<'_>) -> Result<Option<JobRecord>> {
     let row = sqlx::query(
         "SELECT * FROM jobs WHERE session = $1 AND kind = $2 AND request = $3
@@ -137,7 +145,7 @@ async fn supersede(transaction: &mut Transaction<'_>, new: &NewJob<'_>) -> Resul
     Ok(superseded)
 }
 
-/// Ids of jobs that wait in a lane, in order.
+/// Ids of the waiting jobs of a lane, in claiming order.
 async fn ids_in_order(connection: &mut Connection, lane: Lane) -> Result<Vec<String>> {
     let ids = sqlx::query_scalar(AssertSqlSafe(waiting("0", "")));
     Ok(ids.bind(lane.as_str()).fetch_all(connection).await?)
@@ -154,7 +162,7 @@ pub(super) async fn claim(
     change: &(dyn for<'a> Fn(&'a JobRecord) -> JobChange + Send + Sync),
 ) -> Result<Option<JobRecord>> {
     let mut transaction = writer.begin().await?;
-    // Of one that was taken since the list was made, the state is another one.
+    // A job that was claimed after the list was made is in another state, so the state is checked again.
     let open = "JOIN jobs j ON j.id = w.id WHERE j.state = 'accepted' AND j.cancel_requested_at IS NULL AND w.rank < 2";
     let first = format!("{} LIMIT 1 {FOR_CLAIM}", waiting(&rank(), open));
     let worker = claim.worker.map(|w| w.to_string());

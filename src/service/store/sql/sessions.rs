@@ -33,7 +33,7 @@ pub(super) async fn insert(writer: &Pool, session: &SessionRecord, answer: Optio
     Ok(transaction.commit().await?)
 }
 
-/// Makes changes of a session wait for each other until the transaction ends.
+/// Locks the row of a session until the transaction ends.
 pub(super) async fn hold(transaction: &mut Transaction<'_>, id: SessionId) -> Result<()> {
     let row = sqlx::query(AssertSqlSafe(format!("SELECT id FROM sessions WHERE id = $1 {FOR_CHANGE}")));
     let row = row.bind(id.to_string()).fetch_optional(&mut **transaction).await?;
@@ -83,9 +83,11 @@ pub(super) async fn delete(writer: &Pool, id: SessionId) -> Result<Option<Vec<St
     Ok(Some(elsewhere))
 }
 
-/// Puts a tombstone for a session, for everything in it and for jobs that read it, and forgets answers that made it. False when it is not there.
+/// Writes tombstones for a session, for everything in it and for the jobs that read it.
+///
+/// Deletes the stored answers of the session. Returns false when the session does not exist.
 async fn bury(transaction: &mut Transaction<'_>, id: SessionId) -> Result<bool> {
-    // From here on nothing comes to it, and no job that reads it changes.
+    // The locks keep other transactions from adding to the session and from changing jobs that read it.
     let held = format!("SELECT id FROM sessions WHERE id = $1 {FOR_REMOVAL}");
     let held = sqlx::query(AssertSqlSafe(held)).bind(id.to_string()).fetch_optional(&mut **transaction).await?;
     if held.is_none() {
@@ -127,7 +129,7 @@ pub(super) async fn restore(writer: &Pool, id: SessionId) -> Result<bool> {
     if held.is_none() || stone.execute(&mut *transaction).await?.rows_affected() == 0 {
         return Ok(false);
     }
-    // A comparison of two sessions stays hidden while one of them is.
+    // A comparison of two sessions stays hidden while either session is hidden.
     sqlx::query(
         "DELETE FROM tombstones WHERE id IN (
              SELECT id FROM osteotomies WHERE session = $1 UNION SELECT id FROM plans WHERE session = $1
@@ -149,7 +151,7 @@ pub(super) async fn hidden(reader: &Pool, before: &str) -> Result<Vec<SessionRec
     rows.bind(before).fetch_all(reader).await?.into_iter().map(record).collect()
 }
 
-/// When something was last made or changed in the session `s`; times of the same form sort as texts.
+/// SQL for the time of the last change in the session `s`; times of the same form sort as text.
 const LAST_USED: &str = "(SELECT max(at) FROM (
     SELECT s.created_at AS at
     UNION ALL SELECT max(updated_at) FROM parts WHERE session = s.id
@@ -191,7 +193,7 @@ pub(super) async fn is_deleted(reader: &Pool, id: &str) -> Result<bool> {
     Ok(found.fetch_one(reader).await? > 0)
 }
 
-/// Bytes stored for the session `s`.
+/// SQL for the bytes stored for the session `s`.
 pub(super) const BYTES: &str = "CAST((SELECT coalesce(sum(bytes), 0) FROM parts WHERE session = s.id)
     + (SELECT coalesce(sum(bytes), 0) FROM osteotomies WHERE session = s.id)
     + (SELECT coalesce(sum(bytes), 0) FROM jobs WHERE session = s.id)
@@ -208,7 +210,7 @@ pub(super) async fn check_bytes(connection: &mut Connection, id: SessionId, quot
 }
 
 pub(super) async fn named_blobs(reader: &Pool) -> Result<BTreeSet<String>> {
-    // One read transaction: what moves from one table to another meanwhile is seen in one of them.
+    // One read transaction, so that a key that moves to another table meanwhile is found in one of them.
     let mut transaction = reader.begin_with(SNAPSHOT).await?;
     let mut named: BTreeSet<String> = sqlx::query_scalar(
         "SELECT blob FROM parts WHERE blob IS NOT NULL

@@ -27,7 +27,7 @@ pub(super) async fn commit(
         .fetch_optional(&mut *transaction)
         .await?;
     match &old {
-        // Written before, by a call whose answer was lost.
+        // An earlier call stored this step, and its answer was lost.
         Some((blob, _)) if *blob == step.blob => return Ok(StepWritten::New(None)),
         Some((_, sha256)) if *sha256 == step.sha256 => {
             let error = sqlx::query("UPDATE steps SET error = $1 WHERE job = $2 AND k = $3").bind(&step.error);

@@ -1,25 +1,27 @@
-//! What SQLite says in its own words: it has one writer, so rows need no locks.
+//! SQL that only SQLite uses. SQLite has one writer, so rows need no locks.
 
 use crate::StoreError;
 
 pub(super) type Db = sqlx::Sqlite;
 
-/// Ends a query whose rows nobody else changes until the transaction ends.
+/// Ends a query that locks its rows against changes until the transaction ends.
 pub(super) const FOR_CHANGE: &str = "";
-/// The same, and nothing new refers to them.
+/// Ends a query that also locks its rows against new references to them.
 pub(super) const FOR_REMOVAL: &str = "";
-/// Ends a query for the first job (`j`) that no one else takes at this moment.
+/// Ends a query for the first job (`j`) that no concurrent claim has locked.
 pub(super) const FOR_CLAIM: &str = "";
-/// Begins a transaction whose queries all see the same moment.
+/// Begins a read transaction on one snapshot.
 pub(super) const SNAPSHOT: &str = "BEGIN";
-/// The texts of the JSON list `$1`.
+/// The strings of the JSON list `$1`.
 pub(super) const LISTED: &str = "(SELECT value FROM json_each($1))";
-/// A number above that of all turns before.
+/// A number larger than that of every earlier turn.
 pub(super) const NEXT_TURN: &str = "(SELECT coalesce(max(last), 0) + 1 FROM turns)";
-/// The present time, ms since 1970.
+/// The current time, ms since 1970.
 pub(super) const NOW_MS: &str = "CAST(unixepoch('subsec') * 1000 AS INTEGER)";
 
-/// Lets one transaction at a time count and lengthen the queue.
+/// Locks the queue, so that one transaction at a time counts and extends it.
+///
+/// SQLite needs no lock for that.
 pub(super) async fn hold_queue(_: &mut sqlx::SqliteConnection) -> Result<(), StoreError> {
     Ok(())
 }

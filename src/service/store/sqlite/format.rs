@@ -1,11 +1,11 @@
-//! The format of the database in a data directory.
+//! Format of the SQLite database in a data directory, and its migrations.
 
 use sqlx::SqlitePool;
 use sqlx::sqlite::{SqliteConnectOptions, SqlitePoolOptions};
 
 use crate::StoreError;
 
-/// Scripts that bring an empty database to the present format, one a version.
+/// Migration scripts, one for each version of the format, in order.
 const MIGRATIONS: &[&str] = &[
     include_str!("1_schema.sql"),
     include_str!("2_plans_without_osteotomy.sql"),
@@ -20,12 +20,12 @@ const MIGRATIONS: &[&str] = &[
     include_str!("11_sealed_values.sql"),
 ];
 
-/// Name of the database in its directory.
+/// File name of the database in its directory.
 pub(crate) const DATABASE: &str = "prosopon.sqlite";
-/// Column names by table; a migration may put columns in another order than a fresh database has.
+/// Pairs of table and column, sorted: migrations may add columns in another order.
 type Columns = Vec<(String, String)>;
 
-/// Brings the database to the present format and checks that it has it.
+/// Migrates the database to the current format and checks its columns.
 pub(super) async fn prepare(writer: &SqlitePool) -> Result<(), StoreError> {
     let found: i64 = sqlx::query_scalar("PRAGMA user_version").fetch_one(writer).await.map_err(no_database)?;
     let known = MIGRATIONS.len() as i64;
@@ -39,7 +39,7 @@ pub(super) async fn prepare(writer: &SqlitePool) -> Result<(), StoreError> {
     if columns(writer).await? == expected_columns().await? { Ok(()) } else { Err(StoreError::Foreign) }
 }
 
-/// Refuses any format but the present one.
+/// Refuses every format but the current one.
 pub(super) async fn check_version(database: &SqlitePool) -> Result<(), StoreError> {
     let found: i64 = sqlx::query_scalar("PRAGMA user_version").fetch_one(database).await.map_err(no_database)?;
     match (found, MIGRATIONS.len() as i64) {
@@ -53,7 +53,7 @@ async fn migrate(writer: &SqlitePool, found: i64) -> Result<(), StoreError> {
     for (index, script) in MIGRATIONS.iter().enumerate().skip(usize::try_from(found).unwrap_or(0)) {
         let mut transaction = writer.begin().await?;
         sqlx::raw_sql(*script).execute(&mut *transaction).await?;
-        // PRAGMA takes no bound value; the number is ours.
+        // PRAGMA takes no bound parameter; the number is a constant of this program.
         let set_version = format!("PRAGMA user_version = {}", index + 1);
         sqlx::raw_sql(sqlx::AssertSqlSafe(set_version)).execute(&mut *transaction).await?;
         transaction.commit().await?;
@@ -78,7 +78,7 @@ async fn expected_columns() -> Result<Columns, StoreError> {
     columns
 }
 
-/// SQLite says only at the first read that a file is no database of its kind.
+/// Recognises a file that is no SQLite database; SQLite reports that only at the first read.
 pub(super) fn no_database(error: sqlx::Error) -> StoreError {
     const NOT_A_DATABASE: &str = "26";
     let code = error.as_database_error().and_then(sqlx::error::DatabaseError::code);

@@ -1,4 +1,4 @@
-//! Rows in one SQLite database: write-ahead log, every commit synced.
+//! Rows in one SQLite database with a write-ahead log; every commit is synced to disk.
 
 mod dialect;
 mod format;
@@ -18,44 +18,44 @@ use super::{Changes, StoreError};
 
 type Result<T> = std::result::Result<T, StoreError>;
 
-/// Readers beside the one writer.
+/// Number of read connections beside the one writer.
 const READERS: u32 = 4;
 
-/// The database of one data directory.
+/// The SQLite database of one data directory.
 #[derive(Debug)]
 pub(super) struct SqliteMeta {
-    /// One connection: SQLite has one writer, so nobody meets a busy database.
+    /// One connection: SQLite has one writer, so callers queue here and never find the database busy.
     writer: SqlitePool,
     reader: SqlitePool,
 }
 
 impl SqliteMeta {
-    /// Opens or creates the database in `directory` and brings it to the present format.
+    /// Opens or creates the database in `directory` and migrates it to the current format.
     pub(super) async fn open(directory: &Path) -> Result<Self> {
         let options = options(directory).create_if_missing(true);
         let writer = one_writer().connect_with(options.clone()).await.map_err(format::no_database)?;
         format::prepare(&writer).await?;
-        // A connection to a file does not break while it waits: asking it first would double the time of a read.
+        // A connection to a file does not break while it is idle, and a test before each use would double the time of a read.
         let readers = SqlitePoolOptions::new().max_connections(READERS).test_before_acquire(false);
         let reader = readers.connect_with(options).await?;
         Ok(Self { writer, reader })
     }
 
-    /// Opens a database of the present format beside the process that serves it.
+    /// Opens a database of the current format while another process may serve it.
     pub(super) async fn open_beside(directory: &Path) -> Result<Self> {
         let pool = one_writer().connect_with(options(directory)).await.map_err(format::no_database)?;
         format::check_version(&pool).await?;
         Ok(Self { writer: pool.clone(), reader: pool })
     }
 
-    /// Writes a copy of the database as it is at one moment to `file`, which must not be there.
+    /// Writes a copy of the database at one moment to `file`, which must not exist.
     pub(super) async fn copy_to(&self, file: &Path) -> Result<()> {
         let file = file.to_str().ok_or_else(|| StoreError::record("the path of the copy is not UTF-8"))?;
         sqlx::query("VACUUM INTO ?").bind(file).execute(&self.reader).await?;
         Ok(())
     }
 
-    /// Forgets the end of an audit log that is elsewhere.
+    /// Deletes the stored end of an audit log that is in another directory.
     pub(super) async fn clear_audit_anchor(&self) -> Result<()> {
         sqlx::query("DELETE FROM audit_anchors").execute(&self.writer).await?;
         Ok(())
@@ -65,12 +65,12 @@ impl SqliteMeta {
         &self.reader
     }
 
-    /// One process has the directory: there are no changes by others.
+    /// `None`: one process has the directory open, so no other process changes rows.
     async fn listen(&self) -> Result<Option<Changes>> {
         Ok(None)
     }
 
-    /// Whether it answers and can be written.
+    /// Checks that the database answers and takes writes.
     async fn probe(&self) -> Result<()> {
         sqlx::query("SELECT 1").execute(&self.reader).await?;
         let transaction = self.writer.begin().await?;
@@ -88,12 +88,14 @@ impl SqliteMeta {
     }
 }
 
-/// A connection that is still in a transaction when it is given back is closed: where the disk is full SQLite may have rolled back by
-/// itself, the driver does not learn it, and what is "committed" from then on would lie in a transaction that never ends.
+/// The pool of the write connection. A connection that is released within a transaction is closed.
+///
+/// On a full disk SQLite may roll back by itself, and the driver does not learn of it. Later commits would then lie in a
+/// transaction that never ends.
 fn one_writer() -> SqlitePoolOptions {
     SqlitePoolOptions::new().max_connections(1).after_release(|connection, _| {
         Box::pin(async move {
-            // A roll-back that is under way is done before the answer.
+            // The ping completes a rollback that is still running.
             connection.ping().await?;
             Ok(!connection.is_in_transaction())
         })
@@ -106,12 +108,12 @@ fn options(directory: &Path) -> SqliteConnectOptions {
         .journal_mode(SqliteJournalMode::Wal)
         .synchronous(SqliteSynchronous::Full)
         .foreign_keys(true)
-        // What is deleted is overwritten: rows hold paths and reports of patients.
+        // Deleted rows are overwritten, because rows hold paths and reports of patients.
         .pragma("secure_delete", "ON")
         .busy_timeout(Duration::from_secs(10))
 }
 
-/// Removes the database of a directory.
+/// Removes the database files of a directory.
 pub(super) fn remove(directory: &Path) -> Result<()> {
     for suffix in ["", "-wal", "-shm"] {
         match std::fs::remove_file(directory.join(format!("{DATABASE}{suffix}"))) {
@@ -147,7 +149,7 @@ mod tests {
                 }
             }
         }
-        // The limit goes with the connection.
+        // The page limit belongs to the connection, so the next connection works again.
         assert_eq!(refused, 1);
         assert_eq!(meta.session(kept.id).await.unwrap(), Some(kept));
     }

@@ -1,4 +1,4 @@
-//! The queue, steps and events of jobs.
+//! The job queue, and the steps and events of jobs.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -11,7 +11,9 @@ use crate::{
 };
 
 impl Store {
-    /// Stores an accepted job, as [`MetaStore::insert_job`](crate::MetaStore::insert_job).
+    /// Stores an accepted job and removes the checkpoints of the jobs that it supersedes.
+    ///
+    /// See [`MetaStore::insert_job`](crate::MetaStore::insert_job).
     ///
     /// # Errors
     /// [`StoreError::SessionGone`](crate::StoreError::SessionGone), [`StoreError::KeyTaken`](crate::StoreError::KeyTaken).
@@ -23,7 +25,7 @@ impl Store {
         Ok(insertion)
     }
 
-    /// A job, if it is there.
+    /// The job `id`; `None` when there is none.
     ///
     /// # Errors
     /// [`StoreError`](crate::StoreError).
@@ -39,7 +41,7 @@ impl Store {
         self.meta.jobs(filter).await
     }
 
-    /// Accepted jobs of a lane in the order in which they will run.
+    /// Accepted jobs of a lane in the order in which workers claim them.
     ///
     /// # Errors
     /// [`StoreError`](crate::StoreError).
@@ -47,7 +49,7 @@ impl Store {
         self.meta.queue(lane).await
     }
 
-    /// Takes the first job of a lane, as [`MetaStore::claim_job`](crate::MetaStore::claim_job).
+    /// Claims the first job of a lane, as [`MetaStore::claim_job`](crate::MetaStore::claim_job).
     ///
     /// # Errors
     /// [`StoreError`](crate::StoreError).
@@ -59,7 +61,9 @@ impl Store {
         self.meta.claim_job(claim, change).await
     }
 
-    /// Leases a running job anew: whether it was asked to stop. `None` when it was given to another worker, or is not there.
+    /// Renews the lease of a running job; returns whether its cancellation was requested.
+    ///
+    /// `None` when another worker has claimed the job, or when the job does not exist.
     ///
     /// # Errors
     /// [`StoreError`](crate::StoreError).
@@ -67,8 +71,10 @@ impl Store {
         self.meta.renew(job.id, job.fence, lease).await
     }
 
-    /// Running jobs of which no worker is heard any more: those whose lease has passed, and, where no other process has the store,
-    /// all that run when it is opened.
+    /// Running jobs that no worker computes any more.
+    ///
+    /// In a shared store these are the jobs with an expired lease. In a store of one process these are all running jobs, so call
+    /// this when the store is opened.
     ///
     /// # Errors
     /// [`StoreError`](crate::StoreError).
@@ -80,8 +86,10 @@ impl Store {
         self.meta.jobs(&running).await
     }
 
-    /// Moves a job from the state that its row says to another, with events. False when it is not in that state any more; then
-    /// the blob that the change names is removed. At its end its milestone is removed.
+    /// Changes the state of a job from that of the row `job` to `to`, and appends events.
+    ///
+    /// Returns false when the job is not in that state any more; then removes the blob that the change names. When a solve ends,
+    /// removes its checkpoint.
     ///
     /// # Errors
     /// [`StoreError::QuotaFull`](crate::StoreError::QuotaFull).
@@ -94,18 +102,18 @@ impl Store {
         }
         let Some(tissue) = &change.tissue else { return changed };
         match changed {
-            // Written before, by a call whose answer was lost.
+            // An earlier call wrote this change, and its answer was lost.
             Ok(false) if self.job(job.id).await?.is_some_and(|row| row.tissue_blob.as_ref() == Some(&tissue.key)) => {
                 return Ok(true);
             }
-            // After a fault of the database the change may be tried again.
+            // After a database error the caller may try again, so the blob stays.
             Ok(false) | Err(StoreError::QuotaFull { .. }) => self.blobs.delete(&tissue.key).await,
             Ok(true) | Err(_) => {}
         }
         changed
     }
 
-    /// Records that a job was asked to stop, as [`MetaStore::request_cancel`](crate::MetaStore::request_cancel).
+    /// Records a cancellation request, as [`MetaStore::request_cancel`](crate::MetaStore::request_cancel).
     ///
     /// # Errors
     /// [`StoreError`](crate::StoreError).
@@ -113,7 +121,7 @@ impl Store {
         self.meta.request_cancel(id).await
     }
 
-    /// Records how far a running job is, with an event. False when it is not running any more.
+    /// Stores the progress of a running job with an event; false when the job does not run any more.
     ///
     /// # Errors
     /// [`StoreError`](crate::StoreError).
@@ -121,7 +129,9 @@ impl Store {
         self.meta.record_progress(job.id, job.fence, phase, progress, event).await
     }
 
-    /// Names the first large result of a running job; the blob that it replaces is removed, on failure the new one.
+    /// Stores the key of a running job's first large result.
+    ///
+    /// Removes the replaced blob, on failure the new one.
     ///
     /// # Errors
     /// [`StoreError::SessionGone`](crate::StoreError::SessionGone), [`StoreError::QuotaFull`](crate::StoreError::QuotaFull).
@@ -138,19 +148,21 @@ impl Store {
         }
     }
 
-    /// Names the last milestone of a running job; the blob that it replaces is removed, on failure the new one.
+    /// Stores the key of a running job's last checkpoint.
+    ///
+    /// Removes the replaced blob, on failure the new one.
     ///
     /// # Errors
-    /// [`StoreError::SessionGone`](crate::StoreError::SessionGone) when the job is not there or not running any more.
+    /// [`StoreError::SessionGone`](crate::StoreError::SessionGone) when the job does not exist or does not run any more.
     pub async fn set_milestone(&self, job: &JobRecord, blob: &BlobInfo) -> Result<()> {
         match self.meta.set_milestone(job.id, job.fence, &blob.key).await {
             Ok(old) => {
-                // The same one when what was written is written again.
+                // A repeated call finds its own key; that blob stays.
                 self.blobs.remove(old.into_iter().filter(|old| *old != blob.key).collect()).await;
                 Ok(())
             }
             Err(error) => {
-                // An earlier call, whose answer was lost, may have named it.
+                // An earlier call, whose answer was lost, may have stored this key.
                 let named = |row: Option<JobRecord>| row.and_then(|row| row.milestone_blob).as_ref() == Some(&blob.key);
                 if self.job(job.id).await.is_ok_and(|row| !named(row)) {
                     self.remove_refused(&error, vec![blob.key.clone()]).await;
@@ -160,10 +172,12 @@ impl Store {
         }
     }
 
-    /// Forgets the steps and the milestone of a running job, which begins at rest: what is stored of it is of one attempt.
+    /// Deletes the steps and the checkpoint of a running job, which starts from rest.
+    ///
+    /// All stored steps of a job therefore come from one attempt.
     ///
     /// # Errors
-    /// [`StoreError::SessionGone`](crate::StoreError::SessionGone) when the job is not there or not running any more.
+    /// [`StoreError::SessionGone`](crate::StoreError::SessionGone) when the job does not exist or does not run any more.
     pub async fn begin_again(&self, job: &JobRecord) -> Result<()> {
         let forgotten = self.meta.begin_again(job.id, job.fence).await?;
         self.blobs.remove(forgotten).await;
@@ -172,11 +186,14 @@ impl Store {
 
     // ---- steps and events ----
 
-    /// Makes a step visible: its row and its events in one transaction, after the frame is on disk. A frame that an earlier
-    /// attempt left the same is kept with what this one says of its errors, another one replaced.
+    /// Stores a step: its row and its events in one transaction, after its frame is stored.
+    ///
+    /// If an earlier attempt stored an identical frame, that frame stays and gets the new error statistics; a different frame is
+    /// replaced.
     ///
     /// # Errors
-    /// [`StoreError::SessionGone`](crate::StoreError::SessionGone) when the job is not there or not running any more, [`StoreError::QuotaFull`](crate::StoreError::QuotaFull).
+    /// [`StoreError::SessionGone`](crate::StoreError::SessionGone) when the job does not exist or does not run any more,
+    /// [`StoreError::QuotaFull`](crate::StoreError::QuotaFull).
     pub async fn commit_step(
         &self,
         job: &JobRecord,
@@ -200,7 +217,7 @@ impl Store {
         Ok(self.meta.steps(&[job]).await?.remove(&job).unwrap_or_default())
     }
 
-    /// Finished steps of jobs, in order; nothing for those that have none.
+    /// Finished steps of jobs, in order; jobs without steps are omitted.
     ///
     /// # Errors
     /// [`StoreError`](crate::StoreError).
@@ -208,7 +225,7 @@ impl Store {
         self.meta.steps(jobs).await
     }
 
-    /// One finished step, if it is there.
+    /// Finished step `k` of a job; `None` when there is none.
     ///
     /// # Errors
     /// [`StoreError`](crate::StoreError).
@@ -224,7 +241,7 @@ impl Store {
         self.meta.events(job, after).await
     }
 
-    /// Drops all but the last event of jobs that ended longer than `age` ago: the number dropped.
+    /// Deletes all but the last event of jobs that ended longer than `age` ago; returns the number deleted.
     ///
     /// # Errors
     /// [`StoreError`](crate::StoreError).
@@ -232,7 +249,9 @@ impl Store {
         self.meta.prune_events(&rfc3339_before(age)).await
     }
 
-    /// Drops the large results of comparisons that ended longer than `age` ago; the number of their files.
+    /// Removes the large results of comparisons that ended longer than `age` ago.
+    ///
+    /// Returns the number of blobs.
     ///
     /// # Errors
     /// [`StoreError`](crate::StoreError).
@@ -242,6 +261,4 @@ impl Store {
         self.blobs.remove(blobs).await;
         Ok(dropped)
     }
-
-    // ---- keeping house ----
 }

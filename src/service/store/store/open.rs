@@ -1,4 +1,4 @@
-//! Stores in a data directory and elsewhere.
+//! Opening stores in a data directory, a database or a bucket.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -16,17 +16,20 @@ use crate::sqlite::{self, SqliteMeta};
 use crate::{Blobs, MetaStore, StoreError};
 
 impl Store {
-    /// Opens or creates the store in `directory`, and sweeps files that no row names (left by a crash).
+    /// Opens or creates the store in `directory`.
+    ///
+    /// Removes blobs that no row names, which a crash may leave.
     ///
     /// # Errors
-    /// [`StoreError::InUse`] when another process has it open, [`StoreError::Newer`] and [`StoreError::Foreign`] when another
-    /// version or program wrote it, otherwise whatever the disk or the database says.
+    /// [`StoreError::InUse`] when another process has the directory open; [`StoreError::Newer`] and [`StoreError::Foreign`] when
+    /// another version or program wrote it; else the disk's or the database's.
     pub fn open(directory: &Path) -> LocalBoxFuture<'_, Result<Self>> {
         Box::pin(async move { Self::open_at(directory, &Places::default()).await })
     }
 
-    /// The same with rows or large values in other places. The directory stays this process's own: it has the audit log, and what has
-    /// no other place.
+    /// Opens or creates a store with its rows in a database or its blobs in a bucket.
+    ///
+    /// The directory belongs to this process alone: it holds the audit log, and everything that `places` does not name.
     ///
     /// # Errors
     /// As [`Store::open`]; [`StoreError::Unreachable`], [`StoreError::ForeignTables`], [`StoreError::Bucket`],
@@ -38,7 +41,7 @@ impl Store {
         })
     }
 
-    /// The same with the bucket already open.
+    /// Same as [`Store::open_at`] with an open bucket.
     pub(crate) async fn open_over(
         directory: &Path,
         places: &Places,
@@ -57,18 +60,21 @@ impl Store {
         let shared = places.database.is_some();
         let store = Self { meta, blobs, quota: u64::MAX, shared, log: log.into(), _lock: Some(Arc::new(lock)) };
         store.check_belonging(directory, places).await?;
-        // Elsewhere another process may be about to name what it has stored.
+        // In a shared store another process may be about to name a blob that it has stored, so only a local store is swept.
         if *places == Places::default() {
             let swept = store.sweep(Duration::ZERO).await?;
             if swept > 0 {
-                tracing::info!(files = swept, "removed files that no record names");
+                tracing::info!(files = swept, "removed blobs that no row names");
             }
         }
         Ok(store)
     }
 
-    /// Refuses rows and blobs that do not belong together: a sweep would remove what the rows do not name. From their first start on
-    /// both bear one name, unless both have always been in the directory.
+    /// Refuses rows and blobs that do not belong together.
+    ///
+    /// Otherwise a sweep would remove the blobs that the rows do not name.
+    ///
+    /// At the first start the database and the bucket get one common name. A store entirely in its directory needs none.
     async fn check_belonging(&self, directory: &Path, places: &Places) -> Result<()> {
         let at =
             || places.blobs.as_ref().map_or_else(|| directory.join(BLOBS).display().to_string(), ToString::to_string);
@@ -79,29 +85,29 @@ impl Store {
         }
         let name = self.meta.name(&Uuid::now_v7().to_string()).await?;
         if found.is_none() {
-            // A bucket that is not there says so here.
+            // A bucket that does not exist fails here.
             let stored = self.blobs.older_than(Duration::ZERO).await?;
             let known = self.meta.named_blobs().await?;
             match (stored.is_empty(), known.is_empty()) {
                 (true, true) => {}
-                (false, true) => return refused("it holds results, of which the database knows none"),
+                (false, true) => return refused("it holds results that the database does not know"),
                 (false, false) if stored.iter().any(|key| known.contains(key)) => {}
-                (_, false) => return refused("the database has results, of which it holds none"),
+                (_, false) => return refused("the database has results that it does not hold"),
             }
             self.blobs.set_name(&name).await?;
             found = self.blobs.name().await?;
         }
-        if found == Some(name) { Ok(()) } else { refused("it holds those of another database") }
+        if found == Some(name) { Ok(()) } else { refused("it holds the results of another database") }
     }
 
-    /// Removes what a store left in `directory`, of whatever version; other files stay.
+    /// Removes the store in `directory`, whatever version wrote it; other files stay.
     ///
     /// # Errors
-    /// [`StoreError::InUse`] when a process has it open, [`StoreError::Io`].
+    /// [`StoreError::InUse`] when a process has the directory open, [`StoreError::Io`].
     pub fn erase(directory: &Path) -> Result<()> {
         create_private(directory)?;
         let _held = lock(directory)?;
-        // The blobs last: rows without their files would be refused, files without rows are swept.
+        // The blobs come last: blobs without rows are swept at the next start, rows without blobs would be missing results.
         sqlite::remove(directory)?;
         match std::fs::remove_dir_all(directory.join(BLOBS)) {
             Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(error.into()),
@@ -139,7 +145,7 @@ mod tests {
         assert!(matches!(Store::open(directory.path()).await, Err(StoreError::Newer { found: 99, .. })));
     }
 
-    /// A store whose tables are of an unreleased version, another program's database, and no database.
+    /// Tries tables of an unreleased version, another program's database, and a file that is no database.
     #[tokio::test]
     async fn what_is_no_database_of_this_version_is_refused_and_can_be_erased() {
         let other_columns = "ALTER TABLE jobs RENAME COLUMN state TO status";

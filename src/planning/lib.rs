@@ -1,7 +1,8 @@
-//! From a CT and a plan to the predicted face.
+//! Predicts the face after jaw surgery from a CT and a plan.
 //!
-//! [`surface`]: a CT to surfaces. [`phantom`]: the analytic head. [`plan`]: osteotomies and paths. [`evaluate`]: error maps and pictures.
-//! [`simulate`]: from surfaces and a plan to steps of deformed skin.
+//! [`surface`] extracts surfaces from a CT, and [`phantom`] provides an analytic head for tests.
+//! [`plan`] holds osteotomies and paths. [`simulate`] computes the steps of deformed skin from surfaces and a plan.
+//! [`evaluate`] computes error maps and pictures.
 
 pub mod evaluate;
 pub mod phantom;

@@ -1,13 +1,17 @@
-//! The service: the HTTP API over sessions and jobs, and how it is configured and started.
+//! The service: the HTTP API over sessions and jobs, its configuration and its start.
 //!
-//! Rows stand behind the trait [`prosopon_store::MetaStore`] (SQLite, Postgres; memory for tests), large results behind `object_store` (files,
-//! S3; memory). One process has a data directory; the queue computes one long job at a time, or as many as `parallel_jobs` says, and
-//! beside them comparisons one after the other. Processes that share a database lease their jobs from it, take those of sessions that
-//! they know first, and hear of each other's events. A job that is taken over goes on after its last milestone, with the same bits.
-//! Rows and large results bear one name, so that nobody sweeps another's.
+//! - **Storage.** Records are stored through the trait [`prosopon_store::MetaStore`] (SQLite, Postgres; memory for tests),
+//!   large results through `object_store` (files, S3; memory for tests). Database and bucket carry one common name, so that a
+//!   process deletes only the blobs of its own database.
+//! - **One process** uses a data directory. Its queue computes `parallel_jobs` long jobs at a time (one by default), and in
+//!   parallel one comparison after another.
+//! - **Several processes** on one database lease their jobs from it, prefer jobs of sessions whose data they have in memory,
+//!   and receive each other's events. A process that takes over a job resumes at its last checkpoint and computes the same
+//!   bits.
 //!
-//! Below it: [`prosopon_store`] keeps, [`prosopon_session`] knows what a patient's session holds, [`prosopon_jobs`] computes.
-//! A room imports only rooms listed before it (`tests/layers.rs`): [`http`], [`config`], [`telemetry`], [`serve`].
+//! The crates below: [`prosopon_store`] stores, [`prosopon_session`] defines the contents of a session, [`prosopon_jobs`]
+//! computes. A module imports only modules listed before it (checked by `tests/layers.rs`): [`http`], [`config`],
+//! [`telemetry`], [`serve`].
 
 pub mod config;
 pub mod http;

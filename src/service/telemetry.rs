@@ -13,21 +13,23 @@ use tracing_subscriber::{EnvFilter, Layer, Registry, fmt};
 
 use crate::config::{LogFormat, ServeConfig};
 
-/// Bounds of the histograms' buckets, s: from the answer out of memory to the job of an hour.
+/// Bounds of the histogram buckets, s: from answers out of memory to jobs of two hours.
 const SECONDS: &[f64] =
     &[0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0, 60.0, 300.0, 1800.0, 7200.0];
 
 static METRICS: OnceLock<Option<PrometheusHandle>> = OnceLock::new();
 
-/// Sends the log to stderr: text on a terminal, JSON lines otherwise. `RUST_LOG` chooses what; `level` where it is not set.
+/// Starts the log on stderr: text on a terminal, JSON lines otherwise.
+///
+/// `RUST_LOG` sets the level; if it is not set, `level` does.
 pub fn start_log(level: &str) {
     install(level, LogFormat::Auto, None);
 }
 
-/// Starts the log as configured, and traces where there is a collector for them.
+/// Starts the log as configured, and traces if a collector is configured.
 ///
 /// # Errors
-/// What keeps spans from being sent.
+/// Fails if the exporter of spans cannot be built.
 pub fn start(config: &ServeConfig) -> std::io::Result<Traces> {
     #[cfg(feature = "otlp")]
     if let Some(endpoint) = &config.otlp_endpoint {
@@ -39,7 +41,7 @@ pub fn start(config: &ServeConfig) -> std::io::Result<Traces> {
     Ok(Traces::default())
 }
 
-/// Spans on their way to a collector; when this is dropped, the last are sent.
+/// Guard of the span exporter; dropping it sends the last spans.
 #[derive(Debug, Default)]
 pub struct Traces {
     #[cfg(feature = "otlp")]
@@ -50,7 +52,7 @@ pub struct Traces {
 impl Drop for Traces {
     fn drop(&mut self) {
         if let Some(Err(error)) = self.provider.as_ref().map(|provider| provider.shutdown()) {
-            tracing::warn!(%error, "the last spans were not sent");
+            tracing::warn!(%error, "the last spans could not be sent");
         }
     }
 }
@@ -64,15 +66,15 @@ fn install(level: &str, format: LogFormat, traces: Option<Box<dyn Layer<Registry
     };
     let log = fmt::layer().with_writer(std::io::stderr);
     let log = if text { log.boxed() } else { log.json().boxed() };
-    // A second start (tests, the demo) keeps the first.
+    // A second call, as in tests and the demo, keeps the first log.
     tracing_subscriber::registry().with(traces).with(log.with_filter(filter)).try_init().ok();
 }
 
-/// Installs the recorder of the process, once; `None` when something else has installed one.
+/// Installs the metrics recorder of the process once; `None` if other code has already installed one.
 pub fn start_metrics() -> Option<PrometheusHandle> {
     METRICS
         .get_or_init(|| {
-            // Histograms, not summaries: their memory does not grow, and several nodes can be added up.
+            // Histograms instead of summaries: their memory is constant, and those of several processes can be added.
             let builder = PrometheusBuilder::new();
             let recorder = builder.set_buckets(SECONDS).unwrap_or_default().build_recorder();
             let handle = recorder.handle();

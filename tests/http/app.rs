@@ -27,10 +27,10 @@ pub(crate) struct TestApp {
     directory: TempDir,
 }
 
-/// A job that has not ended by then hangs.
+/// Time after which a job that has not ended counts as hanging.
 const HANGS_AFTER: Duration = Duration::from_secs(300);
 
-/// An answer, read to its end.
+/// A completely read answer.
 #[derive(Debug)]
 pub(crate) struct Answer {
     pub(crate) status: StatusCode,
@@ -80,7 +80,7 @@ impl TestApp {
         Self::open(config, directory, Arc::new(StandIn::default())).await
     }
 
-    /// With large values in another place.
+    /// With large values in another object store.
     pub(crate) async fn with_objects(objects: Arc<dyn ObjectStore>) -> Self {
         let directory = tempfile::tempdir().unwrap();
         let config = ServeConfig::new(directory.path().to_owned());
@@ -94,7 +94,7 @@ impl TestApp {
         Self::numerics(|numerics| numerics).await
     }
 
-    /// With real numerics that keep nothing in memory but what was made last.
+    /// With real numerics whose cache keeps only the latest entry.
     pub(crate) async fn real_and_forgetful() -> Self {
         Self::numerics(|numerics| numerics.with_cache_bytes(1)).await
     }
@@ -133,12 +133,12 @@ impl TestApp {
         Self { router: app(state.clone()), state, stand_in, config, directory }
     }
 
-    /// Stops in good order and starts again on the same directory.
+    /// Shuts the service down and starts it again on the same directory.
     pub(crate) async fn restart(self) -> Self {
         self.restart_after(async |_| {}).await
     }
 
-    /// Stops, lets `between` at the directory, and starts again.
+    /// Shuts the service down, calls `between` with the directory, and starts it again.
     pub(crate) async fn restart_after(self, between: impl AsyncFnOnce(&std::path::Path)) -> Self {
         let Self { router, state, stand_in, config, directory } = self;
         drop(router);
@@ -206,7 +206,7 @@ impl TestApp {
         self.call(Method::PUT, path, &[("content-length", &length)], bytes).await
     }
 
-    // ---- the way to a job ----
+    // ---- steps to a job ----
 
     /// Path of a new session.
     pub(crate) async fn session(&self) -> String {
@@ -222,13 +222,13 @@ impl TestApp {
         session
     }
 
-    /// Accepts a job and waits for its end: its view.
+    /// Waits for the end of an accepted job and returns its view.
     pub(crate) async fn finish(&self, accepted: Answer) -> Value {
         assert_eq!(accepted.status, StatusCode::ACCEPTED, "{accepted:?}");
         self.ended(accepted.header("location")).await.ok()
     }
 
-    /// The view of a job at its end, however long that takes: after the limit, which only a job that hangs reaches, as it is then.
+    /// Waits for the end of a job and returns its view; a job that hangs is returned unfinished after the time limit.
     pub(crate) async fn ended(&self, job: &str) -> Answer {
         let begin = Instant::now();
         loop {
@@ -248,14 +248,14 @@ impl TestApp {
         session
     }
 
-    /// Session and plan, ready for a job.
+    /// Creates a session with a plan, ready for a job; returns both.
     pub(crate) async fn session_with_plan(&self) -> (String, String) {
         let session = self.session_with_field().await;
         let plan = self.plan(&session).await;
         (session, plan)
     }
 
-    /// Cuts, mesh and plan in a session that has its field: the plan.
+    /// Cuts, meshes and plans in a session that has its field; returns the plan.
     pub(crate) async fn plan(&self, session: &str) -> String {
         let cut = json!({"cuts": [{"plane": {"point_mm": [0, 0, 0], "normal": [0, 0, 2]}}]});
         let osteotomy = self.post(&format!("{session}/osteotomies"), cut).await.ok()["id"].clone();
@@ -266,7 +266,7 @@ impl TestApp {
         self.post(&format!("{session}/plans"), plan).await.ok()["id"].as_str().unwrap().to_owned()
     }
 
-    /// Path of a solve that was accepted.
+    /// Posts a solve, which must be accepted; returns the path of its job.
     pub(crate) async fn solve(&self, session: &str, plan: &str, more: Value) -> String {
         let mut body = json!({"plan": plan});
         body.as_object_mut().unwrap().extend(more.as_object().unwrap().clone());
@@ -275,7 +275,7 @@ impl TestApp {
         answer.header("location").to_owned()
     }
 
-    /// Waits until a job has as many steps.
+    /// Waits until a job has finished `step` steps.
     pub(crate) async fn until_step(&self, job: &str, step: u64) {
         let deadline = Instant::now() + Duration::from_secs(10);
         while self.get(job).await.ok()["step"].as_u64().unwrap() < step {

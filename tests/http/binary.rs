@@ -1,4 +1,4 @@
-//! The real binary with the real numerics, on a phantom head that is coarse enough to take seconds.
+//! The real binary with the real numerics, on a phantom head coarse enough for jobs of a few seconds.
 
 use std::io::{BufRead, BufReader};
 use std::path::Path;
@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use ureq::http::Response;
 use ureq::{Agent, Body};
 
-/// A served directory; the process is killed when this is dropped.
+/// A running service; its process is killed on drop.
 pub(crate) struct Server {
     pub(crate) child: Child,
     pub(crate) url: String,
@@ -31,7 +31,7 @@ pub(crate) fn serve(data: &Path, listen: &str) -> Command {
     command
 }
 
-/// An answer, read to its end.
+/// A completely read answer.
 #[derive(Debug)]
 pub(crate) struct Heard {
     pub(crate) status: u16,
@@ -57,7 +57,7 @@ impl Heard {
         self.json()
     }
 
-    /// The answer must be a problem of this kind whose detail holds these words.
+    /// The answer must be a problem of this kind whose detail contains these words.
     #[track_caller]
     pub(crate) fn refused(&self, status: u16, kind: &str, words: &str) -> Value {
         let document = self.json();
@@ -68,7 +68,7 @@ impl Heard {
     }
 }
 
-/// A stream of events that is being read.
+/// An open stream of events.
 pub(crate) struct EventStream {
     lines: BufReader<Box<dyn std::io::Read>>,
 }
@@ -92,7 +92,7 @@ impl Server {
         let mut child = command.spawn().unwrap();
         let mut line = String::new();
         BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
-        // Nobody reads the log; it must not fill the pipe.
+        // The test does not read the log, so the log must not fill the pipe.
         let mut log = child.stderr.take().unwrap();
         std::thread::spawn(move || std::io::copy(&mut log, &mut std::io::sink()));
         let url = line.trim().strip_prefix("listening on ").unwrap_or_else(|| panic!("found {line:?}")).to_owned();
@@ -123,12 +123,12 @@ impl Server {
         String::from_utf8(body).unwrap().lines().map(|line| serde_json::from_str(line).unwrap()).collect()
     }
 
-    /// Events of a job as they come.
+    /// Events of a job as they arrive.
     pub(crate) fn stream(&self, path: &str) -> EventStream {
         self.stream_after(path, 0)
     }
 
-    /// Those after the event `id`.
+    /// Events of a job after the event `id`, as they arrive.
     pub(crate) fn stream_after(&self, path: &str, id: u64) -> EventStream {
         let request = self.agent.get(format!("{}{path}", self.url)).header("accept", "application/x-ndjson");
         let request = request.header("last-event-id", id.to_string());
@@ -140,7 +140,7 @@ impl Server {
         self.url.strip_prefix("http://").unwrap()
     }
 
-    // ---- the way to a job ----
+    // ---- steps to a job ----
 
     pub(crate) fn session(&self) -> String {
         format!("/v1/sessions/{}", self.post("/v1/sessions", &json!({})).ok()["id"].as_str().unwrap())
@@ -153,7 +153,7 @@ impl Server {
         view
     }
 
-    /// The job at its end, whatever that is.
+    /// The view of the job at its end, with any outcome.
     pub(crate) fn end(&self, accepted: &Heard) -> Value {
         let job = accepted.ok();
         loop {
@@ -186,7 +186,7 @@ impl Server {
         session
     }
 
-    /// Osteotomy and the segment that is the upper jaw.
+    /// Cuts the bone; returns the osteotomy and the segment of the upper jaw.
     pub(crate) fn cut(&self, session: &str) -> (Value, Value) {
         let cut = json!({ "template": { "name": "le_fort_1" } });
         let osteotomy = self.post(&format!("{session}/osteotomies"), &cut).ok();

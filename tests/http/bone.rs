@@ -55,7 +55,7 @@ async fn cuts_that_cannot_be_are_refused() {
     let path = format!("{}/osteotomies", app.session().await);
     let problem = app.post(&path, plane(0.0)).await.problem(409, "missing-input");
     assert_eq!(problem["missing"], json!(["skin", "skull"]));
-    // A cut needs the surfaces alone: no field job must have run.
+    // A cut needs only the surfaces, not a field job.
     let path = format!("{}/osteotomies", app.session_with_surfaces().await);
     assert_eq!(app.post(&path, plane(0.0)).await.status, StatusCode::CREATED);
 
@@ -113,7 +113,7 @@ async fn cuts_of_every_shape_come_back_as_they_were_sent() {
     );
     let own = format!("{path}/{}", made["id"].as_str().unwrap());
     assert_eq!(app.get(&own).await.ok(), made);
-    // What was stored is what the numerics get again.
+    // The numerics receive exactly what was stored.
     let plans = own.split("/osteotomies").next().unwrap().to_owned() + "/plans";
     let paths = json!([{"segment": 1, "waypoints": [{"t": 1, "translation_mm": [0, -6, 0]}]}]);
     app.post(&plans, json!({"osteotomy": made["id"], "paths": paths})).await.ok();
@@ -166,7 +166,7 @@ async fn proposals_are_marked_and_given_landmarks_win() {
     app.put_json(&path, json!({"points": {"ans": [1, -71, 21]}})).await.ok();
     let found = app.get(&format!("{path}?propose=true")).await.ok();
     assert_eq!((&found["points"]["ans"], &found["proposed"]), (&json!([1.0, -71.0, 21.0]), &json!(["midline_x_mm"])));
-    // What came may be sent back as it is; marks must name what is there.
+    // The answer can be sent back unchanged; marks must name existing landmarks.
     assert_eq!(app.put_json(&path, found.clone()).await.ok(), found);
     let wrong = json!({"points": {}, "proposed": ["ans"]});
     assert_eq!(pointers(&app.put_json(&path, wrong).await), ["/proposed/0"]);

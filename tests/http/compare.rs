@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use crate::app::{Answer, TestApp};
 use crate::shapes::{cube, lumpy, stl};
 
-/// A session with these as skin and target: its id.
+/// Creates a session with this skin and target; returns its id.
 async fn session_of(app: &TestApp, skin: &TriMesh, target: &TriMesh) -> String {
     let session = app.session().await;
     for (name, mesh) in [("skin", skin), ("target", target)] {
@@ -18,7 +18,7 @@ async fn session_of(app: &TestApp, skin: &TriMesh, target: &TriMesh) -> String {
     session.rsplit('/').next().unwrap().to_owned()
 }
 
-/// Skin against target with further members.
+/// Body of a comparison of skin with target, with further members.
 fn body(session: &str, more: &Value) -> Value {
     let mut body = json!({
         "prediction": {"session": session, "part": "skin"},
@@ -32,7 +32,7 @@ async fn compare(app: &TestApp, session: &str, more: Value) -> Answer {
     post(app, "/v1/compare", body(session, &more)).await
 }
 
-/// Waits for the comparison, however slow the machine is.
+/// Waits for the comparison without a time limit.
 async fn post(app: &TestApp, path: &str, body: Value) -> Answer {
     let headers = [("content-type", "application/json"), ("prefer", "wait=60")];
     app.call(Method::POST, path, &headers, body.to_string()).await
@@ -104,7 +104,7 @@ async fn results_of_comparisons_are_kept_for_a_time() {
     compare(&app, &session, json!({})).await.ok();
 }
 
-/// Whatever ends a comparison while it runs, it leaves nothing, and the next one is done.
+/// A comparison that is ended while it runs leaves nothing, and the next one succeeds.
 #[tokio::test]
 async fn a_comparison_that_is_cancelled_or_loses_a_session_leaves_nothing() {
     let app = TestApp::real().await;
@@ -129,11 +129,11 @@ async fn a_comparison_that_is_cancelled_or_loses_a_session_leaves_nothing() {
     done.ok();
     let with_one = app.get(&path).await.ok()["bytes"].as_u64().unwrap();
     assert!(with_one > bytes.as_u64().unwrap());
-    // Skin, target, and the two files of what was done.
+    // Skin, target, and the two files of the result.
     assert_eq!(std::fs::read_dir(app.directory().join("blobs").join(&own)).unwrap().count(), 4);
 }
 
-/// The reference's session goes: so does what was made of it.
+/// Deleting the session of the reference also deletes the comparisons made with it.
 #[tokio::test]
 async fn a_comparison_does_not_outlive_either_session() {
     let app = TestApp::real().await;
@@ -152,7 +152,7 @@ async fn a_comparison_does_not_outlive_either_session() {
 #[tokio::test]
 async fn a_misplaced_scan_is_registered_and_its_bump_is_the_error() {
     let app = TestApp::real().await;
-    // The operation raised the front by up to 3 mm; the scan has other triangles and lies elsewhere.
+    // The operation raised the front by up to 3 mm; the scan has other triangles and another position.
     let bump = |d: [f64; 3]| 3.0 * ((-d[1] - 0.6) / 0.4).clamp(0.0, 1.0);
     let away = Motion::new(Vector::new(3.0, -3.0, 2.0), Vector::new(0.05, -0.04, 0.06));
     let session = session_of(&app, &lumpy(60, |_| 0.0), &lumpy(52, bump).moved(&away)).await;
@@ -167,11 +167,11 @@ async fn a_misplaced_scan_is_registered_and_its_bump_is_the_error() {
     }
     assert_eq!(r["region"], "given");
     assert!(number(&r["residual_mm"]) < 0.1 && number(&r["overlap"]) > 0.8 && number(&r["iterations"]) >= 1.0, "{r}");
-    // The bump is 3 mm high where the direction is -y: there the prediction lies behind.
+    // The bump is 3 mm high in the direction -y; there the prediction lies behind the reference.
     let max = number(&found["whole"]["max_mm"]);
     assert!((max - 3.0).abs() < 0.15 && number(&found["whole"]["mean_mm"]) < 0.0, "{}", found["whole"]);
     assert!(number(&found["smoothed"]["max_mm"]) <= max + 1e-9 && found["correspondence"].is_null());
-    // Without registration the misplacement is part of the error.
+    // Without registration the displacement of the scan is part of the error.
     let raw = compare(&app, &session, json!({})).await.ok();
     assert!(number(&raw["whole"]["mean_abs_mm"]) > 2.0 * number(&found["whole"]["mean_abs_mm"]));
     assert!(raw["registration"].is_null());
@@ -190,7 +190,7 @@ async fn masks_choose_and_exclusions_leave_out() {
     let eye = json!([{"centre_mm": [0, 0, 80], "radius_mm": 30}]);
     let without = count(json!({"mask": upper, "exclude": eye})).await;
     assert!(without < half && without > half / 2, "{without} of {half}");
-    // An adult's landmarks on a head of 80 mm: the eyes come to lie on it.
+    // With an adult's landmarks on a head of 80 mm, the eyes lie on the head.
     let marks = json!({"points": {"pronasale": [0, -110, 0], "menton": [0, -80, -87]}});
     app.put_json(&format!("/v1/sessions/{session}/landmarks"), marks).await.ok();
     let sighted = count(json!({"exclude_eyes": true})).await;
@@ -199,7 +199,7 @@ async fn masks_choose_and_exclusions_leave_out() {
     assert_eq!(count(json!({"mask_vertices": one_in_two})).await, n.div_ceil(2));
     let seen = compare(&app, &session, json!({"mask": upper, "values": true})).await.ok();
     assert_eq!((&seen["mask"], seen["values_mm"].as_array().unwrap().len() as u64), (&json!("given"), n));
-    // The same triangles: counterparts are known.
+    // With the same triangles, corresponding points are known.
     assert_eq!(seen["correspondence_mm"].as_array().unwrap().len() as u64, n);
     assert!(seen["correspondence"]["p50_mm"].as_f64().unwrap() > 0.9);
     let nobody = json!({"mask_vertices": vec![false; n as usize]});
@@ -238,14 +238,14 @@ async fn what_cannot_be_registered_or_compared_is_refused_by_name() {
     assert_eq!(failed(&round, json!({})).await["reason"], "slides");
     let strangers = session_of(&app, &lump, &cube([0.0; 3], 60.0)).await;
     assert_eq!(failed(&strangers, json!({})).await["reason"], "no_match");
-    // In other units, each of a size that an upload takes.
+    // Surfaces in different units, each of an accepted size.
     let scaled = |by: f64| lump.with_positions(lump.positions().iter().map(|p| p * by).collect()).unwrap();
     let metres = session_of(&app, &scaled(7.0), &scaled(0.03)).await;
     for more in [json!({}), json!({"register": {}})] {
         let problem = compare(&app, &metres, more).await.problem(422, "comparison-not-usable");
         assert!(problem["detail"].as_str().unwrap().contains("metres"), "{problem}");
     }
-    // Far apart: an answer with a warning.
+    // Surfaces far apart give an answer with a warning.
     let far = session_of(&app, &lump, &lump.moved(&Motion::translation(500.0, 0.0, 0.0))).await;
     let told = compare(&app, &far, json!({})).await.ok()["warnings"].to_string();
     assert!(told.contains("mm apart") && told.contains("registration"), "{told}");
@@ -272,7 +272,7 @@ async fn bad_members_are_pointed_to() {
         let problem = compare(&app, &session, more).await.problem(422, "invalid-request");
         assert_eq!(problem["errors"][0]["pointer"], pointer, "{problem}");
     }
-    // JSON has no NaN; null, numbers and words are no choice.
+    // JSON has no NaN; null, numbers and strings are not allowed.
     for wrong in [json!([null]), json!([0.5]), json!(["NaN"])] {
         let answer = compare(&app, &session, json!({"mask_vertices": wrong})).await;
         assert!(answer.status.is_client_error(), "{answer:?}");
@@ -368,7 +368,7 @@ async fn the_report_is_one_page_that_needs_nothing_else() {
     ] {
         assert!(text.contains(part), "{part}");
     }
-    // Forward 6, down 1.5.
+    // 6 mm forward and 1.5 mm down.
     assert!(text.contains("<td>6.00</td><td>1.50</td>"), "the plan's row");
     let accepted =
         app.call(Method::GET, &format!("{job}/report"), &[("accept", "text/html")], axum::body::Body::empty()).await;

@@ -1,4 +1,4 @@
-//! Files of stored values that were changed or cut off: never a wrong answer.
+//! Changed or truncated files of stored values never give a wrong answer.
 
 use std::path::{Path, PathBuf};
 
@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use crate::app::TestApp;
 use crate::shapes::nifti;
 
-/// Every file of values, without the name of the place.
+/// Every file of a value, relative to the store.
 fn values(directory: &Path) -> Vec<PathBuf> {
     let files = |path: &Path| std::fs::read_dir(path).unwrap().map(|e| e.unwrap().path()).collect::<Vec<_>>();
     files(&directory.join("blobs")).iter().filter(|p| p.is_dir()).flat_map(|p| files(p)).collect()
@@ -49,7 +49,7 @@ async fn a_damaged_value_is_never_sent_and_nothing_is_computed_from_it() {
             let problem = app.get(path).await.problem(500, "damaged-value");
             assert!(problem["value"].as_str().unwrap().ends_with(".sealed"), "{problem}");
         }
-        // A part of one is checked like the whole.
+        // A partial read is checked like a read of the whole value.
         let ranged = app.call(axum::http::Method::GET, &stored[0], &[("range", "bytes=0-3")], "").await;
         ranged.problem(500, "damaged-value");
         assert_eq!(app.get(&format!("{session}/skin")).await.json()["part"], "skin");
@@ -59,7 +59,7 @@ async fn a_damaged_value_is_never_sent_and_nothing_is_computed_from_it() {
             (&failed["status"], &failed["problem"]["type"]),
             (&json!("failed"), &json!("/problems/damaged-value"))
         );
-        // Uploaded again it is whole again.
+        // A new upload replaces the damaged value.
         app.upload(&format!("{session}/skin"), crate::shapes::skin()).await.ok();
         assert_eq!(app.get(&format!("{session}/skin")).await.status, StatusCode::OK);
     }
@@ -72,7 +72,7 @@ async fn what_comes_from_a_ct_is_made_again_and_the_job_says_so() {
     app.finish(app.upload(&format!("{session}/ct"), nifti()).await).await;
     let part = async |name: &str| app.get(&session).await.ok()["parts"][name]["sha256"].clone();
     let before = (part("skin").await, part("skull").await);
-    // Names rise with time: the CT was stored first.
+    // Names ascend with time, so the CT is first.
     let ct = values(app.directory()).into_iter().min().unwrap();
     values(app.directory()).iter().filter(|file| **file != ct).for_each(|file| flip_a_bit(file));
     let job = app.finish(app.post(&format!("{session}/field"), json!({})).await).await;
@@ -82,7 +82,7 @@ async fn what_comes_from_a_ct_is_made_again_and_the_job_says_so() {
     assert_eq!((part("skin").await, part("skull").await), before);
     assert_eq!(app.get(&format!("{session}/skull")).await.status, StatusCode::OK);
 
-    // A skull that was uploaded since stays, also where it is the skin that is made again.
+    // A skull uploaded later remains when the skin is rebuilt.
     let own = crate::shapes::stl(&crate::shapes::cube([0.0; 3], 50.0));
     app.upload(&format!("{session}/skull"), own).await.ok();
     let uploaded = part("skull").await;
@@ -91,7 +91,7 @@ async fn what_comes_from_a_ct_is_made_again_and_the_job_says_so() {
     let job = app.finish(app.post(&format!("{session}/field"), json!({})).await).await;
     assert_eq!(job["status"], "succeeded", "{job}");
     assert_eq!((part("skin").await, part("skull").await), (before.0, uploaded.clone()));
-    // The uploaded one itself is of no CT.
+    // The uploaded skull does not come from a CT.
     flip_a_bit(&newest);
     let job = app.finish(app.post(&format!("{session}/field"), json!({})).await).await;
     assert_eq!((&job["status"], &job["problem"]["part"]), (&json!("failed"), &json!("skull")), "{job}");

@@ -60,7 +60,7 @@ fn stack(heights: &[f64]) -> Vec<Vec<u8>> {
     heights.iter().enumerate().map(|(k, z)| slice("1.2.3.4", k, *z)).collect()
 }
 
-/// Whether any file below `path` holds `word`.
+/// Whether any file below `path` contains `word`.
 fn holds(path: &Path, word: &[u8]) -> bool {
     if path.is_dir() {
         return std::fs::read_dir(path).unwrap().any(|e| holds(&e.unwrap().path(), word));
@@ -87,7 +87,7 @@ async fn a_dicom_series_becomes_surfaces_and_nothing_of_the_patient_is_kept() {
         assert!(!holds(app.directory(), word.as_bytes()), "{word} was stored");
     }
     assert!(!warnings.contains("PATIENT") && !warnings.contains("1.2.3"), "{warnings}");
-    // The other series by number and by identifier is one and the same volume.
+    // Number and identifier of the other series select the same volume.
     let by = async |series: &str| {
         app.finish(app.upload(&format!("{session}/ct?series={series}"), archive(&files)).await).await;
         app.get(&session).await.ok()["parts"]["ct"]["sha256"].clone()

@@ -1,4 +1,4 @@
-//! Requests that fit nowhere.
+//! Requests with unknown paths, methods or bodies.
 
 use axum::body::Body;
 use axum::http::{Method, StatusCode};
@@ -103,7 +103,7 @@ async fn a_request_keeps_a_harmless_id_of_the_client() {
     assert_ne!(harmful.header("x-request-id"), "a b\"c");
 }
 
-/// Every path of the description is routed with every method it names: none answers that there is no such path.
+/// Every path and method of the OpenAPI description is routed.
 #[tokio::test]
 async fn the_description_and_the_router_agree() {
     let app = TestApp::new().await;
@@ -124,7 +124,7 @@ async fn the_description_and_the_router_agree() {
     }
 }
 
-/// Every body in `api/examples` is one that the service understands.
+/// The service accepts the form of every body in `api/examples`.
 #[tokio::test]
 async fn the_examples_are_understood() {
     let app = TestApp::new().await;

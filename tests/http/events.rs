@@ -54,7 +54,7 @@ async fn the_same_events_come_as_a_stream() {
     app.stand_in.hold_after(1);
     let job = app.solve(&session, &plan, json!({})).await;
     app.until_step(&job, 1).await;
-    // The stream is opened while the job runs, and ends with it.
+    // The stream opens while the job runs and ends with it.
     let path = format!("{job}/events");
     let release = async {
         tokio::time::sleep(std::time::Duration::from_millis(30)).await;

@@ -5,7 +5,7 @@ use serde_json::Value;
 
 use crate::app::TestApp;
 
-/// A request that a reader may copy, and the status that answers it.
+/// A request that a reader may copy, and the expected status.
 pub(crate) struct Example {
     pub(crate) name: String,
     pub(crate) method: Method,
@@ -14,7 +14,7 @@ pub(crate) struct Example {
     pub(crate) status: u64,
 }
 
-/// All of them in the order of their names, each for a session of its own in which there is everything that it names.
+/// All requests in the order of their names, each for a separate session that contains everything the request names.
 pub(crate) async fn examples(app: &TestApp) -> Vec<Example> {
     let mut paths: Vec<_> = std::fs::read_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/api/examples"))
         .unwrap()

@@ -1,4 +1,4 @@
-//! Two processes of the API and three workers on one database and one bucket, through every fault that a hospital's night has.
+//! Two API processes and three workers on one database and one bucket, under all faults of processes, database and bucket.
 
 use std::collections::BTreeSet;
 use std::sync::LazyLock;
@@ -11,14 +11,14 @@ use crate::binary::Server;
 use crate::engines::{Bucket, Cluster, Mood};
 use crate::shared::{finished, signal, start};
 
-/// With `SLOW_TESTS` 200, which take six minutes.
+/// Number of jobs: 200 with `SLOW_TESTS`, which takes six minutes.
 static JOBS: LazyLock<usize> = LazyLock::new(|| if std::env::var_os("SLOW_TESTS").is_some() { 200 } else { 40 });
 const SESSIONS: usize = 4;
 const STEPS: u64 = 2;
-/// Every so many jobs one is computed again by one process alone: of all sessions, and so that it takes not as long again.
+/// One job in this many is repeated in a single process; 9 covers all sessions and limits the time.
 const CHECKED: usize = 9;
 
-/// Plans on the coarse phantom, job by job, each another one; the same for every call but for their ids.
+/// Different plans on the coarse phantom, one per job; every call gives the same plans with other ids.
 fn plans(server: &Server) -> Vec<(String, Value)> {
     let of_session = |_| {
         let session = server.session_with_field();
@@ -65,20 +65,20 @@ async fn many_jobs_outlive_every_fault_and_are_those_of_one_process() {
         let (dying, api) = (begin("serve --no-worker"), begin("serve --no-worker"));
         let mut workers = [begin("worker"), begin("worker"), begin("worker")];
         let plans = plans(&api);
-        // They find the whole queue.
+        // Suspended until the whole queue is stored.
         workers.iter().for_each(|worker| signal(worker, "-STOP"));
         let jobs: Vec<Value> = plans.iter().enumerate().map(|(n, p)| solve([&dying, &api][n % 2], p)).collect();
         assert_eq!(jobs.iter().map(|job| job["id"].as_str()).collect::<BTreeSet<_>>().len(), *JOBS);
         workers.iter().for_each(|worker| signal(worker, "-CONT"));
 
-        // Twentieths of the queue.
+        // The job at `n` twentieths of the queue.
         let twentieth = |n: usize| &jobs[*JOBS * n / 20];
         finished(&api, twentieth(3));
         workers[0] = begin("worker");
         finished(&api, twentieth(6));
         signal(&workers[1], "-STOP");
         finished(&api, twentieth(8));
-        // The lease is of two seconds: by now its job is another's.
+        // The lease is two seconds, so another worker has the job by now.
         std::thread::sleep(Duration::from_secs(3));
         signal(&workers[1], "-CONT");
         finished(&api, twentieth(9));
@@ -102,7 +102,7 @@ async fn many_jobs_outlive_every_fault_and_are_those_of_one_process() {
         seen.retain(|e| e["event"] != "heartbeat");
         assert!(seen.is_sorted_by(|a, b| a["id"].as_u64() < b["id"].as_u64()), "{seen:?}");
 
-        // Nothing is lost, and nothing is done twice as a client sees it.
+        // From a client's view, nothing is lost and nothing is done twice.
         for job in &jobs {
             let ended = finished(&api, job);
             assert_eq!(ended["status"], "succeeded", "{ended}");

@@ -1,4 +1,4 @@
-//! A disk that is full, or a database that cannot be written: what is told, what stays, and that the service goes on afterwards.
+//! A full disk or a database that cannot be written: errors, remaining data, and recovery of the service.
 
 use std::fmt;
 use std::path::{Path as FsPath, PathBuf};
@@ -19,10 +19,10 @@ use sqlx::SqlitePool;
 use crate::app::TestApp;
 use crate::shapes::{nifti, skin, skull, stl};
 
-/// Bytes that still fit.
+/// Free bytes.
 type Room = Arc<AtomicI64>;
 
-/// Files on a disk with so much room.
+/// Files on a disk with limited free space.
 #[derive(Debug)]
 pub(crate) struct SmallDisk {
     files: LocalFileSystem,
@@ -41,7 +41,7 @@ impl SmallDisk {
         self.room.store(bytes, Ordering::SeqCst);
     }
 
-    /// Whole files and unfinished ones.
+    /// Number of finished and unfinished files.
     fn count(&self) -> usize {
         fn below(directory: &FsPath) -> usize {
             let paths = std::fs::read_dir(directory).unwrap().map(|entry| entry.unwrap().path());
@@ -137,7 +137,7 @@ async fn an_upload_that_does_not_fit_leaves_nothing() {
     let session = app.session().await;
     disk.leave(100);
     app.upload(&format!("{session}/skin"), skin()).await.problem(507, "storage-full");
-    // The first piece of 5 MB is written before the disk is full.
+    // The first part of 5 MB is written before the disk is full.
     let mut large = stl(&crate::shapes::cube([0.0; 3], 50.0));
     large.resize(12 << 20, 0);
     disk.leave(6 << 20);
@@ -168,9 +168,9 @@ async fn a_job_that_finds_the_disk_full_fails_with_what_it_has_and_the_next_one_
     assert_eq!((&ended["step"], &ended["problem"]["status"]), (&json!(1), &json!(507)), "{ended}");
     assert_eq!(app.get(&format!("{job}/steps/1/skin")).await.status, StatusCode::OK);
     app.get(&format!("{job}/steps/2/skin")).await.problem(404, "not-ready");
-    assert_eq!(disk.count(), before, "what was not finished is not there");
+    assert_eq!(disk.count(), before, "unfinished results leave no files");
 
-    // Nor can a job begin; what is asked for again afterwards succeeds.
+    // No job can start either; once there is space, the same request succeeds.
     let refused = app.solve(&session, &plan, json!({"steps": 2})).await;
     let ended = app.ended(&refused).await.ok();
     assert_eq!(ended["problem"]["type"], "/problems/storage-full", "{ended}");
@@ -180,7 +180,7 @@ async fn a_job_that_finds_the_disk_full_fails_with_what_it_has_and_the_next_one_
     assert_eq!(app.get("/readyz").await.status, StatusCode::OK);
 }
 
-/// Every write of a job's end is refused for a while.
+/// The database refuses to record the end of a job for some time.
 #[tokio::test]
 async fn the_end_of_a_job_is_recorded_once_the_database_can_be_written_again() {
     let app = TestApp::new().await;

@@ -1,4 +1,4 @@
-//! Request bodies that are damaged in every way: each is answered, refusals as problems, nothing as a fault of the service.
+//! Randomly damaged request bodies: each is answered, refusals are problems, and none is an internal error.
 
 use std::time::{Duration, Instant};
 
@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use crate::app::{Answer, TestApp};
 use crate::examples::examples;
 
-/// Numbers that look random and are the same in every run.
+/// Pseudo-random numbers, the same in every run.
 struct Dice(u64);
 
 impl Dice {
@@ -46,7 +46,7 @@ fn odd_value(dice: &mut Dice) -> Value {
     }
 }
 
-/// Changes one place of a value.
+/// Changes one member of a value.
 fn change(value: &mut Value, dice: &mut Dice) {
     let descend = dice.below(4) > 0;
     match value {
@@ -76,7 +76,7 @@ fn change(value: &mut Value, dice: &mut Dice) {
     }
 }
 
-/// Damages the text: what no value can show.
+/// Damages the text in ways that are not valid JSON.
 fn damage(text: &mut Vec<u8>, dice: &mut Dice) {
     let at = dice.below(text.len());
     match dice.below(6) {
@@ -110,7 +110,7 @@ fn check(answer: &Answer, told: &str) {
     }
 }
 
-/// For `FUZZ_SECONDS` (3); a round of every example at least.
+/// Runs for `FUZZ_SECONDS` (default 3), with at least one round of every example.
 #[tokio::test]
 async fn damaged_bodies_are_refused_by_name_and_never_fault() {
     let app = TestApp::with(|config| {

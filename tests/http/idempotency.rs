@@ -7,7 +7,7 @@ use crate::app::TestApp;
 async fn the_same_request_under_the_same_key_is_answered_as_before() {
     let app = TestApp::new().await;
     let first = app.post_keyed("/v1/sessions", "k1", json!({"label": "a", "settings": {"steps": 3}})).await;
-    // The same payload written in another order.
+    // The same payload with its members in another order.
     let headers = [("content-type", "application/json"), ("idempotency-key", "k1")];
     let body = r#"{"settings": {"steps": 3}, "label": "a"}"#;
     let again = app.call(axum::http::Method::POST, "/v1/sessions", &headers, body).await;

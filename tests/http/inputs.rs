@@ -66,7 +66,7 @@ async fn faulty_surfaces_are_refused_with_what_and_where_and_leave_nothing() {
     check(b"<html>not a surface</html>".to_vec(), 415, "unsupported-format", "STL").await;
     check(vec![0xff; 5000], 415, "unsupported-format", "STL").await;
     assert_eq!(files_below(&app.directory().join("blobs")), 0);
-    // The service goes on.
+    // The service still works.
     app.upload(&path, whole).await.ok();
     assert_eq!(files_below(&app.directory().join("blobs")), 1);
     app.upload(&path, skull()).await.ok();
@@ -78,7 +78,7 @@ async fn an_upload_that_announces_too_much_is_refused_at_once() {
     let app = TestApp::new().await;
     let session = app.session().await;
     for (part, allowed) in [("ct", 2u64 << 30), ("skin", 512 << 20)] {
-        // Three announced gigabytes, of which nothing is ever sent.
+        // The header announces three gigabytes; no byte is sent.
         let never = Body::from_stream(stream::pending::<Result<Bytes, std::io::Error>>());
         let headers = [("content-length", "3221225472")];
         let answer = app.call(Method::PUT, &format!("{session}/{part}"), &headers, never).await;
@@ -135,7 +135,7 @@ async fn a_ct_becomes_skin_skull_and_air() {
         "of the upload; of a CT something else is kept"
     );
 
-    // The import's time counts once in a report, although it made three surfaces.
+    // The time of the import counts once in a report, although it gave three surfaces.
     let import_s = parts["skin"]["wall_s"].as_f64().unwrap();
     app.finish(app.post(&format!("{session}/field"), json!({})).await).await;
     let plan = app.plan(&session).await;
@@ -155,7 +155,7 @@ async fn a_file_that_is_no_ct_is_refused() {
     let path = format!("{session}/ct");
     app.upload(&path, Vec::new()).await.problem(422, "volume-not-usable");
     app.upload(&path, skin()).await.problem(415, "unsupported-format");
-    // What no import would take is not stored.
+    // A file that no import accepts is not stored.
     for level in ["skin_hu=400", "skin_hu=-950", "bone_hu=50", "bone_hu=2900"] {
         app.upload(&format!("{path}?{level}"), nifti()).await.problem(422, "invalid-request");
     }
@@ -234,7 +234,7 @@ async fn a_ct_without_surfaces_is_told_until_an_import_succeeds() {
     let job = app.finish(app.upload(&format!("{session}/ct"), nifti()).await).await;
     assert_eq!((&job["status"], state().await), (&json!("succeeded"), json!("ready")), "{job}");
 
-    // One that is cancelled before it began takes nothing from it.
+    // A job that is cancelled before its start does not change it.
     let (other, plan) = app.session_with_plan().await;
     app.stand_in.hold_after(1);
     let running = app.solve(&other, &plan, json!({})).await;
@@ -305,7 +305,7 @@ async fn landmarks_are_checked_and_kept() {
         problem["errors"].as_array().unwrap().iter().map(|e| e["pointer"].as_str().unwrap()).collect();
     assert_eq!(pointers, ["/points/Nose Tip", "/points/ans/0", "/le_fort_1_plane/normal"]);
 
-    // In metres a head is smaller than a tooth, in micrometres larger than a room.
+    // A head in metres is smaller than a tooth, one in micrometres larger than a room.
     let scaled = |scale: f64| {
         let points = [("ans", [6.0, -84.0, 45.0]), ("pogonion", [6.0, -71.0, -25.0]), ("menton", [6.0, -67.0, -33.0])];
         let points: serde_json::Map<_, _> =
@@ -318,7 +318,7 @@ async fn landmarks_are_checked_and_kept() {
         if !ok {
             let problem = answer.problem(422, "invalid-request");
             assert_eq!(problem["errors"][0]["pointer"], "/points");
-            assert!(problem["detail"].as_str().unwrap().contains("check the unit"), "{problem}");
+            assert!(problem["detail"].as_str().unwrap().contains("are in mm"), "{problem}");
         }
     }
     let two = json!({"points": {"ans": [0.006, -0.084, 0.045], "pogonion": [0.006, -0.071, -0.025]}});
@@ -337,7 +337,7 @@ async fn a_skin_inside_the_skull_is_refused_by_the_field() {
     };
     assert!(refused(cube([0.0; 3], 200.0)).await.contains("swapped"));
     assert!(refused(cube([0.0, 0.0, 500.0], 60.0)).await.contains("apart"));
-    // Boxes that cross leave it to the numerics, which see more skull than skin here.
+    // When the bounding boxes cross, the numerics decide; here the skull is larger than the skin.
     app.upload(&format!("{session}/skull"), stl(&cube([150.0, 0.0, 0.0], 200.0))).await.ok();
     let job = app.finish(app.post(&format!("{session}/field"), json!({})).await).await;
     assert_eq!((&job["status"], &job["problem"]["status"]), (&json!("failed"), &json!(422)));

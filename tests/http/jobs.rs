@@ -42,7 +42,7 @@ async fn progress_is_that_of_the_path_and_residuals_are_those_of_its_steps() {
     let job = app.solve(&session, &plan, json!({"steps": 4})).await;
     app.until_step(&job, 2).await;
     let view = app.get(&job).await.ok();
-    // Half of the path; comparing two steps with the target has moved nothing.
+    // The step is at half of the path; the comparisons of two steps with the target moved nothing.
     let progress = view["progress"].as_f64().unwrap();
     assert!((0.4..0.5).contains(&progress), "{view}");
     assert_eq!((&view["step"], &view["steps"], &view["phase"]), (&json!(2), &json!(4), &json!("solve")));
@@ -195,7 +195,7 @@ async fn a_job_that_is_asked_for_again_is_the_one_that_is_there() {
     assert_eq!(app.post_keyed(&path, "k", json!({})).await.header("location"), field.header("location"));
     app.put_json(&format!("{path}/settings"), json!({})).await.ok();
 
-    // It would be compared with something else.
+    // The comparison would use another surface.
     app.upload(&format!("{session}/target"), crate::shapes::skin()).await.ok();
     assert_ne!(app.solve(&session, &plan, json!({})).await, running);
     app.post(&format!("{running}/cancel"), json!({})).await.ok();

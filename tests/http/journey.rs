@@ -1,5 +1,6 @@
-//! The main job over a real socket, driven by the Python client. The service runs on the runtime's workers while this
-//! thread waits for Python.
+//! The main job over a real socket, driven by the Python client.
+//!
+//! The service runs on the runtime's workers while this thread waits for Python.
 
 use std::process::{Command, Stdio};
 use std::sync::Arc;
@@ -53,7 +54,7 @@ async fn the_python_client_does_the_main_job() {
     running.shut_down().await;
 }
 
-/// A refusal reaches a client that sends before it reads.
+/// A client that sends its whole upload before it reads still receives the refusal.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn the_python_client_hears_why_an_upload_is_refused() {
     let directory = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! The real binary: where it listens, how it stops, what a killed one leaves.
+//! The real binary: its address, its shutdown, and the state after a kill.
 
 use std::io::Write;
 use std::net::TcpStream;
@@ -34,8 +34,7 @@ fn blobs(data: &Path) -> Vec<String> {
         .collect()
 }
 
-/// Killed between two steps and in the middle of an upload: what was finished is there, what was not is gone, and the job
-/// comes to the same end.
+/// After a kill between two steps and during an upload, finished data remain, unfinished data are gone, and the job ends the same.
 #[test]
 fn a_solve_that_was_killed_keeps_its_steps_and_runs_again() {
     let directory = tempfile::tempdir().unwrap();
@@ -85,7 +84,7 @@ fn a_solve_that_was_killed_keeps_its_steps_and_runs_again() {
     let now = blobs(directory.path());
     let is_half = |name: &&String| name.contains('#');
     assert!(left.iter().any(|name| is_half(&name)), "the upload was under way: {left:?}");
-    // The job that runs again may be writing a step at this moment, under a new name.
+    // The restarted job may be writing a step at this moment, under a new name.
     assert_eq!(now.iter().filter(is_half).find(|name| left.contains(name)), None);
 
     let accepted = server.get(&job);
@@ -108,7 +107,7 @@ fn a_solve_that_was_killed_keeps_its_steps_and_runs_again() {
     assert_eq!(statuses, ["accepted", "running", "interrupted", "accepted", "running", "succeeded"]);
 }
 
-/// Whoever was told 202 never sees the job succeed, however soon after it the service is killed.
+/// A job whose cancel was answered with 202 never succeeds, however soon the service is killed after the answer.
 #[test]
 fn a_cancel_that_was_answered_outlives_a_kill() {
     let directory = tempfile::tempdir().unwrap();
@@ -119,7 +118,7 @@ fn a_cancel_that_was_answered_outlives_a_kill() {
     let plan = server.post(&format!("{session}/plans"), &json!({"paths": paths})).ok()["id"].clone();
     let mut caught_running = 0;
     for round in 0..8u64 {
-        // The tolerance makes each a job of its own; the steps are many, so that it runs when it is cancelled.
+        // Different tolerances make different jobs; with 200 steps, a job still runs when it is cancelled.
         let tolerance = 0.05 + 1e-4 * round as f64;
         let solve = json!({"plan": plan, "model": "nonlinear", "steps": 200, "penetration_tolerance_mm": tolerance});
         let job = server.post(&format!("{session}/jobs"), &solve).ok()["links"]["self"].as_str().unwrap().to_owned();
@@ -182,7 +181,7 @@ fn the_description_is_printed() {
     assert!(output.stdout == include_bytes!("../../api/openapi.json"));
 }
 
-/// The store of a demo's run before may be of any version, and its results must not be taken for new ones.
+/// The store of an earlier demo may be of any version, and its results must not be mistaken for new ones.
 #[test]
 fn a_demo_begins_anew_in_a_directory_that_was_used_before() {
     let directory = tempfile::tempdir().unwrap();
@@ -206,7 +205,7 @@ fn a_demo_begins_anew_in_a_directory_that_was_used_before() {
     }
 }
 
-/// A process that may take no more than it has by itself refuses the job, and goes on.
+/// A process whose memory limit leaves nothing for a solve refuses the job and keeps running.
 #[test]
 fn a_job_that_would_not_fit_into_memory_is_refused_with_what_would() {
     let directory = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! A stream of jobs on the real binary, which is killed again and again at moments that nobody chose.
+//! A stream of jobs on the real binary, which is killed repeatedly at random moments.
 
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
@@ -8,12 +8,12 @@ use ureq::Agent;
 
 use crate::binary::{Server, serve};
 
-/// Kills; the slow tests make fifty.
+/// Number of kills: 50 with `SLOW_TESTS`, else 6.
 fn kills() -> usize {
     if std::env::var_os("SLOW_TESTS").is_some() { 50 } else { 6 }
 }
 
-/// Numbers that differ, the same in every run.
+/// Pseudo-random numbers, the same in every run.
 struct Random(u64);
 
 impl Random {
@@ -23,7 +23,7 @@ impl Random {
     }
 }
 
-/// Asks for a job under a key; `None` when the answer did not arrive.
+/// Posts a job with an idempotency key; `None` when the answer did not arrive.
 fn ask(agent: &Agent, server: &Server, session: &str, key: usize, body: &Value) -> Option<Value> {
     let request = agent.post(format!("{}{session}/jobs", server.url)).header("idempotency-key", format!("job-{key}"));
     let mut answer = request.send_json(body).ok()?;
@@ -51,7 +51,7 @@ fn no_job_is_lost_or_corrupt_however_often_the_service_is_killed() {
     let mut key = 0;
     let mut next_kill = Instant::now() + Duration::from_millis(200);
     while killed < kills() {
-        // Nothing touches: the tolerance makes each a job of its own with the same result. Few enough that the end is near.
+        // Without contact, different tolerances make different jobs with the same result. Their number keeps the test short.
         if accepted.len() < kills() / 2 + 3 {
             let body = json!({"plan": plan, "model": "linear", "steps": 3, "penetration_tolerance_mm": 0.05 + 1e-4 * key as f64});
             if let Some(job) = ask(&agent, &server, &session, key, &body) {
@@ -69,7 +69,7 @@ fn no_job_is_lost_or_corrupt_however_often_the_service_is_killed() {
         std::thread::park_timeout(Duration::from_millis(random.below(30)));
     }
 
-    // Nothing is lost: every job whose 202 arrived is there and comes to its end.
+    // Nothing is lost: every job whose 202 arrived exists and ends.
     let mut frames: BTreeMap<u64, Vec<u8>> = BTreeMap::new();
     let mut attempts = 0;
     for (key, id) in &accepted {
@@ -77,7 +77,7 @@ fn no_job_is_lost_or_corrupt_however_often_the_service_is_killed() {
         let ended = server.finish(&server.get(&own));
         attempts += ended["attempt"].as_u64().unwrap();
         assert_eq!(ended["step"], 3, "job {key}: {ended}");
-        // Nothing is corrupt: all solve the same, so all frames are the same bytes, whole.
+        // Nothing is corrupt: all jobs solve the same scene, so all frames are identical.
         for k in 1..=3 {
             let frame = server.get(&format!("{own}/steps/{k}/frame")).body;
             assert!(
@@ -91,14 +91,14 @@ fn no_job_is_lost_or_corrupt_however_often_the_service_is_killed() {
         assert!(ids.windows(2).all(|w| w[0] < w[1]), "{ids:?}");
         let count = |name: &str| events.iter().filter(|e| e["event"] == name).count();
         assert_eq!((count("end"), events.last().unwrap()["event"].as_str()), (1, Some("end")), "job {key}");
-        assert_eq!(count("step"), 3, "a step that an earlier attempt finished is told once: job {key}");
+        assert_eq!(count("step"), 3, "a step that an earlier attempt finished is reported once: job {key}");
     }
-    // A request whose answer was lost was sent again under its key: no job is there twice.
+    // A request whose answer was lost was sent again with its key: no job exists twice.
     let listed = server.get("/v1/jobs?limit=100").ok();
     assert_eq!(listed["jobs"].as_array().unwrap().len(), accepted.len());
     eprintln!("{killed} kills, {} jobs accepted, {attempts} attempts, 0 lost, 0 corrupt", accepted.len());
 
-    // The next start leaves no file that nobody names: mesh, and of each job skin at rest and three frames.
+    // The next start removes unreferenced files: what remains is the mesh, and for each job the skin at rest and three frames.
     drop(server);
     let server = start();
     let blobs = data.join("blobs").join(session.rsplit('/').next().unwrap());

@@ -1,7 +1,7 @@
 //! The HTTP API, in process and over a real socket.
 //!
-//! Numerics are a fast stand-in (`stand_in.rs`), so that these tests are of the service and not of the solver; `binary.rs`
-//! `compare.rs` and `reuse.rs` have the real ones.
+//! Most tests use a fast stand-in for the numerics (`stand_in.rs`), because they test the service and not the solver.
+//! `binary.rs`, `compare.rs` and `reuse.rs` use the real numerics.
 
 #![allow(clippy::unwrap_used, clippy::panic, clippy::print_stderr, reason = "test code")]
 

@@ -1,4 +1,4 @@
-//! `/v1/materials`, and materials of jobs.
+//! `/v1/materials` and the materials of jobs.
 
 use std::sync::atomic::Ordering;
 
@@ -40,7 +40,7 @@ async fn laws_and_presets_are_listed_with_units_moduli_and_stable_ranges() {
     assert_eq!((&stable["polyconvex"], &stable["stable_range"]["planar"]), (&json!(true), &json!([0.5, 2.0])));
     let published = &presets[2]["tissues"]["fat"];
     assert_eq!(published["polyconvex"], false);
-    // Incompressible: 1.019; with the Poisson ratio 0.49 not later.
+    // The incompressible limit is 1.019; with the Poisson ratio 0.49 the limit is not larger.
     let high = published["stable_range"]["uniaxial"][1].as_f64().unwrap();
     assert!((1.01..1.0187).contains(&high), "{high}");
     near(&presets[4]["tissues"]["fat"]["moduli"]["young_modulus_kpa"], 15.0, 1e-9);
@@ -74,7 +74,7 @@ async fn a_check_says_what_is_lost_in_which_mode_and_where() {
     assert_eq!(good["tests"].as_array().unwrap().len(), 4);
     assert!(good["warning"].is_null());
 
-    // Fat as published; nearly incompressible, as the independent table has it.
+    // Fat as published, nearly incompressible; the reference is an independent table.
     let (c10, c01) = (16.6131140 * 9.80665e-3, -16.0126823 * 9.80665e-3);
     let bad = check(json!({"law": "mooney_rivlin", "c10_mpa": c10, "c01_mpa": c01, "poisson": 0.4999})).await;
     assert_eq!(bad["admissible"], false);
@@ -96,11 +96,11 @@ async fn a_check_says_what_is_lost_in_which_mode_and_where() {
         ("stress_sign", "planar", vec![]),
     ] {
         let found = at(criterion, mode);
-        // Samples stand 1e-3 apart; at this Poisson ratio ellipticity goes a little earlier.
+        // Samples are 1e-3 apart; at this Poisson ratio ellipticity is lost a little earlier.
         let close = found.len() == expected.len() && found.iter().zip(&expected).all(|(f, e)| (f - e).abs() < 2e-3);
         assert!(close, "{criterion} {mode}: {found:?} {expected:?}");
     }
-    // The nearest to rest comes first.
+    // The stretch nearest to rest comes first.
     let first = bad["losses"][0]["stretch"].as_f64().unwrap();
     assert!((first - 1.0).abs() < 0.02, "{}", bad["losses"][0]);
 }

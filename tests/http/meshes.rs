@@ -37,7 +37,7 @@ async fn a_solve_takes_the_mesh_of_its_own_operation_and_builds_what_is_not_ther
     let session = app.session_with_field().await;
     let (chin, chin_plan) = operation(&app, &session, -20.0).await;
     let (maxilla, maxilla_plan) = operation(&app, &session, 10.0).await;
-    // None was asked for: the job builds its own, with the defaults.
+    // No mesh was requested: the job builds its own with default settings.
     let built = solve(&app, &session, &maxilla_plan, json!({"steps": 1})).await;
     assert_eq!((&built["osteotomy"], &built["settings"]["edge_mm"]), (&maxilla, &json!(4.0)));
 
@@ -54,7 +54,7 @@ async fn a_solve_takes_the_mesh_of_its_own_operation_and_builds_what_is_not_ther
         let built = solve(&app, &session, plan, json!({"steps": 1})).await;
         assert_eq!((&built["osteotomy"], &built["settings"]["edge_mm"]), (own, &json!(edge)));
     }
-    // One of the front of the face fits every operation.
+    // A mesh of the front of the face fits every operation.
     mesh(&app, &session, json!({"edge_mm": 6})).await;
     let built = solve(&app, &session, &chin_plan, json!({"steps": 1})).await;
     assert_eq!((&built["osteotomy"], &built["settings"]["edge_mm"]), (&Value::Null, &json!(6.0)));

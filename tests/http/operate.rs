@@ -1,4 +1,4 @@
-//! What an operator does with the real binary.
+//! Operator commands of the real binary.
 
 use std::io::{Read, Write};
 use std::net::TcpStream;
@@ -41,7 +41,7 @@ fn all_faults_of_a_configuration_are_told_at_once() {
     );
 }
 
-/// What `serve` would stumble over later is told by the check.
+/// The check reports settings that would make `serve` fail later.
 #[test]
 fn certificates_levels_and_times_that_cannot_be_used_are_faults_of_the_configuration() {
     let directory = tempfile::tempdir().unwrap();
@@ -65,7 +65,7 @@ fn certificates_levels_and_times_that_cannot_be_used_are_faults_of_the_configura
         (with_tls(&at("absent.pem"), &tls("key.pem")), "absent.pem"),
         ("[log]\nlevel = \"inof\"\n".to_owned(), "log.level"),
         (jwt(""), "auth.jwt.issuer"),
-        (jwt("https://id.example"), "holds no key"),
+        (jwt("https://id.example"), "contains no key"),
         ("heartbeat_s = 0\n".to_owned(), "heartbeat_s"),
         ("answer_timeout_s = 0\n".to_owned(), "answer_timeout_s"),
         ("body_timeout_s = 0\n".to_owned(), "body_timeout_s"),
@@ -99,7 +99,7 @@ fn addresses_of_other_places_are_checked_and_printed_without_passwords() {
     let database = ["--data", "d", "--database", "postgres://db.example/plans"];
     for role in [&["worker"][..], &["serve", "--no-worker"]] {
         let told = String::from_utf8(prosopon(&[role, &database].concat()).stderr).unwrap();
-        assert!(told.contains("blobs: processes that divide the work need one bucket"), "{told}");
+        assert!(told.contains("blobs: API and worker processes on one database need a common bucket"), "{told}");
     }
     for command in ["migrate", "audit"] {
         let verify: &[&str] = if command == "audit" { &["verify", "--data", "d"] } else { &[] };
@@ -173,7 +173,7 @@ fn an_audit_log_whose_end_was_cut_off_is_found_out() {
     std::fs::write(&log, cut).unwrap();
     let told = String::from_utf8(verify().stderr).unwrap();
     assert!(told.contains("after number 3 were removed"), "{told}");
-    // A start that goes on from there leaves its mark.
+    // A start of the service on this log records the gap.
     let server = Server::start(directory.path(), &[]);
     server.session();
     drop(server);
@@ -206,7 +206,7 @@ fn a_running_service_is_backed_up_and_comes_back_elsewhere() {
     assert!(verified.status.success() && String::from_utf8(verified.stdout).unwrap().contains("none changed"));
 }
 
-/// What python makes of an address with TLS, whose certificate it does not check: status and name of the certificate.
+/// Status and certificate name that Python gets from an HTTPS address, without verifying the certificate.
 fn over_tls(url: &str) -> String {
     let script = "import ssl, sys, urllib.request as r\n\
         c = ssl.create_default_context(); c.check_hostname = False; c.verify_mode = ssl.CERT_NONE\n\
@@ -296,7 +296,7 @@ fn the_first_frame_arrives_before_the_last_step_is_solved() {
     server.post(&format!("{own}/cancel"), &json!({})).ok();
 }
 
-/// SIGTERM: no new jobs, those that run may end, then the process ends by itself.
+/// After SIGTERM no new jobs start, running jobs may finish, and then the process exits.
 #[cfg(target_os = "linux")]
 #[test]
 fn a_stop_waits_for_a_job_that_is_nearly_done() {

@@ -1,4 +1,4 @@
-//! Problems that nothing else provokes, and that none is left without a test.
+//! Problems that no other test provokes, and a check that every problem type has a test.
 
 use std::time::Duration;
 
@@ -59,7 +59,7 @@ async fn a_body_that_does_not_come_is_not_waited_for() {
     app.call(Method::PUT, &format!("{session}/skin"), &[], never()).await.problem(408, "timeout");
 }
 
-/// A type that no answer is asserted to have would rot.
+/// Every problem type must be asserted in some test.
 #[test]
 fn every_type_of_problem_is_provoked_by_a_test() {
     let directory = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/http");

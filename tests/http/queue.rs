@@ -1,4 +1,4 @@
-//! The queue: replaced jobs, deadlines, cancels that come late, bounds.
+//! The queue: replaced jobs, deadlines, late cancels, limits.
 
 use std::time::Duration;
 
@@ -46,7 +46,7 @@ async fn a_job_that_computes_for_too_long_is_stopped_and_its_steps_stay() {
     assert_eq!(problem.problem(422, "invalid-request")["errors"][0]["pointer"], "/max_wall_s");
 }
 
-/// Cancels at every moment of the end of a job: whoever was told that it will stop never sees it succeed.
+/// Cancels at every moment around the end of a job: a job whose cancel was accepted never succeeds.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_job_that_was_cancelled_never_succeeds() {
     let app = TestApp::new().await;
@@ -103,7 +103,7 @@ async fn a_session_may_store_so_much() {
     let refused = refused.expect("three surfaces are above the quota");
     assert_eq!(refused.problem(429, "quota-full")["allowed_bytes"], 900);
     assert!(app.get(&session).await.ok()["bytes"].as_u64().unwrap() <= 900);
-    // There is room for something smaller, and after a deletion for the same.
+    // A small request still works; the same upload is refused again.
     assert_eq!(app.get("/readyz").await.status, StatusCode::OK);
     let large = app.upload(&format!("{session}/target"), vec![0; 4000]).await;
     large.problem(429, "quota-full");
@@ -138,7 +138,7 @@ async fn a_client_whose_history_is_gone_is_told_to_look_again() {
     app.ended(&job).await.ok();
     let all = lines(&app, &job, "0").await;
     let newest = all.last().unwrap()["id"].as_u64().unwrap();
-    // The future of another life: everything again.
+    // An event id that does not exist yet: all events are sent again.
     let other_life = lines(&app, &job, "100000").await;
     assert_eq!((&other_life[0]["event"], other_life.len()), (&json!("resync"), all.len() + 1));
 

@@ -1,5 +1,5 @@
-//! What a user can get wrong, over a real socket with the real numerics: each is a problem that says what, and the service
-//! goes on.
+//! User errors over a real socket with the real numerics: each gives a problem that names the error, and the service keeps
+//! running.
 
 use std::io::{Read, Write};
 use std::net::TcpStream;
@@ -33,7 +33,7 @@ fn files_that_cannot_be_used() {
     }
     server.upload(&format!("{session}/ct"), &[]).refused(422, "volume-not-usable", "empty");
 
-    // Swapped: each is fine alone.
+    // Skin and skull are swapped; each alone is valid.
     server.upload(&format!("{session}/skin"), &skull()).ok();
     server.upload(&format!("{session}/skull"), &whole).ok();
     server.post(&format!("{session}/field"), &json!({})).refused(422, "anatomy-not-usable", "swapped");
@@ -78,7 +78,7 @@ fn three_gigabytes_cost_neither_memory_nor_disk() {
     let session = server.session();
     server.upload(&format!("{session}/skin"), &skin()).ok();
     let (files, memory) = (bytes_below(directory.path()), peak_memory(&server));
-    // Zeros are no CT, which would be refused at once; this one has 432 MB of voxels.
+    // Zeros are not a CT and would be refused at once; this file is a CT with 432 MB of voxels.
     let mut header = nifti()[..352].to_vec();
     for at in [42, 44, 46] {
         header[at..at + 2].copy_from_slice(&600i16.to_le_bytes());
@@ -91,13 +91,13 @@ fn three_gigabytes_cost_neither_memory_nor_disk() {
         }
     }
     assert!(peak_memory(&server) < memory + 100 * (1 << 20), "{memory} then {}", peak_memory(&server));
-    // Journal and shared memory of the database may have grown.
+    // The journal and the shared memory of the database may have grown.
     assert!(bytes_below(&directory.path().join("blobs")) < 10_000 && bytes_below(directory.path()) < files + (1 << 20));
     assert_eq!(server.get("/readyz").status, 200);
     server.upload(&format!("{session}/skin"), &skin()).ok();
 }
 
-/// Sends `beginning` and then zeros, up to three gigabytes, until the service answers: its answer.
+/// Sends `beginning` and then zeros, up to three gigabytes, until the service answers; returns the answer.
 fn upload_endlessly(server: &Server, path: &str, beginning: &[u8], chunked: bool) -> String {
     let mut socket = TcpStream::connect(server.address()).unwrap();
     socket.set_write_timeout(Some(Duration::from_secs(60))).unwrap();
@@ -111,7 +111,7 @@ fn upload_endlessly(server: &Server, path: &str, beginning: &[u8], chunked: bool
         let answer = scope.spawn(|| {
             reader.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
             let (mut answer, mut piece) = (String::new(), [0; 4096]);
-            // The end of the problem, for the connection may stay open while the rest is taken in.
+            // Read to the end of the problem: the connection may stay open while the service discards the rest.
             while !answer.ends_with('}') {
                 match reader.read(&mut piece) {
                     Ok(n) if n > 0 => answer.push_str(&String::from_utf8_lossy(&piece[..n])),
@@ -143,7 +143,7 @@ fn bytes_below(path: &Path) -> u64 {
     std::fs::read_dir(path).map(|d| d.map(|e| below(e.unwrap())).sum()).unwrap_or(0)
 }
 
-/// Largest resident memory so far, bytes; 0 where the system does not tell.
+/// Peak resident memory, bytes; 0 where the system does not report it.
 fn peak_memory(server: &Server) -> u64 {
     let status = std::fs::read_to_string(format!("/proc/{}/status", server.child.id())).unwrap_or_default();
     let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:")).unwrap_or_default();

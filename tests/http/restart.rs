@@ -30,7 +30,7 @@ async fn everything_is_there_after_a_restart() {
     for (path, before) in paths.iter().zip(before) {
         assert_eq!(app.get(path).await.body, before, "{path}");
     }
-    // And it works on: the mesh is known to be of these inputs.
+    // The session remains usable: the stored mesh still matches these inputs.
     let job = app.solve(&session, &plan, json!({})).await;
     assert_eq!(app.ended(&job).await.ok()["status"], "succeeded");
 }
@@ -70,7 +70,7 @@ async fn a_job_that_the_service_did_not_survive_is_given_up_after_two_attempts()
     assert_eq!(app.get(&format!("{job}/steps/1/frame")).await.status, 200);
 }
 
-/// Restarts on a database that says what a killed process leaves: the job running, in its `attempt`th attempt.
+/// Restarts on a database as a killed process leaves it: the job is running in its `attempt`th attempt.
 async fn mark_as_crashed(app: TestApp, job: &str, attempt: u32) -> TestApp {
     let id = job.rsplit('/').next().unwrap().to_owned();
     app.restart_after(async move |directory| {

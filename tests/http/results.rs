@@ -30,7 +30,7 @@ async fn a_frame_and_its_topology_are_laid_out_as_described() {
     assert!(values[24..].iter().all(|d| (d - moved).abs() < 1e-6));
     let lowest_y = values[..24].as_chunks::<3>().0.iter().map(|p| p[1]).fold(f32::MAX, f32::min);
     assert_eq!(lowest_y, -103.0);
-    // What the session's skin is now does not matter any more.
+    // The current skin of the session no longer matters.
     app.upload(&format!("{session}/skin"), stl(&cube([0.0; 3], 50.0))).await.ok();
     assert_eq!(app.get(&format!("{job}/steps/1/frame")).await.body, frame.body);
     assert_eq!(app.get(&format!("{job}/topology")).await.body, topology.body);
@@ -108,7 +108,7 @@ async fn errors_are_against_the_reference_job_at_the_same_place_of_the_path() {
     let id = fine.rsplit('/').next().unwrap();
     let job = app.solve(&session, &plan, json!({"steps": 6, "reference_job": id})).await;
     app.ended(&job).await.ok();
-    // Steps of both are at one half and at the end only.
+    // Both jobs have steps only at one half and at the end.
     for k in [1, 2, 4, 5] {
         app.get(&format!("{job}/steps/{k}/error")).await.problem(404, "no-reference");
     }

@@ -1,10 +1,10 @@
-//! What a session's later jobs take over from earlier ones: real numerics on two boxes.
+//! Results that later jobs of a session reuse from earlier ones, with the real numerics on two boxes.
 
 use serde_json::{Value, json};
 
 use crate::app::TestApp;
 
-/// Session with field, osteotomy and a coarse mesh; the osteotomy.
+/// Creates a session with field, osteotomy and a coarse mesh; returns the session and the osteotomy.
 async fn scene(app: &TestApp) -> (String, Value) {
     let session = app.session_with_surfaces().await;
     let settings = json!({"method": "uniform", "spacing_mm": 5, "envelope_spacing_mm": 5, "envelope_closing_mm": 10});
@@ -19,7 +19,7 @@ async fn scene(app: &TestApp) -> (String, Value) {
     (session, osteotomy)
 }
 
-/// Job that solves a movement forward.
+/// Runs a job with a forward movement.
 async fn solved(app: &TestApp, session: &str, osteotomy: &Value, forward_mm: f64, more: Value) -> String {
     let waypoints = json!([{"t": 1, "translation_mm": [0, -forward_mm, 0]}]);
     let plan = json!({"osteotomy": osteotomy, "paths": [{"segment": 1, "waypoints": waypoints}]});
@@ -30,7 +30,7 @@ async fn solved(app: &TestApp, session: &str, osteotomy: &Value, forward_mm: f64
     job
 }
 
-/// Forces on the bones at each step, with all their digits, and factorisations of the first step.
+/// Forces on the bones at each step, with all digits, and the number of factorisations of the first step.
 async fn solve(app: &TestApp, session: &str, osteotomy: &Value, forward_mm: f64, more: Value) -> (Vec<Value>, u64) {
     let job = solved(app, session, osteotomy, forward_mm, more).await;
     let report = app.get(&format!("{job}/report")).await.ok();
@@ -49,13 +49,13 @@ async fn a_mesh_that_lacks_the_bone_that_moves_is_warned_of() {
     };
     let linear = json!({"model": "linear", "steps": 1});
     assert_eq!(lacking(linear.clone()).await, None, "its own mesh");
-    // The skull is a box from -60 to 60 mm, of which the lower half moves.
+    // The skull is a box from -60 to 60 mm; its lower half moves.
     let region = json!({"min_mm": [-110, -110, -110], "max_mm": [30, 110, 110]});
     let settings = json!({"edge_mm": 15, "depth_mm": 60, "skin_thickness_mm": 4, "region": region});
     let mesh = app.finish(app.post(&format!("{session}/mesh"), settings).await).await;
     assert_eq!(mesh["status"], "succeeded", "{mesh}");
     let warning = lacking(linear).await.unwrap();
-    assert!(warning.contains("its region lacks 30 mm on the patient's left of the bone that moves"), "{warning}");
+    assert!(warning.contains("its region lacks 30 mm on the patient's left of the moving bone"), "{warning}");
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -64,11 +64,11 @@ async fn a_second_job_begins_with_the_factor_of_the_first_and_finds_the_same_bit
     let app = TestApp::real().await;
     let (session, osteotomy) = scene(&app).await;
     let (first, made) = solve(&app, &session, &osteotomy, 3.0, linear.clone()).await;
-    // Between 2 and 4 mm bone is thought to reach the same tissue.
+    // Movements between 2 and 4 mm are in one displacement class: bone is assumed to reach the same tissue.
     let (second, made_again) = solve(&app, &session, &osteotomy, 2.5, linear.clone()).await;
     assert_eq!((made, made_again), (1, 0));
     assert_ne!(first, second);
-    // Other materials are another matrix.
+    // Other materials need another matrix.
     let other = json!({"model": "linear", "steps": 2, "preset": "chabanas_2003"});
     assert_eq!(solve(&app, &session, &osteotomy, 1.5, other).await.1, 1);
 
@@ -113,11 +113,11 @@ async fn a_job_that_begins_at_the_end_of_another_ends_where_the_way_from_rest_do
     assert_eq!(report["steps"].as_array().unwrap().len(), 1, "steps are for looking on: one is enough here");
     let (found, expected) = (forces(&app, &onwards).await, forces(&app, &from_rest).await);
     let largest = expected.iter().fold(0.0, |m: f64, f| m.max(f.abs()));
-    // Both are in equilibrium to 1e-4 of the reactions; the first job's end is far from there.
+    // Both are in equilibrium to 1e-4 of the reactions; the result of the first job is far from it.
     assert!(farthest(&found, &expected) < 2e-3 * largest, "{found:?} {expected:?}");
     assert!(farthest(&forces(&app, &first).await, &expected) > 0.1 * largest);
 
-    // Where the first job's end is no longer in memory it is solved again, and the bits are the same.
+    // When the result of the first job is no longer in memory, it is solved again, and the results are bit-identical.
     let forgetful = TestApp::real_and_forgetful().await;
     let (elsewhere, cut) = scene(&forgetful).await;
     let before = solved(&forgetful, &elsewhere, &cut, 3.0, rest(3)).await;

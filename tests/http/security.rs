@@ -1,4 +1,4 @@
-//! Who may see and do what.
+//! Authentication, authorisation and separation of tenants.
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -19,7 +19,7 @@ use crate::app::{Answer, TestApp};
 const KEY: &[u8] = include_bytes!("../data/tls/key.pem");
 const OTHER_KEY: &[u8] = include_bytes!("../data/tls/other-key.pem");
 
-/// A service with two tenants: their tokens.
+/// Starts a service with two tenants; returns their tokens.
 async fn two_tenants() -> (TestApp, String, String) {
     let (mut keys, mut tokens) = (Vec::new(), Vec::new());
     for (id, tenant) in [("front-a", "a"), ("front-b", "b")] {
@@ -64,7 +64,7 @@ async fn without_a_token_only_what_holds_nothing_is_answered() {
     assert_eq!(no_admin["scope"], "admin");
 }
 
-/// Every path with a session or job in it, by every method that it has.
+/// Every path that contains a session or job, with each of its methods.
 #[tokio::test]
 async fn another_tenants_sessions_and_jobs_are_not_there() {
     let (app, a, b) = two_tenants().await;
@@ -100,7 +100,7 @@ async fn another_tenants_sessions_and_jobs_are_not_there() {
             let document = foreign.problem(404, "not-found");
             assert!(!document.to_string().contains("secret"));
             let unknown = call(&app, &b, method.clone(), &concrete(nil, nil), json!({})).await;
-            // The same words as for what was never there, where the path is the first thing that is looked at.
+            // Where the path is checked first, the answer is the same as for an id that never existed.
             if method == Method::GET || method == Method::DELETE {
                 assert_eq!(unknown.status, foreign.status, "{method} {path}");
             }
@@ -108,7 +108,7 @@ async fn another_tenants_sessions_and_jobs_are_not_there() {
         }
     }
     assert!(tried > 30, "{tried}");
-    // Nor through a body, nor in a list, nor when it was deleted.
+    // The other tenant's data are not visible through a body, in a list, or after deletion either.
     let named =
         json!({"prediction": {"session": session, "part": "skin"}, "reference": {"session": session, "part": "skull"}});
     call(&app, &b, Method::POST, "/v1/compare", named).await.problem(404, "not-found");
@@ -187,7 +187,7 @@ fn hs256(claims: &Value, secret: &[u8]) -> String {
     token("HS256", claims, |message| ring::hmac::sign(&key, message).as_ref().to_vec())
 }
 
-/// Tokens of an identity provider, each with one thing wrong.
+/// Tokens of an identity provider, each with one fault.
 #[tokio::test]
 async fn a_token_must_be_signed_fresh_and_for_this_service() {
     let (signer, other) = (key_pair(KEY), key_pair(OTHER_KEY));

@@ -1,9 +1,9 @@
-//! Whether the skin goes where the bone goes, with the real numerics on a coarse phantom.
+//! The skin follows the bone, with the real numerics on a coarse phantom.
 
 use super::binary::Server;
 use serde_json::{Value, json};
 
-/// How far each region comes forward when the upper jaw does by `forward` mm.
+/// Forward movement of each region, mm, when the upper jaw moves `forward` mm.
 fn forward_mm(server: &Server, session: &str, (osteotomy, jaw): &(Value, Value), forward: f64) -> Value {
     let waypoints = json!([{ "t": 1, "translation_mm": [0, -forward, 0] }]);
     let plan = json!({ "osteotomy": osteotomy, "paths": [{ "segment": jaw, "waypoints": waypoints }] });
@@ -13,7 +13,8 @@ fn forward_mm(server: &Server, session: &str, (osteotomy, jaw): &(Value, Value),
     server.get(&format!("/v1/jobs/{}/report", job["id"].as_str().unwrap())).ok()["regions"].clone()
 }
 
-/// Tied nodes pull as well as push: a set-back moves the skin back. Half to all of the bone's way at the lip; nothing far off.
+/// Tied nodes pull as well as push, so a set-back moves the skin back: the lip by half to all of the bone's movement, distant
+/// regions not at all.
 #[test]
 fn the_skin_follows_the_jaw_forward_and_back() {
     let directory = tempfile::tempdir().unwrap();

@@ -90,7 +90,7 @@ async fn a_deleted_session_can_be_restored_with_all_that_it_holds() {
     let restored = app.post(&format!("{session}/restore"), json!({})).await.ok();
     assert_eq!(restored, before);
     assert_eq!(app.get(&frame).await.body, bytes);
-    // Who has thought better of it once more need not wait for a day.
+    // A client that deletes the session again may remove it at once.
     assert_eq!(app.delete(&session).await.status, StatusCode::NO_CONTENT);
     assert_eq!(app.delete(&format!("{session}?at_once=true")).await.status, StatusCode::NO_CONTENT);
     app.post(&format!("{session}/restore"), json!({})).await.problem(410, "gone");
@@ -130,7 +130,7 @@ async fn a_session_deleted_in_mid_solve_leaves_nothing() {
     let job = app.solve(&session, &plan, json!({})).await;
     app.until_step(&job, 1).await;
     assert_eq!(app.delete(&format!("{session}?at_once=true")).await.status, StatusCode::NO_CONTENT);
-    // The queue goes on with others.
+    // The queue continues with other jobs.
     app.stand_in.release();
     app.session_with_field().await;
     let sessions = std::fs::read_dir(app.directory().join("blobs")).unwrap().count();

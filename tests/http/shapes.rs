@@ -29,7 +29,7 @@ pub(crate) fn stl(mesh: &TriMesh) -> Vec<u8> {
     bytes
 }
 
-/// Text PLY; `first` stands in for the first coordinate.
+/// Text PLY; `first` replaces the first coordinate.
 pub(crate) fn ply_with(mesh: &TriMesh, first: &str) -> Vec<u8> {
     let mut text = format!(
         "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
@@ -81,7 +81,7 @@ pub(crate) fn nifti() -> Vec<u8> {
     bytes
 }
 
-/// A closed body with no symmetry, about 160 mm across, on `n` rings; `grow` adds to the radius (mm) by direction.
+/// A closed body without symmetry, about 160 mm wide, with `n` rings; `grow` adds to the radius (mm) depending on the direction.
 pub(crate) fn lumpy(n: usize, grow: impl Fn([f64; 3]) -> f64) -> TriMesh {
     let m = 2 * n;
     let at = |polar: f64, around: f64| {

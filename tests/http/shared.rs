@@ -1,4 +1,4 @@
-//! The real binary with its rows in Postgres and its files in a bucket.
+//! The real binary with rows in Postgres and files in a bucket.
 
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -18,7 +18,7 @@ pub(crate) fn start(role: &str, data: &Path, database: &str, bucket: &Bucket) ->
     let mut command = Command::new(env!("CARGO_BIN_EXE_prosopon"));
     command.args(role.split(' ')).args(["--listen", "127.0.0.1:0", "--threads", "1", "--data"]).arg(data);
     command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).env("PROSOPON_LEASE_S", "2");
-    // These tests lose more workers than a job may by default.
+    // These tests kill more workers than the default number of attempts allows.
     command.env("PROSOPON_MAX_WAITING", "256").env("PROSOPON_MAX_ATTEMPTS", "3");
     command.env("PROSOPON_DATABASE", database).env("PROSOPON_BLOBS", bucket.url()).envs(bucket.environment());
     Server::spawn(command)
@@ -29,7 +29,7 @@ fn prosopon(arguments: &[&str]) -> (bool, String) {
     (done.status.success(), String::from_utf8([done.stdout, done.stderr].concat()).unwrap())
 }
 
-/// Waits for the end of a job, also while the service cannot say how it stands.
+/// Waits for the end of a job, also while the service cannot return its status.
 pub(crate) fn finished(server: &Server, job: &Value) -> Value {
     loop {
         let view = server.get(&format!("/v1/jobs/{}?wait_s=5", job["id"].as_str().unwrap())).json();
@@ -46,11 +46,11 @@ async fn a_database_and_a_bucket_keep_everything_and_may_be_away_for_a_while() {
     let bucket = Bucket::start().await;
     let mut cluster = Cluster::start();
     let database = cluster.fresh_database().await;
-    // The bucket is served by the other thread.
+    // The other thread serves the bucket.
     tokio::task::block_in_place(move || {
         let data = tempfile::tempdir().unwrap();
         let (fine, told) = prosopon(&["migrate", "--database", &database]);
-        assert!(fine && told.contains("had format 0") && !told.contains("ecret"), "{told}");
+        assert!(fine && told.contains("found format 0") && !told.contains("ecret"), "{told}");
         let server = start("serve", data.path(), &database, &bucket);
         let session = server.session();
         server.upload(&format!("{session}/skin"), &skin()).ok();
@@ -71,7 +71,7 @@ async fn a_database_and_a_bucket_keep_everything_and_may_be_away_for_a_while() {
         let (whole, told) = prosopon(&["audit", "verify", "--data", directory, "--database", &database]);
         assert!(whole, "{told}");
 
-        // Nothing that matters was in the directory.
+        // No required data were in the directory.
         let elsewhere = tempfile::tempdir().unwrap();
         let server = start("serve", elsewhere.path(), &database, &bucket);
         assert_eq!(server.get(&session).ok(), before);
@@ -98,13 +98,13 @@ fn planned(server: &Server) -> (String, Value) {
     (session, json!({ "plan": plan, "model": "mixed", "steps": 16 }))
 }
 
-/// The job.
+/// The view of the job.
 fn solve(server: &Server) -> Value {
     let (session, request) = planned(server);
     server.post(&format!("{session}/jobs"), &request).ok()
 }
 
-/// A connection of the test's own to the database.
+/// A separate connection of the test to the database.
 struct Rows(sqlx::PgConnection);
 
 impl Rows {
@@ -145,13 +145,13 @@ async fn a_job_goes_on_when_its_worker_is_killed_or_stands_still() {
         let mut stream = api.stream(&events);
         while stream.next_event()["event"] != "step" {}
         let second = start("worker", second_data.path(), &database, &bucket);
-        // Until there is something to go on with.
+        // Wait for the first checkpoint.
         let (mut rows, at_hand) = (Rows::open(&database), "SELECT count(milestone_blob) FROM jobs");
         while rows.count(at_hand) == 0 {}
         drop(first);
         while stream.next_event()["data"]["attempt"] != 2 {}
         while stream.next_event()["event"] != "step" {}
-        // Past its lease: the first, which is back, has the job by then; what the second writes when it goes on is refused.
+        // After the lease the first worker, which is running again, has the job; writes of the second worker are refused.
         signal(&second, "-STOP");
         let third = start("worker", first_data.path(), &database, &bucket);
         while stream.next_event()["data"]["attempt"] != 3 {}
@@ -198,7 +198,7 @@ async fn a_job_whose_target_is_replaced_and_put_back_compares_all_its_steps_with
         let before = rows.count(steps);
         target(5.0);
         let second = start("worker", second_data.path(), &database, &bucket);
-        // It begins at rest, and is gone before there is something of its own to go on with.
+        // This worker starts at rest and is killed before it writes a checkpoint.
         while rows.count(at_hand) == 1 {}
         assert!(rows.count(steps) < before, "nothing of both is there at the same time");
         while rows.count(steps) == 0 {}
@@ -232,7 +232,7 @@ async fn a_value_that_the_bucket_keeps_back_fails_only_jobs_that_need_it() {
         let ended = finished(&api, &field());
         assert_eq!((&ended["status"], &ended["attempt"]), (&json!("failed"), &json!(3)), "{ended}");
         assert_eq!(ended["problem"]["type"], "/problems/store-refuses", "{ended}");
-        // Others are served.
+        // Requests of other sessions are served.
         assert_eq!((worker.get("/readyz").status, worker.get("/livez").status), (200, 200));
         api.session_with_field();
         bucket.keep_back(None);
@@ -254,7 +254,7 @@ async fn a_job_is_cancelled_through_a_process_that_does_not_compute_it() {
         api.post(&format!("/v1/jobs/{}/cancel", job["id"].as_str().unwrap()), &json!({})).ok();
         while stream.next_event()["event"] != "end" {}
         assert_eq!(finished(&api, &job)["status"], "cancelled");
-        // The worker is free for the next one.
+        // The worker takes the next job.
         let session = api.session_with_field();
         assert!(api.get(&session).ok()["parts"]["field"].is_object());
         assert_eq!((worker.get("/readyz").status, worker.get("/livez").status), (200, 200));
@@ -275,14 +275,14 @@ async fn what_the_store_does_is_no_fault_of_a_job() {
         let job = solve(&api);
         let mut stream = api.stream(&format!("/v1/jobs/{}/events", job["id"].as_str().unwrap()));
         while stream.next_event()["event"] != "step" {}
-        // Longer than a lease: nobody can say that he has a job, and nobody takes one.
+        // Longer than a lease: no worker can renew a lease, and no worker can take a job.
         for (halted_ms, between_ms) in [(4000, 1000), (1200, 200), (4000, 300), (2000, 0), (4000, 1000)] {
             cluster.halt();
             std::thread::sleep(Duration::from_millis(halted_ms));
             cluster.go_on();
             std::thread::sleep(Duration::from_millis(between_ms));
         }
-        // The job goes back, and no worker takes one.
+        // The job returns to the queue, and no worker takes it.
         bucket.set(Mood::Refusing);
         for server in [&api, &workers[0], &workers[1]] {
             while server.get("/readyz").status == 200 {}

@@ -1,4 +1,4 @@
-//! Numerics that take no time: boxes for surfaces, and skin that moves with the bone.
+//! A fast stand-in for the numerics: surfaces are boxes, and the skin moves with the bone.
 
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Condvar, Mutex};
@@ -23,49 +23,49 @@ use prosopon_tissue::mesh::MeshReport;
 
 use crate::shapes::cube;
 
-/// What the stand-in is told to do.
+/// Behaviour that a test sets, and calls that it can check.
 #[derive(Debug, Default)]
 pub(crate) struct StandIn {
-    /// Steps that a solve may finish before it waits for more; `None` is all.
+    /// Number of steps that a solve may finish before it waits; `None` for all.
     allowed_steps: Mutex<Option<usize>>,
     changed: Condvar,
-    /// Solves begun.
+    /// Number of started solves.
     pub(crate) solves: AtomicUsize,
-    /// What the last solve was to solve with.
+    /// Settings of the last solve.
     pub(crate) settings: Mutex<Option<SolveSettings>>,
-    /// Cuts of the mesh of the last solve.
+    /// Number of cuts in the mesh of the last solve.
     pub(crate) meshed_for: Mutex<Option<Vec<Cut>>>,
-    /// Panic in the solve.
+    /// Whether the solve panics.
     pub(crate) panics: AtomicBool,
-    /// Fail the solve after this step, when above 0.
+    /// Step after which the solve fails; 0 for never.
     pub(crate) fails_after: AtomicUsize,
-    /// What each step warns of.
+    /// Warnings of each step.
     pub(crate) step_warning: Mutex<Option<String>>,
-    /// What the next call fails with.
+    /// Failure of the next call.
     pub(crate) fails_with: Mutex<Option<Halt>>,
-    /// Let cuts that were fine miss the bone from now on.
+    /// Whether cuts miss the bone from now on.
     pub(crate) cuts_miss: AtomicBool,
 }
 
 impl StandIn {
-    /// Lets solves finish `steps` steps each and then wait.
+    /// Lets each solve finish `steps` steps and then wait.
     pub(crate) fn hold_after(&self, steps: usize) {
         *self.allowed_steps.lock().unwrap() = Some(steps);
         self.changed.notify_all();
     }
 
-    /// Lets solves go on.
+    /// Lets waiting solves continue.
     pub(crate) fn release(&self) {
         *self.allowed_steps.lock().unwrap() = None;
         self.changed.notify_all();
     }
 
-    /// Lets the next call fail.
+    /// Makes the next call fail.
     pub(crate) fn fails_next(&self, kind: FaultKind, detail: &str) {
         *self.fails_with.lock().unwrap() = Some(Fault::new(kind, detail).into());
     }
 
-    /// The failure that was asked for, once.
+    /// Returns the requested failure once.
     fn planted(&self) -> Result<(), Halt> {
         self.fails_with.lock().unwrap().take().map_or(Ok(()), Err)
     }
@@ -78,7 +78,7 @@ impl StandIn {
         Ok(())
     }
 
-    /// Waits, as a Newton iteration would, until step `k` is allowed or the control is cancelled.
+    /// Waits like a Newton iteration until step `k` is allowed or the control is cancelled.
     fn wait_for(&self, k: usize, control: &Control) -> Result<(), Halt> {
         let mut allowed = self.allowed_steps.lock().unwrap();
         while allowed.is_some_and(|steps| k > steps) {
@@ -327,7 +327,7 @@ impl Engine for StandIn {
         })
     }
 
-    /// The real numerics: scenes of tests are small.
+    /// Uses the real numerics: the scenes of the tests are small.
     fn solve_scene(&self, run: &SceneRun, control: &Control, watch: &mut dyn RunWatch) -> Result<SceneSolved, Halt> {
         *self.settings.lock().unwrap() = Some(run.solver.clone());
         Numerics::new(Limits::default()).solve_scene(run, control, watch)
@@ -342,7 +342,7 @@ impl Engine for StandIn {
         (vec![region], !case.anatomy.landmarks.is_empty())
     }
 
-    /// The mean shift along -y: what a box moved forward has.
+    /// The mean shift along -y, the forward movement of a box.
     fn error_map(
         &self,
         prediction: &TriMesh,

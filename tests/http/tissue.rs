@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 
 use crate::app::TestApp;
 
-/// A block of cubes of edge `edge` (each six tetrahedra) from the origin, with a layer of wedges 1.5 mm thick on top when `skin`.
+/// A block of cubes of edge `edge` mm from the origin, six tetrahedra each; with `skin`, a layer of wedges 1.5 mm thick on top.
 struct Block {
     cells: [usize; 3],
     edge: f64,
@@ -17,7 +17,7 @@ struct Block {
 }
 
 impl Block {
-    /// Point arrays are made of the points: attachment, fixed_mask, force_n.
+    /// Point arrays are functions of the points: attachment, fixed_mask, force_n.
     fn vtu(
         &self,
         attachment: impl Fn(&Point) -> f64,
@@ -46,7 +46,7 @@ impl Block {
                         at[axis] += 1;
                         corners.push(node(at[0], at[1], at[2]));
                     }
-                    // Half of them are inside out: the reader turns them.
+                    // Half of them have reversed orientation; the reader corrects it.
                     tetrahedra.push([corners[0], corners[1], corners[2], corners[3]]);
                 }
             }
@@ -86,7 +86,7 @@ pub(crate) fn slab(middle: f64) -> Vec<u8> {
 }
 
 fn bone() -> Vec<u8> {
-    // Clear of the faces at the fixed sides.
+    // Away from the faces at the fixed sides.
     let (min, max) = ([5.0, 5.0, -20.0], [25.0, 25.0, 0.0]);
     let corner = |i: usize| Point::from([0, 1, 2].map(|a| if i >> a & 1 == 1 { max[a] } else { min[a] }));
     let quads = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
@@ -103,7 +103,7 @@ fn read(bytes: &[u8]) -> VolumeMesh {
     volume_mesh(bytes, &Limits::default()).unwrap().0
 }
 
-/// Plan and job on the session's tissue; the finished job and its solved mesh.
+/// Runs a plan on the session's tissue; returns the finished job and its solved mesh.
 async fn solve(app: &TestApp, session: &str, paths: Value, more: Value) -> (Value, VolumeMesh) {
     let plan = app.post(&format!("{session}/plans"), json!({"paths": paths})).await.ok();
     assert!(plan["osteotomy"].is_null() && plan["reports"] == json!([]), "{plan}");
@@ -154,7 +154,7 @@ async fn a_tied_mesh_is_solved_by_every_model() {
         assert!(solved.cell_array("J").unwrap().values.iter().all(|j| (0.2..3.0).contains(j)));
         let top = solved.points.iter().position(|p| *p == Point::new(15.0, 15.0, 11.5)).unwrap();
         tops.push(moved[3 * top + 2]);
-        // The streamed skin is the outside of the mesh.
+        // The streamed skin is the outer surface of the mesh.
         let own = job["links"]["self"].as_str().unwrap();
         let topology = app.get(&format!("{own}/topology")).await.body;
         assert_eq!(topology.len(), 72 * 12);
@@ -165,13 +165,13 @@ async fn a_tied_mesh_is_solved_by_every_model() {
         assert_eq!(report["parameters"]["materials"]["fat"]["law"], "neo_hookean");
         assert!(report["mesh"].is_null() && report["field"].is_null());
         let page = app.get(&format!("{own}/report?format=html")).await;
-        assert!(String::from_utf8_lossy(&page.body).contains("ready mesh of 196 nodes"));
+        assert!(String::from_utf8_lossy(&page.body).contains("uploaded mesh of 196 nodes"));
     }
     assert!(tops.iter().all(|z| (1.5..2.2).contains(z)), "{tops:?}");
     assert!((tops[0] - tops[1]).abs() < 1e-6, "{tops:?}");
 }
 
-/// Three planes of symmetry and a dead load: the stretch of uniaxial tension in closed form.
+/// Three planes of symmetry and a dead load: the stretch equals the closed form of uniaxial tension.
 #[tokio::test]
 async fn loads_and_planes_of_symmetry_give_the_closed_form() {
     let app = TestApp::new().await;
@@ -188,7 +188,7 @@ async fn loads_and_planes_of_symmetry_give_the_closed_form() {
         *(if nominal([l, middle, middle], 1) > 0.0 { &mut high } else { &mut low }) = middle;
     }
     let stretch = [l, low, low];
-    // One cube of 4 mm: two triangles of each corner pair on the face x = 4 share its area 2 to 1.
+    // One cube of 4 mm: its face x = 4 has two triangles, so its corners share the area in the ratio 2 to 1.
     let block = Block { cells: [1, 1, 1], edge: 4.0, skin: false };
     let mask = |p: &Point| (0..3).filter(|a| p[*a] == 0.0).map(|a| f64::from(1 << a)).sum();
     let total = 16.0 * nominal(stretch, 0);
@@ -233,7 +233,7 @@ async fn a_rigid_bone_pushes_points_that_slide() {
     let moved = &solved.point_array("displacement_mm").unwrap().values;
     let at = |x: f64| 3 * solved.points.iter().position(|p| *p == Point::new(x, 15.0, 0.0)).unwrap() + 2;
     for x in [10.0, 15.0, 20.0] {
-        // Nothing pulls the bottom onto the bone: over its rim it arches off, but nowhere it sinks in.
+        // No force pulls the bottom onto the bone: it lifts off over the rim but penetrates nowhere.
         assert!((1.45..1.9).contains(&moved[at(x)]), "{x}: {}", moved[at(x)]);
     }
     let report = app.get(job["links"]["report"].as_str().unwrap()).await.ok();
@@ -244,13 +244,13 @@ async fn a_rigid_bone_pushes_points_that_slide() {
     app.call(Method::DELETE, &format!("{session}/bones/1"), &[], Body::empty()).await;
     app.get(&format!("{session}/bones/1")).await.problem(404, "not-found");
     app.upload(&format!("{session}/bones/10"), bone()).await.problem(404, "not-found");
-    // Without its bone nothing holds segment 1.
+    // Without its bone, segment 1 has no effect on the mesh.
     let problem =
         app.post(&format!("{session}/plans"), json!({"paths": up(1.0)})).await.problem(422, "invalid-request");
     assert_eq!(problem["errors"][0]["pointer"], "/paths/0/segment");
 }
 
-/// A mesh with its free copy 100 mm beside it.
+/// A mesh and a free copy of it, 100 mm apart.
 fn beside(file: &[u8]) -> Vec<u8> {
     let mesh = read(file);
     let n = mesh.points.len() as u32;
@@ -283,7 +283,7 @@ async fn what_cannot_be_solved_is_told() {
     assert!(problem["detail"].as_str().unwrap().contains("attachment"), "{problem}");
     app.get(&tissue).await.problem(404, "not-found");
 
-    // A mesh that only slides, is held along two axes or at one point can move; so can a second block beside a tied one.
+    // A mesh that only slides, or is held along two axes or at one point, can still move; so can a second block beside a tied one.
     let block = |cells| Block { cells, edge: 3.0, skin: false };
     let loose: [Vec<u8>; 4] = [
         block([1, 1, 1]).vtu(|_| -2.0, |_| 0.0, |_| [0.0; 3]),
@@ -320,7 +320,7 @@ async fn what_cannot_be_solved_is_told() {
         let problem = app.post(&jobs, body).await.problem(422, "invalid-request");
         assert_eq!(problem["errors"][0]["pointer"], pointer, "{problem}");
     }
-    // Another mesh before the job's turn.
+    // The mesh is replaced before the job starts.
     app.stand_in.hold_after(0);
     let (other, other_plan) = app.session_with_plan().await;
     let first = app.solve(&other, &other_plan, json!({})).await;
@@ -337,7 +337,7 @@ async fn what_cannot_be_solved_is_told() {
     app.post(&jobs, json!({"plan": plan["id"]})).await.problem(409, "missing-input");
 }
 
-/// The published constants lose ellipticity: the job says which tissue, where and at which stretch, and warned of it.
+/// The published constants lose ellipticity: the job reports tissue, position and stretch, and its answer warned of it.
 #[tokio::test]
 async fn a_material_that_loses_its_stability_is_named() {
     let app = TestApp::new().await;

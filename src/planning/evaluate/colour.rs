@@ -1,7 +1,7 @@
 //! Colours of pictures.
 
-/// Blue to white to red in equal steps, told apart by readers with red-green blindness: the nine classes of ColorBrewer's
-/// RdBu (Harrower & Brewer 2003), turned round, with pure white in the middle.
+/// Blue to white to red in equal steps, distinguishable with red-green colour blindness.
+/// These are the nine classes of ColorBrewer's RdBu (Harrower & Brewer 2003), reversed, with pure white in the middle.
 const DIVERGING: [[u8; 3]; 9] = [
     [33, 102, 172],
     [67, 147, 195],
@@ -13,15 +13,25 @@ const DIVERGING: [[u8; 3]; 9] = [
     [214, 96, 77],
     [178, 24, 43],
 ];
-/// Where there is no value.
+/// Colour of vertices without a value.
 pub(super) const NO_VALUE: [u8; 3] = [150, 150, 150];
-/// Plain surfaces.
+/// Colour of surfaces without values.
 pub(super) const SKIN: [u8; 3] = [232, 196, 172];
 
-/// Diverging colour (blue negative, white 0, red positive) of `value` on the range -limit to limit, sRGB.
+/// Diverging sRGB colour (blue negative, white 0, red positive) of `value` on -limit to limit.
 ///
-/// Values outside the range take the colour of its end; NaN is grey. A limit that is not above 0 gives the ends for all
-/// values but 0.
+/// Values outside the range take the colour of its nearer end; NaN is grey. When the limit is not above 0, all values except 0
+/// take the colours of the ends.
+///
+/// # Examples
+/// ```
+/// use prosopon_planning::evaluate::diverging;
+///
+/// assert_eq!(diverging(0.0, 3.0), [255, 255, 255]);
+/// let [red, _, blue] = diverging(-3.0, 3.0);
+/// assert!(blue > red);
+/// assert_eq!(diverging(5.0, 3.0), diverging(3.0, 3.0));
+/// ```
 #[must_use]
 pub fn diverging(value: f64, limit: f64) -> [u8; 3] {
     if value.is_nan() {

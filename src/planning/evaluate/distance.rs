@@ -9,32 +9,32 @@ use super::EvaluateError;
 use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{Point, TriMesh, Vector};
 
-/// Points handled between two looks at the control.
+/// Points handled between two checks for cancellation.
 const CHUNK: usize = 2048;
 
-/// A surface prepared for closest points. Vertices at the same coordinates count as one.
+/// A surface prepared for closest-point queries. Vertices with equal coordinates are merged.
 pub(super) struct Surface {
     shape: Shape,
     positions: Vec<Point>,
     triangles: Vec<[u32; 3]>,
     faces: Vec<Vector>,
     vertices: Vec<Vector>,
-    /// Rising vertex pairs, each with the sum of the unit normals of its triangles and how many there are.
+    /// Vertex pairs in ascending order, each with the sum of its triangles' unit normals and their number.
     edges: Vec<((u32, u32), Vector, u32)>,
-    /// Vertices of edges with one triangle.
+    /// Whether each vertex lies on an edge with a single triangle.
     on_border: Vec<bool>,
 }
 
-/// The point of a surface nearest to a point.
+/// Closest point of a surface.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Nearest {
     pub(super) point: Point,
     pub(super) triangle: usize,
-    /// Pseudonormal of the closest feature, unit.
+    /// Pseudonormal of the closest feature, unit length.
     pub(super) normal: Vector,
-    /// Distance, mm; negative behind the surface.
+    /// Signed distance, mm; negative behind the surface.
     pub(super) signed: f64,
-    /// Whether the closest feature lies on the open border: then the surface says nothing about the point.
+    /// Whether the closest feature lies on the open border; the distance then carries no information about the surface.
     pub(super) on_border: bool,
 }
 
@@ -67,7 +67,7 @@ impl Surface {
         Ok(Self { shape, positions, triangles, faces, vertices, edges, on_border })
     }
 
-    /// Closest point; the sign is that of the angle-weighted pseudonormal of the closest feature.
+    /// Closest point to `p`; the sign is that of the angle-weighted pseudonormal of the closest feature.
     ///
     /// # Source
     /// Bærentzen & Aanæs, Signed distance computation using the angle weighted pseudonormal, 2005.
@@ -91,7 +91,7 @@ impl Surface {
                 (self.faces[triangle as usize], false)
             }
         };
-        // A point of the surface lies on it exactly: rounding of the projection is no distance.
+        // A point on the surface has the distance 0 exactly: the projection's rounding must not appear as a distance.
         let is_corner = corners.into_iter().any(|v| self.positions[v as usize] == *p);
         let point = if is_corner { *p } else { point };
         let away = p - point;
@@ -117,12 +117,12 @@ fn pair(a: u32, b: u32) -> (u32, u32) {
     (a.min(b), a.max(b))
 }
 
-/// A mesh whose vertices at equal coordinates are one.
+/// A mesh whose vertices with equal coordinates are merged.
 pub(super) struct Welded {
     pub(super) positions: Vec<Point>,
-    /// In the order of the mesh.
+    /// Triangles in the order of the original mesh.
     pub(super) triangles: Vec<[u32; 3]>,
-    /// By vertex of the mesh.
+    /// Merged vertex of each vertex of the original mesh.
     pub(super) number: Vec<u32>,
 }
 

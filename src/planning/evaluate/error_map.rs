@@ -1,4 +1,4 @@
-//! Signed error maps.
+//! Signed error maps between a predicted and a reference surface.
 
 use super::distance::{Nearest, Surface};
 use super::plausible::plausible;
@@ -8,66 +8,89 @@ use super::{EvaluateError, FaceRegion, Statistics, statistics};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{TriMesh, Vector};
 
-/// Histogram: bins of this width between plus and minus the limit, mm.
+/// Width of the histogram's bins between plus and minus [`LIMIT_MM`], mm.
 const BIN_MM: f64 = 0.25;
 const LIMIT_MM: f64 = 3.0;
-/// Standard deviation of the neighbourhoods that [`ErrorMap::smoothed`] averages over, mm.
+/// Standard deviation of the Gaussian neighbourhood that [`ErrorMap::smoothed`] averages over, mm.
 const SMOOTHED_MM: f64 = 5.0;
-/// Mean cosine of the surfaces' normals below which they face opposite ways.
+/// Area-weighted mean cosine between the normals below which the surfaces face opposite ways.
 const OPPOSITE: f64 = -0.2;
-/// A mean distance above this is no error of a prediction, mm.
+/// Mean distance above which the surfaces are not registered, mm; a prediction's error is smaller.
 const FAR_MM: f64 = 20.0;
 
 /// Signed distance map between two surfaces.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ErrorMap {
-    /// Per prediction vertex: signed distance to the reference, mm; NaN where the closest point lies on the reference's
-    /// open border.
+    /// Signed distance of each prediction vertex to the reference, mm.
+    /// It is NaN where the closest point lies on the reference's open border.
     pub signed_mm: Vec<f32>,
-    /// Statistics over the mask.
+    /// Statistics of [`ErrorMap::signed_mm`] over the mask.
     pub whole: Statistics,
-    /// The other direction: reference vertices to the prediction (its masked triangles), with the same sign: negative
-    /// where the prediction lies behind the reference.
+    /// Statistics from reference vertices to the masked triangles of the prediction.
+    /// The sign has the same meaning as in [`ErrorMap::signed_mm`]: negative where the prediction lies behind the reference.
     pub backward: Statistics,
-    /// Statistics per region; regions without a counted vertex are left out.
+    /// Statistics per region; regions without a counted vertex are omitted.
     pub regions: Vec<(&'static str, Statistics)>,
-    /// The other direction per region.
+    /// Statistics of the reverse direction per region.
     pub backward_regions: Vec<(&'static str, Statistics)>,
-    /// [`ErrorMap::whole`] after averaging the signed values over neighbourhoods of 5 mm: noise of a scan, which adds to every
-    /// distance, averages out, and so does detail that is finer.
+    /// [`ErrorMap::whole`] after the signed values are averaged over neighbourhoods of 5 mm.
+    /// The averaging removes scan noise, which increases every unsmoothed distance, and detail finer than the neighbourhood.
     pub smoothed: Statistics,
-    /// Root mean square of what that averaging takes away, mm: noise and detail.
+    /// Root mean square of the part that the averaging removes (noise and fine detail), mm.
     pub roughness_mm: f64,
-    /// Where both surfaces have the same triangles: distances of each vertex from its own counterpart, with the error along the
-    /// surface that closest points hide.
+    /// Distances between corresponding vertices, present when both surfaces have the same triangles.
+    /// They include the tangential error, which closest-point distances do not show.
     pub correspondence: Option<Correspondence>,
-    /// Histogram over the mask: lower edges (mm) and shares of area, bins of 0.25 mm from -3 to 3. The first bin, with
-    /// edge -3.25, holds everything below -3, the last one, with edge 3, everything above.
+    /// Histogram over the mask: lower bin edges (mm) and shares of area.
+    /// The bins are 0.25 mm wide from -3 to 3. The first bin, with edge -3.25, holds everything below -3; the last, with edge
+    /// 3, holds everything above 3.
     pub histogram: Vec<(f64, f64)>,
-    /// Vertices of the mask that are not counted because their closest point lies on the reference's open border.
+    /// Number of masked vertices that are not counted.
+    /// Their closest point lies on the reference's open border.
     pub excluded: usize,
-    /// What is doubtful about the pair.
+    /// Doubts about the pair of surfaces, one sentence each.
     pub warnings: Vec<String>,
 }
 
-/// Distances of vertices from their counterparts.
+/// Distances between corresponding vertices of two surfaces with the same triangles.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Correspondence {
-    /// Per vertex, mm.
+    /// Distance per vertex, mm.
     pub distance_mm: Vec<f32>,
-    /// Statistics over the mask; nothing is negative.
+    /// Statistics over the mask; all values are at least 0.
     pub whole: Statistics,
 }
 
-/// Signed error of `prediction` against `reference`. `mask` chooses prediction vertices.
+/// Computes the signed error of `prediction` against `reference` at the vertices in `mask`.
 ///
-/// The distance is that to the closest point, so that an error along the surface does not show. Its sign is that of the
-/// angle-weighted pseudonormal of the closest feature: the reference's triangles must be counter-clockwise seen from
+/// `mask` has one entry per prediction vertex; `None` selects all.
+///
+/// The magnitude is the distance to the closest point of the reference, so tangential errors do not show. The sign is that of
+/// the angle-weighted pseudonormal of the closest feature: the reference's triangles must be counter-clockwise seen from
 /// outside. The reference may be an open patch.
 ///
 /// # Errors
-/// [`EvaluateError::Input`] when the mask has another length than the prediction's vertices, nothing is left to count, the
-/// surfaces are in different units, or they face opposite ways (one is inside out), so that no sign is right; cancellation.
+/// [`EvaluateError::Input`] when the length of the mask is not the number of prediction vertices, when no vertex is left to
+/// count, when the surfaces are in different units, or when they face opposite ways, so that no sign would be correct.
+/// [`EvaluateError::Cancelled`] on cancellation.
+///
+/// # Examples
+/// A horizontal patch 1 mm behind a parallel reference whose outward normal is +z has an error of -1 mm.
+/// ```
+/// use prosopon_geometry::control::Control;
+/// use prosopon_geometry::{Point, TriMesh};
+/// use prosopon_planning::evaluate::error_map;
+///
+/// let square = |half: f64, z: f64| {
+///     let points = [[-half, -half], [half, -half], [half, half], [-half, half], [0.0, 0.0]];
+///     let triangles = vec![[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]];
+///     TriMesh::new(points.map(|[x, y]| Point::new(x, y, z)).to_vec(), triangles)
+/// };
+/// let map = error_map(&square(10.0, -1.0)?, &square(20.0, 0.0)?, None, &[], &Control::new())?;
+/// assert!((map.whole.mean + 1.0).abs() < 1e-6);
+/// assert_eq!(map.excluded, 0);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn error_map(
     prediction: &TriMesh,
     reference: &TriMesh,
@@ -80,11 +103,11 @@ pub fn error_map(
     if let Some(mask) = mask
         && mask.len() != n
     {
-        return Err(input(format!("the mask has {} entries, the prediction {n} vertices", mask.len())));
+        return Err(input(format!("the mask has {} entries, but the prediction has {n} vertices", mask.len())));
     }
     let chosen = |v: usize| mask.is_none_or(|m| m[v]);
     if !(0..n).any(chosen) {
-        return Err(input("the mask leaves no vertex of the prediction".to_owned()));
+        return Err(input("the mask selects no vertex of the prediction: enlarge the mask".to_owned()));
     }
     control.check()?;
     let mut warnings = plausible(prediction, reference)?;
@@ -95,13 +118,13 @@ pub fn error_map(
     let areas = vertex_areas(prediction);
     if agreement(prediction, &forward, &areas) < OPPOSITE {
         return Err(input(
-            "the surfaces face opposite ways: one of them is inside out (or mirrored), no sign would be right".into(),
+            "the surfaces face opposite ways: one is inside out or mirrored; reverse its triangles".into(),
         ));
     }
     let signed_mm: Vec<f32> = forward.iter().map(|hit| value(hit, 1.0)).collect();
     control.report(0.5);
 
-    // Seen from the reference's vertex the prediction is on the other side: the sign turns.
+    // Behind the prediction as seen from a reference vertex means in front of the reference, so the sign is reversed.
     let other = Surface::new(prediction)?;
     let back: Vec<f32> = other
         .all_nearest(reference.positions(), control)?
@@ -113,10 +136,10 @@ pub fn error_map(
         .collect();
     control.report(0.9);
 
-    let none = || input("no vertex of the prediction has a closest point inside the reference's border".into());
+    let none = || input("all prediction vertices project onto the reference's border: enlarge the reference".into());
     let whole = statistics(prediction, &signed_mm, mask).ok_or_else(none)?;
     let none =
-        || input("no vertex of the reference has a closest point inside the prediction's border and mask".into());
+        || input("no reference vertex projects inside the prediction's border and mask: enlarge the mask".into());
     let backward = statistics(reference, &back, None).ok_or_else(none)?;
     let by_region = |mesh: &TriMesh, values: &[f32], counted: &dyn Fn(usize) -> bool| {
         let of = |region: &FaceRegion| {
@@ -131,7 +154,7 @@ pub fn error_map(
     let averaged = Neighbourhoods::new(prediction, SMOOTHED_MM).averaged(&counted);
     if whole.mean_abs > FAR_MM {
         warnings.push(format!(
-            "the mean distance is {:.0} mm: the surfaces need registration, or are not of one head in one frame (LPS, mm)",
+            "the mean distance is {:.0} mm: the surfaces need registration, or do not show one head in one frame (LPS, mm)",
             whole.mean_abs
         ));
     }
@@ -150,7 +173,7 @@ pub fn error_map(
     })
 }
 
-/// Mean cosine between the prediction's normals and those at the closest points, weighted by area.
+/// Area-weighted mean cosine between the prediction's normals and those of the reference at the closest points.
 fn agreement(prediction: &TriMesh, hits: &[Nearest], areas: &[f64]) -> f64 {
     let normals: Vec<Vector> = prediction.vertex_normals();
     let (mut sum, mut total) = (0.0, 0.0);

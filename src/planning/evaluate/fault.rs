@@ -1,81 +1,84 @@
-//! Why surfaces could not be compared.
+//! Errors of comparison and registration.
 
 use prosopon_geometry::control::Cancelled;
 
-/// Why two surfaces could not be compared.
+/// Reason why two surfaces could not be compared.
 #[derive(Debug, thiserror::Error)]
 pub enum EvaluateError {
-    /// There is no registration.
+    /// The surfaces could not be registered.
     #[error("registration: {0}")]
     Registration(#[from] RegistrationFault),
-    /// Inputs do not fit together.
+    /// The inputs do not fit together.
     #[error("{detail}")]
     Input {
-        /// What does not fit.
+        /// Which inputs do not fit, and how.
         detail: String,
     },
-    /// Stopped by the caller.
+    /// The caller cancelled the computation.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
 }
 
-/// Why a registration was refused.
+/// Reason why a registration was refused.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum RegistrationFault {
-    /// Little is left to go by.
+    /// The region used for the registration has too few vertices or too little area.
     #[error(
-        "the region to go by has {vertices} vertices and {area_mm2:.0} mm², at least {least_vertices} and {least_area_mm2:.0} mm² are needed"
+        "the unaltered region has {vertices} vertices and {area_mm2:.0} mm², at least {least_vertices} and \
+         {least_area_mm2:.0} mm² are needed: enlarge it"
     )]
     RegionTooSmall {
-        /// Found.
+        /// Number of vertices found.
         vertices: usize,
-        /// Found, mm².
+        /// Area found, mm².
         area_mm2: f64,
-        /// Allowed.
+        /// Smallest number of vertices allowed.
         least_vertices: usize,
-        /// Allowed, mm².
+        /// Smallest area allowed, mm².
         least_area_mm2: f64,
     },
-    /// A plane, a ball, a cylinder.
+    /// The region's shape, for example a plane, ball or cylinder, does not determine the motion.
     #[error(
-        "the surfaces slide along each other: the shape of the region does not fix the motion (stiffness {stiffness:.1e}, at least {allowed:.0e} is needed)"
+        "the region is too flat or too round to determine the motion (stiffness {stiffness:.1e}, \
+         at least {allowed:.0e} is needed): include more of the face"
     )]
     Slides {
-        /// Of the softest motion against the stiffest.
+        /// Stiffness of the softest rigid motion relative to the stiffest one, 0 to 1.
         stiffness: f64,
-        /// Least.
+        /// Smallest stiffness allowed.
         allowed: f64,
     },
     /// Nearly all closest points lie on the border of the reference.
-    #[error("only {found} vertices have a partner inside the reference's border, at least {allowed} are needed")]
+    #[error("only {found} vertices have a closest point inside the reference's border, at least {allowed} are needed")]
     NoPartners {
-        /// Found.
+        /// Number of vertices with a closest point inside the border.
         found: usize,
-        /// Least.
+        /// Smallest number allowed.
         allowed: usize,
     },
-    /// The iteration ran out.
-    #[error("after {iterations} iterations points still move by {movement_mm:.3} mm{}", mirror(*mirrored))]
+    /// The iteration did not converge.
+    #[error("no convergence: points still move by {movement_mm:.3} mm after {iterations} iterations{}", mirror(*mirrored))]
     NotConverged {
-        /// Done.
+        /// Number of iterations done.
         iterations: usize,
-        /// In the last one, mm.
+        /// Largest movement of a point in the last iteration, mm.
         movement_mm: f64,
         /// Whether the mirror image fits at least twice as well.
         mirrored: bool,
     },
-    /// It stands still where the surfaces do not agree.
+    /// The iteration converged, but the surfaces do not match.
     #[error(
-        "the surfaces do not match: the median distance stays at {median_mm:.1} mm (at most {allowed_mm} mm is allowed), {:.0} % of the region has a partner that counts{}",
+        "the surfaces do not match: the median distance stays at {median_mm:.1} mm (at most {allowed_mm} mm is allowed), \
+         {:.0} % of the region's area matches{}",
         100.0 * overlap,
         mirror(*mirrored)
     )]
     NoMatch {
-        /// Found, mm.
+        /// Median distance found, mm.
         median_mm: f64,
-        /// Allowed, mm.
+        /// Largest median distance allowed, mm.
         allowed_mm: f64,
-        /// Share of the region's area that has a partner.
+        /// Share of the region's area whose pairs are kept, 0 to 1.
         overlap: f64,
         /// Whether the mirror image fits at least twice as well.
         mirrored: bool,
@@ -83,7 +86,7 @@ pub enum RegistrationFault {
 }
 
 impl RegistrationFault {
-    /// Its name for machines.
+    /// Machine-readable name of the reason.
     #[must_use]
     pub fn reason(&self) -> &'static str {
         match self {
@@ -97,5 +100,5 @@ impl RegistrationFault {
 }
 
 fn mirror(suspected: bool) -> &'static str {
-    if suspected { "; the mirror image fits better: is one of them mirrored?" } else { "" }
+    if suspected { "; the mirror image fits better: check whether one surface is mirrored" } else { "" }
 }

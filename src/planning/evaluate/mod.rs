@@ -1,6 +1,7 @@
-//! Comparing and showing surfaces: registration, signed error maps, statistics, pictures.
+//! Compares and draws surfaces: registration, signed error maps, statistics, pictures.
 //!
-//! Invariants: a signed error is negative where the prediction lies behind (inside) the reference; a displacement is never called an error.
+//! Invariants: a signed error is negative where the prediction lies behind (inside) the reference; a displacement is never
+//! called an error.
 
 mod colour;
 mod distance;

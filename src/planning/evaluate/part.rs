@@ -1,23 +1,23 @@
-//! Parts of space that masks are made of.
+//! Regions of space from which vertex masks are built.
 
 use prosopon_geometry::{Aabb, Point, TriMesh};
 
-/// A part of space, LPS mm.
+/// A closed region of space, LPS mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Part {
-    /// A closed box.
+    /// Axis-aligned box.
     Box(Aabb),
-    /// A closed ball.
+    /// Ball.
     Ball {
-        /// Its centre.
+        /// Centre, LPS mm.
         centre: Point,
-        /// Its radius, mm.
+        /// Radius, mm.
         radius_mm: f64,
     },
 }
 
 impl Part {
-    /// Whether `p` lies in it.
+    /// Whether `p` lies in the region or on its boundary.
     #[must_use]
     pub fn contains(&self, p: &Point) -> bool {
         match self {
@@ -27,25 +27,26 @@ impl Part {
     }
 }
 
-/// Vertices chosen by parts and by number.
+/// Selection of vertices by regions of space and by index.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Mask {
-    /// Only vertices in one of these; all when empty.
+    /// A vertex must lie in one of these parts; an empty list admits all vertices.
     pub only: Vec<Part>,
-    /// And in none of these.
+    /// A vertex must lie in none of these parts.
     pub except: Vec<Part>,
-    /// And only those that are `true` here, one per vertex.
+    /// A vertex must be `true` here; one entry per vertex.
     pub vertices: Option<Vec<bool>>,
 }
 
 impl Mask {
-    /// Whether it lets every vertex pass.
+    /// Whether the mask admits every vertex.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.only.is_empty() && self.except.is_empty() && self.vertices.is_none()
     }
 
-    /// One entry per vertex of `mesh`; vertices beyond the end of [`Mask::vertices`] are not chosen.
+    /// The mask's value at each vertex of `mesh`.
+    /// Vertices beyond the end of [`Mask::vertices`] are not selected.
     #[must_use]
     pub fn of(&self, mesh: &TriMesh) -> Vec<bool> {
         let within = |parts: &[Part], p: &Point| parts.iter().any(|part| part.contains(p));

@@ -1,38 +1,40 @@
 //! Pictures of surfaces side by side.
 
 use super::colour::diverging;
-use super::font;
+use super::font::Font;
 use super::png::rgb_png;
 use super::raster::{Camera, Canvas, draw};
 use prosopon_geometry::{Aabb, Point, TriMesh, Vector};
 
-/// Sides of a picture are clamped to this range, pixels.
+/// The side lengths of a picture are clamped to this range, pixels.
 const SIDE_PX: (u32, u32) = (64, 8192);
-/// Width of the colour bar's column.
+/// Width of the column that holds the colour bar, pixels.
 const BAR_PX: usize = 92;
 pub(super) const BLACK: [u8; 3] = [0; 3];
 
-/// Where the viewer stands.
+/// Viewing direction, orientation and size of a picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct View {
-    /// Direction from the eye into the scene, unit, LPS; (0, 1, 0) looks the patient in the face.
+    /// Unit vector from the eye into the scene, LPS; (0, 1, 0) views the face from the front.
     pub direction: Vector,
-    /// What is up in the picture.
+    /// Direction that points up in the picture, LPS.
     pub up: Vector,
     /// Width and height of the picture in pixels.
     pub size_px: [u32; 2],
 }
 
-/// One surface in a picture: the mesh and, if given, per-vertex values with the limit of the colour map and a title for the colour bar.
+/// A surface in a picture, optionally coloured by values.
 #[derive(Debug, Clone, Copy)]
 pub struct Layer<'a> {
-    /// The surface.
+    /// Surface to draw, LPS mm.
     pub mesh: &'a TriMesh,
-    /// Values per vertex and the limit of the diverging map; plain skin colour when absent. NaN is drawn grey.
+    /// Values per vertex and the limit of the diverging colour map; `None` draws plain skin colour.
+    /// NaN is drawn grey.
     pub values: Option<(&'a [f32], f64)>,
 }
 
-/// How far each vertex moved along the unit vector `direction`, mm, negative against it; and a limit for its colours, mm.
+/// Displacement of each vertex along the unit vector `direction`, mm, and a colour limit, mm.
+/// Displacements against the direction are negative.
 #[must_use]
 pub fn moved_along(before: &TriMesh, after: &TriMesh, direction: &Vector) -> (Vec<f32>, f64) {
     let pairs = before.positions().iter().zip(after.positions());
@@ -41,46 +43,48 @@ pub fn moved_along(before: &TriMesh, after: &TriMesh, direction: &Vector) -> (Ve
     (moved, limit)
 }
 
-/// Draws panels side by side, each one surface seen from `view`, all at the same scale, with a colour bar (labelled in mm) when any panel has values. PNG bytes.
+/// Draws panels side by side, each showing one surface from `view`, and returns a PNG.
+/// All panels have one scale and show the same window of space. A colour bar in mm is added when any panel has values.
 ///
-/// Parallel projection lit from above the viewer's left shoulder, on white; all panels show the same window of space. Seen from the front
-/// the patient's left is on the right. The colour bar belongs to the first panel with values; the others should have the
-/// same limit. A view without a direction looks the patient in the face; an up that is along the direction gives way to
-/// z, then to y. The size is clamped to 64 to 8192 pixels a side.
+/// The projection is parallel, lit from above the viewer's left shoulder, on white. Seen from the front the patient's left is
+/// on the right. The colour bar belongs to the first panel with values; the others should have the same limit. A zero viewing
+/// direction is replaced by (0, 1, 0), the view of the face from the front. When `up` is parallel to the direction, z or else y
+/// is used. The side lengths are clamped to 64 to 8192 pixels.
 #[must_use]
 pub fn picture(panels: &[(&str, Layer<'_>)], view: &View) -> Vec<u8> {
     let [width, height] = view.size_px.map(|s| s.clamp(SIDE_PX.0, SIDE_PX.1) as usize);
     let mut canvas = Canvas::white(width, height);
     let limit = panels.iter().find_map(|(_, layer)| layer.values.map(|v| v.1));
     let scale = (height / 300).clamp(1, 4);
-    let title = (font::HEIGHT + 6) * scale;
+    let font = if scale == 1 { Font::Small } else { Font::Large };
+    let title = font.height() + 6 * scale;
     let bar = if limit.is_some() { (BAR_PX * scale).min(width / 3) } else { 0 };
     let panel = [(width - bar) / panels.len().max(1), height - title.min(height / 2)];
     if let Some(camera) = camera(panels, view, panel) {
         for (i, (name, layer)) in panels.iter().enumerate() {
-            // Drawn twice as large and averaged, against jagged edges.
+            // Drawn at twice the size and averaged to smooth jagged edges.
             let mut large = Canvas::white(2 * panel[0], 2 * panel[1]);
             draw(&mut large, &camera, layer.mesh, layer.values, true);
             canvas.paste(&large.halved(), i * panel[0], height - panel[1]);
-            let wide = font::width(name, scale);
+            let wide = font.width(name);
             let left = i * panel[0] + panel[0].saturating_sub(wide) / 2;
-            font::write(&mut canvas, name, left, 3 * scale, scale, BLACK);
+            font.write(&mut canvas, name, left, 3 * scale, BLACK);
         }
     }
     if let Some(limit) = limit {
-        colour_bar(&mut canvas, width - bar, title, scale, limit);
+        colour_bar(&mut canvas, font, [width - bar, title], scale, limit);
     }
     encode(&canvas)
 }
 
-/// A camera for the large canvas of one panel that shows all surfaces; `None` without surfaces.
+/// Camera for the double-size canvas of one panel that shows all surfaces; `None` without surfaces.
 fn camera(panels: &[(&str, Layer<'_>)], view: &View, panel: [usize; 2]) -> Option<Camera> {
     let finite = |v: &Vector| v.iter().all(|c| c.is_finite());
     let into = view.direction.try_normalize(1e-9).filter(finite).unwrap_or_else(Vector::y);
     let across = |up: &Vector| into.cross(up).try_normalize(1e-6).filter(finite);
     let right = across(&view.up).or_else(|| across(&Vector::z())).or_else(|| across(&Vector::y()))?;
     let up = right.cross(&into);
-    // Only vertices of triangles: others are not seen.
+    // Vertices without triangles are not visible.
     let seen = panels.iter().flat_map(|(_, l)| {
         l.mesh.triangles().iter().flatten().map(|v| {
             let p = l.mesh.positions()[*v as usize].coords;
@@ -96,9 +100,9 @@ fn camera(panels: &[(&str, Layer<'_>)], view: &View, panel: [usize; 2]) -> Optio
     Some(Camera { centre, right, up, into, pixels_per_mm })
 }
 
-fn colour_bar(canvas: &mut Canvas, left: usize, top: usize, scale: usize, limit: f64) {
+fn colour_bar(canvas: &mut Canvas, font: Font, [left, top]: [usize; 2], scale: usize, limit: f64) {
     let (x0, x1) = (left + 10 * scale, left + 24 * scale);
-    let (y0, y1) = (top + 14 * scale, canvas.height.saturating_sub(12 * scale));
+    let (y0, y1) = (top + font.height() + 6 * scale, canvas.height.saturating_sub(12 * scale));
     if y1 <= y0 + 8 {
         return;
     }
@@ -110,18 +114,18 @@ fn colour_bar(canvas: &mut Canvas, left: usize, top: usize, scale: usize, limit:
             canvas.set(x, y, if edge { BLACK } else { diverging(value, limit) });
         }
     }
-    font::write(canvas, "mm", x0, top, scale, BLACK);
+    font.write(canvas, "mm", x0, top, BLACK);
     for i in 0..=6 {
         let share = f64::from(i) / 3.0 - 1.0;
         let y = y0 + (span * 0.5 * (1.0 - share)).round() as usize;
         for x in x1..x1 + 3 * scale {
             canvas.set(x, y, BLACK);
         }
-        font::write(canvas, &label(share * limit), x1 + 6 * scale, y.saturating_sub(3 * scale), scale, BLACK);
+        font.write(canvas, &label(share * limit), x1 + 6 * scale, y.saturating_sub(font.height() / 2), BLACK);
     }
 }
 
-/// Short decimal with a sign.
+/// Formats a short decimal with its sign.
 pub(super) fn label(value: f64) -> String {
     let digits = if value.abs() >= 100.0 || (value - value.round()).abs() < 1e-9 { 0 } else { 2 };
     let sign = if value > 0.0 { "+" } else { "" };
@@ -129,6 +133,6 @@ pub(super) fn label(value: f64) -> String {
 }
 
 pub(super) fn encode(canvas: &Canvas) -> Vec<u8> {
-    // A canvas has as many pixels as it says, and at least one.
+    // A canvas always has the stated number of pixels, at least one, so encoding cannot fail.
     rgb_png(canvas.pixels.as_flattened(), canvas.width as u32, canvas.height as u32).unwrap_or_default()
 }

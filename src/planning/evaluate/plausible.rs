@@ -1,25 +1,25 @@
-//! What two surfaces have to have in common before a distance between them means anything.
+//! Checks that two surfaces are comparable before distances between them are computed.
 
 use super::EvaluateError;
 use prosopon_geometry::TriMesh;
 
-/// Boxes that differ more than this in size are in different units.
+/// Surfaces whose bounding boxes differ by more than this factor are in different units; metres and mm differ by 1000.
 const OTHER_UNIT: f64 = 200.0;
-/// Boxes that differ more than this may be.
+/// Above this factor between the bounding boxes there is a warning about the units.
 const DOUBTFUL: f64 = 5.0;
-/// Boxes farther apart than this do not show one head in one frame, mm.
+/// Surfaces whose bounding boxes lie farther apart than this do not show one head in one frame, mm.
 const APART_MM: f64 = 50.0;
 
-/// What is doubtful about a pair of surfaces.
+/// Returns warnings about a pair of surfaces: sizes that differ too much, or boxes far apart.
 ///
 /// # Errors
-/// [`EvaluateError::Input`] for a surface without extent and for surfaces in different units.
+/// [`EvaluateError::Input`] for a surface without area or extent and for surfaces in different units.
 pub(super) fn plausible(prediction: &TriMesh, reference: &TriMesh) -> Result<Vec<String>, EvaluateError> {
     let input = |detail: String| Err(EvaluateError::Input { detail });
     let (a, b) = (prediction.bounds(), reference.bounds());
     for (name, mesh, bounds) in [("prediction", prediction, a), ("reference", reference, b)] {
         if mesh.area() <= 0.0 || bounds.diagonal() <= 0.0 {
-            return input(format!("the {name} has no area: all of its triangles are points or lines"));
+            return input(format!("the {name} has no area: all its triangles have collapsed to points or lines"));
         }
     }
     let (small, large) =
@@ -27,16 +27,16 @@ pub(super) fn plausible(prediction: &TriMesh, reference: &TriMesh) -> Result<Vec
     let ratio = (a.diagonal() / b.diagonal()).max(b.diagonal() / a.diagonal());
     if ratio > OTHER_UNIT {
         return input(format!(
-            "the {large} is {ratio:.0} times as large as the {small}: one of them is not in mm (metres?)"
+            "the {large} is {ratio:.0} times as large as the {small}: convert both to mm (is the {small} in metres?)"
         ));
     }
     let mut warnings = Vec::new();
     if ratio > DOUBTFUL {
-        warnings.push(format!("the {large} is {ratio:.1} times as large as the {small}: are both in mm?"));
+        warnings.push(format!("the {large} is {ratio:.1} times as large as the {small}: check that both are in mm"));
     }
     let gap = (0..3).map(|i| (a.min[i] - b.max[i]).max(b.min[i] - a.max[i]).max(0.0).powi(2)).sum::<f64>().sqrt();
     if gap > APART_MM {
-        warnings.push(format!("the surfaces lie {gap:.0} mm apart: do both have the same frame (LPS, mm)?"));
+        warnings.push(format!("the surfaces lie {gap:.0} mm apart: check that both are in one frame (LPS, mm)"));
     }
     Ok(warnings)
 }

@@ -1,4 +1,5 @@
-/// A PNG of RGB pixels, row by row from the top left; `None` when there are not `3 * width * height` bytes, or none.
+/// Encodes RGB pixels, row by row from the top left, as a PNG.
+/// Returns `None` unless there are `3 * width * height` bytes and at least one pixel.
 #[must_use]
 pub fn rgb_png(pixels: &[u8], width: u32, height: u32) -> Option<Vec<u8>> {
     let mut bytes = Vec::new();
@@ -13,7 +14,7 @@ pub fn rgb_png(pixels: &[u8], width: u32, height: u32) -> Option<Vec<u8>> {
     Some(bytes)
 }
 
-/// A PNG read back by a test.
+/// A PNG decoded by a test.
 #[cfg(test)]
 pub(super) struct Decoded {
     pub(super) size: (u32, u32),

@@ -5,29 +5,30 @@ use nalgebra::{Matrix6, SymmetricEigen, Translation3, UnitQuaternion, Vector6};
 use super::{EvaluateError, RegistrationFault};
 use prosopon_geometry::{Motion, Point, Vector};
 
-/// Fewer pairs than unknowns fix nothing.
+/// Fewer pairs than the six unknowns cannot determine a motion.
 const LEAST_PAIRS: usize = 6;
-/// The equations of one step can be solved above this.
+/// Smallest ratio of eigenvalues at which the equations of one step are solved.
 const SOLVABLE: f64 = 1e-9;
 
-/// A point held along a normal.
+/// A point constrained along a normal.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Row {
     pub(super) point: Point,
-    /// Unit.
+    /// Unit normal.
     pub(super) normal: Vector,
-    /// Area that the point stands for, mm².
+    /// Area that the point represents, mm².
     pub(super) weight: f64,
 }
 
-/// A point and how far along the normal it lies from its partner, mm.
+/// A constrained point and its signed distance along the normal from its closest point, mm.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Pair {
     pub(super) row: Row,
     pub(super) gap: f64,
 }
 
-/// Middle and radius: turns about the middle, measured at the radius, are mm like shifts.
+/// Centroid and radius.
+/// Rotations about the centroid are measured at the radius, so that they are in mm like translations.
 struct Frame {
     centre: Point,
     radius: f64,
@@ -41,7 +42,7 @@ impl Frame {
         Self { centre, radius: square.sqrt().max(1e-9) }
     }
 
-    /// Movement along the row's normal for each of three turns and three shifts.
+    /// Movement along the row's normal for each of three rotations and three translations.
     fn row(&self, r: &Row) -> Vector6<f64> {
         let turn = (r.point - self.centre).cross(&r.normal) / self.radius;
         Vector6::new(turn.x, turn.y, turn.z, r.normal.x, r.normal.y, r.normal.z)
@@ -57,21 +58,21 @@ impl Frame {
     }
 }
 
-/// Least against largest; 0 for no stiffness at all.
+/// Smallest eigenvalue over the largest; 0 when all are 0.
 fn ratio(eigen: &SymmetricEigen<f64, nalgebra::U6>) -> f64 {
     let (low, high) = (eigen.eigenvalues.min(), eigen.eigenvalues.max());
     if high > 0.0 && low.is_finite() { (low / high).max(0.0) } else { 0.0 }
 }
 
-/// Stiffness of the softest rigid motion of the rows against the stiffest, 0 to 1.
+/// Stiffness of the softest rigid motion of the rows relative to the stiffest one, 0 to 1.
 pub(super) fn stiffness(rows: &[Row]) -> f64 {
     ratio(&Frame::of(rows.iter()).stiffnesses(rows.iter()))
 }
 
-/// The small motion that minimises the squared gaps, and how far it moves a point, mm.
+/// The small motion that minimises the squared gaps, and the largest movement of a point, mm.
 ///
 /// # Errors
-/// [`RegistrationFault::NoPartners`] and [`RegistrationFault::Slides`].
+/// [`RegistrationFault::NoPartners`] with too few pairs, [`RegistrationFault::Slides`] when the equations are singular.
 pub(super) fn solve(pairs: &[Pair]) -> Result<(Motion, f64), EvaluateError> {
     if pairs.len() < LEAST_PAIRS {
         return Err(RegistrationFault::NoPartners { found: pairs.len(), allowed: LEAST_PAIRS }.into());

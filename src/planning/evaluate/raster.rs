@@ -1,4 +1,4 @@
-//! A z-buffer for shaded triangles, orthographic.
+//! Orthographic z-buffer renderer for shaded triangles.
 
 use super::colour::{NO_VALUE, SKIN, diverging};
 use prosopon_geometry::{Point, TriMesh, Vector};
@@ -16,7 +16,7 @@ impl Canvas {
         Self { width, height, pixels: vec![[255; 3]; width * height] }
     }
 
-    /// Sets a pixel; places outside are left out.
+    /// Sets a pixel; positions outside the canvas are ignored.
     pub(super) fn set(&mut self, x: usize, y: usize, colour: [u8; 3]) {
         if x < self.width && y < self.height {
             self.pixels[y * self.width + x] = colour;
@@ -32,7 +32,7 @@ impl Canvas {
         }
     }
 
-    /// Mean over blocks of 2 × 2 pixels.
+    /// Halves the size by averaging blocks of 2 × 2 pixels.
     pub(super) fn halved(&self) -> Self {
         let (width, height) = (self.width / 2, self.height / 2);
         let mut out = Self::white(width, height);
@@ -48,11 +48,11 @@ impl Canvas {
     }
 }
 
-/// Parallel projection: `centre` falls on the middle of the canvas.
+/// Parallel projection; `centre` is projected onto the middle of the canvas.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Camera {
     pub(super) centre: Point,
-    /// Unit axes of the picture: to the right, up, and into the scene.
+    /// Unit axes of the picture: right, up, and into the scene.
     pub(super) right: Vector,
     pub(super) up: Vector,
     pub(super) into: Vector,
@@ -60,7 +60,7 @@ pub(super) struct Camera {
 }
 
 impl Camera {
-    /// Column and row (pixel centres at halves) and depth in mm.
+    /// Column and row (pixel centres at half-integers) and depth in mm.
     fn project(&self, canvas: &Canvas, p: &Point) -> [f64; 3] {
         let d = p - self.centre;
         let x = 0.5 * canvas.width as f64 + self.right.dot(&d) * self.pixels_per_mm;
@@ -69,7 +69,7 @@ impl Camera {
     }
 }
 
-/// A lamp above the viewer's left shoulder, and as much light from all sides as keeps colours readable.
+/// A lamp above the viewer's left shoulder, and enough ambient light to keep colours readable.
 struct Light {
     towards_eye: Vector,
     towards_lamp: Vector,
@@ -83,7 +83,7 @@ impl Light {
         Self { towards_eye, towards_lamp, halfway: (towards_eye + towards_lamp).normalize() }
     }
 
-    /// A colour on a surface with `normal`, of either side and any length.
+    /// Shades a colour on a surface with `normal`, which may face either side and have any length.
     fn on(&self, colour: [u8; 3], normal: &Vector) -> [u8; 3] {
         let n = normal.try_normalize(1e-12).unwrap_or(self.towards_eye);
         let n = if n.dot(&self.towards_eye) < 0.0 { -n } else { n };
@@ -93,14 +93,15 @@ impl Light {
     }
 }
 
-/// Draws `mesh` with normals interpolated between the vertices; `values` with the limit of the diverging map, or skin colour. `lit: false` leaves
-/// the shading out.
+/// Draws `mesh` with normals interpolated between the vertices.
+/// `values` are coloured by the diverging map up to their limit; without them the mesh has skin colour. `lit: false` omits the
+/// shading.
 pub(super) fn draw(canvas: &mut Canvas, camera: &Camera, mesh: &TriMesh, values: Option<(&[f32], f64)>, lit: bool) {
     let mut depth = vec![f64::INFINITY; canvas.pixels.len()];
     let normals = mesh.vertex_normals();
     let projected: Vec<[f64; 3]> = mesh.positions().iter().map(|p| camera.project(canvas, p)).collect();
     let light = Light::of(camera);
-    // A value that is missing or not finite is drawn as "no value".
+    // A missing or non-finite value is drawn in the colour for "no value".
     let value_at = |v: u32| values.and_then(|(all, _)| all.get(v as usize)).map_or(f64::NAN, |v| f64::from(*v));
     for triangle in mesh.triangles() {
         let [a, b, c] = triangle.map(|v| projected[v as usize]);
@@ -111,7 +112,7 @@ pub(super) fn draw(canvas: &mut Canvas, camera: &Camera, mesh: &TriMesh, values:
         let span = |i: usize, size: usize| {
             let low = a[i].min(b[i]).min(c[i]) - 0.5;
             let high = a[i].max(b[i]).max(c[i]) - 0.5;
-            // Pixel centres inside; casts saturate.
+            // Covers the pixels whose centres lie inside; casts saturate.
             (low.ceil().max(0.0) as usize, ((high.floor() + 1.0).max(0.0) as usize).min(size))
         };
         let (x0, x1) = span(0, canvas.width);

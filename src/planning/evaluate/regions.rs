@@ -1,40 +1,43 @@
-//! Named parts of a face.
+//! Named regions of a face.
 
 use super::Part;
 use prosopon_geometry::{Aabb, Point, TriMesh};
 
-/// A named part of the face: a box, LPS mm.
+/// A named region of the face: an axis-aligned box, LPS mm.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FaceRegion {
-    /// `nose`, `paranasal_left`, `paranasal_right`, `upper_lip`, `lower_lip`, `chin`, `cheek_left`, `cheek_right`, `submental`, `forehead`.
+    /// Name of the region.
+    /// One of `nose`, `paranasal_left`, `paranasal_right`, `upper_lip`, `lower_lip`, `chin`, `cheek_left`, `cheek_right`,
+    /// `submental` and `forehead`.
     pub name: &'static str,
-    /// Its box.
+    /// Box of the region.
     pub bounds: Aabb,
 }
 
-/// Places that the boxes hang on, LPS mm.
+/// Reference positions from which the boxes are placed, LPS mm.
 struct Face {
     midline: f64,
     /// Tip of the nose.
     nose: Point,
-    /// z of the anterior nasal spine, of the line between the lips, of the chin's foremost point, and of the chin's lower border.
+    /// z of the anterior nasal spine, of the line between the lips, of the chin's foremost point and of its lower border.
     spine: f64,
     lips: f64,
     chin: f64,
     menton: f64,
     /// y of the chin's foremost skin.
     chin_front: f64,
-    /// Height from chin to nose tip against that of an average adult, 87 mm.
+    /// Scale: height from chin to nose tip relative to that of an average adult, 87 mm.
     scale: f64,
 }
 
-/// Regions from landmarks (`pronasale`, `ans`, `soft_pogonion`, `menton`, `occlusal_plane`) and the midline or, where they
-/// are missing, from proportions. Returns the regions and whether landmarks were used.
+/// Places the regions by landmarks or, without them, by proportions of the skin.
+/// Returns the regions and whether landmarks were used.
 ///
-/// Landmarks are used when there are a `pronasale` and one of `menton` and `soft_pogonion`; the others then follow from
-/// proportions of that height. Without them the tip of the nose is the skin's foremost vertex within 15 mm of the midline
-/// (the middle of the skin's box when `None`), and the size follows from the height of the skin above it; that needs an
-/// upright head with its forehead, and a nose that is in front of everything else. The boxes do not overlap.
+/// The landmarks are `pronasale`, `ans`, `soft_pogonion`, `menton` and `occlusal_plane`. They are used when `pronasale` and one
+/// of `menton` and `soft_pogonion` are present; the others are then derived from the height between these two. Without them the
+/// tip of the nose is the skin's foremost vertex within 15 mm of the midline (the middle of the skin's box when `midline_x_mm`
+/// is `None`), and the scale follows from the height of the skin above it. That requires an upright head with its forehead and
+/// a nose in front of everything else. The boxes do not overlap.
 #[must_use]
 pub fn face_regions(
     skin: &TriMesh,
@@ -45,10 +48,11 @@ pub fn face_regions(
     (face.regions(), used)
 }
 
-/// Balls over the eyes, placed as [`face_regions`] places its boxes: lids move between two scans of a face that has not changed.
+/// Balls over the eyes, placed like the boxes of [`face_regions`].
+/// Masks exclude them because lids move between two scans of an unchanged face.
 #[must_use]
 pub fn eyes(skin: &TriMesh, landmarks: &[(String, Point)], midline_x_mm: Option<f64>) -> [Part; 2] {
-    // Of an adult, from the tip of the nose: to the side, back and up, mm.
+    // Position of an adult's eye relative to the tip of the nose: lateral, backward and upward, mm.
     const CENTRE: [f64; 3] = [32.0, 44.0, 35.0];
     const RADIUS: f64 = 17.0;
     let face = Face::of(skin, landmarks, midline_x_mm).0;
@@ -62,7 +66,7 @@ pub fn eyes(skin: &TriMesh, landmarks: &[(String, Point)], midline_x_mm: Option<
 }
 
 impl Face {
-    /// And whether landmarks were used.
+    /// Returns the reference positions and whether landmarks were used.
     fn of(skin: &TriMesh, landmarks: &[(String, Point)], midline: Option<f64>) -> (Self, bool) {
         match Self::from_landmarks(landmarks, midline) {
             Some(face) => (face, true),
@@ -99,7 +103,7 @@ impl Face {
         let near = skin.positions().iter().filter(|p| (p.x - midline).abs() < 15.0);
         let foremost = near.min_by(|a, b| a.y.total_cmp(&b.y)).copied();
         let nose = foremost.unwrap_or(Point::new(midline, bounds.min.y, bounds.center().z));
-        // From the tip of the nose to the vertex of an adult's head: 133 mm.
+        // Height from the tip of the nose to the top of an adult's head: 133 mm.
         let scale = ((bounds.max.z - nose.z) / 133.0).clamp(0.7, 1.3);
         Self {
             midline,
@@ -115,7 +119,8 @@ impl Face {
 
     fn regions(&self) -> Vec<FaceRegion> {
         let s = self.scale;
-        // Half widths of the nose's wings, of the upper lip, of the mouth, and of the paranasal part; then the cheek's outer side.
+        // Half widths of the nose's wings, the upper lip, the mouth and the paranasal region; then the lateral limit of the
+        // cheek.
         let (wing, lip, mouth, paranasal, cheek) = (18.0 * s, 22.0 * s, 28.0 * s, 42.0 * s, 75.0 * s);
         let subnasal = self.spine - 3.0 * s;
         let fold = self.lips - 0.5 * (self.lips - self.chin);
@@ -128,7 +133,7 @@ impl Face {
         let middle = |half: f64| [-half, half];
         let depth = |mm: f64| [front, self.nose.y + mm * s];
         let chin_depth = [self.chin_front - 12.0 * s, self.chin_front + 30.0 * s];
-        // Sides: beside the bases of the wings (paranasal) and from the corners of the mouth (cheek) outwards.
+        // The paranasal regions lie beside the bases of the wings, the cheeks lateral to the corners of the mouth.
         let side_z = [subnasal - 14.0 * s, subnasal + 6.0 * s];
         let cheek_z = [self.lips - 15.0 * s, self.nose.z + 25.0 * s];
         vec![
@@ -191,7 +196,7 @@ mod tests {
             });
             assert!((left.0 - right.0 - Vector::new(64.0, 0.0, 0.0)).norm() < 0.5, "{left:?} {right:?}");
         }
-        // On a real head with these landmarks the lids' foremost points, the wings of the nose and the temples are here.
+        // On a real head with these landmarks, the lids' foremost points, the wings of the nose and the temples lie here.
         let [right, left] = eyes(&ball(), &landmarks(), Some(6.0)).map(|e| Mask { only: vec![e], ..Mask::default() });
         let at = |x: f64, y: f64, z: f64| {
             let p = Point::new(x, y, z);

@@ -11,83 +11,102 @@ use super::{EvaluateError, RegistrationFault};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Motion, Point, TriMesh, Vector};
 
-/// About this many source vertices are used, evenly picked by number.
+/// The fine run uses about this many source vertices, picked evenly by index.
 const POINTS: usize = 5000;
-/// And so many to choose among the starts.
+/// The coarse runs, which choose the start, use about this many.
 const COARSE_POINTS: usize = 500;
 const COARSE_ITERATIONS: usize = 25;
 const ITERATIONS: usize = 120;
-/// The starts are turned by this about each axis, both ways, rad.
+/// Rotation of the alternative starts about each axis, in both senses, rad.
 const START_TURN: f64 = 0.14;
-/// Middles farther apart than this are also brought together to start with, mm.
+/// Centroids farther apart than this are also aligned by one of the starts, mm.
 const START_APART_MM: f64 = 15.0;
-/// A start's distances count up to this, mm.
+/// Cap on the distances that score a start, mm.
 const FAR_MM: f64 = 10.0;
-/// While the surfaces come together, this share of the pairs is kept, the nearest.
+/// Share of the pairs, the nearest ones, that the alignment phase keeps.
 const SHARE: f64 = 0.6;
-/// That ends when no point moves farther than this any more, mm.
+/// The alignment phase ends when no point moves farther than this in one iteration, mm.
 const TOGETHER_MM: f64 = 1e-3;
-/// Then pairs farther apart than this many robust standard deviations are trimmed.
+/// Later pairs farther apart than this many robust standard deviations are trimmed.
 const TRIM: f64 = 2.5;
-/// Never trim below this distance, mm: exact data would trim themselves away.
+/// Smallest trimming distance, mm: with exact data the robust standard deviation falls to 0 and would trim all pairs.
 const TRIM_FLOOR_MM: f64 = 1e-3;
 /// An update that moves no point farther than this ends the iteration, mm.
 const STILL_MM: f64 = 1e-8;
-/// Still accepted when the iterations run out: pairs that flip in and out of the trimmed set, mm and as a share of the residual, with
-/// which what a flip moves grows.
+/// Movement still accepted when the iterations run out, in mm and as a share of the residual.
+/// Pairs that alternate between kept and trimmed cause it; the movement that one such pair causes grows with the residual.
 const NEARLY_STILL_MM: f64 = 5e-3;
 const NEARLY_STILL_SHARE: f64 = 0.05;
-/// More movement than this is told then, mm.
+/// A larger final movement is reported as a warning, mm.
 const TOLD_MM: f64 = 1e-3;
-/// Surfaces whose median distance stays above this do not show the same body, mm.
+/// Surfaces whose median distance stays above this do not match, mm.
 const MATCH_MM: f64 = 3.0;
-/// Above this the fit is doubtful, mm.
+/// A median distance above this gives a warning, mm.
 const GOOD_MM: f64 = 1.0;
-/// Least share of the region with a partner that counts; below the second it is doubtful.
+/// Smallest share of the region's area with kept pairs; below the second value there is a warning.
 const OVERLAP: [f64; 2] = [0.1, 0.5];
-/// A region needs so many vertices and so much area, mm².
+/// Smallest number of vertices and smallest area of a region, mm².
 const LEAST_VERTICES: usize = 30;
 const LEAST_AREA_MM2: f64 = 500.0;
-/// Normals are averaged over this before the shape is judged, mm, but at most this share of the surface's diagonal: noise must not
-/// pass for shape.
+/// Normals are averaged over this radius before the shape is judged, mm, but over at most this share of the surface's diagonal.
+/// Without the averaging noise would count as shape.
 const SHAPE_MM: f64 = 8.0;
 const SHAPE_SHARE: f64 = 0.04;
-/// Least stiffness of a rigid motion of the region against the stiffest; below it the region slides along itself.
+/// Smallest ratio of the softest rigid motion's stiffness to the stiffest one's; below it the region slides along itself.
 const LEAST_STIFFNESS: f64 = 2e-3;
 
-/// A rigid motion that brings one surface onto another, and how well.
+/// A rigid motion that aligns one surface with another, with measures of its quality.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Registration {
-    /// The motion: target from source.
+    /// Motion `target_from_source`, mm.
     pub motion: Motion,
-    /// Iterations of the last, fine run.
+    /// Number of iterations of the fine run.
     pub iterations: usize,
-    /// Vertices of the region that it goes by.
+    /// Number of source vertices in the region used for the registration.
     pub vertices: usize,
-    /// Root mean square distance of the pairs that count along the target's normals, weighted by area, mm.
+    /// Root mean square distance of the kept pairs along the normals, weighted by area, mm.
     pub residual_mm: f64,
     /// Median distance of all pairs of the region, mm.
     pub median_mm: f64,
-    /// Share of the region's area whose pairs count, 0 to 1.
+    /// Share of the region's area whose pairs are kept, 0 to 1.
     pub overlap: f64,
-    /// How firmly the shape of the region holds the motion: stiffness of the softest rigid motion against the stiffest, 0 (it
-    /// slides, as a plane or a ball) to 1. Turns are measured at the region's radius.
+    /// How well the region's shape determines the motion, 0 to 1.
+    /// This is the stiffness of the softest rigid motion over that of the stiffest. 0 means that the
+    /// region slides along itself, like a plane or a ball. Rotations are measured at the region's radius.
     pub stiffness: f64,
-    /// What is doubtful.
+    /// Doubts about the registration, one sentence each.
     pub warnings: Vec<String>,
 }
 
-/// Rigid motion that brings `source` onto `target`, by trimmed point-to-plane ICP over the source vertices where `unaltered` holds.
+/// Registers `source` to `target` by trimmed point-to-plane ICP over the `unaltered` vertices.
 ///
-/// Coarse runs from where the surfaces are, from there turned by 8° about each axis both ways, and with their middles brought
-/// together where these are far apart, choose the start. In each the nearest 60 % of the pairs bring the surfaces together,
-/// so that a third of them may have changed. Then all pairs count that are nearer than 2.5 robust standard deviations
-/// (1.4826 times the median distance). Pairs on the target's open border never count; all count by the source's area.
+/// `unaltered` has one entry per source vertex; `None` selects all.
+///
+/// Coarse runs choose the start among the present position, rotations of 8° about each axis in both senses and, where the
+/// centroids are far apart, the aligned centroids. Each run first aligns the nearest 60 % of the pairs, so that a third of the
+/// region may have changed. It then keeps all pairs nearer than 2.5 robust standard deviations (1.4826 times the median
+/// distance). Pairs on the target's open border are never kept. All pairs are weighted by the source's area.
 ///
 /// # Errors
-/// [`EvaluateError::Registration`] says why there is none: the region is too small, its shape does not fix the motion, the
-/// iteration does not settle, or the surfaces do not match. [`EvaluateError::Input`] for a mask of another length and
-/// surfaces in different units; cancellation.
+/// [`EvaluateError::Registration`] when the region is too small, its shape does not determine the motion, too few pairs are
+/// left, the iteration does not converge, or the surfaces do not match. [`EvaluateError::Input`] for a mask of the wrong length
+/// and for surfaces in different units. [`EvaluateError::Cancelled`] on cancellation.
+///
+/// # Examples
+/// A skin sampled from the phantom and moved by 3 mm is brought back.
+/// ```
+/// use prosopon_geometry::control::Control;
+/// use prosopon_geometry::{Motion, Vector};
+/// use prosopon_planning::{evaluate::register, phantom};
+///
+/// let head = phantom::head();
+/// let skin = phantom::surface_of(head.skin.as_ref(), &head.bounds(), 8.0).ok_or("the box holds no skin")?;
+/// let shift = Vector::new(2.0, -2.0, 1.0);
+/// let found = register(&skin.moved(&Motion::translation(2.0, -2.0, 1.0)), &skin, None, &Control::new())?;
+/// assert!((found.motion.translation.vector + shift).norm() < 0.1);
+/// assert!(found.motion.rotation.angle() < 1e-3 && found.overlap > 0.5);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 ///
 /// # Source
 /// Chen & Medioni, Object modelling by registration of multiple range images, 1992; Chetverikov, Stepanov & Krsek, Robust
@@ -123,7 +142,7 @@ pub fn register(
     }
     if found.movement_mm > TOLD_MM {
         warnings.push(format!(
-            "after {} iterations points still moved by {:.3} mm to and fro",
+            "the registration did not converge fully: after {} iterations points still oscillate by {:.3} mm",
             found.iterations, found.movement_mm
         ));
     }
@@ -131,10 +150,10 @@ pub fn register(
         warnings.push(format!("after registration half of the region is still over {:.1} mm off", found.median_mm));
     }
     if found.overlap < OVERLAP[1] {
-        warnings.push(format!("only {:.0} % of the region has a partner that counts", 100.0 * found.overlap));
+        warnings.push(format!("only {:.0} % of the region's area matches the other surface", 100.0 * found.overlap));
     }
     if (found.median_mm > GOOD_MM || found.overlap < OVERLAP[1]) && mirrored()? {
-        warnings.push("the mirror image fits better: is one of the surfaces mirrored?".to_owned());
+        warnings.push("the mirror image fits better: check whether one surface is mirrored".to_owned());
     }
     control.report(1.0);
     Ok(Registration {
@@ -149,11 +168,11 @@ pub fn register(
     })
 }
 
-/// Samples of the source.
+/// Sample points of the source.
 struct Points(Vec<Sample>);
 
-/// A point of the source with the area that it stands for and the direction of the surface there, over the same neighbourhood as the
-/// stiffness: a scan's own normals are noise, and noise in them holds a head where it is, as if it were no ball.
+/// A source point with the area it represents and the surface normal there, averaged over the neighbourhood of the stiffness.
+/// The normals of single triangles of a scan are noisy, and the noise would make a round head appear to resist rotation.
 #[derive(Clone, Copy)]
 struct Sample {
     point: Point,
@@ -161,7 +180,7 @@ struct Sample {
     normal: Vector,
 }
 
-/// The part of the source that registration goes by.
+/// The part of the source used for the registration.
 struct Region {
     vertices: Vec<usize>,
     points: Points,
@@ -173,11 +192,11 @@ impl Region {
         if let Some(mask) = unaltered
             && mask.len() != n
         {
-            let detail = format!("the mask has {} entries, the surface {n} vertices", mask.len());
+            let detail = format!("the mask has {} entries but the surface has {n} vertices", mask.len());
             return Err(EvaluateError::Input { detail });
         }
         let areas = vertex_areas(source);
-        // Loose vertices say nothing about the surface.
+        // Vertices without triangles carry no area.
         let chosen = |v: &usize| unaltered.is_none_or(|m| m[*v]) && areas[*v] > 0.0;
         let vertices: Vec<usize> = (0..n).filter(chosen).collect();
         let radius_mm = SHAPE_MM.min(SHAPE_SHARE * source.bounds().diagonal());
@@ -193,7 +212,7 @@ impl Region {
         Ok(Self { vertices, points: Points(points) })
     }
 
-    /// About `count` of its points, evenly picked by number.
+    /// About `count` of the points, picked evenly by index.
     fn thinned(&self, count: usize) -> Points {
         Points(self.points.0.iter().copied().step_by(self.points.0.len().div_ceil(count)).collect())
     }
@@ -204,7 +223,7 @@ impl Region {
     }
 }
 
-/// Where the coarse runs start.
+/// Start positions of the coarse runs.
 fn starts(region: &Region, target: &TriMesh) -> Vec<Motion> {
     let middle = |points: &mut dyn Iterator<Item = (Point, f64)>| {
         let (sum, total) = points.fold((Vector::zeros(), 0.0), |(s, t), (p, w)| (s + p.coords * w, t + w));
@@ -226,7 +245,7 @@ fn starts(region: &Region, target: &TriMesh) -> Vec<Motion> {
     starts
 }
 
-/// The start whose coarse run ends nearest; the first of equals.
+/// The start whose coarse run ends with the smallest distance; the first one of equals.
 fn best_start(
     points: &Points,
     surface: &Surface,
@@ -238,7 +257,7 @@ fn best_start(
         control.report(0.5 * i as f64 / starts.len() as f64);
         let found = match fitted(points, surface, *start, COARSE_ITERATIONS, &control.part(0.0, 0.0)) {
             Ok(found) => found,
-            // Another start may have partners.
+            // This start has no usable pairs; another may have.
             Err(EvaluateError::Registration(_)) => continue,
             Err(other) => return Err(other),
         };
@@ -247,11 +266,11 @@ fn best_start(
             best = Some((score, found.motion));
         }
     }
-    // Without any the fine run says why.
+    // If every start failed, the fine run reports the reason.
     Ok(best.map_or_else(Motion::identity, |b| b.1))
 }
 
-/// Mean distance of moved points to the surface; what is far, or beyond the border, counts as far.
+/// Mean distance of the moved points to the surface; distances are capped, and points beyond the border count as far.
 fn distance(points: &Points, surface: &Surface, motion: &Motion, control: &Control) -> Result<f64, EvaluateError> {
     let moved: Vec<Point> = points.0.iter().map(|s| motion * s.point).collect();
     let hits = surface.all_nearest(&moved, control)?;
@@ -278,11 +297,11 @@ fn mirror_fits(points: &Points, surface: &Surface, motion: Motion, control: &Con
     }
 }
 
-/// Where a run has come to.
+/// State of a registration run.
 struct Fitted {
     motion: Motion,
     iterations: usize,
-    /// Whether it stands still, and how far a point moved last.
+    /// Whether the iteration converged, and the largest movement of a point in the last iteration.
     settled: bool,
     movement_mm: f64,
     residual_mm: f64,
@@ -334,7 +353,7 @@ fn fitted(
     Ok(found)
 }
 
-/// Moved points with their partners inside the border.
+/// Moved points with their closest points, without those on the border.
 fn pairs(points: &Points, surface: &Surface, motion: &Motion, control: &Control) -> Result<Vec<Pair>, EvaluateError> {
     let moved: Vec<Point> = points.0.iter().map(|s| motion * s.point).collect();
     let hits = surface.all_nearest(&moved, control)?;

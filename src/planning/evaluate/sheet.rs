@@ -1,25 +1,24 @@
-//! One sheet with an error map from all sides, its legend and its numbers.
+//! One sheet that shows an error map from all sides with its legend and statistics.
 
 use super::colour::diverging;
-use super::font;
+use super::font::Font;
 use super::picture::{BLACK, encode, label};
 use super::raster::{Camera, Canvas, draw};
 use prosopon_geometry::{Aabb, Point, TriMesh, Vector};
 
-/// Columns and rows of panels, and a panel's pixels.
+/// Columns and rows of panels, and a panel's size in pixels.
 const GRID: [usize; 2] = [3, 2];
 const PANEL_PX: [usize; 2] = [460, 540];
-/// Height of the title, and of each panel's name below it.
+/// Heights of the title and of the name below each panel, pixels.
 const TITLE_PX: usize = 44;
 const NAME_PX: usize = 30;
-/// Letters of the title, of names and numbers.
-const LARGE: usize = 3;
-const SMALL: usize = 2;
-/// From one line of numbers to the next.
+/// Font of titles, names and numbers.
+const FONT: Font = Font::Large;
+/// Distance between two lines of numbers, pixels.
 const LINE_PX: usize = 24;
 const GREY: [u8; 3] = [120; 3];
 
-/// Name, direction of view, and what stands at the left and right of the panel.
+/// Name, viewing direction, and the letters at the panel's left and right.
 const VIEWS: [(&str, [f64; 3], &str, &str); 5] = [
     ("three-quarter, patient's right", [0.64, 0.77, 0.0], "R", "L"),
     ("front", [0.0, 1.0, 0.0], "R", "L"),
@@ -28,34 +27,35 @@ const VIEWS: [(&str, [f64; 3], &str, &str); 5] = [
     ("patient's left", [-1.0, 0.0, 0.0], "A", "P"),
 ];
 
-/// What a sheet shows.
+/// Contents of a sheet.
 #[derive(Debug, Clone, Copy)]
 pub struct Sheet<'a> {
-    /// Its headline.
+    /// Title of the sheet.
     pub title: &'a str,
     /// The surface, LPS mm.
     pub mesh: &'a TriMesh,
     /// Signed values per vertex, mm; NaN is drawn grey.
     pub values: &'a [f32],
-    /// Range of the colours, mm.
+    /// The colours cover the range from `-limit_mm` to `limit_mm`, mm.
     pub limit_mm: f64,
-    /// Lower edges (mm) and shares of the bars; the first holds all below the second's edge, the last all above its own.
+    /// Histogram: lower edges (mm) and shares.
+    /// The first bar holds everything below the second's edge, the last everything above its own.
     pub histogram: &'a [(f64, f64)],
-    /// Numbers: name and value.
+    /// Lines of text: name and value.
     pub lines: &'a [(String, String)],
 }
 
-/// Draws front, three-quarter and side views at one scale, the colour scale, the histogram and the numbers. PNG, 1380 × 1184 pixels.
+/// Draws front, three-quarter and side views with colour scale, histogram and numbers as a PNG.
 ///
-/// Upright (z up); in the front view the patient's left is on the right. Lit, with normals interpolated between vertices, drawn
-/// twice as large and averaged.
+/// The PNG has 1380 × 1184 pixels. All views have one scale and show the head upright (z up); in the front view the patient's
+/// left is on the right. The surface is shaded with interpolated normals, drawn at twice the size and averaged.
 #[must_use]
 pub fn sheet(sheet: &Sheet<'_>) -> Vec<u8> {
     let cell = [PANEL_PX[0], PANEL_PX[1] + NAME_PX];
     let mut canvas = Canvas::white(GRID[0] * cell[0], TITLE_PX + GRID[1] * cell[1]);
-    font::write(&mut canvas, sheet.title, 14, 12, LARGE, BLACK);
+    FONT.write(&mut canvas, sheet.title, 14, 12, BLACK);
     let cameras: Vec<Camera> = VIEWS.iter().map(|view| camera(sheet.mesh, Vector::from(view.1))).collect();
-    // All panels at the scale of the one that needs most room.
+    // All panels have the scale of the view that needs most room.
     let pixels_per_mm = cameras.iter().map(|c| c.pixels_per_mm).fold(f64::INFINITY, f64::min);
     for (i, (view, camera)) in VIEWS.iter().zip(cameras).enumerate() {
         let (left, top) = (i % GRID[0] * cell[0], TITLE_PX + i / GRID[0] * cell[1]);
@@ -63,16 +63,16 @@ pub fn sheet(sheet: &Sheet<'_>) -> Vec<u8> {
         draw(&mut large, &Camera { pixels_per_mm, ..camera }, sheet.mesh, Some((sheet.values, sheet.limit_mm)), true);
         canvas.paste(&large.halved(), left, top);
         let middle = top + PANEL_PX[1] / 2;
-        font::write(&mut canvas, view.2, left + 6, middle, SMALL, GREY);
-        font::write(&mut canvas, view.3, left + PANEL_PX[0] - 16, middle, SMALL, GREY);
-        let indent = PANEL_PX[0].saturating_sub(font::width(view.0, SMALL)) / 2;
-        font::write(&mut canvas, view.0, left + indent, top + PANEL_PX[1] + 6, SMALL, BLACK);
+        FONT.write(&mut canvas, view.2, left + 6, middle, GREY);
+        FONT.write(&mut canvas, view.3, left + PANEL_PX[0] - 16, middle, GREY);
+        let indent = PANEL_PX[0].saturating_sub(FONT.width(view.0)) / 2;
+        FONT.write(&mut canvas, view.0, left + indent, top + PANEL_PX[1] + 6, BLACK);
     }
     numbers(&mut canvas, sheet, (GRID[0] - 1) * cell[0] + 16, TITLE_PX + cell[1] + 10);
     encode(&canvas)
 }
 
-/// For a large panel; the surface fills nine tenths of it.
+/// Camera of a panel at twice the size; the surface fills nine tenths of it.
 fn camera(mesh: &TriMesh, direction: Vector) -> Camera {
     let into = direction.normalize();
     let right = into.cross(&Vector::z()).normalize();
@@ -98,18 +98,19 @@ fn numbers(canvas: &mut Canvas, sheet: &Sheet<'_>, left: usize, top: usize) {
     let bottom = scale(canvas, sheet.limit_mm, left, bottom + 2, wide);
     for (i, (name, value)) in sheet.lines.iter().enumerate() {
         let y = bottom + 16 + i * LINE_PX;
-        font::write(canvas, name, left, y, SMALL, BLACK);
-        let right = (left + wide).saturating_sub(font::width(value, SMALL));
-        font::write(canvas, value, right, y, SMALL, BLACK);
+        FONT.write(canvas, name, left, y, BLACK);
+        let right = (left + wide).saturating_sub(FONT.width(value));
+        FONT.write(canvas, value, right, y, BLACK);
     }
 }
 
-/// Bars in the colours of their values, the tallest 110 pixels high. Returns where they stand.
+/// Draws bars in the colours of their values, the tallest 110 pixels high.
+/// Returns the y of the base line.
 fn histogram(canvas: &mut Canvas, sheet: &Sheet<'_>, left: usize, top: usize, wide: usize) -> usize {
     const TALL_PX: usize = 110;
     let foot = top + TALL_PX;
     let most = sheet.histogram.iter().map(|b| b.1).fold(0.0, f64::max);
-    // The open bars at both ends are drawn at the ends of the scale.
+    // The open bins at both ends are drawn at the ends of the scale.
     let inner = sheet.histogram.len().saturating_sub(2);
     if inner == 0 || most <= 0.0 {
         return foot;
@@ -121,7 +122,7 @@ fn histogram(canvas: &mut Canvas, sheet: &Sheet<'_>, left: usize, top: usize, wi
         let (x0, x1) = ((bar * place as f64) as usize, (bar * (place + 1) as f64) as usize);
         let open = i == 0 || i == inner + 1;
         let colour = diverging(from + 0.125, sheet.limit_mm);
-        // Open ends are narrow bars at the very edge.
+        // The open bins are drawn as narrow bars at the edges.
         let (x0, x1) = match (open, i) {
             (false, _) => (x0 + 1, x1),
             (true, 0) => (0, 3),
@@ -137,7 +138,8 @@ fn histogram(canvas: &mut Canvas, sheet: &Sheet<'_>, left: usize, top: usize, wi
     foot
 }
 
-/// The colours from -limit to limit, with seven numbers below. Returns where it ends.
+/// Draws the colour scale from -limit to limit with seven numbers below.
+/// Returns the y of its lower end.
 fn scale(canvas: &mut Canvas, limit: f64, left: usize, top: usize, wide: usize) -> usize {
     const TALL_PX: usize = 18;
     for x in 0..wide {
@@ -153,10 +155,10 @@ fn scale(canvas: &mut Canvas, limit: f64, left: usize, top: usize, wide: usize) 
         let x = ((wide - 1) as f64 * 0.5 * (1.0 + share)).round() as usize;
         (0..6).for_each(|y| canvas.set(left + x, top + TALL_PX + y, BLACK));
         let text = label(share * limit);
-        let start = (left + x).saturating_sub(font::width(&text, SMALL) / 2);
-        font::write(canvas, &text, start, names, SMALL, BLACK);
+        let start = (left + x).saturating_sub(FONT.width(&text) / 2);
+        FONT.write(canvas, &text, start, names, BLACK);
     }
-    let below = names + font::HEIGHT * SMALL + 6;
-    font::write(canvas, "mm; blue: behind the reference", left, below, SMALL, GREY);
-    below + font::HEIGHT * SMALL
+    let below = names + FONT.height() + 6;
+    FONT.write(canvas, "mm; blue: behind the reference", left, below, GREY);
+    below + FONT.height()
 }

@@ -1,25 +1,25 @@
-//! Averages over neighbourhoods of a surface.
+//! Averages over neighbourhoods on a surface.
 
 use super::distance::{Welded, welded};
 use super::statistics::vertex_areas;
 use prosopon_geometry::{TriMesh, Vector};
 
-/// Rounds of averaging at most: very fine meshes are smoothed over less.
+/// Most averaging rounds; on very fine meshes the averages therefore cover less than the requested radius.
 const MAX_ROUNDS: usize = 200;
 
-/// Averages over the neighbours of each vertex, repeated until they spread over a Gaussian of a given standard deviation.
+/// Repeated averaging over vertex neighbours that approximates a Gaussian of a given standard deviation.
 ///
-/// Vertices at equal coordinates count as one. One round over the neighbours and the vertex itself spreads by 3/7 of the
-/// squared edge along each axis (exact on equilateral triangles).
+/// Vertices with equal coordinates are merged. One round over a vertex and its neighbours adds 3/7 of the squared edge length
+/// to the variance along each axis (exact on equilateral triangles).
 pub(super) struct Neighbourhoods {
     welded: Welded,
-    /// Rising pairs of neighbours, both ways.
+    /// Ordered pairs of neighbours, ascending; each edge appears in both directions.
     pairs: Vec<(u32, u32)>,
     rounds: usize,
 }
 
 impl Neighbourhoods {
-    /// Of `mesh`, spreading over `radius_mm`.
+    /// Prepares averages over `mesh` with the standard deviation `radius_mm`.
     pub(super) fn new(mesh: &TriMesh, radius_mm: f64) -> Self {
         let welded = welded(mesh);
         let mut pairs: Vec<(u32, u32)> = welded
@@ -37,7 +37,7 @@ impl Neighbourhoods {
         Self { welded, pairs, rounds: (rounds as usize).clamp(1, MAX_ROUNDS) }
     }
 
-    /// The averages of `values`, one per vertex; NaN neither gives nor takes.
+    /// Averages of `values`, one per vertex. NaN values do not contribute and stay NaN.
     pub(super) fn averaged(&self, values: &[f32]) -> Vec<f32> {
         let n = self.welded.positions.len();
         let (mut now, mut counts) = (vec![0.0f64; n], vec![0u32; n]);
@@ -82,7 +82,7 @@ impl Neighbourhoods {
     }
 }
 
-/// Root of the mean square of what averaging takes away, weighted by area, mm.
+/// Root mean square of the part that averaging removes, weighted by area, mm.
 pub(super) fn roughness(mesh: &TriMesh, raw: &[f32], averaged: &[f32]) -> f64 {
     let (mut sum, mut total) = (0.0, 0.0);
     for ((raw, averaged), area) in raw.iter().zip(averaged).zip(vertex_areas(mesh)) {

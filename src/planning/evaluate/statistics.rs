@@ -2,10 +2,10 @@
 
 use prosopon_geometry::TriMesh;
 
-/// Statistics of signed values, mm, weighted by area.
+/// Area-weighted statistics of signed values, mm.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Statistics {
-    /// Vertices counted.
+    /// Number of vertices counted.
     pub count: usize,
     /// Signed mean.
     pub mean: f64,
@@ -13,23 +13,23 @@ pub struct Statistics {
     pub mean_abs: f64,
     /// Root mean square.
     pub rms: f64,
-    /// Medians and percentiles of absolute values.
+    /// Median of the absolute values.
     pub p50: f64,
-    /// 90 %.
+    /// 90th percentile of the absolute values.
     pub p90: f64,
-    /// 95 %.
+    /// 95th percentile of the absolute values.
     pub p95: f64,
     /// Largest absolute value.
     pub max: f64,
-    /// Square root of the sum of squares over the vertices (unweighted), as in Wang 2009, Figure 18.
+    /// Square root of the unweighted sum of squares over the vertices, as in Wang 2009, Figure 18.
     pub l2_norm: f64,
-    /// Variance of the signed values.
+    /// Variance of the signed values, mm².
     pub variance: f64,
-    /// Share of area with absolute value below 1, 2 and 3 mm.
+    /// Shares of the area with absolute values below 1, 2 and 3 mm, 0 to 1.
     pub share_below: [f64; 3],
 }
 
-/// Area of each vertex: a third of its triangles, mm².
+/// Area of each vertex, mm²: a third of the area of its triangles.
 pub(super) fn vertex_areas(mesh: &TriMesh) -> Vec<f64> {
     let mut areas = vec![0.0; mesh.positions().len()];
     for (t, corners) in mesh.triangles().iter().enumerate() {
@@ -41,11 +41,27 @@ pub(super) fn vertex_areas(mesh: &TriMesh) -> Vec<f64> {
     areas
 }
 
-/// Statistics of `values` at the vertices of `mesh` where `mask` holds (all when `None`).
+/// Statistics of `values` (mm) at the vertices of `mesh` where `mask` holds.
 ///
-/// Each value has the weight of its vertex' area, a third of the triangles around it. A percentile is the smallest
-/// absolute value that at least that share of the area does not exceed. Values that are not finite, and vertices for which
-/// `values` or `mask` is too short, are not counted. `None` when no vertex with an area is counted.
+/// A `mask` of `None` selects all vertices.
+///
+/// Each value has the weight of its vertex's area, a third of the triangles around it. A percentile is the smallest absolute
+/// value that at least that share of the area does not exceed. Values that are not finite, and vertices beyond the end of
+/// `values` or `mask`, are not counted. Returns `None` when no vertex with an area is counted.
+///
+/// # Examples
+/// ```
+/// use prosopon_geometry::{Point, TriMesh};
+/// use prosopon_planning::evaluate::statistics;
+///
+/// let corners = [[0.0, 0.0], [10.0, 0.0], [0.0, 10.0]].map(|[x, y]| Point::new(x, y, 0.0));
+/// let triangle = TriMesh::new(corners.to_vec(), vec![[0, 1, 2]])?;
+/// let found = statistics(&triangle, &[1.0, -2.0, 4.0], None).ok_or("nothing to count")?;
+/// assert_eq!(found.count, 3);
+/// assert!((found.mean - 1.0).abs() < 1e-9 && (found.mean_abs - 7.0 / 3.0).abs() < 1e-9);
+/// assert_eq!((found.p50, found.max), (2.0, 4.0));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[must_use]
 pub fn statistics(mesh: &TriMesh, values: &[f32], mask: Option<&[bool]>) -> Option<Statistics> {
     let areas = vertex_areas(mesh);
@@ -71,7 +87,7 @@ pub fn statistics(mesh: &TriMesh, values: &[f32], mask: Option<&[bool]>) -> Opti
         let mut sum = 0.0;
         let reached = |s: &&(f64, f64)| {
             sum += s.1;
-            // Room for rounding in the sum, far below one vertex.
+            // Tolerance for rounding in the sum, far below the area of one vertex.
             sum >= share * total * (1.0 - 1e-12)
         };
         sizes.iter().find(reached).map_or(max, |s| s.0)
@@ -119,7 +135,7 @@ mod tests {
         near(s.rms, square.sqrt());
         near(s.variance, square - mean * mean);
         near(s.l2_norm, (16.0f64 + 1.0 + 0.25 + 4.0).sqrt());
-        // By size: 0.5 (area 3), 1 (to 6), 2 (to 8), 4 (to 9).
+        // In ascending order: 0.5 (area 3), 1 (to 6), 2 (to 8), 4 (to 9).
         assert_eq!((s.p50, s.p90, s.p95, s.max), (1.0, 4.0, 4.0, 4.0));
         near(s.share_below[0], 3.0 / 9.0);
         near(s.share_below[1], 6.0 / 9.0);

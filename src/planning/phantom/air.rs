@@ -12,7 +12,7 @@ pub(super) fn airway<T: Real>(p: [T; 3]) -> T {
     union(nasal_cavity(p), throat(p), 5.0)
 }
 
-/// From the vestibule of the nose to the choanae.
+/// Airway from the vestibule of the nose to the choanae.
 fn nasal_cavity<T: Real>(p: [T; 3]) -> T {
     let cavity = rounded_box(p, [0.0, -56.0, 42.0], [9.0, 28.0, 11.0], 6.0);
     let roof = rounded_box(p, [0.0, -58.0, 50.0], [4.5, 23.0, 12.0], 4.0);
@@ -36,7 +36,7 @@ fn mouth<T: Real>(p: [T; 3]) -> T {
     union(vestibule, slit, 1.5).min(oral)
 }
 
-/// Points whose two coordinates are smaller than the half extents.
+/// Infinite slab of points whose two coordinates are smaller than the half extents.
 fn slab<T: Real>(u: T, half_u: f64, v: T, half_v: f64) -> T {
     intersection(u.abs() - half_u, v.abs() - half_v, 1.0)
 }

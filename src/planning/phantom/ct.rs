@@ -6,15 +6,15 @@ const AIR: f64 = -1000.0;
 const FAT: f64 = -90.0;
 const SOFT: f64 = 40.0;
 const BONE: f64 = 1200.0;
-/// Depths below the skin between which there is fat, mm.
+/// Fat lies between these depths below the skin, mm.
 const FAT_FROM_MM: f64 = 2.0;
 const FAT_TO_MM: f64 = 7.0;
 
 impl Phantom {
-    /// A CT of the phantom: air -1000, soft tissue 40, fat -90 between 2 and 7 mm below the skin, bone 1200 HU. Within half
-    /// a voxel of a surface the values of both sides are mixed by their share (partial volume).
+    /// Samples a CT of the phantom with cubic voxels of edge `spacing_mm`.
     ///
-    /// - `spacing_mm`: edge of the cubic voxels
+    /// The values are -1000 HU for air, 40 for soft tissue, -90 for fat (2 to 7 mm below the skin) and 1200 for bone. Within
+    /// half a voxel of a surface the values of both sides are mixed by their share (partial volume).
     #[must_use]
     pub fn ct(&self, spacing_mm: f64) -> Volume {
         let bounds = self.bounds();

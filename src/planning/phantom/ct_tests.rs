@@ -1,11 +1,11 @@
-//! Surfaces from a CT of the phantom against the solids that the CT was made of.
+//! Compares surfaces extracted from a CT of the phantom with the solids it was sampled from.
 
 use super::head;
 use crate::surface::{CtSettings, from_ct};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Implicit, Point, Topology, TriMesh, Vector, Volume, parts};
 
-/// Pixels of the stacks, mm; also the width over which `Phantom::ct` mixes values.
+/// Pixel size of the stacks, mm; also the width over which `Phantom::ct` mixes values.
 const PIXEL: f64 = 1.7;
 const STEP: f64 = 2.4;
 

@@ -1,8 +1,8 @@
-//! Numbers that the solids are written in: plain, or carrying their gradient (forward-mode differentiation).
+//! Scalars in which the solids are written: plain or with their gradient (forward-mode differentiation).
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-/// A scalar of the position: [`f64`] or [`Dual`].
+/// A scalar that depends on the position: [`f64`] or [`Dual`].
 pub(super) trait Real:
     Copy
     + Add<Output = Self>
@@ -94,7 +94,7 @@ impl Real for Dual {
     }
     fn sqrt(self) -> Self {
         let root = self.value.sqrt();
-        // Only sums of squares are rooted: at 0 they have their minimum.
+        // Only sums of squares occur under the root; where they are 0 they have their minimum, so the gradient is 0.
         self.scaled(root, if root > 0.0 { 0.5 / root } else { 0.0 })
     }
     fn cos(self) -> Self {

@@ -3,7 +3,7 @@ use super::landmarks::Landmarks;
 use super::{air, skin, skull};
 use prosopon_geometry::{Aabb, Implicit, Point, Vector};
 
-/// The analytic solids of the phantom; each is negative inside, LPS mm.
+/// Analytic solids of the phantom; each is negative inside, LPS mm.
 pub struct Phantom {
     /// Everything inside the skin.
     pub skin: Box<dyn Implicit + Send>,
@@ -21,7 +21,7 @@ impl std::fmt::Debug for Phantom {
     }
 }
 
-/// One formula, evaluated plainly and with its gradient.
+/// One formula in two versions: plain, and with its gradient.
 struct Solid {
     value: fn([f64; 3]) -> f64,
     dual: fn([Dual; 3]) -> Dual,
@@ -38,7 +38,23 @@ impl Implicit for Solid {
     }
 }
 
-/// The standard phantom.
+/// Builds the standard phantom.
+///
+/// # Examples
+///
+/// The skull is a closed surface of plausible volume, and the landmark of the nose tip lies on the skin.
+/// ```
+/// use prosopon_geometry::Topology;
+/// use prosopon_planning::phantom;
+///
+/// let head = phantom::head();
+/// let skull = phantom::surface_of(head.skull.as_ref(), &head.bounds(), 3.0).ok_or("the box holds no skull")?;
+/// assert!(Topology::of(&skull).is_closed_manifold());
+/// assert!((600.0..950.0).contains(&(skull.volume() / 1e3))); // cm³
+/// let nose = head.landmarks.point("pronasale").ok_or("no pronasale")?;
+/// assert!(head.skin.value(&nose).abs() < 0.01);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[must_use]
 pub fn head() -> Phantom {
     Phantom {
@@ -50,7 +66,7 @@ pub fn head() -> Phantom {
 }
 
 impl Phantom {
-    /// Box around the head, LPS mm.
+    /// Box that contains the head with a margin, LPS mm.
     #[must_use]
     pub fn bounds(&self) -> Aabb {
         Aabb { min: Point::new(-80.0, -118.0, -68.0), max: Point::new(80.0, 102.0, 174.0) }

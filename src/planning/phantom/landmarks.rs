@@ -1,21 +1,21 @@
 use super::dual::Real;
 use prosopon_geometry::{Point, Vector};
 
-/// Landmarks of a head, LPS mm.
+/// Landmarks and planes of a head, LPS mm.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Landmarks {
     /// Name and position: `pogonion`, `menton`, `ans`, `nasal_bone_tip`, `pronasale`, `soft_pogonion`.
     pub points: Vec<(String, Point)>,
-    /// x of the midline.
+    /// x of the midline, mm.
     pub midline_x_mm: f64,
-    /// z of the occlusal plane.
+    /// z of the occlusal plane, mm.
     pub occlusal_plane_z_mm: f64,
     /// Point and unit normal of the Le Fort I plane.
     pub le_fort_1_plane: (Point, Vector),
 }
 
 impl Landmarks {
-    /// The landmark called `name`.
+    /// Position of the landmark called `name`; `None` when there is none.
     #[must_use]
     pub fn point(&self, name: &str) -> Option<Point> {
         self.points.iter().find(|(n, _)| n == name).map(|(_, p)| *p)

@@ -1,11 +1,12 @@
-//! An analytic head: skin, skull with separable maxilla and mandible, airway. The source of truth in tests and
-//! the demo's patient when none is given.
+//! An analytic head: skin, skull with separable maxilla and mandible, airway.
+//! It serves as ground truth in tests and as the patient of the demo when none is given.
 //!
 //! Invariants: pure functions of the settings; no patient data; left and right are mirror images about x = 0.
 //!
 //! # Frame
-//! LPS mm with the face towards -y; z = 0 is the occlusal plane, the condyles lie near y = 8. Proportions are those of
-//! an average adult, drawn from textbook distances, of no person.
+//! LPS mm with the face towards -y.
+//! The occlusal plane is z = 0, and the condyles lie near y = 8. The proportions are those of an average adult from textbook
+//! distances, not of a particular person.
 
 mod air;
 mod ct;

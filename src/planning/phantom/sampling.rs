@@ -1,10 +1,11 @@
 use prosopon_geometry::{Aabb, Implicit, Point, ScalarGrid, TriMesh, Vector, isosurface};
 use rayon::prelude::*;
 
-/// Surface of an analytic solid inside `bounds`, sampled at `spacing_mm`; `None` when the solid does not reach into them.
+/// Samples the surface of an analytic solid inside `bounds` at `spacing_mm`.
+/// Returns `None` when `bounds` contain no surface of the solid.
 ///
-/// Vertices are brought onto the zero set by Newton steps, except where that would move them by more than a tenth of
-/// the spacing (edges, and the cap where `bounds` cut the solid).
+/// Newton steps move the vertices onto the zero set, except where that would move them by more than a tenth of the spacing
+/// (edges, and the cap where `bounds` cut the solid).
 #[must_use]
 pub fn surface_of(solid: &dyn Implicit, bounds: &Aabb, spacing_mm: f64) -> Option<TriMesh> {
     let mut grid = ScalarGrid::covering(bounds, spacing_mm, 0.0);
@@ -21,7 +22,7 @@ pub fn surface_of(solid: &dyn Implicit, bounds: &Aabb, spacing_mm: f64) -> Optio
     mesh.with_positions(on_surface).ok()
 }
 
-/// The zero of `solid` next to `p`, or `p` itself when that is farther than `reach` (mm).
+/// The zero of `solid` near `p`, or `p` itself when the zero is farther than `reach` (mm).
 fn project(solid: &dyn Implicit, p: &Point, reach: f64) -> Point {
     let mut q = *p;
     for _ in 0..3 {

@@ -1,13 +1,14 @@
-//! Solids whose value is near their surface a signed distance (mm), and smooth ways to join them.
+//! Solids whose values are signed distances (mm) near their surface, and smooth ways to combine them.
 
 use super::dual::Real;
 
-/// Smooth `|x|`, rounded within about a millimetre of the midline: solids in pairs are written for the left side.
+/// Smooth `|x|`, rounded within about a millimetre of the midline.
+/// Paired solids are written for the left side only.
 pub(super) fn mirrored<T: Real>(p: [T; 3]) -> [T; 3] {
     [(p[0].squared() + 0.25).sqrt(), p[1], p[2]]
 }
 
-/// Ellipsoid. Zero set exact to 5e-7 of its radius, value a distance to first order.
+/// Ellipsoid. The zero set is exact to 5e-7 of its radius; the value is a distance to first order.
 pub(super) fn ellipsoid<T: Real>(p: [T; 3], center: [f64; 3], radii: [f64; 3]) -> T {
     let mut k0 = T::constant(1e-6);
     let mut k1 = T::constant(0.0);
@@ -16,13 +17,13 @@ pub(super) fn ellipsoid<T: Real>(p: [T; 3], center: [f64; 3], radii: [f64; 3]) -
         k0 = k0 + q.squared();
         k1 = k1 + (q * (1.0 / radii[a])).squared();
     }
-    // k0 / |∇k0| turns the level into mm. The added terms keep it finite at the centre, where it becomes the mean radius.
+    // k0 / |∇k0| converts the level to mm. The added terms keep it finite at the centre, where it becomes the mean radius.
     let mean = (radii[0] + radii[1] + radii[2]) / 3.0;
     let length = ((k0 + 1e-3) / (k1 + 1e-3 / (mean * mean))).sqrt();
     (k0.sqrt() - 1.0) * length
 }
 
-/// Capsule whose radius goes linearly from `radius_a` at `a` to `radius_b` at `b`.
+/// Capsule whose radius varies linearly from `radius_a` at `a` to `radius_b` at `b`.
 pub(super) fn capsule<T: Real>(p: [T; 3], a: [f64; 3], b: [f64; 3], radius_a: f64, radius_b: f64) -> T {
     let axis = [b[0] - a[0], b[1] - a[1], b[2] - a[2]];
     let length_sq: f64 = axis.iter().map(|c| c * c).sum();
@@ -43,8 +44,8 @@ pub(super) fn rounded_box<T: Real>(p: [T; 3], center: [f64; 3], half: [f64; 3], 
     outside + q[0].max(q[1]).max(q[2]).min(zero) - radius
 }
 
-/// Dental arch seen from above: half an ellipse with semi-axes `half_width` along x and `depth` towards the front, centred
-/// at (0, `back_y`). Behind the centre its legs go straight back.
+/// Dental arch seen from above: half an ellipse with semi-axes `half_width` along x and `depth` towards the front, centred at
+/// (0, `back_y`). Behind the centre its legs run straight back.
 #[derive(Clone, Copy)]
 pub(super) struct Arch {
     pub(super) half_width: f64,
@@ -64,8 +65,8 @@ impl Arch {
         (k0.sqrt() - 1.0) * length
     }
 
-    /// Wall along the arch of thickness `2 half_thickness` between the heights `low` and `high`, ending at `end_y` behind;
-    /// all edges rounded by `radius`.
+    /// Wall along the arch of thickness `2 half_thickness` between the heights `low` and `high`, which ends at `end_y` behind.
+    /// All edges are rounded by `radius`.
     pub(super) fn wall<T: Real>(
         &self,
         p: [T; 3],
@@ -84,7 +85,7 @@ impl Arch {
         outside + q[0].max(q[1]).max(q[2]).min(zero) - radius
     }
 
-    /// Wave along the arch, 1 between two teeth and -1 in the middle of each, with `teeth` teeth over the half ellipse.
+    /// Wave along the arch: 1 between two teeth, -1 in the middle of each, with `teeth` teeth over the half ellipse.
     pub(super) fn teeth_wave<T: Real>(&self, p: [T; 3], teeth: f64) -> T {
         let sideways = p[0] * (1.0 / self.half_width);
         let forward = (p[1] - self.back_y) * (-1.0 / self.depth);

@@ -3,7 +3,7 @@
 use super::dual::Real;
 use super::shapes::{capsule, difference, ellipsoid, intersection, mirrored, union};
 
-/// The neck is cut at this height, mm.
+/// Height at which the neck is cut, mm.
 const NECK_Z: f64 = -62.0;
 
 pub(super) fn skin<T: Real>(p: [T; 3]) -> T {
@@ -40,7 +40,7 @@ fn face<T: Real>(p: [T; 3], s: [T; 3]) -> T {
     union(face, chin, 18.0)
 }
 
-/// Sockets, and eyeballs behind closed lids.
+/// Orbits, and eyeballs behind closed lids.
 fn eyes<T: Real>(head: T, s: [T; 3]) -> T {
     let socket = ellipsoid(s, [31.5, -97.0, 71.0], [17.5, 17.0, 11.0]);
     let ball = ellipsoid(s, [31.0, -71.0, 71.0], [14.0, 12.5, 12.0]);

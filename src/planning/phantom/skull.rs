@@ -1,27 +1,27 @@
-//! Bone and teeth: cranium with the upper jaw, and the mandible apart from it.
+//! Bone and teeth: cranium with the upper jaw, and the separate mandible.
 
 use super::air::airway;
 use super::dual::Real;
 use super::shapes::{Arch, capsule, difference, ellipsoid, intersection, mirrored, rounded_box, union};
 
-/// Bone starts this far from the air of nose and throat, mm.
+/// Distance of bone from the air of nose and throat, mm.
 const MUCOSA_MM: f64 = 2.0;
 
-/// Middle of the upper teeth's crowns.
+/// Centre line of the upper teeth's crowns.
 pub(super) const UPPER_ARCH: Arch = Arch { half_width: 27.0, depth: 53.0, back_y: -31.0 };
-/// Middle of the lower teeth's crowns: an overjet of 2 mm.
+/// Centre line of the lower teeth's crowns, which gives an overjet of 2 mm.
 pub(super) const LOWER_ARCH: Arch = Arch { half_width: 25.5, depth: 51.0, back_y: -31.0 };
 
-/// Middle of the alveolar processes, behind the crowns.
+/// Centre lines of the alveolar processes, behind the crowns.
 const UPPER_ALVEOLAR: Arch = Arch { half_width: 26.0, depth: 48.0, back_y: -31.0 };
 const LOWER_ALVEOLAR: Arch = Arch { half_width: 25.0, depth: 43.0, back_y: -31.0 };
 
-/// Teeth over half an ellipse; the last ones lie where the arch's ends go straight.
+/// Number of teeth over half an ellipse; the last ones lie where the arch becomes straight.
 const TEETH: f64 = 7.0;
 
 pub(super) fn skull<T: Real>(p: [T; 3]) -> T {
     let s = mirrored(p);
-    // The two are apart by a gap, so the plain minimum is smooth near both surfaces.
+    // A gap separates the two, so the plain minimum is smooth near both surfaces.
     upper(p, s).min(mandible(p, s))
 }
 
@@ -42,7 +42,7 @@ fn cranium<T: Real>(p: [T; 3]) -> T {
     let outer = intersection(outer, -p[2] + 42.0, 16.0);
     let inner = ellipsoid(p, [0.0, 2.0, 92.0], [61.0, 79.0, 63.0]);
     let inner = intersection(inner, -p[2] + 52.0, 16.0);
-    // The floor rises towards the front, over the orbits.
+    // The floor rises towards the front, above the orbits.
     let inner = intersection(inner, (p[1] + 25.0) * -0.74 - (p[2] - 54.0) * 0.67, 12.0);
     difference(outer, inner, 2.0)
 }
@@ -61,7 +61,7 @@ fn midface<T: Real>(p: [T; 3], s: [T; 3]) -> T {
     union(bone, union(alveolar, palate, 4.0), 6.0)
 }
 
-/// Cheek bone with the lateral and lower rim of the orbit and the arch to the ear.
+/// Zygoma with the lateral and lower rim of the orbit and the zygomatic arch to the ear.
 fn zygoma<T: Real>(s: [T; 3]) -> T {
     let body = ellipsoid(s, [44.0, -52.0, 45.0], [15.0, 15.0, 10.0]);
     let lower_rim = capsule(s, [46.0, -58.0, 51.0], [14.0, -73.0, 51.0], 5.0, 4.5);

@@ -1,9 +1,9 @@
-//! The phantom against finite differences, its own symmetry and anatomical distances.
+//! Tests the phantom against finite differences, its own symmetry and anatomical distances.
 
 use super::{Phantom, head, surface_of};
 use prosopon_geometry::{Aabb, Implicit, Point, Topology, TriMesh, Vector};
 
-/// Deterministic points in the head's box.
+/// Deterministic points in the box of the head.
 fn points(n: u64) -> impl Iterator<Item = Point> {
     let unit = |x: u64| (x.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 11) as f64 / (1u64 << 53) as f64;
     let b = head().bounds();
@@ -15,7 +15,7 @@ fn solids(p: &Phantom) -> [(&'static str, &(dyn Implicit + Send)); 3] {
     [("skin", p.skin.as_ref()), ("skull", p.skull.as_ref()), ("air", p.air.as_ref())]
 }
 
-/// The airway's gaps are about 2 mm wide.
+/// Samples the air finely, because the airway's gaps are about 2 mm wide.
 fn air_surface(phantom: &Phantom) -> TriMesh {
     let bounds = Aabb { min: Point::new(-40.0, -100.0, -40.0), max: Point::new(40.0, 12.0, 70.0) };
     surface_of(phantom.air.as_ref(), &bounds, 1.0).unwrap()
@@ -104,13 +104,13 @@ fn skull_and_air_lie_inside_the_skin_and_apart() {
     }
 }
 
-/// First bone met from the front at (x, z).
+/// First bone from the front at (x, z).
 fn bone_from_front(phantom: &Phantom, x: f64, z: f64) -> Point {
     let hit = (0..4000).map(|i| Point::new(x, -130.0 + 0.05 * f64::from(i), z));
     hit.into_iter().find(|p| phantom.skull.value(p) < 0.0).unwrap()
 }
 
-/// From a point of the bone outwards along the skin's gradient to the skin, mm.
+/// Distance from a point of the bone outwards along the skin's gradient to the skin, mm.
 fn thickness(phantom: &Phantom, bone: Point) -> f64 {
     let mut p = bone;
     let mut length = 0.0;
@@ -164,7 +164,7 @@ fn the_mandible_is_apart_from_the_skull_and_planes_part_a_maxilla() {
     let mesh = surface_of(phantom.skull.as_ref(), &lower_face, 1.0).unwrap();
     assert_eq!(prosopon_geometry::parts(&mesh).len(), 2);
 
-    // Bone between the occlusal and the Le Fort I plane before the tuberosities touches neither cheek bone nor ramus.
+    // Bone between the occlusal and the Le Fort I plane in front of the tuberosities touches neither zygoma nor ramus.
     let cut = |p: &Point| (0.0..32.0).contains(&p.z) && p.y < -28.0;
     let lateral = mesh.positions().iter().filter(|p| cut(p)).map(|p| p.x.abs()).fold(0.0, f64::max);
     assert!(lateral < 36.0, "{lateral}");

@@ -1,6 +1,6 @@
-//! Skin and skull from a CT.
+//! Extracts skin and skull surfaces from a CT.
 //!
-//! Invariants: the surfaces are closed and two-manifold; every change made to a surface is reported.
+//! Invariants: the surfaces are closed and two-manifold; every removal or repair is reported as a warning.
 
 mod ct;
 
@@ -8,26 +8,26 @@ pub use ct::{BONE_LEVELS_HU, CtSettings, CtSurfaces, SKIN_LEVELS_HU, from_ct};
 
 use prosopon_geometry::control::Cancelled;
 
-/// Why no surface came out.
+/// Reason why no surface could be extracted.
 #[derive(Debug, thiserror::Error)]
 pub enum SurfaceError {
-    /// Nothing crosses the threshold.
+    /// No surface was found at the threshold.
     #[error("no {what} found: nothing in the volume crosses {threshold} {unit}")]
     NothingFound {
-        /// Skin, bone, …
+        /// What was searched for, for example skin or bone.
         what: &'static str,
-        /// The level that was looked for.
+        /// The threshold that was used.
         threshold: f64,
-        /// Unit of the level.
+        /// Unit of the threshold.
         unit: &'static str,
     },
-    /// The volume cannot be used.
+    /// The volume or a setting cannot be used.
     #[error("the volume is not usable: {detail}")]
     Volume {
-        /// What is wrong with it.
+        /// What is wrong, with numbers and units.
         detail: String,
     },
-    /// Stopped by the caller.
+    /// The caller cancelled the computation.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
 }

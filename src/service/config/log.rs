@@ -1,14 +1,16 @@
 use tracing_subscriber::EnvFilter;
 use tracing_subscriber::filter::LevelFilter;
 
-/// What is wrong with a choice of what is logged. A bare word must be a level: the filter itself would take `inof` for the name of a module.
+/// Checks a log filter.
+///
+/// A bare word must be a level: the filter itself would take `inof` for a module name.
 pub(super) fn check(level: &str) -> Result<(), String> {
     if level.trim().is_empty() {
-        return Err("is empty; `off` logs nothing".to_owned());
+        return Err("is empty; use `off` to log nothing".to_owned());
     }
     for part in level.split(',').map(str::trim) {
         let named = part.rsplit_once('=').map_or(part, |(_, level)| level);
-        // The filter takes nothing for a level.
+        // The filter itself would accept an empty text as a level.
         if named.is_empty() || named.parse::<LevelFilter>().is_err() {
             return Err(format!("`{part}` is neither off, error, warn, info, debug, trace nor MODULE=LEVEL"));
         }

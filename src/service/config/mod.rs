@@ -1,5 +1,6 @@
-//! Configuration of the service: defaults, a TOML file, `PROSOPON_…` variables and flags, each over the one before; checked once at
-//! start, all faults at once.
+//! Configuration of the service, from defaults, a TOML file, `PROSOPON_…` variables and flags.
+//!
+//! Later sources override earlier ones. The configuration is checked once at start, and all faults are reported together.
 
 mod log;
 mod otlp;
@@ -20,23 +21,23 @@ use prosopon_jobs::ServiceSettings;
 use prosopon_session::chain;
 use prosopon_store::{BucketUrl, Places};
 
-/// Certificate chain and private key, PEM.
+/// PEM files of the TLS certificate chain and private key.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct TlsFiles {
-    /// The chain, the service's own certificate first.
+    /// File of the certificate chain, the service's own certificate first.
     pub cert: PathBuf,
-    /// Its key.
+    /// File of the private key.
     pub key: PathBuf,
 }
 
-/// Bounds on connections.
+/// Limits of connections.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ConnectionLimits {
-    /// Connections at the same time.
+    /// Largest number of connections at the same time.
     pub most: usize,
-    /// Longest time until the head of a request is there.
+    /// Longest time until the head of a request has arrived.
     pub head: Duration,
-    /// Longest time for which a client may take nothing of an answer.
+    /// Longest time for which a client can accept no data of an answer.
     pub stalled: Duration,
 }
 
@@ -46,60 +47,64 @@ impl Default for ConnectionLimits {
     }
 }
 
-/// How the log is written.
+/// Format of the log.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LogFormat {
     /// Text on a terminal, JSON otherwise.
     #[default]
     Auto,
-    /// Text.
+    /// Plain text.
     Text,
-    /// One JSON object a line.
+    /// One JSON object per line.
     Json,
 }
 
-/// Everything that `prosopon serve` is told.
+/// Configuration of `prosopon serve`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ServeConfig {
-    /// Address; port 0 picks a free one. Off loopback only with authentication.
+    /// Address to listen on; port 0 picks a free port. Addresses other than loopback need authentication.
     pub listen: SocketAddr,
-    /// Where sessions and results are kept, and the audit log.
+    /// Data directory with sessions, results and the audit log.
     pub data: PathBuf,
-    /// Other places for sessions and results.
+    /// Database and bucket for sessions and results, instead of the data directory.
     pub places: Places,
-    /// Whether the API is served; else jobs are computed for processes on the same database that serve it.
+    /// Whether this process serves the API.
+    ///
+    /// If not, it computes jobs for API processes on the same database.
     pub api: bool,
-    /// Threads for numerics; 0 is one a core.
+    /// Number of threads for numerics; 0 means one per core.
     pub threads: usize,
-    /// Memory for fields, meshes and equations that are kept between jobs, bytes.
+    /// Size of the cache of fields, meshes and equations between jobs, bytes.
     pub cache_bytes: u64,
-    /// Host names besides loopback that requests may be for (a proxy's).
+    /// Host names, besides loopback, that the Host header can name, such as a proxy's.
     pub allowed_hosts: Vec<String>,
-    /// Origins whose pages may use the service.
+    /// Origins whose pages can use the service (CORS).
     pub origins: Vec<String>,
-    /// Bounds on requests.
+    /// Limits of requests.
     pub limits: HttpLimits,
-    /// Bounds on connections.
+    /// Limits of connections.
     pub connections: ConnectionLimits,
-    /// Bounds on jobs and uploads' content.
+    /// Limits of jobs and of the contents of uploads.
     pub service: ServiceSettings,
-    /// Whose tokens are trusted; `None` lets anyone in.
+    /// Keys and identity providers whose tokens are trusted; `None` turns authentication off.
     pub auth: Option<AuthSettings>,
-    /// TLS; plain HTTP when `None`.
+    /// TLS certificate and key; plain HTTP when `None`.
     pub tls: Option<TlsFiles>,
-    /// Longest wait for a running job when the service stops; then it is interrupted, and the next start takes it up.
+    /// Longest wait for running jobs when the service stops.
+    ///
+    /// Then they are interrupted, and the next start resumes them.
     pub drain: Duration,
-    /// What is logged.
+    /// Log level, or a filter such as `info,sqlx=warn`.
     pub log_level: String,
-    /// How.
+    /// Format of the log.
     pub log_format: LogFormat,
-    /// An OpenTelemetry collector for spans: the base of its OTLP over HTTP.
+    /// Base address of an OpenTelemetry collector for spans (OTLP over HTTP); no spans when `None`.
     pub otlp_endpoint: Option<String>,
 }
 
 impl ServeConfig {
-    /// Defaults for a data directory, on a free loopback port.
+    /// Default configuration for a data directory, on a free loopback port.
     #[must_use]
     pub fn new(data: PathBuf) -> Self {
         Self {
@@ -123,18 +128,20 @@ impl ServeConfig {
         }
     }
 
-    /// Reads a TOML file where one is named, the environment, and `flags` by the paths of settings.
+    /// Reads a TOML file if one is named, the environment, and `flags`, whose keys are paths of settings.
+    ///
+    /// Returns the configuration and its printed form, without hashes.
     ///
     /// # Errors
-    /// [`ConfigError`] with one line a fault.
+    /// [`ConfigError`] with one line per fault.
     pub fn read(file: Option<&Path>, flags: &BTreeMap<&'static str, Value>) -> Result<(Self, String), ConfigError> {
         read::read(file, flags)
     }
 
-    /// All faults of the configuration.
+    /// Checks the configuration.
     ///
     /// # Errors
-    /// [`ConfigError`] with one line a fault.
+    /// [`ConfigError`] with one line per fault.
     pub fn check(&self) -> Result<(), ConfigError> {
         let faults = self.faults();
         if faults.is_empty() { Ok(()) } else { Err(ConfigError { faults }) }
@@ -144,8 +151,8 @@ impl ServeConfig {
         let mut faults = Vec::new();
         if !self.listen.ip().is_loopback() && self.auth.is_none() {
             faults.push(format!(
-                "listen: {} is not a loopback address, and without authentication anyone there could read every session: configure \
-                 [auth] (deploy/README.md says how), or listen on 127.0.0.1 or ::1",
+                "listen: {} is not a loopback address, and without authentication anyone could read every session; \
+                 configure [auth] (see deploy/README.md), or listen on 127.0.0.1 or ::1",
                 self.listen
             ));
         }
@@ -155,7 +162,7 @@ impl ServeConfig {
             }
         };
         let nameless = self.allowed_hosts.iter().any(|host| host.trim().is_empty());
-        check(nameless, "allow_host: there is a name without letters");
+        check(nameless, "allow_host: a name is empty; remove it");
         check(self.threads > 1024, "threads: allowed is 0 to 1024");
         check(self.limits.max_surface_bytes == 0, "max_surface_mb: must be above 0");
         check(self.limits.max_ct_bytes == 0, "max_ct_mb: must be above 0");
@@ -167,27 +174,27 @@ impl ServeConfig {
         let alone = !self.service.works && self.places.database.is_none();
         check(
             alone,
-            "worker: nobody else can do the jobs of a store in the data directory; name a database, or leave it true",
+            "worker: no other process can run the jobs of a data directory; name a database, or leave worker true",
         );
         let divided = !(self.api && self.service.works) && self.places.database.is_some();
         check(
             divided && self.places.blobs.is_none(),
-            "blobs: processes that divide the work need one bucket; the data directory is each one's own",
+            "blobs: API and worker processes on one database need a common bucket; name it",
         );
         check(
             !self.api && self.places.database.is_none(),
-            "database: a worker needs the one that the API's processes have",
+            "database: a worker needs the database of the API processes; name it",
         );
-        check(!self.api && !self.service.works, "worker: a worker that computes no jobs does nothing");
+        check(!self.api && !self.service.works, "worker: a process without API and jobs does nothing; set it to true");
         check(!(2..=3600).contains(&self.service.lease.as_secs()), "lease_s: allowed is 2 to 3600");
         check(self.service.max_wall.is_zero(), "max_wall_s: must be above 0");
         check(self.service.session_quota == 0, "session_quota_mb: must be above 0");
         check(self.service.session_retention.is_some_and(|r| r.is_zero()), "session_retention_days: must be above 0");
-        // Ids of what is gone are forgotten later than that.
+        // The store keeps the ids of deleted objects longer than this limit.
         check(self.service.deleted_retention.as_secs() > 7 * 86_400, "deleted_retention_s: allowed is 0 to 604800");
         check(self.service.janitor_every.is_zero(), "janitor_every_s: must be above 0");
         check(self.connections.most == 0, "max_connections: must be above 0");
-        // It is added to the present instant.
+        // The timer adds it to the current time, so a huge value would overflow.
         let head = self.connections.head.as_secs();
         check(!(1..=86_400).contains(&head), "header_timeout_s: allowed is 1 to 86400");
         check(self.connections.stalled.is_zero(), "write_timeout_s: must be above 0");
@@ -195,7 +202,7 @@ impl ServeConfig {
             let fine = ["http://", "https://"].iter().any(|scheme| {
                 origin.strip_prefix(scheme).is_some_and(|host| !host.is_empty() && !host.contains(['/', '*', ' ']))
             });
-            check(!fine, &format!("cors_origins: `{origin}` is no origin such as https://plan.example"));
+            check(!fine, &format!("cors_origins: `{origin}` is not an origin such as https://plan.example"));
         }
         for (name, time) in [
             ("upload_idle_s", self.limits.upload_idle),
@@ -218,13 +225,13 @@ impl ServeConfig {
             check(true, &format!("tls: {fault}"));
         }
         if let Some(auth) = &self.auth {
-            check(auth.keys.is_empty() && auth.jwt.is_none(), "auth: there is neither a key nor an identity provider");
+            check(auth.keys.is_empty() && auth.jwt.is_none(), "auth: neither a key nor an identity provider is given");
             for (index, key) in auth.keys.iter().enumerate() {
                 for fault in key.faults() {
                     check(true, &format!("auth.keys[{index}]: {fault}"));
                 }
                 let twice = auth.keys.iter().take(index).any(|other| other.id == key.id);
-                check(twice, &format!("auth.keys[{index}]: there are two keys with the id `{}`", key.id));
+                check(twice, &format!("auth.keys[{index}]: another key has the id `{}` too; rename one", key.id));
             }
             if let Some(jwt) = &auth.jwt {
                 for fault in jwt.faults() {
@@ -236,24 +243,24 @@ impl ServeConfig {
     }
 }
 
-/// What is wrong with the configuration.
+/// The faults of a configuration.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{}", faults.join("\n"))]
 pub struct ConfigError {
-    /// One line a fault.
+    /// One line per fault.
     pub faults: Vec<String>,
 }
 
-/// An address as `--listen` takes it: `IP:PORT` or `localhost:PORT`.
+/// Parses an address of `--listen`: `IP:PORT` or `localhost:PORT`.
 ///
 /// # Errors
-/// What is wrong with it.
+/// A message that names the text and the expected form.
 pub fn parse_listen(text: &str) -> Result<SocketAddr, String> {
-    let expected = || format!("`{text}` is no address; expected IP:PORT such as 127.0.0.1:8080");
+    let expected = || format!("`{text}` is not an address; expected IP:PORT such as 127.0.0.1:8080");
     if let Ok(address) = text.parse() {
         return Ok(address);
     }
-    // Names are looked up for localhost only, so that nothing depends on a name server.
+    // Only localhost is resolved, so that the start does not depend on a name server.
     match text.strip_prefix("localhost:") {
         Some(_) => text.to_socket_addrs().ok().and_then(|mut a| a.find(|a| a.ip().is_loopback())).ok_or_else(expected),
         None => Err(expected()),
@@ -309,7 +316,7 @@ mod tests {
         assert_eq!((keys[0].tenant.as_str(), keys[0].scopes.to_string().as_str()), ("hospital-a", "read write"));
         assert!(printed.contains("max_waiting = 9") && printed.contains("front"));
         assert!(!printed.contains("argon2"), "{printed}");
-        // What is printed can be read again.
+        // The printed configuration can be read again.
         std::fs::write(&file, &printed).unwrap();
         let (again, reprinted) = ServeConfig::read(Some(&file), &BTreeMap::new()).unwrap();
         assert_eq!((again.listen.port(), again.allowed_hosts), (9000, vec!["plan.example".to_owned()]));
@@ -327,12 +334,12 @@ mod tests {
         std::fs::write(&file, text).unwrap();
         let error = ServeConfig::read(Some(&file), &BTreeMap::new()).unwrap_err();
         for (path, words) in [
-            ("listen", "no address"),
+            ("listen", "not an address"),
             ("max_waiting", "invalid type"),
             ("max_wating", "is not a setting"),
             ("max_surface_mb", "above 0"),
-            ("cors_origins", "no origin"),
-            ("allow_host", "without letters"),
+            ("cors_origins", "not an origin"),
+            ("allow_host", "is empty"),
             ("header_timeout_s", "86400"),
             ("tls", "key"),
             ("auth.keys[0]", "tenant"),
@@ -344,7 +351,7 @@ mod tests {
             let told = |f: &String| f.starts_with(&format!("{path}:")) && f.contains(words);
             assert!(error.faults.iter().any(told), "{path} {words}: {error}");
         }
-        // Of one key all is told.
+        // All faults of one key are reported.
         for words in ["argon2id", "no scope"] {
             assert!(error.faults.iter().any(|f| f.starts_with("auth.keys[0]:") && f.contains(words)), "{error}");
         }

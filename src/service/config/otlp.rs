@@ -1,16 +1,18 @@
 use axum::http::Uri;
 
-/// What is wrong with the address of a collector. Without TLS, as the client for it is: a collector on this machine passes spans on.
+/// Checks the address of a collector: plain HTTP without password and query.
+///
+/// The client for spans has no TLS; a collector on the same machine forwards the spans.
 pub(super) fn check(endpoint: &str) -> Result<(), String> {
     if !cfg!(feature = "otlp") {
-        return Err("this build sends no traces; build it with `--features otlp`, or remove the setting".to_owned());
+        return Err("this build cannot send traces; build it with `--features otlp`, or remove the setting".to_owned());
     }
     let fine = |uri: &Uri| {
         let host = uri.authority().is_some_and(|a| !a.host().is_empty() && !a.as_str().contains('@'));
         uri.scheme_str() == Some("http") && host && uri.query().is_none()
     };
-    // Not quoted: it may hold a password.
-    let expected = "expected an address without password and query such as http://127.0.0.1:4318";
+    // The message does not quote the address, which can contain a password.
+    let expected = "expected an http:// address without password and query, such as http://127.0.0.1:4318";
     endpoint.parse().ok().filter(fine).map(|_| ()).ok_or_else(|| expected.to_owned())
 }
 

@@ -17,7 +17,7 @@ use prosopon_store::{Places, TenantId};
 const MB: u64 = 1 << 20;
 const DAY_S: u64 = 86_400;
 
-/// A list, or a text with commas (as a variable of the environment has it).
+/// A list, or a text with commas, as environment variables have it.
 #[derive(Debug, Deserialize, Serialize)]
 #[serde(untagged)]
 enum Names {
@@ -45,13 +45,13 @@ struct KeyEntry {
     hash: Option<String>,
 }
 
-/// The configuration, and how it is printed: without hashes.
+/// Reads the configuration; also returns its printed form, without hashes.
 pub(super) fn read(
     file: Option<&Path>,
     flags: &BTreeMap<&'static str, Value>,
 ) -> Result<(ServeConfig, String), ConfigError> {
     let mut source = Source::new(file, flags);
-    // Of a file that cannot be read no setting is known: nothing else is told.
+    // A file that cannot be read gives no settings, so further faults would be misleading.
     if let Some(faults) = source.unreadable() {
         return Err(ConfigError { faults });
     }
@@ -65,7 +65,7 @@ pub(super) fn read(
         Err(fault) => s.fault("listen", &fault),
     }
     if data.is_none() && !s.faults.iter().any(|f| f.starts_with("data:")) {
-        s.faults.push("data: missing; name the directory of sessions and results (--data DIR)".to_owned());
+        s.faults.push("data: missing; name the directory for sessions and results (--data DIR)".to_owned());
     }
     config.places = Places { database: address(s, "database"), blobs: address(s, "blobs") };
     config.threads = s.take("threads", config.threads);
@@ -88,7 +88,7 @@ pub(super) fn read(
     if faults.is_empty() { Ok((config, printed)) } else { Err(ConfigError { faults }) }
 }
 
-/// An address, shown as it shows itself: without a password.
+/// An address; its printed form has no password.
 fn address<T: FromStr<Err = String> + Display>(s: &mut Source, path: &'static str) -> Option<T> {
     match s.take_hidden::<String>(path, "a text")?.parse::<T>() {
         Ok(address) => {
@@ -132,7 +132,7 @@ fn connections(s: &mut Source) -> ConnectionLimits {
 fn service(s: &mut Source, has_tenants: bool) -> ServiceSettings {
     let d = ServiceSettings::default();
     let max_waiting = s.take("max_waiting", d.max_waiting);
-    // One tenant alone may have the whole queue; of several none may fill it.
+    // A single tenant can use the whole queue; among several, none can fill it.
     let of_tenant = if has_tenants { (max_waiting / 2).max(1) } else { max_waiting };
     ServiceSettings {
         max_waiting,
@@ -163,7 +163,7 @@ fn tls(s: &mut Source) -> Option<TlsFiles> {
         (Some(cert), Some(key)) => Some(TlsFiles { cert, key }),
         (None, None) => None,
         (Some(_), None) | (None, Some(_)) => {
-            s.faults.push("tls: give both cert and key".to_owned());
+            s.faults.push("tls: cert or key is missing; give both".to_owned());
             None
         }
     }
@@ -180,14 +180,14 @@ fn auth(s: &mut Source) -> Option<AuthSettings> {
     }
     let shown: Vec<String> = keys.iter().map(|k| format!("{} ({}; {})", k.id, k.tenant, k.scopes)).collect();
     if !shown.is_empty() {
-        // Without its hash a key is no setting.
+        // The hash is not printed, so the keys are printed as a comment.
         s.show("# auth.keys", &shown);
     }
     let jwt = jwt(s);
     (entries.is_some() || jwt.is_some()).then_some(AuthSettings { keys, jwt })
 }
 
-/// What is wrong with an entry, without its values.
+/// The fault of an entry, without its values, which can be secret.
 fn unquoted(error: &figment::Error) -> String {
     let field = if error.path.is_empty() { "a value".to_owned() } else { error.path.join(".") };
     if let Kind::InvalidType(_, expected) | Kind::InvalidValue(_, expected) = &error.kind {
@@ -210,7 +210,7 @@ fn api_key(s: &mut Source, index: usize, entry: KeyEntry) -> ApiKey {
         (!tenant.is_empty()).then(|| tenant.parse().map_err(|e| fault(format!("tenant `{tenant}`: {e}"))).ok());
     let scope = |name: String| name.parse::<Scope>().map_err(|e| fault(format!("scope {e}"))).ok();
     let scopes: Scopes = entry.scopes.unwrap_or_default().into_iter().filter_map(scope).collect();
-    // With a fault nothing is served: the stand-in lets the other faults be found.
+    // The service does not start with a fault; the placeholder allows the check of the other values.
     let tenant = tenant.flatten().unwrap_or_else(TenantId::local);
     ApiKey { id, tenant, scopes, hash }
 }
@@ -233,7 +233,7 @@ fn jwt(s: &mut Source) -> Option<JwtSettings> {
         }),
         (None, None, None) if tenant_claim.is_none() && scope_claim.is_none() && leeway_s.is_none() => None,
         _ => {
-            s.faults.push("auth.jwt: give issuer, audience and jwks_file".to_owned());
+            s.faults.push("auth.jwt: issuer, audience or jwks_file is missing; give all three".to_owned());
             None
         }
     }

@@ -7,16 +7,18 @@ use figment::{Figment, Metadata};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-/// Values that are not settings although they begin like one.
+/// `PROSOPON_…` variables that are not settings.
 const NO_SETTINGS: [&str; 1] = ["config"];
 
-/// Settings from a TOML file, `PROSOPON_…` variables over it and flags over both. Every fault is collected; what was used can be printed.
+/// Settings from a TOML file, `PROSOPON_…` variables and flags; later sources override earlier ones.
+///
+/// It collects all faults, and the settings that were used, for printing.
 #[derive(Debug)]
 pub(super) struct Source {
     figment: Figment,
     asked: BTreeSet<&'static str>,
     pub(super) faults: Vec<String>,
-    /// Path and value as printed, in the order of asking.
+    /// Path and printed value of each setting, in the order of reading.
     pub(super) used: Vec<(&'static str, String)>,
 }
 
@@ -45,7 +47,7 @@ impl Source {
         taken
     }
 
-    /// The value at `path`, where there is one.
+    /// The value at `path`, if there is one.
     pub(super) fn take_optional<T: DeserializeOwned + Serialize>(&mut self, path: &'static str) -> Option<T> {
         let taken = self.optional(path);
         if let Some(taken) = &taken {
@@ -54,7 +56,7 @@ impl Source {
         taken
     }
 
-    /// The value at `path`, which holds secrets: it is not shown, and a fault does not quote it.
+    /// The value at `path`, which contains secrets: it is not printed, and faults do not quote it.
     pub(super) fn take_hidden<T: DeserializeOwned>(&mut self, path: &'static str, expected: &str) -> Option<T> {
         self.asked.insert(path);
         let taken = self.figment.find_value(path).ok()?.deserialize().ok();
@@ -64,7 +66,9 @@ impl Source {
         taken
     }
 
-    /// Settings are numbers, words and lists of words: as JSON they are TOML.
+    /// Records a value for printing.
+    ///
+    /// Settings are numbers, texts and lists of texts, whose JSON form is valid TOML.
     pub(super) fn show(&mut self, path: &'static str, value: &impl Serialize) {
         self.used.push((path, serde_json::to_string(value).unwrap_or_else(|error| format!("# {error}"))));
     }
@@ -81,13 +85,13 @@ impl Source {
         }
     }
 
-    /// A fault with where the value comes from.
+    /// Adds a fault, with the source of the value.
     pub(super) fn fault(&mut self, path: &str, detail: &str) {
         let from = self.figment.find_metadata(path).map(origin).unwrap_or_default();
         self.faults.push(format!("{path}: {detail}{from}"));
     }
 
-    /// What is wrong with a file that cannot be read.
+    /// The faults of a file that cannot be read; `None` if it can.
     pub(super) fn unreadable(&self) -> Option<Vec<String>> {
         let faults = self.figment.extract::<Dict>().err()?;
         let told = |error: figment::Error| {
@@ -97,7 +101,7 @@ impl Source {
         Some(faults.into_iter().map(told).collect())
     }
 
-    /// Names what was given and never asked for.
+    /// Adds a fault for every given value that is not a setting.
     pub(super) fn finish(&mut self) {
         let Ok(all) = self.figment.extract::<Dict>() else { return };
         let mut leaves = Vec::new();
@@ -105,13 +109,15 @@ impl Source {
         for leaf in leaves {
             let known = |asked: &&str| leaf == **asked || leaf.starts_with(&format!("{asked}."));
             if !self.asked.iter().any(known) {
-                self.fault(&leaf, "is not a setting");
+                self.fault(&leaf, "is not a setting; check its spelling");
             }
         }
     }
 }
 
-/// What a parser says without the line that it quotes, which may hold a secret: such lines have a `|` behind their number.
+/// A parser's message without the lines that it quotes, which can contain secrets.
+///
+/// Quoted lines have a `|` behind their number.
 fn without_source(text: &str) -> String {
     let quotes =
         |line: &&str| line.trim_start().trim_start_matches(|c: char| c.is_ascii_digit()).trim_start().starts_with('|');
@@ -120,7 +126,7 @@ fn without_source(text: &str) -> String {
 
 fn origin(metadata: &Metadata) -> String {
     match &metadata.source {
-        // A place in this program's source.
+        // A location in the program's source code means that the value is a flag.
         Some(figment::Source::Code(_)) => " (command line)".to_owned(),
         Some(source) => format!(" ({} {source})", metadata.name),
         None => format!(" ({})", metadata.name),

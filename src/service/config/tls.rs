@@ -4,14 +4,14 @@ use rustls::pki_types::{CertificateDer, PrivateKeyDer};
 
 use super::TlsFiles;
 
-/// What is wrong with certificate and key: whether they can be read, and belong together.
+/// Checks that certificate and key can be read and belong together.
 pub(super) fn check(files: &TlsFiles) -> Result<(), String> {
     let unusable = |file: &std::path::Path, why: &dyn std::fmt::Display| format!("{}: {why}", file.display());
     let chain: Vec<CertificateDer<'static>> = CertificateDer::pem_file_iter(&files.cert)
         .and_then(Iterator::collect)
         .map_err(|e| unusable(&files.cert, &e))?;
     if chain.is_empty() {
-        return Err(unusable(&files.cert, &"holds no certificate"));
+        return Err(unusable(&files.cert, &"contains no certificate"));
     }
     let key = PrivateKeyDer::from_pem_file(&files.key).map_err(|e| unusable(&files.key, &e))?;
     let provider = rustls::crypto::ring::default_provider();

@@ -1,8 +1,11 @@
-//! The HTTP API: routes, problems, documents.
+//! The HTTP API: routes, problems and documents.
 //!
-//! Invariants: handlers extract, convert, call one function of the domain and convert back, and compute nothing; every
-//! error answer is a problem (RFC 9457); faults turn into statuses in `problem.rs` only; nothing of a patient is logged; no handler
-//! runs for a sender who may not call it, and none sees another tenant's session or job.
+//! Invariants:
+//!
+//! - A handler extracts, converts, calls one domain function and converts back. It computes nothing.
+//! - Every error answer is a problem document (RFC 9457). Only `problem.rs` maps faults to statuses.
+//! - The log contains no patient data.
+//! - A handler runs only for a sender with the required scope, and only for sessions and jobs of the sender's tenant.
 
 pub mod auth;
 pub mod dto;
@@ -28,7 +31,7 @@ pub use state::{AppState, HttpLimits};
 
 use prosopon_session::FaultKind;
 
-/// The whole service as a router.
+/// The router of the whole API.
 pub fn app(state: AppState) -> Router {
     let (plain, uploads) = routes::all();
     let plain = plain.split_for_parts().0.layer(DefaultBodyLimit::max(state.limits.max_json_bytes));
@@ -37,7 +40,7 @@ pub fn app(state: AppState) -> Router {
     with_bounds(api.merge(SwaggerUi::new("/docs").url("/openapi.json", openapi())), state)
 }
 
-/// The router of a process that only computes: health and metrics.
+/// The router of a worker, which only computes jobs: health and metrics.
 pub fn worker_app(state: AppState) -> Router {
     with_bounds(routes::health().split_for_parts().0.with_state(state.clone()), state)
 }
@@ -57,7 +60,7 @@ fn with_bounds(routes: Router, state: AppState) -> Router {
 }
 
 async fn unknown_path() -> Problem {
-    Problem::new(FaultKind::NotFound, "there is nothing at this path; /openapi.json lists what there is")
+    Problem::new(FaultKind::NotFound, "there is nothing at this path; /openapi.json lists all paths")
 }
 
 async fn wrong_method() -> Problem {

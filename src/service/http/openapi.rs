@@ -14,21 +14,21 @@ use super::{ProblemDocument, routes};
             document (RFC 9457); `api/problems.md` explains each type. Not a medical device."
     ),
     tags(
-        (name = "sessions", description = "A patient's session"),
-        (name = "inputs", description = "CT, surfaces, landmarks"),
-        (name = "field", description = "Distance fields"),
-        (name = "mesh", description = "Tissue mesh"),
-        (name = "bone", description = "Cuts and where the bone goes"),
-        (name = "materials", description = "Laws, presets, stability"),
-        (name = "jobs", description = "Long work"),
-        (name = "results", description = "What came of it"),
-        (name = "health", description = "For operators")
+        (name = "sessions", description = "Sessions, one per patient"),
+        (name = "inputs", description = "CT, surfaces, tissue meshes and landmarks"),
+        (name = "field", description = "Signed distance fields of skin and bone"),
+        (name = "mesh", description = "Tissue meshes"),
+        (name = "bone", description = "Osteotomies, and plans for the movement of bone"),
+        (name = "materials", description = "Material laws, presets and stability checks"),
+        (name = "jobs", description = "Solves and other long jobs, and their events"),
+        (name = "results", description = "Deformed skin, error maps, pictures, reports and comparisons"),
+        (name = "health", description = "Health and metrics for operators")
     ),
     components(schemas(ProblemDocument, SliceAxis))
 )]
 struct Description;
 
-/// The description of all routes, OpenAPI 3.1.
+/// Builds the OpenAPI 3.1 description of all routes.
 #[must_use]
 pub fn openapi() -> OpenApi {
     let (plain, uploads) = routes::all();
@@ -58,10 +58,10 @@ pub fn openapi() -> OpenApi {
     api
 }
 
-/// The description as it is checked in at `api/openapi.json`.
+/// The OpenAPI description as JSON, as checked in at `api/openapi.json`.
 ///
 /// # Errors
-/// When it cannot be written as JSON.
+/// Fails if the description cannot be serialised.
 pub fn openapi_json() -> Result<String, serde_json::Error> {
     Ok(openapi().to_pretty_json()? + "\n")
 }
@@ -72,14 +72,14 @@ fn operations(item: &mut PathItem) -> impl Iterator<Item = (&'static str, &mut O
         .filter_map(|(method, operation)| Some((method, operation.as_mut()?)))
 }
 
-/// Method and words of the path: `get_sessions_session_field`.
+/// Operation id of a route: method and words of the path, such as `get_sessions_session_field`.
 fn operation_id(method: &str, path: &str) -> String {
     let word = |w: &str| w.chars().filter(|c| *c != '{' && *c != '}').map(|c| if c == '.' { '_' } else { c }).collect();
     let words = path.split('/').filter(|w| !w.is_empty() && *w != "v1").map(word);
     std::iter::once(method.to_owned()).chain(words).collect::<Vec<String>>().join("_")
 }
 
-/// Bodies that are no text are bytes, not lists of numbers.
+/// Gives bodies that are not text a binary schema, where utoipa gives a list of numbers.
 fn say_binary(operation: &mut Operation) {
     let bytes = || {
         let format = schema::SchemaFormat::KnownFormat(schema::KnownFormat::Binary);
@@ -99,7 +99,7 @@ fn say_binary(operation: &mut Operation) {
     for response in operation.responses.responses.values_mut() {
         if let RefOr::T(response) = response {
             response.content.iter_mut().for_each(|(media_type, content)| say(media_type, content));
-            // A schema would be that of one event, of which each kind has its own.
+            // A schema would describe one event, but each kind of event has its own.
             if let Some(RefOr::T(stream)) = response.content.get_mut("text/event-stream") {
                 stream.schema = None;
             }
@@ -107,7 +107,7 @@ fn say_binary(operation: &mut Operation) {
     }
 }
 
-/// Names of members are texts, also where they are numbers of segments.
+/// Removes schemas of member names, which are always strings, even if they are segment numbers.
 fn say_text_names(schema: &mut RefOr<Schema>) {
     let RefOr::T(Schema::Object(object)) = schema else { return };
     object.property_names = None;
@@ -122,19 +122,19 @@ fn body_name(operation: &Operation) -> Option<&str> {
     reference.ref_location.rsplit('/').next()
 }
 
-/// Whether no member must be there: then a request without a body counts as one of `{}`.
+/// Whether no member is required, so that a request without a body counts as `{}`.
 fn needs_nothing(schema: &RefOr<Schema>) -> bool {
     matches!(schema, RefOr::T(Schema::Object(object)) if object.required.is_empty())
 }
 
-/// Every operation may answer with a problem.
+/// Adds the problem document as default response of an operation.
 fn add_problem(operation: &mut Operation) {
     let content = ContentBuilder::new().schema(Some(Ref::from_schema_name("ProblemDocument"))).build();
-    let problem = ResponseBuilder::new().description("a problem").content(PROBLEM_JSON, content).build();
+    let problem = ResponseBuilder::new().description("A problem document.").content(PROBLEM_JSON, content).build();
     operation.responses.responses.insert("default".to_owned(), problem.into());
 }
 
-/// POSTs that make something new; the others look or cancel.
+/// Whether a POST to the path creates something; the others query or cancel.
 fn creates(path: &str) -> bool {
     ["/v1/sessions", "/v1/compare"].contains(&path)
         || ["/field", "/mesh", "/osteotomies", "/plans", "/jobs"].iter().any(|end| path.ends_with(end))
@@ -146,7 +146,7 @@ fn add_idempotency_key(operation: &mut Operation) {
         .name("Idempotency-Key")
         .parameter_in(ParameterIn::Header)
         .required(Required::False)
-        .description(Some("Same key and payload: the first answer again. Same key, other payload: 422."))
+        .description(Some("A repeated key returns the first answer; with another payload, 422."))
         .schema(Some(Schema::Object(text)))
         .build();
     operation.parameters.get_or_insert_default().push(header.into());
@@ -166,7 +166,7 @@ mod tests {
         );
     }
 
-    /// Schemas that only parameters name are not gathered by themselves.
+    /// utoipa does not collect schemas that only parameters reference.
     #[test]
     fn every_reference_leads_somewhere() {
         let api: serde_json::Value = serde_json::from_str(&openapi_json().unwrap()).unwrap();

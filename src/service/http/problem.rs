@@ -11,40 +11,40 @@ use prosopon_store::StoreError;
 /// Media type of problems.
 pub(super) const PROBLEM_JSON: &str = "application/problem+json";
 
-/// Kinds that pass, and the seconds after which to try again.
+/// Temporary problems, and the `Retry-After` of each, s.
 const RETRY_AFTER: &[(&[FaultKind], &str)] = &[
     (&[FaultKind::QueueFull, FaultKind::TenantQueueFull, FaultKind::QuotaFull, FaultKind::StoreUnavailable], "10"),
     (&[FaultKind::ShuttingDown, FaultKind::NotReady, FaultKind::Busy], "2"),
 ];
 
-/// A value that is not allowed.
+/// A value of the request that is not allowed.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct ProblemField {
-    /// JSON pointer to it; the bare name of a query parameter or an uploaded part.
+    /// JSON pointer of the value in the body, or the name of a query parameter or of an uploaded part.
     pub pointer: String,
     /// What was found and what is allowed.
     pub detail: String,
 }
 
-/// A problem (RFC 9457). `api/problems.md` explains each type.
+/// A problem document (RFC 9457). `api/problems.md` explains each type.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ProblemDocument {
-    /// `/problems/` and the kind.
+    /// Type of the problem: `/problems/` followed by the name of its section in `api/problems.md`.
     #[serde(rename = "type")]
     pub problem_type: String,
-    /// The kind in words.
+    /// Short description of the type.
     pub title: String,
-    /// HTTP status.
+    /// HTTP status code.
     pub status: u16,
-    /// What happened here.
+    /// What is wrong in this case, and what to do.
     pub detail: String,
-    /// Finds the request in the log.
+    /// Id of the request in the log; absent in the problem of a job.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub request_id: Option<String>,
-    /// Values that are not allowed.
+    /// Values of the request that are not allowed; absent if there are none.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub errors: Vec<ProblemField>,
-    /// Further members, by kind.
+    /// Further members, which depend on the type.
     #[serde(flatten)]
     pub facts: Map<String, Value>,
 }
@@ -112,7 +112,7 @@ impl IntoResponse for Problem {
     }
 }
 
-/// Status and title of each kind; no wildcard, so that a new kind must choose.
+/// Status and title of each kind. The match has no wildcard, so that a new kind cannot be forgotten.
 pub(super) fn status_and_title(kind: FaultKind) -> (StatusCode, &'static str) {
     use FaultKind as K;
     use StatusCode as S;
@@ -120,17 +120,17 @@ pub(super) fn status_and_title(kind: FaultKind) -> (StatusCode, &'static str) {
         K::DamagedValue => (S::INTERNAL_SERVER_ERROR, "A stored value is damaged"),
         K::MalformedRequest => (S::BAD_REQUEST, "The request cannot be read"),
         K::InvalidRequest => (S::UNPROCESSABLE_ENTITY, "Values of the request are not allowed"),
-        K::NotFound => (S::NOT_FOUND, "There is no such thing"),
-        K::Gone => (S::GONE, "It was deleted"),
-        K::MethodNotAllowed => (S::METHOD_NOT_ALLOWED, "The path does not take this method"),
-        K::NotAcceptable => (S::NOT_ACCEPTABLE, "No representation that is accepted"),
+        K::NotFound => (S::NOT_FOUND, "The requested object does not exist"),
+        K::Gone => (S::GONE, "The requested object was deleted"),
+        K::MethodNotAllowed => (S::METHOD_NOT_ALLOWED, "The path does not support this method"),
+        K::NotAcceptable => (S::NOT_ACCEPTABLE, "No accepted media type can be sent"),
         K::Timeout => (S::REQUEST_TIMEOUT, "The request took too long"),
-        K::WrongState => (S::CONFLICT, "It is in another state"),
-        K::MissingInput => (S::CONFLICT, "Something must be there first"),
-        K::Stale => (S::CONFLICT, "It was made from other inputs"),
-        K::TooLarge => (S::PAYLOAD_TOO_LARGE, "Longer than allowed"),
-        K::RangeNotSatisfiable => (S::RANGE_NOT_SATISFIABLE, "The result does not have that range"),
-        K::UnsupportedFormat => (S::UNSUPPORTED_MEDIA_TYPE, "The format is not read"),
+        K::WrongState => (S::CONFLICT, "The object is in another state"),
+        K::MissingInput => (S::CONFLICT, "A required input is missing"),
+        K::Stale => (S::CONFLICT, "The object was made from earlier inputs"),
+        K::TooLarge => (S::PAYLOAD_TOO_LARGE, "The body is longer than allowed"),
+        K::RangeNotSatisfiable => (S::RANGE_NOT_SATISFIABLE, "The range lies outside the result"),
+        K::UnsupportedFormat => (S::UNSUPPORTED_MEDIA_TYPE, "The format is not supported"),
         K::IdempotencyMismatch => (S::UNPROCESSABLE_ENTITY, "The idempotency key belongs to another request"),
         K::SurfaceNotUsable => (S::UNPROCESSABLE_ENTITY, "The surface is not usable"),
         K::VolumeNotUsable => (S::UNPROCESSABLE_ENTITY, "The CT volume is not usable"),
@@ -138,33 +138,33 @@ pub(super) fn status_and_title(kind: FaultKind) -> (StatusCode, &'static str) {
         K::FieldNotUsable => (S::UNPROCESSABLE_ENTITY, "No distance field can be built"),
         K::MeshNotUsable => (S::UNPROCESSABLE_ENTITY, "No tissue mesh can be built"),
         K::CutMissesBone => (S::UNPROCESSABLE_ENTITY, "A cut misses the bone"),
-        K::BoneNotParted => (S::UNPROCESSABLE_ENTITY, "The cuts do not part the bone"),
+        K::BoneNotParted => (S::UNPROCESSABLE_ENTITY, "The cuts do not separate the bone"),
         K::PlanNotUsable => (S::UNPROCESSABLE_ENTITY, "The bone paths are not usable"),
         K::SceneNotUsable => (S::UNPROCESSABLE_ENTITY, "Mesh, bone and settings cannot be solved together"),
-        K::NotEnoughMemory => (S::UNPROCESSABLE_ENTITY, "The work would take too much memory"),
+        K::NotEnoughMemory => (S::UNPROCESSABLE_ENTITY, "The job would need too much memory"),
         K::SolverNotConverged => (S::UNPROCESSABLE_ENTITY, "Equilibrium was not reached"),
         K::SolverUnstable => (S::UNPROCESSABLE_ENTITY, "A material lost its stability"),
         K::SolverInverted => (S::UNPROCESSABLE_ENTITY, "Tissue cannot follow the bone"),
-        K::SolverPenetration => (S::UNPROCESSABLE_ENTITY, "Tissue stayed inside bone"),
+        K::SolverPenetration => (S::UNPROCESSABLE_ENTITY, "Tissue penetrates bone"),
         K::ComparisonNotUsable => (S::UNPROCESSABLE_ENTITY, "The surfaces cannot be compared"),
         K::RegistrationFailed => (S::UNPROCESSABLE_ENTITY, "The surfaces cannot be registered"),
-        K::NoReference => (S::NOT_FOUND, "There is nothing to compare with"),
-        K::NotReady => (S::NOT_FOUND, "The result is not there yet"),
+        K::NoReference => (S::NOT_FOUND, "There is no reference to compare with"),
+        K::NotReady => (S::NOT_FOUND, "The result is not available"),
         K::NotAvailable => (S::UNPROCESSABLE_ENTITY, "Not available in this version"),
         K::ForeignHost => (S::MISDIRECTED_REQUEST, "The request is for another host"),
-        K::QueueFull => (S::SERVICE_UNAVAILABLE, "Too many jobs wait"),
-        K::TenantQueueFull => (S::TOO_MANY_REQUESTS, "Too many of your jobs wait"),
-        K::QuotaFull => (S::TOO_MANY_REQUESTS, "The session holds as much as it may"),
+        K::QueueFull => (S::SERVICE_UNAVAILABLE, "Too many jobs are waiting"),
+        K::TenantQueueFull => (S::TOO_MANY_REQUESTS, "Too many of your jobs are waiting"),
+        K::QuotaFull => (S::TOO_MANY_REQUESTS, "The session's storage quota is full"),
         K::Busy => (S::TOO_MANY_REQUESTS, "Too many such requests at once"),
-        K::Unauthenticated => (S::UNAUTHORIZED, "Who sends this is not known"),
-        K::Forbidden => (S::FORBIDDEN, "The sender may not do this"),
+        K::Unauthenticated => (S::UNAUTHORIZED, "The sender is not authenticated"),
+        K::Forbidden => (S::FORBIDDEN, "The sender lacks a permission"),
         K::ShuttingDown => (S::SERVICE_UNAVAILABLE, "The service is stopping"),
         K::StoreUnavailable => (S::SERVICE_UNAVAILABLE, "The database or the bucket cannot be reached"),
-        K::StoreRefuses => (S::SERVICE_UNAVAILABLE, "The bucket refuses the service"),
+        K::StoreRefuses => (S::SERVICE_UNAVAILABLE, "The bucket refuses access"),
         K::StorageFull => (S::INSUFFICIENT_STORAGE, "The disk is full"),
-        K::DeadlineExceeded => (S::UNPROCESSABLE_ENTITY, "The job took longer than it may"),
+        K::DeadlineExceeded => (S::UNPROCESSABLE_ENTITY, "The job exceeded its time limit"),
         K::JobInterrupted => (S::INTERNAL_SERVER_ERROR, "The service stopped too often while the job ran"),
-        K::Internal => (S::INTERNAL_SERVER_ERROR, "A fault of the service"),
+        K::Internal => (S::INTERNAL_SERVER_ERROR, "The service failed"),
     }
 }
 

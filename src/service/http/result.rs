@@ -1,4 +1,4 @@
-//! Answers that never change: strong tags, conditional and partial requests.
+//! Immutable answers: strong entity tags, conditional and range requests.
 
 use axum::body::Bytes;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
@@ -7,21 +7,21 @@ use axum::response::{IntoResponse, Response};
 use super::Problem;
 use prosopon_session::{FaultKind, key_of};
 
-/// Tag of a result made from `parts` by this version of the software.
+/// Entity tag of a result that this version of the software makes from `parts`.
 pub(super) fn tag_of(parts: &[&str]) -> String {
     let mut all = vec![env!("CARGO_PKG_VERSION")];
     all.extend_from_slice(parts);
     format!("\"{}\"", key_of(&all))
 }
 
-/// 304 when the client has the tagged result already.
+/// Answer 304 if the client already has the tagged result.
 pub(super) fn not_modified(request: &HeaderMap, tag: &str) -> Option<Response> {
     let known = request.get(header::IF_NONE_MATCH)?.to_str().ok()?;
     let matches = known.split(',').map(str::trim).any(|t| t == "*" || t.trim_start_matches("W/") == tag);
     matches.then(|| (StatusCode::NOT_MODIFIED, [(header::ETAG, tag.to_owned())]).into_response())
 }
 
-/// The tagged result, whole or the range asked for; 304 when the client has it already.
+/// Sends the tagged result, whole or in the requested range; answers 304 if the client already has it.
 pub(super) fn tagged(request: &HeaderMap, tag: &str, media_type: &str, body: Bytes) -> Result<Response, Problem> {
     if let Some(known) = not_modified(request, tag) {
         return Ok(known);
@@ -43,7 +43,7 @@ pub(super) fn tagged(request: &HeaderMap, tag: &str, media_type: &str, body: Byt
     Ok(response)
 }
 
-/// First and last byte of a single range; several ranges are answered with the whole.
+/// First and last byte of a single range; a request for several ranges gets the whole result.
 fn range(request: &HeaderMap, tag: &str, length: usize) -> Result<Option<(usize, usize)>, Problem> {
     let text = |name| request.get(name).and_then(|v: &HeaderValue| v.to_str().ok());
     if text(header::IF_RANGE).is_some_and(|t| t != tag) {
@@ -60,7 +60,7 @@ fn range(request: &HeaderMap, tag: &str, length: usize) -> Result<Option<(usize,
         _ => return Ok(None),
     };
     if range.0 >= length {
-        let detail = format!("the result has {length} bytes");
+        let detail = format!("the range starts behind the end of the result, which has {length} bytes");
         return Err(Problem(
             prosopon_session::Fault::new(FaultKind::RangeNotSatisfiable, detail).with("bytes", length),
         ));

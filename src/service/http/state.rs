@@ -7,22 +7,24 @@ use metrics_exporter_prometheus::PrometheusHandle;
 use super::auth::Access;
 use prosopon_jobs::Service;
 
-/// Bounds on requests.
+/// Limits of requests.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct HttpLimits {
-    /// Longest surface upload, bytes.
+    /// Largest surface upload, bytes.
     pub max_surface_bytes: u64,
-    /// Longest CT upload, bytes.
+    /// Largest CT upload, bytes.
     pub max_ct_bytes: u64,
-    /// Longest JSON body, bytes.
+    /// Largest JSON body, bytes.
     pub max_json_bytes: usize,
-    /// Longest silence within an upload.
+    /// Longest time without data within an upload.
     pub upload_idle: Duration,
     /// Longest time that a JSON body may take to arrive.
     pub body: Duration,
-    /// Longest silence of a stream of events.
+    /// Longest silence of an event stream; after it the service sends a heartbeat.
     pub heartbeat: Duration,
-    /// Longest time to an answer; long polls and streams are shorter or begin at once.
+    /// Longest time until an answer starts.
+    ///
+    /// Long polls end earlier, and streams start at once.
     pub answer: Duration,
 }
 
@@ -40,22 +42,22 @@ impl Default for HttpLimits {
     }
 }
 
-/// What handlers share.
+/// State shared by all handlers.
 #[derive(Debug, Clone)]
 pub struct AppState {
     /// Sessions and jobs.
     pub service: Arc<Service>,
-    /// Bounds on requests.
+    /// Limits of requests.
     pub limits: HttpLimits,
-    /// Renders the metrics, where a recorder is installed.
+    /// Renders the metrics; `None` without a recorder.
     pub metrics: Option<PrometheusHandle>,
-    /// Host names besides loopback that requests may be for.
+    /// Host names, besides loopback, that the Host header can name.
     pub allowed_hosts: Arc<[String]>,
-    /// Whether requests must say who sends them.
+    /// Whether requests need a bearer token.
     pub access: Access,
-    /// Origins whose pages may use the service.
+    /// Origins whose pages can use the service (CORS).
     pub origins: Arc<[String]>,
-    /// Whether it is met by TLS.
+    /// Whether clients connect by TLS.
     pub tls: bool,
 }
 

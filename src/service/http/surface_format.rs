@@ -6,7 +6,7 @@ use super::Problem;
 use prosopon_formats::export::{SurfaceView, glb, ply, stl, vtp};
 use prosopon_session::FaultKind;
 
-/// Format of a surface that is sent.
+/// Format in which to send a surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub(in crate::http) enum SurfaceOutput {
@@ -14,14 +14,14 @@ pub(in crate::http) enum SurfaceOutput {
     Glb,
     /// Binary PLY.
     Ply,
-    /// Binary STL, without values.
+    /// Binary STL, without scalars.
     Stl,
     /// VTK polygons, XML with raw appended data.
     Vtp,
 }
 
 impl SurfaceOutput {
-    /// What `?format=` says, else what Accept says, else GLB.
+    /// Chooses the format: from `?format=`, else from the Accept header, else GLB.
     pub(super) fn choose(asked: Option<Self>, headers: &HeaderMap) -> Result<Self, Problem> {
         if let Some(asked) = asked {
             return Ok(asked);
@@ -36,7 +36,7 @@ impl SurfaceOutput {
                 _ => {}
             }
         }
-        let detail = "surfaces are sent as model/gltf-binary, application/ply, model/stl and application/vnd.vtk.vtp";
+        let detail = "the Accept header allows none of model/gltf-binary, application/ply, model/stl and application/vnd.vtk.vtp";
         Err(Problem::new(FaultKind::NotAcceptable, detail))
     }
 
@@ -58,7 +58,7 @@ impl SurfaceOutput {
         }
     }
 
-    /// The bytes of a surface; computes.
+    /// Writes a surface in this format. It computes, so call it on the CPU pool.
     pub(super) fn write(self, surface: &SurfaceView<'_>) -> Vec<u8> {
         match self {
             Self::Glb => glb(surface),

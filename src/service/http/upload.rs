@@ -1,4 +1,4 @@
-//! Raw bodies that stream to disk.
+//! Uploads: raw bodies that stream to disk.
 
 use std::time::Duration;
 
@@ -11,7 +11,9 @@ use prosopon_jobs::CtScan;
 use prosopon_session::{Fault, FaultKind};
 use prosopon_store::{BlobInfo, SessionId, Store, StoreError};
 
-/// Stores the body, at most `max_bytes` of it and no more than the session has room for, while `scan` looks it over. On any failure nothing is left on disk.
+/// Stores the body while `scan` checks it. On any failure nothing is left on disk.
+///
+/// The body can have at most `max_bytes` and must fit into the session's quota.
 pub(super) async fn receive(
     store: &Store,
     session: SessionId,
@@ -41,11 +43,11 @@ pub(super) async fn receive(
             Ok(None) => break,
             Ok(Some(Err(_))) => {
                 upload.abort().await;
-                return Err(Problem::new(FaultKind::MalformedRequest, "the upload broke off"));
+                return Err(Problem::new(FaultKind::MalformedRequest, "the upload broke off; send it again"));
             }
             Err(_) => {
                 upload.abort().await;
-                let detail = format!("nothing arrived for {} s", limits.upload_idle.as_secs());
+                let detail = format!("no data arrived for {} s; send the upload again", limits.upload_idle.as_secs());
                 return Err(Problem::new(FaultKind::Timeout, detail));
             }
         };
@@ -74,8 +76,9 @@ pub(super) async fn receive(
     Ok(stored)
 }
 
-/// Takes in the rest of a refused upload for a while, so that a client that sends before it reads meets the answer and
-/// not a closed connection.
+/// Reads and drops the rest of a refused upload for a while.
+///
+/// A client that sends its whole body before it reads then gets the answer and not a closed connection.
 fn discard(mut pieces: BodyDataStream, patience: Duration) {
     tokio::spawn(tokio::time::timeout(patience, async move { while let Some(Ok(_)) = pieces.next().await {} }));
 }

@@ -1,7 +1,7 @@
-//! A running service: store, numerics, jobs and HTTP put together.
+//! The running service: assembles store, numerics, jobs and HTTP, starts and stops them.
 //!
-//! Invariant: what is started here is stopped here, in the order in which requests depend on it. Futures are boxed: an `async fn`, with
-//! all that it awaits, would be compiled again in every package that calls it.
+//! Invariant: this module stops everything that it starts, in the order in which requests depend on it. Futures are boxed,
+//! because an `async fn` and everything it awaits would be compiled again in every package that calls it.
 
 mod stalled;
 mod tls;
@@ -30,49 +30,49 @@ use prosopon_jobs::{CpuPool, Service, ServiceSettings};
 use prosopon_session::{Engine, Fault, Numerics};
 use prosopon_store::{Audit, Store, StoreError};
 
-/// Longest wait for a running job and open requests when the service stops.
+/// Longest wait for an interrupted job, for open requests and for the database when the service stops.
 const GRACE: Duration = Duration::from_secs(20);
-/// Longest head of a request, bytes.
+/// Largest head of a request, bytes.
 const HEAD_BYTES: usize = 64 << 10;
-/// Header fields of a request.
+/// Largest number of header fields of a request.
 const HEAD_FIELDS: usize = 64;
 
 /// Why the service did not start.
 #[derive(Debug, thiserror::Error)]
 pub enum ServeError {
-    /// The configuration.
+    /// The configuration has faults.
     #[error(transparent)]
     Config(#[from] ConfigError),
-    /// The store.
+    /// The store cannot be opened.
     #[error("{place} cannot be used")]
     Store {
-        /// Where it is.
+        /// Database, bucket or directory of the store.
         place: String,
-        /// What is wrong with it.
+        /// Cause.
         source: StoreError,
     },
-    /// The address.
+    /// The address cannot be listened on.
     #[error("cannot listen on {address}")]
     Listen {
-        /// Address asked for.
+        /// Configured address.
         address: SocketAddr,
-        /// What the system says.
+        /// Cause given by the system.
         source: std::io::Error,
     },
-    /// The CPU pool.
+    /// The threads of the CPU pool cannot be started.
     #[error("the CPU pool cannot be started")]
     Pool(#[from] rayon::ThreadPoolBuildError),
-    /// The audit log.
+    /// The audit log cannot be opened.
     #[error("the audit log cannot be written")]
     Audit(#[source] std::io::Error),
-    /// Keys and tokens.
+    /// Authentication cannot be set up.
     #[error(transparent)]
     Auth(#[from] AuthError),
-    /// Certificate or key.
+    /// Certificate or key cannot be read.
     #[error("certificate or key cannot be read")]
     Tls(#[source] std::io::Error),
-    /// Jobs left by an earlier run.
-    #[error("jobs of an earlier run cannot be taken up: {}", .0.detail)]
+    /// Jobs of an earlier run cannot be resumed.
+    #[error("jobs of an earlier run cannot be resumed: {}", .0.detail)]
     Jobs(Box<Fault>),
 }
 
@@ -87,10 +87,10 @@ pub struct Running {
     drain: Duration,
 }
 
-/// Starts the service with the real numerics.
+/// Starts the service with the built-in numerics.
 ///
 /// # Errors
-/// [`ServeError`].
+/// [`ServeError`] if any part cannot be started.
 pub fn start(config: ServeConfig) -> LocalBoxFuture<'static, Result<Running, ServeError>> {
     let engine = Arc::new(Numerics::new(config.service.import).with_cache_bytes(config.cache_bytes));
     start_with(config, engine)
@@ -99,7 +99,7 @@ pub fn start(config: ServeConfig) -> LocalBoxFuture<'static, Result<Running, Ser
 /// Starts the service with the given numerics.
 ///
 /// # Errors
-/// [`ServeError`].
+/// [`ServeError`] if any part cannot be started.
 pub fn start_with(
     config: ServeConfig,
     engine: Arc<dyn Engine>,
@@ -123,7 +123,7 @@ async fn started(config: ServeConfig, engine: Arc<dyn Engine>) -> Result<Running
     let scheme = if tls.is_some() { "https" } else { "http" };
     if tls.is_none() && !address.ip().is_loopback() {
         tracing::warn!(
-            "bearer tokens travel in the clear: configure [tls], or let only a proxy with TLS reach this address"
+            "bearer tokens are sent without encryption; configure [tls], or let only a proxy with TLS reach this address"
         );
     }
     note_address(&config.data, scheme, address).await.map_err(|e| store_error(e.into()))?;
@@ -148,7 +148,7 @@ fn patient<A>(acceptor: A, limits: ConnectionLimits) -> Patience<A> {
     Patience::new(acceptor, limits.stalled, limits.most)
 }
 
-/// Slow and huge heads of requests are refused before anything else sees them.
+/// Makes the server refuse slow and large request heads before any handler sees them.
 fn bound(builder: &mut Builder<TokioExecutor>, limits: ConnectionLimits) {
     builder.http1().timer(TokioTimer::new()).header_read_timeout(limits.head);
     builder.http1().max_buf_size(HEAD_BYTES).max_headers(HEAD_FIELDS);
@@ -157,14 +157,16 @@ fn bound(builder: &mut Builder<TokioExecutor>, limits: ConnectionLimits) {
     builder.http2().keep_alive_interval(Duration::from_secs(30)).keep_alive_timeout(limits.head);
 }
 
-/// For scripts that asked for a free port: whole or not there.
+/// Writes the address to the file `listen`, for scripts that asked for a free port.
+///
+/// The file appears atomically.
 async fn note_address(data: &Path, scheme: &str, address: SocketAddr) -> std::io::Result<()> {
     let fresh = data.join("listen.new");
     tokio::fs::write(&fresh, format!("{scheme}://{address}\n")).await?;
     tokio::fs::rename(&fresh, data.join("listen")).await
 }
 
-/// The state of the router over an open store.
+/// Makes the state of the router over an open store.
 ///
 /// # Errors
 /// [`ServeError::Pool`], [`ServeError::Audit`], [`ServeError::Auth`], [`ServeError::Jobs`].
@@ -197,13 +199,13 @@ async fn state_over(config: &ServeConfig, store: Store, engine: Arc<dyn Engine>)
 }
 
 impl Running {
-    /// Where it listens.
+    /// Address on which the service listens.
     #[must_use]
     pub fn address(&self) -> SocketAddr {
         self.address
     }
 
-    /// Scheme and address; of an address for all interfaces, one that can be opened.
+    /// URL of the service. If it listens on all interfaces, the URL names loopback.
     #[must_use]
     pub fn url(&self) -> String {
         let mut address = self.address;
@@ -213,14 +215,16 @@ impl Running {
         format!("{}://{address}", self.scheme)
     }
 
-    /// Sessions and jobs.
+    /// The service behind the API: sessions and jobs.
     #[must_use]
     pub fn service(&self) -> &Arc<Service> {
         &self.service
     }
 
-    /// Takes no new jobs, waits a while for those that run, interrupts what is left (the next start takes it up), lets open
-    /// requests end and closes the store.
+    /// Stops the service.
+    ///
+    /// It takes no new jobs, waits for running jobs up to the configured time, interrupts the rest (the next start resumes
+    /// them), lets open requests end and closes the store.
     pub fn shut_down(self) -> BoxFuture<'static, ()> {
         Box::pin(self.ended())
     }
@@ -231,17 +235,17 @@ impl Running {
         self.handle.graceful_shutdown(Some(GRACE));
         match tokio::time::timeout(GRACE + Duration::from_secs(1), self.server).await {
             Ok(Ok(Ok(()))) => {}
-            Ok(ended) => tracing::warn!(?ended, "the server ended with a fault"),
+            Ok(ended) => tracing::warn!(?ended, "the server ended with an error"),
             Err(_) => tracing::warn!("open requests did not end in time"),
         }
-        // A database that stands still would not let go.
+        // A database that does not answer would block the shutdown.
         if tokio::time::timeout(GRACE, self.service.store().close()).await.is_err() {
-            tracing::warn!("the database did not answer to the end of its connections");
+            tracing::warn!("the database did not close its connections in time");
         }
         tracing::info!("stopped");
     }
 
-    /// Serves until `stop` is ready.
+    /// Serves until `stop` completes, then shuts down.
     pub async fn until(self, stop: impl Future<Output = ()>) {
         stop.await;
         self.shut_down().await;

@@ -8,10 +8,11 @@ use axum_server::accept::Accept;
 use futures::future::BoxFuture;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
-use tokio::time::{Instant, Sleep, sleep};
+use tokio_io_timeout::TimeoutStream;
 
-/// Closes connections whose client takes nothing of an answer for a while, and those above the limit: neither memory nor file
-/// descriptors wait for a client.
+/// Closes connections whose client accepts no data for a while, and refuses those above the limit.
+///
+/// So slow clients cannot hold memory and file descriptors.
 #[derive(Debug, Clone)]
 pub(super) struct Patience<A> {
     inner: A,
@@ -28,7 +29,7 @@ impl<A> Patience<A> {
 impl<A, I, S> Accept<I, S> for Patience<A>
 where
     A: Accept<I, S> + Clone + Send + 'static,
-    A::Stream: Send,
+    A::Stream: AsyncRead + AsyncWrite + Send,
     A::Service: Send,
     A::Future: Send,
     I: Send + 'static,
@@ -47,47 +48,45 @@ where
                 return Err(io::Error::other("too many connections"));
             };
             let (stream, service) = inner.accept(stream, service).await?;
-            Ok((Watched { stream, stalled, waiting: None, _permit: permit }, service))
+            Ok((Watched::new(stream, stalled, permit), service))
         })
     }
 }
 
-/// A connection that fails when a write waits for too long.
+/// A connection that fails when a write waits too long.
 #[derive(Debug)]
 pub(super) struct Watched<T> {
-    stream: T,
-    stalled: Duration,
-    waiting: Option<Pin<Box<Sleep>>>,
+    stream: Pin<Box<TimeoutStream<T>>>,
     _permit: OwnedSemaphorePermit,
 }
 
-impl<T> Watched<T> {
-    fn watch<R>(&mut self, cx: &mut Context<'_>, written: Poll<io::Result<R>>) -> Poll<io::Result<R>> {
-        if written.is_ready() {
-            self.waiting = None;
-            return written;
-        }
-        let stalled = self.stalled;
-        let waiting = self.waiting.get_or_insert_with(|| Box::pin(sleep(stalled)));
-        if waiting.as_mut().poll(cx).is_ready() {
-            metrics::counter!("prosopon_connections_stalled_total").increment(1);
-            waiting.as_mut().reset(Instant::now() + stalled);
-            return Poll::Ready(Err(io::ErrorKind::TimedOut.into()));
-        }
-        Poll::Pending
+impl<T: AsyncRead + AsyncWrite> Watched<T> {
+    fn new(stream: T, stalled: Duration, permit: OwnedSemaphorePermit) -> Self {
+        let mut stream = TimeoutStream::new(stream);
+        stream.set_write_timeout(Some(stalled));
+        Self { stream: Box::pin(stream), _permit: permit }
     }
 }
 
-impl<T: AsyncRead + Unpin> AsyncRead for Watched<T> {
+/// Counts a write that ended because the client took nothing.
+fn counted<R>(written: Poll<io::Result<R>>) -> Poll<io::Result<R>> {
+    if let Poll::Ready(Err(error)) = &written
+        && error.kind() == io::ErrorKind::TimedOut
+    {
+        metrics::counter!("prosopon_connections_stalled_total").increment(1);
+    }
+    written
+}
+
+impl<T: AsyncRead + AsyncWrite> AsyncRead for Watched<T> {
     fn poll_read(mut self: Pin<&mut Self>, cx: &mut Context<'_>, buffer: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
-        Pin::new(&mut self.stream).poll_read(cx, buffer)
+        self.stream.as_mut().poll_read(cx, buffer)
     }
 }
 
-impl<T: AsyncWrite + Unpin> AsyncWrite for Watched<T> {
+impl<T: AsyncRead + AsyncWrite> AsyncWrite for Watched<T> {
     fn poll_write(mut self: Pin<&mut Self>, cx: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
-        let written = Pin::new(&mut self.stream).poll_write(cx, bytes);
-        self.watch(cx, written)
+        counted(self.stream.as_mut().poll_write(cx, bytes))
     }
 
     fn poll_write_vectored(
@@ -95,8 +94,7 @@ impl<T: AsyncWrite + Unpin> AsyncWrite for Watched<T> {
         cx: &mut Context<'_>,
         slices: &[io::IoSlice<'_>],
     ) -> Poll<io::Result<usize>> {
-        let written = Pin::new(&mut self.stream).poll_write_vectored(cx, slices);
-        self.watch(cx, written)
+        counted(self.stream.as_mut().poll_write_vectored(cx, slices))
     }
 
     fn is_write_vectored(&self) -> bool {
@@ -104,13 +102,11 @@ impl<T: AsyncWrite + Unpin> AsyncWrite for Watched<T> {
     }
 
     fn poll_flush(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
-        let flushed = Pin::new(&mut self.stream).poll_flush(cx);
-        self.watch(cx, flushed)
+        counted(self.stream.as_mut().poll_flush(cx))
     }
 
     fn poll_shutdown(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
-        let shut = Pin::new(&mut self.stream).poll_shutdown(cx);
-        self.watch(cx, shut)
+        counted(self.stream.as_mut().poll_shutdown(cx))
     }
 }
 
@@ -124,7 +120,7 @@ mod tests {
     async fn a_client_that_takes_nothing_is_let_go() {
         let (here, there) = tokio::io::duplex(16);
         let permit = Arc::new(Semaphore::new(1)).try_acquire_owned().unwrap();
-        let mut watched = Watched { stream: here, stalled: Duration::from_millis(50), waiting: None, _permit: permit };
+        let mut watched = Watched::new(here, Duration::from_millis(50), permit);
         let error = watched.write_all(&[0; 64]).await.unwrap_err();
         assert_eq!(error.kind(), io::ErrorKind::TimedOut);
         drop(there);

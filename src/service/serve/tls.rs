@@ -6,17 +6,19 @@ use tokio_util::sync::CancellationToken;
 
 use crate::config::TlsFiles;
 
-/// Time between two looks at the files.
+/// Time between two checks whether the files have changed.
 const LOOK_EVERY: Duration = Duration::from_secs(5);
 
 /// Reads certificate and key.
 pub(super) async fn load(files: &TlsFiles) -> std::io::Result<RustlsConfig> {
-    // The second start of a process finds the provider installed.
+    // A second start in the same process finds the provider installed.
     rustls::crypto::ring::default_provider().install_default().ok();
     RustlsConfig::from_pem_file(&files.cert, &files.key).await
 }
 
-/// Reads them again when they change, so that a renewed certificate needs no restart; what cannot be read changes nothing.
+/// Reads certificate and key again when they change, so that a renewed certificate needs no restart.
+///
+/// Files that cannot be read change nothing.
 pub(super) async fn renew(config: RustlsConfig, files: TlsFiles, stop: CancellationToken) {
     let mut seen = changed(&files);
     loop {
@@ -33,8 +35,8 @@ pub(super) async fn renew(config: RustlsConfig, files: TlsFiles, stop: Cancellat
                 seen = now;
                 tracing::info!("the certificate was read again");
             }
-            // Perhaps only one of the two is there yet.
-            Err(error) => tracing::error!(%error, "the certificate cannot be read; the old one stays"),
+            // Possibly only one of the two files has been replaced yet.
+            Err(error) => tracing::error!(%error, "the certificate cannot be read; the old one stays in use"),
         }
     }
 }

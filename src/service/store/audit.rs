@@ -67,7 +67,9 @@ pub enum AuditFault {
         line: usize,
     },
     /// The log ends before the anchor that the store holds.
-    #[error("entries after number {entries} were removed: the end of the log that the store recorded at {at} is missing")]
+    #[error(
+        "entries after number {entries} were removed: the end of the log that the store recorded at {at} is missing"
+    )]
     CutOff {
         /// Number of entries found.
         entries: usize,
@@ -389,7 +391,11 @@ mod tests {
         let whole = std::fs::read_to_string(&path).unwrap();
         let first = |n: usize| whole.lines().take(n).map(|l| format!("{l}\n")).collect::<String>();
         std::fs::write(&path, first(3)).unwrap();
-        assert_eq!(verify_audit(data.path(), None).await.unwrap().later, 0, "removals after the recorded end are not found");
+        assert_eq!(
+            verify_audit(data.path(), None).await.unwrap().later,
+            0,
+            "removals after the recorded end are not found"
+        );
         std::fs::write(&path, first(2)).unwrap();
         assert!(matches!(verify_audit(data.path(), None).await, Err(AuditFault::CutOff { entries: 2, .. })));
         std::fs::remove_dir_all(data.path().join("audit")).unwrap();

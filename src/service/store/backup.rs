@@ -57,13 +57,11 @@ async fn copy_out(data: &Path, out: &Path) -> Result<BackupReport, StoreError> {
         return Err(fault(format!("{} exists already; name a new directory", out.display())));
     }
     if !data.join(DATABASE).is_file() {
-        let detail =
-            format!("there is no store in {}; back up a Postgres database with its own tools", data.display());
+        let detail = format!("there is no store in {}; back up a Postgres database with its own tools", data.display());
         return Err(fault(detail));
     }
     if !data.join(BLOBS).is_dir() {
-        let detail =
-            format!("there are no blobs in {}; back up a bucket with its own tools", data.display());
+        let detail = format!("there are no blobs in {}; back up a bucket with its own tools", data.display());
         return Err(fault(detail));
     }
     if lies_below(out, data)? {
@@ -213,7 +211,8 @@ pub fn restore<'a>(from: &'a Path, data: &'a Path) -> BoxFuture<'a, Result<Backu
 async fn copy_back(from: &Path, data: &Path) -> Result<BackupReport, StoreError> {
     let text = std::fs::read_to_string(from.join(MANIFEST))
         .map_err(|e| fault(format!("{} cannot be read: {e}", from.join(MANIFEST).display())))?;
-    let manifest: Manifest = serde_json::from_str(&text).map_err(|e| fault(format!("{MANIFEST} cannot be read: {e}")))?;
+    let manifest: Manifest =
+        serde_json::from_str(&text).map_err(|e| fault(format!("{MANIFEST} cannot be read: {e}")))?;
     let mut files = Copied::new();
     for (name, (sha256, bytes)) in &manifest.files {
         let path = from.join(safe(name)?);

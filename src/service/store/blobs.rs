@@ -6,7 +6,6 @@ use std::time::{Duration, SystemTime};
 use bytes::Bytes;
 use futures::{StreamExt, TryStreamExt};
 use object_store::local::LocalFileSystem;
-use object_store::memory::InMemory;
 use object_store::path::Path;
 use object_store::{ObjectStore, ObjectStoreExt, PutPayload, WriteMultipart};
 use sha2::{Digest, Sha256};
@@ -53,10 +52,6 @@ impl Blobs {
         std::fs::create_dir_all(root)?;
         let local = LocalFileSystem::new_with_prefix(root)?.with_fsync(true).with_automatic_cleanup(true);
         Ok(Self { objects: Arc::new(local), root: Some(Arc::from(root)) })
-    }
-
-    pub(super) fn in_memory() -> Self {
-        Self::over(Arc::new(InMemory::new()))
     }
 
     pub(super) fn over(objects: Arc<dyn ObjectStore>) -> Self {

@@ -81,7 +81,9 @@ pub enum StoreError {
     )]
     Foreign,
     /// The database has tables of another program, or tables that were changed by hand.
-    #[error("the database has tables that no version of this program made; name a database that only this program uses")]
+    #[error(
+        "the database has tables that no version of this program made; name a database that only this program uses"
+    )]
     ForeignTables,
     /// Another process has the data directory open.
     #[error("another process is using it")]

@@ -4,14 +4,13 @@
 //! this crate knows nothing of HTTP, and of numerics only the meshes and grids that it encodes. One process at a time has a
 //! data directory open.
 //!
-//! Rows live in SQLite (the default), Postgres or memory. Blobs live in files (the default), in a bucket of an S3-compatible
-//! store, or in memory: in any [`object_store::ObjectStore`]. SQLite and Postgres share one SQL text (`sql`), and the tests in
-//! `conformance` hold all engines to the same behaviour. Each claim of a job gives it a new fence. Every write for a running
+//! Rows live in SQLite (the default) or Postgres. Blobs live in files (the default) or in a bucket of an S3-compatible store: in any
+//! [`object_store::ObjectStore`]. SQLite and Postgres share one SQL text (`sql`), and the tests in `conformance` hold both engines
+//! to the same behaviour. Each claim of a job gives it a new fence. Every write for a running
 //! job checks the fence, so a worker that has lost its job cannot write.
 //!
 //! Functions that open, check or copy a whole store return a boxed future. An `async fn` is compiled again in every crate that
 //! awaits it, together with the database drivers below it; a boxed future is compiled once, here.
-//! it, with the database drivers below it; a boxed one is compiled here only.
 
 #![allow(clippy::duplicate_mod, reason = "`sql` is compiled once for each database")]
 
@@ -29,7 +28,6 @@ mod grid_blob;
 mod ids;
 mod job;
 mod job_state;
-mod memory;
 mod mesh_blob;
 mod meta;
 mod part;

@@ -84,7 +84,7 @@ pub trait MetaStore: Debug + Send + Sync {
     /// The stored answer to a tenant's idempotency key, if any.
     async fn remembered(&self, tenant: &TenantId, key: &str, request_sha256: &str) -> Result<Remembered>;
 
-    /// Deletes answers older than `answers` and tombstones older than `tombstones` (times, RFC 3339).
+    /// Deletes answers older than `answers`, and tombstones older than `tombstones` whose rows are gone (times, RFC 3339).
     async fn forget(&self, answers: &str, tombstones: &str) -> Result<()>;
 
     // ---- parts ----

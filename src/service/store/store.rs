@@ -8,8 +8,6 @@ use std::time::Duration;
 
 use object_store::ObjectStore;
 
-use super::directory::LOCAL_LOG;
-use super::memory::MemoryMeta;
 use super::records::{now_rfc3339, rfc3339_before};
 use super::{
     AnswerRecord, Blobs, Changes, MetaStore, OsteotomyId, OsteotomyRecord, Owner, PartKind, PartRecord, PlanId,
@@ -42,13 +40,6 @@ pub struct Store {
 }
 
 impl Store {
-    /// A store in memory; its contents are lost when the process ends.
-    #[must_use]
-    pub fn in_memory() -> Self {
-        let (meta, blobs) = (Arc::new(MemoryMeta::default()), Blobs::in_memory());
-        Self { meta, blobs, quota: u64::MAX, shared: false, log: LOCAL_LOG.into(), _lock: None }
-    }
-
     /// The same rows with blobs in `objects`, for example in an S3-compatible store.
     #[must_use]
     pub fn with_objects(self, objects: Arc<dyn ObjectStore>) -> Self {
@@ -233,7 +224,7 @@ impl Store {
         self.meta.remembered(tenant, key, request_sha256).await
     }
 
-    /// Deletes answers older than `age`, and tombstones older than ten times `age`.
+    /// Deletes answers older than `age`, and tombstones older than ten times `age` whose rows are gone.
     ///
     /// # Errors
     /// [`StoreError`].

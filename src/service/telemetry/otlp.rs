@@ -1,4 +1,4 @@
-//! Spans to an OpenTelemetry collector, as JSON over HTTP. Only spans: what is logged within them stays here.
+//! Sends spans to an OpenTelemetry collector, as JSON over HTTP. Log lines are not sent.
 
 use std::io;
 use std::time::Duration;
@@ -15,10 +15,10 @@ use tracing_opentelemetry::OpenTelemetryLayer;
 use tracing_subscriber::filter::FilterFn;
 use tracing_subscriber::{Layer, Registry};
 
-/// Longest time for a batch of spans.
+/// Longest time for sending one batch of spans.
 const PATIENCE: Duration = Duration::from_secs(4);
 
-/// Sends on the exporter's own thread, which may wait.
+/// Blocking HTTP client; it runs on the exporter's own thread.
 #[derive(Debug)]
 struct Client(ureq::Agent);
 
@@ -31,7 +31,7 @@ impl HttpClient for Client {
     }
 }
 
-/// What collects spans for the collector at `endpoint`, and sends them.
+/// Makes a tracer provider that sends spans to the collector at `endpoint`.
 pub(super) fn provider(endpoint: &str) -> io::Result<SdkTracerProvider> {
     let agent = ureq::Agent::config_builder().timeout_global(Some(PATIENCE)).http_status_as_error(false).build();
     let exporter = SpanExporter::builder()
@@ -46,7 +46,7 @@ pub(super) fn provider(endpoint: &str) -> io::Result<SdkTracerProvider> {
     Ok(SdkTracerProvider::builder().with_resource(resource).with_batch_exporter(exporter).build())
 }
 
-/// Hands the program's own spans to a provider.
+/// Layer that passes the program's own spans to a provider.
 pub(super) fn layer(provider: &SdkTracerProvider) -> impl Layer<Registry> + use<> {
     let ours =
         FilterFn::new(|data| data.is_span() && *data.level() <= Level::INFO && data.target().starts_with("prosopon"));

@@ -34,7 +34,7 @@ pub(super) struct BoundaryFace {
     pub(super) tetrahedron: u32,
 }
 
-/// Faces that belong to one tetrahedron only, in order of their sorted nodes.
+/// Faces that belong to one tetrahedron only, ordered by their sorted nodes.
 pub(super) fn boundary(tetrahedra: &[[u32; 4]]) -> Vec<BoundaryFace> {
     slots(tetrahedra)
         .chunk_by(|a, b| a.0 == b.0)

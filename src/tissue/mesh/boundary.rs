@@ -1,13 +1,16 @@
 use super::MixedMesh;
 
-/// Triangles of the mesh's boundary, counter-clockwise from outside: of cells' triangles those of one cell alone, of prisms' sides those of
-/// one prism alone to which no two triangles of tetrahedra fit, each in two.
+/// Boundary triangles of the mesh, counter-clockwise seen from outside.
+///
+/// A triangle of a cell is on the boundary when no other cell has it. A prism's side is on the boundary when neither another
+/// prism nor two triangles of tetrahedra cover it; it is split into two triangles.
 #[must_use]
 pub fn boundary_triangles(mesh: &MixedMesh) -> Vec<[u32; 3]> {
     boundary_of(&mesh.tetrahedra, &mesh.prisms).0
 }
 
-/// [`boundary_triangles`] of these cells, and how many of them, counted from the first, are outer triangles of prisms.
+/// [`boundary_triangles`] of the given cells.
+/// Also returns how many of them, counted from the first, are outer triangles of prisms.
 #[must_use]
 pub fn boundary_of(tetrahedra: &[[u32; 4]], prisms: &[[u32; 6]]) -> (Vec<[u32; 3]>, usize) {
     let outer = prisms.iter().map(|&[a, b, c, ..]| [a, b, c]);
@@ -30,9 +33,9 @@ pub fn boundary_of(tetrahedra: &[[u32; 4]], prisms: &[[u32; 6]]) -> (Vec<[u32; 3
         let halves = [[[a, b, c], [a, c, d]], [[a, b, d], [b, c, d]]];
         let has = |t: &[u32; 3]| single.binary_search_by_key(&sorted(*t), |(key, ..)| *key).is_ok();
         match halves.iter().find(|pair| pair.iter().all(has)) {
-            // The side of tetrahedra.
+            // This side is covered by tetrahedra.
             Some(pair) => covered.extend(pair.map(sorted)),
-            // By the diagonal from the lowest number, whichever cell the side came from.
+            // The diagonal starts at the lowest node number, so it does not depend on which cell supplied the side.
             None => split.extend(if a.min(c) < b.min(d) { halves[0] } else { halves[1] }),
         }
     }
@@ -55,17 +58,17 @@ fn sorted<const N: usize>(mut corners: [u32; N]) -> [u32; N] {
 mod tests {
     use super::*;
 
-    /// A prism over a tetrahedron: the triangle between them is inside; the sides come in two triangles each.
+    /// A prism over a tetrahedron: the shared triangle is inside, and each side consists of two triangles.
     #[test]
     fn a_prism_on_a_tetrahedron_has_outer_triangle_six_halves_of_sides_and_three_faces() {
         let (faces, n_outer) = boundary_of(&[[3, 5, 4, 6]], &[[0, 1, 2, 3, 4, 5]]);
         assert_eq!((faces.len(), n_outer, faces[0]), (1 + 3 + 6, 1, [0, 1, 2]));
-        // Closed: every edge is run through once each way.
+        // Closed surface: every edge is used once in each direction.
         let edges: Vec<[u32; 2]> = faces.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]).collect();
         assert!(edges.iter().all(|&[a, b]| edges.iter().filter(|e| **e == [b, a]).count() == 1));
     }
 
-    /// Two tetrahedra that together fit a prism's side close it, and are closed by it.
+    /// Two tetrahedra that together cover a prism's side close it.
     #[test]
     fn a_side_on_two_triangles_is_inside() {
         // The side 0, 1, 4, 3, cut by its diagonal 0 4; 6 lies in front of it.

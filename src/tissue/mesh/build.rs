@@ -17,19 +17,22 @@ use super::thin::press;
 use super::{MeshError, MixedMesh};
 use prosopon_geometry::control::Control;
 
-/// A boundary face is on the skin side when its normal and the skin's agree at least this much (cosine).
+/// Smallest cosine between a boundary face's normal and the skin's at which the face counts as facing the skin.
 const LEAST_COSINE: f64 = 0.3;
 
-/// Passes of halving, improving and mending under curved skin.
+/// Number of passes of edge splitting, smoothing and prism repair under curved skin.
 const PASSES: usize = 4;
 
-/// Meshes the tissue by lattice-based isosurface stuffing; all inner boundary nodes that face bone start as [`Attachment::Sliding`](super::Attachment::Sliding),
-/// cut faces of the region as [`Attachment::Fixed`](super::Attachment::Fixed), all else as [`Attachment::Free`](super::Attachment::Free).
+/// Meshes the tissue by isosurface stuffing and adds a layer of prisms under the skin.
 ///
-/// Where elements stay inverted, other lattices are tried, of slightly shorter edges; the report then says so.
+/// Inner boundary nodes that face bone start as [`Attachment::Sliding`](super::Attachment::Sliding), nodes on cuts of the
+/// region as [`Attachment::Fixed`](super::Attachment::Fixed), and all others as [`Attachment::Free`](super::Attachment::Free).
+///
+/// When elements stay inverted, slightly shorter lattice edges are tried, and the report contains a warning.
 ///
 /// # Errors
-/// [`MeshError`]; a mesh that is handed out has no inverted element.
+/// [`MeshError`] for a setting out of range, no tissue, too many elements, elements that stay inverted, and cancellation.
+/// A returned mesh has no inverted element.
 ///
 /// # Source
 /// Labelle and Shewchuk, Isosurface stuffing, SIGGRAPH 2007.
@@ -49,13 +52,13 @@ pub fn build(
             Ok((mesh, mut report)) => {
                 if let Some(error) = &first {
                     report.warnings.push(format!(
-                        "with edges of {} mm {error}; the mesh has edges of {:.2} mm instead",
+                        "the mesh has edges of {1:.2} mm instead of {0} mm, because with the requested edges {error}",
                         settings.edge_mm, tried.edge_mm
                     ));
                 }
                 return Ok((mesh, report));
             }
-            // Shorter edges may be too many.
+            // Shorter edges may give too many elements.
             Err(MeshError::TooLarge { .. }) if first.is_some() => break,
             Err(error) => return Err(error),
         }
@@ -63,7 +66,7 @@ pub fn build(
     Err(first.unwrap_or(MeshError::NoTissue))
 }
 
-/// Edges that are tried one after the other, as shares of what was asked for.
+/// Edge lengths tried in turn, as shares of the requested one.
 const EDGE_SHARES: [f64; 4] = [1.0, 0.97, 0.93, 0.88];
 
 fn build_once(
@@ -98,7 +101,7 @@ fn build_once(
     let left_out = leave_out_pockets(&inner, &mut mesh, &under);
     if left_out.pockets > 0 {
         warnings.push(format!(
-            "pockets of tissue behind narrow necks that were left out: {} ({} tetrahedra, {:.2} cm³)",
+            "{} pockets of tissue behind narrow necks were left out ({} tetrahedra, {:.2} cm³)",
             left_out.pockets,
             left_out.tetrahedra,
             left_out.volume_mm3 / 1000.0
@@ -158,7 +161,7 @@ fn build_once(
     let off = layer.drop_off_skin(&inner);
     if off > 0 {
         warnings.push(format!(
-            "{off} of {n_prisms} prisms were left out at folds of the skin too thin for an edge of {} mm",
+            "{off} of {n_prisms} prisms were left out at skin folds too thin for an edge of {} mm: use a shorter edge",
             settings.edge_mm
         ));
     }
@@ -178,7 +181,7 @@ fn build_once(
     Ok((mixed, quality))
 }
 
-/// Surface that each boundary node lies on.
+/// Surface on which each boundary node lies.
 fn boundary_sides(inner: &InnerTissue<'_>, mesh: &TetMesh, faces: &[BoundaryFace]) -> Vec<Option<Side>> {
     let mut on_boundary = vec![false; mesh.positions.len()];
     for &node in faces.iter().flat_map(|f| &f.nodes) {
@@ -187,7 +190,8 @@ fn boundary_sides(inner: &InnerTissue<'_>, mesh: &TetMesh, faces: &[BoundaryFace
     mesh.positions.par_iter().zip(&on_boundary).map(|(p, on)| on.then(|| inner.value_side(p).1)).collect()
 }
 
-/// The boundary as stuffed; below the skin are faces with all nodes on the skin side that face the skin.
+/// Boundary faces of the stuffed tissue.
+/// A face lies below the skin when all its nodes are on the skin side and it faces the skin.
 fn surface_faces(
     inner: &InnerTissue<'_>,
     mesh: &TetMesh,
@@ -211,7 +215,7 @@ fn under_skin(surface: &[SurfaceFace], n_nodes: usize) -> Vec<bool> {
     under
 }
 
-/// Nodes that pressing laid bare belong to the nearer of bone and air.
+/// Assigns nodes that pressing exposed to the nearer of bone and air.
 fn label_exposed(inner: &InnerTissue<'_>, mesh: &TetMesh, faces: &[BoundaryFace], sides: &mut [Option<Side>]) {
     for &node in faces.iter().flat_map(|f| &f.nodes) {
         let side = &mut sides[node as usize];

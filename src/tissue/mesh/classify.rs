@@ -5,22 +5,23 @@ use super::stuffing::TetMesh;
 use super::{Attachment, MixedMesh, Tissue};
 use prosopon_geometry::{Aabb, Implicit, Point};
 
-/// Tissue below this value is fat, HU: half-way between fat and muscle.
+/// Tissue below this value is fat, HU: the midpoint between fat and muscle.
 const FAT_BELOW_HU: f64 = -25.0;
-/// Share of the way from bone to skin that is muscle when nothing is known of the tissue.
+/// Share of the distance from bone to skin that is muscle where the CT gives no value.
 const MUSCLE_SHARE: f64 = 0.4;
 
-/// What a mesh is put together from.
+/// Parts from which a mesh is assembled.
 pub(super) struct Shape<'a, 'd> {
     pub(super) inner: &'a InnerTissue<'d>,
     pub(super) mesh: &'a TetMesh,
     pub(super) layer: &'a Layer,
     pub(super) sides: &'a [Option<Side>],
-    /// Boundary faces as stuffed (sorted nodes, rising); those that came later were laid bare above bone or air.
+    /// Boundary faces after stuffing (sorted nodes, ascending).
+    /// Faces that appeared later were exposed above bone or air.
     pub(super) stuffed_faces: &'a [[u32; 3]],
 }
 
-/// Numbers the nodes in use (inner ones in their order, then outer ones) and labels faces, nodes and tissue.
+/// Numbers the nodes in use (inner nodes in their order, then outer nodes) and labels faces, nodes and tissue.
 pub(super) fn assemble(shape: &Shape<'_, '_>) -> MixedMesh {
     let Shape { inner, mesh, layer, .. } = *shape;
     let n = mesh.positions.len();
@@ -92,7 +93,7 @@ pub(super) fn assemble(shape: &Shape<'_, '_>) -> MixedMesh {
     }
 }
 
-/// Boundary faces (outward) with what they lie on, and edges under the prisms' side faces on the region's cut.
+/// Boundary faces (outward) with the surface they lie on, and edges below the prisms' sides on the region's cut.
 struct Labels {
     faces: Vec<([u32; 3], Side)>,
     cut_edges: Vec<[u32; 2]>,
@@ -110,7 +111,7 @@ impl Labels {
                 faces.push((*nodes, face_side(shape, *nodes)));
             }
         }
-        // Prisms without a tetrahedron below stand on bone or air: their inner triangle faces inwards.
+        // Prisms without a tetrahedron below stand on bone or air; their inner triangle faces inwards.
         let mut below: Vec<[u32; 3]> = bounding.iter().map(|f| sorted(f.nodes)).collect();
         below.sort_unstable();
         for face in &layer.faces {
@@ -136,7 +137,8 @@ fn centre(mesh: &TetMesh, nodes: [u32; 3]) -> Point {
     Point::from(nodes.iter().map(|&i| mesh.positions[i as usize].coords).sum::<prosopon_geometry::Vector>() / 3.0)
 }
 
-/// What an uncovered boundary face lies on: cuts first, then the nearer of bone and air; the skin side where a prism was left out.
+/// Surface on which an uncovered boundary face lies: cuts first, then the nearer of bone and air. It is the skin side where a
+/// prism was left out.
 fn face_side(shape: &Shape<'_, '_>, nodes: [u32; 3]) -> Side {
     let has = |side: Side| nodes.iter().any(|&i| shape.sides[i as usize] == Some(side));
     if let Some(side) = [Side::Region, Side::Depth, Side::Neck].into_iter().find(|s| has(*s)) {
@@ -149,7 +151,8 @@ fn face_side(shape: &Shape<'_, '_>, nodes: [u32; 3]) -> Side {
     shape.inner.obstacle(&centre(shape.mesh, nodes)).1
 }
 
-/// What the CT says in the mean over the tetrahedron; where it says nothing muscle next to the bone, fat above it.
+/// Tissue from the CT's mean over the tetrahedron.
+/// Where the CT has no value, tissue is muscle near the bone and fat above it.
 fn tissue_at(inner: &InnerTissue<'_>, corners: [Point; 4]) -> Tissue {
     let p = corners.iter().fold(Point::origin(), |s, c| s + c.coords * 0.25);
     if let Some(hu) = inner.domain.soft_tissue {
@@ -165,8 +168,9 @@ fn tissue_at(inner: &InnerTissue<'_>, corners: [Point; 4]) -> Tissue {
     if to_bone < MUSCLE_SHARE * (to_skin + to_bone) { Tissue::Muscle } else { Tissue::Fat }
 }
 
-/// Ties nodes that slide on bone to the nearest segment whose solid is within `tie_gap_mm`; nodes in one of the boxes
-/// `sliding` go on sliding. Segment solids lie where the mesh lies (at rest). Of equally near segments the first wins.
+/// Ties nodes that slide on bone to the nearest segment whose solid lies within `tie_gap_mm`.
+/// Nodes inside one of the boxes `sliding` remain sliding. The segments' solids must be at rest, like the mesh. Of equally near
+/// segments the first one is used.
 pub fn tie(mesh: &mut MixedMesh, segments: &[(u32, &dyn Implicit)], tie_gap_mm: f64, sliding: &[Aabb]) {
     for (attachment, p) in mesh.attachment.iter_mut().zip(&mesh.positions) {
         if *attachment != Attachment::Sliding || sliding.iter().any(|b| b.contains(p)) {

@@ -4,11 +4,11 @@ use prosopon_geometry::{Aabb, Implicit, Point, ScalarGrid, Vector};
 /// Target shape of the mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MeshSettings {
-    /// Thickness of the skin layer, mm (Wang 2009: 1.5); gives way where tissue is thinner.
+    /// Thickness of the skin layer, mm (Wang 2009: 1.5). The layer is thinner where the tissue is thinner.
     pub skin_thickness_mm: f64,
-    /// Edge of the lattice, mm.
+    /// Edge length of the lattice, mm.
     pub edge_mm: f64,
-    /// Tissue deeper than this below the skin is left out, mm.
+    /// Tissue deeper than this below the skin is omitted, mm.
     pub depth_mm: f64,
 }
 
@@ -28,29 +28,30 @@ impl MeshSettings {
             return setting("edge_mm", self.edge_mm, "0.25 to 20");
         }
         if !(self.least_depth_mm()..=1000.0).contains(&self.depth_mm) {
-            return setting("depth_mm", self.depth_mm, "the skin's thickness plus two edges, to 1000");
+            return setting("depth_mm", self.depth_mm, "skin_thickness_mm plus two edge_mm, up to 1000");
         }
         Ok(())
     }
 
-    /// Smallest `depth_mm` that goes with the other two: the carved layer under the skin must lie above the cut.
+    /// Smallest `depth_mm` allowed with the other two settings, mm.
+    /// The carved layer under the skin must lie above the cut.
     #[must_use]
     pub fn least_depth_mm(&self) -> f64 {
         self.skin_thickness_mm + 2.0 * self.edge_mm
     }
 }
 
-/// Region of the face that is meshed: inside the box and on the positive side of each plane `(point, unit normal)`.
+/// Region of the face to be meshed: inside the box and on the positive side of each half-space's plane.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Region {
     /// Box, LPS mm.
     pub bounds: Aabb,
-    /// Half-spaces kept: `(x - point) · normal > 0`.
+    /// Half-spaces as `(point, unit normal)`; points with `(x - point) · normal > 0` are kept.
     pub half_spaces: Vec<(Point, Vector)>,
 }
 
 impl Region {
-    /// Signed value (mm, negative inside) and the outward unit normal of the nearest bounding plane.
+    /// Signed distance (mm, negative inside) to the nearest bounding plane, and its outward unit normal.
     pub(super) fn value_gradient(&self, p: &Point) -> (f64, Vector) {
         let mut best = (f64::NEG_INFINITY, Vector::zeros());
         for a in 0..3 {
@@ -70,18 +71,18 @@ impl Region {
     }
 }
 
-/// The solids that bound tissue, negative inside, at rest.
+/// Solids that bound the tissue at rest; each is negative inside.
 #[derive(Clone, Copy)]
 pub struct Domain<'a> {
     /// Inside of the skin.
     pub skin: &'a dyn Implicit,
     /// Outer envelope of bone.
     pub bone: &'a dyn Implicit,
-    /// Air inside the head, where known.
+    /// Air inside the head, if known.
     pub air: Option<&'a dyn Implicit>,
-    /// Mean value of soft tissue around each place, HU, not a number where unknown: tells fat from muscle.
+    /// Local mean of soft tissue, HU, NaN where unknown. It distinguishes fat from muscle.
     pub soft_tissue: Option<&'a ScalarGrid>,
-    /// What is meshed.
+    /// Region to be meshed.
     pub region: &'a Region,
 }
 
@@ -91,18 +92,18 @@ impl std::fmt::Debug for Domain<'_> {
     }
 }
 
-/// What a boundary node or face lies on.
+/// Surface on which a boundary node or face lies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Side {
     /// The level set `skin = -thickness`, below the prisms.
     Skin,
     Bone,
     Air,
-    /// Cut of the region.
+    /// Cut by the boundary of the region.
     Region,
-    /// Cut below the depth.
+    /// Cut at the depth limit.
     Depth,
-    /// Cut through tissue where a pocket was left out: held to no surface.
+    /// Cut through tissue where a pocket was left out; it lies on no surface.
     Neck,
 }
 
@@ -114,21 +115,22 @@ pub(super) struct Foot {
     pub(super) normal: Vector,
 }
 
-/// The implicit function of the INNER tissue (below the prisms), and what prisms need to know of the domain.
+/// Implicit function of the INNER tissue (below the prisms), and queries that prisms need.
 ///
-/// Bone and air are carved out only deeper than `thickness + carve` below the skin: so there is always a layer below
-/// the skin that the lattice resolves, and the level set under the prisms never meets bone. Where tissue is
-/// thinner, `thin` moves that layer's nodes back to the bone.
+/// Bone and air are carved out only deeper than `thickness + carve` below the skin. A layer that the lattice resolves therefore
+/// always lies below the skin, and the level set under the prisms never meets bone. Where the tissue is thinner, `thin` moves
+/// the nodes of that layer back to the bone.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct InnerTissue<'a> {
     pub(super) domain: Domain<'a>,
-    /// Thickness of the skin layer where nothing is thin, mm.
+    /// Thickness of the skin layer outside thin walls, mm.
     pub(super) thickness: f64,
-    /// Its thickness where it varies, mm: slowly, so that the level set's gradient is taken from the skin alone.
+    /// Thickness of the skin layer where it varies, mm.
+    /// It varies slowly, so the level set's gradient is that of the skin alone.
     varying: Option<&'a ScalarGrid>,
     pub(super) edge: f64,
     depth: f64,
-    /// Thickness of the layer that is always meshed, mm.
+    /// Thickness of the layer that is always meshed below the skin layer, mm.
     pub(super) carve: f64,
 }
 
@@ -146,7 +148,7 @@ impl<'a> InnerTissue<'a> {
         }
     }
 
-    /// The same with a skin layer whose thickness varies.
+    /// The same domain with a skin layer of varying thickness.
     pub(super) fn with_thickness(self, varying: Option<&'a ScalarGrid>) -> Self {
         Self { varying, ..self }
     }
@@ -156,7 +158,7 @@ impl<'a> InnerTissue<'a> {
         self.varying.map_or(self.thickness, |grid| grid.sample(p))
     }
 
-    /// Value (mm, negative in the inner tissue) and the function that it comes from.
+    /// Value (mm, negative in the inner tissue) and the surface whose function determines it.
     pub(super) fn value_side(&self, p: &Point) -> (f64, Side) {
         let region = self.domain.region.value_gradient(p).0;
         if region > 2.0 * self.edge {
@@ -180,7 +182,7 @@ impl<'a> InnerTissue<'a> {
         best
     }
 
-    /// Signed distance to bone or air, whichever is nearer, mm (negative inside).
+    /// Signed distance to the nearer of bone and air, mm (negative inside).
     pub(super) fn obstacle(&self, p: &Point) -> (f64, Side) {
         let bone = self.domain.bone.value(p);
         match self.domain.air.map(|air| air.value(p)) {
@@ -189,7 +191,7 @@ impl<'a> InnerTissue<'a> {
         }
     }
 
-    /// Value and gradient of the function that a node on `side` is held to.
+    /// Value and gradient of the function that constrains a node on `side`.
     pub(super) fn side_value_gradient(&self, side: Side, p: &Point) -> (f64, Vector) {
         let shifted = |offset: f64| {
             let (value, gradient) = self.domain.skin.value_gradient(p);
@@ -205,7 +207,8 @@ impl<'a> InnerTissue<'a> {
         }
     }
 
-    /// Newton steps along the gradient to the surface of `side`; `None` when it does not arrive within `reach` mm.
+    /// Projects a point by Newton steps onto the surface of `side`.
+    /// `None` when there is no convergence within `reach` mm.
     pub(super) fn project(&self, side: Side, start: &Point, reach: f64) -> Option<Point> {
         let mut p = *start;
         for _ in 0..12 {
@@ -222,11 +225,11 @@ impl<'a> InnerTissue<'a> {
                 return None;
             }
         }
-        // A field of interpolated samples has kinks on which Newton hops about: a hundredth of an edge is close enough.
+        // Newton steps can oscillate at the kinks of interpolated samples; a hundredth of an edge is accurate enough.
         (self.side_value_gradient(side, &p).0.abs() < 0.01 * self.edge).then_some(p)
     }
 
-    /// Foot on the skin of a point near it; `None` where the gradient does not lead there.
+    /// Foot on the skin of a point near it; `None` when the Newton steps do not converge within `reach` mm.
     pub(super) fn foot(&self, start: &Point, reach: f64) -> Option<Foot> {
         let mut p = *start;
         for _ in 0..12 {
@@ -248,7 +251,8 @@ impl<'a> InnerTissue<'a> {
         Some(Foot { point: p, normal: gradient.try_normalize(1e-3)? })
     }
 
-    /// Crossing of the skin by the line from `start` along `normal`, outwards from inside and inwards from outside, within `reach` mm.
+    /// Intersection of the skin with the line from `start` along `normal`, within `reach` mm.
+    /// The search runs outwards from inside the skin and inwards from outside.
     pub(super) fn foot_along(&self, start: &Point, normal: &Vector, reach: f64) -> Option<Foot> {
         let skin = self.domain.skin;
         let first = skin.value(start);
@@ -268,12 +272,12 @@ impl<'a> InnerTissue<'a> {
         None
     }
 
-    /// How far below the skin a node may lie for its foot to be looked for, mm.
+    /// Largest distance between a node and its foot on the skin that is searched, mm.
     pub(super) fn foot_reach(&self) -> f64 {
         3.0 * (self.thickness + self.edge)
     }
 
-    /// First bone or air straight below a foot, mm along the inward normal, at most `reach`.
+    /// Distance from a foot to the first bone or air along the inward normal, mm; `None` beyond `reach`.
     pub(super) fn thickness_below(&self, foot: &Foot, reach: f64) -> Option<(f64, Side)> {
         let at = |s: f64| self.obstacle(&(foot.point - foot.normal * s));
         let step = 0.25f64.min(0.1 * self.edge);
@@ -299,8 +303,9 @@ fn max_by_value(a: (f64, Side), b: (f64, Side)) -> (f64, Side) {
     if b.0 > a.0 { b } else { a }
 }
 
-/// Root of `f` between `a` and `b`, where its values differ in sign: false position with the Illinois weight, and a
-/// bisection at every third step. Stops when the bracket or the value is below `tolerance`.
+/// Root of `f` between `a` and `b`, where its values differ in sign.
+/// Uses false position with the Illinois weight and a bisection at every third step. Stops when the bracket or the value is
+/// below `tolerance`.
 pub(super) fn crossing(a: f64, b: f64, fa: f64, fb: f64, tolerance: f64, f: impl Fn(f64) -> f64) -> f64 {
     let (mut a, mut b, mut fa, mut fb) = (a, b, fa, fb);
     let mut kept = 0;

@@ -4,15 +4,16 @@ use super::MixedMesh;
 use super::adjacency::Rows;
 use prosopon_geometry::{Aabb, Point, TriMesh};
 
-/// Where each vertex of the user's skin sits in the prisms' outer surface.
+/// Position of each skin vertex in the outer triangles of the prisms.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Embedding {
-    /// Per skin vertex: prism index and barycentric coordinates in its outer triangle; `None` outside the mesh.
+    /// Prism index and barycentric coordinates in its outer triangle, per skin vertex.
+    /// `None` for vertices outside the mesh.
     pub anchors: Vec<Option<(u32, [f64; 3])>>,
 }
 
-/// Finds the closest point of the prisms' outer triangles for every vertex of `skin`; vertices farther than `reach_mm` have none.
-/// Of equally near triangles the first prism wins.
+/// Finds the closest point of the prisms' outer triangles for every vertex of `skin`.
+/// Vertices farther than `reach_mm` have no anchor. Of equally near triangles the first prism is used.
 #[must_use]
 pub fn embed(skin: &TriMesh, mesh: &MixedMesh, reach_mm: f64) -> Embedding {
     let triangles: Vec<[Point; 3]> =
@@ -34,7 +35,8 @@ pub fn embed(skin: &TriMesh, mesh: &MixedMesh, reach_mm: f64) -> Embedding {
     Embedding { anchors: skin.positions().par_iter().map(anchor).collect() }
 }
 
-/// Triangles sorted into cubes: each cube lists, rising, all triangles whose box grown by the reach meets it.
+/// Triangles sorted into cubes.
+/// Each cube lists, in ascending order, all triangles whose box, enlarged by the reach, meets it.
 struct Bins {
     bounds: Aabb,
     size: [usize; 3],
@@ -49,7 +51,7 @@ impl Bins {
         }
         let bounds = Aabb::of(triangles.iter().flatten())?.grown(reach);
         let extent = bounds.max - bounds.min;
-        // Cubes of about the size of a grown triangle, but never more than some millions.
+        // Cubes have about the size of an enlarged triangle, but there are at most a few million of them.
         let mean = triangles.iter().map(|[a, b, _]| (b - a).norm()).sum::<f64>() / triangles.len() as f64;
         let least = extent.max().max(1e-9) / 128.0;
         let step = (mean + reach).max(least);

@@ -1,6 +1,6 @@
 use prosopon_geometry::control::Cancelled;
 
-/// Why no mesh came out.
+/// Reason why no mesh could be built.
 #[derive(Debug, thiserror::Error)]
 pub enum MeshError {
     /// A setting is out of range.
@@ -8,37 +8,37 @@ pub enum MeshError {
     Setting {
         /// Name of the setting.
         name: &'static str,
-        /// Its value.
+        /// Value found.
         found: f64,
-        /// What is allowed.
+        /// Allowed values.
         allowed: &'static str,
     },
-    /// There is no tissue between skin and bone in the region.
-    #[error("no tissue between skin and bone in the region: is the skin inside the skull?")]
+    /// The region contains no tissue between skin and bone.
+    #[error("no tissue between skin and bone in the region: check that the skin encloses the skull")]
     NoTissue,
-    /// More elements than allowed.
-    #[error("an edge of {edge_mm} mm gives about {found} tetrahedra, at most {allowed} are allowed")]
+    /// The mesh would have too many elements.
+    #[error("an edge of {edge_mm} mm gives about {found} tetrahedra, at most {allowed} are allowed: use a longer edge")]
     TooLarge {
-        /// Edge asked for, mm.
+        /// Requested edge length, mm.
         edge_mm: f64,
-        /// Tetrahedra expected.
+        /// Estimated number of tetrahedra.
         found: u64,
-        /// Tetrahedra allowed.
+        /// Largest number of tetrahedra allowed.
         allowed: u64,
     },
-    /// Inverted elements could not be mended.
-    #[error("{count} inverted elements could not be mended, the first near ({x:.1}, {y:.1}, {z:.1}) mm")]
+    /// Inverted elements could not be repaired.
+    #[error("{count} inverted elements could not be repaired, the first near ({x:.1}, {y:.1}, {z:.1}) mm")]
     Inverted {
-        /// How many.
+        /// Number of inverted elements.
         count: usize,
-        /// Where the first lies.
+        /// x of the first one, LPS mm.
         x: f64,
-        /// Where the first lies.
+        /// y of the first one, LPS mm.
         y: f64,
-        /// Where the first lies.
+        /// z of the first one, LPS mm.
         z: f64,
     },
-    /// Stopped by the caller.
+    /// The caller cancelled the computation.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
 }

@@ -1,21 +1,23 @@
-//! The lattice with some of its cubes halved.
+//! Lattice in which some cubes are halved.
 
 use super::lattice::Lattice;
 use prosopon_geometry::Point;
 
-/// Body-centred cubic lattice in which marked cubes are eight cubes of half the edge.
+/// Body-centred cubic lattice in which marked cubes are split into eight cubes of half the edge.
 ///
-/// Where halved cubes meet whole ones, half pyramids on quarters of the faces join both, and tetrahedra along a whole edge with a
-/// vertex in its middle are halved: no vertex hangs. A vertex has quadrupled coordinates, in units of a quarter of an edge.
+/// Where halved cubes meet whole ones, half pyramids on quarters of the faces join both. Tetrahedra along a whole edge with a
+/// vertex in its middle are split, so there are no hanging vertices. A vertex has quadrupled coordinates, in units of a quarter
+/// of an edge.
 ///
 /// # Source
 /// Labelle and Shewchuk, Isosurface stuffing, SIGGRAPH 2007, section 3.2, with one level.
 #[derive(Debug, Clone)]
 pub(super) struct GradedLattice {
     whole: Lattice,
-    /// Per cube; cubes are numbered as their centres.
+    /// Whether each cube is halved; cubes are numbered like their centres.
     halved: Vec<bool>,
-    /// Quadrupled coordinates of the vertices that halving adds, rising. Corners and centres of whole cubes come before them.
+    /// Quadrupled coordinates of the vertices that halving adds, ascending.
+    /// Corners and centres of whole cubes are numbered before them.
     added: Vec<[i32; 3]>,
 }
 
@@ -65,7 +67,7 @@ impl GradedLattice {
         cube.is_some_and(|c| self.halved.get(c) == Some(&true))
     }
 
-    /// Whether a cube at the vertex is halved.
+    /// Whether one of the cubes at the vertex is halved.
     pub(super) fn is_fine(&self, index: usize) -> bool {
         if index >= self.whole.vertex_count() {
             return true;
@@ -73,12 +75,12 @@ impl GradedLattice {
         self.whole.cubes_at(index).any(|cube| self.is_halved(Some(cube)))
     }
 
-    /// Vertices that [`Self::tetrahedra`] takes: each tetrahedron belongs to one of them.
+    /// Vertices accepted by [`Self::tetrahedra`]: each tetrahedron belongs to one of them.
     pub(super) fn owners(&self) -> std::ops::Range<usize> {
         self.whole.corner_indices()
     }
 
-    /// Appends the tetrahedra that belong to the corner `owner`, of either orientation.
+    /// Appends the tetrahedra that belong to the corner `owner`, in either orientation.
     pub(super) fn tetrahedra(&self, owner: usize, out: &mut Vec<[u32; 4]>) {
         for axis in 0..3 {
             for t in self.whole.tetrahedra(owner, axis) {
@@ -101,14 +103,15 @@ impl GradedLattice {
         }
     }
 
-    /// The vertex in the middle of the whole edge from the corner `owner` along `axis`.
+    /// The vertex at the midpoint of the whole edge from the corner `owner` along `axis`.
     fn middle(&self, owner: usize, axis: usize) -> Option<u32> {
         let mut c = self.whole.coordinates(owner).map(|c| 2 * c);
         c[axis] += 2;
         self.vertex(c)
     }
 
-    /// Tetrahedra through the faces of the half cube around `centre`; those it shares with another half cube belong to the lower one.
+    /// Tetrahedra through the faces of the half cube around `centre`.
+    /// Those shared with another half cube belong to the lower one.
     fn half_cube(&self, centre: [i32; 3], out: &mut Vec<[u32; 4]>) {
         let Some(own) = self.vertex(centre) else { return };
         for axis in 0..3 {
@@ -154,7 +157,7 @@ impl GradedLattice {
     }
 }
 
-/// Doubled coordinates of a corner or centre of a whole cube; `None` for the vertices between.
+/// Doubled coordinates of a corner or centre of a whole cube; `None` for the vertices added by halving.
 fn whole_coordinates(quarters: [i32; 3]) -> Option<[i32; 3]> {
     let remainders = quarters.map(|c| c.rem_euclid(4));
     (remainders == [0; 3] || remainders == [2; 3]).then(|| quarters.map(|c| c / 2))
@@ -167,7 +170,8 @@ mod tests {
     use super::*;
     use prosopon_geometry::Aabb;
 
-    /// Some cubes halved, alone, in a row, across an edge and across a corner: nothing hangs, nothing overlaps, no tetrahedron is flat.
+    /// Some cubes halved: alone, in a row, across an edge and across a corner.
+    /// There must be no hanging vertex, no overlap and no flat tetrahedron.
     #[test]
     fn halved_cubes_join_whole_ones() {
         let bounds = Aabb { min: Point::origin(), max: Point::new(6.0, 5.0, 4.0) };
@@ -195,7 +199,8 @@ mod tests {
         assert!((volume(&all) - volume(&plain)).abs() < 1e-9);
         assert!(all.iter().all(|t| dihedral_range(&corners(t)).0 > 29.9));
         assert_eq!(shared_faces(&all).1, 0);
-        // Every face has two tetrahedra, but on the border: as many there as without halving, since no halved cube is there.
+        // Every face has two tetrahedra except on the border. The border has as many faces as without halving, since no halved
+        // cube is there.
         let border = |tets: &[[u32; 4]]| {
             let mut faces: Vec<[u32; 3]> =
                 boundary(tets).iter().map(|f| super::super::adjacency::sorted(f.nodes)).collect();

@@ -1,5 +1,6 @@
-//! Which cubes of the lattice are halved: where tissue between two sheets of skin is thin, as in the wings of the nose, and where
-//! bone near the skin is. And how thick prisms may be in thin walls.
+//! Chooses the cubes of the lattice that are halved and the thickness of prisms in thin walls.
+//! Cubes are halved where tissue between two sheets of skin is thin, as in the wings of the nose, and where thin bone lies near
+//! the skin.
 
 use rayon::prelude::*;
 
@@ -8,33 +9,34 @@ use super::lattice::Lattice;
 use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{Point, ScalarGrid};
 
-/// Prisms take at most this share of a wall from either side, and leave at least this many edges of it between them: one and a quarter
-/// edges of a halved cube, as [`InnerTissue`] keeps of whole ones above bone.
+/// Prisms take at most this share of a wall from either side, and leave at least [`BETWEEN`] edges between them. That is one
+/// and a quarter edges of a halved cube; [`InnerTissue`] keeps the same multiple of whole edges above bone.
 const PRISM_SHARE: f64 = 0.25;
 const BETWEEN: f64 = 0.65;
-/// They are not made thinner than this, mm.
+/// Smallest thickness of prisms, mm.
 const LEAST_THICKNESS: f64 = 0.3;
 /// Walls whose part between the prisms is thinner than this many edges are meshed by halved cubes.
 const RESOLVED: f64 = 1.0;
-/// Change of the prisms' thickness along the skin.
+/// Largest change of the prisms' thickness per distance along the skin.
 const SLOPE: f64 = 0.12;
-/// Bone that stands in the middle of an edge of the lattice by so many edges, while both ends are in tissue, is too thin for it.
+/// Bone or air is too thin for an edge of the lattice when the middle of the edge lies this many edges inside it while both
+/// ends lie in tissue.
 const PIERCED: f64 = 0.2;
-/// So many edges below the skin thin bone is looked for: deeper down the skin does not feel it.
+/// Thin bone is searched for down to this many edges below the skin; deeper bone hardly affects the skin.
 const NEAR: f64 = 3.0;
-/// Vertices looked at between two looks at the cancel flag.
+/// Vertices handled between two checks for cancellation.
 const CHUNK: usize = 1024;
 
-/// What thin walls ask for.
+/// Refinement that thin walls require.
 #[derive(Debug, Clone)]
 pub(super) struct Grading {
     /// Thickness of the skin layer, mm; `None` where it is the same everywhere.
     pub(super) thickness: Option<ScalarGrid>,
-    /// Per cube of the lattice.
+    /// Whether each cube of the lattice is halved.
     pub(super) halved: Vec<bool>,
 }
 
-/// Measures walls at the lattice's vertices near the skin, and looks for bone along its edges.
+/// Measures walls at the lattice's vertices near the skin, and searches for thin bone along the lattice's edges.
 pub(super) fn grade(inner: &InnerTissue<'_>, lattice: &Lattice, control: &Control) -> Result<Grading, Cancelled> {
     let n = lattice.vertex_count();
     let thin = 2.0 * inner.thickness + RESOLVED * inner.edge;
@@ -75,7 +77,7 @@ pub(super) fn grade(inner: &InnerTissue<'_>, lattice: &Lattice, control: &Contro
     Ok(Grading { thickness: Some(grid), halved })
 }
 
-/// Cubes at edges that go through thin bone or air near the skin.
+/// Cubes around edges that pass through thin bone or air near the skin.
 fn pierced(inner: &InnerTissue<'_>, lattice: &Lattice, control: &Control) -> Result<Vec<usize>, Cancelled> {
     let n = lattice.vertex_count();
     let mut inside = vec![false; n];
@@ -106,7 +108,8 @@ fn pierced(inner: &InnerTissue<'_>, lattice: &Lattice, control: &Control) -> Res
     Ok(found?.into_iter().flatten().collect())
 }
 
-/// Thickness of the wall under the skin nearest to `p`, where that is thin and `p` within an edge of it.
+/// Thickness of the wall under the skin nearest to `p`; `None` unless it is below `thin` and `p` lies within an edge of the
+/// skin.
 fn wall_near(inner: &InnerTissue<'_>, p: &Point, thin: f64) -> Option<f64> {
     if inner.domain.region.value_gradient(p).0 > inner.edge || inner.domain.skin.value(p).abs() > inner.edge {
         return None;
@@ -115,10 +118,10 @@ fn wall_near(inner: &InnerTissue<'_>, p: &Point, thin: f64) -> Option<f64> {
     wall_below(inner, &foot, thin)
 }
 
-/// Way from a foot straight inwards until the skin is met again, mm; `None` beyond `reach`.
+/// Distance from a foot straight inwards to the next crossing of the skin, mm; `None` beyond `reach`.
 fn wall_below(inner: &InnerTissue<'_>, foot: &Foot, reach: f64) -> Option<f64> {
     let at = |s: f64| inner.domain.skin.value(&(foot.point - foot.normal * s));
-    // Past the skin's own roughness.
+    // The start lies beyond the roughness of the skin.
     let mut s = 0.1 * inner.edge;
     while s < reach {
         let value = at(s);
@@ -135,7 +138,7 @@ fn soften(grid: &mut ScalarGrid) {
     let step = (SLOPE * grid.spacing) as f32;
     let dims = grid.dims;
     let strides = [1, dims[0], dims[0] * dims[1]];
-    // Neighbours, each pair once up and once down: a sweep either way carries far along its own direction.
+    // Each pair is adjusted in both directions, so one sweep carries changes far along the sweep's direction.
     loop {
         let mut changed = false;
         for index in 0..grid.values.len() {
@@ -186,7 +189,7 @@ mod tests {
         let (grading, lattice) = graded(4.0);
         let thickness = grading.thickness.unwrap();
         let at = |x: f64, z: f64| thickness.sample(&Point::new(x, 0.0, z));
-        // 4 mm less 0.65 edges, halved, found to within a step of the search.
+        // Half of 4 mm less 0.65 edges, accurate to one step of the search.
         assert!((at(0.0, 0.0) - 0.7).abs() < 0.1, "{}", at(0.0, 0.0));
         assert!((at(20.0, -40.0) - 1.5).abs() < 1e-6);
         let near = |cube: usize| lattice.position(lattice.centre_of_cube(cube));
@@ -201,7 +204,8 @@ mod tests {
         }
     }
 
-    /// A plate of bone 1.8 mm thick between the lattice's planes, 8 mm below the skin: its cubes are halved, and those of a plate 30 mm deep are not.
+    /// A plate of bone 1.8 mm thick between the lattice's planes.
+    /// At 8 mm below the skin its cubes are halved, at 30 mm they are not.
     #[test]
     fn thin_bone_near_the_skin_gets_halved_cubes() {
         let halved = |depth: f64| {

@@ -11,8 +11,9 @@ pub(super) struct Lattice {
     cells: [usize; 3],
 }
 
-/// Steps to the 14 neighbours: one of each pair of opposite steps first, so that `i` and `i + 7` are opposite.
-/// The first three of each half are long edges, the last four short ones.
+/// Steps to the 14 neighbours.
+/// The first seven hold one of each pair of opposite steps, so that `i` and `i + 7` are opposite. The first three of each half
+/// are long edges, the last four short ones.
 pub(super) const STEPS: [[i32; 3]; 14] = [
     [2, 0, 0],
     [0, 2, 0],
@@ -31,11 +32,11 @@ pub(super) const STEPS: [[i32; 3]; 14] = [
 ];
 
 impl Lattice {
-    /// Covers `bounds` with at least one cell to spare on every side.
+    /// Covers `bounds` with at least one extra cell on every side.
     pub(super) fn covering(bounds: &Aabb, edge: f64) -> Self {
         let extent = bounds.max - bounds.min;
         let cells = [0, 1, 2].map(|a| (extent[a].max(0.0) / edge).ceil() as usize + 3);
-        // Centred, so that the cuts of the box fall alike on both sides.
+        // Centred, so that the lattice meets opposite faces of the box alike.
         let size = Vector::new(cells[0] as f64, cells[1] as f64, cells[2] as f64) * edge;
         Self { origin: bounds.center() - 0.5 * size, edge, cells }
     }
@@ -73,8 +74,8 @@ impl Lattice {
         self.origin + Vector::from(self.coordinates(index).map(f64::from)) * (0.5 * self.edge)
     }
 
-    /// The four tetrahedra around the long edge from corner `index` along `axis`; fewer at the border. Each tetrahedron of the
-    /// lattice has exactly one such edge. Order: positive volume.
+    /// The four tetrahedra around the long edge from corner `index` along `axis`, fewer at the border. Each tetrahedron of the
+    /// lattice has exactly one such edge. The node order gives a positive volume.
     pub(super) fn tetrahedra(&self, index: usize, axis: usize) -> impl Iterator<Item = [u32; 4]> {
         let c = self.coordinates(index);
         let mut end = c;
@@ -99,7 +100,7 @@ impl Lattice {
         self.cells.iter().product()
     }
 
-    /// The cube whose lowest corner has the doubled coordinates `low`; cubes are numbered as their centres.
+    /// The cube whose lowest corner has the doubled coordinates `low`; cubes are numbered like their centres.
     pub(super) fn cube_at(&self, low: [i32; 3]) -> Option<usize> {
         let centre = self.index(low.map(|c| c + 1))?;
         self.cube_of_centre(centre)
@@ -138,7 +139,7 @@ impl Lattice {
         }
     }
 
-    /// Neighbours along the first of each pair of opposite [`STEPS`]: each edge is met once.
+    /// Neighbours along the first of each pair of opposite [`STEPS`], so that each edge is visited once.
     pub(super) fn neighbours_above(&self, index: usize) -> impl Iterator<Item = usize> {
         let c = self.coordinates(index);
         STEPS.iter().take(7).filter_map(move |s| self.index([0, 1, 2].map(|a| c[a] + s[a])))
@@ -156,12 +157,12 @@ impl Lattice {
         ScalarGrid { dims, origin: self.origin, spacing: self.edge, values: vec![value; self.corners()] }
     }
 
-    /// Place of quadrupled coordinates.
+    /// Position of quadrupled coordinates.
     pub(super) fn at_quarters(&self, c: [i32; 3]) -> Point {
         self.origin + Vector::from(c.map(f64::from)) * (0.25 * self.edge)
     }
 
-    /// Corners, the vertices that [`Self::tetrahedra`] takes.
+    /// Corners, the vertices that [`Self::tetrahedra`] accepts.
     pub(super) fn corner_indices(&self) -> std::ops::Range<usize> {
         0..self.corners()
     }

@@ -15,7 +15,7 @@ pub enum Tissue {
 }
 
 impl Tissue {
-    /// Its name, in lower case.
+    /// Name in lower case.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -27,21 +27,21 @@ impl Tissue {
     }
 }
 
-/// What a node is held by.
+/// Boundary condition of a node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Attachment {
-    /// Nothing holds it: interior, skin or air side.
+    /// Unconstrained: interior, skin or air side.
     Free,
-    /// Slides on bone: contact can push it, nothing pulls.
+    /// Slides on bone: contact can push the node but not pull it.
     Sliding,
-    /// Moves with bone segment `k`; 0 is the skull that stays.
+    /// Moves with bone segment `k`; 0 is the fixed skull.
     Tied(u32),
-    /// On a far boundary (neck, back of the head): does not move.
+    /// On a far boundary (neck, back of the head): fixed.
     Fixed,
 }
 
 impl Attachment {
-    /// Its number in files: -1 free, 0 skull or fixed, k segment k, -2 sliding.
+    /// Number used in files: -1 free, 0 skull or fixed, k segment k, -2 sliding.
     #[must_use]
     pub fn number(self) -> f64 {
         match self {
@@ -62,17 +62,21 @@ pub struct MixedMesh {
     pub tetrahedra: Vec<[u32; 4]>,
     /// Tissue of each tetrahedron.
     pub tetrahedron_tissue: Vec<Tissue>,
-    /// Prisms: outer (skin) triangle 0, 1, 2, then the inner nodes below each. The outer triangle is counter-clockwise
-    /// seen from outside the head. (The same order as [`TriMesh`](prosopon_geometry::TriMesh); VTK's wedge has its first triangle facing away from the second, as here.)
+    /// Prisms: the outer (skin) triangle 0, 1, 2, then the inner nodes below each.
+    /// The outer triangle is counter-clockwise seen from outside the head, as in [`TriMesh`](prosopon_geometry::TriMesh). As in
+    /// VTK's wedge, the first triangle faces away from the second.
     pub prisms: Vec<[u32; 6]>,
     /// Tissue of each prism; empty when all are skin.
     pub prism_tissue: Vec<Tissue>,
-    /// Boundary triangles that face bone, counter-clockwise seen from the bone (outward from the tissue): contact is tested on their vertices and barycentres.
+    /// Boundary triangles that face bone.
+    /// They are counter-clockwise seen from the bone (outward from the tissue). Contact is tested at their vertices and
+    /// barycentres.
     pub bone_faces: Vec<[u32; 3]>,
-    /// One per node.
+    /// Boundary condition of each node.
     pub attachment: Vec<Attachment>,
-    /// Nodes of the faces where tissue was cut off below [`MeshSettings::depth_mm`](super::MeshSettings::depth_mm),
-    /// rising. [`build`](super::build) makes them [`Attachment::Fixed`]; free those near bone that moves.
+    /// Nodes of the faces at the depth limit, in ascending order.
+    /// Tissue below [`MeshSettings::depth_mm`](super::MeshSettings::depth_mm) is cut off there.
+    /// [`build`](super::build) makes them [`Attachment::Fixed`]; the caller should free those near moving bone.
     pub depth_cut_nodes: Vec<u32>,
 }
 

@@ -1,12 +1,15 @@
 //! The mixed mesh: one layer of prisms under the skin, tetrahedra inside, conforming.
 //!
-//! Invariants: every element has positive volume; each prism's inner triangle is a face of a tetrahedron (or lies on
-//! the bone); node classes say what each inner node does.
+//! Invariants: every element has positive volume; each prism's inner triangle is a face of a tetrahedron or lies on the bone;
+//! the attachment of a node states its boundary condition.
 //!
-//! Way of [`build`]: find walls between two sheets of skin (`grading`), stuff the inner tissue (`stuffing`, `lattice`, `graded`, `stencil`), press it onto bone where it is thin
-//! (`thin`), leave out what the skin cannot feel (`pockets`), improve the tetrahedra (`smooth`), move the skin side out
-//! to the skin (`prisms`), bring the tops close to it (`settle`, `refine`), drop crumbs (`parts`), label (`classify`) and
-//! measure (`report`).
+//! [`build`] works in these steps:
+//! 1. Find walls between two sheets of skin (`grading`).
+//! 2. Fill the inner tissue with tetrahedra (`stuffing`, `lattice`, `graded`, `stencil`).
+//! 3. Press it onto bone where it is thin (`thin`) and leave out pockets that the skin cannot feel (`pockets`).
+//! 4. Improve the tetrahedra (`smooth`) and extrude the skin side to the skin (`prisms`).
+//! 5. Bring the outer faces of the prisms close to the skin (`settle`, `refine`) and drop small parts (`parts`).
+//! 6. Label nodes, faces and tissue (`classify`) and measure the mesh (`report`).
 
 mod adjacency;
 mod boundary;

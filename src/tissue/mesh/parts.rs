@@ -1,15 +1,15 @@
-//! Parts of the mesh that hang together by faces.
+//! Parts of the mesh that are connected through faces.
 
 use super::adjacency::{Rows, groups, shared_faces, sorted};
 use super::prisms::Layer;
 use super::stuffing::TetMesh;
 
-/// A part with prisms but fewer elements than this share of the largest part goes too: it would float.
+/// A part with prisms but fewer elements than this share of the largest part is dropped too, because it would float.
 const CRUMB: f64 = 0.01;
-/// Pieces of up to so many tetrahedra that hang by one face are dropped.
+/// Pieces of up to this many tetrahedra that are attached by a single face are dropped.
 const HANGING: usize = 50;
 
-/// Keeps the parts that carry prisms and are no crumbs; returns what went.
+/// Keeps the large parts that carry prisms; returns a warning about the others.
 pub(super) fn keep_large_parts(mesh: &mut TetMesh, layer: &mut Layer) -> Vec<String> {
     let (n_tets, n_prisms) = (mesh.tetrahedra.len(), layer.faces.len());
     let pairs = joined(mesh, layer);
@@ -44,7 +44,7 @@ pub(super) fn keep_large_parts(mesh: &mut TetMesh, layer: &mut Layer) -> Vec<Str
     }
     let elements: usize = gone.iter().map(|&p| sizes[p]).sum();
     vec![format!(
-        "{} parts that hang on the tissue by less than two faces were dropped ({elements} elements)",
+        "{} parts attached to the tissue by fewer than two faces were dropped ({elements} elements)",
         gone.len()
     )]
 }
@@ -53,7 +53,7 @@ pub(super) fn keep_large_parts(mesh: &mut TetMesh, layer: &mut Layer) -> Vec<Str
 fn joined(mesh: &TetMesh, layer: &Layer) -> Vec<[u32; 2]> {
     let n_tets = mesh.tetrahedra.len();
     let (mut pairs, _) = shared_faces(&mesh.tetrahedra);
-    // Prisms join through their side faces (edges of the triangles) and to the tetrahedron below.
+    // Prisms share their side faces (edges of the triangles) with prisms and their inner triangle with a tetrahedron.
     let mut edges: Vec<([u32; 2], u32)> = Vec::new();
     let mut triangles: Vec<([u32; 3], u32)> = Vec::new();
     for (f, face) in layer.faces.iter().enumerate() {
@@ -74,16 +74,16 @@ fn joined(mesh: &TetMesh, layer: &Layer) -> Vec<[u32; 2]> {
     pairs
 }
 
-/// Tetrahedra in pieces of 2 to [`HANGING`] that hang on the rest by one face and carry no prism: soft tentacles, which
-/// fold at the first push. A single tetrahedron on a face is stiff.
+/// Marks tetrahedra in pieces of 2 to [`HANGING`] that are attached by one face and carry no prism. Such pieces are soft and
+/// fold under the first load. A single tetrahedron on a face is stiff.
 fn hanging(n: usize, n_tets: usize, pairs: &[[u32; 2]]) -> Vec<bool> {
     let neighbours = Rows::of(n, pairs.iter().flat_map(|&[a, b]| [(a, b), (b, a)]));
-    // Bridges (Tarjan 1974): order of discovery, and the earliest element reached around the edge to the parent.
+    // Bridges (Tarjan 1974): order of discovery, and the earliest element reached without the edge to the parent.
     let mut order = vec![u32::MAX; n];
     let mut lowest = vec![u32::MAX; n];
     let mut parent = vec![u32::MAX; n];
     let mut visited: Vec<u32> = Vec::with_capacity(n);
-    // From the prisms, so that what hangs is the side without them.
+    // The search starts at the prisms, so that the detached side is the one without prisms.
     for root in (n_tets..n).chain(0..n_tets) {
         if order[root] != u32::MAX {
             continue;
@@ -123,7 +123,7 @@ fn hanging(n: usize, n_tets: usize, pairs: &[[u32; 2]]) -> Vec<bool> {
         }
     }
     let mut hangs = vec![false; n];
-    // Parents come before their children.
+    // Parents precede their children.
     for &e in &visited {
         let e = e as usize;
         if parent[e] == u32::MAX {

@@ -1,5 +1,5 @@
-//! Pockets of tissue behind and between bone that hang on the rest by a narrow neck: the skin cannot feel them, and they
-//! cost unknowns and stability.
+//! Removes pockets of tissue behind and between bone.
+//! A narrow neck connects a pocket to the rest. Pockets do not affect the skin but add unknowns and reduce stability.
 
 use rayon::prelude::*;
 
@@ -8,7 +8,7 @@ use super::domain::InnerTissue;
 use super::quality::tetrahedron_volume;
 use super::stuffing::TetMesh;
 
-/// What was left out.
+/// Pockets that were left out.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct LeftOut {
     pub(super) pockets: usize,
@@ -19,9 +19,11 @@ pub(super) struct LeftOut {
 /// A neck is narrower than twice this share of an edge.
 const NECK: f64 = 0.6;
 
-/// Removes the tetrahedra of all pockets. Inner nodes (farther than [`NECK`] from every boundary) that are joined by edges form
-/// groups. A group from which no tetrahedron reaches a node of `under_skin` is a pocket; tetrahedra without inner nodes go
-/// with the group that is nearer through faces.
+/// Removes the tetrahedra of all pockets.
+///
+/// Inner nodes (farther than [`NECK`] edges from every boundary) that are joined by edges form groups. A group is a pocket when
+/// none of its tetrahedra reaches a node of `under_skin`. Tetrahedra without inner nodes join the group that is nearer through
+/// faces.
 pub(super) fn leave_out_pockets(tissue: &InnerTissue<'_>, mesh: &mut TetMesh, under_skin: &[bool]) -> LeftOut {
     let n = mesh.positions.len();
     let inner: Vec<bool> = mesh.positions.par_iter().map(|p| tissue.value_side(p).0 < -NECK * tissue.edge).collect();
@@ -36,7 +38,7 @@ pub(super) fn leave_out_pockets(tissue: &InnerTissue<'_>, mesh: &mut TetMesh, un
     for t in mesh.tetrahedra.iter().filter(|t| t.iter().any(|&i| is(under_skin, i))) {
         t.iter().filter(|&&i| is(&inner, i)).for_each(|&i| felt[group[i as usize] as usize] = true);
     }
-    // Some(true): stays.
+    // Some(true) is kept, Some(false) is removed, None is not yet decided.
     let mut stays: Vec<Option<bool>> = mesh
         .tetrahedra
         .iter()
@@ -50,7 +52,7 @@ pub(super) fn leave_out_pockets(tissue: &InnerTissue<'_>, mesh: &mut TetMesh, un
     let (shared, _) = shared_faces(&mesh.tetrahedra);
     let both = shared.iter().flat_map(|&[a, b]| [(a, b), (b, a)]);
     let neighbours = Rows::of(mesh.tetrahedra.len(), both);
-    // What stays spreads first: an equally near tetrahedron stays.
+    // Kept tetrahedra spread first, so a tetrahedron equally near to both is kept.
     let mut front: Vec<u32> = (0..stays.len() as u32).filter(|&t| stays[t as usize] == Some(true)).collect();
     front.extend((0..stays.len() as u32).filter(|&t| stays[t as usize] == Some(false)));
     while !front.is_empty() {
@@ -95,7 +97,7 @@ mod tests {
     use prosopon_geometry::control::Control;
     use prosopon_geometry::{Aabb, Point};
 
-    /// Tissue around and inside a hollow bone of 14 to 20 mm with a hole of the given radius.
+    /// Tissue around and inside a hollow bone of 14 to 20 mm radius with a hole of the given radius.
     fn left_out(hole: f64) -> (LeftOut, TetMesh) {
         let skin = Shape::ball(Point::origin(), 34.0);
         let bone = Shape(Box::new(move |p| {
@@ -122,7 +124,7 @@ mod tests {
     fn a_pocket_behind_a_narrow_neck_goes_and_one_with_a_wide_mouth_stays() {
         let (narrow, mesh) = left_out(2.0);
         assert_eq!(narrow.pockets, 1);
-        // Inscribed in the ball of 14 mm; some of the neck may go too.
+        // The mesh is inscribed in the ball of 14 mm; part of the neck may be removed too.
         let ball = 4.0 / 3.0 * std::f64::consts::PI * 14f64.powi(3);
         assert!((narrow.volume_mm3 / ball - 1.0).abs() < 0.06, "{} {ball}", narrow.volume_mm3);
         let centre = |t: &[u32; 4]| {

@@ -1,4 +1,4 @@
-//! The layer of prisms: triangles of the skin side moved out to the skin, mended where they fold.
+//! Extrudes the triangles of the skin side to a layer of prisms and repairs it where it folds.
 
 use rayon::prelude::*;
 
@@ -10,25 +10,26 @@ use super::stuffing::TetMesh;
 use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{Point, Vector};
 
-/// Prisms are mended until their scaled Jacobian is above this.
+/// Prisms are improved until their scaled Jacobian is above this.
 const WANTED: f64 = 0.35;
-/// Prisms below this after mending are left out.
+/// Prisms still below this scaled Jacobian are left out.
 pub(super) const WORST: f64 = 0.1;
-/// Farthest that the barycentre of a prism's top may lie from the skin, mm.
+/// Largest distance of the barycentre of a prism's outer triangle from the skin, mm.
 const OFF_SKIN: f64 = 0.3;
-/// A tetrahedron may not fall below this (smallest sine) when a prism's inner node moves.
+/// The smallest sine of a tetrahedron may not fall below this when a prism's inner node moves.
 const TETRAHEDRON_FLOOR: f64 = 0.2;
 
 /// Triangles of the skin side with one outer node per inner node.
 pub(super) struct Layer {
     /// Inner triangles, counter-clockwise seen from outside.
     pub(super) faces: Vec<[u32; 3]>,
-    /// Outer end above each node of the tetrahedra; `None` away from the skin side.
+    /// Outer node (foot on the skin) above each node of the tetrahedra; `None` away from the skin side.
     pub(super) feet: Vec<Option<Foot>>,
 }
 
 impl Layer {
-    /// Moves the triangles' nodes out to the skin. A face with a node from which the skin is not found is left out; their number comes second.
+    /// Extrudes the triangles' nodes to the skin.
+    /// Faces with a node whose foot is not found are left out; returns their number too.
     pub(super) fn extrude(inner: &InnerTissue<'_>, mesh: &TetMesh, faces: &[[u32; 3]]) -> (Self, usize) {
         let mut wanted = vec![false; mesh.positions.len()];
         for &node in faces.iter().flatten() {
@@ -54,13 +55,13 @@ impl Layer {
         Some(([a.point, b.point, c.point, d, e, f], [a.normal, b.normal, c.normal]))
     }
 
-    /// Smaller of the scaled Jacobians of the flat and of the curved prism.
+    /// Smaller of the scaled Jacobians of the flat and the curved prism.
     pub(super) fn quality(&self, mesh: &TetMesh, face: &[u32; 3]) -> f64 {
         self.corners(mesh, face).map_or(-1.0, |(p, n)| scaled_jacobian(&p).min(scaled_jacobian_curved(&p, &n)))
     }
 
-    /// Moves outer nodes along the skin, and inner nodes on their own surface, until prisms are well shaped or nothing
-    /// helps any more.
+    /// Moves outer nodes along the skin and inner nodes on their own surface until all prisms are well shaped or no move
+    /// improves them.
     pub(super) fn mend(
         &mut self,
         inner: &InnerTissue<'_>,
@@ -71,7 +72,7 @@ impl Layer {
         let n = mesh.positions.len();
         let prisms = Rows::incidence(n, &self.faces);
         let tetrahedra = Rows::incidence(n, &mesh.tetrahedra);
-        // Where nothing moved in the last round another search finds nothing.
+        // A search around nodes without a move in the last round would find nothing new.
         let mut stirred = vec![true; n];
         for _round in 0..12 {
             control.check()?;
@@ -104,7 +105,7 @@ impl Layer {
         prisms.row(node).iter().map(|&f| self.quality(mesh, &self.faces[f as usize])).fold(f64::INFINITY, f64::min)
     }
 
-    /// Tries `p`, put onto the skin, as outer end above `node`; keeps it when the worst prism there becomes better.
+    /// Moves the outer node above `node` to `p`, projected onto the skin, when the worst prism there improves.
     fn try_outer(&mut self, inner: &InnerTissue<'_>, mesh: &TetMesh, prisms: &Rows, node: usize, p: &Point) -> bool {
         let before = self.worst(mesh, prisms, node);
         if before >= WANTED {
@@ -185,12 +186,13 @@ impl Layer {
         }
     }
 
-    /// Leaves out the prisms that are still badly shaped and returns how many.
+    /// Leaves out the prisms that are still badly shaped and returns their number.
     pub(super) fn drop_bad(&mut self, mesh: &TetMesh) -> usize {
         self.keep(|layer, f| layer.quality(mesh, f) >= WORST)
     }
 
-    /// Leaves out the prisms whose tops still stand off the skin: they cut off folds that are too thin for the lattice. Returns how many.
+    /// Leaves out the prisms whose outer triangles are still off the skin, and returns their number.
+    /// These cut off folds that are too thin for the lattice.
     pub(super) fn drop_off_skin(&mut self, inner: &InnerTissue<'_>) -> usize {
         self.keep(|layer, f| layer.barycentre(f).is_some_and(|p| inner.domain.skin.value(&p).abs() <= OFF_SKIN))
     }
@@ -202,7 +204,7 @@ impl Layer {
         before - self.faces.len()
     }
 
-    /// Barycentre of the top above `face`.
+    /// Barycentre of the outer triangle above `face`.
     fn barycentre(&self, face: &[u32; 3]) -> Option<Point> {
         let [a, b, c] = face.map(|n| self.feet[n as usize].map(|f| f.point.coords));
         Some(Point::from((a? + b? + c?) / 3.0))

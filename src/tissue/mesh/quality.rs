@@ -10,15 +10,16 @@ pub(super) fn tetrahedron_volume(p: &[Point; 4]) -> f64 {
     (p[1] - p[0]).cross(&(p[2] - p[0])).dot(&(p[3] - p[0])) / 6.0
 }
 
-/// Smallest sine of the six dihedral angles, negative when inverted: punishes angles near 0° and near 180° alike.
+/// Smallest sine of the six dihedral angles, negative when inverted.
+/// It is small for angles near 0° and near 180°.
 pub(super) fn smallest_sine(p: &[Point; 4]) -> f64 {
     let volume = tetrahedron_volume(p);
-    // Face area opposite corner i, doubled.
+    // Twice the area of the face opposite corner i.
     let areas = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]]
         .map(|[a, b, c]: [usize; 3]| (p[b] - p[a]).cross(&(p[c] - p[a])).norm());
     let mut least = f64::INFINITY;
     for [i, j, k, l] in EDGES {
-        // V = 2 A B sin(angle) / (3 |edge|), A and B the faces at the edge.
+        // V = 2 A B sin(angle) / (3 |edge|), where A and B are the areas of the faces at the edge.
         let product = areas[k] * areas[l];
         let sine = if product > 0.0 { 6.0 * volume * (p[j] - p[i]).norm() / product } else { 0.0 };
         least = least.min(sine);
@@ -47,18 +48,19 @@ fn corner_frame(p: &[Point; 6], i: usize) -> [Vector; 3] {
 
 fn scaled([a, b, c]: [Vector; 3]) -> f64 {
     let size = a.norm() * b.norm() * c.norm();
-    // 60° between the edges of a regular triangle: scaled to 1 for a right prism on it, as Verdict does for wedges.
+    // The edges of a regular triangle form 60°. The scale makes a right prism on it 1, as Verdict does for wedges.
     if size > 0.0 { a.cross(&b).dot(&c) / size * (2.0 / 3f64.sqrt()) } else { 0.0 }
 }
 
-/// Smallest scaled Jacobian at the six corners of the linear wedge; 1 for a right prism on a regular triangle,
-/// at most 0 when it is inverted at a corner. Corners as in [`MixedMesh::prisms`](super::MixedMesh::prisms).
+/// Smallest scaled Jacobian at the six corners of the linear wedge.
+/// It is 1 for a right prism on a regular triangle and at most 0 when inverted at a corner. Corners are ordered as in
+/// [`MixedMesh::prisms`](super::MixedMesh::prisms).
 pub(super) fn scaled_jacobian(p: &[Point; 6]) -> f64 {
     (0..6).map(|i| scaled(corner_frame(p, i))).fold(f64::INFINITY, f64::min).min(1.0)
 }
 
-/// As [`scaled_jacobian`], for the outer corners of a prism whose outer face is curved and tangent to the planes with
-/// these unit normals at its corners.
+/// Like [`scaled_jacobian`], for the outer corners of a prism whose outer face is curved and tangent to the planes with these
+/// unit normals at its corners.
 pub(super) fn scaled_jacobian_curved(p: &[Point; 6], normals: &[Vector; 3]) -> f64 {
     let mut least: f64 = 1.0;
     for i in 0..3 {
@@ -69,8 +71,8 @@ pub(super) fn scaled_jacobian_curved(p: &[Point; 6], normals: &[Vector; 3]) -> f
     least
 }
 
-/// Jacobian determinants of the linear wedge at three points of the triangle by two across, with equal weights: their
-/// mean times 1/2 is the exact volume (degree 2 across, 1 in the triangle).
+/// Jacobian determinants of the linear wedge at six quadrature points with equal weights: three in the triangle by two across.
+/// Their mean times 1/2 is the exact volume (degree 2 across, 1 in the triangle).
 pub(super) fn wedge_determinants(p: &[Point; 6]) -> [f64; 6] {
     let across = 0.5 / 3f64.sqrt();
     let mut out = [0.0; 6];

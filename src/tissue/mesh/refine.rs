@@ -1,5 +1,6 @@
-//! Finer triangles where the skin is strongly curved: edges under the skin are halved together with the tetrahedra at
-//! them, so that the flat prisms' tops keep to the skin.
+//! Refines triangles where the skin is strongly curved.
+//! Edges under the skin are split together with their tetrahedra, so that the flat outer triangles of the prisms follow the
+//! skin.
 
 use std::collections::BTreeSet;
 
@@ -14,15 +15,15 @@ use super::stuffing::TetMesh;
 use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{Point, Vector};
 
-/// Edges shorter than this share of the lattice's, in the prism's top or below it, are not halved.
+/// Edges shorter than this share of the lattice's edge, in a prism's outer or inner triangle, are not split.
 const SHORTEST: f64 = 0.25;
-/// Rounds of independent halvings; a triangle takes part once a round.
+/// Rounds of independent splits; each triangle takes part once a round.
 const ROUNDS: usize = 8;
-/// Tetrahedra are not halved to flatter ones than this (smallest sine); improving them afterwards gains more.
+/// Splits may not create tetrahedra flatter than this (smallest sine); smoothing improves them afterwards.
 const FLATTEST: f64 = 0.14; // 8°
-/// A middle moved to its surface may flatten tetrahedra by at most this factor against the straight one.
+/// A midpoint moved to its surface may reduce the smallest sine at most by this factor, compared with the straight midpoint.
 const FLATTER: f64 = 0.9;
-/// Prisms are not halved to worse ones than this (scaled Jacobian), nor to much worse ones than before.
+/// Splits may not create prisms worse than this scaled Jacobian, nor reduce it below the second factor times the old value.
 const PRISM_FLOOR: f64 = 0.2;
 const PRISM_LOSS: f64 = 0.7;
 
@@ -31,21 +32,21 @@ const PRISM_LOSS: f64 = 0.7;
 pub(super) struct SurfaceFace {
     /// Counter-clockwise seen from outside.
     pub(super) nodes: [u32; 3],
-    /// Whether a prism is to stand on it.
+    /// Whether a prism will stand on it.
     pub(super) skin: bool,
 }
 
-/// Nodes, their labels and the boundary, which refinement extends together.
+/// Nodes, their labels and the boundary, which a refinement extends together.
 pub(super) struct Refinement<'a, 'd> {
     pub(super) inner: &'a InnerTissue<'d>,
     pub(super) mesh: &'a mut TetMesh,
     pub(super) sides: &'a mut Vec<Option<Side>>,
-    /// Nodes that stay where they are.
+    /// Whether a node must stay in place.
     pub(super) pinned: &'a mut Vec<bool>,
     pub(super) faces: &'a mut Vec<SurfaceFace>,
-    /// Its feet: each node of a face with a prism has one.
+    /// Feet of the nodes: each node of a face with a prism has one.
     pub(super) layer: &'a mut Layer,
-    /// Edges whose halves would be badly shaped.
+    /// Edges that are not split because the result would be badly shaped.
     pub(super) refused: BTreeSet<[u32; 2]>,
 }
 
@@ -62,7 +63,7 @@ impl AtEdges {
 const CORNER_PAIRS: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
 
 impl Refinement<'_, '_> {
-    /// Halves edges until every triangle's top keeps to the skin or its edges are short; returns how many were halved.
+    /// Splits edges until every outer triangle follows the skin or its edges are short; returns the number of splits.
     pub(super) fn run(&mut self, control: &Control) -> Result<usize, Cancelled> {
         let mut halved = 0;
         for _ in 0..ROUNDS {
@@ -76,7 +77,7 @@ impl Refinement<'_, '_> {
         Ok(halved)
     }
 
-    /// Longest edges (of a triangle and of its neighbour across) near the triangles that stand off the skin.
+    /// Longest edges (of a triangle and of its neighbour across) near the triangles that are off the skin.
     fn edges_to_halve(&self) -> Vec<[u32; 2]> {
         let top = |face: &[u32; 3]| -> Option<[Point; 3]> {
             let [a, b, c] = face.map(|n| self.layer.feet[n as usize].map(|f| f.point));
@@ -99,7 +100,7 @@ impl Refinement<'_, '_> {
         at.sort_unstable();
         let at = AtEdges(at);
         let least = SHORTEST * self.inner.edge;
-        // Lengths of the top's and of the lower edge together; 0 where the edge is to stay.
+        // Sum of the lengths of the outer and the inner edge; 0 when the edge must not be split.
         let length = |e: [u32; 2]| match e.map(|n| self.layer.feet[n as usize]) {
             [Some(a), Some(b)] if !self.refused.contains(&e) => {
                 let [c, d] = e.map(|n| self.mesh.positions[n as usize]);
@@ -108,7 +109,7 @@ impl Refinement<'_, '_> {
             }
             _ => 0.0,
         };
-        // The nodes break ties: neighbours agree on an order.
+        // Node numbers break ties, so that neighbours agree on an order.
         let longest = |face: usize| {
             let [a, b, c] = edges_of(self.faces[face].nodes).map(|e| (length(e), e));
             let more = |x: (f64, [u32; 2]), y: (f64, [u32; 2])| {
@@ -122,7 +123,7 @@ impl Refinement<'_, '_> {
             if best.0 == 0.0 {
                 continue;
             }
-            // Longest-edge propagation: lengths rise strictly, so that it ends.
+            // Longest-edge propagation: the lengths strictly increase, so the search ends.
             loop {
                 let next = at.row(best.1).map(longest).fold(best, |x, y| if y.0 > x.0 { y } else { x });
                 if next.1 == best.1 {
@@ -137,7 +138,8 @@ impl Refinement<'_, '_> {
         chosen.into_iter().map(|c| c.1).collect()
     }
 
-    /// Halves those of the edges, in the order given, that share no element with one before; returns how many.
+    /// Splits the edges in the order given, skipping those that share an element with an earlier one. Returns the number of
+    /// splits.
     fn halve(&mut self, edges: Vec<[u32; 2]>) -> usize {
         let mut wanted = edges.clone();
         wanted.sort_unstable();
@@ -191,8 +193,9 @@ impl Refinement<'_, '_> {
         halved
     }
 
-    /// Points of the skin above or below the middle of two feet: along the mean of their normals, which on a ridge is its
-    /// crest while the closest point lies on a flank; along the normal of the faces below, which leads up a thin fold; and the closest.
+    /// Candidate skin points for the midpoint of two feet.
+    /// The first lies along the mean of the feet's normals: on a ridge this is the crest, while the closest point lies on a
+    /// flank. The second lies along the normal of the faces below, which leads up a thin fold. The third is the closest point.
     fn feet_between(&self, a: &Foot, b: &Foot, faces: &[[u32; 3]]) -> Vec<Option<Foot>> {
         let middle = nalgebra::center(&a.point, &b.point);
         let below: Vector = faces
@@ -213,7 +216,7 @@ impl Refinement<'_, '_> {
         found.into_iter().filter(Option::is_some).collect()
     }
 
-    /// Adds a node halfway along `edge`, on the surface that both ends are held to; `None` when elements would come out bad.
+    /// Adds a node halfway along `edge`, on the surface that both ends share; `None` when elements would be badly shaped.
     fn add_middle(&mut self, edge: [u32; 2], at_tets: &[usize], at_faces: &[usize]) -> Option<u32> {
         let [a, b] = edge.map(|n| n as usize);
         let skin_faces: Vec<[u32; 3]> =
@@ -247,7 +250,7 @@ impl Refinement<'_, '_> {
             .iter()
             .map(|nodes| (PRISM_LOSS * self.layer.quality(self.mesh, nodes)).min(PRISM_FLOOR))
             .collect();
-        // Least surplus over the floors; without prisms there is nothing to spoil.
+        // Smallest margin over the limits; without prisms no limit applies.
         let mut best: Option<(f64, Option<Foot>)> = None;
         for foot in feet {
             self.layer.feet[node as usize] = foot;
@@ -265,7 +268,7 @@ impl Refinement<'_, '_> {
             return None;
         };
         self.layer.feet[node as usize] = foot;
-        // Between a dropped node and one on the level set there is no surface to move on.
+        // A dropped node and one on the level set share no surface on which the midpoint could move.
         self.pinned.push(!both_below_skin && (self.sides[a] != self.sides[b] || self.pinned[a] || self.pinned[b]));
         self.sides.push(if self.sides[a] == Some(Side::Skin) { self.sides[b] } else { self.sides[a] });
         Some(node)
@@ -323,7 +326,8 @@ mod tests {
         (mesh, faces, halved, off)
     }
 
-    /// Tops of 4 mm on a ball of 7 mm stand off by up to 0.5 mm; halved they keep to it, and all still fits together.
+    /// Outer triangles of 4 mm on a ball of 7 mm are off by up to 0.5 mm.
+    /// After splitting they follow the ball, and the mesh stays conforming.
     #[test]
     fn curved_skin_gets_finer_tops_that_conform() {
         let (mesh, faces, halved, off) = refined(7.0);
@@ -335,7 +339,7 @@ mod tests {
         assert_eq!(kept, found);
         let volumes = mesh.tetrahedra.iter().map(|t| tetrahedron_volume(&t.map(|i| mesh.positions[i as usize])));
         assert!(volumes.clone().all(|v| v > 0.0));
-        // The polyhedron below the prisms is inscribed: a little less than the ball of 5.5 mm.
+        // The polyhedron below the prisms is inscribed, so its volume is slightly less than that of the ball of 5.5 mm.
         let ball = 4.0 / 3.0 * std::f64::consts::PI * 5.5f64.powi(3);
         let volume: f64 = volumes.sum();
         assert!(volume < ball && volume > 0.93 * ball, "{volume} {ball}");

@@ -6,7 +6,7 @@ use super::quality::{dihedral_range, scaled_jacobian, tetrahedron_volume, wedge_
 use super::{MixedMesh, Tissue, volume};
 use prosopon_geometry::{Implicit, Point, Vector};
 
-/// Quality of a mesh.
+/// Quality measures of a mesh.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MeshReport {
     /// Number of tetrahedra.
@@ -15,7 +15,7 @@ pub struct MeshReport {
     pub prisms: usize,
     /// Number of nodes.
     pub nodes: usize,
-    /// Elements that are inverted somewhere (0 in a mesh that is handed out).
+    /// Number of inverted elements (0 in a mesh that [`build`](super::build) returns).
     pub inverted: usize,
     /// Smallest dihedral angle of a tetrahedron, degrees.
     pub min_dihedral_deg: f64,
@@ -23,23 +23,26 @@ pub struct MeshReport {
     pub max_dihedral_deg: f64,
     /// Smallest scaled Jacobian of a prism, 0 to 1.
     pub min_scaled_jacobian: f64,
-    /// Relative difference of the mesh's volume from that of the implicit domain without the pockets that were left out.
+    /// Relative difference between the volumes of the mesh and the implicit domain.
+    /// The omitted pockets are not part of the domain's volume.
     pub volume_error: f64,
     /// Largest distance of a prism's outer vertex or outer barycentre from the skin, mm.
     pub max_skin_distance_mm: f64,
     /// Boundary edges of the outer surface shared by more than two boundary faces.
     pub nonmanifold_edges: usize,
-    /// Share of muscle in the tetrahedra's volume; the rest is fat.
+    /// Share of muscle in the volume of the tetrahedra, 0 to 1; the rest is fat.
     pub muscle_share: f64,
-    /// Whether a CT told fat from muscle; else it was depth.
+    /// Whether a CT distinguished fat from muscle; otherwise the depth did.
     pub tissue_from_ct: bool,
-    /// What gave way where.
+    /// Deviations from the requested mesh, one sentence each.
     pub warnings: Vec<String>,
 }
 
-/// Quality of any mixed mesh; with a domain and the settings of its mesh also the errors of volume and of the skin,
-/// which are 0 without. The domain's volume is that of the tissue that hangs together with the skin layer, see `volume`, less the
-/// pockets `left_out_mm3` that were left out on purpose.
+/// Measures the quality of a mixed mesh.
+///
+/// The errors of volume and skin distance need the domain and the mesh's settings in `filled`; without them they are 0. The
+/// domain's volume is that of the tissue connected with the skin layer less `left_out_mm3` (mm³), the volume of the pockets
+/// that were omitted on purpose.
 #[must_use]
 pub fn report(mesh: &MixedMesh, filled: Option<(&Domain<'_>, &MeshSettings)>, left_out_mm3: f64) -> MeshReport {
     let mut out = MeshReport {

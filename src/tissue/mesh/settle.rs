@@ -1,5 +1,5 @@
-//! Moves outer nodes along the skin until the flat tops between them keep to it: up onto ridges and thin folds, whose
-//! crest is no node's closest point.
+//! Moves outer nodes along the skin until the flat outer triangles follow it.
+//! This includes moves up onto ridges and thin folds, whose crest is not the closest point of any node.
 
 use super::adjacency::Rows;
 use super::domain::{Foot, InnerTissue};
@@ -9,15 +9,15 @@ use super::stuffing::TetMesh;
 use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{Point, Vector};
 
-/// Farthest that an edge's middle or a barycentre of a prism's top may lie from the skin, mm: below the 0.3 mm that are
-/// promised, since mending moves nodes afterwards.
+/// Largest distance of an edge's midpoint or an outer triangle's barycentre from the skin, mm.
+/// It is below the guaranteed 0.3 mm because the later repair moves nodes.
 pub(super) const NEAR_SKIN: f64 = 0.22;
-/// No prism becomes worse than this (scaled Jacobian), unless it was before.
+/// A prism's scaled Jacobian may not fall below this, unless it was lower before.
 const PRISM_FLOOR: f64 = 0.25;
-/// Rounds over the nodes of tops that stand off.
+/// Rounds over the nodes of outer triangles that are off the skin.
 const ROUNDS: usize = 6;
 
-/// Largest distance from the skin of a top's barycentre and its edges' middles, mm.
+/// Largest distance from the skin of an outer triangle's barycentre and edge midpoints, mm.
 pub(super) fn stand_off(inner: &InnerTissue<'_>, [a, b, c]: &[Point; 3]) -> f64 {
     let barycentre = Point::from((a.coords + b.coords + c.coords) / 3.0);
     let middles = [nalgebra::center(a, b), nalgebra::center(b, c), nalgebra::center(c, a)];
@@ -26,13 +26,14 @@ pub(super) fn stand_off(inner: &InnerTissue<'_>, [a, b, c]: &[Point; 3]) -> f64 
 }
 
 impl Layer {
-    /// Stand-off of the top above `face`, mm; `None` when a foot is missing.
+    /// Distance of the outer triangle above `face` from the skin, mm; `None` when a foot is missing.
     pub(super) fn stand_off(&self, inner: &InnerTissue<'_>, face: &[u32; 3]) -> Option<f64> {
         let [a, b, c] = face.map(|n| self.feet[n as usize].map(|f| f.point));
         Some(stand_off(inner, &[a?, b?, c?]))
     }
 
-    /// Moves the feet of tops that stand off the skin where that brings the tops around closer and spoils no prism.
+    /// Moves the feet of outer triangles that are off the skin where that reduces the distances around them and keeps the
+    /// prisms well shaped.
     pub(super) fn settle(
         &mut self,
         inner: &InnerTissue<'_>,
@@ -41,7 +42,7 @@ impl Layer {
     ) -> Result<(), Cancelled> {
         let n = mesh.positions.len();
         let prisms = Rows::incidence(n, &self.faces);
-        // Where nothing moved in the last round another search finds nothing.
+        // A search around nodes without a move in the last round would find nothing new.
         let mut stirred = vec![true; n];
         for _ in 0..ROUNDS {
             control.check()?;
@@ -96,7 +97,7 @@ impl Layer {
         best.point != start.point
     }
 
-    /// The skin straight above the faces at a node.
+    /// Skin point straight above the faces at a node.
     fn along_face_normal(&self, inner: &InnerTissue<'_>, mesh: &TetMesh, prisms: &[u32], node: usize) -> Vec<Foot> {
         let normal: Vector = prisms
             .iter()

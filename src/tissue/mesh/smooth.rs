@@ -6,10 +6,10 @@ use super::stuffing::TetMesh;
 use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{Point, Vector};
 
-/// A tetrahedron whose smallest sine is above this is left alone by [`improve`].
+/// [`improve`] skips tetrahedra whose smallest sine is above this.
 const GOOD_SINE: f64 = 0.34; // 20°
 
-/// Nodes, the surfaces that they are held to, and the tetrahedra around them.
+/// Nodes, the surfaces that constrain them, and the tetrahedra around them.
 pub(super) struct Relaxation<'a, 'd> {
     pub(super) inner: &'a InnerTissue<'d>,
     pub(super) mesh: &'a mut TetMesh,
@@ -17,14 +17,14 @@ pub(super) struct Relaxation<'a, 'd> {
     pub(super) sides: &'a [Option<Side>],
     /// Nodes that must never move.
     pub(super) pinned: &'a [bool],
-    /// Nodes that the averaging leaves in place.
+    /// Nodes that averaging leaves in place.
     held: Vec<bool>,
     around: Rows,
     neighbours: Rows,
 }
 
 impl<'a, 'd> Relaxation<'a, 'd> {
-    /// Nodes where different surfaces meet stay where they are.
+    /// Nodes where different surfaces meet are kept in place.
     pub(super) fn new(
         inner: &'a InnerTissue<'d>,
         mesh: &'a mut TetMesh,
@@ -62,7 +62,7 @@ impl<'a, 'd> Relaxation<'a, 'd> {
         Self { inner, mesh, sides, pinned, held, around, neighbours }
     }
 
-    /// Smallest sine around `node` if it lay at `p`; stops early below `enough`.
+    /// Smallest sine around `node` if it were at `p`; stops early below `enough`.
     fn worst_around(&self, node: usize, p: &Point, enough: f64) -> f64 {
         let mut worst = f64::INFINITY;
         for &t in self.around.row(node) {
@@ -76,7 +76,7 @@ impl<'a, 'd> Relaxation<'a, 'd> {
         worst
     }
 
-    /// `p` on the surface that holds `node`.
+    /// `p` projected onto the surface that constrains `node`.
     fn held_to_surface(&self, node: usize, p: Point) -> Option<Point> {
         match self.sides[node] {
             None => Some(p),
@@ -84,8 +84,8 @@ impl<'a, 'd> Relaxation<'a, 'd> {
         }
     }
 
-    /// Moves every node towards the mean of its neighbours, on its own surface, where that leaves no tetrahedron worse
-    /// than the worst around it or than `GOOD_SINE`.
+    /// Moves every node towards the mean of its neighbours, on its own surface.
+    /// A move is accepted when no tetrahedron becomes worse than the worst one around the node or than `GOOD_SINE`.
     pub(super) fn towards_neighbours(&mut self, rounds: usize, control: &Control) -> Result<(), Cancelled> {
         for _ in 0..rounds {
             control.check()?;
@@ -110,7 +110,7 @@ impl<'a, 'd> Relaxation<'a, 'd> {
         Ok(())
     }
 
-    /// Pattern search on the nodes of bad tetrahedra: takes steps that raise the worst tetrahedron around a node.
+    /// Pattern search on the nodes of bad tetrahedra: accepts steps that improve the worst tetrahedron around a node.
     pub(super) fn improve(&mut self, rounds: usize, control: &Control) -> Result<(), Cancelled> {
         let edge = self.inner.edge;
         for _ in 0..rounds {

@@ -1,4 +1,4 @@
-//! Cutting one tetrahedron of the snapped lattice by the sign at its vertices.
+//! Clips one tetrahedron of the snapped lattice by the sign of the values at its vertices.
 
 /// A vertex of a lattice tetrahedron: its node and its value (0 after snapping).
 #[derive(Debug, Clone, Copy)]
@@ -7,12 +7,12 @@ pub(super) struct Corner {
     pub(super) value: f64,
 }
 
-/// Negative part of a tetrahedron as tetrahedra (not oriented), appended to `out`.
+/// Appends the negative part of a tetrahedron to `out` as tetrahedra of either orientation.
 ///
-/// `cut(a, b)` is the node on the edge between a negative `a` and a positive `b`. The diagonal of a quadrilateral on a
-/// lattice face starts at its more negative vertex (the lower index when equal): both tetrahedra at the face choose
-/// the same, a total order makes no cyclic wedge, and it is mostly the shorter diagonal. `shorter(a, b, c, d)` says
-/// whether diagonal `a c` of the free quadrilateral `a b c d` on the surface is to be taken.
+/// `cut(a, b)` is the node on the edge between a negative `a` and a positive `b`. The diagonal of a quadrilateral on a lattice
+/// face starts at its more negative vertex (the lower index when equal). Both tetrahedra at the face then choose the same
+/// diagonal, the total order prevents cyclic wedges, and the diagonal is mostly the shorter one. `shorter(a, b, c, d)` returns
+/// whether to use the diagonal `a c` of the free quadrilateral `a b c d` on the surface.
 pub(super) fn cut_tetrahedron(
     corners: [Corner; 4],
     cut: impl Fn(u32, u32) -> u32,
@@ -106,7 +106,8 @@ mod tests {
 
     /// Share of a tetrahedron where the linear function with these corner values is negative (divided differences).
     fn negative_share(values: [f64; 4]) -> f64 {
-        // Share = sum over negative i of v_i^3 / prod (v_i - v_j); distinct values by a tiny, harmless shift.
+        // Share = sum over negative i of v_i^3 / prod (v_i - v_j). A tiny shift makes the values distinct without changing the
+        // result noticeably.
         let v: Vec<f64> =
             values.iter().enumerate().map(|(i, v)| if *v == 0.0 { 1e-7 * i as f64 } else { *v }).collect();
         (0..4)

@@ -9,22 +9,22 @@ use super::stencil::{Corner, cut_tetrahedron};
 use prosopon_geometry::Point;
 use prosopon_geometry::control::{Cancelled, Control};
 
-/// A cut nearer to a vertex than this share of a long edge pulls the vertex onto the surface.
+/// A cut nearer to a vertex than this share of a long edge moves the vertex onto the surface.
 const SNAP_LONG: f64 = 0.24999;
 /// The same for a short edge, between a corner and a centre.
 const SNAP_SHORT: f64 = 0.41189;
-/// Short edges against the edge of their cube.
+/// Length of short edges relative to the edge of their cube.
 const SHORT: f64 = 0.866_025_403_784_438_6;
 
-/// Most tetrahedra that a mesh may have.
+/// Largest number of tetrahedra in a mesh.
 pub(super) const MOST_TETRAHEDRA: u64 = 2_000_000;
-/// Tetrahedra in a halved cube.
+/// Number of tetrahedra in a halved cube.
 const IN_HALVED: u64 = 96;
 
-/// Vertices evaluated between two looks at the cancel flag.
+/// Vertices evaluated between two checks for cancellation.
 const CHUNK: usize = 4096;
 
-/// Tetrahedra with shared nodes, all of positive volume.
+/// Tetrahedra with shared nodes; all have positive volume.
 #[derive(Debug, Clone, Default)]
 pub(super) struct TetMesh {
     pub(super) positions: Vec<Point>,
@@ -65,7 +65,7 @@ pub(super) fn stuff(inner: &InnerTissue<'_>, lattice: &GradedLattice, control: &
     Ok(fill(inner, lattice, &values, &snapped, &cuts))
 }
 
-/// Estimates the number of tetrahedra from a coarse sampling: a cube of the lattice holds twelve.
+/// Estimates the number of tetrahedra by coarse sampling; a cube of the lattice holds twelve.
 fn refuse_too_many(inner: &InnerTissue<'_>, edge: f64) -> Result<(), MeshError> {
     let bounds = inner.domain.region.bounds;
     let extent = bounds.max - bounds.min;
@@ -85,7 +85,7 @@ fn refuse_too_many(inner: &InnerTissue<'_>, edge: f64) -> Result<(), MeshError> 
         })
         .count();
     let found = (12.0 * box_volume * inside as f64 / total as f64 / edge.powi(3)).round() as u64;
-    // The lattice of the box must also fit into memory where the tissue is a thin shell in it.
+    // The lattice of the box must also fit into memory when the tissue is only a thin shell in it.
     let lattice = (2.0 * box_volume / edge.powi(3)) as u64;
     if found > MOST_TETRAHEDRA || lattice > 20 * MOST_TETRAHEDRA {
         return Err(MeshError::TooLarge { edge_mm: edge, found: found.max(lattice), allowed: MOST_TETRAHEDRA });
@@ -112,7 +112,7 @@ fn evaluate(
 
 const EDGES: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
 
-/// Edges of the lattice whose ends differ in sign, rising, and where they are cut.
+/// Edges of the lattice whose ends differ in sign, ascending, with the positions of their cuts.
 struct CutEdges {
     /// Lower vertex first.
     ends: Vec<[u32; 2]>,
@@ -173,7 +173,8 @@ impl CutEdges {
     }
 }
 
-/// Pulls vertices onto near cuts: sets their values to 0 and returns where they went (vertex, position), rising.
+/// Moves vertices onto near cuts.
+/// Sets their values to 0 and returns their new positions as (vertex, position), ascending.
 fn snap(edge: f64, lattice: &GradedLattice, cuts: &CutEdges, values: &mut [f64]) -> Vec<(usize, Point)> {
     let pairs = cuts.ends.iter().enumerate().flat_map(|(at, ends)| ends.map(|v| (v, at as u32)));
     let at_vertex = Rows::of(values.len(), pairs);
@@ -182,13 +183,13 @@ fn snap(edge: f64, lattice: &GradedLattice, cuts: &CutEdges, values: &mut [f64])
         if values[v] == 0.0 {
             continue;
         }
-        // As far as in a lattice of the smallest cube at the vertex.
+        // At most as far as in a lattice of the smallest cube at the vertex.
         let farthest = if lattice.is_fine(v) { 0.5 } else { 1.0 } * SNAP_SHORT * SHORT * edge;
         let mut best: Option<(f64, Point)> = None;
         for &at in at_vertex.row(v) {
             let at = at as usize;
             let [a, b] = cuts.ends[at].map(|i| i as usize);
-            // A snapped neighbour has value 0: its edges are no longer cut.
+            // A snapped neighbour has the value 0, so its edges are no longer cut.
             if values[a] * values[b] >= 0.0 {
                 continue;
             }
@@ -245,7 +246,7 @@ fn fill(
         for &t in &tetrahedra {
             let corners = t.map(|node| Corner { node, value: values[node as usize] });
             if corners.iter().all(|c| c.value == 0.0) {
-                // Wholly on the surface: inside or outside by its centre.
+                // All four vertices lie on the surface: the value at the centre decides.
                 let centre = t.iter().fold(Point::origin(), |s, &i| s + position(i).coords * 0.25);
                 if inner.value_side(&centre).0 < 0.0 {
                     raw.push(t);

@@ -1,11 +1,11 @@
-//! Analytic head-like solids for this room's tests.
+//! Analytic head-like solids for the tests of this module.
 
 use super::domain::Region;
 use prosopon_geometry::{Aabb, Implicit, Point, Vector};
 
 type Value = Box<dyn Fn(&Point) -> f64 + Sync>;
 
-/// A solid given by a value alone; gradients by central differences.
+/// A solid given by its value alone; gradients are central differences.
 pub(super) struct Shape(pub(super) Value);
 
 impl Implicit for Shape {
@@ -31,7 +31,7 @@ impl Implicit for Nothing {
     }
 }
 
-/// Near its surface a distance (Quilez).
+/// Ellipsoid whose value near its surface is a distance (Quilez).
 fn ellipsoid(p: &Point, centre: [f64; 3], radii: [f64; 3]) -> f64 {
     let q = p - Point::from(centre);
     let (r, r2) = (Vector::from(radii), Vector::from(radii.map(|r| r * r)));
@@ -63,11 +63,11 @@ impl Shape {
         }))
     }
 
-    /// Bone under [`Self::head_skin`]: thin tissue at the forehead, thick at the cheeks, touching at one spot.
+    /// Bone under [`Self::head_skin`]: thin tissue at the forehead, thick at the cheeks, none at one spot.
     pub(super) fn head_bone() -> Self {
         Self(Box::new(|p| {
             let skull = ellipsoid(p, [0.0, 4.0, 10.0], [52.0, 80.0, 96.0]);
-            // Down to 0.5 mm below the skin on the forehead's side, and through it at one spot.
+            // Down to 0.5 mm below the skin at the forehead, and through the skin at one spot.
             let ridge = ellipsoid(p, [30.0, -52.0, 55.0], [16.0, 14.0, 16.0]);
             let chin = ellipsoid(p, [0.0, -60.0, -70.0], [24.0, 14.0, 14.0]);
             smooth_union(smooth_union(skull, ridge, 4.0), chin, 6.0)

@@ -9,20 +9,20 @@ fn head(edge: f64) -> (MixedMesh, MeshReport) {
     build(&domain, &MeshSettings { edge_mm: edge, ..MeshSettings::default() }, &Control::new()).unwrap()
 }
 
-/// What the room promises on a head with a nose, lips, thin tissue on the forehead and bone that pokes out.
+/// Guarantees of the mesh on a head with a nose, lips, thin tissue on the forehead and bone that penetrates the skin.
 #[test]
 fn a_head_is_meshed_as_promised() {
     let (mesh, report) = head(4.0);
     assert!(report.tetrahedra > 60_000 && report.prisms > 6_000, "{report:?}");
     assert_eq!((report.inverted, report.nonmanifold_edges), (0, 0));
-    // The stuffing's own bound is 10.7 degrees; pressing, halving and mending must not fall below.
+    // The stuffing alone guarantees 10.7 degrees; pressing, splitting and repair must not fall below.
     assert!(report.min_dihedral_deg > 10.7, "{report:?}");
     assert!(report.volume_error.abs() < 0.02, "{report:?}");
     assert!(report.max_skin_distance_mm <= 0.3, "{report:?}");
     assert_eq!(mesh.attachment.len(), mesh.positions.len());
 }
 
-/// A CT that says fat on the right, muscle on the left and nothing above z = 20: there depth tells, as without a CT.
+/// A CT with fat on the right, muscle on the left and no values above z = 20, where depth decides as without a CT.
 #[test]
 fn a_ct_tells_fat_from_muscle_and_depth_does_where_it_says_nothing() {
     let (skin, bone, region) = (Shape::head_skin(), Shape::head_bone(), face_region());
@@ -59,8 +59,9 @@ fn a_ct_tells_fat_from_muscle_and_depth_does_where_it_says_nothing() {
     assert!(seen.iter().all(|n| *n > 100), "{seen:?}");
 }
 
-/// A wing of skin 3.5 mm thick with a round rim on thick tissue: lattices of 4 mm do not see it, halved cubes do. Its prisms cover both sides;
-/// flat tops on flat sides have the sides' area, up to the triangles that the sample's border crosses.
+/// A wing of skin 3.5 mm thick with a round rim on thick tissue.
+/// Lattices of 4 mm do not resolve it, halved cubes do. Its prisms cover both sides; their flat outer triangles have the sides'
+/// area, up to the triangles that cross the sample's border.
 #[test]
 fn a_thin_wing_is_covered_with_prisms() {
     let skin = Shape(Box::new(|p| {

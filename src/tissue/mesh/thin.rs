@@ -1,4 +1,5 @@
-//! Where tissue is thinner than the lattice resolves: the layer that was meshed regardless is pressed back onto the bone.
+//! Handles tissue thinner than the lattice resolves.
+//! The layer that is always meshed is pressed back onto the bone.
 
 use rayon::prelude::*;
 
@@ -8,25 +9,26 @@ use super::stuffing::TetMesh;
 use prosopon_geometry::Point;
 use prosopon_geometry::control::{Cancelled, Control};
 
-/// Tissue below the skin layer thinner than this share of an edge has no tetrahedra: prisms stand on the bone.
+/// Where tissue below the skin layer is thinner than this share of an edge, there are no tetrahedra and prisms stand on the
+/// bone.
 const THINNEST: f64 = 0.5;
-/// Tetrahedra at pressed nodes that are flatter than this (sine of the smallest dihedral angle) go.
+/// Tetrahedra at pressed nodes with a smaller sine of the dihedral angle are removed.
 const FLATTEST: f64 = 0.14; // 8°
-/// Thinnest prism, mm; where skin and bone are nearer, the prism dips into the bone.
+/// Thinnest prism, mm. Where skin and bone are nearer, the prism extends into the bone.
 const THINNEST_PRISM: f64 = 0.3;
-/// Bone that pokes out of the skin by more than this leaves a hole in the skin layer, mm.
+/// Where bone protrudes from the skin by more than this, the skin layer has a hole, mm.
 const POKING_OUT: f64 = 0.3;
 
-/// What pressing did.
+/// Result of pressing.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Pressed {
-    /// Nodes that were dropped onto bone or air: surface and depth below the skin; prisms there stand straight on it.
+    /// Surface onto which a node was dropped, bone or air; prisms there stand directly on it.
     pub(super) dropped: Vec<Option<Side>>,
     /// Nodes of the skin side where there is no tissue at all.
     pub(super) holes: Vec<bool>,
-    /// Nodes that had to be put inside bone: they stay where they are.
+    /// Nodes placed inside bone; they must stay in place.
     pub(super) dipping: Vec<bool>,
-    /// Tetrahedra removed.
+    /// Number of tetrahedra removed.
     pub(super) removed: usize,
 }
 
@@ -37,8 +39,9 @@ enum Move {
     Hole,
 }
 
-/// Presses the layer under the skin onto bone and air where tissue is thin: between `thickness + carve` and
-/// `thickness + THINNEST` edges of tissue the layer is compressed, below that dropped and its tetrahedra removed.
+/// Presses the layer under the skin onto bone and air where tissue is thin.
+/// Between `thickness + carve` and `thickness + THINNEST` edges of tissue the layer is compressed. Where there is less, it is
+/// dropped and its tetrahedra are removed.
 pub(super) fn press(
     inner: &InnerTissue<'_>,
     mesh: &mut TetMesh,
@@ -58,7 +61,7 @@ pub(super) fn press(
         let Some((below, side)) = inner.thickness_below(&foot, floor) else { return Move::Stay };
         let at = |depth: f64| foot.point - foot.normal * depth;
         if below < THINNEST_PRISM {
-            // Under a plug of skin over an airway there is nothing to hold.
+            // Prisms need bone or tissue below them; a plug of skin over an airway has neither.
             if sides[node] == Some(Side::Skin) && (below < -POKING_OUT || side == Side::Air) {
                 return Move::Hole;
             }

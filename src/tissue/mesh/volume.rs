@@ -1,17 +1,17 @@
-//! Volume of the implicit tissue, by regular sampling.
+//! Volume of the implicit tissue by regular sampling.
 
 use rayon::prelude::*;
 
 use super::domain::{Domain, MeshSettings};
 use prosopon_geometry::Point;
 
-/// Cell of the sampling, mm, where that gives at most [`MOST_CELLS`].
+/// Edge of the sampling cells, mm; longer when there would be more than [`MOST_CELLS`].
 const CELL: f64 = 1.0;
 const MOST_CELLS: f64 = 16e6;
 
-/// Volume in mm³ of the tissue that `settings` asks for (inside skin and region, outside bone and air, not too deep) and
-/// that hangs together with the skin layer. A cell that the boundary crosses counts by its centre's signed value
-/// (partial volume); for a flat boundary along the axes that is exact.
+/// Volume in mm³ of the tissue that `settings` request and that is connected with the skin layer. That tissue lies inside skin
+/// and region, outside bone and air, and above the depth limit. A cell that the boundary crosses counts by its centre's signed
+/// value (partial volume), which is exact for a flat boundary along the axes.
 pub(super) fn of_tissue(domain: &Domain<'_>, settings: &MeshSettings) -> f64 {
     let bounds = domain.region.bounds;
     let extent = bounds.max - bounds.min;
@@ -19,7 +19,7 @@ pub(super) fn of_tissue(domain: &Domain<'_>, settings: &MeshSettings) -> f64 {
         return 0.0;
     }
     let step = CELL.max((extent.product() / MOST_CELLS).cbrt());
-    // The boundary's own cells count too, so that a cut by the box is seen from both sides.
+    // Cells across the boundary are included, so that a cut by the box is seen from both sides.
     let size = [0, 1, 2].map(|a| (extent[a] / step).ceil() as usize + 2);
     let start = bounds.center() - 0.5 * step * nalgebra::Vector3::from(size.map(|n| n as f64 - 1.0));
     let total = size[0] * size[1] * size[2];
@@ -27,7 +27,7 @@ pub(super) fn of_tissue(domain: &Domain<'_>, settings: &MeshSettings) -> f64 {
         let at = [c % size[0], c / size[0] % size[1], c / (size[0] * size[1])];
         Point::from([0, 1, 2].map(|a| start[a] + step * at[a] as f64))
     };
-    // Value at each cell's centre, and whether the cell is in the skin layer.
+    // Value at each cell's centre, and whether the cell lies in the skin layer.
     let cells: Vec<(f32, bool)> = (0..total)
         .into_par_iter()
         .map(|c| {
@@ -48,7 +48,7 @@ pub(super) fn of_tissue(domain: &Domain<'_>, settings: &MeshSettings) -> f64 {
         })
         .collect();
     let share = |c: usize| (0.5 - f64::from(cells[c].0) / step).clamp(0.0, 1.0);
-    // Flood from the skin layer through cells whose centre is inside; the border cells that it touches count too.
+    // Flood from the skin layer through cells whose centre is inside; the adjoining border cells count too.
     let mut reached = vec![false; total];
     let mut stack: Vec<usize> = (0..total).filter(|&c| cells[c].0 < 0.0 && cells[c].1).collect();
     stack.iter().for_each(|&c| reached[c] = true);

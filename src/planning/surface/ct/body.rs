@@ -4,29 +4,29 @@ use prosopon_geometry::ScalarGrid;
 use prosopon_geometry::control::{Cancelled, Control};
 use rayon::prelude::*;
 
-/// Sheets thinner than twice this do not join the head to what lies around it, mm.
+/// Sheets thinner than twice this are removed, so that they do not connect the head with its surroundings, mm.
 const SHEET_MM: f64 = 1.5;
-/// Bumps on the filled head narrower than twice this go: strands of a mask, markers, streaks, mm.
+/// Protrusions of the filled head that a ball of this radius cannot enter are removed, mm: strands of a mask, markers, streaks.
 const BUMP_MM: f64 = 3.0;
-/// Distances are good to this, steps; what stands out by less is no bump.
+/// Error of the lattice distances, in steps; smaller protrusions are not removed.
 const TOLERANCE: f32 = 0.4;
-/// Outside air is what a ball of this radius reaches from the border of the volume, mm …
+/// Outside air is the space that a ball of this radius can reach from the border of the volume, mm …
 const BALL_MM: f64 = 5.0;
-/// … and what lies within this distance of where the ball's centre goes, mm. √2 times the radius lets air into
-/// creases of 90° and only a few mm into nostrils and ear canals.
+/// … and everything within this distance of the positions that the ball's centre reaches, mm. √2 times the radius lets air into
+/// creases of 90° but only a few mm into nostrils and ear canals.
 const REACH_MM: f64 = 7.5;
-/// Slope given to distances so that they mix with HU, HU per mm: about that of skin in a CT.
+/// Slope that converts distances to HU so that both can be combined, HU per mm; about the slope of skin in a CT.
 pub(super) const HU_PER_MM: f64 = 300.0;
 
-/// The head without what lies on and around it, all air inside filled.
+/// The head without the objects on and around it, with all inner air filled.
 pub(super) struct Body {
-    /// Negative inside the skin; HU near the skin, so that the surface has subvoxel accuracy.
+    /// Negative inside the skin. Values near the skin are in HU, so that the surface has subvoxel accuracy.
     pub(super) skin: ScalarGrid,
-    /// Volume of what was taken for sheets, mask and streaks, mm³.
+    /// Volume removed as sheets, mask and streaks, mm³.
     pub(super) removed_mm3: f64,
 }
 
-/// `None` when there is no body or no air around it.
+/// Extracts the head; `None` when there is no body or no air around it.
 pub(super) fn body(hu: &ScalarGrid, skin_hu: f64, control: &Control) -> Result<Option<Body>, Cancelled> {
     let (dims, h) = (hu.dims, hu.spacing);
     let tissue: Vec<bool> = hu.values.iter().map(|v| *v > skin_hu as f32).collect();
@@ -54,18 +54,18 @@ pub(super) fn body(hu: &ScalarGrid, skin_hu: f64, control: &Control) -> Result<O
     control.check()?;
     control.report(0.6);
 
-    // Bumps are taken off the filled head, where the wings of the nose are not thin.
+    // Protrusions are removed from the filled head because there the wings of the nose are not thin.
     let Some(skin) = without_bumps(filled) else { return Ok(None) };
     let removed = tissue.iter().zip(&skin.values).filter(|(t, v)| **t && **v > 0.0).count();
     Ok(Some(Body { skin, removed_mm3: removed as f64 * h.powi(3) }))
 }
 
-/// Whole steps that distances up to `steps` need.
+/// Cap of the distance lattice, in whole steps, that covers distances up to `steps`.
 fn cap(steps: f64) -> u16 {
     steps.ceil() as u16 + 1
 }
 
-/// Largest part of `mask` once everything thinner than `2 steps` is taken away, to a whole step.
+/// Largest part of `mask` after everything thinner than `2 steps` is removed, accurate to one step.
 fn without_sheets(mask: &[bool], dims: [usize; 3], steps: f64) -> Option<Vec<bool>> {
     let to_empty = Nearest::of(|at| (!mask[at]).then_some(0.0), dims, cap(steps));
     let core: Vec<bool> = (0..mask.len()).map(|at| to_empty.is_farther(at, steps)).collect();
@@ -73,18 +73,18 @@ fn without_sheets(mask: &[bool], dims: [usize; 3], steps: f64) -> Option<Vec<boo
     let largest = components.largest()?;
     let core = components.mask(|c| c == largest);
     let to_core = Nearest::of(|at| core[at].then_some(0.0), dims, cap(steps + 0.5));
-    // Half a step more undoes the lattice's rounding.
+    // Half a step more compensates for the rounding of the lattice.
     Some((0..mask.len()).map(|at| mask[at] && !to_core.is_farther(at, steps + 0.5)).collect())
 }
 
-/// Takes off what a ball of radius [`BUMP_MM`] that rolls inside the solid cannot reach: the opening of the solid, to a
-/// fraction of a step. Keeps the largest part.
+/// Removes everything that a ball of radius [`BUMP_MM`] rolling inside the solid cannot reach.
+/// This is the morphological opening of the solid, accurate to a fraction of a step. Keeps only the largest part.
 fn without_bumps(mut solid: ScalarGrid) -> Option<ScalarGrid> {
     let (dims, h) = (solid.dims, solid.spacing);
     let radius = (BUMP_MM / h) as f32;
     let values = &solid.values;
     let below = Nearest::of(|at| to_zero(|b| values[b], dims, at), dims, cap(BUMP_MM / h));
-    // Negative in the core, where the ball's centre can be.
+    // Negative in the core, the set of positions that the ball's centre can take.
     let mut core: Vec<f32> = (0..values.len())
         .into_par_iter()
         .map(

@@ -1,11 +1,11 @@
-//! Connected parts of a mask on a lattice.
+//! Connected components of a mask on a lattice.
 
-/// Parts of a mask that hang together over the faces of samples.
+/// Components of a mask whose samples are connected through faces.
 pub(super) struct Components {
     runs: Vec<Run>,
     /// Per component: number of samples.
     pub(super) sizes: Vec<usize>,
-    /// Per component: whether it reaches the border of the lattice (of the plane, when there is only one).
+    /// Per component: whether it reaches the border of the lattice, or of the plane when there is only one.
     pub(super) at_border: Vec<bool>,
     n_samples: usize,
 }
@@ -72,7 +72,7 @@ impl Components {
         }
     }
 
-    /// The component with most samples, the first of equals.
+    /// The component with the most samples; the first one of equals.
     pub(super) fn largest(&self) -> Option<usize> {
         (0..self.sizes.len()).rev().max_by_key(|&c| self.sizes[c])
     }

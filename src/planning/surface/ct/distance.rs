@@ -1,24 +1,23 @@
-//! Distances on a lattice, in steps, up to a cap.
+//! Capped Euclidean distances on a lattice, in steps.
 
 use rayon::prelude::*;
 
-/// Lower bits of a key: the seed's offset in 1/4096 steps. Higher bits: the squared distance.
+/// The lower bits of a key hold the seed's offset in 1/4096 steps, the higher bits the squared distance.
 const OFFSET_BITS: u32 = 12;
 const OFFSET_SCALE: f32 = (1 << OFFSET_BITS) as f32;
 const LARGEST_OFFSET: f32 = OFFSET_SCALE - 1.0;
 
-/// For each sample the distance to the nearest seed and the offset that this seed carries.
+/// Distance of each sample to the nearest seed, and the offset stored with that seed.
 pub(super) struct Nearest {
     keys: Vec<u32>,
     beyond: u32,
 }
 
 impl Nearest {
-    /// `seed` gives the offset of a seed, 0 to 1 steps, and `None` elsewhere. Distances above `cap` steps are not told
-    /// apart. Samples beyond the lattice are no seeds.
+    /// Computes the distances exactly by minimising the squared distance one axis at a time.
     ///
-    /// Exact: the minimum of the squared distance is taken one axis at a time. Between equally near seeds the smaller
-    /// offset decides.
+    /// `seed` returns the offset of a seed, 0 to 1 steps, and `None` for other samples. Distances above `cap` steps are not
+    /// distinguished. Samples beyond the lattice are not seeds. Of equally near seeds the one with the smaller offset is used.
     ///
     /// # Source
     /// Saito & Toriwaki, New algorithms for Euclidean distance transformation, 1994.
@@ -46,14 +45,14 @@ impl Nearest {
         Self { keys, beyond }
     }
 
-    /// Distance to the nearest seed and its offset, steps; `None` beyond the cap.
+    /// Distance to the nearest seed and that seed's offset, both in steps; `None` beyond the cap.
     pub(super) fn get(&self, at: usize) -> Option<(f32, f32)> {
         let squared = self.keys[at] >> OFFSET_BITS;
         let offset = (self.keys[at] & ((1 << OFFSET_BITS) - 1)) as f32 / OFFSET_SCALE;
         (squared < self.beyond).then(|| ((squared as f32).sqrt(), offset))
     }
 
-    /// Whether the nearest seed is more than `steps` (at most the cap) away.
+    /// Whether the nearest seed is farther than `steps`, which must not exceed the cap.
     pub(super) fn is_farther(&self, at: usize, steps: f64) -> bool {
         f64::from(self.keys[at] >> OFFSET_BITS) > steps * steps
     }
@@ -66,8 +65,8 @@ fn lower(out: &mut [u32], values: &[u32], step: usize) {
     }
 }
 
-/// Minimum over the rows at most `cap` steps away along one axis. `axis` gives for a row its place on the axis, the axis'
-/// length, and how many rows one step is.
+/// Minimum over the rows at most `cap` steps away along one axis.
+/// For a row, `axis` returns its index along the axis, the axis's length, and the number of rows per step.
 fn nearest_row(keys: &[u32], nx: usize, cap: usize, axis: impl Fn(usize) -> (usize, usize, usize) + Sync) -> Vec<u32> {
     let mut nearest = keys.to_vec();
     nearest.par_chunks_mut(nx).enumerate().for_each(|(row, out)| {
@@ -84,8 +83,9 @@ fn nearest_row(keys: &[u32], nx: usize, cap: usize, axis: impl Fn(usize) -> (usi
     nearest
 }
 
-/// Distance from sample `at`, where `value` is negative, to the zero of `value`, steps; `None` when none of its six neighbours
-/// lies on the other side. The value is taken as linear with the slopes towards the larger neighbours.
+/// Distance in steps from sample `at`, where `value` is negative, to the zero of `value`.
+/// `None` when all six neighbours are negative too. The value is taken as linear, with the slopes towards the larger
+/// neighbours.
 pub(super) fn to_zero(value: impl Fn(usize) -> f32, dims: [usize; 3], at: usize) -> Option<f32> {
     let here = value(at);
     if here >= 0.0 {
@@ -127,7 +127,7 @@ mod tests {
                         assert_eq!((offset * 4096.0) as usize, q);
                         assert_eq!(found.is_farther(at, 2.5), squared > 6);
                     }
-                    // Up to the next whole square beyond the cap may still be told.
+                    // Distances up to the next whole square beyond the cap may still be returned.
                     _ => assert!(found.get(at).is_none_or(|(d, _)| d > f32::from(cap))),
                 }
             }
@@ -144,7 +144,8 @@ mod tests {
             for at in (0..dims.iter().product()).filter(|at| middle(*at) && depth(*at) < 0.0 && depth(*at) > -4.0) {
                 let (distance, offset) = found.get(at).unwrap();
                 let error = f64::from(distance + offset) + depth(at);
-                // Too far, because the nearest seed may lie aside of the foot of the perpendicular.
+                // The distance is never too small; it may be too large because the nearest seed need not be the foot of the
+                // perpendicular.
                 assert!((-0.01..0.4).contains(&error), "{error} at depth {} below {normal:?}", depth(at));
             }
         }

@@ -1,4 +1,4 @@
-//! Bone and air below the skin.
+//! Extracts bone and inner air below the skin.
 
 use super::body::HU_PER_MM;
 use super::components::Components;
@@ -6,18 +6,18 @@ use super::distance::{Nearest, to_zero};
 use super::metal::Metal;
 use prosopon_geometry::ScalarGrid;
 
-/// Bone lies at least this deep below the skin, mm.
+/// Smallest depth of bone below the skin, mm.
 const BONE_DEPTH_MM: f64 = 2.0;
-/// Near metal it lies at least this deep, mm: streaks reach the lips.
+/// Smallest depth of bone near metal, mm: streaks of metal reach the lips.
 const BONE_DEPTH_NEAR_METAL_MM: f64 = 4.0;
-/// Air lies at least this deep below the skin, mm: it ends before the plugs of nostrils and ears.
+/// Smallest depth of air below the skin, mm: it ends before the plugs of nostrils and ears.
 const AIR_DEPTH_MM: f64 = 1.5;
 /// Smallest airspace that is kept, mm³.
 const MIN_AIR_MM3: f64 = 200.0;
-/// Depths are at most this much too large, steps.
+/// Largest amount by which the lattice distances exceed the true depth, in steps.
 const TOLERANCE: f64 = 0.4;
 
-/// Depth below the skin, mm, never more than true and capped.
+/// Depth below the skin, mm: a lower bound of the true depth, capped.
 pub(super) struct Depth {
     inside: Vec<bool>,
     nearest: Nearest,
@@ -28,7 +28,7 @@ pub(super) struct Depth {
 impl Depth {
     pub(super) fn below(skin: &ScalarGrid) -> Self {
         let dims = skin.dims;
-        // The lattice's border counts as outside, so that bone ends before the caps of the skin.
+        // The lattice's border counts as outside, so that bone ends before the caps that close the skin there.
         let at_border = |at: usize| {
             let place = [at % dims[0], at / dims[0] % dims[1], at / dims[0] / dims[1]];
             (0..3).any(|a| place[a] == 0 || place[a] == dims[a] - 1)
@@ -53,10 +53,10 @@ impl Depth {
     }
 }
 
-/// Bone, negative inside.
+/// Bone field, negative inside.
 pub(super) struct Bone {
     pub(super) field: ScalarGrid,
-    /// What was as dense but too near the skin or a streak, mm³.
+    /// Volume as dense as bone that was excluded because it lies too near the skin or in a streak, mm³.
     pub(super) cut_mm3: f64,
 }
 
@@ -77,7 +77,7 @@ pub(super) fn bone(hu: &ScalarGrid, depth: &Depth, metal: Option<&Metal>, bone_h
     Bone { field, cut_mm3: cut as f64 * hu.spacing.powi(3) }
 }
 
-/// Airspaces inside the head; `None` when there are none of a size worth keeping.
+/// Air field inside the head, negative inside air; `None` when no airspace reaches [`MIN_AIR_MM3`].
 pub(super) fn air(hu: &ScalarGrid, depth: &Depth, metal: Option<&Metal>, air_below_hu: f64) -> Option<ScalarGrid> {
     let streaks = metal.map(|m| m.streaks(hu, |v| v < air_below_hu));
     let outside = (HU_PER_MM * hu.spacing) as f32;

@@ -1,4 +1,4 @@
-//! Where metal spoils the CT.
+//! Locates metal and the streaks it causes in a CT.
 
 use super::distance::Nearest;
 use super::inside::Depth;
@@ -6,16 +6,16 @@ use nalgebra::Matrix3;
 use prosopon_geometry::{Point, ScalarGrid, Volume};
 use rayon::prelude::*;
 
-/// How far streaks that look like bone reach from metal, mm.
+/// Largest distance from metal at which streaks resemble bone, mm.
 const STREAK_REACH_MM: f64 = 40.0;
-/// What is lower than this along S is taken for a streak, mm: streaks fill a few slices, teeth and ramus many.
+/// Runs shorter than this along S are taken for streaks, mm: streaks fill a few slices, while teeth and ramus fill many.
 const STREAK_MM: f64 = 8.0;
-/// Metal is at least this dense, HU; some enamel is too, and loses little.
+/// Smallest value of metal, HU. Some enamel exceeds it too but loses little.
 const METAL_HU: i16 = 2800;
-/// Metal nearer to the skin is a marker on it, which makes no streaks, mm.
+/// Metal nearer to the skin is taken for a skin marker, which causes no streaks, mm.
 const MARKER_DEPTH_MM: f64 = 4.0;
 
-/// Samples in reach of metal.
+/// Marks the samples near metal.
 pub(super) struct Metal {
     near: Vec<bool>,
 }
@@ -25,7 +25,7 @@ impl Metal {
         self.near[at]
     }
 
-    /// Samples near metal that are `of_kind` in a run along S lower than [`STREAK_MM`].
+    /// Samples near metal that are `of_kind` in a run along S shorter than [`STREAK_MM`].
     pub(super) fn streaks(&self, hu: &ScalarGrid, of_kind: impl Fn(f64) -> bool) -> Vec<bool> {
         let layer = hu.dims[0] * hu.dims[1];
         let enough = (STREAK_MM / hu.spacing).ceil() as usize;
@@ -49,9 +49,10 @@ impl Metal {
         streaks
     }
 
-    /// Samples in reach of metal below the skin and in its slices, where streaks lie; `None` when there is none.
+    /// Marks the samples within reach of metal below the skin and in the slices of that metal.
+    /// `None` without metal.
     pub(super) fn find(hu: &ScalarGrid, volume: &Volume, depth: &Depth) -> Option<Self> {
-        // On a lattice four times coarser: the reach is long and rough.
+        // A lattice four times coarser is enough, because the reach is long and only approximate.
         let coarse = 4;
         let dims = hu.dims.map(|d| d.div_ceil(coarse));
         let mut metal = vec![false; dims.iter().product()];
@@ -77,7 +78,7 @@ impl Metal {
         let near = |at: usize| {
             let [i, j, k] = [at % nx, at / nx % ny, at / nx / ny];
             let slice = slice_from_mm.dot(&(hu.position(i, j, k) - volume.origin)).round();
-            // A slice on either side: interpolation and partial volume.
+            // One more slice on either side allows for interpolation and partial volume.
             let (first, last) =
                 ((slice - 1.0).max(0.0) as usize, ((slice + 1.0).max(0.0) as usize).min(in_slice.len() - 1));
             let c = i / coarse + dims[0] * (j / coarse + dims[1] * (k / coarse));

@@ -1,4 +1,4 @@
-//! Skin, skull and inner air of a head CT.
+//! Extracts skin, skull and inner air from a head CT.
 
 mod body;
 mod components;
@@ -19,23 +19,23 @@ use prosopon_geometry::{
     ScalarGrid, TriMesh, Volume, decimate_with, drop_small_parts, isosurface, largest_part, smooth,
 };
 
-/// Smoothing of the skin: takes out the steps between slices of a few mm.
+/// Smoothing iterations of the skin: they remove the steps between slices a few mm apart.
 const SKIN_ITERATIONS: usize = 10;
-/// Smoothing of bone and air, which are thin.
+/// Smoothing iterations of bone and air: fewer than for the skin, because these structures are thin.
 const INNER_ITERATIONS: usize = 5;
-/// Pieces of bone with a smaller box diagonal go, mm.
+/// Pieces of bone with a smaller bounding-box diagonal are removed, mm.
 const MIN_BONE_MM: f64 = 12.0;
-/// Surfaces are not simplified below this.
+/// Surfaces are not simplified below this number of triangles.
 const MIN_TRIANGLES: usize = 2000;
 
-/// Thresholds and tolerances for [`from_ct`].
+/// Thresholds and tolerance of [`from_ct`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CtSettings {
-    /// Skin level, HU.
+    /// Skin threshold, HU, within [`SKIN_LEVELS_HU`].
     pub skin_hu: f64,
-    /// Bone level, HU.
+    /// Bone threshold, HU, within [`BONE_LEVELS_HU`].
     pub bone_hu: f64,
-    /// Geometric error allowed when surfaces are simplified, mm.
+    /// Largest geometric error of the simplification, mm, 0 to 5.
     pub max_error_mm: f64,
 }
 
@@ -48,38 +48,67 @@ impl Default for CtSettings {
 /// Surfaces of one head, LPS mm.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CtSurfaces {
-    /// Outer skin: closed, one part, nostrils and ear canals plugged by what the CT resolves.
+    /// Outer skin: closed, one part; nostrils and ear canals are plugged.
     pub skin: TriMesh,
-    /// Bone with teeth, as clean as the CT allows; closed, may have many parts and cavities.
+    /// Bone with teeth: closed, may have many parts and cavities. It is as clean as the CT allows.
     pub skull: TriMesh,
-    /// Air inside the head (mouth, nose, sinuses), closed; absent when there is none.
+    /// Air inside the head (mouth, nose, sinuses), closed; `None` when there is none.
     pub air: Option<TriMesh>,
-    /// Mean value of soft tissue around each place of a lattice of about 2 mm, HU; not a number where there is hardly any.
+    /// Local mean of soft tissue on a lattice of about 2 mm, HU; NaN where there is hardly any soft tissue.
     pub soft_tissue: ScalarGrid,
-    /// What was removed or repaired.
+    /// What was removed, repaired or is doubtful, one sentence each.
     pub warnings: Vec<String>,
 }
 
-/// Levels of skin that are allowed, HU.
+/// Smallest and largest skin threshold allowed, HU.
 pub const SKIN_LEVELS_HU: [f64; 2] = [-900.0, 0.0];
-/// Levels of bone that are allowed, HU.
+/// Smallest and largest bone threshold allowed, HU.
 pub const BONE_LEVELS_HU: [f64; 2] = [100.0, 1500.0];
 
-/// Skin, skull and inner air of a head CT; each a closed two-manifold.
+/// Extracts skin, skull and inner air from a head CT, each as a closed two-manifold.
 ///
-/// The volume, of any orientation and spacing, is sampled on a lattice of its in-plane spacing (0.8 to 1.5 mm) along L, P, S.
-/// - Skin: the largest body above `skin_hu` after an opening that takes away sheets, mask strands and streaks; all air
-///   that a ball of 5 mm radius cannot reach from outside belongs to the inside.
-/// - Skull: above `bone_hu` and at least 2 mm below the skin and the volume's border; pieces under 12 mm go. In slices with
-///   metal at least 4 mm below the skin, and what is lower than 8 mm along S is taken for a streak.
-/// - Soft tissue: what lies between air and bone, averaged.
-/// - Air: below `skin_hu` at least 1.5 mm inside the skin, spaces of at least 200 mm³; streaks as for bone.
+/// The volume may have any orientation and spacing. It is sampled on a lattice along L, P, S with its in-plane spacing, at least
+/// 0.8 and at most 1.5 mm (more for very large volumes).
+/// - Skin: the largest body above `skin_hu` after an opening that removes sheets, mask strands and streaks. All air that a ball
+///   of 5 mm radius cannot reach from outside belongs to the inside.
+/// - Skull: above `bone_hu`, at least 2 mm below the skin and the volume's border, without pieces under 12 mm. In slices with
+///   metal the least depth is 4 mm, and structures shorter than 8 mm along S are taken for streaks.
+/// - Soft tissue: values between those of air and bone, averaged locally.
+/// - Air: below `skin_hu`, at least 1.5 mm inside the skin, in spaces of at least 200 mm³; streaks are treated as for bone.
 ///
 /// # Errors
-/// [`SurfaceError`] when the volume is not usable, there is no skin or no bone, or on cancellation.
+/// [`SurfaceError`] when the volume or a setting is not usable, when there is no skin or no bone, or on cancellation.
 ///
 /// # Accuracy
-/// Skin within about a third of a voxel where the CT is free of artefacts, plus `max_error_mm`.
+/// Skin: within about a third of a voxel where the CT is free of artefacts, plus `max_error_mm`.
+///
+/// # Examples
+///
+/// A ball of soft tissue (radius 30 mm) around a ball of bone (radius 15 mm), in voxels of 2 mm.
+/// ```
+/// use prosopon_geometry::control::Control;
+/// use prosopon_geometry::{Point, Topology, Vector, Volume};
+/// use prosopon_planning::surface::{CtSettings, from_ct};
+///
+/// let dims = [41, 41, 41];
+/// let axes = [Vector::x() * 2.0, Vector::y() * 2.0, Vector::z() * 2.0];
+/// let mut hu = Vec::new();
+/// for at in 0..41 * 41 * 41 {
+///     let steps = [at % 41, at / 41 % 41, at / 41 / 41].map(|i| 2.0 * (f64::from(i) - 20.0));
+///     let radius = Vector::from(steps).norm();
+///     // Partial volume: a voxel on the boundary mixes both values.
+///     let share = |boundary: f64| (0.5 + (boundary - radius) / 2.0).clamp(0.0, 1.0);
+///     hu.push((-1000.0 + 1040.0 * share(30.0) + 1160.0 * share(15.0)) as i16);
+/// }
+/// let volume = Volume { dims, origin: Point::new(-40.0, -40.0, -40.0), axes, hu };
+/// let found = from_ct(&volume, &CtSettings::default(), &Control::new())?;
+/// assert!(Topology::of(&found.skin).is_closed_manifold());
+/// // The default levels of -300 and 300 HU lie 0.35 mm inside the skin and 0.55 mm outside the bone.
+/// assert!((found.skin.volume() / 109_000.0 - 1.0).abs() < 0.05);
+/// assert!((found.skull.volume() / 15_700.0 - 1.0).abs() < 0.1);
+/// assert!(found.air.is_none());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn from_ct(volume: &Volume, settings: &CtSettings, control: &Control) -> Result<CtSurfaces, SurfaceError> {
     resample::check(volume)?;
     check_settings(settings)?;
@@ -91,7 +120,7 @@ pub fn from_ct(volume: &Volume, settings: &CtSettings, control: &Control) -> Res
     let Body { skin, removed_mm3 } = body.ok_or(nothing("skin with air around it", settings.skin_hu))?;
     if removed_mm3 > 0.0 {
         let cm3 = removed_mm3 / 1e3;
-        warnings.push(format!("{cm3:.1} cm³ beside the head or too thin were left out (head rest, mask, streaks)"));
+        warnings.push(format!("{cm3:.1} cm³ beside the head or in sheets were left out (head rest, mask, streaks)"));
     }
     let depth = Depth::below(&skin);
     control.check()?;
@@ -99,12 +128,12 @@ pub fn from_ct(volume: &Volume, settings: &CtSettings, control: &Control) -> Res
     let bone = inside::bone(&hu, &depth, metal.as_ref(), settings.bone_hu);
     if metal.is_some() {
         warnings.push(
-            "there is metal: bone, air and skin in its slices are doubtful; flat pieces were taken for streaks".into(),
+            "metal makes bone, air and skin in its slices unreliable: check them; flat pieces were left out".into(),
         );
     }
     if bone.cut_mm3 > 0.0 {
         let cm3 = bone.cut_mm3 / 1e3;
-        warnings.push(format!("{cm3:.2} cm³ as dense as bone were cut: too near the skin or streaks of metal"));
+        warnings.push(format!("{cm3:.2} cm³ as dense as bone were left out: too near the skin, or streaks of metal"));
     }
     control.check()?;
     let air = inside::air(&hu, &depth, metal.as_ref(), settings.skin_hu);
@@ -115,7 +144,7 @@ pub fn from_ct(volume: &Volume, settings: &CtSettings, control: &Control) -> Res
     let finish = |field: &ScalarGrid, part: Part, progress: &(dyn Fn(f64) + Sync)| {
         finished(field, part, settings.max_error_mm, control, progress)
     };
-    // Bone takes longest, so it alone tells the progress.
+    // Only bone reports progress, because it takes longest.
     let (skin, (skull, air)) = rayon::join(
         || finish(&skin, Part::Skin, &|_| {}),
         || {
@@ -126,10 +155,10 @@ pub fn from_ct(volume: &Volume, settings: &CtSettings, control: &Control) -> Res
     let (skin, beside) = skin?.ok_or(nothing("skin", settings.skin_hu))?;
     let (skull, crumbs) = skull?.ok_or(nothing("bone", settings.bone_hu))?;
     if beside > 0 {
-        warnings.push(format!("{beside} parts beside the skin were left out"));
+        warnings.push(format!("{beside} separate parts of the skin surface were left out"));
     }
     if crumbs > 0 {
-        warnings.push(format!("{crumbs} pieces and cavities of bone smaller than {MIN_BONE_MM} mm were left out"));
+        warnings.push(format!("{crumbs} pieces or cavities of bone under {MIN_BONE_MM} mm across were left out"));
     }
     let air = air.transpose()?.flatten().map(|(mesh, _)| mesh);
     control.report(1.0);
@@ -141,11 +170,11 @@ fn check_settings(settings: &CtSettings) -> Result<(), SurfaceError> {
     let ([s0, s1], [b0, b1]) = (SKIN_LEVELS_HU, BONE_LEVELS_HU);
     if !((s0..=s1).contains(&skin_hu) && (b0..=b1).contains(&bone_hu)) {
         let detail =
-            format!("levels {skin_hu} and {bone_hu} HU; allowed are {s0} to {s1} for skin and {b0} to {b1} for bone");
+            format!("levels are {skin_hu} HU for skin ({s0} to {s1} allowed) and {bone_hu} HU for bone ({b0} to {b1})");
         return Err(SurfaceError::Volume { detail });
     }
     if !(0.0..=5.0).contains(&max_error_mm) {
-        return Err(SurfaceError::Volume { detail: format!("error {max_error_mm} mm; allowed is 0 to 5") });
+        return Err(SurfaceError::Volume { detail: format!("max_error_mm is {max_error_mm}, allowed is 0 to 5") });
     }
     Ok(())
 }
@@ -157,7 +186,8 @@ enum Part {
     Air,
 }
 
-/// Surface of a field, without what does not belong to the part, smoothed and simplified; and how many pieces went.
+/// Extracts, cleans, smooths and simplifies the surface of a field.
+/// Also returns the number of pieces removed.
 fn finished(
     field: &ScalarGrid,
     part: Part,
@@ -189,7 +219,7 @@ mod tests {
         let dims = [76, 80, 34];
         let axes = [Vector::x(), Vector::y(), Vector::z() * 2.0];
         let origin = Point::new(-38.0, -38.0, -22.0);
-        // Values mix over the height of a slice.
+        // Partial volume over the thickness of a slice.
         let share = |d: f64| (0.5 - d / 2.0).clamp(0.0, 1.0);
         let mut hu = Vec::new();
         for at in 0..dims.iter().product::<usize>() {
@@ -220,8 +250,8 @@ mod tests {
             assert!(Topology::of(mesh).is_closed_manifold());
             assert!(mesh.volume() > 0.0);
         }
-        // The skin bridges the tube's mouth and the throat and leaves the sheet out. -300 HU lies 0.35 mm below the surface
-        // of the ball, and the cut at z = -22 is capped.
+        // The skin bridges the mouths of tube and throat and excludes the sheet. -300 HU lies 0.35 mm below the surface of the
+        // ball, and the cut at z = -22 is capped.
         let radius = |p: &Point| p.coords.norm();
         assert!(found.skin.positions().iter().all(|p| radius(p) < 30.2));
         let free = found.skin.positions().iter().filter(|p| p.z > -17.0 && (p.y > 0.0 || p.x.hypot(p.z) > 8.0));
@@ -231,7 +261,7 @@ mod tests {
             free.min_by(|a, b| radius(a).total_cmp(&radius(b)))
         );
         assert!(found.skin.positions().iter().all(|p| radius(p) > 21.9));
-        // Bone ends 2 mm before the cap. 300 HU lies 0.55 mm outside the shell, give or take the slices.
+        // Bone ends 2 mm before the cap. 300 HU lies 0.55 mm outside the shell, with an uncertainty from the slice spacing.
         assert!(found.skull.positions().iter().all(|p| p.z > -20.1 && radius(p) < 21.3 && radius(p) > 14.7));
         assert!(air.positions().iter().all(|p| p.z > -20.6 && radius(p) < 29.0));
         assert!(found.warnings.iter().any(|w| w.contains("1 airways")), "{:?}", found.warnings);
@@ -240,8 +270,8 @@ mod tests {
 
     #[test]
     fn a_crown_near_the_last_slice_carries_no_stub() {
-        // The volume ends 2 mm above the ball, within a shell of 2 mm that stands 5 mm off it: the last slice cuts a ring of it, and
-        // the air within is no airway.
+        // The volume ends 2 mm above the ball, inside a shell of 2 mm with a gap of 5 mm to the ball. The last slice cuts a
+        // ring of the shell, and the air within the ring is no airway.
         let mut volume = ball();
         volume.dims[2] = 28;
         volume.hu.truncate(76 * 80 * 28);
@@ -252,7 +282,7 @@ mod tests {
                 volume.hu[at] = 0;
             }
         }
-        // Without the shell there is only too little room for air above the crown.
+        // Without the shell the only difficulty is the little air above the crown.
         let mut bare = ball();
         (bare.dims[2], bare.hu) = (28, bare.hu[..76 * 80 * 28].to_vec());
         let ring = volume.hu[27 * 76 * 80..].iter().filter(|v| **v == 0).count();

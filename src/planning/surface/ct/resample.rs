@@ -9,46 +9,47 @@ use super::components::Components;
 
 /// A face of the volume with less tissue than this share of the largest parallel slice does not cut the head …
 const CUT_SHARE: f64 = 0.25;
-/// … and gets so much air before it, mm, that the ball that tells outside from inside fits between head and face: a crown that
-/// nearly touches the last slice would carry a stub else.
+/// … and is extended by this much air, mm.
+/// The ball that separates outside from inside then fits between head and face; otherwise a crown that nearly touches the last
+/// slice would get a stub.
 const AIR_MM: f64 = 8.0;
 /// Value outside the volume, HU.
 pub(super) const AIR_HU: f32 = -1000.0;
-/// Value that closes cut airways, HU.
+/// Value of the plugs that close cut airways, HU.
 const TISSUE_HU: i16 = 40;
-/// Depth of these plugs, mm: more than what is taken for a sheet.
+/// Depth of these plugs, mm: more than the thickness of the sheets that `body` removes.
 const LID_MM: f64 = 5.0;
-/// A cut airway goes on at least this far inward, mm. What is shallower lies between the head and what covers it: a mask over the
-/// crown encloses air on the last slice.
+/// Least inward extent of a cut airway, mm.
+/// Shallower air lies between the head and a cover: a mask over the crown encloses air on the last slice.
 const AIRWAY_MM: f64 = 8.0;
-/// Metal is cut to this: interpolation across its edge would otherwise swing by hundreds of HU.
+/// Values are clamped to this, because interpolation across the edge of metal would otherwise oscillate by hundreds of HU.
 const MAX_HU: i16 = 2000;
 const MIN_HU: i16 = -1000;
-/// Finest lattice that is used, mm; finer voxels add noise and time, no shape.
+/// Finest lattice spacing, mm; finer voxels add noise and time but no shape.
 const MIN_SPACING_MM: f64 = 0.8;
 const MAX_SPACING_MM: f64 = 1.5;
-/// Most samples of the lattice.
+/// Largest number of lattice samples; larger volumes get a wider spacing.
 const MAX_SAMPLES: f64 = 4e7;
 
-/// A CT on a lattice along L, P and S.
+/// A CT resampled on a lattice along L, P and S.
 pub(super) struct Resampled {
     pub(super) grid: ScalarGrid,
     pub(super) warnings: Vec<String>,
 }
 
-/// Checks what the importer does not promise.
+/// Checks the properties of the volume that the importer does not guarantee.
 pub(super) fn check(volume: &Volume) -> Result<(), SurfaceError> {
     let fault = |detail: String| Err(SurfaceError::Volume { detail });
     if volume.dims.iter().any(|d| *d < 4) {
-        return fault(format!("{:?} voxels, but at least 4 along each axis are needed", volume.dims));
+        return fault(format!("it has {:?} voxels, but at least 4 along each axis are needed", volume.dims));
     }
     let expected = volume.dims.iter().try_fold(1usize, |n, d| n.checked_mul(*d));
     if expected != Some(volume.hu.len()) {
-        return fault(format!("{:?} voxels, but {} values", volume.dims, volume.hu.len()));
+        return fault(format!("it has {:?} voxels but {} values", volume.dims, volume.hu.len()));
     }
     let lengths = volume.axes.map(|a| a.norm());
     if !volume.origin.iter().all(|c| c.is_finite()) || !lengths.iter().all(|l| (0.01..=50.0).contains(l)) {
-        return fault(format!("voxel spacing {lengths:?} mm, allowed is 0.01 to 50"));
+        return fault(format!("the voxel spacing is {lengths:?} mm, allowed is 0.01 to 50 mm"));
     }
     let det = Matrix3::from_columns(&volume.axes).determinant();
     if det.abs() < 0.1 * lengths.iter().product::<f64>() {
@@ -57,8 +58,8 @@ pub(super) fn check(volume: &Volume) -> Result<(), SurfaceError> {
     Ok(())
 }
 
-/// Samples the volume with Catmull-Rom tricubic interpolation on a lattice of about the in-plane spacing. Beyond half a
-/// voxel outside the volume there is air.
+/// Samples the volume by Catmull-Rom tricubic interpolation on a lattice of about the in-plane spacing. Positions farther than
+/// half a voxel outside the volume are air.
 pub(super) fn resample(volume: &Volume, air_below_hu: f64, control: &Control) -> Result<Resampled, Cancelled> {
     let mut warnings = Vec::new();
     let (hu, n_lids) = with_lids(volume, air_below_hu);
@@ -87,7 +88,7 @@ pub(super) fn resample(volume: &Volume, air_below_hu: f64, control: &Control) ->
     }
     let mut grid = ScalarGrid::covering(&bounds, spacing, AIR_HU);
     let dims = grid.dims;
-    // Only lattices along the volume's own axes end within it; `check` has made sure of the inverse.
+    // The volume need not be aligned with the lattice. The axes are invertible because `check` has tested them.
     let index_from_mm = Matrix3::from_columns(&volume.axes).try_inverse().unwrap_or_else(Matrix3::identity);
     let source = Source { dims: volume.dims, hu: &hu };
     let origin = index_from_mm * (grid.origin - volume.origin);
@@ -110,10 +111,10 @@ pub(super) fn resample(volume: &Volume, air_below_hu: f64, control: &Control) ->
     Ok(Resampled { grid, warnings })
 }
 
-/// Outward directions of the faces that do not cut the head.
+/// Outward directions of the volume's faces that do not cut the head.
 fn uncut_faces(volume: &Volume, air_below_hu: f64) -> Vec<Vector> {
     let [nx, ny, nz] = volume.dims;
-    // Tissue in each slice across each axis.
+    // Number of tissue voxels in each slice across each axis.
     let mut counts = [vec![0usize; nx], vec![0; ny], vec![0; nz]];
     for (row, values) in volume.hu.chunks(nx).enumerate() {
         for (i, _) in values.iter().enumerate().filter(|(_, v)| f64::from(**v) > air_below_hu) {
@@ -170,14 +171,15 @@ impl Source<'_> {
     }
 }
 
-/// Weights of the four samples around an interval, at `t` in [0, 1] within it.
+/// Weights of the four samples around an interval at the parameter `t` in [0, 1].
 fn catmull_rom(t: f32) -> [f32; 4] {
     let (t2, t3) = (t * t, t * t * t);
     [0.5 * (-t3 + 2.0 * t2 - t), 0.5 * (3.0 * t3 - 5.0 * t2 + 2.0), 0.5 * (-3.0 * t3 + 4.0 * t2 + t), 0.5 * (t3 - t2)]
 }
 
-/// Closes airways that are cut by a face of the volume: air on a face that does not reach the face's rim and goes on for
-/// [`AIRWAY_MM`] becomes tissue, [`LID_MM`] deep. Otherwise the air around the head would flow in through the cut throat. Returns how many were closed.
+/// Closes airways that a face of the volume cuts, and returns their number.
+/// Air on a face that does not reach the face's rim and extends inward by [`AIRWAY_MM`] is replaced by tissue, [`LID_MM`] deep.
+/// Otherwise outside air would enter through the cut throat.
 fn with_lids(volume: &Volume, air_below_hu: f64) -> (Cow<'_, [i16]>, usize) {
     let mut hu = Cow::Borrowed(volume.hu.as_slice());
     let mut closed = 0;

@@ -1,27 +1,27 @@
-//! Fat and muscle of a CT: the mean value of soft tissue around each place.
+//! Local mean of soft tissue in a CT, which distinguishes fat from muscle.
 
 use rayon::prelude::*;
 
 use prosopon_geometry::{ScalarGrid, Vector};
 
-/// Spacing of the lattice, about, mm: half an element's edge or less.
+/// Approximate spacing of the lattice, mm: at most half an element's edge.
 const SPACING_MM: f64 = 2.0;
-/// Values of soft tissue, HU. What is lighter holds air, what is denser bone or metal.
+/// Values of soft tissue, HU. Lower values contain air, higher ones bone or metal.
 const SOFT_HU: std::ops::RangeInclusive<f32> = -150.0..=150.0;
-/// Nothing is said where less than this share of the surroundings is soft tissue.
+/// Where a smaller share of the surroundings is soft tissue, the mean is NaN.
 const LEAST_SHARE: f32 = 0.2;
-/// Passes of (1, 2, 1) / 4 along each axis: a standard deviation of one spacing.
+/// Number of passes of (1, 2, 1) / 4 along each axis; two give a standard deviation of one spacing.
 const PASSES: usize = 2;
-/// Values are kept to this from zero, whole numbers.
+/// Means are rounded to whole HU and clamped to this magnitude.
 const LARGEST_HU: f32 = 127.0;
 
-/// Mean of soft tissue's values around the places of a lattice of about 2 mm, whole HU from -127 to 127, not a number where there is hardly any:
-/// noise and the streaks of metal average out, air and bone do not count.
+/// Local mean of soft tissue on a lattice of about 2 mm, in whole HU from -127 to 127.
+/// It is NaN where there is hardly any soft tissue. Noise and streaks average out; air and bone do not count.
 pub(super) fn soft_tissue(hu: &ScalarGrid) -> ScalarGrid {
     let n = ((SPACING_MM / hu.spacing).round() as usize).max(1);
     let dims = hu.dims.map(|d| d.div_ceil(n).max(2));
     let plane = dims[0] * dims[1];
-    // Sum of values and share of soft tissue in a block of n³.
+    // Sum of values and share of soft tissue in a block of n³ samples.
     let block = |at: usize| -> [f32; 2] {
         let first = [at % dims[0], at / dims[0] % dims[1], at / plane].map(|c| n * c);
         let end = |a: usize| (first[a] + n).min(hu.dims[a]);
@@ -57,7 +57,7 @@ pub(super) fn soft_tissue(hu: &ScalarGrid) -> ScalarGrid {
     }
 }
 
-/// One pass of (1, 2, 1) / 4 along an axis; beyond the border is nothing.
+/// One pass of (1, 2, 1) / 4 along an axis; samples beyond the border are 0.
 fn smoothed(values: &[[f32; 2]], dims: [usize; 3], axis: usize, stride: usize) -> Vec<[f32; 2]> {
     let place = |at: usize| at / stride % dims[axis];
     let of = |at: usize| {
@@ -105,7 +105,7 @@ mod tests {
         for x in [-17.0, 0.0, 18.0] {
             for y in [-6.0, 4.0] {
                 let (muscle, fat) = (found.sample(&Point::new(x, y, -5.0)), found.sample(&Point::new(x, y, 5.0)));
-                // The mean of some 60 values that scatter by 35 HU; fat's are cut off at -150.
+                // The mean of about 60 values with a standard deviation of 35 HU; those of fat are truncated at -150.
                 assert!((muscle - 55.0).abs() < 15.0 && (fat + 93.0).abs() < 15.0, "{x} {y}: {muscle} {fat}");
             }
         }

@@ -7,24 +7,26 @@ use base64::engine::general_purpose::URL_SAFE_NO_PAD;
 use super::Scopes;
 use prosopon_store::TenantId;
 
-/// A static key as the configuration has it. The token is `ID.SECRET`; only the secret's argon2 hash is kept.
+/// A static API key as configured.
+///
+/// The token is `ID.SECRET`; the configuration has only the secret's Argon2 hash.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ApiKey {
-    /// Its name, which the token begins with and the audit log shows.
+    /// Name of the key, with which the token starts and which the audit log shows.
     pub id: String,
-    /// Whose data it opens.
+    /// Tenant whose data the key gives access to.
     pub tenant: TenantId,
-    /// What it allows.
+    /// Scopes that the key grants.
     pub scopes: Scopes,
     /// Argon2id hash of the secret, as `$argon2id$…`.
     pub hash: String,
 }
 
 impl ApiKey {
-    /// Longest id, bytes.
+    /// Longest id of a key, bytes.
     const MAX_ID: usize = 64;
 
-    /// All that is wrong with it, in words.
+    /// All faults of the key, as messages.
     #[must_use]
     pub fn faults(&self) -> Vec<String> {
         let mut faults = Vec::new();
@@ -33,16 +35,16 @@ impl ApiKey {
             faults.push(format!("id `{}` must have 1 to {} letters, digits, `-` or `_`", self.id, Self::MAX_ID));
         }
         if self.scopes == Scopes::default() {
-            faults.push(format!("key `{}` has no scope: give read, write or admin", self.id));
+            faults.push(format!("key `{}` has no scope; give read, write or admin", self.id));
         }
         let hash = PasswordHash::new(&self.hash);
         if !hash.is_ok_and(|hash| hash.algorithm.as_str() == "argon2id" && hash.hash.is_some()) {
-            faults.push(format!("the hash of key `{}` is no argon2id hash; `prosopon auth key` makes one", self.id));
+            faults.push(format!("the hash of key `{}` is not argon2id; make one with `prosopon auth key`", self.id));
         }
         faults
     }
 
-    /// Whether `secret` is this key's. Takes some ten milliseconds of one core.
+    /// Whether `secret` is this key's secret. Takes some ten milliseconds of one core.
     #[must_use]
     pub(super) fn verifies(&self, secret: &str) -> bool {
         PasswordHash::new(&self.hash)
@@ -50,24 +52,24 @@ impl ApiKey {
     }
 }
 
-/// A fresh key.
+/// A new key: the token for the client and the hash for the configuration.
 #[derive(Debug)]
 pub struct NewKey {
-    /// What the client sends, `ID.SECRET`; kept nowhere.
+    /// The token that the client sends, `ID.SECRET`. The service stores it nowhere.
     pub token: String,
-    /// What the configuration keeps.
+    /// The hash for the configuration.
     pub hash: String,
 }
 
-/// Makes a key with 256 random bits.
+/// Makes a key with a secret of 256 random bits.
 ///
 /// # Errors
-/// When the hash cannot be made.
+/// Fails if the hash cannot be computed.
 pub fn new_key(id: &str) -> Result<NewKey, password_hash::Error> {
     let mut bytes = [0; 32];
     OsRng.fill_bytes(&mut bytes);
     let secret = URL_SAFE_NO_PAD.encode(bytes);
-    // What OWASP asks of passwords; the secret is no password, so this is ample.
+    // OWASP's parameters for passwords; a random 256-bit secret needs no more.
     let params = Params::new(19 * 1024, 2, 1, None)?;
     let argon = Argon2::new(Algorithm::Argon2id, Version::V0x13, params);
     let hash = argon.hash_password(secret.as_bytes(), &SaltString::generate(&mut OsRng))?.to_string();

@@ -9,19 +9,19 @@ use prosopon_jobs::CpuPool;
 use prosopon_session::{Fault, FaultKind};
 use prosopon_store::sha256_hex;
 
-/// Secrets that are checked at the same time: each takes 19 MB and some ten milliseconds.
+/// Secrets checked at the same time; each check takes 19 MB and some ten milliseconds.
 const CHECKS_AT_ONCE: usize = 2;
-/// Requests that may wait for that.
+/// Number of requests that can wait for or be in such a check; further ones are refused as busy.
 const CHECKS_WAITING: usize = 16;
-/// Verified tokens that are remembered.
+/// Number of verified tokens that are remembered.
 const REMEMBERED: usize = 1024;
 
-/// Whose tokens are trusted.
+/// Keys and identity providers whose tokens are trusted.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct AuthSettings {
-    /// Static keys.
+    /// Static API keys.
     pub keys: Vec<ApiKey>,
-    /// Tokens of an identity provider.
+    /// Identity provider whose tokens (JWT) are trusted; none when `None`.
     pub jwt: Option<JwtSettings>,
 }
 
@@ -30,26 +30,26 @@ pub struct AuthSettings {
 #[error("authentication: {0}")]
 pub struct AuthError(pub String);
 
-/// Tells whom a bearer token names.
+/// Finds the sender that a bearer token names.
 #[derive(Debug)]
 pub struct Authenticator {
     keys: Vec<ApiKey>,
     tokens: Option<Tokens>,
     cpu: CpuPool,
-    /// Index of the key by the SHA-256 of tokens that were verified: the slow hash is taken once.
+    /// Key index by the SHA-256 of verified tokens, so that the slow hash is computed once per token.
     verified: Mutex<BTreeMap<String, usize>>,
     checks: Semaphore,
     waiting: Semaphore,
 }
 
 impl Authenticator {
-    /// Reads the identity provider's keys.
+    /// Reads the identity provider's public keys.
     ///
     /// # Errors
-    /// When they cannot be read, or nobody would be trusted.
+    /// Fails if the keys cannot be read, or if the settings have neither a key nor an identity provider.
     pub fn new(settings: AuthSettings, cpu: CpuPool) -> Result<Arc<Self>, AuthError> {
         if settings.keys.is_empty() && settings.jwt.is_none() {
-            return Err(AuthError("there is neither a key nor an identity provider".to_owned()));
+            return Err(AuthError("neither a key nor an identity provider is configured".to_owned()));
         }
         let tokens = settings.jwt.map(Tokens::open).transpose().map_err(AuthError)?;
         Ok(Arc::new(Self {
@@ -62,13 +62,13 @@ impl Authenticator {
         }))
     }
 
-    /// Whom an `Authorization` header names.
+    /// The sender that an `Authorization` header names.
     ///
     /// # Errors
-    /// [`FaultKind::Unauthenticated`], [`FaultKind::Busy`]. Why is told in the log only.
+    /// [`FaultKind::Unauthenticated`] or [`FaultKind::Busy`]. Only the log has the reason of a refusal.
     pub async fn check(self: &Arc<Self>, authorization: Option<&str>) -> Result<Principal, Fault> {
         let Some(token) = authorization.and_then(bearer) else {
-            return Err(unknown("the request has no bearer token", "none"));
+            return Err(unknown("the request has no bearer token; send `Authorization: Bearer TOKEN`", "none"));
         };
         let is_key = token.bytes().filter(|b| *b == b'.').count() == 1;
         match (is_key, &self.tokens) {
@@ -76,7 +76,7 @@ impl Authenticator {
             (false, Some(tokens)) => {
                 tokens.check(token).map_err(|reason| unknown("the bearer token is not trusted", &reason))
             }
-            (false, None) => Err(unknown("the bearer token is not trusted", "neither a key nor are others configured")),
+            (false, None) => Err(unknown("the bearer token is not trusted", "no API key, and no identity provider")),
         }
     }
 
@@ -95,7 +95,7 @@ impl Authenticator {
         let refused = |reason: &str| unknown("the bearer token is not trusted", reason);
         let (id, secret) = token.split_once('.').unwrap_or_default();
         let index = self.keys.iter().position(|k| k.id == id).ok_or_else(|| refused("no such key"))?;
-        let busy = || Fault::new(FaultKind::Busy, "too many keys are being checked; try again");
+        let busy = || Fault::new(FaultKind::Busy, "too many API keys are being checked; try again");
         let _waiting = self.waiting.try_acquire().map_err(|_| busy())?;
         let _checking = self.checks.acquire().await.map_err(|_| busy())?;
         let (own, secret) = (Arc::clone(self), secret.to_owned());
@@ -119,6 +119,6 @@ fn bearer(authorization: &str) -> Option<&str> {
 
 fn unknown(detail: &str, reason: &str) -> Fault {
     metrics::counter!("prosopon_auth_refusals_total").increment(1);
-    tracing::warn!(reason, "a request was not let in");
+    tracing::warn!(reason, "a request was refused");
     Fault::new(FaultKind::Unauthenticated, detail)
 }

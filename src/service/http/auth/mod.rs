@@ -1,4 +1,4 @@
-//! Who sends a request, and what they may do.
+//! Authentication and authorisation: who sends a request, and what the sender is allowed to do.
 
 mod api_key;
 mod authenticator;
@@ -11,12 +11,12 @@ pub use authenticator::{AuthError, AuthSettings, Authenticator};
 pub use principal::{Principal, Scope, Scopes};
 pub use token::JwtSettings;
 
-/// Whether requests must say who sends them.
+/// Whether requests need a bearer token.
 #[derive(Debug, Clone, Default)]
 pub enum Access {
-    /// Anyone who can connect may do everything, as the tenant `local`: for loopback.
+    /// No authentication: every request acts as the tenant `local` with all scopes. Only for loopback.
     #[default]
     Open,
-    /// Bearer tokens only.
+    /// Requests need a bearer token that the authenticator accepts.
     Tokens(std::sync::Arc<Authenticator>),
 }

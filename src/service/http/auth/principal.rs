@@ -7,22 +7,22 @@ use axum::http::request::Parts;
 
 use prosopon_store::TenantId;
 
-/// What a token allows.
+/// A permission that a token grants.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Scope {
-    /// Look at what there is.
+    /// Read sessions, jobs and results.
     Read,
-    /// Make, change, delete.
+    /// Create, change and delete.
     Write,
-    /// Metrics.
+    /// Read the metrics.
     Admin,
 }
 
 impl Scope {
-    /// Every scope.
+    /// All scopes.
     pub const ALL: [Self; 3] = [Self::Read, Self::Write, Self::Admin];
 
-    /// Its name.
+    /// Name of the scope.
     #[must_use]
     pub fn as_str(self) -> &'static str {
         match self {
@@ -43,25 +43,27 @@ impl FromStr for Scope {
     }
 }
 
-/// Scopes of one token.
+/// The scopes of one token.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Scopes(Vec<Scope>);
 
 impl Scopes {
-    /// All of them.
+    /// The set of all scopes.
     #[must_use]
     pub fn all() -> Self {
         Self(Scope::ALL.to_vec())
     }
 
-    /// Those named in a list with blanks or commas; names of others, as OpenID's, are no scopes here.
+    /// The scopes named in a list separated by blanks or commas.
+    ///
+    /// Other names, such as those of OpenID, are ignored.
     #[must_use]
     pub fn named_in(text: &str) -> Self {
         let names = text.split([' ', ',']).map(|name| name.strip_prefix("prosopon:").unwrap_or(name));
         Self(names.filter_map(|name| name.parse().ok()).collect())
     }
 
-    /// Whether `scope` is among them.
+    /// Whether the set contains `scope`.
     #[must_use]
     pub fn allow(&self, scope: Scope) -> bool {
         self.0.contains(&scope)
@@ -81,19 +83,19 @@ impl fmt::Display for Scopes {
     }
 }
 
-/// Who sends a request.
+/// The sender of a request.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Principal {
-    /// Whose data they see.
+    /// Tenant whose data the sender can access.
     pub tenant: TenantId,
-    /// Key or subject, as the audit log names them.
+    /// Key or subject, as named in the audit log.
     pub who: String,
-    /// What they may do.
+    /// Scopes of the sender.
     pub scopes: Scopes,
 }
 
 impl Principal {
-    /// Anyone on a service without authentication.
+    /// The sender of every request to a service without authentication.
     #[must_use]
     pub fn local() -> Self {
         Self { tenant: TenantId::local(), who: "local".to_owned(), scopes: Scopes::all() }
@@ -103,7 +105,9 @@ impl Principal {
 impl<S: Send + Sync> FromRequestParts<S> for Principal {
     type Rejection = Infallible;
 
-    /// The guard has put it there; without one (in tests of single routes) it is nobody, who owns nothing and may do nothing.
+    /// Takes the sender that the guard stored.
+    ///
+    /// Without a guard, as in tests of single routes, the sender has no scope.
     async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Infallible> {
         Ok(parts
             .extensions

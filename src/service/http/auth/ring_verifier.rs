@@ -1,4 +1,4 @@
-//! Checks signatures of tokens with ring, the provider of cryptography of the whole program.
+//! Checks signatures of tokens with ring, the cryptography provider of the whole program.
 
 use jsonwebtoken::crypto::{CryptoProvider, JwtVerifier, KeyUtils};
 use jsonwebtoken::errors::{Error, ErrorKind};
@@ -6,7 +6,9 @@ use jsonwebtoken::{Algorithm, DecodingKey, DecodingKeyKind};
 use ring::signature::{self as ring_signature, RsaParameters, RsaPublicKeyComponents, UnparsedPublicKey};
 use signature::Verifier;
 
-/// Signatures that a public key can check; never a shared secret, for whoever knows the public key could then sign.
+/// Accepted signature algorithms, all with public keys.
+///
+/// Shared secrets are excluded: anyone who knows the public key could use it as a secret to sign.
 pub(super) const ALGORITHMS: [Algorithm; 9] = [
     Algorithm::RS256,
     Algorithm::RS384,
@@ -19,20 +21,22 @@ pub(super) const ALGORITHMS: [Algorithm; 9] = [
     Algorithm::EdDSA,
 ];
 
-/// Nothing here signs, and keys are read as the identity provider publishes them.
+/// Cryptography provider that only verifies.
+///
+/// The program signs no tokens, and it reads keys as the identity provider publishes them.
 static PROVIDER: CryptoProvider = CryptoProvider {
     signer_factory: |_, _| Err(ErrorKind::InvalidAlgorithm.into()),
     verifier_factory: verifier,
     key_utils: KeyUtils::new_unimplemented(),
 };
 
-/// Makes `jsonwebtoken` use ring. The second start of a process finds it installed.
+/// Makes `jsonwebtoken` use ring. A second call in the same process has no effect.
 pub(super) fn install() {
     PROVIDER.install_default().ok();
 }
 
 fn verifier(algorithm: &Algorithm, key: &DecodingKey) -> Result<Box<dyn JwtVerifier>, Error> {
-    // A shared secret is never read as a public key.
+    // A shared secret is never used as a public key.
     if key.family() != algorithm.family() {
         return Err(ErrorKind::InvalidKeyFormat.into());
     }
@@ -40,7 +44,7 @@ fn verifier(algorithm: &Algorithm, key: &DecodingKey) -> Result<Box<dyn JwtVerif
     Ok(Box::new(RingVerifier { algorithm: *algorithm, method, key: key.kind().clone() }))
 }
 
-/// How ring checks a signature.
+/// Verification method of ring for an algorithm.
 enum Method {
     Rsa(&'static RsaParameters),
     Curve(&'static dyn ring_signature::VerificationAlgorithm),
@@ -130,12 +134,12 @@ mod tests {
         ),
     ];
 
-    /// Whether `signature` of `message` is one by `key`.
+    /// Whether `key` accepts `signature` of `message`.
     fn accepts(algorithm: Algorithm, key: &DecodingKey, message: &[u8], signature: &[u8]) -> bool {
         verifier(&algorithm, key).is_ok_and(|v| v.verify(message, &signature.to_vec()).is_ok())
     }
 
-    /// Accepted as it is, refused for another message, another algorithm's, cut short, or by a key of another kind.
+    /// The signature is accepted; another message, algorithm or key and a truncated signature are not.
     fn check(algorithm: Algorithm, key: &DecodingKey, other_kind: &DecodingKey, signature: &[u8]) {
         assert!(accepts(algorithm, key, MESSAGE, signature), "{algorithm:?}");
         assert!(!accepts(algorithm, key, b"header.other", signature), "{algorithm:?}");

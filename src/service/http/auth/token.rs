@@ -10,25 +10,25 @@ use super::ring_verifier::{self, ALGORITHMS};
 use super::{Principal, Scopes};
 use prosopon_store::TenantId;
 
-/// How tokens of an identity provider are checked.
+/// Settings for checking tokens (JWT) of an identity provider.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct JwtSettings {
-    /// `iss` that must be there.
+    /// Required value of the claim `iss`.
     pub issuer: String,
-    /// `aud` that must be there.
+    /// Required value of the claim `aud`.
     pub audience: String,
-    /// The provider's public keys, as it publishes them; read again when the file changes.
+    /// File with the provider's public keys (JWKS); the service reads it again when it changes.
     pub jwks_file: PathBuf,
-    /// Claim with the tenant's name.
+    /// Name of the claim with the tenant.
     pub tenant_claim: String,
-    /// Claim with the scopes: a text with blanks, or a list.
+    /// Name of the claim with the scopes: a text with blanks, or a list.
     pub scope_claim: String,
-    /// Clocks may differ by so much.
+    /// Largest accepted difference between the clocks.
     pub leeway: Duration,
 }
 
 impl JwtSettings {
-    /// What is wrong with them, `NAME: fault` each.
+    /// All faults of the settings, each as `NAME: fault`.
     #[must_use]
     pub fn faults(&self) -> Vec<String> {
         let texts = [
@@ -44,10 +44,10 @@ impl JwtSettings {
     }
 }
 
-/// Shortest time between two looks at the file.
+/// Shortest time between two checks whether the file has changed.
 const LOOK_EVERY: Duration = Duration::from_secs(10);
 
-/// The provider's keys.
+/// Checks tokens with the provider's keys.
 #[derive(Debug)]
 pub(super) struct Tokens {
     settings: JwtSettings,
@@ -62,14 +62,14 @@ struct Keys {
 }
 
 impl Tokens {
-    /// Reads the keys.
+    /// Reads the provider's keys.
     pub(super) fn open(settings: JwtSettings) -> Result<Self, String> {
         ring_verifier::install();
         let (set, changed) = read(&settings)?;
         Ok(Self { settings, keys: Mutex::new(Keys { set, changed, looked: Instant::now() }) })
     }
 
-    /// Whom a token names; the reason of a refusal is for the log.
+    /// The sender that a token names. The error is the reason of the refusal, for the log.
     pub(super) fn check(&self, token: &str) -> Result<Principal, String> {
         let header = decode_header(token).map_err(|e| e.to_string())?;
         if !ALGORITHMS.contains(&header.alg) {
@@ -98,14 +98,14 @@ impl Tokens {
             }
             _ => Scopes::default(),
         };
-        // A subject may be anything; a log line has one short word.
+        // A subject can be any text; the audit log needs one short word without special characters.
         let subject = text("sub").ok_or("no subject")?;
         let harmless = |c: &char| c.is_ascii_alphanumeric() || "-_.@|:".contains(*c);
         let who: String = subject.chars().filter(harmless).take(100).collect();
         Ok(Principal { tenant, who: format!("jwt:{who}"), scopes })
     }
 
-    /// The key that a token names, or the only one.
+    /// The key that a token names, or the only key if it names none.
     fn key(&self, kid: Option<&str>) -> Result<Jwk, String> {
         let mut keys = self.keys.lock().unwrap_or_else(PoisonError::into_inner);
         keys.refresh(&self.settings);
@@ -130,10 +130,10 @@ impl Keys {
         }
         match read(settings) {
             Ok((set, changed)) => {
-                tracing::info!(keys = set.keys.len(), "keys of the identity provider read again");
+                tracing::info!(keys = set.keys.len(), "the provider's keys were read again");
                 (self.set, self.changed) = (set, changed);
             }
-            Err(error) => tracing::error!(error, "keys of the identity provider cannot be read; the old ones stay"),
+            Err(error) => tracing::error!(error, "the provider's keys cannot be read; the old ones stay in use"),
         }
     }
 }
@@ -144,5 +144,5 @@ fn read(settings: &JwtSettings) -> Result<(JwkSet, Option<SystemTime>), String> 
     let changed = std::fs::metadata(file).and_then(|m| m.modified()).ok();
     let bytes = std::fs::read(file).map_err(|e| fault(&e))?;
     let set: JwkSet = serde_json::from_slice(&bytes).map_err(|e| fault(&e))?;
-    if set.keys.is_empty() { Err(fault(&"it holds no key")) } else { Ok((set, changed)) }
+    if set.keys.is_empty() { Err(fault(&"it contains no key")) } else { Ok((set, changed)) }
 }

@@ -14,26 +14,26 @@ use prosopon_session::{
 };
 use prosopon_store::OsteotomyRecord;
 
-/// A line on the bone that is shorter is no cut but a mistake in units, mm.
+/// Shortest polyline of a cut, mm; a shorter one is a mistake in units.
 const SHORTEST_LINE_MM: f64 = 1.0;
 
-/// One cut: exactly one of `plane`, `polyline`, `surface` and `free_part`.
+/// One cut, given by exactly one of `plane`, `polyline`, `surface` and `free_part`.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CutRequest {
-    /// A plane, bounded or endless.
+    /// A plane, bounded by a rectangle or unbounded.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub plane: Option<PlaneDocument>,
-    /// A line on the bone with a sawing direction and depth.
+    /// A polyline on the bone, at least 1 mm long, with sawing direction and depth.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub polyline: Option<PolylineDocument>,
-    /// Triangles, open or closed, however they are turned.
+    /// A triangle surface, open or closed, of any orientation.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub surface: Option<CutSurfaceDocument>,
-    /// No cut: the part of bone at this point, apart from the skull before, becomes a segment that can move.
+    /// A point in a separate part of bone. Nothing is cut: that part becomes a moving segment.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub free_part: Option<FreePartDocument>,
-    /// Width of the saw's slot, mm, 0 to 10; half of it is taken from each side.
+    /// Kerf (width of the saw cut), mm, 0 to 10; 0 when absent. Half of it is removed from each side.
     #[serde(default)]
     pub kerf_mm: Option<f64>,
 }
@@ -42,29 +42,39 @@ pub struct CutRequest {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum TemplateName {
-    /// Le Fort I. Landmarks: `le_fort_1_plane`, `midline_x_mm`, `occlusal_plane_z_mm`; with `zygomaxillare_left` and `_right` a plane that
-    /// would run through the cheek bones steps down beside the nose.
+    /// Le Fort I. Landmarks: `le_fort_1_plane`, `midline_x_mm`, `occlusal_plane_z_mm`.
+    ///
+    /// With `zygomaxillare_left` and `zygomaxillare_right`, a plane that would run through the cheek bones steps down beside
+    /// the nose.
     #[serde(rename = "le_fort_1")]
     LeFort1,
-    /// Le Fort II. Landmarks: `nasion`, `orbitale_left`, `orbitale_right`, `zygomaxillare_left`, `zygomaxillare_right` and
+    /// Le Fort II.
+    ///
+    /// Landmarks: `nasion`, `orbitale_left`, `orbitale_right`, `zygomaxillare_left`, `zygomaxillare_right` and
     /// `occlusal_plane_z_mm`.
     #[serde(rename = "le_fort_2")]
     LeFort2,
-    /// Le Fort III. Landmarks: `nasion`, `frontomalare_left`, `frontomalare_right` and `occlusal_plane_z_mm`.
+    /// Le Fort III.
+    ///
+    /// Landmarks: `nasion`, `frontomalare_left`, `frontomalare_right` and `occlusal_plane_z_mm`.
     #[serde(rename = "le_fort_3")]
     LeFort3,
-    /// Sagittal split of the left ramus: medial cut above the foramen, split along the oblique ridge, buccal cut at the molar.
-    /// Landmarks: `lingula_left`, `molar_left` (buccal, beside the second molar), `midline_x_mm`, `occlusal_plane_z_mm`; with
-    /// `condylion_left` the joint is told apart too.
+    /// Sagittal split osteotomy of the left ramus (BSSO).
+    ///
+    /// Medial cut above the foramen, split along the oblique ridge, buccal cut at the molar.
+    /// Landmarks: `lingula_left`, `molar_left` (buccal, beside the second molar), `midline_x_mm`, `occlusal_plane_z_mm`. With
+    /// `condylion_left`, the cuts also separate the joint.
     BssoLeft,
-    /// The same on the right.
+    /// Sagittal split osteotomy of the right ramus: as `bsso_left`, with the landmarks of the right side.
     BssoRight,
     /// Genioplasty. Landmarks: `pogonion` and `menton`.
     Genioplasty,
-    /// Le Fort I and a midsagittal split.
+    /// Two-piece maxilla: Le Fort I with a midsagittal split.
     TwoPieceMaxilla,
-    /// No osteotomy: the whole mandible told apart from the skull, for autorotation. Landmarks: `condylion_left`,
-    /// `condylion_right`, `menton`, `occlusal_plane_z_mm`; better with `lingula_left` and `lingula_right`.
+    /// Separates the whole mandible from the skull without an osteotomy, for autorotation.
+    ///
+    /// Landmarks: `condylion_left`, `condylion_right`, `menton`, `occlusal_plane_z_mm`; `lingula_left` and `lingula_right`
+    /// improve the separation.
     Mandible,
 }
 
@@ -83,75 +93,77 @@ impl From<TemplateName> for Template {
     }
 }
 
-/// A template with its landmarks; those that are absent are taken from the session's, and what is not there either is proposed from the
+/// A template of cuts, placed by landmarks.
+///
+/// Landmarks that the request lacks are taken from the session. Landmarks that the session lacks too are proposed from the
 /// surfaces, with a warning.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TemplateRequest {
-    /// Which template.
+    /// Name of the template.
     pub name: TemplateName,
-    /// Points by name, LPS mm; they replace those of the session with the same names.
+    /// At most 100 points by name, LPS mm. They replace the session's points of the same names.
     #[serde(default)]
     pub landmarks: BTreeMap<String, [f64; 3]>,
-    /// The horizontal cut of a Le Fort I.
+    /// Plane of the horizontal cut of a Le Fort I; the session's `le_fort_1_plane` when absent.
     #[serde(default)]
     pub plane: Option<PlacedPlane>,
-    /// x of the midline.
+    /// x coordinate of the facial midline, LPS mm; the session's when absent.
     #[serde(default)]
     pub midline_x_mm: Option<f64>,
-    /// z of the occlusal plane.
+    /// z coordinate of the occlusal plane, LPS mm; the session's when absent.
     #[serde(default)]
     pub occlusal_plane_z_mm: Option<f64>,
-    /// Width of the saw's slot, mm, 0 to 10. Separations have none.
+    /// Kerf (width of the saw cut), mm, 0 to 10; 0 when absent. Separations have no kerf.
     #[serde(default)]
     pub kerf_mm: Option<f64>,
 }
 
-/// A point, or a curve through several, that cuts should keep away from: a nerve, a root.
+/// A protected structure, such as a nerve or a root: a point, or a polyline through several points.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ProtectedRequest {
-    /// What it is, 1 to 64 characters.
+    /// Name of the structure, 1 to 64 characters.
     pub name: String,
-    /// One point, or the corners of a curve, at most 1000, LPS mm.
+    /// One point, or the vertices of a polyline, LPS mm; 1 to 1000 points.
     pub points_mm: Vec<[f64; 3]>,
-    /// Distance below which there is a warning, mm.
+    /// Distance to a cut below which the answer warns, mm, 0 to 100. No warning when absent.
     #[serde(default)]
     pub margin_mm: Option<f64>,
 }
 
-/// Cuts to make: `template` or `templates`, `cuts`, or both; those of templates come first.
+/// Request for an osteotomy: `template` or `templates`, `cuts`, or both. Cuts of templates come first.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CreateOsteotomy {
-    /// An opaque tag.
+    /// A tag of at most 200 characters that the service stores and does not interpret.
     #[serde(default)]
     pub label: Option<String>,
-    /// Cuts, at most 32.
+    /// 1 to 32 cuts; none when absent.
     #[serde(default)]
     pub cuts: Option<Vec<CutRequest>>,
-    /// A template.
+    /// One template; none when absent.
     #[serde(default)]
     pub template: Option<TemplateRequest>,
-    /// Several templates, at most 8, instead.
+    /// 1 to 8 templates, instead of `template`.
     #[serde(default)]
     pub templates: Option<Vec<TemplateRequest>>,
-    /// What cuts should keep away from, at most 32; the answer says how near each cut comes.
+    /// At most 32 protected structures. The answer gives the distance of each cut to each structure.
     #[serde(default)]
     pub protected: Vec<ProtectedRequest>,
 }
 
 impl CreateOsteotomy {
-    /// Label and cuts.
+    /// Checks the request and returns the label and the cuts.
     pub(in crate::http) fn check(self, landmarks: Option<&LandmarksDocument>) -> Result<(Option<String>, Cuts), Fault> {
         let mut check = Check::default();
         let label = check.label("/label", self.label);
         let session = landmarks.map(Landmarks::from).unwrap_or_default();
         if self.cuts.is_none() && self.template.is_none() && self.templates.is_none() {
-            check.fault("", "one of cuts, template and templates must be given");
+            check.fault("", "the request has no cuts; give cuts, template or templates");
         }
         if self.template.is_some() && self.templates.is_some() {
-            check.fault("/templates", "cannot stand beside template");
+            check.fault("/templates", "cannot be combined with template; give one of them");
         }
         let mut templates = Vec::new();
         if let Some(t) = &self.template {
@@ -215,7 +227,7 @@ fn cut(check: &mut Check, pointer: &str, request: &CutRequest) -> Option<Cut> {
             let length_mm: f64 = points.windows(2).map(|w| (w[1] - w[0]).norm()).sum();
             if (least..=most).contains(&line.points_mm.len()) && length_mm < SHORTEST_LINE_MM {
                 let detail = format!(
-                    "make a line of {length_mm:.3} mm, at least {SHORTEST_LINE_MM} mm are needed: are they in mm?"
+                    "make a line of {length_mm:.3} mm, at least {SHORTEST_LINE_MM} mm are needed; check that they are in mm"
                 );
                 check.fault(format!("{pointer}/points_mm"), detail);
             }
@@ -252,7 +264,7 @@ fn bounded_plane(check: &mut Check, pointer: &str, plane: &PlaneDocument) -> Bou
     let normal = check.direction(&format!("{pointer}/normal"), plane.normal);
     let bounds = plane.bounds.map(|b| {
         let direction = check.direction(&format!("{pointer}/bounds/direction"), b.direction);
-        // The rectangle's sides must be at right angles with the normal; a small slant is taken out.
+        // The rectangle's sides must be perpendicular to the normal; a small deviation is projected out.
         let in_plane = direction - normal * normal.dot(&direction);
         if in_plane.norm() < 0.9 {
             check.fault(format!("{pointer}/bounds/direction"), "does not lie in the plane");
@@ -293,18 +305,18 @@ fn template(check: &mut Check, pointer: &str, t: &TemplateRequest, session: &Lan
     TemplateCall { template: t.name.into(), landmarks, kerf_mm }
 }
 
-/// An osteotomy.
+/// A stored osteotomy: its cuts and the segments they make.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct OsteotomyView {
-    /// Its id.
+    /// Id of the osteotomy.
     pub id: Uuid,
-    /// When it was made.
+    /// When the osteotomy was created (RFC 3339).
     pub created_at: String,
-    /// Time that the cut took, s.
+    /// Computing time of the cut, s.
     pub wall_s: f64,
-    /// Whether it was cut from bone or settings that have changed.
+    /// Whether bone or field settings have changed since the cut; if so, cut again.
     pub stale: bool,
-    /// Cuts and segments.
+    /// Cuts, segments and warnings.
     #[serde(flatten)]
     pub content: OsteotomyDocument,
 }
@@ -324,6 +336,6 @@ impl OsteotomyView {
 /// All osteotomies of a session, oldest first.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct OsteotomyList {
-    /// The osteotomies.
+    /// The session's osteotomies.
     pub osteotomies: Vec<OsteotomyView>,
 }

@@ -1,10 +1,10 @@
 use crate::http::extract::short_number;
 use prosopon_session::{Fault, FieldFault};
 
-/// Farthest coordinate that a head can have, mm.
+/// Largest magnitude of a coordinate, mm; no scan of a head lies farther from its origin.
 pub(super) const REACH_MM: f64 = 10_000.0;
 
-/// Collects every fault of a request, so that a client sees all of them at once.
+/// Collects all faults of a request, so that one answer reports them all.
 #[derive(Debug, Default)]
 pub(in crate::http) struct Check {
     faults: Vec<FieldFault>,
@@ -15,7 +15,7 @@ impl Check {
         self.faults.push(FieldFault::new(pointer, detail));
     }
 
-    /// A number from `min` to `max`.
+    /// Checks that a number lies between `min` and `max`, both included.
     pub(super) fn number(&mut self, pointer: &str, value: f64, min: f64, max: f64) -> f64 {
         if !(min..=max).contains(&value) {
             self.fault(pointer, format!("is {}, allowed is {min} to {max}", short_number(value)));
@@ -23,7 +23,7 @@ impl Check {
         value
     }
 
-    /// A point or translation within reach.
+    /// Checks that a point or translation has coordinates within [`REACH_MM`].
     pub(super) fn vector(&mut self, pointer: &str, value: [f64; 3]) -> [f64; 3] {
         for (axis, coordinate) in value.into_iter().enumerate() {
             self.number(&format!("{pointer}/{axis}"), coordinate, -REACH_MM, REACH_MM);
@@ -31,16 +31,16 @@ impl Check {
         value
     }
 
-    /// A direction, as a unit vector.
+    /// Checks a direction and returns it as a unit vector.
     pub(super) fn direction(&mut self, pointer: &str, value: [f64; 3]) -> prosopon_geometry::Vector {
         self.vector(pointer, value);
         prosopon_geometry::Vector::from(value).try_normalize(1e-9).unwrap_or_else(|| {
-            self.fault(pointer, "has no length");
+            self.fault(pointer, "has zero length; give a direction of any length above zero");
             prosopon_geometry::Vector::z()
         })
     }
 
-    /// A box with its corners in order.
+    /// Checks that a box has its smallest and largest corners in order.
     pub(super) fn bounds(
         &mut self,
         pointer: &str,
@@ -54,7 +54,7 @@ impl Check {
         value
     }
 
-    /// A tag of at most 200 characters.
+    /// Checks that a tag has at most 200 characters.
     pub(super) fn label(&mut self, pointer: &str, value: Option<String>) -> Option<String> {
         if let Some(label) = &value
             && label.chars().count() > 200
@@ -64,7 +64,7 @@ impl Check {
         value
     }
 
-    /// The faults, if there are any.
+    /// Fails with all faults if there are any.
     pub(in crate::http) fn finish(self) -> Result<(), Fault> {
         if self.faults.is_empty() { Ok(()) } else { Err(Fault::invalid(self.faults)) }
     }

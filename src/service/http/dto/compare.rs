@@ -13,9 +13,9 @@ use prosopon_store::SessionId;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum PartName {
-    /// Outer skin.
+    /// Outer skin before the operation.
     Skin,
-    /// Bone.
+    /// Skull.
     Skull,
     /// Post-operative skin.
     Target,
@@ -31,20 +31,20 @@ impl PartName {
     }
 }
 
-/// A stored surface: `session` and `part`, or `job` and `step`.
+/// A stored surface, named by `session` and `part` or by `job` and `step`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SurfaceRef {
-    /// A session …
+    /// Id of a session; give it with `part`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub session: Option<Uuid>,
-    /// … and its part.
+    /// Surface of the session.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub part: Option<PartName>,
-    /// A job …
+    /// Id of a solve; give it with `step`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub job: Option<Uuid>,
-    /// … and its step.
+    /// Step number of the solve, from 1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub step: Option<u32>,
 }
@@ -64,20 +64,20 @@ impl SurfaceRef {
     }
 }
 
-/// A part of space: a box (`min_mm` and `max_mm`) or a ball (`centre_mm` and `radius_mm`), LPS mm.
+/// A region of space: a box (`min_mm` and `max_mm`) or a ball (`centre_mm` and `radius_mm`).
 #[derive(Debug, Clone, Copy, Default, PartialEq, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PartRequest {
-    /// Smallest coordinates of a box …
+    /// Smallest coordinates of a box, LPS mm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub min_mm: Option<[f64; 3]>,
-    /// … and largest.
+    /// Largest coordinates of a box, LPS mm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub max_mm: Option<[f64; 3]>,
-    /// Centre of a ball …
+    /// Centre of a ball, LPS mm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub centre_mm: Option<[f64; 3]>,
-    /// … and radius.
+    /// Radius of a ball, mm, at least 0.1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub radius_mm: Option<f64>,
 }
@@ -101,56 +101,59 @@ impl PartRequest {
     }
 }
 
-/// Rigid registration of the prediction onto the reference before comparing. It goes by the vertices that are in one of
-/// `unaltered` (all when empty), in none of `altered`, and chosen by `unaltered_vertices`. Where none of the three is given, a job's
-/// step is registered on what its plan does not move, another surface on all that fits (the worst pairs are trimmed).
+/// Rigid registration of the prediction onto the reference before the comparison.
+///
+/// The registration uses the vertices that lie in one of `unaltered` (all when empty), lie in none of `altered`, and are true
+/// in `unaltered_vertices`. If none of the three is given, a job's step is registered on the skin that its plan does not move,
+/// and any other surface on all vertices, of which the worst pairs are trimmed.
 #[derive(Debug, Clone, Default, PartialEq, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RegisterRequest {
-    /// Parts that the registration must not go by: what the operation altered.
+    /// Regions that the operation altered; the registration ignores them. None when absent.
     #[serde(default)]
     pub altered: Vec<PartRequest>,
-    /// Parts that it goes by.
+    /// Regions that the registration uses; all of the prediction when absent or empty.
     #[serde(default)]
     pub unaltered: Vec<PartRequest>,
-    /// Whether it goes by each vertex of the prediction.
+    /// For each vertex of the prediction, whether the registration uses it; all when absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub unaltered_vertices: Option<Vec<bool>>,
-    /// What a job moves less than this is unmoved; 0.1 mm when absent.
+    /// Displacement below which a vertex of a step counts as unmoved, mm, 1e-6 to 100; 0.1 when absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub threshold_mm: Option<f64>,
 }
 
-/// Two surfaces to compare.
+/// Request for a comparison of two surfaces.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CompareRequest {
-    /// What was predicted.
+    /// Surface that was predicted.
     pub prediction: SurfaceRef,
-    /// What it is compared with.
+    /// Surface with which the prediction is compared.
     pub reference: SurfaceRef,
-    /// Only prediction vertices in one of these parts count; all when absent.
+    /// Regions to which the statistics are limited: only prediction vertices inside count. All when absent.
     #[serde(default)]
     pub mask: Vec<PartRequest>,
-    /// Only prediction vertices that are true here count, one entry per vertex.
+    /// For each vertex of the prediction, whether it counts in the statistics; all when absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mask_vertices: Option<Vec<bool>>,
-    /// Parts that neither count nor are registered on.
+    /// Regions that neither statistics nor registration use; none when absent.
     #[serde(default)]
     pub exclude: Vec<PartRequest>,
-    /// Whether the eyes neither count nor are registered on: they are placed by the landmarks of the prediction's session or, without
-    /// them, by proportions of an adult's face.
+    /// Whether statistics and registration ignore the eyes; false when absent.
+    ///
+    /// The landmarks of the prediction's session locate the eyes; without landmarks, the proportions of an adult's face do.
     #[serde(default)]
     pub exclude_eyes: bool,
-    /// Registration; none when absent.
+    /// Rigid registration before the comparison; none when absent.
     #[serde(default)]
     pub register: Option<RegisterRequest>,
-    /// Whether the value of every vertex is sent too.
+    /// Whether the answer includes the value of every vertex; false when absent.
     #[serde(default)]
     pub values: bool,
 }
 
-/// A comparison as asked for, checked.
+/// A checked request for a comparison.
 #[derive(Debug)]
 pub(in crate::http) struct CheckedCompare {
     pub(in crate::http) prediction: SurfaceSource,
@@ -189,16 +192,18 @@ fn parts(pointer: &str, requests: &[PartRequest], check: &mut Check) -> Vec<Part
     requests.iter().enumerate().filter_map(|(i, p)| p.part(&format!("{pointer}/{i}"), check)).collect()
 }
 
-/// A signed error map.
+/// A signed error map: statistics and, on request, the value of every vertex.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct CompareView {
-    /// Statistics.
+    /// Statistics of the error.
     #[serde(flatten)]
     pub content: ErrorDocument,
-    /// Signed error of every prediction vertex, mm; `null` where it does not count.
+    /// Signed error of every prediction vertex, mm; `null` for vertices that do not count.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub values_mm: Option<Vec<Option<f32>>>,
-    /// Distance of every prediction vertex from its counterpart, mm, where both have the same triangles.
+    /// Distance of every prediction vertex from its counterpart, mm.
+    ///
+    /// Present if both surfaces have the same triangles.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub correspondence_mm: Option<Vec<Option<f32>>>,
 }
@@ -206,17 +211,19 @@ pub struct CompareView {
 /// A signed error map with the value of every vertex.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ErrorView {
-    /// Statistics.
+    /// Statistics of the error.
     #[serde(flatten)]
     pub content: ErrorDocument,
-    /// Signed error of every vertex of the deformed skin, mm; `null` where it has none.
+    /// Signed error of every vertex of the deformed skin, mm; `null` for vertices without an error.
     pub values_mm: Vec<Option<f32>>,
-    /// Distance of every vertex from its counterpart, mm; for comparisons on demand with a surface of the same triangles.
+    /// Distance of every vertex from its counterpart, mm.
+    ///
+    /// Present if the error was computed on demand against a surface with the same triangles.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub correspondence_mm: Option<Vec<Option<f32>>>,
 }
 
-/// JSON has no NaN.
+/// Replaces values that are not finite by `None`, since JSON has no NaN.
 pub(in crate::http) fn finite(values: Vec<f32>) -> Vec<Option<f32>> {
     values.into_iter().map(|v| v.is_finite().then_some(v)).collect()
 }

@@ -4,7 +4,7 @@ use crate::http::problem::ProblemDocument;
 use prosopon_session::Fault;
 use prosopon_store::{EventRecord, JobId};
 
-/// Data of an event as sent: stored data, with paths for a step and the problem for a failed end.
+/// Data of an event as sent: stored data, links to a step's results, and the problem of a failed job.
 pub(in crate::http) fn render_event(job: JobId, event: &EventRecord) -> Value {
     let mut data: Value = serde_json::from_str(&event.data).unwrap_or_default();
     let Some(members) = data.as_object_mut() else { return data };

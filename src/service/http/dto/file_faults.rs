@@ -2,7 +2,7 @@ use std::fmt;
 
 use super::check::Check;
 
-/// Values of a file that are not allowed, each with its place.
+/// Values of a file that are not allowed, each with its JSON pointer.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FileFaults(Vec<(String, String)>);
 

@@ -14,21 +14,24 @@ use prosopon_session::{
     Fault, FieldDocument, FieldMethod, FieldSettingsDocument, LandmarksDocument, PlacedPlane, Solid,
 };
 
-/// How surfaces are taken from a CT.
+/// Settings for extracting surfaces from a CT.
 #[derive(Debug, Clone, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct CtQuery {
-    /// Skin level, HU; -300 when absent.
+    /// Isosurface level of the skin, HU; it must be below `bone_hu`. -300 when absent.
     pub skin_hu: Option<f64>,
-    /// Bone level, HU; 300 when absent.
+    /// Isosurface level of bone, HU; 300 when absent.
     pub bone_hu: Option<f64>,
-    /// Geometric error allowed when surfaces are simplified, mm; 0.1 when absent.
+    /// Largest geometric error of surface simplification, mm, 0 to 5; 0.1 when absent.
     pub max_error_mm: Option<f64>,
-    /// Of several DICOM series, the one with this SeriesInstanceUID, or with this number (from 1, as the warning lists them); the
-    /// largest CT when absent. An identifier is used for this choice only and not kept.
+    /// DICOM series to read if the upload has several.
+    ///
+    /// It is the SeriesInstanceUID of the series, or its number from 1 in the list that the warning gives.
+    ///
+    /// The largest CT series when absent. The service uses an identifier for this choice only and does not store it.
     pub series: Option<String>,
-    /// Largest gap between DICOM slices that is interpolated when they are uneven, mm; 5 when absent.
+    /// Largest step between uneven DICOM slices that is interpolated, mm, 0.1 to 20; 5 when absent.
     pub max_step_mm: Option<f64>,
 }
 
@@ -68,36 +71,43 @@ pub(in crate::http) fn import_request(settings: &CtSettings, ct_sha256: String) 
     }
 }
 
-/// Landmarks and planes, LPS mm; they replace those given before.
+/// Landmarks and planes, LPS mm. They replace all landmarks stored before.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PutLandmarks {
-    /// Points by name: `ans`, `pronasale`, `pogonion`, `menton`, `soft_pogonion`, `nasal_bone_tip` and others.
+    /// At most 500 points by name, LPS mm.
+    ///
+    /// Names are `ans`, `pronasale`, `pogonion`, `menton`, `soft_pogonion`, `nasal_bone_tip` and others.
     pub points: BTreeMap<String, [f64; 3]>,
-    /// x of the midline.
+    /// x coordinate of the facial midline, LPS mm.
     #[serde(default)]
     pub midline_x_mm: Option<f64>,
-    /// z of the occlusal plane.
+    /// z coordinate of the occlusal plane, LPS mm.
     #[serde(default)]
     pub occlusal_plane_z_mm: Option<f64>,
-    /// The horizontal cut of a Le Fort I osteotomy.
+    /// Plane of the horizontal cut of a Le Fort I osteotomy.
     #[serde(default)]
     pub le_fort_1_plane: Option<PlacedPlane>,
-    /// Which of these are still proposals: names of points, `midline_x_mm`, `occlusal_plane_z_mm`, `le_fort_1_plane`. As
-    /// `GET …/landmarks?propose=true` gives them.
+    /// Names of the entries that nobody has confirmed yet, as `GET …/landmarks?propose=true` lists them.
+    ///
+    /// An entry is the name of a point, `midline_x_mm`, `occlusal_plane_z_mm` or `le_fort_1_plane`. Empty when absent.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub proposed: Vec<String>,
-    /// How far proposed points may be off, mm, by name. As `GET …/landmarks?propose=true` gives it; kept for what is in `proposed`.
+    /// Expected accuracy of proposed points, mm, by name, as `GET …/landmarks?propose=true` gives it.
+    ///
+    /// The service keeps it for the names in `proposed` and drops the others.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub proposed_within_mm: BTreeMap<String, f64>,
 }
 
-/// Whether landmarks are proposed.
+/// Options for reading landmarks.
 #[derive(Debug, Clone, Copy, Default, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct LandmarksQuery {
-    /// Adds proposals from the surfaces for points that were not given; `proposed` names them. Nothing is stored.
+    /// Whether the answer adds proposals for landmarks that are not stored; false when absent.
+    ///
+    /// The service computes the proposals from skin and skull, names them in `proposed` and does not store them.
     #[serde(default)]
     pub propose: bool,
 }
@@ -115,7 +125,7 @@ impl TryFrom<PutLandmarks> for LandmarksDocument {
             check.vector(&pointer, *point);
             let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
             if !(1..=64).contains(&name.len()) || !name.chars().all(plain) {
-                check.fault(pointer, "a name is 1 to 64 of a to z, 0 to 9 and _");
+                check.fault(pointer, "a name must have 1 to 64 characters from a to z, 0 to 9 and _");
             }
         }
         check_size(&mut check, request.points.values());
@@ -134,7 +144,7 @@ impl TryFrom<PutLandmarks> for LandmarksDocument {
                 point => request.points.contains_key(point),
             };
             if !known {
-                check.fault(format!("/proposed/{index}"), "names nothing that is given");
+                check.fault(format!("/proposed/{index}"), "names no value of this request; remove it");
             }
         }
         if request.proposed.len() > 600 {
@@ -143,7 +153,7 @@ impl TryFrom<PutLandmarks> for LandmarksDocument {
         if request.proposed_within_mm.values().any(|mm| !(mm.is_finite() && *mm >= 0.0)) {
             check.fault(
                 "/proposed_within_mm",
-                "has a length that is negative or not finite; send it as it was proposed or leave it out",
+                "contains a value that is negative or not finite; send the proposed values or leave them out",
             );
         }
         let within = request.proposed_within_mm.into_iter().filter(|(name, _)| request.proposed.contains(name));
@@ -161,8 +171,10 @@ impl TryFrom<PutLandmarks> for LandmarksDocument {
     }
 }
 
-/// Landmarks of a head lie centimetres apart: those in metres within a millimetre, those in micrometres beyond any head.
-/// Points out of reach have been told.
+/// Checks that the landmarks are in mm: those of a head lie centimetres apart.
+///
+/// Landmarks in metres would lie within one millimetre, those in micrometres metres apart. Points out of range already have a
+/// fault.
 fn check_size<'a>(check: &mut Check, points: impl Iterator<Item = &'a [f64; 3]>) {
     const ALLOWED_MM: [f64; 2] = [2.0, 1000.0];
     let within_reach = points.filter(|p| p.iter().all(|c| c.abs() <= REACH_MM));
@@ -171,7 +183,7 @@ fn check_size<'a>(check: &mut Check, points: impl Iterator<Item = &'a [f64; 3]>)
     let size_mm = (bounds.max - bounds.min).norm();
     if !(ALLOWED_MM[0]..=ALLOWED_MM[1]).contains(&size_mm) {
         let detail = format!(
-            "the points lie within {} mm of each other, allowed is {} to {}: check the unit, which is mm",
+            "the points lie within {} mm of each other, allowed is {} to {} mm; check that the coordinates are in mm",
             short_number(size_mm),
             ALLOWED_MM[0],
             ALLOWED_MM[1]
@@ -187,32 +199,36 @@ pub(super) fn checked_plane(check: &mut Check, pointer: &str, plane: &PlacedPlan
     }
 }
 
-/// Settings of the distance fields; absent ones take their defaults.
+/// Settings of the distance fields. Absent members take their defaults.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PutFieldSettings {
-    /// Method.
+    /// Method of building the field; `adaptive` when absent.
     #[serde(default)]
     pub method: FieldMethod,
-    /// Finest spacing, mm.
+    /// Finest grid spacing, mm, 0.1 to 10; 0.8 when absent.
     #[serde(default)]
     pub spacing_mm: Option<f64>,
-    /// Finest cells along the edge of the cube around each surface, instead of the spacing.
+    /// Number of finest cells along the edge of the cube around each surface, 8 to 1024.
+    ///
+    /// It replaces `spacing_mm` when given.
     #[serde(default)]
     pub resolution: Option<u32>,
-    /// Tolerance of `hybrid` and `frisken`, mm; 1e-5 of the cube's edge when absent.
+    /// Tolerance of the methods `hybrid` and `frisken`, mm, 1e-5 to 5; 1e-5 of the cube's edge when absent.
     #[serde(default)]
     pub tolerance_mm: Option<f64>,
-    /// Half-width of the band with full accuracy, mm.
+    /// Half-width of the band around the surface that has full accuracy, mm, 0.5 to 100; 5 when absent.
     #[serde(default)]
     pub band_mm: Option<f64>,
-    /// How far the grid reaches beyond the surface, mm.
+    /// Distance that the grid extends beyond the surface, mm, 0 to 200; 10 when absent.
     #[serde(default)]
     pub margin_mm: Option<f64>,
-    /// Grid spacing of the bone envelope, mm.
+    /// Grid spacing of the bone envelope, mm, 0.2 to 10; 1 when absent.
     #[serde(default)]
     pub envelope_spacing_mm: Option<f64>,
-    /// Openings of bone narrower than twice this are closed, mm.
+    /// Closing radius of the bone envelope, mm: openings narrower than twice this radius are closed.
+    ///
+    /// At least twice `envelope_spacing_mm`, at most 20; 2 when absent.
     #[serde(default)]
     pub envelope_closing_mm: Option<f64>,
 }
@@ -228,7 +244,7 @@ impl TryFrom<PutFieldSettings> for FieldSettingsDocument {
         };
         let envelope_spacing_mm =
             number("envelope_spacing_mm", r.envelope_spacing_mm, d.envelope_spacing_mm, 0.2, 10.0);
-        // An envelope that is closed by less than its grid resolves gets holes.
+        // A closing radius below the grid's resolution would leave holes in the envelope.
         let least = 2.0 * envelope_spacing_mm;
         let settings = Self {
             method: r.method,
@@ -254,23 +270,23 @@ impl TryFrom<PutFieldSettings> for FieldSettingsDocument {
 /// The distance fields of a session.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct FieldView {
-    /// State and time.
+    /// State, size and build time.
     #[serde(flatten)]
     pub part: PartView,
-    /// Settings of the next build.
+    /// Settings that the next build uses.
     pub settings: FieldSettingsDocument,
-    /// What the last build gave.
+    /// Report of the last build; `null` before the first build.
     pub report: Option<FieldDocument>,
 }
 
-/// A solid that has a field.
+/// A solid with a distance field.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum SolidName {
-    /// Inside of the skin.
+    /// The volume enclosed by the skin.
     #[default]
     Skin,
-    /// Outer envelope of bone.
+    /// The outer envelope of bone.
     Bone,
 }
 
@@ -283,15 +299,15 @@ impl From<SolidName> for Solid {
     }
 }
 
-/// Normal of a slice.
+/// Axis normal to a slice.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum SliceAxis {
-    /// Sagittal.
+    /// Sagittal slice, normal to x.
     X,
-    /// Coronal.
+    /// Coronal slice, normal to y.
     Y,
-    /// Axial.
+    /// Axial slice, normal to z.
     Z,
 }
 
@@ -300,11 +316,11 @@ pub enum SliceAxis {
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct SliceQuery {
-    /// Normal of the slice.
+    /// Axis normal to the slice.
     pub axis: SliceAxis,
-    /// Where the slice lies along the axis, LPS mm.
+    /// Position of the slice along the axis, LPS mm.
     pub offset_mm: f64,
-    /// Whose field.
+    /// Solid whose field is evaluated; `skin` when absent.
     #[serde(default)]
     pub solid: SolidName,
 }
@@ -318,13 +334,13 @@ impl SliceQuery {
     }
 }
 
-/// Points to look up.
+/// Points at which to evaluate a distance field.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PointQuery {
-    /// Points, LPS mm; at most 100 000.
+    /// At most 100 000 points, LPS mm.
     pub points_mm: Vec<[f64; 3]>,
-    /// Whose field.
+    /// Solid whose field is evaluated; `skin` when absent.
     #[serde(default)]
     pub solid: SolidName,
 }
@@ -345,15 +361,15 @@ impl PointQuery {
     }
 }
 
-/// Signed distances, gradients and closest points, in the order of the points.
+/// Signed distances, gradients and closest points, in the order of the request's points.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct PointValues {
-    /// Signed distances, mm; negative inside.
+    /// Signed distances, mm; negative inside the solid.
     pub distances_mm: Vec<f64>,
-    /// Gradients of the field.
+    /// Gradients of the signed distance, dimensionless.
     pub gradients: Vec<[f64; 3]>,
-    /// Closest points of the surface (skin, or the outer envelope of bone), LPS mm.
+    /// Closest points on the surface (the skin, or the outer envelope of bone), LPS mm.
     pub closest_points_mm: Vec<[f64; 3]>,
-    /// Triangles of that surface that they lie on, from 0.
+    /// Numbers of the surface triangles on which the closest points lie, from 0.
     pub triangles: Vec<usize>,
 }

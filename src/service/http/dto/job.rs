@@ -17,7 +17,7 @@ use prosopon_session::{
 };
 use prosopon_store::{JobKind, JobRecord, JobState};
 
-/// Steps that a job may have.
+/// Largest number of streamed steps of one job.
 pub(super) const MAX_STEPS: u32 = 200;
 const DEFAULT_STEPS: u32 = 6;
 
@@ -25,59 +25,68 @@ const DEFAULT_STEPS: u32 = 6;
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ModelName {
-    /// The service chooses; `mixed` in this version.
+    /// The service chooses the model; this version always chooses `mixed`.
     #[default]
     Auto,
-    /// Small strain on linear elements (LFEM).
+    /// Linear finite elements: small strain on linear elements (LFEM).
     Linear,
-    /// Small strain again, vertices relaxed under the forces of their neighbours (MTM).
+    /// Mass-tensor model (MTM): small strain; each vertex relaxes under the forces of its neighbours.
     MassTensor,
-    /// Hyperelastic on linear elements (NFEM).
+    /// Nonlinear finite elements: hyperelastic laws on linear elements (NFEM).
     Nonlinear,
-    /// Hyperelastic with a C1 skin layer (NFM-EM).
+    /// Mixed elements: hyperelastic laws with a C1-continuous skin layer (NFM-EM).
     Mixed,
 }
 
-/// A result to keep besides skin and report, which are always kept.
+/// An optional result of a solve. The service always keeps the skin of each step and the report.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum OutputName {
-    /// Deformed skin of each step.
+    /// Deformed skin of each step; kept in any case.
     Skin,
-    /// Error maps, where there is something to compare with.
+    /// Signed error map of each step, if the session has a target or the job names a reference job.
     Error,
-    /// The deformed volume.
+    /// Deformed tissue volume, as VTU.
     Tissue,
 }
 
-/// What `auto` has to keep to.
+/// Limits within which `auto` chooses the model. Not available in this version.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Budget {
-    /// Largest error, mm.
+    /// Largest acceptable error, mm.
     #[serde(default)]
     pub max_error_mm: Option<f64>,
-    /// Longest time, s.
+    /// Longest acceptable computing time, s.
     #[serde(default)]
     pub max_wall_s: Option<f64>,
 }
 
-/// Which inner nodes are tied to bone, which slide, which are free. What is absent follows the default rule: nodes at bone are tied, slide on
-/// the teeth of the jaws that move and where periosteum is stripped, and are free beside saw lines. The report's `attached` counts them.
+/// Attachment of tissue nodes to bone: tied, sliding or free.
+///
+/// Absent members follow the default rule: nodes at bone are tied; they slide on the teeth of moving jaws and where periosteum is
+/// stripped; they are free beside saw lines. The report's `attached` counts the nodes of each class.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AttachmentRequest {
-    /// Boundary nodes nearer to bone than this are tied, mm, 0 to 50.
+    /// Boundary nodes closer to bone than this distance are tied, mm, 0 to 50.
+    ///
+    /// Chosen by the default rule when absent.
     #[serde(default)]
     pub tie_gap_mm: Option<f64>,
-    /// Boxes in which nodes slide instead; they replace those around the teeth.
+    /// Boxes in which nodes slide instead of being tied, LPS mm.
+    ///
+    /// They replace the default boxes around the teeth.
     #[serde(default)]
     pub sliding: Option<Vec<BoxDocument>>,
-    /// Classes painted in boxes and balls, at most 1000, over the rule; the last one that holds a node wins.
+    /// At most 1000 boxes and balls that override the rule for the nodes inside.
+    ///
+    /// Where several contain a node, the last one applies.
     #[serde(default)]
     pub paint: Vec<PaintDocument>,
-    /// Classes painted on the skull, one (or null) per vertex as `GET …/skull` gives them: a node takes that of the nearest vertex within
-    /// 5 mm. `paint` goes over it.
+    /// One class or `null` per skull vertex, in the vertex order of `GET …/skull`.
+    ///
+    /// A node takes the class of the nearest skull vertex within 5 mm. `paint` overrides it.
     #[serde(default)]
     pub skull_classes: Option<Vec<Option<NodeClassName>>>,
 }
@@ -100,78 +109,101 @@ fn checked_paint(check: &mut Check, paint: &[PaintDocument]) -> Vec<PaintDocumen
     paint.to_vec()
 }
 
-/// A solve.
+/// Request for a solve: a plan, a model, and options that all have defaults.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CreateJob {
-    /// The plan to follow.
+    /// Id of the plan that the bone follows.
     pub plan: Uuid,
-    /// Mechanical model.
+    /// Mechanical model; `auto` when absent.
     #[serde(default)]
     pub model: ModelName,
-    /// Streamed steps, 1 to 200; the session's, else 6. With `warm_start` 1 where absent.
+    /// Number of streamed steps, 1 to 200.
+    ///
+    /// When absent: 1 with `warm_start`, else the session's setting, else 6.
     #[serde(default)]
     pub steps: Option<u32>,
-    /// A job that built a mesh for the plan's osteotomy, or for none: its mesh. When absent the one that fits and was built last; where none
-    /// fits the job builds it, with the settings of the last one, else with the defaults.
+    /// Id of a `mesh` job of this session, built for the plan's osteotomy or for no osteotomy.
+    ///
+    /// The solve uses its mesh.
+    ///
+    /// When absent, the solve uses the newest mesh that matches the plan's osteotomy. If none matches, the job builds one with
+    /// the settings of the newest mesh, or with the defaults if the session has no mesh.
     #[serde(default)]
     pub mesh: Option<Uuid>,
-    /// A solve of this session that has succeeded, with the same mesh, cuts, segments, model and settings: bone goes straight from the end of its
-    /// plan to the end of this one, which takes a fraction of the time. The steps show that way. Where tissue slides over edges of bone
-    /// the result may hang a little on where it came from: plans to be kept are best solved from rest.
+    /// Id of a succeeded solve of this session from whose end state this solve starts.
+    ///
+    /// Both must have the same mesh, cuts, moving segments, model and settings.
+    /// The bone moves straight from the end of that solve's plan to the end of this plan, which takes a fraction of the time.
+    /// The steps lie on that path. Where tissue slides over edges of bone, the result can depend slightly on the starting
+    /// state: solve plans that you keep from rest. The job starts from rest when absent.
     #[serde(default)]
     pub warm_start: Option<Uuid>,
-    /// What `auto` has to keep to; not in this version.
+    /// Limits for the model `auto`. Not available in this version.
     #[serde(default)]
     pub budget: Option<Budget>,
-    /// Results to keep; `skin` and `error` when absent.
+    /// Results to keep besides the report; `skin` and `error` when absent.
     #[serde(default)]
     pub outputs: Option<Vec<OutputName>>,
-    /// A finished job to compare with, where the session has no target.
+    /// Id of a succeeded solve as reference of the error maps, if the session has no target.
+    ///
+    /// Its cuts and paths must be the same.
     #[serde(default)]
     pub reference_job: Option<Uuid>,
-    /// Materials; the session's, else `wang_2009_stable`.
+    /// Material preset; the session's setting when absent, else `wang_2009_stable`.
     #[serde(default)]
     pub preset: Option<PresetName>,
-    /// Meaning of D1 in the preset `wang_2009`.
+    /// Meaning of the constant D1 in the preset `wang_2009`; not allowed with other presets.
+    ///
+    /// `poisson_ratio` when absent.
     #[serde(default)]
     pub d1_reading: Option<D1ReadingName>,
-    /// Laws in place of the preset's.
+    /// Material laws by tissue that replace those of the preset; the preset's when absent.
     #[serde(default)]
     pub materials: TissueLawsDocument,
-    /// Element of the skin layer; `wedge` for `linear` and `mass_tensor`, `tet` for `nonlinear`, `c1_prism` for `mixed` when absent.
+    /// Element of the skin layer.
+    ///
+    /// When absent: `wedge` for `linear` and `mass_tensor`, `tet` for `nonlinear`, `c1_prism` for `mixed`.
     #[serde(default)]
     pub skin_element: Option<SkinElementName>,
-    /// Cure of locking near incompressibility; when absent `smoothed` on a ready tissue mesh, else `none`.
+    /// Locking-free formulation for nearly incompressible tissue.
+    ///
+    /// When absent: `smoothed` on an uploaded tissue mesh, else `none`.
     #[serde(default)]
     pub locking: Option<LockingName>,
-    /// Residual force over reaction force at which a step is in equilibrium; 1e-4 when absent.
+    /// Convergence tolerance: residual force divided by reaction force, 1e-12 to 0.1; 1e-4 when absent.
     #[serde(default)]
     pub relative_residual: Option<f64>,
-    /// Penetration of bone that is left at most, mm; 0.05 when absent.
+    /// Largest penetration of tissue into bone in a converged step, mm, 1e-6 to 10; 0.05 when absent.
     #[serde(default)]
     pub penetration_tolerance_mm: Option<f64>,
-    /// Tissue that the plan moves by less than this, by estimate, is left out of the equations and stays where it is, mm, 0 to 1; 0.03 when absent, 0
-    /// keeps all. The report says under `left_out` what came of it. Sessions with a tissue mesh keep all.
+    /// Estimated displacement below which tissue is left out, mm, 0 to 1; 0.03 when absent.
+    ///
+    /// Tissue that is left out is not in the equations and keeps its rest position. 0 keeps all tissue. The report's `left_out`
+    /// gives the extent and the effect. Solves on an uploaded tissue mesh always keep all tissue.
     #[serde(default)]
     #[schema(minimum = 0, maximum = 1)]
     pub leave_out_below_mm: Option<f64>,
-    /// What is done where a material loses ellipticity: `report` (the default) says so in the step's `outcome`, and the job fails by name
-    /// where no equilibrium is found; `stabilise` goes on with neo-Hookean of the same small-strain moduli.
+    /// What to do where a material loses ellipticity; `report` when absent.
+    ///
+    /// `report` states the loss in the step's `outcome`; the job fails with the problem `solver-unstable` where it finds no
+    /// equilibrium. `stabilise` continues there with a neo-Hookean law of the same small-strain moduli.
     #[serde(default)]
     pub unstable_material: UnstableMaterialName,
-    /// Attachment; chosen from the landmarks when absent.
+    /// Attachment of tissue to bone; the default rule, placed by the landmarks, when absent.
     #[serde(default)]
     pub attachment: Option<AttachmentRequest>,
-    /// Longest time that it may compute, s, from 1 on; the service's limit when absent. Then it fails, and finished steps stay.
+    /// Longest computing time, s, at least 1; the service's limit when absent.
+    ///
+    /// After that time the job fails and keeps its finished steps.
     #[serde(default)]
     pub max_wall_s: Option<f64>,
-    /// Whether jobs on the same plan that still wait are cancelled, and this one takes their place.
+    /// Whether this job replaces waiting jobs on the same plan, which are cancelled; false when absent.
     #[serde(default)]
     pub supersede: bool,
 }
 
-/// A checked solve, without what the session adds.
+/// A checked solve request, before the session's inputs are added.
 #[derive(Debug, Clone, PartialEq)]
 pub(in crate::http) struct CheckedJob {
     pub(in crate::http) physics: PhysicsRecord,
@@ -182,23 +214,25 @@ pub(in crate::http) struct CheckedJob {
 }
 
 impl CreateJob {
-    /// What a ready mesh cannot have: it brings its own attachment, and there is nothing to compare it with.
+    /// Refuses options that do not apply to an uploaded tissue mesh.
+    ///
+    /// The mesh has its own attachment, and there is no reference to compare it with.
     pub(in crate::http) fn check_scene(&self) -> Result<(), Fault> {
         let mut check = Check::default();
         if self.attachment.is_some() {
-            check.fault("/attachment", "the session has a tissue mesh, whose array `attachment` says what is tied");
+            check.fault("/attachment", "the uploaded tissue mesh has its own array `attachment`; remove this member");
         }
         if self.mesh.is_some() {
-            check.fault("/mesh", "the session has a tissue mesh, which jobs take");
+            check.fault("/mesh", "solves of this session use the uploaded tissue mesh; remove this member");
         }
         if self.reference_job.is_some() {
-            check.fault("/reference_job", "jobs on a tissue mesh make no error maps");
+            check.fault("/reference_job", "solves on an uploaded tissue mesh make no error maps; remove this member");
         }
         if self.warm_start.is_some() {
-            check.fault("/warm_start", "jobs on a tissue mesh begin at rest");
+            check.fault("/warm_start", "solves on an uploaded tissue mesh start from rest; remove this member");
         }
         if self.leave_out_below_mm.is_some_and(|least| least != 0.0) {
-            check.fault("/leave_out_below_mm", "the session has a tissue mesh, of which nothing is left out");
+            check.fault("/leave_out_below_mm", "must be 0: solves on an uploaded tissue mesh keep all tissue");
         }
         check.finish()
     }
@@ -229,7 +263,7 @@ impl CreateJob {
         });
         let preset = self.preset.or(settings.preset).unwrap_or_default();
         if self.d1_reading.is_some() && preset != PresetName::Wang2009 {
-            check.fault("/d1_reading", "has a meaning for the preset wang_2009 only");
+            check.fault("/d1_reading", "applies to the preset wang_2009 only; remove it or choose that preset");
         }
         check_laws(&mut check, "/materials", &self.materials);
         if let Some(share) = self.relative_residual {
@@ -269,57 +303,63 @@ impl CreateJob {
     }
 }
 
-/// A job and how it stands.
+/// A job and its current state.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct JobView {
-    /// Its id.
+    /// Id of the job.
     pub id: Uuid,
-    /// Its session.
+    /// Id of the session that the job belongs to.
     pub session: Uuid,
-    /// `import`, `field`, `mesh`, `solve` or `compare`.
+    /// Kind of job: `import`, `field`, `mesh`, `solve` or `compare`.
     pub kind: String,
-    /// `accepted`, `running`, `succeeded`, `failed`, `cancelled` or `interrupted` (the service stopped; it will run again, or fail with
-    /// the problem `job-interrupted` when it had its attempts).
+    /// Status: `accepted`, `running`, `succeeded`, `failed`, `cancelled` or `interrupted`.
+    ///
+    /// `interrupted` means that the service stopped while the job ran. The job runs again, or fails with the problem
+    /// `job-interrupted` when its attempts are used up.
     pub status: String,
-    /// Stage of the work: `waiting`, `reading`, `surfaces`, `field`, `cut`, `mesh`, `solve`, `compare`, `writing`, `done`; of a job that failed or
-    /// was cancelled the one in which it ended.
+    /// Phase of the work.
+    ///
+    /// One of `waiting`, `reading`, `surfaces`, `field`, `cut`, `mesh`, `solve`, `compare`, `writing` and `done`. A failed or
+    /// cancelled job keeps the phase in which it ended.
     pub phase: String,
-    /// Done share, 0 to 1.
+    /// Completed share of the work, 0 to 1.
     pub progress: f64,
-    /// Steps that are there.
+    /// Number of finished steps.
     pub step: u32,
-    /// Steps in all; 0 for a job without steps.
+    /// Total number of steps; 0 for a job without steps.
     pub steps: u32,
-    /// Time left, s, while it runs.
+    /// Estimated remaining time, s; `null` unless the job runs.
     pub eta_s: Option<f64>,
-    /// Jobs before it, while it waits.
+    /// Number of jobs ahead in the queue; `null` unless the job waits.
     pub queue_position: Option<u32>,
-    /// How often it was started.
+    /// How often the job was started.
     pub attempt: u32,
-    /// When it was asked to stop: from then on it ends as `cancelled`, also where the service is killed before.
+    /// When cancellation was requested (RFC 3339).
+    ///
+    /// From then on the job ends as `cancelled`, even if the service is killed before it stops.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cancel_requested_at: Option<String>,
-    /// The newer job that took its place in the queue.
+    /// Id of the newer job that replaced this one in the queue.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub superseded_by: Option<Uuid>,
-    /// Residual force of each finished step in order, relative to the reaction force.
+    /// Residual force of each finished step, in step order, relative to the reaction force.
     pub residuals: Vec<f64>,
-    /// What a caller should know.
+    /// Warnings about the inputs and the result.
     pub warnings: Vec<String>,
-    /// Why it failed.
+    /// Problem that made the job fail; `null` unless it failed.
     pub problem: Option<ProblemDocument>,
-    /// When it was accepted.
+    /// When the job was accepted (RFC 3339).
     pub created_at: String,
-    /// When the last attempt began.
+    /// When the last attempt started (RFC 3339).
     pub started_at: Option<String>,
-    /// When it ended.
+    /// When the job ended (RFC 3339).
     pub finished_at: Option<String>,
-    /// Paths: `self`, `events`, `cancel`, and what has come of it.
+    /// Paths by name: `self`, `events`, `cancel` until the job ends, and the results so far.
     pub links: BTreeMap<String, String>,
 }
 
 impl JobView {
-    /// The view of a row alone.
+    /// The view of a stored record, without queue position and steps.
     pub(in crate::http) fn new(record: &JobRecord) -> Self {
         let fault: Option<Fault> = record.fault.as_deref().and_then(|f| serde_json::from_str(f).ok());
         Self {
@@ -399,9 +439,9 @@ fn links(record: &JobRecord, steps_done: u32) -> BTreeMap<String, String> {
 /// A page of jobs, newest first.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct JobList {
-    /// The jobs.
+    /// The jobs of this page.
     pub jobs: Vec<JobView>,
-    /// Path of the next page.
+    /// Path of the next page; absent on the last page.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub next: Option<String>,
 }

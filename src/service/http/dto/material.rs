@@ -3,18 +3,20 @@ use super::file_faults::FileFaults;
 use prosopon_session::{MaterialDocument, TissueLawsDocument};
 use prosopon_tissue::fem::material::Material;
 
-/// Largest modulus that is read, MPa: stiffer than any tissue by far.
+/// Largest accepted modulus, MPa; far stiffer than any tissue.
 const MAX_MPA: f64 = 1e6;
-/// Smallest shear modulus that is read, MPa: softer than any tissue by far, and clear of rounding.
+/// Smallest accepted shear modulus, MPa; far softer than any tissue, and well above rounding errors.
 const MIN_SHEAR_MPA: f64 = 1e-9;
-/// Smallest and largest Poisson ratio that are read.
+/// Smallest and largest accepted Poisson ratio.
 const POISSON: [f64; 2] = [-0.99, 0.4999];
-/// Largest exponent that is read, of either sign; powers of stretches stay finite by far.
+/// Largest magnitude of the Ogden exponent; powers of stretches stay finite.
 const MAX_ALPHA: f64 = 100.0;
-/// Smallest exponent: nearer to 0 the energy is the logarithm's, in which it loses all digits.
+/// Smallest magnitude of the Ogden exponent; closer to 0, rounding errors dominate the energy.
+///
+/// The energy then tends to that of a logarithmic law and loses all digits.
 const MIN_ALPHA: f64 = 0.1;
 
-/// The material of a document; faults go to `check` under `pointer`.
+/// Builds the material of a document and adds faults to `check` under `pointer`.
 pub(in crate::http) fn check_material(check: &mut Check, pointer: &str, document: &MaterialDocument) -> Material {
     let (constants, poisson): (&[(&str, f64)], f64) = match *document {
         MaterialDocument::MooneyRivlin { c10_mpa, c01_mpa, poisson, .. } => {
@@ -34,7 +36,7 @@ pub(in crate::http) fn check_material(check: &mut Check, pointer: &str, document
     if let MaterialDocument::Ogden { alpha, .. } = *document
         && !(MIN_ALPHA..=MAX_ALPHA).contains(&alpha.abs())
     {
-        let detail = format!("is {alpha}, allowed is {MIN_ALPHA} to {MAX_ALPHA} of either sign");
+        let detail = format!("is {alpha}, allowed is a magnitude of {MIN_ALPHA} to {MAX_ALPHA} of either sign");
         check.fault(format!("{pointer}/alpha"), detail);
     }
     check.number(&format!("{pointer}/poisson"), poisson, POISSON[0], POISSON[1]);
@@ -43,23 +45,23 @@ pub(in crate::http) fn check_material(check: &mut Check, pointer: &str, document
     if shear < MIN_SHEAR_MPA {
         check.fault(
             pointer,
-            format!("the shear modulus at rest is {shear:e} MPa, it must be at least {MIN_SHEAR_MPA:e}"),
+            format!("the shear modulus at rest is {shear:e} MPa, it must be at least {MIN_SHEAR_MPA:e} MPa"),
         );
     }
     material
 }
 
-/// Checks the laws of tissues under `pointer`.
+/// Checks the laws of all tissues; faults go to `check` under `pointer`.
 pub(super) fn check_laws(check: &mut Check, pointer: &str, laws: &TissueLawsDocument) {
     for (name, _, law) in laws.given() {
         check_material(check, &format!("{pointer}/{name}"), law);
     }
 }
 
-/// The material of a file that is no request: all faults in one text.
+/// Builds the material of a document read from a file; `pointer` is its JSON pointer there.
 ///
 /// # Errors
-/// [`FileFaults`].
+/// [`FileFaults`] with every value that is not allowed and its JSON pointer.
 pub fn file_material(pointer: &str, document: &MaterialDocument) -> Result<Material, FileFaults> {
     let mut check = Check::default();
     let material = check_material(&mut check, pointer, document);

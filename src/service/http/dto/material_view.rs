@@ -9,18 +9,18 @@ use prosopon_session::{D1ReadingName, Fault, MaterialDocument, PresetName};
 use prosopon_tissue::fem::Preset;
 use prosopon_tissue::fem::material::{EXPECTED_SHEAR, EXPECTED_STRETCH, Material, Materials, PathCheck, StandardTest};
 
-/// How materials are to be listed.
+/// Options for listing materials.
 #[derive(Debug, Clone, Copy, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct MaterialsQuery {
-    /// Meaning of D1 in the preset `wang_2009`; `poisson_ratio` when absent.
+    /// Meaning of the constant D1 in the preset `wang_2009`; `poisson_ratio` when absent.
     #[serde(default)]
     #[param(inline)]
     pub d1_reading: D1ReadingName,
 }
 
-/// Moduli at small strain.
+/// Elastic moduli at small strain.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ModuliView {
     /// Shear modulus, kPa.
@@ -29,7 +29,7 @@ pub struct ModuliView {
     pub bulk_modulus_kpa: f64,
     /// Young's modulus, kPa.
     pub young_modulus_kpa: f64,
-    /// Poisson ratio.
+    /// Poisson ratio, dimensionless.
     pub poisson: f64,
 }
 
@@ -45,14 +45,16 @@ impl From<&Material> for ModuliView {
     }
 }
 
-/// Stretches from smallest to largest (of `shear`: shears), within the expected ones, between which a material stays strongly elliptic.
+/// Ranges `[smallest, largest]` of the expected stretch in which a material stays strongly elliptic.
+///
+/// Stretches are dimensionless, 1 at rest. `shear` is a range of the amount of shear, 0 at rest.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct StableRangeView {
-    /// One axis stretched, the others alike.
+    /// Uniaxial: one axis is stretched, the other two contract equally.
     pub uniaxial: [f64; 2],
-    /// Two axes stretched alike.
+    /// Equibiaxial: two axes are stretched equally.
     pub equibiaxial: [f64; 2],
-    /// One axis stretched, one kept.
+    /// Planar: one axis is stretched, one keeps its length.
     pub planar: [f64; 2],
     /// Simple shear.
     pub shear: [f64; 2],
@@ -69,16 +71,16 @@ impl From<&Material> for StableRangeView {
     }
 }
 
-/// A material and what it is like.
+/// A material with its moduli and its stable range.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct MaterialView {
-    /// Law and constants.
+    /// Law and constants of the material.
     pub material: MaterialDocument,
     /// Moduli at small strain.
     pub moduli: ModuliView,
-    /// Whether the energy is polyconvex, and so stable at every stretch.
+    /// Whether the energy is polyconvex and so stable at every stretch.
     pub polyconvex: bool,
-    /// Where it is stable.
+    /// Ranges of stretch in which the material is stable.
     pub stable_range: StableRangeView,
 }
 
@@ -93,45 +95,45 @@ impl From<&Material> for MaterialView {
     }
 }
 
-/// A preset.
+/// A material preset: one material per tissue.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct PresetView {
-    /// Its name in a job's `preset`.
+    /// Name of the preset, as a job's `preset` takes it.
     pub name: PresetName,
-    /// Whether it is taken where a job and its session name none.
+    /// Whether a job uses this preset if neither the job nor its session names one.
     pub default: bool,
-    /// Where its constants come from.
+    /// Source of the constants.
     pub source: String,
-    /// Meaning of D1, of the published constants.
+    /// Meaning of the published constant D1; present for `wang_2009` only.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub d1_reading: Option<D1ReadingName>,
-    /// Materials of `skin`, `muscle`, `fat`, `mucosa`.
+    /// Materials by tissue: `skin`, `muscle`, `fat` and `mucosa`.
     pub tissues: BTreeMap<String, MaterialView>,
 }
 
-/// A law.
+/// A material law.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct LawView {
-    /// Its name in `law`.
+    /// Name of the law, as a material's `law` takes it.
     pub name: String,
-    /// Isochoric energy density, MPa.
+    /// Formula of the isochoric energy density, MPa.
     pub energy: String,
-    /// Members that it takes, with their units (empty: none).
+    /// Constants of the law by member name, with their units; an empty unit means dimensionless.
     pub constants: BTreeMap<String, String>,
 }
 
-/// Presets and laws.
+/// Material laws and presets.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct MaterialsList {
-    /// Laws that a job may name.
+    /// Laws that a job can name.
     pub laws: Vec<LawView>,
-    /// Volumetric energy density of every law, MPa.
+    /// Formula of the default volumetric energy density, MPa.
     pub volumetric_energy: String,
-    /// Presets, the default first.
+    /// Material presets, the default first.
     pub presets: Vec<PresetView>,
-    /// Stretches that tissue is expected to meet.
+    /// Smallest and largest stretch expected in tissue, dimensionless.
     pub expected_stretch: [f64; 2],
-    /// Shears that tissue is expected to meet.
+    /// Smallest and largest amount of shear expected in tissue, dimensionless.
     pub expected_shear: [f64; 2],
 }
 
@@ -160,7 +162,7 @@ fn laws() -> Vec<LawView> {
 }
 
 impl MaterialsList {
-    /// Everything there is. Analyses every material: some milliseconds.
+    /// Lists all laws and presets. Analyses every material, which takes some milliseconds.
     #[must_use]
     pub fn new(d1: D1ReadingName) -> Self {
         let tissues = |m: &Materials| {
@@ -184,11 +186,11 @@ impl MaterialsList {
     }
 }
 
-/// A material to analyse.
+/// Request for a stability check of one material.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CheckMaterial {
-    /// Law and constants.
+    /// Law and constants of the material to check.
     pub material: MaterialDocument,
 }
 
@@ -201,29 +203,29 @@ impl CheckMaterial {
     }
 }
 
-/// What a material may lose.
+/// A stability criterion that a material can violate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Criterion {
-    /// Stress pulls where the material is stretched and pushes where it is compressed.
+    /// Sign of the stress: tensile in tension, compressive in compression.
     StressSign,
-    /// The nominal stress rises with the stretch.
+    /// The nominal stress increases with the stretch.
     RisingStress,
-    /// Drucker: stress and strain increments agree in direction at constant volume.
+    /// Drucker stability at constant volume: stress and strain increments have a positive product.
     Drucker,
     /// Strong ellipticity: every acoustic tensor is positive definite.
     StrongEllipticity,
 }
 
-/// A standard test.
+/// A standard deformation test at constant volume.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum TestMode {
-    /// One axis stretched, the others alike.
+    /// Uniaxial: one axis is stretched, the other two contract equally.
     Uniaxial,
-    /// Two axes stretched alike.
+    /// Equibiaxial: two axes are stretched equally.
     Equibiaxial,
-    /// One axis stretched, one kept.
+    /// Planar: one axis is stretched, one keeps its length.
     Planar,
     /// Simple shear.
     Shear,
@@ -240,41 +242,43 @@ impl From<StandardTest> for TestMode {
     }
 }
 
-/// Where a criterion is lost first on the way from rest.
+/// The first violation of a criterion on a path from rest.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct LossView {
-    /// What is lost.
+    /// Criterion that is violated.
     pub criterion: Criterion,
-    /// In which test.
+    /// Test in which it is violated.
     pub mode: TestMode,
-    /// At which stretch (of `shear`: shear), to 0.001.
+    /// Stretch (for `shear`: amount of shear) at which the violation starts, to 0.001.
     pub stretch: f64,
 }
 
-/// One standard test at constant volume; ranges of stretch (of `shear`: shear) in which a criterion does not hold.
+/// Result of one standard test at constant volume.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct TestView {
-    /// The test.
+    /// Test that was evaluated.
     pub mode: TestMode,
-    /// Smallest and largest stretch that was looked at.
+    /// Smallest and largest stretch (for `shear`: amount of shear) that was evaluated.
     pub looked_at: [f64; 2],
-    /// Ranges without the criterion, by its name; absent where it holds throughout.
+    /// Ranges of stretch (for `shear`: amount of shear) that violate a criterion, by its name.
+    ///
+    /// Criteria that hold throughout are absent.
     pub lost: BTreeMap<String, Vec<[f64; 2]>>,
 }
 
-/// What a material is like in the standard tests.
+/// Stability of a material in the standard tests.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct MaterialCheck {
-    /// Law, constants, moduli, stable range.
+    /// Law, constants, moduli and stable range.
     #[serde(flatten)]
     pub view: MaterialView,
-    /// Whether no criterion is lost at the expected stretches and shears.
+    /// Whether all criteria hold at the expected stretches and shears.
     pub admissible: bool,
-    /// What is lost first, in every test and both directions, the nearest to rest first.
+    /// First violation of each criterion in every test and both directions, the nearest to rest first.
     pub losses: Vec<LossView>,
-    /// The tests.
+    /// Results of the standard tests.
     pub tests: Vec<TestView>,
-    /// What a solve will warn of.
+    /// Warning that a solve with this material will give; absent if it gives none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub warning: Option<String>,
 }
@@ -288,7 +292,7 @@ fn criteria(check: &PathCheck) -> [(Criterion, &'static str, &Vec<[f64; 2]>); 4]
     ]
 }
 
-/// First losses on both sides of rest.
+/// First violation of each criterion on both sides of rest.
 fn first_losses(check: &PathCheck) -> Vec<LossView> {
     let rest = check.test.rest();
     let mut losses = Vec::new();
@@ -304,7 +308,7 @@ fn first_losses(check: &PathCheck) -> Vec<LossView> {
 }
 
 impl MaterialCheck {
-    /// Takes the material through every test; some ten milliseconds.
+    /// Evaluates the material in every test, which takes some ten milliseconds.
     #[must_use]
     pub fn new(material: &Material) -> Self {
         let checks = StandardTest::ALL.map(|test| material.check_path(test));

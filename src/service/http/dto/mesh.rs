@@ -7,26 +7,30 @@ use super::check::Check;
 use prosopon_session::{BoxDocument, Fault, MeshDocument, MeshSettingsDocument};
 use prosopon_tissue::mesh::MeshSettings;
 
-/// A tissue mesh to build; absent values take their defaults.
+/// Request for a tissue mesh. Absent members take their defaults.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BuildMesh {
-    /// Thickness of the skin layer, mm.
+    /// Thickness of the skin layer, mm, 0.1 to 10; 1.5 when absent.
     #[serde(default)]
     pub skin_thickness_mm: Option<f64>,
-    /// Edge of the lattice, mm.
+    /// Edge length of the mesh lattice, mm, 0.5 to 20; 4 when absent.
     #[serde(default)]
     pub edge_mm: Option<f64>,
-    /// Tissue deeper than this below the skin is left out, mm.
+    /// Depth below the skin to which tissue is meshed, mm, at most 200; 30 when absent.
     #[serde(default)]
     pub depth_mm: Option<f64>,
-    /// Box to mesh; chosen from the segments of `osteotomy`, else the front of the face.
+    /// Box to mesh, LPS mm.
+    ///
+    /// When absent: a box around the segments of `osteotomy`, else the front of the face.
     #[serde(default)]
     pub region: Option<BoxDocument>,
-    /// Tells fat from muscle by depth alone, muscle being the 40 % next to bone, also where a CT tells.
+    /// Whether depth alone separates fat from muscle, even if a CT shows the tissue; false when absent.
+    ///
+    /// Muscle is then the 40 % of the depth next to bone.
     #[serde(default)]
     pub tissue_by_depth: bool,
-    /// The osteotomy whose segments will move.
+    /// Id of the osteotomy whose segments will move; none when absent.
     #[serde(default)]
     pub osteotomy: Option<Uuid>,
 }
@@ -56,9 +60,9 @@ impl TryFrom<&BuildMesh> for MeshSettingsDocument {
 /// The tissue mesh of a session.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct MeshView {
-    /// State and time.
+    /// State, size and build time.
     #[serde(flatten)]
     pub part: PartView,
-    /// What the last build gave.
+    /// Quality report of the last build; `null` before the first build.
     pub report: Option<MeshDocument>,
 }

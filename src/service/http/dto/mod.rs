@@ -1,4 +1,4 @@
-//! JSON of requests and answers, and the checks that turn requests into domain values.
+//! JSON documents of requests and answers, and the checks that turn requests into domain values.
 
 mod bone;
 mod check;

@@ -12,131 +12,143 @@ use prosopon_planning::plan::{CondylarAxis, Path, Plan, PlanError};
 use prosopon_session::{Fault, Halt, LandmarksDocument, OsteotomyDocument, PlanDocument, TissueDocument, motion_from};
 use prosopon_store::PlanRecord;
 
-/// A rotation about an axis.
+/// A rotation given by axis and angle.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AxisAngle {
-    /// The axis.
+    /// Direction of the rotation axis, LPS; any length above zero.
     pub axis: [f64; 3],
-    /// Right-handed angle, degrees.
+    /// Right-handed angle about the axis, degrees, -180 to 180.
     pub angle_deg: f64,
 }
 
-/// Angles as surgeons give them. Roll is applied first, then pitch, then yaw; each right-handed.
+/// A rotation given by pitch, roll and yaw, as surgeons give them.
+///
+/// Roll is applied first, then pitch, then yaw. Each angle is right-handed, in degrees, -180 to 180, and 0 when absent.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PitchRollYaw {
-    /// About x (to the patient's left): positive brings the front down.
+    /// Rotation about x (to the patient's left), degrees; a positive angle moves the front down.
     #[serde(default)]
     pub pitch_deg: f64,
-    /// About y (backwards): positive brings the patient's left side down.
+    /// Rotation about y (to the back), degrees; a positive angle moves the patient's left side down.
     #[serde(default)]
     pub roll_deg: f64,
-    /// About z (up): positive brings the front to the patient's left.
+    /// Rotation about z (up), degrees; a positive angle moves the front to the patient's left.
     #[serde(default)]
     pub yaw_deg: f64,
 }
 
-/// A rotation: exactly one of the three forms.
+/// A rotation in exactly one of the forms `quaternion_xyzw`, `axis_angle` and `pitch_roll_yaw`.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RotationRequest {
-    /// Quaternion x, y, z, w; brought to unit length.
+    /// Quaternion x, y, z, w with a length of 0.5 to 2; the service normalises it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub quaternion_xyzw: Option<[f64; 4]>,
-    /// Axis and angle.
+    /// Axis and angle of the rotation.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub axis_angle: Option<AxisAngle>,
-    /// Pitch, roll and yaw.
+    /// Pitch, roll and yaw of the rotation.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pitch_roll_yaw: Option<PitchRollYaw>,
-    /// Point that the rotation leaves in place; the segment's centroid when absent, the origin for segments of a tissue mesh.
+    /// Fixed point of the rotation, LPS mm.
+    ///
+    /// When absent: the segment's centroid, or the origin for segments of an uploaded tissue mesh.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pivot_mm: Option<[f64; 3]>,
 }
 
-/// A turn about a fixed axis.
+/// A rotation about a hinge axis.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Hinge {
-    /// A point of the axis. Without it and `axis`, the axis runs from the landmark `condylion_right` to `condylion_left`: positive
-    /// angles open the mouth.
+    /// A point on the hinge axis, LPS mm; give it together with `axis`.
+    ///
+    /// Without both, the axis runs from the landmark `condylion_right` to `condylion_left`, and positive angles open the mouth.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub point_mm: Option<[f64; 3]>,
-    /// Direction of the axis.
+    /// Direction of the hinge axis, LPS; any length above zero.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub axis: Option<[f64; 3]>,
-    /// Right-handed angle, degrees, -90 to 90.
+    /// Right-handed angle about the hinge axis, degrees, -90 to 90.
     #[schema(minimum = -90, maximum = 90)]
     pub angle_deg: f64,
 }
 
-/// A motion from rest at `t`: translation and rotation, or a hinge.
+/// The segment's motion from rest at path parameter `t`: translation and rotation, or a hinge.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct WaypointRequest {
-    /// Path parameter, 0 to 1.
+    /// Path parameter, 0 to 1; it must increase from waypoint to waypoint, and the last must be 1.
     pub t: f64,
-    /// Translation, LPS mm: forward is -y, down is -z.
+    /// Translation, LPS mm, each component -100 to 100: forward is -y, down is -z. Zero when absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub translation_mm: Option<[f64; 3]>,
-    /// Rotation.
+    /// Rotation; none when absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rotation: Option<RotationRequest>,
-    /// A hinge instead.
+    /// Hinge rotation; excludes `translation_mm` and `rotation`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub hinge: Option<Hinge>,
 }
 
-/// The mandible follows the upper jaw about its condyles.
+/// Autorotation: the mandible rotates about its condyles as the upper jaw moves.
 ///
-/// The lower incisor keeps its height below the upper one. Goes by the landmarks `condylion_left`, `condylion_right`,
+/// The lower incisor keeps its height below the upper incisor. Needs the landmarks `condylion_left`, `condylion_right`,
 /// `upper_incisor` and `lower_incisor`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Autorotate {
-    /// The segment of the upper jaw; its path must stand in the same plan, with waypoints.
+    /// Segment of the upper jaw. The same plan must contain its path, given by waypoints.
     pub follows: u32,
 }
 
-/// Path of one segment: waypoints, or `autorotate`.
+/// Path of one segment, given by waypoints or by `autorotate`.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PathRequest {
-    /// The segment that moves; not 0.
+    /// Moving segment, from 1; segment 0 is fixed.
     pub segment: u32,
-    /// Motions from rest at rising t, the last at t = 1; joined by screw motions.
+    /// 1 to 1000 motions from rest at increasing `t`, the last at `t` = 1.
+    ///
+    /// The service joins them by screw motions.
     #[serde(default)]
     pub waypoints: Vec<WaypointRequest>,
-    /// Instead of waypoints: autorotation.
+    /// Autorotation instead of waypoints.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub autorotate: Option<Autorotate>,
 }
 
-/// Where the bone shall go.
+/// Request for a plan: the paths of the moving segments.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CreatePlan {
-    /// The osteotomy whose segments move; without it they are those of the session's `tissue` (its array `attachment`, and its bones).
+    /// Id of the osteotomy whose segments move.
+    ///
+    /// When absent, the plan moves the segments of the session's uploaded tissue mesh: those in its array `attachment` and
+    /// those with a bone.
     #[serde(default)]
     pub osteotomy: Option<Uuid>,
-    /// An opaque tag.
+    /// A tag of at most 200 characters that the service stores and does not interpret.
     #[serde(default)]
     pub label: Option<String>,
-    /// One path a moving segment; may be empty where loads of a tissue mesh act.
+    /// One path per moving segment, at most 32.
+    ///
+    /// The list may be empty only if the uploaded tissue mesh has loads.
     pub paths: Vec<PathRequest>,
 }
 
-/// Segments that a plan may move.
+/// Segments that a plan can move.
 #[derive(Debug, Clone, PartialEq)]
 pub(in crate::http) struct Segments {
-    /// What they are segments of.
+    /// Owner of the segments, for messages.
     owner: &'static str,
-    /// Points that rotations leave in place where they do not say, by segment.
+    /// Default fixed point of rotations, by segment, LPS mm.
     pivots: BTreeMap<u32, [f64; 3]>,
-    /// Whether loads act, so that nothing has to move.
+    /// Whether the tissue mesh has loads, so that a plan without paths makes sense.
     loads: bool,
-    /// The session's landmarks: condyles and incisors.
+    /// The session's landmarks by name, LPS mm; hinges and autorotation use condyles and incisors.
     landmarks: BTreeMap<String, [f64; 3]>,
 }
 
@@ -148,7 +160,9 @@ impl From<&OsteotomyDocument> for Segments {
 }
 
 impl Segments {
-    /// Those of a ready mesh: what its points are tied to, and the bones. They turn about the origin.
+    /// Segments of an uploaded tissue mesh: those its points are tied to, and those with a bone.
+    ///
+    /// They rotate about the origin.
     pub(in crate::http) fn of_tissue(tissue: &TissueDocument, bones: &[(u32, String)]) -> Self {
         let tied = tissue.tied_nodes.keys().copied();
         let pivots = tied.chain(bones.iter().map(|(segment, _)| *segment)).map(|s| (s, [0.0; 3])).collect();
@@ -157,12 +171,12 @@ impl Segments {
 }
 
 impl Segments {
-    /// With the session's landmarks, for hinges about the condyles.
+    /// Adds the session's landmarks, for hinges about the condyles.
     pub(in crate::http) fn with_landmarks(self, landmarks: Option<LandmarksDocument>) -> Self {
         Self { landmarks: landmarks.map(|l| l.points).unwrap_or_default(), ..self }
     }
 
-    /// Landmarks by name; a fault at `pointer` that names those that are missing.
+    /// Landmarks by name; reports a fault at `pointer` that names the missing ones.
     fn points<const N: usize>(&self, check: &mut Check, pointer: &str, names: [&str; N]) -> Option<[Point; N]> {
         let missing: Vec<&str> = names.iter().copied().filter(|n| !self.landmarks.contains_key(*n)).collect();
         if !missing.is_empty() {
@@ -191,7 +205,7 @@ impl Segments {
 }
 
 impl CreatePlan {
-    /// Label and checked paths.
+    /// Checks the request and returns the label and the plan.
     pub(in crate::http) fn check(self, segments: &Segments) -> Result<(Option<String>, Plan), Fault> {
         let mut check = Check::default();
         let label = check.label("/label", self.label);
@@ -203,7 +217,7 @@ impl CreatePlan {
         for (index, path) in self.paths.iter().enumerate() {
             let pointer = format!("/paths/{index}");
             if self.paths[..index].iter().any(|p| p.segment == path.segment) {
-                check.fault(format!("{pointer}/segment"), format!("segment {} has a path already", path.segment));
+                check.fault(format!("{pointer}/segment"), format!("segment {} already has a path", path.segment));
             }
             waypoints.push(motions(&mut check, &pointer, path, segments));
         }
@@ -240,7 +254,7 @@ impl CreatePlan {
     }
 }
 
-/// The room's own refusal, with its pointer below the path.
+/// The planner's error, with its JSON pointers below the path.
 fn below(index: usize, error: PlanError) -> Fault {
     let mut fault = Fault::from(Halt::from(error));
     for field in &mut fault.errors {
@@ -252,17 +266,17 @@ fn below(index: usize, error: PlanError) -> Fault {
 fn motions(check: &mut Check, pointer: &str, path: &PathRequest, segments: &Segments) -> Vec<(f64, Motion)> {
     let pivot = segments.pivots.get(&path.segment).copied();
     if path.segment == 0 {
-        check.fault(format!("{pointer}/segment"), "segment 0 is the skull that stays");
+        check.fault(format!("{pointer}/segment"), "segment 0 is the fixed skull; name a moving segment");
     } else if pivot.is_none() {
         let known: Vec<String> = segments.pivots.keys().filter(|s| **s > 0).map(u32::to_string).collect();
         let known = if known.is_empty() { "none that can move".to_owned() } else { known.join(", ") };
-        let detail = format!("there is no segment {}, {} has {known}", path.segment, segments.owner);
+        let detail = format!("there is no segment {}; {} has {known}", path.segment, segments.owner);
         check.fault(format!("{pointer}/segment"), detail);
     }
     let pivot = pivot.unwrap_or_default();
     if path.autorotate.is_some() {
         if !path.waypoints.is_empty() {
-            check.fault(format!("{pointer}/waypoints"), "cannot stand beside autorotate");
+            check.fault(format!("{pointer}/waypoints"), "cannot be combined with autorotate; give one of them");
         }
         return Vec::new();
     }
@@ -278,7 +292,7 @@ fn motions(check: &mut Check, pointer: &str, path: &PathRequest, segments: &Segm
             && waypoint.t <= *before
         {
             check
-                .fault(format!("{pointer}/t"), format!("is {}, but must rise: the one before is {before}", waypoint.t));
+                .fault(format!("{pointer}/t"), format!("is {}, but must exceed the previous t = {before}", waypoint.t));
         }
         motions.push((waypoint.t, motion(check, &pointer, waypoint, pivot, segments)));
     }
@@ -286,7 +300,7 @@ fn motions(check: &mut Check, pointer: &str, path: &PathRequest, segments: &Segm
         && *last != 1.0
     {
         let index = motions.len() - 1;
-        check.fault(format!("{pointer}/waypoints/{index}/t"), format!("is {last}, but the last must be 1"));
+        check.fault(format!("{pointer}/waypoints/{index}/t"), format!("is {last}, but the last t must be 1"));
     }
     motions
 }
@@ -300,7 +314,7 @@ fn motion(
 ) -> Motion {
     if let Some(hinge) = &waypoint.hinge {
         if waypoint.translation_mm.is_some() || waypoint.rotation.is_some() {
-            check.fault(format!("{pointer}/hinge"), "cannot stand beside translation_mm or rotation");
+            check.fault(format!("{pointer}/hinge"), "cannot be combined with translation_mm or rotation");
         }
         let angle = check.number(&format!("{pointer}/hinge/angle_deg"), hinge.angle_deg, -90.0, 90.0);
         let (point, axis) = match (hinge.point_mm, hinge.axis) {
@@ -335,10 +349,12 @@ fn motion(
     motion_from(Vector::from(translation), rotation, Point::from(pivot))
 }
 
-/// Motion from rest of a segment in a file: rotation about its pivot (the origin when absent), then translation.
+/// Motion of a segment from rest: rotation about its pivot, then translation, mm.
+///
+/// The pivot is the origin when the rotation names none. `pointer` is the JSON pointer of the segment in its file.
 ///
 /// # Errors
-/// Values that are not allowed, each with its place.
+/// [`FileFaults`] with every value that is not allowed and its JSON pointer.
 pub fn segment_motion(
     pointer: &str,
     translation_mm: [f64; 3],
@@ -395,17 +411,17 @@ fn rotation(
     (rotation, pivot)
 }
 
-/// A plan.
+/// A stored plan with the report on its paths.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct PlanView {
-    /// Its id.
+    /// Id of the plan.
     pub id: Uuid,
-    /// The osteotomy whose segments move; absent when they are those of the tissue mesh.
+    /// Id of the osteotomy whose segments move; absent if they belong to an uploaded tissue mesh.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub osteotomy: Option<Uuid>,
-    /// When it was made.
+    /// When the plan was created (RFC 3339).
     pub created_at: String,
-    /// Paths and what they meet.
+    /// Paths, and the overlaps and gaps of bone along them.
     #[serde(flatten)]
     pub content: PlanDocument,
 }
@@ -424,7 +440,7 @@ impl PlanView {
 /// All plans of a session, oldest first.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct PlanList {
-    /// The plans.
+    /// The session's plans.
     pub plans: Vec<PlanView>,
 }
 
@@ -432,7 +448,7 @@ pub struct PlanList {
 mod tests {
     use super::*;
 
-    /// Where pitch, roll and yaw of 90° bring the front (0, -1, 0) or the patient's left (1, 0, 0).
+    /// Pitch, roll and yaw of 90° applied to the front (0, -1, 0) or the patient's left (1, 0, 0).
     #[test]
     fn angles_turn_the_way_their_docs_say() {
         let turn = |a: PitchRollYaw| {

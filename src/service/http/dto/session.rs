@@ -10,26 +10,28 @@ use prosopon_jobs::ImportRequest;
 use prosopon_session::{Fault, PresetName, SessionParts};
 use prosopon_store::{JobKind, JobRecord, JobState, PartKind, PartRecord, SessionRecord};
 
-/// Defaults of a session's jobs.
+/// Default settings of a session's jobs.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SessionSettings {
-    /// Steps where a job does not say.
+    /// Number of steps for jobs that give none, 1 to 200; 6 when absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub steps: Option<u32>,
-    /// Materials where a job does not say.
+    /// Material preset for jobs that name none; `wang_2009_stable` when absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub preset: Option<PresetName>,
 }
 
-/// A new session.
+/// Request for a new session.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CreateSession {
-    /// An opaque tag, never a name.
+    /// A tag of at most 200 characters that the service stores and does not interpret.
+    ///
+    /// Never use a patient's name.
     #[serde(default)]
     pub label: Option<String>,
-    /// Defaults of its jobs.
+    /// Default settings of the session's jobs.
     #[serde(default)]
     pub settings: SessionSettings,
 }
@@ -46,63 +48,72 @@ impl CreateSession {
     }
 }
 
-/// One part of a session.
+/// State of one part of a session.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct PartView {
-    /// `missing`, `building` (a job makes it), `ready`, `stale` (made from inputs that have changed), or `failed` (of a CT: its last
-    /// import ended without surfaces; the job says why).
+    /// State: `missing`, `building`, `ready`, `stale` or `failed`.
+    ///
+    /// `building` means that a job makes the part, `stale` that its inputs have changed since it was made. `failed` applies to
+    /// a CT whose last import ended without surfaces; the import job gives the reason.
     pub state: String,
-    /// Bytes stored.
+    /// Stored size, bytes.
     pub bytes: u64,
-    /// Time that it took to make, s.
+    /// Time that making the part took, s.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub wall_s: Option<f64>,
-    /// SHA-256 of what is kept of an input (a report's `origin` has that of the upload); key of what a derived part was made from.
+    /// SHA-256 of an input's stored form, or key of the inputs from which a derived part was made.
+    ///
+    /// The SHA-256 of the upload itself is in a report's `origin`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sha256: Option<String>,
-    /// When it was stored.
+    /// When the part was stored (RFC 3339).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub updated_at: Option<String>,
 }
 
-/// A session and the state of everything in it.
+/// A session with the state of its parts, osteotomies, plans and jobs.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct SessionView {
-    /// Its id.
+    /// Id of the session.
     pub id: Uuid,
-    /// The client's tag.
+    /// Tag that the client gave.
     pub label: Option<String>,
-    /// Defaults of its jobs.
+    /// Default settings of the session's jobs.
     pub settings: SessionSettings,
-    /// When it was made.
+    /// When the session was created (RFC 3339).
     pub created_at: String,
-    /// When it will be deleted if nothing is done with it; absent where sessions do not expire, and in lists.
+    /// When the session will be deleted if it is not used (RFC 3339).
+    ///
+    /// Absent if sessions do not expire, and in lists.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub expires_at: Option<String>,
-    /// Bytes stored in all.
+    /// Total stored size, bytes.
     pub bytes: u64,
-    /// `ct`, `skin`, `skull`, `air`, `soft_tissue` (fat and muscle of the CT), `target`, `landmarks`, `field_settings`, `field`, `mesh`, `tissue`, and `bone_0` to `bone_9` where there.
+    /// Parts by name.
+    ///
+    /// The names are `ct`, `skin`, `skull`, `air`, `soft_tissue` (fat and muscle of the CT), `target`, `landmarks`,
+    /// `field_settings`, `field`, `mesh` and `tissue`, and `bone_0` to `bone_9` for uploaded bones.
     pub parts: BTreeMap<String, PartView>,
-    /// Its osteotomies.
+    /// Ids of the session's osteotomies.
     pub osteotomies: Vec<Uuid>,
-    /// Its plans.
+    /// Ids of the session's plans.
     pub plans: Vec<Uuid>,
-    /// Its last 100 jobs, newest first.
+    /// The session's last 100 jobs, newest first.
     pub jobs: Vec<JobView>,
 }
 
 /// A page of sessions, newest first.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct SessionList {
-    /// The sessions.
+    /// The sessions of this page.
     pub sessions: Vec<SessionView>,
-    /// Path of the next page.
+    /// Path of the next page; absent on the last page.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub next: Option<String>,
 }
 
 impl SessionView {
-    /// A session in which there is nothing yet.
+    /// The view of an empty session.
     pub(in crate::http) fn new(record: &SessionRecord) -> Self {
         let missing = |kind: &PartKind| (kind.as_str().to_owned(), part_view("missing", None));
         Self {
@@ -177,7 +188,9 @@ pub(in crate::http) fn view_of(kind: PartKind, parts: &SessionParts, jobs: &[Job
     part_view(state, record)
 }
 
-/// Whether imports of a CT ended without surfaces. One that was cancelled says nothing where another ran.
+/// Whether the imports of a CT ended without surfaces.
+///
+/// A cancelled import counts only if no other import ran.
 fn import_failed(ct: Option<&PartRecord>, newest_first: &[JobRecord]) -> bool {
     let is_of_ct = |job: &&JobRecord| {
         let request = serde_json::from_str::<ImportRequest>(&job.request);

@@ -13,8 +13,9 @@ use prosopon_store::{AnswerRecord, Remembered, SessionId, TenantId};
 
 const IDEMPOTENCY_KEY: &str = "idempotency-key";
 
-/// The JSON body of a request that creates something, with its idempotency key. A key that was seen with the same
-/// payload is answered as before, without reaching the handler.
+/// The JSON body of a request that creates something, with its idempotency key.
+///
+/// A request that repeats a key with the same payload gets the stored answer and does not reach the handler.
 #[derive(Debug)]
 pub(in crate::http) struct Creating<T> {
     pub(in crate::http) body: T,
@@ -35,7 +36,7 @@ impl<T: DeserializeOwned> FromRequest<AppState> for Creating<T> {
     }
 }
 
-/// A [`Creating`] whose handler answers a repeated request itself, from the answer that was stored for the first.
+/// A [`Creating`] whose handler itself answers a repeated request, from the stored first answer.
 #[derive(Debug)]
 pub(in crate::http) struct Repeatable<T> {
     pub(in crate::http) creating: Creating<T>,
@@ -56,7 +57,7 @@ impl<T: DeserializeOwned> FromRequest<AppState> for Repeatable<T> {
         let bytes = read_json(request, state).await?;
         let key = match key {
             Some(key) => {
-                // Members in order, so that the same payload written in another way is the same.
+                // Parsing sorts the members, so that payloads that differ in layout only have the same hash.
                 let payload: Value = parse(&bytes)?;
                 let sha256 = key_of(&[&target, &payload.to_string()]);
                 let remembered = state.service.store().remembered(&tenant, &key, &sha256).await;
@@ -75,13 +76,13 @@ impl<T: DeserializeOwned> FromRequest<AppState> for Repeatable<T> {
 }
 
 impl<T> Creating<T> {
-    /// The body, and what remembers the answer.
+    /// Splits into the body and the maker of the stored answer.
     pub(in crate::http) fn split(self) -> (T, Answering) {
         (self.body, Answering { tenant: self.tenant, key: self.key })
     }
 }
 
-/// Makes the answer that is stored with what was created.
+/// Makes the answer that is stored with the created object for repeated requests.
 #[derive(Debug)]
 pub(in crate::http) struct Answering {
     tenant: TenantId,
@@ -136,7 +137,7 @@ fn replay(answer: &AnswerRecord) -> Response {
     response
 }
 
-/// Tells that an answer is that of an earlier request.
+/// Marks an answer as that of an earlier request.
 pub(in crate::http) fn mark_replayed(headers: &mut HeaderMap) {
     headers.insert("idempotency-replayed", HeaderValue::from_static("true"));
 }

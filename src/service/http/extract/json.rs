@@ -11,7 +11,7 @@ use super::words::plain;
 use crate::http::{AppState, Problem};
 use prosopon_session::{Fault, FaultKind};
 
-/// A JSON body. Unknown members are refused by the types themselves.
+/// A JSON body. The types themselves refuse unknown members.
 #[derive(Debug)]
 pub(in crate::http) struct Body<T>(pub(in crate::http) T);
 
@@ -24,14 +24,14 @@ impl<T: DeserializeOwned> FromRequest<AppState> for Body<T> {
     }
 }
 
-/// The bytes of a JSON body; an empty one counts as `{}`.
+/// The bytes of a JSON body; an empty body counts as `{}`.
 pub(super) async fn read_json(request: Request, state: &AppState) -> Result<Bytes, Problem> {
     let is_json = is_json(request.headers());
     let is_encoded = request.headers().get(header::CONTENT_ENCODING).is_some_and(|e| e != "identity");
     let max_bytes = state.limits.max_json_bytes;
     let bytes = tokio::time::timeout(state.limits.body, Bytes::from_request(request, state)).await;
     let bytes = bytes.map_err(|_| {
-        let detail = format!("the body did not arrive within {} s", state.limits.body.as_secs());
+        let detail = format!("the body did not arrive within {} s; send it again", state.limits.body.as_secs());
         Problem::new(FaultKind::Timeout, detail)
     })?;
     let bytes = bytes.map_err(|e| too_large_or_broken(&e, max_bytes))?;
@@ -41,7 +41,7 @@ pub(super) async fn read_json(request: Request, state: &AppState) -> Result<Byte
     if is_encoded {
         return Err(Problem::new(
             FaultKind::UnsupportedFormat,
-            "a JSON body is taken as it is, without Content-Encoding",
+            "a JSON body cannot have a Content-Encoding; send it uncompressed",
         ));
     }
     if !is_json {
@@ -58,17 +58,19 @@ fn is_json(headers: &HeaderMap) -> bool {
 
 fn too_large_or_broken(rejection: &BytesRejection, max_bytes: usize) -> Problem {
     if rejection.status() == axum::http::StatusCode::PAYLOAD_TOO_LARGE {
-        let detail = format!("the JSON body is longer than the {max_bytes} bytes allowed");
+        let detail = format!("the JSON body is longer than the allowed {max_bytes} bytes");
         Problem(Fault::new(FaultKind::TooLarge, detail).with("allowed_bytes", max_bytes))
     } else {
-        Problem::new(FaultKind::MalformedRequest, "the body broke off")
+        Problem::new(FaultKind::MalformedRequest, "the body broke off; send it again")
     }
 }
 
-/// Reads JSON; what cannot be parsed is malformed, what has the wrong members or types is invalid, with its pointer.
+/// Reads JSON.
+///
+/// A syntax error is malformed-request; wrong members or types are invalid-request, with their JSON pointer.
 pub(super) fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
     strict_json(bytes).map_err(|fault| match fault {
-        JsonFault::NoJson(e) => Problem::new(FaultKind::MalformedRequest, format!("the body is no JSON: {e}")),
+        JsonFault::NoJson(e) => Problem::new(FaultKind::MalformedRequest, format!("the body is not JSON: {e}")),
         JsonFault::NotAsExpected(error) => not_as_expected(&error),
     })
 }
@@ -76,18 +78,18 @@ pub(super) fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
 /// Why JSON cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum JsonFault {
-    /// It cannot be parsed.
+    /// The bytes are not JSON.
     #[error("{0}")]
     NoJson(#[from] serde_json::Error),
-    /// Wrong members or types, with their place.
+    /// A member is unknown, missing, repeated or of the wrong type; the error has its path.
     #[error("{0}")]
     NotAsExpected(#[from] serde_path_to_error::Error<serde_json::Error>),
 }
 
-/// Reads JSON in which an object is an object and no member is there twice.
+/// Reads JSON strictly: a structure must be an object, and no object can repeat a member.
 ///
 /// # Errors
-/// [`JsonFault`].
+/// [`JsonFault`] if the bytes are not JSON or do not match the type.
 pub fn strict_json<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, JsonFault> {
     let mut reader = serde_json::Deserializer::from_slice(bytes);
     let Unique(value) = match serde_path_to_error::deserialize(&mut reader) {
@@ -99,10 +101,10 @@ pub fn strict_json<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, JsonFault> {
     strict_value(&value)
 }
 
-/// Reads a value in which an object is an object.
+/// Reads a parsed JSON value strictly: a structure must be an object.
 ///
 /// # Errors
-/// [`JsonFault::NotAsExpected`].
+/// [`JsonFault::NotAsExpected`] if the value does not match the type.
 pub fn strict_value<T: DeserializeOwned>(value: &Value) -> Result<T, JsonFault> {
     Ok(serde_path_to_error::deserialize(Strict(value))?)
 }

@@ -5,7 +5,7 @@ use serde::de::DeserializeOwned;
 use crate::http::Problem;
 use prosopon_session::FaultKind;
 
-/// Ids and numbers of the path; one that cannot be read names nothing.
+/// Ids and numbers of the path. One that cannot be parsed gets the answer not-found.
 #[derive(Debug)]
 pub(in crate::http) struct Ids<T>(pub(in crate::http) T);
 
@@ -15,7 +15,7 @@ impl<S: Send + Sync, T: DeserializeOwned + Send> FromRequestParts<S> for Ids<T> 
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
         match axum::extract::Path::<T>::from_request_parts(parts, state).await {
             Ok(axum::extract::Path(ids)) => Ok(Self(ids)),
-            Err(_) => Err(Problem::new(FaultKind::NotFound, "the path holds something that is no id or number")),
+            Err(_) => Err(Problem::new(FaultKind::NotFound, "the path contains something that is not an id or number")),
         }
     }
 }

@@ -9,7 +9,7 @@ use super::words::{plain, quoted_name};
 use crate::http::Problem;
 use prosopon_session::{Fault, FaultKind};
 
-/// Query parameters.
+/// Query parameters of a request.
 #[derive(Debug)]
 pub(in crate::http) struct Params<T>(pub(in crate::http) T);
 
@@ -24,7 +24,7 @@ impl<S: Send + Sync, T: DeserializeOwned> FromRequestParts<S> for Params<T> {
     }
 }
 
-/// Entries of a page.
+/// Number of entries of a page: 1 to 100, 20 when absent.
 pub(in crate::http) fn page_length(asked: Option<u32>) -> Result<u32, Problem> {
     match asked {
         None => Ok(20),
@@ -35,7 +35,7 @@ pub(in crate::http) fn page_length(asked: Option<u32>) -> Result<u32, Problem> {
     }
 }
 
-/// Names the parameter where the reader does.
+/// Turns the reader's rejection into a problem that names the parameter, if the reader does.
 fn refusal(rejection: &QueryRejection) -> Problem {
     let mut chain = std::iter::successors(Some(rejection as &(dyn Error + 'static)), |e| (*e).source());
     let Some(error) = chain.find_map(|e| e.downcast_ref::<serde_path_to_error::Error<value::Error>>()) else {

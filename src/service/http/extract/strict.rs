@@ -1,5 +1,7 @@
-//! JSON in which an object is an object, and has each member once: derived readers would also take a structure's members in order from a
-//! list, and maps the last of two members of one name.
+//! Strict JSON: a structure must be an object, and an object has each member once.
+//!
+//! Readers derived by serde also accept a structure's members in order from a list, and maps keep the last of two members of
+//! one name.
 
 use serde::de::value::{MapAccessDeserializer, MapDeserializer, SeqDeserializer};
 use serde::de::{Error as _, IntoDeserializer, Unexpected, Visitor};
@@ -7,7 +9,7 @@ use serde::de::{MapAccess, SeqAccess};
 use serde::{Deserialize, Deserializer, forward_to_deserialize_any};
 use serde_json::{Error, Map, Value};
 
-/// Reads a value; a list where a structure is expected is a value of the wrong type, at any depth.
+/// Reads a value; at any depth, a list in place of a structure is a value of the wrong type.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Strict<'de>(pub(super) &'de Value);
 
@@ -84,7 +86,7 @@ impl<'de> Deserializer<'de> for Strict<'de> {
     }
 }
 
-/// A value in which no object has a member twice.
+/// A value in which no object repeats a member.
 #[derive(Debug)]
 pub(super) struct Unique(pub(super) Value);
 
@@ -142,7 +144,7 @@ impl<'de> Visitor<'de> for Builder {
     fn visit_map<A: MapAccess<'de>>(self, mut members: A) -> Result<Unique, A::Error> {
         let mut object = Map::new();
         while let Some(name) = members.next_key::<String>()? {
-            // Read as a member of the object, so that the fault's path ends in its name.
+            // Reading the repeated member as a value makes the error's path end in its name.
             let Unique(value) = if object.contains_key(&name) {
                 members.next_value_seed(Twice(&name))?
             } else {
@@ -154,7 +156,7 @@ impl<'de> Visitor<'de> for Builder {
     }
 }
 
-/// Refuses the second member of a name.
+/// Refuses a repeated member.
 struct Twice<'a>(&'a str);
 
 impl<'de> serde::de::DeserializeSeed<'de> for Twice<'_> {

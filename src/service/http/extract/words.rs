@@ -1,9 +1,9 @@
-//! Refusals of the JSON and query readers in words of the API: no names of types, no long echoes.
+//! Turns messages of the JSON and query readers into the API's terms: no type names, no long echoes.
 
-/// Longest piece of a request that is repeated in a refusal, characters.
+/// Longest piece of a request that a message repeats, characters.
 const LONGEST: usize = 60;
 
-/// A reader's message in plain words. Where the value stands is told by the pointer.
+/// A reader's message in the API's terms. The JSON pointer gives the location.
 pub(super) fn plain(message: &str) -> String {
     let message = message.rfind(" at line ").map_or(message, |end| &message[..end]);
     for kind in ["invalid type: ", "invalid value: "] {
@@ -30,18 +30,18 @@ pub(super) fn plain(message: &str) -> String {
     }
 }
 
-/// The name that a message quotes first: that of a parameter that is missing, unknown or given twice.
+/// The first name that a message quotes: the parameter that is missing, unknown or repeated.
 pub(super) fn quoted_name(message: &str) -> Option<&str> {
     message.split('`').nth(1)
 }
 
-/// A number without hundreds of digits.
+/// Formats a number; very large and very small ones in scientific notation.
 pub(in crate::http) fn short_number(value: f64) -> String {
     let usual = value == 0.0 || (1e-6..1e15).contains(&value.abs());
     if usual { value.to_string() } else { format!("{value:e}") }
 }
 
-/// The name that was found and what is allowed instead; the name may itself hold a back-tick.
+/// Splits into the found name, which can itself contain a back-tick, and what is allowed instead.
 fn split_name(text: &str) -> Option<(&str, &str)> {
     let end = text.find("`, expected ").or_else(|| text.find("`, there are no "))?;
     Some((text.get(..end)?, text.get(end + 3..)?))

@@ -5,13 +5,17 @@ use axum::response::Response;
 use tower_http::compression::CompressionLayer;
 use tower_http::compression::predicate::{DefaultPredicate, NotForContentType, Predicate};
 
-/// gzip or zstd where it helps; not for pictures, and not for streams, which must not wait for a full block.
+/// Compresses answers with gzip or zstd, except pictures and streams.
+///
+/// A stream must not wait for a full block.
 pub(in crate::http) fn compression() -> CompressionLayer<impl Predicate> {
     let predicate = DefaultPredicate::new().and(NotForContentType::const_new("application/x-ndjson"));
     CompressionLayer::new().gzip(true).zstd(true).compress_when(predicate)
 }
 
-/// A strong tag names bytes: the compressed form gets a tag of its own, and is known again under it.
+/// Gives a compressed answer an entity tag of its own and recognises it in If-None-Match.
+///
+/// A strong tag names exact bytes, so the compressed and the plain form need different tags.
 pub(in crate::http) async fn mark_compressed(mut request: Request, next: Next) -> Response {
     let known = strip_mark(request.headers_mut());
     let mut response = next.run(request).await;
@@ -21,7 +25,7 @@ pub(in crate::http) async fn mark_compressed(mut request: Request, next: Next) -
     for encoding in ENCODINGS {
         let marked = with_mark(&tag, encoding);
         let is_encoded = headers.get(header::CONTENT_ENCODING).is_some_and(|e| e == encoding);
-        // What is not sent again keeps the tag under which the client has it.
+        // An answer 304 carries the tag that the client sent.
         let has_marked = is_not_modified && known.as_ref().is_some_and(|tags| tags.contains(&marked));
         if (is_encoded || has_marked)
             && let Ok(marked) = HeaderValue::from_str(&marked)
@@ -32,14 +36,14 @@ pub(in crate::http) async fn mark_compressed(mut request: Request, next: Next) -
     response
 }
 
-/// Compressed forms, by their names in HTTP.
+/// Content encodings, by their names in HTTP.
 const ENCODINGS: [&str; 2] = ["gzip", "zstd"];
 
 fn with_mark(tag: &str, encoding: &str) -> String {
     format!("{}-{encoding}\"", tag.trim_end_matches('"'))
 }
 
-/// Takes the marks out of If-None-Match: what it held before.
+/// Removes the encodings from the tags of If-None-Match and returns its original value.
 fn strip_mark(headers: &mut HeaderMap) -> Option<String> {
     let tags = headers.get(header::IF_NONE_MATCH)?.to_str().ok()?.to_owned();
     let stripped = ENCODINGS.iter().fold(tags.clone(), |tags, e| tags.replace(&format!("-{e}\""), "\""));

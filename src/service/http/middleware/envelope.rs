@@ -16,12 +16,12 @@ tokio::task_local! {
     static REQUEST_ID: String;
 }
 
-/// Id of the request that is being answered.
+/// Id of the current request.
 pub(in crate::http) fn request_id() -> Option<String> {
     REQUEST_ID.try_with(Clone::clone).ok()
 }
 
-/// Gives the request an id, a span and its metrics. Neither bodies nor queries are logged.
+/// Gives the request an id, a span and metrics. Neither bodies nor queries are logged.
 pub(in crate::http) async fn envelope(request: Request, next: Next) -> Response {
     let id = given_id(&request).unwrap_or_else(|| Uuid::now_v7().to_string());
     let route = request.extensions().get::<MatchedPath>().map_or("unmatched", MatchedPath::as_str).to_owned();
@@ -48,7 +48,7 @@ pub(in crate::http) async fn envelope(request: Request, next: Next) -> Response 
     response
 }
 
-/// The client's own id, where it is harmless in a log.
+/// The client's own request id, if it is safe to log: 1 to 64 letters, digits, `-`, `_` or `.`.
 fn given_id(request: &Request) -> Option<String> {
     let given = request.headers().get(X_REQUEST_ID)?.to_str().ok()?;
     let harmless = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);

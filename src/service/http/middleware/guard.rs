@@ -10,17 +10,19 @@ use crate::http::{AppState, Problem};
 use prosopon_session::{Fault, FaultKind};
 use prosopon_store::AuditEntry;
 
-/// Calls that only look although they have a body.
+/// POST routes that only read; they have a body, but need the scope `read`.
 const LOOKING_POSTS: [&str; 2] = ["/v1/sessions/{session}/field/query", "/v1/materials/check"];
 
-/// The calls that a deleted session still answers: to come back, and to go for good.
+/// Routes that a deleted session still answers: restoring it, and deleting it permanently.
 const OF_DELETED: [(Method, &str); 2] =
     [(Method::POST, "/v1/sessions/{session}/restore"), (Method::DELETE, "/v1/sessions/{session}")];
 
-/// Calls that are not in the audit log: how work stands, and what is the same for everybody.
+/// GET routes without an audit entry: job states, and data that is the same for everybody.
 const NOT_AUDITED: [&str; 4] = ["/v1/jobs", "/v1/jobs/{job}", "/v1/materials", "/v1/materials/check"];
 
-/// Lets a request through to what its sender may see and do, and writes it down. Another tenant's session or job is not there.
+/// Admits requests whose sender has the scope and owns the session or job, and writes the audit log.
+///
+/// Sessions and jobs of other tenants are reported as not found.
 pub(in crate::http) async fn guard(
     State(state): State<AppState>,
     path: Option<MatchedPath>,
@@ -64,7 +66,7 @@ pub(in crate::http) async fn guard(
     response
 }
 
-/// Who sends the request, if they may make it.
+/// The sender of the request, if it has the required scope.
 async fn admit(state: &AppState, method: &Method, route: &str, headers: &HeaderMap) -> Result<Principal, Fault> {
     let Access::Tokens(authenticator) = &state.access else { return Ok(Principal::local()) };
     if is_public(route) {
@@ -74,19 +76,19 @@ async fn admit(state: &AppState, method: &Method, route: &str, headers: &HeaderM
     let principal = authenticator.check(authorization).await?;
     match needed(method, route) {
         Some(scope) if !principal.scopes.allow(scope) => {
-            let detail = format!("the token lacks the scope `{}`", scope.as_str());
+            let detail = format!("the token lacks the scope `{}`; use a token with that scope", scope.as_str());
             Err(Fault::new(FaultKind::Forbidden, detail).with("scope", scope.as_str()))
         }
         _ => Ok(principal),
     }
 }
 
-/// What holds nothing of anybody.
+/// Whether a route needs no token, because it shows nothing of any tenant.
 fn is_public(route: &str) -> bool {
     ["/livez", "/readyz", "/", "/openapi.json"].contains(&route) || route == "/docs" || route.starts_with("/docs/")
 }
 
-/// The scope that a call needs; a path that is not there needs a token and no scope.
+/// The scope that a route needs. An unknown path needs a token, but no scope.
 fn needed(method: &Method, route: &str) -> Option<Scope> {
     if route == "/metrics" {
         return Some(Scope::Admin);
@@ -102,14 +104,16 @@ fn needed(method: &Method, route: &str) -> Option<Scope> {
 fn named(params: &RawPathParams) -> Option<(&'static str, String)> {
     let of =
         |name: &'static str| params.iter().find(|(key, _)| *key == name).map(|(_, value)| (name, value.to_owned()));
-    // In one form, so that no other spelling of an id slips by.
+    // Parsing brings every spelling of an id into one form.
     let (name, id) = of("session").or_else(|| of("job"))?;
     let id: uuid::Uuid = id.parse().ok()?;
     Some((name, id.to_string()))
 }
 
-/// What an id that belongs to somebody else answers: the same, at the same moment, as one that was never there. What was deleted says so, also while
-/// it can be restored.
+/// The problem for an id that the sender cannot use.
+///
+/// An id of another tenant gets the same answer, after the same time, as an id that never existed. A deleted object answers
+/// gone, even while it can be restored.
 async fn refused(
     state: &AppState,
     principal: &Principal,
@@ -127,7 +131,7 @@ async fn refused(
     }
 }
 
-/// What the request made.
+/// Id of the object that the request created, from the Location header.
 fn made_by(headers: &HeaderMap) -> Option<String> {
     let location = headers.get(header::LOCATION)?.to_str().ok()?;
     location.rsplit('/').next().map(str::to_owned)

@@ -9,8 +9,10 @@ use crate::http::auth::Access;
 use crate::http::{AppState, Problem};
 use prosopon_session::FaultKind;
 
-/// Refuses requests for other hosts than this one: a web page of elsewhere that resolves its own name to loopback
-/// (DNS rebinding) must not reach a service without authentication. With authentication hosts are checked where some are named.
+/// Refuses requests whose Host header names neither loopback nor an allowed host.
+///
+/// Without this check, a foreign web page that resolves its own name to loopback (DNS rebinding) could reach a service without
+/// authentication. With authentication, hosts are checked only if some are configured.
 pub(in crate::http) async fn check_host(State(state): State<AppState>, request: Request, next: Next) -> Response {
     let allowed = &state.allowed_hosts;
     if matches!(state.access, Access::Tokens(_)) && allowed.is_empty() {
@@ -19,11 +21,11 @@ pub(in crate::http) async fn check_host(State(state): State<AppState>, request: 
     let host = request.headers().get(header::HOST).and_then(|h| h.to_str().ok());
     let host = host.or_else(|| request.uri().host());
     match host {
-        // In-process calls have none.
+        // In-process calls have no host.
         None => next.run(request).await,
         Some(host) if is_allowed(host, allowed) => next.run(request).await,
         Some(_) => {
-            let detail = "the Host header names neither loopback nor a host given with --allow-host";
+            let detail = "the Host header names neither loopback nor an allowed host; allow it with --allow-host";
             Problem::new(FaultKind::ForeignHost, detail).into_response()
         }
     }

@@ -1,4 +1,4 @@
-//! What happens around every request.
+//! Middleware around every request: ids, hosts, access, compression, headers and unexpected errors.
 
 mod compression;
 mod envelope;

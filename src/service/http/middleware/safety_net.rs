@@ -11,17 +11,17 @@ use crate::http::Problem;
 use crate::http::problem::PROBLEM_JSON;
 use prosopon_session::FaultKind;
 
-/// Makes a problem of everything that goes wrong outside our own code: panics, time-outs, answers of libraries.
+/// Turns panics, time-outs and error answers of libraries into problem documents.
 pub(in crate::http) async fn safety_net(State(limit): State<Duration>, request: Request, next: Next) -> Response {
     let answer = AssertUnwindSafe(next.run(request)).catch_unwind();
     let response = match tokio::time::timeout(limit, answer).await {
         Ok(Ok(response)) => response,
         Ok(Err(_)) => {
             tracing::error!("a handler panicked");
-            return Problem::new(FaultKind::Internal, "a handler broke off; the log says more").into_response();
+            return Problem::new(FaultKind::Internal, "the request failed in the service; see the log").into_response();
         }
         Err(_) => {
-            let detail = format!("no answer within {} s", limit.as_secs());
+            let detail = format!("the service had no answer within {} s; try again", limit.as_secs());
             return Problem::new(FaultKind::Timeout, detail).into_response();
         }
     };

@@ -6,12 +6,14 @@ use tower_http::cors::{AllowOrigin, CorsLayer};
 
 use prosopon_jobs::trace::TRACEPARENT;
 
-/// Pages of the service bring their own styles and scripts, and load nothing from elsewhere.
+/// Content policy of pages: they have inline styles and scripts and load nothing from other hosts.
 const PAGE_POLICY: &str = "default-src 'self'; script-src 'self' 'unsafe-inline'; style-src 'self' 'unsafe-inline'; \
     img-src 'self' data: blob:; object-src 'none'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'";
 const DATA_POLICY: &str = "default-src 'none'; frame-ancestors 'none'";
 
-/// Headers that keep a browser from guessing, framing, caching and sharing; `tls` adds that the service is to be met by TLS only.
+/// Adds security headers against content sniffing, framing, caching and cross-origin use.
+///
+/// `tls` adds Strict-Transport-Security.
 pub(in crate::http) async fn security_headers(State(tls): State<bool>, request: Request, next: Next) -> Response {
     let is_api = request.uri().path().starts_with("/v1/");
     let mut response = next.run(request).await;
@@ -27,7 +29,7 @@ pub(in crate::http) async fn security_headers(State(tls): State<bool>, request: 
     set(HeaderName::from_static("cross-origin-resource-policy"), "same-origin");
     set(HeaderName::from_static("permissions-policy"), "camera=(), microphone=(), geolocation=()");
     if is_api {
-        // What is of a patient stays in no shared cache; results that may be kept say so themselves.
+        // Patient data must not stay in a cache; results that a client can keep set their own header.
         set(header::CACHE_CONTROL, "no-store");
     }
     if tls {
@@ -36,7 +38,7 @@ pub(in crate::http) async fn security_headers(State(tls): State<bool>, request: 
     response
 }
 
-/// Lets pages of the named origins, and no others, use the service.
+/// Allows pages of the named origins, and no others, to use the service (CORS).
 pub(in crate::http) fn cors(origins: &[String]) -> CorsLayer {
     let origins: Vec<HeaderValue> = origins.iter().filter_map(|o| HeaderValue::from_str(o).ok()).collect();
     let header = HeaderName::from_static;

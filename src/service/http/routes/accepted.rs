@@ -12,7 +12,7 @@ use prosopon_store::{JobKind, SessionId};
 
 const RETRY_AFTER_S: &str = "1";
 
-/// Stores a job without steps and options and answers 202 with where to look for it.
+/// Stores a job without steps and options, and answers 202 with its location.
 pub(super) async fn accept<T: Serialize>(
     state: &AppState,
     session: SessionId,
@@ -27,11 +27,11 @@ pub(super) async fn accept<T: Serialize>(
 pub(super) fn stored<T: Serialize>(request: &T) -> Result<String, Problem> {
     serde_json::to_string(request).map_err(|error| {
         tracing::error!(%error, "a request cannot be stored");
-        Problem::new(FaultKind::Internal, "the request cannot be stored; the log says more")
+        Problem::new(FaultKind::Internal, "the request cannot be stored; see the log")
     })
 }
 
-/// Stores a job and answers 202 with where to look for it.
+/// Stores a job and answers 202 with its location.
 pub(super) async fn accept_order(
     state: &AppState,
     order: Order,
@@ -40,7 +40,7 @@ pub(super) async fn accept_order(
     Ok(accepted(&JobView::from(&store_order(state, order, answering).await?)))
 }
 
-/// Stores a job with what a repeated request gets.
+/// Stores a job together with the answer for a repeated request.
 pub(super) async fn store_order(
     state: &AppState,
     order: Order,
@@ -54,7 +54,7 @@ pub(super) async fn store_order(
     Ok(state.service.accept(order, &answer).await?)
 }
 
-/// 202 with where to look for a job.
+/// The answer 202 with the job and its location.
 pub(super) fn accepted(view: &JobView) -> Response {
     let headers = [(header::LOCATION, location(view)), (header::RETRY_AFTER, RETRY_AFTER_S.to_owned())];
     (StatusCode::ACCEPTED, headers, Json(view)).into_response()

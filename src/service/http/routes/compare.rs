@@ -18,61 +18,64 @@ use prosopon_jobs::{CompareRecord, Compared, NamedSurface, Order, SurfaceSource,
 use prosopon_session::{Fault, FaultKind, error_sheet};
 use prosopon_store::{AnswerRecord, JobId, JobKind, JobRecord, JobState, SessionId};
 
-/// A comparison that is done by then is the answer; others are jobs.
+/// Default wait: a comparison that ends within it is answered directly, a longer one as a job.
 const PATIENCE: Duration = Duration::from_millis(900);
-/// Longest wait that a client may ask for.
+/// Longest wait that a client can ask for, s.
 const MOST_PATIENCE_S: u64 = 60;
 
-/// Form of a comparison.
+/// Format of a comparison.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub(in crate::http) enum CompareForm {
-    /// Statistics.
+    /// Statistics of the error as JSON.
     Json,
-    /// A sheet with the map from all sides.
+    /// A PNG sheet with the error map from all sides.
     Png,
-    /// Binary glTF 2.0 of the prediction with `error_mm`.
+    /// The prediction with `error_mm` as binary glTF 2.0.
     Glb,
-    /// Binary PLY of it.
+    /// The prediction with `error_mm` as binary PLY.
     Ply,
-    /// VTK polygons of it.
+    /// The prediction with `error_mm` as VTK polygons.
     Vtp,
 }
 
-/// Which form to send.
+/// Format of the answer to a comparison.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(in crate::http) struct CompareQuery {
-    /// Form; else JSON.
+    /// Format of the answer; `json` when absent.
     #[param(inline)]
     format: Option<CompareForm>,
 }
 
-/// Which form of a comparison to send.
+/// Format of a stored comparison.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(in crate::http) struct ComparisonQuery {
-    /// Form; else JSON.
+    /// Format of the answer; `json` when absent.
     #[param(inline)]
     format: Option<CompareForm>,
-    /// Whether the JSON has the value of every vertex.
+    /// Whether the JSON includes the value of every vertex; false when absent.
     values: Option<bool>,
 }
 
 /// Compare two stored surfaces
 ///
-/// Signed error of one against the other, after rigid registration where asked for: statistics, a picture, or the surface with the error
-/// of every vertex, which stays in the prediction's frame. It is a `compare` job of the prediction's session: what is done within a second
-/// is answered with 200, else 202 names the job, whose `comparison` link has the result. `Prefer: wait=N` waits longer (at most 60 s),
-/// `Prefer: respond-async` not at all. A repeated `Idempotency-Key` asks how that job stands now.
+/// Returns the signed error of the prediction against the reference, after rigid registration on request: statistics, a
+/// picture, or the prediction with the error of every vertex, in the prediction's own coordinates.
+///
+/// The comparison is a `compare` job of the prediction's session. If it ends within about one second, the answer is 200 with
+/// the result. Otherwise it is 202 with the job, whose link `comparison` leads to the result. `Prefer: wait=N` waits up to N
+/// seconds (at most 60), `Prefer: respond-async` does not wait. A repeated `Idempotency-Key` returns the current state of the
+/// same job.
 #[utoipa::path(post, path = "/v1/compare", tag = "results", request_body = CompareRequest,
     params(CompareQuery, ("Prefer" = Option<String>, Header)),
-    responses((status = 200, description = "the error map", headers(("Content-Location" = String)), content(
+    responses((status = 200, description = "The error map.", headers(("Content-Location" = String)), content(
         (CompareView = "application/json"), (Vec<u8> = "image/png"), (Vec<u8> = "model/gltf-binary"),
         (Vec<u8> = "application/ply"), (Vec<u8> = "application/vnd.vtk.vtp"))),
-        (status = 202, description = "the job", body = JobView, headers(("Location" = String), ("Retry-After" = u32)))))]
+        (status = 202, description = "The compare job.", body = JobView, headers(("Location" = String), ("Retry-After" = u32)))))]
 pub(in crate::http) async fn compare(
     State(state): State<AppState>,
     principal: Principal,
@@ -98,7 +101,7 @@ pub(in crate::http) async fn compare(
     Ok(response)
 }
 
-/// The result of a comparison that ends in time, else where to look for it.
+/// The result of a comparison that ends within `patience`, else the location of its job.
 async fn answer(
     state: &AppState,
     job: JobId,
@@ -123,23 +126,23 @@ async fn answer(
     }
 }
 
-/// The job that an earlier answer names.
+/// The job that a stored earlier answer names.
 fn named_job(answer: &AnswerRecord) -> Result<JobId, Problem> {
     let id = answer.location.as_deref().and_then(|location| location.rsplit('/').next()?.parse().ok());
     id.ok_or_else(|| {
         tracing::error!("a stored answer to a comparison names no job");
-        Problem::new(FaultKind::Internal, "a stored answer cannot be read; the log says more")
+        Problem::new(FaultKind::Internal, "a stored answer cannot be read; see the log")
     })
 }
 
-/// What a comparison found
+/// Read the result of a comparison
 ///
-/// As `POST /v1/compare` answers it.
+/// Returns the result in the formats of `POST /v1/compare`.
 #[utoipa::path(get, path = "/v1/jobs/{job}/comparison", tag = "results", params(("job" = Uuid, Path), ComparisonQuery),
-    responses((status = 200, description = "the error map", content(
+    responses((status = 200, description = "The error map.", content(
         (CompareView = "application/json"), (Vec<u8> = "image/png"), (Vec<u8> = "model/gltf-binary"),
         (Vec<u8> = "application/ply"), (Vec<u8> = "application/vnd.vtk.vtp"))),
-        (status = 304, description = "as known")))]
+        (status = 304, description = "Not modified.")))]
 pub(in crate::http) async fn comparison(
     State(state): State<AppState>,
     Ids(job): Ids<JobId>,
@@ -153,7 +156,9 @@ pub(in crate::http) async fn comparison(
     send(&state, &job, query.format.unwrap_or(CompareForm::Json), query.values.unwrap_or(false), &headers).await
 }
 
-/// What is to be stored, once both surfaces are there and the sender's.
+/// Builds the record and the order of a comparison.
+///
+/// Fails unless both surfaces exist and belong to the sender.
 async fn order(
     state: &AppState,
     principal: &Principal,
@@ -175,7 +180,7 @@ async fn order(
     Ok((record, Order { other_session, ..Order::new(predicted.session, JobKind::Compare, String::new()) }))
 }
 
-/// What the body names, if it is the sender's: else it is not there.
+/// The surface that the body names. A surface of another tenant is reported as not found.
 async fn own_surface(state: &AppState, principal: &Principal, source: SurfaceSource) -> Result<NamedSurface, Problem> {
     let own = |session: SessionId| async move {
         match state.service.store().owner(&session.to_string()).await? {
@@ -197,7 +202,7 @@ async fn own_surface(state: &AppState, principal: &Principal, source: SurfaceSou
     Ok(named_surface(&state.service, source).await?)
 }
 
-/// How long the client waits for a comparison, by its `Prefer` header (RFC 7240).
+/// How long the client is willing to wait for a comparison, from its `Prefer` header (RFC 7240).
 fn patience(headers: &HeaderMap) -> Duration {
     let mut patience = PATIENCE;
     for preference in headers.get_all("prefer").iter().filter_map(|p| p.to_str().ok()).flat_map(|p| p.split([',', ';']))
@@ -213,10 +218,10 @@ fn patience(headers: &HeaderMap) -> Duration {
     patience
 }
 
-/// The problem that a failed job has stored.
+/// The problem that a failed job stored.
 fn failure(job: &JobRecord) -> Problem {
     let fault = job.fault.as_deref().and_then(|f| serde_json::from_str::<Fault>(f).ok());
-    fault.map_or_else(|| Problem::new(FaultKind::Internal, "the comparison failed; the log says more"), Problem::from)
+    fault.map_or_else(|| Problem::new(FaultKind::Internal, "the comparison failed; see the log"), Problem::from)
 }
 
 async fn send(

@@ -17,29 +17,33 @@ use prosopon_jobs::EventFeed;
 use prosopon_session::FaultKind;
 use prosopon_store::{EventRecord, JobId};
 
-/// A client that was cut off comes back after this and up to as long again, so that not all come at once.
+/// Shortest reconnection delay of clients.
+///
+/// A random delay of up to the same length is added, so that clients do not all reconnect at once.
 const RETRY: Duration = Duration::from_millis(1500);
 
-/// What a stream carries.
+/// An item of the stream.
 #[derive(Debug)]
 enum Told {
     Event(EventRecord),
-    /// Nothing happened for a while; the number of the last event.
+    /// Sent after a silence, with the number of the last event.
     Heartbeat(u64),
 }
 
 /// Follow a job
 ///
-/// Server-Sent Events `status`, `progress`, `step`, `warning`, `end`; ids count up and Last-Event-ID replays from there. A job that is deleted with
-/// its session ends as `cancelled` with the problem `gone`. `resync` comes
-/// first where events after the given id are not kept any more: the job's status says what was missed. Silence is broken by comments.
-/// With `Accept: application/x-ndjson` the same as lines `{id, event, data}`, and lines with the event `heartbeat`. 204 when nothing
-/// comes after the given id.
+/// Streams the Server-Sent Events `status`, `progress`, `step`, `warning` and `end`. Ids increase; with `Last-Event-ID` the
+/// stream starts after that event. The answer is 204 if no event follows it. If events after it are no longer stored, the
+/// stream starts with `resync`: read the job's status to see what was missed. A job that is deleted with its session ends as
+/// `cancelled` with the problem `gone`. Comments break long silences.
+///
+/// With `Accept: application/x-ndjson` the stream has one line `{id, event, data}` per event, and lines with the event
+/// `heartbeat` instead of comments.
 #[utoipa::path(get, path = "/v1/jobs/{job}/events", tag = "jobs",
     params(("job" = Uuid, Path), ("Last-Event-ID" = Option<u64>, Header)),
-    responses((status = 200, description = "events", content(
+    responses((status = 200, description = "The stream of events.", content(
         (String = "text/event-stream"), (String = "application/x-ndjson"))),
-        (status = 204, description = "the job has ended and all was sent")))]
+        (status = 204, description = "The job has ended and all events were sent.")))]
 pub(in crate::http) async fn events(
     State(state): State<AppState>,
     Ids(id): Ids<JobId>,
@@ -87,12 +91,14 @@ fn retry() -> Duration {
 
 fn last_event_id(headers: &HeaderMap) -> Result<u64, Problem> {
     let Some(value) = headers.get("last-event-id") else { return Ok(0) };
-    // As far as the store counts.
+    // The store counts in signed 64-bit integers.
     let number = value.to_str().ok().and_then(|v| v.parse().ok()).filter(|n| *n <= i64::MAX.unsigned_abs());
-    number.ok_or_else(|| Problem::new(FaultKind::MalformedRequest, "Last-Event-ID must be a number"))
+    number.ok_or_else(|| Problem::new(FaultKind::MalformedRequest, "Last-Event-ID must be a whole number from 0 on"))
 }
 
-/// Events one by one, and heartbeats after a silence of that length; ends when the feed ends or fails (the log says why).
+/// Events one by one, and heartbeats after a silence of that length.
+///
+/// Ends when the feed ends or fails; the log has the reason.
 fn told(feed: EventFeed, heartbeat: Option<Duration>) -> impl Stream<Item = Told> + Send {
     stream::unfold(feed, move |mut feed| async move {
         let batch = match heartbeat {

@@ -13,17 +13,17 @@ use prosopon_jobs::{FieldRequest, field_slice};
 use prosopon_session::{FieldSettingsDocument, SessionParts};
 use prosopon_store::{JobFilter, JobKind, PartKind, PartRecord, SessionId, now_rfc3339, sha256_hex};
 
-/// Nothing to say.
+/// An empty request.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(in crate::http) struct Nothing {}
 
-/// Set how the fields are built
+/// Set the field settings
 ///
-/// Takes effect with the next build; a field that was built before is stale then.
+/// The settings apply to the next build. Fields that were built with other settings become stale.
 #[utoipa::path(put, path = "/v1/sessions/{session}/field/settings", tag = "field", params(("session" = Uuid, Path)),
     request_body = PutFieldSettings,
-    responses((status = 200, description = "all settings", body = FieldSettingsDocument)))]
+    responses((status = 200, description = "All settings, with defaults.", body = FieldSettingsDocument)))]
 pub(in crate::http) async fn put_settings(
     State(state): State<AppState>,
     Ids(session): Ids<SessionId>,
@@ -47,10 +47,10 @@ pub(in crate::http) async fn put_settings(
 
 /// Build the distance fields
 ///
-/// Of skin and bone; a `field` job.
+/// Starts a `field` job that builds the signed distance fields of skin and bone. The session needs skin and skull.
 #[utoipa::path(post, path = "/v1/sessions/{session}/field", tag = "field", params(("session" = Uuid, Path)),
-    request_body(content = Option<Nothing>, description = "may be absent"),
-    responses((status = 202, description = "the job", body = JobView, headers(("Location" = String), ("Retry-After" = u32)))))]
+    request_body(content = Option<Nothing>, description = "The body may be absent."),
+    responses((status = 202, description = "The job.", body = JobView, headers(("Location" = String), ("Retry-After" = u32)))))]
 pub(in crate::http) async fn build(
     State(state): State<AppState>,
     Ids(session): Ids<SessionId>,
@@ -63,11 +63,11 @@ pub(in crate::http) async fn build(
     accept(&state, session, JobKind::Field, &request, Some(&answering)).await
 }
 
-/// The distance fields
+/// Read the fields' report
 ///
-/// State, settings, and memory, cells and measured error of the last build.
+/// Returns state and settings, and memory, cell count and measured error of the last build.
 #[utoipa::path(get, path = "/v1/sessions/{session}/field", tag = "field", params(("session" = Uuid, Path)),
-    responses((status = 200, description = "the fields", body = FieldView)))]
+    responses((status = 200, description = "State and report.", body = FieldView)))]
 pub(in crate::http) async fn get(
     State(state): State<AppState>,
     Ids(session): Ids<SessionId>,
@@ -79,12 +79,12 @@ pub(in crate::http) async fn get(
     Ok(Json(FieldView { part: view_of(PartKind::Field, &parts, &jobs), settings: parts.field_settings()?, report }))
 }
 
-/// A picture of a slice
+/// Draw a slice of a field
 ///
-/// Blue inside, red outside, black at the surface; PNG.
+/// Returns a PNG picture: blue inside, red outside, black at the surface.
 #[utoipa::path(get, path = "/v1/sessions/{session}/field/slice.png", tag = "field",
     params(("session" = Uuid, Path), SliceQuery),
-    responses((status = 200, description = "the picture", body = Vec<u8>, content_type = "image/png")))]
+    responses((status = 200, description = "The picture.", body = Vec<u8>, content_type = "image/png")))]
 pub(in crate::http) async fn slice(
     State(state): State<AppState>,
     Ids(session): Ids<SessionId>,
@@ -98,11 +98,11 @@ pub(in crate::http) async fn slice(
     Ok(([(header::CONTENT_TYPE, "image/png")], png).into_response())
 }
 
-/// Distances, gradients and closest points
+/// Evaluate a field at points
 ///
-/// The sign is that of the winding number.
+/// Returns signed distances, gradients and closest points. The winding number gives the sign.
 #[utoipa::path(post, path = "/v1/sessions/{session}/field/query", tag = "field", params(("session" = Uuid, Path)),
-    request_body = PointQuery, responses((status = 200, description = "in order", body = PointValues)))]
+    request_body = PointQuery, responses((status = 200, description = "Values in the order of the points.", body = PointValues)))]
 pub(in crate::http) async fn query(
     State(state): State<AppState>,
     Ids(session): Ids<SessionId>,

@@ -8,44 +8,44 @@ use crate::http::{AppState, Problem};
 use prosopon_session::FaultKind;
 use prosopon_store::Lane;
 
-/// Longest wait for what the database tells of a queue: scrapers wait for ten seconds.
+/// Longest wait for the database when metrics are read; Prometheus scrapers wait ten seconds in all.
 const QUEUE_TOLD: Duration = Duration::from_secs(2);
 
-/// Whether the process lives
+/// Check that the process is alive
 ///
-/// True while a solver is busy; false when the scheduler does not move any more, or work does not stop that should have. Then only a
-/// restart helps: jobs are taken up again.
-#[utoipa::path(get, path = "/livez", tag = "health", responses((status = 200, description = "it does", body = String)))]
+/// Succeeds while a solver is busy. Fails when the scheduler is stuck or when work does not stop in time; restart the process
+/// then. The service resumes its jobs after the restart.
+#[utoipa::path(get, path = "/livez", tag = "health", responses((status = 200, description = "Alive.", body = String)))]
 pub(in crate::http) async fn livez(State(state): State<AppState>) -> Result<&'static str, Problem> {
     let wedged = state.service.wedged();
     if wedged.is_empty() {
         return Ok("ok\n");
     }
     tracing::error!(wedged = wedged.join("; "), "the service is wedged");
-    Err(Problem::new(FaultKind::Internal, "the scheduler is wedged; the log says more"))
+    Err(Problem::new(FaultKind::Internal, "the scheduler is stuck; see the log, and restart the process"))
 }
 
-/// Whether requests can be served
+/// Check that the service is ready
 ///
-/// The database answers, the bucket refuses neither this process nor what its jobs write, and the service is not stopping. A bucket that is away
-/// for a while does not count: what needs none is answered, and jobs wait.
-#[utoipa::path(get, path = "/readyz", tag = "health", responses((status = 200, description = "they can", body = String)))]
+/// Succeeds when the database answers, the bucket accepts this process and the values that its jobs write, and the service is
+/// not stopping. An unreachable bucket does not count: requests that need no bucket are answered, and jobs wait.
+#[utoipa::path(get, path = "/readyz", tag = "health", responses((status = 200, description = "Ready.", body = String)))]
 pub(in crate::http) async fn readyz(State(state): State<AppState>) -> Result<&'static str, Problem> {
     if state.service.is_draining() {
         return Err(Problem::new(FaultKind::ShuttingDown, "the service is stopping"));
     }
     state.service.store().check().await?;
     if state.service.is_refused() {
-        return Err(Problem::new(FaultKind::StoreRefuses, "the bucket does not let jobs write; the log says more"));
+        return Err(Problem::new(FaultKind::StoreRefuses, "the bucket refuses writes of jobs; the log has its answer"));
     }
     Ok("ok\n")
 }
 
-/// Metrics
+/// Read the metrics
 ///
-/// Prometheus text. While the database does not answer, what it would tell of the queue is not a number.
+/// Returns Prometheus text. Queue gauges are NaN while the database does not answer.
 #[utoipa::path(get, path = "/metrics", tag = "health",
-    responses((status = 200, description = "the metrics", body = String, content_type = "text/plain")))]
+    responses((status = 200, description = "The metrics.", body = String, content_type = "text/plain")))]
 pub(in crate::http) async fn metrics(State(state): State<AppState>) -> Response {
     let mut waiting_in_all = 0.0;
     for lane in Lane::ALL {
@@ -63,7 +63,7 @@ pub(in crate::http) async fn metrics(State(state): State<AppState>) -> Response 
     ([(header::CONTENT_TYPE, "text/plain; version=0.0.4")], text).into_response()
 }
 
-/// Memory of the process, where the system tells.
+/// Resident memory of the process, bytes; `None` on systems without `/proc`.
 fn resident_bytes() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|l| l.strip_prefix("VmRSS:"))?;

@@ -20,10 +20,10 @@ use prosopon_jobs::{CtScan, take_ct, take_surface};
 use prosopon_session::{FaultKind, SessionParts, SurfaceDocument, load_mesh};
 use prosopon_store::{JobKind, PartKind, SessionId};
 
-/// Times that an input is looked up again when it is replaced before it is read.
+/// Retries when an input is replaced between its look-up and its read.
 const SEND_TRIES: usize = 4;
 
-/// Format of a stored input.
+/// Format in which to send a stored surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub(in crate::http) enum InputOutput {
@@ -42,24 +42,26 @@ pub(in crate::http) enum InputOutput {
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(in crate::http) struct InputQuery {
-    /// Format; else Accept chooses, else GLB. `json` is the surface report.
+    /// Format of the answer; `json` is the surface report.
+    ///
+    /// When absent, the `Accept` header chooses, else GLB.
     #[param(inline)]
     format: Option<InputOutput>,
 }
 
 /// Upload a CT
 ///
-/// A DICOM series as a zip archive, NIfTI (plain or gzipped), NRRD (header attached, raw or gzip) or MetaImage (`.mha`, or `.mhd` and its
-/// voxels in a zip archive). Streams to disk; an `import` job takes skin, skull and air from it.
+/// A DICOM series as a zip archive, NIfTI (plain or gzipped), NRRD (header attached, raw or gzip) or MetaImage (`.mha`, or
+/// `.mhd` and its voxels in a zip archive). The upload streams to disk; an `import` job extracts skin, skull and air from it.
 ///
 /// DICOM files may be in any order and encoding (implicit, explicit, big endian, deflated, RLE, JPEG, JPEG lossless, JPEG-LS,
-/// JPEG 2000). Of them only the voxels and where they lie are kept, before the answer; of anything that names a patient, nothing.
-/// Oblique and sheared (gantry tilt) stacks are taken as they lie; uneven slices are interpolated up to `max_step_mm` and
-/// refused beyond, with the list of steps.
+/// JPEG 2000). The service stores only the voxels and their lattice, and drops everything that identifies a patient before it
+/// answers. Oblique and sheared (gantry tilt) stacks keep their geometry. Unevenly spaced slices are interpolated up to
+/// `max_step_mm`; larger steps are refused with the list of steps.
 #[utoipa::path(put, path = "/v1/sessions/{session}/ct", tag = "inputs",
     params(("session" = Uuid, Path), CtQuery),
     request_body(content = Vec<u8>, content_type = "application/octet-stream"),
-    responses((status = 202, description = "the import job", body = JobView, headers(("Location" = String), ("Retry-After" = u32)))))]
+    responses((status = 202, description = "The import job.", body = JobView, headers(("Location" = String), ("Retry-After" = u32)))))]
 pub(in crate::http) async fn put_ct(
     State(state): State<AppState>,
     Ids(session): Ids<SessionId>,
@@ -74,7 +76,7 @@ pub(in crate::http) async fn put_ct(
     let upload = receive(store, session, &headers, body, state.limits.max_ct_bytes, &state.limits, Some(scan)).await?;
     let part = take_ct(&state.service, session, upload, reading).await?;
     let key = part.key.clone();
-    // A job may be reading the same CT: then its file stays.
+    // A job may be reading the same CT, so its file stays.
     match store.part(session, PartKind::Ct).await? {
         Some(ct) if ct.key == key && ct.document == part.document => {
             store.blobs().delete(part.blob.as_deref().unwrap_or_default()).await;
@@ -97,7 +99,7 @@ pub(super) async fn put(
     Ok(Json(take_surface(&state.service, session, kind, upload, named_format(headers)).await?))
 }
 
-/// The format that Content-Type names, for files that do not show what they are.
+/// The format that Content-Type names, for files whose bytes do not show their format.
 fn named_format(headers: &HeaderMap) -> Option<SurfaceFormat> {
     let name = headers.get(header::CONTENT_TYPE)?.to_str().ok()?;
     match name.split(';').next()?.trim() {
@@ -109,7 +111,7 @@ fn named_format(headers: &HeaderMap) -> Option<SurfaceFormat> {
     }
 }
 
-/// Sends an input as it is at one moment: a client that replaces it meanwhile takes its file away.
+/// Sends an input; retries when a client replaces it, which deletes its file, before it is read.
 pub(super) async fn send(
     state: &AppState,
     session: SessionId,
@@ -157,10 +159,10 @@ async fn send_present(
 macro_rules! surface_routes {
     ($get:ident, $put:ident, $kind:expr, $path:literal, $what:literal) => {
         #[doc = concat!("Sends the ", $what, ".")]
-        #[utoipa::path(get, path = $path, tag = "inputs", summary = concat!("The ", $what), description = "As it is stored now.", params(("session" = Uuid, Path), InputQuery),
-                            responses((status = 200, description = "the surface, or its report", content(
+        #[utoipa::path(get, path = $path, tag = "inputs", summary = concat!("Read the ", $what), description = "Returns the surface as it is stored now, or its report.", params(("session" = Uuid, Path), InputQuery),
+                            responses((status = 200, description = "The surface or its report.", content(
                                 (Vec<u8> = "model/gltf-binary"), (Vec<u8> = "application/ply"), (Vec<u8> = "model/stl"),
-                                (SurfaceDocument = "application/json"))), (status = 304, description = "as known")))]
+                                (SurfaceDocument = "application/json"))), (status = 304, description = "Not modified.")))]
         pub(in crate::http) async fn $get(
             State(state): State<AppState>,
             Ids(session): Ids<SessionId>,
@@ -170,12 +172,12 @@ macro_rules! surface_routes {
             send(&state, session, $kind, &query, &headers).await
         }
 
-        #[doc = concat!("Takes the ", $what, ".")]
+        #[doc = concat!("Stores the ", $what, ".")]
         #[utoipa::path(put, path = $path, tag = "inputs", summary = concat!("Upload the ", $what),
-            description = "STL, PLY, OBJ or VTP, LPS mm. Streams to disk; takes the place of the one before. The bytes show the \
-                format; where they do not, Content-Type (`model/stl`, `model/ply`, `model/obj`, `model/vtp`) says it.", params(("session" = Uuid, Path)),
+            description = "A surface in STL, PLY, OBJ or VTP format, LPS mm. It replaces an earlier upload. The service detects the format \
+                from the bytes, else takes it from Content-Type (`model/stl`, `model/ply`, `model/obj`, `model/vtp`).", params(("session" = Uuid, Path)),
                             request_body(content = Vec<u8>, content_type = "application/octet-stream"),
-                            responses((status = 200, description = "the surface report", body = SurfaceDocument)))]
+                            responses((status = 200, description = "Report of the surface.", body = SurfaceDocument)))]
         pub(in crate::http) async fn $put(
             State(state): State<AppState>,
             Ids(session): Ids<SessionId>,

@@ -25,37 +25,40 @@ use prosopon_store::{JobFilter, JobId, JobKind, JobState, PartKind, PlanRecord, 
 /// Longest long poll, s.
 const MAX_WAIT_S: f64 = 60.0;
 
-/// Which jobs to list.
+/// Filter and page of a list of jobs.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(in crate::http) struct Page {
-    /// Only of this session.
+    /// Id of a session: lists only its jobs.
     session: Option<Uuid>,
-    /// Only with this status.
+    /// Status: lists only jobs with this status.
     status: Option<String>,
-    /// Only those made before this one.
+    /// Id of a job: lists only jobs created before it.
     before: Option<Uuid>,
-    /// At most so many, 1 to 100; 20 when absent.
+    /// Largest number of jobs on the page, 1 to 100; 20 when absent.
     #[param(minimum = 1, maximum = 100)]
     limit: Option<u32>,
 }
 
-/// How long to wait.
+/// Options for waiting for a job.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(in crate::http) struct Wait {
-    /// Answer when the job has ended, or after so many seconds (at most 60).
+    /// Longest wait for the job's end, s, 0 to 60; 0 when absent.
+    ///
+    /// The answer comes when the job ends or after this time.
     wait_s: Option<f64>,
 }
 
-/// Solve
+/// Start a solve
 ///
-/// Moves the bone along a plan; a `solve` job with streamed steps. Needs fields and mesh, or the session's ready `tissue`.
+/// Starts a `solve` job that moves the bone along a plan and streams its steps. The session needs distance fields, or an
+/// uploaded tissue mesh. The job builds a tissue mesh if none matches.
 #[utoipa::path(post, path = "/v1/sessions/{session}/jobs", tag = "jobs", params(("session" = Uuid, Path)),
     request_body = CreateJob,
-    responses((status = 202, description = "the job", body = JobView, headers(("Location" = String), ("Retry-After" = u32)))))]
+    responses((status = 202, description = "The job.", body = JobView, headers(("Location" = String), ("Retry-After" = u32)))))]
 pub(in crate::http) async fn create(
     State(state): State<AppState>,
     principal: Principal,
@@ -81,9 +84,9 @@ pub(in crate::http) async fn create(
     parts.require_field()?;
     let plan = plans::find(&state, session, request.plan.into()).await.map_err(|p| in_body(p, "/plan"))?;
     let Some(osteotomy) = plan.osteotomy else {
-        // Its tissue mesh was taken away.
-        return Err(parts.require_tissue("the plan moves segments of a tissue mesh: PUT it again").err().map_or_else(
-            || Problem::new(FaultKind::Internal, "the tissue mesh came back meanwhile; send the request again"),
+        // The tissue mesh that the plan was made for has been removed.
+        return Err(parts.require_tissue("the plan's tissue mesh was removed: PUT it again").err().map_or_else(
+            || Problem::new(FaultKind::Internal, "the tissue mesh was just uploaded; send the request again"),
             Problem::from,
         ));
     };
@@ -118,24 +121,24 @@ pub(in crate::http) async fn create(
     accept_order(&state, order(solve.steps, stored(&solve)?), Some(&answering)).await
 }
 
-/// Painted vertices must be those of the skull that is there now.
+/// Checks that the painted classes have one entry per vertex of the current skull.
 fn check_painted(request: &CreateJob, parts: &SessionParts) -> Result<(), Problem> {
     let classes = request.attachment.as_ref().and_then(|a| a.skull_classes.as_ref());
     let (Some(classes), Some(needed)) = (classes, parts.skull_vertices()?) else { return Ok(()) };
     if classes.len() == needed {
         return Ok(());
     }
-    let detail = format!("has {} classes, the skull has {needed} vertices", classes.len());
+    let detail = format!("has {} classes, the skull has {needed} vertices; give one per vertex", classes.len());
     Err(Fault::new(FaultKind::InvalidRequest, detail).at("/attachment/skull_classes").into())
 }
 
-/// Defaults of a session's jobs.
+/// Default settings of a session's jobs.
 pub(super) async fn session_settings(state: &AppState, session: SessionId) -> Result<SessionSettings, Problem> {
     let settings = state.service.store().session(session).await?.map(|s| s.settings).unwrap_or_default();
     Ok(serde_json::from_str(&settings).unwrap_or_default())
 }
 
-/// A solve on the session's ready mesh.
+/// The request for a solve on the session's uploaded tissue mesh.
 async fn scene(
     state: &AppState,
     parts: &SessionParts,
@@ -172,12 +175,12 @@ async fn scene(
     })
 }
 
-/// An id in the body that names nothing: the value is wrong, the path is right.
+/// Turns a fault about an id in the body into invalid-request: the value is wrong, not the path.
 fn in_body(Problem(fault): Problem, pointer: &str) -> Problem {
     Fault { kind: FaultKind::InvalidRequest, ..fault.at(pointer) }.into()
 }
 
-/// A job to compare with must have moved the same bone the same way.
+/// Checks that the reference job is a succeeded solve with the same cuts and paths.
 async fn check_reference(
     state: &AppState,
     principal: &Principal,
@@ -188,16 +191,16 @@ async fn check_reference(
     let job = state.service.job_of(&principal.tenant, id).await.map_err(|f| in_body(f.into(), "/reference_job"))?;
     let wrong = |kind, detail: String| Problem(Fault::new(kind, detail).at("/reference_job"));
     if job.kind != JobKind::Solve || job.state != JobState::Succeeded {
-        let detail = format!("job {id} is no solve that has succeeded: it is {} and {}", job.kind.as_str(), job.state);
+        let detail = format!("job {id} is not a succeeded solve but a {} that is {}", job.kind.as_str(), job.state);
         return Err(wrong(FaultKind::InvalidRequest, detail));
     }
     let Ok(solved) = serde_json::from_str::<SolveRequest>(&job.request) else {
-        let detail = format!("job {id} solved a ready tissue mesh, whose skin is another");
+        let detail = format!("job {id} solved an uploaded tissue mesh, whose skin differs");
         return Err(wrong(FaultKind::InvalidRequest, detail));
     };
     if solved.cuts != cuts || solved.plan.paths != plans::content(plan)?.paths {
         let detail =
-            format!("job {id} followed plan {}, which moves bone otherwise than plan {}", solved.plan_id, plan.id);
+            format!("job {id} followed plan {}, whose cuts or paths differ from plan {}", solved.plan_id, plan.id);
         return Err(wrong(FaultKind::WrongState, detail));
     }
     Ok(())
@@ -205,9 +208,9 @@ async fn check_reference(
 
 /// List jobs
 ///
-/// Newest first, in pages.
+/// Returns one page of jobs, newest first.
 #[utoipa::path(get, path = "/v1/jobs", tag = "jobs", params(Page),
-    responses((status = 200, description = "a page", body = JobList)))]
+    responses((status = 200, description = "One page.", body = JobList)))]
 pub(in crate::http) async fn list(
     State(state): State<AppState>,
     principal: Principal,
@@ -235,11 +238,11 @@ fn next_page(page: &Page, last: JobId, limit: u32) -> String {
     format!("/v1/jobs?before={last}&limit={limit}{session}{status}")
 }
 
-/// A job
+/// Read a job
 ///
-/// Status, phase, progress, what has come of it. `wait_s` makes it a long poll.
+/// Returns status, phase, progress and links to the results so far. With `wait_s` the request is a long poll.
 #[utoipa::path(get, path = "/v1/jobs/{job}", tag = "jobs", params(("job" = Uuid, Path), Wait),
-    responses((status = 200, description = "how it stands", body = JobView)))]
+    responses((status = 200, description = "State of the job.", body = JobView)))]
 pub(in crate::http) async fn get(
     State(state): State<AppState>,
     Ids(job): Ids<JobId>,
@@ -255,9 +258,10 @@ pub(in crate::http) async fn get(
 
 /// Cancel a job
 ///
-/// One that waits at once, one that runs within a Newton iteration. The request is stored before the answer: the job never succeeds.
+/// A waiting job stops at once, a running job within one Newton iteration. The request is stored before the answer, so the job
+/// cannot succeed afterwards.
 #[utoipa::path(post, path = "/v1/jobs/{job}/cancel", tag = "jobs", params(("job" = Uuid, Path)),
-    responses((status = 202, description = "it will stop", body = JobView)))]
+    responses((status = 202, description = "The job, which will stop.", body = JobView)))]
 pub(in crate::http) async fn cancel(
     State(state): State<AppState>,
     Ids(job): Ids<JobId>,

@@ -10,9 +10,10 @@ use prosopon_store::{PartKind, PartRecord, SessionId, now_rfc3339, sha256_hex};
 
 /// Set the landmarks
 ///
-/// They place templates, regions of the face and where tissue slides.
+/// Landmarks place osteotomy templates, regions of the face and the boxes in which tissue slides. They replace all landmarks
+/// stored before.
 #[utoipa::path(put, path = "/v1/sessions/{session}/landmarks", tag = "inputs", params(("session" = Uuid, Path)),
-    request_body = PutLandmarks, responses((status = 200, description = "as stored", body = LandmarksDocument)))]
+    request_body = PutLandmarks, responses((status = 200, description = "The stored landmarks.", body = LandmarksDocument)))]
 pub(in crate::http) async fn put(
     State(state): State<AppState>,
     Ids(session): Ids<SessionId>,
@@ -34,14 +35,14 @@ pub(in crate::http) async fn put(
     Ok(Json(landmarks))
 }
 
-/// The landmarks
+/// Read the landmarks
 ///
-/// With `propose=true` also what templates go by, proposed from skin and bone and named in `proposed`: points of the midline, lingula,
-/// buccal face and cheek bone of each side, the occlusal and the Le Fort I plane. A person should check them and PUT those that hold.
-/// Needs skin and skull.
+/// With `propose=true` the answer adds proposals for the landmarks of the templates, computed from skin and bone and named in
+/// `proposed`. They are midline points, lingula, buccal point and cheek bone point of each side, the occlusal plane and the Le
+/// Fort I plane. Check them and PUT the correct ones. Proposals need skin and skull.
 #[utoipa::path(get, path = "/v1/sessions/{session}/landmarks", tag = "inputs",
     params(("session" = Uuid, Path), LandmarksQuery),
-    responses((status = 200, description = "as stored, with proposals where asked for", body = LandmarksDocument)))]
+    responses((status = 200, description = "The landmarks, with proposals on request.", body = LandmarksDocument)))]
 pub(in crate::http) async fn get(
     State(state): State<AppState>,
     Ids(session): Ids<SessionId>,
@@ -52,6 +53,6 @@ pub(in crate::http) async fn get(
         let proposal = propose_landmarks(&state.service, &parts).await?;
         return Ok(Json(parts.landmarks()?.unwrap_or_default().with_proposals(&proposal)));
     }
-    let missing = || Problem::new(FaultKind::NotFound, "the session has no landmarks yet");
+    let missing = || Problem::new(FaultKind::NotFound, "the session has no landmarks; PUT them, or use propose=true");
     Ok(Json(parts.landmarks()?.ok_or_else(missing)?))
 }

@@ -5,11 +5,12 @@ use crate::http::dto::{CheckMaterial, MaterialCheck, MaterialsList, MaterialsQue
 use crate::http::extract::{Body, Params};
 use crate::http::{AppState, Problem};
 
-/// Materials
+/// List material laws and presets
 ///
-/// Laws with the units of their constants; presets with their sources, moduli at small strain and the stretches between which they are stable.
+/// Returns the laws with the units of their constants, and the presets with their sources, moduli at small strain and stable
+/// ranges of stretch.
 #[utoipa::path(get, path = "/v1/materials", tag = "materials", params(MaterialsQuery),
-    responses((status = 200, description = "laws and presets", body = MaterialsList)))]
+    responses((status = 200, description = "Laws and presets.", body = MaterialsList)))]
 pub(in crate::http) async fn list(
     State(state): State<AppState>,
     Params(query): Params<MaterialsQuery>,
@@ -19,10 +20,11 @@ pub(in crate::http) async fn list(
 
 /// Check a material
 ///
-/// Sign and rise of the stress, Drucker stability and strong ellipticity in uniaxial, equibiaxial and planar stretch and in simple shear at
-/// constant volume; what is lost, in which mode and at which stretch. Stores nothing.
+/// Checks sign and increase of the stress, Drucker stability and strong ellipticity in uniaxial, equibiaxial and planar stretch
+/// and in simple shear at constant volume. The answer gives each violated criterion with its test and stretch. The service
+/// stores nothing.
 #[utoipa::path(post, path = "/v1/materials/check", tag = "materials", request_body = CheckMaterial,
-    responses((status = 200, description = "what it is like", body = MaterialCheck)))]
+    responses((status = 200, description = "Result of the check.", body = MaterialCheck)))]
 pub(in crate::http) async fn check(
     State(state): State<AppState>,
     Body(request): Body<CheckMaterial>,

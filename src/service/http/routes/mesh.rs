@@ -14,10 +14,10 @@ use prosopon_store::{JobFilter, JobKind, OsteotomyId, PartKind, SessionId};
 
 /// Build the tissue mesh
 ///
-/// Prisms under the skin, tetrahedra inside; a `mesh` job. Needs the fields.
+/// Starts a `mesh` job. The mesh has prisms in the skin layer and tetrahedra inside. The session needs distance fields.
 #[utoipa::path(post, path = "/v1/sessions/{session}/mesh", tag = "mesh", params(("session" = Uuid, Path)),
     request_body = BuildMesh,
-    responses((status = 202, description = "the job", body = JobView, headers(("Location" = String), ("Retry-After" = u32)))))]
+    responses((status = 202, description = "The job.", body = JobView, headers(("Location" = String), ("Retry-After" = u32)))))]
 pub(in crate::http) async fn build(
     State(state): State<AppState>,
     Ids(session): Ids<SessionId>,
@@ -38,11 +38,11 @@ pub(in crate::http) async fn build(
     accept(&state, session, JobKind::Mesh, &request, Some(&answering)).await
 }
 
-/// The tissue mesh
+/// Read the tissue mesh's report
 ///
-/// State and quality report of the last build.
+/// Returns the state and the quality report of the last build.
 #[utoipa::path(get, path = "/v1/sessions/{session}/mesh", tag = "mesh", params(("session" = Uuid, Path)),
-    responses((status = 200, description = "the mesh", body = MeshView)))]
+    responses((status = 200, description = "State and report.", body = MeshView)))]
 pub(in crate::http) async fn get(
     State(state): State<AppState>,
     Ids(session): Ids<SessionId>,

@@ -5,11 +5,13 @@ use prosopon_jobs::{MeshChoice, MeshRequest};
 use prosopon_session::{CutDocument, Fault, FaultKind, MeshSettingsDocument, SessionParts};
 use prosopon_store::{JobFilter, JobId, JobKind, JobState, OsteotomyId, SessionId};
 
-/// So many meshes of a session are looked through, the newest first.
+/// Number of meshes of a session that are searched, newest first.
 const MOST: u32 = 100;
 
-/// The mesh for a solve with `cuts`: the one that the job `asked` built, else the newest one that fits, else one like the newest.
-/// One fits that was built for the same cuts, or for none.
+/// The mesh for a solve with `cuts`.
+///
+/// It is the mesh that the job `asked` built, else the newest mesh that matches, else a new mesh with the settings of the
+/// newest one. A mesh matches if it was built for the same cuts or for none.
 pub(super) async fn mesh_of(
     state: &AppState,
     parts: &SessionParts,
@@ -29,12 +31,12 @@ pub(super) async fn mesh_of(
     let mut meshes = jobs.iter().filter_map(|job| Some((job, serde_json::from_str::<MeshRequest>(&job.request).ok()?)));
     if let Some(id) = asked.map(JobId::from) {
         let Some((_, mesh)) = meshes.find(|(job, _)| job.id == id) else {
-            let detail = format!("job {id} is none of the session that has built a mesh");
+            let detail = format!("job {id} is not a succeeded mesh job of this session; name one, or leave it out");
             return Err(Fault::new(FaultKind::InvalidRequest, detail).at("/mesh").into());
         };
         return asked_for(parts, osteotomy, cuts, id, mesh);
     }
-    // The session's part outlives the job that built it.
+    // The session keeps its mesh longer than the job that built it.
     let last = parts.mesh()?.map(|mesh| MeshChoice { settings: mesh.settings, cuts: mesh.cuts });
     let meshes = meshes.map(|(_, mesh)| MeshChoice { settings: mesh.settings, cuts: mesh.cuts });
     let meshes: Vec<MeshChoice> = meshes.chain(last).collect();
@@ -60,11 +62,11 @@ fn asked_for(
     let wrong = |kind, detail: String| Problem(Fault::new(kind, detail).at("/mesh"));
     if !fits(mesh.cuts.as_deref(), cuts) {
         let other = mesh.osteotomy_id.map_or_else(|| "other cuts".to_owned(), |o| format!("osteotomy {o}"));
-        let detail = format!("job {id} built its mesh for {other}, the plan is one of osteotomy {osteotomy}");
+        let detail = format!("job {id} built its mesh for {other}, but the plan is for osteotomy {osteotomy}");
         return Err(wrong(FaultKind::WrongState, detail));
     }
     if mesh.key != parts.mesh_key(&mesh.settings, mesh.cuts.as_deref())? {
-        let detail = format!("job {id} built its mesh from inputs or settings that have changed; build it again");
+        let detail = format!("inputs or settings have changed since job {id} built its mesh; build it again");
         return Err(wrong(FaultKind::Stale, detail));
     }
     Ok(MeshChoice { settings: mesh.settings, cuts: mesh.cuts })

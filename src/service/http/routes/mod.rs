@@ -1,4 +1,4 @@
-//! Handlers: extract, convert, call one function of the domain, convert back.
+//! Handlers of the routes: each extracts, converts, calls one domain function and converts back.
 
 mod accepted;
 mod compare;
@@ -27,12 +27,14 @@ use utoipa_axum::routes;
 
 use super::AppState;
 
-/// What watches a process.
+/// Routes for monitoring a process.
 pub(super) fn health() -> OpenApiRouter<AppState> {
     OpenApiRouter::new().routes(routes!(health::livez)).routes(routes!(health::readyz)).routes(routes!(health::metrics))
 }
 
-/// Every route with its description. Uploads come without a limit of their own: they check the length themselves.
+/// All routes with their descriptions: first those with the JSON body limit, then the uploads.
+///
+/// Uploads check their length themselves.
 pub(super) fn all() -> (OpenApiRouter<AppState>, OpenApiRouter<AppState>) {
     let plain = OpenApiRouter::new()
         .routes(routes!(sessions::list, sessions::create))

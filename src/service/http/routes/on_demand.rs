@@ -9,25 +9,25 @@ use prosopon_planning::evaluate::Mask;
 use prosopon_session::{Fault, FaultKind, SessionParts, load_mesh};
 use prosopon_store::{JobId, JobRecord, PartKind, StepRecord};
 
-/// Against what an error is.
+/// Options for an error map that is computed on demand.
 #[derive(Debug, Clone, Copy, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(in crate::http) struct ErrorQuery {
-    /// A job whose step at the same place of the path takes the place of what the job was compared with.
+    /// Id of a job whose step at the same path parameter replaces the reference of the stored error map.
     #[param(value_type = Option<Uuid>)]
     pub(super) reference: Option<JobId>,
-    /// Whether the prediction is registered on what the plan does not move; false when absent.
+    /// Whether to register the prediction on the skin that the plan does not move; false when absent.
     pub(super) register: Option<bool>,
 }
 
 impl ErrorQuery {
-    /// Whether anything but the stored map is asked for.
+    /// Whether the request needs more than the stored map.
     pub(super) fn is_asked(&self) -> bool {
         self.reference.is_some() || self.register == Some(true)
     }
 
-    /// Names the step and all that its error on demand depends on.
+    /// Key of the step and of everything that its error map on demand depends on.
     pub(super) async fn key(&self, service: &Service, job: &JobRecord, step: &StepRecord) -> Result<String, Problem> {
         if !self.is_asked() {
             return Ok(step.sha256.clone());
@@ -43,7 +43,7 @@ impl ErrorQuery {
     }
 }
 
-/// The error of a step against another reference, or after registration.
+/// Computes the error of a step against another reference, or after registration.
 pub(super) async fn compared(
     service: &Service,
     job: &JobRecord,
@@ -75,7 +75,7 @@ pub(super) async fn compared(
     Ok(prosopon_jobs::compare(service, comparison).await?)
 }
 
-/// The step of another job, of the same tenant, at the same place of the path.
+/// The step of another job of the same tenant at the same path parameter.
 async fn reference_step(
     service: &Service,
     own: &JobRecord,
@@ -87,7 +87,7 @@ async fn reference_step(
     match steps.into_iter().find(|s| (s.t - step.t).abs() < 1e-9) {
         Some(found) => Ok((job, found)),
         None => {
-            let detail = format!("job {id} has no step at {:.3} of its path", step.t);
+            let detail = format!("job {id} has no step at path parameter {:.3}", step.t);
             Err(Fault::new(FaultKind::NoReference, detail).into())
         }
     }
@@ -97,7 +97,7 @@ async fn reference_step(
 async fn target(service: &Service, job: &JobRecord) -> Result<(TriMesh, String), Problem> {
     let parts = SessionParts::load(service.store(), job.session).await?;
     let Some(part) = parts.get(PartKind::Target) else {
-        let detail = "there is nothing to register on: the session has no target and no reference job is given";
+        let detail = "there is no reference: the session has no target and the request names no reference job";
         return Err(Fault::new(FaultKind::NoReference, detail).into());
     };
     Ok((load_mesh(service.store(), part).await?, part.key.clone()))

@@ -15,10 +15,10 @@ use prosopon_store::{OsteotomyId, OsteotomyRecord, SessionId, decode_mesh};
 
 /// Cut the bone
 ///
-/// By planes, polylines, surfaces, and templates with their landmarks; several combine. Needs skin and skull.
+/// Cuts the bone by planes, polylines, surfaces and templates, in any combination. The session needs skin and skull.
 #[utoipa::path(post, path = "/v1/sessions/{session}/osteotomies", tag = "bone", params(("session" = Uuid, Path)),
     request_body = CreateOsteotomy,
-    responses((status = 201, description = "the segments", body = OsteotomyView, headers(("Location" = String)))))]
+    responses((status = 201, description = "Cuts and segments.", body = OsteotomyView, headers(("Location" = String)))))]
 pub(in crate::http) async fn create(
     State(state): State<AppState>,
     Ids(session): Ids<SessionId>,
@@ -37,7 +37,7 @@ pub(in crate::http) async fn create(
     Ok((StatusCode::CREATED, [(header::LOCATION, location)], Json(view)).into_response())
 }
 
-/// Points to `/template`, as the request has it.
+/// Points errors to `/template` instead of `/templates/0`, as the request names it.
 fn of_single(mut fault: Fault) -> Fault {
     for error in &mut fault.errors {
         let below = error.pointer.strip_prefix("/templates").map(|rest| rest.strip_prefix("/0").unwrap_or(rest));
@@ -49,8 +49,10 @@ fn of_single(mut fault: Fault) -> Fault {
 }
 
 /// List osteotomies
+///
+/// Returns all osteotomies of the session, oldest first.
 #[utoipa::path(get, path = "/v1/sessions/{session}/osteotomies", tag = "bone", params(("session" = Uuid, Path)),
-    responses((status = 200, description = "oldest first", body = OsteotomyList)))]
+    responses((status = 200, description = "All osteotomies.", body = OsteotomyList)))]
 pub(in crate::http) async fn list(
     State(state): State<AppState>,
     Ids(session): Ids<SessionId>,
@@ -61,10 +63,12 @@ pub(in crate::http) async fn list(
     Ok(Json(OsteotomyList { osteotomies }))
 }
 
-/// An osteotomy
+/// Read an osteotomy
+///
+/// Returns its cuts, segments and warnings.
 #[utoipa::path(get, path = "/v1/sessions/{session}/osteotomies/{osteotomy}", tag = "bone",
     params(("session" = Uuid, Path), ("osteotomy" = Uuid, Path)),
-    responses((status = 200, description = "cuts and segments", body = OsteotomyView)))]
+    responses((status = 200, description = "Cuts and segments.", body = OsteotomyView)))]
 pub(in crate::http) async fn get(
     State(state): State<AppState>,
     Ids((session, osteotomy)): Ids<(SessionId, OsteotomyId)>,
@@ -75,10 +79,10 @@ pub(in crate::http) async fn get(
 
 /// Delete an osteotomy
 ///
-/// With its plans. Jobs keep what they need of it.
+/// Deletes the osteotomy and its plans. Jobs keep their own copies.
 #[utoipa::path(delete, path = "/v1/sessions/{session}/osteotomies/{osteotomy}", tag = "bone",
     params(("session" = Uuid, Path), ("osteotomy" = Uuid, Path)),
-    responses((status = 204, description = "deleted")))]
+    responses((status = 204, description = "Deleted.")))]
 pub(in crate::http) async fn delete(
     State(state): State<AppState>,
     Ids((session, osteotomy)): Ids<(SessionId, OsteotomyId)>,
@@ -88,15 +92,15 @@ pub(in crate::http) async fn delete(
     Ok(StatusCode::NO_CONTENT)
 }
 
-/// Surface of a segment
+/// Read the surface of a segment
 ///
-/// At rest, closed, with caps.
+/// Returns the segment's closed surface at rest, with caps on the cuts.
 #[utoipa::path(get, path = "/v1/sessions/{session}/osteotomies/{osteotomy}/segments/{segment}", tag = "bone",
     params(("session" = Uuid, Path), ("osteotomy" = Uuid, Path), ("segment" = u32, Path), FormatQuery),
-    responses((status = 200, description = "the surface", content(
+    responses((status = 200, description = "The surface.", content(
         (Vec<u8> = "model/gltf-binary"), (Vec<u8> = "application/ply"), (Vec<u8> = "model/stl"),
         (Vec<u8> = "application/vnd.vtk.vtp"))),
-        (status = 304, description = "as known")))]
+        (status = 304, description = "Not modified.")))]
 pub(in crate::http) async fn segment(
     State(state): State<AppState>,
     Ids((session, osteotomy, segment)): Ids<(SessionId, OsteotomyId, u32)>,
@@ -127,7 +131,7 @@ pub(super) async fn find(state: &AppState, session: SessionId, id: OsteotomyId) 
     }
 }
 
-/// An osteotomy that a request names, cut from the bone as it is now.
+/// The osteotomy that a request names; fails with stale if the bone has changed since the cut.
 pub(super) async fn fresh_osteotomy(
     state: &AppState,
     parts: &SessionParts,
@@ -137,11 +141,11 @@ pub(super) async fn fresh_osteotomy(
 ) -> Result<(OsteotomyRecord, OsteotomyDocument), Problem> {
     let record = match find(state, session, id).await {
         Ok(record) => record,
-        // Named in the body, not in the path: the value is wrong, the path is right.
+        // The id is in the body, so the value is wrong and not the path.
         Err(Problem(fault)) => return Err(Fault { kind: FaultKind::InvalidRequest, ..fault.at(pointer) }.into()),
     };
     if record.field_key != parts.field_key()? {
-        let detail = "the osteotomy was cut from bone or field settings that have changed; cut again";
+        let detail = "bone or field settings have changed since the osteotomy was cut; cut again";
         return Err(Fault::new(FaultKind::Stale, detail).with("stale", "osteotomy").into());
     }
     let content = content(&record)?;
@@ -151,7 +155,7 @@ pub(super) async fn fresh_osteotomy(
 fn content(record: &OsteotomyRecord) -> Result<OsteotomyDocument, Problem> {
     serde_json::from_str(&record.document).map_err(|error| {
         tracing::error!(%error, "a stored osteotomy cannot be read");
-        Problem::new(FaultKind::Internal, "a stored osteotomy cannot be read; the log says more")
+        Problem::new(FaultKind::Internal, "a stored osteotomy cannot be read; see the log")
     })
 }
 

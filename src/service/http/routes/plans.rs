@@ -11,12 +11,13 @@ use prosopon_jobs::make_plan;
 use prosopon_session::{FaultKind, PlanDocument, SessionParts, stored_cuts};
 use prosopon_store::{OsteotomyId, PlanId, PlanRecord, SessionId, now_rfc3339};
 
-/// Plan where the bone goes
+/// Create a plan
 ///
-/// Paths are rigid and joined by screw motions. The answer says what they meet; without an osteotomy, on a ready tissue mesh, it does not.
+/// Plans rigid paths of the bone segments; screw motions join the waypoints. With an osteotomy, the answer reports overlaps and
+/// gaps of bone along the paths. A plan for an uploaded tissue mesh has no such report.
 #[utoipa::path(post, path = "/v1/sessions/{session}/plans", tag = "bone", params(("session" = Uuid, Path)),
     request_body = CreatePlan,
-    responses((status = 201, description = "the plan", body = PlanView, headers(("Location" = String)))))]
+    responses((status = 201, description = "The plan.", body = PlanView, headers(("Location" = String)))))]
 pub(in crate::http) async fn create(
     State(state): State<AppState>,
     Ids(session): Ids<SessionId>,
@@ -32,7 +33,7 @@ pub(in crate::http) async fn create(
             make_plan(&state.service, &parts, stored_cuts(&bone.cuts)?, plan, label).await?
         }
         None => {
-            let tissue = parts.require_tissue("name an osteotomy, or PUT the tissue first")?;
+            let tissue = parts.require_tissue("name an osteotomy, or PUT a tissue mesh first")?;
             let (label, plan) =
                 request.check(&Segments::of_tissue(&tissue, &parts.bone_keys()).with_landmarks(parts.landmarks()?))?;
             PlanDocument {
@@ -59,8 +60,10 @@ pub(in crate::http) async fn create(
 }
 
 /// List plans
+///
+/// Returns all plans of the session, oldest first.
 #[utoipa::path(get, path = "/v1/sessions/{session}/plans", tag = "bone", params(("session" = Uuid, Path)),
-    responses((status = 200, description = "oldest first", body = PlanList)))]
+    responses((status = 200, description = "All plans.", body = PlanList)))]
 pub(in crate::http) async fn list(
     State(state): State<AppState>,
     Ids(session): Ids<SessionId>,
@@ -71,10 +74,12 @@ pub(in crate::http) async fn list(
     Ok(Json(PlanList { plans }))
 }
 
-/// A plan
+/// Read a plan
+///
+/// Returns its paths and the report on them.
 #[utoipa::path(get, path = "/v1/sessions/{session}/plans/{plan}", tag = "bone",
     params(("session" = Uuid, Path), ("plan" = Uuid, Path)),
-    responses((status = 200, description = "the plan", body = PlanView)))]
+    responses((status = 200, description = "The plan.", body = PlanView)))]
 pub(in crate::http) async fn get(
     State(state): State<AppState>,
     Ids((session, plan)): Ids<(SessionId, PlanId)>,
@@ -85,10 +90,10 @@ pub(in crate::http) async fn get(
 
 /// Delete a plan
 ///
-/// Jobs keep what they need of it.
+/// Deletes the plan. Jobs keep their own copies.
 #[utoipa::path(delete, path = "/v1/sessions/{session}/plans/{plan}", tag = "bone",
     params(("session" = Uuid, Path), ("plan" = Uuid, Path)),
-    responses((status = 204, description = "deleted")))]
+    responses((status = 204, description = "Deleted.")))]
 pub(in crate::http) async fn delete(
     State(state): State<AppState>,
     Ids((session, plan)): Ids<(SessionId, PlanId)>,
@@ -112,6 +117,6 @@ pub(super) async fn find(state: &AppState, session: SessionId, id: PlanId) -> Re
 pub(super) fn content(record: &PlanRecord) -> Result<PlanDocument, Problem> {
     serde_json::from_str(&record.document).map_err(|error| {
         tracing::error!(%error, "a stored plan cannot be read");
-        Problem::new(FaultKind::Internal, "a stored plan cannot be read; the log says more")
+        Problem::new(FaultKind::Internal, "a stored plan cannot be read; see the log")
     })
 }

@@ -12,32 +12,33 @@ use crate::http::{AppState, Problem};
 use prosopon_session::{Fault, FaultKind, ReportDocument};
 use prosopon_store::{JobId, JobKind};
 
-/// Form of a report.
+/// Format of a report.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub(in crate::http) enum ReportForm {
-    /// For machines.
+    /// A JSON document.
     Json,
-    /// A page with pictures.
+    /// A self-contained HTML page with pictures.
     Html,
 }
 
-/// Which form to send.
+/// Format of the report to send.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(in crate::http) struct ReportQuery {
-    /// Form; else Accept chooses, else JSON.
+    /// Format of the answer. When absent, the `Accept` header chooses, else JSON.
     #[param(inline)]
     format: Option<ReportForm>,
 }
 
-/// Report of a job
+/// Read the report of a solve
 ///
-/// Inputs, plan, parameters, version, residuals, timings by phase, warnings: JSON, or a page with pictures that stands alone.
+/// Returns inputs, plan, parameters, version, residuals, times by phase and warnings, as JSON or as a self-contained page with
+/// pictures.
 #[utoipa::path(get, path = "/v1/jobs/{job}/report", tag = "results", params(("job" = Uuid, Path), ReportQuery),
-    responses((status = 200, description = "the report", content(
-        (ReportDocument = "application/json"), (String = "text/html"))), (status = 304, description = "as known")))]
+    responses((status = 200, description = "The report.", content(
+        (ReportDocument = "application/json"), (String = "text/html"))), (status = 304, description = "Not modified.")))]
 pub(in crate::http) async fn report(
     State(state): State<AppState>,
     Ids(id): Ids<JobId>,
@@ -46,11 +47,11 @@ pub(in crate::http) async fn report(
 ) -> Result<Response, Problem> {
     let job = state.service.job(id).await?;
     if job.kind != JobKind::Solve {
-        let detail = format!("a job of kind {} has no report", job.kind.as_str());
+        let detail = format!("a job of kind {} has no report; name a solve", job.kind.as_str());
         return Err(Problem::new(FaultKind::NotFound, detail));
     }
     let Some(text) = job.report.clone() else {
-        let detail = format!("the report is not there; the job is {}", job.state);
+        let detail = format!("the report is not available; the status of the job is {}", job.state);
         return Err(Fault::new(FaultKind::NotReady, detail).with("job_status", job.state.as_str()).into());
     };
     let accepts_html =

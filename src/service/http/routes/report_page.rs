@@ -3,21 +3,23 @@ use std::fmt::Write;
 use crate::http::Problem;
 use prosopon_session::{ErrorDocument, FaultKind, PathSample, PlanDocument, ReportDocument};
 
-/// One sheet of A4 when printed, more where there are many warnings; two columns below the pictures.
+/// Style of the page: two columns below the pictures, one A4 sheet unless there are many warnings.
 const STYLE: &str = "@page{size:A4;margin:8mm}*{box-sizing:border-box}body{font:9px/1.3 Helvetica,Arial,sans-serif;color:#222;max-width:194mm;\
 margin:0 auto;padding:2mm 0}h1{font-size:15px;margin:0}h2{font-size:10px;margin:2mm 0 .6mm;color:#245}p{margin:.6mm 0}img{display:block;\
 width:100%}.strip img{max-height:68mm;object-fit:contain}.columns:after{content:'';display:block;clear:both}.left{float:left;width:55%}\
 .right{float:right;width:43%}table{border-collapse:collapse;width:100%}td,th{padding:.15mm 1mm;border-bottom:.2mm solid #ddd;\
 text-align:right;font-weight:normal}th{color:#666}td:first-child,th:first-child{text-align:left}code{font-size:6.5px;word-break:break-all}\
 ul{margin:0;padding-left:4mm}.note{color:#666;font-size:8px}";
-/// Steps that fit on the page: the last ones.
+/// Number of steps that fit on the page; the table shows the last ones.
 const STEPS: usize = 6;
 
-/// The report as one page that needs nothing else. `pictures` are titles with PNG bytes: before and after, then the error.
+/// Renders the report as one self-contained page.
+///
+/// `pictures` are titles with PNG bytes: before and after, then the error.
 pub(super) fn report_page(report: &str, pictures: &[(&str, Vec<u8>)]) -> Result<String, Problem> {
     let r: ReportDocument = serde_json::from_str(report).map_err(|error| {
         tracing::error!(%error, "a stored report cannot be read");
-        Problem::new(FaultKind::Internal, "a stored report cannot be read; the log says more")
+        Problem::new(FaultKind::Internal, "a stored report cannot be read; see the log")
     })?;
     let mut page = format!(
         "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>Prosopon report {}</title><style>{STYLE}</style>\
@@ -74,7 +76,7 @@ fn inputs(page: &mut String, r: &ReportDocument) {
     page.push_str("</table>");
 }
 
-/// Where each segment ends, LPS taken apart as a surgeon says it.
+/// Table of each segment's final movement, with LPS axes named as surgeons name them.
 fn plan(page: &mut String, plan: &PlanDocument) {
     let rows = plan.paths.iter().map(|path| {
         let report = plan.reports.iter().find(|r| r.segment == path.segment);
@@ -121,8 +123,8 @@ fn errors(page: &mut String, error: &ErrorDocument) {
     add(
         page,
         format_args!(
-            "<p class=\"note\">Variance {:.3} mm², L2 norm {:.1} mm over {} vertices, below 2 mm {:.1} %, below 3 mm {:.1} %. Weighted by \
-             area but for the L2 norm; negative: the prediction lies behind the reference.</p>",
+            "<p class=\"note\">Variance {:.3} mm², L2 norm {:.1} mm over {} vertices, below 2 mm {:.1} %, below 3 mm {:.1} %. All values \
+             except the L2 norm are weighted by area. Negative: the prediction lies behind the reference.</p>",
             w.variance_mm2,
             w.l2_norm_mm,
             w.count,
@@ -144,7 +146,7 @@ fn errors(page: &mut String, error: &ErrorDocument) {
     }
 }
 
-/// Steps, mesh, times.
+/// Tables of steps and times, and notes on attachment and mesh.
 fn numerics(page: &mut String, r: &ReportDocument) {
     let steps = r.steps.iter().skip(r.steps.len().saturating_sub(STEPS)).map(|s| {
         vec![
@@ -176,7 +178,7 @@ fn numerics(page: &mut String, r: &ReportDocument) {
         add(
             page,
             format_args!(
-                "<p class=\"note\">Nodes at bone: tied {}; {} sliding, {} free, {} held at the mesh's cuts; {} painted.</p>",
+                "<p class=\"note\">Nodes at bone: tied {}; {} sliding, {} free. {} fixed at the mesh's boundary, {} painted.</p>",
                 if tied.is_empty() { "none".to_owned() } else { tied.join(", ") },
                 a.sliding_nodes,
                 a.free_nodes_at_bone,
@@ -196,7 +198,7 @@ fn numerics(page: &mut String, r: &ReportDocument) {
             mm(m.max_skin_distance_mm)
         ),
         (None, Some(t)) => format!(
-            "ready mesh of {} nodes, {} tetrahedra, {} wedges, {} sliding nodes",
+            "uploaded mesh of {} nodes, {} tetrahedra, {} wedges, {} sliding nodes",
             t.nodes, t.tetrahedra, t.wedges, t.sliding_nodes
         ),
         (None, None) => return,
@@ -226,7 +228,7 @@ fn table(page: &mut String, title: &str, names: &[&str], rows: impl IntoIterator
     page.push_str("</table>");
 }
 
-/// Nothing moves by minus zero.
+/// Formats a length to 0.01 mm, without a negative zero.
 fn mm(value: f64) -> String {
     let text = format!("{value:.2}");
     if text == "-0.00" { "0.00".to_owned() } else { text }

@@ -20,32 +20,32 @@ use prosopon_planning::evaluate::{Layer, View, moved_along, picture as draw};
 use prosopon_session::{ErrorDocument, Fault, FaultKind, error_sheet};
 use prosopon_store::{JobId, JobRecord, StepRecord};
 
-/// Which format to send.
+/// Format of a surface to send.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(in crate::http) struct FormatQuery {
-    /// Format; else Accept chooses, else GLB.
+    /// Format of the answer. When absent, the `Accept` header chooses, else GLB.
     #[param(inline)]
     pub(super) format: Option<SurfaceOutput>,
 }
 
-/// Which format to send, and against what the error is.
+/// Format of a step's skin, and the reference of its error.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(in crate::http) struct SkinQuery {
-    /// Format; else Accept chooses, else GLB.
+    /// Format of the answer. When absent, the `Accept` header chooses, else GLB.
     #[param(inline)]
     format: Option<SurfaceOutput>,
-    /// A job whose step at the same place of the path takes the place of what the job was compared with.
+    /// Id of a job whose step at the same path parameter replaces the reference of the stored error map.
     #[param(value_type = Option<Uuid>)]
     reference: Option<JobId>,
-    /// Whether the prediction is registered on what the plan does not move; false when absent.
+    /// Whether to register the prediction on the skin that the plan does not move; false when absent.
     register: Option<bool>,
 }
 
-/// A surface in a format: from the client's own copy when the tag fits, else written on the CPU pool.
+/// Sends a surface, written on the CPU pool; answers 304 if the client has the tagged result.
 pub(super) async fn send_surface<W>(
     state: &AppState,
     headers: &HeaderMap,
@@ -71,17 +71,17 @@ where
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub(in crate::http) enum Movement {
-    /// To the front: back is negative.
+    /// Forward; backward movement is negative.
     #[default]
     Forward,
-    /// Upwards: down is negative.
+    /// Up; downward movement is negative.
     Up,
-    /// To the patient's left: right is negative.
+    /// To the patient's left; movement to the right is negative.
     Left,
 }
 
 impl Movement {
-    /// Its name in a picture, and its direction in LPS.
+    /// Name in a picture, and direction in LPS.
     fn direction(self) -> (&'static str, Vector) {
         match self {
             Self::Forward => ("moved forward", -Vector::y()),
@@ -91,12 +91,12 @@ impl Movement {
     }
 }
 
-/// Which movement to paint.
+/// Options for a picture of a step.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(in crate::http) struct PictureQuery {
-    /// Direction; forward when absent.
+    /// Direction of the movement that the colours show; `forward` when absent.
     #[param(inline)]
     movement: Option<Movement>,
 }
@@ -104,12 +104,12 @@ pub(in crate::http) struct PictureQuery {
 async fn find(service: &Service, id: JobId, k: u32) -> Result<(JobRecord, StepRecord), Problem> {
     let job = service.job(id).await?;
     if k == 0 || k > job.steps {
-        return Err(Problem::new(FaultKind::NotFound, format!("the job has no step {k}, it has 1 to {}", job.steps)));
+        return Err(Problem::new(FaultKind::NotFound, format!("the job has no step {k}, only 1 to {}", job.steps)));
     }
     match service.store().step(id, k).await? {
         Some(step) => Ok((job, step)),
         None => {
-            let fault = Fault::new(FaultKind::NotReady, format!("step {k} is not there; the job is {}", job.state));
+            let fault = Fault::new(FaultKind::NotReady, format!("step {k} is not available; the job is {}", job.state));
             Err(fault.with("job_status", job.state.as_str()).into())
         }
     }
@@ -126,12 +126,12 @@ pub(super) async fn load(
     Ok((rest, mesh, frame))
 }
 
-/// Triangles of all frames
+/// Read the triangles of all frames
 ///
-/// Three little-endian u32 a triangle: vertex numbers (`api/frames.md`).
+/// Returns three little-endian u32 vertex numbers per triangle, as `api/frames.md` describes.
 #[utoipa::path(get, path = "/v1/jobs/{job}/topology", tag = "results", params(("job" = Uuid, Path)),
-    responses((status = 200, description = "triangles", body = Vec<u8>, content_type = "application/octet-stream"),
-        (status = 304, description = "as known")))]
+    responses((status = 200, description = "The triangles.", body = Vec<u8>, content_type = "application/octet-stream"),
+        (status = 304, description = "Not modified.")))]
 pub(in crate::http) async fn topology(
     State(state): State<AppState>,
     Ids(id): Ids<JobId>,
@@ -147,15 +147,15 @@ pub(in crate::http) async fn topology(
     tagged(&headers, &tag, "application/octet-stream", bytes.into())
 }
 
-/// Deformed skin of a step
+/// Read the deformed skin of a step
 ///
-/// With `displacement_mm` and, where there is something to compare with, `error_mm` of every vertex.
+/// Returns the surface with `displacement_mm` of every vertex and, if the step has an error map, `error_mm`.
 #[utoipa::path(get, path = "/v1/jobs/{job}/steps/{k}/skin", tag = "results",
     params(("job" = Uuid, Path), ("k" = u32, Path), SkinQuery),
-    responses((status = 200, description = "the surface", content(
+    responses((status = 200, description = "The surface.", content(
         (Vec<u8> = "model/gltf-binary"), (Vec<u8> = "application/ply"), (Vec<u8> = "model/stl"),
         (Vec<u8> = "application/vnd.vtk.vtp"))),
-        (status = 304, description = "as known")))]
+        (status = 304, description = "Not modified.")))]
 pub(in crate::http) async fn skin(
     State(state): State<AppState>,
     Ids((id, k)): Ids<(JobId, u32)>,
@@ -180,20 +180,20 @@ pub(in crate::http) async fn skin(
     .await
 }
 
-/// Deformed skin of a step, raw
+/// Read the frame of a step
 ///
-/// Little-endian f32: positions, then scalars (`api/frames.md`).
+/// Returns the deformed skin as little-endian f32: positions, then scalars, as `api/frames.md` describes.
 #[utoipa::path(get, path = "/v1/jobs/{job}/steps/{k}/frame", tag = "results",
     params(("job" = Uuid, Path), ("k" = u32, Path)),
-    responses((status = 200, description = "the frame", body = Vec<u8>, content_type = "application/octet-stream"),
-        (status = 304, description = "as known")))]
+    responses((status = 200, description = "The frame.", body = Vec<u8>, content_type = "application/octet-stream"),
+        (status = 304, description = "Not modified.")))]
 pub(in crate::http) async fn frame(
     State(state): State<AppState>,
     Ids((id, k)): Ids<(JobId, u32)>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let (_, step) = find(&state.service, id, k).await?;
-    // The stored bytes themselves: their own hash is the tag.
+    // The answer is the stored bytes, so their hash is the tag.
     let tag = format!("\"{}\"", step.sha256);
     if let Some(known) = not_modified(&headers, &tag) {
         return Ok(known);
@@ -205,12 +205,12 @@ pub(in crate::http) async fn frame(
     Ok(response)
 }
 
-/// Deformed volume
+/// Read the deformed volume
 ///
-/// VTU with displacement, tissue, attachment and volume ratio; for jobs with the output `tissue`.
+/// Returns a VTU file with displacement, tissue, attachment and volume ratio. Only jobs with the output `tissue` have it.
 #[utoipa::path(get, path = "/v1/jobs/{job}/tissue", tag = "results", params(("job" = Uuid, Path)),
-    responses((status = 200, description = "the volume", body = Vec<u8>, content_type = "application/vnd.vtk.vtu"),
-        (status = 304, description = "as known")))]
+    responses((status = 200, description = "The volume.", body = Vec<u8>, content_type = "application/vnd.vtk.vtu"),
+        (status = 304, description = "Not modified.")))]
 pub(in crate::http) async fn tissue(
     State(state): State<AppState>,
     Ids(id): Ids<JobId>,
@@ -218,7 +218,7 @@ pub(in crate::http) async fn tissue(
 ) -> Result<Response, Problem> {
     let job = state.service.job(id).await?;
     let Some(blob) = &job.tissue_blob else {
-        let detail = format!("there is no volume: the job is {} (ask for the output tissue)", job.state);
+        let detail = format!("no volume is available: the job is {} (ask for the output tissue)", job.state);
         return Err(Fault::new(FaultKind::NotReady, detail).with("job_status", job.state.as_str()).into());
     };
     let tag = tag_of(&[blob, "tissue"]);
@@ -230,24 +230,25 @@ pub(in crate::http) async fn tissue(
 
 fn error_of(job: &JobRecord, step: &StepRecord) -> Result<ErrorDocument, Problem> {
     let Some(error) = &step.error else {
-        let detail = "there is no error map: the session had no target and the job no reference_job with a step at this \
-                      place of the path (or the job did not ask for error maps)";
+        let detail = "the step has no error map: the session had no target and the job no reference_job with a step at this \
+                      path parameter, or the job did not ask for the output error";
         let fault = Fault::new(FaultKind::NoReference, detail).with("warnings", job.warnings.clone());
         return Err(fault.into());
     };
     serde_json::from_str(error).map_err(|error| {
         tracing::error!(%error, "a stored error map cannot be read");
-        Problem::new(FaultKind::Internal, "a stored error map cannot be read; the log says more")
+        Problem::new(FaultKind::Internal, "a stored error map cannot be read; see the log")
     })
 }
 
-/// Signed error map of a step
+/// Read the signed error map of a step
 ///
-/// Negative where the prediction lies behind the reference. Statistics, histogram and the value of every vertex. Against what the job was
-/// compared with when it ran; with `reference` against that job, with `register` after registration, both computed on demand.
+/// Returns statistics, a histogram and the value of every vertex, negative where the prediction lies behind the reference. By
+/// default this is the map that the job stored. `reference` compares with another job and `register` registers first; the
+/// service computes both on demand.
 #[utoipa::path(get, path = "/v1/jobs/{job}/steps/{k}/error", tag = "results",
     params(("job" = Uuid, Path), ("k" = u32, Path), ErrorQuery),
-    responses((status = 200, description = "the map", body = ErrorView), (status = 304, description = "as known")))]
+    responses((status = 200, description = "The error map.", body = ErrorView), (status = 304, description = "Not modified.")))]
 pub(in crate::http) async fn error(
     State(state): State<AppState>,
     Ids((id, k)): Ids<(JobId, u32)>,
@@ -272,14 +273,14 @@ pub(in crate::http) async fn error(
     tagged(&headers, &tag, "application/json", serde_json::to_vec(&view).unwrap_or_default().into())
 }
 
-/// Picture of the error map
+/// Draw the error map of a step
 ///
-/// Front, sides and three-quarter views in colours from -3 (blue) to 3 mm (red), histogram and statistics on one sheet; PNG. The patient's left is
-/// on the right of the front view.
+/// Returns one PNG sheet with front, side and three-quarter views in colours from -3 mm (blue) to 3 mm (red), a histogram and
+/// statistics. The patient's left is on the right of the front view.
 #[utoipa::path(get, path = "/v1/jobs/{job}/steps/{k}/error.png", tag = "results",
     params(("job" = Uuid, Path), ("k" = u32, Path), ErrorQuery),
-    responses((status = 200, description = "the picture", body = Vec<u8>, content_type = "image/png"),
-        (status = 304, description = "as known")))]
+    responses((status = 200, description = "The picture.", body = Vec<u8>, content_type = "image/png"),
+        (status = 304, description = "Not modified.")))]
 pub(in crate::http) async fn error_picture(
     State(state): State<AppState>,
     Ids((id, k)): Ids<(JobId, u32)>,
@@ -302,13 +303,14 @@ pub(in crate::http) async fn error_picture(
     tagged(&headers, &tag, "image/png", png.into())
 }
 
-/// Picture of a step
+/// Draw a step
 ///
-/// Skin before and after, and in colours how far it moved in a direction: red forward (or up, or to the left), blue the other way; PNG.
+/// Returns a PNG picture of the skin before and after. Colours show the movement in one direction: red forward (or up, or to
+/// the left), blue the opposite.
 #[utoipa::path(get, path = "/v1/jobs/{job}/steps/{k}/picture.png", tag = "results",
     params(("job" = Uuid, Path), ("k" = u32, Path), PictureQuery),
-    responses((status = 200, description = "the picture", body = Vec<u8>, content_type = "image/png"),
-        (status = 304, description = "as known")))]
+    responses((status = 200, description = "The picture.", body = Vec<u8>, content_type = "image/png"),
+        (status = 304, description = "Not modified.")))]
 pub(in crate::http) async fn picture(
     State(state): State<AppState>,
     Ids((id, k)): Ids<(JobId, u32)>,
@@ -325,7 +327,7 @@ pub(in crate::http) async fn picture(
     tagged(&headers, &tag, "image/png", png.into())
 }
 
-/// Looks the patient in the face, turned a little so that the profile shows.
+/// Front view of the face, turned slightly so that the profile shows.
 fn view() -> View {
     View { direction: Vector::new(-0.55, 0.8, -0.1).normalize(), up: Vector::z(), size_px: [1560, 620] }
 }

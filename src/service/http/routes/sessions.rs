@@ -13,26 +13,26 @@ use crate::http::{AppState, Problem};
 use prosopon_session::{FaultKind, SessionParts};
 use prosopon_store::{SessionId, SessionRecord, later, now_rfc3339};
 
-/// Newest jobs that a session's view has.
+/// Number of jobs in a session's view, newest first.
 const MOST_JOBS: u32 = 100;
 
-/// Which page of sessions.
+/// Page of a list of sessions.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(in crate::http) struct Page {
-    /// Only those made before this one.
+    /// Id of a session: lists only sessions created before it.
     before: Option<Uuid>,
-    /// At most so many, 1 to 100; 20 when absent.
+    /// Largest number of sessions on the page, 1 to 100; 20 when absent.
     #[param(minimum = 1, maximum = 100)]
     limit: Option<u32>,
 }
 
-/// Make a session
+/// Create a session
 ///
-/// A session holds what belongs to one patient.
+/// A session holds the inputs, osteotomies, plans and jobs of one patient.
 #[utoipa::path(post, path = "/v1/sessions", tag = "sessions", request_body = CreateSession,
-    responses((status = 201, description = "made", body = SessionView, headers(("Location" = String)))))]
+    responses((status = 201, description = "The new session.", body = SessionView, headers(("Location" = String)))))]
 pub(in crate::http) async fn create(
     State(state): State<AppState>,
     principal: Principal,
@@ -56,9 +56,9 @@ pub(in crate::http) async fn create(
 
 /// List sessions
 ///
-/// Newest first, in pages.
+/// Returns one page of sessions, newest first.
 #[utoipa::path(get, path = "/v1/sessions", tag = "sessions", params(Page),
-    responses((status = 200, description = "a page", body = SessionList)))]
+    responses((status = 200, description = "One page.", body = SessionList)))]
 pub(in crate::http) async fn list(
     State(state): State<AppState>,
     principal: Principal,
@@ -72,18 +72,18 @@ pub(in crate::http) async fn list(
     Ok(Json(SessionList { sessions: views(&state, &records).await?, next }))
 }
 
-/// A session
+/// Read a session
 ///
-/// With the state of every part, its osteotomies, plans and jobs.
+/// Returns the state of every part, and the session's osteotomies, plans and jobs.
 #[utoipa::path(get, path = "/v1/sessions/{session}", tag = "sessions", params(("session" = Uuid, Path)),
-    responses((status = 200, description = "the session", body = SessionView)))]
+    responses((status = 200, description = "The session.", body = SessionView)))]
 pub(in crate::http) async fn get(
     State(state): State<AppState>,
     Ids(session): Ids<SessionId>,
 ) -> Result<Json<SessionView>, Problem> {
-    let gone = || Problem::new(FaultKind::Gone, "the session was deleted meanwhile");
+    let gone = || Problem::new(FaultKind::Gone, "the session was deleted while it was read");
     let Some(record) = state.service.store().session(session).await? else {
-        // Says whether it was ever there.
+        // Fails with not-found or gone.
         SessionParts::load(state.service.store(), session).await?;
         return Err(gone());
     };
@@ -92,22 +92,24 @@ pub(in crate::http) async fn get(
     Ok(Json(view))
 }
 
-/// How a session is deleted.
+/// Options for deleting a session.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(in crate::http) struct Deletion {
-    /// For good and at once: it cannot be restored.
+    /// Whether to delete the session immediately and permanently; false when absent.
     #[serde(default)]
     at_once: bool,
 }
 
 /// Delete a session
 ///
-/// With everything in it; its jobs are cancelled. From then on it answers 410 and no list has it. For a day (or what the service is set to) `POST …/restore`
-/// brings it back; then it goes for good, with `at_once=true` immediately (also when it was deleted before).
+/// Deletes the session with everything in it and cancels its jobs. Afterwards its paths answer 410 and lists omit it.
+///
+/// `POST …/restore` restores it within one day, or within the time that the service's setting `deleted_retention_s` gives.
+/// After that time it is deleted permanently. `at_once=true` deletes it permanently at once, even if it was deleted before.
 #[utoipa::path(delete, path = "/v1/sessions/{session}", tag = "sessions", params(("session" = Uuid, Path), Deletion),
-    responses((status = 204, description = "deleted")))]
+    responses((status = 204, description = "Deleted.")))]
 pub(in crate::http) async fn delete(
     State(state): State<AppState>,
     Ids(session): Ids<SessionId>,
@@ -128,9 +130,10 @@ pub(in crate::http) async fn delete(
 
 /// Restore a session
 ///
-/// That was deleted less than a day ago (or what the service is set to), with everything in it. Jobs that the deletion cancelled stay cancelled.
+/// Restores a deleted session with everything in it, within one day of the deletion or the time that the service's setting
+/// `deleted_retention_s` gives. Jobs that the deletion cancelled stay cancelled.
 #[utoipa::path(post, path = "/v1/sessions/{session}/restore", tag = "sessions", params(("session" = Uuid, Path)),
-    responses((status = 200, description = "the session", body = SessionView)))]
+    responses((status = 200, description = "The session.", body = SessionView)))]
 pub(in crate::http) async fn restore(
     State(state): State<AppState>,
     Ids(session): Ids<SessionId>,
@@ -140,23 +143,23 @@ pub(in crate::http) async fn restore(
         return Err(if is_there {
             Problem::new(
                 FaultKind::WrongState,
-                format!("session {session} was not deleted: there is nothing to restore"),
+                format!("session {session} is not deleted, so there is nothing to restore"),
             )
         } else {
-            Problem::new(FaultKind::Gone, format!("session {session} was deleted for good"))
+            Problem::new(FaultKind::Gone, format!("session {session} was deleted permanently and cannot be restored"))
         });
     }
     get(State(state), Ids(session)).await
 }
 
-/// When the session will be deleted if nothing is done with it.
+/// When the session will be deleted if it is not used.
 async fn expires_at(state: &AppState, session: SessionId) -> Result<Option<String>, Problem> {
     let Some(retention) = state.service.settings().session_retention else { return Ok(None) };
     let used = state.service.store().last_used(session).await?;
     Ok(used.and_then(|used| later(&used, retention)))
 }
 
-/// Sessions with what they hold; without those that were deleted meanwhile.
+/// Views of sessions with their contents. Sessions that were deleted in the meantime are left out.
 async fn views(state: &AppState, records: &[SessionRecord]) -> Result<Vec<SessionView>, Problem> {
     let ids: Vec<SessionId> = records.iter().map(|record| record.id).collect();
     let mut contents = state.service.store().contents(&ids, MOST_JOBS).await?;

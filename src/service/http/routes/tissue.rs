@@ -16,15 +16,17 @@ use prosopon_jobs::take_tissue;
 use prosopon_session::{FaultKind, SessionParts, SurfaceDocument, TissueDocument, read_part};
 use prosopon_store::{PartKind, SessionId};
 
-/// Upload a ready tissue mesh
+/// Upload a tissue mesh
 ///
-/// VTU or legacy VTK (ASCII or binary) of tetrahedra (10) and wedges (13), LPS mm; takes the place of the one before. Cell array `tissue` (0 skin, 1 muscle, 2 fat, 3 mucosa); point
-/// arrays, all optional: `attachment` (-1 free, 0 skull, k segment k, -2 sliding), `fixed_mask` (axes along which a point is held: bits x 1, y 2, z 4),
-/// `prescribed_mm` (where it goes along these axes, three components),
-/// `force_n` (dead load). Jobs of the session then solve on it: nothing is meshed.
+/// A VTU or legacy VTK file (ASCII or binary) of tetrahedra (type 10) and wedges (type 13), LPS mm. It replaces an earlier
+/// upload. Solves of the session use this mesh, and the service meshes nothing.
+///
+/// The cell array `tissue` is required: 0 skin, 1 muscle, 2 fat, 3 mucosa. The point arrays are optional: `attachment` (-1
+/// free, 0 skull, k segment k, -2 sliding), `fixed_mask` (axes along which a point is held: bits x 1, y 2, z 4),
+/// `prescribed_mm` (displacement along these axes, three components, mm), `force_n` (dead load, N).
 #[utoipa::path(put, path = "/v1/sessions/{session}/tissue", tag = "inputs", params(("session" = Uuid, Path)),
     request_body(content((Vec<u8> = "application/vnd.vtk.vtu"), (Vec<u8> = "application/octet-stream"))),
-    responses((status = 200, description = "what it is like", body = TissueDocument)))]
+    responses((status = 200, description = "Report of the mesh.", body = TissueDocument)))]
 pub(in crate::http) async fn put_tissue(
     State(state): State<AppState>,
     Ids(session): Ids<SessionId>,
@@ -38,13 +40,13 @@ pub(in crate::http) async fn put_tissue(
     Ok(Json(take_tissue(&state.service, session, upload).await?))
 }
 
-/// Format of a stored tissue mesh.
+/// Format in which to send an uploaded tissue mesh.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub(in crate::http) enum TissueOutput {
-    /// As uploaded: VTU, or legacy VTK as `application/octet-stream`.
+    /// The file as uploaded: VTU, or legacy VTK as `application/octet-stream`.
     Vtu,
-    /// The report.
+    /// The report of the mesh.
     Json,
 }
 
@@ -53,17 +55,17 @@ pub(in crate::http) enum TissueOutput {
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(in crate::http) struct TissueQuery {
-    /// Format; `vtu` when absent.
+    /// Format of the answer; `vtu` when absent.
     #[param(inline)]
     format: Option<TissueOutput>,
 }
 
-/// The ready tissue mesh
+/// Read the uploaded tissue mesh
 ///
-/// The file as uploaded, or its report.
+/// Returns the file as uploaded, or its report.
 #[utoipa::path(get, path = "/v1/sessions/{session}/tissue", tag = "inputs", params(("session" = Uuid, Path), TissueQuery),
-    responses((status = 200, description = "the mesh", content(
-        (Vec<u8> = "application/vnd.vtk.vtu"), (Vec<u8> = "application/octet-stream"), (TissueDocument = "application/json"))), (status = 304, description = "as known")))]
+    responses((status = 200, description = "The mesh or its report.", content(
+        (Vec<u8> = "application/vnd.vtk.vtu"), (Vec<u8> = "application/octet-stream"), (TissueDocument = "application/json"))), (status = 304, description = "Not modified.")))]
 pub(in crate::http) async fn get_tissue(
     State(state): State<AppState>,
     Ids(session): Ids<SessionId>,
@@ -81,11 +83,11 @@ pub(in crate::http) async fn get_tissue(
     tagged(&headers, &format!("\"{}\"", part.key), kind, bytes)
 }
 
-/// Remove the ready tissue mesh
+/// Remove the uploaded tissue mesh
 ///
-/// Jobs solve on the session's own mesh again.
+/// Solves of the session then use the mesh that the service builds.
 #[utoipa::path(delete, path = "/v1/sessions/{session}/tissue", tag = "inputs", params(("session" = Uuid, Path)),
-    responses((status = 204, description = "removed")))]
+    responses((status = 204, description = "Removed.")))]
 pub(in crate::http) async fn delete_tissue(
     State(state): State<AppState>,
     Ids(session): Ids<SessionId>,
@@ -100,17 +102,18 @@ async fn remove(state: &AppState, session: SessionId, kind: PartKind) -> Result<
 }
 
 fn bone_kind(segment: u32) -> Result<PartKind, Problem> {
-    let detail = format!("segments 0 to {} may have a bone", PartKind::BONES - 1);
+    let detail = format!("only segments 0 to {} can have a bone; name one of them", PartKind::BONES - 1);
     PartKind::bone(segment).ok_or_else(|| Problem::new(FaultKind::NotFound, detail))
 }
 
 /// Upload the rigid bone of a segment
 ///
-/// For a ready tissue mesh: its points with attachment -2 slide on the bones. STL, PLY or OBJ, LPS mm, at rest; segments 0 (stays) to 9.
+/// A surface in STL, PLY or OBJ format, LPS mm, at rest, for segment 0 (fixed) to 9. Points of the uploaded tissue mesh with
+/// `attachment` -2 slide on these bones.
 #[utoipa::path(put, path = "/v1/sessions/{session}/bones/{segment}", tag = "inputs",
     params(("session" = Uuid, Path), ("segment" = u32, Path)),
     request_body(content = Vec<u8>, content_type = "application/octet-stream"),
-    responses((status = 200, description = "the surface report", body = SurfaceDocument)))]
+    responses((status = 200, description = "Report of the surface.", body = SurfaceDocument)))]
 pub(in crate::http) async fn put_bone(
     State(state): State<AppState>,
     Ids((session, segment)): Ids<(SessionId, u32)>,
@@ -120,14 +123,14 @@ pub(in crate::http) async fn put_bone(
     put(&state, session, bone_kind(segment)?, &headers, body).await
 }
 
-/// The rigid bone of a segment
+/// Read the rigid bone of a segment
 ///
-/// As uploaded for a ready tissue mesh.
+/// Returns the surface that was uploaded for the tissue mesh, or its report.
 #[utoipa::path(get, path = "/v1/sessions/{session}/bones/{segment}", tag = "inputs",
     params(("session" = Uuid, Path), ("segment" = u32, Path), InputQuery),
-    responses((status = 200, description = "the surface, or its report", content(
+    responses((status = 200, description = "The surface or its report.", content(
         (Vec<u8> = "model/gltf-binary"), (Vec<u8> = "application/ply"), (Vec<u8> = "model/stl"),
-        (SurfaceDocument = "application/json"))), (status = 304, description = "as known")))]
+        (SurfaceDocument = "application/json"))), (status = 304, description = "Not modified.")))]
 pub(in crate::http) async fn get_bone(
     State(state): State<AppState>,
     Ids((session, segment)): Ids<(SessionId, u32)>,
@@ -138,9 +141,11 @@ pub(in crate::http) async fn get_bone(
 }
 
 /// Remove the rigid bone of a segment
+///
+/// Deletes the bone that was uploaded for the tissue mesh.
 #[utoipa::path(delete, path = "/v1/sessions/{session}/bones/{segment}", tag = "inputs",
     params(("session" = Uuid, Path), ("segment" = u32, Path)),
-    responses((status = 204, description = "removed")))]
+    responses((status = 204, description = "Removed.")))]
 pub(in crate::http) async fn delete_bone(
     State(state): State<AppState>,
     Ids((session, segment)): Ids<(SessionId, u32)>,

@@ -1,6 +1,6 @@
 //! Tests of the behaviour that all engines share.
 //!
-//! They run on memory, on SQLite with files, and on Postgres with a bucket.
+//! They run on SQLite with files and on Postgres with a bucket.
 
 use std::time::Duration;
 
@@ -9,13 +9,6 @@ use super::*;
 /// Runs each test on every engine.
 macro_rules! conforms {
     ($($name:ident,)*) => {
-        mod memory {
-            $(#[tokio::test]
-            async fn $name() {
-                super::$name(super::Store::in_memory()).await;
-            })*
-        }
-
         mod embedded {
             $(#[tokio::test]
             async fn $name() {

@@ -37,6 +37,10 @@ async fn a_hidden_session_answers_as_deleted_until_it_is_restored(store: Store) 
     assert!(store.hidden_sessions(Duration::from_secs(3600)).await.unwrap().is_empty());
     tokio::time::sleep(Duration::from_millis(5)).await;
     assert_eq!(store.hidden_sessions(Duration::ZERO).await.unwrap(), std::slice::from_ref(&hidden));
+    // Maintenance that ran late must not make it visible.
+    store.forget_old_answers(Duration::ZERO).await.unwrap();
+    assert_eq!(store.hidden_sessions(Duration::ZERO).await.unwrap(), std::slice::from_ref(&hidden));
+    assert!(store.is_deleted(&job.to_string()).await.unwrap());
     assert!(store.restore_session(hidden.id).await.unwrap());
     assert!(!store.restore_session(hidden.id).await.unwrap());
     assert_eq!(store.sessions(Some(&a), None, 10).await.unwrap(), [hidden.clone(), kept.clone()]);

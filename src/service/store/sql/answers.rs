@@ -60,6 +60,14 @@ pub(super) async fn remembered(
 pub(super) async fn forget(writer: &Pool, answers: &str, tombstones: &str) -> Result<()> {
     let mut transaction = writer.begin().await?;
     sqlx::query("DELETE FROM answers WHERE created_at < $1").bind(answers).execute(&mut *transaction).await?;
-    sqlx::query("DELETE FROM tombstones WHERE deleted_at < $1").bind(tombstones).execute(&mut *transaction).await?;
+    // A hidden session can still be restored, and would be visible again without its tombstone.
+    sqlx::query(
+        "DELETE FROM tombstones WHERE deleted_at < $1
+         AND id NOT IN (SELECT id FROM sessions) AND id NOT IN (SELECT id FROM jobs)
+         AND id NOT IN (SELECT id FROM osteotomies) AND id NOT IN (SELECT id FROM plans)",
+    )
+    .bind(tombstones)
+    .execute(&mut *transaction)
+    .await?;
     Ok(transaction.commit().await?)
 }

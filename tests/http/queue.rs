@@ -103,7 +103,7 @@ async fn a_session_may_store_so_much() {
     let refused = refused.expect("three surfaces are above the quota");
     assert_eq!(refused.problem(429, "quota-full")["allowed_bytes"], 900);
     assert!(app.get(&session).await.ok()["bytes"].as_u64().unwrap() <= 900);
-    // A small request still works; the same upload is refused again.
+    // The service is still ready, and a large upload is refused again.
     assert_eq!(app.get("/readyz").await.status, StatusCode::OK);
     let large = app.upload(&format!("{session}/target"), vec![0; 4000]).await;
     large.problem(429, "quota-full");

@@ -33,7 +33,7 @@ pub(crate) struct StandIn {
     pub(crate) solves: AtomicUsize,
     /// Settings of the last solve.
     pub(crate) settings: Mutex<Option<SolveSettings>>,
-    /// Number of cuts in the mesh of the last solve.
+    /// Cuts for which the mesh of the last solve was built.
     pub(crate) meshed_for: Mutex<Option<Vec<Cut>>>,
     /// Whether the solve panics.
     pub(crate) panics: AtomicBool,

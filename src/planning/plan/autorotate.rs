@@ -5,43 +5,44 @@ use nalgebra::{Translation3, Unit, UnitQuaternion};
 use super::{Path, PlanError};
 use prosopon_geometry::{Motion, Point, Vector};
 
-/// Most that a mandible closes or opens to follow the upper jaw, radian.
+/// Largest rotation by which the mandible follows the upper jaw, radian (46°).
 const MOST: f64 = 0.8;
-/// Samples of the followed path, besides its waypoints.
+/// Evenly spaced samples of the upper jaw's path, in addition to its waypoints.
 const SAMPLES: usize = 10;
 
-/// Axis through both condyles; positive angles about it (right-handed) open the mouth.
+/// Axis from the right to the left condyle; positive (right-handed) angles about it open the mouth.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CondylarAxis {
-    /// Right condyle.
+    /// Right condyle, LPS mm.
     pub right: Point,
-    /// Left condyle.
+    /// Left condyle, LPS mm.
     pub left: Point,
 }
 
 impl CondylarAxis {
-    /// Turn by `angle`, radian.
+    /// Rotation about the axis by `angle`, radian.
     ///
     /// # Errors
     /// [`PlanError::Value`] when the condyles are less than 1 mm apart or not finite.
     pub fn turn(&self, angle: f64) -> Result<Motion, PlanError> {
         let way = self.left - self.right;
         if !(way.norm() >= 1.0 && way.norm().is_finite()) {
-            let detail = format!("are {:.1} mm apart; an axis needs 1 mm and more", way.norm());
+            let detail = format!("are {:.1} mm apart, an axis needs at least 1 mm; check both points", way.norm());
             return Err(PlanError::Value { what: "condyles".into(), detail });
         }
         let turn = UnitQuaternion::from_axis_angle(&Unit::new_normalize(way), angle);
         Ok(Motion::from_parts(Translation3::from(self.right - turn * self.right), turn))
     }
 
-    /// Path of the mandible that keeps its incisors at the height below the upper ones that they have at rest, while the upper
-    /// jaw goes its `way`: at each sampled t the turn about the axis that raises `lower` as much as `upper` is raised.
+    /// Path of the mandible that keeps the lower incisors as far below the upper ones as at rest.
     ///
-    /// Heights are along `up`. With `r` from the axis to the lower incisor, `a = r·up`, `b = (axis × r)·up` and the rise `d`, the angle
-    /// solves `a cos θ + b sin θ = a + d`; of the two the smaller is taken. Between samples the angle goes evenly.
+    /// The upper jaw moves along `way`, the mandible is `segment`. At each sampled t the mandible turns about the axis until
+    /// the point `lower` has risen as much as the point `upper`; both are given at rest, heights are along `up`. With `r` from
+    /// the axis to `lower`, `a = r·up`, `b = (axis × r)·up` and the rise `d`, the angle solves `a cos θ + b sin θ = a + d`; the
+    /// solution of smaller magnitude is taken. Between samples the angle changes in proportion to t.
     ///
     /// # Errors
-    /// [`PlanError::Value`] when no turn within 45° does it.
+    /// [`PlanError::Value`] when no rotation within 0.8 rad (46°) reaches that height, or the condyles are less than 1 mm apart.
     pub fn follow(
         &self,
         segment: u32,
@@ -66,7 +67,8 @@ impl CondylarAxis {
                 return Ok(found);
             }
             let detail = format!(
-                "no turn about the condyles moves the lower incisor by the {rise:.1} mm that the upper one rises at t = {t}"
+                "at t = {t} the upper incisor rises by {rise:.1} mm, and no rotation of the mandible within 46° lets the lower \
+                 incisor follow; reduce the vertical movement of the upper jaw"
             );
             Err(PlanError::Value { what: "autorotate".into(), detail })
         };
@@ -74,7 +76,7 @@ impl CondylarAxis {
         times.extend(way.waypoints().iter().map(|w| w.0).filter(|t| *t > 0.0));
         times.sort_by(f64::total_cmp);
         times.dedup_by(|a, b| (*a - *b).abs() < 1e-9);
-        // The last is 1 exactly, as a path needs it.
+        // `Path::new` needs a last t of exactly 1.
         if let Some(last) = times.last_mut() {
             *last = 1.0;
         }

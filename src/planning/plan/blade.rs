@@ -1,4 +1,4 @@
-//! Checked cuts, ready to be laid over the grid.
+//! Checked cuts, prepared for intersection with the grid.
 
 use super::PlanError;
 use super::shape::{Cut, CutShape, unit};
@@ -20,7 +20,7 @@ pub(super) enum Blade {
 pub(super) struct PlaneBlade {
     point: Point,
     normal: Vector,
-    /// Directions in the plane and half extents along them.
+    /// Unit directions in the plane and half extents along them, mm.
     sides: Option<[(Vector, f64); 2]>,
 }
 
@@ -64,8 +64,10 @@ impl PlaneBlade {
         self.normal.dot(&(p - self.point))
     }
 
-    /// Signed distances of the ends where the grid edge `from`–`to` meets the cut. A node in the plane counts to the side
-    /// of the normal; both ends are judged by the same arithmetic at every edge, so that no gap opens by rounding.
+    /// Signed distances (mm) of both ends of the grid edge `from`–`to`; `None` when it does not cross the cut.
+    ///
+    /// A node in the plane counts as on the normal's side. Every edge evaluates a node by the same arithmetic, so that rounding
+    /// opens no gap.
     pub(super) fn crosses(&self, from: &Point, to: &Point) -> Option<[f64; 2]> {
         let (a, b) = (self.side(from), self.side(to));
         if (a < 0.0) == (b < 0.0) {

@@ -1,4 +1,4 @@
-//! Where bone still holds together when a cut does not part it.
+//! Bridges of bone that remain between the two sides of a cut.
 
 use std::fmt;
 
@@ -10,12 +10,12 @@ use super::{Cut, PlanError, min_cut};
 use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{Point, ScalarGrid, Vector};
 
-/// A place where bone is left between the two sides of a cut.
+/// Bone that remains between the two sides of a cut.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Bridge {
-    /// The cut.
+    /// Index of the cut in the list of cuts.
     pub cut: usize,
-    /// How a message calls it.
+    /// Name of the cut in messages, from [`Cut::label`].
     pub label: String,
     /// A point of bone in the middle of the bridge, LPS mm.
     pub place: Point,
@@ -33,12 +33,13 @@ impl fmt::Display for Bridge {
         let (x, y, z) = (place.x, place.y, place.z);
         write!(
             f,
-            "a bridge of {width_mm:.0} mm by {length_mm:.0} mm ({area_mm2:.0} mm²) between the sides of {label} near ({x:.1}, {y:.1}, {z:.1}) mm"
+            "a bridge of {width_mm:.0} mm by {length_mm:.0} mm ({area_mm2:.0} mm²) between the sides of {label} near \
+             ({x:.1}, {y:.1}, {z:.1}) mm"
         )
     }
 }
 
-/// The error that names every bridge of every cut, the widest first.
+/// The error with the bridges of all cuts, by falling cross-section.
 pub(super) fn not_parted(
     grid: &ScalarGrid,
     crossings: &[Crossing],
@@ -51,7 +52,7 @@ pub(super) fn not_parted(
     let mut bridges: Vec<Bridge> = Vec::new();
     for of_cut in of_cuts {
         for found in of_cut? {
-            // Two cuts round one piece name the same bridge.
+            // Two cuts around one piece find the same bridge.
             let known = |b: &Bridge| (b.place - found.place).norm() < 0.5 * (b.length_mm + found.length_mm).max(6.0);
             if !bridges.iter().any(known) {
                 bridges.push(found);
@@ -62,11 +63,11 @@ pub(super) fn not_parted(
     Ok(PlanError::NotParted { bridges })
 }
 
-/// What holds the two sides of one cut together, given all cuts, the widest first; nothing where they are apart.
+/// Bridges between the two sides of one cut, given all cuts, by falling cross-section; empty when the sides are separate.
 ///
 /// The bridges are the connected patches of the smallest set of open grid edges that parts the bone beside the cut into its two
-/// sides: the thinnest places, wherever they are. Where that set only peels the sawn faces off (less is sawn than is left) the
-/// bridges are where floods from both sides meet, which is how the cut would go on.
+/// sides: the thinnest places, wherever they are. When that set is about as large as what the cut saws, it only peels off the
+/// sawn faces; the bridges are then where floods from both sides meet, which is how the cut would continue.
 pub(super) fn of_cut(
     grid: &ScalarGrid,
     crossings: &[Crossing],
@@ -100,7 +101,7 @@ pub(super) fn of_cut(
     Ok(bridges(grid, cuts, cut, open))
 }
 
-/// Nodes in front of and behind a cut; those that would be both are neither.
+/// Nodes in front of and behind a cut; nodes on both sides are left out.
 fn sides(grid: &ScalarGrid, crossings: &[Crossing], cut: usize) -> [Vec<usize>; 2] {
     let steps = strides(grid);
     let mut sides = [Vec::new(), Vec::new()];
@@ -113,7 +114,7 @@ fn sides(grid: &ScalarGrid, crossings: &[Crossing], cut: usize) -> [Vec<usize>; 
     only_one_side(sides)
 }
 
-/// Sorted, and without the nodes that are on both sides.
+/// Sorts both sides and removes the nodes that are on both.
 pub(super) fn only_one_side(mut sides: [Vec<usize>; 2]) -> [Vec<usize>; 2] {
     for side in &mut sides {
         side.sort_unstable();
@@ -124,7 +125,7 @@ pub(super) fn only_one_side(mut sides: [Vec<usize>; 2]) -> [Vec<usize>; 2] {
     [only(front, back), only(back, front)]
 }
 
-/// An open edge that would part the bone: its start, axis, and whether its start is on the front side.
+/// An open grid edge whose removal helps to part the bone: start node, axis, and whether the start is on the front side.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Open {
     pub(super) node: usize,
@@ -138,7 +139,7 @@ pub(super) fn edge(grid: &ScalarGrid, front: usize, back: usize) -> Open {
     Open { node, axis, forward: node == front }
 }
 
-/// Open edges between the nodes nearer to the front and those nearer to the back, on ways through bone.
+/// Open edges between the nodes nearer to the front and those nearer to the back, along paths through bone.
 fn meeting(grid: &ScalarGrid, blocked: &[u8], front: &[usize], back: &[usize]) -> Vec<Open> {
     let mut label = vec![OUTSIDE; grid.values.len()];
     let mut queue: Vec<usize> = Vec::new();
@@ -170,7 +171,7 @@ fn meeting(grid: &ScalarGrid, blocked: &[u8], front: &[usize], back: &[usize]) -
     open
 }
 
-/// The patches that open edges of one cut form, the largest first.
+/// Bridges formed by the connected patches of one cut's open edges, by falling cross-section.
 pub(super) fn bridges(grid: &ScalarGrid, cuts: &[Cut], cut: usize, mut open: Vec<Open>) -> Vec<Bridge> {
     open.sort_unstable();
     open.dedup();
@@ -180,7 +181,7 @@ pub(super) fn bridges(grid: &ScalarGrid, cuts: &[Cut], cut: usize, mut open: Vec
     found
 }
 
-/// Place and size of a patch of edges: each stands for a square across it.
+/// Place and size of a patch of edges; each edge counts as a grid square perpendicular to it.
 fn measure(grid: &ScalarGrid, (cut, label): (usize, String), open: &[Open], patch: &[usize]) -> Bridge {
     let h = grid.spacing;
     let middle = |e: &Open| {
@@ -197,7 +198,7 @@ fn measure(grid: &ScalarGrid, (cut, label): (usize, String), open: &[Open], patc
     let mut spread = Matrix3::zeros();
     for p in &points {
         let d = p - mean;
-        // Only what lies across the patch's normal counts: the steps of its stairs do not.
+        // Only the extent perpendicular to the patch's normal counts, not the steps of its staircase.
         let d = area.try_normalize(0.0).map_or(d, |normal| d - normal * normal.dot(&d));
         spread += d * d.transpose() / n;
     }

@@ -1,4 +1,4 @@
-//! How near cuts come to what must not be cut: nerves, roots.
+//! Distances between cuts and protected structures: nerves, roots.
 
 use parry3d_f64::math::{Pose, Vector as ParryVector};
 use parry3d_f64::query;
@@ -7,40 +7,71 @@ use parry3d_f64::shape::{Segment as Stretch, TriMesh as Shape};
 use super::{Osteotomy, PlanError};
 use prosopon_geometry::{Point, Vector};
 
-/// A point, or a curve through several, that cuts should keep away from.
+/// A point or polyline that cuts should keep away from, such as a nerve.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Protected {
-    /// What it is, such as `inferior_alveolar_nerve_left`.
+    /// Name, for example `inferior_alveolar_nerve_left`.
     pub name: String,
-    /// One point, or the corners of a curve, LPS mm.
+    /// One point, or the corners of a polyline, LPS mm.
     pub points: Vec<Point>,
-    /// Distance below which there is a warning, mm.
+    /// Distance below which there is a warning, mm; `None` for no warning.
     pub margin_mm: Option<f64>,
 }
 
-/// How near a cut comes.
+/// Distance between one cut and one protected structure.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Clearance {
-    /// The cut.
+    /// Index of the cut in [`Osteotomy::cuts`].
     pub cut: usize,
-    /// Which of the protected.
+    /// Index of the protected structure.
     pub protected: usize,
-    /// Least distance between it and the sides of the slot, mm; 0 where it is cut.
+    /// Least distance from the structure to the sides of the kerf, mm; 0 when the saw cuts it.
     pub distance_mm: f64,
-    /// The point of the protected curve that is nearest, LPS mm.
+    /// Point of the structure that is nearest to the cut, LPS mm.
     pub place: Point,
 }
 
-/// Distance of every protected point or curve from every cut that cuts, by cut.
+/// Distances between every cut and every protected structure, by cut and then by structure.
 ///
-/// A cut counts as far as it was given, also where it runs beside the bone; endless planes count within the bone's bounds.
+/// A cut counts over its whole extent, also where it lies beside the bone; endless planes count within the bone's bounds.
+/// [`CutShape::FreePart`](super::CutShape::FreePart) cuts nothing and has no entries.
 ///
 /// # Errors
-/// [`PlanError::Value`] for coordinates that are not finite or no points.
+/// [`PlanError::Value`] for a structure without points or with a coordinate that is not finite.
+///
+/// ```
+/// use prosopon_geometry::{Point, TriMesh, Vector};
+/// use prosopon_planning::plan::{BoundedPlane, Cut, Osteotomy, Protected, Segment, clearances};
+///
+/// # let corners = [[0.0, 0.0, 0.0], [40.0, 0.0, 0.0], [0.0, 40.0, 0.0], [0.0, 0.0, 40.0]];
+/// # let triangles = vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]];
+/// # let surface = TriMesh::new(corners.map(Point::from).to_vec(), triangles)?;
+/// # let skull = Segment {
+/// #     id: 0,
+/// #     name: None,
+/// #     volume_mm3: surface.volume(),
+/// #     area_mm2: surface.area(),
+/// #     centroid: surface.bounds().center(),
+/// #     surface,
+/// #     bounded_by: vec![0],
+/// # };
+/// // A horizontal cut at z = 12 mm with a kerf of 1 mm through `skull`.
+/// let plane = BoundedPlane { point: Point::new(0.0, 0.0, 12.0), normal: Vector::z(), bounds: None };
+/// let cuts = vec![Cut { kerf_mm: 1.0, ..Cut::from(plane).named("genioplasty") }];
+/// # let warnings = Vec::new();
+/// let osteotomy = Osteotomy { cuts, bone_mm3: skull.volume_mm3, segments: vec![skull], dropped_mm3: 0.0, warnings };
+///
+/// let points = vec![Point::new(5.0, 5.0, 15.0)];
+/// let nerve = Protected { name: "mental_nerve_left".to_owned(), points, margin_mm: Some(3.0) };
+/// let found = clearances(&osteotomy, &[nerve])?;
+/// assert!((found[0].distance_mm - 2.5).abs() < 1e-6);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn clearances(osteotomy: &Osteotomy, protected: &[Protected]) -> Result<Vec<Clearance>, PlanError> {
     for (i, p) in protected.iter().enumerate() {
         if p.points.is_empty() || p.points.iter().any(|p| !p.iter().all(|c| c.is_finite())) {
-            let (what, detail) = (format!("protected[{i}].points"), "must be one finite point or more".to_owned());
+            let (what, detail) =
+                (format!("protected[{i}].points"), "must be one or more points of finite numbers".to_owned());
             return Err(PlanError::Value { what, detail });
         }
     }
@@ -73,10 +104,10 @@ fn stretches(points: &[Point]) -> impl Iterator<Item = (Point, Point)> {
     single.into_iter().chain(points.windows(2).map(|w| (w[0], w[1])))
 }
 
-/// Distance of a stretch from a cut, and its nearest point.
+/// Distance from the line segment `a` to `b` to a cut, mm, and the segment's point nearest to the cut.
 fn nearest(shape: &Shape, a: &Point, b: &Point) -> Option<(f64, Point)> {
     let corner = |p: &Point| ParryVector::new(p.x, p.y, p.z);
-    // A stretch of no length is no shape for the pair query.
+    // The pair query needs a line segment of non-zero length.
     let b = if (b - a).norm() < 1e-6 { a + Vector::new(1e-6, 0.0, 0.0) } else { *b };
     let stretch = Stretch::new(corner(a), corner(&b));
     let still = Pose::identity();

@@ -1,4 +1,6 @@
-//! Parts what separations leave: joints, teeth and streaks of metal touch where no template can know.
+//! Parts the thin bridges that separations leave.
+//!
+//! Joints, teeth and streaks of metal touch at places that a template cannot know.
 
 use super::bridge::{Bridge, Open, bridges, edge};
 use super::parting::{Crossing, Pieces, for_each_neighbour, lattice, strides};
@@ -6,20 +8,21 @@ use super::{Cut, min_cut};
 use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{Point, ScalarGrid};
 
-/// Bridges larger than this, mm², are left: so much bone is a joint that is cut nowhere, or cuts that lie wrong. The neck of a condyle
-/// has 60 to 100 mm².
+/// Largest cross-section of a bridge that is parted, mm². A larger one is a joint without a cut, or a misplaced cut: the neck
+/// of a condyle has 60 to 100 mm².
 const LARGEST_BRIDGE_MM2: f64 = 60.0;
-/// All of them together, mm².
+/// Largest cross-section of all parted bridges together, mm².
 const MOST_BRIDGES_MM2: f64 = 250.0;
 
-/// Further crossings of separations, with a warning that names where they are.
+/// Crossings that part the bridges, with a warning that names their places.
 pub(super) struct Completion {
     pub(super) crossings: Vec<Crossing>,
     pub(super) warning: String,
 }
 
-/// Crossings that part the two sides of the separations that say which side they free. `None` where these sides are apart, and where more than
-/// thin bridges would have to be cut.
+/// Crossings that part the bridges between the two sides of all separations with a [`Cut::part`].
+///
+/// `None` when the two sides are already separate, and when more than thin bridges would have to be parted.
 pub(super) fn complete(
     grid: &ScalarGrid,
     crossings: &[Crossing],
@@ -56,7 +59,7 @@ pub(super) fn complete(
         axis: e.axis,
         cut: nearest(grid, crossings, &separations, e.node),
         distance: [half; 2],
-        // The normal points away from what is freed.
+        // The normal points away from the freed side.
         positive: !e.forward,
         in_bone: true,
     });
@@ -70,13 +73,13 @@ fn warning(found: &[Bridge], whole: f64) -> String {
         .map(|b| format!("{:.0} mm² near ({:.0}, {:.0}, {:.0}) mm", b.area_mm2, b.place.x, b.place.y, b.place.z))
         .collect();
     format!(
-        "bone that separations tell apart still touched; it is also parted along bridges of {whole:.0} mm² together: {}; check that no bone which \
-         belongs together is parted there",
+        "the separations left bridges of {whole:.0} mm² between bones that touch; these were parted too: {}; check that no bone \
+         that belongs together is parted there",
         places.join(", ")
     )
 }
 
-/// Nodes beside the separations that say which side they free: on that side, and on the other; those that would be both are neither.
+/// Nodes on the freed side and on the other side of all separations with a [`Cut::part`]; nodes on both sides are left out.
 fn sides(grid: &ScalarGrid, crossings: &[Crossing], cuts: &[Cut]) -> [Vec<usize>; 2] {
     let steps = strides(grid);
     let mut sides = [Vec::new(), Vec::new()];
@@ -95,7 +98,7 @@ fn off(grid: &ScalarGrid, node: usize, p: &Point) -> f64 {
     (grid.position(i, j, k) - p).norm_squared()
 }
 
-/// Of some cuts the one with a crossing nearest to a node.
+/// The cut among `cuts` with the crossing nearest to `node`; the first of them when none crosses bone.
 fn nearest(grid: &ScalarGrid, crossings: &[Crossing], cuts: &[usize], node: usize) -> usize {
     let [i, j, k] = lattice(grid, node);
     let p = grid.position(i, j, k);

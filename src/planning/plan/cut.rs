@@ -12,19 +12,21 @@ use prosopon_field::Envelope;
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Point, ScalarGrid, TriMesh};
 
-/// Pieces smaller than this are crumbs of the saw: they stay with a neighbour.
+/// Pieces below this volume are fragments, mm³: they join a neighbouring segment.
 const CRUMB_MM3: f64 = 100.0;
-/// A piece up to this size is one too if a saw's slot leaves less than a crumb of it; of a larger one that is a fault.
+/// A piece of up to this volume is a fragment too when the kerf leaves less than [`CRUMB_MM3`] of it, mm³; of a larger piece
+/// that is an error.
 const SAWN_CRUMB_MM3: f64 = 300.0;
-/// Segments whose volume over half their area is below this share of the grid's spacing lie between cuts that are one.
+/// Least thickness of a segment (volume over half its area) as a share of the grid spacing. A thinner one lies between two cuts
+/// in the same place.
 const THINNEST: f64 = 0.2;
 
 /// A piece of bone.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Segment {
-    /// Number: 0 is the skull that stays; others by falling volume.
+    /// Number: 0 is the skull, which is fixed; the others follow by falling volume.
     pub id: u32,
-    /// Suggested name, such as `maxilla`; see [`super::name_segments`].
+    /// Suggested name, for example `maxilla`; [`super::name_segments`] sets it.
     pub name: Option<String>,
     /// Closed surface with caps, LPS mm, at rest.
     pub surface: TriMesh,
@@ -32,14 +34,14 @@ pub struct Segment {
     pub volume_mm3: f64,
     /// Area, mm².
     pub area_mm2: f64,
-    /// Centroid of the solid.
+    /// Centroid of the solid, LPS mm, at rest.
     pub centroid: Point,
-    /// Indices of the cuts that bound it.
+    /// Indices of the cuts that bound it, ascending.
     pub bounded_by: Vec<usize>,
 }
 
 impl Segment {
-    /// What texts call it: its name and number.
+    /// Name of the segment in messages, for example `maxilla (segment 1)`.
     #[must_use]
     pub fn label(&self) -> String {
         self.name
@@ -48,23 +50,25 @@ impl Segment {
     }
 }
 
-/// Bone in pieces.
+/// Bone cut into segments.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Osteotomy {
     /// The cuts.
     pub cuts: Vec<Cut>,
-    /// The pieces, by id.
+    /// The segments, ascending by number.
     pub segments: Vec<Segment>,
     /// Volume of the bone before it was cut, mm³.
     pub bone_mm3: f64,
-    /// Volume of the crumbs that were dropped, mm³.
+    /// Volume of the fragments that touch no segment and were dropped, mm³.
     pub dropped_mm3: f64,
-    /// What was dropped or is doubtful.
+    /// What was dropped or should be checked.
     pub warnings: Vec<String>,
 }
 
 impl Osteotomy {
-    /// The segment whose solid contains `p` or, where none does, whose surface has the vertex nearest to `p`.
+    /// Number of the segment that contains `p` (LPS mm), else of the one with the nearest vertex.
+    ///
+    /// `None` when there are no segments.
     #[must_use]
     pub fn segment_near(&self, p: &Point) -> Option<u32> {
         let nearest =
@@ -78,23 +82,50 @@ impl Osteotomy {
 /// Parts the bone envelope by the cuts.
 ///
 /// The inside nodes of the envelope's grid are flooded over the grid edges that no cut crosses. Segment 0 is the largest
-/// piece of the largest part of the bone, together with the parts that were apart before (a free mandible, vertebrae) and
-/// that no cut divides or frees. All pieces of a divided part other than segment 0's get numbers from 1 by falling volume. A
-/// cut that ends inside bone leaves no mark where the bone on both sides still hangs together. Pieces below 100 mm³, and those of up
-/// to 300 mm³ of which a saw's slot leaves less, stay with the segment that they touch most, with a warning. The slot of a saw is taken from the segments where they are apart.
+/// piece of the largest connected part of the bone, together with the parts that were separate before (a free mandible,
+/// vertebrae) and that no cut divides or frees. The other pieces of divided parts, and the freed parts, get numbers from 1 by
+/// falling volume. A cut that ends inside bone leaves no mark where the bone on both sides is still connected. Fragments, which
+/// are pieces below 100 mm³ and pieces of up to 300 mm³ of which the kerf leaves less than that, join the segment that they touch
+/// most, with a warning. The kerf is removed from both segments where a cut separates them.
 ///
 /// # Accuracy
-/// Caps lie in planes, and in the slot's sides beside them, up to 1 % of the grid spacing; on curved cuts the error is of second
+/// Caps of plane cuts, and the sides of their kerf, are within 1 % of the grid spacing; on curved cuts the error is of second
 /// order in the spacing. The caps of two neighbours have the same vertices. Corners between two cuts, and the rim between a cap
-/// and the bone's surface, are right to about half the spacing.
+/// and the bone's surface, are accurate to about half the spacing.
 ///
 /// # Errors
-/// [`PlanError::Value`] for faulty cuts and for a slot that leaves nothing of a segment, [`PlanError::MissesBone`],
-/// [`PlanError::NotParted`], cancellation.
+/// [`PlanError::Value`] for a cut with a value that is not allowed and for a kerf that leaves less than 100 mm³ of a segment,
+/// [`PlanError::MissesBone`], [`PlanError::NotParted`], [`PlanError::Cancelled`].
+///
+/// ```
+/// use prosopon_field::Envelope;
+/// use prosopon_geometry::control::Control;
+/// use prosopon_geometry::{Aabb, Point, ScalarGrid, Vector, isosurface};
+/// use prosopon_planning::plan::{BoundedPlane, Cut, cut};
+///
+/// // A block of 24 x 20 x 30 mm on a grid of 1 mm.
+/// let block = Aabb { min: Point::new(-12.0, -10.0, 0.0), max: Point::new(12.0, 10.0, 30.0) };
+/// let mut grid = ScalarGrid::covering(&block.grown(2.3), 1.0, 0.0);
+/// let [nx, ny, _] = grid.dims;
+/// for n in 0..grid.values.len() {
+///     let p = grid.position(n % nx, n / nx % ny, n / (nx * ny));
+///     grid.values[n] = (block.min - p).sup(&(p - block.max)).max() as f32;
+/// }
+/// let surface = isosurface(&grid, 0.0).ok_or("no surface")?;
+/// let bone = Envelope { grid, surface, warnings: Vec::new(), regions: Vec::new() };
+///
+/// let plane = BoundedPlane { point: Point::new(0.0, 0.0, 12.2), normal: Vector::z(), bounds: None };
+/// let osteotomy = cut(&bone, &[Cut::from(plane)], &Control::new())?;
+/// assert_eq!(osteotomy.segments.len(), 2);
+/// // The smaller piece, below the plane.
+/// let lower = &osteotomy.segments[1];
+/// assert!((lower.volume_mm3 / (24.0 * 20.0 * 12.2) - 1.0).abs() < 0.02);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn cut(bone: &Envelope, cuts: &[Cut], control: &Control) -> Result<Osteotomy, PlanError> {
     let grid = &bone.grid;
     if cuts.is_empty() {
-        return Err(PlanError::Value { what: "cuts".into(), detail: "are missing; at least one is needed".into() });
+        return Err(PlanError::Value { what: "cuts".into(), detail: "there are none; give at least one cut".into() });
     }
     let blades = cuts.iter().enumerate().map(|(i, c)| Blade::new(i, c)).collect::<Result<Vec<_>, _>>()?;
     let mut crossings = crossings(grid, &blades, control)?;
@@ -125,7 +156,7 @@ pub fn cut(bone: &Envelope, cuts: &[Cut], control: &Control) -> Result<Osteotomy
         pieces = flood(grid, &blocked, control)?;
     }
     let freed = freed(grid, &pieces, cuts);
-    // Pieces of which a saw's slot leaves less than a crumb are found once they are made; then they are crumbs.
+    // How much a kerf leaves of a piece is known only once the segments are built; too small pieces then count as fragments.
     let mut small = BTreeSet::new();
     loop {
         let Some(mut choice) = assign(grid, &pieces, &crossings, (&freed, &small)) else {
@@ -133,7 +164,8 @@ pub fn cut(bone: &Envelope, cuts: &[Cut], control: &Control) -> Result<Osteotomy
         };
         if let Some((cut, _)) = freed.iter().find(|(_, piece)| choice.segment[*piece] == Some(0)) {
             let label = cuts[*cut].label(*cut);
-            let detail = format!("the bone at the point of {label} hangs together with the skull; cut it off first");
+            let detail =
+                format!("the bone at the point of {label} is connected to the skull; add a cut that separates it");
             return Err(PlanError::Value { what: format!("cuts[{cut}].free_part"), detail });
         }
         control.report(0.2);
@@ -142,7 +174,7 @@ pub fn cut(bone: &Envelope, cuts: &[Cut], control: &Control) -> Result<Osteotomy
         match parted.made(choice, control)? {
             Made::Done(osteotomy) => return Ok(osteotomy),
             Made::LeavesCrumbs(found) if found.is_subset(&small) => {
-                let detail = "leave crumbs however they are joined to their neighbours".to_owned();
+                let detail = "leave fragments below 100 mm³; use a smaller kerf or move the cuts apart".to_owned();
                 return Err(PlanError::Value { what: "cuts".into(), detail });
             }
             Made::LeavesCrumbs(found) => small.extend(found),
@@ -150,14 +182,14 @@ pub fn cut(bone: &Envelope, cuts: &[Cut], control: &Control) -> Result<Osteotomy
     }
 }
 
-/// What came of a choice of segments.
+/// Result of building the segments of a [`Choice`].
 enum Made {
     Done(Osteotomy),
-    /// Pieces of which a saw's slot leaves a crumb.
+    /// Pieces of which the kerf leaves less than [`CRUMB_MM3`].
     LeavesCrumbs(BTreeSet<usize>),
 }
 
-/// Bone flooded up to the cuts.
+/// Bone with its cuts and the pieces between them.
 struct Parted<'a> {
     bone: &'a Envelope,
     cuts: &'a [Cut],
@@ -168,7 +200,7 @@ struct Parted<'a> {
 }
 
 impl Parted<'_> {
-    /// The segments of `choice`.
+    /// Builds the segments of `choice`.
     fn made(&self, choice: Choice, control: &Control) -> Result<Made, PlanError> {
         let Self { bone, cuts, blades, crossings, blocked, pieces } = *self;
         let grid = &bone.grid;
@@ -182,15 +214,18 @@ impl Parted<'_> {
         for cut in 0..cuts.len() {
             let own = || crossings.iter().filter(|c| c.cut == cut && c.in_bone);
             let apart = own().filter(|c| segments[c.node] != segments[c.node + steps[c.axis]]).count();
-            // Cuts reach beyond what they part; one that parts little of what it crosses was meant to do more.
-            // What separates joints and teeth may find them apart.
+            // Cuts reach beyond the bone that they part; one that parts little of the bone that it crosses was meant to part
+            // more. Separations may find joints and teeth separate already.
             if cuts[cut].purpose == Purpose::Osteotomy && 4 * apart < own().count() {
                 let bridges = bridge::of_cut(grid, crossings, blocked, cuts, cut, control)?;
                 let places: Vec<String> = bridges.iter().take(5).map(Bridge::to_string).collect();
                 let share = 100 * apart / own().count().max(1);
-                let what = if apart == 0 { "nothing".to_owned() } else { format!("only {share} % of what it crosses") };
-                let left = if places.is_empty() { "crumbs".to_owned() } else { places.join("; ") };
-                warnings.push(format!("{} runs in bone but parts {what}: left are {left}", cuts[cut].label(cut)));
+                let what = if apart == 0 { "nothing".to_owned() } else { format!("only {share} % of it") };
+                let left = if places.is_empty() { "fragments".to_owned() } else { places.join("; ") };
+                warnings.push(format!(
+                    "{} crosses bone but parts {what}; extend it where bone remains: {left}",
+                    cuts[cut].label(cut)
+                ));
             }
         }
         let part = control.part(0.2, 1.0);
@@ -201,7 +236,7 @@ impl Parted<'_> {
                 && thickness_mm < THINNEST * grid.spacing
             {
                 let detail = format!(
-                    "leaves a sheet of {thickness_mm:.3} mm between itself and cut {first}: do they lie on one another?"
+                    "leaves a sheet of bone {thickness_mm:.3} mm thick to cut {first}; remove one if they lie on one another"
                 );
                 return Err(PlanError::Value { what: format!("cuts[{last}]"), detail });
             }
@@ -215,7 +250,10 @@ impl Parted<'_> {
                     (0..pieces.size.len()).filter(|p| choice.segment[*p] == Some(id as u32)).collect();
                 let whole: f64 = own.iter().map(|p| pieces.size[*p] as f64 * grid.spacing.powi(3)).sum();
                 if whole > SAWN_CRUMB_MM3 {
-                    let detail = format!("is {} mm: of segment {id} it leaves {left:.0} mm³", cuts[*cut].kerf_mm);
+                    let detail = format!(
+                        "a kerf of {} mm would leave {left:.0} mm³ of segment {id}; use a smaller kerf or move the cut",
+                        cuts[*cut].kerf_mm
+                    );
                     return Err(PlanError::Value { what: format!("cuts[{cut}].kerf_mm"), detail });
                 }
                 crumbs.extend(own);
@@ -229,7 +267,7 @@ impl Parted<'_> {
     }
 }
 
-/// Cuts that free a part, each with the piece at its point.
+/// Cuts of shape [`CutShape::FreePart`], each with the piece whose node is nearest to its point.
 fn freed(grid: &ScalarGrid, pieces: &Pieces, cuts: &[Cut]) -> Vec<(usize, usize)> {
     let piece_at = |p: &Point| {
         let off = |node: usize| {
@@ -249,16 +287,17 @@ fn freed(grid: &ScalarGrid, pieces: &Pieces, cuts: &[Cut]) -> Vec<(usize, usize)
 
 /// Which segment each piece belongs to.
 struct Choice {
-    /// By piece; `None` for dropped crumbs.
+    /// Segment of each piece; `None` for dropped fragments.
     segment: Vec<Option<u32>>,
     n_segments: u32,
     dropped_mm3: f64,
     warnings: Vec<String>,
 }
 
-/// `None` when no part of the bone falls into two pieces that are more than crumbs.
+/// Assigns the pieces to segments; `None` when nothing larger than a fragment comes off.
 ///
-/// `small` pieces count as crumbs. A crumb joins the neighbour that it shares most of the cuts with.
+/// `freed` holds cuts with the piece that each frees, `small` the pieces that count as fragments whatever their volume. A
+/// fragment joins the neighbour with which it shares most crossed edges.
 fn assign(
     grid: &ScalarGrid,
     pieces: &Pieces,
@@ -309,7 +348,7 @@ fn assign(
             *shared.entry(pair).or_default() += 1;
         }
     }
-    // Crumbs of crumbs come to their neighbours in a later round.
+    // A fragment that touches only fragments joins a segment in a later round.
     for _ in 0..crumbs.len() {
         for crumb in crumbs.iter().copied() {
             let beside = shared.range((crumb, 0)..(crumb + 1, 0)).filter(|((_, other), _)| segment[*other].is_some());
@@ -320,7 +359,7 @@ fn assign(
         }
     }
     let lost = crumbs.iter().filter(|p| segment[**p].is_none());
-    // An empty sum is -0.
+    // The sum of no numbers is -0.0.
     let dropped_mm3 = lost.map(|p| volume(*p)).sum::<f64>() + 0.0;
     let mut warnings = Vec::new();
     if let Some(widest) = crumbs.first().copied() {
@@ -328,7 +367,8 @@ fn assign(
         let [i, j, k] = lattice(grid, first);
         let at = grid.position(i, j, k);
         warnings.push(format!(
-            "{} crumbs of {:.0} mm³ together stay with the segments that they touch most, the largest of {:.0} mm³ near ({:.0}, {:.0}, {:.0}) mm",
+            "{} fragments ({:.0} mm³ together) were joined to the segments that they touch most; the largest has {:.0} mm³ near \
+             ({:.0}, {:.0}, {:.0}) mm: check the cuts there",
             crumbs.len(),
             crumbs.iter().map(|p| volume(*p)).sum::<f64>(),
             volume(widest),

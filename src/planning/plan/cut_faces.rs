@@ -1,4 +1,4 @@
-//! Solids of segments, and the faces by which they were parted.
+//! Signed distances from segments, and the cut faces between segments.
 
 use parry3d_f64::math::Vector as ParryVector;
 use parry3d_f64::query::{PointQuery, Ray, RayCast};
@@ -10,11 +10,11 @@ use super::follow::{Frame, nearest_bone};
 use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{Point, Vector};
 
-/// A cut face farther away is not what a cut face has left, mm.
+/// Farthest distance at which a cut face counts as the opposite side of a gap, mm.
 const FAR_MM: f64 = 30.0;
-/// Cut faces are no farther from their counterparts at rest than the slot and this share of the mean edge length.
+/// At rest a cut face is no farther from its counterpart than the kerf plus this share of the mean edge length.
 const TOUCH_SHARE: f64 = 0.1;
-/// Least cosine between the normal of a cut face and the reversed one of its counterpart.
+/// Least cosine between the normal of a cut face and the reversed normal of its counterpart.
 const FACING: f64 = 0.7;
 
 /// A closed surface with signed distances: sign by the pseudonormal of the closest feature.
@@ -31,7 +31,7 @@ impl Solid {
         self.signed_towards(p).0
     }
 
-    /// Signed distance of `p`, and the outward unit direction there; zero on the surface itself.
+    /// Signed distance of `p`, mm, and the outward unit direction there; the direction is zero on the surface itself.
     pub(super) fn signed_towards(&self, p: &Point) -> (f64, Vector) {
         let q = ParryVector::new(p.x, p.y, p.z);
         let projection = self.0.project_local_point(q, false);
@@ -41,10 +41,11 @@ impl Solid {
         (sign * distance, off.try_normalize(1e-12).map_or_else(Vector::zeros, |u| u * sign))
     }
 
-    /// Distance along unit `n` from `p`, outside or on the surface, to where the surface is entered, the triangle there, and the cosine
-    /// between `n` and its reversed normal.
+    /// Where the ray from `p` along the unit vector `n` enters the surface within `far_mm`; `p` lies outside or on the surface.
+    ///
+    /// Returns the distance (mm), the triangle, and the cosine between `n` and the triangle's reversed normal.
     fn ahead(&self, p: &Point, n: &Vector, far_mm: f64) -> Option<(f64, usize, f64)> {
-        // From a little behind, so that a face in contact meets the other one.
+        // The ray starts a little behind `p`, so that it also meets a face in contact.
         const BEHIND_MM: f64 = 0.2;
         let from = p - n * BEHIND_MM;
         let ray = Ray::new(ParryVector::new(from.x, from.y, from.z), ParryVector::new(n.x, n.y, n.z));
@@ -59,7 +60,7 @@ pub(super) struct CutFaces(Vec<(u32, Faces)>);
 
 struct Faces {
     own: Vec<Face>,
-    /// Of every triangle of the segment whether it is one, or lies beside one.
+    /// For each triangle of the segment, whether it shares a vertex with a triangle that faces other bone.
     is_cut: Vec<bool>,
 }
 
@@ -68,12 +69,12 @@ struct Face {
     /// Outward unit normal.
     normal: Vector,
     area: f64,
-    /// Whether it faces other bone at rest; at the rim it may just lie beside one that does.
+    /// Whether it faces other bone at rest; a face at the rim may only share two vertices with faces that do.
     faces: bool,
 }
 
 impl CutFaces {
-    /// Triangles that face another segment at rest, in contact or over a slot of up to `kerf_mm`.
+    /// Finds the triangles that face another segment at rest, in contact or across a kerf of up to `kerf_mm`.
     pub(super) fn of(
         segments: &[Segment],
         solids: &[(u32, Solid)],
@@ -113,8 +114,8 @@ impl CutFaces {
         self.0.iter().find(|f| f.0 == id).map(|f| &f.1)
     }
 
-    /// Mean distance of the segment's cut faces to the nearest bone of `frames`, mm, and the volume between them and the cut faces in
-    /// front of them, mm³.
+    /// Mean distance from the segment's cut faces to the nearest bone of `frames`, mm, and the volume between them and the cut
+    /// faces opposite, mm³.
     pub(super) fn gap(&self, id: u32, frames: &[Frame<'_>]) -> (f64, f64) {
         let Some(faces) = self.of_segment(id) else { return (0.0, 0.0) };
         let gap = |Face { middle, normal, area, faces }: &Face| {
@@ -128,7 +129,7 @@ impl CutFaces {
             let facing = if *faces { *area } else { 0.0 };
             [facing, facing * nearest_bone(middle, frames).max(0.0), area * depth]
         };
-        // Summed in order: the same on any number of threads.
+        // Summed in order, so that the result is the same on any number of threads.
         let found: Vec<[f64; 3]> = faces.own.par_iter().with_min_len(256).map(gap).collect();
         let sum = |k: usize| found.iter().map(|f| f[k]).sum::<f64>();
         (if sum(0) > 0.0 { sum(1) / sum(0) } else { 0.0 }, sum(2))

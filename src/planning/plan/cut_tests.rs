@@ -1,4 +1,4 @@
-//! Polylines, surfaces and slots on blocks and balls.
+//! Tests of polylines, surfaces and kerfs on blocks and balls.
 
 use super::tests::{assert_closed, block, bone, box_distance, endless, run_all};
 use super::*;
@@ -127,7 +127,7 @@ fn a_slot_takes_its_width_from_both_sides() {
             let done = run_all(&bone, &[cut]).unwrap();
             done.segments.iter().for_each(|s| assert_closed(&s.surface));
             let gone = unsawn(z) - sum(&done);
-            // The rim, 88 mm long, is right to a part of the spacing squared.
+            // The cross-section along the rim, 88 mm long, is accurate to a fraction of the spacing squared.
             assert!((gone - 480.0 * kerf_mm).abs() < 0.03 * 480.0 * kerf_mm + 0.15 * 88.0, "{kerf_mm} mm: {gone} mm³");
             let lower = done.segments.iter().min_by(|a, b| a.centroid.z.total_cmp(&b.centroid.z)).unwrap();
             let top = lower.surface.bounds().max.z;
@@ -171,7 +171,7 @@ fn a_part_that_was_apart_is_freed_at_a_point_and_a_joined_one_is_not() {
     check(&bone, &done);
     assert!((done.segments[1].volume_mm3 / 4000.0 - 1.0).abs() < 1e-2);
     assert!(done.warnings.is_empty(), "{:?}", done.warnings);
-    // With the skull divided as well, the jaw is one of three.
+    // With the skull divided as well, the jaw is one of three segments.
     let done = run_all(&bone, &[endless([0.0, 0.0, 25.2], [0.0, 0.0, 1.0]).into(), free(5.0)]).unwrap();
     assert_eq!(done.segments.len(), 3);
     assert!(matches!(run_all(&bone, &[free(30.0)]), Err(PlanError::NotParted { .. })));
@@ -181,7 +181,8 @@ fn a_part_that_was_apart_is_freed_at_a_point_and_a_joined_one_is_not() {
     }
 }
 
-/// Two blocks over one another that touch over a fifth of their width, and over a thin column far from there; a separation parts only the first.
+/// Two blocks above each other, joined over a fifth of their width and by a thin column far from there; a separation parts only
+/// the first.
 #[test]
 fn what_separations_leave_is_parted_where_it_is_thin_and_named() {
     let of = |half_mm: f64| {
@@ -209,7 +210,7 @@ fn what_separations_leave_is_parted_where_it_is_thin_and_named() {
     assert!((11_350.0..11_650.0).contains(&jaw_mm3), "{jaw_mm3}");
     let warning = done.warnings.first().unwrap();
     assert!(warning.contains("bridges of 32 mm²") && warning.contains("near (12"), "{warning}");
-    // As wide as the neck of a condyle it is no bridge any more, and a cut that does not say what it frees leaves all.
+    // A bridge as wide as the neck of a condyle is not parted, nor any bridge when the separation has no `part`.
     assert!(matches!(run_all(&of(6.0), &cuts), Err(PlanError::Value { .. } | PlanError::NotParted { .. })));
     let plain = [Cut { part: None, ..joint }, cuts[1].clone()];
     assert!(matches!(run_all(&of(2.0), &plain), Err(PlanError::Value { .. } | PlanError::NotParted { .. })));

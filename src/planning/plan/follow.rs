@@ -1,4 +1,4 @@
-//! What a segment meets on its path.
+//! Overlap and gap between segments along their paths.
 
 use rayon::prelude::*;
 
@@ -7,15 +7,15 @@ use super::{Osteotomy, Path, Plan, PlanError, Segment, overlap};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Motion, Point};
 
-/// Samples along a path, besides its waypoints.
+/// Evenly spaced samples along a path, in addition to its waypoints.
 const SAMPLES: usize = 10;
 /// At most about this many vertices of a segment are tested against other bone.
 const PROBES: usize = 6000;
 
-/// How a segment travels and what it meets.
+/// Displacements of one segment, and its overlap and gap along its path.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PathReport {
-    /// The segment.
+    /// Number of the segment.
     pub segment: u32,
     /// Largest displacement of a point of the segment at the end, mm.
     pub max_displacement_mm: f64,
@@ -23,58 +23,62 @@ pub struct PathReport {
     pub centroid_displacement_mm: [f64; 3],
     /// Length of the centroid's path, mm.
     pub path_length_mm: f64,
-    /// What it meets, by rising t.
+    /// Overlap and gap at each sampled t, ascending.
     pub along: Vec<PathSample>,
-    /// What a surgeon should look at: motions beyond what is done, bone in bone at the end, wide gaps.
+    /// Warnings for the surgeon: unusually large motions, overlap with other bone at the end, wide gaps.
     pub warnings: Vec<String>,
 }
 
-/// Bone is hardly ever moved further than this, mm.
+/// Movements above this are warned of, mm: bone is hardly ever moved further.
 const MOST_MOVED_MM: f64 = 20.0;
-/// Nor turned further, degrees.
+/// Rotations above this are warned of, degrees: bone is hardly ever turned further.
 const MOST_TURNED_DEG: f64 = 20.0;
-/// Bone that lies in other bone by less than this at the end is within what a saw and a file take, mm and mm³.
+/// Overlap at the end below this depth (mm) or this volume (mm³) is not warned of: a saw and a file remove as much.
 const OVERLAP: (f64, f64) = (1.0, 100.0);
-/// Cut faces further apart than this need a graft, mm.
+/// Mean gap between cut faces above which a graft is needed, mm.
 const WIDE_GAP_MM: f64 = 5.0;
 
-/// What a segment meets at one place of its path.
+/// Overlap and gap of a segment at one t of its path.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct PathSample {
-    /// Path parameter.
+    /// Path parameter, 0 to 1.
     pub t: f64,
     /// Deepest overlap with other bone, mm; 0 when none.
     pub overlap_mm: f64,
     /// Volume that the segment shares with other bone, mm³.
     pub overlap_mm3: f64,
-    /// Mean gap opened at the cut faces, mm.
+    /// Mean gap at the cut faces, mm.
     pub gap_mm: f64,
     /// Volume between the cut faces and those of other segments that lie straight in front of them within 30 mm, mm³.
     pub gap_mm3: f64,
 }
 
-/// Follows every path, at t = 0, 0.1, … 1 and at its waypoints.
+/// Measures overlap and gap of every moving segment along its path.
 ///
-/// Overlap is measured at up to 6000 or so vertices of the segment, evenly picked by number, against the surfaces
-/// of all other segments where they are at that t. Cut faces are the triangles that face another segment at rest, with nothing or the slot
-/// of the saw between; the gap is the mean over them of the distance to the nearest other bone, 0 where they overlap: a face that slides
-/// along another has no gap. The volume of the gap is that of the prisms from the cut faces, along their outward normals, to the
-/// cut faces that they meet; where they meet other bone (the roof of a sinus) or none they count for nothing. Both volumes are integrals,
-/// the overlap's over cells of about a millimetre in which bone's surfaces are taken to be plane.
+/// Samples lie at t = 0, 0.1, … 1 and at the waypoints; reports are in the order of the paths.
+///
+/// - Overlap depth: at up to 6000 vertices of the segment, evenly picked by number, against the surfaces of all other segments at
+///   the same t.
+/// - Cut faces: the triangles that face another segment at rest, in contact or across the kerf.
+/// - Mean gap: the mean over the cut faces of the distance to the nearest other bone, 0 where they overlap. A face that slides
+///   along another has no gap.
+/// - Gap volume: that of the prisms from the cut faces, along their outward normals, to the cut faces opposite. A prism that
+///   meets other bone (the roof of a sinus) or no bone counts as 0.
+/// - Overlap volume: an integral over cells of at most about 1 mm, in which the surfaces are taken to be plane.
 ///
 /// # Errors
 /// [`PlanError::Value`] when a path names a segment that does not exist, segment 0, or one that has a path already;
-/// cancellation.
+/// [`PlanError::Cancelled`].
 pub fn follow(osteotomy: &Osteotomy, plan: &Plan, control: &Control) -> Result<Vec<PathReport>, PlanError> {
     let n = osteotomy.segments.len();
     for (i, path) in plan.paths.iter().enumerate() {
         let id = path.segment();
         let fault = |detail: String| Err(PlanError::Value { what: format!("paths[{i}].segment"), detail });
         if id == 0 || !osteotomy.segments.iter().any(|s| s.id == id) {
-            return fault(format!("is {id}, allowed are the segments 1 to {}", n.saturating_sub(1)));
+            return fault(format!("is {id}, but only segments 1 to {} can move", n.saturating_sub(1)));
         }
         if plan.paths[..i].iter().any(|p| p.segment() == id) {
-            return fault(format!("segment {id} has a path already"));
+            return fault(format!("segment {id} already has a path; give one path for each segment"));
         }
     }
     if plan.paths.is_empty() {
@@ -130,7 +134,7 @@ fn follow_one(
         let distances: Vec<f64> = probes.par_iter().with_min_len(256).map(|p| nearest_bone(p, &frames)).collect();
         let overlap_mm = distances.iter().fold(0.0f64, |deepest, d| deepest.max(-d));
         let deepest = probes.iter().zip(&distances).min_by(|a, b| a.1.total_cmp(b.1));
-        // Of the last sample, which is the end.
+        // Each sample replaces it, so that the last one, the end of the path, remains.
         overlapped = deepest.filter(|(_, d)| **d < 0.0).and_then(|(p, _)| {
             let by = |frame: &&Frame<'_>| frame.1.signed(&(frame.2 * p));
             let other = frames.iter().min_by(|a, b| by(a).total_cmp(&by(b)))?;
@@ -167,7 +171,9 @@ fn follow_one(
     })
 }
 
-/// What is unusual about how far a segment goes on its way and where it ends; `overlapped` is the segment that it lies deepest in, and where.
+/// Warnings about the largest movement along a path and about overlap and gap at its end.
+///
+/// - `overlapped`: name of the segment in which this one lies deepest at the end, and the deepest point, LPS mm
 fn doubts(
     segment: &str,
     moved_mm: f64,
@@ -178,32 +184,34 @@ fn doubts(
     let mut doubts = Vec::new();
     if moved_mm > MOST_MOVED_MM {
         doubts.push(format!(
-            "{segment} moves {moved_mm:.1} mm at its furthest point; more than {MOST_MOVED_MM} mm is not done"
+            "{segment} moves {moved_mm:.1} mm at its furthest point; more than {MOST_MOVED_MM} mm is unusual, check the path"
         ));
     }
     if turned_deg > MOST_TURNED_DEG {
-        doubts.push(format!("{segment} turns by {turned_deg:.1} degrees; more than {MOST_TURNED_DEG} is not done"));
+        doubts.push(format!(
+            "{segment} turns by {turned_deg:.1} degrees; more than {MOST_TURNED_DEG} is unusual, check it"
+        ));
     }
     let Some(end) = end else { return doubts };
     if let Some((other, at)) = overlapped.filter(|_| end.overlap_mm > OVERLAP.0 && end.overlap_mm3 > OVERLAP.1) {
         doubts.push(format!(
-            "{segment} ends {:.1} mm deep in {other} at [{:.1}, {:.1}, {:.1}]; {:.0} mm³ of bone would have to be removed",
+            "{segment} ends {:.1} mm deep in {other} at [{:.1}, {:.1}, {:.1}] mm; remove {:.0} mm³ of bone or change the path",
             end.overlap_mm, at.x, at.y, at.z, end.overlap_mm3
         ));
     }
     if end.gap_mm > WIDE_GAP_MM {
         doubts.push(format!(
-            "the cut faces of {segment} end {:.1} mm apart on average, with {:.0} mm³ between them to be grafted",
+            "the cut faces of {segment} end {:.1} mm apart on average; plan a graft of {:.0} mm³ or change the path",
             end.gap_mm, end.gap_mm3
         ));
     }
     doubts
 }
 
-/// Another segment, with the motion into its frame.
+/// Number and solid of another segment, and the motion from the moving segment's rest frame into the other's.
 pub(super) type Frame<'a> = (u32, &'a Solid, Motion);
 
-/// Signed distance of `p` to the nearest other bone; infinite without others.
+/// Signed distance from `p`, in the moving segment's rest frame, to the nearest other bone, mm; infinite without others.
 pub(super) fn nearest_bone(p: &Point, frames: &[Frame<'_>]) -> f64 {
     frames.iter().map(|(_, solid, motion)| solid.signed(&(motion * p))).fold(f64::INFINITY, f64::min)
 }

@@ -1,23 +1,24 @@
-//! Cheapest set of grid edges that parts two sets of nodes.
+//! Minimum cut: the cheapest set of grid edges that separates two sets of nodes.
 
 use super::parting::{OUTSIDE, for_each_neighbour, lattice};
 use prosopon_geometry::ScalarGrid;
 use prosopon_geometry::control::{Cancelled, Control};
 
-/// Gives up beyond this flow: so much bone is no bridge.
+/// Flow above which the search stops: so much bone is not a bridge.
 const MOST_FLOW: u64 = 400_000;
-/// Nodes farther from the cut than this many steps are merged to blocks of this many nodes a side.
+/// Nodes more than `FINE_STEPS` grid steps from the cut are merged in blocks of `BLOCK` nodes along each axis.
 const FINE_STEPS: u32 = 5;
 const BLOCK: usize = 3;
-/// An edge beside the cut costs this much more than one far away, falling off over this length, mm: thin walls beside the cut are
-/// not what holds the bone together.
+/// Extra cost of an edge beside the cut, where one far away costs 1; it decays exponentially over `FALL_OFF_MM`, mm. Thin walls
+/// beside the cut are not what holds the bone together.
 const EXTRA_COST: f64 = 7.0;
 const FALL_OFF_MM: f64 = 8.0;
 
-/// For every node whether it hangs with the sources once the cheapest set of open edges is cut; `None` when sources and sinks
-/// are apart already, or when much more than a bridge would have to be cut.
+/// For each node, whether it is connected to the sources once the cheapest set of open edges is cut.
 ///
-/// Maximum flow by level graphs (Dinic 1970). Away from sources and sinks, nodes that hang together within a block are one.
+/// `None` when sources and sinks are already separate, and when the flow exceeds [`MOST_FLOW`].
+///
+/// Maximum flow by level graphs (Dinic 1970). Away from sources and sinks, connected nodes of one block are merged.
 pub(super) fn reached(
     grid: &ScalarGrid,
     blocked: &[u8],
@@ -44,7 +45,7 @@ pub(super) fn reached(
     Ok(Some(group.iter().map(|g| *g != OUTSIDE && reached[*g as usize]).collect()))
 }
 
-/// Steps through bone from the nearest of `seeds`; [`OUTSIDE`] where none leads.
+/// Number of grid steps through bone from the nearest of `seeds`; [`OUTSIDE`] where no path leads.
 fn steps_from<'a>(
     grid: &ScalarGrid,
     blocked: &[u8],
@@ -71,7 +72,7 @@ fn steps_from<'a>(
     Ok(steps)
 }
 
-/// Group of every node that is reached, and their number.
+/// Group of each node that `steps` reaches, else [`OUTSIDE`], and the number of groups.
 fn groups(grid: &ScalarGrid, blocked: &[u8], steps: &[u32]) -> (Vec<u32>, usize) {
     let block_of = |node: usize| lattice(grid, node).map(|c| c / BLOCK);
     let mut group = vec![OUTSIDE; steps.len()];
@@ -99,7 +100,7 @@ fn groups(grid: &ScalarGrid, blocked: &[u8], steps: &[u32]) -> (Vec<u32>, usize)
     (group, n as usize)
 }
 
-/// Cost between neighbouring groups, by the two groups, the smaller first.
+/// Costs between neighbouring groups as (smaller group, larger group, cost), sorted.
 fn arcs(grid: &ScalarGrid, blocked: &[u8], steps: &[u32], group: &[u32]) -> Vec<(u32, u32, u32)> {
     let cost = |steps: u32| {
         let mm = f64::from(steps) * grid.spacing;
@@ -127,14 +128,16 @@ fn arcs(grid: &ScalarGrid, blocked: &[u8], steps: &[u32], group: &[u32]) -> Vec<
     arcs
 }
 
-/// A network with the same capacity both ways.
+/// A flow network whose arcs have the same capacity in both directions.
 struct Flow {
     /// Arcs of node `i` are those from `first[i]` to `first[i + 1]`.
     first: Vec<u32>,
     to: Vec<u32>,
-    /// The arc the other way.
+    /// Index of the reverse arc.
     back: Vec<u32>,
+    /// Capacity left.
     left: Vec<u32>,
+    /// Steps to the nearest sink, or [`OUTSIDE`].
     level: Vec<u32>,
     sources: Vec<usize>,
     sinks: Vec<usize>,
@@ -168,7 +171,7 @@ impl Flow {
         Self { first, to, back, left, level: vec![OUTSIDE; n], sources, sinks, is_source }
     }
 
-    /// Whether nodes are reached from the sources over arcs with capacity.
+    /// For each node, whether it is reached from the sources over arcs with capacity left.
     fn reached(&self) -> Vec<bool> {
         let mut reached = self.is_source.clone();
         let mut queue = self.sources.clone();
@@ -189,8 +192,9 @@ impl Flow {
         self.first[node] as usize..self.first[node + 1] as usize
     }
 
-    /// Steps to the nearest sink over arcs with capacity; whether one is reached from a source. From the sinks, so that no way of falling
-    /// levels is a dead end before arcs are filled.
+    /// Sets the levels, the steps to the nearest sink over arcs with capacity left; returns whether a source reaches a sink.
+    ///
+    /// Levels count from the sinks, so that no path of falling levels is a dead end until arcs are filled.
     fn levels(&mut self, control: &Control) -> Result<bool, Cancelled> {
         control.check()?;
         self.level.fill(OUTSIDE);
@@ -212,7 +216,7 @@ impl Flow {
         Ok(found)
     }
 
-    /// Sends along falling levels until no way is left; what was sent.
+    /// Sends flow along falling levels until no path is left; returns the flow sent.
     fn block(&mut self, control: &Control) -> Result<u64, Cancelled> {
         let mut next_arc = self.first.clone();
         let mut path: Vec<usize> = Vec::new();
@@ -227,7 +231,7 @@ impl Flow {
             loop {
                 if self.level[node] == 0 {
                     let amount = path.iter().map(|arc| self.left[*arc]).min().unwrap_or(0);
-                    // A node that is both would send without end.
+                    // A node that is both source and sink would send without end.
                     if amount == 0 {
                         break;
                     }
@@ -240,7 +244,7 @@ impl Flow {
                         }
                     }
                     sent += u64::from(amount);
-                    // What is before the first full arc can still send.
+                    // The path before the first full arc can still send.
                     node = self.start(path[full]);
                     path.truncate(full);
                     continue;

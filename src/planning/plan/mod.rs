@@ -1,6 +1,6 @@
 //! Osteotomies and bone paths.
 //!
-//! Invariants: segments are closed solids; number 0 is the part of the skull that stays; paths are rigid.
+//! Invariants: segments are closed solids; segment 0 is the skull, which is fixed; paths are rigid motions.
 
 mod autorotate;
 mod blade;
@@ -35,71 +35,75 @@ pub use template::{Landmarks, Template, TemplateCall, TemplateCuts, TemplateFaul
 
 use prosopon_geometry::control::Cancelled;
 
-/// Why a cut or a path is not usable.
+/// Why cuts, templates or paths cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum PlanError {
-    /// Cuts do not touch bone.
+    /// Cuts do not pass through bone.
     #[error("{}", missed(missed_by))]
     MissesBone {
-        /// Every such cut.
+        /// Each cut that misses the bone, in the order of the cuts.
         missed_by: Vec<Miss>,
     },
     /// The cuts leave the bone in one piece.
     #[error("the cuts do not part the bone: {}", told(bridges))]
     NotParted {
-        /// What is left, the widest first; empty when only crumbs come off.
+        /// Bridges that remain, by falling cross-section; empty when only fragments below 100 mm³ come off.
         bridges: Vec<Bridge>,
     },
     /// A template lacks landmarks.
-    #[error("the template {template} lacks landmarks: {}", missing.join(", "))]
+    #[error("template {template} lacks landmarks: {}; place them and send them with the template", missing.join(", "))]
     MissingLandmarks {
-        /// The template.
+        /// Name of the template in the API.
         template: &'static str,
-        /// Their names.
+        /// Names of the landmarks.
         missing: Vec<&'static str>,
     },
-    /// A value is out of range.
+    /// A value is not allowed.
     #[error("{what}: {detail}")]
     Value {
-        /// What is wrong, for example `waypoints[2].t`.
+        /// Place of the value in the request, for example `waypoints[2].t`.
         what: String,
-        /// Found and allowed.
+        /// What was found and what is allowed.
         detail: String,
     },
-    /// Stopped by the caller.
+    /// The caller cancelled the computation.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
 }
 
-/// A cut that touches no bone.
+/// A cut that passes through no bone.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Miss {
-    /// Index of the cut.
+    /// Index of the cut in the list of cuts.
     pub cut: usize,
-    /// How a message calls it.
+    /// Name of the cut in messages, from [`Cut::label`].
     pub label: String,
     /// Distance from the cut to the bone, mm.
     pub distance_mm: f64,
 }
 
-/// How far cuts are from the bone in words.
+/// Text of [`PlanError::MissesBone`]: each cut with its distance from the bone.
 fn missed(missed_by: &[Miss]) -> String {
     let one = |Miss { label, distance_mm, .. }: &Miss| {
         if *distance_mm < 0.05 {
-            return format!("{label} touches the bone's surface and goes through none of it");
+            return format!("{label} touches the surface of the bone but does not enter it; move it into the bone");
         }
-        format!("{label} misses the bone: its nearest point of the cut is {distance_mm:.1} mm away")
+        format!("{label} misses the bone by {distance_mm:.1} mm; move or enlarge it")
     };
     missed_by.iter().map(one).collect::<Vec<_>>().join("; ")
 }
 
-/// Every bridge in words.
+/// Text of [`PlanError::NotParted`]: each bridge with its size and place.
 fn told(bridges: &[Bridge]) -> String {
     if bridges.is_empty() {
-        return "only crumbs below 100 mm³ come off".to_owned();
+        return "only fragments below 100 mm³ come off; move the cuts deeper into the bone".to_owned();
     }
     let places: Vec<String> = bridges.iter().map(Bridge::to_string).collect();
-    format!("{} left: {}", if bridges.len() == 1 { "one bridge is" } else { "bridges are" }, places.join("; "))
+    format!(
+        "{} left: {}; extend the cuts there",
+        if bridges.len() == 1 { "one bridge is" } else { "bridges are" },
+        places.join("; ")
+    )
 }
 
 #[cfg(test)]

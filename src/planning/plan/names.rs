@@ -2,12 +2,14 @@
 
 use super::{CutShape, Landmarks, Osteotomy, Segment};
 
-/// Farther than this from the midline a segment is of one side, mm.
+/// Distance from the midline beyond which a segment belongs to one side, mm.
 const ASIDE_MM: f64 = 18.0;
 
-/// Names the segments by where they lie and which template's cuts bound them. Of several that would have one name the largest
-/// gets it, the others get it with a number. Without landmarks the midline is the middle of the bone, and the occlusal plane that of the cut
-/// called `occlusal`; what only it tells is else left without a name.
+/// Names the segments by their position and by the template cuts that bound them.
+///
+/// Of several segments with the same name the largest keeps it; the others get a number, for example `maxilla_2`. Without
+/// landmarks the midline is the middle of the skull's bounding box, and the occlusal plane is that of the cut named `occlusal`.
+/// Without an occlusal plane, segments whose name depends on it get none.
 pub fn name_segments(osteotomy: &mut Osteotomy, landmarks: &Landmarks) {
     let middle = osteotomy.segments.first().map_or(0.0, |s| s.surface.bounds().center().x);
     let midline = landmarks.midline_x_mm.unwrap_or(middle);
@@ -24,7 +26,7 @@ pub fn name_segments(osteotomy: &mut Osteotomy, landmarks: &Landmarks) {
         .min_by(|a, b| a.centroid.z.total_cmp(&b.centroid.z))
         .map(|s| s.id);
     let mut taken: Vec<(String, usize)> = Vec::new();
-    // Segments stand by falling volume: the largest comes first.
+    // Segments are ordered by falling volume, so the largest gets the name without a number.
     for segment in &mut osteotomy.segments {
         let name = match segment.id {
             0 => Some("skull".to_owned()),
@@ -49,7 +51,7 @@ fn name(segment: &Segment, cuts: &[String], midline: f64, occlusal: Option<f64>)
     let off = segment.centroid.x - midline;
     let side = if off > 0.0 { "left" } else { "right" };
     let is_upper = occlusal.map(|z| segment.centroid.z > z);
-    // A split may run up to the upper jaw where teeth or streaks hang the jaws together.
+    // A split may reach the upper jaw where teeth or streaks of metal connect the jaws.
     let is_maxilla = is_upper == Some(true) && bounded("le_fort_1") && off.abs() < ASIDE_MM;
     let split = bounded("bsso_") && !is_maxilla;
     if split || is_upper == Some(false) {

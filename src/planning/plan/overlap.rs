@@ -5,22 +5,24 @@ use rayon::prelude::*;
 use super::cut_faces::Solid;
 use prosopon_geometry::{Aabb, Motion, Point, Vector};
 
-/// Cells are halved down to this share of the solid's extent: along edges of a solid, where a cell sees one of two faces, too much is counted.
+/// Edge of the smallest cells as a share of the solid's extent. At edges of a solid, where a cell sees only one of two faces,
+/// larger cells count too much.
 const EDGE_SHARE: f64 = 1.0 / 64.0;
-/// But to no less and no more than this, mm.
+/// Least and greatest edge of the smallest cells, mm.
 const EDGE_MM: [f64; 2] = [0.125, 1.0];
 /// Samples along the edge of a smallest cell.
 const SAMPLES: usize = 6;
 
-/// Volume of the part of solid `a` that lies in solid `b` as well, mm³; `b_from_a` brings points of `a` into the frame of `b`.
+/// Volume that solid `a` shares with solid `b`, mm³; `b_from_a` maps points of `a` into the frame of `b`.
 ///
-/// Cells within `bounds` (of `a`) are halved until they are outside one solid, inside both, or at most 1 mm long; there both surfaces are
-/// taken to be plane. Faces in contact share nothing.
+/// Cells within `bounds` (in the frame of `a`) are halved until they lie outside one solid, inside both, or have the least
+/// edge; in the smallest cells both surfaces are taken to be plane. Faces in contact share no volume.
 pub(super) fn volume(a: &Solid, b: &Solid, b_from_a: &Motion, bounds: &Aabb) -> f64 {
     let extent = bounds.max - bounds.min;
     let least = (EDGE_SHARE * extent.max()).clamp(EDGE_MM[0], EDGE_MM[1]);
     let levels = (extent.max() / least).max(1.0).log2().ceil() as i32;
-    // Sixteen times as long cells first, so that threads have something to share; summed in their order.
+    // Threads share cells of up to 16 times the least edge; summed in order, so that the result is the same on any number of
+    // threads.
     let edge = least * 2f64.powi(levels.min(4));
     let count = [0, 1, 2].map(|axis| (extent[axis] / edge).ceil().max(1.0) as usize);
     let cells: Vec<f64> = (0..count.iter().product::<usize>())
@@ -56,7 +58,7 @@ fn cell(a: &Solid, b: &Solid, b_from_a: &Motion, middle: &Point, edge: f64, leas
         return (0..8).map(|i| cell(a, b, b_from_a, &corner(i), 0.5 * edge, least)).sum();
     }
     let nb = b_from_a.rotation.inverse() * nb;
-    // The middle lies on a surface itself, whose direction is not known: too rare to count.
+    // The centre lies exactly on a surface, where the direction is unknown: too rare to matter.
     if na == Vector::zeros() || nb == Vector::zeros() {
         return 0.0;
     }

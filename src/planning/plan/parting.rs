@@ -1,4 +1,4 @@
-//! Which inside nodes of the bone's grid hang together once the cuts have blocked grid edges.
+//! Connected pieces of the bone's grid once the cuts have blocked grid edges.
 
 use rayon::prelude::*;
 
@@ -10,7 +10,7 @@ use prosopon_geometry::control::{Cancelled, Control};
 /// Label of a node outside bone.
 pub(super) const OUTSIDE: u32 = u32::MAX;
 
-/// A grid edge that a cut crosses, with at least one end in bone: it runs from `node` to the next one along `axis`.
+/// A grid edge that a cut crosses, from `node` to the next node along `axis`, with at least one end in bone.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Crossing {
     pub(super) node: usize,
@@ -46,7 +46,7 @@ pub(super) fn neighbours(grid: &ScalarGrid, node: usize) -> impl Iterator<Item =
     })
 }
 
-/// All edges that a cut crosses, by node, axis, cut.
+/// Grid edges that the cuts cross, sorted by node, axis and cut.
 pub(super) fn crossings(grid: &ScalarGrid, blades: &[Blade], control: &Control) -> Result<Vec<Crossing>, Cancelled> {
     let mut all = Vec::new();
     for (cut, blade) in blades.iter().enumerate() {
@@ -101,7 +101,7 @@ fn plane_crossings(
     Ok(layers.concat())
 }
 
-/// One bit per axis for every node: the edge to the next node is blocked.
+/// For each node, one bit per axis that is set when the edge to the next node along that axis is blocked.
 pub(super) fn blocked_edges(grid: &ScalarGrid, crossings: &[Crossing]) -> Vec<u8> {
     let mut blocked = vec![0u8; grid.values.len()];
     for c in crossings.iter().filter(|c| c.in_bone) {

@@ -6,6 +6,18 @@ use super::PlanError;
 use prosopon_geometry::{Motion, Point, Vector};
 
 /// Rigid path of one segment: waypoints at rising `t` from 0 to 1, joined by screw motions.
+///
+/// ```
+/// use prosopon_geometry::{Motion, Point};
+/// use prosopon_planning::plan::Path;
+///
+/// // Segment 1 moves 5 mm forward (-y) and 2 mm up (+z).
+/// let path = Path::new(1, vec![(1.0, Motion::translation(0.0, -5.0, 2.0))])?;
+/// let incisor = Point::new(0.0, -80.0, 20.0);
+/// assert!((path.at(0.5) * incisor - Point::new(0.0, -82.5, 21.0)).norm() < 1e-12);
+/// assert!((path.length_mm(&incisor) - 29f64.sqrt()).abs() < 1e-12);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Path {
     segment: u32,
@@ -13,11 +25,13 @@ pub struct Path {
 }
 
 impl Path {
-    /// Checks and takes waypoints `(t, motion from rest)`. A waypoint at t = 0 with the identity is added when none is given.
+    /// Path of `segment` through the waypoints `(t, motion from rest)`.
+    ///
+    /// A waypoint at t = 0 with the identity is added when none is given.
     ///
     /// # Errors
-    /// [`PlanError::Value`] when t is not rising, outside [0, 1], the last is not 1, a motion is not finite, or a waypoint
-    /// at t = 0 is not the identity: the segment starts at rest.
+    /// [`PlanError::Value`] when t does not rise, lies outside \[0, 1\] or does not end at 1, when a motion is not finite, or
+    /// when a waypoint at t = 0 is not the identity: the segment starts at rest.
     pub fn new(segment: u32, mut waypoints: Vec<(f64, Motion)>) -> Result<Self, PlanError> {
         let fault = |what: String, detail: String| Err(PlanError::Value { what, detail });
         let mut last = None;
@@ -28,11 +42,11 @@ impl Path {
             if let Some(before) = last
                 && *t <= before
             {
-                return fault(format!("waypoints[{i}].t"), format!("is {t}, must be above {before}, the one before"));
+                return fault(format!("waypoints[{i}].t"), format!("is {t}, must be above the previous t = {before}"));
             }
             last = Some(*t);
             if !motion.to_homogeneous().iter().all(|c| c.is_finite()) {
-                return fault(format!("waypoints[{i}]"), "the motion is not finite".into());
+                return fault(format!("waypoints[{i}]"), "the motion has a value that is not finite".into());
             }
             let off = motion.translation.vector.norm() + motion.rotation.angle();
             if *t == 0.0 && off > 1e-9 {
@@ -54,20 +68,21 @@ impl Path {
         Ok(Self { segment, waypoints })
     }
 
-    /// The segment that moves.
+    /// Number of the segment that moves.
     #[must_use]
     pub fn segment(&self) -> u32 {
         self.segment
     }
 
-    /// The waypoints, the first at t = 0.
+    /// The waypoints `(t, motion from rest)`, ascending; the first is at t = 0, the last at t = 1.
     #[must_use]
     pub fn waypoints(&self) -> &[(f64, Motion)] {
         &self.waypoints
     }
 
-    /// Motion from rest at `t` (clamped to [0, 1]), by screw interpolation between waypoints: the turn between two
-    /// waypoints is the one of at most half a revolution.
+    /// Motion from rest at `t`, which is clamped to \[0, 1\].
+    ///
+    /// Between two waypoints it is a screw motion, with the rotation of at most half a revolution.
     #[must_use]
     pub fn at(&self, t: f64) -> Motion {
         let next = self.waypoints.partition_point(|w| w.0 <= t);
@@ -81,7 +96,7 @@ impl Path {
         }
     }
 
-    /// Length of the way of a point of the segment, given at rest, from t = 0 to 1, mm. Exact.
+    /// Exact length of the path of the point `rest`, given at rest (LPS mm), from t = 0 to 1, mm.
     #[must_use]
     pub fn length_mm(&self, rest: &Point) -> f64 {
         self.waypoints.windows(2).map(|w| Screw::between(&w[0].1, &w[1].1).arc(&(w[0].1 * rest))).sum()
@@ -91,7 +106,7 @@ impl Path {
 /// Paths of all segments that move.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plan {
-    /// One path a moving segment.
+    /// One path for each moving segment.
     pub paths: Vec<Path>,
 }
 
@@ -102,7 +117,9 @@ impl Plan {
         self.paths.iter().map(|p| (p.segment(), p.at(t))).collect()
     }
 
-    /// The plan that goes straight, by one screw a segment, from where segments are `now` to the end of this one.
+    /// Plan that leads straight from the motions `now` to the end of this plan.
+    ///
+    /// Each segment moves by one screw motion. Segments that `now` does not list start at rest.
     #[must_use]
     pub fn on_from(&self, now: &[(u32, Motion)]) -> Self {
         let begin = |segment| now.iter().find(|(s, _)| *s == segment).map_or_else(Motion::identity, |(_, m)| *m);
@@ -114,11 +131,11 @@ impl Plan {
     }
 }
 
-/// Relative motion `x -> R x + p` as a turn about an axis and a shift along it.
+/// Relative motion `x -> R x + p` as a rotation about an axis and a translation along it.
 struct Screw {
     /// Unit axis; any when `angle` is 0.
     axis: Vector,
-    /// In [0, pi].
+    /// Rotation angle, radian, from 0 to π.
     angle: f64,
     /// Part of `p` along the axis, and across it.
     along: Vector,
@@ -142,7 +159,7 @@ impl Screw {
     ///
     /// Across the axis, with complex numbers in the plane, `p = (1 - e^{iθ}) c` for the axis point `c`, so
     /// `p(s) = (1 - e^{isθ}) c = sin(sθ/2)/sin(θ/2) · e^{i(s-1)θ/2} p`. That form has no cancellation for small θ, where
-    /// `c` runs away to infinity.
+    /// `c` goes to infinity.
     fn at(&self, s: f64) -> Motion {
         let turn = |angle: f64| UnitQuaternion::from_scaled_axis(self.axis * angle);
         let half = 0.5 * self.angle;
@@ -151,7 +168,7 @@ impl Screw {
         Motion::from_parts(Translation3::from(p), turn(s * self.angle))
     }
 
-    /// Length of the helix on which `from` travels.
+    /// Length of the helix on which the point `from` moves, mm.
     fn arc(&self, from: &Point) -> f64 {
         let chord = self.at(1.0) * from - from;
         let along = self.axis * self.axis.dot(&chord);

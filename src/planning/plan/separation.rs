@@ -1,4 +1,4 @@
-//! Where the cuts run between nodes of different segments.
+//! Distances of grid nodes from the cuts that separate them from other segments.
 
 use std::collections::BTreeMap;
 
@@ -6,27 +6,27 @@ use super::blade::Blade;
 use super::parting::{Crossing, lattice, neighbours, strides};
 use prosopon_geometry::{Point, ScalarGrid};
 
-/// What the cuts do at the nodes beside them.
+/// Distances from the separating cuts, and their kerf, at the grid nodes beside them.
 pub(super) struct Separation {
-    /// Distance of an inside node to the nearest cap of a cut that separates it from a neighbour in another segment, mm; infinite
-    /// elsewhere, negative in the slot of the saw.
+    /// Distance from an inside node to the nearest cap of a cut that separates it from a neighbour in another segment, mm;
+    /// infinite elsewhere, negative inside the kerf.
     pub(super) distance: Vec<f32>,
-    /// Width of the slot at these nodes, mm; empty where no cut has one.
+    /// Kerf of the nearest cut at these nodes, mm; empty when no cut has a kerf.
     pub(super) kerf: Vec<f32>,
-    /// Distance of an air node to a cap that lies between it and a segment's node beside it, by node and segment.
+    /// Distance from an air node to the cap between it and a neighbouring node of a segment, mm, by node and segment.
     pub(super) beyond: BTreeMap<(usize, u32), f32>,
-    /// Cuts that bound each segment.
+    /// Indices of the cuts that bound each segment, ascending.
     pub(super) bounded_by: Vec<Vec<usize>>,
 }
 
-/// A cut as it lies over the grid.
+/// A cut with its kerf.
 pub(super) struct Saw<'a> {
     pub(super) blade: &'a Blade,
     pub(super) kerf_mm: f64,
 }
 
 impl Separation {
-    /// `segment`: segment of every node, anything else for air and crumbs.
+    /// `segment` holds the segment of each node; nodes in air and in dropped fragments have a number of `n_segments` or more.
     pub(super) fn new(
         grid: &ScalarGrid,
         segment: &[u32],
@@ -44,7 +44,7 @@ impl Separation {
         let ends = |c: &Crossing| [c.node, c.node + steps[c.axis]];
         let between: Vec<Crossing> =
             crossings.iter().copied().filter(|c| c.in_bone && segment[ends(c)[0]] != segment[ends(c)[1]]).collect();
-        // A node in a plane keeps a little depth, else it would be outside both segments.
+        // A node that lies in a cut keeps a small depth, otherwise it would be outside both segments.
         let least = (1e-3 * grid.spacing) as f32;
         let mut beside = Vec::new();
         for c in &between {
@@ -74,7 +74,7 @@ impl Separation {
         }
     }
 
-    /// Distances of the bone's nodes round the crossings `at` that the slot of one saw reaches.
+    /// Sets the distances of the bone's nodes that the kerf of one saw reaches around the crossings `at`.
     fn widen(&mut self, grid: &ScalarGrid, saw: &Saw<'_>, at: impl Iterator<Item = [usize; 2]>) {
         let reach = (0.5 * saw.kerf_mm / grid.spacing).ceil() as usize + 2;
         let mut nodes = Vec::new();
@@ -98,7 +98,7 @@ impl Separation {
         }
     }
 
-    /// At the rim the cuts also run between bone and air: without this, bone would jut out over the cut.
+    /// Extends the caps to the rim, where a cut runs between bone and air; otherwise bone would jut out over the cut.
     fn round_the_rim(
         &mut self,
         grid: &ScalarGrid,
@@ -130,7 +130,7 @@ impl Separation {
         }
     }
 
-    /// Distance of a node that belongs to another segment from this side's cap; `depth` where no cut is near.
+    /// Distance from a node of another segment to the cap on this side of the cut, mm; `depth` where no cut is near.
     pub(super) fn across(&self, node: usize, depth: f32) -> f32 {
         let distance = self.distance[node];
         if distance.is_finite() { distance + self.kerf.get(node).copied().unwrap_or(0.0) } else { depth }

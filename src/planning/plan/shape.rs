@@ -1,4 +1,4 @@
-//! What a saw does: planes, polylines with a sawing direction, surfaces.
+//! Shapes of cuts: planes, polylines with a sawing direction, surfaces.
 
 use super::PlanError;
 use prosopon_geometry::{Point, TriMesh, Vector};
@@ -7,13 +7,13 @@ use prosopon_geometry::{Point, TriMesh, Vector};
 const MAX_POINTS: usize = 1000;
 /// Most triangles of a cut's surface.
 const MAX_TRIANGLES: usize = 100_000;
-/// Widest slot that a saw may leave, mm.
+/// Largest kerf, mm.
 const MAX_KERF_MM: f64 = 10.0;
 
-/// A plane cut, bounded to a rectangle or endless.
+/// A plane, bounded by a rectangle or endless.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BoundedPlane {
-    /// Centre of the rectangle, LPS mm.
+    /// Centre of the rectangle, or any point of an endless plane, LPS mm.
     pub point: Point,
     /// Unit normal.
     pub normal: Vector,
@@ -21,23 +21,23 @@ pub struct BoundedPlane {
     pub bounds: Option<(Vector, f64, f64)>,
 }
 
-/// Where a cut runs.
+/// Geometry of a cut.
 #[derive(Debug, Clone, PartialEq)]
 pub enum CutShape {
     /// A plane.
     Plane(BoundedPlane),
-    /// A line on the bone and the way the saw goes from there: a strip of parallelograms.
+    /// A line on the bone, swept along the sawing direction: a strip of parallelograms.
     Polyline {
-        /// Points of the line, LPS mm; the last may be the first, for a cut all round.
+        /// Points of the line, LPS mm; a closed line repeats its first point at the end.
         points: Vec<Point>,
         /// Direction of sawing; any length.
         direction: Vector,
-        /// How deep the saw goes, mm.
+        /// Depth of the cut along `direction`, mm.
         depth_mm: f64,
     },
-    /// Triangles, open or closed, however they are turned.
+    /// Triangles of an open or closed surface, in any orientation.
     Surface(TriMesh),
-    /// No cut: the part of bone at this point (or whose node is the nearest) is a segment although it was apart before.
+    /// No cut: makes the separate part of bone at this point (LPS mm), or nearest to it, a segment of its own.
     FreePart(Point),
 }
 
@@ -47,31 +47,31 @@ pub enum Purpose {
     /// Bone is sawn.
     #[default]
     Osteotomy,
-    /// Bones that touch in the image are told apart: teeth, streaks of metal, joints. Nothing is sawn.
+    /// Bones that touch in the image (teeth, streaks of metal, joints) are separated; nothing is sawn.
     Separation,
 }
 
-/// A cut.
+/// A cut through bone, or a separation of bones that touch in the image.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Cut {
-    /// Where it runs.
+    /// Geometry of the cut.
     pub shape: CutShape,
-    /// Width of the slot that the saw leaves, mm; half of it on each side.
+    /// Kerf, the width of the saw's slot, mm; half of it on each side of the cut.
     pub kerf_mm: f64,
-    /// What it is called, where it has a name.
+    /// Name of the cut, by which messages call it.
     pub name: Option<String>,
     /// Why it is made.
     pub purpose: Purpose,
-    /// A point on the side of the bone that a separation tells apart, LPS mm, however far away: bridges that all such cuts together leave
-    /// between their two sides are parted too, where they are thin. `None`: what is left stays.
+    /// For a separation: a point on the side of the bone that it frees, at any distance, LPS mm. Thin bridges that all such
+    /// separations together leave between their two sides are parted too. `None`: bridges stay.
     pub part: Option<Point>,
 }
 
 impl Cut {
-    /// What texts call it: its index in its list, and its name.
+    /// Name of the cut in messages; without a name, its `index` in the list of cuts.
     #[must_use]
     pub fn label(&self, index: usize) -> String {
-        self.name.as_ref().map_or_else(|| format!("cut {index}"), |name| format!("cut {index} ({name})"))
+        self.name.as_ref().map_or_else(|| format!("cut {index}"), |name| format!("cut `{name}`"))
     }
 }
 
@@ -94,23 +94,26 @@ impl Cut {
         Self { name: Some(name.to_owned()), ..self }
     }
 
-    /// The same cut, which only tells touching bones apart.
+    /// The same cut as a separation: it parts bones that touch in the image and saws nothing.
     #[must_use]
     pub fn separating(self) -> Self {
         Self { purpose: Purpose::Separation, ..self }
     }
 
-    /// The same cut, which only tells the bone on the side of `part` apart from what touches it, also where it leaves a bridge.
+    /// The same cut as a separation that frees the bone on the side of `part`.
+    ///
+    /// Thin bridges that it leaves are parted too.
     #[must_use]
     pub fn parting(self, part: Point) -> Self {
         Self { part: Some(part), ..self.separating() }
     }
 
-    /// The cut as triangles, oriented alike where its surface allows it; an endless plane over `reach` mm around `centre`.
-    /// `None` for [`CutShape::FreePart`].
+    /// Triangles of the cut, consistently oriented where possible; `None` for [`CutShape::FreePart`].
+    ///
+    /// An endless plane becomes a square that reaches `reach` mm to each side of its point nearest to `centre` (LPS mm).
     ///
     /// # Errors
-    /// [`PlanError::Value`] as [`super::cut`].
+    /// [`PlanError::Value`] for a value that is not allowed, as in [`super::cut`].
     pub fn surface(&self, centre: &Point, reach: f64) -> Result<Option<TriMesh>, PlanError> {
         self.check(0)?;
         Ok(match &self.shape {
@@ -121,14 +124,14 @@ impl Cut {
         })
     }
 
-    /// Checks every value; `index` names the cut.
+    /// Checks every value; errors call the cut `cuts[index]`.
     pub(super) fn check(&self, index: usize) -> Result<(), PlanError> {
         let fault = |name: &str, detail: String| {
             let what = format!("cuts[{index}].{name}");
             Err(PlanError::Value { what, detail })
         };
         if !(0.0..=MAX_KERF_MM).contains(&self.kerf_mm) {
-            return fault("kerf_mm", format!("is {}, allowed is 0 to {MAX_KERF_MM}", self.kerf_mm));
+            return fault("kerf_mm", format!("is {} mm, allowed is 0 to {MAX_KERF_MM} mm", self.kerf_mm));
         }
         match &self.shape {
             CutShape::Plane(plane) => match plane_fault(plane) {
@@ -141,9 +144,11 @@ impl Cut {
             },
             CutShape::Surface(mesh) if mesh.triangles().len() > MAX_TRIANGLES => fault(
                 "surface",
-                format!("has {} triangles, at most {MAX_TRIANGLES} are allowed", mesh.triangles().len()),
+                format!("has {} triangles, at most {MAX_TRIANGLES} are allowed; simplify it", mesh.triangles().len()),
             ),
-            CutShape::Surface(mesh) if mesh.area() <= 0.0 => fault("surface", "has no area".to_owned()),
+            CutShape::Surface(mesh) if mesh.area() <= 0.0 => {
+                fault("surface", "has no area: every triangle is flat".to_owned())
+            }
             CutShape::FreePart(p) if !finite(&p.coords) => fault("free_part", "is not finite".to_owned()),
             CutShape::Surface(_) | CutShape::FreePart(_) => Ok(()),
         }
@@ -163,10 +168,10 @@ fn plane_fault(plane: &BoundedPlane) -> Option<(&'static str, &'static str)> {
     if !finite(&plane.point.coords) {
         return Some(("point_mm", "is not finite"));
     }
-    let Some(normal) = unit(&plane.normal) else { return Some(("normal", "has no direction")) };
+    let Some(normal) = unit(&plane.normal) else { return Some(("normal", "has no length")) };
     let (direction, along, across) = plane.bounds?;
     if unit(&direction).and_then(|d| unit(&(d - normal * normal.dot(&d)))).is_none() {
-        return Some(("bounds", "the direction is not in the plane"));
+        return Some(("bounds", "the direction has no part in the plane; it must not be parallel to the normal"));
     }
     let extent = |e: f64| e > 0.0 && e.is_finite();
     (!extent(along) || !extent(across)).then_some(("bounds", "half extents must be above 0 mm"))
@@ -174,29 +179,32 @@ fn plane_fault(plane: &BoundedPlane) -> Option<(&'static str, &'static str)> {
 
 fn polyline_fault(points: &[Point], direction: &Vector, depth_mm: f64) -> Option<(&'static str, String)> {
     if !(2..=MAX_POINTS).contains(&points.len()) {
-        return Some(("points_mm", format!("are {}, allowed are 2 to {MAX_POINTS}", points.len())));
+        return Some(("points_mm", format!("has {} points, allowed are 2 to {MAX_POINTS}", points.len())));
     }
     if let Some(i) = points.iter().position(|p| !finite(&p.coords)) {
-        return Some(("points_mm", format!("number {i} is not finite")));
+        return Some(("points_mm", format!("point {i} has a coordinate that is not finite")));
     }
     let Some(direction) = unit(direction) else { return Some(("direction", "has no length".to_owned())) };
     if !(depth_mm > 0.0 && depth_mm.is_finite()) {
-        return Some(("depth_mm", format!("is {depth_mm}, must be above 0")));
+        return Some(("depth_mm", format!("is {depth_mm} mm, must be above 0 mm")));
     }
     let flat: Vec<Vector> = points.iter().map(|p| p.coords - direction * direction.dot(&p.coords)).collect();
     if let Some(i) = flat.windows(2).position(|w| (w[1] - w[0]).norm() < 1e-6) {
         let detail =
-            format!("numbers {i} and {} lie behind each other as the saw sees them: no cut lies between", i + 1);
+            format!("points {i} and {} lie behind each other in the sawing direction; remove or move one", i + 1);
         return Some(("points_mm", detail));
     }
     let side = direction.cross(&(flat[1] - flat[0])).normalize();
     let along = side.cross(&direction);
     let plane: Vec<[f64; 2]> = flat.iter().map(|p| [along.dot(p), side.dot(p)]).collect();
     let (i, j) = crossing_segments(&plane)?;
-    Some(("points_mm", format!("cross as the saw sees them: the line from number {i} meets the line from number {j}")))
+    Some((
+        "points_mm",
+        format!("the line crosses itself in the sawing direction: its parts after points {i} and {j} meet"),
+    ))
 }
 
-/// First two segments of a plane line that are not neighbours and meet.
+/// First two parts of a plane polyline that meet and are not neighbours, each by the index of its first point.
 fn crossing_segments(line: &[[f64; 2]]) -> Option<(usize, usize)> {
     let n = line.len() - 1;
     let closed = line[0] == line[n];
@@ -219,7 +227,7 @@ fn crossing_segments(line: &[[f64; 2]]) -> Option<(usize, usize)> {
     None
 }
 
-/// Two triangles per stretch of the line.
+/// Two triangles for each part of the line between neighbouring points.
 fn strip(points: &[Point], direction: &Vector, depth_mm: f64) -> Option<TriMesh> {
     let down = unit(direction)? * depth_mm;
     let closed = points.len() > 2 && points.first() == points.last();

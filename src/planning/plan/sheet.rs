@@ -1,4 +1,4 @@
-//! Which grid edges a triangulated cut crosses, exactly.
+//! Exact test of which grid edges a triangulated cut crosses.
 
 use std::collections::BTreeMap;
 
@@ -9,10 +9,10 @@ use super::parting::{Crossing, strides};
 use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{Point, ScalarGrid, TriMesh, Vector};
 
-/// Every grid edge that `mesh` crosses and that has an end in bone; `cut` is the number it is filed under.
+/// Grid edges that `mesh` crosses and that have an end in bone; `cut` is the index of the cut.
 ///
-/// Exact for the given coordinates (Shewchuk's adaptive predicates): a closed loop of edges around an inner edge of the sheet
-/// cannot slip through it. A node in a triangle's plane counts to the side on which z, else y, else x is larger.
+/// Exact for the given coordinates (Shewchuk's adaptive predicates): a closed loop of grid edges around an inner edge of the
+/// sheet cannot slip through it. A node in a triangle's plane counts as on the side on which z, else y, else x is larger.
 pub(super) fn crossings(
     grid: &ScalarGrid,
     mesh: &TriMesh,
@@ -34,7 +34,7 @@ pub(super) fn crossings(
         })
         .collect::<Result<_, Cancelled>>()?;
     let mut all = parts.concat();
-    // Where triangles of one sheet meet in an edge of the grid, the nearest plane is taken.
+    // Where several triangles cross the same grid edge, the nearest plane is kept.
     all.sort_by(|a, b| {
         let near = |c: &Crossing| c.distance[0] + c.distance[1];
         (a.node, a.axis).cmp(&(b.node, b.axis)).then(near(a).total_cmp(&near(b)))
@@ -46,7 +46,7 @@ pub(super) fn crossings(
 struct Triangle {
     corners: [Point; 3],
     normal: Vector,
-    /// Whether the sign of a node in the plane is turned so that it counts to the larger coordinate.
+    /// Whether the normal points to smaller z, else y, else x; it decides the side of a node in the plane.
     flipped: bool,
 }
 
@@ -58,7 +58,7 @@ impl Triangle {
         Some(Self { corners, normal, flipped: leading < 0.0 })
     }
 
-    /// Whether `p` counts to the side of larger coordinates.
+    /// Whether `p` counts as on the side of larger coordinates.
     fn above(&self, p: &Point) -> bool {
         let coord = |p: &Point| Coord3D { x: p.x, y: p.y, z: p.z };
         let [a, b, c] = &self.corners;
@@ -129,7 +129,7 @@ impl Triangle {
     }
 }
 
-/// The same triangles, turned so that neighbours over an edge with two triangles look the same way where that is possible.
+/// The same triangles, oriented consistently across edges of two triangles where that is possible.
 pub(super) fn oriented(mesh: &TriMesh) -> TriMesh {
     let mut edges: BTreeMap<(u32, u32), Vec<usize>> = BTreeMap::new();
     for (t, corners) in mesh.triangles().iter().enumerate() {

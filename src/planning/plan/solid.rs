@@ -1,4 +1,4 @@
-//! Closed surfaces of segments from their nodes.
+//! Closed surfaces of segments from the grid nodes that belong to them.
 
 use super::cut::Segment;
 use super::parting::{lattice, neighbours};
@@ -6,7 +6,7 @@ use super::separation::Separation;
 use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{Point, ScalarGrid, TriMesh, Vector, isosurface};
 
-/// The surfaces of all segments; `segment` is the segment of every node.
+/// All segments with their surfaces; `segment` holds the segment number of each grid node.
 pub(super) fn segments(
     grid: &ScalarGrid,
     segment: &[u32],
@@ -20,7 +20,7 @@ pub(super) fn segments(
         control.check()?;
         let Some((low, high)) = bounds else { continue };
         let id = id as u32;
-        // `None` where a saw's slot leaves nothing: the caller tells.
+        // A kerf may leave nothing of a segment; the caller reports that.
         let Some(surface) = isosurface(&segment_grid(grid, segment, parting, id, low, high), 0.0) else { continue };
         let centroid = centroid(&surface);
         let bounded_by = parting.bounded_by[id as usize].clone();
@@ -33,7 +33,7 @@ pub(super) fn segments(
 
 type NodeBox = ([usize; 3], [usize; 3]);
 
-/// Lowest and highest node of each segment.
+/// Lowest and highest lattice coordinates of each segment's nodes; `None` for a segment without nodes.
 fn node_boxes(grid: &ScalarGrid, segment: &[u32], n: usize) -> Vec<Option<NodeBox>> {
     let mut boxes: Vec<Option<NodeBox>> = vec![None; n];
     for (node, s) in segment.iter().enumerate() {
@@ -48,11 +48,11 @@ fn node_boxes(grid: &ScalarGrid, segment: &[u32], n: usize) -> Vec<Option<NodeBo
     boxes
 }
 
-/// Values for one segment over its box with two nodes around it.
+/// Signed values of one segment over its box, which is extended by two nodes on every side.
 ///
-/// Own nodes beside a separating cut have minus their distance to it, the nodes across plus theirs: the zero then lies in
-/// the plane, at the same place for both neighbours. Replacing a value would also move the zero on the edges from that node
-/// to the air; the values in the air are scaled by the same ratio to hold the bone's surface in place.
+/// The segment's nodes beside a separating cut take minus their distance to it, the nodes beyond the cut plus theirs: the zero
+/// level then lies in the cut, at the same place for both neighbours. A replaced value would also move the zero level on the
+/// edges from its node to air; the values in air are scaled by the same ratio, which keeps the bone's surface in place.
 fn segment_grid(
     grid: &ScalarGrid,
     segment: &[u32],
@@ -108,7 +108,7 @@ fn centroid(surface: &TriMesh) -> Point {
     if volume == 0.0 { o } else { o + moment / volume }
 }
 
-/// Whether `p` lies inside a closed surface: solid angles add up to 4π (Van Oosterom & Strackee 1983).
+/// Whether `p` lies inside a closed surface: its solid angles then add up to 4π (Van Oosterom & Strackee 1983).
 pub(super) fn contains(surface: &TriMesh, p: &Point) -> bool {
     if !surface.bounds().contains(p) {
         return false;

@@ -1,4 +1,4 @@
-//! Cutting and following on boxes and balls.
+//! Tests of cuts and paths on boxes and balls.
 
 use std::collections::BTreeMap;
 
@@ -124,7 +124,7 @@ fn the_surface_of_a_ball_stays_in_place_beside_a_cut() {
     let plane = endless([0.0, 0.0, 2.2], [0.1, 0.5, 1.0]);
     let cut = run(&bone, &[plane]).unwrap();
     let sum: f64 = cut.segments.iter().map(|s| s.volume_mm3).sum();
-    // The rim, 94 mm long, loses a part of the spacing squared.
+    // The cross-section along the rim, 94 mm long, loses a fraction of the spacing squared.
     assert!((sum / bone.surface.volume() - 1.0).abs() < 3e-3);
     for s in &cut.segments {
         for p in s.surface.positions() {
@@ -244,7 +244,7 @@ fn parts_that_were_apart_stay_unless_a_cut_divides_them() {
     let cut = run(&bone, &[endless([0.0, 0.0, 20.0], [0.0, 0.0, 1.0])]).unwrap();
     assert_eq!(cut.segments.len(), 2);
     assert!((cut.segments[0].volume_mm3 / (400.0 * 30.0) - 1.0).abs() < 1e-2);
-    // Only the jaw is divided: the skull stays, both pieces of the jaw may move.
+    // Only the jaw is divided: the skull is fixed, both pieces of the jaw may move.
     let cut = run(&bone, &[level(4.0, [-12.0, 12.0], [-12.0, 12.0])]).unwrap();
     let volumes: Vec<f64> = cut.segments.iter().map(|s| s.volume_mm3 / 400.0).collect();
     assert!(volumes.iter().zip([25.0, 6.0, 4.0]).all(|(v, e)| (v / e - 1.0).abs() < 2e-2), "{volumes:?}");
@@ -257,10 +257,10 @@ fn crumbs_stay_with_a_neighbour_with_a_warning_and_do_not_count_as_a_parting() {
     assert!(matches!(run(&bone, &[corner]), Err(PlanError::NotParted { .. })));
     let cut = run(&bone, &[corner, endless([0.0, 0.0, 9.0], [0.0, 0.0, 1.0])]).unwrap();
     assert_eq!(cut.segments.len(), 2);
-    assert!(cut.warnings.iter().any(|w| w.contains("1 crumbs")), "{:?}", cut.warnings);
+    assert!(cut.warnings.iter().any(|w| w.contains("1 fragments")), "{:?}", cut.warnings);
 }
 
-/// One plane twice, turned round: nodes of the grid that lie in it are on neither's side. Elsewhere it is one cut.
+/// One plane twice with opposite normals: grid nodes that lie in it form a sheet between the two. Elsewhere it acts as one cut.
 #[test]
 fn a_plane_given_twice_makes_no_sheet_of_bone() {
     let bone = block();
@@ -434,7 +434,7 @@ fn templates_of_both_jaws_part_the_teeth_in_one_plane() {
         assert!((plane.normal - planes[0].normal).norm() < 1e-12, "{plane:?}");
         assert!((plane.point - planes[0].point).dot(&plane.normal).abs() < 1e-9, "{plane:?}");
     }
-    // Without the Le Fort I plane the saw is level.
+    // Without the Le Fort I plane the occlusal plane is horizontal.
     let level = Landmarks { le_fort_1_plane: None, ..landmarks };
     let cuts = Template::BssoLeft.cuts(&level, &bone).unwrap();
     let occlusal = cuts.iter().find(|c| c.name.as_deref() == Some("occlusal")).unwrap();

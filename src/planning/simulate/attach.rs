@@ -10,27 +10,27 @@ use crate::plan::{CutShape, Segment};
 use prosopon_geometry::{Aabb, Implicit, Point};
 use prosopon_tissue::mesh::{Attachment, MixedMesh, tie};
 
-/// What a node at bone does.
+/// Attachment of a node at bone.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum NodeClass {
     /// Moves with the nearest bone.
     Tied,
     /// Slides on bone.
     Sliding,
-    /// Touches nothing.
+    /// Neither tied nor in contact.
     Free,
 }
 
-/// A class painted on the nodes at bone in a part of space.
+/// A class for all nodes at bone in a part of space.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Paint {
     /// The class.
     pub class: NodeClass,
-    /// Where.
+    /// The part of space, LPS mm.
     pub part: Part,
 }
 
-/// Classes painted on the skull's vertices. A node at bone takes that of the nearest vertex.
+/// Classes painted on the skull's vertices; a node at bone takes that of the nearest within 5 mm.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SkullPaint {
     /// The vertices, LPS mm.
@@ -39,62 +39,62 @@ pub struct SkullPaint {
     pub classes: Vec<Option<NodeClass>>,
 }
 
-/// Which inner nodes are tied to bone, which slide.
+/// Rules for which inner nodes are tied to bone and which slide.
 ///
-/// What is absent follows the default rule: tissue is tied to bone wherever it touches it, but slides on the teeth around the lower
-/// border of each upper jaw, and around the occlusal plane of each lower jaw, that the plan moves.
+/// Absent values follow the default rule: tissue is tied to bone wherever it touches bone, but slides on the teeth of moving
+/// jaws, around the lower border of an upper jaw and around the occlusal plane of a lower jaw.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct AttachmentRules {
     /// Boundary nodes nearer to bone than this at rest are tied, mm; 1.5 when absent.
     pub tie_gap_mm: Option<f64>,
     /// Boxes (LPS mm) in which nodes slide instead: teeth, inside of the lips.
     pub sliding: Option<Vec<Aabb>>,
-    /// Painted on the skull, over the rules.
+    /// Classes painted on the skull; they override the rules.
     pub skull: Option<SkullPaint>,
-    /// Painted in parts of space, over all the above; the last one that holds a node wins.
+    /// Classes for parts of space; they override all the above, and the last part that holds a node wins.
     pub paint: Vec<Paint>,
 }
 
-/// How many nodes do what at the begin of a solve.
+/// Numbers of nodes by attachment at the start of a solve.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Attached {
     /// Nodes tied to each segment.
     pub tied: BTreeMap<u32, usize>,
     /// Nodes that slide on bone.
     pub sliding: usize,
-    /// Nodes at bone that touch nothing.
+    /// Nodes at bone that are free.
     pub free_at_bone: usize,
-    /// Nodes held at the mesh's cuts.
+    /// Nodes fixed where the mesh ends inside the tissue.
     pub fixed: usize,
     /// Of all these, nodes that were painted.
     pub painted: usize,
 }
 
-/// Tied at rest below this gap, mm.
+/// Gap at rest below which nodes are tied by default, mm.
 const TIE_GAP_MM: f64 = 1.5;
-/// Nodes on bone nearer than this to another bone slide, if one of the two moves: there the periosteum is stripped for the saw, and a tied
-/// node would be torn, mm.
+/// Nodes on bone nearer than this to another segment slide if one of the two moves, mm: the periosteum is stripped there for
+/// the saw, and a tied node would be torn.
 const STRIPPED_MM: f64 = 6.0;
-/// Nodes on bone that stays slide up to this far from a moving upper jaw, mm: a Le Fort I is sawn after the periosteum has been
-/// lifted off the front of the maxilla up to the infraorbital foramen. Not so at the teeth below.
+/// Nodes on fixed bone slide up to this far from a moving upper jaw, mm: a Le Fort I is sawn after the periosteum has been
+/// lifted off the front of the maxilla up to the infraorbital foramen. This does not hold for the teeth below.
 const STRIPPED_ABOVE_MM: f64 = 15.0;
-/// Nodes this near to two bones of which one moves touch nothing, mm: about an edge of the mesh cannot
-/// resolve contact with the sharp rims of a cut, and Newton's method creeps where single nodes slip off them.
+/// Sliding nodes this near to two segments of which one moves are freed, mm, about an edge of the mesh: the mesh cannot resolve
+/// contact with the sharp rims of a cut, and Newton's method converges slowly where single nodes slip off them.
 const SEAM_MM: f64 = 4.0;
-/// Nodes on the mesh's inner cut nearer than this to a moving segment are freed, so that it does not push against a wall
-/// that is not there, mm.
+/// Fixed nodes where the mesh ends in depth are freed within this distance of a moving segment, mm, so that it does not push
+/// against a wall that is not there.
 const FREE_CUT_MM: f64 = 20.0;
 /// Height of the tooth crowns above and below the border of a jaw, mm.
 const CROWN_MM: f64 = 9.0;
-/// A node farther than this from every vertex of the skull is not painted by one, mm.
+/// A node farther than this from every vertex of the skull takes no class from it, mm.
 const PAINT_REACH_MM: f64 = 5.0;
 
-/// What the cuts' names tell of a segment.
+/// Type of jaw of a segment, from the names of its cuts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Jaw {
-    /// Teeth at its lower border; also what cuts without a name leave.
+    /// Teeth at its lower border; also for segments whose cuts have no names.
     Upper,
-    /// Teeth at this height.
+    /// Teeth at this z, mm.
     Lower(f64),
     /// A chin or a ramus: no teeth.
     Toothless,
@@ -136,7 +136,9 @@ fn teeth(bone: &CutBone, segment: &Segment) -> Option<Aabb> {
     Some(Aabb { min: box_at(b.min, -1.0, border), max: box_at(b.max, 1.0, border) })
 }
 
-/// Node classes for one osteotomy: `moving` are the segments that the plan moves. What was done, and what it came to.
+/// Sets the attachment of the mesh's nodes for one osteotomy; `moving` are the segments that the plan moves.
+///
+/// Returns notes on what was changed, and the numbers of nodes by attachment.
 pub(super) fn attach(
     mesh: &mut MixedMesh,
     bone: &CutBone,
@@ -196,7 +198,7 @@ pub(super) fn attach(
             if uppers.is_empty() {
                 String::new()
             } else {
-                format!(", {STRIPPED_ABOVE_MM} mm on the bone that stays above an upper jaw")
+                format!(", and within {STRIPPED_ABOVE_MM} mm of a moving upper jaw on the fixed bone above it")
             }
         ));
     }
@@ -206,10 +208,10 @@ pub(super) fn attach(
         ));
     }
     if freed > 0 {
-        notes.push(format!("{freed} nodes of the inner cut within {FREE_CUT_MM} mm of moving bone are free"));
+        notes.push(format!("{freed} nodes where the mesh ends within {FREE_CUT_MM} mm of moving bone are free"));
     }
     if painted.is_empty() && (rules.skull.is_some() || !rules.paint.is_empty()) {
-        notes.push("no node at bone lies where classes were painted".to_owned());
+        notes.push("the painted classes apply to no node: no node at bone lies where they were painted".to_owned());
     }
     for (node, class) in &painted {
         mesh.attachment[*node] = match class {
@@ -222,7 +224,7 @@ pub(super) fn attach(
     (notes, attached)
 }
 
-/// Nodes of faces on bone that are not held at the mesh's cuts, ascending.
+/// Nodes of faces on bone that are not fixed, ascending.
 fn at_bone(mesh: &MixedMesh) -> Vec<usize> {
     let mut nodes: Vec<usize> = mesh.bone_faces.iter().flatten().map(|n| *n as usize).collect();
     nodes.sort_unstable();
@@ -287,7 +289,7 @@ mod tests {
         TriMesh::new((0..8).map(corner).collect(), triangles).unwrap()
     }
 
-    /// An upper block that stays and a lower one that moves, a millimetre apart at z = 0, parted by a cut of this name.
+    /// A fixed upper block and a moving lower one, 1 mm apart at z = 0, parted by a cut of this name.
     fn jaws(cut: &str) -> CutBone {
         let plane = BoundedPlane { point: Point::origin(), normal: Vector::z(), bounds: None };
         let segment = |id: u32, surface: TriMesh| Segment {
@@ -311,7 +313,7 @@ mod tests {
         CutBone { osteotomy: Arc::new(osteotomy), fields }
     }
 
-    /// Nodes on the front of the blocks at these heights, on which tissue slides before anything is said.
+    /// Nodes on the front of the blocks at these heights, all sliding at first.
     fn front(heights: &[f64]) -> MixedMesh {
         let positions: Vec<Point> = heights.iter().map(|z| Point::new(0.0, -20.0, *z)).collect();
         let n = positions.len() as u32;
@@ -339,7 +341,8 @@ mod tests {
     fn a_lower_jaw_slides_at_its_teeth_and_holds_the_chin() {
         use Attachment::{Free, Sliding, Tied};
         let (found, attached) = classes("occlusal", &AttachmentRules::default());
-        // Within 9 mm of the occlusal plane tissue slides, at the saw line it is free; the lower border is tied, so that it is pulled back.
+        // Within 9 mm of the occlusal plane tissue slides, at the saw line it is free; the lower border is tied, so that it is
+        // pulled back.
         assert_eq!(found, [Tied(1), Tied(1), Sliding, Free, Tied(0), Tied(0)]);
         assert_eq!((attached.tied[&1], attached.tied[&0], attached.sliding, attached.free_at_bone), (2, 2, 1, 1));
         // A chin has no teeth; what is left of its cut is stripped.

@@ -9,10 +9,10 @@ use prosopon_geometry::control::Control;
 use prosopon_geometry::{Aabb, Implicit};
 use prosopon_tissue::fem::ContactBody;
 
-/// Bone in pieces, each with its own field in its rest frame.
+/// Bone cut into segments, each with a distance field in its rest frame.
 #[derive(Debug)]
 pub struct CutBone {
-    /// The pieces.
+    /// The cuts and the segments.
     pub osteotomy: Arc<Osteotomy>,
     /// Field of each segment, in the order of the osteotomy's segments.
     pub fields: Vec<Arc<SignedField>>,
@@ -39,8 +39,8 @@ impl CutBone {
     }
 }
 
-/// Fields for ties and contact are this much coarser than those of skin and bone: the cut bone comes from a lattice of a like
-/// spacing, and on its rounded edges Newton's method needs two thirds of the iterations.
+/// Spacing of the fields for ties and contact, in units of that for skin and bone: the cut bone comes from a lattice of similar
+/// spacing, and on the rounded edges of a coarser field Newton's method needs two thirds of the iterations.
 const CONTACT_SPACING: f64 = 2.0;
 
 /// Cuts the bone and builds a field for each segment, at twice the spacing that `settings` names.
@@ -68,7 +68,7 @@ pub fn segment_fields(
 ) -> Result<CutBone, SimulateError> {
     let settings = settings.coarser(CONTACT_SPACING);
     let unseen = control.unreported();
-    // Side by side: parts of each run on one thread.
+    // In parallel, because parts of each build run on one thread.
     let fields = osteotomy
         .segments
         .par_iter()

@@ -2,18 +2,18 @@ use prosopon_geometry::{Aabb, TriMesh, Vector};
 use prosopon_tissue::fem::Solver;
 use prosopon_tissue::mesh::Embedding;
 
-/// Most sweeps of the smoothing; holes are some ten vertices wide.
+/// Most sweeps of the smoothing; holes are about ten vertices wide.
 const MOST_SWEEPS: usize = 200;
 /// Sweeps end when no vertex moves farther than this, mm.
 const SETTLED_MM: f64 = 1e-4;
 
-/// Carries the user's skin along with the prisms.
+/// Moves the user's skin with the prisms.
 ///
-/// Vertices without a prism, under folds that could not be meshed and beyond the region, follow the mean of their
-/// neighbours: far from the region, where the prisms' edge is fixed, that is no displacement.
+/// Vertices without a prism, at folds that could not be meshed and beyond the region, take the mean displacement of their
+/// neighbours. Far from the region that is zero, because the prisms at its edge are fixed.
 pub(super) struct Carrier<'a> {
     embedding: &'a Embedding,
-    /// Vertices without a prism, rising, with their neighbours.
+    /// Vertices without a prism, ascending, with their neighbours.
     loose: Vec<(usize, Vec<u32>)>,
 }
 
@@ -38,11 +38,13 @@ impl<'a> Carrier<'a> {
         Self { embedding, loose: loose.collect() }
     }
 
-    /// Says how many vertices inside `region` have no prism.
+    /// Warning with the number of skin vertices inside `region` that have no prism.
     pub(super) fn warning(&self, skin: &TriMesh, region: &Aabb) -> Option<String> {
         let inside = self.loose.iter().filter(|(v, _)| region.contains(&skin.positions()[*v])).count();
         (inside > 0).then(|| {
-            format!("{inside} vertices of the skin in the region lie on no prism (folds, nostrils, the back): they follow their neighbours")
+            format!(
+                "{inside} skin vertices in the region lie on no prism (folds, nostrils, the back); neighbours move them"
+            )
         })
     }
 
@@ -93,8 +95,8 @@ mod tests {
         (TriMesh::new(positions, triangles.collect()).unwrap(), Embedding { anchors })
     }
 
-    /// On this lattice the mean of the neighbours is exact for linear fields; sweeps end with changes of 1e-4 mm, whose sum over the
-    /// remaining ones stays below 1e-2 mm in a hole of this size.
+    /// On this lattice the mean of the neighbours is exact for linear fields; sweeps end with changes of 1e-4 mm, whose sum
+    /// over the remaining ones stays below 1e-2 mm in a hole of this size.
     #[test]
     fn a_hole_takes_a_linear_displacement_from_around_it() {
         let hole = |i: usize, j: usize| (3..9).contains(&i) && (3..9).contains(&j);

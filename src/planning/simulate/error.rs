@@ -14,22 +14,22 @@ pub enum SimulateError {
         /// What is wrong.
         detail: String,
     },
-    /// A distance field.
+    /// A distance field could not be built.
     #[error(transparent)]
     Field(#[from] FieldError),
-    /// The mesh.
+    /// The tissue could not be meshed.
     #[error(transparent)]
     Mesh(#[from] MeshError),
-    /// Cuts or paths.
+    /// Cuts or paths cannot be used.
     #[error(transparent)]
     Plan(#[from] PlanError),
-    /// The solver.
+    /// The solver ended with an error.
     #[error(transparent)]
     Solve(#[from] SolveError),
-    /// Error maps.
+    /// An error map could not be computed.
     #[error(transparent)]
     Evaluate(#[from] EvaluateError),
-    /// Stopped by the caller.
+    /// The caller cancelled the computation.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
 }

@@ -10,11 +10,11 @@ use prosopon_geometry::{Implicit, Point, ScalarGrid, TriMesh};
 pub struct Anatomy {
     /// Outer skin.
     pub skin: TriMesh,
-    /// Bone with teeth, as dirty as it comes.
+    /// Bone with teeth; it may be open, cross itself or fall into parts.
     pub skull: TriMesh,
-    /// Air inside the head, when a CT gave it.
+    /// Air inside the head, when it comes from a CT.
     pub air: Option<TriMesh>,
-    /// Mean value of soft tissue around each place, HU, when a CT gave it; not a number where there is none.
+    /// Mean CT value of soft tissue around each grid node, HU, when there is a CT; NaN where there is no soft tissue.
     pub soft_tissue: Option<ScalarGrid>,
     /// Named landmarks; may be empty.
     pub landmarks: Vec<(String, Point)>,
@@ -25,17 +25,17 @@ pub struct Anatomy {
 pub struct Fields {
     /// Field of the skin.
     pub skin: SignedField,
-    /// Its report.
+    /// Report of the skin's field.
     pub skin_report: FieldReport,
     /// Outer envelope of bone.
     pub bone: Arc<Envelope>,
     /// Field of the envelope.
     pub bone_field: SignedField,
-    /// Its report.
+    /// Report of the envelope's field, with the doubtful regions of the skull's surface.
     pub bone_report: FieldReport,
     /// Field of the inner air.
     pub air: Option<SignedField>,
-    /// What was repaired.
+    /// What was repaired or should be checked.
     pub warnings: Vec<String>,
 }
 
@@ -51,12 +51,14 @@ pub struct FieldsSettings {
 /// Builds the fields of an anatomy, and checks that the skull lies inside the skin.
 ///
 /// # Errors
-/// [`SimulateError::Anatomy`] when skin and skull do not belong together; else what the fields say.
+/// [`SimulateError::Anatomy`] when skin and skull do not belong together; [`SimulateError::Field`] when a field cannot be built.
 pub fn build_fields(anatomy: &Anatomy, settings: &FieldsSettings, control: &Control) -> Result<Fields, SimulateError> {
     build_fields_around(anatomy, None, settings, control)
 }
 
-/// The same, with the bone's envelope where it is known: [`envelope`] of the skull with the same settings.
+/// As [`build_fields`], with the bone's envelope if it is already known.
+///
+/// `known` must be the [`envelope`] of the skull with the same settings.
 ///
 /// # Errors
 /// As [`build_fields`].
@@ -66,7 +68,7 @@ pub fn build_fields_around(
     settings: &FieldsSettings,
     control: &Control,
 ) -> Result<Fields, SimulateError> {
-    // Side by side, as parts of each run on one thread. Progress is that of the slower one.
+    // In parallel, because parts of each run on one thread; the bone is slower, so the progress is its own.
     let unseen = control.unreported();
     let (soft, bone) = rayon::join(
         || {
@@ -83,7 +85,7 @@ pub fn build_fields_around(
                 None => Arc::new(envelope(&anatomy.skull, &settings.envelope, &control.part(0.0, 0.5))?),
             };
             let (field, mut report) = SignedField::build(&bone.surface, &settings.field, &control.part(0.5, 1.0))?;
-            // The envelope is closed; what is doubtful is the surface that came.
+            // The envelope is closed; the doubtful regions are those of the skull's surface.
             report.regions.clone_from(&bone.regions);
             Ok::<_, SimulateError>((bone, (field, report)))
         },
@@ -100,9 +102,9 @@ pub fn build_fields_around(
     Ok(Fields { skin, skin_report, bone, bone_field, bone_report, air, warnings })
 }
 
-/// Bone farther outside the skin than this is a fault and no inaccuracy, mm.
+/// Bone farther outside the skin than this is an error and not an inaccuracy, mm.
 const OUTSIDE_MM: f64 = 2.0;
-/// Share of vertices on the wrong side from which the surfaces cannot belong together.
+/// Share of vertices on the wrong side above which the surfaces cannot belong together.
 const REFUSED_SHARE: f64 = 0.3;
 
 fn check_nesting(
@@ -131,7 +133,7 @@ fn check_nesting(
     let worst = bare.max(covered);
     Ok((worst > 0.005).then(|| {
         format!(
-            "skin and bone cross: {:.1} % of the vertices are more than {OUTSIDE_MM} mm on the wrong side",
+            "skin and bone cross: {:.1} % of the vertices lie more than {OUTSIDE_MM} mm on the wrong side; check both surfaces",
             100.0 * worst
         )
     }))

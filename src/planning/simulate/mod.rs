@@ -1,6 +1,6 @@
 //! From a patient's surfaces and a plan to steps of deformed skin.
 //!
-//! Invariants: calls the rooms above, knows no HTTP and no storage; all results are functions of the inputs and settings.
+//! Invariants: no HTTP and no storage; results depend on nothing but the inputs and settings.
 
 mod attach;
 mod bone;

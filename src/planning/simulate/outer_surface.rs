@@ -1,7 +1,9 @@
 use super::ready_mesh::ReadyMesh;
 use prosopon_geometry::{GeometryError, Point, TriMesh};
 
-/// The outside of a ready mesh: the outer triangles of its prisms, or without prisms its boundary away from bone.
+/// Outer surface of a ready mesh.
+///
+/// It consists of the outer triangles of the prisms, or without prisms of the boundary away from bone.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OuterSurface {
     /// Mesh node of each vertex.
@@ -11,10 +13,10 @@ pub struct OuterSurface {
 }
 
 impl OuterSurface {
-    /// The outside of `ready`.
+    /// Outer surface of `ready` at rest.
     ///
     /// # Errors
-    /// [`GeometryError`] when there is none.
+    /// [`GeometryError`] when the mesh has no outer triangle.
     pub fn of(ready: &ReadyMesh) -> Result<Self, GeometryError> {
         let faces = ready.outer_faces();
         let mut nodes: Vec<u32> = faces.iter().flatten().copied().collect();
@@ -29,7 +31,7 @@ impl OuterSurface {
         Ok(Self { rest: TriMesh::new(positions, triangles)?, nodes })
     }
 
-    /// The surface with the mesh's nodes at `nodes`.
+    /// The surface with all nodes of the mesh at the positions `nodes`, LPS mm.
     ///
     /// # Errors
     /// [`GeometryError`] when positions are not finite.

@@ -1,4 +1,4 @@
-//! Which tissue a plan cannot reach.
+//! Estimates which tissue a plan hardly moves.
 
 use super::CutBone;
 use crate::plan::Plan;
@@ -7,24 +7,26 @@ use prosopon_geometry::{Aabb, Point};
 use prosopon_tissue::fem::material::Materials;
 use prosopon_tissue::mesh::{Attachment, MixedMesh, Tissue};
 
-/// Instants along a path at which the largest displacement of bone is looked for.
+/// Samples of a path from which the largest displacement of bone is taken.
 const INSTANTS: usize = 32;
-/// Sliding nodes nearer than this to a moving segment go as far as it does, mm.
+/// Sliding nodes nearer than this to a moving segment are taken to move as far as it does, mm.
 const PUSHED_MM: f64 = 3.0;
-/// What a sheet's resistance to a pull is in units of its shear modulus.
+/// Stiffness of an incompressible sheet in tension, in units of its shear modulus.
 const SHEET: f64 = 4.0;
-/// Share of the bone's displacement that is looked at as none.
+/// Tolerance of the estimate as a share of the bone's displacement.
 const RELATIVE_ERROR: f64 = 1e-5;
-/// Most iterations of conjugate gradients; estimates that are not done by then are too small only where they are small.
+/// Most iterations of conjugate gradients; an estimate that has not converged by then is too small only where it is small.
 const MAX_ITERATIONS: usize = 1000;
 
-/// Bound on how far a plan displaces bone, mm: a power of two, so that plans of about the same size reach the same tissue.
+/// Bound on how far `plan` displaces bone, rounded up to a power of two, mm; 0 when no bone moves.
+///
+/// The rounding lets plans of about the same size leave out the same tissue.
 #[must_use]
 pub fn displacement_class_mm(bone: &CutBone, plan: &Plan) -> f64 {
     let mut largest = 0.0f64;
     for k in 1..=INSTANTS {
         for (segment, motion) in plan.motions(k as f64 / INSTANTS as f64) {
-            // How far a rigid motion takes a point is convex in the point.
+            // The displacement by a rigid motion is convex in the point, so the corners of the box bound it.
             let surfaces = bone.osteotomy.segments.iter().filter(|s| s.id == segment);
             let corners = surfaces.flat_map(|s| corners(&s.surface.bounds()));
             largest = corners.map(|p| (motion.transform_point(&p) - p).norm()).fold(largest, f64::max);
@@ -40,10 +42,11 @@ fn corners(b: &Aabb) -> [Point; 8] {
     })
 }
 
-/// Free and sliding nodes that move by less than `least_mm` when the segments `moving` move by `displacement_mm`, by estimate: the
-/// displacement's length is taken as harmonic between bone that moves and bone that stays, on conductances `G V / l²` of the cells' edges
-/// with the shear modulus `G` of soft tissue, and four times that of skin, which is pulled along as a sheet: an incompressible sheet
-/// resists a pull with `4 G`.
+/// Free and sliding nodes that move by less than `least_mm`, by estimate, when the segments `moving` move by `displacement_mm`.
+///
+/// The length of the displacement is taken as harmonic between moving and fixed bone, with conductances `G V / l²` on the edges
+/// of the cells. `G` is the shear modulus of the tissue, and four times that of skin: skin is pulled along as a sheet, and an
+/// incompressible sheet resists a pull with `4 G`.
 pub(super) fn beyond_reach(
     mesh: &MixedMesh,
     bone: &CutBone,
@@ -74,7 +77,7 @@ pub(super) fn beyond_reach(
     Ok(beyond.map(|node| node as u32).collect())
 }
 
-/// Conductances between nodes, by rows.
+/// Conductances between nodes, in compressed rows.
 struct Conductances {
     first: Vec<u32>,
     entries: Vec<(u32, f64)>,
@@ -123,8 +126,9 @@ impl Conductances {
         }
     }
 
-    /// Values with no net flow at nodes that are not held, by conjugate gradients with the diagonal as preconditioner, until no node's
-    /// flow would change it by more than `error`. Free nodes without a link keep 0.
+    /// Values with zero net flow at all free nodes, by conjugate gradients with the diagonal as preconditioner.
+    ///
+    /// Stops when no node's residual flow would change its value by more than `error`. Free nodes without a link keep 0.
     fn harmonic(&self, held: &[Option<f64>], error: f64, control: &Control) -> Result<Vec<f64>, Cancelled> {
         let n = held.len();
         let diagonal: Vec<f64> = (0..n).map(|node| self.row(node).iter().map(|(_, g)| g).sum()).collect();
@@ -206,8 +210,8 @@ mod tests {
         mesh
     }
 
-    /// Between ends that are held at 8 and 0 the harmonic length falls linearly. Edges at the bar's sides have fewer cells on one side, which
-    /// shifts it by less than what it falls by over a cell.
+    /// Between ends that are held at 8 and 0 the harmonic length falls linearly. Edges at the bar's sides have fewer cells on
+    /// one side, which shifts it by less than what it falls by over a cell.
     #[test]
     fn it_falls_linearly_along_a_bar() {
         let n = 16;
@@ -241,8 +245,8 @@ mod tests {
         );
     }
 
-    /// The phantom on a coarse mesh, its upper jaw 4 mm forward: what is left out is far from the jaw, and skin is where it is with all the
-    /// tissue, within 0.05 mm at P99.
+    /// The phantom on a coarse mesh, its upper jaw 4 mm forward: the tissue left out is far from the jaw, and the skin differs
+    /// from the solve of all tissue by less than 0.05 mm at P99.
     #[test]
     fn tissue_left_out_is_not_missed() {
         let head = phantom::head();
@@ -282,7 +286,7 @@ mod tests {
         assert_eq!(whole.left_out, LeftOut { nodes: 0, of_nodes: tissue.mesh.positions.len(), border_mm: 0.0 });
         let (before, after) = (whole.steps[0].unknowns, kept.steps[0].unknowns);
         assert!(10 * after < 9 * before, "{after} of {before} unknowns are left");
-        // What was left out was taken to move by less than 0.03 mm; on cells of 9 mm the estimate is good to a factor of eight.
+        // Tissue left out was estimated to move by less than 0.03 mm; on cells of 9 mm the estimate is good to a factor of eight.
         assert!(kept.left_out.border_mm < 8.0 * LEAVE_OUT_BELOW_MM, "{:?}", kept.left_out);
         let mut off: Vec<f64> = all.positions().iter().zip(some.positions()).map(|(a, b)| (a - b).norm()).collect();
         off.sort_by(f64::total_cmp);

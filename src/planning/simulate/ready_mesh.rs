@@ -1,4 +1,4 @@
-//! A volume mesh that somebody else made, as the solver takes it.
+//! A ready mesh: a volume mesh that the client brings, in the form that the solver takes.
 
 use prosopon_geometry::{Cell, DataArray, Point, Vector, VolumeMesh};
 use prosopon_tissue::fem::{Boundary, Locking, SolveError, check_support};
@@ -7,27 +7,32 @@ use prosopon_tissue::mesh::{Attachment, MixedMesh, Tissue, boundary_of};
 /// Why a volume mesh cannot be solved on.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ReadyMeshError {
-    /// No cells.
+    /// The mesh has no cells.
     #[error("the mesh has no tetrahedra and no wedges")]
     Empty,
-    /// An array does not hold what its name promises.
+    /// An array has values that its name does not allow.
     #[error("the {on} array `{name}` is not usable: {detail}")]
     Array {
         /// `point` or `cell`.
         on: &'static str,
-        /// Its name.
+        /// Name of the array.
         name: &'static str,
         /// What was found where, and what is allowed.
         detail: String,
     },
     /// A cell that is flat or names a node twice.
-    #[error("cell {cell} has no volume")]
+    #[error("cell {cell} has no volume; its corners coincide or lie in one plane")]
     Flat {
         /// Index in the file.
         cell: usize,
     },
-    /// A wedge whose triangles do not lie over each other corner by corner.
-    #[error("the wedge of cell {cell} is twisted: point {} of its second triangle does not lie over point {} of the first, another one does; number both triangles from corners that lie over each other", corners[0], corners[1])]
+    /// A wedge whose triangles are not opposite each other corner by corner.
+    #[error(
+        "the wedge of cell {cell} is twisted: point {} of its second triangle is not opposite point {} of the first; number both \
+         triangles from opposite corners",
+        corners[0],
+        corners[1]
+    )]
     Twisted {
         /// Index in the file.
         cell: usize,
@@ -35,22 +40,22 @@ pub enum ReadyMeshError {
         corners: [u32; 2],
     },
     /// Two cells on the same side of their common triangle.
-    #[error("the two cells at the triangle of the points {triangle:?} lie on the same side of it: they overlap")]
+    #[error("the two cells at the triangle of points {triangle:?} overlap: both lie on the same side of it")]
     Overlap {
         /// Points, ascending.
         triangle: [u32; 3],
     },
     /// More than two cells at one triangle.
-    #[error("the triangle of the points {triangle:?} belongs to {cells} cells, at most 2 are possible")]
+    #[error("the triangle of points {triangle:?} belongs to {cells} cells, at most 2 are allowed")]
     NotConforming {
         /// Points, ascending.
         triangle: [u32; 3],
-        /// How many cells.
+        /// Number of cells at the triangle.
         cells: usize,
     },
 }
 
-/// Where a cell of the file went.
+/// Index of a file's cell in the mesh.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum CellPlace {
     /// A tetrahedron of the mesh.
@@ -59,34 +64,38 @@ pub enum CellPlace {
     Prism(u32),
 }
 
-/// How a ready mesh is solved where nobody says otherwise, at every door: such meshes are made for any material, and plain linear elements are a
-/// quarter too stiff near incompressibility. Meshes that are built for a head have their default in [`prosopon_tissue::fem::SolveSettings::new`].
+/// Default treatment of locking on ready meshes, for the command line and the service.
+///
+/// Ready meshes may have any material, and plain linear elements are a quarter too stiff near incompressibility. Meshes that are
+/// built for a head have their default in [`prosopon_tissue::fem::SolveSettings::new`].
 pub const READY_MESH_LOCKING: Locking = Locking::Smoothed;
 
-/// A volume mesh with what holds and loads it.
+/// A volume mesh with its boundary conditions and loads.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReadyMesh {
     /// The mesh; nodes are the file's points.
     pub mesh: MixedMesh,
-    /// Planes of symmetry and dead loads.
+    /// Held axes, prescribed displacements and dead loads.
     pub boundary: Boundary,
-    /// Place of each cell of the file.
+    /// Index in `mesh` of each cell of the file.
     pub places: Vec<CellPlace>,
-    /// What was changed or looks doubtful.
+    /// What was changed or should be checked.
     pub warnings: Vec<String>,
 }
 
 impl ReadyMesh {
-    /// Checks a volume mesh and brings it into order: cells that are inside out are turned round, of each wedge the triangle on
-    /// the boundary becomes the outer one.
+    /// Checks a volume mesh and orients its cells.
     ///
-    /// Point arrays, all optional: `attachment` (-1 free, 0 skull, k segment k, -2 sliding), `fixed_mask` (axes along which the
-    /// point is held, bits x = 1, y = 2, z = 4), `prescribed_mm` (where it goes along these axes; three components), `force_n` (three
-    /// components). Cell array `tissue` (0 skin, 1 muscle, 2 fat, 3 mucosa);
-    /// without it wedges are skin and tetrahedra fat.
+    /// Cells that are inside out are reoriented; in each wedge the triangle on the boundary becomes the outer one.
+    ///
+    /// Point arrays, all optional: `attachment` (-1 free, 0 tied to the skull, k tied to segment k, -2 sliding), `fixed_mask`
+    /// (axes along which the point is held, bits x = 1, y = 2, z = 4), `prescribed_mm` (displacement along these axes, mm;
+    /// three components), `force_n` (dead load, N; three components). Cell array, optional: `tissue` (0 skin, 1 muscle, 2 fat,
+    /// 3 mucosa); without it wedges are skin and tetrahedra fat.
     ///
     /// # Errors
-    /// [`ReadyMeshError`].
+    /// [`ReadyMeshError`] for a mesh without cells, an array with values that are not allowed, or flat, twisted, overlapping or
+    /// non-conforming cells.
     pub fn new(volume: &VolumeMesh) -> Result<Self, ReadyMeshError> {
         if volume.cells.is_empty() {
             return Err(ReadyMeshError::Empty);
@@ -127,7 +136,7 @@ impl ReadyMesh {
             }
         }
         if turned > 0 {
-            warnings.push(format!("{turned} tetrahedra were inside out and have been turned round"));
+            warnings.push(format!("{turned} tetrahedra were inside out and were reoriented"));
         }
         let boundary_faces = BoundaryFaces::of(&tetrahedra, &prisms)?;
         boundary_faces.outer_first(&mut prisms, &attachment);
@@ -149,17 +158,18 @@ impl ReadyMesh {
     /// Checks that each connected part is held against all six rigid motions.
     ///
     /// # Errors
-    /// [`SolveError::Problem`] with the place of one that is not.
+    /// [`SolveError::Problem`] with the place of a part that is not.
     pub fn check_support(&self) -> Result<(), SolveError> {
         check_support(&self.mesh, &self.boundary.held_axes)
     }
 
-    /// Outer triangles of the prisms that lie on the boundary; without prisms the triangles on the boundary that are not at bone. Counter-clockwise
-    /// from outside.
+    /// Triangles of the outer surface as node indices, counter-clockwise from outside.
+    ///
+    /// These are the prisms' outer triangles on the boundary; without prisms, the boundary triangles that are not at bone.
     #[must_use]
     pub fn outer_faces(&self) -> Vec<[u32; 3]> {
         let mesh = &self.mesh;
-        // The mesh was found conforming when it was made.
+        // `new` has checked that the mesh is conforming.
         let Ok(boundary) = BoundaryFaces::of(&mesh.tetrahedra, &mesh.prisms) else { return Vec::new() };
         if !mesh.prisms.is_empty() {
             let outer = mesh.prisms.iter().map(|p| triangles_of(p)[0]);
@@ -172,7 +182,9 @@ impl ReadyMesh {
         mesh.tetrahedra.iter().flat_map(faces_of).filter(free).collect()
     }
 
-    /// Prisms whose outer triangle is another prism's inner one, or lies inside: they cannot be C1 prisms.
+    /// Number of prisms with an outer corner that is an inner corner of another prism.
+    ///
+    /// They cannot be C1 prisms.
     #[must_use]
     pub fn buried_prisms(&self) -> usize {
         let n = self.mesh.positions.len();
@@ -199,8 +211,8 @@ fn turn_tetrahedron(corners: [u32; 4], x: &[Point]) -> Option<([u32; 4], bool)> 
     }
 }
 
-/// The wedge with the normal of its first triangle pointing away from the second, as VTK's file format guide has it. Both kinds are
-/// common, so this is no fault.
+/// Orients the wedge so that the normal of its first triangle points away from the second, as in VTK's file format guide;
+/// `None` for a flat wedge. Files commonly use either orientation, so the other one is not an error.
 fn turn_wedge(corners: [u32; 6], x: &[Point]) -> Option<[u32; 6]> {
     let [a, b, c, d, e, f] = corners.map(|n| x[n as usize].coords);
     let (u, v) = (0.5 * ((b - a) + (e - d)), 0.5 * ((c - a) + (f - d)));
@@ -217,8 +229,8 @@ fn turn_wedge(corners: [u32; 6], x: &[Point]) -> Option<[u32; 6]> {
     }
 }
 
-/// Whether the second triangle fits the first better when its corners are taken one or two on: then the wedge is turned in itself by more than
-/// 60°, though its volume may be positive everywhere.
+/// Whether the second triangle matches the first better with its corners rotated by one or two: the wedge is then twisted by more
+/// than 60°, though its volume may be positive everywhere.
 fn is_twisted(corners: [u32; 6], x: &[Point]) -> bool {
     let p = corners.map(|n| x[n as usize].coords);
     let middles = [p[0] + p[1] + p[2], p[3] + p[4] + p[5]].map(|sum| sum / 3.0);
@@ -227,7 +239,7 @@ fn is_twisted(corners: [u32; 6], x: &[Point]) -> bool {
     fit(0) < fit(1).max(fit(2))
 }
 
-/// Points of different cells at one place on the boundary: tissue is not joined there. What to tell of them.
+/// Warning about boundary points of different cells in the same place, where tissue is not joined.
 fn doubled(x: &[Point], tetrahedra: &[[u32; 4]], prisms: &[[u32; 6]]) -> Option<String> {
     let (faces, _) = boundary_of(tetrahedra, prisms);
     let mut nodes: Vec<u32> = faces.into_iter().flatten().collect();
@@ -240,8 +252,8 @@ fn doubled(x: &[Point], tetrahedra: &[[u32; 4]], prisms: &[[u32; 6]]) -> Option<
     let first = same.iter().min_by_key(|same| same[0])?;
     let p = x[first[0] as usize];
     Some(format!(
-        "at {} places points of different cells lie in the same place, the first are {} and {} at ({:.2}, {:.2}, {:.2}) mm: tissue is not joined there and \
-         opens as a slit; merge them if that is not meant",
+        "at {} places points of different cells lie in the same place, the first are {} and {} at ({:.2}, {:.2}, {:.2}) mm: \
+         tissue is not joined there and opens as a slit; merge the points unless a slit is intended",
         same.len(),
         first[0],
         first[1],
@@ -251,7 +263,7 @@ fn doubled(x: &[Point], tetrahedra: &[[u32; 4]], prisms: &[[u32; 6]]) -> Option<
     ))
 }
 
-/// Triangles of one cell only, by their sorted corners.
+/// Triangles that belong to one cell only, by their sorted corners.
 struct BoundaryFaces {
     sorted: Vec<[u32; 3]>,
 }
@@ -261,7 +273,7 @@ fn sorted(mut triangle: [u32; 3]) -> [u32; 3] {
     triangle
 }
 
-/// Whether the corners run round the triangle as the ascending ones do.
+/// Whether the corners are an even permutation of their ascending order.
 fn is_even([a, b, c]: [u32; 3]) -> bool {
     [a < b, b < c, c < a].iter().filter(|ascends| **ascends).count() == 2
 }
@@ -278,7 +290,7 @@ fn triangles_of(&[a, b, c, d, e, f]: &[u32; 6]) -> [[u32; 3]; 2] {
 
 impl BoundaryFaces {
     fn of(tetrahedra: &[[u32; 4]], prisms: &[[u32; 6]]) -> Result<Self, ReadyMeshError> {
-        // All are counter-clockwise from outside, so the two sides of one run round it in opposite ways.
+        // All are counter-clockwise from outside, so two cells on either side of a triangle list it in opposite orientations.
         let faces = tetrahedra.iter().flat_map(faces_of).chain(prisms.iter().flat_map(triangles_of));
         let mut all: Vec<([u32; 3], bool)> = faces.map(|t| (sorted(t), is_even(t))).collect();
         all.sort_unstable();
@@ -299,7 +311,8 @@ impl BoundaryFaces {
         self.sorted.binary_search(&sorted(triangle)).is_ok()
     }
 
-    /// Exchanges the triangles of prisms where only the second lies on the boundary, or both do and the second is less held.
+    /// Exchanges the triangles of prisms where only the second lies on the boundary, or both do and the second has fewer held
+    /// corners.
     fn outer_first(&self, prisms: &mut [[u32; 6]], attachment: &[Attachment]) {
         let held = |t: &[u32]| t.iter().filter(|&&n| attachment[n as usize] != Attachment::Free).count();
         for prism in prisms {
@@ -309,7 +322,7 @@ impl BoundaryFaces {
                 (outer_is_first, outer_is_second) => outer_is_second && !outer_is_first,
             };
             if exchange {
-                // The other way round about, so that the handedness stays.
+                // The corners are reversed too, which keeps the handedness.
                 let [a, b, c, d, e, f] = *prism;
                 *prism = [d, f, e, a, c, b];
             }
@@ -317,8 +330,9 @@ impl BoundaryFaces {
     }
 }
 
-/// Boundary triangles at bone: those with only held and sliding corners, but outer triangles of prisms only with a sliding one, and those round
-/// a sliding point that no such triangle has.
+/// Boundary triangles at bone: those without a free corner, and those around a sliding point that belongs to none of these.
+///
+/// An outer triangle of a prism counts only if it has a sliding corner.
 fn bone_faces(tetrahedra: &[[u32; 4]], prisms: &[[u32; 6]], attachment: &[Attachment]) -> Vec<[u32; 3]> {
     let (faces, n_outer) = boundary_of(tetrahedra, prisms);
     let slides = |n: &u32| attachment[*n as usize] == Attachment::Sliding;
@@ -338,7 +352,7 @@ fn array_fault(on: &'static str, name: &'static str, detail: String) -> ReadyMes
     ReadyMeshError::Array { on, name, detail }
 }
 
-/// Whole numbers from `min` to `max`, one a point or cell.
+/// Whole numbers from `min` to `max`, one for each point or cell.
 fn whole_numbers(
     array: &DataArray,
     on: &'static str,
@@ -399,7 +413,7 @@ fn held_axes(volume: &VolumeMesh) -> Result<Vec<u8>, ReadyMeshError> {
     Ok(whole_numbers(array, "point", "fixed_mask", 0, 7)?.into_iter().map(|bits| bits as u8).collect())
 }
 
-/// Three numbers a point; empty when there is no such array.
+/// Three numbers for each point; empty when there is no such array.
 fn vectors(volume: &VolumeMesh, name: &'static str) -> Result<Vec<Vector>, ReadyMeshError> {
     let Some(array) = volume.point_array(name) else { return Ok(Vec::new()) };
     let fault = |detail| array_fault("point", name, detail);
@@ -413,7 +427,7 @@ fn vectors(volume: &VolumeMesh, name: &'static str) -> Result<Vec<Vector>, Ready
     }
 }
 
-/// A displacement along an axis that is not held would be lost.
+/// Refuses a displacement along an axis that is not held, which would have no effect.
 fn check_prescribed(boundary: &Boundary) -> Result<(), ReadyMeshError> {
     for (point, u) in boundary.prescribed_mm.iter().enumerate() {
         let held = boundary.held_axes.get(point).copied().unwrap_or(0);
@@ -429,7 +443,7 @@ fn check_prescribed(boundary: &Boundary) -> Result<(), ReadyMeshError> {
     Ok(())
 }
 
-/// A load on a point of no cell would be lost.
+/// Refuses a load on a point that belongs to no cell, which would have no effect.
 fn check_loaded(volume: &VolumeMesh, loads: &[Vector]) -> Result<(), ReadyMeshError> {
     let mut used = vec![false; volume.points.len()];
     for &corner in volume.cells.iter().flat_map(|cell| cell.corners()) {

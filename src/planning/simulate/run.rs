@@ -12,30 +12,32 @@ use prosopon_tissue::fem::{
 };
 use prosopon_tissue::mesh::{Attachment, MixedMesh};
 
-/// Share of the work that setting up the equations takes.
+/// Share of the progress for setting up the equations.
 const SETUP_SHARE: f64 = 0.03;
 
 /// Settings of [`solve`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct RunSettings {
-    /// Model, elements, materials, tolerances.
+    /// Model, elements, materials and tolerances.
     pub solver: SolveSettings,
-    /// Streamed steps along the path.
+    /// Number of load steps along the path, at least 1; each yields a [`Frame`].
     pub steps: usize,
-    /// Attachment; the default rule when `None`.
+    /// Attachment of tissue to bone; the default rule when `None`.
     pub attachment: Option<AttachmentRules>,
-    /// Tissue that the plan moves by less than this, by estimate, is left out: its nodes stay where they are, mm. 0 keeps all.
+    /// Tissue that the plan moves by less than this, by estimate, is left out: its nodes are fixed, mm. 0 keeps all tissue.
     pub leave_out_below_mm: f64,
 }
 
-/// Displacement beside tissue that was left out, in units of what was thought to be the largest there, above which that is told.
+/// Displacement beside left-out tissue above which there is a warning, in units of `leave_out_below_mm`.
 const TOLD_BORDER: f64 = 5.0;
-/// It is told above this in any case, mm.
+/// Upper limit of that threshold, mm.
 const TOLD_BORDER_MM: f64 = 0.25;
-/// Default of [`RunSettings::leave_out_below_mm`]: skin is then less than 0.05 mm off the whole tissue's at P99 (`prosopon bench reach`).
+/// Default of [`RunSettings::leave_out_below_mm`], mm.
+///
+/// The skin then differs from the solve of all tissue by less than 0.05 mm at P99 (`prosopon bench reach`).
 pub const LEAVE_OUT_BELOW_MM: f64 = 0.03;
 
-/// One streamed step.
+/// The deformed skin after one load step.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Frame {
     /// Step number, 1 to n.
@@ -46,22 +48,24 @@ pub struct Frame {
     pub skin: TriMesh,
     /// Length of each vertex' displacement, mm.
     pub displacement_mm: Vec<f32>,
-    /// What the solver needed.
+    /// Report of the solver.
     pub report: StepReport,
 }
 
-/// A step after which a path can be gone on with.
+/// A checkpoint: a solved step from which the path can be resumed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Milestone {
-    /// Its number, 1 to n.
+    /// Number of the step, 1 to n.
     pub k: usize,
-    /// Where the path began, when that was the end of another one: motion of moving segments from rest.
+    /// Motions of the moving segments from rest at the path's start, after a warm start; `None` for a path that starts at rest.
     pub begin: Option<Vec<(u32, MotionNumbers)>>,
-    /// Where the solver stood.
+    /// State of the solver.
     pub solver: Checkpoint,
 }
 
-/// Hands out a step, with what makes a milestone of it where it can be one.
+/// Callback for each step, with a function that makes a checkpoint of it.
+///
+/// The function returns `None` where a checkpoint is not possible.
 pub type OnFrame<'a> = dyn FnMut(Frame, &dyn Fn() -> Option<Milestone>) + 'a;
 
 /// Movement of a part of the face at the end of the path.
@@ -77,51 +81,57 @@ pub struct RegionMotion {
     pub left_mm: f64,
 }
 
-/// Tissue that a solve did without, since the plan hardly moves it.
+/// Tissue that a solve leaves out because the plan hardly moves it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct LeftOut {
-    /// Nodes that would else be free.
+    /// Number of nodes that are fixed instead of free or sliding.
     pub nodes: usize,
-    /// Nodes of the mesh.
+    /// Number of nodes of the mesh.
     pub of_nodes: usize,
     /// Largest displacement of a free node beside one that is left out, mm: tissue just beyond would have moved by less.
     pub border_mm: f64,
 }
 
-/// A finished path.
+/// Result of a path that was solved to its end.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Outcome {
-    /// Reports of all steps.
+    /// Reports of the steps that were solved.
     pub steps: Vec<StepReport>,
     /// Mean movement of each region of the face.
     pub regions: Vec<RegionMotion>,
-    /// The regions used.
+    /// The regions of the face.
     pub face: Vec<FaceRegion>,
-    /// Deformed mesh nodes, LPS mm.
+    /// Positions of the deformed mesh's nodes, LPS mm.
     pub nodes: Vec<Point>,
-    /// The end, for another path to begin at.
+    /// State at the end, for the warm start of another path.
     pub end: SavedState,
     /// Tissue that was left out.
     pub left_out: LeftOut,
-    /// How many nodes were tied, slid or were free.
+    /// Numbers of tied, sliding, free and fixed nodes.
     pub attached: Attached,
-    /// What a caller should know.
+    /// Warnings about the inputs and the result.
     pub warnings: Vec<String>,
 }
 
-/// A way for bone.
+/// The paths to solve, and the state from which to start.
 #[derive(Debug, Clone, Copy)]
 pub struct Way<'a> {
     /// Paths of all segments that move.
     pub plan: &'a Plan,
-    /// The end of another plan for the same tissue, bone, segments and elements: bone goes straight from there to the end of `plan`. Where tissue
-    /// slides over edges of bone the result may hang a little on where it came from.
+    /// Warm start: the end of another plan for the same tissue, bone, segments and elements.
+    ///
+    /// Bone moves straight from there to the end of `plan`. Where tissue slides over edges of bone the result may depend
+    /// slightly on the start.
     pub from: Option<&'a SavedState>,
-    /// The step of this way to go on after, in the place of `from`: later steps have the same bits as if all had been solved at a stretch.
+    /// Checkpoint of this path from which to resume, instead of `from`.
+    ///
+    /// Later steps have the same bits as in an uninterrupted solve.
     pub after: Option<&'a Milestone>,
 }
 
-/// A tissue attached to bone, with what solves along any plan that moves the same segments begin with.
+/// Tissue attached to bone, with equations prepared for a class of plans.
+///
+/// They serve all plans that move the same segments and have the same [`displacement_class_mm`].
 #[derive(Debug)]
 pub struct PreparedTissue {
     mesh: MixedMesh,
@@ -164,10 +174,10 @@ impl PreparedTissue {
     }
 }
 
-/// Moves the bone along the plan and hands out each step as soon as it is solved.
+/// Moves the bone along the plan and passes each step to `on_frame` as soon as it is solved.
 ///
 /// # Errors
-/// [`SimulateError`]; frames that were handed out before stay valid.
+/// [`SimulateError`]; frames that were passed on before stay valid.
 pub fn solve(
     anatomy: &Anatomy,
     tissue: &TissueModel,
@@ -183,11 +193,13 @@ pub fn solve(
     solve_prepared(anatomy, tissue, &prepared, bone, way, settings, &control, &mut |frame, _| on_frame(frame))
 }
 
-/// [`solve`] with what was prepared for the same tissue, bone, moving segments, attachment and solver's settings: the same bits. Reports are of
-/// the steps that were solved here.
+/// As [`solve`], with equations that were prepared before; the result has the same bits.
+///
+/// `prepared` must be for the same tissue, bone, moving segments, attachment and solver settings. The outcome holds the reports
+/// of the steps that this call solves.
 ///
 /// # Errors
-/// [`SimulateError`]; frames that were handed out before stay valid.
+/// [`SimulateError`]; frames that were passed on before stay valid.
 pub fn solve_prepared(
     anatomy: &Anatomy,
     tissue: &TissueModel,
@@ -199,15 +211,16 @@ pub fn solve_prepared(
     on_frame: &mut OnFrame<'_>,
 ) -> Result<Outcome, SimulateError> {
     if settings.steps == 0 {
-        let detail = "found 0, allowed is 1 or more".to_owned();
+        let detail = "is 0, at least 1 is needed".to_owned();
         return Err(PlanError::Value { what: "steps".to_owned(), detail }.into());
     }
     if moving_segments(bone, plan)? != prepared.moving {
-        let detail = "other segments than those that the equations were prepared for".to_owned();
+        let detail = "move other segments than the equations were prepared for; prepare them again".to_owned();
         return Err(PlanError::Value { what: "paths".to_owned(), detail }.into());
     }
     if displacement_class_mm(bone, plan) != prepared.displacement_mm {
-        let detail = "displacements of another size than those that the equations were prepared for".to_owned();
+        let detail =
+            "move bone by another distance than the equations were prepared for; prepare them again".to_owned();
         return Err(PlanError::Value { what: "paths".to_owned(), detail }.into());
     }
     let mut warnings = prepared.warnings.clone();
@@ -236,7 +249,7 @@ pub fn solve_prepared(
     path.report(share(done));
     for k in done + 1..=settings.steps {
         let (motions, part) = (|t| plan.motions(t), path.part(share(k - 1), share(k)));
-        // Frames on the way are to be looked at; the last one is the result.
+        // Intermediate frames are for display; the last one is the result.
         let report = if k < settings.steps {
             solver.approach(share(k), &motions, &part)?
         } else {
@@ -250,7 +263,7 @@ pub fn solve_prepared(
     warnings.extend(steps.last().and_then(|s: &StepReport| s.sunk?.warning()));
     let (face, from_landmarks) = face_regions(&anatomy.skin, &anatomy.landmarks, None);
     if !from_landmarks {
-        warnings.push("no landmarks: the regions of the face come from the proportions of the skin's box".to_owned());
+        warnings.push("no landmarks: the regions of the face are placed by proportions; add landmarks".to_owned());
     }
     let regions = face.iter().filter_map(|region| region_motion(&anatomy.skin, &last, region)).collect();
     let (nodes, end) = (solver.positions(), solver.save());
@@ -262,8 +275,8 @@ pub fn solve_prepared(
     let told_mm = (TOLD_BORDER * settings.leave_out_below_mm).min(TOLD_BORDER_MM);
     if left_out.border_mm > told_mm {
         warnings.push(format!(
-            "beside tissue that was left out because the plan was thought to move it by less than {} mm, tissue moves by {:.2} mm: a smaller \
-             `leave_out_below_mm` would tell more",
+            "tissue that the plan was estimated to move by less than {} mm was left out, but tissue beside it moves by {:.2} mm; \
+             solve again with a smaller `leave_out_below_mm`",
             settings.leave_out_below_mm, left_out.border_mm
         ));
     }
@@ -288,7 +301,7 @@ fn moving_segments(bone: &CutBone, plan: &Plan) -> Result<Vec<u32>, PlanError> {
     match moving.iter().position(|&id| !known(id)) {
         Some(index) => Err(PlanError::Value {
             what: format!("paths[{index}].segment"),
-            detail: format!("segment {} does not exist or is the skull that stays", moving[index]),
+            detail: format!("segment {} cannot move: it does not exist or is the skull", moving[index]),
         }),
         None => Ok(moving),
     }

@@ -1,4 +1,4 @@
-//! A ready mesh moved by bone: what a solve needs and no more.
+//! Solves on a ready mesh that is moved by bone.
 
 use std::sync::Arc;
 
@@ -11,54 +11,56 @@ use prosopon_geometry::{DataArray, Implicit, Motion, Point, Vector, VolumeMesh};
 use prosopon_tissue::fem::{CellState, ContactBody, SkinElement, SolveError, SolveSettings, Solver, StepReport};
 use prosopon_tissue::mesh::Attachment;
 
-/// Held points deeper in a bone than this are told, mm.
+/// Depth of a held point inside bone above which there is a warning, mm.
 const HELD_INSIDE_MM: f64 = 0.5;
 
-/// One problem on a ready mesh.
+/// Inputs of one solve on a ready mesh.
 #[derive(Debug)]
 pub struct Scene {
     /// The mesh with its boundary.
     pub ready: ReadyMesh,
-    /// Rigid bones that sliding nodes touch, with their segments.
+    /// Rigid bones on which nodes slide, each with the number of its segment.
     pub bones: Vec<(u32, Arc<SignedField>)>,
-    /// Where the segments go.
+    /// Paths of the segments.
     pub plan: Plan,
-    /// Model, materials, tolerances.
+    /// Model, materials and tolerances.
     pub settings: SolveSettings,
-    /// Steps along the path, at least 1.
+    /// Number of load steps along the path, at least 1.
     pub steps: usize,
 }
 
-/// What came of a scene.
+/// Result of [`Scene::solve`].
 #[derive(Debug)]
 pub struct SceneOutcome {
     /// Displacement of each node at the last step that was reached, mm.
     pub displacements_mm: Vec<Vector>,
-    /// Stress and volume ratio of the tetrahedra there.
+    /// Stress and volume ratio of each tetrahedron at that step.
     pub tetrahedra: Vec<CellState>,
-    /// Stress and volume ratio of the prisms there.
+    /// Stress and volume ratio of each prism at that step.
     pub prisms: Vec<CellState>,
     /// Number of unknowns.
     pub unknowns: usize,
-    /// Reports of the steps that were reached.
+    /// Reports of the steps that this solve reached.
     pub steps: Vec<StepReport>,
-    /// What a caller should know.
+    /// Warnings about the inputs and the result.
     pub warnings: Vec<String>,
-    /// Why the path was not finished.
+    /// Why the path was not finished; `None` when it was.
     pub failure: Option<SolveError>,
 }
 
 impl Scene {
-    /// Moves the bone along the path and takes the loads up in proportion.
+    /// Moves the bones along their paths and raises the loads in proportion.
     ///
     /// # Errors
-    /// [`SolveError`] when the problem cannot be set up; one that stops on the way is in the outcome.
+    /// [`SolveError`] when the problem cannot be set up; an error on the path is in [`SceneOutcome::failure`].
     pub fn solve(&self, control: &Control) -> Result<SceneOutcome, SolveError> {
         self.solve_and_show(None, control, &mut |_, _, _, _| {})
     }
 
-    /// As [`Scene::solve`], after a step of the same scene that was solved elsewhere, and hands out the positions of the nodes at each step with
-    /// its number (from 1), report, and what makes a milestone of it.
+    /// As [`Scene::solve`], from a checkpoint of the same scene if given, with a callback for each step.
+    ///
+    /// `on_step` takes the step's number (from 1), the positions of the nodes (LPS mm), the report, and a function that makes a
+    /// checkpoint of the step, or `None` where that is not possible.
     ///
     /// # Errors
     /// As [`Scene::solve`].
@@ -119,8 +121,9 @@ impl Scene {
         })
     }
 
-    /// Nodes that nothing can push out of a bone of another segment: held and tied ones that lie in it at `t` of the path, at the
-    /// positions `x`.
+    /// Warnings about held and tied nodes inside the bone of another segment, which contact cannot push out.
+    ///
+    /// `x` holds the positions of the nodes at `t` of the path.
     fn held_inside_bone(&self, x: &[Point], t: f64) -> Vec<String> {
         let motions = self.plan.motions(t);
         let attachment = &self.ready.mesh.attachment;
@@ -139,39 +142,42 @@ impl Scene {
             let (count, deepest) = depths.fold((0, 0.0f64), |(count, deepest), depth| (count + 1, deepest.max(depth)));
             (count > 0).then(|| {
                 format!(
-                    "{count} held points lie up to {deepest:.2} mm inside bone {segment}: nothing can push them out, and the points beside them are pushed away from them"
+                    "{count} held points lie up to {deepest:.2} mm inside bone {segment}: contact cannot push them out and \
+                     pushes the points beside them away; hold fewer points there or move the bone"
                 )
             })
         };
         self.bones.iter().filter_map(inside).collect()
     }
 
-    /// What does not fit together, and what is worth a warning.
+    /// Checks that the inputs fit together; returns warnings.
     fn check(&self) -> Result<Vec<String>, SolveError> {
         let problem = |detail: String| Err(SolveError::Problem { detail });
         if self.steps == 0 {
-            return problem("0 steps, at least 1 is needed".to_owned());
+            return problem("steps is 0, at least 1 is needed".to_owned());
         }
         let buried = self.ready.buried_prisms();
         if self.settings.skin_element == SkinElement::C1Prism && buried > 0 {
             return problem(format!(
-                "{buried} wedges have an outer corner that is an inner corner of another: C1 prisms must form one layer at the surface"
+                "{buried} wedges have an outer corner that is an inner corner of another wedge, but C1 prisms must form one \
+                 layer at the surface; use another `skin_element`"
             ));
         }
         let mut warnings = self.ready.warnings.clone();
         let attachment = &self.ready.mesh.attachment;
         let slides = attachment.contains(&Attachment::Sliding);
         if slides && self.bones.is_empty() {
-            warnings.push("points slide (attachment -2), but no bone is given that they could touch".to_owned());
+            warnings.push("points slide (attachment -2), but there is no bone to slide on; give `bones`".to_owned());
         }
         if !slides && !self.bones.is_empty() {
-            warnings.push("bones are given, but no point slides (attachment -2): nothing touches them".to_owned());
+            warnings
+                .push("bones are given, but no point slides (attachment -2): there is no contact with bone".to_owned());
         }
         for path in &self.plan.paths {
             let segment = path.segment();
             let used = attachment.contains(&Attachment::Tied(segment)) || self.bones.iter().any(|(s, _)| *s == segment);
             if !used {
-                warnings.push(format!("segment {segment} moves, but no point is tied to it and it has no bone"));
+                warnings.push(format!("segment {segment} moves nothing: no point is tied to it and it has no bone"));
             }
         }
         let mut still: Vec<u32> = (attachment.iter())
@@ -184,13 +190,15 @@ impl Scene {
         still.dedup();
         if !still.is_empty() {
             warnings.push(format!(
-                "points are tied to segments {still:?}, for which no motion is given: they stay at rest"
+                "points are tied to segments {still:?}, which have no motion: these points stay at rest"
             ));
         }
         Ok(warnings)
     }
 
-    /// The mesh `file`, which the scene was made from, with its nodes displaced: point arrays `displacement_mm` and `attachment`.
+    /// The mesh `file` of the scene with the point arrays `displacement_mm` and `attachment`.
+    ///
+    /// Points are at rest, in the file's order.
     #[must_use]
     pub fn moved_mesh(&self, file: &VolumeMesh, displacements_mm: &[Vector]) -> VolumeMesh {
         let displacement = displacements_mm.iter().flat_map(|u| <[f64; 3]>::from(*u));
@@ -206,9 +214,10 @@ impl Scene {
         }
     }
 
-    /// The mesh `file`, which the scene was made from, with the outcome: point arrays `displacement_mm` and `attachment`, cell
-    /// arrays `tissue`, `stress_mpa` (Cauchy: xx, yy, zz, xy, yz, xz), `von_mises_mpa` and `J`. Points are at rest, points and cells in the
-    /// file's order.
+    /// The mesh `file` of the scene with the outcome as point and cell arrays.
+    ///
+    /// Point arrays: `displacement_mm` and `attachment`. Cell arrays: `tissue`, `stress_mpa` (Cauchy: xx, yy, zz, xy, yz, xz),
+    /// `von_mises_mpa` and `J`. Points are at rest; points and cells are in the file's order.
     #[must_use]
     pub fn solved_mesh(&self, file: &VolumeMesh, outcome: &SceneOutcome) -> VolumeMesh {
         let mesh = &self.ready.mesh;

@@ -6,37 +6,40 @@ use prosopon_tissue::mesh::{Domain, Embedding, MeshReport, MeshSettings, MixedMe
 /// Settings of [`build_tissue`].
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct TissueSettings {
-    /// The mesh.
+    /// Edge lengths and layers of the mesh.
     pub mesh: MeshSettings,
     /// Box to mesh, LPS mm; chosen from the moving segments or the face when `None`.
     pub region: Option<Aabb>,
-    /// Tells fat from muscle by depth alone, also where a CT tells.
+    /// Distinguishes fat from muscle by depth alone, also where CT values are known.
     pub tissue_by_depth: bool,
 }
 
 /// The tissue of one face at rest.
 #[derive(Debug)]
 pub struct TissueModel {
-    /// The mixed mesh; its node classes know only the uncut bone.
+    /// The mixed mesh; its node classes are those for uncut bone.
     pub mesh: MixedMesh,
-    /// Its quality.
+    /// Quality of the mesh.
     pub report: MeshReport,
-    /// The user's skin in the prisms' outer surface.
+    /// Positions of the user's skin vertices in the prisms' outer surface.
     pub embedding: Embedding,
 }
 
-/// How far a moved segment pulls tissue along, sideways, up and down, mm: beyond it the face stays where it is.
+/// Distance around the moving segments within which tissue follows them, along x, y and z, mm; beyond it the face stays at rest.
 const REACH_MM: Vector = Vector::new(45.0, 0.0, 60.0);
 /// How far behind the front of the moving bone the region still reaches, mm.
 const BEHIND_FRONT_MM: f64 = 65.0;
-/// How far behind its back the region reaches at least, mm: bone that is set back must find tissue there, no wall.
+/// Least distance that the region reaches behind the back of the moving bone, mm: bone that is set back must meet tissue there,
+/// not a wall.
 const BEHIND_BACK_MM: f64 = 7.0;
-/// Bone may stick out of a region by so much, mm: about an edge of the mesh.
+/// Moving bone may extend beyond the region by this without a warning, mm: about an edge of the mesh.
 const REGION_SLACK_MM: f64 = 5.0;
-/// A skin vertex farther than this from the prisms is not carried by them, mm.
+/// A skin vertex farther than this from the prisms does not move with them, mm.
 const EMBED_REACH_MM: f64 = 2.0;
 
-/// Meshes the tissue between skin and bone around `bone`'s segments (the front of the face when it has none).
+/// Meshes the tissue between skin and bone around the segments that can move.
+///
+/// Without such segments the region is the front half of the head; `settings.region` overrides both.
 ///
 /// # Errors
 /// [`SimulateError::Mesh`].
@@ -62,7 +65,9 @@ pub fn build_tissue(
     Ok(TissueModel { mesh, report, embedding })
 }
 
-/// What a region that was not chosen for the `moving` segments lacks of them: the skin there stays where it is. `None` where it has all.
+/// Warning when the region of a mesh built without cuts does not enclose the segments `moving`.
+///
+/// The skin outside the region stays at rest. `None` when the region encloses the segments.
 #[must_use]
 pub fn region_warning(anatomy: &Anatomy, bone: &CutBone, moving: &[u32], settings: &TissueSettings) -> Option<String> {
     let region = settings.region.unwrap_or_else(|| scene_box(anatomy, None));
@@ -81,13 +86,14 @@ pub fn region_warning(anatomy: &Anatomy, bone: &CutBone, moving: &[u32], setting
     let lacks: Vec<String> = lacks.collect();
     (!lacks.is_empty()).then(|| {
         format!(
-            "the tissue mesh was not built for this operation: its region lacks {} of the bone that moves; skin there stays in place",
+            "the tissue mesh was not built for this operation: its region lacks {} of the moving bone, and skin there does \
+             not move; build a mesh for these cuts",
             lacks.join(", ")
         )
     })
 }
 
-/// The part of the head that a plan for these segments can reach; the front half of the head without segments.
+/// Box around the tissue that a plan for these segments can move; the front half of the head without segments.
 fn scene_box(anatomy: &Anatomy, bone: Option<&CutBone>) -> Aabb {
     let head = anatomy.skin.bounds().grown(5.0);
     match bone.and_then(CutBone::movable_bounds) {

@@ -1,12 +1,13 @@
-//! How far proposed points may be off.
+//! Accuracy of proposed landmarks.
 
 use std::collections::BTreeMap;
 
 use super::Landmarks;
 use prosopon_geometry::Point;
 
-/// Distance within which a proposal lay of the known landmark on every head measured, mm, rounded up (`prosopon bench proposals` on `ct_head` and the
-/// phantoms). Points without a known landmark there have the spread between the sides of `ct_head` and `vtk_headsq`.
+/// Largest distance between a proposal and the known landmark over all measured heads, mm, rounded up (`prosopon bench
+/// proposals` on `ct_head` and the phantoms). Points without a known landmark have the difference between the sides of
+/// `ct_head` and `vtk_headsq`.
 const MEASURED_MM: [(&str, f64); 20] = [
     ("a_point", 4.0),
     ("ans", 4.0),
@@ -29,10 +30,12 @@ const MEASURED_MM: [(&str, f64); 20] = [
     ("subnasale", 3.0),
     ("zygomaxillare", 5.0),
 ];
-/// Of what nothing was measured, mm.
+/// Accuracy of points without a measurement, mm.
 const UNKNOWN_MM: f64 = 8.0;
 
-/// By name: the measured accuracy, or half the distance between one side's point and the other's mirror image where that is more.
+/// Accuracy of each point, mm, by name.
+///
+/// The measured value, or half the distance between the point and the mirror image of the other side's where that is more.
 pub(super) fn within_mm(points: &BTreeMap<String, Point>, midline: f64) -> BTreeMap<String, f64> {
     let one = |(name, p): (&String, &Point)| {
         let (stem, side) = [1.0, -1.0]

@@ -7,8 +7,10 @@ const NOSE_STRIP_MM: f64 = 20.0;
 const LE_FORT_1_BELOW_NOSE_MM: f64 = 16.0;
 const OCCLUSAL_BELOW_NOSE_MM: f64 = 37.0;
 
-/// Landmarks guessed from the skin alone: the foremost point near the middle is the tip of the nose, and the planes lie at
-/// an adult's usual distance below it. A proposal to be checked by a person; only `pronasale` is named.
+/// Landmarks estimated from the skin alone, to be checked by a person.
+///
+/// The foremost point near the middle is the tip of the nose (`pronasale`, the only point); the planes lie at an adult's usual
+/// distances below it.
 #[must_use]
 pub(in super::super) fn propose_by_proportions(skin: &TriMesh) -> Landmarks {
     let center = skin.bounds().center();

@@ -4,19 +4,21 @@ use super::ramus::Jaw;
 use super::voxels::{VOXEL_MM, steps};
 use prosopon_geometry::Point;
 
-/// The canal opens within these distances outside the condyle's top, behind it and above it, mm.
+/// Search range of the canal's opening, lateral to the condyle's top, behind it and above it, mm.
 const OUTSIDE_MM: [f64; 2] = [-6.0, 16.0];
 const BEHIND_MM: [f64; 2] = [4.0, 32.0];
 const ABOVE_MM: [f64; 2] = [-22.0, 14.0];
-/// Where its middle usually lies behind and above the condyle's top, mm.
+/// Usual position of the canal's middle, behind and above the condyle's top, mm.
 const USUAL_MM: [f64; 2] = [14.0, -4.0];
-/// Holes farther from there are cells of the mastoid, mm.
+/// Holes farther than this from the usual position are cells of the mastoid, mm.
 const FARTHEST_MM: f64 = 9.0;
-/// Cross-sections of a canal, mm².
+/// Smallest and largest cross-section of a canal, mm².
 const AREA_MM2: [f64; 2] = [12.0, 160.0];
 
 impl Jaw<'_> {
-    /// The highest point of the canal's outer opening behind a condyle: a hole in the bone's sagittal section that bone closes all round.
+    /// The highest point of the canal's outer opening behind a condyle.
+    ///
+    /// The canal is a hole in a sagittal section that bone encloses.
     pub(super) fn porion(&self, side: f64, condylion: &Point) -> Option<Point> {
         let from_midline = side * (condylion.x - self.midline);
         let sections = steps(from_midline + OUTSIDE_MM[0], from_midline + OUTSIDE_MM[1]).rev();
@@ -25,7 +27,7 @@ impl Jaw<'_> {
         Some(Point::new(self.midline + side * d, y, z))
     }
 
-    /// The top (y, z) of the closed hole in one sagittal section that lies nearest to where a canal usually does.
+    /// The top (y, z) of the closed hole in one sagittal section that lies nearest to the canal's usual position.
     fn canal(&self, side: f64, d: f64, condylion: &Point) -> Option<[f64; 2]> {
         let n = [BEHIND_MM, ABOVE_MM].map(|[low, high]| ((high - low) / VOXEL_MM) as i32);
         let at = |i: i32, j: i32| {

@@ -1,19 +1,19 @@
-//! What the upper jaw shows: nasal aperture, spine, occlusal plane.
+//! Nasal aperture, occlusal plane and edges of the incisors.
 
 use rayon::prelude::*;
 
 use super::voxels::{VOXEL_MM, Voxels, steps};
 
-/// Columns between these distances from the midline make the median front of the bone: the septum is left out, mm.
+/// The median front of the bone is taken over columns between these distances from the midline, without the septum, mm.
 const BESIDE_MM: [f64; 2] = [3.0, 9.0];
 /// The nasal aperture is at least this deep and high, mm.
 const APERTURE_DEPTH_MM: f64 = 8.0;
 const APERTURE_HEIGHT_MM: f64 = 12.0;
-/// Bone above and below the aperture is looked for within these heights, mm.
+/// Search heights for bone above and below the aperture, mm.
 const ABOVE_MM: f64 = 50.0;
 const BELOW_MM: f64 = 30.0;
 
-/// Heights of the nasal aperture's lower and upper end.
+/// z of the nasal aperture's lower and upper end, mm.
 pub(super) fn nasal_aperture(bone: &Voxels, midline: f64) -> Option<[f64; 2]> {
     let [low, high] = bone.range(2);
     let offsets: Vec<f64> = steps(BESIDE_MM[0], BESIDE_MM[1]).flat_map(|d| [d, -d]).collect();
@@ -36,7 +36,7 @@ pub(super) fn nasal_aperture(bone: &Voxels, midline: f64) -> Option<[f64; 2]> {
         below.max(above) < middle && y - below.max(above) > APERTURE_DEPTH_MM
     };
     let gaps: Vec<bool> = front.iter().map(is_gap).collect();
-    // The highest one: below it there may be an open mouth.
+    // The highest gap counts: below it there may be an open mouth.
     let mut found = None;
     let mut start = None;
     for (i, gap) in gaps.iter().chain([&false]).enumerate() {
@@ -64,8 +64,7 @@ pub(super) struct Occlusion {
     pub(super) pitch: f64,
 }
 
-/// The plane below the palate that meets least bone of the dental arches; of planes through an open mouth the one that touches the
-/// upper teeth.
+/// Finds the plane below the palate that cuts least bone of the dental arches; in an open mouth, the one at the upper teeth.
 ///
 /// - `spine`: y and z of the anterior nasal spine
 pub(super) fn occlusion(bone: &Voxels, midline: f64, spine: [f64; 2]) -> Option<Occlusion> {
@@ -73,13 +72,15 @@ pub(super) fn occlusion(bone: &Voxels, midline: f64, spine: [f64; 2]) -> Option<
     const DEPTHS_MM: [f64; 2] = [-12.0, 46.0];
     const HEIGHTS_MM: [f64; 2] = [-42.0, -12.0];
     const PITCHES_DEG: std::ops::RangeInclusive<i32> = -12..=25;
-    /// Roots and alveolar bone of the upper jaw lie this far above the plane, mm; as much as they count the plane may meet more.
+    /// Distance from the plane up to the roots and alveolar bone of the upper jaw, mm, and the share of their area that is
+    /// subtracted from the plane's.
     const ROOTS_MM: usize = 8;
     const ROOTS_SHARE: f64 = 0.4;
-    /// A plane a millimetre higher may meet this much more of the median bone, one a degree steeper this much less by its square.
+    /// Bonus for each mm of height and penalty for each squared degree of pitch, in units of the median area.
     const HIGHER: f64 = 0.012;
     const STEEPER: f64 = 2e-4;
-    /// The same for a millimetre's square from an adult's height below the spine, mm: bone between streaks of metal is thin too.
+    /// An adult's usual height of the plane relative to the spine, mm, and the penalty for each squared mm from it: bone between
+    /// streaks of metal is thin too.
     const USUAL_MM: f64 = -27.0;
     const UNUSUAL: f64 = 2.5e-3;
     let area = |height: f64, slope: f64| {
@@ -104,7 +105,7 @@ pub(super) fn occlusion(bone: &Voxels, midline: f64, spine: [f64; 2]) -> Option<
         let pitch = f64::from(*d).to_radians();
         for (i, height) in heights.iter().enumerate().take(heights.len() - ROOTS_MM) {
             let at_middle = height + pitch.tan() * 0.5 * (DEPTHS_MM[0] + DEPTHS_MM[1]);
-            // Streaks of metal are no roots.
+            // Streaks of metal do not count as roots.
             let roots = areas[i + ROOTS_MM].min(median);
             let bone = (areas[i] - ROOTS_SHARE * roots) / median;
             let prior = STEEPER * f64::from(d * d) + UNUSUAL * (height - USUAL_MM).powi(2);
@@ -117,7 +118,7 @@ pub(super) fn occlusion(bone: &Voxels, midline: f64, spine: [f64; 2]) -> Option<
     best.map(|b| b.1)
 }
 
-/// Height of the upper incisors' edge: where the bone's front, going down, falls back to the lower ones or to nothing.
+/// Edge of the upper incisors as (y, z): where the bone's front, going down, recedes to the lower incisors or ends.
 pub(super) fn incisal_edge(bone: &Voxels, midline: f64, spine: [f64; 2]) -> Option<[f64; 2]> {
     const HEIGHTS_MM: [f64; 2] = [-40.0, -12.0];
     const FALLS_BACK_MM: f64 = 1.5;
@@ -136,9 +137,9 @@ pub(super) fn incisal_edge(bone: &Voxels, midline: f64, spine: [f64; 2]) -> Opti
     Some([foremost, below.0 + 0.5 * VOXEL_MM])
 }
 
-/// Height of the lower incisors' edge below the upper one `edge`, as (y, z); `None` where the upper teeth cover it.
+/// Edge of the lower incisors as (y, z), below the upper one `edge`; `None` where the upper teeth cover it.
 pub(super) fn lower_incisal_edge(bone: &Voxels, midline: f64, edge: [f64; 2]) -> Option<[f64; 2]> {
-    /// An open mouth is no wider, and teeth that lie behind the upper ones by more are molars, mm.
+    /// Widest opening of the mouth, and distance behind the upper edge beyond which teeth are molars, mm.
     const WIDEST_MM: f64 = 30.0;
     const BEHIND_MM: f64 = 15.0;
     const STRIP_MM: f64 = 4.0;

@@ -3,14 +3,15 @@
 use super::samples;
 use prosopon_geometry::TriMesh;
 
+/// Edge of a cell of the map, mm.
 const CELL_MM: f64 = 1.0;
-/// How far to either side the face is compared, mm.
+/// Distance to either side over which the face is compared, mm.
 const REACH_MM: f64 = 50.0;
 
-/// x about which the front of a surface is most alike left and right.
+/// x of the plane about which the front of a surface is most symmetric, mm.
 ///
-/// The foremost points make a map over x and z; the mean difference between the map and its mirror image, cut off at 10 mm,
-/// is smallest at the midline. Places between the cells are interpolated.
+/// The foremost points make a map over x and z; the mean difference between the map and its mirror image, limited to 10 mm,
+/// is smallest at the midline. Values between the cells are interpolated.
 pub(super) fn midline(skin: &TriMesh) -> f64 {
     let bounds = skin.bounds();
     let n = [0, 2].map(|a| ((bounds.max[a] - bounds.min[a]) / CELL_MM).ceil() as usize + 1);

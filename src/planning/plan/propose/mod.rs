@@ -24,23 +24,23 @@ use voxels::Voxels;
 /// The Le Fort I plane is proposed this far above the anterior nasal spine, mm: above the palate.
 const ABOVE_SPINE_MM: f64 = 1.0;
 
-/// Proposals to be checked by a person.
+/// Proposed landmarks, to be checked by a person.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Proposal {
     /// Points by name, LPS mm.
     pub points: BTreeMap<String, Point>,
-    /// How far each point may be off, mm: as measured on heads with known landmarks, more where the two sides disagree.
+    /// Accuracy of each point, mm: as measured on heads with known landmarks, worse where the two sides disagree.
     pub within_mm: BTreeMap<String, f64>,
-    /// x of the midsagittal plane.
+    /// x of the midsagittal plane, mm.
     pub midline_x_mm: f64,
-    /// z of the occlusal plane below the anterior nasal spine.
+    /// z of the occlusal plane below the anterior nasal spine, mm.
     pub occlusal_z_mm: Option<f64>,
     /// Point and unit normal of the Le Fort I plane: parallel to the occlusal plane, above the palate.
     pub le_fort_1_plane: Option<(Point, Vector)>,
 }
 
 impl Proposal {
-    /// Fills what `landmarks` lack; names of what was filled.
+    /// Fills the values that `landmarks` lacks; returns their names.
     pub fn fill(&self, landmarks: &mut Landmarks) -> Vec<String> {
         let mut filled = Vec::new();
         for (name, p) in &self.points {
@@ -65,28 +65,47 @@ impl Proposal {
     }
 }
 
-/// Landmarks of a head that faces -y with z up, within some 20° of upright; the mouth may be open.
+/// Proposes landmarks from the surfaces of skin and bone.
 ///
-/// - The midline is where the front of the skin is most alike on both sides.
+/// The head faces -y with z up, within about 20° of upright; the mouth may be open.
+///
+/// - The midline is where the front of the skin is most symmetric.
 /// - The nasal aperture is the highest gap in the bone's front beside the midline; `ans` is the corner below it.
-/// - The occlusal plane is the one below the palate that meets least bone, tilted from side to side not at all, and lowered half-way to the
-///   edge of the upper incisors; everything else is looked for with that plane horizontal.
-/// - Skin: `pronasale`, the foremost point of all; `subnasale`, the deepest place between it and the upper lip; `soft_pogonion`, the
-///   foremost point of the chin; `soft_menton`, the lowest.
-/// - Bone, midline: `menton`, the lowest point of the chin; `pogonion`, its foremost; `a_point`, the deepest between `ans` and the
-///   teeth; `nasal_bone_tip`, the lowest of the nasal bones, and `nasion`, the deepest above it; `incisor_upper`, the edge of the upper
-///   incisors, and `incisor_lower` where they do not hide it.
-/// - Bone, sides: the ramus is the plate beside and behind the upper teeth. `lingula_*` on its medial face, three fifths from its
-///   front, 3 mm above the occlusal plane; `molar_*` on the body's outer face, 14 mm in front of the ramus; `zygomaxillare_*`, the
-///   lower border of the cheek bone 37 mm beside the midline. `condylion_*`, the top of the condyle, or the last level at which it is apart
-///   from the skull; `porion_*`, the top of the bony ear canal; `gonion_*`, the angle of the jaw; `orbitale_*`, the lowest point of the orbit's rim; `frontomalare_*`, its lateral rim at three
-///   quarters of its height.
+/// - The occlusal plane is the one below the palate that cuts least bone, without a tilt from side to side, lowered half-way to
+///   the edge of the upper incisors; everything else is looked for with that plane horizontal.
+/// - Skin: `pronasale`, the foremost point of all; `subnasale`, the deepest point between it and the upper lip;
+///   `soft_pogonion`, the foremost point of the chin; `soft_menton`, the lowest.
+/// - Bone, midline: `menton`, the lowest point of the chin; `pogonion`, its foremost; `a_point`, the deepest between `ans` and
+///   the teeth; `nasal_bone_tip`, the lowest of the nasal bones, and `nasion`, the deepest above it; `incisor_upper`, the edge
+///   of the upper incisors, and `incisor_lower` where they do not hide it.
+/// - Bone, sides: the ramus is the plate beside and behind the upper teeth. `lingula_*` on its medial face, three fifths from
+///   its front, 3 mm above the occlusal plane; `molar_*` on the body's outer face, 14 mm in front of the ramus;
+///   `zygomaxillare_*`, the lower border of the cheek bone 37 mm beside the midline. `condylion_*`, the top of the condyle, or
+///   the last level at which it is separate from the skull; `porion_*`, the top of the bony ear canal; `gonion_*`, the angle of
+///   the jaw; `orbitale_*`, the lowest point of the orbit's rim; `frontomalare_*`, its lateral rim at three quarters of its
+///   height.
 ///
-/// What cannot be found is left out.
+/// Landmarks that cannot be found are left out.
 ///
 /// # Accuracy
-/// [`Proposal::within_mm`] has it for each point (`prosopon bench proposals`). Lingula and molar are where they lie in an average jaw, good for
-/// a cut that a person checks. Streaks of dental metal, masks and beards spoil it.
+/// [`Proposal::within_mm`] holds it for each point (`prosopon bench proposals`). Lingula and molar lie as in an average jaw,
+/// accurate enough for a cut that a person checks. Streaks of dental metal, masks and beards degrade the proposals.
+///
+/// ```
+/// use prosopon_geometry::{Point, TriMesh};
+/// use prosopon_planning::plan::propose;
+///
+/// // A box has no nasal aperture, from which the search starts: nothing but a midline is proposed.
+/// let end = |i: u32, bit: u32, half: f64| if i >> bit & 1 == 1 { half } else { -half };
+/// let corner = |i: u32| Point::new(end(i, 0, 60.0), end(i, 1, 80.0), end(i, 2, 90.0));
+/// let faces = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+/// let triangles = faces.iter().flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]]).collect();
+/// let block = TriMesh::new((0..8).map(corner).collect(), triangles)?;
+///
+/// let proposal = propose(&block, &block);
+/// assert!(proposal.points.is_empty() && proposal.le_fort_1_plane.is_none());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[must_use]
 pub fn propose(skin: &TriMesh, skull: &TriMesh) -> Proposal {
     let midline = midline(skin);
@@ -94,7 +113,7 @@ pub fn propose(skin: &TriMesh, skull: &TriMesh) -> Proposal {
     let Some((spine, bite)) = upper_jaw(skull, midline) else {
         return found;
     };
-    // From here on with the occlusal plane horizontal.
+    // From here on the occlusal plane is horizontal.
     let pivot = Point::new(midline, spine[0], spine[1]);
     let level = turn_about(&pivot, -bite.pitch);
     let (skin, skull) = (skin.moved(&level), skull.moved(&level));
@@ -164,14 +183,14 @@ fn upper_jaw(skull: &TriMesh, midline: f64) -> Option<([f64; 2], Occlusion)> {
     let spine = profile.corner(bottom - NEAR_APERTURE_MM, bottom + NEAR_APERTURE_MM)?;
     let mut bite = occlusion(&bone, midline, spine)?;
     if let Some([y, z]) = incisal_edge(&bone, midline, spine) {
-        // Least bone is met between the molars; a deep bite of the incisors is met half-way.
+        // The plane of least bone lies between the molars; for a deep bite of the incisors it is lowered half-way to their edge.
         let at_edge = z - spine[1] - bite.pitch.tan() * (y - spine[0]);
         bite.height = bite.height.min(0.5 * (bite.height + at_edge));
     }
     Some((spine, bite))
 }
 
-/// A turn about the axis along x through `pivot`; positive lifts what lies behind it.
+/// Rotation about the axis along x through `pivot`, radian; positive angles raise points behind it.
 fn turn_about(pivot: &Point, angle: f64) -> Motion {
     Motion::rotation_wrt_point(nalgebra::UnitQuaternion::from_axis_angle(&Vector::x_axis(), angle), *pivot)
 }

@@ -10,12 +10,12 @@ pub(super) struct OrbitPoints {
     pub(super) frontomalare: Option<Point>,
 }
 
-/// Distances from the midline in which the lower rim is looked for, and that of the orbit's middle, mm.
+/// Search range of the lower rim, and distance of the orbit's middle, from the midline, mm.
 const RIM_MM: [f64; 2] = [26.0, 42.0];
 const MIDDLE_MM: f64 = 34.0;
-/// Heights above the anterior nasal spine in which the orbit is looked for, mm.
+/// Search range of the orbit above the anterior nasal spine, mm.
 const HEIGHTS_MM: [f64; 2] = [8.0, 70.0];
-/// Bone farther behind the spine is the orbit's wall and no rim, mm.
+/// Bone farther than this behind the spine is the orbit's wall and not its rim, mm.
 const RIM_DEPTH_MM: f64 = 38.0;
 /// An opening is at least this high, mm: a sinus that shows through thin bone is lower.
 const LEAST_OPENING_MM: f64 = 18.0;
@@ -29,7 +29,7 @@ impl Jaw<'_> {
         self.bone.front(self.midline + side * d, z).filter(|y| *y < self.spine_y + RIM_DEPTH_MM)
     }
 
-    /// Lower and upper end of the orbit's opening at a distance from the midline.
+    /// z of the lower and upper end of the orbit's opening at the distance `d` from the midline.
     fn opening(&self, side: f64, d: f64, spine_z: f64) -> Option<[f64; 2]> {
         let mut begin: Option<f64> = None;
         for z in steps(spine_z + HEIGHTS_MM[0], spine_z + HEIGHTS_MM[1]) {
@@ -62,7 +62,7 @@ impl Jaw<'_> {
         Some(OrbitPoints { orbitale, frontomalare })
     }
 
-    /// The lateral rim lies farther back than the lower one.
+    /// Front of the lateral rim, which lies farther back than the lower one.
     fn deeper(&self, side: f64, d: f64, z: f64) -> Option<f64> {
         self.bone.front(self.midline + side * d, z).filter(|y| *y < self.spine_y + 1.5 * RIM_DEPTH_MM)
     }

@@ -8,7 +8,7 @@ const STRIP_MM: f64 = 3.0;
 /// Step of a profile along z, mm.
 const STEP_MM: f64 = 1.0;
 
-/// A blunt end is flat within this, mm.
+/// Depth within which a blunt extremum counts as flat, mm.
 const BLUNT_MM: f64 = 0.5;
 
 /// Foremost y of a surface for each step of z in a strip about the midline.
@@ -43,7 +43,9 @@ impl Profile {
         self.within(low, high).min_by(|a, b| a[0].total_cmp(&b[0]))
     }
 
-    /// The middle of the flat top round the foremost point, within heights: where the profile is blunt, its foremost point is anywhere on it.
+    /// The middle of the flat top around the foremost point, within heights.
+    ///
+    /// On a blunt profile the foremost point may lie anywhere on the flat top.
     pub(super) fn summit(&self, low: f64, high: f64) -> Option<[f64; 2]> {
         let [y, at] = self.foremost(low, high)?;
         let is_top = |p: &[f64; 2]| p[0] < y + BLUNT_MM;
@@ -52,7 +54,7 @@ impl Profile {
         Some([y, 0.5 * (up + down)])
     }
 
-    /// The middle of the flat bottom round the lowest point of the strip between two depths, as (y, z).
+    /// The middle of the flat bottom around the lowest point of the strip between two depths, as (y, z).
     pub(super) fn bottom(&self, [front, back]: [f64; 2], above: f64) -> Option<[f64; 2]> {
         let inside = || self.strip.iter().filter(|p| (front..back).contains(&p[0]) && p[1] > above);
         let lowest = inside().map(|p| p[1]).min_by(f64::total_cmp)?;
@@ -75,12 +77,12 @@ impl Profile {
         hollow
     }
 
-    /// Farthest forwards and upwards together, within heights.
+    /// The point farthest forwards and upwards together, within heights.
     pub(super) fn corner(&self, low: f64, high: f64) -> Option<[f64; 2]> {
         self.within(low, high).max_by(|a, b| (a[1] - a[0]).total_cmp(&(b[1] - b[0])))
     }
 
-    /// Farthest behind the line from `a` up to `b`.
+    /// The point farthest behind the line from `a` up to `b`.
     pub(super) fn deepest(&self, a: [f64; 2], b: [f64; 2]) -> Option<[f64; 2]> {
         let behind = |p: &[f64; 2]| {
             let share = (p[1] - a[1]) / (b[1] - a[1]);

@@ -3,7 +3,7 @@
 use super::voxels::{VOXEL_MM, Voxels, steps};
 use prosopon_geometry::Point;
 
-/// Where to look.
+/// Bone and reference positions for the search, mm.
 pub(super) struct Jaw<'a> {
     pub(super) bone: &'a Voxels,
     pub(super) midline: f64,
@@ -32,9 +32,9 @@ struct OuterRun {
     medial: f64,
 }
 
-/// Heights above the occlusal plane between which the ramus is looked for, mm.
+/// Search range of the ramus above the occlusal plane, mm.
 const RAMUS_HEIGHTS_MM: [f64; 2] = [4.0, 15.0];
-/// Depths behind the spine, mm.
+/// Search range of the ramus behind the spine, mm.
 const RAMUS_DEPTHS_MM: [f64; 2] = [30.0, 130.0];
 /// A ramus is no thicker than this, mm.
 const THICKEST_MM: f64 = 17.0;
@@ -43,21 +43,21 @@ const RAMUS_LENGTH_MM: [f64; 2] = [15.0, 60.0];
 /// The lingula lies this share of the ramus's length behind its front, and this far above the occlusal plane, mm.
 const LINGULA_SHARE: f64 = 0.6;
 const LINGULA_ABOVE_MM: f64 = 3.0;
-/// The medial face is that of the plate from there down to this far, mm.
+/// Height below the lingula over which the medial face of the plate is taken, mm.
 const SPLIT_MM: f64 = 22.0;
 /// The second molar lies this far in front of the ramus's front, mm.
 const MOLAR_AHEAD_MM: f64 = 14.0;
 
-/// The neck of the condyle fits a square of twice this, mm.
+/// Half the edge of the square that holds the neck of the condyle, mm.
 const NECK_HALF_MM: f64 = 8.0;
-/// Within that square a level of the head has no more bone than this; more is the skull's base, mm².
+/// Most bone of the condyle within that square at one level, mm²; more is the skull base.
 const LARGEST_CONDYLE_MM2: f64 = 190.0;
-/// The condyle's middle lies no farther beside that of the ramus, mm.
+/// Largest lateral distance between the middles of the condyle and of the ramus, mm.
 const BESIDE_PLATE_MM: f64 = 2.5;
-/// The top of the condyle lies above the occlusal plane by at least this, mm, and above the middle of the ramus by at most that.
+/// Least height of the condyle's top above the occlusal plane, and greatest above the middle of the ramus's search range, mm.
 const LEAST_JOINT_MM: f64 = 24.0;
 const TALLEST_RAMUS_MM: f64 = 60.0;
-/// The angle lies no farther below the occlusal plane, mm.
+/// Greatest depth of the jaw's angle below the occlusal plane, mm.
 const LOWEST_ANGLE_MM: f64 = 55.0;
 
 impl Jaw<'_> {
@@ -68,7 +68,7 @@ impl Jaw<'_> {
         Some(OuterRun { lateral: lateral + 0.5 * VOXEL_MM, medial: medial - 0.5 * VOXEL_MM })
     }
 
-    /// Half width of the upper jaw at the first molars.
+    /// Half width of the upper jaw at the first molars, mm.
     fn arch_half_width(&self, side: f64) -> Option<f64> {
         let runs = steps(24.0, 34.0).flat_map(|d| steps(5.0, 10.0).map(move |h| (d, h)));
         let widths = runs.filter_map(|(d, h)| self.outermost(side, self.spine_y + d, self.occlusal + h));
@@ -82,7 +82,7 @@ impl Jaw<'_> {
         let of_depth = |y: f64| -> Option<OuterRun> {
             let is_plate = |r: &OuterRun| r.lateral > beyond && r.lateral - r.medial <= THICKEST_MM;
             let runs: Vec<OuterRun> = levels().filter_map(|z| self.outermost(side, y, z)).filter(is_plate).collect();
-            // Most levels show it.
+            // Most levels must show the plate.
             (2 * runs.len() > levels().count()).then_some(())?;
             let lateral = median(runs.iter().map(|r| r.lateral).collect())?;
             Some(OuterRun { lateral, medial: median(runs.iter().map(|r| r.medial).collect())? })
@@ -100,7 +100,7 @@ impl Jaw<'_> {
             if !goes_on {
                 let length = run.len() as f64 * VOXEL_MM;
                 let fits = (RAMUS_LENGTH_MM[0]..=RAMUS_LENGTH_MM[1]).contains(&length);
-                // The foremost that is long enough: behind it come mastoid and vertebrae.
+                // The foremost run that fits is the ramus: behind it come mastoid and vertebrae.
                 if fits && best.is_none() {
                     best = Some((y - 0.5 * VOXEL_MM - length, std::mem::take(&mut run)));
                 }
@@ -136,8 +136,10 @@ impl Jaw<'_> {
         Some(SidePoints { lingula, molar })
     }
 
-    /// Joint and angle of one side: the ramus' hind border is followed up to where the condyle ends or runs into the skull, and down to where it
-    /// is farthest back and down.
+    /// Top of the condyle and angle of the jaw on one side.
+    ///
+    /// The hind border of the ramus is followed up to where the condyle ends or joins the skull, and down to where it is farthest
+    /// back and down.
     pub(super) fn ends(&self, side: f64) -> Option<RamusEnds> {
         let ([front, back], runs) = self.ramus(side)?;
         let hindmost = runs.get(runs.len().saturating_sub(6)..)?;
@@ -148,8 +150,9 @@ impl Jaw<'_> {
         Some(RamusEnds { condylion, gonion })
     }
 
-    /// Middle and size (mm²) of the bone in one level that hangs together with that near a place, within a window round it; distances from the
-    /// midline and y.
+    /// Middle (distance from the midline, y) and area (mm²) of the connected bone nearest to a place in one level.
+    ///
+    /// Only bone in the window of half width `half` around the place counts.
     fn patch(&self, side: f64, [d, y]: [f64; 2], z: f64, half: f64) -> Option<([f64; 2], f64)> {
         let n = (2.0 * half / VOXEL_MM) as i32;
         let at =
@@ -182,7 +185,7 @@ impl Jaw<'_> {
     /// The top of the condyle above `place` (distance from the midline, y) at height `start`.
     fn condylion(&self, side: f64, mut place: [f64; 2], start: f64) -> Option<Point> {
         let (plate, mut top) = (place[0], None);
-        // Beside the head lies the root of the cheek bone's arch.
+        // The root of the zygomatic arch lies beside the head of the condyle.
         let above_plate = |d: f64| d.clamp(plate - BESIDE_PLATE_MM, plate + BESIDE_PLATE_MM);
         for z in steps(start, start + TALLEST_RAMUS_MM) {
             let high_enough = z > self.occlusal + LEAST_JOINT_MM;
@@ -232,7 +235,7 @@ impl Jaw<'_> {
         const BESIDE_MM: f64 = 37.0;
         /// Behind the spine: in front of the coronoid process, mm.
         const DEPTHS_MM: [f64; 2] = [8.0, 46.0];
-        /// Bone this thick from below up is the cheek bone and no streak, mm.
+        /// Bone of at least this height is the cheek bone and not a streak of metal, mm.
         const THICK_MM: usize = 5;
         let x = self.midline + side * BESIDE_MM;
         let front = |z: f64| {
@@ -249,13 +252,13 @@ impl Jaw<'_> {
     /// Pogonion and menton.
     pub(super) fn chin(&self) -> Option<[Point; 2]> {
         const STRIP_MM: f64 = 3.0;
-        /// The chin's lower border is rounder than this over a millimetre, the hyoid bone farther behind, mm.
+        /// The chin's front recedes by less than this at its lower border, mm; the hyoid bone lies farther behind.
         const FALLS_BACK_MM: f64 = 14.0;
         let front = |z: f64| {
             let strip = steps(-STRIP_MM, STRIP_MM).filter_map(|d| self.bone.front(self.midline + d, z));
             strip.min_by(f64::total_cmp)
         };
-        /// Teeth and streaks of metal higher up do not count.
+        /// Levels above that are compared, so that teeth and streaks of metal higher up do not count.
         const NEARBY: usize = 12;
         let mut profile: Vec<[f64; 2]> = Vec::new();
         for z in steps(self.occlusal - 75.0, self.occlusal - 12.0).rev() {

@@ -27,8 +27,8 @@ fn proposals_on_the_phantom_lie_at_its_landmarks() {
     assert!((occlusal - head.landmarks.occlusal_plane_z_mm).abs() < 2.0, "{occlusal}");
     for (side, name) in [(1.0, "left"), (-1.0, "right")] {
         let point = |what: &str| found.points[&format!("{what}_{name}")];
-        // The plate of the ramus is 7 mm thick about x = 46, from y = -20 to 4 at its narrowest; lower down it runs into the body, 16 mm
-        // thick, and its medial face is taken over both.
+        // The plate of the ramus is 7 mm thick about x = 46, from y = -20 to 4 at its narrowest; lower down it runs into the
+        // body, 16 mm thick, and its medial face is taken over both.
         let lingula = point("lingula");
         assert!((38.0..44.0).contains(&(side * lingula.x)) && (-15.0..4.0).contains(&lingula.y), "{lingula}");
         let molar = point("molar");

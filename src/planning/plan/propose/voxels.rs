@@ -1,4 +1,4 @@
-//! Bone as voxels, filled from a surface that need not be clean.
+//! Bone as voxels, filled from a surface that may have defects.
 
 use rayon::prelude::*;
 
@@ -6,7 +6,7 @@ use prosopon_geometry::{Point, TriMesh};
 
 /// Edge of a voxel, mm.
 pub(super) const VOXEL_MM: f64 = 1.0;
-/// Most voxels along an axis; what lies farther is left out.
+/// Most voxels along an axis; bone beyond them is left out.
 const MOST: usize = 320;
 
 /// Voxels whose centre lies in the solid, in columns along y.
@@ -18,8 +18,10 @@ pub(super) struct Voxels {
 }
 
 impl Voxels {
-    /// Fills the solid of `mesh`: columns along y go in and out where they cross the surface, counted by the triangles'
-    /// sides, so that shells in shells and doubled faces do no harm.
+    /// Fills the solid of `mesh`.
+    ///
+    /// Columns along y enter and leave it where they cross the surface, counted by the orientation of the triangles, so that
+    /// nested shells and doubled faces do no harm.
     pub(super) fn of(mesh: &TriMesh) -> Self {
         let bounds = mesh.bounds();
         let count = |a: usize| (((bounds.max[a] - bounds.min[a]) / VOXEL_MM).ceil() as usize + 1).min(MOST);
@@ -100,7 +102,7 @@ fn cross([a, b, c]: [Point; 3], min: &Point, dims: [usize; 3], crossings: &mut [
     let step = if area > 0.0 { 1 } else { -1 };
     for k in range(1, dims[2]) {
         for i in range(0, dims[0]) {
-            // Off the middle by a little, so that no column runs along an edge of a surface that came from a lattice.
+            // Shifted a little off the middle, so that no column runs along an edge of a surface that comes from a lattice.
             let (x, z) = (i as f64 + 1.231e-4, k as f64 + 2.177e-4);
             let side = |u: [f64; 2], v: [f64; 2]| ((v[0] - u[0]) * (z - u[1]) - (v[1] - u[1]) * (x - u[0])) / area;
             let weights = [side(q, r), side(r, p), side(p, q)];

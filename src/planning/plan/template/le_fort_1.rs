@@ -11,33 +11,33 @@ use prosopon_geometry::{Point, Vector};
 const HALF_WIDTH: f64 = 38.0;
 /// Half width of the Le Fort I plane, mm: in front of the tuberosities there is no mandible, but the zygoma may reach down.
 const HALF_WIDTH_ABOVE: f64 = 60.0;
-/// Beside the nose: where the plane steps down, mm from the midline.
+/// Distance from the midline at which the plane steps down beside the nose, mm.
 const STEP_BESIDE: f64 = 21.0;
-/// The step passes this far below the cheek bone's lower border, mm.
+/// The lowered plane passes this far below the cheek bone's lower border, mm.
 const BELOW_ZYGOMA: f64 = 2.0;
-/// No lower than this share of the way to the occlusal plane: above the apices of the molars.
+/// Greatest depth of the step as a share of the height above the occlusal plane: it stays above the apices of the molars.
 const LOWEST_STEP: f64 = 0.45;
 /// Half width of the occlusal cut, mm: streaks of dental metal reach beyond the arch.
 const HALF_WIDTH_TEETH: f64 = 45.0;
-/// Neighbouring rectangles overlap by this, mm. Where a cut ends in bone it leaves no mark.
+/// Neighbouring rectangles overlap by this, mm; a cut that ends in bone leaves no mark there.
 const OVERLAP: f64 = 2.0;
-/// Where the tuberosities end when the bone does not show it: behind the foremost alveolar bone, mm.
+/// Distance from the foremost alveolar bone back to the end of the tuberosities where the bone does not show it, mm.
 const ARCH_DEPTH: f64 = 48.0;
 
-/// Cuts that make a Le Fort I segment: the horizontal plane above the apices, the plane behind the tuberosities, and the
-/// occlusal plane that parts the teeth.
+/// Cuts of a Le Fort I osteotomy: above the apices, behind the tuberosities and between the teeth.
 ///
 /// - `plane`: a point of the Le Fort I plane and its normal, LPS
 /// - `midline_x_mm`, `occlusal_z_mm`: the midsagittal plane and the occlusal plane
-/// - `zygomas`: lower borders of the left and right cheek bones, where known. A plane that would run through one steps down beside
-///   the nose (Bennett & Wolford 1985), by no more than nine twentieths of the way to the occlusal plane
-/// - returns: one to seven rectangles, the Le Fort I plane first. The others are left out where they meet no bone: teeth
-///   that are apart need no cut. An empty list when the plane's normal is not within 45° of z or a value is not finite
+/// - `zygomas`: lower borders of the left and right cheek bones, where known. A plane that would run through one steps down
+///   beside the nose (Bennett & Wolford 1985), by at most 45 % of the height above the occlusal plane
+/// - returns: one to seven rectangles, the Le Fort I plane first. The planes behind and between the teeth are left out where
+///   they meet no bone: teeth that do not touch need no cut. Empty when the plane is not within 45° of horizontal or not more
+///   than 5 mm above the occlusal plane, or a value is not finite
 ///
-/// The plane behind is put where the cross-section of the alveolar bone, seen from the front, has fallen to a quarter of
-/// its size at the molars, 35 to 55 mm behind the foremost, or else 48 mm behind it. It passes between the tuberosities
-/// and the pterygoid plates, but it does not follow the bone: a part of either may lie on the wrong side. The rectangles
-/// overlap by two millimetres.
+/// The plane behind the tuberosities lies where the cross-section of the alveolar bone, seen from the front, has fallen to a
+/// quarter of its size at the molars, 35 to 55 mm behind the foremost bone, or else 48 mm behind it. It passes between the
+/// tuberosities and the pterygoid plates, but it does not follow the bone: a part of either may lie on the wrong side. The
+/// rectangles overlap by 2 mm.
 #[must_use]
 pub fn le_fort_1(
     plane: (Point, Vector),
@@ -68,7 +68,7 @@ pub fn le_fort_1(
     cuts
 }
 
-/// The cut that makes two halves of a Le Fort I segment: midsagittal, from the Le Fort I plane to the occlusal plane.
+/// Midsagittal cut that halves a Le Fort I segment, from the Le Fort I plane to the occlusal plane.
 pub(super) fn midsagittal(
     plane: (Point, Vector),
     midline_x_mm: f64,
@@ -85,7 +85,7 @@ pub(super) fn midsagittal(
     Some(Cut::from(plane).named("midsagittal"))
 }
 
-/// Depth of the end of the tuberosities, as y, and the height of the occlusal plane's overlap below it.
+/// y of the foremost alveolar bone and of the end of the tuberosities, at the height of the occlusal plane, mm.
 pub(super) fn tuberosity_y(
     plane: (Point, Vector),
     midline_x_mm: f64,
@@ -103,7 +103,7 @@ pub(super) struct Frame {
     left: Vector,
     back: Vector,
     up: Vector,
-    /// Height of the occlusal plane, negative, mm.
+    /// Height of the occlusal plane along `up`, negative, mm.
     occlusal: f64,
 }
 
@@ -115,7 +115,7 @@ impl Frame {
         }
         let left = (Vector::x() - up * up.x).normalize();
         let back = up.cross(&left);
-        // The point of the plane straight above or below in the midline.
+        // `point`, shifted within the plane along `left` to the midline.
         let origin = point + left * ((midline - point.x) / left.x);
         let occlusal = (occlusal_z - origin.z) * up.z;
         (occlusal < -5.0).then_some(Self { origin, left, back, up, occlusal })
@@ -126,7 +126,7 @@ impl Frame {
         Occlusal { point, left: self.left, up: self.up }
     }
 
-    /// The plane above the apices between two depths; the first cut is its middle part.
+    /// Cuts of the plane above the apices, with its steps, between two depths; the middle part comes first.
     fn upper(&self, zygomas: [Option<Point>; 2], [front, back]: [f64; 2]) -> Vec<Cut> {
         let (middle, half_depth) = (0.5 * (front + back), 0.5 * (back - front));
         let level = |height: f64, [from, to]: [f64; 2]| BoundedPlane {
@@ -165,7 +165,7 @@ impl Frame {
     /// Depths of the foremost alveolar bone and of the end of the tuberosities, behind the origin, mm.
     fn arch(&self, bone: &Envelope) -> (f64, f64) {
         let grid = &bone.grid;
-        // The teeth and their streaks are left out below, the floor of the nose above.
+        // The band leaves out the teeth and their streaks below and the floor of the nose above.
         let band = 0.7 * self.occlusal..0.1 * self.occlusal;
         let reach = (grid.dims.iter().sum::<usize>() as f64 * grid.spacing).ceil();
         let mut area = vec![0.0f64; 2 * reach as usize + 1];
@@ -185,7 +185,7 @@ impl Frame {
         let front = first as f64 - reach;
         let window = |from: usize, to: usize| (first + from).min(n)..(first + to).min(n);
         let molars = section[window(25, 40)].iter().copied().fold(0.0, f64::max);
-        // An envelope with the mouth filled, or stout pterygoid plates, do not show the end.
+        // A filled mouth or stout pterygoid plates hide the end of the tuberosities.
         let end = window(35, 56).find(|i| section[*i] < 0.25 * molars);
         (front, end.map_or(front + ARCH_DEPTH, |i| i as f64 - reach))
     }

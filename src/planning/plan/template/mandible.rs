@@ -1,4 +1,4 @@
-//! Cuts of the lower jaw, and what tells it apart from the skull.
+//! Cuts of the mandible, and its separation from the skull.
 
 use super::super::PlanError;
 use super::super::parting::lattice;
@@ -7,6 +7,7 @@ use super::{Landmarks, Occlusal, meets, misplaced};
 use prosopon_field::Envelope;
 use prosopon_geometry::{Point, TriMesh, Vector};
 
+/// Neighbouring cuts overlap by this, mm.
 const OVERLAP_MM: f64 = 1.5;
 /// The medial cut lies this far above the lingula, mm.
 const ABOVE_LINGULA_MM: f64 = 4.0;
@@ -17,14 +18,14 @@ const HALF_RAMUS_MM: f64 = 3.5;
 const HALF_BODY_MM: f64 = 4.5;
 /// From the lingula to the front border of the ramus and beyond, mm.
 const TO_FRONT_MM: f64 = 24.0;
-/// Half cuts reach this far from the middle of the bone, mm.
+/// Cuts through one cortex reach this far from the middle of the bone, mm.
 const REACH_MM: f64 = 14.0;
 /// From the molar's buccal face down to below the lower border, mm.
 const TO_LOWER_BORDER_MM: f64 = 32.0;
-/// Streaks of dental metal reach this far below the occlusal plane, mm; the ramus is freed of them.
+/// The occlusal separation reaches this far in front of the rami, mm: over the whole dental arch.
 const TEETH_FRONT_MM: f64 = 60.0;
 
-/// How much the rami run together towards the front.
+/// How far the rami converge, per side, for each millimetre towards the front, mm.
 const RAMUS_SLANT: f64 = 0.35;
 
 /// One side of the mandible.
@@ -47,7 +48,7 @@ impl Side {
         if !(12.0..70.0).contains(&way.norm()) || way.y < 8.0 || side * way.x < -10.0 || lingula.z < molar.z {
             let name = Landmarks::side_name(side);
             return Err(misplaced(&format!(
-                "do not lie as they should: lingula_{name} must be 8 to 70 mm behind molar_{name}, not farther inside and not below it"
+                "are out of place: lingula_{name} must lie 8 to 70 mm behind molar_{name}, not farther inside and not below"
             )));
         }
         let back = way.normalize();
@@ -100,10 +101,10 @@ impl Side {
 
 /// Sagittal split of one ramus.
 ///
-/// The medial cut lies 4 mm above `lingula_*` and ends 8 mm behind it; the split runs in the middle between the cortices, along the
-/// oblique ridge to `molar_*`, a point on the buccal face of the body beside the second molar; there the buccal cut goes down through
-/// the outer cortex and the lower border. Where the jaws touch at the teeth or by streaks of metal, and the ramus by streaks, they
-/// are told apart; with `condylion_*` so is the joint, so that the proximal segment can move.
+/// The medial cut lies 4 mm above `lingula_*` and ends 8 mm behind it; the split runs in the middle between the cortices, along
+/// the oblique ridge to `molar_*`, a point on the buccal face of the body beside the second molar; there the buccal cut goes
+/// down through the outer cortex and the lower border. Separations part the jaws where teeth touch or streaks of metal join
+/// them to each other or to the ramus; with `condylion_*` another one parts the joint, so that the proximal segment can move.
 pub(super) fn sagittal_split(side: f64, landmarks: &Landmarks, bone: &Envelope) -> Result<Vec<Cut>, PlanError> {
     let name = Landmarks::side_name(side);
     let occlusal = landmarks.occlusal()?;
@@ -117,8 +118,8 @@ pub(super) fn sagittal_split(side: f64, landmarks: &Landmarks, bone: &Envelope) 
     Ok(cuts)
 }
 
-/// Separations of the lower jaw from the upper one: the occlusal plane in front, its continuation between the rami, and an upright
-/// wall beside each ramus.
+/// Separations of the lower jaw from the upper one: the occlusal plane in front, its continuation between the rami, and an
+/// upright wall beside each ramus.
 fn jaws(landmarks: &Landmarks, bone: &Envelope) -> Result<Vec<Cut>, PlanError> {
     let occlusal = landmarks.occlusal()?;
     // A side without landmarks is taken to be the other's mirror image.
@@ -133,7 +134,7 @@ fn jaws(landmarks: &Landmarks, bone: &Envelope) -> Result<Vec<Cut>, PlanError> {
     let ramus_front = left.y.min(right.y) - TO_FRONT_MM + OVERLAP_MM;
     let walls = [right.x + 2.0, left.x - 2.0];
     if walls[1] - walls[0] < 20.0 {
-        return Err(misplaced("have lingula_left less than 24 mm to the left of lingula_right"));
+        return Err(misplaced("have lingula_left less than 24 mm to the left (+x) of lingula_right; check both"));
     }
     let front = ramus_front - TEETH_FRONT_MM;
     let top = left.z.max(right.z) + ABOVE_LINGULA_MM + OVERLAP_MM;
@@ -146,7 +147,7 @@ fn jaws(landmarks: &Landmarks, bone: &Envelope) -> Result<Vec<Cut>, PlanError> {
     if top > lowest + OVERLAP_MM {
         let depth = ramus_front - hind - OVERLAP_MM;
         for (x, side, name) in [(walls[1], 1.0, "ramus_left"), (walls[0], -1.0, "ramus_right")] {
-            // The rami run together towards the front.
+            // The rami converge towards the front.
             let way = Vector::new(side * RAMUS_SLANT * depth, depth, 0.0);
             let wall = Side::upright(Point::new(x, hind, 0.0), way, [lowest - OVERLAP_MM, top]);
             cuts.push(Cut::from(wall).named(name));
@@ -155,7 +156,9 @@ fn jaws(landmarks: &Landmarks, bone: &Envelope) -> Result<Vec<Cut>, PlanError> {
     Ok(cuts.into_iter().map(Cut::separating).filter(|c| meets(bone, c)).collect())
 }
 
-/// A cup over the head of the condyle, whose top is `condylion`: the upper part of an ellipsoid, with a skirt down behind the neck.
+/// Separation of a joint: a cup over the condyle, whose top is `condylion`.
+///
+/// The cup is the upper part of an ellipsoid, with a skirt down behind the neck.
 fn joint(side: f64, condylion: &Point) -> Result<Cut, PlanError> {
     const RADII_MM: [f64; 3] = [13.0, 9.5, 10.0];
     const LOWEST_POLAR: f64 = 2.0;
@@ -181,7 +184,7 @@ fn joint(side: f64, condylion: &Point) -> Result<Cut, PlanError> {
             }
         }
     }
-    // Below its rim the neck leans forward; behind it the wall of the ear canal may touch it still.
+    // Below the cup's rim the neck leans forward, and the wall of the ear canal may still touch it from behind.
     let first = positions.len() as u32;
     let behind: Vec<u32> = (0..=spokes / 2).map(|s| at(rings, s)).collect();
     positions.extend(behind.iter().map(|v| positions[*v as usize] - Vector::z() * SKIRT_MM).collect::<Vec<Point>>());
@@ -194,9 +197,9 @@ fn joint(side: f64, condylion: &Point) -> Result<Cut, PlanError> {
     Ok(Cut::from(CutShape::Surface(cup)).named(&format!("joint_{}", Landmarks::side_name(side))).parting(centre))
 }
 
-/// Below the mental foramina: from the front of the chin back and out through the lower border.
+/// Genioplasty below the mental foramina: from the front of the chin back and out through the lower border.
 ///
-/// The cut begins 15 mm above `menton` (less where the chin is low: two thirds of the way to the occlusal plane at most) and leaves
+/// The cut begins 15 mm above `menton`, or at 40 % of the height from there to the occlusal plane where that is less, and leaves
 /// through the lower border 40 mm behind `pogonion`, horizontally from side to side.
 pub(super) fn genioplasty(landmarks: &Landmarks, bone: &Envelope) -> Result<Vec<Cut>, PlanError> {
     const HEIGHT_MM: f64 = 15.0;
@@ -209,7 +212,7 @@ pub(super) fn genioplasty(landmarks: &Landmarks, bone: &Envelope) -> Result<Vec<
     let height = HEIGHT_MM.min(most);
     if height < 5.0 || pogonion.z < menton.z - 5.0 || pogonion.y > menton.y + 20.0 {
         return Err(misplaced(
-            "have no chin: pogonion must be in front of menton and above it, both well below the occlusal plane",
+            "do not show a chin: pogonion must lie in front of menton and above it, both well below the occlusal plane",
         ));
     }
     let start = Point::new(midline, pogonion.y, menton.z + height);
@@ -223,7 +226,7 @@ pub(super) fn genioplasty(landmarks: &Landmarks, bone: &Envelope) -> Result<Vec<
     Ok(vec![Cut::from(plane).named("genioplasty")])
 }
 
-/// Lowest bone beside the midline at depth `y`, within two heights.
+/// z of the lowest bone beside the midline at depth `y`, between two heights, mm.
 fn lower_border(bone: &Envelope, midline: f64, y: f64, [low, high]: [f64; 2]) -> Option<f64> {
     let grid = &bone.grid;
     let near = |p: &Point| {
@@ -236,8 +239,10 @@ fn lower_border(bone: &Envelope, midline: f64, y: f64, [low, high]: [f64; 2]) ->
     inside.filter(near).map(|p| p.z).min_by(f64::total_cmp)
 }
 
-/// The whole mandible apart from the skull: cups over `condylion_left` and `condylion_right`, separations as for the sagittal split
-/// (between the rami where `lingula_*` are given), and the part of bone at `menton`.
+/// Separates the whole mandible from the skull.
+///
+/// Cups over `condylion_left` and `condylion_right`, separations as for the sagittal split (between the rami where `lingula_*`
+/// are given), and the part of bone at `menton` as a segment.
 pub(super) fn whole(landmarks: &Landmarks, bone: &Envelope) -> Result<Vec<Cut>, PlanError> {
     let mut cuts = Vec::new();
     for side in [1.0, -1.0] {

@@ -6,18 +6,18 @@ use crate::plan::{Cut, CutShape, Osteotomy, PlanError, Purpose};
 use prosopon_field::Envelope;
 use prosopon_geometry::TriMesh;
 
-/// A template asked for.
+/// A request for the cuts of one template.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TemplateCall {
-    /// Which one.
+    /// The template.
     pub template: Template,
-    /// What it goes by; what is absent is proposed from the surfaces.
+    /// Landmarks that the caller gives; missing ones are proposed from the surfaces.
     pub landmarks: Landmarks,
-    /// Width of the saw's slot, mm.
+    /// Kerf of the template's saw cuts, mm.
     pub kerf_mm: f64,
 }
 
-/// The cuts of several templates on one bone, each cut once.
+/// The cuts of several templates on one bone, without duplicates.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct TemplateCuts {
     /// The cuts, in the order of the templates.
@@ -31,9 +31,9 @@ pub struct TemplateCuts {
 /// A template that cannot place its cuts.
 #[derive(Debug)]
 pub struct TemplateFault {
-    /// Its place among the calls.
+    /// Index of the call.
     pub index: usize,
-    /// Why.
+    /// Why the template cannot place its cuts.
     pub error: PlanError,
 }
 
@@ -41,7 +41,7 @@ impl TemplateCuts {
     /// Places the cuts of `calls` on the envelope `bone` of a head with this skin and skull.
     ///
     /// # Errors
-    /// [`TemplateFault`] of the first template that lacks landmarks or misses the bone.
+    /// [`TemplateFault`] for the first template whose landmarks are missing or not arranged as in a head.
     pub fn place(
         calls: &[TemplateCall],
         skin: &TriMesh,
@@ -50,7 +50,7 @@ impl TemplateCuts {
     ) -> Result<Self, TemplateFault> {
         let mut merged = Self::default();
         let mut proposal = None;
-        // One head has one Le Fort I plane, whichever template's request names it.
+        // One head has one Le Fort I plane, whichever call gives it.
         let plane = calls.iter().find_map(|call| call.landmarks.le_fort_1_plane);
         for (index, call) in calls.iter().enumerate() {
             let (template, mut landmarks) = (call.template, call.landmarks.clone());
@@ -64,7 +64,7 @@ impl TemplateCuts {
 
     fn add(&mut self, call: &TemplateCall, placed: Vec<Cut>) {
         let begin = self.cuts.len();
-        // Two templates may tell the same bones apart.
+        // Two templates may need the same separation, which is kept once.
         for mut cut in placed {
             if cut.purpose == Purpose::Osteotomy && !matches!(cut.shape, CutShape::FreePart(_)) {
                 cut.kerf_mm = call.kerf_mm;
@@ -77,21 +77,17 @@ impl TemplateCuts {
         self.saws.push((call.template, saws.collect()));
     }
 
-    /// Which saw cuts are whose, in words.
+    /// For each template with saw cuts, their indices and its name, for example `0 to 2: le_fort_1`.
     #[must_use]
     pub fn ranges(&self) -> Vec<String> {
         let range = |(template, saws): &(Template, Vec<usize>)| {
             let (first, last, name) = (saws.first()?, saws.last()?, template.name());
-            Some(if first == last {
-                format!("cut {first} is of {name}")
-            } else {
-                format!("cuts {first} to {last} are of {name}")
-            })
+            Some(if first == last { format!("{first}: {name}") } else { format!("{first} to {last}: {name}") })
         };
         self.saws.iter().filter_map(range).collect()
     }
 
-    /// What is doubtful about the templates of `osteotomy`, which begins with these cuts.
+    /// Warnings about the templates in `osteotomy`, whose first cuts are these.
     #[must_use]
     pub fn warnings(&self, osteotomy: &Osteotomy) -> Vec<String> {
         let parts = |saws: &[usize]| {
@@ -101,7 +97,7 @@ impl TemplateCuts {
         let mut warnings: Vec<String> = idle
             .map(|(template, _)| {
                 format!(
-                    "the template {} parts nothing: there is no segment at its cuts; look at its landmarks, and whether the bone is in the scan",
+                    "template {} parts nothing: its cuts bound no segment; check its landmarks and the bone in the scan",
                     template.name()
                 )
             })
@@ -110,7 +106,7 @@ impl TemplateCuts {
         if !self.proposed.is_empty() {
             let names: Vec<&str> = self.proposed.iter().map(String::as_str).collect();
             warnings.push(format!(
-                "no landmarks were given for {}: they were proposed from the surfaces and need to be checked",
+                "these landmarks were not given and are proposed from the surfaces: {}; check them",
                 names.join(", ")
             ));
         }
@@ -119,7 +115,7 @@ impl TemplateCuts {
 }
 
 impl TemplateCuts {
-    /// What to tell of a Le Fort I cut whose sides lie lower than its middle.
+    /// Warning about a Le Fort I cut whose sides lie lower than its middle.
     fn steps(&self) -> Option<String> {
         let level = |c: &Cut| {
             let CutShape::Plane(p) = &c.shape else { return None };
@@ -135,15 +131,15 @@ impl TemplateCuts {
             .collect();
         (!sides.is_empty()).then(|| {
             format!(
-                "the Le Fort I cut steps down beside the nose so that it stays below the cheek bones: its middle lies at z = {middle:.0} mm, its sides {}; \
-                 moving the plane up moves the middle alone",
+                "the Le Fort I cut steps down beside the nose to stay below the cheek bones: its middle lies at \
+                 z = {middle:.0} mm, its sides lie lower: {}; moving the plane up raises only the middle",
                 sides.join(", ")
             )
         })
     }
 }
 
-/// Fills in what a template lacks, from the surfaces; names of what was filled of what it needs.
+/// Fills missing landmarks from the surfaces; returns the names of those filled that the template needs.
 fn propose_missing(
     template: Template,
     landmarks: &mut Landmarks,
@@ -157,7 +153,7 @@ fn propose_missing(
     let proposal = cached.get_or_insert_with(|| propose(skin, skull));
     let mut filled = proposal.fill(landmarks);
     if matches!(template, Template::LeFort1 | Template::TwoPieceMaxilla) && !landmarks.missing(template).is_empty() {
-        // No nasal aperture in the bone: an adult's usual distances below the tip of the nose.
+        // The bone shows no nasal aperture: an adult's usual distances below the tip of the nose are used.
         let guess = propose_by_proportions(skin);
         landmarks.le_fort_1_plane.get_or_insert(guess.le_fort_1_plane);
         landmarks.occlusal_z_mm.get_or_insert(guess.occlusal_plane_z_mm);

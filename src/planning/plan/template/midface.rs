@@ -8,16 +8,17 @@ use prosopon_geometry::{Point, Vector};
 
 /// Cuts begin this far in front of the face, mm.
 const AHEAD_MM: f64 = 20.0;
+/// Neighbouring cuts overlap by this, mm.
 const OVERLAP_MM: f64 = 2.0;
-/// The line of a Le Fort II runs from left to right by at least this between two landmarks, so that it does not cross itself, mm.
+/// Least step along x between neighbouring landmarks of the Le Fort II line, mm, so that the line does not cross itself.
 const LEAST_STEP_MM: f64 = 0.5;
-/// Between the rami there is room for a plane of this half width, mm; above the coronoid processes for a wider one.
+/// Half widths of the plane behind the face, mm: narrow between the rami, wide above the coronoid processes.
 const HALF_WIDTH_MM: f64 = 38.0;
 const HALF_WIDTH_FACE_MM: f64 = 80.0;
-/// Half width of the occlusal separation: streaks of dental metal reach beyond the arch.
+/// Half width of the occlusal separation, mm: streaks of dental metal reach beyond the arch.
 const HALF_WIDTH_TEETH_MM: f64 = 45.0;
 
-/// Frame of the cuts behind the face.
+/// Positions that the cuts behind the face share, mm.
 struct Back {
     midline: f64,
     front_y: f64,
@@ -26,19 +27,19 @@ struct Back {
 }
 
 impl Back {
-    /// The end of the tuberosities is looked for below a level a third up to the nasion.
+    /// Looks for the end of the tuberosities in the lowest 30 % of the height from the occlusal plane to the nasion.
     fn new(landmarks: &Landmarks, bone: &Envelope) -> Result<Self, PlanError> {
         let (nasion, occlusal) = (landmarks.point("nasion")?, landmarks.occlusal()?.point.z);
         let midline = landmarks.midline_x_mm.unwrap_or(nasion.x);
         let height = nasion.z - occlusal;
         if !(35.0..150.0).contains(&height) {
             return Err(misplaced(&format!(
-                "put the nasion {height:.0} mm above the occlusal plane, allowed is 35 to 150"
+                "put the nasion {height:.0} mm above the occlusal plane, allowed is 35 to 150 mm; check both"
             )));
         }
         let level = Point::new(midline, nasion.y, occlusal + 0.3 * height);
         let [_, tuberosity_y] = le_fort_1::tuberosity_y((level, Vector::z()), midline, occlusal, bone)
-            .ok_or_else(|| misplaced("do not place the tuberosities"))?;
+            .ok_or_else(|| misplaced("do not locate the tuberosities; check nasion and occlusal plane"))?;
         Ok(Self { midline, front_y: nasion.y - AHEAD_MM, tuberosity_y, occlusal })
     }
 
@@ -74,7 +75,7 @@ impl Back {
     }
 }
 
-/// From below one zygoma over the infraorbital rims and the nasofrontal suture to the other.
+/// Le Fort II: from below one zygoma over the infraorbital rims and the nasofrontal suture to the other.
 ///
 /// Landmarks: `nasion`; `orbitale_*`, the lowest point of the infraorbital rim; `zygomaxillare_*`, the lowest point of the
 /// zygomaticomaxillary suture; `occlusal_plane_z_mm`.
@@ -87,14 +88,14 @@ pub(super) fn le_fort_2(landmarks: &Landmarks, bone: &Envelope) -> Result<Vec<Cu
     for (pair, name) in line.windows(2).zip(names.windows(2)) {
         if pair[0].x - pair[1].x < LEAST_STEP_MM {
             return Err(misplaced(&format!(
-                "have {} at x = {:.1} and {} at {:.1} mm: the first must lie {LEAST_STEP_MM} mm and more to the left of the second",
+                "have {} at x = {:.1} mm and {} at x = {:.1} mm; the first must lie at least {LEAST_STEP_MM} mm to the left (+x)",
                 name[0], pair[0].x, name[1], pair[1].x
             )));
         }
     }
     if let Some((p, name)) = line.iter().zip(names).find(|(p, _)| p.z < back.occlusal + 5.0) {
         return Err(misplaced(&format!(
-            "have {name} at z = {:.1} mm, less than 5 mm above the occlusal plane ({:.1})",
+            "have {name} at z = {:.1} mm, less than 5 mm above the occlusal plane (z = {:.1} mm); check both",
             p.z, back.occlusal
         )));
     }
@@ -111,7 +112,7 @@ pub(super) fn le_fort_2(landmarks: &Landmarks, bone: &Envelope) -> Result<Vec<Cu
     Ok(cuts)
 }
 
-/// Over the frontozygomatic sutures and the nasofrontal suture; behind, through the orbits' lateral walls and the arches.
+/// Le Fort III: over the frontozygomatic and nasofrontal sutures; behind, through the lateral orbital walls and the arches.
 ///
 /// Landmarks: `nasion`; `frontomalare_*`, the frontozygomatic suture at the orbit's rim; `occlusal_plane_z_mm`.
 pub(super) fn le_fort_3(landmarks: &Landmarks, bone: &Envelope) -> Result<Vec<Cut>, PlanError> {
@@ -120,7 +121,7 @@ pub(super) fn le_fort_3(landmarks: &Landmarks, bone: &Envelope) -> Result<Vec<Cu
         (landmarks.point("nasion")?, landmarks.point("frontomalare_left")?, landmarks.point("frontomalare_right")?);
     if left.x - nasion.x < 20.0 || nasion.x - right.x < 20.0 {
         return Err(misplaced(
-            "do not have frontomalare_left and frontomalare_right 20 mm and more to either side of the nasion",
+            "must have frontomalare_left and frontomalare_right at least 20 mm to the left and right of the nasion",
         ));
     }
     let line = [

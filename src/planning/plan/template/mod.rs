@@ -1,6 +1,6 @@
 //! Ready-made sets of cuts, placed by landmarks.
 //!
-//! Frame of all of them: LPS with the head upright; left is +x, back +y, up +z.
+//! All templates use LPS mm with the head upright; left is +x, back +y, up +z.
 
 mod le_fort_1;
 mod mandible;
@@ -21,7 +21,7 @@ use prosopon_field::Envelope;
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Point, Vector};
 
-/// Points and planes that templates go by, LPS mm.
+/// Points and planes by which templates place their cuts, LPS mm.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Landmarks {
     /// Points by name.
@@ -51,7 +51,7 @@ pub enum Template {
     Genioplasty,
     /// Le Fort I with a midsagittal split of the palate.
     TwoPieceMaxilla,
-    /// No osteotomy: the whole mandible told apart from the skull at both joints and the teeth, for autorotation.
+    /// No osteotomy: separates the whole mandible from the skull at both joints and the teeth, for autorotation.
     Mandible,
 }
 
@@ -68,7 +68,7 @@ impl Template {
         Self::Mandible,
     ];
 
-    /// Its name on the wire.
+    /// Name in the API, for example `le_fort_1`.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -83,7 +83,9 @@ impl Template {
         }
     }
 
-    /// Landmarks that it cannot do without: names of points, `midline_x_mm`, `occlusal_plane_z_mm`, `le_fort_1_plane`.
+    /// Landmarks that the template needs.
+    ///
+    /// Names of points, `midline_x_mm`, `occlusal_plane_z_mm` or `le_fort_1_plane`.
     #[must_use]
     pub fn needs(self) -> &'static [&'static str] {
         match self {
@@ -104,10 +106,10 @@ impl Template {
         }
     }
 
-    /// The cuts on `bone`. Separations are left out where they meet no bone.
+    /// Places the template's cuts on `bone`; separations that meet no bone are left out.
     ///
     /// # Errors
-    /// [`PlanError::MissingLandmarks`]; [`PlanError::Value`] where landmarks do not lie as they do in a head.
+    /// [`PlanError::MissingLandmarks`]; [`PlanError::Value`] when the landmarks are not arranged as in a head.
     pub fn cuts(self, landmarks: &Landmarks, bone: &Envelope) -> Result<Vec<Cut>, PlanError> {
         let missing = landmarks.missing(self);
         if !missing.is_empty() {
@@ -127,7 +129,7 @@ impl Template {
 }
 
 impl Landmarks {
-    /// What a template needs and these do not have.
+    /// Landmarks that `template` needs and that are missing here.
     #[must_use]
     pub fn missing(&self, template: Template) -> Vec<&'static str> {
         template.needs().iter().copied().filter(|n| !self.has(n)).collect()
@@ -149,15 +151,15 @@ impl Landmarks {
         if all.all(|v| v.iter().all(|c| c.is_finite())) && { values }.all(f64::is_finite) {
             return Ok(());
         }
-        Err(misplaced("are not all finite"))
+        Err(misplaced("have a coordinate that is not finite"))
     }
 
-    /// A landmark that [`Template::needs`] names.
+    /// The point `name`, one of those that [`Template::needs`] lists.
     fn point(&self, name: &str) -> Result<Point, PlanError> {
         self.points.get(name).copied().ok_or_else(|| misplaced(&format!("lack {name}")))
     }
 
-    /// The plane between the rows of teeth, parallel to the Le Fort I plane as that template has it; horizontal without one.
+    /// The occlusal plane: parallel to the Le Fort I plane where that plane and the midline are given, else horizontal.
     fn occlusal(&self) -> Result<Occlusal, PlanError> {
         let z = self.occlusal_z_mm.ok_or_else(|| misplaced("lack occlusal_plane_z_mm"))?;
         let tilted = self.le_fort_1_plane.zip(self.midline_x_mm).and_then(|(plane, x)| Frame::new(plane, x, z));
@@ -165,16 +167,16 @@ impl Landmarks {
         Ok(tilted.map_or(level, |frame| frame.occlusal_plane(z)))
     }
 
-    /// The landmark's side: +1 left, -1 right.
+    /// Ending of a landmark's name for a side: +1 left, -1 right.
     pub(in crate::plan) fn side_name(side: f64) -> &'static str {
         if side > 0.0 { "left" } else { "right" }
     }
 }
 
-/// The plane between the rows of teeth.
+/// The occlusal plane, between the rows of teeth.
 struct Occlusal {
     point: Point,
-    /// In the plane, to the patient's left.
+    /// Unit vector in the plane, to the patient's left.
     left: Vector,
     up: Vector,
 }
@@ -205,12 +207,13 @@ fn upper_jaw(template: Template, landmarks: &Landmarks, bone: &Envelope) -> Resu
     let (Some(plane), Some(midline), Some(occlusal)) =
         (landmarks.le_fort_1_plane, landmarks.midline_x_mm, landmarks.occlusal_z_mm)
     else {
-        return Err(misplaced("lack the Le Fort I plane"));
+        return Err(misplaced("lack the Le Fort I plane, the midline or the occlusal plane"));
     };
     let zygomas = ["zygomaxillare_left", "zygomaxillare_right"].map(|n| landmarks.points.get(n).copied());
     let mut cuts = le_fort_1(plane, midline, occlusal, zygomas, bone);
     if cuts.is_empty() {
-        let detail = "does not place a Le Fort I cut: it must be within 45° of horizontal and more than 5 mm above the occlusal plane";
+        let detail =
+            "must lie within 45° of horizontal and more than 5 mm above the occlusal plane for a Le Fort I cut";
         return Err(PlanError::Value { what: "plane".into(), detail: detail.to_owned() });
     }
     if template == Template::TwoPieceMaxilla {

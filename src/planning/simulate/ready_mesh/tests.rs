@@ -22,7 +22,7 @@ fn with_array(name: &str, components: usize, values: &[f64]) -> VolumeMesh {
     volume
 }
 
-/// Its second triangle numbered from the next corner on: the volume is positive, and yet no wedge is meant.
+/// The second triangle is numbered from another corner: the volume is positive, but the wedge is twisted.
 #[test]
 fn a_twisted_wedge_is_refused() {
     for wedge in [[0, 1, 2, 4, 5, 3], [0, 1, 2, 5, 3, 4]] {

@@ -1,4 +1,4 @@
-//! The `prosopon` command.
+//! Entry point of the `prosopon` command.
 
 use std::process::ExitCode;
 

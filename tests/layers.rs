@@ -1,5 +1,7 @@
-//! The walls that Cargo does not draw: the direction of imports between the rooms of a package, what pure packages may not name,
-//! and what their manifests may not ask for.
+//! Architecture rules that Cargo cannot enforce.
+//!
+//! They limit the direction of imports between the modules ("rooms") of a package, the names that pure packages may use, and the
+//! dependencies in their manifests.
 
 #![allow(clippy::unwrap_used, reason = "a test's own reading of the tree")]
 
@@ -7,7 +9,7 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// A package: its folder, and its rooms from the bottom up. A room may import only rooms listed before it.
+/// A package: its folder and its rooms from the bottom up; a room may import only rooms listed before it.
 struct Package {
     folder: &'static str,
     rooms: &'static [&'static str],
@@ -31,10 +33,10 @@ const PACKAGES: &[Package] = &[
     Package { folder: "src", rooms: &["demo", "cli"], pure: false },
 ];
 
-/// What pure packages may not name. Crates that are in none of their manifests cannot be named anyway.
+/// Names that pure packages may not use; crates missing from their manifests cannot be used anyway.
 const FOREIGN_WORDS: &[&str] =
     &["std::fs", "std::net", "std::env", "std::time", "SystemTime", "Instant", "println!", "ThreadPoolBuilder"];
-/// What may not be in their manifests.
+/// Dependencies that their manifests may not contain.
 const FOREIGN_CRATES: &[&str] = &[
     "axum",
     "figment",
@@ -86,7 +88,7 @@ fn files_of(package: &Package) -> Vec<PathBuf> {
     found
 }
 
-/// The production code of a file: without comment lines and what follows `#[cfg(test)] mod` at the margin.
+/// The production code of a file, without comment lines and without the text after an unindented `#[cfg(test)] mod`.
 fn production(text: &str) -> String {
     let text = text.split("\n#[cfg(test)]\nmod ").next().unwrap_or(text);
     text.lines().filter(|line| !line.trim_start().starts_with("//")).map(|line| format!("{line}\n")).collect()
@@ -118,7 +120,7 @@ fn first_names(path: &str) -> Vec<&str> {
     names
 }
 
-/// The rooms that a file names, by `crate::` or by as many `super::` as lead out of its own.
+/// The rooms that a file names, by `crate::` or by enough `super::` to leave its own room.
 fn rooms_named<'a>(file: &Path, text: &'a str) -> BTreeSet<&'a str> {
     let mut named = BTreeSet::new();
     for (at, _) in text.match_indices("crate::") {
@@ -166,7 +168,7 @@ fn breaches(package: &Package, file: &Path, text: &str) -> Vec<String> {
     found
 }
 
-/// Dependencies of a package, of the tests too; of a renamed one both names.
+/// Dependencies of a package, including dev-dependencies; both names of a renamed one.
 fn dependencies(manifest: &str) -> Vec<String> {
     let name = |text: &str| text.chars().take_while(|c| c.is_alphanumeric() || "-_".contains(*c)).collect::<String>();
     let mut is_list = false;

@@ -1,4 +1,4 @@
-//! Spans of the real binary, as a collector gets them.
+//! Spans of the real binary, as a collector receives them.
 
 #![allow(clippy::unwrap_used, reason = "test code")]
 
@@ -47,7 +47,7 @@ fn spans_of_a_request_its_job_and_the_stages_are_one_trace_without_content() {
         .args(["serve", "--listen", "127.0.0.1:0", "--data"])
         .arg(data.path())
         .env("OTEL_EXPORTER_OTLP_ENDPOINT", url)
-        // Spans do not depend on what is logged.
+        // Spans do not depend on the log level.
         .env("RUST_LOG", "off")
         .stdout(Stdio::piped())
         .stderr(Stdio::null())
@@ -76,7 +76,7 @@ fn spans_of_a_request_its_job_and_the_stages_are_one_trace_without_content() {
         ureq::get(format!("{url}/v1/jobs/{job}?wait_s=30")).call().unwrap().body_mut().read_to_string().unwrap();
     assert!(ended.contains("\"succeeded\""), "{ended}");
     ureq::get(format!("{url}/livez")).header("traceparent", "nonsense").call().unwrap();
-    // What was not sent yet is sent at the end.
+    // The service sends the remaining spans when it stops.
     assert!(Command::new("kill").args(["-TERM", &server.id().to_string()]).status().unwrap().success());
     assert!(server.wait().unwrap().success());
 

@@ -1,4 +1,4 @@
-//! `prosopon solve`: a scene in, a solved mesh and one line of JSON out.
+//! `prosopon solve`: reads a scene, writes a solved mesh and prints one line of JSON.
 
 #![allow(clippy::unwrap_used, reason = "a test's own files")]
 
@@ -13,8 +13,9 @@ use serde_json::{Value, json};
 
 const CELLS: [usize; 3] = [8, 8, 3];
 
-/// A slab of 40 x 40 x 9 mm with a layer of wedges on top whose orientation alternates; sides fixed, the middle of the bottom with
-/// attachment `middle`.
+/// A slab of 40 x 40 x 9 mm with a layer of wedges on top, whose orientation alternates.
+///
+/// Its sides are fixed; the middle of its bottom has the attachment `middle`.
 fn slab(middle: f64) -> Vec<u8> {
     let [nx, ny, nz] = CELLS;
     let heights: Vec<f64> = (0..=nz).map(|k| 3.0 * k as f64).chain([10.5]).collect();
@@ -36,7 +37,7 @@ fn slab(middle: f64) -> Vec<u8> {
                         at[axis] += 1;
                         corners[step + 1] = node(at[0], at[1], at[2]);
                     }
-                    // Odd permutations of the axes turn the tetrahedron round.
+                    // Odd permutations of the axes reverse the orientation of the tetrahedron.
                     if (3 + b - a) % 3 == 2 {
                         corners.swap(1, 2);
                     }
@@ -82,7 +83,7 @@ fn command(folder: &Path, scene: &Value) -> Command {
     command
 }
 
-/// What the last line on stdout says.
+/// The last line on stdout, parsed.
 fn summary(output: &Output) -> Value {
     let text = String::from_utf8_lossy(&output.stdout);
     serde_json::from_str(text.lines().last().unwrap()).unwrap()
@@ -148,7 +149,7 @@ fn a_tied_scene_is_solved_by_every_model() {
         let top = file.points.iter().position(|p| *p == Point::new(0.0, 0.0, 10.5)).unwrap();
         tops.push(moved[3 * top + 2]);
     }
-    // The middle of the skin is lifted, by every model alike.
+    // Every model lifts the middle of the skin by a similar amount.
     assert!(tops.iter().all(|z| (1.8..2.2).contains(z)), "{tops:?}");
     assert!((tops[0] - tops[1]).abs() < 1e-6, "{tops:?}");
 }
@@ -165,16 +166,16 @@ fn a_bone_pushes_points_that_slide_and_turns_about_its_pivot() {
         "bones": {"1": "block.stl"}
     });
     let (summary, file) = solved(folder.path(), &scene);
-    // At the block's rim, beyond the points that slide, free ones lie in it: that is measured and told.
+    // At the rim of the block, outside the sliding points, free points penetrate it: the summary reports the depth and a warning.
     let penetration = summary["max_penetration_mm"].as_f64().unwrap();
     assert!((0.05..=1.5).contains(&penetration), "{summary}");
     let told =
-        summary["warnings"].as_array().unwrap().iter().any(|w| w.as_str().unwrap().contains("tissue that is free"));
+        summary["warnings"].as_array().unwrap().iter().any(|w| w.as_str().unwrap().contains("free tissue lies inside"));
     assert!(told && summary["reactions_n"]["1"][2].as_f64().unwrap() > 0.0, "{summary}");
     let moved = &file.point_array("displacement_mm").unwrap().values;
     let at = |x: f64| 3 * file.points.iter().position(|p| *p == Point::new(x, 0.0, 0.0)).unwrap() + 2;
-    // The bottom lies on the block, which reaches farther than the sliding points: its height there, less the penetration. Right-handed about y,
-    // +x goes down.
+    // The bottom lies on the block, which is wider than the sliding points, at its height less the penetration. The rotation is
+    // right-handed about y, so the side at +x goes down.
     for x in [-10.0, -5.0, 0.0, 5.0, 10.0] {
         let expected = 2.0 - x * 3f64.to_radians().tan();
         assert!((moved[at(x)] - expected).abs() < 0.15, "{x}: {} {expected}", moved[at(x)]);
@@ -202,7 +203,7 @@ fn bad_scenes_are_refused_with_the_place() {
             json!({"fat": {"law": "neo_hookean", "shear_modulus_mpa": 0.01, "poisson": 0.45}}),
             "/materials/skin: is missing",
         ),
-        ("materials", json!({"bone": {}}), "/materials/bone: is no tissue"),
+        ("materials", json!({"bone": {}}), "/materials/bone: is not a tissue"),
         (
             "materials",
             json!({"skin": {"law": "neo_hookean", "shear_modulus_mpa": 0.01, "poisson": 0.5}, "fat": {}}),
@@ -210,13 +211,13 @@ fn bad_scenes_are_refused_with_the_place() {
         ),
         ("segments", json!({"one": {}}), "/segments/one"),
         ("segments", json!({"1": {}, "01": {}}), "segment 1 is given twice"),
-        ("segments", json!({"0": {}}), "segment 0 is the skull"),
+        ("segments", json!({"0": {}}), "segment 0 is the fixed skull"),
         ("segments", json!({"2": {"translation_mm": [0, 0, 1]}}), "/segments/2: no point"),
         ("segments", json!({"1": {"rotation": {}}}), "/segments/1/rotation"),
         ("segments", json!({"1": [[0, 0, 1]]}), "segments.1: invalid type: sequence"),
         ("materials", json!({"skin": ["neo_hookean", 0.45], "fat": {}}), "/materials/skin: invalid type: sequence"),
         ("segments", json!({"1": {"translation_mm": [0, 0, 1e9]}}), "/segments/1/translation_mm/2"),
-        ("bones", json!({"1": "slab.vtu"}), "no STL, PLY or OBJ"),
+        ("bones", json!({"1": "slab.vtu"}), "use STL, PLY or OBJ"),
         ("relative_residual", json!(0.5), "/relative_residual"),
     ] {
         let mut scene = good.clone();
@@ -228,7 +229,7 @@ fn bad_scenes_are_refused_with_the_place() {
         let last: Value = serde_json::from_slice(&output.stdout).unwrap();
         assert!(last["error"].as_str().unwrap().contains(expected) && last["converged"] == false, "{last}");
     }
-    // Refused before the work, and nothing is left.
+    // Refused before the work starts; no file is left.
     std::fs::create_dir(folder.path().join("out.vtu")).unwrap();
     let output = solve(folder.path(), &good);
     assert!(String::from_utf8_lossy(&output.stderr).contains("it is a folder"));
@@ -239,7 +240,7 @@ fn bad_scenes_are_refused_with_the_place() {
 fn held_points_inside_a_bone_are_told() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("slab.vtu"), slab(-2.0)).unwrap();
-    // Wider than the slab, so that it is pushed into the fixed sides as well.
+    // The block is wider than the slab, so it also pushes into the fixed sides.
     std::fs::write(folder.path().join("block.stl"), block([-40.0, -40.0, -30.0], [40.0, 40.0, 0.0])).unwrap();
     let scene = json!({
         "mesh": "slab.vtu", "model": "nonlinear", "skin_element": "wedge", "materials": materials(),
@@ -250,7 +251,7 @@ fn held_points_inside_a_bone_are_told() {
     assert!(last["warnings"].to_string().contains("held points lie up to 1.00 mm inside bone 1"), "{last}");
 }
 
-/// A modulus in Pa, and a result that would take the mesh's place.
+/// A modulus in Pa instead of MPa, and a result that would overwrite the mesh.
 #[test]
 fn another_unit_is_told_and_no_input_is_overwritten() {
     let folder = tempfile::tempdir().unwrap();
@@ -272,7 +273,7 @@ fn another_unit_is_told_and_no_input_is_overwritten() {
     assert_eq!(std::fs::read(folder.path().join("out.vtu")).unwrap(), mesh);
 }
 
-/// A push that no mesh can follow: the outcome says so and keeps the last equilibrium.
+/// A movement that no mesh can follow: the summary reports it and the result has the last equilibrium.
 #[test]
 fn a_scene_without_equilibrium_says_so() {
     let folder = tempfile::tempdir().unwrap();

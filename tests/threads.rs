@@ -1,4 +1,4 @@
-//! The same bits at any number of threads.
+//! Results are bit-identical with any number of threads.
 
 use prosopon_field::{DistanceField, EnvelopeSettings, FieldSettings, envelope};
 use prosopon_geometry::control::Control;
@@ -82,7 +82,7 @@ fn a_cut_and_a_path() {
 #[test]
 fn an_error_map_and_a_registration() {
     let mesh = dirty_torus();
-    // A torus turns about its axis: a dent holds it.
+    // A plain torus could turn about its axis; a dent determines the rotation.
     let dent =
         |p: &Point| p + Vector::new(0.0, 0.0, 2.5 * (-(p - Point::new(8.0, 0.0, 3.0)).norm_squared() / 9.0).exp());
     let target = mesh.with_positions(mesh.positions().iter().map(dent).collect()).unwrap();

@@ -13,39 +13,39 @@ use prosopon_study::{
 /// Studies of `prosopon bench`.
 #[derive(Debug, Subcommand)]
 pub(super) enum BenchCommand {
-    /// Distance fields: time, memory and error of every builder; or the values of one at given points.
+    /// Distance fields: time, memory and error of every builder; or the distances of one builder at given points.
     Field(FieldArguments),
-    /// Bounds on the adaptive field's error that are proven, and a million points that try to break them.
+    /// Proven bounds on the error of the adaptive field, checked at a million points.
     Bounds(BoundArguments),
-    /// Time to build a field against the number of triangles, 12 000 to a million.
+    /// Build time of a field against the number of triangles, 12 000 to a million.
     Growth(GrowthArguments),
     /// Collision detection along a path: time against tolerance.
     Collision(CollisionArguments),
     /// Time and error of every mechanical model on several meshes of one head, against a refined reference.
     Models(ModelArguments),
-    /// Forty operations on several heads: how many end in an equilibrium to rely on, and how long they take.
+    /// Forty operations on several heads: share of reliable solves and time of each solve.
     Operations(OperationArguments),
-    /// Landmarks proposed from the surfaces, against known ones.
+    /// Distances of proposed landmarks from known ones.
     Proposals(ProposalArguments),
-    /// What leaving out tissue that a plan hardly moves saves, and what it costs.
+    /// Time saved and error made by leaving out tissue that a plan hardly moves.
     Reach(ReachArguments),
-    /// What a session's next job takes when it begins at the end of the one before.
+    /// Time of a session's second job when it starts from the result of the first one.
     WarmStart(ReachArguments),
-    /// The solver's time by phase on a slab of 19 000 to 490 000 tetrahedra.
+    /// Solver time by phase on a slab of 19 000 to 490 000 tetrahedra.
     SolverGrowth(SolverGrowthArguments),
-    /// Registration and error map against a synthetic truth: a finer model's skin, scanned with noise and out of place.
+    /// Registration and error map against a synthetic truth: the skin of a finer model, scanned with noise and displaced.
     Truth(TruthArguments),
-    /// Every mechanical model on scenes that are hard to solve, each answer checked.
+    /// Every mechanical model on scenes that are hard to solve; each result is checked.
     Stability(StabilityArguments),
-    /// The service under load: what status reads take, and its memory over a thousand small jobs.
+    /// The service under load: latency of status reads, and memory over a thousand small jobs.
     Service(ServiceArguments),
-    /// Random cuts and paths on a skull: each parts the bone rightly or says why not.
+    /// Random cuts and paths on a skull: each result must be correct or refused with a reason.
     Cuts(CutArguments),
-    /// Newton's method on 20 000 points that a penalty pushes out of bone: share that converges, for each kind of field.
+    /// Newton's method on 20 000 points that a penalty pushes out of bone: share that converges with each kind of field.
     Contacts(ContactArguments),
 }
 
-/// A builder, by name.
+/// Name of a field builder on the command line.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum MethodName {
     Uniform,
@@ -70,22 +70,22 @@ pub(super) struct FieldArguments {
     /// Surface: STL, PLY or OBJ, mm.
     #[arg(long)]
     mesh: PathBuf,
-    /// Study all builders; rows go here and charts beside it.
+    /// Study all builders: CSV file to write; the charts are written next to it.
     #[arg(long, required_unless_present = "points", conflicts_with = "points")]
     csv: Option<PathBuf>,
-    /// With --csv: all six settings of the paper's Table 3, not just the four coarser ones.
+    /// With --csv: run all six settings of the paper's Table 3 instead of the four coarser ones.
     #[arg(long, requires = "csv")]
     full: bool,
-    /// With --csv: a program that builds a level set with OpenVDB, measured beside the builders (`tests/bench/openvdb.cpp`).
+    /// With --csv: also measure this program, which builds a level set with OpenVDB (`tests/bench/openvdb.cpp`).
     #[arg(long, requires = "csv")]
     openvdb: Option<PathBuf>,
-    /// Evaluate these points: their number as u64, then x, y, z of each as f64, little-endian, mm.
+    /// Evaluate one builder at the points of this file: their number (u64), then x, y, z of each (f64), little-endian, mm.
     #[arg(long, requires = "out")]
     points: Option<PathBuf>,
-    /// With --points: the distances go here, f64, little-endian, no header.
+    /// With --points: file to write the distances to, f64, little-endian, no header.
     #[arg(long, requires = "points")]
     out: Option<PathBuf>,
-    /// With --points: the builder.
+    /// With --points: builder of the field.
     #[arg(long, value_enum, default_value = "adaptive", requires = "points")]
     method: MethodName,
     /// With --points: finest spacing, mm.
@@ -94,23 +94,23 @@ pub(super) struct FieldArguments {
     /// With --points: cells along the edge of the bounding cube.
     #[arg(long, requires = "points")]
     resolution: Option<u32>,
-    /// With --points: tolerance of frisken and hybrid, as a share of the bounding cube's edge.
+    /// With --points: tolerance of frisken and hybrid, relative to the edge of the bounding cube.
     #[arg(long, requires = "points")]
     tolerance: Option<f64>,
     /// With --points: half-width of the band with full accuracy, mm.
     #[arg(long, requires = "points")]
     band_mm: Option<f64>,
-    /// With --points: how far the grid reaches beyond the surface, mm.
+    /// With --points: margin of the grid around the surface, mm.
     #[arg(long, requires = "points")]
     margin_mm: Option<f64>,
-    /// What the build and the queries took, JSON.
+    /// JSON file for the times and memory of the build and the queries.
     #[arg(long, requires = "points", hide = true)]
     timing: Option<PathBuf>,
 }
 
 #[derive(Debug, Args)]
 pub(super) struct BoundArguments {
-    /// Surface: STL, PLY or OBJ, mm; closed.
+    /// Closed surface: STL, PLY or OBJ, mm.
     #[arg(long)]
     mesh: PathBuf,
     /// Finest spacing, mm.
@@ -119,17 +119,17 @@ pub(super) struct BoundArguments {
     /// Half-width of the band, mm.
     #[arg(long, default_value_t = FieldSettings::default().band_mm)]
     band_mm: f64,
-    /// Most time for the proof in the band, s; how much of the band it covers is told.
+    /// Time limit of the proof in the band, s; the output says for which share of the domain the bound is proven.
     #[arg(long, default_value_t = 120.0)]
     most_s: f64,
 }
 
 #[derive(Debug, Args)]
 pub(super) struct GrowthArguments {
-    /// Surface: STL, PLY or OBJ, mm; it is made coarser and finer.
+    /// Surface: STL, PLY or OBJ, mm; the study decimates and subdivides it.
     #[arg(long)]
     mesh: PathBuf,
-    /// Rows go here, the chart beside it.
+    /// CSV file to write; the chart is written next to it.
     #[arg(long)]
     csv: PathBuf,
 }
@@ -145,7 +145,7 @@ pub(super) struct CollisionArguments {
     /// JSON with `le_fort_1_plane` {`point`, `normal`}, `midline_x_mm` and `occlusal_plane_z_mm`.
     #[arg(long)]
     landmarks: PathBuf,
-    /// Rows go here, the chart beside it.
+    /// CSV file to write; the chart is written next to it.
     #[arg(long)]
     csv: PathBuf,
 }
@@ -155,7 +155,7 @@ pub(super) struct ContactArguments {
     /// Surface of bone.
     #[arg(long)]
     mesh: PathBuf,
-    /// Rows go here.
+    /// CSV file to write.
     #[arg(long)]
     csv: PathBuf,
 }
@@ -165,16 +165,16 @@ pub(super) struct CutArguments {
     /// Surface of the skull: STL, PLY or OBJ, mm.
     #[arg(long)]
     skull: PathBuf,
-    /// JSON with `landmarks`, `midline_x_mm`, `occlusal_plane_z_mm`, `le_fort_1_plane`: templates are tried too.
+    /// JSON with `landmarks`, `midline_x_mm`, `occlusal_plane_z_mm` and `le_fort_1_plane`; with it, templates are tried too.
     #[arg(long)]
     landmarks: Option<PathBuf>,
-    /// Cuts, and as many paths.
+    /// Number of cuts, and number of paths.
     #[arg(long, default_value_t = 100)]
     count: usize,
-    /// Seed of all of them.
+    /// Seed of the random numbers.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Rows go here.
+    /// CSV file to write.
     #[arg(long, default_value = "cuts.csv")]
     csv: PathBuf,
 }
@@ -184,48 +184,48 @@ pub(super) struct ModelArguments {
     /// `phantom`, or a folder with `landmarks.json` and a CT (*.nii.gz) or the surfaces skin.* and skull.*.
     #[arg(long)]
     scene: HeadSource,
-    /// Rows go here, the chart beside it.
+    /// CSV file to write; the chart is written next to it.
     #[arg(long, default_value = "models.csv")]
     csv: PathBuf,
-    /// Edges of the meshes, mm.
+    /// Edge lengths of the meshes, mm.
     #[arg(long, value_delimiter = ',', default_value = "7,5.5,4")]
     edges_mm: Vec<f64>,
-    /// Edge of the reference's mesh, mm.
+    /// Edge length of the reference mesh, mm; must be smaller than all --edges-mm.
     #[arg(long, default_value_t = 3.0)]
     reference_mm: f64,
-    /// Some cases of one mesh alone.
+    /// Run only these cases, all with the same mesh.
     #[arg(long, hide = true, value_delimiter = ',', requires = "out", requires = "timing")]
     cases: Vec<ModelCase>,
-    /// With --cases: displacements go here.
+    /// With --cases: file to write the displacements to.
     #[arg(long, hide = true, requires = "cases")]
     out: Option<PathBuf>,
-    /// With --cases: what they took, JSON.
+    /// With --cases: JSON file for their times and memory.
     #[arg(long, hide = true, requires = "cases")]
     timing: Option<PathBuf>,
 }
 
 #[derive(Debug, Args)]
 pub(super) struct ProposalArguments {
-    /// Heads, as for `operations`.
+    /// Heads as for `operations`.
     #[arg(long, value_delimiter = ',', default_value = "phantom,phantom-long,phantom-narrow")]
     heads: Vec<HeadSource>,
 }
 
 #[derive(Debug, Args)]
 pub(super) struct OperationArguments {
-    /// Heads: `phantom`, `phantom-long`, `phantom-narrow`, or folders as for `models`, whose landmarks are proposed where they are absent.
+    /// Heads: `phantom`, `phantom-long`, `phantom-narrow`, or folders as for `models`; missing landmarks are proposed.
     #[arg(long, value_delimiter = ',', default_value = "phantom,phantom-long,phantom-narrow")]
     heads: Vec<HeadSource>,
-    /// Models as model:locking:edge.
+    /// Models as model:locking:edge, edge length in mm.
     #[arg(long, value_delimiter = ',', default_value = "mixed:none:4")]
     cases: Vec<ModelCase>,
-    /// Operations whose name has this in it, alone.
+    /// Run only operations whose name contains this text.
     #[arg(long)]
     only: Option<String>,
-    /// A solve is given up after this long, s.
+    /// Time limit of a solve, s.
     #[arg(long, default_value_t = 180.0)]
     limit_s: f64,
-    /// Rows go here, the picture beside it.
+    /// CSV file to write; the chart is written next to it.
     #[arg(long, default_value = "operations.csv")]
     csv: PathBuf,
 }
@@ -235,10 +235,10 @@ pub(super) struct ReachArguments {
     /// `phantom`, or a folder as for `models`.
     #[arg(long)]
     scene: HeadSource,
-    /// Edge of the mesh, mm.
+    /// Edge length of the mesh, mm.
     #[arg(long, default_value_t = 4.0)]
     edge_mm: f64,
-    /// Rows go here; `reach.csv` or `warm-start.csv` when absent.
+    /// CSV file to write [default: reach.csv or warm-start.csv].
     #[arg(long)]
     csv: Option<PathBuf>,
 }
@@ -251,44 +251,44 @@ impl ReachArguments {
 
 #[derive(Debug, Args)]
 pub(super) struct SolverGrowthArguments {
-    /// Rows go here, the charts beside it.
+    /// CSV file to write; the charts are written next to it.
     #[arg(long, default_value = "solver-growth.csv")]
     csv: PathBuf,
-    /// Sizes, from the smallest.
+    /// Number of sizes, from the smallest.
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u8).range(1..=5))]
     sizes: u8,
-    /// One case alone.
+    /// Run only this case.
     #[arg(long, hide = true, requires = "timing")]
     case: Option<SlabCase>,
-    /// With --case: what it took, JSON.
+    /// With --case: JSON file for its times and memory.
     #[arg(long, hide = true, requires = "case")]
     timing: Option<PathBuf>,
 }
 
 #[derive(Debug, Args)]
 pub(super) struct ServiceArguments {
-    /// Rows go here, the charts and the memory's rows beside it.
+    /// CSV file to write; the charts and the memory samples are written next to it.
     #[arg(long, default_value = "service.csv")]
     csv: PathBuf,
-    /// A server that runs already; else one is started on a free port of this machine, in a temporary directory.
+    /// URL of a running server [default: start one on a free port of this machine, in a temporary directory].
     #[arg(long)]
     url: Option<String>,
-    /// With --url: its process, for its memory.
+    /// With --url: process id of the server, to sample its memory.
     #[arg(long, requires = "url")]
     pid: Option<u32>,
-    /// How long the load lasts, s.
+    /// Duration of the load, s.
     #[arg(long, default_value_t = 60.0)]
     seconds: f64,
-    /// Small jobs after it.
+    /// Number of small jobs after the load; with 0 the memory is not measured.
     #[arg(long, default_value_t = 1000)]
     jobs: usize,
-    /// Clients that read how things stand.
+    /// Clients that read the status of jobs and sessions.
     #[arg(long, default_value_t = 50)]
     pollers: usize,
     /// Clients that follow the events of jobs.
     #[arg(long, default_value_t = 10)]
     followers: usize,
-    /// Sessions that are listed.
+    /// Number of sessions.
     #[arg(long, default_value_t = 200, value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..))]
     sessions: usize,
     /// Solves at the same time.
@@ -301,10 +301,10 @@ pub(super) struct ServiceArguments {
 
 #[derive(Debug, Args)]
 pub(super) struct StabilityArguments {
-    /// Rows go here, the map beside it.
+    /// CSV file to write; the map is written next to it.
     #[arg(long, default_value = "stability.csv")]
     csv: PathBuf,
-    /// Only scenes whose names contain this.
+    /// Run only scenes whose name contains this text.
     #[arg(long)]
     only: Option<String>,
 }
@@ -314,16 +314,16 @@ pub(super) struct TruthArguments {
     /// `phantom`, or a folder with `landmarks.json` and a CT (*.nii.gz) or the surfaces skin.* and skull.*.
     #[arg(long, default_value = "phantom")]
     scene: HeadSource,
-    /// Rows go here.
+    /// CSV file to write.
     #[arg(long, default_value = "truth.csv")]
     csv: PathBuf,
-    /// Edge of the prediction's mesh, mm; the truth's is half of it.
+    /// Edge length of the prediction's mesh, mm; the mesh of the truth has half of it.
     #[arg(long, default_value_t = 7.0)]
     edge_mm: f64,
     /// Standard deviation of the scan's noise along each axis, mm.
     #[arg(long, default_value_t = 0.3)]
     noise_mm: f64,
-    /// The prediction is that of this step of three: before the last it falls short of the truth by millimetres.
+    /// Step (1 to 3) whose skin is the prediction; steps before the last differ from the truth by millimetres.
     #[arg(long, default_value_t = 3, value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..=3))]
     prediction_step: usize,
 }
@@ -338,12 +338,12 @@ pub(super) fn run(command: &BenchCommand) -> CommandResult {
             (None, Some(points), Some(to)) => {
                 evaluate(&a.mesh, &settings(a), points, to, a.timing.as_deref(), &mut std::io::stderr())?;
             }
-            (None, _, _) => return Err("give either --csv, or --points and --out".into()),
+            (None, _, _) => return Err("no output: give either --csv, or --points and --out".into()),
         },
         BenchCommand::Bounds(a) => {
             let settings = FieldSettings { spacing_mm: a.spacing_mm, band_mm: a.band_mm, ..FieldSettings::default() };
             if !(BoundStudy { mesh: &a.mesh, settings, most_s: a.most_s }.run(out)?) {
-                return Err("a point breaks a bound".into());
+                return Err("an error exceeds its proven bound: see the output".into());
             }
         }
         BenchCommand::Growth(a) => GrowthStudy { mesh: &a.mesh, csv: &a.csv }.run(out)?,
@@ -377,7 +377,7 @@ pub(super) fn run(command: &BenchCommand) -> CommandResult {
             };
             if !study.run(out)? {
                 return Err(
-                    "a goal is missed: status reads below 50 ms (99 %), no errors, memory that does not grow".into()
+                    "a goal is missed: 99 % of status reads below 50 ms, no errors, memory growth below 5 %".into()
                 );
             }
         }
@@ -385,12 +385,12 @@ pub(super) fn run(command: &BenchCommand) -> CommandResult {
         BenchCommand::Operations(a) => {
             let (only, limit_s) = (a.only.as_deref(), a.limit_s);
             if !(OperationStudy { heads: &a.heads, cases: &a.cases, only, limit_s, csv: &a.csv }.run(out)?) {
-                return Err("a goal is missed: 97 % to rely on, the slowest within 60 s, the median within 10 s".into());
+                return Err("a goal is missed: 97 % of solves reliable, slowest within 60 s, median within 10 s".into());
             }
         }
         BenchCommand::Stability(a) => {
             if !(StabilityStudy { csv: &a.csv, only: a.only.as_deref() }.run(out)?) {
-                return Err("an answer is wrong and does not say so: see the rows `wrong`".into());
+                return Err("a result is wrong without a warning: see the rows with the verdict `wrong`".into());
             }
         }
         BenchCommand::Truth(a) => {
@@ -406,7 +406,7 @@ pub(super) fn run(command: &BenchCommand) -> CommandResult {
                 csv: &a.csv,
             };
             if !study.run(out)? {
-                return Err("an answer is wrong: see the column `wrong`".into());
+                return Err("a result is wrong: see the column `wrong`".into());
             }
         }
         BenchCommand::Contacts(a) => ContactStudy { mesh: &a.mesh, csv: &a.csv }.run(out)?,

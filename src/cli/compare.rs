@@ -14,29 +14,30 @@ use prosopon_planning::evaluate::{Mask, Part};
 use prosopon_service::http::dto::PartRequest;
 use prosopon_session::{Numerics, chain, error_sheet};
 
-/// What `prosopon compare` is asked to do.
+/// Arguments of `prosopon compare`.
 #[derive(Debug, Args)]
 pub(super) struct CompareArguments {
     /// Predicted surface: STL, PLY, OBJ, VTP; mm.
     prediction: PathBuf,
-    /// What it is compared with.
+    /// Reference surface in the same formats.
     reference: PathBuf,
-    /// Bring the prediction onto the reference first, by what fits (the worst pairs are trimmed) or by --unaltered.
+    /// Align the prediction rigidly with the reference first, on all vertices (ignoring the worst pairs) or on --unaltered.
     #[arg(long)]
     register: bool,
-    /// Which prediction vertices count: JSON, a list of parts ({min_mm, max_mm} or {centre_mm, radius_mm}) or one true or false per vertex.
+    /// Prediction vertices that count: JSON list of parts ({min_mm, max_mm} or {centre_mm, radius_mm}), or of true/false per
+    /// vertex.
     #[arg(long)]
     mask: Option<PathBuf>,
-    /// What registration goes by, written like --mask.
+    /// Prediction vertices that registration uses, in the format of --mask.
     #[arg(long, requires = "register")]
     unaltered: Option<PathBuf>,
-    /// Parts that neither count nor are registered on: JSON, a list of parts.
+    /// Parts that are excluded from the comparison and from registration: JSON with a list of parts.
     #[arg(long)]
     exclude: Option<PathBuf>,
-    /// The same for the eyes of an upright face in LPS, by proportions of an adult's.
+    /// Also exclude the eyes, for an upright adult face in LPS; their position is estimated from adult proportions.
     #[arg(long)]
     exclude_eyes: bool,
-    /// Folder for error.json, error.png, error.ply and error.vtp.
+    /// Folder to write error.json, error.png, error.ply and error.vtp to.
     #[arg(long)]
     out: PathBuf,
 }
@@ -61,7 +62,7 @@ pub(super) fn run(a: &CompareArguments) -> CommandResult {
     let region = a.unaltered.as_deref().map(mask_of).transpose()?.unwrap_or_default();
     let exclude = a.exclude.as_deref().map(mask_of).transpose()?.unwrap_or_default();
     if exclude.vertices.is_some() {
-        return Err("--exclude takes parts, not vertices".into());
+        return Err("--exclude: the file lists vertices; give a list of parts".into());
     }
     let comparison = Comparison {
         prediction: Prediction {
@@ -110,7 +111,7 @@ fn write(folder: &Path, done: &Compared) -> CommandResult {
 
 fn load(path: &Path, told: &mut dyn Write) -> Result<TriMesh, Box<dyn std::error::Error>> {
     let bytes = std::fs::read(path).map_err(|e| format!("{}: {e}", path.display()))?;
-    let format = detect_surface(&bytes).ok_or_else(|| format!("{} is no surface that is read", path.display()))?;
+    let format = detect_surface(&bytes).ok_or_else(|| format!("{}: unknown surface format", path.display()))?;
     let read = surface(&bytes, format, &Limits::default());
     let (mesh, warnings) = read.map_err(|e| format!("{}: {}", path.display(), chain(&e)))?;
     for warning in warnings {
@@ -123,15 +124,15 @@ fn mask_of(path: &Path) -> Result<Mask, Box<dyn std::error::Error>> {
     let text = std::fs::read(path).map_err(|e| format!("{}: {e}", path.display()))?;
     let unusable = |detail: String| format!("{}: {detail}", path.display());
     let file: MaskFile = serde_json::from_slice(&text)
-        .map_err(|_| unusable("is neither a list of parts nor one of true and false".to_owned()))?;
+        .map_err(|_| unusable("the file is neither a list of parts nor a list of true and false".to_owned()))?;
     Ok(match file {
-        // An empty list is no part: all counts, as over HTTP.
+        // An empty list selects all vertices, as over HTTP.
         MaskFile::Vertices(vertices) if vertices.is_empty() => Mask::default(),
         MaskFile::Vertices(vertices) => Mask { vertices: Some(vertices), ..Mask::default() },
         MaskFile::Parts(parts) => {
             let only: Option<Vec<Part>> = parts.iter().map(part).collect();
             let only = only.ok_or_else(|| {
-                unusable("a part has neither min_mm below max_mm nor centre_mm and a radius_mm above 0".to_owned())
+                unusable("a part is invalid: give min_mm below max_mm, or centre_mm and radius_mm above 0".to_owned())
             })?;
             Mask { only, ..Mask::default() }
         }

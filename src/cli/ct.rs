@@ -8,27 +8,27 @@ use prosopon_geometry::{Aabb, Point};
 use prosopon_planning::surface::CtSettings;
 use prosopon_study::{CtConversion, CtSurfaceStudy};
 
-/// What `prosopon ct` does.
+/// Subcommands of `prosopon ct`.
 #[derive(Debug, Subcommand)]
 pub(super) enum CtCommand {
-    /// Read a CT as the service does, say what it is, and write it as NIfTI; or hold it against another.
+    /// Read and describe a CT as the service does; write it as NIfTI or compare it with another one.
     Convert(ConvertArguments),
-    /// Take skin, skull and air from a CT as the service does, and hold them against given surfaces.
+    /// Extract skin, skull and air from a CT as the service does, and compare them with given surfaces.
     Surfaces(SurfaceArguments),
 }
 
-/// How a CT is read.
+/// Input of `prosopon ct` and how to read it.
 #[derive(Debug, Args)]
 struct ReadArguments {
     /// CT: DICOM series (zip or folder), NIfTI, NRRD, MetaImage.
     input: PathBuf,
-    /// Of several DICOM series, this one: SeriesInstanceUID, or number as a warning lists them.
+    /// DICOM series to read: its SeriesInstanceUID, or its number in the list of the warning about several series.
     #[arg(long)]
     series: Option<String>,
-    /// Series of other modalities than CT too.
+    /// Also accept DICOM series of other modalities than CT.
     #[arg(long)]
     any_modality: bool,
-    /// Largest gap between slices that is interpolated when they are uneven, mm.
+    /// Largest gap between unevenly spaced slices that is interpolated, mm.
     #[arg(long, default_value_t = VolumeSettings::default().max_step_mm)]
     max_step_mm: f64,
 }
@@ -47,10 +47,10 @@ impl ReadArguments {
 pub(super) struct ConvertArguments {
     #[command(flatten)]
     read: ReadArguments,
-    /// NIfTI goes here (.nii.gz).
+    /// NIfTI file to write (.nii.gz).
     #[arg(long)]
     out: Option<PathBuf>,
-    /// Another CT of the same anatomy; each voxel is held against its value in the same place.
+    /// Another CT of the same anatomy; each voxel is compared with its value at the same position.
     #[arg(long)]
     compare: Option<PathBuf>,
 }
@@ -59,22 +59,22 @@ pub(super) struct ConvertArguments {
 pub(super) struct SurfaceArguments {
     #[command(flatten)]
     read: ReadArguments,
-    /// Folder for the surfaces, PLY.
+    /// Folder to write the surfaces to, as PLY.
     #[arg(long)]
     out: Option<PathBuf>,
-    /// Given skin to compare with.
+    /// Skin surface to compare with.
     #[arg(long)]
     skin: Option<PathBuf>,
-    /// Given skull to compare with.
+    /// Skull surface to compare with.
     #[arg(long)]
     skull: Option<PathBuf>,
-    /// Compare within this box only: least x, y, z and largest x, y, z, LPS mm.
+    /// Compare only within this box: smallest x, y, z and largest x, y, z, LPS mm.
     #[arg(long, num_args = 6, allow_negative_numbers = true, value_names = ["X0", "Y0", "Z0", "X1", "Y1", "Z1"])]
     within: Option<Vec<f64>>,
-    /// Skin level, HU.
+    /// HU level of the skin surface.
     #[arg(long, default_value_t = CtSettings::default().skin_hu, allow_negative_numbers = true)]
     skin_hu: f64,
-    /// Bone level, HU.
+    /// HU level of the bone surface.
     #[arg(long, default_value_t = CtSettings::default().bone_hu)]
     bone_hu: f64,
 }

@@ -6,7 +6,7 @@ use prosopon_service::config::ServeConfig;
 use prosopon_service::{serve, telemetry};
 use prosopon_store::{Places, Store};
 
-/// Starts a service of its own on an empty store, drives it through the main job, and stops it unless it shall stay.
+/// Starts a service on an empty store, runs the main job on it, and stops it unless `--keep` is given.
 pub(super) fn run(arguments: &DemoArgs) -> CommandResult {
     telemetry::start_log("warn");
     demo::clear(&arguments.out)?;
@@ -19,7 +19,7 @@ pub(super) fn run(arguments: &DemoArgs) -> CommandResult {
     writeln!(std::io::stdout(), "the service listens on {url}")?;
     let done = demo::run(arguments, url.clone());
     if arguments.keep && done.is_ok() {
-        writeln!(std::io::stdout(), "the service stays up on {url}; ctrl-c ends it")?;
+        writeln!(std::io::stdout(), "the service keeps running on {url}; press ctrl-c to stop it")?;
         runtime.block_on(async { tokio::signal::ctrl_c().await })?;
     }
     runtime.block_on(running.shut_down());

@@ -1,6 +1,6 @@
-//! The command line.
+//! The command line of `prosopon`.
 //!
-//! Invariant: everything it does is a call of the library; it alone writes to stdout.
+//! Invariants: commands only call the library; no other module writes to stdout.
 
 mod bench;
 mod compare;
@@ -18,7 +18,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-/// Predicts the face after the jaw is cut and moved. Not a medical device.
+/// Predict the face after jaw surgery. Not a medical device.
 #[derive(Debug, Parser)]
 #[command(name = "prosopon", version, about)]
 struct Arguments {
@@ -28,9 +28,9 @@ struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Serve the HTTP API.
+    /// Serve the HTTP API and compute jobs.
     Serve(serve::ServeArguments),
-    /// Compute jobs for the processes that serve the API on the same database; at its address are only health and metrics.
+    /// Compute jobs for the API processes on the same database; its address serves only health and metrics.
     Worker(serve::ServeArguments),
     /// Solve a scene on a ready mesh, without a server.
     Solve(solve::SolveArguments),
@@ -38,41 +38,41 @@ enum Command {
     Demo(crate::demo::DemoArgs),
     /// Compare two surfaces: signed error map, picture and statistics.
     Compare(compare::CompareArguments),
-    /// Read a CT as the service does: convert, compare, take surfaces.
+    /// Read a CT as the service does: convert, compare, extract surfaces.
     #[command(subcommand)]
     Ct(ct::CtCommand),
-    /// Measure: the studies behind the charts.
+    /// Run the studies behind the charts.
     #[command(subcommand)]
     Bench(bench::BenchCommand),
-    /// Look at the configuration.
+    /// Check the configuration.
     #[command(subcommand)]
     Config(operate::ConfigCommand),
-    /// Make API keys.
+    /// Create API keys.
     #[command(subcommand)]
     Auth(operate::AuthCommand),
-    /// Look at the audit log.
+    /// Verify the audit log.
     #[command(subcommand)]
     Audit(operate::AuditCommand),
-    /// Bring a Postgres database to this version's format, as the start of a service does.
+    /// Upgrade a Postgres database to this version's format, as the start of a service does.
     Migrate(operate::MigrateArguments),
-    /// Copy the store in a data directory, also while the service runs.
+    /// Back up the store of a data directory; the service may be running.
     Backup(operate::BackupArguments),
-    /// Read every stored value of a data directory, also while the service runs: which are damaged or missing?
+    /// Find damaged or missing values in a data directory; the service may be running.
     Scrub(operate::ScrubArguments),
-    /// Put a backup into an empty directory.
+    /// Restore a backup into a directory without a store.
     Restore(operate::RestoreArguments),
-    /// Print the API's description, OpenAPI 3.1.
+    /// Print the description of the API, OpenAPI 3.1.
     Openapi,
 }
 
-/// Refuses a result that would take the place of a file that it is made from, under whatever name.
+/// Refuses an output that would overwrite one of its inputs, also through another name of the same file.
 fn refuse_overwriting(out: &Path, inputs: &[PathBuf]) -> Result<(), String> {
     let Ok(place) = out.canonicalize() else { return Ok(()) };
     let same = inputs.iter().any(|input| input.canonicalize().is_ok_and(|input| input == place));
-    if same { Err(format!("{} is an input: name another place for the result", out.display())) } else { Ok(()) }
+    if same { Err(format!("{} is an input: give another file for the result", out.display())) } else { Ok(()) }
 }
 
-/// Runs the command that the process was called with.
+/// Runs the command in the arguments of this process and returns its exit status.
 #[must_use]
 pub fn run() -> ExitCode {
     let done = match Arguments::parse().command {
@@ -101,5 +101,5 @@ pub fn run() -> ExitCode {
     }
 }
 
-/// What a command comes back with.
+/// Result of a command.
 type CommandResult = Result<(), Box<dyn std::error::Error>>;

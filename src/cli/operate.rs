@@ -1,4 +1,4 @@
-//! What an operator does beside serving.
+//! Commands for operators: configuration, keys, audit, migration, backup.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -10,17 +10,17 @@ use super::serve::ServeArguments;
 use prosopon_service::http::auth::{ApiKey, Scope, Scopes, new_key};
 use prosopon_store::{AuditEntry, BackupReport, DatabaseUrl, back_up, restore, scrub, verify_audit};
 
-/// Calls of `prosopon config`.
+/// Subcommands of `prosopon config`.
 #[derive(Debug, Subcommand)]
 pub(super) enum ConfigCommand {
-    /// Read file, environment and flags as `serve` does: print every setting without secrets, or every fault.
+    /// Read file, environment and flags as `serve` does; print every setting without secrets, or every fault.
     Check(ServeArguments),
 }
 
-/// Calls of `prosopon auth`.
+/// Subcommands of `prosopon auth`.
 #[derive(Debug, Subcommand)]
 pub(super) enum AuthCommand {
-    /// Make an API key: prints the token, once, and what the configuration needs.
+    /// Create an API key: print its token, which is shown only once, and its entry for the configuration.
     Key(KeyArguments),
 }
 
@@ -29,27 +29,27 @@ pub(super) struct KeyArguments {
     /// Name of the key, as the audit log shows it.
     #[arg(long)]
     id: String,
-    /// Whose data it opens.
+    /// Tenant whose data the key opens.
     #[arg(long, default_value = "local")]
     tenant: String,
-    /// What it allows: read, write, admin.
+    /// Scopes of the key: read, write, admin.
     #[arg(long, value_delimiter = ',', default_value = "read,write")]
     scopes: Vec<String>,
 }
 
-/// Calls of `prosopon audit`.
+/// Subcommands of `prosopon audit`.
 #[derive(Debug, Subcommand)]
 pub(super) enum AuditCommand {
-    /// Follow the chain of the audit log to the end that the store notes: was an entry changed, removed or cut off?
+    /// Verify that no entry of the audit log was changed, removed, or cut off before the end recorded in the store.
     Verify(VerifyArguments),
 }
 
 #[derive(Debug, Args)]
 pub(super) struct VerifyArguments {
-    /// Directory with the log.
+    /// Data directory with the log.
     #[arg(long, env = "PROSOPON_DATA")]
     data: PathBuf,
-    /// The database of the service, where its rows are in one.
+    /// Address of the service's database, if its rows are in Postgres.
     #[arg(long, env = "PROSOPON_DATABASE", hide_env_values = true)]
     database: Option<String>,
 }
@@ -62,10 +62,10 @@ pub(super) struct MigrateArguments {
     database: String,
 }
 
-/// Options of `prosopon backup`: of the embedded store. Postgres and buckets have tools of their own.
+/// Options of `prosopon backup`, which is for the embedded store; Postgres and buckets have their own tools.
 #[derive(Debug, Args)]
 pub(super) struct BackupArguments {
-    /// Directory of sessions and results; the service may be running.
+    /// Data directory of the service, which may be running.
     #[arg(long, env = "PROSOPON_DATA")]
     data: PathBuf,
     /// New directory for the backup.
@@ -73,10 +73,10 @@ pub(super) struct BackupArguments {
     out: PathBuf,
 }
 
-/// Options of `prosopon scrub`: of the embedded store. For values elsewhere the service does it by itself.
+/// Options of `prosopon scrub`, which is for the embedded store; the service itself checks values in a bucket.
 #[derive(Debug, Args)]
 pub(super) struct ScrubArguments {
-    /// Directory of sessions and results; the service may be running.
+    /// Data directory of the service, which may be running.
     #[arg(long, env = "PROSOPON_DATA")]
     data: PathBuf,
 }
@@ -84,10 +84,10 @@ pub(super) struct ScrubArguments {
 /// Options of `prosopon restore`.
 #[derive(Debug, Args)]
 pub(super) struct RestoreArguments {
-    /// A backup.
+    /// Directory of the backup.
     #[arg(long)]
     from: PathBuf,
-    /// Directory without a store.
+    /// Data directory to restore into; it must not contain a store.
     #[arg(long, env = "PROSOPON_DATA")]
     data: PathBuf,
 }
@@ -102,7 +102,7 @@ pub(super) fn config(command: &ConfigCommand) -> CommandResult {
 pub(super) fn auth(command: &AuthCommand) -> CommandResult {
     let AuthCommand::Key(KeyArguments { id, tenant, scopes }) = command;
     let key = new_key(id).map_err(|e| e.to_string())?;
-    // Only what `serve` takes.
+    // The same checks as in `serve`.
     let tenant_id = tenant.parse().map_err(|e| format!("tenant `{tenant}`: {e}"))?;
     let parsed: Result<Scopes, String> = scopes.iter().map(|s| s.parse::<Scope>()).collect();
     let scopes_of_key = parsed.map_err(|e| format!("scope {e}"))?;
@@ -112,7 +112,7 @@ pub(super) fn auth(command: &AuthCommand) -> CommandResult {
         faults => return Err(faults.join("\n").into()),
     }
     let out = &mut std::io::stdout();
-    writeln!(out, "# The token, shown this once:\n# {}\n[[auth.keys]]", key.token)?;
+    writeln!(out, "# The token, which is not shown again:\n# {}\n[[auth.keys]]", key.token)?;
     writeln!(out, "id = {id:?}\ntenant = {tenant:?}\nscopes = {scopes:?}\nhash = {:?}", key.hash)?;
     Ok(())
 }
@@ -125,7 +125,7 @@ pub(super) fn audit(command: &AuditCommand) -> CommandResult {
     writeln!(out, "{} entries, none changed or removed", report.entries)?;
     if report.gaps > 0 {
         let detail = format!(
-            "a start of the service found entries removed, {} times: look for `{}`",
+            "{} times, a start of the service found that entries were removed: look for `{}` in the log",
             report.gaps,
             AuditEntry::GAP
         );
@@ -133,9 +133,9 @@ pub(super) fn audit(command: &AuditCommand) -> CommandResult {
     }
     match report.anchored_at {
         Some(at) => {
-            writeln!(out, "the end as noted in the store at {at} is there; {} entries are later", report.later)?
+            writeln!(out, "the end that the store recorded at {at} is present; {} entries are later", report.later)?
         }
-        None => writeln!(out, "the store notes no end: entries missing at the end would not show")?,
+        None => writeln!(out, "the store has recorded no end: entries missing at the end cannot be found")?,
     }
     Ok(())
 }
@@ -143,12 +143,12 @@ pub(super) fn audit(command: &AuditCommand) -> CommandResult {
 pub(super) fn migrate(arguments: &MigrateArguments) -> CommandResult {
     let database = address(&arguments.database)?;
     let (found, known) = runtime()?.block_on(database.migrate())?;
-    let done = if found == known { "nothing to do" } else { "done" };
-    writeln!(std::io::stdout(), "{database}: had format {found}, this version's is {known}: {done}")?;
+    let done = if found == known { "nothing to do" } else { "upgraded" };
+    writeln!(std::io::stdout(), "{database}: found format {found}, this version has format {known}: {done}")?;
     Ok(())
 }
 
-/// Read here and not by clap, which would quote a faulty address with its password.
+/// Parses the address of a database; clap would print a faulty address together with its password.
 fn address(text: &str) -> Result<DatabaseUrl, String> {
     text.parse().map_err(|fault| format!("database: {fault}"))
 }
@@ -179,13 +179,13 @@ pub(super) fn scrub_store(arguments: &ScrubArguments) -> CommandResult {
     whole(&found.damaged, &found.missing)
 }
 
-/// An error that names values which are not what was stored.
+/// An error that names the damaged and missing values; `Ok` when there are none.
 fn whole(damaged: &[String], missing: &[String]) -> CommandResult {
     let lines = damaged.iter().map(|key| format!("damaged: {key}"));
     let lines: Vec<String> = lines.chain(missing.iter().map(|key| format!("missing: {key}"))).collect();
     if lines.is_empty() {
         return Ok(());
     }
-    let begin = format!("{} values are not what was stored (session/value; all others are)", lines.len());
+    let begin = format!("{} values are damaged or missing (session/value); all others are intact", lines.len());
     Err(format!("{begin}\n{}", lines.join("\n")).into())
 }

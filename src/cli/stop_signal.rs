@@ -1,4 +1,4 @@
-/// Waits for SIGINT or SIGTERM, from this call on; to be called within a runtime.
+/// A future that waits for SIGINT or SIGTERM since this call; must be called within a Tokio runtime.
 #[cfg(unix)]
 pub(super) fn stop_signal() -> std::io::Result<impl Future<Output = ()>> {
     use tokio::signal::unix::{SignalKind, signal};
@@ -12,7 +12,7 @@ pub(super) fn stop_signal() -> std::io::Result<impl Future<Output = ()>> {
     })
 }
 
-/// Waits for ctrl-c.
+/// A future that waits for ctrl-c.
 #[cfg(not(unix))]
 pub(super) fn stop_signal() -> std::io::Result<impl Future<Output = ()>> {
     Ok(async {

@@ -9,10 +9,10 @@ use super::patient::Patient;
 use super::{DemoArgs, DemoError};
 use prosopon_study::read_ct;
 
-/// Drives the service at `base` (`http://host:port`) through the main job and writes the results.
+/// Runs the main job on the service at `base` (`http://host:port`) and writes the results.
 ///
 /// # Errors
-/// [`DemoError`]; results that were written before stay.
+/// [`DemoError`]; results written before the error remain.
 pub fn run(args: &DemoArgs, base: String) -> Result<(), DemoError> {
     let patient = Patient::of(args)?;
     let client = Client::new(base);
@@ -41,7 +41,7 @@ pub fn run(args: &DemoArgs, base: String) -> Result<(), DemoError> {
     Ok(())
 }
 
-/// Bars that are not drawn, as in a log file, swallow what is printed through them.
+/// Prints a line; hidden progress bars, as in a log file, would swallow it, so it then goes to stderr.
 fn say(bars: &MultiProgress, line: &str) {
     if bars.is_hidden() {
         writeln!(std::io::stderr(), "{line}").ok();
@@ -87,7 +87,7 @@ impl Case<'_> {
         say(self.bars, line);
     }
 
-    /// What an answer that is no job warns of.
+    /// Prints the warnings of an answer that is not a job.
     fn warn(&self, name: &str, answer: &Value) {
         for warning in answer["warnings"].as_array().into_iter().flatten().filter_map(Value::as_str) {
             self.say(&format!("{name}: {warning}"));
@@ -96,7 +96,7 @@ impl Case<'_> {
 
     fn upload(&self, patient: &Patient) -> Result<(), DemoError> {
         if let Some(ct) = &patient.ct {
-            // A folder of DICOM images goes as one archive.
+            // A folder of DICOM images is uploaded as one archive.
             let path = self.path("ct");
             let import = if ct.is_dir() {
                 self.client.upload_bytes(&path, &read_ct(ct)?)?
@@ -127,7 +127,7 @@ impl Case<'_> {
             let cm3 = segment["volume_mm3"].as_f64().unwrap_or_default() / 1e3;
             self.say(&format!("segment {}: {cm3:.1} cm3, {} triangles", segment["id"], segment["triangles"]));
         }
-        // The template's first cut is the Le Fort I plane; the lower jaw, where it hung on the teeth, is not bounded by it.
+        // The template's first cut is the Le Fort I plane; a lower jaw that was connected at the teeth is not bounded by it.
         let upper_jaw =
             |s: &&Value| s["id"] != 0 && s["bounded_by"].as_array().is_some_and(|cuts| cuts.contains(&json!(0)));
         let moving = segments.iter().find(upper_jaw);
@@ -152,7 +152,7 @@ impl Case<'_> {
         text(&answer, "id", &path)
     }
 
-    /// Runs a solver job; downloads every step as it comes when no reference is given.
+    /// Runs a solver job; without a reference, downloads every step as soon as it is solved.
     fn solve(&self, plan: &str, model: &str, reference: Option<&str>) -> Result<String, DemoError> {
         let mut body = json!({ "plan": plan, "model": model, "steps": self.args.steps });
         if let Some(reference) = reference {

@@ -57,8 +57,9 @@ impl Client {
         Ok(response.body_mut().with_config().limit(MAX_ANSWER).read_to_vec()?)
     }
 
-    /// Reads a job's events after number `last` as they come and counts it up; `on_event` gets the event's name and data and
-    /// says whether to go on.
+    /// Reads a job's events after number `last` as they arrive, and updates `last`.
+    ///
+    /// `on_event` receives the name and data of each event and returns whether to continue.
     pub(super) fn events(
         &self,
         job: &str,

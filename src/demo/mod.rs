@@ -1,7 +1,6 @@
-//! `prosopon demo`: starts the service and drives it over HTTP as a front-end would.
+//! `prosopon demo`: starts the service and uses it over HTTP as a front-end does.
 //!
-//! Invariants: talks to the service through its public API only; what it writes to disk is what the service answered,
-//! and pictures of it.
+//! Invariants: it uses only the public API of the service; it writes only answers of the service and pictures of them.
 
 mod case;
 mod client;
@@ -13,22 +12,22 @@ use std::path::PathBuf;
 pub use case::run;
 pub use output::clear;
 
-/// What `prosopon demo` is asked to do.
+/// Arguments of `prosopon demo`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct DemoArgs {
-    /// Head CT to plan on: DICOM series (zip or folder), NIfTI, NRRD, MetaImage; the generated phantom head when neither this nor --skin is given.
+    /// Head CT: DICOM series (zip or folder), NIfTI, NRRD, MetaImage [default without --skin: the generated phantom head].
     #[arg(long, conflicts_with_all = ["skin", "skull"])]
     pub ct: Option<PathBuf>,
-    /// Skin surface (STL, PLY, OBJ, VTP), with --skull.
+    /// Skin surface (STL, PLY, OBJ, VTP); needs --skull.
     #[arg(long, requires = "skull")]
     pub skin: Option<PathBuf>,
-    /// Skull surface (STL, PLY, OBJ, VTP), with --skin.
+    /// Skull surface (STL, PLY, OBJ, VTP); needs --skin.
     #[arg(long, requires = "skin")]
     pub skull: Option<PathBuf>,
-    /// Landmarks and Le Fort I plane; `landmarks.json` beside the input is picked up by itself.
+    /// JSON with landmarks and Le Fort I plane [default: `landmarks.json` next to the input, if it exists].
     #[arg(long)]
     pub landmarks: Option<PathBuf>,
-    /// Where results go.
+    /// Folder for the results.
     #[arg(long, default_value = "prosopon-demo")]
     pub out: PathBuf,
     /// Forward movement of the maxilla, mm (negative is a set-back).
@@ -37,19 +36,19 @@ pub struct DemoArgs {
     /// Downward movement of the maxilla, mm.
     #[arg(long, default_value_t = 1.5, allow_negative_numbers = true)]
     pub down_mm: f64,
-    /// Streamed steps.
+    /// Number of streamed steps.
     #[arg(long, default_value_t = 6)]
     pub steps: usize,
-    /// Model: auto, linear or mixed.
+    /// Mechanical model: auto, linear or mixed.
     #[arg(long, default_value = "mixed")]
     pub model: String,
-    /// Edge of the tetrahedra, mm; the service's default when absent.
+    /// Edge length of the tetrahedra, mm [default: that of the service].
     #[arg(long)]
     pub edge_mm: Option<f64>,
-    /// Skip the second job (linear model) that the error map compares with.
+    /// Skip the second job (linear model) and its error map.
     #[arg(long)]
     pub no_compare: bool,
-    /// Leave the server up at the end.
+    /// Keep the server running at the end.
     #[arg(long)]
     pub keep: bool,
 }
@@ -71,8 +70,8 @@ pub enum DemoError {
         /// The problem's detail.
         detail: String,
     },
-    /// The service could not be reached or broke off.
-    #[error("the service could not be reached")]
+    /// The service could not be reached, or the connection broke.
+    #[error("the service could not be reached or the connection broke")]
     Http(#[from] ureq::Error),
     /// The service's answer lacks something.
     #[error("the answer to {path} has no usable `{field}`")]
@@ -94,7 +93,7 @@ pub enum DemoError {
     #[error("the CT could not be read")]
     Ct(#[from] prosopon_study::BenchError),
     /// A landmarks file is not usable.
-    #[error("landmarks in {path} are not usable: {detail}")]
+    #[error("the landmarks in {path} are not usable: {detail}")]
     Landmarks {
         /// The file.
         path: String,

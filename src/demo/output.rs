@@ -6,7 +6,7 @@ use prosopon_formats::import;
 use prosopon_geometry::{TriMesh, Vector};
 use prosopon_planning::evaluate::{Layer, View, moved_along, picture};
 
-/// Results besides the steps.
+/// Names of the results other than the steps.
 const RESULTS: [&str; 6] = [
     "report.json",
     "error.json",
@@ -16,7 +16,7 @@ const RESULTS: [&str; 6] = [
     "before_after_profile.png",
 ];
 
-/// Writes a result, replacing what was there.
+/// Writes a result, overwriting an existing file.
 pub(super) fn write(folder: &Path, name: &str, bytes: &[u8]) -> Result<(), DemoError> {
     let path = folder.join(name);
     if let Some(parent) = path.parent() {
@@ -25,7 +25,7 @@ pub(super) fn write(folder: &Path, name: &str, bytes: &[u8]) -> Result<(), DemoE
     fs::write(&path, bytes).map_err(|e| DemoError::file(&path, e))
 }
 
-/// Removes results of an earlier run, so that none is taken for this one's.
+/// Removes the results of an earlier run, so that none is mistaken for a new one.
 ///
 /// # Errors
 /// [`DemoError::File`].
@@ -41,10 +41,10 @@ pub fn clear(folder: &Path) -> Result<(), DemoError> {
     Ok(())
 }
 
-/// Three panels and the colour bar, in pixels.
+/// Size of a picture with three panels and the colour bar, pixels.
 const PICTURE_PX: [u32; 2] = [1640, 720];
 
-/// Before and after, in profile and in three-quarter view, and how far each point of the skin moved forward.
+/// Draws the skin before and after and its forward movement, in three-quarter, profile and front view.
 pub(super) fn before_after(out: &Path, before_ply: &[u8], after_ply: &[u8]) -> Result<(), DemoError> {
     let before = surface("skin before", before_ply)?;
     let after = surface("skin after", after_ply)?;

@@ -7,12 +7,12 @@ use super::{DemoArgs, DemoError};
 use prosopon_formats::export;
 use prosopon_planning::phantom;
 
-/// Files to upload and what is known about the patient.
+/// Files and landmarks to upload.
 #[derive(Debug)]
 pub(super) struct Patient {
     pub(super) ct: Option<PathBuf>,
     pub(super) surfaces: Option<(PathBuf, PathBuf)>,
-    /// Body of `PUT /v1/sessions/{s}/landmarks`; absent when nothing is known.
+    /// Body of `PUT /v1/sessions/{s}/landmarks`; `None` without a landmarks file.
     pub(super) landmarks: Option<Value>,
 }
 
@@ -62,14 +62,14 @@ fn phantom_landmarks(known: &phantom::Landmarks) -> Value {
     })
 }
 
-/// Reads a landmarks file and turns it into the body that the service takes.
+/// Reads a landmarks file and converts it to the body of the service's request.
 fn read_landmarks(path: &Path) -> Result<Value, DemoError> {
     let fault = |detail: String| DemoError::Landmarks { path: path.display().to_string(), detail };
     let text = fs::read_to_string(path).map_err(|e| DemoError::file(path, e))?;
     let mut file: Value = serde_json::from_str(&text).map_err(|e| fault(e.to_string()))?;
     let points = file["landmarks"].take();
     if !points.is_object() {
-        return Err(fault("`landmarks` must be an object of name: [x, y, z]".to_owned()));
+        return Err(fault("`landmarks` must be an object {name: [x, y, z]} in mm".to_owned()));
     }
     let mut body = Map::from_iter([("points".to_owned(), points)]);
     for field in ["midline_x_mm", "occlusal_plane_z_mm"] {

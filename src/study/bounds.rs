@@ -7,24 +7,24 @@ use super::files::read_surface;
 use prosopon_field::{Accuracy, BandBound, DistanceField, ExactDistance, FieldSettings, Place, sample_points};
 use prosopon_geometry::control::Control;
 
-/// Sites of the points that try to break the bounds: about a million points.
+/// Sites of the points at which the bounds are checked: about a million points.
 const SITES: usize = 600_000;
-/// Below this share of the spacing the sign of a value is settled by the winding number.
+/// Values smaller than this multiple of the spacing get their sign from the winding number.
 const DOUBT: f64 = 0.75;
 
-/// Proves bounds on the adaptive field's error and tries to break them.
+/// Proves bounds on the error of the adaptive field and checks them at about a million points.
 #[derive(Debug)]
 pub struct BoundStudy<'a> {
     /// Surface file.
     pub mesh: &'a Path,
-    /// Spacing and band.
+    /// Spacing, band and margin of the field.
     pub settings: FieldSettings,
-    /// The bound in the band is proven for as many bricks as this time allows, s.
+    /// Time limit of the proof in the band, s; bricks not reached by then stay without a bound.
     pub most_s: f64,
 }
 
 impl BoundStudy<'_> {
-    /// Runs the study; prints to `out`. Whether no point breaks a bound.
+    /// Runs the study and prints to `out`; returns whether every point satisfies the bounds.
     ///
     /// # Errors
     /// [`BenchError`].
@@ -47,13 +47,18 @@ impl BoundStudy<'_> {
         let mut compare = |what: &str, bound: Option<f64>, places: &[Place]| -> Result<(), BenchError> {
             let found = at(places)?;
             let Some(bound) = bound else {
-                writeln!(out, "{what}: no bound; largest of {} points {:.4} mm", found.points, found.max_error_mm)?;
+                writeln!(
+                    out,
+                    "{what}: no bound proven; largest error of {} points {:.4} mm",
+                    found.points, found.max_error_mm
+                )?;
                 return Ok(());
             };
             held &= found.max_error_mm <= bound;
             writeln!(
                 out,
-                "{what}: proven {bound:.4} mm; largest of {} points {:.4} mm, wrong signs before they are settled {}",
+                "{what}: proven bound {bound:.4} mm; largest error of {} points {:.4} mm; \
+                 wrong signs without winding number {}",
                 found.points, found.max_error_mm, found.sign_errors
             )?;
             Ok(())
@@ -76,12 +81,13 @@ impl BoundStudy<'_> {
                 let is = if bound_mm < limit { "" } else { "not " };
                 writeln!(
                     out,
-                    "settled signs are {is}proven right in the band: the bound would have to be below {limit} mm"
+                    "signs with winding number are {is}proven correct in the band: this needs a bound below {limit} mm"
                 )?;
             }
             Some(BandBound { bound_mm, share }) => writeln!(
                 out,
-                "{place}: stopped after {} s (--most-s): {bound_mm:.4} mm proven for {:.1} % of the domain, spread evenly; nothing is proven for the rest",
+                "{place}: stopped after {} s (--most-s): bound {bound_mm:.4} mm proven for {:.1} % of the domain, \
+                 spread evenly; no bound for the rest",
                 self.most_s,
                 100.0 * share
             )?,

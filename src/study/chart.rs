@@ -1,4 +1,4 @@
-//! Charts as SVG: one curve a builder, both axes logarithmic.
+//! SVG charts of curves over logarithmic or linear axes.
 
 use plotters::coord::combinators::{BindKeyPoints, IntoLogRange};
 use plotters::prelude::*;
@@ -8,16 +8,16 @@ use super::row::{Builder, Row};
 use prosopon_field::Method;
 
 const SIZE: (u32, u32) = (900, 560);
-/// Width of the legend on the right.
+/// Width of the legend on the right, pixels.
 const LEGEND: u32 = 220;
 
 /// One curve.
 pub(super) struct Curve {
     pub(super) name: String,
     pub(super) color: RGBColor,
-    /// Positive coordinates.
+    /// Points (x, y); logarithmic axes need positive coordinates.
     pub(super) points: Vec<(f64, f64)>,
-    /// A word beside each of the first points.
+    /// Labels of the first points, in the same order.
     pub(super) marks: Vec<String>,
 }
 
@@ -28,8 +28,9 @@ pub(super) struct Labels<'a> {
     pub(super) y: &'a str,
 }
 
-/// The charts of the field study: what the files' names end in, and the SVG. Memory of the field and time to build it, each
-/// against its largest and its mean error.
+/// Draws the charts of the field study; returns the suffix of each file name and the SVG.
+///
+/// The charts show the memory of a field and its build time, each against the largest error and the RMS error.
 pub(super) fn of_fields(rows: &[Row]) -> Result<Vec<(&'static str, String)>, BenchError> {
     let largest = ("largest measured error", "largest error in the band, mm");
     let mean = ("RMS error", "RMS error in the band, mm");
@@ -51,7 +52,7 @@ pub(super) fn of_fields(rows: &[Row]) -> Result<Vec<(&'static str, String)>, Ben
         .collect()
 }
 
-/// Words of an axis (in the title, along the axis) and its value.
+/// Texts of an axis (in the title, along the axis) and the value it shows.
 type Axis = ((&'static str, &'static str), fn(&Row) -> f64);
 
 fn by_builder(rows: &[Row], x: fn(&Row) -> f64, y: fn(&Row) -> f64) -> Vec<Curve> {
@@ -68,7 +69,7 @@ fn by_builder(rows: &[Row], x: fn(&Row) -> f64, y: fn(&Row) -> f64) -> Vec<Curve
     Builder::all().map(curve).collect()
 }
 
-/// Colours of Okabe and Ito, which colour-blind readers can tell apart.
+/// Colours of Okabe and Ito, which colour-blind readers can distinguish.
 pub(super) fn color(method: Method) -> RGBColor {
     match method {
         Method::Uniform => RGBColor(230, 159, 0),
@@ -116,7 +117,7 @@ fn drawn(svg: &mut String, labels: &Labels, curves: &[Curve]) -> Result<(), Stri
         .map_err(|e| e.to_string())?;
     let shown = curves.iter().filter(|c| !c.points.is_empty());
     for (n, curve) in shown.enumerate() {
-        // The first ones are wider, so that they show below others at the same place.
+        // Earlier curves are wider, so that they remain visible below later ones.
         let wide = 4u32.saturating_sub(n as u32);
         let line = curve.color.stroke_width(2 + wide);
         chart.draw_series(LineSeries::new(curve.points.iter().copied(), line)).map_err(|e| e.to_string())?;
@@ -127,7 +128,7 @@ fn drawn(svg: &mut String, labels: &Labels, curves: &[Curve]) -> Result<(), Stri
             EmptyElement::at(point) + word
         });
         chart.draw_series(marks).map_err(|e| e.to_string())?;
-        // Beside the plot, where nothing can lie below.
+        // The legend is beside the plot, so that it covers no curve.
         let (left, middle) = ((SIZE.0 - LEGEND) as i32 + 12, 64 + 26 * n as i32);
         root.draw(&PathElement::new([(left, middle), (left + 22, middle)], line)).map_err(|e| e.to_string())?;
         let name = Text::new(curve.name.clone(), (left + 30, middle - 8), ("sans-serif", 16));
@@ -184,7 +185,7 @@ fn ticks((low, high): (f64, f64)) -> Vec<f64> {
     all.filter(|t| (low..=high).contains(t)).collect()
 }
 
-/// A range with room around positive values; `None` without any.
+/// A range with a margin around the positive values; `None` when there are none.
 fn span(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
     let (low, high) = values
         .filter(|v| *v > 0.0 && v.is_finite())
@@ -192,7 +193,7 @@ fn span(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
     (high > 0.0).then_some((low / 1.6, high * 1.6))
 }
 
-/// A number as short as it can be said.
+/// The shortest text of a number on an axis.
 fn short(value: &f64) -> String {
     if *value > 0.0 && *value < 1.5e-3 {
         return format!("{value:.0e}");

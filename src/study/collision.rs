@@ -23,20 +23,20 @@ const POSITIONS: usize = 20;
 /// Advance and lowering of the bone over the path, mm: the largest plan of Wang 2009, Table 2.
 const FORWARD_MM: f64 = 12.2;
 const DOWN_MM: f64 = 2.1;
-/// Times that the path is walked; the shortest counts.
+/// Repetitions of the path; the shortest time counts.
 const ROUNDS: usize = 3;
 /// Half-width of the band, mm.
 const BAND_MM: f64 = 5.0;
-/// Tolerances of the octrees, as a share of the bounding cube's edge (Wang 2009, Figure 14, and coarser ones).
+/// Tolerances of the octrees relative to the edge of the bounding cube (Wang 2009, Figure 14, and coarser ones).
 const TOLERANCES: [f64; 6] = [1e-3, 1e-4, 1e-5, 4e-6, 2e-6, 1e-6];
 /// Finest spacing, mm: 256³ over a skull.
 const SPACING_MM: f64 = 0.8;
 
-/// Measures the time of one collision detection over a path, against the octrees' tolerance (Wang 2009, Figure 14).
+/// Measures the time of one collision detection against the tolerance of the octrees (Wang 2009, Figure 14).
 ///
-/// The scene is a Le Fort I osteotomy. The tested points are vertices and barycentres (Figure 6) of the faces of the tissue's mesh
-/// that look at bone; they are tested against the segment below the cut. One detection is the distance at every point and the
-/// gradient at those that the segment has reached.
+/// The scene is a Le Fort I osteotomy. The test points are the vertices and barycentres (Figure 6) of the tissue mesh faces that
+/// are turned to bone. They are tested against the segment below the cut. One detection computes the distance at every point and
+/// the gradient at the points inside the segment.
 #[derive(Debug)]
 pub struct CollisionStudy<'a> {
     /// Surface of the skull.
@@ -49,21 +49,21 @@ pub struct CollisionStudy<'a> {
     pub csv: &'a Path,
 }
 
-/// What a way of detection takes.
+/// Time and memory of one detection method.
 struct Measured {
     method: String,
     tolerance: Option<f64>,
     build_s: f64,
-    /// Per position, all points, one thread and all threads, ms.
+    /// Time per position for all points, on one thread and on all threads, ms.
     one_thread_ms: f64,
     all_threads_ms: f64,
-    /// Points within the bone, over all positions.
+    /// Number of points inside the bone, summed over all positions.
     hits: usize,
-    /// Of the field.
+    /// Memory of the field, MB.
     memory_mb: Option<f64>,
 }
 
-/// What the landmarks' file must hold.
+/// Required members of the landmarks file.
 #[derive(Deserialize)]
 struct Landmarks {
     midline_x_mm: f64,
@@ -78,7 +78,7 @@ struct Plane {
 }
 
 impl CollisionStudy<'_> {
-    /// The moved segment's surface and the tested points, both at rest.
+    /// The surface of the moving segment and the test points, both at rest.
     fn scene(&self) -> Result<(TriMesh, Vec<Point>), BenchError> {
         let landmarks: Landmarks = serde_json::from_slice(&read(self.landmarks)?)
             .map_err(|e| BenchError::Landmarks { path: self.landmarks.to_owned(), detail: e.to_string() })?;
@@ -92,7 +92,7 @@ impl CollisionStudy<'_> {
         let bone = cut_bone(&fields.bone, &cuts, &settings.field, &control)?;
         let moved = bone.osteotomy.segments.iter().filter(|s| s.id != 0);
         let moved = moved.max_by(|a, b| a.volume_mm3.total_cmp(&b.volume_mm3)).ok_or_else(|| {
-            BenchError::Landmarks { path: self.landmarks.to_owned(), detail: "no segment can move".to_owned() }
+            BenchError::Landmarks { path: self.landmarks.to_owned(), detail: "no moving segment".to_owned() }
         })?;
         let tissue = build_tissue(&anatomy, &fields, Some(&bone), &TissueSettings::default(), &control)?;
         Ok((moved.surface.clone(), inner_points(&tissue.mesh)))
@@ -107,7 +107,8 @@ impl CollisionStudy<'_> {
         let (bone, points) = self.scene()?;
         writeln!(
             out,
-            "{} points (vertices and barycentres), a segment of {} triangles, {POSITIONS} positions, {FORWARD_MM} mm forward and {DOWN_MM} mm down",
+            "{} points (vertices and barycentres), a segment of {} triangles, {POSITIONS} positions, \
+             {FORWARD_MM} mm forward and {DOWN_MM} mm down",
             points.len(),
             bone.triangles().len()
         )?;
@@ -137,7 +138,7 @@ impl CollisionStudy<'_> {
     }
 }
 
-/// Vertices and barycentres of the faces that look at bone.
+/// Vertices and barycentres of the tissue faces that are turned to bone.
 fn inner_points(tissue: &MixedMesh) -> Vec<Point> {
     let corner = |v: &u32| tissue.positions[*v as usize];
     let mut nodes: Vec<u32> = tissue.bone_faces.iter().flatten().copied().collect();
@@ -156,7 +157,7 @@ fn path() -> Vec<Motion> {
     (0..POSITIONS).map(|n| Motion::translation(0.0, -FORWARD_MM * at(n), -DOWN_MM * at(n))).collect()
 }
 
-/// Mean time of a position, best of some rounds, ms, on one and on all threads, and the number of hits.
+/// Mean time per position on one thread and on all threads, ms (best of all rounds), and the number of hits.
 fn detect(points: &[Point], hit: impl Fn(&Point) -> bool + Sync) -> (f64, f64, usize) {
     let path = path();
     let mut hits = 0;
@@ -202,7 +203,7 @@ fn by_field(bone: &TriMesh, method: Method, tolerance: Option<f64>, points: &[Po
     })
 }
 
-/// No field at all: the closest point by parry's bounding volume hierarchy, signed by its pseudonormals.
+/// Detection without a field: closest point by parry's bounding volume hierarchy, signed by pseudonormals.
 fn by_hierarchy(bone: &TriMesh, points: &[Point]) -> Result<Measured, BenchError> {
     let start = Instant::now();
     let vertices = bone.positions().iter().map(|p| ParryVector::new(p.x, p.y, p.z)).collect();
@@ -226,7 +227,7 @@ fn by_hierarchy(bone: &TriMesh, points: &[Point]) -> Result<Measured, BenchError
     })
 }
 
-/// Time against tolerance; what has no tolerance is a level line.
+/// Chart of time against tolerance; a method without a tolerance is a horizontal line.
 fn chart(all: &[Measured]) -> Result<String, BenchError> {
     let mut curves: Vec<Curve> = Vec::new();
     for m in all {
@@ -242,7 +243,7 @@ fn chart(all: &[Measured]) -> Result<String, BenchError> {
     }
     let labels = Labels {
         title: "Time of one collision detection against the octree's tolerance (0.8 mm, one thread)",
-        x: "tolerance, share of the bounding cube's edge",
+        x: "tolerance relative to the edge of the bounding cube",
         y: "one detection, ms",
     };
     chart::draw(&labels, &curves)

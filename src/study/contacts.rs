@@ -10,35 +10,36 @@ use prosopon_field::{ExactDistance, FieldSettings, Method, MethodSettings, Signe
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Implicit, Point, TriMesh, Vector};
 
-/// Contacts of the study.
+/// Number of contacts.
 const CONTACTS: usize = 20_000;
-/// Depth of the anchors, up to, mm.
+/// Largest depth of the anchors in bone, mm.
 const DEEPEST_MM: f64 = 3.0;
-/// Stiffness of the spring along its axes, which lie at random.
+/// Stiffness of the spring along its three axes, whose orientation is random.
 const SPRING: [f64; 3] = [0.05, 0.3, 1.0];
 /// Stiffness of the penalty.
 const PENALTY: f64 = 100.0;
-/// Most Newton steps.
+/// Largest number of Newton steps.
 const MOST_STEPS: usize = 50;
-/// Most halvings of a step.
+/// Largest number of halvings of a step.
 const MOST_HALVINGS: usize = 40;
-/// Converged when the force is below this share of the penalty's at 1 mm.
+/// A contact has converged when its force is below this share of the penalty force at 1 mm.
 const SMALL_FORCE: f64 = 1e-8;
-/// Deeper than this, mm, the tangent leaves the distance's curvature out: a step goes straight for the surface (Gauss-Newton).
+/// Below this depth, mm, the tangent omits the curvature term, so that a step leads to the surface (Gauss-Newton).
 const CURVED_MM: f64 = 0.2;
-/// Least eigenvalue of the tangent.
+/// Lower bound on the eigenvalues of the tangent.
 const LEAST_EIGENVALUE: f64 = 1e-3;
-/// A step must lower the energy by this share of what its slope promises.
+/// A step must lower the energy by this share of the decrease that its slope predicts (Armijo).
 const ARMIJO: f64 = 1e-4;
 /// Samples along the edge of the bounding cube for the trilinear grid.
 const RESOLUTION: u32 = 256;
 
-/// Newton's method on points that a spring holds inside bone and a penalty pushes out, one distance field after another: whether
-/// a field's value, gradient and Hessian suit a minimisation.
+/// Tests whether the value, gradient and Hessian of a distance field suit Newton's method.
 ///
-/// The energy is (x - a)ᵀ K (x - a) / 2 + κ min(d(x), 0)² / 2 from x = a on, with a spring K that differs from direction to
-/// direction as tissue does (else the way out would be the straight one to the closest point); the tangent is the energy's Hessian (without the distance's curvature
-/// while deep) with negative eigenvalues turned round, steps are halved until the energy falls.
+/// A spring holds each point inside bone and a penalty pushes it out. The study minimises the energy (x - a)ᵀ K (x - a) / 2
+/// + κ min(d(x), 0)² / 2 from x = a, for one distance field after another. The spring K is anisotropic like tissue; with an
+/// isotropic spring the path would simply be the straight line to the closest point. The tangent is the Hessian of the
+/// energy, with the signs of negative eigenvalues reversed and without the curvature term at large depth. Steps are halved
+/// until the energy decreases.
 #[derive(Debug)]
 pub struct ContactStudy<'a> {
     /// Surface of bone.
@@ -47,18 +48,18 @@ pub struct ContactStudy<'a> {
     pub csv: &'a Path,
 }
 
-/// Where a spring holds a point, and how.
+/// Rest position of a point and the stiffness of its spring.
 #[derive(Debug, Clone, Copy)]
 struct Anchor {
     point: Point,
     spring: Matrix3<f64>,
 }
 
-/// How a set of contacts ended.
+/// Convergence of a set of contacts.
 #[derive(Debug, Clone, Copy, Default)]
 struct Ended {
     converged: usize,
-    /// Of the converged.
+    /// Total steps of the converged contacts.
     steps: usize,
     most_steps: usize,
 }
@@ -82,7 +83,7 @@ impl ContactStudy<'_> {
                 .0;
             rows.push((method.name().to_owned(), solve_all(&anchors, &field)));
         }
-        // The spacing that contact uses.
+        // The spacing of the fields that the solver uses for contact.
         let settings = FieldSettings { spacing_mm: 1.6, ..FieldSettings::default() };
         let settings = MethodSettings { field: settings, ..MethodSettings::default() };
         let field = SignedField::build_only(&bone, &settings, &Control::new())
@@ -102,7 +103,7 @@ impl ContactStudy<'_> {
     }
 }
 
-/// Points inside, below random places of the surface.
+/// Points inside the bone, below random points of its surface.
 fn anchors(bone: &TriMesh, exact: &ExactDistance) -> Vec<Anchor> {
     let mut sums = Vec::with_capacity(bone.triangles().len());
     let mut area = 0.0;
@@ -116,7 +117,7 @@ fn anchors(bone: &TriMesh, exact: &ExactDistance) -> Vec<Anchor> {
         (state >> 11) as f64 / (1u64 << 53) as f64
     };
     let mut anchors = Vec::with_capacity(CONTACTS);
-    // Thin walls leave some places without a point; a surface that encloses nothing leaves all.
+    // A point below a thin wall may be outside again; a surface that encloses nothing gives no points at all.
     for _ in 0..20 * CONTACTS {
         let wanted = unit() * area;
         let t = sums.partition_point(|s| *s < wanted).min(sums.len().saturating_sub(1));
@@ -149,7 +150,7 @@ fn solve_all(anchors: &[Anchor], field: &dyn Implicit) -> Ended {
     })
 }
 
-/// Newton steps until the force is small; `None` when it never is.
+/// Number of Newton steps to convergence; `None` when the contact does not converge.
 fn solve(anchor: &Anchor, field: &dyn Implicit) -> Option<usize> {
     let energy = |x: &Point| {
         let (value, gradient) = field.value_gradient(x);
@@ -178,7 +179,7 @@ fn solve(anchor: &Anchor, field: &dyn Implicit) -> Option<usize> {
         let mut share = 1.0;
         let mut next = energy(&(x + direction));
         for _ in 0..MOST_HALVINGS {
-            // Round-off of the energy counts as falling.
+            // The tolerance accepts round-off of the energy as a decrease.
             if next.0 <= value + ARMIJO * share * slope + 1e-15 * (1.0 + value) {
                 break;
             }
@@ -191,7 +192,7 @@ fn solve(anchor: &Anchor, field: &dyn Implicit) -> Option<usize> {
     None
 }
 
-/// The Newton direction of a tangent whose eigenvalues are turned positive, and lifted where they are too small.
+/// Newton direction with the absolute eigenvalues of the tangent, raised to the lower bound where they are too small.
 fn descent(tangent: Matrix3<f64>, force: &Vector) -> Vector {
     let eigen = SymmetricEigen::new(tangent);
     let mut direction = Vector::zeros();
@@ -202,7 +203,7 @@ fn descent(tangent: Matrix3<f64>, force: &Vector) -> Vector {
     direction
 }
 
-/// The exact distance; its gradient jumps across the medial axis and has no Hessian to speak of (that of a plane).
+/// The exact distance; its gradient jumps across the medial axis, and its Hessian is set to zero, that of a plane.
 struct ByClosestPoint<'a>(&'a ExactDistance);
 
 impl Implicit for ByClosestPoint<'_> {

@@ -1,4 +1,4 @@
-//! CTs as files: reading, conversion, and how their surfaces compare with given ones.
+//! CT files: reading, conversion, and comparison of their surfaces with given surfaces.
 
 use std::io::{Cursor, Write};
 use std::path::{Path, PathBuf};
@@ -18,14 +18,16 @@ use prosopon_geometry::control::Control;
 use prosopon_geometry::{Aabb, Point, TriMesh, Volume};
 use prosopon_planning::surface::{CtSettings, from_ct};
 
-/// Most files of a folder that is taken for a series.
+/// Largest number of files in a folder that is read as a series.
 const MAX_FILES: usize = 20_000;
 
-/// The bytes of a CT: of a file as they are, of a folder with all below it as a zip archive, files numbered instead of named
-/// unless they are of another format than DICOM.
+/// Reads the bytes of a CT: a file as it is, a folder with all its subfolders as a zip archive.
+///
+/// In the archive, files have numbers instead of names, because names of DICOM files may contain a patient's name. MetaImage
+/// files keep their names.
 ///
 /// # Errors
-/// [`BenchError::File`].
+/// [`BenchError::File`] when a file cannot be read or the folder has more than 20 000 files.
 pub fn read_ct(path: &Path) -> Result<Vec<u8>, BenchError> {
     if !path.is_dir() {
         return read(path);
@@ -35,10 +37,10 @@ pub fn read_ct(path: &Path) -> Result<Vec<u8>, BenchError> {
     list(path, &mut files).map_err(fault)?;
     files.sort();
     let mut archive = ZipWriter::new(Cursor::new(Vec::new()));
-    // Packing takes longer than sending to this machine.
+    // Compression would take longer than the upload to a service on this machine.
     let options = SimpleFileOptions::default().compression_method(CompressionMethod::Stored);
     for (number, file) in files.iter().enumerate() {
-        // Headers of MetaImage name their voxels' file; names of DICOM files may be a patient's.
+        // A MetaImage header refers to its voxel file by name; names of DICOM files may contain a patient's name.
         let kept = file.extension().and_then(|e| e.to_str()).filter(|e| matches!(*e, "mhd" | "raw" | "zraw"));
         let name = match (kept, file.file_name().and_then(|n| n.to_str())) {
             (Some(_), Some(name)) => name.to_owned(),
@@ -66,30 +68,30 @@ fn list(folder: &Path, files: &mut Vec<PathBuf>) -> std::io::Result<()> {
     Ok(())
 }
 
-/// Reads a CT of any format, file or folder.
+/// Reads a CT of any supported format from a file or folder.
 ///
 /// # Errors
-/// [`BenchError::File`], [`BenchError::Volume`].
+/// [`BenchError::File`] when a file cannot be read, [`BenchError::Volume`] when its content is not a CT.
 pub fn load_ct(path: &Path, settings: &VolumeSettings) -> Result<VolumeRead, BenchError> {
     let refused = |source: ImportError| BenchError::Volume { path: path.to_owned(), source };
     volume_with(&read_ct(path)?, &Limits::default(), settings).map_err(refused)
 }
 
-/// `prosopon ct convert`.
+/// The command `prosopon ct convert`.
 #[derive(Debug, Clone)]
 pub struct CtConversion {
-    /// The CT, file or folder.
+    /// The CT, a file or folder.
     pub input: PathBuf,
-    /// NIfTI goes here.
+    /// NIfTI file to write.
     pub out: Option<PathBuf>,
-    /// Another CT to hold it against.
+    /// Another CT to compare with.
     pub compare: Option<PathBuf>,
-    /// How it is read.
+    /// Settings for reading `input`.
     pub settings: VolumeSettings,
 }
 
 impl CtConversion {
-    /// Reads, says what was read, writes, compares.
+    /// Reads the CT, describes it on `out`, and writes and compares it as configured.
     ///
     /// # Errors
     /// [`BenchError`].
@@ -108,7 +110,7 @@ impl CtConversion {
         )?;
         writeln!(out, "origin (LPS mm): {:.4} {:.4} {:.4}", volume.origin.x, volume.origin.y, volume.origin.z)?;
         for (name, axis) in [("i", i), ("j", j), ("k", k)] {
-            writeln!(out, "{name} runs along {:.6} {:.6} {:.6}", axis.x, axis.y, axis.z)?;
+            writeln!(out, "direction of {name} (LPS): {:.6} {:.6} {:.6}", axis.x, axis.y, axis.z)?;
         }
         if let (Some(low), Some(high)) = (volume.hu.iter().min(), volume.hu.iter().max()) {
             writeln!(out, "{low} to {high} HU")?;
@@ -132,7 +134,7 @@ impl CtConversion {
     }
 }
 
-/// Absolute differences over the voxels of one volume that lie in another, HU.
+/// Absolute differences at the voxels of one volume that lie inside another, HU.
 struct Difference {
     n: usize,
     equal: usize,
@@ -140,7 +142,7 @@ struct Difference {
     mean: f64,
 }
 
-/// Holds each voxel against the trilinear value of `reference` in its place.
+/// Compares each voxel with the trilinear value of `reference` at the same position.
 fn difference(volume: &Volume, reference: &Volume) -> Difference {
     let index_from_mm = Matrix3::from_columns(&reference.axes).try_inverse().unwrap_or_else(Matrix3::identity);
     let mut found = Difference { n: 0, equal: 0, max: 0.0, mean: 0.0 };
@@ -148,7 +150,7 @@ fn difference(volume: &Volume, reference: &Volume) -> Difference {
     for (at, hu) in volume.hu.iter().enumerate() {
         let [i, j, k] = [at % nx, at / nx % ny, at / nx / ny].map(|c| c as f64);
         let place = volume.origin + volume.axes[0] * i + volume.axes[1] * j + volume.axes[2] * k;
-        // A thousandth of a voxel is what headers are rounded to.
+        // Headers round positions to about a thousandth of a voxel.
         let index = (index_from_mm * (place - reference.origin))
             .map(|c| if (c - c.round()).abs() < 1e-3 { c.round() } else { c });
         if let Some(expected) = trilinear(reference, [index.x, index.y, index.z]) {
@@ -181,27 +183,27 @@ fn trilinear(volume: &Volume, index: [f64; 3]) -> Option<f64> {
     Some(sum)
 }
 
-/// `prosopon ct surfaces`.
+/// The command `prosopon ct surfaces`.
 #[derive(Debug, Clone)]
 pub struct CtSurfaceStudy {
-    /// The CT, file or folder.
+    /// The CT, a file or folder.
     pub input: PathBuf,
-    /// Folder for skin, skull and air as PLY.
+    /// Folder for skin, skull and air as PLY files.
     pub out: Option<PathBuf>,
-    /// Given skin.
+    /// Skin surface to compare with.
     pub skin: Option<PathBuf>,
-    /// Given skull.
+    /// Skull surface to compare with.
     pub skull: Option<PathBuf>,
-    /// Only this box is compared, LPS mm: least and largest x, y, z.
+    /// Only points in this box are compared, LPS mm.
     pub within: Option<Aabb>,
-    /// Levels and tolerance.
+    /// HU levels and tolerance of the surfaces.
     pub settings: CtSettings,
-    /// How the CT is read.
+    /// Settings for reading `input`.
     pub reading: VolumeSettings,
 }
 
 impl CtSurfaceStudy {
-    /// Takes the surfaces as the service does and holds them against the given ones.
+    /// Extracts the surfaces as the service does and compares them with the given ones.
     ///
     /// # Errors
     /// [`BenchError`].
@@ -229,14 +231,14 @@ impl CtSurfaceStudy {
             let [ours, theirs] = [(mesh, &given), (&given, mesh)].map(|(a, b)| self.distances(a, b));
             writeln!(
                 out,
-                "{name}, ours to given: {ours}; given to ours: {theirs}; symmetric mean {:.3} mm",
+                "{name}, extracted to given: {ours}; given to extracted: {theirs}; symmetric mean {:.3} mm",
                 0.5 * (ours.mean + theirs.mean)
             )?;
         }
         Ok(())
     }
 
-    /// Distances from the triangles of `a` to `b`, weighted by area.
+    /// Distances from the centroids of the triangles of `a` to `b`, weighted by area.
     fn distances(&self, a: &TriMesh, b: &TriMesh) -> Spread {
         let exact = ExactDistance::new(b);
         let mut found: Vec<(f64, f64)> = (0..a.triangles().len())
@@ -263,7 +265,7 @@ impl CtSurfaceStudy {
     }
 }
 
-/// Distances over a surface, mm.
+/// Statistics of the distances over a surface, mm.
 #[derive(Debug, Clone, Copy)]
 struct Spread {
     mean: f64,

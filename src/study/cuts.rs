@@ -1,4 +1,4 @@
-//! Random cuts and random paths on a skull: each parts the bone rightly or says why not.
+//! Random cuts and random paths on a skull: each result must be correct or refused with a reason.
 
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -14,23 +14,23 @@ use prosopon_planning::plan::{
     BoundedPlane, Cut, CutShape, Landmarks, Osteotomy, Path as BonePath, Plan, PlanError, Template, cut, follow,
 };
 
-/// Volumes of segments and crumbs add up to the bone's this well, relative.
+/// Largest relative difference between the volume of the bone and the sum of segments and dropped fragments.
 const VOLUME_TOLERANCE: f64 = 5e-3;
-/// Vertices of two segments may lie in each other by this much, in spacings: the corners between cuts are right to half of one.
+/// Largest distance of a segment's vertices outside the bone, in grid spacings; corners between cuts are exact to half a spacing.
 const INTRUSION: f64 = 1.0;
 
-/// The study.
+/// Applies random cuts to a skull, moves segments on random paths, and checks each result.
 #[derive(Debug)]
 pub struct CutStudy<'a> {
     /// Surface of the skull.
     pub skull: &'a Path,
-    /// Landmarks for templates; without them there are cuts by hand only.
+    /// Landmarks for templates; without them only free cuts are tried.
     pub landmarks: Option<&'a Path>,
-    /// Cuts, and as many paths.
+    /// Number of cuts, and number of paths.
     pub count: usize,
-    /// Seed of all of them.
+    /// Seed of the random numbers.
     pub seed: u64,
-    /// Rows go here.
+    /// CSV file to write.
     pub csv: &'a Path,
 }
 
@@ -46,7 +46,7 @@ impl Random {
         z ^ (z >> 31)
     }
 
-    /// Even in [-1, 1).
+    /// Uniform in [-1, 1).
     fn unit(&mut self) -> f64 {
         (self.next() >> 11) as f64 / (1u64 << 52) as f64 - 1.0
     }
@@ -69,7 +69,7 @@ impl Random {
     }
 }
 
-/// What came of one case.
+/// Result of one case.
 struct Row {
     kind: String,
     outcome: String,
@@ -81,7 +81,7 @@ struct Row {
 }
 
 impl CutStudy<'_> {
-    /// Runs the study; prints to `out`. Whether no answer was wrong.
+    /// Runs the study and prints to `out`; returns whether no result is wrong.
     ///
     /// # Errors
     /// [`BenchError`].
@@ -113,12 +113,12 @@ impl CutStudy<'_> {
         }
         let worst = rows.iter().map(|r| r.volume_error).fold(0.0, f64::max);
         let wrong = rows.iter().filter(|r| r.wrong.is_some()).count();
-        writeln!(out, "volumes add up within {:.3} %; {wrong} wrong answers", 100.0 * worst)?;
+        writeln!(out, "volumes add up to within {:.3} %; {wrong} wrong results", 100.0 * worst)?;
         Ok(wrong == 0)
     }
 }
 
-/// `count` cuts, then `count` paths over the osteotomies that came of them.
+/// Runs `count` cuts, then `count` paths on the resulting osteotomies.
 fn rows(bone: &Envelope, landmarks: Option<&Landmarks>, count: usize, seed: u64) -> Vec<Row> {
     let mut random = Random(seed);
     let mut rows = Vec::new();
@@ -129,7 +129,7 @@ fn rows(bone: &Envelope, landmarks: Option<&Landmarks>, count: usize, seed: u64)
         let done = cuts.and_then(|cuts| cut(bone, &cuts, &Control::new()));
         let wall_s = started.elapsed().as_secs_f64();
         rows.push(judge(kind, bone, &done, wall_s));
-        // A few are kept for the paths.
+        // The paths use up to twelve of the osteotomies.
         made.extend(done.ok().filter(|_| made.len() < 12));
     }
     for _ in 0..if made.is_empty() { 0 } else { count } {
@@ -139,7 +139,7 @@ fn rows(bone: &Envelope, landmarks: Option<&Landmarks>, count: usize, seed: u64)
     rows
 }
 
-/// A point of bone, anywhere on its surface.
+/// A random vertex of the bone's surface.
 fn somewhere(random: &mut Random, bone: &Envelope) -> Point {
     let points = bone.surface.positions();
     points[random.below(points.len())]
@@ -184,7 +184,7 @@ fn random_cuts(
                 let start = at - direction * random.between(10.0, 60.0) - across * random.between(10.0, 80.0);
                 let mut points = vec![start];
                 for i in 1..2 + random.below(6) {
-                    // Mostly lines that go on; some turn back and cross themselves.
+                    // Most lines advance; some turn back and cross themselves.
                     let step = across * random.between(-4.0, 30.0) + turn * random.between(-15.0, 15.0);
                     points.push(points[i - 1] + step);
                 }
@@ -198,7 +198,7 @@ fn random_cuts(
     (kinds.join(" + "), Ok(cuts))
 }
 
-/// A wavy sheet of triangles about `at`, some of them turned.
+/// A wavy sheet of triangles centred at `at`; about one triangle in seven has reversed orientation.
 fn wavy(random: &mut Random, at: Point) -> TriMesh {
     let n = 12u32;
     let normal = random.direction();
@@ -255,33 +255,35 @@ fn judge(kind: String, bone: &Envelope, done: &Result<Osteotomy, PlanError>, wal
                 PlanError::Value { .. } => "refused",
                 PlanError::Cancelled(_) => "cancelled",
             };
-            // Nobody cancels, and a bone in one piece must say where it hangs together or that crumbs came off.
-            let wrong = (outcome == "cancelled").then(|| "cancelled by nobody".to_owned());
+            // The study never cancels.
+            let wrong = (outcome == "cancelled").then(|| "cancelled without a request".to_owned());
             Row { outcome: outcome.into(), wrong, detail: error.to_string(), ..blank }
         }
     }
 }
 
-/// Relative error of the volumes, and what is wrong. With a slot only that nothing was added.
+/// Relative error of the volumes, and what is wrong.
+///
+/// A kerf removes bone, so with one the volumes must only not exceed that of the bone.
 fn check(bone: &Envelope, o: &Osteotomy) -> (f64, Option<String>) {
     let sum = o.segments.iter().map(|s| s.volume_mm3).sum::<f64>() + o.dropped_mm3;
     let error = sum / bone.surface.volume() - 1.0;
     let slots = o.cuts.iter().any(|c| c.kerf_mm > 0.0);
     let relative = if slots { error.max(0.0) } else { error.abs() };
     if relative > VOLUME_TOLERANCE {
-        return (relative, Some(format!("volumes are off by {:.2} %", 100.0 * error)));
+        return (relative, Some(format!("the volumes differ from that of the bone by {:.2} %", 100.0 * error)));
     }
     for s in &o.segments {
         if !Topology::of(&s.surface).is_closed_manifold() {
             return (relative, Some(format!("segment {} is not closed", s.id)));
         }
         if (s.volume_mm3 - s.surface.volume()).abs() > 1e-6 * s.volume_mm3 || s.volume_mm3 <= 0.0 {
-            return (relative, Some(format!("volume of segment {} is not that of its surface", s.id)));
+            return (relative, Some(format!("the reported volume of segment {} is not that of its surface", s.id)));
         }
-        // Nothing may stand out of the bone that was cut.
+        // A segment must lie inside the uncut bone.
         let out = s.surface.positions().iter().map(|p| bone.grid.sample(p)).fold(f64::MIN, f64::max);
         if out > INTRUSION * bone.grid.spacing {
-            return (relative, Some(format!("segment {} stands {out:.2} mm out of the bone", s.id)));
+            return (relative, Some(format!("segment {} extends {out:.2} mm outside the bone", s.id)));
         }
     }
     (relative, None)
@@ -336,13 +338,13 @@ fn random_path(random: &mut Random, osteotomy: &Osteotomy) -> Row {
         .all(|s| [s.overlap_mm, s.overlap_mm3, s.gap_mm, s.gap_mm3].iter().all(|v| v.is_finite() && *v >= 0.0));
     let whole: f64 = osteotomy.segments.iter().filter(|s| s.id != segment).map(|s| s.volume_mm3).sum();
     let most = piece.volume_mm3.min(whole);
-    // At rest nothing overlaps but corners between cuts; a path is no shorter than its chord.
+    // At rest only corners between cuts may overlap, and a path cannot be shorter than its chord.
     let wrong = if !finite {
         Some("a value is not finite".to_owned())
     } else if first.overlap_mm3 > 0.02 * piece.volume_mm3 + 5.0 {
         Some(format!("{:.0} mm³ overlap at rest", first.overlap_mm3))
     } else if let Some(s) = report.along.iter().find(|s| s.overlap_mm3 > 1.01 * most) {
-        Some(format!("{:.1} mm³ overlap, and there are {most:.1}", s.overlap_mm3))
+        Some(format!("{:.1} mm³ overlap, but the smaller volume is {most:.1} mm³", s.overlap_mm3))
     } else if report.path_length_mm < moved - 1e-9 {
         Some("the path is shorter than its chord".to_owned())
     } else {

@@ -21,7 +21,7 @@ pub enum BenchError {
         source: std::io::Error,
     },
     /// A file is not a surface.
-    #[error("{} is not a surface that can be read", path.display())]
+    #[error("{} is not a readable surface", path.display())]
     Surface {
         /// The file.
         path: PathBuf,
@@ -29,15 +29,15 @@ pub enum BenchError {
         source: Option<ImportError>,
     },
     /// A file or folder is not a CT.
-    #[error("{} is not a CT that can be read", path.display())]
+    #[error("{} is not a readable CT", path.display())]
     Volume {
         /// The file or folder.
         path: PathBuf,
         /// Why.
         source: ImportError,
     },
-    /// No surfaces come of a CT.
-    #[error("no surfaces come of {}", path.display())]
+    /// No surfaces can be extracted from a CT.
+    #[error("no surfaces can be extracted from {}", path.display())]
     Ct {
         /// The file or folder.
         path: PathBuf,
@@ -60,8 +60,8 @@ pub enum BenchError {
         /// What is wrong.
         detail: String,
     },
-    /// A head is not usable for a study.
-    #[error("the study cannot be made: {detail}")]
+    /// The input is not usable for a study.
+    #[error("the study cannot run: {detail}")]
     Head {
         /// What is wrong.
         detail: String,
@@ -80,12 +80,12 @@ pub enum BenchError {
         /// Why.
         source: FieldError,
     },
-    /// A measurement, which runs as a program of its own, failed.
+    /// A measurement failed; measurements run in a separate process.
     #[error("the measurement of {case} failed: {detail}")]
     Row {
         /// What was measured.
         case: String,
-        /// What it said.
+        /// Its error message.
         detail: String,
     },
     /// A chart cannot be drawn.
@@ -94,8 +94,8 @@ pub enum BenchError {
         /// Why.
         detail: String,
     },
-    /// The comparison's own hierarchy cannot be built.
-    #[error("no hierarchy over the surface: {detail}")]
+    /// The bounding volume hierarchy of the comparison method cannot be built.
+    #[error("the bounding volume hierarchy of the surface cannot be built: {detail}")]
     Hierarchy {
         /// Why.
         detail: String,
@@ -104,25 +104,25 @@ pub enum BenchError {
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
     /// A result cannot be printed.
-    #[error("cannot print")]
+    #[error("cannot print the result")]
     Print(#[from] std::io::Error),
 }
 
 /// What is wrong with a file of points.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum PointsFault {
-    /// Not even a count.
-    #[error("{found} bytes are no file of points: it starts with a count of 8 bytes, little-endian")]
+    /// The file is too short for the count.
+    #[error("the file has {found} bytes, but a file of points starts with a count of 8 bytes (u64, little-endian)")]
     NoCount {
         /// Length, bytes.
         found: usize,
     },
     /// The count does not match the length.
-    #[error("it announces {count} points and so {needed} bytes, but has {found}")]
+    #[error("the count says {count} points, which need {needed} bytes, but the file has {found}")]
     Length {
-        /// Announced points.
+        /// Number of points according to the count.
         count: u64,
-        /// Bytes that takes.
+        /// Bytes that these points need.
         needed: u128,
         /// Length, bytes.
         found: usize,
@@ -135,12 +135,12 @@ pub enum PointsFault {
     },
 }
 
-/// Reads a file whole.
+/// Reads a whole file.
 pub(super) fn read(path: &Path) -> Result<Vec<u8>, BenchError> {
     std::fs::read(path).map_err(|source| BenchError::File { what: "read", path: path.to_owned(), source })
 }
 
-/// Writes a file whole.
+/// Writes a whole file.
 pub(super) fn write(path: &Path, bytes: &[u8]) -> Result<(), BenchError> {
     std::fs::write(path, bytes).map_err(|source| BenchError::File { what: "write", path: path.to_owned(), source })
 }

@@ -13,36 +13,37 @@ use prosopon_field::{ExactDistance, MethodSettings, SignedField};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Implicit, Point};
 
-/// Builds shorter than this are done three times, and the shortest counts, s.
+/// Builds shorter than this, s, are repeated twice; the shortest of the three counts.
 const SHORT_S: f64 = 1.0;
 
-/// What building and querying one field took.
+/// Time and memory to build and query one field.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(super) struct Timing {
     pub(super) spacing_mm: f64,
     pub(super) build_wall_s: f64,
     pub(super) build_cpu_s: Option<f64>,
-    /// Of the field.
+    /// Memory of the field.
     pub(super) memory_mb: f64,
-    /// Most that building took on top of the surface, field included.
+    /// Peak memory of the build beyond the surface, including the field.
     pub(super) peak_mb: Option<f64>,
-    /// Value and gradient at a point, one thread, points in the order of a space-filling curve.
+    /// Time for value and gradient at a point on one thread, points in the order of a space-filling curve.
     pub(super) query_sorted_ns: f64,
-    /// The same in random order.
+    /// The same with the points in random order.
     pub(super) query_random_ns: f64,
-    /// Value, gradient and Hessian, in the two orders.
+    /// Time for value, gradient and Hessian, in the same two orders.
     pub(super) hessian_sorted_ns: Option<f64>,
     pub(super) hessian_random_ns: Option<f64>,
-    /// No point of the surface has a larger error, mm; only for the adaptive method.
+    /// Proven bound on the error at the surface, mm; only for the adaptive method.
     pub(super) surface_bound_mm: Option<f64>,
 }
 
-/// A field with its bricks and what is wrong with its surface.
+/// A field, its number of bricks and the warnings about its surface.
 type Built = (SignedField, usize, Vec<String>);
 
-/// Builds a field of the surface in `mesh`, writes its distances (with settled signs) at the points in `points` to `out`, and what
-/// it took to `timing`; what is wrong with the surface is
-/// told to `told`.
+/// Builds a field of the surface in `mesh` and writes its distances at the points in `points` to `out`.
+///
+/// The winding number decides the sign of distances near zero. Times and memory go to `timing` as JSON, warnings about the
+/// surface to `told`.
 ///
 /// # Errors
 /// [`BenchError`].
@@ -106,7 +107,7 @@ fn timed(build: impl Fn() -> Result<Built, BenchError>) -> Result<(Built, f64, O
     Ok((built, wall_s, process::cpu_s().zip(cpu).map(|(after, before)| after - before)))
 }
 
-/// Mean time of a query, best of three rounds, ns.
+/// Mean time of a query in the best of three rounds, ns.
 fn query_ns<T>(points: &[Point], query: impl Fn(&Point) -> T) -> f64 {
     let round = || {
         let start = Instant::now();
@@ -118,7 +119,7 @@ fn query_ns<T>(points: &[Point], query: impl Fn(&Point) -> T) -> f64 {
     (0..3).map(|_| round()).fold(f64::INFINITY, f64::min)
 }
 
-/// The points in the order of Morton's curve over their box.
+/// The points in the order of the Morton curve over their bounding box.
 fn along_a_curve(points: &[Point]) -> Vec<Point> {
     let Some(bounds) = prosopon_geometry::Aabb::of(points) else { return Vec::new() };
     let scale = 1023.0 / (bounds.max - bounds.min).max().max(f64::MIN_POSITIVE);
@@ -139,7 +140,7 @@ fn along_a_curve(points: &[Point]) -> Vec<Point> {
     keyed.iter().map(|&(_, n)| points[n]).collect()
 }
 
-/// The points in an order without pattern, the same on every run.
+/// The points in a pseudo-random order that is the same in every run.
 fn shuffled(points: &[Point]) -> Vec<Point> {
     let mut shuffled = points.to_vec();
     let mut state = 1u64;

@@ -19,16 +19,16 @@ const BAND_MM: f64 = 5.0;
 /// Sites of the test points.
 const SITES: usize = 100_000;
 
-/// Measures every builder on one surface.
+/// Measures time, memory and error of every field builder on one surface.
 #[derive(Debug)]
 pub struct FieldStudy<'a> {
     /// Surface file.
     pub mesh: &'a Path,
-    /// Where the rows go; the charts get the same name and `-memory.svg`, `-time.svg`, and so on.
+    /// CSV file to write; the charts have the same name with the suffixes `-memory.svg`, `-time.svg` and so on.
     pub csv: &'a Path,
-    /// All settings of the paper's Table 3, not just the coarser ones.
+    /// Run all settings of the paper's Table 3 instead of only the coarser ones.
     pub full: bool,
-    /// A program that builds a level set with OpenVDB (`tests/bench/openvdb.cpp`), to be measured beside the builders.
+    /// Program that builds a level set with OpenVDB (`tests/bench/openvdb.cpp`), measured together with the builders.
     pub openvdb: Option<&'a Path>,
 }
 
@@ -42,7 +42,7 @@ struct Probe {
 impl FieldStudy<'_> {
     /// Runs the study; prints to `out`.
     ///
-    /// Each case runs as a program of its own (this one, as `bench field --points`), so that memory is not shared.
+    /// Each case runs in a separate process (this program, as `bench field --points`), so that peak memories are independent.
     ///
     /// # Errors
     /// [`BenchError`].
@@ -65,7 +65,7 @@ impl FieldStudy<'_> {
             csv += &row.csv();
             csv.push('\n');
             rows.push(row);
-            // After each row, so that an interrupted study leaves something.
+            // Written after each row, so that an interrupted study keeps its results.
             write(self.csv, csv.as_bytes())?;
         }
         writeln!(out, "\n{}", table_3(&rows))?;
@@ -131,14 +131,14 @@ impl FieldStudy<'_> {
         let timing: Timing = serde_json::from_slice(&read(&timing)?).map_err(|e| failed(e.to_string()))?;
         let values = read_distances(&values)?;
         if values.len() != probes.len() || values.iter().any(|v| !v.is_finite()) {
-            return Err(failed(format!("{} distances for {} points, or not finite", values.len(), probes.len())));
+            return Err(failed(format!("{} distances for {} points, or not all finite", values.len(), probes.len())));
         }
         let accuracy = Accuracy::of(probes.iter().zip(&values).map(|(p, &v)| (p.place, v, p.distance)));
         Ok(Row { case, timing, accuracy })
     }
 }
 
-/// The settings in the order of the paper's table.
+/// The cases to measure, in the order of the paper's Table 3.
 fn cases(full: bool, openvdb: bool) -> Vec<Case> {
     let at = |builder, h| Case { builder, grid: Grid::Spacing(h), tolerance: None };
     let mut cases: Vec<Case> = [0.8, 0.4].map(|h| at(Builder::Ours(Method::Adaptive), h)).to_vec();
@@ -161,10 +161,10 @@ fn describe(probes: &[Probe]) -> String {
     let count = |place| probes.iter().filter(|p| p.place == place).count();
     let clear = probes.iter().filter(|p| p.distance.abs() > 1e-3).count();
     format!(
-        "{} test points: {} in the band of {BAND_MM} mm, {} on faces, {} on edges, {} on the medial axis; errors against exact closest\n\
-         points in f64 with the sign of the winding number (full sum or a truncation that is proven not to matter); signs counted at the\n\
-         {clear} points more than 0.001 mm off the surface. Query: value and gradient (OpenVDB: value alone), then with Hessian, one thread.\n\
-         Builds below 1 s: best of three.",
+        "{} test points: {} in the band of {BAND_MM} mm, {} on faces, {} on edges, {} on the medial axis.\n\
+         Reference: exact closest point in f64 with the sign of the winding number (full sum, or truncated with a proven sign).\n\
+         Wrong signs are counted at the {clear} points more than 0.001 mm off the surface.\n\
+         Query: value and gradient (OpenVDB: value only), then with Hessian, one thread. Builds below 1 s: best of three.",
         probes.len(),
         count(Place::Band),
         count(Place::Face),

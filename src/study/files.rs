@@ -1,4 +1,4 @@
-//! Surfaces, landmarks, points and distances as files.
+//! Files of surfaces, landmarks, points and distances.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -45,12 +45,12 @@ pub(super) fn read_surface(path: &Path) -> Result<TriMesh, BenchError> {
     Ok(surface(&bytes, format, &Limits::default()).map_err(|e| refused(Some(e)))?.0)
 }
 
-/// Reads points: their number as u64, then x, y, z of each as f64, little-endian, LPS mm.
+/// Reads points: their number (u64), then x, y, z of each (f64), little-endian, LPS mm.
 pub(super) fn read_points(path: &Path) -> Result<Vec<Point>, BenchError> {
     points(&read(path)?).map_err(|fault| BenchError::Points { path: path.to_owned(), fault })
 }
 
-/// Writes points as [`read_points`] reads them.
+/// Writes points in the format of [`read_points`].
 pub(super) fn write_points<'a>(
     path: &Path,
     points: impl ExactSizeIterator<Item = &'a Point>,
@@ -60,8 +60,10 @@ pub(super) fn write_points<'a>(
     write(path, &bytes)
 }
 
-/// Writes a surface for other programs: numbers of vertices and triangles as u64, then x, y, z of each vertex as f64 and the
-/// corners of each triangle as u32, little-endian.
+/// Writes a surface for other programs, little-endian.
+///
+/// The file holds the numbers of vertices and triangles (u64), then x, y, z of each vertex (f64, LPS mm) and the three vertex
+/// indices of each triangle (u32).
 pub(super) fn write_triangles(path: &Path, mesh: &TriMesh) -> Result<(), BenchError> {
     let counts = [mesh.positions().len() as u64, mesh.triangles().len() as u64];
     let mut bytes: Vec<u8> = counts.into_iter().flat_map(u64::to_le_bytes).collect();
@@ -76,7 +78,7 @@ pub(super) fn write_distances(path: &Path, distances: &[f64]) -> Result<(), Benc
     write(path, &bytes)
 }
 
-/// Reads what [`write_distances`] wrote.
+/// Reads a file written by [`write_distances`].
 pub(super) fn read_distances(path: &Path) -> Result<Vec<f64>, BenchError> {
     Ok(numbers(&read(path)?))
 }
@@ -101,19 +103,19 @@ fn points(bytes: &[u8]) -> Result<Vec<Point>, PointsFault> {
     }
 }
 
-/// Refuses a place for results that cannot be written to, before the work; what is there stays.
+/// Refuses an output file that cannot be written, before the work starts; an existing file stays unchanged.
 pub(super) fn refuse_unwritable(path: &Path) -> Result<(), BenchError> {
     let there = path.exists();
     let opened = fs::OpenOptions::new().append(true).create(true).open(path);
     opened.map_err(|source| BenchError::File { what: "write", path: path.to_owned(), source })?;
     if !there {
-        // An empty file would look like a result.
+        // An empty file would be mistaken for a result.
         fs::remove_file(path).ok();
     }
     Ok(())
 }
 
-/// A directory that goes when this goes.
+/// A temporary directory that is removed on drop.
 pub(super) struct Scratch(PathBuf);
 
 impl Scratch {

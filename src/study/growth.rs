@@ -9,16 +9,16 @@ use prosopon_field::{FieldSettings, Method, MethodSettings, SignedField};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Point, TriMesh, decimate};
 
-/// Numbers of triangles asked for, rising; those above the surface's own are divided from coarser ones.
+/// Requested numbers of triangles, ascending; surfaces finer than the input are subdivided from decimated ones.
 const TRIANGLES: [usize; 8] = [12_000, 24_000, 48_000, 96_000, 192_000, 384_000, 768_000, 1_000_000];
 /// Half-width of the band and margin, mm.
 const BAND_MM: f64 = 5.0;
-/// Times that a field is built; the shortest counts.
+/// Number of times each field is built; the shortest time counts.
 const ROUNDS: usize = 3;
 
-/// Measures the time to build a field against the number of triangles, all builders at 0.8 mm.
+/// Measures the build time of a field against the number of triangles, for all builders at 0.8 mm.
 ///
-/// Coarser surfaces come from quadric decimation, finer ones from halving all edges, which leaves the surface where it is.
+/// Coarser surfaces come from quadric decimation, finer ones from halving all edges, which does not change the shape.
 #[derive(Debug)]
 pub struct GrowthStudy<'a> {
     /// Surface file.
@@ -50,17 +50,17 @@ impl GrowthStudy<'_> {
             }
         }
         let curves = curves.into_iter().map(|(method, points)| {
-            // Where the number of triangles, not that of nodes, is what costs.
+            // From here on the number of triangles, not the number of nodes, determines the cost.
             let large: Vec<(f64, f64)> = points.iter().copied().filter(|p| p.0 > 90_000.0).collect();
             let name = format!("{} ({:.2}, {:.2})", method.name(), exponent(&points), exponent(&large));
             Curve { name, color: color(method), points, marks: Vec::new() }
         });
         let curves: Vec<Curve> = curves.collect();
         for curve in &curves {
-            writeln!(out, "{}: exponents over all sizes and from 96 000 triangles on", curve.name)?;
+            writeln!(out, "{}: fitted exponents (all sizes, from 96 000 triangles)", curve.name)?;
         }
         let labels = Labels {
-            title: "Time to build a field (fitted exponent: all sizes, from 96 000 on)",
+            title: "Build time of a field (fitted exponents: all sizes, from 96 000 triangles)",
             x: "triangles",
             y: "build, s",
         };
@@ -84,7 +84,7 @@ fn build_s(mesh: &TriMesh, method: Method) -> Result<f64, BenchError> {
     Ok(best)
 }
 
-/// The surface with about so many triangles: decimated, or divided from a decimated one.
+/// The surface with about `wanted` triangles: decimated, or subdivided from a decimated one.
 fn with_triangles(surface: &TriMesh, wanted: usize) -> TriMesh {
     let own = surface.triangles().len();
     let mut halvings = 0u32;
@@ -96,7 +96,7 @@ fn with_triangles(surface: &TriMesh, wanted: usize) -> TriMesh {
     (0..halvings).fold(start, |mesh, _| halved(&mesh))
 }
 
-/// All edges halved: four triangles of each.
+/// The surface with all edges halved, which divides each triangle into four.
 fn halved(mesh: &TriMesh) -> TriMesh {
     let mut edges: Vec<(u32, u32)> = mesh
         .triangles()
@@ -119,11 +119,11 @@ fn halved(mesh: &TriMesh) -> TriMesh {
         let (ab, bc, ca) = (middle(a, b), middle(b, c), middle(c, a));
         [[a, ab, ca], [b, bc, ab], [c, ca, bc], [ab, bc, ca]]
     });
-    // Corners are those of a mesh and middles between them: finite and in range.
+    // Vertices of a valid mesh and the midpoints between them are finite, and all indices are in range.
     TriMesh::new(positions, triangles.collect()).unwrap_or_else(|_| mesh.clone())
 }
 
-/// Slope of the line fitted to the logarithms.
+/// Exponent of a fitted power law: slope of the line fitted to the logarithms.
 pub(super) fn exponent(points: &[(f64, f64)]) -> f64 {
     let n = points.len() as f64;
     let logs = || points.iter().map(|(x, y)| (x.ln(), y.ln()));

@@ -1,4 +1,4 @@
-//! The scene of `prosopon demo`: a Le Fort I osteotomy, the upper jaw 6 mm forward and 1.5 mm down.
+//! The scene of `prosopon demo`: a Le Fort I osteotomy that moves the upper jaw 6 mm forward and 1.5 mm down.
 
 use std::path::{Path, PathBuf};
 
@@ -16,28 +16,30 @@ use prosopon_planning::simulate::{
 use prosopon_planning::surface::{CtSettings, from_ct};
 use prosopon_tissue::mesh::MeshSettings;
 
-/// Where the upper jaw goes, mm, LPS.
+/// Translation of the upper jaw, LPS mm.
 const MOVED_MM: [f64; 3] = [0.0, -6.0, -1.5];
 /// Spacing at which the phantom's surfaces are sampled, mm.
 const PHANTOM_SPACING_MM: f64 = 1.5;
 
-/// The head that a study is made on.
+/// The head that a study uses.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum HeadSource {
-    /// The generated one, stretched along each axis.
+    /// The generated phantom, stretched along each axis.
     Phantom(Build),
-    /// A folder with `landmarks.json` (most studies need it) and a CT (`*.nii.gz`), or with surfaces whose names begin with `skin` and `skull`.
+    /// A folder with a CT (`*.nii.gz`), or with surfaces whose names begin with `skin` and `skull`.
+    ///
+    /// Most studies also need a file `landmarks.json` in it.
     Folder(PathBuf),
 }
 
 /// Proportions of the phantom.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Build {
-    /// As it is generated.
+    /// The phantom as it is generated.
     Usual,
-    /// Taller below the nose and everywhere.
+    /// 12 % taller.
     Long,
-    /// Narrower, and shorter from front to back.
+    /// 10 % narrower and 5 % shorter from front to back.
     Narrow,
 }
 
@@ -68,7 +70,7 @@ impl std::str::FromStr for HeadSource {
 }
 
 impl HeadSource {
-    /// As it was given.
+    /// The word that was given on the command line.
     pub(super) fn word(&self) -> String {
         match self {
             Self::Phantom(build) => build.word().to_owned(),
@@ -76,7 +78,7 @@ impl HeadSource {
         }
     }
 
-    /// For a chart.
+    /// Short name for charts and tables.
     pub(super) fn name(&self) -> String {
         match self {
             Self::Phantom(build) => build.word().to_owned(),
@@ -87,15 +89,15 @@ impl HeadSource {
     }
 }
 
-/// Surfaces of a head and where it is cut.
+/// Surfaces and landmarks of a head.
 #[derive(Debug)]
 pub(super) struct Head {
     pub(super) anatomy: Anatomy,
-    /// What is known of it; a folder without `landmarks.json` has none.
+    /// Known landmarks; empty for a folder without `landmarks.json`.
     pub(super) landmarks: Landmarks,
 }
 
-/// What the solver is given.
+/// Input of the solver.
 #[derive(Debug)]
 pub(super) struct Prepared {
     pub(super) tissue: TissueModel,
@@ -164,20 +166,20 @@ impl Head {
         Ok(Self { anatomy, landmarks })
     }
 
-    /// Which vertices of the skin belong to the face.
+    /// For each vertex of the skin, whether it belongs to the face.
     pub(super) fn face(&self) -> Vec<bool> {
         let (regions, _) = face_regions(&self.anatomy.skin, &self.anatomy.landmarks, self.landmarks.midline_x_mm);
         self.anatomy.skin.positions().iter().map(|p| regions.iter().any(|r| r.bounds.contains(p))).collect()
     }
 
-    /// Fields, cut bone, mesh and path.
+    /// Builds fields, cuts the bone and builds the tissue mesh and the path.
     pub(super) fn prepare(&self, edge_mm: f64) -> Result<Prepared, BenchError> {
         let (control, settings) = (Control::new(), FieldsSettings::default());
         let fields = build_fields(&self.anatomy, &settings, &control)?;
         let marks = &self.landmarks;
         let known = marks.le_fort_1_plane.zip(marks.midline_x_mm).zip(marks.occlusal_z_mm);
         let ((plane, midline), occlusal) = known.ok_or_else(|| BenchError::Head {
-            detail: "landmarks.json with le_fort_1_plane, midline_x_mm and occlusal_plane_z_mm is missing".to_owned(),
+            detail: "add le_fort_1_plane, midline_x_mm and occlusal_plane_z_mm to landmarks.json".to_owned(),
         })?;
         let cuts = le_fort_1(plane, midline, occlusal, [None; 2], &fields.bone);
         let bone = cut_bone(&fields.bone, &cuts, &settings.field, &control)?;

@@ -1,7 +1,7 @@
-//! `prosopon bench …`: the studies behind the charts.
+//! The studies of `prosopon bench …`, which measure the library and draw the charts.
 //!
-//! Invariants: what is measured is what a user gets, through the same calls; nothing is compared with itself; fixed points and
-//! seeds. Times and memory are those of one run on one machine.
+//! Invariants: a study measures the calls that a user makes; no method is its own reference; test points and random seeds are
+//! fixed. Times and memory come from one run on one machine.
 
 mod bounds;
 mod chart;

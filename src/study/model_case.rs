@@ -1,4 +1,4 @@
-//! Models on one mesh, measured in a program of their own.
+//! Measurement of mechanical models on one mesh, in a separate process.
 
 use std::path::Path;
 use std::str::FromStr;
@@ -18,12 +18,12 @@ use prosopon_tissue::fem::{Locking, Model, PhaseTimes, Preset, SolveSettings};
 /// Streamed steps of the path, as in `prosopon demo`.
 const STEPS: usize = 6;
 
-/// A model, a cure of locking and a mesh size.
+/// A mechanical model, a locking treatment and a mesh size.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ModelCase {
-    /// Model; its skin element is the service's for it.
+    /// Mechanical model, with the skin element that the service uses for it.
     pub(super) model: Model,
-    /// Cure of locking.
+    /// Treatment of volumetric locking.
     pub(super) locking: Locking,
     /// Edge of the mesh, mm.
     pub(super) edge_mm: f64,
@@ -40,9 +40,9 @@ const LOCKINGS: [(&str, Locking); 2] = [("none", Locking::None), ("smoothed", Lo
 impl FromStr for ModelCase {
     type Err = String;
 
-    /// `model:locking:edge`, for example `mixed:smoothed:4`.
+    /// Parses `model:locking:edge`, for example `mixed:smoothed:4`.
     fn from_str(word: &str) -> Result<Self, Self::Err> {
-        let fault = || format!("{word:?} is no case: expected model:locking:edge, such as mixed:smoothed:4");
+        let fault = || format!("{word:?} is not a case: expected model:locking:edge, for example mixed:smoothed:4");
         let [model, locking, edge] = <[&str; 3]>::try_from(word.split(':').collect::<Vec<_>>()).map_err(|_| fault())?;
         Ok(Self {
             model: MODELS.iter().find(|m| m.0 == model).ok_or_else(fault)?.1,
@@ -57,7 +57,7 @@ pub(super) fn model_name(model: Model) -> &'static str {
     MODELS.iter().find(|m| m.1 == model).map_or("", |m| m.0)
 }
 
-/// Name of a cure of locking.
+/// Name of a locking treatment.
 pub(super) fn locking_name(locking: Locking) -> &'static str {
     LOCKINGS.iter().find(|l| l.1 == locking).map_or("", |l| l.0)
 }
@@ -74,27 +74,27 @@ impl ModelCase {
     }
 }
 
-/// What a case took and reached.
+/// Time, memory and result of a case.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct ModelTiming {
     pub(super) tetrahedra: usize,
     pub(super) prisms: usize,
     pub(super) unknowns: usize,
-    /// How the last step ended.
+    /// Outcome of the last step.
     pub(super) outcome: String,
     pub(super) newton_iterations: usize,
     pub(super) factorisations: usize,
     pub(super) max_penetration_mm: f64,
-    /// Fields, cut and mesh, s.
+    /// Time for fields, cut and mesh, s.
     pub(super) prepare_s: f64,
-    /// The path, from the mesh to the last skin, s.
+    /// Time of the path, from the mesh to the last skin, s.
     pub(super) solve_s: f64,
-    /// Processor time of that, all threads, s.
+    /// Processor time of the path on all threads, s.
     pub(super) cpu_s: Option<f64>,
     pub(super) first_frame_s: f64,
-    /// Of the solver: setup, tangent, factor, solve, residual, contact, line search, s.
+    /// Solver time in setup, tangent, factor, solve, residual, contact and line search, s.
     pub(super) phases_s: [f64; 7],
-    /// Largest memory while solving, fields and mesh included, MB.
+    /// Peak memory during the solve, including fields and mesh, MB.
     pub(super) peak_mb: Option<f64>,
 }
 
@@ -113,19 +113,21 @@ pub(super) fn clock() -> f64 {
     START.get_or_init(Instant::now).elapsed().as_secs_f64()
 }
 
-/// What came of a case: the measurement, or why the solver refused it.
+/// Result of a case: the measurement, or the reason why the solver refused it.
 pub(super) type Measured = Result<ModelTiming, String>;
 
-/// Solves cases on one mesh, in order, and writes what they took to `timing`, JSON; of each that was solved the displacement of every vertex
-/// of the skin (three numbers each, not a number where a vertex lies on no prism) to `out` with the case's number from 0 as extension.
+/// Solves cases on one mesh, in order, and writes their times, memory and outcomes to `timing` as JSON.
+///
+/// For each solved case, the displacements of all skin vertices are written to `out` with the number of the case (from 0) as
+/// extension: three f64 per vertex, mm, NaN where a vertex lies on no prism.
 ///
 /// # Errors
-/// [`BenchError`]; a solver's refusal is a result.
+/// [`BenchError`] when the cases name different meshes or the scene cannot be built; a refusal by the solver is a result.
 pub fn run_model_cases(source: &HeadSource, cases: &[ModelCase], out: &Path, timing: &Path) -> Result<(), BenchError> {
     let head = Head::load(source)?;
     let edge_mm = cases.first().map_or(f64::NAN, |c| c.edge_mm);
     if cases.iter().any(|c| c.edge_mm != edge_mm) {
-        return Err(BenchError::Head { detail: "the cases are of several meshes".to_owned() });
+        return Err(BenchError::Head { detail: "the cases have several edge lengths: give one".to_owned() });
     }
     let start = Instant::now();
     let ready = head.prepare(edge_mm)?;
@@ -145,7 +147,7 @@ pub fn run_model_cases(source: &HeadSource, cases: &[ModelCase], out: &Path, tim
     write(timing, &serde_json::to_vec(&all).map_err(std::io::Error::other)?)
 }
 
-/// What a case took, and the displacement of each vertex of the skin as in [`run_model_cases`].
+/// Solves a case; returns its measurement and the displacements of the skin as in [`run_model_cases`].
 pub(super) fn solved(
     head: &Head,
     ready: &Prepared,
@@ -167,7 +169,7 @@ pub(super) fn solved(
     let solve_s = start.elapsed().as_secs_f64();
     let cpu_s = process::cpu_s().zip(cpu).map(|(after, before)| after - before);
     let peak_mb = process::peak_mb();
-    let last = last.ok_or_else(|| BenchError::Head { detail: "no step".to_owned() })?;
+    let last = last.ok_or_else(|| BenchError::Head { detail: "the solver returned no step".to_owned() })?;
     let mut phases = PhaseTimes::default();
     outcome.steps.iter().for_each(|s| phases += s.phases);
     let found = ModelTiming {
@@ -188,7 +190,7 @@ pub(super) fn solved(
     Ok((found, displacements(head, ready, &last.skin)))
 }
 
-/// Displacement of each vertex of the skin as in [`run_model_cases`].
+/// Displacements of all skin vertices, as in [`run_model_cases`].
 pub(super) fn displacements(head: &Head, ready: &Prepared, skin: &TriMesh) -> Vec<f64> {
     let vertices = head.anatomy.skin.positions().iter().zip(skin.positions()).zip(&ready.tissue.embedding.anchors);
     let moved = vertices.flat_map(|((rest, now), anchor)| {
@@ -208,7 +210,7 @@ mod tests {
             assert_eq!(word.parse::<ModelCase>().unwrap().word(), word);
         }
         for word in ["mixed", "mixed:none:x", "best:none:4", "mixed:some:4"] {
-            assert!(word.parse::<ModelCase>().unwrap_err().contains("is no case"));
+            assert!(word.parse::<ModelCase>().unwrap_err().contains("is not a case"));
         }
     }
 }

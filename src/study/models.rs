@@ -13,7 +13,7 @@ use prosopon_geometry::Vector;
 use prosopon_planning::evaluate::{Statistics, statistics};
 use prosopon_tissue::fem::{Locking, Model};
 
-/// Models of the study by rising memory, with the colours of their curves (Okabe and Ito).
+/// Models of the study by increasing memory, with the colours of their curves (Okabe and Ito).
 const VARIANTS: [(Model, Locking, RGBColor); 6] = [
     (Model::MassTensor, Locking::None, RGBColor(86, 180, 233)),
     (Model::Linear, Locking::None, RGBColor(230, 159, 0)),
@@ -23,23 +23,24 @@ const VARIANTS: [(Model, Locking, RGBColor); 6] = [
     (Model::Mixed, Locking::Smoothed, RGBColor(213, 94, 0)),
 ];
 
-/// Time and error of every model on several meshes of one head, against the best model on a finer mesh.
+/// Measures time and error of every model on several meshes of one head, against the best model on a finer mesh.
 ///
-/// The cases of each mesh run in a program of their own, those that need more memory later. Errors are lengths of the difference of two displacements at the
-/// same vertices of the skin: those in the regions of the face that lie on a prism of every mesh.
+/// The cases of each mesh run in a separate process, in order of increasing memory. The error at a skin vertex is the length
+/// of the difference between its displacement and that of the reference, mm. Only vertices count that are in a region of the
+/// face and lie on a prism of every mesh.
 #[derive(Debug)]
 pub struct ModelStudy<'a> {
     /// The head.
     pub source: &'a HeadSource,
-    /// Where the rows go; the chart gets the same name with `.svg`.
+    /// CSV file to write; the chart has the same name with `.svg`.
     pub csv: &'a Path,
-    /// Edges of the meshes, mm.
+    /// Edge lengths of the meshes, mm.
     pub edges_mm: &'a [f64],
-    /// Edge of the reference's mesh, mm; finer than the others.
+    /// Edge length of the reference mesh, mm; must be smaller than all others.
     pub reference_mm: f64,
 }
 
-/// A case with what it took and the displacements.
+/// A case with its measurement and the displacements of the skin.
 struct Solved {
     case: ModelCase,
     timing: ModelTiming,
@@ -62,7 +63,7 @@ impl ModelStudy<'_> {
         refuse_unwritable(self.csv)?;
         let finest = self.edges_mm.iter().copied().fold(f64::INFINITY, f64::min);
         if self.edges_mm.is_empty() || self.reference_mm.is_nan() || self.reference_mm >= finest {
-            let detail = format!("the reference's edge is {} mm, it must be below the others'", self.reference_mm);
+            let detail = format!("--reference-mm is {} mm: it must be smaller than all --edges-mm", self.reference_mm);
             return Err(BenchError::Head { detail });
         }
         let head = Head::load(self.source)?;
@@ -103,7 +104,7 @@ impl ModelStudy<'_> {
         Ok(())
     }
 
-    /// Cases of one mesh in one program: those that were solved, and the others with the reason.
+    /// Runs the cases of one mesh in one process; returns the solved cases, and the others with the reason.
     fn measure(
         &self,
         cases: &[ModelCase],
@@ -118,7 +119,7 @@ impl ModelStudy<'_> {
         program.arg("--out").arg(&values).arg("--timing").arg(&timing);
         let done = program.output().map_err(|e| failed(e.to_string()))?;
         if !done.status.success() {
-            // A mesh that cannot be made is told as every case's, and the other meshes go on.
+            // A mesh that cannot be built counts as a refusal of all its cases; the study continues with the other meshes.
             let detail = String::from_utf8_lossy(&done.stderr).trim().to_owned();
             writeln!(out, "{}: refused: {detail}", words.join(","))?;
             return Ok((Vec::new(), cases.iter().map(|case| (*case, detail.clone())).collect()));
@@ -157,7 +158,7 @@ impl ModelStudy<'_> {
                 case.moved.iter().zip(&reference.moved).map(|(u, r)| (u - r).norm() as f32).collect();
             let error = statistics(skin, &errors, Some(&chosen)).ok_or_else(|| BenchError::Row {
                 case: case.case.word(),
-                detail: "no vertex of the face lies on every mesh".to_owned(),
+                detail: "no vertex of the face lies on a prism of every mesh".to_owned(),
             })?;
             Ok(Row { case: case.case, timing: case.timing, error })
         };
@@ -178,8 +179,8 @@ impl ModelStudy<'_> {
             format!("Le Fort I on the {} (reference: mixed, smoothed, {} mm)", self.source.name(), self.reference_mm);
         let labels = Labels {
             title: &title,
-            x: "mean error over the face, mm (marks: edge of the mesh, mm)",
-            y: "processor time of the solve, 6 steps, s",
+            x: "mean error over the face, mm (labels: edge length of the mesh, mm)",
+            y: "processor time of the solve with 6 steps, s",
         };
         chart::draw(&labels, &curves.collect::<Vec<_>>())
     }
@@ -206,7 +207,7 @@ fn columns() -> String {
     )
 }
 
-/// Of the reference itself.
+/// Error of the reference itself.
 fn zero() -> Statistics {
     Statistics {
         count: 0,
@@ -256,7 +257,7 @@ impl Row {
     }
 }
 
-/// The rows as a reader wants them.
+/// The rows as an aligned table.
 fn table(rows: &[Row]) -> String {
     let mut text = String::from(
         "model                  h mm   tetra. prisms unknowns  solve s  CPU s (setup tangent factor triang. residual contact search) peak MB   mean    P95    max mm\n",

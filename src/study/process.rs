@@ -1,8 +1,8 @@
-//! What the system says about this process; nothing on systems that do not say it.
+//! Processor time and memory of a process, read from `/proc`; `None` on systems without it.
 
 use std::fs;
 
-/// Time on processors of all threads so far, s.
+/// Processor time of all threads so far, s.
 pub(super) fn cpu_s() -> Option<f64> {
     let mut sum = 0.0;
     for thread in fs::read_dir("/proc/self/task").ok()? {
@@ -12,24 +12,24 @@ pub(super) fn cpu_s() -> Option<f64> {
     Some(sum * 1e-9)
 }
 
-/// Starts a new record of the largest memory.
+/// Resets the peak memory of this process.
 pub(super) fn forget_peak() {
-    // Without the right to do so the record keeps what the process needed so far, which is too much, never too little.
+    // Without permission the peak includes earlier use, so the result may be too large but never too small.
     fs::write("/proc/self/clear_refs", "5").ok();
 }
 
-/// Memory in use, MB.
+/// Resident memory of this process, MB.
 pub(super) fn memory_mb() -> Option<f64> {
     status_mb("VmRSS:")
 }
 
-/// Largest memory that this process had in use, MB; `None` on systems that do not say it.
+/// Peak resident memory of this process, MB; `None` on systems that do not report it.
 #[must_use]
 pub fn peak_mb() -> Option<f64> {
     status_mb("VmHWM:")
 }
 
-/// Memory in use by another process, MB.
+/// Resident memory of another process, MB.
 pub(super) fn memory_of_mb(pid: u32) -> Option<f64> {
     status_of_mb(&format!("/proc/{pid}/status"), "VmRSS:")
 }
@@ -41,6 +41,6 @@ fn status_mb(name: &str) -> Option<f64> {
 fn status_of_mb(file: &str, name: &str) -> Option<f64> {
     let status = fs::read_to_string(file).ok()?;
     let line = status.lines().find(|l| l.starts_with(name))?;
-    // In units of 1024 bytes, whatever it says.
+    // The file says kB but means units of 1024 bytes.
     Some(line.split_whitespace().nth(1)?.parse::<f64>().ok()? * 1.024e-3)
 }

@@ -1,4 +1,4 @@
-//! Proposed landmarks against known ones.
+//! Accuracy of proposed landmarks.
 
 use std::io::Write;
 
@@ -6,7 +6,7 @@ use super::error::BenchError;
 use super::head::{Head, HeadSource};
 use prosopon_planning::plan::propose;
 
-/// How far proposed landmarks are from those that people have set.
+/// Measures the distances of proposed landmarks from landmarks that were set by hand.
 #[derive(Debug)]
 pub struct ProposalStudy<'a> {
     /// The heads.
@@ -14,7 +14,7 @@ pub struct ProposalStudy<'a> {
 }
 
 impl ProposalStudy<'_> {
-    /// Prints each proposal, with its distance from the known landmark where there is one.
+    /// Prints each proposed landmark and its distance from the known one, if there is one.
     ///
     /// # Errors
     /// [`BenchError`].
@@ -24,7 +24,7 @@ impl ProposalStudy<'_> {
             let found = propose(&head.anatomy.skin, &head.anatomy.skull);
             writeln!(
                 out,
-                "{}: midline {:.1}, occlusal plane {:?}",
+                "{}: midline x {:.1} mm, occlusal plane z {:?} mm",
                 source.name(),
                 found.midline_x_mm,
                 found.occlusal_z_mm

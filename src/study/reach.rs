@@ -8,24 +8,27 @@ use super::model_case::{ModelCase, ModelTiming, solved};
 use prosopon_planning::simulate::LEAVE_OUT_BELOW_MM;
 use prosopon_tissue::fem::{Locking, Model};
 
-/// Displacements below which tissue is left out, mm.
+/// Thresholds of the displacement below which tissue is left out, mm.
 const BELOW_MM: [f64; 5] = [0.01, 0.02, LEAVE_OUT_BELOW_MM, 0.1, 0.2];
 
-/// What leaving out the tissue that a plan hardly moves saves, and what it costs: the scene of `bench models` with `mixed`, whole and with less
-/// and less tissue, on one mesh in one program.
+/// Measures the time saved and the error made by leaving out tissue that a plan hardly moves.
+///
+/// The scene is that of `bench models` with the model `mixed`, solved on one mesh in one process, first with all tissue and
+/// then with less and less of it.
 #[derive(Debug)]
 pub struct ReachStudy<'a> {
     /// The head.
     pub source: &'a HeadSource,
-    /// Edge of the mesh, mm.
+    /// Edge length of the mesh, mm.
     pub edge_mm: f64,
-    /// Where the rows go.
+    /// CSV file to write.
     pub csv: &'a Path,
 }
 
 impl ReachStudy<'_> {
-    /// Solves, prints a line each and writes the rows. Errors are distances from the whole tissue's skin, over the vertices that the mesh
-    /// carries.
+    /// Runs the study, prints a line per threshold and writes the rows.
+    ///
+    /// Errors are distances from the skin that was solved with all tissue, over the vertices that lie on the mesh.
     ///
     /// # Errors
     /// [`BenchError`].
@@ -48,8 +51,8 @@ impl ReachStudy<'_> {
             );
             writeln!(
                 out,
-                "below {below_mm} mm: {} unknowns ({:.0} %), first frame {:.1} s, path {:.1} s (processor {cpu} s), skin off by {:.3} mm in the mean, \
-                 {:.3} mm P99, {:.3} mm at most",
+                "threshold {below_mm} mm: {} unknowns ({:.0} %), first frame {:.1} s, path {:.1} s (processor {cpu} s), \
+                 skin error: mean {:.3} mm, P99 {:.3} mm, max {:.3} mm",
                 timing.unknowns,
                 100.0 * kept,
                 timing.first_frame_s,
@@ -68,7 +71,7 @@ impl ReachStudy<'_> {
     }
 }
 
-/// Mean, P99 and largest distance between displacements, mm.
+/// Mean, P99 and largest distance between two lists of displacements (x, y, z of each vertex), mm.
 pub(super) fn distances(a: &[f64], b: &[f64]) -> [f64; 3] {
     let vertices = a.as_chunks::<3>().0.iter().zip(b.as_chunks::<3>().0);
     let distance = |(p, q): (&[f64; 3], &[f64; 3])| (0..3).map(|i| (p[i] - q[i]).powi(2)).sum::<f64>().sqrt();

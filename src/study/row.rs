@@ -1,16 +1,16 @@
 use super::evaluate::Timing;
 use prosopon_field::{Accuracy, Method};
 
-/// Who builds a field.
+/// A field builder.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Builder {
     Ours(Method),
-    /// A level set by OpenVDB; its queries give the value alone.
+    /// OpenVDB's level set; its queries give only the value.
     OpenVdb,
 }
 
 impl Builder {
-    /// All of them, in the order of the charts.
+    /// All builders, in the order of the charts.
     pub(super) fn all() -> impl Iterator<Item = Self> {
         Method::ALL.into_iter().map(Self::Ours).chain([Self::OpenVdb])
     }
@@ -23,21 +23,21 @@ impl Builder {
     }
 }
 
-/// A builder and its setting.
+/// A builder with its settings.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Case {
     pub(super) builder: Builder,
     pub(super) grid: Grid,
-    /// As a share of the bounding cube's edge; only the octrees have one.
+    /// Tolerance relative to the edge of the bounding cube; only the octrees have one.
     pub(super) tolerance: Option<f64>,
 }
 
-/// How fine a case is.
+/// Resolution of a case.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Grid {
     /// Cells along the edge of the bounding cube.
     Cells(u32),
-    /// mm.
+    /// Grid spacing, mm.
     Spacing(f64),
 }
 
@@ -52,7 +52,7 @@ impl Case {
     }
 }
 
-/// Everything measured of one case.
+/// All measurements of one case.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Row {
     pub(super) case: Case,
@@ -64,7 +64,7 @@ pub(super) struct Row {
 pub(super) const COLUMNS: &str = "method,spacing_mm,resolution,tolerance,build_wall_s,build_cpu_s,memory_mb,peak_mb,max_error_mm,rms_error_mm,surface_max_error_mm,sign_errors,query_sorted_ns,query_random_ns,hessian_sorted_ns,hessian_random_ns,surface_bound_mm";
 
 impl Row {
-    /// One line; what does not apply is empty.
+    /// One line of the CSV; values that do not apply are empty.
     pub(super) fn csv(&self) -> String {
         let (t, a) = (&self.timing, &self.accuracy);
         let optional = |value: Option<f64>, digits: usize| value.map_or(String::new(), |v| format!("{v:.digits$}"));
@@ -98,7 +98,7 @@ impl Row {
 /// Memory (MB) and time (s) of one method.
 type Published = (f64, f64);
 
-/// Table 3 of Wang 2009: grid, tolerance, then Fuhrmann's, Frisken's and the paper's method.
+/// Table 3 of Wang 2009: grid, tolerance, then the methods of Fuhrmann, of Frisken and of the paper.
 pub(super) const TABLE_3: [(u32, f64, [Published; 3]); 6] = [
     (128, 1e-3, [(8.4, 3.12), (3.2, 11.78), (2.9, 4.26)]),
     (128, 1e-5, [(8.4, 3.12), (7.5, 33.52), (6.6, 12.43)]),
@@ -108,11 +108,11 @@ pub(super) const TABLE_3: [(u32, f64, [Published; 3]); 6] = [
     (512, 1e-6, [(536.9, 60.62), (99.5, 965.83), (95.1, 68.15)]),
 ];
 
-/// Table 3 with our columns beside the published ones, as far as they were measured.
+/// Table 3 with the measured values beside the published ones.
 pub(super) fn table_3(rows: &[Row]) -> String {
     let methods = [Method::Uniform, Method::Frisken, Method::Hybrid];
     let mut text = String::from(
-        "Table 3 (Wang 2009) | memory MB: paper, ours | build s: paper, ours, ratio; one machine of 2009, one of now\n",
+        "Table 3 (Wang 2009) | memory, MB: paper, measured | build, s: paper (machine of 2009), measured, ratio\n",
     );
     let heads = ["uniform (Fuhrmann)", "frisken", "hybrid (paper)"];
     text += &format!("{:<6} {:<6}", "grid", "tol.");
@@ -143,7 +143,7 @@ pub(super) fn table_3(rows: &[Row]) -> String {
     text
 }
 
-/// For each spacing that both were measured at, how many times faster the adaptive field was built than OpenVDB's.
+/// Spacing (mm) and ratio of build times, OpenVDB to adaptive, for each spacing at which both were measured.
 pub(super) fn against_openvdb(rows: &[Row]) -> Vec<(f64, f64)> {
     let of = |builder| rows.iter().filter(move |r| r.case.builder == builder);
     of(Builder::Ours(Method::Adaptive))

@@ -1,29 +1,31 @@
-//! An independent scan of a deformed skin: other vertices, other triangles, noise.
+//! A simulated scan of a deformed skin, with its own vertices and triangles, and with noise.
 
 use rayon::prelude::*;
 
 use prosopon_field::ExactDistance;
 use prosopon_geometry::{Point, ScalarGrid, TriMesh, Vector, isosurface};
 
-/// Edge of the scan's grid, mm, and where it begins beside the skin's own: no vertex is shared.
+/// Spacing of the scan's grid, mm, and its offset from the bounds of the skin, so that no vertex is shared.
 const SPACING_MM: f64 = 1.8;
 const OFFSET_MM: [f64; 3] = [3.37, 2.91, 3.73];
-/// The grid reaches so far beyond the skin, mm.
+/// Margin of the grid around the skin, mm.
 const MARGIN_MM: f64 = 6.0;
 
-/// What is scanned.
+/// Settings of a scan.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Scan<'a> {
     /// The deformed skin.
     pub(super) truth: &'a TriMesh,
     /// Standard deviation of the noise along each axis, mm.
     pub(super) noise_mm: f64,
-    /// Of the noise.
+    /// Seed of the noise.
     pub(super) seed: u64,
 }
 
-/// Samples the distance to the deformed skin on a grid of its own and takes its isosurface: every vertex and triangle is new. Then each
-/// vertex is put onto the true surface, and noise is added. `None` when nothing is found.
+/// Scans the deformed skin; `None` when there is no surface.
+///
+/// The distance to the skin is sampled on a separate grid, whose isosurface gives new vertices and triangles. Each vertex is then
+/// projected onto the true surface, and noise is added.
 pub(super) fn scanned(scan: &Scan<'_>) -> Option<TriMesh> {
     let exact = ExactDistance::new(scan.truth);
     let mut bounds = scan.truth.bounds().grown(MARGIN_MM);
@@ -50,7 +52,7 @@ pub(super) fn scanned(scan: &Scan<'_>) -> Option<TriMesh> {
     mesh.with_positions(positions).ok()
 }
 
-/// Normal deviates by Box and Muller's transform of a linear congruential sequence, the same on every run.
+/// Normal deviates by the Box-Muller transform of a linear congruential sequence, the same in every run.
 struct Noise(u64);
 
 impl Noise {

@@ -3,18 +3,18 @@
 use prosopon_geometry::{Point, Vector};
 use prosopon_tissue::mesh::{Attachment, MixedMesh, Tissue};
 
-/// A box of Kuhn tetrahedra, six a cell, with a layer of prisms on top.
+/// A box of Kuhn tetrahedra, six per cell, with a layer of prisms on top.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Slab {
-    /// Cells of the tetrahedra's part along x, y, z.
+    /// Cells of tetrahedra along x, y, z.
     pub(super) cells: [usize; 3],
-    /// Its size, mm; it lies in the middle above the origin.
+    /// Size of the part with tetrahedra along x, y, z, mm; centred in x and y, with its bottom at z = 0.
     pub(super) size_mm: [f64; 3],
-    /// Thickness of the prisms, mm; no prisms when 0.
+    /// Thickness of the prism layer, mm; 0 for no prisms.
     pub(super) skin_mm: f64,
 }
 
-/// Paths of a Kuhn tetrahedron along the axes, and whether the tetrahedron is to be turned round.
+/// Order of the axes of each Kuhn tetrahedron, and whether its orientation must be reversed.
 const KUHN: [([usize; 3], bool); 6] = [
     ([0, 1, 2], false),
     ([1, 2, 0], false),
@@ -30,7 +30,7 @@ impl Slab {
         6 * self.cells.iter().product::<usize>()
     }
 
-    /// The mesh, all nodes free; bone faces are the triangles of the bottom.
+    /// The mesh with all nodes free; its bone faces are the triangles of the bottom.
     pub(super) fn mesh(&self) -> MixedMesh {
         let [nx, ny, nz] = self.cells;
         let layers = nz + 1 + usize::from(self.skin_mm > 0.0);
@@ -84,7 +84,9 @@ impl Slab {
         columns.flat_map(|(i, j)| (0..layers).map(move |k| place(i, j, k))).collect()
     }
 
-    /// [`Slab::mesh`] with its sides fixed, its bottom tied to segment 1 up to `patch_mm` from the axis and fixed from `fixed_mm` on.
+    /// [`Slab::mesh`] with fixed sides and a patch of its bottom tied to segment 1.
+    ///
+    /// With r the larger of |x| and |y|, bottom nodes are tied for r up to `patch_mm` and fixed for r from `fixed_mm`.
     pub(super) fn over_a_patch(&self, patch_mm: f64, fixed_mm: f64) -> MixedMesh {
         let mut mesh = self.mesh();
         let side = 0.5 * self.size_mm[0];

@@ -20,26 +20,30 @@ use prosopon_planning::simulate::SimulateError;
 use prosopon_tissue::fem::material::{Material, Materials};
 use prosopon_tissue::fem::{Boundary, Locking, Model, Prepared, SkinElement, SolveSettings, Solver};
 
-/// Cells along the sides and through the thickness, rising: 19 200 to 492 804 tetrahedra. The third is the slab of the reference results.
+/// Cells along the sides and through the thickness, ascending: 19 200 to 492 804 tetrahedra.
+///
+/// The third is the slab of the reference results.
 const CELLS: [[usize; 2]; 5] = [[40, 2], [56, 3], [74, 4], [93, 5], [117, 6]];
 /// Shear moduli of skin and fat, MPa, a fifth of each from C01; as in the reference results.
 const SHEAR_MPA: [f64; 2] = [0.0351, 0.0118];
-/// Where the tied patch goes, mm.
+/// Translation of the tied patch, mm.
 const MOVED_MM: [f64; 3] = [2.0, 0.0, 5.0];
-/// Times that a case is solved; the shortest counts.
+/// Number of times each case is solved; the shortest time counts.
 const ROUNDS: usize = 2;
 
-/// Measures the solver's time against the number of tetrahedra, by phase: a slab of 150 x 150 x 16.5 mm whose patch of 41 x 41 mm is moved
-/// in one step, with and without the cure of locking.
+/// Measures the solver's time by phase against the number of tetrahedra.
+///
+/// The scene is a slab of 150 x 150 x 16.5 mm. A patch of 41 x 41 mm of its bottom is moved in one step, with and without the
+/// locking-free formulation (`smoothed`).
 #[derive(Debug)]
 pub struct SolverGrowthStudy<'a> {
-    /// Where the rows go; the charts get the same name with `.svg` and `-phases.svg`.
+    /// CSV file to write; the charts have the same name with `.svg` and `-phases.svg`.
     pub csv: &'a Path,
     /// Sizes of the study, from the smallest; at most 5.
     pub sizes: usize,
 }
 
-/// One slab and one cure.
+/// A slab and its locking treatment.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SlabCase {
     cells: [usize; 2],
@@ -49,9 +53,9 @@ pub struct SlabCase {
 impl FromStr for SlabCase {
     type Err = String;
 
-    /// `none:74:4`: cure of locking, cells along the sides, cells through the thickness.
+    /// Parses `none:74:4`: locking treatment, cells along the sides, cells through the thickness.
     fn from_str(word: &str) -> Result<Self, Self::Err> {
-        let fault = || format!("{word:?} is no case: expected none:N:N or smoothed:N:N");
+        let fault = || format!("{word:?} is not a case: expected none:N:N or smoothed:N:N");
         let [locking, side, depth] = <[&str; 3]>::try_from(word.split(':').collect::<Vec<_>>()).map_err(|_| fault())?;
         let number = |n: &str| n.parse().ok().filter(|n| (1..=1000).contains(n)).ok_or_else(fault);
         let smoothed = match locking {
@@ -74,9 +78,9 @@ struct SlabTiming {
     cpu_s: Option<f64>,
     phases_s: [f64; 7],
     peak_mb: Option<f64>,
-    /// Beyond what was in use before.
+    /// Peak memory beyond the memory in use before the solve.
     taken_mb: Option<f64>,
-    /// By counts, before it was taken.
+    /// Memory that the solver estimated from counts in advance.
     estimated_mb: f64,
 }
 
@@ -89,7 +93,7 @@ impl SlabCase {
         if self.smoothed { "smoothed" } else { "none" }
     }
 
-    /// As the slab of the reference results; with the cure of locking at a Poisson ratio that needs it.
+    /// Settings of the reference results; with `smoothed`, a Poisson ratio (0.49) that needs the locking-free formulation.
     fn settings(&self) -> SolveSettings {
         let (poisson, locking) = if self.smoothed { (0.49, Locking::Smoothed) } else { (0.45, Locking::None) };
         let [skin, fat] = SHEAR_MPA.map(|mu| Material::mooney_rivlin(0.4 * mu, 0.1 * mu, poisson));
@@ -126,7 +130,7 @@ impl SlabCase {
     }
 }
 
-/// Solves one slab and writes what it took to `timing`.
+/// Solves one slab and writes its times and memory to `timing` as JSON.
 ///
 /// # Errors
 /// [`BenchError`].
@@ -134,7 +138,7 @@ pub fn run_slab_case(case: &SlabCase, timing: &Path) -> Result<(), BenchError> {
     let mut best = case.solve()?;
     for _ in 1..ROUNDS {
         let next = case.solve()?;
-        // Memory is that of the first round, before anything could be left over.
+        // Memory is taken from the first round: later rounds may include memory left over from earlier ones.
         if next.wall_s < best.wall_s {
             best = SlabTiming { peak_mb: best.peak_mb, taken_mb: best.taken_mb, ..next };
         }
@@ -143,7 +147,7 @@ pub fn run_slab_case(case: &SlabCase, timing: &Path) -> Result<(), BenchError> {
 }
 
 impl SolverGrowthStudy<'_> {
-    /// Runs the study; prints to `out`. Each case runs as a program of its own, so that memory is not shared.
+    /// Runs the study and prints to `out`; each case runs in a separate process, so that peak memories are independent.
     ///
     /// # Errors
     /// [`BenchError`].
@@ -194,7 +198,7 @@ impl SolverGrowthStudy<'_> {
             .map(|(n, (name, color))| curve(name, color, &plain, move |t| t.phases_s[n]));
         let curves: Vec<Curve> = curves.filter(|c| c.points.iter().all(|p| p.1 > 0.0)).collect();
         let labels = Labels {
-            title: "Time of the solver's phases, without the cure of locking (fitted exponent)",
+            title: "Time of the solver's phases, without locking-free formulation (fitted exponent)",
             x: "tetrahedra",
             y: "s",
         };

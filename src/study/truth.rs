@@ -1,4 +1,4 @@
-//! Synthetic truth: how well the evaluation recovers a known motion and a known error.
+//! Evaluation against a synthetic truth: recovery of a known motion and a known error.
 
 use std::io::Write;
 use std::path::Path;
@@ -17,29 +17,31 @@ use prosopon_tissue::fem::{Model, Preset, SolveSettings};
 
 /// Steps of the path.
 const STEPS: usize = 3;
-/// The scan lies so far off and is turned so much.
+/// Translation and rotation of the scan against the prediction.
 const SHIFT_MM: f64 = 5.0;
 const TURN_DEG: f64 = 5.0;
-/// What the plan moves less than this is unaltered, mm; as in a job.
+/// Skin that the plan moves less than this counts as unaltered, mm, as in a job.
 const UNMOVED_MM: f64 = 0.1;
 
-/// The protocol: a finer model is the truth, its skin is scanned with noise and out of place, and a coarse prediction is evaluated
-/// against the scan.
+/// Evaluates a coarse prediction against a simulated scan of a finer one.
+///
+/// The skin of the finer model is the truth. It is scanned with noise and displaced, and the prediction is evaluated against
+/// the scan.
 #[derive(Debug)]
 pub struct TruthStudy<'a> {
     /// The head.
     pub source: &'a HeadSource,
-    /// Rows go here.
+    /// CSV file to write.
     pub csv: &'a Path,
-    /// Edge of the prediction's mesh, mm; the truth's is half of it.
+    /// Edge length of the prediction's mesh, mm; the mesh of the truth has half of it.
     pub edge_mm: f64,
     /// Standard deviation of the scan's noise along each axis, mm.
     pub noise_mm: f64,
-    /// The prediction is that of this step of three, from 1: before the last it falls short of the truth by millimetres.
+    /// Step (1 to 3) whose skin is the prediction; steps before the last differ from the truth by millimetres.
     pub prediction_step: usize,
 }
 
-/// What one scan gave.
+/// Result of one scan.
 struct Row {
     turned_about: [f64; 3],
     shift_off_mm: f64,
@@ -52,7 +54,7 @@ struct Row {
 }
 
 impl TruthStudy<'_> {
-    /// Solves twice, scans, evaluates, writes the rows and tells what came out.
+    /// Runs the study, prints the results to `out` and writes the rows.
     ///
     /// # Errors
     /// [`BenchError`].
@@ -76,7 +78,7 @@ impl TruthStudy<'_> {
         let t = &true_error.whole;
         writeln!(
             out,
-            "true error: mean {:+.4}, mean abs {:.4}, P95 {:.3}, max {:.3} mm",
+            "true error: mean {:+.4}, mean absolute {:.4}, P95 {:.3}, max {:.3} mm",
             t.mean, t.mean_abs, t.p95, t.max
         )?;
         for axis in [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, -1.0, 1.0]] {
@@ -100,7 +102,7 @@ impl TruthStudy<'_> {
             }
         };
         solve(&head.anatomy, &ready.tissue, &ready.bone, &ready.plan, &settings, &Control::new(), &mut keep)?;
-        last.ok_or_else(|| BenchError::Head { detail: "no step".to_owned() })
+        last.ok_or_else(|| BenchError::Head { detail: "the solver returned no step".to_owned() })
     }
 
     fn evaluated(
@@ -113,12 +115,12 @@ impl TruthStudy<'_> {
         face: &[bool],
     ) -> Result<Row, BenchError> {
         let rotation = UnitQuaternion::from_scaled_axis(Vector::from(axis).normalize() * TURN_DEG.to_radians());
-        // About the middle of the head: the shift is that of the head, not of the origin.
+        // The rotation is about the centre of the head, so that the translation is that of the head and not of the origin.
         let middle = head.anatomy.skin.bounds().center().coords;
         let shift = Vector::new(-1.0, 1.0, 1.0).normalize() * SHIFT_MM;
         let known = Motion::from_parts((middle - rotation * middle + shift).into(), rotation);
         let scan = scanned(&Scan { truth, noise_mm: self.noise_mm, seed: 2009 })
-            .ok_or_else(|| BenchError::Head { detail: "the skin cannot be scanned".to_owned() })?
+            .ok_or_else(|| BenchError::Head { detail: "the simulated scan of the skin is empty".to_owned() })?
             .moved(&known);
         let control = Control::new();
         let start = Instant::now();
@@ -146,8 +148,9 @@ impl Row {
         let (w, s, t) = (&self.reported.whole, &self.reported.smoothed, &truth.whole);
         writeln!(
             out,
-            "turned about {:?}: off by {:.4} mm, {:.4} degrees (residual {:.3} mm, overlap {:.2}); reported mean {:+.4} mm, mean abs {:.4} \
-             ({:+.1} % of the true one), smoothed {:.4} ({:+.1} %), roughness {:.3} mm; {:.2} s + {:.2} s",
+            "scan turned about {:?}: registration error {:.4} mm, {:.4} degrees (residual {:.3} mm, overlap {:.2}); \
+             reported mean {:+.4} mm, mean absolute {:.4} ({:+.1} % from the true one), smoothed {:.4} ({:+.1} %), \
+             roughness {:.3} mm; registration {:.2} s, map {:.2} s",
             self.turned_about,
             self.shift_off_mm,
             self.turn_off_deg,

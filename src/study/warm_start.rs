@@ -18,23 +18,25 @@ use prosopon_tissue::fem::{Model, Preset, SavedState, SolveSettings};
 
 /// Streamed steps from rest, as in `prosopon demo`.
 const STEPS: usize = 6;
-/// Plans that a surgeon may try after the first: translation, mm (x, y, z), and turn about x (pitch), degrees.
+/// Plans that a surgeon may try after the first: translation (x, y, z), mm, and rotation about x (pitch), degrees.
 const NEXT: [([f64; 3], f64); 4] =
     [([0.0, -5.0, -1.0], 0.0), ([0.0, -7.0, -1.5], 0.0), ([1.0, -6.0, -1.5], 0.0), ([0.0, -6.0, -1.5], 2.0)];
 
-/// What a session's second job takes when it begins at the end of the first, and how far that is from the way from rest, in one program: the
-/// scene of `bench models` with `mixed`.
+/// Measures the time of a session's second job when it starts from the result of the first one.
+///
+/// The scene is that of `bench models` with the model `mixed`, in one process. The resulting skin is compared with that of a
+/// job that starts from rest.
 #[derive(Debug)]
 pub struct WarmStartStudy<'a> {
     /// The head.
     pub source: &'a HeadSource,
-    /// Edge of the mesh, mm.
+    /// Edge length of the mesh, mm.
     pub edge_mm: f64,
-    /// Where the rows go.
+    /// CSV file to write.
     pub csv: &'a Path,
 }
 
-/// What a job took.
+/// Time and result of a job.
 struct Taken {
     wall_s: f64,
     cpu_s: f64,
@@ -45,7 +47,9 @@ struct Taken {
 }
 
 impl WarmStartStudy<'_> {
-    /// Solves, prints a line each and writes the rows. Distances are between skins, over the vertices that the mesh carries.
+    /// Runs the study, prints a line per plan and writes the rows.
+    ///
+    /// Distances are between the two skins, over the vertices that lie on the mesh.
     ///
     /// # Errors
     /// [`BenchError`].
@@ -61,7 +65,8 @@ impl WarmStartStudy<'_> {
         for ([x, y, z], pitch_deg) in NEXT {
             let plan = moved(&ready.plan, &ready, [x, y, z], pitch_deg)?;
             let (rest, prepared) = job(&head, &ready, &plan, None, None)?;
-            // The session has these equations at hand when the first job was of the same size; else they are made within the time.
+            // A session has these equations in memory when the first job was in the same displacement class; otherwise the
+            // time of the second job includes building them.
             let same = displacement_class_mm(&ready.bone, &plan) == displacement_class_mm(&ready.bone, &ready.plan);
             let (warm, _) = job(&head, &ready, &plan, Some(&first.end), same.then_some(prepared))?;
             let off = distances(&displacements(&head, &ready, &rest.skin), &displacements(&head, &ready, &warm.skin));
@@ -80,8 +85,8 @@ impl WarmStartStudy<'_> {
             );
             writeln!(
                 out,
-                "({x}, {y}, {z}) mm, {pitch_deg} degrees: from rest {:.1} s, from the first job's end {:.1} s (processor {:.1} and {:.1} s), skins \
-                 {:.3} mm apart in the mean, {:.3} mm P99, {:.3} mm at most",
+                "({x}, {y}, {z}) mm, {pitch_deg} degrees: from rest {:.1} s, from the first job's result {:.1} s \
+                 (processor {:.1} and {:.1} s), distance of the skins: mean {:.3} mm, P99 {:.3} mm, max {:.3} mm",
                 rest.wall_s, warm.wall_s, rest.cpu_s, warm.cpu_s, off[0], off[1], off[2]
             )?;
         }
@@ -89,12 +94,14 @@ impl WarmStartStudy<'_> {
     }
 }
 
-/// The moving segment of `plan`, turned about the middle of its box and moved.
+/// A plan for the segment of `plan`: rotation about the centre of its bounding box, then translation.
 fn moved(plan: &Plan, ready: &Prepared, [x, y, z]: [f64; 3], pitch_deg: f64) -> Result<Plan, BenchError> {
     let refused = |detail: String| BenchError::Head { detail };
-    let segment = plan.paths.first().map(SegmentPath::segment).ok_or_else(|| refused("no path".to_owned()))?;
+    let segment =
+        plan.paths.first().map(SegmentPath::segment).ok_or_else(|| refused("the plan has no path".to_owned()))?;
     let surface = ready.bone.osteotomy.segments.iter().find(|s| s.id == segment).map(|s| &s.surface);
-    let centre = surface.map(|s| s.bounds().center()).ok_or_else(|| refused("no segment".to_owned()))?;
+    let centre =
+        surface.map(|s| s.bounds().center()).ok_or_else(|| refused("the plan's segment does not exist".to_owned()))?;
     let turn = nalgebra::UnitQuaternion::from_axis_angle(&nalgebra::Vector3::x_axis(), pitch_deg.to_radians());
     let about = Motion::rotation_wrt_point(turn, centre);
     let end = Motion::translation(x, y, z) * about;
@@ -102,7 +109,7 @@ fn moved(plan: &Plan, ready: &Prepared, [x, y, z]: [f64; 3], pitch_deg: f64) -> 
     Ok(Plan { paths: vec![path] })
 }
 
-/// One job, with equations that are at hand or made within its time.
+/// Runs one job; its time includes building the equations unless `prepared` has them.
 fn job(
     head: &Head,
     ready: &Prepared,
@@ -132,7 +139,7 @@ fn job(
         cpu_s: process::cpu_s().zip(cpu).map_or(f64::NAN, |(after, before)| after - before),
         newton: found.steps.iter().map(|s| s.newton_iterations).sum(),
         factorisations: found.steps.iter().map(|s| s.factorisations).sum(),
-        skin: skin.ok_or_else(|| BenchError::Head { detail: "no step".to_owned() })?,
+        skin: skin.ok_or_else(|| BenchError::Head { detail: "the solver returned no step".to_owned() })?,
         end: found.end,
     };
     Ok((taken, prepared))

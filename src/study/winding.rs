@@ -1,16 +1,16 @@
 use prosopon_geometry::{Point, TriMesh, Vector};
 
-/// Most triangles in a leaf.
+/// Largest number of triangles in a leaf.
 const LEAF: usize = 8;
-/// Largest truncation error that one far group may bring at the first attempt; each further one allows a hundredth.
+/// Largest truncation error (solid angle) of one far group in the first attempt; each further attempt allows a hundredth of it.
 const ALLOWED: f64 = 1e-5;
 
-/// Triangles that stand together, with their far field.
+/// Neighbouring triangles and the expansion of their far field.
 #[derive(Debug)]
 struct Group {
     first: u32,
     last: u32,
-    /// Second child; the first follows its parent. 0 for a leaf.
+    /// Index of the second child, 0 for a leaf; the first child directly follows its parent.
     second: u32,
     center: Point,
     radius: f64,
@@ -22,11 +22,12 @@ struct Group {
     second_moment: f64,
 }
 
-/// Winding number of a triangle soup with a proven sign of |w| - ½.
+/// Winding number w of a triangle soup with a proven sign of |w| - ½.
 ///
-/// Far groups count by their Taylor expansion to first order. The second derivatives of x/|x|³ are third derivatives of 1/|x| and at
-/// most 3!/|x|⁴, so what is left out is at most 3 ∫|x - c|² / (r - R)⁴. The bounds are added up; when they do not settle on which
-/// side of ½ the number lies, the sum is done again with smaller ones, at last with none.
+/// Far groups contribute their Taylor expansion to first order. The second derivatives of x/|x|³ are third derivatives of
+/// 1/|x| and at most 3!/|x|⁴, so the truncation error of a group is at most 3 ∫|x - c|² / (r - R)⁴. The bounds are summed.
+/// When the sum does not decide on which side of ½ the number lies, the winding number is computed again with smaller
+/// errors, in the end without any.
 #[derive(Debug)]
 pub(super) struct ProvenWinding {
     corners: Vec<[Point; 3]>,
@@ -41,13 +42,13 @@ impl ProvenWinding {
         Self { corners, groups }
     }
 
-    /// Whether `q` is inside: |w| above ½, beyond doubt but for rounding.
+    /// Whether `q` is inside, that is |w| > ½; proven except for rounding.
     pub(super) fn is_inside(&self, q: &Point) -> bool {
         let mut allowed = ALLOWED;
         loop {
             let (winding, bound) = self.at(q, allowed);
             let apart = winding.abs() - 0.5;
-            // Nothing is left out once no group is far enough.
+            // A bound of zero means that no group was expanded.
             if apart.abs() > bound || bound == 0.0 || allowed < 1e-30 {
                 return apart > 0.0;
             }
@@ -55,7 +56,7 @@ impl ProvenWinding {
         }
     }
 
-    /// Winding number at `q` and a bound on its truncation error, when far groups may each be off by `allowed`.
+    /// Winding number at `q` and a bound on its truncation error, when each far group may have the error `allowed`.
     fn at(&self, q: &Point, allowed: f64) -> (f64, f64) {
         let (mut sum, mut bound) = (0.0, 0.0);
         let mut stack = vec![0u32];
@@ -137,7 +138,7 @@ fn summed(corners: &[[Point; 3]], first: u32) -> Group {
         g.moment[3] += 0.5 * (e.x * n.y + e.y * n.x);
         g.moment[4] += 0.5 * (e.x * n.z + e.z * n.x);
         g.moment[5] += 0.5 * (e.y * n.z + e.z * n.y);
-        // The largest of a convex function is at a corner.
+        // A convex function on a triangle is largest at a corner.
         let farthest = c.iter().map(|p| (p - center).norm_squared()).fold(0.0, f64::max);
         g.second_moment += n.norm() * farthest;
         g.radius = g.radius.max(farthest.sqrt());
@@ -145,7 +146,7 @@ fn summed(corners: &[[Point; 3]], first: u32) -> Group {
     g
 }
 
-/// Solid angle of the triangle seen from `p`, positive from behind (van Oosterom and Strackee 1983).
+/// Solid angle of the triangle seen from `p`, positive when seen from its back (van Oosterom and Strackee 1983).
 fn solid_angle(p: &Point, corners: &[Point; 3]) -> f64 {
     let [a, b, c] = corners.map(|q| q - p);
     let determinant = a.dot(&b.cross(&c));

@@ -1,13 +1,17 @@
 #!/usr/bin/env python3
-"""What workers gain by taking jobs of sessions that they know: a simulation of the queue with the times in deploy/CAPACITY.md.
+"""Simulation of the job queue: what workers gain by preferring jobs of sessions that they have in memory.
 
     affinity.py [--workers 16 20 24 34] [--patients 200] [--remembered 6] [--burst MINUTES]
 
-Patients come as a Poisson process, each with a field job and then ten times a mesh and, as soon as that is there, a solve, with a pause
-between. A worker remembers the last sessions that it computed for: their fields, and of each the last mesh; what it lacks it makes again.
-Three rules: `none` gives the job that waits longest to any worker; `head start` leaves it for a second to the worker that had its session's
-last job; `own first` lets a worker also take such a job before those that wait longer, unless one has waited for a minute.
-A burst triples the patients for so long after the second hour. Prints CSV; seconds are from the request to the end.
+The times of the jobs are those in deploy/CAPACITY.md. Patients arrive as a Poisson process. Each needs a field job, then ten
+times a mesh job followed by a solve, with a pause between. A worker remembers the fields and the last mesh of the last
+sessions that it computed for and computes again what it lacks. There are three rules:
+
+- `none`: any worker takes the job that has waited longest;
+- `head start`: a job is reserved for one second for the worker that ran the last job of its session;
+- `own first`: as `head start`, and a worker takes jobs of its own sessions before older ones, unless one has waited for a minute.
+
+A burst triples the patients for MINUTES after the second hour. Prints CSV; seconds are from the request to the end of a job.
 """
 import argparse
 import heapq
@@ -69,7 +73,7 @@ class Queue:
         return 0 if self.rule == "head start" or t - since > PATIENCE_S else 1
 
     def hand_out(self, t):
-        # Which idle worker looks first is chance.
+        # The idle workers choose in random order.
         for worker in self.random.sample(sorted(self.idle), len(self.idle)):
             job = self.choice(worker, t)
             if job:
@@ -106,9 +110,9 @@ class Queue:
 def main():
     arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     arguments.add_argument("--workers", type=int, nargs="+", default=[16, 18, 20, 24, 34])
-    arguments.add_argument("--patients", type=float, default=200, help="an hour")
+    arguments.add_argument("--patients", type=float, default=200, help="patients per hour")
     arguments.add_argument("--remembered", type=int, default=6, help="sessions in a worker's memory")
-    arguments.add_argument("--burst", type=float, default=0, help="minutes")
+    arguments.add_argument("--burst", type=float, default=0, help="duration of the burst, minutes")
     asked = arguments.parse_args()
     mean = lambda values: sum(values) / max(len(values), 1)
     print("workers,rule,busy,warm_meshes,warm_solves,mesh_s,solve_s,solve_95_s")

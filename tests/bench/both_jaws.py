@@ -1,13 +1,13 @@
 #!/usr/bin/env python3
-"""Both jaws and both rami of real heads, from raw CTs and proposed landmarks, watched to the end.
+"""Operations on both jaws and both rami of real heads, from raw CTs and proposed landmarks.
 
     both_jaws.py PROSOPON OUT CT [CT ...] [--patients a b c] [--steps 6] [--edge-mm 4] [--model mixed] [--two-surfaces]
 
-Starts the service on a free port of this machine. For each CT and each patient's motions it cuts (Le Fort I, both sagittal splits), plans, solves and
-follows the job's events. Prints how each solve ended, what it warns of, and by what factor `eta_s` was wrong from 20 % of the job on. With
---two-surfaces the bone is first parted into skull and mandible and uploaded again as two surfaces in one file. Writes `cases.csv`, and for each case the
-progress events and a picture, to OUT, which holds faces.
-"""
+Starts the service on a free port of this machine. For each CT and the motions of each patient it cuts (Le Fort I, both
+sagittal splits), plans, solves and follows the events of the job. Prints the outcome and the warnings of each solve, and the
+largest factor by which `eta_s` was wrong after 20 % of the job. With --two-surfaces the bone is first separated into skull
+and mandible and uploaded again as two surfaces in one file. Writes `cases.csv`, and for each case the progress events and a
+picture, to OUT. The pictures show faces: keep OUT private. """
 
 import argparse
 import csv
@@ -20,16 +20,16 @@ import time
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 from raw_ct import Client, Service, tell  # noqa: E402
 
-# Motions of real patients (LPS, mm and degrees): maxilla, distal mandible, and the rami's turns about their condyles, left and right.
+# Motions of real patients (LPS, mm and degrees): maxilla, distal mandible, turns of left and right ramus about their condyles.
 PATIENTS = {
     "a": (([-0.1, -2.4, 0.7], 1.9), ([-3.9, 4.3, 3.4], 3.4), [8.2, 2.1]),
     "b": (([0.5, -4.1, 1.4], 3.5), ([0.0, 4.1, 7.5], 1.3), [3.7, 7.7]),
     "c": (([0.8, -1.1, 0.5], 1.9), ([2.8, 4.7, 2.7], 2.3), [3.3, 4.8]),
 }
-# Only the total turns of the jaws are known: this axis for both. A ramus turns upward and inward to meet the jaw.
+# Only the total angles of the jaws are known; this axis is assumed for both. A ramus turns upward and inward to meet the jaw.
 JAW_AXIS = [0.8, 0.2, 0.5]
 RAMUS_AXES = {"left": [1.0, 0.0, 0.7], "right": [1.0, 0.0, -0.7]}
-# The estimate of the time left is judged from here on, and no closer than this to the end, s.
+# The estimate of the remaining time is judged from this share of the job on, and until this time before the end, s.
 JUDGED_FROM = 0.2
 JUDGED_UNTIL_S = 3.0
 
@@ -58,7 +58,7 @@ def main():
     with open(arguments.out / "cases.csv", "w", newline="") as file:
         csv.writer(file).writerows([("head", "patient", "status", "outcome", "wall_s", "eta_factor", "warnings")] + rows)
     if any(row[2] != "succeeded" for row in rows):
-        sys.exit("both_jaws: not every solve was finished")
+        sys.exit("both_jaws: a solve did not succeed; see cases.csv")
 
 
 def head(client, arguments, ct):
@@ -75,7 +75,7 @@ def head(client, arguments, ct):
         body = {"templates": [{"name": t} for t in ("le_fort_1", "bsso_left", "bsso_right")]}
         cut = client.request("POST", "/v1/sessions/%s/osteotomies" % session, body)
     except Exception as error:  # noqa: BLE001
-        print("%s: not cut: %s" % (name, error), flush=True)
+        print("%s: the cut was refused: %s" % (name, error), flush=True)
         return [(name, patient, "refused", str(error), "", "", "") for patient in arguments.patients]
     for segment in cut["segments"]:
         print("   segment %d %s: %.1f cm3" % (segment["id"], segment["name"], segment["volume_mm3"] / 1000))
@@ -85,7 +85,7 @@ def head(client, arguments, ct):
 
 
 def two_surfaces(client, arguments, session):
-    """Puts the skull and the lower jaw, apart, in the place of the bone."""
+    """Replaces the bone by two separate surfaces, the skull and the lower jaw."""
     client.wait(client.build_field(session))
     cut = client.request("POST", "/v1/sessions/%s/osteotomies" % session, {"templates": [{"name": "mandible"}]})
     tell(cut)
@@ -117,7 +117,7 @@ def solve(client, arguments, case, cut, points):
         if condyle and "mandible_proximal_" + side in ids:
             paths.append(path("mandible_proximal_" + side, [0.0, 0.0, 0.0], RAMUS_AXES[side], degrees, condyle))
         else:
-            print("   the %s ramus stays: %s" % (side, "not apart" if condyle else "no condyle was proposed"))
+            print("   the %s ramus does not move: %s" % (side, "no separate segment" if condyle else "no condyle was proposed"))
     plan = client.create_plan(session, cut["id"], paths)
     tell(plan)
     job = client.create_job(session, plan["id"], steps=arguments.steps, model=arguments.model)

@@ -1,13 +1,14 @@
 #!/usr/bin/env python3
-"""CalculiX and `prosopon solve` on one slab, one after the other: wall time, processor time, peak memory, ratios.
+"""Compares CalculiX and `prosopon solve` on one slab: wall time, processor time, peak memory and their ratios.
 
 usage: tests/bench/calculix.py PROSOPON OUT [--cells N N] [--rounds R] [--threads T]
 
-PROSOPON is the release binary; OUT a folder for decks, meshes and results. Needs CalculiX (`apt-get install calculix-ccx`). The slab is
-150 x 150 x 16.5 mm, cells N along its sides and N through its fat, its uppermost 1.5 mm skin: 131 424 tetrahedra and 10 952 wedges with
-74 and 4. Its sides and the bottom outside 60 x 60 mm are fixed, the patch of 41 x 41 mm in the middle of the bottom moves by (2, 0, 5) mm.
-Linear tetrahedra and wedges, compressible Mooney-Rivlin with Poisson ratio 0.45, large deformations, no cure of locking, in all programs.
-Times are of whole processes, files included; medians of R rounds."""
+PROSOPON is the release binary, OUT a folder for decks, meshes and results. Needs CalculiX (`apt-get install calculix-ccx`).
+The slab has 150 x 150 x 16.5 mm; its uppermost 1.5 mm are skin, the rest is fat. --cells gives the cells along its sides and
+through the fat; 74 and 4 (default) make 131 424 tetrahedra and 10 952 wedges. The sides and the bottom outside 60 x 60 mm
+are fixed, and the patch of 41 x 41 mm in the middle of the bottom moves by (2, 0, 5) mm. All programs use linear tetrahedra
+and wedges, compressible Mooney-Rivlin with Poisson ratio 0.45 and large deformations, without a locking-free formulation.
+The programs run one after the other; times are of whole processes, including files, and are medians of R rounds."""
 import argparse
 import itertools
 import json
@@ -25,7 +26,7 @@ SIDE, FAT, SKIN = 150.0, 15.0, 1.5
 
 
 def slab(n, depth):
-    """Points, tetrahedra and wedges (first triangle below, as Abaqus has it)."""
+    """Points, tetrahedra and wedges (lower triangle first, as in Abaqus)."""
     heights = [FAT * k / depth for k in range(depth + 1)] + [FAT + SKIN]
     at = [SIDE * (i / n - 0.5) for i in range(n + 1)]
     points = [(x, y, z) for x in at for y in at for z in heights]
@@ -61,7 +62,7 @@ def attachment(point):
 
 
 def constants(shear):
-    """C10, C01 (a fifth of the modulus) and D1 = 2 / K, MPa and 1/MPa."""
+    """C10 and C01, MPa, and D1 = 2 / K, 1/MPa; C01 contributes a fifth of the shear modulus."""
     bulk = 2.0 * shear * (1.0 + POISSON) / (3.0 * (1.0 - 2.0 * POISSON))
     return 0.4 * shear, 0.1 * shear, 2.0 / bulk
 
@@ -121,7 +122,7 @@ def write_scene(folder, mesh, held):
 
 
 def measured(command, folder, threads):
-    """Wall and processor seconds, peak MB, and what it printed."""
+    """Wall and processor time, s, peak memory, MB, and the output of the command."""
     environment = dict(os.environ, OMP_NUM_THREADS=str(threads), RAYON_NUM_THREADS=str(threads))
     with open(os.path.join(folder, "log.txt"), "w+") as log:
         start = time.monotonic()
@@ -183,17 +184,17 @@ def main():
                 solve_s.append(json.loads(text.splitlines()[-1])["solve_wall_s"])
     medians = {name: [statistics.median(column) for column in zip(*found)] for name, found in rows.items()}
     own = medians["prosopon solve"]
-    print(f"{'':20} {'wall s':>8} {'CPU s':>8} {'peak MB':>8}   wall, CPU of prosopon's")
+    print(f"{'':20} {'wall s':>8} {'CPU s':>8} {'peak MB':>8}   wall, CPU relative to prosopon")
     for name, (wall, cpu, peak) in medians.items():
         print(f"{name:20} {wall:8.2f} {cpu:8.2f} {peak:8.0f}   {wall / own[0]:5.1f} {cpu / own[1]:5.1f}")
-    print(f"of prosopon's wall time {statistics.median(solve_s):.2f} s from the loaded mesh to the solution")
+    print(f"prosopon from the loaded mesh to the solution: {statistics.median(solve_s):.2f} s of its wall time")
     ours = of_prosopon(os.path.join(out, "solved.vtu"))
     for name, (deck, _) in decks.items():
         theirs = of_calculix(os.path.join(out, f"{deck}.dat"))
         if theirs.keys() != ours.keys():
-            sys.exit(f"{name} gives {len(theirs)} displacements, prosopon {len(ours)}")
+            sys.exit(f"{name} has displacements of {len(theirs)} nodes, prosopon of {len(ours)}, or of other nodes")
         apart = max(max(abs(a - b) for a, b in zip(theirs[n], ours[n])) for n in ours)
-        print(f"largest difference of a displacement from {name}: {apart:.2e} mm")
+        print(f"largest difference of a displacement component from {name}: {apart:.2e} mm")
 
 
 if __name__ == "__main__":

@@ -1,5 +1,7 @@
 #!/usr/bin/env python3
-"""A CT of clinical size from a coarse one, to measure with: more voxels by linear interpolation, and noise, which is what such a file's size is made of.
+"""Makes a CT of clinical size from a coarse one, for measurements: interpolates voxels linearly and adds noise.
+
+Without noise the file would compress far better than a clinical one.
 
     enlarge_ct.py CT.nii.gz OUT.nii.gz [--times 2 2 3] [--noise-hu 20]
 
@@ -45,7 +47,7 @@ def main():
 
 
 def finer(voxels, axis, times):
-    """Between neighbours `times` - 1 more."""
+    """Inserts `times` - 1 interpolated voxels between neighbours along an axis."""
     first = numpy.take(voxels, range(voxels.shape[axis] - 1), axis)
     step = (numpy.take(voxels, range(1, voxels.shape[axis]), axis) - first) / times
     pieces = numpy.stack([first + step * k for k in range(times)], axis + 1)

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Every number and chart about the solver in README: tests/bench/model_charts.sh HEAD OUT
-# HEAD is a folder with landmarks.json and a CT, or with skin.* and skull.*. Runs for an hour on two cores. CalculiX is measured in the same
-# run when Debian's calculix-ccx is installed.
+# Makes every number and chart about the solver in README: tests/bench/model_charts.sh HEAD OUT
+# HEAD is a folder with landmarks.json and a CT, or with skin.* and skull.*. Takes an hour on two cores.
+# It also measures CalculiX in the same run if Debian's calculix-ccx is installed.
 set -euo pipefail
 [ $# = 2 ] || { echo "usage: $0 HEAD OUT" >&2; exit 2; }
 here=$(cd "$(dirname "$0")" && pwd)
@@ -12,7 +12,7 @@ prosopon=${CARGO_TARGET_DIR:-$here/../../target}/release/prosopon
 
 "$prosopon" bench models --scene phantom --csv "$out/models-phantom.csv" | tee "$out/models-phantom.txt"
 "$prosopon" bench models --scene "$head" --csv "$out/models-head.csv" | tee "$out/models-head.txt"
-# A wrong answer in the map ends it with a failure, which is told at the end: the other charts do not hang on it.
+# A wrong result in the map makes this script fail at the end, after the other charts are drawn.
 red=0
 "$prosopon" bench stability --csv "$out/stability.csv" | tee "$out/stability.txt" || red=$?
 "$prosopon" bench solver-growth --csv "$out/solver-growth.csv" | tee "$out/solver-growth.txt"
@@ -20,6 +20,6 @@ cp "$out"/{models-phantom,models-head,stability,solver-growth,solver-growth-phas
 if command -v ccx >/dev/null; then
     "$here/calculix.py" "$prosopon" "$out/calculix" --rounds 3 | tee "$out/calculix.txt"
 else
-    echo "CalculiX is left out: install calculix-ccx" >&2
+    echo "CalculiX is not measured: install calculix-ccx" >&2
 fi
 exit "$red"

@@ -1,4 +1,4 @@
-// A level set by OpenVDB, measured as `prosopon bench field --points` measures our fields.
+// Builds a level set with OpenVDB and measures it as `prosopon bench field --points` measures Prosopon's fields.
 // Arguments: --mesh M --points P --out O --timing T --band-mm B --margin-mm (ignored) --spacing-mm H.
 // M: counts of vertices and triangles (u64), x y z (f64), corners (u32); P: count (u64), x y z (f64); O: distances (f64).
 #include <openvdb/openvdb.h>
@@ -23,7 +23,7 @@ namespace {
 template <typename T> std::vector<T> numbers(std::istream &in, size_t count) {
     std::vector<T> found(count);
     in.read(reinterpret_cast<char *>(found.data()), std::streamsize(count * sizeof(T)));
-    if (!in) throw std::runtime_error("a file is shorter than it says");
+    if (!in) throw std::runtime_error("an input file is shorter than its counts say");
     return found;
 }
 
@@ -45,7 +45,7 @@ double now_s() {
     return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
-// Points in the order of Morton's curve over their box.
+// The points in the order of the Morton curve over their bounding box.
 std::vector<openvdb::Vec3d> along_a_curve(const std::vector<openvdb::Vec3d> &points) {
     openvdb::Vec3d low = points[0], high = points[0];
     for (const auto &p : points) low = openvdb::math::minComponent(low, p), high = openvdb::math::maxComponent(high, p);
@@ -65,7 +65,7 @@ std::vector<openvdb::Vec3d> along_a_curve(const std::vector<openvdb::Vec3d> &poi
     return sorted;
 }
 
-// Mean time of a value, best of three rounds, ns.
+// Mean time to query a value in the best of three rounds, ns.
 double query_ns(const openvdb::FloatGrid &grid, const std::vector<openvdb::Vec3d> &points) {
     double best = std::numeric_limits<double>::infinity(), sum = 0.0;
     for (int round = 0; round < 3; ++round) {
@@ -75,7 +75,7 @@ double query_ns(const openvdb::FloatGrid &grid, const std::vector<openvdb::Vec3d
         for (const auto &p : points) sum += at.wsSample(p);
         best = std::min(best, (now_s() - start) * 1e9 / double(points.size()));
     }
-    // So that the loop is not left out.
+    // Uses the sum, so that the compiler does not remove the loop.
     if (sum == 0.5) std::cerr << sum;
     return best;
 }

@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
-"""From raw CTs to error maps without a hand: landmarks are proposed, nothing is typed in.
+"""Runs operations from a raw CT to error maps without manual input; landmarks are proposed.
 
     raw_ct.py PROSOPON CT OUT [--operations le_fort_1 set_back genioplasty] [--steps 4] [--restart]
 
-Starts the service on a free port of this machine, uploads the CT and, for each operation, cuts by templates, plans, solves with the mixed
-and with the linear model and compares the two. Writes pictures, reports, `times.csv` (wall, the service's processor time, what the session
-stores after it) and `sizes.json` (what is stored, sent and held in memory) to OUT, which holds a face.
-"""
+Starts the service on a free port of this machine, uploads the CT and, for each operation, cuts by templates, plans, solves
+with the mixed and the linear model and compares the two. Writes to OUT pictures, reports, `times.csv` (wall time, processor
+time of the service, stored bytes of the session after each phase) and `sizes.json` (bytes stored, sent and in memory). The
+pictures show a face: keep OUT private. """
 
 import argparse
 import csv
@@ -21,7 +21,7 @@ import time
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "api" / "clients" / "python"))
 from prosopon import Client  # noqa: E402
 
-# Templates, the name that the moving segment's begins with, its way (LPS, mm), and regions of the skin to tell of.
+# For each operation: templates, name of the moving segment, its translation (LPS, mm), and regions of the skin to print.
 OPERATIONS = {
     "le_fort_1": (["le_fort_1"], "maxilla", [0.0, -6.0, 0.0], ["upper_lip", "paranasal_left", "paranasal_right", "nose"]),
     "set_back": (["bsso_left", "bsso_right"], "mandible_distal", [0.0, 4.0, 0.0], ["lower_lip", "chin", "submental"]),
@@ -36,7 +36,7 @@ def main():
     parser.add_argument("out", type=pathlib.Path)
     parser.add_argument("--operations", nargs="*", choices=sorted(OPERATIONS), default=list(OPERATIONS))
     parser.add_argument("--steps", type=int, default=4)
-    parser.add_argument("--restart", action="store_true", help="start the service anew before each phase: nothing is in its memory")
+    parser.add_argument("--restart", action="store_true", help="restart the service before each phase (empty memory)")
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as data, open(arguments.out / "service.log", "w") as log:
@@ -48,7 +48,7 @@ def main():
 
 
 class Service:
-    """The program, on an address that stays."""
+    """The service; its address stays the same after a restart."""
 
     def __init__(self, program, data, log):
         self.program, self.data, self.log, self.listen = program, data, log, "127.0.0.1:0"
@@ -72,7 +72,7 @@ class Service:
 
 
 class Times:
-    """By phase: wall time, the service's processor time, and what the session stores after it."""
+    """For each phase: wall time, processor time of the service, and stored bytes of the session after it."""
 
     def __init__(self, service, restart, stored):
         self.service, self.restart, self.stored, self.rows = service, restart, stored, []
@@ -89,7 +89,7 @@ class Times:
         return result
 
     def processor(self):
-        """Time of all threads, of the user and the system."""
+        """User and system time of all threads, s."""
         fields = pathlib.Path("/proc/%d/stat" % self.service.process.pid).read_text().rsplit(")", 1)[1].split()
         return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
@@ -108,7 +108,7 @@ def run(client, arguments, service):
         try:
             operate(client, arguments, session, name, times)
         except Exception as error:  # noqa: BLE001
-            print("%s ends: %s" % (name, error), flush=True)
+            print("%s failed: %s" % (name, error), flush=True)
     with open(arguments.out / "times.csv", "w", newline="") as file:
         csv.writer(file).writerows([("operation", "phase", "wall_s", "processor_s", "stored_bytes")] + times.rows)
     found = sizes(client, session, service)
@@ -117,7 +117,7 @@ def run(client, arguments, service):
 
 
 def sizes(client, session, service):
-    """Bytes: stored of a session, in files and in the database; sent to one who follows its jobs; the process's most memory."""
+    """Bytes of a session in files and database, bytes sent to a client that follows its jobs, and peak memory of the process."""
     view = client.session(session)
     jobs = {}
     for job in view["jobs"]:
@@ -166,7 +166,7 @@ def operate(client, arguments, session, name, times):
     last = "/v1/jobs/%s/steps/%d" % (linear["id"], arguments.steps)
     times.take(name, "error map", lambda: client.download(last + "/error.png", out / "error.png"))
     error = client.error(linear["id"], arguments.steps)
-    print("   linear against mixed: mean abs %.3f, P95 %.3f, largest %.3f mm" % tuple(
+    print("   linear against mixed: mean absolute %.3f, P95 %.3f, max %.3f mm" % tuple(
         error["whole"][key] for key in ("mean_abs_mm", "p95_mm", "max_mm")))
     for job_id, page in ((job["id"], "report.html"), (linear["id"], "report_linear.html")):
         times.take(name, "report", lambda: client.download("/v1/jobs/%s/report?format=html" % job_id, out / page))

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Status reads by a load tool that does not pause, while solves run, skins are uploaded and streams are followed.
+# Measures status reads with a load tool that does not pause, while solves run, skins are uploaded and event streams are followed.
 #   tests/bench/service_wrk.sh [PROGRAM]      default: target/release/prosopon; needs wrk (Debian: wrk) and python3
 set -euo pipefail
 here=$(cd "$(dirname "$0")" && pwd)
@@ -13,7 +13,7 @@ server=$!
 url=
 until [ -n "$url" ]; do sleep 0.1; url=$(sed -n 's/^listening on //p' "$scratch/out"); done
 
-# 200 sessions, two solves, ten followers, two uploaders; no pollers: those are the tool's.
+# 200 sessions, two solves, ten followers, two uploaders; no pollers, because the load tool sends the status reads.
 "$program" bench service --url "$url" --pollers 0 --jobs 0 --seconds 75 --csv "$scratch/load.csv" >"$scratch/load" 2>&1 &
 load=$!
 running() { python3 -c '

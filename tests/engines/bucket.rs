@@ -18,22 +18,22 @@ const NAME: &str = "plans";
 const KEY: &str = "key";
 const SECRET: &str = "secret";
 
-/// How long a removal takes while a value is kept back.
+/// Duration of a removal while one value is refused.
 const REMOVAL: Duration = Duration::from_secs(12);
 
 /// How a store answers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Mood {
     Serving,
-    /// 503, and what is under way breaks.
+    /// Answers 503 and breaks open connections.
     Away,
-    /// 403, as to a key that is not known any more.
+    /// Answers 403, as for an access key that is no longer valid.
     Refusing,
-    /// Takes requests and says nothing.
+    /// Accepts requests and does not answer.
     Silent,
 }
 
-/// An S3-compatible store with one bucket, on loopback, served by the runtime of the test.
+/// An S3-compatible store with one bucket on loopback, served by the runtime of the test.
 #[derive(Debug)]
 pub(crate) struct Bucket {
     endpoint: String,
@@ -82,18 +82,17 @@ impl Bucket {
         Self { endpoint, mood, kept_back, _files: files }
     }
 
-    /// From now on nobody may do anything with the value of this key, as with one that a policy or its encryption keeps back; and the
-    /// removal of others takes seconds.
+    /// Refuses all requests for this key from now on, as a policy or an encryption key may; other removals take seconds.
     pub(crate) fn keep_back(&self, key: Option<String>) {
         self.kept_back.send_replace(key);
     }
 
-    /// From now on new connections are answered like this; those that are open break.
+    /// Answers new connections in this way from now on; open connections break.
     pub(crate) fn set(&self, mood: Mood) {
         self.mood.send_replace(mood);
     }
 
-    /// What the environment says to a service.
+    /// Environment variables for a service that uses this bucket.
     pub(crate) fn environment(&self) -> [(&'static str, String); 5] {
         [
             ("AWS_ENDPOINT_URL", self.endpoint.clone()),
@@ -111,13 +110,13 @@ impl Bucket {
         })
     }
 
-    /// Its address, as a service takes it.
+    /// Its address in the form of the service's `blobs` setting.
     pub(crate) fn url(&self) -> String {
         format!("s3://{NAME}/patients")
     }
 }
 
-/// All for those who have the key, but for one value.
+/// Grants all operations to owners of the access key, except on one value.
 struct Policy(watch::Receiver<Option<String>>);
 
 #[async_trait::async_trait]

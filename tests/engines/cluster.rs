@@ -9,23 +9,23 @@ use sqlx::{AssertSqlSafe, Connection, PgConnection};
 
 const PASSWORD: &str = "s/ecret";
 
-/// A private Postgres server in a directory of its own, which ends with the process that started it.
+/// A private Postgres server in its own directory; it stops with the process that started it.
 #[derive(Debug)]
 pub(crate) struct Cluster {
     port: u16,
-    /// The server stops when this is closed, also by the death of the process.
+    /// The server stops when this is closed, also when the process is killed.
     orders: ChildStdin,
     answers: BufReader<ChildStdout>,
     _script: Child,
 }
 
 impl Cluster {
-    /// Starts a server that keeps nothing through a crash of the machine: tests need none of it.
+    /// Starts a server without `fsync`: tests need no durability after a crash of the machine.
     pub(crate) fn start() -> Self {
         Self::start_with(false)
     }
 
-    /// Starts a server, one that waits for the disk when `durable`.
+    /// Starts a server; with `durable` it waits for the disk (`fsync`).
     pub(crate) fn start_with(durable: bool) -> Self {
         let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
         // Postgres refuses to run as root, and an ordinary user may not be able to read this directory.
@@ -59,12 +59,12 @@ impl Cluster {
         self.order("restart");
     }
 
-    /// Has the server stand still: connections stay and say nothing.
+    /// Suspends the server: connections stay open and get no answer.
     pub(crate) fn halt(&mut self) {
         self.order("halt");
     }
 
-    /// Has it go on.
+    /// Resumes the server.
     pub(crate) fn go_on(&mut self) {
         self.order("continue");
     }
@@ -89,7 +89,7 @@ impl Cluster {
     }
 }
 
-/// The address of a new empty database on the one server of this process.
+/// The address of a new empty database on the server that this process shares.
 pub(crate) async fn fresh_database() -> String {
     static CLUSTER: OnceLock<Cluster> = OnceLock::new();
     CLUSTER.get_or_init(Cluster::start).fresh_database().await
@@ -100,7 +100,7 @@ fn is_root() -> bool {
     output.stdout == b"0\n"
 }
 
-/// Where `initdb` and `postgres` are: Debian keeps them beside each other by version.
+/// Folder of `initdb` and `postgres`; Debian has one such folder per version.
 fn programs() -> PathBuf {
     let versions =
         std::fs::read_dir("/usr/lib/postgresql").into_iter().flatten().flatten().map(|v| v.path().join("bin"));

@@ -1,5 +1,5 @@
-# A private Postgres server, as an ordinary user, until standard input ends: then it stops and leaves nothing.
-# cluster.sh BIN PORT PASSWORD CERTIFICATE KEY
+# Runs a private Postgres server as an ordinary user until standard input ends; then it stops and removes its files.
+# Usage: cluster.sh BIN PORT PASSWORD CERTIFICATE KEY
 set -eu
 bin=$1 port=$2 password=$3 certificate=$4 key=$5
 umask 077
@@ -13,7 +13,7 @@ trap stop EXIT
 printf %s "$password" >"$dir/password"
 printf %s "$certificate" >"$dir/cert.pem"
 printf %s "$key" >"$dir/key.pem"
-# Another order of letters than by bytes, as a hospital's server may have.
+# A collation that does not sort by bytes, as a hospital's server may have.
 "$bin/initdb" -D "$dir/data" -U prosopon -A scram-sha-256 --pwfile="$dir/password" -E UTF8 --locale=C.UTF-8 \
     --locale-provider=icu --icu-locale=en-US --no-sync >"$dir/log" 2>&1 || { cat "$dir/log" >&2; exit 1; }
 while :; do
@@ -25,7 +25,7 @@ while :; do
         kill -0 "$server" 2>/dev/null || { cat "$dir/log" >&2; exit 1; }
         sleep 0.1
     done
-    # `restart` stops the server and starts it again on the same port; between `halt` and `continue` it stands still.
+    # Commands: `restart` stops the server and starts it on the same port; `halt` suspends it and `continue` resumes it.
     while read -r command || exit 0; do
         case $command in
         halt) kill -STOP "$server" $(cat "/proc/$server/task/$server/children") && echo ready ;;

@@ -34,7 +34,7 @@ fn blobs(data: &Path) -> Vec<String> {
         .collect()
 }
 
-/// After a kill between two steps and during an upload, finished data remain, unfinished data are gone, and the job ends the same.
+/// A kill between two steps and during an upload keeps finished data and drops unfinished data; the job ends the same.
 #[test]
 fn a_solve_that_was_killed_keeps_its_steps_and_runs_again() {
     let directory = tempfile::tempdir().unwrap();

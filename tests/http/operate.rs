@@ -94,7 +94,10 @@ fn addresses_of_other_places_are_checked_and_printed_without_passwords() {
     assert!(printed.contains(expected), "{printed}");
     let (fine, told) = check("mysql://anna:secret@db.example/plans", "plans", "http://127.0.0.1:1");
     assert!(!fine && !told.contains("secret"), "{told}");
-    assert!(told.contains("database: is no address") && told.contains("blobs: `plans` is no address"), "{told}");
+    assert!(
+        told.contains("database: is not an address") && told.contains("blobs: `plans` is not an address"),
+        "{told}"
+    );
     assert!(told.contains("(command line)") && !told.contains(".rs"), "{told}");
     let database = ["--data", "d", "--database", "postgres://db.example/plans"];
     for role in [&["worker"][..], &["serve", "--no-worker"]] {
@@ -106,7 +109,7 @@ fn addresses_of_other_places_are_checked_and_printed_without_passwords() {
         let database = ["--database", "mysql://anna:secret@db.example/plans"];
         let refused = prosopon(&[&[command], verify, &database].concat());
         let told = String::from_utf8(refused.stderr).unwrap();
-        assert!(!refused.status.success() && told.contains("is no address") && !told.contains("secret"), "{told}");
+        assert!(!refused.status.success() && told.contains("is not an address") && !told.contains("secret"), "{told}");
     }
 }
 

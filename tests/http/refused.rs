@@ -1,5 +1,6 @@
-//! User errors over a real socket with the real numerics: each gives a problem that names the error, and the service keeps
-//! running.
+//! User errors, over a real socket with the real numerics.
+//!
+//! Each gives a problem that names the error, and the service keeps running.
 
 use std::io::{Read, Write};
 use std::net::TcpStream;

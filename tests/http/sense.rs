@@ -13,8 +13,9 @@ fn forward_mm(server: &Server, session: &str, (osteotomy, jaw): &(Value, Value),
     server.get(&format!("/v1/jobs/{}/report", job["id"].as_str().unwrap())).ok()["regions"].clone()
 }
 
-/// Tied nodes pull as well as push, so a set-back moves the skin back: the lip by half to all of the bone's movement, distant
-/// regions not at all.
+/// Tied nodes pull as well as push, so a set-back moves the skin back.
+///
+/// The lip moves by half to all of the bone's movement, distant regions not at all.
 #[test]
 fn the_skin_follows_the_jaw_forward_and_back() {
     let directory = tempfile::tempdir().unwrap();

@@ -7,7 +7,7 @@ use prosopon_tissue::mesh::{Attachment, MixedMesh};
 
 const POISSON: f64 = 0.3;
 
-/// Unit square of `n` x `n` cells with alternating diagonals, inner nodes displaced by a share of the cell.
+/// Unit square of `n` x `n` cells with alternating diagonals; inner nodes are displaced by a share of the cell.
 fn plate(n: usize, distortion: f64) -> MixedMesh {
     let m = n + 1;
     let mut positions = Vec::new();

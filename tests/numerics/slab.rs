@@ -45,7 +45,7 @@ impl Slab {
         let mut prisms = Vec::new();
         for (i, j) in (0..self.cells * self.cells).map(|c| (c / self.cells, c % self.cells)) {
             for level in 0..self.layers {
-                // Kuhn's six tetrahedra: along three axes in every order.
+                // Kuhn's six tetrahedra: paths along the three axes in every order.
                 for axes in [[0, 1, 2], [1, 2, 0], [2, 0, 1], [1, 0, 2], [0, 2, 1], [2, 1, 0]] {
                     let mut at = [i, j, level];
                     let mut t = [id(at[0], at[1], at[2]); 4];

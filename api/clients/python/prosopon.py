@@ -1,4 +1,4 @@
-"""Client of the Prosopon API. Standard library only.
+"""Client of the Prosopon API; needs only the standard library.
 
     from prosopon import Client
     client = Client("http://127.0.0.1:8080")
@@ -6,7 +6,7 @@
     client.put_surface(session["id"], "skin", "skin.stl")
     job = client.wait(client.build_field(session["id"]))
 
-Coordinates are patient LPS in mm. Every refusal is raised as `Problem`.
+Coordinates are patient LPS in mm. Every error answer of the service raises `Problem`.
 """
 
 import http.client
@@ -23,7 +23,10 @@ _ENDED = ("succeeded", "failed", "cancelled")
 
 
 class Problem(Exception):
-    """An RFC 9457 problem. `kind` is the last part of its type; `document` has everything."""
+    """An error answer of the service, an RFC 9457 problem.
+
+    `status` is the HTTP status, `kind` the last part of the problem's type, and `document` the whole problem.
+    """
 
     def __init__(self, status, document):
         self.status = status
@@ -35,7 +38,7 @@ class Problem(Exception):
 
 
 class JobFailed(Exception):
-    """A job that ended otherwise than succeeded. `job` is how it stands."""
+    """A job that failed or was cancelled; `job` is its view."""
 
     def __init__(self, job):
         self.job = job
@@ -44,7 +47,11 @@ class JobFailed(Exception):
 
 
 class Client:
-    """One service. Each call opens a connection of its own, so a client may be shared by threads."""
+    """A client of one service. Each call opens its own connection, so threads may share a client.
+
+    `url` is `http://HOST:PORT` or `https://HOST:PORT`, `timeout_s` the timeout of a connection in seconds, and `token` an API key
+    or a token of an identity provider.
+    """
 
     def __init__(self, url, timeout_s=900.0, token=None):
         parts = urllib.parse.urlsplit(url)
@@ -63,13 +70,13 @@ class Client:
         return kind(self._host, self._port, timeout=timeout_s or self._timeout_s)
 
     def _open(self, method, path, body=None, headers=None):
-        """The connection and its response; raises Problem for an error."""
+        """Sends a request; returns the connection and the response. Raises `Problem` for an error answer."""
         connection = self._connection()
         try:
             try:
                 connection.request(method, self._base + path, body=body, headers=dict(self._authorization, **(headers or {})))
             except (BrokenPipeError, ConnectionResetError):
-                pass  # The service may have answered before the upload was through.
+                pass  # The service may have answered before the upload was complete.
             response = connection.getresponse()
             if response.status >= 400:
                 text = response.read()
@@ -84,7 +91,7 @@ class Client:
             raise
 
     def request(self, method, path, body=None, idempotency_key=None):
-        """Sends JSON and returns the answer's JSON (None when it has none)."""
+        """Sends a request with a JSON body; returns the JSON of the answer, or None if it has no body."""
         headers = {"Accept": "application/json"}
         data = None
         if body is not None:
@@ -103,7 +110,7 @@ class Client:
         return self.request("POST", path, body, idempotency_key or str(uuid.uuid4()))
 
     def upload(self, path, filename):
-        """Sends a file as it is, without reading it into memory."""
+        """Uploads a file unchanged, without reading it into memory; returns the JSON of the answer."""
         kind = _MEDIA_TYPES.get(os.path.splitext(filename)[1].lower(), "application/octet-stream")
         with open(filename, "rb") as file:
             length = os.fstat(file.fileno()).st_size
@@ -115,7 +122,7 @@ class Client:
                 connection.close()
 
     def download(self, path, filename):
-        """Writes an answer's body to a file; the file appears only when it is whole. Returns its media type."""
+        """Writes the body of an answer to a file, which appears only when it is complete. Returns its media type."""
         connection, response = self._open("GET", path)
         part = str(filename) + ".part"
         try:
@@ -144,7 +151,7 @@ class Client:
         return self.request("GET", "/v1/sessions/%s" % session)
 
     def sessions(self):
-        """All sessions, newest first."""
+        """Yields all sessions, newest first."""
         path = "/v1/sessions"
         while path:
             page = self.request("GET", path)
@@ -152,19 +159,19 @@ class Client:
             path = page.get("next")
 
     def delete_session(self, session, at_once=False):
-        """Deletes a session; `restore_session` brings it back for a day, unless it is deleted at once."""
+        """Deletes a session. Without `at_once`, `restore_session` can restore it for a limited time (default: a day)."""
         self.request("DELETE", "/v1/sessions/%s%s" % (session, "?at_once=true" if at_once else ""))
 
     def restore_session(self, session):
         return self.request("POST", "/v1/sessions/%s/restore" % session)
 
     def put_ct(self, session, filename, **levels):
-        """Uploads a CT and returns the import job. `skin_hu`, `bone_hu`, `max_error_mm` may be given."""
+        """Uploads a CT and returns the import job. Optional levels: `skin_hu`, `bone_hu` (HU) and `max_error_mm`."""
         query = "?" + urllib.parse.urlencode(levels) if levels else ""
         return self.upload("/v1/sessions/%s/ct%s" % (session, query), filename)
 
     def put_surface(self, session, part, filename):
-        """Uploads `skin`, `skull` or `target` and returns its report."""
+        """Uploads a surface as part `skin`, `skull` or `target` and returns its report."""
         return self.upload("/v1/sessions/%s/%s" % (session, part), filename)
 
     def put_landmarks(self, session, landmarks):
@@ -198,7 +205,7 @@ class Client:
     # ---- jobs ----
 
     def create_job(self, session, plan, idempotency_key=None, **options):
-        """Accepts a solve. Options: model, steps, outputs, reference_job, preset, attachment."""
+        """Starts a solve and returns its job. Options: model, steps, outputs, reference_job, preset, attachment."""
         return self._create("/v1/sessions/%s/jobs" % session, dict(options, plan=plan), idempotency_key)
 
     def job(self, job, wait_s=0):
@@ -208,7 +215,7 @@ class Client:
         return self.request("POST", "/v1/jobs/%s/cancel" % job)
 
     def wait(self, job):
-        """Waits until a job (or its view) has ended. Returns its view, or raises JobFailed."""
+        """Waits until a job (its id or view) has ended. Returns its view; raises `JobFailed` if it did not succeed."""
         job = job["id"] if isinstance(job, dict) else job
         while True:
             view = self.job(job, wait_s=30)
@@ -218,7 +225,10 @@ class Client:
                 raise JobFailed(view)
 
     def events(self, job, last_event_id=0):
-        """Events of a job as they come, each {"id", "event", "data"}, up to its end. Reconnects where it broke off."""
+        """Yields the events of a job as they arrive, each {"id", "event", "data"}, up to its end.
+
+        When the connection breaks, reconnects and continues after the last event.
+        """
         while True:
             headers = {"Accept": "text/event-stream", "Last-Event-ID": str(last_event_id)}
             connection, response = self._open("GET", "/v1/jobs/%s/events" % job, None, headers)
@@ -247,15 +257,15 @@ class Client:
         return self.download("/v1/jobs/%s/steps/%d/skin?format=%s" % (job, step, format), filename)
 
     def frame(self, job, step):
-        """Raw bytes of a step's frame (api/frames.md)."""
+        """Raw bytes of the frame of a step (format: api/frames.md)."""
         return self.get_bytes("/v1/jobs/%s/steps/%d/frame" % (job, step))
 
     def topology(self, job):
-        """Raw bytes of the triangles of all frames (api/frames.md)."""
+        """Raw bytes of the triangles, which all frames share (format: api/frames.md)."""
         return self.get_bytes("/v1/jobs/%s/topology" % job)
 
     def compare(self, prediction, reference, **options):
-        """The error map; waits for it when it takes long."""
+        """Compares two surfaces and returns the error map; waits when the service computes it as a job."""
         found = self.request("POST", "/v1/compare", dict(options, prediction=prediction, reference=reference))
         if "links" not in found:
             return found
@@ -269,7 +279,7 @@ def _given(**members):
 
 
 def _server_sent_events(response):
-    """Events of a stream; an event that breaks off is not handed out."""
+    """Yields the complete events of a stream; an event cut off at its end is dropped."""
     event = {}
     for line in response:
         line = line.decode("utf-8").rstrip("\r\n")

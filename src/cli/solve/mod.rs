@@ -1,4 +1,4 @@
-//! `prosopon solve`: a scene without a server.
+//! `prosopon solve`: solves a scene without a server.
 
 mod scene_file;
 
@@ -24,25 +24,25 @@ use scene_file::SceneFile;
 /// Arguments of `prosopon solve`.
 #[derive(Debug, Args)]
 pub(super) struct SolveArguments {
-    /// The scene, JSON. Files that it names are looked for in its folder.
+    /// The scene, JSON; paths in it are relative to its folder.
     scene: PathBuf,
-    /// The solved mesh goes here, VTU.
+    /// VTU file to write the solved mesh to.
     #[arg(long)]
     out: PathBuf,
 }
 
-/// The last line on stdout.
+/// The last line on stdout, JSON.
 #[derive(Debug, Serialize)]
 struct Summary {
     converged: bool,
-    /// How the path ended: `stopped` before its end, or as its last step did; null when no step was reached.
+    /// `stopped` when the path was not finished, else the outcome of the last step; null when no step was reached.
     outcome: Option<&'static str>,
     solve_wall_s: f64,
     total_wall_s: f64,
     peak_mb: Option<f64>,
     newton_iterations: usize,
     unknowns: usize,
-    /// Over all points of the boundary, deeper than at rest.
+    /// Largest penetration of all boundary points into bone, measured from that at rest.
     max_penetration_mm: f64,
     /// Smallest det F at the last step.
     min_det_f: Option<f64>,
@@ -58,27 +58,27 @@ struct NoResult<'a> {
     error: &'a str,
 }
 
-/// Why a result that was written is not to be relied on.
+/// Why a written result is unreliable.
 #[derive(Debug, thiserror::Error)]
 enum Unfinished {
     /// The path was not finished.
     #[error(transparent)]
     Stopped(#[from] SolveError),
-    /// Forces balance at its end, but no more.
-    #[error("the path was finished, but its end is not to be relied on: {0}")]
+    /// Forces balance at the end of the path, but the result is unreliable.
+    #[error("the path was finished, but its last step is unreliable: {0}")]
     NotToRelyOn(String),
 }
 
 pub(super) fn run(arguments: &SolveArguments) -> CommandResult {
     let failure = solve(arguments).inspect_err(|error| {
         let line = serde_json::to_string(&NoResult { converged: false, error: &prosopon_session::chain(&**error) });
-        // The exit status and stderr tell it too.
+        // A failure to print is ignored: exit status and stderr report the error too.
         let _ = writeln!(std::io::stdout(), "{}", line.unwrap_or_default());
     })?;
     failure.map_or(Ok(()), |failure| Err(failure.into()))
 }
 
-/// Solves, writes the result and the summary; why it is not to be relied on.
+/// Solves, and writes the result and the summary; returns why the result is unreliable, if it is.
 fn solve(arguments: &SolveArguments) -> Result<Option<Unfinished>, Box<dyn std::error::Error>> {
     let begin = Instant::now();
     let described = SceneFile::read(&arguments.scene)?;
@@ -93,7 +93,7 @@ fn solve(arguments: &SolveArguments) -> Result<Option<Unfinished>, Box<dyn std::
     let (done, finished) = mpsc::channel();
     {
         let (path, control, reached) = (arguments.scene.clone(), control.clone(), Arc::clone(&reached));
-        // Left alone when it does not end in time: a factorisation takes as long as it takes.
+        // Not joined: a factorisation cannot be interrupted, so the thread may not end in time.
         std::thread::spawn(move || drop(done.send(work(&described, &path, &control, &reached))));
     }
     let solved = loop {
@@ -135,12 +135,12 @@ fn solve(arguments: &SolveArguments) -> Result<Option<Unfinished>, Box<dyn std::
     Ok(unfinished)
 }
 
-/// How often signals are looked for.
+/// Interval between two checks for a signal.
 const LOOK_FOR_SIGNALS: Duration = Duration::from_millis(50);
-/// How long the solver may take to stop before what it had reached is written without it.
+/// Time that the solver has to stop; after it, the last finished step is written.
 const TIME_TO_STOP: Duration = Duration::from_millis(1500);
 
-/// What is written and told.
+/// Solved mesh and the numbers of the summary.
 struct Solved {
     mesh: VolumeMesh,
     steps: Vec<StepReport>,
@@ -152,7 +152,7 @@ struct Solved {
     failure: Option<SolveError>,
 }
 
-/// Loads and solves the scene; `reached` has the last step that is done.
+/// Loads and solves the scene; `reached` always holds the last finished step.
 fn work(
     described: &SceneFile,
     path: &Path,
@@ -193,16 +193,16 @@ fn moved(scene: &Scene, positions: &[Point]) -> Vec<Vector> {
     positions.iter().zip(&scene.ready.mesh.positions).map(|(x, rest)| x - rest).collect()
 }
 
-/// What was reached when the solver did not stop in time.
+/// The last finished step, for a solver that did not stop in time.
 fn given_up(reached: Option<Solved>) -> Result<Solved, SolveError> {
     let mut solved = reached.ok_or(SolveError::Cancelled(Cancelled))?;
     solved
         .warnings
-        .push("the solver did not stop in time: the file has displacements of the last step, no stresses".to_owned());
+        .push("the solver did not stop in time: the file has the last step's displacements, no stresses".to_owned());
     Ok(solved)
 }
 
-/// Calls `stop` when a signal asks to.
+/// Calls `stop` on SIGINT or SIGTERM.
 fn on_signal(stop: impl FnOnce() + Send + 'static) -> std::io::Result<()> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let signal = {
@@ -216,8 +216,9 @@ fn on_signal(stop: impl FnOnce() + Send + 'static) -> std::io::Result<()> {
     Ok(())
 }
 
-/// A file that is there whole or not at all: written beside its place, then moved there. A place that cannot be written to is
-/// refused before the work.
+/// An output file that is written completely or not at all.
+///
+/// It is written as `NAME.part` and then renamed. A path that cannot be written to is refused before the work starts.
 struct Output<'a> {
     path: &'a Path,
     part: PathBuf,
@@ -249,7 +250,7 @@ impl<'a> Output<'a> {
 
 impl Drop for Output<'_> {
     fn drop(&mut self) {
-        // Gone already after a success.
+        // After a success the file no longer exists.
         let _ = std::fs::remove_file(&self.part);
     }
 }

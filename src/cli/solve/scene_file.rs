@@ -1,4 +1,4 @@
-//! The JSON of a scene.
+//! The JSON file of a scene.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -22,27 +22,27 @@ use prosopon_tissue::fem::SolveSettings;
 use prosopon_tissue::fem::material::Materials;
 use prosopon_tissue::mesh::{Attachment, Tissue};
 
-/// Most steps of a path.
+/// Largest number of steps of a path.
 const MAX_STEPS: usize = 10_000;
 
-/// Why a scene cannot be solved, with the place in the file.
+/// Why a scene cannot be solved.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum SceneError {
     /// A file cannot be read.
     #[error("cannot read {}", path.display())]
     File { path: PathBuf, source: std::io::Error },
-    /// The scene is no JSON, or not as expected.
+    /// The scene is not JSON or does not have the expected members.
     #[error("{}: {detail}", path.display())]
     Json { path: PathBuf, detail: String },
-    /// A value is not allowed.
-    #[error("the scene's {place}: {detail}")]
+    /// A value is not allowed; `place` is its JSON pointer.
+    #[error("scene {place}: {detail}")]
     Value { place: String, detail: String },
-    /// The mesh or a bone.
+    /// The mesh or a bone is not usable.
     #[error("{}: {detail}", path.display())]
     Input { path: PathBuf, detail: String },
 }
 
-/// A preset by name, or a law for each tissue.
+/// Materials: a preset by name, or a law for each tissue.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(
     untagged,
@@ -53,7 +53,7 @@ enum MaterialsWord {
     Laws(BTreeMap<String, serde_json::Value>),
 }
 
-/// Motion of a segment from rest: the rotation about its pivot (the origin when absent), then the translation.
+/// Motion of a segment from rest: rotation about a pivot (default: the origin), then translation.
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct MotionWord {
@@ -63,7 +63,7 @@ struct MotionWord {
     rotation: Option<RotationRequest>,
 }
 
-/// A scene as its file has it.
+/// A scene as it is in the file.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct SceneFile {
@@ -88,13 +88,13 @@ pub(super) struct SceneFile {
     /// Residual force over reaction force at which a step is in equilibrium.
     #[serde(default)]
     relative_residual: Option<f64>,
-    /// Penetration that is left at most.
+    /// Largest remaining penetration.
     #[serde(default)]
     penetration_tolerance_mm: Option<f64>,
-    /// What is done where a material loses ellipticity.
+    /// Treatment of a material that loses ellipticity.
     #[serde(default)]
     unstable_material: UnstableMaterialName,
-    /// Factor on the contact's own stiffness.
+    /// Factor on the default contact stiffness.
     #[serde(default)]
     contact_stiffness_factor: Option<f64>,
     /// Spacing of the bones' distance fields.
@@ -121,19 +121,19 @@ impl SceneFile {
         strict_json(&bytes).map_err(|e| SceneError::Json { path: path.to_owned(), detail: e.to_string() })
     }
 
-    /// The files that it is made of, itself first.
+    /// All input files: the scene, the mesh and the bones.
     pub(super) fn files(&self, scene: &Path) -> Vec<PathBuf> {
         let folder = scene.parent().unwrap_or(Path::new(""));
         let named = std::iter::once(&self.mesh).chain(self.bones.values()).map(|name| folder.join(name));
         std::iter::once(scene.to_owned()).chain(named).collect()
     }
 
-    /// Reads what it names and builds the scene; also the mesh as its file has it, and warnings.
+    /// Reads all named files and builds the scene; also returns the mesh as it is in its file, and warnings.
     pub(super) fn load(&self, scene: &Path) -> Result<(Scene, VolumeMesh, Vec<String>), SceneError> {
         let folder = scene.parent().unwrap_or(Path::new(""));
         let steps = self.steps.unwrap_or(1);
         if !(1..=MAX_STEPS).contains(&steps) {
-            return Err(value("/steps", format!("is {steps}, allowed is 1 to {MAX_STEPS}")));
+            return Err(value("/steps", format!("is {steps}; allowed are 1 to {MAX_STEPS}")));
         }
         let mut settings = self.settings()?;
         let plan = self.plan()?;
@@ -154,7 +154,7 @@ impl SceneFile {
         let positive = |name: &str, found: Option<f64>, default: f64, most: f64| match found {
             None => Ok(default),
             Some(x) if x > 0.0 && x <= most => Ok(x),
-            Some(x) => Err(value(format!("/{name}"), format!("is {x}, allowed is above 0 and at most {most}"))),
+            Some(x) => Err(value(format!("/{name}"), format!("is {x}; must be above 0 and at most {most}"))),
         };
         settings.relative_residual =
             positive("relative_residual", self.relative_residual, settings.relative_residual, 0.1)?;
@@ -176,7 +176,7 @@ impl SceneFile {
                 return Err(value(place, format!("segment {segment} is given twice")));
             }
             if segment == 0 {
-                return Err(value(place, "segment 0 is the skull that stays"));
+                return Err(value(place, "segment 0 is the fixed skull and cannot move"));
             }
             let motion = segment_motion(&place, word.translation_mm, word.rotation.as_ref())
                 .map_err(|faults| value("values", faults.to_string()))?;
@@ -186,7 +186,7 @@ impl SceneFile {
         Ok(Plan { paths })
     }
 
-    /// A material for every tissue of the mesh; tissues that it does not have get any.
+    /// A material for every tissue of the mesh; tissues that the mesh does not have get a default material.
     fn materials(&self, ready: &ReadyMesh) -> Result<Materials, SceneError> {
         let reading = self.d1_reading.unwrap_or_default();
         let preset = match &self.materials {
@@ -195,7 +195,7 @@ impl SceneFile {
             Some(MaterialsWord::Laws(_)) => None,
         };
         if self.d1_reading.is_some() && preset != Some(PresetName::Wang2009) {
-            return Err(value("/d1_reading", "has a meaning for the preset wang2009 only"));
+            return Err(value("/d1_reading", "applies only to the preset wang2009: remove it or use that preset"));
         }
         let laws = match &self.materials {
             Some(MaterialsWord::Laws(laws)) => laws,
@@ -204,7 +204,7 @@ impl SceneFile {
         const NAMES: [(&str, Tissue); 4] =
             [("skin", Tissue::Skin), ("muscle", Tissue::Muscle), ("fat", Tissue::Fat), ("mucosa", Tissue::Mucosa)];
         if let Some(unknown) = laws.keys().find(|key| NAMES.iter().all(|(name, _)| name != key)) {
-            return Err(value(format!("/materials/{unknown}"), "is no tissue; there are skin, muscle, fat and mucosa"));
+            return Err(value(format!("/materials/{unknown}"), "is not a tissue: use skin, muscle, fat or mucosa"));
         }
         let mesh = &ready.mesh;
         let prisms = (0..mesh.prisms.len()).map(|p| mesh.tissue_of_prism(p));
@@ -232,7 +232,7 @@ impl SceneFile {
         let spacing_mm = match self.field_spacing_mm {
             None => defaults.field.spacing_mm,
             Some(x) if (0.05..=10.0).contains(&x) => x,
-            Some(x) => return Err(value("/field_spacing_mm", format!("is {x}, allowed is 0.05 to 10"))),
+            Some(x) => return Err(value("/field_spacing_mm", format!("is {x} mm; allowed are 0.05 to 10 mm"))),
         };
         let settings = MethodSettings { field: FieldSettings { spacing_mm, ..defaults.field }, ..defaults };
         let mut bones = Vec::new();
@@ -242,7 +242,7 @@ impl SceneFile {
             let bytes = read(&path)?;
             let format = detect_surface(&bytes).ok_or_else(|| SceneError::Input {
                 path: path.clone(),
-                detail: "no STL, PLY or OBJ file".to_owned(),
+                detail: "unknown surface format: use STL, PLY or OBJ".to_owned(),
             })?;
             let (mesh, found) = surface(&bytes, format, &Limits::default()).map_err(|e| input(&path, &e))?;
             warnings.extend(found.into_iter().map(|w| format!("bone {segment}: {w}")));
@@ -254,13 +254,13 @@ impl SceneFile {
         Ok(bones)
     }
 
-    /// A motion for a segment that the scene does not have is a mistake.
+    /// Refuses a motion of a segment that is neither attached to the mesh nor a bone.
     fn check_segments(plan: &Plan, ready: &ReadyMesh, bones: &[(u32, Arc<SignedField>)]) -> Result<(), SceneError> {
         for path in &plan.paths {
             let segment = path.segment();
             let tied = ready.mesh.attachment.contains(&Attachment::Tied(segment));
             if !tied && bones.iter().all(|(s, _)| *s != segment) {
-                let detail = "no point of the mesh is attached to this segment, and it has no bone";
+                let detail = "no point of the mesh is attached to this segment, and it has no surface in /bones";
                 return Err(value(format!("/segments/{segment}"), detail));
             }
         }
@@ -269,5 +269,5 @@ impl SceneFile {
 }
 
 fn segment_number(list: &str, key: &str) -> Result<u32, SceneError> {
-    key.parse().map_err(|_| value(format!("/{list}/{key}"), "is no segment number"))
+    key.parse().map_err(|_| value(format!("/{list}/{key}"), "is not a segment number"))
 }

@@ -1,9 +1,9 @@
-//! The operations of `prosopon bench operations`: which templates cut, and how each segment moves.
+//! The operations of `prosopon bench operations`: templates of the cuts and motions of the segments.
 
 use prosopon_geometry::{Motion, Point, Vector};
 use prosopon_planning::plan::Template;
 
-/// An operation on any head.
+/// An operation that can be applied to any head.
 pub(super) struct Operation {
     pub(super) name: String,
     pub(super) templates: Vec<Template>,
@@ -12,26 +12,26 @@ pub(super) struct Operation {
     pub(super) steps: usize,
 }
 
-/// How one segment moves.
+/// Motion of one segment.
 #[derive(Clone)]
 pub(super) struct Move {
-    /// The segment's suggested name.
+    /// Suggested name of the segment.
     pub(super) segment: &'static str,
-    /// To the patient's left, back and up, mm.
+    /// Translation to the patient's left, back and up (LPS), mm.
     pub(super) shift_mm: [f64; 3],
-    /// Turn about this axis, degrees.
+    /// Rotation axis and angle, degrees.
     pub(super) turn: (Vector, f64),
     pub(super) about: Pivot,
 }
 
-/// What a segment turns about.
+/// Pivot of a segment's rotation.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Pivot {
-    /// Its centre of mass.
+    /// Centre of mass of the segment.
     Centre,
-    /// The condyle of its side.
+    /// Condyle on the side of the segment.
     Condyle,
-    /// The axis through both condyles, whatever axis the turn names.
+    /// Axis through both condyles, which replaces the axis of the rotation.
     Hinge,
 }
 
@@ -48,7 +48,7 @@ impl Move {
         Self { about: Pivot::Condyle, ..Self::shift(segment, [0.0; 3]) }.turned(axis, degrees)
     }
 
-    /// The motion from rest: a turn about `pivot`, then the shift.
+    /// The motion from rest: a rotation about `pivot`, then the translation.
     pub(super) fn motion(&self, pivot: &Point) -> Motion {
         let (axis, degrees) = self.turn;
         let turn = nalgebra::UnitQuaternion::new(axis.normalize() * degrees.to_radians());
@@ -60,14 +60,14 @@ impl Move {
 const MAXILLA: &str = "maxilla";
 const DISTAL: &str = "mandible_distal";
 const RAMUS: [&str; 2] = ["mandible_proximal_left", "mandible_proximal_right"];
-/// A ramus turns upward and inward about its condyle to meet the moved jaw.
+/// Axes about which the left and right ramus turn upward and inward about their condyles, to meet the moved jaw.
 const RAMUS_AXES: [[f64; 3]; 2] = [[1.0, 0.0, 0.7], [1.0, 0.0, -0.7]];
-/// The usual number of streamed steps.
+/// Default number of streamed steps.
 const STEPS: usize = 6;
 const BSSO: [Template; 2] = [Template::BssoLeft, Template::BssoRight];
 const BOTH_JAWS: [Template; 3] = [Template::LeFort1, Template::BssoLeft, Template::BssoRight];
 
-/// All forty.
+/// All forty operations.
 pub(super) fn all() -> Vec<Operation> {
     let mut all = upper_jaw();
     all.extend(chin());
@@ -139,7 +139,9 @@ fn lower_jaw() -> Vec<Operation> {
     ]
 }
 
-/// Three are of real patients: motions of maxilla, of the distal mandible and of both rami, with and without the rami.
+/// Operations on both jaws.
+///
+/// Three have the motions of real patients (maxilla, distal mandible and both rami), each with and without the rami.
 fn both_jaws() -> Vec<Operation> {
     let turn_axis = [0.8, 0.2, 0.5];
     let real = [

@@ -1,4 +1,4 @@
-//! Forty operations on several heads: how many end in an equilibrium to rely on, and how long they take.
+//! Forty operations on several heads: share of reliable solves and time of each solve.
 
 mod catalogue;
 mod picture;
@@ -27,36 +27,36 @@ use prosopon_planning::simulate::{
 use prosopon_tissue::fem::PhaseTimes;
 use prosopon_tissue::mesh::MeshSettings;
 
-/// Goals: share of solves that end in an equilibrium to rely on, slowest and median wall time of a solve, s.
+/// Goals: least share of reliable solves, longest and median wall time of a solve, s.
 const GOALS: (f64, f64, f64) = (0.97, 60.0, 10.0);
 
-/// The study.
+/// Solves forty operations on several heads and measures reliability and time.
 #[derive(Debug)]
 pub struct OperationStudy<'a> {
     /// The heads.
     pub heads: &'a [HeadSource],
     /// The models: `model:locking:edge`.
     pub cases: &'a [ModelCase],
-    /// Operations whose name has this in it, alone.
+    /// Run only operations whose name contains this text.
     pub only: Option<&'a str>,
-    /// A solve is given up after this long, s.
+    /// Time limit of a solve, s.
     pub limit_s: f64,
-    /// Rows go here, the picture beside it.
+    /// CSV file to write; the chart has the same name with `.svg`.
     pub csv: &'a Path,
 }
 
-/// How an operation ended.
+/// Result of an operation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum End {
-    /// In an equilibrium to rely on.
+    /// Finished in a reliable equilibrium.
     Relied,
-    /// Refused by name, with what to do.
+    /// Refused before the solve, with a named error and a remedy.
     Refused,
-    /// Finished, and says itself that it is not to be relied on.
+    /// Finished, but the solver reports the result as unreliable.
     Doubtful,
-    /// The solver gave up.
+    /// The solver did not find an equilibrium.
     Failed,
-    /// Not done within the limit.
+    /// Not finished within the time limit.
     Overdue,
 }
 
@@ -72,17 +72,17 @@ impl End {
     }
 }
 
-/// One operation on one head with one model.
+/// Result of one operation on one head with one model.
 struct Row {
     head: String,
     operation: String,
     case: String,
     end: End,
     detail: String,
-    /// Cut, fields of segments and mesh, s; shared by operations with the same cuts.
+    /// Time for the cut, the fields of the segments and the mesh, s; shared by operations with the same cuts.
     prepare_s: f64,
     solve_s: f64,
-    /// When each step was there, s.
+    /// Time from the start of the solve to each step, s.
     steps_s: Vec<f64>,
     steps: usize,
     newton: usize,
@@ -123,7 +123,7 @@ impl Row {
     }
 }
 
-/// Bone in pieces and the tissue around it.
+/// The cut bone and the tissue around it.
 struct Scene {
     bone: CutBone,
     tissue: TissueModel,
@@ -131,10 +131,10 @@ struct Scene {
 }
 
 impl OperationStudy<'_> {
-    /// Cuts, solves, prints a line each and writes rows and picture. Whether the goals are met.
+    /// Runs the study, prints a line per operation and writes the rows and the chart; returns whether the goals are met.
     ///
     /// # Errors
-    /// [`BenchError`]; what an operation is refused for is a result.
+    /// [`BenchError`]; a refused operation is a result.
     pub fn run(&self, out: &mut dyn Write) -> Result<bool, BenchError> {
         refuse_unwritable(self.csv)?;
         let mut rows: Vec<Row> = Vec::new();
@@ -149,7 +149,7 @@ impl OperationStudy<'_> {
                 }
                 for case in self.cases {
                     let key = (operation.templates.clone(), case.edge_mm.to_bits());
-                    // One set of cuts at a time: a mesh with its fields takes 100 MB.
+                    // Only one set of cuts is kept: a mesh with its fields takes 100 MB.
                     if !scenes.contains_key(&key) {
                         scenes.clear();
                     }
@@ -214,7 +214,7 @@ impl OperationStudy<'_> {
         let warnings: Vec<&String> = of_cuts.chain(reports.iter().flat_map(|r| &r.warnings)).collect();
         row.warnings = warnings.iter().map(|w| w.as_str()).collect::<Vec<_>>().join(" | ");
         let doubt = reports.iter().rev().find_map(|r| r.outcome.fault());
-        let unreliable = warnings.iter().find(|w| w.contains("not to be relied on")).map(|w| w.as_str().to_owned());
+        let unreliable = warnings.iter().find(|w| w.contains("is unreliable")).map(|w| w.as_str().to_owned());
         (row.end, row.detail) = match outcome {
             Err(_) if control.is_overdue() => {
                 (End::Overdue, format!("{:.0} % of the path after {:.0} s", 100.0 * control.progress(), row.solve_s))
@@ -237,7 +237,7 @@ impl OperationStudy<'_> {
             let mut times: Vec<f64> = own.iter().filter(|r| r.end != End::Refused).map(|r| r.solve_s).collect();
             times.sort_by(f64::total_cmp);
             let (Some(slowest), Some(median)) = (times.last().copied(), times.get(times.len() / 2).copied()) else {
-                writeln!(out, "{}: nothing could be cut", case.word())?;
+                writeln!(out, "{}: every operation was refused", case.word())?;
                 met = false;
                 continue;
             };
@@ -245,8 +245,8 @@ impl OperationStudy<'_> {
             let peak = own.iter().filter_map(|r| r.peak_mb).fold(0.0, f64::max);
             writeln!(
                 out,
-                "{}: {} operations, {} refused; of {tried} solves {} to rely on ({:.1} %), {} doubtful, {} failed, {} overdue; median {median:.1} s, \
-                 slowest {slowest:.1} s, at most {peak:.0} MB",
+                "{}: {} operations, {} refused; of {tried} solves {} reliable ({:.1} %), {} unreliable, {} failed, \
+                 {} over the time limit; median {median:.1} s, slowest {slowest:.1} s, peak memory {peak:.0} MB",
                 case.word(),
                 own.len(),
                 of(End::Refused),
@@ -262,7 +262,7 @@ impl OperationStudy<'_> {
     }
 }
 
-/// Cuts and mesh; why not, in words.
+/// Cuts the bone and builds the mesh; the error is the reason in words.
 fn scene(head: &Head, fields: &Fields, templates: &[Template], edge_mm: f64) -> Result<Scene, String> {
     let begin = Instant::now();
     let control = Control::new();
@@ -282,14 +282,14 @@ fn scene(head: &Head, fields: &Fields, templates: &[Template], edge_mm: f64) -> 
     Ok(Scene { bone, tissue, prepare_s: begin.elapsed().as_secs_f64() })
 }
 
-/// The paths of all segments that the operation moves; why not, in words.
+/// The paths of all segments that the operation moves; the error is the reason in words.
 fn plan(bone: &CutBone, moves: &[Move], landmarks: &Landmarks) -> Result<Plan, String> {
     let segments = &bone.osteotomy.segments;
     let path = |m: &Move| {
         let named = |s: &&Segment| s.name.as_deref() == Some(m.segment);
         let segment = segments.iter().find(named).ok_or_else(|| {
             let names: Vec<&str> = segments.iter().map(|s| s.name.as_deref().unwrap_or("unnamed")).collect();
-            format!("the cuts leave no segment {}, but {}", m.segment, names.join(", "))
+            format!("the cuts leave no segment `{}`: there are {}", m.segment, names.join(", "))
         })?;
         let motion = motion(segment, m, landmarks)?;
         SegmentPath::new(segment.id, vec![(1.0, motion)]).map_err(|e| e.to_string())
@@ -300,7 +300,7 @@ fn plan(bone: &CutBone, moves: &[Move], landmarks: &Landmarks) -> Result<Plan, S
 fn motion(segment: &Segment, m: &Move, landmarks: &Landmarks) -> Result<Motion, String> {
     let condyle = |side: &str| {
         let name = format!("condylion_{side}");
-        landmarks.points.get(&name).copied().ok_or(format!("{name} is not known and was not found"))
+        landmarks.points.get(&name).copied().ok_or(format!("landmark {name} is neither given nor found: set it"))
     };
     match m.about {
         Pivot::Centre => Ok(m.motion(&segment.centroid)),

@@ -1,4 +1,4 @@
-//! The picture of the operations' times.
+//! The chart of solve times.
 
 use plotters::coord::combinators::{BindKeyPoints, IntoLogRange};
 use plotters::prelude::*;
@@ -18,7 +18,7 @@ fn color(end: End) -> RGBColor {
     }
 }
 
-/// One line an operation, one mark a head and model: the time of its solve, coloured by how it ended.
+/// Draws the solve times: one line per operation, one mark per head and model, coloured by the result.
 pub(super) fn of_times(rows: &[Row]) -> Result<String, BenchError> {
     let mut svg = String::new();
     drawn(&mut svg, rows).map_err(|detail| BenchError::Chart { detail })?;
@@ -46,7 +46,7 @@ fn drawn(svg: &mut String, rows: &[Row]) -> Result<(), String> {
     let (low, high) = (0.5 * quickest, 1.5 * slowest);
     let seconds = [0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 60.0, 120.0, 300.0, 600.0].into_iter().filter(|t| *t < high);
     let mut chart = ChartBuilder::on(&root)
-        .caption("Time of a solve, one mark a head and model", ("sans-serif", 20))
+        .caption("Time of a solve, one mark per head and model", ("sans-serif", 20))
         .margin(16)
         .x_label_area_size(52)
         .y_label_area_size(220)
@@ -54,7 +54,7 @@ fn drawn(svg: &mut String, rows: &[Row]) -> Result<(), String> {
         .map_err(said)?;
     chart
         .configure_mesh()
-        .x_desc("wall time, s; the lines are the goals for the median and the slowest")
+        .x_desc("wall time, s; vertical lines: goals for the median and the slowest solve")
         .axis_desc_style(("sans-serif", 15))
         .label_style(("sans-serif", 13))
         .disable_y_mesh()
@@ -80,9 +80,9 @@ fn drawn(svg: &mut String, rows: &[Row]) -> Result<(), String> {
         chart.draw_series(refusals).map_err(said)?;
     }
     let legend = [
-        (End::Relied, "to rely on"),
-        (End::Doubtful, "says that it is not to be relied on"),
-        (End::Failed, "failed or not done in time"),
+        (End::Relied, "reliable"),
+        (End::Doubtful, "reported as unreliable"),
+        (End::Failed, "failed or over the time limit"),
         (End::Refused, "refused before the solve (cross at the left)"),
     ];
     let mut x = 230;

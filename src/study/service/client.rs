@@ -10,7 +10,7 @@ use crate::error::BenchError;
 /// Longest answer that is read, bytes.
 const MAX_ANSWER: u64 = 1 << 30;
 
-/// One front-end: its own connections, its own record of what it waited.
+/// A client with its own connections and its own record of latencies.
 #[derive(Debug)]
 pub(super) struct Client {
     agent: Agent,
@@ -28,7 +28,7 @@ impl Client {
         format!("{}{path}", self.base)
     }
 
-    /// Reads an answer whole; what is not 2xx is an error.
+    /// Sends a request, reads the whole answer and records the latency; a status other than 2xx is an error.
     fn timed(
         &mut self,
         kind: Kind,
@@ -65,19 +65,19 @@ impl Client {
         self.timed(kind, |agent| agent.put(url).header("content-type", "application/octet-stream").send(bytes))
     }
 
-    /// A session's path.
+    /// Creates a session and returns its path.
     pub(super) fn session(&mut self) -> Result<String, BenchError> {
         let made = self.post(Kind::Other, "/v1/sessions", &json!({}))?;
         Ok(format!("/v1/sessions/{}", made["id"].as_str().unwrap_or_default()))
     }
 
-    /// A job's path.
+    /// Posts a solve and returns the path of its job.
     pub(super) fn solve(&mut self, session: &str, body: &Value) -> Result<String, BenchError> {
         let job = self.post(Kind::Other, &format!("{session}/jobs"), body)?;
         Ok(format!("/v1/jobs/{}", job["id"].as_str().unwrap_or_default()))
     }
 
-    /// Waits for the end of a job: its status.
+    /// Waits for the end of a job and returns its status.
     pub(super) fn finish(&mut self, job: &str) -> Result<String, BenchError> {
         loop {
             let view = self.get(Kind::Other, &format!("{job}?wait_s=20"))?;
@@ -88,7 +88,7 @@ impl Client {
         }
     }
 
-    /// Follows a job to its end: how many events it told. A stream that breaks off before is an error.
+    /// Follows a job to its end and returns the number of events; a stream that ends earlier is an error.
     pub(super) fn follow(&mut self, job: &str) -> Result<usize, BenchError> {
         let begun = Instant::now();
         let request = self.agent.get(self.url(&format!("{job}/events"))).header("accept", "text/event-stream");
@@ -109,6 +109,6 @@ impl Client {
                 }
             }
         }
-        Err(self.latencies.error(Kind::Stream, &"it broke off before the end"))
+        Err(self.latencies.error(Kind::Stream, &"the stream ended before the job"))
     }
 }

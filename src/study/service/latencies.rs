@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use crate::error::BenchError;
 
-/// What was waited for.
+/// Kind of request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Kind {
     /// `GET` of a job.
@@ -17,12 +17,12 @@ pub(super) enum Kind {
     Upload,
     /// The first event of a stream.
     Stream,
-    /// What prepares the load; not told.
+    /// Requests that prepare the load; not reported.
     Other,
 }
 
 impl Kind {
-    /// Those that are told; the first two are the status reads.
+    /// The reported kinds; the first two are the status reads.
     pub(super) const TOLD: [Self; 5] = [Self::Job, Self::Session, Self::List, Self::Upload, Self::Stream];
 
     pub(super) fn name(self) -> &'static str {
@@ -48,7 +48,7 @@ struct Record {
 #[derive(Debug, Clone, Default)]
 pub(super) struct Latencies {
     kinds: BTreeMap<Kind, Record>,
-    /// What the first error said.
+    /// Message of the first error.
     pub(super) first_error: Option<String>,
 }
 
@@ -57,7 +57,7 @@ impl Latencies {
         self.kinds.entry(kind).or_default().ms.push(took.as_secs_f64() * 1e3);
     }
 
-    /// Counts an error: that error.
+    /// Counts an error and returns it.
     pub(super) fn error(&mut self, kind: Kind, what: &dyn Display) -> BenchError {
         self.kinds.entry(kind).or_default().errors += 1;
         let detail = what.to_string();
@@ -82,7 +82,7 @@ impl Latencies {
         self.kinds.get(&kind).map_or(0, |r| r.errors)
     }
 
-    /// Times of these kinds together, rising, ms.
+    /// Times of all these kinds, ascending, ms.
     pub(super) fn sorted_ms(&self, kinds: &[Kind]) -> Vec<f64> {
         let mut ms: Vec<f64> = kinds.iter().filter_map(|k| self.kinds.get(k)).flat_map(|r| r.ms.clone()).collect();
         ms.sort_by(f64::total_cmp);
@@ -90,7 +90,7 @@ impl Latencies {
     }
 }
 
-/// The time that a `share` of rising times does not exceed (nearest rank); 0 of none.
+/// Percentile of ascending times at `share` (0 to 1), by nearest rank; 0 when there are none.
 pub(super) fn percentile(sorted: &[f64], share: f64) -> f64 {
     let rank = (share * sorted.len() as f64).ceil().max(1.0) as usize;
     sorted.get(rank.min(sorted.len()).saturating_sub(1)).copied().unwrap_or(0.0)

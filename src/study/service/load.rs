@@ -10,7 +10,7 @@ use super::latencies::{Kind, Latencies};
 use super::scene::{Scene, skin};
 use crate::error::BenchError;
 
-/// Who does what at the same time, and for how long.
+/// Composition and duration of the load.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Load {
     pub(super) sessions: usize,
@@ -21,11 +21,11 @@ pub(super) struct Load {
     pub(super) seconds: f64,
     /// Pause of a poller between two reads.
     pub(super) pause: Duration,
-    /// Pause of an uploader.
+    /// Pause of an uploader between two uploads.
     pub(super) upload_pause: Duration,
 }
 
-/// What came of it.
+/// Result of the load.
 #[derive(Debug)]
 pub(super) struct Loaded {
     pub(super) latencies: Latencies,
@@ -34,7 +34,7 @@ pub(super) struct Loaded {
     pub(super) seconds: f64,
 }
 
-/// What all of them share.
+/// State shared by all threads.
 #[derive(Debug)]
 struct Shared {
     url: String,
@@ -50,7 +50,7 @@ impl Shared {
         self.stop.load(Ordering::Relaxed)
     }
 
-    /// Waits, unless it is over.
+    /// Waits for `duration` or until the load ends.
     fn pause(&self, duration: Duration) {
         let end = Instant::now() + duration;
         while !self.stopped() && Instant::now() < end {
@@ -106,7 +106,7 @@ impl Load {
             }
             shared.pause(Duration::from_secs_f64(self.seconds));
             shared.stop.store(true, Ordering::Relaxed);
-            // Their ends end the streams and the solvers' waits.
+            // Cancelling the jobs ends the event streams and the waits of the solvers.
             for solver in 0..self.solvers {
                 if let Some(job) = shared.job(solver) {
                     client.post(Kind::Other, &format!("{job}/cancel"), &json!({})).ok();
@@ -142,16 +142,16 @@ fn solver(shared: &Shared, solver: usize, session: &str, plan: &str) -> Latencie
     client.latencies
 }
 
-/// Mostly looks how a job stands, now and then at a session or the list, as a page does that is open.
+/// Reads the status of a job most of the time, and sometimes a session or the list, as an open page does.
 fn poller(shared: &Shared, poller: usize, sessions: &[String], pause: Duration) -> Latencies {
     let mut client = Client::new(&shared.url);
-    // Not all at the same moment.
+    // Stagger the pollers.
     shared.pause(pause.mul_f64(poller as f64 / 50.0));
     for round in 0.. {
         if shared.stopped() {
             break;
         }
-        // Errors are counted.
+        // The client counts errors.
         _ = match (round % 10, shared.job(poller)) {
             (9, _) if poller.is_multiple_of(5) => list(&mut client),
             (1 | 5, _) | (_, None) => {
@@ -164,7 +164,7 @@ fn poller(shared: &Shared, poller: usize, sessions: &[String], pause: Duration) 
     client.latencies
 }
 
-/// All sessions, page by page.
+/// Reads the list of all sessions, page by page.
 fn list(client: &mut Client) -> Result<(), BenchError> {
     let mut next = Some("/v1/sessions?limit=100".to_owned());
     while let Some(path) = next {

@@ -10,12 +10,12 @@ use crate::error::BenchError;
 
 /// Sessions that the jobs are spread over.
 const SESSIONS: usize = 10;
-/// Clients that each wait for their job.
+/// Clients at the same time; each waits for its job.
 const CLIENTS: usize = 4;
-/// Time between two looks at the memory.
+/// Interval between two samples of the memory.
 const SAMPLE_EVERY: Duration = Duration::from_millis(250);
 
-/// The memory at one moment.
+/// A sample of the server's memory.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Sample {
     pub(super) jobs: usize,
@@ -23,7 +23,7 @@ pub(super) struct Sample {
     pub(super) memory_mb: f64,
 }
 
-/// Solves `jobs` small scenes and looks at the server's memory meanwhile.
+/// Solves `jobs` small scenes and samples the memory of the server meanwhile.
 pub(super) fn run(server: &Server, jobs: usize) -> Result<(Vec<Sample>, Latencies), BenchError> {
     let mut client = Client::new(&server.url);
     let mut scenes = Vec::new();
@@ -68,7 +68,7 @@ pub(super) fn run(server: &Server, jobs: usize) -> Result<(Vec<Sample>, Latencie
     }))
 }
 
-/// What the memory does over the second half of the jobs.
+/// Memory of the server over the second half of the jobs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Plateau {
     /// Median over the third quarter, MB.
@@ -78,7 +78,7 @@ pub(super) struct Plateau {
 }
 
 impl Plateau {
-    /// `None` of fewer than one sample a quarter.
+    /// `None` when a quarter has no sample.
     pub(super) fn of(samples: &[Sample]) -> Option<Self> {
         let most = samples.last()?.jobs;
         let median = |from: usize, to: usize| {
@@ -90,7 +90,7 @@ impl Plateau {
         Some(Self { third_mb: median(2, 3)?, last_mb: median(3, 4)? })
     }
 
-    /// Growth from the third to the last quarter, as a share.
+    /// Relative growth from the third to the last quarter.
     pub(super) fn growth(&self) -> f64 {
         self.last_mb / self.third_mb - 1.0
     }

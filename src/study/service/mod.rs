@@ -1,4 +1,4 @@
-//! The service under load: a server as a program of its own, driven over HTTP as front-ends would.
+//! The service under load: a server in a separate process, driven over HTTP as front-ends do.
 
 mod client;
 mod latencies;

@@ -7,7 +7,7 @@ use crate::slab::Slab;
 use prosopon_formats::export::{stl, vtu};
 use prosopon_planning::phantom;
 
-/// A slab of fat under skin, whose middle a plan lifts.
+/// A slab of fat under skin; the plan lifts its middle.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Scene {
     /// Cells along x, y, z.
@@ -17,9 +17,9 @@ pub(super) struct Scene {
 }
 
 impl Scene {
-    /// Seconds on two threads.
+    /// Takes seconds on two threads.
     pub(super) const LARGE: Self = Self { cells: [40, 40, 6], model: "nonlinear", steps: 12 };
-    /// A fraction of a second.
+    /// Takes a fraction of a second.
     pub(super) const SMALL: Self = Self { cells: [6, 6, 2], model: "linear", steps: 1 };
 
     fn file(&self) -> Vec<u8> {
@@ -38,7 +38,7 @@ impl Scene {
         )
     }
 
-    /// A session with this tissue and a plan: its path and the plan's id.
+    /// Creates a session with this tissue and a plan; returns the session's path and the plan's id.
     pub(super) fn prepare(&self, client: &mut Client) -> Result<(String, String), BenchError> {
         let session = client.session()?;
         client.upload(Kind::Other, &format!("{session}/tissue"), &self.file())?;
@@ -48,13 +48,15 @@ impl Scene {
         Ok((session, plan["id"].as_str().unwrap_or_default().to_owned()))
     }
 
-    /// A solve; each number makes another one, which is not answered by its twin.
+    /// Body of a solve.
+    ///
+    /// Each `number` gives a different body, so that the service computes the job instead of reusing the result of an equal one.
     pub(super) fn solve(&self, plan: &str, number: usize) -> Value {
         json!({
             "plan": plan,
             "model": self.model,
             "steps": self.steps,
-            // Nothing touches here: the result is the same.
+            // The scene has no contact, so this tolerance does not change the result.
             "penetration_tolerance_mm": 0.05 + 1e-6 * number as f64,
         })
     }

@@ -5,7 +5,7 @@ use std::process::{Child, Command, Stdio};
 use crate::error::BenchError;
 use crate::process::memory_of_mb;
 
-/// The server that is measured.
+/// The measured server.
 #[derive(Debug)]
 pub(super) struct Server {
     pub(super) url: String,
@@ -15,7 +15,7 @@ pub(super) struct Server {
 }
 
 impl Server {
-    /// Starts this program's `serve` on a free port, with a data directory and a cache of so many MB.
+    /// Starts this program's `serve` on a free port, with a data directory and a cache of `cache_mb` MB.
     pub(super) fn start(data: &Path, parallel_jobs: usize, cache_mb: u64) -> Result<Self, BenchError> {
         let program = std::env::current_exe().map_err(|e| failed(&e))?;
         let mut command = Command::new(program);
@@ -29,13 +29,13 @@ impl Server {
             BufReader::new(out).read_line(&mut line).map_err(|e| failed(&e))?;
         }
         let url = line.trim().strip_prefix("listening on ").map(str::to_owned);
-        // Owned before anything fails, so that it is ended.
+        // The server owns the process before anything can fail, so that the process is always killed.
         let mut server = Self { url: String::new(), pid: Some(child.id()), child: Some(child) };
-        server.url = url.ok_or_else(|| failed(&format!("it did not say where it listens but {line:?}")))?;
+        server.url = url.ok_or_else(|| failed(&format!("expected `listening on URL` on stdout, found {line:?}")))?;
         Ok(server)
     }
 
-    /// One that runs already; with its process id its memory is sampled.
+    /// Uses a running server; its memory is sampled when the process id is given.
     pub(super) fn at(url: &str, pid: Option<u32>) -> Self {
         Self { url: url.trim_end_matches('/').to_owned(), pid, child: None }
     }

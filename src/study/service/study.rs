@@ -12,31 +12,31 @@ use crate::chart::{self, Curve, Labels};
 use crate::error::{BenchError, write};
 use crate::files::{Scratch, refuse_unwritable};
 
-/// What status reads may take, ms.
+/// Goal for the 99th percentile of status reads, ms.
 const GOAL_MS: f64 = 50.0;
-/// What the memory may grow by from the third to the last quarter of the small jobs, as a share.
+/// Goal for the relative growth of memory from the third to the last quarter of the small jobs.
 const GOAL_GROWTH: f64 = 0.05;
-/// Memory for what jobs leave in the server's cache: small, so that the jobs fill it early on.
+/// Size of the server's cache, MB: small, so that the jobs fill it early.
 const CACHE_MB: u64 = 64;
 
-/// Loads a server and looks what status reads take, whether anything fails and what its memory does.
+/// Loads a server and measures the latency of status reads, the number of errors and the memory of the server.
 #[derive(Debug)]
 pub struct ServiceStudy<'a> {
-    /// Where the rows go; the charts and the memory's rows lie beside it.
+    /// CSV file to write; the charts and the memory samples have the same name with other extensions.
     pub csv: &'a Path,
-    /// A server that runs already; else one is started for each part.
+    /// URL of a running server; without it, one is started for each part.
     pub url: Option<&'a str>,
-    /// Process of that server, for its memory.
+    /// Process id of that server, to sample its memory.
     pub pid: Option<u32>,
-    /// How long the load lasts, s.
+    /// Duration of the load, s.
     pub seconds: f64,
-    /// Small jobs after it; with 0 the memory is not looked at.
+    /// Number of small jobs after the load; with 0 the memory is not measured.
     pub jobs: usize,
-    /// Clients that read how things stand.
+    /// Clients that read the status of jobs and sessions.
     pub pollers: usize,
     /// Clients that follow the events of jobs.
     pub followers: usize,
-    /// Sessions that are listed.
+    /// Number of sessions.
     pub sessions: usize,
     /// Solves at the same time.
     pub solvers: usize,
@@ -45,7 +45,7 @@ pub struct ServiceStudy<'a> {
 }
 
 impl ServiceStudy<'_> {
-    /// Runs the study; prints to `out`. False when a goal is missed.
+    /// Runs the study and prints to `out`; returns whether all goals are met.
     ///
     /// # Errors
     /// [`BenchError`].
@@ -127,7 +127,7 @@ impl ServiceStudy<'_> {
         let wall_s = samples.last().map_or(0.0, |s| s.wall_s);
         writeln!(out, "{} small jobs in {wall_s:.0} s, {} errors", self.jobs, told.errors())?;
         let Some(plateau) = Plateau::of(samples) else {
-            writeln!(out, "no memory was seen: name the server's process with --pid")?;
+            writeln!(out, "the memory of the server is unknown: give its process id with --pid")?;
             return Ok(self.url.is_some());
         };
         let growth = plateau.growth();
@@ -143,7 +143,7 @@ impl ServiceStudy<'_> {
     }
 }
 
-/// How long the slowest one in so many takes.
+/// Chart of the time that one request in N exceeds.
 fn latency_chart(told: &Latencies) -> Result<String, BenchError> {
     let colours = [(0, 114, 178), (0, 158, 115), (213, 94, 0), (204, 121, 167), (86, 180, 233)];
     let curves: Vec<Curve> = Kind::TOLD
@@ -157,7 +157,7 @@ fn latency_chart(told: &Latencies) -> Result<String, BenchError> {
             Curve { name: kind.name().to_owned(), color: RGBColor(r, g, b), points, marks: Vec::new() }
         })
         .collect();
-    let labels = Labels { title: "Time of the slowest request in so many, under load", x: "one in", y: "ms" };
+    let labels = Labels { title: "Latency under load that one request in N exceeds", x: "N", y: "ms" };
     chart::draw(&labels, &curves)
 }
 

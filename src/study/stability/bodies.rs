@@ -49,11 +49,11 @@ impl Implicit for Plate {
     }
 }
 
-/// A plate on a stem, so that nothing can come through its middle.
+/// A plate on a stem, which prevents tissue from passing through its middle.
 #[derive(Debug)]
 pub(super) struct Table {
     pub(super) top: Plate,
-    /// At least as high as anything below the top reaches.
+    /// Stem; at least as high as the tissue reaches below the top.
     pub(super) stem: Plate,
 }
 
@@ -68,7 +68,7 @@ impl Implicit for Table {
     }
 }
 
-/// A ball's surface of triangles whose pole is `pole` and whose polar angle ends at `open_at` (pi: closed). Corners lie on the sphere.
+/// Triangles of a ball with its upper pole at `pole`, up to the polar angle `open_at` (pi: closed); vertices are on the sphere.
 pub(super) fn ball(pole: Point, radius_mm: f64, open_at: f64) -> (Vec<Point>, Vec<[u32; 3]>) {
     const RINGS: usize = 40;
     const SECTORS: usize = 72;
@@ -101,7 +101,7 @@ pub(super) fn ball(pole: Point, radius_mm: f64, open_at: f64) -> (Vec<Point>, Ve
     (points, triangles)
 }
 
-/// One surface of several, which may cross.
+/// Joins several surfaces, which may cross, into one.
 pub(super) fn together(parts: Vec<(Vec<Point>, Vec<[u32; 3]>)>) -> Option<TriMesh> {
     let (mut points, mut triangles) = (Vec::new(), Vec::new());
     for (own, faces) in parts {

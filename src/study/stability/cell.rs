@@ -1,4 +1,4 @@
-//! One method on one scene, checked.
+//! Result of one method on one scene, and its check.
 
 use super::method::Method;
 use super::scenes::{Check, HardScene, Setup};
@@ -8,26 +8,26 @@ use prosopon_geometry::control::Control;
 use prosopon_tissue::fem::{ContactBody, SolveError, SolveSettings, Solver};
 use prosopon_tissue::mesh::MixedMesh;
 
-/// Difference from the answer at finite strain, or on a finer mesh, that must not go untold, mm: the mean error that the paper aims at.
+/// Difference from finite strain or from a finer mesh that needs a warning, mm: the mean error that the paper aims at.
 const UNTOLD_MM: f64 = 0.5;
-/// Residual over reactions of a check.
+/// Relative residual (residual over reactions) of the checking solves.
 const TIGHT: f64 = 1e-8;
 
-/// How a warning ends that leaves the answer to the reader.
-const UNRELIABLE: &str = "is not to be relied on";
+/// End of the solver's warnings about unreliable results.
+const UNRELIABLE: &str = "is unreliable";
 
-/// How a method ended on a scene.
+/// Verdict on a method's result.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Verdict {
-    /// Right, on the way that was asked for.
+    /// Correct, with the requested steps and materials.
     Converged,
-    /// Right, after help.
+    /// Correct, after shortened steps, other materials or a projected tangent.
     Helped,
-    /// An answer, with what is wrong with it.
+    /// A result with a warning that it is wrong or unreliable.
     Told,
-    /// No answer, with why.
+    /// No result; the error names the reason.
     Refused,
-    /// An answer that is wrong and does not say so.
+    /// A wrong result without a warning.
     Wrong,
 }
 
@@ -43,13 +43,13 @@ impl Verdict {
     }
 }
 
-/// A checked answer.
+/// A checked result.
 #[derive(Debug, Clone)]
 pub(super) struct Cell {
     pub(super) verdict: Verdict,
-    /// In a few words.
+    /// Short text for the map.
     pub(super) short: String,
-    /// In full: help, warnings, error.
+    /// Full text: warnings or error.
     pub(super) detail: String,
     /// Largest difference from the check on the skin, mm.
     pub(super) error_mm: Option<f64>,
@@ -57,19 +57,19 @@ pub(super) struct Cell {
     pub(super) model_error_mm: Option<f64>,
 }
 
-/// What a solver came to.
+/// Result of a solver.
 struct Answer {
-    /// Of every node, mm.
+    /// Displacement of every node, mm.
     moved: Vec<Vector>,
-    /// Help on the way.
+    /// Measures that the solver needed to converge.
     help: Vec<String>,
-    /// Warnings about the answer.
+    /// Warnings about the result.
     told: Vec<String>,
-    /// The outcome, where the answer does not count as converged.
+    /// The outcome, when the result does not count as converged.
     fault: Option<&'static str>,
 }
 
-/// Solves `scene` by `method` and checks what comes.
+/// Solves `scene` by `method` and checks the result.
 pub(super) fn cell(scene: &HardScene, method: Method) -> Cell {
     let answer =
         match solve(&scene.setup, method, SolveSettings::new(method.model, scene.setup.materials).relative_residual) {
@@ -100,12 +100,12 @@ fn refused(scene: &HardScene, error: &SolveError) -> Cell {
     Cell { verdict: Verdict::Refused, short, detail: error.to_string(), error_mm: None, model_error_mm: None }
 }
 
-/// Against the check; why there is none.
+/// Difference from the check, mm; the error says why there is no check.
 fn difference_of_the_check(scene: &HardScene, method: Method, answer: &Answer) -> Result<f64, String> {
     let mesh = &scene.setup.mesh;
     let unchecked = |e: SolveError| format!("the check was refused: {e}");
     match &scene.check {
-        // Small strain has closed forms of its own: its two ways of solving check each other.
+        // The closed forms are for finite strain. At small strain the two linear models check each other.
         Check::Exact(exact) if !method.model.is_linear() => {
             let exact: Vec<Vector> = mesh.positions.iter().map(exact).collect();
             Ok(on_skin(mesh, &answer.moved, &exact))
@@ -125,10 +125,10 @@ fn difference_of_the_check(scene: &HardScene, method: Method, answer: &Answer) -
     }
 }
 
-/// Against finite strain and stable materials on the same mesh, or on a finer one; `None` where that is the check itself.
+/// Difference from finite strain and stable materials on the same or a finer mesh, mm; `None` if that is the check itself.
 fn difference_of_the_model(scene: &HardScene, method: Method, answer: &Answer) -> Option<Result<f64, String>> {
     let mesh = &scene.setup.mesh;
-    let unchecked = |e: SolveError| format!("the answer at finite strain was refused: {e}");
+    let unchecked = |e: SolveError| format!("the reference at finite strain was refused: {e}");
     let mut stable = scene.setup.clone();
     for tissue in [prosopon_tissue::mesh::Tissue::Skin, prosopon_tissue::mesh::Tissue::Fat] {
         if let Some(material) = stable.materials.of(tissue).stabilised() {
@@ -138,7 +138,7 @@ fn difference_of_the_model(scene: &HardScene, method: Method, answer: &Answer) -
     match &scene.check {
         Check::Refined(slab) => {
             let finer = Setup { mesh: slab.over_a_patch(10.0, 16.0), ..stable };
-            // Far from the tolerance of the comparison, so the solver's own will do.
+            // The tolerance of this comparison is coarse, so the solver's default residual is enough.
             let residual = SolveSettings::new(method.model, finer.materials).relative_residual;
             let found = solve(&finer, method.at_finite_strain().cured(), residual).map_err(unchecked);
             Some(found.map(|found| on_skin(mesh, &answer.moved, &at_nodes_of(mesh, &finer.mesh, &found.moved))))
@@ -162,29 +162,29 @@ fn judged(scene: &HardScene, answer: Answer, numeric: Result<f64, String>, model
     let (verdict, short, detail) = match (&numeric, &model) {
         _ if let Some(fault) = answer.fault => (Verdict::Told, fault.replace('_', " "), told),
         (Err(_), _) if answer.told.iter().any(|warning| warning.ends_with(UNRELIABLE)) => {
-            (Verdict::Told, "contact told".to_owned(), told)
+            (Verdict::Told, "warns of contact".to_owned(), told)
         }
         (Err(why), _) | (_, Some(Err(why))) => (Verdict::Wrong, "unchecked".to_owned(), why.clone()),
         (Ok(error), _) if *error > scene.within_mm || error.is_nan() => {
             (Verdict::Wrong, format!("{error:.3} mm off"), format!("differs from the check by {error:.4} mm; {told}"))
         }
         (Ok(_), Some(Ok(error))) if *error > UNTOLD_MM && told.is_empty() => {
-            (Verdict::Wrong, format!("{error:.2} mm, untold"), "nothing says that the model does not fit".to_owned())
+            (Verdict::Wrong, format!("{error:.2} mm, no warning"), "no warning that the model does not fit".to_owned())
         }
-        (Ok(_), Some(Ok(error))) if *error > UNTOLD_MM => (Verdict::Told, format!("{error:.2} mm, told"), told),
+        (Ok(_), Some(Ok(error))) if *error > UNTOLD_MM => (Verdict::Told, format!("{error:.2} mm, warned"), told),
         (Ok(error), _) if answer.help.is_empty() => (Verdict::Converged, format!("{error:.4} mm"), told),
         (Ok(_), _) => (Verdict::Helped, answer.help.join(", "), told),
     };
     Cell { verdict, short, detail, error_mm, model_error_mm }
 }
 
-/// Largest difference of two displacements at the outer nodes of the prisms, mm.
+/// Largest difference between two displacement fields at the outer nodes of the prisms, mm.
 fn on_skin(mesh: &MixedMesh, a: &[Vector], b: &[Vector]) -> f64 {
     let outer = mesh.prisms.iter().flat_map(|p| &p[..3]).map(|n| *n as usize);
     outer.map(|n| (a[n] - b[n]).norm()).fold(0.0, |most, d| if d.is_nan() { d } else { f64::max(most, d) })
 }
 
-/// Displacements of `finer` at the nodes of `mesh`; not a number where it has no node.
+/// Displacements of `finer` at the nodes of `mesh`; NaN where `finer` has no node.
 fn at_nodes_of(mesh: &MixedMesh, finer: &MixedMesh, moved: &[Vector]) -> Vec<Vector> {
     let key = |p: &prosopon_geometry::Point| p.coords.map(|c| (c * 1e6).round() as i64).data.0[0];
     let places: std::collections::BTreeMap<[i64; 3], usize> =

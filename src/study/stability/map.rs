@@ -1,4 +1,4 @@
-//! The map as a picture.
+//! The picture of the verdicts by scene and method.
 
 use plotters::prelude::*;
 
@@ -12,7 +12,7 @@ const ROW_HIGH: i32 = 30;
 const HEAD_HIGH: i32 = 76;
 const FOOT_HIGH: i32 = 74;
 
-/// Colours that stay apart for colour-blind readers; red is for wrong alone.
+/// Colours that colour-blind readers can distinguish; only wrong results are red.
 fn color(verdict: Verdict) -> RGBColor {
     match verdict {
         Verdict::Converged => RGBColor(190, 225, 205),
@@ -25,13 +25,13 @@ fn color(verdict: Verdict) -> RGBColor {
 
 const MEANINGS: [(Verdict, &str); 5] = [
     (Verdict::Converged, "converged: difference from the check on the skin"),
-    (Verdict::Helped, "converged after help: by what"),
-    (Verdict::Told, "an answer that says what is wrong with it: difference from finite strain or a finer mesh"),
-    (Verdict::Refused, "refused with a named error: where, and the stretch"),
-    (Verdict::Wrong, "wrong, and does not say so"),
+    (Verdict::Helped, "converged with help: which help"),
+    (Verdict::Told, "result with a warning: difference from finite strain or a finer mesh"),
+    (Verdict::Refused, "refused with a named error: position on the path, stretch"),
+    (Verdict::Wrong, "wrong without a warning"),
 ];
 
-/// Draws scenes down and methods across.
+/// Draws the map, with scenes as rows and methods as columns.
 pub(super) fn draw(rows: &[(String, Vec<Cell>)]) -> Result<String, BenchError> {
     let mut svg = String::new();
     drawn(&mut svg, rows).map_err(|detail| BenchError::Chart { detail })?;
@@ -50,7 +50,7 @@ fn drawn(svg: &mut String, rows: &[(String, Vec<Cell>)]) -> Result<(), String> {
     let fill = |from: (i32, i32), to: (i32, i32), verdict| {
         root.draw(&Rectangle::new([from, to], color(verdict).filled())).map_err(|e| fault(&e))
     };
-    write("Methods against hard scenes: what each answer is worth", (10, 12), 20)?;
+    write("Verdicts on every method in hard scenes", (10, 12), 20)?;
     for (n, method) in METHODS.iter().enumerate() {
         write(method.name, (SCENES_WIDE + CELL_WIDE * n as i32 + 8, HEAD_HIGH - 24), 15)?;
     }

@@ -1,6 +1,6 @@
 use prosopon_tissue::fem::{Locking, Model, SkinElement};
 
-/// A model with its elements.
+/// A mechanical model with its elements.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Method {
     pub(super) name: &'static str,
@@ -13,7 +13,7 @@ const fn method(name: &'static str, model: Model, skin_element: SkinElement, loc
     Method { name, model, skin_element, locking }
 }
 
-/// Those of the service.
+/// The methods that the service offers.
 pub(super) const METHODS: [Method; 6] = [
     method("linear", Model::Linear, SkinElement::Wedge, Locking::None),
     method("mass_tensor", Model::MassTensor, SkinElement::Wedge, Locking::None),
@@ -24,12 +24,12 @@ pub(super) const METHODS: [Method; 6] = [
 ];
 
 impl Method {
-    /// The one to compare with at finite strain on the same elements: itself, or hyperelastic in the place of small strain.
+    /// The method at finite strain on the same elements: itself, or the nonlinear model in place of a linear one.
     pub(super) fn at_finite_strain(self) -> Self {
         if self.model.is_linear() { Self { model: Model::Nonlinear, ..self } } else { self }
     }
 
-    /// A linear model solved by the other of the two ways; others as they are.
+    /// The other of the two linear models; other models unchanged.
     pub(super) fn other_way(self) -> Self {
         let model = match self.model {
             Model::Linear => Model::MassTensor,
@@ -39,7 +39,7 @@ impl Method {
         Self { model, ..self }
     }
 
-    /// With the cure of locking.
+    /// The same method with the locking-free formulation.
     pub(super) fn cured(self) -> Self {
         Self { locking: Locking::Smoothed, ..self }
     }

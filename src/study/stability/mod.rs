@@ -1,4 +1,4 @@
-//! Every method against every hard scene: converged, helped, told or refused, and never silently wrong.
+//! Every method in every hard scene: each result must be correct, carry a warning or be refused.
 
 mod bodies;
 mod cell;

@@ -1,4 +1,4 @@
-//! The hard scenes: blocks of fat under skin, as coarse as the tissue of a head is meshed.
+//! The hard scenes: blocks of fat under skin, meshed as coarsely as the tissue of a head.
 
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -13,20 +13,20 @@ use prosopon_tissue::fem::material::{D1Reading, Material, Materials};
 use prosopon_tissue::fem::{Boundary, UnstableMaterial};
 use prosopon_tissue::mesh::{Attachment, MixedMesh};
 
-/// Edge of the cells, mm; as a head's.
+/// Edge length of the cells, mm, as in the mesh of a head.
 const EDGE_MM: f64 = 4.0;
 /// The block of most scenes.
 const BLOCK: Slab = Slab { cells: [12, 12, 3], size_mm: [48.0, 48.0, 12.0], skin_mm: 1.5 };
-/// The one of the homogeneous states.
+/// The block of the homogeneous states.
 const CUBE: Slab = Slab { cells: [4, 4, 3], size_mm: [16.0, 16.0, 12.0], skin_mm: 1.5 };
 const CUBE_HEIGHT_MM: f64 = 13.5;
-/// Shortening of the homogeneous states.
+/// Shortening in the homogeneous states, as a share of the height.
 const SHORTENED: f64 = 0.3;
 
 /// Motions of the segments at a path parameter.
 pub(super) type BonePath = Arc<dyn Fn(f64) -> Vec<(u32, Motion)> + Send + Sync>;
 
-/// Everything that a solve needs beside the method.
+/// Everything that a solve needs except the method.
 #[derive(Clone)]
 pub(super) struct Setup {
     pub(super) mesh: MixedMesh,
@@ -40,30 +40,32 @@ pub(super) struct Setup {
     pub(super) unstable_material: UnstableMaterial,
 }
 
-/// What a scene's answers are compared with.
+/// Reference for the results of a scene.
 pub(super) enum Check {
     /// A closed form of the displacement.
     Exact(Box<dyn Fn(&Point) -> Vector + Send + Sync>),
-    /// Another scene with the same answer, in finer steps and to a tighter tolerance: this one, changed.
+    /// A modified copy of the scene with the same solution, solved in finer steps and to a tighter tolerance.
     Other(Box<dyn Fn(&mut Setup) + Send + Sync>),
-    /// This scene on a mesh of half the edges with the cure of locking; the mesh that is given.
+    /// This scene with the locking-free formulation on the given slab, whose edges are half as long.
     Refined(Slab),
 }
 
 /// A hard scene.
 pub(super) struct HardScene {
     pub(super) name: String,
-    /// How far bone moves, mm; how an error is given as a share of the path.
+    /// Length of the bone's path, mm; errors give their position on it.
     pub(super) length_mm: f64,
     pub(super) setup: Setup,
     pub(super) check: Check,
-    /// Difference from the check on the skin up to which an answer counts as converged, mm.
+    /// Largest difference from the check on the skin at which a result counts as converged, mm.
     pub(super) within_mm: f64,
 }
 
-/// Solver's tolerance with room, mm: it promises 2.5e-4 of the edge, 1e-3 mm here, of a single node's Newton step.
+/// Allowed difference without contact, mm.
+///
+/// The solver limits a node's last Newton step to 2.5e-4 of the edge length, 1e-3 mm here; this leaves a factor of ten.
 const SOLVER_MM: f64 = 0.01;
-/// The same with contact: twice the penetration that is left at most.
+/// Allowed difference with contact, mm: twice the largest remaining penetration.
 const CONTACT_MM: f64 = 0.1;
 
 fn up(mm: f64) -> BonePath {
@@ -84,12 +86,12 @@ fn setup(mesh: MixedMesh, path: BonePath) -> Setup {
     }
 }
 
-/// The patch in the middle of the block's bottom is pulled along `path`.
+/// The block, with the patch in the middle of its bottom moved along `path`.
 fn pulled(path: BonePath) -> Setup {
     setup(BLOCK.over_a_patch(10.0, 16.0), path)
 }
 
-/// The block slides on `body`, which is moved up.
+/// The block, sliding on `body`, which moves up.
 fn pushed(body: Arc<dyn Implicit + Send>, mm: f64) -> Setup {
     let mut mesh = BLOCK.over_a_patch(-1.0, 16.0);
     for (p, a) in mesh.positions.iter().zip(&mut mesh.attachment) {
@@ -116,7 +118,7 @@ fn other(change: impl Fn(&mut Setup) + Send + Sync + 'static) -> Check {
     }))
 }
 
-/// All of them.
+/// All hard scenes.
 pub(super) fn all() -> Result<Vec<HardScene>, BenchError> {
     let mut scenes = vec![
         scene("push of 12 mm in one step", 12.0, pulled(up(12.0)), other(|_| {}), SOLVER_MM),
@@ -137,7 +139,7 @@ pub(super) fn all() -> Result<Vec<HardScene>, BenchError> {
     ] {
         scenes.push(published(name, reading, UnstableMaterial::Report));
     }
-    scenes.push(published("Poisson ratio, stable when told", D1Reading::PoissonRatio, UnstableMaterial::Stabilise));
+    scenes.push(published("Poisson ratio, stabilised", D1Reading::PoissonRatio, UnstableMaterial::Stabilise));
     Ok(scenes)
 }
 
@@ -147,7 +149,7 @@ fn twisted() -> HardScene {
     scene("patch turned by 60° in one step", 10.5, pulled(path), other(|_| {}), SOLVER_MM)
 }
 
-/// A free block on bone that turns: it turns with it, without stress.
+/// A free block that is tied to a turning bone: it turns with the bone, without stress.
 fn turned() -> HardScene {
     let at = |t: f64| Motion::rotation(Vector::x() * (t * PI / 3.0));
     let mut mesh = BLOCK.mesh();
@@ -157,7 +159,7 @@ fn turned() -> HardScene {
     scene("whole turned by 60° in one step", 25.0, setup, Check::Exact(Box::new(exact)), SOLVER_MM)
 }
 
-/// A homogeneous block between walls is shortened; its lowest layer of cells has `flat` of their height.
+/// A homogeneous block between walls is shortened; the height of its lowest layer of cells is scaled by `flat`.
 fn confined(name: &str, flat: f64) -> HardScene {
     let mut mesh = CUBE.mesh();
     for p in &mut mesh.positions {
@@ -181,7 +183,7 @@ fn confined(name: &str, flat: f64) -> HardScene {
     scene(name, SHORTENED * CUBE_HEIGHT_MM, setup, Check::Exact(Box::new(exact)), SOLVER_MM)
 }
 
-/// A homogeneous block is shortened between a smooth floor, which comes up, and a smooth ceiling.
+/// A homogeneous block is shortened between a smooth floor, which rises, and a smooth ceiling.
 fn between_plates() -> HardScene {
     let mut mesh = CUBE.mesh();
     attach(&mut mesh, |p| if p.z == 0.0 { Attachment::Sliding } else { Attachment::Free });
@@ -204,7 +206,7 @@ fn between_plates() -> HardScene {
     scene("30 % shorter between plates, contact", SHORTENED * CUBE_HEIGHT_MM, setup, check, 2.0 * SOLVER_MM)
 }
 
-/// Stretch across at which a bar of `material`, stretched by `along`, has no stress across: by halving.
+/// Lateral stretch of a bar of `material` under uniaxial stress with the axial stretch `along`, by bisection.
 fn lateral_stretch(material: &Material, along: f64) -> f64 {
     let stress = |across: f64| {
         let f = nalgebra::Matrix3::from_diagonal(&Vector::new(across, across, along));
@@ -224,15 +226,15 @@ fn nearly_incompressible(poisson: f64) -> HardScene {
     let (skin, fat) = (with(own.skin), with(own.fat));
     let setup = Setup { materials: Materials { skin, fat, muscle: fat, mucosa: fat }, ..pulled(up(4.0)) };
     let finer = Slab { cells: BLOCK.cells.map(|n| 2 * n), ..BLOCK };
-    // Discretisation: 4 mm cells over a patch of 16 mm; an eighth of the movement.
+    // Allows for the discretisation error of 4 mm cells over a patch of 16 mm: an eighth of the movement.
     scene(format!("Poisson ratio {poisson}"), 4.0, setup, Check::Refined(finer), 0.5)
 }
 
 const BALL_RADIUS_MM: f64 = 14.0;
 
-/// The field of a ball of triangles, changed by `change`.
+/// The distance field of the surfaces that `change` returns.
 fn ball_field(change: impl Fn() -> Vec<(Vec<Point>, Vec<[u32; 3]>)>) -> Result<Arc<SignedField>, BenchError> {
-    let surface = together(change()).ok_or_else(|| BenchError::Head { detail: "no ball".to_owned() })?;
+    let surface = together(change()).ok_or_else(|| BenchError::Head { detail: "invalid ball".to_owned() })?;
     let (field, ..) = SignedField::build_only(&surface, &MethodSettings::default(), &Control::new())
         .map_err(|source| BenchError::Field { method: "adaptive", source })?;
     Ok(Arc::new(field))
@@ -248,7 +250,9 @@ fn stiff_contact(factor: f64) -> Result<HardScene, BenchError> {
     Ok(scene(format!("contact stiffness times {factor:e}"), 5.0, setup, check, CONTACT_MM))
 }
 
-/// The same plate on a stem, through which nothing can come; below the rim it leaves the room into which tissue bulges.
+/// A plate of 1 mm; its check is the same plate on a stem, through which tissue cannot pass.
+///
+/// The stem is narrower than the plate, so that tissue can still bulge below the rim.
 fn thin_bone() -> HardScene {
     let plate = |half_width_mm: f64, thickness_mm: f64| Plate { half_width_mm, thickness_mm, edge_radius_mm: 0.5 };
     let thin = || plate(12.0, 1.0);
@@ -260,7 +264,7 @@ fn thin_bone() -> HardScene {
 fn dirty_bones() -> Result<Vec<HardScene>, BenchError> {
     let clean = clean_ball()?;
     let open = ball_field(|| vec![ball(Point::origin(), BALL_RADIUS_MM, 0.75 * PI)])?;
-    // Smaller balls cross its wall below the top, and one of its parts is there twice.
+    // Smaller balls cross its wall below the top, and its cap is duplicated.
     let crossed = ball_field(|| {
         let side = |x: f64| ball(Point::new(x, 0.0, -4.0), 8.0, PI);
         vec![
@@ -294,7 +298,7 @@ fn published(name: &str, reading: D1Reading, unstable_material: UnstableMaterial
 mod tests {
     use super::*;
 
-    /// Small strain: -nu times the strain along.
+    /// At small strain the lateral strain is -nu times the axial strain.
     #[test]
     fn a_bar_grows_wider_as_its_poisson_ratio_says() {
         let material = Material::neo_hookean(0.01, 0.45);

@@ -7,18 +7,20 @@ use super::{map, scenes};
 use crate::error::{BenchError, write};
 use crate::files::refuse_unwritable;
 
-/// Puts every method to every hard scene and checks each answer: against a closed form, a finer and tighter path of an equal scene, the
-/// other of two ways of solving, or a finer mesh.
+/// Solves every hard scene by every method and checks each result.
+///
+/// The reference is a closed form, an equivalent scene with finer steps and a tighter tolerance, the other linear model, or
+/// a finer mesh.
 #[derive(Debug)]
 pub struct StabilityStudy<'a> {
-    /// Where the rows go; the map gets the same name with `.svg`.
+    /// CSV file to write; the map has the same name with `.svg`.
     pub csv: &'a Path,
-    /// Only scenes whose names contain this.
+    /// Run only scenes whose name contains this text.
     pub only: Option<&'a str>,
 }
 
 impl StabilityStudy<'_> {
-    /// Runs the study; prints to `out`. Whether no answer is wrong without saying so.
+    /// Runs the study and prints to `out`; returns whether no result is wrong without a warning.
     ///
     /// # Errors
     /// [`BenchError`].

@@ -1,8 +1,9 @@
-//! What several processes on Postgres and a bucket cost and bring against one on its own disk: operations of the queue, throughput of small
-//! jobs, takeover of a killed worker's job, overhead of a job.
+//! Compares several processes on Postgres and a bucket with one process on its own disk.
 //!
-//! `cargo bench --bench cluster [-- queue throughput takeover overhead]` prints a table and writes `target/cluster.csv`. Needs what the tests
-//! of the shared store need: Debian's `postgresql`. The server waits for its disk as one in a hospital does; the bucket is served by this program.
+//! The benchmark measures queue operations, throughput of small jobs, takeover of a killed worker's job, and overhead of a
+//! job. `cargo bench --bench cluster [-- queue throughput takeover overhead]` prints a table and writes
+//! `target/cluster.csv`. It needs Debian's `postgresql`, like the tests of the shared store. Postgres runs with `fsync`, as
+//! in a hospital; this program serves the bucket.
 
 #![allow(
     clippy::unwrap_used,
@@ -25,11 +26,11 @@ use std::time::Instant;
 use engines::{Bucket, Cluster};
 use processes::{Site, Solves, busy_s};
 
-/// A measured number.
+/// A measured value.
 struct Row {
     what: String,
     engine: &'static str,
-    /// Claimers, jobs at once or worker processes.
+    /// Number of claimers, of jobs at the same time, or of worker processes.
     clients: usize,
     value: f64,
     unit: &'static str,
@@ -56,7 +57,8 @@ fn main() {
     std::fs::write(concat!(env!("CARGO_MANIFEST_DIR"), "/target/cluster.csv"), table).unwrap();
 }
 
-/// Small jobs (linear model, coarse phantom, two steps) a second, all asked for at once, and the processors that all processes kept busy.
+/// Small jobs (linear model, coarse phantom, two steps) per second, all posted at once, and the cores that all processes
+/// keep busy.
 fn throughput(site: &Site) -> Vec<Row> {
     const JOBS: usize = 60;
     let mut rows = Vec::new();
@@ -65,9 +67,9 @@ fn throughput(site: &Site) -> Vec<Row> {
     {
         let group = if engine == "embedded" { site.embedded(clients) } else { site.shared(clients, &[]) };
         let mut solves = Solves::new(&group.api, 5, 9.0, "linear", 2);
-        // Every worker has seen every session, or the first job of each would be measured.
+        // Warm-up: every worker loads every session, so that first jobs are not measured.
         (0..5 * clients.max(2)).map(|_| solves.post()).collect::<Vec<_>>().iter().for_each(|job| solves.finish(job));
-        // Paths are looked at for overlap by the process of the API, which would be the slowest.
+        // Plans are made beforehand: the API process checks their paths for overlap, which would limit the throughput.
         let plans: Vec<_> = (0..JOBS).map(|_| solves.plan()).collect();
         let (started, busy) = (Instant::now(), busy_s());
         plans
@@ -84,7 +86,7 @@ fn throughput(site: &Site) -> Vec<Row> {
     rows
 }
 
-/// From the kill of a worker in mid-solve to the job's next start by another one: the median of five, with leases of 2 and of 15 s.
+/// Time from the kill of a worker during a solve to the restart of its job by another one: median of five, leases of 2 and 15 s.
 fn takeover(site: &Site) -> Vec<Row> {
     let measure = |lease_s: &'static str| {
         let mut times: Vec<f64> = Vec::new();
@@ -106,7 +108,7 @@ fn takeover(site: &Site) -> Vec<Row> {
     vec![measure("2"), measure("15")]
 }
 
-/// A solve of about five seconds by turns on the one and on the other, from the request to its end, and the ratio.
+/// Time of a solve of about five seconds from the request to its end, alternating between the two stores, and the ratio.
 fn overhead(site: &Site) -> Vec<Row> {
     const ROUNDS: usize = 7;
     let groups = [("embedded", site.embedded(1)), ("shared", site.shared(1, &[]))];
@@ -117,7 +119,7 @@ fn overhead(site: &Site) -> Vec<Row> {
             let started = Instant::now();
             let job = solves.post();
             solves.finish(&job);
-            // The first makes the mesh's factor.
+            // The first solve computes the factorisation and is not counted.
             if round > 0 {
                 times.push(started.elapsed().as_secs_f64());
             }

@@ -1,4 +1,4 @@
-//! Groups of processes, and jobs for them.
+//! Groups of processes and their jobs.
 
 use std::process::{Command, Stdio};
 
@@ -9,7 +9,7 @@ use tokio::runtime::Runtime;
 use crate::binary::Server;
 use crate::engines::{Bucket, Cluster};
 
-/// Engines that all groups use.
+/// Database server and bucket that all groups share.
 pub(crate) struct Site<'s> {
     pub(crate) runtime: &'s Runtime,
     pub(crate) cluster: &'s Cluster,
@@ -25,7 +25,7 @@ pub(crate) struct Group {
 }
 
 impl Site<'_> {
-    /// One process with its own disk, which computes `parallel` jobs at once.
+    /// One process with its own disk that computes `parallel` jobs at the same time.
     pub(crate) fn embedded(&self, parallel: usize) -> Group {
         let directory = tempfile::tempdir().unwrap();
         let mut command = command("serve", &directory);
@@ -38,7 +38,7 @@ impl Site<'_> {
         }
     }
 
-    /// A process of the API and `workers` others, on a new database.
+    /// An API process and `workers` worker processes on a new database.
     pub(crate) fn shared(&self, workers: usize, environment: &[(&str, &str)]) -> Group {
         let database = self.runtime.block_on(self.cluster.fresh_database());
         let directory = tempfile::tempdir().unwrap();
@@ -52,7 +52,7 @@ impl Site<'_> {
 
     fn spawn(&self, role: &str, directory: &TempDir, database: &str, environment: &[(&str, &str)]) -> Server {
         let mut command = command(role, directory);
-        // A place in the bucket belongs to one database.
+        // A prefix in the bucket belongs to one database.
         let (_, name) = database.rsplit_once('/').unwrap();
         command.env("PROSOPON_DATABASE", database).env("PROSOPON_BLOBS", format!("{}/{name}", self.bucket.url()));
         command.envs(self.bucket.environment()).envs(environment.iter().copied());
@@ -76,7 +76,7 @@ fn command(role: &str, directory: &TempDir) -> Command {
     command
 }
 
-/// Plans on the phantom, each another one, and their jobs.
+/// Different plans on the phantom and their jobs.
 pub(crate) struct Solves<'s> {
     server: &'s Server,
     /// Session, osteotomy, upper jaw.
@@ -99,13 +99,13 @@ impl<'s> Solves<'s> {
         Self { server, sessions: (0..sessions).map(session).collect(), model, steps, planned: 0 }
     }
 
-    /// Asks for one more: its path.
+    /// Posts a job with a new plan; returns the path of the job.
     pub(crate) fn post(&mut self) -> String {
         let plan = self.plan();
         self.post_planned(&plan)
     }
 
-    /// Another plan: its session and id.
+    /// Creates a new plan; returns its session and id.
     pub(crate) fn plan(&mut self) -> (String, Value) {
         let (session, osteotomy, jaw) = &self.sessions[self.planned % self.sessions.len()];
         let waypoints = json!([{ "t": 1, "translation_mm": [0, -4.0 - 0.01 * self.planned as f64, 0] }]);
@@ -114,13 +114,13 @@ impl<'s> Solves<'s> {
         (session.clone(), self.server.post(&format!("{session}/plans"), &plan).ok()["id"].clone())
     }
 
-    /// Asks for a plan's job: its path.
+    /// Posts a job for a plan; returns the path of the job.
     pub(crate) fn post_planned(&self, (session, plan): &(String, Value)) -> String {
         let job = json!({ "plan": plan, "model": self.model, "steps": self.steps });
         format!("/v1/jobs/{}", self.server.post(&format!("{session}/jobs"), &job).ok()["id"].as_str().unwrap())
     }
 
-    /// Waits for its end.
+    /// Waits for the end of a job, which must succeed.
     pub(crate) fn finish(&self, job: &str) {
         loop {
             let view = self.server.get(&format!("{job}?wait_s=30")).ok();
@@ -133,10 +133,10 @@ impl<'s> Solves<'s> {
     }
 }
 
-/// Seconds that the machine's processors have worked, together.
+/// Busy time of all processors of the machine, s.
 pub(crate) fn busy_s() -> f64 {
     let stat = std::fs::read_to_string("/proc/stat").unwrap();
     let ticks: Vec<f64> = stat.lines().next().unwrap().split_whitespace().skip(1).map(|t| t.parse().unwrap()).collect();
-    // user, nice, system, and interrupts; 100 ticks a second.
+    // user, nice, system and interrupts; 100 ticks per second.
     (ticks[0] + ticks[1] + ticks[2] + ticks[5] + ticks[6]) / 100.0
 }

@@ -1,4 +1,4 @@
-//! The queue by itself: jobs that are stored, claimed and ended by several at once.
+//! The queue alone: jobs are stored, claimed and finished by several clients at the same time.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -13,13 +13,13 @@ use prosopon_store::{
 use crate::Row;
 use crate::processes::Site;
 
-/// Jobs that wait at once, and how often that is done.
+/// Number of jobs in the queue, and number of rounds.
 const JOBS: usize = 256;
 const ROUNDS: usize = 6;
 const SESSIONS: usize = 16;
 const TENANTS: usize = 4;
 
-/// Operations a second and the time that 99 of 100 stay below, on both engines, by 1 to 8 at once.
+/// Operations per second and their 99th percentile, on both engines, with 1 to 8 clients.
 pub(crate) fn operations(site: &Site) -> Vec<Row> {
     site.runtime.block_on(async {
         let mut rows = Vec::new();
@@ -100,16 +100,16 @@ async fn measure(store: &Store, clients: usize) -> [(&'static str, Times); 3] {
             async move {
                 let change =
                     |_: &JobRecord| JobChange { attempt_change: 1, events: told("status"), ..JobChange::default() };
-                // Under one name, or sessions would be left to whom they are known.
+                // All claims use one name; otherwise jobs would be reserved for the worker that knows their session.
                 let worker = store.is_shared().then_some(name);
                 let (patience, lease) = (Claim::PATIENCE, Duration::from_secs(60));
                 let claim = Claim { lane: Lane::Heavy, worker, patience, to: JobState::Running, lease };
-                store.claim_job(&claim, &change).await.unwrap().expect("as many as were stored")
+                store.claim_job(&claim, &change).await.unwrap().expect("there is one job per claim")
             }
         }
     })
     .await;
-    assert_eq!(jobs.iter().map(|job| job.id).collect::<BTreeSet<_>>().len(), JOBS, "each is claimed once");
+    assert_eq!(jobs.iter().map(|job| job.id).collect::<BTreeSet<_>>().len(), JOBS, "each job is claimed once");
     let (ended, _) = by_all(clients, {
         let (store, jobs) = (store.clone(), Arc::new(jobs));
         move |n| {
@@ -128,7 +128,7 @@ fn told(kind: &'static str) -> Vec<(&'static str, String)> {
     vec![(kind, "{}".to_owned())]
 }
 
-/// Has `clients` tasks do `work` for 0 to [`JOBS`].
+/// Runs `work` for 0 to [`JOBS`] in `clients` tasks; returns times and results.
 async fn by_all<T, F, W>(clients: usize, work: F) -> (Times, Vec<T>)
 where
     T: Send + 'static,

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The main job from the command line: surfaces or a CT in, deformed skins and a report out.
+"""Runs the main job: from surfaces or a CT to deformed skins and a report.
 
     main_job.py URL --skin FILE --skull FILE --landmarks FILE --out DIR
     main_job.py URL --ct FILE --landmarks FILE --out DIR
@@ -19,9 +19,9 @@ def main():
     parser.add_argument("url")
     parser.add_argument("--skin")
     parser.add_argument("--skull")
-    parser.add_argument("--target", help="post-operative skin, for error maps")
+    parser.add_argument("--target", help="postoperative skin, for error maps")
     parser.add_argument("--ct")
-    parser.add_argument("--landmarks", required=True, help="JSON as PUT …/landmarks takes it")
+    parser.add_argument("--landmarks", required=True, help="JSON file with the body of PUT …/landmarks")
     parser.add_argument("--forward-mm", type=float, default=6.0)
     parser.add_argument("--down-mm", type=float, default=1.5)
     parser.add_argument("--steps", type=int, default=6)
@@ -55,7 +55,7 @@ def run(arguments):
     follow(client, client.build_field(session))
     osteotomy = client.create_osteotomy(session, template={"name": "le_fort_1"})
     print("segments:", ["%.1f cm3" % (s["volume_mm3"] / 1000) for s in osteotomy["segments"]])
-    # The template's first cut is the Le Fort I plane; a lower jaw that hung on the teeth is not bounded by it.
+    # The template's first cut is the Le Fort I plane; a lower jaw that was connected at the teeth is not bounded by it.
     upper_jaw = next(s["id"] for s in osteotomy["segments"] if s["id"] and 0 in s["bounded_by"])
     follow(client, client.build_mesh(session, osteotomy=osteotomy["id"]))
 
@@ -76,7 +76,7 @@ def run(arguments):
 
 
 def follow(client, job):
-    """Prints a job's events up to its end."""
+    """Prints the events of a job up to its end."""
     for event in client.events(job["id"]):
         data = event["data"]
         if event["event"] == "progress":

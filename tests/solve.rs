@@ -279,7 +279,7 @@ fn a_scene_without_equilibrium_says_so() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("slab.vtu"), slab(1.0)).unwrap();
     let scene = json!({
-        "mesh": "slab.vtu", "model": "nonlinear", "skin_element": "wedge", "materials": "wang2009",
+        "mesh": "slab.vtu", "model": "nonlinear", "skin_element": "wedge", "preset": "wang_2009",
         "segments": {"1": {"translation_mm": [0, 0, 8]}}, "steps": 4
     });
     let output = solve(folder.path(), &scene);

@@ -5,14 +5,14 @@ use clap::Args;
 use serde::Deserialize;
 
 use super::{CommandResult, refuse_overwriting};
+use prosopon_contract::{Check, FileFaults, RegionRequest, RegisterOn, chain};
 use prosopon_formats::export::{SurfaceView, ply, vtp};
 use prosopon_formats::import::{Limits, detect_surface, surface};
+use prosopon_geometry::TriMesh;
 use prosopon_geometry::control::Control;
-use prosopon_geometry::{Aabb, Point, TriMesh};
-use prosopon_jobs::{Compared, Comparison, Prediction, RegisterOn};
-use prosopon_planning::evaluate::{Mask, Part};
-use prosopon_service::http::dto::PartRequest;
-use prosopon_session::{Numerics, chain, error_sheet};
+use prosopon_jobs::{Compared, Comparison, Prediction};
+use prosopon_planning::evaluate::Mask;
+use prosopon_session::{Numerics, error_sheet};
 
 /// Arguments of `prosopon compare`.
 #[derive(Debug, Args)]
@@ -47,7 +47,7 @@ pub(super) struct CompareArguments {
 #[serde(untagged)]
 enum MaskFile {
     Vertices(Vec<bool>),
-    Parts(Vec<PartRequest>),
+    Parts(Vec<RegionRequest>),
 }
 
 pub(super) fn run(a: &CompareArguments) -> CommandResult {
@@ -81,7 +81,7 @@ pub(super) fn run(a: &CompareArguments) -> CommandResult {
         register: a.register.then(|| RegisterOn { region, ..RegisterOn::default() }),
     };
     let engine = Numerics::new(Limits::default());
-    let done = comparison.run(&engine, &Control::new()).map_err(|halt| prosopon_session::Fault::from(halt).detail)?;
+    let done = comparison.run(&engine, &Control::new()).map_err(|halt| prosopon_contract::Fault::from(halt).detail)?;
     write(&a.out, &done)?;
     for (name, value) in done.document.lines() {
         writeln!(std::io::stdout(), "{name:26} {value}")?;
@@ -130,26 +130,12 @@ fn mask_of(path: &Path) -> Result<Mask, Box<dyn std::error::Error>> {
         MaskFile::Vertices(vertices) if vertices.is_empty() => Mask::default(),
         MaskFile::Vertices(vertices) => Mask { vertices: Some(vertices), ..Mask::default() },
         MaskFile::Parts(parts) => {
-            let only: Option<Vec<Part>> = parts.iter().map(part).collect();
-            let only = only.ok_or_else(|| {
-                unusable("a part is invalid: give min_mm below max_mm, or centre_mm and radius_mm above 0".to_owned())
-            })?;
+            let mut check = Check::default();
+            let only = parts.iter().enumerate().filter_map(|(i, p)| p.part(&format!("/{i}"), &mut check)).collect();
+            FileFaults::finish(check).map_err(|faults| unusable(faults.to_string()))?;
             Mask { only, ..Mask::default() }
         }
     })
-}
-
-fn part(request: &PartRequest) -> Option<Part> {
-    match (request.min_mm, request.max_mm, request.centre_mm, request.radius_mm) {
-        (Some(min), Some(max), None, None) => {
-            let ordered = min.iter().zip(max).all(|(min, max)| *min < max);
-            ordered.then(|| Part::Box(Aabb { min: Point::from(min), max: Point::from(max) }))
-        }
-        (None, None, Some(centre), Some(radius_mm)) => {
-            (radius_mm > 0.0).then(|| Part::Ball { centre: Point::from(centre), radius_mm })
-        }
-        _ => None,
-    }
 }
 
 #[cfg(test)]

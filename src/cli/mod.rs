@@ -95,7 +95,7 @@ pub fn run() -> ExitCode {
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            writeln!(std::io::stderr(), "prosopon: {}", prosopon_session::chain(error.as_ref())).ok();
+            writeln!(std::io::stderr(), "prosopon: {}", prosopon_contract::chain(error.as_ref())).ok();
             ExitCode::FAILURE
         }
     }

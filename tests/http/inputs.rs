@@ -5,8 +5,8 @@ use axum::http::{Method, StatusCode};
 use flate2::Compression;
 use flate2::write::GzEncoder;
 use futures::stream;
+use prosopon_contract::FaultKind;
 use prosopon_geometry::{Point, TriMesh};
-use prosopon_session::FaultKind;
 use serde_json::json;
 
 use crate::app::TestApp;

@@ -4,9 +4,9 @@ use std::time::Duration;
 
 use axum::body::{Body, Bytes};
 use axum::http::Method;
+use prosopon_contract::Halt;
 use prosopon_field::FieldError;
 use prosopon_planning::plan::PlanError;
-use prosopon_session::Halt;
 use prosopon_tissue::fem::SolveError;
 use serde_json::json;
 

@@ -4,6 +4,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Condvar, Mutex};
 use std::time::Duration;
 
+use prosopon_contract::{Cuts, Fault, FaultKind, Halt, Solid};
 use prosopon_field::{Doubt, DoubtfulRegions, FieldReport, Region, Settled};
 use prosopon_formats::import::Limits;
 use prosopon_geometry::control::Control;
@@ -15,9 +16,7 @@ use prosopon_planning::plan::{
 };
 use prosopon_planning::simulate::{Attached, Frame, LeftOut, Outcome, RegionMotion, SimulateError};
 use prosopon_planning::surface::{CtSettings, CtSurfaces};
-use prosopon_session::{
-    Case, Cuts, Engine, Fault, FaultKind, Halt, Numerics, Run, RunWatch, SceneRun, SceneSolved, Solid, TissueRequest,
-};
+use prosopon_session::{Case, Engine, Numerics, Run, RunWatch, SceneRun, SceneSolved, TissueRequest};
 use prosopon_tissue::fem::{SavedState, SolveSettings, StepOutcome, StepReport};
 use prosopon_tissue::mesh::MeshReport;
 

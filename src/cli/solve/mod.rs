@@ -71,7 +71,7 @@ enum Unfinished {
 
 pub(super) fn run(arguments: &SolveArguments) -> CommandResult {
     let failure = solve(arguments).inspect_err(|error| {
-        let line = serde_json::to_string(&NoResult { converged: false, error: &prosopon_session::chain(&**error) });
+        let line = serde_json::to_string(&NoResult { converged: false, error: &prosopon_contract::chain(&**error) });
         // A failure to print is ignored: exit status and stderr report the error too.
         let _ = writeln!(std::io::stdout(), "{}", line.unwrap_or_default());
     })?;

@@ -1,29 +1,24 @@
 //! The JSON file of a scene.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use serde::Deserialize;
 
+use prosopon_contract::{
+    Check, D1ReadingName, FileFaults, LockingName, MAX_STEPS, MaterialDocument, ModelName, PresetName, RotationRequest,
+    SkinElementName, SolverOptions, TissueLawsDocument, UnstableMaterialName, chain, segment_motion,
+};
 use prosopon_field::{FieldSettings, MethodSettings, SignedField};
 use prosopon_formats::import::{Limits, detect_surface, surface, volume_mesh};
 use prosopon_geometry::VolumeMesh;
 use prosopon_geometry::control::Control;
-use prosopon_jobs::SolveModel;
 use prosopon_planning::plan::{Path as SegmentPath, Plan};
 use prosopon_planning::simulate::{READY_MESH_LOCKING, ReadyMesh, Scene};
-use prosopon_service::http::dto::{RotationRequest, file_material, segment_motion};
 use prosopon_service::http::{strict_json, strict_value};
-use prosopon_session::{
-    D1ReadingName, LockingName, MaterialDocument, PresetName, SkinElementName, UnstableMaterialName,
-};
 use prosopon_tissue::fem::SolveSettings;
-use prosopon_tissue::fem::material::Materials;
 use prosopon_tissue::mesh::{Attachment, Tissue};
-
-/// Largest number of steps of a path.
-const MAX_STEPS: usize = 10_000;
 
 /// Why a scene cannot be solved.
 #[derive(Debug, thiserror::Error)]
@@ -44,11 +39,8 @@ pub(super) enum SceneError {
 
 /// Materials: a preset by name, or a law for each tissue.
 #[derive(Debug, Clone, Deserialize)]
-#[serde(
-    untagged,
-    expecting = "expected the name of a preset (wang2009-stable, wang2009-tension, wang2009, nazari2010, chabanas2003) or an object of laws by tissue"
-)]
-enum MaterialsWord {
+#[serde(untagged, expecting = "expected the name of a preset or an object of laws by tissue")]
+enum MaterialsRequest {
     Preset(PresetName),
     Laws(BTreeMap<String, serde_json::Value>),
 }
@@ -56,7 +48,7 @@ enum MaterialsWord {
 /// Motion of a segment from rest: rotation about a pivot (default: the origin), then translation.
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct MotionWord {
+struct MotionRequest {
     #[serde(default)]
     translation_mm: [f64; 3],
     #[serde(default)]
@@ -69,22 +61,25 @@ struct MotionWord {
 pub(super) struct SceneFile {
     mesh: PathBuf,
     #[serde(default)]
-    model: Option<SolveModel>,
+    model: ModelName,
     #[serde(default)]
     skin_element: Option<SkinElementName>,
     #[serde(default)]
     locking: Option<LockingName>,
+    /// Materials; laws replace those of the preset.
     #[serde(default)]
-    materials: Option<MaterialsWord>,
-    /// Meaning of D1 in the preset wang2009.
+    preset: Option<PresetName>,
+    #[serde(default)]
+    materials: Option<MaterialsRequest>,
+    /// Meaning of D1 in the preset `wang_2009`.
     #[serde(default)]
     d1_reading: Option<D1ReadingName>,
     #[serde(default)]
-    segments: BTreeMap<String, MotionWord>,
+    segments: BTreeMap<String, MotionRequest>,
     #[serde(default)]
     bones: BTreeMap<String, PathBuf>,
     #[serde(default)]
-    steps: Option<usize>,
+    steps: Option<u32>,
     /// Residual force over reaction force at which a step is in equilibrium.
     #[serde(default)]
     relative_residual: Option<f64>,
@@ -107,7 +102,7 @@ fn value(place: impl Into<String>, detail: impl Into<String>) -> SceneError {
 }
 
 fn input(path: &Path, error: &dyn std::error::Error) -> SceneError {
-    SceneError::Input { path: path.to_owned(), detail: prosopon_session::chain(error) }
+    SceneError::Input { path: path.to_owned(), detail: chain(error) }
 }
 
 fn read(path: &Path) -> Result<Vec<u8>, SceneError> {
@@ -131,40 +126,37 @@ impl SceneFile {
     /// Reads all named files and builds the scene; also returns the mesh as it is in its file, and warnings.
     pub(super) fn load(&self, scene: &Path) -> Result<(Scene, VolumeMesh, Vec<String>), SceneError> {
         let folder = scene.parent().unwrap_or(Path::new(""));
-        let steps = self.steps.unwrap_or(1);
-        if !(1..=MAX_STEPS).contains(&steps) {
-            return Err(value("/steps", format!("is {steps}; allowed are 1 to {MAX_STEPS}")));
-        }
-        let mut settings = self.settings()?;
         let plan = self.plan()?;
         let path = folder.join(&self.mesh);
         let (file, mut warnings) = volume_mesh(&read(&path)?, &Limits::default()).map_err(|e| input(&path, &e))?;
         let ready = ReadyMesh::new(&file).map_err(|e| input(&path, &e))?;
-        settings.materials = self.materials(&ready)?;
+        let (steps, settings) = (self.steps.unwrap_or(1), self.settings(&ready)?);
         let bones = self.bones(folder, &mut warnings)?;
         Self::check_segments(&plan, &ready, &bones)?;
-        Ok((Scene { ready, bones, plan, settings, steps }, file, warnings))
+        Ok((Scene { ready, bones, plan, settings, steps: steps as usize }, file, warnings))
     }
 
-    fn settings(&self) -> Result<SolveSettings, SceneError> {
-        let model = self.model.unwrap_or(SolveModel::Mixed);
-        let mut settings = SolveSettings::new(model.into(), PresetName::default().materials(D1ReadingName::default()));
-        settings.skin_element = self.skin_element.map_or(settings.skin_element, Into::into);
-        settings.locking = self.locking.map_or(READY_MESH_LOCKING, Into::into);
-        let positive = |name: &str, found: Option<f64>, default: f64, most: f64| match found {
-            None => Ok(default),
-            Some(x) if x > 0.0 && x <= most => Ok(x),
-            Some(x) => Err(value(format!("/{name}"), format!("is {x}; must be above 0 and at most {most}"))),
+    /// Settings of the solver, checked as those of a job over HTTP are.
+    fn settings(&self, ready: &ReadyMesh) -> Result<SolveSettings, SceneError> {
+        let (preset, materials) = self.materials(ready)?;
+        let options = SolverOptions {
+            model: self.model,
+            skin_element: self.skin_element,
+            locking: self.locking,
+            preset,
+            d1_reading: self.d1_reading,
+            materials,
+            relative_residual: self.relative_residual,
+            penetration_tolerance_mm: self.penetration_tolerance_mm,
+            unstable_material: self.unstable_material,
         };
-        settings.relative_residual =
-            positive("relative_residual", self.relative_residual, settings.relative_residual, 0.1)?;
-        let penetration = settings.penetration_tolerance_mm;
-        settings.penetration_tolerance_mm =
-            positive("penetration_tolerance_mm", self.penetration_tolerance_mm, penetration, 10.0)?;
-        settings.unstable_material = self.unstable_material.into();
-        settings.contact_stiffness_factor =
-            positive("contact_stiffness_factor", self.contact_stiffness_factor, 1.0, 1e6)?;
-        Ok(settings)
+        let mut check = Check::default();
+        check.number("/steps", f64::from(self.steps.unwrap_or(1)), 1.0, f64::from(MAX_STEPS));
+        options.check(&mut check);
+        let stiffness = self.contact_stiffness_factor.unwrap_or(1.0);
+        check.number("/contact_stiffness_factor", stiffness, 1e-6, 1e6);
+        FileFaults::finish(check).map_err(|faults| value("values", faults.to_string()))?;
+        Ok(SolveSettings { contact_stiffness_factor: stiffness, ..options.settings(READY_MESH_LOCKING) })
     }
 
     fn plan(&self) -> Result<Plan, SceneError> {
@@ -186,45 +178,41 @@ impl SceneFile {
         Ok(Plan { paths })
     }
 
-    /// A material for every tissue of the mesh; tissues that the mesh does not have get a default material.
-    fn materials(&self, ready: &ReadyMesh) -> Result<Materials, SceneError> {
-        let reading = self.d1_reading.unwrap_or_default();
-        let preset = match &self.materials {
-            Some(MaterialsWord::Preset(preset)) => Some(*preset),
-            None => Some(PresetName::default()),
-            Some(MaterialsWord::Laws(_)) => None,
+    /// The preset, and the laws that replace its materials.
+    ///
+    /// Laws without `preset` must cover every tissue of the mesh.
+    fn materials(&self, ready: &ReadyMesh) -> Result<(PresetName, TissueLawsDocument), SceneError> {
+        let laws = match (&self.materials, self.preset) {
+            (Some(MaterialsRequest::Preset(_)), Some(_)) => {
+                return Err(value("/materials", "names a preset beside `preset`: give one of them"));
+            }
+            (Some(MaterialsRequest::Preset(preset)), None) => return Ok((*preset, TissueLawsDocument::default())),
+            (None, preset) => return Ok((preset.unwrap_or_default(), TissueLawsDocument::default())),
+            (Some(MaterialsRequest::Laws(laws)), _) => laws,
         };
-        if self.d1_reading.is_some() && preset != Some(PresetName::Wang2009) {
-            return Err(value("/d1_reading", "applies only to the preset wang2009: remove it or use that preset"));
-        }
-        let laws = match &self.materials {
-            Some(MaterialsWord::Laws(laws)) => laws,
-            Some(MaterialsWord::Preset(_)) | None => return Ok(preset.unwrap_or_default().materials(reading)),
-        };
-        const NAMES: [(&str, Tissue); 4] =
-            [("skin", Tissue::Skin), ("muscle", Tissue::Muscle), ("fat", Tissue::Fat), ("mucosa", Tissue::Mucosa)];
-        if let Some(unknown) = laws.keys().find(|key| NAMES.iter().all(|(name, _)| name != key)) {
-            return Err(value(format!("/materials/{unknown}"), "is not a tissue: use skin, muscle, fat or mucosa"));
-        }
-        let mesh = &ready.mesh;
-        let prisms = (0..mesh.prisms.len()).map(|p| mesh.tissue_of_prism(p));
-        let mut present: Vec<Tissue> = mesh.tetrahedron_tissue.iter().copied().chain(prisms).collect();
-        present.sort_unstable();
-        present.dedup();
-        let mut materials = PresetName::default().materials(reading);
-        for (name, tissue) in NAMES {
+        let mut document = TissueLawsDocument::default();
+        for (name, law) in laws {
             let place = format!("/materials/{name}");
-            let Some(law) = laws.get(name) else {
-                if present.contains(&tissue) {
-                    return Err(value(place, "is missing: the mesh has cells of this tissue"));
-                }
-                continue;
+            let member = match name.as_str() {
+                "skin" => &mut document.skin,
+                "muscle" => &mut document.muscle,
+                "fat" => &mut document.fat,
+                "mucosa" => &mut document.mucosa,
+                _ => return Err(value(place, "is not a tissue: use skin, muscle, fat or mucosa")),
             };
-            let document: MaterialDocument = strict_value(law).map_err(|e| value(place.clone(), e.to_string()))?;
-            let material = file_material(&place, &document).map_err(|faults| value("values", faults.to_string()))?;
-            materials.set(tissue, material);
+            *member = Some(strict_value::<MaterialDocument>(law).map_err(|e| value(place, e.to_string()))?);
         }
-        Ok(materials)
+        if self.preset.is_none() {
+            let mesh = &ready.mesh;
+            let prisms = (0..mesh.prisms.len()).map(|p| mesh.tissue_of_prism(p));
+            let present: BTreeSet<Tissue> = mesh.tetrahedron_tissue.iter().copied().chain(prisms).collect();
+            for (name, tissue, law) in document.all() {
+                if law.is_none() && present.contains(&tissue) {
+                    return Err(value(format!("/materials/{name}"), "is missing: the mesh has cells of this tissue"));
+                }
+            }
+        }
+        Ok((self.preset.unwrap_or_default(), document))
     }
 
     fn bones(&self, folder: &Path, warnings: &mut Vec<String>) -> Result<Vec<(u32, Arc<SignedField>)>, SceneError> {

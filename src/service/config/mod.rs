@@ -17,8 +17,8 @@ pub use figment::value::Value;
 
 use crate::http::HttpLimits;
 use crate::http::auth::AuthSettings;
+use prosopon_contract::chain;
 use prosopon_jobs::ServiceSettings;
-use prosopon_session::chain;
 use prosopon_store::{BucketUrl, Places};
 
 /// PEM files of the TLS certificate chain and private key.

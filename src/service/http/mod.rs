@@ -29,7 +29,7 @@ pub use openapi::{openapi, openapi_json};
 pub use problem::{Problem, ProblemDocument, ProblemField};
 pub use state::{AppState, HttpLimits};
 
-use prosopon_session::FaultKind;
+use prosopon_contract::FaultKind;
 
 /// The router of the whole API.
 pub fn app(state: AppState) -> Router {

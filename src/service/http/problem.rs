@@ -5,7 +5,7 @@ use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
 use super::middleware::request_id;
-use prosopon_session::{Fault, FaultKind, FieldFault, Halt};
+use prosopon_contract::{Fault, FaultKind, FieldFault, Halt};
 use prosopon_store::StoreError;
 
 /// Media type of problems.

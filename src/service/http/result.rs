@@ -5,7 +5,8 @@ use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 
 use super::Problem;
-use prosopon_session::{FaultKind, key_of};
+use prosopon_contract::FaultKind;
+use prosopon_session::key_of;
 
 /// Entity tag of a result that this version of the software makes from `parts`.
 pub(super) fn tag_of(parts: &[&str]) -> String {
@@ -62,7 +63,7 @@ fn range(request: &HeaderMap, tag: &str, length: usize) -> Result<Option<(usize,
     if range.0 >= length {
         let detail = format!("the range starts behind the end of the result, which has {length} bytes");
         return Err(Problem(
-            prosopon_session::Fault::new(FaultKind::RangeNotSatisfiable, detail).with("bytes", length),
+            prosopon_contract::Fault::new(FaultKind::RangeNotSatisfiable, detail).with("bytes", length),
         ));
     }
     Ok(Some(range))

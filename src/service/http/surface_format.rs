@@ -3,8 +3,8 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::Problem;
+use prosopon_contract::FaultKind;
 use prosopon_formats::export::{SurfaceView, glb, ply, stl, vtp};
-use prosopon_session::FaultKind;
 
 /// Format in which to send a surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]

@@ -7,8 +7,8 @@ use axum::http::{HeaderMap, header};
 use futures::StreamExt;
 
 use super::{HttpLimits, Problem};
+use prosopon_contract::{Fault, FaultKind};
 use prosopon_jobs::CtScan;
-use prosopon_session::{Fault, FaultKind};
 use prosopon_store::{BlobInfo, SessionId, Store, StoreError};
 
 /// Stores the body while `scan` checks it. On any failure nothing is left on disk.

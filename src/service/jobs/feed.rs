@@ -4,7 +4,7 @@ use tokio::sync::watch;
 
 use super::Service;
 use super::service::end_event;
-use prosopon_session::{Fault, FaultKind};
+use prosopon_contract::{Fault, FaultKind};
 use prosopon_store::{EventRecord, JobId, JobState};
 
 /// Events of one job as they are stored, from a given number on.

@@ -1,5 +1,5 @@
+use prosopon_contract::{Fault, FaultKind};
 use prosopon_geometry::{Point, TriMesh};
-use prosopon_session::{Fault, FaultKind};
 
 /// Skin of one step, as stored and served; `api/frames.md` is the contract.
 ///

@@ -48,7 +48,10 @@ impl Service {
         for (worker, silent) in self.beats.silences() {
             if silent > silence && !self.stop.is_cancelled() {
                 let (lane, number) = (worker.lane.as_str(), worker.number);
-                faults.push(format!("worker {number} of the {lane} lane has had no heartbeat for {} s", silent.as_secs()));
+                faults.push(format!(
+                    "worker {number} of the {lane} lane has had no heartbeat for {} s",
+                    silent.as_secs()
+                ));
             }
         }
         for running in self.running_jobs() {

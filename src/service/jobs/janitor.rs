@@ -2,7 +2,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use super::Service;
-use prosopon_session::Fault;
+use prosopon_contract::Fault;
 use prosopon_store::{AuditEntry, SessionRecord, StoreError};
 
 /// Retention of stored answers to repeated requests.

@@ -14,7 +14,6 @@ mod memory;
 mod order;
 mod others;
 mod persist;
-mod physics;
 mod requests;
 mod running;
 mod service;
@@ -31,17 +30,13 @@ pub use cpu_pool::{CpuPool, Panicked};
 pub use feed::EventFeed;
 pub use frame::SkinFrame;
 pub use order::Order;
-pub use physics::{PhysicsRecord, SolveModel};
-pub use requests::{
-    AttachmentRecord, CompareRecord, EarlierSolve, FieldRequest, ImportRequest, MaskRecord, MeshChoice, MeshRequest,
-    PartShape, RegisterRecord, SceneRequest, SolveRequest, SurfaceSource,
-};
+pub use requests::{CompareTask, EarlierSolve, FieldTask, ImportRequest, MeshChoice, MeshTask, SceneTask, SolveTask};
 pub use service::Service;
 pub use settings::ServiceSettings;
 pub use state::{Illegal, JobEvent, next};
 pub use status::JobStatus;
 pub use tasks::{
-    Compared, Comparison, CtScan, NamedSurface, Prediction, Predictions, RegisterOn, StoredComparison, UNMOVED_MM,
-    compare, cut_bone, face_of, field_slice, make_plan, named_surface, propose_landmarks, read_comparison, read_frame,
-    rest_of, take_ct, take_surface, take_tissue,
+    Compared, Comparison, CtScan, NamedSurface, Prediction, Predictions, StoredComparison, compare, cut_bone, face_of,
+    field_slice, make_plan, named_surface, propose_landmarks, read_comparison, read_frame, rest_of, take_ct,
+    take_surface, take_tissue,
 };

@@ -2,17 +2,20 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{PhysicsRecord, RegisterOn};
-use prosopon_geometry::{Aabb, Point, TriMesh};
-use prosopon_planning::evaluate::{Mask, Part};
-use prosopon_planning::plan::PlanError;
-use prosopon_planning::simulate::{AttachmentRules, RunSettings, SkullPaint};
-use prosopon_planning::surface::CtSettings;
-use prosopon_session::{
-    BoxDocument, CutDocument, Earlier, Fault, FaultKind, FieldSettingsDocument, MeshSettingsDocument, NodeClassName,
-    PaintDocument, PlanDocument, PresetName, TissueDocument,
+use prosopon_contract::{
+    CompareRequest, CutDocument, Fault, FieldSettingsDocument, MeshRequest, PlanDocument, PresetName, SolveRequest,
+    TissueDocument,
 };
-use prosopon_store::{JobId, OsteotomyId, PlanId, SessionId};
+use prosopon_geometry::TriMesh;
+use prosopon_planning::plan::PlanError;
+use prosopon_planning::simulate::RunSettings;
+use prosopon_planning::surface::CtSettings;
+use prosopon_session::Earlier;
+use prosopon_store::{JobId, OsteotomyId};
+use prosopon_tissue::fem::Locking;
+
+/// Treatment of locking on heads when a request names none: smoothed elements take three to seven times as long there.
+const HEAD_LOCKING: Locking = Locking::None;
 
 /// Request of an import: skin, skull, air and soft tissue from a CT.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -35,7 +38,7 @@ impl From<&ImportRequest> for CtSettings {
 
 /// Request of the distance fields.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct FieldRequest {
+pub struct FieldTask {
     /// Settings of the fields.
     pub settings: FieldSettingsDocument,
     /// Key of the inputs and settings when the job was accepted.
@@ -44,9 +47,9 @@ pub struct FieldRequest {
 
 /// Request of the tissue mesh.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct MeshRequest {
+pub struct MeshTask {
     /// Settings of the mesh.
-    pub settings: MeshSettingsDocument,
+    pub settings: MeshRequest,
     /// Cuts whose segments determine the meshed region.
     pub cuts: Option<Vec<CutDocument>>,
     /// Osteotomy of the cuts.
@@ -59,52 +62,11 @@ pub struct MeshRequest {
     pub key: String,
 }
 
-/// Rules for which inner nodes are tied to bone and which slide.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct AttachmentRecord {
-    /// Boundary nodes nearer to bone than this are tied, mm.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub tie_gap_mm: Option<f64>,
-    /// Boxes in which nodes near bone slide.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub sliding: Option<Vec<BoxDocument>>,
-    /// Node classes painted in boxes and balls.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub paint: Vec<PaintDocument>,
-    /// Node classes painted on the skull's vertices, one entry for each vertex.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub skull_classes: Option<Vec<Option<NodeClassName>>>,
-}
-
-impl AttachmentRecord {
-    /// The rules for the numerics.
-    ///
-    /// # Errors
-    /// [`FaultKind::InvalidRequest`] when the number of painted vertices is not that of the `skull`.
-    pub fn rules(&self, skull: &TriMesh) -> Result<AttachmentRules, Fault> {
-        let skull = self.skull_classes.as_ref().map(|classes| {
-            let (found, needed) = (classes.len(), skull.positions().len());
-            if found != needed {
-                let detail = format!("has {found} classes, but the skull has {needed} vertices; give one class for each vertex");
-                return Err(Fault::new(FaultKind::InvalidRequest, detail).at("/attachment/skull_classes"));
-            }
-            let classes = classes.iter().map(|c| c.map(Into::into)).collect();
-            Ok(SkullPaint { positions: skull.positions().to_vec(), classes })
-        });
-        Ok(AttachmentRules {
-            tie_gap_mm: self.tie_gap_mm,
-            sliding: self.sliding.as_ref().map(|boxes| boxes.iter().map(Aabb::from).collect()),
-            skull: skull.transpose()?,
-            paint: self.paint.iter().filter_map(PaintDocument::paint).collect(),
-        })
-    }
-}
-
 /// The tissue mesh of a solve, which is built when it is not stored.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct MeshChoice {
     /// Settings of the mesh.
-    pub settings: MeshSettingsDocument,
+    pub settings: MeshRequest,
     /// Cuts whose segments determine the meshed region; `None` for the front of the face or a box.
     pub cuts: Option<Vec<CutDocument>>,
 }
@@ -113,9 +75,9 @@ pub struct MeshChoice {
 ///
 /// It holds copies of the plan and the mesh settings, because the job may outlive them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct SolveRequest {
-    /// The plan's id.
-    pub plan_id: PlanId,
+pub struct SolveTask {
+    /// The request with all defaults filled in; its plan is `plan`.
+    pub request: SolveRequest,
     /// Its osteotomy's id.
     pub osteotomy_id: OsteotomyId,
     /// The plan.
@@ -130,19 +92,6 @@ pub struct SolveRequest {
     pub mesh: MeshChoice,
     /// Key of the mesh when the job was accepted.
     pub mesh_key: String,
-    /// Model, elements, materials.
-    #[serde(flatten)]
-    pub physics: PhysicsRecord,
-    /// Number of steps.
-    pub steps: u32,
-    /// Attachment rules; derived from the landmarks when `None`.
-    pub attachment: Option<AttachmentRecord>,
-    /// Whether error maps are computed when there is a reference.
-    pub error_maps: bool,
-    /// Whether the deformed volume is stored.
-    pub tissue: bool,
-    /// Job to compare with when the session has no target surface.
-    pub reference_job: Option<JobId>,
     /// SHA-256 of the session's target surface when the job was accepted.
     #[serde(default)]
     pub target: Option<String>,
@@ -188,11 +137,11 @@ impl EarlierSolve {
 ///
 /// It holds a copy of the plan, because the job may outlive it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct SceneRequest {
+pub struct SceneTask {
     /// Description of the mesh when the job was accepted.
     pub ready: TissueDocument,
-    /// The plan's id.
-    pub plan_id: PlanId,
+    /// The request with all defaults filled in; its plan is `plan`.
+    pub request: SolveRequest,
     /// The plan.
     pub plan: PlanDocument,
     /// Id of the plan's osteotomy, if it has one.
@@ -207,12 +156,6 @@ pub struct SceneRequest {
     pub bones: Vec<(u32, String)>,
     /// Settings of the distance fields of the bones.
     pub field_settings: FieldSettingsDocument,
-    /// Model, elements, materials.
-    pub physics: PhysicsRecord,
-    /// Number of steps.
-    pub steps: u32,
-    /// Whether the solved mesh is stored as a VTU file.
-    pub file: bool,
 }
 
 /// Distinguishes the request of a scene from that of a patient case: only a scene has `ready`.
@@ -222,131 +165,26 @@ pub(super) struct SolveKind {
     pub(super) ready: Option<serde::de::IgnoredAny>,
 }
 
-impl SolveRequest {
+impl SolveTask {
     /// Solver settings for the numerics, for the patient's `skull`.
     ///
     /// # Errors
-    /// As [`AttachmentRecord::rules`].
+    /// As [`prosopon_contract::Attachment::rules`].
     pub fn settings(&self, skull: &TriMesh) -> Result<RunSettings, Fault> {
         Ok(RunSettings {
-            solver: (&self.physics).into(),
-            steps: self.steps as usize,
-            attachment: self.attachment.as_ref().map(|a| a.rules(skull)).transpose()?,
-            leave_out_below_mm: self.physics.leave_out_below_mm,
+            solver: self.request.options().settings(HEAD_LOCKING),
+            steps: self.request.steps() as usize,
+            attachment: self.request.attachment.as_ref().map(|a| a.rules(skull)).transpose()?,
+            leave_out_below_mm: self.request.leave_out_below_mm(),
         })
     }
 }
 
-/// A stored surface.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum SurfaceSource {
-    /// Outer skin of a session.
-    Skin(SessionId),
-    /// Bone of a session.
-    Skull(SessionId),
-    /// Post-operative skin of a session.
-    Target(SessionId),
-    /// Skin of a solve at a step: job and step number.
-    Step(JobId, u32),
-}
-
-/// A part of space.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum PartShape {
-    /// A box.
-    Box(BoxDocument),
-    /// A ball: centre and radius, mm.
-    Ball([f64; 3], f64),
-}
-
-/// Mask: the vertices of a surface that count.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub struct MaskRecord {
-    /// Only vertices in one of these parts of space; all when empty.
-    pub only: Vec<PartShape>,
-    /// Only vertices that are true here, one entry for each vertex.
-    pub vertices: Option<Vec<bool>>,
-    /// No vertices in one of these parts of space.
-    pub except: Vec<PartShape>,
-}
-
-/// Rigid registration before a comparison.
+/// Comparison of two surfaces. The keys name their contents at the time of the request.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct RegisterRecord {
-    /// Vertices that the registration uses.
-    pub region: MaskRecord,
-    /// Vertices that a job moves by less than this count as unmoved, mm.
-    pub threshold_mm: f64,
-}
-
-/// Request of a comparison of two surfaces.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct CompareRecord {
-    /// The predicted surface.
-    pub prediction: SurfaceSource,
-    /// The reference surface.
-    pub reference: SurfaceSource,
-    /// Keys of the prediction and the reference when the job was accepted.
+pub struct CompareTask {
+    /// The request.
+    pub request: CompareRequest,
+    /// Keys of prediction and reference.
     pub keys: [String; 2],
-    /// Vertices of the prediction that count.
-    pub mask: MaskRecord,
-    /// Parts of space that are left out of the comparison and of the registration.
-    pub exclude: Vec<PartShape>,
-    /// Whether the eyes are left out too.
-    #[serde(default)]
-    pub exclude_eyes: bool,
-    /// Registration before the comparison, if requested.
-    pub register: Option<RegisterRecord>,
-}
-
-impl From<&Part> for PartShape {
-    fn from(part: &Part) -> Self {
-        match part {
-            Part::Box(bounds) => Self::Box(BoxDocument { min_mm: bounds.min.into(), max_mm: bounds.max.into() }),
-            Part::Ball { centre, radius_mm } => Self::Ball((*centre).into(), *radius_mm),
-        }
-    }
-}
-
-impl From<&PartShape> for Part {
-    fn from(shape: &PartShape) -> Self {
-        match shape {
-            PartShape::Box(bounds) => Self::Box(bounds.into()),
-            PartShape::Ball(centre, radius_mm) => Self::Ball { centre: Point::from(*centre), radius_mm: *radius_mm },
-        }
-    }
-}
-
-impl From<&Mask> for MaskRecord {
-    fn from(mask: &Mask) -> Self {
-        Self {
-            only: mask.only.iter().map(PartShape::from).collect(),
-            vertices: mask.vertices.clone(),
-            except: mask.except.iter().map(PartShape::from).collect(),
-        }
-    }
-}
-
-impl From<&MaskRecord> for Mask {
-    fn from(record: &MaskRecord) -> Self {
-        Self {
-            only: record.only.iter().map(Part::from).collect(),
-            vertices: record.vertices.clone(),
-            except: record.except.iter().map(Part::from).collect(),
-        }
-    }
-}
-
-impl From<&RegisterOn> for RegisterRecord {
-    fn from(on: &RegisterOn) -> Self {
-        Self { region: (&on.region).into(), threshold_mm: on.threshold_mm }
-    }
-}
-
-impl From<&RegisterRecord> for RegisterOn {
-    fn from(record: &RegisterRecord) -> Self {
-        Self { region: (&record.region).into(), threshold_mm: record.threshold_mm }
-    }
 }

@@ -10,8 +10,9 @@ use super::running::{Running, Worker};
 use super::state::{JobEvent, next};
 use super::{CpuPool, JobStatus, Order, ServiceSettings, janitor, others, worker};
 use crate::trace;
+use prosopon_contract::{Fault, FaultKind, Halt};
 use prosopon_geometry::control::Control;
-use prosopon_session::{Engine, Fault, FaultKind, Halt};
+use prosopon_session::Engine;
 use prosopon_store::{
     AnswerRecord, Audit, Insertion, JobChange, JobFilter, JobId, JobRecord, JobState, Lane, NewJob, SessionId, Store,
     Supersede, TenantId, WorkerId,
@@ -258,12 +259,15 @@ impl Service {
             }
             Insertion::Twin(twin, before) => return Ok(status(&twin, before)),
             Insertion::Full => {
-                let detail = format!("the queue is full with {} waiting jobs; try again later", self.settings.max_waiting);
+                let detail =
+                    format!("the queue is full with {} waiting jobs; try again later", self.settings.max_waiting);
                 return Err(Fault::new(FaultKind::QueueFull, detail));
             }
             Insertion::TenantFull => {
-                let detail =
-                    format!("{} of your jobs wait, the most allowed; try again later", self.settings.max_waiting_tenant);
+                let detail = format!(
+                    "{} of your jobs wait, the most allowed; try again later",
+                    self.settings.max_waiting_tenant
+                );
                 return Err(Fault::new(FaultKind::TenantQueueFull, detail));
             }
         };

@@ -3,7 +3,7 @@ use std::collections::btree_map::Entry;
 use std::time::Duration;
 
 use super::Service;
-use prosopon_session::{Fault, FaultKind, StepDocument};
+use prosopon_contract::{Fault, StepDocument, from_json};
 use prosopon_store::{JobId, JobRecord, JobState, StepRecord};
 
 /// Current status of a job.
@@ -121,9 +121,6 @@ impl Service {
 }
 
 fn residual(step: &StepRecord) -> Result<f64, Fault> {
-    let document = serde_json::from_str::<StepDocument>(&step.document).map_err(|error| {
-        tracing::error!(%error, "the document of a step cannot be read");
-        Fault::new(FaultKind::Internal, "a stored document cannot be read; see the log of the service")
-    })?;
+    let document = from_json::<StepDocument>("the document of the step", &step.document)?;
     Ok(document.relative_residual)
 }

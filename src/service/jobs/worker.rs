@@ -11,7 +11,7 @@ use super::service::{end_event, panicked, status_event, warning_event};
 use super::state::{JobEvent, next};
 use super::work::{self, Done};
 use crate::trace;
-use prosopon_session::{Fault, FaultKind, Halt, chain};
+use prosopon_contract::{Fault, FaultKind, Halt, chain};
 use prosopon_store::{Claim, JobChange, JobFilter, JobRecord, JobState, Lane, StoreError};
 
 /// Shortest time between two progress events.
@@ -316,7 +316,7 @@ fn tell_metrics(job: &JobRecord, running: &Running, event: JobEvent) {
 /// Mechanical model that a job requests; empty for jobs without one.
 fn model_of(job: &JobRecord) -> String {
     let request: serde_json::Value = serde_json::from_str(&job.request).unwrap_or_default();
-    let model = request.get("model").or_else(|| request.get("physics")?.get("model"));
+    let model = request.get("request").and_then(|request| request.get("model"));
     model.and_then(serde_json::Value::as_str).unwrap_or_default().to_owned()
 }
 

@@ -26,8 +26,9 @@ use crate::config::{ConfigError, ConnectionLimits, ServeConfig};
 use crate::http::auth::{Access, AuthError, Authenticator};
 use crate::http::{AppState, app, worker_app};
 use crate::telemetry;
+use prosopon_contract::Fault;
 use prosopon_jobs::{CpuPool, Service, ServiceSettings};
-use prosopon_session::{Engine, Fault, Numerics};
+use prosopon_session::{Engine, Numerics};
 use prosopon_store::{Audit, Store, StoreError};
 
 /// Longest wait for an interrupted job, for open requests and for the database when the service stops.

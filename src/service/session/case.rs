@@ -1,7 +1,7 @@
 use std::sync::Arc;
 
 use prosopon_geometry::{TriMesh, VolumeMesh};
-use prosopon_planning::plan::{Cut, Landmarks, Plan, Protected, TemplateCall};
+use prosopon_planning::plan::{Cut, Plan};
 use prosopon_planning::simulate::{Anatomy, FieldsSettings, Milestone, RunSettings, TissueSettings};
 use prosopon_tissue::fem::SolveSettings;
 
@@ -16,19 +16,6 @@ pub struct Case {
     pub key: String,
     /// x of the midline, mm; `None` when unknown.
     pub midline_x_mm: Option<f64>,
-}
-
-/// Cuts of a request.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct Cuts {
-    /// Templates; missing landmarks are proposed from the surfaces.
-    pub templates: Vec<TemplateCall>,
-    /// Further cuts.
-    pub cuts: Vec<Cut>,
-    /// Protected points and curves, whose distance to the cuts is reported.
-    pub protected: Vec<Protected>,
-    /// Landmarks that segments are named by.
-    pub landmarks: Landmarks,
 }
 
 /// A tissue mesh of a request.
@@ -105,13 +92,4 @@ pub struct SceneRun {
     pub file: bool,
     /// Checkpoint of an earlier attempt, from which the solve continues.
     pub milestone: Option<Milestone>,
-}
-
-/// A solid with a distance field.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Solid {
-    /// Inside of the skin.
-    Skin,
-    /// Outer envelope of bone.
-    Bone,
 }

@@ -4,7 +4,8 @@ use std::sync::Arc;
 
 use super::case::Earlier;
 use super::numerics::{Numerics, bone_key};
-use super::{Halt, Run, key_of};
+use super::{Run, key_of};
+use prosopon_contract::Halt;
 use prosopon_geometry::control::Control;
 use prosopon_planning::plan::{self, Plan};
 use prosopon_planning::simulate::{

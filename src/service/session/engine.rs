@@ -1,6 +1,7 @@
 use std::fmt::Debug;
 
-use super::{Case, Cuts, Halt, Run, SceneRun, Solid, TissueRequest};
+use super::{Case, Run, SceneRun, TissueRequest};
+use prosopon_contract::{Cuts, Halt, Solid};
 use prosopon_field::{FieldReport, Settled};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Point, TriMesh, Vector};

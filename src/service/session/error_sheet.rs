@@ -1,4 +1,4 @@
-use super::ErrorDocument;
+use prosopon_contract::ErrorDocument;
 use prosopon_geometry::TriMesh;
 use prosopon_planning::evaluate::{Sheet, sheet};
 

@@ -3,9 +3,10 @@ use std::sync::Arc;
 use bytes::Bytes;
 use serde::de::DeserializeOwned;
 
-use super::{
-    Case, CutDocument, Fault, FaultKind, FieldDocument, FieldSettingsDocument, LandmarksDocument, MeshDocument,
-    MeshSettingsDocument, SurfaceDocument, TissueDocument, TissueRequest, key_of, stored_cuts,
+use super::{Case, TissueRequest, key_of};
+use prosopon_contract::{
+    CutDocument, Fault, FaultKind, FieldDocument, FieldSettingsDocument, LandmarksDocument, MeshDocument, MeshRequest,
+    SurfaceDocument, TissueDocument, from_json, stored_cuts, to_json,
 };
 use prosopon_geometry::TriMesh;
 use prosopon_planning::simulate::Anatomy;
@@ -61,7 +62,8 @@ impl SessionParts {
     /// [`FaultKind::NotFound`].
     pub fn require(&self, kind: PartKind) -> Result<&PartRecord, Fault> {
         let name = kind.as_str();
-        self.get(kind).ok_or_else(|| Fault::new(FaultKind::NotFound, format!("the session has no {name}; upload or build it")))
+        self.get(kind)
+            .ok_or_else(|| Fault::new(FaultKind::NotFound, format!("the session has no {name}; upload or build it")))
     }
 
     /// Uploaded bones with their segments, in ascending order of segments.
@@ -96,10 +98,7 @@ impl SessionParts {
 
     fn document<T: DeserializeOwned>(&self, kind: PartKind) -> Result<Option<T>, Fault> {
         let Some(part) = self.get(kind) else { return Ok(None) };
-        serde_json::from_str(&part.document).map(Some).map_err(|error| {
-            tracing::error!(%error, part = kind.as_str(), "a stored document cannot be read");
-            Fault::new(FaultKind::Internal, "a stored document cannot be read; see the log of the service")
-        })
+        from_json(kind.as_str(), &part.document).map(Some)
     }
 
     /// Settings of the distance fields, or the defaults.
@@ -125,7 +124,7 @@ impl SessionParts {
     pub fn field_key(&self) -> Result<String, Fault> {
         self.require_surfaces()?;
         let key = |kind| self.get(kind).map_or("", |p| p.key.as_str());
-        let settings = serde_json::to_string(&self.field_settings()?).unwrap_or_default();
+        let settings = to_json("the settings of the fields", &self.field_settings()?)?;
         Ok(key_of(&["field", key(PartKind::Skin), key(PartKind::Skull), key(PartKind::Air), &settings]))
     }
 
@@ -229,10 +228,10 @@ impl SessionParts {
     ///
     /// # Errors
     /// As [`SessionParts::field_key`].
-    pub fn mesh_key(&self, settings: &MeshSettingsDocument, cuts: Option<&[CutDocument]>) -> Result<String, Fault> {
+    pub fn mesh_key(&self, settings: &MeshRequest, cuts: Option<&[CutDocument]>) -> Result<String, Fault> {
         let landmarks = self.get(PartKind::Landmarks).map_or("", |p| p.key.as_str());
-        let text = serde_json::to_string(settings).unwrap_or_default();
-        let cuts = serde_json::to_string(&cuts).unwrap_or_default();
+        let text = to_json("settings of a mesh", &MeshRequest { osteotomy: None, ..*settings })?;
+        let cuts = to_json("cuts of a mesh", &cuts)?;
         let field = self.field_key()?;
         let mut made_from = vec!["mesh", &field, landmarks, &text, &cuts];
         let soft_tissue = self.get(PartKind::SoftTissue).filter(|_| !settings.tissue_by_depth);
@@ -274,11 +273,7 @@ impl SessionParts {
     ///
     /// # Errors
     /// As [`SessionParts::field_key`].
-    pub fn tissue_request(
-        &self,
-        settings: &MeshSettingsDocument,
-        cuts: Option<&[CutDocument]>,
-    ) -> Result<TissueRequest, Fault> {
+    pub fn tissue_request(&self, settings: &MeshRequest, cuts: Option<&[CutDocument]>) -> Result<TissueRequest, Fault> {
         Ok(TissueRequest {
             settings: settings.into(),
             cuts: cuts.map(stored_cuts).transpose()?,
@@ -306,7 +301,8 @@ pub async fn read_part(store: &Store, part: &PartRecord) -> Result<Bytes, Fault>
     let name = part.kind.as_str();
     store.blobs().get(part.blob.as_deref().unwrap_or_default()).await.map_err(|error| match Fault::from(error) {
         fault if fault.kind == FaultKind::DamagedValue => {
-            let detail = format!("the stored {name}: {}; upload it again, or the CT that it was made from", fault.detail);
+            let detail =
+                format!("the stored {name}: {}; upload it again, or the CT that it was made from", fault.detail);
             Fault { detail, ..fault }.with("part", name)
         }
         other => other,

@@ -2,12 +2,11 @@ use std::fmt;
 use std::sync::Arc;
 
 use super::course::{Course, Ready};
-use super::fault::{Fault, FaultKind};
-use super::fault_from::import_fault;
 use super::recent::Recent;
 use super::scene::{bone_fields, solve_scene};
 use super::tissue_file::tissue_file;
-use super::{Case, Cuts, Engine, Halt, Run, RunWatch, SceneBones, SceneRun, SceneSolved, Solid, TissueRequest, key_of};
+use super::{Case, Engine, Run, RunWatch, SceneBones, SceneRun, SceneSolved, TissueRequest, key_of};
+use prosopon_contract::{Cuts, Fault, FaultKind, Halt, Solid, import_fault};
 use prosopon_field::{Envelope, ExactDistance, FieldReport, Settled, envelope};
 use prosopon_formats::import::{self, Limits};
 use prosopon_geometry::control::Control;

@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use super::fault::{Fault, FaultKind};
-use super::{Halt, RunWatch, SceneRun, SceneSolved};
+use super::{RunWatch, SceneRun, SceneSolved};
+use prosopon_contract::{Fault, FaultKind, Halt};
 use prosopon_field::SignedField;
 use prosopon_formats::export::vtu_of_mesh;
 use prosopon_geometry::control::Control;

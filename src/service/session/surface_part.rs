@@ -1,4 +1,4 @@
-use crate::{Fault, FaultKind, SurfaceDocument, SurfaceOrigin};
+use prosopon_contract::{Fault, FaultKind, SurfaceDocument, SurfaceOrigin, to_json};
 use prosopon_geometry::{TriMesh, surface_report, why_no_solid};
 use prosopon_store::{PartKind, PartRecord, SessionId, Store, encode_mesh, now_rfc3339};
 
@@ -34,7 +34,7 @@ pub async fn surface_part(
     surface: PreparedSurface,
     wall_s: f64,
 ) -> Result<(PartRecord, SurfaceDocument), Fault> {
-    let document = serde_json::to_string(&surface.document).unwrap_or_default();
+    let document = to_json("the description of the surface", &surface.document)?;
     let blob = store.blobs().put(session, surface.bytes).await?;
     let part = PartRecord {
         kind,

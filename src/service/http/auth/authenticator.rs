@@ -5,8 +5,8 @@ use tokio::sync::Semaphore;
 
 use super::token::Tokens;
 use super::{ApiKey, JwtSettings, Principal};
+use prosopon_contract::{Fault, FaultKind};
 use prosopon_jobs::CpuPool;
-use prosopon_session::{Fault, FaultKind};
 use prosopon_store::sha256_hex;
 
 /// Secrets checked at the same time; each check takes 19 MB and some ten milliseconds.

@@ -1,7 +1,7 @@
 use serde_json::{Value, json};
 
 use crate::http::problem::ProblemDocument;
-use prosopon_session::Fault;
+use prosopon_contract::Fault;
 use prosopon_store::{EventRecord, JobId};
 
 /// Data of an event as sent: stored data, links to a step's results, and the problem of a failed job.

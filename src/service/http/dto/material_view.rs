@@ -3,9 +3,8 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
-use super::check::Check;
-use super::material::check_material;
-use prosopon_session::{D1ReadingName, Fault, MaterialDocument, PresetName};
+use prosopon_contract::{Check, check_material};
+use prosopon_contract::{D1ReadingName, Fault, MaterialDocument, PresetName};
 use prosopon_tissue::fem::Preset;
 use prosopon_tissue::fem::material::{EXPECTED_SHEAR, EXPECTED_STRETCH, Material, Materials, PathCheck, StandardTest};
 

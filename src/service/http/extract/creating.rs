@@ -8,7 +8,8 @@ use serde_json::Value;
 use super::json::{parse, read_json};
 use crate::http::auth::Principal;
 use crate::http::{AppState, Problem};
-use prosopon_session::{FaultKind, key_of};
+use prosopon_contract::FaultKind;
+use prosopon_session::key_of;
 use prosopon_store::{AnswerRecord, Remembered, SessionId, TenantId};
 
 const IDEMPOTENCY_KEY: &str = "idempotency-key";

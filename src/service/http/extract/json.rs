@@ -9,7 +9,7 @@ use serde_path_to_error::{Path, Segment};
 use super::strict::{Strict, Unique};
 use super::words::plain;
 use crate::http::{AppState, Problem};
-use prosopon_session::{Fault, FaultKind};
+use prosopon_contract::{Fault, FaultKind};
 
 /// A JSON body. The types themselves refuse unknown members.
 #[derive(Debug)]

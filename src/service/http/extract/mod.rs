@@ -12,4 +12,3 @@ pub(super) use json::Body;
 pub use json::{JsonFault, strict_json, strict_value};
 pub(super) use path::Ids;
 pub(super) use query::{Params, page_length};
-pub(super) use words::short_number;

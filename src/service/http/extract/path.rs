@@ -3,7 +3,7 @@ use axum::http::request::Parts;
 use serde::de::DeserializeOwned;
 
 use crate::http::Problem;
-use prosopon_session::FaultKind;
+use prosopon_contract::FaultKind;
 
 /// Ids and numbers of the path. One that cannot be parsed gets the answer not-found.
 #[derive(Debug)]

@@ -7,7 +7,7 @@ use serde::de::{DeserializeOwned, value};
 
 use super::words::{plain, quoted_name};
 use crate::http::Problem;
-use prosopon_session::{Fault, FaultKind};
+use prosopon_contract::{Fault, FaultKind};
 
 /// Query parameters of a request.
 #[derive(Debug)]

@@ -7,7 +7,7 @@ use axum::response::{IntoResponse, Response};
 use super::request_id;
 use crate::http::auth::{Access, Principal, Scope};
 use crate::http::{AppState, Problem};
-use prosopon_session::{Fault, FaultKind};
+use prosopon_contract::{Fault, FaultKind};
 use prosopon_store::AuditEntry;
 
 /// POST routes that only read; they have a body, but need the scope `read`.

@@ -7,7 +7,7 @@ use axum::response::{IntoResponse, Response};
 
 use crate::http::auth::Access;
 use crate::http::{AppState, Problem};
-use prosopon_session::FaultKind;
+use prosopon_contract::FaultKind;
 
 /// Refuses requests whose Host header names neither loopback nor an allowed host.
 ///

@@ -9,7 +9,7 @@ use futures::FutureExt;
 
 use crate::http::Problem;
 use crate::http::problem::PROBLEM_JSON;
-use prosopon_session::FaultKind;
+use prosopon_contract::FaultKind;
 
 /// Turns panics, time-outs and error answers of libraries into problem documents.
 pub(in crate::http) async fn safety_net(State(limit): State<Duration>, request: Request, next: Next) -> Response {

@@ -6,8 +6,8 @@ use serde::Serialize;
 use crate::http::dto::JobView;
 use crate::http::extract::Answering;
 use crate::http::{AppState, Problem};
+use prosopon_contract::FaultKind;
 use prosopon_jobs::{JobStatus, Order};
-use prosopon_session::FaultKind;
 use prosopon_store::{JobKind, SessionId};
 
 const RETRY_AFTER_S: &str = "1";

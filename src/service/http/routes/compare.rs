@@ -8,14 +8,15 @@ use utoipa::{IntoParams, ToSchema};
 
 use super::accepted::{accepted, store_order, stored};
 use crate::http::auth::Principal;
-use crate::http::dto::{CheckedCompare, CompareRequest, CompareView, JobView, finite};
+use crate::http::dto::{CompareView, JobView, finite};
 use crate::http::extract::{Ids, Params, Repeatable, mark_replayed};
 use crate::http::result::{tag_of, tagged};
 use crate::http::surface_format::SurfaceOutput;
 use crate::http::{AppState, Problem};
+use prosopon_contract::{CompareRequest, Fault, FaultKind, SurfaceSource};
 use prosopon_formats::export::SurfaceView;
-use prosopon_jobs::{CompareRecord, Compared, NamedSurface, Order, SurfaceSource, named_surface, read_comparison};
-use prosopon_session::{Fault, FaultKind, error_sheet};
+use prosopon_jobs::{CompareTask, Compared, NamedSurface, Order, named_surface, read_comparison};
+use prosopon_session::error_sheet;
 use prosopon_store::{AnswerRecord, JobId, JobKind, JobRecord, JobState, SessionId};
 
 /// Default wait: a comparison that ends within it is answered directly, a longer one as a job.
@@ -84,12 +85,11 @@ pub(in crate::http) async fn compare(
     Repeatable { creating, earlier }: Repeatable<CompareRequest>,
 ) -> Result<Response, Problem> {
     let (request, answering) = creating.split();
-    let checked = request.check()?;
-    let values = checked.values;
+    let values = request.values;
     let job = match &earlier {
         Some(answer) => named_job(answer)?,
         None => {
-            let (record, order) = order(&state, &principal, checked).await?;
+            let (record, order) = order(&state, &principal, &request).await?;
             let order = Order { request: stored(&record)?, ..order };
             store_order(&state, order, Some(&answering)).await?.record.id
         }
@@ -162,20 +162,14 @@ pub(in crate::http) async fn comparison(
 async fn order(
     state: &AppState,
     principal: &Principal,
-    checked: CheckedCompare,
-) -> Result<(CompareRecord, Order), Problem> {
-    let CheckedCompare { prediction, reference, mask, exclude, exclude_eyes, register, .. } = checked;
-    let predicted = own_surface(state, principal, prediction).await?;
-    let compared_with = own_surface(state, principal, reference).await?;
-    let record = CompareRecord {
-        prediction,
-        reference,
-        keys: [predicted.key, compared_with.key],
-        mask: (&mask).into(),
-        exclude: exclude.iter().map(Into::into).collect(),
-        exclude_eyes,
-        register: register.as_ref().map(Into::into),
-    };
+    request: &CompareRequest,
+) -> Result<(CompareTask, Order), Problem> {
+    let checked = request.checked()?;
+    let predicted = own_surface(state, principal, checked.prediction).await?;
+    let compared_with = own_surface(state, principal, checked.reference).await?;
+    // Whether values are sent does not change the result.
+    let request = CompareRequest { values: false, ..request.clone() };
+    let record = CompareTask { request, keys: [predicted.key, compared_with.key] };
     let other_session = Some(compared_with.session).filter(|other| *other != predicted.session);
     Ok((record, Order { other_session, ..Order::new(predicted.session, JobKind::Compare, String::new()) }))
 }

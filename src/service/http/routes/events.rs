@@ -13,8 +13,8 @@ use uuid::Uuid;
 use crate::http::dto::render_event;
 use crate::http::extract::Ids;
 use crate::http::{AppState, Problem};
+use prosopon_contract::FaultKind;
 use prosopon_jobs::EventFeed;
-use prosopon_session::FaultKind;
 use prosopon_store::{EventRecord, JobId};
 
 /// Shortest reconnection delay of clients.

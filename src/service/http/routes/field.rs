@@ -6,11 +6,12 @@ use serde::Deserialize;
 use utoipa::ToSchema;
 
 use super::accepted::accept;
-use crate::http::dto::{FieldView, JobView, PointQuery, PointValues, PutFieldSettings, SliceQuery, view_of};
+use crate::http::dto::{FieldView, JobView, PointQuery, PointValues, SliceQuery, view_of};
 use crate::http::extract::{Body, Creating, Ids, Params};
 use crate::http::{AppState, Problem};
-use prosopon_jobs::{FieldRequest, field_slice};
-use prosopon_session::{FieldSettingsDocument, SessionParts};
+use prosopon_contract::{FieldSettingsDocument, to_json};
+use prosopon_jobs::{FieldTask, field_slice};
+use prosopon_session::SessionParts;
 use prosopon_store::{JobFilter, JobKind, PartKind, PartRecord, SessionId, now_rfc3339, sha256_hex};
 
 /// An empty request.
@@ -22,16 +23,16 @@ pub(in crate::http) struct Nothing {}
 ///
 /// The settings apply to the next build. Fields that were built with other settings become stale.
 #[utoipa::path(put, path = "/v1/sessions/{session}/field/settings", tag = "field", params(("session" = Uuid, Path)),
-    request_body = PutFieldSettings,
+    request_body = FieldSettingsDocument,
     responses((status = 200, description = "All settings, with defaults.", body = FieldSettingsDocument)))]
 pub(in crate::http) async fn put_settings(
     State(state): State<AppState>,
     Ids(session): Ids<SessionId>,
-    Body(request): Body<PutFieldSettings>,
+    Body(request): Body<FieldSettingsDocument>,
 ) -> Result<Json<FieldSettingsDocument>, Problem> {
     SessionParts::load(state.service.store(), session).await?;
-    let settings = FieldSettingsDocument::try_from(request)?;
-    let document = serde_json::to_string(&settings).unwrap_or_default();
+    let settings = request.checked()?;
+    let document = to_json("the settings of the fields", &settings)?;
     let part = PartRecord {
         kind: PartKind::FieldSettings,
         key: sha256_hex(document.as_bytes()),
@@ -59,7 +60,7 @@ pub(in crate::http) async fn build(
     let (Nothing {}, answering) = creating.split();
     let parts = SessionParts::load(state.service.store(), session).await?;
     parts.require_nested()?;
-    let request = FieldRequest { settings: parts.field_settings()?, key: parts.field_key()? };
+    let request = FieldTask { settings: parts.field_settings()?, key: parts.field_key()? };
     accept(&state, session, JobKind::Field, &request, Some(&answering)).await
 }
 

@@ -5,7 +5,7 @@ use axum::http::header;
 use axum::response::{IntoResponse, Response};
 
 use crate::http::{AppState, Problem};
-use prosopon_session::FaultKind;
+use prosopon_contract::FaultKind;
 use prosopon_store::Lane;
 
 /// Longest wait for the database when metrics are read; Prometheus scrapers wait ten seconds in all.

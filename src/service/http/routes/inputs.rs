@@ -14,10 +14,11 @@ use crate::http::result::{tag_of, tagged};
 use crate::http::surface_format::SurfaceOutput;
 use crate::http::upload::receive;
 use crate::http::{AppState, Problem};
+use prosopon_contract::{FaultKind, SurfaceDocument};
 use prosopon_formats::export::SurfaceView;
 use prosopon_formats::import::SurfaceFormat;
 use prosopon_jobs::{CtScan, take_ct, take_surface};
-use prosopon_session::{FaultKind, SessionParts, SurfaceDocument, load_mesh};
+use prosopon_session::{SessionParts, load_mesh};
 use prosopon_store::{JobKind, PartKind, SessionId};
 
 /// Retries when an input is replaced between its look-up and its read.

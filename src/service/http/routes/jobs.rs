@@ -14,12 +14,15 @@ use super::osteotomies::fresh_osteotomy;
 use super::plans;
 use super::warm_start::begin_at;
 use crate::http::auth::Principal;
-use crate::http::dto::{CheckedJob, CreateJob, JobList, JobView, SessionSettings};
-use crate::http::extract::{Creating, Ids, Params, page_length, short_number};
+use crate::http::dto::{JobList, JobView};
+use crate::http::extract::{Creating, Ids, Params, page_length};
 use crate::http::{AppState, Problem};
-use prosopon_jobs::{Order, PhysicsRecord, SceneRequest, SolveRequest};
+use prosopon_contract::{
+    CutDocument, Fault, FaultKind, SessionSettings, SolveRequest, TissueDocument, from_json, short_number,
+};
+use prosopon_jobs::{Order, SceneTask, SolveTask};
 use prosopon_planning::simulate::READY_MESH_LOCKING;
-use prosopon_session::{CutDocument, Fault, FaultKind, SessionParts, TissueDocument};
+use prosopon_session::SessionParts;
 use prosopon_store::{JobFilter, JobId, JobKind, JobState, PartKind, PlanRecord, SessionId};
 
 /// Longest long poll, s.
@@ -57,29 +60,31 @@ pub(in crate::http) struct Wait {
 /// Starts a `solve` job that moves the bone along a plan and streams its steps. The session needs distance fields, or an
 /// uploaded tissue mesh. The job builds a tissue mesh if none matches.
 #[utoipa::path(post, path = "/v1/sessions/{session}/jobs", tag = "jobs", params(("session" = Uuid, Path)),
-    request_body = CreateJob,
+    request_body = SolveRequest,
     responses((status = 202, description = "The job.", body = JobView, headers(("Location" = String), ("Retry-After" = u32)))))]
 pub(in crate::http) async fn create(
     State(state): State<AppState>,
     principal: Principal,
     Ids(session): Ids<SessionId>,
-    creating: Creating<CreateJob>,
+    creating: Creating<SolveRequest>,
 ) -> Result<Response, Problem> {
     let (request, answering) = creating.split();
     let parts = SessionParts::load(state.service.store(), session).await?;
     check_painted(&request, &parts)?;
     let defaults = session_settings(&state, session).await?;
-    let checked = request.check(&defaults, state.service.settings().max_wall)?;
-    let order = |steps: u32, content: String| Order {
+    let request = request.resolved(&defaults, state.service.settings().max_wall)?;
+    let (supersede, max_wall_s, mesh_job) = (request.supersede, request.max_wall_s, request.mesh);
+    let steps = request.steps();
+    let order = |content: String| Order {
         steps,
         subject: Some(request.plan.to_string()),
-        supersede: request.supersede,
-        max_wall_s: request.max_wall_s,
+        supersede,
+        max_wall_s,
         ..Order::new(session, JobKind::Solve, content)
     };
     if let Some(ready) = parts.tissue()? {
-        let scene = scene(&state, &parts, session, &request, checked, ready).await?;
-        return accept_order(&state, order(scene.steps, stored(&scene)?), Some(&answering)).await;
+        let scene = scene(&state, &parts, session, &request, ready).await?;
+        return accept_order(&state, order(stored(&scene)?), Some(&answering)).await;
     }
     parts.require_field()?;
     let plan = plans::find(&state, session, request.plan.into()).await.map_err(|p| in_body(p, "/plan"))?;
@@ -91,13 +96,13 @@ pub(in crate::http) async fn create(
         ));
     };
     let (osteotomy, bone) = fresh_osteotomy(&state, &parts, session, osteotomy, "/plan").await?;
-    let mesh = mesh_of(&state, &parts, session, osteotomy.id, &bone.cuts, request.mesh).await?;
+    let mesh = mesh_of(&state, &parts, session, osteotomy.id, &bone.cuts, mesh_job).await?;
     let reference_job = request.reference_job.map(JobId::from);
     if let Some(id) = reference_job {
         check_reference(&state, &principal, id, &plan, &bone.cuts).await?;
     }
-    let solve = SolveRequest {
-        plan_id: plan.id,
+    let solve = SolveTask {
+        request: lasting(&request),
         osteotomy_id: osteotomy.id,
         plan: plans::content(&plan)?,
         cuts: bone.cuts,
@@ -105,12 +110,6 @@ pub(in crate::http) async fn create(
         cut_s: osteotomy.wall_s,
         mesh_key: parts.mesh_key(&mesh.settings, mesh.cuts.as_deref())?,
         mesh,
-        physics: checked.physics,
-        steps: checked.steps,
-        attachment: checked.attachment,
-        error_maps: checked.error_maps,
-        tissue: checked.tissue,
-        reference_job,
         target: parts.get(PartKind::Target).map(|target| target.key.clone()),
         warm_start: None,
     };
@@ -118,24 +117,29 @@ pub(in crate::http) async fn create(
         Some(id) => begin_at(&state, &principal, session, id.into(), solve).await?,
         None => solve,
     };
-    accept_order(&state, order(solve.steps, stored(&solve)?), Some(&answering)).await
+    accept_order(&state, order(stored(&solve)?), Some(&answering)).await
 }
 
-/// Checks that the painted classes have one entry per vertex of the current skull.
-fn check_painted(request: &CreateJob, parts: &SessionParts) -> Result<(), Problem> {
-    let classes = request.attachment.as_ref().and_then(|a| a.skull_classes.as_ref());
-    let (Some(classes), Some(needed)) = (classes, parts.skull_vertices()?) else { return Ok(()) };
-    if classes.len() == needed {
-        return Ok(());
+/// Painted classes must be as many as the skull has vertices now.
+fn check_painted(request: &SolveRequest, parts: &SessionParts) -> Result<(), Problem> {
+    match (&request.attachment, parts.skull_vertices()?) {
+        (Some(attachment), Some(vertices)) => Ok(attachment.check_skull(vertices)?),
+        _ => Ok(()),
     }
-    let detail = format!("has {} classes, the skull has {needed} vertices; give one per vertex", classes.len());
-    Err(Fault::new(FaultKind::InvalidRequest, detail).at("/attachment/skull_classes").into())
 }
 
 /// Default settings of a session's jobs.
 pub(super) async fn session_settings(state: &AppState, session: SessionId) -> Result<SessionSettings, Problem> {
     let settings = state.service.store().session(session).await?.map(|s| s.settings).unwrap_or_default();
-    Ok(serde_json::from_str(&settings).unwrap_or_default())
+    match settings.as_str() {
+        "" => Ok(SessionSettings::default()),
+        stored => Ok(from_json("the document of the session's settings", stored)?),
+    }
+}
+
+/// The part of a request that determines the result: jobs with equal parts are one job.
+fn lasting(request: &SolveRequest) -> SolveRequest {
+    SolveRequest { supersede: false, max_wall_s: None, mesh: None, ..request.clone() }
 }
 
 /// The request for a solve on the session's uploaded tissue mesh.
@@ -143,11 +147,10 @@ async fn scene(
     state: &AppState,
     parts: &SessionParts,
     session: SessionId,
-    request: &CreateJob,
-    checked: CheckedJob,
+    request: &SolveRequest,
     ready: TissueDocument,
-) -> Result<SceneRequest, Problem> {
-    request.check_scene()?;
+) -> Result<SceneTask, Problem> {
+    request.check_uploaded_mesh()?;
     let plan = plans::find(state, session, request.plan.into()).await.map_err(|p| in_body(p, "/plan"))?;
     let bone = match plan.osteotomy {
         Some(osteotomy) => Some(fresh_osteotomy(state, parts, session, osteotomy, "/plan").await?.1),
@@ -155,9 +158,13 @@ async fn scene(
     };
     let field_key = if bone.is_some() { parts.field_key()? } else { String::new() };
     let (cuts, cut_warnings) = bone.map(|b| (b.cuts, b.warnings)).unzip();
-    Ok(SceneRequest {
+    Ok(SceneTask {
         ready,
-        plan_id: plan.id,
+        request: SolveRequest {
+            leave_out_below_mm: Some(0.0),
+            locking: request.locking.or(Some(READY_MESH_LOCKING.into())),
+            ..lasting(request)
+        },
         plan: plans::content(&plan)?,
         osteotomy_id: plan.osteotomy,
         cuts,
@@ -165,13 +172,6 @@ async fn scene(
         cut_warnings: cut_warnings.unwrap_or_default(),
         bones: parts.bone_keys(),
         field_settings: parts.field_settings()?,
-        physics: PhysicsRecord {
-            leave_out_below_mm: 0.0,
-            locking: checked.physics.locking.or(Some(READY_MESH_LOCKING.into())),
-            ..checked.physics
-        },
-        steps: checked.steps,
-        file: checked.tissue,
     })
 }
 
@@ -194,13 +194,13 @@ async fn check_reference(
         let detail = format!("job {id} is not a succeeded solve but a {} that is {}", job.kind.as_str(), job.state);
         return Err(wrong(FaultKind::InvalidRequest, detail));
     }
-    let Ok(solved) = serde_json::from_str::<SolveRequest>(&job.request) else {
+    let Ok(solved) = serde_json::from_str::<SolveTask>(&job.request) else {
         let detail = format!("job {id} solved an uploaded tissue mesh, whose skin differs");
         return Err(wrong(FaultKind::InvalidRequest, detail));
     };
     if solved.cuts != cuts || solved.plan.paths != plans::content(plan)?.paths {
         let detail =
-            format!("job {id} followed plan {}, whose cuts or paths differ from plan {}", solved.plan_id, plan.id);
+            format!("job {id} followed plan {}, whose cuts or paths differ from plan {}", solved.request.plan, plan.id);
         return Err(wrong(FaultKind::WrongState, detail));
     }
     Ok(())

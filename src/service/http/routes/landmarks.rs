@@ -1,11 +1,12 @@
 use axum::Json;
 use axum::extract::State;
 
-use crate::http::dto::{LandmarksQuery, PutLandmarks};
+use crate::http::dto::LandmarksQuery;
 use crate::http::extract::{Body, Ids, Params};
 use crate::http::{AppState, Problem};
+use prosopon_contract::{FaultKind, LandmarksDocument, to_json};
 use prosopon_jobs::propose_landmarks;
-use prosopon_session::{FaultKind, LandmarksDocument, SessionParts};
+use prosopon_session::SessionParts;
 use prosopon_store::{PartKind, PartRecord, SessionId, now_rfc3339, sha256_hex};
 
 /// Set the landmarks
@@ -13,15 +14,15 @@ use prosopon_store::{PartKind, PartRecord, SessionId, now_rfc3339, sha256_hex};
 /// Landmarks place osteotomy templates, regions of the face and the boxes in which tissue slides. They replace all landmarks
 /// stored before.
 #[utoipa::path(put, path = "/v1/sessions/{session}/landmarks", tag = "inputs", params(("session" = Uuid, Path)),
-    request_body = PutLandmarks, responses((status = 200, description = "The stored landmarks.", body = LandmarksDocument)))]
+    request_body = LandmarksDocument, responses((status = 200, description = "The stored landmarks.", body = LandmarksDocument)))]
 pub(in crate::http) async fn put(
     State(state): State<AppState>,
     Ids(session): Ids<SessionId>,
-    Body(request): Body<PutLandmarks>,
+    Body(request): Body<LandmarksDocument>,
 ) -> Result<Json<LandmarksDocument>, Problem> {
     SessionParts::load(state.service.store(), session).await?;
-    let landmarks = LandmarksDocument::try_from(request)?;
-    let document = serde_json::to_string(&landmarks).unwrap_or_default();
+    let landmarks = request.checked()?;
+    let document = to_json("the landmarks", &landmarks)?;
     let part = PartRecord {
         kind: PartKind::Landmarks,
         key: sha256_hex(document.as_bytes()),

@@ -5,27 +5,28 @@ use axum::response::Response;
 use super::accepted::accept;
 use super::jobs::session_settings;
 use super::osteotomies::fresh_osteotomy;
-use crate::http::dto::{BuildMesh, JobView, MeshView, view_of};
+use crate::http::dto::{JobView, MeshView, view_of};
 use crate::http::extract::{Creating, Ids};
 use crate::http::{AppState, Problem};
-use prosopon_jobs::MeshRequest;
-use prosopon_session::{MeshDocument, MeshSettingsDocument, SessionParts};
+use prosopon_contract::{MeshDocument, MeshRequest};
+use prosopon_jobs::MeshTask;
+use prosopon_session::SessionParts;
 use prosopon_store::{JobFilter, JobKind, OsteotomyId, PartKind, SessionId};
 
 /// Build the tissue mesh
 ///
 /// Starts a `mesh` job. The mesh has prisms in the skin layer and tetrahedra inside. The session needs distance fields.
 #[utoipa::path(post, path = "/v1/sessions/{session}/mesh", tag = "mesh", params(("session" = Uuid, Path)),
-    request_body = BuildMesh,
+    request_body = MeshRequest,
     responses((status = 202, description = "The job.", body = JobView, headers(("Location" = String), ("Retry-After" = u32)))))]
 pub(in crate::http) async fn build(
     State(state): State<AppState>,
     Ids(session): Ids<SessionId>,
-    creating: Creating<BuildMesh>,
+    creating: Creating<MeshRequest>,
 ) -> Result<Response, Problem> {
     let (request, answering) = creating.split();
     let parts = SessionParts::load(state.service.store(), session).await?;
-    let settings = MeshSettingsDocument::try_from(&request)?;
+    let settings = request.checked()?;
     let defaults = session_settings(&state, session).await?;
     parts.require_field()?;
     let osteotomy_id = request.osteotomy.map(OsteotomyId::from);
@@ -34,7 +35,7 @@ pub(in crate::http) async fn build(
         None => None,
     };
     let key = parts.mesh_key(&settings, cuts.as_deref())?;
-    let request = MeshRequest { settings, cuts, osteotomy_id, preset: defaults.preset.unwrap_or_default(), key };
+    let request = MeshTask { settings, cuts, osteotomy_id, preset: defaults.preset.unwrap_or_default(), key };
     accept(&state, session, JobKind::Mesh, &request, Some(&answering)).await
 }
 

@@ -1,8 +1,9 @@
 use uuid::Uuid;
 
 use crate::http::{AppState, Problem};
-use prosopon_jobs::{MeshChoice, MeshRequest};
-use prosopon_session::{CutDocument, Fault, FaultKind, MeshSettingsDocument, SessionParts};
+use prosopon_contract::{CutDocument, Fault, FaultKind, MeshRequest};
+use prosopon_jobs::{MeshChoice, MeshTask};
+use prosopon_session::SessionParts;
 use prosopon_store::{JobFilter, JobId, JobKind, JobState, OsteotomyId, SessionId};
 
 /// Number of meshes of a session that are searched, newest first.
@@ -28,7 +29,7 @@ pub(super) async fn mesh_of(
         ..JobFilter::default()
     };
     let jobs = state.service.store().jobs(&built).await?;
-    let mut meshes = jobs.iter().filter_map(|job| Some((job, serde_json::from_str::<MeshRequest>(&job.request).ok()?)));
+    let mut meshes = jobs.iter().filter_map(|job| Some((job, serde_json::from_str::<MeshTask>(&job.request).ok()?)));
     if let Some(id) = asked.map(JobId::from) {
         let Some((_, mesh)) = meshes.find(|(job, _)| job.id == id) else {
             let detail = format!("job {id} is not a succeeded mesh job of this session; name one, or leave it out");
@@ -44,7 +45,7 @@ pub(super) async fn mesh_of(
     Ok(match (fitting, meshes.first()) {
         (Some(mesh), _) => mesh.clone(),
         (None, Some(newest)) => MeshChoice { settings: newest.settings, cuts: Some(cuts.to_vec()) },
-        (None, None) => MeshChoice { settings: MeshSettingsDocument::default(), cuts: Some(cuts.to_vec()) },
+        (None, None) => MeshChoice { settings: MeshRequest::default(), cuts: Some(cuts.to_vec()) },
     })
 }
 
@@ -57,7 +58,7 @@ fn asked_for(
     osteotomy: OsteotomyId,
     cuts: &[CutDocument],
     id: JobId,
-    mesh: MeshRequest,
+    mesh: MeshTask,
 ) -> Result<MeshChoice, Problem> {
     let wrong = |kind, detail: String| Problem(Fault::new(kind, detail).at("/mesh"));
     if !fits(mesh.cuts.as_deref(), cuts) {

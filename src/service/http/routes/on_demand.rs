@@ -3,10 +3,11 @@ use utoipa::IntoParams;
 
 use super::results::load;
 use crate::http::Problem;
+use prosopon_contract::{Fault, FaultKind, RegisterOn};
 use prosopon_geometry::TriMesh;
-use prosopon_jobs::{Compared, Comparison, Prediction, Predictions, RegisterOn, Service, face_of, read_frame, rest_of};
+use prosopon_jobs::{Compared, Comparison, Prediction, Predictions, Service, face_of, read_frame, rest_of};
 use prosopon_planning::evaluate::Mask;
-use prosopon_session::{Fault, FaultKind, SessionParts, load_mesh};
+use prosopon_session::{SessionParts, load_mesh};
 use prosopon_store::{JobId, JobRecord, PartKind, StepRecord};
 
 /// Options for an error map that is computed on demand.

@@ -4,13 +4,14 @@ use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 
 use super::results::{FormatQuery, send_surface};
-use crate::http::dto::{CreateOsteotomy, OsteotomyList, OsteotomyView};
+use crate::http::dto::{OsteotomyList, OsteotomyView};
 use crate::http::extract::{Creating, Ids, Params};
 use crate::http::surface_format::SurfaceOutput;
 use crate::http::{AppState, Problem};
+use prosopon_contract::{CreateOsteotomy, Fault, FaultKind, OsteotomyDocument, from_json};
 use prosopon_formats::export::SurfaceView;
 use prosopon_jobs::cut_bone;
-use prosopon_session::{Fault, FaultKind, OsteotomyDocument, SessionParts};
+use prosopon_session::SessionParts;
 use prosopon_store::{OsteotomyId, OsteotomyRecord, SessionId, decode_mesh};
 
 /// Cut the bone
@@ -153,10 +154,7 @@ pub(super) async fn fresh_osteotomy(
 }
 
 fn content(record: &OsteotomyRecord) -> Result<OsteotomyDocument, Problem> {
-    serde_json::from_str(&record.document).map_err(|error| {
-        tracing::error!(%error, "a stored osteotomy cannot be read");
-        Problem::new(FaultKind::Internal, "a stored osteotomy cannot be read; see the log")
-    })
+    Ok(from_json("the osteotomy", &record.document)?)
 }
 
 fn view(record: &OsteotomyRecord, parts: &SessionParts) -> Result<OsteotomyView, Problem> {

@@ -4,11 +4,12 @@ use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 
 use super::osteotomies::fresh_osteotomy;
-use crate::http::dto::{CreatePlan, PlanList, PlanView, Segments};
+use crate::http::dto::{PlanList, PlanView};
 use crate::http::extract::{Creating, Ids};
 use crate::http::{AppState, Problem};
+use prosopon_contract::{CreatePlan, FaultKind, PlanDocument, Segments, from_json, stored_cuts, to_json};
 use prosopon_jobs::make_plan;
-use prosopon_session::{FaultKind, PlanDocument, SessionParts, stored_cuts};
+use prosopon_session::SessionParts;
 use prosopon_store::{OsteotomyId, PlanId, PlanRecord, SessionId, now_rfc3339};
 
 /// Create a plan
@@ -49,7 +50,7 @@ pub(in crate::http) async fn create(
         id: PlanId::new(),
         session,
         osteotomy,
-        document: serde_json::to_string(&content).unwrap_or_default(),
+        document: to_json("the plan", &content)?,
         created_at: now_rfc3339(),
     };
     let view = PlanView::new(&record, content);
@@ -115,8 +116,5 @@ pub(super) async fn find(state: &AppState, session: SessionId, id: PlanId) -> Re
 }
 
 pub(super) fn content(record: &PlanRecord) -> Result<PlanDocument, Problem> {
-    serde_json::from_str(&record.document).map_err(|error| {
-        tracing::error!(%error, "a stored plan cannot be read");
-        Problem::new(FaultKind::Internal, "a stored plan cannot be read; see the log")
-    })
+    Ok(from_json("the plan", &record.document)?)
 }

@@ -9,7 +9,7 @@ use super::results::{Movement, draw_error, draw_step};
 use crate::http::extract::{Ids, Params};
 use crate::http::result::{not_modified, tag_of, tagged};
 use crate::http::{AppState, Problem};
-use prosopon_session::{Fault, FaultKind, ReportDocument};
+use prosopon_contract::{Fault, FaultKind, ReportDocument};
 use prosopon_store::{JobId, JobKind};
 
 /// Format of a report.

@@ -1,7 +1,7 @@
 use std::fmt::Write;
 
 use crate::http::Problem;
-use prosopon_session::{ErrorDocument, FaultKind, PathSample, PlanDocument, ReportDocument};
+use prosopon_contract::{ErrorDocument, PathSample, PlanDocument, ReportDocument, from_json};
 
 /// Style of the page: two columns below the pictures, one A4 sheet unless there are many warnings.
 const STYLE: &str = "@page{size:A4;margin:8mm}*{box-sizing:border-box}body{font:9px/1.3 Helvetica,Arial,sans-serif;color:#222;max-width:194mm;\
@@ -17,10 +17,7 @@ const STEPS: usize = 6;
 ///
 /// `pictures` are titles with PNG bytes: before and after, then the error.
 pub(super) fn report_page(report: &str, pictures: &[(&str, Vec<u8>)]) -> Result<String, Problem> {
-    let r: ReportDocument = serde_json::from_str(report).map_err(|error| {
-        tracing::error!(%error, "a stored report cannot be read");
-        Problem::new(FaultKind::Internal, "a stored report cannot be read; see the log")
-    })?;
+    let r: ReportDocument = from_json("the report", report)?;
     let mut page = format!(
         "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>Prosopon report {}</title><style>{STYLE}</style>\
          <h1>Predicted skin after bone movement</h1><p>Job <code>{}</code>, session <code>{}</code>, {}. Model <b>{}</b>, Prosopon {}. \

@@ -13,11 +13,12 @@ use crate::http::extract::{Ids, Params};
 use crate::http::result::{not_modified, tag_of, tagged};
 use crate::http::surface_format::SurfaceOutput;
 use crate::http::{AppState, Problem};
+use prosopon_contract::{ErrorDocument, Fault, FaultKind, from_json};
 use prosopon_formats::export::SurfaceView;
 use prosopon_geometry::{TriMesh, Vector};
 use prosopon_jobs::{Service, SkinFrame, read_frame, rest_of};
 use prosopon_planning::evaluate::{Layer, View, moved_along, picture as draw};
-use prosopon_session::{ErrorDocument, Fault, FaultKind, error_sheet};
+use prosopon_session::error_sheet;
 use prosopon_store::{JobId, JobRecord, StepRecord};
 
 /// Format of a surface to send.
@@ -235,10 +236,7 @@ fn error_of(job: &JobRecord, step: &StepRecord) -> Result<ErrorDocument, Problem
         let fault = Fault::new(FaultKind::NoReference, detail).with("warnings", job.warnings.clone());
         return Err(fault.into());
     };
-    serde_json::from_str(error).map_err(|error| {
-        tracing::error!(%error, "a stored error map cannot be read");
-        Problem::new(FaultKind::Internal, "a stored error map cannot be read; see the log")
-    })
+    Ok(from_json("the error map", error)?)
 }
 
 /// Read the signed error map of a step

@@ -7,10 +7,11 @@ use utoipa::IntoParams;
 use uuid::Uuid;
 
 use crate::http::auth::Principal;
-use crate::http::dto::{CreateSession, JobView, SessionList, SessionView};
+use crate::http::dto::{JobView, SessionList, SessionView};
 use crate::http::extract::{Creating, Ids, Params, page_length};
 use crate::http::{AppState, Problem};
-use prosopon_session::{FaultKind, SessionParts};
+use prosopon_contract::{CreateSession, FaultKind, to_json};
+use prosopon_session::SessionParts;
 use prosopon_store::{SessionId, SessionRecord, later, now_rfc3339};
 
 /// Number of jobs in a session's view, newest first.
@@ -44,7 +45,7 @@ pub(in crate::http) async fn create(
         id: SessionId::new(),
         tenant: principal.tenant,
         label: request.label,
-        settings: serde_json::to_string(&request.settings).unwrap_or_default(),
+        settings: to_json("the session's settings", &request.settings)?,
         created_at: now_rfc3339(),
     };
     let view = SessionView::new(&record);

@@ -11,9 +11,10 @@ use crate::http::extract::{Ids, Params};
 use crate::http::result::{tag_of, tagged};
 use crate::http::upload::receive;
 use crate::http::{AppState, Problem};
+use prosopon_contract::{FaultKind, SurfaceDocument, TissueDocument};
 use prosopon_formats::import::is_legacy_vtk;
 use prosopon_jobs::take_tissue;
-use prosopon_session::{FaultKind, SessionParts, SurfaceDocument, TissueDocument, read_part};
+use prosopon_session::{SessionParts, read_part};
 use prosopon_store::{PartKind, SessionId};
 
 /// Upload a tissue mesh

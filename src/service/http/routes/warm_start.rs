@@ -2,8 +2,8 @@ use std::collections::BTreeSet;
 
 use crate::http::auth::Principal;
 use crate::http::{AppState, Problem};
-use prosopon_jobs::{EarlierSolve, SolveRequest};
-use prosopon_session::{Fault, FaultKind, PlanDocument};
+use prosopon_contract::{Fault, FaultKind, PlanDocument};
+use prosopon_jobs::{EarlierSolve, SolveTask};
 use prosopon_store::{JobId, JobKind, JobState, SessionId};
 
 /// Longest chain of warm starts; if no state of the chain is in memory, all its jobs are solved again.
@@ -15,8 +15,8 @@ pub(super) async fn begin_at(
     principal: &Principal,
     session: SessionId,
     id: JobId,
-    solve: SolveRequest,
-) -> Result<SolveRequest, Problem> {
+    solve: SolveTask,
+) -> Result<SolveTask, Problem> {
     let refused = |detail: String| Fault::new(FaultKind::InvalidRequest, detail).at("/warm_start");
     let unknown = |fault: Fault| Fault { kind: FaultKind::InvalidRequest, ..fault.at("/warm_start") };
     let job = state.service.job_of(&principal.tenant, id).await.map_err(unknown)?;
@@ -24,7 +24,7 @@ pub(super) async fn begin_at(
         let detail = format!("job {id} is not a succeeded solve but a {} that is {}", job.kind.as_str(), job.state);
         return Err(refused(detail).into());
     }
-    let Ok(before) = serde_json::from_str::<SolveRequest>(&job.request) else {
+    let Ok(before) = serde_json::from_str::<SolveTask>(&job.request) else {
         return Err(refused(format!("job {id} solved an uploaded tissue mesh; solve from rest")).into());
     };
     if job.session != session {
@@ -33,24 +33,29 @@ pub(super) async fn begin_at(
     if let Some(what) = difference(&before, &solve) {
         return Err(refused(format!("job {id} had {what}; solve from rest")).into());
     }
-    let earlier = EarlierSolve { job: id, plan: before.plan, steps: before.steps, warm_start: before.warm_start };
+    let earlier =
+        EarlierSolve { job: id, plan: before.plan, steps: before.request.steps(), warm_start: before.warm_start };
     let depth = earlier.depth();
     if depth > MAX_DEPTH {
         let detail = format!("the warm-start chain has {depth} jobs, at most {MAX_DEPTH} are allowed; solve from rest");
         return Err(refused(detail).into());
     }
-    Ok(SolveRequest { warm_start: Some(Box::new(earlier)), ..solve })
+    Ok(SolveTask { warm_start: Some(Box::new(earlier)), ..solve })
 }
 
 /// The first difference that rules out a warm start from the solve `before`.
-fn difference(before: &SolveRequest, now: &SolveRequest) -> Option<&'static str> {
+fn difference(before: &SolveTask, now: &SolveTask) -> Option<&'static str> {
     let segments = |plan: &PlanDocument| plan.paths.iter().map(|p| p.segment).collect::<BTreeSet<_>>();
     [
         (before.mesh_key != now.mesh_key, "another tissue mesh"),
         (before.cuts != now.cuts, "other cuts"),
         (segments(&before.plan) != segments(&now.plan), "other moving segments"),
-        (before.physics != now.physics, "another model, other materials or other settings"),
-        (before.attachment != now.attachment, "another attachment"),
+        (
+            before.request.options() != now.request.options()
+                || before.request.leave_out_below_mm() != now.request.leave_out_below_mm(),
+            "another model, other materials or other settings",
+        ),
+        (before.request.attachment != now.request.attachment, "another attachment"),
     ]
     .into_iter()
     .find_map(|(differs, what)| differs.then_some(what))

@@ -1,10 +1,9 @@
 use std::time::Instant;
 
 use crate::Service;
+use prosopon_contract::{Cuts, Fault, Halt, OsteotomyDocument, PathReportDocument, PlanDocument, to_json};
 use prosopon_planning::plan::{Cut, Plan, Proposal};
-use prosopon_session::{
-    Cuts, Fault, Halt, OsteotomyDocument, PathReportDocument, PlanDocument, SessionParts, load_mesh,
-};
+use prosopon_session::{SessionParts, load_mesh};
 use prosopon_store::{OsteotomyId, OsteotomyRecord, PartKind, SessionId, encode_mesh, now_rfc3339};
 
 /// Cuts the bone of a session and stores the segments' surfaces; the caller inserts the returned row.
@@ -47,7 +46,7 @@ pub async fn cut_bone(
         field_key,
         wall_s,
         bytes,
-        document: serde_json::to_string(&document).unwrap_or_default(),
+        document: to_json("the osteotomy", &document)?,
         blobs,
         created_at: now_rfc3339(),
     };
@@ -57,7 +56,7 @@ pub async fn cut_bone(
 /// Proposes landmarks from the skin and skull of a session.
 ///
 /// # Errors
-/// [`FaultKind::NotFound`](prosopon_session::FaultKind::NotFound) when skin or skull is missing, or the store's.
+/// [`FaultKind::NotFound`](prosopon_contract::FaultKind::NotFound) when skin or skull is missing, or the store's.
 pub async fn propose_landmarks(service: &Service, parts: &SessionParts) -> Result<Proposal, Fault> {
     let skin = load_mesh(&service.store, parts.require(PartKind::Skin)?).await?;
     let skull = load_mesh(&service.store, parts.require(PartKind::Skull)?).await?;

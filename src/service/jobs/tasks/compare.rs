@@ -1,29 +1,10 @@
 use super::Predictions;
 use crate::Service;
+use prosopon_contract::{ErrorDocument, Fault, FaultKind, Halt, RegisterOn, RegistrationDocument};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Point, TriMesh};
 use prosopon_planning::evaluate::{Mask, Part, eyes, face_regions};
-use prosopon_session::{Engine, ErrorDocument, Fault, FaultKind, Halt, RegistrationDocument};
-
-/// Vertices of the prediction that a registration uses.
-#[derive(Debug, Clone, PartialEq)]
-pub struct RegisterOn {
-    /// Given vertices.
-    ///
-    /// When empty, the vertices that the plan does not move, or all when the movement is unknown.
-    pub region: Mask,
-    /// Vertices that the plan moves by less than this count as unmoved, mm.
-    pub threshold_mm: f64,
-}
-
-/// Default of [`RegisterOn::threshold_mm`], mm.
-pub const UNMOVED_MM: f64 = 0.1;
-
-impl Default for RegisterOn {
-    fn default() -> Self {
-        Self { region: Mask::default(), threshold_mm: UNMOVED_MM }
-    }
-}
+use prosopon_session::Engine;
 
 /// A predicted surface.
 #[derive(Debug, Clone, PartialEq)]
@@ -104,8 +85,9 @@ impl Comparison {
         match &face {
             Some((points, midline)) if self.exclude_eyes => except.extend(eyes(rest, points, *midline)),
             None if self.exclude_eyes => {
-                warnings
-                    .push("the eyes were not left out: the prediction is not a skin, so the eyes cannot be placed".to_owned());
+                warnings.push(
+                    "the eyes were not left out: the prediction is not a skin, so the eyes cannot be placed".to_owned(),
+                );
             }
             _ => {}
         }
@@ -122,7 +104,7 @@ impl Comparison {
         };
         let counted = both(counted);
         if let Some(on) = self.register {
-            let (name, region) = on.chosen(&mesh, displacement_mm.as_deref());
+            let (name, region) = registered(&on, &mesh, displacement_mm.as_deref());
             let found = engine.register(&mesh, &reference, Some(&both(region)), &control.part(0.0, 0.5))?;
             warnings.extend(found.warnings.iter().cloned());
             document_of = Some(RegistrationDocument::new(&found, name));
@@ -144,14 +126,12 @@ impl Comparison {
     }
 }
 
-impl RegisterOn {
-    /// Name of the region and a flag for each vertex.
-    fn chosen(&self, mesh: &TriMesh, displacement_mm: Option<&[f32]>) -> (&'static str, Vec<bool>) {
-        match displacement_mm {
-            _ if !self.region.is_empty() => ("given", self.region.of(mesh)),
-            Some(moved) => ("unmoved", moved.iter().map(|d| f64::from(*d) < self.threshold_mm).collect()),
-            None => ("all", vec![true; mesh.positions().len()]),
-        }
+/// Vertices that a registration uses: name of the region and a flag for each vertex.
+fn registered(on: &RegisterOn, mesh: &TriMesh, displacement_mm: Option<&[f32]>) -> (&'static str, Vec<bool>) {
+    match displacement_mm {
+        _ if !on.region.is_empty() => ("given", on.region.of(mesh)),
+        Some(moved) => ("unmoved", moved.iter().map(|d| f64::from(*d) < on.threshold_mm).collect()),
+        None => ("all", vec![true; mesh.positions().len()]),
     }
 }
 

@@ -10,7 +10,7 @@ mod tissue;
 mod volume;
 
 pub use bone::{cut_bone, make_plan, propose_landmarks};
-pub use compare::{Compared, Comparison, Prediction, RegisterOn, UNMOVED_MM, compare};
+pub use compare::{Compared, Comparison, Prediction, compare};
 pub(super) use named_surface::load_surface;
 pub use named_surface::{NamedSurface, Predictions, face_of, named_surface};
 pub use results::{StoredComparison, read_comparison, read_frame, rest_of};

@@ -1,7 +1,9 @@
 use super::{Prediction, read_frame, rest_of};
-use crate::{Service, SurfaceSource};
+use crate::Service;
+use prosopon_contract::SurfaceSource;
+use prosopon_contract::{Fault, FaultKind, LandmarksDocument, PathDocument, PlanDocument};
 use prosopon_geometry::Point;
-use prosopon_session::{Fault, FaultKind, LandmarksDocument, PathDocument, PlanDocument, SessionParts, load_mesh};
+use prosopon_session::{SessionParts, load_mesh};
 use prosopon_store::{JobRecord, PartKind, SessionId};
 use serde::Deserialize;
 

@@ -1,7 +1,7 @@
 use super::Compared;
 use crate::{Service, SkinFrame};
+use prosopon_contract::{Fault, FaultKind, from_json};
 use prosopon_geometry::TriMesh;
-use prosopon_session::{Fault, FaultKind};
 use prosopon_store::{JobKind, JobRecord, JobState, StepRecord, decode_mesh};
 
 /// The skin at rest of a solve.
@@ -10,7 +10,10 @@ use prosopon_store::{JobKind, JobRecord, JobState, StepRecord, decode_mesh};
 /// [`FaultKind::NotFound`] for another kind of job, [`FaultKind::NotReady`] before it has stored its skin, or the store's.
 pub async fn rest_of(service: &Service, job: &JobRecord) -> Result<TriMesh, Fault> {
     if job.kind != JobKind::Solve {
-        return Err(Fault::new(FaultKind::NotFound, format!("a job of kind {} has no skin; name a solve", job.kind.as_str())));
+        return Err(Fault::new(
+            FaultKind::NotFound,
+            format!("a job of kind {} has no skin; name a solve", job.kind.as_str()),
+        ));
     }
     let Some(blob) = &job.rest_blob else {
         let detail = format!("the job is {} and has not read its inputs yet", job.state);
@@ -58,7 +61,10 @@ impl StoredComparison {
 /// retention, or the store's.
 pub async fn read_comparison(service: &Service, job: &JobRecord) -> Result<Compared, Fault> {
     if job.kind != JobKind::Compare {
-        return Err(Fault::new(FaultKind::NotFound, format!("a job of kind {} is not a comparison", job.kind.as_str())));
+        return Err(Fault::new(
+            FaultKind::NotFound,
+            format!("a job of kind {} is not a comparison", job.kind.as_str()),
+        ));
     }
     if job.state == JobState::Succeeded && job.rest_blob.is_none() {
         let days = service.settings.comparison_retention.as_secs() / 86_400;
@@ -69,10 +75,7 @@ pub async fn read_comparison(service: &Service, job: &JobRecord) -> Result<Compa
         let detail = format!("the comparison is {}", job.state);
         return Err(Fault::new(FaultKind::NotReady, detail).with("job_status", job.state.as_str()));
     };
-    let document = serde_json::from_str(report).map_err(|error| {
-        tracing::error!(%error, "a stored comparison cannot be read");
-        Fault::new(FaultKind::Internal, "a stored document cannot be read; see the log of the service")
-    })?;
+    let document = from_json("the comparison", report)?;
     let mesh = decode_mesh(&service.store.blobs().get(rest).await?)?;
     let values = service.store.blobs().get(values).await?;
     let (error_mm, correspondence_mm) = StoredComparison::decode(&values, mesh.positions().len())?;

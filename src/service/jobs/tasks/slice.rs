@@ -1,7 +1,8 @@
 use crate::Service;
+use prosopon_contract::{Fault, FaultKind, Halt, Solid};
 use prosopon_geometry::{Aabb, Point};
 use prosopon_planning::evaluate::{diverging, rgb_png};
-use prosopon_session::{Case, Fault, FaultKind, Halt, Solid};
+use prosopon_session::Case;
 
 /// Pixels along the longer side of a slice.
 const SIZE_PX: u32 = 512;

@@ -1,10 +1,9 @@
 use std::time::Instant;
 
 use crate::Service;
+use prosopon_contract::{Fault, FaultKind, Halt, SurfaceDocument, SurfaceOrigin, import_fault};
 use prosopon_formats::import::{ImportError, SurfaceFormat, detect_surface, surface};
-use prosopon_session::{
-    Fault, FaultKind, Halt, PreparedSurface, SurfaceDocument, SurfaceOrigin, import_fault, surface_part,
-};
+use prosopon_session::{PreparedSurface, surface_part};
 use prosopon_store::{BlobInfo, PartKind, SessionId};
 
 /// Reads, measures and stores an uploaded surface as a part of the session.

@@ -1,7 +1,7 @@
 use crate::Service;
+use prosopon_contract::{Fault, FaultKind, Halt, TissueDocument, import_fault, to_json};
 use prosopon_formats::import::volume_mesh;
 use prosopon_planning::simulate::ReadyMesh;
-use prosopon_session::{Fault, FaultKind, Halt, TissueDocument, import_fault};
 use prosopon_store::{BlobInfo, PartKind, PartRecord, SessionId, now_rfc3339};
 
 /// Reads, checks and stores an uploaded tissue mesh as a part of the session.
@@ -29,7 +29,7 @@ pub async fn take_tissue(service: &Service, session: SessionId, upload: BlobInfo
         blob: Some(upload.key),
         bytes: upload.bytes,
         wall_s: 0.0,
-        document: serde_json::to_string(&document).unwrap_or_default(),
+        document: to_json("the description of the tissue mesh", &document)?,
         updated_at: now_rfc3339(),
     };
     service.store.put_parts(session, &[part]).await?;

@@ -3,9 +3,9 @@ use std::sync::Arc;
 use bytes::Bytes;
 
 use crate::Service;
+use prosopon_contract::{CtDocument, Fault, FaultKind, Halt, import_fault, to_json};
 use prosopon_formats::export::nifti_gz;
 use prosopon_formats::import::{ImportError, VolumeFormat, VolumeScan, VolumeSettings, volume_with};
-use prosopon_session::{CtDocument, Fault, FaultKind, Halt, import_fault};
 use prosopon_store::{BlobInfo, PartKind, PartRecord, SessionId, now_rfc3339};
 
 /// Bytes that are scanned at once, on a thread for requests.
@@ -90,7 +90,7 @@ pub async fn take_ct(
         blob: Some(stored.key),
         bytes: stored.bytes,
         wall_s: 0.0,
-        document: serde_json::to_string(&document).unwrap_or_default(),
+        document: to_json("the description of the CT", &document)?,
         updated_at: now_rfc3339(),
     })
 }

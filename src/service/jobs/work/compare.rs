@@ -1,11 +1,12 @@
 use std::collections::BTreeMap;
 
 use super::Context;
-use crate::requests::SolveRequest;
+use crate::requests::SolveTask;
 use crate::tasks::{Predictions, read_frame, rest_of};
+use prosopon_contract::{Fault, Halt};
 use prosopon_geometry::TriMesh;
-use prosopon_session::{Fault, Halt, SessionParts, load_mesh};
-use prosopon_store::PartKind;
+use prosopon_session::{SessionParts, load_mesh};
+use prosopon_store::{JobId, PartKind};
 
 /// Reference of the steps of a solve.
 #[derive(Debug)]
@@ -28,22 +29,22 @@ impl Reference {
     pub(super) async fn load(
         context: &Context,
         parts: &SessionParts,
-        request: &SolveRequest,
+        request: &SolveTask,
     ) -> Result<Option<Self>, Halt> {
         let store = &context.service.store;
-        if !request.error_maps {
+        if !request.request.wants_error_maps() {
             return Ok(None);
         }
         if let Some(target) = parts.get(PartKind::Target) {
             return Ok(Some(Self::Target(load_mesh(store, target).await?)));
         }
-        let Some(id) = request.reference_job else { return Ok(None) };
+        let Some(id) = request.request.reference_job.map(JobId::from) else { return Ok(None) };
         let job = context.service.job(id).await?;
         let rest = rest_of(&context.service, &job).await?;
-        let mut steps = BTreeMap::new();
+        let (n, mut steps) = (f64::from(request.request.steps()), BTreeMap::new());
         for step in store.steps(id).await.map_err(Fault::from)? {
-            let own = (step.t * f64::from(request.steps)).round();
-            if (step.t - own / f64::from(request.steps)).abs() < 1e-9 {
+            let own = (step.t * n).round();
+            if (step.t - own / n).abs() < 1e-9 {
                 let frame = read_frame(&context.service, &step, &rest).await?;
                 steps.insert(own as u32, (step.k, frame.mesh(&rest)?));
             }

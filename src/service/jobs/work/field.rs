@@ -1,14 +1,14 @@
 use std::time::Instant;
 
-use super::{Context, Done, changed_meanwhile, to_json};
-use crate::requests::FieldRequest;
+use super::{Context, Done, changed_meanwhile};
+use crate::requests::FieldTask;
 use crate::running::Phase;
-use prosopon_session::{FieldDocument, Halt};
+use prosopon_contract::{FieldDocument, Halt, to_json};
 use prosopon_store::PartKind;
 
 /// Builds the distance fields of the session's surfaces.
 pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
-    let request: FieldRequest = context.request()?;
+    let request: FieldTask = context.request()?;
     let parts = context.parts().await?;
     if parts.field_key()? != request.key {
         return Err(changed_meanwhile().into());
@@ -24,6 +24,6 @@ pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
         bone: (&bone).into(),
         warnings: warnings.clone(),
     };
-    context.put_document(PartKind::Field, request.key, wall_s, to_json(&document)?).await?;
+    context.put_document(PartKind::Field, request.key, wall_s, to_json("the document of the job", &document)?).await?;
     Ok(Done { warnings, ..Done::default() })
 }

@@ -4,10 +4,9 @@ use super::report::read;
 use super::{Context, Done, changed_meanwhile};
 use crate::requests::ImportRequest;
 use crate::running::Phase;
+use prosopon_contract::{CtDocument, Fault, Halt, SurfaceDocument, SurfaceOrigin};
 use prosopon_planning::surface::CtSettings;
-use prosopon_session::{
-    CtDocument, Fault, Halt, PreparedSurface, SessionParts, SurfaceDocument, SurfaceOrigin, read_part, surface_part,
-};
+use prosopon_session::{PreparedSurface, SessionParts, read_part, surface_part};
 use prosopon_store::{JobFilter, JobKind, JobState, PartKind, PartRecord, encode_grid, now_rfc3339};
 
 /// Extracts skin, skull, air and soft tissue from the session's CT.

@@ -1,9 +1,9 @@
 use std::time::Instant;
 
-use super::{Context, Done, changed_meanwhile, to_json};
-use crate::requests::MeshRequest;
+use super::{Context, Done, changed_meanwhile};
+use crate::requests::MeshTask;
 use crate::running::Phase;
-use prosopon_session::{D1ReadingName, Halt, MeshDocument, PresetName};
+use prosopon_contract::{D1ReadingName, Halt, MeshDocument, PresetName, to_json};
 use prosopon_store::PartKind;
 use prosopon_tissue::mesh::Tissue;
 
@@ -16,7 +16,7 @@ fn unstable(preset: PresetName) -> Vec<String> {
 
 /// Builds the tissue mesh of the session.
 pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
-    let request: MeshRequest = context.request()?;
+    let request: MeshTask = context.request()?;
     let parts = context.parts().await?;
     let tissue = parts.tissue_request(&request.settings, request.cuts.as_deref())?;
     if tissue.key != request.key {
@@ -31,6 +31,6 @@ pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
     let wall_s = started.elapsed().as_secs_f64();
     let osteotomy = request.osteotomy_id.map(|id| id.to_string());
     let document = MeshDocument { cuts: request.cuts, ..MeshDocument::new(request.settings, osteotomy, &report) };
-    context.put_document(PartKind::Mesh, request.key, wall_s, to_json(&document)?).await?;
+    context.put_document(PartKind::Mesh, request.key, wall_s, to_json("the document of the job", &document)?).await?;
     Ok(Done { warnings: report.warnings, ..Done::default() })
 }

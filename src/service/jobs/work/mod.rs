@@ -19,8 +19,9 @@ use serde::de::DeserializeOwned;
 use super::Service;
 use super::running::Running;
 use super::service::panicked;
+use prosopon_contract::{Fault, FaultKind, Halt, from_json};
 use prosopon_geometry::control::Control;
-use prosopon_session::{Case, Engine, Fault, FaultKind, Halt, SessionParts};
+use prosopon_session::{Case, Engine, SessionParts};
 use prosopon_store::{BlobInfo, JobKind, JobRecord, Lane, OsteotomyId, PartKind, PartRecord, StepRecord, now_rfc3339};
 
 /// Share of a job's progress that the computation takes; the rest is writing the results.
@@ -58,10 +59,7 @@ pub(super) async fn perform(service: Arc<Service>, job: JobRecord, running: Arc<
 
 impl Context {
     fn request<T: DeserializeOwned>(&self) -> Result<T, Fault> {
-        serde_json::from_str(&self.job.request).map_err(|error| {
-            tracing::error!(%error, "a job's request cannot be read");
-            Fault::new(FaultKind::Internal, "the stored request cannot be read; see the log of the service")
-        })
+        from_json("the request of the job", &self.job.request)
     }
 
     async fn parts(&self) -> Result<SessionParts, Halt> {
@@ -124,7 +122,9 @@ impl Context {
         let steps = self.service.store.steps(self.job.id).await?;
         if !steps.iter().map(|step| step.k).eq(1..=self.job.steps) {
             tracing::error!(found = steps.len(), of = self.job.steps, "steps are missing");
-            return Err(Fault::new(FaultKind::Internal, "steps of the job are missing; see the log of the service").into());
+            return Err(
+                Fault::new(FaultKind::Internal, "steps of the job are missing; see the log of the service").into()
+            );
         }
         Ok(steps)
     }
@@ -153,11 +153,4 @@ impl Context {
 /// The fault of a job whose inputs changed after it was accepted.
 fn changed_meanwhile() -> Fault {
     Fault::new(FaultKind::Stale, "inputs or settings were changed after the job was accepted; send the request again")
-}
-
-fn to_json<T: serde::Serialize>(value: &T) -> Result<String, Fault> {
-    serde_json::to_string(value).map_err(|error| {
-        tracing::error!(%error, "a document cannot be written");
-        Fault::new(FaultKind::Internal, "a document cannot be written; see the log of the service")
-    })
 }

@@ -3,20 +3,21 @@ use std::collections::BTreeMap;
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value, json};
 
-use crate::requests::SolveRequest;
+use crate::requests::SolveTask;
 use crate::running::step_warning;
-use prosopon_planning::simulate::Outcome;
-use prosopon_session::{
-    CtDocument, ErrorDocument, Fault, FaultKind, FieldDocument, MeshDocument, PhasesDocument, ReportDocument,
-    ReportInput, SessionParts, StepDocument, SurfaceDocument,
+use prosopon_contract::{
+    CtDocument, ErrorDocument, Fault, FieldDocument, MeshDocument, PhasesDocument, ReportDocument, ReportInput,
+    StepDocument, SurfaceDocument, from_json,
 };
+use prosopon_planning::simulate::Outcome;
+use prosopon_session::SessionParts;
 use prosopon_store::{JobRecord, PartKind, StepRecord, now_rfc3339};
 
 /// Inputs of a report.
 #[derive(Debug)]
 pub(super) struct Ingredients<'a> {
     pub(super) job: &'a JobRecord,
-    pub(super) request: &'a SolveRequest,
+    pub(super) request: &'a SolveTask,
     pub(super) parts: &'a SessionParts,
     pub(super) outcome: &'a Outcome,
     pub(super) steps: &'a [StepRecord],
@@ -50,7 +51,7 @@ pub(super) fn compile(i: &Ingredients<'_>) -> Result<ReportDocument, Fault> {
         session: i.job.session.to_string(),
         finished_at: now_rfc3339(),
         attempt: i.job.attempt,
-        model: i.request.physics.model.as_str().to_owned(),
+        model: i.request.request.model.resolved().as_str().to_owned(),
         parameters: parameters(i.request).into(),
         inputs: inputs(i.parts)?,
         phases: phases(i),
@@ -76,19 +77,24 @@ fn unconfirmed(parts: &SessionParts) -> Result<Vec<String>, Fault> {
 
 fn unconfirmed_warning(names: &[String]) -> Option<String> {
     (!names.is_empty()).then(|| {
-        format!("these landmarks were proposed and are not confirmed: {}; check them, since measurements depend on them", names.join(", "))
+        format!(
+            "these landmarks were proposed and are not confirmed: {}; check them, since measurements depend on them",
+            names.join(", ")
+        )
     })
 }
 
-fn parameters(request: &SolveRequest) -> Map<String, Value> {
-    let mut members = request.physics.parameters();
+fn parameters(request: &SolveTask) -> Map<String, Value> {
+    let solve = &request.request;
+    let mut members = solve.options().parameters();
     for (name, value) in [
-        ("steps", json!(request.steps)),
-        ("attachment", json!(request.attachment)),
-        ("plan", json!(request.plan_id)),
+        ("steps", json!(solve.steps())),
+        ("attachment", json!(solve.attachment)),
+        ("plan", json!(solve.plan)),
+        ("leave_out_below_mm", json!(solve.leave_out_below_mm())),
         ("osteotomy", json!(request.osteotomy_id)),
         ("cuts", json!(request.cuts)),
-        ("reference_job", json!(request.reference_job)),
+        ("reference_job", json!(solve.reference_job)),
         ("warm_start", json!(request.warm_start.as_ref().map(|before| before.job))),
     ] {
         members.insert(name.to_owned(), value);
@@ -140,8 +146,5 @@ pub(super) fn inputs(parts: &SessionParts) -> Result<BTreeMap<String, ReportInpu
 }
 
 pub(super) fn read<T: DeserializeOwned>(text: &str) -> Result<T, Fault> {
-    serde_json::from_str(text).map_err(|error| {
-        tracing::error!(%error, "a stored document cannot be read");
-        Fault::new(FaultKind::Internal, "a stored document cannot be read; see the log of the service")
-    })
+    from_json("a document of the job", text)
 }

@@ -7,19 +7,17 @@ use tokio::sync::mpsc;
 use super::report::{inputs, step_documents, step_warnings};
 use super::solve::{milestone, write_steps};
 use super::solve_watch::{Beginning, FinishedStep, SolveWatch};
-use super::{Context, Done, changed_meanwhile, to_json};
-use crate::requests::SceneRequest;
+use super::{Context, Done, changed_meanwhile};
+use crate::requests::SceneTask;
 use crate::running::Phase;
+use prosopon_contract::{Fault, FaultKind, Halt, PhasesDocument, ReportDocument, import_fault, stored_cuts, to_json};
 use prosopon_formats::import::volume_mesh;
-use prosopon_planning::simulate::{OuterSurface, ReadyMesh};
-use prosopon_session::{
-    Fault, FaultKind, Halt, PhasesDocument, ReportDocument, SceneBones, SceneRun, SceneSolved, SessionParts,
-    import_fault, load_mesh, read_part, stored_cuts,
-};
+use prosopon_planning::simulate::{OuterSurface, READY_MESH_LOCKING, ReadyMesh};
+use prosopon_session::{SceneBones, SceneRun, SceneSolved, SessionParts, load_mesh, read_part};
 use prosopon_store::{PartKind, encode_mesh, now_rfc3339};
 
 /// Solves an uploaded tissue mesh along the plan; each step is stored as soon as it is solved.
-pub(super) async fn perform(context: &Context, request: &SceneRequest) -> Result<Done, Halt> {
+pub(super) async fn perform(context: &Context, request: &SceneTask) -> Result<Done, Halt> {
     let parts = context.parts().await?;
     let tissue = parts.require(PartKind::Tissue)?;
     if tissue.key != request.ready.sha256 {
@@ -47,9 +45,9 @@ pub(super) async fn perform(context: &Context, request: &SceneRequest) -> Result
         bones,
         fields: (&request.field_settings).into(),
         plan: request.plan.plan()?,
-        solver: (&request.physics).into(),
-        steps: request.steps as usize,
-        file: request.file,
+        solver: request.request.options().settings(READY_MESH_LOCKING),
+        steps: request.request.steps() as usize,
+        file: request.request.wants_tissue(),
         milestone: before.as_ref().map(|before| before.milestone.clone()),
     };
 
@@ -69,11 +67,11 @@ pub(super) async fn perform(context: &Context, request: &SceneRequest) -> Result
     let mut told = context.running.own_warnings();
     told.extend(context.running.step_warnings().into_iter().map(|(_, text)| text));
     let warnings = solved.warnings.into_iter().filter(|w| !told.contains(w)).collect();
-    Ok(Done { report: Some(to_json(&report)?), tissue, warnings })
+    Ok(Done { report: Some(to_json("the report", &report)?), tissue, warnings })
 }
 
 /// The segments of the plan's osteotomy, or the uploaded bones when the plan has none.
-async fn bones(context: &Context, parts: &SessionParts, request: &SceneRequest) -> Result<SceneBones, Halt> {
+async fn bones(context: &Context, parts: &SessionParts, request: &SceneTask) -> Result<SceneBones, Halt> {
     if let Some(cuts) = &request.cuts {
         let case = Box::new(context.case(parts).await?);
         if case.key != request.field_key {
@@ -110,7 +108,7 @@ async fn compute(
 async fn report(
     context: &Context,
     parts: &SessionParts,
-    request: &SceneRequest,
+    request: &SceneTask,
     solved: &SceneSolved,
     solving: Duration,
 ) -> Result<ReportDocument, Halt> {
@@ -126,10 +124,11 @@ async fn report(
     }
     warnings.extend(step_warnings(&steps, &told));
     let solve_s = solving.as_secs_f64();
-    let mut parameters = request.physics.parameters();
+    let solve = &request.request;
+    let mut parameters = solve.options().parameters();
     for (name, value) in [
-        ("steps", serde_json::json!(request.steps)),
-        ("plan", serde_json::json!(request.plan_id)),
+        ("steps", serde_json::json!(solve.steps())),
+        ("plan", serde_json::json!(solve.plan)),
         ("osteotomy", serde_json::json!(request.osteotomy_id)),
         ("cuts", serde_json::json!(request.cuts)),
     ] {
@@ -142,7 +141,7 @@ async fn report(
         session: context.job.session.to_string(),
         finished_at: now_rfc3339(),
         attempt: context.job.attempt,
-        model: request.physics.model.as_str().to_owned(),
+        model: solve.model.resolved().as_str().to_owned(),
         parameters: parameters.into(),
         inputs: inputs(parts)?,
         phases: PhasesDocument { solve_s, total_s: solve_s, ..PhasesDocument::default() },

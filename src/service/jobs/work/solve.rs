@@ -6,12 +6,13 @@ use tokio::sync::mpsc;
 use super::compare::Reference;
 use super::report::{Ingredients, compile, step_documents};
 use super::solve_watch::{Beginning, FinishedStep, SolveWatch};
-use super::{Context, Done, changed_meanwhile, scene, to_json};
-use crate::requests::{SolveKind, SolveRequest};
+use super::{Context, Done, changed_meanwhile, scene};
+use crate::requests::{SolveKind, SolveTask};
 use crate::running::{Phase, step_warning};
 use crate::service::warning_event;
+use prosopon_contract::{Fault, Halt, MeshDocument, stored_cuts, to_json};
 use prosopon_planning::simulate::Outcome;
-use prosopon_session::{Fault, Halt, MeshDocument, Run, SessionParts, StoredMilestone, key_of, stored_cuts};
+use prosopon_session::{Run, SessionParts, StoredMilestone, key_of};
 use prosopon_store::{PartKind, StepRecord, StoreError, encode_mesh};
 use prosopon_tissue::mesh::MeshReport;
 
@@ -36,7 +37,7 @@ pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
     }
 }
 
-async fn on_case(context: &Context, request: SolveRequest) -> Result<Done, Halt> {
+async fn on_case(context: &Context, request: SolveTask) -> Result<Done, Halt> {
     let parts = context.parts().await?;
     let tissue = parts.tissue_request(&request.mesh.settings, request.mesh.cuts.as_deref())?;
     if tissue.key != request.mesh_key {
@@ -57,7 +58,7 @@ async fn on_case(context: &Context, request: SolveRequest) -> Result<Done, Halt>
 
     let (sender, receiver) = mpsc::channel(2);
     let beginning = Beginning { before, compared };
-    let computing = compute(context, run, request.tissue, reference, beginning, sender);
+    let computing = compute(context, run, request.request.wants_tissue(), reference, beginning, sender);
     let (solved, written) = tokio::join!(computing, write_steps(context, receiver));
     // A failed write cancels the solver, so report the reason of the write.
     written?;
@@ -90,7 +91,7 @@ async fn on_case(context: &Context, request: SolveRequest) -> Result<Done, Halt>
         warnings: &warnings,
         told: &context.running.own_warnings(),
     };
-    Ok(Done { report: Some(to_json(&compile(&ingredients)?)?), tissue, warnings })
+    Ok(Done { report: Some(to_json("the report", &compile(&ingredients)?)?), tissue, warnings })
 }
 
 async fn compute(
@@ -166,7 +167,11 @@ async fn usable(context: &Context, key: &str, compared: &str) -> Result<Option<S
     let steps = step_documents(&store.steps(context.job.id).await?)?;
     let k = before.milestone.k as u32;
     if !(1..context.job.steps).contains(&k) || !steps.iter().map(|step| step.k).take_while(|n| *n <= k).eq(1..=k) {
-        tracing::warn!(step = k, found = steps.len(), "steps before the checkpoint are missing; all steps are solved again");
+        tracing::warn!(
+            step = k,
+            found = steps.len(),
+            "steps before the checkpoint are missing; all steps are solved again"
+        );
         return Ok(None);
     }
     // Later steps are solved again and report their warnings then.
@@ -205,8 +210,8 @@ async fn write_step(context: &Context, step: FinishedStep) -> Result<(), Halt> {
     let record = StepRecord {
         k: document.k,
         t: document.t,
-        document: to_json(&document)?,
-        error: error.as_ref().map(to_json).transpose()?,
+        document: to_json("the document of the job", &document)?,
+        error: error.as_ref().map(|e| to_json("the error map", e)).transpose()?,
         blob: frame.key.clone(),
         sha256: frame.sha256.clone(),
         bytes: frame.bytes,
@@ -236,5 +241,5 @@ async fn keep_milestone(context: &Context, milestone: Vec<u8>) -> Result<(), Hal
 
 fn internal(error: serde_json::Error) -> Fault {
     tracing::error!(%error, "a document cannot be written");
-    Fault::new(prosopon_session::FaultKind::Internal, "a document cannot be written; see the log of the service")
+    Fault::new(prosopon_contract::FaultKind::Internal, "a document cannot be written; see the log of the service")
 }

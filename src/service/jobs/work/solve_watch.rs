@@ -6,10 +6,11 @@ use tokio::sync::mpsc;
 use super::compare::Reference;
 use crate::SkinFrame;
 use crate::running::{Phase, Running};
+use prosopon_contract::{ErrorDocument, Halt, StepDocument};
 use prosopon_geometry::control::Control;
 use prosopon_planning::evaluate::FaceRegion;
 use prosopon_planning::simulate::{Frame, Milestone};
-use prosopon_session::{Engine, ErrorDocument, Halt, RunWatch, StepDocument, StoredMilestone};
+use prosopon_session::{Engine, RunWatch, StoredMilestone};
 use prosopon_tissue::mesh::MeshReport;
 
 /// Shortest time between two checkpoints.

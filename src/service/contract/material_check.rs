@@ -1,6 +1,7 @@
 use super::check::Check;
 use super::file_faults::FileFaults;
-use prosopon_session::{MaterialDocument, TissueLawsDocument};
+use super::material::{MaterialDocument, TissueLawsDocument};
+
 use prosopon_tissue::fem::material::Material;
 
 /// Largest accepted modulus, MPa; far stiffer than any tissue.
@@ -17,7 +18,7 @@ const MAX_ALPHA: f64 = 100.0;
 const MIN_ALPHA: f64 = 0.1;
 
 /// Builds the material of a document and adds faults to `check` under `pointer`.
-pub(in crate::http) fn check_material(check: &mut Check, pointer: &str, document: &MaterialDocument) -> Material {
+pub fn check_material(check: &mut Check, pointer: &str, document: &MaterialDocument) -> Material {
     let (constants, poisson): (&[(&str, f64)], f64) = match *document {
         MaterialDocument::MooneyRivlin { c10_mpa, c01_mpa, poisson, .. } => {
             (&[("c10_mpa", c10_mpa), ("c01_mpa", c01_mpa)], poisson)
@@ -71,7 +72,7 @@ pub fn file_material(pointer: &str, document: &MaterialDocument) -> Result<Mater
 #[cfg(test)]
 mod tests {
     use super::*;
-    use prosopon_session::VolumetricName;
+    use crate::VolumetricName;
 
     #[test]
     fn faults_of_a_material_name_their_place() {

@@ -2,41 +2,13 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
-use uuid::Uuid;
 
 use super::check::{Check, REACH_MM};
-use super::inputs::checked_plane;
-use prosopon_geometry::{Point, TriMesh};
-use prosopon_planning::plan::{BoundedPlane, Cut, CutShape, Landmarks, Protected, Template, TemplateCall};
-use prosopon_session::{
-    CutSurfaceDocument, Cuts, Fault, FreePartDocument, LandmarksDocument, OsteotomyDocument, PlacedPlane,
-    PlaneDocument, PolylineDocument,
-};
-use prosopon_store::OsteotomyRecord;
-
-/// Shortest polyline of a cut, mm; a shorter one is a mistake in units.
-const SHORTEST_LINE_MM: f64 = 1.0;
-
-/// One cut, given by exactly one of `plane`, `polyline`, `surface` and `free_part`.
-#[derive(Debug, Clone, PartialEq, Deserialize, Serialize, ToSchema)]
-#[serde(deny_unknown_fields)]
-pub struct CutRequest {
-    /// A plane, bounded by a rectangle or unbounded.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub plane: Option<PlaneDocument>,
-    /// A polyline on the bone, at least 1 mm long, with sawing direction and depth.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub polyline: Option<PolylineDocument>,
-    /// A triangle surface, open or closed, of any orientation.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub surface: Option<CutSurfaceDocument>,
-    /// A point in a separate part of bone. Nothing is cut: that part becomes a moving segment.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub free_part: Option<FreePartDocument>,
-    /// Kerf (width of the saw cut), mm, 0 to 10; 0 when absent. Half of it is removed from each side.
-    #[serde(default)]
-    pub kerf_mm: Option<f64>,
-}
+use super::cut::{CutDocument, checked_cut, points};
+use super::fault::Fault;
+use super::landmarks::{LandmarksDocument, PlacedPlane, checked_plane};
+use prosopon_geometry::Point;
+use prosopon_planning::plan::{Clearance, Cut, Landmarks, Osteotomy, Protected, Segment, Template, TemplateCall};
 
 /// Osteotomy templates.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -141,7 +113,7 @@ pub struct CreateOsteotomy {
     pub label: Option<String>,
     /// 1 to 32 cuts; none when absent.
     #[serde(default)]
-    pub cuts: Option<Vec<CutRequest>>,
+    pub cuts: Option<Vec<CutDocument>>,
     /// One template; none when absent.
     #[serde(default)]
     pub template: Option<TemplateRequest>,
@@ -153,9 +125,25 @@ pub struct CreateOsteotomy {
     pub protected: Vec<ProtectedRequest>,
 }
 
+/// Cuts of a request.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Cuts {
+    /// Templates; missing landmarks are proposed from the surfaces.
+    pub templates: Vec<TemplateCall>,
+    /// Further cuts.
+    pub cuts: Vec<Cut>,
+    /// Protected points and curves, whose distance to the cuts is reported.
+    pub protected: Vec<Protected>,
+    /// Landmarks that segments are named by.
+    pub landmarks: Landmarks,
+}
+
 impl CreateOsteotomy {
     /// Checks the request and returns the label and the cuts.
-    pub(in crate::http) fn check(self, landmarks: Option<&LandmarksDocument>) -> Result<(Option<String>, Cuts), Fault> {
+    ///
+    /// # Errors
+    /// A fault that lists every value that is not allowed.
+    pub fn check(self, landmarks: Option<&LandmarksDocument>) -> Result<(Option<String>, Cuts), Fault> {
         let mut check = Check::default();
         let label = check.label("/label", self.label);
         let session = landmarks.map(Landmarks::from).unwrap_or_default();
@@ -182,7 +170,7 @@ impl CreateOsteotomy {
             check.fault("/cuts", format!("has {} cuts, allowed are 1 to 32", cuts.len()));
         }
         let given = self.cuts.iter().flatten().take(32).enumerate();
-        let cuts: Vec<Cut> = given.filter_map(|(i, c)| cut(&mut check, &format!("/cuts/{i}"), c)).collect();
+        let cuts: Vec<Cut> = given.filter_map(|(i, c)| checked_cut(&mut check, &format!("/cuts/{i}"), c)).collect();
         if self.protected.len() > 32 {
             check.fault("/protected", format!("has {} members, at most 32 are allowed", self.protected.len()));
         }
@@ -202,78 +190,6 @@ fn kept_away(check: &mut Check, pointer: &str, p: &ProtectedRequest) -> Protecte
     }
     let points = points(check, &format!("{pointer}/points_mm"), &p.points_mm, 1, 1000);
     Protected { name: p.name.clone(), points, margin_mm: p.margin_mm }
-}
-
-fn points(check: &mut Check, pointer: &str, given: &[[f64; 3]], least: usize, most: usize) -> Vec<Point> {
-    if !(least..=most).contains(&given.len()) {
-        check.fault(pointer, format!("has {} points, allowed are {least} to {most}", given.len()));
-    }
-    let taken = given.iter().take(most).enumerate();
-    taken.map(|(i, p)| Point::from(check.vector(&format!("{pointer}/{i}"), *p))).collect()
-}
-
-/// `None` after a fault.
-fn cut(check: &mut Check, pointer: &str, request: &CutRequest) -> Option<Cut> {
-    let kerf_mm = request.kerf_mm.unwrap_or(0.0);
-    check.number(&format!("{pointer}/kerf_mm"), kerf_mm, 0.0, 10.0);
-    let shape = match (&request.plane, &request.polyline, &request.surface, &request.free_part) {
-        (Some(plane), None, None, None) => CutShape::Plane(bounded_plane(check, &format!("{pointer}/plane"), plane)),
-        (None, Some(line), None, None) => {
-            let pointer = format!("{pointer}/polyline");
-            let direction = check.direction(&format!("{pointer}/direction"), line.direction);
-            let depth_mm = check.number(&format!("{pointer}/depth_mm"), line.depth_mm, 0.1, REACH_MM);
-            let (least, most) = (2, 1000);
-            let points = points(check, &format!("{pointer}/points_mm"), &line.points_mm, least, most);
-            let length_mm: f64 = points.windows(2).map(|w| (w[1] - w[0]).norm()).sum();
-            if (least..=most).contains(&line.points_mm.len()) && length_mm < SHORTEST_LINE_MM {
-                let detail = format!(
-                    "make a line of {length_mm:.3} mm, at least {SHORTEST_LINE_MM} mm are needed; check that they are in mm"
-                );
-                check.fault(format!("{pointer}/points_mm"), detail);
-            }
-            CutShape::Polyline { points, direction, depth_mm }
-        }
-        (None, None, Some(surface), None) => {
-            let pointer = format!("{pointer}/surface");
-            let points = points(check, &format!("{pointer}/points_mm"), &surface.points_mm, 3, 100_000);
-            if !(1..=100_000).contains(&surface.triangles.len()) {
-                let detail = format!("has {} triangles, allowed are 1 to 100000", surface.triangles.len());
-                check.fault(format!("{pointer}/triangles"), detail);
-                return None;
-            }
-            match TriMesh::new(points, surface.triangles.clone()) {
-                Ok(mesh) => CutShape::Surface(mesh),
-                Err(error) => {
-                    check.fault(format!("{pointer}/triangles"), error.to_string());
-                    return None;
-                }
-            }
-        }
-        (None, None, None, Some(part)) => {
-            CutShape::FreePart(Point::from(check.vector(&format!("{pointer}/free_part/point_mm"), part.point_mm)))
-        }
-        _ => {
-            check.fault(pointer, "must have exactly one of plane, polyline, surface and free_part");
-            return None;
-        }
-    };
-    Some(Cut { kerf_mm, ..Cut::from(shape) })
-}
-
-fn bounded_plane(check: &mut Check, pointer: &str, plane: &PlaneDocument) -> BoundedPlane {
-    let normal = check.direction(&format!("{pointer}/normal"), plane.normal);
-    let bounds = plane.bounds.map(|b| {
-        let direction = check.direction(&format!("{pointer}/bounds/direction"), b.direction);
-        // The rectangle's sides must be perpendicular to the normal; a small deviation is projected out.
-        let in_plane = direction - normal * normal.dot(&direction);
-        if in_plane.norm() < 0.9 {
-            check.fault(format!("{pointer}/bounds/direction"), "does not lie in the plane");
-        }
-        let length = check.number(&format!("{pointer}/bounds/half_length_mm"), b.half_length_mm, 0.1, REACH_MM);
-        let width = check.number(&format!("{pointer}/bounds/half_width_mm"), b.half_width_mm, 0.1, REACH_MM);
-        (in_plane.try_normalize(1e-9).unwrap_or(direction), length, width)
-    });
-    BoundedPlane { point: Point::from(check.vector(&format!("{pointer}/point_mm"), plane.point_mm)), normal, bounds }
 }
 
 fn template(check: &mut Check, pointer: &str, t: &TemplateRequest, session: &Landmarks) -> TemplateCall {
@@ -305,37 +221,113 @@ fn template(check: &mut Check, pointer: &str, t: &TemplateRequest, session: &Lan
     TemplateCall { template: t.name.into(), landmarks, kerf_mm }
 }
 
-/// A stored osteotomy: its cuts and the segments they make.
+/// A segment of the cut bone.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct OsteotomyView {
-    /// Id of the osteotomy.
-    pub id: Uuid,
-    /// When the osteotomy was created (RFC 3339).
-    pub created_at: String,
-    /// Computing time of the cut, s.
-    pub wall_s: f64,
-    /// Whether bone or field settings have changed since the cut; if so, cut again.
-    pub stale: bool,
-    /// Cuts, segments and warnings.
-    #[serde(flatten)]
-    pub content: OsteotomyDocument,
+pub struct SegmentDocument {
+    /// Number; 0 is the fixed skull.
+    pub id: u32,
+    /// Suggested name by position.
+    ///
+    /// `skull`, `maxilla`, `mandible_distal`, `mandible_proximal_left`, `chin` and others.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub name: Option<String>,
+    /// Volume, mm³.
+    pub volume_mm3: f64,
+    /// Area, mm².
+    pub area_mm2: f64,
+    /// Number of triangles of its surface.
+    pub triangles: usize,
+    /// Centroid, LPS mm.
+    pub centroid_mm: [f64; 3],
+    /// Indices of the cuts that bound it.
+    pub bounded_by: Vec<usize>,
 }
 
-impl OsteotomyView {
-    pub(in crate::http) fn new(record: &OsteotomyRecord, content: OsteotomyDocument, field_key: Option<&str>) -> Self {
+/// Distance of a cut to a protected point or curve.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ClearanceDocument {
+    /// Index of the cut.
+    pub cut: usize,
+    /// Name of the protected point or curve.
+    pub protected: String,
+    /// Smallest distance to the side of the saw's slot, mm; 0 when the cut crosses it.
+    pub distance_mm: f64,
+    /// Nearest protected point, LPS mm.
+    pub place_mm: [f64; 3],
+    /// Requested margin, mm.
+    pub margin_mm: Option<f64>,
+    /// Whether the distance is smaller than the margin.
+    pub below_margin: bool,
+}
+
+/// Cuts and the segments that they make.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct OsteotomyDocument {
+    /// Label that the client gave it.
+    pub label: Option<String>,
+    /// Template that placed the cuts, when there is exactly one.
+    pub template: Option<String>,
+    /// Templates that placed cuts, in the order of the cuts.
+    #[serde(default)]
+    pub templates: Vec<String>,
+    /// The cuts.
+    pub cuts: Vec<CutDocument>,
+    /// The segments, by id.
+    pub segments: Vec<SegmentDocument>,
+    /// Distance of each cut to each protected point or curve.
+    #[serde(default)]
+    pub clearances: Vec<ClearanceDocument>,
+    /// Volume of the bone before it was cut, mm³.
+    #[serde(default)]
+    pub bone_mm3: f64,
+    /// Volume of small fragments that were dropped, mm³.
+    #[serde(default)]
+    pub dropped_mm3: f64,
+    /// What was dropped, and what is doubtful.
+    pub warnings: Vec<String>,
+}
+
+impl OsteotomyDocument {
+    /// The document of a cut bone.
+    #[must_use]
+    pub fn new(
+        label: Option<String>,
+        templates: Vec<String>,
+        osteotomy: &Osteotomy,
+        protected: &[Protected],
+        clearances: &[Clearance],
+    ) -> Self {
+        let clearance = |c: &Clearance| {
+            let of = protected.get(c.protected);
+            let margin_mm = of.and_then(|p| p.margin_mm);
+            ClearanceDocument {
+                cut: c.cut,
+                protected: of.map(|p| p.name.clone()).unwrap_or_default(),
+                distance_mm: c.distance_mm,
+                place_mm: c.place.coords.into(),
+                margin_mm,
+                below_margin: margin_mm.is_some_and(|m| c.distance_mm < m),
+            }
+        };
+        let segment = |s: &Segment| SegmentDocument {
+            id: s.id,
+            name: s.name.clone(),
+            volume_mm3: s.volume_mm3,
+            area_mm2: s.area_mm2,
+            triangles: s.surface.triangles().len(),
+            centroid_mm: s.centroid.coords.into(),
+            bounded_by: s.bounded_by.clone(),
+        };
         Self {
-            id: record.id.uuid(),
-            created_at: record.created_at.clone(),
-            wall_s: record.wall_s,
-            stale: field_key != Some(record.field_key.as_str()),
-            content,
+            label,
+            template: (templates.len() == 1).then(|| templates.concat()),
+            templates,
+            clearances: clearances.iter().map(clearance).collect(),
+            cuts: osteotomy.cuts.iter().map(CutDocument::from).collect(),
+            segments: osteotomy.segments.iter().map(segment).collect(),
+            bone_mm3: osteotomy.bone_mm3,
+            dropped_mm3: osteotomy.dropped_mm3,
+            warnings: osteotomy.warnings.clone(),
         }
     }
-}
-
-/// All osteotomies of a session, oldest first.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct OsteotomyList {
-    /// The session's osteotomies.
-    pub osteotomies: Vec<OsteotomyView>,
 }

@@ -7,7 +7,11 @@ use super::check::Check;
 pub struct FileFaults(Vec<(String, String)>);
 
 impl FileFaults {
-    pub(super) fn finish(check: Check) -> Result<(), Self> {
+    /// Fails with the faults of `check`, if there are any.
+    ///
+    /// # Errors
+    /// The faults.
+    pub fn finish(check: Check) -> Result<(), Self> {
         let Err(fault) = check.finish() else { return Ok(()) };
         Err(Self(fault.errors.into_iter().map(|e| (e.pointer, e.detail)).collect()))
     }

@@ -241,16 +241,21 @@ pub struct TissueLawsDocument {
 }
 
 impl TissueLawsDocument {
-    /// The laws that are given, by tissue.
+    /// Every tissue by name, with its law if one is given.
+    #[must_use]
+    pub fn all(&self) -> [(&'static str, Tissue, Option<&MaterialDocument>); 4] {
+        [
+            ("skin", Tissue::Skin, self.skin.as_ref()),
+            ("muscle", Tissue::Muscle, self.muscle.as_ref()),
+            ("fat", Tissue::Fat, self.fat.as_ref()),
+            ("mucosa", Tissue::Mucosa, self.mucosa.as_ref()),
+        ]
+    }
+
+    /// The given laws by tissue.
     #[must_use]
     pub fn given(&self) -> Vec<(&'static str, Tissue, &MaterialDocument)> {
-        let all = [
-            ("skin", Tissue::Skin, &self.skin),
-            ("muscle", Tissue::Muscle, &self.muscle),
-            ("fat", Tissue::Fat, &self.fat),
-            ("mucosa", Tissue::Mucosa, &self.mucosa),
-        ];
-        all.into_iter().filter_map(|(name, tissue, law)| Some((name, tissue, law.as_ref()?))).collect()
+        self.all().into_iter().filter_map(|(name, tissue, law)| Some((name, tissue, law?))).collect()
     }
 
     /// `materials` with the given laws in place of its own.
@@ -268,19 +273,19 @@ impl TissueLawsDocument {
 pub enum PresetName {
     /// Stable neo-Hookean with the published small-strain moduli.
     #[default]
-    #[serde(rename = "wang_2009_stable", alias = "wang2009-stable")]
+    #[serde(rename = "wang_2009_stable")]
     Wang2009Stable,
     /// Stable Yeoh that follows the published curve in tension.
-    #[serde(rename = "wang_2009_tension", alias = "wang2009-tension")]
+    #[serde(rename = "wang_2009_tension")]
     Wang2009Tension,
     /// The published constants, which lose ellipticity early.
-    #[serde(rename = "wang_2009", alias = "wang2009")]
+    #[serde(rename = "wang_2009")]
     Wang2009,
     /// Yeoh fitted to indentation of a cheek, one material for all tissues.
-    #[serde(rename = "nazari_2010", alias = "nazari2010")]
+    #[serde(rename = "nazari_2010")]
     Nazari2010,
     /// Small-strain moduli of passive facial tissue, one material for all tissues.
-    #[serde(rename = "chabanas_2003", alias = "chabanas2003")]
+    #[serde(rename = "chabanas_2003")]
     Chabanas2003,
 }
 

@@ -1,22 +1,23 @@
-use crate::http::extract::short_number;
-use prosopon_session::{Fault, FieldFault};
+use super::fault::{Fault, FieldFault};
+use super::region::BoxDocument;
 
 /// Largest magnitude of a coordinate, mm; no scan of a head lies farther from its origin.
-pub(super) const REACH_MM: f64 = 10_000.0;
+pub const REACH_MM: f64 = 10_000.0;
 
 /// Collects all faults of a request, so that one answer reports them all.
 #[derive(Debug, Default)]
-pub(in crate::http) struct Check {
+pub struct Check {
     faults: Vec<FieldFault>,
 }
 
 impl Check {
-    pub(in crate::http) fn fault(&mut self, pointer: impl Into<String>, detail: impl Into<String>) {
+    /// Adds a fault at a JSON pointer.
+    pub fn fault(&mut self, pointer: impl Into<String>, detail: impl Into<String>) {
         self.faults.push(FieldFault::new(pointer, detail));
     }
 
     /// Checks that a number lies between `min` and `max`, both included.
-    pub(super) fn number(&mut self, pointer: &str, value: f64, min: f64, max: f64) -> f64 {
+    pub fn number(&mut self, pointer: &str, value: f64, min: f64, max: f64) -> f64 {
         if !(min..=max).contains(&value) {
             self.fault(pointer, format!("is {}, allowed is {min} to {max}", short_number(value)));
         }
@@ -24,7 +25,7 @@ impl Check {
     }
 
     /// Checks that a point or translation has coordinates within [`REACH_MM`].
-    pub(super) fn vector(&mut self, pointer: &str, value: [f64; 3]) -> [f64; 3] {
+    pub fn vector(&mut self, pointer: &str, value: [f64; 3]) -> [f64; 3] {
         for (axis, coordinate) in value.into_iter().enumerate() {
             self.number(&format!("{pointer}/{axis}"), coordinate, -REACH_MM, REACH_MM);
         }
@@ -32,7 +33,7 @@ impl Check {
     }
 
     /// Checks a direction and returns it as a unit vector.
-    pub(super) fn direction(&mut self, pointer: &str, value: [f64; 3]) -> prosopon_geometry::Vector {
+    pub fn direction(&mut self, pointer: &str, value: [f64; 3]) -> prosopon_geometry::Vector {
         self.vector(pointer, value);
         prosopon_geometry::Vector::from(value).try_normalize(1e-9).unwrap_or_else(|| {
             self.fault(pointer, "has zero length; give a direction of any length above zero");
@@ -41,11 +42,7 @@ impl Check {
     }
 
     /// Checks that a box has its smallest and largest corners in order.
-    pub(super) fn bounds(
-        &mut self,
-        pointer: &str,
-        value: prosopon_session::BoxDocument,
-    ) -> prosopon_session::BoxDocument {
+    pub fn bounds(&mut self, pointer: &str, value: BoxDocument) -> BoxDocument {
         self.vector(&format!("{pointer}/min_mm"), value.min_mm);
         self.vector(&format!("{pointer}/max_mm"), value.max_mm);
         if value.min_mm.iter().zip(value.max_mm).any(|(min, max)| *min >= max) {
@@ -55,7 +52,7 @@ impl Check {
     }
 
     /// Checks that a tag has at most 200 characters.
-    pub(super) fn label(&mut self, pointer: &str, value: Option<String>) -> Option<String> {
+    pub fn label(&mut self, pointer: &str, value: Option<String>) -> Option<String> {
         if let Some(label) = &value
             && label.chars().count() > 200
         {
@@ -64,8 +61,25 @@ impl Check {
         value
     }
 
+    /// Checks that a name has 1 to 64 characters.
+    pub(super) fn name(&mut self, pointer: &str, value: Option<&str>) {
+        if value.is_some_and(|name| !(1..=64).contains(&name.chars().count())) {
+            self.fault(pointer, "must have 1 to 64 characters");
+        }
+    }
+
     /// Fails with all faults if there are any.
-    pub(in crate::http) fn finish(self) -> Result<(), Fault> {
+    ///
+    /// # Errors
+    /// A fault of the kind `invalid-request` that lists them.
+    pub fn finish(self) -> Result<(), Fault> {
         if self.faults.is_empty() { Ok(()) } else { Err(Fault::invalid(self.faults)) }
     }
+}
+
+/// Formats a number; very large and very small ones in scientific notation.
+#[must_use]
+pub fn short_number(value: f64) -> String {
+    let usual = value == 0.0 || (1e-6..1e15).contains(&value.abs());
+    if usual { value.to_string() } else { format!("{value:e}") }
 }

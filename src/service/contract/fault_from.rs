@@ -18,7 +18,10 @@ use prosopon_tissue::mesh::MeshError;
 impl From<StoreError> for Fault {
     fn from(error: StoreError) -> Self {
         if error.is_disk_full() {
-            return Self::new(FaultKind::StorageFull, "the disk of the service is full; delete sessions or enlarge the disk");
+            return Self::new(
+                FaultKind::StorageFull,
+                "the disk of the service is full; delete sessions or enlarge the disk",
+            );
         }
         match error {
             StoreError::SessionGone => Self::new(FaultKind::Gone, "the session was deleted meanwhile"),
@@ -26,13 +29,15 @@ impl From<StoreError> for Fault {
                 Self::new(FaultKind::TooLarge, format!("the upload is longer than the {allowed} bytes allowed"))
                     .with("allowed_bytes", allowed)
             }
-            StoreError::QuotaFull { allowed } => {
-                Self::new(FaultKind::QuotaFull, format!("this exceeds the quota of {allowed} bytes; delete something first"))
-                    .with("allowed_bytes", allowed)
-            }
-            StoreError::KeyTaken => {
-                Self::new(FaultKind::WrongState, "another request with this idempotency key is running; try again later")
-            }
+            StoreError::QuotaFull { allowed } => Self::new(
+                FaultKind::QuotaFull,
+                format!("this exceeds the quota of {allowed} bytes; delete something first"),
+            )
+            .with("allowed_bytes", allowed),
+            StoreError::KeyTaken => Self::new(
+                FaultKind::WrongState,
+                "another request with this idempotency key is running; try again later",
+            ),
             StoreError::BlobGone { key } => {
                 tracing::warn!(key, "a blob was removed before it was read");
                 let detail =
@@ -51,7 +56,10 @@ impl From<StoreError> for Fault {
             }
             StoreError::BucketRefused(_) => {
                 tracing::error!(error = chain(&error), "the bucket refuses a request");
-                Self::new(FaultKind::StoreRefuses, format!("{error}, or refuses this value; see the log of the service"))
+                Self::new(
+                    FaultKind::StoreRefuses,
+                    format!("{error}, or refuses this value; see the log of the service"),
+                )
             }
             StoreError::Database(_)
             | StoreError::Bucket(_)

@@ -1,0 +1,192 @@
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::check::{Check, REACH_MM};
+use super::fault::{Fault, FaultKind};
+use super::region::BoxDocument;
+use prosopon_geometry::{Aabb, Point, TriMesh};
+use prosopon_planning::evaluate::Part;
+use prosopon_planning::simulate::{Attached, AttachmentRules, NodeClass, Paint, SkullPaint};
+
+/// Boundary condition of a tissue node at bone: `tied`, `sliding` or `free`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum NodeClassName {
+    /// The node moves with the nearest bone.
+    Tied,
+    /// The node slides on bone.
+    Sliding,
+    /// The node has no contact.
+    Free,
+}
+
+impl From<NodeClassName> for NodeClass {
+    fn from(name: NodeClassName) -> Self {
+        match name {
+            NodeClassName::Tied => Self::Tied,
+            NodeClassName::Sliding => Self::Sliding,
+            NodeClassName::Free => Self::Free,
+        }
+    }
+}
+
+/// A class for all nodes at bone in a box or a ball, LPS mm.
+///
+/// A box has `min_mm` and `max_mm`, a ball `centre_mm` and `radius_mm`.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PaintDocument {
+    /// The class of the nodes.
+    pub class: NodeClassName,
+    /// Smallest coordinates of a box, mm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub min_mm: Option<[f64; 3]>,
+    /// Largest coordinates of a box, mm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub max_mm: Option<[f64; 3]>,
+    /// Centre of a ball, mm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub centre_mm: Option<[f64; 3]>,
+    /// Radius of a ball, mm; above 0.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub radius_mm: Option<f64>,
+}
+
+impl PaintDocument {
+    /// The painted part of space; `None` when it is neither a box with its corners in order nor a ball.
+    #[must_use]
+    pub fn paint(&self) -> Option<Paint> {
+        let part = match (self.min_mm, self.max_mm, self.centre_mm, self.radius_mm) {
+            (Some(min), Some(max), None, None) if min.iter().zip(max).all(|(min, max)| *min < max) => {
+                Part::Box(Aabb { min: min.into(), max: max.into() })
+            }
+            (None, None, Some(centre), Some(radius_mm)) if radius_mm > 0.0 => {
+                Part::Ball { centre: Point::from(centre), radius_mm }
+            }
+            _ => return None,
+        };
+        Some(Paint { class: self.class.into(), part })
+    }
+}
+
+/// Attachment of tissue nodes to bone: tied, sliding or free.
+///
+/// Absent members follow the default rule: nodes at bone are tied; they slide on the teeth of moving jaws and where periosteum is
+/// stripped; they are free beside saw lines. The report's `attached` counts the nodes of each class.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Attachment {
+    /// Boundary nodes closer to bone than this distance are tied, mm, 0 to 50.
+    ///
+    /// Chosen by the default rule when absent.
+    #[serde(default)]
+    pub tie_gap_mm: Option<f64>,
+    /// Boxes in which nodes slide instead of being tied, LPS mm.
+    ///
+    /// They replace the default boxes around the teeth.
+    #[serde(default)]
+    pub sliding: Option<Vec<BoxDocument>>,
+    /// At most 1000 boxes and balls that override the rule for the nodes inside.
+    ///
+    /// Where several contain a node, the last one applies.
+    #[serde(default)]
+    pub paint: Vec<PaintDocument>,
+    /// One class or `null` per skull vertex, in the vertex order of `GET …/skull`.
+    ///
+    /// A node takes the class of the nearest skull vertex within 5 mm. `paint` overrides it.
+    #[serde(default)]
+    pub skull_classes: Option<Vec<Option<NodeClassName>>>,
+}
+
+impl Attachment {
+    /// Reports every value that is not allowed.
+    pub(super) fn check(&self, check: &mut Check) {
+        if let Some(gap) = self.tie_gap_mm {
+            check.number("/attachment/tie_gap_mm", gap, 0.0, 50.0);
+        }
+        for (i, bounds) in self.sliding.iter().flatten().enumerate() {
+            check.bounds(&format!("/attachment/sliding/{i}"), *bounds);
+        }
+        check_paint(check, &self.paint);
+    }
+
+    /// Checks that the classes painted on the skull are as many as its vertices.
+    ///
+    /// # Errors
+    /// [`FaultKind::InvalidRequest`] with both numbers.
+    pub fn check_skull(&self, vertices: usize) -> Result<(), Fault> {
+        match self.skull_classes.as_ref().map(Vec::len) {
+            Some(found) if found != vertices => {
+                let detail = format!(
+                    "has {found} classes, but the skull has {vertices} vertices; give one class for each vertex"
+                );
+                Err(Fault::new(FaultKind::InvalidRequest, detail).at("/attachment/skull_classes"))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// The rules for the numerics.
+    ///
+    /// # Errors
+    /// [`FaultKind::InvalidRequest`] when the number of painted vertices is not that of the `skull`.
+    pub fn rules(&self, skull: &TriMesh) -> Result<AttachmentRules, Fault> {
+        self.check_skull(skull.positions().len())?;
+        let painted = self.skull_classes.as_ref().map(|classes| SkullPaint {
+            positions: skull.positions().to_vec(),
+            classes: classes.iter().map(|c| c.map(Into::into)).collect(),
+        });
+        Ok(AttachmentRules {
+            tie_gap_mm: self.tie_gap_mm,
+            sliding: self.sliding.as_ref().map(|boxes| boxes.iter().map(Aabb::from).collect()),
+            skull: painted,
+            paint: self.paint.iter().filter_map(PaintDocument::paint).collect(),
+        })
+    }
+}
+
+fn check_paint(check: &mut Check, paint: &[PaintDocument]) {
+    const MOST: usize = 1000;
+    if paint.len() > MOST {
+        check.fault("/attachment/paint", format!("has {} parts, at most {MOST} are allowed", paint.len()));
+    }
+    for (i, p) in paint.iter().take(MOST).enumerate() {
+        let pointer = format!("/attachment/paint/{i}");
+        for (name, place) in [("min_mm", p.min_mm), ("max_mm", p.max_mm), ("centre_mm", p.centre_mm)] {
+            place.map(|v| check.vector(&format!("{pointer}/{name}"), v));
+        }
+        p.radius_mm.map(|r| check.number(&format!("{pointer}/radius_mm"), r, 0.1, REACH_MM));
+        if p.paint().is_none() {
+            check.fault(pointer, "must have min_mm below max_mm, or centre_mm and radius_mm");
+        }
+    }
+}
+
+/// Number of tissue nodes of each class.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, ToSchema)]
+pub struct AttachedDocument {
+    /// Number of nodes tied to each segment; segment 0 is fixed.
+    pub tied_nodes: BTreeMap<u32, usize>,
+    /// Number of nodes that slide on bone.
+    pub sliding_nodes: usize,
+    /// Number of nodes at bone without contact.
+    pub free_nodes_at_bone: usize,
+    /// Number of nodes fixed at the cut boundary of the mesh.
+    pub fixed_nodes: usize,
+    /// Number of all these nodes whose class was painted.
+    pub painted_nodes: usize,
+}
+
+impl From<&Attached> for AttachedDocument {
+    fn from(a: &Attached) -> Self {
+        Self {
+            tied_nodes: a.tied.clone(),
+            sliding_nodes: a.sliding,
+            free_nodes_at_bone: a.free_at_bone,
+            fixed_nodes: a.fixed,
+            painted_nodes: a.painted,
+        }
+    }
+}

@@ -1,0 +1,76 @@
+//! Requests and answers of the service: one type for each, which is also its stored form.
+//!
+//! HTTP, jobs, the command line and the store use these types, with one set of defaults and one check that reports all faults
+//! of a request together. Invariants: this crate computes nothing and knows no HTTP; a stored document never changes, and new
+//! versions only add members.
+
+mod attachment;
+mod check;
+mod compare;
+mod cut;
+mod error_map;
+mod fault;
+mod fault_from;
+mod field;
+mod file_faults;
+mod json;
+mod landmarks;
+mod material;
+mod material_check;
+mod mesh;
+mod motion;
+mod osteotomy;
+mod plan;
+mod plan_request;
+mod region;
+mod registration;
+mod report;
+mod session;
+mod solve;
+mod step;
+mod surface;
+mod tissue;
+
+pub use attachment::{AttachedDocument, Attachment, NodeClassName, PaintDocument};
+pub use check::{Check, REACH_MM, short_number};
+pub use compare::{
+    CheckedCompare, CompareRequest, RegisterOn, RegisterRequest, SessionSurface, SurfaceRef, SurfaceSource, UNMOVED_MM,
+};
+pub use cut::{
+    CutDocument, CutSurfaceDocument, FreePartDocument, PlaneBoundsDocument, PlaneDocument, PolylineDocument,
+    PurposeDocument, stored_cuts,
+};
+pub use error_map::{ErrorDocument, HistogramBin, StatisticsDocument};
+pub use fault::{Fault, FaultKind, FieldFault, Halt};
+pub use fault_from::{chain, import_fault};
+pub use field::{
+    DoubtDocument, DoubtfulRegionsDocument, FieldDocument, FieldMethod, FieldQualityDocument, FieldSettingsDocument,
+    RegionDocument, Solid,
+};
+pub use file_faults::FileFaults;
+pub use json::{from_json, to_json};
+pub use landmarks::{LandmarksDocument, PlacedPlane};
+pub use material::{
+    D1ReadingName, LockingName, MaterialDocument, PresetName, SkinElementName, TissueLawsDocument,
+    UnstableMaterialName, VolumetricName,
+};
+pub use material_check::{check_material, file_material};
+pub use mesh::{MeshDocument, MeshRequest};
+pub use motion::{motion_from, motion_parts};
+pub use osteotomy::{
+    ClearanceDocument, CreateOsteotomy, Cuts, OsteotomyDocument, ProtectedRequest, SegmentDocument, TemplateName,
+    TemplateRequest,
+};
+pub use plan::{PathDocument, PathReportDocument, PathSample, PlanDocument, WaypointDocument};
+pub use plan_request::{
+    Autorotate, AxisAngle, CreatePlan, Hinge, PathRequest, PitchRollYaw, RotationRequest, Segments, WaypointRequest,
+    segment_motion,
+};
+pub use region::{BoxDocument, RegionRequest};
+pub use registration::RegistrationDocument;
+pub use report::{PhasesDocument, ReportDocument, ReportInput};
+pub use session::{CreateSession, MAX_STEPS, SessionSettings};
+pub use solve::{Budget, ModelName, OutputName, SolveRequest, SolverOptions};
+pub use step::{LeftOutDocument, ReactionDocument, RegionMotionDocument, StepDocument, StepPhasesDocument};
+pub use surface::{CtDocument, SurfaceDocument, SurfaceOrigin};
+pub use tissue::TissueDocument;

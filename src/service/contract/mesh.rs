@@ -1,0 +1,145 @@
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+use uuid::Uuid;
+
+use super::check::Check;
+use super::cut::CutDocument;
+use super::fault::Fault;
+use super::region::BoxDocument;
+use prosopon_geometry::Aabb;
+use prosopon_planning::simulate::TissueSettings;
+use prosopon_tissue::mesh::{MeshReport, MeshSettings};
+
+/// Request for a tissue mesh, which is also kept with the mesh; absent members take their defaults.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct MeshRequest {
+    /// Thickness of the skin layer, mm, 0.1 to 10; 1.5 by default.
+    pub skin_thickness_mm: f64,
+    /// Edge length of the lattice, mm, 0.5 to 20; 4 by default.
+    pub edge_mm: f64,
+    /// Depth below the skin beyond which tissue is left out, mm, at least `skin_thickness_mm` plus two edges, at most 200.
+    pub depth_mm: f64,
+    /// Box to mesh; when absent it is chosen from the segments of `osteotomy`, or else it is the front of the face.
+    pub region: Option<BoxDocument>,
+    /// Whether depth alone separates fat from muscle even when a CT could; muscle is then the 40 % next to bone.
+    #[serde(skip_serializing_if = "is_false")]
+    pub tissue_by_depth: bool,
+    /// Id of the osteotomy whose segments will move.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub osteotomy: Option<Uuid>,
+}
+
+fn is_false(value: &bool) -> bool {
+    !value
+}
+
+impl Default for MeshRequest {
+    fn default() -> Self {
+        let MeshSettings { skin_thickness_mm, edge_mm, depth_mm, .. } = MeshSettings::default();
+        Self { skin_thickness_mm, edge_mm, depth_mm, region: None, tissue_by_depth: false, osteotomy: None }
+    }
+}
+
+impl MeshRequest {
+    /// The request, checked.
+    ///
+    /// # Errors
+    /// A fault that lists every value that is not allowed.
+    pub fn checked(self) -> Result<Self, Fault> {
+        let mut check = Check::default();
+        let skin_thickness_mm = check.number("/skin_thickness_mm", self.skin_thickness_mm, 0.1, 10.0);
+        let edge_mm = check.number("/edge_mm", self.edge_mm, 0.5, 20.0);
+        let least = MeshSettings { skin_thickness_mm, edge_mm, ..MeshSettings::default() }.least_depth_mm();
+        check.number("/depth_mm", self.depth_mm, least, 200.0);
+        if let Some(region) = self.region {
+            check.bounds("/region", region);
+        }
+        check.finish()?;
+        Ok(self)
+    }
+
+    /// Whether both give the same mesh for the same cuts.
+    #[must_use]
+    pub fn meshes_like(&self, other: &Self) -> bool {
+        Self { osteotomy: None, ..*self } == Self { osteotomy: None, ..*other }
+    }
+}
+
+impl From<&MeshRequest> for TissueSettings {
+    fn from(r: &MeshRequest) -> Self {
+        Self {
+            mesh: MeshSettings { skin_thickness_mm: r.skin_thickness_mm, edge_mm: r.edge_mm, depth_mm: r.depth_mm },
+            region: r.region.as_ref().map(Aabb::from),
+            tissue_by_depth: r.tissue_by_depth,
+        }
+    }
+}
+
+/// Report of the tissue mesh of a session.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct MeshDocument {
+    /// Settings that the mesh was built with.
+    pub settings: MeshRequest,
+    /// Osteotomy whose segments determined the region.
+    ///
+    /// Absent when the region is the front of the face or a box.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub osteotomy: Option<String>,
+    /// Cuts of the osteotomy; only in the stored form.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cuts: Option<Vec<CutDocument>>,
+    /// Number of tetrahedra.
+    pub tetrahedra: usize,
+    /// Number of prisms.
+    pub prisms: usize,
+    /// Number of nodes.
+    pub nodes: usize,
+    /// Number of inverted elements.
+    pub inverted: usize,
+    /// Smallest dihedral angle of a tetrahedron, degrees.
+    pub min_dihedral_deg: f64,
+    /// Largest dihedral angle of a tetrahedron, degrees.
+    pub max_dihedral_deg: f64,
+    /// Smallest scaled Jacobian of a prism, 0 to 1.
+    pub min_scaled_jacobian: f64,
+    /// Relative difference of the mesh's volume from that of the domain.
+    pub volume_error: f64,
+    /// Largest distance of a prism's outer vertex or barycentre from the skin, mm.
+    pub max_skin_distance_mm: f64,
+    /// Number of outer edges with more than two boundary faces.
+    pub non_manifold_edges: usize,
+    /// Share of muscle in the volume below the skin layer, 0 to 1; the rest is fat.
+    #[serde(default)]
+    pub muscle_share: f64,
+    /// Whether the CT separated fat from muscle; otherwise depth did.
+    #[serde(default)]
+    pub tissue_from_ct: bool,
+    /// What was changed to build the mesh, and where.
+    pub warnings: Vec<String>,
+}
+
+impl MeshDocument {
+    /// The document of a mesh without its cuts.
+    #[must_use]
+    pub fn new(settings: MeshRequest, osteotomy: Option<String>, r: &MeshReport) -> Self {
+        Self {
+            settings,
+            osteotomy,
+            cuts: None,
+            tetrahedra: r.tetrahedra,
+            prisms: r.prisms,
+            nodes: r.nodes,
+            inverted: r.inverted,
+            min_dihedral_deg: r.min_dihedral_deg,
+            max_dihedral_deg: r.max_dihedral_deg,
+            min_scaled_jacobian: r.min_scaled_jacobian,
+            volume_error: r.volume_error,
+            max_skin_distance_mm: r.max_skin_distance_mm,
+            non_manifold_edges: r.nonmanifold_edges,
+            muscle_share: r.muscle_share,
+            tissue_from_ct: r.tissue_from_ct,
+            warnings: r.warnings.clone(),
+        }
+    }
+}

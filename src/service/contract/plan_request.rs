@@ -1,0 +1,442 @@
+use std::collections::BTreeMap;
+
+use nalgebra::{Quaternion, Unit, UnitQuaternion};
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+use uuid::Uuid;
+
+use super::check::Check;
+use super::fault::{Fault, Halt};
+use super::file_faults::FileFaults;
+use super::landmarks::LandmarksDocument;
+use super::motion::motion_from;
+use super::osteotomy::OsteotomyDocument;
+use super::tissue::TissueDocument;
+use prosopon_geometry::{Motion, Point, Vector};
+use prosopon_planning::plan::{CondylarAxis, Path, Plan, PlanError};
+
+/// A rotation given by axis and angle.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct AxisAngle {
+    /// Direction of the rotation axis, LPS; any length above zero.
+    pub axis: [f64; 3],
+    /// Right-handed angle about the axis, degrees, -180 to 180.
+    pub angle_deg: f64,
+}
+
+/// A rotation given by pitch, roll and yaw, as surgeons give them.
+///
+/// Roll is applied first, then pitch, then yaw. Each angle is right-handed, in degrees, -180 to 180, and 0 when absent.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PitchRollYaw {
+    /// Rotation about x (to the patient's left), degrees; a positive angle moves the front down.
+    #[serde(default)]
+    pub pitch_deg: f64,
+    /// Rotation about y (to the back), degrees; a positive angle moves the patient's left side down.
+    #[serde(default)]
+    pub roll_deg: f64,
+    /// Rotation about z (up), degrees; a positive angle moves the front to the patient's left.
+    #[serde(default)]
+    pub yaw_deg: f64,
+}
+
+/// A rotation in exactly one of the forms `quaternion_xyzw`, `axis_angle` and `pitch_roll_yaw`.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct RotationRequest {
+    /// Quaternion x, y, z, w with a length of 0.5 to 2; the service normalises it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub quaternion_xyzw: Option<[f64; 4]>,
+    /// Axis and angle of the rotation.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub axis_angle: Option<AxisAngle>,
+    /// Pitch, roll and yaw of the rotation.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pitch_roll_yaw: Option<PitchRollYaw>,
+    /// Fixed point of the rotation, LPS mm.
+    ///
+    /// When absent: the segment's centroid, or the origin for segments of an uploaded tissue mesh.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pivot_mm: Option<[f64; 3]>,
+}
+
+/// A rotation about a hinge axis.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Hinge {
+    /// A point on the hinge axis, LPS mm; give it together with `axis`.
+    ///
+    /// Without both, the axis runs from the landmark `condylion_right` to `condylion_left`, and positive angles open the mouth.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub point_mm: Option<[f64; 3]>,
+    /// Direction of the hinge axis, LPS; any length above zero.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub axis: Option<[f64; 3]>,
+    /// Right-handed angle about the hinge axis, degrees, -90 to 90.
+    #[schema(minimum = -90, maximum = 90)]
+    pub angle_deg: f64,
+}
+
+/// The segment's motion from rest at path parameter `t`: translation and rotation, or a hinge.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct WaypointRequest {
+    /// Path parameter, 0 to 1; it must increase from waypoint to waypoint, and the last must be 1.
+    pub t: f64,
+    /// Translation, LPS mm, each component -100 to 100: forward is -y, down is -z. Zero when absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub translation_mm: Option<[f64; 3]>,
+    /// Rotation; none when absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rotation: Option<RotationRequest>,
+    /// Hinge rotation; excludes `translation_mm` and `rotation`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub hinge: Option<Hinge>,
+}
+
+/// Autorotation: the mandible rotates about its condyles as the upper jaw moves.
+///
+/// The lower incisor keeps its height below the upper incisor. Needs the landmarks `condylion_left`, `condylion_right`,
+/// `upper_incisor` and `lower_incisor`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Autorotate {
+    /// Segment of the upper jaw. The same plan must contain its path, given by waypoints.
+    pub follows: u32,
+}
+
+/// Path of one segment, given by waypoints or by `autorotate`.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PathRequest {
+    /// Moving segment, from 1; segment 0 is fixed.
+    pub segment: u32,
+    /// 1 to 1000 motions from rest at increasing `t`, the last at `t` = 1.
+    ///
+    /// The service joins them by screw motions.
+    #[serde(default)]
+    pub waypoints: Vec<WaypointRequest>,
+    /// Autorotation instead of waypoints.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub autorotate: Option<Autorotate>,
+}
+
+/// Request for a plan: the paths of the moving segments.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct CreatePlan {
+    /// Id of the osteotomy whose segments move.
+    ///
+    /// When absent, the plan moves the segments of the session's uploaded tissue mesh: those in its array `attachment` and
+    /// those with a bone.
+    #[serde(default)]
+    pub osteotomy: Option<Uuid>,
+    /// A tag of at most 200 characters that the service stores and does not interpret.
+    #[serde(default)]
+    pub label: Option<String>,
+    /// One path per moving segment, at most 32.
+    ///
+    /// The list may be empty only if the uploaded tissue mesh has loads.
+    pub paths: Vec<PathRequest>,
+}
+
+/// Segments that a plan can move.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Segments {
+    /// Owner of the segments, for messages.
+    owner: &'static str,
+    /// Default fixed point of rotations, by segment, LPS mm.
+    pivots: BTreeMap<u32, [f64; 3]>,
+    /// Whether the tissue mesh has loads, so that a plan without paths makes sense.
+    loads: bool,
+    /// The session's landmarks by name, LPS mm; hinges and autorotation use condyles and incisors.
+    landmarks: BTreeMap<String, [f64; 3]>,
+}
+
+impl From<&OsteotomyDocument> for Segments {
+    fn from(osteotomy: &OsteotomyDocument) -> Self {
+        let pivots = osteotomy.segments.iter().map(|s| (s.id, s.centroid_mm)).collect();
+        Self { owner: "the osteotomy", pivots, loads: false, landmarks: BTreeMap::new() }
+    }
+}
+
+impl Segments {
+    /// Segments of an uploaded tissue mesh: those its points are tied to, and those with a bone.
+    ///
+    /// They rotate about the origin.
+    #[must_use]
+    pub fn of_tissue(tissue: &TissueDocument, bones: &[(u32, String)]) -> Self {
+        let tied = tissue.tied_nodes.keys().copied();
+        let pivots = tied.chain(bones.iter().map(|(segment, _)| *segment)).map(|s| (s, [0.0; 3])).collect();
+        Self { owner: "the tissue mesh", pivots, loads: tissue.loaded_nodes > 0, landmarks: BTreeMap::new() }
+    }
+}
+
+impl Segments {
+    /// Adds the session's landmarks, for hinges about the condyles.
+    #[must_use]
+    pub fn with_landmarks(self, landmarks: Option<LandmarksDocument>) -> Self {
+        Self { landmarks: landmarks.map(|l| l.points).unwrap_or_default(), ..self }
+    }
+
+    /// Landmarks by name; reports a fault at `pointer` that names the missing ones.
+    fn points<const N: usize>(&self, check: &mut Check, pointer: &str, names: [&str; N]) -> Option<[Point; N]> {
+        let missing: Vec<&str> = names.iter().copied().filter(|n| !self.landmarks.contains_key(*n)).collect();
+        if !missing.is_empty() {
+            check.fault(pointer, format!("needs the landmarks {}; PUT them first", missing.join(", ")));
+            return None;
+        }
+        Some(names.map(|n| self.landmarks.get(n).copied().map_or_else(Point::origin, Point::from)))
+    }
+
+    fn condyles(&self, check: &mut Check, pointer: &str) -> Option<CondylarAxis> {
+        let [left, right] = self.points(check, pointer, ["condylion_left", "condylion_right"])?;
+        if (left - right).norm() < 1.0 {
+            check.fault(pointer, "the landmarks condylion_left and condylion_right are less than 1 mm apart");
+            return None;
+        }
+        if left.x <= right.x {
+            let detail = format!(
+                "the landmark condylion_left (x = {} mm) is not to the left (+x) of condylion_right ({} mm): are they swapped?",
+                left.x, right.x
+            );
+            check.fault(pointer, detail);
+            return None;
+        }
+        Some(CondylarAxis { right, left })
+    }
+}
+
+impl CreatePlan {
+    /// Checks the request and returns the label and the plan.
+    ///
+    /// # Errors
+    /// A fault that lists every value that is not allowed.
+    pub fn check(self, segments: &Segments) -> Result<(Option<String>, Plan), Fault> {
+        let mut check = Check::default();
+        let label = check.label("/label", self.label);
+        let least = usize::from(!segments.loads);
+        if !(least..=32).contains(&self.paths.len()) {
+            check.fault("/paths", format!("has {} paths, allowed are {least} to 32", self.paths.len()));
+        }
+        let mut waypoints = Vec::new();
+        for (index, path) in self.paths.iter().enumerate() {
+            let pointer = format!("/paths/{index}");
+            if self.paths[..index].iter().any(|p| p.segment == path.segment) {
+                check.fault(format!("{pointer}/segment"), format!("segment {} already has a path", path.segment));
+            }
+            waypoints.push(motions(&mut check, &pointer, path, segments));
+        }
+        let mut turns = Vec::new();
+        for (index, path) in self.paths.iter().enumerate() {
+            let Some(autorotate) = path.autorotate else { continue };
+            let pointer = format!("/paths/{index}/autorotate");
+            let of = self.paths.iter().position(|p| p.segment == autorotate.follows && p.autorotate.is_none());
+            if of.is_none() {
+                let detail = format!("the plan has no path with waypoints for segment {}", autorotate.follows);
+                check.fault(format!("{pointer}/follows"), detail);
+            }
+            let axis = segments.condyles(&mut check, &pointer);
+            let incisors = segments.points(&mut check, &pointer, ["upper_incisor", "lower_incisor"]);
+            if let (Some(of), Some(axis), Some(incisors)) = (of, axis, incisors) {
+                turns.push((index, of, axis, incisors));
+            }
+        }
+        check.finish()?;
+        let mut paths = Vec::with_capacity(waypoints.len());
+        for (index, (request, motions)) in self.paths.iter().zip(waypoints).enumerate() {
+            if request.autorotate.is_none() {
+                paths.push((index, Path::new(request.segment, motions).map_err(|e| below(index, e))?));
+            }
+        }
+        for (index, of, axis, [upper, lower]) in turns {
+            let Some((_, way)) = paths.iter().find(|(i, _)| *i == of) else { continue };
+            let followed = axis.follow(self.paths[index].segment, way, &upper, &lower, &Vector::z());
+            let followed = followed.map_err(|e| below(index, e))?;
+            paths.push((index, followed));
+        }
+        paths.sort_by_key(|(index, _)| *index);
+        Ok((label, Plan { paths: paths.into_iter().map(|(_, path)| path).collect() }))
+    }
+}
+
+/// The planner's error, with its JSON pointers below the path.
+fn below(index: usize, error: PlanError) -> Fault {
+    let mut fault = Fault::from(Halt::from(error));
+    for field in &mut fault.errors {
+        field.pointer = format!("/paths/{index}{}", field.pointer);
+    }
+    fault
+}
+
+fn motions(check: &mut Check, pointer: &str, path: &PathRequest, segments: &Segments) -> Vec<(f64, Motion)> {
+    let pivot = segments.pivots.get(&path.segment).copied();
+    if path.segment == 0 {
+        check.fault(format!("{pointer}/segment"), "segment 0 is the fixed skull; name a moving segment");
+    } else if pivot.is_none() {
+        let known: Vec<String> = segments.pivots.keys().filter(|s| **s > 0).map(u32::to_string).collect();
+        let known = if known.is_empty() { "none that can move".to_owned() } else { known.join(", ") };
+        let detail = format!("there is no segment {}; {} has {known}", path.segment, segments.owner);
+        check.fault(format!("{pointer}/segment"), detail);
+    }
+    let pivot = pivot.unwrap_or_default();
+    if path.autorotate.is_some() {
+        if !path.waypoints.is_empty() {
+            check.fault(format!("{pointer}/waypoints"), "cannot be combined with autorotate; give one of them");
+        }
+        return Vec::new();
+    }
+    if !(1..=1000).contains(&path.waypoints.len()) {
+        let detail = format!("has {} waypoints, allowed are 1 to 1000", path.waypoints.len());
+        check.fault(format!("{pointer}/waypoints"), detail);
+    }
+    let mut motions: Vec<(f64, Motion)> = Vec::new();
+    for (index, waypoint) in path.waypoints.iter().enumerate() {
+        let pointer = format!("{pointer}/waypoints/{index}");
+        check.number(&format!("{pointer}/t"), waypoint.t, 0.0, 1.0);
+        if let Some((before, _)) = motions.last()
+            && waypoint.t <= *before
+        {
+            check
+                .fault(format!("{pointer}/t"), format!("is {}, but must exceed the previous t = {before}", waypoint.t));
+        }
+        motions.push((waypoint.t, motion(check, &pointer, waypoint, pivot, segments)));
+    }
+    if let Some((last, _)) = motions.last()
+        && *last != 1.0
+    {
+        let index = motions.len() - 1;
+        check.fault(format!("{pointer}/waypoints/{index}/t"), format!("is {last}, but the last t must be 1"));
+    }
+    motions
+}
+
+fn motion(
+    check: &mut Check,
+    pointer: &str,
+    waypoint: &WaypointRequest,
+    centroid: [f64; 3],
+    segments: &Segments,
+) -> Motion {
+    if let Some(hinge) = &waypoint.hinge {
+        if waypoint.translation_mm.is_some() || waypoint.rotation.is_some() {
+            check.fault(format!("{pointer}/hinge"), "cannot be combined with translation_mm or rotation");
+        }
+        let angle = check.number(&format!("{pointer}/hinge/angle_deg"), hinge.angle_deg, -90.0, 90.0);
+        let (point, axis) = match (hinge.point_mm, hinge.axis) {
+            (Some(point), Some(axis)) => {
+                let axis = check.direction(&format!("{pointer}/hinge/axis"), axis);
+                (check.vector(&format!("{pointer}/hinge/point_mm"), point), axis)
+            }
+            (None, None) => {
+                let condyles = segments.condyles(check, &format!("{pointer}/hinge"));
+                let turn = condyles.and_then(|axis| axis.turn(angle.to_radians()).ok());
+                return turn.unwrap_or_else(Motion::identity);
+            }
+            _ => {
+                check.fault(format!("{pointer}/hinge"), "must have both point_mm and axis, or neither");
+                return Motion::identity();
+            }
+        };
+        let turn = UnitQuaternion::from_axis_angle(&Unit::new_unchecked(axis), angle.to_radians());
+        return motion_from(Vector::zeros(), turn, Point::from(point));
+    }
+    if waypoint.translation_mm.is_none() && waypoint.rotation.is_none() {
+        check.fault(pointer, "must have translation_mm, rotation or hinge");
+    }
+    let translation = waypoint.translation_mm.unwrap_or_default();
+    for (axis, length) in translation.into_iter().enumerate() {
+        check.number(&format!("{pointer}/translation_mm/{axis}"), length, -100.0, 100.0);
+    }
+    let (rotation, pivot) = match &waypoint.rotation {
+        Some(r) => rotation(check, &format!("{pointer}/rotation"), r, centroid),
+        None => (UnitQuaternion::identity(), centroid),
+    };
+    motion_from(Vector::from(translation), rotation, Point::from(pivot))
+}
+
+/// Motion of a segment from rest: rotation about its pivot, then translation, mm.
+///
+/// The pivot is the origin when the rotation names none. `pointer` is the JSON pointer of the segment in its file.
+///
+/// # Errors
+/// [`FileFaults`] with every value that is not allowed and its JSON pointer.
+pub fn segment_motion(
+    pointer: &str,
+    translation_mm: [f64; 3],
+    turn: Option<&RotationRequest>,
+) -> Result<Motion, FileFaults> {
+    let mut check = Check::default();
+    let translation = check.vector(&format!("{pointer}/translation_mm"), translation_mm);
+    let (turn, pivot) = match turn {
+        Some(turn) => rotation(&mut check, &format!("{pointer}/rotation"), turn, [0.0; 3]),
+        None => (UnitQuaternion::identity(), [0.0; 3]),
+    };
+    FileFaults::finish(check)?;
+    Ok(motion_from(Vector::from(translation), turn, Point::from(pivot)))
+}
+
+fn rotation(
+    check: &mut Check,
+    pointer: &str,
+    r: &RotationRequest,
+    centroid: [f64; 3],
+) -> (UnitQuaternion<f64>, [f64; 3]) {
+    let pivot = r.pivot_mm.map_or(centroid, |p| check.vector(&format!("{pointer}/pivot_mm"), p));
+    let angle = |check: &mut Check, name: &str, deg: f64| {
+        check.number(&format!("{pointer}/{name}"), deg, -180.0, 180.0).to_radians()
+    };
+    let rotation = match (r.quaternion_xyzw, r.axis_angle, r.pitch_roll_yaw) {
+        (Some([x, y, z, w]), None, None) => {
+            let quaternion = Quaternion::new(w, x, y, z);
+            let norm = quaternion.norm();
+            check.number(&format!("{pointer}/quaternion_xyzw"), norm, 0.5, 2.0);
+            if (0.5..=2.0).contains(&norm) {
+                UnitQuaternion::new_normalize(quaternion)
+            } else {
+                UnitQuaternion::identity()
+            }
+        }
+        (None, Some(a), None) => {
+            let axis = check.direction(&format!("{pointer}/axis_angle/axis"), a.axis);
+            let angle = angle(check, "axis_angle/angle_deg", a.angle_deg);
+            UnitQuaternion::from_axis_angle(&Unit::new_unchecked(axis), angle)
+        }
+        (None, None, Some(a)) => {
+            let pitch = angle(check, "pitch_roll_yaw/pitch_deg", a.pitch_deg);
+            let roll = angle(check, "pitch_roll_yaw/roll_deg", a.roll_deg);
+            let yaw = angle(check, "pitch_roll_yaw/yaw_deg", a.yaw_deg);
+            let about = |axis, angle| UnitQuaternion::from_axis_angle(&axis, angle);
+            about(Vector::z_axis(), yaw) * about(Vector::x_axis(), pitch) * about(Vector::y_axis(), roll)
+        }
+        _ => {
+            check.fault(pointer, "must have exactly one of quaternion_xyzw, axis_angle and pitch_roll_yaw");
+            UnitQuaternion::identity()
+        }
+    };
+    (rotation, pivot)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Pitch, roll and yaw of 90° applied to the front (0, -1, 0) or the patient's left (1, 0, 0).
+    #[test]
+    fn angles_turn_the_way_their_docs_say() {
+        let turn = |a: PitchRollYaw| {
+            let request =
+                RotationRequest { quaternion_xyzw: None, axis_angle: None, pitch_roll_yaw: Some(a), pivot_mm: None };
+            let mut check = Check::default();
+            rotation(&mut check, "", &request, [0.0; 3]).0
+        };
+        let zero = PitchRollYaw { pitch_deg: 0.0, roll_deg: 0.0, yaw_deg: 0.0 };
+        let front = -Vector::y();
+        let near = |a: Vector, b: Vector| assert!((a - b).norm() < 1e-12, "{a}");
+        near(turn(PitchRollYaw { pitch_deg: 90.0, ..zero }) * front, -Vector::z());
+        near(turn(PitchRollYaw { roll_deg: 90.0, ..zero }) * Vector::x(), -Vector::z());
+        near(turn(PitchRollYaw { yaw_deg: 90.0, ..zero }) * front, Vector::x());
+    }
+}

@@ -1,7 +1,7 @@
 use axum::http::StatusCode;
 use serde_json::{Value, json};
 
-use crate::app::{Answer, TestApp};
+use crate::support::app::{Answer, TestApp};
 
 fn pointers(answer: &Answer) -> Vec<String> {
     let problem = answer.problem(422, "invalid-request");

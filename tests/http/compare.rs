@@ -6,8 +6,8 @@ use axum::http::Method;
 use prosopon_geometry::{Motion, TriMesh, Vector};
 use serde_json::{Value, json};
 
-use crate::app::{Answer, TestApp};
-use crate::shapes::{cube, lumpy, stl};
+use crate::support::app::{Answer, TestApp};
+use crate::support::shapes::{cube, lumpy, stl};
 
 /// Creates a session with this skin and target; returns its id.
 async fn session_of(app: &TestApp, skin: &TriMesh, target: &TriMesh) -> String {

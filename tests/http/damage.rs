@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use axum::http::StatusCode;
 use serde_json::{Value, json};
 
-use crate::app::TestApp;
-use crate::shapes::nifti;
+use crate::support::app::TestApp;
+use crate::support::shapes::{cube, nifti, skin, skull, stl};
 
 /// Every file of a value, relative to the store.
 fn values(directory: &Path) -> Vec<PathBuf> {
@@ -31,7 +31,7 @@ async fn a_damaged_value_is_never_sent_and_nothing_is_computed_from_it() {
     for damage in [flip_a_bit, cut_off] {
         let app = TestApp::new().await;
         let (session, plan) = app.session_with_plan().await;
-        app.upload(&format!("{session}/target"), crate::shapes::skin()).await.ok();
+        app.upload(&format!("{session}/target"), skin()).await.ok();
         let job = app.solve(&session, &plan, json!({"steps": 1, "outputs": ["skin", "error", "tissue"]})).await;
         assert_eq!(app.ended(&job).await.ok()["status"], "succeeded");
         let osteotomy = app.get(&format!("{session}/osteotomies")).await.ok()["osteotomies"][0]["id"].clone();
@@ -60,7 +60,7 @@ async fn a_damaged_value_is_never_sent_and_nothing_is_computed_from_it() {
             (&json!("failed"), &json!("/problems/damaged-value"))
         );
         // A new upload replaces the damaged value.
-        app.upload(&format!("{session}/skin"), crate::shapes::skin()).await.ok();
+        app.upload(&format!("{session}/skin"), skin()).await.ok();
         assert_eq!(app.get(&format!("{session}/skin")).await.status, StatusCode::OK);
     }
 }
@@ -83,7 +83,7 @@ async fn what_comes_from_a_ct_is_made_again_and_the_job_says_so() {
     assert_eq!(app.get(&format!("{session}/skull")).await.status, StatusCode::OK);
 
     // A skull uploaded later remains when the skin is rebuilt.
-    let own = crate::shapes::stl(&crate::shapes::cube([0.0; 3], 50.0));
+    let own = stl(&cube([0.0; 3], 50.0));
     app.upload(&format!("{session}/skull"), own).await.ok();
     let uploaded = part("skull").await;
     let newest = values(app.directory()).into_iter().max().unwrap();
@@ -96,7 +96,7 @@ async fn what_comes_from_a_ct_is_made_again_and_the_job_says_so() {
     let job = app.finish(app.post(&format!("{session}/field"), json!({})).await).await;
     assert_eq!((&job["status"], &job["problem"]["part"]), (&json!("failed"), &json!("skull")), "{job}");
     assert_eq!(part("skull").await, uploaded);
-    app.upload(&format!("{session}/skull"), crate::shapes::skull()).await.ok();
+    app.upload(&format!("{session}/skull"), skull()).await.ok();
 
     values(app.directory()).iter().for_each(|file| flip_a_bit(file));
     let job = app.finish(app.post(&format!("{session}/field"), json!({})).await).await;

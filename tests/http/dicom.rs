@@ -5,7 +5,8 @@ use serde_json::json;
 use zip::ZipWriter;
 use zip::write::SimpleFileOptions;
 
-use crate::app::TestApp;
+use crate::support::app::TestApp;
+use crate::support::shapes::nifti;
 
 const NAME: &str = "NAME^OF PATIENT";
 
@@ -129,7 +130,7 @@ async fn series_that_cannot_be_read_are_refused_by_the_upload() {
 async fn notes_in_the_header_of_a_nifti_file_are_not_kept() {
     let app = TestApp::new().await;
     let session = app.session().await;
-    let mut file = crate::shapes::nifti();
+    let mut file = nifti();
     // The field `descrip`.
     file[148..148 + NAME.len()].copy_from_slice(NAME.as_bytes());
     let job = app.finish(app.upload(&format!("{session}/ct"), file).await).await;

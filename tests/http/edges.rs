@@ -4,8 +4,8 @@ use axum::body::Body;
 use axum::http::{Method, StatusCode};
 use serde_json::{Value, json};
 
-use crate::app::TestApp;
 use crate::examples::{Example, examples};
+use crate::support::app::TestApp;
 
 #[tokio::test]
 async fn whatever_goes_wrong_is_a_problem() {

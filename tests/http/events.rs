@@ -2,7 +2,7 @@ use axum::body::Body;
 use axum::http::{Method, StatusCode};
 use serde_json::{Value, json};
 
-use crate::app::TestApp;
+use crate::support::app::TestApp;
 
 /// Events of a finished job as lines.
 async fn lines(app: &TestApp, job: &str, last: Option<&str>) -> Vec<Value> {

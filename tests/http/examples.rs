@@ -3,7 +3,7 @@
 use axum::http::Method;
 use serde_json::Value;
 
-use crate::app::TestApp;
+use crate::support::app::TestApp;
 
 /// A request that a reader may copy, and the expected status.
 pub(crate) struct Example {

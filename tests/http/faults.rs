@@ -7,9 +7,9 @@ use std::time::Duration;
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
-use crate::binary::Server;
 use crate::engines::{Bucket, Cluster, Mood};
 use crate::shared::{finished, signal, start};
+use crate::support::binary::Server;
 
 /// Number of jobs: 200 with `SLOW_TESTS`, which takes six minutes.
 static JOBS: LazyLock<usize> = LazyLock::new(|| if std::env::var_os("SLOW_TESTS").is_some() { 200 } else { 40 });

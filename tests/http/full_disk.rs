@@ -16,8 +16,8 @@ use object_store::{
 use serde_json::json;
 use sqlx::SqlitePool;
 
-use crate::app::TestApp;
-use crate::shapes::{nifti, skin, skull, stl};
+use crate::support::app::TestApp;
+use crate::support::shapes::{cube, nifti, skin, skull, stl};
 
 /// Free bytes.
 type Room = Arc<AtomicI64>;
@@ -138,7 +138,7 @@ async fn an_upload_that_does_not_fit_leaves_nothing() {
     disk.leave(100);
     app.upload(&format!("{session}/skin"), skin()).await.problem(507, "storage-full");
     // The first part of 5 MB is written before the disk is full.
-    let mut large = stl(&crate::shapes::cube([0.0; 3], 50.0));
+    let mut large = stl(&cube([0.0; 3], 50.0));
     large.resize(12 << 20, 0);
     disk.leave(6 << 20);
     app.upload(&format!("{session}/skull"), large).await.problem(507, "storage-full");

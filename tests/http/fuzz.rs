@@ -5,8 +5,8 @@ use std::time::{Duration, Instant};
 use axum::http::StatusCode;
 use serde_json::{Value, json};
 
-use crate::app::{Answer, TestApp};
 use crate::examples::examples;
+use crate::support::app::{Answer, TestApp};
 
 /// Pseudo-random numbers, the same in every run.
 struct Dice(u64);

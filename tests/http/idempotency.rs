@@ -1,7 +1,8 @@
 use axum::http::StatusCode;
 use serde_json::json;
 
-use crate::app::TestApp;
+use crate::support::app::TestApp;
+use crate::support::shapes::{skin, skull};
 
 #[tokio::test]
 async fn the_same_request_under_the_same_key_is_answered_as_before() {
@@ -49,7 +50,7 @@ async fn a_refused_request_does_not_use_up_its_key() {
     let session = app.session().await;
     let path = format!("{session}/field");
     app.post_keyed(&path, "f", json!({})).await.problem(409, "missing-input");
-    app.upload(&format!("{session}/skin"), crate::shapes::skin()).await.ok();
-    app.upload(&format!("{session}/skull"), crate::shapes::skull()).await.ok();
+    app.upload(&format!("{session}/skin"), skin()).await.ok();
+    app.upload(&format!("{session}/skull"), skull()).await.ok();
     app.post_keyed(&path, "f", json!({})).await.ok();
 }

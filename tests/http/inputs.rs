@@ -9,8 +9,8 @@ use prosopon_geometry::{Point, TriMesh};
 use prosopon_session::FaultKind;
 use serde_json::json;
 
-use crate::app::TestApp;
-use crate::shapes::{cube, nifti, ply_with, skin, skull, stl};
+use crate::support::app::TestApp;
+use crate::support::shapes::{cube, nifti, ply_with, skin, skull, stl};
 
 fn files_below(path: &std::path::Path) -> usize {
     let below = |p: std::path::PathBuf| if p.is_dir() { files_below(&p) } else { 1 };

@@ -4,7 +4,8 @@ use std::time::{Duration, Instant};
 use axum::http::StatusCode;
 use serde_json::json;
 
-use crate::app::TestApp;
+use crate::support::app::TestApp;
+use crate::support::shapes::{cube, skin, stl};
 
 #[tokio::test]
 async fn a_solve_goes_its_way_and_leaves_a_report() {
@@ -37,7 +38,7 @@ async fn a_solve_goes_its_way_and_leaves_a_report() {
 async fn progress_is_that_of_the_path_and_residuals_are_those_of_its_steps() {
     let app = TestApp::new().await;
     let (session, plan) = app.session_with_plan().await;
-    app.upload(&format!("{session}/target"), crate::shapes::skin()).await.ok();
+    app.upload(&format!("{session}/target"), skin()).await.ok();
     app.stand_in.hold_after(2);
     let job = app.solve(&session, &plan, json!({"steps": 4})).await;
     app.until_step(&job, 2).await;
@@ -196,7 +197,7 @@ async fn a_job_that_is_asked_for_again_is_the_one_that_is_there() {
     app.put_json(&format!("{path}/settings"), json!({})).await.ok();
 
     // The comparison would use another surface.
-    app.upload(&format!("{session}/target"), crate::shapes::skin()).await.ok();
+    app.upload(&format!("{session}/target"), skin()).await.ok();
     assert_ne!(app.solve(&session, &plan, json!({})).await, running);
     app.post(&format!("{running}/cancel"), json!({})).await.ok();
     let after = app.solve(&session, &plan, json!({})).await;
@@ -260,7 +261,7 @@ async fn a_job_whose_inputs_were_replaced_while_it_waited_says_so() {
     while app.get(&first).await.ok()["phase"] != "solve" {
         tokio::time::sleep(Duration::from_millis(5)).await;
     }
-    app.upload(&format!("{session}/skin"), crate::shapes::stl(&crate::shapes::cube([1.0; 3], 90.0))).await.ok();
+    app.upload(&format!("{session}/skin"), stl(&cube([1.0; 3], 90.0))).await.ok();
     app.stand_in.release();
     assert_eq!(app.ended(&first).await.ok()["status"], "succeeded", "it has its inputs already");
     let job = app.ended(&second).await.ok();

@@ -8,8 +8,8 @@ use std::sync::Arc;
 use prosopon_service::config::ServeConfig;
 use prosopon_service::serve;
 
-use crate::shapes::{cube, skin, skull, stl};
-use crate::stand_in::StandIn;
+use crate::support::shapes::{cube, skin, skull, stl};
+use crate::support::stand_in::StandIn;
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn the_python_client_does_the_main_job() {

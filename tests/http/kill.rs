@@ -8,14 +8,15 @@ use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 
-use crate::binary::{Server, serve};
+use crate::support::binary::{Server, serve};
+use crate::support::shapes::skin;
 
 #[test]
 fn a_killed_service_has_everything_when_it_starts_again() {
     let directory = tempfile::tempdir().unwrap();
     let server = Server::start(directory.path(), &[]);
     let session = server.session();
-    server.upload(&format!("{session}/skin"), &crate::shapes::skin()).ok();
+    server.upload(&format!("{session}/skin"), &skin()).ok();
     let before = server.get(&session).ok();
     drop(server);
     let server = Server::start(directory.path(), &[]);

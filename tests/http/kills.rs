@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use serde_json::{Value, json};
 use ureq::Agent;
 
-use crate::binary::{Server, serve};
+use crate::support::binary::{Server, serve};
 
 /// Number of kills: 50 with `SLOW_TESTS`, else 6.
 fn kills() -> usize {

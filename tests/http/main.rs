@@ -1,12 +1,10 @@
 //! The HTTP API, in process and over a real socket.
 //!
-//! Most tests use a fast stand-in for the numerics (`stand_in.rs`), because they test the service and not the solver.
-//! `binary.rs`, `compare.rs` and `reuse.rs` use the real numerics.
+//! Most tests use a fast stand-in for the numerics (`support/stand_in.rs`), because they test the service and not the
+//! solver. `support/binary.rs`, `compare.rs` and `reuse.rs` use the real numerics.
 
 #![allow(clippy::unwrap_used, clippy::panic, clippy::print_stderr, reason = "test code")]
 
-mod app;
-mod binary;
 mod bone;
 mod compare;
 mod damage;
@@ -38,7 +36,6 @@ mod reuse;
 mod security;
 mod sense;
 mod sessions;
-mod shapes;
 mod shared;
-mod stand_in;
+mod support;
 mod tissue;

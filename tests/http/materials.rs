@@ -7,7 +7,7 @@ use prosopon_tissue::fem::material::{Material, Materials};
 use prosopon_tissue::fem::{Locking, Model, SkinElement, SolveSettings, UnstableMaterial};
 use serde_json::{Value, json};
 
-use crate::app::TestApp;
+use crate::support::app::TestApp;
 
 fn near(found: &Value, expected: f64, within: f64) {
     let found = found.as_f64().unwrap_or_else(|| panic!("no number: {found}"));

@@ -5,7 +5,7 @@ use std::sync::atomic::Ordering;
 use axum::http::StatusCode;
 use serde_json::{Value, json};
 
-use crate::app::TestApp;
+use crate::support::app::TestApp;
 
 /// An osteotomy at the height `z` and a plan on it.
 async fn operation(app: &TestApp, session: &str, z: f64) -> (Value, String) {

@@ -8,7 +8,8 @@ use std::time::{Duration, Instant};
 
 use serde_json::json;
 
-use crate::binary::{Server, serve};
+use crate::support::binary::{Server, serve};
+use crate::support::shapes::skin;
 
 fn prosopon(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_prosopon")).args(arguments).env_remove("PROSOPON_DATA").output().unwrap()
@@ -188,7 +189,7 @@ fn a_running_service_is_backed_up_and_comes_back_elsewhere() {
     let [data, out, back] = ["data", "out", "back"].map(|name| directory.path().join(name));
     let server = Server::start(&data, &[]);
     let session = server.session();
-    server.upload(&format!("{session}/skin"), &crate::shapes::skin()).ok();
+    server.upload(&format!("{session}/skin"), &skin()).ok();
     let before = server.get(&session).ok();
     let done = prosopon(&["backup", "--data", text_of(&data), "--out", text_of(&out)]);
     assert!(done.status.success(), "{done:?}");

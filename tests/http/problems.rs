@@ -1,5 +1,6 @@
 //! Problems that no other test provokes, and a check that every problem type has a test.
 
+use std::path::Path;
 use std::time::Duration;
 
 use axum::body::{Body, Bytes};
@@ -10,7 +11,7 @@ use prosopon_session::Halt;
 use prosopon_tissue::fem::SolveError;
 use serde_json::json;
 
-use crate::app::TestApp;
+use crate::support::app::TestApp;
 
 #[tokio::test]
 async fn what_the_numerics_refuse_has_a_name() {
@@ -59,14 +60,16 @@ async fn a_body_that_does_not_come_is_not_waited_for() {
     app.call(Method::PUT, &format!("{session}/skin"), &[], never()).await.problem(408, "timeout");
 }
 
+/// The text of all files below a directory.
+fn text_below(directory: &Path) -> String {
+    let paths = std::fs::read_dir(directory).unwrap().map(|entry| entry.unwrap().path());
+    paths.map(|path| if path.is_dir() { text_below(&path) } else { std::fs::read_to_string(path).unwrap() }).collect()
+}
+
 /// Every problem type must be asserted in some test.
 #[test]
 fn every_type_of_problem_is_provoked_by_a_test() {
-    let directory = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/http");
-    let tests: String = std::fs::read_dir(directory)
-        .unwrap()
-        .map(|file| std::fs::read_to_string(file.unwrap().path()).unwrap())
-        .collect();
+    let tests = text_below(Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/http")));
     let told: String = tests.split_whitespace().collect();
     let documented = include_str!("../../api/problems.md");
     for slug in documented.lines().filter_map(|line| line.strip_prefix("## ")) {

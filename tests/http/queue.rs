@@ -6,7 +6,8 @@ use axum::body::Body;
 use axum::http::{Method, StatusCode};
 use serde_json::{Value, json};
 
-use crate::app::TestApp;
+use crate::support::app::TestApp;
+use crate::support::shapes::{skin, skull};
 
 #[tokio::test]
 async fn a_newer_job_on_the_plan_takes_the_place_of_one_that_waits() {
@@ -91,10 +92,10 @@ async fn a_tenant_has_its_own_bound() {
 async fn a_session_may_store_so_much() {
     let app = TestApp::with(|config| config.service.session_quota = 900).await;
     let session = app.session().await;
-    app.upload(&format!("{session}/skin"), crate::shapes::skin()).await.ok();
+    app.upload(&format!("{session}/skin"), skin()).await.ok();
     let mut refused = None;
     for part in ["skull", "target"] {
-        let answer = app.upload(&format!("{session}/{part}"), crate::shapes::skull()).await;
+        let answer = app.upload(&format!("{session}/{part}"), skull()).await;
         if !answer.status.is_success() {
             refused = Some(answer);
             break;

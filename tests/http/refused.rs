@@ -9,8 +9,8 @@ use std::time::Duration;
 
 use serde_json::json;
 
-use crate::binary::Server;
-use crate::shapes::{cube, nifti, ply_with, skin, skull};
+use crate::support::binary::Server;
+use crate::support::shapes::{cube, nifti, ply_with, skin, skull};
 
 const GIGABYTE: u64 = 1 << 30;
 

@@ -3,7 +3,7 @@ use std::sync::atomic::Ordering;
 use prosopon_store::{Store, StoreError};
 use serde_json::json;
 
-use crate::app::TestApp;
+use crate::support::app::TestApp;
 
 #[tokio::test]
 async fn everything_is_there_after_a_restart() {

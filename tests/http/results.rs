@@ -2,8 +2,8 @@ use axum::body::Body;
 use axum::http::{Method, StatusCode};
 use serde_json::json;
 
-use crate::app::TestApp;
-use crate::shapes::{cube, stl};
+use crate::support::app::TestApp;
+use crate::support::shapes::{cube, stl};
 
 async fn solved(app: &TestApp, more: serde_json::Value) -> (String, String, String) {
     let (session, plan) = app.session_with_plan().await;

@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use crate::app::TestApp;
+use crate::support::app::TestApp;
 
 /// Creates a session with field, osteotomy and a coarse mesh; returns the session and the osteotomy.
 async fn scene(app: &TestApp) -> (String, Value) {

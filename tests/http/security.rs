@@ -14,7 +14,8 @@ use rustls::pki_types::PrivateKeyDer;
 use rustls::pki_types::pem::PemObject;
 use serde_json::{Value, json};
 
-use crate::app::{Answer, TestApp};
+use crate::support::app::{Answer, TestApp};
+use crate::support::shapes::{skin, skull};
 
 const KEY: &[u8] = include_bytes!("../data/tls/key.pem");
 const OTHER_KEY: &[u8] = include_bytes!("../data/tls/other-key.pem");
@@ -71,8 +72,8 @@ async fn another_tenants_sessions_and_jobs_are_not_there() {
     let made = call(&app, &a, Method::POST, "/v1/sessions", json!({"label": "secret"})).await;
     let session = made.header("location").rsplit('/').next().unwrap().to_owned();
     let owner = format!("Bearer {a}");
-    let length = crate::shapes::skin().len().to_string();
-    for (part, bytes) in [("skin", crate::shapes::skin()), ("skull", crate::shapes::skull())] {
+    let length = skin().len().to_string();
+    for (part, bytes) in [("skin", skin()), ("skull", skull())] {
         let headers = [("authorization", owner.as_str()), ("content-length", length.as_str())];
         app.call(Method::PUT, &format!("/v1/sessions/{session}/{part}"), &headers, bytes).await.ok();
     }

@@ -1,6 +1,6 @@
 //! The skin follows the bone, with the real numerics on a coarse phantom.
 
-use super::binary::Server;
+use crate::support::binary::Server;
 use serde_json::{Value, json};
 
 /// Forward movement of each region, mm, when the upper jaw moves `forward` mm.

@@ -3,8 +3,8 @@ use std::time::Duration;
 use axum::http::StatusCode;
 use serde_json::json;
 
-use crate::app::TestApp;
-use crate::shapes::skin;
+use crate::support::app::TestApp;
+use crate::support::shapes::skin;
 
 #[tokio::test]
 async fn a_session_begins_with_everything_missing() {

@@ -7,9 +7,9 @@ use std::time::Duration;
 use serde_json::{Value, json};
 use tokio::runtime::Handle;
 
-use crate::binary::Server;
 use crate::engines::{Bucket, Cluster, Mood, fresh_database};
-use crate::shapes::skin;
+use crate::support::binary::Server;
+use crate::support::shapes::skin;
 use prosopon_formats::export;
 use prosopon_planning::phantom;
 

@@ -7,7 +7,7 @@ use prosopon_formats::import::{Limits, volume_mesh};
 use prosopon_geometry::{Cell, Point, TriMesh, VolumeMesh};
 use serde_json::{Value, json};
 
-use crate::app::TestApp;
+use crate::support::app::TestApp;
 
 /// A block of cubes of edge `edge` mm from the origin, six tetrahedra each; with `skin`, a layer of wedges 1.5 mm thick on top.
 struct Block {

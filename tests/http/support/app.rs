@@ -16,8 +16,8 @@ use serde_json::{Value, json};
 use tempfile::TempDir;
 use tower::ServiceExt;
 
-use crate::shapes::{skin, skull};
-use crate::stand_in::StandIn;
+use crate::support::shapes::{skin, skull};
+use crate::support::stand_in::StandIn;
 
 pub(crate) struct TestApp {
     pub(crate) router: Router,

@@ -21,7 +21,7 @@ use prosopon_session::{
 use prosopon_tissue::fem::{SavedState, SolveSettings, StepOutcome, StepReport};
 use prosopon_tissue::mesh::MeshReport;
 
-use crate::shapes::cube;
+use crate::support::shapes::cube;
 
 /// Behaviour that a test sets, and calls that it can check.
 #[derive(Debug, Default)]

@@ -114,7 +114,7 @@ fn a_cancel_that_was_answered_outlives_a_kill() {
     let directory = tempfile::tempdir().unwrap();
     let mut server = Server::start(directory.path(), &[]);
     let session = server.session();
-    server.upload(&format!("{session}/tissue"), &crate::tissue::slab(1.0)).ok();
+    server.upload(&format!("{session}/tissue"), &crate::routes::tissue::slab(1.0)).ok();
     let paths = json!([{"segment": 1, "waypoints": [{"t": 1, "translation_mm": [0.5, 0, 2]}]}]);
     let plan = server.post(&format!("{session}/plans"), &json!({"paths": paths})).ok()["id"].clone();
     let mut caught_running = 0;
@@ -214,7 +214,7 @@ fn a_job_that_would_not_fit_into_memory_is_refused_with_what_would() {
     command.env("PROSOPON_MEMORY_MB", "1");
     let server = Server::spawn(command);
     let session = server.session();
-    server.upload(&format!("{session}/tissue"), &crate::tissue::slab(1.0)).ok();
+    server.upload(&format!("{session}/tissue"), &crate::routes::tissue::slab(1.0)).ok();
     let paths = json!([{"segment": 1, "waypoints": [{"t": 1, "translation_mm": [0.5, 0, 2]}]}]);
     let plan = server.post(&format!("{session}/plans"), &json!({"paths": paths})).ok()["id"].clone();
     let ended = server.end(&server.post(&format!("{session}/jobs"), &json!({"plan": plan, "model": "linear"})));

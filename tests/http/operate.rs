@@ -276,7 +276,7 @@ fn the_first_frame_arrives_before_the_last_step_is_solved() {
     let directory = tempfile::tempdir().unwrap();
     let server = Server::start(directory.path(), &[]);
     let session = server.session();
-    server.upload(&format!("{session}/tissue"), &crate::tissue::slab(1.0)).ok();
+    server.upload(&format!("{session}/tissue"), &crate::routes::tissue::slab(1.0)).ok();
     let paths = json!([{"segment": 1, "waypoints": [{"t": 1, "translation_mm": [0.5, 0, 2]}]}]);
     let plan = server.post(&format!("{session}/plans"), &json!({"paths": paths})).ok()["id"].clone();
     let job = server.post(&format!("{session}/jobs"), &json!({"plan": plan, "model": "nonlinear", "steps": 40})).ok();
@@ -306,7 +306,7 @@ fn a_stop_waits_for_a_job_that_is_nearly_done() {
     command.env("PROSOPON_DRAIN_S", "60");
     let mut server = Server::spawn(command);
     let session = server.session();
-    server.upload(&format!("{session}/tissue"), &crate::tissue::slab(1.0)).ok();
+    server.upload(&format!("{session}/tissue"), &crate::routes::tissue::slab(1.0)).ok();
     let paths = json!([{"segment": 1, "waypoints": [{"t": 1, "translation_mm": [0.5, 0, 2]}]}]);
     let plan = server.post(&format!("{session}/plans"), &json!({"paths": paths})).ok()["id"].clone();
     let job = server.post(&format!("{session}/jobs"), &json!({"plan": plan, "model": "nonlinear", "steps": 8})).ok();

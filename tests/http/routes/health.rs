@@ -39,7 +39,7 @@ async fn metrics_docs_and_description_are_there() {
     assert!(metrics.contains("prosopon_http_requests_total") && metrics.contains("prosopon_jobs_waiting"));
     let description = app.get("/openapi.json").await.ok();
     assert_eq!(description["openapi"], "3.1.0");
-    let checked_in: serde_json::Value = serde_json::from_str(include_str!("../../api/openapi.json")).unwrap();
+    let checked_in: serde_json::Value = serde_json::from_str(include_str!("../../../api/openapi.json")).unwrap();
     assert_eq!(description, checked_in);
     let docs = app.get("/docs/").await;
     let page = String::from_utf8(docs.body.to_vec()).unwrap();

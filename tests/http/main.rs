@@ -5,26 +5,26 @@
 
 #![allow(clippy::unwrap_used, clippy::panic, clippy::print_stderr, reason = "test code")]
 
-mod damage;
+mod api_examples;
+mod crash_recovery;
+mod damaged_values;
 mod dicom;
-mod edges;
 #[path = "../engines/mod.rs"]
 mod engines;
-mod examples;
-mod faults;
 mod full_disk;
-mod fuzz;
+mod fuzz_requests;
+mod hostile_requests;
 mod idempotency;
-mod journey;
-mod kill;
-mod kills;
-mod operate;
-mod problems;
+mod injected_store_faults;
+mod kill_nine;
+mod operator_commands;
+mod problem_types;
+mod python_client;
 mod queue;
 mod refused;
 mod restart;
 mod routes;
 mod security;
-mod sense;
-mod shared;
+mod several_processes;
+mod skin_follows_jaw;
 mod support;

@@ -4,7 +4,7 @@ use axum::body::Body;
 use axum::http::{Method, StatusCode};
 use serde_json::{Value, json};
 
-use crate::examples::{Example, examples};
+use crate::api_examples::{Example, examples};
 use crate::support::app::TestApp;
 
 #[tokio::test]

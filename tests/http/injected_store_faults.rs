@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use tempfile::TempDir;
 
 use crate::engines::{Bucket, Cluster, Mood};
-use crate::shared::{finished, signal, start};
+use crate::several_processes::{finished, signal, start};
 use crate::support::binary::Server;
 
 /// Number of jobs: 200 with `SLOW_TESTS`, which takes six minutes.

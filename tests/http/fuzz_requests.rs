@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use axum::http::StatusCode;
 use serde_json::{Value, json};
 
-use crate::examples::examples;
+use crate::api_examples::examples;
 use crate::support::app::{Answer, TestApp};
 
 /// Pseudo-random numbers, the same in every run.

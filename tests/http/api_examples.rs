@@ -42,3 +42,15 @@ pub(crate) async fn examples(app: &TestApp) -> Vec<Example> {
     }
     all
 }
+
+/// The service accepts the form of every body in `api/examples`.
+#[tokio::test]
+async fn the_examples_are_understood() {
+    let app = TestApp::new().await;
+    let all = examples(&app).await;
+    assert!(all.len() >= 6);
+    for Example { name, method, path, body, status } in all {
+        let answer = app.call(method, &path, &[("content-type", "application/json")], body.to_string()).await;
+        assert_eq!(u64::from(answer.status.as_u16()), status, "{name}: {answer:?}");
+    }
+}

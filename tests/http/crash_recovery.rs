@@ -3,13 +3,14 @@
 use std::io::Write;
 use std::net::TcpStream;
 use std::path::Path;
-use std::process::Command;
 use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 
-use crate::support::binary::{Server, serve};
+use crate::support::app::TestApp;
+use crate::support::binary::Server;
 use crate::support::shapes::skin;
+use crate::support::tissue_mesh::slab;
 
 #[test]
 fn a_killed_service_has_everything_when_it_starts_again() {
@@ -114,7 +115,7 @@ fn a_cancel_that_was_answered_outlives_a_kill() {
     let directory = tempfile::tempdir().unwrap();
     let mut server = Server::start(directory.path(), &[]);
     let session = server.session();
-    server.upload(&format!("{session}/tissue"), &crate::routes::tissue::slab(1.0)).ok();
+    server.upload(&format!("{session}/tissue"), &slab(1.0)).ok();
     let paths = json!([{"segment": 1, "waypoints": [{"t": 1, "translation_mm": [0.5, 0, 2]}]}]);
     let plan = server.post(&format!("{session}/plans"), &json!({"paths": paths})).ok()["id"].clone();
     let mut caught_running = 0;
@@ -143,88 +144,47 @@ fn a_cancel_that_was_answered_outlives_a_kill() {
     assert!(caught_running > 0, "no job was caught while it ran");
 }
 
-#[test]
-fn a_database_of_another_format_is_named_with_what_to_do() {
-    let directory = tempfile::tempdir().unwrap();
-    std::fs::write(directory.path().join("prosopon.sqlite"), [b'x'; 5000]).unwrap();
-    let output = serve(directory.path(), "127.0.0.1:0").output().unwrap();
-    assert!(!output.status.success());
-    let message = String::from_utf8_lossy(&output.stderr);
-    assert!(
-        message.contains("not of this version's format") && message.contains("name another directory"),
-        "{message}"
-    );
-    assert!(message.contains(&directory.path().display().to_string()), "{message}");
+/// Restarts on a database as a killed process leaves it: the job is running in its `attempt`th attempt.
+async fn mark_as_crashed(app: TestApp, job: &str, attempt: u32) -> TestApp {
+    let id = job.rsplit('/').next().unwrap().to_owned();
+    app.restart_after(async move |directory| {
+        let options = sqlx::sqlite::SqliteConnectOptions::new().filename(directory.join("prosopon.sqlite"));
+        let pool = sqlx::SqlitePool::connect_with(options).await.unwrap();
+        sqlx::query("UPDATE jobs SET state = 'running', attempt = ?, fault = NULL WHERE id = ?")
+            .bind(attempt)
+            .bind(id)
+            .execute(&pool)
+            .await
+            .unwrap();
+        pool.close().await;
+    })
+    .await
 }
 
-#[cfg(unix)]
-#[test]
-fn a_terminated_service_stops_in_good_order() {
-    let directory = tempfile::tempdir().unwrap();
-    let mut server = Server::start(directory.path(), &[]);
-    let id = server.child.id().to_string();
-    assert!(Command::new("kill").args(["-TERM", &id]).status().unwrap().success());
-    assert!(server.child.wait().unwrap().success());
+#[tokio::test]
+async fn a_job_that_the_service_did_not_survive_is_given_up_after_two_attempts() {
+    let app = TestApp::new().await;
+    let (session, plan) = app.session_with_plan().await;
+    app.stand_in.hold_after(1);
+    let job = app.solve(&session, &plan, json!({})).await;
+    app.until_step(&job, 1).await;
+    let app = mark_as_crashed(app, &job, 1).await;
+    assert_eq!(app.ended(&job).await.ok()["attempt"], 2, "the second attempt is made");
+    let app = mark_as_crashed(app, &job, 2).await;
+    let ended = app.get(&job).await.ok();
+    assert_eq!((&ended["status"], &ended["problem"]["type"]), (&json!("failed"), &json!("/problems/job-interrupted")));
+    assert_eq!((&ended["problem"]["job_status"], &ended["problem"]["attempts"]), (&json!("failed"), &json!(2)));
+    assert_eq!(app.get(&format!("{job}/steps/1/frame")).await.status, 200);
 }
 
-#[test]
-fn an_address_beyond_loopback_is_refused_with_the_reason() {
-    let directory = tempfile::tempdir().unwrap();
-    let output = serve(directory.path(), "0.0.0.0:0").output().unwrap();
-    assert!(!output.status.success());
-    let message = String::from_utf8_lossy(&output.stderr);
-    assert!(message.contains("without authentication") && message.contains("0.0.0.0:0"), "{message}");
-}
-
-#[test]
-fn the_description_is_printed() {
-    let output = Command::new(env!("CARGO_BIN_EXE_prosopon")).arg("openapi").output().unwrap();
-    assert!(output.stdout == include_bytes!("../../api/openapi.json"));
-}
-
-/// The store of an earlier demo may be of any version, and its results must not be mistaken for new ones.
-#[test]
-fn a_demo_begins_anew_in_a_directory_that_was_used_before() {
-    let directory = tempfile::tempdir().unwrap();
-    let at = |name: &str| directory.path().join(name);
-    std::fs::create_dir_all(at("service/blobs/x")).unwrap();
-    std::fs::create_dir(at("steps")).unwrap();
-    for name in ["service/prosopon.sqlite", "service/blobs/x/y", "report.json", "steps/07.glb", "notes.txt"] {
-        std::fs::write(at(name), [b'x'; 5000]).unwrap();
-    }
-    let output = Command::new(env!("CARGO_BIN_EXE_prosopon"))
-        .args(["demo", "--skin", "absent.stl", "--skull", "absent.stl", "--out"])
-        .arg(directory.path())
-        .output()
-        .unwrap();
-    let message = String::from_utf8_lossy(&output.stderr);
-    assert!(!output.status.success() && message.contains("absent.stl"), "{message}");
-    for (name, stays) in
-        [("service/blobs/x/y", false), ("report.json", false), ("steps/07.glb", false), ("notes.txt", true)]
-    {
-        assert_eq!(at(name).exists(), stays, "{name}");
-    }
-}
-
-/// A process whose memory limit leaves nothing for a solve refuses the job and keeps running.
-#[test]
-fn a_job_that_would_not_fit_into_memory_is_refused_with_what_would() {
-    let directory = tempfile::tempdir().unwrap();
-    let mut command = serve(directory.path(), "127.0.0.1:0");
-    command.env("PROSOPON_MEMORY_MB", "1");
-    let server = Server::spawn(command);
-    let session = server.session();
-    server.upload(&format!("{session}/tissue"), &crate::routes::tissue::slab(1.0)).ok();
-    let paths = json!([{"segment": 1, "waypoints": [{"t": 1, "translation_mm": [0.5, 0, 2]}]}]);
-    let plan = server.post(&format!("{session}/plans"), &json!({"paths": paths})).ok()["id"].clone();
-    let ended = server.end(&server.post(&format!("{session}/jobs"), &json!({"plan": plan, "model": "linear"})));
-    let problem = &ended["problem"];
-    assert_eq!(
-        (&ended["status"], &problem["type"]),
-        (&json!("failed"), &json!("/problems/not-enough-memory")),
-        "{ended}"
-    );
-    assert!(problem["needed_mb"].as_f64().unwrap() > 30.0 && problem["allowed_mb"] == 0.0, "{problem}");
-    assert!(problem["detail"].as_str().unwrap().contains("would fit"), "{problem}");
-    assert_eq!(server.get("/readyz").status, 200);
+#[tokio::test]
+async fn files_without_a_row_are_swept_at_start() {
+    let app = TestApp::new().await;
+    let session = app.session_with_surfaces().await;
+    let id = session.rsplit('/').next().unwrap().to_owned();
+    let orphan = app.directory().join("blobs").join(&id).join("left-behind#1");
+    std::fs::write(&orphan, b"half").unwrap();
+    let app = app.restart().await;
+    assert!(!orphan.exists());
+    assert_eq!(app.get(&format!("{session}/skin")).await.status, 200);
 }

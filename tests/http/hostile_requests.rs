@@ -1,11 +1,20 @@
-//! Requests with unknown paths, methods or bodies.
+//! Requests that are malformed, stalled or too large.
 
-use axum::body::Body;
-use axum::http::{Method, StatusCode};
-use serde_json::{Value, json};
+use std::io::{Read, Write};
+use std::net::TcpStream;
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
 
-use crate::api_examples::{Example, examples};
+use axum::body::{Body, Bytes};
+use axum::http::Method;
+use serde_json::json;
+
 use crate::support::app::TestApp;
+use crate::support::binary::{Server, serve};
+use crate::support::shapes::{nifti, skin};
+
+const GIGABYTE: u64 = 1 << 30;
 
 #[tokio::test]
 async fn whatever_goes_wrong_is_a_problem() {
@@ -84,17 +93,6 @@ async fn refused_values_are_told_in_plain_words() {
 }
 
 #[tokio::test]
-async fn only_requests_for_this_host_are_served() {
-    let app = TestApp::with(|config| config.allowed_hosts = vec!["plan.example".to_owned()]).await;
-    for (host, status) in [("127.0.0.1:8080", 200), ("localhost", 200), ("plan.example", 200), ("evil.example", 421)] {
-        let answer = app.call(Method::GET, "/v1/sessions", &[("host", host)], Body::empty()).await;
-        assert_eq!(answer.status.as_u16(), status, "{host}");
-    }
-    let refused = app.call(Method::GET, "/", &[("host", "evil.example")], Body::empty()).await;
-    refused.problem(421, "foreign-host");
-}
-
-#[tokio::test]
 async fn a_request_keeps_a_harmless_id_of_the_client() {
     let app = TestApp::new().await;
     let given = app.call(Method::GET, "/nowhere", &[("x-request-id", "abc-1")], Body::empty()).await;
@@ -103,35 +101,123 @@ async fn a_request_keeps_a_harmless_id_of_the_client() {
     assert_ne!(harmful.header("x-request-id"), "a b\"c");
 }
 
-/// Every path and method of the OpenAPI description is routed.
-#[tokio::test]
-async fn the_description_and_the_router_agree() {
-    let app = TestApp::new().await;
-    let description: Value = serde_json::from_str(include_str!("../../api/openapi.json")).unwrap();
-    let nil = "00000000-0000-0000-0000-000000000000";
-    for (path, item) in description["paths"].as_object().unwrap() {
-        let mut filled = path.replace("{k}", "1").replace("{segment}", "1");
-        while let Some((before, rest)) = filled.split_once('{') {
-            filled = format!("{before}{nil}{}", rest.split_once('}').unwrap().1);
-        }
-        for method in item.as_object().unwrap().keys() {
-            let method: Method = method.to_uppercase().parse().unwrap();
-            let answer = app.call(method.clone(), &filled, &[], Body::empty()).await;
-            assert_ne!(answer.status, StatusCode::METHOD_NOT_ALLOWED, "{method} {path}");
-            let body = String::from_utf8_lossy(&answer.body).into_owned();
-            assert!(!body.contains("nothing at this path"), "{method} {path}");
-        }
-    }
+#[test]
+fn slow_and_huge_heads_are_not_waited_for() {
+    let directory = tempfile::tempdir().unwrap();
+    let mut command = serve(directory.path(), "127.0.0.1:0");
+    command.env("PROSOPON_HEADER_TIMEOUT_S", "1");
+    let server = Server::spawn(command);
+    let answer_to = |request: &[u8]| {
+        let mut socket = TcpStream::connect(server.address()).unwrap();
+        socket.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+        socket.write_all(request).ok();
+        let mut answer = Vec::new();
+        socket.read_to_end(&mut answer).ok();
+        String::from_utf8_lossy(&answer).lines().next().unwrap_or_default().to_owned()
+    };
+    let begun = Instant::now();
+    let slow = answer_to(b"GET /livez HTTP/1.1\r\nHost: localh");
+    assert!(slow.is_empty() || slow.contains("408"), "{slow}");
+    assert!(begun.elapsed() < Duration::from_secs(15), "{:?}", begun.elapsed());
+    let huge = format!("GET /livez HTTP/1.1\r\nHost: localhost\r\nX-Long: {}\r\n\r\n", "x".repeat(200_000));
+    assert!(answer_to(huge.as_bytes()).contains("431"));
+    let many = format!("GET /livez HTTP/1.1\r\nHost: localhost\r\n{}\r\n", "X-A: b\r\n".repeat(500));
+    assert!(answer_to(many.as_bytes()).contains("431"));
+    assert_eq!(server.get("/livez").status, 200);
 }
 
-/// The service accepts the form of every body in `api/examples`.
 #[tokio::test]
-async fn the_examples_are_understood() {
-    let app = TestApp::new().await;
-    let all = examples(&app).await;
-    assert!(all.len() >= 6);
-    for Example { name, method, path, body, status } in all {
-        let answer = app.call(method, &path, &[("content-type", "application/json")], body.to_string()).await;
-        assert_eq!(u64::from(answer.status.as_u16()), status, "{name}: {answer:?}");
+async fn a_body_that_does_not_come_is_not_waited_for() {
+    let app = TestApp::with(|config| {
+        config.limits.body = Duration::from_millis(50);
+        config.limits.upload_idle = Duration::from_millis(50);
+    })
+    .await;
+    let session = app.session().await;
+    let never = || {
+        let begin = futures::stream::once(async { Ok::<_, std::io::Error>(Bytes::from_static(b"{")) });
+        Body::from_stream(futures::StreamExt::chain(begin, futures::stream::pending()))
+    };
+    let headers = [("content-type", "application/json")];
+    app.call(Method::POST, "/v1/sessions", &headers, never()).await.problem(408, "timeout");
+    app.call(Method::PUT, &format!("{session}/skin"), &[], never()).await.problem(408, "timeout");
+}
+
+#[test]
+fn three_gigabytes_cost_neither_memory_nor_disk() {
+    let directory = tempfile::tempdir().unwrap();
+    let server = Server::start(directory.path(), &["--max-surface-mb", "256", "--max-ct-mb", "256"]);
+    let session = server.session();
+    server.upload(&format!("{session}/skin"), &skin()).ok();
+    let (files, memory) = (bytes_below(directory.path()), peak_memory(&server));
+    // Zeros are not a CT and would be refused at once; this file is a CT with 432 MB of voxels.
+    let mut header = nifti()[..352].to_vec();
+    for at in [42, 44, 46] {
+        header[at..at + 2].copy_from_slice(&600i16.to_le_bytes());
     }
+    for (part, beginning) in [("skin", Vec::new()), ("ct", header)] {
+        for chunked in [false, true] {
+            let answer = upload_endlessly(&server, &format!("{session}/{part}"), &beginning, chunked);
+            assert!(answer.starts_with("HTTP/1.1 413 ") && answer.contains("application/problem+json"), "{answer}");
+            assert!(answer.contains("/problems/too-large") && answer.contains("268435456"), "{answer}");
+        }
+    }
+    assert!(peak_memory(&server) < memory + 100 * (1 << 20), "{memory} then {}", peak_memory(&server));
+    // The journal and the shared memory of the database may have grown.
+    assert!(bytes_below(&directory.path().join("blobs")) < 10_000 && bytes_below(directory.path()) < files + (1 << 20));
+    assert_eq!(server.get("/readyz").status, 200);
+    server.upload(&format!("{session}/skin"), &skin()).ok();
+}
+
+/// Sends `beginning` and then zeros, up to three gigabytes, until the service answers; returns the answer.
+fn upload_endlessly(server: &Server, path: &str, beginning: &[u8], chunked: bool) -> String {
+    let mut socket = TcpStream::connect(server.address()).unwrap();
+    socket.set_write_timeout(Some(Duration::from_secs(60))).unwrap();
+    let framing =
+        if chunked { "Transfer-Encoding: chunked".to_owned() } else { format!("Content-Length: {}", 3 * GIGABYTE) };
+    let head = format!("PUT {path} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n{framing}\r\n\r\n");
+    socket.write_all(head.as_bytes()).unwrap();
+    let answered = AtomicBool::new(false);
+    let mut reader = socket.try_clone().unwrap();
+    std::thread::scope(|scope| {
+        let answer = scope.spawn(|| {
+            reader.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
+            let (mut answer, mut piece) = (String::new(), [0; 4096]);
+            // Read to the end of the problem: the connection may stay open while the service discards the rest.
+            while !answer.ends_with('}') {
+                match reader.read(&mut piece) {
+                    Ok(n) if n > 0 => answer.push_str(&String::from_utf8_lossy(&piece[..n])),
+                    _ => break,
+                }
+            }
+            answered.store(true, Ordering::SeqCst);
+            answer
+        });
+        let mut next = beginning.to_vec();
+        next.resize(1 << 20, 0);
+        let mut sent = 0;
+        while sent < 3 * GIGABYTE && !answered.load(Ordering::SeqCst) {
+            let size = format!("{:x}\r\n", next.len());
+            let pieces: &[&[u8]] = if chunked { &[size.as_bytes(), &next, b"\r\n"] } else { &[&next] };
+            if pieces.iter().any(|piece| socket.write_all(piece).is_err()) {
+                break;
+            }
+            sent += next.len() as u64;
+            next.fill(0);
+        }
+        answer.join().unwrap()
+    })
+}
+
+fn bytes_below(path: &Path) -> u64 {
+    let below =
+        |e: std::fs::DirEntry| if e.path().is_dir() { bytes_below(&e.path()) } else { e.metadata().unwrap().len() };
+    std::fs::read_dir(path).map(|d| d.map(|e| below(e.unwrap())).sum()).unwrap_or(0)
+}
+
+/// Peak resident memory, bytes; 0 where the system does not report it.
+fn peak_memory(server: &Server) -> u64 {
+    let status = std::fs::read_to_string(format!("/proc/{}/status", server.child.id())).unwrap_or_default();
+    let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:")).unwrap_or_default();
+    line.trim().trim_end_matches(" kB").parse::<u64>().unwrap_or(0) * 1024
 }

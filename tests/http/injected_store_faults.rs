@@ -1,4 +1,4 @@
-//! Two API processes and three workers on one database and one bucket, under all faults of processes, database and bucket.
+//! Faults of the database, the bucket and the processes while jobs run.
 
 use std::collections::BTreeSet;
 use std::sync::LazyLock;
@@ -7,9 +7,9 @@ use std::time::Duration;
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
-use crate::engines::{Bucket, Cluster, Mood};
-use crate::several_processes::{finished, signal, start};
+use crate::engines::{Bucket, Cluster, Mood, fresh_database};
 use crate::support::binary::Server;
+use crate::support::processes::{Rows, finished, signal, solve_demo_plan, start};
 
 /// Number of jobs: 200 with `SLOW_TESTS`, which takes six minutes.
 static JOBS: LazyLock<usize> = LazyLock::new(|| if std::env::var_os("SLOW_TESTS").is_some() { 200 } else { 40 });
@@ -50,6 +50,7 @@ fn events_of(job: &Value) -> String {
     format!("/v1/jobs/{}/events", job["id"].as_str().unwrap())
 }
 
+/// Two API processes and three workers on one database and one bucket, under all faults of processes, database and bucket.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 #[allow(clippy::disallowed_methods, reason = "faults last for a time")]
 async fn many_jobs_outlive_every_fault_and_are_those_of_one_process() {
@@ -125,5 +126,64 @@ async fn many_jobs_outlive_every_fault_and_are_those_of_one_process() {
             assert!(last_frame(&server, &job) == frames[n], "job {n}: bit for bit that of one process");
         }
         assert_eq!(frames.iter().collect::<BTreeSet<_>>().len(), *JOBS, "plans differ");
+    });
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_value_that_the_bucket_keeps_back_fails_only_jobs_that_need_it() {
+    let bucket = Bucket::start().await;
+    let database = fresh_database().await;
+    tokio::task::block_in_place(move || {
+        let [api_data, worker_data] = std::array::from_fn(|_| tempfile::tempdir().unwrap());
+        let api = start("serve --no-worker", api_data.path(), &database, &bucket);
+        let worker = start("worker", worker_data.path(), &database, &bucket);
+        let session = api.session_with_field();
+        bucket.keep_back(Some(Rows::open(&database).text("SELECT blob FROM parts WHERE kind = 'skull'")));
+        let settings = json!({ "spacing_mm": 2.5, "envelope_spacing_mm": 2.5, "envelope_closing_mm": 5.0 });
+        api.put_json(&format!("{session}/field/settings"), &settings).ok();
+        let field = || api.post(&format!("{session}/field"), &json!({})).ok();
+        let ended = finished(&api, &field());
+        assert_eq!((&ended["status"], &ended["attempt"]), (&json!("failed"), &json!(3)), "{ended}");
+        assert_eq!(ended["problem"]["type"], "/problems/store-refuses", "{ended}");
+        // Requests of other sessions are served.
+        assert_eq!((worker.get("/readyz").status, worker.get("/livez").status), (200, 200));
+        api.session_with_field();
+        bucket.keep_back(None);
+        assert_eq!(finished(&api, &field())["status"], "succeeded");
+    });
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+#[allow(clippy::disallowed_methods, reason = "faults last for a time")]
+async fn what_the_store_does_is_no_fault_of_a_job() {
+    let bucket = Bucket::start().await;
+    let mut cluster = Cluster::start();
+    let database = cluster.fresh_database().await;
+    tokio::task::block_in_place(move || {
+        let [api_data, first_data, second_data] = std::array::from_fn(|_| tempfile::tempdir().unwrap());
+        let api = start("serve --no-worker", api_data.path(), &database, &bucket);
+        let workers = [first_data.path(), second_data.path()].map(|data| start("worker", data, &database, &bucket));
+        let job = solve_demo_plan(&api);
+        let mut stream = api.stream(&format!("/v1/jobs/{}/events", job["id"].as_str().unwrap()));
+        while stream.next_event()["event"] != "step" {}
+        // Longer than a lease: no worker can renew a lease, and no worker can take a job.
+        for (halted_ms, between_ms) in [(4000, 1000), (1200, 200), (4000, 300), (2000, 0), (4000, 1000)] {
+            cluster.halt();
+            std::thread::sleep(Duration::from_millis(halted_ms));
+            cluster.go_on();
+            std::thread::sleep(Duration::from_millis(between_ms));
+        }
+        // The job returns to the queue, and no worker takes it.
+        bucket.set(Mood::Refusing);
+        for server in [&api, &workers[0], &workers[1]] {
+            while server.get("/readyz").status == 200 {}
+            server.get("/readyz").refused(503, "store-refuses", "bucket");
+            assert_eq!(server.get("/livez").status, 200);
+        }
+        std::thread::sleep(Duration::from_secs(4));
+        bucket.set(Mood::Serving);
+        let ended = finished(&api, &job);
+        assert_eq!((&ended["status"], &ended["attempt"]), (&json!("succeeded"), &json!(1)), "{ended}");
+        assert_eq!(api.get("/readyz").status, 200);
     });
 }

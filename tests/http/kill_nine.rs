@@ -7,6 +7,7 @@ use serde_json::{Value, json};
 use ureq::Agent;
 
 use crate::support::binary::{Server, serve};
+use crate::support::tissue_mesh::slab;
 
 /// Number of kills: 50 with `SLOW_TESTS`, else 6.
 fn kills() -> usize {
@@ -43,7 +44,7 @@ fn no_job_is_lost_or_corrupt_however_often_the_service_is_killed() {
     let agent: Agent = Agent::config_builder().timeout_global(Some(Duration::from_secs(30))).build().into();
     let mut server = start();
     let session = server.session();
-    server.upload(&format!("{session}/tissue"), &crate::routes::tissue::slab(1.0)).ok();
+    server.upload(&format!("{session}/tissue"), &slab(1.0)).ok();
     let paths = json!([{"segment": 1, "waypoints": [{"t": 1, "translation_mm": [0.5, 0, 2]}]}]);
     let plan = server.post(&format!("{session}/plans"), &json!({"paths": paths})).ok()["id"].clone();
 

@@ -8,20 +8,20 @@
 mod api_examples;
 mod crash_recovery;
 mod damaged_values;
-mod dicom;
 #[path = "../engines/mod.rs"]
 mod engines;
+mod factor_reuse;
 mod full_disk;
 mod fuzz_requests;
 mod hostile_requests;
 mod idempotency;
 mod injected_store_faults;
 mod kill_nine;
+mod openapi;
 mod operator_commands;
 mod problem_types;
 mod python_client;
 mod queue;
-mod refused;
 mod restart;
 mod routes;
 mod security;

@@ -1,10 +1,7 @@
 //! Operator commands of the real binary.
 
-use std::io::{Read, Write};
-use std::net::TcpStream;
 use std::path::Path;
 use std::process::{Command, Output};
-use std::time::{Duration, Instant};
 
 use serde_json::json;
 
@@ -207,117 +204,49 @@ fn a_running_service_is_backed_up_and_comes_back_elsewhere() {
     assert!(verified.status.success() && String::from_utf8(verified.stdout).unwrap().contains("none changed"));
 }
 
-/// Status and certificate name that Python gets from an HTTPS address, without verifying the certificate.
-fn over_tls(url: &str) -> String {
-    let script = "import ssl, sys, urllib.request as r\n\
-        c = ssl.create_default_context(); c.check_hostname = False; c.verify_mode = ssl.CERT_NONE\n\
-        import socket\n\
-        h, p = sys.argv[1].split('://')[1].split(':')\n\
-        s = c.wrap_socket(socket.create_connection((h, int(p))))\n\
-        import hashlib\n\
-        print(r.urlopen(sys.argv[1] + '/livez', context=c).status, hashlib.sha256(s.getpeercert(True)).hexdigest())";
-    let output = Command::new("python3").args(["-c", script, url]).output().unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    String::from_utf8(output.stdout).unwrap()
+#[test]
+fn a_database_of_another_format_is_named_with_what_to_do() {
+    let directory = tempfile::tempdir().unwrap();
+    std::fs::write(directory.path().join("prosopon.sqlite"), [b'x'; 5000]).unwrap();
+    let output = serve(directory.path(), "127.0.0.1:0").output().unwrap();
+    assert!(!output.status.success());
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert!(
+        message.contains("not of this version's format") && message.contains("name another directory"),
+        "{message}"
+    );
+    assert!(message.contains(&directory.path().display().to_string()), "{message}");
 }
 
 #[test]
-fn tls_is_served_and_a_renewed_certificate_needs_no_restart() {
+fn an_address_beyond_loopback_is_refused_with_the_reason() {
     let directory = tempfile::tempdir().unwrap();
-    let [cert, key] = ["cert.pem", "key.pem"].map(|name| directory.path().join(name));
-    let put = |from: &str| {
-        let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/tls");
-        std::fs::copy(source.join(format!("{from}key.pem")), &key).unwrap();
-        std::fs::copy(source.join(format!("{from}cert.pem")), &cert).unwrap();
-    };
-    put("");
-    let mut command = serve(&directory.path().join("data"), "127.0.0.1:0");
-    command.env("PROSOPON_TLS__CERT", &cert).env("PROSOPON_TLS__KEY", &key);
-    let server = Server::spawn(command);
-    assert!(server.url.starts_with("https://"), "{}", server.url);
-    let first = over_tls(&server.url);
-    assert!(first.starts_with("200 "));
-    put("other-");
-    let deadline = Instant::now() + Duration::from_secs(30);
-    while over_tls(&server.url) == first {
-        assert!(Instant::now() < deadline, "the old certificate is still served");
-        std::thread::park_timeout(Duration::from_millis(250));
+    let output = serve(directory.path(), "0.0.0.0:0").output().unwrap();
+    assert!(!output.status.success());
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert!(message.contains("without authentication") && message.contains("0.0.0.0:0"), "{message}");
+}
+
+/// The store of an earlier demo may be of any version, and its results must not be mistaken for new ones.
+#[test]
+fn a_demo_begins_anew_in_a_directory_that_was_used_before() {
+    let directory = tempfile::tempdir().unwrap();
+    let at = |name: &str| directory.path().join(name);
+    std::fs::create_dir_all(at("service/blobs/x")).unwrap();
+    std::fs::create_dir(at("steps")).unwrap();
+    for name in ["service/prosopon.sqlite", "service/blobs/x/y", "report.json", "steps/07.glb", "notes.txt"] {
+        std::fs::write(at(name), [b'x'; 5000]).unwrap();
     }
-}
-
-#[test]
-fn slow_and_huge_heads_are_not_waited_for() {
-    let directory = tempfile::tempdir().unwrap();
-    let mut command = serve(directory.path(), "127.0.0.1:0");
-    command.env("PROSOPON_HEADER_TIMEOUT_S", "1");
-    let server = Server::spawn(command);
-    let answer_to = |request: &[u8]| {
-        let mut socket = TcpStream::connect(server.address()).unwrap();
-        socket.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
-        socket.write_all(request).ok();
-        let mut answer = Vec::new();
-        socket.read_to_end(&mut answer).ok();
-        String::from_utf8_lossy(&answer).lines().next().unwrap_or_default().to_owned()
-    };
-    let begun = Instant::now();
-    let slow = answer_to(b"GET /livez HTTP/1.1\r\nHost: localh");
-    assert!(slow.is_empty() || slow.contains("408"), "{slow}");
-    assert!(begun.elapsed() < Duration::from_secs(15), "{:?}", begun.elapsed());
-    let huge = format!("GET /livez HTTP/1.1\r\nHost: localhost\r\nX-Long: {}\r\n\r\n", "x".repeat(200_000));
-    assert!(answer_to(huge.as_bytes()).contains("431"));
-    let many = format!("GET /livez HTTP/1.1\r\nHost: localhost\r\n{}\r\n", "X-A: b\r\n".repeat(500));
-    assert!(answer_to(many.as_bytes()).contains("431"));
-    assert_eq!(server.get("/livez").status, 200);
-}
-
-/// The first frame can be read while later steps are still being solved.
-#[test]
-fn the_first_frame_arrives_before_the_last_step_is_solved() {
-    let directory = tempfile::tempdir().unwrap();
-    let server = Server::start(directory.path(), &[]);
-    let session = server.session();
-    server.upload(&format!("{session}/tissue"), &crate::routes::tissue::slab(1.0)).ok();
-    let paths = json!([{"segment": 1, "waypoints": [{"t": 1, "translation_mm": [0.5, 0, 2]}]}]);
-    let plan = server.post(&format!("{session}/plans"), &json!({"paths": paths})).ok()["id"].clone();
-    let job = server.post(&format!("{session}/jobs"), &json!({"plan": plan, "model": "nonlinear", "steps": 40})).ok();
-    let own = job["links"]["self"].as_str().unwrap();
-    let mut stream = server.stream(&format!("{own}/events"));
-    loop {
-        let event = stream.next_event();
-        if event["event"] == "step" {
-            assert_eq!(event["data"]["k"], 1);
-            let frame = server.get(event["data"]["links"]["frame"].as_str().unwrap());
-            assert_eq!(frame.status, 200);
-            let view = server.get(own).ok();
-            assert!(view["status"] == "running" && view["step"].as_u64().unwrap() < 40, "{view}");
-            break;
-        }
-        assert_ne!(event["event"], "end", "no step came before the end");
+    let output = Command::new(env!("CARGO_BIN_EXE_prosopon"))
+        .args(["demo", "--skin", "absent.stl", "--skull", "absent.stl", "--out"])
+        .arg(directory.path())
+        .output()
+        .unwrap();
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert!(!output.status.success() && message.contains("absent.stl"), "{message}");
+    for (name, stays) in
+        [("service/blobs/x/y", false), ("report.json", false), ("steps/07.glb", false), ("notes.txt", true)]
+    {
+        assert_eq!(at(name).exists(), stays, "{name}");
     }
-    server.post(&format!("{own}/cancel"), &json!({})).ok();
-}
-
-/// After SIGTERM no new jobs start, running jobs may finish, and then the process exits.
-#[cfg(target_os = "linux")]
-#[test]
-fn a_stop_waits_for_a_job_that_is_nearly_done() {
-    let directory = tempfile::tempdir().unwrap();
-    let mut command = serve(directory.path(), "127.0.0.1:0");
-    command.env("PROSOPON_DRAIN_S", "60");
-    let mut server = Server::spawn(command);
-    let session = server.session();
-    server.upload(&format!("{session}/tissue"), &crate::routes::tissue::slab(1.0)).ok();
-    let paths = json!([{"segment": 1, "waypoints": [{"t": 1, "translation_mm": [0.5, 0, 2]}]}]);
-    let plan = server.post(&format!("{session}/plans"), &json!({"paths": paths})).ok()["id"].clone();
-    let job = server.post(&format!("{session}/jobs"), &json!({"plan": plan, "model": "nonlinear", "steps": 8})).ok();
-    let own = job["links"]["self"].as_str().unwrap().to_owned();
-    while server.get(&own).ok()["step"].as_u64().unwrap() < 1 {
-        std::thread::park_timeout(Duration::from_millis(10));
-    }
-    let pid = server.child.id().to_string();
-    assert!(Command::new("kill").args(["-TERM", &pid]).status().unwrap().success());
-    server.child.wait().unwrap();
-    let server = Server::start(directory.path(), &[]);
-    let view = server.get(&own).ok();
-    assert_eq!((&view["status"], &view["attempt"]), (&json!("succeeded"), &json!(1)), "{view}");
 }

@@ -1,10 +1,7 @@
 //! Problems that no other test provokes, and a check that every problem type has a test.
 
 use std::path::Path;
-use std::time::Duration;
 
-use axum::body::{Body, Bytes};
-use axum::http::Method;
 use prosopon_field::FieldError;
 use prosopon_planning::plan::PlanError;
 use prosopon_session::Halt;
@@ -41,23 +38,6 @@ async fn what_the_numerics_refuse_has_a_name() {
         let ended = app.ended(&job).await.ok();
         assert_eq!(ended["problem"]["type"], kind, "{ended}");
     }
-}
-
-#[tokio::test]
-async fn a_body_that_does_not_come_is_not_waited_for() {
-    let app = TestApp::with(|config| {
-        config.limits.body = Duration::from_millis(50);
-        config.limits.upload_idle = Duration::from_millis(50);
-    })
-    .await;
-    let session = app.session().await;
-    let never = || {
-        let begin = futures::stream::once(async { Ok::<_, std::io::Error>(Bytes::from_static(b"{")) });
-        Body::from_stream(futures::StreamExt::chain(begin, futures::stream::pending()))
-    };
-    let headers = [("content-type", "application/json")];
-    app.call(Method::POST, "/v1/sessions", &headers, never()).await.problem(408, "timeout");
-    app.call(Method::PUT, &format!("{session}/skin"), &[], never()).await.problem(408, "timeout");
 }
 
 /// The text of all files below a directory.

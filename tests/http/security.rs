@@ -1,6 +1,8 @@
 //! Authentication, authorisation and separation of tenants.
 
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::path::Path;
+use std::process::Command;
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use axum::body::Body;
 use axum::http::{Method, StatusCode};
@@ -15,6 +17,7 @@ use rustls::pki_types::pem::PemObject;
 use serde_json::{Value, json};
 
 use crate::support::app::{Answer, TestApp};
+use crate::support::binary::{Server, serve};
 use crate::support::shapes::{skin, skull};
 
 const KEY: &[u8] = include_bytes!("../data/tls/key.pem");
@@ -279,5 +282,54 @@ async fn browsers_are_told_what_not_to_do() {
         assert_eq!(preflight.header("access-control-allow-origin") == origin, allowed, "{origin}");
         let plain = app.call(Method::GET, "/v1/sessions", &[("origin", origin)], Body::empty()).await;
         assert_eq!(plain.header("access-control-allow-origin") == origin, allowed, "{origin}");
+    }
+}
+
+#[tokio::test]
+async fn only_requests_for_this_host_are_served() {
+    let app = TestApp::with(|config| config.allowed_hosts = vec!["plan.example".to_owned()]).await;
+    for (host, status) in [("127.0.0.1:8080", 200), ("localhost", 200), ("plan.example", 200), ("evil.example", 421)] {
+        let answer = app.call(Method::GET, "/v1/sessions", &[("host", host)], Body::empty()).await;
+        assert_eq!(answer.status.as_u16(), status, "{host}");
+    }
+    let refused = app.call(Method::GET, "/", &[("host", "evil.example")], Body::empty()).await;
+    refused.problem(421, "foreign-host");
+}
+
+/// Status and certificate name that Python gets from an HTTPS address, without verifying the certificate.
+fn over_tls(url: &str) -> String {
+    let script = "import ssl, sys, urllib.request as r\n\
+        c = ssl.create_default_context(); c.check_hostname = False; c.verify_mode = ssl.CERT_NONE\n\
+        import socket\n\
+        h, p = sys.argv[1].split('://')[1].split(':')\n\
+        s = c.wrap_socket(socket.create_connection((h, int(p))))\n\
+        import hashlib\n\
+        print(r.urlopen(sys.argv[1] + '/livez', context=c).status, hashlib.sha256(s.getpeercert(True)).hexdigest())";
+    let output = Command::new("python3").args(["-c", script, url]).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap()
+}
+
+#[test]
+fn tls_is_served_and_a_renewed_certificate_needs_no_restart() {
+    let directory = tempfile::tempdir().unwrap();
+    let [cert, key] = ["cert.pem", "key.pem"].map(|name| directory.path().join(name));
+    let put = |from: &str| {
+        let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/tls");
+        std::fs::copy(source.join(format!("{from}key.pem")), &key).unwrap();
+        std::fs::copy(source.join(format!("{from}cert.pem")), &cert).unwrap();
+    };
+    put("");
+    let mut command = serve(&directory.path().join("data"), "127.0.0.1:0");
+    command.env("PROSOPON_TLS__CERT", &cert).env("PROSOPON_TLS__KEY", &key);
+    let server = Server::spawn(command);
+    assert!(server.url.starts_with("https://"), "{}", server.url);
+    let first = over_tls(&server.url);
+    assert!(first.starts_with("200 "));
+    put("other-");
+    let deadline = Instant::now() + Duration::from_secs(30);
+    while over_tls(&server.url) == first {
+        assert!(Instant::now() < deadline, "the old certificate is still served");
+        std::thread::park_timeout(Duration::from_millis(250));
     }
 }

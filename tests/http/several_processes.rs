@@ -1,44 +1,20 @@
 //! The real binary with rows in Postgres and files in a bucket.
 
-use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::Command;
 use std::time::Duration;
 
-use serde_json::{Value, json};
-use tokio::runtime::Handle;
-
-use crate::engines::{Bucket, Cluster, Mood, fresh_database};
-use crate::support::binary::Server;
-use crate::support::shapes::skin;
 use prosopon_formats::export;
 use prosopon_planning::phantom;
+use serde_json::{Value, json};
 
-/// `serve`, `serve --no-worker` or `worker`, with leases of two seconds.
-pub(crate) fn start(role: &str, data: &Path, database: &str, bucket: &Bucket) -> Server {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_prosopon"));
-    command.args(role.split(' ')).args(["--listen", "127.0.0.1:0", "--threads", "1", "--data"]).arg(data);
-    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).env("PROSOPON_LEASE_S", "2");
-    // These tests kill more workers than the default number of attempts allows.
-    command.env("PROSOPON_MAX_WAITING", "256").env("PROSOPON_MAX_ATTEMPTS", "3");
-    command.env("PROSOPON_DATABASE", database).env("PROSOPON_BLOBS", bucket.url()).envs(bucket.environment());
-    Server::spawn(command)
-}
+use crate::engines::{Bucket, Cluster, fresh_database};
+use crate::support::binary::Server;
+use crate::support::processes::{Rows, finished, planned, signal, solve_demo_plan, start};
+use crate::support::shapes::skin;
 
 fn prosopon(arguments: &[&str]) -> (bool, String) {
     let done = Command::new(env!("CARGO_BIN_EXE_prosopon")).args(arguments).output().unwrap();
     (done.status.success(), String::from_utf8([done.stdout, done.stderr].concat()).unwrap())
-}
-
-/// Waits for the end of a job, also while the service cannot return its status.
-pub(crate) fn finished(server: &Server, job: &Value) -> Value {
-    loop {
-        let view = server.get(&format!("/v1/jobs/{}?wait_s=5", job["id"].as_str().unwrap())).json();
-        match view["status"].as_str() {
-            Some("accepted" | "running" | "interrupted") => {}
-            None if view["type"] == "/problems/store-unavailable" || view["type"] == "/problems/store-refuses" => {}
-            _ => return view,
-        }
-    }
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -86,49 +62,9 @@ async fn a_database_and_a_bucket_keep_everything_and_may_be_away_for_a_while() {
     });
 }
 
-/// A session with the demo's plan on the coarse phantom, and the body of a job that solves it.
-fn planned(server: &Server) -> (String, Value) {
-    let session = server.session_with_field();
-    let (osteotomy, jaw) = server.cut(&session);
-    let waypoints = json!([{ "t": 1, "translation_mm": [0, -6, -1.5] }]);
-    let plan = json!({ "osteotomy": osteotomy, "paths": [{ "segment": jaw, "waypoints": waypoints }] });
-    let plan = server.post(&format!("{session}/plans"), &plan).ok()["id"].clone();
-    let mesh = json!({ "osteotomy": osteotomy, "edge_mm": 8.0 });
-    finished(server, &server.post(&format!("{session}/mesh"), &mesh).ok());
-    (session, json!({ "plan": plan, "model": "mixed", "steps": 16 }))
-}
-
-/// The view of the job.
-fn solve(server: &Server) -> Value {
-    let (session, request) = planned(server);
-    server.post(&format!("{session}/jobs"), &request).ok()
-}
-
-/// A separate connection of the test to the database.
-struct Rows(sqlx::PgConnection);
-
-impl Rows {
-    fn open(database: &str) -> Self {
-        let connecting = <sqlx::PgConnection as sqlx::Connection>::connect(database);
-        Self(Handle::current().block_on(connecting).unwrap())
-    }
-
-    fn count(&mut self, query: &'static str) -> i64 {
-        Handle::current().block_on(sqlx::query_scalar(query).fetch_one(&mut self.0)).unwrap()
-    }
-
-    fn text(&mut self, query: &'static str) -> String {
-        Handle::current().block_on(sqlx::query_scalar(query).fetch_one(&mut self.0)).unwrap()
-    }
-}
-
 fn frames(server: &Server, job: &Value) -> Vec<Vec<u8>> {
     let path = |k| format!("/v1/jobs/{}/steps/{k}/frame", job["id"].as_str().unwrap());
     (1..=16).map(|k| server.get(&path(k)).body).collect()
-}
-
-pub(crate) fn signal(server: &Server, name: &str) {
-    assert!(Command::new("kill").args([name, &server.child.id().to_string()]).status().unwrap().success());
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -139,7 +75,7 @@ async fn a_job_goes_on_when_its_worker_is_killed_or_stands_still() {
         let [api_data, first_data, second_data, alone] = std::array::from_fn(|_| tempfile::tempdir().unwrap());
         let api = start("serve --no-worker", api_data.path(), &database, &bucket);
         let first = start("worker", first_data.path(), &database, &bucket);
-        let job = solve(&api);
+        let job = solve_demo_plan(&api);
         let events = format!("/v1/jobs/{}/events", job["id"].as_str().unwrap());
         // A client of one process follows what another computes.
         let mut stream = api.stream(&events);
@@ -167,7 +103,7 @@ async fn a_job_goes_on_when_its_worker_is_killed_or_stands_still() {
         drop((api, second, third));
 
         let server = Server::start(alone.path(), &[]);
-        let job = solve(&server);
+        let job = solve_demo_plan(&server);
         assert_eq!(finished(&server, &job)["status"], "succeeded");
         assert!(frames(&server, &job) == shared, "bit for bit those of one process");
     });
@@ -217,30 +153,6 @@ async fn a_job_whose_target_is_replaced_and_put_back_compares_all_its_steps_with
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_value_that_the_bucket_keeps_back_fails_only_jobs_that_need_it() {
-    let bucket = Bucket::start().await;
-    let database = fresh_database().await;
-    tokio::task::block_in_place(move || {
-        let [api_data, worker_data] = std::array::from_fn(|_| tempfile::tempdir().unwrap());
-        let api = start("serve --no-worker", api_data.path(), &database, &bucket);
-        let worker = start("worker", worker_data.path(), &database, &bucket);
-        let session = api.session_with_field();
-        bucket.keep_back(Some(Rows::open(&database).text("SELECT blob FROM parts WHERE kind = 'skull'")));
-        let settings = json!({ "spacing_mm": 2.5, "envelope_spacing_mm": 2.5, "envelope_closing_mm": 5.0 });
-        api.put_json(&format!("{session}/field/settings"), &settings).ok();
-        let field = || api.post(&format!("{session}/field"), &json!({})).ok();
-        let ended = finished(&api, &field());
-        assert_eq!((&ended["status"], &ended["attempt"]), (&json!("failed"), &json!(3)), "{ended}");
-        assert_eq!(ended["problem"]["type"], "/problems/store-refuses", "{ended}");
-        // Requests of other sessions are served.
-        assert_eq!((worker.get("/readyz").status, worker.get("/livez").status), (200, 200));
-        api.session_with_field();
-        bucket.keep_back(None);
-        assert_eq!(finished(&api, &field())["status"], "succeeded");
-    });
-}
-
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_job_is_cancelled_through_a_process_that_does_not_compute_it() {
     let bucket = Bucket::start().await;
     let database = fresh_database().await;
@@ -248,7 +160,7 @@ async fn a_job_is_cancelled_through_a_process_that_does_not_compute_it() {
         let [api_data, worker_data] = std::array::from_fn(|_| tempfile::tempdir().unwrap());
         let api = start("serve --no-worker", api_data.path(), &database, &bucket);
         let worker = start("worker", worker_data.path(), &database, &bucket);
-        let job = solve(&api);
+        let job = solve_demo_plan(&api);
         let mut stream = api.stream(&format!("/v1/jobs/{}/events", job["id"].as_str().unwrap()));
         while stream.next_event()["event"] != "step" {}
         api.post(&format!("/v1/jobs/{}/cancel", job["id"].as_str().unwrap()), &json!({})).ok();
@@ -259,41 +171,6 @@ async fn a_job_is_cancelled_through_a_process_that_does_not_compute_it() {
         assert!(api.get(&session).ok()["parts"]["field"].is_object());
         assert_eq!((worker.get("/readyz").status, worker.get("/livez").status), (200, 200));
         worker.get(&session).refused(404, "not-found", "nothing at this path");
-    });
-}
-
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-#[allow(clippy::disallowed_methods, reason = "faults last for a time")]
-async fn what_the_store_does_is_no_fault_of_a_job() {
-    let bucket = Bucket::start().await;
-    let mut cluster = Cluster::start();
-    let database = cluster.fresh_database().await;
-    tokio::task::block_in_place(move || {
-        let [api_data, first_data, second_data] = std::array::from_fn(|_| tempfile::tempdir().unwrap());
-        let api = start("serve --no-worker", api_data.path(), &database, &bucket);
-        let workers = [first_data.path(), second_data.path()].map(|data| start("worker", data, &database, &bucket));
-        let job = solve(&api);
-        let mut stream = api.stream(&format!("/v1/jobs/{}/events", job["id"].as_str().unwrap()));
-        while stream.next_event()["event"] != "step" {}
-        // Longer than a lease: no worker can renew a lease, and no worker can take a job.
-        for (halted_ms, between_ms) in [(4000, 1000), (1200, 200), (4000, 300), (2000, 0), (4000, 1000)] {
-            cluster.halt();
-            std::thread::sleep(Duration::from_millis(halted_ms));
-            cluster.go_on();
-            std::thread::sleep(Duration::from_millis(between_ms));
-        }
-        // The job returns to the queue, and no worker takes it.
-        bucket.set(Mood::Refusing);
-        for server in [&api, &workers[0], &workers[1]] {
-            while server.get("/readyz").status == 200 {}
-            server.get("/readyz").refused(503, "store-refuses", "bucket");
-            assert_eq!(server.get("/livez").status, 200);
-        }
-        std::thread::sleep(Duration::from_secs(4));
-        bucket.set(Mood::Serving);
-        let ended = finished(&api, &job);
-        assert_eq!((&ended["status"], &ended["attempt"]), (&json!("succeeded"), &json!(1)), "{ended}");
-        assert_eq!(api.get("/readyz").status, 200);
     });
 }
 

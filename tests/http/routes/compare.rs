@@ -6,6 +6,7 @@ use axum::http::Method;
 use prosopon_geometry::{Motion, TriMesh, Vector};
 use serde_json::{Value, json};
 
+use super::results::solved;
 use crate::support::app::{Answer, TestApp};
 use crate::support::shapes::{cube, lumpy, stl};
 
@@ -303,74 +304,24 @@ async fn a_comparison_comes_as_picture_and_as_surface() {
 }
 
 #[tokio::test]
-async fn the_error_of_a_step_is_found_on_demand_against_another_job_and_after_registration() {
+async fn any_two_stored_surfaces_can_be_compared() {
     let app = TestApp::new().await;
-    let (session, plan) = app.session_with_plan().await;
-    let first = app.solve(&session, &plan, json!({"steps": 2})).await;
-    app.ended(&first).await.ok();
-    let second = app.solve(&session, &plan, json!({"steps": 4})).await;
-    app.ended(&second).await.ok();
-    let id = first.rsplit('/').next().unwrap();
-    let path = format!("{second}/steps/2/error?reference={id}");
-    let answer = app.get(&path).await;
-    let tag = answer.header("etag").to_owned();
-    assert_eq!(answer.ok()["reference"], format!("job {id} step 1"));
-    assert_eq!(answer.json()["values_mm"], json!(vec![0.0; 8]));
-    let known = app.call(Method::GET, &path, &[("if-none-match", &tag)], axum::body::Body::empty()).await;
-    assert_eq!(known.status.as_u16(), 304);
-    app.get(&format!("{second}/steps/1/error?reference={id}")).await.problem(404, "no-reference");
-    app.get(&format!("{second}/steps/2/error?register=true")).await.problem(404, "no-reference");
-    app.get(&format!("{second}/steps/2/error?reference=x")).await.problem(400, "malformed-request");
-    let skin = app.get(&format!("{second}/steps/2/skin?format=vtp&reference={id}")).await;
-    assert!(String::from_utf8_lossy(&skin.body).contains("\"error_mm\""));
-    let plain = app.get(&format!("{second}/steps/2/skin?format=vtp")).await;
-    assert!(!String::from_utf8_lossy(&plain.body).contains("\"error_mm\""));
-    app.upload(&format!("{session}/target"), stl(&cube([0.0, -10.0, 0.0], 100.0))).await.ok();
-    let registered = app.get(&format!("{second}/steps/4/error?register=true")).await.ok();
-    assert_eq!(
-        (&registered["reference"], &registered["registration"]["region"]),
-        (&json!("target"), &json!("unmoved"))
-    );
-    assert_eq!(registered["registration"]["residual_mm"], 0.1);
-    assert_eq!(registered["warnings"][0], "hardly fits");
-    let picture = app.get(&format!("{second}/steps/4/error.png?register=true")).await;
-    assert_eq!(picture.header("content-type"), "image/png");
-}
-
-#[tokio::test]
-async fn the_report_is_one_page_that_needs_nothing_else() {
-    let app = TestApp::new().await;
-    let (session, plan) = app.session_with_plan().await;
-    app.upload(&format!("{session}/target"), stl(&cube([0.0, -10.0, 0.0], 100.0))).await.ok();
-    let job = app.solve(&session, &plan, json!({"steps": 2})).await;
-    app.ended(&job).await.ok();
-    let page = app.get(&format!("{job}/report?format=html")).await;
-    assert_eq!(page.header("content-type"), "text/html; charset=utf-8");
-    let text = String::from_utf8(page.body.to_vec()).unwrap();
-    assert_eq!(text.matches("<img").count(), 2);
-    assert_eq!(text.matches("src=\"data:image/png;base64,").count(), 2);
-    for banned in ["<script", "http://", "https://", "<link", "url("] {
-        assert!(!text.contains(banned), "{banned}");
-    }
-    for part in [
-        "Plan, mm",
-        "Mean movement",
-        "Signed error against target",
-        "Variance",
-        "Warnings",
-        "a stand-in",
-        "SHA-256",
-        "Steps",
-        "Time, s",
-        env!("CARGO_PKG_VERSION"),
-        "Not a medical device",
-        "@page",
-    ] {
-        assert!(text.contains(part), "{part}");
-    }
-    // 6 mm forward and 1.5 mm down.
-    assert!(text.contains("<td>6.00</td><td>1.50</td>"), "the plan's row");
-    let accepted =
-        app.call(Method::GET, &format!("{job}/report"), &[("accept", "text/html")], axum::body::Body::empty()).await;
-    assert_eq!(accepted.body, page.body);
+    let (session, _, job) = solved(&app, json!({"steps": 2})).await;
+    let session = session.rsplit('/').next().unwrap();
+    let job = job.rsplit('/').next().unwrap();
+    let prediction = json!({"job": job, "step": 2});
+    let reference = json!({"session": session, "part": "skin"});
+    let body = json!({"prediction": prediction, "reference": reference, "values": true});
+    let answer = app.post("/v1/compare", body).await.ok();
+    assert_eq!((&answer["whole"]["mean_mm"], &answer["mask"]), (&json!(6.0), &json!("all")));
+    assert_eq!(answer["values_mm"], json!(vec![6.0; 8]));
+    let registered = json!({"prediction": prediction, "reference": reference, "register": {}});
+    let answer = app.post("/v1/compare", registered).await.ok();
+    assert_eq!(answer["whole"]["mean_mm"], 0.0);
+    assert_eq!(answer["registration"]["translation_mm"], json!([0.0, 6.0, 1.5]));
+    assert!(answer.get("values_mm").is_none());
+    let problem = app.post("/v1/compare", json!({"prediction": {"job": job}, "reference": reference})).await;
+    assert_eq!(problem.problem(422, "invalid-request")["errors"][0]["pointer"], "/prediction");
+    let missing = json!({"prediction": {"session": session, "part": "target"}, "reference": reference});
+    app.post("/v1/compare", missing).await.problem(404, "not-found");
 }

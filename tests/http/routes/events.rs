@@ -1,3 +1,5 @@
+use std::time::Duration;
+
 use axum::body::Body;
 use axum::http::{Method, StatusCode};
 use serde_json::{Value, json};
@@ -102,4 +104,52 @@ async fn the_stream_of_a_job_that_is_deleted_with_its_session_has_an_end() {
     assert_eq!(end["data"]["problem"]["type"], "/problems/gone");
     assert!(end["id"].as_u64() > before["id"].as_u64());
     app.get(&format!("{job}/events")).await.problem(410, "gone");
+}
+
+#[tokio::test]
+async fn a_client_whose_history_is_gone_is_told_to_look_again() {
+    let app = TestApp::with(|config| config.service.event_retention = Duration::ZERO).await;
+    let (session, plan) = app.session_with_plan().await;
+    let job = app.solve(&session, &plan, json!({"steps": 3})).await;
+    app.ended(&job).await.ok();
+    let all = lines(&app, &job, Some("0")).await;
+    let newest = all.last().unwrap()["id"].as_u64().unwrap();
+    // An event id that does not exist yet: all events are sent again.
+    let other_life = lines(&app, &job, Some("100000")).await;
+    assert_eq!((&other_life[0]["event"], other_life.len()), (&json!("resync"), all.len() + 1));
+
+    tokio::time::sleep(Duration::from_millis(5)).await;
+    app.state.service.keep_house().await.unwrap();
+    let app = app.restart().await;
+    let left = lines(&app, &job, Some("2")).await;
+    let names: Vec<&str> = left.iter().map(|e| e["event"].as_str().unwrap()).collect();
+    assert_eq!(names, ["resync", "end"]);
+    assert_eq!((left[0]["id"].as_u64(), left[1]["id"].as_u64()), (Some(newest - 1), Some(newest)));
+    assert_eq!(left[0]["data"]["links"]["self"], job);
+    assert_eq!(
+        lines(&app, &job, Some(&(newest - 1).to_string())).await.len(),
+        1,
+        "who has all but the last needs no resync"
+    );
+}
+
+#[tokio::test]
+async fn silence_is_broken_by_heartbeats() {
+    let app = TestApp::with(|config| config.limits.heartbeat = Duration::from_millis(20)).await;
+    let (session, plan) = app.session_with_plan().await;
+    app.stand_in.hold_after(1);
+    let job = app.solve(&session, &plan, json!({"steps": 2})).await;
+    app.until_step(&job, 1).await;
+    let release = async {
+        tokio::time::sleep(Duration::from_millis(150)).await;
+        app.stand_in.release();
+    };
+    let (path, none) = (format!("{job}/events"), [("accept", "text/event-stream")]);
+    let stream = app.call(Method::GET, &path, &none, Body::empty());
+    let (told, stream, ()) = tokio::join!(lines(&app, &job, Some("0")), stream, release);
+    assert!(told.iter().any(|line| line["event"] == "heartbeat"));
+    let text = String::from_utf8(stream.body.to_vec()).unwrap();
+    let retry: u64 = text.lines().next().unwrap().strip_prefix("retry: ").unwrap().parse().unwrap();
+    assert!((1500..3000).contains(&retry), "{retry}");
+    assert!(text.lines().any(|line| line.starts_with(':')));
 }

@@ -32,20 +32,9 @@ async fn a_service_that_stops_is_not_ready_and_takes_no_jobs() {
 }
 
 #[tokio::test]
-async fn metrics_docs_and_description_are_there() {
+async fn metrics_name_requests_and_waiting_jobs() {
     let app = TestApp::new().await;
     app.get("/livez").await;
     let metrics = String::from_utf8(app.get("/metrics").await.body.to_vec()).unwrap();
     assert!(metrics.contains("prosopon_http_requests_total") && metrics.contains("prosopon_jobs_waiting"));
-    let description = app.get("/openapi.json").await.ok();
-    assert_eq!(description["openapi"], "3.1.0");
-    let checked_in: serde_json::Value = serde_json::from_str(include_str!("../../../api/openapi.json")).unwrap();
-    assert_eq!(description, checked_in);
-    let docs = app.get("/docs/").await;
-    let page = String::from_utf8(docs.body.to_vec()).unwrap();
-    assert!(docs.status.is_success() && page.contains("swagger-ui"));
-    assert!(!page.contains("https://"), "works offline");
-    let page = app.get("/").await;
-    assert!(page.header("content-type").starts_with("text/html"));
-    assert!(String::from_utf8(page.body.to_vec()).unwrap().contains("/docs/"));
 }

@@ -1,4 +1,5 @@
 use std::io::Write;
+use std::path::Path;
 
 use axum::body::{Body, Bytes};
 use axum::http::{Method, StatusCode};
@@ -10,6 +11,8 @@ use prosopon_session::FaultKind;
 use serde_json::json;
 
 use crate::support::app::TestApp;
+use crate::support::binary::Server;
+use crate::support::dicom::{NAME, archive, slice, stack};
 use crate::support::shapes::{cube, nifti, ply_with, skin, skull, stl};
 
 fn files_below(path: &std::path::Path) -> usize {
@@ -281,66 +284,107 @@ async fn a_surface_that_is_replaced_while_it_is_sent_comes_all_the_same() {
     }
 }
 
-#[tokio::test]
-async fn landmarks_are_checked_and_kept() {
-    let app = TestApp::new().await;
-    let path = format!("{}/landmarks", app.session().await);
-    app.get(&path).await.problem(404, "not-found");
-    let landmarks = json!({
-        "points": {"ans": [6, -84, 45]}, "midline_x_mm": 6, "occlusal_plane_z_mm": 17,
-        "le_fort_1_plane": {"point_mm": [6, -60, 38], "normal": [0, 0, 2]}
-    });
-    let stored = app.put_json(&path, landmarks).await.ok();
-    assert_eq!(stored["le_fort_1_plane"]["normal"], json!([0.0, 0.0, 1.0]));
-    let missing = app.put_json(&path, json!({})).await.problem(422, "invalid-request");
-    assert!(missing["detail"].as_str().unwrap().contains("points"), "{missing}");
-    assert_eq!(app.get(&path).await.ok(), stored);
-
-    let faulty = json!({
-        "points": {"ans": [1e9, 0, 0], "Nose Tip": [0, 0, 0]},
-        "le_fort_1_plane": {"point_mm": [0, 0, 0], "normal": [0, 0, 0]}
-    });
-    let problem = app.put_json(&path, faulty).await.problem(422, "invalid-request");
-    let pointers: Vec<&str> =
-        problem["errors"].as_array().unwrap().iter().map(|e| e["pointer"].as_str().unwrap()).collect();
-    assert_eq!(pointers, ["/points/Nose Tip", "/points/ans/0", "/le_fort_1_plane/normal"]);
-
-    // A head in metres is smaller than a tooth, one in micrometres larger than a room.
-    let scaled = |scale: f64| {
-        let points = [("ans", [6.0, -84.0, 45.0]), ("pogonion", [6.0, -71.0, -25.0]), ("menton", [6.0, -67.0, -33.0])];
-        let points: serde_json::Map<_, _> =
-            points.into_iter().map(|(name, p)| (name.to_owned(), json!(p.map(|c| c * scale)))).collect();
-        json!({ "points": points })
-    };
-    for (scale, ok) in [(1.0, true), (1e-3, false), (50.0, false)] {
-        let answer = app.put_json(&path, scaled(scale)).await;
-        assert_eq!(answer.status.is_success(), ok, "{scale}");
-        if !ok {
-            let problem = answer.problem(422, "invalid-request");
-            assert_eq!(problem["errors"][0]["pointer"], "/points");
-            assert!(problem["detail"].as_str().unwrap().contains("are in mm"), "{problem}");
-        }
+/// Whether any file below `path` contains `word`.
+fn holds(path: &Path, word: &[u8]) -> bool {
+    if path.is_dir() {
+        return std::fs::read_dir(path).unwrap().any(|e| holds(&e.unwrap().path(), word));
     }
-    let two = json!({"points": {"ans": [0.006, -0.084, 0.045], "pogonion": [0.006, -0.071, -0.025]}});
-    app.put_json(&path, two).await.problem(422, "invalid-request");
+    std::fs::read(path).unwrap().windows(word.len()).any(|w| w == word)
 }
 
 #[tokio::test]
-async fn a_skin_inside_the_skull_is_refused_by_the_field() {
+async fn a_dicom_series_becomes_surfaces_and_nothing_of_the_patient_is_kept() {
     let app = TestApp::new().await;
     let session = app.session().await;
-    app.upload(&format!("{session}/skin"), skull()).await.ok();
-    let refused = async |skull| {
-        app.upload(&format!("{session}/skull"), stl(&skull)).await.ok();
-        let problem = app.post(&format!("{session}/field"), json!({})).await.problem(422, "anatomy-not-usable");
-        problem["detail"].as_str().unwrap().to_owned()
+    let mut files = stack(&[0.0, 4.0, 8.0, 12.0, 16.0]);
+    files.extend((0..4).map(|k| slice("1.2.9", k, 4.0 * k as f64)));
+    files.push(b"a note".to_vec());
+    let job = app.finish(app.upload(&format!("{session}/ct"), archive(&files)).await).await;
+    assert_eq!(job["status"], "succeeded");
+    let warnings = job["warnings"].to_string();
+    for part in ["1 files that are not images", "series 1 was taken as the largest CT", "a head-rest was removed"] {
+        assert!(warnings.contains(part), "{warnings}");
+    }
+    let report = app.get(&format!("{session}/skin?format=json")).await.ok();
+    assert_eq!(report["origin"]["format"], "dicom");
+    for word in [NAME, "1.2.3.4", "1.2.9"] {
+        assert!(!holds(app.directory(), word.as_bytes()), "{word} was stored");
+    }
+    assert!(!warnings.contains("PATIENT") && !warnings.contains("1.2.3"), "{warnings}");
+    // Number and identifier of the other series select the same volume.
+    let by = async |series: &str| {
+        app.finish(app.upload(&format!("{session}/ct?series={series}"), archive(&files)).await).await;
+        app.get(&session).await.ok()["parts"]["ct"]["sha256"].clone()
     };
-    assert!(refused(cube([0.0; 3], 200.0)).await.contains("swapped"));
-    assert!(refused(cube([0.0, 0.0, 500.0], 60.0)).await.contains("apart"));
-    // When the bounding boxes cross, the numerics decide; here the skull is larger than the skin.
-    app.upload(&format!("{session}/skull"), stl(&cube([150.0, 0.0, 0.0], 200.0))).await.ok();
-    let job = app.finish(app.post(&format!("{session}/field"), json!({})).await).await;
-    assert_eq!((&job["status"], &job["problem"]["status"]), (&json!("failed"), &json!(422)));
-    assert_eq!(job["problem"]["type"], "/problems/anatomy-not-usable");
-    assert_eq!(job["phase"], "field", "where it failed");
+    assert_eq!(by("2").await, by("1.2.9").await);
+}
+
+#[tokio::test]
+async fn series_that_cannot_be_read_are_refused_by_the_upload() {
+    let app = TestApp::new().await;
+    let session = app.session().await;
+    let even = stack(&[0.0, 4.0, 8.0, 12.0]);
+    let zip = archive(&even);
+    let mut other_syntax = even.clone();
+    let uid = other_syntax[2].windows(20).position(|w| w == b"1.2.840.10008.1.2.1\0").unwrap();
+    other_syntax[2][uid..uid + 20].copy_from_slice(b"1.2.840.10008.1.2.9\0");
+    let with_missing_bytes: Vec<Vec<u8>> = even.iter().map(|f| f[..f.len() - 30].to_vec()).collect();
+    for (query, bytes, words) in [
+        ("", archive(&stack(&[0.0, 4.0, 8.0, 20.0])), "Steps in mm: 4.00, 4.00, 12.00"),
+        ("", archive(&other_syntax), "which is not supported"),
+        ("", archive(&with_missing_bytes), "bytes, but"),
+        ("", archive(&[b"a note".to_vec()]), "no DICOM images"),
+        ("", even[0].clone(), "at least 4 along each axis"),
+        ("", zip[..zip.len() - 40].to_vec(), "damaged or cut off"),
+        ("", zip[..zip.len() / 2].to_vec(), "damaged or cut off"),
+        ("?series=3", zip.clone(), "was not found"),
+    ] {
+        let problem = app.upload(&format!("{session}/ct{query}"), bytes).await.problem(422, "volume-not-usable");
+        assert!(problem["detail"].as_str().unwrap().contains(words), "{problem}");
+        assert!(!problem.to_string().contains("PATIENT"), "{problem}");
+    }
+    let wide = app.upload(&format!("{session}/ct?max_step_mm=15"), archive(&stack(&[0.0, 4.0, 8.0, 20.0]))).await;
+    assert_eq!(app.finish(wide).await["status"], "succeeded");
+    app.upload(&format!("{session}/ct?max_step_mm=0"), zip).await.problem(422, "invalid-request");
+    assert_eq!(app.get(&session).await.ok()["parts"]["ct"]["state"], json!("ready"));
+}
+
+#[tokio::test]
+async fn notes_in_the_header_of_a_nifti_file_are_not_kept() {
+    let app = TestApp::new().await;
+    let session = app.session().await;
+    let mut file = nifti();
+    // The field `descrip`.
+    file[148..148 + NAME.len()].copy_from_slice(NAME.as_bytes());
+    let job = app.finish(app.upload(&format!("{session}/ct"), file).await).await;
+    assert_eq!(job["status"], "succeeded", "{job}");
+    assert!(!holds(app.directory(), NAME.as_bytes()), "the note was stored");
+}
+
+#[test]
+fn files_that_cannot_be_used() {
+    let directory = tempfile::tempdir().unwrap();
+    let server = Server::start(directory.path(), &[]);
+    let session = server.session();
+    let whole = skin();
+    let mut not_a_number = whole.clone();
+    // The first vertex of the second triangle.
+    not_a_number[84 + 50 + 12..84 + 50 + 16].copy_from_slice(&f32::NAN.to_le_bytes());
+    for part in ["skin", "skull", "target"] {
+        let path = format!("{session}/{part}");
+        server.upload(&path, &[]).refused(422, "surface-not-usable", "empty");
+        server.upload(&path, &whole[..whole.len() / 2]).refused(422, "surface-not-usable", "12");
+        server.upload(&path, &not_a_number).refused(422, "surface-not-usable", "finite");
+        server.upload(&path, &ply_with(&cube([0.0; 3], 100.0), "nan")).refused(422, "surface-not-usable", "vertex 0");
+        server.get(&path).refused(404, "not-found", part);
+    }
+    server.upload(&format!("{session}/ct"), &[]).refused(422, "volume-not-usable", "empty");
+
+    // Skin and skull are swapped; each alone is valid.
+    server.upload(&format!("{session}/skin"), &skull()).ok();
+    server.upload(&format!("{session}/skull"), &whole).ok();
+    server.post(&format!("{session}/field"), &json!({})).refused(422, "anatomy-not-usable", "swapped");
+    server.upload(&format!("{session}/skin"), &whole).ok();
+    server.upload(&format!("{session}/skull"), &skull()).ok();
+    server.finish(&server.post(&format!("{session}/field"), &json!({})));
 }

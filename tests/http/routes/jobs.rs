@@ -2,37 +2,15 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use axum::http::StatusCode;
-use serde_json::json;
+use prosopon_tissue::fem::material::{Material, Materials};
+use prosopon_tissue::fem::{Locking, Model, SkinElement, SolveSettings, UnstableMaterial};
+use serde_json::{Value, json};
 
+use super::mesh_choice::operation;
 use crate::support::app::TestApp;
+use crate::support::binary::{Server, serve};
 use crate::support::shapes::{cube, skin, stl};
-
-#[tokio::test]
-async fn a_solve_goes_its_way_and_leaves_a_report() {
-    let app = TestApp::new().await;
-    let (session, plan) = app.session_with_plan().await;
-    let body = json!({"plan": plan, "model": "mixed", "steps": 3, "outputs": ["skin", "tissue"]});
-    let accepted = app.post(&format!("{session}/jobs"), body).await;
-    assert_eq!(accepted.json()["status"], "accepted");
-    let job = app.finish(accepted).await;
-    assert_eq!((&job["status"], &job["progress"], &job["step"]), (&json!("succeeded"), &json!(1.0), &json!(3)));
-    assert_eq!(job["warnings"], json!(["a stand-in"]));
-    let report = app.get(job["links"]["report"].as_str().unwrap()).await.ok();
-    assert_eq!((&report["model"], &report["version"]), (&json!("mixed"), &json!(env!("CARGO_PKG_VERSION"))));
-    assert_eq!(report["regions"]["upper_lip"]["forward_mm"], 6.0);
-    assert_eq!(report["mesh"]["tetrahedra"], 60_000);
-    assert_eq!(report["steps"][2]["newton_iterations"], 4);
-    assert_eq!(report["steps"][2]["converged"], true);
-    assert_eq!(report["inputs"]["skin"]["sha256"].as_str().unwrap().len(), 64);
-    for phase in ["surfaces_s", "field_s", "cut_s", "mesh_s", "solve_s", "total_s"] {
-        assert!(report["phases"][phase].as_f64().unwrap() >= 0.0, "{phase}");
-    }
-    assert_eq!(report["warnings"], json!(["a stand-in", "the skull has crumbs", "a wide gap", "thin over the nose"]));
-    assert_eq!(app.get(job["links"]["tissue"].as_str().unwrap()).await.body.as_ref(), b"<VTKFile/>");
-    let listed = app.get(&format!("/v1/jobs?session={}&status=succeeded", job["session"].as_str().unwrap())).await.ok();
-    let kinds: Vec<&str> = listed["jobs"].as_array().unwrap().iter().map(|j| j["kind"].as_str().unwrap()).collect();
-    assert_eq!(kinds, ["solve", "mesh", "field"]);
-}
+use crate::support::tissue_mesh::slab;
 
 #[tokio::test]
 async fn progress_is_that_of_the_path_and_residuals_are_those_of_its_steps() {
@@ -149,65 +127,6 @@ async fn a_panic_or_refusal_of_the_numerics_fails_the_job_and_the_service_goes_o
 }
 
 #[tokio::test]
-async fn one_job_runs_and_the_others_wait_in_line() {
-    let app = TestApp::with(|config| config.service.max_waiting = 2).await;
-    let (session, plan) = app.session_with_plan().await;
-    app.stand_in.hold_after(1);
-    let first = app.solve(&session, &plan, json!({})).await;
-    app.until_step(&first, 1).await;
-    let second = app.solve(&session, &plan, json!({"steps": 2})).await;
-    let body = json!({"plan": plan, "steps": 3});
-    let accepted = app.post_keyed(&format!("{session}/jobs"), "third", body.clone()).await;
-    assert_eq!(accepted.ok()["queue_position"], 2, "told with the 202");
-    let replayed = app.post_keyed(&format!("{session}/jobs"), "third", body).await;
-    assert_eq!(replayed.json(), accepted.json());
-    let third = accepted.header("location").to_owned();
-    assert_eq!(app.post(&format!("{session}/jobs"), json!({"plan": plan, "steps": 3})).await.ok()["queue_position"], 2);
-    assert_eq!(app.get(&second).await.ok()["queue_position"], 1);
-    assert_eq!(app.get(&third).await.ok()["queue_position"], 2);
-    let full = app.post(&format!("{session}/jobs"), json!({"plan": plan, "steps": 4})).await;
-    full.problem(503, "queue-full");
-    assert_eq!(full.header("retry-after"), "10");
-    app.stand_in.release();
-    for job in [first, second, third] {
-        assert_eq!(app.ended(&job).await.ok()["status"], "succeeded");
-    }
-    assert_eq!(app.stand_in.solves.load(Ordering::SeqCst), 3);
-}
-
-#[tokio::test]
-async fn a_job_that_is_asked_for_again_is_the_one_that_is_there() {
-    let app = TestApp::new().await;
-    let (session, plan) = app.session_with_plan().await;
-    app.stand_in.hold_after(1);
-    let running = app.solve(&session, &plan, json!({})).await;
-    app.until_step(&running, 1).await;
-    assert_eq!(app.solve(&session, &plan, json!({})).await, running);
-    assert_ne!(app.solve(&session, &plan, json!({"steps": 5})).await, running);
-
-    let path = format!("{session}/field");
-    let (field, twin) = tokio::join!(app.post(&path, json!({})), app.post(&path, json!({})));
-    assert_eq!((twin.status, twin.header("location")), (StatusCode::ACCEPTED, field.header("location")));
-    assert_eq!(twin.json()["id"], field.json()["id"]);
-    let keyed = app.post_keyed(&path, "k", json!({})).await;
-    assert_eq!(keyed.header("location"), field.header("location"));
-    app.put_json(&format!("{path}/settings"), json!({"spacing_mm": 3})).await.ok();
-    assert_ne!(app.post(&path, json!({})).await.header("location"), field.header("location"), "other settings");
-    assert_eq!(app.post_keyed(&path, "k", json!({})).await.header("location"), field.header("location"));
-    app.put_json(&format!("{path}/settings"), json!({})).await.ok();
-
-    // The comparison would use another surface.
-    app.upload(&format!("{session}/target"), skin()).await.ok();
-    assert_ne!(app.solve(&session, &plan, json!({})).await, running);
-    app.post(&format!("{running}/cancel"), json!({})).await.ok();
-    let after = app.solve(&session, &plan, json!({})).await;
-    assert_ne!(after, running, "one that is about to end is no answer");
-    app.stand_in.release();
-    assert_eq!(app.ended(&after).await.ok()["status"], "succeeded");
-    assert_ne!(app.solve(&session, &plan, json!({})).await, after, "one that has ended neither");
-}
-
-#[tokio::test]
 async fn a_cancelled_job_stops_at_once_and_only_once() {
     let app = TestApp::new().await;
     let (session, plan) = app.session_with_plan().await;
@@ -266,4 +185,116 @@ async fn a_job_whose_inputs_were_replaced_while_it_waited_says_so() {
     assert_eq!(app.ended(&first).await.ok()["status"], "succeeded", "it has its inputs already");
     let job = app.ended(&second).await.ok();
     assert_eq!(job["problem"]["type"], "/problems/stale");
+}
+
+#[tokio::test]
+async fn jobs_take_every_model_element_and_material() {
+    let app = TestApp::new().await;
+    let (session, plan) = app.session_with_plan().await;
+    let solved = async |more: Value| {
+        let before = app.stand_in.solves.load(Ordering::SeqCst);
+        let mut body = json!({"plan": plan, "steps": 1});
+        more.as_object().unwrap().iter().for_each(|(k, v)| body[k] = v.clone());
+        let job = app.finish(app.post(&format!("{session}/jobs"), body).await).await;
+        assert_eq!(job["status"], "succeeded", "{job}");
+        assert_eq!(app.stand_in.solves.load(Ordering::SeqCst), before + 1);
+        let report = app.get(job["links"]["report"].as_str().unwrap()).await.ok();
+        (app.stand_in.settings.lock().unwrap().clone().unwrap(), report)
+    };
+    let stable = |model| SolveSettings::new(model, Materials::wang2009_stable());
+    for (name, model, skin_element) in [
+        ("auto", Model::Mixed, SkinElement::C1Prism),
+        ("linear", Model::Linear, SkinElement::Wedge),
+        ("mass_tensor", Model::MassTensor, SkinElement::Wedge),
+        ("nonlinear", Model::Nonlinear, SkinElement::Tetrahedron),
+        ("mixed", Model::Mixed, SkinElement::C1Prism),
+    ] {
+        let (settings, report) = solved(json!({"model": name})).await;
+        assert_eq!(settings, SolveSettings { skin_element, ..stable(model) });
+        assert_eq!(report["model"], if name == "auto" { "mixed" } else { name });
+    }
+    let (settings, report) = solved(json!({
+        "model": "nonlinear", "skin_element": "wedge", "locking": "smoothed", "preset": "wang_2009",
+        "d1_reading": "per_mpa", "relative_residual": 1e-6, "penetration_tolerance_mm": 0.01, "unstable_material": "stabilise",
+        "materials": {"fat": {"law": "ogden", "shear_modulus_mpa": 0.01, "alpha": 4, "poisson": 0.45}}
+    }))
+    .await;
+    let mut materials = Materials::wang2009_reading(prosopon_tissue::fem::material::D1Reading::PerMpa);
+    materials.fat = Material::ogden(0.01, 4.0, 0.45);
+    let expected = SolveSettings {
+        skin_element: SkinElement::Wedge,
+        locking: Locking::Smoothed,
+        materials,
+        relative_residual: 1e-6,
+        penetration_tolerance_mm: 0.01,
+        unstable_material: UnstableMaterial::Stabilise,
+        ..stable(Model::Nonlinear)
+    };
+    assert_eq!(settings, expected);
+    let parameters = &report["parameters"];
+    assert_eq!((&parameters["preset"], &parameters["d1_reading"]), (&json!("wang_2009"), &json!("per_mpa")));
+    assert_eq!(parameters["materials"]["fat"]["alpha"], 4.0);
+    assert_eq!((&parameters["skin_element"], &parameters["locking"]), (&json!("wedge"), &json!("smoothed")));
+
+    for (more, pointer) in [
+        (json!({"skin_element": "hex"}), "/skin_element"),
+        (json!({"locking": "magic"}), "/locking"),
+        (json!({"unstable_material": "hope"}), "/unstable_material"),
+        (json!({"preset": "wang_2010"}), "/preset"),
+        (json!({"d1_reading": "per_mpa"}), "/d1_reading"),
+        (json!({"relative_residual": 1}), "/relative_residual"),
+        (json!({"penetration_tolerance_mm": 0}), "/penetration_tolerance_mm"),
+        (json!({"materials": {"bone": {}}}), "/materials/bone"),
+        (
+            json!({"materials": {"fat": {"law": "neo_hookean", "shear_modulus_mpa": 1, "poisson": 0.5}}}),
+            "/materials/fat/poisson",
+        ),
+    ] {
+        let mut body = json!({"plan": plan});
+        more.as_object().unwrap().iter().for_each(|(k, v)| body[k] = v.clone());
+        let problem = app.post(&format!("{session}/jobs"), body).await.problem(422, "invalid-request");
+        assert_eq!(problem["errors"][0]["pointer"], pointer, "{problem}");
+    }
+}
+
+#[tokio::test]
+async fn a_reference_job_must_have_moved_the_same_bone_the_same_way() {
+    let app = TestApp::new().await;
+    let session = app.session_with_field().await;
+    let (_, chin_plan) = operation(&app, &session, -20.0).await;
+    let (_, maxilla_plan) = operation(&app, &session, 10.0).await;
+    let reference = app.solve(&session, &chin_plan, json!({"steps": 1})).await;
+    let reference = app.ended(&reference).await.ok()["id"].clone();
+    let solves = app.stand_in.solves.load(Ordering::SeqCst);
+    let body = json!({"plan": maxilla_plan, "reference_job": reference});
+    let problem = app.post(&format!("{session}/jobs"), body).await.problem(409, "wrong-state");
+    for plan in [&chin_plan, &maxilla_plan] {
+        assert!(problem["detail"].as_str().unwrap().contains(plan.as_str()), "{problem}");
+    }
+    assert_eq!(app.stand_in.solves.load(Ordering::SeqCst), solves);
+    let body = json!({"plan": chin_plan, "reference_job": reference});
+    assert_eq!(app.post(&format!("{session}/jobs"), body).await.status, StatusCode::ACCEPTED);
+}
+
+/// A process whose memory limit leaves nothing for a solve refuses the job and keeps running.
+#[test]
+fn a_job_that_would_not_fit_into_memory_is_refused_with_what_would() {
+    let directory = tempfile::tempdir().unwrap();
+    let mut command = serve(directory.path(), "127.0.0.1:0");
+    command.env("PROSOPON_MEMORY_MB", "1");
+    let server = Server::spawn(command);
+    let session = server.session();
+    server.upload(&format!("{session}/tissue"), &slab(1.0)).ok();
+    let paths = json!([{"segment": 1, "waypoints": [{"t": 1, "translation_mm": [0.5, 0, 2]}]}]);
+    let plan = server.post(&format!("{session}/plans"), &json!({"paths": paths})).ok()["id"].clone();
+    let ended = server.end(&server.post(&format!("{session}/jobs"), &json!({"plan": plan, "model": "linear"})));
+    let problem = &ended["problem"];
+    assert_eq!(
+        (&ended["status"], &problem["type"]),
+        (&json!("failed"), &json!("/problems/not-enough-memory")),
+        "{ended}"
+    );
+    assert!(problem["needed_mb"].as_f64().unwrap() > 30.0 && problem["allowed_mb"] == 0.0, "{problem}");
+    assert!(problem["detail"].as_str().unwrap().contains("would fit"), "{problem}");
+    assert_eq!(server.get("/readyz").status, 200);
 }

@@ -1,10 +1,5 @@
-//! `/v1/materials` and the materials of jobs.
-
-use std::sync::atomic::Ordering;
-
+use axum::body::Body;
 use axum::http::Method;
-use prosopon_tissue::fem::material::{Material, Materials};
-use prosopon_tissue::fem::{Locking, Model, SkinElement, SolveSettings, UnstableMaterial};
 use serde_json::{Value, json};
 
 use crate::support::app::TestApp;
@@ -44,6 +39,7 @@ async fn laws_and_presets_are_listed_with_units_moduli_and_stable_ranges() {
     let high = published["stable_range"]["uniaxial"][1].as_f64().unwrap();
     assert!((1.01..1.0187).contains(&high), "{high}");
     near(&presets[4]["tissues"]["fat"]["moduli"]["young_modulus_kpa"], 15.0, 1e-9);
+    app.call(Method::DELETE, "/v1/materials", &[], Body::empty()).await.problem(405, "method-not-allowed");
 }
 
 #[tokio::test]
@@ -121,75 +117,4 @@ async fn materials_that_are_none_are_refused_with_the_place() {
     refused(json!({"law": "yeoh", "c1_mpa": 1, "c9_mpa": 1, "poisson": 0.4}), "/material/c9_mpa").await;
     refused(json!(["neo_hookean", 0.4, 0.07]), "/material").await;
     app.post("/v1/materials/check", json!({})).await.problem(422, "invalid-request");
-}
-
-#[tokio::test]
-async fn jobs_take_every_model_element_and_material() {
-    let app = TestApp::new().await;
-    let (session, plan) = app.session_with_plan().await;
-    let solved = async |more: Value| {
-        let before = app.stand_in.solves.load(Ordering::SeqCst);
-        let mut body = json!({"plan": plan, "steps": 1});
-        more.as_object().unwrap().iter().for_each(|(k, v)| body[k] = v.clone());
-        let job = app.finish(app.post(&format!("{session}/jobs"), body).await).await;
-        assert_eq!(job["status"], "succeeded", "{job}");
-        assert_eq!(app.stand_in.solves.load(Ordering::SeqCst), before + 1);
-        let report = app.get(job["links"]["report"].as_str().unwrap()).await.ok();
-        (app.stand_in.settings.lock().unwrap().clone().unwrap(), report)
-    };
-    let stable = |model| SolveSettings::new(model, Materials::wang2009_stable());
-    for (name, model, skin_element) in [
-        ("auto", Model::Mixed, SkinElement::C1Prism),
-        ("linear", Model::Linear, SkinElement::Wedge),
-        ("mass_tensor", Model::MassTensor, SkinElement::Wedge),
-        ("nonlinear", Model::Nonlinear, SkinElement::Tetrahedron),
-        ("mixed", Model::Mixed, SkinElement::C1Prism),
-    ] {
-        let (settings, report) = solved(json!({"model": name})).await;
-        assert_eq!(settings, SolveSettings { skin_element, ..stable(model) });
-        assert_eq!(report["model"], if name == "auto" { "mixed" } else { name });
-    }
-    let (settings, report) = solved(json!({
-        "model": "nonlinear", "skin_element": "wedge", "locking": "smoothed", "preset": "wang_2009",
-        "d1_reading": "per_mpa", "relative_residual": 1e-6, "penetration_tolerance_mm": 0.01, "unstable_material": "stabilise",
-        "materials": {"fat": {"law": "ogden", "shear_modulus_mpa": 0.01, "alpha": 4, "poisson": 0.45}}
-    }))
-    .await;
-    let mut materials = Materials::wang2009_reading(prosopon_tissue::fem::material::D1Reading::PerMpa);
-    materials.fat = Material::ogden(0.01, 4.0, 0.45);
-    let expected = SolveSettings {
-        skin_element: SkinElement::Wedge,
-        locking: Locking::Smoothed,
-        materials,
-        relative_residual: 1e-6,
-        penetration_tolerance_mm: 0.01,
-        unstable_material: UnstableMaterial::Stabilise,
-        ..stable(Model::Nonlinear)
-    };
-    assert_eq!(settings, expected);
-    let parameters = &report["parameters"];
-    assert_eq!((&parameters["preset"], &parameters["d1_reading"]), (&json!("wang_2009"), &json!("per_mpa")));
-    assert_eq!(parameters["materials"]["fat"]["alpha"], 4.0);
-    assert_eq!((&parameters["skin_element"], &parameters["locking"]), (&json!("wedge"), &json!("smoothed")));
-
-    for (more, pointer) in [
-        (json!({"skin_element": "hex"}), "/skin_element"),
-        (json!({"locking": "magic"}), "/locking"),
-        (json!({"unstable_material": "hope"}), "/unstable_material"),
-        (json!({"preset": "wang_2010"}), "/preset"),
-        (json!({"d1_reading": "per_mpa"}), "/d1_reading"),
-        (json!({"relative_residual": 1}), "/relative_residual"),
-        (json!({"penetration_tolerance_mm": 0}), "/penetration_tolerance_mm"),
-        (json!({"materials": {"bone": {}}}), "/materials/bone"),
-        (
-            json!({"materials": {"fat": {"law": "neo_hookean", "shear_modulus_mpa": 1, "poisson": 0.5}}}),
-            "/materials/fat/poisson",
-        ),
-    ] {
-        let mut body = json!({"plan": plan});
-        more.as_object().unwrap().iter().for_each(|(k, v)| body[k] = v.clone());
-        let problem = app.post(&format!("{session}/jobs"), body).await.problem(422, "invalid-request");
-        assert_eq!(problem["errors"][0]["pointer"], pointer, "{problem}");
-    }
-    app.call(Method::DELETE, "/v1/materials", &[], axum::body::Body::empty()).await.problem(405, "method-not-allowed");
 }

@@ -1,14 +1,11 @@
 //! A solve runs on the mesh of its own operation.
 
-use std::sync::atomic::Ordering;
-
-use axum::http::StatusCode;
 use serde_json::{Value, json};
 
 use crate::support::app::TestApp;
 
 /// An osteotomy at the height `z` and a plan on it.
-async fn operation(app: &TestApp, session: &str, z: f64) -> (Value, String) {
+pub(super) async fn operation(app: &TestApp, session: &str, z: f64) -> (Value, String) {
     let cut = json!({"cuts": [{"plane": {"point_mm": [0, 0, z], "normal": [0, 0, 2]}}]});
     let osteotomy = app.post(&format!("{session}/osteotomies"), cut).await.ok()["id"].clone();
     let waypoints = json!([{"t": 1, "translation_mm": [0, -6, -1.5]}]);
@@ -84,23 +81,4 @@ async fn a_named_mesh_must_fit_the_plan_and_the_inputs() {
     app.put_json(&format!("{session}/landmarks"), json!({"points": {"pogonion": [0, -60, -50]}})).await.ok();
     let body = json!({"plan": chin_plan, "mesh": of_chin});
     app.post(&format!("{session}/jobs"), body).await.problem(409, "stale");
-}
-
-#[tokio::test]
-async fn a_reference_job_must_have_moved_the_same_bone_the_same_way() {
-    let app = TestApp::new().await;
-    let session = app.session_with_field().await;
-    let (_, chin_plan) = operation(&app, &session, -20.0).await;
-    let (_, maxilla_plan) = operation(&app, &session, 10.0).await;
-    let reference = app.solve(&session, &chin_plan, json!({"steps": 1})).await;
-    let reference = app.ended(&reference).await.ok()["id"].clone();
-    let solves = app.stand_in.solves.load(Ordering::SeqCst);
-    let body = json!({"plan": maxilla_plan, "reference_job": reference});
-    let problem = app.post(&format!("{session}/jobs"), body).await.problem(409, "wrong-state");
-    for plan in [&chin_plan, &maxilla_plan] {
-        assert!(problem["detail"].as_str().unwrap().contains(plan.as_str()), "{problem}");
-    }
-    assert_eq!(app.stand_in.solves.load(Ordering::SeqCst), solves);
-    let body = json!({"plan": chin_plan, "reference_job": reference});
-    assert_eq!(app.post(&format!("{session}/jobs"), body).await.status, StatusCode::ACCEPTED);
 }

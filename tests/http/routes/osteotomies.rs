@@ -1,14 +1,10 @@
 use axum::http::StatusCode;
 use serde_json::{Value, json};
 
-use crate::support::app::{Answer, TestApp};
+use crate::support::app::{TestApp, pointers};
 
-fn pointers(answer: &Answer) -> Vec<String> {
-    let problem = answer.problem(422, "invalid-request");
-    problem["errors"].as_array().unwrap().iter().map(|e| e["pointer"].as_str().unwrap().to_owned()).collect()
-}
-
-fn plane(z: f64) -> Value {
+/// The body of an osteotomy with one horizontal plane.
+pub(super) fn plane(z: f64) -> Value {
     json!({"cuts": [{"plane": {"point_mm": [0, 0, z], "normal": [0, 0, 1]}}]})
 }
 
@@ -152,45 +148,6 @@ async fn hostile_cuts_are_refused_by_place() {
 }
 
 #[tokio::test]
-async fn proposals_are_marked_and_given_landmarks_win() {
-    let app = TestApp::new().await;
-    let session = app.session_with_field().await;
-    let path = format!("{session}/landmarks");
-    app.get(&path).await.problem(404, "not-found");
-    let found = app.get(&format!("{path}?propose=true")).await.ok();
-    assert_eq!(
-        (&found["points"]["ans"], &found["proposed"]),
-        (&json!([0.0, -70.0, 20.0]), &json!(["ans", "midline_x_mm"]))
-    );
-    app.get(&path).await.problem(404, "not-found");
-    app.put_json(&path, json!({"points": {"ans": [1, -71, 21]}})).await.ok();
-    let found = app.get(&format!("{path}?propose=true")).await.ok();
-    assert_eq!((&found["points"]["ans"], &found["proposed"]), (&json!([1.0, -71.0, 21.0]), &json!(["midline_x_mm"])));
-    // The answer can be sent back unchanged; marks must name existing landmarks.
-    assert_eq!(app.put_json(&path, found.clone()).await.ok(), found);
-    let wrong = json!({"points": {}, "proposed": ["ans"]});
-    assert_eq!(pointers(&app.put_json(&path, wrong).await), ["/proposed/0"]);
-}
-
-#[tokio::test]
-async fn the_mandible_turns_about_its_condyles() {
-    let app = TestApp::new().await;
-    let (path, osteotomy) = osteotomy(&app).await;
-    let hinge = json!([{"segment": 1, "waypoints": [{"t": 1, "hinge": {"angle_deg": 10}}]}]);
-    let body = json!({"osteotomy": osteotomy, "paths": hinge});
-    assert_eq!(pointers(&app.post(&path, body.clone()).await), ["/paths/0/waypoints/0/hinge"]);
-    let alone = json!({"osteotomy": osteotomy, "paths": [{"segment": 1, "autorotate": {"follows": 2}}]});
-    let expected = ["/paths/0/autorotate/follows", "/paths/0/autorotate", "/paths/0/autorotate"];
-    assert_eq!(pointers(&app.post(&path, alone).await), expected);
-    let landmarks = json!({"points": {"condylion_left": [50, 10, 0], "condylion_right": [-50, 10, 0]}});
-    app.put_json(&format!("{}/landmarks", path.trim_end_matches("/plans")), landmarks).await.ok();
-    let made = app.post(&path, body).await.ok();
-    let moved = made["paths"][0]["waypoints"][1]["translation_mm"][2].as_f64().unwrap();
-    // The origin lies 10 mm before the axis: opening lowers it.
-    assert!((moved + 10.0 * 10f64.to_radians().sin()).abs() < 1e-12, "{moved}");
-}
-
-#[tokio::test]
 async fn cuts_that_fail_later_are_named_by_what_the_request_holds() {
     let app = TestApp::new().await;
     let (session, plan) = app.session_with_plan().await;
@@ -210,109 +167,9 @@ async fn cuts_that_fail_later_are_named_by_what_the_request_holds() {
 }
 
 #[tokio::test]
-async fn a_list_is_no_object_at_any_depth() {
+async fn a_list_in_place_of_a_plane_is_refused() {
     let app = TestApp::new().await;
     let session = app.session_with_field().await;
     let cut = json!({"cuts": [{"plane": [[0, 0, 0], [0, 0, 1], null]}]});
     assert_eq!(pointers(&app.post(&format!("{session}/osteotomies"), cut).await), ["/cuts/0/plane"]);
-    let region = json!({"region": [[0, 0, 0], [50, 50, 50]]});
-    assert_eq!(pointers(&app.post(&format!("{session}/mesh"), region).await), ["/region"]);
-    let shallow = json!({"edge_mm": 20, "depth_mm": 40, "skin_thickness_mm": 10});
-    assert_eq!(pointers(&app.post(&format!("{session}/mesh"), shallow).await), ["/depth_mm"]);
-}
-
-async fn osteotomy(app: &TestApp) -> (String, Value) {
-    let session = app.session_with_field().await;
-    let id = app.post(&format!("{session}/osteotomies"), plane(0.0)).await.ok()["id"].clone();
-    (format!("{session}/plans"), id)
-}
-
-#[tokio::test]
-async fn a_plan_keeps_its_motions_and_says_what_they_meet() {
-    let app = TestApp::new().await;
-    let (path, osteotomy) = osteotomy(&app).await;
-    let quarter = 0.5f64.sqrt();
-    let rotations = [
-        json!({"quaternion_xyzw": [0, 0, quarter, quarter], "pivot_mm": [10, 0, 0]}),
-        json!({"axis_angle": {"axis": [0, 0, 3], "angle_deg": 90}, "pivot_mm": [10, 0, 0]}),
-        json!({"pitch_roll_yaw": {"yaw_deg": 90}, "pivot_mm": [10, 0, 0]}),
-    ];
-    for rotation in rotations {
-        let waypoints = json!([{"t": 0.5, "translation_mm": [0, -3, 0]}, {"t": 1, "rotation": rotation}]);
-        let body = json!({"osteotomy": osteotomy, "paths": [{"segment": 1, "waypoints": waypoints}]});
-        let made = app.post(&path, body).await.ok();
-        let last = made["paths"][0]["waypoints"].as_array().unwrap().last().unwrap().clone();
-        // A quarter turn about z through (10, 0, 0) brings the origin to (10, -10, 0).
-        for (found, expected) in last["translation_mm"].as_array().unwrap().iter().zip([10.0, -10.0, 0.0]) {
-            assert!((found.as_f64().unwrap() - expected).abs() < 1e-12, "{last}");
-        }
-        assert_eq!(made["reports"][0]["segment"], 1);
-        let own = format!("{path}/{}", made["id"].as_str().unwrap());
-        assert_eq!(app.get(&own).await.ok(), made);
-        assert_eq!(app.delete(&own).await.status, StatusCode::NO_CONTENT);
-        app.get(&own).await.problem(410, "gone");
-    }
-    assert_eq!(app.get(&path).await.ok()["plans"], json!([]));
-}
-
-#[tokio::test]
-async fn a_hinge_turns_about_its_axis() {
-    let app = TestApp::new().await;
-    let (path, osteotomy) = osteotomy(&app).await;
-    let hinge = json!({"point_mm": [0, 10, 0], "axis": [1, 0, 0], "angle_deg": 10});
-    let waypoints = json!([{"t": 1, "hinge": hinge}]);
-    let body = json!({"osteotomy": osteotomy, "paths": [{"segment": 1, "waypoints": waypoints}]});
-    let made = app.post(&path, body).await.ok();
-    let moved = made["paths"][0]["waypoints"][1]["translation_mm"][2].as_f64().unwrap();
-    assert!((moved + 10.0 * 10f64.to_radians().sin()).abs() < 1e-12);
-}
-
-#[tokio::test]
-async fn every_fault_of_a_path_is_named() {
-    let app = TestApp::new().await;
-    let (path, osteotomy) = osteotomy(&app).await;
-    let body = json!({"osteotomy": osteotomy, "paths": [
-        {"segment": 1, "waypoints": [
-            {"t": 0.6, "translation_mm": [0, -3, 0]},
-            {"t": 0.4, "translation_mm": [0, -4, 0]},
-            {"t": 0.9, "translation_mm": [0, 1e6, 0]},
-        ]},
-        {"segment": 0, "waypoints": [{"t": 1}]},
-        {"segment": 9, "waypoints": []},
-        {"segment": 1, "waypoints": [{"t": 1, "rotation": {}}]},
-    ]});
-    assert_eq!(
-        pointers(&app.post(&path, body).await),
-        [
-            "/paths/0/waypoints/1/t",
-            "/paths/0/waypoints/2/translation_mm/1",
-            "/paths/0/waypoints/2/t",
-            "/paths/1/segment",
-            "/paths/1/waypoints/0",
-            "/paths/2/segment",
-            "/paths/2/waypoints",
-            "/paths/3/segment",
-            "/paths/3/waypoints/0/rotation",
-        ]
-    );
-    let at_start = json!([{"t": 0, "translation_mm": [0, 1, 0]}, {"t": 1, "translation_mm": [0, 2, 0]}]);
-    let body = json!({"osteotomy": osteotomy, "paths": [{"segment": 1, "waypoints": at_start}]});
-    let problem = app.post(&path, body).await.problem(422, "plan-not-usable");
-    assert_eq!(problem["errors"][0]["pointer"], "/paths/0/waypoints/0");
-    let unknown = json!({"osteotomy": "00000000-0000-0000-0000-000000000000", "paths": []});
-    assert_eq!(pointers(&app.post(&path, unknown).await), ["/osteotomy"]);
-}
-
-#[tokio::test]
-async fn bone_cut_from_settings_that_changed_is_stale() {
-    let app = TestApp::new().await;
-    let (plans, osteotomy) = osteotomy(&app).await;
-    let session = plans.trim_end_matches("/plans");
-    app.put_json(&format!("{session}/field/settings"), json!({"spacing_mm": 2})).await.ok();
-    let waypoints = json!([{"t": 1, "translation_mm": [0, -1, 0]}]);
-    let body = json!({"osteotomy": osteotomy, "paths": [{"segment": 1, "waypoints": waypoints}]});
-    let problem = app.post(&plans, body).await.problem(409, "stale");
-    assert_eq!(problem["stale"], "osteotomy");
-    let path = format!("{session}/osteotomies/{}", osteotomy.as_str().unwrap());
-    assert_eq!(app.get(&path).await.ok()["stale"], true);
 }

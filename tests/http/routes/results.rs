@@ -1,11 +1,14 @@
 use axum::body::Body;
 use axum::http::{Method, StatusCode};
-use serde_json::json;
+use serde_json::{Value, json};
 
 use crate::support::app::TestApp;
+use crate::support::binary::Server;
 use crate::support::shapes::{cube, stl};
+use crate::support::tissue_mesh::slab;
 
-async fn solved(app: &TestApp, more: serde_json::Value) -> (String, String, String) {
+/// Solves a plan; returns session, plan and job.
+pub(super) async fn solved(app: &TestApp, more: Value) -> (String, String, String) {
     let (session, plan) = app.session_with_plan().await;
     let job = app.solve(&session, &plan, more).await;
     assert_eq!(app.ended(&job).await.ok()["status"], "succeeded");
@@ -120,59 +123,29 @@ async fn errors_are_against_the_reference_job_at_the_same_place_of_the_path() {
     assert_eq!(app.get(&format!("{job}/report")).await.ok()["error"]["reference"], format!("job {id} step 4"));
 }
 
-#[tokio::test]
-async fn any_two_stored_surfaces_can_be_compared() {
-    let app = TestApp::new().await;
-    let (session, _, job) = solved(&app, json!({"steps": 2})).await;
-    let session = session.rsplit('/').next().unwrap();
-    let job = job.rsplit('/').next().unwrap();
-    let prediction = json!({"job": job, "step": 2});
-    let reference = json!({"session": session, "part": "skin"});
-    let body = json!({"prediction": prediction, "reference": reference, "values": true});
-    let answer = app.post("/v1/compare", body).await.ok();
-    assert_eq!((&answer["whole"]["mean_mm"], &answer["mask"]), (&json!(6.0), &json!("all")));
-    assert_eq!(answer["values_mm"], json!(vec![6.0; 8]));
-    let registered = json!({"prediction": prediction, "reference": reference, "register": {}});
-    let answer = app.post("/v1/compare", registered).await.ok();
-    assert_eq!(answer["whole"]["mean_mm"], 0.0);
-    assert_eq!(answer["registration"]["translation_mm"], json!([0.0, 6.0, 1.5]));
-    assert!(answer.get("values_mm").is_none());
-    let problem = app.post("/v1/compare", json!({"prediction": {"job": job}, "reference": reference})).await;
-    assert_eq!(problem.problem(422, "invalid-request")["errors"][0]["pointer"], "/prediction");
-    let missing = json!({"prediction": {"session": session, "part": "target"}, "reference": reference});
-    app.post("/v1/compare", missing).await.problem(404, "not-found");
-}
-
-#[tokio::test]
-async fn a_field_can_be_asked() {
-    let app = TestApp::new().await;
-    let session = app.session_with_field().await;
-    let field = app.get(&format!("{session}/field")).await.ok();
-    assert_eq!((&field["state"], &field["report"]["skin"]["max_error_mm"]), (&json!("ready"), &json!(0.05)));
-    assert_eq!(field["settings"]["method"], "adaptive");
-    let place = json!({"elements": 10, "area_mm2": 4.0, "min_mm": [1.0, 2.0, 3.0], "max_mm": [4.0, 5.0, 6.0]});
-    let inverted = json!({"doubt": "inverted", "count": 3, "elements": 12, "area_mm2": 4.5, "largest": [place]});
-    assert_eq!(field["report"]["bone"]["regions"], json!([inverted]));
-    let body = json!({"points_mm": [[0, -70, 0], [0, 0, 50]], "solid": "bone"});
-    let values = app.post(&format!("{session}/field/query"), body).await.ok();
-    assert_eq!(values["distances_mm"], json!([10.0, -10.0]));
-    assert_eq!(values["gradients"], json!([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]));
-    assert_eq!(values["closest_points_mm"], json!([[0.0, -60.0, 0.0], [0.0, 0.0, 60.0]]));
-    assert_eq!(values["triangles"], json!([7, 7]));
-    let far = json!({"points_mm": [[0, 0, 1e30]]});
-    let problem = app.post(&format!("{session}/field/query"), far).await.problem(422, "invalid-request");
-    assert_eq!(problem["errors"][0]["pointer"], "/points_mm/0/2");
-    let settings = format!("{session}/field/settings");
-    for method in ["uniform", "frisken", "hybrid", "adaptive"] {
-        app.put_json(&settings, json!({"method": method, "resolution": 64, "tolerance_mm": 0.05})).await.ok();
-        let seen = app.get(&format!("{session}/field")).await.ok()["settings"].clone();
-        assert_eq!(
-            (&seen["method"], &seen["resolution"], &seen["tolerance_mm"]),
-            (&json!(method), &json!(64), &json!(0.05))
-        );
+/// The first frame can be read while later steps are still being solved.
+#[test]
+fn the_first_frame_arrives_before_the_last_step_is_solved() {
+    let directory = tempfile::tempdir().unwrap();
+    let server = Server::start(directory.path(), &[]);
+    let session = server.session();
+    server.upload(&format!("{session}/tissue"), &slab(1.0)).ok();
+    let paths = json!([{"segment": 1, "waypoints": [{"t": 1, "translation_mm": [0.5, 0, 2]}]}]);
+    let plan = server.post(&format!("{session}/plans"), &json!({"paths": paths})).ok()["id"].clone();
+    let job = server.post(&format!("{session}/jobs"), &json!({"plan": plan, "model": "nonlinear", "steps": 40})).ok();
+    let own = job["links"]["self"].as_str().unwrap();
+    let mut stream = server.stream(&format!("{own}/events"));
+    loop {
+        let event = stream.next_event();
+        if event["event"] == "step" {
+            assert_eq!(event["data"]["k"], 1);
+            let frame = server.get(event["data"]["links"]["frame"].as_str().unwrap());
+            assert_eq!(frame.status, 200);
+            let view = server.get(own).ok();
+            assert!(view["status"] == "running" && view["step"].as_u64().unwrap() < 40, "{view}");
+            break;
+        }
+        assert_ne!(event["event"], "end", "no step came before the end");
     }
-    for (name, value) in [("spacing_mm", json!(0)), ("resolution", json!(4)), ("tolerance_mm", json!(0))] {
-        let problem = app.put_json(&settings, json!({name: value})).await;
-        assert_eq!(problem.problem(422, "invalid-request")["errors"][0]["pointer"], format!("/{name}"));
-    }
+    server.post(&format!("{own}/cancel"), &json!({})).ok();
 }

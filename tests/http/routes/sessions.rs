@@ -4,7 +4,7 @@ use axum::http::StatusCode;
 use serde_json::json;
 
 use crate::support::app::TestApp;
-use crate::support::shapes::skin;
+use crate::support::shapes::{skin, skull};
 
 #[tokio::test]
 async fn a_session_begins_with_everything_missing() {
@@ -135,4 +135,40 @@ async fn a_session_deleted_in_mid_solve_leaves_nothing() {
     app.session_with_field().await;
     let sessions = std::fs::read_dir(app.directory().join("blobs")).unwrap().count();
     assert_eq!(sessions, 1);
+}
+
+#[tokio::test]
+async fn a_session_may_store_so_much() {
+    let app = TestApp::with(|config| config.service.session_quota = 900).await;
+    let session = app.session().await;
+    app.upload(&format!("{session}/skin"), skin()).await.ok();
+    let mut refused = None;
+    for part in ["skull", "target"] {
+        let answer = app.upload(&format!("{session}/{part}"), skull()).await;
+        if !answer.status.is_success() {
+            refused = Some(answer);
+            break;
+        }
+    }
+    let refused = refused.expect("three surfaces are above the quota");
+    assert_eq!(refused.problem(429, "quota-full")["allowed_bytes"], 900);
+    assert!(app.get(&session).await.ok()["bytes"].as_u64().unwrap() <= 900);
+    // A small request still works; the same upload is refused again.
+    assert_eq!(app.get("/readyz").await.status, StatusCode::OK);
+    let large = app.upload(&format!("{session}/target"), vec![0; 4000]).await;
+    large.problem(429, "quota-full");
+}
+
+#[tokio::test]
+async fn sessions_that_nobody_uses_expire() {
+    let app = TestApp::with(|config| config.service.session_retention = Some(Duration::from_millis(300))).await;
+    let session = app.session().await;
+    assert!(app.get(&session).await.ok()["expires_at"].is_string());
+    app.state.service.keep_house().await.unwrap();
+    assert_eq!(app.get(&session).await.status, StatusCode::OK);
+    tokio::time::sleep(Duration::from_millis(350)).await;
+    app.state.service.keep_house().await.unwrap();
+    app.get(&session).await.problem(410, "gone");
+    let audit = std::fs::read_dir(app.directory().join("audit")).unwrap().next().unwrap().unwrap();
+    assert!(std::fs::read_to_string(audit.path()).unwrap().contains(r#""who":"retention""#));
 }

@@ -284,3 +284,9 @@ impl TestApp {
         }
     }
 }
+
+/// The pointers of a refusal with 422 `invalid-request`.
+pub(crate) fn pointers(answer: &Answer) -> Vec<String> {
+    let problem = answer.problem(422, "invalid-request");
+    problem["errors"].as_array().unwrap().iter().map(|e| e["pointer"].as_str().unwrap().to_owned()).collect()
+}

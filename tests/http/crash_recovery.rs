@@ -1,4 +1,4 @@
-//! The real binary: its address, its shutdown, and the state after a kill.
+//! What a start finds after the process was killed.
 
 use std::io::Write;
 use std::net::TcpStream;
@@ -36,7 +36,8 @@ fn blobs(data: &Path) -> Vec<String> {
         .collect()
 }
 
-/// After a kill between two steps and during an upload, finished data remain, unfinished data are gone, and the job ends the same.
+/// After a kill between two steps and during an upload, finished data remain, unfinished data are gone, and the job
+/// ends the same.
 #[test]
 fn a_solve_that_was_killed_keeps_its_steps_and_runs_again() {
     let directory = tempfile::tempdir().unwrap();

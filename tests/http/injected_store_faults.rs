@@ -50,7 +50,8 @@ fn events_of(job: &Value) -> String {
     format!("/v1/jobs/{}/events", job["id"].as_str().unwrap())
 }
 
-/// Two API processes and three workers on one database and one bucket, under all faults of processes, database and bucket.
+/// Two API processes and three workers on one database and one bucket, under all faults of processes, database and
+/// bucket.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 #[allow(clippy::disallowed_methods, reason = "faults last for a time")]
 async fn many_jobs_outlive_every_fault_and_are_those_of_one_process() {

@@ -52,9 +52,11 @@ fn no_job_is_lost_or_corrupt_however_often_the_service_is_killed() {
     let mut key = 0;
     let mut next_kill = Instant::now() + Duration::from_millis(200);
     while killed < kills() {
-        // Without contact, different tolerances make different jobs with the same result. Their number keeps the test short.
+        // Without contact, different tolerances make different jobs with the same result. Their number keeps the test
+        // short.
         if accepted.len() < kills() / 2 + 3 {
-            let body = json!({"plan": plan, "model": "linear", "steps": 3, "penetration_tolerance_mm": 0.05 + 1e-4 * key as f64});
+            let tolerance = 0.05 + 1e-4 * key as f64;
+            let body = json!({"plan": plan, "model": "linear", "steps": 3, "penetration_tolerance_mm": tolerance});
             if let Some(job) = ask(&agent, &server, &session, key, &body) {
                 accepted.insert(key, job["id"].as_str().unwrap().to_owned());
                 key += 1;
@@ -99,7 +101,8 @@ fn no_job_is_lost_or_corrupt_however_often_the_service_is_killed() {
     assert_eq!(listed["jobs"].as_array().unwrap().len(), accepted.len());
     eprintln!("{killed} kills, {} jobs accepted, {attempts} attempts, 0 lost, 0 corrupt", accepted.len());
 
-    // The next start removes unreferenced files: what remains is the mesh, and for each job the skin at rest and three frames.
+    // The next start removes unreferenced files: what remains is the mesh, and for each job the skin at rest and three
+    // frames.
     drop(server);
     let server = start();
     let blobs = data.join("blobs").join(session.rsplit('/').next().unwrap());

@@ -1,7 +1,7 @@
 //! The HTTP API, in process and over a real socket.
 //!
 //! Most tests use a fast stand-in for the numerics (`support/stand_in.rs`), because they test the service and not the
-//! solver. Files that use the real numerics say so.
+//! solver. `TestApp::real` and the binary (`support/binary.rs`) use the real numerics.
 
 #![allow(clippy::unwrap_used, clippy::panic, clippy::print_stderr, reason = "test code")]
 

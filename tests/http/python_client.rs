@@ -65,7 +65,8 @@ async fn the_python_client_hears_why_an_upload_is_refused() {
     std::fs::File::create(&large).unwrap().set_len(64 << 20).unwrap();
     let script = format!(
         "import sys; sys.path.insert(0, {:?})\nfrom prosopon import Client, Problem\nc = Client({:?})\n\
-         s = c.create_session()['id']\ntry: c.put_surface(s, 'skin', {:?})\nexcept Problem as p: print(p.status, p.kind)",
+         s = c.create_session()['id']\ntry: c.put_surface(s, 'skin', {:?})\n\
+         except Problem as p: print(p.status, p.kind)",
         concat!(env!("CARGO_MANIFEST_DIR"), "/api/clients/python"),
         running.url(),
         large

@@ -1,3 +1,5 @@
+//! An orderly stop, and the next start on the same directory.
+
 use std::process::Command;
 use std::sync::atomic::Ordering;
 use std::time::Duration;

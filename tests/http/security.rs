@@ -212,7 +212,8 @@ async fn a_token_must_be_signed_fresh_and_for_this_service() {
     let app = TestApp::with(|config| config.auth = Some(AuthSettings { keys: Vec::new(), jwt: Some(jwt) })).await;
     let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_secs();
     let claims = json!({
-        "iss": "https://id.example", "aud": "prosopon", "sub": "dr-a", "exp": now + 600, "tenant": "a", "scope": "openid read",
+        "iss": "https://id.example", "aud": "prosopon", "sub": "dr-a", "exp": now + 600, "tenant": "a",
+        "scope": "openid read",
     });
     let changed = |name: &str, value: Value| {
         let mut claims = claims.clone();

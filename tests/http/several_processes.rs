@@ -1,4 +1,4 @@
-//! The real binary with rows in Postgres and files in a bucket.
+//! Several processes of the real binary with one Postgres database and one bucket.
 
 use std::process::Command;
 use std::time::Duration;
@@ -87,7 +87,8 @@ async fn a_job_goes_on_when_its_worker_is_killed_or_stands_still() {
         drop(first);
         while stream.next_event()["data"]["attempt"] != 2 {}
         while stream.next_event()["event"] != "step" {}
-        // After the lease the first worker, which is running again, has the job; writes of the second worker are refused.
+        // After the lease the first worker, which is running again, has the job; writes of the second worker are
+        // refused.
         signal(&second, "-STOP");
         let third = start("worker", first_data.path(), &database, &bucket);
         while stream.next_event()["data"]["attempt"] != 3 {}

@@ -1,7 +1,8 @@
 //! The skin follows the bone, with the real numerics on a coarse phantom.
 
-use crate::support::binary::Server;
 use serde_json::{Value, json};
+
+use crate::support::binary::Server;
 
 /// Forward movement of each region, mm, when the upper jaw moves `forward` mm.
 fn forward_mm(server: &Server, session: &str, (osteotomy, jaw): &(Value, Value), forward: f64) -> Value {
@@ -13,8 +14,8 @@ fn forward_mm(server: &Server, session: &str, (osteotomy, jaw): &(Value, Value),
     server.get(&format!("/v1/jobs/{}/report", job["id"].as_str().unwrap())).ok()["regions"].clone()
 }
 
-/// Tied nodes pull as well as push, so a set-back moves the skin back: the lip by half to all of the bone's movement, distant
-/// regions not at all.
+/// Tied nodes pull as well as push, so a set-back moves the skin back: the lip by half to all of the bone's movement,
+/// distant regions not at all.
 #[test]
 fn the_skin_follows_the_jaw_forward_and_back() {
     let directory = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! Comparisons of stored surfaces with the real numerics, and errors of steps on demand.
+//! Comparisons of stored surfaces, most of them with the real numerics.
 
 use std::time::Duration;
 

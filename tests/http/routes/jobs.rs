@@ -215,7 +215,8 @@ async fn jobs_take_every_model_element_and_material() {
     }
     let (settings, report) = solved(json!({
         "model": "nonlinear", "skin_element": "wedge", "locking": "smoothed", "preset": "wang_2009",
-        "d1_reading": "per_mpa", "relative_residual": 1e-6, "penetration_tolerance_mm": 0.01, "unstable_material": "stabilise",
+        "d1_reading": "per_mpa", "relative_residual": 1e-6, "penetration_tolerance_mm": 0.01,
+        "unstable_material": "stabilise",
         "materials": {"fat": {"law": "ogden", "shear_modulus_mpa": 0.01, "alpha": 4, "poisson": 0.45}}
     }))
     .await;

@@ -208,7 +208,8 @@ async fn what_cannot_be_solved_is_told() {
     assert!(problem["detail"].as_str().unwrap().contains("attachment"), "{problem}");
     app.get(&tissue).await.problem(404, "not-found");
 
-    // A mesh that only slides, or is held along two axes or at one point, can still move; so can a second block beside a tied one.
+    // A mesh that only slides, or is held along two axes or at one point, can still move; so can a second block beside
+    // a tied one.
     let block = |cells| Block { cells, edge: 3.0, skin: false };
     let loose: [Vec<u8>; 4] = [
         block([1, 1, 1]).vtu(|_| -2.0, |_| 0.0, |_| [0.0; 3]),

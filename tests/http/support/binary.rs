@@ -173,8 +173,9 @@ impl Server {
             self.upload(&format!("{session}/{part}"), &export::stl(&surface)).ok();
         }
         let (point, normal) = head.landmarks.le_fort_1_plane;
+        let points = head.landmarks.points.iter().map(|(n, p)| (n.clone(), json!([p.x, p.y, p.z])));
         let landmarks = json!({
-            "points": head.landmarks.points.iter().map(|(n, p)| (n.clone(), json!([p.x, p.y, p.z]))).collect::<serde_json::Map<_, _>>(),
+            "points": points.collect::<serde_json::Map<_, _>>(),
             "midline_x_mm": head.landmarks.midline_x_mm,
             "occlusal_plane_z_mm": head.landmarks.occlusal_plane_z_mm,
             "le_fort_1_plane": { "point_mm": [point.x, point.y, point.z], "normal": [normal.x, normal.y, normal.z] },

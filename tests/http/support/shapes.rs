@@ -81,7 +81,8 @@ pub(crate) fn nifti() -> Vec<u8> {
     bytes
 }
 
-/// A closed body without symmetry, about 160 mm wide, with `n` rings; `grow` adds to the radius (mm) depending on the direction.
+/// A closed body without symmetry, about 160 mm wide, with `n` rings; `grow` adds to the radius (mm) depending on the
+/// direction.
 pub(crate) fn lumpy(n: usize, grow: impl Fn([f64; 3]) -> f64) -> TriMesh {
     let m = 2 * n;
     let at = |polar: f64, around: f64| {

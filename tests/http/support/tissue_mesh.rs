@@ -3,7 +3,8 @@
 use prosopon_formats::export::vtu;
 use prosopon_geometry::Point;
 
-/// A block of cubes of edge `edge` mm from the origin, six tetrahedra each; with `skin`, a layer of wedges 1.5 mm thick on top.
+/// A block of cubes of edge `edge` mm from the origin, six tetrahedra each; with `skin`, a layer of wedges 1.5 mm thick
+/// on top.
 pub(crate) struct Block {
     pub(crate) cells: [usize; 3],
     pub(crate) edge: f64,

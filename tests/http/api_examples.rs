@@ -45,7 +45,7 @@ pub(crate) async fn examples(app: &TestApp) -> Vec<Example> {
 
 /// The service accepts the form of every body in `api/examples`.
 #[tokio::test]
-async fn the_examples_are_understood() {
+async fn the_service_accepts_every_example() {
     let app = TestApp::new().await;
     let all = examples(&app).await;
     assert!(all.len() >= 6);

@@ -13,7 +13,7 @@ use crate::support::shapes::skin;
 use crate::support::tissue_mesh::slab;
 
 #[test]
-fn a_killed_service_has_everything_when_it_starts_again() {
+fn a_session_is_complete_after_a_kill() {
     let directory = tempfile::tempdir().unwrap();
     let server = Server::start(directory.path(), &[]);
     let session = server.session();
@@ -39,7 +39,7 @@ fn blobs(data: &Path) -> Vec<String> {
 /// After a kill between two steps and during an upload, finished data remain, unfinished data are gone, and the job
 /// ends the same.
 #[test]
-fn a_solve_that_was_killed_keeps_its_steps_and_runs_again() {
+fn a_killed_solve_keeps_its_steps_and_runs_again() {
     let directory = tempfile::tempdir().unwrap();
     let server = Server::start(directory.path(), &[]);
     let session = server.session_with_field();
@@ -112,7 +112,7 @@ fn a_solve_that_was_killed_keeps_its_steps_and_runs_again() {
 
 /// A job whose cancel was answered with 202 never succeeds, however soon the service is killed after the answer.
 #[test]
-fn a_cancel_that_was_answered_outlives_a_kill() {
+fn an_accepted_cancel_survives_a_kill() {
     let directory = tempfile::tempdir().unwrap();
     let mut server = Server::start(directory.path(), &[]);
     let session = server.session();
@@ -163,7 +163,7 @@ async fn mark_as_crashed(app: TestApp, job: &str, attempt: u32) -> TestApp {
 }
 
 #[tokio::test]
-async fn a_job_that_the_service_did_not_survive_is_given_up_after_two_attempts() {
+async fn a_job_fails_after_two_crashed_attempts() {
     let app = TestApp::new().await;
     let (session, plan) = app.session_with_plan().await;
     app.stand_in.hold_after(1);
@@ -179,7 +179,7 @@ async fn a_job_that_the_service_did_not_survive_is_given_up_after_two_attempts()
 }
 
 #[tokio::test]
-async fn files_without_a_row_are_swept_at_start() {
+async fn files_without_a_row_are_deleted_at_start() {
     let app = TestApp::new().await;
     let session = app.session_with_surfaces().await;
     let id = session.rsplit('/').next().unwrap().to_owned();

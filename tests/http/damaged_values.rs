@@ -66,7 +66,7 @@ async fn a_damaged_value_is_never_sent_and_nothing_is_computed_from_it() {
 }
 
 #[tokio::test]
-async fn what_comes_from_a_ct_is_made_again_and_the_job_says_so() {
+async fn damaged_surfaces_of_a_ct_are_rebuilt_with_a_warning() {
     let app = TestApp::new().await;
     let session = app.session().await;
     app.finish(app.upload(&format!("{session}/ct"), nifti()).await).await;
@@ -104,7 +104,7 @@ async fn what_comes_from_a_ct_is_made_again_and_the_job_says_so() {
 }
 
 #[tokio::test]
-async fn damage_that_nobody_met_is_found_and_noted() {
+async fn a_scrub_records_damaged_and_missing_values_in_the_audit_log() {
     let app = TestApp::new().await;
     let session = app.session_with_surfaces().await;
     let mut last = String::new();

@@ -14,7 +14,7 @@ async fn solve(app: &TestApp, session: &str, osteotomy: &Value, forward_mm: f64,
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_second_job_begins_with_the_factor_of_the_first_and_finds_the_same_bits_as_alone() {
+async fn a_job_with_a_reused_factor_gives_the_same_bits_as_alone() {
     let linear = json!({"model": "linear", "steps": 2});
     let app = TestApp::real().await;
     let (session, osteotomy) = scene(&app).await;

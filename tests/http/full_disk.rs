@@ -132,7 +132,7 @@ async fn app_on_small_disk() -> (TestApp, Arc<SmallDisk>, tempfile::TempDir) {
 }
 
 #[tokio::test]
-async fn an_upload_that_does_not_fit_leaves_nothing() {
+async fn an_upload_to_a_full_disk_leaves_no_files() {
     let (app, disk, _directory) = app_on_small_disk().await;
     let session = app.session().await;
     disk.leave(100);
@@ -154,7 +154,7 @@ async fn an_upload_that_does_not_fit_leaves_nothing() {
 }
 
 #[tokio::test]
-async fn a_job_that_finds_the_disk_full_fails_with_what_it_has_and_the_next_one_runs() {
+async fn a_job_on_a_full_disk_fails_and_keeps_its_steps() {
     let (app, disk, _directory) = app_on_small_disk().await;
     let (session, plan) = app.session_with_plan().await;
     app.stand_in.hold_after(1);

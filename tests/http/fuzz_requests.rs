@@ -112,7 +112,7 @@ fn check(answer: &Answer, told: &str) {
 
 /// Runs for `FUZZ_SECONDS` (default 3), with at least one round of every example.
 #[tokio::test]
-async fn damaged_bodies_are_refused_by_name_and_never_fault() {
+async fn damaged_bodies_never_cause_an_internal_error() {
     let app = TestApp::with(|config| {
         config.service.max_waiting = 1_000_000;
         config.service.max_waiting_tenant = 1_000_000;

@@ -17,7 +17,7 @@ use crate::support::shapes::{nifti, skin};
 const GIGABYTE: u64 = 1 << 30;
 
 #[tokio::test]
-async fn whatever_goes_wrong_is_a_problem() {
+async fn malformed_requests_are_answered_with_problems() {
     let app = TestApp::new().await;
     app.get("/nowhere").await.problem(404, "not-found");
     app.get("/docs/nothing.js").await.problem(404, "not-found");
@@ -47,7 +47,7 @@ async fn whatever_goes_wrong_is_a_problem() {
 }
 
 #[tokio::test]
-async fn a_parameter_that_cannot_be_read_is_named() {
+async fn an_unreadable_parameter_is_refused_with_its_pointer() {
     let app = TestApp::new().await;
     let slice = format!("{}/field/slice.png", app.session().await);
     for (path, name, detail) in [
@@ -67,7 +67,7 @@ async fn a_parameter_that_cannot_be_read_is_named() {
 }
 
 #[tokio::test]
-async fn refused_values_are_told_in_plain_words() {
+async fn invalid_values_are_refused_with_what_was_expected() {
     let app = TestApp::new().await;
     let path = format!("{}/landmarks", app.session().await);
     let nines = "9".repeat(300);
@@ -93,7 +93,7 @@ async fn refused_values_are_told_in_plain_words() {
 }
 
 #[tokio::test]
-async fn a_request_keeps_a_harmless_id_of_the_client() {
+async fn a_valid_request_id_of_the_client_is_kept() {
     let app = TestApp::new().await;
     let given = app.call(Method::GET, "/nowhere", &[("x-request-id", "abc-1")], Body::empty()).await;
     assert_eq!(given.problem(404, "not-found")["request_id"], "abc-1");
@@ -102,7 +102,7 @@ async fn a_request_keeps_a_harmless_id_of_the_client() {
 }
 
 #[test]
-fn slow_and_huge_heads_are_not_waited_for() {
+fn slow_and_huge_heads_are_refused() {
     let directory = tempfile::tempdir().unwrap();
     let mut command = serve(directory.path(), "127.0.0.1:0");
     command.env("PROSOPON_HEADER_TIMEOUT_S", "1");
@@ -127,7 +127,7 @@ fn slow_and_huge_heads_are_not_waited_for() {
 }
 
 #[tokio::test]
-async fn a_body_that_does_not_come_is_not_waited_for() {
+async fn a_stalled_body_times_out() {
     let app = TestApp::with(|config| {
         config.limits.body = Duration::from_millis(50);
         config.limits.upload_idle = Duration::from_millis(50);
@@ -144,7 +144,7 @@ async fn a_body_that_does_not_come_is_not_waited_for() {
 }
 
 #[test]
-fn three_gigabytes_cost_neither_memory_nor_disk() {
+fn three_gigabytes_are_refused_without_memory_or_disk() {
     let directory = tempfile::tempdir().unwrap();
     let server = Server::start(directory.path(), &["--max-surface-mb", "256", "--max-ct-mb", "256"]);
     let session = server.session();

@@ -54,7 +54,7 @@ fn events_of(job: &Value) -> String {
 /// bucket.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 #[allow(clippy::disallowed_methods, reason = "faults last for a time")]
-async fn many_jobs_outlive_every_fault_and_are_those_of_one_process() {
+async fn jobs_under_every_fault_equal_those_of_one_process() {
     let bucket = Bucket::start().await;
     let mut cluster = Cluster::start();
     let database = cluster.fresh_database().await;
@@ -131,7 +131,7 @@ async fn many_jobs_outlive_every_fault_and_are_those_of_one_process() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_value_that_the_bucket_keeps_back_fails_only_jobs_that_need_it() {
+async fn an_unreadable_value_fails_only_jobs_that_need_it() {
     let bucket = Bucket::start().await;
     let database = fresh_database().await;
     tokio::task::block_in_place(move || {
@@ -156,7 +156,7 @@ async fn a_value_that_the_bucket_keeps_back_fails_only_jobs_that_need_it() {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 #[allow(clippy::disallowed_methods, reason = "faults last for a time")]
-async fn what_the_store_does_is_no_fault_of_a_job() {
+async fn store_faults_do_not_count_as_attempts_of_a_job() {
     let bucket = Bucket::start().await;
     let mut cluster = Cluster::start();
     let database = cluster.fresh_database().await;

@@ -33,7 +33,7 @@ fn ask(agent: &Agent, server: &Server, session: &str, key: usize, body: &Value) 
 }
 
 #[test]
-fn no_job_is_lost_or_corrupt_however_often_the_service_is_killed() {
+fn no_job_is_lost_or_corrupt_after_repeated_kills() {
     let directory = tempfile::tempdir().unwrap();
     let data = directory.path();
     let start = || {

@@ -23,7 +23,7 @@ async fn the_description_and_its_documentation_are_served() {
 
 /// Every path and method of the OpenAPI description is routed.
 #[tokio::test]
-async fn the_description_and_the_router_agree() {
+async fn every_described_path_and_method_is_routed() {
     let app = TestApp::new().await;
     let description: Value = serde_json::from_str(include_str!("../../api/openapi.json")).unwrap();
     let nil = "00000000-0000-0000-0000-000000000000";
@@ -43,7 +43,7 @@ async fn the_description_and_the_router_agree() {
 }
 
 #[test]
-fn the_description_is_printed() {
+fn the_openapi_command_prints_the_description() {
     let output = Command::new(env!("CARGO_BIN_EXE_prosopon")).arg("openapi").output().unwrap();
     assert!(output.stdout == include_bytes!("../../api/openapi.json"));
 }

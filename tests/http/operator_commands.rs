@@ -17,7 +17,7 @@ fn text_of(path: &Path) -> &str {
 }
 
 #[test]
-fn all_faults_of_a_configuration_are_told_at_once() {
+fn all_faults_of_a_configuration_are_listed_at_once() {
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("prosopon.toml");
     std::fs::write(&file, "listen = \"0.0.0.0:80\"\nmax_waiting = 0\nspeed = 3\n").unwrap();
@@ -41,7 +41,7 @@ fn all_faults_of_a_configuration_are_told_at_once() {
 
 /// The check reports settings that would make `serve` fail later.
 #[test]
-fn certificates_levels_and_times_that_cannot_be_used_are_faults_of_the_configuration() {
+fn unusable_certificates_levels_and_times_fail_the_configuration_check() {
     let directory = tempfile::tempdir().unwrap();
     let at = |name: &str| directory.path().join(name);
     let tls = |name: &str| Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/tls").join(name);
@@ -78,7 +78,7 @@ fn certificates_levels_and_times_that_cannot_be_used_are_faults_of_the_configura
 }
 
 #[test]
-fn addresses_of_other_places_are_checked_and_printed_without_passwords() {
+fn addresses_are_checked_and_printed_without_passwords() {
     let check = |database: &str, blobs: &str, endpoint: &str| {
         let arguments = ["config", "check", "--data", "d", "--database", database, "--blobs", blobs];
         let mut command = Command::new(env!("CARGO_BIN_EXE_prosopon"));
@@ -109,7 +109,7 @@ fn addresses_of_other_places_are_checked_and_printed_without_passwords() {
 }
 
 #[test]
-fn keys_are_made_as_the_configuration_takes_them() {
+fn a_new_key_passes_the_configuration_check() {
     for (arguments, words) in [
         (["--id", "a b", "--tenant", "local"], "letters"),
         (["--id", "front", "--tenant", "Hospital A"], "tenant"),
@@ -130,7 +130,7 @@ fn keys_are_made_as_the_configuration_takes_them() {
 }
 
 #[test]
-fn backups_go_elsewhere_and_of_nothing_there_is_none() {
+fn a_backup_needs_a_store_and_a_directory_outside_it() {
     let directory = tempfile::tempdir().unwrap();
     let data = directory.path().join("data");
     let refused = |arguments: &[&str], words: &str| {
@@ -152,7 +152,7 @@ fn backups_go_elsewhere_and_of_nothing_there_is_none() {
 }
 
 #[test]
-fn an_audit_log_whose_end_was_cut_off_is_found_out() {
+fn removed_entries_of_the_audit_log_are_detected() {
     let directory = tempfile::tempdir().unwrap();
     let mut server = Server::start(directory.path(), &[]);
     for _ in 0..5 {
@@ -181,7 +181,7 @@ fn an_audit_log_whose_end_was_cut_off_is_found_out() {
 }
 
 #[test]
-fn a_running_service_is_backed_up_and_comes_back_elsewhere() {
+fn a_backup_of_a_running_service_can_be_restored() {
     let directory = tempfile::tempdir().unwrap();
     let [data, out, back] = ["data", "out", "back"].map(|name| directory.path().join(name));
     let server = Server::start(&data, &[]);
@@ -205,7 +205,7 @@ fn a_running_service_is_backed_up_and_comes_back_elsewhere() {
 }
 
 #[test]
-fn a_database_of_another_format_is_named_with_what_to_do() {
+fn a_database_of_another_format_is_refused() {
     let directory = tempfile::tempdir().unwrap();
     std::fs::write(directory.path().join("prosopon.sqlite"), [b'x'; 5000]).unwrap();
     let output = serve(directory.path(), "127.0.0.1:0").output().unwrap();
@@ -219,7 +219,7 @@ fn a_database_of_another_format_is_named_with_what_to_do() {
 }
 
 #[test]
-fn an_address_beyond_loopback_is_refused_with_the_reason() {
+fn a_public_address_without_authentication_is_refused() {
     let directory = tempfile::tempdir().unwrap();
     let output = serve(directory.path(), "0.0.0.0:0").output().unwrap();
     assert!(!output.status.success());
@@ -229,7 +229,7 @@ fn an_address_beyond_loopback_is_refused_with_the_reason() {
 
 /// The store of an earlier demo may be of any version, and its results must not be mistaken for new ones.
 #[test]
-fn a_demo_begins_anew_in_a_directory_that_was_used_before() {
+fn a_demo_deletes_earlier_results_in_its_directory() {
     let directory = tempfile::tempdir().unwrap();
     let at = |name: &str| directory.path().join(name);
     std::fs::create_dir_all(at("service/blobs/x")).unwrap();

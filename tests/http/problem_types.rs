@@ -11,7 +11,7 @@ use serde_json::json;
 use crate::support::app::TestApp;
 
 #[tokio::test]
-async fn what_the_numerics_refuse_has_a_name() {
+async fn each_refusal_of_the_numerics_has_its_problem_type() {
     let app = TestApp::new().await;
     let plant = |halt: Halt| *app.stand_in.fails_with.lock().unwrap() = Some(halt);
     let (session, plan) = app.session_with_plan().await;

@@ -12,7 +12,7 @@ use crate::support::shapes::{cube, skin, skull, stl};
 use crate::support::stand_in::StandIn;
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn the_python_client_does_the_main_job() {
+async fn the_example_of_the_python_client_solves_a_plan() {
     let directory = tempfile::tempdir().unwrap();
     let at = |name: &str| directory.path().join(name);
     let config = ServeConfig::new(at("data"));
@@ -56,7 +56,7 @@ async fn the_python_client_does_the_main_job() {
 
 /// A client that sends its whole upload before it reads still receives the refusal.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn the_python_client_hears_why_an_upload_is_refused() {
+async fn the_python_client_receives_the_refusal_of_an_upload() {
     let directory = tempfile::tempdir().unwrap();
     let mut config = ServeConfig::new(directory.path().join("data"));
     config.limits.max_surface_bytes = 1 << 20;

@@ -10,7 +10,7 @@ use serde_json::json;
 use crate::support::app::TestApp;
 
 #[tokio::test]
-async fn one_job_runs_and_the_others_wait_in_line() {
+async fn one_job_runs_and_later_jobs_wait_in_order() {
     let app = TestApp::with(|config| config.service.max_waiting = 2).await;
     let (session, plan) = app.session_with_plan().await;
     app.stand_in.hold_after(1);
@@ -37,7 +37,7 @@ async fn one_job_runs_and_the_others_wait_in_line() {
 }
 
 #[tokio::test]
-async fn a_newer_job_on_the_plan_takes_the_place_of_one_that_waits() {
+async fn a_superseding_job_cancels_the_waiting_one() {
     let app = TestApp::new().await;
     let (session, plan) = app.session_with_plan().await;
     app.stand_in.hold_after(1);
@@ -57,7 +57,7 @@ async fn a_newer_job_on_the_plan_takes_the_place_of_one_that_waits() {
 }
 
 #[tokio::test]
-async fn a_job_that_computes_for_too_long_is_stopped_and_its_steps_stay() {
+async fn a_job_beyond_its_time_limit_fails_and_keeps_its_steps() {
     let app = TestApp::new().await;
     let (session, plan) = app.session_with_plan().await;
     app.stand_in.hold_after(2);
@@ -76,7 +76,7 @@ async fn a_job_that_computes_for_too_long_is_stopped_and_its_steps_stay() {
 
 /// Cancels at every moment around the end of a job: a job whose cancel was accepted never succeeds.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_job_that_was_cancelled_never_succeeds() {
+async fn a_cancelled_job_never_succeeds() {
     let app = TestApp::new().await;
     let (session, plan) = app.session_with_plan().await;
     let (mut stopped, mut late) = (0, 0);
@@ -101,7 +101,7 @@ async fn a_job_that_was_cancelled_never_succeeds() {
 }
 
 #[tokio::test]
-async fn a_tenant_has_its_own_bound() {
+async fn a_tenant_has_its_own_limit_of_waiting_jobs() {
     let app = TestApp::with(|config| config.service.max_waiting_tenant = 1).await;
     let (session, plan) = app.session_with_plan().await;
     app.stand_in.hold_after(1);

@@ -12,7 +12,7 @@ use crate::support::binary::{Server, serve};
 use crate::support::tissue_mesh::slab;
 
 #[tokio::test]
-async fn everything_is_there_after_a_restart() {
+async fn all_results_are_unchanged_after_a_restart() {
     let app = TestApp::new().await;
     let (session, plan) = app.session_with_plan().await;
     let job = app.solve(&session, &plan, json!({})).await;
@@ -42,7 +42,7 @@ async fn everything_is_there_after_a_restart() {
 }
 
 #[tokio::test]
-async fn a_job_interrupted_by_a_stop_runs_again_and_its_steps_stay_the_same() {
+async fn a_job_interrupted_by_a_stop_keeps_its_steps_and_ends() {
     let app = TestApp::new().await;
     let (session, plan) = app.session_with_plan().await;
     app.stand_in.hold_after(2);
@@ -68,7 +68,7 @@ async fn a_directory_in_use_is_refused() {
 
 #[cfg(unix)]
 #[test]
-fn a_terminated_service_stops_in_good_order() {
+fn a_terminated_service_exits_with_success() {
     let directory = tempfile::tempdir().unwrap();
     let mut server = Server::start(directory.path(), &[]);
     let id = server.child.id().to_string();
@@ -79,7 +79,7 @@ fn a_terminated_service_stops_in_good_order() {
 /// After SIGTERM no new jobs start, running jobs may finish, and then the process exits.
 #[cfg(target_os = "linux")]
 #[test]
-fn a_stop_waits_for_a_job_that_is_nearly_done() {
+fn a_stop_waits_for_a_running_job() {
     let directory = tempfile::tempdir().unwrap();
     let mut command = serve(directory.path(), "127.0.0.1:0");
     command.env("PROSOPON_DRAIN_S", "60");

@@ -46,7 +46,7 @@ async fn call(app: &TestApp, token: &str, method: Method, path: &str, body: Valu
 }
 
 #[tokio::test]
-async fn without_a_token_only_what_holds_nothing_is_answered() {
+async fn without_a_token_only_public_paths_are_answered() {
     let (app, token, _) = two_tenants().await;
     for path in ["/livez", "/readyz", "/openapi.json", "/docs/", "/"] {
         assert!(app.get(path).await.status.is_success(), "{path}");
@@ -70,7 +70,7 @@ async fn without_a_token_only_what_holds_nothing_is_answered() {
 
 /// Every path that contains a session or job, with each of its methods.
 #[tokio::test]
-async fn another_tenants_sessions_and_jobs_are_not_there() {
+async fn another_tenants_sessions_and_jobs_are_not_found() {
     let (app, a, b) = two_tenants().await;
     let made = call(&app, &a, Method::POST, "/v1/sessions", json!({"label": "secret"})).await;
     let session = made.header("location").rsplit('/').next().unwrap().to_owned();
@@ -128,7 +128,7 @@ async fn another_tenants_sessions_and_jobs_are_not_there() {
 }
 
 #[tokio::test]
-async fn keys_of_requests_are_a_tenants_own() {
+async fn idempotency_keys_are_separate_for_each_tenant() {
     let (app, a, b) = two_tenants().await;
     let mut made = Vec::new();
     for token in [&a, &b, &a] {
@@ -144,7 +144,7 @@ async fn keys_of_requests_are_a_tenants_own() {
 }
 
 #[tokio::test]
-async fn every_call_is_in_the_audit_log_and_nothing_of_a_body() {
+async fn the_audit_log_lists_every_call_and_no_bodies() {
     let (app, a, _) = two_tenants().await;
     let made = call(&app, &a, Method::POST, "/v1/sessions", json!({"label": "tag-of-a-patient"})).await;
     let path = made.header("location").to_owned();
@@ -248,7 +248,7 @@ async fn a_token_must_be_signed_fresh_and_for_this_service() {
 }
 
 #[tokio::test]
-async fn a_flood_of_wrong_keys_is_bounded() {
+async fn a_flood_of_wrong_keys_is_limited() {
     let hash = new_key("front").unwrap().hash;
     let key = ApiKey { id: "front".to_owned(), tenant: "a".parse().unwrap(), scopes: Scopes::all(), hash };
     let app = TestApp::with(|config| config.auth = Some(AuthSettings { keys: vec![key], jwt: None })).await;
@@ -264,7 +264,7 @@ async fn a_flood_of_wrong_keys_is_bounded() {
 }
 
 #[tokio::test]
-async fn browsers_are_told_what_not_to_do() {
+async fn browsers_receive_restrictive_headers() {
     let app = TestApp::with(|config| config.origins = vec!["https://plan.example".to_owned()]).await;
     let answer = app.get("/v1/sessions").await;
     for (name, value) in [
@@ -312,7 +312,7 @@ fn over_tls(url: &str) -> String {
 }
 
 #[test]
-fn tls_is_served_and_a_renewed_certificate_needs_no_restart() {
+fn a_renewed_certificate_is_served_without_a_restart() {
     let directory = tempfile::tempdir().unwrap();
     let [cert, key] = ["cert.pem", "key.pem"].map(|name| directory.path().join(name));
     let put = |from: &str| {

@@ -18,7 +18,7 @@ fn prosopon(arguments: &[&str]) -> (bool, String) {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_database_and_a_bucket_keep_everything_and_may_be_away_for_a_while() {
+async fn everything_is_stored_in_the_database_and_the_bucket() {
     let bucket = Bucket::start().await;
     let mut cluster = Cluster::start();
     let database = cluster.fresh_database().await;
@@ -68,7 +68,7 @@ fn frames(server: &Server, job: &Value) -> Vec<Vec<u8>> {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_job_goes_on_when_its_worker_is_killed_or_stands_still() {
+async fn another_worker_resumes_a_job_of_a_killed_or_halted_one() {
     let bucket = Bucket::start().await;
     let database = fresh_database().await;
     tokio::task::block_in_place(move || {
@@ -111,7 +111,7 @@ async fn a_job_goes_on_when_its_worker_is_killed_or_stands_still() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_job_whose_target_is_replaced_and_put_back_compares_all_its_steps_with_one() {
+async fn all_steps_of_a_job_are_compared_with_one_target() {
     let bucket = Bucket::start().await;
     let database = fresh_database().await;
     tokio::task::block_in_place(move || {
@@ -154,7 +154,7 @@ async fn a_job_whose_target_is_replaced_and_put_back_compares_all_its_steps_with
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_job_is_cancelled_through_a_process_that_does_not_compute_it() {
+async fn a_job_is_cancelled_through_another_process() {
     let bucket = Bucket::start().await;
     let database = fresh_database().await;
     tokio::task::block_in_place(move || {
@@ -177,7 +177,7 @@ async fn a_job_is_cancelled_through_a_process_that_does_not_compute_it() {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 #[allow(clippy::disallowed_methods, reason = "what does not happen takes time")]
-async fn house_is_kept_by_those_who_are_told_what_expires() {
+async fn only_api_processes_delete_what_expires() {
     let (bucket, database) = (Bucket::start().await, fresh_database().await);
     tokio::task::block_in_place(move || {
         let [api_data, worker_data] = std::array::from_fn(|_| tempfile::tempdir().unwrap());

@@ -15,7 +15,7 @@ async fn an_accepted_job_is_answered_with_its_location_and_a_delay() {
 }
 
 #[tokio::test]
-async fn a_job_that_is_asked_for_again_is_the_one_that_is_there() {
+async fn a_repeated_request_returns_the_active_job() {
     let app = TestApp::new().await;
     let (session, plan) = app.session_with_plan().await;
     app.stand_in.hold_after(1);

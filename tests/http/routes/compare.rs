@@ -40,7 +40,7 @@ async fn post(app: &TestApp, path: &str, body: Value) -> Answer {
 }
 
 #[tokio::test]
-async fn a_comparison_is_a_job_that_can_be_waited_for_or_fetched() {
+async fn a_comparison_is_waited_for_or_fetched_from_its_job() {
     let app = TestApp::real().await;
     let session = session_of(&app, &lumpy(24, |_| 0.0), &lumpy(24, |d| 2.0 * d[1])).await;
     let headers = [("content-type", "application/json"), ("prefer", "respond-async")];
@@ -65,7 +65,7 @@ async fn a_comparison_is_a_job_that_can_be_waited_for_or_fetched() {
 }
 
 #[tokio::test]
-async fn a_repeated_comparison_tells_how_its_job_stands_now() {
+async fn a_repeated_comparison_returns_the_present_state_of_its_job() {
     let app = TestApp::real().await;
     let session = session_of(&app, &lumpy(24, |_| 0.0), &lumpy(24, |d| 2.0 * d[1])).await;
     let text = body(&session, &json!({})).to_string();
@@ -87,7 +87,7 @@ async fn a_repeated_comparison_tells_how_its_job_stands_now() {
 }
 
 #[tokio::test]
-async fn results_of_comparisons_are_kept_for_a_time() {
+async fn results_of_comparisons_expire() {
     let app = TestApp::with(|config| config.service.comparison_retention = Duration::ZERO).await;
     let session = session_of(&app, &lumpy(24, |_| 0.0), &lumpy(24, |_| 0.0)).await;
     let own = format!("/v1/sessions/{session}");
@@ -107,7 +107,7 @@ async fn results_of_comparisons_are_kept_for_a_time() {
 
 /// A comparison that is ended while it runs leaves nothing, and the next one succeeds.
 #[tokio::test]
-async fn a_comparison_that_is_cancelled_or_loses_a_session_leaves_nothing() {
+async fn an_interrupted_comparison_leaves_no_files() {
     let app = TestApp::real().await;
     let fine = |turn: f64| lumpy(300, move |d| turn * d[1]);
     let own = session_of(&app, &fine(0.0), &fine(1.0)).await;
@@ -136,7 +136,7 @@ async fn a_comparison_that_is_cancelled_or_loses_a_session_leaves_nothing() {
 
 /// Deleting the session of the reference also deletes the comparisons made with it.
 #[tokio::test]
-async fn a_comparison_does_not_outlive_either_session() {
+async fn a_comparison_is_deleted_with_either_session() {
     let app = TestApp::real().await;
     let own = session_of(&app, &lumpy(24, |_| 0.0), &lumpy(24, |_| 0.0)).await;
     let other = session_of(&app, &lumpy(24, |d| d[1]), &lumpy(24, |_| 0.0)).await;
@@ -151,7 +151,7 @@ async fn a_comparison_does_not_outlive_either_session() {
 }
 
 #[tokio::test]
-async fn a_misplaced_scan_is_registered_and_its_bump_is_the_error() {
+async fn the_error_of_a_registered_scan_is_its_bump() {
     let app = TestApp::real().await;
     // The operation raised the front by up to 3 mm; the scan has other triangles and another position.
     let bump = |d: [f64; 3]| 3.0 * ((-d[1] - 0.6) / 0.4).clamp(0.0, 1.0);
@@ -179,7 +179,7 @@ async fn a_misplaced_scan_is_registered_and_its_bump_is_the_error() {
 }
 
 #[tokio::test]
-async fn masks_choose_and_exclusions_leave_out() {
+async fn masks_select_and_exclusions_remove_vertices() {
     let app = TestApp::real().await;
     let skin = lumpy(30, |_| 0.0);
     let session = session_of(&app, &skin, &lumpy(30, |d| if d[2] > 0.0 { 1.0 } else { 0.0 })).await;
@@ -220,7 +220,7 @@ async fn a_surface_has_no_error_against_itself() {
 }
 
 #[tokio::test]
-async fn what_cannot_be_registered_or_compared_is_refused_by_name() {
+async fn unusable_comparisons_are_refused_with_a_reason() {
     let app = TestApp::real().await;
     let lump = lumpy(30, |_| 0.0);
     let session = session_of(&app, &lump, &lump).await;
@@ -253,7 +253,7 @@ async fn what_cannot_be_registered_or_compared_is_refused_by_name() {
 }
 
 #[tokio::test]
-async fn bad_members_are_pointed_to() {
+async fn invalid_members_are_refused_with_their_pointer() {
     let app = TestApp::real().await;
     let lump = lumpy(12, |_| 0.0);
     let session = session_of(&app, &lump, &lump).await;
@@ -281,7 +281,7 @@ async fn bad_members_are_pointed_to() {
 }
 
 #[tokio::test]
-async fn a_comparison_comes_as_picture_and_as_surface() {
+async fn a_comparison_is_sent_as_picture_or_surface() {
     let app = TestApp::real().await;
     let session = session_of(&app, &lumpy(24, |_| 0.0), &lumpy(24, |d| 2.0 * d[1])).await;
     for (format, kind, magic) in [

@@ -17,7 +17,7 @@ async fn lines(app: &TestApp, job: &str, last: Option<&str>) -> Vec<Value> {
 }
 
 #[tokio::test]
-async fn events_count_up_and_tell_the_whole_story() {
+async fn events_are_numbered_and_report_every_step() {
     let app = TestApp::new().await;
     let (session, plan) = app.session_with_plan().await;
     let job = app.solve(&session, &plan, json!({"steps": 3})).await;
@@ -35,7 +35,7 @@ async fn events_count_up_and_tell_the_whole_story() {
 }
 
 #[tokio::test]
-async fn last_event_id_replays_from_there_and_nothing_is_left_after_the_end() {
+async fn last_event_id_replays_only_later_events() {
     let app = TestApp::new().await;
     let (session, plan) = app.session_with_plan().await;
     let job = app.solve(&session, &plan, json!({})).await;
@@ -50,7 +50,7 @@ async fn last_event_id_replays_from_there_and_nothing_is_left_after_the_end() {
 }
 
 #[tokio::test]
-async fn the_same_events_come_as_a_stream() {
+async fn server_sent_events_equal_the_lines() {
     let app = TestApp::new().await;
     let (session, plan) = app.session_with_plan().await;
     app.stand_in.hold_after(1);
@@ -77,7 +77,7 @@ async fn the_same_events_come_as_a_stream() {
 }
 
 #[tokio::test]
-async fn a_failed_end_carries_the_problem() {
+async fn the_end_of_a_failed_job_has_its_problem() {
     let app = TestApp::new().await;
     let (session, plan) = app.session_with_plan().await;
     app.stand_in.fails_after.store(1, std::sync::atomic::Ordering::SeqCst);
@@ -88,7 +88,7 @@ async fn a_failed_end_carries_the_problem() {
 }
 
 #[tokio::test]
-async fn the_stream_of_a_job_that_is_deleted_with_its_session_has_an_end() {
+async fn the_stream_of_a_deleted_job_ends_as_cancelled() {
     let app = TestApp::new().await;
     let (session, plan) = app.session_with_plan().await;
     app.stand_in.hold_after(1);
@@ -107,7 +107,7 @@ async fn the_stream_of_a_job_that_is_deleted_with_its_session_has_an_end() {
 }
 
 #[tokio::test]
-async fn a_client_whose_history_is_gone_is_told_to_look_again() {
+async fn a_client_whose_events_expired_receives_resync() {
     let app = TestApp::with(|config| config.service.event_retention = Duration::ZERO).await;
     let (session, plan) = app.session_with_plan().await;
     let job = app.solve(&session, &plan, json!({"steps": 3})).await;
@@ -134,7 +134,7 @@ async fn a_client_whose_history_is_gone_is_told_to_look_again() {
 }
 
 #[tokio::test]
-async fn silence_is_broken_by_heartbeats() {
+async fn a_silent_stream_sends_heartbeats() {
     let app = TestApp::with(|config| config.limits.heartbeat = Duration::from_millis(20)).await;
     let (session, plan) = app.session_with_plan().await;
     app.stand_in.hold_after(1);

@@ -4,7 +4,7 @@ use crate::support::app::TestApp;
 use crate::support::shapes::{cube, skull, stl};
 
 #[tokio::test]
-async fn a_field_can_be_asked() {
+async fn a_field_returns_its_report_distances_and_settings() {
     let app = TestApp::new().await;
     let session = app.session_with_field().await;
     let field = app.get(&format!("{session}/field")).await.ok();
@@ -38,7 +38,7 @@ async fn a_field_can_be_asked() {
 }
 
 #[tokio::test]
-async fn a_skin_inside_the_skull_is_refused_by_the_field() {
+async fn a_skin_inside_the_skull_is_refused() {
     let app = TestApp::new().await;
     let session = app.session().await;
     app.upload(&format!("{session}/skin"), skull()).await.ok();

@@ -22,7 +22,7 @@ async fn health_answers_fast_while_a_solve_runs() {
 }
 
 #[tokio::test]
-async fn a_service_that_stops_is_not_ready_and_takes_no_jobs() {
+async fn a_stopping_service_is_not_ready_and_accepts_no_jobs() {
     let app = TestApp::new().await;
     let session = app.session_with_surfaces().await;
     app.state.service.shut_down(Duration::from_secs(5)).await;

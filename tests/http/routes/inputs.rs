@@ -21,7 +21,7 @@ fn files_below(path: &std::path::Path) -> usize {
 }
 
 #[tokio::test]
-async fn an_uploaded_surface_is_measured_and_comes_back_in_every_format() {
+async fn an_uploaded_surface_is_measured_and_sent_in_every_format() {
     let app = TestApp::new().await;
     let session = app.session().await;
     let path = format!("{session}/skin");
@@ -54,7 +54,7 @@ async fn an_uploaded_surface_is_measured_and_comes_back_in_every_format() {
 }
 
 #[tokio::test]
-async fn faulty_surfaces_are_refused_with_what_and_where_and_leave_nothing() {
+async fn faulty_surfaces_are_refused_and_leave_no_files() {
     let app = TestApp::new().await;
     let session = app.session().await;
     let path = format!("{session}/skin");
@@ -77,7 +77,7 @@ async fn faulty_surfaces_are_refused_with_what_and_where_and_leave_nothing() {
 }
 
 #[tokio::test]
-async fn an_upload_that_announces_too_much_is_refused_at_once() {
+async fn an_upload_with_too_large_a_length_is_refused_before_it_is_read() {
     let app = TestApp::new().await;
     let session = app.session().await;
     for (part, allowed) in [("ct", 2u64 << 30), ("skin", 512 << 20)] {
@@ -102,7 +102,7 @@ async fn an_upload_without_length_is_stopped_at_the_limit() {
 }
 
 #[tokio::test]
-async fn an_upload_that_breaks_off_leaves_nothing() {
+async fn an_interrupted_upload_leaves_no_files() {
     let app = TestApp::new().await;
     let session = app.session().await;
     let pieces = vec![Ok(Bytes::from_static(b"solid")), Err(std::io::Error::other("gone"))];
@@ -152,7 +152,7 @@ async fn a_ct_becomes_skin_skull_and_air() {
 }
 
 #[tokio::test]
-async fn a_file_that_is_no_ct_is_refused() {
+async fn unusable_ct_files_are_refused() {
     let app = TestApp::new().await;
     let session = app.session().await;
     let path = format!("{session}/ct");
@@ -192,7 +192,7 @@ async fn a_file_that_is_no_ct_is_refused() {
 }
 
 #[tokio::test]
-async fn surfaces_that_bound_nothing_are_refused_and_open_ones_are_taken() {
+async fn flat_surfaces_are_refused_and_open_ones_accepted() {
     let app = TestApp::new().await;
     let session = app.session().await;
     let whole = cube([0.0; 3], 100.0);
@@ -226,7 +226,7 @@ fn flat() -> Vec<u8> {
 }
 
 #[tokio::test]
-async fn a_ct_without_surfaces_is_told_until_an_import_succeeds() {
+async fn a_ct_is_failed_until_an_import_succeeds() {
     let app = TestApp::new().await;
     let session = app.session().await;
     let state = async || app.get(&session).await.ok()["parts"]["ct"]["state"].clone();
@@ -249,7 +249,7 @@ async fn a_ct_without_surfaces_is_told_until_an_import_succeeds() {
 }
 
 #[tokio::test]
-async fn the_same_ct_again_is_the_same_import() {
+async fn a_repeated_ct_returns_the_active_import() {
     let app = TestApp::new().await;
     let (session, plan) = app.session_with_plan().await;
     app.stand_in.hold_after(0);
@@ -268,7 +268,7 @@ async fn the_same_ct_again_is_the_same_import() {
 }
 
 #[tokio::test]
-async fn a_surface_that_is_replaced_while_it_is_sent_comes_all_the_same() {
+async fn a_surface_replaced_during_a_download_is_sent_whole() {
     let app = TestApp::new().await;
     let path = format!("{}/skin", app.session().await);
     app.upload(&path, skin()).await.ok();
@@ -293,7 +293,7 @@ fn holds(path: &Path, word: &[u8]) -> bool {
 }
 
 #[tokio::test]
-async fn a_dicom_series_becomes_surfaces_and_nothing_of_the_patient_is_kept() {
+async fn no_patient_data_of_a_dicom_series_are_stored() {
     let app = TestApp::new().await;
     let session = app.session().await;
     let mut files = stack(&[0.0, 4.0, 8.0, 12.0, 16.0]);
@@ -320,7 +320,7 @@ async fn a_dicom_series_becomes_surfaces_and_nothing_of_the_patient_is_kept() {
 }
 
 #[tokio::test]
-async fn series_that_cannot_be_read_are_refused_by_the_upload() {
+async fn unusable_dicom_series_are_refused() {
     let app = TestApp::new().await;
     let session = app.session().await;
     let even = stack(&[0.0, 4.0, 8.0, 12.0]);
@@ -350,7 +350,7 @@ async fn series_that_cannot_be_read_are_refused_by_the_upload() {
 }
 
 #[tokio::test]
-async fn notes_in_the_header_of_a_nifti_file_are_not_kept() {
+async fn notes_in_the_header_of_a_nifti_file_are_not_stored() {
     let app = TestApp::new().await;
     let session = app.session().await;
     let mut file = nifti();
@@ -362,7 +362,7 @@ async fn notes_in_the_header_of_a_nifti_file_are_not_kept() {
 }
 
 #[test]
-fn files_that_cannot_be_used() {
+fn the_binary_refuses_unusable_files_and_swapped_surfaces() {
     let directory = tempfile::tempdir().unwrap();
     let server = Server::start(directory.path(), &[]);
     let session = server.session();

@@ -13,7 +13,7 @@ use crate::support::shapes::{cube, skin, stl};
 use crate::support::tissue_mesh::slab;
 
 #[tokio::test]
-async fn progress_is_that_of_the_path_and_residuals_are_those_of_its_steps() {
+async fn a_running_job_reports_its_progress_and_residuals() {
     let app = TestApp::new().await;
     let (session, plan) = app.session_with_plan().await;
     app.upload(&format!("{session}/target"), skin()).await.ok();
@@ -37,7 +37,7 @@ async fn progress_is_that_of_the_path_and_residuals_are_those_of_its_steps() {
 }
 
 #[tokio::test]
-async fn what_a_job_lacks_is_named() {
+async fn missing_inputs_are_listed() {
     let app = TestApp::new().await;
     let nil = json!({"plan": "00000000-0000-0000-0000-000000000000"});
     let empty = app.session().await;
@@ -54,7 +54,7 @@ async fn what_a_job_lacks_is_named() {
 }
 
 #[tokio::test]
-async fn what_a_job_asks_for_is_checked() {
+async fn invalid_members_are_refused_with_their_pointer() {
     let app = TestApp::new().await;
     let (session, plan) = app.session_with_plan().await;
     let path = format!("{session}/jobs");
@@ -80,7 +80,7 @@ async fn what_a_job_asks_for_is_checked() {
 }
 
 #[tokio::test]
-async fn what_a_step_warns_of_the_job_tells_once_and_the_report_too() {
+async fn a_warning_of_a_step_is_listed_once_in_job_events_and_report() {
     let app = TestApp::new().await;
     let (session, plan) = app.session_with_plan().await;
     *app.stand_in.step_warning.lock().unwrap() = Some("3 elements are inside out".to_owned());
@@ -101,7 +101,7 @@ async fn what_a_step_warns_of_the_job_tells_once_and_the_report_too() {
 }
 
 #[tokio::test]
-async fn a_panic_or_refusal_of_the_numerics_fails_the_job_and_the_service_goes_on() {
+async fn a_panic_or_refusal_of_the_numerics_fails_only_its_job() {
     let app = TestApp::new().await;
     let (session, plan) = app.session_with_plan().await;
     app.stand_in.panics.store(true, Ordering::SeqCst);
@@ -127,7 +127,7 @@ async fn a_panic_or_refusal_of_the_numerics_fails_the_job_and_the_service_goes_o
 }
 
 #[tokio::test]
-async fn a_cancelled_job_stops_at_once_and_only_once() {
+async fn a_cancelled_job_stops_within_two_seconds() {
     let app = TestApp::new().await;
     let (session, plan) = app.session_with_plan().await;
     app.stand_in.hold_after(2);
@@ -149,7 +149,7 @@ async fn a_cancelled_job_stops_at_once_and_only_once() {
 }
 
 #[tokio::test]
-async fn a_long_poll_answers_when_the_job_ends_or_the_time_is_up() {
+async fn a_long_poll_ends_with_the_job_or_after_its_time() {
     let app = TestApp::new().await;
     let (session, plan) = app.session_with_plan().await;
     app.stand_in.hold_after(0);
@@ -171,7 +171,7 @@ async fn a_long_poll_answers_when_the_job_ends_or_the_time_is_up() {
 }
 
 #[tokio::test]
-async fn a_job_whose_inputs_were_replaced_while_it_waited_says_so() {
+async fn a_waiting_job_whose_inputs_are_replaced_fails_as_stale() {
     let app = TestApp::new().await;
     let (session, plan) = app.session_with_plan().await;
     app.stand_in.hold_after(0);
@@ -188,7 +188,7 @@ async fn a_job_whose_inputs_were_replaced_while_it_waited_says_so() {
 }
 
 #[tokio::test]
-async fn jobs_take_every_model_element_and_material() {
+async fn every_model_element_and_material_is_solved() {
     let app = TestApp::new().await;
     let (session, plan) = app.session_with_plan().await;
     let solved = async |more: Value| {
@@ -259,7 +259,7 @@ async fn jobs_take_every_model_element_and_material() {
 }
 
 #[tokio::test]
-async fn a_reference_job_must_have_moved_the_same_bone_the_same_way() {
+async fn a_reference_job_with_another_plan_is_refused() {
     let app = TestApp::new().await;
     let session = app.session_with_field().await;
     let (_, chin_plan) = operation(&app, &session, -20.0).await;
@@ -279,7 +279,7 @@ async fn a_reference_job_must_have_moved_the_same_bone_the_same_way() {
 
 /// A process whose memory limit leaves nothing for a solve refuses the job and keeps running.
 #[test]
-fn a_job_that_would_not_fit_into_memory_is_refused_with_what_would() {
+fn a_job_beyond_the_memory_limit_is_refused() {
     let directory = tempfile::tempdir().unwrap();
     let mut command = serve(directory.path(), "127.0.0.1:0");
     command.env("PROSOPON_MEMORY_MB", "1");

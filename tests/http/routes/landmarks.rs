@@ -3,7 +3,7 @@ use serde_json::json;
 use crate::support::app::{TestApp, pointers};
 
 #[tokio::test]
-async fn landmarks_are_checked_and_kept() {
+async fn landmarks_are_checked_and_stored() {
     let app = TestApp::new().await;
     let path = format!("{}/landmarks", app.session().await);
     app.get(&path).await.problem(404, "not-found");
@@ -47,7 +47,7 @@ async fn landmarks_are_checked_and_kept() {
 }
 
 #[tokio::test]
-async fn proposals_are_marked_and_given_landmarks_win() {
+async fn proposed_landmarks_are_marked_and_do_not_replace_given_ones() {
     let app = TestApp::new().await;
     let session = app.session_with_field().await;
     let path = format!("{session}/landmarks");

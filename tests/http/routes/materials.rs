@@ -43,7 +43,7 @@ async fn laws_and_presets_are_listed_with_units_moduli_and_stable_ranges() {
 }
 
 #[tokio::test]
-async fn the_reading_of_d1_changes_the_bulk_modulus_of_the_published_constants_alone() {
+async fn the_reading_of_d1_changes_only_the_published_bulk_moduli() {
     let app = TestApp::new().await;
     for (reading, ratios) in [
         ("poisson_ratio", [0.49, 0.30, 0.49]),
@@ -61,7 +61,7 @@ async fn the_reading_of_d1_changes_the_bulk_modulus_of_the_published_constants_a
 }
 
 #[tokio::test]
-async fn a_check_says_what_is_lost_in_which_mode_and_where() {
+async fn a_check_lists_each_loss_of_stability_with_mode_and_stretch() {
     let app = TestApp::new().await;
     let check = async |material: Value| app.post("/v1/materials/check", json!({"material": material})).await.ok();
     let good = check(json!({"law": "ogden", "shear_modulus_mpa": 0.02, "alpha": 6, "poisson": 0.45})).await;
@@ -102,7 +102,7 @@ async fn a_check_says_what_is_lost_in_which_mode_and_where() {
 }
 
 #[tokio::test]
-async fn materials_that_are_none_are_refused_with_the_place() {
+async fn invalid_materials_are_refused_with_their_pointer() {
     let app = TestApp::new().await;
     let refused = async |material: Value, pointer: &str| {
         let body = json!({"material": material});

@@ -18,7 +18,7 @@ async fn the_report_of_the_last_build_is_returned() {
 }
 
 #[tokio::test]
-async fn a_list_in_place_of_a_region_and_a_mesh_too_shallow_are_refused() {
+async fn invalid_mesh_settings_are_refused_with_their_pointer() {
     let app = TestApp::new().await;
     let session = app.session_with_field().await;
     let region = json!({"region": [[0, 0, 0], [50, 50, 50]]});
@@ -28,7 +28,7 @@ async fn a_list_in_place_of_a_region_and_a_mesh_too_shallow_are_refused() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_mesh_that_lacks_the_bone_that_moves_is_warned_of() {
+async fn a_mesh_that_lacks_moving_bone_gives_a_warning() {
     let app = TestApp::real().await;
     let (session, osteotomy) = scene(&app).await;
     let lacking = async |more: Value| {

@@ -29,7 +29,7 @@ async fn solve(app: &TestApp, session: &str, plan: &str, more: Value) -> Value {
 }
 
 #[tokio::test]
-async fn a_solve_takes_the_mesh_of_its_own_operation_and_builds_what_is_not_there() {
+async fn a_solve_uses_or_builds_the_mesh_of_its_osteotomy() {
     let app = TestApp::new().await;
     let session = app.session_with_field().await;
     let (chin, chin_plan) = operation(&app, &session, -20.0).await;

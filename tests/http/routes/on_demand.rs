@@ -6,7 +6,7 @@ use crate::support::app::TestApp;
 use crate::support::shapes::{cube, stl};
 
 #[tokio::test]
-async fn the_error_of_a_step_is_found_on_demand_against_another_job_and_after_registration() {
+async fn a_step_is_compared_with_another_job_or_after_registration() {
     let app = TestApp::new().await;
     let (session, plan) = app.session_with_plan().await;
     let first = app.solve(&session, &plan, json!({"steps": 2})).await;

@@ -46,7 +46,7 @@ async fn a_template_takes_the_sessions_landmarks() {
 }
 
 #[tokio::test]
-async fn cuts_that_cannot_be_are_refused() {
+async fn unusable_cuts_are_refused() {
     let app = TestApp::new().await;
     let path = format!("{}/osteotomies", app.session().await);
     let problem = app.post(&path, plane(0.0)).await.problem(409, "missing-input");
@@ -82,7 +82,7 @@ async fn cuts_that_cannot_be_are_refused() {
 }
 
 #[tokio::test]
-async fn cuts_of_every_shape_come_back_as_they_were_sent() {
+async fn cuts_of_every_shape_are_returned_as_sent() {
     let app = TestApp::new().await;
     let path = format!("{}/osteotomies", app.session_with_field().await);
     let polyline =
@@ -116,7 +116,7 @@ async fn cuts_of_every_shape_come_back_as_they_were_sent() {
 }
 
 #[tokio::test]
-async fn hostile_cuts_are_refused_by_place() {
+async fn invalid_cuts_are_refused_with_their_pointer() {
     let app = TestApp::new().await;
     let path = format!("{}/osteotomies", app.session_with_field().await);
     let refused = async |cut: Value, expected: &[&str]| {
@@ -148,7 +148,7 @@ async fn hostile_cuts_are_refused_by_place() {
 }
 
 #[tokio::test]
-async fn cuts_that_fail_later_are_named_by_what_the_request_holds() {
+async fn a_later_failure_of_a_cut_points_to_the_osteotomy_or_plan() {
     let app = TestApp::new().await;
     let (session, plan) = app.session_with_plan().await;
     let osteotomy = app.get(&format!("{session}/osteotomies")).await.ok()["osteotomies"][0]["id"].clone();

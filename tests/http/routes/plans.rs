@@ -13,7 +13,7 @@ async fn osteotomy(app: &TestApp) -> (String, Value) {
 }
 
 #[tokio::test]
-async fn a_plan_keeps_its_motions_and_says_what_they_meet() {
+async fn a_plan_stores_its_motions_and_reports_each_path() {
     let app = TestApp::new().await;
     let (path, osteotomy) = osteotomy(&app).await;
     let quarter = 0.5f64.sqrt();
@@ -71,7 +71,7 @@ async fn the_mandible_turns_about_its_condyles() {
 }
 
 #[tokio::test]
-async fn every_fault_of_a_path_is_named() {
+async fn every_fault_of_a_path_is_listed_with_its_pointer() {
     let app = TestApp::new().await;
     let (path, osteotomy) = osteotomy(&app).await;
     let body = json!({"osteotomy": osteotomy, "paths": [
@@ -107,7 +107,7 @@ async fn every_fault_of_a_path_is_named() {
 }
 
 #[tokio::test]
-async fn bone_cut_from_settings_that_changed_is_stale() {
+async fn a_plan_for_a_stale_osteotomy_is_refused() {
     let app = TestApp::new().await;
     let (plans, osteotomy) = osteotomy(&app).await;
     let session = plans.trim_end_matches("/plans");
@@ -121,7 +121,7 @@ async fn bone_cut_from_settings_that_changed_is_stale() {
 }
 
 #[test]
-fn cuts_paths_and_jobs_that_do_not_fit() {
+fn the_binary_refuses_unusable_cuts_paths_and_jobs() {
     let directory = tempfile::tempdir().unwrap();
     let server = Server::start(directory.path(), &[]);
     let empty = server.session();

@@ -3,7 +3,7 @@ use serde_json::json;
 use crate::support::app::TestApp;
 
 #[tokio::test]
-async fn a_solve_goes_its_way_and_leaves_a_report() {
+async fn a_finished_solve_has_a_report() {
     let app = TestApp::new().await;
     let (session, plan) = app.session_with_plan().await;
     let body = json!({"plan": plan, "model": "mixed", "steps": 3, "outputs": ["skin", "tissue"]});

@@ -6,7 +6,7 @@ use crate::support::app::TestApp;
 use crate::support::shapes::{cube, stl};
 
 #[tokio::test]
-async fn the_report_is_one_page_that_needs_nothing_else() {
+async fn the_report_is_one_self_contained_page() {
     let app = TestApp::new().await;
     let (session, plan) = app.session_with_plan().await;
     app.upload(&format!("{session}/target"), stl(&cube([0.0, -10.0, 0.0], 100.0))).await.ok();

@@ -20,7 +20,7 @@ fn floats(bytes: &[u8]) -> Vec<f32> {
 }
 
 #[tokio::test]
-async fn a_frame_and_its_topology_are_laid_out_as_described() {
+async fn frames_and_topology_have_the_documented_layout() {
     let app = TestApp::new().await;
     let (session, _, job) = solved(&app, json!({"steps": 2})).await;
     let topology = app.get(&format!("{job}/topology")).await;
@@ -46,7 +46,7 @@ async fn a_frame_and_its_topology_are_laid_out_as_described() {
 }
 
 #[tokio::test]
-async fn results_are_sent_once_in_part_and_compressed() {
+async fn results_support_etags_ranges_and_compression() {
     let app = TestApp::new().await;
     let (_, _, job) = solved(&app, json!({})).await;
     let path = format!("{job}/steps/6/frame");
@@ -86,7 +86,7 @@ async fn without_a_reference_there_is_no_error() {
 }
 
 #[tokio::test]
-async fn errors_are_against_the_target() {
+async fn errors_are_measured_against_the_target() {
     let app = TestApp::new().await;
     let (session, plan) = app.session_with_plan().await;
     app.upload(&format!("{session}/target"), stl(&cube([0.0, -10.0, 0.0], 100.0))).await.ok();
@@ -105,7 +105,7 @@ async fn errors_are_against_the_target() {
 }
 
 #[tokio::test]
-async fn errors_are_against_the_reference_job_at_the_same_place_of_the_path() {
+async fn errors_are_measured_against_the_same_path_parameter_of_a_reference_job() {
     let app = TestApp::new().await;
     let (session, plan, fine) = solved(&app, json!({"steps": 4})).await;
     let id = fine.rsplit('/').next().unwrap();

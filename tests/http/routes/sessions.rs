@@ -73,7 +73,7 @@ async fn a_deleted_session_is_gone_with_its_files() {
 }
 
 #[tokio::test]
-async fn a_deleted_session_can_be_restored_with_all_that_it_holds() {
+async fn a_deleted_session_is_restored_with_its_results() {
     let app = TestApp::new().await;
     let (session, plan) = app.session_with_plan().await;
     let job = app.solve(&session, &plan, json!({})).await;
@@ -97,7 +97,7 @@ async fn a_deleted_session_can_be_restored_with_all_that_it_holds() {
 }
 
 #[tokio::test]
-async fn a_session_that_is_not_restored_in_time_goes_for_good() {
+async fn a_session_not_restored_in_time_is_deleted_for_good() {
     let app = TestApp::with(|config| config.service.deleted_retention = Duration::from_millis(50)).await;
     let session = app.session().await;
     app.upload(&format!("{session}/skin"), skin()).await.ok();
@@ -109,7 +109,7 @@ async fn a_session_that_is_not_restored_in_time_goes_for_good() {
 }
 
 #[tokio::test]
-async fn a_session_deleted_in_mid_solve_comes_back_with_its_job_cancelled() {
+async fn a_session_deleted_during_a_solve_is_restored_with_the_job_cancelled() {
     let app = TestApp::new().await;
     let (session, plan) = app.session_with_plan().await;
     app.stand_in.hold_after(1);
@@ -123,7 +123,7 @@ async fn a_session_deleted_in_mid_solve_comes_back_with_its_job_cancelled() {
 }
 
 #[tokio::test]
-async fn a_session_deleted_in_mid_solve_leaves_nothing() {
+async fn a_session_deleted_during_a_solve_leaves_no_files() {
     let app = TestApp::new().await;
     let (session, plan) = app.session_with_plan().await;
     app.stand_in.hold_after(1);
@@ -138,7 +138,7 @@ async fn a_session_deleted_in_mid_solve_leaves_nothing() {
 }
 
 #[tokio::test]
-async fn a_session_may_store_so_much() {
+async fn a_session_stores_no_more_than_its_quota() {
     let app = TestApp::with(|config| config.service.session_quota = 900).await;
     let session = app.session().await;
     app.upload(&format!("{session}/skin"), skin()).await.ok();
@@ -160,7 +160,7 @@ async fn a_session_may_store_so_much() {
 }
 
 #[tokio::test]
-async fn sessions_that_nobody_uses_expire() {
+async fn unused_sessions_expire() {
     let app = TestApp::with(|config| config.service.session_retention = Some(Duration::from_millis(300))).await;
     let session = app.session().await;
     assert!(app.get(&session).await.ok()["expires_at"].is_string());

@@ -146,7 +146,7 @@ async fn loads_and_planes_of_symmetry_give_the_closed_form() {
 }
 
 #[tokio::test]
-async fn a_rigid_bone_pushes_points_that_slide() {
+async fn a_rigid_bone_pushes_sliding_nodes() {
     let app = TestApp::new().await;
     let session = app.session().await;
     app.upload(&format!("{session}/tissue"), slab(-2.0)).await.ok();
@@ -195,7 +195,7 @@ fn beside(file: &[u8]) -> Vec<u8> {
 }
 
 #[tokio::test]
-async fn what_cannot_be_solved_is_told() {
+async fn unusable_tissue_meshes_and_jobs_are_refused() {
     let app = TestApp::new().await;
     let session = app.session().await;
     let tissue = format!("{session}/tissue");
@@ -265,7 +265,7 @@ async fn what_cannot_be_solved_is_told() {
 
 /// The published constants lose ellipticity: the job reports tissue, position and stretch, and its answer warned of it.
 #[tokio::test]
-async fn a_material_that_loses_its_stability_is_named() {
+async fn an_unstable_material_is_reported_with_tissue_and_stretch() {
     let app = TestApp::new().await;
     let session = app.session().await;
     app.upload(&format!("{session}/tissue"), slab(1.0)).await.ok();

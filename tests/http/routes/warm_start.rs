@@ -23,7 +23,7 @@ fn farthest(a: &[f64], b: &[f64]) -> f64 {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_job_that_begins_at_the_end_of_another_ends_where_the_way_from_rest_does() {
+async fn a_warm_start_ends_where_the_path_from_rest_ends() {
     let app = TestApp::real().await;
     let (session, osteotomy) = scene(&app).await;
     let rest = |steps: u32| json!({"model": "nonlinear", "skin_element": "wedge", "steps": steps});

@@ -92,20 +92,20 @@ fn damage(text: &mut Vec<u8>, dice: &mut Dice) {
     }
 }
 
-fn check(answer: &Answer, told: &str) {
+fn check(answer: &Answer, request: &str) {
     let status = answer.status;
-    assert!(status.as_u16() < 500, "{status} to {told}: {}", String::from_utf8_lossy(&answer.body));
+    assert!(status.as_u16() < 500, "{status} to {request}: {}", String::from_utf8_lossy(&answer.body));
     if status.is_client_error() {
-        assert_eq!(answer.header("content-type"), "application/problem+json", "{told}");
+        assert_eq!(answer.header("content-type"), "application/problem+json", "{request}");
         let problem = answer.json();
-        assert_eq!(problem["status"], status.as_u16(), "{told}");
+        assert_eq!(problem["status"], status.as_u16(), "{request}");
         assert!(problem["detail"].as_str().unwrap().len() < 600, "a long echo: {problem}");
         for error in problem["errors"].as_array().into_iter().flatten() {
             let pointer = error["pointer"].as_str().unwrap();
             assert!(pointer.is_empty() || pointer.starts_with('/'), "{problem}");
         }
     } else {
-        assert_ne!(status, StatusCode::NO_CONTENT, "{told}");
+        assert_ne!(status, StatusCode::NO_CONTENT, "{request}");
         answer.json();
     }
 }
@@ -133,11 +133,11 @@ async fn damaged_bodies_never_cause_an_internal_error() {
         if dice.below(4) == 0 {
             damage(&mut text, &mut dice);
         }
-        let told =
+        let request =
             format!("{} {}: {}", example.method, example.path, String::from_utf8_lossy(&text[..text.len().min(2000)]));
         let answer =
             app.call(example.method.clone(), &example.path, &[("content-type", "application/json")], text).await;
-        check(&answer, &told);
+        check(&answer, &request);
         sent += 1;
         refused += usize::from(answer.status.is_client_error());
     }

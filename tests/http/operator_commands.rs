@@ -22,10 +22,10 @@ fn all_faults_of_a_configuration_are_listed_at_once() {
     let file = directory.path().join("prosopon.toml");
     std::fs::write(&file, "listen = \"0.0.0.0:80\"\nmax_waiting = 0\nspeed = 3\n").unwrap();
     let refused = prosopon(&["config", "check", "--config", text_of(&file)]);
-    let told = String::from_utf8(refused.stderr).unwrap();
+    let message = String::from_utf8(refused.stderr).unwrap();
     assert!(!refused.status.success());
     for word in ["loopback", "max_waiting", "speed", "data"] {
-        assert!(told.contains(word), "{word}: {told}");
+        assert!(message.contains(word), "{word}: {message}");
     }
     let served = prosopon(&["serve", "--config", text_of(&file), "--data", text_of(directory.path())]);
     assert!(!served.status.success() && String::from_utf8(served.stderr).unwrap().contains("loopback"));
@@ -70,11 +70,11 @@ fn unusable_certificates_levels_and_times_fail_the_configuration_check() {
         ("upload_idle_s = 0\n".to_owned(), "upload_idle_s"),
         ("parallel_jobs = 0\n".to_owned(), "parallel_jobs"),
     ] {
-        let (fine, told) = check(text.clone());
-        assert!(!fine && told.contains(words), "{text}: {told}");
+        let (fine, message) = check(text.clone());
+        assert!(!fine && message.contains(words), "{text}: {message}");
     }
-    let (fine, told) = check(with_tls(&tls("cert.pem"), &tls("key.pem")));
-    assert!(fine, "{told}");
+    let (fine, message) = check(with_tls(&tls("cert.pem"), &tls("key.pem")));
+    assert!(fine, "{message}");
 }
 
 #[test]
@@ -90,21 +90,27 @@ fn addresses_are_checked_and_printed_without_passwords() {
     assert!(fine && !printed.contains("secret"), "{printed}");
     let expected = "database = \"postgres://anna@db.example/plans\"\nblobs = \"s3://plans/a\"\n";
     assert!(printed.contains(expected), "{printed}");
-    let (fine, told) = check("mysql://anna:secret@db.example/plans", "plans", "http://127.0.0.1:1");
-    assert!(!fine && !told.contains("secret"), "{told}");
-    assert!(told.contains("database: is no address") && told.contains("blobs: `plans` is no address"), "{told}");
-    assert!(told.contains("(command line)") && !told.contains(".rs"), "{told}");
+    let (fine, message) = check("mysql://anna:secret@db.example/plans", "plans", "http://127.0.0.1:1");
+    assert!(!fine && !message.contains("secret"), "{message}");
+    assert!(
+        message.contains("database: is no address") && message.contains("blobs: `plans` is no address"),
+        "{message}"
+    );
+    assert!(message.contains("(command line)") && !message.contains(".rs"), "{message}");
     let database = ["--data", "d", "--database", "postgres://db.example/plans"];
     for role in [&["worker"][..], &["serve", "--no-worker"]] {
-        let told = String::from_utf8(prosopon(&[role, &database].concat()).stderr).unwrap();
-        assert!(told.contains("blobs: API and worker processes on one database need a common bucket"), "{told}");
+        let message = String::from_utf8(prosopon(&[role, &database].concat()).stderr).unwrap();
+        assert!(message.contains("blobs: API and worker processes on one database need a common bucket"), "{message}");
     }
     for command in ["migrate", "audit"] {
         let verify: &[&str] = if command == "audit" { &["verify", "--data", "d"] } else { &[] };
         let database = ["--database", "mysql://anna:secret@db.example/plans"];
         let refused = prosopon(&[&[command], verify, &database].concat());
-        let told = String::from_utf8(refused.stderr).unwrap();
-        assert!(!refused.status.success() && told.contains("is no address") && !told.contains("secret"), "{told}");
+        let message = String::from_utf8(refused.stderr).unwrap();
+        assert!(
+            !refused.status.success() && message.contains("is no address") && !message.contains("secret"),
+            "{message}"
+        );
     }
 }
 
@@ -116,8 +122,8 @@ fn a_new_key_passes_the_configuration_check() {
         (["--id", "front", "--scopes", "read,fly"], "fly"),
     ] {
         let refused = prosopon(&[&["auth", "key"], &arguments[..]].concat());
-        let told = String::from_utf8(refused.stderr).unwrap();
-        assert!(!refused.status.success() && told.contains(words) && refused.stdout.is_empty(), "{told}");
+        let message = String::from_utf8(refused.stderr).unwrap();
+        assert!(!refused.status.success() && message.contains(words) && refused.stdout.is_empty(), "{message}");
     }
     let directory = tempfile::tempdir().unwrap();
     let made = prosopon(&["auth", "key", "--id", "front", "--tenant", "hospital-a", "--scopes", "read,admin"]);
@@ -135,8 +141,8 @@ fn a_backup_needs_a_store_and_a_directory_outside_it() {
     let data = directory.path().join("data");
     let refused = |arguments: &[&str], words: &str| {
         let done = prosopon(arguments);
-        let told = String::from_utf8(done.stderr).unwrap();
-        assert!(!done.status.success() && told.contains(words), "{arguments:?}: {told}");
+        let message = String::from_utf8(done.stderr).unwrap();
+        assert!(!done.status.success() && message.contains(words), "{arguments:?}: {message}");
     };
     let out = directory.path().join("out");
     refused(&["backup", "--data", text_of(&data), "--out", text_of(&out)], "there is no store in");
@@ -169,14 +175,14 @@ fn removed_entries_of_the_audit_log_are_detected() {
     let whole = std::fs::read_to_string(&log).unwrap();
     let cut: String = whole.lines().take(3).map(|line| format!("{line}\n")).collect();
     std::fs::write(&log, cut).unwrap();
-    let told = String::from_utf8(verify().stderr).unwrap();
-    assert!(told.contains("after number 3 were removed"), "{told}");
+    let message = String::from_utf8(verify().stderr).unwrap();
+    assert!(message.contains("after number 3 were removed"), "{message}");
     // A start of the service on this log records the gap.
     let server = Server::start(directory.path(), &[]);
     server.session();
     drop(server);
-    let told = String::from_utf8(verify().stderr).unwrap();
-    assert!(told.contains("removed"), "{told}");
+    let message = String::from_utf8(verify().stderr).unwrap();
+    assert!(message.contains("removed"), "{message}");
     assert!(std::fs::read_to_string(&log).unwrap().contains("entries before this one were removed"));
 }
 

@@ -50,15 +50,15 @@ fn text_below(directory: &Path) -> String {
 #[test]
 fn every_type_of_problem_is_provoked_by_a_test() {
     let tests = text_below(Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/http")));
-    let told: String = tests.split_whitespace().collect();
+    let compact: String = tests.split_whitespace().collect();
     let documented = include_str!("../../api/problems.md");
     for slug in documented.lines().filter_map(|line| line.strip_prefix("## ")) {
         // `problem(409,"stale")`, `refused(409,"stale","words")`, or a comparison with the type of a job's problem.
-        let asserted = told.match_indices(&format!(",\"{slug}\"")).any(|(at, _)| {
-            let before = &told[..at];
+        let asserted = compact.match_indices(&format!(",\"{slug}\"")).any(|(at, _)| {
+            let before = &compact[..at];
             let call = before.trim_end_matches(|c: char| c.is_ascii_digit());
             call.len() < before.len() && [".problem(", ".refused("].iter().any(|name| call.ends_with(name))
         });
-        assert!(asserted || told.contains(&format!("\"/problems/{slug}\"")), "no test provokes {slug}");
+        assert!(asserted || compact.contains(&format!("\"/problems/{slug}\"")), "no test provokes {slug}");
     }
 }

@@ -19,7 +19,7 @@ async fn one_job_runs_and_later_jobs_wait_in_order() {
     let second = app.solve(&session, &plan, json!({"steps": 2})).await;
     let body = json!({"plan": plan, "steps": 3});
     let accepted = app.post_keyed(&format!("{session}/jobs"), "third", body.clone()).await;
-    assert_eq!(accepted.ok()["queue_position"], 2, "told with the 202");
+    assert_eq!(accepted.ok()["queue_position"], 2, "in the answer 202");
     let replayed = app.post_keyed(&format!("{session}/jobs"), "third", body).await;
     assert_eq!(replayed.json(), accepted.json());
     let third = accepted.header("location").to_owned();

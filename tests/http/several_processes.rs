@@ -25,8 +25,8 @@ async fn everything_is_stored_in_the_database_and_the_bucket() {
     // The other thread serves the bucket.
     tokio::task::block_in_place(move || {
         let data = tempfile::tempdir().unwrap();
-        let (fine, told) = prosopon(&["migrate", "--database", &database]);
-        assert!(fine && told.contains("found format 0") && !told.contains("ecret"), "{told}");
+        let (fine, output) = prosopon(&["migrate", "--database", &database]);
+        assert!(fine && output.contains("found format 0") && !output.contains("ecret"), "{output}");
         let server = start("serve", data.path(), &database, &bucket);
         let session = server.session();
         server.upload(&format!("{session}/skin"), &skin()).ok();
@@ -41,11 +41,11 @@ async fn everything_is_stored_in_the_database_and_the_bucket() {
         let before = server.get(&session).ok();
         assert!(!data.path().join("prosopon.sqlite").exists() && !data.path().join("blobs").exists());
         let directory = data.path().to_str().unwrap();
-        let (backed, told) = prosopon(&["backup", "--data", directory, "--out", "never"]);
-        assert!(!backed && told.contains("Postgres"), "{told}");
+        let (backed, output) = prosopon(&["backup", "--data", directory, "--out", "never"]);
+        assert!(!backed && output.contains("Postgres"), "{output}");
         drop(server);
-        let (whole, told) = prosopon(&["audit", "verify", "--data", directory, "--database", &database]);
-        assert!(whole, "{told}");
+        let (whole, output) = prosopon(&["audit", "verify", "--data", directory, "--database", &database]);
+        assert!(whole, "{output}");
 
         // No required data were in the directory.
         let elsewhere = tempfile::tempdir().unwrap();
@@ -99,7 +99,7 @@ async fn another_worker_resumes_a_job_of_a_killed_or_halted_one() {
         assert!(resumed.contains("prosopon_jobs_resumed_total 1"), "{resumed}");
         assert_eq!(rows.count(at_hand), 0);
         let steps: Vec<Value> = api.get_lines(&events).into_iter().filter(|e| e["event"] == "step").collect();
-        assert_eq!(steps.len(), 16, "each step is told once");
+        assert_eq!(steps.len(), 16, "each step is reported once");
         let shared = frames(&api, &job);
         drop((api, second, third));
 

@@ -248,8 +248,8 @@ async fn unusable_comparisons_are_refused_with_a_reason() {
     }
     // Surfaces far apart give an answer with a warning.
     let far = session_of(&app, &lump, &lump.moved(&Motion::translation(500.0, 0.0, 0.0))).await;
-    let told = compare(&app, &far, json!({})).await.ok()["warnings"].to_string();
-    assert!(told.contains("mm apart") && told.contains("registration"), "{told}");
+    let warnings = compare(&app, &far, json!({})).await.ok()["warnings"].to_string();
+    assert!(warnings.contains("mm apart") && warnings.contains("registration"), "{warnings}");
 }
 
 #[tokio::test]

@@ -98,8 +98,8 @@ async fn the_stream_of_a_deleted_job_ends_as_cancelled() {
         tokio::time::sleep(std::time::Duration::from_millis(30)).await;
         assert_eq!(app.delete(&format!("{session}?at_once=true")).await.status, StatusCode::NO_CONTENT);
     };
-    let (told, ()) = tokio::join!(lines(&app, &job, None), delete);
-    let [.., before, end] = told.as_slice() else { panic!("{told:?}") };
+    let (received, ()) = tokio::join!(lines(&app, &job, None), delete);
+    let [.., before, end] = received.as_slice() else { panic!("{received:?}") };
     assert_eq!((&end["event"], &end["data"]["status"]), (&json!("end"), &json!("cancelled")));
     assert_eq!(end["data"]["problem"]["type"], "/problems/gone");
     assert!(end["id"].as_u64() > before["id"].as_u64());
@@ -146,8 +146,8 @@ async fn a_silent_stream_sends_heartbeats() {
     };
     let (path, none) = (format!("{job}/events"), [("accept", "text/event-stream")]);
     let stream = app.call(Method::GET, &path, &none, Body::empty());
-    let (told, stream, ()) = tokio::join!(lines(&app, &job, Some("0")), stream, release);
-    assert!(told.iter().any(|line| line["event"] == "heartbeat"));
+    let (received, stream, ()) = tokio::join!(lines(&app, &job, Some("0")), stream, release);
+    assert!(received.iter().any(|line| line["event"] == "heartbeat"));
     let text = String::from_utf8(stream.body.to_vec()).unwrap();
     let retry: u64 = text.lines().next().unwrap().strip_prefix("retry: ").unwrap().parse().unwrap();
     assert!((1500..3000).contains(&retry), "{retry}");

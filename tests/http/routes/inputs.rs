@@ -124,7 +124,7 @@ async fn a_ct_becomes_skin_skull_and_air() {
     assert!(warnings.contains(&json!("a head-rest was removed")), "{warnings:?}");
     assert!(
         warnings[0].as_str().unwrap().contains("5.2 mm across"),
-        "what the upload was told comes first: {warnings:?}"
+        "the warning of the upload comes first: {warnings:?}"
     );
     let parts = app.get(&session).await.ok()["parts"].clone();
     for part in ["ct", "skin", "skull", "air"] {

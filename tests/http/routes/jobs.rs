@@ -32,8 +32,9 @@ async fn a_running_job_reports_its_progress_and_residuals() {
     assert_eq!((&ended["progress"], ended["residuals"].as_array().unwrap().len()), (&json!(1.0), 4));
     let events = app.call(axum::http::Method::GET, &format!("{job}/events"), &[], axum::body::Body::empty()).await;
     let events = String::from_utf8(events.body.to_vec()).unwrap();
-    let told = events.lines().filter_map(|l| serde_json::from_str::<serde_json::Value>(l.strip_prefix("data: ")?).ok());
-    assert!(told.filter_map(|data| data["progress"].as_f64()).all(|share| share < 1.0));
+    let entries =
+        events.lines().filter_map(|l| serde_json::from_str::<serde_json::Value>(l.strip_prefix("data: ")?).ok());
+    assert!(entries.filter_map(|data| data["progress"].as_f64()).all(|share| share < 1.0));
 }
 
 #[tokio::test]
@@ -87,14 +88,14 @@ async fn a_warning_of_a_step_is_listed_once_in_job_events_and_report() {
     app.stand_in.hold_after(1);
     let job = app.solve(&session, &plan, json!({"model": "linear", "steps": 2})).await;
     app.until_step(&job, 1).await;
-    let told = |k: u32| format!("step {k}: 3 elements are inside out");
-    assert_eq!(app.get(&job).await.ok()["warnings"], json!([told(1)]), "while it runs");
+    let warning = |k: u32| format!("step {k}: 3 elements are inside out");
+    assert_eq!(app.get(&job).await.ok()["warnings"], json!([warning(1)]), "while it runs");
     app.stand_in.release();
     let ended = app.ended(&job).await.ok();
-    assert_eq!(ended["warnings"], json!([told(1), told(2), "a stand-in"]));
+    assert_eq!(ended["warnings"], json!([warning(1), warning(2), "a stand-in"]));
     let events = app.call(axum::http::Method::GET, &format!("{job}/events"), &[], axum::body::Body::empty()).await;
     let events = String::from_utf8(events.body.to_vec()).unwrap();
-    assert_eq!((events.matches(&told(1)).count(), events.matches("a stand-in").count()), (1, 1), "{events}");
+    assert_eq!((events.matches(&warning(1)).count(), events.matches("a stand-in").count()), (1, 1), "{events}");
     let report = app.get(&format!("{job}/report")).await.ok();
     let warnings: Vec<&str> = report["warnings"].as_array().unwrap().iter().map(|w| w.as_str().unwrap()).collect();
     assert_eq!(warnings.iter().filter(|w| w.contains("inside out")).count(), 2, "{warnings:?}");

@@ -33,13 +33,13 @@ pub(crate) fn serve(data: &Path, listen: &str) -> Command {
 
 /// A completely read answer.
 #[derive(Debug)]
-pub(crate) struct Heard {
+pub(crate) struct Reply {
     pub(crate) status: u16,
     media_type: String,
     pub(crate) body: Vec<u8>,
 }
 
-impl Heard {
+impl Reply {
     fn of(mut response: Response<Body>) -> Self {
         let media_type = response.headers().get("content-type").map(|t| t.to_str().unwrap().to_owned());
         let body = response.body_mut().with_config().limit(1 << 30).read_to_vec().unwrap();
@@ -100,26 +100,26 @@ impl Server {
         Self { child, url, agent }
     }
 
-    pub(crate) fn get(&self, path: &str) -> Heard {
-        Heard::of(self.agent.get(format!("{}{path}", self.url)).call().unwrap())
+    pub(crate) fn get(&self, path: &str) -> Reply {
+        Reply::of(self.agent.get(format!("{}{path}", self.url)).call().unwrap())
     }
 
-    pub(crate) fn post(&self, path: &str, body: &Value) -> Heard {
-        Heard::of(self.agent.post(format!("{}{path}", self.url)).send_json(body).unwrap())
+    pub(crate) fn post(&self, path: &str, body: &Value) -> Reply {
+        Reply::of(self.agent.post(format!("{}{path}", self.url)).send_json(body).unwrap())
     }
 
-    pub(crate) fn put_json(&self, path: &str, body: &Value) -> Heard {
-        Heard::of(self.agent.put(format!("{}{path}", self.url)).send_json(body).unwrap())
+    pub(crate) fn put_json(&self, path: &str, body: &Value) -> Reply {
+        Reply::of(self.agent.put(format!("{}{path}", self.url)).send_json(body).unwrap())
     }
 
-    pub(crate) fn upload(&self, path: &str, bytes: &[u8]) -> Heard {
-        Heard::of(self.agent.put(format!("{}{path}", self.url)).send(bytes).unwrap())
+    pub(crate) fn upload(&self, path: &str, bytes: &[u8]) -> Reply {
+        Reply::of(self.agent.put(format!("{}{path}", self.url)).send(bytes).unwrap())
     }
 
     /// Events of a job that has ended.
     pub(crate) fn get_lines(&self, path: &str) -> Vec<Value> {
         let request = self.agent.get(format!("{}{path}", self.url)).header("accept", "application/x-ndjson");
-        let body = Heard::of(request.call().unwrap()).body;
+        let body = Reply::of(request.call().unwrap()).body;
         String::from_utf8(body).unwrap().lines().map(|line| serde_json::from_str(line).unwrap()).collect()
     }
 
@@ -147,14 +147,14 @@ impl Server {
     }
 
     /// Waits for the end of an accepted job, which must succeed.
-    pub(crate) fn finish(&self, accepted: &Heard) -> Value {
+    pub(crate) fn finish(&self, accepted: &Reply) -> Value {
         let view = self.end(accepted);
         assert_eq!(view["status"], "succeeded", "{view}");
         view
     }
 
     /// The view of the job at its end, with any outcome.
-    pub(crate) fn end(&self, accepted: &Heard) -> Value {
+    pub(crate) fn end(&self, accepted: &Reply) -> Value {
         let job = accepted.ok();
         loop {
             let view = self.get(&format!("/v1/jobs/{}?wait_s=30", job["id"].as_str().unwrap())).ok();

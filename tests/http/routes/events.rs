@@ -127,7 +127,7 @@ async fn a_client_whose_events_expired_receives_resync() {
     assert_eq!((left[0]["id"].as_u64(), left[1]["id"].as_u64()), (Some(newest - 1), Some(newest)));
     assert_eq!(left[0]["data"]["links"]["self"], job);
     assert_eq!(
-        lines(&app, &job, Some(&(newest - 1).to_string())).await.len(),
+        lines(&app, &job, Some((newest - 1).to_string().as_str())).await.len(),
         1,
         "who has all but the last needs no resync"
     );

@@ -16,8 +16,8 @@ use object_store::{
 use serde_json::json;
 use sqlx::SqlitePool;
 
-use crate::app::TestApp;
-use crate::shapes::{nifti, skin, skull, stl};
+use crate::support::app::TestApp;
+use crate::support::shapes::{cube, nifti, skin, skull, stl};
 
 /// Free bytes.
 type Room = Arc<AtomicI64>;
@@ -132,13 +132,13 @@ async fn app_on_small_disk() -> (TestApp, Arc<SmallDisk>, tempfile::TempDir) {
 }
 
 #[tokio::test]
-async fn an_upload_that_does_not_fit_leaves_nothing() {
+async fn an_upload_to_a_full_disk_leaves_no_files() {
     let (app, disk, _directory) = app_on_small_disk().await;
     let session = app.session().await;
     disk.leave(100);
     app.upload(&format!("{session}/skin"), skin()).await.problem(507, "storage-full");
     // The first part of 5 MB is written before the disk is full.
-    let mut large = stl(&crate::shapes::cube([0.0; 3], 50.0));
+    let mut large = stl(&cube([0.0; 3], 50.0));
     large.resize(12 << 20, 0);
     disk.leave(6 << 20);
     app.upload(&format!("{session}/skull"), large).await.problem(507, "storage-full");
@@ -154,7 +154,7 @@ async fn an_upload_that_does_not_fit_leaves_nothing() {
 }
 
 #[tokio::test]
-async fn a_job_that_finds_the_disk_full_fails_with_what_it_has_and_the_next_one_runs() {
+async fn a_job_on_a_full_disk_fails_and_keeps_its_steps() {
     let (app, disk, _directory) = app_on_small_disk().await;
     let (session, plan) = app.session_with_plan().await;
     app.stand_in.hold_after(1);

@@ -1,10 +1,11 @@
 use axum::http::StatusCode;
 use serde_json::json;
 
-use crate::app::TestApp;
+use crate::support::app::TestApp;
+use crate::support::shapes::{skin, skull};
 
 #[tokio::test]
-async fn the_same_request_under_the_same_key_is_answered_as_before() {
+async fn a_repeated_request_with_the_same_key_gets_the_first_answer() {
     let app = TestApp::new().await;
     let first = app.post_keyed("/v1/sessions", "k1", json!({"label": "a", "settings": {"steps": 3}})).await;
     // The same payload with its members in another order.
@@ -18,7 +19,7 @@ async fn the_same_request_under_the_same_key_is_answered_as_before() {
 }
 
 #[tokio::test]
-async fn another_payload_or_path_under_the_key_is_refused() {
+async fn another_payload_or_path_with_the_same_key_is_refused() {
     let app = TestApp::new().await;
     let session = app.session_with_surfaces().await;
     app.post_keyed("/v1/sessions", "k1", json!({"label": "a"})).await.ok();
@@ -28,7 +29,7 @@ async fn another_payload_or_path_under_the_key_is_refused() {
 }
 
 #[tokio::test]
-async fn a_job_is_accepted_once_also_across_a_restart() {
+async fn a_key_is_remembered_across_a_restart() {
     let app = TestApp::new().await;
     let (session, plan) = app.session_with_plan().await;
     let path = format!("{session}/jobs");
@@ -49,7 +50,7 @@ async fn a_refused_request_does_not_use_up_its_key() {
     let session = app.session().await;
     let path = format!("{session}/field");
     app.post_keyed(&path, "f", json!({})).await.problem(409, "missing-input");
-    app.upload(&format!("{session}/skin"), crate::shapes::skin()).await.ok();
-    app.upload(&format!("{session}/skull"), crate::shapes::skull()).await.ok();
+    app.upload(&format!("{session}/skin"), skin()).await.ok();
+    app.upload(&format!("{session}/skull"), skull()).await.ok();
     app.post_keyed(&path, "f", json!({})).await.ok();
 }

@@ -1,44 +1,30 @@
 //! The HTTP API, in process and over a real socket.
 //!
-//! Most tests use a fast stand-in for the numerics (`stand_in.rs`), because they test the service and not the solver.
-//! `binary.rs`, `compare.rs` and `reuse.rs` use the real numerics.
+//! Most tests use a fast stand-in for the numerics (`support/stand_in.rs`), because they test the service and not the
+//! solver. `TestApp::real` and the binary (`support/binary.rs`) use the real numerics.
 
 #![allow(clippy::unwrap_used, clippy::panic, clippy::print_stderr, reason = "test code")]
 
-mod app;
-mod binary;
-mod bone;
-mod compare;
-mod damage;
-mod dicom;
-mod edges;
+mod api_examples;
+mod crash_recovery;
+mod damaged_values;
 #[path = "../engines/mod.rs"]
 mod engines;
-mod events;
-mod examples;
-mod faults;
+mod factor_reuse;
 mod full_disk;
-mod fuzz;
-mod health;
+mod fuzz_requests;
+mod hostile_requests;
 mod idempotency;
-mod inputs;
-mod jobs;
-mod journey;
-mod kill;
-mod kills;
-mod materials;
-mod meshes;
-mod operate;
-mod problems;
+mod injected_store_faults;
+mod kill_nine;
+mod openapi;
+mod operator_commands;
+mod problem_types;
+mod python_client;
 mod queue;
-mod refused;
 mod restart;
-mod results;
-mod reuse;
+mod routes;
 mod security;
-mod sense;
-mod sessions;
-mod shapes;
-mod shared;
-mod stand_in;
-mod tissue;
+mod several_processes;
+mod skin_follows_jaw;
+mod support;

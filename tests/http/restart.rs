@@ -1,12 +1,18 @@
+//! An orderly stop, and the next start on the same directory.
+
+use std::process::Command;
 use std::sync::atomic::Ordering;
+use std::time::Duration;
 
 use prosopon_store::{Store, StoreError};
 use serde_json::json;
 
-use crate::app::TestApp;
+use crate::support::app::TestApp;
+use crate::support::binary::{Server, serve};
+use crate::support::tissue_mesh::slab;
 
 #[tokio::test]
-async fn everything_is_there_after_a_restart() {
+async fn all_results_are_unchanged_after_a_restart() {
     let app = TestApp::new().await;
     let (session, plan) = app.session_with_plan().await;
     let job = app.solve(&session, &plan, json!({})).await;
@@ -36,7 +42,7 @@ async fn everything_is_there_after_a_restart() {
 }
 
 #[tokio::test]
-async fn a_job_interrupted_by_a_stop_runs_again_and_its_steps_stay_the_same() {
+async fn a_job_interrupted_by_a_stop_keeps_its_steps_and_ends() {
     let app = TestApp::new().await;
     let (session, plan) = app.session_with_plan().await;
     app.stand_in.hold_after(2);
@@ -55,52 +61,42 @@ async fn a_job_interrupted_by_a_stop_runs_again_and_its_steps_stay_the_same() {
 }
 
 #[tokio::test]
-async fn a_job_that_the_service_did_not_survive_is_given_up_after_two_attempts() {
-    let app = TestApp::new().await;
-    let (session, plan) = app.session_with_plan().await;
-    app.stand_in.hold_after(1);
-    let job = app.solve(&session, &plan, json!({})).await;
-    app.until_step(&job, 1).await;
-    let app = mark_as_crashed(app, &job, 1).await;
-    assert_eq!(app.ended(&job).await.ok()["attempt"], 2, "the second attempt is made");
-    let app = mark_as_crashed(app, &job, 2).await;
-    let ended = app.get(&job).await.ok();
-    assert_eq!((&ended["status"], &ended["problem"]["type"]), (&json!("failed"), &json!("/problems/job-interrupted")));
-    assert_eq!((&ended["problem"]["job_status"], &ended["problem"]["attempts"]), (&json!("failed"), &json!(2)));
-    assert_eq!(app.get(&format!("{job}/steps/1/frame")).await.status, 200);
-}
-
-/// Restarts on a database as a killed process leaves it: the job is running in its `attempt`th attempt.
-async fn mark_as_crashed(app: TestApp, job: &str, attempt: u32) -> TestApp {
-    let id = job.rsplit('/').next().unwrap().to_owned();
-    app.restart_after(async move |directory| {
-        let options = sqlx::sqlite::SqliteConnectOptions::new().filename(directory.join("prosopon.sqlite"));
-        let pool = sqlx::SqlitePool::connect_with(options).await.unwrap();
-        sqlx::query("UPDATE jobs SET state = 'running', attempt = ?, fault = NULL WHERE id = ?")
-            .bind(attempt)
-            .bind(id)
-            .execute(&pool)
-            .await
-            .unwrap();
-        pool.close().await;
-    })
-    .await
-}
-
-#[tokio::test]
-async fn files_without_a_row_are_swept_at_start() {
-    let app = TestApp::new().await;
-    let session = app.session_with_surfaces().await;
-    let id = session.rsplit('/').next().unwrap().to_owned();
-    let orphan = app.directory().join("blobs").join(&id).join("left-behind#1");
-    std::fs::write(&orphan, b"half").unwrap();
-    let app = app.restart().await;
-    assert!(!orphan.exists());
-    assert_eq!(app.get(&format!("{session}/skin")).await.status, 200);
-}
-
-#[tokio::test]
 async fn a_directory_in_use_is_refused() {
     let app = TestApp::new().await;
     assert!(matches!(Store::open(app.directory()).await, Err(StoreError::InUse)));
+}
+
+#[cfg(unix)]
+#[test]
+fn a_terminated_service_exits_with_success() {
+    let directory = tempfile::tempdir().unwrap();
+    let mut server = Server::start(directory.path(), &[]);
+    let id = server.child.id().to_string();
+    assert!(Command::new("kill").args(["-TERM", &id]).status().unwrap().success());
+    assert!(server.child.wait().unwrap().success());
+}
+
+/// After SIGTERM no new jobs start, running jobs may finish, and then the process exits.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_stop_waits_for_a_running_job() {
+    let directory = tempfile::tempdir().unwrap();
+    let mut command = serve(directory.path(), "127.0.0.1:0");
+    command.env("PROSOPON_DRAIN_S", "60");
+    let mut server = Server::spawn(command);
+    let session = server.session();
+    server.upload(&format!("{session}/tissue"), &slab(1.0)).ok();
+    let paths = json!([{"segment": 1, "waypoints": [{"t": 1, "translation_mm": [0.5, 0, 2]}]}]);
+    let plan = server.post(&format!("{session}/plans"), &json!({"paths": paths})).ok()["id"].clone();
+    let job = server.post(&format!("{session}/jobs"), &json!({"plan": plan, "model": "nonlinear", "steps": 8})).ok();
+    let own = job["links"]["self"].as_str().unwrap().to_owned();
+    while server.get(&own).ok()["step"].as_u64().unwrap() < 1 {
+        std::thread::park_timeout(Duration::from_millis(10));
+    }
+    let pid = server.child.id().to_string();
+    assert!(Command::new("kill").args(["-TERM", &pid]).status().unwrap().success());
+    server.child.wait().unwrap();
+    let server = Server::start(directory.path(), &[]);
+    let view = server.get(&own).ok();
+    assert_eq!((&view["status"], &view["attempt"]), (&json!("succeeded"), &json!(1)), "{view}");
 }

@@ -1,6 +1,8 @@
 //! Authentication, authorisation and separation of tenants.
 
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::path::Path;
+use std::process::Command;
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use axum::body::Body;
 use axum::http::{Method, StatusCode};
@@ -14,7 +16,9 @@ use rustls::pki_types::PrivateKeyDer;
 use rustls::pki_types::pem::PemObject;
 use serde_json::{Value, json};
 
-use crate::app::{Answer, TestApp};
+use crate::support::app::{Answer, TestApp};
+use crate::support::binary::{Server, serve};
+use crate::support::shapes::{skin, skull};
 
 const KEY: &[u8] = include_bytes!("../data/tls/key.pem");
 const OTHER_KEY: &[u8] = include_bytes!("../data/tls/other-key.pem");
@@ -42,7 +46,7 @@ async fn call(app: &TestApp, token: &str, method: Method, path: &str, body: Valu
 }
 
 #[tokio::test]
-async fn without_a_token_only_what_holds_nothing_is_answered() {
+async fn without_a_token_only_public_paths_are_answered() {
     let (app, token, _) = two_tenants().await;
     for path in ["/livez", "/readyz", "/openapi.json", "/docs/", "/"] {
         assert!(app.get(path).await.status.is_success(), "{path}");
@@ -66,13 +70,13 @@ async fn without_a_token_only_what_holds_nothing_is_answered() {
 
 /// Every path that contains a session or job, with each of its methods.
 #[tokio::test]
-async fn another_tenants_sessions_and_jobs_are_not_there() {
+async fn another_tenants_sessions_and_jobs_are_not_found() {
     let (app, a, b) = two_tenants().await;
     let made = call(&app, &a, Method::POST, "/v1/sessions", json!({"label": "secret"})).await;
     let session = made.header("location").rsplit('/').next().unwrap().to_owned();
     let owner = format!("Bearer {a}");
-    let length = crate::shapes::skin().len().to_string();
-    for (part, bytes) in [("skin", crate::shapes::skin()), ("skull", crate::shapes::skull())] {
+    let length = skin().len().to_string();
+    for (part, bytes) in [("skin", skin()), ("skull", skull())] {
         let headers = [("authorization", owner.as_str()), ("content-length", length.as_str())];
         app.call(Method::PUT, &format!("/v1/sessions/{session}/{part}"), &headers, bytes).await.ok();
     }
@@ -124,7 +128,7 @@ async fn another_tenants_sessions_and_jobs_are_not_there() {
 }
 
 #[tokio::test]
-async fn keys_of_requests_are_a_tenants_own() {
+async fn idempotency_keys_are_separate_for_each_tenant() {
     let (app, a, b) = two_tenants().await;
     let mut made = Vec::new();
     for token in [&a, &b, &a] {
@@ -140,7 +144,7 @@ async fn keys_of_requests_are_a_tenants_own() {
 }
 
 #[tokio::test]
-async fn every_call_is_in_the_audit_log_and_nothing_of_a_body() {
+async fn the_audit_log_lists_every_call_and_no_bodies() {
     let (app, a, _) = two_tenants().await;
     let made = call(&app, &a, Method::POST, "/v1/sessions", json!({"label": "tag-of-a-patient"})).await;
     let path = made.header("location").to_owned();
@@ -208,7 +212,8 @@ async fn a_token_must_be_signed_fresh_and_for_this_service() {
     let app = TestApp::with(|config| config.auth = Some(AuthSettings { keys: Vec::new(), jwt: Some(jwt) })).await;
     let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_secs();
     let claims = json!({
-        "iss": "https://id.example", "aud": "prosopon", "sub": "dr-a", "exp": now + 600, "tenant": "a", "scope": "openid read",
+        "iss": "https://id.example", "aud": "prosopon", "sub": "dr-a", "exp": now + 600, "tenant": "a",
+        "scope": "openid read",
     });
     let changed = |name: &str, value: Value| {
         let mut claims = claims.clone();
@@ -243,7 +248,7 @@ async fn a_token_must_be_signed_fresh_and_for_this_service() {
 }
 
 #[tokio::test]
-async fn a_flood_of_wrong_keys_is_bounded() {
+async fn a_flood_of_wrong_keys_is_limited() {
     let hash = new_key("front").unwrap().hash;
     let key = ApiKey { id: "front".to_owned(), tenant: "a".parse().unwrap(), scopes: Scopes::all(), hash };
     let app = TestApp::with(|config| config.auth = Some(AuthSettings { keys: vec![key], jwt: None })).await;
@@ -259,7 +264,7 @@ async fn a_flood_of_wrong_keys_is_bounded() {
 }
 
 #[tokio::test]
-async fn browsers_are_told_what_not_to_do() {
+async fn browsers_receive_restrictive_headers() {
     let app = TestApp::with(|config| config.origins = vec!["https://plan.example".to_owned()]).await;
     let answer = app.get("/v1/sessions").await;
     for (name, value) in [
@@ -278,5 +283,54 @@ async fn browsers_are_told_what_not_to_do() {
         assert_eq!(preflight.header("access-control-allow-origin") == origin, allowed, "{origin}");
         let plain = app.call(Method::GET, "/v1/sessions", &[("origin", origin)], Body::empty()).await;
         assert_eq!(plain.header("access-control-allow-origin") == origin, allowed, "{origin}");
+    }
+}
+
+#[tokio::test]
+async fn only_requests_for_this_host_are_served() {
+    let app = TestApp::with(|config| config.allowed_hosts = vec!["plan.example".to_owned()]).await;
+    for (host, status) in [("127.0.0.1:8080", 200), ("localhost", 200), ("plan.example", 200), ("evil.example", 421)] {
+        let answer = app.call(Method::GET, "/v1/sessions", &[("host", host)], Body::empty()).await;
+        assert_eq!(answer.status.as_u16(), status, "{host}");
+    }
+    let refused = app.call(Method::GET, "/", &[("host", "evil.example")], Body::empty()).await;
+    refused.problem(421, "foreign-host");
+}
+
+/// Status and certificate name that Python gets from an HTTPS address, without verifying the certificate.
+fn over_tls(url: &str) -> String {
+    let script = "import ssl, sys, urllib.request as r\n\
+        c = ssl.create_default_context(); c.check_hostname = False; c.verify_mode = ssl.CERT_NONE\n\
+        import socket\n\
+        h, p = sys.argv[1].split('://')[1].split(':')\n\
+        s = c.wrap_socket(socket.create_connection((h, int(p))))\n\
+        import hashlib\n\
+        print(r.urlopen(sys.argv[1] + '/livez', context=c).status, hashlib.sha256(s.getpeercert(True)).hexdigest())";
+    let output = Command::new("python3").args(["-c", script, url]).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap()
+}
+
+#[test]
+fn a_renewed_certificate_is_served_without_a_restart() {
+    let directory = tempfile::tempdir().unwrap();
+    let [cert, key] = ["cert.pem", "key.pem"].map(|name| directory.path().join(name));
+    let put = |from: &str| {
+        let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/tls");
+        std::fs::copy(source.join(format!("{from}key.pem")), &key).unwrap();
+        std::fs::copy(source.join(format!("{from}cert.pem")), &cert).unwrap();
+    };
+    put("");
+    let mut command = serve(&directory.path().join("data"), "127.0.0.1:0");
+    command.env("PROSOPON_TLS__CERT", &cert).env("PROSOPON_TLS__KEY", &key);
+    let server = Server::spawn(command);
+    assert!(server.url.starts_with("https://"), "{}", server.url);
+    let first = over_tls(&server.url);
+    assert!(first.starts_with("200 "));
+    put("other-");
+    let deadline = Instant::now() + Duration::from_secs(30);
+    while over_tls(&server.url) == first {
+        assert!(Instant::now() < deadline, "the old certificate is still served");
+        std::thread::park_timeout(Duration::from_millis(250));
     }
 }

@@ -13,7 +13,7 @@
 )]
 
 #[allow(dead_code, reason = "the tests' client; this uses a part of it")]
-#[path = "../../http/binary.rs"]
+#[path = "../../http/support/binary.rs"]
 mod binary;
 #[path = "../../engines/mod.rs"]
 mod engines;

@@ -9,7 +9,8 @@
 //! | `prosopon-tissue` | `src/tissue` | the mixed mesh and its elements | geometry |
 //! | `prosopon-planning` | `src/planning` | CT to surfaces, cuts and paths, simulation, error maps | field, tissue |
 //! | `prosopon-store` | `src/service/store` | rows and large results | geometry |
-//! | `prosopon-session` | `src/service/session` | what a patient's session holds and needs | planning, formats, store |
+//! | `prosopon-contract` | `src/service/contract` | requests, documents, faults and their checks | planning, formats, store |
+//! | `prosopon-session` | `src/service/session` | what a patient's session holds and needs | contract |
 //! | `prosopon-jobs` | `src/service/jobs` | long jobs and short tasks on CPU pools | session |
 //! | `prosopon-service` | `src/service` | HTTP, configuration, start and stop | jobs |
 //! | `prosopon-study` | `src/study` | the benches behind the charts | planning, formats |
@@ -18,16 +19,24 @@
 //! ```text
 //! geometry <-+- formats <-----------------+
 //!            +- field <---+               |
-//!            +- tissue <--+- planning <---+-- study <----------------------+
-//!            |                            |                                |
-//!            +- store <-------------------+-- session <- jobs <- service <-+- prosopon
+//!            +- tissue <--+- planning <---+-- study <----------------------------------+
+//!            |                            |                                            |
+//!            +- store <-------------------+-- contract <- session <- jobs <- service <-+- prosopon
 //! ```
 //!
 //! Geometry, formats, field, tissue and planning know no HTTP, tokio, serialisation, files, network, environment or clock.
-//! Cargo refuses an import against the arrows. `tests/layers.rs` holds the code to what Cargo cannot see: the order of the rooms of a
+//! Cargo refuses an import against the arrows. `tests/layers` holds the code to what Cargo cannot see: the order of the rooms of a
 //! package, and what the manifests of those five may ask for. Each room's docs state its invariants.
 //!
 //! Units everywhere: mm, N, MPa, s, radian; coordinates patient LPS.
 
 pub mod cli;
 pub mod demo;
+
+/// Terms of code, documentation and API.
+#[doc = include_str!("glossary.md")]
+pub mod glossary {}
+
+/// Where this program departs from the paper that it implements.
+#[doc = include_str!("paper.md")]
+pub mod paper {}

@@ -1,3 +1,4 @@
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand, ValueEnum};
@@ -331,15 +332,7 @@ pub(super) struct TruthArguments {
 pub(super) fn run(command: &BenchCommand) -> CommandResult {
     let out = &mut std::io::stdout();
     match command {
-        BenchCommand::Field(a) => match (&a.csv, &a.points, &a.out) {
-            (Some(csv), _, _) => {
-                FieldStudy { mesh: &a.mesh, csv, full: a.full, openvdb: a.openvdb.as_deref() }.run(out)?;
-            }
-            (None, Some(points), Some(to)) => {
-                evaluate(&a.mesh, &settings(a), points, to, a.timing.as_deref(), &mut std::io::stderr())?;
-            }
-            (None, _, _) => return Err("no output: give either --csv, or --points and --out".into()),
-        },
+        BenchCommand::Field(a) => run_field(a, out)?,
         BenchCommand::Bounds(a) => {
             let settings = FieldSettings { spacing_mm: a.spacing_mm, band_mm: a.band_mm, ..FieldSettings::default() };
             if !(BoundStudy { mesh: &a.mesh, settings, most_s: a.most_s }.run(out)?) {
@@ -362,25 +355,7 @@ pub(super) fn run(command: &BenchCommand) -> CommandResult {
             (Some(case), Some(timing)) => run_slab_case(case, timing)?,
             _ => SolverGrowthStudy { csv: &a.csv, sizes: usize::from(a.sizes) }.run(out)?,
         },
-        BenchCommand::Service(a) => {
-            let study = ServiceStudy {
-                csv: &a.csv,
-                url: a.url.as_deref(),
-                pid: a.pid,
-                seconds: a.seconds,
-                jobs: a.jobs,
-                pollers: a.pollers,
-                followers: a.followers,
-                sessions: a.sessions,
-                solvers: a.solvers,
-                pause_ms: a.pause_ms,
-            };
-            if !study.run(out)? {
-                return Err(
-                    "a goal is missed: 99 % of status reads below 50 ms, no errors, memory growth below 5 %".into()
-                );
-            }
-        }
+        BenchCommand::Service(a) => run_service(a, out)?,
         BenchCommand::Proposals(a) => ProposalStudy { heads: &a.heads }.run(out)?,
         BenchCommand::Operations(a) => {
             let (only, limit_s) = (a.only.as_deref(), a.limit_s);
@@ -415,6 +390,38 @@ pub(super) fn run(command: &BenchCommand) -> CommandResult {
         }
     }
     Ok(())
+}
+
+fn run_field(a: &FieldArguments, out: &mut dyn Write) -> CommandResult {
+    match (&a.csv, &a.points, &a.out) {
+        (Some(csv), _, _) => {
+            FieldStudy { mesh: &a.mesh, csv, full: a.full, openvdb: a.openvdb.as_deref() }.run(out)?;
+        }
+        (None, Some(points), Some(to)) => {
+            evaluate(&a.mesh, &settings(a), points, to, a.timing.as_deref(), &mut std::io::stderr())?;
+        }
+        (None, _, _) => return Err("no output: give either --csv, or --points and --out".into()),
+    }
+    Ok(())
+}
+
+fn run_service(a: &ServiceArguments, out: &mut dyn Write) -> CommandResult {
+    let study = ServiceStudy {
+        csv: &a.csv,
+        url: a.url.as_deref(),
+        pid: a.pid,
+        seconds: a.seconds,
+        jobs: a.jobs,
+        pollers: a.pollers,
+        followers: a.followers,
+        sessions: a.sessions,
+        solvers: a.solvers,
+        pause_ms: a.pause_ms,
+    };
+    if study.run(out)? {
+        return Ok(());
+    }
+    Err("a goal is missed: 99 % of status reads below 50 ms, no errors, memory growth below 5 %".into())
 }
 
 fn settings(a: &FieldArguments) -> MethodSettings {

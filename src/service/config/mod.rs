@@ -148,98 +148,136 @@ impl ServeConfig {
     }
 
     fn faults(&self) -> Vec<String> {
-        let mut faults = Vec::new();
+        let mut faults = Faults::default();
+        self.check_addresses(&mut faults);
+        self.check_limits(&mut faults);
+        self.check_roles(&mut faults);
+        self.check_files(&mut faults);
+        if let Some(auth) = &self.auth {
+            check_auth(auth, &mut faults);
+        }
+        faults.0
+    }
+
+    /// Where the service listens, and for whom.
+    fn check_addresses(&self, faults: &mut Faults) {
         if !self.listen.ip().is_loopback() && self.auth.is_none() {
-            faults.push(format!(
+            faults.add(format!(
                 "listen: {} is not a loopback address, and without authentication anyone could read every session; \
                  configure [auth] (see deploy/README.md), or listen on 127.0.0.1 or ::1",
                 self.listen
             ));
         }
-        let mut check = |wrong: bool, fault: &str| {
-            if wrong {
-                faults.push(fault.to_owned());
-            }
-        };
         let nameless = self.allowed_hosts.iter().any(|host| host.trim().is_empty());
-        check(nameless, "allow_host: a name is empty; remove it");
-        check(self.threads > 1024, "threads: allowed is 0 to 1024");
-        check(self.limits.max_surface_bytes == 0, "max_surface_mb: must be above 0");
-        check(self.limits.max_ct_bytes == 0, "max_ct_mb: must be above 0");
-        check(self.limits.max_json_bytes == 0, "max_json_mb: must be above 0");
-        check(self.service.max_waiting == 0, "max_waiting: must be above 0");
-        check(self.service.max_waiting_tenant == 0, "max_waiting_tenant: must be above 0");
-        check(!(1..=64).contains(&self.service.parallel_jobs), "parallel_jobs: allowed is 1 to 64");
-        check(self.service.max_attempts == 0, "max_attempts: must be above 0");
-        let alone = !self.service.works && self.places.database.is_none();
-        check(
-            alone,
-            "worker: no other process can run the jobs of a data directory; name a database, or leave worker true",
-        );
-        let divided = !(self.api && self.service.works) && self.places.database.is_some();
-        check(
-            divided && self.places.blobs.is_none(),
-            "blobs: API and worker processes on one database need a common bucket; name it",
-        );
-        check(
-            !self.api && self.places.database.is_none(),
-            "database: a worker needs the database of the API processes; name it",
-        );
-        check(!self.api && !self.service.works, "worker: a process without API and jobs does nothing; set it to true");
-        check(!(2..=3600).contains(&self.service.lease.as_secs()), "lease_s: allowed is 2 to 3600");
-        check(self.service.max_wall.is_zero(), "max_wall_s: must be above 0");
-        check(self.service.session_quota == 0, "session_quota_mb: must be above 0");
-        check(self.service.session_retention.is_some_and(|r| r.is_zero()), "session_retention_days: must be above 0");
-        // The store keeps the ids of deleted objects longer than this limit.
-        check(self.service.deleted_retention.as_secs() > 7 * 86_400, "deleted_retention_s: allowed is 0 to 604800");
-        check(self.service.janitor_every.is_zero(), "janitor_every_s: must be above 0");
-        check(self.connections.most == 0, "max_connections: must be above 0");
-        // The timer adds it to the current time, so a huge value would overflow.
-        let head = self.connections.head.as_secs();
-        check(!(1..=86_400).contains(&head), "header_timeout_s: allowed is 1 to 86400");
-        check(self.connections.stalled.is_zero(), "write_timeout_s: must be above 0");
+        faults.add_if(nameless, "allow_host: a name is empty; remove it");
         for origin in &self.origins {
             let fine = ["http://", "https://"].iter().any(|scheme| {
                 origin.strip_prefix(scheme).is_some_and(|host| !host.is_empty() && !host.contains(['/', '*', ' ']))
             });
-            check(!fine, &format!("cors_origins: `{origin}` is not an origin such as https://plan.example"));
+            if !fine {
+                faults.add(format!("cors_origins: `{origin}` is not an origin such as https://plan.example"));
+            }
         }
-        for (name, time) in [
-            ("upload_idle_s", self.limits.upload_idle),
-            ("body_timeout_s", self.limits.body),
-            ("heartbeat_s", self.limits.heartbeat),
-            ("answer_timeout_s", self.limits.answer),
+    }
+
+    /// Numbers and times.
+    fn check_limits(&self, faults: &mut Faults) {
+        faults.add_if(self.threads > 1024, "threads: allowed is 0 to 1024");
+        for (name, is_zero) in [
+            ("max_surface_mb", self.limits.max_surface_bytes == 0),
+            ("max_ct_mb", self.limits.max_ct_bytes == 0),
+            ("max_json_mb", self.limits.max_json_bytes == 0),
+            ("max_waiting", self.service.max_waiting == 0),
+            ("max_waiting_tenant", self.service.max_waiting_tenant == 0),
+            ("max_attempts", self.service.max_attempts == 0),
+            ("max_wall_s", self.service.max_wall.is_zero()),
+            ("session_quota_mb", self.service.session_quota == 0),
+            ("session_retention_days", self.service.session_retention.is_some_and(|r| r.is_zero())),
+            ("janitor_every_s", self.service.janitor_every.is_zero()),
+            ("max_connections", self.connections.most == 0),
+            ("write_timeout_s", self.connections.stalled.is_zero()),
+            ("upload_idle_s", self.limits.upload_idle.is_zero()),
+            ("body_timeout_s", self.limits.body.is_zero()),
+            ("heartbeat_s", self.limits.heartbeat.is_zero()),
+            ("answer_timeout_s", self.limits.answer.is_zero()),
         ] {
-            check(time.is_zero(), &format!("{name}: must be above 0"));
+            if is_zero {
+                faults.add(format!("{name}: must be above 0"));
+            }
         }
+        faults.add_if(!(1..=64).contains(&self.service.parallel_jobs), "parallel_jobs: allowed is 1 to 64");
+        faults.add_if(!(2..=3600).contains(&self.service.lease.as_secs()), "lease_s: allowed is 2 to 3600");
+        // The store keeps the ids of deleted objects longer than this limit.
+        let kept = self.service.deleted_retention.as_secs();
+        faults.add_if(kept > 7 * 86_400, "deleted_retention_s: allowed is 0 to 604800");
+        // The timer adds it to the current time, so a huge value would overflow.
+        let head = self.connections.head.as_secs();
+        faults.add_if(!(1..=86_400).contains(&head), "header_timeout_s: allowed is 1 to 86400");
+    }
+
+    /// What this process does, and what it shares with others.
+    fn check_roles(&self, faults: &mut Faults) {
+        let (api, works, database) = (self.api, self.service.works, self.places.database.is_some());
+        faults.add_if(
+            !works && !database,
+            "worker: no other process can run the jobs of a data directory; name a database, or leave worker true",
+        );
+        faults.add_if(
+            !(api && works) && database && self.places.blobs.is_none(),
+            "blobs: API and worker processes on one database need a common bucket; name it",
+        );
+        faults.add_if(
+            !api && !database,
+            "database: a worker needs the database of the API processes; name it",
+        );
+        faults.add_if(!api && !works, "worker: a process without API and jobs does nothing; set it to true");
+    }
+
+    /// What names other things: bucket, log level, collector, certificates.
+    fn check_files(&self, faults: &mut Faults) {
         if let Some(Err(fault)) = self.places.blobs.as_ref().map(BucketUrl::open) {
-            check(true, &format!("blobs: {}", chain(&fault)));
+            faults.add(format!("blobs: {}", chain(&fault)));
         }
         if let Err(fault) = log::check(&self.log_level) {
-            check(true, &format!("log.level: {fault}"));
+            faults.add(format!("log.level: {fault}"));
         }
         if let Some(Err(fault)) = self.otlp_endpoint.as_deref().map(otlp::check) {
-            check(true, &format!("otlp.endpoint: {fault}"));
+            faults.add(format!("otlp.endpoint: {fault}"));
         }
         if let Some(Err(fault)) = self.tls.as_ref().map(tls::check) {
-            check(true, &format!("tls: {fault}"));
+            faults.add(format!("tls: {fault}"));
         }
-        if let Some(auth) = &self.auth {
-            check(auth.keys.is_empty() && auth.jwt.is_none(), "auth: neither a key nor an identity provider is given");
-            for (index, key) in auth.keys.iter().enumerate() {
-                for fault in key.faults() {
-                    check(true, &format!("auth.keys[{index}]: {fault}"));
-                }
-                let twice = auth.keys.iter().take(index).any(|other| other.id == key.id);
-                check(twice, &format!("auth.keys[{index}]: another key has the id `{}` too; rename one", key.id));
-            }
-            if let Some(jwt) = &auth.jwt {
-                for fault in jwt.faults() {
-                    check(true, &format!("auth.jwt.{fault}"));
-                }
-            }
+    }
+}
+
+fn check_auth(auth: &AuthSettings, faults: &mut Faults) {
+    faults.add_if(auth.keys.is_empty() && auth.jwt.is_none(), "auth: neither a key nor an identity provider is given");
+    for (index, key) in auth.keys.iter().enumerate() {
+        for fault in key.faults() {
+            faults.add(format!("auth.keys[{index}]: {fault}"));
         }
-        faults
+        if auth.keys.iter().take(index).any(|other| other.id == key.id) {
+            faults.add(format!("auth.keys[{index}]: another key has the id `{}` too; rename one", key.id));
+        }
+    }
+    for fault in auth.jwt.iter().flat_map(|jwt| jwt.faults()) {
+        faults.add(format!("auth.jwt.{fault}"));
+    }
+}
+
+/// Faults of a configuration, a line each.
+#[derive(Debug, Default)]
+struct Faults(Vec<String>);
+
+impl Faults {
+    fn add(&mut self, fault: String) {
+        self.0.push(fault);
+    }
+
+    fn add_if(&mut self, wrong: bool, fault: &str) {
+        if wrong {
+            self.add(fault.to_owned());
+        }
     }
 }
 

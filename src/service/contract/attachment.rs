@@ -5,7 +5,7 @@ use utoipa::ToSchema;
 
 use super::check::{Check, REACH_MM};
 use super::fault::{Fault, FaultKind};
-use super::region::BoxDocument;
+use super::bounds::BoxDocument;
 use prosopon_geometry::{Aabb, Point, TriMesh};
 use prosopon_planning::evaluate::Part;
 use prosopon_planning::simulate::{Attached, AttachmentRules, NodeClass, Paint, SkullPaint};

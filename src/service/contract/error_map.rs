@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::RegistrationDocument;
+use super::warning::Findings;
 use prosopon_planning::evaluate::{ErrorMap, Statistics};
 
 /// Statistics of signed values, mm.
@@ -110,9 +111,9 @@ pub struct ErrorDocument {
     pub histogram: Vec<HistogramBin>,
     /// Registration before the comparison; absent when there was none.
     pub registration: Option<RegistrationDocument>,
-    /// Warnings about the comparison.
-    #[serde(default)]
-    pub warnings: Vec<String>,
+    /// Warnings and notes.
+    #[serde(flatten)]
+    pub findings: Findings,
 }
 
 impl ErrorDocument {
@@ -136,7 +137,7 @@ impl ErrorDocument {
             excluded: map.excluded,
             histogram: map.histogram.iter().map(|&(from_mm, share)| HistogramBin { from_mm, share }).collect(),
             registration: None,
-            warnings: map.warnings.clone(),
+            findings: map.warnings.iter().cloned().collect(),
         }
     }
 

@@ -3,6 +3,7 @@ use utoipa::ToSchema;
 
 use super::check::Check;
 use super::fault::Fault;
+use super::warning::Findings;
 use prosopon_field::{
     Doubt, DoubtfulRegions, EnvelopeSettings, FieldReport, FieldSettings, Method, MethodSettings, Region, Tolerance,
 };
@@ -147,8 +148,9 @@ pub struct FieldQualityDocument {
     pub rms_error_mm: f64,
     /// Number of those points.
     pub checked_points: usize,
-    /// Faults of the surface, and how they were repaired.
-    pub warnings: Vec<String>,
+    /// Warnings and notes.
+    #[serde(flatten)]
+    pub findings: Findings,
     /// Regions where the surface does not determine what is inside, by kind.
     ///
     /// Empty for a closed, consistently oriented surface without self-intersections. For bone, the regions are those of the
@@ -236,7 +238,7 @@ impl From<&FieldReport> for FieldQualityDocument {
             max_error_mm: r.max_error_mm,
             rms_error_mm: r.rms_error_mm,
             checked_points: r.checked_points,
-            warnings: r.warnings.clone(),
+            findings: r.warnings.iter().cloned().collect(),
             regions: r.regions.iter().map(DoubtfulRegionsDocument::from).collect(),
         }
     }
@@ -251,8 +253,9 @@ pub struct FieldDocument {
     pub skin: FieldQualityDocument,
     /// Field of the bone's outer envelope.
     pub bone: FieldQualityDocument,
-    /// Warnings about faults and repairs of the surfaces.
-    pub warnings: Vec<String>,
+    /// Warnings and notes.
+    #[serde(flatten)]
+    pub findings: Findings,
 }
 
 #[cfg(test)]

@@ -5,6 +5,7 @@
 //! versions only add members.
 
 mod attachment;
+mod bounds;
 mod check;
 mod compare;
 mod cut;
@@ -30,8 +31,10 @@ mod solve;
 mod step;
 mod surface;
 mod tissue;
+mod warning;
 
 pub use attachment::{AttachedDocument, Attachment, NodeClassName, PaintDocument};
+pub use bounds::BoxDocument;
 pub use check::{Check, REACH_MM, short_number};
 pub use compare::{
     CheckedCompare, CompareRequest, RegisterOn, RegisterRequest, SessionSurface, SurfaceRef, SurfaceSource, UNMOVED_MM,
@@ -66,7 +69,7 @@ pub use plan_request::{
     Autorotate, AxisAngle, CreatePlan, Hinge, PathRequest, PitchRollYaw, RotationRequest, Segments, WaypointRequest,
     segment_motion,
 };
-pub use region::{BoxDocument, RegionRequest};
+pub use region::RegionRequest;
 pub use registration::RegistrationDocument;
 pub use report::{PhasesDocument, ReportDocument, ReportInput};
 pub use session::{CreateSession, MAX_STEPS, SessionSettings};
@@ -74,3 +77,4 @@ pub use solve::{Budget, ModelName, OutputName, SolveRequest, SolverOptions};
 pub use step::{LeftOutDocument, ReactionDocument, RegionMotionDocument, StepDocument, StepPhasesDocument};
 pub use surface::{CtDocument, SurfaceDocument, SurfaceOrigin};
 pub use tissue::TissueDocument;
+pub use warning::{Findings, SeverityName, WarningDocument};

@@ -5,7 +5,8 @@ use uuid::Uuid;
 use super::check::Check;
 use super::cut::CutDocument;
 use super::fault::Fault;
-use super::region::BoxDocument;
+use super::bounds::BoxDocument;
+use super::warning::Findings;
 use prosopon_geometry::Aabb;
 use prosopon_planning::simulate::TissueSettings;
 use prosopon_tissue::mesh::{MeshReport, MeshSettings};
@@ -115,8 +116,9 @@ pub struct MeshDocument {
     /// Whether the CT separated fat from muscle; otherwise depth did.
     #[serde(default)]
     pub tissue_from_ct: bool,
-    /// What was changed to build the mesh, and where.
-    pub warnings: Vec<String>,
+    /// Warnings and notes.
+    #[serde(flatten)]
+    pub findings: Findings,
 }
 
 impl MeshDocument {
@@ -139,7 +141,7 @@ impl MeshDocument {
             non_manifold_edges: r.nonmanifold_edges,
             muscle_share: r.muscle_share,
             tissue_from_ct: r.tissue_from_ct,
-            warnings: r.warnings.clone(),
+            findings: r.warnings.iter().cloned().collect(),
         }
     }
 }

@@ -7,6 +7,7 @@ use super::check::{Check, REACH_MM};
 use super::cut::{CutDocument, checked_cut, points};
 use super::fault::Fault;
 use super::landmarks::{LandmarksDocument, PlacedPlane, checked_plane};
+use super::warning::Findings;
 use prosopon_geometry::Point;
 use prosopon_planning::plan::{Clearance, Cut, Landmarks, Osteotomy, Protected, Segment, Template, TemplateCall};
 
@@ -283,8 +284,9 @@ pub struct OsteotomyDocument {
     /// Volume of small fragments that were dropped, mm³.
     #[serde(default)]
     pub dropped_mm3: f64,
-    /// What was dropped, and what is doubtful.
-    pub warnings: Vec<String>,
+    /// Warnings and notes.
+    #[serde(flatten)]
+    pub findings: Findings,
 }
 
 impl OsteotomyDocument {
@@ -327,7 +329,7 @@ impl OsteotomyDocument {
             segments: osteotomy.segments.iter().map(segment).collect(),
             bone_mm3: osteotomy.bone_mm3,
             dropped_mm3: osteotomy.dropped_mm3,
-            warnings: osteotomy.warnings.clone(),
+            findings: osteotomy.warnings.iter().cloned().collect(),
         }
     }
 }

@@ -2,6 +2,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::motion::{motion_of, motion_parts};
+use super::warning::Findings;
 use prosopon_planning::plan::{self, Path, PathReport, Plan, PlanError};
 
 /// Motion from rest at the path parameter `t`.
@@ -84,9 +85,9 @@ pub struct PlanDocument {
     pub paths: Vec<PathDocument>,
     /// One report for each path.
     pub reports: Vec<PathReportDocument>,
-    /// What to check before the plan is solved: unusual motions, overlapping bone, wide gaps.
-    #[serde(default)]
-    pub warnings: Vec<String>,
+    /// Warnings and notes.
+    #[serde(flatten)]
+    pub findings: Findings,
     /// Computing time of the reports, s.
     pub wall_s: f64,
 }

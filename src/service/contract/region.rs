@@ -1,25 +1,10 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::bounds::BoxDocument;
 use super::check::{Check, REACH_MM};
-use prosopon_geometry::{Aabb, Point};
+use prosopon_geometry::Point;
 use prosopon_planning::evaluate::Part;
-
-/// An axis-aligned box, LPS mm.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields)]
-pub struct BoxDocument {
-    /// Smallest coordinates.
-    pub min_mm: [f64; 3],
-    /// Largest coordinates.
-    pub max_mm: [f64; 3],
-}
-
-impl From<&BoxDocument> for Aabb {
-    fn from(b: &BoxDocument) -> Self {
-        Self { min: Point::from(b.min_mm), max: Point::from(b.max_mm) }
-    }
-}
 
 /// A region of space: a box (`min_mm` and `max_mm`) or a ball (`centre_mm` and `radius_mm`).
 #[derive(Debug, Clone, Copy, Default, PartialEq, Deserialize, Serialize, ToSchema)]

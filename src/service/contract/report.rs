@@ -7,6 +7,7 @@ use super::{
     AttachedDocument, ErrorDocument, FieldDocument, LeftOutDocument, MeshDocument, PlanDocument, RegionMotionDocument,
     StepDocument, TissueDocument,
 };
+use super::warning::Findings;
 
 /// Computing time of each phase, s; all but `solve_s` are from when the parts were made.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, ToSchema)]
@@ -89,6 +90,7 @@ pub struct ReportDocument {
     /// Proposed landmarks and planes of the session that no person has confirmed.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub unconfirmed_landmarks: Vec<String>,
-    /// Warnings.
-    pub warnings: Vec<String>,
+    /// Warnings and notes.
+    #[serde(flatten)]
+    pub findings: Findings,
 }

@@ -1,6 +1,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::warning::Findings;
 use prosopon_planning::simulate::{Frame, LeftOut, RegionMotion};
 use prosopon_tissue::fem::PhaseTimes;
 
@@ -100,8 +101,9 @@ pub struct StepDocument {
     /// Wall time of the solver's phases.
     #[serde(default)]
     pub phases: StepPhasesDocument,
-    /// Warnings of the step.
-    pub warnings: Vec<String>,
+    /// Warnings and notes.
+    #[serde(flatten)]
+    pub findings: Findings,
 }
 
 /// Outcome of records without one.
@@ -134,7 +136,7 @@ impl StepDocument {
             max_displacement_mm: f64::from(max_displacement),
             wall_s,
             phases: r.phases.into(),
-            warnings: r.warnings.clone(),
+            findings: r.warnings.iter().cloned().collect(),
         }
     }
 }

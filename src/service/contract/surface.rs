@@ -1,6 +1,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::warning::{Findings, WarningDocument};
 use prosopon_geometry::SurfaceReport;
 
 /// Origin of a stored surface.
@@ -51,14 +52,15 @@ pub struct SurfaceDocument {
     pub area_mm2: f64,
     /// Enclosed volume, mm³; absent when the surface is not closed.
     pub volume_mm3: Option<f64>,
-    /// What was repaired, and what is doubtful.
-    pub warnings: Vec<String>,
+    /// Warnings and notes.
+    #[serde(flatten)]
+    pub findings: Findings,
 }
 
 impl SurfaceDocument {
     /// The document of a measured surface.
     #[must_use]
-    pub fn new(origin: SurfaceOrigin, r: &SurfaceReport, warnings: Vec<String>) -> Self {
+    pub fn new(origin: SurfaceOrigin, r: &SurfaceReport, warnings: impl IntoIterator<Item: Into<WarningDocument>>) -> Self {
         Self {
             origin,
             vertices: r.vertices,
@@ -76,7 +78,7 @@ impl SurfaceDocument {
             max_mm: r.bounds.max.coords.into(),
             area_mm2: r.area_mm2,
             volume_mm3: r.closed.then_some(r.volume_mm3),
-            warnings,
+            findings: warnings.into_iter().collect(),
         }
     }
 }
@@ -91,9 +93,9 @@ pub struct CtDocument {
     /// Format of the upload: `nifti`, `dicom`, `nrrd`, `metaimage`.
     #[serde(default = "nifti")]
     pub format: String,
-    /// What was changed on reading, and what is doubtful.
-    #[serde(default)]
-    pub warnings: Vec<String>,
+    /// Warnings and notes.
+    #[serde(flatten)]
+    pub findings: Findings,
 }
 
 /// Format of records without one: they were all NIfTI.

@@ -3,7 +3,8 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use prosopon_geometry::{Cell, VolumeMesh};
+use super::warning::Findings;
+use prosopon_geometry::{Cell, VolumeMesh, Warning};
 use prosopon_planning::simulate::ReadyMesh;
 use prosopon_tissue::mesh::Attachment;
 
@@ -38,14 +39,15 @@ pub struct TissueDocument {
     pub min_mm: [f64; 3],
     /// Largest coordinates, LPS mm.
     pub max_mm: [f64; 3],
-    /// What was changed on reading, and what is doubtful.
-    pub warnings: Vec<String>,
+    /// Warnings and notes.
+    #[serde(flatten)]
+    pub findings: Findings,
 }
 
 impl TissueDocument {
     /// The document of a mesh that was read from a file.
     #[must_use]
-    pub fn new(sha256: String, bytes: u64, volume: &VolumeMesh, ready: &ReadyMesh, mut warnings: Vec<String>) -> Self {
+    pub fn new(sha256: String, bytes: u64, volume: &VolumeMesh, ready: &ReadyMesh, warnings: Vec<Warning>) -> Self {
         let mesh = &ready.mesh;
         let wedges = volume.cells.iter().filter(|c| matches!(c, Cell::Wedge(_))).count();
         let mut tissues = BTreeMap::new();
@@ -63,7 +65,7 @@ impl TissueDocument {
         let extreme = |pick: fn(f64, f64) -> f64| {
             [0, 1, 2].map(|axis| mesh.positions.iter().map(|p| p[axis]).reduce(pick).unwrap_or_default())
         };
-        warnings.extend(ready.warnings.iter().cloned());
+        let findings = warnings.into_iter().chain(ready.warnings.iter().cloned()).collect();
         Self {
             sha256,
             bytes,
@@ -79,7 +81,7 @@ impl TissueDocument {
             buried_wedges: ready.buried_prisms(),
             min_mm: extreme(f64::min),
             max_mm: extreme(f64::max),
-            warnings,
+            findings,
         }
     }
 }

@@ -1,40 +1,11 @@
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use super::Service;
-use super::running::Worker;
 
 /// A worker without a heartbeat for this long is stuck.
 const SILENCE: Duration = Duration::from_secs(60);
 /// Work that ignores a stop for this long is stuck: solvers check for a stop in every Newton iteration.
 const DEAF: Duration = Duration::from_secs(180);
-
-/// Last heartbeat of each worker.
-#[derive(Debug)]
-pub(super) struct Beats {
-    begin: Instant,
-    /// Time of the last heartbeat, ms since `begin`.
-    last: Vec<(Worker, AtomicU64)>,
-}
-
-impl Beats {
-    pub(super) fn new(workers: Vec<Worker>) -> Self {
-        Self { begin: Instant::now(), last: workers.into_iter().map(|w| (w, AtomicU64::new(0))).collect() }
-    }
-
-    pub(super) fn beat(&self, worker: Worker) {
-        let now = u64::try_from(self.begin.elapsed().as_millis()).unwrap_or(u64::MAX);
-        if let Some((_, last)) = self.last.iter().find(|(w, _)| *w == worker) {
-            last.store(now, Ordering::Relaxed);
-        }
-    }
-
-    /// Time since the last heartbeat of each worker.
-    fn silences(&self) -> impl Iterator<Item = (Worker, Duration)> {
-        let since = |last: &AtomicU64| Duration::from_millis(last.load(Ordering::Relaxed));
-        self.last.iter().map(move |(w, last)| (*w, self.begin.elapsed().saturating_sub(since(last))))
-    }
-}
 
 impl Service {
     /// Descriptions of stuck workers and jobs; empty while all is well, also while a solver is busy.
@@ -67,7 +38,7 @@ impl Service {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::running::Running;
+    use crate::running::{Running, Worker};
     use prosopon_store::{JobKind, JobRecord, Lane, SessionId};
 
     #[test]
@@ -80,15 +51,5 @@ mod tests {
         while running.ignoring_stop().is_zero() {}
         running.close();
         assert!(running.ignoring_stop().is_zero(), "its end may wait for a store");
-    }
-
-    #[test]
-    fn a_worker_that_does_not_beat_is_silent() {
-        let workers = Worker::all(2);
-        let beats = Beats { begin: Instant::now() - Duration::from_secs(100), ..Beats::new(workers.clone()) };
-        assert!(workers.len() == 3 && beats.silences().all(|(_, silent)| silent > SILENCE));
-        beats.beat(workers[1]);
-        let silent: Vec<Worker> = beats.silences().filter(|(_, s)| *s > SILENCE).map(|(w, _)| w).collect();
-        assert_eq!(silent, [workers[0], workers[2]], "others do not hide it");
     }
 }

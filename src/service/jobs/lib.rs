@@ -5,22 +5,29 @@
 //! jobs are continued by its next start or by another process on the same store.
 
 mod cpu_pool;
+mod events;
 mod feed;
 mod forecast;
 mod frame;
 mod health;
+mod heartbeat;
 mod janitor;
+mod lease;
 mod memory;
 mod order;
 mod others;
 mod persist;
+mod queue;
+mod recovery;
 mod requests;
 mod running;
 mod service;
 mod settings;
+mod start;
 mod state;
 mod status;
 mod tasks;
+mod transition;
 mod work;
 mod worker;
 

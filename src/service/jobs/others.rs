@@ -1,20 +1,17 @@
 //! Other processes on the same store: passing on their events, taking over jobs that they abandoned.
 
-use std::convert::Infallible;
 use std::sync::Arc;
 use std::time::Duration;
 
 use super::Service;
-use super::running::Running;
-use super::worker::recover;
+use super::lease::renew_every;
+use super::recovery::recover;
 use prosopon_store::{JobRecord, Lane, StoreError};
 
 /// Longest time without a check for changes, because a notification may be lost.
 const LOOK_EVERY: Duration = Duration::from_secs(2);
 /// Shortest time between two checks.
 const PAUSE: Duration = Duration::from_millis(100);
-/// Longest time between two renewals of a lease; at each the worker also sees a cancellation request.
-const RENEW_EVERY: Duration = Duration::from_secs(1);
 /// Number of further checks of an expired lease before its job is taken over.
 const LOOKS: u32 = 2;
 
@@ -77,28 +74,4 @@ async fn silent(service: &Service) -> Result<Vec<JobRecord>, StoreError> {
         silent.retain(|job| still.contains(job));
     }
     Ok(silent)
-}
-
-fn renew_every(lease: Duration) -> Duration {
-    RENEW_EVERY.min(lease / 4)
-}
-
-/// Renews the lease of a running job.
-///
-/// Stops the job when the lease is lost or another process recorded a cancellation.
-pub(super) async fn keep_lease(service: &Service, job: &JobRecord, running: &Running) -> Infallible {
-    while service.store.is_shared() {
-        tokio::time::sleep(renew_every(service.settings.lease)).await;
-        match service.store.renew(job, service.settings.lease).await {
-            Ok(Some(false)) => {}
-            Ok(Some(true)) => _ = running.request_cancel(),
-            Ok(None) => {
-                tracing::warn!("the lease is lost: the job was deleted or claimed by another worker");
-                running.control.cancel();
-                break;
-            }
-            Err(error) => tracing::warn!(%error, "the lease of a job cannot be renewed; trying again"),
-        }
-    }
-    std::future::pending().await
 }

@@ -2,10 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use prosopon_contract::{
-    CompareRequest, CutDocument, Fault, FieldSettingsDocument, MeshRequest, PlanDocument, PresetName, SolveRequest,
-    TissueDocument,
-};
+use prosopon_contract::{CompareRequest, CutDocument, Fault, FieldSettingsDocument, MeshRequest, PlanDocument, PresetName, SolveRequest, TissueDocument, WarningDocument};
 use prosopon_geometry::TriMesh;
 use prosopon_planning::plan::PlanError;
 use prosopon_planning::simulate::RunSettings;
@@ -87,7 +84,7 @@ pub struct SolveTask {
     /// Computing time of the cut, s.
     pub cut_s: f64,
     /// Warnings of the cuts.
-    pub cut_warnings: Vec<String>,
+    pub cut_warnings: Vec<WarningDocument>,
     /// The tissue mesh.
     pub mesh: MeshChoice,
     /// Key of the mesh when the job was accepted.
@@ -151,7 +148,7 @@ pub struct SceneTask {
     /// Key of the fields in which the cuts were made; empty without cuts.
     pub field_key: String,
     /// Warnings of the cuts.
-    pub cut_warnings: Vec<String>,
+    pub cut_warnings: Vec<WarningDocument>,
     /// Segments and part keys of the uploaded bones.
     pub bones: Vec<(u32, String)>,
     /// Settings of the distance fields of the bones.

@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 use tracing::Span;
 
 use super::forecast::Forecast;
+use prosopon_contract::{WarningDocument};
 use prosopon_geometry::control::Control;
 use prosopon_store::{JobId, JobRecord, Lane, SessionId};
 
@@ -47,8 +48,8 @@ impl Phase {
 }
 
 /// Warning of step `k` as the job shows it.
-pub(super) fn step_warning(k: u32, text: &str) -> String {
-    format!("step {k}: {text}")
+pub(super) fn step_warning(k: u32, warning: &WarningDocument) -> WarningDocument {
+    warning.about(format_args!("step {k}"))
 }
 
 fn stage_span(job: &Span, phase: Phase) -> Span {
@@ -98,9 +99,9 @@ pub(super) struct Running {
     ///
     /// One atomic change decides between a cancellation and the end.
     ending: AtomicU8,
-    warnings: Mutex<Vec<String>>,
+    warnings: Mutex<Vec<WarningDocument>>,
     /// Step numbers and warnings; the steps' own events reported them.
-    step_warnings: Mutex<Vec<(u32, String)>>,
+    step_warnings: Mutex<Vec<(u32, WarningDocument)>>,
     /// When each stage began.
     stages: Mutex<Vec<(Phase, Instant)>>,
     /// Tracing span of the job.
@@ -151,33 +152,33 @@ impl Running {
     }
 
     /// Adds a warning that is stored in the job's row, however the job ends.
-    pub(super) fn warn(&self, text: String) {
-        self.warnings.lock().unwrap_or_else(PoisonError::into_inner).push(text);
+    pub(super) fn warn(&self, warning: WarningDocument) {
+        self.warnings.lock().unwrap_or_else(PoisonError::into_inner).push(warning);
     }
 
     /// Adds a warning of a step, likewise.
-    pub(super) fn warn_of_step(&self, k: u32, text: &str) {
-        let mut told = self.step_warnings.lock().unwrap_or_else(PoisonError::into_inner);
-        let warning = (k, text.to_owned());
+    pub(super) fn warn_of_step(&self, k: u32, warning: &WarningDocument) {
+        let mut known = self.step_warnings.lock().unwrap_or_else(PoisonError::into_inner);
+        let warning = (k, warning.clone());
         // A step may be solved twice.
-        if !told.contains(&warning) {
-            told.push(warning);
+        if !known.contains(&warning) {
+            known.push(warning);
         }
     }
 
     /// Warnings of the job as a whole.
-    pub(super) fn own_warnings(&self) -> Vec<String> {
+    pub(super) fn own_warnings(&self) -> Vec<WarningDocument> {
         self.warnings.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     /// Warnings of the steps.
-    pub(super) fn step_warnings(&self) -> Vec<(u32, String)> {
+    pub(super) fn step_warnings(&self) -> Vec<(u32, WarningDocument)> {
         self.step_warnings.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     /// All warnings; those of steps have the step's number.
-    pub(super) fn warnings(&self) -> Vec<String> {
-        let of_steps = self.step_warnings().into_iter().map(|(k, text)| step_warning(k, &text));
+    pub(super) fn warnings(&self) -> Vec<WarningDocument> {
+        let of_steps = self.step_warnings().into_iter().map(|(k, warning)| step_warning(k, &warning));
         self.own_warnings().into_iter().chain(of_steps).collect()
     }
 

@@ -3,12 +3,14 @@ use std::collections::btree_map::Entry;
 use std::time::Duration;
 
 use super::Service;
-use prosopon_contract::{Fault, StepDocument, from_json};
+use prosopon_contract::{Fault, Findings, StepDocument, WarningDocument, from_json};
 use prosopon_store::{JobId, JobRecord, JobState, StepRecord};
 
 /// Current status of a job.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JobStatus {
+    /// Warnings and notes so far.
+    pub findings: Findings,
     /// Its row; phase, progress and warnings are live while it runs in this process.
     pub record: JobRecord,
     /// Number of finished steps.
@@ -80,8 +82,10 @@ impl Service {
         if let Some(running) = &running {
             running.phase().as_str().clone_into(&mut record.phase);
             record.progress = running.control.progress();
-            record.warnings.extend(running.warnings());
         }
+        let stored = record.warnings.iter().map(|text| from_json::<WarningDocument>("a warning of the job", text));
+        let mut findings: Findings = stored.collect::<Result<Vec<_>, _>>()?.into_iter().collect();
+        findings.extend(running.iter().flat_map(|running| running.warnings()));
         let queue_position = queue.map(|queue| {
             let before = queue.iter().position(|id| *id == record.id).unwrap_or(0);
             place(before, self.running_in(record.kind.lane()))
@@ -91,6 +95,7 @@ impl Service {
             residuals: steps.iter().map(residual).collect::<Result<_, _>>()?,
             eta_s: running.and_then(|r| r.eta_s()),
             queue_position,
+            findings,
             record,
         })
     }

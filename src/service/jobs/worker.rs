@@ -5,69 +5,18 @@ use std::time::Duration;
 use tracing::Instrument;
 
 use super::Service;
-use super::others::keep_lease;
+use super::events::{end_event, panicked, status_event, warning_event};
+use super::lease::keep_lease;
 use super::running::{Running, Worker};
-use super::service::{end_event, panicked, status_event, warning_event};
-use super::state::{JobEvent, next};
+use super::state::JobEvent;
+use super::transition::{apply, ended, record_end, recovery};
 use super::work::{self, Done};
 use crate::trace;
-use prosopon_contract::{Fault, FaultKind, Halt, chain};
+use prosopon_contract::{Fault, FaultKind, Halt, WarningDocument, chain, to_json};
 use prosopon_store::{Claim, JobChange, JobFilter, JobRecord, JobState, Lane, StoreError};
 
 /// Shortest time between two progress events.
 const PROGRESS_EVERY: Duration = Duration::from_millis(250);
-
-/// Recovers unfinished jobs.
-///
-/// The jobs `abandoned`, which an earlier run or another process left running, become interrupted. Interrupted jobs are accepted
-/// again, or fail after the last attempt. Jobs with a cancellation request are cancelled.
-pub(super) async fn recover(service: &Service, abandoned: Vec<JobRecord>) -> Result<(), Fault> {
-    let all = |state| JobFilter { state: Some(state), limit: u32::MAX, ..JobFilter::default() };
-    for job in service.store.jobs(&all(JobState::Accepted)).await?.iter().chain(&abandoned) {
-        recover_one(service, job).await?;
-    }
-    for job in service.store.jobs(&all(JobState::Interrupted)).await? {
-        recover_one(service, &job).await?;
-    }
-    Ok(())
-}
-
-async fn recover_one(service: &Service, job: &JobRecord) -> Result<(), Fault> {
-    if let Some((event, change)) = recovery(job, service.settings.max_attempts) {
-        tracing::info!(job.id = %job.id, attempt = job.attempt, ?event, "found a job that no worker computes");
-        apply(service, job, event, change).await?;
-    }
-    Ok(())
-}
-
-/// The recovery of an unfinished job; `None` for one that waits or has ended.
-fn recovery(job: &JobRecord, max_attempts: u32) -> Option<(JobEvent, JobChange)> {
-    if job.cancel_requested_at.is_some() {
-        return Some((JobEvent::Cancel, ended(JobState::Cancelled, None)));
-    }
-    let told = |state| vec![("status", status_event(state, job.attempt))];
-    match job.state {
-        JobState::Running => {
-            let events = told(JobState::Interrupted);
-            Some((JobEvent::Interrupt, JobChange { events, ..JobChange::default() }))
-        }
-        JobState::Interrupted if job.attempt < max_attempts => {
-            let events = told(JobState::Accepted);
-            Some((JobEvent::Requeue, JobChange { phase: Some("waiting"), events, ..JobChange::default() }))
-        }
-        JobState::Interrupted => {
-            let detail = format!(
-                "the process ended {} times while the job ran, so it is not tried again; the job may have caused this by lack of memory or by a fault",
-                job.attempt
-            );
-            let fault = Fault::new(FaultKind::JobInterrupted, detail)
-                .with("attempts", job.attempt)
-                .with("job_status", JobState::Failed.as_str());
-            Some((JobEvent::GiveUp, ended(JobState::Failed, Some(&fault))))
-        }
-        JobState::Accepted | JobState::Succeeded | JobState::Failed | JobState::Cancelled => None,
-    }
-}
 
 /// Longest time between two looks at the queue.
 const LOOK_EVERY: Duration = Duration::from_secs(5);
@@ -218,11 +167,11 @@ async fn run_visible(service: &Arc<Service>, job: &JobRecord, running: &Arc<Runn
     };
     let (done, only_this) = tokio::select! {
         ended = work => ended,
-        never = tell_progress(service, job, running) => match never {},
+        never = report_progress(service, job, running) => match never {},
         never = keep_lease(service, job, running) => match never {},
     };
     let (event, change) = outcome(service, job, running, done, only_this);
-    tell_metrics(job, running, event);
+    record_metrics(job, running, event);
     beating(service, running.worker, end(service, job, event, &change)).await
 }
 
@@ -256,9 +205,8 @@ fn outcome(
     match done {
         Ok(Done { report, tissue, warnings: found }) => {
             // Warnings of steps have their events already.
-            let mut events: Vec<_> = running.own_warnings().iter().chain(&found).map(|w| warning_event(w)).collect();
-            let mut warnings = running.warnings();
-            warnings.extend(found);
+            let mut events: Vec<_> = running.own_warnings().iter().chain(&found).filter_map(warning_event).collect();
+            let warnings = stored_warnings(running.warnings().iter().chain(&found));
             events.push(end_event(JobState::Succeeded, None));
             let change = JobChange { phase: Some("done"), report, tissue, warnings, events, ..JobChange::default() };
             (JobEvent::Succeed, change)
@@ -300,7 +248,7 @@ async fn requeue(service: &Service, job: &JobRecord) -> Result<(), Fault> {
     Ok(())
 }
 
-fn tell_metrics(job: &JobRecord, running: &Running, event: JobEvent) {
+fn record_metrics(job: &JobRecord, running: &Running, event: JobEvent) {
     let (kind, outcome) = (job.kind.as_str(), format!("{event:?}").to_lowercase());
     let seconds = running.started.elapsed().as_secs_f64();
     tracing::info!(outcome, duration_s = seconds, "job ended");
@@ -320,69 +268,22 @@ fn model_of(job: &JobRecord) -> String {
     model.and_then(serde_json::Value::as_str).unwrap_or_default().to_owned()
 }
 
-fn ended(state: JobState, fault: Option<&Fault>) -> JobChange {
-    JobChange {
-        fault: fault.and_then(|f| serde_json::to_string(f).ok()),
-        events: vec![end_event(state, fault)],
-        ..JobChange::default()
-    }
+/// Warnings in the form of a row; the codec cannot fail on them.
+fn stored_warnings<'a>(warnings: impl IntoIterator<Item = &'a WarningDocument>) -> Vec<String> {
+    warnings.into_iter().filter_map(|w| to_json("a warning", w).ok()).collect()
 }
 
 /// Adds the current stage, progress and warnings, because those in the row may be 250 ms old.
 fn stopped(running: &Running, change: JobChange) -> JobChange {
-    let warnings = running.warnings();
-    let mut events: Vec<_> = running.own_warnings().iter().map(|w| warning_event(w)).collect();
+    let warnings = stored_warnings(&running.warnings());
+    let mut events: Vec<_> = running.own_warnings().iter().filter_map(warning_event).collect();
     events.extend(change.events);
     let (phase, progress) = (Some(running.phase().as_str()), Some(running.control.progress()));
     JobChange { phase, progress, warnings, events, ..change }
 }
 
-/// Stores the end of a job and retries while the database takes no writes.
-///
-/// Without it the job would seem to run until the next start.
-async fn record_end(service: &Service, job: &JobRecord, event: JobEvent, change: &JobChange) -> Result<bool, Fault> {
-    let to = next(job.state, event).map_err(|e| illegal(&e))?;
-    loop {
-        match write(service, job, to, change).await {
-            Err(error)
-                if (error.is_away() || matches!(error, StoreError::Database(_) | StoreError::Io(_)))
-                    && !service.stop.is_cancelled() =>
-            {
-                tracing::error!(%error, "the end of a job cannot be stored yet; trying again");
-                pause(service).await;
-            }
-            written => return Ok(written?),
-        }
-    }
-}
-
-/// Changes the state of a job by `event`; false when the job is not in its state any more.
-async fn apply(service: &Service, job: &JobRecord, event: JobEvent, change: JobChange) -> Result<bool, Fault> {
-    let to = next(job.state, event).map_err(|e| illegal(&e))?;
-    Ok(write(service, job, to, &change).await?)
-}
-
-async fn write(service: &Service, job: &JobRecord, to: JobState, change: &JobChange) -> Result<bool, StoreError> {
-    let changed = match service.store.change_job(job, to, change).await {
-        // The last large result exceeds the quota, so the job fails.
-        Err(StoreError::QuotaFull { allowed }) => {
-            let fault = Fault::from(StoreError::QuotaFull { allowed });
-            let to = next(job.state, JobEvent::Fail).unwrap_or(JobState::Failed);
-            service.store.change_job(job, to, &ended(JobState::Failed, Some(&fault))).await?
-        }
-        other => other?,
-    };
-    service.announce();
-    Ok(changed)
-}
-
-fn illegal(error: &super::state::Illegal) -> Fault {
-    tracing::error!(%error, "illegal change of a job's state");
-    Fault::new(FaultKind::Internal, error.to_string())
-}
-
 /// Stores the progress at intervals and sends the worker's heartbeat.
-async fn tell_progress(service: &Service, job: &JobRecord, running: &Running) -> std::convert::Infallible {
+async fn report_progress(service: &Service, job: &JobRecord, running: &Running) -> std::convert::Infallible {
     let mut last = ("", -1.0);
     loop {
         tokio::time::sleep(PROGRESS_EVERY).await;

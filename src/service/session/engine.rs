@@ -4,10 +4,10 @@ use super::{Case, Run, SceneRun, TissueRequest};
 use prosopon_contract::{Cuts, Halt, Solid};
 use prosopon_field::{FieldReport, Settled};
 use prosopon_geometry::control::Control;
-use prosopon_geometry::{Point, TriMesh, Vector};
+use prosopon_geometry::{Point, TriMesh, Vector, Warning};
 use prosopon_planning::evaluate::{ErrorMap, FaceRegion, Registration};
 use prosopon_planning::plan::{Clearance, Cut, Osteotomy, PathReport, Plan, Proposal};
-use prosopon_planning::simulate::{Frame, Milestone, Outcome};
+use prosopon_planning::simulate::{Frame, PathCheckpoint, Outcome};
 use prosopon_planning::surface::{CtSettings, CtSurfaces};
 use prosopon_tissue::mesh::MeshReport;
 
@@ -18,9 +18,9 @@ pub trait RunWatch {
     /// The tissue mesh is built.
     fn mesh(&mut self, report: &MeshReport);
     /// A warning from before the first step.
-    fn warning(&mut self, text: String);
-    /// A step is solved; `milestone` makes the checkpoint after it, if there can be one.
-    fn frame(&mut self, frame: Frame, milestone: &dyn Fn() -> Option<Milestone>);
+    fn warning(&mut self, warning: Warning);
+    /// A step is solved; `checkpoint` makes the checkpoint after it, if there can be one.
+    fn frame(&mut self, frame: Frame, checkpoint: &dyn Fn() -> Option<PathCheckpoint>);
 }
 
 /// Result of a solve with an uploaded tissue mesh.
@@ -29,7 +29,7 @@ pub struct SceneSolved {
     /// The solved mesh as VTU with displacement, stress and volume ratio; `None` unless requested.
     pub file: Option<Vec<u8>>,
     /// Warnings.
-    pub warnings: Vec<String>,
+    pub warnings: Vec<Warning>,
 }
 
 /// The numerics behind the service.
@@ -47,7 +47,7 @@ pub trait Engine: Debug + Send + Sync {
     ///
     /// # Errors
     /// [`Halt`].
-    fn fields(&self, case: &Case, control: &Control) -> Result<(FieldReport, FieldReport, Vec<String>), Halt>;
+    fn fields(&self, case: &Case, control: &Control) -> Result<(FieldReport, FieldReport, Vec<Warning>), Halt>;
 
     /// Distances with reliable signs, gradients and closest points at `points` (LPS mm).
     ///

@@ -1,3 +1,5 @@
+use super::Case;
+use prosopon_planning::plan::Cut;
 use prosopon_store::sha256_hex;
 
 /// Key (SHA-256, hexadecimal) of something that is made from `parts`, in order.
@@ -9,6 +11,13 @@ pub fn key_of(parts: &[&str]) -> String {
         text.push_str(&format!("{}:{part};", part.len()));
     }
     sha256_hex(text.as_bytes())
+}
+
+/// Key of the cut bone.
+///
+/// The debug form prints the shortest decimals, which distinguish all bits of the numbers.
+pub(super) fn bone_key(case: &Case, cuts: &[Cut]) -> String {
+    key_of(&[&case.key, &format!("{cuts:?}")])
 }
 
 #[cfg(test)]

@@ -4,13 +4,13 @@
 //! everything that it was derived from, so that it can be deleted and rebuilt identically.
 
 mod case;
-mod course;
+mod checkpoint_file;
 mod engine;
 mod error_sheet;
 mod inputs;
 mod keys;
-mod milestone_file;
 mod numerics;
+mod path_solve;
 mod recent;
 mod scene;
 mod surface_part;
@@ -21,6 +21,6 @@ pub use engine::{Engine, RunWatch, SceneSolved};
 pub use error_sheet::error_sheet;
 pub use inputs::{SessionParts, load_mesh, read_part};
 pub use keys::key_of;
-pub use milestone_file::StoredMilestone;
+pub use checkpoint_file::StoredCheckpoint;
 pub use numerics::Numerics;
 pub use surface_part::{PreparedSurface, surface_part};

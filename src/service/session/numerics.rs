@@ -1,7 +1,8 @@
 use std::fmt;
 use std::sync::Arc;
 
-use super::course::{Course, Ready};
+use super::keys::bone_key;
+use super::path_solve::{PathSolve, Ready, solve_path};
 use super::recent::Recent;
 use super::scene::{bone_fields, solve_scene};
 use super::tissue_file::tissue_file;
@@ -10,7 +11,7 @@ use prosopon_contract::{Cuts, Fault, FaultKind, Halt, Solid, import_fault};
 use prosopon_field::{Envelope, ExactDistance, FieldReport, Settled, envelope};
 use prosopon_formats::import::{self, Limits};
 use prosopon_geometry::control::Control;
-use prosopon_geometry::{Implicit, Point, TriMesh, Vector};
+use prosopon_geometry::{Implicit, Point, TriMesh, Vector, Warning};
 use prosopon_planning::evaluate::{self, ErrorMap, FaceRegion, Registration};
 use prosopon_planning::plan::{
     self, Clearance, Cut, Osteotomy, Path, PathReport, Plan, Proposal, TemplateCuts, TemplateFault,
@@ -33,7 +34,7 @@ const MESH_BYTES: u64 = 1_000;
 /// The numerics of the service, with the most recently used intermediate results in memory.
 pub struct Numerics {
     limits: Limits,
-    pub(super) recent: Recent,
+    recent: Recent,
 }
 
 impl fmt::Debug for Numerics {
@@ -167,13 +168,6 @@ fn given_cuts(halt: Halt, templates: &TemplateCuts) -> Halt {
     }
 }
 
-/// Key of the cut bone.
-///
-/// The debug form prints the shortest decimals, which distinguish all bits of the numbers.
-pub(super) fn bone_key(case: &Case, cuts: &[Cut]) -> String {
-    key_of(&[&case.key, &format!("{cuts:?}")])
-}
-
 impl Engine for Numerics {
     fn surfaces(&self, ct: &[u8], settings: &CtSettings, control: &Control) -> Result<CtSurfaces, Halt> {
         let (volume, warnings) =
@@ -184,7 +178,7 @@ impl Engine for Numerics {
         Ok(surfaces)
     }
 
-    fn fields(&self, case: &Case, control: &Control) -> Result<(FieldReport, FieldReport, Vec<String>), Halt> {
+    fn fields(&self, case: &Case, control: &Control) -> Result<(FieldReport, FieldReport, Vec<Warning>), Halt> {
         let fields = self.fields_of(case, control)?;
         Ok((fields.skin_report.clone(), fields.bone_report.clone(), fields.warnings.clone()))
     }
@@ -230,12 +224,13 @@ impl Engine for Numerics {
         for near in &clearances {
             let Some(protected) = cuts.protected.get(near.protected) else { continue };
             if let Some(margin) = protected.margin_mm.filter(|m| near.distance_mm < *m) {
-                osteotomy.warnings.push(format!(
+                let message = format!(
                     "{} comes within {:.1} mm of {}, less than its margin of {margin:.1} mm",
                     osteotomy.cuts.get(near.cut).map_or_else(String::new, |cut| cut.label(near.cut)),
                     near.distance_mm,
                     protected.name
-                ));
+                );
+                osteotomy.warnings.push(Warning::check("below-margin", message).act("Move the cut or accept the distance."));
             }
         }
         Ok((osteotomy, clearances))
@@ -280,13 +275,13 @@ impl Engine for Numerics {
         watch.stage("solve");
         let ready = Ready { run, bone: &bone, tissue: &tissue };
         let control = control.part(shares[2], 1.0);
-        let last = Course {
+        let last = PathSolve {
             plan: &run.plan,
             steps: run.settings.steps,
             after: run.after.as_deref(),
-            milestone: run.milestone.as_ref(),
+            checkpoint: run.checkpoint.as_ref(),
         };
-        self.follow_course(&ready, last, &control, &mut |frame, milestone| watch.frame(frame, milestone))
+        solve_path(&self.recent, &ready, last, &control, &mut |frame, checkpoint| watch.frame(frame, checkpoint))
     }
 
     fn solve_scene(&self, run: &SceneRun, control: &Control, watch: &mut dyn RunWatch) -> Result<SceneSolved, Halt> {

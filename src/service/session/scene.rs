@@ -7,7 +7,7 @@ use prosopon_contract::{Fault, FaultKind, Halt};
 use prosopon_field::SignedField;
 use prosopon_formats::export::vtu_of_mesh;
 use prosopon_geometry::control::Control;
-use prosopon_geometry::{Point, TriMesh};
+use prosopon_geometry::{Point, TriMesh, Warning};
 use prosopon_planning::simulate::{Frame, OuterSurface, ReadyMesh, Scene};
 use prosopon_tissue::fem::{SolveError, StepReport};
 
@@ -16,13 +16,13 @@ pub(super) fn bone_fields(
     surfaces: &[(u32, TriMesh)],
     run: &SceneRun,
     control: &Control,
-) -> Result<(Vec<(u32, Arc<SignedField>)>, Vec<String>), Halt> {
+) -> Result<(Vec<(u32, Arc<SignedField>)>, Vec<Warning>), Halt> {
     let (mut fields, mut warnings) = (Vec::new(), Vec::new());
     let n = surfaces.len() as f64;
     for (index, (segment, surface)) in surfaces.iter().enumerate() {
         let part = control.part(index as f64 / n, (index + 1) as f64 / n);
         let (field, _, found) = SignedField::build_only(surface, &run.fields.field, &part)?;
-        warnings.extend(found.into_iter().map(|w| format!("bone {segment}: {w}")));
+        warnings.extend(found.into_iter().map(|w| w.about(format_args!("bone {segment}"))));
         fields.push((*segment, Arc::new(field)));
     }
     Ok((fields, warnings))
@@ -44,13 +44,13 @@ pub(super) fn solve_scene(
     }
     watch.stage("solve");
     let mut solve = |after| {
-        scene.solve_and_show(after, control, &mut |k, nodes, report, milestone| {
+        scene.solve_and_show(after, control, &mut |k, nodes, report, checkpoint| {
             if let Some(frame) = frame(&outside, k, run.steps, nodes, report) {
-                watch.frame(frame, milestone);
+                watch.frame(frame, checkpoint);
             }
         })
     };
-    let outcome = match solve(run.milestone.as_ref()) {
+    let outcome = match solve(run.checkpoint.as_ref()) {
         Err(SolveError::Checkpoint { detail }) => {
             tracing::warn!(detail, "the checkpoint does not match this job; all steps are solved again");
             solve(None)

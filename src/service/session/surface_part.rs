@@ -1,4 +1,4 @@
-use prosopon_contract::{Fault, FaultKind, SurfaceDocument, SurfaceOrigin, to_json};
+use prosopon_contract::{Fault, FaultKind, SurfaceDocument, SurfaceOrigin, WarningDocument, to_json};
 use prosopon_geometry::{TriMesh, surface_report, why_no_solid};
 use prosopon_store::{PartKind, PartRecord, SessionId, Store, encode_mesh, now_rfc3339};
 
@@ -14,7 +14,7 @@ impl PreparedSurface {
     ///
     /// # Errors
     /// [`FaultKind::SurfaceNotUsable`].
-    pub fn new(mesh: &TriMesh, origin: SurfaceOrigin, warnings: Vec<String>) -> Result<Self, Fault> {
+    pub fn new(mesh: &TriMesh, origin: SurfaceOrigin, warnings: impl IntoIterator<Item: Into<WarningDocument>>) -> Result<Self, Fault> {
         let report = surface_report(mesh);
         if let Some(detail) = why_no_solid(mesh, &report) {
             return Err(Fault::new(FaultKind::SurfaceNotUsable, detail));

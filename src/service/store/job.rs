@@ -128,7 +128,7 @@ pub struct JobRecord {
     /// Blob of the deformed volume (VTU); of a comparison, blob of the values.
     pub tissue_blob: Option<String>,
     /// Blob of the last checkpoint of an unfinished job, from which another worker can continue.
-    pub milestone_blob: Option<String>,
+    pub checkpoint_blob: Option<String>,
     /// When it was accepted, RFC 3339.
     pub created_at: String,
     /// Start of the last attempt, RFC 3339.
@@ -169,7 +169,7 @@ impl JobRecord {
             warnings: Vec::new(),
             rest_blob: None,
             tissue_blob: None,
-            milestone_blob: None,
+            checkpoint_blob: None,
             created_at: now_rfc3339(),
             started_at: None,
             finished_at: None,

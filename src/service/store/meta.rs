@@ -191,7 +191,7 @@ pub trait MetaStore: Debug + Send + Sync {
     /// Stores the key of a running job's last checkpoint; returns the blob that it replaces.
     ///
     /// The key is cleared when the job ends. [`StoreError::SessionGone`] when the job does not run under `fence` any more.
-    async fn set_milestone(&self, id: JobId, fence: u64, blob: &str) -> Result<Option<String>>;
+    async fn set_checkpoint(&self, id: JobId, fence: u64, blob: &str) -> Result<Option<String>>;
 
     /// Deletes the steps and the checkpoint of a running job; returns their blobs.
     ///

@@ -5,7 +5,7 @@ use utoipa::ToSchema;
 use uuid::Uuid;
 
 use crate::http::problem::ProblemDocument;
-use prosopon_contract::Fault;
+use prosopon_contract::{Fault, Findings, WarningDocument, from_json};
 use prosopon_jobs::JobStatus;
 use prosopon_store::{JobKind, JobRecord, JobState};
 
@@ -50,8 +50,9 @@ pub struct JobView {
     pub superseded_by: Option<Uuid>,
     /// Residual force of each finished step, in step order, relative to the reaction force.
     pub residuals: Vec<f64>,
-    /// Warnings about the inputs and the result.
-    pub warnings: Vec<String>,
+    /// Warnings and notes about the inputs and the result.
+    #[serde(flatten)]
+    pub findings: Findings,
     /// Problem that made the job fail; `null` unless it failed.
     pub problem: Option<ProblemDocument>,
     /// When the job was accepted (RFC 3339).
@@ -83,7 +84,7 @@ impl JobView {
             cancel_requested_at: record.cancel_requested_at.clone(),
             superseded_by: record.superseded_by.map(prosopon_store::JobId::uuid),
             residuals: Vec::new(),
-            warnings: record.warnings.clone(),
+            findings: findings(&record.warnings),
             problem: fault.as_ref().map(ProblemDocument::from),
             created_at: record.created_at.clone(),
             started_at: record.started_at.clone(),
@@ -100,10 +101,16 @@ impl From<&JobStatus> for JobView {
             eta_s: status.eta_s,
             queue_position: status.queue_position,
             residuals: status.residuals.clone(),
+            findings: status.findings.clone(),
             links: links(&status.record, status.steps_done),
             ..Self::new(&status.record)
         }
     }
+}
+
+/// The stored warnings of a row.
+fn findings(stored: &[String]) -> Findings {
+    stored.iter().filter_map(|text| from_json::<WarningDocument>("a warning of a job", text).ok()).collect()
 }
 
 fn links(record: &JobRecord, steps_done: u32) -> BTreeMap<String, String> {

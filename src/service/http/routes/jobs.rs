@@ -106,7 +106,7 @@ pub(in crate::http) async fn create(
         osteotomy_id: osteotomy.id,
         plan: plans::content(&plan)?,
         cuts: bone.cuts,
-        cut_warnings: bone.warnings,
+        cut_warnings: bone.findings.iter().cloned().collect(),
         cut_s: osteotomy.wall_s,
         mesh_key: parts.mesh_key(&mesh.settings, mesh.cuts.as_deref())?,
         mesh,
@@ -157,7 +157,7 @@ async fn scene(
         None => None,
     };
     let field_key = if bone.is_some() { parts.field_key()? } else { String::new() };
-    let (cuts, cut_warnings) = bone.map(|b| (b.cuts, b.warnings)).unzip();
+    let (cuts, cut_warnings) = bone.map(|b| (b.cuts, b.findings.iter().cloned().collect())).unzip();
     Ok(SceneTask {
         ready,
         request: SolveRequest {

@@ -19,6 +19,7 @@ mod report;
 mod report_page;
 mod results;
 mod sessions;
+mod step_surface;
 mod tissue;
 mod warm_start;
 

@@ -1,7 +1,7 @@
 use serde::Deserialize;
 use utoipa::IntoParams;
 
-use super::results::load;
+use super::step_surface::load;
 use crate::http::Problem;
 use prosopon_contract::{Fault, FaultKind, RegisterOn};
 use prosopon_geometry::TriMesh;

@@ -41,7 +41,7 @@ pub(in crate::http) async fn create(
                 label,
                 paths: PlanDocument::paths_of(&plan),
                 reports: Vec::new(),
-                warnings: Vec::new(),
+                findings: Findings::default(),
                 wall_s: 0.0,
             }
         }

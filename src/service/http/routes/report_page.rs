@@ -1,7 +1,11 @@
-use std::fmt::Write;
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
+use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 use crate::http::Problem;
-use prosopon_contract::{ErrorDocument, PathSample, PlanDocument, ReportDocument, from_json};
+use prosopon_contract::{
+    AttachedDocument, ErrorDocument, Findings, PathSample, PlanDocument, ReportDocument, SeverityName, from_json,
+};
 
 /// Style of the page: two columns below the pictures, one A4 sheet unless there are many warnings.
 const STYLE: &str = "@page{size:A4;margin:8mm}*{box-sizing:border-box}body{font:9px/1.3 Helvetica,Arial,sans-serif;color:#222;max-width:194mm;\
@@ -9,7 +13,7 @@ margin:0 auto;padding:2mm 0}h1{font-size:15px;margin:0}h2{font-size:10px;margin:
 width:100%}.strip img{max-height:68mm;object-fit:contain}.columns:after{content:'';display:block;clear:both}.left{float:left;width:55%}\
 .right{float:right;width:43%}table{border-collapse:collapse;width:100%}td,th{padding:.15mm 1mm;border-bottom:.2mm solid #ddd;\
 text-align:right;font-weight:normal}th{color:#666}td:first-child,th:first-child{text-align:left}code{font-size:6.5px;word-break:break-all}\
-ul{margin:0;padding-left:4mm}.note{color:#666;font-size:8px}";
+ul{margin:0;padding-left:4mm}.note{color:#666;font-size:8px}.unreliable{color:#a00;font-weight:bold}";
 /// Number of steps that fit on the page; the table shows the last ones.
 const STEPS: usize = 6;
 
@@ -18,63 +22,78 @@ const STEPS: usize = 6;
 /// `pictures` are titles with PNG bytes: before and after, then the error.
 pub(super) fn report_page(report: &str, pictures: &[(&str, Vec<u8>)]) -> Result<String, Problem> {
     let r: ReportDocument = from_json("the report", report)?;
-    let mut page = format!(
-        "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>Prosopon report {}</title><style>{STYLE}</style>\
-         <h1>Predicted skin after bone movement</h1><p>Job <code>{}</code>, session <code>{}</code>, {}. Model <b>{}</b>, Prosopon {}. \
-         <b>Not a medical device.</b></p>",
-        escape(&r.job),
-        escape(&r.job),
-        escape(&r.session),
-        escape(&r.finished_at),
-        escape(&r.model),
-        escape(&r.version)
-    );
-    let picture = |page: &mut String, (title, png): &(&str, Vec<u8>)| {
-        add(page, format_args!("<img alt=\"{title}\" src=\"data:image/png;base64,{}\">", base64(png)));
-    };
-    if let Some(first) = pictures.first() {
-        page.push_str("<div class=\"strip\">");
-        picture(&mut page, first);
-        page.push_str("</div>");
-    }
-    page.push_str("<div class=\"columns\"><div class=\"left\">");
-    pictures.iter().skip(1).for_each(|p| picture(&mut page, p));
-    warnings(&mut page, &r.warnings);
-    inputs(&mut page, &r);
-    page.push_str("</div><div class=\"right\">");
-    plan(&mut page, &r.plan);
+    let (first, others) = pictures.split_at(pictures.len().min(1));
     let regions = r.regions.iter().map(|(name, m)| vec![name.clone(), mm(m.forward_mm), mm(m.down_mm), mm(m.left_mm)]);
-    table(&mut page, "Mean movement of the skin, mm", &["region", "forward", "down", "left"], regions);
-    if let Some(error) = &r.error {
-        errors(&mut page, error);
-    }
-    numerics(&mut page, &r);
-    page.push_str("</div></div></html>\n");
-    Ok(page)
+    let page = html! {
+        (DOCTYPE)
+        html lang="en" {
+            meta charset="utf-8";
+            title { "Prosopon report " (r.job) }
+            style { (PreEscaped(STYLE)) }
+            h1 { "Predicted skin after bone movement" }
+            p {
+                "Job " code { (r.job) } ", session " code { (r.session) } ", " (r.finished_at) ". Model " b { (r.model) }
+                ", Prosopon " (r.version) ". " b { "Not a medical device." }
+            }
+            div class="strip" { @for (title, png) in first { (picture(title, png)) } }
+            div class="columns" {
+                div class="left" {
+                    @for (title, png) in others { (picture(title, png)) }
+                    (warnings(&r.findings))
+                    (inputs(&r))
+                    (notes(&r.findings))
+                }
+                div class="right" {
+                    (plan(&r.plan))
+                    (table("Mean movement of the skin, mm", &["region", "forward", "down", "left"], regions))
+                    @if let Some(error) = &r.error { (errors(error)) }
+                    (numerics(&r))
+                }
+            }
+        }
+    };
+    Ok(page.into_string())
 }
 
-fn warnings(page: &mut String, all: &[String]) {
-    if all.is_empty() {
-        return;
-    }
-    page.push_str("<h2>Warnings</h2><ul>");
-    for warning in all {
-        add(page, format_args!("<li>{}</li>", escape(warning)));
-    }
-    page.push_str("</ul>");
+fn picture(title: &str, png: &[u8]) -> Markup {
+    html! { img alt=(title) src={ "data:image/png;base64," (STANDARD.encode(png)) }; }
 }
 
-fn inputs(page: &mut String, r: &ReportDocument) {
-    page.push_str("<h2>Inputs, SHA-256</h2><table>");
-    for (name, input) in &r.inputs {
-        let from = input.source_sha256.as_ref().unwrap_or(&input.sha256);
-        add(page, format_args!("<tr><td>{}</td><td><code>{}</code></td></tr>", escape(name), escape(from)));
+fn warnings(findings: &Findings) -> Markup {
+    html! {
+        @if !findings.warnings.is_empty() {
+            h2 { "Warnings" }
+            ul {
+                @for warning in &findings.warnings {
+                    li class=[(warning.severity == SeverityName::Unreliable).then_some("unreliable")] { (warning.to_string()) }
+                }
+            }
+        }
     }
-    page.push_str("</table>");
 }
 
-/// Table of each segment's final movement, with LPS axes named as surgeons name them.
-fn plan(page: &mut String, plan: &PlanDocument) {
+fn notes(findings: &Findings) -> Markup {
+    html! {
+        @if !findings.notes.is_empty() {
+            h2 { "Notes" }
+            ul class="note" { @for note in &findings.notes { li { (note.message) } } }
+        }
+    }
+}
+
+fn inputs(r: &ReportDocument) -> Markup {
+    html! {
+        h2 { "Inputs, SHA-256" }
+        table {
+            @for (name, input) in &r.inputs {
+                tr { td { (name) } td { code { (input.source_sha256.as_ref().unwrap_or(&input.sha256)) } } }
+            }
+        }
+    }
+}
+
+/// End position of each segment, its translation given in the surgeon's directions.
+fn plan(plan: &PlanDocument) -> Markup {
     let rows = plan.paths.iter().map(|path| {
         let report = plan.reports.iter().find(|r| r.segment == path.segment);
         let end = path.waypoints.last();
@@ -94,57 +113,38 @@ fn plan(page: &mut String, plan: &PlanDocument) {
             most(|s| s.gap_mm),
         ]
     });
-    table(page, "Plan, mm", &["segment", "forward", "down", "left", "turn", "overlap", "gap"], rows);
+    table("Plan, mm", &["segment", "forward", "down", "left", "turn", "overlap", "gap"], rows)
 }
 
-fn errors(page: &mut String, error: &ErrorDocument) {
+fn errors(error: &ErrorDocument) -> Markup {
     let whole = std::iter::once(("counted", &error.whole)).chain(error.regions.iter().map(|(n, s)| (n.as_str(), s)));
     let rows = whole.chain(std::iter::once(("from reference", &error.backward))).map(|(name, s)| {
         let share = format!("{:.0} %", 100.0 * s.share_below_1_mm);
-        vec![
-            name.to_owned(),
-            mm(s.mean_mm),
-            mm(s.mean_abs_mm),
-            mm(s.rms_mm),
-            mm(s.p50_mm),
-            mm(s.p90_mm),
-            mm(s.p95_mm),
-            mm(s.max_mm),
-            share,
-        ]
+        let lengths = [s.mean_mm, s.mean_abs_mm, s.rms_mm, s.p50_mm, s.p90_mm, s.p95_mm, s.max_mm].map(mm);
+        std::iter::once(name.to_owned()).chain(lengths).chain([share]).collect()
     });
     let title = format!("{} ({}), mm", error.title(), error.reference);
     let names = ["region", "mean", "abs", "RMS", "P50", "P90", "P95", "max", "< 1 mm"];
-    table(page, &title, &names, rows);
     let w = &error.whole;
-    add(
-        page,
-        format_args!(
-            "<p class=\"note\">Variance {:.3} mm², L2 norm {:.1} mm over {} vertices, below 2 mm {:.1} %, below 3 mm {:.1} %. All values \
-             except the L2 norm are weighted by area. Negative: the prediction lies behind the reference.</p>",
-            w.variance_mm2,
-            w.l2_norm_mm,
-            w.count,
-            100.0 * w.share_below_2_mm,
-            100.0 * w.share_below_3_mm
-        ),
-    );
-    if let Some(r) = &error.registration {
-        add(
-            page,
-            format_args!(
-                "<p class=\"note\">Registered on {} vertices: residual {:.3} mm, overlap {:.0} %, {} iterations.</p>",
-                r.vertices,
-                r.residual_mm,
-                100.0 * r.overlap,
-                r.iterations
-            ),
-        );
+    html! {
+        (table(&title, &names, rows))
+        p class="note" {
+            "Variance " (format!("{:.3}", w.variance_mm2)) " mm², L2 norm " (format!("{:.1}", w.l2_norm_mm)) " mm over " (w.count)
+            " vertices, below 2 mm " (format!("{:.1}", 100.0 * w.share_below_2_mm)) " %, below 3 mm "
+            (format!("{:.1}", 100.0 * w.share_below_3_mm)) " %. All values except the L2 norm are weighted by area. "
+            "Negative: the prediction lies behind the reference."
+        }
+        @if let Some(r) = &error.registration {
+            p class="note" {
+                "Registered on " (r.vertices) " vertices: residual " (format!("{:.3}", r.residual_mm)) " mm, overlap "
+                (format!("{:.0}", 100.0 * r.overlap)) " %, " (r.iterations) " iterations."
+            }
+        }
     }
 }
 
 /// Tables of steps and times, and notes on attachment and mesh.
-fn numerics(page: &mut String, r: &ReportDocument) {
+fn numerics(r: &ReportDocument) -> Markup {
     let steps = r.steps.iter().skip(r.steps.len().saturating_sub(STEPS)).map(|s| {
         vec![
             s.k.to_string(),
@@ -156,8 +156,6 @@ fn numerics(page: &mut String, r: &ReportDocument) {
             format!("{:.1}", s.wall_s),
         ]
     });
-    let names = ["step", "outcome", "det F", "pen., mm", "residual", "iter.", "s"];
-    table(page, "Steps", &names, steps);
     let p = &r.phases;
     let phases = [
         ("surfaces", p.surfaces_s),
@@ -168,24 +166,28 @@ fn numerics(page: &mut String, r: &ReportDocument) {
         ("solve", p.solve_s),
         ("total", p.total_s),
     ];
-    let names = phases.map(|p| p.0);
-    table(page, "Time, s", &names, [phases.map(|p| format!("{:.1}", p.1)).to_vec()]);
-    if let Some(a) = &r.attached {
-        let tied: Vec<String> = a.tied_nodes.iter().map(|(segment, n)| format!("{n} to segment {segment}")).collect();
-        add(
-            page,
-            format_args!(
-                "<p class=\"note\">Nodes at bone: tied {}; {} sliding, {} free. {} fixed at the mesh's boundary, {} painted.</p>",
-                if tied.is_empty() { "none".to_owned() } else { tied.join(", ") },
-                a.sliding_nodes,
-                a.free_nodes_at_bone,
-                a.fixed_nodes,
-                a.painted_nodes
-            ),
-        );
+    html! {
+        (table("Steps", &["step", "outcome", "det F", "pen., mm", "residual", "iter.", "s"], steps))
+        (table("Time, s", &phases.map(|p| p.0), [phases.map(|p| format!("{:.1}", p.1)).to_vec()]))
+        @if let Some(attached) = &r.attached { (attachment(attached)) }
+        @if let Some(mesh) = mesh(r) { p class="note" { "Mesh: " (mesh) "." } }
     }
-    let mesh = match (&r.mesh, &r.tissue) {
-        (Some(m), _) => format!(
+}
+
+fn attachment(a: &AttachedDocument) -> Markup {
+    let tied: Vec<String> = a.tied_nodes.iter().map(|(segment, n)| format!("{n} to segment {segment}")).collect();
+    html! {
+        p class="note" {
+            "Nodes at bone: tied " (if tied.is_empty() { "none".to_owned() } else { tied.join(", ") }) "; " (a.sliding_nodes)
+            " sliding, " (a.free_nodes_at_bone) " free. " (a.fixed_nodes) " fixed at the mesh's boundary, " (a.painted_nodes)
+            " painted."
+        }
+    }
+}
+
+fn mesh(r: &ReportDocument) -> Option<String> {
+    match (&r.mesh, &r.tissue) {
+        (Some(m), _) => Some(format!(
             "{} tetrahedra, {} prisms, smallest dihedral angle {:.1}°, {} inverted, volume error {:.4}, at most {} mm from the skin",
             m.tetrahedra,
             m.prisms,
@@ -193,36 +195,27 @@ fn numerics(page: &mut String, r: &ReportDocument) {
             m.inverted,
             m.volume_error,
             mm(m.max_skin_distance_mm)
-        ),
-        (None, Some(t)) => format!(
+        )),
+        (None, Some(t)) => Some(format!(
             "uploaded mesh of {} nodes, {} tetrahedra, {} wedges, {} sliding nodes",
             t.nodes, t.tetrahedra, t.wedges, t.sliding_nodes
-        ),
-        (None, None) => return,
-    };
-    add(page, format_args!("<p class=\"note\">Mesh: {mesh}.</p>"));
+        )),
+        (None, None) => None,
+    }
 }
 
-fn add(page: &mut String, text: std::fmt::Arguments<'_>) {
-    // Writing to a string cannot fail.
-    page.write_fmt(text).ok();
-}
-
-/// A table with a title; all text is escaped here.
-fn table(page: &mut String, title: &str, names: &[&str], rows: impl IntoIterator<Item = Vec<String>>) {
+/// A table with a title; nothing without rows.
+fn table(title: &str, names: &[&str], rows: impl IntoIterator<Item = Vec<String>>) -> Markup {
     let mut rows = rows.into_iter().peekable();
-    if rows.peek().is_none() {
-        return;
+    html! {
+        @if rows.peek().is_some() {
+            h2 { (title) }
+            table {
+                tr { @for name in names { th { (name) } } }
+                @for row in rows { tr { @for cell in row { td { (cell) } } } }
+            }
+        }
     }
-    add(page, format_args!("<h2>{}</h2><table><tr>", escape(title)));
-    names.iter().for_each(|name| add(page, format_args!("<th>{}</th>", escape(name))));
-    page.push_str("</tr>");
-    for row in rows {
-        page.push_str("<tr>");
-        row.iter().for_each(|cell| add(page, format_args!("<td>{}</td>", escape(cell))));
-        page.push_str("</tr>");
-    }
-    page.push_str("</table>");
 }
 
 /// Formats a length to 0.01 mm, without a negative zero.
@@ -231,36 +224,9 @@ fn mm(value: f64) -> String {
     if text == "-0.00" { "0.00".to_owned() } else { text }
 }
 
-fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
-}
-
-fn base64(bytes: &[u8]) -> String {
-    const ALPHABET: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
-    for chunk in bytes.chunks(3) {
-        let [a, b, c] = [0, 1, 2].map(|i| u32::from(chunk.get(i).copied().unwrap_or(0)));
-        let word = a << 16 | b << 8 | c;
-        for place in 0..4 {
-            let symbol = char::from(ALPHABET[(word >> (18 - 6 * place) & 63) as usize]);
-            text.push(if place <= chunk.len() { symbol } else { '=' });
-        }
-    }
-    text
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn base64_as_in_rfc_4648() {
-        let pairs =
-            [("", ""), ("f", "Zg=="), ("fo", "Zm8="), ("foo", "Zm9v"), ("foob", "Zm9vYg=="), ("fooba", "Zm9vYmE=")];
-        for (plain, encoded) in pairs {
-            assert_eq!(base64(plain.as_bytes()), encoded);
-        }
-    }
 
     #[test]
     fn nothing_moves_by_minus_zero() {
@@ -269,6 +235,7 @@ mod tests {
 
     #[test]
     fn text_cannot_become_markup() {
-        assert_eq!(escape("<script>\"&\""), "&lt;script&gt;&quot;&amp;&quot;");
+        let page = table("<script>\"&\"", &["a"], [vec!["<b>".to_owned()]]).into_string();
+        assert!(page.contains("&lt;script&gt;&quot;&amp;&quot;") && page.contains("&lt;b&gt;"), "{page}");
     }
 }

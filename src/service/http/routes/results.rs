@@ -8,6 +8,7 @@ use serde::Deserialize;
 use utoipa::{IntoParams, ToSchema};
 
 use super::on_demand::{ErrorQuery, compared};
+use super::step_surface::load;
 use crate::http::dto::{ErrorView, finite};
 use crate::http::extract::{Ids, Params};
 use crate::http::result::{not_modified, tag_of, tagged};
@@ -116,17 +117,6 @@ async fn find(service: &Service, id: JobId, k: u32) -> Result<(JobRecord, StepRe
     }
 }
 
-pub(super) async fn load(
-    service: &Service,
-    job: &JobRecord,
-    step: &StepRecord,
-) -> Result<(TriMesh, TriMesh, SkinFrame), Problem> {
-    let rest = rest_of(service, job).await?;
-    let frame = read_frame(service, step, &rest).await?;
-    let mesh = frame.mesh(&rest)?;
-    Ok((rest, mesh, frame))
-}
-
 /// Read the triangles of all frames
 ///
 /// Returns three little-endian u32 vertex numbers per triangle, as `api/frames.md` describes.
@@ -233,7 +223,8 @@ fn error_of(job: &JobRecord, step: &StepRecord) -> Result<ErrorDocument, Problem
     let Some(error) = &step.error else {
         let detail = "the step has no error map: the session had no target and the job no reference_job with a step at this \
                       path parameter, or the job did not ask for the output error";
-        let fault = Fault::new(FaultKind::NoReference, detail).with("warnings", job.warnings.clone());
+        let warnings: Vec<Value> = job.warnings.iter().filter_map(|w| serde_json::from_str(w).ok()).collect();
+        let fault = Fault::new(FaultKind::NoReference, detail).with("warnings", warnings);
         return Err(fault.into());
     };
     Ok(from_json("the error map", error)?)

@@ -79,10 +79,10 @@ pub async fn make_plan(
     service
         .compute(move |engine, control| {
             let reports = engine.follow(&case, &cuts, &plan, control)?;
-            let warnings = reports.iter().flat_map(|report| report.warnings.clone()).collect();
+            let findings = reports.iter().flat_map(|report| report.warnings.clone()).collect();
             let reports = reports.iter().map(PathReportDocument::from).collect();
             let wall_s = started.elapsed().as_secs_f64();
-            Ok::<_, Halt>(PlanDocument { label, paths: PlanDocument::paths_of(&plan), reports, warnings, wall_s })
+            Ok::<_, Halt>(PlanDocument { label, paths: PlanDocument::paths_of(&plan), reports, findings, wall_s })
         })
         .await
         .map_err(|fault| fault.with_cuts_at("/osteotomy"))

@@ -1,8 +1,8 @@
-use super::Predictions;
+use super::predictions::Predictions;
 use crate::Service;
-use prosopon_contract::{ErrorDocument, Fault, FaultKind, Halt, RegisterOn, RegistrationDocument};
+use prosopon_contract::{ErrorDocument, Fault, FaultKind, Findings, Halt, RegisterOn, RegistrationDocument};
 use prosopon_geometry::control::Control;
-use prosopon_geometry::{Point, TriMesh};
+use prosopon_geometry::{Point, TriMesh, Warning};
 use prosopon_planning::evaluate::{Mask, Part, eyes, face_regions};
 use prosopon_session::Engine;
 
@@ -81,13 +81,12 @@ impl Comparison {
             check_length(pointer, mask, &mesh)?;
         }
         let rest = rest.as_ref().unwrap_or(&mesh);
-        let (mut except, mut document_of, mut warnings) = (self.exclude, None, Vec::new());
+        let (mut except, mut document_of, mut findings) = (self.exclude, None, Findings::default());
         match &face {
             Some((points, midline)) if self.exclude_eyes => except.extend(eyes(rest, points, *midline)),
             None if self.exclude_eyes => {
-                warnings.push(
-                    "the eyes were not left out: the prediction is not a skin, so the eyes cannot be placed".to_owned(),
-                );
+                let text = "the eyes were not left out: the prediction is not a skin, so the eyes cannot be placed";
+                findings.push(Warning::check("eyes-not-placed", text).into());
             }
             _ => {}
         }
@@ -106,7 +105,7 @@ impl Comparison {
         if let Some(on) = self.register {
             let (name, region) = registered(&on, &mesh, displacement_mm.as_deref());
             let found = engine.register(&mesh, &reference, Some(&both(region)), &control.part(0.0, 0.5))?;
-            warnings.extend(found.warnings.iter().cloned());
+            findings.extend(found.warnings.iter().cloned());
             document_of = Some(RegistrationDocument::new(&found, name));
             // The reference moves to the prediction, so that masks, parts of the face and pictures stay in the patient's frame.
             reference = reference.moved(&found.motion.inverse());
@@ -114,13 +113,13 @@ impl Comparison {
         let map = engine.error_map(&mesh, &reference, Some(&counted), &regions, &control.part(0.5, 1.0))?;
         let mut document = ErrorDocument::new(self.reference_name, mask_name, &map);
         if self.predictions.as_ref().is_some_and(|both| !both.same_plan) {
-            warnings.push(
-                "the two predictions follow different plans: the values do not compare the models alone".to_owned(),
-            );
+            let text = "the two predictions follow different plans: the values do not compare the models alone";
+            findings.push(Warning::check("different-plans", text).into());
         }
         document.models = self.predictions.map(|both| both.models);
         document.registration = document_of;
-        document.warnings.splice(0..0, warnings);
+        findings.extend(document.findings.iter().cloned());
+        document.findings = findings;
         let correspondence_mm = map.correspondence.map(|c| c.distance_mm);
         Ok(Compared { document, mesh, error_mm: map.signed_mm, correspondence_mm })
     }

@@ -3,6 +3,7 @@
 mod bone;
 mod compare;
 mod named_surface;
+mod predictions;
 mod results;
 mod slice;
 mod surface;
@@ -12,7 +13,8 @@ mod volume;
 pub use bone::{cut_bone, make_plan, propose_landmarks};
 pub use compare::{Compared, Comparison, Prediction, compare};
 pub(super) use named_surface::load_surface;
-pub use named_surface::{NamedSurface, Predictions, face_of, named_surface};
+pub use named_surface::{NamedSurface, face_of, named_surface};
+pub use predictions::Predictions;
 pub use results::{StoredComparison, read_comparison, read_frame, rest_of};
 pub use slice::field_slice;
 pub use surface::take_surface;

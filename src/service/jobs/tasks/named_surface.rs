@@ -1,11 +1,10 @@
-use super::{Prediction, read_frame, rest_of};
+use super::compare::Prediction;
+use super::results::{read_frame, rest_of};
 use crate::Service;
-use prosopon_contract::SurfaceSource;
-use prosopon_contract::{Fault, FaultKind, LandmarksDocument, PathDocument, PlanDocument};
+use prosopon_contract::{Fault, FaultKind, LandmarksDocument, SurfaceSource};
 use prosopon_geometry::Point;
 use prosopon_session::{SessionParts, load_mesh};
 use prosopon_store::{JobRecord, PartKind, SessionId};
-use serde::Deserialize;
 
 /// Name, key and session of a stored surface.
 #[derive(Debug, Clone, PartialEq)]
@@ -16,50 +15,6 @@ pub struct NamedSurface {
     pub key: String,
     /// Session of the surface.
     pub session: SessionId,
-}
-
-/// Two predictions that are compared with each other.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Predictions {
-    /// Names of the models of both.
-    pub models: [String; 2],
-    /// Whether both follow the same paths.
-    pub same_plan: bool,
-}
-
-impl Predictions {
-    /// Models and plans of two jobs; `None` when one of them is not a solve.
-    #[must_use]
-    pub fn of(one: &JobRecord, other: &JobRecord) -> Option<Self> {
-        let (one, other) = (solve_of(one)?, solve_of(other)?);
-        Some(Self { same_plan: one.1 == other.1, models: [one.0, other.0] })
-    }
-
-    /// Models and plans of two surfaces; `None` when one of them is not a step of a solve.
-    ///
-    /// # Errors
-    /// As [`named_surface`].
-    pub async fn of_surfaces(service: &Service, sources: [SurfaceSource; 2]) -> Result<Option<Self>, Fault> {
-        let [SurfaceSource::Step(one, _), SurfaceSource::Step(other, _)] = sources else { return Ok(None) };
-        Ok(Self::of(&service.job(one).await?, &service.job(other).await?))
-    }
-}
-
-/// Model and paths of a solve, on the session's own mesh or on an uploaded one.
-fn solve_of(job: &JobRecord) -> Option<(String, Vec<PathDocument>)> {
-    #[derive(Deserialize)]
-    struct Solve {
-        model: Option<String>,
-        physics: Option<Physics>,
-        plan: PlanDocument,
-    }
-    #[derive(Deserialize)]
-    struct Physics {
-        model: String,
-    }
-    let solve: Solve = serde_json::from_str(&job.request).ok()?;
-    let model = solve.model.or_else(|| Some(solve.physics?.model))?;
-    Some((model, solve.plan.paths))
 }
 
 /// Name, key and session of a source, without loading its surface.

@@ -1,4 +1,4 @@
-use super::Compared;
+use super::compare::Compared;
 use crate::{Service, SkinFrame};
 use prosopon_contract::{Fault, FaultKind, from_json};
 use prosopon_geometry::TriMesh;

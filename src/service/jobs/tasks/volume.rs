@@ -83,7 +83,7 @@ pub async fn take_ct(
     let (bytes, format, warnings) = read?;
     let stored = service.store.blobs().put(session, bytes).await?;
     let document =
-        CtDocument { sha256: upload.sha256, bytes: upload.bytes, format: format.name().to_owned(), warnings };
+        CtDocument { sha256: upload.sha256, bytes: upload.bytes, format: format.name().to_owned(), findings: warnings.into_iter().collect() };
     Ok(PartRecord {
         kind: PartKind::Ct,
         key: stored.sha256,

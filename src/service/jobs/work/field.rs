@@ -22,8 +22,8 @@ pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
         settings: request.settings,
         skin: (&skin).into(),
         bone: (&bone).into(),
-        warnings: warnings.clone(),
+        findings: warnings.iter().cloned().collect(),
     };
     context.put_document(PartKind::Field, request.key, wall_s, to_json("the document of the job", &document)?).await?;
-    Ok(Done { warnings, ..Done::default() })
+    Ok(Done { warnings: warnings.into_iter().map(Into::into).collect(), ..Done::default() })
 }

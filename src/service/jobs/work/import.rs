@@ -4,7 +4,7 @@ use super::report::read;
 use super::{Context, Done, changed_meanwhile};
 use crate::requests::ImportRequest;
 use crate::running::Phase;
-use prosopon_contract::{CtDocument, Fault, Halt, SurfaceDocument, SurfaceOrigin};
+use prosopon_contract::{CtDocument, Fault, Halt, SurfaceDocument, SurfaceOrigin, WarningDocument};
 use prosopon_planning::surface::CtSettings;
 use prosopon_session::{PreparedSurface, SessionParts, read_part, surface_part};
 use prosopon_store::{JobFilter, JobKind, JobState, PartKind, PartRecord, encode_grid, now_rfc3339};
@@ -97,18 +97,19 @@ async fn make(
     };
     let (surfaces, soft_tissue, warnings) = context
         .compute(move |engine, control| {
-            let mut found = engine.surfaces(&bytes, &CtSettings::from(&request), control)?;
-            found.warnings.splice(0..0, document.warnings);
+            let found = engine.surfaces(&bytes, &CtSettings::from(&request), control)?;
             drop(bytes);
+            let mut warnings: Vec<WarningDocument> = document.findings.iter().cloned().collect();
+            warnings.extend(found.warnings.into_iter().map(WarningDocument::from));
             let prepare = |mesh, warnings| PreparedSurface::new(mesh, origin.clone(), warnings);
             let mut surfaces = vec![
-                (PartKind::Skin, prepare(&found.skin, found.warnings.clone())?),
+                (PartKind::Skin, prepare(&found.skin, warnings.clone())?),
                 (PartKind::Skull, prepare(&found.skull, Vec::new())?),
             ];
             if let Some(air) = &found.air {
                 surfaces.push((PartKind::Air, prepare(air, Vec::new())?));
             }
-            Ok((surfaces, encode_grid(&found.soft_tissue), found.warnings))
+            Ok((surfaces, encode_grid(&found.soft_tissue), warnings))
         })
         .await?;
     context.running.set_phase(Phase::Writing);

@@ -5,10 +5,11 @@ use crate::requests::MeshTask;
 use crate::running::Phase;
 use prosopon_contract::{D1ReadingName, Halt, MeshDocument, PresetName, to_json};
 use prosopon_store::PartKind;
+use prosopon_geometry::Warning;
 use prosopon_tissue::mesh::Tissue;
 
 /// Stability warnings that a solve on this mesh would have.
-fn unstable(preset: PresetName) -> Vec<String> {
+fn unstable(preset: PresetName) -> Vec<Warning> {
     let materials = preset.materials(D1ReadingName::default());
     let tissues = [Tissue::Skin, Tissue::Muscle, Tissue::Fat, Tissue::Mucosa];
     tissues.into_iter().filter_map(|t| materials.of(t).stability_warning(t.name())).collect()
@@ -32,5 +33,5 @@ pub(super) async fn perform(context: &Context) -> Result<Done, Halt> {
     let osteotomy = request.osteotomy_id.map(|id| id.to_string());
     let document = MeshDocument { cuts: request.cuts, ..MeshDocument::new(request.settings, osteotomy, &report) };
     context.put_document(PartKind::Mesh, request.key, wall_s, to_json("the document of the job", &document)?).await?;
-    Ok(Done { warnings: report.warnings, ..Done::default() })
+    Ok(Done { warnings: report.warnings.into_iter().map(Into::into).collect(), ..Done::default() })
 }

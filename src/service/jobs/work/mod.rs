@@ -9,6 +9,7 @@ mod report;
 mod scene;
 mod solve;
 mod solve_watch;
+mod steps;
 
 use std::pin::pin;
 use std::sync::Arc;
@@ -18,8 +19,8 @@ use serde::de::DeserializeOwned;
 
 use super::Service;
 use super::running::Running;
-use super::service::panicked;
-use prosopon_contract::{Fault, FaultKind, Halt, from_json};
+use super::events::panicked;
+use prosopon_contract::{Fault, FaultKind, Halt, WarningDocument, from_json};
 use prosopon_geometry::control::Control;
 use prosopon_session::{Case, Engine, SessionParts};
 use prosopon_store::{BlobInfo, JobKind, JobRecord, Lane, OsteotomyId, PartKind, PartRecord, StepRecord, now_rfc3339};
@@ -35,7 +36,7 @@ const STOP_SEEN: Duration = Duration::from_millis(250);
 pub(super) struct Done {
     pub(super) report: Option<String>,
     pub(super) tissue: Option<BlobInfo>,
-    pub(super) warnings: Vec<String>,
+    pub(super) warnings: Vec<WarningDocument>,
 }
 
 /// Inputs of a job's work.

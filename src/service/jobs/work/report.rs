@@ -5,10 +5,8 @@ use serde_json::{Map, Value, json};
 
 use crate::requests::SolveTask;
 use crate::running::step_warning;
-use prosopon_contract::{
-    CtDocument, ErrorDocument, Fault, FieldDocument, MeshDocument, PhasesDocument, ReportDocument, ReportInput,
-    StepDocument, SurfaceDocument, from_json,
-};
+use prosopon_contract::{CtDocument, ErrorDocument, Fault, FieldDocument, Findings, MeshDocument, PhasesDocument, ReportDocument, ReportInput, StepDocument, SurfaceDocument, WarningDocument, from_json};
+use prosopon_geometry::Warning;
 use prosopon_planning::simulate::Outcome;
 use prosopon_session::SessionParts;
 use prosopon_store::{JobRecord, PartKind, StepRecord, now_rfc3339};
@@ -26,24 +24,23 @@ pub(super) struct Ingredients<'a> {
     pub(super) mesh_s: f64,
     pub(super) regions_from_landmarks: bool,
     pub(super) solve_s: f64,
-    pub(super) warnings: &'a [String],
+    pub(super) warnings: &'a [WarningDocument],
     /// Warnings from before the first step.
-    pub(super) told: &'a [String],
+    pub(super) reported: &'a [WarningDocument],
 }
 
 pub(super) fn compile(i: &Ingredients<'_>) -> Result<ReportDocument, Fault> {
     let field: FieldDocument = i.parts.require_field()?;
     let steps = step_documents(i.steps)?;
     let error = i.steps.last().and_then(|s| s.error.as_deref()).map(read::<ErrorDocument>).transpose()?;
-    let mut warnings = i.told.to_vec();
-    warnings.extend(i.warnings.iter().cloned());
-    warnings.extend(field.warnings.iter().chain(&i.request.cut_warnings).cloned());
-    warnings.extend(i.request.plan.warnings.iter().cloned());
-    warnings.extend(i.mesh.iter().flat_map(|mesh| mesh.warnings.iter().cloned()));
-    warnings.extend(step_warnings(&steps, i.told));
-    warnings.extend(error.iter().flat_map(|e| e.warnings.iter().map(|w| format!("error map: {w}"))));
+    let mut findings: Findings = i.reported.iter().chain(i.warnings).cloned().collect();
+    findings.extend(field.findings.iter().chain(&i.request.cut_warnings).cloned());
+    findings.extend(i.request.plan.findings.iter().cloned());
+    findings.extend(i.mesh.iter().flat_map(|mesh| mesh.findings.iter().cloned()));
+    findings.extend(step_warnings(&steps, i.reported));
+    findings.extend(error.iter().flat_map(|e| e.findings.iter().map(|w| w.about("error map"))));
     let unconfirmed_landmarks = unconfirmed(i.parts)?;
-    warnings.extend(unconfirmed_warning(&unconfirmed_landmarks));
+    findings.extend(unconfirmed_warning(&unconfirmed_landmarks));
     Ok(ReportDocument {
         format_version: 1,
         version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -66,7 +63,7 @@ pub(super) fn compile(i: &Ingredients<'_>) -> Result<ReportDocument, Fault> {
         error,
         regions_from_landmarks: i.regions_from_landmarks,
         unconfirmed_landmarks,
-        warnings,
+        findings,
     })
 }
 
@@ -102,10 +99,10 @@ fn parameters(request: &SolveTask) -> Map<String, Value> {
     members
 }
 
-/// Warnings of the steps that are not in `told`.
-pub(super) fn step_warnings(steps: &[StepDocument], told: &[String]) -> Vec<String> {
+/// Warnings of the steps that are not in `reported`.
+pub(super) fn step_warnings(steps: &[StepDocument], reported: &[WarningDocument]) -> Vec<WarningDocument> {
     let of = |s: &StepDocument| {
-        let new = s.warnings.iter().filter(|w| !told.contains(w));
+        let new = s.findings.iter().filter(|w| !reported.contains(w));
         new.map(|w| step_warning(s.k, w)).collect::<Vec<_>>()
     };
     steps.iter().flat_map(of).collect()

@@ -5,12 +5,12 @@ use std::time::Duration;
 use tokio::sync::mpsc;
 
 use super::report::{inputs, step_documents, step_warnings};
-use super::solve::{milestone, write_steps};
 use super::solve_watch::{Beginning, FinishedStep, SolveWatch};
+use super::steps::{checkpoint, write_steps};
 use super::{Context, Done, changed_meanwhile};
 use crate::requests::SceneTask;
 use crate::running::Phase;
-use prosopon_contract::{Fault, FaultKind, Halt, PhasesDocument, ReportDocument, import_fault, stored_cuts, to_json};
+use prosopon_contract::{Fault, FaultKind, Findings, Halt, PhasesDocument, ReportDocument, WarningDocument, import_fault, stored_cuts, to_json};
 use prosopon_formats::import::volume_mesh;
 use prosopon_planning::simulate::{OuterSurface, READY_MESH_LOCKING, ReadyMesh};
 use prosopon_session::{SceneBones, SceneRun, SceneSolved, SessionParts, load_mesh, read_part};
@@ -39,7 +39,7 @@ pub(super) async fn perform(context: &Context, request: &SceneTask) -> Result<Do
     context.service.persist(|| store.set_rest(&context.job, &rest)).await?;
     // The steps of a scene have no reference.
     let compared = String::new();
-    let before = milestone(context, &compared).await?;
+    let before = checkpoint(context, &compared).await?;
     let run = SceneRun {
         volume,
         bones,
@@ -48,7 +48,7 @@ pub(super) async fn perform(context: &Context, request: &SceneTask) -> Result<Do
         solver: request.request.options().settings(READY_MESH_LOCKING),
         steps: request.request.steps() as usize,
         file: request.request.wants_tissue(),
-        milestone: before.as_ref().map(|before| before.milestone.clone()),
+        checkpoint: before.as_ref().map(|before| before.checkpoint.clone()),
     };
 
     let (sender, receiver) = mpsc::channel(2);
@@ -64,9 +64,10 @@ pub(super) async fn perform(context: &Context, request: &SceneTask) -> Result<Do
         Some(file) => Some(context.put(file).await?),
         None => None,
     };
-    let mut told = context.running.own_warnings();
-    told.extend(context.running.step_warnings().into_iter().map(|(_, text)| text));
-    let warnings = solved.warnings.into_iter().filter(|w| !told.contains(w)).collect();
+    let mut reported = context.running.own_warnings();
+    reported.extend(context.running.step_warnings().into_iter().map(|(_, warning)| warning));
+    let found = solved.warnings.into_iter().map(WarningDocument::from);
+    let warnings = found.filter(|w| !reported.contains(w)).collect();
     Ok(Done { report: Some(to_json("the report", &report)?), tissue, warnings })
 }
 
@@ -113,16 +114,14 @@ async fn report(
     solving: Duration,
 ) -> Result<ReportDocument, Halt> {
     let steps = step_documents(&context.all_steps().await?)?;
-    let told = context.running.own_warnings();
+    let reported = context.running.own_warnings();
+    let mut findings: Findings = reported.iter().cloned().collect();
     // The scene also returns the warnings of its steps, which the report lists with the step numbers.
-    let of_steps = |w: &String| steps.iter().any(|step| step.warnings.contains(w));
-    let mut warnings = told.clone();
-    for warning in solved.warnings.iter().chain(&request.cut_warnings).chain(&request.ready.warnings) {
-        if !warnings.contains(warning) && !of_steps(warning) {
-            warnings.push(warning.clone());
-        }
-    }
-    warnings.extend(step_warnings(&steps, &told));
+    let of_steps = |w: &WarningDocument| steps.iter().any(|step| step.findings.iter().any(|s| s == w));
+    let solved = solved.warnings.iter().cloned().map(WarningDocument::from);
+    let others = solved.chain(request.cut_warnings.iter().chain(request.ready.findings.iter()).cloned());
+    findings.extend(others.filter(|w| !of_steps(w)));
+    findings.extend(step_warnings(&steps, &reported));
     let solve_s = solving.as_secs_f64();
     let solve = &request.request;
     let mut parameters = solve.options().parameters();
@@ -156,6 +155,6 @@ async fn report(
         error: None,
         regions_from_landmarks: false,
         unconfirmed_landmarks: Vec::new(),
-        warnings,
+        findings,
     })
 }

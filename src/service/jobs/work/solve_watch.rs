@@ -6,17 +6,18 @@ use tokio::sync::mpsc;
 use super::compare::Reference;
 use crate::SkinFrame;
 use crate::running::{Phase, Running};
-use prosopon_contract::{ErrorDocument, Halt, StepDocument};
+use prosopon_contract::{ErrorDocument, Halt, StepDocument, WarningDocument};
+use prosopon_geometry::Warning;
 use prosopon_geometry::control::Control;
 use prosopon_planning::evaluate::FaceRegion;
-use prosopon_planning::simulate::{Frame, Milestone};
-use prosopon_session::{Engine, RunWatch, StoredMilestone};
+use prosopon_planning::simulate::{Frame, PathCheckpoint};
+use prosopon_session::{Engine, RunWatch, StoredCheckpoint};
 use prosopon_tissue::mesh::MeshReport;
 
 /// Shortest time between two checkpoints.
 ///
 /// When a worker dies, its job loses at most this time and the current step. A checkpoint of a head has 1 to 2 MB.
-const MILESTONE_EVERY: Duration = Duration::from_secs(2);
+const CHECKPOINT_EVERY: Duration = Duration::from_secs(2);
 
 /// A solved step on its way from the pool to the store.
 #[derive(Debug)]
@@ -25,14 +26,14 @@ pub(super) struct FinishedStep {
     pub(super) error: Option<ErrorDocument>,
     pub(super) frame: Vec<u8>,
     /// Checkpoint from which another worker can continue.
-    pub(super) milestone: Option<Vec<u8>>,
+    pub(super) checkpoint: Option<Vec<u8>>,
 }
 
 /// Start of a solve.
 #[derive(Debug)]
 pub(super) struct Beginning {
     /// Checkpoint of an earlier attempt; `None` starts from rest.
-    pub(super) before: Option<StoredMilestone>,
+    pub(super) before: Option<StoredCheckpoint>,
     /// Key of the target and the landmarks that error maps depend on.
     pub(super) compared: String,
 }
@@ -49,7 +50,7 @@ pub(super) struct SolveWatch<'a> {
     pub(super) reference: Option<Reference>,
     pub(super) regions: Vec<FaceRegion>,
     pub(super) mask: Vec<bool>,
-    pub(super) warnings: Vec<String>,
+    pub(super) warnings: Vec<WarningDocument>,
     /// Report of the tissue mesh, and its computing time, s.
     pub(super) mesh: Option<(MeshReport, f64)>,
     /// Number of the checkpoint's step, after which the solve continues; 0 from rest.
@@ -61,7 +62,7 @@ pub(super) struct SolveWatch<'a> {
     /// Time of all steps, without comparisons and writing.
     pub(super) solving: Duration,
     /// Time of the last checkpoint, or of the begin of the job.
-    pub(super) milestone_made: Instant,
+    pub(super) checkpoint_made: Instant,
 }
 
 impl<'a> SolveWatch<'a> {
@@ -74,7 +75,7 @@ impl<'a> SolveWatch<'a> {
         Beginning { before, compared }: Beginning,
     ) -> Self {
         let (after, solving_s, warnings) = match before {
-            Some(before) => (before.milestone.k as u32, before.solving_s.clamp(0.0, 1e6), before.warnings),
+            Some(before) => (before.checkpoint.k as u32, before.solving_s.clamp(0.0, 1e6), before.warnings()),
             None => (0, 0.0, Vec::new()),
         };
         Self {
@@ -91,18 +92,18 @@ impl<'a> SolveWatch<'a> {
             compared,
             step_began: Instant::now(),
             solving: Duration::from_secs_f64(solving_s),
-            milestone_made: Instant::now(),
+            checkpoint_made: Instant::now(),
         }
     }
 
     /// An encoded checkpoint after the step at path parameter `t`, at intervals; none after the last step.
-    fn milestone(&mut self, t: f64, milestone: &dyn Fn() -> Option<Milestone>) -> Option<Vec<u8>> {
-        if t >= 1.0 || self.milestone_made.elapsed() < MILESTONE_EVERY {
+    fn checkpoint(&mut self, t: f64, checkpoint: &dyn Fn() -> Option<PathCheckpoint>) -> Option<Vec<u8>> {
+        if t >= 1.0 || self.checkpoint_made.elapsed() < CHECKPOINT_EVERY {
             return None;
         }
-        self.milestone_made = Instant::now();
-        let told = (self.solving.as_secs_f64(), self.warnings.clone());
-        StoredMilestone::new(milestone()?, told, self.compared.clone()).encode()
+        self.checkpoint_made = Instant::now();
+        let so_far = (self.solving.as_secs_f64(), self.warnings.as_slice());
+        StoredCheckpoint::new(checkpoint()?, so_far, self.compared.clone()).encode()
     }
 
     fn compare(&mut self, k: u32, frame: &Frame) -> Option<(ErrorDocument, Vec<f32>)> {
@@ -116,7 +117,8 @@ impl<'a> SolveWatch<'a> {
             // The solver sees the cancellation at its next check.
             Err(Halt::Cancelled) => None,
             Err(Halt::Fault(fault)) => {
-                self.warnings.push(format!("step {k} could not be compared with {name}: {}", fault.detail));
+                let message = format!("step {k} could not be compared with {name}: {}", fault.detail);
+                self.warnings.push(Warning::check("step-not-compared", message).into());
                 None
             }
         }
@@ -133,11 +135,11 @@ impl RunWatch for SolveWatch<'_> {
         self.mesh = Some((report.clone(), self.step_began.elapsed().as_secs_f64()));
     }
 
-    fn warning(&mut self, text: String) {
-        self.running.warn(text);
+    fn warning(&mut self, warning: Warning) {
+        self.running.warn(warning.into());
     }
 
-    fn frame(&mut self, frame: Frame, milestone: &dyn Fn() -> Option<Milestone>) {
+    fn frame(&mut self, frame: Frame, checkpoint: &dyn Fn() -> Option<PathCheckpoint>) {
         let taken = self.step_began.elapsed();
         if frame.k as u32 <= self.after {
             // The checkpoint did not match this job, so the solve started from rest again.
@@ -150,8 +152,8 @@ impl RunWatch for SolveWatch<'_> {
         let positions_mm = frame.skin.positions().iter().map(|p| [p.x as f32, p.y as f32, p.z as f32]).collect();
         let frame = SkinFrame { positions_mm, displacement_mm: frame.displacement_mm, error_mm }.encode();
         // Sending fails only after the writer has failed, and then the writer cancels the control.
-        let milestone = self.milestone(document.t, milestone);
-        self.steps.blocking_send(FinishedStep { document, error, frame, milestone }).ok();
+        let checkpoint = self.checkpoint(document.t, checkpoint);
+        self.steps.blocking_send(FinishedStep { document, error, frame, checkpoint }).ok();
         self.step_began = Instant::now();
     }
 }

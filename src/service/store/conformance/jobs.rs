@@ -231,36 +231,36 @@ async fn steps_are_kept_and_the_same_one_is_told_once(store: Store) {
     assert_eq!(store.steps(running.id).await.unwrap().len(), 1);
 }
 
-async fn a_milestone_is_there_for_who_takes_a_job_over_and_goes_with_its_end(store: Store) {
+async fn a_checkpoint_is_there_for_who_takes_a_job_over_and_goes_with_its_end(store: Store) {
     let id = add_session(&store, "a").await.id;
     accept(&store, id, "1").await;
     let first = claim(&store).await.unwrap();
     let [one, two, three] = [blob(&store, id, b"1").await, blob(&store, id, b"2").await, blob(&store, id, b"3").await];
-    store.set_milestone(&first, &one).await.unwrap();
+    store.set_checkpoint(&first, &one).await.unwrap();
     // A repeated call, as after a lost answer.
-    store.set_milestone(&first, &one).await.unwrap();
+    store.set_checkpoint(&first, &one).await.unwrap();
     assert_eq!(store.blobs().get(&one.key).await.unwrap().as_ref(), b"1");
-    store.set_milestone(&first, &two).await.unwrap();
+    store.set_checkpoint(&first, &two).await.unwrap();
     assert!(store.blobs().get(&one.key).await.is_err());
     assert!(store.change_job(&first, JobState::Interrupted, &JobChange::default()).await.unwrap());
     let interrupted = store.job(first.id).await.unwrap().unwrap();
     assert!(store.change_job(&interrupted, JobState::Accepted, &JobChange::default()).await.unwrap());
     let second = claim(&store).await.unwrap();
-    assert_eq!(second.milestone_blob.as_ref(), Some(&two.key));
-    assert!(matches!(store.set_milestone(&first, &three).await, Err(StoreError::SessionGone)));
+    assert_eq!(second.checkpoint_blob.as_ref(), Some(&two.key));
+    assert!(matches!(store.set_checkpoint(&first, &three).await, Err(StoreError::SessionGone)));
     assert!(store.blobs().get(&three.key).await.is_err());
     assert_eq!((store.session_bytes(id).await.unwrap(), store.sweep_old().await.unwrap()), (0, 0));
     // The first worker repeats its call, because it did not learn that the key was stored.
-    assert!(matches!(store.set_milestone(&first, &two).await, Err(StoreError::SessionGone)));
+    assert!(matches!(store.set_checkpoint(&first, &two).await, Err(StoreError::SessionGone)));
     assert_eq!(store.blobs().get(&two.key).await.unwrap().as_ref(), b"2");
     assert!(store.change_job(&second, JobState::Succeeded, &JobChange::default()).await.unwrap());
-    assert_eq!(store.job(first.id).await.unwrap().unwrap().milestone_blob, None);
+    assert_eq!(store.job(first.id).await.unwrap().unwrap().checkpoint_blob, None);
     assert!(store.blobs().get(&two.key).await.is_err());
 
     accept(&store, id, "2").await;
     let mut row = claim(&store).await.unwrap();
     let four = blob(&store, id, b"4").await;
-    store.set_milestone(&row, &four).await.unwrap();
+    store.set_checkpoint(&row, &four).await.unwrap();
     for to in [JobState::Interrupted, JobState::Accepted] {
         assert!(store.change_job(&row, to, &JobChange::default()).await.unwrap());
         row = store.job(row.id).await.unwrap().unwrap();
@@ -270,7 +270,7 @@ async fn a_milestone_is_there_for_who_takes_a_job_over_and_goes_with_its_end(sto
     assert!(store.blobs().get(&four.key).await.is_err());
 }
 
-async fn a_job_that_begins_again_has_no_steps_and_no_milestone(store: Store) {
+async fn a_job_that_begins_again_has_no_steps_and_no_checkpoint(store: Store) {
     let id = add_session(&store, "a").await.id;
     let told = [("step", "{}".to_owned())];
     let mut rows = Vec::new();
@@ -281,7 +281,7 @@ async fn a_job_that_begins_again_has_no_steps_and_no_milestone(store: Store) {
             let frame = blob(&store, id, format!("{request} {k}").as_bytes()).await;
             store.commit_step(&running, &step(k, &frame), &told).await.unwrap();
         }
-        store.set_milestone(&running, &blob(&store, id, b"milestone").await).await.unwrap();
+        store.set_checkpoint(&running, &blob(&store, id, b"checkpoint").await).await.unwrap();
         rows.push(running);
     }
     let [other, first] = rows.try_into().unwrap();
@@ -295,10 +295,10 @@ async fn a_job_that_begins_again_has_no_steps_and_no_milestone(store: Store) {
     assert_eq!(steps.len(), 2);
     for _ in 0..2 {
         store.begin_again(&second).await.unwrap();
-        assert_eq!(store.job(second.id).await.unwrap().unwrap().milestone_blob, None);
+        assert_eq!(store.job(second.id).await.unwrap().unwrap().checkpoint_blob, None);
         assert_eq!(store.steps(second.id).await.unwrap(), []);
     }
-    for key in steps.iter().map(|step| &step.blob).chain(&second.milestone_blob) {
+    for key in steps.iter().map(|step| &step.blob).chain(&second.checkpoint_blob) {
         assert!(store.blobs().get(key).await.is_err());
     }
     assert_eq!(store.session_bytes(id).await.unwrap(), 2 * "other 1".len() as u64);
@@ -306,8 +306,8 @@ async fn a_job_that_begins_again_has_no_steps_and_no_milestone(store: Store) {
     assert_eq!(store.commit_step(&second, &step(1, &frame), &told).await.unwrap(), StepWritten::New(None));
     // Other jobs keep their steps and checkpoints.
     assert_eq!(store.steps(other.id).await.unwrap().len(), 2);
-    let milestone = store.job(other.id).await.unwrap().unwrap().milestone_blob.unwrap();
-    assert!(store.blobs().get(&milestone).await.is_ok());
+    let checkpoint = store.job(other.id).await.unwrap().unwrap().checkpoint_blob.unwrap();
+    assert!(store.blobs().get(&checkpoint).await.is_ok());
 }
 
 async fn events_count_up_and_old_ones_go(store: Store) {
@@ -390,8 +390,8 @@ conforms! {
     a_lease_is_renewed_by_its_worker_and_passes_without,
     a_job_that_was_asked_to_stop_can_only_be_cancelled,
     steps_are_kept_and_the_same_one_is_told_once,
-    a_milestone_is_there_for_who_takes_a_job_over_and_goes_with_its_end,
-    a_job_that_begins_again_has_no_steps_and_no_milestone,
+    a_checkpoint_is_there_for_who_takes_a_job_over_and_goes_with_its_end,
+    a_job_that_begins_again_has_no_steps_and_no_checkpoint,
     events_count_up_and_old_ones_go,
     results_of_old_comparisons_go,
 }

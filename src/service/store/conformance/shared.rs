@@ -281,8 +281,8 @@ async fn a_bucket_that_says_nothing_holds_up_no_change_of_rows() {
     let id = add_session(&store, "a").await.id;
     accept(&store, id, "1").await;
     let running = claim(&store).await.unwrap();
-    let milestone = blob(&store, id, b"1").await;
-    store.set_milestone(&running, &milestone).await.unwrap();
+    let checkpoint = blob(&store, id, b"1").await;
+    store.set_checkpoint(&running, &checkpoint).await.unwrap();
     bucket.set(Mood::Silent);
     let change = JobChange::default();
     let end = store.change_job(&running, JobState::Succeeded, &change);
@@ -293,7 +293,7 @@ async fn a_bucket_that_says_nothing_holds_up_no_change_of_rows() {
     bucket.set(Mood::Serving);
     // The blob is removed in the background or by a sweep.
     store.sweep(Duration::ZERO).await.unwrap();
-    assert!(matches!(store.blobs().get(&milestone.key).await, Err(StoreError::BlobGone { .. })));
+    assert!(matches!(store.blobs().get(&checkpoint.key).await, Err(StoreError::BlobGone { .. })));
 }
 
 #[tokio::test]

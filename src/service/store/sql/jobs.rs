@@ -36,7 +36,7 @@ pub(super) fn record(row: &DbRow) -> Result<JobRecord> {
         warnings: from_json("warnings of a job", &text("warnings")?)?,
         rest_blob: row.try_get("rest_blob")?,
         tissue_blob: row.try_get("tissue_blob")?,
-        milestone_blob: row.try_get("milestone_blob")?,
+        checkpoint_blob: row.try_get("milestone_blob")?,
         created_at: text("created_at")?,
         started_at: row.try_get("started_at")?,
         finished_at: row.try_get("finished_at")?,
@@ -198,14 +198,14 @@ pub(super) async fn set_rest(
     Ok(job.rest_blob.filter(|old| *old != rest.key))
 }
 
-pub(super) async fn set_milestone(writer: &Pool, id: JobId, fence: u64, blob: &str) -> Result<Option<String>> {
+pub(super) async fn set_checkpoint(writer: &Pool, id: JobId, fence: u64, blob: &str) -> Result<Option<String>> {
     let mut transaction = writer.begin().await?;
     let running = |j: &JobRecord| j.state == JobState::Running && j.fence == fence;
     let job = held(&mut transaction, id).await?.filter(running).ok_or(StoreError::SessionGone)?;
     let named = sqlx::query("UPDATE jobs SET milestone_blob = $1 WHERE id = $2").bind(blob).bind(id.to_string());
     named.execute(&mut *transaction).await?;
     transaction.commit().await?;
-    Ok(job.milestone_blob)
+    Ok(job.checkpoint_blob)
 }
 
 pub(super) async fn drop_comparisons(writer: &Pool, ended_before: &str) -> Result<Vec<String>> {

@@ -175,8 +175,8 @@ impl MetaStore for Meta {
         jobs::set_rest(self.writer(), id, fence, rest, quota).await
     }
 
-    async fn set_milestone(&self, id: JobId, fence: u64, blob: &str) -> Result<Option<String>> {
-        jobs::set_milestone(self.writer(), id, fence, blob).await
+    async fn set_checkpoint(&self, id: JobId, fence: u64, blob: &str) -> Result<Option<String>> {
+        jobs::set_checkpoint(self.writer(), id, fence, blob).await
     }
 
     async fn begin_again(&self, id: JobId, fence: u64) -> Result<Vec<String>> {

@@ -140,7 +140,7 @@ async fn supersede(transaction: &mut Transaction<'_>, new: &NewJob<'_>) -> Resul
             .bind(old.id.to_string())
             .execute(&mut **transaction)
             .await?;
-        superseded.push((old.id, old.milestone_blob));
+        superseded.push((old.id, old.checkpoint_blob));
     }
     Ok(superseded)
 }

@@ -67,7 +67,7 @@ pub(super) async fn forget(writer: &Pool, id: JobId, fence: u64) -> Result<Vec<S
     let unnamed = sqlx::query("UPDATE jobs SET milestone_blob = NULL WHERE id = $1").bind(id.to_string());
     unnamed.execute(&mut *transaction).await?;
     transaction.commit().await?;
-    forgotten.extend(job.milestone_blob);
+    forgotten.extend(job.checkpoint_blob);
     Ok(forgotten)
 }
 

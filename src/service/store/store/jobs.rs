@@ -20,7 +20,7 @@ impl Store {
     pub async fn insert_job(&self, new: &NewJob<'_>) -> Result<Insertion> {
         let insertion = self.meta.insert_job(new).await?;
         if let Insertion::Stored { superseded, .. } = &insertion {
-            self.blobs.remove(superseded.iter().filter_map(|(_, milestone)| milestone.clone()).collect()).await;
+            self.blobs.remove(superseded.iter().filter_map(|(_, checkpoint)| checkpoint.clone()).collect()).await;
         }
         Ok(insertion)
     }
@@ -98,7 +98,7 @@ impl Store {
         let before = if ends { self.job(job.id).await? } else { None };
         let changed = self.meta.change_job(job.id, job.fence, job.state, to, change, self.quota).await;
         if matches!(changed, Ok(true)) {
-            self.blobs.remove(before.and_then(|row| row.milestone_blob).into_iter().collect()).await;
+            self.blobs.remove(before.and_then(|row| row.checkpoint_blob).into_iter().collect()).await;
         }
         let Some(tissue) = &change.tissue else { return changed };
         match changed {
@@ -154,8 +154,8 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::SessionGone`](crate::StoreError::SessionGone) when the job does not exist or does not run any more.
-    pub async fn set_milestone(&self, job: &JobRecord, blob: &BlobInfo) -> Result<()> {
-        match self.meta.set_milestone(job.id, job.fence, &blob.key).await {
+    pub async fn set_checkpoint(&self, job: &JobRecord, blob: &BlobInfo) -> Result<()> {
+        match self.meta.set_checkpoint(job.id, job.fence, &blob.key).await {
             Ok(old) => {
                 // A repeated call finds its own key; that blob stays.
                 self.blobs.remove(old.into_iter().filter(|old| *old != blob.key).collect()).await;
@@ -163,7 +163,7 @@ impl Store {
             }
             Err(error) => {
                 // An earlier call, whose answer was lost, may have stored this key.
-                let named = |row: Option<JobRecord>| row.and_then(|row| row.milestone_blob).as_ref() == Some(&blob.key);
+                let named = |row: Option<JobRecord>| row.and_then(|row| row.checkpoint_blob).as_ref() == Some(&blob.key);
                 if self.job(job.id).await.is_ok_and(|row| !named(row)) {
                     self.remove_refused(&error, vec![blob.key.clone()]).await;
                 }

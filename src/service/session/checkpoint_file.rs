@@ -3,31 +3,32 @@
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
-use prosopon_planning::simulate::Milestone;
+use prosopon_contract::{WarningDocument, from_json, to_json};
+use prosopon_planning::simulate::PathCheckpoint;
 use prosopon_tissue::fem::{Checkpoint, FactorOrigin, MotionNumbers};
 
 /// A checkpoint with the time, the warnings and the inputs of the steps before it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct StoredMilestone {
+pub struct StoredCheckpoint {
     /// Version that wrote it; another version may compute other bits.
     version: String,
     /// Computing time of the steps up to it, s.
     pub solving_s: f64,
-    /// Warnings that belong to no step.
-    pub warnings: Vec<String>,
+    /// Warnings that belong to no step, each as JSON.
+    warnings: Vec<String>,
     /// Key of the target and the landmarks that the error maps of its steps depend on.
     pub compared: String,
     /// The checkpoint.
-    #[serde(with = "MilestoneMembers")]
-    pub milestone: Milestone,
+    #[serde(with = "PathCheckpointMembers")]
+    pub checkpoint: PathCheckpoint,
 }
 
 /// Format that this version writes and reads: version of the program, then of the layout.
 const FORMAT: &str = concat!(env!("CARGO_PKG_VERSION"), "+3");
 
 #[derive(Serialize, Deserialize)]
-#[serde(remote = "Milestone")]
-struct MilestoneMembers {
+#[serde(remote = "PathCheckpoint")]
+struct PathCheckpointMembers {
     k: usize,
     begin: Option<Vec<(u32, MotionNumbers)>>,
     #[serde(with = "CheckpointMembers")]
@@ -64,13 +65,20 @@ enum FactorOriginMembers {
     Nothing,
 }
 
-impl StoredMilestone {
+impl StoredCheckpoint {
     /// A checkpoint of this version.
     ///
     /// With the time of the steps up to it (s) and the warnings that belong to no step.
     #[must_use]
-    pub fn new(milestone: Milestone, (solving_s, warnings): (f64, Vec<String>), compared: String) -> Self {
-        Self { version: FORMAT.to_owned(), solving_s, warnings, compared, milestone }
+    pub fn new(checkpoint: PathCheckpoint, (solving_s, warnings): (f64, &[WarningDocument]), compared: String) -> Self {
+        let warnings = warnings.iter().filter_map(|w| to_json("a warning", w).ok()).collect();
+        Self { version: FORMAT.to_owned(), solving_s, warnings, compared, checkpoint }
+    }
+
+    /// Warnings that belong to no step.
+    #[must_use]
+    pub fn warnings(&self) -> Vec<WarningDocument> {
+        self.warnings.iter().filter_map(|w| from_json("a warning", w).ok()).collect()
     }
 
     /// Encodes the SHA-256 and the content; `None` when the content cannot be encoded.
@@ -80,7 +88,7 @@ impl StoredMilestone {
         Some([&Sha256::digest(&content), content.as_slice()].concat())
     }
 
-    /// Decodes what [`StoredMilestone::encode`] of this version wrote; `None` for anything else.
+    /// Decodes what [`StoredCheckpoint::encode`] of this version wrote; `None` for anything else.
     #[must_use]
     pub fn decode(bytes: &[u8]) -> Option<Self> {
         let (sum, content) = bytes.split_first_chunk::<32>()?;
@@ -97,7 +105,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_milestone_comes_back_bit_for_bit_and_anything_else_is_refused() {
+    fn a_checkpoint_comes_back_bit_for_bit_and_anything_else_is_refused() {
         let x = vec![[0.1 + 0.2, -0.0, 1e-310], [1.0 / 3.0, f64::MAX, 5.0]];
         let motion = [0.1, 0.2, 0.3, 0.0, 0.0, 0.6, 0.8];
         let solver = Checkpoint {
@@ -117,18 +125,18 @@ mod tests {
             lost: 5,
             known_compliance: vec![vec![3, 4], vec![1]],
         };
-        let milestone = Milestone { k: 3, begin: Some(vec![(1, motion)]), solver };
-        let stored = StoredMilestone::new(milestone, (2.5, vec!["told".to_owned()]), "skin".to_owned());
+        let checkpoint = PathCheckpoint { k: 3, begin: Some(vec![(1, motion)]), solver };
+        let stored = StoredCheckpoint::new(checkpoint, (2.5, vec!["told".to_owned()]), "skin".to_owned());
         let bytes = stored.encode().unwrap();
-        assert_eq!(StoredMilestone::decode(&bytes).unwrap(), stored);
-        assert_eq!(StoredMilestone::decode(&bytes).unwrap().encode().unwrap(), bytes);
+        assert_eq!(StoredCheckpoint::decode(&bytes).unwrap(), stored);
+        assert_eq!(StoredCheckpoint::decode(&bytes).unwrap().encode().unwrap(), bytes);
         for n in 0..bytes.len() {
-            assert!(StoredMilestone::decode(&bytes[..n]).is_none());
+            assert!(StoredCheckpoint::decode(&bytes[..n]).is_none());
             let mut damaged = bytes.clone();
             damaged[n] ^= 16;
-            assert!(StoredMilestone::decode(&damaged).is_none(), "byte {n}");
+            assert!(StoredCheckpoint::decode(&damaged).is_none(), "byte {n}");
         }
-        let later = StoredMilestone { version: "99.0.0".to_owned(), ..stored };
-        assert!(StoredMilestone::decode(&later.encode().unwrap()).is_none());
+        let later = StoredCheckpoint { version: "99.0.0".to_owned(), ..stored };
+        assert!(StoredCheckpoint::decode(&later.encode().unwrap()).is_none());
     }
 }

@@ -5,6 +5,8 @@
 
 #![allow(clippy::unwrap_used, reason = "a test's own reading of the tree")]
 
+mod circles;
+
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -26,6 +28,7 @@ const PACKAGES: &[Package] = &[
     Package { folder: "src/planning", rooms: &["surface", "phantom", "plan", "evaluate", "simulate"], pure: true },
     // ---- wall ----
     Package { folder: "src/service/store", rooms: &[], pure: false },
+    Package { folder: "src/service/contract", rooms: &[], pure: false },
     Package { folder: "src/service/session", rooms: &[], pure: false },
     Package { folder: "src/service/jobs", rooms: &[], pure: false },
     Package { folder: "src/service", rooms: &["http", "config", "telemetry", "serve"], pure: false },
@@ -219,6 +222,17 @@ fn rooms_import_only_rooms_above_them_and_pure_packages_stay_pure() {
         }
     }
     assert!(found.is_empty(), "{}", found.join("\n"));
+}
+
+#[test]
+fn no_files_of_a_package_import_each_other() {
+    let circles = PACKAGES.iter().flat_map(|package| {
+        let folder = root().join(package.folder);
+        let found = circles::circles_of(&folder, &files_of(package), production);
+        found.into_iter().map(|circle| format!("{}: {}", package.folder, circle.join(", ")))
+    });
+    let circles: Vec<String> = circles.collect();
+    assert!(circles.is_empty(), "{}", circles.join("\n"));
 }
 
 #[test]

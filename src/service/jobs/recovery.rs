@@ -1,0 +1,28 @@
+use super::Service;
+use super::transition::{apply, recovery};
+use prosopon_contract::Fault;
+use prosopon_store::{JobFilter, JobRecord, JobState};
+
+/// Recovers unfinished jobs.
+///
+/// The jobs `abandoned`, which an earlier run or another process left running, become interrupted. Interrupted jobs are accepted
+/// again, or fail after the last attempt. Jobs with a cancellation request are cancelled.
+pub(super) async fn recover(service: &Service, abandoned: Vec<JobRecord>) -> Result<(), Fault> {
+    let all = |state| JobFilter { state: Some(state), limit: u32::MAX, ..JobFilter::default() };
+    for job in service.store.jobs(&all(JobState::Accepted)).await?.iter().chain(&abandoned) {
+        recover_one(service, job).await?;
+    }
+    for job in service.store.jobs(&all(JobState::Interrupted)).await? {
+        recover_one(service, &job).await?;
+    }
+    Ok(())
+}
+
+async fn recover_one(service: &Service, job: &JobRecord) -> Result<(), Fault> {
+    if let Some((event, change)) = recovery(job, service.settings.max_attempts) {
+        tracing::info!(job.id = %job.id, attempt = job.attempt, ?event, "found a job that no worker computes");
+        apply(service, job, event, change).await?;
+    }
+    Ok(())
+}
+

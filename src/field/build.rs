@@ -8,7 +8,7 @@ use super::exact::ExactDistance;
 use super::features::Features;
 use super::fit::{Layer, fit};
 use super::lattice::{BRICK, EDGE, Lattice};
-use super::regions::{DoubtfulRegions, doubtful_regions};
+use super::regions::{RegionsOfKind, unclear_regions};
 use super::sites::{self, Spread};
 use super::spline::weights;
 use super::tiles::{Source, TILE, Tally, Tile, Tiles};
@@ -79,7 +79,7 @@ pub struct FieldReport {
     /// Defects of the surface and how the field treats them.
     pub warnings: Vec<String>,
     /// Parts of the surface where inside and outside are not clear.
-    pub regions: Vec<DoubtfulRegions>,
+    pub regions: Vec<RegionsOfKind>,
 }
 
 impl FieldReport {
@@ -96,7 +96,7 @@ impl FieldReport {
     ) -> Result<Self, Cancelled> {
         let points = sample_points(surface, exact, band, SITES, control)?;
         let accuracy = Accuracy::measure(field, exact, &points, control)?;
-        let regions = doubtful_regions(surface, exact, control)?;
+        let regions = unclear_regions(surface, exact, control)?;
         control.report(1.0);
         Ok(Self {
             bricks: 0,
@@ -153,8 +153,8 @@ impl DistanceField {
         settings: &FieldSettings,
         control: &Control,
     ) -> Result<(Self, FieldReport), FieldError> {
-        let (field, warnings) = Self::build_unmeasured(exact, surface, settings, &control.part(0.0, 0.7))?;
-        let report = FieldReport::measured(&field, exact, surface, settings.band_mm, &control.part(0.7, 1.0))?;
+        let (field, warnings) = Self::build_unmeasured(exact, surface, settings, &control.stage(0.0, 0.7))?;
+        let report = FieldReport::measured(&field, exact, surface, settings.band_mm, &control.stage(0.7, 1.0))?;
         let report = FieldReport { bricks: field.n_bricks(), bytes: field.bytes(), warnings, ..report };
         Ok((field, report))
     }
@@ -224,7 +224,7 @@ impl DistanceField {
     /// a point has full accuracy.
     ///
     /// # Errors
-    /// As [`DistanceField::build`]; [`FieldError::Elsewhere`] for a box that misses the field's domain.
+    /// As [`DistanceField::build`]; [`FieldError::BoxOutsideDomain`] for a box that misses the field's domain.
     pub fn build_within(
         exact: &ExactDistance,
         surface: &TriMesh,
@@ -238,7 +238,7 @@ impl DistanceField {
         let bounds = surface.bounds().grown(settings.margin_mm);
         let lattice = Lattice::covering(&bounds, settings.spacing_mm, MOST_SAMPLES).map_err(too_large)?;
         let chosen = match within {
-            Some(within) => lattice.bricks_meeting(within).ok_or(FieldError::Elsewhere)?,
+            Some(within) => lattice.bricks_meeting(within).ok_or(FieldError::BoxOutsideDomain)?,
             None => [[0; 3], lattice.bricks],
         };
         control.check()?;
@@ -248,7 +248,7 @@ impl DistanceField {
         // Each has sequential parts, so the two run in parallel.
         let (features, coarse) = rayon::join(
             || Features::new(surface, &exact.defects().triangles),
-            || coarse::coefficients(&lattice, exact, surface, reach, &control.part(0.0, 0.3)),
+            || coarse::coefficients(&lattice, exact, surface, reach, &control.stage(0.0, 0.3)),
         );
         let (coarse, signs) = coarse?;
         let source = Source { mesh: surface, defects: exact.defects(), features: &features };
@@ -267,7 +267,7 @@ impl DistanceField {
         let tiles = Tiles::new(source, rows, HALO, reach, is_chosen);
         let fade = [settings.band_mm + FADE * h, reach];
         let built = tiles.map(
-            &control.part(0.3, 0.8),
+            &control.stage(0.3, 0.8),
             #[inline(always)]
             |tile| field.tile_bricks(tile, chosen, fade),
         )?;
@@ -293,7 +293,7 @@ impl DistanceField {
 
         let mut sites = sites::of_bricks(&spread, &layer.at);
         fit(&mut field, &layer, &mut sites, h, SWEEPS);
-        refine::add_details(&mut field, source, (&layer, &spread), sites, &control.part(0.8, 1.0))?;
+        refine::add_details(&mut field, source, (&layer, &spread), sites, &control.stage(0.8, 1.0))?;
         let mut warnings = exact.defects().warnings();
         warnings.extend(tally.warnings());
         if within.is_some() && chosen != [[0; 3], field.lattice.bricks] {

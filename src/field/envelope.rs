@@ -3,7 +3,7 @@ use super::closing::{close, far_outside};
 use super::distance_field::DistanceField;
 use super::error::{FieldError, within};
 use super::exact::ExactDistance;
-use super::regions::{DoubtfulRegions, doubtful_regions};
+use super::regions::{RegionsOfKind, unclear_regions};
 use super::{FieldReport, FieldSettings, banded, flood};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{ScalarGrid, TriMesh, isosurface};
@@ -23,12 +23,12 @@ pub struct EnvelopeSettings {
     ///
     /// 0 turns this off. It fills cavities that narrow openings do not enclose: sinuses open to the nose or behind walls so
     /// thin that they have holes, the back of the nose, the cranial cavity.
-    pub least_sky: f64,
+    pub min_visibility: f64,
 }
 
 impl Default for EnvelopeSettings {
     fn default() -> Self {
-        Self { spacing_mm: 1.0, closing_mm: 2.0, least_sky: 0.05 }
+        Self { spacing_mm: 1.0, closing_mm: 2.0, min_visibility: 0.05 }
     }
 }
 
@@ -44,7 +44,7 @@ pub struct Envelope {
     /// What was closed, filled or dropped.
     pub warnings: Vec<String>,
     /// Parts of the input surface where inside and outside are not clear.
-    pub regions: Vec<DoubtfulRegions>,
+    pub regions: Vec<RegionsOfKind>,
 }
 
 impl Envelope {
@@ -63,9 +63,9 @@ impl Envelope {
 
 /// Outer envelope of a bone surface with holes and other defects (notes 11 of the reading notes).
 ///
-/// The far outside is the set of points that are farther than `closing_mm` from bone, see at least `least_sky` of all
+/// The far outside is the set of points that are farther than `closing_mm` from bone, see at least `min_visibility` of all
 /// directions, and connect to the grid's border over such points. The outside is everything within `closing_mm` of the far
-/// outside; the rest is inside. With `least_sky` 0 this is the morphological closing with a ball, its enclosed cavities filled. A
+/// outside; the rest is inside. With `min_visibility` 0 this is the morphological closing with a ball, its enclosed cavities filled. A
 /// closing alone cannot mend a thin wall: when both sides are outside, the ball bulges through a hole from both. The value is
 /// the smaller of bone's own signed distance and that of the closing; where bone faces the outside openly it is bone's own.
 ///
@@ -105,7 +105,7 @@ pub fn envelope(skull: &TriMesh, settings: &EnvelopeSettings, control: &Control)
     within("spacing_mm", spacing, 0.05..=10.0, "0.05 to 10 mm")?;
     // With a smaller radius the closing surface would be too rough to keep bone's own surface where that is open.
     within("closing_mm", closing, 2.0 * spacing..=50.0, "twice spacing_mm to 50 mm")?;
-    within("least_sky", settings.least_sky, 0.0..=0.4, "0 to 0.4")?;
+    within("min_visibility", settings.min_visibility, 0.0..=0.4, "0 to 0.4")?;
     let reach = closing + BAND * spacing;
     let bounds = skull.bounds().grown(reach);
     let samples = (0..3).map(|a| (bounds.max[a] - bounds.min[a]) / spacing + 2.0).product::<f64>();
@@ -115,11 +115,11 @@ pub fn envelope(skull: &TriMesh, settings: &EnvelopeSettings, control: &Control)
 
     let exact = ExactDistance::new(skull);
     let mut grid = ScalarGrid::covering(&bounds, spacing, 0.0);
-    let tally = banded::signed(&exact, skull, &mut grid, reach, &control.part(0.0, 0.5))?;
+    let tally = banded::signed(&exact, skull, &mut grid, reach, &control.stage(0.0, 0.5))?;
     let mut warnings = exact.defects().warnings();
     warnings.extend(tally.warnings());
-    let outside = far_outside(&grid, closing, settings.least_sky, &control.part(0.5, 0.8))?;
-    close(&mut grid, &outside, closing, BAND * spacing, &control.part(0.8, 0.9))?;
+    let outside = far_outside(&grid, closing, settings.min_visibility, &control.stage(0.5, 0.8))?;
+    close(&mut grid, &outside, closing, BAND * spacing, &control.stage(0.8, 0.9))?;
 
     fill_pockets(&mut grid);
     warnings.extend(drop_crumbs(&mut grid));
@@ -130,10 +130,10 @@ pub fn envelope(skull: &TriMesh, settings: &EnvelopeSettings, control: &Control)
         warnings.push(format!(
             "cavities and openings narrower than {:.1} mm were filled{}: envelope {shell:.1} cm³, surface {bone:.1} cm³",
             2.0 * closing,
-            if settings.least_sky > 0.0 { ", and so were regions that see too little of the outside" } else { "" }
+            if settings.min_visibility > 0.0 { ", and so were regions that see too little of the outside" } else { "" }
         ));
     }
-    let regions = doubtful_regions(skull, &exact, control)?;
+    let regions = unclear_regions(skull, &exact, control)?;
     control.report(1.0);
     Ok(Envelope { grid, surface, warnings, regions })
 }

@@ -39,7 +39,7 @@ pub enum FieldError {
     },
     /// The requested box does not overlap the field's domain.
     #[error("the requested box does not overlap the surface's bounding box plus margin; move or enlarge the box")]
-    Elsewhere,
+    BoxOutsideDomain,
     /// The surface encloses nothing.
     #[error("the surface encloses no volume at this spacing; close its holes or use a smaller spacing")]
     NothingInside,

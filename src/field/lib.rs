@@ -39,7 +39,7 @@ mod tree;
 mod triangle;
 mod winding;
 
-pub use accuracy::{Accuracy, Place, sample_points};
+pub use accuracy::{Accuracy, SampleKind, sample_points};
 pub use band_certificate::BandBound;
 pub use baseline::{Octree, Resolution, SampledReport, SampledSettings, Tolerance, UniformField};
 pub use build::{FieldReport, FieldSettings};
@@ -47,8 +47,8 @@ pub use distance_field::DistanceField;
 pub use envelope::{Envelope, EnvelopeSettings, envelope};
 pub use error::FieldError;
 pub use exact::ExactDistance;
-pub use method::{Method, MethodSettings, Settled, SignedField};
-pub use regions::{Doubt, DoubtfulRegions, Region, doubtful_regions};
+pub use method::{Method, MethodSettings, CheckedDistance, SignedField};
+pub use regions::{RegionKind, RegionsOfKind, Region, unclear_regions};
 
 #[cfg(test)]
 mod tests;

@@ -106,7 +106,7 @@ const DOUBT: f64 = 0.75;
 
 /// Result of [`SignedField::settled`].
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Settled {
+pub struct CheckedDistance {
     /// Signed distance, mm; negative inside.
     pub distance: f64,
     /// Gradient of the field, dimensionless.
@@ -180,8 +180,8 @@ impl SignedField {
             let (field, report) = DistanceField::build_from(&exact, surface, &settings.adaptive(surface)?, control)?;
             return Ok((Self::Adaptive(field), report));
         }
-        let (field, bricks, warnings) = Self::build_only(surface, settings, &control.part(0.0, 0.7))?;
-        let report = FieldReport::measured(&field, &exact, surface, settings.field.band_mm, &control.part(0.7, 1.0))?;
+        let (field, bricks, warnings) = Self::build_only(surface, settings, &control.stage(0.0, 0.7))?;
+        let report = FieldReport::measured(&field, &exact, surface, settings.field.band_mm, &control.stage(0.7, 1.0))?;
         let report = FieldReport { bricks, bytes: field.bytes(), warnings, ..report };
         Ok((field, report))
     }
@@ -249,10 +249,10 @@ impl SignedField {
     /// and where the two signs differ the exact distance replaces the value. Values of the published methods are not corrected.
     /// The gradient is always the field's.
     #[must_use]
-    pub fn settled(&self, exact: &ExactDistance, p: &Point) -> Settled {
+    pub fn settled(&self, exact: &ExactDistance, p: &Point) -> CheckedDistance {
         let (value, gradient) = self.value_gradient(p);
         let (closest, triangle, distance) = exact.closest(p);
-        let mut settled = Settled { distance: value, gradient, closest, triangle };
+        let mut settled = CheckedDistance { distance: value, gradient, closest, triangle };
         if matches!(self, Self::Adaptive(_)) && value.abs() < DOUBT * self.spacing_mm() {
             let inside = is_inside(exact.winding_number(p));
             if inside != (value < 0.0) {

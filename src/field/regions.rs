@@ -16,7 +16,7 @@ const MOST_PLACES: usize = 50;
 
 /// Kind of doubt about a part of a surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Doubt {
+pub enum RegionKind {
     /// The rim of a hole or sheet, along which the triangles of the two sides do not cancel.
     Open,
     /// Triangles that face opposite to their surroundings, or whose normals point into the solid.
@@ -46,9 +46,9 @@ pub struct Region {
 
 /// All regions with one kind of doubt.
 #[derive(Debug, Clone, PartialEq)]
-pub struct DoubtfulRegions {
+pub struct RegionsOfKind {
     /// Kind of doubt.
-    pub doubt: Doubt,
+    pub doubt: RegionKind,
     /// Number of regions.
     pub count: usize,
     /// Number of triangles of all regions, or of edges for rims.
@@ -66,25 +66,25 @@ pub struct DoubtfulRegions {
 /// area, copy, inverted, ambiguous, buried, sheet.
 ///
 /// ```
-/// use prosopon_field::{Doubt, ExactDistance, doubtful_regions};
+/// use prosopon_field::{RegionKind, ExactDistance, unclear_regions};
 /// use prosopon_geometry::control::Control;
 /// use prosopon_geometry::{Point, TriMesh};
 ///
 /// // A tetrahedron without its slanted face: the hole has three edges.
 /// let corners = [[0.0, 0.0, 0.0], [9.0, 0.0, 0.0], [0.0, 9.0, 0.0], [0.0, 0.0, 9.0]];
 /// let open = TriMesh::new(corners.map(Point::from).to_vec(), vec![[0, 2, 1], [0, 1, 3], [0, 3, 2]])?;
-/// let found = doubtful_regions(&open, &ExactDistance::new(&open), &Control::new())?;
-/// assert_eq!((found[0].doubt, found[0].count, found[0].elements), (Doubt::Open, 1, 3));
+/// let found = unclear_regions(&open, &ExactDistance::new(&open), &Control::new())?;
+/// assert_eq!((found[0].doubt, found[0].count, found[0].elements), (RegionKind::Open, 1, 3));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 ///
 /// # Errors
 /// [`Cancelled`].
-pub fn doubtful_regions(
+pub fn unclear_regions(
     surface: &TriMesh,
     exact: &ExactDistance,
     control: &Control,
-) -> Result<Vec<DoubtfulRegions>, Cancelled> {
+) -> Result<Vec<RegionsOfKind>, Cancelled> {
     let defects = exact.defects();
     let beside = BESIDE * surface.bounds().diagonal();
     let turned = turned(surface, &defects.triangles, &defects.counts);
@@ -94,14 +94,14 @@ pub fn doubtful_regions(
             if t % 256 == 0 {
                 control.check()?;
             }
-            let Some(normal) = surface.scaled_normal(t).try_normalize(0.0) else { return Ok(Some(Doubt::NoArea)) };
+            let Some(normal) = surface.scaled_normal(t).try_normalize(0.0) else { return Ok(Some(RegionKind::NoArea)) };
             if !defects.counts[t] {
-                return Ok(Some(Doubt::Copy));
+                return Ok(Some(RegionKind::Copy));
             }
             let [a, b, c] = surface.corners(t);
             let middle = a + ((b - a) + (c - a)) / 3.0;
             let [front, back] = [beside, -beside].map(|s| exact.winding_number(&(middle + normal * s)));
-            Ok(if turned[t] { Some(Doubt::Inverted) } else { doubt(front, back) })
+            Ok(if turned[t] { Some(RegionKind::Inverted) } else { doubt(front, back) })
         })
         .collect::<Result<Vec<_>, Cancelled>>()?;
     let mut found = rims(exact);
@@ -113,15 +113,15 @@ pub fn doubtful_regions(
 }
 
 /// The doubt that follows from the winding numbers in front of a triangle and behind it.
-fn doubt(front: f64, back: f64) -> Option<Doubt> {
+fn doubt(front: f64, back: f64) -> Option<RegionKind> {
     if [front, back].iter().any(|w| (w.abs() - 0.5).abs() < CLEAR) {
-        return Some(Doubt::Ambiguous);
+        return Some(RegionKind::Ambiguous);
     }
     match (is_inside(front), is_inside(back)) {
         (false, true) => None,
-        (true, false) => Some(Doubt::Inverted),
-        (true, true) => Some(Doubt::Buried),
-        (false, false) => Some(Doubt::Sheet),
+        (true, false) => Some(RegionKind::Inverted),
+        (true, true) => Some(RegionKind::Buried),
+        (false, false) => Some(RegionKind::Sheet),
     }
 }
 
@@ -183,8 +183,8 @@ fn turned(surface: &TriMesh, triangles: &[[u32; 3]], counts: &[bool]) -> Vec<boo
 }
 
 /// Triangles of the same doubt connected by vertices; sorted by kind, then by first triangle.
-fn connected(surface: &TriMesh, triangles: &[[u32; 3]], doubts: &[Option<Doubt>]) -> BTreeMap<Doubt, Vec<Vec<usize>>> {
-    let mut at_vertex: BTreeMap<(Doubt, u32), usize> = BTreeMap::new();
+fn connected(surface: &TriMesh, triangles: &[[u32; 3]], doubts: &[Option<RegionKind>]) -> BTreeMap<RegionKind, Vec<Vec<usize>>> {
+    let mut at_vertex: BTreeMap<(RegionKind, u32), usize> = BTreeMap::new();
     let mut parents: Vec<usize> = (0..surface.triangles().len()).collect();
     fn root(parents: &mut [usize], t: usize) -> usize {
         let mut top = t;
@@ -202,7 +202,7 @@ fn connected(surface: &TriMesh, triangles: &[[u32; 3]], doubts: &[Option<Doubt>]
             parents[a.max(b)] = a.min(b);
         }
     }
-    let mut parts: BTreeMap<Doubt, BTreeMap<usize, Vec<usize>>> = BTreeMap::new();
+    let mut parts: BTreeMap<RegionKind, BTreeMap<usize, Vec<usize>>> = BTreeMap::new();
     for (t, doubt) in doubts.iter().enumerate() {
         if let Some(doubt) = doubt {
             let root = root(&mut parents, t);
@@ -220,16 +220,16 @@ fn region(surface: &TriMesh, part: &[usize]) -> Region {
     Region { elements: part.len(), area_mm2, bounds }
 }
 
-fn rims(exact: &ExactDistance) -> Vec<DoubtfulRegions> {
+fn rims(exact: &ExactDistance) -> Vec<RegionsOfKind> {
     let regions = exact.defects().rim.regions();
-    if regions.is_empty() { Vec::new() } else { vec![summed(Doubt::Open, regions)] }
+    if regions.is_empty() { Vec::new() } else { vec![summed(RegionKind::Open, regions)] }
 }
 
-fn summed(doubt: Doubt, mut regions: Vec<Region>) -> DoubtfulRegions {
+fn summed(doubt: RegionKind, mut regions: Vec<Region>) -> RegionsOfKind {
     let count = regions.len();
     let elements = regions.iter().map(|r| r.elements).sum();
     let area_mm2 = regions.iter().map(|r| r.area_mm2).sum();
     regions.sort_by(|a, b| b.area_mm2.total_cmp(&a.area_mm2));
     regions.truncate(MOST_PLACES);
-    DoubtfulRegions { doubt, count, elements, area_mm2, largest: regions }
+    RegionsOfKind { doubt, count, elements, area_mm2, largest: regions }
 }

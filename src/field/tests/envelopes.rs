@@ -1,12 +1,12 @@
 use super::shapes::{Random, block, block_distance, filtered, flipped, joined, sphere};
 use crate::{Envelope, EnvelopeSettings, FieldError, FieldSettings, envelope};
 use prosopon_geometry::control::Control;
-use prosopon_geometry::{Implicit, Point, Topology, TriMesh, Vector};
+use prosopon_geometry::{Implicit, Point, TopologyFaults, TriMesh, Vector};
 
-fn closed(mesh: &TriMesh, closing_mm: f64, least_sky: f64) -> Envelope {
-    let settings = EnvelopeSettings { spacing_mm: 1.0, closing_mm, least_sky };
+fn closed(mesh: &TriMesh, closing_mm: f64, min_visibility: f64) -> Envelope {
+    let settings = EnvelopeSettings { spacing_mm: 1.0, closing_mm, min_visibility };
     let found = envelope(mesh, &settings, &Control::new()).unwrap();
-    assert!(Topology::of(&found.surface).is_closed_manifold());
+    assert!(TopologyFaults::of(&found.surface).is_closed_manifold());
     let [nx, ny, _] = found.grid.dims;
     for (n, value) in found.grid.values.iter().enumerate() {
         let at = [n % nx, n / nx % ny, n / (nx * ny)];
@@ -82,8 +82,8 @@ fn a_narrow_groove_is_filled_a_wide_one_is_not() {
     let ridge = |x: f64, half: f64| block(Point::new(x, 0.0, -1.0), Vector::new(half, 10.0, 5.0));
     // Grooves from -13 to -10 (3 mm wide) and from -4 to 6 (10 mm wide), 8 mm deep.
     let mesh = [ridge(-16.5, 3.5), ridge(-7.0, 3.0), ridge(13.0, 7.0)].iter().fold(base, |sum, r| joined(&sum, r));
-    for least_sky in [0.0, 0.06] {
-        let found = closed(&mesh, 2.0, least_sky);
+    for min_visibility in [0.0, 0.06] {
+        let found = closed(&mesh, 2.0, min_visibility);
         assert!(found.grid.sample(&Point::new(-11.5, 0.0, 1.0)) < 0.0);
         assert!(found.grid.sample(&Point::new(-11.5, 0.0, 5.0)) > 0.0);
         let middle = found.grid.sample(&Point::new(1.0, 0.0, 0.0));
@@ -121,13 +121,13 @@ fn the_envelope_has_a_field_of_its_own() {
 fn a_sheet_settings_out_of_range_and_cancellation_are_refused() {
     let sheet = [Point::origin(), Point::new(6.3, 0.0, 0.0), Point::new(0.0, 6.1, 1.0)];
     let sheet = TriMesh::new(sheet.to_vec(), vec![[0, 1, 2]]).unwrap();
-    let with = |spacing_mm, closing_mm, least_sky| {
-        envelope(&sheet, &EnvelopeSettings { spacing_mm, closing_mm, least_sky }, &Control::new()).map(|_| ())
+    let with = |spacing_mm, closing_mm, min_visibility| {
+        envelope(&sheet, &EnvelopeSettings { spacing_mm, closing_mm, min_visibility }, &Control::new()).map(|_| ())
     };
     assert!(matches!(with(1.0, 2.0, 0.06), Err(FieldError::NothingInside)));
     assert!(matches!(with(0.0, 2.0, 0.06), Err(FieldError::Setting { name: "spacing_mm", .. })));
     assert!(matches!(with(1.0, 1.0, 0.06), Err(FieldError::Setting { name: "closing_mm", .. })));
-    assert!(matches!(with(1.0, 2.0, 0.9), Err(FieldError::Setting { name: "least_sky", .. })));
+    assert!(matches!(with(1.0, 2.0, 0.9), Err(FieldError::Setting { name: "min_visibility", .. })));
     let cancelled = Control::new();
     cancelled.cancel();
     let found = envelope(&sheet, &EnvelopeSettings::default(), &cancelled);

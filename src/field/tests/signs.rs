@@ -160,7 +160,7 @@ fn a_settled_distance_has_the_sign_of_the_winding_number_and_the_closest_point()
                 p = closest + (p - closest) * 0.02;
             }
             let signed = exact.signed(&p);
-            let settled = field.settled(&exact, &p);
+            let settled = field.distance_with_checked_sign(&exact, &p);
             assert!((settled.closest - p).norm() - signed.abs() < 1e-9);
             // Across an opening the sign jumps where the distance does not vanish; there the spline's own zero is acceptable.
             if signed.abs() > 0.001 && (exact.winding_number(&p).abs() - 0.5).abs() > 0.2 {

@@ -72,6 +72,6 @@ fn a_box_elsewhere_is_refused() {
     for far in [Point::new(100.0, 0.0, 0.0), Point::new(f64::NAN, 0.0, 0.0)] {
         let within = Aabb { min: far, max: far + Vector::repeat(1.0) };
         let built = DistanceField::build_within(&exact, &mesh, Some(&within), &SETTINGS, &Control::new());
-        assert!(matches!(built, Err(FieldError::Elsewhere)));
+        assert!(matches!(built, Err(FieldError::BoxOutsideDomain)));
     }
 }

@@ -43,5 +43,5 @@ mod vtu;
 pub use error::{ImportError, Limits};
 pub use surface::{SurfaceFormat, detect_surface, surface};
 pub use volume::{SeriesChoice, VolumeFormat, VolumeRead, VolumeSettings, detect_volume, volume, volume_with};
-pub use volume_scan::VolumeScan;
+pub use volume_scan::VolumeCheck;
 pub use vtu::{is_legacy_vtk, volume_mesh};

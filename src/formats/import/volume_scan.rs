@@ -6,7 +6,7 @@ use super::{ImportError, Limits, VolumeFormat, nifti1};
 /// The format must be supported. Of a NIfTI file, plain or gzipped, the scan also checks the header and that all voxels are
 /// present. Of other formats it checks only the beginning.
 #[derive(Debug)]
-pub struct VolumeScan {
+pub struct VolumeCheck {
     limits: Limits,
     /// The first bytes, until the format is known.
     beginning: Vec<u8>,
@@ -14,7 +14,7 @@ pub struct VolumeScan {
     scan: Option<nifti1::Scan>,
 }
 
-impl VolumeScan {
+impl VolumeCheck {
     /// A scan before the first piece.
     #[must_use]
     pub fn new(limits: Limits) -> Self {

@@ -193,7 +193,7 @@ impl Parted<'_> {
                 warnings.push(format!("{} runs in bone but parts {what}: left are {left}", cuts[cut].label(cut)));
             }
         }
-        let part = control.part(0.2, 1.0);
+        let part = control.stage(0.2, 1.0);
         let found = solid::segments(grid, &segments, &parting, &part)?;
         for segment in &found {
             let thickness_mm = 2.0 * segment.volume_mm3 / segment.area_mm2;

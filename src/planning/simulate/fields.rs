@@ -67,7 +67,7 @@ pub fn build_fields_around(
     control: &Control,
 ) -> Result<Fields, SimulateError> {
     // Side by side, as parts of each run on one thread. Progress is that of the slower one.
-    let unseen = control.unreported();
+    let unseen = control.without_progress();
     let (soft, bone) = rayon::join(
         || {
             let skin = SignedField::build(&anatomy.skin, &settings.field, &unseen)?;
@@ -80,9 +80,9 @@ pub fn build_fields_around(
         || {
             let bone = match known {
                 Some(bone) => bone,
-                None => Arc::new(envelope(&anatomy.skull, &settings.envelope, &control.part(0.0, 0.5))?),
+                None => Arc::new(envelope(&anatomy.skull, &settings.envelope, &control.stage(0.0, 0.5))?),
             };
-            let (field, mut report) = SignedField::build(&bone.surface, &settings.field, &control.part(0.5, 1.0))?;
+            let (field, mut report) = SignedField::build(&bone.surface, &settings.field, &control.stage(0.5, 1.0))?;
             // The envelope is closed; what is doubtful is the surface that came.
             report.regions.clone_from(&bone.regions);
             Ok::<_, SimulateError>((bone, (field, report)))

@@ -3,7 +3,7 @@ use std::io::Write;
 use flate2::Compression;
 use flate2::write::GzEncoder;
 
-use super::super::{ImportError, Limits, VolumeScan, volume};
+use super::super::{ImportError, Limits, VolumeCheck, volume};
 use prosopon_geometry::{Point, Vector, Volume};
 
 fn read(bytes: &[u8]) -> Result<(Volume, Vec<String>), ImportError> {
@@ -272,7 +272,7 @@ fn a_damaged_or_bloated_gzip_file_is_refused() {
 
 /// Result of a scan of the pieces, and the number of pieces it took before it refused.
 fn scan<'a>(pieces: impl Iterator<Item = &'a [u8]>) -> (Result<(), String>, usize) {
-    let mut scan = VolumeScan::new(Limits::default());
+    let mut scan = VolumeCheck::new(Limits::default());
     let mut taken = 0;
     for piece in pieces {
         if let Err(error) = scan.push(piece) {

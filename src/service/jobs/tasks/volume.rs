@@ -109,7 +109,9 @@ async fn read_ct(
                 let detail = format!("{dims:?} voxels, but at least {MIN_EXTENT} along each axis are needed");
                 return Err(Fault::new(FaultKind::VolumeNotUsable, detail).at(PartKind::Ct.as_str()).into());
             }
-            Ok((nifti_gz(&read.volume), read.format, read.warnings))
+            let packed = nifti_gz(&read.volume)
+                .map_err(|e| Fault::new(FaultKind::VolumeNotUsable, e.to_string()).at(PartKind::Ct.as_str()))?;
+            Ok((packed, read.format, read.warnings))
         })
         .await
 }

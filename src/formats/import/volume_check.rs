@@ -1,5 +1,6 @@
 use super::volume::{SHOWING, UNKNOWN, detect_volume};
-use super::{ImportError, Limits, VolumeFormat, nifti1};
+use super::volume_settings::VolumeFormat;
+use super::{ImportError, Limits, nifti1};
 
 /// Checks a CT file while it arrives, without keeping it.
 ///

@@ -1,6 +1,7 @@
 //! Closing of a solid from the far outside.
 
-use super::{flood, sky};
+use super::flood;
+use super::visibility::visibility;
 use prosopon_geometry::ScalarGrid;
 use prosopon_geometry::control::{Cancelled, Control};
 
@@ -27,8 +28,8 @@ pub(super) fn far_outside(
         return Ok(free);
     }
     // Obstacles are at least two closing radii thick, so steps up to that length cannot skip them.
-    let seen = sky::seen(solid.dims, &free, 2.0 * closing / solid.spacing, control)?;
-    Ok(flood::from_border(solid.dims, |n| free[n] && f64::from(seen[n]) >= min_visibility))
+    let visible = visibility(solid.dims, &free, 2.0 * closing / solid.spacing, control)?;
+    Ok(flood::from_border(solid.dims, |n| free[n] && f64::from(visible[n]) >= min_visibility))
 }
 
 /// Lowers the values of `solid` to those of its closing, down to `-depth` (mm).

@@ -1,5 +1,5 @@
-use super::self_intersection::crossing_triangles;
 use super::connectivity::{Sets, sides};
+use super::self_intersection::crossing_triangles;
 use super::{Aabb, TriMesh};
 
 /// Counts of the defects of a surface, with its area, volume and bounds.

@@ -1,7 +1,7 @@
 use super::shapes::{Random, block, block_distance, filtered, flipped, joined, sphere};
 use crate::{Envelope, EnvelopeSettings, FieldError, FieldSettings, envelope};
 use prosopon_geometry::control::Control;
-use prosopon_geometry::{Implicit, Point, TopologyFaults, TriMesh, Vector};
+use prosopon_geometry::{Implicit, Point, Severity, TopologyFaults, TriMesh, Vector};
 
 fn closed(mesh: &TriMesh, closing_mm: f64, min_visibility: f64) -> Envelope {
     let settings = EnvelopeSettings { spacing_mm: 1.0, closing_mm, min_visibility };
@@ -53,16 +53,16 @@ fn a_cavity_with_a_narrow_opening_is_filled_and_reported() {
     let found = closed(&hollow_ball(1.5), 2.0, 0.0);
     let volume = found.surface.volume();
     assert!((volume / ball_volume(16.0) - 1.0).abs() < 0.02, "{volume}");
-    assert!(found.warnings.iter().any(|w| w.contains("open")), "{:?}", found.warnings);
+    assert!(found.warnings.iter().any(|w| w.code == "open-surface"), "{:?}", found.warnings);
     // The same ball without a hole gives the filled volume.
     let shell = joined(&sphere(Point::origin(), 16.0, 4), &flipped(&sphere(Point::origin(), 14.0, 4), |_| true));
     let found = closed(&shell, 2.0, 0.0);
-    assert!(found.warnings.iter().any(|w| w.contains("cavities")), "{:?}", found.warnings);
+    assert!(found.warnings.iter().any(|w| w.code == "cavities-filled"), "{:?}", found.warnings);
     assert!((found.surface.volume() / ball_volume(16.0) - 1.0).abs() < 0.01);
 }
 
 #[test]
-fn a_wide_opening_stays_open_unless_what_lies_behind_sees_too_little_sky() {
+fn a_wide_opening_stays_open_unless_what_lies_behind_sees_too_little_of_the_outside() {
     let cup = hollow_ball(6.0);
     let open = closed(&cup, 2.0, 0.0);
     let shell = ball_volume(16.0) - ball_volume(14.0);
@@ -92,7 +92,7 @@ fn a_narrow_groove_is_filled_a_wide_one_is_not() {
 }
 
 #[test]
-fn crumbs_are_dropped_other_separate_parts_stay() {
+fn small_parts_are_dropped_and_other_separate_parts_stay() {
     let mesh = joined(
         &joined(&sphere(Point::origin(), 12.0, 3), &sphere(Point::new(20.0, 0.0, 0.0), 2.5, 2)),
         &sphere(Point::new(0.0, 25.0, 0.0), 8.0, 3),
@@ -100,7 +100,11 @@ fn crumbs_are_dropped_other_separate_parts_stay() {
     let found = closed(&mesh, 2.0, 0.06);
     assert!(found.grid.sample(&Point::new(20.0, 0.0, 0.0)) > 0.0);
     assert!(found.grid.sample(&Point::new(0.0, 25.0, 0.0)) < 0.0);
-    assert!(found.warnings.iter().any(|w| w.starts_with("1 separate part")), "{:?}", found.warnings);
+    assert!(
+        found.warnings.iter().any(|w| w.code == "envelope-parts-dropped" && w.severity == Severity::Info),
+        "{:?}",
+        found.warnings
+    );
 }
 
 #[test]

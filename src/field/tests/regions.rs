@@ -1,5 +1,5 @@
 use super::shapes::{Random, block, filtered, flipped, joined, rough_ball, sphere};
-use crate::{RegionKind, RegionsOfKind, ExactDistance, unclear_regions};
+use crate::{ExactDistance, RegionKind, RegionsOfKind, unclear_regions};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Point, TriMesh, Vector};
 
@@ -8,11 +8,11 @@ fn found(mesh: &TriMesh) -> Vec<RegionsOfKind> {
 }
 
 fn kinds(regions: &[RegionsOfKind]) -> Vec<RegionKind> {
-    regions.iter().map(|r| r.doubt).collect()
+    regions.iter().map(|r| r.kind).collect()
 }
 
-fn of(regions: &[RegionsOfKind], doubt: RegionKind) -> &RegionsOfKind {
-    regions.iter().find(|r| r.doubt == doubt).unwrap()
+fn of(regions: &[RegionsOfKind], kind: RegionKind) -> &RegionsOfKind {
+    regions.iter().find(|r| r.kind == kind).unwrap()
 }
 
 #[test]

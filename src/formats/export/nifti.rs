@@ -33,7 +33,8 @@ fn header(volume: &Volume) -> Result<Vec<u8>, ExportError> {
     put(0, &348i32.to_le_bytes());
     let dims = [3, volume.dims[0], volume.dims[1], volume.dims[2], 1, 1, 1, 1];
     for (index, dim) in dims.into_iter().enumerate() {
-        let dim = i16::try_from(dim).map_err(|_| ExportError::TooManyVoxels { dims: volume.dims, allowed: i16::MAX })?;
+        let dim =
+            i16::try_from(dim).map_err(|_| ExportError::TooManyVoxels { dims: volume.dims, allowed: i16::MAX })?;
         put(40 + 2 * index, &dim.to_le_bytes());
     }
     put(70, &4i16.to_le_bytes());

@@ -55,7 +55,9 @@ impl Scale {
     pub(super) fn report(&self, warnings: &mut Vec<Warning>) {
         if self.n_nan > 0 {
             let found = format!("{} voxels without a value (NaN) were set to {AIR} HU", self.n_nan);
-            warnings.push(Warning::check("voxels-without-value", found).act("Check that these voxels lie outside the head."));
+            warnings.push(
+                Warning::check("voxels-without-value", found).act("Check that these voxels lie outside the head."),
+            );
         }
         if self.n_clamped > 0 {
             let found = format!("{} voxels beyond -32768 to 32767 HU were clamped", self.n_clamped);

@@ -43,7 +43,8 @@ pub(super) fn read(
     }
     let dims = lattice::counts::<3>(need("DimSize")?).ok_or_else(|| fault("`DimSize` are not three counts"))?;
     let n = lattice::n_voxels(FORMAT, dims, limits)?;
-    let number_type = number_type_of(need("ElementType")?).ok_or_else(|| fault("`ElementType` is not a supported number type"))?;
+    let number_type =
+        number_type_of(need("ElementType")?).ok_or_else(|| fault("`ElementType` is not a supported number type"))?;
     let yes = |names: &[&str]| field(names).is_some_and(|v| v.eq_ignore_ascii_case("true"));
     if field(&["BinaryData"]).is_some() && !yes(&["BinaryData"]) {
         return Err(fault("the voxels are text, expected binary"));
@@ -70,7 +71,9 @@ pub(super) fn read(
         None | Some(Ok(0)) => data,
         // The voxels are the last bytes; the length of compressed voxels is not known.
         Some(Ok(-1)) if packing != Packing::Plain => {
-            return Err(fault("`HeaderSize = -1` with `CompressedData = True` is not supported; state the header's bytes"));
+            return Err(fault(
+                "`HeaderSize = -1` with `CompressedData = True` is not supported; state the header's bytes",
+            ));
         }
         Some(Ok(-1)) => {
             let needed = n.saturating_mul(number_type.size());
@@ -135,7 +138,8 @@ fn read_lattice<'a>(
     let directions = match field(&["TransformMatrix", "Rotation", "Orientation"]) {
         Some(text) => lattice::numbers::<9>(text).ok_or_else(|| fault("TransformMatrix"))?,
         None => {
-            let found = "the header has no orientation; i was assumed to run to the patient's left, j to the back, k up";
+            let found =
+                "the header has no orientation; i was assumed to run to the patient's left, j to the back, k up";
             warnings.push(Warning::check("no-orientation", found).act("Check left and right."));
             [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
         }

@@ -1,10 +1,12 @@
 //! Reads volumes, surfaces and volume meshes from untrusted bytes.
 //!
 //! Invariants: readers take `&[u8]`, never a path. Every size, index and count is checked before it is used or allocated.
-//! No input causes a panic. Patient tags are never read. No error or warning repeats content of the file.
+//! No input causes a panic. Patient tags are never read. No error or warning repeats text of the file;
+//! they may state counts, sizes and positions.
 //!
 //! Each format has one module. A surface reader turns bytes into unchecked vertices and triangles; `raw_surface` then does
-//! what all formats share: it checks ranges and the plausible size and drops unused vertices and triangles with a repeated vertex.
+//! what all formats share: it checks ranges and the plausible size and drops unused vertices and triangles with a repeated
+//! vertex.
 //!
 //! Crates read only NIfTI headers, gzip, zip, XML, and the pixels of JPEG, JPEG-LS and JPEG 2000. The crates for surfaces
 //! have these faults:

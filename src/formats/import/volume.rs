@@ -85,7 +85,9 @@ impl Contents {
             match detect_volume(&beginning) {
                 Some(VolumeFormat::Dicom) => contents.add_dicom(archive, index)?,
                 Some(VolumeFormat::Zip) | None => contents.others = contents.others.saturating_add(1),
-                Some(VolumeFormat::Nifti | VolumeFormat::Nrrd | VolumeFormat::MetaImage) => contents.volumes.push(index),
+                Some(VolumeFormat::Nifti | VolumeFormat::Nrrd | VolumeFormat::MetaImage) => {
+                    contents.volumes.push(index)
+                }
             }
         }
         Ok(contents)
@@ -114,7 +116,8 @@ fn from_archive(bytes: &[u8], limits: &Limits, settings: &VolumeSettings) -> Res
             let mut warnings = Vec::new();
             let others = others.saturating_add(volumes.len());
             if others > 0 {
-                warnings.push(Warning::info("files-skipped", format!("{others} files that are not images were skipped")));
+                warnings
+                    .push(Warning::info("files-skipped", format!("{others} files that are not images were skipped")));
             }
             let fetch = |index: usize| archive.clone().read(index, dicom::MAX_FILE);
             let found = dicom::assemble(images, &fetch, limits, settings, &mut warnings)?;

@@ -137,9 +137,7 @@ impl<'a> Elements<'a> {
         let head = self.head(self.types)?;
         let value = match head.length {
             UNDEFINED if head.tag == PIXEL_DATA => Value::Fragments(self.fragments()?),
-            UNDEFINED => {
-                Value::Sequence(self.inside(self.types.inside(head.vr))?)
-            }
+            UNDEFINED => Value::Sequence(self.inside(self.types.inside(head.vr))?),
             length if head.vr.as_ref() == Some(b"SQ") => {
                 Value::Sequence(Elements::new(self.take(length)?, self.types, self.byte_order))
             }

@@ -241,8 +241,9 @@ impl<'a> Fields<'a> {
 
     fn header(&self, syntax: Syntax) -> Result<Header, ImportError> {
         let byte_order = syntax.byte_order;
-        let need =
-            |tag, name: &str| self.number(tag, byte_order).ok_or_else(|| malformed(FORMAT, format!("there is no {name}")));
+        let need = |tag, name: &str| {
+            self.number(tag, byte_order).ok_or_else(|| malformed(FORMAT, format!("there is no {name}")))
+        };
         let (columns, rows) = (need(COLUMNS, "number of columns")?, need(ROWS, "number of rows")?);
         if columns == 0 || rows == 0 {
             return Err(malformed(FORMAT, format!("{columns} x {rows} pixels, expected at least 1 x 1")));
@@ -296,7 +297,8 @@ impl<'a> Fields<'a> {
         if slope == 0.0 {
             return Err(malformed(FORMAT, "the rescale slope is 0"));
         }
-        let stored = |tag| self.number(tag, byte_order).map(|v| if signed { i32::from(v as i16) } else { i32::from(v) });
+        let stored =
+            |tag| self.number(tag, byte_order).map(|v| if signed { i32::from(v as i16) } else { i32::from(v) });
         let padding = stored(PADDING).map(|value| {
             let limit = stored(PADDING_LIMIT).unwrap_or(value);
             StoredRange { min: value.min(limit), max: value.max(limit) }

@@ -47,7 +47,8 @@ pub(super) fn hounsfield(header: &Header, value: &Value<'_>) -> Result<DecodedIm
     let hu = words.into_iter().map(|word| {
         // Shifts up to the top of the word and down again: this drops unused bits and extends the sign.
         let lifted = (word >> shift) << unused;
-        let stored = if header.encoding.signed { i32::from(lifted as i16 >> unused) } else { i32::from(lifted >> unused) };
+        let stored =
+            if header.encoding.signed { i32::from(lifted as i16 >> unused) } else { i32::from(lifted >> unused) };
         if padding.is_some_and(|range| (range.min..=range.max).contains(&stored)) {
             n_padding = n_padding.saturating_add(1);
             return AIR;

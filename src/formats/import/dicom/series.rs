@@ -4,8 +4,8 @@ use std::cmp::Ordering;
 
 use super::FORMAT;
 use super::header::{Header, ImagePlane};
-use crate::import::error::malformed;
 use crate::import::ImportError;
+use crate::import::error::malformed;
 use crate::import::volume_settings::{SeriesChoice, VolumeSettings};
 use prosopon_geometry::Warning;
 
@@ -91,7 +91,8 @@ pub(super) fn choose(
     let series = (all.len() > 1).then(|| index.saturating_add(1));
     if let (Some(number), None) = (series, &settings.series) {
         let found = format!("there are several series; series {number} was taken as the largest CT: {list}");
-        warnings.push(Warning::check("several-series", found).act("Request another series if this is not the right one."));
+        warnings
+            .push(Warning::check("several-series", found).act("Request another series if this is not the right one."));
     }
     Ok(Stack { images: largest_stack(all.swap_remove(index).images, warnings)?, series })
 }
@@ -164,7 +165,8 @@ fn largest_stack(images: Vec<(usize, Header)>, warnings: &mut Vec<Warning>) -> R
     }
     let not_slices = all.saturating_sub(slices);
     if not_slices > 0 {
-        let found = format!("{not_slices} images of the series were left out: localizers, or images without a position");
+        let found =
+            format!("{not_slices} images of the series were left out: localizers, or images without a position");
         warnings.push(Warning::info("localizers-left-out", found));
     }
     let others = slices.saturating_sub(stack.len());

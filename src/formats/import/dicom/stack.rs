@@ -42,7 +42,11 @@ pub(super) struct Duplicate {
 
 /// Orders the images along their normal and finds the step between them.
 #[expect(clippy::arithmetic_side_effects, reason = "floating point")]
-pub(super) fn layout(images: &[Image], max_step_mm: f64, warnings: &mut Vec<Warning>) -> Result<StackLayout, ImportError> {
+pub(super) fn layout(
+    images: &[Image],
+    max_step_mm: f64,
+    warnings: &mut Vec<Warning>,
+) -> Result<StackLayout, ImportError> {
     let Some(first) = images.first() else { return Err(malformed(FORMAT, "there are no images")) };
     let normal = first.plane.along_row.cross(&first.plane.along_column).normalize();
     let height = |i: &Image| (i.plane.origin - first.plane.origin).dot(&normal);
@@ -74,12 +78,16 @@ pub(super) fn layout(images: &[Image], max_step_mm: f64, warnings: &mut Vec<Warn
     };
     let origin = origin_of(bottom);
     if kept.len() == 1 {
-        warnings.push(Warning::check("one-slice", "there is only one slice; a thickness of 1 mm was assumed").act("Send the whole series."));
+        warnings.push(
+            Warning::check("one-slice", "there is only one slice; a thickness of 1 mm was assumed")
+                .act("Send the whole series."),
+        );
         return Ok(StackLayout { slices, duplicates, origin, step: normal, uneven: None, depth: 1 });
     }
     // Displacement per mm of height; it is longer than 1 when the stack is sheared.
     let slope = (origin_of(top) - origin) / (high - low);
-    let sideways = kept.iter().map(|(h, at)| (origin_of(*at) - (origin + slope * (h - low))).norm()).fold(0.0, f64::max);
+    let sideways =
+        kept.iter().map(|(h, at)| (origin_of(*at) - (origin + slope * (h - low))).norm()).fold(0.0, f64::max);
     let pixel = first.plane.spacing[0].min(first.plane.spacing[1]);
     if sideways > MAX_SIDEWAYS * pixel {
         let detail = format!("slices lie up to {sideways:.2} mm off a straight line: they do not form one stack");
@@ -113,11 +121,7 @@ struct Spacing {
 }
 
 /// The spacing for images at the given `distances` from the first, mm.
-fn spacing(
-    distances: &[f64],
-    max_step_mm: f64,
-    warnings: &mut Vec<Warning>,
-) -> Result<Spacing, ImportError> {
+fn spacing(distances: &[f64], max_step_mm: f64, warnings: &mut Vec<Warning>) -> Result<Spacing, ImportError> {
     let n = distances.len();
     let range = distances.last().copied().unwrap_or(0.0);
     let even = range / n.saturating_sub(1).max(1) as f64;

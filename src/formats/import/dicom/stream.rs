@@ -35,8 +35,8 @@ struct StreamHeader {
 /// The stored words of one image of `columns` × `rows` pixels; negative numbers are two's complement of 16 bits.
 pub(super) fn words(stream: &[u8], columns: usize, rows: usize) -> Result<Vec<u16>, ImportError> {
     let header = if stream.starts_with(&[0xff, 0xd8]) { jpeg_header(stream) } else { jpeg_2000_header(stream) };
-    let header =
-        header.ok_or_else(|| malformed(FORMAT, "the compressed pixels are not a supported JPEG or JPEG 2000 stream"))?;
+    let header = header
+        .ok_or_else(|| malformed(FORMAT, "the compressed pixels are not a supported JPEG or JPEG 2000 stream"))?;
     if (header.columns, header.rows, header.components) != (columns as u64, rows as u64, 1) {
         let StreamHeader { columns: c, rows: r, components, .. } = header;
         let detail = format!(

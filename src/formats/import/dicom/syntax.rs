@@ -39,12 +39,8 @@ pub(super) enum Pixels {
 const ROOT: &str = "1.2.840.10008.1.2";
 
 impl Syntax {
-    pub(super) const IMPLICIT_LITTLE: Self = Self {
-        types: TypeEncoding::Implicit,
-        byte_order: ByteOrder::Little,
-        deflated: false,
-        pixels: Pixels::Plain,
-    };
+    pub(super) const IMPLICIT_LITTLE: Self =
+        Self { types: TypeEncoding::Implicit, byte_order: ByteOrder::Little, deflated: false, pixels: Pixels::Plain };
     pub(super) const EXPLICIT_LITTLE: Self = Self { types: TypeEncoding::Explicit, ..Self::IMPLICIT_LITTLE };
 
     /// The syntax with this identifier. Source: DICOM PS3.5, section 10 and annex A.

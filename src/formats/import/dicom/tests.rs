@@ -381,7 +381,11 @@ fn missing_uneven_and_duplicate_slices_are_mended_with_a_warning_or_refused() {
         let expected: Vec<i16> = if k == 3 { (0..plane.len()).map(mean).collect() } else { whole[k].clone() };
         assert_eq!(plane, expected, "slice {k}");
     }
-    assert!(found.warnings.iter().any(|w| w.code == "uneven-slices" && w.message.contains("1 slices are missing")), "{:?}", found.warnings);
+    assert!(
+        found.warnings.iter().any(|w| w.code == "uneven-slices" && w.message.contains("1 slices are missing")),
+        "{:?}",
+        found.warnings
+    );
 
     // Steps of 20 and 30 mm: a lattice of 20, exact for what is linear along the steps.
     let mut uneven = stack(EXPLICIT);
@@ -394,7 +398,11 @@ fn missing_uneven_and_duplicate_slices_are_mended_with_a_warning_or_refused() {
     for (k, plane) in found.volume.hu.chunks(COLUMNS * ROWS).enumerate() {
         assert!(plane.iter().all(|v| *v == 200 * k as i16 - 1000), "slice {k}: {}", plane[0]);
     }
-    assert!(found.warnings.iter().any(|w| w.code == "uneven-slices" && w.message.contains("20.00 to 30.00 mm")), "{:?}", found.warnings);
+    assert!(
+        found.warnings.iter().any(|w| w.code == "uneven-slices" && w.message.contains("20.00 to 30.00 mm")),
+        "{:?}",
+        found.warnings
+    );
     // Too far apart to interpolate: refused with a list of all steps.
     let far = volume_with(&series(&uneven), &Limits::default(), &VolumeSettings::default()).unwrap_err().to_string();
     assert!(far.contains("Steps in mm: 20.00, 30.00, 30.00, 20.00, 30.00, 30.00"), "{far}");

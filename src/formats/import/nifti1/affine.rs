@@ -24,7 +24,8 @@ pub(super) fn read(
         (Some(sform), qform) => {
             if let Some(Ok(qform)) = qform {
                 let far = dims.map(|d| d as f64);
-                let apart = (sform.position(far) - qform.position(far)).norm().max((sform.origin - qform.origin).norm());
+                let apart =
+                    (sform.position(far) - qform.position(far)).norm().max((sform.origin - qform.origin).norm());
                 let voxel = sform.axes[0].norm();
                 if apart > 0.5 * voxel {
                     let apart = apart / voxel;

@@ -318,15 +318,15 @@ fn a_scan_refuses_a_header_that_cannot_be_before_the_voxels_come() {
 #[test]
 fn a_scan_tells_where_the_file_ends_and_unpacks_no_more_than_the_voxels() {
     let file = File::new(false);
-    let told = |bytes: &[u8]| scan([bytes].into_iter()).0;
-    assert!(told(&file.plain()[..471]).is_err_and(|e| e.contains("ends at byte 472, but there are 471")));
+    let scanned = |bytes: &[u8]| scan([bytes].into_iter()).0;
+    assert!(scanned(&file.plain()[..471]).is_err_and(|e| e.contains("ends at byte 472, but there are 471")));
     let zipped = file.gzipped();
-    assert!(told(&zipped[..zipped.len() - 1]).is_err_and(|e| e.contains("gzip")));
+    assert!(scanned(&zipped[..zipped.len() - 1]).is_err_and(|e| e.contains("gzip")));
     let mut wrong_sum = zipped;
     let end = wrong_sum.len();
     wrong_sum[end - 6] ^= 1;
-    assert!(told(&wrong_sum).is_err_and(|e| e.contains("damaged")));
+    assert!(scanned(&wrong_sum).is_err_and(|e| e.contains("damaged")));
     // Bytes after the voxels are not checked, not even whether they are gzip.
     let bloated = [file.gzipped(), gzip(&vec![0; 1 << 20]), vec![7; 1 << 20]].concat();
-    assert_eq!(told(&bloated), Ok(()));
+    assert_eq!(scanned(&bloated), Ok(()));
 }

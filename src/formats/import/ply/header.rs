@@ -149,7 +149,9 @@ fn property(definition: &[&[u8]], element: ElementKind) -> Option<Property> {
         (ElementKind::Vertex, b"x") if !is_list => Role::X,
         (ElementKind::Vertex, b"y") if !is_list => Role::Y,
         (ElementKind::Vertex, b"z") if !is_list => Role::Z,
-        (ElementKind::Face, b"vertex_indices" | b"vertex_index") if is_list && number_type.is_integer() => Role::Corners,
+        (ElementKind::Face, b"vertex_indices" | b"vertex_index") if is_list && number_type.is_integer() => {
+            Role::Corners
+        }
         _ => Role::Other,
     };
     Some(Property { role, number_type, count_type })
@@ -161,7 +163,8 @@ fn check(elements: &[Element]) -> Result<(), ImportError> {
         let mut found = elements.iter().enumerate().filter(move |(_, e)| e.kind == kind);
         found.next().filter(|_| found.next().is_none())
     };
-    let (Some((at_vertex, vertex)), Some((at_face, face))) = (only(ElementKind::Vertex), only(ElementKind::Face)) else {
+    let (Some((at_vertex, vertex)), Some((at_face, face))) = (only(ElementKind::Vertex), only(ElementKind::Face))
+    else {
         return Err(malformed(FORMAT, "expected one element `vertex` and one element `face`"));
     };
     if ![Role::X, Role::Y, Role::Z].iter().all(|role| vertex.has_one(*role)) {

@@ -76,7 +76,8 @@ impl<'a> Values<'a> {
         match self {
             Self::Ascii(words) => (0..count).try_for_each(|_| words.next().map(|_| ())),
             Self::Binary { rest, .. } => {
-                let bytes = usize::try_from((property.number_type.size() as u64).checked_mul(u64::from(count))?).ok()?;
+                let bytes =
+                    usize::try_from((property.number_type.size() as u64).checked_mul(u64::from(count))?).ok()?;
                 *rest = rest.get(bytes..)?;
                 Some(())
             }

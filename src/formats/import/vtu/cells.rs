@@ -39,11 +39,7 @@ impl SolidCells {
 }
 
 /// The cells of a file with volume.
-pub(super) fn read(
-    file: &VtkXml<'_>,
-    n_points: usize,
-    warnings: &mut Vec<Warning>,
-) -> Result<SolidCells, ImportError> {
+pub(super) fn read(file: &VtkXml<'_>, n_points: usize, warnings: &mut Vec<Warning>) -> Result<SolidCells, ImportError> {
     let fault = |detail: String| malformed(FORMAT, detail);
     let array = |name: &str| {
         let found = file.arrays.iter().find(|a| a.section == Section::Cells && a.name == name);

@@ -101,7 +101,8 @@ impl Content {
             words.get(n).map(String::as_str).ok_or_else(|| fault(format!("the line `{name}` has too few words")))
         };
         let count = |n: usize| {
-            let expected = || fault(format!("`{name}` at byte {}: word {} is not a count", line.byte, n.saturating_add(1)));
+            let expected =
+                || fault(format!("`{name}` at byte {}: word {} is not a count", line.byte, n.saturating_add(1)));
             word(n)?.parse::<usize>().map_err(|_| expected())
         };
         match name.as_str() {
@@ -146,7 +147,12 @@ impl Content {
                     "GLOBAL_IDS" | "PEDIGREE_IDS" => (word(2)?, 1),
                     "TEXTURE_COORDINATES" => (word(3)?, count(2)?),
                     "COLOR_SCALARS" => (file.color_type(), count(2)?),
-                    _ => return Err(fault(format!("byte {}: expected a section of the format, such as POINTS", line.byte))),
+                    _ => {
+                        return Err(fault(format!(
+                            "byte {}: expected a section of the format, such as POINTS",
+                            line.byte
+                        )));
+                    }
                 };
                 if name == "SCALARS" && file.next_is(b"LOOKUP_TABLE") {
                     file.line();

@@ -72,7 +72,11 @@ fn both_encodings_and_both_layouts_of_cells_give_the_same_mesh() {
     for version in [2, 4, 5] {
         for is_ascii in [true, false] {
             let (mesh, warnings) = volume_mesh(&file(is_ascii, version), &LIMITS).unwrap();
-            assert_eq!(warnings.iter().map(|w| w.code).collect::<Vec<_>>(), ["cells-without-volume"], "{is_ascii} {version}");
+            assert_eq!(
+                warnings.iter().map(|w| w.code).collect::<Vec<_>>(),
+                ["cells-without-volume"],
+                "{is_ascii} {version}"
+            );
             check(&mesh);
         }
     }

@@ -12,9 +12,9 @@ mod xml;
 
 use super::error::{at_most, check_size, malformed};
 use super::{ImportError, Limits};
+use cells::SolidCells;
 pub use legacy::is_legacy_vtk;
 pub(super) use polydata::{looks_like_polydata, read_polydata};
-use cells::SolidCells;
 use prosopon_geometry::{Aabb, Cell, DataArray, Point, VolumeMesh, Warning};
 use xml::{Grid, RawArray, Section, VtkXml};
 
@@ -62,7 +62,9 @@ fn with_warnings(mesh: VolumeMesh, mut warnings: Vec<Warning>) -> (VolumeMesh, V
     let size = Aabb::of(&points).map_or(0.0, |b| b.diagonal());
     if check_size(size, &mut warnings).is_err() {
         let found = format!("the bounding box has a diagonal of {size:?} mm, but a head has 100 to 600 mm");
-        warnings.push(Warning::check("implausible-size", found).act("Check whether the file is in metres or another unit."));
+        warnings.push(
+            Warning::check("implausible-size", found).act("Check whether the file is in metres or another unit."),
+        );
     }
     (mesh, warnings)
 }

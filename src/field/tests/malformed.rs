@@ -1,7 +1,8 @@
 //! Surfaces that break methods: each gives a correct field or a report of what is wrong and where.
 
 use super::shapes::{Random, block, fields, filtered, flipped, joined, rough_ball, sphere};
-use crate::{RegionKind, ExactDistance, FieldReport, Method};
+use crate::{ExactDistance, FieldError, FieldReport, FieldSettings, Method, MethodSettings, RegionKind, SignedField};
+use prosopon_geometry::control::Control;
 use prosopon_geometry::{GeometryError, Implicit, Motion, Point, TriMesh, Vector};
 
 const BAND_MM: f64 = 2.0;
@@ -21,14 +22,14 @@ fn triangle(corners: [Point; 3]) -> TriMesh {
 ///
 /// Values are finite everywhere. In the band the magnitude is never more than a spacing above the distance, nor more than a
 /// spacing below it where the sign does not jump nearby. An adaptive field's sign is that of the winding number where that is
-/// clear. All methods report the same `doubts`, at positions within the surface's box.
-fn check(mesh: &TriMesh, doubts: &[RegionKind]) -> FieldReport {
+/// clear. All methods report regions of the `expected` kinds, at positions within the surface's box.
+fn check(mesh: &TriMesh, expected: &[RegionKind]) -> FieldReport {
     let exact = ExactDistance::new(mesh);
     let bounds = mesh.bounds();
     let mut random = Random(82);
     let is_inside = |p: Point| exact.winding_number(&p).abs() > 0.5;
     let encloses = (0..3000).any(|_| is_inside(random.point(bounds.center(), 0.5 * bounds.diagonal())));
-    let jumps = !encloses || doubts.iter().any(|d| matches!(d, RegionKind::Open | RegionKind::Buried));
+    let jumps = !encloses || expected.iter().any(|kind| matches!(kind, RegionKind::Open | RegionKind::Buried));
     let mut report = None;
     for (method, field, found) in fields(mesh, SPACING_MM, BAND_MM) {
         let mut random = Random(80);
@@ -52,8 +53,8 @@ fn check(mesh: &TriMesh, doubts: &[RegionKind]) -> FieldReport {
             }
         }
         assert!(clear > 40 || (jumps && method != Method::Adaptive), "{method:?}: {clear}");
-        let kinds: Vec<RegionKind> = found.regions.iter().map(|r| r.doubt).collect();
-        assert_eq!(kinds, doubts, "{method:?}");
+        let kinds: Vec<RegionKind> = found.regions.iter().map(|r| r.kind).collect();
+        assert_eq!(kinds, expected, "{method:?}");
         for region in found.regions.iter().flat_map(|r| &r.largest) {
             assert!(bounds.grown(1e-9).contains(&region.bounds.min) && bounds.grown(1e-9).contains(&region.bounds.max));
         }
@@ -77,8 +78,8 @@ fn copied_and_flipped_faces() {
     triangles.extend(ball.triangles()[..20].iter().map(|&[a, b, c]| [b, c, a]));
     let doubled = TriMesh::new(ball.positions().to_vec(), triangles).unwrap();
     assert_eq!(check(&doubled, &[RegionKind::Copy]).regions[0].elements, 20);
-    let turned = flipped(&ball, |t| t == 100);
-    let report = check(&turned, &[RegionKind::Inverted]);
+    let inverted = flipped(&ball, |t| t == 100);
+    let report = check(&inverted, &[RegionKind::Inverted]);
     assert_eq!((report.regions[0].count, report.regions[0].elements), (1, 1));
     assert!(report.regions[0].largest[0].bounds.contains(&ball.corners(100)[0]));
 }
@@ -146,4 +147,35 @@ fn coordinates_of_a_million_millimetres() {
 #[test]
 fn an_empty_mesh_is_none() {
     assert!(matches!(TriMesh::new(vec![Point::origin()], vec![]), Err(GeometryError::Empty)));
+}
+
+#[test]
+fn settings_and_coordinates_out_of_range_are_refused_before_anything_is_built() {
+    let ball = sphere(Point::origin(), 6.0, 2);
+    let far = ball.moved(&Motion::translation(1e200, 0.0, 0.0));
+    let field = FieldSettings { spacing_mm: SPACING_MM, band_mm: BAND_MM, margin_mm: 4.0 };
+    let usual = MethodSettings { field, resolution: Some(16), ..MethodSettings::default() };
+    for method in Method::ALL {
+        let refused = |mesh: &TriMesh, settings: MethodSettings| {
+            let settings = MethodSettings { method, ..settings };
+            let built = SignedField::build_only(mesh, &settings, &Control::new()).map(|_| ());
+            assert_eq!(
+                format!("{built:?}"),
+                format!("{:?}", SignedField::build(mesh, &settings, &Control::new()).map(|_| ()))
+            );
+            match built {
+                Err(FieldError::Setting { name, .. }) => name,
+                other => panic!("{method:?}: {other:?}"),
+            }
+        };
+        let with = |field: FieldSettings| MethodSettings { field, ..usual };
+        // A margin that would turn the surface's box inside out.
+        assert_eq!(refused(&ball, with(FieldSettings { margin_mm: -7.0, ..field })), "margin_mm");
+        assert_eq!(refused(&ball, with(FieldSettings { margin_mm: f64::NAN, ..field })), "margin_mm");
+        assert_eq!(refused(&ball, with(FieldSettings { band_mm: f64::INFINITY, ..field })), "band_mm");
+        assert_eq!(refused(&ball, MethodSettings { resolution: Some(0), ..usual }), "resolution");
+        let spacing = FieldSettings { spacing_mm: 0.0, ..field };
+        assert_eq!(refused(&ball, MethodSettings { resolution: None, field: spacing, ..usual }), "spacing_mm");
+        assert_eq!(refused(&far, usual), "largest coordinate");
+    }
 }

@@ -1,4 +1,4 @@
-use super::block::{Block, NODES, Nearest, SIDE, Shape, single};
+use super::block::{Block, Boxed, NODES, Nearest, SIDE, Shape, single};
 use super::pseudonormal::Pseudonormals;
 use super::settings::EDGE;
 use prosopon_geometry::{Point, TriMesh, Vector};
@@ -11,14 +11,6 @@ pub(super) const TILE: usize = EDGE * EDGE * EDGE;
 const GROUP: usize = 16;
 /// Boxes closer to a block than this share of the largest distance of a node are processed first.
 const CLOSE: f32 = 0.5;
-
-/// Box around a triangle, mm from the lattice's origin.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Boxed {
-    pub(super) center: [f32; 3],
-    pub(super) half: [f32; 3],
-    pub(super) id: u32,
-}
 
 /// Signed distances at the nodes of a tile, x fastest, mm, and the triangle nearest to the first.
 #[derive(Debug, Clone)]
@@ -162,7 +154,7 @@ impl Sampler {
         let first = closest.min(near.len() - 1);
         let first_node = self.origin + offset;
         block.clear();
-        block.add(simd, &self.shapes[near[first].id as usize], &first_node, (&near[first], &start));
+        block.add(simd, &self.shapes[near[first].id as usize], &first_node, &near[first], &start);
         // A block with all boxes out of reach uses only the first candidate.
         let worst_sq = block.worst_sq(simd).min(self.reach * self.reach);
         order.clear();
@@ -172,7 +164,7 @@ impl Sampler {
         for close in [true, false] {
             for &n in order.iter().filter(|&&n| (least_sq[n as usize] < close_sq) == close) {
                 let b = &near[n as usize];
-                block.add(simd, &self.shapes[b.id as usize], &first_node, (b, &start));
+                block.add(simd, &self.shapes[b.id as usize], &first_node, b, &start);
             }
         }
     }

@@ -228,7 +228,7 @@ impl Parted<'_> {
                 ));
             }
         }
-        let part = control.part(0.2, 1.0);
+        let part = control.stage(0.2, 1.0);
         let found = solid::segments(grid, &segments, &parting, &part)?;
         for segment in &found {
             let thickness_mm = 2.0 * segment.volume_mm3 / segment.area_mm2;

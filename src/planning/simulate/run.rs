@@ -187,8 +187,8 @@ pub fn solve(
     control: &Control,
     on_frame: &mut dyn FnMut(Frame),
 ) -> Result<Outcome, SimulateError> {
-    let prepared = PreparedTissue::new(tissue, bone, plan, settings, &control.part(0.0, SETUP_SHARE))?;
-    let control = control.part(SETUP_SHARE, 1.0);
+    let prepared = PreparedTissue::new(tissue, bone, plan, settings, &control.stage(0.0, SETUP_SHARE))?;
+    let control = control.stage(SETUP_SHARE, 1.0);
     let way = Way { plan, from: None, after: None };
     solve_prepared(anatomy, tissue, &prepared, bone, way, settings, &control, &mut |frame, _| on_frame(frame))
 }
@@ -224,7 +224,7 @@ pub fn solve_prepared(
         return Err(PlanError::Value { what: "paths".to_owned(), detail }.into());
     }
     let mut warnings = prepared.warnings.clone();
-    let mut solver = Solver::over(&prepared.equations, &prepared.mesh, bone.bodies(), &control.part(0.0, SETUP_SHARE))?;
+    let mut solver = Solver::over(&prepared.equations, &prepared.mesh, bone.bodies(), &control.stage(0.0, SETUP_SHARE))?;
     let begin = match after {
         Some(after) => after.begin.clone(),
         None => from.map(|from| from.motions().iter().map(|(segment, m)| (*segment, motion_numbers(m))).collect()),
@@ -239,7 +239,7 @@ pub fn solve_prepared(
         plan.on_from(&motions)
     });
     let plan = onwards.as_ref().unwrap_or(plan);
-    let path = control.part(SETUP_SHARE, 1.0);
+    let path = control.stage(SETUP_SHARE, 1.0);
     let share = |k: usize| k as f64 / settings.steps as f64;
     let carrier = Carrier::new(&anatomy.skin, &tissue.embedding);
     warnings.extend(Aabb::of(&prepared.mesh.positions).and_then(|region| carrier.warning(&anatomy.skin, &region)));

@@ -77,9 +77,9 @@ impl Scene {
             .iter()
             .map(|(segment, field)| ContactBody { segment: *segment, solid: field.as_ref() })
             .collect();
-        let setup = control.part(0.0, 0.05);
+        let setup = control.stage(0.0, 0.05);
         let mut solver = Solver::with_boundary(mesh, bodies, &self.ready.boundary, self.settings.clone(), &setup)?;
-        let path = control.part(0.05, 1.0);
+        let path = control.stage(0.05, 1.0);
         let share = |k: usize| k as f64 / self.steps as f64;
         let mut steps = Vec::with_capacity(self.steps);
         let mut failure = None;
@@ -90,7 +90,7 @@ impl Scene {
             path.report(share(reached));
         }
         for k in reached + 1..=self.steps {
-            let part = path.part(share(k - 1), share(k));
+            let part = path.stage(share(k - 1), share(k));
             match solver.advance(share(k), &|t| self.plan.motions(t), &part) {
                 Ok(report) => {
                     warnings

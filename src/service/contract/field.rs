@@ -5,7 +5,7 @@ use super::check::Check;
 use super::fault::Fault;
 use super::warning::Findings;
 use prosopon_field::{
-    Doubt, DoubtfulRegions, EnvelopeSettings, FieldReport, FieldSettings, Method, MethodSettings, Region, Tolerance,
+    RegionKind, RegionsOfKind, EnvelopeSettings, FieldReport, FieldSettings, Method, MethodSettings, Region, Tolerance,
 };
 use prosopon_planning::simulate::FieldsSettings;
 
@@ -207,16 +207,16 @@ pub struct RegionDocument {
     pub max_mm: [f64; 3],
 }
 
-impl From<&DoubtfulRegions> for DoubtfulRegionsDocument {
-    fn from(r: &DoubtfulRegions) -> Self {
+impl From<&RegionsOfKind> for DoubtfulRegionsDocument {
+    fn from(r: &RegionsOfKind) -> Self {
         let doubt = match r.doubt {
-            Doubt::Open => DoubtDocument::Open,
-            Doubt::Inverted => DoubtDocument::Inverted,
-            Doubt::Ambiguous => DoubtDocument::Ambiguous,
-            Doubt::Buried => DoubtDocument::Buried,
-            Doubt::Sheet => DoubtDocument::Sheet,
-            Doubt::Copy => DoubtDocument::Copy,
-            Doubt::NoArea => DoubtDocument::NoArea,
+            RegionKind::Open => DoubtDocument::Open,
+            RegionKind::Inverted => DoubtDocument::Inverted,
+            RegionKind::Ambiguous => DoubtDocument::Ambiguous,
+            RegionKind::Buried => DoubtDocument::Buried,
+            RegionKind::Sheet => DoubtDocument::Sheet,
+            RegionKind::Copy => DoubtDocument::Copy,
+            RegionKind::NoArea => DoubtDocument::NoArea,
         };
         let largest = r.largest.iter().map(RegionDocument::from).collect();
         Self { doubt, count: r.count, elements: r.elements, area_mm2: r.area_mm2, largest }

@@ -2,7 +2,7 @@ use std::fmt::Debug;
 
 use super::{Case, Run, SceneRun, TissueRequest};
 use prosopon_contract::{Cuts, Halt, Solid};
-use prosopon_field::{FieldReport, Settled};
+use prosopon_field::{FieldReport, CheckedDistance};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Point, TriMesh, Vector, Warning};
 use prosopon_planning::evaluate::{ErrorMap, FaceRegion, Registration};
@@ -53,7 +53,7 @@ pub trait Engine: Debug + Send + Sync {
     ///
     /// # Errors
     /// [`Halt`].
-    fn nearest(&self, case: &Case, solid: Solid, points: &[Point], control: &Control) -> Result<Vec<Settled>, Halt>;
+    fn nearest(&self, case: &Case, solid: Solid, points: &[Point], control: &Control) -> Result<Vec<CheckedDistance>, Halt>;
 
     /// Signed distances (mm) and gradients at `points` (LPS mm).
     ///

@@ -73,13 +73,13 @@ pub(super) fn solve_path(
     on_frame: &mut OnFrame<'_>,
 ) -> Result<Outcome, Halt> {
     let Ready { run, bone, tissue } = ready;
-    let mut control = control.part(0.0, 1.0);
+    let mut control = control.stage(0.0, 1.0);
     let mut from = None;
     if let (Some(earlier), None) = (path.after, path.checkpoint) {
         from = recent.get::<SavedState>(ENDS, &end_key(ready, earlier.into()));
         if from.is_none() {
-            let found = solve_path(recent, ready, earlier.into(), &control.part(0.0, 0.5), &mut |_, _| ())?;
-            control = control.part(0.5, 1.0);
+            let found = solve_path(recent, ready, earlier.into(), &control.stage(0.0, 0.5), &mut |_, _| ())?;
+            control = control.stage(0.5, 1.0);
             from = Some(Arc::new(found.end));
         }
     }
@@ -89,12 +89,12 @@ pub(super) fn solve_path(
         found
     } else {
         recent.let_go(EQUATIONS);
-        let before = control.part(0.0, PREPARING);
+        let before = control.stage(0.0, PREPARING);
         let made = Arc::new(PreparedTissue::new(tissue, bone, path.plan, &settings, &before)?);
         recent.put(EQUATIONS, &key, Arc::clone(&made), tissue.report.nodes as u64 * EQUATION_BYTES);
         made
     };
-    let control = control.part(PREPARING, 1.0);
+    let control = control.stage(PREPARING, 1.0);
     let way = Way { plan: path.plan, from: from.as_deref(), after: path.checkpoint };
     let anatomy = &run.case.anatomy;
     let outcome = simulate::solve_prepared(anatomy, tissue, &prepared, bone, way, &settings, &control, on_frame);

@@ -112,11 +112,11 @@ pub const BONE_LEVELS_HU: [f64; 2] = [100.0, 1500.0];
 pub fn from_ct(volume: &Volume, settings: &CtSettings, control: &Control) -> Result<CtSurfaces, SurfaceError> {
     resample::check(volume)?;
     check_settings(settings)?;
-    let resampled = resample::resample(volume, settings.skin_hu, &control.part(0.0, 0.1))?;
+    let resampled = resample::resample(volume, settings.skin_hu, &control.stage(0.0, 0.1))?;
     let (hu, mut warnings) = (resampled.grid, resampled.warnings);
     let nothing = |what, threshold| SurfaceError::NothingFound { what, threshold, unit: "HU" };
 
-    let body = body::body(&hu, settings.skin_hu, &control.part(0.1, 0.2))?;
+    let body = body::body(&hu, settings.skin_hu, &control.stage(0.1, 0.2))?;
     let Body { skin, removed_mm3 } = body.ok_or(nothing("skin with air around it", settings.skin_hu))?;
     if removed_mm3 > 0.0 {
         let cm3 = removed_mm3 / 1e3;
@@ -211,7 +211,7 @@ fn finished(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use prosopon_geometry::{Point, Topology, Vector};
+    use prosopon_geometry::{Point, TopologyFaults, Vector};
 
     /// Soft tissue of radius 30 with a shell of bone (16 to 20), an airspace (radius 8) that a tube of radius 4 joins to the
     /// outside, a throat that leaves the volume below, and a sheet beside the ball. Slices are 2 mm apart.
@@ -247,7 +247,7 @@ mod tests {
         let found = run(&ball()).unwrap();
         let air = found.air.unwrap();
         for mesh in [&found.skin, &found.skull, &air] {
-            assert!(Topology::of(mesh).is_closed_manifold());
+            assert!(TopologyFaults::of(mesh).is_closed_manifold());
             assert!(mesh.volume() > 0.0);
         }
         // The skin bridges the mouths of tube and throat and excludes the sheet. -300 HU lies 0.35 mm below the surface of the

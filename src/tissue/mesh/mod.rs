@@ -20,6 +20,8 @@ mod embedding;
 mod error;
 mod graded;
 mod grading;
+#[cfg(test)]
+mod invariants_tests;
 mod lattice;
 mod mixed_mesh;
 mod parts;
@@ -33,7 +35,11 @@ mod smooth;
 mod stencil;
 mod stuffing;
 #[cfg(test)]
+mod test_cases;
+#[cfg(test)]
 mod test_domain;
+#[cfg(test)]
+mod test_invariants;
 #[cfg(test)]
 mod tests;
 mod thin;

@@ -5,23 +5,18 @@ use rayon::prelude::*;
 use super::adjacency::{BoundaryFace, boundary, sorted};
 use super::classify::{Shape, assemble};
 use super::domain::{Domain, InnerTissue, MeshSettings, Side};
-use super::grading::grade;
 use super::parts::keep_large_parts;
 use super::pockets::leave_out_pockets;
-use super::prisms::Layer;
+use super::press::press;
+use super::prisms::PrismLayer;
 use super::refine::{Refinement, SurfaceFace};
+use super::refinement_marks::mark_refinement;
 use super::report::{MeshReport, report};
 use super::smooth::Relaxation;
-use super::stuffing::{TetMesh, halve, lattice_over, stuff};
-use super::thin::press;
+use super::stuffing::{TetMesh, lattice_over, refine, stuff};
+use super::tuning::{EDGE_SHARES, FACING_SKIN_COSINE, PASSES};
 use super::{MeshError, MixedMesh};
 use prosopon_geometry::control::Control;
-
-/// Smallest cosine between a boundary face's normal and the skin's at which the face counts as facing the skin.
-const LEAST_COSINE: f64 = 0.3;
-
-/// Number of passes of edge splitting, smoothing and prism repair under curved skin.
-const PASSES: usize = 4;
 
 /// Meshes the tissue by isosurface stuffing and adds a layer of prisms under the skin.
 ///
@@ -66,9 +61,6 @@ pub fn build(
     Err(first.unwrap_or(MeshError::NoTissue))
 }
 
-/// Edge lengths tried in turn, as shares of the requested one.
-const EDGE_SHARES: [f64; 4] = [1.0, 0.97, 0.93, 0.88];
-
 fn build_once(
     domain: &Domain<'_>,
     settings: &MeshSettings,
@@ -77,9 +69,9 @@ fn build_once(
     let plain = InnerTissue::new(domain, settings);
     let mut warnings = Vec::new();
     let lattice = lattice_over(&plain, settings.edge_mm)?;
-    let grading = grade(&plain, &lattice, control)?;
-    let inner = plain.with_thickness(grading.thickness.as_ref());
-    let lattice = halve(lattice, grading.halved, settings.edge_mm)?;
+    let marks = mark_refinement(&plain, &lattice, control)?;
+    let inner = plain.with_thickness(marks.thickness.as_ref());
+    let lattice = refine(lattice, marks.refined, settings.edge_mm)?;
     let mut mesh = stuff(&inner, &lattice, &control.part(0.0, 0.3))?;
     let faces = boundary(&mesh.tetrahedra);
     let mut sides = boundary_sides(&inner, &mesh, &faces);
@@ -124,12 +116,12 @@ fn build_once(
         face.skin &= !face.nodes.iter().any(|&n| pressed.holes[n as usize]);
     }
     let skin_faces: Vec<[u32; 3]> = surface.iter().filter(|f| f.skin).map(|f| f.nodes).collect();
-    let (mut layer, lost) = Layer::extrude(&inner, &mesh, &skin_faces);
+    let (mut layer, lost) = PrismLayer::extrude(&inner, &mesh, &skin_faces);
     for face in &mut surface {
-        face.skin &= face.nodes.iter().all(|&n| layer.feet[n as usize].is_some());
+        face.skin &= face.nodes.iter().all(|&n| layer.outer_nodes[n as usize].is_some());
     }
-    layer.mend(&inner, &mut mesh, &sides, control)?;
-    layer.settle(&inner, &mesh, control)?;
+    layer.repair(&inner, &mut mesh, &sides, control)?;
+    layer.fit_outer_nodes(&inner, &mesh, control)?;
     for _ in 0..PASSES {
         let mut refinement = Refinement {
             inner: &inner,
@@ -140,15 +132,15 @@ fn build_once(
             layer: &mut layer,
             refused: BTreeSet::new(),
         };
-        let halved = refinement.run(control)?;
-        if halved == 0 {
+        let n_splits = refinement.run(control)?;
+        if n_splits == 0 {
             break;
         }
         layer.faces = surface.iter().filter(|f| f.skin).map(|f| f.nodes).collect();
         let faces = boundary(&mesh.tetrahedra);
         Relaxation::new(&inner, &mut mesh, &sides, &pinned, &faces).improve(4, control)?;
-        layer.mend(&inner, &mut mesh, &sides, control)?;
-        layer.settle(&inner, &mesh, control)?;
+        layer.repair(&inner, &mut mesh, &sides, control)?;
+        layer.fit_outer_nodes(&inner, &mesh, control)?;
     }
     let mut stuffed_faces: Vec<[u32; 3]> = surface.iter().map(|f| sorted(f.nodes)).collect();
     stuffed_faces.sort_unstable();
@@ -203,7 +195,7 @@ fn surface_faces(
         face.nodes.iter().all(|&n| sides[n as usize] == Some(Side::Skin)) && {
             let normal = (b - a).cross(&(c - a));
             let gradient = inner.domain.skin.value_gradient(&nalgebra::center(&a, &nalgebra::center(&b, &c))).1;
-            normal.dot(&gradient) > LEAST_COSINE * normal.norm() * gradient.norm()
+            normal.dot(&gradient) > FACING_SKIN_COSINE * normal.norm() * gradient.norm()
         }
     };
     faces.par_iter().map(|f| SurfaceFace { nodes: f.nodes, skin: on_skin_side(f) }).collect()

@@ -1,4 +1,5 @@
 use super::MeshError;
+use super::tuning::CARVE_EDGES;
 use prosopon_geometry::{Aabb, Implicit, Point, ScalarGrid, Vector};
 
 /// Target shape of the mesh.
@@ -118,7 +119,7 @@ pub(super) struct Foot {
 /// Implicit function of the INNER tissue (below the prisms), and queries that prisms need.
 ///
 /// Bone and air are carved out only deeper than `thickness + carve` below the skin. A layer that the lattice resolves therefore
-/// always lies below the skin, and the level set under the prisms never meets bone. Where the tissue is thinner, `thin` moves
+/// always lies below the skin, and the level set under the prisms never meets bone. Where the tissue is thinner, `press` moves
 /// the nodes of that layer back to the bone.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct InnerTissue<'a> {
@@ -142,9 +143,7 @@ impl<'a> InnerTissue<'a> {
             varying: None,
             edge: settings.edge_mm,
             depth: settings.depth_mm,
-
-            // Snapping takes up to 0.36 edges on either side (along a short edge); half an edge more keeps the rest connected.
-            carve: 1.25 * settings.edge_mm,
+            carve: CARVE_EDGES * settings.edge_mm,
         }
     }
 

@@ -6,14 +6,13 @@ use super::domain::{Domain, MeshSettings};
 use super::test_cases::{Case, analytic, dirty, random};
 use super::test_domain::within;
 use super::test_invariants::{measure, no_node_hangs};
+use super::tuning::{MAX_SKIN_DISTANCE_MM, MIN_WALL_PRISM_MM, WORST_JACOBIAN};
 use super::{MeshReport, MixedMesh, build};
 use prosopon_geometry::Point;
 use prosopon_geometry::control::Control;
 
 /// Smallest dihedral angle that pressing and splitting leave, degrees, and the largest.
 const ANGLES_DEG: (f64, f64) = (8.0, 172.0);
-/// Smallest thickness of prisms that the settings and thin walls give, mm.
-const LEAST_THICKNESS_MM: f64 = 0.3;
 
 fn built(case: &Case) -> (MixedMesh, MeshReport) {
     match build(&case.domain(), &case.settings, &Control::new()) {
@@ -36,7 +35,7 @@ fn check(case: &Case) {
     assert!(near(report.max_dihedral_deg, found.dihedral_deg.1, 1e-6), "{name}: {found:?}");
     assert!(found.dihedral_deg.0 > ANGLES_DEG.0 && found.dihedral_deg.1 < ANGLES_DEG.1, "{name}: {found:?}");
     assert!(near(report.min_scaled_jacobian, found.scaled_jacobian, 1e-9), "{name}: {found:?}");
-    assert!(found.scaled_jacobian >= super::prisms::WORST, "{name}: {found:?}");
+    assert!(found.scaled_jacobian >= WORST_JACOBIAN, "{name}: {found:?}");
     assert!(near(report.muscle_share, found.muscle_volume / found.tetrahedra_volume, 1e-9), "{name}: {report:?}");
     assert!(found.crowded_share < 0.01, "{name}: {found:?}");
     assert!(found.overlaps as f64 <= case.overlapping * report.nodes as f64, "{name}: {found:?}");
@@ -69,9 +68,12 @@ fn prisms_stand_on_the_skin(case: &Case, mesh: &MixedMesh, report: &MeshReport) 
         }
     }
     let MeshSettings { skin_thickness_mm, edge_mm, .. } = case.settings;
-    assert!(depths.0 > 0.5 * LEAST_THICKNESS_MM, "{name}: {depths:?}");
+    assert!(depths.0 > 0.5 * MIN_WALL_PRISM_MM, "{name}: {depths:?}");
     assert!(depths.1 < skin_thickness_mm + 0.51 * edge_mm, "{name}: {depths:?}");
-    assert!((farthest - report.max_skin_distance_mm).abs() < 1e-9 && farthest <= 0.3, "{name}: {farthest} {report:?}");
+    assert!(
+        (farthest - report.max_skin_distance_mm).abs() < 1e-9 && farthest <= MAX_SKIN_DISTANCE_MM,
+        "{name}: {farthest} {report:?}"
+    );
 }
 
 /// Volume of the tissue by counting points, mm³.

@@ -60,7 +60,7 @@ fn a_ct_tells_fat_from_muscle_and_depth_does_where_it_says_nothing() {
 }
 
 /// A wing of skin 3.5 mm thick with a round rim on thick tissue.
-/// Lattices of 4 mm do not resolve it, halved cubes do. Its prisms cover both sides; their flat outer triangles have the sides'
+/// Lattices of 4 mm do not resolve it, refined cubes do. Its prisms cover both sides; their flat outer triangles have the sides'
 /// area, up to the triangles that cross the sample's border.
 #[test]
 fn a_thin_wing_is_covered_with_prisms() {

@@ -1,23 +1,13 @@
-//! Handles tissue thinner than the lattice resolves.
-//! The layer that is always meshed is pressed back onto the bone.
+//! Presses the layer that is always meshed back onto bone and air where tissue is thinner than the lattice resolves.
 
 use rayon::prelude::*;
 
 use super::domain::{InnerTissue, Side};
 use super::quality::smallest_sine;
 use super::stuffing::TetMesh;
+use super::tuning::{FLATTEST_SINE, PROTRUSION_MM, THINNEST_PRISM_MM, THINNEST_TISSUE_EDGES};
 use prosopon_geometry::Point;
 use prosopon_geometry::control::{Cancelled, Control};
-
-/// Where tissue below the skin layer is thinner than this share of an edge, there are no tetrahedra and prisms stand on the
-/// bone.
-const THINNEST: f64 = 0.5;
-/// Tetrahedra at pressed nodes with a smaller sine of the dihedral angle are removed.
-const FLATTEST: f64 = 0.14; // 8°
-/// Thinnest prism, mm. Where skin and bone are nearer, the prism extends into the bone.
-const THINNEST_PRISM: f64 = 0.3;
-/// Where bone protrudes from the skin by more than this, the skin layer has a hole, mm.
-const POKING_OUT: f64 = 0.3;
 
 /// Result of pressing.
 #[derive(Debug, Clone, Default)]
@@ -40,7 +30,7 @@ enum Move {
 }
 
 /// Presses the layer under the skin onto bone and air where tissue is thin.
-/// Between `thickness + carve` and `thickness + THINNEST` edges of tissue the layer is compressed. Where there is less, it is
+/// Between `thickness + carve` and `thickness + THINNEST_TISSUE_EDGES` edges of tissue the layer is compressed. Where there is less, it is
 /// dropped and its tetrahedra are removed.
 pub(super) fn press(
     inner: &InnerTissue<'_>,
@@ -52,7 +42,7 @@ pub(super) fn press(
         let p = &mesh.positions[node];
         let thickness = inner.thickness_at(p);
         let floor = thickness + inner.carve;
-        let least = thickness + THINNEST * inner.edge;
+        let least = thickness + THINNEST_TISSUE_EDGES * inner.edge;
         let depth = -inner.domain.skin.value(p);
         if depth > floor + 0.02 * inner.edge {
             return Move::Stay;
@@ -60,12 +50,12 @@ pub(super) fn press(
         let Some(foot) = inner.foot(p, 2.0 * floor) else { return Move::Stay };
         let Some((below, side)) = inner.thickness_below(&foot, floor) else { return Move::Stay };
         let at = |depth: f64| foot.point - foot.normal * depth;
-        if below < THINNEST_PRISM {
+        if below < THINNEST_PRISM_MM {
             // Prisms need bone or tissue below them; a plug of skin over an airway has neither.
-            if sides[node] == Some(Side::Skin) && (below < -POKING_OUT || side == Side::Air) {
+            if sides[node] == Some(Side::Skin) && (below < -PROTRUSION_MM || side == Side::Air) {
                 return Move::Hole;
             }
-            return Move::Drop(at(THINNEST_PRISM), side, side == Side::Bone);
+            return Move::Drop(at(THINNEST_PRISM_MM), side, side == Side::Bone);
         }
         if below < least {
             return Move::Drop(at(below), side, false);
@@ -108,7 +98,7 @@ pub(super) fn press(
         let any = t.iter().any(|&i| touched[i as usize]);
         let all_dropped = t.iter().all(|&i| pressed.dropped[i as usize].is_some());
         let hole = t.iter().any(|&i| pressed.holes[i as usize]);
-        !any || (!all_dropped && !hole && smallest_sine(&t.map(|i| positions[i as usize])) > FLATTEST)
+        !any || (!all_dropped && !hole && smallest_sine(&t.map(|i| positions[i as usize])) > FLATTEST_SINE)
     });
     pressed.removed = before - mesh.tetrahedra.len();
     Ok(pressed)

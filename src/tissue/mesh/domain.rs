@@ -21,7 +21,7 @@ impl Default for MeshSettings {
 
 impl MeshSettings {
     pub(super) fn check(&self) -> Result<(), MeshError> {
-        let setting = |name, found, allowed| Err(MeshError::Setting { name, found, allowed });
+        let setting = |name, found, allowed: &str| Err(MeshError::Setting { name, found, allowed: allowed.to_owned() });
         if !(0.1..=10.0).contains(&self.skin_thickness_mm) {
             return setting("skin_thickness_mm", self.skin_thickness_mm, "0.1 to 10");
         }
@@ -29,7 +29,10 @@ impl MeshSettings {
             return setting("edge_mm", self.edge_mm, "0.25 to 20");
         }
         if !(self.least_depth_mm()..=1000.0).contains(&self.depth_mm) {
-            return setting("depth_mm", self.depth_mm, "skin_thickness_mm plus two edge_mm, up to 1000");
+            // Rounded up to micrometres, so that the number given is allowed.
+            let least = (1e3 * self.least_depth_mm()).ceil() / 1e3;
+            let allowed = format!("{least} (skin_thickness_mm plus two edge_mm) to 1000");
+            return setting("depth_mm", self.depth_mm, &allowed);
         }
         Ok(())
     }
@@ -329,4 +332,17 @@ pub(super) fn crossing(a: f64, b: f64, fa: f64, fb: f64, tolerance: f64, f: impl
         }
     }
     0.5 * (a + b)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_error_of_a_small_depth_gives_the_smallest_one_allowed() {
+        let settings = MeshSettings { skin_thickness_mm: 1.5, edge_mm: 4.0, depth_mm: 9.0 };
+        let error = settings.check().unwrap_err().to_string();
+        assert_eq!(error, "depth_mm is 9, allowed is 9.5 (skin_thickness_mm plus two edge_mm) to 1000");
+        assert!(MeshSettings { depth_mm: 9.5, ..settings }.check().is_ok());
+    }
 }

@@ -9,7 +9,9 @@
 //! 3. Press it onto bone where it is thin (`press`) and leave out pockets that do not reach the skin (`pockets`).
 //! 4. Improve the tetrahedra (`smooth`) and extrude the skin side to the skin (`prisms`).
 //! 5. Bring the outer faces of the prisms close to the skin (`fit_outer_nodes`, `refine`) and drop small parts (`parts`).
-//! 6. Label nodes, faces and tissue (`classify`) and measure the mesh (`report`).
+//! 6. Label nodes, faces and tissue (`classify`), measure the mesh (`report`) and warn of what it lacks (`left_out`).
+//!
+//! All tuning numbers stand in `tuning`.
 
 mod adjacency;
 mod boundary;
@@ -22,6 +24,7 @@ mod fit_outer_nodes;
 #[cfg(test)]
 mod invariants_tests;
 mod lattice;
+mod left_out;
 mod mixed_mesh;
 mod parts;
 mod pockets;

@@ -5,8 +5,17 @@ use super::prisms::PrismLayer;
 use super::stuffing::TetMesh;
 use super::tuning::{MAX_DETACHED, MIN_PART_SHARE};
 
-/// Keeps the large parts that carry prisms; returns a warning about the others.
-pub(super) fn keep_large_parts(mesh: &mut TetMesh, layer: &mut PrismLayer) -> Vec<String> {
+/// Parts that were dropped.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct LooseParts {
+    pub(super) parts: usize,
+    pub(super) elements: usize,
+    /// Number of all elements before.
+    pub(super) of: usize,
+}
+
+/// Keeps the large parts that carry prisms; returns what was dropped.
+pub(super) fn keep_large_parts(mesh: &mut TetMesh, layer: &mut PrismLayer) -> LooseParts {
     let (n_tets, n_prisms) = (mesh.tetrahedra.len(), layer.faces.len());
     let pairs = joined(mesh, layer);
     let detached = detached(n_tets + n_prisms, n_tets, &pairs);
@@ -37,14 +46,7 @@ pub(super) fn keep_large_parts(mesh: &mut TetMesh, layer: &mut PrismLayer) -> Ve
     });
     let gone: Vec<usize> =
         (0..n_parts).filter(|&p| !carries[p] || (sizes[p] as f64) < MIN_PART_SHARE * largest as f64).collect();
-    if gone.is_empty() {
-        return Vec::new();
-    }
-    let elements: usize = gone.iter().map(|&p| sizes[p]).sum();
-    vec![format!(
-        "{} parts attached to the tissue by fewer than two faces were dropped ({elements} elements)",
-        gone.len()
-    )]
+    LooseParts { parts: gone.len(), elements: gone.iter().map(|&p| sizes[p]).sum(), of: n_tets + n_prisms }
 }
 
 /// Elements (tetrahedra, then prisms) that share a face.

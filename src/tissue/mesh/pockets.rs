@@ -11,7 +11,7 @@ use super::tuning::NECK_EDGES;
 
 /// Pockets that were left out.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(super) struct LeftOut {
+pub(super) struct Pockets {
     pub(super) pockets: usize,
     pub(super) tetrahedra: usize,
     pub(super) volume_mm3: f64,
@@ -19,10 +19,10 @@ pub(super) struct LeftOut {
 
 /// Removes the tetrahedra of all pockets.
 ///
-/// Inner nodes (farther than [`NECK_EDGES`] edges from every boundary) that are joined by edges form groups. A group is a pocket when
-/// none of its tetrahedra reaches a node of `under_skin`. Tetrahedra without inner nodes join the group that is nearer through
-/// faces.
-pub(super) fn leave_out_pockets(tissue: &InnerTissue<'_>, mesh: &mut TetMesh, under_skin: &[bool]) -> LeftOut {
+/// Inner nodes (farther than [`NECK_EDGES`] edges from every boundary) that are joined by edges form groups. A group is a pocket
+/// when none of its tetrahedra reaches a node of `under_skin`. Tetrahedra without inner nodes join the group that is nearer
+/// through faces.
+pub(super) fn leave_out_pockets(tissue: &InnerTissue<'_>, mesh: &mut TetMesh, under_skin: &[bool]) -> Pockets {
     let n = mesh.positions.len();
     let inner: Vec<bool> =
         mesh.positions.par_iter().map(|p| tissue.value_side(p).0 < -NECK_EDGES * tissue.edge).collect();
@@ -66,7 +66,7 @@ pub(super) fn leave_out_pockets(tissue: &InnerTissue<'_>, mesh: &mut TetMesh, un
         }
         front = next;
     }
-    let mut out = LeftOut::default();
+    let mut out = Pockets::default();
     let mut pocket_groups = Vec::new();
     let mut index = 0;
     let positions = &mesh.positions;
@@ -97,7 +97,7 @@ mod tests {
     use prosopon_geometry::{Aabb, Point};
 
     /// Tissue around and inside a hollow bone of 14 to 20 mm radius with a hole of the given radius.
-    fn left_out(hole: f64) -> (LeftOut, TetMesh) {
+    fn left_out(hole: f64) -> (Pockets, TetMesh) {
         let skin = Shape::ball(Point::origin(), 34.0);
         let bone = Shape(Box::new(move |p| {
             let shell = (p.coords.norm() - 17.0).abs() - 3.0;
@@ -131,6 +131,6 @@ mod tests {
         };
         assert!(mesh.tetrahedra.iter().all(|t| centre(t).norm() > 13.0));
         let (wide, _) = left_out(9.0);
-        assert_eq!(wide, LeftOut::default());
+        assert_eq!(wide, Pockets::default());
     }
 }

@@ -258,11 +258,18 @@ pub(super) fn random(count: u64) -> Vec<Case> {
     (0..count).map(&mut case).collect()
 }
 
-/// How the triangles of a skull came, and whether its field is that of the envelope.
-const DIRT: [(&str, fn(usize) -> Dirt); 4] = [
-    ("doubled", |t| if t % 5 == 0 { Dirt::Double } else { Dirt::Keep }),
-    ("inverted", |t| if t % 9 == 0 { Dirt::Invert } else { Dirt::Keep }),
-    ("with holes", |t| if t % 11 == 0 { Dirt::Drop } else { Dirt::Keep }),
+/// Defects of a skull's triangles, 48 a row.
+const DIRT: [(&str, fn(usize) -> Dirt); 3] = [
+    ("doubled and inverted", |t| match t % 9 {
+        0 | 4 => Dirt::Double,
+        7 => Dirt::Invert,
+        _ => Dirt::Keep,
+    }),
+    // The larger hole is 20 mm wide and 14 mm high.
+    ("with holes", |t| {
+        let hole = (5..8).contains(&(t / 48)) && (24..34).contains(&(t % 48));
+        if hole || t % 29 == 0 { Dirt::Drop } else { Dirt::Keep }
+    }),
     ("doubled, inverted and with holes", |t| match t % 13 {
         0 | 1 => Dirt::Double,
         4 => Dirt::Invert,

@@ -73,6 +73,8 @@ pub(super) const MAX_DETACHED: usize = 50;
 
 /// Smoothing skips tetrahedra whose smallest sine is above this.
 pub(super) const GOOD_SINE: f64 = 0.34; // 20°
+/// Rounds of averaging and of the pattern search on the nodes of bad tetrahedra.
+pub(super) const SMOOTHING_ROUNDS: usize = 4;
 /// Steps of the pattern search on the nodes of bad tetrahedra, edges.
 pub(super) const SMOOTHING_STEPS: [f64; 4] = [0.16, 0.08, 0.04, 0.02];
 

@@ -86,7 +86,7 @@ pub(super) fn run(a: &CompareArguments) -> CommandResult {
     for (name, value) in done.document.lines() {
         writeln!(std::io::stdout(), "{name:26} {value}")?;
     }
-    for warning in &done.document.warnings {
+    for warning in &done.document.findings.warnings {
         writeln!(told, "warning: {warning}")?;
     }
     Ok(())

@@ -89,8 +89,8 @@ impl Case<'_> {
 
     /// Prints the warnings of an answer that is not a job.
     fn warn(&self, name: &str, answer: &Value) {
-        for warning in answer["warnings"].as_array().into_iter().flatten().filter_map(Value::as_str) {
-            self.say(&format!("{name}: {warning}"));
+        for warning in answer["warnings"].as_array().into_iter().flatten() {
+            self.say(&format!("{name}: {}", finding(warning)));
         }
     }
 
@@ -210,7 +210,7 @@ impl Case<'_> {
                 match event {
                     "progress" => bar.set_position((1000.0 * data["progress"].as_f64().unwrap_or_default()) as u64),
                     "step" => on_step(data["k"].as_u64().unwrap_or_default())?,
-                    "warning" => self.say(&format!("{kind}: {}", data["text"].as_str().unwrap_or_default())),
+                    "warning" => self.say(&format!("{kind}: {}", finding(&data))),
                     "end" => ended = true,
                     _ => {}
                 }
@@ -231,4 +231,9 @@ impl Case<'_> {
         }
         Ok(())
     }
+}
+/// Message and action of a warning.
+fn finding(warning: &Value) -> String {
+    let [message, action] = ["message", "action"].map(|name| warning[name].as_str().unwrap_or_default());
+    if action.is_empty() { message.to_owned() } else { format!("{message}. {action}") }
 }

@@ -11,7 +11,7 @@ use serde::Deserialize;
 use super::chart::{self, Curve, Labels, color};
 use super::error::{BenchError, read, write};
 use super::files::{read_surface, refuse_unwritable};
-use prosopon_field::{FieldSettings, Method, MethodSettings, SignedField, Tolerance};
+use prosopon_field::{ExactDistance, FieldSettings, Method, MethodSettings, SignedField, Tolerance};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Implicit, Motion, Point, TriMesh, Vector};
 use prosopon_planning::plan::le_fort_1;
@@ -112,7 +112,8 @@ impl CollisionStudy<'_> {
             points.len(),
             bone.triangles().len()
         )?;
-        let mut all = vec![by_hierarchy(&bone, &points)?];
+        let mut all = vec![by_hierarchy(&bone, &points, Sign::Pseudonormals)?, by_hierarchy(&bone, &points, Sign::None)?];
+        all.push(by_own_hierarchy(&bone, &points));
         let mut cases: Vec<(Method, Option<f64>)> = vec![(Method::Adaptive, None), (Method::Uniform, None)];
         for method in [Method::Hybrid, Method::Frisken] {
             cases.extend(TOLERANCES.map(|t| (method, Some(t))));
@@ -203,11 +204,22 @@ fn by_field(bone: &TriMesh, method: Method, tolerance: Option<f64>, points: &[Po
     })
 }
 
-/// Detection without a field: closest point by parry's bounding volume hierarchy, signed by pseudonormals.
-fn by_hierarchy(bone: &TriMesh, points: &[Point]) -> Result<Measured, BenchError> {
+/// Whether a closest point comes with the side of the surface.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Sign {
+    None,
+    Pseudonormals,
+}
+
+/// Detection without a field: closest point by parry's bounding volume hierarchy.
+fn by_hierarchy(bone: &TriMesh, points: &[Point], sign: Sign) -> Result<Measured, BenchError> {
     let start = Instant::now();
     let vertices = bone.positions().iter().map(|p| ParryVector::new(p.x, p.y, p.z)).collect();
-    let shape = Shape::with_flags(vertices, bone.triangles().to_vec(), TriMeshFlags::ORIENTED)
+    let (flags, method) = match sign {
+        Sign::None => (TriMeshFlags::empty(), "closest point, unsigned (parry3d)"),
+        Sign::Pseudonormals => (TriMeshFlags::ORIENTED, "closest point (parry3d)"),
+    };
+    let shape = Shape::with_flags(vertices, bone.triangles().to_vec(), flags)
         .map_err(|e| BenchError::Hierarchy { detail: e.to_string() })?;
     let build_s = start.elapsed().as_secs_f64();
     let (one_thread_ms, all_threads_ms, hits) = detect(points, |p| {
@@ -217,7 +229,7 @@ fn by_hierarchy(bone: &TriMesh, points: &[Point]) -> Result<Measured, BenchError
         q.is_inside
     });
     Ok(Measured {
-        method: "closest point (parry3d)".to_owned(),
+        method: method.to_owned(),
         tolerance: None,
         build_s,
         one_thread_ms,
@@ -225,6 +237,17 @@ fn by_hierarchy(bone: &TriMesh, points: &[Point]) -> Result<Measured, BenchError
         hits,
         memory_mb: None,
     })
+}
+
+/// The same by our own hierarchy, which the distance fields are built with. It has no sign.
+fn by_own_hierarchy(bone: &TriMesh, points: &[Point]) -> Measured {
+    let start = Instant::now();
+    let exact = ExactDistance::new(bone);
+    let build_s = start.elapsed().as_secs_f64();
+    let (one_thread_ms, all_threads_ms, hits) = detect(points, |p| std::hint::black_box(exact.closest(p)).2 < 0.0);
+    let memory_mb = Some(exact.bytes() as f64 * 1e-6);
+    let method = "closest point, unsigned (ours)".to_owned();
+    Measured { method, tolerance: None, build_s, one_thread_ms, all_threads_ms, hits, memory_mb }
 }
 
 /// Chart of time against tolerance; a method without a tolerance is a horizontal line.

@@ -133,7 +133,7 @@ def solve(client, arguments, case, cut, points):
     factor = max((max(eta / left, left / max(eta, 1e-9)) for left, eta in judged), default=1.0)
     label = "%s_%s" % (name, patient)
     (arguments.out / (label + "_events.json")).write_text(json.dumps(events))
-    warnings = [w["text"] if isinstance(w, dict) else w for w in view.get("warnings", [])]
+    warnings = [w["message"] for w in view.get("warnings", [])]
     outcome = ""
     if view["status"] == "succeeded":
         outcome = client.report(job["id"])["steps"][-1].get("outcome", "")

@@ -176,7 +176,7 @@ def operate(client, arguments, session, name, times):
 
 def tell(answer):
     for warning in answer.get("warnings", []):
-        print("   " + (warning["text"] if isinstance(warning, dict) else warning))
+        print("   " + warning["message"])
 
 
 if __name__ == "__main__":

@@ -235,6 +235,28 @@ fn no_files_of_a_package_import_each_other() {
     assert!(circles.is_empty(), "{}", circles.join("\n"));
 }
 
+/// Codes of warnings that the code gives: the first text after the constructor's name.
+fn warning_codes(text: &str) -> BTreeSet<String> {
+    let made = ["Warning::info(", "Warning::check(", "Warning::unreliable("];
+    let calls = made.iter().flat_map(|call| text.match_indices(call).map(|(at, _)| &text[at + call.len()..]));
+    calls.filter_map(|rest| rest.trim_start().strip_prefix('"')?.split('"').next()).map(str::to_owned).collect()
+}
+
+#[test]
+fn the_page_of_warnings_lists_every_code() {
+    let mut given = BTreeSet::new();
+    for package in PACKAGES {
+        for file in files_of(package) {
+            given.extend(warning_codes(&production(&fs::read_to_string(root().join(package.folder).join(&file)).unwrap())));
+        }
+    }
+    let page = fs::read_to_string(root().join("api/warnings.md")).unwrap();
+    let rows = page.lines().filter_map(|line| line.strip_prefix("| `")?.split('`').next());
+    let listed: BTreeSet<String> = rows.map(str::to_owned).collect();
+    assert_eq!(given, listed);
+    assert!(given.iter().all(|code| code.chars().all(|c| c.is_ascii_lowercase() || c == '-' || c.is_ascii_digit())));
+}
+
 #[test]
 fn every_member_of_the_workspace_is_listed() {
     let manifest = fs::read_to_string(root().join("Cargo.toml")).unwrap();

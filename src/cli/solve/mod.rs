@@ -13,9 +13,10 @@ use serde::Serialize;
 
 use super::stop_signal::stop_signal;
 use super::{CommandResult, refuse_overwriting};
+use prosopon_contract::Findings;
 use prosopon_formats::export::vtu_of_mesh;
 use prosopon_geometry::control::{Cancelled, Control};
-use prosopon_geometry::{Point, Vector, VolumeMesh};
+use prosopon_geometry::{Point, Vector, VolumeMesh, Warning};
 use prosopon_planning::simulate::Scene;
 use prosopon_study::peak_mb;
 use prosopon_tissue::fem::{SolveError, StepReport};
@@ -48,7 +49,8 @@ struct Summary {
     min_det_f: Option<f64>,
     /// Force of each segment on the tissue at the last step, N.
     reactions_n: BTreeMap<u32, [f64; 3]>,
-    warnings: Vec<String>,
+    #[serde(flatten)]
+    findings: Findings,
 }
 
 /// The last line on stdout when there is no result.
@@ -66,7 +68,7 @@ enum Unfinished {
     Stopped(#[from] SolveError),
     /// Forces balance at the end of the path, but the result is unreliable.
     #[error("the path was finished, but its last step is unreliable: {0}")]
-    NotToRelyOn(String),
+    Unreliable(String),
 }
 
 pub(super) fn run(arguments: &SolveArguments) -> CommandResult {
@@ -106,17 +108,18 @@ fn solve(arguments: &SolveArguments) -> Result<Option<Unfinished>, Box<dyn std::
             control.cancel();
             match finished.recv_timeout(TIME_TO_STOP) {
                 Ok(solved) => break solved.map_err(|error| -> Box<dyn std::error::Error> { error })?,
-                Err(_) => break given_up(reached.lock().ok().and_then(|mut reached| reached.take()))?,
+                Err(_) => break last_finished_step(reached.lock().ok().and_then(|mut reached| reached.take()))?,
             }
         }
     };
     out.finish(&vtu_of_mesh(&solved.mesh))?;
     let Solved { steps, planned, solve_wall_s, unknowns, mut warnings, failure, .. } = solved;
     if let Some(failure) = &failure {
-        warnings.push(format!("stopped after {} of {planned} steps: {failure}", steps.len()));
+        let message = format!("stopped after {} of {planned} steps: {failure}", steps.len());
+        warnings.push(Warning::unreliable("path-stopped", message));
     }
     let (last, finished) = (steps.last(), failure.is_none());
-    let fault = last.and_then(|s| s.outcome.fault()).map(Unfinished::NotToRelyOn);
+    let fault = last.and_then(|s| s.outcome.fault()).map(Unfinished::Unreliable);
     let unfinished = failure.map(Unfinished::Stopped).or(fault);
     let summary = Summary {
         converged: unfinished.is_none(),
@@ -129,7 +132,7 @@ fn solve(arguments: &SolveArguments) -> Result<Option<Unfinished>, Box<dyn std::
         max_penetration_mm: last.map_or(0.0, StepReport::deepest_mm),
         min_det_f: last.map(|s| s.min_det_f),
         reactions_n: last.map(|s| s.reactions_n.iter().copied().collect()).unwrap_or_default(),
-        warnings,
+        findings: warnings.into_iter().collect(),
     };
     writeln!(std::io::stdout(), "{}", serde_json::to_string(&summary)?)?;
     Ok(unfinished)
@@ -148,7 +151,7 @@ struct Solved {
     planned: usize,
     solve_wall_s: f64,
     unknowns: usize,
-    warnings: Vec<String>,
+    warnings: Vec<Warning>,
     failure: Option<SolveError>,
 }
 
@@ -194,11 +197,10 @@ fn moved(scene: &Scene, positions: &[Point]) -> Vec<Vector> {
 }
 
 /// The last finished step, for a solver that did not stop in time.
-fn given_up(reached: Option<Solved>) -> Result<Solved, SolveError> {
+fn last_finished_step(reached: Option<Solved>) -> Result<Solved, SolveError> {
     let mut solved = reached.ok_or(SolveError::Cancelled(Cancelled))?;
-    solved
-        .warnings
-        .push("the solver did not stop in time: the file has the last step's displacements, no stresses".to_owned());
+    let message = "the solver did not stop in time: the file has the last step's displacements, no stresses";
+    solved.warnings.push(Warning::check("no-stresses", message));
     Ok(solved)
 }
 

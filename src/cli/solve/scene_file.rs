@@ -12,7 +12,7 @@ use prosopon_contract::{
 };
 use prosopon_field::{FieldSettings, MethodSettings, SignedField};
 use prosopon_formats::import::{Limits, detect_surface, surface, volume_mesh};
-use prosopon_geometry::VolumeMesh;
+use prosopon_geometry::{VolumeMesh, Warning};
 use prosopon_geometry::control::Control;
 use prosopon_planning::plan::{Path as SegmentPath, Plan};
 use prosopon_planning::simulate::{READY_MESH_LOCKING, ReadyMesh, Scene};
@@ -124,7 +124,7 @@ impl SceneFile {
     }
 
     /// Reads all named files and builds the scene; also returns the mesh as it is in its file, and warnings.
-    pub(super) fn load(&self, scene: &Path) -> Result<(Scene, VolumeMesh, Vec<String>), SceneError> {
+    pub(super) fn load(&self, scene: &Path) -> Result<(Scene, VolumeMesh, Vec<Warning>), SceneError> {
         let folder = scene.parent().unwrap_or(Path::new(""));
         let plan = self.plan()?;
         let path = folder.join(&self.mesh);
@@ -215,7 +215,7 @@ impl SceneFile {
         Ok((self.preset.unwrap_or_default(), document))
     }
 
-    fn bones(&self, folder: &Path, warnings: &mut Vec<String>) -> Result<Vec<(u32, Arc<SignedField>)>, SceneError> {
+    fn bones(&self, folder: &Path, warnings: &mut Vec<Warning>) -> Result<Vec<(u32, Arc<SignedField>)>, SceneError> {
         let defaults = MethodSettings::default();
         let spacing_mm = match self.field_spacing_mm {
             None => defaults.field.spacing_mm,
@@ -233,10 +233,10 @@ impl SceneFile {
                 detail: "unknown surface format: use STL, PLY or OBJ".to_owned(),
             })?;
             let (mesh, found) = surface(&bytes, format, &Limits::default()).map_err(|e| input(&path, &e))?;
-            warnings.extend(found.into_iter().map(|w| format!("bone {segment}: {w}")));
+            warnings.extend(found.into_iter().map(|w| w.about(format_args!("bone {segment}"))));
             let (field, _, found) =
                 SignedField::build_only(&mesh, &settings, &Control::new()).map_err(|e| input(&path, &e))?;
-            warnings.extend(found.into_iter().map(|w| format!("bone {segment}: {w}")));
+            warnings.extend(found.into_iter().map(|w| w.about(format_args!("bone {segment}"))));
             bones.push((segment, Arc::new(field)));
         }
         Ok(bones)

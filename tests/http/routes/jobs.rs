@@ -2,12 +2,13 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use axum::http::StatusCode;
+use prosopon_geometry::Warning;
 use prosopon_tissue::fem::material::{Material, Materials};
 use prosopon_tissue::fem::{Locking, Model, SkinElement, SolveSettings, UnstableMaterial};
 use serde_json::{Value, json};
 
 use super::mesh_choice::operation;
-use crate::support::app::TestApp;
+use crate::support::app::{TestApp, warnings_of};
 use crate::support::binary::{Server, serve};
 use crate::support::shapes::{cube, skin, stl};
 use crate::support::tissue_mesh::slab;
@@ -84,20 +85,20 @@ async fn invalid_members_are_refused_with_their_pointer() {
 async fn a_warning_of_a_step_is_listed_once_in_job_events_and_report() {
     let app = TestApp::new().await;
     let (session, plan) = app.session_with_plan().await;
-    *app.stand_in.step_warning.lock().unwrap() = Some("3 elements are inside out".to_owned());
+    *app.stand_in.step_warning.lock().unwrap() = Some(Warning::unreliable("inside-out", "3 elements are inside out"));
     app.stand_in.hold_after(1);
     let job = app.solve(&session, &plan, json!({"model": "linear", "steps": 2})).await;
     app.until_step(&job, 1).await;
     let warning = |k: u32| format!("step {k}: 3 elements are inside out");
-    assert_eq!(app.get(&job).await.ok()["warnings"], json!([warning(1)]), "while it runs");
+    assert_eq!(warnings_of(&app.get(&job).await.ok()), [warning(1)], "while it runs");
     app.stand_in.release();
     let ended = app.ended(&job).await.ok();
-    assert_eq!(ended["warnings"], json!([warning(1), warning(2), "a stand-in"]));
+    assert_eq!(warnings_of(&ended), [warning(1), warning(2), "a stand-in".to_owned()]);
     let events = app.call(axum::http::Method::GET, &format!("{job}/events"), &[], axum::body::Body::empty()).await;
     let events = String::from_utf8(events.body.to_vec()).unwrap();
     assert_eq!((events.matches(&warning(1)).count(), events.matches("a stand-in").count()), (1, 1), "{events}");
     let report = app.get(&format!("{job}/report")).await.ok();
-    let warnings: Vec<&str> = report["warnings"].as_array().unwrap().iter().map(|w| w.as_str().unwrap()).collect();
+    let warnings = warnings_of(&report);
     assert_eq!(warnings.iter().filter(|w| w.contains("inside out")).count(), 2, "{warnings:?}");
 }
 

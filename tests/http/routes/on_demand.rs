@@ -35,7 +35,7 @@ async fn a_step_is_compared_with_another_job_or_after_registration() {
         (&json!("target"), &json!("unmoved"))
     );
     assert_eq!(registered["registration"]["residual_mm"], 0.1);
-    assert_eq!(registered["warnings"][0], "hardly fits");
+    assert_eq!(registered["warnings"][0]["message"], "hardly fits");
     let picture = app.get(&format!("{second}/steps/4/error.png?register=true")).await;
     assert_eq!(picture.header("content-type"), "image/png");
 }

@@ -290,3 +290,9 @@ pub(crate) fn pointers(answer: &Answer) -> Vec<String> {
     let problem = answer.problem(422, "invalid-request");
     problem["errors"].as_array().unwrap().iter().map(|e| e["pointer"].as_str().unwrap().to_owned()).collect()
 }
+
+/// Messages of the warnings of an answer, without the notes.
+pub(crate) fn warnings_of(answer: &Value) -> Vec<String> {
+    let all = answer["warnings"].as_array().unwrap();
+    all.iter().map(|w| w["message"].as_str().unwrap().to_owned()).collect()
+}

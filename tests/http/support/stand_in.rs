@@ -8,7 +8,7 @@ use prosopon_contract::{Cuts, Fault, FaultKind, Halt, Solid};
 use prosopon_field::{RegionKind, RegionsOfKind, FieldReport, Region, CheckedDistance};
 use prosopon_formats::import::Limits;
 use prosopon_geometry::control::Control;
-use prosopon_geometry::{Aabb, Motion, Point, ScalarGrid, TriMesh, Vector};
+use prosopon_geometry::{Aabb, Motion, Point, ScalarGrid, TriMesh, Vector, Warning};
 use prosopon_planning::evaluate::{ErrorMap, FaceRegion, Registration, Statistics};
 use prosopon_planning::plan::{
     BoundedPlane, Clearance, Cut, CutShape, Miss, Osteotomy, PathReport, PathSample, Plan, PlanError, Proposal,
@@ -39,7 +39,7 @@ pub(crate) struct StandIn {
     /// Step after which the solve fails; 0 for never.
     pub(crate) fails_after: AtomicUsize,
     /// Warnings of each step.
-    pub(crate) step_warning: Mutex<Option<String>>,
+    pub(crate) step_warning: Mutex<Option<Warning>>,
     /// Failure of the next call.
     pub(crate) fails_with: Mutex<Option<Halt>>,
     /// Whether cuts miss the bone from now on.
@@ -143,7 +143,7 @@ impl Engine for StandIn {
                 1.0,
                 50.0,
             ),
-            warnings: vec!["a head-rest was removed".to_owned()],
+            warnings: vec![Warning::check("stand-in", "a head-rest was removed")],
         })
     }
 
@@ -229,7 +229,7 @@ impl Engine for StandIn {
                 max_displacement_mm: moved.norm(),
                 centroid_displacement_mm: moved.into(),
                 path_length_mm: moved.norm(),
-                warnings: vec!["a wide gap".to_owned()],
+                warnings: vec![Warning::check("stand-in", "a wide gap")],
                 along: [(0.0, 0.0), (1.0, 0.5)]
                     .map(|(t, gap_mm)| PathSample { t, gap_mm, ..PathSample::default() })
                     .to_vec(),
@@ -253,7 +253,7 @@ impl Engine for StandIn {
             nonmanifold_edges: 0,
             muscle_share: 0.4,
             tissue_from_ct: false,
-            warnings: vec!["thin over the nose".to_owned()],
+            warnings: vec![Warning::check("stand-in", "thin over the nose")],
         })
     }
 
@@ -322,7 +322,7 @@ impl Engine for StandIn {
             end: SavedState::default(),
             left_out: LeftOut::default(),
             attached: Attached::default(),
-            warnings: vec!["a stand-in".to_owned()],
+            warnings: vec![Warning::check("stand-in", "a stand-in")],
         })
     }
 
@@ -383,7 +383,7 @@ impl Engine for StandIn {
             median_mm: 0.05,
             overlap: 0.9,
             stiffness: 0.05,
-            warnings: vec!["hardly fits".to_owned()],
+            warnings: vec![Warning::check("stand-in", "hardly fits")],
         })
     }
 }

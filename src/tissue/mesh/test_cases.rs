@@ -25,7 +25,8 @@ pub(super) struct Case {
     /// Largest share of nodes that lie inside cells of which they are no corner; no node hangs where it is 0.
     ///
     /// Cells overlap where tissue is thinner than the skin layer and half an edge: the layer below the skin is dropped to one
-    /// surface, and tetrahedra that still have one of its lower nodes reach under the prisms. They also overlap in thin walls.
+    /// surface, and tetrahedra that still have one of its lower nodes reach under the prisms. Prisms of both sides of a crease
+    /// at the end of a thin wall overlap too.
     pub(super) overlapping: f64,
 }
 

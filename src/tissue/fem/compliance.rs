@@ -1,6 +1,6 @@
 //! Compliance of nodes under forces at nodes, computed from a factor: it adds contact to a factor without a new factorisation.
 
-use super::contact::RankOne;
+use super::dot::vector_dot;
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, Par};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix3};
@@ -118,6 +118,15 @@ impl Compliance {
     }
 }
 
+/// A term `factor v vᵀ` of a matrix.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct RankOne {
+    /// Indices of unknown nodes and the three entries of `v` at each.
+    pub(super) nodes: Vec<(u32, Vector)>,
+    /// Positive.
+    pub(super) factor: f64,
+}
+
 /// Rank-one terms that a factor does not include, on nodes of its [`Compliance`] `S`: `(D⁻¹ + Vᵀ S V)⁻¹` of the Woodbury
 /// identity, with the terms' vectors `V` and factors `D`.
 #[derive(Debug)]
@@ -180,20 +189,6 @@ impl LowRank {
         }
         compliance.add_forces(&self.reaction(&u), y);
     }
-}
-
-/// Dot product in a fixed order that suits SIMD registers.
-fn vector_dot(a: &[f64], b: &[f64]) -> f64 {
-    const LANES: usize = 8;
-    let (a, a_rest) = a.as_chunks::<LANES>();
-    let (b, b_rest) = b.as_chunks::<LANES>();
-    let mut sums = [0.0; LANES];
-    for (a, b) in a.iter().zip(b) {
-        for i in 0..LANES {
-            sums[i] += a[i] * b[i];
-        }
-    }
-    sums.iter().sum::<f64>() + super::linear_solve::dot(a_rest, b_rest)
 }
 
 #[cfg(test)]

@@ -17,8 +17,9 @@ pub(super) use unguarded::{Unguarded, unguarded_points};
 
 use self::overlap::Overlap;
 use self::passage::{is_clear, is_round_a_rim};
-use super::compliance::Compliance;
-use super::dofs::{Dofs, axes_in};
+use super::compliance::{Compliance, RankOne};
+use super::axes::axes_in;
+use super::dofs::Dofs;
 use super::report::Sunk;
 use super::settings::ContactBody;
 use crate::mesh::{Attachment, MixedMesh};
@@ -98,15 +99,6 @@ pub(super) struct Curved<'a> {
     pub(super) motions: &'a [Motion],
     /// Share of the curvature that is included: 1 gives the exact Hessian.
     pub(super) share: f64,
-}
-
-/// A term `factor v vᵀ` of a matrix.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct RankOne {
-    /// Indices of unknown nodes and the three entries of `v` at each.
-    pub(super) nodes: Vec<(u32, Vector)>,
-    /// Positive.
-    pub(super) factor: f64,
 }
 
 /// All contact of one tissue.

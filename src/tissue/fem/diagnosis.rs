@@ -3,7 +3,7 @@
 use super::assembly::{Inversion, Law};
 use super::equations::Equations;
 use super::error::SolveError;
-use super::newton::Failure;
+use super::failure::Failure;
 use super::report::LostEllipticity;
 use crate::mesh::MixedMesh;
 use nalgebra::Matrix3;

@@ -1,5 +1,6 @@
 //! Classification of the generalised nodes (unknown, tied to bone or fixed) and numbering of the unknowns.
 
+use super::axes::{ALL_AXES, axes_in};
 use super::element::{C1Surface, ElementBlock};
 use super::error::SolveError;
 use super::ordering;
@@ -273,14 +274,6 @@ impl Dofs {
         let positions = self.node_of.iter().zip(d.chunks_exact(3)).filter(|(n, _)| self.is_position(**n as usize));
         positions.map(|(_, d)| Vector::new(d[0], d[1], d[2]).norm()).fold(0.0, f64::max)
     }
-}
-
-/// All three axes.
-pub(super) const ALL_AXES: u8 = 7;
-
-/// Indices of the axes whose bits are set.
-pub(super) fn axes_in(bits: u8) -> impl Iterator<Item = usize> {
-    (0..3).filter(move |axis| bits >> axis & 1 == 1)
 }
 
 /// Axes of a tangent vector that stay at rest when its node is held along `held`.

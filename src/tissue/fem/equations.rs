@@ -4,7 +4,8 @@ use super::assembly::{Assembly, Curvature, Inversion};
 #[cfg(test)]
 use super::contact::Curved;
 use super::contact::{Contact, Touch, penetration};
-use super::dofs::{Dofs, Hold, axes_in};
+use super::axes::axes_in;
+use super::dofs::{Dofs, Hold};
 use super::linear_solve::LinearSolver;
 use super::report::{IterationRecord, PhaseTimes};
 use prosopon_geometry::control::Clock;

@@ -2,7 +2,7 @@
 
 use super::assembly::Inversion;
 use super::equations::Equations;
-use super::linear_solve::dot;
+use super::dot::dot;
 use super::newton::MAX_CONTACT_MOTION_MM;
 use prosopon_geometry::{Motion, Vector};
 

@@ -6,8 +6,8 @@
 //! factor solves the system in one or two iterations.
 
 use super::assembly::Pattern;
-use super::compliance::{Compliance, LowRank};
-use super::contact::RankOne;
+use super::compliance::{Compliance, LowRank, RankOne};
+use super::dot::dot;
 use super::factor::{Factor, Indefinite, Symbolic};
 use nalgebra::Matrix3;
 use prosopon_geometry::Vector;
@@ -475,9 +475,4 @@ impl LinearSolver {
         }
         Outcome::Slow
     }
-}
-
-/// Sum in index order.
-pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }

@@ -50,6 +50,7 @@
 //! ```
 
 mod assembly;
+mod axes;
 mod cell_states;
 mod checkpoint;
 mod compliance;
@@ -57,16 +58,19 @@ mod condensed;
 mod contact;
 mod diagnosis;
 mod dofs;
+mod dot;
 pub mod element;
 mod equations;
 mod error;
 mod factor;
+mod failure;
 mod line_search;
 mod linear_solve;
 pub mod material;
 mod memory;
 mod newton;
 mod ordering;
+mod precision;
 mod quadratic_model;
 mod report;
 mod saved_state;

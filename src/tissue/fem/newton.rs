@@ -1,14 +1,15 @@
 //! Newton's method on the total potential energy at fixed positions of the bones.
 
-use super::assembly::{Curvature, Inversion};
+use super::assembly::Curvature;
 use super::contact::{Touch, penetration};
 use super::equations::{Balance, Equations};
+use super::failure::Failure;
 use super::line_search::{self, Cut, Start};
-use super::linear_solve::dot;
+use super::dot::dot;
 use super::quadratic_model::Bend;
 use super::report::IterationRecord;
-use prosopon_geometry::control::{Cancelled, Control};
-use prosopon_geometry::{Motion, Point, Vector};
+use prosopon_geometry::control::Control;
+use prosopon_geometry::{Motion, Vector};
 
 /// Iterations after which the condensed contact solve is no longer used: points that slip over a rim may cycle with it.
 const PATIENCE: usize = 6;
@@ -35,29 +36,6 @@ pub(super) const MAX_CONTACT_MOTION_MM: f64 = 2.0;
 const COARSE_RESIDUAL: f64 = 1e-2;
 /// Augmented Lagrangian updates before contact fails.
 const MAX_AUGMENTATIONS: usize = 20;
-
-/// Reason why no equilibrium was found.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Failure {
-    Inverted(Inversion),
-    NotConverged { iterations: usize, residual_n: f64, tolerance_n: f64 },
-    Penetration { found_mm: f64 },
-    PassedThrough { body: usize, place: Point },
-    Indefinite,
-    Cancelled,
-}
-
-impl From<Cancelled> for Failure {
-    fn from(_: Cancelled) -> Self {
-        Self::Cancelled
-    }
-}
-
-impl From<Inversion> for Failure {
-    fn from(at: Inversion) -> Self {
-        Self::Inverted(at)
-    }
-}
 
 /// An equilibrium that was reached.
 #[derive(Debug, Clone)]

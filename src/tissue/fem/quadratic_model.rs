@@ -5,8 +5,10 @@ use super::condensed::Way;
 use super::contact::{Curved, Touch};
 use super::equations::Equations;
 use super::factor::Indefinite;
-use super::linear_solve::{System, dot};
-use super::newton::{Failure, MAX_CONTACT_MOTION_MM};
+use super::dot::dot;
+use super::linear_solve::System;
+use super::failure::Failure;
+use super::newton::MAX_CONTACT_MOTION_MM;
 use super::report::IterationRecord;
 use prosopon_geometry::{Motion, Vector};
 

@@ -3,7 +3,7 @@
 //! The tasks depend on the factor's structure only, and their contributions to the columns above are added in task order: the
 //! bits are the same at any number of threads.
 
-use super::factor::Precision;
+use super::precision::Precision;
 use faer::sparse::linalg::cholesky::supernodal::{SupernodalLltRef, SymbolicSupernodalCholesky};
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;

@@ -1,7 +1,6 @@
 use super::blended_cubic::BlendedCubic;
 use super::linear::BARYCENTRIC;
 use super::quadrature::TriangleRule;
-use super::rest_shape;
 use crate::mesh::MixedMesh;
 use prosopon_geometry::Vector;
 
@@ -73,20 +72,6 @@ impl Patch {
 }
 
 impl C1Surface {
-    /// Surface with frames from the angle-weighted normals of the outer triangles (Wang 2009, eq. 0.3).
-    ///
-    /// The rest tangents are the tangents of the frames, except at the nodes that [`C1Surface::warnings`] reports.
-    #[must_use]
-    pub fn new(mesh: &MixedMesh) -> Self {
-        Self::with_rule(mesh, TriangleRule::DEFAULT)
-    }
-
-    /// As [`C1Surface::new`], with another quadrature rule.
-    #[must_use]
-    pub fn with_rule(mesh: &MixedMesh, rule: TriangleRule) -> Self {
-        rest_shape::choose(mesh, rule)
-    }
-
     /// Changes made to prevent inverted prisms at rest; empty when none were needed.
     #[must_use]
     pub fn warnings(&self) -> Vec<String> {

@@ -17,7 +17,23 @@ const LEAST_SHARE: f64 = 0.05;
 const SHORTER: f64 = 0.8;
 const ROUNDS: usize = 8;
 
-pub(super) fn choose(mesh: &MixedMesh, rule: TriangleRule) -> C1Surface {
+impl C1Surface {
+    /// Surface with frames from the angle-weighted normals of the outer triangles (Wang 2009, eq. 0.3).
+    ///
+    /// The rest tangents are the tangents of the frames, except at the nodes that [`C1Surface::warnings`] reports.
+    #[must_use]
+    pub fn new(mesh: &MixedMesh) -> Self {
+        Self::with_rule(mesh, TriangleRule::DEFAULT)
+    }
+
+    /// As [`C1Surface::new`], with another quadrature rule.
+    #[must_use]
+    pub fn with_rule(mesh: &MixedMesh, rule: TriangleRule) -> Self {
+        choose(mesh, rule)
+    }
+}
+
+fn choose(mesh: &MixedMesh, rule: TriangleRule) -> C1Surface {
     let mut outer_nodes: Vec<u32> = mesh.prisms.iter().flat_map(|p| [p[0], p[1], p[2]]).collect();
     outer_nodes.sort_unstable();
     outer_nodes.dedup();

@@ -3,7 +3,7 @@
 use super::blocks::{Slab, attach};
 use super::bodies::{Ball, Coin, Floor, RoundedPost};
 use crate::fem::contact::Contact;
-use crate::fem::linear_solve::dot;
+use crate::fem::dot::dot;
 use crate::fem::material::{Material, Materials};
 use crate::fem::{Boundary, ContactBody, Model, Prepared, Preset, SkinElement, SolveError, SolveSettings, Solver};
 use crate::mesh::{Attachment, MixedMesh};

@@ -1,5 +1,6 @@
 //! Compliance of nodes under forces at nodes, computed from a factor: it adds contact to a factor without a new factorisation.
 
+use super::tuning::COMPLIANCE_GROUP;
 use super::dot::vector_dot;
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, Par};
@@ -7,8 +8,6 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix3};
 use prosopon_geometry::Vector;
 use std::ops::Range;
 
-/// Nodes whose columns are computed together: smaller groups spare nodes with late rows the work of the early ones.
-const TOGETHER: usize = 32;
 const NONE: u32 = u32::MAX;
 
 /// Compliance of some nodes in the corner of a factor `L Lᵀ` (the unknowns eliminated last): `S = Gᵀ G` with `G = L⁻¹ E`, where
@@ -52,7 +51,7 @@ impl Compliance {
         let all = old + 3 * new.len();
         self.columns.resize_with(rows, all, |_, _| 0.0);
         self.gram.resize_with(all, all, |_, _| 0.0);
-        for chunk in new.chunks(TOGETHER) {
+        for chunk in new.chunks(COMPLIANCE_GROUP) {
             let first = 3 * chunk[0] as usize - self.corner.start;
             let row = |c: usize| 3 * chunk[c / 3] as usize + c % 3 - self.corner.start - first;
             let units = Mat::from_fn(rows - first, 3 * chunk.len(), |r, c| f64::from(u8::from(row(c) == r)));

@@ -1,35 +1,16 @@
 //! Contact on the condensed system: the factor gives the compliance of the nodes that contact acts on, so contact points can
 //! slide over the curved bone to equilibrium without a solve for the whole tissue.
 
+use super::tuning::{CONDENSED_CG_GOAL, CONDENSED_CONVEX, CONDENSED_RISE, NEAR_MM, CONDENSED_CURVATURE_BELOW_MM, CONDENSED_GAP_SHARE, CONDENSED_MAX_CG, CONDENSED_MAX_MOVE_MM, CONDENSED_MAX_ROUNDS, CONDENSED_MULTIPLIER_UPDATES, CONDENSED_TOLERANCE, TRACKING_STEP_MM, TRACKING_TOLERANCE_MM};
 use super::compliance::{Compliance, LowRank};
 use super::contact::{Curved, Touch};
 use super::dofs::Dofs;
-use super::equations::{Equations, Limits, NEAR_MM};
+use super::equations::{Equations, Limits};
 use super::dot::dot;
 use super::linear_solve::LinearSolver;
 use nalgebra::Matrix3;
 use prosopon_geometry::{Motion, Vector};
 use std::ops::Range;
-
-/// Largest number of Newton iterations on the condensed energy.
-const MAX_ROUNDS: usize = 40;
-/// The iterations converge when no node moves farther than this share of the element size.
-const SETTLED: f64 = 2.5e-4;
-/// While points still move farther than this, mm, the curvature of the bodies is left out.
-const CURVED_BELOW_MM: f64 = 1.0;
-/// Largest movement of a point in one iteration, mm: in thin bone the gap is unreliable farther away.
-const MAX_MOVE_MM: f64 = 1.0;
-/// Largest number of conjugate gradient iterations in one Newton iteration with curvature.
-const MAX_CURVED: usize = 40;
-/// Largest number of updates of the multipliers.
-const MAX_AUGMENTATIONS: usize = 6;
-/// Motion of bone between two condensed contact solves along a step, mm. A point that penetrates an edge deeper than this is
-/// pushed out on the other face.
-const FOLLOWED_MM: f64 = 0.25;
-/// Along a step, contact has converged when no node moves farther than this, mm.
-const SETTLED_ON_THE_WAY_MM: f64 = 0.05;
-/// Gaps and penetrations are reduced below this share of the tolerance.
-const GAP_SHARE: f64 = 0.8;
 
 /// Contact in equilibrium with the quadratic model of the elements' energy, as given by the factor.
 #[derive(Debug)]
@@ -62,13 +43,13 @@ struct Aim {
 }
 
 impl Aim {
-    const ON_THE_WAY: Self = Self { enough_mm: SETTLED_ON_THE_WAY_MM, gap_mm: f64::INFINITY, augmentations: 0 };
+    const ON_THE_WAY: Self = Self { enough_mm: TRACKING_TOLERANCE_MM, gap_mm: f64::INFINITY, augmentations: 0 };
 
     fn of(limits: &Limits) -> Self {
         Self {
-            enough_mm: SETTLED * limits.element_size_mm,
-            gap_mm: GAP_SHARE * limits.penetration_tolerance_mm,
-            augmentations: MAX_AUGMENTATIONS,
+            enough_mm: CONDENSED_TOLERANCE * limits.element_size_mm,
+            gap_mm: CONDENSED_GAP_SHARE * limits.penetration_tolerance_mm,
+            augmentations: CONDENSED_MULTIPLIER_UPDATES,
         }
     }
 }
@@ -158,11 +139,11 @@ impl Equations<'_> {
         Some(settled)
     }
 
-    /// Solves contact every [`FOLLOWED_MM`] along the path of the bones and held nodes, so that a point that an edge of bone
+    /// Solves contact every [`TRACKING_STEP_MM`] along the path of the bones and held nodes, so that a point that an edge of bone
     /// moves over stays on the face that it touched first. Stores the forces as start values for the end of the path; the
     /// multipliers are unchanged.
     pub(super) fn follow_contact(&mut self, way: &Way<'_>) -> Option<()> {
-        let n = (way.length_mm / FOLLOWED_MM).ceil() as usize;
+        let n = (way.length_mm / TRACKING_STEP_MM).ceil() as usize;
         if n < 2 || self.contact.is_empty() {
             return Some(());
         }
@@ -220,10 +201,10 @@ impl Equations<'_> {
             state.forces.resize(compliance.len(), 0.0);
             let energy = work(frame, compliance, dofs, &state) + contact.energy(&touches);
             if let Some((before, kept)) = &last
-                && energy > before + 1e-9 * before.abs()
+                && energy > before + CONDENSED_RISE * before.abs()
                 && far > enough
             {
-                if rounds > MAX_ROUNDS {
+                if rounds > CONDENSED_MAX_ROUNDS {
                     return None;
                 }
                 state = between(kept, &state, 0.5);
@@ -233,7 +214,7 @@ impl Equations<'_> {
             let pull = contact.forces_at(&touches, dofs, compliance)?;
             let residual: Vec<f64> = pull.iter().zip(&state.forces).map(|(p, f)| p - f).collect();
             let low_rank = LowRank::new(&contact.terms(&touches, dofs), compliance);
-            let bent = far < CURVED_BELOW_MM;
+            let bent = far < CONDENSED_CURVATURE_BELOW_MM;
             let curvature = match bent {
                 true => {
                     let curved = Curved { x: &trial, motions: frame.motions, share: 1.0 };
@@ -247,17 +228,17 @@ impl Equations<'_> {
             let next = State { forces, corner };
             far = state.corner.iter().zip(&next.corner).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
             let off = touches.iter().map(|t| t.gap().abs()).fold(0.0, f64::max);
-            if far <= enough || rounds >= MAX_ROUNDS {
-                if off <= gap || augmentations == aim.augmentations || rounds >= MAX_ROUNDS {
+            if far <= enough || rounds >= CONDENSED_MAX_ROUNDS {
+                if off <= gap || augmentations == aim.augmentations || rounds >= CONDENSED_MAX_ROUNDS {
                     return Some((next, curved && bent && far <= enough));
                 }
                 contact.augment(&touches);
                 augmentations += 1;
                 last = None;
-                far = CURVED_BELOW_MM * 0.5;
+                far = CONDENSED_CURVATURE_BELOW_MM * 0.5;
                 state = next;
             } else {
-                let share = (MAX_MOVE_MM / far).min(1.0);
+                let share = (CONDENSED_MAX_MOVE_MM / far).min(1.0);
                 let taken = between(&state, &next, share);
                 last = Some((energy, state));
                 state = taken;
@@ -332,8 +313,8 @@ fn step(
     // Direction, its product with the stiffness without `P`, and its product with `S⁻¹`.
     let (mut p, mut hp, mut sp) = (z.clone(), r.clone(), w.clone());
     let mut rz = dot(&r, &z);
-    let goal = 1e-6 * rz;
-    for iteration in 0..MAX_CURVED {
+    let goal = CONDENSED_CG_GOAL * rz;
+    for iteration in 0..CONDENSED_MAX_CG {
         if rz <= goal {
             return (change, true);
         }
@@ -343,7 +324,7 @@ fn step(
             (0..3).for_each(|i| ap[row + i] -= v[i]);
         }
         let bent = dot(&p, &ap);
-        let convex = bent > 1e-3 * dot(&p, &hp);
+        let convex = bent > CONDENSED_CONVEX * dot(&p, &hp);
         if !convex {
             return (if iteration == 0 { w } else { change }, false);
         }

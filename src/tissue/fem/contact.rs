@@ -15,6 +15,7 @@ mod unguarded;
 pub(super) use passage::Passage;
 pub(super) use unguarded::{Unguarded, unguarded_points};
 
+use super::tuning::{CONTACT_POINTS_PER_TASK, OPPOSITE_COSINE, PASSAGE_SAMPLE_MM, REPORTED_OVERLAP_MM};
 use self::overlap::Overlap;
 use self::passage::{is_clear, is_round_a_rim};
 use super::compliance::{Compliance, RankOne};
@@ -25,15 +26,6 @@ use super::settings::ContactBody;
 use crate::mesh::{Attachment, MixedMesh};
 use prosopon_geometry::{Motion, Point, Vector};
 use rayon::prelude::*;
-
-/// Smallest overlap at rest that is reported, mm.
-const TOLD_OVERLAP_MM: f64 = 0.1;
-/// Shorter paths cannot pass through bone, mm; longer ones are sampled in steps of this length.
-const LEAST_PASSAGE_MM: f64 = 0.2;
-/// Cosine between two normals below which the body pushes the other way: over a rim the normal turns by a right angle.
-const TURNED_ROUND: f64 = -0.3;
-/// Contact points evaluated by one task.
-const TASK: usize = 64;
 
 /// A point of the tissue's inner surface, as a weighted mean of nodes.
 #[derive(Debug, Clone, Copy)]
@@ -140,15 +132,15 @@ impl<'a> Contact<'a> {
             })
         };
         let (gaps, overlap): (Vec<f64>, Vec<Overlap>) =
-            contact.points.par_iter().with_min_len(TASK).flat_map_iter(at_rest).unzip();
+            contact.points.par_iter().with_min_len(CONTACT_POINTS_PER_TASK).flat_map_iter(at_rest).unzip();
         contact.multipliers = vec![0.0; gaps.len()];
         contact.released = vec![false; gaps.len()];
         contact.overlap = overlap;
-        let overlapping = gaps.iter().filter(|g| **g < -TOLD_OVERLAP_MM).count();
+        let overlapping = gaps.iter().filter(|g| **g < -REPORTED_OVERLAP_MM).count();
         let deepest = gaps.iter().fold(0.0, |m: f64, g| m.max(-g));
         let warning = (overlapping > 0).then(|| {
             format!(
-                "{overlapping} of {} contact points lie {TOLD_OVERLAP_MM} to {deepest:.2} mm inside bone at rest; their gap is \
+                "{overlapping} of {} contact points lie {REPORTED_OVERLAP_MM} to {deepest:.2} mm inside bone at rest; their gap is \
                  measured from that position",
                 contact.points.len()
             )
@@ -175,7 +167,7 @@ impl<'a> Contact<'a> {
         self.points
             .par_iter()
             .enumerate()
-            .with_min_len(TASK)
+            .with_min_len(CONTACT_POINTS_PER_TASK)
             .flat_map_iter(|(point, p)| {
                 let at = p.at(x);
                 self.bodies.iter().enumerate().filter_map(move |(body, b)| {
@@ -321,7 +313,7 @@ impl<'a> Contact<'a> {
             }
             placed
         };
-        touches.par_iter().with_min_len(TASK).flat_map_iter(of_touch).collect()
+        touches.par_iter().with_min_len(CONTACT_POINTS_PER_TASK).flat_map_iter(of_touch).collect()
     }
 
     /// The Gauss-Newton part of the Hessian as rank-one terms, one for each contact.
@@ -422,7 +414,7 @@ impl<'a> Contact<'a> {
         let per_point: Vec<f64> = self
             .points
             .par_iter()
-            .with_min_len(TASK)
+            .with_min_len(CONTACT_POINTS_PER_TASK)
             .map(|p| {
                 let at = p.at(x);
                 let mut largest = 0.0f64;
@@ -454,19 +446,19 @@ impl<'a> Contact<'a> {
                 let from = motions.0[body].inverse_transform_point(&from) + shift;
                 let to = motions.1[body].inverse_transform_point(&place) + shift;
                 let (length, solid) = ((to - from).norm(), self.bodies[body].solid);
-                if length < LEAST_PASSAGE_MM || solid.value(&from) > length {
+                if length < PASSAGE_SAMPLE_MM || solid.value(&from) > length {
                     return None;
                 }
                 let normal = |p: &Point| solid.value_gradient(p).1;
                 let (out, back) = (normal(&from), normal(&to));
-                let is_through = !is_clear(solid, &from, &to) && out.dot(&back) < TURNED_ROUND;
+                let is_through = !is_clear(solid, &from, &to) && out.dot(&back) < OPPOSITE_COSINE;
                 let round_a_rim = || from_inside || is_round_a_rim(solid, (&from, &to), &(out + back));
                 is_through.then(|| Passage { point, body, place, round_a_rim: round_a_rim() })
             };
             (0..n).find_map(through)
         };
         // The order of points does not depend on the number of threads.
-        self.points.par_iter().enumerate().with_min_len(TASK).filter_map(passed).collect()
+        self.points.par_iter().enumerate().with_min_len(CONTACT_POINTS_PER_TASK).filter_map(passed).collect()
     }
 }
 

@@ -1,5 +1,6 @@
 //! From a failure of the solver to an error that names tissue, element and position.
 
+use super::tuning::{LEFT_OUT_SHARE, LEFT_OUT_STRAIN};
 use super::assembly::{Inversion, Law};
 use super::equations::Equations;
 use super::error::SolveError;
@@ -86,11 +87,6 @@ pub(super) fn lost_ellipticity(equations: &Equations<'_>, mesh: &MixedMesh, x: &
     })
 }
 
-/// Strain that a linear model may neglect, and the share of the tissue that may exceed it, before a warning. The neglected strain
-/// is half the square of the largest stretch of `F - I`: 0.02 for a rotation by 11.5° or a stretch of 0.2.
-const LEFT_OUT: f64 = 0.02;
-const LEFT_OUT_SHARE: f64 = 0.01;
-
 /// Warning about a linear solution whose displacements or rotations are too large for small strain.
 pub(super) fn left_out_strain(equations: &Equations<'_>, x: &[Vector]) -> Option<String> {
     let (mut volume, mut beyond, mut most) = (0.0, 0.0, 0.0f64);
@@ -102,7 +98,7 @@ pub(super) fn left_out_strain(equations: &Equations<'_>, x: &[Vector]) -> Option
                 let left_out = 0.5 * stretch * stretch;
                 volume += w;
                 most = most.max(left_out);
-                if left_out > LEFT_OUT {
+                if left_out > LEFT_OUT_STRAIN {
                     beyond += w;
                 }
             }
@@ -111,7 +107,7 @@ pub(super) fn left_out_strain(equations: &Equations<'_>, x: &[Vector]) -> Option
     let share = beyond / volume;
     (share > LEFT_OUT_SHARE).then(|| {
         format!(
-            "the linear model leaves out strains above {LEFT_OUT} in {:.1} % of the tissue (up to {most:.2}): rotation or \
+            "the linear model leaves out strains above {LEFT_OUT_STRAIN} in {:.1} % of the tissue (up to {most:.2}): rotation or \
              stretch is too large for it, use a nonlinear model",
             100.0 * share
         )

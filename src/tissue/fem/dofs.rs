@@ -6,6 +6,7 @@ use super::error::SolveError;
 use super::ordering;
 use super::settings::Boundary;
 use super::support::check_support;
+use super::tuning::ALIGNED;
 use crate::mesh::{Attachment, MixedMesh};
 use prosopon_geometry::{Motion, Point, Vector};
 
@@ -282,7 +283,6 @@ impl Dofs {
 /// tangent along the plane stays in it. Frames of a surface at right angles to a coordinate plane have such tangents. Other
 /// tangents stay free, and the second value is true.
 fn axes_of_tangent(held: u8, tangent: &Vector) -> (u8, bool) {
-    const ALIGNED: f64 = 1e-6;
     let direction = tangent.normalize();
     let is_askew = axes_in(held).any(|a| (ALIGNED..=1.0 - ALIGNED).contains(&direction[a].abs()));
     let across =

@@ -1,5 +1,6 @@
 //! The equations of the tissue at one state: energy, forces, stiffness, reactions.
 
+use super::tuning::NEAR_MM;
 use super::assembly::{Assembly, Curvature, Inversion};
 #[cfg(test)]
 use super::contact::Curved;
@@ -11,9 +12,6 @@ use super::report::{IterationRecord, PhaseTimes};
 use prosopon_geometry::control::Clock;
 use prosopon_geometry::{Motion, Vector};
 use std::sync::Arc;
-
-/// Points with a smaller gap may become active within one Newton step, mm.
-pub(super) const NEAR_MM: f64 = 3.0;
 
 /// Tolerances and scales of Newton's method.
 #[derive(Debug, Clone, Copy)]

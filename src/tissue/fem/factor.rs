@@ -1,6 +1,7 @@
 //! Supernodal sparse Cholesky factor of the stiffness matrix: one symbolic analysis, numeric factorisations into the same
 //! buffers.
 
+use super::tuning::PARALLEL_FROM;
 use super::assembly::Pattern;
 use super::error::SolveError;
 use super::precision::Precision;
@@ -15,10 +16,6 @@ use faer::sparse::linalg::cholesky::{
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMat};
 use faer::{Mat, MatRef, Par, Side};
 use std::sync::{Arc, OnceLock};
-
-/// Unknowns above which faer splits its dense work in two. The split is fixed, so that the bits do not depend on the number of
-/// threads.
-const PARALLEL_FROM: usize = 3000;
 
 /// The matrix is not positive definite.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,22 +1,10 @@
 //! Line search on the energy that never passes an inverted element.
 
+use super::tuning::{INVERSION_CUT, MAX_CONTACT_MOTION_MM, SLOPE_DECREASE, ENERGY_ROUND_OFF, INVERSION_MARGIN, LONGEST_STEP, SHORTEST_STEP, SUFFICIENT_DECREASE};
 use super::assembly::Inversion;
 use super::equations::Equations;
 use super::dot::dot;
-use super::newton::MAX_CONTACT_MOTION_MM;
 use prosopon_geometry::{Motion, Vector};
-
-/// Largest share of the distance to the first inversion that a step may take.
-const INVERSION_MARGIN: f64 = 0.9;
-/// Constant of Armijo's sufficient-decrease condition.
-const SUFFICIENT: f64 = 1e-4;
-/// Relative change of the energy below which rounding makes a comparison unsafe.
-const ROUND_OFF: f64 = 1e-9;
-/// Largest multiple of a Newton step. At a saddle of the energy, where a point is about to leave a rim of the bone, the model's
-/// step is far too short.
-const LONGEST: f64 = 1024.0;
-/// Shortest share of a Newton step.
-const SHORTEST: f64 = 1e-5;
 
 /// Reason why no step was taken.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -52,18 +40,18 @@ pub(super) fn along(
     let deepest = depth.max(MAX_CONTACT_MOTION_MM);
     let mut step = 1.0;
     let mut inverted = None;
-    let uncertain = ROUND_OFF * energy.abs() + equations.limits.energy_noise_mj;
-    while step >= SHORTEST {
+    let uncertain = ENERGY_ROUND_OFF * energy.abs() + equations.limits.energy_noise_mj;
+    while step >= SHORTEST_STEP {
         let mut trial = x.to_vec();
         equations.dofs.add(step, d, &mut trial);
         match equations.energy(&trial, motions) {
             Ok((_, depth)) if depth > deepest => step *= 0.5,
-            Ok((found, _)) if found <= energy + SUFFICIENT * step * slope => {
+            Ok((found, _)) if found <= energy + SUFFICIENT_DECREASE * step * slope => {
                 let longer = unstable && step == 1.0;
                 return Ok(if longer { extended(equations, x, motions, d, found, deepest) } else { step });
             }
             // Near the minimum the slope is still accurate where differences of the energy are not.
-            Ok(_) if (step * slope).abs() <= uncertain && slope_at(equations, &trial, motions, d) <= -0.9 * slope => {
+            Ok(_) if (step * slope).abs() <= uncertain && slope_at(equations, &trial, motions, d) <= -SLOPE_DECREASE * slope => {
                 return Ok(step);
             }
             Ok((found, _)) => {
@@ -75,7 +63,7 @@ pub(super) fn along(
                 let direction: Vec<Vector> = trial.iter().zip(x).map(|(a, b)| a - b).collect();
                 let (share, first) = equations.assembly.first_inversion(x, &direction);
                 inverted = first.or(Some(at));
-                step *= (INVERSION_MARGIN * share).min(0.95);
+                step *= (INVERSION_MARGIN * share).min(INVERSION_CUT);
             }
         }
     }
@@ -92,7 +80,7 @@ fn extended(
     deepest: f64,
 ) -> f64 {
     let mut step = 1.0;
-    while step < LONGEST {
+    while step < LONGEST_STEP {
         let mut trial = x.to_vec();
         equations.dofs.add(2.0 * step, d, &mut trial);
         match equations.energy(&trial, motions) {

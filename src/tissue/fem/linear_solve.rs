@@ -5,6 +5,7 @@
 //! precision takes half the memory of one in double precision, 0.6 of the time to compute and 0.4 of the time to apply; a new
 //! factor solves the system in one or two iterations.
 
+use super::tuning::{ITERATIONS_FOR_RATE, MAX_EXTRA_ITERATIONS, MAX_RELAXATIONS, MAX_WITH_NEW, MAX_WITH_OLD, RELAXATION_TOLERANCE};
 use super::assembly::Pattern;
 use super::compliance::{Compliance, LowRank, RankOne};
 use super::dot::dot;
@@ -13,18 +14,6 @@ use nalgebra::Matrix3;
 use prosopon_geometry::Vector;
 use prosopon_geometry::control::Clock;
 use std::sync::Arc;
-
-/// Iterations with an older factor beyond which a new one is cheaper: a factorisation costs about as much as 15 solves.
-const MAX_WITH_OLD: usize = 12;
-/// Iterations that an older factor may cost in total beyond those of a new one. It equals the cost of a factorisation (27
-/// iterations on 153 657 unknowns): waiting until the loss equals the price costs at most twice the optimum known in hindsight.
-const MAX_LOST: usize = 27;
-/// Iterations with a new factor beyond which single precision counts as too coarse for the matrix.
-const MAX_WITH_NEW: usize = 25;
-/// Largest number of iterations of relaxation.
-const MAX_RELAXATIONS: usize = 20_000;
-/// Relative tolerance of relaxation.
-const RELAXED: f64 = 1e-9;
 
 /// A matrix, its elastic part and its contact terms.
 #[derive(Debug, Clone, Copy)]
@@ -141,7 +130,7 @@ impl LinearSolver {
 
     /// Tolerance to solve with when `wanted` suffices for a factor: block Jacobi gives a poor estimate of the remaining error.
     pub(super) fn tolerance(&self, wanted: f64) -> f64 {
-        if self.relaxes() { wanted.min(RELAXED) } else { wanted }
+        if self.relaxes() { wanted.min(RELAXATION_TOLERANCE) } else { wanted }
     }
 
     pub(super) fn factorisations(&self) -> usize {
@@ -326,7 +315,7 @@ impl LinearSolver {
         self.times.1 += (self.clock)() - begin;
         loop {
             let fresh = factorised;
-            if fresh || (self.serves() && self.lost <= MAX_LOST) {
+            if fresh || (self.serves() && self.lost <= MAX_EXTRA_ITERATIONS) {
                 let limit = match (self.relaxes(), fresh) {
                     (true, _) => MAX_RELAXATIONS,
                     (false, true) => MAX_WITH_NEW,
@@ -464,7 +453,7 @@ impl LinearSolver {
             }
             // At this rate the iteration limit would be reached first.
             let rate = (next / begin).powf(1.0 / iteration as f64);
-            if iteration >= 3 && limit < MAX_RELAXATIONS && next * rate.powf((limit - iteration) as f64) > goal {
+            if iteration >= ITERATIONS_FOR_RATE && limit < MAX_RELAXATIONS && next * rate.powf((limit - iteration) as f64) > goal {
                 return Outcome::Slow;
             }
             let beta = next / rz;

@@ -79,6 +79,7 @@ mod setup;
 mod solver;
 mod support;
 mod triangular;
+mod tuning;
 
 pub use checkpoint::{Checkpoint, FactorOrigin, MotionNumbers, motion_numbers, motion_of_numbers};
 pub use error::SolveError;

@@ -1,5 +1,6 @@
 //! Newton's method on the total potential energy at fixed positions of the bones.
 
+use super::tuning::{COARSE_DISPLACEMENT, COARSE_RESIDUAL, CONDENSED_ITERATIONS, CONDENSED_MAX_RATIO, DISPLACEMENT_TOLERANCE, DISPLAY_STEP_MM, MAX_MULTIPLIER_UPDATES, PART_CURVATURE_BELOW_MM, PART_CURVATURE_SHARE, WHOLE_CURVATURE_BELOW_MM};
 use super::assembly::Curvature;
 use super::contact::{Touch, penetration};
 use super::equations::{Balance, Equations};
@@ -10,32 +11,6 @@ use super::quadratic_model::Bend;
 use super::report::IterationRecord;
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Motion, Vector};
-
-/// Iterations after which the condensed contact solve is no longer used: points that slip over a rim may cycle with it.
-const PATIENCE: usize = 6;
-/// The condensed contact solve also stops once an iteration moves tissue by more than this share of the previous one.
-const CIRCLING: f64 = 0.5;
-/// A step has converged only when the estimated remaining displacement is below this share of the element size: 1e-3 mm for
-/// elements of 4 mm.
-const DISPLACEMENT_TOLERANCE: f64 = 2.5e-4;
-/// The same tolerance while multipliers are still to be updated.
-const COARSE_DISPLACEMENT: f64 = 5e-3;
-/// After a full Newton step shorter than this, mm, the tangent includes the whole curvature of the contact.
-const CURVED_BELOW_MM: f64 = 0.1;
-/// After a full Newton step shorter than this, mm, the tangent includes a share of the curvature. Without it, Newton's method
-/// gains a few per cent in each iteration where a point slides slowly over an edge of the bone.
-const BENT_BELOW_MM: f64 = 0.5;
-/// That share: small enough that the tangent mostly remains positive definite.
-const BENT_SHARE: f64 = 0.75;
-/// Largest last Newton step of the skin at which an equilibrium for display is accepted, mm.
-const VISIBLE_MM: f64 = 0.02;
-/// Bone near contact points moves at most this far in one substep, and no line search lets a point penetrate deeper, mm:
-/// otherwise a point could come out on the other side of a thin wall.
-pub(super) const MAX_CONTACT_MOTION_MM: f64 = 2.0;
-/// Relative residual at which multipliers are updated.
-const COARSE_RESIDUAL: f64 = 1e-2;
-/// Augmented Lagrangian updates before contact fails.
-const MAX_AUGMENTATIONS: usize = 20;
 
 /// An equilibrium that was reached.
 #[derive(Debug, Clone)]
@@ -80,7 +55,7 @@ impl Equations<'_> {
             if self.rough { self.limits.relative_residual.max(COARSE_RESIDUAL) } else { self.limits.relative_residual };
         // Multipliers converge to the contact pressure without an exact equilibrium.
         let mut aim = if self.contact.is_empty() { full } else { full.max(COARSE_RESIDUAL) };
-        for _ in 0..=MAX_AUGMENTATIONS {
+        for _ in 0..=MAX_MULTIPLIER_UPDATES {
             let found = self.newton(x, motions, t, aim, control)?;
             iterations += found.iterations;
             let depth = penetration(&found.touches);
@@ -116,7 +91,7 @@ impl Equations<'_> {
         let mut moved_mm = f64::INFINITY;
         for iteration in 0..=self.limits.max_iterations {
             control.check()?;
-            self.settles &= iteration < PATIENCE;
+            self.settles &= iteration < CONDENSED_ITERATIONS;
             let balance = self.balance(x, motions)?;
             let tolerance = aim * balance.reaction_n.max(self.limits.force_floor_n);
             last = (balance.residual_n, tolerance);
@@ -165,7 +140,7 @@ impl Equations<'_> {
                     self.dofs.add(step, &d, x);
                     record.step = step;
                     record.displacement_mm = step * self.dofs.max_position_change(&d);
-                    self.settles &= record.displacement_mm <= CIRCLING * moved_mm;
+                    self.settles &= record.displacement_mm <= CONDENSED_MAX_RATIO * moved_mm;
                     moved_mm = record.displacement_mm;
                     // A short step shows that the quadratic model was poor.
                     curvature = if step < 0.5 { Curvature::Projected } else { Curvature::Exact };
@@ -173,13 +148,13 @@ impl Equations<'_> {
                     bend.settled = wait == 0;
                     bend.share = match record.displacement_mm {
                         _ if wait > 0 || step < 1.0 => 0.0,
-                        moved if moved < CURVED_BELOW_MM => 1.0,
-                        moved if moved < BENT_BELOW_MM => BENT_SHARE,
+                        moved if moved < WHOLE_CURVATURE_BELOW_MM => 1.0,
+                        moved if moved < PART_CURVATURE_BELOW_MM => PART_CURVATURE_SHARE,
                         _ => 0.0,
                     };
                     self.records.push(record);
                     let remaining_mm = self.dofs.max_visible_change(&d);
-                    if self.rough && step >= 1.0 && remaining_mm <= VISIBLE_MM {
+                    if self.rough && step >= 1.0 && remaining_mm <= DISPLAY_STEP_MM {
                         let balance = self.balance(x, motions)?;
                         let reaction_n = balance.reaction_n.max(self.limits.force_floor_n);
                         return Ok(Equilibrium {

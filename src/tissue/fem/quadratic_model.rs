@@ -1,5 +1,6 @@
 //! The quadratic model of the energy with unilateral contact: the Newton step and the linear prediction of a load step.
 
+use super::tuning::{MAX_CONTACT_MOTION_MM, DOUBTFUL_MM, FORCING_OF_PREDICTION, MAX_ACTIVE_SETS, NEGLIGIBLE_CHANGES, TRUSTED_MM};
 use super::assembly::Curvature;
 use super::condensed::Way;
 use super::contact::{Curved, Touch};
@@ -8,22 +9,8 @@ use super::factor::Indefinite;
 use super::dot::dot;
 use super::linear_solve::System;
 use super::failure::Failure;
-use super::newton::MAX_CONTACT_MOTION_MM;
 use super::report::IterationRecord;
 use prosopon_geometry::{Motion, Vector};
-
-/// Changes of the active set below one point in this many are left to the next iteration.
-const NEGLIGIBLE: usize = 50;
-/// Largest number of active-set updates within one Newton step.
-const MAX_ACTIVE_SETS: usize = 8;
-
-/// Forcing term (relative tolerance) of the linear prediction.
-const PREDICTED: f64 = 1e-2;
-
-/// The condensed contact solve is trusted with the curvature of bodies while it differs by at most this from the whole model, mm.
-const TRUSTED_MM: f64 = 0.1;
-/// Above this difference, mm, the factor alone shows that the condensed solve is not to be trusted.
-const DOUBTFUL_MM: f64 = 2.0 * TRUSTED_MM;
 
 /// Share of the bodies' curvature that a model includes.
 #[derive(Debug, Clone, Copy, Default)]
@@ -80,7 +67,7 @@ impl Equations<'_> {
             }
         };
         bend.used = curved.is_some();
-        let few = if self.limits.linear { 0 } else { active.len() / NEGLIGIBLE };
+        let few = if self.limits.linear { 0 } else { active.len() / NEGLIGIBLE_CHANGES };
         for round in 0..MAX_ACTIVE_SETS {
             let begin = (self.clock)();
             self.add_contact(&active, curved);
@@ -173,7 +160,7 @@ impl Equations<'_> {
                 self.settled_forces.clone_from(&kept);
             }
             let motions = all_the_way;
-            if let Ok(d) = self.minimise_model(&target, motions, &load, &mut Bend::default(), PREDICTED, &mut record) {
+            if let Ok(d) = self.minimise_model(&target, motions, &load, &mut Bend::default(), FORCING_OF_PREDICTION, &mut record) {
                 self.dofs.add(1.0, &d, &mut target);
                 let (_, found_mm) = self.energy(&target, motions)?;
                 if found_mm > 2.0 * MAX_CONTACT_MOTION_MM {

@@ -1,3 +1,4 @@
+use super::tuning::REPORTED_DEPTH_MM;
 use std::fmt;
 
 use prosopon_geometry::Point;
@@ -97,14 +98,11 @@ pub struct Sunk {
 }
 
 impl Sunk {
-    /// Smaller depths are not reported, mm: about the gap that an edge of a mesh leaves open.
-    const TOLD_MM: f64 = 0.5;
-
     /// Warning about this depth; `None` when it is small.
     #[must_use]
     pub fn warning(&self) -> Option<String> {
         let Self { depth_mm, segment, place, points } = self;
-        (*depth_mm > Self::TOLD_MM).then(|| {
+        (*depth_mm > REPORTED_DEPTH_MM).then(|| {
             format!(
                 "free tissue lies inside bone at {points} points, up to {depth_mm:.1} mm in bone {segment} near ({:.1}, {:.1}, \
                  {:.1}) mm: contact acts on sliding points only",

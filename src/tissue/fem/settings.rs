@@ -1,3 +1,4 @@
+use super::tuning::{EXPECTED_SHEAR_MPA, LOCKED_POISSON, LOCKED_POISSON_SMOOTHED};
 use super::error::SolveError;
 use super::material::Materials;
 use crate::mesh::{MixedMesh, Tissue};
@@ -129,14 +130,6 @@ impl std::fmt::Debug for ContactBody<'_> {
     }
 }
 
-/// Poisson ratio above which standard linear elements are reported as too stiff. At 0.49, cells of 4 mm over a patch that is
-/// moved by 4 mm are 0.8 to 1.1 mm off (`prosopon bench stability`); at 0.499 the tip of Cook's membrane moves a third of the
-/// correct distance.
-const LOCKED_POISSON: f64 = 0.48;
-/// The same limit for smoothed elements: at 0.4999 that scene is 0.5 mm off; at 0.49 it is 0.3 mm off, which is the error of the
-/// mesh.
-const LOCKED_THOUGH_CURED: f64 = 0.4995;
-
 /// Settings of a solve.
 ///
 /// ```
@@ -199,8 +192,7 @@ impl SolveSettings {
     /// Soft tissues of the face have small-strain shear moduli of 0.3 kPa (fat) to 1 MPa (skin along its fibres).
     #[must_use]
     pub fn stiffness_warnings(&self, mesh: &MixedMesh) -> Vec<String> {
-        const EXPECTED_MPA: [f64; 2] = [1e-5, 30.0];
-        let [low, high] = EXPECTED_MPA;
+        let [low, high] = EXPECTED_SHEAR_MPA;
         let warning = |tissue: Tissue| {
             let found = self.materials.of(tissue).shear_modulus();
             (!(low..=high).contains(&found)).then(|| {
@@ -231,7 +223,7 @@ impl SolveSettings {
                  `smoothed`",
             ),
             Locking::Smoothed => (
-                LOCKED_THOUGH_CURED,
+                LOCKED_POISSON_SMOOTHED,
                 "even smoothed elements are too stiff there, on coarse meshes by an eighth of the movement; use a finer mesh",
             ),
         };

@@ -1,5 +1,6 @@
 //! Setup of the equations from mesh and settings.
 
+use super::tuning::{ENERGY_NOISE, CONTACT_STIFFNESS, FORCE_FLOOR};
 use super::assembly::{Assembly, Curvature, Law, Part};
 use super::contact::{Contact, Unguarded, contact_nodes, unguarded_points};
 use super::dofs::Dofs;
@@ -17,13 +18,6 @@ use prosopon_geometry::Vector;
 use prosopon_geometry::control::Control;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-
-/// Penalty stiffness in units of the tissue's confined modulus over its mean thickness: a layer compressed by a third of its
-/// thickness penetrates bone by about 0.01 of the thickness before the multipliers take over.
-const CONTACT_STIFFNESS: f64 = 30.0;
-/// Force floor in units of shear modulus times element size squared: a smaller reaction force is replaced by it in the
-/// convergence test.
-const FORCE_FLOOR: f64 = 1e-3;
 
 const TISSUES: [Tissue; 4] = [Tissue::Skin, Tissue::Muscle, Tissue::Fat, Tissue::Mucosa];
 
@@ -129,7 +123,7 @@ impl Prepared {
             penetration_tolerance_mm: settings.penetration_tolerance_mm,
             force_floor_n: FORCE_FLOOR * scale.shear * scale.element_size_mm.powi(2),
             element_size_mm: scale.element_size_mm,
-            energy_noise_mj: 1e-13 * scale.shear * scale.volume,
+            energy_noise_mj: ENERGY_NOISE * scale.shear * scale.volume,
             linear: settings.model.is_linear(),
         };
         let loads =

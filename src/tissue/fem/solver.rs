@@ -1,11 +1,12 @@
 //! Static equilibrium of one mesh under moving bone, advanced along a path.
 
+use super::tuning::{CONTACT_MOTION_MARGIN, MAX_CONTACT_MOTION_MM, CONTACT_REACH_MM, HELD_TOLERANCE_MM, MAX_HALVINGS, MAX_RELEASES, MAX_WASTED, PASSAGE_MOTION_MM, SQUEEZED};
 use super::contact::{Passage, Unguarded};
 use super::element::C1Surface;
 use super::equations::Equations;
 use super::error::SolveError;
 use super::failure::Failure;
-use super::newton::{Equilibrium, MAX_CONTACT_MOTION_MM};
+use super::newton::Equilibrium;
 use super::report::{CellState, IterationRecord, PhaseTimes, StepOutcome, StepReport, Sunk};
 use super::settings::{Boundary, ContactBody, SolveSettings, UnstableMaterial};
 use super::setup::Prepared;
@@ -14,11 +15,6 @@ use crate::mesh::MixedMesh;
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Motion, Point, Vector};
 use std::sync::Arc;
-
-/// Contact points farther from a body than this do not limit the substep, mm.
-const CONTACT_REACH_MM: f64 = 10.0;
-/// Smaller motions of a segment along an axis in which its nodes are held are rounding, mm.
-const HELD_TOLERANCE_MM: f64 = 1e-9;
 
 /// Static equilibrium of one mesh under moving bone, advanced along a path.
 #[derive(Debug)]
@@ -42,21 +38,6 @@ pub struct Solver<'a> {
     /// Times and factorisations of the preparation, when this is the first solver over it; the first report includes them.
     preparation: (PhaseTimes, usize),
 }
-
-/// When bone moves no farther than this in a substep, mm, and tissue still passes through, the bone is too thin to hold it. When
-/// it moves farther, the substep is shortened.
-const LEAST_PASSAGE_MM: f64 = 0.25;
-
-/// Largest number of times that a substep is solved again without contact at points that would pass to the other side of bone.
-const MAX_RELEASES: usize = 6;
-
-/// Wasted iterations, and shortened substeps, after which a step fails. A step that advances so slowly seldom converges, and the
-/// reason helps the caller more than waiting.
-const MAX_IN_VAIN: usize = 90;
-const MAX_HALVINGS: usize = 24;
-
-/// Volume ratio below which an element is reported: soft tissue is nearly incompressible.
-const SQUEEZED: f64 = 0.3;
 
 /// An equilibrium at path parameter `t`.
 #[derive(Debug, Clone)]
@@ -181,7 +162,7 @@ impl<'a> Solver<'a> {
                     report.halvings += 1;
                     report.in_vain += self.equations.records.len() - before;
                     self.substep = 0.5 * length;
-                    let is_spent = report.in_vain > MAX_IN_VAIN || report.halvings > MAX_HALVINGS;
+                    let is_spent = report.in_vain > MAX_WASTED || report.halvings > MAX_HALVINGS;
                     if self.substep < self.settings.min_substep || length == 0.0 || is_spent {
                         if self.stabilise(goal) {
                             self.substep = length;
@@ -303,7 +284,7 @@ impl<'a> Solver<'a> {
             };
             let moved_mm =
                 |p: &Passage| before.iter().zip(&body_motions).map(|m| moved(&p.place, m)).fold(0.0, f64::max);
-            if let Some(p) = passages.iter().find(|p| !p.round_a_rim && moved_mm(p) > LEAST_PASSAGE_MM) {
+            if let Some(p) = passages.iter().find(|p| !p.round_a_rim && moved_mm(p) > PASSAGE_MOTION_MM) {
                 break Err(Failure::PassedThrough { body: p.body, place: p.place });
             }
             rounds += 1;
@@ -379,7 +360,7 @@ impl<'a> Solver<'a> {
         loop {
             let moved = self.contact_motion(&self.body_motions(&motions(self.state.t + sign * length)));
             // The 1 % margin keeps a step of twice the limit from being cut in three.
-            if moved <= 1.01 * MAX_CONTACT_MOTION_MM || length <= self.settings.min_substep {
+            if moved <= CONTACT_MOTION_MARGIN * MAX_CONTACT_MOTION_MM || length <= self.settings.min_substep {
                 return length;
             }
             length = (wanted / (wanted / length * moved / MAX_CONTACT_MOTION_MM).ceil()).max(self.settings.min_substep);

@@ -3,20 +3,17 @@
 //! The tasks depend on the factor's structure only, and their contributions to the columns above are added in task order: the
 //! bits are the same at any number of threads.
 
+use super::tuning::{LARGEST_SUBTREE, SHARED_ROWS};
 use super::precision::Precision;
 use faer::sparse::linalg::cholesky::supernodal::{SupernodalLltRef, SymbolicSupernodalCholesky};
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Subtrees are divided until none holds more than this share of the factor's entries.
-const LARGEST_SHARE: f64 = 1.0 / 8.0;
 /// Columns that are eliminated together.
 const BLOCK: usize = 4;
 /// Partial sums of a dot product, for SIMD registers.
 const LANES: usize = 16;
-/// Rows below a supernode's diagonal block from which its work is shared by two threads.
-const SHARED_ROWS: usize = 1024;
 
 /// Division of a triangular solve into tasks.
 #[derive(Debug, Clone)]
@@ -57,7 +54,7 @@ impl Schedule {
                 count[s] += count[c];
             }
         }
-        let limit = LARGEST_SHARE * roots.iter().map(|&r| total[r]).sum::<f64>();
+        let limit = LARGEST_SUBTREE * roots.iter().map(|&r| total[r]).sum::<f64>();
         let (mut subtrees, mut top) = (Vec::new(), Vec::new());
         let mut open = roots;
         while let Some(s) = open.pop() {

@@ -11,6 +11,7 @@ mod scatter;
 pub(in crate::fem) use law::{Curvature, Law};
 pub(in crate::fem) use pattern::{Pattern, total_slots};
 
+use crate::fem::tuning::BUFFERED_VALUES;
 use super::dofs::Dofs;
 use super::element::{ElementBlock, SMOOTHED_WIDTHS};
 use super::error::SolveError;
@@ -82,12 +83,9 @@ const fn chunk(n_functions: usize, n_points: usize) -> usize {
     if work >= 4096 { 8 } else { 8192 / (work + 1) + 1 }
 }
 
-/// Values of element matrices held at once: about 16 MB.
-const BUFFERED: usize = 1 << 21;
-
 /// Elements of a block whose matrices are computed before they are added to the global matrix.
 fn elements_at_once(block: &ElementBlock) -> usize {
-    (BUFFERED / (9 * n_slots(block.n_functions))).clamp(1, block.n_elements().max(1))
+    (BUFFERED_VALUES / (9 * n_slots(block.n_functions))).clamp(1, block.n_elements().max(1))
 }
 
 /// Calls `$method::<N>` for the block's number of functions; [`Assembly::new`] has refused blocks of other widths.

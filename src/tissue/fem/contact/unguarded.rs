@@ -1,17 +1,14 @@
 //! Free boundary points inside bone. Contact does not act on them, so their penetration is measured separately.
 
+use crate::fem::tuning::{CONTACT_POINTS_PER_TASK, IGNORED_DEPTH_MM};
 use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::TASK;
 use crate::fem::report::Sunk;
 use crate::fem::settings::ContactBody;
 use crate::mesh::{Attachment, MixedMesh, boundary_triangles};
 use prosopon_geometry::{Motion, Point, Vector};
-
-/// Smaller depths are attributed to the mesh and ignored, mm.
-const LEAST_MM: f64 = 0.05;
 
 /// Boundary vertices and barycentres that are neither contact points nor held by bone.
 #[derive(Debug)]
@@ -56,7 +53,7 @@ impl Unguarded {
         let mut points = 0;
         for (pair, (now, rest)) in now.iter().zip(&self.rest_mm).enumerate() {
             let depth_mm = now - rest;
-            if depth_mm <= LEAST_MM {
+            if depth_mm <= IGNORED_DEPTH_MM {
                 continue;
             }
             points += 1;
@@ -78,5 +75,5 @@ fn depths(points: &[[u32; 3]], x: &[Vector], bodies: &[ContactBody<'_>], motions
             move |(b, m): (&ContactBody<'_>, &Motion)| (-b.solid.value(&m.inverse_transform_point(&at))).max(0.0);
         bodies.iter().zip(motions).map(depth)
     };
-    points.par_iter().with_min_len(TASK).flat_map_iter(of).collect()
+    points.par_iter().with_min_len(CONTACT_POINTS_PER_TASK).flat_map_iter(of).collect()
 }

@@ -1,21 +1,12 @@
 //! Choice of vertex frames and rest tangents, and their correction at sharp creases.
 
+use crate::fem::tuning::{LEAST_COSINE, LEAST_JACOBIAN, SHORTER_TANGENT, TANGENT_ROUNDS};
 use super::c1_prism::{quadrature, rest_of};
 use super::c1_surface::C1Surface;
 use super::quadrature::TriangleRule;
 use crate::mesh::MixedMesh;
 use nalgebra::Matrix3;
 use prosopon_geometry::Vector;
-
-/// A normal is tilted when its cosine with a triangle's normal is below this.
-const LEAST_COSINE: f64 = 0.3;
-/// Smallest Jacobian determinant accepted at a quadrature point, relative to the smallest one of the linear wedge at the same
-/// points.
-const LEAST_SHARE: f64 = 0.05;
-/// Factor by which rest tangents are shortened, and the largest number of times: much shorter ones would make stiff, narrow
-/// bends.
-const SHORTER: f64 = 0.8;
-const ROUNDS: usize = 8;
 
 impl C1Surface {
     /// Surface with frames from the angle-weighted normals of the outer triangles (Wang 2009, eq. 0.3).
@@ -120,7 +111,7 @@ fn flatten(mesh: &MixedMesh, surface: &mut C1Surface) -> Vec<u32> {
     let mut share = vec![1.0; surface.outer_nodes.len()];
     let curved: Vec<usize> = (0..mesh.prisms.len()).filter(|&p| !surface.is_plain(p)).collect();
     let mut suspects = curved.clone();
-    for round in 0..=ROUNDS {
+    for round in 0..=TANGENT_ROUNDS {
         let mut shorten = vec![false; share.len()];
         suspects.retain(|&prism| {
             let patch = surface.patch(mesh, prism);
@@ -136,17 +127,17 @@ fn flatten(mesh: &MixedMesh, surface: &mut C1Surface) -> Vec<u32> {
                 .dot(&(0..3).map(|i| corners[i] - corners[3 + i]).sum::<Vector>())
                 / 3.0;
             // A NaN determinant is bad too.
-            let bad = least.is_nan() || flat.is_nan() || least <= LEAST_SHARE * flat;
+            let bad = least.is_nan() || flat.is_nan() || least <= LEAST_JACOBIAN * flat;
             if bad {
                 patch.corners.iter().for_each(|&c| shorten[c] = true);
             }
             bad
         });
-        if suspects.is_empty() || round == ROUNDS {
+        if suspects.is_empty() || round == TANGENT_ROUNDS {
             break;
         }
         for place in (0..share.len()).filter(|&p| shorten[p]) {
-            share[place] *= SHORTER;
+            share[place] *= SHORTER_TANGENT;
             let [_, t1, t2] = surface.frames[place];
             surface.rest_tangents[place] = [t1 * share[place], t2 * share[place]];
         }

@@ -26,7 +26,7 @@ pub struct Checkpoint {
     /// Whether stable materials have replaced those requested.
     pub stabilised: bool,
     /// Whether passage through bone, and slipping round a rim, have been reported in a warning.
-    pub told_passage: [bool; 2],
+    pub warned_passage: [bool; 2],
     /// Contact stiffness, MPa/mm.
     pub contact_stiffness: f64,
     /// Non-zero multipliers by pair of contact point and body, MPa.
@@ -34,7 +34,7 @@ pub struct Checkpoint {
     /// Pairs of contact point and body whose contact is switched off.
     pub released: Vec<u64>,
     /// Contact forces by unknown node from the last converged condensed contact solve, N.
-    pub settled_forces: Vec<(u32, [f64; 3])>,
+    pub contact_forces: Vec<(u32, [f64; 3])>,
     /// Active pairs of contact point and body in the last quadratic model.
     pub active: Vec<(u64, u64)>,
     /// Whether factors are in double precision.
@@ -115,15 +115,15 @@ impl Solver<'_> {
             motions: self.state.motions.iter().map(|(segment, motion)| (*segment, motion_numbers(motion))).collect(),
             substep: self.substep,
             stabilised: self.stabilised,
-            told_passage: self.told_passage,
+            warned_passage: self.warned_passage,
             contact_stiffness: equations.contact.stiffness(),
             multipliers: multipliers.filter(|(_, p)| **p != 0.0).map(|(pair, p)| (pair as u64, *p)).collect(),
             released: pairs(equations.contact.released()),
-            settled_forces: equations.settled_forces.iter().map(|(node, force)| (*node, (*force).into())).collect(),
+            contact_forces: equations.contact_forces.iter().map(|(node, force)| (*node, (*force).into())).collect(),
             active: equations.active.iter().map(|(point, body)| (*point as u64, *body as u64)).collect(),
             double: equations.solver.is_double(),
             factor,
-            lost: equations.solver.lost() as u64,
+            lost: equations.solver.extra_iterations() as u64,
             known_compliance,
         })
     }
@@ -158,16 +158,16 @@ impl Solver<'_> {
         }
         let Checkpoint { double, factor, known_compliance, .. } = checkpoint;
         self.equations.restore_factor(*double, factor, known_compliance).ok_or_else(|| misfit("its factor differs"))?;
-        self.equations.solver.lose(usize::try_from(checkpoint.lost).unwrap_or(usize::MAX));
+        self.equations.solver.add_loss(usize::try_from(checkpoint.lost).unwrap_or(usize::MAX));
         self.equations.contact.restore(checkpoint.contact_stiffness, multipliers);
-        self.equations.settled_forces = checkpoint.settled_forces.iter().map(|(n, f)| (*n, Vector::from(*f))).collect();
+        self.equations.contact_forces = checkpoint.contact_forces.iter().map(|(n, f)| (*n, Vector::from(*f))).collect();
         self.equations.active = checkpoint.active.iter().map(|(p, b)| (*p as usize, *b as usize)).collect();
         let motions = checkpoint.motions.iter().map(|(segment, motion)| (*segment, motion_of_numbers(*motion)));
         self.state = State { t: checkpoint.t, x: vectors(&checkpoint.x), motions: motions.collect() };
         self.substep = checkpoint.substep;
         self.stabilised = checkpoint.stabilised;
-        self.told_passage = checkpoint.told_passage;
-        self.forget_untold();
+        self.warned_passage = checkpoint.warned_passage;
+        self.forget_reported();
         Ok(())
     }
 }
@@ -179,7 +179,7 @@ impl super::equations::Equations<'_> {
         if !self.solver.can_be_restored() {
             return None;
         }
-        if !self.solver.serves() {
+        if !self.solver.is_usable() {
             return Some((FactorOrigin::Nothing, Vec::new()));
         }
         if let Some(inverses) = self.solver.vertices() {
@@ -217,7 +217,7 @@ impl super::equations::Equations<'_> {
                 self.tangent(&vectors(x), curvature).ok()?;
                 self.solver.refresh();
                 self.prepare();
-                if !self.solver.serves() {
+                if !self.solver.is_usable() {
                     return None;
                 }
             }

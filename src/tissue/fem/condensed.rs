@@ -3,7 +3,7 @@
 
 use super::tuning::{CONDENSED_CG_GOAL, CONDENSED_CONVEX, CONDENSED_RISE, NEAR_MM, CONDENSED_CURVATURE_BELOW_MM, CONDENSED_GAP_SHARE, CONDENSED_MAX_CG, CONDENSED_MAX_MOVE_MM, CONDENSED_MAX_ROUNDS, CONDENSED_MULTIPLIER_UPDATES, CONDENSED_TOLERANCE, TRACKING_STEP_MM, TRACKING_TOLERANCE_MM};
 use super::compliance::{Compliance, LowRank};
-use super::contact::{Curved, Touch};
+use super::contact::{Curved, ContactPair};
 use super::dofs::Dofs;
 use super::equations::{Equations, Limits};
 use super::dot::dot;
@@ -14,15 +14,15 @@ use std::ops::Range;
 
 /// Contact in equilibrium with the quadratic model of the elements' energy, as given by the factor.
 #[derive(Debug)]
-pub(super) struct Settled {
+pub(super) struct CondensedContact {
     /// Change of all unknowns.
     pub(super) d: Vec<f64>,
     /// State after this change.
     pub(super) x: Vec<Vector>,
     /// Contacts that are active or nearly so at `x`, linearised there and extrapolated back to zero change of the unknowns.
-    pub(super) near: Vec<Touch>,
+    pub(super) near: Vec<ContactPair>,
     /// The active ones among them.
-    pub(super) active: Vec<Touch>,
+    pub(super) active: Vec<ContactPair>,
     /// Whether the iterations converged with the whole curvature of the bodies.
     pub(super) curved: bool,
 }
@@ -43,7 +43,7 @@ struct Aim {
 }
 
 impl Aim {
-    const ON_THE_WAY: Self = Self { enough_mm: TRACKING_TOLERANCE_MM, gap_mm: f64::INFINITY, augmentations: 0 };
+    const ALONG_PATH: Self = Self { enough_mm: TRACKING_TOLERANCE_MM, gap_mm: f64::INFINITY, augmentations: 0 };
 
     fn of(limits: &Limits) -> Self {
         Self {
@@ -55,7 +55,7 @@ impl Aim {
 }
 
 /// The path of bones and held nodes in one step.
-pub(super) struct Way<'a> {
+pub(super) struct StepPath<'a> {
     /// Largest motion of bone near contact points, mm.
     pub(super) length_mm: f64,
     /// Nodes at the start, and with the held nodes at the end of the path.
@@ -67,7 +67,7 @@ pub(super) struct Way<'a> {
 }
 
 /// Data that stay constant while contact is solved.
-struct Frame<'a> {
+struct CondensedProblem<'a> {
     x: &'a [Vector],
     motions: &'a [Motion],
     /// First unknown of the corner.
@@ -78,7 +78,7 @@ struct Frame<'a> {
     free: Vec<f64>,
 }
 
-impl Frame<'_> {
+impl CondensedProblem<'_> {
     /// Positions after a change of the corner's unknowns.
     fn trial(&self, dofs: &Dofs, corner: &[f64]) -> Vec<Vector> {
         let mut x = self.x.to_vec();
@@ -103,14 +103,14 @@ impl Equations<'_> {
     /// Minimises the quadratic model of the elements' energy (gradient `gradient` by the unknowns, stiffness of the current
     /// factor) plus the exact energy of contact; the multipliers are updated. `None` when there is no usable factor or the
     /// iterations do not converge.
-    pub(super) fn settle_contact(&mut self, x: &[Vector], motions: &[Motion], gradient: &[f64]) -> Option<Settled> {
+    pub(super) fn solve_condensed(&mut self, x: &[Vector], motions: &[Motion], gradient: &[f64]) -> Option<CondensedContact> {
         let down: Vec<f64> = gradient.iter().map(|g| -g).collect();
         let mut reached = self.solver.forward(&down)?;
         let begin = (self.clock)();
         let start = self.solver.corner().start;
         let mut free = reached[start..].to_vec();
         self.solver.corner_backward(&mut free);
-        let frame = Frame { x, motions, start, reached: reached[start..].to_vec(), free };
+        let frame = CondensedProblem { x, motions, start, reached: reached[start..].to_vec(), free };
         let multipliers = self.contact.multipliers().to_vec();
         let found = self.settle(&frame, Aim::of(&self.limits));
         // In thin bone the gradient of the gap may point out of the other side.
@@ -126,15 +126,15 @@ impl Equations<'_> {
         };
         let compliance = self.solver.compliance(std::iter::empty())?;
         compliance.add_forces(&state.forces, &mut reached[start..]);
-        self.settled_forces = forces_by_unknown(compliance, &state.forces, start.div_ceil(3)..self.dofs.n_unknown());
+        self.contact_forces = forces_by_unknown(compliance, &state.forces, start.div_ceil(3)..self.dofs.n_unknown());
         let d = self.solver.backward(&reached);
         let begin = (self.clock)();
         let mut at = x.to_vec();
         self.dofs.add(1.0, &d, &mut at);
         let near = self.contact.near(&at, motions, NEAR_MM);
-        let active: Vec<Touch> = near.iter().filter(|t| t.pushes()).copied().collect();
-        let told = |touches: &[Touch]| touches.iter().map(|t| self.contact.without_change(t, &self.dofs, &d)).collect();
-        let settled = Settled { near: told(&near), active: told(&active), x: at, curved, d };
+        let active: Vec<ContactPair> = near.iter().filter(|t| t.is_active()).copied().collect();
+        let told = |touches: &[ContactPair]| touches.iter().map(|t| self.contact.without_change(t, &self.dofs, &d)).collect();
+        let settled = CondensedContact { near: told(&near), active: told(&active), x: at, curved, d };
         self.times.contact_s += (self.clock)() - begin;
         Some(settled)
     }
@@ -142,7 +142,7 @@ impl Equations<'_> {
     /// Solves contact every [`TRACKING_STEP_MM`] along the path of the bones and held nodes, so that a point that an edge of bone
     /// moves over stays on the face that it touched first. Stores the forces as start values for the end of the path; the
     /// multipliers are unchanged.
-    pub(super) fn follow_contact(&mut self, way: &Way<'_>) -> Option<()> {
+    pub(super) fn track_contact(&mut self, way: &StepPath<'_>) -> Option<()> {
         let n = (way.length_mm / TRACKING_STEP_MM).ceil() as usize;
         if n < 2 || self.contact.is_empty() {
             return Some(());
@@ -164,13 +164,13 @@ impl Equations<'_> {
             self.solver.corner_backward(&mut free);
             let x: Vec<Vector> = way.x[0].iter().zip(way.x[1]).map(|(a, b)| a.lerp(b, share)).collect();
             let motions = (way.motions)(share);
-            let frame = Frame { x: &x, motions: &motions, start, reached, free };
-            let Some((state, _)) = self.settle(&frame, Aim::ON_THE_WAY) else {
+            let frame = CondensedProblem { x: &x, motions: &motions, start, reached, free };
+            let Some((state, _)) = self.settle(&frame, Aim::ALONG_PATH) else {
                 followed = None;
                 break;
             };
             let Some(compliance) = self.solver.known_compliance() else { break };
-            self.settled_forces =
+            self.contact_forces =
                 forces_by_unknown(compliance, &state.forces, start.div_ceil(3)..self.dofs.n_unknown());
         }
         self.contact.set_multipliers(multipliers);
@@ -179,13 +179,13 @@ impl Equations<'_> {
     }
 
     /// The equilibrium of contact, and whether it converged with the whole curvature of the bodies.
-    fn settle(&mut self, frame: &Frame<'_>, aim: Aim) -> Option<(State, bool)> {
-        let Self { solver, contact, dofs, settled_forces, .. } = self;
+    fn settle(&mut self, frame: &CondensedProblem<'_>, aim: Aim) -> Option<(State, bool)> {
+        let Self { solver, contact, dofs, contact_forces, .. } = self;
         let Aim { enough_mm: enough, gap_mm: gap, .. } = aim;
         // Pressures from the new bone position would push tissue too far away: contact starts from the last converged forces.
-        let compliance = solver.compliance(settled_forces.iter().map(|(unknown, _)| *unknown))?;
+        let compliance = solver.compliance(contact_forces.iter().map(|(unknown, _)| *unknown))?;
         let mut forces = vec![0.0; compliance.len()];
-        for (unknown, force) in settled_forces.iter() {
+        for (unknown, force) in contact_forces.iter() {
             let place = compliance.place(*unknown)?;
             forces[place..place + 3].copy_from_slice(force.as_slice());
         }
@@ -196,7 +196,7 @@ impl Equations<'_> {
         loop {
             rounds += 1;
             let trial = frame.trial(dofs, &state.corner);
-            let touches = contact.touches(&trial, frame.motions);
+            let touches = contact.active_contacts(&trial, frame.motions);
             let compliance = solver.compliance(contact.unknowns_of(&touches, dofs))?;
             state.forces.resize(compliance.len(), 0.0);
             let energy = work(frame, compliance, dofs, &state) + contact.energy(&touches);
@@ -218,7 +218,7 @@ impl Equations<'_> {
             let curvature = match bent {
                 true => {
                     let curved = Curved { x: &trial, motions: frame.motions, share: 1.0 };
-                    contact.bends(&touches, curved, dofs, compliance)
+                    contact.curvature_blocks(&touches, curved, dofs, compliance)
                 }
                 false => Vec::new(),
             };
@@ -257,7 +257,7 @@ fn forces_by_unknown(compliance: &Compliance, forces: &[f64], unknowns: Range<us
 }
 
 /// Half the work of the forces from the free state on, mJ.
-fn work(frame: &Frame<'_>, compliance: &Compliance, dofs: &Dofs, state: &State) -> f64 {
+fn work(frame: &CondensedProblem<'_>, compliance: &Compliance, dofs: &Dofs, state: &State) -> f64 {
     let mut sum = 0.0;
     for unknown in frame.start.div_ceil(3)..dofs.n_unknown() {
         if let Some(place) = compliance.place(unknown as u32) {

@@ -8,51 +8,31 @@
 //! Where the energy is convex enough, the Hessian includes the curvature of the distance. With the Gauss-Newton part `k n nᵀ`
 //! alone, points that slide slowly over an edge of bone gain a fifth in each iteration instead of digits.
 
+mod noncontact_points;
 mod overlap;
 mod passage;
-mod unguarded;
+mod points;
 
+pub(super) use noncontact_points::{NoncontactPoints, noncontact_points};
 pub(super) use passage::Passage;
-pub(super) use unguarded::{Unguarded, unguarded_points};
+pub(super) use points::contact_nodes;
 
 use super::tuning::{CONTACT_POINTS_PER_TASK, OPPOSITE_COSINE, PASSAGE_SAMPLE_MM, REPORTED_OVERLAP_MM};
 use self::overlap::Overlap;
 use self::passage::{is_clear, is_round_a_rim};
+use self::points::{ContactPoint, contact_points};
 use super::compliance::{Compliance, RankOne};
 use super::axes::axes_in;
 use super::dofs::Dofs;
-use super::report::Sunk;
+use super::report::BonePenetration;
 use super::settings::ContactBody;
-use crate::mesh::{Attachment, MixedMesh};
+use crate::mesh::MixedMesh;
 use prosopon_geometry::{Motion, Point, Vector};
 use rayon::prelude::*;
 
-/// A point of the tissue's inner surface, as a weighted mean of nodes.
+/// A contact point paired with a body that it contacts or is near to.
 #[derive(Debug, Clone, Copy)]
-struct ContactPoint {
-    nodes: [u32; 3],
-    weights: [f64; 3],
-    /// Share of the surface area at rest, mm².
-    area: f64,
-    /// Direction into the tissue at rest; not a unit vector.
-    inward: Vector,
-}
-
-impl ContactPoint {
-    fn at(&self, x: &[Vector]) -> Point {
-        let [a, b, c] = self.nodes.map(|n| x[n as usize]);
-        Point::from(a * self.weights[0] + b * self.weights[1] + c * self.weights[2])
-    }
-
-    /// Nodes with positive weight, each once, and their weights.
-    fn terms(&self) -> impl Iterator<Item = (u32, f64)> {
-        (0..3).map(|i| (self.nodes[i], self.weights[i])).filter(|(_, w)| *w > 0.0)
-    }
-}
-
-/// A contact point paired with a body that it touches or is near to.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Touch {
+pub(super) struct ContactPair {
     point: usize,
     body: usize,
     /// Signed gap, mm, after subtraction of the overlap at rest.
@@ -62,10 +42,10 @@ pub(super) struct Touch {
     /// `p - k g`, MPa; the contact is active where this is positive.
     pressure: f64,
     /// Pressure at the state of linearisation, MPa.
-    met: f64,
+    linearised_pressure: f64,
 }
 
-impl Touch {
+impl ContactPair {
     /// Indices of contact point and body.
     pub(super) fn pair(&self) -> (usize, usize) {
         (self.point, self.body)
@@ -77,7 +57,7 @@ impl Touch {
     }
 
     /// Whether the contact is active.
-    pub(super) fn pushes(&self) -> bool {
+    pub(super) fn is_active(&self) -> bool {
         self.pressure > 0.0
     }
 }
@@ -157,12 +137,12 @@ impl<'a> Contact<'a> {
     }
 
     /// Active contacts at `x` when body `b` has moved by `motions[b]` from rest, in the order of points.
-    pub(super) fn touches(&self, x: &[Vector], motions: &[Motion]) -> Vec<Touch> {
+    pub(super) fn active_contacts(&self, x: &[Vector], motions: &[Motion]) -> Vec<ContactPair> {
         self.near(x, motions, f64::NEG_INFINITY)
     }
 
     /// Contacts that are active or whose gap is below `reach` mm, in the order of points.
-    pub(super) fn near(&self, x: &[Vector], motions: &[Motion], reach: f64) -> Vec<Touch> {
+    pub(super) fn near(&self, x: &[Vector], motions: &[Motion], reach: f64) -> Vec<ContactPair> {
         let n = self.bodies.len();
         self.points
             .par_iter()
@@ -181,13 +161,13 @@ impl<'a> Contact<'a> {
                     let gap = value + rest_mm;
                     let pressure = self.multipliers[pair] - self.stiffness * gap;
                     let normal = motions[body].rotation * gradient;
-                    (pressure > 0.0 || gap < reach).then_some(Touch {
+                    (pressure > 0.0 || gap < reach).then_some(ContactPair {
                         point,
                         body,
                         gap,
                         normal,
                         pressure,
-                        met: pressure,
+                        linearised_pressure: pressure,
                     })
                 })
             })
@@ -195,51 +175,51 @@ impl<'a> Contact<'a> {
     }
 
     /// Contact energy, mJ.
-    pub(super) fn energy(&self, touches: &[Touch]) -> f64 {
+    pub(super) fn energy(&self, contacts: &[ContactPair]) -> f64 {
         let n = self.bodies.len();
-        let pushed: f64 = touches.iter().map(|t| self.points[t.point].area * t.pressure * t.pressure).sum();
+        let pushed: f64 = contacts.iter().map(|t| self.points[t.point].area * t.pressure * t.pressure).sum();
         let held: f64 = (self.multipliers.iter().enumerate()).map(|(i, p)| self.points[i / n].area * p * p).sum();
         (pushed - held) / (2.0 * self.stiffness)
     }
 
     /// Adds the gradient of the contact energy, at the state of linearisation, to `forces`.
-    pub(super) fn add_forces(&self, touches: &[Touch], forces: &mut [Vector]) {
-        for t in touches {
+    pub(super) fn add_forces(&self, contacts: &[ContactPair], forces: &mut [Vector]) {
+        for t in contacts {
             let p = &self.points[t.point];
             for (node, weight) in p.terms() {
-                forces[node as usize] -= t.normal * (weight * p.area * t.met);
+                forces[node as usize] -= t.normal * (weight * p.area * t.linearised_pressure);
             }
         }
     }
 
-    /// First-order change of the gap of `touch` for a change `d` of the unknowns, mm.
-    fn gap_change(&self, touch: &Touch, dofs: &Dofs, d: &[f64]) -> f64 {
-        (self.points[touch.point].terms())
+    /// First-order change of the gap of `contact` for a change `d` of the unknowns, mm.
+    fn gap_change(&self, contact: &ContactPair, dofs: &Dofs, d: &[f64]) -> f64 {
+        (self.points[contact.point].terms())
             .filter_map(|(node, weight)| dofs.unknown(node).map(|u| (3 * u as usize, weight)))
-            .map(|(i, weight)| weight * (touch.normal.x * d[i] + touch.normal.y * d[i + 1] + touch.normal.z * d[i + 2]))
+            .map(|(i, weight)| weight * (contact.normal.x * d[i] + contact.normal.y * d[i + 1] + contact.normal.z * d[i + 2]))
             .sum()
     }
 
-    /// First-order pressure at `touch` after the unknowns have changed by `d`, MPa.
-    pub(super) fn pressure_after(&self, touch: &Touch, dofs: &Dofs, d: &[f64]) -> f64 {
-        touch.pressure - self.stiffness * self.gap_change(touch, dofs, d)
+    /// First-order pressure at `contact` after the unknowns have changed by `d`, MPa.
+    pub(super) fn pressure_after(&self, contact: &ContactPair, dofs: &Dofs, d: &[f64]) -> f64 {
+        contact.pressure - self.stiffness * self.gap_change(contact, dofs, d)
     }
 
     /// A contact found after the unknowns have changed by `d`, extrapolated back linearly to the state before that change.
-    pub(super) fn without_change(&self, touch: &Touch, dofs: &Dofs, d: &[f64]) -> Touch {
-        let change = self.gap_change(touch, dofs, d);
-        Touch { gap: touch.gap - change, pressure: touch.pressure + self.stiffness * change, ..*touch }
+    pub(super) fn without_change(&self, contact: &ContactPair, dofs: &Dofs, d: &[f64]) -> ContactPair {
+        let change = self.gap_change(contact, dofs, d);
+        ContactPair { gap: contact.gap - change, pressure: contact.pressure + self.stiffness * change, ..*contact }
     }
 
     /// Unknown nodes that the contacts act on; nodes may repeat.
-    pub(super) fn unknowns_of(&self, touches: &[Touch], dofs: &Dofs) -> impl Iterator<Item = u32> {
-        touches.iter().flat_map(|t| self.points[t.point].terms()).filter_map(|(node, _)| dofs.unknown(node))
+    pub(super) fn unknowns_of(&self, contacts: &[ContactPair], dofs: &Dofs) -> impl Iterator<Item = u32> {
+        contacts.iter().flat_map(|t| self.points[t.point].terms()).filter_map(|(node, _)| dofs.unknown(node))
     }
 
     /// Contact forces on the nodes of `compliance`, N; `None` when `compliance` lacks a node.
-    pub(super) fn forces_at(&self, touches: &[Touch], dofs: &Dofs, compliance: &Compliance) -> Option<Vec<f64>> {
+    pub(super) fn forces_at(&self, contacts: &[ContactPair], dofs: &Dofs, compliance: &Compliance) -> Option<Vec<f64>> {
         let mut forces = vec![0.0; compliance.len()];
-        for t in touches {
+        for t in contacts {
             let p = &self.points[t.point];
             for (node, weight) in p.terms() {
                 let Some(unknown) = dofs.unknown(node) else { continue };
@@ -256,16 +236,16 @@ impl<'a> Contact<'a> {
     /// Gauss-Newton when `curved` is `None`; otherwise with the curvature of the bodies.
     pub(super) fn hessian(
         &self,
-        touches: &[Touch],
+        contacts: &[ContactPair],
         curved: Option<Curved<'_>>,
         dofs: &Dofs,
         mut add: impl FnMut(u32, u32, &nalgebra::Matrix3<f64>),
     ) {
-        for t in touches {
+        for t in contacts {
             let p = &self.points[t.point];
             let mut block = t.normal * t.normal.transpose() * (self.stiffness * p.area);
             if let Some(Curved { x, motions, share }) = curved {
-                block -= self.bend(t, x, motions) * share;
+                block -= self.curvature_term(t, x, motions) * share;
             }
             for (a, wa) in p.terms() {
                 for (b, wb) in p.terms() {
@@ -280,25 +260,25 @@ impl<'a> Contact<'a> {
     }
 
     /// Curvature term of one contact, subtracted from its Hessian with respect to the point, N/mm.
-    fn bend(&self, touch: &Touch, x: &[Vector], motions: &[Motion]) -> nalgebra::Matrix3<f64> {
-        let p = &self.points[touch.point];
-        let motion = &motions[touch.body];
-        let shift = self.overlap[touch.point * self.bodies.len() + touch.body].shift;
-        let curvature = self.bodies[touch.body].solid.hessian(&(motion.inverse_transform_point(&p.at(x)) + shift));
+    fn curvature_term(&self, contact: &ContactPair, x: &[Vector], motions: &[Motion]) -> nalgebra::Matrix3<f64> {
+        let p = &self.points[contact.point];
+        let motion = &motions[contact.body];
+        let shift = self.overlap[contact.point * self.bodies.len() + contact.body].shift;
+        let curvature = self.bodies[contact.body].solid.hessian(&(motion.inverse_transform_point(&p.at(x)) + shift));
         let r = motion.rotation.to_rotation_matrix();
-        r.matrix() * curvature * r.matrix().transpose() * (touch.met.max(0.0) * p.area)
+        r.matrix() * curvature * r.matrix().transpose() * (contact.linearised_pressure.max(0.0) * p.area)
     }
 
     /// Curvature terms of the contacts at the nodes of `compliance`: row, column and the block to subtract from the Hessian.
-    pub(super) fn bends(
+    pub(super) fn curvature_blocks(
         &self,
-        touches: &[Touch],
+        contacts: &[ContactPair],
         Curved { x, motions, share }: Curved<'_>,
         dofs: &Dofs,
         compliance: &Compliance,
     ) -> Vec<(usize, usize, nalgebra::Matrix3<f64>)> {
-        let of_touch = |t: &Touch| {
-            let (p, block) = (self.points[t.point], self.bend(t, x, motions) * share);
+        let of_contact = |t: &ContactPair| {
+            let (p, block) = (self.points[t.point], self.curvature_term(t, x, motions) * share);
             let mut placed = Vec::with_capacity(9);
             for (a, wa) in p.terms() {
                 for (b, wb) in p.terms() {
@@ -313,12 +293,12 @@ impl<'a> Contact<'a> {
             }
             placed
         };
-        touches.par_iter().with_min_len(CONTACT_POINTS_PER_TASK).flat_map_iter(of_touch).collect()
+        contacts.par_iter().with_min_len(CONTACT_POINTS_PER_TASK).flat_map_iter(of_contact).collect()
     }
 
     /// The Gauss-Newton part of the Hessian as rank-one terms, one for each contact.
-    pub(super) fn terms(&self, touches: &[Touch], dofs: &Dofs) -> Vec<RankOne> {
-        let term = |t: &Touch| {
+    pub(super) fn terms(&self, contacts: &[ContactPair], dofs: &Dofs) -> Vec<RankOne> {
+        let term = |t: &ContactPair| {
             let p = &self.points[t.point];
             let nodes = p.terms().filter_map(|(node, weight)| {
                 let mut entry = t.normal * weight;
@@ -327,23 +307,23 @@ impl<'a> Contact<'a> {
             });
             RankOne { nodes: nodes.collect(), factor: self.stiffness * p.area }
         };
-        touches.iter().map(term).collect()
+        contacts.iter().map(term).collect()
     }
 
     /// Force of each body on the tissue, N.
-    pub(super) fn forces_by_body(&self, touches: &[Touch]) -> Vec<Vector> {
+    pub(super) fn forces_by_body(&self, contacts: &[ContactPair]) -> Vec<Vector> {
         let mut forces = vec![Vector::zeros(); self.bodies.len()];
-        for t in touches {
+        for t in contacts {
             forces[t.body] += t.normal * (self.points[t.point].area * t.pressure);
         }
         forces
     }
 
     /// Augmented Lagrangian update: the current pressures become the multipliers.
-    pub(super) fn augment(&mut self, touches: &[Touch]) {
+    pub(super) fn augment(&mut self, contacts: &[ContactPair]) {
         let n = self.bodies.len();
         self.multipliers.fill(0.0);
-        for t in touches {
+        for t in contacts {
             self.multipliers[t.point * n + t.body] = t.pressure;
         }
     }
@@ -365,9 +345,9 @@ impl<'a> Contact<'a> {
     }
 
     /// The released point that lies deepest in its body, relative to rest.
-    pub(super) fn sunk(&self, x: &[Vector], motions: &[Motion]) -> Option<Sunk> {
+    pub(super) fn bone_penetration(&self, x: &[Vector], motions: &[Motion]) -> Option<BonePenetration> {
         let n = self.bodies.len();
-        let mut deepest: Option<Sunk> = None;
+        let mut deepest: Option<BonePenetration> = None;
         for (pair, _) in self.released.iter().enumerate().filter(|(_, released)| **released) {
             let (point, body) = (pair / n, pair % n);
             let place = self.points[point].at(x);
@@ -378,8 +358,8 @@ impl<'a> Contact<'a> {
                 let points = 1 + deepest.map_or(0, |d| d.points);
                 let is_deepest = deepest.is_none_or(|d| depth_mm > d.depth_mm);
                 let found =
-                    if is_deepest { Some(Sunk { depth_mm, segment: b.segment, place, points }) } else { deepest };
-                deepest = found.map(|d| Sunk { points, ..d });
+                    if is_deepest { Some(BonePenetration { depth_mm, segment: b.segment, place, points }) } else { deepest };
+                deepest = found.map(|d| BonePenetration { points, ..d });
             }
         }
         deepest
@@ -463,59 +443,6 @@ impl<'a> Contact<'a> {
 }
 
 /// Largest penetration, mm.
-pub(super) fn penetration(touches: &[Touch]) -> f64 {
-    touches.iter().map(|t| -t.gap).fold(0.0, f64::max)
-}
-
-/// Mesh nodes that contact can act on.
-pub(super) fn contact_nodes(mesh: &MixedMesh) -> Vec<bool> {
-    let mut found = vec![false; mesh.positions.len()];
-    for point in contact_points(mesh) {
-        for (node, _) in point.terms() {
-            found[node as usize] = true;
-        }
-    }
-    found
-}
-
-fn contact_points(mesh: &MixedMesh) -> Vec<ContactPoint> {
-    let sliding = |n: u32| mesh.attachment[n as usize] == Attachment::Sliding;
-    let free = |n: u32| mesh.attachment[n as usize] == Attachment::Free;
-    let (mut vertex_area, mut vertex_inward) =
-        (vec![0.0; mesh.positions.len()], vec![Vector::zeros(); mesh.positions.len()]);
-    let inward_of = |face: &[u32; 3]| {
-        let [a, b, c] = face.map(|n| mesh.positions[n as usize]);
-        (c - a).cross(&(b - a))
-    };
-    let mut points = Vec::new();
-    let (whole, edge): (Vec<&[u32; 3]>, Vec<&[u32; 3]>) = (mesh.bone_faces.iter())
-        .filter(|face| face.iter().any(|&n| sliding(n)))
-        .partition(|face| !face.iter().any(|&n| free(n)));
-    for face in whole {
-        let inward = inward_of(face);
-        let area = 0.5 * inward.norm();
-        points.push(ContactPoint { nodes: *face, weights: [1.0 / 3.0; 3], area: 0.5 * area, inward });
-        for &n in face {
-            vertex_inward[n as usize] += inward;
-            vertex_area[n as usize] += area / 6.0;
-        }
-    }
-    // A vertex whose faces all have a free corner takes its share of those faces only.
-    let mut alone: Vec<(usize, Vector)> = Vec::new();
-    for face in edge {
-        for &n in face.iter().filter(|n| sliding(**n) && vertex_area[**n as usize] == 0.0) {
-            alone.push((n as usize, inward_of(face)));
-        }
-    }
-    for (node, inward) in alone {
-        vertex_inward[node] += inward;
-        vertex_area[node] += inward.norm() / 6.0;
-    }
-    for (node, &area) in vertex_area.iter().enumerate() {
-        if area > 0.0 && sliding(node as u32) {
-            let inward = vertex_inward[node];
-            points.push(ContactPoint { nodes: [node as u32; 3], weights: [1.0, 0.0, 0.0], area, inward });
-        }
-    }
-    points
+pub(super) fn penetration(contacts: &[ContactPair]) -> f64 {
+    contacts.iter().map(|t| -t.gap).fold(0.0, f64::max)
 }

@@ -12,13 +12,13 @@ use prosopon_geometry::{Motion, Point, Vector};
 
 /// Condition on the value of a generalised node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Hold {
+pub(super) enum Condition {
     /// Unknown, found by equilibrium.
     Free,
     /// Moves with a bone segment.
     Segment(u32),
     /// Stays at rest, except along axes with a prescribed displacement: at a cut boundary, or a node of no element.
-    Still,
+    Fixed,
 }
 
 /// Marks a generalised node that is not unknown.
@@ -27,7 +27,7 @@ const HELD: u32 = u32::MAX;
 /// Numbering of the unknown generalised nodes, in elimination order; each carries three unknowns.
 #[derive(Debug, Clone)]
 pub(super) struct Dofs {
-    hold: Vec<Hold>,
+    hold: Vec<Condition>,
     unknown: Vec<u32>,
     node_of: Vec<u32>,
     rest: Vec<Vector>,
@@ -39,7 +39,7 @@ pub(super) struct Dofs {
     /// Unknown nodes with held axes, and these axes.
     partly_held: Vec<(u32, u8)>,
     /// Tangent vectors of partly held nodes that are oblique to the axis and therefore stay free.
-    askew_tangents: usize,
+    oblique_tangents: usize,
     /// First of the unknown nodes that are eliminated last.
     first_last: usize,
     /// Whether an unknown node is a corner of the outer skin.
@@ -58,23 +58,23 @@ impl Dofs {
     ) -> Result<Self, SolveError> {
         let n_mesh_nodes = mesh.positions.len();
         let mut rest: Vec<Vector> = mesh.positions.iter().map(|p| p.coords).collect();
-        let mut hold: Vec<Hold> = mesh
+        let mut hold: Vec<Condition> = mesh
             .attachment
             .iter()
             .map(|a| match *a {
-                Attachment::Free | Attachment::Sliding => Hold::Free,
-                Attachment::Tied(segment) => Hold::Segment(segment),
-                Attachment::Fixed => Hold::Still,
+                Attachment::Free | Attachment::Sliding => Condition::Free,
+                Attachment::Tied(segment) => Condition::Segment(segment),
+                Attachment::Fixed => Condition::Fixed,
             })
             .collect();
         let attached = hold.clone();
         for (hold, axes) in hold.iter_mut().zip(&boundary.held_axes) {
             if *axes == ALL_AXES {
-                *hold = Hold::Still;
+                *hold = Condition::Fixed;
             }
         }
         let mut axes = boundary.held_axes.clone();
-        let mut askew_tangents = 0;
+        let mut oblique_tangents = 0;
         // A tangent vector has the condition of its node, so the rim of a region is clamped. Where three planes of symmetry meet,
         // only the node is fixed: its tangents stay in the planes.
         let mut owner: Vec<u32> = (0..n_mesh_nodes as u32).collect();
@@ -85,8 +85,8 @@ impl Dofs {
                     hold.push(attached[node as usize]);
                     owner.push(node);
                     if let Some(&held) = boundary.held_axes.get(node as usize) {
-                        let (of_tangent, is_askew) = axes_of_tangent(held, tangent);
-                        askew_tangents += usize::from(is_askew && attached[node as usize] == Hold::Free);
+                        let (of_tangent, is_oblique) = axes_of_tangent(held, tangent);
+                        oblique_tangents += usize::from(is_oblique && attached[node as usize] == Condition::Free);
                         axes.push(of_tangent);
                     }
                 }
@@ -100,12 +100,12 @@ impl Dofs {
         }
         for (hold, used) in hold.iter_mut().zip(&used) {
             if !used {
-                *hold = Hold::Still;
+                *hold = Condition::Fixed;
             }
         }
         check_support(mesh, &boundary.held_axes)?;
 
-        let free: Vec<bool> = hold.iter().map(|h| *h == Hold::Free).collect();
+        let free: Vec<bool> = hold.iter().map(|h| *h == Condition::Free).collect();
         let node_of = ordering::elimination_order(blocks, &free, &owner, last)?;
         let mut outer = vec![false; rest.len()];
         mesh.prisms.iter().flat_map(|p| &p[..3]).for_each(|&node| outer[node as usize] = true);
@@ -130,7 +130,7 @@ impl Dofs {
             axes,
             prescribed,
             partly_held,
-            askew_tangents,
+            oblique_tangents,
             first_last,
             visible,
         })
@@ -143,7 +143,7 @@ impl Dofs {
 
     /// Whether a generalised node stays at rest whatever motion the bones make.
     pub(super) fn is_still(&self, node: usize) -> bool {
-        self.hold[node] == Hold::Still
+        self.hold[node] == Condition::Fixed
     }
 
     /// Number of unknown generalised nodes (three unknowns each).
@@ -184,7 +184,7 @@ impl Dofs {
     }
 
     /// Condition on each generalised node.
-    pub(super) fn holds(&self) -> &[Hold] {
+    pub(super) fn holds(&self) -> &[Condition] {
         &self.hold
     }
 
@@ -197,17 +197,17 @@ impl Dofs {
     pub(super) fn prescribe(&self, motion: impl Fn(u32) -> Motion, share: f64, x: &mut [Vector]) {
         for (node, hold) in self.hold.iter().enumerate() {
             match *hold {
-                Hold::Free => {
+                Condition::Free => {
                     if let Some(along) = self.prescribed.get(node) {
                         for axis in axes_in(self.axes_of(node)) {
                             x[node][axis] = self.rest[node][axis] + share * along[axis];
                         }
                     }
                 }
-                Hold::Still => {
+                Condition::Fixed => {
                     x[node] = self.rest[node] + self.prescribed.get(node).map_or_else(Vector::zeros, |u| u * share);
                 }
-                Hold::Segment(segment) => {
+                Condition::Segment(segment) => {
                     let m = motion(segment);
                     x[node] = if self.is_position(node) {
                         (m * Point::from(self.rest[node])).coords
@@ -253,12 +253,12 @@ impl Dofs {
             let change = motion(segment) * Point::from(self.rest[node]) - Point::from(self.rest[node]);
             axes_in(self.axes_of(node)).any(|axis| change[axis].abs() > tolerance)
         };
-        (0..self.n_mesh_nodes).filter(|&n| matches!(self.hold[n], Hold::Segment(s) if torn(n, s))).count()
+        (0..self.n_mesh_nodes).filter(|&n| matches!(self.hold[n], Condition::Segment(s) if torn(n, s))).count()
     }
 
     /// Number of tangent vectors that a plane of symmetry should hold but that are oblique to it.
-    pub(super) fn askew_tangents(&self) -> usize {
-        self.askew_tangents
+    pub(super) fn oblique_tangents(&self) -> usize {
+        self.oblique_tangents
     }
 
     /// Largest change of a position on the outer skin in `d`, mm; of all positions when there is no skin.
@@ -284,11 +284,11 @@ impl Dofs {
 /// tangents stay free, and the second value is true.
 fn axes_of_tangent(held: u8, tangent: &Vector) -> (u8, bool) {
     let direction = tangent.normalize();
-    let is_askew = axes_in(held).any(|a| (ALIGNED..=1.0 - ALIGNED).contains(&direction[a].abs()));
+    let is_oblique = axes_in(held).any(|a| (ALIGNED..=1.0 - ALIGNED).contains(&direction[a].abs()));
     let across =
         axes_in(held).filter(|&a| direction[a].abs() > 1.0 - ALIGNED).fold(0, |bits, a| bits | (ALL_AXES & !(1 << a)));
     let along = axes_in(held).filter(|&a| direction[a].abs() < ALIGNED).fold(0, |bits, a| bits | 1 << a);
-    (across | along, is_askew)
+    (across | along, is_oblique)
 }
 
 #[cfg(test)]

@@ -4,9 +4,9 @@ use super::tuning::NEAR_MM;
 use super::assembly::{Assembly, Curvature, Inversion};
 #[cfg(test)]
 use super::contact::Curved;
-use super::contact::{Contact, Touch, penetration};
+use super::contact::{Contact, ContactPair, penetration};
 use super::axes::axes_in;
-use super::dofs::{Dofs, Hold};
+use super::dofs::{Dofs, Condition};
 use super::linear_solve::LinearSolver;
 use super::report::{IterationRecord, PhaseTimes};
 use prosopon_geometry::control::Clock;
@@ -54,7 +54,7 @@ pub(super) struct Equations<'a> {
     /// Active pairs of contact point and body in the last quadratic model, ascending.
     pub(super) active: Vec<(usize, usize)>,
     /// Contact forces by unknown node from the last converged condensed contact solve, ascending, N.
-    pub(super) settled_forces: Vec<(u32, Vector)>,
+    pub(super) contact_forces: Vec<(u32, Vector)>,
     pub(super) forces: Vec<Vector>,
     pub(super) residual: Vec<f64>,
     pub(super) failed_at: Vec<Vector>,
@@ -80,7 +80,7 @@ pub(super) struct Balance {
     pub(super) energy: f64,
     pub(super) residual_n: f64,
     pub(super) reaction_n: f64,
-    pub(super) touches: Vec<Touch>,
+    pub(super) touches: Vec<ContactPair>,
 }
 
 impl<'a> Equations<'a> {
@@ -111,7 +111,7 @@ impl<'a> Equations<'a> {
             assembled: None,
             factored: None,
             active: Vec::new(),
-            settled_forces: Vec::new(),
+            contact_forces: Vec::new(),
             forces,
             residual,
             failed_at: Vec::new(),
@@ -142,7 +142,7 @@ impl<'a> Equations<'a> {
 
     /// Total energy (mJ) and largest penetration (mm) at `x`.
     pub(super) fn energy(&self, x: &[Vector], motions: &[Motion]) -> Result<(f64, f64), Inversion> {
-        let touches = self.contact.touches(x, motions);
+        let touches = self.contact.active_contacts(x, motions);
         let energy = self.assembly.energy(x)? + self.contact.energy(&touches) - self.work_of_loads(x);
         Ok((energy, penetration(&touches)))
     }
@@ -170,7 +170,7 @@ impl<'a> Equations<'a> {
     /// [`Equations::balance`] when the elements' energy is known and their forces at `x` are in `self.forces`.
     pub(super) fn weigh(&mut self, elastic: f64, x: &[Vector], motions: &[Motion]) -> Balance {
         let begin = (self.clock)();
-        let touches = self.contact.touches(x, motions);
+        let touches = self.contact.active_contacts(x, motions);
         let searched = (self.clock)();
         self.times.contact_s += searched - begin;
         let energy = elastic + self.contact.energy(&touches) - self.work_of_loads(x);
@@ -180,7 +180,7 @@ impl<'a> Equations<'a> {
         for (node, hold) in self.dofs.holds().iter().enumerate() {
             let scale = self.unit(node);
             reaction += scale * scale * pushed[node].norm_squared();
-            if *hold != Hold::Free {
+            if *hold != Condition::Free {
                 reaction += scale * scale * self.forces[node].norm_squared();
             } else {
                 let held = axes_in(self.dofs.axes_of(node)).map(|axis| self.forces[node][axis].powi(2));
@@ -204,14 +204,14 @@ impl<'a> Equations<'a> {
 
     /// Computes the exact stiffness of elements and contact at `x` in `self.values`.
     #[cfg(test)]
-    pub(super) fn stiffness(&mut self, x: &[Vector], touches: &[Touch], motions: &[Motion]) -> Result<(), Inversion> {
+    pub(super) fn stiffness(&mut self, x: &[Vector], touches: &[ContactPair], motions: &[Motion]) -> Result<(), Inversion> {
         self.assembly.tangent(x, Curvature::Exact, &mut self.forces, &mut self.elastic)?;
         self.add_contact(touches, Some(Curved { x, motions, share: 1.0 }));
         Ok(())
     }
 
     /// Contacts that may become active within one Newton step.
-    pub(super) fn near(&mut self, x: &[Vector], motions: &[Motion]) -> Vec<Touch> {
+    pub(super) fn near(&mut self, x: &[Vector], motions: &[Motion]) -> Vec<ContactPair> {
         let begin = (self.clock)();
         let near = self.contact.near(x, motions, NEAR_MM);
         self.times.contact_s += (self.clock)() - begin;
@@ -260,10 +260,10 @@ impl<'a> Equations<'a> {
     /// Force of each segment on the tissue at `x`, from tied nodes and contact, N.
     pub(super) fn reactions(&mut self, x: &[Vector], motions: &[Motion], segments: &[u32]) -> Vec<(u32, [f64; 3])> {
         let mut sums = vec![Vector::zeros(); segments.len()];
-        let touches = self.contact.touches(x, motions);
+        let touches = self.contact.active_contacts(x, motions);
         if self.balance(x, motions).is_ok() {
             for (node, hold) in self.dofs.holds().iter().enumerate() {
-                if let (Hold::Segment(segment), true) = (hold, self.dofs.is_position(node))
+                if let (Condition::Segment(segment), true) = (hold, self.dofs.is_position(node))
                     && let Ok(place) = segments.binary_search(segment)
                 {
                     sums[place] += self.forces[node];

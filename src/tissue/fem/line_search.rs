@@ -8,7 +8,7 @@ use prosopon_geometry::{Motion, Vector};
 
 /// Reason why no step was taken.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Cut {
+pub(super) enum NoStep {
     /// An element would be inverted by the shortest step.
     Inverted(Inversion),
     /// The energy does not decrease along the direction.
@@ -29,13 +29,13 @@ pub(super) struct Start {
 }
 
 /// Share of the step `d` to take from `x`.
-pub(super) fn along(
+pub(super) fn search(
     equations: &mut Equations<'_>,
     x: &[Vector],
     motions: &[Motion],
     d: &[f64],
     start: &Start,
-) -> Result<f64, Cut> {
+) -> Result<f64, NoStep> {
     let Start { energy, slope, depth, unstable } = *start;
     let deepest = depth.max(MAX_CONTACT_MOTION_MM);
     let mut step = 1.0;
@@ -67,7 +67,7 @@ pub(super) fn along(
             }
         }
     }
-    Err(inverted.map_or(Cut::NoDescent, Cut::Inverted))
+    Err(inverted.map_or(NoStep::NoDescent, NoStep::Inverted))
 }
 
 /// Doubles the step while the energy, `energy` at the full step, keeps decreasing.

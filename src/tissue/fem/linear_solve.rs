@@ -41,15 +41,15 @@ pub(super) struct LinearSolver {
     /// Compliance of the nodes on which contact has acted since the factor was computed.
     compliance: Option<Compliance>,
     /// Whether the factor includes contact, because the elements alone are not stable.
-    whole: bool,
+    includes_contact: bool,
     factorisations: usize,
     clock: Clock,
     /// Time of factorisations and of solves, s.
     times: (f64, f64),
     /// Whether the factor must be computed anew for the next matrix.
-    stale: bool,
+    is_stale: bool,
     /// Extra iterations so far that were caused by the factor's age.
-    lost: usize,
+    extra_iterations: usize,
 }
 
 /// Preconditioner of the conjugate gradients.
@@ -105,12 +105,12 @@ impl LinearSolver {
             preconditioner,
             low_rank: None,
             compliance: None,
-            whole: false,
+            includes_contact: false,
             factorisations: 0,
             clock,
             times: (0.0, 0.0),
-            stale: false,
-            lost: 0,
+            is_stale: false,
+            extra_iterations: 0,
         }
     }
 
@@ -147,13 +147,13 @@ impl LinearSolver {
     }
 
     /// Whether there is a factor and it may be used for the next matrix.
-    pub(super) fn serves(&self) -> bool {
-        self.has_factor() && !self.stale
+    pub(super) fn is_usable(&self) -> bool {
+        self.has_factor() && !self.is_stale
     }
 
     /// Whether the preconditioner can be rebuilt from the elements alone, without contact.
     pub(super) fn can_be_restored(&self) -> bool {
-        !self.whole
+        !self.includes_contact
     }
 
     /// Inverse tensors with which the vertices are relaxed; `None` without relaxation.
@@ -170,7 +170,7 @@ impl LinearSolver {
             Preconditioner::Factor { .. } => None,
             Preconditioner::Vertices(inverses) => {
                 *inverses = tensors;
-                self.stale = false;
+                self.is_stale = false;
                 Some(())
             }
         }
@@ -197,23 +197,23 @@ impl LinearSolver {
 
     /// Marks the factor as stale, so that the next system is factorised at once.
     pub(super) fn refresh(&mut self) {
-        self.stale = true;
+        self.is_stale = true;
     }
 
     /// Factorises the elements' matrix when there is no usable factor.
     pub(super) fn prepare(&mut self, pattern: &Pattern, elastic: &[f64]) {
-        if !self.relaxes() && !self.serves() {
+        if !self.relaxes() && !self.is_usable() {
             let begin = (self.clock)();
             // A failure is reported when the system is solved.
-            self.stale = self.factorise(pattern, elastic, elastic, false, false).is_err();
+            self.is_stale = self.factorise(pattern, elastic, elastic, false, false).is_err();
             self.times.0 += (self.clock)() - begin;
         }
     }
 
     /// Sets the low-rank correction for the contact terms.
-    fn correct(&mut self, contact: &[RankOne]) {
+    fn set_contact_correction(&mut self, contact: &[RankOne]) {
         self.low_rank = None;
-        if contact.is_empty() || self.whole || self.relaxes() || !self.has_factor() {
+        if contact.is_empty() || self.includes_contact || self.relaxes() || !self.has_factor() {
             return;
         }
         let nodes = contact.iter().flat_map(|t| t.nodes.iter().map(|(node, _)| *node));
@@ -223,7 +223,7 @@ impl LinearSolver {
     /// Approximate solution of `A x = b` by the current factor and the terms `contact`, without conjugate gradients.
     pub(super) fn estimate(&mut self, contact: &[RankOne], b: &[f64]) -> Vec<f64> {
         let begin = (self.clock)();
-        self.correct(contact);
+        self.set_contact_correction(contact);
         let mut x = b.to_vec();
         self.precondition(&mut x);
         self.times.1 += (self.clock)() - begin;
@@ -232,7 +232,7 @@ impl LinearSolver {
 
     /// `L⁻¹ b` of the current factor. `None` when there is no usable one, or when it includes contact.
     pub(super) fn forward(&mut self, b: &[f64]) -> Option<Vec<f64>> {
-        if self.whole || !self.serves() {
+        if self.includes_contact || !self.is_usable() {
             return None;
         }
         let begin = (self.clock)();
@@ -311,11 +311,11 @@ impl LinearSolver {
         let mut at = Iterate { r: b.to_vec(), start: norm_sq, iterations: 0 };
         let (mut factorised, mut whole) = (false, false);
         let begin = (self.clock)();
-        self.correct(contact);
+        self.set_contact_correction(contact);
         self.times.1 += (self.clock)() - begin;
         loop {
             let fresh = factorised;
-            if fresh || (self.serves() && self.lost <= MAX_EXTRA_ITERATIONS) {
+            if fresh || (self.is_usable() && self.extra_iterations <= MAX_EXTRA_ITERATIONS) {
                 let limit = match (self.relaxes(), fresh) {
                     (true, _) => MAX_RELAXATIONS,
                     (false, true) => MAX_WITH_NEW,
@@ -326,12 +326,12 @@ impl LinearSolver {
                 self.times.1 += (self.clock)() - begin;
                 match outcome {
                     Outcome::Solved => {
-                        self.lose(at.iterations.saturating_sub(1));
+                        self.add_loss(at.iterations.saturating_sub(1));
                         return Ok(Work { factorised, cg_iterations: at.iterations });
                     }
                     Outcome::Indefinite => return Err(Indefinite),
                     // The curvature of contact may be too large for the Gauss-Newton terms of the correction.
-                    Outcome::Slow if fresh && !self.whole && !contact.is_empty() => whole = true,
+                    Outcome::Slow if fresh && !self.includes_contact && !contact.is_empty() => whole = true,
                     Outcome::Slow if fresh && self.is_double() => {
                         // A new factor in double precision is the best preconditioner available.
                         return Ok(Work { factorised, cg_iterations: at.iterations });
@@ -344,21 +344,21 @@ impl LinearSolver {
             let done = self.factorise(pattern, values, elastic, whole, !contact.is_empty());
             self.times.0 += (self.clock)() - begin;
             done?;
-            self.correct(contact);
+            self.set_contact_correction(contact);
             factorised = true;
-            self.stale = false;
+            self.is_stale = false;
         }
     }
 
     /// Extra iterations so far that were caused by the factor's age.
-    pub(super) fn lost(&self) -> usize {
-        self.lost
+    pub(super) fn extra_iterations(&self) -> usize {
+        self.extra_iterations
     }
 
     /// Adds iterations caused by the factor's age. Once they cost as much as a factorisation, the next system is factorised.
-    pub(super) fn lose(&mut self, iterations: usize) {
-        if !self.relaxes() && !self.whole {
-            self.lost += iterations;
+    pub(super) fn add_loss(&mut self, iterations: usize) {
+        if !self.relaxes() && !self.includes_contact {
+            self.extra_iterations += iterations;
         }
     }
 
@@ -371,7 +371,7 @@ impl LinearSolver {
         touches: bool,
     ) -> Result<(), Indefinite> {
         (self.low_rank, self.compliance) = (None, None);
-        self.lost = 0;
+        self.extra_iterations = 0;
         match &mut self.preconditioner {
             Preconditioner::Factor { symbolic, single, double } => {
                 let mut factorise = |values: &[f64]| {
@@ -386,8 +386,8 @@ impl LinearSolver {
                     Arc::get_mut(single).ok_or(Indefinite)?.factorise(values)
                 };
                 let of_elements = if whole { Err(Indefinite) } else { factorise(elastic) };
-                self.whole = touches && of_elements.is_err();
-                if self.whole { factorise(values) } else { of_elements }
+                self.includes_contact = touches && of_elements.is_err();
+                if self.includes_contact { factorise(values) } else { of_elements }
             }
             Preconditioner::Vertices(inverses) => {
                 *inverses = pattern.inverse_diagonal(values).ok_or(Indefinite)?;

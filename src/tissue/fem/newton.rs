@@ -2,10 +2,10 @@
 
 use super::tuning::{COARSE_DISPLACEMENT, COARSE_RESIDUAL, CONDENSED_ITERATIONS, CONDENSED_MAX_RATIO, DISPLACEMENT_TOLERANCE, DISPLAY_STEP_MM, MAX_MULTIPLIER_UPDATES, PART_CURVATURE_BELOW_MM, PART_CURVATURE_SHARE, WHOLE_CURVATURE_BELOW_MM};
 use super::assembly::Curvature;
-use super::contact::{Touch, penetration};
+use super::contact::{ContactPair, penetration};
 use super::equations::{Balance, Equations};
 use super::failure::Failure;
-use super::line_search::{self, Cut, Start};
+use super::line_search::{self, NoStep, Start};
 use super::dot::dot;
 use super::quadratic_model::Bend;
 use super::report::IterationRecord;
@@ -20,7 +20,7 @@ pub(super) struct Equilibrium {
     pub(super) relative_residual: f64,
     /// Largest remaining displacement, estimated with the current factor, mm.
     pub(super) remaining_mm: f64,
-    pub(super) touches: Vec<Touch>,
+    pub(super) touches: Vec<ContactPair>,
 }
 
 impl Equations<'_> {
@@ -121,7 +121,7 @@ impl Equations<'_> {
             let (d, balance) = self.direction(x, motions, balance, &mut curvature, &mut bend, forcing, &mut record)?;
             let slope = dot(&d, &self.residual);
             let (begin, before) = ((self.clock)(), self.times().total_s());
-            let taken = line_search::along(
+            let taken = line_search::search(
                 self,
                 x,
                 motions,
@@ -173,8 +173,8 @@ impl Equations<'_> {
                         continue;
                     }
                     return Err(match cut {
-                        Cut::Inverted(at) => Failure::Inverted(at),
-                        Cut::NoDescent => Failure::NotConverged {
+                        NoStep::Inverted(at) => Failure::Inverted(at),
+                        NoStep::NoDescent => Failure::NotConverged {
                             iterations: iteration + 1,
                             residual_n: balance.residual_n,
                             tolerance_n: tolerance,

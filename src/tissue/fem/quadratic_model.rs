@@ -2,8 +2,8 @@
 
 use super::tuning::{MAX_CONTACT_MOTION_MM, DOUBTFUL_MM, FORCING_OF_PREDICTION, MAX_ACTIVE_SETS, NEGLIGIBLE_CHANGES, TRUSTED_MM};
 use super::assembly::Curvature;
-use super::condensed::Way;
-use super::contact::{Curved, Touch};
+use super::condensed::StepPath;
+use super::contact::{Curved, ContactPair};
 use super::equations::Equations;
 use super::factor::Indefinite;
 use super::dot::dot;
@@ -25,7 +25,7 @@ pub(super) struct Bend {
 
 impl Equations<'_> {
     /// Computes `self.values` from the stiffness of the elements and of `touches`.
-    pub(super) fn add_contact(&mut self, touches: &[Touch], curved: Option<Curved<'_>>) {
+    pub(super) fn add_contact(&mut self, touches: &[ContactPair], curved: Option<Curved<'_>>) {
         self.values.copy_from_slice(&self.elastic);
         let (pattern, values) = (self.assembly.pattern(), &mut self.values);
         self.contact.hessian(touches, curved, &self.dofs, |row, column, block| pattern.add(row, column, block, values));
@@ -51,8 +51,8 @@ impl Equations<'_> {
         self.prepare();
         self.dofs.restrict(load, &mut rhs);
         let settles = self.settles && !self.contact.is_empty();
-        let settled = if settles { self.settle_contact(x, motions, &rhs) } else { None };
-        let (near, mut active, mut curved): (Vec<Touch>, Vec<Touch>, _) = match &settled {
+        let settled = if settles { self.solve_condensed(x, motions, &rhs) } else { None };
+        let (near, mut active, mut curved): (Vec<ContactPair>, Vec<ContactPair>, _) = match &settled {
             Some(settled) => {
                 d.copy_from_slice(&settled.d);
                 let bent = (settled.curved && bend.settled).then_some(Curved { x: &settled.x, motions, share: 1.0 });
@@ -110,7 +110,7 @@ impl Equations<'_> {
                 continue;
             }
             d.iter_mut().zip(&change).for_each(|(d, c)| *d += c);
-            let next: Vec<Touch> =
+            let next: Vec<ContactPair> =
                 near.iter().filter(|t| self.contact.pressure_after(t, &self.dofs, &d) > 0.0).copied().collect();
             let changes = differing(&next, &active);
             active = next;
@@ -118,7 +118,7 @@ impl Equations<'_> {
                 break;
             }
         }
-        self.active = active.iter().map(Touch::pair).collect();
+        self.active = active.iter().map(ContactPair::pair).collect();
         Ok(d)
     }
 
@@ -149,15 +149,15 @@ impl Equations<'_> {
             self.dofs.restrict(by_node, &mut gradient);
             gradient
         });
-        let kept = self.settled_forces.clone();
+        let kept = self.contact_forces.clone();
         let all_the_way = &motions(1.0);
         for curvature in [Curvature::Exact, Curvature::Projected] {
             self.tangent(x, curvature)?;
             let mut record = IterationRecord::default();
             self.prepare();
-            let way = Way { length_mm, x: [x, &target], gradients: [&gradients[0], &gradients[1]], motions };
-            if self.follow_contact(&way).is_none() {
-                self.settled_forces.clone_from(&kept);
+            let way = StepPath { length_mm, x: [x, &target], gradients: [&gradients[0], &gradients[1]], motions };
+            if self.track_contact(&way).is_none() {
+                self.contact_forces.clone_from(&kept);
             }
             let motions = all_the_way;
             if let Ok(d) = self.minimise_model(&target, motions, &load, &mut Bend::default(), FORCING_OF_PREDICTION, &mut record) {
@@ -175,7 +175,7 @@ impl Equations<'_> {
 }
 
 /// Number of points in exactly one of two sets, each in the order of points.
-fn differing(a: &[Touch], b: &[Touch]) -> usize {
-    let common = a.iter().filter(|t| b.binary_search_by_key(&t.pair(), Touch::pair).is_ok()).count();
+fn differing(a: &[ContactPair], b: &[ContactPair]) -> usize {
+    let common = a.iter().filter(|t| b.binary_search_by_key(&t.pair(), ContactPair::pair).is_ok()).count();
     a.len() + b.len() - 2 * common
 }

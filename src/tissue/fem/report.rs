@@ -86,7 +86,7 @@ impl StepOutcome {
 
 /// Boundary points on which contact does not act and that lie deeper in bone than at rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sunk {
+pub struct BonePenetration {
     /// Depth of the deepest point, relative to rest, mm.
     pub depth_mm: f64,
     /// Segment that this point lies in.
@@ -97,7 +97,7 @@ pub struct Sunk {
     pub points: usize,
 }
 
-impl Sunk {
+impl BonePenetration {
     /// Warning about this depth; `None` when it is small.
     #[must_use]
     pub fn warning(&self) -> Option<String> {
@@ -116,7 +116,7 @@ impl StepReport {
     /// Largest depth in bone, relative to rest, of any boundary point that no bone holds, mm.
     #[must_use]
     pub fn deepest_mm(&self) -> f64 {
-        self.max_penetration_mm.max(self.sunk.map_or(0.0, |sunk| sunk.depth_mm))
+        self.max_penetration_mm.max(self.bone_penetration.map_or(0.0, |bone_penetration| bone_penetration.depth_mm))
     }
 }
 
@@ -143,7 +143,7 @@ pub struct StepReport {
     /// Largest penetration of a contact point, mm; 0 without active contacts.
     pub max_penetration_mm: f64,
     /// Boundary points without contact that have penetrated bone; `None` when there are none.
-    pub sunk: Option<Sunk>,
+    pub bone_penetration: Option<BonePenetration>,
     /// Number of active contact points.
     pub active_contacts: usize,
     /// For each segment, the total force of its tied nodes and its contact on the tissue, N.

@@ -2,7 +2,7 @@
 
 use super::tuning::{ENERGY_NOISE, CONTACT_STIFFNESS, FORCE_FLOOR};
 use super::assembly::{Assembly, Curvature, Law, Part};
-use super::contact::{Contact, Unguarded, contact_nodes, unguarded_points};
+use super::contact::{Contact, NoncontactPoints, contact_nodes, noncontact_points};
 use super::dofs::Dofs;
 use super::element::{self, C1Surface, ElementBlock, MeshCell};
 use super::equations::{Equations, Limits};
@@ -43,7 +43,7 @@ pub struct Prepared {
     rest: Arc<Vec<f64>>,
     loads: Vec<Vector>,
     /// Boundary points on which contact does not act.
-    unguarded: Arc<Vec<[u32; 3]>>,
+    noncontact: Arc<Vec<[u32; 3]>>,
     /// MPa/mm.
     contact_stiffness: f64,
     limits: Limits,
@@ -92,7 +92,7 @@ impl Prepared {
         // Contact changes in every iteration. Its nodes are eliminated last, so that most of the factor stays valid.
         let relaxes = settings.model == Model::MassTensor;
         let guarded = if touching { contact_nodes(mesh) } else { Vec::new() };
-        let unguarded = if touching { unguarded_points(mesh, &guarded) } else { Vec::new() };
+        let noncontact = if touching { noncontact_points(mesh, &guarded) } else { Vec::new() };
         let last = if relaxes { Vec::new() } else { guarded };
         let dofs = Dofs::new(mesh, boundary, surface.as_ref(), &coupled, &last)?;
         if dofs.n_unknown() == 0 {
@@ -139,7 +139,7 @@ impl Prepared {
             factor: None,
             rest: Arc::default(),
             loads,
-            unguarded: Arc::new(unguarded),
+            noncontact: Arc::new(noncontact),
             contact_stiffness: settings.contact_stiffness_factor * CONTACT_STIFFNESS * scale.modulus
                 / scale.thickness_mm,
             limits,
@@ -203,13 +203,13 @@ impl Prepared {
     }
 
     /// Time and factorisations of the preparation for the first caller; zeros for later ones.
-    pub(super) fn untold_work(&self) -> (PhaseTimes, usize) {
+    pub(super) fn unreported_work(&self) -> (PhaseTimes, usize) {
         if self.told.swap(true, Ordering::Relaxed) { Default::default() } else { (self.times, self.factorisations) }
     }
 
     /// The points of `mesh` on which contact does not act, with their depths in `bodies` at rest.
-    pub(super) fn unguarded(&self, mesh: &MixedMesh, bodies: &[ContactBody<'_>]) -> Unguarded {
-        Unguarded::new(Arc::clone(&self.unguarded), mesh, bodies)
+    pub(super) fn noncontact(&self, mesh: &MixedMesh, bodies: &[ContactBody<'_>]) -> NoncontactPoints {
+        NoncontactPoints::new(Arc::clone(&self.noncontact), mesh, bodies)
     }
 
     /// Sets up the equations; the second value holds warnings.

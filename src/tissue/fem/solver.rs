@@ -1,13 +1,13 @@
 //! Static equilibrium of one mesh under moving bone, advanced along a path.
 
 use super::tuning::{CONTACT_MOTION_MARGIN, MAX_CONTACT_MOTION_MM, CONTACT_REACH_MM, HELD_TOLERANCE_MM, MAX_HALVINGS, MAX_RELEASES, MAX_WASTED, PASSAGE_MOTION_MM, SQUEEZED};
-use super::contact::{Passage, Unguarded};
+use super::contact::{Passage, NoncontactPoints};
 use super::element::C1Surface;
 use super::equations::Equations;
 use super::error::SolveError;
 use super::failure::Failure;
 use super::newton::Equilibrium;
-use super::report::{CellState, IterationRecord, PhaseTimes, StepOutcome, StepReport, Sunk};
+use super::report::{CellState, IterationRecord, PhaseTimes, StepOutcome, StepReport, BonePenetration};
 use super::settings::{Boundary, ContactBody, SolveSettings, UnstableMaterial};
 use super::setup::Prepared;
 use super::{diagnosis, setup};
@@ -23,7 +23,7 @@ pub struct Solver<'a> {
     surface: Option<Arc<C1Surface>>,
     settings: SolveSettings,
     pub(super) equations: Equations<'a>,
-    unguarded: Unguarded,
+    noncontact: NoncontactPoints,
     /// Segments whose reactions are reported, ascending.
     segments: Vec<u32>,
     pub(super) state: State,
@@ -32,7 +32,7 @@ pub struct Solver<'a> {
     /// Whether stable materials have replaced those requested.
     pub(super) stabilised: bool,
     /// Whether a warning has been given of tissue that passed through bone, and of tissue that slipped round a rim.
-    pub(super) told_passage: [bool; 2],
+    pub(super) warned_passage: [bool; 2],
     /// Warnings collected so far; the next report includes them.
     warnings: Vec<String>,
     /// Times and factorisations of the preparation, when this is the first solver over it; the first report includes them.
@@ -94,7 +94,7 @@ impl<'a> Solver<'a> {
         segments.sort_unstable();
         segments.dedup();
         let (mut equations, warnings) = prepared.equations(mesh, bodies, control)?;
-        let unguarded = prepared.unguarded(mesh, equations.contact.bodies());
+        let noncontact = prepared.noncontact(mesh, equations.contact.bodies());
         equations.times.setup_s = (control.clock())() - begin;
         let state = State { t: 0.0, x: equations.dofs.rest().to_vec(), motions: Vec::new() };
         control.report(1.0);
@@ -103,14 +103,14 @@ impl<'a> Solver<'a> {
             surface: prepared.surface.clone(),
             settings: prepared.settings.clone(),
             equations,
-            unguarded,
+            noncontact,
             segments,
             state,
             substep: f64::INFINITY,
             stabilised: false,
-            told_passage: [false; 2],
+            warned_passage: [false; 2],
             warnings,
-            preparation: prepared.untold_work(),
+            preparation: prepared.unreported_work(),
         })
     }
 
@@ -160,9 +160,9 @@ impl<'a> Solver<'a> {
                 Err(Failure::Cancelled) => return Err(prosopon_geometry::control::Cancelled.into()),
                 Err(failure) => {
                     report.halvings += 1;
-                    report.in_vain += self.equations.records.len() - before;
+                    report.wasted += self.equations.records.len() - before;
                     self.substep = 0.5 * length;
-                    let is_spent = report.in_vain > MAX_WASTED || report.halvings > MAX_HALVINGS;
+                    let is_spent = report.wasted > MAX_WASTED || report.halvings > MAX_HALVINGS;
                     if self.substep < self.settings.min_substep || length == 0.0 || is_spent {
                         if self.stabilise(goal) {
                             self.substep = length;
@@ -183,7 +183,7 @@ impl<'a> Solver<'a> {
     ///
     /// # Errors
     /// As [`Solver::advance`].
-    pub fn approach(
+    pub fn advance_for_display(
         &mut self,
         t: f64,
         motions: &dyn Fn(f64) -> Vec<(u32, Motion)>,
@@ -196,7 +196,7 @@ impl<'a> Solver<'a> {
     }
 
     /// Drops warnings and times that another solver has already reported.
-    pub(super) fn forget_untold(&mut self) {
+    pub(super) fn forget_reported(&mut self) {
         self.warnings.clear();
         self.preparation = Default::default();
     }
@@ -314,7 +314,7 @@ impl<'a> Solver<'a> {
         for round_a_rim in [false, true] {
             let of_kind: Vec<&Passage> = passages.iter().filter(|p| p.round_a_rim == round_a_rim).collect();
             let Some(Passage { body, place, .. }) = of_kind.first() else { continue };
-            if std::mem::replace(&mut self.told_passage[usize::from(round_a_rim)], true) {
+            if std::mem::replace(&mut self.warned_passage[usize::from(round_a_rim)], true) {
                 continue;
             }
             let segment = self.equations.contact.bodies()[*body].segment;
@@ -403,10 +403,10 @@ impl<'a> Solver<'a> {
                 "{torn} tied nodes are also held along an axis in which their segment moves; they stay at rest along it"
             ));
         }
-        let askew = self.equations.dofs.askew_tangents();
-        if askew > 0 {
+        let oblique = self.equations.dofs.oblique_tangents();
+        if oblique > 0 {
             warnings.push(format!(
-                "{askew} tangents of C1 prisms at nodes held along an axis are oblique to it and stay free: there the surface \
+                "{oblique} tangents of C1 prisms at nodes held along an axis are oblique to it and stay free: there the surface \
                  need not meet the plane of symmetry at a right angle"
             ));
         }
@@ -419,8 +419,8 @@ impl<'a> Solver<'a> {
         };
         warnings.extend(outcome.fault().map(|fault| format!("{fault}: the result of this step is unreliable")));
         let body_motions = self.body_motions(&self.state.motions);
-        let free = self.unguarded.deepest(&self.state.x, self.equations.contact.bodies(), &body_motions);
-        let sunk = deeper(free, self.equations.contact.sunk(&self.state.x, &body_motions));
+        let free = self.noncontact.deepest(&self.state.x, self.equations.contact.bodies(), &body_motions);
+        let bone_penetration = deeper(free, self.equations.contact.bone_penetration(&self.state.x, &body_motions));
         let reactions_n = self.equations.reactions(&self.state.x, &body_motions, &self.segments);
         StepReport {
             outcome,
@@ -431,7 +431,7 @@ impl<'a> Solver<'a> {
             remaining_mm: found.remaining_mm,
             min_det_f,
             max_penetration_mm: super::contact::penetration(&found.touches),
-            sunk,
+            bone_penetration,
             active_contacts: found.touches.len(),
             reactions_n,
             unknowns: self.equations.dofs.n_scalar(),
@@ -448,15 +448,15 @@ struct Progress {
     iterations: usize,
     halvings: usize,
     /// Iterations of substeps that did not converge.
-    in_vain: usize,
+    wasted: usize,
 }
 
 /// The deeper of two, with the sum of their point counts.
-fn deeper(a: Option<Sunk>, b: Option<Sunk>) -> Option<Sunk> {
+fn deeper(a: Option<BonePenetration>, b: Option<BonePenetration>) -> Option<BonePenetration> {
     match (a, b) {
         (Some(a), Some(b)) => {
             let points = a.points + b.points;
-            Some(Sunk { points, ..if b.depth_mm > a.depth_mm { b } else { a } })
+            Some(BonePenetration { points, ..if b.depth_mm > a.depth_mm { b } else { a } })
         }
         (one, other) => one.or(other),
     }

@@ -142,13 +142,13 @@ fn flatten(mesh: &MixedMesh, surface: &mut C1Surface) -> Vec<u32> {
             surface.rest_tangents[place] = [t1 * share[place], t2 * share[place]];
         }
         // Prisms that share a changed corner must be checked again.
-        suspects = curved.iter().copied().filter(|&p| touches(mesh, surface, p, &shorten)).collect();
+        suspects = curved.iter().copied().filter(|&p| has_changed_corner(mesh, surface, p, &shorten)).collect();
     }
     surface.flattened = surface.outer_nodes.iter().copied().zip(share).filter(|&(_, s)| s < 1.0).collect();
     suspects.into_iter().map(|p| p as u32).collect()
 }
 
-fn touches(mesh: &MixedMesh, surface: &C1Surface, prism: usize, changed: &[bool]) -> bool {
+fn has_changed_corner(mesh: &MixedMesh, surface: &C1Surface, prism: usize, changed: &[bool]) -> bool {
     mesh.prisms[prism][..3].iter().any(|&n| changed[surface.outer_nodes.partition_point(|&o| o < n)])
 }
 

@@ -21,7 +21,7 @@ fn path(t: f64) -> Vec<(u32, Motion)> {
 fn solve(solver: &mut Solver<'_>, k: usize) -> StepReport {
     let (t, control) = (k as f64 / STEPS as f64, Control::new());
     let solved =
-        if k < STEPS { solver.approach(t, &path, &control) } else { solver.advance(t, &path, &control) }.unwrap();
+        if k < STEPS { solver.advance_for_display(t, &path, &control) } else { solver.advance(t, &path, &control) }.unwrap();
     StepReport { phases: PhaseTimes::default(), ..solved }
 }
 

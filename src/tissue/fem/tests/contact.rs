@@ -253,8 +253,8 @@ fn what_overlaps_within_thin_bone_is_pushed_towards_the_tissue() {
     let mesh = MixedMesh { positions: moved, ..mesh };
     let (contact, _) = Contact::new(&mesh, vec![body], 1.0);
     let x: Vec<Vector> = mesh.positions.iter().map(|p| p.coords).collect();
-    assert!(contact.touches(&x, &[Motion::identity()]).is_empty());
-    let touches = contact.touches(&x, &[Motion::translation(0.0, 0.0, 0.1)]);
+    assert!(contact.active_contacts(&x, &[Motion::identity()]).is_empty());
+    let touches = contact.active_contacts(&x, &[Motion::translation(0.0, 0.0, 0.1)]);
     // The nodes of the face are farther away than the spine is wide.
     let [touch] = touches.as_slice() else { panic!("{touches:?}") };
     // The search for the surface is accurate to 0.01 mm.

@@ -7,7 +7,7 @@ use prosopon_geometry::{Motion, Vector};
 
 /// An equilibrium of a mesh under moved bone; the default value has no nodes.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct SavedState {
+pub struct StartState {
     /// Values of the generalised nodes, mm.
     x: Vec<Vector>,
     /// Motion of the moving segments from rest.
@@ -16,7 +16,7 @@ pub struct SavedState {
     released: Vec<u64>,
 }
 
-impl SavedState {
+impl StartState {
     /// Motion of the moving segments from rest.
     #[must_use]
     pub fn motions(&self) -> &[(u32, Motion)] {
@@ -33,9 +33,9 @@ impl SavedState {
 impl Solver<'_> {
     /// The current equilibrium.
     #[must_use]
-    pub fn save(&self) -> SavedState {
+    pub fn start_state(&self) -> StartState {
         let released = pairs(self.equations.contact.released());
-        SavedState { x: self.state.x.clone(), motions: self.state.motions.clone(), released }
+        StartState { x: self.state.x.clone(), motions: self.state.motions.clone(), released }
     }
 
     /// Starts from an equilibrium of the same mesh and elements, at path parameter 0.
@@ -45,7 +45,7 @@ impl Solver<'_> {
     ///
     /// # Errors
     /// [`SolveError::Problem`] when `saved` has another number of generalised nodes.
-    pub fn resume(&mut self, saved: &SavedState) -> Result<(), SolveError> {
+    pub fn start_from(&mut self, saved: &StartState) -> Result<(), SolveError> {
         let (found, needed) = (saved.x.len(), self.state.x.len());
         if found != needed {
             let detail = format!("the start state has {found} generalised nodes, the mesh has {needed}");

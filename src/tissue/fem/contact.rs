@@ -17,7 +17,7 @@ pub(super) use noncontact_points::{NoncontactPoints, noncontact_points};
 pub(super) use passage::Passage;
 pub(super) use points::contact_nodes;
 
-use super::tuning::{CONTACT_POINTS_PER_TASK, OPPOSITE_COSINE, PASSAGE_SAMPLE_MM, REPORTED_OVERLAP_MM};
+use super::tuning::{DEEP_OVERLAP_MM, CONTACT_POINTS_PER_TASK, OPPOSITE_COSINE, PASSAGE_SAMPLE_MM, REPORTED_OVERLAP_MM};
 use self::overlap::Overlap;
 use self::passage::{is_clear, is_round_a_rim};
 use self::points::{ContactPoint, contact_points};
@@ -27,10 +27,18 @@ use super::dofs::Dofs;
 use super::report::BonePenetration;
 use super::settings::ContactBody;
 use crate::mesh::MixedMesh;
-use prosopon_geometry::{Motion, Point, Vector};
+use nalgebra::Matrix3;
+use prosopon_geometry::{Motion, Point, Vector, Warning};
 use rayon::prelude::*;
 
-/// A contact point paired with a body that it contacts or is near to.
+/// A contact point and a body, by their indices.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct PairIndex {
+    pub(super) point: usize,
+    pub(super) body: usize,
+}
+
+/// A contact point paired with a body that it touches or is near to.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct ContactPair {
     point: usize,
@@ -47,8 +55,8 @@ pub(super) struct ContactPair {
 
 impl ContactPair {
     /// Indices of contact point and body.
-    pub(super) fn pair(&self) -> (usize, usize) {
-        (self.point, self.body)
+    pub(super) fn index(&self) -> PairIndex {
+        PairIndex { point: self.point, body: self.body }
     }
 
     /// Signed gap, mm.
@@ -71,6 +79,23 @@ pub(super) struct Curved<'a> {
     pub(super) motions: &'a [Motion],
     /// Share of the curvature that is included: 1 gives the exact Hessian.
     pub(super) share: f64,
+}
+
+/// A block of a matrix at offsets into the forces of a [`Compliance`].
+#[derive(Debug, Clone, Copy)]
+pub(super) struct PlacedBlock {
+    pub(super) row: usize,
+    pub(super) column: usize,
+    pub(super) block: Matrix3<f64>,
+}
+
+/// State at the start or end of a substep.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Placement<'a> {
+    /// Values of the generalised nodes, mm.
+    pub(super) x: &'a [Vector],
+    /// Motion of each body from rest.
+    pub(super) motions: &'a [Motion],
 }
 
 /// All contact of one tissue.
@@ -99,7 +124,7 @@ impl std::fmt::Debug for Contact<'_> {
 
 impl<'a> Contact<'a> {
     /// Contact points of `mesh`; `stiffness` in MPa/mm. The second value is a warning about overlap at rest.
-    pub(super) fn new(mesh: &MixedMesh, bodies: Vec<ContactBody<'a>>, stiffness: f64) -> (Self, Option<String>) {
+    pub(super) fn new(mesh: &MixedMesh, bodies: Vec<ContactBody<'a>>, stiffness: f64) -> (Self, Option<Warning>) {
         let points = contact_points(mesh);
         let mut contact =
             Self { points, bodies, stiffness, overlap: Vec::new(), multipliers: Vec::new(), released: Vec::new() };
@@ -119,11 +144,16 @@ impl<'a> Contact<'a> {
         let overlapping = gaps.iter().filter(|g| **g < -REPORTED_OVERLAP_MM).count();
         let deepest = gaps.iter().fold(0.0, |m: f64, g| m.max(-g));
         let warning = (overlapping > 0).then(|| {
-            format!(
+            let message = format!(
                 "{overlapping} of {} contact points lie {REPORTED_OVERLAP_MM} to {deepest:.2} mm inside bone at rest; their gap is \
                  measured from that position",
                 contact.points.len()
-            )
+            );
+            if deepest > DEEP_OVERLAP_MM {
+                Warning::check("overlap-at-rest", message).act("Check whether mesh and bone belong together.")
+            } else {
+                Warning::info("overlap-at-rest", message)
+            }
         });
         (contact, warning)
     }
@@ -239,7 +269,7 @@ impl<'a> Contact<'a> {
         contacts: &[ContactPair],
         curved: Option<Curved<'_>>,
         dofs: &Dofs,
-        mut add: impl FnMut(u32, u32, &nalgebra::Matrix3<f64>),
+        mut add: impl FnMut(u32, u32, &Matrix3<f64>),
     ) {
         for t in contacts {
             let p = &self.points[t.point];
@@ -260,7 +290,7 @@ impl<'a> Contact<'a> {
     }
 
     /// Curvature term of one contact, subtracted from its Hessian with respect to the point, N/mm.
-    fn curvature_term(&self, contact: &ContactPair, x: &[Vector], motions: &[Motion]) -> nalgebra::Matrix3<f64> {
+    fn curvature_term(&self, contact: &ContactPair, x: &[Vector], motions: &[Motion]) -> Matrix3<f64> {
         let p = &self.points[contact.point];
         let motion = &motions[contact.body];
         let shift = self.overlap[contact.point * self.bodies.len() + contact.body].shift;
@@ -276,7 +306,7 @@ impl<'a> Contact<'a> {
         Curved { x, motions, share }: Curved<'_>,
         dofs: &Dofs,
         compliance: &Compliance,
-    ) -> Vec<(usize, usize, nalgebra::Matrix3<f64>)> {
+    ) -> Vec<PlacedBlock> {
         let of_contact = |t: &ContactPair| {
             let (p, block) = (self.points[t.point], self.curvature_term(t, x, motions) * share);
             let mut placed = Vec::with_capacity(9);
@@ -287,7 +317,7 @@ impl<'a> Contact<'a> {
                         let mut block = block * (wa * wb);
                         axes_in(dofs.axes_of(a as usize)).for_each(|axis| block.row_mut(axis).fill(0.0));
                         axes_in(dofs.axes_of(b as usize)).for_each(|axis| block.column_mut(axis).fill(0.0));
-                        placed.push((row, column, block));
+                        placed.push(PlacedBlock { row, column, block });
                     }
                 }
             }
@@ -412,10 +442,10 @@ impl<'a> Contact<'a> {
 
     /// Contact points that have passed to the other side of a body between two states: on a straight line in the body's frame
     /// they entered the solid, and the solid now pushes them the other way. In the order of points; one body for each point.
-    pub(super) fn passages(&self, x: (&[Vector], &[Vector]), motions: (&[Motion], &[Motion])) -> Vec<Passage> {
+    pub(super) fn passages(&self, start: Placement<'_>, end: Placement<'_>) -> Vec<Passage> {
         let n = self.bodies.len();
         let passed = |(point, p): (usize, &ContactPoint)| {
-            let (from, place) = (p.at(x.0), p.at(x.1));
+            let (from, place) = (p.at(start.x), p.at(end.x));
             let through = |body: usize| {
                 let Overlap { shift, rest_mm } = self.overlap[point * n + body];
                 // A point that still overlaps at rest has no defined side.
@@ -423,8 +453,8 @@ impl<'a> Contact<'a> {
                     return None;
                 }
                 let from_inside = shift != Vector::zeros();
-                let from = motions.0[body].inverse_transform_point(&from) + shift;
-                let to = motions.1[body].inverse_transform_point(&place) + shift;
+                let from = start.motions[body].inverse_transform_point(&from) + shift;
+                let to = end.motions[body].inverse_transform_point(&place) + shift;
                 let (length, solid) = ((to - from).norm(), self.bodies[body].solid);
                 if length < PASSAGE_SAMPLE_MM || solid.value(&from) > length {
                     return None;

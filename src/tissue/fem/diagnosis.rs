@@ -8,7 +8,7 @@ use super::failure::Failure;
 use super::report::LostEllipticity;
 use crate::mesh::MixedMesh;
 use nalgebra::Matrix3;
-use prosopon_geometry::{Point, Vector};
+use prosopon_geometry::{Point, Vector, Warning};
 
 /// The error for a failure on the path to parameter `goal`; `x` is the last equilibrium.
 pub(super) fn name(
@@ -19,7 +19,7 @@ pub(super) fn name(
     x: &[Vector],
 ) -> SolveError {
     // Whatever the symptom, a material that has lost ellipticity is the likely cause.
-    let weak = lost_ellipticity(equations, mesh, equations.last_iterate().unwrap_or(x));
+    let weak = lost_ellipticity(equations, mesh, equations.state.last_iterate().unwrap_or(x));
     if let (Some(weak), true) = (weak, failure != Failure::Cancelled) {
         let LostEllipticity { tissue, kind, element, stretch, place, .. } = weak;
         let [x, y, z] = [place.x, place.y, place.z];
@@ -28,7 +28,7 @@ pub(super) fn name(
     match failure {
         Failure::Inverted(at) => {
             let p = centre(equations, mesh, at);
-            let kind = equations.assembly.parts()[at.part].block.kind;
+            let kind = equations.problem.assembly().parts()[at.part].block.kind;
             SolveError::Inverted { path_share: goal, kind, element: at.element, x: p.x, y: p.y, z: p.z }
         }
         Failure::NotConverged { iterations, residual_n, tolerance_n } => {
@@ -37,11 +37,11 @@ pub(super) fn name(
         Failure::Penetration { found_mm } => SolveError::Penetration {
             path_share: goal,
             found_mm,
-            allowed_mm: equations.limits.penetration_tolerance_mm,
+            allowed_mm: equations.problem.limits().penetration_tolerance_mm,
         },
         Failure::PassedThrough { body, place } => SolveError::PassedThrough {
             path_share: goal,
-            segment: equations.contact.bodies()[body].segment,
+            segment: equations.state.contact.bodies()[body].segment,
             x: place.x,
             y: place.y,
             z: place.z,
@@ -57,7 +57,7 @@ pub(super) fn name(
 pub(super) fn lost_ellipticity(equations: &Equations<'_>, mesh: &MixedMesh, x: &[Vector]) -> Option<LostEllipticity> {
     let mut elements = 0;
     let mut weakest: Option<(Inversion, f64)> = None;
-    for (part, p) in equations.assembly.parts().iter().enumerate() {
+    for (part, p) in equations.problem.assembly().parts().iter().enumerate() {
         for (element, tissue) in p.block.tissue.iter().enumerate() {
             let Law::Hyperelastic(material) = &p.laws[*tissue as usize] else { continue };
             if material.is_polyconvex() {
@@ -65,7 +65,7 @@ pub(super) fn lost_ellipticity(equations: &Equations<'_>, mesh: &MixedMesh, x: &
             }
             let at = Inversion { part, element };
             let mut weak = false;
-            for f in equations.assembly.deformations(at, x) {
+            for f in equations.problem.assembly().deformations(at, x) {
                 if f.determinant() > 0.0 && !material.is_elliptic(&f) {
                     weak = true;
                     let stretch = f.singular_values().max();
@@ -79,8 +79,8 @@ pub(super) fn lost_ellipticity(equations: &Equations<'_>, mesh: &MixedMesh, x: &
     }
     weakest.map(|(at, stretch)| LostEllipticity {
         elements,
-        tissue: equations.assembly.tissue(at).name(),
-        kind: equations.assembly.parts()[at.part].block.kind,
+        tissue: equations.problem.assembly().tissue(at).name(),
+        kind: equations.problem.assembly().parts()[at.part].block.kind,
         element: at.element,
         stretch,
         place: centre(equations, mesh, at),
@@ -88,11 +88,11 @@ pub(super) fn lost_ellipticity(equations: &Equations<'_>, mesh: &MixedMesh, x: &
 }
 
 /// Warning about a linear solution whose displacements or rotations are too large for small strain.
-pub(super) fn left_out_strain(equations: &Equations<'_>, x: &[Vector]) -> Option<String> {
+pub(super) fn left_out_strain(equations: &Equations<'_>, x: &[Vector]) -> Option<Warning> {
     let (mut volume, mut beyond, mut most) = (0.0, 0.0, 0.0f64);
-    for (part, p) in equations.assembly.parts().iter().enumerate() {
+    for (part, p) in equations.problem.assembly().parts().iter().enumerate() {
         for (element, weights) in p.block.weights.chunks_exact(p.block.n_points).enumerate() {
-            let gradients = equations.assembly.deformations(Inversion { part, element }, x);
+            let gradients = equations.problem.assembly().deformations(Inversion { part, element }, x);
             for (f, w) in gradients.iter().zip(weights) {
                 let stretch = (f - Matrix3::identity()).singular_values().max();
                 let left_out = 0.5 * stretch * stretch;
@@ -106,16 +106,17 @@ pub(super) fn left_out_strain(equations: &Equations<'_>, x: &[Vector]) -> Option
     }
     let share = beyond / volume;
     (share > LEFT_OUT_SHARE).then(|| {
-        format!(
+        let message = format!(
             "the linear model leaves out strains above {LEFT_OUT_STRAIN} in {:.1} % of the tissue (up to {most:.2}): rotation or \
-             stretch is too large for it, use a nonlinear model",
+             stretch is too large for it",
             100.0 * share
-        )
+        );
+        Warning::check("neglected-strain", message).act("Use a nonlinear model.")
     })
 }
 
 fn centre(equations: &Equations<'_>, mesh: &MixedMesh, at: Inversion) -> Point {
-    let block = &equations.assembly.parts()[at.part].block;
+    let block = &equations.problem.assembly().parts()[at.part].block;
     let nodes = &block.nodes[at.element * block.n_functions..(at.element + 1) * block.n_functions];
     let corners = nodes.iter().filter_map(|&n| mesh.positions.get(n as usize));
     let count = corners.clone().count().max(1);

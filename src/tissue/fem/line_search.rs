@@ -40,30 +40,30 @@ pub(super) fn search(
     let deepest = depth.max(MAX_CONTACT_MOTION_MM);
     let mut step = 1.0;
     let mut inverted = None;
-    let uncertain = ENERGY_ROUND_OFF * energy.abs() + equations.limits.energy_noise_mj;
+    let uncertain = ENERGY_ROUND_OFF * energy.abs() + equations.problem.limits().energy_noise_mj;
     while step >= SHORTEST_STEP {
         let mut trial = x.to_vec();
-        equations.dofs.add(step, d, &mut trial);
+        equations.problem.dofs().add(step, d, &mut trial);
         match equations.energy(&trial, motions) {
-            Ok((_, depth)) if depth > deepest => step *= 0.5,
-            Ok((found, _)) if found <= energy + SUFFICIENT_DECREASE * step * slope => {
+            Ok(found) if found.penetration_mm > deepest => step *= 0.5,
+            Ok(found) if found.energy <= energy + SUFFICIENT_DECREASE * step * slope => {
                 let longer = unstable && step == 1.0;
-                return Ok(if longer { extended(equations, x, motions, d, found, deepest) } else { step });
+                return Ok(if longer { extended(equations, x, motions, d, found.energy, deepest) } else { step });
             }
             // Near the minimum the slope is still accurate where differences of the energy are not.
             Ok(_) if (step * slope).abs() <= uncertain && slope_at(equations, &trial, motions, d) <= -SLOPE_DECREASE * slope => {
                 return Ok(step);
             }
-            Ok((found, _)) => {
+            Ok(found) => {
                 // Minimum of the parabola through the known values, within the usual safeguards.
-                let parabola = -0.5 * slope * step * step / (found - energy - slope * step);
+                let parabola = -0.5 * slope * step * step / (found.energy - energy - slope * step);
                 step = if parabola.is_finite() { parabola.clamp(0.1 * step, 0.5 * step) } else { 0.5 * step };
             }
             Err(at) => {
                 let direction: Vec<Vector> = trial.iter().zip(x).map(|(a, b)| a - b).collect();
-                let (share, first) = equations.assembly.first_inversion(x, &direction);
-                inverted = first.or(Some(at));
-                step *= (INVERSION_MARGIN * share).min(INVERSION_CUT);
+                let first = equations.problem.assembly().first_inversion(x, &direction);
+                inverted = first.element.or(Some(at));
+                step *= (INVERSION_MARGIN * first.share).min(INVERSION_CUT);
             }
         }
     }
@@ -82,13 +82,13 @@ fn extended(
     let mut step = 1.0;
     while step < LONGEST_STEP {
         let mut trial = x.to_vec();
-        equations.dofs.add(2.0 * step, d, &mut trial);
+        equations.problem.dofs().add(2.0 * step, d, &mut trial);
         match equations.energy(&trial, motions) {
-            Ok((found, depth)) if found < energy && depth <= deepest => {
-                energy = found;
+            Ok(found) if found.energy < energy && found.penetration_mm <= deepest => {
+                energy = found.energy;
                 step *= 2.0;
             }
-            _ => break,
+            Ok(_) | Err(_) => break,
         }
     }
     step
@@ -97,7 +97,7 @@ fn extended(
 /// Absolute slope of the energy along `d`; infinite where an element is inverted.
 fn slope_at(equations: &mut Equations<'_>, x: &[Vector], motions: &[Motion], d: &[f64]) -> f64 {
     match equations.balance(x, motions) {
-        Ok(_) => dot(&equations.residual, d).abs(),
+        Ok(_) => dot(equations.work.residual(), d).abs(),
         Err(_) => f64::INFINITY,
     }
 }

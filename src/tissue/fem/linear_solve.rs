@@ -32,6 +32,26 @@ pub(super) struct Work {
     pub(super) cg_iterations: usize,
 }
 
+/// Times of a linear solver.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct SolverTimes {
+    /// Factorisations, s.
+    pub(super) factor_s: f64,
+    /// Solves, s.
+    pub(super) solve_s: f64,
+}
+
+/// Matrix to factorise.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum FactorMatrix {
+    /// That of the elements.
+    Elements,
+    /// That of the elements, or the whole one when the elements alone are not stable.
+    ElementsOrWhole,
+    /// The whole one, with contact.
+    Whole,
+}
+
 /// Conjugate gradients with their preconditioner.
 #[derive(Debug)]
 pub(super) struct LinearSolver {
@@ -44,8 +64,7 @@ pub(super) struct LinearSolver {
     includes_contact: bool,
     factorisations: usize,
     clock: Clock,
-    /// Time of factorisations and of solves, s.
-    times: (f64, f64),
+    times: SolverTimes,
     /// Whether the factor must be computed anew for the next matrix.
     is_stale: bool,
     /// Extra iterations so far that were caused by the factor's age.
@@ -108,7 +127,7 @@ impl LinearSolver {
             includes_contact: false,
             factorisations: 0,
             clock,
-            times: (0.0, 0.0),
+            times: SolverTimes::default(),
             is_stale: false,
             extra_iterations: 0,
         }
@@ -116,11 +135,11 @@ impl LinearSolver {
 
     /// Resets the times to zero.
     pub(super) fn forget_times(&mut self) {
-        self.times = (0.0, 0.0);
+        self.times = SolverTimes::default();
     }
 
-    /// Time of factorisations and of solves so far, s.
-    pub(super) fn times(&self) -> (f64, f64) {
+    /// Times so far.
+    pub(super) fn times(&self) -> SolverTimes {
         self.times
     }
 
@@ -205,8 +224,8 @@ impl LinearSolver {
         if !self.relaxes() && !self.is_usable() {
             let begin = (self.clock)();
             // A failure is reported when the system is solved.
-            self.is_stale = self.factorise(pattern, elastic, elastic, false, false).is_err();
-            self.times.0 += (self.clock)() - begin;
+            self.is_stale = self.factorise(pattern, elastic, elastic, FactorMatrix::Elements).is_err();
+            self.times.factor_s += (self.clock)() - begin;
         }
     }
 
@@ -226,7 +245,7 @@ impl LinearSolver {
         self.set_contact_correction(contact);
         let mut x = b.to_vec();
         self.precondition(&mut x);
-        self.times.1 += (self.clock)() - begin;
+        self.times.solve_s += (self.clock)() - begin;
         x
     }
 
@@ -241,7 +260,7 @@ impl LinearSolver {
             Preconditioner::Factor { single, .. } => single.forward(b),
             Preconditioner::Vertices(_) => return None,
         };
-        self.times.1 += (self.clock)() - begin;
+        self.times.solve_s += (self.clock)() - begin;
         Some(y)
     }
 
@@ -253,7 +272,7 @@ impl LinearSolver {
             Preconditioner::Factor { single, .. } => single.backward(y),
             Preconditioner::Vertices(_) => y.to_vec(),
         };
-        self.times.1 += (self.clock)() - begin;
+        self.times.solve_s += (self.clock)() - begin;
         x
     }
 
@@ -309,10 +328,11 @@ impl LinearSolver {
     ) -> Result<Work, Indefinite> {
         x.fill(0.0);
         let mut at = Iterate { r: b.to_vec(), start: norm_sq, iterations: 0 };
-        let (mut factorised, mut whole) = (false, false);
+        let mut factorised = false;
+        let mut matrix = if contact.is_empty() { FactorMatrix::Elements } else { FactorMatrix::ElementsOrWhole };
         let begin = (self.clock)();
         self.set_contact_correction(contact);
-        self.times.1 += (self.clock)() - begin;
+        self.times.solve_s += (self.clock)() - begin;
         loop {
             let fresh = factorised;
             if fresh || (self.is_usable() && self.extra_iterations <= MAX_EXTRA_ITERATIONS) {
@@ -323,7 +343,7 @@ impl LinearSolver {
                 };
                 let begin = (self.clock)();
                 let outcome = self.iterate(pattern, values, x, &mut at, tolerance, limit);
-                self.times.1 += (self.clock)() - begin;
+                self.times.solve_s += (self.clock)() - begin;
                 match outcome {
                     Outcome::Solved => {
                         self.add_loss(at.iterations.saturating_sub(1));
@@ -331,7 +351,9 @@ impl LinearSolver {
                     }
                     Outcome::Indefinite => return Err(Indefinite),
                     // The curvature of contact may be too large for the Gauss-Newton terms of the correction.
-                    Outcome::Slow if fresh && !self.includes_contact && !contact.is_empty() => whole = true,
+                    Outcome::Slow if fresh && !self.includes_contact && !contact.is_empty() => {
+                        matrix = FactorMatrix::Whole;
+                    }
                     Outcome::Slow if fresh && self.is_double() => {
                         // A new factor in double precision is the best preconditioner available.
                         return Ok(Work { factorised, cg_iterations: at.iterations });
@@ -341,8 +363,8 @@ impl LinearSolver {
                 }
             }
             let begin = (self.clock)();
-            let done = self.factorise(pattern, values, elastic, whole, !contact.is_empty());
-            self.times.0 += (self.clock)() - begin;
+            let done = self.factorise(pattern, values, elastic, matrix);
+            self.times.factor_s += (self.clock)() - begin;
             done?;
             self.set_contact_correction(contact);
             factorised = true;
@@ -367,8 +389,7 @@ impl LinearSolver {
         pattern: &Pattern,
         values: &[f64],
         elastic: &[f64],
-        whole: bool,
-        touches: bool,
+        matrix: FactorMatrix,
     ) -> Result<(), Indefinite> {
         (self.low_rank, self.compliance) = (None, None);
         self.extra_iterations = 0;
@@ -385,8 +406,11 @@ impl LinearSolver {
                     }
                     Arc::get_mut(single).ok_or(Indefinite)?.factorise(values)
                 };
-                let of_elements = if whole { Err(Indefinite) } else { factorise(elastic) };
-                self.includes_contact = touches && of_elements.is_err();
+                let of_elements = match matrix {
+                    FactorMatrix::Elements | FactorMatrix::ElementsOrWhole => factorise(elastic),
+                    FactorMatrix::Whole => Err(Indefinite),
+                };
+                self.includes_contact = matrix != FactorMatrix::Elements && of_elements.is_err();
                 if self.includes_contact { factorise(values) } else { of_elements }
             }
             Preconditioner::Vertices(inverses) => {

@@ -1,7 +1,7 @@
-use super::tuning::REPORTED_DEPTH_MM;
+use super::tuning::{DEEP_FREE_TISSUE_MM, REPORTED_DEPTH_MM};
 use std::fmt;
 
-use prosopon_geometry::Point;
+use prosopon_geometry::{Point, Warning};
 
 /// Loss of strong ellipticity: equilibrium is not well posed there and depends on the mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -72,6 +72,21 @@ impl StepOutcome {
         }
     }
 
+    /// Warning about an unreliable result; `None` when it is reliable.
+    #[must_use]
+    pub fn warning(&self) -> Option<Warning> {
+        let code = match self {
+            Self::Converged | Self::Stabilised => return None,
+            Self::OutsideEllipticity(_) => "lost-ellipticity",
+            Self::InsideOut { .. } => "inside-out-elements",
+        };
+        let action = match self {
+            Self::InsideOut { .. } => "Use a nonlinear model.",
+            Self::OutsideEllipticity(_) | Self::Converged | Self::Stabilised => "Use stable materials.",
+        };
+        self.fault().map(|fault| Warning::unreliable(code, fault).act(action))
+    }
+
     /// Name in documents: `converged`, `stabilised`, `outside_ellipticity`, `inside_out`.
     #[must_use]
     pub fn name(&self) -> &'static str {
@@ -100,14 +115,19 @@ pub struct BonePenetration {
 impl BonePenetration {
     /// Warning about this depth; `None` when it is small.
     #[must_use]
-    pub fn warning(&self) -> Option<String> {
+    pub fn warning(&self) -> Option<Warning> {
         let Self { depth_mm, segment, place, points } = self;
         (*depth_mm > REPORTED_DEPTH_MM).then(|| {
-            format!(
+            let message = format!(
                 "free tissue lies inside bone at {points} points, up to {depth_mm:.1} mm in bone {segment} near ({:.1}, {:.1}, \
                  {:.1}) mm: contact acts on sliding points only",
                 place.x, place.y, place.z
-            )
+            );
+            if *depth_mm > DEEP_FREE_TISSUE_MM {
+                Warning::check("free-tissue-in-bone", message).act("Let the tissue there slide on the bone.")
+            } else {
+                Warning::info("free-tissue-in-bone", message)
+            }
         })
     }
 }
@@ -153,7 +173,7 @@ pub struct StepReport {
     /// Wall time by phase; zeros without a clock.
     pub phases: PhaseTimes,
     /// Warnings for the caller.
-    pub warnings: Vec<String>,
+    pub warnings: Vec<Warning>,
 }
 
 /// Wall time by phase, s. No phase contains another.

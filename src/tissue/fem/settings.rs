@@ -2,7 +2,7 @@ use super::tuning::{EXPECTED_SHEAR_MPA, LOCKED_POISSON, LOCKED_POISSON_SMOOTHED}
 use super::error::SolveError;
 use super::material::Materials;
 use crate::mesh::{MixedMesh, Tissue};
-use prosopon_geometry::{Implicit, Vector};
+use prosopon_geometry::{Implicit, Vector, Warning};
 
 /// Mechanical model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -191,13 +191,15 @@ impl SolveSettings {
     ///
     /// Soft tissues of the face have small-strain shear moduli of 0.3 kPa (fat) to 1 MPa (skin along its fibres).
     #[must_use]
-    pub fn stiffness_warnings(&self, mesh: &MixedMesh) -> Vec<String> {
+    pub fn stiffness_warnings(&self, mesh: &MixedMesh) -> Vec<Warning> {
         let [low, high] = EXPECTED_SHEAR_MPA;
         let warning = |tissue: Tissue| {
             let found = self.materials.of(tissue).shear_modulus();
             (!(low..=high).contains(&found)).then(|| {
                 let name = tissue.name();
-                format!("{name} has a shear modulus of {found:.3e} MPa, expected is {low} to {high}: check the unit")
+                let message =
+                    format!("{name} has a shear modulus of {found:.3e} MPa, expected is {low} to {high} MPa");
+                Warning::check("implausible-stiffness", message).act("Check the unit of the material's constants.")
             })
         };
         tissues(mesh).into_iter().filter_map(warning).collect()
@@ -207,7 +209,7 @@ impl SolveSettings {
     ///
     /// Small strain has no such warnings.
     #[must_use]
-    pub fn stability_warnings(&self, mesh: &MixedMesh) -> Vec<String> {
+    pub fn stability_warnings(&self, mesh: &MixedMesh) -> Vec<Warning> {
         if self.model.is_linear() {
             return Vec::new();
         }
@@ -215,22 +217,30 @@ impl SolveSettings {
     }
 
     /// Warning about tissues in `mesh` that are so nearly incompressible that elements lock.
-    pub(super) fn locking_warning(&self, mesh: &MixedMesh) -> Option<String> {
-        let (above, what) = match self.locking {
-            Locking::None => (
-                LOCKED_POISSON,
-                "linear elements are too stiff there, on coarse meshes by a quarter of the movement; use the locking option \
-                 `smoothed`",
-            ),
-            Locking::Smoothed => (
-                LOCKED_POISSON_SMOOTHED,
-                "even smoothed elements are too stiff there, on coarse meshes by an eighth of the movement; use a finer mesh",
-            ),
+    pub(super) fn locking_warning(&self, mesh: &MixedMesh) -> Option<Warning> {
+        let above = match self.locking {
+            Locking::None => LOCKED_POISSON,
+            Locking::Smoothed => LOCKED_POISSON_SMOOTHED,
         };
         let mut locked: Vec<Tissue> = tissues(mesh);
         locked.retain(|t| self.materials.of(*t).poisson_ratio() > above);
+        if locked.is_empty() {
+            return None;
+        }
         let names: Vec<&str> = locked.into_iter().map(Tissue::name).collect();
-        (!names.is_empty()).then(|| format!("the Poisson ratio of {} is above {above}: {what}", names.join(", ")))
+        let found = format!("the Poisson ratio of {} is above {above}", names.join(", "));
+        Some(match self.locking {
+            Locking::None => Warning::info(
+                "stiff-elements",
+                format!("{found}: linear elements are too stiff there, on coarse meshes by a quarter of the movement"),
+            )
+            .act("Use the locking option `smoothed`."),
+            Locking::Smoothed => Warning::check(
+                "stiff-smoothed-elements",
+                format!("{found}: even smoothed elements are too stiff there, on coarse meshes by an eighth of the movement"),
+            )
+            .act("Use a finer mesh."),
+        })
     }
 
     pub(super) fn check(&self) -> Result<(), SolveError> {

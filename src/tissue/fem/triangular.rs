@@ -15,6 +15,14 @@ const BLOCK: usize = 4;
 /// Partial sums of a dot product, for SIMD registers.
 const LANES: usize = 16;
 
+/// Number of threads that share the work of one supernode.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Threads {
+    One,
+    /// Two, when it has at least [`SHARED_ROWS`] rows below.
+    Two,
+}
+
 /// Division of a triangular solve into tasks.
 #[derive(Debug, Clone)]
 pub(super) struct Schedule {
@@ -104,7 +112,7 @@ pub(super) fn forward<T: Precision>(l: &SupernodalLltRef<'_, usize, T>, schedule
             for s in nodes {
                 let node = l.supernode(s);
                 let start = node.start() - from;
-                eliminate(l, s, &mut mine[start..], &mut work, false);
+                eliminate(l, s, &mut mine[start..], &mut work, Threads::One);
                 for (&row, &w) in node.pattern().iter().zip(&work) {
                     if row < to {
                         mine[row - from] += w;
@@ -127,7 +135,7 @@ pub(super) fn forward<T: Precision>(l: &SupernodalLltRef<'_, usize, T>, schedule
     let mut work = Vec::new();
     for &s in &schedule.top {
         let node = l.supernode(s);
-        eliminate(l, s, &mut x[node.start()..], &mut work, true);
+        eliminate(l, s, &mut x[node.start()..], &mut work, Threads::Two);
         for (&row, &w) in node.pattern().iter().zip(&work) {
             x[row] += w;
         }
@@ -186,7 +194,7 @@ fn eliminate<T: Precision>(
     s: usize,
     x: &mut [T],
     below: &mut Vec<T>,
-    shared: bool,
+    threads: Threads,
 ) {
     let panel = Panel::of(l, s);
     let x = &mut x[..panel.width];
@@ -194,7 +202,7 @@ fn eliminate<T: Precision>(
     below.resize(panel.rows - panel.width, T::of(0.0));
     let arch = pulp::Arch::new();
     arch.dispatch(Diagonal { panel, x });
-    if shared && below.len() >= SHARED_ROWS {
+    if threads == Threads::Two && below.len() >= SHARED_ROWS {
         let half = below.len() / 2;
         let (a, b) = below.split_at_mut(half);
         rayon::join(

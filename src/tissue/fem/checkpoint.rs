@@ -1,8 +1,8 @@
 //! Checkpoints: all that the steps after an equilibrium depend on, so that another solver continues with the same bits.
 
+use super::contact::PairIndex;
 use super::equations::Equations;
 use super::error::SolveError;
-use super::contact::PairIndex;
 use super::factor_origin::{FactorOrigin, numbers, vectors};
 use super::solver::Solver;
 use super::state::PathPoint;
@@ -140,7 +140,8 @@ impl Solver<'_> {
         work.solver_mut().add_loss(usize::try_from(checkpoint.extra_iterations).unwrap_or(usize::MAX));
         state.contact.restore(checkpoint.contact_stiffness, multipliers);
         state.contact_forces = checkpoint.contact_forces.iter().map(|(n, f)| (*n, Vector::from(*f))).collect();
-        state.active = checkpoint.active.iter().map(|(p, b)| PairIndex { point: *p as usize, body: *b as usize }).collect();
+        state.active =
+            checkpoint.active.iter().map(|(p, b)| PairIndex { point: *p as usize, body: *b as usize }).collect();
         let motions = checkpoint.motions.iter().map(|(segment, motion)| (*segment, motion_of_numbers(*motion)));
         self.reached = PathPoint { t: checkpoint.t, x: vectors(&checkpoint.x), motions: motions.collect() };
         self.substep = checkpoint.substep;

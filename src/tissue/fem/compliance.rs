@@ -1,7 +1,7 @@
 //! Compliance of nodes under forces at nodes, computed from a factor: it adds contact to a factor without a new factorisation.
 
-use super::tuning::COMPLIANCE_GROUP;
 use super::dot::vector_dot;
+use super::tuning::COMPLIANCE_GROUP;
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, Par};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix3};

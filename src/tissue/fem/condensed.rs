@@ -1,14 +1,18 @@
 //! Contact on the condensed system: the factor gives the compliance of the nodes that contact acts on, so contact points can
 //! slide over the curved bone to equilibrium without a solve for the whole tissue.
 
-use super::tuning::{CONDENSED_CG_GOAL, CONDENSED_CONVEX, CONDENSED_RISE, NEAR_MM, CONDENSED_CURVATURE_BELOW_MM, CONDENSED_GAP_SHARE, CONDENSED_MAX_CG, CONDENSED_MAX_MOVE_MM, CONDENSED_MAX_ROUNDS, CONDENSED_MULTIPLIER_UPDATES, CONDENSED_TOLERANCE, TRACKING_STEP_MM, TRACKING_TOLERANCE_MM};
 use super::compliance::{Compliance, LowRank};
-use super::contact::{ContactPair, Curved, Placement, PlacedBlock};
+use super::contact::{ContactPair, Curved, PlacedBlock, Placement};
 use super::dofs::Dofs;
-use super::equations::Equations;
-use super::problem::Limits;
 use super::dot::dot;
+use super::equations::Equations;
 use super::linear_solve::LinearSolver;
+use super::problem::Limits;
+use super::tuning::{
+    CONDENSED_CG_GOAL, CONDENSED_CONVEX, CONDENSED_CURVATURE_BELOW_MM, CONDENSED_GAP_SHARE, CONDENSED_MAX_CG,
+    CONDENSED_MAX_MOVE_MM, CONDENSED_MAX_ROUNDS, CONDENSED_MULTIPLIER_UPDATES, CONDENSED_RISE, CONDENSED_TOLERANCE,
+    NEAR_MM, TRACKING_STEP_MM, TRACKING_TOLERANCE_MM,
+};
 use prosopon_geometry::{Motion, Vector};
 use std::ops::Range;
 
@@ -138,8 +142,7 @@ pub(super) fn solve_condensed(
     let dofs = equations.problem.dofs();
     let compliance = equations.work.solver_mut().compliance(std::iter::empty())?;
     compliance.add_forces(&state.forces, &mut reached[start..]);
-    equations.state.contact_forces =
-        forces_by_unknown(compliance, &state.forces, start.div_ceil(3)..dofs.n_unknown());
+    equations.state.contact_forces = forces_by_unknown(compliance, &state.forces, start.div_ceil(3)..dofs.n_unknown());
     let d = equations.work.solver_mut().backward(&reached);
     let begin = equations.problem.now();
     let found = linearised_back(equations, x, motions, d, curved);

@@ -17,15 +17,17 @@ pub(super) use noncontact_points::{NoncontactPoints, noncontact_points};
 pub(super) use passage::Passage;
 pub(super) use points::contact_nodes;
 
-use super::tuning::{DEEP_OVERLAP_MM, CONTACT_POINTS_PER_TASK, OPPOSITE_COSINE, PASSAGE_SAMPLE_MM, REPORTED_OVERLAP_MM};
 use self::overlap::Overlap;
 use self::passage::{is_clear, is_round_a_rim};
 use self::points::{ContactPoint, contact_points};
-use super::compliance::{Compliance, RankOne};
 use super::axes::axes_in;
+use super::compliance::{Compliance, RankOne};
 use super::dofs::Dofs;
 use super::report::BonePenetration;
 use super::settings::ContactBody;
+use super::tuning::{
+    CONTACT_POINTS_PER_TASK, DEEP_OVERLAP_MM, OPPOSITE_COSINE, PASSAGE_SAMPLE_MM, REPORTED_OVERLAP_MM,
+};
 use crate::mesh::MixedMesh;
 use nalgebra::Matrix3;
 use prosopon_geometry::{Motion, Point, Vector, Warning};
@@ -226,7 +228,9 @@ impl<'a> Contact<'a> {
     fn gap_change(&self, contact: &ContactPair, dofs: &Dofs, d: &[f64]) -> f64 {
         (self.points[contact.point].terms())
             .filter_map(|(node, weight)| dofs.unknown(node).map(|u| (3 * u as usize, weight)))
-            .map(|(i, weight)| weight * (contact.normal.x * d[i] + contact.normal.y * d[i + 1] + contact.normal.z * d[i + 2]))
+            .map(|(i, weight)| {
+                weight * (contact.normal.x * d[i] + contact.normal.y * d[i + 1] + contact.normal.z * d[i + 2])
+            })
             .sum()
     }
 
@@ -387,8 +391,11 @@ impl<'a> Contact<'a> {
             if depth_mm > 0.0 {
                 let points = 1 + deepest.map_or(0, |d| d.points);
                 let is_deepest = deepest.is_none_or(|d| depth_mm > d.depth_mm);
-                let found =
-                    if is_deepest { Some(BonePenetration { depth_mm, segment: b.segment, place, points }) } else { deepest };
+                let found = if is_deepest {
+                    Some(BonePenetration { depth_mm, segment: b.segment, place, points })
+                } else {
+                    deepest
+                };
                 deepest = found.map(|d| BonePenetration { points, ..d });
             }
         }

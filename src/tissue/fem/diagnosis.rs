@@ -1,11 +1,11 @@
 //! From a failure of the solver to an error that names tissue, element and position.
 
-use super::tuning::{LEFT_OUT_SHARE, LEFT_OUT_STRAIN};
 use super::assembly::{Inversion, Law};
 use super::equations::Equations;
 use super::error::SolveError;
 use super::failure::Failure;
 use super::report::LostEllipticity;
+use super::tuning::{LEFT_OUT_SHARE, LEFT_OUT_STRAIN};
 use crate::mesh::MixedMesh;
 use nalgebra::Matrix3;
 use prosopon_geometry::{Point, Vector, Warning};

@@ -1,12 +1,12 @@
 //! Energy, balance of forces and reactions at one state of the tissue.
 
-use super::assembly::Inversion;
 #[cfg(test)]
 use super::assembly::Curvature;
+use super::assembly::Inversion;
 use super::axes::axes_in;
-use super::contact::{ContactPair, penetration};
 #[cfg(test)]
 use super::contact::Curved;
+use super::contact::{ContactPair, penetration};
 use super::dofs::Condition;
 use super::linear_solve::LinearSolver;
 use super::problem::Problem;

@@ -1,11 +1,11 @@
 //! Supernodal sparse Cholesky factor of the stiffness matrix: one symbolic analysis, numeric factorisations into the same
 //! buffers.
 
-use super::tuning::PARALLEL_FROM;
 use super::assembly::Pattern;
 use super::error::SolveError;
 use super::precision::Precision;
 use super::triangular::{self, Schedule};
+use super::tuning::PARALLEL_FROM;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
 use faer::sparse::linalg::SupernodalThreshold;

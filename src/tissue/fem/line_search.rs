@@ -1,9 +1,12 @@
 //! Line search on the energy that never passes an inverted element.
 
-use super::tuning::{INVERSION_CUT, MAX_CONTACT_MOTION_MM, SLOPE_DECREASE, ENERGY_ROUND_OFF, INVERSION_MARGIN, LONGEST_STEP, SHORTEST_STEP, SUFFICIENT_DECREASE};
 use super::assembly::Inversion;
-use super::equations::Equations;
 use super::dot::dot;
+use super::equations::Equations;
+use super::tuning::{
+    ENERGY_ROUND_OFF, INVERSION_CUT, INVERSION_MARGIN, LONGEST_STEP, MAX_CONTACT_MOTION_MM, SHORTEST_STEP,
+    SLOPE_DECREASE, SUFFICIENT_DECREASE,
+};
 use prosopon_geometry::{Motion, Vector};
 
 /// Reason why no step was taken.
@@ -51,7 +54,10 @@ pub(super) fn search(
                 return Ok(if longer { extended(equations, x, motions, d, found.energy, deepest) } else { step });
             }
             // Near the minimum the slope is still accurate where differences of the energy are not.
-            Ok(_) if (step * slope).abs() <= uncertain && slope_at(equations, &trial, motions, d) <= -SLOPE_DECREASE * slope => {
+            Ok(_)
+                if (step * slope).abs() <= uncertain
+                    && slope_at(equations, &trial, motions, d) <= -SLOPE_DECREASE * slope =>
+            {
                 return Ok(step);
             }
             Ok(found) => {

@@ -5,11 +5,13 @@
 //! precision takes half the memory of one in double precision, 0.6 of the time to compute and 0.4 of the time to apply; a new
 //! factor solves the system in one or two iterations.
 
-use super::tuning::{ITERATIONS_FOR_RATE, MAX_EXTRA_ITERATIONS, MAX_RELAXATIONS, MAX_WITH_NEW, MAX_WITH_OLD, RELAXATION_TOLERANCE};
 use super::assembly::Pattern;
 use super::compliance::{Compliance, LowRank, RankOne};
 use super::dot::dot;
 use super::factor::{Factor, Indefinite, Symbolic};
+use super::tuning::{
+    ITERATIONS_FOR_RATE, MAX_EXTRA_ITERATIONS, MAX_RELAXATIONS, MAX_WITH_NEW, MAX_WITH_OLD, RELAXATION_TOLERANCE,
+};
 use nalgebra::Matrix3;
 use prosopon_geometry::Vector;
 use prosopon_geometry::control::Clock;
@@ -477,7 +479,10 @@ impl LinearSolver {
             }
             // At this rate the iteration limit would be reached first.
             let rate = (next / begin).powf(1.0 / iteration as f64);
-            if iteration >= ITERATIONS_FOR_RATE && limit < MAX_RELAXATIONS && next * rate.powf((limit - iteration) as f64) > goal {
+            if iteration >= ITERATIONS_FOR_RATE
+                && limit < MAX_RELAXATIONS
+                && next * rate.powf((limit - iteration) as f64) > goal
+            {
                 return Outcome::Slow;
             }
             let beta = next / rz;

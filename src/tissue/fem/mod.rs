@@ -90,11 +90,11 @@ mod workspace;
 pub use checkpoint::{Checkpoint, MotionNumbers, motion_numbers, motion_of_numbers};
 pub use error::SolveError;
 pub use factor_origin::FactorOrigin;
-pub use report::{CellState, IterationRecord, LostEllipticity, PhaseTimes, StepOutcome, StepReport, BonePenetration};
-pub use start_state::StartState;
+pub use report::{BonePenetration, CellState, IterationRecord, LostEllipticity, PhaseTimes, StepOutcome, StepReport};
 pub use settings::{Boundary, ContactBody, Locking, Model, Preset, SkinElement, SolveSettings, UnstableMaterial};
 pub use setup::Prepared;
 pub use solver::Solver;
+pub use start_state::StartState;
 pub use support::check_support;
 
 #[cfg(test)]

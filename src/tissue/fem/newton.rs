@@ -229,12 +229,8 @@ fn step_along(
 ) -> Result<f64, NoStep> {
     let slope = dot(d, equations.work.residual());
     let (begin, before) = (equations.problem.now(), equations.work.times().total_s());
-    let start = Start {
-        energy: balance.energy,
-        slope,
-        depth: penetration(&balance.contacts),
-        unstable: record.unstable,
-    };
+    let start =
+        Start { energy: balance.energy, slope, depth: penetration(&balance.contacts), unstable: record.unstable };
     let taken = line_search::search(equations, x, motions, d, &start);
     let others = equations.work.times().total_s() - before;
     equations.work.times_mut().line_search_s += equations.problem.now() - begin - others;
@@ -268,8 +264,7 @@ fn equilibrium_for_display(
     step: f64,
 ) -> Result<Option<Equilibrium>, Failure> {
     let remaining_mm = equations.problem.dofs().max_visible_change(d);
-    let suffices =
-        equations.state.purpose == Purpose::Display && step >= 1.0 && remaining_mm <= DISPLAY_STEP_MM;
+    let suffices = equations.state.purpose == Purpose::Display && step >= 1.0 && remaining_mm <= DISPLAY_STEP_MM;
     if !suffices {
         return Ok(None);
     }
@@ -279,7 +274,11 @@ fn equilibrium_for_display(
     Ok(Some(Equilibrium { iterations: 0, remaining_mm, relative_residual, contacts: balance.contacts }))
 }
 
-fn no_step_failure(no_step: NoStep, ResidualTest { residual_n, tolerance_n }: ResidualTest, iterations: usize) -> Failure {
+fn no_step_failure(
+    no_step: NoStep,
+    ResidualTest { residual_n, tolerance_n }: ResidualTest,
+    iterations: usize,
+) -> Failure {
     match no_step {
         NoStep::Inverted(at) => Failure::Inverted(at),
         NoStep::NoDescent => Failure::NotConverged { iterations, residual_n, tolerance_n },

@@ -210,7 +210,11 @@ pub(super) fn predict(
 }
 
 /// Gradients of the energy of elements and loads by all nodes at `x`, and to first order at `target`.
-fn gradients_along(equations: &mut Equations<'_>, x: &[Vector], target: &[Vector]) -> Result<[Vec<Vector>; 2], Failure> {
+fn gradients_along(
+    equations: &mut Equations<'_>,
+    x: &[Vector],
+    target: &[Vector],
+) -> Result<[Vec<Vector>; 2], Failure> {
     let change: Vec<Vector> = target.iter().zip(x).map(|(a, b)| a - b).collect();
     let mut load = vec![Vector::zeros(); x.len()];
     equations.work.force_change(&equations.problem, x, &change, &mut load)?;

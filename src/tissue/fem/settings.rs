@@ -1,6 +1,6 @@
-use super::tuning::{EXPECTED_SHEAR_MPA, LOCKED_POISSON, LOCKED_POISSON_SMOOTHED};
 use super::error::SolveError;
 use super::material::Materials;
+use super::tuning::{EXPECTED_SHEAR_MPA, LOCKED_POISSON, LOCKED_POISSON_SMOOTHED};
 use crate::mesh::{MixedMesh, Tissue};
 use prosopon_geometry::{Implicit, Vector, Warning};
 
@@ -197,8 +197,7 @@ impl SolveSettings {
             let found = self.materials.of(tissue).shear_modulus();
             (!(low..=high).contains(&found)).then(|| {
                 let name = tissue.name();
-                let message =
-                    format!("{name} has a shear modulus of {found:.3e} MPa, expected is {low} to {high} MPa");
+                let message = format!("{name} has a shear modulus of {found:.3e} MPa, expected is {low} to {high} MPa");
                 Warning::check("implausible-stiffness", message).act("Check the unit of the material's constants.")
             })
         };
@@ -237,7 +236,9 @@ impl SolveSettings {
             .act("Use the locking option `smoothed`."),
             Locking::Smoothed => Warning::check(
                 "stiff-smoothed-elements",
-                format!("{found}: even smoothed elements are too stiff there, on coarse meshes by an eighth of the movement"),
+                format!(
+                    "{found}: even smoothed elements are too stiff there, on coarse meshes by an eighth of the movement"
+                ),
             )
             .act("Use a finer mesh."),
         })

@@ -1,6 +1,5 @@
 //! Setup of the equations from mesh and settings.
 
-use super::tuning::{ENERGY_NOISE, CONTACT_STIFFNESS, FORCE_FLOOR};
 use super::assembly::{Assembly, Curvature, Law, Part};
 use super::contact::{Contact, NoncontactPoints, contact_nodes, noncontact_points};
 use super::dofs::Dofs;
@@ -13,11 +12,12 @@ use super::material::{Material, Materials};
 use super::memory;
 use super::problem::{Limits, Problem};
 use super::report::PhaseTimes;
-use super::state::PathState;
 use super::settings::{Boundary, ContactBody, Locking, Model, SkinElement, SolveSettings};
+use super::state::PathState;
+use super::tuning::{CONTACT_STIFFNESS, ENERGY_NOISE, FORCE_FLOOR};
 use crate::mesh::{Attachment, MixedMesh, Tissue};
-use prosopon_geometry::{Vector, Warning};
 use prosopon_geometry::control::Control;
+use prosopon_geometry::{Vector, Warning};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 

@@ -1,6 +1,5 @@
 //! Static equilibrium of one mesh under moving bone, advanced along a path.
 
-use super::tuning::{MAX_HALVINGS, MAX_WASTED};
 use super::contact::NoncontactPoints;
 use super::element::C1Surface;
 use super::equations::Equations;
@@ -10,6 +9,7 @@ use super::report::{CellState, IterationRecord, StepReport};
 use super::settings::{Boundary, ContactBody, SolveSettings};
 use super::setup::{PreparationWork, Prepared};
 use super::state::{PathPoint, Purpose};
+use super::tuning::{MAX_HALVINGS, MAX_WASTED};
 use super::{diagnosis, setup};
 use crate::mesh::MixedMesh;
 use prosopon_geometry::control::Control;

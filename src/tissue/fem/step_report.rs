@@ -16,8 +16,7 @@ impl Solver<'_> {
         let preparation = std::mem::take(&mut self.preparation);
         let mut phases = preparation.times;
         phases += self.equations.work.take_times();
-        let dets: Vec<f64> =
-            self.equations.problem.assembly().min_det(&self.reached.x).into_iter().flatten().collect();
+        let dets: Vec<f64> = self.equations.problem.assembly().min_det(&self.reached.x).into_iter().flatten().collect();
         let min_det_f = dets.iter().copied().fold(f64::INFINITY, f64::min);
         let inside_out = dets.iter().filter(|det| **det <= 0.0).count();
         warnings.extend(halvings_warning(progress.halvings));
@@ -36,7 +35,8 @@ impl Solver<'_> {
         warnings.extend(outcome.warning());
         let body_motions = self.body_motions(&self.reached.motions);
         let free = self.noncontact.deepest(&self.reached.x, self.equations.state.contact.bodies(), &body_motions);
-        let bone_penetration = deeper(free, self.equations.state.contact.bone_penetration(&self.reached.x, &body_motions));
+        let bone_penetration =
+            deeper(free, self.equations.state.contact.bone_penetration(&self.reached.x, &body_motions));
         let reactions_n = self.equations.reactions(&self.reached.x, &body_motions, &self.segments);
         StepReport {
             outcome,
@@ -64,7 +64,8 @@ impl Solver<'_> {
             let message = format!(
                 "{torn} tied nodes are also held along an axis in which their segment moves; they stay at rest along it"
             );
-            warnings.push(Warning::check("held-tied-nodes", message).act("Do not hold nodes that are tied to a segment."));
+            warnings
+                .push(Warning::check("held-tied-nodes", message).act("Do not hold nodes that are tied to a segment."));
         }
         let oblique = dofs.oblique_tangents();
         if oblique > 0 {

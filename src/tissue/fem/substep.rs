@@ -8,9 +8,7 @@ use super::quadratic_model::predict;
 use super::settings::UnstableMaterial;
 use super::solver::Solver;
 use super::state::PathPoint;
-use super::tuning::{
-    CONTACT_MOTION_MARGIN, CONTACT_REACH_MM, MAX_CONTACT_MOTION_MM, MAX_RELEASES, PASSAGE_MOTION_MM,
-};
+use super::tuning::{CONTACT_MOTION_MARGIN, CONTACT_REACH_MM, MAX_CONTACT_MOTION_MM, MAX_RELEASES, PASSAGE_MOTION_MM};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Motion, Point, Vector, Warning};
 
@@ -42,7 +40,8 @@ impl Solver<'_> {
             let attempt = self.attempt(target, &along_path, length_mm, &motion_of, control);
             let Ok((x, _)) = &attempt else { break attempt };
             let passages = self.passages(x, &before, &body_motions);
-            if let Some(p) = passages.iter().find(|p| !p.round_a_rim && moved_mm(p, &before, &body_motions) > PASSAGE_MOTION_MM)
+            if let Some(p) =
+                passages.iter().find(|p| !p.round_a_rim && moved_mm(p, &before, &body_motions) > PASSAGE_MOTION_MM)
             {
                 break Err(Failure::PassedThrough { body: p.body, place: p.place });
             }
@@ -137,7 +136,12 @@ impl Solver<'_> {
 
     /// Shortens a substep until bone near contact points moves at most [`MAX_CONTACT_MOTION_MM`], but not below the shortest one
     /// allowed.
-    pub(super) fn limit_contact_motion(&self, wanted: f64, sign: f64, motions: &dyn Fn(f64) -> Vec<(u32, Motion)>) -> f64 {
+    pub(super) fn limit_contact_motion(
+        &self,
+        wanted: f64,
+        sign: f64,
+        motions: &dyn Fn(f64) -> Vec<(u32, Motion)>,
+    ) -> f64 {
         if self.equations.state.contact.is_empty() {
             return wanted;
         }

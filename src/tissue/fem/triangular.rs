@@ -3,8 +3,8 @@
 //! The tasks depend on the factor's structure only, and their contributions to the columns above are added in task order: the
 //! bits are the same at any number of threads.
 
-use super::tuning::{LARGEST_SUBTREE, SHARED_ROWS};
 use super::precision::Precision;
+use super::tuning::{LARGEST_SUBTREE, SHARED_ROWS};
 use faer::sparse::linalg::cholesky::supernodal::{SupernodalLltRef, SymbolicSupernodalCholesky};
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;

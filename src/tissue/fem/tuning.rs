@@ -228,8 +228,7 @@ pub(super) const LEFT_OUT_STRAIN: f64 = 0.02;
 pub(super) const LEFT_OUT_SHARE: f64 = 0.01;
 /// Volume ratio below which an element is reported: soft tissue is nearly incompressible.
 pub(super) const SQUEEZED: f64 = 0.3;
-/// Shortened substeps in one step up to which the report only states them: a large step is divided as a matter of course
-/// (`a_large_motion_is_reached_in_substeps`).
+/// Shortened substeps in one step up to which the report only states them: a quarter of [`MAX_HALVINGS`].
 pub(super) const FEW_HALVINGS: usize = 6;
 /// Smallest overlap at rest that is reported, mm.
 pub(super) const REPORTED_OVERLAP_MM: f64 = 0.1;

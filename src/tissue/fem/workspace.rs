@@ -142,8 +142,7 @@ impl Workspace {
             return self.compute_forces(problem, x).map(|_| ());
         }
         let begin = problem.now();
-        let done =
-            problem.assembly().tangent(&mut self.buffers, x, curvature, &mut self.forces, &mut self.elastic);
+        let done = problem.assembly().tangent(&mut self.buffers, x, curvature, &mut self.forces, &mut self.elastic);
         problem.pattern().hold(problem.dofs().partly_held(), &mut self.elastic);
         self.times.tangent_s += problem.now() - begin;
         done

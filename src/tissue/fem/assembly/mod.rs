@@ -11,11 +11,11 @@ mod scatter;
 pub(in crate::fem) use law::{Curvature, Law};
 pub(in crate::fem) use pattern::{Pattern, total_slots};
 
-use crate::fem::tuning::BUFFERED_VALUES;
 use super::dofs::Dofs;
 use super::element::{ElementBlock, SMOOTHED_WIDTHS};
 use super::error::SolveError;
 use super::material::Inverted;
+use crate::fem::tuning::BUFFERED_VALUES;
 use crate::mesh::Tissue;
 use kernel::{Element, n_slots};
 use nalgebra::Matrix3;

@@ -1,8 +1,8 @@
 //! Summation of element contributions into forces and matrix, in the order of elements.
 
-use crate::fem::tuning::{MATRIX_PARTS, NODES_PER_TASK};
 use super::pattern::{NOWHERE, Pattern};
 use crate::fem::element::ElementBlock;
+use crate::fem::tuning::{MATRIX_PARTS, NODES_PER_TASK};
 use prosopon_geometry::Vector;
 use rayon::prelude::*;
 

@@ -47,7 +47,12 @@ impl NoncontactPoints {
     }
 
     /// The deepest point at `x`; `None` where none is deeper than at rest.
-    pub(in crate::fem) fn deepest(&self, x: &[Vector], bodies: &[ContactBody<'_>], motions: &[Motion]) -> Option<BonePenetration> {
+    pub(in crate::fem) fn deepest(
+        &self,
+        x: &[Vector],
+        bodies: &[ContactBody<'_>],
+        motions: &[Motion],
+    ) -> Option<BonePenetration> {
         let now = depths(&self.points, x, bodies, motions);
         let mut found: Option<BonePenetration> = None;
         let mut points = 0;

@@ -1,6 +1,6 @@
 //! Contact points that lie inside bone at rest.
 
-use crate::fem::tuning::{PASSAGE_SAMPLE_MM, OVERLAP_SEARCH_DEPTHS, OVERLAP_STEPS, OVERLAP_STEP_MM};
+use crate::fem::tuning::{OVERLAP_SEARCH_DEPTHS, OVERLAP_STEP_MM, OVERLAP_STEPS, PASSAGE_SAMPLE_MM};
 use prosopon_geometry::{Implicit, Point, Vector};
 
 /// Reference from which the gap of a point that overlaps a body at rest is measured.

@@ -1,6 +1,6 @@
 //! Contact points that pass to the other side of a body.
 
-use crate::fem::tuning::{PASSAGE_SAMPLE_MM, PASSAGE_DEPTH_SHARE, DETOURS, LEAST_NORMAL_SUM};
+use crate::fem::tuning::{DETOURS, LEAST_NORMAL_SUM, PASSAGE_DEPTH_SHARE, PASSAGE_SAMPLE_MM};
 use prosopon_geometry::{Implicit, Point, Vector};
 
 /// A contact point that has passed to the other side of a body.
@@ -20,7 +20,8 @@ pub(in crate::fem) struct Passage {
 pub(super) fn is_clear(solid: &dyn Implicit, from: &Point, to: &Point) -> bool {
     let way = to - from;
     let samples = (way.norm() / PASSAGE_SAMPLE_MM).ceil() as usize;
-    (1..=samples).all(|i| solid.value(&(from + way * (i as f64 / samples as f64))) >= -PASSAGE_DEPTH_SHARE * PASSAGE_SAMPLE_MM)
+    (1..=samples)
+        .all(|i| solid.value(&(from + way * (i as f64 / samples as f64))) >= -PASSAGE_DEPTH_SHARE * PASSAGE_SAMPLE_MM)
 }
 
 /// Whether a path that is not much longer leads round the solid. It passes a point beside the middle of the straight path, on the

@@ -1,9 +1,9 @@
 //! Choice of vertex frames and rest tangents, and their correction at sharp creases.
 
-use crate::fem::tuning::{LEAST_COSINE, LEAST_JACOBIAN, SHORTER_TANGENT, TANGENT_ROUNDS};
 use super::c1_prism::{quadrature, rest_of};
 use super::c1_surface::C1Surface;
 use super::quadrature::TriangleRule;
+use crate::fem::tuning::{LEAST_COSINE, LEAST_JACOBIAN, SHORTER_TANGENT, TANGENT_ROUNDS};
 use crate::mesh::MixedMesh;
 use nalgebra::Matrix3;
 use prosopon_geometry::Vector;

@@ -105,8 +105,8 @@ fn power_difference(a: f64, b: f64, m: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fem::material::{Material, Volumetric};
     use crate::fem::material::principal::tests::admissible_gradients;
+    use crate::fem::material::{Material, Volumetric};
 
     #[test]
     fn exponents_of_two_are_the_two_terms_of_mooney_rivlin() {

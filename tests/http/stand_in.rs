@@ -18,7 +18,7 @@ use prosopon_planning::surface::{CtSettings, CtSurfaces};
 use prosopon_session::{
     Case, Cuts, Engine, Fault, FaultKind, Halt, Numerics, Run, RunWatch, SceneRun, SceneSolved, Solid, TissueRequest,
 };
-use prosopon_tissue::fem::{SavedState, SolveSettings, StepOutcome, StepReport};
+use prosopon_tissue::fem::{StartState, SolveSettings, StepOutcome, StepReport};
 use prosopon_tissue::mesh::MeshReport;
 
 use crate::shapes::cube;
@@ -282,7 +282,7 @@ impl Engine for StandIn {
                 remaining_mm: 1e-4,
                 min_det_f: 0.5,
                 max_penetration_mm: 0.01,
-                sunk: None,
+                bone_penetration: None,
                 active_contacts: 3,
                 reactions_n: vec![(1, [0.0, 1.0, 0.0])],
                 unknowns: 60_000,
@@ -320,7 +320,7 @@ impl Engine for StandIn {
             regions,
             face: Vec::new(),
             nodes: Vec::new(),
-            end: SavedState::default(),
+            end: StartState::default(),
             left_out: LeftOut::default(),
             attached: Attached::default(),
             warnings: vec!["a stand-in".to_owned()],

@@ -7,7 +7,7 @@ use crate::plan::{Plan, PlanError};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Aabb, Point, TriMesh, Vector};
 use prosopon_tissue::fem::{
-    Boundary, Checkpoint, MotionNumbers, Prepared, SavedState, SolveSettings, Solver, StepReport, motion_numbers,
+    Boundary, Checkpoint, MotionNumbers, Prepared, StartState, SolveSettings, Solver, StepReport, motion_numbers,
     motion_of_numbers,
 };
 use prosopon_tissue::mesh::{Attachment, MixedMesh};
@@ -100,7 +100,7 @@ pub struct Outcome {
     /// Deformed mesh nodes, LPS mm.
     pub nodes: Vec<Point>,
     /// The end, for another path to begin at.
-    pub end: SavedState,
+    pub end: StartState,
     /// Tissue that was left out.
     pub left_out: LeftOut,
     /// How many nodes were tied, slid or were free.
@@ -116,7 +116,7 @@ pub struct Way<'a> {
     pub plan: &'a Plan,
     /// The end of another plan for the same tissue, bone, segments and elements: bone goes straight from there to the end of `plan`. Where tissue
     /// slides over edges of bone the result may hang a little on where it came from.
-    pub from: Option<&'a SavedState>,
+    pub from: Option<&'a StartState>,
     /// The step of this way to go on after, in the place of `from`: later steps have the same bits as if all had been solved at a stretch.
     pub after: Option<&'a Milestone>,
 }
@@ -218,7 +218,7 @@ pub fn solve_prepared(
     };
     match (after, from) {
         (Some(after), _) => solver.restore(&after.solver)?,
-        (None, Some(from)) => solver.resume(from)?,
+        (None, Some(from)) => solver.start_from(from)?,
         (None, None) => {}
     }
     let onwards = begin.as_ref().map(|begin: &Vec<_>| {
@@ -238,7 +238,7 @@ pub fn solve_prepared(
         let (motions, part) = (|t| plan.motions(t), path.part(share(k - 1), share(k)));
         // Frames on the way are to be looked at; the last one is the result.
         let report = if k < settings.steps {
-            solver.approach(share(k), &motions, &part)?
+            solver.advance_for_display(share(k), &motions, &part)?
         } else {
             solver.advance(share(k), &motions, &part)?
         };
@@ -247,13 +247,13 @@ pub fn solve_prepared(
         let milestone = || Some(Milestone { k, begin: begin.clone(), solver: solver.checkpoint()? });
         on_frame(frame(anatomy, &last, k, share(k), report)?, &milestone);
     }
-    warnings.extend(steps.last().and_then(|s: &StepReport| s.sunk?.warning()));
+    warnings.extend(steps.last().and_then(|s: &StepReport| s.bone_penetration?.warning()));
     let (face, from_landmarks) = face_regions(&anatomy.skin, &anatomy.landmarks, None);
     if !from_landmarks {
         warnings.push("no landmarks: the regions of the face come from the proportions of the skin's box".to_owned());
     }
     let regions = face.iter().filter_map(|region| region_motion(&anatomy.skin, &last, region)).collect();
-    let (nodes, end) = (solver.positions(), solver.save());
+    let (nodes, end) = (solver.positions(), solver.start_state());
     let left_out = LeftOut {
         nodes: prepared.left_out.len(),
         of_nodes: nodes.len(),

@@ -10,7 +10,7 @@ use prosopon_planning::plan::{self, Plan};
 use prosopon_planning::simulate::{
     self, CutBone, Milestone, OnFrame, Outcome, PreparedTissue, RunSettings, SimulateError, TissueModel, Way,
 };
-use prosopon_tissue::fem::{SavedState, SolveError};
+use prosopon_tissue::fem::{StartState, SolveError};
 
 /// Share of a solve's progress that preparing the equations takes.
 const PREPARING: f64 = 0.05;
@@ -71,7 +71,7 @@ impl Numerics {
         let mut control = control.part(0.0, 1.0);
         let mut from = None;
         if let (Some(earlier), None) = (course.after, course.milestone) {
-            from = self.recent.get::<SavedState>(ENDS, &end_key(ready, earlier.into()));
+            from = self.recent.get::<StartState>(ENDS, &end_key(ready, earlier.into()));
             if from.is_none() {
                 let found = self.follow_course(ready, earlier.into(), &control.part(0.0, 0.5), &mut |_, _| ())?;
                 control = control.part(0.5, 1.0);

@@ -136,7 +136,14 @@ impl Solver<'_> {
         }
         let Checkpoint { double, factor, known_compliance, .. } = checkpoint;
         let Equations { problem, state, work } = &mut self.equations;
-        work.restore_factor(problem, *double, factor, known_compliance).ok_or_else(|| misfit("its factor differs"))?;
+        if *double {
+            work.solver_mut().use_double();
+        }
+        // The memory may not suffice for double precision here.
+        if work.solver().is_double() != *double {
+            return Err(misfit("its factor differs"));
+        }
+        work.restore_factor(problem, factor, known_compliance).ok_or_else(|| misfit("its factor differs"))?;
         work.solver_mut().add_loss(usize::try_from(checkpoint.extra_iterations).unwrap_or(usize::MAX));
         state.contact.restore(checkpoint.contact_stiffness, multipliers);
         state.contact_forces = checkpoint.contact_forces.iter().map(|(n, f)| (*n, Vector::from(*f))).collect();

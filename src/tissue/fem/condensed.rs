@@ -145,7 +145,7 @@ pub(super) fn solve_condensed(
     equations.state.contact_forces = forces_by_unknown(compliance, &state.forces, start.div_ceil(3)..dofs.n_unknown());
     let d = equations.work.solver_mut().backward(&reached);
     let begin = equations.problem.now();
-    let found = linearised_back(equations, x, motions, d, curved);
+    let found = CondensedContact { curved, ..linearised_back(equations, x, motions, d) };
     equations.work.times_mut().contact_s += equations.problem.now() - begin;
     Some(found)
 }
@@ -158,21 +158,15 @@ fn passes_through_bone(equations: &Equations<'_>, problem: &CondensedProblem<'_>
     equations.state.contact.passages(start, end).iter().any(|passage| !passage.round_a_rim)
 }
 
-/// The contacts after a change `d` of the unknowns, extrapolated back to the state before.
-fn linearised_back(
-    equations: &Equations<'_>,
-    x: &[Vector],
-    motions: &[Motion],
-    d: Vec<f64>,
-    curved: bool,
-) -> CondensedContact {
+/// The contacts after a change `d` of the unknowns, extrapolated back to the state before; without `curved`.
+fn linearised_back(equations: &Equations<'_>, x: &[Vector], motions: &[Motion], d: Vec<f64>) -> CondensedContact {
     let (contact, dofs) = (&equations.state.contact, equations.problem.dofs());
     let mut at = x.to_vec();
     dofs.add(1.0, &d, &mut at);
     let near = contact.near(&at, motions, NEAR_MM);
     let active: Vec<ContactPair> = near.iter().filter(|t| t.is_active()).copied().collect();
     let back = |contacts: &[ContactPair]| contacts.iter().map(|t| contact.without_change(t, dofs, &d)).collect();
-    CondensedContact { near: back(&near), active: back(&active), x: at, curved, d }
+    CondensedContact { near: back(&near), active: back(&active), x: at, curved: false, d }
 }
 
 /// Solves contact every [`TRACKING_STEP_MM`] along the path of the bones and held nodes, so that a point that an edge of bone

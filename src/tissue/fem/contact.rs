@@ -147,8 +147,8 @@ impl<'a> Contact<'a> {
         let deepest = gaps.iter().fold(0.0, |m: f64, g| m.max(-g));
         let warning = (overlapping > 0).then(|| {
             let message = format!(
-                "{overlapping} of {} contact points lie {REPORTED_OVERLAP_MM} to {deepest:.2} mm inside bone at rest; their gap is \
-                 measured from that position",
+                "{overlapping} of {} contact points lie {REPORTED_OVERLAP_MM} to {deepest:.2} mm inside bone at rest; their \
+                 gap is measured from that position",
                 contact.points.len()
             );
             if deepest > DEEP_OVERLAP_MM {

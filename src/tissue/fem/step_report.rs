@@ -55,6 +55,7 @@ impl Solver<'_> {
             warnings,
         }
     }
+
     /// Warnings about conditions that contradict each other.
     fn condition_warnings(&self) -> Vec<Warning> {
         let mut warnings = Vec::new();

@@ -226,21 +226,13 @@ impl Workspace {
         Some(FactorState { origin, known_compliance: known.unwrap_or_default() })
     }
 
-    /// Recomputes a factor, in double precision when `double`, and the compliance of the `known` nodes.
+    /// Recomputes a factor and the compliance of the `known` nodes.
     pub(super) fn restore_factor(
         &mut self,
         problem: &Problem,
-        double: bool,
         origin: &FactorOrigin,
         known: &[Vec<u32>],
     ) -> Option<()> {
-        if double {
-            self.solver.use_double();
-        }
-        // The memory may not suffice for double precision here.
-        if self.solver.is_double() != double {
-            return None;
-        }
         match origin {
             FactorOrigin::Rest => {}
             FactorOrigin::Nothing => self.solver.refresh(),

@@ -20,14 +20,14 @@ impl Overlap {
             return Self::default();
         }
         let outside = inward.try_normalize(0.0).and_then(|n| {
-            let (mut way, mut depth) = (0.0, -value);
+            let (mut distance, mut depth) = (0.0, -value);
             for _ in 0..OVERLAP_STEPS {
-                way += depth.max(OVERLAP_STEP_MM);
-                depth = -solid.value(&(at + n * way));
+                distance += depth.max(OVERLAP_STEP_MM);
+                depth = -solid.value(&(at + n * distance));
                 if depth <= 0.0 {
-                    return Some(n * way);
+                    return Some(n * distance);
                 }
-                if way > OVERLAP_SEARCH_DEPTHS * -value + PASSAGE_SAMPLE_MM {
+                if distance > OVERLAP_SEARCH_DEPTHS * -value + PASSAGE_SAMPLE_MM {
                     break;
                 }
             }

@@ -18,10 +18,10 @@ pub(in crate::fem) struct Passage {
 
 /// Whether the straight path does not cross the solid.
 pub(super) fn is_clear(solid: &dyn Implicit, from: &Point, to: &Point) -> bool {
-    let way = to - from;
-    let samples = (way.norm() / PASSAGE_SAMPLE_MM).ceil() as usize;
+    let path = to - from;
+    let samples = (path.norm() / PASSAGE_SAMPLE_MM).ceil() as usize;
     (1..=samples)
-        .all(|i| solid.value(&(from + way * (i as f64 / samples as f64))) >= -PASSAGE_DEPTH_SHARE * PASSAGE_SAMPLE_MM)
+        .all(|i| solid.value(&(from + path * (i as f64 / samples as f64))) >= -PASSAGE_DEPTH_SHARE * PASSAGE_SAMPLE_MM)
 }
 
 /// Whether a path that is not much longer leads round the solid. It passes a point beside the middle of the straight path, on the

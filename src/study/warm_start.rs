@@ -14,7 +14,7 @@ use prosopon_planning::plan::{Path as SegmentPath, Plan};
 use prosopon_planning::simulate::{
     Frame, LEAVE_OUT_BELOW_MM, Milestone, PreparedTissue, RunSettings, Way, displacement_class_mm, solve_prepared,
 };
-use prosopon_tissue::fem::{Model, Preset, SavedState, SolveSettings};
+use prosopon_tissue::fem::{Model, Preset, StartState, SolveSettings};
 
 /// Streamed steps from rest, as in `prosopon demo`.
 const STEPS: usize = 6;
@@ -43,7 +43,7 @@ struct Taken {
     newton: usize,
     factorisations: usize,
     skin: TriMesh,
-    end: SavedState,
+    end: StartState,
 }
 
 impl WarmStartStudy<'_> {
@@ -114,7 +114,7 @@ fn job(
     head: &Head,
     ready: &Prepared,
     plan: &Plan,
-    from: Option<&SavedState>,
+    from: Option<&StartState>,
     prepared: Option<PreparedTissue>,
 ) -> Result<(Taken, PreparedTissue), BenchError> {
     let settings = RunSettings {

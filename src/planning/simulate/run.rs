@@ -7,37 +7,35 @@ use crate::plan::{Plan, PlanError};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Aabb, Point, TriMesh, Vector};
 use prosopon_tissue::fem::{
-    Boundary, Checkpoint, MotionNumbers, Prepared, SavedState, SolveSettings, Solver, StepReport, motion_numbers,
+    Boundary, Checkpoint, MotionNumbers, Prepared, StartState, SolveSettings, Solver, StepReport, motion_numbers,
     motion_of_numbers,
 };
 use prosopon_tissue::mesh::{Attachment, MixedMesh};
 
-/// Share of the progress for setting up the equations.
+/// Share of the work that setting up the equations takes.
 const SETUP_SHARE: f64 = 0.03;
 
 /// Settings of [`solve`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct RunSettings {
-    /// Model, elements, materials and tolerances.
+    /// Model, elements, materials, tolerances.
     pub solver: SolveSettings,
-    /// Number of load steps along the path, at least 1; each yields a [`Frame`].
+    /// Streamed steps along the path.
     pub steps: usize,
-    /// Attachment of tissue to bone; the default rule when `None`.
+    /// Attachment; the default rule when `None`.
     pub attachment: Option<AttachmentRules>,
-    /// Tissue that the plan moves by less than this, by estimate, is left out: its nodes are fixed, mm. 0 keeps all tissue.
+    /// Tissue that the plan moves by less than this, by estimate, is left out: its nodes stay where they are, mm. 0 keeps all.
     pub leave_out_below_mm: f64,
 }
 
-/// Displacement beside left-out tissue above which there is a warning, in units of `leave_out_below_mm`.
+/// Displacement beside tissue that was left out, in units of what was thought to be the largest there, above which that is told.
 const TOLD_BORDER: f64 = 5.0;
-/// Upper limit of that threshold, mm.
+/// It is told above this in any case, mm.
 const TOLD_BORDER_MM: f64 = 0.25;
-/// Default of [`RunSettings::leave_out_below_mm`], mm.
-///
-/// The skin then differs from the solve of all tissue by less than 0.05 mm at P99 (`prosopon bench reach`).
+/// Default of [`RunSettings::leave_out_below_mm`]: skin is then less than 0.05 mm off the whole tissue's at P99 (`prosopon bench reach`).
 pub const LEAVE_OUT_BELOW_MM: f64 = 0.03;
 
-/// The deformed skin after one load step.
+/// One streamed step.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Frame {
     /// Step number, 1 to n.
@@ -48,24 +46,22 @@ pub struct Frame {
     pub skin: TriMesh,
     /// Length of each vertex' displacement, mm.
     pub displacement_mm: Vec<f32>,
-    /// Report of the solver.
+    /// What the solver needed.
     pub report: StepReport,
 }
 
-/// A checkpoint: a solved step from which the path can be resumed.
+/// A step after which a path can be gone on with.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Milestone {
-    /// Number of the step, 1 to n.
+    /// Its number, 1 to n.
     pub k: usize,
-    /// Motions of the moving segments from rest at the path's start, after a warm start; `None` for a path that starts at rest.
+    /// Where the path began, when that was the end of another one: motion of moving segments from rest.
     pub begin: Option<Vec<(u32, MotionNumbers)>>,
-    /// State of the solver.
+    /// Where the solver stood.
     pub solver: Checkpoint,
 }
 
-/// Callback for each step, with a function that makes a checkpoint of it.
-///
-/// The function returns `None` where a checkpoint is not possible.
+/// Hands out a step, with what makes a milestone of it where it can be one.
 pub type OnFrame<'a> = dyn FnMut(Frame, &dyn Fn() -> Option<Milestone>) + 'a;
 
 /// Movement of a part of the face at the end of the path.
@@ -81,57 +77,51 @@ pub struct RegionMotion {
     pub left_mm: f64,
 }
 
-/// Tissue that a solve leaves out because the plan hardly moves it.
+/// Tissue that a solve did without, since the plan hardly moves it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct LeftOut {
-    /// Number of nodes that are fixed instead of free or sliding.
+    /// Nodes that would else be free.
     pub nodes: usize,
-    /// Number of nodes of the mesh.
+    /// Nodes of the mesh.
     pub of_nodes: usize,
     /// Largest displacement of a free node beside one that is left out, mm: tissue just beyond would have moved by less.
     pub border_mm: f64,
 }
 
-/// Result of a path that was solved to its end.
+/// A finished path.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Outcome {
-    /// Reports of the steps that were solved.
+    /// Reports of all steps.
     pub steps: Vec<StepReport>,
     /// Mean movement of each region of the face.
     pub regions: Vec<RegionMotion>,
-    /// The regions of the face.
+    /// The regions used.
     pub face: Vec<FaceRegion>,
-    /// Positions of the deformed mesh's nodes, LPS mm.
+    /// Deformed mesh nodes, LPS mm.
     pub nodes: Vec<Point>,
-    /// State at the end, for the warm start of another path.
-    pub end: SavedState,
+    /// The end, for another path to begin at.
+    pub end: StartState,
     /// Tissue that was left out.
     pub left_out: LeftOut,
-    /// Numbers of tied, sliding, free and fixed nodes.
+    /// How many nodes were tied, slid or were free.
     pub attached: Attached,
-    /// Warnings about the inputs and the result.
+    /// What a caller should know.
     pub warnings: Vec<String>,
 }
 
-/// The paths to solve, and the state from which to start.
+/// A way for bone.
 #[derive(Debug, Clone, Copy)]
 pub struct Way<'a> {
     /// Paths of all segments that move.
     pub plan: &'a Plan,
-    /// Warm start: the end of another plan for the same tissue, bone, segments and elements.
-    ///
-    /// Bone moves straight from there to the end of `plan`. Where tissue slides over edges of bone the result may depend
-    /// slightly on the start.
-    pub from: Option<&'a SavedState>,
-    /// Checkpoint of this path from which to resume, instead of `from`.
-    ///
-    /// Later steps have the same bits as in an uninterrupted solve.
+    /// The end of another plan for the same tissue, bone, segments and elements: bone goes straight from there to the end of `plan`. Where tissue
+    /// slides over edges of bone the result may hang a little on where it came from.
+    pub from: Option<&'a StartState>,
+    /// The step of this way to go on after, in the place of `from`: later steps have the same bits as if all had been solved at a stretch.
     pub after: Option<&'a Milestone>,
 }
 
-/// Tissue attached to bone, with equations prepared for a class of plans.
-///
-/// They serve all plans that move the same segments and have the same [`displacement_class_mm`].
+/// A tissue attached to bone, with what solves along any plan that moves the same segments begin with.
 #[derive(Debug)]
 pub struct PreparedTissue {
     mesh: MixedMesh,
@@ -174,10 +164,10 @@ impl PreparedTissue {
     }
 }
 
-/// Moves the bone along the plan and passes each step to `on_frame` as soon as it is solved.
+/// Moves the bone along the plan and hands out each step as soon as it is solved.
 ///
 /// # Errors
-/// [`SimulateError`]; frames that were passed on before stay valid.
+/// [`SimulateError`]; frames that were handed out before stay valid.
 pub fn solve(
     anatomy: &Anatomy,
     tissue: &TissueModel,
@@ -187,19 +177,17 @@ pub fn solve(
     control: &Control,
     on_frame: &mut dyn FnMut(Frame),
 ) -> Result<Outcome, SimulateError> {
-    let prepared = PreparedTissue::new(tissue, bone, plan, settings, &control.stage(0.0, SETUP_SHARE))?;
-    let control = control.stage(SETUP_SHARE, 1.0);
+    let prepared = PreparedTissue::new(tissue, bone, plan, settings, &control.part(0.0, SETUP_SHARE))?;
+    let control = control.part(SETUP_SHARE, 1.0);
     let way = Way { plan, from: None, after: None };
     solve_prepared(anatomy, tissue, &prepared, bone, way, settings, &control, &mut |frame, _| on_frame(frame))
 }
 
-/// As [`solve`], with equations that were prepared before; the result has the same bits.
-///
-/// `prepared` must be for the same tissue, bone, moving segments, attachment and solver settings. The outcome holds the reports
-/// of the steps that this call solves.
+/// [`solve`] with what was prepared for the same tissue, bone, moving segments, attachment and solver's settings: the same bits. Reports are of
+/// the steps that were solved here.
 ///
 /// # Errors
-/// [`SimulateError`]; frames that were passed on before stay valid.
+/// [`SimulateError`]; frames that were handed out before stay valid.
 pub fn solve_prepared(
     anatomy: &Anatomy,
     tissue: &TissueModel,
@@ -211,27 +199,26 @@ pub fn solve_prepared(
     on_frame: &mut OnFrame<'_>,
 ) -> Result<Outcome, SimulateError> {
     if settings.steps == 0 {
-        let detail = "is 0, at least 1 is needed".to_owned();
+        let detail = "found 0, allowed is 1 or more".to_owned();
         return Err(PlanError::Value { what: "steps".to_owned(), detail }.into());
     }
     if moving_segments(bone, plan)? != prepared.moving {
-        let detail = "move other segments than the equations were prepared for; prepare them again".to_owned();
+        let detail = "other segments than those that the equations were prepared for".to_owned();
         return Err(PlanError::Value { what: "paths".to_owned(), detail }.into());
     }
     if displacement_class_mm(bone, plan) != prepared.displacement_mm {
-        let detail =
-            "move bone by another distance than the equations were prepared for; prepare them again".to_owned();
+        let detail = "displacements of another size than those that the equations were prepared for".to_owned();
         return Err(PlanError::Value { what: "paths".to_owned(), detail }.into());
     }
     let mut warnings = prepared.warnings.clone();
-    let mut solver = Solver::over(&prepared.equations, &prepared.mesh, bone.bodies(), &control.stage(0.0, SETUP_SHARE))?;
+    let mut solver = Solver::over(&prepared.equations, &prepared.mesh, bone.bodies(), &control.part(0.0, SETUP_SHARE))?;
     let begin = match after {
         Some(after) => after.begin.clone(),
         None => from.map(|from| from.motions().iter().map(|(segment, m)| (*segment, motion_numbers(m))).collect()),
     };
     match (after, from) {
         (Some(after), _) => solver.restore(&after.solver)?,
-        (None, Some(from)) => solver.resume(from)?,
+        (None, Some(from)) => solver.start_from(from)?,
         (None, None) => {}
     }
     let onwards = begin.as_ref().map(|begin: &Vec<_>| {
@@ -239,7 +226,7 @@ pub fn solve_prepared(
         plan.on_from(&motions)
     });
     let plan = onwards.as_ref().unwrap_or(plan);
-    let path = control.stage(SETUP_SHARE, 1.0);
+    let path = control.part(SETUP_SHARE, 1.0);
     let share = |k: usize| k as f64 / settings.steps as f64;
     let carrier = Carrier::new(&anatomy.skin, &tissue.embedding);
     warnings.extend(Aabb::of(&prepared.mesh.positions).and_then(|region| carrier.warning(&anatomy.skin, &region)));
@@ -249,9 +236,9 @@ pub fn solve_prepared(
     path.report(share(done));
     for k in done + 1..=settings.steps {
         let (motions, part) = (|t| plan.motions(t), path.part(share(k - 1), share(k)));
-        // Intermediate frames are for display; the last one is the result.
+        // Frames on the way are to be looked at; the last one is the result.
         let report = if k < settings.steps {
-            solver.approach(share(k), &motions, &part)?
+            solver.advance_for_display(share(k), &motions, &part)?
         } else {
             solver.advance(share(k), &motions, &part)?
         };
@@ -260,13 +247,13 @@ pub fn solve_prepared(
         let milestone = || Some(Milestone { k, begin: begin.clone(), solver: solver.checkpoint()? });
         on_frame(frame(anatomy, &last, k, share(k), report)?, &milestone);
     }
-    warnings.extend(steps.last().and_then(|s: &StepReport| s.sunk?.warning()));
+    warnings.extend(steps.last().and_then(|s: &StepReport| s.bone_penetration?.warning()));
     let (face, from_landmarks) = face_regions(&anatomy.skin, &anatomy.landmarks, None);
     if !from_landmarks {
-        warnings.push("no landmarks: the regions of the face are placed by proportions; add landmarks".to_owned());
+        warnings.push("no landmarks: the regions of the face come from the proportions of the skin's box".to_owned());
     }
     let regions = face.iter().filter_map(|region| region_motion(&anatomy.skin, &last, region)).collect();
-    let (nodes, end) = (solver.positions(), solver.save());
+    let (nodes, end) = (solver.positions(), solver.start_state());
     let left_out = LeftOut {
         nodes: prepared.left_out.len(),
         of_nodes: nodes.len(),
@@ -275,8 +262,8 @@ pub fn solve_prepared(
     let told_mm = (TOLD_BORDER * settings.leave_out_below_mm).min(TOLD_BORDER_MM);
     if left_out.border_mm > told_mm {
         warnings.push(format!(
-            "tissue that the plan was estimated to move by less than {} mm was left out, but tissue beside it moves by {:.2} mm; \
-             solve again with a smaller `leave_out_below_mm`",
+            "beside tissue that was left out because the plan was thought to move it by less than {} mm, tissue moves by {:.2} mm: a smaller \
+             `leave_out_below_mm` would tell more",
             settings.leave_out_below_mm, left_out.border_mm
         ));
     }
@@ -301,7 +288,7 @@ fn moving_segments(bone: &CutBone, plan: &Plan) -> Result<Vec<u32>, PlanError> {
     match moving.iter().position(|&id| !known(id)) {
         Some(index) => Err(PlanError::Value {
             what: format!("paths[{index}].segment"),
-            detail: format!("segment {} cannot move: it does not exist or is the skull", moving[index]),
+            detail: format!("segment {} does not exist or is the skull that stays", moving[index]),
         }),
         None => Ok(moving),
     }

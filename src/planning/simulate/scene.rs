@@ -106,7 +106,7 @@ impl Scene {
                 }
             }
         }
-        warnings.extend(steps.last().and_then(|s: &StepReport| s.sunk?.warning()));
+        warnings.extend(steps.last().and_then(|s: &StepReport| s.bone_penetration?.warning()));
         warnings.extend(self.held_inside_bone(&solver.positions(), share(reached)));
         let (tetrahedra, prisms) = solver.cell_states();
         let displacements_mm = solver.positions().iter().zip(&mesh.positions).map(|(x, rest)| x - rest).collect();

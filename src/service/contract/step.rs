@@ -124,7 +124,7 @@ impl StepDocument {
             outcome: r.outcome.name().to_owned(),
             min_det_f: r.min_det_f,
             max_penetration_mm: r.max_penetration_mm,
-            free_penetration_mm: r.sunk.map_or(0.0, |sunk| sunk.depth_mm),
+            free_penetration_mm: r.bone_penetration.map_or(0.0, |sunk| sunk.depth_mm),
             relative_residual: r.relative_residual,
             remaining_mm: r.remaining_mm.is_finite().then_some(r.remaining_mm),
             newton_iterations: r.newton_iterations,

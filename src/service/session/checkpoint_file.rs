@@ -43,16 +43,16 @@ struct CheckpointMembers {
     motions: Vec<(u32, MotionNumbers)>,
     substep: f64,
     stabilised: bool,
-    told_passage: [bool; 2],
+    warned_passage: [bool; 2],
     contact_stiffness: f64,
     multipliers: Vec<(u64, f64)>,
     released: Vec<u64>,
-    settled_forces: Vec<(u32, [f64; 3])>,
+    contact_forces: Vec<(u32, [f64; 3])>,
     active: Vec<(u64, u64)>,
     double: bool,
     #[serde(with = "FactorOriginMembers")]
     factor: FactorOrigin,
-    lost: u64,
+    extra_iterations: u64,
     known_compliance: Vec<Vec<u32>>,
 }
 
@@ -114,15 +114,15 @@ mod tests {
             motions: vec![(1, motion)],
             substep: f64::INFINITY,
             stabilised: true,
-            told_passage: [true, false],
+            warned_passage: [true, false],
             contact_stiffness: 0.3,
             multipliers: vec![(9, 1e-3)],
             released: vec![7],
-            settled_forces: vec![(4, [1.0, 2.0, 3.0])],
+            contact_forces: vec![(4, [1.0, 2.0, 3.0])],
             active: vec![(4, 0)],
             double: false,
             factor: FactorOrigin::State { x, projected: true },
-            lost: 5,
+            extra_iterations: 5,
             known_compliance: vec![vec![3, 4], vec![1]],
         };
         let checkpoint = PathCheckpoint { k: 3, begin: Some(vec![(1, motion)]), solver };

@@ -10,7 +10,7 @@ use prosopon_formats::import::{Limits, detect_surface, surface};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Aabb, Point, TriMesh};
 use prosopon_jobs::{Compared, Comparison, Prediction, RegisterOn};
-use prosopon_planning::evaluate::{Mask, Part};
+use prosopon_planning::evaluate::{Mask, MaskRegion};
 use prosopon_service::http::dto::PartRequest;
 use prosopon_session::{Numerics, chain, error_sheet};
 
@@ -129,7 +129,7 @@ fn mask_of(path: &Path) -> Result<Mask, Box<dyn std::error::Error>> {
         MaskFile::Vertices(vertices) if vertices.is_empty() => Mask::default(),
         MaskFile::Vertices(vertices) => Mask { vertices: Some(vertices), ..Mask::default() },
         MaskFile::Parts(parts) => {
-            let only: Option<Vec<Part>> = parts.iter().map(part).collect();
+            let only: Option<Vec<MaskRegion>> = parts.iter().map(part).collect();
             let only = only.ok_or_else(|| {
                 unusable("a part has neither min_mm below max_mm nor centre_mm and a radius_mm above 0".to_owned())
             })?;
@@ -138,14 +138,14 @@ fn mask_of(path: &Path) -> Result<Mask, Box<dyn std::error::Error>> {
     })
 }
 
-fn part(request: &PartRequest) -> Option<Part> {
+fn part(request: &PartRequest) -> Option<MaskRegion> {
     match (request.min_mm, request.max_mm, request.centre_mm, request.radius_mm) {
         (Some(min), Some(max), None, None) => {
             let ordered = min.iter().zip(max).all(|(min, max)| *min < max);
-            ordered.then(|| Part::Box(Aabb { min: Point::from(min), max: Point::from(max) }))
+            ordered.then(|| MaskRegion::Box(Aabb { min: Point::from(min), max: Point::from(max) }))
         }
         (None, None, Some(centre), Some(radius_mm)) => {
-            (radius_mm > 0.0).then(|| Part::Ball { centre: Point::from(centre), radius_mm })
+            (radius_mm > 0.0).then(|| MaskRegion::Ball { centre: Point::from(centre), radius_mm })
         }
         _ => None,
     }

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use super::DemoError;
 use prosopon_formats::import;
 use prosopon_geometry::{TriMesh, Vector};
-use prosopon_planning::evaluate::{Layer, View, moved_along, picture};
+use prosopon_planning::evaluate::{Layer, View, moved_along, render_panels};
 
 /// Results besides the steps.
 const RESULTS: [&str; 6] = [
@@ -61,7 +61,7 @@ pub(super) fn before_after(out: &Path, before_ply: &[u8], after_ply: &[u8]) -> R
             ("after", plain(&after)),
             ("moved forward", Layer { mesh: &after, values: Some((&moved, limit)) }),
         ];
-        write(out, name, &picture(&panels, &view))?;
+        write(out, name, &render_panels(&panels, &view))?;
     }
     Ok(())
 }

@@ -6,9 +6,9 @@
 mod colour;
 mod distance;
 mod error_map;
-mod fault;
+mod error;
 mod font;
-mod part;
+mod mask;
 mod picture;
 mod plausible;
 mod png;
@@ -22,13 +22,13 @@ mod statistics;
 
 pub use colour::diverging;
 pub use error_map::{Correspondence, ErrorMap, error_map};
-pub use fault::{EvaluateError, RegistrationFault};
-pub use part::{Mask, Part};
-pub use picture::{Layer, View, moved_along, picture};
+pub use error::{EvaluateError, RegistrationFault};
+pub use mask::{Mask, MaskRegion};
+pub use picture::{Layer, View, moved_along, render_panels};
 pub use png::rgb_png;
 pub use regions::{FaceRegion, eyes, face_regions};
 pub use register::{Registration, register};
-pub use sheet::{Sheet, sheet};
+pub use sheet::{Sheet, render_sheet};
 pub use statistics::{Statistics, statistics};
 
 #[cfg(test)]

@@ -51,7 +51,7 @@ pub fn moved_along(before: &TriMesh, after: &TriMesh, direction: &Vector) -> (Ve
 /// direction is replaced by (0, 1, 0), the view of the face from the front. When `up` is parallel to the direction, z or else y
 /// is used. The side lengths are clamped to 64 to 8192 pixels.
 #[must_use]
-pub fn picture(panels: &[(&str, Layer<'_>)], view: &View) -> Vec<u8> {
+pub fn render_panels(panels: &[(&str, Layer<'_>)], view: &View) -> Vec<u8> {
     let [width, height] = view.size_px.map(|s| s.clamp(SIDE_PX.0, SIDE_PX.1) as usize);
     let mut canvas = Canvas::white(width, height);
     let limit = panels.iter().find_map(|(_, layer)| layer.values.map(|v| v.1));

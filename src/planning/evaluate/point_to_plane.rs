@@ -6,7 +6,7 @@ use super::{EvaluateError, RegistrationFault};
 use prosopon_geometry::{Motion, Point, Vector};
 
 /// Fewer pairs than the six unknowns cannot determine a motion.
-const LEAST_PAIRS: usize = 6;
+const MIN_PAIRS: usize = 6;
 /// Smallest ratio of eigenvalues at which the equations of one step are solved.
 const SOLVABLE: f64 = 1e-9;
 
@@ -29,12 +29,12 @@ pub(super) struct Pair {
 
 /// Centroid and radius.
 /// Rotations about the centroid are measured at the radius, so that they are in mm like translations.
-struct Frame {
+struct RowFrame {
     centre: Point,
     radius: f64,
 }
 
-impl Frame {
+impl RowFrame {
     fn of<'a>(rows: impl Iterator<Item = &'a Row> + Clone) -> Self {
         let total = rows.clone().map(|r| r.weight).sum::<f64>().max(f64::MIN_POSITIVE);
         let centre = Point::from(rows.clone().map(|r| r.point.coords * r.weight).sum::<Vector>() / total);
@@ -66,23 +66,23 @@ fn ratio(eigen: &SymmetricEigen<f64, nalgebra::U6>) -> f64 {
 
 /// Stiffness of the softest rigid motion of the rows relative to the stiffest one, 0 to 1.
 pub(super) fn stiffness(rows: &[Row]) -> f64 {
-    ratio(&Frame::of(rows.iter()).stiffnesses(rows.iter()))
+    ratio(&RowFrame::of(rows.iter()).stiffnesses(rows.iter()))
 }
 
 /// The small motion that minimises the squared gaps, and the largest movement of a point, mm.
 ///
 /// # Errors
-/// [`RegistrationFault::NoPartners`] with too few pairs, [`RegistrationFault::Slides`] when the equations are singular.
+/// [`RegistrationFault::TooFewPairs`] with too few pairs, [`RegistrationFault::ShapeUndetermined`] when the equations are singular.
 pub(super) fn solve(pairs: &[Pair]) -> Result<(Motion, f64), EvaluateError> {
-    if pairs.len() < LEAST_PAIRS {
-        return Err(RegistrationFault::NoPartners { found: pairs.len(), allowed: LEAST_PAIRS }.into());
+    if pairs.len() < MIN_PAIRS {
+        return Err(RegistrationFault::TooFewPairs { found: pairs.len(), allowed: MIN_PAIRS }.into());
     }
     let rows = pairs.iter().map(|p| &p.row);
-    let frame = Frame::of(rows.clone());
+    let frame = RowFrame::of(rows.clone());
     let eigen = frame.stiffnesses(rows);
     let stiffness = ratio(&eigen);
     if stiffness <= SOLVABLE {
-        return Err(RegistrationFault::Slides { stiffness, allowed: SOLVABLE }.into());
+        return Err(RegistrationFault::ShapeUndetermined { stiffness, allowed: SOLVABLE }.into());
     }
     let right = -pairs.iter().map(|p| frame.row(&p.row) * (p.gap * p.row.weight)).sum::<Vector6<f64>>();
     let x = eigen.eigenvectors * (eigen.eigenvectors.transpose() * right).component_div(&eigen.eigenvalues);

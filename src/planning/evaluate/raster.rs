@@ -105,8 +105,8 @@ pub(super) fn draw(canvas: &mut Canvas, camera: &Camera, mesh: &TriMesh, values:
     let value_at = |v: u32| values.and_then(|(all, _)| all.get(v as usize)).map_or(f64::NAN, |v| f64::from(*v));
     for triangle in mesh.triangles() {
         let [a, b, c] = triangle.map(|v| projected[v as usize]);
-        let doubled = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
-        if doubled == 0.0 || !doubled.is_finite() {
+        let twice_area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
+        if twice_area == 0.0 || !twice_area.is_finite() {
             continue;
         }
         let span = |i: usize, size: usize| {
@@ -122,8 +122,8 @@ pub(super) fn draw(canvas: &mut Canvas, camera: &Camera, mesh: &TriMesh, values:
         for y in y0..y1 {
             for x in x0..x1 {
                 let (px, py) = (x as f64 + 0.5, y as f64 + 0.5);
-                let wb = ((px - a[0]) * (c[1] - a[1]) - (py - a[1]) * (c[0] - a[0])) / doubled;
-                let wc = ((b[0] - a[0]) * (py - a[1]) - (b[1] - a[1]) * (px - a[0])) / doubled;
+                let wb = ((px - a[0]) * (c[1] - a[1]) - (py - a[1]) * (c[0] - a[0])) / twice_area;
+                let wc = ((b[0] - a[0]) * (py - a[1]) - (b[1] - a[1]) * (px - a[0])) / twice_area;
                 let w = [1.0 - wb - wc, wb, wc];
                 if w.iter().any(|w| *w < 0.0) {
                     continue;

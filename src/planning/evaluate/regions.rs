@@ -1,6 +1,6 @@
 //! Named regions of a face.
 
-use super::Part;
+use super::MaskRegion;
 use prosopon_geometry::{Aabb, Point, TriMesh};
 
 /// A named region of the face: an axis-aligned box, LPS mm.
@@ -51,14 +51,14 @@ pub fn face_regions(
 /// Balls over the eyes, placed like the boxes of [`face_regions`].
 /// Masks exclude them because lids move between two scans of an unchanged face.
 #[must_use]
-pub fn eyes(skin: &TriMesh, landmarks: &[(String, Point)], midline_x_mm: Option<f64>) -> [Part; 2] {
+pub fn eyes(skin: &TriMesh, landmarks: &[(String, Point)], midline_x_mm: Option<f64>) -> [MaskRegion; 2] {
     // Position of an adult's eye relative to the tip of the nose: lateral, backward and upward, mm.
     const CENTRE: [f64; 3] = [32.0, 44.0, 35.0];
     const RADIUS: f64 = 17.0;
     let face = Face::of(skin, landmarks, midline_x_mm).0;
     [-1.0, 1.0].map(|side| {
         let [x, y, z] = CENTRE.map(|c| c * face.scale);
-        Part::Ball {
+        MaskRegion::Ball {
             centre: Point::new(face.midline + side * x, face.nose.y + y, face.nose.z + z),
             radius_mm: RADIUS * face.scale,
         }
@@ -125,7 +125,7 @@ impl Face {
         let subnasal = self.spine - 3.0 * s;
         let fold = self.lips - 0.5 * (self.lips - self.chin);
         let (front, nose_top) = (self.nose.y - 10.0 * s, self.nose.z + 35.0 * s);
-        let made = |name, x: [f64; 2], y: [f64; 2], z: [f64; 2]| {
+        let region = |name, x: [f64; 2], y: [f64; 2], z: [f64; 2]| {
             let min = Point::new(self.midline + x[0], y[0], z[0]);
             let max = Point::new(self.midline + x[1], y[1], z[1]);
             FaceRegion { name, bounds: Aabb { min, max } }
@@ -137,21 +137,21 @@ impl Face {
         let side_z = [subnasal - 14.0 * s, subnasal + 6.0 * s];
         let cheek_z = [self.lips - 15.0 * s, self.nose.z + 25.0 * s];
         vec![
-            made("nose", middle(wing), depth(40.0), [subnasal, nose_top]),
-            made("paranasal_left", [lip, paranasal], depth(60.0), side_z),
-            made("paranasal_right", [-paranasal, -lip], depth(60.0), side_z),
-            made("upper_lip", middle(lip), depth(50.0), [self.lips, subnasal]),
-            made("lower_lip", middle(mouth), depth(50.0), [fold, self.lips]),
-            made("chin", middle(mouth), chin_depth, [self.menton - 3.0 * s, fold]),
-            made("cheek_left", [paranasal, cheek], depth(90.0), cheek_z),
-            made("cheek_right", [-cheek, -paranasal], depth(90.0), cheek_z),
-            made(
+            region("nose", middle(wing), depth(40.0), [subnasal, nose_top]),
+            region("paranasal_left", [lip, paranasal], depth(60.0), side_z),
+            region("paranasal_right", [-paranasal, -lip], depth(60.0), side_z),
+            region("upper_lip", middle(lip), depth(50.0), [self.lips, subnasal]),
+            region("lower_lip", middle(mouth), depth(50.0), [fold, self.lips]),
+            region("chin", middle(mouth), chin_depth, [self.menton - 3.0 * s, fold]),
+            region("cheek_left", [paranasal, cheek], depth(90.0), cheek_z),
+            region("cheek_right", [-cheek, -paranasal], depth(90.0), cheek_z),
+            region(
                 "submental",
                 middle(mouth),
                 [self.chin_front, self.chin_front + 60.0 * s],
                 [self.menton - 35.0 * s, self.menton - 3.0 * s],
             ),
-            made("forehead", middle(60.0 * s), depth(70.0), [self.nose.z + 48.0 * s, self.nose.z + 110.0 * s]),
+            region("forehead", middle(60.0 * s), depth(70.0), [self.nose.z + 48.0 * s, self.nose.z + 110.0 * s]),
         ]
     }
 }
@@ -191,8 +191,8 @@ mod tests {
     fn balls_cover_the_lids_and_neither_nose_nor_temples() {
         for face in [eyes(&ball(), &landmarks(), Some(6.0)), eyes(&ball(), &[], Some(2.0))] {
             let [right, left] = face.map(|part| match part {
-                Part::Ball { centre, radius_mm } => (centre, radius_mm),
-                Part::Box(_) => panic!("not a ball"),
+                MaskRegion::Ball { centre, radius_mm } => (centre, radius_mm),
+                MaskRegion::Box(_) => panic!("not a ball"),
             });
             assert!((left.0 - right.0 - Vector::new(64.0, 0.0, 0.0)).norm() < 0.5, "{left:?} {right:?}");
         }

@@ -38,7 +38,7 @@ const STILL_MM: f64 = 1e-8;
 const NEARLY_STILL_MM: f64 = 5e-3;
 const NEARLY_STILL_SHARE: f64 = 0.05;
 /// A larger final movement is reported as a warning, mm.
-const TOLD_MM: f64 = 1e-3;
+const WARN_MM: f64 = 1e-3;
 /// Surfaces whose median distance stays above this do not match, mm.
 const MATCH_MM: f64 = 3.0;
 /// A median distance above this gives a warning, mm.
@@ -46,14 +46,14 @@ const GOOD_MM: f64 = 1.0;
 /// Smallest share of the region's area with kept pairs; below the second value there is a warning.
 const OVERLAP: [f64; 2] = [0.1, 0.5];
 /// Smallest number of vertices and smallest area of a region, mm².
-const LEAST_VERTICES: usize = 30;
-const LEAST_AREA_MM2: f64 = 500.0;
+const MIN_VERTICES: usize = 30;
+const MIN_AREA_MM2: f64 = 500.0;
 /// Normals are averaged over this radius before the shape is judged, mm, but over at most this share of the surface's diagonal.
 /// Without the averaging noise would count as shape.
 const SHAPE_MM: f64 = 8.0;
 const SHAPE_SHARE: f64 = 0.04;
 /// Smallest ratio of the softest rigid motion's stiffness to the stiffest one's; below it the region slides along itself.
-const LEAST_STIFFNESS: f64 = 2e-3;
+const MIN_STIFFNESS: f64 = 2e-3;
 
 /// A rigid motion that aligns one surface with another, with measures of its quality.
 #[derive(Debug, Clone, PartialEq)]
@@ -121,8 +121,8 @@ pub fn register(
     let mut warnings = plausible(source, target)?;
     let region = Region::of(source, unaltered)?;
     let stiffness = region.stiffness();
-    if stiffness < LEAST_STIFFNESS {
-        return Err(RegistrationFault::Slides { stiffness, allowed: LEAST_STIFFNESS }.into());
+    if stiffness < MIN_STIFFNESS {
+        return Err(RegistrationFault::ShapeUndetermined { stiffness, allowed: MIN_STIFFNESS }.into());
     }
     let surface = Surface::new(target)?;
     let coarse = region.thinned(COARSE_POINTS);
@@ -136,11 +136,11 @@ pub fn register(
             RegistrationFault::NoMatch { median_mm, allowed_mm: MATCH_MM, overlap, mirrored: mirrored()? }.into()
         );
     }
-    if !found.settled {
+    if !found.converged {
         let (iterations, movement_mm) = (found.iterations, found.movement_mm);
         return Err(RegistrationFault::NotConverged { iterations, movement_mm, mirrored: mirrored()? }.into());
     }
-    if found.movement_mm > TOLD_MM {
+    if found.movement_mm > WARN_MM {
         warnings.push(format!(
             "the registration did not converge fully: after {} iterations points still oscillate by {:.3} mm",
             found.iterations, found.movement_mm
@@ -204,10 +204,10 @@ impl Region {
         let sample = |v: &usize| Sample { point: source.positions()[*v], weight: areas[*v], normal: normals[*v] };
         let points: Vec<Sample> = vertices.iter().map(sample).collect();
         let area_mm2 = points.iter().map(|p| p.weight).sum::<f64>() + 0.0;
-        if vertices.len() < LEAST_VERTICES || area_mm2 < LEAST_AREA_MM2 {
+        if vertices.len() < MIN_VERTICES || area_mm2 < MIN_AREA_MM2 {
             let vertices = vertices.len();
-            let (least_vertices, least_area_mm2) = (LEAST_VERTICES, LEAST_AREA_MM2);
-            return Err(RegistrationFault::RegionTooSmall { vertices, area_mm2, least_vertices, least_area_mm2 }.into());
+            let (min_vertices, min_area_mm2) = (MIN_VERTICES, MIN_AREA_MM2);
+            return Err(RegistrationFault::RegionTooSmall { vertices, area_mm2, min_vertices, min_area_mm2 }.into());
         }
         Ok(Self { vertices, points: Points(points) })
     }
@@ -302,7 +302,7 @@ struct Fitted {
     motion: Motion,
     iterations: usize,
     /// Whether the iteration converged, and the largest movement of a point in the last iteration.
-    settled: bool,
+    converged: bool,
     movement_mm: f64,
     residual_mm: f64,
     median_mm: f64,
@@ -320,7 +320,7 @@ fn fitted(
     let mut found = Fitted {
         motion: start,
         iterations: 0,
-        settled: false,
+        converged: false,
         movement_mm: f64::INFINITY,
         residual_mm: f64::INFINITY,
         median_mm: f64::INFINITY,
@@ -349,7 +349,7 @@ fn fitted(
         }
         together |= step < TOGETHER_MM;
     }
-    found.settled = together && found.movement_mm <= NEARLY_STILL_MM.max(NEARLY_STILL_SHARE * found.residual_mm);
+    found.converged = together && found.movement_mm <= NEARLY_STILL_MM.max(NEARLY_STILL_SHARE * found.residual_mm);
     Ok(found)
 }
 

@@ -50,7 +50,7 @@ pub struct Sheet<'a> {
 /// The PNG has 1380 × 1184 pixels. All views have one scale and show the head upright (z up); in the front view the patient's
 /// left is on the right. The surface is shaded with interpolated normals, drawn at twice the size and averaged.
 #[must_use]
-pub fn sheet(sheet: &Sheet<'_>) -> Vec<u8> {
+pub fn render_sheet(sheet: &Sheet<'_>) -> Vec<u8> {
     let cell = [PANEL_PX[0], PANEL_PX[1] + NAME_PX];
     let mut canvas = Canvas::white(GRID[0] * cell[0], TITLE_PX + GRID[1] * cell[1]);
     FONT.write(&mut canvas, sheet.title, 14, 12, BLACK);

@@ -5,7 +5,8 @@ use std::fmt;
 use nalgebra::Matrix3;
 use rayon::prelude::*;
 
-use super::parting::{Crossing, OUTSIDE, flood, for_each_neighbour, lattice, strides};
+use super::lattice::{Crossing, OUTSIDE, lattice, strides};
+use super::pieces::{flood, for_each_neighbour};
 use super::{Cut, PlanError, min_cut};
 use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{Point, ScalarGrid, Vector};

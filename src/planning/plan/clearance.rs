@@ -5,7 +5,7 @@ use parry3d_f64::query;
 use parry3d_f64::shape::{Segment as Stretch, TriMesh as Shape};
 
 use super::{Osteotomy, PlanError};
-use prosopon_geometry::{Point, Vector};
+use prosopon_geometry::{Point, TriMesh, Vector};
 
 /// A point or polyline that cuts should keep away from, such as a nerve.
 #[derive(Debug, Clone, PartialEq)]
@@ -37,7 +37,8 @@ pub struct Clearance {
 /// [`CutShape::FreePart`](super::CutShape::FreePart) cuts nothing and has no entries.
 ///
 /// # Errors
-/// [`PlanError::Value`] for a structure without points or with a coordinate that is not finite.
+/// [`PlanError::Value`] for a structure without points or with a coordinate that is not finite; [`PlanError::Cut`] for a cut
+/// whose distances cannot be computed.
 ///
 /// ```
 /// use prosopon_geometry::{Point, TriMesh, Vector};
@@ -85,9 +86,8 @@ pub fn clearances(osteotomy: &Osteotomy, protected: &[Protected]) -> Result<Vec<
     };
     let mut found = Vec::new();
     for (index, cut) in osteotomy.cuts.iter().enumerate() {
-        let Some(surface) = cut.surface(&bounds.center(), bounds.diagonal())? else { continue };
-        let corners = surface.positions().iter().map(|p| ParryVector::new(p.x, p.y, p.z)).collect();
-        let Ok(shape) = Shape::new(corners, surface.triangles().to_vec()) else { continue };
+        let Some(surface) = cut.surface(index, &bounds.center(), bounds.diagonal())? else { continue };
+        let shape = shape_of(&surface).map_err(|detail| cut.fault(index, "surface", detail))?;
         for (number, p) in protected.iter().enumerate() {
             let nearest = stretches(&p.points).filter_map(|(a, b)| nearest(&shape, &a, &b));
             if let Some((distance, place)) = nearest.min_by(|a, b| a.0.total_cmp(&b.0)) {
@@ -97,6 +97,12 @@ pub fn clearances(osteotomy: &Osteotomy, protected: &[Protected]) -> Result<Vec<
         }
     }
     Ok(found)
+}
+
+/// The surface of a cut, prepared for distances; else why that is not possible.
+fn shape_of(surface: &TriMesh) -> Result<Shape, String> {
+    let corners = surface.positions().iter().map(|p| ParryVector::new(p.x, p.y, p.z)).collect();
+    Shape::new(corners, surface.triangles().to_vec()).map_err(|e| format!("its clearance cannot be computed: {e}"))
 }
 
 fn stretches(points: &[Point]) -> impl Iterator<Item = (Point, Point)> {
@@ -127,6 +133,12 @@ mod tests {
 
     fn protected(points: &[[f64; 3]]) -> Protected {
         Protected { name: "nerve".into(), points: points.iter().map(|p| Point::from(*p)).collect(), margin_mm: None }
+    }
+
+    #[test]
+    fn a_cut_without_distances_is_reported() {
+        let empty = TriMesh::new(vec![Point::origin()], Vec::new()).unwrap();
+        assert!(shape_of(&empty).is_err_and(|detail| detail.starts_with("its clearance cannot be computed: ")));
     }
 
     #[test]

@@ -1,11 +1,12 @@
 //! Minimum cut: the cheapest set of grid edges that separates two sets of nodes.
 
-use super::parting::{OUTSIDE, for_each_neighbour, lattice};
+use super::lattice::{OUTSIDE, lattice};
+use super::pieces::for_each_neighbour;
 use prosopon_geometry::ScalarGrid;
 use prosopon_geometry::control::{Cancelled, Control};
 
 /// Flow above which the search stops: so much bone is not a bridge.
-const MOST_FLOW: u64 = 400_000;
+const MAX_FLOW: u64 = 400_000;
 /// Nodes more than `FINE_STEPS` grid steps from the cut are merged in blocks of `BLOCK` nodes along each axis.
 const FINE_STEPS: u32 = 5;
 const BLOCK: usize = 3;
@@ -16,7 +17,7 @@ const FALL_OFF_MM: f64 = 8.0;
 
 /// For each node, whether it is connected to the sources once the cheapest set of open edges is cut.
 ///
-/// `None` when sources and sinks are already separate, and when the flow exceeds [`MOST_FLOW`].
+/// `None` when sources and sinks are already separate, and when the flow exceeds [`MAX_FLOW`].
 ///
 /// Maximum flow by level graphs (Dinic 1970). Away from sources and sinks, connected nodes of one block are merged.
 pub(super) fn reached(
@@ -34,7 +35,7 @@ pub(super) fn reached(
     let mut total = 0;
     while flow.levels(control)? {
         total += flow.block(control)?;
-        if total > MOST_FLOW {
+        if total > MAX_FLOW {
             return Ok(None);
         }
     }

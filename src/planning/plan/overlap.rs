@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::cut_faces::Solid;
+use super::moved_solid::Solid;
 use prosopon_geometry::{Aabb, Motion, Point, Vector};
 
 /// Edge of the smallest cells as a share of the solid's extent. At edges of a solid, where a cell sees only one of two faces,

@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use super::blade::Blade;
-use super::parting::{Crossing, lattice, neighbours, strides};
+use super::checked_cut::CheckedCut;
+use super::lattice::{Crossing, lattice, neighbours, strides};
 use prosopon_geometry::{Point, ScalarGrid};
 
 /// Distances from the separating cuts, and their kerf, at the grid nodes beside them.
@@ -21,7 +21,7 @@ pub(super) struct Separation {
 
 /// A cut with its kerf.
 pub(super) struct Saw<'a> {
-    pub(super) blade: &'a Blade,
+    pub(super) checked_cut: &'a CheckedCut,
     pub(super) kerf_mm: f64,
 }
 
@@ -93,7 +93,7 @@ impl Separation {
             }
         }
         let positions: Vec<Point> = nodes.iter().map(|n| position(grid, *n)).collect();
-        for (node, distance) in nodes.into_iter().zip(saw.blade.distances(&positions)) {
+        for (node, distance) in nodes.into_iter().zip(saw.checked_cut.distances(&positions)) {
             self.near(node, distance as f32, saw.kerf_mm as f32);
         }
     }

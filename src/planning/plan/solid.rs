@@ -1,7 +1,7 @@
 //! Closed surfaces of segments from the grid nodes that belong to them.
 
-use super::cut::Segment;
-use super::parting::{lattice, neighbours};
+use super::lattice::{lattice, neighbours};
+use super::osteotomy::Segment;
 use super::separation::Separation;
 use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{Point, ScalarGrid, TriMesh, Vector, isosurface};
@@ -106,19 +106,4 @@ fn centroid(surface: &TriMesh) -> Point {
         moment += (a + b + c) * (0.25 * v);
     }
     if volume == 0.0 { o } else { o + moment / volume }
-}
-
-/// Whether `p` lies inside a closed surface: its solid angles then add up to 4π (Van Oosterom & Strackee 1983).
-pub(super) fn contains(surface: &TriMesh, p: &Point) -> bool {
-    if !surface.bounds().contains(p) {
-        return false;
-    }
-    let mut half_angle = 0.0;
-    for t in 0..surface.triangles().len() {
-        let [a, b, c] = surface.corners(t).map(|q| q - p);
-        let (la, lb, lc) = (a.norm(), b.norm(), c.norm());
-        let below = la * lb * lc + a.dot(&b) * lc + b.dot(&c) * la + c.dot(&a) * lb;
-        half_angle += a.dot(&b.cross(&c)).atan2(below);
-    }
-    half_angle > std::f64::consts::PI
 }

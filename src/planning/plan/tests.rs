@@ -251,13 +251,15 @@ fn parts_that_were_apart_stay_unless_a_cut_divides_them() {
 }
 
 #[test]
-fn crumbs_stay_with_a_neighbour_with_a_warning_and_do_not_count_as_a_parting() {
+fn fragments_stay_with_a_neighbour_with_a_warning_and_do_not_count_as_a_parting() {
     let bone = block();
     let corner = endless([12.0, 10.0, 24.0], [1.0, 1.0, 1.0]);
     assert!(matches!(run(&bone, &[corner]), Err(PlanError::NotParted { .. })));
     let cut = run(&bone, &[corner, endless([0.0, 0.0, 9.0], [0.0, 0.0, 1.0])]).unwrap();
     assert_eq!(cut.segments.len(), 2);
-    assert!(cut.warnings.iter().any(|w| w.contains("1 fragments")), "{:?}", cut.warnings);
+    let [warning] = cut.warnings.as_slice() else { panic!("{:?}", cut.warnings) };
+    assert_eq!((warning.code, warning.severity), ("fragments-kept", Severity::Info));
+    assert!(warning.message.starts_with("1 fragments of "), "{warning}");
 }
 
 /// One plane twice with opposite normals: grid nodes that lie in it form a sheet between the two. Elsewhere it acts as one cut.
@@ -275,8 +277,9 @@ fn a_plane_given_twice_makes_no_sheet_of_bone() {
             let plane = |up: f64| endless([0.0, 0.0, height], [0.0, 0.0, up]);
             match run(&bone, &[plane(1.0), plane(-1.0)]) {
                 Ok(cut) => assert_eq!(cut.segments.len(), 2, "{height}"),
-                Err(PlanError::Value { what, detail }) => {
-                    assert!(what == "cuts[1]" && detail.contains("lie on one another"), "{what} {detail}");
+                Err(PlanError::Cut { cut: 1, label, field: "", detail }) => {
+                    assert_eq!(label, "cut 1");
+                    assert!(detail.contains("thick to cut 0; remove one"), "{detail}");
                     refused += 1;
                 }
                 Err(other) => panic!("{height}: {other}"),
@@ -291,14 +294,14 @@ fn faulty_cuts_are_refused_by_name() {
     let bone = block();
     let good = level(15.0, [-20.0, 20.0], [-20.0, 20.0]);
     let what = |cuts: &[BoundedPlane]| match run(&bone, cuts) {
-        Err(PlanError::Value { what, .. }) => what,
+        Err(PlanError::Cut { cut, field, .. }) => (cut, field),
         other => panic!("{other:?}"),
     };
-    assert_eq!(what(&[]), "cuts");
-    assert_eq!(what(&[good, BoundedPlane { normal: Vector::zeros(), ..good }]), "cuts[1].plane.normal");
-    assert_eq!(what(&[BoundedPlane { point: Point::new(f64::NAN, 0.0, 0.0), ..good }]), "cuts[0].plane.point_mm");
-    assert_eq!(what(&[BoundedPlane { bounds: Some((Vector::z(), 1.0, 1.0)), ..good }]), "cuts[0].plane.bounds");
-    assert_eq!(what(&[BoundedPlane { bounds: Some((Vector::x(), -1.0, 1.0)), ..good }]), "cuts[0].plane.bounds");
+    assert!(matches!(run(&bone, &[]), Err(PlanError::Value { what, .. }) if what == "cuts"));
+    assert_eq!(what(&[good, BoundedPlane { normal: Vector::zeros(), ..good }]), (1, "plane.normal"));
+    assert_eq!(what(&[BoundedPlane { point: Point::new(f64::NAN, 0.0, 0.0), ..good }]), (0, "plane.point_mm"));
+    assert_eq!(what(&[BoundedPlane { bounds: Some((Vector::z(), 1.0, 1.0)), ..good }]), (0, "plane.bounds"));
+    assert_eq!(what(&[BoundedPlane { bounds: Some((Vector::x(), -1.0, 1.0)), ..good }]), (0, "plane.bounds"));
     let control = Control::new();
     control.cancel();
     assert!(matches!(cut(&bone, &[good.into()], &control), Err(PlanError::Cancelled(_))));
@@ -333,28 +336,36 @@ fn a_lifted_segment_opens_a_gap_and_a_lowered_one_overlaps() {
 
 #[test]
 fn what_a_surgeon_should_look_at_is_said_with_place_and_size() {
-    let cut = run(&block(), &[endless([0.0, 0.0, 12.2], [0.0, 0.0, 1.0])]).unwrap();
+    let mut cut = run(&block(), &[endless([0.0, 0.0, 12.2], [0.0, 0.0, 1.0])]).unwrap();
+    cut.segments[0].name = Some("skull".to_owned());
+    cut.segments[1].name = Some("maxilla".to_owned());
     let warnings = |motion: Motion| {
         let plan = Plan { paths: vec![Path::new(1, vec![(1.0, motion)]).unwrap()] };
         follow(&cut, &plan, &Control::new()).unwrap().remove(0).warnings
     };
-    assert_eq!(warnings(Motion::translation(0.0, -4.0, -2.0)), [] as [&str; 0]);
+    assert_eq!(warnings(Motion::translation(0.0, -4.0, -2.0)), []);
     // 4 mm up into a face of 24 by 20 mm.
     let driven_in = warnings(Motion::translation(0.0, 0.0, 4.0));
-    let said = driven_in[0].split_whitespace().collect::<Vec<_>>();
-    assert!(driven_in.len() == 1 && driven_in[0].contains("deep in segment 0 at ["), "{driven_in:?}");
+    let said = driven_in[0].message.split_whitespace().collect::<Vec<_>>();
+    assert_eq!((driven_in.len(), driven_in[0].code, driven_in[0].severity), (1, "bone-overlap", Severity::Check));
+    assert!(driven_in[0].message.starts_with("maxilla ends 4.0 mm deep in skull at ["), "{driven_in:?}");
     let mm3: f64 = said[said.iter().position(|w| *w == "mm³").unwrap() - 1].parse().unwrap();
     assert!((mm3 / (480.0 * 4.0) - 1.0).abs() < 0.05, "{driven_in:?}");
+    // A depth that a saw and a file remove.
+    let sawn = warnings(Motion::translation(0.0, 0.0, 1.5));
+    assert_eq!((sawn[0].code, sawn[0].severity, sawn[0].action), ("bone-overlap", Severity::Info, ""));
     let far = warnings(Motion::translation(0.0, -60.0, -7.0));
-    assert!(far[0].contains("moves 60.4 mm at its furthest point"), "{far:?}");
+    assert_eq!((far[0].code, far[0].severity), ("large-displacement", Severity::Check));
+    assert!(far[0].message.contains("moves 60.4 mm at its furthest point"), "{far:?}");
     let there_and_back = vec![(0.5, Motion::translation(0.0, 0.0, -40.0)), (1.0, Motion::identity())];
     let plan = Plan { paths: vec![Path::new(1, there_and_back).unwrap()] };
     let on_the_way = follow(&cut, &plan, &Control::new()).unwrap().remove(0).warnings;
-    assert!(on_the_way[0].contains("moves 40.0 mm at its furthest point"), "{on_the_way:?}");
-    assert!(warnings(Motion::translation(0.0, 0.0, -7.0))[0].contains("end 7.0 mm apart"));
+    assert!(on_the_way[0].message.contains("moves 40.0 mm at its furthest point"), "{on_the_way:?}");
+    assert!(warnings(Motion::translation(0.0, 0.0, -7.0))[0].message.contains("end 7.0 mm apart"));
     let turn = nalgebra::UnitQuaternion::from_axis_angle(&Vector::z_axis(), 25f64.to_radians());
     let turned = warnings(Motion::from_parts(Vector::zeros().into(), turn));
-    assert!(turned[0].contains("turns by 25.0 degrees"), "{turned:?}");
+    assert_eq!(turned[0].code, "large-rotation");
+    assert!(turned[0].message.contains("turns by 25.0 degrees"), "{turned:?}");
 }
 
 #[test]

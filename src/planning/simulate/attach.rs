@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use rayon::prelude::*;
 
 use super::CutBone;
-use crate::evaluate::Part;
+use crate::evaluate::MaskRegion;
 use crate::plan::{CutShape, Segment};
 use prosopon_geometry::{Aabb, Implicit, Point};
 use prosopon_tissue::mesh::{Attachment, MixedMesh, tie};
@@ -27,7 +27,7 @@ pub struct Paint {
     /// The class.
     pub class: NodeClass,
     /// The part of space, LPS mm.
-    pub part: Part,
+    pub part: MaskRegion,
 }
 
 /// Classes painted on the skull's vertices; a node at bone takes that of the nearest within 5 mm.
@@ -357,7 +357,7 @@ mod tests {
     fn what_is_painted_goes_over_the_rules_and_the_last_one_wins() {
         use Attachment::{Free, Sliding, Tied};
         let ball =
-            |class, z, radius_mm| Paint { class, part: Part::Ball { centre: Point::new(0.0, -20.0, z), radius_mm } };
+            |class, z, radius_mm| Paint { class, part: MaskRegion::Ball { centre: Point::new(0.0, -20.0, z), radius_mm } };
         let paint = vec![
             ball(NodeClass::Free, -38.0, 30.0),
             ball(NodeClass::Sliding, -20.0, 5.0),

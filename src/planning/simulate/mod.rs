@@ -4,7 +4,6 @@
 
 mod attach;
 mod bone;
-mod carry;
 mod error;
 mod fields;
 mod outer_surface;
@@ -12,6 +11,7 @@ mod reach;
 mod ready_mesh;
 mod run;
 mod scene;
+mod skin_mover;
 mod tissue;
 
 pub use attach::{Attached, AttachmentRules, NodeClass, Paint, SkullPaint};
@@ -20,9 +20,9 @@ pub use error::SimulateError;
 pub use fields::{Anatomy, Fields, FieldsSettings, build_fields, build_fields_around};
 pub use outer_surface::OuterSurface;
 pub use reach::displacement_class_mm;
-pub use ready_mesh::{CellPlace, READY_MESH_LOCKING, ReadyMesh, ReadyMeshError};
+pub use ready_mesh::{CellIndex, READY_MESH_LOCKING, ReadyMesh, ReadyMeshError};
 pub use run::{
-    Frame, LEAVE_OUT_BELOW_MM, LeftOut, Milestone, OnFrame, Outcome, PreparedTissue, RegionMotion, RunSettings, Way,
+    Frame, LEAVE_OUT_BELOW_MM, LeftOut, PathCheckpoint, OnFrame, Outcome, PreparedTissue, RegionMotion, RunSettings, SolveRequest,
     solve, solve_prepared,
 };
 pub use scene::{Scene, SceneOutcome};

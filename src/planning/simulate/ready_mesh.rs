@@ -57,7 +57,7 @@ pub enum ReadyMeshError {
 
 /// Index of a file's cell in the mesh.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum CellPlace {
+pub enum CellIndex {
     /// A tetrahedron of the mesh.
     Tetrahedron(u32),
     /// A prism of the mesh.
@@ -78,7 +78,7 @@ pub struct ReadyMesh {
     /// Held axes, prescribed displacements and dead loads.
     pub boundary: Boundary,
     /// Index in `mesh` of each cell of the file.
-    pub places: Vec<CellPlace>,
+    pub cell_indices: Vec<CellIndex>,
     /// What was changed or should be checked.
     pub warnings: Vec<String>,
 }
@@ -113,14 +113,14 @@ impl ReadyMesh {
         let x = &volume.points;
         let (mut tetrahedra, mut tetrahedron_tissue) = (Vec::new(), Vec::new());
         let (mut prisms, mut prism_tissue) = (Vec::new(), Vec::new());
-        let mut places = Vec::with_capacity(volume.cells.len());
+        let mut cell_indices = Vec::with_capacity(volume.cells.len());
         let mut turned = 0usize;
         for (cell, (corners, tissue)) in volume.cells.iter().zip(tissue).enumerate() {
             match *corners {
                 Cell::Tetrahedron(corners) => {
                     let (corners, flipped) = turn_tetrahedron(corners, x).ok_or(ReadyMeshError::Flat { cell })?;
                     turned += usize::from(flipped);
-                    places.push(CellPlace::Tetrahedron(tetrahedra.len() as u32));
+                    cell_indices.push(CellIndex::Tetrahedron(tetrahedra.len() as u32));
                     tetrahedra.push(corners);
                     tetrahedron_tissue.push(tissue);
                 }
@@ -129,7 +129,7 @@ impl ReadyMesh {
                     if is_twisted(corners, x) {
                         return Err(ReadyMeshError::Twisted { cell, corners: [corners[3], corners[0]] });
                     }
-                    places.push(CellPlace::Prism(prisms.len() as u32));
+                    cell_indices.push(CellIndex::Prism(prisms.len() as u32));
                     prisms.push(corners);
                     prism_tissue.push(tissue);
                 }
@@ -141,7 +141,7 @@ impl ReadyMesh {
         let boundary_faces = BoundaryFaces::of(&tetrahedra, &prisms)?;
         boundary_faces.outer_first(&mut prisms, &attachment);
         let bone_faces = bone_faces(&tetrahedra, &prisms, &attachment);
-        warnings.extend(doubled(x, &tetrahedra, &prisms));
+        warnings.extend(coincident_points(x, &tetrahedra, &prisms));
         let mesh = MixedMesh {
             positions: x.clone(),
             tetrahedra,
@@ -152,7 +152,7 @@ impl ReadyMesh {
             attachment,
             depth_cut_nodes: Vec::new(),
         };
-        Ok(Self { mesh, boundary, places, warnings })
+        Ok(Self { mesh, boundary, cell_indices, warnings })
     }
 
     /// Checks that each connected part is held against all six rigid motions.
@@ -240,7 +240,7 @@ fn is_twisted(corners: [u32; 6], x: &[Point]) -> bool {
 }
 
 /// Warning about boundary points of different cells in the same place, where tissue is not joined.
-fn doubled(x: &[Point], tetrahedra: &[[u32; 4]], prisms: &[[u32; 6]]) -> Option<String> {
+fn coincident_points(x: &[Point], tetrahedra: &[[u32; 4]], prisms: &[[u32; 6]]) -> Option<String> {
     let (faces, _) = boundary_of(tetrahedra, prisms);
     let mut nodes: Vec<u32> = faces.into_iter().flatten().collect();
     nodes.sort_unstable();
@@ -339,12 +339,12 @@ fn bone_faces(tetrahedra: &[[u32; 4]], prisms: &[[u32; 6]], attachment: &[Attach
     let is_whole = |i: usize, t: &[u32; 3]| {
         t.iter().all(|&n| attachment[n as usize] != Attachment::Free) && (i >= n_outer || t.iter().any(slides))
     };
-    let mut met = vec![false; attachment.len()];
+    let mut covered = vec![false; attachment.len()];
     let whole: Vec<bool> = faces.iter().enumerate().map(|(i, t)| is_whole(i, t)).collect();
     for (t, _) in faces.iter().zip(&whole).filter(|(_, whole)| **whole) {
-        t.iter().for_each(|n| met[*n as usize] = true);
+        t.iter().for_each(|n| covered[*n as usize] = true);
     }
-    let alone = |t: &[u32; 3]| t.iter().any(|n| slides(n) && !met[*n as usize]);
+    let alone = |t: &[u32; 3]| t.iter().any(|n| slides(n) && !covered[*n as usize]);
     faces.iter().zip(&whole).filter(|(t, whole)| **whole || alone(t)).map(|(t, _)| *t).collect()
 }
 

@@ -1,5 +1,5 @@
 use super::attach::{Attached, attach};
-use super::carry::Carrier;
+use super::skin_mover::SkinMover;
 use super::reach::{beyond_reach, displacement_class_mm};
 use super::{Anatomy, AttachmentRules, CutBone, SimulateError, TissueModel};
 use crate::evaluate::{FaceRegion, face_regions};
@@ -29,9 +29,9 @@ pub struct RunSettings {
 }
 
 /// Displacement beside left-out tissue above which there is a warning, in units of `leave_out_below_mm`.
-const TOLD_BORDER: f64 = 5.0;
+const WARN_BORDER: f64 = 5.0;
 /// Upper limit of that threshold, mm.
-const TOLD_BORDER_MM: f64 = 0.25;
+const WARN_BORDER_MM: f64 = 0.25;
 /// Default of [`RunSettings::leave_out_below_mm`], mm.
 ///
 /// The skin then differs from the solve of all tissue by less than 0.05 mm at P99 (`prosopon bench reach`).
@@ -54,7 +54,7 @@ pub struct Frame {
 
 /// A checkpoint: a solved step from which the path can be resumed.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Milestone {
+pub struct PathCheckpoint {
     /// Number of the step, 1 to n.
     pub k: usize,
     /// Motions of the moving segments from rest at the path's start, after a warm start; `None` for a path that starts at rest.
@@ -66,7 +66,7 @@ pub struct Milestone {
 /// Callback for each step, with a function that makes a checkpoint of it.
 ///
 /// The function returns `None` where a checkpoint is not possible.
-pub type OnFrame<'a> = dyn FnMut(Frame, &dyn Fn() -> Option<Milestone>) + 'a;
+pub type OnFrame<'a> = dyn FnMut(Frame, &dyn Fn() -> Option<PathCheckpoint>) + 'a;
 
 /// Movement of a part of the face at the end of the path.
 #[derive(Debug, Clone, PartialEq)]
@@ -115,7 +115,7 @@ pub struct Outcome {
 
 /// The paths to solve, and the state from which to start.
 #[derive(Debug, Clone, Copy)]
-pub struct Way<'a> {
+pub struct SolveRequest<'a> {
     /// Paths of all segments that move.
     pub plan: &'a Plan,
     /// Warm start: the end of another plan for the same tissue, bone, segments and elements.
@@ -126,7 +126,7 @@ pub struct Way<'a> {
     /// Checkpoint of this path from which to resume, instead of `from`.
     ///
     /// Later steps have the same bits as in an uninterrupted solve.
-    pub after: Option<&'a Milestone>,
+    pub after: Option<&'a PathCheckpoint>,
 }
 
 /// Tissue attached to bone, with equations prepared for a class of plans.
@@ -189,7 +189,7 @@ pub fn solve(
 ) -> Result<Outcome, SimulateError> {
     let prepared = PreparedTissue::new(tissue, bone, plan, settings, &control.part(0.0, SETUP_SHARE))?;
     let control = control.part(SETUP_SHARE, 1.0);
-    let way = Way { plan, from: None, after: None };
+    let way = SolveRequest { plan, from: None, after: None };
     solve_prepared(anatomy, tissue, &prepared, bone, way, settings, &control, &mut |frame, _| on_frame(frame))
 }
 
@@ -205,7 +205,7 @@ pub fn solve_prepared(
     tissue: &TissueModel,
     prepared: &PreparedTissue,
     bone: &CutBone,
-    Way { plan, from, after }: Way<'_>,
+    SolveRequest { plan, from, after }: SolveRequest<'_>,
     settings: &RunSettings,
     control: &Control,
     on_frame: &mut OnFrame<'_>,
@@ -236,15 +236,15 @@ pub fn solve_prepared(
     }
     let onwards = begin.as_ref().map(|begin: &Vec<_>| {
         let motions: Vec<_> = begin.iter().map(|(segment, m)| (*segment, motion_of_numbers(*m))).collect();
-        plan.on_from(&motions)
+        plan.continued_from(&motions)
     });
     let plan = onwards.as_ref().unwrap_or(plan);
     let path = control.part(SETUP_SHARE, 1.0);
     let share = |k: usize| k as f64 / settings.steps as f64;
-    let carrier = Carrier::new(&anatomy.skin, &tissue.embedding);
-    warnings.extend(Aabb::of(&prepared.mesh.positions).and_then(|region| carrier.warning(&anatomy.skin, &region)));
+    let skin_mover = SkinMover::new(&anatomy.skin, &tissue.embedding);
+    warnings.extend(Aabb::of(&prepared.mesh.positions).and_then(|region| skin_mover.warning(&anatomy.skin, &region)));
     let mut steps = Vec::with_capacity(settings.steps);
-    let mut last = carrier.displacements(&solver);
+    let mut last = skin_mover.displacements(&solver);
     let done = after.map_or(0, |after| after.k);
     path.report(share(done));
     for k in done + 1..=settings.steps {
@@ -255,10 +255,10 @@ pub fn solve_prepared(
         } else {
             solver.advance(share(k), &motions, &part)?
         };
-        last = carrier.displacements(&solver);
+        last = skin_mover.displacements(&solver);
         steps.push(report.clone());
-        let milestone = || Some(Milestone { k, begin: begin.clone(), solver: solver.checkpoint()? });
-        on_frame(frame(anatomy, &last, k, share(k), report)?, &milestone);
+        let checkpoint = || Some(PathCheckpoint { k, begin: begin.clone(), solver: solver.checkpoint()? });
+        on_frame(frame(anatomy, &last, k, share(k), report)?, &checkpoint);
     }
     warnings.extend(steps.last().and_then(|s: &StepReport| s.sunk?.warning()));
     let (face, from_landmarks) = face_regions(&anatomy.skin, &anatomy.landmarks, None);
@@ -272,7 +272,7 @@ pub fn solve_prepared(
         of_nodes: nodes.len(),
         border_mm: border_motion_mm(&prepared.mesh, &prepared.left_out, &nodes),
     };
-    let told_mm = (TOLD_BORDER * settings.leave_out_below_mm).min(TOLD_BORDER_MM);
+    let told_mm = (WARN_BORDER * settings.leave_out_below_mm).min(WARN_BORDER_MM);
     if left_out.border_mm > told_mm {
         warnings.push(format!(
             "tissue that the plan was estimated to move by less than {} mm was left out, but tissue beside it moves by {:.2} mm; \

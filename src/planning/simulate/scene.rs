@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use super::Milestone;
-use super::ready_mesh::{CellPlace, ReadyMesh};
+use super::PathCheckpoint;
+use super::ready_mesh::{CellIndex, ReadyMesh};
 use crate::plan::Plan;
 use prosopon_field::SignedField;
 use prosopon_geometry::control::Control;
@@ -54,7 +54,7 @@ impl Scene {
     /// # Errors
     /// [`SolveError`] when the problem cannot be set up; an error on the path is in [`SceneOutcome::failure`].
     pub fn solve(&self, control: &Control) -> Result<SceneOutcome, SolveError> {
-        self.solve_and_show(None, control, &mut |_, _, _, _| {})
+        self.solve_with_steps(None, control, &mut |_, _, _, _| {})
     }
 
     /// As [`Scene::solve`], from a checkpoint of the same scene if given, with a callback for each step.
@@ -64,11 +64,11 @@ impl Scene {
     ///
     /// # Errors
     /// As [`Scene::solve`].
-    pub fn solve_and_show(
+    pub fn solve_with_steps(
         &self,
-        after: Option<&Milestone>,
+        after: Option<&PathCheckpoint>,
         control: &Control,
-        on_step: &mut dyn FnMut(usize, &[Point], &StepReport, &dyn Fn() -> Option<Milestone>),
+        on_step: &mut dyn FnMut(usize, &[Point], &StepReport, &dyn Fn() -> Option<PathCheckpoint>),
     ) -> Result<SceneOutcome, SolveError> {
         let mut warnings = self.check()?;
         let mesh = &self.ready.mesh;
@@ -95,8 +95,8 @@ impl Scene {
                 Ok(report) => {
                     warnings
                         .extend(report.warnings.iter().filter(|w| !warnings.contains(w)).cloned().collect::<Vec<_>>());
-                    let milestone = || Some(Milestone { k, begin: None, solver: solver.checkpoint()? });
-                    on_step(k, &solver.positions(), &report, &milestone);
+                    let checkpoint = || Some(PathCheckpoint { k, begin: None, solver: solver.checkpoint()? });
+                    on_step(k, &solver.positions(), &report, &checkpoint);
                     steps.push(report);
                     reached = k;
                 }
@@ -221,12 +221,12 @@ impl Scene {
     #[must_use]
     pub fn solved_mesh(&self, file: &VolumeMesh, outcome: &SceneOutcome) -> VolumeMesh {
         let mesh = &self.ready.mesh;
-        let states: Vec<(&CellState, f64)> = (self.ready.places.iter())
+        let states: Vec<(&CellState, f64)> = (self.ready.cell_indices.iter())
             .map(|place| match *place {
-                CellPlace::Tetrahedron(i) => {
+                CellIndex::Tetrahedron(i) => {
                     (&outcome.tetrahedra[i as usize], f64::from(mesh.tetrahedron_tissue[i as usize] as u8))
                 }
-                CellPlace::Prism(i) => (&outcome.prisms[i as usize], f64::from(mesh.tissue_of_prism(i as usize) as u8)),
+                CellIndex::Prism(i) => (&outcome.prisms[i as usize], f64::from(mesh.tissue_of_prism(i as usize) as u8)),
             })
             .collect();
         let tissue: Vec<f64> = states.iter().map(|(_, tissue)| *tissue).collect();

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{PhysicsRecord, RegisterOn};
 use prosopon_geometry::{Aabb, Point, TriMesh};
-use prosopon_planning::evaluate::{Mask, Part};
+use prosopon_planning::evaluate::{Mask, MaskRegion};
 use prosopon_planning::plan::PlanError;
 use prosopon_planning::simulate::{AttachmentRules, RunSettings, SkullPaint};
 use prosopon_planning::surface::CtSettings;
@@ -301,16 +301,16 @@ pub struct CompareRecord {
     pub register: Option<RegisterRecord>,
 }
 
-impl From<&Part> for PartShape {
-    fn from(part: &Part) -> Self {
+impl From<&MaskRegion> for PartShape {
+    fn from(part: &MaskRegion) -> Self {
         match part {
-            Part::Box(bounds) => Self::Box(BoxDocument { min_mm: bounds.min.into(), max_mm: bounds.max.into() }),
-            Part::Ball { centre, radius_mm } => Self::Ball((*centre).into(), *radius_mm),
+            MaskRegion::Box(bounds) => Self::Box(BoxDocument { min_mm: bounds.min.into(), max_mm: bounds.max.into() }),
+            MaskRegion::Ball { centre, radius_mm } => Self::Ball((*centre).into(), *radius_mm),
         }
     }
 }
 
-impl From<&PartShape> for Part {
+impl From<&PartShape> for MaskRegion {
     fn from(shape: &PartShape) -> Self {
         match shape {
             PartShape::Box(bounds) => Self::Box(bounds.into()),
@@ -332,9 +332,9 @@ impl From<&Mask> for MaskRecord {
 impl From<&MaskRecord> for Mask {
     fn from(record: &MaskRecord) -> Self {
         Self {
-            only: record.only.iter().map(Part::from).collect(),
+            only: record.only.iter().map(MaskRegion::from).collect(),
             vertices: record.vertices.clone(),
-            except: record.except.iter().map(Part::from).collect(),
+            except: record.except.iter().map(MaskRegion::from).collect(),
         }
     }
 }

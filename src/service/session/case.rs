@@ -2,7 +2,7 @@ use std::sync::Arc;
 
 use prosopon_geometry::{TriMesh, VolumeMesh};
 use prosopon_planning::plan::{Cut, Landmarks, Plan, Protected, TemplateCall};
-use prosopon_planning::simulate::{Anatomy, FieldsSettings, Milestone, RunSettings, TissueSettings};
+use prosopon_planning::simulate::{Anatomy, FieldsSettings, PathCheckpoint, RunSettings, TissueSettings};
 use prosopon_tissue::fem::SolveSettings;
 
 /// A patient case: surfaces and landmarks, with the settings of their fields.
@@ -58,7 +58,7 @@ pub struct Run {
     /// Earlier solve from whose end state this one starts; rest when `None`.
     pub after: Option<Box<Earlier>>,
     /// Checkpoint of an earlier attempt, from which the solve continues.
-    pub milestone: Option<Milestone>,
+    pub milestone: Option<PathCheckpoint>,
 }
 
 /// An earlier solve with the same patient, cuts, tissue and settings.
@@ -104,7 +104,7 @@ pub struct SceneRun {
     /// Whether to return the solved mesh as a file.
     pub file: bool,
     /// Checkpoint of an earlier attempt, from which the solve continues.
-    pub milestone: Option<Milestone>,
+    pub milestone: Option<PathCheckpoint>,
 }
 
 /// A solid with a distance field.

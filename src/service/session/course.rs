@@ -8,7 +8,7 @@ use super::{Halt, Run, key_of};
 use prosopon_geometry::control::Control;
 use prosopon_planning::plan::{self, Plan};
 use prosopon_planning::simulate::{
-    self, CutBone, Milestone, OnFrame, Outcome, PreparedTissue, RunSettings, SimulateError, TissueModel, Way,
+    self, CutBone, PathCheckpoint, OnFrame, Outcome, PreparedTissue, RunSettings, SimulateError, TissueModel, SolveRequest,
 };
 use prosopon_tissue::fem::{SavedState, SolveError};
 
@@ -34,7 +34,7 @@ pub(super) struct Course<'a> {
     pub(super) steps: usize,
     pub(super) after: Option<&'a Earlier>,
     /// Checkpoint of an earlier attempt, from which to continue.
-    pub(super) milestone: Option<&'a Milestone>,
+    pub(super) milestone: Option<&'a PathCheckpoint>,
 }
 
 impl<'a> From<&'a Earlier> for Course<'a> {
@@ -94,7 +94,7 @@ impl Numerics {
             made
         };
         let control = control.part(PREPARING, 1.0);
-        let way = Way { plan: course.plan, from: from.as_deref(), after: course.milestone };
+        let way = SolveRequest { plan: course.plan, warm_start: from.as_deref(), resume: course.milestone };
         let anatomy = &run.case.anatomy;
         let outcome = simulate::solve_prepared(anatomy, tissue, &prepared, bone, way, &settings, &control, on_frame);
         if let Err(SimulateError::Solve(SolveError::Checkpoint { detail })) = outcome {

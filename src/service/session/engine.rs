@@ -6,7 +6,7 @@ use prosopon_geometry::control::Control;
 use prosopon_geometry::{Point, TriMesh, Vector};
 use prosopon_planning::evaluate::{ErrorMap, FaceRegion, Registration};
 use prosopon_planning::plan::{Clearance, Cut, Osteotomy, PathReport, Plan, Proposal};
-use prosopon_planning::simulate::{Frame, Milestone, Outcome};
+use prosopon_planning::simulate::{Frame, PathCheckpoint, Outcome};
 use prosopon_planning::surface::{CtSettings, CtSurfaces};
 use prosopon_tissue::mesh::MeshReport;
 
@@ -19,7 +19,7 @@ pub trait RunWatch {
     /// A warning from before the first step.
     fn warning(&mut self, text: String);
     /// A step is solved; `milestone` makes the checkpoint after it, if there can be one.
-    fn frame(&mut self, frame: Frame, milestone: &dyn Fn() -> Option<Milestone>);
+    fn frame(&mut self, frame: Frame, milestone: &dyn Fn() -> Option<PathCheckpoint>);
 }
 
 /// Result of a solve with an uploaded tissue mesh.

@@ -288,8 +288,8 @@ fn registration_fault(error: RegistrationFault) -> Fault {
     let fault = Fault::new(FaultKind::RegistrationFailed, error.to_string()).with("reason", error.reason());
     match error {
         R::RegionTooSmall { vertices, area_mm2, .. } => fault.with("vertices", vertices).with("area_mm2", area_mm2),
-        R::Slides { stiffness, .. } => fault.with("stiffness", stiffness),
-        R::NoPartners { found, .. } => fault.with("vertices", found),
+        R::ShapeUndetermined { stiffness, .. } => fault.with("stiffness", stiffness),
+        R::TooFewPairs { found, .. } => fault.with("vertices", found),
         R::NotConverged { iterations, movement_mm, mirrored } => {
             fault.with("iterations", iterations).with("movement_mm", movement_mm).with("mirrored", mirrored)
         }

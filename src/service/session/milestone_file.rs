@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
-use prosopon_planning::simulate::Milestone;
+use prosopon_planning::simulate::PathCheckpoint;
 use prosopon_tissue::fem::{Checkpoint, FactorOrigin, MotionNumbers};
 
 /// A checkpoint with the time, the warnings and the inputs of the steps before it.
@@ -19,14 +19,14 @@ pub struct StoredMilestone {
     pub compared: String,
     /// The checkpoint.
     #[serde(with = "MilestoneMembers")]
-    pub milestone: Milestone,
+    pub milestone: PathCheckpoint,
 }
 
 /// Format that this version writes and reads: version of the program, then of the layout.
 const FORMAT: &str = concat!(env!("CARGO_PKG_VERSION"), "+3");
 
 #[derive(Serialize, Deserialize)]
-#[serde(remote = "Milestone")]
+#[serde(remote = "PathCheckpoint")]
 struct MilestoneMembers {
     k: usize,
     begin: Option<Vec<(u32, MotionNumbers)>>,
@@ -69,7 +69,7 @@ impl StoredMilestone {
     ///
     /// With the time of the steps up to it (s) and the warnings that belong to no step.
     #[must_use]
-    pub fn new(milestone: Milestone, (solving_s, warnings): (f64, Vec<String>), compared: String) -> Self {
+    pub fn new(milestone: PathCheckpoint, (solving_s, warnings): (f64, Vec<String>), compared: String) -> Self {
         Self { version: FORMAT.to_owned(), solving_s, warnings, compared, milestone }
     }
 
@@ -117,7 +117,7 @@ mod tests {
             lost: 5,
             known_compliance: vec![vec![3, 4], vec![1]],
         };
-        let milestone = Milestone { k: 3, begin: Some(vec![(1, motion)]), solver };
+        let milestone = PathCheckpoint { k: 3, begin: Some(vec![(1, motion)]), solver };
         let stored = StoredMilestone::new(milestone, (2.5, vec!["told".to_owned()]), "skin".to_owned());
         let bytes = stored.encode().unwrap();
         assert_eq!(StoredMilestone::decode(&bytes).unwrap(), stored);

@@ -14,7 +14,7 @@ use prosopon_geometry::control::Control;
 use prosopon_geometry::{Implicit, Point, TriMesh, Vector};
 use prosopon_planning::evaluate::{self, ErrorMap, FaceRegion, Registration};
 use prosopon_planning::plan::{
-    self, Clearance, Cut, Osteotomy, Path, PathReport, Plan, Proposal, TemplateCuts, TemplateFault,
+    self, Clearance, Cut, Osteotomy, Path, PathReport, Plan, Proposal, TemplateCuts, TemplateError,
 };
 use prosopon_planning::simulate::{self, CutBone, Fields, Outcome, SimulateError, TissueModel};
 use prosopon_planning::surface::{self, CtSettings, CtSurfaces};
@@ -133,7 +133,7 @@ fn surface_bytes(surface: &TriMesh) -> u64 {
 }
 
 /// The fault of a template that cannot place its cuts, with the template's position in the request.
-fn template_fault(TemplateFault { index, error }: TemplateFault) -> Halt {
+fn template_fault(TemplateError { index, error }: TemplateError) -> Halt {
     match Halt::from(error) {
         Halt::Cancelled => Halt::Cancelled,
         Halt::Fault(mut fault) => {

@@ -140,14 +140,14 @@ pub(super) fn incisal_edge(bone: &Voxels, midline: f64, spine: [f64; 2]) -> Opti
 /// Edge of the lower incisors as (y, z), below the upper one `edge`; `None` where the upper teeth cover it.
 pub(super) fn lower_incisal_edge(bone: &Voxels, midline: f64, edge: [f64; 2]) -> Option<[f64; 2]> {
     /// Widest opening of the mouth, and distance behind the upper edge beyond which teeth are molars, mm.
-    const WIDEST_MM: f64 = 30.0;
+    const MAX_OPENING_MM: f64 = 30.0;
     const BEHIND_MM: f64 = 15.0;
     const STRIP_MM: f64 = 4.0;
     let front = |z: f64| {
         let strip = steps(-STRIP_MM, STRIP_MM).filter_map(|d| bone.front(midline + d, z));
         strip.filter(|y| (y - edge[0]).abs() < BEHIND_MM).min_by(f64::total_cmp)
     };
-    let mut levels = steps(edge[1] - WIDEST_MM, edge[1] + VOXEL_MM).rev().skip_while(|z| front(*z).is_some()).skip(1);
+    let mut levels = steps(edge[1] - MAX_OPENING_MM, edge[1] + VOXEL_MM).rev().skip_while(|z| front(*z).is_some()).skip(1);
     let z = levels.find(|z| front(*z).is_some())?;
     Some([front(z)?, z + 0.5 * VOXEL_MM])
 }

@@ -18,7 +18,7 @@ const HEIGHTS_MM: [f64; 2] = [8.0, 70.0];
 /// Bone farther than this behind the spine is the orbit's wall and not its rim, mm.
 const RIM_DEPTH_MM: f64 = 38.0;
 /// An opening is at least this high, mm: a sinus that shows through thin bone is lower.
-const LEAST_OPENING_MM: f64 = 18.0;
+const MIN_OPENING_MM: f64 = 18.0;
 /// The suture lies this share of the opening's height above its lower rim.
 const SUTURE_SHARE: f64 = 0.75;
 /// The lateral rim lies within these distances from the midline, mm.
@@ -35,7 +35,7 @@ impl Jaw<'_> {
         for z in steps(spine_z + HEIGHTS_MM[0], spine_z + HEIGHTS_MM[1]) {
             match (self.rim_at(side, d, z), begin) {
                 (None, None) => begin = Some(z),
-                (Some(_), Some(low)) if z - low >= LEAST_OPENING_MM => {
+                (Some(_), Some(low)) if z - low >= MIN_OPENING_MM => {
                     return Some([low - 0.5 * VOXEL_MM, z - 0.5 * VOXEL_MM]);
                 }
                 (Some(_), Some(_)) => begin = None,

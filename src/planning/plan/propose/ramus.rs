@@ -37,7 +37,7 @@ const RAMUS_HEIGHTS_MM: [f64; 2] = [4.0, 15.0];
 /// Search range of the ramus behind the spine, mm.
 const RAMUS_DEPTHS_MM: [f64; 2] = [30.0, 130.0];
 /// A ramus is no thicker than this, mm.
-const THICKEST_MM: f64 = 17.0;
+const MAX_THICKNESS_MM: f64 = 17.0;
 /// Shortest and longest ramus from front to back, mm.
 const RAMUS_LENGTH_MM: [f64; 2] = [15.0, 60.0];
 /// The lingula lies this share of the ramus's length behind its front, and this far above the occlusal plane, mm.
@@ -51,14 +51,14 @@ const MOLAR_AHEAD_MM: f64 = 14.0;
 /// Half the edge of the square that holds the neck of the condyle, mm.
 const NECK_HALF_MM: f64 = 8.0;
 /// Most bone of the condyle within that square at one level, mm²; more is the skull base.
-const LARGEST_CONDYLE_MM2: f64 = 190.0;
+const MAX_CONDYLE_MM2: f64 = 190.0;
 /// Largest lateral distance between the middles of the condyle and of the ramus, mm.
 const BESIDE_PLATE_MM: f64 = 2.5;
 /// Least height of the condyle's top above the occlusal plane, and greatest above the middle of the ramus's search range, mm.
-const LEAST_JOINT_MM: f64 = 24.0;
-const TALLEST_RAMUS_MM: f64 = 60.0;
+const MIN_JOINT_MM: f64 = 24.0;
+const MAX_RAMUS_MM: f64 = 60.0;
 /// Greatest depth of the jaw's angle below the occlusal plane, mm.
-const LOWEST_ANGLE_MM: f64 = 55.0;
+const MAX_ANGLE_DEPTH_MM: f64 = 55.0;
 
 impl Jaw<'_> {
     fn outermost(&self, side: f64, y: f64, z: f64) -> Option<OuterRun> {
@@ -80,7 +80,7 @@ impl Jaw<'_> {
         let beyond = self.arch_half_width(side)? + 3.0;
         let levels = || steps(self.occlusal + RAMUS_HEIGHTS_MM[0], self.occlusal + RAMUS_HEIGHTS_MM[1]);
         let of_depth = |y: f64| -> Option<OuterRun> {
-            let is_plate = |r: &OuterRun| r.lateral > beyond && r.lateral - r.medial <= THICKEST_MM;
+            let is_plate = |r: &OuterRun| r.lateral > beyond && r.lateral - r.medial <= MAX_THICKNESS_MM;
             let runs: Vec<OuterRun> = levels().filter_map(|z| self.outermost(side, y, z)).filter(is_plate).collect();
             // Most levels must show the plate.
             (2 * runs.len() > levels().count()).then_some(())?;
@@ -123,7 +123,7 @@ impl Jaw<'_> {
         // The plate leans, and the split goes straight down from here; there may be streaks of metal.
         let around = steps(y - 3.5, y + 3.5).flat_map(|y| steps(z - SPLIT_MM, z).map(move |z| (y, z)));
         let runs = around.filter_map(|(y, z)| self.outermost(side, y, z));
-        let own = runs.filter(|r| r.lateral - r.medial <= THICKEST_MM && (r.medial - plate).abs() < 6.0);
+        let own = runs.filter(|r| r.lateral - r.medial <= MAX_THICKNESS_MM && (r.medial - plate).abs() < 6.0);
         let medial = median(own.map(|r| r.medial).collect()).unwrap_or(plate);
         let lingula = Point::new(self.midline + side * medial, y, z);
         let y = front - MOLAR_AHEAD_MM;
@@ -187,11 +187,11 @@ impl Jaw<'_> {
         let (plate, mut top) = (place[0], None);
         // The root of the zygomatic arch lies beside the head of the condyle.
         let above_plate = |d: f64| d.clamp(plate - BESIDE_PLATE_MM, plate + BESIDE_PLATE_MM);
-        for z in steps(start, start + TALLEST_RAMUS_MM) {
-            let high_enough = z > self.occlusal + LEAST_JOINT_MM;
+        for z in steps(start, start + MAX_RAMUS_MM) {
+            let high_enough = z > self.occlusal + MIN_JOINT_MM;
             // Below the notch the plate goes on to the coronoid process: only its hind part is looked at.
             let Some((middle, area)) = self.patch(side, place, z, NECK_HALF_MM) else { break };
-            if high_enough && area > LARGEST_CONDYLE_MM2 {
+            if high_enough && area > MAX_CONDYLE_MM2 {
                 break;
             }
             // The border leans back and the head is wider than its neck: follow it, but not into the coronoid process.
@@ -210,7 +210,7 @@ impl Jaw<'_> {
     fn gonion(&self, side: f64, plate: f64, [front, back]: [f64; 2], start: f64) -> Option<Point> {
         let mut best: Option<(f64, Point)> = None;
         let mut hind = back;
-        for z in steps(self.occlusal - LOWEST_ANGLE_MM, start).rev() {
+        for z in steps(self.occlusal - MAX_ANGLE_DEPTH_MM, start).rev() {
             // The hind border near where it was one level above.
             let near = steps(plate - NECK_HALF_MM, plate + NECK_HALF_MM);
             let depths = steps(front.min(hind - 30.0), hind + 4.0).rev();

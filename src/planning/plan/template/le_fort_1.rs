@@ -1,6 +1,6 @@
 //! The horizontal osteotomy of the upper jaw.
 
-use super::super::parting::lattice;
+use super::super::lattice::lattice;
 use super::super::shape::{BoundedPlane, Cut};
 use super::{Occlusal, meets};
 use prosopon_field::Envelope;
@@ -46,24 +46,24 @@ pub fn le_fort_1(
     zygomas: [Option<Point>; 2],
     bone: &Envelope,
 ) -> Vec<Cut> {
-    let Some(frame) = Frame::new(plane, midline_x_mm, occlusal_z_mm) else { return Vec::new() };
-    let (front, back) = frame.arch(bone);
+    let Some(axes) = LeFort1Axes::new(plane, midline_x_mm, occlusal_z_mm) else { return Vec::new() };
+    let (front, back) = axes.arch(bone);
     let front = front - 15.0;
     let middle = 0.5 * (front + back + OVERLAP);
     let half_depth = 0.5 * (back + OVERLAP - front);
     let level = |height: f64, half_width: f64| BoundedPlane {
-        point: frame.at(middle, height),
-        normal: frame.up,
-        bounds: Some((frame.left, half_width, half_depth)),
+        point: axes.at(middle, height),
+        normal: axes.up,
+        bounds: Some((axes.left, half_width, half_depth)),
     };
     let behind = BoundedPlane {
-        point: frame.at(back, 0.5 * frame.occlusal),
-        normal: frame.back,
-        bounds: Some((frame.left, HALF_WIDTH, 0.5 * -frame.occlusal + OVERLAP)),
+        point: axes.at(back, 0.5 * axes.occlusal),
+        normal: axes.back,
+        bounds: Some((axes.left, HALF_WIDTH, 0.5 * -axes.occlusal + OVERLAP)),
     };
-    let mut cuts = frame.upper(zygomas, [front, back + OVERLAP]);
+    let mut cuts = axes.upper(zygomas, [front, back + OVERLAP]);
     let behind = Cut::from(behind).named("pterygomaxillary");
-    let teeth = Cut::from(level(frame.occlusal, HALF_WIDTH_TEETH)).named("occlusal").separating();
+    let teeth = Cut::from(level(axes.occlusal, HALF_WIDTH_TEETH)).named("occlusal").separating();
     cuts.extend([behind, teeth].into_iter().filter(|c| meets(bone, c)));
     cuts
 }
@@ -75,13 +75,13 @@ pub(super) fn midsagittal(
     occlusal_z_mm: f64,
     bone: &Envelope,
 ) -> Option<Cut> {
-    let frame = Frame::new(plane, midline_x_mm, occlusal_z_mm)?;
-    let (front, back) = frame.arch(bone);
+    let axes = LeFort1Axes::new(plane, midline_x_mm, occlusal_z_mm)?;
+    let (front, back) = axes.arch(bone);
     let (front, back) = (front - 15.0, back + OVERLAP);
-    let half_height = 0.5 * -frame.occlusal + OVERLAP;
-    let point = frame.at(0.5 * (front + back), 0.5 * frame.occlusal);
+    let half_height = 0.5 * -axes.occlusal + OVERLAP;
+    let point = axes.at(0.5 * (front + back), 0.5 * axes.occlusal);
     let plane =
-        BoundedPlane { point, normal: frame.left, bounds: Some((frame.back, 0.5 * (back - front), half_height)) };
+        BoundedPlane { point, normal: axes.left, bounds: Some((axes.back, 0.5 * (back - front), half_height)) };
     Some(Cut::from(plane).named("midsagittal"))
 }
 
@@ -92,13 +92,13 @@ pub(super) fn tuberosity_y(
     occlusal_z_mm: f64,
     bone: &Envelope,
 ) -> Option<[f64; 2]> {
-    let frame = Frame::new(plane, midline_x_mm, occlusal_z_mm)?;
-    let (front, back) = frame.arch(bone);
-    Some([front, back].map(|depth| frame.at(depth, frame.occlusal).y))
+    let axes = LeFort1Axes::new(plane, midline_x_mm, occlusal_z_mm)?;
+    let (front, back) = axes.arch(bone);
+    Some([front, back].map(|depth| axes.at(depth, axes.occlusal).y))
 }
 
 /// Axes of the Le Fort I plane with the origin in the midline.
-pub(super) struct Frame {
+pub(super) struct LeFort1Axes {
     origin: Point,
     left: Vector,
     back: Vector,
@@ -107,7 +107,7 @@ pub(super) struct Frame {
     occlusal: f64,
 }
 
-impl Frame {
+impl LeFort1Axes {
     pub(super) fn new((point, normal): (Point, Vector), midline: f64, occlusal_z: f64) -> Option<Self> {
         let up = normal.try_normalize(1e-9)? * normal.z.signum();
         if up.z.is_nan() || up.z < 0.7 || !point.iter().chain([&midline, &occlusal_z]).all(|c| c.is_finite()) {

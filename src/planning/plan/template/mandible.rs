@@ -1,7 +1,7 @@
 //! Cuts of the mandible, and its separation from the skull.
 
 use super::super::PlanError;
-use super::super::parting::lattice;
+use super::super::lattice::lattice;
 use super::super::shape::{BoundedPlane, Cut, CutShape};
 use super::{Landmarks, Occlusal, meets, misplaced};
 use prosopon_field::Envelope;

@@ -11,7 +11,7 @@ const AHEAD_MM: f64 = 20.0;
 /// Neighbouring cuts overlap by this, mm.
 const OVERLAP_MM: f64 = 2.0;
 /// Least step along x between neighbouring landmarks of the Le Fort II line, mm, so that the line does not cross itself.
-const LEAST_STEP_MM: f64 = 0.5;
+const MIN_STEP_MM: f64 = 0.5;
 /// Half widths of the plane behind the face, mm: narrow between the rami, wide above the coronoid processes.
 const HALF_WIDTH_MM: f64 = 38.0;
 const HALF_WIDTH_FACE_MM: f64 = 80.0;
@@ -86,9 +86,9 @@ pub(super) fn le_fort_2(landmarks: &Landmarks, bone: &Envelope) -> Result<Vec<Cu
     let line = [cheek_l?, orbit_l?, nasion?, orbit_r?, cheek_r?];
     let nasion = line[2];
     for (pair, name) in line.windows(2).zip(names.windows(2)) {
-        if pair[0].x - pair[1].x < LEAST_STEP_MM {
+        if pair[0].x - pair[1].x < MIN_STEP_MM {
             return Err(misplaced(&format!(
-                "have {} at x = {:.1} mm and {} at x = {:.1} mm; the first must lie at least {LEAST_STEP_MM} mm to the left (+x)",
+                "have {} at x = {:.1} mm and {} at x = {:.1} mm; the first must lie at least {MIN_STEP_MM} mm to the left (+x)",
                 name[0], pair[0].x, name[1], pair[1].x
             )));
         }

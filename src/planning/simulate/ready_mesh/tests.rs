@@ -39,7 +39,7 @@ fn points_at_one_place_are_told_of() {
     torn.points.extend_from_within(3..6);
     let ready = ReadyMesh::new(&torn).unwrap();
     let told = ready.warnings.iter().find(|w| w.contains("in the same place")).unwrap();
-    assert!(told.starts_with("at 3 places") && told.contains("the first are 3 and 7"), "{told}");
+    assert!(told.starts_with("at 3 cell_indices") && told.contains("the first are 3 and 7"), "{told}");
     let whole = ReadyMesh::new(&volume([0, 1, 2, 3, 4, 5], [3, 4, 5, 6])).unwrap();
     assert!(!whole.warnings.iter().any(|w| w.contains("in the same place")));
 }
@@ -83,7 +83,7 @@ fn wedges_of_either_orientation_and_either_triangle_first_become_the_same_prism(
             assert_eq!(ready.warnings.iter().any(|w| w.contains("1 tetrahedra were inside out")), turned);
             assert_eq!(ready.mesh.tissue_of_prism(0), Tissue::Skin);
             assert_eq!(ready.buried_prisms(), 0);
-            assert_eq!(ready.places, [CellPlace::Prism(0), CellPlace::Tetrahedron(0)]);
+            assert_eq!(ready.cell_indices, [CellIndex::Prism(0), CellIndex::Tetrahedron(0)]);
         }
     }
 }

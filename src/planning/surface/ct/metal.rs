@@ -1,7 +1,7 @@
 //! Locates metal and the streaks it causes in a CT.
 
 use super::distance::Nearest;
-use super::inside::Depth;
+use super::depth::Depth;
 use nalgebra::Matrix3;
 use prosopon_geometry::{Point, ScalarGrid, Volume};
 use rayon::prelude::*;

@@ -1,9 +1,10 @@
 //! Extracts skin, skull and inner air from a head CT.
 
-mod body;
+mod head;
 mod components;
+mod depth;
 mod distance;
-mod inside;
+mod bone_and_air;
 mod metal;
 mod resample;
 mod soft_tissue;
@@ -11,8 +12,8 @@ mod soft_tissue;
 mod test_masks;
 
 use super::SurfaceError;
-use body::Body;
-use inside::Depth;
+use depth::Depth;
+use head::Head;
 use metal::Metal;
 use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{
@@ -116,8 +117,8 @@ pub fn from_ct(volume: &Volume, settings: &CtSettings, control: &Control) -> Res
     let (hu, mut warnings) = (resampled.grid, resampled.warnings);
     let nothing = |what, threshold| SurfaceError::NothingFound { what, threshold, unit: "HU" };
 
-    let body = body::body(&hu, settings.skin_hu, &control.part(0.1, 0.2))?;
-    let Body { skin, removed_mm3 } = body.ok_or(nothing("skin with air around it", settings.skin_hu))?;
+    let body = head::head(&hu, settings.skin_hu, &control.part(0.1, 0.2))?;
+    let Head { skin, removed_mm3 } = body.ok_or(nothing("skin with air around it", settings.skin_hu))?;
     if removed_mm3 > 0.0 {
         let cm3 = removed_mm3 / 1e3;
         warnings.push(format!("{cm3:.1} cm³ beside the head or in sheets were left out (head rest, mask, streaks)"));
@@ -125,7 +126,7 @@ pub fn from_ct(volume: &Volume, settings: &CtSettings, control: &Control) -> Res
     let depth = Depth::below(&skin);
     control.check()?;
     let metal = Metal::find(&hu, volume, &depth);
-    let bone = inside::bone(&hu, &depth, metal.as_ref(), settings.bone_hu);
+    let bone = bone_and_air::bone(&hu, &depth, metal.as_ref(), settings.bone_hu);
     if metal.is_some() {
         warnings.push(
             "metal makes bone, air and skin in its slices unreliable: check them; flat pieces were left out".into(),
@@ -136,7 +137,7 @@ pub fn from_ct(volume: &Volume, settings: &CtSettings, control: &Control) -> Res
         warnings.push(format!("{cm3:.2} cm³ as dense as bone were left out: too near the skin, or streaks of metal"));
     }
     control.check()?;
-    let air = inside::air(&hu, &depth, metal.as_ref(), settings.skin_hu);
+    let air = bone_and_air::air(&hu, &depth, metal.as_ref(), settings.skin_hu);
     let soft_tissue = soft_tissue::soft_tissue(&hu);
     drop((hu, depth, metal));
     control.report(0.3);
@@ -153,12 +154,12 @@ pub fn from_ct(volume: &Volume, settings: &CtSettings, control: &Control) -> Res
         },
     );
     let (skin, beside) = skin?.ok_or(nothing("skin", settings.skin_hu))?;
-    let (skull, crumbs) = skull?.ok_or(nothing("bone", settings.bone_hu))?;
+    let (skull, small_parts) = skull?.ok_or(nothing("bone", settings.bone_hu))?;
     if beside > 0 {
         warnings.push(format!("{beside} separate parts of the skin surface were left out"));
     }
-    if crumbs > 0 {
-        warnings.push(format!("{crumbs} pieces or cavities of bone under {MIN_BONE_MM} mm across were left out"));
+    if small_parts > 0 {
+        warnings.push(format!("{small_parts} pieces or cavities of bone under {MIN_BONE_MM} mm across were left out"));
     }
     let air = air.transpose()?.flatten().map(|(mesh, _)| mesh);
     control.report(1.0);

@@ -17,7 +17,7 @@ const AIR_MM: f64 = 8.0;
 pub(super) const AIR_HU: f32 = -1000.0;
 /// Value of the plugs that close cut airways, HU.
 const TISSUE_HU: i16 = 40;
-/// Depth of these plugs, mm: more than the thickness of the sheets that `body` removes.
+/// Depth of these plugs, mm: more than the thickness of the sheets that `head` removes.
 const LID_MM: f64 = 5.0;
 /// Least inward extent of a cut airway, mm.
 /// Shallower air lies between the head and a cover: a mask over the crown encloses air on the last slice.

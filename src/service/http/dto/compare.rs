@@ -5,7 +5,7 @@ use uuid::Uuid;
 use super::check::{Check, REACH_MM};
 use prosopon_geometry::Point;
 use prosopon_jobs::{RegisterOn, SurfaceSource, UNMOVED_MM};
-use prosopon_planning::evaluate::{Mask, Part};
+use prosopon_planning::evaluate::{Mask, MaskRegion};
 use prosopon_session::{BoxDocument, ErrorDocument, Fault};
 use prosopon_store::SessionId;
 
@@ -83,15 +83,15 @@ pub struct PartRequest {
 }
 
 impl PartRequest {
-    fn part(&self, pointer: &str, check: &mut Check) -> Option<Part> {
+    fn part(&self, pointer: &str, check: &mut Check) -> Option<MaskRegion> {
         match (self.min_mm, self.max_mm, self.centre_mm, self.radius_mm) {
             (Some(min_mm), Some(max_mm), None, None) => {
-                Some(Part::Box((&check.bounds(pointer, BoxDocument { min_mm, max_mm })).into()))
+                Some(MaskRegion::Box((&check.bounds(pointer, BoxDocument { min_mm, max_mm })).into()))
             }
             (None, None, Some(centre), Some(radius_mm)) => {
                 let centre = Point::from(check.vector(&format!("{pointer}/centre_mm"), centre));
                 check.number(&format!("{pointer}/radius_mm"), radius_mm, 0.1, REACH_MM);
-                Some(Part::Ball { centre, radius_mm })
+                Some(MaskRegion::Ball { centre, radius_mm })
             }
             _ => {
                 check.fault(pointer, "must have min_mm and max_mm, or centre_mm and radius_mm");
@@ -159,7 +159,7 @@ pub(in crate::http) struct CheckedCompare {
     pub(in crate::http) prediction: SurfaceSource,
     pub(in crate::http) reference: SurfaceSource,
     pub(in crate::http) mask: Mask,
-    pub(in crate::http) exclude: Vec<Part>,
+    pub(in crate::http) exclude: Vec<MaskRegion>,
     pub(in crate::http) exclude_eyes: bool,
     pub(in crate::http) register: Option<RegisterOn>,
     pub(in crate::http) values: bool,
@@ -188,7 +188,7 @@ impl CompareRequest {
     }
 }
 
-fn parts(pointer: &str, requests: &[PartRequest], check: &mut Check) -> Vec<Part> {
+fn parts(pointer: &str, requests: &[PartRequest], check: &mut Check) -> Vec<MaskRegion> {
     requests.iter().enumerate().filter_map(|(i, p)| p.part(&format!("{pointer}/{i}"), check)).collect()
 }
 

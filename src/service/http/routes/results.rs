@@ -16,7 +16,7 @@ use crate::http::{AppState, Problem};
 use prosopon_formats::export::SurfaceView;
 use prosopon_geometry::{TriMesh, Vector};
 use prosopon_jobs::{Service, SkinFrame, read_frame, rest_of};
-use prosopon_planning::evaluate::{Layer, View, moved_along, picture as draw};
+use prosopon_planning::evaluate::{Layer, View, moved_along, render_panels as draw};
 use prosopon_session::{ErrorDocument, Fault, FaultKind, error_sheet};
 use prosopon_store::{JobId, JobRecord, StepRecord};
 

@@ -2,7 +2,7 @@ use super::Predictions;
 use crate::Service;
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Point, TriMesh};
-use prosopon_planning::evaluate::{Mask, Part, eyes, face_regions};
+use prosopon_planning::evaluate::{Mask, MaskRegion, eyes, face_regions};
 use prosopon_session::{Engine, ErrorDocument, Fault, FaultKind, Halt, RegistrationDocument};
 
 /// Vertices of the prediction that a registration uses.
@@ -54,7 +54,7 @@ pub struct Comparison {
     /// Vertices of the prediction that count.
     pub mask: Mask,
     /// Parts of space that are left out of the comparison and of the registration.
-    pub exclude: Vec<Part>,
+    pub exclude: Vec<MaskRegion>,
     /// Whether the eyes are left out too, when the prediction is a face.
     pub exclude_eyes: bool,
     /// Whether only the parts of the face count when the mask is empty.

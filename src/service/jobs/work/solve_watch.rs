@@ -8,7 +8,7 @@ use crate::SkinFrame;
 use crate::running::{Phase, Running};
 use prosopon_geometry::control::Control;
 use prosopon_planning::evaluate::FaceRegion;
-use prosopon_planning::simulate::{Frame, Milestone};
+use prosopon_planning::simulate::{Frame, PathCheckpoint};
 use prosopon_session::{Engine, ErrorDocument, Halt, RunWatch, StepDocument, StoredMilestone};
 use prosopon_tissue::mesh::MeshReport;
 
@@ -95,7 +95,7 @@ impl<'a> SolveWatch<'a> {
     }
 
     /// An encoded checkpoint after the step at path parameter `t`, at intervals; none after the last step.
-    fn milestone(&mut self, t: f64, milestone: &dyn Fn() -> Option<Milestone>) -> Option<Vec<u8>> {
+    fn milestone(&mut self, t: f64, milestone: &dyn Fn() -> Option<PathCheckpoint>) -> Option<Vec<u8>> {
         if t >= 1.0 || self.milestone_made.elapsed() < MILESTONE_EVERY {
             return None;
         }
@@ -136,7 +136,7 @@ impl RunWatch for SolveWatch<'_> {
         self.running.warn(text);
     }
 
-    fn frame(&mut self, frame: Frame, milestone: &dyn Fn() -> Option<Milestone>) {
+    fn frame(&mut self, frame: Frame, milestone: &dyn Fn() -> Option<PathCheckpoint>) {
         let taken = self.step_began.elapsed();
         if frame.k as u32 <= self.after {
             // The checkpoint did not match this job, so the solve started from rest again.

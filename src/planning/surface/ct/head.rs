@@ -19,7 +19,7 @@ const REACH_MM: f64 = 7.5;
 pub(super) const HU_PER_MM: f64 = 300.0;
 
 /// The head without the objects on and around it, with all inner air filled.
-pub(super) struct Body {
+pub(super) struct Head {
     /// Negative inside the skin. Values near the skin are in HU, so that the surface has subvoxel accuracy.
     pub(super) skin: ScalarGrid,
     /// Volume removed as sheets, mask and streaks, mm³.
@@ -27,7 +27,7 @@ pub(super) struct Body {
 }
 
 /// Extracts the head; `None` when there is no body or no air around it.
-pub(super) fn body(hu: &ScalarGrid, skin_hu: f64, control: &Control) -> Result<Option<Body>, Cancelled> {
+pub(super) fn head(hu: &ScalarGrid, skin_hu: f64, control: &Control) -> Result<Option<Head>, Cancelled> {
     let (dims, h) = (hu.dims, hu.spacing);
     let tissue: Vec<bool> = hu.values.iter().map(|v| *v > skin_hu as f32).collect();
     let Some(solid) = without_sheets(&tissue, dims, SHEET_MM / h) else { return Ok(None) };
@@ -57,7 +57,7 @@ pub(super) fn body(hu: &ScalarGrid, skin_hu: f64, control: &Control) -> Result<O
     // Protrusions are removed from the filled head because there the wings of the nose are not thin.
     let Some(skin) = without_bumps(filled) else { return Ok(None) };
     let removed = tissue.iter().zip(&skin.values).filter(|(t, v)| **t && **v > 0.0).count();
-    Ok(Some(Body { skin, removed_mm3: removed as f64 * h.powi(3) }))
+    Ok(Some(Head { skin, removed_mm3: removed as f64 * h.powi(3) }))
 }
 
 /// Cap of the distance lattice, in whole steps, that covers distances up to `steps`.

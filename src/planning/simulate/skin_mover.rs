@@ -3,21 +3,21 @@ use prosopon_tissue::fem::Solver;
 use prosopon_tissue::mesh::Embedding;
 
 /// Most sweeps of the smoothing; holes are about ten vertices wide.
-const MOST_SWEEPS: usize = 200;
+const MAX_SWEEPS: usize = 200;
 /// Sweeps end when no vertex moves farther than this, mm.
-const SETTLED_MM: f64 = 1e-4;
+const CONVERGED_MM: f64 = 1e-4;
 
 /// Moves the user's skin with the prisms.
 ///
 /// Vertices without a prism, at folds that could not be meshed and beyond the region, take the mean displacement of their
 /// neighbours. Far from the region that is zero, because the prisms at its edge are fixed.
-pub(super) struct Carrier<'a> {
+pub(super) struct SkinMover<'a> {
     embedding: &'a Embedding,
     /// Vertices without a prism, ascending, with their neighbours.
     loose: Vec<(usize, Vec<u32>)>,
 }
 
-impl<'a> Carrier<'a> {
+impl<'a> SkinMover<'a> {
     pub(super) fn new(skin: &TriMesh, embedding: &'a Embedding) -> Self {
         let mut neighbours = vec![Vec::new(); skin.positions().len()];
         for t in skin.triangles() {
@@ -59,7 +59,7 @@ impl<'a> Carrier<'a> {
 
     /// Gives the vertices without a prism the mean of their neighbours.
     fn fill(&self, u: &mut [Vector]) {
-        for sweep in 0..MOST_SWEEPS {
+        for sweep in 0..MAX_SWEEPS {
             let mut largest = 0.0f64;
             for i in 0..self.loose.len() {
                 let (vertex, near) = &self.loose[if sweep % 2 == 0 { i } else { self.loose.len() - 1 - i }];
@@ -67,7 +67,7 @@ impl<'a> Carrier<'a> {
                 largest = largest.max((mean - u[*vertex]).norm());
                 u[*vertex] = mean;
             }
-            if largest < SETTLED_MM {
+            if largest < CONVERGED_MM {
                 break;
             }
         }
@@ -101,24 +101,24 @@ mod tests {
     fn a_hole_takes_a_linear_displacement_from_around_it() {
         let hole = |i: usize, j: usize| (3..9).contains(&i) && (3..9).contains(&j);
         let (skin, embedding) = square(hole);
-        let carrier = Carrier::new(&skin, &embedding);
+        let skin_mover = SkinMover::new(&skin, &embedding);
         let exact = |p: &Point| Vector::new(1.0 + 0.2 * p.x, -0.1 * p.y, 0.3 * p.x - 0.2 * p.y);
         let mut u: Vec<Vector> = (skin.positions().iter().zip(&embedding.anchors))
             .map(|(p, a)| if a.is_some() { exact(p) } else { Vector::zeros() })
             .collect();
-        carrier.fill(&mut u);
+        skin_mover.fill(&mut u);
         for (p, u) in skin.positions().iter().zip(&u) {
             assert!((u - exact(p)).norm() < 1e-2, "{p}: {u}");
         }
-        assert!(carrier.warning(&skin, &skin.bounds()).is_some_and(|w| w.starts_with("36 ")));
+        assert!(skin_mover.warning(&skin, &skin.bounds()).is_some_and(|w| w.starts_with("36 ")));
     }
 
     #[test]
     fn skin_beyond_an_edge_that_stays_does_not_move() {
         let (skin, embedding) = square(|i, _| i > 5);
-        let carrier = Carrier::new(&skin, &embedding);
+        let skin_mover = SkinMover::new(&skin, &embedding);
         let mut u: Vec<Vector> = skin.positions().iter().map(|p| Vector::x() * (5.0 - p.x).max(0.0)).collect();
-        carrier.fill(&mut u);
+        skin_mover.fill(&mut u);
         assert!(skin.positions().iter().zip(&u).all(|(p, u)| p.x < 5.0 || u.norm() == 0.0));
     }
 }

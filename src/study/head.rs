@@ -166,7 +166,8 @@ impl Head {
 
     /// Which vertices of the skin belong to the face.
     pub(super) fn face(&self) -> Vec<bool> {
-        let (regions, _) = face_regions(&self.anatomy.skin, &self.anatomy.landmarks, self.landmarks.midline_x_mm);
+        let regions =
+            face_regions(&self.anatomy.skin, &self.anatomy.landmarks, self.landmarks.midline_x_mm).regions;
         self.anatomy.skin.positions().iter().map(|p| regions.iter().any(|r| r.bounds.contains(p))).collect()
     }
 

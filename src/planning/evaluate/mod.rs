@@ -19,6 +19,7 @@ mod register;
 mod sheet;
 mod smoothing;
 mod statistics;
+mod tuning;
 
 pub use colour::diverging;
 pub use error_map::{Correspondence, ErrorMap, error_map};
@@ -26,7 +27,7 @@ pub use error::{EvaluateError, RegistrationFault};
 pub use mask::{Mask, MaskRegion};
 pub use picture::{Layer, View, moved_along, render_panels};
 pub use png::rgb_png;
-pub use regions::{FaceRegion, eyes, face_regions};
+pub use regions::{FaceRegion, FaceRegions, eyes, face_regions};
 pub use register::{Registration, register};
 pub use sheet::{Sheet, render_sheet};
 pub use statistics::{Statistics, statistics};

@@ -128,11 +128,23 @@ fn colour_bar(canvas: &mut Canvas, font: Font, [left, top]: [usize; 2], scale: u
 /// Formats a short decimal with its sign.
 pub(super) fn label(value: f64) -> String {
     let digits = if value.abs() >= 100.0 || (value - value.round()).abs() < 1e-9 { 0 } else { 2 };
-    let sign = if value > 0.0 { "+" } else { "" };
-    format!("{sign}{value:.digits$}").replace("-0", if value == 0.0 { "0" } else { "-0" })
+    let text = format!("{value:+.digits$}");
+    // A value that rounds to zero has no sign and no decimals.
+    if text.trim_matches(['+', '-', '0', '.']).is_empty() { "0".to_owned() } else { text }
 }
 
 pub(super) fn encode(canvas: &Canvas) -> Vec<u8> {
     // A canvas always has the stated number of pixels, at least one, so encoding cannot fail.
     rgb_png(canvas.pixels.as_flattened(), canvas.width as u32, canvas.height as u32).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::label;
+
+    #[test]
+    fn labels_are_short_and_zero_has_no_sign() {
+        let labels = [0.0, -0.0, -0.004, 0.004, 3.0, -2.5, -0.5, 150.4, -3.0].map(label);
+        assert_eq!(labels, ["0", "0", "0", "0", "+3", "-2.50", "-0.50", "+150", "-3"]);
+    }
 }

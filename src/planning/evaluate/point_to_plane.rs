@@ -2,13 +2,10 @@
 
 use nalgebra::{Matrix6, SymmetricEigen, Translation3, UnitQuaternion, Vector6};
 
+use super::tuning::{MIN_PAIRS, SOLVABLE};
 use super::{EvaluateError, RegistrationFault};
 use prosopon_geometry::{Motion, Point, Vector};
 
-/// Fewer pairs than the six unknowns cannot determine a motion.
-const MIN_PAIRS: usize = 6;
-/// Smallest ratio of eigenvalues at which the equations of one step are solved.
-const SOLVABLE: f64 = 1e-9;
 
 /// A point constrained along a normal.
 #[derive(Debug, Clone, Copy)]

@@ -30,8 +30,16 @@ struct Face {
     scale: f64,
 }
 
+/// The regions of one face.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct FaceRegions {
+    /// The regions; their boxes do not overlap.
+    pub regions: Vec<FaceRegion>,
+    /// Whether landmarks placed them, and not proportions of the skin.
+    pub from_landmarks: bool,
+}
+
 /// Places the regions by landmarks or, without them, by proportions of the skin.
-/// Returns the regions and whether landmarks were used.
 ///
 /// The landmarks are `pronasale`, `ans`, `soft_pogonion`, `menton` and `occlusal_plane`. They are used when `pronasale` and one
 /// of `menton` and `soft_pogonion` are present; the others are then derived from the height between these two. Without them the
@@ -43,9 +51,11 @@ pub fn face_regions(
     skin: &TriMesh,
     landmarks: &[(String, Point)],
     midline_x_mm: Option<f64>,
-) -> (Vec<FaceRegion>, bool) {
-    let (face, used) = Face::of(skin, landmarks, midline_x_mm);
-    (face.regions(), used)
+) -> FaceRegions {
+    match Face::from_landmarks(landmarks, midline_x_mm) {
+        Some(face) => FaceRegions { regions: face.regions(), from_landmarks: true },
+        None => FaceRegions { regions: Face::from_proportions(skin, midline_x_mm).regions(), from_landmarks: false },
+    }
 }
 
 /// Balls over the eyes, placed like the boxes of [`face_regions`].
@@ -55,7 +65,8 @@ pub fn eyes(skin: &TriMesh, landmarks: &[(String, Point)], midline_x_mm: Option<
     // Position of an adult's eye relative to the tip of the nose: lateral, backward and upward, mm.
     const CENTRE: [f64; 3] = [32.0, 44.0, 35.0];
     const RADIUS: f64 = 17.0;
-    let face = Face::of(skin, landmarks, midline_x_mm).0;
+    let known = Face::from_landmarks(landmarks, midline_x_mm);
+    let face = known.unwrap_or_else(|| Face::from_proportions(skin, midline_x_mm));
     [-1.0, 1.0].map(|side| {
         let [x, y, z] = CENTRE.map(|c| c * face.scale);
         MaskRegion::Ball {
@@ -66,14 +77,6 @@ pub fn eyes(skin: &TriMesh, landmarks: &[(String, Point)], midline_x_mm: Option<
 }
 
 impl Face {
-    /// Returns the reference positions and whether landmarks were used.
-    fn of(skin: &TriMesh, landmarks: &[(String, Point)], midline: Option<f64>) -> (Self, bool) {
-        match Self::from_landmarks(landmarks, midline) {
-            Some(face) => (face, true),
-            None => (Self::from_proportions(skin, midline), false),
-        }
-    }
-
     fn from_landmarks(landmarks: &[(String, Point)], midline: Option<f64>) -> Option<Self> {
         let named =
             |name: &str| landmarks.iter().find(|l| l.0 == name && l.1.iter().all(|c| c.is_finite())).map(|l| l.1);
@@ -211,7 +214,7 @@ mod tests {
 
     #[test]
     fn landmarks_fall_into_their_regions_and_boxes_do_not_overlap() {
-        let (regions, used) = face_regions(&ball(), &landmarks(), Some(6.0));
+        let FaceRegions { regions, from_landmarks: used } = face_regions(&ball(), &landmarks(), Some(6.0));
         assert!(used);
         assert_eq!(regions.len(), 10);
         let of = |p: [f64; 3]| -> Vec<&str> {
@@ -236,7 +239,7 @@ mod tests {
 
     #[test]
     fn without_landmarks_the_foremost_point_is_the_nose() {
-        let (regions, used) = face_regions(&ball(), &[], None);
+        let FaceRegions { regions, from_landmarks: used } = face_regions(&ball(), &[], None);
         assert!(!used);
         let nose = regions.iter().find(|r| r.name == "nose").unwrap();
         assert!(nose.bounds.contains(&Point::new(2.0, -100.0, 50.0)));
@@ -247,7 +250,7 @@ mod tests {
     fn impossible_landmarks_are_not_used() {
         let mut upside_down = landmarks();
         upside_down[3].1.z = 90.0;
-        assert!(!face_regions(&ball(), &upside_down, None).1);
-        assert!(!face_regions(&ball(), &landmarks()[..2], None).1);
+        assert!(!face_regions(&ball(), &upside_down, None).from_landmarks);
+        assert!(!face_regions(&ball(), &landmarks()[..2], None).from_landmarks);
     }
 }

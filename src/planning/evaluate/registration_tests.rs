@@ -6,7 +6,7 @@ use super::png::Decoded;
 use super::tests::{potato, star};
 use super::*;
 use prosopon_geometry::control::Control;
-use prosopon_geometry::{Motion, Point, TriMesh, Vector};
+use prosopon_geometry::{Motion, Point, TriMesh, Vector, Warning};
 
 /// Repeatable normal deviates: sums of twelve uniform ones.
 pub(super) struct Noise(u64);
@@ -122,8 +122,8 @@ fn far_surfaces_are_told_apart_and_brought_together() {
     let potato = potato(30);
     let far = potato.moved(&Motion::translation(400.0, 0.0, 0.0));
     let map = error_map(&far, &potato, None, &[], &Control::new()).unwrap();
-    assert!(map.warnings.iter().any(|w| w.contains("mm apart")), "{:?}", map.warnings);
-    assert!(map.warnings.iter().any(|w| w.contains("need registration")), "{:?}", map.warnings);
+    assert!(map.warnings.iter().any(|w| w.code == "surfaces-apart"), "{:?}", map.warnings);
+    assert!(map.warnings.iter().any(|w| w.code == "not-registered"), "{:?}", map.warnings);
     let found = register(&far, &potato, None, &Control::new()).unwrap();
     assert!((found.motion.translation.vector.x + 400.0).abs() < 1e-3);
 }
@@ -169,11 +169,11 @@ fn inside_out_is_refused_and_a_mirror_image_is_suspected() {
     let p = lopsided.positions().iter().map(|p| Point::new(-p.x, p.y, p.z)).collect();
     let flipped = lopsided.triangles().iter().map(|[a, b, c]| [*a, *c, *b]).collect();
     let mirrored = TriMesh::new(p, flipped).unwrap();
-    let told = match register(&lopsided, &mirrored, None, &Control::new()) {
+    let found = match register(&lopsided, &mirrored, None, &Control::new()) {
         Err(error) => error.to_string(),
-        Ok(found) => found.warnings.join("; "),
+        Ok(found) => found.warnings.iter().map(Warning::to_string).collect(),
     };
-    assert!(told.contains("mirror"), "{told}");
+    assert!(found.contains("mirror"), "{found}");
 }
 
 #[test]
@@ -252,8 +252,9 @@ fn a_noisy_misplaced_scan_of_a_head_tells_the_true_error_of_a_prediction() {
     let middle = known * Point::new(0.0, -10.0, 50.0);
     let (shift, angle) = ((off * middle - middle).norm(), off.rotation.angle().to_degrees());
     assert!(shift < 0.1 && angle < 0.1, "{shift} mm, {angle} degrees");
-    let told = error_map(&prediction.moved(&found.motion), &scan, Some(&face), &[], &control).unwrap();
+    let registered = error_map(&prediction.moved(&found.motion), &scan, Some(&face), &[], &control).unwrap();
     let share = |found: f64, real: f64| (found / real - 1.0).abs();
-    assert!(share(told.whole.mean, real.mean) < 0.1, "{} {}", told.whole.mean, real.mean);
-    assert!(share(told.smoothed.mean_abs, real.mean_abs) < 0.1, "{} {}", told.smoothed.mean_abs, real.mean_abs);
+    assert!(share(registered.whole.mean, real.mean) < 0.1, "{} {}", registered.whole.mean, real.mean);
+    let (found, expected) = (registered.smoothed.mean_abs, real.mean_abs);
+    assert!(share(found, expected) < 0.1, "{found} {expected}");
 }

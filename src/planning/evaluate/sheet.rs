@@ -4,6 +4,7 @@ use super::colour::diverging;
 use super::font::Font;
 use super::picture::{BLACK, encode, label};
 use super::raster::{Camera, Canvas, draw};
+use super::tuning::BIN_MM;
 use prosopon_geometry::{Aabb, Point, TriMesh, Vector};
 
 /// Columns and rows of panels, and a panel's size in pixels.
@@ -121,7 +122,7 @@ fn histogram(canvas: &mut Canvas, sheet: &Sheet<'_>, left: usize, top: usize, wi
         let tall = (share / most * TALL_PX as f64).round() as usize;
         let (x0, x1) = ((bar * place as f64) as usize, (bar * (place + 1) as f64) as usize);
         let open = i == 0 || i == inner + 1;
-        let colour = diverging(from + 0.125, sheet.limit_mm);
+        let colour = diverging(from + 0.5 * BIN_MM, sheet.limit_mm);
         // The open bins are drawn as narrow bars at the edges.
         let (x0, x1) = match (open, i) {
             (false, _) => (x0 + 1, x1),

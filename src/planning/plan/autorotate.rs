@@ -2,13 +2,10 @@
 
 use nalgebra::{Translation3, Unit, UnitQuaternion};
 
+use super::tuning::{MAX_AUTOROTATION_RAD, PATH_SAMPLES};
 use super::{Path, PlanError};
 use prosopon_geometry::{Motion, Point, Vector};
 
-/// Largest rotation by which the mandible follows the upper jaw, radian (46°).
-const MAX_TURN: f64 = 0.8;
-/// Evenly spaced samples of the upper jaw's path, in addition to its waypoints.
-const SAMPLES: usize = 10;
 
 /// Axis from the right to the left condyle; positive (right-handed) angles about it open the mouth.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -63,7 +60,7 @@ impl CondylarAxis {
             let near = |x: f64| (x + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU) - std::f64::consts::PI;
             let (one, two) = (near(middle + off), near(middle - off));
             let found = if one.abs() < two.abs() { one } else { two };
-            if share.abs() <= 1.0 && found.abs() <= MAX_TURN {
+            if share.abs() <= 1.0 && found.abs() <= MAX_AUTOROTATION_RAD {
                 return Ok(found);
             }
             let detail = format!(
@@ -72,7 +69,7 @@ impl CondylarAxis {
             );
             Err(PlanError::Value { what: "autorotate".into(), detail })
         };
-        let mut times: Vec<f64> = (1..=SAMPLES).map(|i| i as f64 / SAMPLES as f64).collect();
+        let mut times: Vec<f64> = (1..=PATH_SAMPLES).map(|i| i as f64 / PATH_SAMPLES as f64).collect();
         times.extend(jaw_path.waypoints().iter().map(|w| w.0).filter(|t| *t > 0.0));
         times.sort_by(f64::total_cmp);
         times.dedup_by(|a, b| (*a - *b).abs() < 1e-9);

@@ -2,17 +2,12 @@
 
 use rayon::prelude::*;
 
+use super::tuning::{FAR_FACE_MM, MIN_FACING, TOUCH_SHARE};
 use super::Segment;
 use super::moved_solid::{MovedSolid, Solid, nearest_bone};
 use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{Point, Vector};
 
-/// Farthest distance at which a cut face counts as the opposite side of a gap, mm.
-const FAR_MM: f64 = 30.0;
-/// At rest a cut face is no farther from its counterpart than the kerf plus this share of the mean edge length.
-const TOUCH_SHARE: f64 = 0.1;
-/// Least cosine between the normal of a cut face and the reversed normal of its counterpart.
-const FACING: f64 = 0.7;
 
 /// Cut faces of every segment.
 pub(super) struct CutFaces(Vec<(u32, Faces)>);
@@ -52,7 +47,7 @@ impl CutFaces {
                 let scaled = mesh.scaled_normal(t);
                 let (middle, normal) =
                     (Point::from((a.coords + b.coords + c.coords) / 3.0), scaled.try_normalize(0.0)?);
-                let facing = |s: &Solid| s.ahead(&middle, &normal, far).is_some_and(|hit| hit.facing > FACING);
+                let facing = |s: &Solid| s.ahead(&middle, &normal, far).is_some_and(|hit| hit.facing > MIN_FACING);
                 Some(Face { middle, normal, area: 0.5 * scaled.norm(), faces: others().any(|(_, s)| facing(s)) })
             };
             let triangles = mesh.triangles();
@@ -80,7 +75,7 @@ impl CutFaces {
         let gap = |Face { middle, normal, area, faces }: &Face| {
             let ahead = |other: &MovedSolid<'_>| {
                 let motion = &other.own_from_moving;
-                let hit = other.solid.ahead(&(motion * middle), &(motion * normal), FAR_MM)?;
+                let hit = other.solid.ahead(&(motion * middle), &(motion * normal), FAR_FACE_MM)?;
                 let is_cut = self.of_segment(other.segment)?.is_cut.get(hit.triangle) == Some(&true);
                 Some((hit.distance_mm, is_cut))
             };

@@ -2,12 +2,9 @@
 
 use rayon::prelude::*;
 
+use super::tuning::{BONE_OVERLAP_MM, BONE_OVERLAP_MM3, MAX_SAWN_OVERLAP_MM, MAX_USUAL_MOVE_MM, MAX_USUAL_TURN_DEG, PATH_SAMPLES, PROBES, WIDE_GAP_MM};
 use super::cut_faces::CutFaces;
 use super::moved_solid::{MovedSolid, Solid, nearest_bone};
-use super::tuning::{
-    BONE_OVERLAP_MM, BONE_OVERLAP_MM3, MAX_SAWN_OVERLAP_MM, MAX_USUAL_MOVE_MM, MAX_USUAL_TURN_DEG, PATH_SAMPLES, PROBES,
-    WIDE_GAP_MM,
-};
 use super::{Osteotomy, Path, Plan, PlanError, Segment, overlap};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Motion, Point, Warning};

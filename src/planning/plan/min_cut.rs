@@ -1,19 +1,11 @@
 //! Minimum cut: the cheapest set of grid edges that separates two sets of nodes.
 
+use super::tuning::{COARSE_BLOCK, EXTRA_COST, FALL_OFF_MM, FINE_STEPS, MAX_FLOW};
 use super::lattice::{OUTSIDE, lattice};
 use super::pieces::for_each_neighbour;
 use prosopon_geometry::ScalarGrid;
 use prosopon_geometry::control::{Cancelled, Control};
 
-/// Flow above which the search stops: so much bone is not a bridge.
-const MAX_FLOW: u64 = 400_000;
-/// Nodes more than `FINE_STEPS` grid steps from the cut are merged in blocks of `BLOCK` nodes along each axis.
-const FINE_STEPS: u32 = 5;
-const BLOCK: usize = 3;
-/// Extra cost of an edge beside the cut, where one far away costs 1; it decays exponentially over `FALL_OFF_MM`, mm. Thin walls
-/// beside the cut are not what holds the bone together.
-const EXTRA_COST: f64 = 7.0;
-const FALL_OFF_MM: f64 = 8.0;
 
 /// For each node, whether it is connected to the sources once the cheapest set of open edges is cut.
 ///
@@ -75,7 +67,7 @@ fn steps_from<'a>(
 
 /// Group of each node that `steps` reaches, else [`OUTSIDE`], and the number of groups.
 fn groups(grid: &ScalarGrid, blocked: &[u8], steps: &[u32]) -> (Vec<u32>, usize) {
-    let block_of = |node: usize| lattice(grid, node).map(|c| c / BLOCK);
+    let block_of = |node: usize| lattice(grid, node).map(|c| c / COARSE_BLOCK);
     let mut group = vec![OUTSIDE; steps.len()];
     let mut n = 0u32;
     let mut stack = Vec::new();

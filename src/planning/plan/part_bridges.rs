@@ -2,6 +2,7 @@
 //!
 //! Joints, teeth and streaks of metal touch at places that a template cannot know.
 
+use super::tuning::{MAX_BRIDGES_MM2, MAX_BRIDGE_MM2};
 use super::bridge::{Bridge, Open, bridges, edge};
 use super::lattice::{Crossing, lattice, strides};
 use super::pieces::{Pieces, for_each_neighbour};
@@ -9,11 +10,6 @@ use super::{Cut, min_cut};
 use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{Point, ScalarGrid, Warning};
 
-/// Largest cross-section of a bridge that is parted, mm². A larger one is a joint without a cut, or a misplaced cut: the neck
-/// of a condyle has 60 to 100 mm².
-const MAX_BRIDGE_MM2: f64 = 60.0;
-/// Largest cross-section of all parted bridges together, mm².
-const MAX_BRIDGES_MM2: f64 = 250.0;
 
 /// Crossings that part the bridges, with a warning that names their places.
 pub(super) struct Completion {

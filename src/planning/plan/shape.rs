@@ -1,15 +1,10 @@
 //! Shapes of cuts: planes, polylines with a sawing direction, surfaces.
 
+use super::tuning::{MAX_KERF_MM, MAX_POINTS, MAX_TRIANGLES};
 use super::PlanError;
 use super::orient::oriented;
 use prosopon_geometry::{Point, TriMesh, Vector};
 
-/// Most points of a polyline.
-const MAX_POINTS: usize = 1000;
-/// Most triangles of a cut's surface.
-const MAX_TRIANGLES: usize = 100_000;
-/// Largest kerf, mm.
-const MAX_KERF_MM: f64 = 10.0;
 
 /// A plane, bounded by a rectangle or endless.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use super::*;
 use prosopon_field::Envelope;
 use prosopon_geometry::control::Control;
-use prosopon_geometry::{Aabb, Motion, Point, ScalarGrid, TriMesh, Vector, isosurface};
+use prosopon_geometry::{Aabb, Motion, Point, ScalarGrid, Severity, TriMesh, Vector, isosurface};
 
 /// Signed distance of an axis-aligned box.
 pub(super) fn box_distance(p: &Point, low: [f64; 3], high: [f64; 3]) -> f64 {

@@ -13,6 +13,7 @@ mod run;
 mod scene;
 mod skin_mover;
 mod tissue;
+mod tuning;
 
 pub use attach::{Attached, AttachmentRules, NodeClass, Paint, SkullPaint};
 pub use bone::{CutBone, cut_bone, segment_fields};
@@ -25,5 +26,5 @@ pub use run::{
     Frame, LEAVE_OUT_BELOW_MM, LeftOut, PathCheckpoint, OnFrame, Outcome, PreparedTissue, RegionMotion, RunSettings, SolveRequest,
     solve, solve_prepared,
 };
-pub use scene::{Scene, SceneOutcome};
+pub use scene::{OnStep, Scene, SceneOutcome};
 pub use tissue::{TissueModel, TissueSettings, build_tissue, region_warning};

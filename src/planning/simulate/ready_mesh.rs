@@ -1,6 +1,6 @@
 //! A ready mesh: a volume mesh that the client brings, in the form that the solver takes.
 
-use prosopon_geometry::{Cell, DataArray, Point, Vector, VolumeMesh};
+use prosopon_geometry::{Cell, DataArray, Point, Vector, VolumeMesh, Warning};
 use prosopon_tissue::fem::{Boundary, Locking, SolveError, check_support};
 use prosopon_tissue::mesh::{Attachment, MixedMesh, Tissue, boundary_of};
 
@@ -80,7 +80,7 @@ pub struct ReadyMesh {
     /// Index in `mesh` of each cell of the file.
     pub cell_indices: Vec<CellIndex>,
     /// What was changed or should be checked.
-    pub warnings: Vec<String>,
+    pub warnings: Vec<Warning>,
 }
 
 impl ReadyMesh {
@@ -136,7 +136,8 @@ impl ReadyMesh {
             }
         }
         if turned > 0 {
-            warnings.push(format!("{turned} tetrahedra were inside out and were reoriented"));
+            let message = format!("{turned} tetrahedra were inside out and were reoriented");
+            warnings.push(Warning::info("tetrahedra-turned", message));
         }
         let boundary_faces = BoundaryFaces::of(&tetrahedra, &prisms)?;
         boundary_faces.outer_first(&mut prisms, &attachment);
@@ -240,7 +241,7 @@ fn is_twisted(corners: [u32; 6], x: &[Point]) -> bool {
 }
 
 /// Warning about boundary points of different cells in the same place, where tissue is not joined.
-fn coincident_points(x: &[Point], tetrahedra: &[[u32; 4]], prisms: &[[u32; 6]]) -> Option<String> {
+fn coincident_points(x: &[Point], tetrahedra: &[[u32; 4]], prisms: &[[u32; 6]]) -> Option<Warning> {
     let (faces, _) = boundary_of(tetrahedra, prisms);
     let mut nodes: Vec<u32> = faces.into_iter().flatten().collect();
     nodes.sort_unstable();
@@ -251,16 +252,17 @@ fn coincident_points(x: &[Point], tetrahedra: &[[u32; 4]], prisms: &[[u32; 6]]) 
     let same: Vec<&[u32]> = nodes.chunk_by(|a, b| key(a) == key(b)).filter(|same| same.len() > 1).collect();
     let first = same.iter().min_by_key(|same| same[0])?;
     let p = x[first[0] as usize];
-    Some(format!(
+    let message = format!(
         "at {} places points of different cells lie in the same place, the first are {} and {} at ({:.2}, {:.2}, {:.2}) mm: \
-         tissue is not joined there and opens as a slit; merge the points unless a slit is intended",
+         tissue is not joined there and opens as a slit",
         same.len(),
         first[0],
         first[1],
         p.x,
         p.y,
         p.z
-    ))
+    );
+    Some(Warning::check("coincident-points", message).act("Merge the points unless a slit is intended."))
 }
 
 /// Triangles that belong to one cell only, by their sorted corners.
@@ -375,9 +377,10 @@ fn whole_numbers(
     array.values.iter().enumerate().map(number).collect()
 }
 
-fn tissues(volume: &VolumeMesh, warnings: &mut Vec<String>) -> Result<Vec<Tissue>, ReadyMeshError> {
+fn tissues(volume: &VolumeMesh, warnings: &mut Vec<Warning>) -> Result<Vec<Tissue>, ReadyMeshError> {
     let Some(array) = volume.cell_array("tissue") else {
-        warnings.push("there is no cell array `tissue`: wedges are taken as skin, tetrahedra as fat".to_owned());
+        let message = "there is no cell array `tissue`: wedges are taken as skin, tetrahedra as fat";
+        warnings.push(Warning::info("no-tissue-array", message));
         let guess = |cell: &Cell| match cell {
             Cell::Tetrahedron(_) => Tissue::Fat,
             Cell::Wedge(_) => Tissue::Skin,
@@ -394,9 +397,10 @@ fn tissues(volume: &VolumeMesh, warnings: &mut Vec<String>) -> Result<Vec<Tissue
     Ok(numbers.into_iter().map(tissue).collect())
 }
 
-fn attachments(volume: &VolumeMesh, warnings: &mut Vec<String>) -> Result<Vec<Attachment>, ReadyMeshError> {
+fn attachments(volume: &VolumeMesh, warnings: &mut Vec<Warning>) -> Result<Vec<Attachment>, ReadyMeshError> {
     let Some(array) = volume.point_array("attachment") else {
-        warnings.push("there is no point array `attachment`: no point is tied to bone or slides on it".to_owned());
+        let message = "there is no point array `attachment`: no point is tied to bone or slides on it";
+        warnings.push(Warning::info("no-attachment-array", message));
         return Ok(vec![Attachment::Free; volume.points.len()]);
     };
     let numbers = whole_numbers(array, "point", "attachment", -2, i64::from(u32::MAX))?;

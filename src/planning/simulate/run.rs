@@ -1,19 +1,18 @@
+use super::tuning::{MAX_BORDER_MM, SETUP_SHARE, WARN_BORDER, WARN_BORDER_MM};
 use super::attach::{Attached, attach};
 use super::skin_mover::SkinMover;
-use super::reach::{beyond_reach, displacement_class_mm};
+use super::reach::{BoneMotion, beyond_reach, displacement_class_mm};
 use super::{Anatomy, AttachmentRules, CutBone, SimulateError, TissueModel};
-use crate::evaluate::{FaceRegion, face_regions};
+use crate::evaluate::{FaceRegion, FaceRegions, face_regions};
 use crate::plan::{Plan, PlanError};
 use prosopon_geometry::control::Control;
-use prosopon_geometry::{Aabb, Point, TriMesh, Vector};
+use prosopon_geometry::{Aabb, Point, TriMesh, Vector, Warning};
 use prosopon_tissue::fem::{
     Boundary, Checkpoint, MotionNumbers, Prepared, SavedState, SolveSettings, Solver, StepReport, motion_numbers,
     motion_of_numbers,
 };
 use prosopon_tissue::mesh::{Attachment, MixedMesh};
 
-/// Share of the progress for setting up the equations.
-const SETUP_SHARE: f64 = 0.03;
 
 /// Settings of [`solve`].
 #[derive(Debug, Clone, PartialEq)]
@@ -28,10 +27,6 @@ pub struct RunSettings {
     pub leave_out_below_mm: f64,
 }
 
-/// Displacement beside left-out tissue above which there is a warning, in units of `leave_out_below_mm`.
-const WARN_BORDER: f64 = 5.0;
-/// Upper limit of that threshold, mm.
-const WARN_BORDER_MM: f64 = 0.25;
 /// Default of [`RunSettings::leave_out_below_mm`], mm.
 ///
 /// The skin then differs from the solve of all tissue by less than 0.05 mm at P99 (`prosopon bench reach`).
@@ -110,7 +105,7 @@ pub struct Outcome {
     /// Numbers of tied, sliding, free and fixed nodes.
     pub attached: Attached,
     /// Warnings about the inputs and the result.
-    pub warnings: Vec<String>,
+    pub warnings: Vec<Warning>,
 }
 
 /// The paths to solve, and the state from which to start.
@@ -118,15 +113,15 @@ pub struct Outcome {
 pub struct SolveRequest<'a> {
     /// Paths of all segments that move.
     pub plan: &'a Plan,
-    /// Warm start: the end of another plan for the same tissue, bone, segments and elements.
+    /// State at the end of another plan for the same tissue, bone, segments and elements.
     ///
     /// Bone moves straight from there to the end of `plan`. Where tissue slides over edges of bone the result may depend
     /// slightly on the start.
-    pub from: Option<&'a SavedState>,
-    /// Checkpoint of this path from which to resume, instead of `from`.
+    pub warm_start: Option<&'a SavedState>,
+    /// Checkpoint of this path from which to resume, instead of `warm_start`.
     ///
     /// Later steps have the same bits as in an uninterrupted solve.
-    pub after: Option<&'a PathCheckpoint>,
+    pub resume: Option<&'a PathCheckpoint>,
 }
 
 /// Tissue attached to bone, with equations prepared for a class of plans.
@@ -141,7 +136,7 @@ pub struct PreparedTissue {
     /// Nodes that are left out, ascending.
     left_out: Vec<u32>,
     attached: Attached,
-    warnings: Vec<String>,
+    warnings: Vec<Warning>,
 }
 
 impl PreparedTissue {
@@ -162,8 +157,8 @@ impl PreparedTissue {
         let (warnings, attached) = attach(&mut mesh, bone, &moving, &rules);
         let displacement_mm = displacement_class_mm(bone, plan);
         let left_out = if settings.leave_out_below_mm > 0.0 {
-            let least = (settings.leave_out_below_mm, &settings.solver.materials);
-            beyond_reach(&mesh, bone, &moving, displacement_mm, least, control)?
+            let motion = BoneMotion { moving: &moving, displacement_mm };
+            beyond_reach(&mesh, bone, motion, settings.leave_out_below_mm, &settings.solver.materials, control)?
         } else {
             Vec::new()
         };
@@ -189,8 +184,8 @@ pub fn solve(
 ) -> Result<Outcome, SimulateError> {
     let prepared = PreparedTissue::new(tissue, bone, plan, settings, &control.part(0.0, SETUP_SHARE))?;
     let control = control.part(SETUP_SHARE, 1.0);
-    let way = SolveRequest { plan, from: None, after: None };
-    solve_prepared(anatomy, tissue, &prepared, bone, way, settings, &control, &mut |frame, _| on_frame(frame))
+    let request = SolveRequest { plan, warm_start: None, resume: None };
+    solve_prepared(anatomy, tissue, &prepared, bone, request, settings, &control, &mut |frame, _| on_frame(frame))
 }
 
 /// As [`solve`], with equations that were prepared before; the result has the same bits.
@@ -205,47 +200,27 @@ pub fn solve_prepared(
     tissue: &TissueModel,
     prepared: &PreparedTissue,
     bone: &CutBone,
-    SolveRequest { plan, from, after }: SolveRequest<'_>,
+    request: SolveRequest<'_>,
     settings: &RunSettings,
     control: &Control,
     on_frame: &mut OnFrame<'_>,
 ) -> Result<Outcome, SimulateError> {
-    if settings.steps == 0 {
-        let detail = "is 0, at least 1 is needed".to_owned();
-        return Err(PlanError::Value { what: "steps".to_owned(), detail }.into());
-    }
-    if moving_segments(bone, plan)? != prepared.moving {
-        let detail = "move other segments than the equations were prepared for; prepare them again".to_owned();
-        return Err(PlanError::Value { what: "paths".to_owned(), detail }.into());
-    }
-    if displacement_class_mm(bone, plan) != prepared.displacement_mm {
-        let detail =
-            "move bone by another distance than the equations were prepared for; prepare them again".to_owned();
-        return Err(PlanError::Value { what: "paths".to_owned(), detail }.into());
-    }
+    check_prepared(prepared, bone, request.plan, settings)?;
     let mut warnings = prepared.warnings.clone();
     let mut solver = Solver::over(&prepared.equations, &prepared.mesh, bone.bodies(), &control.part(0.0, SETUP_SHARE))?;
-    let begin = match after {
-        Some(after) => after.begin.clone(),
-        None => from.map(|from| from.motions().iter().map(|(segment, m)| (*segment, motion_numbers(m))).collect()),
-    };
-    match (after, from) {
-        (Some(after), _) => solver.restore(&after.solver)?,
-        (None, Some(from)) => solver.resume(from)?,
-        (None, None) => {}
-    }
-    let onwards = begin.as_ref().map(|begin: &Vec<_>| {
+    let begin = start(&mut solver, request)?;
+    let continued = begin.as_ref().map(|begin| {
         let motions: Vec<_> = begin.iter().map(|(segment, m)| (*segment, motion_of_numbers(*m))).collect();
-        plan.continued_from(&motions)
+        request.plan.continued_from(&motions)
     });
-    let plan = onwards.as_ref().unwrap_or(plan);
+    let plan = continued.as_ref().unwrap_or(request.plan);
     let path = control.part(SETUP_SHARE, 1.0);
     let share = |k: usize| k as f64 / settings.steps as f64;
     let skin_mover = SkinMover::new(&anatomy.skin, &tissue.embedding);
     warnings.extend(Aabb::of(&prepared.mesh.positions).and_then(|region| skin_mover.warning(&anatomy.skin, &region)));
     let mut steps = Vec::with_capacity(settings.steps);
     let mut last = skin_mover.displacements(&solver);
-    let done = after.map_or(0, |after| after.k);
+    let done = request.resume.map_or(0, |checkpoint| checkpoint.k);
     path.report(share(done));
     for k in done + 1..=settings.steps {
         let (motions, part) = (|t| plan.motions(t), path.part(share(k - 1), share(k)));
@@ -261,9 +236,10 @@ pub fn solve_prepared(
         on_frame(frame(anatomy, &last, k, share(k), report)?, &checkpoint);
     }
     warnings.extend(steps.last().and_then(|s: &StepReport| s.sunk?.warning()));
-    let (face, from_landmarks) = face_regions(&anatomy.skin, &anatomy.landmarks, None);
+    let FaceRegions { regions: face, from_landmarks } = face_regions(&anatomy.skin, &anatomy.landmarks, None);
     if !from_landmarks {
-        warnings.push("no landmarks: the regions of the face are placed by proportions; add landmarks".to_owned());
+        let message = "without landmarks the regions of the face are placed by proportions";
+        warnings.push(Warning::check("regions-by-proportions", message).act("Add landmarks."));
     }
     let regions = face.iter().filter_map(|region| region_motion(&anatomy.skin, &last, region)).collect();
     let (nodes, end) = (solver.positions(), solver.save());
@@ -272,17 +248,69 @@ pub fn solve_prepared(
         of_nodes: nodes.len(),
         border_mm: border_motion_mm(&prepared.mesh, &prepared.left_out, &nodes),
     };
-    let told_mm = (WARN_BORDER * settings.leave_out_below_mm).min(WARN_BORDER_MM);
-    if left_out.border_mm > told_mm {
-        warnings.push(format!(
-            "tissue that the plan was estimated to move by less than {} mm was left out, but tissue beside it moves by {:.2} mm; \
-             solve again with a smaller `leave_out_below_mm`",
-            settings.leave_out_below_mm, left_out.border_mm
-        ));
-    }
+    warnings.extend(left_out.warning(settings.leave_out_below_mm));
     control.report(1.0);
     let attached = prepared.attached.clone();
     Ok(Outcome { steps, regions, face, nodes, end, left_out, attached, warnings })
+}
+
+/// Refuses a run that `prepared` is not for.
+fn check_prepared(
+    prepared: &PreparedTissue,
+    bone: &CutBone,
+    plan: &Plan,
+    settings: &RunSettings,
+) -> Result<(), SimulateError> {
+    let fault = |what: &str, detail: &str| {
+        Err(PlanError::Value { what: what.to_owned(), detail: detail.to_owned() }.into())
+    };
+    if settings.steps == 0 {
+        return fault("steps", "is 0, at least 1 is needed");
+    }
+    if moving_segments(bone, plan)? != prepared.moving {
+        return fault("paths", "move other segments than the equations were prepared for; prepare them again");
+    }
+    if displacement_class_mm(bone, plan) != prepared.displacement_mm {
+        return fault("paths", "move bone by another distance than the equations were prepared for; prepare them again");
+    }
+    Ok(())
+}
+
+/// Brings the solver to the start of the request; returns the motions from rest after a warm start.
+fn start(
+    solver: &mut Solver<'_>,
+    SolveRequest { warm_start, resume, .. }: SolveRequest<'_>,
+) -> Result<Option<Vec<(u32, MotionNumbers)>>, SimulateError> {
+    match (resume, warm_start) {
+        (Some(checkpoint), _) => {
+            solver.restore(&checkpoint.solver)?;
+            Ok(checkpoint.begin.clone())
+        }
+        (None, Some(state)) => {
+            solver.resume(state)?;
+            Ok(Some(state.motions().iter().map(|(segment, m)| (*segment, motion_numbers(m))).collect()))
+        }
+        (None, None) => Ok(None),
+    }
+}
+
+impl LeftOut {
+    /// Warning about tissue beside the left-out part that moves too far for the estimate, `below_mm`.
+    fn warning(&self, below_mm: f64) -> Option<Warning> {
+        if self.border_mm <= (WARN_BORDER * below_mm).min(WARN_BORDER_MM) {
+            return None;
+        }
+        let message = format!(
+            "beside tissue that was left out because the plan was estimated to move it by less than {below_mm} mm, tissue moves \
+             by {:.2} mm",
+            self.border_mm
+        );
+        Some(if self.border_mm <= MAX_BORDER_MM {
+            Warning::info("left-out-moves", message)
+        } else {
+            Warning::check("left-out-moves", message).act("Solve again with a smaller `leave_out_below_mm`.")
+        })
+    }
 }
 
 /// Largest displacement of a node that shares a cell with one that was `left_out`, mm.
@@ -340,4 +368,19 @@ fn region_motion(skin: &TriMesh, displacements: &[Vector], region: &FaceRegion) 
         let mean = sum / weight;
         RegionMotion { name: region.name, forward_mm: -mean.y, down_mm: -mean.z, left_mm: mean.x }
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use prosopon_geometry::Severity;
+
+    #[test]
+    fn left_out_tissue_that_moves_is_reported_by_how_far() {
+        let warning = |border_mm| LeftOut { nodes: 1, of_nodes: 9, border_mm }.warning(LEAVE_OUT_BELOW_MM);
+        assert_eq!(warning(0.1), None);
+        let severity = |border_mm| warning(border_mm).map(|w| (w.code, w.severity));
+        assert_eq!(severity(0.32), Some(("left-out-moves", Severity::Info)));
+        assert_eq!(severity(0.7), Some(("left-out-moves", Severity::Check)));
+    }
 }

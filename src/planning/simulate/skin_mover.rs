@@ -1,11 +1,8 @@
-use prosopon_geometry::{Aabb, TriMesh, Vector};
+use super::tuning::{CONVERGED_MM, MAX_OFF_PRISMS_SHARE, MAX_SWEEPS};
+use prosopon_geometry::{Aabb, TriMesh, Vector, Warning};
 use prosopon_tissue::fem::Solver;
 use prosopon_tissue::mesh::Embedding;
 
-/// Most sweeps of the smoothing; holes are about ten vertices wide.
-const MAX_SWEEPS: usize = 200;
-/// Sweeps end when no vertex moves farther than this, mm.
-const CONVERGED_MM: f64 = 1e-4;
 
 /// Moves the user's skin with the prisms.
 ///
@@ -39,13 +36,20 @@ impl<'a> SkinMover<'a> {
     }
 
     /// Warning with the number of skin vertices inside `region` that have no prism.
-    pub(super) fn warning(&self, skin: &TriMesh, region: &Aabb) -> Option<String> {
-        let inside = self.loose.iter().filter(|(v, _)| region.contains(&skin.positions()[*v])).count();
-        (inside > 0).then(|| {
-            format!(
-                "{inside} skin vertices in the region lie on no prism (folds, nostrils, the back); neighbours move them"
-            )
-        })
+    pub(super) fn warning(&self, skin: &TriMesh, region: &Aabb) -> Option<Warning> {
+        let loose = self.loose.iter().filter(|(v, _)| region.contains(&skin.positions()[*v])).count();
+        let all = skin.positions().iter().filter(|p| region.contains(p)).count();
+        let message = format!(
+            "{loose} of {all} vertices of the skin in the region lie on no prism (folds, nostrils, the back); neighbours move \
+             them"
+        );
+        if loose == 0 {
+            None
+        } else if (loose as f64) < MAX_OFF_PRISMS_SHARE * all as f64 {
+            Some(Warning::info("skin-off-prisms", message))
+        } else {
+            Some(Warning::check("skin-off-prisms", message).act("Use a finer mesh, or a larger region."))
+        }
     }
 
     /// Displacement of every vertex of the skin, mm.
@@ -77,7 +81,7 @@ impl<'a> SkinMover<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use prosopon_geometry::Point;
+    use prosopon_geometry::{Point, Severity};
 
     const SIDE: usize = 12;
 
@@ -110,7 +114,12 @@ mod tests {
         for (p, u) in skin.positions().iter().zip(&u) {
             assert!((u - exact(p)).norm() < 1e-2, "{p}: {u}");
         }
-        assert!(skin_mover.warning(&skin, &skin.bounds()).is_some_and(|w| w.starts_with("36 ")));
+        assert!(skin_mover.warning(&skin, &skin.bounds()).is_some_and(|w| {
+            (w.code, w.severity) == ("skin-off-prisms", Severity::Check) && w.message.starts_with("36 of 144 ")
+        }));
+        let (skin, embedding) = square(|i, j| (i, j) == (5, 5));
+        let few = SkinMover::new(&skin, &embedding).warning(&skin, &skin.bounds());
+        assert!(few.is_some_and(|w| w.severity == Severity::Info));
     }
 
     #[test]

@@ -315,7 +315,8 @@ impl Engine for Numerics {
     }
 
     fn regions(&self, case: &Case) -> (Vec<FaceRegion>, bool) {
-        evaluate::face_regions(&case.anatomy.skin, &case.anatomy.landmarks, case.midline_x_mm)
+        let found = evaluate::face_regions(&case.anatomy.skin, &case.anatomy.landmarks, case.midline_x_mm);
+        (found.regions, found.from_landmarks)
     }
 
     fn error_map(

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use super::tuning::UNKNOWN_MM;
 use super::Landmarks;
 use prosopon_geometry::Point;
 
@@ -30,8 +31,6 @@ const MEASURED_MM: [(&str, f64); 20] = [
     ("subnasale", 3.0),
     ("zygomaxillare", 5.0),
 ];
-/// Accuracy of points without a measurement, mm.
-const UNKNOWN_MM: f64 = 8.0;
 
 /// Accuracy of each point, mm, by name.
 ///

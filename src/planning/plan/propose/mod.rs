@@ -8,10 +8,12 @@ mod midline;
 mod orbit;
 mod profile;
 mod ramus;
+mod tuning;
 mod voxels;
 
 use std::collections::BTreeMap;
 
+use tuning::ABOVE_SPINE_MM;
 use super::Landmarks;
 pub(super) use by_proportions::propose_by_proportions;
 use jaws::{Occlusion, incisal_edge, lower_incisal_edge, nasal_aperture, occlusion};
@@ -21,8 +23,6 @@ use prosopon_geometry::{Motion, Point, TriMesh, Vector};
 use ramus::Jaw;
 use voxels::Voxels;
 
-/// The Le Fort I plane is proposed this far above the anterior nasal spine, mm: above the palate.
-const ABOVE_SPINE_MM: f64 = 1.0;
 
 /// Proposed landmarks, to be checked by a person.
 #[derive(Debug, Clone, Default, PartialEq)]

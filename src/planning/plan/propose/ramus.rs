@@ -1,6 +1,7 @@
 //! Landmarks of the lower jaw's sides and of the chin, on a head whose occlusal plane is horizontal.
 
-use super::voxels::{VOXEL_MM, Voxels, steps};
+use super::tuning::{BESIDE_PLATE_MM, LINGULA_ABOVE_MM, LINGULA_SHARE, MAX_ANGLE_DEPTH_MM, MAX_CONDYLE_MM2, MAX_RAMUS_MM, MAX_RAMUS_THICKNESS_MM, MIN_JOINT_MM, MOLAR_AHEAD_MM, NECK_HALF_MM, RAMUS_DEPTHS_MM, RAMUS_HEIGHTS_MM, RAMUS_LENGTH_MM, SPLIT_MM, VOXEL_MM};
+use super::voxels::{Voxels, steps};
 use prosopon_geometry::Point;
 
 /// Bone and reference positions for the search, mm.
@@ -32,33 +33,7 @@ struct OuterRun {
     medial: f64,
 }
 
-/// Search range of the ramus above the occlusal plane, mm.
-const RAMUS_HEIGHTS_MM: [f64; 2] = [4.0, 15.0];
-/// Search range of the ramus behind the spine, mm.
-const RAMUS_DEPTHS_MM: [f64; 2] = [30.0, 130.0];
-/// A ramus is no thicker than this, mm.
-const MAX_THICKNESS_MM: f64 = 17.0;
-/// Shortest and longest ramus from front to back, mm.
-const RAMUS_LENGTH_MM: [f64; 2] = [15.0, 60.0];
-/// The lingula lies this share of the ramus's length behind its front, and this far above the occlusal plane, mm.
-const LINGULA_SHARE: f64 = 0.6;
-const LINGULA_ABOVE_MM: f64 = 3.0;
-/// Height below the lingula over which the medial face of the plate is taken, mm.
-const SPLIT_MM: f64 = 22.0;
-/// The second molar lies this far in front of the ramus's front, mm.
-const MOLAR_AHEAD_MM: f64 = 14.0;
 
-/// Half the edge of the square that holds the neck of the condyle, mm.
-const NECK_HALF_MM: f64 = 8.0;
-/// Most bone of the condyle within that square at one level, mm²; more is the skull base.
-const MAX_CONDYLE_MM2: f64 = 190.0;
-/// Largest lateral distance between the middles of the condyle and of the ramus, mm.
-const BESIDE_PLATE_MM: f64 = 2.5;
-/// Least height of the condyle's top above the occlusal plane, and greatest above the middle of the ramus's search range, mm.
-const MIN_JOINT_MM: f64 = 24.0;
-const MAX_RAMUS_MM: f64 = 60.0;
-/// Greatest depth of the jaw's angle below the occlusal plane, mm.
-const MAX_ANGLE_DEPTH_MM: f64 = 55.0;
 
 impl Jaw<'_> {
     fn outermost(&self, side: f64, y: f64, z: f64) -> Option<OuterRun> {
@@ -80,7 +55,7 @@ impl Jaw<'_> {
         let beyond = self.arch_half_width(side)? + 3.0;
         let levels = || steps(self.occlusal + RAMUS_HEIGHTS_MM[0], self.occlusal + RAMUS_HEIGHTS_MM[1]);
         let of_depth = |y: f64| -> Option<OuterRun> {
-            let is_plate = |r: &OuterRun| r.lateral > beyond && r.lateral - r.medial <= MAX_THICKNESS_MM;
+            let is_plate = |r: &OuterRun| r.lateral > beyond && r.lateral - r.medial <= MAX_RAMUS_THICKNESS_MM;
             let runs: Vec<OuterRun> = levels().filter_map(|z| self.outermost(side, y, z)).filter(is_plate).collect();
             // Most levels must show the plate.
             (2 * runs.len() > levels().count()).then_some(())?;
@@ -123,7 +98,7 @@ impl Jaw<'_> {
         // The plate leans, and the split goes straight down from here; there may be streaks of metal.
         let around = steps(y - 3.5, y + 3.5).flat_map(|y| steps(z - SPLIT_MM, z).map(move |z| (y, z)));
         let runs = around.filter_map(|(y, z)| self.outermost(side, y, z));
-        let own = runs.filter(|r| r.lateral - r.medial <= MAX_THICKNESS_MM && (r.medial - plate).abs() < 6.0);
+        let own = runs.filter(|r| r.lateral - r.medial <= MAX_RAMUS_THICKNESS_MM && (r.medial - plate).abs() < 6.0);
         let medial = median(own.map(|r| r.medial).collect()).unwrap_or(plate);
         let lingula = Point::new(self.midline + side * medial, y, z);
         let y = front - MOLAR_AHEAD_MM;

@@ -1,13 +1,10 @@
 //! Bone as voxels, filled from a surface that may have defects.
 
+use super::tuning::{MAX_VOXELS, VOXEL_MM};
 use rayon::prelude::*;
 
 use prosopon_geometry::{Point, TriMesh};
 
-/// Edge of a voxel, mm.
-pub(super) const VOXEL_MM: f64 = 1.0;
-/// Most voxels along an axis; bone beyond them is left out.
-const MAX_VOXELS: usize = 320;
 
 /// Voxels whose centre lies in the solid, in columns along y.
 pub(super) struct Voxels {

@@ -1,22 +1,12 @@
 //! Le Fort II and III: cuts swept backwards from the face, closed by a plane that slants down to the pterygoid plates.
 
+use super::tuning::{AHEAD_MM, HALF_WIDTH_FACE_MM, HALF_WIDTH_MM, HALF_WIDTH_TEETH_MM, MIN_STEP_MM, OVERLAP_MM};
 use super::super::PlanError;
 use super::super::shape::{BoundedPlane, Cut, CutShape};
 use super::{Landmarks, le_fort_1, meets, misplaced};
 use prosopon_field::Envelope;
 use prosopon_geometry::{Point, Vector};
 
-/// Cuts begin this far in front of the face, mm.
-const AHEAD_MM: f64 = 20.0;
-/// Neighbouring cuts overlap by this, mm.
-const OVERLAP_MM: f64 = 2.0;
-/// Least step along x between neighbouring landmarks of the Le Fort II line, mm, so that the line does not cross itself.
-const MIN_STEP_MM: f64 = 0.5;
-/// Half widths of the plane behind the face, mm: narrow between the rami, wide above the coronoid processes.
-const HALF_WIDTH_MM: f64 = 38.0;
-const HALF_WIDTH_FACE_MM: f64 = 80.0;
-/// Half width of the occlusal separation, mm: streaks of dental metal reach beyond the arch.
-const HALF_WIDTH_TEETH_MM: f64 = 45.0;
 
 /// Positions that the cuts behind the face share, mm.
 struct Back {

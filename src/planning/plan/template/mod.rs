@@ -6,6 +6,7 @@ mod le_fort_1;
 mod mandible;
 mod merge;
 mod midface;
+mod tuning;
 
 use std::collections::BTreeMap;
 

@@ -1,19 +1,11 @@
 //! Extracts bone and inner air below the skin.
 
-use super::head::HU_PER_MM;
+use super::tuning::{AIR_DEPTH_MM, BONE_DEPTH_MM, BONE_DEPTH_NEAR_METAL_MM, HU_PER_MM, MIN_AIR_MM3};
 use super::components::Components;
-use super::depth::{Depth, MAX_DEPTH_MM};
+use super::depth::{Depth};
 use super::metal::Metal;
 use prosopon_geometry::ScalarGrid;
 
-/// Smallest depth of bone below the skin, mm.
-const BONE_DEPTH_MM: f64 = 2.0;
-/// Smallest depth of bone near metal, mm: streaks of metal reach the lips.
-const BONE_DEPTH_NEAR_METAL_MM: f64 = MAX_DEPTH_MM;
-/// Smallest depth of air below the skin, mm: it ends before the plugs of nostrils and ears.
-const AIR_DEPTH_MM: f64 = 1.5;
-/// Smallest airspace that is kept, mm³.
-const MIN_AIR_MM3: f64 = 200.0;
 /// Bone field, negative inside.
 pub(super) struct Bone {
     pub(super) field: ScalarGrid,

@@ -1,12 +1,9 @@
 //! Depth below the skin.
 
+use super::tuning::{DEPTH_TOLERANCE, MAX_DEPTH_MM};
 use super::distance::{Nearest, to_zero};
 use prosopon_geometry::ScalarGrid;
 
-/// Depths are known up to this, mm.
-pub(super) const MAX_DEPTH_MM: f64 = 4.0;
-/// Largest amount by which the lattice distances exceed the true depth, in steps.
-const TOLERANCE: f64 = 0.4;
 
 /// Depth below the skin, mm: a lower bound of the true depth, capped.
 pub(super) struct Depth {
@@ -40,6 +37,6 @@ impl Depth {
             return -self.spacing;
         }
         let steps = self.nearest.get(index).map_or(self.cap, |(d, offset)| f64::from(d + offset));
-        self.spacing * (steps - TOLERANCE)
+        self.spacing * (steps - DEPTH_TOLERANCE)
     }
 }

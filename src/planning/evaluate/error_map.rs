@@ -1,14 +1,13 @@
 //! Signed error maps between a predicted and a reference surface.
 
-use super::tuning::{BIN_MM, HISTOGRAM_LIMIT_MM, OPPOSITE, SMOOTHED_MM, UNREGISTERED_MM};
 use super::distance::{Nearest, Surface};
 use super::plausible::plausible;
 use super::smoothing::{Neighbourhoods, roughness};
 use super::statistics::vertex_areas;
+use super::tuning::{BIN_MM, HISTOGRAM_LIMIT_MM, OPPOSITE, SMOOTHED_MM, UNREGISTERED_MM};
 use super::{EvaluateError, FaceRegion, Statistics, statistics};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{TriMesh, Vector, Warning};
-
 
 /// Signed distance map between two surfaces.
 #[derive(Debug, Clone, PartialEq)]
@@ -187,7 +186,8 @@ fn correspondence(prediction: &TriMesh, reference: &TriMesh, mask: Option<&[bool
 
 fn histogram(areas: &[f64], values: &[f32], mask: Option<&[bool]>) -> Vec<(f64, f64)> {
     let inner = (2.0 * HISTOGRAM_LIMIT_MM / BIN_MM) as usize;
-    let mut bins: Vec<(f64, f64)> = (0..inner + 2).map(|i| (-HISTOGRAM_LIMIT_MM + BIN_MM * (i as f64 - 1.0), 0.0)).collect();
+    let mut bins: Vec<(f64, f64)> =
+        (0..inner + 2).map(|i| (-HISTOGRAM_LIMIT_MM + BIN_MM * (i as f64 - 1.0), 0.0)).collect();
     let mut total = 0.0;
     for (v, area) in areas.iter().enumerate() {
         if values[v].is_nan() || mask.is_some_and(|m| !m[v]) {

@@ -5,8 +5,8 @@
 
 mod colour;
 mod distance;
-mod error_map;
 mod error;
+mod error_map;
 mod font;
 mod mask;
 mod picture;
@@ -22,8 +22,8 @@ mod statistics;
 mod tuning;
 
 pub use colour::diverging;
-pub use error_map::{Correspondence, ErrorMap, error_map};
 pub use error::{EvaluateError, RegistrationFault};
+pub use error_map::{Correspondence, ErrorMap, error_map};
 pub use mask::{Mask, MaskRegion};
 pub use picture::{Layer, View, moved_along, render_panels};
 pub use png::rgb_png;

@@ -1,9 +1,8 @@
 //! Checks that two surfaces are comparable before distances between them are computed.
 
-use super::tuning::{APART_MM, DOUBTFUL_SIZE, OTHER_UNIT};
 use super::EvaluateError;
+use super::tuning::{APART_MM, DOUBTFUL_SIZE, OTHER_UNIT};
 use prosopon_geometry::{TriMesh, Warning};
-
 
 /// Returns warnings about a pair of surfaces: sizes that differ too much, or boxes far apart.
 ///

@@ -6,7 +6,6 @@ use super::tuning::{MIN_PAIRS, SOLVABLE};
 use super::{EvaluateError, RegistrationFault};
 use prosopon_geometry::{Motion, Point, Vector};
 
-
 /// A point constrained along a normal.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Row {

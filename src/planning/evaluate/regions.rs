@@ -47,11 +47,7 @@ pub struct FaceRegions {
 /// is `None`), and the scale follows from the height of the skin above it. That requires an upright head with its forehead and
 /// a nose in front of everything else. The boxes do not overlap.
 #[must_use]
-pub fn face_regions(
-    skin: &TriMesh,
-    landmarks: &[(String, Point)],
-    midline_x_mm: Option<f64>,
-) -> FaceRegions {
+pub fn face_regions(skin: &TriMesh, landmarks: &[(String, Point)], midline_x_mm: Option<f64>) -> FaceRegions {
     match Face::from_landmarks(landmarks, midline_x_mm) {
         Some(face) => FaceRegions { regions: face.regions(), from_landmarks: true },
         None => FaceRegions { regions: Face::from_proportions(skin, midline_x_mm).regions(), from_landmarks: false },

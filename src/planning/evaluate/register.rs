@@ -2,16 +2,19 @@
 
 use nalgebra::{Translation3, UnitQuaternion};
 
-use super::tuning::{ALIGNED_MM, ALIGNED_SHARE, COARSE_ITERATIONS, COARSE_POINTS, FINE_POINTS, GOOD_MM, ITERATIONS, MATCH_MM, MIN_AREA_MM2, MIN_STIFFNESS, MIN_VERTICES, NEARLY_STILL_MM, NEARLY_STILL_SHARE, MIN_OVERLAP, SHAPE_MM, SHAPE_SHARE, START_APART_MM, START_CAP_MM, START_TURN, STILL_MM, TRIM, TRIM_FLOOR_MM, WARN_OVERLAP, WARN_MOVEMENT_MM};
 use super::distance::Surface;
 use super::plausible::plausible;
 use super::point_to_plane::{Pair, Row, solve, stiffness};
 use super::smoothing::Neighbourhoods;
 use super::statistics::vertex_areas;
+use super::tuning::{
+    ALIGNED_MM, ALIGNED_SHARE, COARSE_ITERATIONS, COARSE_POINTS, FINE_POINTS, GOOD_MM, ITERATIONS, MATCH_MM,
+    MIN_AREA_MM2, MIN_OVERLAP, MIN_STIFFNESS, MIN_VERTICES, NEARLY_STILL_MM, NEARLY_STILL_SHARE, SHAPE_MM, SHAPE_SHARE,
+    START_APART_MM, START_CAP_MM, START_TURN, STILL_MM, TRIM, TRIM_FLOOR_MM, WARN_MOVEMENT_MM, WARN_OVERLAP,
+};
 use super::{EvaluateError, RegistrationFault};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Motion, Point, TriMesh, Vector, Warning};
-
 
 /// A rigid motion that aligns one surface with another, with measures of its quality.
 #[derive(Debug, Clone, PartialEq)]
@@ -119,10 +122,7 @@ fn refuse(found: &Fitted, mirrored: &dyn Fn() -> Result<bool, EvaluateError>) ->
 }
 
 /// Warnings about a fine run that was not refused.
-fn doubts(
-    found: &Fitted,
-    mirrored: &dyn Fn() -> Result<bool, EvaluateError>,
-) -> Result<Vec<Warning>, EvaluateError> {
+fn doubts(found: &Fitted, mirrored: &dyn Fn() -> Result<bool, EvaluateError>) -> Result<Vec<Warning>, EvaluateError> {
     let action = "Check the region and the registered surfaces.";
     let mut warnings = Vec::new();
     if found.movement_mm > WARN_MOVEMENT_MM {
@@ -254,7 +254,8 @@ fn best_start(
 fn distance(points: &Points, surface: &Surface, motion: &Motion, control: &Control) -> Result<f64, EvaluateError> {
     let moved: Vec<Point> = points.0.iter().map(|s| motion * s.point).collect();
     let hits = surface.all_nearest(&moved, control)?;
-    let size = |hit: &super::distance::Nearest| if hit.on_border { START_CAP_MM } else { hit.signed.abs().min(START_CAP_MM) };
+    let size =
+        |hit: &super::distance::Nearest| if hit.on_border { START_CAP_MM } else { hit.signed.abs().min(START_CAP_MM) };
     let (sum, total) =
         hits.iter().zip(&points.0).fold((0.0, 0.0), |(s, t), (hit, p)| (s + p.weight * size(hit), t + p.weight));
     Ok(sum / total)

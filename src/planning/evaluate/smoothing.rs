@@ -1,10 +1,9 @@
 //! Averages over neighbourhoods on a surface.
 
-use super::tuning::MAX_ROUNDS;
 use super::distance::{Welded, welded};
 use super::statistics::vertex_areas;
+use super::tuning::MAX_ROUNDS;
 use prosopon_geometry::{TriMesh, Vector};
-
 
 /// Repeated averaging over vertex neighbours that approximates a Gaussian of a given standard deviation.
 ///

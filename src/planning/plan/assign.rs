@@ -3,9 +3,9 @@
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::tuning::FRAGMENT_MM3;
 use super::lattice::{Crossing, lattice, strides};
 use super::pieces::{Pieces, Sets};
+use super::tuning::FRAGMENT_MM3;
 use prosopon_geometry::{ScalarGrid, Warning};
 
 /// A cut of shape [`CutShape::FreePart`](super::CutShape::FreePart) with the piece that it frees.

@@ -6,7 +6,6 @@ use super::tuning::{MAX_AUTOROTATION_RAD, PATH_SAMPLES};
 use super::{Path, PlanError};
 use prosopon_geometry::{Motion, Point, Vector};
 
-
 /// Axis from the right to the left condyle; positive (right-handed) angles about it open the mouth.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CondylarAxis {

@@ -2,7 +2,6 @@
 
 use std::collections::BTreeSet;
 
-use super::tuning::{FRAGMENT_MM3, MIN_THICKNESS_SHARE, SAWN_FRAGMENT_MM3};
 use super::assign::{Choice, Freed, assign};
 use super::checked_cut::CheckedCut;
 use super::lattice::{Crossing, OUTSIDE, lattice, strides};
@@ -11,6 +10,7 @@ use super::part_bridges::part_bridges;
 use super::pieces::{Pieces, blocked_edges, crossings, flood};
 use super::separation::{Saw, Separation};
 use super::shape::{Cut, CutShape, Purpose};
+use super::tuning::{FRAGMENT_MM3, MIN_THICKNESS_SHARE, SAWN_FRAGMENT_MM3};
 use super::{Bridge, Miss, PlanError, bridge, solid};
 use prosopon_field::Envelope;
 use prosopon_geometry::control::Control;

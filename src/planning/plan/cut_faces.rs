@@ -2,12 +2,11 @@
 
 use rayon::prelude::*;
 
-use super::tuning::{FAR_FACE_MM, MIN_FACING, TOUCH_SHARE};
 use super::Segment;
 use super::moved_solid::{MovedSolid, Solid, nearest_bone};
+use super::tuning::{FAR_FACE_MM, MIN_FACING, TOUCH_SHARE};
 use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{Point, Vector};
-
 
 /// Cut faces of every segment.
 pub(super) struct CutFaces(Vec<(u32, Faces)>);

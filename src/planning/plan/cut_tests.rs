@@ -213,7 +213,13 @@ fn what_separations_leave_is_parted_where_it_is_thin_and_named() {
     assert_eq!(warning.code, "bridges-parted");
     assert!(warning.message.contains("bridges of 32 mm²") && warning.message.contains("near (12"), "{warning}");
     // A bridge as wide as the neck of a condyle is not parted, nor any bridge when the separation has no `part`.
-    assert!(matches!(run_all(&of(6.0), &cuts), Err(PlanError::Value { .. } | PlanError::Cut { .. } | PlanError::NotParted { .. })));
+    assert!(matches!(
+        run_all(&of(6.0), &cuts),
+        Err(PlanError::Value { .. } | PlanError::Cut { .. } | PlanError::NotParted { .. })
+    ));
     let plain = [Cut { part: None, ..joint }, cuts[1].clone()];
-    assert!(matches!(run_all(&of(2.0), &plain), Err(PlanError::Value { .. } | PlanError::Cut { .. } | PlanError::NotParted { .. })));
+    assert!(matches!(
+        run_all(&of(2.0), &plain),
+        Err(PlanError::Value { .. } | PlanError::Cut { .. } | PlanError::NotParted { .. })
+    ));
 }

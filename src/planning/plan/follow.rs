@@ -2,9 +2,12 @@
 
 use rayon::prelude::*;
 
-use super::tuning::{BONE_OVERLAP_MM, BONE_OVERLAP_MM3, MAX_SAWN_OVERLAP_MM, MAX_USUAL_MOVE_MM, MAX_USUAL_TURN_DEG, PATH_SAMPLES, PROBES, WIDE_GAP_MM};
 use super::cut_faces::CutFaces;
 use super::moved_solid::{MovedSolid, Solid, nearest_bone};
+use super::tuning::{
+    BONE_OVERLAP_MM, BONE_OVERLAP_MM3, MAX_SAWN_OVERLAP_MM, MAX_USUAL_MOVE_MM, MAX_USUAL_TURN_DEG, PATH_SAMPLES,
+    PROBES, WIDE_GAP_MM,
+};
 use super::{Osteotomy, Path, Plan, PlanError, Segment, overlap};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Motion, Point, Warning};
@@ -156,11 +159,7 @@ impl Follower<'_> {
         let motion = motion_of(segment.id);
         let others: Vec<MovedSolid<'_>> = (self.solids.iter())
             .filter(|(id, _)| *id != segment.id)
-            .map(|(id, solid)| MovedSolid {
-                segment: *id,
-                solid,
-                own_from_moving: motion_of(*id).inverse() * motion,
-            })
+            .map(|(id, solid)| MovedSolid { segment: *id, solid, own_from_moving: motion_of(*id).inverse() * motion })
             .collect();
         let distances: Vec<f64> = probes.par_iter().with_min_len(256).map(|p| nearest_bone(p, &others)).collect();
         let overlap_mm = distances.iter().fold(0.0f64, |deepest, d| deepest.max(-d));

@@ -1,11 +1,10 @@
 //! Minimum cut: the cheapest set of grid edges that separates two sets of nodes.
 
-use super::tuning::{COARSE_BLOCK, EXTRA_COST, FALL_OFF_MM, FINE_STEPS, MAX_FLOW};
 use super::lattice::{OUTSIDE, lattice};
 use super::pieces::for_each_neighbour;
+use super::tuning::{COARSE_BLOCK, EXTRA_COST, FALL_OFF_MM, FINE_STEPS, MAX_FLOW};
 use prosopon_geometry::ScalarGrid;
 use prosopon_geometry::control::{Cancelled, Control};
-
 
 /// For each node, whether it is connected to the sources once the cheapest set of open edges is cut.
 ///

@@ -3,7 +3,6 @@
 use super::tuning::ASIDE_MM;
 use super::{CutShape, Landmarks, Osteotomy, Segment};
 
-
 /// Names the segments by their position and by the template cuts that bound them.
 ///
 /// Of several segments with the same name the largest keeps it; the others get a number, for example `maxilla_2`. Without

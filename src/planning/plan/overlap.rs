@@ -2,10 +2,9 @@
 
 use rayon::prelude::*;
 
-use super::tuning::{CELL_EDGE_MM, CELL_EDGE_SHARE, CELL_SAMPLES};
 use super::moved_solid::Solid;
+use super::tuning::{CELL_EDGE_MM, CELL_EDGE_SHARE, CELL_SAMPLES};
 use prosopon_geometry::{Aabb, Motion, Point, Vector};
-
 
 /// Volume that solid `a` shares with solid `b`, mm³; `b_from_a` maps points of `a` into the frame of `b`.
 ///

@@ -2,14 +2,13 @@
 //!
 //! Joints, teeth and streaks of metal touch at places that a template cannot know.
 
-use super::tuning::{MAX_BRIDGES_MM2, MAX_BRIDGE_MM2};
 use super::bridge::{Bridge, Open, bridges, edge};
 use super::lattice::{Crossing, lattice, strides};
 use super::pieces::{Pieces, for_each_neighbour};
+use super::tuning::{MAX_BRIDGE_MM2, MAX_BRIDGES_MM2};
 use super::{Cut, min_cut};
 use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{Point, ScalarGrid, Warning};
-
 
 /// Crossings that part the bridges, with a warning that names their places.
 pub(super) struct Completion {

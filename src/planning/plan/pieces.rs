@@ -9,7 +9,11 @@ use prosopon_geometry::ScalarGrid;
 use prosopon_geometry::control::{Cancelled, Control};
 
 /// Grid edges that the cuts cross, sorted by node, axis and cut.
-pub(super) fn crossings(grid: &ScalarGrid, checked_cuts: &[CheckedCut], control: &Control) -> Result<Vec<Crossing>, Cancelled> {
+pub(super) fn crossings(
+    grid: &ScalarGrid,
+    checked_cuts: &[CheckedCut],
+    control: &Control,
+) -> Result<Vec<Crossing>, Cancelled> {
     let mut all = Vec::new();
     for (cut, checked_cut) in checked_cuts.iter().enumerate() {
         all.extend(match checked_cut {

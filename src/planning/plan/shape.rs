@@ -1,10 +1,9 @@
 //! Shapes of cuts: planes, polylines with a sawing direction, surfaces.
 
-use super::tuning::{MAX_KERF_MM, MAX_POINTS, MAX_TRIANGLES};
 use super::PlanError;
 use super::orient::oriented;
+use super::tuning::{MAX_KERF_MM, MAX_POINTS, MAX_TRIANGLES};
 use prosopon_geometry::{Point, TriMesh, Vector};
-
 
 /// A plane, bounded by a rectangle or endless.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use rayon::prelude::*;
 
-use super::tuning::{CROWN_MM, FREE_CUT_MM, PAINT_REACH_MM, SEAM_MM, STRIPPED_ABOVE_MM, STRIPPED_MM, TIE_GAP_MM};
 use super::CutBone;
+use super::tuning::{CROWN_MM, FREE_CUT_MM, PAINT_REACH_MM, SEAM_MM, STRIPPED_ABOVE_MM, STRIPPED_MM, TIE_GAP_MM};
 use crate::evaluate::MaskRegion;
 use crate::plan::{CutShape, Segment};
 use prosopon_geometry::{Aabb, Implicit, Point, Warning};
@@ -70,7 +70,6 @@ pub struct Attached {
     /// Of all these, nodes that were painted.
     pub painted: usize,
 }
-
 
 /// Type of jaw of a segment, from the names of its cuts.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -208,9 +207,7 @@ fn strip(mesh: &mut MixedMesh, near: &Nearness<'_>, sliding: &[Aabb], uppers: &[
             Attachment::Tied(own) => {
                 let is_above = !sliding.iter().any(|teeth| p.z < teeth.max.z);
                 near.distance(p, |id| id != own && (near.moves(own) || near.moves(id))) < STRIPPED_MM
-                    || (!near.moves(own)
-                        && is_above
-                        && near.distance(p, |id| uppers.contains(&id)) < STRIPPED_ABOVE_MM)
+                    || (!near.moves(own) && is_above && near.distance(p, |id| uppers.contains(&id)) < STRIPPED_ABOVE_MM)
             }
             Attachment::Free | Attachment::Sliding | Attachment::Fixed => false,
         };
@@ -380,8 +377,10 @@ mod tests {
     #[test]
     fn what_is_painted_goes_over_the_rules_and_the_last_one_wins() {
         use Attachment::{Free, Sliding, Tied};
-        let ball =
-            |class, z, radius_mm| Paint { class, part: MaskRegion::Ball { centre: Point::new(0.0, -20.0, z), radius_mm } };
+        let ball = |class, z, radius_mm| Paint {
+            class,
+            part: MaskRegion::Ball { centre: Point::new(0.0, -20.0, z), radius_mm },
+        };
         let paint = vec![
             ball(NodeClass::Free, -38.0, 30.0),
             ball(NodeClass::Sliding, -20.0, 5.0),

@@ -2,8 +2,8 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::tuning::CONTACT_SPACING;
 use super::SimulateError;
+use super::tuning::CONTACT_SPACING;
 use crate::plan::{Cut, Osteotomy, cut};
 use prosopon_field::{Envelope, MethodSettings, SignedField};
 use prosopon_geometry::control::Control;
@@ -39,7 +39,6 @@ impl CutBone {
         Aabb::of(self.osteotomy.segments.iter().filter(|s| s.id != 0).flat_map(|s| s.surface.positions()))
     }
 }
-
 
 /// Cuts the bone and builds a field for each segment, at twice the spacing that `settings` names.
 ///

@@ -1,7 +1,7 @@
 use std::sync::Arc;
 
-use super::tuning::{OUTSIDE_MM, REFUSED_SHARE};
 use super::SimulateError;
+use super::tuning::{OUTSIDE_MM, REFUSED_SHARE};
 use prosopon_field::{Envelope, EnvelopeSettings, FieldReport, MethodSettings, SignedField, envelope};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Implicit, Point, ScalarGrid, TriMesh, Warning};
@@ -99,7 +99,6 @@ pub fn build_fields_around(
     control.report(1.0);
     Ok(Fields { skin, skin_report, bone, bone_field, bone_report, air, warnings })
 }
-
 
 fn check_nesting(
     anatomy: &Anatomy,

@@ -1,13 +1,12 @@
 //! Estimates which tissue a plan hardly moves.
 
-use super::tuning::{MAX_REACH_ITERATIONS, PATH_INSTANTS, PUSHED_MM, REACH_ERROR, SHEET_STIFFNESS};
 use super::CutBone;
+use super::tuning::{MAX_REACH_ITERATIONS, PATH_INSTANTS, PUSHED_MM, REACH_ERROR, SHEET_STIFFNESS};
 use crate::plan::Plan;
 use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{Aabb, Point};
 use prosopon_tissue::fem::material::Materials;
 use prosopon_tissue::mesh::{Attachment, MixedMesh, Tissue};
-
 
 /// Bound on how far `plan` displaces bone, rounded up to a power of two, mm; 0 when no bone moves.
 ///

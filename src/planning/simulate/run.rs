@@ -1,7 +1,7 @@
-use super::tuning::{MAX_BORDER_MM, SETUP_SHARE, WARN_BORDER, WARN_BORDER_MM};
 use super::attach::{Attached, attach};
-use super::skin_mover::SkinMover;
 use super::reach::{BoneMotion, beyond_reach, displacement_class_mm};
+use super::skin_mover::SkinMover;
+use super::tuning::{MAX_BORDER_MM, SETUP_SHARE, WARN_BORDER, WARN_BORDER_MM};
 use super::{Anatomy, AttachmentRules, CutBone, SimulateError, TissueModel};
 use crate::evaluate::{FaceRegion, FaceRegions, face_regions};
 use crate::plan::{Plan, PlanError};
@@ -12,7 +12,6 @@ use prosopon_tissue::fem::{
     motion_of_numbers,
 };
 use prosopon_tissue::mesh::{Attachment, MixedMesh};
-
 
 /// Settings of [`solve`].
 #[derive(Debug, Clone, PartialEq)]
@@ -261,9 +260,8 @@ fn check_prepared(
     plan: &Plan,
     settings: &RunSettings,
 ) -> Result<(), SimulateError> {
-    let fault = |what: &str, detail: &str| {
-        Err(PlanError::Value { what: what.to_owned(), detail: detail.to_owned() }.into())
-    };
+    let fault =
+        |what: &str, detail: &str| Err(PlanError::Value { what: what.to_owned(), detail: detail.to_owned() }.into());
     if settings.steps == 0 {
         return fault("steps", "is 0, at least 1 is needed");
     }
@@ -271,7 +269,10 @@ fn check_prepared(
         return fault("paths", "move other segments than the equations were prepared for; prepare them again");
     }
     if displacement_class_mm(bone, plan) != prepared.displacement_mm {
-        return fault("paths", "move bone by another distance than the equations were prepared for; prepare them again");
+        return fault(
+            "paths",
+            "move bone by another distance than the equations were prepared for; prepare them again",
+        );
     }
     Ok(())
 }

@@ -2,16 +2,15 @@
 
 use std::sync::Arc;
 
-use super::tuning::HELD_INSIDE_MM;
 use super::PathCheckpoint;
 use super::ready_mesh::{CellIndex, ReadyMesh};
+use super::tuning::HELD_INSIDE_MM;
 use crate::plan::Plan;
 use prosopon_field::SignedField;
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{DataArray, Implicit, Motion, Point, Vector, VolumeMesh, Warning};
 use prosopon_tissue::fem::{CellState, ContactBody, SkinElement, SolveError, SolveSettings, Solver, StepReport};
 use prosopon_tissue::mesh::Attachment;
-
 
 /// Inputs of one solve on a ready mesh.
 #[derive(Debug)]
@@ -180,7 +179,8 @@ impl Scene {
             let used = attachment.contains(&Attachment::Tied(segment)) || self.bones.iter().any(|(s, _)| *s == segment);
             if !used {
                 let message = format!("segment {segment} moves nothing: no point is tied to it and it has no bone");
-                warnings.push(Warning::check("segment-moves-nothing", message).act("Tie points to it or give its bone."));
+                warnings
+                    .push(Warning::check("segment-moves-nothing", message).act("Tie points to it or give its bone."));
             }
         }
         let mut still: Vec<u32> = (attachment.iter())
@@ -192,8 +192,10 @@ impl Scene {
         still.sort_unstable();
         still.dedup();
         if !still.is_empty() {
-            let message = format!("points are tied to segments {still:?}, which have no path: these points stay at rest");
-            warnings.push(Warning::check("tied-to-still-segment", message).act("Give these segments a path, or tie to 0."));
+            let message =
+                format!("points are tied to segments {still:?}, which have no path: these points stay at rest");
+            warnings
+                .push(Warning::check("tied-to-still-segment", message).act("Give these segments a path, or tie to 0."));
         }
         Ok(warnings)
     }

@@ -3,7 +3,6 @@ use prosopon_geometry::{Aabb, TriMesh, Vector, Warning};
 use prosopon_tissue::fem::Solver;
 use prosopon_tissue::mesh::Embedding;
 
-
 /// Moves the user's skin with the prisms.
 ///
 /// Vertices without a prism, at folds that could not be meshed and beyond the region, take the mean displacement of their

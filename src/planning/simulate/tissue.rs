@@ -26,7 +26,6 @@ pub struct TissueModel {
     pub embedding: Embedding,
 }
 
-
 /// Meshes the tissue between skin and bone around the segments that can move.
 ///
 /// Without such segments the region is the front half of the head; `settings.region` overrides both.

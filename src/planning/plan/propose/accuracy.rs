@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use super::tuning::UNKNOWN_MM;
 use super::Landmarks;
+use super::tuning::UNKNOWN_MM;
 use prosopon_geometry::Point;
 
 /// Largest distance between a proposal and the known landmark over all measured heads, mm, rounded up (`prosopon bench

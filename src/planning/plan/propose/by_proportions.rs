@@ -2,7 +2,6 @@ use super::tuning::{LE_FORT_1_BELOW_NOSE_MM, NOSE_STRIP_MM, OCCLUSAL_BELOW_NOSE_
 use crate::phantom::Landmarks;
 use prosopon_geometry::{Point, TriMesh, Vector};
 
-
 /// Landmarks estimated from the skin alone, to be checked by a person.
 ///
 /// The foremost point near the middle is the tip of the nose (`pronasale`, the only point); the planes lie at an adult's usual

@@ -1,10 +1,11 @@
 //! The bony ear canal, on a head whose occlusal plane is horizontal.
 
-use super::tuning::{CANAL_ABOVE_MM, CANAL_AREA_MM2, CANAL_BEHIND_MM, CANAL_OUTSIDE_MM, MAX_CANAL_OFF_MM, USUAL_CANAL_MM, VOXEL_MM};
 use super::ramus::Jaw;
-use super::voxels::{steps};
+use super::tuning::{
+    CANAL_ABOVE_MM, CANAL_AREA_MM2, CANAL_BEHIND_MM, CANAL_OUTSIDE_MM, MAX_CANAL_OFF_MM, USUAL_CANAL_MM, VOXEL_MM,
+};
+use super::voxels::steps;
 use prosopon_geometry::Point;
-
 
 impl Jaw<'_> {
     /// The highest point of the canal's outer opening behind a condyle.

@@ -2,9 +2,10 @@
 
 use rayon::prelude::*;
 
-use super::tuning::{APERTURE_ABOVE_MM, APERTURE_BELOW_MM, APERTURE_BESIDE_MM, APERTURE_DEPTH_MM, APERTURE_HEIGHT_MM, VOXEL_MM};
+use super::tuning::{
+    APERTURE_ABOVE_MM, APERTURE_BELOW_MM, APERTURE_BESIDE_MM, APERTURE_DEPTH_MM, APERTURE_HEIGHT_MM, VOXEL_MM,
+};
 use super::voxels::{Voxels, steps};
-
 
 /// z of the nasal aperture's lower and upper end, mm.
 pub(super) fn nasal_aperture(bone: &Voxels, midline: f64) -> Option<[f64; 2]> {
@@ -140,7 +141,8 @@ pub(super) fn lower_incisal_edge(bone: &Voxels, midline: f64, edge: [f64; 2]) ->
         let strip = steps(-STRIP_MM, STRIP_MM).filter_map(|d| bone.front(midline + d, z));
         strip.filter(|y| (y - edge[0]).abs() < BEHIND_MM).min_by(f64::total_cmp)
     };
-    let mut levels = steps(edge[1] - MAX_OPENING_MM, edge[1] + VOXEL_MM).rev().skip_while(|z| front(*z).is_some()).skip(1);
+    let mut levels =
+        steps(edge[1] - MAX_OPENING_MM, edge[1] + VOXEL_MM).rev().skip_while(|z| front(*z).is_some()).skip(1);
     let z = levels.find(|z| front(*z).is_some())?;
     Some([front(z)?, z + 0.5 * VOXEL_MM])
 }

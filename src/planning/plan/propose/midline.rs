@@ -1,9 +1,8 @@
 //! The midsagittal plane of a face.
 
-use super::tuning::{MIRROR_CELL_MM, MIRROR_REACH_MM};
 use super::samples;
+use super::tuning::{MIRROR_CELL_MM, MIRROR_REACH_MM};
 use prosopon_geometry::TriMesh;
-
 
 /// x of the plane about which the front of a surface is most symmetric, mm.
 ///

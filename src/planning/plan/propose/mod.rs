@@ -13,7 +13,6 @@ mod voxels;
 
 use std::collections::BTreeMap;
 
-use tuning::ABOVE_SPINE_MM;
 use super::Landmarks;
 pub(super) use by_proportions::propose_by_proportions;
 use jaws::{Occlusion, incisal_edge, lower_incisal_edge, nasal_aperture, occlusion};
@@ -21,8 +20,8 @@ use midline::midline;
 use profile::Profile;
 use prosopon_geometry::{Motion, Point, TriMesh, Vector};
 use ramus::Jaw;
+use tuning::ABOVE_SPINE_MM;
 use voxels::Voxels;
-
 
 /// Proposed landmarks, to be checked by a person.
 #[derive(Debug, Clone, Default, PartialEq)]

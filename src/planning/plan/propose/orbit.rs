@@ -1,8 +1,10 @@
 //! Landmarks of the orbit's rim, on a head whose occlusal plane is horizontal.
 
-use super::tuning::{LATERAL_RIM_MM, MIN_ORBIT_MM, ORBIT_HEIGHTS_MM, ORBIT_MIDDLE_MM, ORBIT_RIM_MM, RIM_DEPTH_MM, SUTURE_SHARE, VOXEL_MM};
 use super::ramus::Jaw;
-use super::voxels::{steps};
+use super::tuning::{
+    LATERAL_RIM_MM, MIN_ORBIT_MM, ORBIT_HEIGHTS_MM, ORBIT_MIDDLE_MM, ORBIT_RIM_MM, RIM_DEPTH_MM, SUTURE_SHARE, VOXEL_MM,
+};
+use super::voxels::steps;
 use prosopon_geometry::Point;
 
 /// The lowest point of the orbit's rim, and its lateral rim at the suture of cheek bone and forehead.
@@ -10,7 +12,6 @@ pub(super) struct OrbitPoints {
     pub(super) orbitale: Point,
     pub(super) frontomalare: Option<Point>,
 }
-
 
 impl Jaw<'_> {
     fn rim_at(&self, side: f64, d: f64, z: f64) -> Option<f64> {
@@ -35,7 +36,8 @@ impl Jaw<'_> {
 
     /// Points of one orbit, +1 left, -1 right.
     pub(super) fn orbit(&self, side: f64, spine_z: f64) -> Option<OrbitPoints> {
-        let rims = steps(ORBIT_RIM_MM[0], ORBIT_RIM_MM[1]).filter_map(|d| Some((d, self.opening(side, d, spine_z)?[0])));
+        let rims =
+            steps(ORBIT_RIM_MM[0], ORBIT_RIM_MM[1]).filter_map(|d| Some((d, self.opening(side, d, spine_z)?[0])));
         let (d, z) = rims.min_by(|a, b| a.1.total_cmp(&b.1))?;
         let y = self.rim_at(side, d, z - VOXEL_MM)?;
         let orbitale = Point::new(self.midline + side * d, y, z);

@@ -1,10 +1,8 @@
 //! Foremost points of a surface along the midline.
 
-use super::tuning::{BLUNT_MM, PROFILE_STEP_MM, PROFILE_STRIP_MM};
 use super::samples;
+use super::tuning::{BLUNT_MM, PROFILE_STEP_MM, PROFILE_STRIP_MM};
 use prosopon_geometry::TriMesh;
-
-
 
 /// Foremost y of a surface for each step of z in a strip about the midline.
 pub(super) struct Profile {

@@ -1,6 +1,10 @@
 //! Landmarks of the lower jaw's sides and of the chin, on a head whose occlusal plane is horizontal.
 
-use super::tuning::{BESIDE_PLATE_MM, LINGULA_ABOVE_MM, LINGULA_SHARE, MAX_ANGLE_DEPTH_MM, MAX_CONDYLE_MM2, MAX_RAMUS_MM, MAX_RAMUS_THICKNESS_MM, MIN_JOINT_MM, MOLAR_AHEAD_MM, NECK_HALF_MM, RAMUS_DEPTHS_MM, RAMUS_HEIGHTS_MM, RAMUS_LENGTH_MM, SPLIT_MM, VOXEL_MM};
+use super::tuning::{
+    BESIDE_PLATE_MM, LINGULA_ABOVE_MM, LINGULA_SHARE, MAX_ANGLE_DEPTH_MM, MAX_CONDYLE_MM2, MAX_RAMUS_MM,
+    MAX_RAMUS_THICKNESS_MM, MIN_JOINT_MM, MOLAR_AHEAD_MM, NECK_HALF_MM, RAMUS_DEPTHS_MM, RAMUS_HEIGHTS_MM,
+    RAMUS_LENGTH_MM, SPLIT_MM, VOXEL_MM,
+};
 use super::voxels::{Voxels, steps};
 use prosopon_geometry::Point;
 
@@ -32,8 +36,6 @@ struct OuterRun {
     lateral: f64,
     medial: f64,
 }
-
-
 
 impl Jaw<'_> {
     fn outermost(&self, side: f64, y: f64, z: f64) -> Option<OuterRun> {

@@ -5,7 +5,6 @@ use rayon::prelude::*;
 
 use prosopon_geometry::{Point, TriMesh};
 
-
 /// Voxels whose centre lies in the solid, in columns along y.
 pub(super) struct Voxels {
     min: Point,

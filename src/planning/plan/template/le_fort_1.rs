@@ -1,12 +1,14 @@
 //! The horizontal osteotomy of the upper jaw.
 
-use super::tuning::{ARCH_DEPTH_MM, BELOW_ZYGOMA_MM, HALF_WIDTH_ABOVE_MM, HALF_WIDTH_MM, HALF_WIDTH_TEETH_MM, MAX_STEP_SHARE, OVERLAP_MM, STEP_BESIDE_MM};
 use super::super::lattice::lattice;
 use super::super::shape::{BoundedPlane, Cut};
+use super::tuning::{
+    ARCH_DEPTH_MM, BELOW_ZYGOMA_MM, HALF_WIDTH_ABOVE_MM, HALF_WIDTH_MM, HALF_WIDTH_TEETH_MM, MAX_STEP_SHARE,
+    OVERLAP_MM, STEP_BESIDE_MM,
+};
 use super::{Occlusal, meets};
 use prosopon_field::Envelope;
 use prosopon_geometry::{Point, Vector};
-
 
 /// Cuts of a Le Fort I osteotomy: above the apices, behind the tuberosities and between the teeth.
 ///
@@ -64,8 +66,7 @@ pub(super) fn midsagittal(
     let (front, back) = (front - 15.0, back + OVERLAP_MM);
     let half_height = 0.5 * -axes.occlusal + OVERLAP_MM;
     let point = axes.at(0.5 * (front + back), 0.5 * axes.occlusal);
-    let plane =
-        BoundedPlane { point, normal: axes.left, bounds: Some((axes.back, 0.5 * (back - front), half_height)) };
+    let plane = BoundedPlane { point, normal: axes.left, bounds: Some((axes.back, 0.5 * (back - front), half_height)) };
     Some(Cut::from(plane).named("midsagittal"))
 }
 

@@ -1,14 +1,15 @@
 //! Cuts of the mandible, and its separation from the skull.
 
-use super::tuning::{ABOVE_LINGULA_MM, BEHIND_LINGULA_MM, CORTEX_REACH_MM, HALF_BODY_MM, HALF_RAMUS_MM, MANDIBLE_OVERLAP_MM, RAMUS_SLANT, TEETH_FRONT_MM, TO_FRONT_MM, TO_LOWER_BORDER_MM};
 use super::super::PlanError;
 use super::super::lattice::lattice;
 use super::super::shape::{BoundedPlane, Cut, CutShape};
+use super::tuning::{
+    ABOVE_LINGULA_MM, BEHIND_LINGULA_MM, CORTEX_REACH_MM, HALF_BODY_MM, HALF_RAMUS_MM, MANDIBLE_OVERLAP_MM,
+    RAMUS_SLANT, TEETH_FRONT_MM, TO_FRONT_MM, TO_LOWER_BORDER_MM,
+};
 use super::{Landmarks, Occlusal, meets, misplaced};
 use prosopon_field::Envelope;
 use prosopon_geometry::{Point, TriMesh, Vector};
-
-
 
 /// One side of the mandible.
 struct Side {
@@ -56,7 +57,8 @@ impl Side {
         let middle = hind + self.out * MANDIBLE_OVERLAP_MM - self.back * (0.5 * length) + inward * 0.5;
         let bounds = Some((self.back, 0.5 * length + MANDIBLE_OVERLAP_MM, 0.5 * inward.norm()));
         let medial = BoundedPlane { point: Point::new(middle.x, middle.y, top), normal: Vector::z(), bounds };
-        let hind_cut = Self::upright(hind + self.out * MANDIBLE_OVERLAP_MM, inward, [bottom, top + MANDIBLE_OVERLAP_MM]);
+        let hind_cut =
+            Self::upright(hind + self.out * MANDIBLE_OVERLAP_MM, inward, [bottom, top + MANDIBLE_OVERLAP_MM]);
         let at = |p: Point, z: f64| Point::new(p.x, p.y, z);
         let line = vec![
             at(hind + self.back * MANDIBLE_OVERLAP_MM, top + MANDIBLE_OVERLAP_MM),
@@ -69,7 +71,11 @@ impl Side {
         let depth_mm = top - bottom + MANDIBLE_OVERLAP_MM;
         let split = CutShape::Polyline { points: line, direction: -Vector::z(), depth_mm };
         let outward = self.out * (CORTEX_REACH_MM + MANDIBLE_OVERLAP_MM);
-        let buccal = Self::upright(self.body - self.out * MANDIBLE_OVERLAP_MM, outward, [bottom, occlusal + MANDIBLE_OVERLAP_MM]);
+        let buccal = Self::upright(
+            self.body - self.out * MANDIBLE_OVERLAP_MM,
+            outward,
+            [bottom, occlusal + MANDIBLE_OVERLAP_MM],
+        );
         let name = Landmarks::side_name(self.side);
         let cut = |shape: CutShape, what: &str| Cut::from(shape).named(&format!("bsso_{name}_{what}"));
         vec![

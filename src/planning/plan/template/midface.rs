@@ -1,12 +1,11 @@
 //! Le Fort II and III: cuts swept backwards from the face, closed by a plane that slants down to the pterygoid plates.
 
-use super::tuning::{AHEAD_MM, HALF_WIDTH_FACE_MM, HALF_WIDTH_MM, HALF_WIDTH_TEETH_MM, MIN_STEP_MM, OVERLAP_MM};
 use super::super::PlanError;
 use super::super::shape::{BoundedPlane, Cut, CutShape};
+use super::tuning::{AHEAD_MM, HALF_WIDTH_FACE_MM, HALF_WIDTH_MM, HALF_WIDTH_TEETH_MM, MIN_STEP_MM, OVERLAP_MM};
 use super::{Landmarks, le_fort_1, meets, misplaced};
 use prosopon_field::Envelope;
 use prosopon_geometry::{Point, Vector};
-
 
 /// Positions that the cuts behind the face share, mm.
 struct Back {

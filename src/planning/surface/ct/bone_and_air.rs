@@ -1,9 +1,9 @@
 //! Extracts bone and inner air below the skin.
 
-use super::tuning::{AIR_DEPTH_MM, BONE_DEPTH_MM, BONE_DEPTH_NEAR_METAL_MM, HU_PER_MM, MIN_AIR_MM3};
 use super::components::Components;
-use super::depth::{Depth};
+use super::depth::Depth;
 use super::metal::Metal;
+use super::tuning::{AIR_DEPTH_MM, BONE_DEPTH_MM, BONE_DEPTH_NEAR_METAL_MM, HU_PER_MM, MIN_AIR_MM3};
 use prosopon_geometry::ScalarGrid;
 
 /// Bone field, negative inside.

@@ -1,9 +1,8 @@
 //! Depth below the skin.
 
-use super::tuning::{DEPTH_TOLERANCE, MAX_DEPTH_MM};
 use super::distance::{Nearest, to_zero};
+use super::tuning::{DEPTH_TOLERANCE, MAX_DEPTH_MM};
 use prosopon_geometry::ScalarGrid;
-
 
 /// Depth below the skin, mm: a lower bound of the true depth, capped.
 pub(super) struct Depth {

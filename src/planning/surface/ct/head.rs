@@ -1,10 +1,9 @@
-use super::tuning::{AIR_REACH_MM, BALL_MM, BUMP_MM, BUMP_TOLERANCE, HU_PER_MM, SHEET_MM};
 use super::components::Components;
 use super::distance::{Nearest, to_zero};
+use super::tuning::{AIR_REACH_MM, BALL_MM, BUMP_MM, BUMP_TOLERANCE, HU_PER_MM, SHEET_MM};
 use prosopon_geometry::ScalarGrid;
 use prosopon_geometry::control::{Cancelled, Control};
 use rayon::prelude::*;
-
 
 /// The head without the objects on and around it, with all inner air filled.
 pub(super) struct Head {

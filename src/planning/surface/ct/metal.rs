@@ -1,12 +1,11 @@
 //! Locates metal and the streaks it causes in a CT.
 
-use super::tuning::{MARKER_DEPTH_MM, METAL_HU, STREAK_MM, STREAK_REACH_MM};
-use super::distance::Nearest;
 use super::depth::Depth;
+use super::distance::Nearest;
+use super::tuning::{MARKER_DEPTH_MM, METAL_HU, STREAK_MM, STREAK_REACH_MM};
 use nalgebra::Matrix3;
 use prosopon_geometry::{Point, ScalarGrid, Volume};
 use rayon::prelude::*;
-
 
 /// Marks the samples near metal.
 pub(super) struct Metal {

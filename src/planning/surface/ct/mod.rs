@@ -1,27 +1,26 @@
 //! Extracts skin, skull and inner air from a head CT.
 
-mod head;
+mod bone_and_air;
 mod components;
 mod depth;
 mod distance;
-mod bone_and_air;
+mod head;
 mod metal;
 mod resample;
 mod soft_tissue;
-mod tuning;
 #[cfg(test)]
 mod test_masks;
+mod tuning;
 
 use super::SurfaceError;
 use depth::Depth;
 use head::Head;
 use metal::Metal;
-use tuning::{INNER_ITERATIONS, MIN_BONE_MM, MIN_TRIANGLES, SKIN_ITERATIONS};
 use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{
     ScalarGrid, TriMesh, Volume, Warning, decimate_with, drop_small_parts, isosurface, largest_part, smooth,
 };
-
+use tuning::{INNER_ITERATIONS, MIN_BONE_MM, MIN_TRIANGLES, SKIN_ITERATIONS};
 
 /// Thresholds and tolerance of [`from_ct`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -310,7 +309,11 @@ mod tests {
             let found = run(&volume).unwrap();
             let highest = found.skin.positions().iter().map(|p| p.z).fold(f64::MIN, f64::max);
             assert!((29.0..30.7).contains(&highest), "{highest}");
-            assert!(found.warnings.iter().any(|w| w.code == "airways-closed" && w.message.starts_with("1 airways")), "{:?}", found.warnings);
+            assert!(
+                found.warnings.iter().any(|w| w.code == "airways-closed" && w.message.starts_with("1 airways")),
+                "{:?}",
+                found.warnings
+            );
         }
     }
 

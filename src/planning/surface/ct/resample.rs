@@ -1,4 +1,7 @@
-use super::tuning::{AIRWAY_MM, AIR_HU, AIR_MM, CUT_SHARE, LID_MM, MAX_HU, MAX_SAMPLES, MAX_SPACING_MM, MIN_HU, MIN_SPACING_MM, TISSUE_HU};
+use super::tuning::{
+    AIR_HU, AIR_MM, AIRWAY_MM, CUT_SHARE, LID_MM, MAX_HU, MAX_SAMPLES, MAX_SPACING_MM, MIN_HU, MIN_SPACING_MM,
+    TISSUE_HU,
+};
 use crate::surface::SurfaceError;
 use nalgebra::Matrix3;
 use prosopon_geometry::control::{Cancelled, Control};
@@ -7,7 +10,6 @@ use rayon::prelude::*;
 use std::borrow::Cow;
 
 use super::components::Components;
-
 
 /// A CT resampled on a lattice along L, P and S.
 pub(super) struct Resampled {

@@ -5,7 +5,6 @@ use rayon::prelude::*;
 
 use prosopon_geometry::{ScalarGrid, Vector};
 
-
 /// Local mean of soft tissue on a lattice of about 2 mm, in whole HU from -127 to 127.
 /// It is NaN where there is hardly any soft tissue. Noise and streaks average out; air and bone do not count.
 pub(super) fn soft_tissue(hu: &ScalarGrid) -> ScalarGrid {

@@ -50,14 +50,14 @@ fn a_distance_field() {
         }
         (report, bits)
     });
-    assert!(built[0].0.warnings.iter().any(|w| w.contains("open")));
+    assert!(built[0].0.warnings.iter().any(|w| w.message.contains("open")));
     assert!(built[1] == built[0] && built[2] == built[0]);
 }
 
 #[test]
 fn an_envelope() {
     let mesh = dirty_torus();
-    let settings = EnvelopeSettings { spacing_mm: 0.5, closing_mm: 1.0, least_sky: 0.06 };
+    let settings = EnvelopeSettings { spacing_mm: 0.5, closing_mm: 1.0, min_visibility: 0.06 };
     let built = on_threads(|| {
         let found = envelope(&mesh, &settings, &Control::new()).unwrap();
         (found.grid.values.iter().map(|v| v.to_bits()).collect::<Vec<_>>(), found.surface, found.warnings)
@@ -67,7 +67,7 @@ fn an_envelope() {
 
 #[test]
 fn a_cut_and_a_path() {
-    let settings = EnvelopeSettings { spacing_mm: 0.5, closing_mm: 1.0, least_sky: 0.06 };
+    let settings = EnvelopeSettings { spacing_mm: 0.5, closing_mm: 1.0, min_visibility: 0.06 };
     let bone = envelope(&dirty_torus(), &settings, &Control::new()).unwrap();
     let plane = BoundedPlane { point: Point::new(0.1, 0.2, 0.1), normal: Vector::new(0.2, 0.1, 1.0), bounds: None };
     let done = on_threads(|| {

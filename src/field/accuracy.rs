@@ -8,7 +8,7 @@ const STRIDE: usize = 4;
 
 /// Where a sample point lies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Place {
+pub enum SampleKind {
     /// Within the band around the surface.
     Band,
     /// On a face.
@@ -33,7 +33,7 @@ pub fn sample_points(
     band: f64,
     sites: usize,
     control: &Control,
-) -> Result<Vec<(Place, Point)>, Cancelled> {
+) -> Result<Vec<(SampleKind, Point)>, Cancelled> {
     let mut total = 0.0;
     let sums: Vec<f64> = (0..surface.triangles().len())
         .map(|t| {
@@ -53,7 +53,7 @@ pub fn sample_points(
     Ok(found.into_iter().flatten().flatten().collect())
 }
 
-fn site(surface: &TriMesh, exact: &ExactDistance, t: usize, n: usize, band: f64) -> [Option<(Place, Point)>; 4] {
+fn site(surface: &TriMesh, exact: &ExactDistance, t: usize, n: usize, band: f64) -> [Option<(SampleKind, Point)>; 4] {
     let [a, b, c] = surface.corners(t);
     // Low-discrepancy sequence of Roberts in six dimensions: its steps are powers of 1/r with r the root of x⁷ = x + 1.
     let sequence = |power: i32| (0.5 + 1.112_775_684_278_705_5f64.powi(-power) * n as f64).fract();
@@ -66,11 +66,11 @@ fn site(surface: &TriMesh, exact: &ExactDistance, t: usize, n: usize, band: f64)
     let flat = (1.0 - z * z).sqrt();
     let direction = Vector::new(flat * angle.cos(), flat * angle.sin(), z);
     let off = on_face + direction * (band * sequence(5).cbrt());
-    let mut points = [Some((Place::Band, off)), None, None, None];
+    let mut points = [Some((SampleKind::Band, off)), None, None, None];
     if n.is_multiple_of(STRIDE) {
-        points[1] = Some((Place::Face, on_face));
-        points[2] = Some((Place::Edge, a + (b - a) * sequence(6)));
-        points[3] = medial(surface, exact, t, &on_face, band).map(|p| (Place::MedialAxis, p));
+        points[1] = Some((SampleKind::Face, on_face));
+        points[2] = Some((SampleKind::Edge, a + (b - a) * sequence(6)));
+        points[3] = medial(surface, exact, t, &on_face, band).map(|p| (SampleKind::MedialAxis, p));
     }
     points
 }
@@ -115,14 +115,14 @@ pub struct Accuracy {
 
 impl Accuracy {
     /// Accuracy from triples of place, field value (mm) and exact signed distance (mm).
-    pub fn of(values: impl IntoIterator<Item = (Place, f64, f64)>) -> Self {
+    pub fn of(values: impl IntoIterator<Item = (SampleKind, f64, f64)>) -> Self {
         let mut a = Self::default();
         let mut sum = 0.0;
         for (place, value, exact) in values {
             let error = (value - exact).abs();
             a.max_error_mm = a.max_error_mm.max(error);
             sum += error * error;
-            if matches!(place, Place::Face | Place::Edge) {
+            if matches!(place, SampleKind::Face | SampleKind::Edge) {
                 a.surface_max_error_mm = a.surface_max_error_mm.max(error);
             }
             a.sign_errors += usize::from(exact.abs() > 1e-3 && (value < 0.0) != (exact < 0.0));
@@ -139,7 +139,7 @@ impl Accuracy {
     pub fn measure(
         field: &dyn Implicit,
         exact: &ExactDistance,
-        points: &[(Place, Point)],
+        points: &[(SampleKind, Point)],
         control: &Control,
     ) -> Result<Self, Cancelled> {
         let values = points

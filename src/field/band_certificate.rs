@@ -18,12 +18,12 @@ use rayon::prelude::*;
 
 /// A bound of this many spacings is accepted.
 ///
-/// A bound below three quarters of a spacing proves the signs of settled queries.
-const ENOUGH: f64 = 0.7;
+/// A bound below three quarters of a spacing proves the signs of queries with a checked sign.
+const ACCEPTED_SPACINGS: f64 = 0.7;
 /// A bound is accepted when it exceeds the largest error found by at most this share.
-const LOOSE: f64 = 0.1;
+const ACCEPTED_EXCESS: f64 = 0.1;
 /// A cube gets a new curvature bound where its term exceeds this share of an accepted bound.
-const SLIGHT: f64 = 0.1;
+const MAX_CURVATURE_SHARE: f64 = 0.1;
 /// Step between bricks examined one after the other; it spreads any share of them over the field.
 const STRIDE: usize = 7_919;
 /// Cubes with edges of at most this many spacings are not divided further.
@@ -42,9 +42,9 @@ pub struct BandBound {
 
 /// Bound on the error of `field` at every point of its domain within `band` of a closed surface, mm.
 ///
-/// `exact` was made from the surface. `on_surface` bounds the field's magnitude at the surface (mm); `seen` is the largest error
-/// found by sampling (mm). No further bricks are started once `goes_on` returns false. `None` when the surface is open, because
-/// the sign then changes where there is no triangle, or when the field is too large to be examined.
+/// `exact` was made from the surface. `on_surface` bounds the field's magnitude at the surface (mm); `largest_found` is the
+/// largest error found by sampling (mm). No further bricks are started once `keep_going` returns false. `None` when the
+/// surface is open, because the sign then changes where there is no triangle, or when the field is too large to be examined.
 ///
 /// # Errors
 /// [`Cancelled`].
@@ -52,14 +52,14 @@ pub(super) fn band_bound(
     field: &DistanceField,
     exact: &ExactDistance,
     band: f64,
-    (on_surface, seen): (f64, f64),
-    goes_on: &(dyn Fn() -> bool + Sync),
+    (on_surface, largest_found): (f64, f64),
+    keep_going: &(dyn Fn() -> bool + Sync),
     control: &Control,
 ) -> Result<Option<BandBound>, Cancelled> {
     if !exact.defects().rim.is_empty() || field.bricks.len().saturating_mul(EDGE.pow(3)) > MOST_CELLS {
         return Ok(None);
     }
-    let enough = (ENOUGH * field.spacing_mm()).max((1.0 + LOOSE) * seen);
+    let enough = (ACCEPTED_SPACINGS * field.spacing_mm()).max((1.0 + ACCEPTED_EXCESS) * largest_found);
     let band = Band { field, exact, band, on_surface, enough };
     let lattice = &field.lattice;
     let domain = lattice.domain();
@@ -70,7 +70,7 @@ pub(super) fn band_bound(
         .into_par_iter()
         .map(|n| {
             control.check()?;
-            if !goes_on() {
+            if !keep_going() {
                 return Ok((0.0, 0));
             }
             // The stride is a prime number, so every brick is examined once.
@@ -140,7 +140,7 @@ impl Band<'_> {
                     Some(sign) => self.beside_surface(&mut cube, sign, distance, &near.point),
                     None => (0.0, self.across_surface(&mut cube, distance, enough)),
                 };
-                enough = enough.max((1.0 + LOOSE) * found);
+                enough = enough.max((1.0 + ACCEPTED_EXCESS) * found);
                 if here <= enough || !self.divides(&cube) {
                     bound = bound.max(here);
                     continue;
@@ -156,7 +156,7 @@ impl Band<'_> {
         let r = cube.radius();
         let (value, gradient) = self.field.value_gradient(&cube.center);
         let (value, gradient) = (sign * value, sign * gradient);
-        let bend = self.bend(cube);
+        let curvature_term = self.curvature_term(cube);
         let c = &cube.center;
         let rise = |slope: Vector| cube.half * slope.lp_norm(1);
         let mut above = f64::NEG_INFINITY;
@@ -167,7 +167,7 @@ impl Band<'_> {
         // |d n + y| - d - n·y is at most |y|² / (2 (d - |y|)), and at most 2 |y|.
         let round = if distance > r { (0.5 * r * r / (distance - r)).min(2.0 * r) } else { 2.0 * r };
         let below = distance - value + straight + round;
-        ((value - distance).abs(), above.max(below) + bend)
+        ((value - distance).abs(), above.max(below) + curvature_term)
     }
 
     /// Bound on the error in a cube that the surface may meet, mm; not refined once it is at most `enough`.
@@ -181,7 +181,7 @@ impl Band<'_> {
         if self.divides(cube) && flat > enough && by_slope(gradient.norm()) > enough {
             return flat.max(enough.next_up());
         }
-        let plain = flat + self.bend(cube);
+        let plain = flat + self.curvature_term(cube);
         if plain <= enough {
             return plain;
         }
@@ -194,9 +194,9 @@ impl Band<'_> {
     }
 
     /// Largest deviation of the field from its tangent in a cube, by the curvature bound, mm.
-    fn bend(&self, cube: &mut Cube) -> f64 {
+    fn curvature_term(&self, cube: &mut Cube) -> f64 {
         let square = 0.5 * cube.radius().powi(2);
-        if cube.curvature * square > SLIGHT * self.enough {
+        if cube.curvature * square > MAX_CURVATURE_SHARE * self.enough {
             cube.curvature = self.curvature(cube, 1.0);
         }
         cube.curvature * square

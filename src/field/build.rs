@@ -1,5 +1,6 @@
 use super::accuracy::{Accuracy, sample_points};
 use super::band_certificate::{BandBound, band_bound};
+use super::brick_values::{AROUND, HALO, coefficients, tensor};
 use super::certificate::surface_bound;
 use super::crossings::Rows;
 use super::distance_field::{DistanceField, Level};
@@ -8,13 +9,14 @@ use super::exact::ExactDistance;
 use super::features::Features;
 use super::fit::{Layer, fit};
 use super::lattice::{BRICK, EDGE, Lattice};
-use super::regions::{DoubtfulRegions, doubtful_regions};
+use super::region::RegionsOfKind;
+use super::regions::unclear_regions;
 use super::sites::{self, Spread};
 use super::spline::weights;
 use super::tiles::{Source, TILE, Tally, Tile, Tiles};
 use super::{coarse, refine};
 use prosopon_geometry::control::{Cancelled, Control};
-use prosopon_geometry::{Aabb, Implicit, TriMesh, Vector};
+use prosopon_geometry::{Aabb, Implicit, TriMesh, Vector, Warning};
 
 /// Most samples (coarse and fine) of a field: half a gigabyte of single-precision values.
 pub(super) const MOST_SAMPLES: u64 = 1 << 27;
@@ -33,10 +35,6 @@ pub(super) const LARGEST: f64 = 18.0;
 const SITES: usize = 2000;
 /// Number of surface sites from which a bound searches for the largest error.
 const MANY_SITES: usize = 50_000;
-/// Number of sweeps that move the spline's zero towards the surface.
-pub(super) const SWEEPS: usize = 2;
-/// Nodes around a tile that its coefficients depend on.
-pub(super) const HALO: usize = 1;
 
 /// Resolution and extent of a field.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -58,6 +56,11 @@ impl Default for FieldSettings {
 impl FieldSettings {
     fn check(&self) -> Result<(), FieldError> {
         within("spacing_mm", self.spacing_mm, 0.01..=50.0, "0.01 to 50 mm")?;
+        self.check_extent()
+    }
+
+    /// Checks band and margin.
+    pub(super) fn check_extent(&self) -> Result<(), FieldError> {
         within("band_mm", self.band_mm, 0.0..=200.0, "0 to 200 mm")?;
         within("margin_mm", self.margin_mm, 0.0..=1000.0, "0 to 1000 mm")
     }
@@ -77,9 +80,9 @@ pub struct FieldReport {
     /// Number of those points.
     pub checked_points: usize,
     /// Defects of the surface and how the field treats them.
-    pub warnings: Vec<String>,
+    pub warnings: Vec<Warning>,
     /// Parts of the surface where inside and outside are not clear.
-    pub regions: Vec<DoubtfulRegions>,
+    pub regions: Vec<RegionsOfKind>,
 }
 
 impl FieldReport {
@@ -96,7 +99,7 @@ impl FieldReport {
     ) -> Result<Self, Cancelled> {
         let points = sample_points(surface, exact, band, SITES, control)?;
         let accuracy = Accuracy::measure(field, exact, &points, control)?;
-        let regions = doubtful_regions(surface, exact, control)?;
+        let regions = unclear_regions(surface, exact, control)?;
         control.report(1.0);
         Ok(Self {
             bricks: 0,
@@ -108,6 +111,10 @@ impl FieldReport {
             regions,
         })
     }
+}
+
+fn too_large(settings: &FieldSettings, samples: u64) -> FieldError {
+    FieldError::TooLarge { spacing_mm: settings.spacing_mm, samples, allowed: MOST_SAMPLES }
 }
 
 impl DistanceField {
@@ -153,8 +160,8 @@ impl DistanceField {
         settings: &FieldSettings,
         control: &Control,
     ) -> Result<(Self, FieldReport), FieldError> {
-        let (field, warnings) = Self::build_unmeasured(exact, surface, settings, &control.part(0.0, 0.7))?;
-        let report = FieldReport::measured(&field, exact, surface, settings.band_mm, &control.part(0.7, 1.0))?;
+        let (field, warnings) = Self::build_unmeasured(exact, surface, settings, &control.stage(0.0, 0.7))?;
+        let report = FieldReport::measured(&field, exact, surface, settings.band_mm, &control.stage(0.7, 1.0))?;
         let report = FieldReport { bricks: field.n_bricks(), bytes: field.bytes(), warnings, ..report };
         Ok((field, report))
     }
@@ -179,7 +186,7 @@ impl DistanceField {
     ///
     /// The field and `exact` were made from `surface`. The bound is proven, not sampled, and is not refined below seven tenths of
     /// the spacing or a tenth above the largest error found. `on_surface` is the result of [`DistanceField::surface_bound`], mm.
-    /// The proof takes some ten minutes of processor time on a skull at 0.8 mm; it stops when `goes_on` returns false, and the
+    /// The proof takes some ten minutes of processor time on a skull at 0.8 mm; it stops when `keep_going` returns false, and the
     /// bound then holds for a share of the field. `None` when the surface is open or the field is too large to be examined.
     ///
     /// # Errors
@@ -189,12 +196,12 @@ impl DistanceField {
         surface: &TriMesh,
         exact: &ExactDistance,
         (band, on_surface): (f64, f64),
-        goes_on: &(dyn Fn() -> bool + Sync),
+        keep_going: &(dyn Fn() -> bool + Sync),
         control: &Control,
     ) -> Result<Option<BandBound>, Cancelled> {
         let points = sample_points(surface, exact, band, MANY_SITES, control)?;
-        let seen = Accuracy::measure(self, exact, &points, control)?.max_error_mm;
-        band_bound(self, exact, band, (on_surface, seen), goes_on, control)
+        let largest_found = Accuracy::measure(self, exact, &points, control)?.max_error_mm;
+        band_bound(self, exact, band, (on_surface, largest_found), keep_going, control)
     }
 
     /// Builds the field as [`DistanceField::build_from`] does, without measuring its error.
@@ -212,7 +219,7 @@ impl DistanceField {
         surface: &TriMesh,
         settings: &FieldSettings,
         control: &Control,
-    ) -> Result<(Self, Vec<String>), FieldError> {
+    ) -> Result<(Self, Vec<Warning>), FieldError> {
         Self::build_within(exact, surface, None, settings, control)
     }
 
@@ -224,21 +231,20 @@ impl DistanceField {
     /// a point has full accuracy.
     ///
     /// # Errors
-    /// As [`DistanceField::build`]; [`FieldError::Elsewhere`] for a box that misses the field's domain.
+    /// As [`DistanceField::build`]; [`FieldError::BoxOutsideDomain`] for a box that misses the field's domain.
     pub fn build_within(
         exact: &ExactDistance,
         surface: &TriMesh,
         within: Option<&Aabb>,
         settings: &FieldSettings,
         control: &Control,
-    ) -> Result<(Self, Vec<String>), FieldError> {
+    ) -> Result<(Self, Vec<Warning>), FieldError> {
         settings.check()?;
-        let too_large =
-            |samples| FieldError::TooLarge { spacing_mm: settings.spacing_mm, samples, allowed: MOST_SAMPLES };
         let bounds = surface.bounds().grown(settings.margin_mm);
-        let lattice = Lattice::covering(&bounds, settings.spacing_mm, MOST_SAMPLES).map_err(too_large)?;
+        let lattice = Lattice::covering(&bounds, settings.spacing_mm, MOST_SAMPLES)
+            .map_err(|samples| too_large(settings, samples))?;
         let chosen = match within {
-            Some(within) => lattice.bricks_meeting(within).ok_or(FieldError::Elsewhere)?,
+            Some(within) => lattice.bricks_meeting(within).ok_or(FieldError::BoxOutsideDomain)?,
             None => [[0; 3], lattice.bricks],
         };
         control.check()?;
@@ -248,7 +254,7 @@ impl DistanceField {
         // Each has sequential parts, so the two run in parallel.
         let (features, coarse) = rayon::join(
             || Features::new(surface, &exact.defects().triangles),
-            || coarse::coefficients(&lattice, exact, surface, reach, &control.part(0.0, 0.3)),
+            || coarse::coefficients(&lattice, exact, surface, reach, &control.stage(0.0, 0.3)),
         );
         let (coarse, signs) = coarse?;
         let source = Source { mesh: surface, defects: exact.defects(), features: &features };
@@ -256,56 +262,73 @@ impl DistanceField {
         tally.add(&signs);
         let h = settings.spacing_mm;
         let mut field = Self::coarse(lattice, coarse, [reach + LARGEST * h, 0.5 * LARGEST * h]);
-        let rows = Rows {
-            origin: field.lattice.origin - Vector::repeat(HALO as f64 * h),
-            spacing: h,
-            dims: field.lattice.bricks.map(|n| n * EDGE + 2 * HALO),
-        };
-        let is_chosen = |first: [usize; 3], last: [usize; 3]| {
-            (0..3).all(|a| last[a] >= EDGE * chosen[0][a] && first[a] < EDGE * chosen[1][a] + 2 * HALO)
-        };
-        let tiles = Tiles::new(source, rows, HALO, reach, is_chosen);
-        let fade = [settings.band_mm + FADE * h, reach];
-        let built = tiles.map(
-            &control.part(0.3, 0.8),
-            #[inline(always)]
-            |tile| field.tile_bricks(tile, chosen, fade),
-        )?;
-        drop(tiles);
-        let n_bricks = built.iter().map(|b| b.at.len()).sum::<usize>();
-        let samples = (field.lattice.n_bricks() + n_bricks * BRICK) as u64;
-        if samples > MOST_SAMPLES {
-            return Err(too_large(samples));
-        }
-        field.bricks.reserve(n_bricks);
-        for of_tile in built {
-            let first = field.bricks.append(&of_tile.codes);
-            for (n, at) in of_tile.at.iter().enumerate() {
-                let place = field.lattice.index_of(*at);
-                field.index[place] = first + n as u32;
-            }
-            tally.add(&of_tile.tally);
-        }
+        tally.add(&field.add_bricks(source, chosen, settings, &control.stage(0.3, 0.8))?);
         let (layer, spread) = rayon::join(
             || Layer::new(&field, Level::Brick),
             || Spread::new(&field, surface, &exact.defects().distinct),
         );
 
         let mut sites = sites::of_bricks(&spread, &layer.at);
-        fit(&mut field, &layer, &mut sites, h, SWEEPS);
-        refine::add_details(&mut field, source, (&layer, &spread), sites, &control.part(0.8, 1.0))?;
+        fit(&mut field, &layer, &mut sites, h);
+        refine::add_details(&mut field, source, (&layer, &spread), sites, &control.stage(0.8, 1.0))?;
         let mut warnings = exact.defects().warnings();
-        warnings.extend(tally.warnings());
+        warnings.extend(tally.warning());
         if within.is_some() && chosen != [[0; 3], field.lattice.bricks] {
-            warnings.push(format!(
+            let found = format!(
                 "the field has full accuracy only in {} of {} blocks of its domain; elsewhere its spacing is {:.1} mm",
                 (0..3).map(|a| chosen[1][a] - chosen[0][a]).product::<usize>(),
                 field.lattice.n_bricks(),
                 field.lattice.coarse_spacing()
-            ));
+            );
+            warnings.push(Warning::info("partial-field", found));
         }
         control.report(1.0);
         Ok((field, warnings))
+    }
+
+    /// Adds the bricks that the band reaches, at positions from `chosen[0]` up to before `chosen[1]`; returns the tally of signs.
+    fn add_bricks(
+        &mut self,
+        source: Source<'_>,
+        chosen: [[usize; 3]; 2],
+        settings: &FieldSettings,
+        control: &Control,
+    ) -> Result<Tally, FieldError> {
+        let h = settings.spacing_mm;
+        let reach = settings.band_mm + STENCIL_REACH * h;
+        let rows = Rows {
+            origin: self.lattice.origin - Vector::repeat(HALO as f64 * h),
+            spacing: h,
+            dims: self.lattice.bricks.map(|n| n * EDGE + 2 * HALO),
+        };
+        let is_chosen = |first: [usize; 3], last: [usize; 3]| {
+            (0..3).all(|a| last[a] >= EDGE * chosen[0][a] && first[a] < EDGE * chosen[1][a] + 2 * HALO)
+        };
+        let tiles = Tiles::new(source, rows, HALO, reach, is_chosen);
+        let fade = [settings.band_mm + FADE * h, reach];
+        let field = &*self;
+        let built = tiles.map(
+            control,
+            #[inline(always)]
+            |tile| field.tile_bricks(tile, chosen, fade),
+        )?;
+        drop(tiles);
+        let n_bricks = built.iter().map(|b| b.at.len()).sum::<usize>();
+        let samples = (self.lattice.n_bricks() + n_bricks * BRICK) as u64;
+        if samples > MOST_SAMPLES {
+            return Err(too_large(settings, samples));
+        }
+        let mut tally = Tally::default();
+        self.bricks.reserve(n_bricks);
+        for of_tile in built {
+            let first = self.bricks.append(&of_tile.codes);
+            for (n, at) in of_tile.at.iter().enumerate() {
+                let place = self.lattice.index_of(*at);
+                self.index[place] = first + n as u32;
+            }
+            tally.add(&of_tile.tally);
+        }
+        Ok(tally)
     }
 
     /// The bricks of a tile that the band reaches.
@@ -360,9 +383,6 @@ impl DistanceField {
     }
 }
 
-/// Nodes along the edge of a brick with those next to it.
-pub(super) const AROUND: usize = EDGE + 2 * HALO;
-
 /// The bricks of a tile.
 #[derive(Default)]
 struct Built {
@@ -374,48 +394,4 @@ struct Built {
 /// `far` may come with an infinite distance.
 fn blend(near: f32, coarse: f32, far: f32) -> f32 {
     if far >= 1.0 { coarse } else { near + far * (coarse - near) }
-}
-
-/// Sums of 3³ values with the given weights along each axis.
-#[inline(always)]
-pub(super) fn tensor(c: &[f32; 27], weights: &[[f32; 3]; AROUND]) -> [f32; AROUND.pow(3)] {
-    let mut lines = [[0.0f32; AROUND]; 9];
-    for (line, row) in lines.iter_mut().zip(c.chunks_exact(3)) {
-        for (value, w) in line.iter_mut().zip(weights) {
-            *value = w[0] * row[0] + w[1] * row[1] + w[2] * row[2];
-        }
-    }
-    let mut values = [0.0; AROUND.pow(3)];
-    for (k, wz) in weights.iter().enumerate() {
-        let mut planes = [[0.0f32; AROUND]; 3];
-        for (j, plane) in planes.iter_mut().enumerate() {
-            for i in 0..AROUND {
-                plane[i] = wz[0] * lines[j][i] + wz[1] * lines[3 + j][i] + wz[2] * lines[6 + j][i];
-            }
-        }
-        for (j, wy) in weights.iter().enumerate() {
-            let row = &mut values[AROUND * (j + AROUND * k)..][..AROUND];
-            for i in 0..AROUND {
-                row[i] = wy[0] * planes[0][i] + wy[1] * planes[1][i] + wy[2] * planes[2][i];
-            }
-        }
-    }
-    values
-}
-
-/// Spline coefficients `c` at the nodes of a brick, by the values there and next to it: they are the values less an eighth of
-/// their second differences.
-#[inline(always)]
-pub(super) fn coefficients(values: &[f32], edge: usize, c: &mut [f32]) {
-    let side = edge + 2 * HALO;
-    for (n, row) in c.chunks_exact_mut(edge).enumerate() {
-        let first = HALO + side * (n % edge + HALO + side * (n / edge + HALO));
-        let at = |from: usize| &values[from..from + edge];
-        let (own, x0, x1) = (at(first), at(first - 1), at(first + 1));
-        let (y0, y1) = (at(first - side), at(first + side));
-        let (z0, z1) = (at(first - side * side), at(first + side * side));
-        for (i, c) in row.iter_mut().enumerate() {
-            *c = 1.75 * own[i] - 0.125 * (x0[i] + x1[i] + y0[i] + y1[i] + z0[i] + z1[i]);
-        }
-    }
 }

@@ -7,7 +7,7 @@
 //! found at the middles.
 
 use super::defects::Defects;
-use super::distance_field::DistanceField;
+use super::distance_field::{DistanceField, Level};
 use super::lattice::{EDGE, Lattice};
 use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{Implicit, Point, TriMesh};
@@ -16,11 +16,11 @@ use rayon::prelude::*;
 /// Longest edge of the parts at the start, in spacings.
 const LONGEST: f64 = 1.5;
 /// A bound is accepted when it exceeds the largest value found at middles by at most this share.
-const LOOSE: f64 = 0.05;
+const ACCEPTED_EXCESS: f64 = 0.05;
 /// Parts with a smaller radius than this, in spacings, are not divided further.
 const SMALLEST: f64 = 0.02;
 /// A part gets a new curvature bound below this share of the radius that the old one was made for.
-const NARROWER: f64 = 0.6;
+const RENEWED_RADIUS_SHARE: f64 = 0.6;
 /// A surface that needs more parts than this gets no bound.
 const MOST_PARTS: f64 = 2e7;
 /// Allowance for rounding, as a share of the largest coordinate.
@@ -56,7 +56,7 @@ pub(super) fn surface_bound(
     let found = triangles.par_iter().map(largest).reduce(|| 0.0, f64::max);
     control.check()?;
     control.report(0.3);
-    let enough = (1.0 + LOOSE) * found;
+    let enough = (1.0 + ACCEPTED_EXCESS) * found;
     let bound = triangles
         .par_iter()
         .map(|&t| {
@@ -66,8 +66,8 @@ pub(super) fn surface_bound(
                 parts(surface.corners(t), longest).map(|part| (part, Curvature::around(field, &part))).collect();
             while let Some((part, mut curvature)) = stack.pop() {
                 let mut here = Local::of(field, &part, &curvature);
-                enough = enough.max((1.0 + LOOSE) * here.value);
-                if here.bound > enough && here.radius < NARROWER * curvature.radius {
+                enough = enough.max((1.0 + ACCEPTED_EXCESS) * here.value);
+                if here.bound > enough && here.radius < RENEWED_RADIUS_SHARE * curvature.radius {
                     curvature = Curvature::around(field, &part);
                     here = Local::of(field, &part, &curvature);
                 }
@@ -102,8 +102,8 @@ fn parts(corners: Corners, longest: f64) -> impl Iterator<Item = Corners> {
     (0..n).flat_map(move |i| (0..n - i).map(move |j| (i, j))).flat_map(move |(i, j)| {
         let (u, v) = (i as f64, j as f64);
         let upright = [at(u, v), at(u + 1.0, v), at(u, v + 1.0)];
-        let turned = (i + j + 1 < n).then(|| [at(u + 1.0, v + 1.0), at(u, v + 1.0), at(u + 1.0, v)]);
-        std::iter::once(upright).chain(turned)
+        let inverted = (i + j + 1 < n).then(|| [at(u + 1.0, v + 1.0), at(u, v + 1.0), at(u + 1.0, v)]);
+        std::iter::once(upright).chain(inverted)
     })
 }
 
@@ -151,8 +151,8 @@ impl Local {
         let radius = radius(part);
         // The linear term is largest at a corner.
         let rise = part.iter().map(|p| gradient.dot(&(p - m)).abs()).fold(0.0, f64::max);
-        let bend = 0.5 * curvature.bound * radius * radius;
-        Self { radius, value: value.abs(), bound: value.abs() + rise + bend }
+        let curvature_term = 0.5 * curvature.bound * radius * radius;
+        Self { radius, value: value.abs(), bound: value.abs() + rise + curvature_term }
     }
 }
 
@@ -165,19 +165,22 @@ fn radius(part: &Corners) -> f64 {
 /// Bound on the norm of the Hessian in all cells that meet the box, 1/mm.
 pub(super) fn curvature_bound(field: &DistanceField, min: &Point, max: &Point) -> f64 {
     let lattice = &field.lattice;
-    let coarser =
-        level_bound(lattice.spacing, |a, end| node_of(lattice, a, [min, max][end][a], false), |n| field.coefficient(n));
+    let node = |level: Level| move |a: usize, end: usize| node_of(lattice, level, a, [min, max][end][a]);
+    let coarser = level_bound(lattice.spacing, node(Level::Brick), |n| field.coefficient(n));
     if field.parts.is_empty() {
         return coarser;
     }
     let h = 0.5 * lattice.spacing;
-    coarser + level_bound(h, |a, end| node_of(lattice, a, [min, max][end][a], true), |n| field.detail_coefficient(n))
+    coarser + level_bound(h, node(Level::Detail), |n| field.detail_coefficient(n))
 }
 
-/// The node of the cell that holds the coordinate `x` along an axis.
-fn node_of(lattice: &Lattice, axis: usize, x: f64, detail: bool) -> isize {
+/// The node of a level whose cell holds the coordinate `x` along an axis.
+fn node_of(lattice: &Lattice, level: Level, axis: usize, x: f64) -> isize {
     let u = (x - lattice.origin[axis]) / lattice.spacing;
-    let (u, most) = if detail { (2.0 * u + 0.5, 2 * EDGE) } else { (u, EDGE) };
+    let (u, most) = match level {
+        Level::Brick => (u, EDGE),
+        Level::Detail => (2.0 * u + 0.5, 2 * EDGE),
+    };
     ((u + 0.5).floor() as isize).clamp(0, (most * lattice.bricks[axis]) as isize - 1)
 }
 

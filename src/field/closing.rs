@@ -1,6 +1,7 @@
 //! Closing of a solid from the far outside.
 
-use super::{flood, sky};
+use super::flood;
+use super::visibility::visibility;
 use prosopon_geometry::ScalarGrid;
 use prosopon_geometry::control::{Cancelled, Control};
 
@@ -13,22 +14,22 @@ const NONE: u32 = u32::MAX;
 
 /// Marks the far outside.
 ///
-/// Its nodes are farther than `closing` (mm) from the solid, see at least `least_sky` of all directions, and connect to the
+/// Its nodes are farther than `closing` (mm) from the solid, see at least `min_visibility` of all directions, and connect to the
 /// grid's border over such nodes.
 pub(super) fn far_outside(
     solid: &ScalarGrid,
     closing: f64,
-    least_sky: f64,
+    min_visibility: f64,
     control: &Control,
 ) -> Result<Vec<bool>, Cancelled> {
     let free = flood::from_border(solid.dims, |n| f64::from(solid.values[n]) > closing);
     control.check()?;
-    if least_sky <= 0.0 {
+    if min_visibility <= 0.0 {
         return Ok(free);
     }
     // Obstacles are at least two closing radii thick, so steps up to that length cannot skip them.
-    let seen = sky::seen(solid.dims, &free, 2.0 * closing / solid.spacing, control)?;
-    Ok(flood::from_border(solid.dims, |n| free[n] && f64::from(seen[n]) >= least_sky))
+    let visible = visibility(solid.dims, &free, 2.0 * closing / solid.spacing, control)?;
+    Ok(flood::from_border(solid.dims, |n| free[n] && f64::from(visible[n]) >= min_visibility))
 }
 
 /// Lowers the values of `solid` to those of its closing, down to `-depth` (mm).

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 ///
 /// # Source
 /// P.-E. Danielsson, Euclidean distance mapping, *Computer Graphics and Image Processing* 1980.
-fn handed_on(rows: &Rows, tree: &Tree) -> Vec<Nearest> {
+fn propagate_nearest(rows: &Rows, tree: &Tree) -> Vec<Nearest> {
     let [nx, ny, nz] = rows.dims;
     let at = |n: usize| {
         let node = [n % nx, n / nx % ny, n / (nx * ny)].map(|i| i as f64);
@@ -75,7 +75,7 @@ pub(super) fn coefficients(
     let defects = exact.defects();
     let rim = &defects.rim;
     let crossings = Crossings::new(surface, &defects.counts, rim, &rows);
-    let found = handed_on(&rows, exact.tree());
+    let found = propagate_nearest(&rows, exact.tree());
     control.check()?;
     let layers = (0..nz)
         .into_par_iter()

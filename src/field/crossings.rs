@@ -1,10 +1,11 @@
 //! Exact winding numbers on a lattice, from the crossings of its rows with the surface.
 
 use super::lanes::with_vectors;
-use super::rim::Rim;
+use super::ray::is_left;
+use super::rim::{Cap, Rim};
 use prosopon_geometry::{Point, TriMesh};
 use rayon::prelude::*;
-use robust::{Coord, Coord3D, orient2d, orient3d};
+use robust::{Coord, orient2d};
 
 /// A lattice of nodes, x fastest.
 #[derive(Debug, Clone, Copy)]
@@ -52,7 +53,7 @@ impl Crossings {
             .collect();
         let mut all = Vec::with_capacity(parts.iter().map(Vec::len).sum());
         parts.into_iter().for_each(|mut part| all.append(&mut part));
-        for (corners, times) in rim.caps() {
+        for Cap { corners, times } in rim.caps() {
             // A change that exceeds one crossing is split.
             let mut rest = times;
             while rest != 0 {
@@ -128,32 +129,5 @@ fn cross(corners: &[Point; 3], times: i32, rows: &Rows, found: &mut Vec<Crossing
                 found.push(packed((j + rows.dims[1] * k) as u64, node as u64, if positive { -times } else { times }));
             }
         }
-    }
-}
-
-/// Whether a point lies left of the line through `a` and `b`; points on it are shifted by (ε, ε²).
-fn is_left(orientation: f64, a: Coord<f64>, b: Coord<f64>) -> bool {
-    if orientation != 0.0 {
-        return orientation > 0.0;
-    }
-    if a.y == b.y { b.x > a.x } else { b.y < a.y }
-}
-
-/// Contribution of a triangle to the winding number of `p`, counted along the ray from `p` along -x.
-pub(super) fn before(p: &Point, corners: &[Point; 3]) -> i32 {
-    let [a, b, c] = corners.map(|q| Coord { x: q.y, y: q.z });
-    let area = orient2d(a, b, c);
-    let at = Coord { x: p.y, y: p.z };
-    let positive = area > 0.0;
-    let sides = [(b, c), (c, a), (a, b)];
-    if area == 0.0 || sides.iter().any(|&(from, to)| is_left(orient2d(from, to, at), from, to) != positive) {
-        return 0;
-    }
-    let [a, b, c] = corners.map(|q| Coord3D { x: q.x, y: q.y, z: q.z });
-    let below = orient3d(a, b, c, Coord3D { x: p.x, y: p.y, z: p.z });
-    match (positive, below < 0.0, below > 0.0) {
-        (true, true, _) => -1,
-        (false, _, true) => 1,
-        _ => 0,
     }
 }

@@ -1,6 +1,9 @@
-use super::rim::Rim;
-use prosopon_geometry::{Point, TriMesh};
+use super::rim::{NetEdge, Rim};
+use prosopon_geometry::{Point, TriMesh, Warning};
 use rayon::prelude::*;
+
+/// Above this share of its edges a rim is no small flaw but a missing part.
+const MAX_OPEN_SHARE: f64 = 0.01;
 
 /// Defects of a triangle soup as the boundary of a solid; vertices at the same position count as one.
 #[derive(Debug, Clone)]
@@ -15,6 +18,8 @@ pub(super) struct Defects {
     pub(super) distinct: Vec<bool>,
     /// Edges at which the counted triangles do not cancel: the rim of holes and sheets.
     pub(super) rim: Rim,
+    /// Number of edges of the counted triangles.
+    pub(super) n_edges: usize,
     /// Number of triangles that do not count because another one at the same position faces the same way.
     pub(super) duplicates: usize,
     /// Number of triangles that do not count because another one at the same position faces the other way.
@@ -58,33 +63,47 @@ impl Defects {
             cancelled += 2 * n_even.min(n_odd);
             duplicates += n_even.abs_diff(n_odd).saturating_sub(1);
         }
-        let rim = Rim::new(&rim(&triangles, &counts), mesh.positions());
-        Self { triangles, counts, distinct, rim, duplicates, cancelled, without_area }
+        let edges = net_edges(&triangles, &counts);
+        let n_edges = edges.len();
+        let open: Vec<NetEdge> = edges.into_iter().filter(|edge| edge.times != 0).collect();
+        let rim = Rim::new(&open, mesh.positions());
+        Self { triangles, counts, distinct, rim, n_edges, duplicates, cancelled, without_area }
     }
 
-    /// One sentence for each kind of defect that is present.
-    pub(super) fn warnings(&self) -> Vec<String> {
+    /// One warning for each kind of defect that is present.
+    pub(super) fn warnings(&self) -> Vec<Warning> {
         let mut warnings = Vec::new();
         if !self.rim.is_empty() {
-            warnings.push(format!(
-                "the surface is open or inconsistently oriented along {} edges; inside is where the winding number is above 0.5",
-                self.rim.len()
-            ));
+            let (open, all) = (self.rim.len(), self.n_edges);
+            let found = format!(
+                "the surface is open or inconsistently oriented along {open} of {all} edges; inside is where the winding \
+                 number is above 0.5"
+            );
+            warnings.push(if open as f64 > MAX_OPEN_SHARE * all as f64 {
+                Warning::check("open-surface", found).act("Check that no part of the surface is missing.")
+            } else {
+                Warning::info("open-surface", found)
+            });
         }
         if self.duplicates > 0 {
-            warnings.push(format!("{} triangles duplicate others; they do not affect the sign", self.duplicates));
+            let found = format!("{} triangles duplicate others; they do not affect the sign", self.duplicates);
+            warnings.push(Warning::info("duplicate-triangles", found));
         }
         if self.cancelled > 0 {
-            warnings.push(format!(
+            let found = format!(
                 "{} triangles lie in pairs that face opposite ways; they affect the distance but not the sign",
                 self.cancelled
-            ));
+            );
+            warnings.push(Warning::check("opposed-triangles", found).act("Remove sheets without thickness."));
         }
-        if self.without_area > 0 {
-            warnings
-                .push(format!("{} triangles have no area; the distance uses their edges or points", self.without_area));
-        }
+        warnings.extend(self.no_area_warning());
         warnings
+    }
+
+    /// Warning about triangles without area, if there are any.
+    pub(super) fn no_area_warning(&self) -> Option<Warning> {
+        let found = format!("{} triangles have no area; the distance uses their edges or points", self.without_area);
+        (self.without_area > 0).then(|| Warning::info("triangles-without-area", found))
     }
 }
 
@@ -114,8 +133,8 @@ fn sorted(t: [u32; 3]) -> ([u32; 3], bool) {
     (key, even)
 }
 
-/// Edges run through more often in one direction, with the net count from first to second end.
-fn rim(triangles: &[[u32; 3]], counts: &[bool]) -> Vec<([u32; 2], i32)> {
+/// All edges of the counted triangles with their net counts.
+fn net_edges(triangles: &[[u32; 3]], counts: &[bool]) -> Vec<NetEdge> {
     let mut edges: Vec<(u32, u32, bool)> = triangles
         .par_iter()
         .zip(counts)
@@ -128,16 +147,17 @@ fn rim(triangles: &[[u32; 3]], counts: &[bool]) -> Vec<([u32; 2], i32)> {
         })
         .collect();
     edges.par_sort_unstable();
-    edges
-        .chunk_by(|a, b| (a.0, a.1) == (b.0, b.1))
-        .map(|same| ([same[0].0, same[0].1], same.iter().map(|e| if e.2 { 1 } else { -1 }).sum()))
-        .filter(|(_, times)| *times != 0)
-        .collect()
+    let net = |same: &[(u32, u32, bool)]| NetEdge {
+        ends: [same[0].0, same[0].1],
+        times: same.iter().map(|e| if e.2 { 1 } else { -1 }).sum(),
+    };
+    edges.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)).map(net).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use prosopon_geometry::Severity;
 
     fn tetrahedron() -> (Vec<Point>, Vec<[u32; 3]>) {
         let p = vec![Point::origin(), Point::new(1.0, 0.0, 0.0), Point::new(0.0, 1.0, 0.0), Point::new(0.0, 0.0, 1.0)];
@@ -156,7 +176,7 @@ mod tests {
     fn a_missing_a_doubled_and_a_flipped_triangle_are_told_apart() {
         let (p, t) = tetrahedron();
         let open = Defects::of(&TriMesh::new(p.clone(), t[..3].to_vec()).unwrap());
-        assert_eq!(open.rim.len(), 3);
+        assert_eq!((open.rim.len(), open.n_edges), (3, 6));
         let mut doubled = t.clone();
         doubled.push([2, 3, 1]);
         let doubled = Defects::of(&TriMesh::new(p.clone(), doubled).unwrap());
@@ -169,5 +189,24 @@ mod tests {
         flat.push([0, 1, 1]);
         let flat = Defects::of(&TriMesh::new(p, flat).unwrap());
         assert_eq!((flat.without_area, flat.rim.len()), (1, 0));
+    }
+
+    #[test]
+    fn a_small_hole_is_a_fact_and_a_large_one_needs_a_look() {
+        // A double cone over 400 points: 1200 edges.
+        let n = 400u32;
+        let mut positions: Vec<Point> =
+            (0..n).map(|i| Point::new(f64::from(i).cos(), f64::from(i).sin(), 0.0)).collect();
+        positions.extend([Point::new(0.0, 0.0, 1.0), Point::new(0.0, 0.0, -1.0)]);
+        let mut cone: Vec<[u32; 3]> = (0..n).flat_map(|i| [[i, (i + 1) % n, n], [(i + 1) % n, i, n + 1]]).collect();
+        let severity = |triangles: Vec<[u32; 3]>| {
+            let warnings = Defects::of(&TriMesh::new(positions.clone(), triangles).unwrap()).warnings();
+            warnings.iter().find(|w| w.code == "open-surface").map(|w| w.severity)
+        };
+        assert_eq!(severity(cone.clone()), None);
+        cone.pop();
+        assert_eq!(severity(cone.clone()), Some(Severity::Info));
+        cone.truncate(n as usize);
+        assert_eq!(severity(cone), Some(Severity::Check));
     }
 }

@@ -3,13 +3,17 @@ use super::closing::{close, far_outside};
 use super::distance_field::DistanceField;
 use super::error::{FieldError, within};
 use super::exact::ExactDistance;
-use super::regions::{DoubtfulRegions, doubtful_regions};
+use super::region::RegionsOfKind;
+use super::regions::unclear_regions;
 use super::{FieldReport, FieldSettings, banded, flood};
 use prosopon_geometry::control::Control;
-use prosopon_geometry::{ScalarGrid, TriMesh, isosurface};
+use prosopon_geometry::{ScalarGrid, TriMesh, Warning, isosurface};
 
 /// Separate parts below this volume are dropped, mm³.
-const CRUMB_MM3: f64 = 1000.0;
+const MIN_PART_MM3: f64 = 1000.0;
+/// Dropped parts of together less than this volume (mm³), or this share of the bone, need no check.
+const NEGLIGIBLE_MM3: f64 = 2000.0;
+const NEGLIGIBLE_SHARE: f64 = 0.01;
 /// Values are distances up to this many spacings beyond the closing radius.
 const BAND: f64 = 4.0;
 /// Settings of [`envelope`].
@@ -21,14 +25,14 @@ pub struct EnvelopeSettings {
     pub closing_mm: f64,
     /// Share of all directions in which a point must see out of the grid to count as outside.
     ///
-    /// 0 turns this off. It fills cavities that narrow openings do not enclose: sinuses open to the nose or behind walls so
-    /// thin that they have holes, the back of the nose, the cranial cavity.
-    pub least_sky: f64,
+    /// 0 turns this off. A larger value fills cavities that narrow openings do not enclose: sinuses open to the nose or
+    /// behind walls so thin that they have holes, the back of the nose, the cranial cavity.
+    pub min_visibility: f64,
 }
 
 impl Default for EnvelopeSettings {
     fn default() -> Self {
-        Self { spacing_mm: 1.0, closing_mm: 2.0, least_sky: 0.05 }
+        Self { spacing_mm: 1.0, closing_mm: 2.0, min_visibility: 0.05 }
     }
 }
 
@@ -42,9 +46,9 @@ pub struct Envelope {
     /// Isosurface of the grid: closed, two-manifold.
     pub surface: TriMesh,
     /// What was closed, filled or dropped.
-    pub warnings: Vec<String>,
+    pub warnings: Vec<Warning>,
     /// Parts of the input surface where inside and outside are not clear.
-    pub regions: Vec<DoubtfulRegions>,
+    pub regions: Vec<RegionsOfKind>,
 }
 
 impl Envelope {
@@ -63,11 +67,12 @@ impl Envelope {
 
 /// Outer envelope of a bone surface with holes and other defects (notes 11 of the reading notes).
 ///
-/// The far outside is the set of points that are farther than `closing_mm` from bone, see at least `least_sky` of all
+/// The far outside is the set of points that are farther than `closing_mm` from bone, see at least `min_visibility` of all
 /// directions, and connect to the grid's border over such points. The outside is everything within `closing_mm` of the far
-/// outside; the rest is inside. With `least_sky` 0 this is the morphological closing with a ball, its enclosed cavities filled. A
-/// closing alone cannot mend a thin wall: when both sides are outside, the ball bulges through a hole from both. The value is
-/// the smaller of bone's own signed distance and that of the closing; where bone faces the outside openly it is bone's own.
+/// outside; the rest is inside. With `min_visibility` 0 this is the morphological closing with a ball, its enclosed cavities
+/// filled. A closing alone cannot mend a thin wall: when both sides are outside, the ball bulges through a hole from both.
+/// The value is the smaller of bone's own signed distance and that of the closing; where bone faces the outside openly it is
+/// bone's own.
 ///
 /// ```
 /// use prosopon_field::{EnvelopeSettings, envelope};
@@ -105,7 +110,7 @@ pub fn envelope(skull: &TriMesh, settings: &EnvelopeSettings, control: &Control)
     within("spacing_mm", spacing, 0.05..=10.0, "0.05 to 10 mm")?;
     // With a smaller radius the closing surface would be too rough to keep bone's own surface where that is open.
     within("closing_mm", closing, 2.0 * spacing..=50.0, "twice spacing_mm to 50 mm")?;
-    within("least_sky", settings.least_sky, 0.0..=0.4, "0 to 0.4")?;
+    within("min_visibility", settings.min_visibility, 0.0..=0.4, "0 to 0.4")?;
     let reach = closing + BAND * spacing;
     let bounds = skull.bounds().grown(reach);
     let samples = (0..3).map(|a| (bounds.max[a] - bounds.min[a]) / spacing + 2.0).product::<f64>();
@@ -115,25 +120,26 @@ pub fn envelope(skull: &TriMesh, settings: &EnvelopeSettings, control: &Control)
 
     let exact = ExactDistance::new(skull);
     let mut grid = ScalarGrid::covering(&bounds, spacing, 0.0);
-    let tally = banded::signed(&exact, skull, &mut grid, reach, &control.part(0.0, 0.5))?;
+    let tally = banded::signed(&exact, skull, &mut grid, reach, &control.stage(0.0, 0.5))?;
     let mut warnings = exact.defects().warnings();
-    warnings.extend(tally.warnings());
-    let outside = far_outside(&grid, closing, settings.least_sky, &control.part(0.5, 0.8))?;
-    close(&mut grid, &outside, closing, BAND * spacing, &control.part(0.8, 0.9))?;
+    warnings.extend(tally.warning());
+    let outside = far_outside(&grid, closing, settings.min_visibility, &control.stage(0.5, 0.8))?;
+    close(&mut grid, &outside, closing, BAND * spacing, &control.stage(0.8, 0.9))?;
 
     fill_pockets(&mut grid);
-    warnings.extend(drop_crumbs(&mut grid));
+    warnings.extend(drop_small_parts(&mut grid));
     control.check()?;
     let surface = isosurface(&grid, 0.0).ok_or(FieldError::NothingInside)?;
     if exact.defects().rim.is_empty() {
         let (bone, shell) = (skull.volume().abs() / 1000.0, surface.volume() / 1000.0);
-        warnings.push(format!(
+        let found = format!(
             "cavities and openings narrower than {:.1} mm were filled{}: envelope {shell:.1} cm³, surface {bone:.1} cm³",
             2.0 * closing,
-            if settings.least_sky > 0.0 { ", and so were regions that see too little of the outside" } else { "" }
-        ));
+            if settings.min_visibility > 0.0 { ", and so were regions that see too little of the outside" } else { "" }
+        );
+        warnings.push(Warning::info("cavities-filled", found));
     }
-    let regions = doubtful_regions(skull, &exact, control)?;
+    let regions = unclear_regions(skull, &exact, control)?;
     control.report(1.0);
     Ok(Envelope { grid, surface, warnings, regions })
 }
@@ -149,14 +155,14 @@ fn fill_pockets(grid: &mut ScalarGrid) {
     }
 }
 
-/// Makes negative parts positive that are smaller than [`CRUMB_MM3`]; the largest part always stays.
-fn drop_crumbs(grid: &mut ScalarGrid) -> Option<String> {
+/// Makes negative parts positive that are smaller than [`MIN_PART_MM3`]; the largest part always stays.
+fn drop_small_parts(grid: &mut ScalarGrid) -> Option<Warning> {
     let parts = flood::parts(grid.dims, |n| grid.values[n] < 0.0);
     let node_mm3 = grid.spacing.powi(3);
     let largest = parts.iter().map(Vec::len).max()?;
     let least = (0.1 * grid.spacing) as f32;
     let (mut dropped, mut nodes) = (0, 0);
-    for part in parts.iter().filter(|p| p.len() < largest && (p.len() as f64) * node_mm3 < CRUMB_MM3) {
+    for part in parts.iter().filter(|p| p.len() < largest && (p.len() as f64) * node_mm3 < MIN_PART_MM3) {
         dropped += 1;
         nodes += part.len();
         for &n in part {
@@ -165,7 +171,14 @@ fn drop_crumbs(grid: &mut ScalarGrid) -> Option<String> {
     }
     (dropped > 0).then(|| {
         let volume = nodes as f64 * node_mm3;
-        let parts = if dropped == 1 { "part" } else { "parts" };
-        format!("{dropped} separate {parts} smaller than {CRUMB_MM3:.0} mm³ dropped ({volume:.0} mm³ in all)")
+        let bone_mm3 = parts.iter().map(Vec::len).sum::<usize>() as f64 * node_mm3;
+        let noun = if dropped == 1 { "part" } else { "parts" };
+        let found =
+            format!("{dropped} separate {noun} smaller than {MIN_PART_MM3:.0} mm³ dropped ({volume:.0} mm³ in all)");
+        if volume < NEGLIGIBLE_MM3.max(NEGLIGIBLE_SHARE * bone_mm3) {
+            Warning::info("envelope-parts-dropped", found)
+        } else {
+            Warning::check("envelope-parts-dropped", found).act("Check that these parts do not belong to the bone.")
+        }
     })
 }

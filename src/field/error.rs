@@ -1,3 +1,4 @@
+use prosopon_geometry::Aabb;
 use prosopon_geometry::control::Cancelled;
 
 /// Why no field could be built.
@@ -39,7 +40,7 @@ pub enum FieldError {
     },
     /// The requested box does not overlap the field's domain.
     #[error("the requested box does not overlap the surface's bounding box plus margin; move or enlarge the box")]
-    Elsewhere,
+    BoxOutsideDomain,
     /// The surface encloses nothing.
     #[error("the surface encloses no volume at this spacing; close its holes or use a smaller spacing")]
     NothingInside,
@@ -56,4 +57,14 @@ pub(super) fn within(
     allowed: &'static str,
 ) -> Result<(), FieldError> {
     if range.contains(&found) { Ok(()) } else { Err(FieldError::Setting { name, found, allowed }) }
+}
+
+/// Largest coordinate and extent, mm: squares of larger distances exceed the range of `f32`.
+const MOST_MM: f64 = 1e8;
+
+/// The largest magnitude of a coordinate of `bounds`, mm; refuses coordinates beyond [`MOST_MM`].
+pub(super) fn within_coordinates(bounds: &Aabb) -> Result<f64, FieldError> {
+    let largest = bounds.min.iter().chain(bounds.max.iter()).fold(0.0f64, |m, c| m.max(c.abs()));
+    within("largest coordinate", largest, 0.0..=MOST_MM, "up to 1e8 mm")?;
+    Ok(largest)
 }

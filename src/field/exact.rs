@@ -1,5 +1,5 @@
-use super::crossings;
 use super::defects::Defects;
+use super::ray::winding_before;
 use super::tree::{Nearest, Tree};
 use prosopon_geometry::{Point, TriMesh};
 
@@ -51,7 +51,7 @@ impl ExactDistance {
         let mut count = 0;
         self.tree.for_each_before(p, |slot, corners| {
             if self.defects.counts[self.tree.original[slot] as usize] {
-                count += crossings::before(p, corners);
+                count += winding_before(p, corners);
             }
         });
         let rim = &self.defects.rim;

@@ -17,6 +17,8 @@ const SMALL: f32 = 0.04;
 const SIDE: usize = EDGE + 2;
 /// A brick's coefficients and those next to it, mm; one spare because rows are read four at a time.
 pub(super) type Around = [f32; SIDE * SIDE * SIDE + 1];
+/// Number of sweeps.
+const SWEEPS: usize = 2;
 /// Number of bricks around and including one; itself in the middle, x fastest.
 const NEIGHBOURS: usize = 27;
 
@@ -130,14 +132,14 @@ pub(super) fn no_coefficients() -> Around {
     [0.0; SIDE * SIDE * SIDE + 1]
 }
 
-/// Fits the coefficients of a level in `sweeps` sweeps; updates the values of its `sites` (by brick).
+/// Fits the coefficients of a level to 0 on the surface; updates the values of its `sites` (by brick).
 ///
 /// # Source
 /// S. Lee, G. Wolberg, S. Y. Shin, Scattered data interpolation with multilevel B-splines, IEEE TVCG 1997, equation 5.
-pub(super) fn fit(field: &mut DistanceField, layer: &Layer, sites: &mut [Sites], spacing: f64, sweeps: usize) {
+pub(super) fn fit(field: &mut DistanceField, layer: &Layer, sites: &mut [Sites], spacing: f64) {
     let small = SMALL * spacing as f32;
     let mut is_stale = vec![true; sites.len()];
-    for sweep in 0..=sweeps {
+    for sweep in 0..=SWEEPS {
         let bad: Vec<u32> = sites
             .par_iter_mut()
             .enumerate()
@@ -156,7 +158,7 @@ pub(super) fn fit(field: &mut DistanceField, layer: &Layer, sites: &mut [Sites],
                 sites.classes_beyond(small)
             })
             .collect();
-        if sweep == sweeps {
+        if sweep == SWEEPS {
             return;
         }
         let matters: [u32; NEIGHBOURS] = std::array::from_fn(classes_that_matter);
@@ -172,9 +174,17 @@ pub(super) fn fit(field: &mut DistanceField, layer: &Layer, sites: &mut [Sites],
             with_vectors(
                 #[inline(always)]
                 || match layer.level {
-                    Level::Brick => take_back::<WIDE, { room(WIDE) }>(layer, slot, sites, &matters, (step, codes)),
+                    Level::Brick => {
+                        correct_coefficients::<WIDE, { room(WIDE) }>(layer, slot, sites, &matters, (step, codes))
+                    }
                     Level::Detail => {
-                        take_back::<DETAIL_WIDE, { room(DETAIL_WIDE) }>(layer, slot, sites, &matters, (step, codes));
+                        correct_coefficients::<DETAIL_WIDE, { room(DETAIL_WIDE) }>(
+                            layer,
+                            slot,
+                            sites,
+                            &matters,
+                            (step, codes),
+                        );
                     }
                 },
             );
@@ -208,7 +218,7 @@ const fn room(wide: usize) -> usize {
 
 /// Corrects a brick's codes, each worth `step` (mm), by the weighted mean error of the sites around.
 #[inline(always)]
-fn take_back<const WIDE: usize, const ROOM: usize>(
+fn correct_coefficients<const WIDE: usize, const ROOM: usize>(
     layer: &Layer,
     slot: usize,
     sites: &[Sites],

@@ -24,20 +24,20 @@ pub(super) fn from_border(dims: [usize; 3], passes: impl Fn(usize) -> bool) -> V
 /// Connected parts of the nodes that `belongs` accepts; a part lists its nodes in search order.
 pub(super) fn parts(dims: [usize; 3], belongs: impl Fn(usize) -> bool) -> Vec<Vec<usize>> {
     let total = dims.iter().product();
-    let mut seen = vec![false; total];
+    let mut visited = vec![false; total];
     let mut parts = Vec::new();
     for seed in 0..total {
-        if seen[seed] || !belongs(seed) {
+        if visited[seed] || !belongs(seed) {
             continue;
         }
-        seen[seed] = true;
+        visited[seed] = true;
         let mut part = vec![seed];
         let mut next = 0;
         while let Some(&n) = part.get(next) {
             next += 1;
             for_neighbours(dims, n, |to| {
-                if !seen[to] && belongs(to) {
-                    seen[to] = true;
+                if !visited[to] && belongs(to) {
+                    visited[to] = true;
                     part.push(to);
                 }
             });

@@ -1,11 +1,11 @@
 use super::baseline::{Octree, Resolution, SampledSettings, Tolerance, UniformField};
 use super::build::{FieldReport, FieldSettings};
 use super::distance_field::DistanceField;
-use super::error::{FieldError, within};
+use super::error::{FieldError, within, within_coordinates};
 use super::exact::{ExactDistance, is_inside};
 use nalgebra::Matrix3;
 use prosopon_geometry::control::{Cancelled, Control};
-use prosopon_geometry::{Aabb, Implicit, Point, TriMesh, Vector};
+use prosopon_geometry::{Aabb, Implicit, Point, TriMesh, Vector, Warning};
 
 /// How a distance field is built.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -89,24 +89,33 @@ impl MethodSettings {
     /// A resolution of n cells becomes a spacing of 1/n of the bounding cube's edge.
     ///
     /// # Errors
-    /// [`FieldError::Setting`] when the resolution is out of range.
+    /// [`FieldError::Setting`] for a setting or coordinate out of range.
     pub fn adaptive(&self, surface: &TriMesh) -> Result<FieldSettings, FieldError> {
-        if let Some(n) = self.resolution {
-            within("resolution", f64::from(n), 8.0..=2048.0, "8 to 2048 cells")?;
-        }
+        self.check(surface)?;
         let bounds = surface.bounds().grown(self.field.margin_mm);
         let edge = (bounds.max - bounds.min).max();
         let spacing_mm = self.resolution.map_or(self.field.spacing_mm, |n| edge / f64::from(n.max(1)));
         Ok(FieldSettings { spacing_mm, ..self.field })
     }
+
+    /// Refuses settings out of range, and coordinates with which they cannot be used.
+    fn check(&self, surface: &TriMesh) -> Result<(), FieldError> {
+        self.field.check_extent()?;
+        match self.resolution {
+            Some(n) => within("resolution", f64::from(n), 8.0..=2048.0, "8 to 2048 cells")?,
+            None => within("spacing_mm", self.field.spacing_mm, 0.01..=50.0, "0.01 to 50 mm")?,
+        }
+        within_coordinates(&surface.bounds())?;
+        Ok(())
+    }
 }
 
 /// A value below this share of the spacing may have the wrong sign: the field's error can exceed it.
-const DOUBT: f64 = 0.75;
+const CHECKED_SHARE: f64 = 0.75;
 
-/// Result of [`SignedField::settled`].
+/// Result of [`SignedField::distance_with_checked_sign`].
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Settled {
+pub struct CheckedDistance {
     /// Signed distance, mm; negative inside.
     pub distance: f64,
     /// Gradient of the field, dimensionless.
@@ -141,7 +150,8 @@ impl SignedField {
         surface: &TriMesh,
         settings: &MethodSettings,
         control: &Control,
-    ) -> Result<(Self, usize, Vec<String>), FieldError> {
+    ) -> Result<(Self, usize, Vec<Warning>), FieldError> {
+        settings.check(surface)?;
         let sampled = settings.sampled();
         Ok(match settings.method {
             Method::Uniform => {
@@ -175,13 +185,14 @@ impl SignedField {
         settings: &MethodSettings,
         control: &Control,
     ) -> Result<(Self, FieldReport), FieldError> {
+        settings.check(surface)?;
         let exact = ExactDistance::new(surface);
         if settings.method == Method::Adaptive {
             let (field, report) = DistanceField::build_from(&exact, surface, &settings.adaptive(surface)?, control)?;
             return Ok((Self::Adaptive(field), report));
         }
-        let (field, bricks, warnings) = Self::build_only(surface, settings, &control.part(0.0, 0.7))?;
-        let report = FieldReport::measured(&field, &exact, surface, settings.field.band_mm, &control.part(0.7, 1.0))?;
+        let (field, bricks, warnings) = Self::build_only(surface, settings, &control.stage(0.0, 0.7))?;
+        let report = FieldReport::measured(&field, &exact, surface, settings.field.band_mm, &control.stage(0.7, 1.0))?;
         let report = FieldReport { bricks, bytes: field.bytes(), warnings, ..report };
         Ok((field, report))
     }
@@ -249,17 +260,17 @@ impl SignedField {
     /// and where the two signs differ the exact distance replaces the value. Values of the published methods are not corrected.
     /// The gradient is always the field's.
     #[must_use]
-    pub fn settled(&self, exact: &ExactDistance, p: &Point) -> Settled {
+    pub fn distance_with_checked_sign(&self, exact: &ExactDistance, p: &Point) -> CheckedDistance {
         let (value, gradient) = self.value_gradient(p);
         let (closest, triangle, distance) = exact.closest(p);
-        let mut settled = Settled { distance: value, gradient, closest, triangle };
-        if matches!(self, Self::Adaptive(_)) && value.abs() < DOUBT * self.spacing_mm() {
+        let mut checked = CheckedDistance { distance: value, gradient, closest, triangle };
+        if matches!(self, Self::Adaptive(_)) && value.abs() < CHECKED_SHARE * self.spacing_mm() {
             let inside = is_inside(exact.winding_number(p));
             if inside != (value < 0.0) {
-                settled.distance = if inside { -distance } else { distance };
+                checked.distance = if inside { -distance } else { distance };
             }
         }
-        settled
+        checked
     }
 
     fn inner(&self) -> &dyn Implicit {

@@ -1,7 +1,7 @@
 //! Detail bricks of half the spacing where the distance curves too much: thin walls, ridges, grooves.
 
+use super::brick_values::{HALO, coefficients};
 use super::bricks::{NO_BRICK, place};
-use super::build::{HALO, SWEEPS, coefficients};
 use super::crossings::Rows;
 use super::distance_field::{DistanceField, Level, Parts};
 use super::fit::{Layer, fit, no_coefficients};
@@ -156,7 +156,7 @@ pub(super) fn add_details(
     let details = Layer::new(field, Level::Detail);
     seal(field, &details);
     let mut sites = detail_sites(field, &sites);
-    fit(field, &details, &mut sites, spacing, SWEEPS);
+    fit(field, &details, &mut sites, spacing);
     Ok(())
 }
 

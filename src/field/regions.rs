@@ -3,132 +3,86 @@
 use std::collections::BTreeMap;
 
 use super::exact::{ExactDistance, is_inside};
+use super::region::{Region, RegionKind, RegionsOfKind};
 use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{Aabb, Point, TriMesh};
 use rayon::prelude::*;
 
 /// A winding number is clear when its magnitude differs from one half by at least this.
-const CLEAR: f64 = 0.2;
+const CLEAR_MARGIN: f64 = 0.2;
 /// Distance from a triangle at which the winding number is evaluated, as a share of the box's diagonal.
 const BESIDE: f64 = 1e-7;
-/// Most regions listed of one kind.
-const MOST_PLACES: usize = 50;
-
-/// Kind of doubt about a part of a surface.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Doubt {
-    /// The rim of a hole or sheet, along which the triangles of the two sides do not cancel.
-    Open,
-    /// Triangles that face opposite to their surroundings, or whose normals point into the solid.
-    Inverted,
-    /// Triangles next to which the magnitude of the winding number is within 0.2 of one half.
-    Ambiguous,
-    /// Triangles with the inside on both sides: they lie within another part of the surface.
-    Buried,
-    /// Triangles with the outside on both sides: a sheet that bounds nothing.
-    Sheet,
-    /// Triangles at the same position as another triangle.
-    Copy,
-    /// Triangles without area.
-    NoArea,
-}
-
-/// A connected part of a surface.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Region {
-    /// Number of triangles of the part, or of edges for a rim.
-    pub elements: usize,
-    /// Area, mm²; for a rim that of a triangle fan over it.
-    pub area_mm2: f64,
-    /// Box around it, LPS mm.
-    pub bounds: Aabb,
-}
-
-/// All regions with one kind of doubt.
-#[derive(Debug, Clone, PartialEq)]
-pub struct DoubtfulRegions {
-    /// Kind of doubt.
-    pub doubt: Doubt,
-    /// Number of regions.
-    pub count: usize,
-    /// Number of triangles of all regions, or of edges for rims.
-    pub elements: usize,
-    /// Total area, mm².
-    pub area_mm2: f64,
-    /// The largest regions by area, at most 50.
-    pub largest: Vec<Region>,
-}
 
 /// Finds the parts of `surface` where inside and outside are not clear; `exact` was made from it.
 ///
 /// The result is empty for a closed, consistently oriented surface that does not cross itself. The winding number is evaluated
-/// on both sides of every triangle, at its middle. A triangle has one kind of doubt, the first that applies in the order: no
+/// on both sides of every triangle, at its middle. A triangle has one kind, the first that applies in the order: no
 /// area, copy, inverted, ambiguous, buried, sheet.
 ///
 /// ```
-/// use prosopon_field::{Doubt, ExactDistance, doubtful_regions};
+/// use prosopon_field::{RegionKind, ExactDistance, unclear_regions};
 /// use prosopon_geometry::control::Control;
 /// use prosopon_geometry::{Point, TriMesh};
 ///
 /// // A tetrahedron without its slanted face: the hole has three edges.
 /// let corners = [[0.0, 0.0, 0.0], [9.0, 0.0, 0.0], [0.0, 9.0, 0.0], [0.0, 0.0, 9.0]];
 /// let open = TriMesh::new(corners.map(Point::from).to_vec(), vec![[0, 2, 1], [0, 1, 3], [0, 3, 2]])?;
-/// let found = doubtful_regions(&open, &ExactDistance::new(&open), &Control::new())?;
-/// assert_eq!((found[0].doubt, found[0].count, found[0].elements), (Doubt::Open, 1, 3));
+/// let found = unclear_regions(&open, &ExactDistance::new(&open), &Control::new())?;
+/// assert_eq!((found[0].kind, found[0].count, found[0].elements), (RegionKind::Open, 1, 3));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 ///
 /// # Errors
 /// [`Cancelled`].
-pub fn doubtful_regions(
+pub fn unclear_regions(
     surface: &TriMesh,
     exact: &ExactDistance,
     control: &Control,
-) -> Result<Vec<DoubtfulRegions>, Cancelled> {
+) -> Result<Vec<RegionsOfKind>, Cancelled> {
     let defects = exact.defects();
     let beside = BESIDE * surface.bounds().diagonal();
-    let turned = turned(surface, &defects.triangles, &defects.counts);
-    let doubts = (0..surface.triangles().len())
+    let inverted = inverted(surface, &defects.triangles, &defects.counts);
+    let kinds = (0..surface.triangles().len())
         .into_par_iter()
         .map(|t| {
             if t % 256 == 0 {
                 control.check()?;
             }
-            let Some(normal) = surface.scaled_normal(t).try_normalize(0.0) else { return Ok(Some(Doubt::NoArea)) };
+            let Some(normal) = surface.scaled_normal(t).try_normalize(0.0) else { return Ok(Some(RegionKind::NoArea)) };
             if !defects.counts[t] {
-                return Ok(Some(Doubt::Copy));
+                return Ok(Some(RegionKind::Copy));
             }
             let [a, b, c] = surface.corners(t);
             let middle = a + ((b - a) + (c - a)) / 3.0;
             let [front, back] = [beside, -beside].map(|s| exact.winding_number(&(middle + normal * s)));
-            Ok(if turned[t] { Some(Doubt::Inverted) } else { doubt(front, back) })
+            Ok(if inverted[t] { Some(RegionKind::Inverted) } else { kind_of(front, back) })
         })
         .collect::<Result<Vec<_>, Cancelled>>()?;
     let mut found = rims(exact);
-    for (kind, parts) in connected(surface, &defects.triangles, &doubts) {
+    for (kind, parts) in connected(surface, &defects.triangles, &kinds) {
         let regions = parts.iter().map(|part| region(surface, part)).collect();
-        found.push(summed(kind, regions));
+        found.push(RegionsOfKind::new(kind, regions));
     }
     Ok(found)
 }
 
-/// The doubt that follows from the winding numbers in front of a triangle and behind it.
-fn doubt(front: f64, back: f64) -> Option<Doubt> {
-    if [front, back].iter().any(|w| (w.abs() - 0.5).abs() < CLEAR) {
-        return Some(Doubt::Ambiguous);
+/// The kind that follows from the winding numbers in front of a triangle and behind it.
+fn kind_of(front: f64, back: f64) -> Option<RegionKind> {
+    if [front, back].iter().any(|w| (w.abs() - 0.5).abs() < CLEAR_MARGIN) {
+        return Some(RegionKind::Ambiguous);
     }
     match (is_inside(front), is_inside(back)) {
         (false, true) => None,
-        (true, false) => Some(Doubt::Inverted),
-        (true, true) => Some(Doubt::Buried),
-        (false, false) => Some(Doubt::Sheet),
+        (true, false) => Some(RegionKind::Inverted),
+        (true, true) => Some(RegionKind::Buried),
+        (false, false) => Some(RegionKind::Sheet),
     }
 }
 
 /// For every triangle, whether it faces opposite to most of the area that it is connected to.
 ///
 /// Triangles are connected through edges with exactly two triangles.
-fn turned(surface: &TriMesh, triangles: &[[u32; 3]], counts: &[bool]) -> Vec<bool> {
+fn inverted(surface: &TriMesh, triangles: &[[u32; 3]], counts: &[bool]) -> Vec<bool> {
     let mut sides: Vec<(u32, u32, u32, bool)> = triangles
         .par_iter()
         .enumerate()
@@ -155,7 +109,7 @@ fn turned(surface: &TriMesh, triangles: &[[u32; 3]], counts: &[bool]) -> Vec<boo
         join(pair[1].2, pair[0].2, differs);
     }
     let mut side: Vec<Option<bool>> = vec![None; triangles.len()];
-    let mut turned = vec![false; triangles.len()];
+    let mut inverted = vec![false; triangles.len()];
     for seed in 0..triangles.len() {
         if side[seed].is_some() {
             continue;
@@ -177,14 +131,18 @@ fn turned(surface: &TriMesh, triangles: &[[u32; 3]], counts: &[bool]) -> Vec<boo
             part.iter().filter(|&&t| side[t] == Some(which)).map(|&t| surface.scaled_normal(t).norm()).sum()
         };
         let lesser = area(true) <= area(false);
-        part.iter().for_each(|&t| turned[t] = side[t] == Some(lesser));
+        part.iter().for_each(|&t| inverted[t] = side[t] == Some(lesser));
     }
-    turned
+    inverted
 }
 
-/// Triangles of the same doubt connected by vertices; sorted by kind, then by first triangle.
-fn connected(surface: &TriMesh, triangles: &[[u32; 3]], doubts: &[Option<Doubt>]) -> BTreeMap<Doubt, Vec<Vec<usize>>> {
-    let mut at_vertex: BTreeMap<(Doubt, u32), usize> = BTreeMap::new();
+/// Triangles of the same kind connected by vertices; sorted by kind, then by first triangle.
+fn connected(
+    surface: &TriMesh,
+    triangles: &[[u32; 3]],
+    kinds: &[Option<RegionKind>],
+) -> BTreeMap<RegionKind, Vec<Vec<usize>>> {
+    let mut at_vertex: BTreeMap<(RegionKind, u32), usize> = BTreeMap::new();
     let mut parents: Vec<usize> = (0..surface.triangles().len()).collect();
     fn root(parents: &mut [usize], t: usize) -> usize {
         let mut top = t;
@@ -194,22 +152,22 @@ fn connected(surface: &TriMesh, triangles: &[[u32; 3]], doubts: &[Option<Doubt>]
         }
         top
     }
-    for (t, doubt) in doubts.iter().enumerate() {
-        let Some(doubt) = doubt else { continue };
+    for (t, kind) in kinds.iter().enumerate() {
+        let Some(kind) = kind else { continue };
         for &v in &triangles[t] {
-            let other = *at_vertex.entry((*doubt, v)).or_insert(t);
+            let other = *at_vertex.entry((*kind, v)).or_insert(t);
             let (a, b) = (root(&mut parents, t), root(&mut parents, other));
             parents[a.max(b)] = a.min(b);
         }
     }
-    let mut parts: BTreeMap<Doubt, BTreeMap<usize, Vec<usize>>> = BTreeMap::new();
-    for (t, doubt) in doubts.iter().enumerate() {
-        if let Some(doubt) = doubt {
+    let mut parts: BTreeMap<RegionKind, BTreeMap<usize, Vec<usize>>> = BTreeMap::new();
+    for (t, kind) in kinds.iter().enumerate() {
+        if let Some(kind) = kind {
             let root = root(&mut parents, t);
-            parts.entry(*doubt).or_default().entry(root).or_default().push(t);
+            parts.entry(*kind).or_default().entry(root).or_default().push(t);
         }
     }
-    parts.into_iter().map(|(doubt, parts)| (doubt, parts.into_values().collect())).collect()
+    parts.into_iter().map(|(kind, parts)| (kind, parts.into_values().collect())).collect()
 }
 
 fn region(surface: &TriMesh, part: &[usize]) -> Region {
@@ -220,16 +178,7 @@ fn region(surface: &TriMesh, part: &[usize]) -> Region {
     Region { elements: part.len(), area_mm2, bounds }
 }
 
-fn rims(exact: &ExactDistance) -> Vec<DoubtfulRegions> {
+fn rims(exact: &ExactDistance) -> Vec<RegionsOfKind> {
     let regions = exact.defects().rim.regions();
-    if regions.is_empty() { Vec::new() } else { vec![summed(Doubt::Open, regions)] }
-}
-
-fn summed(doubt: Doubt, mut regions: Vec<Region>) -> DoubtfulRegions {
-    let count = regions.len();
-    let elements = regions.iter().map(|r| r.elements).sum();
-    let area_mm2 = regions.iter().map(|r| r.area_mm2).sum();
-    regions.sort_by(|a, b| b.area_mm2.total_cmp(&a.area_mm2));
-    regions.truncate(MOST_PLACES);
-    DoubtfulRegions { doubt, count, elements, area_mm2, largest: regions }
+    if regions.is_empty() { Vec::new() } else { vec![RegionsOfKind::new(RegionKind::Open, regions)] }
 }

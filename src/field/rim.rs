@@ -1,19 +1,42 @@
 //! Rims of holes and sheets, closed by caps.
 
-use super::crossings;
-use super::regions::Region;
+use super::ray::winding_before;
+use super::region::Region;
 use super::tree::Tree;
-use super::triangle::solid_angle;
+use super::triangle::{closest_point, solid_angle};
 use super::winding::Winding;
 use prosopon_geometry::{Aabb, Point, Vector};
+
+/// An edge whose triangles do not cancel, by the indices of its ends.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct NetEdge {
+    pub(super) ends: [u32; 2],
+    /// Number of triangles that run from the first end to the second, less those that run back.
+    pub(super) times: i32,
+}
+
+/// A triangle that closes a hole.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Cap {
+    pub(super) corners: [Point; 3],
+    /// Number of times that it counts; negative when it counts with the opposite orientation.
+    pub(super) times: i32,
+}
+
+/// An edge of the rim; `times` is as in [`NetEdge`].
+#[derive(Debug, Clone, Copy)]
+struct RimEdge {
+    start: Point,
+    end: Point,
+    times: i32,
+}
 
 /// One loop of the rim, or several loops that touch.
 #[derive(Debug, Clone)]
 struct Hole {
     center: Point,
     radius: f64,
-    /// Edges (ends), each with its net count of triangles that run from the first end to the second.
-    edges: Vec<(Point, Point, i32)>,
+    edges: Vec<RimEdge>,
     /// Area of its caps, mm².
     area: f64,
 }
@@ -30,14 +53,14 @@ pub(super) struct Rim {
 }
 
 /// From this many edges on the caps' winding number comes from a tree of dipoles, within about 0.01.
-const MANY: usize = 3000;
+const MIN_TREE_EDGES: usize = 3000;
 
 /// Margin below one half that the caps' share of a winding number needs to be harmless.
-const CLEAR: f64 = 1e-9;
+const CLEAR_MARGIN: f64 = 1e-9;
 
 impl Rim {
-    /// Joins `edges` (ends, net count from the first to the second) into holes.
-    pub(super) fn new(edges: &[([u32; 2], i32)], positions: &[Point]) -> Self {
+    /// Joins `edges` into holes.
+    pub(super) fn new(edges: &[NetEdge], positions: &[Point]) -> Self {
         let mut parents: std::collections::BTreeMap<u32, u32> = std::collections::BTreeMap::new();
         fn root(parents: &mut std::collections::BTreeMap<u32, u32>, v: u32) -> u32 {
             let mut top = v;
@@ -47,23 +70,23 @@ impl Rim {
             parents.insert(v, top);
             top
         }
-        for ([a, b], _) in edges {
+        for NetEdge { ends: [a, b], .. } in edges {
             let (a, b) = (root(&mut parents, *a), root(&mut parents, *b));
             parents.insert(a.max(b), a.min(b));
             parents.entry(a.min(b)).or_insert(a.min(b));
         }
-        let mut holes: std::collections::BTreeMap<u32, Vec<(Point, Point, i32)>> = std::collections::BTreeMap::new();
-        for ([a, b], times) in edges {
-            let hole = holes.entry(root(&mut parents, *a)).or_default();
-            hole.push((positions[*a as usize], positions[*b as usize], *times));
+        let mut holes: std::collections::BTreeMap<u32, Vec<RimEdge>> = std::collections::BTreeMap::new();
+        for &NetEdge { ends: [a, b], times } in edges {
+            let hole = holes.entry(root(&mut parents, a)).or_default();
+            hole.push(RimEdge { start: positions[a as usize], end: positions[b as usize], times });
         }
         let rim = Self { holes: holes.into_values().map(Hole::new).collect(), tree: None };
-        if edges.len() < MANY { rim } else { rim.with_tree() }
+        if edges.len() < MIN_TREE_EDGES { rim } else { rim.with_tree() }
     }
 
     fn with_tree(mut self) -> Self {
         let mut corners = Vec::new();
-        for (cap, times) in self.caps() {
+        for Cap { corners: cap, times } in self.caps() {
             let cap = if times > 0 { cap } else { [cap[0], cap[2], cap[1]] };
             corners.extend(std::iter::repeat_n(cap, times.unsigned_abs() as usize));
         }
@@ -77,10 +100,10 @@ impl Rim {
     pub(super) fn before(&self, p: &Point) -> i32 {
         let mut count = 0;
         match &self.tree {
-            Some((tree, _)) => tree.for_each_before(p, |_, corners| count += crossings::before(p, corners)),
+            Some((tree, _)) => tree.for_each_before(p, |_, corners| count += winding_before(p, corners)),
             None => {
                 for hole in &self.holes {
-                    count += hole.caps().map(|(corners, times)| times * crossings::before(p, &corners)).sum::<i32>();
+                    count += hole.caps().map(|cap| cap.times * winding_before(p, &cap.corners)).sum::<i32>();
                 }
             }
         }
@@ -91,9 +114,9 @@ impl Rim {
     ///
     /// Rims of parts that are only inverted are left out; their edges count twice.
     pub(super) fn regions(&self) -> Vec<Region> {
-        let is_open = |hole: &&Hole| hole.edges.iter().any(|(.., times)| times % 2 != 0);
+        let is_open = |hole: &&Hole| hole.edges.iter().any(|edge| edge.times % 2 != 0);
         let region = |hole: &Hole| {
-            let ends: Vec<Point> = hole.edges.iter().flat_map(|(a, b, _)| [*a, *b]).collect();
+            let ends: Vec<Point> = hole.edges.iter().flat_map(|edge| [edge.start, edge.end]).collect();
             let bounds = Aabb::of(&ends)?;
             Some(Region { elements: hole.edges.len(), area_mm2: hole.area, bounds })
         };
@@ -109,8 +132,8 @@ impl Rim {
         self.holes.is_empty()
     }
 
-    /// The caps' triangles and how often each counts; with the soup they form a closed surface.
-    pub(super) fn caps(&self) -> Vec<([Point; 3], i32)> {
+    /// The triangles of all caps; with the soup they form a closed surface.
+    pub(super) fn caps(&self) -> Vec<Cap> {
         self.holes.iter().flat_map(Hole::caps).collect()
     }
 
@@ -129,7 +152,7 @@ impl Rim {
             }
             share += hole.area / (4.0 * std::f64::consts::PI * distance * distance);
         }
-        share < 0.5 - CLEAR
+        share < 0.5 - CLEAR_MARGIN
     }
 
     /// The caps' winding number at `p`.
@@ -140,7 +163,9 @@ impl Rim {
         let angle: f64 = self
             .holes
             .iter()
-            .flat_map(|hole| hole.edges.iter().map(|(a, b, n)| f64::from(*n) * solid_angle(p, &[*b, *a, hole.center])))
+            .flat_map(|hole| {
+                hole.edges.iter().map(|e| f64::from(e.times) * solid_angle(p, &[e.end, e.start, hole.center]))
+            })
             .sum();
         angle / (4.0 * std::f64::consts::PI)
     }
@@ -154,7 +179,7 @@ impl Rim {
             return f64::INFINITY;
         }
         let mut sum = 0.0;
-        for (a, b, times) in self.holes.iter().flat_map(|hole| &hole.edges) {
+        for RimEdge { start: a, end: b, times } in self.holes.iter().flat_map(|hole| &hole.edges) {
             let length = (b - a).norm();
             let distance = (nalgebra::center(a, b) - center).norm() - 0.5 * length - radius;
             if distance <= 0.0 {
@@ -171,8 +196,8 @@ impl Rim {
             return tree.nearest(center, 0).distance_sq <= radius * radius;
         }
         self.holes.iter().filter(|h| (h.center - center).norm() <= h.radius + radius).any(|hole| {
-            hole.edges.iter().any(|(a, b, _)| {
-                let q = super::triangle::closest_point(center, &[*b, *a, hole.center]);
+            hole.edges.iter().any(|edge| {
+                let q = closest_point(center, &[edge.end, edge.start, hole.center]);
                 (q - center).norm() <= radius
             })
         })
@@ -180,18 +205,18 @@ impl Rim {
 }
 
 impl Hole {
-    fn new(edges: Vec<(Point, Point, i32)>) -> Self {
-        let sum: Vector = edges.iter().map(|(a, b, _)| (a.coords + b.coords) * 0.5).sum();
+    fn new(edges: Vec<RimEdge>) -> Self {
+        let sum: Vector = edges.iter().map(|e| (e.start.coords + e.end.coords) * 0.5).sum();
         let center = Point::from(sum / edges.len().max(1) as f64);
-        let radius = edges.iter().map(|(a, b, _)| (a - center).norm().max((b - center).norm())).fold(0.0, f64::max);
+        let radius = edges.iter().map(|e| (e.start - center).norm().max((e.end - center).norm())).fold(0.0, f64::max);
         let area = edges
             .iter()
-            .map(|(a, b, times)| 0.5 * f64::from(times.abs()) * (a - center).cross(&(b - center)).norm())
+            .map(|e| 0.5 * f64::from(e.times.abs()) * (e.start - center).cross(&(e.end - center)).norm())
             .sum();
         Self { center, radius, edges, area }
     }
 
-    fn caps(&self) -> impl Iterator<Item = ([Point; 3], i32)> + '_ {
-        self.edges.iter().map(|(a, b, times)| ([*b, *a, self.center], *times))
+    fn caps(&self) -> impl Iterator<Item = Cap> + '_ {
+        self.edges.iter().map(|e| Cap { corners: [e.end, e.start, self.center], times: e.times })
     }
 }

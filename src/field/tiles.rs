@@ -8,7 +8,7 @@ use super::lanes::with_vectors;
 use super::lattice::EDGE;
 use super::scan::Slab;
 use prosopon_geometry::control::{Cancelled, Control};
-use prosopon_geometry::{Point, TriMesh, Vector};
+use prosopon_geometry::{Point, TriMesh, Vector, Warning};
 use rayon::prelude::*;
 
 /// Nodes along the edge of a tile without halo: its distances fit the second-level cache.
@@ -294,20 +294,22 @@ impl Tally {
         self.n_inverted += other.n_inverted;
     }
 
-    pub(super) fn warnings(&self) -> Option<String> {
+    /// Warning about a surface that encloses nothing or whose normals point inwards.
+    pub(super) fn warning(&self) -> Option<Warning> {
         if self.n_inside == 0 {
+            let found = "the surface encloses nothing at this spacing";
             return Some(
-                "the surface encloses nothing at this spacing; close the surface or use a smaller spacing".to_owned(),
+                Warning::unreliable("encloses-nothing", found).act("Close the surface or use a smaller spacing."),
             );
         }
         let share = self.n_inverted as f64 / self.n_inside as f64;
         if share > 0.99 {
-            Some(
-                "the surface is inside out (its normals point inwards); its enclosed volume still counts as inside"
-                    .to_owned(),
-            )
+            let found =
+                "the surface is inside out (its normals point inwards); its enclosed volume still counts as inside";
+            Some(Warning::info("inside-out", found))
         } else if self.n_inverted > 0 {
-            Some(format!("normals point inwards around {:.2} % of the inside; it stays inside", 100.0 * share))
+            let found = format!("normals point inwards around {:.2} % of the inside; it stays inside", 100.0 * share);
+            Some(Warning::check("partly-inside-out", found).act("Check the orientation of the surface's parts."))
         } else {
             None
         }

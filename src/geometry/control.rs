@@ -14,13 +14,13 @@ pub type Clock = fn() -> f64;
 /// Cancel flag, deadline, memory limit and progress of one long computation.
 ///
 /// Every long function takes one: it checks whether to stop and reports its progress. Clones share the cancel flag and the
-/// progress value. [`Control::part`] maps the progress of a stage to a share of the whole.
+/// progress value. [`Control::stage`] maps the progress of a stage to a share of the whole.
 ///
 /// ```
 /// use prosopon_geometry::control::{Cancelled, Control};
 ///
 /// let control = Control::new();
-/// let second_half = control.part(0.5, 1.0);
+/// let second_half = control.stage(0.5, 1.0);
 /// second_half.report(0.5);
 /// assert_eq!(control.progress(), 0.75);
 ///
@@ -120,7 +120,7 @@ impl Control {
         if self.is_cancelled() { Err(Cancelled) } else { Ok(()) }
     }
 
-    /// Reports the completed share of this part, 0 to 1. The progress of the whole never falls.
+    /// Reports the completed share of this stage, 0 to 1. The progress of the whole never falls.
     pub fn report(&self, fraction: f64) {
         let whole = self.from + fraction.clamp(0.0, 1.0) * (self.to - self.from);
         // The bit patterns of non-negative floats have the order of the floats.
@@ -135,13 +135,13 @@ impl Control {
 
     /// A control with the same cancel flag, clock and deadline whose progress does not count.
     #[must_use]
-    pub fn unreported(&self) -> Self {
+    pub fn without_progress(&self) -> Self {
         Self { progress: Arc::default(), from: 0.0, to: 1.0, ..self.clone() }
     }
 
     /// A control for a stage that covers the shares `from` to `to` (0 to 1) of this one.
     #[must_use]
-    pub fn part(&self, from: f64, to: f64) -> Self {
+    pub fn stage(&self, from: f64, to: f64) -> Self {
         let span = self.to - self.from;
         Self {
             cancel: Arc::clone(&self.cancel),
@@ -160,31 +160,31 @@ mod tests {
     use super::Control;
 
     #[test]
-    fn a_part_reports_its_share_of_the_whole_and_shares_the_cancel_flag() {
+    fn a_stage_reports_its_share_of_the_whole_and_shares_the_cancel_flag() {
         let whole = Control::new();
-        let part = whole.part(0.5, 1.0).part(0.0, 0.5);
-        part.report(1.0);
+        let stage = whole.stage(0.5, 1.0).stage(0.0, 0.5);
+        stage.report(1.0);
         assert!((whole.progress() - 0.75).abs() < 1e-12);
         whole.cancel();
-        assert!(part.check().is_err());
+        assert!(stage.check().is_err());
     }
 
     #[test]
-    fn what_is_overdue_counts_as_cancelled_in_every_part() {
+    fn what_is_overdue_counts_as_cancelled_in_every_stage() {
         let whole = Control::new().with_clock(|| 5.0);
         assert!(whole.check().is_ok() && !whole.is_overdue());
         let early = whole.clone().with_deadline(5.5);
-        assert!(early.part(0.0, 0.5).check().is_ok());
+        assert!(early.stage(0.0, 0.5).check().is_ok());
         let late = whole.with_deadline(5.0);
-        assert!(late.part(0.0, 0.5).check().is_err() && late.unreported().check().is_err());
+        assert!(late.stage(0.0, 0.5).check().is_err() && late.without_progress().check().is_err());
     }
 
     #[test]
     fn progress_never_falls() {
         let whole = Control::new();
-        whole.part(0.5, 1.0).report(0.5);
+        whole.stage(0.5, 1.0).report(0.5);
         for (from, to, fraction) in [(0.0, 0.5, 1.0), (0.75, 1.0, f64::NAN), (0.0, 1.0, -1.0)] {
-            whole.part(from, to).report(fraction);
+            whole.stage(from, to).report(fraction);
             assert!((whole.progress() - 0.75).abs() < 1e-12);
         }
     }

@@ -5,15 +5,15 @@
 //! Invariants: a [`TriMesh`] has finite coordinates and indices in range. No function here reads a file or depends on what
 //! a mesh represents.
 
+mod connectivity;
 pub mod control;
-mod crossing;
 mod grid;
 mod implicit;
-mod quality;
-mod self_crossing;
+mod self_intersection;
 mod solid;
 mod surface;
-mod topology;
+mod surface_report;
+mod triangle_intersection;
 mod trimesh;
 mod volume;
 mod volume_mesh;
@@ -21,11 +21,11 @@ mod warning;
 
 pub use grid::ScalarGrid;
 pub use implicit::Implicit;
-pub use quality::{SurfaceReport, surface_report};
-pub use solid::why_no_solid;
+pub use solid::not_solid_reason;
 pub use surface::{
-    Topology, decimate, decimate_with, drop_small_parts, isosurface, largest_part, parts, smooth, submesh,
+    TopologyFaults, decimate, decimate_with, drop_small_parts, isosurface, largest_part, parts, smooth, submesh,
 };
+pub use surface_report::{SurfaceReport, surface_report};
 pub use trimesh::{Aabb, GeometryError, TriMesh};
 pub use volume::Volume;
 pub use volume_mesh::{Cell, DataArray, VolumeMesh};

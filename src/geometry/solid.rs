@@ -1,24 +1,24 @@
 use super::{SurfaceReport, TriMesh, Vector};
 
 /// A surface thinner than this share of its diagonal counts as flat. Rounding a plane to `f32` stays below it.
-const FLAT: f64 = 1e-4;
+const MAX_FLAT_SHARE: f64 = 1e-4;
 
 /// Reason why a surface bounds no solid even when its holes are closed; `None` when it bounds one.
 ///
 /// The reasons are: fewer than four triangles, all triangles in one plane, or a closed surface without volume. `report` is
 /// the [`surface_report`](super::surface_report) of `mesh`.
 #[must_use]
-pub fn why_no_solid(mesh: &TriMesh, report: &SurfaceReport) -> Option<String> {
+pub fn not_solid_reason(mesh: &TriMesh, report: &SurfaceReport) -> Option<String> {
     if report.triangles < 4 {
         return Some(format!("too few triangles to bound a solid: {}, at least 4 are needed", report.triangles));
     }
     let diagonal = report.bounds.diagonal();
     let thickness = thickness(mesh);
-    if thickness <= FLAT * diagonal {
+    if thickness <= MAX_FLAT_SHARE * diagonal {
         let detail = "all triangles lie in one plane and bound no solid";
         return Some(format!("{detail}: {thickness:.3} mm thick, {diagonal:.1} mm across"));
     }
-    let encloses = report.volume_mm3.abs() > FLAT * report.area_mm2 * diagonal;
+    let encloses = report.volume_mm3.abs() > MAX_FLAT_SHARE * report.area_mm2 * diagonal;
     (report.closed && !encloses)
         .then(|| format!("the surface is closed but encloses no volume: {:.3} mm³", report.volume_mm3))
 }
@@ -31,8 +31,8 @@ fn thickness(mesh: &TriMesh) -> f64 {
         arms.max_by(|a, b| measure(*a).total_cmp(&measure(*b))).unwrap_or_else(Vector::zeros)
     };
     let along = farthest(&|arm| arm.norm_squared());
-    let aside = farthest(&|arm| along.cross(&arm).norm_squared());
-    let Some(normal) = along.cross(&aside).try_normalize(0.0) else { return 0.0 };
+    let across = farthest(&|arm| along.cross(&arm).norm_squared());
+    let Some(normal) = along.cross(&across).try_normalize(0.0) else { return 0.0 };
     normal.dot(&farthest(&|arm| normal.dot(&arm).abs())).abs()
 }
 
@@ -49,7 +49,7 @@ mod tests {
         let positions = (0..8).map(|v| Point::new(at(v, 0), at(v, 1), at(v, 2))).collect();
         let triangles: Vec<[u32; 3]> = CUBE.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
         let mesh = TriMesh::new(positions, triangles[left_out..].to_vec()).unwrap();
-        why_no_solid(&mesh, &surface_report(&mesh))
+        not_solid_reason(&mesh, &surface_report(&mesh))
     }
 
     #[test]
@@ -66,6 +66,6 @@ mod tests {
         let positions = [[0., 0., 0.], [100., 0., 0.], [0., 100., 0.], [100., 100., 60.]].map(Point::from).to_vec();
         let mesh = TriMesh::new(positions, vec![[0, 1, 2], [1, 3, 2], [0, 2, 1], [1, 2, 3]]).unwrap();
         let report = SurfaceReport { closed: true, ..surface_report(&mesh) };
-        assert!(why_no_solid(&mesh, &report).is_some_and(|d| d.contains("no volume")));
+        assert!(not_solid_reason(&mesh, &report).is_some_and(|d| d.contains("no volume")));
     }
 }

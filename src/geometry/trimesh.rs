@@ -128,8 +128,7 @@ impl TriMesh {
     /// Outward normal of triangle `index` times twice its area, mm².
     #[must_use]
     pub fn scaled_normal(&self, index: usize) -> Vector {
-        let [a, b, c] = self.corners(index);
-        (b - a).cross(&(c - a))
+        scaled_normal(&self.corners(index))
     }
 
     /// Unit normals of the vertices; zero where undefined.
@@ -196,6 +195,11 @@ impl TriMesh {
     pub fn with_positions(&self, positions: Vec<Point>) -> Result<Self, GeometryError> {
         Self::new(positions, self.triangles.clone())
     }
+}
+
+/// Normal of a triangle times twice its area, mm².
+pub(super) fn scaled_normal([a, b, c]: &[Point; 3]) -> Vector {
+    (b - a).cross(&(c - a))
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use super::error::BenchError;
 use super::files::read_surface;
-use prosopon_field::{Accuracy, BandBound, DistanceField, ExactDistance, FieldSettings, Place, sample_points};
+use prosopon_field::{Accuracy, BandBound, DistanceField, ExactDistance, FieldSettings, SampleKind, sample_points};
 use prosopon_geometry::control::Control;
 
 /// Sites of the points that try to break the bounds: about a million points.
@@ -39,12 +39,12 @@ impl BoundStudy<'_> {
             writeln!(out, "warning: {warning}")?;
         }
         let points = sample_points(&surface, &exact, band_mm, SITES, &control)?;
-        let at = |places: &[Place]| {
+        let at = |places: &[SampleKind]| {
             let chosen: Vec<_> = points.iter().filter(|(place, _)| places.contains(place)).copied().collect();
             Accuracy::measure(&field, &exact, &chosen, &control)
         };
         let mut held = true;
-        let mut compare = |what: &str, bound: Option<f64>, places: &[Place]| -> Result<(), BenchError> {
+        let mut compare = |what: &str, bound: Option<f64>, places: &[SampleKind]| -> Result<(), BenchError> {
             let found = at(places)?;
             let Some(bound) = bound else {
                 writeln!(out, "{what}: no bound; largest of {} points {:.4} mm", found.points, found.max_error_mm)?;
@@ -59,7 +59,7 @@ impl BoundStudy<'_> {
             Ok(())
         };
         let on_surface = field.surface_bound(&surface, &exact, &control)?;
-        compare("on the surface", on_surface, &[Place::Face, Place::Edge])?;
+        compare("on the surface", on_surface, &[SampleKind::Face, SampleKind::Edge])?;
         let start = Instant::now();
         let goes_on = || start.elapsed().as_secs_f64() < self.most_s;
         let in_band = match on_surface {
@@ -67,7 +67,7 @@ impl BoundStudy<'_> {
             None => None,
         };
         let place = format!("within {band_mm} mm");
-        let places = [Place::Band, Place::Face, Place::Edge, Place::MedialAxis];
+        let places = [SampleKind::Band, SampleKind::Face, SampleKind::Edge, SampleKind::MedialAxis];
         let whole = in_band.filter(|proof| proof.share == 1.0).map(|proof| proof.bound_mm);
         compare(&place, whole, &places)?;
         let limit = DOUBT * spacing_mm;

@@ -117,7 +117,8 @@ impl CtConversion {
             writeln!(out, "warning: {warning}")?;
         }
         if let Some(path) = &self.out {
-            write(path, &nifti_gz(volume))?;
+            let failed = |e| BenchError::File { what: "write", path: path.clone(), source: std::io::Error::other(e) };
+            write(path, &nifti_gz(volume).map_err(failed)?)?;
         }
         if let Some(path) = &self.compare {
             let reference = load_ct(path, &VolumeSettings { any_modality: true, ..VolumeSettings::default() })?;

@@ -9,7 +9,7 @@ use super::error::{BenchError, write};
 use super::files::{read_landmarks, read_surface, refuse_unwritable};
 use prosopon_field::{Envelope, EnvelopeSettings, envelope};
 use prosopon_geometry::control::Control;
-use prosopon_geometry::{Motion, Point, Topology, TriMesh, Vector};
+use prosopon_geometry::{Motion, Point, TopologyFaults, TriMesh, Vector};
 use prosopon_planning::plan::{
     BoundedPlane, Cut, CutShape, Landmarks, Osteotomy, Path as BonePath, Plan, PlanError, Template, cut, follow,
 };
@@ -272,7 +272,7 @@ fn check(bone: &Envelope, o: &Osteotomy) -> (f64, Option<String>) {
         return (relative, Some(format!("volumes are off by {:.2} %", 100.0 * error)));
     }
     for s in &o.segments {
-        if !Topology::of(&s.surface).is_closed_manifold() {
+        if !TopologyFaults::of(&s.surface).is_closed_manifold() {
             return (relative, Some(format!("segment {} is not closed", s.id)));
         }
         if (s.volume_mm3 - s.surface.volume()).abs() > 1e-6 * s.volume_mm3 || s.volume_mm3 <= 0.0 {
@@ -366,7 +366,7 @@ mod tests {
     fn random_cuts_and_paths_on_the_phantom_are_right_or_refused_and_the_same_each_time() {
         let head = phantom::head();
         let skull = phantom::surface_of(head.skull.as_ref(), &head.bounds(), 3.0).unwrap();
-        let settings = EnvelopeSettings { spacing_mm: 2.5, closing_mm: 5.0, least_sky: 0.0 };
+        let settings = EnvelopeSettings { spacing_mm: 2.5, closing_mm: 5.0, min_visibility: 0.0 };
         let bone = envelope(&skull, &settings, &Control::new()).unwrap();
         let run = || rows(&bone, None, 16, 7);
         let first = run();

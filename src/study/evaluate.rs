@@ -68,7 +68,7 @@ pub fn evaluate(
         writeln!(told, "warning: {warning}")?;
     }
     let exact = ExactDistance::new(&surface);
-    let distances: Vec<f64> = points.par_iter().map(|p| field.settled(&exact, p).distance).collect();
+    let distances: Vec<f64> = points.par_iter().map(|p| field.distance_with_checked_sign(&exact, p).distance).collect();
     write_distances(out, &distances)?;
     let Some(timing) = timing else { return Ok(()) };
     if wall_s < SHORT_S {

@@ -10,7 +10,7 @@ use super::evaluate::Timing;
 use super::files::{Scratch, read_distances, read_surface, refuse_unwritable, write_points, write_triangles};
 use super::row::{Builder, COLUMNS, Case, Grid, Row, TABLE_3, against_openvdb, table_3};
 use super::winding::ProvenWinding;
-use prosopon_field::{Accuracy, ExactDistance, Method, Place, sample_points};
+use prosopon_field::{Accuracy, ExactDistance, Method, SampleKind, sample_points};
 use prosopon_geometry::Point;
 use prosopon_geometry::control::{Cancelled, Control};
 
@@ -34,7 +34,7 @@ pub struct FieldStudy<'a> {
 
 /// A test point and its exact signed distance, mm.
 struct Probe {
-    place: Place,
+    place: SampleKind,
     point: Point,
     distance: f64,
 }
@@ -166,9 +166,9 @@ fn describe(probes: &[Probe]) -> String {
          {clear} points more than 0.001 mm off the surface. Query: value and gradient (OpenVDB: value alone), then with Hessian, one thread.\n\
          Builds below 1 s: best of three.",
         probes.len(),
-        count(Place::Band),
-        count(Place::Face),
-        count(Place::Edge),
-        count(Place::MedialAxis),
+        count(SampleKind::Band),
+        count(SampleKind::Face),
+        count(SampleKind::Edge),
+        count(SampleKind::MedialAxis),
     )
 }

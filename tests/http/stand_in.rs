@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Condvar, Mutex};
 use std::time::Duration;
 
-use prosopon_field::{Doubt, DoubtfulRegions, FieldReport, Region, Settled};
+use prosopon_field::{RegionKind, RegionsOfKind, FieldReport, Region, CheckedDistance};
 use prosopon_formats::import::Limits;
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Aabb, Motion, Point, ScalarGrid, TriMesh, Vector};
@@ -98,8 +98,8 @@ fn field_report() -> FieldReport {
         rms_error_mm: 0.01,
         checked_points: 100,
         warnings: Vec::new(),
-        regions: vec![DoubtfulRegions {
-            doubt: Doubt::Inverted,
+        regions: vec![RegionsOfKind {
+            kind: RegionKind::Inverted,
             count: 3,
             elements: 12,
             area_mm2: 4.5,
@@ -163,11 +163,11 @@ impl Engine for StandIn {
         Ok(points.iter().map(|p| (p.coords.norm() - radius, p.coords.normalize())).collect())
     }
 
-    fn nearest(&self, _: &Case, solid: Solid, points: &[Point], _: &Control) -> Result<Vec<Settled>, Halt> {
+    fn nearest(&self, _: &Case, solid: Solid, points: &[Point], _: &Control) -> Result<Vec<CheckedDistance>, Halt> {
         let radius = if solid == Solid::Skin { 100.0 } else { 60.0 };
         let settled = |p: &Point| {
             let gradient = p.coords.normalize();
-            Settled {
+            CheckedDistance {
                 distance: p.coords.norm() - radius,
                 gradient,
                 closest: Point::from(gradient * radius),

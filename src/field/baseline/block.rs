@@ -1,6 +1,5 @@
 //! The nearest triangle of each node of a block of 4³: the inner loop of sampling, in single-precision vectors.
 
-use super::tile::Boxed;
 use prosopon_geometry::{Point, Vector};
 use pulp::Simd;
 
@@ -8,6 +7,14 @@ use pulp::Simd;
 pub(super) const SIDE: usize = 4;
 /// Nodes of a block.
 pub(super) const NODES: usize = SIDE * SIDE * SIDE;
+
+/// Box around a triangle, mm from the lattice's origin.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Boxed {
+    pub(super) center: [f32; 3],
+    pub(super) half: [f32; 3],
+    pub(super) id: u32,
+}
 
 /// Local frames of a triangle in which its squared distance is a sum of squares.
 #[derive(Debug, Clone, Copy)]

@@ -32,7 +32,7 @@ impl Octree {
         let (exact, normals) = rayon::join(|| ExactDistance::new(surface), || Pseudonormals::new(surface));
         let defects = warnings(exact.defects());
         let oracle = Oracle { surface, exact, normals };
-        let lattice = oracle.lattice(&cube, &control.part(0.0, 0.2))?;
+        let lattice = oracle.lattice(&cube, &control.stage(0.0, 0.2))?;
         let predicate = cube.predicate(settings, &lattice);
         let mut division =
             Division { cube: &cube, lattice: &lattice, predicate, levels: Vec::new(), reached: Vec::new() };

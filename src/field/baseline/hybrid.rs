@@ -54,7 +54,7 @@ impl Octree {
         let samples = built?;
         control.check()?;
         let predicate = cube.predicate(settings, samples.far.values());
-        let (coalesced, bricks) = coalesce(&cube, &samples, &predicate, &control.part(0.8, 1.0))?;
+        let (coalesced, bricks) = coalesce(&cube, &samples, &predicate, &control.stage(0.8, 1.0))?;
         let octree = Self::new(cube, &predicate, samples.far.values(), &coalesced.levels, bricks);
         let report = SampledReport::of(&octree, predicate.tolerance, defects);
         control.report(1.0);

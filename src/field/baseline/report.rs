@@ -1,6 +1,6 @@
 use super::octree::Octree;
 use crate::defects::Defects;
-use prosopon_geometry::TriMesh;
+use prosopon_geometry::{TriMesh, Warning};
 
 /// Size and warnings of a field built by a published method.
 #[derive(Debug, Clone, PartialEq)]
@@ -20,16 +20,17 @@ pub struct SampledReport {
     /// Memory that the field takes, bytes.
     pub bytes: usize,
     /// Defects of the surface and their consequences.
-    pub warnings: Vec<String>,
+    pub warnings: Vec<Warning>,
 }
 
 impl SampledReport {
-    pub(super) fn of(octree: &Octree, tolerance_mm: f32, mut warnings: Vec<String>) -> Self {
+    pub(super) fn of(octree: &Octree, tolerance_mm: f32, mut warnings: Vec<Warning>) -> Self {
         let half_step = octree.half_step_mm();
         if half_step > tolerance_mm {
-            warnings.push(format!(
+            let found = format!(
                 "the tolerance of {tolerance_mm:.1e} mm is finer than the stored values, which round by {half_step:.1e} mm"
-            ));
+            );
+            warnings.push(Warning::check("tolerance-below-rounding", found).act("Use a larger tolerance."));
         }
         Self {
             spacing_mm: octree.cube().spacing,
@@ -45,27 +46,28 @@ impl SampledReport {
 }
 
 /// As [`warnings`], for `surface`.
-pub(super) fn defects(surface: &TriMesh) -> Vec<String> {
+pub(super) fn defects(surface: &TriMesh) -> Vec<Warning> {
     warnings(&Defects::of(surface))
 }
 
-/// One sentence for each kind of defect that makes pseudonormals unreliable.
-pub(super) fn warnings(d: &Defects) -> Vec<String> {
+/// One warning for each kind of defect that makes pseudonormals unreliable.
+pub(super) fn warnings(d: &Defects) -> Vec<Warning> {
     let mut warnings = Vec::new();
     if !d.rim.is_empty() {
-        warnings.push(format!(
+        let found = format!(
             "the surface is open or inconsistently oriented along {} edges; the sign can be wrong where one of them is nearest",
             d.rim.len()
-        ));
+        );
+        warnings
+            .push(Warning::check("sign-at-open-edges", found).act("Use the adaptive method, or close the surface."));
     }
     if d.duplicates + d.cancelled > 0 {
-        warnings.push(format!(
+        let found = format!(
             "{} triangles lie at the same position as another; the sign there depends on which is found first",
             d.duplicates + d.cancelled
-        ));
+        );
+        warnings.push(Warning::check("sign-at-duplicates", found).act("Remove the duplicates."));
     }
-    if d.without_area > 0 {
-        warnings.push(format!("{} triangles have no area; the distance uses their edges or points", d.without_area));
-    }
+    warnings.extend(d.no_area_warning());
     warnings
 }

@@ -1,12 +1,10 @@
-use crate::error::{FieldError, within};
+use crate::error::{FieldError, within, within_coordinates};
 use prosopon_geometry::{Aabb, Point, TriMesh, Vector};
 
 /// Cells along the edge of a brick, and nodes along the edge of a tile.
 pub(super) const EDGE: usize = 8;
 /// Most samples of a field: 512³ single-precision values are half a gigabyte.
 pub(super) const MOST_SAMPLES: u64 = 1 << 27;
-/// Largest coordinate and extent, mm: squares of larger distances exceed the range of `f32`.
-const MOST_MM: f64 = 1e8;
 
 /// Resolution of a grid.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -65,8 +63,7 @@ impl Cube {
             Tolerance::Mm(t) => within("tolerance_mm", t, 1e-6..=50.0, "1e-6 to 50 mm")?,
         }
         let bounds = surface.bounds();
-        let largest = bounds.min.iter().chain(bounds.max.iter()).fold(0.0f64, |m, c| m.max(c.abs()));
-        within("largest coordinate", largest, 0.0..=MOST_MM, "up to 1e8 mm")?;
+        let largest = within_coordinates(&bounds)?;
         let bounds = bounds.grown(settings.margin_mm);
         // A surface that is a single point still gets a cube, larger than the rounding of its coordinates.
         let edge = (bounds.max - bounds.min).max().max(1e-3).max(1e-6 * largest);

@@ -1,4 +1,4 @@
-use super::block::{Block, NODES, Nearest, SIDE, Shape, single};
+use super::block::{Block, Boxed, NODES, Nearest, SIDE, Shape, single};
 use super::pseudonormal::Pseudonormals;
 use super::settings::EDGE;
 use prosopon_geometry::{Point, TriMesh, Vector};
@@ -11,14 +11,6 @@ pub(super) const TILE: usize = EDGE * EDGE * EDGE;
 const GROUP: usize = 16;
 /// Boxes closer to a block than this share of the largest distance of a node are processed first.
 const CLOSE: f32 = 0.5;
-
-/// Box around a triangle, mm from the lattice's origin.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Boxed {
-    pub(super) center: [f32; 3],
-    pub(super) half: [f32; 3],
-    pub(super) id: u32,
-}
 
 /// Signed distances at the nodes of a tile, x fastest, mm, and the triangle nearest to the first.
 #[derive(Debug, Clone)]

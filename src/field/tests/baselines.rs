@@ -228,8 +228,8 @@ fn broken_surfaces_give_finite_fields() {
             }
         }
     }
-    assert!(built(&surfaces[8].1, &settings(1.0, 0.05))[0].2.warnings.iter().any(|w| w.contains("same position")));
-    assert!(built(&surfaces[7].1, &settings(1.0, 0.05))[1].2.warnings.iter().any(|w| w.contains("open")));
+    assert!(built(&surfaces[8].1, &settings(1.0, 0.05))[0].2.warnings.iter().any(|w| w.code == "sign-at-duplicates"));
+    assert!(built(&surfaces[7].1, &settings(1.0, 0.05))[1].2.warnings.iter().any(|w| w.code == "sign-at-open-edges"));
 }
 
 #[test]

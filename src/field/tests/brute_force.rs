@@ -53,8 +53,10 @@ fn every_method_agrees_with_all_triangles_at_a_hundred_thousand_points_of_the_ba
     let wrong = |(p, d): &&(Point, f64)| (exact.signed(p) - d).abs() > 1e-12;
     assert_eq!(probes.par_iter().filter(wrong).count(), 0);
     for (method, field, _) in fields(&mesh, SPACING_MM, BAND_MM) {
-        let found: Vec<(f64, f64)> =
-            probes.par_iter().map(|(p, d)| (field.value(p), field.settled(&exact, p).distance - d)).collect();
+        let found: Vec<(f64, f64)> = probes
+            .par_iter()
+            .map(|(p, d)| (field.value(p), field.distance_with_checked_sign(&exact, p).distance - d))
+            .collect();
         let errors = || probes.iter().zip(&found).map(|((_, d), (value, _))| (value - d).abs());
         let largest = errors().fold(0.0, f64::max);
         let rms = (errors().map(|e| e * e).sum::<f64>() / POINTS as f64).sqrt();
@@ -66,7 +68,7 @@ fn every_method_agrees_with_all_triangles_at_a_hundred_thousand_points_of_the_ba
         let allowed =
             if method == Method::Adaptive { [0.4, 0.03] } else { [0.87, 0.05] }.map(|share| share * SPACING_MM);
         assert!(largest < allowed[0] && rms < allowed[1], "{method:?}: {largest} {rms}");
-        // Half a per cent of the points lie so close to edges that the value has the wrong sign; after `settled` an adaptive
+        // Half a per cent of the points lie so close to edges that the value has the wrong sign; with a checked sign an adaptive
         // field has no such point.
         assert!(n_wrong < POINTS / 200, "{method:?}: {n_wrong}");
         assert!(method != Method::Adaptive || n_settled == 0, "{n_settled}");

@@ -77,7 +77,7 @@ fn a_proof_that_is_stopped_says_so() {
     let exact = ExactDistance::new(&mesh);
     let (field, _) = DistanceField::build_unmeasured(&exact, &mesh, &settings, &control).unwrap();
     let left = std::sync::atomic::AtomicIsize::new(3);
-    let goes_on = || left.fetch_sub(1, std::sync::atomic::Ordering::Relaxed) > 0;
-    let part = field.band_bound(&mesh, &exact, (1.0, 1.0), &goes_on, &control).unwrap().unwrap();
+    let keep_going = || left.fetch_sub(1, std::sync::atomic::Ordering::Relaxed) > 0;
+    let part = field.band_bound(&mesh, &exact, (1.0, 1.0), &keep_going, &control).unwrap().unwrap();
     assert!(part.share > 0.0 && part.share < 1.0, "{part:?}");
 }

@@ -1,12 +1,12 @@
 use super::shapes::{Random, block, block_distance, filtered, flipped, joined, sphere};
 use crate::{Envelope, EnvelopeSettings, FieldError, FieldSettings, envelope};
 use prosopon_geometry::control::Control;
-use prosopon_geometry::{Implicit, Point, Topology, TriMesh, Vector};
+use prosopon_geometry::{Implicit, Point, Severity, TopologyFaults, TriMesh, Vector};
 
-fn closed(mesh: &TriMesh, closing_mm: f64, least_sky: f64) -> Envelope {
-    let settings = EnvelopeSettings { spacing_mm: 1.0, closing_mm, least_sky };
+fn closed(mesh: &TriMesh, closing_mm: f64, min_visibility: f64) -> Envelope {
+    let settings = EnvelopeSettings { spacing_mm: 1.0, closing_mm, min_visibility };
     let found = envelope(mesh, &settings, &Control::new()).unwrap();
-    assert!(Topology::of(&found.surface).is_closed_manifold());
+    assert!(TopologyFaults::of(&found.surface).is_closed_manifold());
     let [nx, ny, _] = found.grid.dims;
     for (n, value) in found.grid.values.iter().enumerate() {
         let at = [n % nx, n / nx % ny, n / (nx * ny)];
@@ -53,16 +53,16 @@ fn a_cavity_with_a_narrow_opening_is_filled_and_reported() {
     let found = closed(&hollow_ball(1.5), 2.0, 0.0);
     let volume = found.surface.volume();
     assert!((volume / ball_volume(16.0) - 1.0).abs() < 0.02, "{volume}");
-    assert!(found.warnings.iter().any(|w| w.contains("open")), "{:?}", found.warnings);
+    assert!(found.warnings.iter().any(|w| w.code == "open-surface"), "{:?}", found.warnings);
     // The same ball without a hole gives the filled volume.
     let shell = joined(&sphere(Point::origin(), 16.0, 4), &flipped(&sphere(Point::origin(), 14.0, 4), |_| true));
     let found = closed(&shell, 2.0, 0.0);
-    assert!(found.warnings.iter().any(|w| w.contains("cavities")), "{:?}", found.warnings);
+    assert!(found.warnings.iter().any(|w| w.code == "cavities-filled"), "{:?}", found.warnings);
     assert!((found.surface.volume() / ball_volume(16.0) - 1.0).abs() < 0.01);
 }
 
 #[test]
-fn a_wide_opening_stays_open_unless_what_lies_behind_sees_too_little_sky() {
+fn a_wide_opening_stays_open_unless_what_lies_behind_sees_too_little_of_the_outside() {
     let cup = hollow_ball(6.0);
     let open = closed(&cup, 2.0, 0.0);
     let shell = ball_volume(16.0) - ball_volume(14.0);
@@ -82,8 +82,8 @@ fn a_narrow_groove_is_filled_a_wide_one_is_not() {
     let ridge = |x: f64, half: f64| block(Point::new(x, 0.0, -1.0), Vector::new(half, 10.0, 5.0));
     // Grooves from -13 to -10 (3 mm wide) and from -4 to 6 (10 mm wide), 8 mm deep.
     let mesh = [ridge(-16.5, 3.5), ridge(-7.0, 3.0), ridge(13.0, 7.0)].iter().fold(base, |sum, r| joined(&sum, r));
-    for least_sky in [0.0, 0.06] {
-        let found = closed(&mesh, 2.0, least_sky);
+    for min_visibility in [0.0, 0.06] {
+        let found = closed(&mesh, 2.0, min_visibility);
         assert!(found.grid.sample(&Point::new(-11.5, 0.0, 1.0)) < 0.0);
         assert!(found.grid.sample(&Point::new(-11.5, 0.0, 5.0)) > 0.0);
         let middle = found.grid.sample(&Point::new(1.0, 0.0, 0.0));
@@ -92,7 +92,7 @@ fn a_narrow_groove_is_filled_a_wide_one_is_not() {
 }
 
 #[test]
-fn crumbs_are_dropped_other_separate_parts_stay() {
+fn small_parts_are_dropped_and_other_separate_parts_stay() {
     let mesh = joined(
         &joined(&sphere(Point::origin(), 12.0, 3), &sphere(Point::new(20.0, 0.0, 0.0), 2.5, 2)),
         &sphere(Point::new(0.0, 25.0, 0.0), 8.0, 3),
@@ -100,7 +100,11 @@ fn crumbs_are_dropped_other_separate_parts_stay() {
     let found = closed(&mesh, 2.0, 0.06);
     assert!(found.grid.sample(&Point::new(20.0, 0.0, 0.0)) > 0.0);
     assert!(found.grid.sample(&Point::new(0.0, 25.0, 0.0)) < 0.0);
-    assert!(found.warnings.iter().any(|w| w.starts_with("1 separate part")), "{:?}", found.warnings);
+    assert!(
+        found.warnings.iter().any(|w| w.code == "envelope-parts-dropped" && w.severity == Severity::Info),
+        "{:?}",
+        found.warnings
+    );
 }
 
 #[test]
@@ -121,13 +125,13 @@ fn the_envelope_has_a_field_of_its_own() {
 fn a_sheet_settings_out_of_range_and_cancellation_are_refused() {
     let sheet = [Point::origin(), Point::new(6.3, 0.0, 0.0), Point::new(0.0, 6.1, 1.0)];
     let sheet = TriMesh::new(sheet.to_vec(), vec![[0, 1, 2]]).unwrap();
-    let with = |spacing_mm, closing_mm, least_sky| {
-        envelope(&sheet, &EnvelopeSettings { spacing_mm, closing_mm, least_sky }, &Control::new()).map(|_| ())
+    let with = |spacing_mm, closing_mm, min_visibility| {
+        envelope(&sheet, &EnvelopeSettings { spacing_mm, closing_mm, min_visibility }, &Control::new()).map(|_| ())
     };
     assert!(matches!(with(1.0, 2.0, 0.06), Err(FieldError::NothingInside)));
     assert!(matches!(with(0.0, 2.0, 0.06), Err(FieldError::Setting { name: "spacing_mm", .. })));
     assert!(matches!(with(1.0, 1.0, 0.06), Err(FieldError::Setting { name: "closing_mm", .. })));
-    assert!(matches!(with(1.0, 2.0, 0.9), Err(FieldError::Setting { name: "least_sky", .. })));
+    assert!(matches!(with(1.0, 2.0, 0.9), Err(FieldError::Setting { name: "min_visibility", .. })));
     let cancelled = Control::new();
     cancelled.cancel();
     let found = envelope(&sheet, &EnvelopeSettings::default(), &cancelled);

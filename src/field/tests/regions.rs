@@ -1,18 +1,18 @@
 use super::shapes::{Random, block, filtered, flipped, joined, rough_ball, sphere};
-use crate::{Doubt, DoubtfulRegions, ExactDistance, doubtful_regions};
+use crate::{ExactDistance, RegionKind, RegionsOfKind, unclear_regions};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Point, TriMesh, Vector};
 
-fn found(mesh: &TriMesh) -> Vec<DoubtfulRegions> {
-    doubtful_regions(mesh, &ExactDistance::new(mesh), &Control::new()).unwrap()
+fn found(mesh: &TriMesh) -> Vec<RegionsOfKind> {
+    unclear_regions(mesh, &ExactDistance::new(mesh), &Control::new()).unwrap()
 }
 
-fn kinds(regions: &[DoubtfulRegions]) -> Vec<Doubt> {
-    regions.iter().map(|r| r.doubt).collect()
+fn kinds(regions: &[RegionsOfKind]) -> Vec<RegionKind> {
+    regions.iter().map(|r| r.kind).collect()
 }
 
-fn of(regions: &[DoubtfulRegions], doubt: Doubt) -> &DoubtfulRegions {
-    regions.iter().find(|r| r.doubt == doubt).unwrap()
+fn of(regions: &[RegionsOfKind], kind: RegionKind) -> &RegionsOfKind {
+    regions.iter().find(|r| r.kind == kind).unwrap()
 }
 
 #[test]
@@ -31,7 +31,7 @@ fn a_hole_has_its_rim_area_and_place() {
     let bowl = filtered(&sphere(Point::origin(), 8.0, 4), |_, c| c.iter().any(|p| (p - hole).norm() > 3.0));
     let regions = found(&bowl);
     // The triangles next to the lid see it edge-on, so the winding numbers at their sides are clear.
-    assert_eq!(kinds(&regions), [Doubt::Open]);
+    assert_eq!(kinds(&regions), [RegionKind::Open]);
     let open = &regions[0];
     assert_eq!((open.count, open.largest.len()), (1, 1));
     let missing = sphere(Point::origin(), 8.0, 4).area() - bowl.area();
@@ -49,15 +49,15 @@ fn a_patch_and_a_part_that_look_the_other_way_are_inverted_with_their_place() {
     let patch = flipped(&ball, |t| near(ball.corners(t)));
     let n = (0..ball.triangles().len()).filter(|&t| near(ball.corners(t))).count();
     let regions = found(&patch);
-    let inverted = of(&regions, Doubt::Inverted);
+    let inverted = of(&regions, RegionKind::Inverted);
     assert_eq!((inverted.count, inverted.elements), (1, n));
     assert!((inverted.largest[0].bounds.center() - place).norm() < 0.3);
     // Nothing is open: the rim of the patch only counts twice.
-    assert!(!kinds(&regions).contains(&Doubt::Open));
+    assert!(!kinds(&regions).contains(&RegionKind::Open));
 
     let beside = flipped(&block(Point::new(20.0, 0.0, 0.0), Vector::repeat(3.0)), |_| true);
     let regions = found(&joined(&ball, &beside));
-    assert_eq!(kinds(&regions), [Doubt::Inverted]);
+    assert_eq!(kinds(&regions), [RegionKind::Inverted]);
     assert_eq!((regions[0].count, regions[0].elements), (1, 12));
     assert!((regions[0].area_mm2 - 6.0 * 36.0).abs() < 1e-9);
     assert!((regions[0].largest[0].bounds.center() - Point::new(20.0, 0.0, 0.0)).norm() < 1e-9);
@@ -67,7 +67,7 @@ fn a_patch_and_a_part_that_look_the_other_way_are_inverted_with_their_place() {
 fn what_lies_within_another_part_is_buried_and_sheets_bound_nothing() {
     let crossing = joined(&sphere(Point::new(-3.0, 0.0, 0.0), 5.0, 4), &sphere(Point::new(3.0, 0.0, 0.0), 5.0, 4));
     let regions = found(&crossing);
-    assert_eq!(kinds(&regions), [Doubt::Buried]);
+    assert_eq!(kinds(&regions), [RegionKind::Buried]);
     assert_eq!(regions[0].count, 2);
     // Each cap inside the other sphere has the area 2π r (r - 3) = 62.8 mm².
     assert!((regions[0].area_mm2 / 125.7 - 1.0).abs() < 0.05, "{}", regions[0].area_mm2);
@@ -78,9 +78,9 @@ fn what_lies_within_another_part_is_buried_and_sheets_bound_nothing() {
     );
     let sheet = sheet.unwrap();
     // At its middle a triangle has the winding number one half on one side and minus one half on the other.
-    assert_eq!(kinds(&found(&sheet)), [Doubt::Open, Doubt::Ambiguous]);
+    assert_eq!(kinds(&found(&sheet)), [RegionKind::Open, RegionKind::Ambiguous]);
     let both = joined(&sheet, &flipped(&sheet, |_| true));
-    assert_eq!(kinds(&found(&both)), [Doubt::Copy]);
+    assert_eq!(kinds(&found(&both)), [RegionKind::Copy]);
 }
 
 #[test]
@@ -89,7 +89,7 @@ fn copies_and_triangles_without_area_have_their_place() {
     let mut triangles = ball.triangles().to_vec();
     triangles.extend([triangles[3], [3, 3, 1]]);
     let regions = found(&TriMesh::new(ball.positions().to_vec(), triangles).unwrap());
-    assert_eq!(kinds(&regions), [Doubt::Copy, Doubt::NoArea]);
+    assert_eq!(kinds(&regions), [RegionKind::Copy, RegionKind::NoArea]);
     assert_eq!([0, 1].map(|n: usize| (regions[n].count, regions[n].elements)), [(1, 1); 2]);
     assert_eq!(regions[1].area_mm2, 0.0);
     let edge = regions[1].largest[0].bounds;
@@ -109,5 +109,5 @@ fn many_regions_are_counted_and_the_largest_listed() {
     let cancelled = Control::new();
     cancelled.cancel();
     let ball = sphere(Point::origin(), 5.0, 1);
-    assert!(doubtful_regions(&ball, &ExactDistance::new(&ball), &cancelled).is_err());
+    assert!(unclear_regions(&ball, &ExactDistance::new(&ball), &cancelled).is_err());
 }

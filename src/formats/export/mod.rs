@@ -3,6 +3,7 @@
 //! Invariants: the output depends only on the input, not on clock or host. It is little-endian. Coordinates are in LPS mm,
 //! except that the NIfTI affine is in RAS mm, as its format demands.
 
+mod error;
 mod glb;
 mod nifti;
 mod ply;
@@ -13,6 +14,7 @@ mod view;
 mod vtp;
 mod vtu;
 
+pub use error::ExportError;
 pub use glb::glb;
 pub use nifti::nifti_gz;
 pub use ply::ply;

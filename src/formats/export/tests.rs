@@ -28,7 +28,7 @@ fn stl_and_ply_come_back_as_they_were() {
     let bytes = stl(&mesh);
     assert_eq!(detect_surface(&bytes), Some(SurfaceFormat::Stl));
     let (back, warnings) = surface(&bytes, SurfaceFormat::Stl, &limits).unwrap();
-    assert_eq!(warnings, [""; 0]);
+    assert_eq!(warnings, []);
     let corners = |m: &TriMesh| (0..m.triangles().len()).map(|t| m.corners(t)).collect::<Vec<_>>();
     assert_eq!((back.positions().len(), corners(&back)), (8, corners(&mesh)));
 
@@ -40,12 +40,12 @@ fn stl_and_ply_come_back_as_they_were() {
         let bytes = ply(&view);
         assert_eq!(detect_surface(&bytes), Some(SurfaceFormat::Ply));
         let (back, warnings) = surface(&bytes, SurfaceFormat::Ply, &limits).unwrap();
-        assert_eq!(warnings, [""; 0]);
+        assert_eq!(warnings, []);
         assert_eq!(back, thirds);
         let bytes = vtp(&view);
         assert_eq!(detect_surface(&bytes), Some(SurfaceFormat::Vtp));
         let (back, warnings) = surface(&bytes, SurfaceFormat::Vtp, &limits).unwrap();
-        assert_eq!(warnings, [""; 0]);
+        assert_eq!(warnings, []);
         assert_eq!(back, thirds);
         // The values are the only run of eight rising floats.
         let run: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();

@@ -1,5 +1,5 @@
 use super::SurfaceView;
-use super::vtu::File;
+use super::vtu::VtkXmlWriter;
 
 /// A VTP file (VTK's XML format of polygons) of a surface, with raw appended data.
 ///
@@ -12,7 +12,7 @@ use super::vtu::File;
 pub fn vtp(surface: &SurfaceView<'_>) -> Vec<u8> {
     surface.assert_lengths();
     let (positions, triangles) = (surface.mesh.positions(), surface.mesh.triangles());
-    let mut file = File::default();
+    let mut file = VtkXmlWriter::default();
     file.xml(&format!(
         "<?xml version=\"1.0\"?>\n<VTKFile type=\"PolyData\" version=\"1.0\" byte_order=\"LittleEndian\" \
          header_type=\"UInt64\">\n<PolyData>\n<Piece NumberOfPoints=\"{}\" NumberOfVerts=\"0\" NumberOfLines=\"0\" \

@@ -52,7 +52,7 @@ fn vtu_of_cells(
     cell_arrays: &[(&str, usize, &[f64])],
 ) -> Vec<u8> {
     let n_cells = cells.len();
-    let mut file = File::default();
+    let mut file = VtkXmlWriter::default();
     file.xml(&format!(
         "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\" \
          header_type=\"UInt64\">\n<UnstructuredGrid>\n<Piece NumberOfPoints=\"{}\" NumberOfCells=\"{n_cells}\">\n",
@@ -94,12 +94,12 @@ fn vtu_of_cells(
 
 /// A VTK XML file under construction: the XML part and the appended arrays.
 #[derive(Default)]
-pub(super) struct File {
+pub(super) struct VtkXmlWriter {
     bytes: Vec<u8>,
     appended: Vec<u8>,
 }
 
-impl File {
+impl VtkXmlWriter {
     pub(super) fn xml(&mut self, text: &str) {
         self.bytes.extend(text.as_bytes());
     }

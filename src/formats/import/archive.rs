@@ -12,6 +12,11 @@ pub(super) const FORMAT: &str = "zip";
 /// Most files in an archive; no examination has so many.
 const MAX_FILES: usize = 50_000;
 
+/// Most unpacked bytes: voxels of eight bytes, the largest number type, and a header.
+pub(super) fn max_unpacked(limits: &Limits) -> u64 {
+    (limits.max_voxels as u64).saturating_mul(8).saturating_add(1 << 20)
+}
+
 /// An archive in memory.
 #[derive(Debug, Clone)]
 pub(super) struct Archive<'a> {
@@ -36,7 +41,7 @@ impl<'a> Archive<'a> {
         for index in 0..zip.len() {
             unpacked = unpacked.saturating_add(zip.by_index_raw(index).map_err(|e| fault(&e))?.size());
         }
-        at_most("unpacked bytes", unpacked, limits.max_voxels.saturating_mul(4).saturating_add(1 << 20))?;
+        at_most("unpacked bytes", unpacked, usize::try_from(max_unpacked(limits)).unwrap_or(usize::MAX))?;
         Ok(Self { zip })
     }
 

@@ -1,4 +1,4 @@
-use prosopon_geometry::GeometryError;
+use prosopon_geometry::{GeometryError, Warning};
 
 /// Largest numbers of elements that are read; checked before anything is allocated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -65,6 +65,22 @@ pub enum ImportError {
     Geometry(#[from] GeometryError),
 }
 
+impl ImportError {
+    /// The same error; when the bytes of file `index` of an archive break the rules of their format, it names the file.
+    pub(super) fn in_file(self, index: usize) -> Self {
+        match self {
+            Self::Malformed { format, detail } => {
+                malformed(format, format!("file {}: {detail}", index.saturating_add(1)))
+            }
+            other @ (Self::Empty
+            | Self::UnknownFormat { .. }
+            | Self::TooLarge { .. }
+            | Self::ImplausibleSize { .. }
+            | Self::Geometry(_)) => other,
+        }
+    }
+}
+
 /// The error of bytes that break the rules of `format`.
 pub(super) fn malformed(format: &'static str, detail: impl Into<String>) -> ImportError {
     ImportError::Malformed { format, detail: detail.into() }
@@ -77,7 +93,7 @@ pub(super) fn at_most(what: &'static str, found: u64, allowed: usize) -> Result<
 }
 
 /// Refuses a bounding-box diagonal (mm) that shows another unit than mm, and warns of an unusual one.
-pub(super) fn check_size(diagonal_mm: f64, warnings: &mut Vec<String>) -> Result<(), ImportError> {
+pub(super) fn check_size(diagonal_mm: f64, warnings: &mut Vec<Warning>) -> Result<(), ImportError> {
     const READ: [f64; 2] = [1.0, 2_500.0];
     const USUAL: [f64; 2] = [50.0, 1500.0];
     let within = |range: [f64; 2]| range[0] <= diagonal_mm && diagonal_mm <= range[1];
@@ -85,9 +101,8 @@ pub(super) fn check_size(diagonal_mm: f64, warnings: &mut Vec<String>) -> Result
         return Err(ImportError::ImplausibleSize { found_mm: diagonal_mm, min_mm: READ[0], max_mm: READ[1] });
     }
     if !within(USUAL) {
-        warnings.push(format!(
-            "the bounding box has a diagonal of {diagonal_mm:.1} mm, but a head has 100 to 600 mm: check the unit"
-        ));
+        let found = format!("the bounding box has a diagonal of {diagonal_mm:.1} mm, but a head has 100 to 600 mm");
+        warnings.push(Warning::check("unusual-size", found).act("Check that the file is in millimetres."));
     }
     Ok(())
 }

@@ -6,7 +6,8 @@ use flate2::read::{MultiGzDecoder, ZlibDecoder};
 
 use super::ImportError;
 use super::error::malformed;
-use super::number::Kind;
+use super::number::NumberFormat;
+use prosopon_geometry::Warning;
 
 /// Value of voxels without a measurement, HU: that of air.
 pub(super) const AIR: i16 = -1024;
@@ -51,16 +52,20 @@ impl Scale {
     }
 
     /// Warns of changed values and of values that are probably not HU.
-    pub(super) fn report(&self, warnings: &mut Vec<String>) {
+    pub(super) fn report(&self, warnings: &mut Vec<Warning>) {
         if self.n_nan > 0 {
-            warnings.push(format!("{} voxels without a value (NaN) were set to {AIR} HU", self.n_nan));
+            let found = format!("{} voxels without a value (NaN) were set to {AIR} HU", self.n_nan);
+            warnings.push(
+                Warning::check("voxels-without-value", found).act("Check that these voxels lie outside the head."),
+            );
         }
         if self.n_clamped > 0 {
-            warnings.push(format!("{} voxels beyond -32768 to 32767 HU were clamped", self.n_clamped));
+            let found = format!("{} voxels beyond -32768 to 32767 HU were clamped", self.n_clamped);
+            warnings.push(Warning::check("clamped-voxels", found).act("Check the scale of the values in the file."));
         }
         if self.min > -200 {
-            let min = self.min;
-            warnings.push(format!("the smallest value is {min}, but air has -1000 HU: check that the values are HU"));
+            let found = format!("the smallest value is {}, but air has -1000 HU", self.min);
+            warnings.push(Warning::check("no-air", found).act("Check that the values are Hounsfield units."));
         }
     }
 }
@@ -71,21 +76,21 @@ impl Scale {
 /// The error that `unreadable` makes when the stream ends early or is damaged.
 pub(super) fn read(
     stream: &mut dyn Read,
-    (kind, little_endian): (Kind, bool),
+    numbers: NumberFormat,
     n_voxels: usize,
     mut scale: Scale,
-    warnings: &mut Vec<String>,
+    warnings: &mut Vec<Warning>,
     unreadable: impl Fn(&std::io::Error) -> ImportError,
 ) -> Result<Vec<i16>, ImportError> {
     // Grows with the data: a crafted compressed file may state more voxels than it holds.
     let mut hu = Vec::new();
     let mut buffer = vec![0u8; 1 << 18];
     while hu.len() < n_voxels {
-        let left = n_voxels.saturating_sub(hu.len()).saturating_mul(kind.size());
+        let left = n_voxels.saturating_sub(hu.len()).saturating_mul(numbers.number_type.size());
         let length = left.min(buffer.len());
         let chunk = buffer.get_mut(..length).unwrap_or_default();
         stream.read_exact(chunk).map_err(|e| unreadable(&e))?;
-        kind.each(chunk, little_endian, &mut |stored| hu.push(scale.apply(stored)));
+        numbers.number_type.each(chunk, numbers.byte_order, &mut |stored| hu.push(scale.apply(stored)));
     }
     hu.shrink_to_fit();
     scale.report(warnings);
@@ -101,7 +106,23 @@ pub(super) enum Packing {
 }
 
 /// Largest number of bytes to which one byte of a deflate stream can expand.
-pub(super) const MAX_INFLATION: u64 = 1032;
+const MAX_INFLATION: u64 = 1032;
+
+impl Packing {
+    /// Most bytes that `length` packed bytes can hold.
+    pub(super) fn max_unpacked(self, length: u64) -> u64 {
+        match self {
+            Self::Plain => length,
+            Self::Zlib | Self::Gzip => length.saturating_mul(MAX_INFLATION),
+        }
+    }
+}
+
+/// Warns that bytes follow the last voxel.
+pub(super) fn bytes_after_voxels() -> Warning {
+    Warning::check("bytes-after-voxels", "bytes after the last voxel were ignored")
+        .act("Check that the dimensions in the header are those of the image.")
+}
 
 /// Reads the `n_voxels` HU in `data`; warns of bytes after them and ignores these.
 ///
@@ -112,17 +133,17 @@ pub(super) fn read_whole(
     format: &'static str,
     data: &[u8],
     packing: Packing,
-    (kind, little_endian): (Kind, bool),
+    numbers: NumberFormat,
     n_voxels: usize,
-    warnings: &mut Vec<String>,
+    warnings: &mut Vec<Warning>,
 ) -> Result<Vec<i16>, ImportError> {
-    let (mut stream, most): (Box<dyn Read + '_>, u64) = match packing {
-        Packing::Plain => (Box::new(data), 1),
-        Packing::Zlib => (Box::new(ZlibDecoder::new(data)), MAX_INFLATION),
-        Packing::Gzip => (Box::new(MultiGzDecoder::new(data)), MAX_INFLATION),
+    let mut stream: Box<dyn Read + '_> = match packing {
+        Packing::Plain => Box::new(data),
+        Packing::Zlib => Box::new(ZlibDecoder::new(data)),
+        Packing::Gzip => Box::new(MultiGzDecoder::new(data)),
     };
-    let needed = (n_voxels as u64).saturating_mul(kind.size() as u64);
-    if needed > (data.len() as u64).saturating_mul(most) {
+    let needed = (n_voxels as u64).saturating_mul(numbers.number_type.size() as u64);
+    if needed > packing.max_unpacked(data.len() as u64) {
         let detail =
             format!("{n_voxels} voxels need {needed} bytes, more than the {} bytes of data can hold", data.len());
         return Err(malformed(format, detail));
@@ -131,9 +152,9 @@ pub(super) fn read_whole(
         let cut_off = error.kind() == ErrorKind::UnexpectedEof;
         malformed(format, if cut_off { "the voxels are cut off" } else { "the compressed voxels are damaged" })
     };
-    let hu = read(&mut stream, (kind, little_endian), n_voxels, Scale::new(1.0, 0.0), warnings, unreadable)?;
+    let hu = read(&mut stream, numbers, n_voxels, Scale::new(1.0, 0.0), warnings, unreadable)?;
     if stream.read(&mut [0]).map_err(|e| unreadable(&e))? > 0 {
-        warnings.push("bytes after the last voxel were ignored".to_owned());
+        warnings.push(bytes_after_voxels());
     }
     Ok(hu)
 }

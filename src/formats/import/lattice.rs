@@ -1,13 +1,21 @@
-//! Checks shared by the volume formats with a text header.
+//! Lattice of a volume's voxels, and the checks that all volume formats share.
 
-use super::error::{at_most, malformed};
-use super::volume::check_extent;
+use super::error::{at_most, check_size, malformed};
 use super::{ImportError, Limits};
 use nalgebra::Matrix3;
-use prosopon_geometry::{Point, Vector};
+use prosopon_geometry::{Aabb, Point, Vector, Warning};
 
 /// Most voxels along one axis.
 const MAX_EXTENT: usize = 0x7fff;
+
+/// Position of the first voxel and steps to its neighbours, LPS mm.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct VoxelLattice {
+    /// Centre of the first voxel.
+    pub(super) origin: Point,
+    /// Steps to the next voxel along i, j and k.
+    pub(super) axes: [Vector; 3],
+}
 
 /// The number of voxels; an error when `dims` or the limits do not allow it.
 pub(super) fn n_voxels(format: &'static str, dims: [usize; 3], limits: &Limits) -> Result<usize, ImportError> {
@@ -19,21 +27,41 @@ pub(super) fn n_voxels(format: &'static str, dims: [usize; 3], limits: &Limits) 
     Ok(n as usize)
 }
 
-/// Refuses axes that are not finite or lie in one plane, and boxes of implausible size.
-pub(super) fn check(
-    format: &'static str,
-    dims: [usize; 3],
-    origin: &Point,
-    axes: &[Vector; 3],
-    warnings: &mut Vec<String>,
-) -> Result<(), ImportError> {
-    let finite = origin.iter().chain(axes.iter().flatten()).all(|c| c.is_finite());
-    let volume = Matrix3::from_columns(axes).determinant().abs();
-    let in_space = volume > 1e-3 * axes.iter().map(|a| a.norm()).product::<f64>();
-    if !finite || !in_space {
-        return Err(malformed(format, "the steps between voxels are zero, not finite, or all in one plane"));
+impl VoxelLattice {
+    /// Refuses axes that are not finite or lie in one plane, and boxes of implausible size; warns of an unusual size.
+    ///
+    /// Sheared axes (gantry tilt) are allowed.
+    pub(super) fn check(
+        &self,
+        format: &'static str,
+        dims: [usize; 3],
+        warnings: &mut Vec<Warning>,
+    ) -> Result<(), ImportError> {
+        let finite = self.origin.iter().chain(self.axes.iter().flatten()).all(|c| c.is_finite());
+        let volume = Matrix3::from_columns(&self.axes).determinant().abs();
+        let in_space = volume > 1e-3 * self.axes.iter().map(|a| a.norm()).product::<f64>();
+        if !finite || !in_space {
+            return Err(malformed(format, "the steps between voxels are zero, not finite, or all in one plane"));
+        }
+        self.check_extent(dims, warnings)
     }
-    check_extent(dims, origin, axes, warnings)
+
+    /// Checks the size of the box around all voxels.
+    #[expect(clippy::arithmetic_side_effects, reason = "floating point")]
+    pub(super) fn check_extent(&self, dims: [usize; 3], warnings: &mut Vec<Warning>) -> Result<(), ImportError> {
+        let far = dims.map(|d| d.saturating_sub(1) as f64);
+        let corners = (0..8u8).map(|c| {
+            let step = |a: u8| if c >> a & 1 == 1 { 1.0 } else { 0.0 };
+            self.position([step(0) * far[0], step(1) * far[1], step(2) * far[2]])
+        });
+        check_size(Aabb::of(&corners.collect::<Vec<Point>>()).map_or(0.0, |b| b.diagonal()), warnings)
+    }
+
+    /// Centre of the voxel `index`.
+    #[expect(clippy::arithmetic_side_effects, reason = "floating point")]
+    pub(super) fn position(&self, index: [f64; 3]) -> Point {
+        self.origin + self.axes[0] * index[0] + self.axes[1] * index[1] + self.axes[2] * index[2]
+    }
 }
 
 /// Exactly `N` finite numbers separated by white space.

@@ -6,9 +6,10 @@
 
 use super::error::malformed;
 use super::hounsfield::{self, Packing};
-use super::number::Kind;
-use super::{ImportError, Limits, lattice};
-use prosopon_geometry::{Point, Vector, Volume};
+use super::lattice::{self, VoxelLattice};
+use super::number::{ByteOrder, NumberFormat, NumberType};
+use super::{ImportError, Limits};
+use prosopon_geometry::{Point, Vector, Volume, Warning};
 
 const FORMAT: &str = "MetaImage";
 /// Most bytes of a header.
@@ -25,7 +26,7 @@ pub(super) fn read(
     bytes: &[u8],
     limits: &Limits,
     fetch: &mut dyn FnMut(&str) -> Result<Vec<u8>, &'static str>,
-    warnings: &mut Vec<String>,
+    warnings: &mut Vec<Warning>,
 ) -> Result<Volume, ImportError> {
     let fault = |detail: &str| malformed(FORMAT, detail);
     let (header, attached) = split(bytes).ok_or_else(|| fault("the header names no `ElementDataFile`"))?;
@@ -42,16 +43,18 @@ pub(super) fn read(
     }
     let dims = lattice::counts::<3>(need("DimSize")?).ok_or_else(|| fault("`DimSize` are not three counts"))?;
     let n = lattice::n_voxels(FORMAT, dims, limits)?;
-    let kind = kind_of(need("ElementType")?).ok_or_else(|| fault("`ElementType` is not a supported number type"))?;
+    let number_type =
+        number_type_of(need("ElementType")?).ok_or_else(|| fault("`ElementType` is not a supported number type"))?;
     let yes = |names: &[&str]| field(names).is_some_and(|v| v.eq_ignore_ascii_case("true"));
     if field(&["BinaryData"]).is_some() && !yes(&["BinaryData"]) {
         return Err(fault("the voxels are text, expected binary"));
     }
-    let little = !yes(&["BinaryDataByteOrderMSB", "ElementByteOrderMSB"]);
-    let (origin, axes) = frame(&field, warnings)?;
-    lattice::check(FORMAT, dims, &origin, &axes, warnings)?;
+    let is_big = yes(&["BinaryDataByteOrderMSB", "ElementByteOrderMSB"]);
+    let numbers = NumberFormat { number_type, byte_order: if is_big { ByteOrder::Big } else { ByteOrder::Little } };
+    let packing = if yes(&["CompressedData"]) { Packing::Zlib } else { Packing::Plain };
+    let lattice = read_lattice(&field, warnings)?;
+    lattice.check(FORMAT, dims, warnings)?;
 
-    let needed = (n as u64).saturating_mul(kind.size() as u64);
     let fetched;
     let data = match need("ElementDataFile")? {
         "LOCAL" | "local" => attached,
@@ -66,13 +69,24 @@ pub(super) fn read(
     };
     let data = match field(&["HeaderSize"]).map(str::parse::<i64>) {
         None | Some(Ok(0)) => data,
-        Some(Ok(-1)) => data.len().checked_sub(needed as usize).and_then(|skip| data.get(skip..)).unwrap_or_default(),
-        Some(Ok(skip)) => usize::try_from(skip).ok().and_then(|skip| data.get(skip..)).unwrap_or_default(),
+        // The voxels are the last bytes; the length of compressed voxels is not known.
+        Some(Ok(-1)) if packing != Packing::Plain => {
+            return Err(fault(
+                "`HeaderSize = -1` with `CompressedData = True` is not supported; state the header's bytes",
+            ));
+        }
+        Some(Ok(-1)) => {
+            let needed = n.saturating_mul(number_type.size());
+            data.get(data.len().saturating_sub(needed)..).unwrap_or_default()
+        }
+        Some(Ok(skip)) => usize::try_from(skip)
+            .ok()
+            .and_then(|skip| data.get(skip..))
+            .ok_or_else(|| fault("`HeaderSize` is negative or larger than the file"))?,
         Some(Err(_)) => return Err(fault("`HeaderSize` is not a number")),
     };
-    let packing = if yes(&["CompressedData"]) { Packing::Zlib } else { Packing::Plain };
-    let hu = hounsfield::read_whole(FORMAT, data, packing, (kind, little), n, warnings)?;
-    Ok(Volume { dims, origin, axes, hu })
+    let hu = hounsfield::read_whole(FORMAT, data, packing, numbers, n, warnings)?;
+    Ok(Volume { dims, origin: lattice.origin, axes: lattice.axes, hu })
 }
 
 /// Key and value of a line.
@@ -96,26 +110,25 @@ fn split(bytes: &[u8]) -> Option<(Vec<Field<'_>>, &[u8])> {
     }
 }
 
-fn kind_of(name: &str) -> Option<Kind> {
+fn number_type_of(name: &str) -> Option<NumberType> {
     Some(match name {
-        "MET_CHAR" => Kind::I8,
-        "MET_UCHAR" => Kind::U8,
-        "MET_SHORT" => Kind::I16,
-        "MET_USHORT" => Kind::U16,
-        "MET_INT" => Kind::I32,
-        "MET_UINT" => Kind::U32,
-        "MET_FLOAT" => Kind::F32,
-        "MET_DOUBLE" => Kind::F64,
+        "MET_CHAR" => NumberType::I8,
+        "MET_UCHAR" => NumberType::U8,
+        "MET_SHORT" => NumberType::I16,
+        "MET_USHORT" => NumberType::U16,
+        "MET_INT" => NumberType::I32,
+        "MET_UINT" => NumberType::U32,
+        "MET_FLOAT" => NumberType::F32,
+        "MET_DOUBLE" => NumberType::F64,
         _ => return None,
     })
 }
 
-/// Origin and axes in LPS mm.
 #[expect(clippy::arithmetic_side_effects, reason = "floating point")]
-fn frame<'a>(
+fn read_lattice<'a>(
     field: &dyn Fn(&[&str]) -> Option<&'a str>,
-    warnings: &mut Vec<String>,
-) -> Result<(Point, [Vector; 3]), ImportError> {
+    warnings: &mut Vec<Warning>,
+) -> Result<VoxelLattice, ImportError> {
     let fault = |name: &str| malformed(FORMAT, format!("`{name}` is missing or has the wrong number of values"));
     if field(&["CenterOfRotation"]).is_some_and(|v| lattice::numbers::<3>(v) != Some([0.0; 3])) {
         return Err(malformed(FORMAT, "a `CenterOfRotation` other than 0 0 0 is not supported"));
@@ -125,10 +138,9 @@ fn frame<'a>(
     let directions = match field(&["TransformMatrix", "Rotation", "Orientation"]) {
         Some(text) => lattice::numbers::<9>(text).ok_or_else(|| fault("TransformMatrix"))?,
         None => {
-            warnings.push(
-                "the header has no orientation; i was assumed to run to the patient's left, j to the back, k up"
-                    .to_owned(),
-            );
+            let found =
+                "the header has no orientation; i was assumed to run to the patient's left, j to the back, k up";
+            warnings.push(Warning::check("no-orientation", found).act("Check left and right."));
             [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
         }
     };
@@ -142,5 +154,5 @@ fn frame<'a>(
         Some(text) => lattice::numbers::<3>(text).ok_or_else(|| fault("Offset"))?,
         None => [0.0; 3],
     };
-    Ok((Point::from(origin), axes))
+    Ok(VoxelLattice { origin: Point::from(origin), axes })
 }

@@ -1,10 +1,12 @@
 //! Reads volumes, surfaces and volume meshes from untrusted bytes.
 //!
 //! Invariants: readers take `&[u8]`, never a path. Every size, index and count is checked before it is used or allocated.
-//! No input causes a panic. Patient tags are never read. No error or warning repeats content of the file.
+//! No input causes a panic. Patient tags are never read. No error or warning repeats text of the file;
+//! they may state counts, sizes and positions.
 //!
-//! Each format has one module. A surface reader turns bytes into unchecked vertices and triangles; `surface` then does what
-//! all formats share: it checks ranges and the plausible size and drops unused vertices and triangles with a repeated vertex.
+//! Each format has one module. A surface reader turns bytes into unchecked vertices and triangles; `raw_surface` then does
+//! what all formats share: it checks ranges and the plausible size and drops unused vertices and triangles with a repeated
+//! vertex.
 //!
 //! Crates read only NIfTI headers, gzip, zip, XML, and the pixels of JPEG, JPEG-LS and JPEG 2000. The crates for surfaces
 //! have these faults:
@@ -18,10 +20,10 @@
 mod archive;
 mod dicom;
 mod error;
-#[cfg(test)]
-mod hostile;
 mod hounsfield;
 mod lattice;
+#[cfg(test)]
+mod malformed_tests;
 mod meta_image;
 mod nifti1;
 mod nrrd;
@@ -29,6 +31,7 @@ mod number;
 mod obj;
 mod ply;
 mod polygon;
+mod raw_surface;
 mod stl;
 mod surface;
 #[cfg(test)]
@@ -37,11 +40,13 @@ mod text;
 #[cfg(test)]
 mod text_volumes_tests;
 mod volume;
-mod volume_scan;
+mod volume_check;
+mod volume_settings;
 mod vtu;
 
 pub use error::{ImportError, Limits};
 pub use surface::{SurfaceFormat, detect_surface, surface};
-pub use volume::{SeriesChoice, VolumeFormat, VolumeRead, VolumeSettings, detect_volume, volume, volume_with};
-pub use volume_scan::VolumeScan;
+pub use volume::{detect_volume, volume, volume_with};
+pub use volume_check::VolumeCheck;
+pub use volume_settings::{SeriesChoice, VolumeFormat, VolumeRead, VolumeSettings};
 pub use vtu::{is_legacy_vtk, volume_mesh};

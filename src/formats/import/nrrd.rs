@@ -4,9 +4,10 @@
 
 use super::error::malformed;
 use super::hounsfield::{self, Packing};
-use super::number::Kind;
-use super::{ImportError, Limits, lattice};
-use prosopon_geometry::{Point, Vector, Volume};
+use super::lattice::{self, VoxelLattice};
+use super::number::{ByteOrder, NumberFormat, NumberType};
+use super::{ImportError, Limits};
+use prosopon_geometry::{Point, Vector, Volume, Warning};
 
 const FORMAT: &str = "NRRD";
 /// Most bytes of a header.
@@ -17,7 +18,7 @@ pub(super) fn looks_like(bytes: &[u8]) -> bool {
 }
 
 /// Reads header and voxels.
-pub(super) fn read(bytes: &[u8], limits: &Limits, warnings: &mut Vec<String>) -> Result<Volume, ImportError> {
+pub(super) fn read(bytes: &[u8], limits: &Limits, warnings: &mut Vec<Warning>) -> Result<Volume, ImportError> {
     let fault = |detail: &str| malformed(FORMAT, detail);
     let (header, data) = split(bytes).ok_or_else(|| fault("the header does not end with an empty line"))?;
     let field = |names: &[&str]| {
@@ -36,11 +37,11 @@ pub(super) fn read(bytes: &[u8], limits: &Limits, warnings: &mut Vec<String>) ->
     }
     let dims = lattice::counts::<3>(need(&["sizes"])?).ok_or_else(|| fault("`sizes` are not three counts"))?;
     let n = lattice::n_voxels(FORMAT, dims, limits)?;
-    let kind = kind_of(need(&["type"])?).ok_or_else(|| fault("`type` is not a supported number type"))?;
-    let little = match field(&["endian"]) {
-        Some("little") => true,
-        Some("big") => false,
-        None if kind.size() == 1 => true,
+    let number_type = number_type_of(need(&["type"])?).ok_or_else(|| fault("`type` is not a supported number type"))?;
+    let byte_order = match field(&["endian"]) {
+        Some("little") => ByteOrder::Little,
+        Some("big") => ByteOrder::Big,
+        None if number_type.size() == 1 => ByteOrder::Little,
         _ => return Err(fault("`endian` is neither little nor big")),
     };
     for skip in ["line skip", "lineskip", "byte skip", "byteskip"] {
@@ -48,16 +49,17 @@ pub(super) fn read(bytes: &[u8], limits: &Limits, warnings: &mut Vec<String>) ->
             return Err(fault("`line skip` and `byte skip` other than 0 are not supported"));
         }
     }
-    let (origin, axes) = frame(&field, warnings)?;
-    lattice::check(FORMAT, dims, &origin, &axes, warnings)?;
+    let lattice = read_lattice(&field, warnings)?;
+    lattice.check(FORMAT, dims, warnings)?;
 
     let packing = match need(&["encoding"])? {
         "raw" => Packing::Plain,
         "gzip" | "gz" => Packing::Gzip,
         _ => return Err(fault("`encoding` is neither raw nor gzip")),
     };
-    let hu = hounsfield::read_whole(FORMAT, data, packing, (kind, little), n, warnings)?;
-    Ok(Volume { dims, origin, axes, hu })
+    let numbers = NumberFormat { number_type, byte_order };
+    let hu = hounsfield::read_whole(FORMAT, data, packing, numbers, n, warnings)?;
+    Ok(Volume { dims, origin: lattice.origin, axes: lattice.axes, hu })
 }
 
 /// The header's text, and the bytes after the empty line that ends it.
@@ -73,25 +75,24 @@ fn split(bytes: &[u8]) -> Option<(&str, &[u8])> {
     Some((std::str::from_utf8(bytes.get(..end)?).ok()?, bytes.get(start..)?))
 }
 
-fn kind_of(name: &str) -> Option<Kind> {
+fn number_type_of(name: &str) -> Option<NumberType> {
     Some(match name {
-        "signed char" | "int8" | "int8_t" => Kind::I8,
-        "uchar" | "unsigned char" | "uint8" | "uint8_t" => Kind::U8,
-        "short" | "short int" | "signed short" | "signed short int" | "int16" | "int16_t" => Kind::I16,
-        "ushort" | "unsigned short" | "unsigned short int" | "uint16" | "uint16_t" => Kind::U16,
-        "int" | "signed int" | "int32" | "int32_t" => Kind::I32,
-        "uint" | "unsigned int" | "uint32" | "uint32_t" => Kind::U32,
-        "float" => Kind::F32,
-        "double" => Kind::F64,
+        "signed char" | "int8" | "int8_t" => NumberType::I8,
+        "uchar" | "unsigned char" | "uint8" | "uint8_t" => NumberType::U8,
+        "short" | "short int" | "signed short" | "signed short int" | "int16" | "int16_t" => NumberType::I16,
+        "ushort" | "unsigned short" | "unsigned short int" | "uint16" | "uint16_t" => NumberType::U16,
+        "int" | "signed int" | "int32" | "int32_t" => NumberType::I32,
+        "uint" | "unsigned int" | "uint32" | "uint32_t" => NumberType::U32,
+        "float" => NumberType::F32,
+        "double" => NumberType::F64,
         _ => return None,
     })
 }
 
-/// Origin and axes in LPS mm.
-fn frame<'a>(
+fn read_lattice<'a>(
     field: &dyn Fn(&[&str]) -> Option<&'a str>,
-    warnings: &mut Vec<String>,
-) -> Result<(Point, [Vector; 3]), ImportError> {
+    warnings: &mut Vec<Warning>,
+) -> Result<VoxelLattice, ImportError> {
     let fault = |detail: &str| malformed(FORMAT, detail);
     let signs = match field(&["space"]).map(str::to_ascii_lowercase).as_deref() {
         Some("left-posterior-superior" | "lps") => [1.0, 1.0],
@@ -99,9 +100,8 @@ fn frame<'a>(
         Some("left-anterior-superior" | "las") => [1.0, -1.0],
         Some(_) => return Err(fault("`space` is not LPS, RAS or LAS")),
         None => {
-            warnings.push(
-                "the header has no `space`; LPS was assumed, so left and right may be swapped: check them".to_owned(),
-            );
+            let found = "the header has no `space`; LPS was assumed, so left and right may be swapped";
+            warnings.push(Warning::check("no-orientation", found).act("Check left and right."));
             [1.0, 1.0]
         }
     };
@@ -129,5 +129,5 @@ fn frame<'a>(
         Some(text) => lps(vector(text).ok_or_else(|| fault("`space origin` is not a vector"))?),
         None => Vector::zeros(),
     };
-    Ok((Point::from(origin), axes))
+    Ok(VoxelLattice { origin: Point::from(origin), axes })
 }

@@ -3,7 +3,7 @@
 //! Normals, textures, materials, groups, lines and free-form surfaces are skipped.
 
 use super::error::{at_most, malformed};
-use super::surface::{Faces, RawSurface};
+use super::raw_surface::{Faces, RawSurface};
 use super::text::number;
 use super::{ImportError, Limits};
 use prosopon_geometry::Point;
@@ -87,7 +87,7 @@ mod tests {
     use super::super::{SurfaceFormat, surface};
     use super::*;
 
-    fn read_text(text: &str) -> Result<(prosopon_geometry::TriMesh, Vec<String>), ImportError> {
+    fn read_text(text: &str) -> Result<(prosopon_geometry::TriMesh, Vec<prosopon_geometry::Warning>), ImportError> {
         surface(text.as_bytes(), SurfaceFormat::Obj, &Limits::default())
     }
 
@@ -97,7 +97,8 @@ mod tests {
         let (mesh, warnings) = read_text(text).unwrap();
         assert_eq!(mesh.triangles(), [[0, 1, 2], [0, 2, 3], [0, 1, 2], [0, 2, 3]]);
         assert_eq!(mesh.positions()[3], Point::new(0.0, 100.0, 0.0));
-        assert_eq!(warnings, ["1 faces with more than three corners were split into triangles"]);
+        assert_eq!(warnings.iter().map(|w| w.code).collect::<Vec<_>>(), ["split-polygons"]);
+        assert!(warnings[0].message.starts_with("1 faces"), "{warnings:?}");
     }
 
     #[test]

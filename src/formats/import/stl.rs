@@ -1,10 +1,10 @@
 //! Reads STL files, binary or ASCII.
 
 use super::error::{at_most, malformed};
-use super::surface::RawSurface;
+use super::raw_surface::RawSurface;
 use super::text::{Words, number};
 use super::{ImportError, Limits};
-use prosopon_geometry::Point;
+use prosopon_geometry::{Point, Warning};
 
 const FORMAT: &str = "STL";
 /// Bytes of the header: a comment of 80 bytes and the number of triangles.
@@ -51,7 +51,7 @@ fn is_text(bytes: &[u8]) -> bool {
     solid && !text.iter().take(512).any(|&c| c == 0)
 }
 
-fn read_binary(bytes: &[u8], limits: &Limits, warnings: &mut Vec<String>) -> Result<Vec<[Point; 3]>, ImportError> {
+fn read_binary(bytes: &[u8], limits: &Limits, warnings: &mut Vec<Warning>) -> Result<Vec<[Point; 3]>, ImportError> {
     let Some(count) = stated_count(bytes) else {
         return Err(malformed(FORMAT, format!("{} bytes, but the header alone has {HEAD}", bytes.len())));
     };
@@ -62,7 +62,8 @@ fn read_binary(bytes: &[u8], limits: &Limits, warnings: &mut Vec<String>) -> Res
         return Err(malformed(FORMAT, detail));
     }
     if found > expected {
-        warnings.push(format!("{} bytes after the last triangle were ignored", found.saturating_sub(expected)));
+        let spare = format!("{} bytes after the last triangle were ignored", found.saturating_sub(expected));
+        warnings.push(Warning::check("bytes-after-triangles", spare).act("Check that the surface is complete."));
     }
     let (records, _) = bytes.get(HEAD..).unwrap_or_default().as_chunks::<RECORD>();
     let mut triangles = Vec::with_capacity(count as usize);

@@ -73,7 +73,7 @@ fn nrrd_in_every_space_and_encoding_is_the_same_volume() {
             for big in [false, true] {
                 let (found, warnings) = volume(&nrrd(encoding, big, space), &Limits::default()).unwrap();
                 check(&found, space.0);
-                assert_eq!(warnings, [""; 0]);
+                assert_eq!(warnings, []);
             }
         }
     }
@@ -124,10 +124,33 @@ fn faults_are_named() {
         (&meta, "BinaryData = True", "BinaryData = False", "binary"),
         (&meta, "= LOCAL", "= slices%03d.raw", "series of files"),
         (&meta, "CenterOfRotation = 0 0 0", "CenterOfRotation = 0 0 1", "CenterOfRotation"),
+        (&meta, "CompressedData = False", "CompressedData = True\nHeaderSize = -1", "`HeaderSize = -1` with"),
+        (&meta, "NDims = 3", "NDims = 3\nHeaderSize = 9999", "`HeaderSize` is negative or larger"),
+        (&meta, "NDims = 3", "NDims = 3\nHeaderSize = -1", "more than the 0 bytes"),
     ] {
         assert!(text.contains(from), "{from}");
         let error = volume(text.replacen(from, to, 1).as_bytes(), &Limits::default()).unwrap_err();
         assert!(error.to_string().contains(part), "{to}: {error}");
         assert!(!matches!(error, ImportError::UnknownFormat { .. }));
     }
+}
+
+#[test]
+fn the_voxels_may_be_the_last_bytes_of_their_file() {
+    let (head, voxels) = meta_image("LOCAL", false, false);
+    let head = String::from_utf8(head).unwrap().replacen("NDims = 3", "NDims = 3\nHeaderSize = -1", 1);
+    let file = [head.as_bytes(), b"a header of another format", &voxels].concat();
+    check(&volume(&file, &Limits::default()).unwrap().0, "HeaderSize = -1");
+}
+
+#[test]
+fn the_largest_volume_of_doubles_may_come_in_an_archive() {
+    // 327 680 numbers of eight bytes; an allowance of four bytes a voxel, with a header, is too small for them.
+    let dims = [64, 64, 80];
+    let limits = Limits { max_voxels: dims.iter().product(), ..Limits::default() };
+    let head = "ObjectType = Image\nNDims = 3\nBinaryData = True\nTransformMatrix = 1 0 0 0 1 0 0 0 1\nOffset = 0 0 0\n\
+         ElementSpacing = 2 2 2\nDimSize = 64 64 80\nElementType = MET_DOUBLE\nElementDataFile = v.raw\n";
+    let voxels: Vec<u8> = (0..limits.max_voxels).flat_map(|_| (-1000.0f64).to_le_bytes()).collect();
+    let zip = archive(&[("v.mhd".to_owned(), head.as_bytes().to_vec()), ("v.raw".to_owned(), voxels)]);
+    assert_eq!(volume(&zip, &limits).unwrap().0.dims, dims);
 }

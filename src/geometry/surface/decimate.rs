@@ -18,7 +18,7 @@ const ANCHOR: f64 = 1e-3;
 /// and non-manifold vertices keep their position.
 ///
 /// ```
-/// use prosopon_geometry::{Aabb, Point, ScalarGrid, Topology, decimate, isosurface};
+/// use prosopon_geometry::{Aabb, Point, ScalarGrid, TopologyFaults, decimate, isosurface};
 ///
 /// // A ball of 10 mm radius, sampled every 1 mm.
 /// let bounds = Aabb { min: Point::origin(), max: Point::origin() }.grown(12.0);
@@ -36,11 +36,11 @@ const ANCHOR: f64 = 1e-3;
 /// let (coarse, error_mm) = decimate(&ball, 0.2, 4);
 /// assert!(error_mm <= 0.2);
 /// assert!(coarse.triangles().len() < ball.triangles().len() / 2);
-/// assert!(Topology::of(&coarse).is_closed_manifold());
+/// assert!(TopologyFaults::of(&coarse).is_closed_manifold());
 /// ```
 ///
 /// # Source
-/// Garland & Heckbert, SIGGRAPH 1997; link condition: Dey et al., Topology preserving edge contraction, 1999; error
+/// Garland & Heckbert, SIGGRAPH 1997; link condition: Dey et al., TopologyFaults preserving edge contraction, 1999; error
 /// measured at the removed vertices: Ciampalini et al., Multiresolution decimation based on global error, 1997.
 #[must_use]
 pub fn decimate(mesh: &TriMesh, max_error_mm: f64, min_triangles: usize) -> (TriMesh, f64) {
@@ -164,7 +164,7 @@ impl Decimation {
 #[cfg(test)]
 mod tests {
     use super::super::point_triangle::distance_sq;
-    use super::super::{Topology, isosurface, parts, smooth};
+    use super::super::{TopologyFaults, isosurface, parts, smooth};
     use super::*;
     use crate::ScalarGrid;
 
@@ -198,7 +198,7 @@ mod tests {
         let mesh = smooth(&surface(19.0, torus), 3);
         for limit in [0.02, 0.1, 0.5] {
             let (coarse, error) = decimate(&mesh, limit, 4);
-            assert!(Topology::of(&coarse).is_closed_manifold(), "{limit}");
+            assert!(TopologyFaults::of(&coarse).is_closed_manifold(), "{limit}");
             assert_eq!(coarse.positions().len(), coarse.triangles().len() / 2, "genus 1");
             let measured = mesh.positions().iter().map(|p| distance(p, &coarse)).fold(0.0, f64::max);
             assert!(measured <= error + 1e-9 && error <= limit, "{limit}: {measured} {error}");
@@ -222,7 +222,7 @@ mod tests {
     fn a_box_becomes_few_triangles_and_keeps_its_edges() {
         let mesh = surface(10.0, |p| (p.x.abs() - 7.5).max(p.y.abs() - 6.5).max(p.z.abs() - 8.5));
         let (coarse, error) = decimate(&mesh, 0.05, 4);
-        assert!(Topology::of(&coarse).is_closed_manifold());
+        assert!(TopologyFaults::of(&coarse).is_closed_manifold());
         assert!(error <= 0.05);
         // Most remaining triangles lie on the narrow chamfers that marching cubes makes of edges; longer ones would be needles.
         assert!(coarse.triangles().len() < mesh.triangles().len() / 5);
@@ -235,7 +235,7 @@ mod tests {
         let before = parts(&mesh).len();
         for limit in [0.1, 1.0] {
             let (coarse, error) = decimate(&mesh, limit, 4);
-            assert!(Topology::of(&coarse).is_closed_manifold() && error <= limit);
+            assert!(TopologyFaults::of(&coarse).is_closed_manifold() && error <= limit);
             assert_eq!(parts(&coarse).len(), before);
         }
     }
@@ -257,7 +257,7 @@ mod tests {
             .collect();
         let cup = super::super::submesh(&ball, &upper).unwrap();
         let (coarse, _) = decimate(&cup, 0.3, 4);
-        let (before, after) = (Topology::of(&cup), Topology::of(&coarse));
+        let (before, after) = (TopologyFaults::of(&cup), TopologyFaults::of(&coarse));
         assert_eq!((after.boundary_edges, after.nonmanifold_edges), (before.boundary_edges, 0));
         assert!(coarse.triangles().len() < cup.triangles().len() / 2);
     }

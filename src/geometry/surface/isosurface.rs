@@ -214,7 +214,7 @@ impl<'a> Builder<'a> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::topology::Topology;
+    use super::super::topology::TopologyFaults;
     use super::*;
     use crate::Aabb;
     use proptest::prelude::*;
@@ -237,7 +237,7 @@ mod tests {
     fn a_sphere_has_its_volume_area_and_radius() {
         let (r, h) = (10.0, 0.5);
         let mesh = isosurface(&sampled(12.0, h, |p| p.coords.norm() - r), 0.0).unwrap();
-        assert!(Topology::of(&mesh).is_closed_manifold());
+        assert!(TopologyFaults::of(&mesh).is_closed_manifold());
         // Linear interpolation of a distance is off by at most h²/8r, triangles sag by about the same.
         let sag = 2.0 * h * h / (8.0 * r) + NUDGE * h;
         assert!(mesh.positions().iter().all(|p| (p.coords.norm() - r).abs() < sag));
@@ -250,7 +250,7 @@ mod tests {
     fn a_torus_has_genus_one() {
         let mesh =
             isosurface(&sampled(8.0, 0.7, |p| ((p.x * p.x + p.y * p.y).sqrt() - 5.0).hypot(p.z) - 2.0), 0.0).unwrap();
-        assert!(Topology::of(&mesh).is_closed_manifold());
+        assert!(TopologyFaults::of(&mesh).is_closed_manifold());
         let euler = mesh.positions().len() as i64 - mesh.triangles().len() as i64 / 2;
         assert_eq!(euler, 0);
     }
@@ -259,7 +259,7 @@ mod tests {
     fn a_solid_that_fills_the_grid_is_capped_at_its_border() {
         let grid = sampled(3.0, 1.0, |_| -1.0);
         let mesh = isosurface(&grid, 0.0).unwrap();
-        assert!(Topology::of(&mesh).is_closed_manifold());
+        assert!(TopologyFaults::of(&mesh).is_closed_manifold());
         // The cap rounds the edges of the box; that changes the volume only at second order in NUDGE.
         assert!((mesh.volume() - 216.0).abs() < 216.0 * 3.0 * NUDGE);
         let bounds = mesh.bounds();
@@ -279,7 +279,7 @@ mod tests {
             let values = (0..8).map(|c| if pattern >> c & 1 == 1 { -1.0 } else { 1.0 }).collect();
             let grid = ScalarGrid { dims: [2, 2, 2], origin: Point::origin(), spacing: 1.0, values };
             let Some(mesh) = isosurface(&grid, 0.0) else { continue };
-            assert!(Topology::of(&mesh).is_closed_manifold(), "{pattern:08b}");
+            assert!(TopologyFaults::of(&mesh).is_closed_manifold(), "{pattern:08b}");
             assert!(mesh.volume() > 0.0);
         }
     }
@@ -296,7 +296,7 @@ mod tests {
             let n = dims.iter().product();
             let grid = ScalarGrid { dims, origin: Point::new(-80.0, 3.0, 120.0), spacing: 0.7, values: levels[..n].to_vec() };
             if let Some(mesh) = isosurface(&grid, 0.0) {
-                prop_assert_eq!(Topology::of(&mesh), Topology::default());
+                prop_assert_eq!(TopologyFaults::of(&mesh), TopologyFaults::default());
                 let smallest = (0..mesh.triangles().len()).map(|t| mesh.scaled_normal(t).norm()).fold(f64::MAX, f64::min);
                 prop_assert!(smallest > 0.5 * (NUDGE * 0.7).powi(2), "area {}", smallest);
                 prop_assert!(mesh.volume() > 0.0);

@@ -3,7 +3,8 @@
 use super::parts::submesh;
 use super::point_triangle::distance_sq;
 use super::topology::irregular_vertices;
-use crate::{Point, TriMesh, Vector};
+use crate::trimesh::scaled_normal;
+use crate::{Point, TriMesh};
 
 const NONE: u32 = u32::MAX;
 
@@ -267,10 +268,6 @@ fn fixed_vertices(mesh: &TriMesh) -> Vec<bool> {
         fixed[v as usize] = true;
     }
     fixed
-}
-
-fn scaled_normal([a, b, c]: &[Point; 3]) -> Vector {
-    (b - a).cross(&(c - a))
 }
 
 /// Area divided by the sum of the squared edges, scaled to 1 for an equilateral triangle.

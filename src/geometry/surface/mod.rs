@@ -17,4 +17,4 @@ pub use decimate::{decimate, decimate_with};
 pub use isosurface::isosurface;
 pub use parts::{drop_small_parts, largest_part, parts, submesh};
 pub use smooth::smooth;
-pub use topology::Topology;
+pub use topology::TopologyFaults;

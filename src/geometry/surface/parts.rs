@@ -1,3 +1,4 @@
+use crate::connectivity::Sets;
 use crate::{Aabb, TriMesh};
 
 /// Connected parts of a mesh; triangles are connected through shared vertices.
@@ -5,18 +6,15 @@ use crate::{Aabb, TriMesh};
 /// Each part is a list of triangle indices in rising order. Parts are sorted by their first triangle.
 #[must_use]
 pub fn parts(mesh: &TriMesh) -> Vec<Vec<u32>> {
-    let mut parent: Vec<u32> = (0..mesh.positions().len() as u32).collect();
-    for t in mesh.triangles() {
-        let a = root(&mut parent, t[0]);
-        for v in &t[1..] {
-            let b = root(&mut parent, *v);
-            parent[b as usize] = a;
-        }
+    let mut connected = Sets::new(mesh.positions().len());
+    for &[a, b, c] in mesh.triangles() {
+        connected.join(a, b);
+        connected.join(b, c);
     }
-    let mut part_of_root = vec![u32::MAX; parent.len()];
+    let mut part_of_root = vec![u32::MAX; mesh.positions().len()];
     let mut parts: Vec<Vec<u32>> = Vec::new();
     for (index, t) in mesh.triangles().iter().enumerate() {
-        let part = &mut part_of_root[root(&mut parent, t[0]) as usize];
+        let part = &mut part_of_root[connected.find(t[0]) as usize];
         if *part == u32::MAX {
             *part = parts.len() as u32;
             parts.push(Vec::new());
@@ -24,16 +22,6 @@ pub fn parts(mesh: &TriMesh) -> Vec<Vec<u32>> {
         parts[*part as usize].push(index as u32);
     }
     parts
-}
-
-fn root(parent: &mut [u32], v: u32) -> u32 {
-    let mut at = v as usize;
-    while parent[at] != at as u32 {
-        // Path halving keeps later searches short.
-        parent[at] = parent[parent[at] as usize];
-        at = parent[at] as usize;
-    }
-    at as u32
 }
 
 /// The triangles `kept` of `mesh` with only the vertices that they use; `None` when `kept` is empty.
@@ -109,7 +97,7 @@ mod tests {
     }
 
     #[test]
-    fn small_parts_go_and_the_count_is_told() {
+    fn small_parts_go_and_the_count_is_returned() {
         let mesh = row(&[1.0, 10.0, 2.0, 20.0]);
         assert_eq!(parts(&mesh).len(), 4);
         let (kept, dropped) = drop_small_parts(&mesh, 5.0);

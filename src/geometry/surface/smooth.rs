@@ -77,7 +77,7 @@ impl Neighbours {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Topology, isosurface};
+    use super::super::{TopologyFaults, isosurface};
     use super::*;
     use crate::ScalarGrid;
 
@@ -110,7 +110,7 @@ mod tests {
     fn noise_goes_and_the_volume_stays() {
         let mesh = rough_sphere(16.0);
         let smoothed = smooth(&mesh, 10);
-        assert!(Topology::of(&smoothed).is_closed_manifold());
+        assert!(TopologyFaults::of(&smoothed).is_closed_manifold());
         assert!(roughness(&smoothed, 16.0) < 0.5 * roughness(&mesh, 16.0));
         // Laplacian smoothing by 10 steps would remove 2 % of the volume.
         assert!((smoothed.volume() / mesh.volume() - 1.0).abs() < 2e-3);

@@ -1,10 +1,11 @@
 //! Checks whether a triangle mesh is a closed two-manifold.
 
 use crate::TriMesh;
+use crate::connectivity::{Side, sides};
 
 /// Counts of the faults that keep a mesh from being a closed, oriented two-manifold.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Topology {
+pub struct TopologyFaults {
     /// Edges with a single triangle.
     pub boundary_edges: usize,
     /// Edges with more than two triangles, or with two that traverse them in the same direction.
@@ -15,7 +16,7 @@ pub struct Topology {
     pub degenerate_triangles: usize,
 }
 
-impl Topology {
+impl TopologyFaults {
     /// Counts the faults of `mesh`.
     #[must_use]
     pub fn of(mesh: &TriMesh) -> Self {
@@ -34,7 +35,7 @@ impl Topology {
     }
 
     fn count_edges(&mut self, mesh: &TriMesh) {
-        for group in directed_edges(mesh).chunk_by(|a, b| a.0 == b.0) {
+        for group in sides(mesh).chunk_by(|a, b| a.edge == b.edge) {
             match (group.len(), runs_both_ways(group)) {
                 (1, _) => self.boundary_edges += 1,
                 (2, true) => {}
@@ -44,15 +45,15 @@ impl Topology {
     }
 }
 
-fn runs_both_ways(group: &[DirectedEdge]) -> bool {
-    group.iter().filter(|e| e.1).count() == 1
+fn runs_both_ways(group: &[Side]) -> bool {
+    group.iter().filter(|side| side.forward).count() == 1
 }
 
 /// Vertices on a boundary or non-manifold edge, and vertices whose triangles do not form a single fan; may hold duplicates.
 pub(super) fn irregular_vertices(mesh: &TriMesh) -> Vec<u32> {
-    let edges = directed_edges(mesh);
-    let faulty = edges.chunk_by(|a, b| a.0 == b.0).filter(|g| g.len() != 2 || !runs_both_ways(g));
-    let mut found: Vec<u32> = faulty.flat_map(|g| [g[0].0.0, g[0].0.1]).collect();
+    let sides = sides(mesh);
+    let faulty = sides.chunk_by(|a, b| a.edge == b.edge).filter(|g| g.len() != 2 || !runs_both_ways(g));
+    let mut found: Vec<u32> = faulty.flat_map(|g| g[0].edge).collect();
     found.extend(vertices_without_one_fan(mesh));
     found
 }
@@ -87,22 +88,6 @@ fn vertices_without_one_fan(mesh: &TriMesh) -> Vec<u32> {
     found
 }
 
-/// `((smaller vertex, larger vertex), whether it runs from smaller to larger)`.
-type DirectedEdge = ((u32, u32), bool);
-
-/// Every edge of every triangle, sorted.
-fn directed_edges(mesh: &TriMesh) -> Vec<DirectedEdge> {
-    let mut edges = Vec::with_capacity(3 * mesh.triangles().len());
-    for t in mesh.triangles() {
-        for i in 0..3 {
-            let (a, b) = (t[i], t[(i + 1) % 3]);
-            edges.push(((a.min(b), a.max(b)), a < b));
-        }
-    }
-    edges.sort_unstable();
-    edges
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -119,22 +104,22 @@ mod tests {
 
     #[test]
     fn a_tetrahedron_is_a_closed_manifold_and_a_part_of_it_is_open() {
-        assert!(Topology::of(&mesh(&TETRAHEDRON)).is_closed_manifold());
-        let open = Topology::of(&mesh(&TETRAHEDRON[..3]));
-        assert_eq!(open, Topology { boundary_edges: 3, ..Topology::default() });
+        assert!(TopologyFaults::of(&mesh(&TETRAHEDRON)).is_closed_manifold());
+        let open = TopologyFaults::of(&mesh(&TETRAHEDRON[..3]));
+        assert_eq!(open, TopologyFaults { boundary_edges: 3, ..TopologyFaults::default() });
     }
 
     #[test]
     fn a_turned_triangle_two_solids_at_a_vertex_and_a_flat_triangle_are_found() {
         let mut turned = TETRAHEDRON;
         turned[3] = [1, 3, 2];
-        assert_eq!(Topology::of(&mesh(&turned)).nonmanifold_edges, 3);
+        assert_eq!(TopologyFaults::of(&mesh(&turned)).nonmanifold_edges, 3);
 
         let mut touching = TETRAHEDRON.to_vec();
         touching.extend(TETRAHEDRON.map(|t| t.map(|v| if v == 0 { 0 } else { v + 3 })));
-        let found = Topology::of(&mesh(&touching));
-        assert_eq!(found, Topology { nonmanifold_vertices: 1, ..Topology::default() });
+        let found = TopologyFaults::of(&mesh(&touching));
+        assert_eq!(found, TopologyFaults { nonmanifold_vertices: 1, ..TopologyFaults::default() });
 
-        assert_eq!(Topology::of(&mesh(&[[0, 1, 1]])).degenerate_triangles, 1);
+        assert_eq!(TopologyFaults::of(&mesh(&[[0, 1, 1]])).degenerate_triangles, 1);
     }
 }

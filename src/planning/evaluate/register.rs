@@ -89,7 +89,7 @@ pub fn register(
     let coarse = region.thinned(COARSE_POINTS);
     let start = best_start(&coarse, &surface, &starts(&region, target), control)?;
     let fine = region.thinned(FINE_POINTS);
-    let found = fitted(&fine, &surface, start, ITERATIONS, &control.part(0.5, 1.0))?;
+    let found = fitted(&fine, &surface, start, ITERATIONS, &control.stage(0.5, 1.0))?;
     let mirrored = || mirror_fits(&coarse, &surface, found.motion, control);
     refuse(&found, &mirrored)?;
     warnings.extend(doubts(&found, &mirrored)?);
@@ -235,7 +235,7 @@ fn best_start(
     let mut best: Option<(f64, Motion)> = None;
     for (i, start) in starts.iter().enumerate() {
         control.report(0.5 * i as f64 / starts.len() as f64);
-        let found = match fitted(points, surface, *start, COARSE_ITERATIONS, &control.part(0.0, 0.0)) {
+        let found = match fitted(points, surface, *start, COARSE_ITERATIONS, &control.stage(0.0, 0.0)) {
             Ok(found) => found,
             // This start has no usable pairs; another may have.
             Err(EvaluateError::Registration(_)) => continue,
@@ -271,7 +271,7 @@ fn mirror_fits(points: &Points, surface: &Surface, motion: Motion, control: &Con
         ..*s
     };
     let turned = Points(points.0.iter().map(turn).collect());
-    match fitted(&turned, surface, motion, COARSE_ITERATIONS, &control.part(0.0, 0.0)) {
+    match fitted(&turned, surface, motion, COARSE_ITERATIONS, &control.stage(0.0, 0.0)) {
         Ok(found) => Ok(distance(&turned, surface, &found.motion, control)? < 0.5 * as_is),
         Err(EvaluateError::Registration(_)) => Ok(false),
         Err(other) => Err(other),

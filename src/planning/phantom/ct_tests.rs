@@ -3,7 +3,7 @@
 use super::head;
 use crate::surface::{CtSettings, from_ct};
 use prosopon_geometry::control::Control;
-use prosopon_geometry::{Implicit, Point, Topology, TriMesh, Vector, Volume, parts};
+use prosopon_geometry::{Implicit, Point, TopologyFaults, TriMesh, Vector, Volume, parts};
 
 /// Pixel size of the stacks, mm; also the width over which `Phantom::ct` mixes values.
 const PIXEL: f64 = 1.7;
@@ -63,7 +63,7 @@ fn surfaces_of_a_tilted_stack_lie_where_the_solids_are() {
         ("air", &air, &phantom.air, expected(40.0, -1000.0, -300.0)),
     ];
     for (name, mesh, solid, expected) in cases {
-        assert!(Topology::of(mesh).is_closed_manifold(), "{name}");
+        assert!(TopologyFaults::of(mesh).is_closed_manifold(), "{name}");
         let d = distances(mesh, solid.as_ref(), &volume);
         let [low, median, high] = [0.02, 0.5, 0.98].map(|q| d[((d.len() - 1) as f64 * q) as usize] - expected);
         // Slices 2.4 mm apart smooth thin bone and narrow air by up to half a pixel.

@@ -1,7 +1,7 @@
 //! Tests the phantom against finite differences, its own symmetry and anatomical distances.
 
 use super::{Phantom, head, surface_of};
-use prosopon_geometry::{Aabb, Implicit, Point, Topology, TriMesh, Vector};
+use prosopon_geometry::{Aabb, Implicit, Point, TopologyFaults, TriMesh, Vector};
 
 /// Deterministic points in the box of the head.
 fn points(n: u64) -> impl Iterator<Item = Point> {
@@ -84,7 +84,7 @@ fn surfaces_are_closed_manifolds_on_the_zero_set_and_inside_the_box() {
     for ((name, solid), (_, volumes)) in solids(&phantom).into_iter().zip(expected_cm3) {
         let mesh =
             if name == "air" { air_surface(&phantom) } else { surface_of(solid, &phantom.bounds(), 3.0).unwrap() };
-        assert!(Topology::of(&mesh).is_closed_manifold(), "{name}");
+        assert!(TopologyFaults::of(&mesh).is_closed_manifold(), "{name}");
         assert!(volumes.contains(&(mesh.volume() / 1e3)), "{name}: {} cm³", mesh.volume() / 1e3);
         assert!(inner.contains(&mesh.bounds().min) && inner.contains(&mesh.bounds().max), "{name}");
         let off = mesh.positions().iter().filter(|p| solid.value(p).abs() > 1e-6).count();

@@ -185,7 +185,7 @@ impl<'a> PartedBone<'a> {
             .collect();
         let parting = Separation::new(grid, &of_node, choice.n_segments, crossings, &saws);
         let idle = self.cuts_that_part_little(&of_node, control)?;
-        let segments = solid::segments(grid, &of_node, &parting, &control.part(0.2, 1.0))?;
+        let segments = solid::segments(grid, &of_node, &parting, &control.stage(0.2, 1.0))?;
         self.check_thickness(&segments)?;
         let fragments = self.sawn_away(&choice, &parting, &segments)?;
         if !fragments.is_empty() {

@@ -50,8 +50,8 @@ pub fn cut_bone(
     settings: &MethodSettings,
     control: &Control,
 ) -> Result<CutBone, SimulateError> {
-    let osteotomy = Arc::new(cut(bone, cuts, &control.part(0.0, 0.4))?);
-    segment_fields(&osteotomy, settings, &control.part(0.4, 1.0))
+    let osteotomy = Arc::new(cut(bone, cuts, &control.stage(0.0, 0.4))?);
+    segment_fields(&osteotomy, settings, &control.stage(0.4, 1.0))
 }
 
 /// Builds a field for each segment, at twice the spacing that `settings` names.
@@ -64,7 +64,7 @@ pub fn segment_fields(
     control: &Control,
 ) -> Result<CutBone, SimulateError> {
     let settings = settings.coarser(CONTACT_SPACING);
-    let unseen = control.unreported();
+    let unseen = control.without_progress();
     // In parallel, because parts of each build run on one thread.
     let fields = osteotomy
         .segments

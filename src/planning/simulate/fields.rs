@@ -70,7 +70,7 @@ pub fn build_fields_around(
     control: &Control,
 ) -> Result<Fields, SimulateError> {
     // In parallel, because parts of each run on one thread; the bone is slower, so the progress is its own.
-    let unseen = control.unreported();
+    let unseen = control.without_progress();
     let (soft, bone) = rayon::join(
         || {
             let skin = SignedField::build(&anatomy.skin, &settings.field, &unseen)?;
@@ -83,9 +83,9 @@ pub fn build_fields_around(
         || {
             let bone = match known {
                 Some(bone) => bone,
-                None => Arc::new(envelope(&anatomy.skull, &settings.envelope, &control.part(0.0, 0.5))?),
+                None => Arc::new(envelope(&anatomy.skull, &settings.envelope, &control.stage(0.0, 0.5))?),
             };
-            let (field, mut report) = SignedField::build(&bone.surface, &settings.field, &control.part(0.5, 1.0))?;
+            let (field, mut report) = SignedField::build(&bone.surface, &settings.field, &control.stage(0.5, 1.0))?;
             // The envelope is closed; the doubtful regions are those of the skull's surface.
             report.regions.clone_from(&bone.regions);
             Ok::<_, SimulateError>((bone, (field, report)))

@@ -181,8 +181,8 @@ pub fn solve(
     control: &Control,
     on_frame: &mut dyn FnMut(Frame),
 ) -> Result<Outcome, SimulateError> {
-    let prepared = PreparedTissue::new(tissue, bone, plan, settings, &control.part(0.0, SETUP_SHARE))?;
-    let control = control.part(SETUP_SHARE, 1.0);
+    let prepared = PreparedTissue::new(tissue, bone, plan, settings, &control.stage(0.0, SETUP_SHARE))?;
+    let control = control.stage(SETUP_SHARE, 1.0);
     let request = SolveRequest { plan, warm_start: None, resume: None };
     solve_prepared(anatomy, tissue, &prepared, bone, request, settings, &control, &mut |frame, _| on_frame(frame))
 }
@@ -206,14 +206,15 @@ pub fn solve_prepared(
 ) -> Result<Outcome, SimulateError> {
     check_prepared(prepared, bone, request.plan, settings)?;
     let mut warnings = prepared.warnings.clone();
-    let mut solver = Solver::over(&prepared.equations, &prepared.mesh, bone.bodies(), &control.part(0.0, SETUP_SHARE))?;
+    let mut solver =
+        Solver::over(&prepared.equations, &prepared.mesh, bone.bodies(), &control.stage(0.0, SETUP_SHARE))?;
     let begin = start(&mut solver, request)?;
     let continued = begin.as_ref().map(|begin| {
         let motions: Vec<_> = begin.iter().map(|(segment, m)| (*segment, motion_of_numbers(*m))).collect();
         request.plan.continued_from(&motions)
     });
     let plan = continued.as_ref().unwrap_or(request.plan);
-    let path = control.part(SETUP_SHARE, 1.0);
+    let path = control.stage(SETUP_SHARE, 1.0);
     let share = |k: usize| k as f64 / settings.steps as f64;
     let skin_mover = SkinMover::new(&anatomy.skin, &tissue.embedding);
     warnings.extend(Aabb::of(&prepared.mesh.positions).and_then(|region| skin_mover.warning(&anatomy.skin, &region)));
@@ -222,7 +223,7 @@ pub fn solve_prepared(
     let done = request.resume.map_or(0, |checkpoint| checkpoint.k);
     path.report(share(done));
     for k in done + 1..=settings.steps {
-        let (motions, part) = (|t| plan.motions(t), path.part(share(k - 1), share(k)));
+        let (motions, part) = (|t| plan.motions(t), path.stage(share(k - 1), share(k)));
         // Intermediate frames are for display; the last one is the result.
         let report = if k < settings.steps {
             solver.approach(share(k), &motions, &part)?
@@ -234,7 +235,7 @@ pub fn solve_prepared(
         let checkpoint = || Some(PathCheckpoint { k, begin: begin.clone(), solver: solver.checkpoint()? });
         on_frame(frame(anatomy, &last, k, share(k), report)?, &checkpoint);
     }
-    warnings.extend(steps.last().and_then(|s: &StepReport| s.sunk?.warning()));
+    warnings.extend(steps.last().and_then(|s: &StepReport| s.sunk?.warning()).map(|text| Warning::check("sunk", text)));
     let FaceRegions { regions: face, from_landmarks } = face_regions(&anatomy.skin, &anatomy.landmarks, None);
     if !from_landmarks {
         let message = "without landmarks the regions of the face are placed by proportions";

@@ -76,9 +76,9 @@ impl Scene {
             .iter()
             .map(|(segment, field)| ContactBody { segment: *segment, solid: field.as_ref() })
             .collect();
-        let setup = control.part(0.0, 0.05);
+        let setup = control.stage(0.0, 0.05);
         let mut solver = Solver::with_boundary(mesh, bodies, &self.ready.boundary, self.settings.clone(), &setup)?;
-        let path = control.part(0.05, 1.0);
+        let path = control.stage(0.05, 1.0);
         let share = |k: usize| k as f64 / self.steps as f64;
         let mut steps = Vec::with_capacity(self.steps);
         let mut failure = None;
@@ -89,11 +89,15 @@ impl Scene {
             path.report(share(reached));
         }
         for k in reached + 1..=self.steps {
-            let part = path.part(share(k - 1), share(k));
+            let part = path.stage(share(k - 1), share(k));
             match solver.advance(share(k), &|t| self.plan.motions(t), &part) {
                 Ok(report) => {
-                    warnings
-                        .extend(report.warnings.iter().filter(|w| !warnings.contains(w)).cloned().collect::<Vec<_>>());
+                    for text in &report.warnings {
+                        let warning = Warning::check("solver", text.as_str());
+                        if !warnings.contains(&warning) {
+                            warnings.push(warning);
+                        }
+                    }
                     let checkpoint = || Some(PathCheckpoint { k, begin: None, solver: solver.checkpoint()? });
                     on_step(k, &solver.positions(), &report, &checkpoint);
                     steps.push(report);
@@ -105,7 +109,8 @@ impl Scene {
                 }
             }
         }
-        warnings.extend(steps.last().and_then(|s: &StepReport| s.sunk?.warning()));
+        warnings
+            .extend(steps.last().and_then(|s: &StepReport| s.sunk?.warning()).map(|text| Warning::check("sunk", text)));
         warnings.extend(self.held_inside_bone(&solver.positions(), share(reached)));
         let (tetrahedra, prisms) = solver.cell_states();
         let displacements_mm = solver.positions().iter().zip(&mesh.positions).map(|(x, rest)| x - rest).collect();

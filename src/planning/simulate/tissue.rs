@@ -48,7 +48,7 @@ pub fn build_tissue(
         soft_tissue: anatomy.soft_tissue.as_ref().filter(|_| !settings.tissue_by_depth),
         region: &region,
     };
-    let (mesh, report) = build(&domain, &settings.mesh, &control.part(0.0, 0.95))?;
+    let (mesh, report) = build(&domain, &settings.mesh, &control.stage(0.0, 0.95))?;
     let embedding = embed(&anatomy.skin, &mesh, EMBED_REACH_MM);
     control.report(1.0);
     Ok(TissueModel { mesh, report, embedding })

@@ -72,13 +72,13 @@ impl Numerics {
         on_frame: &mut OnFrame<'_>,
     ) -> Result<Outcome, Halt> {
         let Ready { run, bone, tissue } = ready;
-        let mut control = control.part(0.0, 1.0);
+        let mut control = control.stage(0.0, 1.0);
         let mut from = None;
         if let (Some(earlier), None) = (course.after, course.milestone) {
             from = self.recent.get::<SavedState>(ENDS, &end_key(ready, earlier.into()));
             if from.is_none() {
-                let found = self.follow_course(ready, earlier.into(), &control.part(0.0, 0.5), &mut |_, _| ())?;
-                control = control.part(0.5, 1.0);
+                let found = self.follow_course(ready, earlier.into(), &control.stage(0.0, 0.5), &mut |_, _| ())?;
+                control = control.stage(0.5, 1.0);
                 from = Some(Arc::new(found.end));
             }
         }
@@ -88,12 +88,12 @@ impl Numerics {
             found
         } else {
             self.recent.let_go(EQUATIONS);
-            let before = control.part(0.0, PREPARING);
+            let before = control.stage(0.0, PREPARING);
             let made = Arc::new(PreparedTissue::new(tissue, bone, course.plan, &settings, &before)?);
             self.recent.put(EQUATIONS, &key, Arc::clone(&made), tissue.report.nodes as u64 * EQUATION_BYTES);
             made
         };
-        let control = control.part(PREPARING, 1.0);
+        let control = control.stage(PREPARING, 1.0);
         let way = SolveRequest { plan: course.plan, warm_start: from.as_deref(), resume: course.milestone };
         let anatomy = &run.case.anatomy;
         let outcome = simulate::solve_prepared(anatomy, tissue, &prepared, bone, way, &settings, &control, on_frame);

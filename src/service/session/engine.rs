@@ -1,7 +1,7 @@
 use std::fmt::Debug;
 
 use super::{Case, Cuts, Halt, Run, SceneRun, Solid, TissueRequest};
-use prosopon_field::{FieldReport, Settled};
+use prosopon_field::{FieldReport, CheckedDistance};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Point, TriMesh, Vector};
 use prosopon_planning::evaluate::{ErrorMap, FaceRegion, Registration};
@@ -52,7 +52,7 @@ pub trait Engine: Debug + Send + Sync {
     ///
     /// # Errors
     /// [`Halt`].
-    fn nearest(&self, case: &Case, solid: Solid, points: &[Point], control: &Control) -> Result<Vec<Settled>, Halt>;
+    fn nearest(&self, case: &Case, solid: Solid, points: &[Point], control: &Control) -> Result<Vec<CheckedDistance>, Halt>;
 
     /// Signed distances (mm) and gradients at `points` (LPS mm).
     ///

@@ -127,7 +127,7 @@ impl From<FieldError> for Halt {
             FieldError::Cancelled(_) => return Self::Cancelled,
             FieldError::Setting { name, .. } => fault.with("setting", name),
             FieldError::TooLarge { samples, allowed, .. } => fault.with("samples", samples).with("allowed", allowed),
-            FieldError::NothingInside | FieldError::Elsewhere => fault,
+            FieldError::NothingInside | FieldError::BoxOutsideDomain => fault,
         }
         .into()
     }

@@ -8,7 +8,7 @@ use super::recent::Recent;
 use super::scene::{bone_fields, solve_scene};
 use super::tissue_file::tissue_file;
 use super::{Case, Cuts, Engine, Halt, Run, RunWatch, SceneBones, SceneRun, SceneSolved, Solid, TissueRequest, key_of};
-use prosopon_field::{Envelope, ExactDistance, FieldReport, Settled, envelope};
+use prosopon_field::{Envelope, ExactDistance, FieldReport, CheckedDistance, envelope};
 use prosopon_formats::import::{self, Limits};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Implicit, Point, TriMesh, Vector};
@@ -89,8 +89,8 @@ impl Numerics {
         if let Some(found) = self.recent.get(OSTEOTOMIES, &key) {
             return Ok(found);
         }
-        let bone = self.envelope_of(case, &control.part(0.0, 0.5))?;
-        let cut = Arc::new(plan::cut(&bone, cuts, &control.part(0.5, 1.0))?);
+        let bone = self.envelope_of(case, &control.stage(0.0, 0.5))?;
+        let cut = Arc::new(plan::cut(&bone, cuts, &control.stage(0.5, 1.0))?);
         let bytes = cut.segments.iter().map(|s| surface_bytes(&s.surface)).sum::<u64>();
         self.recent.put(OSTEOTOMIES, &key, Arc::clone(&cut), bytes);
         Ok(cut)
@@ -101,8 +101,8 @@ impl Numerics {
         if let Some(found) = self.recent.get(BONES, &key) {
             return Ok(found);
         }
-        let osteotomy = self.osteotomy_of(case, cuts, &control.part(0.0, 0.6))?;
-        let built = simulate::segment_fields(&osteotomy, &case.fields.field, &control.part(0.6, 1.0))?;
+        let osteotomy = self.osteotomy_of(case, cuts, &control.stage(0.0, 0.6))?;
+        let built = simulate::segment_fields(&osteotomy, &case.fields.field, &control.stage(0.6, 1.0))?;
         let bone = Arc::new(built);
         let fields = bone.fields.iter().map(|f| f.bytes() as u64).sum::<u64>();
         let surfaces = bone.osteotomy.segments.iter().map(|s| surface_bytes(&s.surface)).sum::<u64>();
@@ -114,12 +114,12 @@ impl Numerics {
         if let Some(found) = self.recent.get(TISSUES, &request.key) {
             return Ok(found);
         }
-        let fields = self.fields_of(case, &control.part(0.0, 0.3))?;
+        let fields = self.fields_of(case, &control.stage(0.0, 0.3))?;
         let bone = match &request.cuts {
-            Some(cuts) => Some(self.bone_of(case, cuts, &control.part(0.3, 0.4))?),
+            Some(cuts) => Some(self.bone_of(case, cuts, &control.stage(0.3, 0.4))?),
             None => None,
         };
-        let control = control.part(0.4, 1.0);
+        let control = control.stage(0.4, 1.0);
         let built = simulate::build_tissue(&case.anatomy, &fields, bone.as_deref(), &request.settings, &control)?;
         let built = Arc::new(built);
         let bytes = built.report.nodes as u64 * MESH_BYTES;
@@ -205,7 +205,7 @@ impl Engine for Numerics {
         Ok(points.iter().map(|p| field.value_gradient(p)).collect())
     }
 
-    fn nearest(&self, case: &Case, solid: Solid, points: &[Point], control: &Control) -> Result<Vec<Settled>, Halt> {
+    fn nearest(&self, case: &Case, solid: Solid, points: &[Point], control: &Control) -> Result<Vec<CheckedDistance>, Halt> {
         let fields = self.fields_of(case, control)?;
         let (field, surface) = match solid {
             Solid::Skin => (&fields.skin, &case.anatomy.skin),
@@ -213,16 +213,16 @@ impl Engine for Numerics {
         };
         let exact = ExactDistance::new(surface);
         control.check()?;
-        Ok(points.iter().map(|p| field.settled(&exact, p)).collect())
+        Ok(points.iter().map(|p| field.distance_with_checked_sign(&exact, p)).collect())
     }
 
     fn cut(&self, case: &Case, cuts: &Cuts, control: &Control) -> Result<(Osteotomy, Vec<Clearance>), Halt> {
-        let bone = self.envelope_of(case, &control.part(0.0, 0.5))?;
+        let bone = self.envelope_of(case, &control.stage(0.0, 0.5))?;
         let anatomy = &case.anatomy;
         let templates =
             TemplateCuts::place(&cuts.templates, &anatomy.skin, &anatomy.skull, &bone).map_err(template_fault)?;
         let all: Vec<Cut> = templates.cuts.iter().chain(&cuts.cuts).cloned().collect();
-        let cut = self.osteotomy_of(case, &all, &control.part(0.5, 1.0));
+        let cut = self.osteotomy_of(case, &all, &control.stage(0.5, 1.0));
         let mut osteotomy = Osteotomy::clone(&*cut.map_err(|halt| given_cuts(halt, &templates))?);
         let warnings = templates.warnings(&osteotomy);
         osteotomy.warnings.extend(warnings);
@@ -247,8 +247,8 @@ impl Engine for Numerics {
     }
 
     fn follow(&self, case: &Case, cuts: &[Cut], plan: &Plan, control: &Control) -> Result<Vec<PathReport>, Halt> {
-        let osteotomy = self.osteotomy_of(case, cuts, &control.part(0.0, 0.5))?;
-        Ok(plan::follow(&osteotomy, plan, &control.part(0.5, 1.0))?)
+        let osteotomy = self.osteotomy_of(case, cuts, &control.stage(0.0, 0.5))?;
+        Ok(plan::follow(&osteotomy, plan, &control.stage(0.5, 1.0))?)
     }
 
     fn tissue(&self, case: &Case, request: &TissueRequest, control: &Control) -> Result<MeshReport, Halt> {
@@ -263,11 +263,11 @@ impl Engine for Numerics {
             [0.1, 0.15, 0.25]
         };
         watch.stage("field");
-        self.fields_of(&run.case, &control.part(0.0, shares[0]))?;
+        self.fields_of(&run.case, &control.stage(0.0, shares[0]))?;
         watch.stage("cut");
-        let bone = self.bone_of(&run.case, &run.cuts, &control.part(shares[0], shares[1]))?;
+        let bone = self.bone_of(&run.case, &run.cuts, &control.stage(shares[0], shares[1]))?;
         watch.stage("mesh");
-        let tissue = self.tissue_of(&run.case, &run.tissue, &control.part(shares[1], shares[2]))?;
+        let tissue = self.tissue_of(&run.case, &run.tissue, &control.stage(shares[1], shares[2]))?;
         watch.mesh(&tissue.report);
         let is_chosen = run.tissue.cuts.is_some() && run.tissue.settings.region.is_none();
         if !is_chosen {
@@ -280,7 +280,7 @@ impl Engine for Numerics {
         }
         watch.stage("solve");
         let ready = Ready { run, bone: &bone, tissue: &tissue };
-        let control = control.part(shares[2], 1.0);
+        let control = control.stage(shares[2], 1.0);
         let last = Course {
             plan: &run.plan,
             steps: run.settings.steps,
@@ -292,7 +292,7 @@ impl Engine for Numerics {
 
     fn solve_scene(&self, run: &SceneRun, control: &Control, watch: &mut dyn RunWatch) -> Result<SceneSolved, Halt> {
         const FIELDS: f64 = 0.1;
-        let before = control.part(0.0, FIELDS);
+        let before = control.stage(0.0, FIELDS);
         watch.stage("field");
         let (bones, warnings) = match &run.bones {
             SceneBones::Surfaces(surfaces) => bone_fields(surfaces, run, &before)?,
@@ -303,7 +303,7 @@ impl Engine for Numerics {
                 (segments.zip(bone.fields.iter().cloned()).collect(), bone.osteotomy.warnings.clone())
             }
         };
-        let mut solved = solve_scene(run, bones, &control.part(FIELDS, 1.0), watch)?;
+        let mut solved = solve_scene(run, bones, &control.stage(FIELDS, 1.0), watch)?;
         solved.warnings.splice(0..0, warnings);
         Ok(solved)
     }

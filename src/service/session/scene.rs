@@ -20,7 +20,7 @@ pub(super) fn bone_fields(
     let (mut fields, mut warnings) = (Vec::new(), Vec::new());
     let n = surfaces.len() as f64;
     for (index, (segment, surface)) in surfaces.iter().enumerate() {
-        let part = control.part(index as f64 / n, (index + 1) as f64 / n);
+        let part = control.stage(index as f64 / n, (index + 1) as f64 / n);
         let (field, _, found) = SignedField::build_only(surface, &run.fields.field, &part)?;
         warnings.extend(found.into_iter().map(|w| format!("bone {segment}: {w}")));
         fields.push((*segment, Arc::new(field)));

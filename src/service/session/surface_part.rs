@@ -1,5 +1,5 @@
 use crate::{Fault, FaultKind, SurfaceDocument, SurfaceOrigin};
-use prosopon_geometry::{TriMesh, surface_report, why_no_solid};
+use prosopon_geometry::{TriMesh, surface_report, not_solid_reason};
 use prosopon_store::{PartKind, PartRecord, SessionId, Store, encode_mesh, now_rfc3339};
 
 /// A measured and encoded surface, ready to store. Make it on the CPU pool, because measuring computes.
@@ -16,7 +16,7 @@ impl PreparedSurface {
     /// [`FaultKind::SurfaceNotUsable`].
     pub fn new(mesh: &TriMesh, origin: SurfaceOrigin, warnings: Vec<String>) -> Result<Self, Fault> {
         let report = surface_report(mesh);
-        if let Some(detail) = why_no_solid(mesh, &report) {
+        if let Some(detail) = not_solid_reason(mesh, &report) {
             return Err(Fault::new(FaultKind::SurfaceNotUsable, detail));
         }
         Ok(Self { document: SurfaceDocument::new(origin, &report, warnings), bytes: encode_mesh(mesh) })

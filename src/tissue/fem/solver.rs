@@ -92,8 +92,8 @@ impl<'a> Solver<'a> {
         settings: SolveSettings,
         control: &Control,
     ) -> Result<Self, SolveError> {
-        let prepared = Prepared::new(mesh, !bodies.is_empty(), boundary, settings, &control.part(0.0, 0.9))?;
-        Self::over(&prepared, mesh, bodies, &control.part(0.9, 1.0))
+        let prepared = Prepared::new(mesh, !bodies.is_empty(), boundary, settings, &control.stage(0.0, 0.9))?;
+        Self::over(&prepared, mesh, bodies, &control.stage(0.9, 1.0))
     }
 
     /// A solver that starts from a [`Prepared`] for `mesh`.

@@ -80,7 +80,7 @@ fn build_once(
     let grading = grade(&plain, &lattice, control)?;
     let inner = plain.with_thickness(grading.thickness.as_ref());
     let lattice = halve(lattice, grading.halved, settings.edge_mm)?;
-    let mut mesh = stuff(&inner, &lattice, &control.part(0.0, 0.3))?;
+    let mut mesh = stuff(&inner, &lattice, &control.stage(0.0, 0.3))?;
     let faces = boundary(&mesh.tetrahedra);
     let mut sides = boundary_sides(&inner, &mesh, &faces);
     let mut surface = surface_faces(&inner, &mesh, &sides, &faces);

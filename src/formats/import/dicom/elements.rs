@@ -6,9 +6,10 @@ use std::io::Read;
 use flate2::read::DeflateDecoder;
 
 use super::FORMAT;
-use super::syntax::Syntax;
+use super::syntax::{Syntax, TypeEncoding};
 use crate::import::ImportError;
 use crate::import::error::malformed;
+use crate::import::number::ByteOrder;
 
 /// Group and element number.
 pub(super) type Tag = (u16, u16);
@@ -68,7 +69,7 @@ impl<'a> DataSet<'a> {
             _ => bytes,
         };
         // The meta information is always explicit little endian; it ends where the group number changes.
-        let mut meta = Elements::new(body, true, true);
+        let mut meta = Elements::new(body, TypeEncoding::Explicit, ByteOrder::Little);
         let mut syntax = None;
         while meta.peek().is_some_and(|(group, _)| group == 0x0002) {
             let Some((tag, value)) = meta.next()? else { break };
@@ -89,7 +90,7 @@ impl<'a> DataSet<'a> {
 
     /// The elements of the data set.
     pub(super) fn elements(&self) -> Elements<'_> {
-        Elements::new(&self.bytes, self.syntax.explicit, self.syntax.little_endian)
+        Elements::new(&self.bytes, self.syntax.types, self.syntax.byte_order)
     }
 }
 
@@ -110,8 +111,8 @@ fn inflate(packed: &[u8]) -> Result<Vec<u8>, ImportError> {
 pub(super) struct Elements<'a> {
     bytes: &'a [u8],
     at: usize,
-    explicit: bool,
-    little: bool,
+    types: TypeEncoding,
+    byte_order: ByteOrder,
 }
 
 /// Tag, type and length of an element.
@@ -122,8 +123,8 @@ struct Head {
 }
 
 impl<'a> Elements<'a> {
-    fn new(bytes: &'a [u8], explicit: bool, little: bool) -> Self {
-        Self { bytes, at: 0, explicit, little }
+    fn new(bytes: &'a [u8], types: TypeEncoding, byte_order: ByteOrder) -> Self {
+        Self { bytes, at: 0, types, byte_order }
     }
 
     /// The next element; `None` at the end of the data set.
@@ -133,16 +134,12 @@ impl<'a> Elements<'a> {
         if rest.len() < 8 && rest.iter().all(|b| *b == 0) {
             return Ok(None);
         }
-        let head = self.head(self.explicit)?;
+        let head = self.head(self.types)?;
         let value = match head.length {
             UNDEFINED if head.tag == PIXEL_DATA => Value::Fragments(self.fragments()?),
-            UNDEFINED => {
-                // The content of an element of unknown type (UN) is always implicit (CP-246).
-                let explicit = self.explicit && head.vr.as_ref() != Some(b"UN");
-                Value::Sequence(self.inside(explicit)?)
-            }
+            UNDEFINED => Value::Sequence(self.inside(self.types.inside(head.vr))?),
             length if head.vr.as_ref() == Some(b"SQ") => {
-                Value::Sequence(Elements::new(self.take(length)?, self.explicit, self.little))
+                Value::Sequence(Elements::new(self.take(length)?, self.types, self.byte_order))
             }
             length => Value::Bytes(self.take(length)?),
         };
@@ -161,22 +158,22 @@ impl<'a> Elements<'a> {
     fn u16(&mut self) -> Option<u16> {
         let bytes = self.bytes.get(self.at..)?.first_chunk::<2>()?;
         self.at = self.at.saturating_add(2);
-        Some(if self.little { u16::from_le_bytes(*bytes) } else { u16::from_be_bytes(*bytes) })
+        Some(self.byte_order.u16(*bytes))
     }
 
     fn u32(&mut self) -> Option<u32> {
         let bytes = self.bytes.get(self.at..)?.first_chunk::<4>()?;
         self.at = self.at.saturating_add(4);
-        Some(if self.little { u32::from_le_bytes(*bytes) } else { u32::from_be_bytes(*bytes) })
+        Some(self.byte_order.u32(*bytes))
     }
 
-    fn head(&mut self, explicit: bool) -> Result<Head, ImportError> {
-        self.try_head(explicit).ok_or_else(|| malformed(FORMAT, format!("cut off in an element at byte {}", self.at)))
+    fn head(&mut self, types: TypeEncoding) -> Result<Head, ImportError> {
+        self.try_head(types).ok_or_else(|| malformed(FORMAT, format!("cut off in an element at byte {}", self.at)))
     }
 
-    fn try_head(&mut self, explicit: bool) -> Option<Head> {
+    fn try_head(&mut self, types: TypeEncoding) -> Option<Head> {
         let tag = self.tag()?;
-        if !explicit || tag.0 == ITEM.0 {
+        if types == TypeEncoding::Implicit || tag.0 == ITEM.0 {
             return Some(Head { tag, vr: None, length: self.u32()? });
         }
         let vr = *self.bytes.get(self.at..)?.first_chunk::<2>()?;
@@ -205,7 +202,7 @@ impl<'a> Elements<'a> {
     fn fragments(&mut self) -> Result<Vec<&'a [u8]>, ImportError> {
         let mut items = Vec::new();
         loop {
-            let head = self.head(false)?;
+            let head = self.head(TypeEncoding::Implicit)?;
             match head.tag {
                 ITEM => items.push(self.take(head.length)?),
                 SEQUENCE_END => break,
@@ -225,13 +222,13 @@ impl<'a> Elements<'a> {
     pub(super) fn items(mut self, at_most: usize) -> Result<Vec<Elements<'a>>, ImportError> {
         let mut items = Vec::new();
         while self.bytes.len().saturating_sub(self.at) >= 8 {
-            let head = self.head(false)?;
+            let head = self.head(TypeEncoding::Implicit)?;
             match (head.tag, head.length) {
                 (ITEM, _) if items.len() == at_most => {
                     return Err(malformed(FORMAT, format!("a sequence has more than {at_most} items")));
                 }
-                (ITEM, UNDEFINED) => items.push(self.inside(self.explicit)?),
-                (ITEM, length) => items.push(Elements::new(self.take(length)?, self.explicit, self.little)),
+                (ITEM, UNDEFINED) => items.push(self.inside(self.types)?),
+                (ITEM, length) => items.push(Elements::new(self.take(length)?, self.types, self.byte_order)),
                 (SEQUENCE_END, _) => break,
                 _ => return Err(malformed(FORMAT, "the items of a sequence have other data between them")),
             }
@@ -241,29 +238,28 @@ impl<'a> Elements<'a> {
 
     /// Elements of `bytes` in the encoding of these elements.
     pub(super) fn over(&self, bytes: &'a [u8]) -> Self {
-        Elements::new(bytes, self.explicit, self.little)
+        Elements::new(bytes, self.types, self.byte_order)
     }
 
     /// Skips a sequence or item of undefined length; returns its content without the end mark.
-    fn inside(&mut self, explicit: bool) -> Result<Elements<'a>, ImportError> {
+    fn inside(&mut self, types: TypeEncoding) -> Result<Elements<'a>, ImportError> {
         let start = self.at;
-        self.skip_sequence(explicit)?;
+        self.skip_sequence(types)?;
         let end = self.at.saturating_sub(8).max(start);
-        Ok(Elements::new(self.bytes.get(start..end).unwrap_or_default(), explicit, self.little))
+        Ok(Elements::new(self.bytes.get(start..end).unwrap_or_default(), types, self.byte_order))
     }
 
     /// Skips a sequence of undefined length with all its content.
-    fn skip_sequence(&mut self, explicit: bool) -> Result<(), ImportError> {
-        let implicit = |vr: Option<[u8; 2]>| vr.as_ref() == Some(b"UN");
-        let mut open = vec![explicit];
-        while let Some(&explicit) = open.last() {
-            let head = self.head(explicit)?;
+    fn skip_sequence(&mut self, types: TypeEncoding) -> Result<(), ImportError> {
+        let mut open = vec![types];
+        while let Some(&types) = open.last() {
+            let head = self.head(types)?;
             match (head.tag, head.length) {
                 (ITEM_END | SEQUENCE_END, _) => drop(open.pop()),
                 (_, UNDEFINED) if open.len() == MAX_DEPTH => {
                     return Err(malformed(FORMAT, format!("sequences are nested deeper than {MAX_DEPTH}")));
                 }
-                (_, UNDEFINED) => open.push(explicit && !implicit(head.vr)),
+                (_, UNDEFINED) => open.push(types.inside(head.vr)),
                 (_, length) => drop(self.take(length)?),
             }
         }

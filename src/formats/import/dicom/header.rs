@@ -5,6 +5,7 @@ use super::elements::{DataSet, Elements, PIXEL_DATA, Tag, Value};
 use super::syntax::Syntax;
 use crate::import::ImportError;
 use crate::import::error::malformed;
+use crate::import::number::ByteOrder;
 use prosopon_geometry::{Point, Vector};
 
 const IMAGE_TYPE: Tag = (0x0008, 0x0008);
@@ -34,24 +35,38 @@ const GROUPS: [Tag; 4] = [(0x0028, 0x9110), (0x0020, 0x9113), (0x0020, 0x9116), 
 /// Most frames of one file.
 const MAX_FRAMES: usize = 4096;
 
-/// Layout of the stored numbers in their words, and their scale.
+/// Position of the stored numbers in their words, and their scale.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Words {
+pub(super) struct PixelEncoding {
     pub(super) bits_allocated: u16,
     pub(super) bits_stored: u16,
     pub(super) high_bit: u16,
     pub(super) signed: bool,
-    /// Range of stored numbers, both ends included, that mark pixels without a measurement.
-    pub(super) padding: Option<(i32, i32)>,
+    /// Stored numbers that mark pixels without a measurement.
+    pub(super) padding: Option<StoredRange>,
     /// HU per stored number.
     pub(super) slope: f64,
     /// HU of the stored number zero.
     pub(super) intercept: f64,
 }
 
+/// Range of stored numbers, both ends included.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct StoredRange {
+    pub(super) min: i32,
+    pub(super) max: i32,
+}
+
+/// Index of a frame in its file, from 0, and number of frames in the file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct FrameIndex {
+    pub(super) index: usize,
+    pub(super) n_frames: usize,
+}
+
 /// Position and orientation of an image.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Place {
+pub(super) struct ImagePlane {
     /// Centre of the first pixel, LPS mm.
     pub(super) origin: Point,
     /// Unit vector along a row, to the next column.
@@ -73,25 +88,31 @@ pub(in crate::import) struct Header {
     pub(super) localizer: bool,
     /// Number of frames without their own position; 1 for a plain image and for a frame of an enhanced image.
     pub(super) frames: u32,
-    /// Index of the frame in its file, from 0, and number of frames.
-    pub(super) frame: (usize, usize),
+    pub(super) frame: FrameIndex,
     pub(super) samples: u16,
     pub(super) columns: usize,
     pub(super) rows: usize,
-    pub(super) place: Option<Place>,
-    pub(super) words: Words,
+    pub(super) plane: Option<ImagePlane>,
+    pub(super) encoding: PixelEncoding,
     pub(super) lossy: bool,
 }
 
-/// The images of a data set, one per frame of an enhanced image, and its pixels; `None` when it holds no image.
-pub(super) fn read<'a>(set: &'a DataSet<'_>) -> Result<Option<(Vec<Header>, Value<'a>)>, ImportError> {
+/// Headers and pixels of a data set.
+#[derive(Debug)]
+pub(super) struct Images<'a> {
+    /// One header for each frame of an enhanced image, else one.
+    pub(super) headers: Vec<Header>,
+    pub(super) pixels: Value<'a>,
+}
+
+/// The images of a data set; `None` when it holds none.
+pub(super) fn read<'a>(set: &'a DataSet<'_>) -> Result<Option<Images<'a>>, ImportError> {
     let mut found = Fields::default();
     let (mut shared, mut own) = (Fields::default(), Vec::new());
     let mut elements = set.elements();
     while let Some((tag, value)) = elements.next()? {
         if tag == PIXEL_DATA {
-            let headers = frames(found, &shared, own, set.syntax)?;
-            return Ok(Some((headers, value)));
+            return Ok(Some(Images { headers: frames(found, &shared, own, set.syntax)?, pixels: value }));
         }
         let sequence = |value: Value<'a>| match value {
             Value::Sequence(inside) => inside,
@@ -130,11 +151,11 @@ fn frames<'a>(
     if n == 0 || usize::try_from(plain.frames) != Ok(n) {
         return Ok(vec![plain]);
     }
-    let of = |(at, fields): (usize, Fields<'a>)| {
+    let of = |(index, fields): (usize, Fields<'a>)| {
         // The first value of a tag counts: fields of the frame come before those that all frames share.
         let mut all = fields.0;
         all.extend(shared.0.iter().chain(&top.0).copied());
-        Ok(Header { frames: 1, frame: (at, n), ..Fields(all).header(syntax)? })
+        Ok(Header { frames: 1, frame: FrameIndex { index, n_frames: n }, ..Fields(all).header(syntax)? })
     };
     own.into_iter().enumerate().map(of).collect()
 }
@@ -197,9 +218,8 @@ impl<'a> Fields<'a> {
         self.0.iter().find(|(t, _)| *t == tag).map(|(_, bytes)| *bytes)
     }
 
-    fn number(&self, tag: Tag, little: bool) -> Option<u16> {
-        let bytes = self.bytes(tag)?.first_chunk::<2>()?;
-        Some(if little { u16::from_le_bytes(*bytes) } else { u16::from_be_bytes(*bytes) })
+    fn number(&self, tag: Tag, byte_order: ByteOrder) -> Option<u16> {
+        Some(byte_order.u16(*self.bytes(tag)?.first_chunk::<2>()?))
     }
 
     /// Decimals separated by backslashes; `None` when the tag is absent or empty.
@@ -220,9 +240,10 @@ impl<'a> Fields<'a> {
     }
 
     fn header(&self, syntax: Syntax) -> Result<Header, ImportError> {
-        let little = syntax.little_endian;
-        let need =
-            |tag, name: &str| self.number(tag, little).ok_or_else(|| malformed(FORMAT, format!("there is no {name}")));
+        let byte_order = syntax.byte_order;
+        let need = |tag, name: &str| {
+            self.number(tag, byte_order).ok_or_else(|| malformed(FORMAT, format!("there is no {name}")))
+        };
         let (columns, rows) = (need(COLUMNS, "number of columns")?, need(ROWS, "number of rows")?);
         if columns == 0 || rows == 0 {
             return Err(malformed(FORMAT, format!("{columns} x {rows} pixels, expected at least 1 x 1")));
@@ -245,21 +266,21 @@ impl<'a> Fields<'a> {
             modality: if modality.iter().all(u8::is_ascii_uppercase) { modality } else { *b"??" },
             localizer,
             frames: frames.unwrap_or(1),
-            frame: (0, 1),
-            samples: self.number(SAMPLES, little).unwrap_or(1),
+            frame: FrameIndex { index: 0, n_frames: 1 },
+            samples: self.number(SAMPLES, byte_order).unwrap_or(1),
             columns: usize::from(columns),
             rows: usize::from(rows),
-            place: self.place()?,
-            words: self.words(little)?,
+            plane: self.plane()?,
+            encoding: self.encoding(byte_order)?,
             lossy: self.bytes(LOSSY).is_some_and(|b| b.starts_with(b"01")),
         })
     }
 
-    fn words(&self, little: bool) -> Result<Words, ImportError> {
-        let bits_allocated = self.number(BITS_ALLOCATED, little).unwrap_or(16);
-        let bits_stored = self.number(BITS_STORED, little).unwrap_or(bits_allocated);
-        let high_bit = self.number(HIGH_BIT, little).unwrap_or(bits_stored.saturating_sub(1));
-        let signed = self.number(REPRESENTATION, little).unwrap_or(0) == 1;
+    fn encoding(&self, byte_order: ByteOrder) -> Result<PixelEncoding, ImportError> {
+        let bits_allocated = self.number(BITS_ALLOCATED, byte_order).unwrap_or(16);
+        let bits_stored = self.number(BITS_STORED, byte_order).unwrap_or(bits_allocated);
+        let high_bit = self.number(HIGH_BIT, byte_order).unwrap_or(bits_stored.saturating_sub(1));
+        let signed = self.number(REPRESENTATION, byte_order).unwrap_or(0) == 1;
         let fits = matches!(bits_allocated, 8 | 16)
             && (1..=bits_allocated).contains(&bits_stored)
             && high_bit < bits_allocated
@@ -276,15 +297,16 @@ impl<'a> Fields<'a> {
         if slope == 0.0 {
             return Err(malformed(FORMAT, "the rescale slope is 0"));
         }
-        let stored = |tag| self.number(tag, little).map(|v| if signed { i32::from(v as i16) } else { i32::from(v) });
+        let stored =
+            |tag| self.number(tag, byte_order).map(|v| if signed { i32::from(v as i16) } else { i32::from(v) });
         let padding = stored(PADDING).map(|value| {
             let limit = stored(PADDING_LIMIT).unwrap_or(value);
-            (value.min(limit), value.max(limit))
+            StoredRange { min: value.min(limit), max: value.max(limit) }
         });
-        Ok(Words { bits_allocated, bits_stored, high_bit, signed, padding, slope, intercept })
+        Ok(PixelEncoding { bits_allocated, bits_stored, high_bit, signed, padding, slope, intercept })
     }
 
-    fn place(&self) -> Result<Option<Place>, ImportError> {
+    fn plane(&self) -> Result<Option<ImagePlane>, ImportError> {
         let (position, orientation, spacing) = (
             self.decimals(POSITION, "the image position")?,
             self.decimals(ORIENTATION, "the image orientation")?,
@@ -310,7 +332,7 @@ impl<'a> Fields<'a> {
         if !(between_rows > 0.0 && between_columns > 0.0) {
             return Err(malformed(FORMAT, "the pixel spacing is not positive"));
         }
-        Ok(Some(Place {
+        Ok(Some(ImagePlane {
             origin: Point::new(px, py, pz),
             along_row: a.normalize(),
             along_column: b.normalize(),

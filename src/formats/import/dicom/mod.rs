@@ -21,13 +21,16 @@ use rayon::prelude::*;
 
 use super::error::{at_most, malformed};
 use super::hounsfield::{AIR, Scale};
-use super::volume::check_extent;
-use super::{ImportError, Limits, VolumeSettings};
+use super::lattice::VoxelLattice;
+use super::volume_settings::VolumeSettings;
+use super::{ImportError, Limits};
 use elements::DataSet;
-use header::Header;
-use prosopon_geometry::Volume;
+pub(super) use header::Header;
+use header::Images;
+use pixels::DecodedImage;
+use prosopon_geometry::{Volume, Warning};
 use series::Image;
-use stack::Layout;
+use stack::StackLayout;
 
 pub(super) const FORMAT: &str = "DICOM";
 /// Most bytes of one file; enough for an enhanced image with 480 frames of 512 × 512 pixels.
@@ -43,7 +46,7 @@ pub(super) fn looks_like(bytes: &[u8]) -> bool {
 /// The images of a file, one per frame; empty for files without an image (reports, directories).
 pub(super) fn headers(bytes: &[u8]) -> Result<Vec<Header>, ImportError> {
     let set = DataSet::open(bytes)?;
-    let found = header::read(&set)?.map_or_else(Vec::new, |(headers, _)| headers);
+    let found = header::read(&set)?.map_or_else(Vec::new, |images| images.headers);
     match found.first() {
         Some(h) if h.columns.saturating_mul(h.rows) > MAX_PIXELS => {
             Err(malformed(FORMAT, format!("{} x {} pixels, but at most {MAX_PIXELS} are allowed", h.columns, h.rows)))
@@ -52,20 +55,26 @@ pub(super) fn headers(bytes: &[u8]) -> Result<Vec<Header>, ImportError> {
     }
 }
 
+/// A volume made of a series.
+#[derive(Debug)]
+pub(super) struct Assembled {
+    pub(super) volume: Volume,
+    /// Number of the series that was read, from 1, when there are several.
+    pub(super) series: Option<usize>,
+}
+
 /// Makes a volume of the images; `fetch` returns the bytes of a file, by its index.
-///
-/// Also returns the number of the series that was read, from 1, when there are several.
 pub(super) fn assemble(
     found: Vec<(usize, Header)>,
     fetch: &(dyn Fn(usize) -> Result<Vec<u8>, ImportError> + Sync),
     limits: &Limits,
     settings: &VolumeSettings,
-    warnings: &mut Vec<String>,
-) -> Result<(Volume, Option<usize>), ImportError> {
+    warnings: &mut Vec<Warning>,
+) -> Result<Assembled, ImportError> {
     let stack = series::choose(found, settings, warnings)?;
     let images = stack.images;
     let layout = stack::layout(&images, settings.max_step_mm, warnings)?;
-    let Some(Image { header, place, .. }) = images.first() else {
+    let Some(Image { header, plane, .. }) = images.first() else {
         return Err(malformed(FORMAT, "there are no images"));
     };
     if let Some((image, code)) = images.iter().find_map(|i| match i.header.syntax.pixels {
@@ -79,103 +88,102 @@ pub(super) fn assemble(
     let dims = [header.columns, header.rows, layout.depth];
     at_most("voxels", (per_slice as u64).saturating_mul(layout.depth.max(images.len()) as u64), limits.max_voxels)?;
     #[expect(clippy::arithmetic_side_effects, reason = "floating point")]
-    let axes = [place.along_row * place.spacing[0], place.along_column * place.spacing[1], layout.step];
-    check_extent(dims, &layout.origin, &axes, warnings)?;
+    let axes = [plane.along_row * plane.spacing[0], plane.along_column * plane.spacing[1], layout.step];
+    let lattice = VoxelLattice { origin: layout.origin, axes };
+    lattice.check_extent(dims, warnings)?;
 
     let stored = decode(&images, &layout, per_slice, fetch, warnings)?;
     let hu = match &layout.uneven {
         None => stored,
-        Some(places) => resample(&stored, per_slice, places, layout.depth),
+        Some(positions) => resample(&stored, per_slice, positions, layout.depth),
     };
-    Ok((Volume { dims, origin: layout.origin, axes, hu }, stack.series))
+    let volume = Volume { dims, origin: lattice.origin, axes: lattice.axes, hu };
+    Ok(Assembled { volume, series: stack.series })
 }
 
 /// HU of all slices, in order; refuses images at the same position that differ.
 fn decode(
     images: &[Image],
-    layout: &Layout,
+    layout: &StackLayout,
     per_slice: usize,
     fetch: &(dyn Fn(usize) -> Result<Vec<u8>, ImportError> + Sync),
-    warnings: &mut Vec<String>,
+    warnings: &mut Vec<Warning>,
 ) -> Result<Vec<i16>, ImportError> {
     // An enhanced image holds all frames in one file, which is fetched once.
     let whole = match images.first() {
         Some(first) if images.len() > 1 && images.iter().all(|i| i.file == first.file) => Some(fetch(first.file)?),
         _ => None,
     };
-    let decoded = |at: usize| -> Result<(Vec<i16>, u64, Scale), ImportError> {
+    let decoded = |at: usize| -> Result<DecodedImage, ImportError> {
         let Some(image) = images.get(at) else { return Err(malformed(FORMAT, "an image is missing")) };
-        let mut scale = Scale::new(image.header.words.slope, image.header.words.intercept);
-        let named = |e: ImportError| match e {
-            ImportError::Malformed { format, detail } => {
-                malformed(format, format!("file {}: {detail}", image.file.saturating_add(1)))
-            }
-            other @ (ImportError::Empty
-            | ImportError::UnknownFormat { .. }
-            | ImportError::TooLarge { .. }
-            | ImportError::ImplausibleSize { .. }
-            | ImportError::Geometry(_)) => other,
-        };
         let bytes = match &whole {
             Some(bytes) => Cow::Borrowed(bytes),
             None => Cow::Owned(fetch(image.file)?),
         };
-        let set = DataSet::open(&bytes).map_err(named)?;
-        let Some((_, value)) = header::read(&set).map_err(named)? else {
+        let set = DataSet::open(&bytes).map_err(|e| e.in_file(image.file))?;
+        let Some(Images { pixels, .. }) = header::read(&set).map_err(|e| e.in_file(image.file))? else {
             return Err(malformed(FORMAT, "an image is missing"));
         };
-        let (hu, n_padding) = pixels::hounsfield(&image.header, &value, &mut scale).map_err(named)?;
-        Ok((hu, n_padding, scale))
+        pixels::hounsfield(&image.header, &pixels).map_err(|e| e.in_file(image.file))
     };
     let mut hu = vec![AIR; per_slice.saturating_mul(layout.slices.len())];
-    let counts: Vec<(u64, Scale)> = hu
+    let changes: Vec<Changes> = hu
         .par_chunks_mut(per_slice)
         .zip(&layout.slices)
         .map(|(slice, &at)| {
-            let (found, n_padding, scale) = decoded(at)?;
-            slice.copy_from_slice(found.get(..per_slice).unwrap_or_default());
-            Ok((n_padding, scale))
+            let found = decoded(at)?;
+            slice.copy_from_slice(found.hu.get(..per_slice).unwrap_or_default());
+            Ok(Changes { n_padding: found.n_padding, scale: found.scale })
         })
         .collect::<Result<_, ImportError>>()?;
-    for &(double, other) in &layout.doubles {
-        let slice = layout.slices.iter().position(|s| *s == other).unwrap_or(0);
+    for duplicate in &layout.duplicates {
+        let slice = layout.slices.iter().position(|s| *s == duplicate.slice).unwrap_or(0);
         let start = slice.saturating_mul(per_slice);
-        if hu.get(start..start.saturating_add(per_slice)) != Some(&decoded(double)?.0) {
+        if hu.get(start..start.saturating_add(per_slice)) != Some(&decoded(duplicate.image)?.hu) {
             let detail = "two different images lie at one position: the series mixes scans or reconstructions";
             return Err(malformed(FORMAT, detail));
         }
     }
-    tell(images, &counts, warnings);
+    warn_of_changes(images, &changes, warnings);
     Ok(hu)
 }
 
-fn tell(images: &[Image], counts: &[(u64, Scale)], warnings: &mut Vec<String>) {
-    let n_padding = counts.iter().fold(0u64, |n, (padding, _)| n.saturating_add(*padding));
+/// Changes of the values of one slice.
+struct Changes {
+    n_padding: u64,
+    scale: Scale,
+}
+
+fn warn_of_changes(images: &[Image], changes: &[Changes], warnings: &mut Vec<Warning>) {
+    let n_padding = changes.iter().fold(0u64, |n, slice| n.saturating_add(slice.n_padding));
     if n_padding > 0 {
-        warnings.push(format!("{n_padding} pixels outside the scan (padding) were set to {AIR} HU"));
+        let found = format!("{n_padding} pixels outside the scan (padding) were set to {AIR} HU");
+        warnings.push(Warning::info("padding-set-to-air", found));
     }
-    if images.iter().any(|i| pixels::padding_is_doubtful(&i.header.words)) {
-        warnings.push("the padding value of some images is also a value of tissue; it was not used".to_owned());
+    if images.iter().any(|i| pixels::has_unusable_padding(&i.header.encoding)) {
+        let found = "the padding value of some images is also a value of tissue; it was not used";
+        warnings.push(Warning::check("padding-in-tissue", found).act("Check the values outside the scanned circle."));
     }
     let lossy = images.iter().filter(|i| i.header.lossy).count();
     if lossy > 0 {
-        warnings.push(format!("{lossy} images have lossy compression"));
+        let found = format!("{lossy} images have lossy compression");
+        warnings.push(Warning::check("lossy-compression", found).act("Export the series without lossy compression."));
     }
     let mut sum = Scale::new(1.0, 0.0);
-    counts.iter().for_each(|(_, scale)| sum.join(scale));
+    changes.iter().for_each(|slice| sum.join(&slice.scale));
     sum.report(warnings);
 }
 
-/// Interpolates slices at uneven `places` (in steps) linearly to even ones.
-fn resample(stored: &[i16], per_slice: usize, places: &[f64], depth: usize) -> Vec<i16> {
+/// Interpolates slices at uneven `positions` (in steps) linearly to even ones.
+fn resample(stored: &[i16], per_slice: usize, positions: &[f64], depth: usize) -> Vec<i16> {
     let mut hu = vec![AIR; per_slice.saturating_mul(depth)];
     hu.par_chunks_mut(per_slice.max(1)).enumerate().for_each(|(k, out)| {
-        let place = k as f64;
-        let above = places.partition_point(|p| *p < place).clamp(1, places.len().saturating_sub(1).max(1));
+        let position = k as f64;
+        let above = positions.partition_point(|p| *p < position).clamp(1, positions.len().saturating_sub(1).max(1));
         let below = above.saturating_sub(1);
-        let (Some(&from), Some(&to)) = (places.get(below), places.get(above)) else { return };
+        let (Some(&from), Some(&to)) = (positions.get(below), positions.get(above)) else { return };
         // A slice that is off the lattice only by rounded decimals is copied instead of interpolated.
-        let share = ((place - from) / (to - from)).clamp(0.0, 1.0);
+        let share = ((position - from) / (to - from)).clamp(0.0, 1.0);
         let share = if (share - share.round()).abs() < 1e-2 { share.round() } else { share };
         let slice = |at: usize| stored.iter().skip(at.saturating_mul(per_slice)).take(per_slice);
         for ((value, a), b) in out.iter_mut().zip(slice(below)).zip(slice(above)) {

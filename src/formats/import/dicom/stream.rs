@@ -22,7 +22,7 @@ enum Codec {
 
 /// Header of the compressed stream.
 #[derive(Debug, Clone, Copy)]
-struct Frame {
+struct StreamHeader {
     codec: Codec,
     precision: u8,
     /// Whether numbers are signed; only JPEG 2000 has signed numbers.
@@ -34,24 +34,24 @@ struct Frame {
 
 /// The stored words of one image of `columns` × `rows` pixels; negative numbers are two's complement of 16 bits.
 pub(super) fn words(stream: &[u8], columns: usize, rows: usize) -> Result<Vec<u16>, ImportError> {
-    let frame = if stream.starts_with(&[0xff, 0xd8]) { jpeg_frame(stream) } else { jpeg_2000_frame(stream) };
-    let frame =
-        frame.ok_or_else(|| malformed(FORMAT, "the compressed pixels are not a supported JPEG or JPEG 2000 stream"))?;
-    if (frame.columns, frame.rows, frame.components) != (columns as u64, rows as u64, 1) {
-        let Frame { columns: c, rows: r, components, .. } = frame;
+    let header = if stream.starts_with(&[0xff, 0xd8]) { jpeg_header(stream) } else { jpeg_2000_header(stream) };
+    let header = header
+        .ok_or_else(|| malformed(FORMAT, "the compressed pixels are not a supported JPEG or JPEG 2000 stream"))?;
+    if (header.columns, header.rows, header.components) != (columns as u64, rows as u64, 1) {
+        let StreamHeader { columns: c, rows: r, components, .. } = header;
         let detail = format!(
             "the compressed pixels are {c} x {r} with {components} components, but the image is {columns} x {rows} with 1"
         );
         return Err(malformed(FORMAT, detail));
     }
     // The decoders are memory-safe, but may panic on damaged streams.
-    let words = catch_unwind(|| decode(stream, &frame)).ok().flatten();
+    let words = catch_unwind(|| decode(stream, &header)).ok().flatten();
     let words = words.filter(|w| w.len() == columns.saturating_mul(rows));
-    words.ok_or_else(|| malformed(FORMAT, format!("the compressed pixels ({:?}) are damaged", frame.codec)))
+    words.ok_or_else(|| malformed(FORMAT, format!("the compressed pixels ({:?}) are damaged", header.codec)))
 }
 
-fn decode(stream: &[u8], frame: &Frame) -> Option<Vec<u16>> {
-    match frame.codec {
+fn decode(stream: &[u8], header: &StreamHeader) -> Option<Vec<u16>> {
+    match header.codec {
         Codec::Jpeg => {
             let mut decoder = jpeg_decoder::Decoder::new(stream);
             let bytes = decoder.decode().ok()?;
@@ -64,7 +64,7 @@ fn decode(stream: &[u8], frame: &Frame) -> Option<Vec<u16>> {
             })
         }
         Codec::JpegLs => {
-            let (words, ..) = jpegls::decode(stream, frame.columns as u32, frame.rows as u32).ok()?;
+            let (words, ..) = jpegls::decode(stream, header.columns as u32, header.rows as u32).ok()?;
             Some(words)
         }
         Codec::Jpeg2000 => {
@@ -72,7 +72,7 @@ fn decode(stream: &[u8], frame: &Frame) -> Option<Vec<u16>> {
             let image = dicom_toolkit_jpeg2000::Image::new(stream, &settings).ok()?;
             let bitmap = image.decode_native().ok()?;
             // The decoder adds half the range to signed numbers too; this subtracts it again.
-            let lift = if frame.signed { 1u16.checked_shl(u32::from(frame.precision).saturating_sub(1))? } else { 0 };
+            let lift = if header.signed { 1u16.checked_shl(u32::from(header.precision).saturating_sub(1))? } else { 0 };
             Some(match bitmap.bytes_per_sample {
                 1 => bitmap.data.iter().map(|b| u16::from(*b).wrapping_sub(lift)).collect(),
                 _ => bitmap.data.as_chunks::<2>().0.iter().map(|b| u16::from_le_bytes(*b).wrapping_sub(lift)).collect(),
@@ -82,7 +82,7 @@ fn decode(stream: &[u8], frame: &Frame) -> Option<Vec<u16>> {
 }
 
 /// The frame header among the segments of a JPEG or JPEG-LS stream.
-fn jpeg_frame(stream: &[u8]) -> Option<Frame> {
+fn jpeg_header(stream: &[u8]) -> Option<StreamHeader> {
     let mut rest = stream.get(2..)?;
     loop {
         let (&[lead, marker], after) = rest.split_first_chunk::<2>()?;
@@ -105,7 +105,7 @@ fn jpeg_frame(stream: &[u8]) -> Option<Frame> {
             }
         };
         let &[precision, y1, y0, x1, x0, components] = after.get(2..)?.first_chunk::<6>()?;
-        return Some(Frame {
+        return Some(StreamHeader {
             codec,
             precision,
             signed: false,
@@ -117,7 +117,7 @@ fn jpeg_frame(stream: &[u8]) -> Option<Frame> {
 }
 
 /// The size segment of a JPEG 2000 code stream, bare or within a JP2 file.
-fn jpeg_2000_frame(stream: &[u8]) -> Option<Frame> {
+fn jpeg_2000_header(stream: &[u8]) -> Option<StreamHeader> {
     const START: [u8; 4] = [0xff, 0x4f, 0xff, 0x51];
     const JP2: [u8; 8] = [0, 0, 0, 12, b'j', b'P', b' ', b' '];
     let beginning = stream.get(..stream.len().min(4096))?;
@@ -143,7 +143,7 @@ fn jpeg_2000_frame(stream: &[u8]) -> Option<Frame> {
     let components = u16::from_be_bytes(*size.get(32..)?.first_chunk::<2>()?);
     let depth = *size.get(34)?;
     let precision = (depth & 0x7f).saturating_add(1);
-    (precision <= 16).then_some(Frame {
+    (precision <= 16).then_some(StreamHeader {
         codec: Codec::Jpeg2000,
         precision,
         signed: depth & 0x80 != 0,

@@ -1,10 +1,26 @@
 //! Encoding of a file's elements and pixels.
 
+use crate::import::number::ByteOrder;
+
+/// Whether elements state their type.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum TypeEncoding {
+    Explicit,
+    Implicit,
+}
+
+impl TypeEncoding {
+    /// Encoding of the content of an element of type `vr`; that of unknown type (UN) is always implicit (CP-246).
+    pub(super) fn inside(self, vr: Option<[u8; 2]>) -> Self {
+        if vr.as_ref() == Some(b"UN") { Self::Implicit } else { self }
+    }
+}
+
 /// A transfer syntax.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Syntax {
-    pub(super) explicit: bool,
-    pub(super) little_endian: bool,
+    pub(super) types: TypeEncoding,
+    pub(super) byte_order: ByteOrder,
     pub(super) deflated: bool,
     pub(super) pixels: Pixels,
 }
@@ -24,8 +40,8 @@ const ROOT: &str = "1.2.840.10008.1.2";
 
 impl Syntax {
     pub(super) const IMPLICIT_LITTLE: Self =
-        Self { explicit: false, little_endian: true, deflated: false, pixels: Pixels::Plain };
-    pub(super) const EXPLICIT_LITTLE: Self = Self { explicit: true, ..Self::IMPLICIT_LITTLE };
+        Self { types: TypeEncoding::Implicit, byte_order: ByteOrder::Little, deflated: false, pixels: Pixels::Plain };
+    pub(super) const EXPLICIT_LITTLE: Self = Self { types: TypeEncoding::Explicit, ..Self::IMPLICIT_LITTLE };
 
     /// The syntax with this identifier. Source: DICOM PS3.5, section 10 and annex A.
     pub(super) fn of(uid: &[u8]) -> Self {
@@ -35,7 +51,7 @@ impl Syntax {
             Some("") => Self::IMPLICIT_LITTLE,
             Some(".1" | ".1.98") => Self::EXPLICIT_LITTLE,
             Some(".1.99") => Self { deflated: true, ..Self::EXPLICIT_LITTLE },
-            Some(".2") => Self { little_endian: false, ..Self::EXPLICIT_LITTLE },
+            Some(".2") => Self { byte_order: ByteOrder::Big, ..Self::EXPLICIT_LITTLE },
             Some(".5") => packed(Pixels::Rle),
             Some(".4.50" | ".4.51" | ".4.57" | ".4.70" | ".4.80" | ".4.81" | ".4.90" | ".4.91") => {
                 packed(Pixels::Stream)

@@ -9,7 +9,7 @@ use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 
 use crate::import::{ImportError, Limits, SeriesChoice, VolumeFormat, VolumeRead, VolumeSettings, volume, volume_with};
-use prosopon_geometry::{Point, Vector};
+use prosopon_geometry::{Point, Severity, Vector, Warning};
 
 const COLUMNS: usize = 12;
 const ROWS: usize = 10;
@@ -292,7 +292,7 @@ fn every_encoding_gives_the_same_volume() {
     for slices in READ.map(stack).into_iter().chain([mixed]) {
         let VolumeRead { volume, format, series, warnings } = read(&slices).unwrap();
         assert_eq!((format, series), (VolumeFormat::Dicom, None));
-        assert_eq!(warnings, ["1 files that are not images were skipped"]);
+        assert_eq!(warnings.iter().map(|w| w.code).collect::<Vec<_>>(), ["files-skipped"]);
         assert_eq!((volume.dims, volume.origin), ([COLUMNS, ROWS, 7], Point::new(-50.0, -40.0, 0.0)));
         assert_eq!(volume.axes, [Vector::x() * 10.0, Vector::y() * 8.0, Vector::z() * 20.0]);
         assert!(volume.hu == expected, "{}", slices[0].syntax);
@@ -322,7 +322,8 @@ fn unsigned_scaled_padded_and_shifted_numbers_become_hu() {
         let expected: Vec<i16> = slices.iter().flat_map(Slice::expected).collect();
         assert!(found.volume.hu == expected, "{syntax}");
         let n = slices.iter().flat_map(|s| &s.pixels).filter(|p| **p == 0).count();
-        assert!(found.warnings.contains(&format!("{n} pixels outside the scan (padding) were set to -1024 HU")));
+        let padding = found.warnings.iter().find(|w| w.code == "padding-set-to-air").unwrap();
+        assert!(padding.severity == Severity::Info && padding.message.starts_with(&format!("{n} pixels")), "{padding}");
     }
     // The sign is in bit 11; the bits above it are not part of the number.
     let mut slices = stack(EXPLICIT);
@@ -338,19 +339,19 @@ fn unsigned_scaled_padded_and_shifted_numbers_become_hu() {
     let tissue: Vec<Slice> = doubtful.into_iter().filter(|s| s.pixels[40] > -400).collect();
     let found = read(&tissue[..2]).unwrap();
     assert_eq!(found.volume.hu, tissue[..2].iter().flat_map(Slice::expected).collect::<Vec<_>>());
-    assert!(found.warnings.iter().any(|w| w.contains("also a value of tissue")), "{:?}", found.warnings);
+    assert!(found.warnings.iter().any(|w| w.code == "padding-in-tissue"), "{:?}", found.warnings);
 }
 
 #[test]
 fn oblique_and_tilted_stacks_stay_where_they_lie() {
     let turn = nalgebra::Rotation3::from_euler_angles(0.35, -0.2, 0.6);
     let [a, b, n] = [Vector::x(), Vector::y(), Vector::z()].map(|v| turn * v);
-    for (step, told) in [(n * 20.0, None), (n * 20.0 + b * 6.0, Some("tilted by 16.7°"))] {
+    for (step, tilt) in [(n * 20.0, None), (n * 20.0 + b * 6.0, Some("tilted by 16.7°"))] {
         let mut slices = stack(EXPLICIT);
         for (k, slice) in slices.iter_mut().enumerate() {
             slice.orientation = [a.x, a.y, a.z, b.x, b.y, b.z];
-            let place = Point::new(3.0, -5.0, 8.0) + step * k as f64;
-            slice.position = [place.x, place.y, place.z];
+            let origin = Point::new(3.0, -5.0, 8.0) + step * k as f64;
+            slice.position = [origin.x, origin.y, origin.z];
         }
         // From the last to the first: the volume begins where the normal does.
         slices.reverse();
@@ -360,17 +361,14 @@ fn oblique_and_tilted_stacks_stay_where_they_lie() {
             assert!((axis - expected).norm() < 1e-9, "{axis}");
         }
         assert_eq!(found.volume.hu, (0..7).flat_map(|k| Slice::new(k, EXPLICIT).expected()).collect::<Vec<_>>());
-        assert_eq!(
-            found.warnings.iter().any(|w| told.is_some_and(|t| w.contains(t))),
-            told.is_some(),
-            "{:?}",
-            found.warnings
-        );
+        let tilted = found.warnings.iter().find(|w| w.code == "tilted-slices");
+        assert_eq!(tilted.is_some(), tilt.is_some(), "{:?}", found.warnings);
+        assert!(tilted.zip(tilt).is_none_or(|(found, tilt)| found.message.contains(tilt)), "{tilted:?}");
     }
 }
 
 #[test]
-fn missing_uneven_and_doubled_slices_are_mended_and_told_or_refused() {
+fn missing_uneven_and_duplicate_slices_are_mended_with_a_warning_or_refused() {
     let planes = |slices: &[Slice]| slices.iter().map(Slice::expected).collect::<Vec<_>>();
     // One slice is missing: the mean of its neighbours.
     let mut slices = stack(EXPLICIT);
@@ -383,7 +381,11 @@ fn missing_uneven_and_doubled_slices_are_mended_and_told_or_refused() {
         let expected: Vec<i16> = if k == 3 { (0..plane.len()).map(mean).collect() } else { whole[k].clone() };
         assert_eq!(plane, expected, "slice {k}");
     }
-    assert!(found.warnings.iter().any(|w| w.contains("1 slices are missing")), "{:?}", found.warnings);
+    assert!(
+        found.warnings.iter().any(|w| w.code == "uneven-slices" && w.message.contains("1 slices are missing")),
+        "{:?}",
+        found.warnings
+    );
 
     // Steps of 20 and 30 mm: a lattice of 20, exact for what is linear along the steps.
     let mut uneven = stack(EXPLICIT);
@@ -396,7 +398,11 @@ fn missing_uneven_and_doubled_slices_are_mended_and_told_or_refused() {
     for (k, plane) in found.volume.hu.chunks(COLUMNS * ROWS).enumerate() {
         assert!(plane.iter().all(|v| *v == 200 * k as i16 - 1000), "slice {k}: {}", plane[0]);
     }
-    assert!(found.warnings.iter().any(|w| w.contains("20.00 to 30.00 mm apart")), "{:?}", found.warnings);
+    assert!(
+        found.warnings.iter().any(|w| w.code == "uneven-slices" && w.message.contains("20.00 to 30.00 mm")),
+        "{:?}",
+        found.warnings
+    );
     // Too far apart to interpolate: refused with a list of all steps.
     let far = volume_with(&series(&uneven), &Limits::default(), &VolumeSettings::default()).unwrap_err().to_string();
     assert!(far.contains("Steps in mm: 20.00, 30.00, 30.00, 20.00, 30.00, 30.00"), "{far}");
@@ -406,13 +412,13 @@ fn missing_uneven_and_doubled_slices_are_mended_and_told_or_refused() {
     twice.push(Slice { syntax: RLE, ..twice[4].clone() });
     let found = read(&twice).unwrap();
     assert_eq!(planes(&stack(EXPLICIT)).concat(), found.volume.hu);
-    assert!(found.warnings.contains(&"1 images are there twice; one of each was used".to_owned()));
+    assert!(found.warnings.iter().any(|w| w.code == "duplicate-images" && w.severity == Severity::Info));
     twice[7].pixels[5] += 1;
     assert!(refused(&twice).contains("two different images lie at one position"));
     // Slices that are displaced sideways do not form a stack.
-    let mut aside = stack(EXPLICIT);
-    aside[3].position[0] += 9.0;
-    assert!(refused(&aside).contains("off a straight line"));
+    let mut sideways = stack(EXPLICIT);
+    sideways[3].position[0] += 9.0;
+    assert!(refused(&sideways).contains("off a straight line"));
 }
 
 #[test]
@@ -428,16 +434,9 @@ fn the_right_series_is_taken() {
     assert_eq!((found.volume.dims[2], found.series), (6, Some(2)));
     let list =
         "series 1: MR, 9 images of 12 x 10; series 2: CT, 7 images of 12 x 10; series 3: CT, 4 images of 12 x 10";
-    assert!(
-        found.warnings.iter().any(|w| w.contains("series 2 was taken as the largest CT") && w.ends_with(list)),
-        "{:?}",
-        found.warnings
-    );
-    assert!(
-        found.warnings.iter().any(|w| w.starts_with("1 images of the series were left out")),
-        "{:?}",
-        found.warnings
-    );
+    let several = found.warnings.iter().find(|w| w.code == "several-series").unwrap();
+    assert!(several.message.contains("series 2 was taken") && several.message.ends_with(list), "{several}");
+    assert!(found.warnings.iter().any(|w| w.code == "localizers-left-out" && w.message.starts_with("1 images")));
     let zip = series(&slices);
     let ask = |name: &str| {
         let chosen = Some(SeriesChoice::of(name));
@@ -473,7 +472,7 @@ fn what_cannot_be_read_is_named_and_nothing_of_the_patient_is() {
     let large = volume(&series(&stack(EXPLICIT)), &few).unwrap_err();
     assert!(matches!(large, ImportError::TooLarge { what: "voxels", found: 840, allowed: 800 }), "{large}");
     // Warnings do not repeat it either.
-    assert!(read(&stack(EXPLICIT)).unwrap().warnings.iter().all(|w| !w.contains("PATIENT")));
+    assert!(read(&stack(EXPLICIT)).unwrap().warnings.iter().all(|w| !w.to_string().contains("PATIENT")));
 }
 
 #[test]

@@ -3,8 +3,8 @@
 //! The `nifti` crate reads the 348 bytes of the header. This module reads the voxels itself, because the crate allocates
 //! whatever the header states and its affine panics on a negative spacing.
 
-mod frame;
-mod kind;
+mod affine;
+mod number_type;
 mod scan;
 #[cfg(test)]
 pub(super) mod tests;
@@ -16,12 +16,12 @@ use nifti::{Endianness, NiftiHeader};
 
 pub(super) use scan::Scan;
 
-use super::error::{at_most, malformed};
-use super::hounsfield::{self, MAX_INFLATION};
-use super::number::Kind;
-use super::volume::check_extent;
+use super::error::malformed;
+use super::hounsfield::{self, Packing, bytes_after_voxels};
+use super::lattice::{self, VoxelLattice};
+use super::number::{ByteOrder, NumberFormat, NumberType};
 use super::{ImportError, Limits};
-use prosopon_geometry::{Point, Vector, Volume};
+use prosopon_geometry::{Volume, Warning};
 
 const FORMAT: &str = "NIfTI-1";
 const HEADER: u64 = 348;
@@ -35,71 +35,75 @@ pub(super) fn looks_like(bytes: &[u8]) -> bool {
 }
 
 /// The checked content of the header.
-struct Layout {
+struct CheckedHeader {
     header: NiftiHeader,
     dims: [usize; 3],
     n_voxels: usize,
-    kind: Kind,
+    number_type: NumberType,
     /// Byte of the first voxel.
     start: u64,
     /// Byte after the last voxel.
     end: u64,
-    origin: Point,
-    axes: [Vector; 3],
+    lattice: VoxelLattice,
 }
 
 /// Reads header and voxels.
-pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<(Volume, Vec<String>), ImportError> {
-    let mut stream = unpacked(bytes);
-    let mut warnings = Vec::new();
-    let layout = read_layout(&mut stream, bytes.starts_with(&GZIP), bytes.len() as u64, limits, &mut warnings)?;
-    let Layout { header, dims, n_voxels, kind, start, end: _, origin, axes } = layout;
+pub(super) fn read(bytes: &[u8], limits: &Limits, warnings: &mut Vec<Warning>) -> Result<Volume, ImportError> {
+    let packing = packing_of(bytes);
+    let mut stream: Box<dyn Read + '_> = match packing {
+        Packing::Plain | Packing::Zlib => Box::new(bytes),
+        Packing::Gzip => Box::new(MultiGzDecoder::new(bytes)),
+    };
+    let checked = check_header(&mut stream, packing.max_unpacked(bytes.len() as u64), limits, warnings)?;
+    let CheckedHeader { header, dims, n_voxels, number_type, start, end: _, lattice } = checked;
 
     let skipped = std::io::copy(&mut (&mut stream).take(start.saturating_sub(HEADER)), &mut std::io::sink());
     skipped.map_err(|e| unreadable(&e))?;
-    let little = header.endianness == Endianness::Little;
-    let scale = kind::scale_of(&header)?;
-    let hu = hounsfield::read(&mut stream, (kind, little), n_voxels, scale, &mut warnings, unreadable)?;
+    let byte_order = match header.endianness {
+        Endianness::Little => ByteOrder::Little,
+        Endianness::Big => ByteOrder::Big,
+    };
+    let scale = number_type::scale_of(&header)?;
+    let numbers = NumberFormat { number_type, byte_order };
+    let hu = hounsfield::read(&mut stream, numbers, n_voxels, scale, warnings, unreadable)?;
     // Reading to the end also verifies the checksum of a gzipped file.
     match stream.read(&mut [0]).map_err(|e| unreadable(&e))? {
         0 => {}
-        _ => warnings.push("bytes after the last voxel were ignored".to_owned()),
+        _ => warnings.push(bytes_after_voxels()),
     }
-    Ok((Volume { dims, origin, axes, hu }, warnings))
+    Ok(Volume { dims, origin: lattice.origin, axes: lattice.axes, hu })
 }
 
-fn unpacked(bytes: &[u8]) -> Box<dyn Read + '_> {
-    if bytes.starts_with(&GZIP) { Box::new(MultiGzDecoder::new(bytes)) } else { Box::new(bytes) }
+fn packing_of(bytes: &[u8]) -> Packing {
+    if bytes.starts_with(&GZIP) { Packing::Gzip } else { Packing::Plain }
 }
 
-/// Reads the header and checks it against the limits and the file's `length`.
-fn read_layout(
+/// Reads the header and checks it against the limits and the file's unpacked length, which is at most `max_length`.
+fn check_header(
     stream: &mut dyn Read,
-    zipped: bool,
-    length: u64,
+    max_length: u64,
     limits: &Limits,
-    warnings: &mut Vec<String>,
-) -> Result<Layout, ImportError> {
+    warnings: &mut Vec<Warning>,
+) -> Result<CheckedHeader, ImportError> {
     let header = read_header(stream)?;
     let dims = read_dims(&header)?;
-    let n_voxels = dims.iter().fold(1u64, |n, d| n.saturating_mul(*d as u64));
-    at_most("voxels", n_voxels, limits.max_voxels)?;
+    let n_voxels = lattice::n_voxels(FORMAT, dims, limits)?;
 
-    let kind = kind::kind_of(&header)?;
+    let number_type = number_type::number_type_of(&header)?;
     let start = f64::from(header.vox_offset);
     if !(start >= HEADER as f64 && start <= 1e9) {
         return Err(malformed(FORMAT, format!("the voxels start at byte {start:?}, expected 352 or more")));
     }
     let start = start as u64;
-    let needed = start.saturating_add(n_voxels.saturating_mul(kind.size() as u64));
-    if needed > length.saturating_mul(if zipped { MAX_INFLATION } else { 1 }) {
-        let detail = format!("{n_voxels} voxels end at byte {needed}, which cannot be in a file of {length} bytes");
+    let end = start.saturating_add((n_voxels as u64).saturating_mul(number_type.size() as u64));
+    if end > max_length {
+        let detail = format!("{n_voxels} voxels end at byte {end}, but the file has at most {max_length} bytes");
         return Err(malformed(FORMAT, detail));
     }
 
-    let (origin, axes) = frame::read(&header, dims, warnings)?;
-    check_extent(dims, &origin, &axes, warnings)?;
-    Ok(Layout { header, dims, n_voxels: n_voxels as usize, kind, start, end: needed, origin, axes })
+    let lattice = affine::read(&header, dims, warnings)?;
+    lattice.check(FORMAT, dims, warnings)?;
+    Ok(CheckedHeader { header, dims, n_voxels, number_type, start, end, lattice })
 }
 
 fn read_header(stream: &mut dyn Read) -> Result<NiftiHeader, ImportError> {
@@ -122,14 +126,9 @@ fn read_dims(header: &NiftiHeader) -> Result<[usize; 3], ImportError> {
     let dims = header
         .dim()
         .map_err(|_| malformed(FORMAT, "the dimensions are out of range, expected 1 to 7 of at least 1"))?;
-    // The format stores sizes as signed 16-bit numbers.
     match *dims {
-        [i, j, k, ref more @ ..]
-            if [i, j, k].iter().all(|d| (2..=0x7fff).contains(d)) && more.iter().all(|d| *d == 1) =>
-        {
-            Ok([i, j, k].map(usize::from))
-        }
-        _ => Err(malformed(FORMAT, format!("{dims:?} voxels, expected three dimensions of 2 to 32767"))),
+        [i, j, k, ref more @ ..] if more.iter().all(|d| *d == 1) => Ok([i, j, k].map(usize::from)),
+        _ => Err(malformed(FORMAT, format!("{dims:?} voxels, expected three dimensions"))),
     }
 }
 

@@ -4,7 +4,7 @@ use std::io::{ErrorKind, Write};
 
 use flate2::write::MultiGzDecoder;
 
-use super::{FORMAT, GZIP, HEADER, read_layout, unreadable};
+use super::{FORMAT, GZIP, HEADER, check_header, unreadable};
 use crate::import::error::malformed;
 use crate::import::{ImportError, Limits};
 
@@ -50,8 +50,7 @@ impl Count {
     /// Reads the header once it is complete. The length of the file is not known yet.
     fn look(&mut self, limits: &Limits) -> Result<(), ImportError> {
         if self.needed.is_none() && self.header.len() as u64 == HEADER {
-            let layout = read_layout(&mut self.header.as_slice(), false, u64::MAX, limits, &mut Vec::new())?;
-            self.needed = Some(layout.end);
+            self.needed = Some(check_header(&mut self.header.as_slice(), u64::MAX, limits, &mut Vec::new())?.end);
         }
         Ok(())
     }

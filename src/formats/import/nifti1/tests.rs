@@ -3,10 +3,10 @@ use std::io::Write;
 use flate2::Compression;
 use flate2::write::GzEncoder;
 
-use super::super::{ImportError, Limits, VolumeScan, volume};
-use prosopon_geometry::{Point, Vector, Volume};
+use super::super::{ImportError, Limits, VolumeCheck, volume};
+use prosopon_geometry::{Point, Vector, Volume, Warning};
 
-fn read(bytes: &[u8]) -> Result<(Volume, Vec<String>), ImportError> {
+fn read(bytes: &[u8]) -> Result<(Volume, Vec<Warning>), ImportError> {
     volume(bytes, &Limits::default())
 }
 
@@ -109,7 +109,7 @@ fn plain_gzipped_and_either_byte_order_give_the_same_volume_in_lps() {
     for big in [false, true] {
         let file = File::new(big);
         let (found, warnings) = read(&file.plain()).unwrap();
-        assert_eq!(warnings, [""; 0]);
+        assert_eq!(warnings, []);
         assert_eq!((found.dims, found.origin), ([3, 4, 5], Point::new(-1.0, -2.0, 3.0)));
         assert_eq!(
             found.axes,
@@ -156,10 +156,8 @@ fn every_kind_of_number_is_scaled_rounded_and_clamped() {
     file.voxels((0..60).flat_map(|i| values[i % 5].to_le_bytes()), 4);
     let (found, warnings) = read(&file.plain()).unwrap();
     assert_eq!(found.hu[..5], [-1024, 32767, -32768, -1000, 100]);
-    assert_eq!(
-        warnings,
-        ["12 voxels without a value (NaN) were set to -1024 HU", "24 voxels beyond -32768 to 32767 HU were clamped"]
-    );
+    assert_eq!(warnings.iter().map(|w| w.code).collect::<Vec<_>>(), ["voxels-without-value", "clamped-voxels"]);
+    assert!(warnings[0].message.starts_with("12 voxels") && warnings[1].message.starts_with("24 voxels"));
 }
 
 #[test]
@@ -169,7 +167,7 @@ fn the_qform_turns_and_mirrors() {
     // A quarter turn about z, mirrored along k: i runs to +y, j to -x, k to -z (RAS).
     file.qform(-1.0, [0.0, 0.0, 0.5f32.sqrt()], [7.0, 8.0, 9.0]);
     let (found, warnings) = read(&file.plain()).unwrap();
-    assert_eq!(warnings, [""; 0]);
+    assert_eq!(warnings, []);
     let expected = [Vector::new(0.0, -10.0, 0.0), Vector::new(20.0, 0.0, 0.0), Vector::new(0.0, 0.0, -30.0)];
     for (axis, expected) in found.axes.iter().zip(expected) {
         assert!((axis - expected).norm() < 1e-5, "{axis}");
@@ -180,23 +178,24 @@ fn the_qform_turns_and_mirrors() {
     file.i16(254, 1);
     let (found, warnings) = read(&file.plain()).unwrap();
     assert_eq!(found.origin, Point::new(-1.0, -2.0, 3.0));
-    assert!(warnings[0].starts_with("sform and qform differ by"), "{warnings:?}");
+    assert!(warnings[0].code == "sform-differs", "{warnings:?}");
 }
 
 #[test]
-fn missing_orientation_and_other_units_are_told() {
+fn missing_orientation_and_other_units_give_warnings() {
     let mut file = File::new(false);
     file.i16(254, 0);
     file.bytes[123] = 0;
     let (found, warnings) = read(&file.plain()).unwrap();
     assert_eq!(found.axes[1], Vector::new(0.0, -20.0, 0.0));
-    assert!(warnings[0].contains("left and right may be swapped") && warnings[1].contains("no unit"), "{warnings:?}");
+    assert_eq!(warnings.iter().map(|w| w.code).collect::<Vec<_>>(), ["no-orientation", "no-unit"]);
 
     let mut metres = File::new(false);
     metres.bytes[123] = 1;
     metres.sform([[0.01, 0.0, 0.0, 0.0], [0.0, 0.02, 0.0, 0.0], [0.0, 0.0, 0.03, 0.0]]);
-    let (found, _) = read(&metres.plain()).unwrap();
+    let (found, warnings) = read(&metres.plain()).unwrap();
     assert!((found.axes[2] - Vector::new(0.0, 0.0, 30.0)).norm() < 1e-5);
+    assert_eq!(warnings[0].code, "converted-unit");
     metres.bytes[123] = 2;
     metres.sform([[1e-3, 0.0, 0.0, 0.0], [0.0, 1e-3, 0.0, 0.0], [0.0, 0.0, 1e-3, 0.0]]);
     assert!(matches!(read(&metres.plain()), Err(ImportError::ImplausibleSize { .. })));
@@ -237,7 +236,7 @@ fn faults_are_named() {
     check(&|f| (f.i16(254, 0), f.qform(1.0, [1.0, 1.0, 0.0], [0.0; 3])).1, "quaternion");
     check(&|f| (f.i16(254, 0), f.qform(1.0, [0.0; 3], [0.0; 3]), f.f32(84, -1.0)).2, "expected positive");
     check(&|f| f.bytes[123] = 4, "unit of length");
-    check(&|f| f.bytes.truncate(360), "cannot be in a file");
+    check(&|f| f.bytes.truncate(360), "has at most 360 bytes");
 }
 
 #[test]
@@ -267,12 +266,12 @@ fn a_damaged_or_bloated_gzip_file_is_refused() {
     }
     let (found, warnings) = read(&encoder.finish().unwrap()).unwrap();
     assert_eq!(found.hu.len(), 60);
-    assert_eq!(warnings, ["bytes after the last voxel were ignored"]);
+    assert_eq!(warnings.iter().map(|w| w.code).collect::<Vec<_>>(), ["bytes-after-voxels"]);
 }
 
 /// Result of a scan of the pieces, and the number of pieces it took before it refused.
 fn scan<'a>(pieces: impl Iterator<Item = &'a [u8]>) -> (Result<(), String>, usize) {
-    let mut scan = VolumeScan::new(Limits::default());
+    let mut scan = VolumeCheck::new(Limits::default());
     let mut taken = 0;
     for piece in pieces {
         if let Err(error) = scan.push(piece) {
@@ -319,15 +318,15 @@ fn a_scan_refuses_a_header_that_cannot_be_before_the_voxels_come() {
 #[test]
 fn a_scan_tells_where_the_file_ends_and_unpacks_no_more_than_the_voxels() {
     let file = File::new(false);
-    let told = |bytes: &[u8]| scan([bytes].into_iter()).0;
-    assert!(told(&file.plain()[..471]).is_err_and(|e| e.contains("ends at byte 472, but there are 471")));
+    let scanned = |bytes: &[u8]| scan([bytes].into_iter()).0;
+    assert!(scanned(&file.plain()[..471]).is_err_and(|e| e.contains("ends at byte 472, but there are 471")));
     let zipped = file.gzipped();
-    assert!(told(&zipped[..zipped.len() - 1]).is_err_and(|e| e.contains("gzip")));
+    assert!(scanned(&zipped[..zipped.len() - 1]).is_err_and(|e| e.contains("gzip")));
     let mut wrong_sum = zipped;
     let end = wrong_sum.len();
     wrong_sum[end - 6] ^= 1;
-    assert!(told(&wrong_sum).is_err_and(|e| e.contains("damaged")));
+    assert!(scanned(&wrong_sum).is_err_and(|e| e.contains("damaged")));
     // Bytes after the voxels are not checked, not even whether they are gzip.
     let bloated = [file.gzipped(), gzip(&vec![0; 1 << 20]), vec![7; 1 << 20]].concat();
-    assert_eq!(told(&bloated), Ok(()));
+    assert_eq!(scanned(&bloated), Ok(()));
 }

@@ -2,9 +2,8 @@
 
 use super::super::ImportError;
 use super::super::error::malformed;
-use super::super::number::Kind;
+use super::super::number::NumberType;
 use super::FORMAT;
-use super::payload::Values;
 
 /// Encoding of the numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -15,16 +14,16 @@ pub(super) enum Encoding {
 }
 
 /// The number type with the PLY name `word`.
-fn kind_named(word: &[u8]) -> Option<Kind> {
+fn number_type_named(word: &[u8]) -> Option<NumberType> {
     Some(match word {
-        b"char" | b"int8" => Kind::I8,
-        b"uchar" | b"uint8" => Kind::U8,
-        b"short" | b"int16" => Kind::I16,
-        b"ushort" | b"uint16" => Kind::U16,
-        b"int" | b"int32" => Kind::I32,
-        b"uint" | b"uint32" => Kind::U32,
-        b"float" | b"float32" => Kind::F32,
-        b"double" | b"float64" => Kind::F64,
+        b"char" | b"int8" => NumberType::I8,
+        b"uchar" | b"uint8" => NumberType::U8,
+        b"short" | b"int16" => NumberType::I16,
+        b"ushort" | b"uint16" => NumberType::U16,
+        b"int" | b"int32" => NumberType::I32,
+        b"uint" | b"uint32" => NumberType::U32,
+        b"float" | b"float32" => NumberType::F32,
+        b"double" | b"float64" => NumberType::F64,
         _ => return None,
     })
 }
@@ -43,14 +42,14 @@ pub(super) enum Role {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Property {
     pub(super) role: Role,
-    pub(super) kind: Kind,
+    pub(super) number_type: NumberType,
     /// Type of a list's length; `None` for a single value.
-    pub(super) count_kind: Option<Kind>,
+    pub(super) count_type: Option<NumberType>,
 }
 
 /// Use of an element by the reader.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum What {
+pub(super) enum ElementKind {
     Vertex,
     Face,
     Other,
@@ -59,7 +58,7 @@ pub(super) enum What {
 /// An element of the file: a table with one row per instance.
 #[derive(Debug)]
 pub(super) struct Element {
-    pub(super) what: What,
+    pub(super) kind: ElementKind,
     pub(super) count: u64,
     pub(super) properties: Vec<Property>,
 }
@@ -71,15 +70,20 @@ impl Element {
     }
 }
 
-/// The header: elements in the order of the file.
+/// The header, and the bytes of the values that follow.
 #[derive(Debug)]
-pub(super) struct Header {
+pub(super) struct Header<'a> {
+    /// Elements in the order of the file.
     pub(super) elements: Vec<Element>,
+    pub(super) encoding: Encoding,
+    pub(super) values: &'a [u8],
+    /// Number of the line on which the values begin.
+    pub(super) values_line: u64,
 }
 
-impl Header {
-    /// Reads up to `end_header`; returns the header and a reader of the values that follow.
-    pub(super) fn read(bytes: &[u8]) -> Result<(Self, Values<'_>), ImportError> {
+impl<'a> Header<'a> {
+    /// Reads up to `end_header`.
+    pub(super) fn read(bytes: &'a [u8]) -> Result<Self, ImportError> {
         let mut elements: Vec<Element> = Vec::new();
         let mut encoding = None;
         let mut rest = bytes;
@@ -106,22 +110,22 @@ impl Header {
                 [b"element", name, count] => {
                     let count = std::str::from_utf8(count).ok().and_then(|c| c.parse().ok());
                     let count = count.ok_or_else(|| fault("the count of an element is not a number"))?;
-                    let what = match name {
-                        b"vertex" => What::Vertex,
-                        b"face" => What::Face,
-                        _ => What::Other,
+                    let kind = match name {
+                        b"vertex" => ElementKind::Vertex,
+                        b"face" => ElementKind::Face,
+                        _ => ElementKind::Other,
                     };
-                    elements.push(Element { what, count, properties: Vec::new() });
+                    elements.push(Element { kind, count, properties: Vec::new() });
                 }
                 [b"property", ref definition @ ..] => {
                     let element = elements.last_mut().ok_or_else(|| fault("a property before any element"))?;
-                    let property = property(definition, element.what).ok_or_else(|| fault("unknown property type"))?;
+                    let property = property(definition, element.kind).ok_or_else(|| fault("unknown property type"))?;
                     element.properties.push(property);
                 }
                 [b"end_header"] => {
                     let encoding = encoding.ok_or_else(|| fault("no `format … 1.0` before the end of the header"))?;
                     check(&elements)?;
-                    return Ok((Self { elements }, Values::new(rest, encoding, line.saturating_add(1))));
+                    return Ok(Self { elements, encoding, values: rest, values_line: line.saturating_add(1) });
                 }
                 _ => return Err(fault("not a header line of PLY 1.0, or a second `format`")),
             }
@@ -130,34 +134,37 @@ impl Header {
     }
 }
 
-fn property(definition: &[&[u8]], what: What) -> Option<Property> {
-    let (count_kind, kind, name) = match *definition {
-        [b"list", count, kind, name] => (Some(kind_named(count)?).filter(|k| k.is_integer()), kind, name),
-        [kind, name] => (None, kind, name),
+fn property(definition: &[&[u8]], element: ElementKind) -> Option<Property> {
+    let (count_type, number_type, name) = match *definition {
+        [b"list", count, number_type, name] => {
+            // The length of a list must be an integer.
+            (Some(number_type_named(count).filter(|n| n.is_integer())?), number_type, name)
+        }
+        [number_type, name] => (None, number_type, name),
         _ => return None,
     };
-    let is_list = definition.len() == 4;
-    if is_list && count_kind.is_none() {
-        return None; // The length of a list must be an integer.
-    }
-    let kind = kind_named(kind)?;
-    let role = match (what, name) {
-        (What::Vertex, b"x") if !is_list => Role::X,
-        (What::Vertex, b"y") if !is_list => Role::Y,
-        (What::Vertex, b"z") if !is_list => Role::Z,
-        (What::Face, b"vertex_indices" | b"vertex_index") if is_list && kind.is_integer() => Role::Corners,
+    let is_list = count_type.is_some();
+    let number_type = number_type_named(number_type)?;
+    let role = match (element, name) {
+        (ElementKind::Vertex, b"x") if !is_list => Role::X,
+        (ElementKind::Vertex, b"y") if !is_list => Role::Y,
+        (ElementKind::Vertex, b"z") if !is_list => Role::Z,
+        (ElementKind::Face, b"vertex_indices" | b"vertex_index") if is_list && number_type.is_integer() => {
+            Role::Corners
+        }
         _ => Role::Other,
     };
-    Some(Property { role, kind, count_kind })
+    Some(Property { role, number_type, count_type })
 }
 
 /// Requires one element of vertices and, after it, one of faces, each with the properties that the reader needs.
 fn check(elements: &[Element]) -> Result<(), ImportError> {
-    let only = |what| {
-        let mut found = elements.iter().enumerate().filter(move |(_, e)| e.what == what);
+    let only = |kind| {
+        let mut found = elements.iter().enumerate().filter(move |(_, e)| e.kind == kind);
         found.next().filter(|_| found.next().is_none())
     };
-    let (Some((at_vertex, vertex)), Some((at_face, face))) = (only(What::Vertex), only(What::Face)) else {
+    let (Some((at_vertex, vertex)), Some((at_face, face))) = (only(ElementKind::Vertex), only(ElementKind::Face))
+    else {
         return Err(malformed(FORMAT, "expected one element `vertex` and one element `face`"));
     };
     if ![Role::X, Role::Y, Role::Z].iter().all(|role| vertex.has_one(*role)) {

@@ -5,14 +5,14 @@ mod payload;
 #[cfg(test)]
 mod tests;
 
-use header::{Element, Header, Role, What};
+use header::{Element, ElementKind, Header, Role};
 use payload::Values;
 
 use super::error::{at_most, malformed};
 use super::polygon::MAX_CORNERS;
-use super::surface::{Faces, RawSurface};
+use super::raw_surface::{Faces, RawSurface};
 use super::{ImportError, Limits};
-use prosopon_geometry::Point;
+use prosopon_geometry::{Point, Warning};
 
 const FORMAT: &str = "PLY";
 
@@ -23,25 +23,27 @@ pub(super) fn looks_like(bytes: &[u8]) -> bool {
 
 /// Reads the elements `vertex` (`x`, `y`, `z`) and `face` (`vertex_indices` or `vertex_index`); skips all others.
 pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<RawSurface, ImportError> {
-    let (header, mut values) = Header::read(bytes)?;
+    let header = Header::read(bytes)?;
+    let mut values = Values::new(header.values, header.encoding, header.values_line);
     let mut positions = Vec::new();
     let mut faces = Faces::new(FORMAT, limits);
     for element in &header.elements {
-        match element.what {
-            What::Vertex => at_most("vertices", element.count, limits.max_triangles.saturating_mul(3))?,
-            What::Face => at_most("faces", element.count, limits.max_triangles)?,
-            What::Other => {}
+        match element.kind {
+            ElementKind::Vertex => at_most("vertices", element.count, limits.max_triangles.saturating_mul(3))?,
+            ElementKind::Face => at_most("faces", element.count, limits.max_triangles)?,
+            ElementKind::Other => {}
         }
         values.check_length(element)?;
-        match element.what {
-            What::Vertex => positions = vertices(element, &mut values)?,
-            What::Face => read_faces(element, &mut values, &positions, &mut faces)?,
-            What::Other => skip(element, &mut values)?,
+        match element.kind {
+            ElementKind::Vertex => positions = vertices(element, &mut values)?,
+            ElementKind::Face => read_faces(element, &mut values, &positions, &mut faces)?,
+            ElementKind::Other => skip(element, &mut values)?,
         }
     }
     let mut surface = faces.finish(positions);
     if values.left_over() > 0 {
-        surface.warnings.push(format!("{} bytes after the last element were ignored", values.left_over()));
+        let found = format!("{} bytes after the last element were ignored", values.left_over());
+        surface.warnings.push(Warning::check("bytes-after-elements", found).act("Check that the surface is complete."));
     }
     Ok(surface)
 }
@@ -58,9 +60,9 @@ fn vertex(element: &Element, values: &mut Values<'_>) -> Option<Point> {
     let mut point = Point::origin();
     for property in &element.properties {
         match property.role {
-            Role::X => point.x = values.scalar(property.kind)?,
-            Role::Y => point.y = values.scalar(property.kind)?,
-            Role::Z => point.z = values.scalar(property.kind)?,
+            Role::X => point.x = values.scalar(property.number_type)?,
+            Role::Y => point.y = values.scalar(property.number_type)?,
+            Role::Z => point.z = values.scalar(property.number_type)?,
             Role::Corners | Role::Other => values.skip(property)?,
         }
     }
@@ -85,12 +87,12 @@ fn read_faces(
 fn face(element: &Element, values: &mut Values<'_>, corners: &mut Vec<u32>) -> Option<()> {
     corners.clear();
     for property in &element.properties {
-        let (Role::Corners, Some(count_kind)) = (property.role, property.count_kind) else {
+        let (Role::Corners, Some(count_type)) = (property.role, property.count_type) else {
             values.skip(property)?;
             continue;
         };
-        for _ in 0..values.index(count_kind)? {
-            let corner = values.index(property.kind)?;
+        for _ in 0..values.index(count_type)? {
+            let corner = values.index(property.number_type)?;
             if corners.len() <= MAX_CORNERS {
                 corners.push(corner);
             }

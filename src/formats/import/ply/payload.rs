@@ -2,7 +2,7 @@
 
 use super::super::ImportError;
 use super::super::error::malformed;
-use super::super::number::Kind;
+use super::super::number::{ByteOrder, NumberType};
 use super::super::text::Words;
 use super::FORMAT;
 use super::header::{Element, Encoding, Property};
@@ -11,7 +11,7 @@ use super::header::{Element, Encoding, Property};
 #[derive(Debug)]
 pub(super) enum Values<'a> {
     Ascii(Words<'a>),
-    Binary { rest: &'a [u8], little_endian: bool },
+    Binary { rest: &'a [u8], order: ByteOrder },
 }
 
 impl<'a> Values<'a> {
@@ -19,8 +19,8 @@ impl<'a> Values<'a> {
     pub(super) fn new(bytes: &'a [u8], encoding: Encoding, line: u64) -> Self {
         match encoding {
             Encoding::Ascii => Self::Ascii(Words::new(bytes, line)),
-            Encoding::LittleEndian => Self::Binary { rest: bytes, little_endian: true },
-            Encoding::BigEndian => Self::Binary { rest: bytes, little_endian: false },
+            Encoding::LittleEndian => Self::Binary { rest: bytes, order: ByteOrder::Little },
+            Encoding::BigEndian => Self::Binary { rest: bytes, order: ByteOrder::Big },
         }
     }
 
@@ -32,7 +32,7 @@ impl<'a> Values<'a> {
             Self::Binary { .. } => element
                 .properties
                 .iter()
-                .map(|p| p.count_kind.unwrap_or(p.kind).size() as u64)
+                .map(|p| p.count_type.unwrap_or(p.number_type).size() as u64)
                 .fold(0, u64::saturating_add),
         };
         let left = match self {
@@ -50,33 +50,34 @@ impl<'a> Values<'a> {
     }
 
     /// The next number.
-    pub(super) fn scalar(&mut self, kind: Kind) -> Option<f64> {
-        let (rest, little_endian) = match self {
+    pub(super) fn scalar(&mut self, number_type: NumberType) -> Option<f64> {
+        let (rest, order) = match self {
             Self::Ascii(words) => return words.next_number(),
-            Self::Binary { rest, little_endian } => (rest, *little_endian),
+            Self::Binary { rest, order } => (rest, *order),
         };
-        let (number, tail) = kind.first(rest, little_endian)?;
+        let (number, tail) = number_type.first(rest, order)?;
         *rest = tail;
         Some(number)
     }
 
     /// The next number as a count or index; `None` unless it is whole and not negative.
-    pub(super) fn index(&mut self, kind: Kind) -> Option<u32> {
-        let number = self.scalar(kind)?;
+    pub(super) fn index(&mut self, number_type: NumberType) -> Option<u32> {
+        let number = self.scalar(number_type)?;
         let index = number as u32;
         (f64::from(index) == number).then_some(index)
     }
 
     /// Skips the next value or list.
     pub(super) fn skip(&mut self, property: &Property) -> Option<()> {
-        let count = match property.count_kind {
-            Some(kind) => self.index(kind)?,
+        let count = match property.count_type {
+            Some(count_type) => self.index(count_type)?,
             None => 1,
         };
         match self {
             Self::Ascii(words) => (0..count).try_for_each(|_| words.next().map(|_| ())),
             Self::Binary { rest, .. } => {
-                let bytes = usize::try_from((property.kind.size() as u64).checked_mul(u64::from(count))?).ok()?;
+                let bytes =
+                    usize::try_from((property.number_type.size() as u64).checked_mul(u64::from(count))?).ok()?;
                 *rest = rest.get(bytes..)?;
                 Some(())
             }

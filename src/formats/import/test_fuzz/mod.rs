@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 use self::mutate::{Dice, mutate};
 use self::seeds::{Seed, Target, seeds};
-use super::{Limits, SurfaceFormat, VolumeScan, detect_surface, detect_volume, surface, volume, volume_mesh};
+use super::{Limits, SurfaceFormat, VolumeCheck, detect_surface, detect_volume, surface, volume, volume_mesh};
 
 /// Memory limit of the child process, kB. Undamaged files and their enlarged copies need a tenth of it.
 const MEMORY_KB: u64 = 1_500_000;
@@ -121,7 +121,7 @@ fn read(target: Target, file: &[u8]) -> bool {
         }
         Target::Volume => {
             _ = detect_volume(file);
-            let mut scan = VolumeScan::new(limits);
+            let mut scan = VolumeCheck::new(limits);
             let scanned = file.chunks(1000).try_for_each(|piece| scan.push(piece)).and_then(|()| scan.finish());
             let Ok((volume, _)) = volume(file, &limits) else { return false };
             // The scan also refuses a gzip stream that is damaged after the voxels, which the reader ignores.

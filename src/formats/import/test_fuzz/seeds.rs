@@ -1,6 +1,6 @@
 use crate::import::SurfaceFormat;
 use crate::import::dicom::tests::{Slice, archive};
-use crate::import::hostile::{other_volumes, surfaces, volumes};
+use crate::import::malformed_tests::{other_volumes, surfaces, volumes};
 use crate::import::nifti1::tests::{File, gzip};
 use crate::import::vtu::legacy_tests;
 use crate::import::vtu::tests::{Encoding, file as vtu};

@@ -1,13 +1,13 @@
 //! Builds cells from connectivity, offsets and types.
 
-use super::xml::{File, Section};
+use super::xml::{Section, VtkXml};
 use super::{FORMAT, numbers};
 use crate::import::ImportError;
 use crate::import::error::malformed;
-use prosopon_geometry::Cell;
+use prosopon_geometry::{Cell, Warning};
 
 /// VTK's types of cells without volume: vertices, lines, triangles, quadrilaterals, linear and quadratic.
-const FLAT: [u32; 12] = [1, 2, 3, 4, 5, 6, 7, 8, 9, 21, 22, 23];
+const CELLS_WITHOUT_VOLUME: [u32; 12] = [1, 2, 3, 4, 5, 6, 7, 8, 9, 21, 22, 23];
 const TETRAHEDRON: u32 = 10;
 const WEDGE: u32 = 13;
 /// Most corners of a cell, including skipped ones; bounds the connectivity.
@@ -21,12 +21,25 @@ pub(super) struct RawCells<'a> {
     pub(super) corners: &'a [f64],
 }
 
-/// The cells; when some were left out, also a mark for each cell of the file that was kept.
-pub(super) fn read(
-    file: &File<'_>,
-    n_points: usize,
-    warnings: &mut Vec<String>,
-) -> Result<(Vec<Cell>, Option<Vec<bool>>), ImportError> {
+/// The tetrahedra and wedges of a file.
+#[derive(Debug)]
+pub(super) struct SolidCells {
+    pub(super) cells: Vec<Cell>,
+    /// For each cell of the file whether it was kept; `None` when all were.
+    pub(super) kept: Option<Vec<bool>>,
+}
+
+impl SolidCells {
+    /// Drops the values of cells that were left out; each cell of the file has `components` values.
+    pub(super) fn kept_values(&self, values: Vec<f64>, components: usize) -> Vec<f64> {
+        let Some(kept) = &self.kept else { return values };
+        let rows = values.chunks_exact(components).zip(kept);
+        rows.filter(|(_, kept)| **kept).flat_map(|(row, _)| row.iter().copied()).collect()
+    }
+}
+
+/// The cells of a file with volume.
+pub(super) fn read(file: &VtkXml<'_>, n_points: usize, warnings: &mut Vec<Warning>) -> Result<SolidCells, ImportError> {
     let fault = |detail: String| malformed(FORMAT, detail);
     let array = |name: &str| {
         let found = file.arrays.iter().find(|a| a.section == Section::Cells && a.name == name);
@@ -46,8 +59,8 @@ pub(super) fn read(
 pub(super) fn from_raw(
     raw: &RawCells<'_>,
     n_points: usize,
-    warnings: &mut Vec<String>,
-) -> Result<(Vec<Cell>, Option<Vec<bool>>), ImportError> {
+    warnings: &mut Vec<Warning>,
+) -> Result<SolidCells, ImportError> {
     let fault = |detail: String| malformed(raw.format, detail);
     let mut cells = Vec::with_capacity(raw.types.len());
     let mut kept = vec![true; raw.types.len()];
@@ -75,7 +88,7 @@ pub(super) fn from_raw(
                 let &[a, b, c, d, e, f] = <&[f64; 6]>::try_from(mine).map_err(|_| count(6))?;
                 cells.push(Cell::Wedge([node(&a)?, node(&b)?, node(&c)?, node(&d)?, node(&e)?, node(&f)?]));
             }
-            flat if FLAT.contains(&flat) => *kept = false,
+            flat if CELLS_WITHOUT_VOLUME.contains(&flat) => *kept = false,
             other => {
                 let detail = format!("cell {index} is of VTK's type {other}; expected tetrahedra (10) or wedges (13)");
                 return Err(fault(detail));
@@ -84,13 +97,14 @@ pub(super) fn from_raw(
     }
     let skipped = raw.types.len().saturating_sub(cells.len());
     if skipped == 0 {
-        return Ok((cells, None));
+        return Ok(SolidCells { cells, kept: None });
     }
-    warnings.push(format!("{skipped} cells without volume were left out"));
-    Ok((cells, Some(kept)))
+    let found = format!("{skipped} cells without volume were left out");
+    warnings.push(Warning::info("cells-without-volume", found));
+    Ok(SolidCells { cells, kept: Some(kept) })
 }
 
 /// The value as `u32`; `None` unless it is a whole number in range.
-fn whole(value: f64) -> Option<u32> {
+pub(super) fn whole(value: f64) -> Option<u32> {
     (value >= 0.0 && value <= f64::from(u32::MAX) && value.fract() == 0.0).then_some(value as u32)
 }

@@ -3,36 +3,18 @@
 use std::io::Read;
 
 use super::FORMAT;
-use super::xml::{Appended, Content, File, RawArray};
+use super::xml::{Appended, Content, RawArray, VtkXml};
 use crate::import::ImportError;
 use crate::import::error::malformed;
-use crate::import::number::Kind;
 use crate::import::text::Words;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 
-/// The number type with the VTK name `name`.
-pub(super) fn kind_named(name: &str) -> Option<Kind> {
-    Some(match name {
-        "Int8" => Kind::I8,
-        "UInt8" => Kind::U8,
-        "Int16" => Kind::I16,
-        "UInt16" => Kind::U16,
-        "Int32" => Kind::I32,
-        "UInt32" => Kind::U32,
-        "Int64" => Kind::I64,
-        "UInt64" => Kind::U64,
-        "Float32" => Kind::F32,
-        "Float64" => Kind::F64,
-        _ => return None,
-    })
-}
-
 /// The numbers of an array; an error when there are more than `at_most`.
-pub(super) fn numbers(file: &File<'_>, array: &RawArray<'_>, at_most: usize) -> Result<Vec<f64>, ImportError> {
+pub(super) fn numbers(file: &VtkXml<'_>, array: &RawArray<'_>, at_most: usize) -> Result<Vec<f64>, ImportError> {
     let fault = |detail: &str| malformed(FORMAT, format!("{} {detail}", array.place()));
-    let kind = array.kind.ok_or_else(|| fault("holds no numbers"))?;
-    let bytes = at_most.saturating_mul(kind.size());
+    let number_type = array.number_type.ok_or_else(|| fault("holds no numbers"))?;
+    let bytes = at_most.saturating_mul(number_type.size());
     let decoded;
     let stored = match array.content {
         Content::Ascii(text) => {
@@ -58,10 +40,10 @@ pub(super) fn numbers(file: &File<'_>, array: &RawArray<'_>, at_most: usize) -> 
     };
     let content = if file.zlib { inflate(file, stored, bytes) } else { plain(file, stored, bytes) };
     let content = content.map_err(fault)?;
-    Ok(kind.all(&content, file.little_endian))
+    Ok(number_type.all(&content, file.byte_order))
 }
 
-fn next_offset(file: &File<'_>, offset: usize) -> Option<usize> {
+fn next_offset(file: &VtkXml<'_>, offset: usize) -> Option<usize> {
     let offsets = file.arrays.iter().filter_map(|a| match a.content {
         Content::Appended(other) => Some(other),
         Content::Ascii(_) | Content::Base64(_) => None,
@@ -96,19 +78,19 @@ fn base64(text: &[u8]) -> Option<Vec<u8>> {
 }
 
 /// A length or count of the array's header, and the bytes after it.
-fn take_count<'a>(file: &File<'_>, bytes: &'a [u8]) -> Option<(usize, &'a [u8])> {
-    let count = if file.wide_header {
+fn take_count<'a>(file: &VtkXml<'_>, bytes: &'a [u8]) -> Option<(usize, &'a [u8])> {
+    let (count, rest) = if file.wide_header {
         let (head, rest) = bytes.split_first_chunk::<8>()?;
-        (if file.little_endian { u64::from_le_bytes(*head) } else { u64::from_be_bytes(*head) }, rest)
+        (file.byte_order.u64(*head), rest)
     } else {
         let (head, rest) = bytes.split_first_chunk::<4>()?;
-        (u64::from(if file.little_endian { u32::from_le_bytes(*head) } else { u32::from_be_bytes(*head) }), rest)
+        (u64::from(file.byte_order.u32(*head)), rest)
     };
-    usize::try_from(count.0).ok().map(|n| (n, count.1))
+    Some((usize::try_from(count).ok()?, rest))
 }
 
 /// Reads plain data: the length, then the bytes.
-fn plain(file: &File<'_>, stored: &[u8], at_most: usize) -> Result<Vec<u8>, &'static str> {
+fn plain(file: &VtkXml<'_>, stored: &[u8], at_most: usize) -> Result<Vec<u8>, &'static str> {
     if stored.is_empty() {
         return Ok(Vec::new());
     }
@@ -120,7 +102,7 @@ fn plain(file: &File<'_>, stored: &[u8], at_most: usize) -> Result<Vec<u8>, &'st
 }
 
 /// Reads compressed data: number of blocks, block size, size of a smaller last block, compressed sizes, then the blocks.
-fn inflate(file: &File<'_>, stored: &[u8], at_most: usize) -> Result<Vec<u8>, &'static str> {
+fn inflate(file: &VtkXml<'_>, stored: &[u8], at_most: usize) -> Result<Vec<u8>, &'static str> {
     if stored.is_empty() {
         return Ok(Vec::new());
     }

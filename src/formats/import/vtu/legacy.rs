@@ -6,12 +6,12 @@
 //! VTK File Formats for VTK version 4.2, and the notes on version 5.1 in VTK's documentation.
 
 use super::cells::{self, RawCells};
-use super::{finished, points_from};
+use super::{points_from, with_warnings};
 use crate::import::error::{at_most, malformed};
-use crate::import::number::Kind;
+use crate::import::number::{ByteOrder, NumberType};
 use crate::import::text::number;
 use crate::import::{ImportError, Limits};
-use prosopon_geometry::{DataArray, VolumeMesh};
+use prosopon_geometry::{DataArray, VolumeMesh, Warning};
 
 pub(super) const FORMAT: &str = "legacy VTK";
 
@@ -22,19 +22,19 @@ pub fn is_legacy_vtk(bytes: &[u8]) -> bool {
 }
 
 /// Reads a legacy file.
-pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<(VolumeMesh, Vec<String>), ImportError> {
-    let mut file = Reader { rest: bytes.trim_ascii_start(), is_ascii: true };
+pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<(VolumeMesh, Vec<Warning>), ImportError> {
+    let mut file = Reader { rest: bytes.trim_ascii_start(), length: bytes.len(), is_ascii: true };
     // Skips the version and the title.
     file.line();
     file.line();
     file.is_ascii = match file.line().trim_ascii().to_ascii_uppercase().as_slice() {
         b"ASCII" => true,
         b"BINARY" => false,
-        other => return Err(fault(format!("line 3 is `{}`, expected ASCII or BINARY", shown(other)))),
+        _ => return Err(fault("line 3: expected ASCII or BINARY")),
     };
     let mut content = Content::default();
-    while let Some(words) = file.words()? {
-        content.section(&mut file, &words, limits)?;
+    while let Some(line) = file.words()? {
+        content.section(&mut file, &line, limits)?;
     }
     content.mesh()
 }
@@ -43,9 +43,32 @@ fn fault(detail: impl Into<String>) -> ImportError {
     malformed(FORMAT, detail)
 }
 
-fn shown(word: &[u8]) -> String {
-    let (head, _) = word.split_at_checked(40).unwrap_or((word, &[]));
-    String::from_utf8_lossy(head).into_owned()
+/// The words of a line, and the byte at which it begins.
+struct Line {
+    byte: usize,
+    words: Vec<String>,
+}
+
+/// Cells of a file: for each the end of its corners in `corners`.
+#[derive(Debug, Default)]
+struct CellLists {
+    ends: Vec<f64>,
+    corners: Vec<f64>,
+}
+
+/// Section of the arrays that follow: their owner and the number of its tuples.
+#[derive(Debug, Clone, Copy)]
+struct Attributes {
+    owner: Owner,
+    n_tuples: usize,
+}
+
+/// Description of an array; `byte` is where that begins.
+struct ArrayHead<'a> {
+    byte: usize,
+    name: &'a str,
+    number_type: &'a str,
+    components: usize,
 }
 
 /// Owner of the arrays that follow.
@@ -61,30 +84,30 @@ enum Owner {
 struct Content {
     has_grid: bool,
     points: Option<Vec<f64>>,
-    /// Ends of the cells (indices into the corners), and the corners.
-    cells: Option<(Vec<f64>, Vec<f64>)>,
+    cells: Option<CellLists>,
     types: Option<Vec<f64>>,
-    /// Owner of the arrays that follow, and their number of tuples.
-    owner: Option<(Owner, usize)>,
+    /// Owner of the arrays that follow.
+    attributes: Option<Attributes>,
     point_arrays: Vec<DataArray>,
     cell_arrays: Vec<DataArray>,
 }
 
 impl Content {
-    fn section(&mut self, file: &mut Reader<'_>, words: &[String], limits: &Limits) -> Result<(), ImportError> {
+    fn section(&mut self, file: &mut Reader<'_>, line: &Line, limits: &Limits) -> Result<(), ImportError> {
+        let words = &line.words;
         let name = words.first().map(|w| w.to_ascii_uppercase()).unwrap_or_default();
+        // Only sections that the format knows ask for words, so that errors name no text of the file.
         let word = |n: usize| {
             words.get(n).map(String::as_str).ok_or_else(|| fault(format!("the line `{name}` has too few words")))
         };
         let count = |n: usize| {
-            let text = word(n)?;
-            text.parse::<usize>().map_err(|_| fault(format!("`{name}`: `{text}` is not a count")))
+            let expected =
+                || fault(format!("`{name}` at byte {}: word {} is not a count", line.byte, n.saturating_add(1)));
+            word(n)?.parse::<usize>().map_err(|_| expected())
         };
         match name.as_str() {
             "DATASET" if word(1)?.eq_ignore_ascii_case("UNSTRUCTURED_GRID") => self.has_grid = true,
-            "DATASET" => {
-                return Err(fault(format!("the data set is {}, expected UNSTRUCTURED_GRID", word(1)?)));
-            }
+            "DATASET" => return Err(fault("the data set has another type, expected UNSTRUCTURED_GRID")),
             "POINTS" => {
                 let n = count(1)?;
                 at_most("points", n as u64, limits.max_cells)?;
@@ -100,28 +123,11 @@ impl Content {
                 at_most("cells", n as u64, limits.max_cells)?;
                 self.types = Some(file.numbers(n, "int")?);
             }
-            "POINT_DATA" => self.owner = Some((Owner::Points, count(1)?)),
-            "CELL_DATA" => self.owner = Some((Owner::Cells, count(1)?)),
-            "SCALARS" => {
-                let components = if words.len() > 3 { count(3)? } else { 1 };
-                let (array, kind) = (word(1)?, word(2)?);
-                if file.next_is(b"LOOKUP_TABLE") {
-                    file.line();
-                }
-                self.array(file, array, kind, components)?;
-            }
-            "VECTORS" | "NORMALS" => self.array(file, word(1)?, word(2)?, 3)?,
-            "TENSORS" => self.array(file, word(1)?, word(2)?, 9)?,
-            "TENSORS6" => self.array(file, word(1)?, word(2)?, 6)?,
-            "GLOBAL_IDS" | "PEDIGREE_IDS" => self.array(file, word(1)?, word(2)?, 1)?,
-            "TEXTURE_COORDINATES" => self.array(file, word(1)?, word(3)?, count(2)?)?,
-            "COLOR_SCALARS" => {
-                let kind = if file.is_ascii { "float" } else { "unsigned_char" };
-                self.array(file, word(1)?, kind, count(2)?)?;
-            }
+            "POINT_DATA" => self.attributes = Some(Attributes { owner: Owner::Points, n_tuples: count(1)? }),
+            "CELL_DATA" => self.attributes = Some(Attributes { owner: Owner::Cells, n_tuples: count(1)? }),
             "LOOKUP_TABLE" => {
-                let kind = if file.is_ascii { "float" } else { "unsigned_char" };
-                file.numbers(count(2)?.saturating_mul(4), kind)?;
+                let number_type = file.color_type();
+                file.numbers(count(2)?.saturating_mul(4), number_type)?;
             }
             "FIELD" => {
                 for _ in 0..count(2)? {
@@ -132,38 +138,60 @@ impl Content {
                 }
             }
             "METADATA" => file.skip_metadata(),
-            _ => return Err(fault(format!("`{}` is not a known section", shown(name.as_bytes())))),
+            _ => {
+                let (number_type, components) = match name.as_str() {
+                    "SCALARS" => (word(2)?, if words.len() > 3 { count(3)? } else { 1 }),
+                    "VECTORS" | "NORMALS" => (word(2)?, 3),
+                    "TENSORS" => (word(2)?, 9),
+                    "TENSORS6" => (word(2)?, 6),
+                    "GLOBAL_IDS" | "PEDIGREE_IDS" => (word(2)?, 1),
+                    "TEXTURE_COORDINATES" => (word(3)?, count(2)?),
+                    "COLOR_SCALARS" => (file.color_type(), count(2)?),
+                    _ => {
+                        return Err(fault(format!(
+                            "byte {}: expected a section of the format, such as POINTS",
+                            line.byte
+                        )));
+                    }
+                };
+                if name == "SCALARS" && file.next_is(b"LOOKUP_TABLE") {
+                    file.line();
+                }
+                self.array(file, &ArrayHead { byte: line.byte, name: word(1)?, number_type, components })?;
+            }
         }
         Ok(())
     }
 
-    fn field_array(&mut self, file: &mut Reader<'_>, head: &[String]) -> Result<(), ImportError> {
-        let [name, components, tuples, kind] = head else {
-            return Err(fault("an array of a field needs name, components, tuples and type"));
+    fn field_array(&mut self, file: &mut Reader<'_>, line: &Line) -> Result<(), ImportError> {
+        let byte = line.byte;
+        let [name, components, tuples, number_type] = line.words.as_slice() else {
+            return Err(fault(format!("byte {byte}: expected name, components, tuples and type of a field's array")));
         };
         let [Ok(components), Ok(tuples)] = [components, tuples].map(|text| text.parse::<usize>()) else {
-            return Err(fault(format!("array `{}` of a field has invalid counts", shown(name.as_bytes()))));
+            return Err(fault(format!("byte {byte}: expected numbers of components and tuples of a field's array")));
         };
-        let owner = self.owner.unwrap_or((Owner::Nobody, tuples));
-        if owner.1 != tuples {
-            let detail = format!("array `{}` has {tuples} tuples, expected {}", shown(name.as_bytes()), owner.1);
+        let attributes = self.attributes.unwrap_or(Attributes { owner: Owner::Nobody, n_tuples: tuples });
+        if attributes.n_tuples != tuples {
+            let detail = format!("the array at byte {byte} has {tuples} tuples, expected {}", attributes.n_tuples);
             return Err(fault(detail));
         }
-        let before = self.owner.replace(owner);
-        self.array(file, name, kind, components)?;
-        self.owner = before;
+        let before = self.attributes.replace(attributes);
+        self.array(file, &ArrayHead { byte, name, number_type, components })?;
+        self.attributes = before;
         Ok(())
     }
 
     /// Reads the values of an array.
-    fn array(&mut self, file: &mut Reader<'_>, name: &str, kind: &str, components: usize) -> Result<(), ImportError> {
-        let Some((owner, n)) = self.owner else {
-            return Err(fault(format!("array `{}` comes before POINT_DATA and CELL_DATA", shown(name.as_bytes()))));
+    fn array(&mut self, file: &mut Reader<'_>, head: &ArrayHead<'_>) -> Result<(), ImportError> {
+        let &ArrayHead { byte, name, number_type, components } = head;
+        let Some(Attributes { owner, n_tuples }) = self.attributes else {
+            return Err(fault(format!("the array at byte {byte} comes before POINT_DATA and CELL_DATA")));
         };
         if components == 0 {
-            return Err(fault(format!("array `{}` has no components", shown(name.as_bytes()))));
+            return Err(fault(format!("the array at byte {byte} has no components")));
         }
-        let values = file.numbers(n.saturating_mul(components), kind)?;
+        let values = file.numbers(n_tuples.saturating_mul(components), number_type)?;
         let arrays = match owner {
             Owner::Points => &mut self.point_arrays,
             Owner::Cells => &mut self.cell_arrays,
@@ -171,41 +199,43 @@ impl Content {
         };
         let name = decoded(name);
         if arrays.iter().any(|a| a.name == name) {
-            return Err(fault(format!("two arrays have the name `{}`", shown(name.as_bytes()))));
+            return Err(fault(format!("the array at byte {byte} has the name of an earlier array")));
         }
         arrays.push(DataArray { name, components, values });
         Ok(())
     }
 
-    fn mesh(self) -> Result<(VolumeMesh, Vec<String>), ImportError> {
+    fn mesh(self) -> Result<(VolumeMesh, Vec<Warning>), ImportError> {
         if !self.has_grid {
             return Err(fault("there is no DATASET UNSTRUCTURED_GRID"));
         }
         let mut warnings = Vec::new();
         let points = points_from(FORMAT, &self.points.ok_or_else(|| fault("there are no POINTS"))?)?;
-        let (ends, corners) = self.cells.ok_or_else(|| fault("there are no CELLS"))?;
+        let CellLists { ends, corners } = self.cells.ok_or_else(|| fault("there are no CELLS"))?;
         let types = self.types.ok_or_else(|| fault("there are no CELL_TYPES"))?;
         if types.len() != ends.len() {
             return Err(fault(format!("there are {} cells but {} types", ends.len(), types.len())));
         }
         let raw = RawCells { format: FORMAT, types: &types, ends: &ends, corners: &corners };
-        let (cells, kept) = cells::from_raw(&raw, points.len(), &mut warnings)?;
-        let right = |arrays: &[DataArray], n: usize, what: &str| {
-            let wrong = arrays.iter().find(|a| a.values.len() != n.saturating_mul(a.components));
-            wrong.map_or(Ok(()), |a| Err(fault(format!("array `{}` does not have a value for each {what}", a.name))))
-        };
-        right(&self.point_arrays, points.len(), "point")?;
-        right(&self.cell_arrays, types.len(), "cell")?;
+        let found = cells::from_raw(&raw, points.len(), &mut warnings)?;
+        check_lengths(&self.point_arrays, points.len(), "POINT_DATA")?;
+        check_lengths(&self.cell_arrays, types.len(), "CELL_DATA")?;
         let mut cell_arrays = self.cell_arrays;
-        if let Some(kept) = kept {
-            for array in &mut cell_arrays {
-                let rows = array.values.chunks_exact(array.components).zip(&kept);
-                array.values = rows.filter(|(_, kept)| **kept).flat_map(|(row, _)| row.iter().copied()).collect();
-            }
+        for array in &mut cell_arrays {
+            array.values = found.kept_values(std::mem::take(&mut array.values), array.components);
         }
-        let mesh = VolumeMesh { points, cells, point_arrays: self.point_arrays, cell_arrays };
-        Ok(finished(mesh, warnings))
+        let mesh = VolumeMesh { points, cells: found.cells, point_arrays: self.point_arrays, cell_arrays };
+        Ok(with_warnings(mesh, warnings))
     }
+}
+
+/// Requires one value for each of the `n` points or cells, and each component.
+fn check_lengths(arrays: &[DataArray], n: usize, section: &str) -> Result<(), ImportError> {
+    let wrong = arrays.iter().position(|a| a.values.len() != n.saturating_mul(a.components));
+    wrong.map_or(Ok(()), |index| {
+        let number = index.saturating_add(1);
+        Err(fault(format!("array {number} of {section} does not have the {n} tuples of the grid")))
+    })
 }
 
 /// Decodes a percent-encoded name: `%20` is a blank, `%25` a percent sign.
@@ -228,29 +258,42 @@ fn decoded(name: &str) -> String {
     String::from_utf8_lossy(&bytes).into_owned()
 }
 
-fn kind_of(name: &str) -> Result<Kind, ImportError> {
-    Ok(match name.to_ascii_lowercase().as_str() {
-        "char" | "signed_char" | "vtktypeint8" => Kind::I8,
-        "unsigned_char" | "vtktypeuint8" => Kind::U8,
-        "short" | "vtktypeint16" => Kind::I16,
-        "unsigned_short" | "vtktypeuint16" => Kind::U16,
-        "int" | "vtkidtype" | "vtktypeint32" => Kind::I32,
-        "unsigned_int" | "vtktypeuint32" => Kind::U32,
-        "long" | "vtktypeint64" => Kind::I64,
-        "unsigned_long" | "vtktypeuint64" => Kind::U64,
-        "float" => Kind::F32,
-        "double" => Kind::F64,
-        other => return Err(fault(format!("values of type `{}` are not supported", shown(other.as_bytes())))),
+/// The number type with the name `name` in this format.
+fn number_type_named(name: &str) -> Option<NumberType> {
+    Some(match name.to_ascii_lowercase().as_str() {
+        "char" | "signed_char" | "vtktypeint8" => NumberType::I8,
+        "unsigned_char" | "vtktypeuint8" => NumberType::U8,
+        "short" | "vtktypeint16" => NumberType::I16,
+        "unsigned_short" | "vtktypeuint16" => NumberType::U16,
+        "int" | "vtkidtype" | "vtktypeint32" => NumberType::I32,
+        "unsigned_int" | "vtktypeuint32" => NumberType::U32,
+        "long" | "vtktypeint64" => NumberType::I64,
+        "unsigned_long" | "vtktypeuint64" => NumberType::U64,
+        "float" => NumberType::F32,
+        "double" => NumberType::F64,
+        _ => return None,
     })
 }
 
 /// Reads the file from front to back.
 struct Reader<'a> {
     rest: &'a [u8],
+    /// Length of the file.
+    length: usize,
     is_ascii: bool,
 }
 
 impl<'a> Reader<'a> {
+    /// Index of the next byte.
+    fn byte(&self) -> usize {
+        self.length.saturating_sub(self.rest.len())
+    }
+
+    /// Type of the components of colours.
+    fn color_type(&self) -> &'static str {
+        if self.is_ascii { "float" } else { "unsigned_char" }
+    }
+
     /// The rest of the line, without the line end.
     fn line(&mut self) -> &'a [u8] {
         let end = self.rest.iter().position(|&c| c == b'\n').unwrap_or(self.rest.len());
@@ -260,18 +303,18 @@ impl<'a> Reader<'a> {
     }
 
     /// The words of the next line that has words; `None` at the end of the file.
-    fn words(&mut self) -> Result<Option<Vec<String>>, ImportError> {
+    fn words(&mut self) -> Result<Option<Line>, ImportError> {
         self.rest = self.rest.trim_ascii_start();
         if self.rest.is_empty() {
             return Ok(None);
         }
-        let line = self.line();
-        let text = std::str::from_utf8(line)
-            .map_err(|_| fault(format!("a line of text was expected, found `{}`", shown(line))))?;
-        Ok(Some(text.split_ascii_whitespace().map(str::to_owned).collect()))
+        let byte = self.byte();
+        let text = std::str::from_utf8(self.line());
+        let text = text.map_err(|_| fault(format!("byte {byte}: expected a line of text")))?;
+        Ok(Some(Line { byte, words: text.split_ascii_whitespace().map(str::to_owned).collect() }))
     }
 
-    fn words_but_metadata(&mut self) -> Result<Option<Vec<String>>, ImportError> {
+    fn words_but_metadata(&mut self) -> Result<Option<Line>, ImportError> {
         while self.next_is(b"METADATA") {
             self.line();
             self.skip_metadata();
@@ -289,14 +332,15 @@ impl<'a> Reader<'a> {
         rest.get(..word.len()).is_some_and(|head| head.eq_ignore_ascii_case(word))
     }
 
-    /// The next `n` numbers.
-    fn numbers(&mut self, n: usize, kind: &str) -> Result<Vec<f64>, ImportError> {
-        let kind = kind_of(kind)?;
+    /// The next `n` numbers, of the type with the name `number_type`.
+    fn numbers(&mut self, n: usize, number_type: &str) -> Result<Vec<f64>, ImportError> {
+        let unknown = || fault(format!("the numbers from byte {} on have a type that is not supported", self.byte()));
+        let number_type = number_type_named(number_type).ok_or_else(unknown)?;
         let short = || fault(format!("the file ends before {n} numbers"));
         if !self.is_ascii {
-            let (head, tail) = self.rest.split_at_checked(n.saturating_mul(kind.size())).ok_or_else(short)?;
+            let (head, tail) = self.rest.split_at_checked(n.saturating_mul(number_type.size())).ok_or_else(short)?;
             self.rest = tail;
-            return Ok(kind.all(head, false));
+            return Ok(number_type.all(head, ByteOrder::Big));
         }
         // Each number takes at least a digit: refuses impossible counts before anything is allocated.
         if n > self.rest.len() {
@@ -310,16 +354,14 @@ impl<'a> Reader<'a> {
             if word.is_empty() {
                 return Err(short());
             }
+            numbers.push(number(word).ok_or_else(|| fault(format!("byte {}: expected a number", self.byte())))?);
             self.rest = tail;
-            numbers.push(number(word).ok_or_else(|| fault(format!("`{}` is not a number", shown(word))))?);
         }
         Ok(numbers)
     }
 
     /// Reads cells up to version 4: per cell the number of corners and the corners, `size` numbers in all.
-    ///
-    /// Returns the ends of the cells and the corners.
-    fn cells(&mut self, n: usize, size: usize) -> Result<(Vec<f64>, Vec<f64>), ImportError> {
+    fn cells(&mut self, n: usize, size: usize) -> Result<CellLists, ImportError> {
         let numbers = self.numbers(size, "int")?;
         let wrong = || fault(format!("the {size} numbers of CELLS do not make {n} cells"));
         let (mut ends, mut corners) = (Vec::new(), Vec::new());
@@ -331,24 +373,24 @@ impl<'a> Reader<'a> {
             ends.push(corners.len() as f64);
             rest = tail;
         }
-        if ends.len() == n { Ok((ends, corners)) } else { Err(wrong()) }
+        if ends.len() == n { Ok(CellLists { ends, corners }) } else { Err(wrong()) }
     }
 
     /// Reads cells from version 5.1 on: `n` offsets, then `size` corners.
-    fn cells_5(&mut self, n: usize, size: usize) -> Result<(Vec<f64>, Vec<f64>), ImportError> {
+    fn cells_5(&mut self, n: usize, size: usize) -> Result<CellLists, ImportError> {
         let mut part = |name: &str, n: usize| {
-            let words = self.words()?.unwrap_or_default();
+            let words = self.words()?.map_or_else(Vec::new, |line| line.words);
             match words.as_slice() {
-                [found, kind] if found.eq_ignore_ascii_case(name) => self.numbers(n, kind),
+                [found, number_type] if found.eq_ignore_ascii_case(name) => self.numbers(n, number_type),
                 _ => Err(fault(format!("CELLS has no line `{name}` with a type"))),
             }
         };
         let offsets = part("OFFSETS", n)?;
         let corners = part("CONNECTIVITY", size)?;
         match offsets.split_first() {
-            Some((&0.0, ends)) => Ok((ends.to_vec(), corners)),
+            Some((&0.0, ends)) => Ok(CellLists { ends: ends.to_vec(), corners }),
             Some(_) => Err(fault("the offsets of CELLS do not begin with 0")),
-            None => Ok((Vec::new(), corners)),
+            None => Ok(CellLists { ends: Vec::new(), corners }),
         }
     }
 }

@@ -12,10 +12,11 @@ mod xml;
 
 use super::error::{at_most, check_size, malformed};
 use super::{ImportError, Limits};
+use cells::SolidCells;
 pub use legacy::is_legacy_vtk;
 pub(super) use polydata::{looks_like_polydata, read_polydata};
-use prosopon_geometry::{Aabb, Cell, DataArray, Point, VolumeMesh};
-use xml::{File, Grid, RawArray, Section};
+use prosopon_geometry::{Aabb, Cell, DataArray, Point, VolumeMesh, Warning};
+use xml::{Grid, RawArray, Section, VtkXml};
 
 const FORMAT: &str = "VTK XML";
 
@@ -27,44 +28,48 @@ const FORMAT: &str = "VTK XML";
 /// # Errors
 /// [`ImportError`] with the fault and its position; among others for cells that are neither tetrahedra nor wedges, for
 /// several pieces, and for other compressors.
-pub fn volume_mesh(bytes: &[u8], limits: &Limits) -> Result<(VolumeMesh, Vec<String>), ImportError> {
+pub fn volume_mesh(bytes: &[u8], limits: &Limits) -> Result<(VolumeMesh, Vec<Warning>), ImportError> {
     if bytes.is_empty() {
         return Err(ImportError::Empty);
     }
     if is_legacy_vtk(bytes) {
         return legacy::read(bytes, limits);
     }
-    let file = File::parse(bytes, Grid::UnstructuredGrid)?;
+    let file = VtkXml::parse(bytes, Grid::UnstructuredGrid)?;
     at_most("points", file.n_points as u64, limits.max_cells)?;
     at_most("cells", file.n_cells as u64, limits.max_cells)?;
     let mut warnings = Vec::new();
     let points = points(&file)?;
-    let (cells, kept) = cells::read(&file, points.len(), &mut warnings)?;
+    let found = cells::read(&file, points.len(), &mut warnings)?;
     let point_arrays = arrays(&file, Section::PointData, file.n_points, None, &mut warnings)?;
-    let cell_arrays = arrays(&file, Section::CellData, file.n_cells, kept.as_deref(), &mut warnings)?;
-    Ok(finished(VolumeMesh { points, cells, point_arrays, cell_arrays }, warnings))
+    let cell_arrays = arrays(&file, Section::CellData, file.n_cells, Some(&found), &mut warnings)?;
+    Ok(with_warnings(VolumeMesh { points, cells: found.cells, point_arrays, cell_arrays }, warnings))
 }
 
 /// The mesh with warnings about unused points and an unusual size.
 ///
 /// The size is only a warning, since a test body may have any size. Unused points do not count towards it.
-fn finished(mesh: VolumeMesh, mut warnings: Vec<String>) -> (VolumeMesh, Vec<String>) {
+fn with_warnings(mesh: VolumeMesh, mut warnings: Vec<Warning>) -> (VolumeMesh, Vec<Warning>) {
     let mut used: Vec<u32> = mesh.cells.iter().flat_map(Cell::corners).copied().collect();
     used.sort_unstable();
     used.dedup();
     let unused = mesh.points.len().saturating_sub(used.len());
     if unused > 0 {
-        warnings.push(format!("{unused} points belong to no tetrahedron and no wedge: they will not move"));
+        let found = format!("{unused} points belong to no tetrahedron and no wedge and will not move");
+        warnings.push(Warning::info("points-without-cell", found));
     }
     let points: Vec<Point> = used.iter().filter_map(|n| mesh.points.get(*n as usize)).copied().collect();
     let size = Aabb::of(&points).map_or(0.0, |b| b.diagonal());
-    if let Err(unusual) = check_size(size, &mut warnings) {
-        warnings.push(unusual.to_string());
+    if check_size(size, &mut warnings).is_err() {
+        let found = format!("the bounding box has a diagonal of {size:?} mm, but a head has 100 to 600 mm");
+        warnings.push(
+            Warning::check("implausible-size", found).act("Check whether the file is in metres or another unit."),
+        );
     }
     (mesh, warnings)
 }
 
-fn points(file: &File<'_>) -> Result<Vec<Point>, ImportError> {
+fn points(file: &VtkXml<'_>) -> Result<Vec<Point>, ImportError> {
     let array = file
         .arrays
         .iter()
@@ -86,7 +91,7 @@ fn points_from(format: &'static str, coordinates: &[f64]) -> Result<Vec<Point>, 
 }
 
 /// The numbers of an array, which must be exactly `n`.
-fn numbers(file: &File<'_>, array: &RawArray<'_>, n: usize) -> Result<Vec<f64>, ImportError> {
+fn numbers(file: &VtkXml<'_>, array: &RawArray<'_>, n: usize) -> Result<Vec<f64>, ImportError> {
     let values = decode::numbers(file, array, n)?;
     if values.len() == n {
         return Ok(values);
@@ -95,29 +100,30 @@ fn numbers(file: &File<'_>, array: &RawArray<'_>, n: usize) -> Result<Vec<f64>, 
     Err(malformed(FORMAT, detail))
 }
 
-/// The arrays of a section; `kept` marks the cells that are read.
+/// The arrays of a section; for data of cells, `cells` are those that are read.
 fn arrays(
-    file: &File<'_>,
+    file: &VtkXml<'_>,
     section: Section,
     n: usize,
-    kept: Option<&[bool]>,
-    warnings: &mut Vec<String>,
+    cells: Option<&SolidCells>,
+    warnings: &mut Vec<Warning>,
 ) -> Result<Vec<DataArray>, ImportError> {
     let mut found: Vec<DataArray> = Vec::new();
     for array in file.arrays.iter().filter(|a| a.section == section) {
-        if array.kind.is_none() {
-            warnings.push(format!("{} holds no numbers and was left out", array.place()));
+        if array.number_type.is_none() {
+            let found = format!("{} holds no numbers and was left out", array.place());
+            warnings.push(Warning::info("array-without-numbers", found));
             continue;
         }
         if found.iter().any(|a| a.name == array.name) {
             return Err(malformed(FORMAT, format!("{} has the same name as an earlier one", array.place())));
         }
         let components = array.components;
-        let mut values = numbers(file, array, n.saturating_mul(components))?;
-        if let Some(kept) = kept {
-            let rows = values.chunks_exact(components).zip(kept);
-            values = rows.filter(|(_, kept)| **kept).flat_map(|(row, _)| row.iter().copied()).collect();
-        }
+        let values = numbers(file, array, n.saturating_mul(components))?;
+        let values = match cells {
+            Some(cells) => cells.kept_values(values, components),
+            None => values,
+        };
         found.push(DataArray { name: array.name.clone(), components, values });
     }
     Ok(found)

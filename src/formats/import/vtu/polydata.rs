@@ -1,9 +1,10 @@
 //! Reads surfaces of polygons and triangle strips.
 
-use super::xml::{File, Grid, Section};
+use super::cells::whole;
+use super::xml::{Grid, Section, VtkXml};
 use super::{FORMAT, numbers, points};
 use crate::import::error::{at_most, malformed};
-use crate::import::surface::{Faces, RawSurface};
+use crate::import::raw_surface::{Faces, RawSurface};
 use crate::import::{ImportError, Limits};
 use prosopon_geometry::Point;
 
@@ -19,7 +20,7 @@ pub(in crate::import) fn looks_like_polydata(bytes: &[u8]) -> bool {
 
 /// Reads a VTP file.
 pub(in crate::import) fn read_polydata(bytes: &[u8], limits: &Limits) -> Result<RawSurface, ImportError> {
-    let file = File::parse(bytes, Grid::PolyData)?;
+    let file = VtkXml::parse(bytes, Grid::PolyData)?;
     at_most("points", file.n_points as u64, limits.max_triangles.saturating_mul(3))?;
     at_most("polygons", (file.n_cells as u64).saturating_add(file.n_strips as u64), limits.max_triangles)?;
     let positions = points(&file)?;
@@ -40,7 +41,7 @@ fn push_strip(faces: &mut Faces, positions: &[Point], strip: &[u32]) -> Result<(
 }
 
 fn each_face(
-    file: &File<'_>,
+    file: &VtkXml<'_>,
     section: Section,
     n: usize,
     take: &mut dyn FnMut(&[u32]) -> Result<(), ImportError>,
@@ -53,8 +54,6 @@ fn each_face(
         let found = file.arrays.iter().find(|a| a.section == section && a.name == name);
         found.ok_or_else(|| fault(format!("there is no array `{name}` of {section:?}")))
     };
-    let whole =
-        |value: f64| (value >= 0.0 && value <= f64::from(u32::MAX) && value.fract() == 0.0).then_some(value as u32);
     let ends = numbers(file, array("offsets")?, n)?;
     let last = ends.last().copied().unwrap_or(0.0);
     let length = whole(last)

@@ -126,7 +126,7 @@ fn every_encoding_gives_the_same_mesh() {
     for encoding in ENCODINGS {
         for (little, wide) in [(true, true), (true, false), (false, true), (false, false)] {
             let (mesh, warnings) = volume_mesh(&file(encoding, little, wide), &LIMITS).unwrap();
-            assert_eq!(warnings, ["1 cells without volume were left out"], "{encoding:?}");
+            assert_eq!(warnings.iter().map(|w| w.code).collect::<Vec<_>>(), ["cells-without-volume"], "{encoding:?}");
             assert_eq!(mesh.points.len(), 7);
             assert_eq!(mesh.points[5], Point::new(0.0, 50.0, 50.5));
             assert_eq!(

@@ -3,10 +3,9 @@
 use std::borrow::Cow;
 
 use super::FORMAT;
-use super::decode::kind_named;
 use crate::import::ImportError;
 use crate::import::error::malformed;
-use crate::import::number::Kind;
+use crate::import::number::{ByteOrder, NumberType};
 use quick_xml::Reader;
 use quick_xml::events::{BytesStart, Event};
 
@@ -48,7 +47,7 @@ pub(super) struct RawArray<'a> {
     pub(super) place: usize,
     pub(super) name: String,
     /// Type of the numbers; `None` for text.
-    pub(super) kind: Option<Kind>,
+    pub(super) number_type: Option<NumberType>,
     pub(super) components: usize,
     pub(super) content: Content<'a>,
 }
@@ -69,8 +68,8 @@ pub(super) enum Appended<'a> {
 
 /// The content of the XML part.
 #[derive(Debug)]
-pub(super) struct File<'a> {
-    pub(super) little_endian: bool,
+pub(super) struct VtkXml<'a> {
+    pub(super) byte_order: ByteOrder,
     /// Whether lengths take eight bytes instead of four.
     pub(super) wide_header: bool,
     pub(super) zlib: bool,
@@ -81,6 +80,23 @@ pub(super) struct File<'a> {
     pub(super) n_strips: usize,
     pub(super) arrays: Vec<RawArray<'a>>,
     pub(super) appended: Option<Appended<'a>>,
+}
+
+/// The number type with the VTK name `name`.
+fn number_type_named(name: &str) -> Option<NumberType> {
+    Some(match name {
+        "Int8" => NumberType::I8,
+        "UInt8" => NumberType::U8,
+        "Int16" => NumberType::I16,
+        "UInt16" => NumberType::U16,
+        "Int32" => NumberType::I32,
+        "UInt32" => NumberType::U32,
+        "Int64" => NumberType::I64,
+        "UInt64" => NumberType::U64,
+        "Float32" => NumberType::F32,
+        "Float64" => NumberType::F64,
+        _ => return None,
+    })
 }
 
 fn fault(detail: impl Into<String>) -> ImportError {
@@ -98,22 +114,31 @@ fn count(tag: &BytesStart<'_>, name: &str) -> Result<usize, ImportError> {
     text.trim().parse().map_err(|_| fault(format!("{name} is not a count")))
 }
 
+/// Form of an XML element.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum TagForm {
+    /// `<a/>`
+    Empty,
+    /// `<a>`, whose content follows.
+    Open,
+}
+
 /// State of the parser.
 struct Parser<'a> {
-    file: File<'a>,
+    file: VtkXml<'a>,
     section: Option<Section>,
-    /// The inline array that is open, and whether it is base64.
-    open: Option<(RawArray<'a>, bool)>,
+    /// The inline array that is open.
+    open: Option<RawArray<'a>>,
     pieces: usize,
     expected: Grid,
     is_grid: bool,
 }
 
-impl<'a> File<'a> {
+impl<'a> VtkXml<'a> {
     pub(super) fn parse(bytes: &'a [u8], expected: Grid) -> Result<Self, ImportError> {
         let mut reader = Reader::from_reader(bytes);
-        let file = File {
-            little_endian: true,
+        let file = VtkXml {
+            byte_order: ByteOrder::Little,
             wide_header: false,
             zlib: false,
             n_points: 0,
@@ -146,9 +171,9 @@ impl<'a> File<'a> {
                 }
                 Event::Start(tag) => {
                     depth = depth.saturating_add(1);
-                    parser.begin(&tag, false)?;
+                    parser.begin(&tag, TagForm::Open)?;
                 }
-                Event::Empty(tag) => parser.begin(&tag, true)?,
+                Event::Empty(tag) => parser.begin(&tag, TagForm::Empty)?,
                 Event::Text(text) => {
                     if let Cow::Borrowed(inside) = text.into_inner() {
                         parser.text(inside);
@@ -179,7 +204,7 @@ impl<'a> File<'a> {
 }
 
 impl<'a> Parser<'a> {
-    fn begin(&mut self, tag: &BytesStart<'_>, empty: bool) -> Result<(), ImportError> {
+    fn begin(&mut self, tag: &BytesStart<'_>, form: TagForm) -> Result<(), ImportError> {
         match tag.name().as_ref() {
             b"VTKFile" => self.head(tag)?,
             b"Piece" => {
@@ -201,10 +226,10 @@ impl<'a> Parser<'a> {
             b"Strips" => self.section = Some(Section::Strips),
             // Points and lines are not part of a surface.
             b"Verts" | b"Lines" => self.section = None,
-            b"DataArray" | b"Array" => self.array(tag, empty)?,
+            b"DataArray" | b"Array" => self.array(tag, form)?,
             _ => {}
         }
-        if empty && tag.name().as_ref() != b"DataArray" {
+        if form == TagForm::Empty && tag.name().as_ref() != b"DataArray" {
             self.section = None;
         }
         Ok(())
@@ -216,9 +241,9 @@ impl<'a> Parser<'a> {
             return Err(fault(format!("the VTKFile has another type, expected {:?}", self.expected)));
         }
         self.is_grid = true;
-        self.file.little_endian = match attribute(tag, "byte_order")?.as_deref() {
-            None | Some("LittleEndian") => true,
-            Some("BigEndian") => false,
+        self.file.byte_order = match attribute(tag, "byte_order")?.as_deref() {
+            None | Some("LittleEndian") => ByteOrder::Little,
+            Some("BigEndian") => ByteOrder::Big,
             Some(_) => return Err(fault("unknown byte_order, expected LittleEndian or BigEndian")),
         };
         self.file.wide_header = match attribute(tag, "header_type")?.as_deref() {
@@ -238,7 +263,7 @@ impl<'a> Parser<'a> {
         Ok(())
     }
 
-    fn array(&mut self, tag: &BytesStart<'_>, empty: bool) -> Result<(), ImportError> {
+    fn array(&mut self, tag: &BytesStart<'_>, form: TagForm) -> Result<(), ImportError> {
         let Some(section) = self.section else { return Ok(()) };
         let name = attribute(tag, "Name")?.unwrap_or_default();
         let components = match attribute(tag, "NumberOfComponents")? {
@@ -250,38 +275,44 @@ impl<'a> Parser<'a> {
                 .filter(|n| (1..=MAX_COMPONENTS).contains(n))
                 .ok_or_else(|| fault(format!("NumberOfComponents of an array is not 1 to {MAX_COMPONENTS}")))?,
         };
-        let kind = kind_named(attribute(tag, "type")?.as_deref().unwrap_or_default());
+        let number_type = number_type_named(attribute(tag, "type")?.as_deref().unwrap_or_default());
         let place = self.file.arrays.iter().filter(|a| a.section == section).count();
-        let mut array = RawArray { section, place, name, kind, components, content: Content::Ascii(&[]) };
-        match attribute(tag, "format")?.as_deref() {
-            None | Some("ascii") if empty => self.file.arrays.push(array),
-            None | Some("ascii") => self.open = Some((array, false)),
-            Some("binary") if empty => {
+        let mut array = RawArray { section, place, name, number_type, components, content: Content::Ascii(&[]) };
+        let is_inline = match attribute(tag, "format")?.as_deref() {
+            None | Some("ascii") => true,
+            Some("binary") => {
                 array.content = Content::Base64(&[]);
-                self.file.arrays.push(array);
+                true
             }
-            Some("binary") => self.open = Some((array, true)),
             Some("appended") => {
                 array.content = Content::Appended(count(tag, "offset")?);
-                self.file.arrays.push(array);
+                false
             }
             Some(_) => return Err(fault("unknown format of an array, expected ascii, binary or appended")),
+        };
+        if is_inline && form == TagForm::Open {
+            self.open = Some(array);
+        } else {
+            self.file.arrays.push(array);
         }
         Ok(())
     }
 
     fn text(&mut self, text: &'a [u8]) {
-        if let Some((array, base64)) = &mut self.open
+        if let Some(array) = &mut self.open
             && !text.trim_ascii().is_empty()
         {
-            array.content = if *base64 { Content::Base64(text) } else { Content::Ascii(text) };
+            array.content = match array.content {
+                Content::Base64(_) => Content::Base64(text),
+                Content::Ascii(_) | Content::Appended(_) => Content::Ascii(text),
+            };
         }
     }
 
     fn end(&mut self, name: &[u8]) {
         match name {
             b"DataArray" | b"Array" => {
-                if let Some((array, _)) = self.open.take() {
+                if let Some(array) = self.open.take() {
                     self.file.arrays.push(array);
                 }
             }

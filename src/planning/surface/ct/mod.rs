@@ -83,7 +83,7 @@ const MAX_ERRORS_MM: [f64; 2] = [0.0, 5.0];
 /// A ball of soft tissue (radius 30 mm) around a ball of bone (radius 15 mm), in voxels of 2 mm.
 /// ```
 /// use prosopon_geometry::control::Control;
-/// use prosopon_geometry::{Point, Topology, Vector, Volume};
+/// use prosopon_geometry::{Point, TopologyFaults, Vector, Volume};
 /// use prosopon_planning::surface::{CtSettings, from_ct};
 ///
 /// let dims = [41, 41, 41];
@@ -98,7 +98,7 @@ const MAX_ERRORS_MM: [f64; 2] = [0.0, 5.0];
 /// }
 /// let volume = Volume { dims, origin: Point::new(-40.0, -40.0, -40.0), axes, hu };
 /// let found = from_ct(&volume, &CtSettings::default(), &Control::new())?;
-/// assert!(Topology::of(&found.skin).is_closed_manifold());
+/// assert!(TopologyFaults::of(&found.skin).is_closed_manifold());
 /// // The default levels of -300 and 300 HU lie 0.35 mm inside the skin and 0.55 mm outside the bone.
 /// assert!((found.skin.volume() / 109_000.0 - 1.0).abs() < 0.05);
 /// assert!((found.skull.volume() / 15_700.0 - 1.0).abs() < 0.1);
@@ -149,11 +149,14 @@ struct Fields {
 }
 
 fn fields(volume: &Volume, settings: &CtSettings, control: &Control) -> Result<Fields, SurfaceError> {
-    let resampled = resample::resample(volume, settings.skin_hu, &control.part(0.0, 0.1))?;
+    let resampled = resample::resample(volume, settings.skin_hu, &control.stage(0.0, 0.1))?;
     let (hu, mut warnings) = (resampled.grid, resampled.warnings);
-    let Head { skin, removed_mm3 } = head::head(&hu, settings.skin_hu, &control.part(0.1, 0.2))?.map_err(|reason| {
-        SurfaceError::NothingFound { what: "head", threshold_hu: settings.skin_hu, reason: reason.text() }
-    })?;
+    let Head { skin, removed_mm3 } =
+        head::head(&hu, settings.skin_hu, &control.stage(0.1, 0.2))?.map_err(|reason| SurfaceError::NothingFound {
+            what: "head",
+            threshold_hu: settings.skin_hu,
+            reason: reason.text(),
+        })?;
     if removed_mm3 > 0.0 {
         let cm3 = removed_mm3 / 1e3;
         let message = format!("{cm3:.1} cm³ beside the head or in sheets were left out (head rest, mask, streaks)");
@@ -228,7 +231,7 @@ fn finished(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use prosopon_geometry::{Point, Severity, Topology, Vector};
+    use prosopon_geometry::{Point, Severity, TopologyFaults, Vector};
 
     /// Soft tissue of radius 30 with a shell of bone (16 to 20), an airspace (radius 8) that a tube of radius 4 joins to the
     /// outside, a throat that leaves the volume below, and a sheet beside the ball. Slices are 2 mm apart.
@@ -264,7 +267,7 @@ mod tests {
         let found = run(&ball()).unwrap();
         let air = found.air.unwrap();
         for mesh in [&found.skin, &found.skull, &air] {
-            assert!(Topology::of(mesh).is_closed_manifold());
+            assert!(TopologyFaults::of(mesh).is_closed_manifold());
             assert!(mesh.volume() > 0.0);
         }
         // The skin bridges the mouths of tube and throat and excludes the sheet. -300 HU lies 0.35 mm below the surface of the

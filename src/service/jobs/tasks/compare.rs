@@ -123,13 +123,13 @@ impl Comparison {
         let counted = both(counted);
         if let Some(on) = self.register {
             let (name, region) = on.chosen(&mesh, displacement_mm.as_deref());
-            let found = engine.register(&mesh, &reference, Some(&both(region)), &control.part(0.0, 0.5))?;
+            let found = engine.register(&mesh, &reference, Some(&both(region)), &control.stage(0.0, 0.5))?;
             warnings.extend(found.warnings.iter().cloned());
             document_of = Some(RegistrationDocument::new(&found, name));
             // The reference moves to the prediction, so that masks, parts of the face and pictures stay in the patient's frame.
             reference = reference.moved(&found.motion.inverse());
         }
-        let map = engine.error_map(&mesh, &reference, Some(&counted), &regions, &control.part(0.5, 1.0))?;
+        let map = engine.error_map(&mesh, &reference, Some(&counted), &regions, &control.stage(0.5, 1.0))?;
         let mut document = ErrorDocument::new(self.reference_name, mask_name, &map);
         if self.predictions.as_ref().is_some_and(|both| !both.same_plan) {
             warnings.push(

@@ -4,7 +4,7 @@ use bytes::Bytes;
 
 use crate::Service;
 use prosopon_formats::export::nifti_gz;
-use prosopon_formats::import::{ImportError, VolumeFormat, VolumeScan, VolumeSettings, volume_with};
+use prosopon_formats::import::{ImportError, VolumeFormat, VolumeCheck, VolumeSettings, volume_with};
 use prosopon_session::{CtDocument, Fault, FaultKind, Halt, import_fault};
 use prosopon_store::{BlobInfo, PartKind, PartRecord, SessionId, now_rfc3339};
 
@@ -17,7 +17,7 @@ const MIN_EXTENT: usize = 4;
 #[derive(Debug)]
 pub struct CtScan {
     service: Arc<Service>,
-    scan: VolumeScan,
+    scan: VolumeCheck,
     waiting: Vec<Bytes>,
     bytes: usize,
 }
@@ -26,7 +26,7 @@ impl CtScan {
     /// A scan before the first piece.
     #[must_use]
     pub fn new(service: &Arc<Service>) -> Self {
-        let scan = VolumeScan::new(service.settings.import);
+        let scan = VolumeCheck::new(service.settings.import);
         Self { service: Arc::clone(service), scan, waiting: Vec::new(), bytes: 0 }
     }
 
@@ -53,7 +53,7 @@ impl CtScan {
     async fn look(&mut self) -> Result<(), Fault> {
         self.bytes = 0;
         let pieces = std::mem::take(&mut self.waiting);
-        let mut scan = std::mem::replace(&mut self.scan, VolumeScan::new(self.service.settings.import));
+        let mut scan = std::mem::replace(&mut self.scan, VolumeCheck::new(self.service.settings.import));
         let looked = self.service.compute(move |_, _| {
             for piece in &pieces {
                 scan.push(piece).map_err(|e| refused(&e))?;
@@ -111,7 +111,9 @@ async fn read_ct(
                 let detail = format!("the volume has {dims:?} voxels; it needs at least {MIN_EXTENT} along each axis");
                 return Err(Fault::new(FaultKind::VolumeNotUsable, detail).at(PartKind::Ct.as_str()).into());
             }
-            Ok((nifti_gz(&read.volume), read.format, read.warnings))
+            let packed = nifti_gz(&read.volume)
+                .map_err(|e| Fault::new(FaultKind::VolumeNotUsable, e.to_string()).at(PartKind::Ct.as_str()))?;
+            Ok((packed, read.format, read.warnings))
         })
         .await
 }

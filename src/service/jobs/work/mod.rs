@@ -76,7 +76,7 @@ impl Context {
         &self,
         work: impl FnOnce(&dyn Engine, &Control) -> Result<T, Halt> + Send + 'static,
     ) -> Result<T, Halt> {
-        let (engine, control) = (Arc::clone(&self.service.engine), self.running.control.part(0.0, COMPUTING));
+        let (engine, control) = (Arc::clone(&self.service.engine), self.running.control.stage(0.0, COMPUTING));
         let work = move || work(engine.as_ref(), &control);
         let done = match self.running.worker.lane {
             Lane::Heavy => self.service.cpu.run_job(self.running.worker.number, work).await,

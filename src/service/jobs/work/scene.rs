@@ -100,7 +100,7 @@ async fn compute(
     let running = Arc::clone(&context.running);
     context
         .compute(move |engine, control| {
-            let mut watch = SolveWatch::new(engine, control.part(0.0, 0.0), running, steps, beginning);
+            let mut watch = SolveWatch::new(engine, control.stage(0.0, 0.0), running, steps, beginning);
             let solved = engine.solve_scene(&run, control, &mut watch)?;
             Ok((solved, watch.solving + watch.step_began.elapsed()))
         })

@@ -110,14 +110,14 @@ async fn compute(
             }
             let in_face = |p| regions.iter().any(|r| r.bounds.contains(p));
             let mask = run.case.anatomy.skin.positions().iter().map(in_face).collect();
-            let cancel = control.part(0.0, 0.0);
+            let cancel = control.stage(0.0, 0.0);
             let watch = SolveWatch::new(engine, cancel, running, steps, beginning);
             let mut watch = SolveWatch { reference, regions, mask, ..watch };
-            let outcome = engine.solve(&run, &control.part(0.0, SOLVING), &mut watch)?;
+            let outcome = engine.solve(&run, &control.stage(0.0, SOLVING), &mut watch)?;
             let solving = watch.solving + watch.step_began.elapsed();
             let (warnings, mesh) = (watch.warnings, watch.mesh);
             let tissue =
-                tissue.then(|| engine.tissue_file(&run, &outcome.nodes, &control.part(SOLVING, 1.0))).transpose()?;
+                tissue.then(|| engine.tissue_file(&run, &outcome.nodes, &control.stage(SOLVING, 1.0))).transpose()?;
             Ok(Solved { outcome, tissue, solving, mesh, regions_from_landmarks, warnings })
         })
         .await

@@ -2,7 +2,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::FieldSettingsDocument;
-use prosopon_field::{Doubt, DoubtfulRegions, FieldReport, Region};
+use prosopon_field::{RegionKind, RegionsOfKind, FieldReport, Region};
 
 /// Size and accuracy of one distance field.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -75,16 +75,16 @@ pub struct RegionDocument {
     pub max_mm: [f64; 3],
 }
 
-impl From<&DoubtfulRegions> for DoubtfulRegionsDocument {
-    fn from(r: &DoubtfulRegions) -> Self {
-        let doubt = match r.doubt {
-            Doubt::Open => DoubtDocument::Open,
-            Doubt::Inverted => DoubtDocument::Inverted,
-            Doubt::Ambiguous => DoubtDocument::Ambiguous,
-            Doubt::Buried => DoubtDocument::Buried,
-            Doubt::Sheet => DoubtDocument::Sheet,
-            Doubt::Copy => DoubtDocument::Copy,
-            Doubt::NoArea => DoubtDocument::NoArea,
+impl From<&RegionsOfKind> for DoubtfulRegionsDocument {
+    fn from(r: &RegionsOfKind) -> Self {
+        let doubt = match r.kind {
+            RegionKind::Open => DoubtDocument::Open,
+            RegionKind::Inverted => DoubtDocument::Inverted,
+            RegionKind::Ambiguous => DoubtDocument::Ambiguous,
+            RegionKind::Buried => DoubtDocument::Buried,
+            RegionKind::Sheet => DoubtDocument::Sheet,
+            RegionKind::Copy => DoubtDocument::Copy,
+            RegionKind::NoArea => DoubtDocument::NoArea,
         };
         let largest = r.largest.iter().map(RegionDocument::from).collect();
         Self { doubt, count: r.count, elements: r.elements, area_mm2: r.area_mm2, largest }

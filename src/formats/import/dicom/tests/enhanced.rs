@@ -34,7 +34,7 @@ impl Writer {
 }
 
 /// The slices as frames of one file, each with `fragments` of encapsulated pixels.
-fn enhanced(slices: &[Slice], open: bool, fragments: usize, told: usize) -> Vec<u8> {
+fn enhanced(slices: &[Slice], open: bool, fragments: usize, described: usize) -> Vec<u8> {
     let first = &slices[0];
     let mut set = Writer { bytes: Vec::new(), explicit: first.syntax != IMPLICIT, little: first.syntax != BIG };
     let text = |values: &[f64]| values.iter().map(f64::to_string).collect::<Vec<_>>().join("\\");
@@ -55,7 +55,7 @@ fn enhanced(slices: &[Slice], open: bool, fragments: usize, told: usize) -> Vec<
         w.items((0x28, 0x9110), &group(w, &|g| g.text((0x28, 0x30), b"DS", "8\\10")), !open);
     });
     set.items((0x5200, 0x9229), &[shared], open);
-    let own: Vec<Vec<u8>> = slices[..told]
+    let own: Vec<Vec<u8>> = slices[..described]
         .iter()
         .map(|s| {
             set.nested(|w| {

@@ -1,5 +1,5 @@
-use super::self_crossing::crossing_triangles;
-use super::topology::{Sets, sides};
+use super::connectivity::{Sets, sides};
+use super::self_intersection::crossing_triangles;
 use super::{Aabb, TriMesh};
 
 /// Counts of the defects of a surface, with its area, volume and bounds.
@@ -60,7 +60,7 @@ pub fn surface_report(mesh: &TriMesh) -> SurfaceReport {
     let mut rim = Vec::new();
     let [mut nonmanifold_edges, mut inconsistent_edges] = [0; 2];
     let sides = sides(mesh);
-    for edge in sides.chunk_by(|a, b| a.edge == b.edge) {
+    for edge in sides.chunk_by(|a, b| a.edge == b.edge).filter(|same| same[0].edge[0] != same[0].edge[1]) {
         match edge {
             [side] => {
                 let [a, b] = side.edge;
@@ -158,9 +158,9 @@ mod tests {
         let open = report(&positions, triangles[4..].to_vec());
         assert_eq!((open.boundary_edges, open.boundary_loops, open.closed), (8, 2, false));
 
-        let mut turned = triangles.clone();
-        turned[0].reverse();
-        assert_eq!(report(&positions, turned).inconsistent_edges, 3);
+        let mut inverted = triangles.clone();
+        inverted[0].reverse();
+        assert_eq!(report(&positions, inverted).inconsistent_edges, 3);
 
         let mut twice = triangles.clone();
         twice.push([triangles[0][1], triangles[0][0], triangles[0][2]]);

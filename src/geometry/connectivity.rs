@@ -15,15 +15,14 @@ pub(super) struct Side {
 
 /// The sides of all triangles, ordered by edge and then by triangle.
 ///
-/// Sides from a vertex to itself are left out. `chunk_by(|a, b| a.edge == b.edge)` groups the sides by edge.
+/// A triangle with a repeated vertex has a side from that vertex to itself. `chunk_by(|a, b| a.edge == b.edge)` groups the
+/// sides by edge.
 pub(super) fn sides(mesh: &TriMesh) -> Vec<Side> {
     let mut sides = Vec::with_capacity(3 * mesh.triangles().len());
     for (triangle, &[a, b, c]) in mesh.triangles().iter().enumerate() {
         for [from, to] in [[a, b], [b, c], [c, a]] {
-            if from != to {
-                let edge = [from.min(to), from.max(to)];
-                sides.push(Side { edge, triangle: triangle as u32, forward: from < to });
-            }
+            let edge = [from.min(to), from.max(to)];
+            sides.push(Side { edge, triangle: triangle as u32, forward: from < to });
         }
     }
     sides.sort_unstable();

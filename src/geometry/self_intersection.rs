@@ -4,7 +4,7 @@ use parry3d_f64::bounding_volume::Aabb as Bounds;
 use parry3d_f64::math::Vector as Corner;
 use parry3d_f64::partitioning::{Bvh, BvhBuildStrategy};
 
-use super::crossing::{segment_meets, triangles_meet};
+use super::triangle_intersection::{segment_meets, triangles_meet};
 use super::{Point, TriMesh};
 
 /// Most pairs of overlapping boxes per triangle, on average, before the search gives up.

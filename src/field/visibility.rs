@@ -1,4 +1,4 @@
-//! Share of all directions in which each node of a grid sees out.
+//! Visibility: the share of all directions in which a node of a grid sees out.
 
 use prosopon_geometry::control::{Cancelled, Control};
 use rayon::prelude::*;
@@ -9,7 +9,12 @@ const CHUNK: usize = 7;
 /// Share of directions in which a ray over `free` nodes leaves the grid, by node; 0 at other nodes.
 ///
 /// The directions are the primitive lattice directions of at most `most_steps` node spacings, and at most 3: 98 at most.
-pub(super) fn seen(dims: [usize; 3], free: &[bool], most_steps: f64, control: &Control) -> Result<Vec<f32>, Cancelled> {
+pub(super) fn visibility(
+    dims: [usize; 3],
+    free: &[bool],
+    most_steps: f64,
+    control: &Control,
+) -> Result<Vec<f32>, Cancelled> {
     let directions = directions(most_steps);
     let mut counts = vec![0u8; free.len()];
     for (n, chunk) in directions.chunks(CHUNK).enumerate() {
@@ -66,14 +71,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_place_over_a_wall_sees_half_the_sky_and_one_in_a_closed_room_nothing() {
+    fn a_point_over_a_wall_sees_half_of_all_directions_and_one_in_a_closed_room_none() {
         let dims = [41, 41, 41];
         let at = |n: usize| [n % 41, n / 41 % 41, n / 1681];
         let floor: Vec<bool> = (0..41 * 41 * 41).map(|n| at(n)[2] > 3).collect();
-        let seen_over_floor = seen(dims, &floor, 3.0, &Control::new()).unwrap();
+        let over_floor = visibility(dims, &floor, 3.0, &Control::new()).unwrap();
         let n = 20 + 41 * (20 + 41 * 4);
         // Of the 98 directions 41 point upwards and 16 lie in the plane of the floor.
-        assert!((seen_over_floor[n] - 57.0 / 98.0).abs() < 1e-6, "{}", seen_over_floor[n]);
+        assert!((over_floor[n] - 57.0 / 98.0).abs() < 1e-6, "{}", over_floor[n]);
         // The wall is two nodes thick, as the longest step requires.
         let room: Vec<bool> = (0..41 * 41 * 41)
             .map(|n| {
@@ -81,9 +86,9 @@ mod tests {
                 !(8..11).contains(&d)
             })
             .collect();
-        let seen_in_room = seen(dims, &room, 3.0, &Control::new()).unwrap();
-        assert_eq!(seen_in_room[20 + 41 * (20 + 41 * 20)], 0.0);
-        assert!(seen_in_room[0] > 0.8);
+        let in_room = visibility(dims, &room, 3.0, &Control::new()).unwrap();
+        assert_eq!(in_room[20 + 41 * (20 + 41 * 20)], 0.0);
+        assert!(in_room[0] > 0.8);
     }
 
     #[test]

@@ -5,30 +5,30 @@ use nifti::NiftiHeader;
 use super::super::ImportError;
 use super::super::error::malformed;
 use super::super::hounsfield::Scale;
-use super::super::number::Kind;
+use super::super::number::NumberType;
 use super::FORMAT;
 
 /// The number type in the header; an error for types that a CT cannot have.
-pub(super) fn kind_of(header: &NiftiHeader) -> Result<Kind, ImportError> {
-    let kind = match header.datatype {
-        2 => Kind::U8,
-        4 => Kind::I16,
-        8 => Kind::I32,
-        16 => Kind::F32,
-        64 => Kind::F64,
-        256 => Kind::I8,
-        512 => Kind::U16,
+pub(super) fn number_type_of(header: &NiftiHeader) -> Result<NumberType, ImportError> {
+    let number_type = match header.datatype {
+        2 => NumberType::U8,
+        4 => NumberType::I16,
+        8 => NumberType::I32,
+        16 => NumberType::F32,
+        64 => NumberType::F64,
+        256 => NumberType::I8,
+        512 => NumberType::U16,
         code => {
             let read = "2, 4, 8, 16, 64, 256, 512 (8 to 32 bit integers and floats)";
             return Err(malformed(FORMAT, format!("the voxels have the data type {code}, expected {read}")));
         }
     };
     let bits = i64::from(header.bitpix);
-    if bits != (kind.size() as i64).saturating_mul(8) {
+    if bits != (number_type.size() as i64).saturating_mul(8) {
         let detail = format!("{bits} bits a voxel, which do not match the data type {}", header.datatype);
         return Err(malformed(FORMAT, detail));
     }
-    Ok(kind)
+    Ok(number_type)
 }
 
 /// The slope and intercept in the header; a slope of zero or NaN means no scaling.

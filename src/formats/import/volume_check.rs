@@ -1,12 +1,13 @@
 use super::volume::{SHOWING, UNKNOWN, detect_volume};
-use super::{ImportError, Limits, VolumeFormat, nifti1};
+use super::volume_settings::VolumeFormat;
+use super::{ImportError, Limits, nifti1};
 
 /// Checks a CT file while it arrives, without keeping it.
 ///
 /// The format must be supported. Of a NIfTI file, plain or gzipped, the scan also checks the header and that all voxels are
 /// present. Of other formats it checks only the beginning.
 #[derive(Debug)]
-pub struct VolumeScan {
+pub struct VolumeCheck {
     limits: Limits,
     /// The first bytes, until the format is known.
     beginning: Vec<u8>,
@@ -14,7 +15,7 @@ pub struct VolumeScan {
     scan: Option<nifti1::Scan>,
 }
 
-impl VolumeScan {
+impl VolumeCheck {
     /// A scan before the first piece.
     #[must_use]
     pub fn new(limits: Limits) -> Self {

@@ -1,7 +1,8 @@
 //! Surfaces that break methods: each gives a correct field or a report of what is wrong and where.
 
 use super::shapes::{Random, block, fields, filtered, flipped, joined, rough_ball, sphere};
-use crate::{Doubt, ExactDistance, FieldReport, Method};
+use crate::{ExactDistance, FieldError, FieldReport, FieldSettings, Method, MethodSettings, RegionKind, SignedField};
+use prosopon_geometry::control::Control;
 use prosopon_geometry::{GeometryError, Implicit, Motion, Point, TriMesh, Vector};
 
 const BAND_MM: f64 = 2.0;
@@ -21,14 +22,14 @@ fn triangle(corners: [Point; 3]) -> TriMesh {
 ///
 /// Values are finite everywhere. In the band the magnitude is never more than a spacing above the distance, nor more than a
 /// spacing below it where the sign does not jump nearby. An adaptive field's sign is that of the winding number where that is
-/// clear. All methods report the same `doubts`, at positions within the surface's box.
-fn check(mesh: &TriMesh, doubts: &[Doubt]) -> FieldReport {
+/// clear. All methods report regions of the `expected` kinds, at positions within the surface's box.
+fn check(mesh: &TriMesh, expected: &[RegionKind]) -> FieldReport {
     let exact = ExactDistance::new(mesh);
     let bounds = mesh.bounds();
     let mut random = Random(82);
     let is_inside = |p: Point| exact.winding_number(&p).abs() > 0.5;
     let encloses = (0..3000).any(|_| is_inside(random.point(bounds.center(), 0.5 * bounds.diagonal())));
-    let jumps = !encloses || doubts.iter().any(|d| matches!(d, Doubt::Open | Doubt::Buried));
+    let jumps = !encloses || expected.iter().any(|kind| matches!(kind, RegionKind::Open | RegionKind::Buried));
     let mut report = None;
     for (method, field, found) in fields(mesh, SPACING_MM, BAND_MM) {
         let mut random = Random(80);
@@ -52,8 +53,8 @@ fn check(mesh: &TriMesh, doubts: &[Doubt]) -> FieldReport {
             }
         }
         assert!(clear > 40 || (jumps && method != Method::Adaptive), "{method:?}: {clear}");
-        let kinds: Vec<Doubt> = found.regions.iter().map(|r| r.doubt).collect();
-        assert_eq!(kinds, doubts, "{method:?}");
+        let kinds: Vec<RegionKind> = found.regions.iter().map(|r| r.kind).collect();
+        assert_eq!(kinds, expected, "{method:?}");
         for region in found.regions.iter().flat_map(|r| &r.largest) {
             assert!(bounds.grown(1e-9).contains(&region.bounds.min) && bounds.grown(1e-9).contains(&region.bounds.max));
         }
@@ -64,7 +65,7 @@ fn check(mesh: &TriMesh, doubts: &[Doubt]) -> FieldReport {
 
 #[test]
 fn a_skull_cut_at_the_field_of_view() {
-    let report = check(&open_skull(), &[Doubt::Open, Doubt::Ambiguous]);
+    let report = check(&open_skull(), &[RegionKind::Open, RegionKind::Ambiguous]);
     // One rim outside and one inside, both at the cut.
     assert_eq!(report.regions[0].count, 2);
     assert!(report.regions[0].largest.iter().all(|rim| rim.bounds.min.z > 1.5 && rim.bounds.max.z < 3.0));
@@ -76,9 +77,9 @@ fn copied_and_flipped_faces() {
     let mut triangles = ball.triangles().to_vec();
     triangles.extend(ball.triangles()[..20].iter().map(|&[a, b, c]| [b, c, a]));
     let doubled = TriMesh::new(ball.positions().to_vec(), triangles).unwrap();
-    assert_eq!(check(&doubled, &[Doubt::Copy]).regions[0].elements, 20);
-    let turned = flipped(&ball, |t| t == 100);
-    let report = check(&turned, &[Doubt::Inverted]);
+    assert_eq!(check(&doubled, &[RegionKind::Copy]).regions[0].elements, 20);
+    let inverted = flipped(&ball, |t| t == 100);
+    let report = check(&inverted, &[RegionKind::Inverted]);
     assert_eq!((report.regions[0].count, report.regions[0].elements), (1, 1));
     assert!(report.regions[0].largest[0].bounds.contains(&ball.corners(100)[0]));
 }
@@ -86,7 +87,7 @@ fn copied_and_flipped_faces() {
 #[test]
 fn self_intersections() {
     let a = sphere(Point::new(-3.0, 0.0, 0.0), 5.0, 3);
-    check(&joined(&a, &block(Point::new(3.0, 0.5, 0.2), Vector::new(4.0, 2.0, 2.5))), &[Doubt::Buried]);
+    check(&joined(&a, &block(Point::new(3.0, 0.5, 0.2), Vector::new(4.0, 2.0, 2.5))), &[RegionKind::Buried]);
 }
 
 #[test]
@@ -96,7 +97,7 @@ fn triangles_without_area_and_a_needle_of_one_to_ten_thousand() {
     let [a, b, _] = triangles[40];
     triangles.extend([[a, a, b], [7, 7, 7]]);
     let flat = TriMesh::new(ball.positions().to_vec(), triangles).unwrap();
-    assert_eq!(check(&flat, &[Doubt::NoArea]).regions[0].elements, 2);
+    assert_eq!(check(&flat, &[RegionKind::NoArea]).regions[0].elements, 2);
     // Two needles along a side of a block, 12 mm long and 0.0012 mm wide, as part of its closed surface.
     let block = block(Point::origin(), Vector::new(6.0, 3.0, 3.0));
     let mut positions = block.positions().to_vec();
@@ -110,16 +111,16 @@ fn triangles_without_area_and_a_needle_of_one_to_ten_thousand() {
     assert_eq!(needles.triangles().len(), 14);
     check(&needles, &[]);
     let needle = triangle([Point::origin(), Point::new(10.0, 0.0, 0.0), Point::new(5.0, 0.001, 0.0)]);
-    check(&needle, &[Doubt::Open, Doubt::Ambiguous]);
+    check(&needle, &[RegionKind::Open, RegionKind::Ambiguous]);
 }
 
 #[test]
 fn coincident_sheets_and_one_triangle() {
     let one = triangle([Point::origin(), Point::new(6.0, 0.0, 0.0), Point::new(0.0, 6.0, 1.0)]);
-    let report = check(&one, &[Doubt::Open, Doubt::Ambiguous]);
+    let report = check(&one, &[RegionKind::Open, RegionKind::Ambiguous]);
     assert_eq!((report.regions[0].elements, report.regions[1].elements), (3, 1));
-    assert_eq!(check(&joined(&one, &flipped(&one, |_| true)), &[Doubt::Copy]).regions[0].elements, 2);
-    let report = check(&joined(&one, &one), &[Doubt::Open, Doubt::Ambiguous, Doubt::Copy]);
+    assert_eq!(check(&joined(&one, &flipped(&one, |_| true)), &[RegionKind::Copy]).regions[0].elements, 2);
+    let report = check(&joined(&one, &one), &[RegionKind::Open, RegionKind::Ambiguous, RegionKind::Copy]);
     assert!(report.regions[2].elements == 1);
 }
 
@@ -146,4 +147,35 @@ fn coordinates_of_a_million_millimetres() {
 #[test]
 fn an_empty_mesh_is_none() {
     assert!(matches!(TriMesh::new(vec![Point::origin()], vec![]), Err(GeometryError::Empty)));
+}
+
+#[test]
+fn settings_and_coordinates_out_of_range_are_refused_before_anything_is_built() {
+    let ball = sphere(Point::origin(), 6.0, 2);
+    let far = ball.moved(&Motion::translation(1e200, 0.0, 0.0));
+    let field = FieldSettings { spacing_mm: SPACING_MM, band_mm: BAND_MM, margin_mm: 4.0 };
+    let usual = MethodSettings { field, resolution: Some(16), ..MethodSettings::default() };
+    for method in Method::ALL {
+        let refused = |mesh: &TriMesh, settings: MethodSettings| {
+            let settings = MethodSettings { method, ..settings };
+            let built = SignedField::build_only(mesh, &settings, &Control::new()).map(|_| ());
+            assert_eq!(
+                format!("{built:?}"),
+                format!("{:?}", SignedField::build(mesh, &settings, &Control::new()).map(|_| ()))
+            );
+            match built {
+                Err(FieldError::Setting { name, .. }) => name,
+                other => panic!("{method:?}: {other:?}"),
+            }
+        };
+        let with = |field: FieldSettings| MethodSettings { field, ..usual };
+        // A margin that would turn the surface's box inside out.
+        assert_eq!(refused(&ball, with(FieldSettings { margin_mm: -7.0, ..field })), "margin_mm");
+        assert_eq!(refused(&ball, with(FieldSettings { margin_mm: f64::NAN, ..field })), "margin_mm");
+        assert_eq!(refused(&ball, with(FieldSettings { band_mm: f64::INFINITY, ..field })), "band_mm");
+        assert_eq!(refused(&ball, MethodSettings { resolution: Some(0), ..usual }), "resolution");
+        let spacing = FieldSettings { spacing_mm: 0.0, ..field };
+        assert_eq!(refused(&ball, MethodSettings { resolution: None, field: spacing, ..usual }), "spacing_mm");
+        assert_eq!(refused(&far, usual), "largest coordinate");
+    }
 }

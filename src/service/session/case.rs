@@ -1,7 +1,7 @@
 use std::sync::Arc;
 
 use prosopon_geometry::{TriMesh, VolumeMesh};
-use prosopon_planning::plan::{Cut, Landmarks, Plan, Protected, TemplateCall};
+use prosopon_planning::plan::{Cut, Plan, Protected, TemplateCall};
 use prosopon_planning::simulate::{Anatomy, FieldsSettings, PathCheckpoint, RunSettings, TissueSettings};
 use prosopon_tissue::fem::SolveSettings;
 
@@ -16,6 +16,8 @@ pub struct Case {
     pub key: String,
     /// x of the midline, mm; `None` when unknown.
     pub midline_x_mm: Option<f64>,
+    /// z of the occlusal plane, mm; `None` when unknown.
+    pub occlusal_z_mm: Option<f64>,
 }
 
 /// Cuts of a request.
@@ -27,8 +29,6 @@ pub struct Cuts {
     pub cuts: Vec<Cut>,
     /// Protected points and curves, whose distance to the cuts is reported.
     pub protected: Vec<Protected>,
-    /// Landmarks that segments are named by.
-    pub landmarks: Landmarks,
 }
 
 /// A tissue mesh of a request.

@@ -116,6 +116,10 @@ impl From<SurfaceError> for Halt {
             SurfaceError::NothingFound { .. } | SurfaceError::Volume { .. } => {
                 Fault::new(FaultKind::VolumeNotUsable, error.to_string()).into()
             }
+            SurfaceError::Setting { name, value, min, max } => {
+                let detail = format!("is {value}, allowed is {min} to {max}");
+                Fault::invalid(vec![FieldFault::new(format!("/{name}"), detail)]).into()
+            }
         }
     }
 }
@@ -186,6 +190,12 @@ impl From<PlanError> for Halt {
                     point => format!("/landmarks/{point}"),
                 };
                 fault.errors = missing.iter().map(|name| FieldFault::new(pointer(name), "is missing")).collect();
+                fault
+            }
+            PlanError::Cut { cut, field, .. } => {
+                let mut fault = Fault::new(FaultKind::PlanNotUsable, detail.clone()).with("cut", cut);
+                let place = if field.is_empty() { format!("cuts[{cut}]") } else { format!("cuts[{cut}].{field}") };
+                fault.errors.push(FieldFault::new(pointer_of(&place), detail));
                 fault
             }
             PlanError::Value { what, .. } => {

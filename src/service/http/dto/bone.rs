@@ -189,7 +189,7 @@ impl CreateOsteotomy {
         let protected = self.protected.iter().take(32).enumerate();
         let protected = protected.map(|(i, p)| kept_away(&mut check, &format!("/protected/{i}"), p)).collect();
         check.finish()?;
-        Ok((label, Cuts { templates, cuts, protected, landmarks: session }))
+        Ok((label, Cuts { templates, cuts, protected }))
     }
 }
 

@@ -48,7 +48,7 @@ const PICTURE_PX: [u32; 2] = [1640, 720];
 pub(super) fn before_after(out: &Path, before_ply: &[u8], after_ply: &[u8]) -> Result<(), DemoError> {
     let before = surface("skin before", before_ply)?;
     let after = surface("skin after", after_ply)?;
-    let (moved, limit) = moved_along(&before, &after, &-Vector::y());
+    let moved = moved_along(&before, &after, &-Vector::y());
     for (name, direction) in [
         ("before_after.png", Vector::new(-0.7, 0.7, 0.0)),
         ("before_after_profile.png", Vector::new(-1.0, 0.0, 0.0)),
@@ -59,7 +59,7 @@ pub(super) fn before_after(out: &Path, before_ply: &[u8], after_ply: &[u8]) -> R
         let panels = [
             ("before", plain(&before)),
             ("after", plain(&after)),
-            ("moved forward", Layer { mesh: &after, values: Some((&moved, limit)) }),
+            ("moved forward", Layer { mesh: &after, values: Some(moved.coloured()) }),
         ];
         write(out, name, &render_panels(&panels, &view))?;
     }

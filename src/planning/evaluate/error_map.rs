@@ -91,15 +91,8 @@ pub fn error_map(
 ) -> Result<ErrorMap, EvaluateError> {
     let input = |detail: String| EvaluateError::Input { detail };
     let n = prediction.positions().len();
-    if let Some(mask) = mask
-        && mask.len() != n
-    {
-        return Err(input(format!("the mask has {} entries, but the prediction has {n} vertices", mask.len())));
-    }
+    check_mask(mask, n)?;
     let chosen = |v: usize| mask.is_none_or(|m| m[v]);
-    if !(0..n).any(chosen) {
-        return Err(input("the mask selects no vertex of the prediction: enlarge the mask".to_owned()));
-    }
     control.check()?;
     let mut warnings = plausible(prediction, reference)?;
     let surface = Surface::new(reference)?;
@@ -132,14 +125,6 @@ pub fn error_map(
     let none =
         || input("no reference vertex projects inside the prediction's border and mask: enlarge the mask".into());
     let backward = statistics(reference, &back, None).ok_or_else(none)?;
-    let by_region = |mesh: &TriMesh, values: &[f32], counted: &dyn Fn(usize) -> bool| {
-        let of = |region: &FaceRegion| {
-            let inside = |(v, p)| counted(v) && region.bounds.contains(p);
-            let inside: Vec<bool> = mesh.positions().iter().enumerate().map(inside).collect();
-            Some((region.name, statistics(mesh, values, Some(&inside))?))
-        };
-        regions.iter().filter_map(of).collect()
-    };
     let mut counted = signed_mm.clone();
     (0..n).filter(|v| !chosen(*v)).for_each(|v| counted[v] = f32::NAN);
     let averaged = Neighbourhoods::new(prediction, SMOOTHED_MM).averaged(&counted);
@@ -151,8 +136,8 @@ pub fn error_map(
     Ok(ErrorMap {
         excluded: (0..n).filter(|v| chosen(*v) && signed_mm[*v].is_nan()).count(),
         histogram: histogram(&areas, &signed_mm, mask),
-        regions: by_region(prediction, &signed_mm, &chosen),
-        backward_regions: by_region(reference, &back, &|_| true),
+        regions: by_region(regions, prediction, &signed_mm, chosen),
+        backward_regions: by_region(regions, reference, &back, |_| true),
         smoothed: statistics(prediction, &averaged, mask).unwrap_or_else(|| whole.clone()),
         roughness_mm: roughness(prediction, &counted, &averaged),
         correspondence: correspondence(prediction, reference, mask),
@@ -161,6 +146,35 @@ pub fn error_map(
         backward,
         warnings,
     })
+}
+
+/// Refuses a mask that does not fit a surface of `n` vertices or selects none of them.
+fn check_mask(mask: Option<&[bool]>, n: usize) -> Result<(), EvaluateError> {
+    let detail = match mask {
+        Some(mask) if mask.len() != n => {
+            format!("the mask has {} entries, but the prediction has {n} vertices", mask.len())
+        }
+        Some(mask) if !mask.contains(&true) => {
+            "the mask selects no vertex of the prediction: enlarge the mask".to_owned()
+        }
+        Some(_) | None => return Ok(()),
+    };
+    Err(EvaluateError::Input { detail })
+}
+
+/// Statistics of `values` over the vertices of each region that are `counted`; regions without such vertices are omitted.
+fn by_region(
+    regions: &[FaceRegion],
+    mesh: &TriMesh,
+    values: &[f32],
+    counted: impl Fn(usize) -> bool,
+) -> Vec<(&'static str, Statistics)> {
+    let of = |region: &FaceRegion| {
+        let inside = |(v, p)| counted(v) && region.bounds.contains(p);
+        let inside: Vec<bool> = mesh.positions().iter().enumerate().map(inside).collect();
+        Some((region.name, statistics(mesh, values, Some(&inside))?))
+    };
+    regions.iter().filter_map(of).collect()
 }
 
 /// Area-weighted mean cosine between the prediction's normals and those of the reference at the closest points.

@@ -65,11 +65,18 @@ pub(super) fn stiffness(rows: &[Row]) -> f64 {
     ratio(&RowFrame::of(rows.iter()).stiffnesses(rows.iter()))
 }
 
-/// The small motion that minimises the squared gaps, and the largest movement of a point, mm.
+/// A small motion.
+pub(super) struct Step {
+    pub(super) motion: Motion,
+    /// Largest movement of a point, mm.
+    pub(super) movement_mm: f64,
+}
+
+/// The small motion that minimises the squared gaps.
 ///
 /// # Errors
 /// [`RegistrationFault::TooFewPairs`] with too few pairs, [`RegistrationFault::ShapeUndetermined`] when the equations are singular.
-pub(super) fn solve(pairs: &[Pair]) -> Result<(Motion, f64), EvaluateError> {
+pub(super) fn solve(pairs: &[Pair]) -> Result<Step, EvaluateError> {
     if pairs.len() < MIN_PAIRS {
         return Err(RegistrationFault::TooFewPairs { found: pairs.len(), allowed: MIN_PAIRS }.into());
     }
@@ -85,5 +92,6 @@ pub(super) fn solve(pairs: &[Pair]) -> Result<(Motion, f64), EvaluateError> {
     let (turn, shift) = (Vector::new(x[0], x[1], x[2]), Vector::new(x[3], x[4], x[5]));
     let rotation = UnitQuaternion::from_scaled_axis(turn / frame.radius);
     let translation = frame.centre.coords - rotation * frame.centre.coords + shift;
-    Ok((Motion::from_parts(Translation3::from(translation), rotation), turn.norm() + shift.norm()))
+    let motion = Motion::from_parts(Translation3::from(translation), rotation);
+    Ok(Step { motion, movement_mm: turn.norm() + shift.norm() })
 }

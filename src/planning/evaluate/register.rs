@@ -307,7 +307,7 @@ fn fitted(
         median_mm: f64::INFINITY,
         overlap: 0.0,
     };
-    let mut together = false;
+    let mut aligned = false;
     for iteration in 0..iterations {
         control.check()?;
         control.report(iteration as f64 / iterations as f64);
@@ -316,21 +316,21 @@ fn fitted(
         sizes.sort_by(f64::total_cmp);
         found.median_mm = sizes.get(sizes.len() / 2).copied().unwrap_or(f64::INFINITY);
         let nearest = sizes.get((ALIGNED_SHARE * sizes.len() as f64) as usize).copied().unwrap_or(f64::INFINITY);
-        let limit = if together { TRIM * 1.4826 * found.median_mm } else { nearest }.max(TRIM_FLOOR_MM);
+        let limit = if aligned { TRIM * 1.4826 * found.median_mm } else { nearest }.max(TRIM_FLOOR_MM);
         let kept: Vec<Pair> = pairs.into_iter().filter(|p| p.gap.abs() <= limit).collect();
         let weight: f64 = kept.iter().map(|p| p.row.weight).sum();
         found.overlap = weight / all;
         found.residual_mm =
             (kept.iter().map(|p| p.row.weight * p.gap * p.gap).sum::<f64>() / weight.max(f64::MIN_POSITIVE)).sqrt();
-        let (update, step) = solve(&kept)?;
-        found.motion = update * found.motion;
-        (found.movement_mm, found.iterations) = (step, iteration + 1);
-        if together && step < STILL_MM {
+        let step = solve(&kept)?;
+        found.motion = step.motion * found.motion;
+        (found.movement_mm, found.iterations) = (step.movement_mm, iteration + 1);
+        if aligned && step.movement_mm < STILL_MM {
             break;
         }
-        together |= step < ALIGNED_MM;
+        aligned |= step.movement_mm < ALIGNED_MM;
     }
-    found.converged = together && found.movement_mm <= NEARLY_STILL_MM.max(NEARLY_STILL_SHARE * found.residual_mm);
+    found.converged = aligned && found.movement_mm <= NEARLY_STILL_MM.max(NEARLY_STILL_SHARE * found.residual_mm);
     Ok(found)
 }
 

@@ -3,7 +3,7 @@
 use super::colour::diverging;
 use super::font::Font;
 use super::picture::{BLACK, encode, label};
-use super::raster::{Camera, Canvas, draw};
+use super::raster::{Camera, Canvas, Coloured, Shading, draw};
 use super::tuning::BIN_MM;
 use prosopon_geometry::{Aabb, Point, TriMesh, Vector};
 
@@ -58,10 +58,11 @@ pub fn render_sheet(sheet: &Sheet<'_>) -> Vec<u8> {
     let cameras: Vec<Camera> = VIEWS.iter().map(|view| camera(sheet.mesh, Vector::from(view.1))).collect();
     // All panels have the scale of the view that needs most room.
     let pixels_per_mm = cameras.iter().map(|c| c.pixels_per_mm).fold(f64::INFINITY, f64::min);
+    let coloured = Coloured { values: sheet.values, limit_mm: sheet.limit_mm };
     for (i, (view, camera)) in VIEWS.iter().zip(cameras).enumerate() {
         let (left, top) = (i % GRID[0] * cell[0], TITLE_PX + i / GRID[0] * cell[1]);
         let mut large = Canvas::white(2 * PANEL_PX[0], 2 * PANEL_PX[1]);
-        draw(&mut large, &Camera { pixels_per_mm, ..camera }, sheet.mesh, Some((sheet.values, sheet.limit_mm)), true);
+        draw(&mut large, &Camera { pixels_per_mm, ..camera }, sheet.mesh, Some(coloured), Shading::Lit);
         canvas.paste(&large.halved(), left, top);
         let middle = top + PANEL_PX[1] / 2;
         FONT.write(&mut canvas, view.2, left + 6, middle, GREY);

@@ -149,7 +149,7 @@ fn a_picture_is_a_png_of_the_asked_size_with_panels_in_order() {
     let view = View { direction: Vector::y(), up: Vector::z(), size_px: [640, 300] };
     let panels = [
         ("Before", Layer { mesh: &ball, values: None }),
-        ("Error", Layer { mesh: &ball, values: Some((&values, 3.0)) }),
+        ("Error", Layer { mesh: &ball, values: Some(Coloured { values: &values, limit_mm: 3.0 }) }),
     ];
     let bytes = render_panels(&panels, &view);
     let image = Decoded::of(&bytes);
@@ -170,7 +170,7 @@ fn a_picture_is_a_png_of_the_asked_size_with_panels_in_order() {
 #[test]
 fn odd_pictures_are_still_pictures() {
     let ball = star(6, |_| 50.0);
-    let layer = Layer { mesh: &ball, values: Some((&[f32::NAN], 0.0)) };
+    let layer = Layer { mesh: &ball, values: Some(Coloured { values: &[f32::NAN], limit_mm: 0.0 }) };
     for size_px in [[0, 0], [64, 9], [9, 500]] {
         for direction in [Vector::zeros(), Vector::z(), Vector::new(f64::NAN, 0.0, 1.0)] {
             let view = View { direction, up: Vector::z(), size_px };

@@ -11,6 +11,15 @@ use prosopon_geometry::{Point, Vector};
 /// Cut faces of every segment.
 pub(super) struct CutFaces(Vec<(u32, Faces)>);
 
+/// Gap between the cut faces of a segment and other bone.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Gap {
+    /// Mean distance from the cut faces to the nearest bone, mm.
+    pub(super) mean_mm: f64,
+    /// Volume between the cut faces and those opposite, mm³.
+    pub(super) volume_mm3: f64,
+}
+
 struct Faces {
     own: Vec<Face>,
     /// For each triangle of the segment, whether it shares a vertex with a triangle that faces other bone.
@@ -69,8 +78,8 @@ impl CutFaces {
 
     /// Mean distance from the segment's cut faces to the nearest of `others`, mm, and the volume between them and the cut
     /// faces opposite, mm³.
-    pub(super) fn gap(&self, id: u32, others: &[MovedSolid<'_>]) -> (f64, f64) {
-        let Some(faces) = self.of_segment(id) else { return (0.0, 0.0) };
+    pub(super) fn gap(&self, id: u32, others: &[MovedSolid<'_>]) -> Gap {
+        let Some(faces) = self.of_segment(id) else { return Gap::default() };
         let gap = |Face { middle, normal, area, faces }: &Face| {
             let ahead = |other: &MovedSolid<'_>| {
                 let motion = &other.own_from_moving;
@@ -86,6 +95,6 @@ impl CutFaces {
         // Summed in order, so that the result is the same on any number of threads.
         let found: Vec<[f64; 3]> = faces.own.par_iter().with_min_len(256).map(gap).collect();
         let sum = |k: usize| found.iter().map(|f| f[k]).sum::<f64>();
-        (if sum(0) > 0.0 { sum(1) / sum(0) } else { 0.0 }, sum(2))
+        Gap { mean_mm: if sum(0) > 0.0 { sum(1) / sum(0) } else { 0.0 }, volume_mm3: sum(2) }
     }
 }

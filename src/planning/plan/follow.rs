@@ -118,6 +118,13 @@ struct Deepest {
     at: Point,
 }
 
+/// A segment at one t of its path.
+struct Sampled {
+    sample: PathSample,
+    /// `None` when it lies in no other segment.
+    deepest: Option<Deepest>,
+}
+
 impl Follower<'_> {
     /// Report of one segment along its path.
     fn report(&self, segment: &Segment, path: &Path, control: &Control) -> Result<PathReport, PlanError> {
@@ -128,9 +135,9 @@ impl Follower<'_> {
         for t in samples(path) {
             control.check()?;
             // Each sample replaces it, so that the last one, the end of the path, remains.
-            let sample;
-            (sample, deepest) = self.sample(segment, &probes, t);
-            along.push(sample);
+            let sampled = self.sample(segment, &probes, t);
+            deepest = sampled.deepest;
+            along.push(sampled.sample);
         }
         let end = path.at(1.0);
         let shift = end * segment.centroid - segment.centroid;
@@ -153,7 +160,7 @@ impl Follower<'_> {
     }
 
     /// Overlap and gap of `segment` at `t`, and where it lies deepest in another segment, if it does.
-    fn sample(&self, segment: &Segment, probes: &[Point], t: f64) -> (PathSample, Option<Deepest>) {
+    fn sample(&self, segment: &Segment, probes: &[Point], t: f64) -> Sampled {
         let motions = self.plan.motions(t);
         let motion_of = |id: u32| motions.iter().find(|m| m.0 == id).map_or_else(Motion::identity, |m| m.1);
         let motion = motion_of(segment.id);
@@ -172,8 +179,9 @@ impl Follower<'_> {
         let bounds = segment.surface.bounds();
         let shared = |own| others.iter().map(|o| overlap::volume(own, o.solid, &o.own_from_moving, &bounds)).sum();
         let overlap_mm3 = own.map_or(0.0, shared);
-        let (gap_mm, gap_mm3) = self.faces.gap(segment.id, &others);
-        (PathSample { t, overlap_mm, overlap_mm3, gap_mm, gap_mm3 }, deepest)
+        let gap = self.faces.gap(segment.id, &others);
+        let sample = PathSample { t, overlap_mm, overlap_mm3, gap_mm: gap.mean_mm, gap_mm3: gap.volume_mm3 };
+        Sampled { sample, deepest }
     }
 
     /// Warning about a segment that ends inside another one.

@@ -92,8 +92,15 @@ fn groups(grid: &ScalarGrid, blocked: &[u8], steps: &[u32]) -> (Vec<u32>, usize)
     (group, n as usize)
 }
 
-/// Costs between neighbouring groups as (smaller group, larger group, cost), sorted.
-fn arcs(grid: &ScalarGrid, blocked: &[u8], steps: &[u32], group: &[u32]) -> Vec<(u32, u32, u32)> {
+/// The cost of separating two groups; the smaller group comes first.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Arc {
+    ends: [u32; 2],
+    cost: u32,
+}
+
+/// Arcs between neighbouring groups, sorted.
+fn arcs(grid: &ScalarGrid, blocked: &[u8], steps: &[u32], group: &[u32]) -> Vec<Arc> {
     let cost = |steps: u32| {
         let mm = f64::from(steps) * grid.spacing;
         1 + (EXTRA_COST * (-mm / FALL_OFF_MM).exp()).round() as u32
@@ -105,15 +112,16 @@ fn arcs(grid: &ScalarGrid, blocked: &[u8], steps: &[u32], group: &[u32]) -> Vec<
         }
         for_each_neighbour(grid, blocked, node, |other| {
             if group[node] < group[other] {
-                arcs.push((group[node], group[other], cost(steps[node].min(steps[other]))));
+                let cost = cost(steps[node].min(steps[other]));
+                arcs.push(Arc { ends: [group[node], group[other]], cost });
             }
         });
     }
     arcs.sort_unstable();
     arcs.dedup_by(|b, a| {
-        let same = (a.0, a.1) == (b.0, b.1);
+        let same = a.ends == b.ends;
         if same {
-            a.2 += b.2;
+            a.cost += b.cost;
         }
         same
     });
@@ -137,9 +145,9 @@ struct Flow {
 }
 
 impl Flow {
-    fn new(arcs: Vec<(u32, u32, u32)>, n: usize, sources: Vec<usize>, sinks: Vec<usize>) -> Self {
+    fn new(arcs: Vec<Arc>, n: usize, sources: Vec<usize>, sinks: Vec<usize>) -> Self {
         let mut first = vec![0u32; n + 1];
-        for (a, b, _) in &arcs {
+        for Arc { ends: [a, b], .. } in &arcs {
             first[*a as usize + 1] += 1;
             first[*b as usize + 1] += 1;
         }
@@ -148,7 +156,7 @@ impl Flow {
         }
         let mut next = first.clone();
         let (mut to, mut back, mut left) = (vec![0; 2 * arcs.len()], vec![0; 2 * arcs.len()], vec![0; 2 * arcs.len()]);
-        for (a, b, cost) in arcs {
+        for Arc { ends: [a, b], cost } in arcs {
             let (i, j) = (next[a as usize], next[b as usize]);
             next[a as usize] += 1;
             next[b as usize] += 1;

@@ -128,4 +128,6 @@ fn remaining(bridges: &[Bridge]) -> String {
 #[cfg(test)]
 mod cut_tests;
 #[cfg(test)]
+mod follow_tests;
+#[cfg(test)]
 mod tests;

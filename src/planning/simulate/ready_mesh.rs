@@ -118,10 +118,10 @@ impl ReadyMesh {
         for (cell, (corners, tissue)) in volume.cells.iter().zip(tissue).enumerate() {
             match *corners {
                 Cell::Tetrahedron(corners) => {
-                    let (corners, flipped) = turn_tetrahedron(corners, x).ok_or(ReadyMeshError::Flat { cell })?;
-                    turned += usize::from(flipped);
+                    let oriented = turn_tetrahedron(corners, x).ok_or(ReadyMeshError::Flat { cell })?;
+                    turned += usize::from(oriented.was_inside_out);
                     cell_indices.push(CellIndex::Tetrahedron(tetrahedra.len() as u32));
-                    tetrahedra.push(corners);
+                    tetrahedra.push(oriented.corners);
                     tetrahedron_tissue.push(tissue);
                 }
                 Cell::Wedge(corners) => {
@@ -197,7 +197,14 @@ impl ReadyMesh {
     }
 }
 
-fn turn_tetrahedron(corners: [u32; 4], x: &[Point]) -> Option<([u32; 4], bool)> {
+/// A tetrahedron of positive volume.
+struct Turned {
+    corners: [u32; 4],
+    was_inside_out: bool,
+}
+
+/// Orients a tetrahedron; `None` when it is flat.
+fn turn_tetrahedron(corners: [u32; 4], x: &[Point]) -> Option<Turned> {
     let [a, b, c, d] = corners.map(|n| x[n as usize]);
     let (p, q, r) = (b - a, c - a, d - a);
     let volume = p.cross(&q).dot(&r);
@@ -206,9 +213,9 @@ fn turn_tetrahedron(corners: [u32; 4], x: &[Point]) -> Option<([u32; 4], bool)> 
     if volume.abs() <= 1e-12 * size || size == 0.0 {
         None
     } else if volume > 0.0 {
-        Some((corners, false))
+        Some(Turned { corners, was_inside_out: false })
     } else {
-        Some(([i, k, j, l], true))
+        Some(Turned { corners: [i, k, j, l], was_inside_out: true })
     }
 }
 

@@ -109,7 +109,7 @@ impl Proposal {
 pub fn propose(skin: &TriMesh, skull: &TriMesh) -> Proposal {
     let midline = midline(skin);
     let mut found = Proposal { midline_x_mm: midline, ..Proposal::default() };
-    let Some((spine, bite)) = upper_jaw(skull, midline) else {
+    let Some(UpperJaw { spine, bite }) = upper_jaw(skull, midline) else {
         return found;
     };
     // From here on the occlusal plane is horizontal.
@@ -173,8 +173,15 @@ pub fn propose(skin: &TriMesh, skull: &TriMesh) -> Proposal {
     found
 }
 
-/// The anterior nasal spine as (y, z), and the occlusal plane below it.
-fn upper_jaw(skull: &TriMesh, midline: f64) -> Option<([f64; 2], Occlusion)> {
+/// What the search starts from.
+struct UpperJaw {
+    /// The anterior nasal spine as (y, z).
+    spine: [f64; 2],
+    /// The occlusal plane below it.
+    bite: Occlusion,
+}
+
+fn upper_jaw(skull: &TriMesh, midline: f64) -> Option<UpperJaw> {
     const NEAR_APERTURE_MM: f64 = 6.0;
     let bone = Voxels::of(skull);
     let [bottom, _] = nasal_aperture(&bone, midline)?;
@@ -186,7 +193,7 @@ fn upper_jaw(skull: &TriMesh, midline: f64) -> Option<([f64; 2], Occlusion)> {
         let at_edge = z - spine[1] - bite.pitch.tan() * (y - spine[0]);
         bite.height = bite.height.min(0.5 * (bite.height + at_edge));
     }
-    Some((spine, bite))
+    Some(UpperJaw { spine, bite })
 }
 
 /// Rotation about the axis along x through `pivot`, radian; positive angles raise points behind it.

@@ -37,6 +37,22 @@ struct OuterRun {
     medial: f64,
 }
 
+/// The plate of the ramus.
+struct Ramus {
+    /// Depths y at which it begins and ends.
+    front: f64,
+    back: f64,
+    /// Its runs from front to back.
+    runs: Vec<OuterRun>,
+}
+
+/// Connected bone in one level.
+struct Patch {
+    /// Distance from the midline, and y.
+    middle: [f64; 2],
+    area_mm2: f64,
+}
+
 impl Jaw<'_> {
     fn outermost(&self, side: f64, y: f64, z: f64) -> Option<OuterRun> {
         let at = |d: f64| self.bone.at(self.midline + side * d, y, z);
@@ -52,8 +68,7 @@ impl Jaw<'_> {
         median(widths.map(|r| r.lateral).collect())
     }
 
-    /// Depths y at which the ramus begins and ends, and its runs between them.
-    fn ramus(&self, side: f64) -> Option<([f64; 2], Vec<OuterRun>)> {
+    fn ramus(&self, side: f64) -> Option<Ramus> {
         let beyond = self.arch_half_width(side)? + 3.0;
         let levels = || steps(self.occlusal + RAMUS_HEIGHTS_MM[0], self.occlusal + RAMUS_HEIGHTS_MM[1]);
         let of_depth = |y: f64| -> Option<OuterRun> {
@@ -86,12 +101,12 @@ impl Jaw<'_> {
             run.extend(here);
         }
         let (start, runs) = best?;
-        Some(([start, start + runs.len() as f64 * VOXEL_MM], runs))
+        Some(Ramus { front: start, back: start + runs.len() as f64 * VOXEL_MM, runs })
     }
 
     /// Landmarks of one side, +1 left, -1 right.
     pub(super) fn side(&self, side: f64) -> Option<SidePoints> {
-        let ([front, back], runs) = self.ramus(side)?;
+        let Ramus { front, back, runs } = self.ramus(side)?;
         let along = LINGULA_SHARE * (back - front);
         let nearby = (along / VOXEL_MM) as usize;
         let medial = runs.get(nearby.saturating_sub(3)..(nearby + 4).min(runs.len()))?;
@@ -118,7 +133,7 @@ impl Jaw<'_> {
     /// The hind border of the ramus is followed up to where the condyle ends or joins the skull, and down to where it is farthest
     /// back and down.
     pub(super) fn ends(&self, side: f64) -> Option<RamusEnds> {
-        let ([front, back], runs) = self.ramus(side)?;
+        let Ramus { front, back, runs } = self.ramus(side)?;
         let hindmost = runs.get(runs.len().saturating_sub(6)..)?;
         let plate = median(hindmost.iter().map(|r| 0.5 * (r.lateral + r.medial)).collect())?;
         let start = self.occlusal + 0.5 * (RAMUS_HEIGHTS_MM[0] + RAMUS_HEIGHTS_MM[1]);
@@ -127,10 +142,10 @@ impl Jaw<'_> {
         Some(RamusEnds { condylion, gonion })
     }
 
-    /// Middle (distance from the midline, y) and area (mm²) of the connected bone nearest to a place in one level.
+    /// The connected bone nearest to a place (distance from the midline, y) in one level.
     ///
     /// Only bone in the window of half width `half` around the place counts.
-    fn patch(&self, side: f64, [d, y]: [f64; 2], z: f64, half: f64) -> Option<([f64; 2], f64)> {
+    fn patch(&self, side: f64, [d, y]: [f64; 2], z: f64, half: f64) -> Option<Patch> {
         let n = (2.0 * half / VOXEL_MM) as i32;
         let at =
             |i: i32, j: i32| [d - half + (f64::from(i) + 0.5) * VOXEL_MM, y - half + (f64::from(j) + 0.5) * VOXEL_MM];
@@ -156,7 +171,7 @@ impl Jaw<'_> {
             (sum, count) = ([sum[0] + p[0], sum[1] + p[1]], count + 1.0);
             open.extend([(i + 1, j), (i - 1, j), (i, j + 1), (i, j - 1)]);
         }
-        Some((sum.map(|s| s / count), count * VOXEL_MM * VOXEL_MM))
+        Some(Patch { middle: sum.map(|s| s / count), area_mm2: count * VOXEL_MM * VOXEL_MM })
     }
 
     /// The top of the condyle above `place` (distance from the midline, y) at height `start`.
@@ -167,8 +182,8 @@ impl Jaw<'_> {
         for z in steps(start, start + MAX_RAMUS_MM) {
             let high_enough = z > self.occlusal + MIN_JOINT_MM;
             // Below the notch the plate goes on to the coronoid process: only its hind part is looked at.
-            let Some((middle, area)) = self.patch(side, place, z, NECK_HALF_MM) else { break };
-            if high_enough && area > MAX_CONDYLE_MM2 {
+            let Some(Patch { middle, area_mm2 }) = self.patch(side, place, z, NECK_HALF_MM) else { break };
+            if high_enough && area_mm2 > MAX_CONDYLE_MM2 {
                 break;
             }
             // The border leans back and the head is wider than its neck: follow it, but not into the coronoid process.

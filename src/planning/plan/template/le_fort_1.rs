@@ -33,7 +33,7 @@ pub fn le_fort_1(
     bone: &Envelope,
 ) -> Vec<Cut> {
     let Some(axes) = LeFort1Axes::new(plane, midline_x_mm, occlusal_z_mm) else { return Vec::new() };
-    let (front, back) = axes.arch(bone);
+    let ArchDepths { front, back } = axes.arch(bone);
     let front = front - 15.0;
     let middle = 0.5 * (front + back + OVERLAP_MM);
     let half_depth = 0.5 * (back + OVERLAP_MM - front);
@@ -62,7 +62,7 @@ pub(super) fn midsagittal(
     bone: &Envelope,
 ) -> Option<Cut> {
     let axes = LeFort1Axes::new(plane, midline_x_mm, occlusal_z_mm)?;
-    let (front, back) = axes.arch(bone);
+    let ArchDepths { front, back } = axes.arch(bone);
     let (front, back) = (front - 15.0, back + OVERLAP_MM);
     let half_height = 0.5 * -axes.occlusal + OVERLAP_MM;
     let point = axes.at(0.5 * (front + back), 0.5 * axes.occlusal);
@@ -78,8 +78,14 @@ pub(super) fn tuberosity_y(
     bone: &Envelope,
 ) -> Option<[f64; 2]> {
     let axes = LeFort1Axes::new(plane, midline_x_mm, occlusal_z_mm)?;
-    let (front, back) = axes.arch(bone);
+    let ArchDepths { front, back } = axes.arch(bone);
     Some([front, back].map(|depth| axes.at(depth, axes.occlusal).y))
+}
+
+/// Depths of the foremost alveolar bone and of the end of the tuberosities, behind the origin, mm.
+struct ArchDepths {
+    front: f64,
+    back: f64,
 }
 
 /// Axes of the Le Fort I plane with the origin in the midline.
@@ -148,7 +154,7 @@ impl LeFort1Axes {
     }
 
     /// Depths of the foremost alveolar bone and of the end of the tuberosities, behind the origin, mm.
-    fn arch(&self, bone: &Envelope) -> (f64, f64) {
+    fn arch(&self, bone: &Envelope) -> ArchDepths {
         let grid = &bone.grid;
         // The band leaves out the teeth and their streaks below and the floor of the nose above.
         let band = 0.7 * self.occlusal..0.1 * self.occlusal;
@@ -166,12 +172,14 @@ impl LeFort1Axes {
         let n = area.len();
         let mean = |i: usize| area[i.saturating_sub(1)..(i + 2).min(n)].iter().sum::<f64>() / 3.0;
         let section: Vec<f64> = (0..n).map(mean).collect();
-        let Some(first) = section.iter().position(|a| *a > 20.0) else { return (-25.0, ARCH_DEPTH_MM - 25.0) };
+        let Some(first) = section.iter().position(|a| *a > 20.0) else {
+            return ArchDepths { front: -25.0, back: ARCH_DEPTH_MM - 25.0 };
+        };
         let front = first as f64 - reach;
         let window = |from: usize, to: usize| (first + from).min(n)..(first + to).min(n);
         let molars = section[window(25, 40)].iter().copied().fold(0.0, f64::max);
         // A filled mouth or stout pterygoid plates hide the end of the tuberosities.
         let end = window(35, 56).find(|i| section[*i] < 0.25 * molars);
-        (front, end.map_or(front + ARCH_DEPTH_MM, |i| i as f64 - reach))
+        ArchDepths { front, back: end.map_or(front + ARCH_DEPTH_MM, |i| i as f64 - reach) }
     }
 }

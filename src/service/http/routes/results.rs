@@ -348,10 +348,10 @@ pub(super) async fn draw_step(
     let (rest, mesh, _) = load(service, job, step).await?;
     let png = service.compute(move |_, _| {
         let (title, direction) = movement.direction();
-        let (moved, limit) = moved_along(&rest, &mesh, &direction);
+        let moved = moved_along(&rest, &mesh, &direction);
         let before = Layer { mesh: &rest, values: None };
         let after = Layer { mesh: &mesh, values: None };
-        let moved = Layer { mesh: &mesh, values: Some((&moved, limit)) };
+        let moved = Layer { mesh: &mesh, values: Some(moved.coloured()) };
         Ok(draw(&[("before", before), ("after", after), (title, moved)], &view()))
     });
     Ok(png.await?)

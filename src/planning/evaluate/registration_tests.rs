@@ -139,8 +139,8 @@ fn identical_surfaces_have_no_error_at_all_and_vertices_their_counterparts() {
     let ball = star(60, |_| 50.0);
     let map =
         error_map(&ball.moved(&turned([0.0, 0.0, 1.0], 4.0, [0.0; 3])), &ball, None, &[], &Control::new()).unwrap();
-    let way = 2.0 * 50.0 * (2.0f64).to_radians().sin();
-    assert!(map.whole.max < 0.1 && (map.correspondence.unwrap().whole.max - way).abs() < 1e-3);
+    let moved = 2.0 * 50.0 * (2.0f64).to_radians().sin();
+    assert!(map.whole.max < 0.1 && (map.correspondence.unwrap().whole.max - moved).abs() < 1e-3);
     assert!(error_map(&star(59, |_| 50.0), &ball, None, &[], &Control::new()).unwrap().correspondence.is_none());
 }
 
@@ -232,8 +232,8 @@ fn a_noisy_misplaced_scan_of_a_head_tells_the_true_error_of_a_prediction() {
     let lip = Point::new(0.0, -95.0, 18.0);
     // A Le Fort I advance as the skin sees it.
     let advanced = |mesh: &TriMesh, share: f64| {
-        let way = |p: &Point| share * (-(p - lip).norm_squared() / (2.0 * 18.0 * 18.0)).exp();
-        let p = mesh.positions().iter().map(|p| p + Vector::new(0.0, -6.0, -1.5) * way(p)).collect();
+        let moved = |p: &Point| share * (-(p - lip).norm_squared() / (2.0 * 18.0 * 18.0)).exp();
+        let p = mesh.positions().iter().map(|p| p + Vector::new(0.0, -6.0, -1.5) * moved(p)).collect();
         mesh.with_positions(p).unwrap()
     };
     let sampled = |spacing| crate::phantom::surface_of(head.skin.as_ref(), &head.bounds(), spacing).unwrap();

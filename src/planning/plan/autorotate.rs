@@ -32,8 +32,8 @@ impl CondylarAxis {
 
     /// Path of the mandible that keeps the lower incisors as far below the upper ones as at rest.
     ///
-    /// The upper jaw moves along `jaw_path`, the mandible is `segment`. At each sampled t the mandible turns about the axis until
-    /// the point `lower` has risen as much as the point `upper`; both are given at rest, heights are along `up`. With `r` from
+    /// The upper jaw moves along `jaw_path`, the mandible is `segment`. At each sampled t the mandible turns about the axis
+    /// until the point `lower` has risen as much as the point `upper`; both are given at rest, heights are along `up`. With `r` from
     /// the axis to `lower`, `a = r·up`, `b = (axis × r)·up` and the rise `d`, the angle solves `a cos θ + b sin θ = a + d`; the
     /// solution of smaller magnitude is taken. Between samples the angle changes in proportion to t.
     ///

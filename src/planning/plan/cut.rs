@@ -183,11 +183,11 @@ impl<'a> PartedBone<'a> {
         let saws: Vec<Saw<'_>> = (checked_cuts.iter().zip(*cuts))
             .map(|(checked_cut, cut)| Saw { checked_cut, kerf_mm: cut.kerf_mm })
             .collect();
-        let parting = Separation::new(grid, &of_node, choice.n_segments, crossings, &saws);
+        let separation = Separation::new(grid, &of_node, choice.n_segments, crossings, &saws);
         let idle = self.cuts_that_part_little(&of_node, control)?;
-        let segments = solid::segments(grid, &of_node, &parting, &control.stage(0.2, 1.0))?;
+        let segments = solid::segments(grid, &of_node, &separation, &control.stage(0.2, 1.0))?;
         self.check_thickness(&segments)?;
-        let fragments = self.sawn_away(&choice, &parting, &segments)?;
+        let fragments = self.sawn_away(&choice, &separation, &segments)?;
         if !fragments.is_empty() {
             return Ok(Built::LeavesFragments(fragments));
         }
@@ -244,12 +244,12 @@ impl<'a> PartedBone<'a> {
     fn sawn_away(
         &self,
         choice: &Choice,
-        parting: &Separation,
+        separation: &Separation,
         segments: &[Segment],
     ) -> Result<BTreeSet<usize>, PlanError> {
         let Self { bone, cuts, pieces, .. } = self;
         let mut fragments = BTreeSet::new();
-        for (id, bounds) in parting.bounded_by.iter().enumerate() {
+        for (id, bounds) in separation.bounded_by.iter().enumerate() {
             let left = segments.iter().find(|s| s.id as usize == id).map_or(0.0, |s| s.volume_mm3);
             let widest = bounds.iter().max_by(|a, b| cuts[**a].kerf_mm.total_cmp(&cuts[**b].kerf_mm));
             if let Some(cut) = widest.filter(|c| cuts[**c].kerf_mm > 0.0 && left < FRAGMENT_MM3) {

@@ -39,6 +39,7 @@ pub use path::{Path, Plan};
 pub use propose::{Proposal, propose};
 pub use shape::{BoundedPlane, Cut, CutShape, Purpose};
 pub use template::{Landmarks, Template, TemplateCall, TemplateCuts, TemplateError, le_fort_1};
+pub(crate) use tuning::ASIDE_MM;
 
 use prosopon_geometry::control::Cancelled;
 

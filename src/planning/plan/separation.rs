@@ -34,7 +34,7 @@ impl Separation {
         crossings: &[Crossing],
         saws: &[Saw<'_>],
     ) -> Self {
-        let mut parting = Self {
+        let mut separation = Self {
             distance: vec![f32::INFINITY; segment.len()],
             kerf: if saws.iter().any(|s| s.kerf_mm > 0.0) { vec![0.0; segment.len()] } else { Vec::new() },
             beyond: BTreeMap::new(),
@@ -49,8 +49,8 @@ impl Separation {
         let mut beside = Vec::new();
         for c in &between {
             for (node, distance) in ends(c).into_iter().zip(c.distance) {
-                parting.near(node, distance.max(least), saws[c.cut].kerf_mm as f32);
-                if let Some(list) = parting.bounded_by.get_mut(segment[node] as usize) {
+                separation.near(node, distance.max(least), saws[c.cut].kerf_mm as f32);
+                if let Some(list) = separation.bounded_by.get_mut(segment[node] as usize) {
                     beside.push(node);
                     if let Err(place) = list.binary_search(&c.cut) {
                         list.insert(place, c.cut);
@@ -59,10 +59,10 @@ impl Separation {
             }
         }
         for (cut, saw) in saws.iter().enumerate().filter(|(_, s)| s.kerf_mm > 0.0) {
-            parting.widen(grid, saw, between.iter().filter(|c| c.cut == cut).map(ends));
+            separation.widen(grid, saw, between.iter().filter(|c| c.cut == cut).map(ends));
         }
-        parting.round_the_rim(grid, segment, crossings, beside, saws);
-        parting
+        separation.round_the_rim(grid, segment, crossings, beside, saws);
+        separation
     }
 
     fn near(&mut self, node: usize, distance: f32, kerf: f32) {

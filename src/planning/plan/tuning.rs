@@ -40,7 +40,7 @@ pub(super) const FALL_OFF_MM: f64 = 8.0;
 
 // Names of segments.
 
-/// Distance from the midline beyond which a segment belongs to one side, mm.
+/// Distance from the midline beyond which a segment belongs to one side, mm; of a sagittal split it is then a ramus.
 pub(crate) const ASIDE_MM: f64 = 18.0;
 
 // Paths.

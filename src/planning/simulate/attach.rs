@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use super::CutBone;
 use super::tuning::{CROWN_MM, FREE_CUT_MM, PAINT_REACH_MM, SEAM_MM, STRIPPED_ABOVE_MM, STRIPPED_MM, TIE_GAP_MM};
 use crate::evaluate::MaskRegion;
-use crate::plan::{CutShape, Segment};
+use crate::plan::{ASIDE_MM, CutShape, Segment};
 use prosopon_geometry::{Aabb, Implicit, Point, Warning};
 use prosopon_tissue::mesh::{Attachment, MixedMesh, tie};
 
@@ -81,9 +81,6 @@ enum Jaw {
     /// A chin or a ramus: no teeth.
     Toothless,
 }
-
-/// Of a sagittal split, a segment farther than this from the middle of the head is a ramus, mm.
-const ASIDE_MM: f64 = 18.0;
 
 fn jaw(bone: &CutBone, segment: &Segment) -> Jaw {
     let cuts = segment.bounded_by.iter().filter_map(|c| bone.osteotomy.cuts.get(*c));

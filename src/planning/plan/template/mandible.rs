@@ -27,14 +27,14 @@ struct Side {
 impl Side {
     fn new(side: f64, lingula: &Point, molar: &Point) -> Result<Self, PlanError> {
         let (ramus, body) = (lingula + Vector::x() * side * HALF_RAMUS_MM, molar - Vector::x() * side * HALF_BODY_MM);
-        let way = Vector::new(ramus.x - body.x, ramus.y - body.y, 0.0);
-        if !(12.0..70.0).contains(&way.norm()) || way.y < 8.0 || side * way.x < -10.0 || lingula.z < molar.z {
+        let offset = Vector::new(ramus.x - body.x, ramus.y - body.y, 0.0);
+        if !(12.0..70.0).contains(&offset.norm()) || offset.y < 8.0 || side * offset.x < -10.0 || lingula.z < molar.z {
             let name = Landmarks::side_name(side);
             return Err(misplaced(&format!(
                 "are out of place: lingula_{name} must lie 8 to 70 mm behind molar_{name}, not farther inside and not below"
             )));
         }
-        let back = way.normalize();
+        let back = offset.normalize();
         Ok(Self { side, ramus, body, back, out: side * back.cross(&Vector::z()) })
     }
 
@@ -136,8 +136,8 @@ fn jaws(landmarks: &Landmarks, bone: &Envelope) -> Result<Vec<Cut>, PlanError> {
         let depth = ramus_front - hind - MANDIBLE_OVERLAP_MM;
         for (x, side, name) in [(walls[1], 1.0, "ramus_left"), (walls[0], -1.0, "ramus_right")] {
             // The rami converge towards the front.
-            let way = Vector::new(side * RAMUS_SLANT * depth, depth, 0.0);
-            let wall = Side::upright(Point::new(x, hind, 0.0), way, [lowest - MANDIBLE_OVERLAP_MM, top]);
+            let offset = Vector::new(side * RAMUS_SLANT * depth, depth, 0.0);
+            let wall = Side::upright(Point::new(x, hind, 0.0), offset, [lowest - MANDIBLE_OVERLAP_MM, top]);
             cuts.push(Cut::from(wall).named(name));
         }
     }

@@ -26,6 +26,7 @@ pub(super) const ARCH_DEPTH_MM: f64 = 48.0;
 pub(super) const AHEAD_MM: f64 = 20.0;
 /// Least step along x between neighbouring landmarks of the Le Fort II line, mm, so that the line does not cross itself.
 pub(super) const MIN_STEP_MM: f64 = 0.5;
+/// Half width of the plane behind the face above the coronoid processes, mm; below, between the rami, it is [`HALF_WIDTH_MM`].
 pub(super) const HALF_WIDTH_FACE_MM: f64 = 80.0;
 
 // Mandible.

@@ -110,15 +110,15 @@ pub fn from_ct(volume: &Volume, settings: &CtSettings, control: &Control) -> Res
     check_settings(settings)?;
     let Fields { skin, bone, air, soft_tissue, mut warnings } = fields(volume, settings, control)?;
     control.report(0.3);
-    let finish = |field: &ScalarGrid, part: Part, progress: &(dyn Fn(f64) + Sync)| {
-        finished(field, part, settings.max_error_mm, control, progress)
+    let finish = |field: &ScalarGrid, structure: Structure, progress: &(dyn Fn(f64) + Sync)| {
+        finished(field, structure, settings.max_error_mm, control, progress)
     };
     // Only bone reports progress, because it takes longest.
     let (skin, (skull, air)) = rayon::join(
-        || finish(&skin, Part::Skin, &|_| {}),
+        || finish(&skin, Structure::Skin, &|_| {}),
         || {
-            let skull = finish(&bone, Part::Bone, &|share| control.report(0.3 + 0.6 * share));
-            (skull, air.map(|field| finish(&field, Part::Air, &|share| control.report(0.9 + 0.1 * share))))
+            let skull = finish(&bone, Structure::Bone, &|share| control.report(0.3 + 0.6 * share));
+            (skull, air.map(|field| finish(&field, Structure::Air, &|share| control.report(0.9 + 0.1 * share))))
         },
     );
     let nothing = |what, threshold_hu, reason| SurfaceError::NothingFound { what, threshold_hu, reason };
@@ -195,7 +195,7 @@ fn check_settings(settings: &CtSettings) -> Result<(), SurfaceError> {
 }
 
 #[derive(Clone, Copy)]
-enum Part {
+enum Structure {
     Skin,
     Bone,
     Air,
@@ -210,17 +210,17 @@ struct Finished {
 /// Extracts, cleans, smooths and simplifies the surface of a field.
 fn finished(
     field: &ScalarGrid,
-    part: Part,
+    structure: Structure,
     max_error_mm: f64,
     control: &Control,
     progress: impl Fn(f64),
 ) -> Result<Option<Finished>, Cancelled> {
     let Some(raw) = isosurface(field, 0.0) else { return Ok(None) };
     control.check()?;
-    let (iterations, (cleaned, left_out)) = match part {
-        Part::Skin => (SKIN_ITERATIONS, largest_part(&raw)),
-        Part::Bone => (INNER_ITERATIONS, drop_small_parts(&raw, MIN_BONE_MM)),
-        Part::Air => (INNER_ITERATIONS, (raw, 0)),
+    let (iterations, (cleaned, left_out)) = match structure {
+        Structure::Skin => (SKIN_ITERATIONS, largest_part(&raw)),
+        Structure::Bone => (INNER_ITERATIONS, drop_small_parts(&raw, MIN_BONE_MM)),
+        Structure::Air => (INNER_ITERATIONS, (raw, 0)),
     };
     let smoothed = smooth(&cleaned, iterations);
     drop(cleaned);

@@ -52,7 +52,8 @@ pub(super) fn band_bound(
     field: &DistanceField,
     exact: &ExactDistance,
     band: f64,
-    (on_surface, largest_found): (f64, f64),
+    on_surface: f64,
+    largest_found: f64,
     keep_going: &(dyn Fn() -> bool + Sync),
     control: &Control,
 ) -> Result<Option<BandBound>, Cancelled> {
@@ -120,6 +121,14 @@ impl Cube {
     }
 }
 
+/// Error of the field in a cube, mm.
+struct CubeError {
+    /// Error at the centre; 0 where it was not computed.
+    found: f64,
+    /// Bound on the error at every point.
+    bound: f64,
+}
+
 impl Band<'_> {
     /// Bound on the error at the points of the band in `whole`, mm.
     fn bound_in(&self, whole: Cube) -> f64 {
@@ -136,13 +145,13 @@ impl Band<'_> {
             let sign = cube.sign.or_else(|| (distance > radius).then(clear));
             // A cube of half a cell to every side is the cube of one node; in larger ones the curvature bound is of little use.
             if cube.half <= 0.5 * spacing {
-                let (found, here) = match sign {
+                let here = match sign {
                     Some(sign) => self.beside_surface(&mut cube, sign, distance, &near.point),
-                    None => (0.0, self.across_surface(&mut cube, distance, enough)),
+                    None => CubeError { found: 0.0, bound: self.across_surface(&mut cube, distance, enough) },
                 };
-                enough = enough.max((1.0 + ACCEPTED_EXCESS) * found);
-                if here <= enough || !self.divides(&cube) {
-                    bound = bound.max(here);
+                enough = enough.max((1.0 + ACCEPTED_EXCESS) * here.found);
+                if here.bound <= enough || !self.divides(&cube) {
+                    bound = bound.max(here.bound);
                     continue;
                 }
             }
@@ -151,8 +160,8 @@ impl Band<'_> {
         bound
     }
 
-    /// Error at the centre of a cube that the surface does not meet, and bound on the error in it, mm.
-    fn beside_surface(&self, cube: &mut Cube, sign: f64, distance: f64, closest: &Point) -> (f64, f64) {
+    /// The error in a cube that the surface does not meet.
+    fn beside_surface(&self, cube: &mut Cube, sign: f64, distance: f64, closest: &Point) -> CubeError {
         let r = cube.radius();
         let (value, gradient) = self.field.value_gradient(&cube.center);
         let (value, gradient) = (sign * value, sign * gradient);
@@ -167,7 +176,7 @@ impl Band<'_> {
         // |d n + y| - d - n·y is at most |y|² / (2 (d - |y|)), and at most 2 |y|.
         let round = if distance > r { (0.5 * r * r / (distance - r)).min(2.0 * r) } else { 2.0 * r };
         let below = distance - value + straight + round;
-        ((value - distance).abs(), above.max(below) + curvature_term)
+        CubeError { found: (value - distance).abs(), bound: above.max(below) + curvature_term }
     }
 
     /// Bound on the error in a cube that the surface may meet, mm; not refined once it is at most `enough`.

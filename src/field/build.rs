@@ -195,13 +195,14 @@ impl DistanceField {
         &self,
         surface: &TriMesh,
         exact: &ExactDistance,
-        (band, on_surface): (f64, f64),
+        band: f64,
+        on_surface: f64,
         keep_going: &(dyn Fn() -> bool + Sync),
         control: &Control,
     ) -> Result<Option<BandBound>, Cancelled> {
         let points = sample_points(surface, exact, band, MANY_SITES, control)?;
         let largest_found = Accuracy::measure(self, exact, &points, control)?.max_error_mm;
-        band_bound(self, exact, band, (on_surface, largest_found), keep_going, control)
+        band_bound(self, exact, band, on_surface, largest_found, keep_going, control)
     }
 
     /// Builds the field as [`DistanceField::build_from`] does, without measuring its error.
@@ -270,7 +271,7 @@ impl DistanceField {
 
         let mut sites = sites::of_bricks(&spread, &layer.at);
         fit(&mut field, &layer, &mut sites, h);
-        refine::add_details(&mut field, source, (&layer, &spread), sites, &control.stage(0.8, 1.0))?;
+        refine::add_details(&mut field, source, &layer, &spread, sites, &control.stage(0.8, 1.0))?;
         let mut warnings = exact.defects().warnings();
         warnings.extend(tally.warning());
         if within.is_some() && chosen != [[0; 3], field.lattice.bricks] {

@@ -1,6 +1,6 @@
 //! Faces, edges and vertices of a surface, each with the region of space where it can be the nearest feature.
 
-use prosopon_geometry::{Point, TriMesh, Vector};
+use prosopon_geometry::{Aabb, Point, TriMesh, Vector};
 use rayon::prelude::*;
 
 /// Width by which regions are enlarged so that rounding leaves no gap between neighbours, mm.
@@ -242,17 +242,17 @@ impl Features {
     }
 
     /// Box of the region of feature `index` within `reach`, mm.
-    pub(super) fn bounds(&self, index: usize, reach: f64) -> (Point, Point) {
+    pub(super) fn bounds(&self, index: usize, reach: f64) -> Aabb {
         let region = self.region_with::<false>(index, reach);
         let corner = |offset: [f32; 3]| {
             // The offset has single precision.
             region.anchor + double(offset)
         };
-        (corner(region.min), corner(region.max))
+        Aabb { min: corner(region.min), max: corner(region.max) }
     }
 
     /// Box around all points within `reach` (mm) of feature `index`.
-    pub(super) fn box_within(&self, index: usize, reach: f64) -> (Point, Point) {
+    pub(super) fn box_within(&self, index: usize, reach: f64) -> Aabb {
         let at = |v: u32| self.points[v as usize];
         let (low, high) = if let Some(&[a, b, c]) = self.faces.get(index) {
             (at(a).inf(&at(b)).inf(&at(c)), at(a).sup(&at(b)).sup(&at(c)))
@@ -264,7 +264,7 @@ impl Features {
             (p, p)
         };
         let reach = Vector::repeat(reach + f64::from(SLACK));
-        (low - reach, high + reach)
+        Aabb { min: low - reach, max: high + reach }
     }
 
     #[inline(always)]

@@ -175,15 +175,11 @@ pub(super) fn fit(field: &mut DistanceField, layer: &Layer, sites: &mut [Sites],
                 #[inline(always)]
                 || match layer.level {
                     Level::Brick => {
-                        correct_coefficients::<WIDE, { room(WIDE) }>(layer, slot, sites, &matters, (step, codes))
+                        correct_coefficients::<WIDE, { room(WIDE) }>(layer, slot, sites, &matters, step, codes)
                     }
                     Level::Detail => {
                         correct_coefficients::<DETAIL_WIDE, { room(DETAIL_WIDE) }>(
-                            layer,
-                            slot,
-                            sites,
-                            &matters,
-                            (step, codes),
+                            layer, slot, sites, &matters, step, codes,
                         );
                     }
                 },
@@ -223,7 +219,8 @@ fn correct_coefficients<const WIDE: usize, const ROOM: usize>(
     slot: usize,
     sites: &[Sites],
     matters: &[u32; NEIGHBOURS],
-    (step, codes): (f32, &mut [i16]),
+    step: f32,
+    codes: &mut [i16],
 ) {
     let edge = layer.level.edge();
     let mut wanted = [0.0f32; ROOM];

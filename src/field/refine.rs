@@ -119,7 +119,8 @@ fn places_around(at: [i32; 3], p: &[f32; 3], counts: [usize; 3], places: &mut Ve
 pub(super) fn add_details(
     field: &mut DistanceField,
     source: Source,
-    (layer, spread): (&Layer, &Spread),
+    layer: &Layer,
+    spread: &Spread,
     mut sites: Vec<Sites>,
     control: &Control,
 ) -> Result<(), Cancelled> {
@@ -181,7 +182,7 @@ fn tile_details(field: &DistanceField, rough: &Rough, tile: &Tile, spacing: f64)
         }
         let parents = parents(field, at);
         let mut values = [0.0; SIDE.pow(3)];
-        detail_values(&parents, tile, (step.map(|s| s * DETAIL_EDGE), spacing), &mut values);
+        detail_values(&parents, tile, step.map(|s| s * DETAIL_EDGE), spacing, &mut values);
         let mut c = [0.0; VOLUME];
         coefficients(&values, DETAIL_EDGE, &mut c);
         for (c, refined) in c.iter_mut().zip(refined(&parents)) {
@@ -242,7 +243,7 @@ fn detail_sites(field: &DistanceField, sites: &[Sites]) -> Vec<Sites> {
 
 /// Signed distances at the nodes of a brick and its halo; far from the surface the coarser spline's.
 #[inline(always)]
-fn detail_values(parents: &[f32], tile: &Tile, (node, spacing): ([usize; 3], f64), values: &mut [f32; SIDE.pow(3)]) {
+fn detail_values(parents: &[f32], tile: &Tile, node: [usize; 3], spacing: f64, values: &mut [f32; SIDE.pow(3)]) {
     let (inside, _) = tile.inside(node, [SIDE; 3]);
     let weights = [-0.25, 0.25].map(|t| weights(t).map(|w| w as f32));
     let coarser = on_details(parents, &weights);

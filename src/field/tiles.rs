@@ -8,7 +8,7 @@ use super::lanes::with_vectors;
 use super::lattice::EDGE;
 use super::scan::Slab;
 use prosopon_geometry::control::{Cancelled, Control};
-use prosopon_geometry::{Point, TriMesh, Vector, Warning};
+use prosopon_geometry::{Aabb, Point, TriMesh, Vector, Warning};
 use rayon::prelude::*;
 
 /// Nodes along the edge of a tile without halo: its distances fit the second-level cache.
@@ -65,7 +65,7 @@ impl<'a> Tiles<'a> {
         let boxes: Vec<Option<[[u16; 2]; 3]>> = (0..source.features.len())
             .into_par_iter()
             .map(|index| {
-                let nodes_in = |(min, max): (Point, Point)| {
+                let nodes_in = |Aabb { min, max }: Aabb| {
                     let mut nodes = [[0usize; 2]; 3];
                     for a in 0..3 {
                         let low = ((min[a] - rows.origin[a]) / rows.spacing).ceil().max(0.0);

@@ -63,7 +63,7 @@ impl BoundStudy<'_> {
         let start = Instant::now();
         let goes_on = || start.elapsed().as_secs_f64() < self.most_s;
         let in_band = match on_surface {
-            Some(bound) => field.band_bound(&surface, &exact, (band_mm, bound), &goes_on, &control)?,
+            Some(bound) => field.band_bound(&surface, &exact, band_mm, bound, &goes_on, &control)?,
             None => None,
         };
         let place = format!("within {band_mm} mm");

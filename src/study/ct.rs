@@ -117,8 +117,12 @@ impl CtConversion {
             writeln!(out, "warning: {warning}")?;
         }
         if let Some(path) = &self.out {
-            let failed = |e| BenchError::File { what: "write", path: path.clone(), source: std::io::Error::other(e) };
-            write(path, &nifti_gz(volume).map_err(failed)?)?;
+            let packed = nifti_gz(volume).map_err(|e| BenchError::File {
+                what: "write",
+                path: path.clone(),
+                source: std::io::Error::other(e),
+            })?;
+            write(path, &packed)?;
         }
         if let Some(path) = &self.compare {
             let reference = load_ct(path, &VolumeSettings { any_modality: true, ..VolumeSettings::default() })?;

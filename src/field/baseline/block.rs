@@ -164,7 +164,7 @@ impl Block {
     /// from the side's line and the squared overshoot along it. All these are linear in the position: a sum of the bundle's and
     /// the step's contributions.
     #[inline(always)]
-    pub(super) fn add<S: Simd>(&mut self, simd: S, shape: &Shape, first: &Point, (b, start): (&Boxed, &[f32; 3])) {
+    pub(super) fn add<S: Simd>(&mut self, simd: S, shape: &Shape, first: &Point, b: &Boxed, start: &[f32; 3]) {
         let corner = single(&(shape.corner - first));
         let zero = simd.splat_f32s(0.0);
         let id = simd.splat_u32s(b.id);

@@ -154,7 +154,7 @@ impl Sampler {
         let first = closest.min(near.len() - 1);
         let first_node = self.origin + offset;
         block.clear();
-        block.add(simd, &self.shapes[near[first].id as usize], &first_node, (&near[first], &start));
+        block.add(simd, &self.shapes[near[first].id as usize], &first_node, &near[first], &start);
         // A block with all boxes out of reach uses only the first candidate.
         let worst_sq = block.worst_sq(simd).min(self.reach * self.reach);
         order.clear();
@@ -164,7 +164,7 @@ impl Sampler {
         for close in [true, false] {
             for &n in order.iter().filter(|&&n| (least_sq[n as usize] < close_sq) == close) {
                 let b = &near[n as usize];
-                block.add(simd, &self.shapes[b.id as usize], &first_node, (b, &start));
+                block.add(simd, &self.shapes[b.id as usize], &first_node, b, &start);
             }
         }
     }

@@ -46,7 +46,7 @@ fn no_point_of_the_band_exceeds_the_bound_and_it_is_not_loose() {
         let exact = ExactDistance::new(&mesh);
         let (field, _) = DistanceField::build_unmeasured(&exact, &mesh, &settings, &control).unwrap();
         let on_surface = field.surface_bound(&mesh, &exact, &control).unwrap().unwrap();
-        let bound = field.band_bound(&mesh, &exact, (band_mm, on_surface), &|| true, &control).unwrap().unwrap();
+        let bound = field.band_bound(&mesh, &exact, band_mm, on_surface, &|| true, &control).unwrap().unwrap();
         assert_eq!(bound.share, 1.0);
         let bound = bound.bound_mm;
         // Points other than those that started the bound: random, on faces, on edges, on the medial axis.
@@ -66,7 +66,7 @@ fn an_open_surface_has_no_bound_in_the_band() {
     let settings = FieldSettings { spacing_mm: 0.8, band_mm: 2.0, margin_mm: 3.0 };
     let control = Control::new();
     let (field, _) = DistanceField::build_unmeasured(&exact, &open, &settings, &control).unwrap();
-    assert_eq!(field.band_bound(&open, &exact, (2.0, 1.0), &|| true, &control).unwrap(), None);
+    assert_eq!(field.band_bound(&open, &exact, 2.0, 1.0, &|| true, &control).unwrap(), None);
 }
 
 #[test]
@@ -78,6 +78,6 @@ fn a_proof_that_is_stopped_says_so() {
     let (field, _) = DistanceField::build_unmeasured(&exact, &mesh, &settings, &control).unwrap();
     let left = std::sync::atomic::AtomicIsize::new(3);
     let keep_going = || left.fetch_sub(1, std::sync::atomic::Ordering::Relaxed) > 0;
-    let part = field.band_bound(&mesh, &exact, (1.0, 1.0), &keep_going, &control).unwrap().unwrap();
+    let part = field.band_bound(&mesh, &exact, 1.0, 1.0, &keep_going, &control).unwrap().unwrap();
     assert!(part.share > 0.0 && part.share < 1.0, "{part:?}");
 }

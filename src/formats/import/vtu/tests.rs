@@ -20,6 +20,26 @@ pub(in crate::import) enum Encoding {
     Base64Appended,
 }
 
+fn number_bytes(kind: &str, value: f64, little: bool) -> Vec<u8> {
+    let mut bytes = match kind {
+        "Float64" => value.to_le_bytes().to_vec(),
+        "Float32" => (value as f32).to_le_bytes().to_vec(),
+        "Int64" => (value as i64).to_le_bytes().to_vec(),
+        "Int32" => (value as i32).to_le_bytes().to_vec(),
+        _ => vec![value as u8],
+    };
+    if !little {
+        bytes.reverse();
+    }
+    bytes
+}
+
+fn zlib(bytes: &[u8]) -> Vec<u8> {
+    let mut packer = flate2::write::ZlibEncoder::new(Vec::new(), flate2::Compression::default());
+    packer.write_all(bytes).unwrap();
+    packer.finish().unwrap()
+}
+
 /// Two tetrahedra and a wedge, with a triangle among them, as a file.
 pub(in crate::import) fn file(encoding: Encoding, little: bool, wide: bool) -> Vec<u8> {
     let mut appended: Vec<u8> = Vec::new();
@@ -32,19 +52,7 @@ pub(in crate::import) fn file(encoding: Encoding, little: bool, wide: bool) -> V
         }
     };
     let mut array = |kind: &str, name: &str, components: usize, values: &[f64]| {
-        let bytes: Vec<u8> = values
-            .iter()
-            .flat_map(|v| {
-                let le = match kind {
-                    "Float64" => v.to_le_bytes().to_vec(),
-                    "Float32" => (*v as f32).to_le_bytes().to_vec(),
-                    "Int64" => (*v as i64).to_le_bytes().to_vec(),
-                    "Int32" => (*v as i32).to_le_bytes().to_vec(),
-                    _ => vec![*v as u8],
-                };
-                if little { le } else { le.into_iter().rev().collect() }
-            })
-            .collect();
+        let bytes: Vec<u8> = values.iter().flat_map(|v| number_bytes(kind, *v, little)).collect();
         let head = format!("<DataArray type=\"{kind}\" Name=\"{name}\" NumberOfComponents=\"{components}\"");
         let with_length = [count(bytes.len()), bytes.clone()].concat();
         match encoding {
@@ -54,14 +62,7 @@ pub(in crate::import) fn file(encoding: Encoding, little: bool, wide: bool) -> V
             }
             Encoding::Base64 => format!("{head} format=\"binary\">\n{}</DataArray>", STANDARD.encode(with_length)),
             Encoding::Zlib { block } => {
-                let blocks: Vec<Vec<u8>> = bytes
-                    .chunks(block)
-                    .map(|b| {
-                        let mut packer = flate2::write::ZlibEncoder::new(Vec::new(), flate2::Compression::default());
-                        packer.write_all(b).unwrap();
-                        packer.finish().unwrap()
-                    })
-                    .collect();
+                let blocks: Vec<Vec<u8>> = bytes.chunks(block).map(zlib).collect();
                 let last = bytes.len() % block;
                 let mut header = [count(blocks.len()), count(block), count(last)].concat();
                 blocks.iter().for_each(|b| header.extend(count(b.len())));

@@ -1,4 +1,5 @@
 use super::MixedMesh;
+use super::adjacency::sorted;
 
 /// Boundary triangles of the mesh, counter-clockwise seen from outside.
 ///
@@ -47,11 +48,6 @@ pub fn boundary_of(tetrahedra: &[[u32; 4]], prisms: &[[u32; 6]]) -> (Vec<[u32; 3
     let mut faces: Vec<[u32; 3]> = faces.into_iter().map(|(_, t, _)| t).collect();
     faces.extend(split);
     (faces, n_outer)
-}
-
-fn sorted<const N: usize>(mut corners: [u32; N]) -> [u32; N] {
-    corners.sort_unstable();
-    corners
 }
 
 #[cfg(test)]

@@ -5,30 +5,29 @@ use rayon::prelude::*;
 use super::adjacency::{BoundaryFace, boundary, sorted};
 use super::classify::{Shape, assemble};
 use super::domain::{Domain, InnerTissue, MeshSettings, Side};
-use super::grading::grade;
+use super::left_out::{LeftOut, LeftOutPrisms};
 use super::parts::keep_large_parts;
-use super::pockets::leave_out_pockets;
-use super::prisms::Layer;
+use super::pockets::{Pockets, leave_out_pockets};
+use super::press::press;
+use super::prisms::PrismLayer;
 use super::refine::{Refinement, SurfaceFace};
+use super::refined_lattice::RefinedLattice;
+use super::refinement_marks::mark_refinement;
 use super::report::{MeshReport, report};
 use super::smooth::Relaxation;
-use super::stuffing::{TetMesh, halve, lattice_over, stuff};
-use super::thin::press;
+use super::stuffing::{TetMesh, lattice_over, refine, stuff};
+use super::tuning::{EDGE_SHARES, FACING_SKIN_COSINE, PASSES, SMOOTHING_ROUNDS};
 use super::{MeshError, MixedMesh};
-use prosopon_geometry::control::Control;
-
-/// Smallest cosine between a boundary face's normal and the skin's at which the face counts as facing the skin.
-const LEAST_COSINE: f64 = 0.3;
-
-/// Number of passes of edge splitting, smoothing and prism repair under curved skin.
-const PASSES: usize = 4;
+use prosopon_geometry::Warning;
+use prosopon_geometry::control::{Cancelled, Control};
 
 /// Meshes the tissue by isosurface stuffing and adds a layer of prisms under the skin.
 ///
 /// Inner boundary nodes that face bone start as [`Attachment::Sliding`](super::Attachment::Sliding), nodes on cuts of the
 /// region as [`Attachment::Fixed`](super::Attachment::Fixed), and all others as [`Attachment::Free`](super::Attachment::Free).
 ///
-/// When elements stay inverted, slightly shorter lattice edges are tried, and the report contains a warning.
+/// When elements stay inverted, slightly shorter lattice edges are tried, and the report contains the warning
+/// `mesh-edge-shortened`.
 ///
 /// # Errors
 /// [`MeshError`] for a setting out of range, no tissue, too many elements, elements that stay inverted, and cancellation.
@@ -51,9 +50,12 @@ pub fn build(
             }
             Ok((mesh, mut report)) => {
                 if let Some(error) = &first {
-                    report.warnings.push(format!(
-                        "the mesh has edges of {1:.2} mm instead of {0} mm, because with the requested edges {error}",
-                        settings.edge_mm, tried.edge_mm
+                    report.warnings.push(Warning::check(
+                        "mesh-edge-shortened",
+                        format!(
+                            "the mesh has edges of {:.2} mm instead of {} mm, because with the requested edges {error}",
+                            tried.edge_mm, settings.edge_mm
+                        ),
                     ));
                 }
                 return Ok((mesh, report));
@@ -66,8 +68,16 @@ pub fn build(
     Err(first.unwrap_or(MeshError::NoTissue))
 }
 
-/// Edge lengths tried in turn, as shares of the requested one.
-const EDGE_SHARES: [f64; 4] = [1.0, 0.97, 0.93, 0.88];
+/// The mesh while it is built: tetrahedra, what their boundary nodes lie on, and the stuffed tissue's boundary.
+struct Draft<'a, 'd> {
+    inner: &'a InnerTissue<'d>,
+    mesh: TetMesh,
+    /// Surface of each boundary node; `None` inside.
+    sides: Vec<Option<Side>>,
+    /// Whether a node must stay in place.
+    pinned: Vec<bool>,
+    surface: Vec<SurfaceFace>,
+}
 
 fn build_once(
     domain: &Domain<'_>,
@@ -75,110 +85,139 @@ fn build_once(
     control: &Control,
 ) -> Result<(MixedMesh, MeshReport), MeshError> {
     let plain = InnerTissue::new(domain, settings);
-    let mut warnings = Vec::new();
     let lattice = lattice_over(&plain, settings.edge_mm)?;
-    let grading = grade(&plain, &lattice, control)?;
-    let inner = plain.with_thickness(grading.thickness.as_ref());
-    let lattice = halve(lattice, grading.halved, settings.edge_mm)?;
-    let mut mesh = stuff(&inner, &lattice, &control.stage(0.0, 0.3))?;
-    let faces = boundary(&mesh.tetrahedra);
-    let mut sides = boundary_sides(&inner, &mesh, &faces);
-    let mut surface = surface_faces(&inner, &mesh, &sides, &faces);
-    if !surface.iter().any(|f| f.skin) {
-        return Err(MeshError::NoTissue);
-    }
+    let marks = mark_refinement(&plain, &lattice, control)?;
+    let inner = plain.with_thickness(marks.thickness.as_ref());
+    let lattice = refine(lattice, marks.refined, settings.edge_mm)?;
+    let mut draft = Draft::stuff(&inner, &lattice, &control.stage(0.0, 0.3))?;
     control.report(0.35);
 
-    let pressed = press(&inner, &mut mesh, &sides, control)?;
-    let faces = boundary(&mesh.tetrahedra);
-    label_exposed(&inner, &mesh, &faces, &mut sides);
-    for (side, dropped) in sides.iter_mut().zip(&pressed.dropped) {
-        if dropped.is_some() {
-            *side = *dropped;
-        }
-    }
-    let under = under_skin(&surface, mesh.positions.len());
-    let left_out = leave_out_pockets(&inner, &mut mesh, &under);
-    if left_out.pockets > 0 {
-        warnings.push(format!(
-            "{} pockets of tissue behind narrow necks were left out ({} tetrahedra, {:.2} cm³)",
-            left_out.pockets,
-            left_out.tetrahedra,
-            left_out.volume_mm3 / 1000.0
-        ));
-    }
-    let faces = if left_out.tetrahedra > 0 { boundary(&mesh.tetrahedra) } else { faces };
-    for &node in faces.iter().flat_map(|f| &f.nodes) {
-        sides[node as usize].get_or_insert(Side::Neck);
-    }
-    let mut pinned = pressed.dipping;
-    {
-        let mut relaxation = Relaxation::new(&inner, &mut mesh, &sides, &pinned, &faces);
-        relaxation.towards_neighbours(4, control)?;
-        control.report(0.5);
-        relaxation.improve(4, control)?;
-    }
+    let (faces, holes) = draft.press(control)?;
+    let (faces, pockets) = draft.leave_out_pockets(faces);
+    draft.smooth(&faces, control)?;
     control.report(0.6);
 
-    for face in &mut surface {
-        face.skin &= !face.nodes.iter().any(|&n| pressed.holes[n as usize]);
-    }
-    let skin_faces: Vec<[u32; 3]> = surface.iter().filter(|f| f.skin).map(|f| f.nodes).collect();
-    let (mut layer, lost) = Layer::extrude(&inner, &mesh, &skin_faces);
-    for face in &mut surface {
-        face.skin &= face.nodes.iter().all(|&n| layer.feet[n as usize].is_some());
-    }
-    layer.mend(&inner, &mut mesh, &sides, control)?;
-    layer.settle(&inner, &mesh, control)?;
-    for _ in 0..PASSES {
-        let mut refinement = Refinement {
-            inner: &inner,
-            mesh: &mut mesh,
-            sides: &mut sides,
-            pinned: &mut pinned,
-            faces: &mut surface,
-            layer: &mut layer,
-            refused: BTreeSet::new(),
-        };
-        let halved = refinement.run(control)?;
-        if halved == 0 {
-            break;
-        }
-        layer.faces = surface.iter().filter(|f| f.skin).map(|f| f.nodes).collect();
-        let faces = boundary(&mesh.tetrahedra);
-        Relaxation::new(&inner, &mut mesh, &sides, &pinned, &faces).improve(4, control)?;
-        layer.mend(&inner, &mut mesh, &sides, control)?;
-        layer.settle(&inner, &mesh, control)?;
-    }
-    let mut stuffed_faces: Vec<[u32; 3]> = surface.iter().map(|f| sorted(f.nodes)).collect();
-    stuffed_faces.sort_unstable();
-    let n_prisms = layer.faces.len();
-    let bad = lost + layer.drop_bad(&mesh);
-    if bad > 0 {
-        warnings
-            .push(format!("{bad} of {n_prisms} prisms could not be formed under folds of the skin and were left out"));
-    }
-    let off = layer.drop_off_skin(&inner);
-    if off > 0 {
-        warnings.push(format!(
-            "{off} of {n_prisms} prisms were left out at skin folds too thin for an edge of {} mm: use a shorter edge",
-            settings.edge_mm
-        ));
-    }
+    let (mut layer, lost) = draft.extrude(&holes);
+    draft.follow_skin(&mut layer, control)?;
+    let prisms = drop_bad_prisms(&draft, &mut layer, lost);
     control.report(0.7);
-    warnings.extend(keep_large_parts(&mut mesh, &mut layer));
-    let mixed =
-        assemble(&Shape { inner: &inner, mesh: &mesh, layer: &layer, sides: &sides, stuffed_faces: &stuffed_faces });
+
+    let loose = keep_large_parts(&mut draft.mesh, &mut layer);
+    let mixed = draft.assemble(&layer);
     control.check()?;
     control.report(0.8);
-    let mut quality = report(&mixed, Some((domain, settings)), left_out.volume_mm3);
+
+    let mut quality = report(&mixed, Some((domain, settings)), pockets.volume_mm3);
     if quality.inverted > 0 {
         return Err(first_inverted(&mixed, quality.inverted));
     }
-    warnings.append(&mut quality.warnings);
-    quality.warnings = warnings;
+    quality.warnings = LeftOut { pockets, prisms, loose }.warnings(&mixed, settings.edge_mm);
     control.report(1.0);
     Ok((mixed, quality))
+}
+
+impl<'a, 'd> Draft<'a, 'd> {
+    /// Fills the lattice and finds the faces below the skin.
+    fn stuff(inner: &'a InnerTissue<'d>, lattice: &RefinedLattice, control: &Control) -> Result<Self, MeshError> {
+        let mesh = stuff(inner, lattice, control)?;
+        let faces = boundary(&mesh.tetrahedra);
+        let sides = boundary_sides(inner, &mesh, &faces);
+        let surface = surface_faces(inner, &mesh, &sides, &faces);
+        if !surface.iter().any(|f| f.skin) {
+            return Err(MeshError::NoTissue);
+        }
+        Ok(Self { inner, mesh, sides, pinned: Vec::new(), surface })
+    }
+
+    /// Presses thin tissue onto bone and air; returns the boundary and the nodes at holes of the skin layer.
+    fn press(&mut self, control: &Control) -> Result<(Vec<BoundaryFace>, Vec<bool>), Cancelled> {
+        let pressed = press(self.inner, &mut self.mesh, &self.sides, control)?;
+        let faces = boundary(&self.mesh.tetrahedra);
+        label_exposed(self.inner, &self.mesh, &faces, &mut self.sides);
+        for (side, dropped) in self.sides.iter_mut().zip(&pressed.dropped) {
+            if dropped.is_some() {
+                *side = *dropped;
+            }
+        }
+        self.pinned = pressed.dipping;
+        Ok((faces, pressed.holes))
+    }
+
+    /// Removes pockets and labels the nodes of their necks; returns the boundary that remains.
+    fn leave_out_pockets(&mut self, faces: Vec<BoundaryFace>) -> (Vec<BoundaryFace>, Pockets) {
+        let under = under_skin(&self.surface, self.mesh.positions.len());
+        let left_out = leave_out_pockets(self.inner, &mut self.mesh, &under);
+        let faces = if left_out.tetrahedra > 0 { boundary(&self.mesh.tetrahedra) } else { faces };
+        for &node in faces.iter().flat_map(|f| &f.nodes) {
+            self.sides[node as usize].get_or_insert(Side::Neck);
+        }
+        (faces, left_out)
+    }
+
+    fn smooth(&mut self, faces: &[BoundaryFace], control: &Control) -> Result<(), Cancelled> {
+        let mut relaxation = Relaxation::new(self.inner, &mut self.mesh, &self.sides, &self.pinned, faces);
+        relaxation.towards_neighbours(SMOOTHING_ROUNDS, control)?;
+        control.report(0.5);
+        relaxation.improve(SMOOTHING_ROUNDS, control)
+    }
+
+    /// Sets prisms on the faces below the skin, except at holes.
+    /// Returns their layer and the number of faces without an outer node.
+    fn extrude(&mut self, holes: &[bool]) -> (PrismLayer, usize) {
+        for face in &mut self.surface {
+            face.skin &= !face.nodes.iter().any(|&n| holes[n as usize]);
+        }
+        let (layer, lost) = PrismLayer::extrude(self.inner, &self.mesh, &self.skin_faces());
+        for face in &mut self.surface {
+            face.skin &= face.nodes.iter().all(|&n| layer.outer_nodes[n as usize].is_some());
+        }
+        (layer, lost)
+    }
+
+    fn skin_faces(&self) -> Vec<[u32; 3]> {
+        self.surface.iter().filter(|f| f.skin).map(|f| f.nodes).collect()
+    }
+
+    /// Repairs the prisms and splits edges until the outer triangles follow the skin.
+    fn follow_skin(&mut self, layer: &mut PrismLayer, control: &Control) -> Result<(), Cancelled> {
+        layer.repair(self.inner, &mut self.mesh, &self.sides, control)?;
+        layer.fit_outer_nodes(self.inner, &self.mesh, control)?;
+        for _ in 0..PASSES {
+            let mut refinement = Refinement {
+                inner: self.inner,
+                mesh: &mut self.mesh,
+                sides: &mut self.sides,
+                pinned: &mut self.pinned,
+                faces: &mut self.surface,
+                layer,
+                refused: BTreeSet::new(),
+            };
+            if refinement.run(control)? == 0 {
+                break;
+            }
+            layer.faces = self.skin_faces();
+            let faces = boundary(&self.mesh.tetrahedra);
+            Relaxation::new(self.inner, &mut self.mesh, &self.sides, &self.pinned, &faces)
+                .improve(SMOOTHING_ROUNDS, control)?;
+            layer.repair(self.inner, &mut self.mesh, &self.sides, control)?;
+            layer.fit_outer_nodes(self.inner, &self.mesh, control)?;
+        }
+        Ok(())
+    }
+
+    fn assemble(&self, layer: &PrismLayer) -> MixedMesh {
+        let mut stuffed_faces: Vec<[u32; 3]> = self.surface.iter().map(|f| sorted(f.nodes)).collect();
+        stuffed_faces.sort_unstable();
+        let Self { inner, mesh, sides, .. } = self;
+        assemble(&Shape { inner, mesh, layer, sides, stuffed_faces: &stuffed_faces })
+    }
+}
+
+/// Leaves out the prisms that are badly shaped or off the skin; `lost` of them had no outer node from the start.
+fn drop_bad_prisms(draft: &Draft<'_, '_>, layer: &mut PrismLayer, lost: usize) -> LeftOutPrisms {
+    let of = lost + layer.faces.len();
+    let folded = lost + layer.drop_bad(&draft.mesh);
+    LeftOutPrisms { folded, off_skin: layer.drop_off_skin(draft.inner), of }
 }
 
 /// Surface on which each boundary node lies.
@@ -203,7 +242,7 @@ fn surface_faces(
         face.nodes.iter().all(|&n| sides[n as usize] == Some(Side::Skin)) && {
             let normal = (b - a).cross(&(c - a));
             let gradient = inner.domain.skin.value_gradient(&nalgebra::center(&a, &nalgebra::center(&b, &c))).1;
-            normal.dot(&gradient) > LEAST_COSINE * normal.norm() * gradient.norm()
+            normal.dot(&gradient) > FACING_SKIN_COSINE * normal.norm() * gradient.norm()
         }
     };
     faces.par_iter().map(|f| SurfaceFace { nodes: f.nodes, skin: on_skin_side(f) }).collect()

@@ -1,20 +1,16 @@
 use super::adjacency::{BoundaryFace, boundary, sorted};
 use super::domain::{InnerTissue, Side};
-use super::prisms::Layer;
+use super::prisms::PrismLayer;
 use super::stuffing::TetMesh;
+use super::tuning::{FAT_BELOW_HU, MUSCLE_SHARE};
 use super::{Attachment, MixedMesh, Tissue};
 use prosopon_geometry::{Aabb, Implicit, Point};
-
-/// Tissue below this value is fat, HU: the midpoint between fat and muscle.
-const FAT_BELOW_HU: f64 = -25.0;
-/// Share of the distance from bone to skin that is muscle where the CT gives no value.
-const MUSCLE_SHARE: f64 = 0.4;
 
 /// Parts from which a mesh is assembled.
 pub(super) struct Shape<'a, 'd> {
     pub(super) inner: &'a InnerTissue<'d>,
     pub(super) mesh: &'a TetMesh,
-    pub(super) layer: &'a Layer,
+    pub(super) layer: &'a PrismLayer,
     pub(super) sides: &'a [Option<Side>],
     /// Boundary faces after stuffing (sorted nodes, ascending).
     /// Faces that appeared later were exposed above bone or air.
@@ -26,13 +22,13 @@ pub(super) fn assemble(shape: &Shape<'_, '_>) -> MixedMesh {
     let Shape { inner, mesh, layer, .. } = *shape;
     let n = mesh.positions.len();
     let mut used = vec![false; n];
-    let mut has_foot = vec![false; n];
+    let mut has_outer = vec![false; n];
     for &node in mesh.tetrahedra.iter().flatten() {
         used[node as usize] = true;
     }
     for &node in layer.faces.iter().flatten() {
         used[node as usize] = true;
-        has_foot[node as usize] = true;
+        has_outer[node as usize] = true;
     }
     let mut positions = Vec::new();
     let mut number = vec![u32::MAX; n];
@@ -41,9 +37,9 @@ pub(super) fn assemble(shape: &Shape<'_, '_>) -> MixedMesh {
         positions.push(mesh.positions[node]);
     }
     let mut outer = vec![u32::MAX; n];
-    for node in (0..n).filter(|&i| has_foot[i]) {
+    for node in (0..n).filter(|&i| has_outer[i]) {
         outer[node] = positions.len() as u32;
-        positions.push(layer.feet[node].map_or(mesh.positions[node], |foot| foot.point));
+        positions.push(layer.outer_nodes[node].map_or(mesh.positions[node], |foot| foot.point));
     }
     let renumber = |nodes: [u32; 3]| nodes.map(|i| number[i as usize]);
     let labels = Labels::of(shape);

@@ -1,4 +1,5 @@
 use super::MeshError;
+use super::tuning::CARVE_EDGES;
 use prosopon_geometry::{Aabb, Implicit, Point, ScalarGrid, Vector};
 
 /// Target shape of the mesh.
@@ -20,7 +21,7 @@ impl Default for MeshSettings {
 
 impl MeshSettings {
     pub(super) fn check(&self) -> Result<(), MeshError> {
-        let setting = |name, found, allowed| Err(MeshError::Setting { name, found, allowed });
+        let setting = |name, found, allowed: &str| Err(MeshError::Setting { name, found, allowed: allowed.to_owned() });
         if !(0.1..=10.0).contains(&self.skin_thickness_mm) {
             return setting("skin_thickness_mm", self.skin_thickness_mm, "0.1 to 10");
         }
@@ -28,7 +29,10 @@ impl MeshSettings {
             return setting("edge_mm", self.edge_mm, "0.25 to 20");
         }
         if !(self.least_depth_mm()..=1000.0).contains(&self.depth_mm) {
-            return setting("depth_mm", self.depth_mm, "skin_thickness_mm plus two edge_mm, up to 1000");
+            // Rounded up to micrometres, so that the number given is allowed.
+            let least = (1e3 * self.least_depth_mm()).ceil() / 1e3;
+            let allowed = format!("{least} (skin_thickness_mm plus two edge_mm) to 1000");
+            return setting("depth_mm", self.depth_mm, &allowed);
         }
         Ok(())
     }
@@ -118,7 +122,7 @@ pub(super) struct Foot {
 /// Implicit function of the INNER tissue (below the prisms), and queries that prisms need.
 ///
 /// Bone and air are carved out only deeper than `thickness + carve` below the skin. A layer that the lattice resolves therefore
-/// always lies below the skin, and the level set under the prisms never meets bone. Where the tissue is thinner, `thin` moves
+/// always lies below the skin, and the level set under the prisms never meets bone. Where the tissue is thinner, `press` moves
 /// the nodes of that layer back to the bone.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct InnerTissue<'a> {
@@ -142,9 +146,7 @@ impl<'a> InnerTissue<'a> {
             varying: None,
             edge: settings.edge_mm,
             depth: settings.depth_mm,
-
-            // Snapping takes up to 0.36 edges on either side (along a short edge); half an edge more keeps the rest connected.
-            carve: 1.25 * settings.edge_mm,
+            carve: CARVE_EDGES * settings.edge_mm,
         }
     }
 
@@ -330,4 +332,17 @@ pub(super) fn crossing(a: f64, b: f64, fa: f64, fb: f64, tolerance: f64, f: impl
         }
     }
     0.5 * (a + b)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_error_of_a_small_depth_gives_the_smallest_one_allowed() {
+        let settings = MeshSettings { skin_thickness_mm: 1.5, edge_mm: 4.0, depth_mm: 9.0 };
+        let error = settings.check().unwrap_err().to_string();
+        assert_eq!(error, "depth_mm is 9, allowed is 9.5 (skin_thickness_mm plus two edge_mm) to 1000");
+        assert!(MeshSettings { depth_mm: 9.5, ..settings }.check().is_ok());
+    }
 }

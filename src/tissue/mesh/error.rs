@@ -11,7 +11,7 @@ pub enum MeshError {
         /// Value found.
         found: f64,
         /// Allowed values.
-        allowed: &'static str,
+        allowed: String,
     },
     /// The region contains no tissue between skin and bone.
     #[error("no tissue between skin and bone in the region: check that the skin encloses the skull")]

@@ -4,12 +4,14 @@
 //! the attachment of a node states its boundary condition.
 //!
 //! [`build`] works in these steps:
-//! 1. Find walls between two sheets of skin (`grading`).
-//! 2. Fill the inner tissue with tetrahedra (`stuffing`, `lattice`, `graded`, `stencil`).
-//! 3. Press it onto bone where it is thin (`thin`) and leave out pockets that the skin cannot feel (`pockets`).
+//! 1. Find walls between two sheets of skin (`refinement_marks`).
+//! 2. Fill the inner tissue with tetrahedra (`stuffing`, `lattice`, `refined_lattice`, `stencil`).
+//! 3. Press it onto bone where it is thin (`press`) and leave out pockets that do not reach the skin (`pockets`).
 //! 4. Improve the tetrahedra (`smooth`) and extrude the skin side to the skin (`prisms`).
-//! 5. Bring the outer faces of the prisms close to the skin (`settle`, `refine`) and drop small parts (`parts`).
-//! 6. Label nodes, faces and tissue (`classify`) and measure the mesh (`report`).
+//! 5. Bring the outer faces of the prisms close to the skin (`fit_outer_nodes`, `refine`) and drop small parts (`parts`).
+//! 6. Label nodes, faces and tissue (`classify`), measure the mesh (`report`) and warn of what it lacks (`left_out`).
+//!
+//! All tuning numbers stand in `tuning`.
 
 mod adjacency;
 mod boundary;
@@ -18,25 +20,33 @@ mod classify;
 mod domain;
 mod embedding;
 mod error;
-mod graded;
-mod grading;
+mod fit_outer_nodes;
+#[cfg(test)]
+mod invariants_tests;
 mod lattice;
+mod left_out;
 mod mixed_mesh;
 mod parts;
 mod pockets;
+mod press;
 mod prisms;
 mod quality;
 mod refine;
+mod refined_lattice;
+mod refinement_marks;
 mod report;
-mod settle;
 mod smooth;
 mod stencil;
 mod stuffing;
 #[cfg(test)]
+mod test_cases;
+#[cfg(test)]
 mod test_domain;
 #[cfg(test)]
+mod test_invariants;
+#[cfg(test)]
 mod tests;
-mod thin;
+mod tuning;
 mod volume;
 
 pub use boundary::{boundary_of, boundary_triangles};

@@ -1,21 +1,28 @@
 //! Parts of the mesh that are connected through faces.
 
 use super::adjacency::{Rows, groups, shared_faces, sorted};
-use super::prisms::Layer;
+use super::prisms::PrismLayer;
 use super::stuffing::TetMesh;
+use super::tuning::{MAX_DETACHED, MIN_PART_SHARE};
 
-/// A part with prisms but fewer elements than this share of the largest part is dropped too, because it would float.
-const CRUMB: f64 = 0.01;
-/// Pieces of up to this many tetrahedra that are attached by a single face are dropped.
-const HANGING: usize = 50;
+/// Parts that were dropped.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct LooseParts {
+    pub(super) parts: usize,
+    pub(super) elements: usize,
+    /// Number of all elements before.
+    pub(super) of: usize,
+}
 
-/// Keeps the large parts that carry prisms; returns a warning about the others.
-pub(super) fn keep_large_parts(mesh: &mut TetMesh, layer: &mut Layer) -> Vec<String> {
+/// Keeps the large parts that carry prisms; returns what was dropped.
+pub(super) fn keep_large_parts(mesh: &mut TetMesh, layer: &mut PrismLayer) -> LooseParts {
     let (n_tets, n_prisms) = (mesh.tetrahedra.len(), layer.faces.len());
     let pairs = joined(mesh, layer);
-    let hanging = hanging(n_tets + n_prisms, n_tets, &pairs);
-    let part =
-        groups(n_tets + n_prisms, pairs.iter().copied().filter(|[a, b]| hanging[*a as usize] == hanging[*b as usize]));
+    let detached = detached(n_tets + n_prisms, n_tets, &pairs);
+    let part = groups(
+        n_tets + n_prisms,
+        pairs.iter().copied().filter(|[a, b]| detached[*a as usize] == detached[*b as usize]),
+    );
     let n_parts = part.iter().max().map_or(0, |p| *p as usize + 1);
     let mut sizes = vec![0usize; n_parts];
     let mut carries = vec![false; n_parts];
@@ -26,7 +33,7 @@ pub(super) fn keep_large_parts(mesh: &mut TetMesh, layer: &mut Layer) -> Vec<Str
     let largest = (0..n_parts).filter(|&p| carries[p]).map(|p| sizes[p]).max().unwrap_or(0);
     let keep = |element: usize| {
         let p = part[element] as usize;
-        carries[p] && sizes[p] as f64 >= CRUMB * largest as f64
+        carries[p] && sizes[p] as f64 >= MIN_PART_SHARE * largest as f64
     };
     let mut index = 0;
     mesh.tetrahedra.retain(|_| {
@@ -38,19 +45,12 @@ pub(super) fn keep_large_parts(mesh: &mut TetMesh, layer: &mut Layer) -> Vec<Str
         keep(index - 1)
     });
     let gone: Vec<usize> =
-        (0..n_parts).filter(|&p| !carries[p] || (sizes[p] as f64) < CRUMB * largest as f64).collect();
-    if gone.is_empty() {
-        return Vec::new();
-    }
-    let elements: usize = gone.iter().map(|&p| sizes[p]).sum();
-    vec![format!(
-        "{} parts attached to the tissue by fewer than two faces were dropped ({elements} elements)",
-        gone.len()
-    )]
+        (0..n_parts).filter(|&p| !carries[p] || (sizes[p] as f64) < MIN_PART_SHARE * largest as f64).collect();
+    LooseParts { parts: gone.len(), elements: gone.iter().map(|&p| sizes[p]).sum(), of: n_tets + n_prisms }
 }
 
 /// Elements (tetrahedra, then prisms) that share a face.
-fn joined(mesh: &TetMesh, layer: &Layer) -> Vec<[u32; 2]> {
+fn joined(mesh: &TetMesh, layer: &PrismLayer) -> Vec<[u32; 2]> {
     let n_tets = mesh.tetrahedra.len();
     let (mut pairs, _) = shared_faces(&mesh.tetrahedra);
     // Prisms share their side faces (edges of the triangles) with prisms and their inner triangle with a tetrahedron.
@@ -74,9 +74,9 @@ fn joined(mesh: &TetMesh, layer: &Layer) -> Vec<[u32; 2]> {
     pairs
 }
 
-/// Marks tetrahedra in pieces of 2 to [`HANGING`] that are attached by one face and carry no prism. Such pieces are soft and
+/// Marks tetrahedra in pieces of 2 to [`MAX_DETACHED`] that are attached by one face and carry no prism. Such pieces are soft and
 /// fold under the first load. A single tetrahedron on a face is stiff.
-fn hanging(n: usize, n_tets: usize, pairs: &[[u32; 2]]) -> Vec<bool> {
+fn detached(n: usize, n_tets: usize, pairs: &[[u32; 2]]) -> Vec<bool> {
     let neighbours = Rows::of(n, pairs.iter().flat_map(|&[a, b]| [(a, b), (b, a)]));
     // Bridges (Tarjan 1974): order of discovery, and the earliest element reached without the edge to the parent.
     let mut order = vec![u32::MAX; n];
@@ -122,7 +122,7 @@ fn hanging(n: usize, n_tets: usize, pairs: &[[u32; 2]]) -> Vec<bool> {
             carries[above] |= carries[e];
         }
     }
-    let mut hangs = vec![false; n];
+    let mut is_detached = vec![false; n];
     // Parents precede their children.
     for &e in &visited {
         let e = e as usize;
@@ -131,9 +131,9 @@ fn hanging(n: usize, n_tets: usize, pairs: &[[u32; 2]]) -> Vec<bool> {
         }
         let above = parent[e] as usize;
         let bridge = lowest[e] > order[above];
-        hangs[e] = hangs[above] || (bridge && !carries[e] && (2..=HANGING).contains(&size[e]));
+        is_detached[e] = is_detached[above] || (bridge && !carries[e] && (2..=MAX_DETACHED).contains(&size[e]));
     }
-    hangs
+    is_detached
 }
 
 #[cfg(test)]
@@ -144,8 +144,8 @@ mod tests {
     #[test]
     fn only_bare_tails_of_several_elements_hang() {
         let pairs = [[0, 1], [1, 2], [2, 3], [3, 0], [1, 4], [4, 5], [2, 6], [3, 7], [7, 8], [0, 9]];
-        let hangs = hanging(10, 8, &pairs);
-        let which: Vec<usize> = (0..10).filter(|&e| hangs[e]).collect();
+        let is_detached = detached(10, 8, &pairs);
+        let which: Vec<usize> = (0..10).filter(|&e| is_detached[e]).collect();
         assert_eq!(which, [4, 5]);
     }
 }

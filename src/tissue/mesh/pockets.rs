@@ -7,26 +7,25 @@ use super::adjacency::{Rows, groups, shared_faces};
 use super::domain::InnerTissue;
 use super::quality::tetrahedron_volume;
 use super::stuffing::TetMesh;
+use super::tuning::NECK_EDGES;
 
 /// Pockets that were left out.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(super) struct LeftOut {
+pub(super) struct Pockets {
     pub(super) pockets: usize,
     pub(super) tetrahedra: usize,
     pub(super) volume_mm3: f64,
 }
 
-/// A neck is narrower than twice this share of an edge.
-const NECK: f64 = 0.6;
-
 /// Removes the tetrahedra of all pockets.
 ///
-/// Inner nodes (farther than [`NECK`] edges from every boundary) that are joined by edges form groups. A group is a pocket when
-/// none of its tetrahedra reaches a node of `under_skin`. Tetrahedra without inner nodes join the group that is nearer through
-/// faces.
-pub(super) fn leave_out_pockets(tissue: &InnerTissue<'_>, mesh: &mut TetMesh, under_skin: &[bool]) -> LeftOut {
+/// Inner nodes (farther than [`NECK_EDGES`] edges from every boundary) that are joined by edges form groups. A group is a pocket
+/// when none of its tetrahedra reaches a node of `under_skin`. Tetrahedra without inner nodes join the group that is nearer
+/// through faces.
+pub(super) fn leave_out_pockets(tissue: &InnerTissue<'_>, mesh: &mut TetMesh, under_skin: &[bool]) -> Pockets {
     let n = mesh.positions.len();
-    let inner: Vec<bool> = mesh.positions.par_iter().map(|p| tissue.value_side(p).0 < -NECK * tissue.edge).collect();
+    let inner: Vec<bool> =
+        mesh.positions.par_iter().map(|p| tissue.value_side(p).0 < -NECK_EDGES * tissue.edge).collect();
     let is = |flags: &[bool], i: u32| flags[i as usize];
     let pairs = mesh.tetrahedra.iter().flat_map(|t| {
         let first = t.iter().copied().find(|&i| is(&inner, i));
@@ -34,9 +33,9 @@ pub(super) fn leave_out_pockets(tissue: &InnerTissue<'_>, mesh: &mut TetMesh, un
         t.iter().copied().filter(move |&i| is(inner, i)).filter_map(move |i| first.map(|f| [f, i]))
     });
     let group = groups(n, pairs);
-    let mut felt = vec![false; n];
+    let mut reaches_skin = vec![false; n];
     for t in mesh.tetrahedra.iter().filter(|t| t.iter().any(|&i| is(under_skin, i))) {
-        t.iter().filter(|&&i| is(&inner, i)).for_each(|&i| felt[group[i as usize] as usize] = true);
+        t.iter().filter(|&&i| is(&inner, i)).for_each(|&i| reaches_skin[group[i as usize] as usize] = true);
     }
     // Some(true) is kept, Some(false) is removed, None is not yet decided.
     let mut stays: Vec<Option<bool>> = mesh
@@ -46,7 +45,7 @@ pub(super) fn leave_out_pockets(tissue: &InnerTissue<'_>, mesh: &mut TetMesh, un
             if t.iter().any(|&i| is(under_skin, i)) {
                 return Some(true);
             }
-            t.iter().find(|&&i| is(&inner, i)).map(|&i| felt[group[i as usize] as usize])
+            t.iter().find(|&&i| is(&inner, i)).map(|&i| reaches_skin[group[i as usize] as usize])
         })
         .collect();
     let (shared, _) = shared_faces(&mesh.tetrahedra);
@@ -67,7 +66,7 @@ pub(super) fn leave_out_pockets(tissue: &InnerTissue<'_>, mesh: &mut TetMesh, un
         }
         front = next;
     }
-    let mut out = LeftOut::default();
+    let mut out = Pockets::default();
     let mut pocket_groups = Vec::new();
     let mut index = 0;
     let positions = &mesh.positions;
@@ -91,14 +90,14 @@ pub(super) fn leave_out_pockets(tissue: &InnerTissue<'_>, mesh: &mut TetMesh, un
 mod tests {
     use super::super::adjacency::boundary;
     use super::super::domain::{Domain, MeshSettings, Region, Side};
-    use super::super::stuffing::{halve, lattice_over, stuff};
+    use super::super::stuffing::{lattice_over, refine, stuff};
     use super::super::test_domain::Shape;
     use super::*;
     use prosopon_geometry::control::Control;
     use prosopon_geometry::{Aabb, Point};
 
     /// Tissue around and inside a hollow bone of 14 to 20 mm radius with a hole of the given radius.
-    fn left_out(hole: f64) -> (LeftOut, TetMesh) {
+    fn left_out(hole: f64) -> (Pockets, TetMesh) {
         let skin = Shape::ball(Point::origin(), 34.0);
         let bone = Shape(Box::new(move |p| {
             let shell = (p.coords.norm() - 17.0).abs() - 3.0;
@@ -110,7 +109,7 @@ mod tests {
         let domain = Domain { skin: &skin, bone: &bone, air: None, soft_tissue: None, region: &region };
         let inner = InnerTissue::new(&domain, &MeshSettings { depth_mm: 100.0, ..MeshSettings::default() });
         let mut mesh =
-            stuff(&inner, &halve(lattice_over(&inner, 4.0).unwrap(), vec![], 4.0).unwrap(), &Control::new()).unwrap();
+            stuff(&inner, &refine(lattice_over(&inner, 4.0).unwrap(), vec![], 4.0).unwrap(), &Control::new()).unwrap();
         let faces = boundary(&mesh.tetrahedra);
         let mut under_skin = vec![false; mesh.positions.len()];
         for &n in faces.iter().flat_map(|f| &f.nodes) {
@@ -132,6 +131,6 @@ mod tests {
         };
         assert!(mesh.tetrahedra.iter().all(|t| centre(t).norm() > 13.0));
         let (wide, _) = left_out(9.0);
-        assert_eq!(wide, LeftOut::default());
+        assert_eq!(wide, Pockets::default());
     }
 }

@@ -7,49 +7,43 @@ use super::domain::{Foot, InnerTissue, Side};
 use super::lattice::STEPS;
 use super::quality::{scaled_jacobian, scaled_jacobian_curved, smallest_sine};
 use super::stuffing::TetMesh;
+use super::tuning::{
+    MAX_SKIN_DISTANCE_MM, REPAIR_ROUNDS, REPAIR_SINE_FLOOR, REPAIR_STEPS, WANTED_JACOBIAN, WORST_JACOBIAN,
+};
 use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{Point, Vector};
 
-/// Prisms are improved until their scaled Jacobian is above this.
-const WANTED: f64 = 0.35;
-/// Prisms still below this scaled Jacobian are left out.
-pub(super) const WORST: f64 = 0.1;
-/// Largest distance of the barycentre of a prism's outer triangle from the skin, mm.
-const OFF_SKIN: f64 = 0.3;
-/// The smallest sine of a tetrahedron may not fall below this when a prism's inner node moves.
-const TETRAHEDRON_FLOOR: f64 = 0.2;
-
 /// Triangles of the skin side with one outer node per inner node.
-pub(super) struct Layer {
+pub(super) struct PrismLayer {
     /// Inner triangles, counter-clockwise seen from outside.
     pub(super) faces: Vec<[u32; 3]>,
     /// Outer node (foot on the skin) above each node of the tetrahedra; `None` away from the skin side.
-    pub(super) feet: Vec<Option<Foot>>,
+    pub(super) outer_nodes: Vec<Option<Foot>>,
 }
 
-impl Layer {
+impl PrismLayer {
     /// Extrudes the triangles' nodes to the skin.
-    /// Faces with a node whose foot is not found are left out; returns their number too.
+    /// Faces with a node for which no outer node is found are left out; returns their number too.
     pub(super) fn extrude(inner: &InnerTissue<'_>, mesh: &TetMesh, faces: &[[u32; 3]]) -> (Self, usize) {
         let mut wanted = vec![false; mesh.positions.len()];
         for &node in faces.iter().flatten() {
             wanted[node as usize] = true;
         }
         let reach = inner.foot_reach();
-        let feet: Vec<Option<Foot>> = wanted
+        let outer_nodes: Vec<Option<Foot>> = wanted
             .par_iter()
             .enumerate()
             .map(|(node, wanted)| if *wanted { inner.foot(&mesh.positions[node], reach) } else { None })
             .collect();
         let kept: Vec<[u32; 3]> =
-            faces.iter().copied().filter(|f| f.iter().all(|&n| feet[n as usize].is_some())).collect();
+            faces.iter().copied().filter(|f| f.iter().all(|&n| outer_nodes[n as usize].is_some())).collect();
         let lost = faces.len() - kept.len();
-        (Self { faces: kept, feet }, lost)
+        (Self { faces: kept, outer_nodes }, lost)
     }
 
-    /// Corners and outer normals of the prism on face `f`; `None` when a foot is missing.
+    /// Corners and outer normals of the prism on face `f`; `None` when an outer node is missing.
     fn corners(&self, mesh: &TetMesh, face: &[u32; 3]) -> Option<([Point; 6], [Vector; 3])> {
-        let [a, b, c] = face.map(|n| self.feet[n as usize]);
+        let [a, b, c] = face.map(|n| self.outer_nodes[n as usize]);
         let (a, b, c) = (a?, b?, c?);
         let [d, e, f] = face.map(|n| mesh.positions[n as usize]);
         Some(([a.point, b.point, c.point, d, e, f], [a.normal, b.normal, c.normal]))
@@ -62,7 +56,7 @@ impl Layer {
 
     /// Moves outer nodes along the skin and inner nodes on their own surface until all prisms are well shaped or no move
     /// improves them.
-    pub(super) fn mend(
+    pub(super) fn repair(
         &mut self,
         inner: &InnerTissue<'_>,
         mesh: &mut TetMesh,
@@ -74,11 +68,11 @@ impl Layer {
         let tetrahedra = Rows::incidence(n, &mesh.tetrahedra);
         // A search around nodes without a move in the last round would find nothing new.
         let mut stirred = vec![true; n];
-        for _round in 0..12 {
+        for _ in 0..REPAIR_ROUNDS {
             control.check()?;
             let mut wanted = vec![false; n];
             for face in self.faces.iter().filter(|f| f.iter().any(|&i| stirred[i as usize])) {
-                if self.quality(mesh, face) < WANTED {
+                if self.quality(mesh, face) < WANTED_JACOBIAN {
                     for &node in face {
                         wanted[node as usize] = true;
                     }
@@ -89,13 +83,13 @@ impl Layer {
                 break;
             }
             for node in (0..n).filter(|&i| wanted[i]) {
-                let before = (self.feet[node].map(|f| f.point), mesh.positions[node]);
+                let before = (self.outer_nodes[node].map(|f| f.point), mesh.positions[node]);
                 self.centre_outer(inner, mesh, &prisms, node);
-                for length in [0.2, 0.1, 0.05, 0.02] {
+                for length in REPAIR_STEPS {
                     self.search_outer(inner, mesh, &prisms, node, length * inner.edge);
                     self.search_inner(inner, mesh, (&prisms, &tetrahedra), sides[node], node, length * inner.edge);
                 }
-                stirred[node] = before != (self.feet[node].map(|f| f.point), mesh.positions[node]);
+                stirred[node] = before != (self.outer_nodes[node].map(|f| f.point), mesh.positions[node]);
             }
         }
         Ok(())
@@ -108,16 +102,16 @@ impl Layer {
     /// Moves the outer node above `node` to `p`, projected onto the skin, when the worst prism there improves.
     fn try_outer(&mut self, inner: &InnerTissue<'_>, mesh: &TetMesh, prisms: &Rows, node: usize, p: &Point) -> bool {
         let before = self.worst(mesh, prisms, node);
-        if before >= WANTED {
+        if before >= WANTED_JACOBIAN {
             return false;
         }
-        let old = self.feet[node];
+        let old = self.outer_nodes[node];
         let Some(foot) = inner.foot(p, inner.edge) else { return false };
-        self.feet[node] = Some(foot);
+        self.outer_nodes[node] = Some(foot);
         if self.worst(mesh, prisms, node) > before + 1e-4 {
             return true;
         }
-        self.feet[node] = old;
+        self.outer_nodes[node] = old;
         false
     }
 
@@ -126,13 +120,13 @@ impl Layer {
         let mut count = 0.0;
         for &f in prisms.row(node) {
             for &other in self.faces[f as usize].iter().filter(|&&o| o as usize != node) {
-                if let Some(foot) = self.feet[other as usize] {
+                if let Some(foot) = self.outer_nodes[other as usize] {
                     sum += foot.point.coords;
                     count += 1.0;
                 }
             }
         }
-        let Some(here) = self.feet[node] else { return };
+        let Some(here) = self.outer_nodes[node] else { return };
         if count > 0.0 {
             let mean = Point::from(sum / count);
             for share in [1.0, 0.5, 0.25] {
@@ -145,7 +139,7 @@ impl Layer {
 
     fn search_outer(&mut self, inner: &InnerTissue<'_>, mesh: &TetMesh, prisms: &Rows, node: usize, length: f64) {
         for step in STEPS {
-            let Some(here) = self.feet[node] else { return };
+            let Some(here) = self.outer_nodes[node] else { return };
             let direction = Vector::from(step.map(f64::from));
             let tangent = direction - here.normal * here.normal.dot(&direction);
             let Some(tangent) = tangent.try_normalize(1e-6) else { continue };
@@ -172,11 +166,11 @@ impl Layer {
         };
         for step in STEPS {
             let before = self.worst(mesh, prisms, node);
-            if before >= WANTED {
+            if before >= WANTED_JACOBIAN {
                 return;
             }
             let here = mesh.positions[node];
-            let floor = around(mesh).min(TETRAHEDRON_FLOOR);
+            let floor = around(mesh).min(REPAIR_SINE_FLOOR);
             let to = here + Vector::from(step.map(f64::from)).normalize() * length;
             let Some(p) = inner.project(side, &to, inner.edge) else { continue };
             mesh.positions[node] = p;
@@ -188,13 +182,15 @@ impl Layer {
 
     /// Leaves out the prisms that are still badly shaped and returns their number.
     pub(super) fn drop_bad(&mut self, mesh: &TetMesh) -> usize {
-        self.keep(|layer, f| layer.quality(mesh, f) >= WORST)
+        self.keep(|layer, f| layer.quality(mesh, f) >= WORST_JACOBIAN)
     }
 
     /// Leaves out the prisms whose outer triangles are still off the skin, and returns their number.
     /// These cut off folds that are too thin for the lattice.
     pub(super) fn drop_off_skin(&mut self, inner: &InnerTissue<'_>) -> usize {
-        self.keep(|layer, f| layer.barycentre(f).is_some_and(|p| inner.domain.skin.value(&p).abs() <= OFF_SKIN))
+        self.keep(|layer, f| {
+            layer.barycentre(f).is_some_and(|p| inner.domain.skin.value(&p).abs() <= MAX_SKIN_DISTANCE_MM)
+        })
     }
 
     fn keep(&mut self, wanted: impl Fn(&Self, &[u32; 3]) -> bool) -> usize {
@@ -206,7 +202,7 @@ impl Layer {
 
     /// Barycentre of the outer triangle above `face`.
     fn barycentre(&self, face: &[u32; 3]) -> Option<Point> {
-        let [a, b, c] = face.map(|n| self.feet[n as usize].map(|f| f.point.coords));
+        let [a, b, c] = face.map(|n| self.outer_nodes[n as usize].map(|f| f.point.coords));
         Some(Point::from((a? + b? + c?) / 3.0))
     }
 }

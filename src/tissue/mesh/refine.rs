@@ -8,24 +8,16 @@ use rayon::prelude::*;
 
 use super::adjacency::sorted;
 use super::domain::{Foot, InnerTissue, Side};
-use super::prisms::Layer;
+use super::fit_outer_nodes::stand_off;
+use super::prisms::PrismLayer;
 use super::quality::smallest_sine;
-use super::settle::{NEAR_SKIN, stand_off};
 use super::stuffing::TetMesh;
+use super::tuning::{
+    FLATTEST_SINE, SHORTEST_SPLIT_EDGES, SPLIT_JACOBIAN_FLOOR, SPLIT_JACOBIAN_SHARE, SPLIT_ROUNDS, SPLIT_SINE_SHARE,
+    TARGET_SKIN_DISTANCE_MM,
+};
 use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{Point, Vector};
-
-/// Edges shorter than this share of the lattice's edge, in a prism's outer or inner triangle, are not split.
-const SHORTEST: f64 = 0.25;
-/// Rounds of independent splits; each triangle takes part once a round.
-const ROUNDS: usize = 8;
-/// Splits may not create tetrahedra flatter than this (smallest sine); smoothing improves them afterwards.
-const FLATTEST: f64 = 0.14; // 8°
-/// A midpoint moved to its surface may reduce the smallest sine at most by this factor, compared with the straight midpoint.
-const FLATTER: f64 = 0.9;
-/// Splits may not create prisms worse than this scaled Jacobian, nor reduce it below the second factor times the old value.
-const PRISM_FLOOR: f64 = 0.2;
-const PRISM_LOSS: f64 = 0.7;
 
 /// A boundary triangle of the stuffed tissue.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -44,8 +36,8 @@ pub(super) struct Refinement<'a, 'd> {
     /// Whether a node must stay in place.
     pub(super) pinned: &'a mut Vec<bool>,
     pub(super) faces: &'a mut Vec<SurfaceFace>,
-    /// Feet of the nodes: each node of a face with a prism has one.
-    pub(super) layer: &'a mut Layer,
+    /// Prisms; each node of a face with a prism has an outer node.
+    pub(super) layer: &'a mut PrismLayer,
     /// Edges that are not split because the result would be badly shaped.
     pub(super) refused: BTreeSet<[u32; 2]>,
 }
@@ -65,22 +57,22 @@ const CORNER_PAIRS: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [
 impl Refinement<'_, '_> {
     /// Splits edges until every outer triangle follows the skin or its edges are short; returns the number of splits.
     pub(super) fn run(&mut self, control: &Control) -> Result<usize, Cancelled> {
-        let mut halved = 0;
-        for _ in 0..ROUNDS {
+        let mut n_splits = 0;
+        for _ in 0..SPLIT_ROUNDS {
             control.check()?;
-            let edges = self.edges_to_halve();
+            let edges = self.edges_to_split();
             if edges.is_empty() {
                 break;
             }
-            halved += self.halve(edges);
+            n_splits += self.split(edges);
         }
-        Ok(halved)
+        Ok(n_splits)
     }
 
     /// Longest edges (of a triangle and of its neighbour across) near the triangles that are off the skin.
-    fn edges_to_halve(&self) -> Vec<[u32; 2]> {
+    fn edges_to_split(&self) -> Vec<[u32; 2]> {
         let top = |face: &[u32; 3]| -> Option<[Point; 3]> {
-            let [a, b, c] = face.map(|n| self.layer.feet[n as usize].map(|f| f.point));
+            let [a, b, c] = face.map(|n| self.layer.outer_nodes[n as usize].map(|f| f.point));
             Some([a?, b?, c?])
         };
         let bad: Vec<u32> = self
@@ -88,7 +80,9 @@ impl Refinement<'_, '_> {
             .par_iter()
             .enumerate()
             .filter(|(_, f)| f.skin)
-            .filter_map(|(i, f)| top(&f.nodes).filter(|t| stand_off(self.inner, t) > NEAR_SKIN).map(|_| i as u32))
+            .filter_map(|(i, f)| {
+                top(&f.nodes).filter(|t| stand_off(self.inner, t) > TARGET_SKIN_DISTANCE_MM).map(|_| i as u32)
+            })
             .collect();
         if bad.is_empty() {
             return Vec::new();
@@ -99,9 +93,9 @@ impl Refinement<'_, '_> {
         }
         at.sort_unstable();
         let at = AtEdges(at);
-        let least = SHORTEST * self.inner.edge;
+        let least = SHORTEST_SPLIT_EDGES * self.inner.edge;
         // Sum of the lengths of the outer and the inner edge; 0 when the edge must not be split.
-        let length = |e: [u32; 2]| match e.map(|n| self.layer.feet[n as usize]) {
+        let length = |e: [u32; 2]| match e.map(|n| self.layer.outer_nodes[n as usize]) {
             [Some(a), Some(b)] if !self.refused.contains(&e) => {
                 let [c, d] = e.map(|n| self.mesh.positions[n as usize]);
                 let (above, below) = ((a.point - b.point).norm(), (c - d).norm());
@@ -140,7 +134,7 @@ impl Refinement<'_, '_> {
 
     /// Splits the edges in the order given, skipping those that share an element with an earlier one. Returns the number of
     /// splits.
-    fn halve(&mut self, edges: Vec<[u32; 2]>) -> usize {
+    fn split(&mut self, edges: Vec<[u32; 2]>) -> usize {
         let mut wanted = edges.clone();
         wanted.sort_unstable();
         let is_wanted = |e: [u32; 2]| wanted.binary_search(&e).is_ok();
@@ -165,7 +159,7 @@ impl Refinement<'_, '_> {
         let (tets, faces) = (AtEdges(tets), AtEdges(faces));
         let mut tet_done = vec![false; self.mesh.tetrahedra.len()];
         let mut face_done = vec![false; self.faces.len()];
-        let mut halved = 0;
+        let mut n_splits = 0;
         for edge in edges {
             let at_tets: Vec<usize> = tets.row(edge).collect();
             let at_faces: Vec<usize> = faces.row(edge).collect();
@@ -188,15 +182,15 @@ impl Refinement<'_, '_> {
                 self.faces[f].nodes = with(old.nodes, edge[0], middle);
                 self.faces.push(SurfaceFace { nodes: with(old.nodes, edge[1], middle), ..old });
             }
-            halved += 1;
+            n_splits += 1;
         }
-        halved
+        n_splits
     }
 
-    /// Candidate skin points for the midpoint of two feet.
-    /// The first lies along the mean of the feet's normals: on a ridge this is the crest, while the closest point lies on a
+    /// Candidate skin points for the midpoint of two outer nodes.
+    /// The first lies along the mean of their normals: on a ridge this is the crest, while the closest point lies on a
     /// flank. The second lies along the normal of the faces below, which leads up a thin fold. The third is the closest point.
-    fn feet_between(&self, a: &Foot, b: &Foot, faces: &[[u32; 3]]) -> Vec<Option<Foot>> {
+    fn outer_nodes_between(&self, a: &Foot, b: &Foot, faces: &[[u32; 3]]) -> Vec<Option<Foot>> {
         let middle = nalgebra::center(&a.point, &b.point);
         let below: Vector = faces
             .iter()
@@ -221,8 +215,8 @@ impl Refinement<'_, '_> {
         let [a, b] = edge.map(|n| n as usize);
         let skin_faces: Vec<[u32; 3]> =
             at_faces.iter().map(|&f| &self.faces[f]).filter(|f| f.skin).map(|f| f.nodes).collect();
-        let feet = match (self.layer.feet[a], self.layer.feet[b]) {
-            (Some(a), Some(b)) => self.feet_between(&a, &b, &skin_faces),
+        let candidates = match (self.layer.outer_nodes[a], self.layer.outer_nodes[b]) {
+            (Some(a), Some(b)) => self.outer_nodes_between(&a, &b, &skin_faces),
             _ => vec![None],
         };
         let middle = nalgebra::center(&self.mesh.positions[a], &self.mesh.positions[b]);
@@ -239,21 +233,21 @@ impl Refinement<'_, '_> {
                 .fold(f64::INFINITY, f64::min)
         };
         let straight = worst(&middle);
-        let place = on_surface.filter(|p| worst(p) >= FLATTER * straight).unwrap_or(middle);
-        if worst(&place) < FLATTEST {
+        let place = on_surface.filter(|p| worst(p) >= SPLIT_SINE_SHARE * straight).unwrap_or(middle);
+        if worst(&place) < FLATTEST_SINE {
             return None;
         }
         let node = self.mesh.positions.len() as u32;
         self.mesh.positions.push(place);
-        self.layer.feet.push(None);
+        self.layer.outer_nodes.push(None);
         let floors: Vec<f64> = skin_faces
             .iter()
-            .map(|nodes| (PRISM_LOSS * self.layer.quality(self.mesh, nodes)).min(PRISM_FLOOR))
+            .map(|nodes| (SPLIT_JACOBIAN_SHARE * self.layer.quality(self.mesh, nodes)).min(SPLIT_JACOBIAN_FLOOR))
             .collect();
         // Smallest margin over the limits; without prisms no limit applies.
         let mut best: Option<(f64, Option<Foot>)> = None;
-        for foot in feet {
-            self.layer.feet[node as usize] = foot;
+        for foot in candidates {
+            self.layer.outer_nodes[node as usize] = foot;
             let halves = skin_faces.iter().zip(&floors).flat_map(|(nodes, floor)| {
                 edge.map(|end| self.layer.quality(self.mesh, &with(*nodes, end, node)) - floor)
             });
@@ -264,10 +258,10 @@ impl Refinement<'_, '_> {
         }
         let Some((_, foot)) = best else {
             self.mesh.positions.pop();
-            self.layer.feet.pop();
+            self.layer.outer_nodes.pop();
             return None;
         };
-        self.layer.feet[node as usize] = foot;
+        self.layer.outer_nodes[node as usize] = foot;
         // A dropped node and one on the level set share no surface on which the midpoint could move.
         self.pinned.push(!both_below_skin && (self.sides[a] != self.sides[b] || self.pinned[a] || self.pinned[b]));
         self.sides.push(if self.sides[a] == Some(Side::Skin) { self.sides[b] } else { self.sides[a] });
@@ -288,7 +282,7 @@ mod tests {
     use super::super::adjacency::boundary;
     use super::super::domain::{Domain, MeshSettings, Region};
     use super::super::quality::tetrahedron_volume;
-    use super::super::stuffing::{halve, lattice_over, stuff};
+    use super::super::stuffing::{lattice_over, refine, stuff};
     use super::super::test_domain::{Nothing, Shape};
     use super::*;
     use prosopon_geometry::Aabb;
@@ -301,16 +295,16 @@ mod tests {
         let domain = Domain { skin: &skin, bone: &Nothing, air: None, soft_tissue: None, region: &region };
         let inner = InnerTissue::new(&domain, &MeshSettings { depth_mm: 100.0, ..MeshSettings::default() });
         let mut mesh =
-            stuff(&inner, &halve(lattice_over(&inner, 4.0).unwrap(), vec![], 4.0).unwrap(), &Control::new()).unwrap();
+            stuff(&inner, &refine(lattice_over(&inner, 4.0).unwrap(), vec![], 4.0).unwrap(), &Control::new()).unwrap();
         let mut faces: Vec<SurfaceFace> =
             boundary(&mesh.tetrahedra).iter().map(|f| SurfaceFace { nodes: f.nodes, skin: true }).collect();
         let mut sides = vec![None; mesh.positions.len()];
         faces.iter().flat_map(|f| f.nodes).for_each(|n| sides[n as usize] = Some(Side::Skin));
         let mut pinned = vec![false; mesh.positions.len()];
         let skin_faces: Vec<[u32; 3]> = faces.iter().map(|f| f.nodes).collect();
-        let (mut layer, lost) = Layer::extrude(&inner, &mesh, &skin_faces);
+        let (mut layer, lost) = PrismLayer::extrude(&inner, &mesh, &skin_faces);
         assert_eq!(lost, 0);
-        let halved = Refinement {
+        let n_splits = Refinement {
             inner: &inner,
             mesh: &mut mesh,
             sides: &mut sides,
@@ -321,18 +315,18 @@ mod tests {
         }
         .run(&Control::new())
         .unwrap();
-        let foot = |n: u32| layer.feet[n as usize].unwrap().point;
+        let foot = |n: u32| layer.outer_nodes[n as usize].unwrap().point;
         let off = faces.iter().map(|f| stand_off(&inner, &f.nodes.map(foot))).fold(0.0, f64::max);
-        (mesh, faces, halved, off)
+        (mesh, faces, n_splits, off)
     }
 
     /// Outer triangles of 4 mm on a ball of 7 mm are off by up to 0.5 mm.
     /// After splitting they follow the ball, and the mesh stays conforming.
     #[test]
     fn curved_skin_gets_finer_tops_that_conform() {
-        let (mesh, faces, halved, off) = refined(7.0);
-        assert!(halved > 20, "{halved}");
-        assert!(off <= NEAR_SKIN, "{off}");
+        let (mesh, faces, n_splits, off) = refined(7.0);
+        assert!(n_splits > 20, "{n_splits}");
+        assert!(off <= TARGET_SKIN_DISTANCE_MM, "{off}");
         let mut kept: Vec<[u32; 3]> = faces.iter().map(|f| sorted(f.nodes)).collect();
         kept.sort_unstable();
         let found: Vec<[u32; 3]> = boundary(&mesh.tetrahedra).iter().map(|f| sorted(f.nodes)).collect();
@@ -347,8 +341,8 @@ mod tests {
 
     #[test]
     fn flat_skin_is_left_alone() {
-        let (_, _, halved, off) = refined(30.0);
-        assert_eq!(halved, 0);
-        assert!(off <= NEAR_SKIN);
+        let (_, _, n_splits, off) = refined(30.0);
+        assert_eq!(n_splits, 0);
+        assert!(off <= TARGET_SKIN_DISTANCE_MM);
     }
 }

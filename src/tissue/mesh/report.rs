@@ -4,7 +4,7 @@ use super::adjacency::sorted;
 use super::domain::{Domain, MeshSettings};
 use super::quality::{dihedral_range, scaled_jacobian, tetrahedron_volume, wedge_determinants, wedge_volume};
 use super::{MixedMesh, Tissue, volume};
-use prosopon_geometry::{Implicit, Point, Vector};
+use prosopon_geometry::{Implicit, Point, Vector, Warning};
 
 /// Quality measures of a mesh.
 #[derive(Debug, Clone, PartialEq)]
@@ -34,8 +34,9 @@ pub struct MeshReport {
     pub muscle_share: f64,
     /// Whether a CT distinguished fat from muscle; otherwise the depth did.
     pub tissue_from_ct: bool,
-    /// Deviations from the requested mesh, one sentence each.
-    pub warnings: Vec<String>,
+    /// Deviations from the requested mesh.
+    /// Codes: `mesh-pockets`, `mesh-prisms-left-out`, `mesh-loose-parts`, `mesh-edge-shortened`.
+    pub warnings: Vec<Warning>,
 }
 
 /// Measures the quality of a mixed mesh.
@@ -85,6 +86,12 @@ pub fn report(mesh: &MixedMesh, filled: Option<(&Domain<'_>, &MeshSettings)>, le
         out.max_skin_distance_mm = skin_distance(mesh, domain.skin);
     }
     out
+}
+
+/// Volume of all elements, mm³.
+pub(super) fn volume_mm3(mesh: &MixedMesh) -> f64 {
+    let tetrahedra = (0..mesh.tetrahedra.len()).map(|t| tetrahedron_volume(&tetrahedron(mesh, t)));
+    tetrahedra.chain((0..mesh.prisms.len()).map(|w| wedge_volume(&prism(mesh, w)))).sum()
 }
 
 fn tetrahedron(mesh: &MixedMesh, t: usize) -> [Point; 4] {

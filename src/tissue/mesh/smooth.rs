@@ -3,11 +3,9 @@ use super::domain::{InnerTissue, Side};
 use super::lattice::STEPS;
 use super::quality::smallest_sine;
 use super::stuffing::TetMesh;
+use super::tuning::{GOOD_SINE, SMOOTHING_STEPS};
 use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{Point, Vector};
-
-/// [`improve`] skips tetrahedra whose smallest sine is above this.
-const GOOD_SINE: f64 = 0.34; // 20°
 
 /// Nodes, the surfaces that constrain them, and the tetrahedra around them.
 pub(super) struct Relaxation<'a, 'd> {
@@ -129,7 +127,7 @@ impl<'a, 'd> Relaxation<'a, 'd> {
                 break;
             }
             for node in (0..wanted.len()).filter(|&n| wanted[n] && !self.pinned[n]) {
-                for length in [0.16, 0.08, 0.04, 0.02] {
+                for length in SMOOTHING_STEPS {
                     self.search(node, length * edge);
                 }
             }

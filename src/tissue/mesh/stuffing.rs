@@ -3,23 +3,18 @@ use rayon::prelude::*;
 use super::MeshError;
 use super::adjacency::{Rows, sorted};
 use super::domain::{InnerTissue, crossing};
-use super::graded::GradedLattice;
 use super::lattice::Lattice;
+use super::refined_lattice::RefinedLattice;
 use super::stencil::{Corner, cut_tetrahedron};
+use super::tuning::{MAX_TETRAHEDRA, SNAP_LONG, SNAP_SHORT};
 use prosopon_geometry::Point;
 use prosopon_geometry::control::{Cancelled, Control};
 
-/// A cut nearer to a vertex than this share of a long edge moves the vertex onto the surface.
-const SNAP_LONG: f64 = 0.24999;
-/// The same for a short edge, between a corner and a centre.
-const SNAP_SHORT: f64 = 0.41189;
 /// Length of short edges relative to the edge of their cube.
 const SHORT: f64 = 0.866_025_403_784_438_6;
 
-/// Largest number of tetrahedra in a mesh.
-pub(super) const MOST_TETRAHEDRA: u64 = 2_000_000;
-/// Number of tetrahedra in a halved cube.
-const IN_HALVED: u64 = 96;
+/// Number of tetrahedra in a refined cube.
+const IN_REFINED: u64 = 96;
 
 /// Vertices evaluated between two checks for cancellation.
 const CHUNK: usize = 4096;
@@ -37,13 +32,13 @@ pub(super) fn lattice_over(inner: &InnerTissue<'_>, edge: f64) -> Result<Lattice
     Ok(Lattice::covering(&inner.domain.region.bounds, edge))
 }
 
-/// The lattice with the marked cubes halved, unless it would have too many tetrahedra.
-pub(super) fn halve(lattice: Lattice, halved: Vec<bool>, edge: f64) -> Result<GradedLattice, MeshError> {
-    let found = IN_HALVED * halved.iter().filter(|h| **h).count() as u64;
-    if found > MOST_TETRAHEDRA {
-        return Err(MeshError::TooLarge { edge_mm: edge, found, allowed: MOST_TETRAHEDRA });
+/// The lattice with the marked cubes refined, unless it would have too many tetrahedra.
+pub(super) fn refine(lattice: Lattice, refined: Vec<bool>, edge: f64) -> Result<RefinedLattice, MeshError> {
+    let found = IN_REFINED * refined.iter().filter(|h| **h).count() as u64;
+    if found > MAX_TETRAHEDRA {
+        return Err(MeshError::TooLarge { edge_mm: edge, found, allowed: MAX_TETRAHEDRA });
     }
-    Ok(GradedLattice::new(lattice, halved))
+    Ok(RefinedLattice::new(lattice, refined))
 }
 
 /// Fills the inner tissue with tetrahedra of a lattice.
@@ -51,7 +46,11 @@ pub(super) fn halve(lattice: Lattice, halved: Vec<bool>, edge: f64) -> Result<Gr
 /// # Source
 /// Labelle and Shewchuk, Isosurface stuffing: fast tetrahedral meshes with good dihedral angles, SIGGRAPH 2007. Their bounds
 /// hold where the lattice is uniform.
-pub(super) fn stuff(inner: &InnerTissue<'_>, lattice: &GradedLattice, control: &Control) -> Result<TetMesh, MeshError> {
+pub(super) fn stuff(
+    inner: &InnerTissue<'_>,
+    lattice: &RefinedLattice,
+    control: &Control,
+) -> Result<TetMesh, MeshError> {
     let n = lattice.vertex_count();
     let mut values = evaluate(inner, lattice, n, control)?;
     if !values.iter().any(|v| *v < 0.0) {
@@ -87,15 +86,15 @@ fn refuse_too_many(inner: &InnerTissue<'_>, edge: f64) -> Result<(), MeshError> 
     let found = (12.0 * box_volume * inside as f64 / total as f64 / edge.powi(3)).round() as u64;
     // The lattice of the box must also fit into memory when the tissue is only a thin shell in it.
     let lattice = (2.0 * box_volume / edge.powi(3)) as u64;
-    if found > MOST_TETRAHEDRA || lattice > 20 * MOST_TETRAHEDRA {
-        return Err(MeshError::TooLarge { edge_mm: edge, found: found.max(lattice), allowed: MOST_TETRAHEDRA });
+    if found > MAX_TETRAHEDRA || lattice > 20 * MAX_TETRAHEDRA {
+        return Err(MeshError::TooLarge { edge_mm: edge, found: found.max(lattice), allowed: MAX_TETRAHEDRA });
     }
     Ok(())
 }
 
 fn evaluate(
     inner: &InnerTissue<'_>,
-    lattice: &GradedLattice,
+    lattice: &RefinedLattice,
     n: usize,
     control: &Control,
 ) -> Result<Vec<f64>, Cancelled> {
@@ -123,7 +122,7 @@ struct CutEdges {
 impl CutEdges {
     fn find(
         inner: &InnerTissue<'_>,
-        lattice: &GradedLattice,
+        lattice: &RefinedLattice,
         values: &[f64],
         control: &Control,
     ) -> Result<Self, Cancelled> {
@@ -167,7 +166,7 @@ impl CutEdges {
     }
 
     /// The cut on edge `at`.
-    fn position(&self, lattice: &GradedLattice, at: usize) -> Point {
+    fn position(&self, lattice: &RefinedLattice, at: usize) -> Point {
         let [from, to] = self.ends[at].map(|v| lattice.position(v as usize));
         from + (to - from) * self.shares[at]
     }
@@ -175,7 +174,7 @@ impl CutEdges {
 
 /// Moves vertices onto near cuts.
 /// Sets their values to 0 and returns their new positions as (vertex, position), ascending.
-fn snap(edge: f64, lattice: &GradedLattice, cuts: &CutEdges, values: &mut [f64]) -> Vec<(usize, Point)> {
+fn snap(edge: f64, lattice: &RefinedLattice, cuts: &CutEdges, values: &mut [f64]) -> Vec<(usize, Point)> {
     let pairs = cuts.ends.iter().enumerate().flat_map(|(at, ends)| ends.map(|v| (v, at as u32)));
     let at_vertex = Rows::of(values.len(), pairs);
     let mut moved = Vec::new();
@@ -215,7 +214,7 @@ fn snap(edge: f64, lattice: &GradedLattice, cuts: &CutEdges, values: &mut [f64])
 /// Applies the stencils and numbers the nodes in order of first use.
 fn fill(
     inner: &InnerTissue<'_>,
-    lattice: &GradedLattice,
+    lattice: &RefinedLattice,
     values: &[f64],
     snapped: &[(usize, Point)],
     cuts: &CutEdges,

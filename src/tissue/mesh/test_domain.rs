@@ -1,6 +1,6 @@
 //! Analytic head-like solids for the tests of this module.
 
-use super::domain::Region;
+use super::domain::{Domain, MeshSettings, Region};
 use prosopon_geometry::{Aabb, Implicit, Point, Vector};
 
 type Value = Box<dyn Fn(&Point) -> f64 + Sync>;
@@ -32,7 +32,7 @@ impl Implicit for Nothing {
 }
 
 /// Ellipsoid whose value near its surface is a distance (Quilez).
-fn ellipsoid(p: &Point, centre: [f64; 3], radii: [f64; 3]) -> f64 {
+pub(super) fn ellipsoid(p: &Point, centre: [f64; 3], radii: [f64; 3]) -> f64 {
     let q = p - Point::from(centre);
     let (r, r2) = (Vector::from(radii), Vector::from(radii.map(|r| r * r)));
     let k0 = q.component_div(&r).norm();
@@ -40,7 +40,7 @@ fn ellipsoid(p: &Point, centre: [f64; 3], radii: [f64; 3]) -> f64 {
     if k1 < 1e-9 { -radii.iter().copied().fold(f64::INFINITY, f64::min) } else { k0 * (k0 - 1.0) / k1 }
 }
 
-fn smooth_union(a: f64, b: f64, k: f64) -> f64 {
+pub(super) fn smooth_union(a: f64, b: f64, k: f64) -> f64 {
     let h = (k - (a - b).abs()).max(0.0) / k;
     a.min(b) - h * h * k * 0.25
 }
@@ -80,4 +80,14 @@ pub(super) fn face_region() -> Region {
         bounds: Aabb { min: Point::new(-80.0, -120.0, -80.0), max: Point::new(80.0, -10.0, 80.0) },
         half_spaces: vec![],
     }
+}
+
+/// Whether a point lies in the tissue that is to be meshed.
+pub(super) fn within(domain: &Domain<'_>, settings: &MeshSettings, p: &Point) -> bool {
+    let skin = domain.skin.value(p);
+    domain.region.value_gradient(p).0 < 0.0
+        && skin < 0.0
+        && skin > -settings.depth_mm
+        && domain.bone.value(p) > 0.0
+        && domain.air.is_none_or(|air| air.value(p) > 0.0)
 }

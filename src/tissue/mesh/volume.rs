@@ -3,11 +3,8 @@
 use rayon::prelude::*;
 
 use super::domain::{Domain, MeshSettings};
+use super::tuning::{MAX_SAMPLE_CELLS, SAMPLE_CELL_MM};
 use prosopon_geometry::Point;
-
-/// Edge of the sampling cells, mm; longer when there would be more than [`MOST_CELLS`].
-const CELL: f64 = 1.0;
-const MOST_CELLS: f64 = 16e6;
 
 /// Volume in mm³ of the tissue that `settings` request and that is connected with the skin layer. That tissue lies inside skin
 /// and region, outside bone and air, and above the depth limit. A cell that the boundary crosses counts by its centre's signed
@@ -18,7 +15,7 @@ pub(super) fn of_tissue(domain: &Domain<'_>, settings: &MeshSettings) -> f64 {
     if !(0..3).all(|a| extent[a] > 0.0) {
         return 0.0;
     }
-    let step = CELL.max((extent.product() / MOST_CELLS).cbrt());
+    let step = SAMPLE_CELL_MM.max((extent.product() / MAX_SAMPLE_CELLS).cbrt());
     // Cells across the boundary are included, so that a cut by the box is seen from both sides.
     let size = [0, 1, 2].map(|a| (extent[a] / step).ceil() as usize + 2);
     let start = bounds.center() - 0.5 * step * nalgebra::Vector3::from(size.map(|n| n as f64 - 1.0));

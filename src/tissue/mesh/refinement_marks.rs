@@ -1,45 +1,38 @@
-//! Chooses the cubes of the lattice that are halved and the thickness of prisms in thin walls.
-//! Cubes are halved where tissue between two sheets of skin is thin, as in the wings of the nose, and where thin bone lies near
+//! Chooses the cubes of the lattice that are refined and the thickness of prisms in thin walls.
+//! Cubes are refined where tissue between two sheets of skin is thin, as in the wings of the nose, and where thin bone lies near
 //! the skin.
 
 use rayon::prelude::*;
 
 use super::domain::{Foot, InnerTissue};
 use super::lattice::Lattice;
+use super::tuning::{
+    MIN_WALL_PRISM_MM, PIERCED_EDGES, RESOLVED_WALL_EDGES, THICKNESS_SLOPE, THIN_BONE_DEPTH_EDGES, WALL_MIDDLE_EDGES,
+    WALL_PRISM_SHARE,
+};
 use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{Point, ScalarGrid};
 
-/// Prisms take at most this share of a wall from either side, and leave at least [`BETWEEN`] edges between them. That is one
-/// and a quarter edges of a halved cube; [`InnerTissue`] keeps the same multiple of whole edges above bone.
-const PRISM_SHARE: f64 = 0.25;
-const BETWEEN: f64 = 0.65;
-/// Smallest thickness of prisms, mm.
-const LEAST_THICKNESS: f64 = 0.3;
-/// Walls whose part between the prisms is thinner than this many edges are meshed by halved cubes.
-const RESOLVED: f64 = 1.0;
-/// Largest change of the prisms' thickness per distance along the skin.
-const SLOPE: f64 = 0.12;
-/// Bone or air is too thin for an edge of the lattice when the middle of the edge lies this many edges inside it while both
-/// ends lie in tissue.
-const PIERCED: f64 = 0.2;
-/// Thin bone is searched for down to this many edges below the skin; deeper bone hardly affects the skin.
-const NEAR: f64 = 3.0;
 /// Vertices handled between two checks for cancellation.
 const CHUNK: usize = 1024;
 
 /// Refinement that thin walls require.
 #[derive(Debug, Clone)]
-pub(super) struct Grading {
+pub(super) struct RefinementMarks {
     /// Thickness of the skin layer, mm; `None` where it is the same everywhere.
     pub(super) thickness: Option<ScalarGrid>,
-    /// Whether each cube of the lattice is halved.
-    pub(super) halved: Vec<bool>,
+    /// Whether each cube of the lattice is refined.
+    pub(super) refined: Vec<bool>,
 }
 
 /// Measures walls at the lattice's vertices near the skin, and searches for thin bone along the lattice's edges.
-pub(super) fn grade(inner: &InnerTissue<'_>, lattice: &Lattice, control: &Control) -> Result<Grading, Cancelled> {
+pub(super) fn mark_refinement(
+    inner: &InnerTissue<'_>,
+    lattice: &Lattice,
+    control: &Control,
+) -> Result<RefinementMarks, Cancelled> {
     let n = lattice.vertex_count();
-    let thin = 2.0 * inner.thickness + RESOLVED * inner.edge;
+    let thin = 2.0 * inner.thickness + RESOLVED_WALL_EDGES * inner.edge;
     let mut walls = vec![f64::INFINITY; n];
     walls.par_chunks_mut(CHUNK).enumerate().try_for_each(|(chunk, out)| {
         control.check()?;
@@ -48,24 +41,25 @@ pub(super) fn grade(inner: &InnerTissue<'_>, lattice: &Lattice, control: &Contro
         }
         Ok(())
     })?;
-    let mut halved = vec![false; lattice.cube_count()];
+    let mut refined = vec![false; lattice.cube_count()];
     let mut any = false;
     for (vertex, _) in walls.iter().enumerate().filter(|(_, w)| w.is_finite()) {
         for cube in lattice.cubes_at(vertex) {
-            halved[cube] = true;
+            refined[cube] = true;
             any = true;
         }
     }
     for cube in pierced(inner, lattice, control)? {
-        halved[cube] = true;
+        refined[cube] = true;
     }
     if !any {
-        return Ok(Grading { thickness: None, halved });
+        return Ok(RefinementMarks { thickness: None, refined });
     }
     let mut grid = lattice.corner_grid(inner.thickness as f32);
     let corners = grid.values.len();
     for (vertex, wall) in walls.iter().enumerate().filter(|(_, w)| w.is_finite()) {
-        let allowed = (PRISM_SHARE * wall).min(0.5 * (wall - BETWEEN * inner.edge)).max(LEAST_THICKNESS) as f32;
+        let allowed =
+            (WALL_PRISM_SHARE * wall).min(0.5 * (wall - WALL_MIDDLE_EDGES * inner.edge)).max(MIN_WALL_PRISM_MM) as f32;
         let mut lower = |corner: usize| grid.values[corner] = grid.values[corner].min(allowed);
         if vertex < corners {
             lower(vertex);
@@ -74,7 +68,7 @@ pub(super) fn grade(inner: &InnerTissue<'_>, lattice: &Lattice, control: &Contro
         }
     }
     soften(&mut grid);
-    Ok(Grading { thickness: Some(grid), halved })
+    Ok(RefinementMarks { thickness: Some(grid), refined })
 }
 
 /// Cubes around edges that pass through thin bone or air near the skin.
@@ -90,7 +84,8 @@ fn pierced(inner: &InnerTissue<'_>, lattice: &Lattice, control: &Control) -> Res
     })?;
     let through = |v: usize, u: usize| {
         let middle = nalgebra::center(&lattice.position(v), &lattice.position(u));
-        inner.value_side(&middle).0 > PIERCED * inner.edge && inner.domain.skin.value(&middle) > -NEAR * inner.edge
+        inner.value_side(&middle).0 > PIERCED_EDGES * inner.edge
+            && inner.domain.skin.value(&middle) > -THIN_BONE_DEPTH_EDGES * inner.edge
     };
     let found: Result<Vec<Vec<usize>>, Cancelled> = (0..n.div_ceil(CHUNK))
         .into_par_iter()
@@ -108,7 +103,7 @@ fn pierced(inner: &InnerTissue<'_>, lattice: &Lattice, control: &Control) -> Res
     Ok(found?.into_iter().flatten().collect())
 }
 
-/// Thickness of the wall under the skin nearest to `p`; `None` unless it is below `thin` and `p` lies within an edge of the
+/// Thickness of the wall under the skin nearest to `p`; `None` unless it is below `press` and `p` lies within an edge of the
 /// skin.
 fn wall_near(inner: &InnerTissue<'_>, p: &Point, thin: f64) -> Option<f64> {
     if inner.domain.region.value_gradient(p).0 > inner.edge || inner.domain.skin.value(p).abs() > inner.edge {
@@ -133,9 +128,9 @@ fn wall_below(inner: &InnerTissue<'_>, foot: &Foot, reach: f64) -> Option<f64> {
     None
 }
 
-/// Lowers values until no two neighbours differ by more than [`SLOPE`] times their distance.
+/// Lowers values until no two neighbours differ by more than [`THICKNESS_SLOPE`] times their distance.
 fn soften(grid: &mut ScalarGrid) {
-    let step = (SLOPE * grid.spacing) as f32;
+    let step = (THICKNESS_SLOPE * grid.spacing) as f32;
     let dims = grid.dims;
     let strides = [1, dims[0], dims[0] * dims[1]];
     // Each pair is adjusted in both directions, so one sweep carries changes far along the sweep's direction.
@@ -171,7 +166,7 @@ mod tests {
     use prosopon_geometry::Aabb;
 
     /// A plate of skin `wall` mm thick on a thick block.
-    fn graded(wall: f64) -> (Grading, Lattice) {
+    fn marked(wall: f64) -> (RefinementMarks, Lattice) {
         let skin = Shape(Box::new(move |p| {
             let plate = (p.x.abs() - 0.5 * wall).max(p.z.abs() - 20.0).max(p.y.abs() - 20.0);
             plate.min((p.x.abs() - 25.0).max((p.z + 30.0).abs() - 15.0).max(p.y.abs() - 20.0))
@@ -181,34 +176,34 @@ mod tests {
         let domain = Domain { skin: &skin, bone: &Nothing, air: None, soft_tissue: None, region: &region };
         let inner = InnerTissue::new(&domain, &MeshSettings::default());
         let lattice = Lattice::covering(&bounds, 4.0);
-        (grade(&inner, &lattice, &Control::new()).unwrap(), lattice)
+        (mark_refinement(&inner, &lattice, &Control::new()).unwrap(), lattice)
     }
 
     #[test]
-    fn a_thin_wall_gets_thin_prisms_and_halved_cubes() {
-        let (grading, lattice) = graded(4.0);
-        let thickness = grading.thickness.unwrap();
+    fn a_thin_wall_gets_thin_prisms_and_refined_cubes() {
+        let (marks, lattice) = marked(4.0);
+        let thickness = marks.thickness.unwrap();
         let at = |x: f64, z: f64| thickness.sample(&Point::new(x, 0.0, z));
         // Half of 4 mm less 0.65 edges, accurate to one step of the search.
         assert!((at(0.0, 0.0) - 0.7).abs() < 0.1, "{}", at(0.0, 0.0));
         assert!((at(20.0, -40.0) - 1.5).abs() < 1e-6);
         let near = |cube: usize| lattice.position(lattice.centre_of_cube(cube));
-        for (cube, halved) in grading.halved.iter().enumerate() {
+        for (cube, refined) in marks.refined.iter().enumerate() {
             let p = near(cube);
             if p.x.abs() < 3.0 && (-8.0..16.0).contains(&p.z) && p.y.abs() < 12.0 {
-                assert!(halved, "{p}");
+                assert!(refined, "{p}");
             }
             if p.z < -24.0 && p.x.abs() < 12.0 {
-                assert!(!halved, "{p}");
+                assert!(!refined, "{p}");
             }
         }
     }
 
     /// A plate of bone 1.8 mm thick between the lattice's planes.
-    /// At 8 mm below the skin its cubes are halved, at 30 mm they are not.
+    /// At 8 mm below the skin its cubes are refined, at 30 mm they are not.
     #[test]
-    fn thin_bone_near_the_skin_gets_halved_cubes() {
-        let halved = |depth: f64| {
+    fn thin_bone_near_the_skin_gets_refined_cubes() {
+        let refined = |depth: f64| {
             let bounds = Aabb { min: Point::new(-20.0, -20.0, -20.0), max: Point::new(20.0, 20.0, 20.0) };
             let lattice = Lattice::covering(&bounds, 4.0);
             let level = lattice.position(0).z + 16.0 + 1.0;
@@ -222,14 +217,14 @@ mod tests {
             assert!(found.iter().all(around));
             found.len()
         };
-        assert_eq!(halved(30.0), 0);
-        assert!(halved(9.0) > 50, "{}", halved(9.0));
+        assert_eq!(refined(30.0), 0);
+        assert!(refined(9.0) > 50, "{}", refined(9.0));
     }
 
     #[test]
     fn thick_tissue_stays_as_it_is() {
-        let (grading, _) = graded(16.0);
-        assert!(grading.thickness.is_none());
-        assert!(!grading.halved.contains(&true));
+        let (marks, _) = marked(16.0);
+        assert!(marks.thickness.is_none());
+        assert!(!marks.refined.contains(&true));
     }
 }

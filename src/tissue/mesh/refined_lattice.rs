@@ -1,22 +1,22 @@
-//! Lattice in which some cubes are halved.
+//! Lattice in which some cubes are refined.
 
 use super::lattice::Lattice;
 use prosopon_geometry::Point;
 
 /// Body-centred cubic lattice in which marked cubes are split into eight cubes of half the edge.
 ///
-/// Where halved cubes meet whole ones, half pyramids on quarters of the faces join both. Tetrahedra along a whole edge with a
+/// Where refined cubes meet whole ones, half pyramids on quarters of the faces join both. Tetrahedra along a whole edge with a
 /// vertex in its middle are split, so there are no hanging vertices. A vertex has quadrupled coordinates, in units of a quarter
 /// of an edge.
 ///
 /// # Source
 /// Labelle and Shewchuk, Isosurface stuffing, SIGGRAPH 2007, section 3.2, with one level.
 #[derive(Debug, Clone)]
-pub(super) struct GradedLattice {
+pub(super) struct RefinedLattice {
     whole: Lattice,
-    /// Whether each cube is halved; cubes are numbered like their centres.
-    halved: Vec<bool>,
-    /// Quadrupled coordinates of the vertices that halving adds, ascending.
+    /// Whether each cube is refined; cubes are numbered like their centres.
+    refined: Vec<bool>,
+    /// Quadrupled coordinates of the vertices that refinement adds, ascending.
     /// Corners and centres of whole cubes are numbered before them.
     added: Vec<[i32; 3]>,
 }
@@ -24,10 +24,10 @@ pub(super) struct GradedLattice {
 /// Corners of a cube.
 const CORNERS: [[i32; 3]; 8] = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1], [1, 1, 1]];
 
-impl GradedLattice {
-    pub(super) fn new(whole: Lattice, halved: Vec<bool>) -> Self {
+impl RefinedLattice {
+    pub(super) fn new(whole: Lattice, refined: Vec<bool>) -> Self {
         let mut added: Vec<[i32; 3]> = Vec::new();
-        for (cube, _) in halved.iter().enumerate().filter(|(_, h)| **h) {
+        for (cube, _) in refined.iter().enumerate().filter(|(_, h)| **h) {
             let low = whole.low_corner(cube).map(|c| 2 * c);
             for k in 0..3 {
                 for j in 0..3 {
@@ -41,7 +41,7 @@ impl GradedLattice {
         added.retain(|c| whole_coordinates(*c).is_none());
         added.sort_unstable();
         added.dedup();
-        Self { whole, halved, added }
+        Self { whole, refined, added }
     }
 
     pub(super) fn vertex_count(&self) -> usize {
@@ -63,16 +63,16 @@ impl GradedLattice {
         Some(index as u32)
     }
 
-    fn is_halved(&self, cube: Option<usize>) -> bool {
-        cube.is_some_and(|c| self.halved.get(c) == Some(&true))
+    fn is_refined(&self, cube: Option<usize>) -> bool {
+        cube.is_some_and(|c| self.refined.get(c) == Some(&true))
     }
 
-    /// Whether one of the cubes at the vertex is halved.
+    /// Whether one of the cubes at the vertex is refined.
     pub(super) fn is_fine(&self, index: usize) -> bool {
         if index >= self.whole.vertex_count() {
             return true;
         }
-        self.whole.cubes_at(index).any(|cube| self.is_halved(Some(cube)))
+        self.whole.cubes_at(index).any(|cube| self.is_refined(Some(cube)))
     }
 
     /// Vertices accepted by [`Self::tetrahedra`]: each tetrahedron belongs to one of them.
@@ -85,7 +85,7 @@ impl GradedLattice {
         for axis in 0..3 {
             for t in self.whole.tetrahedra(owner, axis) {
                 let [a, p, r, b] = t;
-                if [p, r].iter().any(|&centre| self.is_halved(self.whole.cube_of_centre(centre as usize))) {
+                if [p, r].iter().any(|&centre| self.is_refined(self.whole.cube_of_centre(centre as usize))) {
                     continue;
                 }
                 let middle = if self.added.is_empty() { None } else { self.middle(owner, axis) };
@@ -96,9 +96,9 @@ impl GradedLattice {
             }
         }
         let low = self.whole.coordinates(owner);
-        if self.is_halved(self.whole.cube_at(low)) {
+        if self.is_refined(self.whole.cube_at(low)) {
             for o in CORNERS {
-                self.half_cube([0, 1, 2].map(|a| 2 * low[a] + 2 * o[a] + 1), out);
+                self.small_cube([0, 1, 2].map(|a| 2 * low[a] + 2 * o[a] + 1), out);
             }
         }
     }
@@ -112,7 +112,7 @@ impl GradedLattice {
 
     /// Tetrahedra through the faces of the half cube around `centre`.
     /// Those shared with another half cube belong to the lower one.
-    fn half_cube(&self, centre: [i32; 3], out: &mut Vec<[u32; 4]>) {
+    fn small_cube(&self, centre: [i32; 3], out: &mut Vec<[u32; 4]>) {
         let Some(own) = self.vertex(centre) else { return };
         for axis in 0..3 {
             for side in [-1, 1] {
@@ -134,7 +134,7 @@ impl GradedLattice {
                 let ring = [corner(-1, -1), corner(1, -1), corner(1, 1), corner(-1, 1)];
                 let vertices = ring.map(|c| self.vertex(c));
                 let [Some(a), Some(b), Some(c), Some(d)] = vertices else { continue };
-                if self.is_halved(Some(cube)) {
+                if self.is_refined(Some(cube)) {
                     if side == 1
                         && let Some(other) = self.vertex(beyond)
                     {
@@ -157,7 +157,7 @@ impl GradedLattice {
     }
 }
 
-/// Doubled coordinates of a corner or centre of a whole cube; `None` for the vertices added by halving.
+/// Doubled coordinates of a corner or centre of a whole cube; `None` for the vertices added by refinement.
 fn whole_coordinates(quarters: [i32; 3]) -> Option<[i32; 3]> {
     let remainders = quarters.map(|c| c.rem_euclid(4));
     (remainders == [0; 3] || remainders == [2; 3]).then(|| quarters.map(|c| c / 2))
@@ -170,18 +170,18 @@ mod tests {
     use super::*;
     use prosopon_geometry::Aabb;
 
-    /// Some cubes halved: alone, in a row, across an edge and across a corner.
+    /// Some cubes refined: alone, in a row, across an edge and across a corner.
     /// There must be no hanging vertex, no overlap and no flat tetrahedron.
     #[test]
-    fn halved_cubes_join_whole_ones() {
+    fn refined_cubes_join_whole_ones() {
         let bounds = Aabb { min: Point::origin(), max: Point::new(6.0, 5.0, 4.0) };
         let whole = Lattice::covering(&bounds, 1.0);
-        let mut halved = vec![false; whole.cube_count()];
+        let mut refined = vec![false; whole.cube_count()];
         let cube = |at: [i32; 3]| whole.cube_at(at.map(|c| 2 * c)).unwrap();
         for at in [[2, 2, 2], [3, 2, 2], [4, 3, 2], [5, 5, 4], [6, 6, 5]] {
-            halved[cube(at)] = true;
+            refined[cube(at)] = true;
         }
-        let count = |lattice: &GradedLattice| {
+        let count = |lattice: &RefinedLattice| {
             let mut all = Vec::new();
             lattice.owners().for_each(|v| lattice.tetrahedra(v, &mut all));
             for t in &mut all {
@@ -191,15 +191,15 @@ mod tests {
             }
             all
         };
-        let plain = count(&GradedLattice::new(whole.clone(), vec![false; halved.len()]));
-        let lattice = GradedLattice::new(whole, halved);
+        let plain = count(&RefinedLattice::new(whole.clone(), vec![false; refined.len()]));
+        let lattice = RefinedLattice::new(whole, refined);
         let all = count(&lattice);
         let corners = |t: &[u32; 4]| t.map(|i| lattice.position(i as usize));
         let volume = |tets: &[[u32; 4]]| tets.iter().map(|t| tetrahedron_volume(&corners(t))).sum::<f64>();
         assert!((volume(&all) - volume(&plain)).abs() < 1e-9);
         assert!(all.iter().all(|t| dihedral_range(&corners(t)).0 > 29.9));
         assert_eq!(shared_faces(&all).1, 0);
-        // Every face has two tetrahedra except on the border. The border has as many faces as without halving, since no halved
+        // Every face has two tetrahedra except on the border. The border is the same as without refinement, since no refined
         // cube is there.
         let border = |tets: &[[u32; 4]]| {
             let mut faces: Vec<[u32; 3]> =

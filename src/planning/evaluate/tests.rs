@@ -163,7 +163,7 @@ fn a_picture_is_a_png_of_the_asked_size_with_panels_in_order() {
     assert!(left[2] > left[0] && right[0] > right[2], "{left:?} {right:?}");
     // The colour bar: red at the top.
     let bar = |y| image.pixel(548 + 17, y);
-    assert!(bar(32)[0] > bar(32)[2] && bar(284)[2] > bar(284)[0]);
+    assert!(bar(36)[0] > bar(36)[2] && bar(284)[2] > bar(284)[0]);
     assert_eq!(bytes, render_panels(&panels, &view));
 }
 

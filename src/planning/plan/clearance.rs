@@ -5,7 +5,7 @@ use parry3d_f64::query;
 use parry3d_f64::shape::{Segment as Stretch, TriMesh as Shape};
 
 use super::{Osteotomy, PlanError};
-use prosopon_geometry::{Point, TriMesh, Vector};
+use prosopon_geometry::{Point, Vector};
 
 /// A point or polyline that cuts should keep away from, such as a nerve.
 #[derive(Debug, Clone, PartialEq)]
@@ -41,7 +41,7 @@ pub struct Clearance {
 /// whose distances cannot be computed.
 ///
 /// ```
-/// use prosopon_geometry::{Point, TriMesh, Vector};
+/// use prosopon_geometry::{Point, Vector};
 /// use prosopon_planning::plan::{BoundedPlane, Cut, Osteotomy, Protected, Segment, clearances};
 ///
 /// # let corners = [[0.0, 0.0, 0.0], [40.0, 0.0, 0.0], [0.0, 40.0, 0.0], [0.0, 0.0, 40.0]];
@@ -87,7 +87,8 @@ pub fn clearances(osteotomy: &Osteotomy, protected: &[Protected]) -> Result<Vec<
     let mut found = Vec::new();
     for (index, cut) in osteotomy.cuts.iter().enumerate() {
         let Some(surface) = cut.surface(index, &bounds.center(), bounds.diagonal())? else { continue };
-        let shape = shape_of(&surface).map_err(|detail| cut.fault(index, "surface", detail))?;
+        let shape =
+            shape_of(surface.positions(), surface.triangles()).map_err(|detail| cut.fault(index, "surface", detail))?;
         for (number, p) in protected.iter().enumerate() {
             let nearest = stretches(&p.points).filter_map(|(a, b)| nearest(&shape, &a, &b));
             if let Some((distance, place)) = nearest.min_by(|a, b| a.0.total_cmp(&b.0)) {
@@ -100,9 +101,9 @@ pub fn clearances(osteotomy: &Osteotomy, protected: &[Protected]) -> Result<Vec<
 }
 
 /// The surface of a cut, prepared for distances; else why that is not possible.
-fn shape_of(surface: &TriMesh) -> Result<Shape, String> {
-    let corners = surface.positions().iter().map(|p| ParryVector::new(p.x, p.y, p.z)).collect();
-    Shape::new(corners, surface.triangles().to_vec()).map_err(|e| format!("its clearance cannot be computed: {e}"))
+fn shape_of(positions: &[Point], triangles: &[[u32; 3]]) -> Result<Shape, String> {
+    let corners = positions.iter().map(|p| ParryVector::new(p.x, p.y, p.z)).collect();
+    Shape::new(corners, triangles.to_vec()).map_err(|e| format!("its clearance cannot be computed: {e}"))
 }
 
 fn stretches(points: &[Point]) -> impl Iterator<Item = (Point, Point)> {
@@ -137,8 +138,10 @@ mod tests {
 
     #[test]
     fn a_cut_without_distances_is_reported() {
-        let empty = TriMesh::new(vec![Point::origin()], Vec::new()).unwrap();
-        assert!(shape_of(&empty).is_err_and(|detail| detail.starts_with("its clearance cannot be computed: ")));
+        assert!(
+            shape_of(&[Point::origin()], &[])
+                .is_err_and(|detail| detail.starts_with("its clearance cannot be computed: "))
+        );
     }
 
     #[test]

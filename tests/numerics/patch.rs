@@ -103,7 +103,7 @@ fn c1_prisms_over_tetrahedra_pass_as_well_as_their_quadrature() {
         let mesh = slab.mesh();
         let n = mesh.positions.len();
         let fine = C1Surface::with_rule(&mesh, TriangleRule::Collapsed(24));
-        assert_eq!(fine.warnings(), Vec::<String>::new());
+        assert_eq!(fine.warnings(), Vec::new());
         let rest = fine.rest_values(&mesh);
         let tetrahedra = element::tetrahedra(&mesh).unwrap();
         let loads = [tetrahedra.clone(), element::c1_prisms(&mesh, &fine).unwrap()];

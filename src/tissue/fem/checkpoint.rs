@@ -1,9 +1,13 @@
 //! Checkpoints: all that the steps after an equilibrium depend on, so that another solver continues with the same bits.
 
-use super::assembly::Curvature;
+use super::contact::PairIndex;
+use super::equations::Equations;
 use super::error::SolveError;
-use super::solver::{Solver, State};
-use nalgebra::{Matrix3, Quaternion, Translation3, UnitQuaternion};
+use super::factor_origin::{FactorOrigin, numbers, vectors};
+use super::solver::Solver;
+use super::state::PathPoint;
+use super::workspace::FactorState;
+use nalgebra::{Quaternion, Translation3, UnitQuaternion};
 use prosopon_geometry::{Motion, Vector};
 
 /// A rigid motion as numbers: translation, mm, then the unit quaternion's i, j, k and w.
@@ -26,7 +30,7 @@ pub struct Checkpoint {
     /// Whether stable materials have replaced those requested.
     pub stabilised: bool,
     /// Whether passage through bone, and slipping round a rim, have been reported in a warning.
-    pub told_passage: [bool; 2],
+    pub warned_passage: [bool; 2],
     /// Contact stiffness, MPa/mm.
     pub contact_stiffness: f64,
     /// Non-zero multipliers by pair of contact point and body, MPa.
@@ -34,7 +38,7 @@ pub struct Checkpoint {
     /// Pairs of contact point and body whose contact is switched off.
     pub released: Vec<u64>,
     /// Contact forces by unknown node from the last converged condensed contact solve, N.
-    pub settled_forces: Vec<(u32, [f64; 3])>,
+    pub contact_forces: Vec<(u32, [f64; 3])>,
     /// Active pairs of contact point and body in the last quadratic model.
     pub active: Vec<(u64, u64)>,
     /// Whether factors are in double precision.
@@ -42,27 +46,9 @@ pub struct Checkpoint {
     /// Origin of the current factor.
     pub factor: FactorOrigin,
     /// Extra iterations so far that were caused by the factor's age.
-    pub lost: u64,
+    pub extra_iterations: u64,
     /// Unknown nodes whose compliance is known, in the groups in which they were added.
     pub known_compliance: Vec<Vec<u32>>,
-}
-
-/// Matrix from which a factor was computed.
-#[derive(Debug, Clone, PartialEq)]
-pub enum FactorOrigin {
-    /// The elements' stiffness at rest.
-    Rest,
-    /// The elements' stiffness at a state.
-    State {
-        /// Values of the generalised nodes, mm.
-        x: Vec<[f64; 3]>,
-        /// Whether negative eigenvalues of the elements were set to zero.
-        projected: bool,
-    },
-    /// No factor: inverse tensors with which the vertices are relaxed, by unknown node, row-major.
-    Vertices(Vec<[f64; 9]>),
-    /// No usable factor: the next system is factorised.
-    Nothing,
 }
 
 /// A motion as numbers.
@@ -76,14 +62,6 @@ pub fn motion_numbers(motion: &Motion) -> MotionNumbers {
 #[must_use]
 pub fn motion_of_numbers([x, y, z, i, j, k, w]: MotionNumbers) -> Motion {
     Motion::from_parts(Translation3::new(x, y, z), UnitQuaternion::new_unchecked(Quaternion::new(w, i, j, k)))
-}
-
-fn numbers(x: &[Vector]) -> Vec<[f64; 3]> {
-    x.iter().map(|x| (*x).into()).collect()
-}
-
-fn vectors(x: &[[f64; 3]]) -> Vec<Vector> {
-    x.iter().map(|x| Vector::from(*x)).collect()
 }
 
 /// Indices of the flags that are set.
@@ -106,24 +84,24 @@ impl Solver<'_> {
     /// A factor cannot be recomputed when it includes contact, because the elements alone are not stable.
     #[must_use]
     pub fn checkpoint(&self) -> Option<Checkpoint> {
-        let equations = &self.equations;
-        let (factor, known_compliance) = equations.factor_origin()?;
-        let multipliers = equations.contact.multipliers().iter().enumerate();
+        let (state, work) = (&self.equations.state, &self.equations.work);
+        let FactorState { origin, known_compliance } = work.factor_state()?;
+        let multipliers = state.contact.multipliers().iter().enumerate();
         Some(Checkpoint {
-            t: self.state.t,
-            x: numbers(&self.state.x),
-            motions: self.state.motions.iter().map(|(segment, motion)| (*segment, motion_numbers(motion))).collect(),
+            t: self.reached.t,
+            x: numbers(&self.reached.x),
+            motions: self.reached.motions.iter().map(|(segment, motion)| (*segment, motion_numbers(motion))).collect(),
             substep: self.substep,
             stabilised: self.stabilised,
-            told_passage: self.told_passage,
-            contact_stiffness: equations.contact.stiffness(),
+            warned_passage: self.warned_passage,
+            contact_stiffness: state.contact.stiffness(),
             multipliers: multipliers.filter(|(_, p)| **p != 0.0).map(|(pair, p)| (pair as u64, *p)).collect(),
-            released: pairs(equations.contact.released()),
-            settled_forces: equations.settled_forces.iter().map(|(node, force)| (*node, (*force).into())).collect(),
-            active: equations.active.iter().map(|(point, body)| (*point as u64, *body as u64)).collect(),
-            double: equations.solver.is_double(),
-            factor,
-            lost: equations.solver.lost() as u64,
+            released: pairs(state.contact.released()),
+            contact_forces: state.contact_forces.iter().map(|(node, force)| (*node, (*force).into())).collect(),
+            active: state.active.iter().map(|pair| (pair.point as u64, pair.body as u64)).collect(),
+            double: work.solver().is_double(),
+            factor: origin,
+            extra_iterations: work.solver().extra_iterations() as u64,
             known_compliance,
         })
     }
@@ -136,7 +114,7 @@ impl Solver<'_> {
     /// [`SolveError::Checkpoint`] when it does not match; the solver must not be used afterwards.
     pub fn restore(&mut self, checkpoint: &Checkpoint) -> Result<(), SolveError> {
         let misfit = |detail| SolveError::Checkpoint { detail };
-        let nodes = self.state.x.len();
+        let nodes = self.reached.x.len();
         let fits = |x: &[[f64; 3]]| x.len() == nodes && x.iter().flatten().all(|c| c.is_finite());
         let origin_fits = match &checkpoint.factor {
             FactorOrigin::State { x, .. } => fits(x),
@@ -145,83 +123,31 @@ impl Solver<'_> {
         if !fits(&checkpoint.x) || !origin_fits {
             return Err(misfit("it has another number of generalised nodes"));
         }
-        let mut multipliers = vec![0.0; self.equations.contact.multipliers().len()];
+        let mut multipliers = vec![0.0; self.equations.state.contact.multipliers().len()];
         for (pair, pressure) in &checkpoint.multipliers {
             let pair = usize::try_from(*pair).ok().and_then(|pair| multipliers.get_mut(pair));
             *pair.ok_or_else(|| misfit("it has a contact point that does not exist"))? = *pressure;
         }
         let released = flags(&checkpoint.released, multipliers.len())
             .ok_or_else(|| misfit("it has a contact point that does not exist"))?;
-        self.equations.contact.set_released(released);
+        self.equations.state.contact.set_released(released);
         if checkpoint.stabilised {
             self.equations.stabilise();
         }
         let Checkpoint { double, factor, known_compliance, .. } = checkpoint;
-        self.equations.restore_factor(*double, factor, known_compliance).ok_or_else(|| misfit("its factor differs"))?;
-        self.equations.solver.lose(usize::try_from(checkpoint.lost).unwrap_or(usize::MAX));
-        self.equations.contact.restore(checkpoint.contact_stiffness, multipliers);
-        self.equations.settled_forces = checkpoint.settled_forces.iter().map(|(n, f)| (*n, Vector::from(*f))).collect();
-        self.equations.active = checkpoint.active.iter().map(|(p, b)| (*p as usize, *b as usize)).collect();
+        let Equations { problem, state, work } = &mut self.equations;
+        work.restore_factor(problem, *double, factor, known_compliance).ok_or_else(|| misfit("its factor differs"))?;
+        work.solver_mut().add_loss(usize::try_from(checkpoint.extra_iterations).unwrap_or(usize::MAX));
+        state.contact.restore(checkpoint.contact_stiffness, multipliers);
+        state.contact_forces = checkpoint.contact_forces.iter().map(|(n, f)| (*n, Vector::from(*f))).collect();
+        state.active =
+            checkpoint.active.iter().map(|(p, b)| PairIndex { point: *p as usize, body: *b as usize }).collect();
         let motions = checkpoint.motions.iter().map(|(segment, motion)| (*segment, motion_of_numbers(*motion)));
-        self.state = State { t: checkpoint.t, x: vectors(&checkpoint.x), motions: motions.collect() };
+        self.reached = PathPoint { t: checkpoint.t, x: vectors(&checkpoint.x), motions: motions.collect() };
         self.substep = checkpoint.substep;
         self.stabilised = checkpoint.stabilised;
-        self.told_passage = checkpoint.told_passage;
-        self.forget_untold();
+        self.warned_passage = checkpoint.warned_passage;
+        self.forget_reported();
         Ok(())
-    }
-}
-
-impl super::equations::Equations<'_> {
-    /// Origin of the current factor, and the groups of nodes whose compliance is known. `None` when the factor cannot be
-    /// recomputed.
-    fn factor_origin(&self) -> Option<(FactorOrigin, Vec<Vec<u32>>)> {
-        if !self.solver.can_be_restored() {
-            return None;
-        }
-        if !self.solver.serves() {
-            return Some((FactorOrigin::Nothing, Vec::new()));
-        }
-        if let Some(inverses) = self.solver.vertices() {
-            let rows = inverses.iter().map(|m| m.transpose().as_slice().try_into().unwrap_or_default());
-            return Some((FactorOrigin::Vertices(rows.collect()), Vec::new()));
-        }
-        let origin = match &self.factored {
-            None => FactorOrigin::Rest,
-            Some((x, curvature)) => {
-                FactorOrigin::State { x: numbers(x), projected: *curvature == Curvature::Projected }
-            }
-        };
-        Some((origin, self.solver.known_compliance().map(|known| known.groups().to_vec()).unwrap_or_default()))
-    }
-
-    fn restore_factor(&mut self, double: bool, origin: &FactorOrigin, known: &[Vec<u32>]) -> Option<()> {
-        if double {
-            self.solver.use_double();
-        }
-        // The memory may not suffice for double precision here.
-        if self.solver.is_double() != double {
-            return None;
-        }
-        match origin {
-            FactorOrigin::Rest => {}
-            FactorOrigin::Nothing => self.solver.refresh(),
-            FactorOrigin::Vertices(inverses) => {
-                if inverses.len() != self.dofs.n_unknown() {
-                    return None;
-                }
-                self.solver.set_vertices(inverses.iter().map(|rows| Matrix3::from_row_slice(rows)).collect())?;
-            }
-            FactorOrigin::State { x, projected } => {
-                let curvature = if *projected { Curvature::Projected } else { Curvature::Exact };
-                self.tangent(&vectors(x), curvature).ok()?;
-                self.solver.refresh();
-                self.prepare();
-                if !self.solver.serves() {
-                    return None;
-                }
-            }
-        }
-        known.iter().try_for_each(|group| self.solver.compliance(group.iter().copied()).map(|_| ()))
     }
 }

@@ -1,14 +1,13 @@
 //! Compliance of nodes under forces at nodes, computed from a factor: it adds contact to a factor without a new factorisation.
 
-use super::contact::RankOne;
+use super::dot::vector_dot;
+use super::tuning::COMPLIANCE_GROUP;
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, Par};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix3};
 use prosopon_geometry::Vector;
 use std::ops::Range;
 
-/// Nodes whose columns are computed together: smaller groups spare nodes with late rows the work of the early ones.
-const TOGETHER: usize = 32;
 const NONE: u32 = u32::MAX;
 
 /// Compliance of some nodes in the corner of a factor `L Lᵀ` (the unknowns eliminated last): `S = Gᵀ G` with `G = L⁻¹ E`, where
@@ -52,7 +51,7 @@ impl Compliance {
         let all = old + 3 * new.len();
         self.columns.resize_with(rows, all, |_, _| 0.0);
         self.gram.resize_with(all, all, |_, _| 0.0);
-        for chunk in new.chunks(TOGETHER) {
+        for chunk in new.chunks(COMPLIANCE_GROUP) {
             let first = 3 * chunk[0] as usize - self.corner.start;
             let row = |c: usize| 3 * chunk[c / 3] as usize + c % 3 - self.corner.start - first;
             let units = Mat::from_fn(rows - first, 3 * chunk.len(), |r, c| f64::from(u8::from(row(c) == r)));
@@ -118,6 +117,15 @@ impl Compliance {
     }
 }
 
+/// A term `factor v vᵀ` of a matrix.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct RankOne {
+    /// Indices of unknown nodes and the three entries of `v` at each.
+    pub(super) nodes: Vec<(u32, Vector)>,
+    /// Positive.
+    pub(super) factor: f64,
+}
+
 /// Rank-one terms that a factor does not include, on nodes of its [`Compliance`] `S`: `(D⁻¹ + Vᵀ S V)⁻¹` of the Woodbury
 /// identity, with the terms' vectors `V` and factors `D`.
 #[derive(Debug)]
@@ -180,20 +188,6 @@ impl LowRank {
         }
         compliance.add_forces(&self.reaction(&u), y);
     }
-}
-
-/// Dot product in a fixed order that suits SIMD registers.
-fn vector_dot(a: &[f64], b: &[f64]) -> f64 {
-    const LANES: usize = 8;
-    let (a, a_rest) = a.as_chunks::<LANES>();
-    let (b, b_rest) = b.as_chunks::<LANES>();
-    let mut sums = [0.0; LANES];
-    for (a, b) in a.iter().zip(b) {
-        for i in 0..LANES {
-            sums[i] += a[i] * b[i];
-        }
-    }
-    sums.iter().sum::<f64>() + super::linear_solve::dot(a_rest, b_rest)
 }
 
 #[cfg(test)]

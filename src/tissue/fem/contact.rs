@@ -8,58 +8,41 @@
 //! Where the energy is convex enough, the Hessian includes the curvature of the distance. With the Gauss-Newton part `k n nᵀ`
 //! alone, points that slide slowly over an edge of bone gain a fifth in each iteration instead of digits.
 
+mod noncontact_points;
 mod overlap;
 mod passage;
-mod unguarded;
+mod points;
 
+pub(super) use noncontact_points::{NoncontactPoints, noncontact_points};
 pub(super) use passage::Passage;
-pub(super) use unguarded::{Unguarded, unguarded_points};
+pub(super) use points::contact_nodes;
 
 use self::overlap::Overlap;
 use self::passage::{is_clear, is_round_a_rim};
-use super::compliance::Compliance;
-use super::dofs::{Dofs, axes_in};
-use super::report::Sunk;
+use self::points::{ContactPoint, contact_points};
+use super::axes::axes_in;
+use super::compliance::{Compliance, RankOne};
+use super::dofs::Dofs;
+use super::report::BonePenetration;
 use super::settings::ContactBody;
-use crate::mesh::{Attachment, MixedMesh};
-use prosopon_geometry::{Motion, Point, Vector};
+use super::tuning::{
+    CONTACT_POINTS_PER_TASK, DEEP_OVERLAP_MM, OPPOSITE_COSINE, PASSAGE_SAMPLE_MM, REPORTED_OVERLAP_MM,
+};
+use crate::mesh::MixedMesh;
+use nalgebra::Matrix3;
+use prosopon_geometry::{Motion, Point, Vector, Warning};
 use rayon::prelude::*;
 
-/// Smallest overlap at rest that is reported, mm.
-const TOLD_OVERLAP_MM: f64 = 0.1;
-/// Shorter paths cannot pass through bone, mm; longer ones are sampled in steps of this length.
-const LEAST_PASSAGE_MM: f64 = 0.2;
-/// Cosine between two normals below which the body pushes the other way: over a rim the normal turns by a right angle.
-const TURNED_ROUND: f64 = -0.3;
-/// Contact points evaluated by one task.
-const TASK: usize = 64;
-
-/// A point of the tissue's inner surface, as a weighted mean of nodes.
-#[derive(Debug, Clone, Copy)]
-struct ContactPoint {
-    nodes: [u32; 3],
-    weights: [f64; 3],
-    /// Share of the surface area at rest, mm².
-    area: f64,
-    /// Direction into the tissue at rest; not a unit vector.
-    inward: Vector,
-}
-
-impl ContactPoint {
-    fn at(&self, x: &[Vector]) -> Point {
-        let [a, b, c] = self.nodes.map(|n| x[n as usize]);
-        Point::from(a * self.weights[0] + b * self.weights[1] + c * self.weights[2])
-    }
-
-    /// Nodes with positive weight, each once, and their weights.
-    fn terms(&self) -> impl Iterator<Item = (u32, f64)> {
-        (0..3).map(|i| (self.nodes[i], self.weights[i])).filter(|(_, w)| *w > 0.0)
-    }
+/// A contact point and a body, by their indices.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct PairIndex {
+    pub(super) point: usize,
+    pub(super) body: usize,
 }
 
 /// A contact point paired with a body that it touches or is near to.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Touch {
+pub(super) struct ContactPair {
     point: usize,
     body: usize,
     /// Signed gap, mm, after subtraction of the overlap at rest.
@@ -69,13 +52,13 @@ pub(super) struct Touch {
     /// `p - k g`, MPa; the contact is active where this is positive.
     pressure: f64,
     /// Pressure at the state of linearisation, MPa.
-    met: f64,
+    linearised_pressure: f64,
 }
 
-impl Touch {
+impl ContactPair {
     /// Indices of contact point and body.
-    pub(super) fn pair(&self) -> (usize, usize) {
-        (self.point, self.body)
+    pub(super) fn index(&self) -> PairIndex {
+        PairIndex { point: self.point, body: self.body }
     }
 
     /// Signed gap, mm.
@@ -84,7 +67,7 @@ impl Touch {
     }
 
     /// Whether the contact is active.
-    pub(super) fn pushes(&self) -> bool {
+    pub(super) fn is_active(&self) -> bool {
         self.pressure > 0.0
     }
 }
@@ -100,13 +83,21 @@ pub(super) struct Curved<'a> {
     pub(super) share: f64,
 }
 
-/// A term `factor v vᵀ` of a matrix.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct RankOne {
-    /// Indices of unknown nodes and the three entries of `v` at each.
-    pub(super) nodes: Vec<(u32, Vector)>,
-    /// Positive.
-    pub(super) factor: f64,
+/// A block of a matrix at offsets into the forces of a [`Compliance`].
+#[derive(Debug, Clone, Copy)]
+pub(super) struct PlacedBlock {
+    pub(super) row: usize,
+    pub(super) column: usize,
+    pub(super) block: Matrix3<f64>,
+}
+
+/// State at the start or end of a substep.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Placement<'a> {
+    /// Values of the generalised nodes, mm.
+    pub(super) x: &'a [Vector],
+    /// Motion of each body from rest.
+    pub(super) motions: &'a [Motion],
 }
 
 /// All contact of one tissue.
@@ -135,7 +126,7 @@ impl std::fmt::Debug for Contact<'_> {
 
 impl<'a> Contact<'a> {
     /// Contact points of `mesh`; `stiffness` in MPa/mm. The second value is a warning about overlap at rest.
-    pub(super) fn new(mesh: &MixedMesh, bodies: Vec<ContactBody<'a>>, stiffness: f64) -> (Self, Option<String>) {
+    pub(super) fn new(mesh: &MixedMesh, bodies: Vec<ContactBody<'a>>, stiffness: f64) -> (Self, Option<Warning>) {
         let points = contact_points(mesh);
         let mut contact =
             Self { points, bodies, stiffness, overlap: Vec::new(), multipliers: Vec::new(), released: Vec::new() };
@@ -148,18 +139,23 @@ impl<'a> Contact<'a> {
             })
         };
         let (gaps, overlap): (Vec<f64>, Vec<Overlap>) =
-            contact.points.par_iter().with_min_len(TASK).flat_map_iter(at_rest).unzip();
+            contact.points.par_iter().with_min_len(CONTACT_POINTS_PER_TASK).flat_map_iter(at_rest).unzip();
         contact.multipliers = vec![0.0; gaps.len()];
         contact.released = vec![false; gaps.len()];
         contact.overlap = overlap;
-        let overlapping = gaps.iter().filter(|g| **g < -TOLD_OVERLAP_MM).count();
+        let overlapping = gaps.iter().filter(|g| **g < -REPORTED_OVERLAP_MM).count();
         let deepest = gaps.iter().fold(0.0, |m: f64, g| m.max(-g));
         let warning = (overlapping > 0).then(|| {
-            format!(
-                "{overlapping} of {} contact points lie {TOLD_OVERLAP_MM} to {deepest:.2} mm inside bone at rest; their gap is \
+            let message = format!(
+                "{overlapping} of {} contact points lie {REPORTED_OVERLAP_MM} to {deepest:.2} mm inside bone at rest; their gap is \
                  measured from that position",
                 contact.points.len()
-            )
+            );
+            if deepest > DEEP_OVERLAP_MM {
+                Warning::check("overlap-at-rest", message).act("Check whether mesh and bone belong together.")
+            } else {
+                Warning::info("overlap-at-rest", message)
+            }
         });
         (contact, warning)
     }
@@ -173,17 +169,17 @@ impl<'a> Contact<'a> {
     }
 
     /// Active contacts at `x` when body `b` has moved by `motions[b]` from rest, in the order of points.
-    pub(super) fn touches(&self, x: &[Vector], motions: &[Motion]) -> Vec<Touch> {
+    pub(super) fn active_contacts(&self, x: &[Vector], motions: &[Motion]) -> Vec<ContactPair> {
         self.near(x, motions, f64::NEG_INFINITY)
     }
 
     /// Contacts that are active or whose gap is below `reach` mm, in the order of points.
-    pub(super) fn near(&self, x: &[Vector], motions: &[Motion], reach: f64) -> Vec<Touch> {
+    pub(super) fn near(&self, x: &[Vector], motions: &[Motion], reach: f64) -> Vec<ContactPair> {
         let n = self.bodies.len();
         self.points
             .par_iter()
             .enumerate()
-            .with_min_len(TASK)
+            .with_min_len(CONTACT_POINTS_PER_TASK)
             .flat_map_iter(|(point, p)| {
                 let at = p.at(x);
                 self.bodies.iter().enumerate().filter_map(move |(body, b)| {
@@ -197,13 +193,13 @@ impl<'a> Contact<'a> {
                     let gap = value + rest_mm;
                     let pressure = self.multipliers[pair] - self.stiffness * gap;
                     let normal = motions[body].rotation * gradient;
-                    (pressure > 0.0 || gap < reach).then_some(Touch {
+                    (pressure > 0.0 || gap < reach).then_some(ContactPair {
                         point,
                         body,
                         gap,
                         normal,
                         pressure,
-                        met: pressure,
+                        linearised_pressure: pressure,
                     })
                 })
             })
@@ -211,51 +207,53 @@ impl<'a> Contact<'a> {
     }
 
     /// Contact energy, mJ.
-    pub(super) fn energy(&self, touches: &[Touch]) -> f64 {
+    pub(super) fn energy(&self, contacts: &[ContactPair]) -> f64 {
         let n = self.bodies.len();
-        let pushed: f64 = touches.iter().map(|t| self.points[t.point].area * t.pressure * t.pressure).sum();
+        let pushed: f64 = contacts.iter().map(|t| self.points[t.point].area * t.pressure * t.pressure).sum();
         let held: f64 = (self.multipliers.iter().enumerate()).map(|(i, p)| self.points[i / n].area * p * p).sum();
         (pushed - held) / (2.0 * self.stiffness)
     }
 
     /// Adds the gradient of the contact energy, at the state of linearisation, to `forces`.
-    pub(super) fn add_forces(&self, touches: &[Touch], forces: &mut [Vector]) {
-        for t in touches {
+    pub(super) fn add_forces(&self, contacts: &[ContactPair], forces: &mut [Vector]) {
+        for t in contacts {
             let p = &self.points[t.point];
             for (node, weight) in p.terms() {
-                forces[node as usize] -= t.normal * (weight * p.area * t.met);
+                forces[node as usize] -= t.normal * (weight * p.area * t.linearised_pressure);
             }
         }
     }
 
-    /// First-order change of the gap of `touch` for a change `d` of the unknowns, mm.
-    fn gap_change(&self, touch: &Touch, dofs: &Dofs, d: &[f64]) -> f64 {
-        (self.points[touch.point].terms())
+    /// First-order change of the gap of `contact` for a change `d` of the unknowns, mm.
+    fn gap_change(&self, contact: &ContactPair, dofs: &Dofs, d: &[f64]) -> f64 {
+        (self.points[contact.point].terms())
             .filter_map(|(node, weight)| dofs.unknown(node).map(|u| (3 * u as usize, weight)))
-            .map(|(i, weight)| weight * (touch.normal.x * d[i] + touch.normal.y * d[i + 1] + touch.normal.z * d[i + 2]))
+            .map(|(i, weight)| {
+                weight * (contact.normal.x * d[i] + contact.normal.y * d[i + 1] + contact.normal.z * d[i + 2])
+            })
             .sum()
     }
 
-    /// First-order pressure at `touch` after the unknowns have changed by `d`, MPa.
-    pub(super) fn pressure_after(&self, touch: &Touch, dofs: &Dofs, d: &[f64]) -> f64 {
-        touch.pressure - self.stiffness * self.gap_change(touch, dofs, d)
+    /// First-order pressure at `contact` after the unknowns have changed by `d`, MPa.
+    pub(super) fn pressure_after(&self, contact: &ContactPair, dofs: &Dofs, d: &[f64]) -> f64 {
+        contact.pressure - self.stiffness * self.gap_change(contact, dofs, d)
     }
 
     /// A contact found after the unknowns have changed by `d`, extrapolated back linearly to the state before that change.
-    pub(super) fn without_change(&self, touch: &Touch, dofs: &Dofs, d: &[f64]) -> Touch {
-        let change = self.gap_change(touch, dofs, d);
-        Touch { gap: touch.gap - change, pressure: touch.pressure + self.stiffness * change, ..*touch }
+    pub(super) fn without_change(&self, contact: &ContactPair, dofs: &Dofs, d: &[f64]) -> ContactPair {
+        let change = self.gap_change(contact, dofs, d);
+        ContactPair { gap: contact.gap - change, pressure: contact.pressure + self.stiffness * change, ..*contact }
     }
 
     /// Unknown nodes that the contacts act on; nodes may repeat.
-    pub(super) fn unknowns_of(&self, touches: &[Touch], dofs: &Dofs) -> impl Iterator<Item = u32> {
-        touches.iter().flat_map(|t| self.points[t.point].terms()).filter_map(|(node, _)| dofs.unknown(node))
+    pub(super) fn unknowns_of(&self, contacts: &[ContactPair], dofs: &Dofs) -> impl Iterator<Item = u32> {
+        contacts.iter().flat_map(|t| self.points[t.point].terms()).filter_map(|(node, _)| dofs.unknown(node))
     }
 
     /// Contact forces on the nodes of `compliance`, N; `None` when `compliance` lacks a node.
-    pub(super) fn forces_at(&self, touches: &[Touch], dofs: &Dofs, compliance: &Compliance) -> Option<Vec<f64>> {
+    pub(super) fn forces_at(&self, contacts: &[ContactPair], dofs: &Dofs, compliance: &Compliance) -> Option<Vec<f64>> {
         let mut forces = vec![0.0; compliance.len()];
-        for t in touches {
+        for t in contacts {
             let p = &self.points[t.point];
             for (node, weight) in p.terms() {
                 let Some(unknown) = dofs.unknown(node) else { continue };
@@ -272,16 +270,16 @@ impl<'a> Contact<'a> {
     /// Gauss-Newton when `curved` is `None`; otherwise with the curvature of the bodies.
     pub(super) fn hessian(
         &self,
-        touches: &[Touch],
+        contacts: &[ContactPair],
         curved: Option<Curved<'_>>,
         dofs: &Dofs,
-        mut add: impl FnMut(u32, u32, &nalgebra::Matrix3<f64>),
+        mut add: impl FnMut(u32, u32, &Matrix3<f64>),
     ) {
-        for t in touches {
+        for t in contacts {
             let p = &self.points[t.point];
             let mut block = t.normal * t.normal.transpose() * (self.stiffness * p.area);
             if let Some(Curved { x, motions, share }) = curved {
-                block -= self.bend(t, x, motions) * share;
+                block -= self.curvature_term(t, x, motions) * share;
             }
             for (a, wa) in p.terms() {
                 for (b, wb) in p.terms() {
@@ -296,25 +294,25 @@ impl<'a> Contact<'a> {
     }
 
     /// Curvature term of one contact, subtracted from its Hessian with respect to the point, N/mm.
-    fn bend(&self, touch: &Touch, x: &[Vector], motions: &[Motion]) -> nalgebra::Matrix3<f64> {
-        let p = &self.points[touch.point];
-        let motion = &motions[touch.body];
-        let shift = self.overlap[touch.point * self.bodies.len() + touch.body].shift;
-        let curvature = self.bodies[touch.body].solid.hessian(&(motion.inverse_transform_point(&p.at(x)) + shift));
+    fn curvature_term(&self, contact: &ContactPair, x: &[Vector], motions: &[Motion]) -> Matrix3<f64> {
+        let p = &self.points[contact.point];
+        let motion = &motions[contact.body];
+        let shift = self.overlap[contact.point * self.bodies.len() + contact.body].shift;
+        let curvature = self.bodies[contact.body].solid.hessian(&(motion.inverse_transform_point(&p.at(x)) + shift));
         let r = motion.rotation.to_rotation_matrix();
-        r.matrix() * curvature * r.matrix().transpose() * (touch.met.max(0.0) * p.area)
+        r.matrix() * curvature * r.matrix().transpose() * (contact.linearised_pressure.max(0.0) * p.area)
     }
 
     /// Curvature terms of the contacts at the nodes of `compliance`: row, column and the block to subtract from the Hessian.
-    pub(super) fn bends(
+    pub(super) fn curvature_blocks(
         &self,
-        touches: &[Touch],
+        contacts: &[ContactPair],
         Curved { x, motions, share }: Curved<'_>,
         dofs: &Dofs,
         compliance: &Compliance,
-    ) -> Vec<(usize, usize, nalgebra::Matrix3<f64>)> {
-        let of_touch = |t: &Touch| {
-            let (p, block) = (self.points[t.point], self.bend(t, x, motions) * share);
+    ) -> Vec<PlacedBlock> {
+        let of_contact = |t: &ContactPair| {
+            let (p, block) = (self.points[t.point], self.curvature_term(t, x, motions) * share);
             let mut placed = Vec::with_capacity(9);
             for (a, wa) in p.terms() {
                 for (b, wb) in p.terms() {
@@ -323,18 +321,18 @@ impl<'a> Contact<'a> {
                         let mut block = block * (wa * wb);
                         axes_in(dofs.axes_of(a as usize)).for_each(|axis| block.row_mut(axis).fill(0.0));
                         axes_in(dofs.axes_of(b as usize)).for_each(|axis| block.column_mut(axis).fill(0.0));
-                        placed.push((row, column, block));
+                        placed.push(PlacedBlock { row, column, block });
                     }
                 }
             }
             placed
         };
-        touches.par_iter().with_min_len(TASK).flat_map_iter(of_touch).collect()
+        contacts.par_iter().with_min_len(CONTACT_POINTS_PER_TASK).flat_map_iter(of_contact).collect()
     }
 
     /// The Gauss-Newton part of the Hessian as rank-one terms, one for each contact.
-    pub(super) fn terms(&self, touches: &[Touch], dofs: &Dofs) -> Vec<RankOne> {
-        let term = |t: &Touch| {
+    pub(super) fn terms(&self, contacts: &[ContactPair], dofs: &Dofs) -> Vec<RankOne> {
+        let term = |t: &ContactPair| {
             let p = &self.points[t.point];
             let nodes = p.terms().filter_map(|(node, weight)| {
                 let mut entry = t.normal * weight;
@@ -343,23 +341,23 @@ impl<'a> Contact<'a> {
             });
             RankOne { nodes: nodes.collect(), factor: self.stiffness * p.area }
         };
-        touches.iter().map(term).collect()
+        contacts.iter().map(term).collect()
     }
 
     /// Force of each body on the tissue, N.
-    pub(super) fn forces_by_body(&self, touches: &[Touch]) -> Vec<Vector> {
+    pub(super) fn forces_by_body(&self, contacts: &[ContactPair]) -> Vec<Vector> {
         let mut forces = vec![Vector::zeros(); self.bodies.len()];
-        for t in touches {
+        for t in contacts {
             forces[t.body] += t.normal * (self.points[t.point].area * t.pressure);
         }
         forces
     }
 
     /// Augmented Lagrangian update: the current pressures become the multipliers.
-    pub(super) fn augment(&mut self, touches: &[Touch]) {
+    pub(super) fn augment(&mut self, contacts: &[ContactPair]) {
         let n = self.bodies.len();
         self.multipliers.fill(0.0);
-        for t in touches {
+        for t in contacts {
             self.multipliers[t.point * n + t.body] = t.pressure;
         }
     }
@@ -381,9 +379,9 @@ impl<'a> Contact<'a> {
     }
 
     /// The released point that lies deepest in its body, relative to rest.
-    pub(super) fn sunk(&self, x: &[Vector], motions: &[Motion]) -> Option<Sunk> {
+    pub(super) fn bone_penetration(&self, x: &[Vector], motions: &[Motion]) -> Option<BonePenetration> {
         let n = self.bodies.len();
-        let mut deepest: Option<Sunk> = None;
+        let mut deepest: Option<BonePenetration> = None;
         for (pair, _) in self.released.iter().enumerate().filter(|(_, released)| **released) {
             let (point, body) = (pair / n, pair % n);
             let place = self.points[point].at(x);
@@ -393,9 +391,12 @@ impl<'a> Contact<'a> {
             if depth_mm > 0.0 {
                 let points = 1 + deepest.map_or(0, |d| d.points);
                 let is_deepest = deepest.is_none_or(|d| depth_mm > d.depth_mm);
-                let found =
-                    if is_deepest { Some(Sunk { depth_mm, segment: b.segment, place, points }) } else { deepest };
-                deepest = found.map(|d| Sunk { points, ..d });
+                let found = if is_deepest {
+                    Some(BonePenetration { depth_mm, segment: b.segment, place, points })
+                } else {
+                    deepest
+                };
+                deepest = found.map(|d| BonePenetration { points, ..d });
             }
         }
         deepest
@@ -430,7 +431,7 @@ impl<'a> Contact<'a> {
         let per_point: Vec<f64> = self
             .points
             .par_iter()
-            .with_min_len(TASK)
+            .with_min_len(CONTACT_POINTS_PER_TASK)
             .map(|p| {
                 let at = p.at(x);
                 let mut largest = 0.0f64;
@@ -448,10 +449,10 @@ impl<'a> Contact<'a> {
 
     /// Contact points that have passed to the other side of a body between two states: on a straight line in the body's frame
     /// they entered the solid, and the solid now pushes them the other way. In the order of points; one body for each point.
-    pub(super) fn passages(&self, x: (&[Vector], &[Vector]), motions: (&[Motion], &[Motion])) -> Vec<Passage> {
+    pub(super) fn passages(&self, start: Placement<'_>, end: Placement<'_>) -> Vec<Passage> {
         let n = self.bodies.len();
         let passed = |(point, p): (usize, &ContactPoint)| {
-            let (from, place) = (p.at(x.0), p.at(x.1));
+            let (from, place) = (p.at(start.x), p.at(end.x));
             let through = |body: usize| {
                 let Overlap { shift, rest_mm } = self.overlap[point * n + body];
                 // A point that still overlaps at rest has no defined side.
@@ -459,79 +460,26 @@ impl<'a> Contact<'a> {
                     return None;
                 }
                 let from_inside = shift != Vector::zeros();
-                let from = motions.0[body].inverse_transform_point(&from) + shift;
-                let to = motions.1[body].inverse_transform_point(&place) + shift;
+                let from = start.motions[body].inverse_transform_point(&from) + shift;
+                let to = end.motions[body].inverse_transform_point(&place) + shift;
                 let (length, solid) = ((to - from).norm(), self.bodies[body].solid);
-                if length < LEAST_PASSAGE_MM || solid.value(&from) > length {
+                if length < PASSAGE_SAMPLE_MM || solid.value(&from) > length {
                     return None;
                 }
                 let normal = |p: &Point| solid.value_gradient(p).1;
                 let (out, back) = (normal(&from), normal(&to));
-                let is_through = !is_clear(solid, &from, &to) && out.dot(&back) < TURNED_ROUND;
+                let is_through = !is_clear(solid, &from, &to) && out.dot(&back) < OPPOSITE_COSINE;
                 let round_a_rim = || from_inside || is_round_a_rim(solid, (&from, &to), &(out + back));
                 is_through.then(|| Passage { point, body, place, round_a_rim: round_a_rim() })
             };
             (0..n).find_map(through)
         };
         // The order of points does not depend on the number of threads.
-        self.points.par_iter().enumerate().with_min_len(TASK).filter_map(passed).collect()
+        self.points.par_iter().enumerate().with_min_len(CONTACT_POINTS_PER_TASK).filter_map(passed).collect()
     }
 }
 
 /// Largest penetration, mm.
-pub(super) fn penetration(touches: &[Touch]) -> f64 {
-    touches.iter().map(|t| -t.gap).fold(0.0, f64::max)
-}
-
-/// Mesh nodes that contact can act on.
-pub(super) fn contact_nodes(mesh: &MixedMesh) -> Vec<bool> {
-    let mut found = vec![false; mesh.positions.len()];
-    for point in contact_points(mesh) {
-        for (node, _) in point.terms() {
-            found[node as usize] = true;
-        }
-    }
-    found
-}
-
-fn contact_points(mesh: &MixedMesh) -> Vec<ContactPoint> {
-    let sliding = |n: u32| mesh.attachment[n as usize] == Attachment::Sliding;
-    let free = |n: u32| mesh.attachment[n as usize] == Attachment::Free;
-    let (mut vertex_area, mut vertex_inward) =
-        (vec![0.0; mesh.positions.len()], vec![Vector::zeros(); mesh.positions.len()]);
-    let inward_of = |face: &[u32; 3]| {
-        let [a, b, c] = face.map(|n| mesh.positions[n as usize]);
-        (c - a).cross(&(b - a))
-    };
-    let mut points = Vec::new();
-    let (whole, edge): (Vec<&[u32; 3]>, Vec<&[u32; 3]>) = (mesh.bone_faces.iter())
-        .filter(|face| face.iter().any(|&n| sliding(n)))
-        .partition(|face| !face.iter().any(|&n| free(n)));
-    for face in whole {
-        let inward = inward_of(face);
-        let area = 0.5 * inward.norm();
-        points.push(ContactPoint { nodes: *face, weights: [1.0 / 3.0; 3], area: 0.5 * area, inward });
-        for &n in face {
-            vertex_inward[n as usize] += inward;
-            vertex_area[n as usize] += area / 6.0;
-        }
-    }
-    // A vertex whose faces all have a free corner takes its share of those faces only.
-    let mut alone: Vec<(usize, Vector)> = Vec::new();
-    for face in edge {
-        for &n in face.iter().filter(|n| sliding(**n) && vertex_area[**n as usize] == 0.0) {
-            alone.push((n as usize, inward_of(face)));
-        }
-    }
-    for (node, inward) in alone {
-        vertex_inward[node] += inward;
-        vertex_area[node] += inward.norm() / 6.0;
-    }
-    for (node, &area) in vertex_area.iter().enumerate() {
-        if area > 0.0 && sliding(node as u32) {
-            let inward = vertex_inward[node];
-            points.push(ContactPoint { nodes: [node as u32; 3], weights: [1.0, 0.0, 0.0], area, inward });
-        }
-    }
-    points
+pub(super) fn penetration(contacts: &[ContactPair]) -> f64 {
+    contacts.iter().map(|t| -t.gap).fold(0.0, f64::max)
 }

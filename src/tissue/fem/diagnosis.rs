@@ -3,11 +3,12 @@
 use super::assembly::{Inversion, Law};
 use super::equations::Equations;
 use super::error::SolveError;
-use super::newton::Failure;
+use super::failure::Failure;
 use super::report::LostEllipticity;
+use super::tuning::{LEFT_OUT_SHARE, LEFT_OUT_STRAIN};
 use crate::mesh::MixedMesh;
 use nalgebra::Matrix3;
-use prosopon_geometry::{Point, Vector};
+use prosopon_geometry::{Point, Vector, Warning};
 
 /// The error for a failure on the path to parameter `goal`; `x` is the last equilibrium.
 pub(super) fn name(
@@ -18,7 +19,7 @@ pub(super) fn name(
     x: &[Vector],
 ) -> SolveError {
     // Whatever the symptom, a material that has lost ellipticity is the likely cause.
-    let weak = lost_ellipticity(equations, mesh, equations.last_iterate().unwrap_or(x));
+    let weak = lost_ellipticity(equations, mesh, equations.state.last_iterate().unwrap_or(x));
     if let (Some(weak), true) = (weak, failure != Failure::Cancelled) {
         let LostEllipticity { tissue, kind, element, stretch, place, .. } = weak;
         let [x, y, z] = [place.x, place.y, place.z];
@@ -27,7 +28,7 @@ pub(super) fn name(
     match failure {
         Failure::Inverted(at) => {
             let p = centre(equations, mesh, at);
-            let kind = equations.assembly.parts()[at.part].block.kind;
+            let kind = equations.problem.assembly().parts()[at.part].block.kind;
             SolveError::Inverted { path_share: goal, kind, element: at.element, x: p.x, y: p.y, z: p.z }
         }
         Failure::NotConverged { iterations, residual_n, tolerance_n } => {
@@ -36,11 +37,11 @@ pub(super) fn name(
         Failure::Penetration { found_mm } => SolveError::Penetration {
             path_share: goal,
             found_mm,
-            allowed_mm: equations.limits.penetration_tolerance_mm,
+            allowed_mm: equations.problem.limits().penetration_tolerance_mm,
         },
         Failure::PassedThrough { body, place } => SolveError::PassedThrough {
             path_share: goal,
-            segment: equations.contact.bodies()[body].segment,
+            segment: equations.state.contact.bodies()[body].segment,
             x: place.x,
             y: place.y,
             z: place.z,
@@ -56,7 +57,7 @@ pub(super) fn name(
 pub(super) fn lost_ellipticity(equations: &Equations<'_>, mesh: &MixedMesh, x: &[Vector]) -> Option<LostEllipticity> {
     let mut elements = 0;
     let mut weakest: Option<(Inversion, f64)> = None;
-    for (part, p) in equations.assembly.parts().iter().enumerate() {
+    for (part, p) in equations.problem.assembly().parts().iter().enumerate() {
         for (element, tissue) in p.block.tissue.iter().enumerate() {
             let Law::Hyperelastic(material) = &p.laws[*tissue as usize] else { continue };
             if material.is_polyconvex() {
@@ -64,7 +65,7 @@ pub(super) fn lost_ellipticity(equations: &Equations<'_>, mesh: &MixedMesh, x: &
             }
             let at = Inversion { part, element };
             let mut weak = false;
-            for f in equations.assembly.deformations(at, x) {
+            for f in equations.problem.assembly().deformations(at, x) {
                 if f.determinant() > 0.0 && !material.is_elliptic(&f) {
                     weak = true;
                     let stretch = f.singular_values().max();
@@ -78,31 +79,26 @@ pub(super) fn lost_ellipticity(equations: &Equations<'_>, mesh: &MixedMesh, x: &
     }
     weakest.map(|(at, stretch)| LostEllipticity {
         elements,
-        tissue: equations.assembly.tissue(at).name(),
-        kind: equations.assembly.parts()[at.part].block.kind,
+        tissue: equations.problem.assembly().tissue(at).name(),
+        kind: equations.problem.assembly().parts()[at.part].block.kind,
         element: at.element,
         stretch,
         place: centre(equations, mesh, at),
     })
 }
 
-/// Strain that a linear model may neglect, and the share of the tissue that may exceed it, before a warning. The neglected strain
-/// is half the square of the largest stretch of `F - I`: 0.02 for a rotation by 11.5° or a stretch of 0.2.
-const LEFT_OUT: f64 = 0.02;
-const LEFT_OUT_SHARE: f64 = 0.01;
-
 /// Warning about a linear solution whose displacements or rotations are too large for small strain.
-pub(super) fn left_out_strain(equations: &Equations<'_>, x: &[Vector]) -> Option<String> {
+pub(super) fn left_out_strain(equations: &Equations<'_>, x: &[Vector]) -> Option<Warning> {
     let (mut volume, mut beyond, mut most) = (0.0, 0.0, 0.0f64);
-    for (part, p) in equations.assembly.parts().iter().enumerate() {
+    for (part, p) in equations.problem.assembly().parts().iter().enumerate() {
         for (element, weights) in p.block.weights.chunks_exact(p.block.n_points).enumerate() {
-            let gradients = equations.assembly.deformations(Inversion { part, element }, x);
+            let gradients = equations.problem.assembly().deformations(Inversion { part, element }, x);
             for (f, w) in gradients.iter().zip(weights) {
                 let stretch = (f - Matrix3::identity()).singular_values().max();
                 let left_out = 0.5 * stretch * stretch;
                 volume += w;
                 most = most.max(left_out);
-                if left_out > LEFT_OUT {
+                if left_out > LEFT_OUT_STRAIN {
                     beyond += w;
                 }
             }
@@ -110,16 +106,17 @@ pub(super) fn left_out_strain(equations: &Equations<'_>, x: &[Vector]) -> Option
     }
     let share = beyond / volume;
     (share > LEFT_OUT_SHARE).then(|| {
-        format!(
-            "the linear model leaves out strains above {LEFT_OUT} in {:.1} % of the tissue (up to {most:.2}): rotation or \
-             stretch is too large for it, use a nonlinear model",
+        let message = format!(
+            "the linear model leaves out strains above {LEFT_OUT_STRAIN} in {:.1} % of the tissue (up to {most:.2}): rotation or \
+             stretch is too large for it",
             100.0 * share
-        )
+        );
+        Warning::check("neglected-strain", message).act("Use a nonlinear model.")
     })
 }
 
 fn centre(equations: &Equations<'_>, mesh: &MixedMesh, at: Inversion) -> Point {
-    let block = &equations.assembly.parts()[at.part].block;
+    let block = &equations.problem.assembly().parts()[at.part].block;
     let nodes = &block.nodes[at.element * block.n_functions..(at.element + 1) * block.n_functions];
     let corners = nodes.iter().filter_map(|&n| mesh.positions.get(n as usize));
     let count = corners.clone().count().max(1);

@@ -3,7 +3,9 @@
 
 use super::assembly::Pattern;
 use super::error::SolveError;
+use super::precision::Precision;
 use super::triangular::{self, Schedule};
+use super::tuning::PARALLEL_FROM;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
 use faer::sparse::linalg::SupernodalThreshold;
@@ -12,14 +14,8 @@ use faer::sparse::linalg::cholesky::{
     CholeskySymbolicParams, SymbolicCholesky, SymbolicCholeskyRaw, SymmetricOrdering, factorize_symbolic_cholesky,
 };
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMat};
-use faer::traits::RealField;
 use faer::{Mat, MatRef, Par, Side};
-use std::ops::{Add, Div, Mul, Sub};
 use std::sync::{Arc, OnceLock};
-
-/// Unknowns above which faer splits its dense work in two. The split is fixed, so that the bits do not depend on the number of
-/// threads.
-const PARALLEL_FROM: usize = 3000;
 
 /// The matrix is not positive definite.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -76,32 +72,6 @@ impl Symbolic {
             SymbolicCholeskyRaw::Supernodal(symbolic) => Some(symbolic),
             SymbolicCholeskyRaw::Simplicial(_) => None,
         }
-    }
-}
-
-/// Floating-point type of a factor.
-pub(super) trait Precision:
-    RealField + Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self>
-{
-    fn of(value: f64) -> Self;
-    fn to(self) -> f64;
-}
-
-impl Precision for f32 {
-    fn of(value: f64) -> Self {
-        value as Self
-    }
-    fn to(self) -> f64 {
-        f64::from(self)
-    }
-}
-
-impl Precision for f64 {
-    fn of(value: f64) -> Self {
-        value
-    }
-    fn to(self) -> f64 {
-        self
     }
 }
 

@@ -1,26 +1,17 @@
 //! Line search on the energy that never passes an inverted element.
 
 use super::assembly::Inversion;
+use super::dot::dot;
 use super::equations::Equations;
-use super::linear_solve::dot;
-use super::newton::MAX_CONTACT_MOTION_MM;
+use super::tuning::{
+    ENERGY_ROUND_OFF, INVERSION_CUT, INVERSION_MARGIN, LONGEST_STEP, MAX_CONTACT_MOTION_MM, SHORTEST_STEP,
+    SLOPE_DECREASE, SUFFICIENT_DECREASE,
+};
 use prosopon_geometry::{Motion, Vector};
-
-/// Largest share of the distance to the first inversion that a step may take.
-const INVERSION_MARGIN: f64 = 0.9;
-/// Constant of Armijo's sufficient-decrease condition.
-const SUFFICIENT: f64 = 1e-4;
-/// Relative change of the energy below which rounding makes a comparison unsafe.
-const ROUND_OFF: f64 = 1e-9;
-/// Largest multiple of a Newton step. At a saddle of the energy, where a point is about to leave a rim of the bone, the model's
-/// step is far too short.
-const LONGEST: f64 = 1024.0;
-/// Shortest share of a Newton step.
-const SHORTEST: f64 = 1e-5;
 
 /// Reason why no step was taken.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Cut {
+pub(super) enum NoStep {
     /// An element would be inverted by the shortest step.
     Inverted(Inversion),
     /// The energy does not decrease along the direction.
@@ -41,45 +32,48 @@ pub(super) struct Start {
 }
 
 /// Share of the step `d` to take from `x`.
-pub(super) fn along(
+pub(super) fn search(
     equations: &mut Equations<'_>,
     x: &[Vector],
     motions: &[Motion],
     d: &[f64],
     start: &Start,
-) -> Result<f64, Cut> {
+) -> Result<f64, NoStep> {
     let Start { energy, slope, depth, unstable } = *start;
     let deepest = depth.max(MAX_CONTACT_MOTION_MM);
     let mut step = 1.0;
     let mut inverted = None;
-    let uncertain = ROUND_OFF * energy.abs() + equations.limits.energy_noise_mj;
-    while step >= SHORTEST {
+    let uncertain = ENERGY_ROUND_OFF * energy.abs() + equations.problem.limits().energy_noise_mj;
+    while step >= SHORTEST_STEP {
         let mut trial = x.to_vec();
-        equations.dofs.add(step, d, &mut trial);
+        equations.problem.dofs().add(step, d, &mut trial);
         match equations.energy(&trial, motions) {
-            Ok((_, depth)) if depth > deepest => step *= 0.5,
-            Ok((found, _)) if found <= energy + SUFFICIENT * step * slope => {
+            Ok(found) if found.penetration_mm > deepest => step *= 0.5,
+            Ok(found) if found.energy <= energy + SUFFICIENT_DECREASE * step * slope => {
                 let longer = unstable && step == 1.0;
-                return Ok(if longer { extended(equations, x, motions, d, found, deepest) } else { step });
+                return Ok(if longer { extended(equations, x, motions, d, found.energy, deepest) } else { step });
             }
             // Near the minimum the slope is still accurate where differences of the energy are not.
-            Ok(_) if (step * slope).abs() <= uncertain && slope_at(equations, &trial, motions, d) <= -0.9 * slope => {
+            Ok(_)
+                if (step * slope).abs() <= uncertain
+                    && slope_at(equations, &trial, motions, d) <= -SLOPE_DECREASE * slope =>
+            {
                 return Ok(step);
             }
-            Ok((found, _)) => {
+            Ok(found) => {
                 // Minimum of the parabola through the known values, within the usual safeguards.
-                let parabola = -0.5 * slope * step * step / (found - energy - slope * step);
+                let parabola = -0.5 * slope * step * step / (found.energy - energy - slope * step);
                 step = if parabola.is_finite() { parabola.clamp(0.1 * step, 0.5 * step) } else { 0.5 * step };
             }
             Err(at) => {
                 let direction: Vec<Vector> = trial.iter().zip(x).map(|(a, b)| a - b).collect();
-                let (share, first) = equations.assembly.first_inversion(x, &direction);
-                inverted = first.or(Some(at));
-                step *= (INVERSION_MARGIN * share).min(0.95);
+                let first = equations.problem.assembly().first_inversion(x, &direction);
+                inverted = first.element.or(Some(at));
+                step *= (INVERSION_MARGIN * first.share).min(INVERSION_CUT);
             }
         }
     }
-    Err(inverted.map_or(Cut::NoDescent, Cut::Inverted))
+    Err(inverted.map_or(NoStep::NoDescent, NoStep::Inverted))
 }
 
 /// Doubles the step while the energy, `energy` at the full step, keeps decreasing.
@@ -92,15 +86,15 @@ fn extended(
     deepest: f64,
 ) -> f64 {
     let mut step = 1.0;
-    while step < LONGEST {
+    while step < LONGEST_STEP {
         let mut trial = x.to_vec();
-        equations.dofs.add(2.0 * step, d, &mut trial);
+        equations.problem.dofs().add(2.0 * step, d, &mut trial);
         match equations.energy(&trial, motions) {
-            Ok((found, depth)) if found < energy && depth <= deepest => {
-                energy = found;
+            Ok(found) if found.energy < energy && found.penetration_mm <= deepest => {
+                energy = found.energy;
                 step *= 2.0;
             }
-            _ => break,
+            Ok(_) | Err(_) => break,
         }
     }
     step
@@ -109,7 +103,7 @@ fn extended(
 /// Absolute slope of the energy along `d`; infinite where an element is inverted.
 fn slope_at(equations: &mut Equations<'_>, x: &[Vector], motions: &[Motion], d: &[f64]) -> f64 {
     match equations.balance(x, motions) {
-        Ok(_) => dot(&equations.residual, d).abs(),
+        Ok(_) => dot(equations.work.residual(), d).abs(),
         Err(_) => f64::INFINITY,
     }
 }

@@ -6,25 +6,16 @@
 //! factor solves the system in one or two iterations.
 
 use super::assembly::Pattern;
-use super::compliance::{Compliance, LowRank};
-use super::contact::RankOne;
+use super::compliance::{Compliance, LowRank, RankOne};
+use super::dot::dot;
 use super::factor::{Factor, Indefinite, Symbolic};
+use super::tuning::{
+    ITERATIONS_FOR_RATE, MAX_EXTRA_ITERATIONS, MAX_RELAXATIONS, MAX_WITH_NEW, MAX_WITH_OLD, RELAXATION_TOLERANCE,
+};
 use nalgebra::Matrix3;
 use prosopon_geometry::Vector;
 use prosopon_geometry::control::Clock;
 use std::sync::Arc;
-
-/// Iterations with an older factor beyond which a new one is cheaper: a factorisation costs about as much as 15 solves.
-const MAX_WITH_OLD: usize = 12;
-/// Iterations that an older factor may cost in total beyond those of a new one. It equals the cost of a factorisation (27
-/// iterations on 153 657 unknowns): waiting until the loss equals the price costs at most twice the optimum known in hindsight.
-const MAX_LOST: usize = 27;
-/// Iterations with a new factor beyond which single precision counts as too coarse for the matrix.
-const MAX_WITH_NEW: usize = 25;
-/// Largest number of iterations of relaxation.
-const MAX_RELAXATIONS: usize = 20_000;
-/// Relative tolerance of relaxation.
-const RELAXED: f64 = 1e-9;
 
 /// A matrix, its elastic part and its contact terms.
 #[derive(Debug, Clone, Copy)]
@@ -43,6 +34,26 @@ pub(super) struct Work {
     pub(super) cg_iterations: usize,
 }
 
+/// Times of a linear solver.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct SolverTimes {
+    /// Factorisations, s.
+    pub(super) factor_s: f64,
+    /// Solves, s.
+    pub(super) solve_s: f64,
+}
+
+/// Matrix to factorise.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum FactorMatrix {
+    /// That of the elements.
+    Elements,
+    /// That of the elements, or the whole one when the elements alone are not stable.
+    ElementsOrWhole,
+    /// The whole one, with contact.
+    Whole,
+}
+
 /// Conjugate gradients with their preconditioner.
 #[derive(Debug)]
 pub(super) struct LinearSolver {
@@ -52,15 +63,14 @@ pub(super) struct LinearSolver {
     /// Compliance of the nodes on which contact has acted since the factor was computed.
     compliance: Option<Compliance>,
     /// Whether the factor includes contact, because the elements alone are not stable.
-    whole: bool,
+    includes_contact: bool,
     factorisations: usize,
     clock: Clock,
-    /// Time of factorisations and of solves, s.
-    times: (f64, f64),
+    times: SolverTimes,
     /// Whether the factor must be computed anew for the next matrix.
-    stale: bool,
+    is_stale: bool,
     /// Extra iterations so far that were caused by the factor's age.
-    lost: usize,
+    extra_iterations: usize,
 }
 
 /// Preconditioner of the conjugate gradients.
@@ -116,22 +126,22 @@ impl LinearSolver {
             preconditioner,
             low_rank: None,
             compliance: None,
-            whole: false,
+            includes_contact: false,
             factorisations: 0,
             clock,
-            times: (0.0, 0.0),
-            stale: false,
-            lost: 0,
+            times: SolverTimes::default(),
+            is_stale: false,
+            extra_iterations: 0,
         }
     }
 
     /// Resets the times to zero.
     pub(super) fn forget_times(&mut self) {
-        self.times = (0.0, 0.0);
+        self.times = SolverTimes::default();
     }
 
-    /// Time of factorisations and of solves so far, s.
-    pub(super) fn times(&self) -> (f64, f64) {
+    /// Times so far.
+    pub(super) fn times(&self) -> SolverTimes {
         self.times
     }
 
@@ -141,7 +151,7 @@ impl LinearSolver {
 
     /// Tolerance to solve with when `wanted` suffices for a factor: block Jacobi gives a poor estimate of the remaining error.
     pub(super) fn tolerance(&self, wanted: f64) -> f64 {
-        if self.relaxes() { wanted.min(RELAXED) } else { wanted }
+        if self.relaxes() { wanted.min(RELAXATION_TOLERANCE) } else { wanted }
     }
 
     pub(super) fn factorisations(&self) -> usize {
@@ -158,13 +168,13 @@ impl LinearSolver {
     }
 
     /// Whether there is a factor and it may be used for the next matrix.
-    pub(super) fn serves(&self) -> bool {
-        self.has_factor() && !self.stale
+    pub(super) fn is_usable(&self) -> bool {
+        self.has_factor() && !self.is_stale
     }
 
     /// Whether the preconditioner can be rebuilt from the elements alone, without contact.
     pub(super) fn can_be_restored(&self) -> bool {
-        !self.whole
+        !self.includes_contact
     }
 
     /// Inverse tensors with which the vertices are relaxed; `None` without relaxation.
@@ -181,7 +191,7 @@ impl LinearSolver {
             Preconditioner::Factor { .. } => None,
             Preconditioner::Vertices(inverses) => {
                 *inverses = tensors;
-                self.stale = false;
+                self.is_stale = false;
                 Some(())
             }
         }
@@ -208,23 +218,23 @@ impl LinearSolver {
 
     /// Marks the factor as stale, so that the next system is factorised at once.
     pub(super) fn refresh(&mut self) {
-        self.stale = true;
+        self.is_stale = true;
     }
 
     /// Factorises the elements' matrix when there is no usable factor.
     pub(super) fn prepare(&mut self, pattern: &Pattern, elastic: &[f64]) {
-        if !self.relaxes() && !self.serves() {
+        if !self.relaxes() && !self.is_usable() {
             let begin = (self.clock)();
             // A failure is reported when the system is solved.
-            self.stale = self.factorise(pattern, elastic, elastic, false, false).is_err();
-            self.times.0 += (self.clock)() - begin;
+            self.is_stale = self.factorise(pattern, elastic, elastic, FactorMatrix::Elements).is_err();
+            self.times.factor_s += (self.clock)() - begin;
         }
     }
 
     /// Sets the low-rank correction for the contact terms.
-    fn correct(&mut self, contact: &[RankOne]) {
+    fn set_contact_correction(&mut self, contact: &[RankOne]) {
         self.low_rank = None;
-        if contact.is_empty() || self.whole || self.relaxes() || !self.has_factor() {
+        if contact.is_empty() || self.includes_contact || self.relaxes() || !self.has_factor() {
             return;
         }
         let nodes = contact.iter().flat_map(|t| t.nodes.iter().map(|(node, _)| *node));
@@ -234,16 +244,16 @@ impl LinearSolver {
     /// Approximate solution of `A x = b` by the current factor and the terms `contact`, without conjugate gradients.
     pub(super) fn estimate(&mut self, contact: &[RankOne], b: &[f64]) -> Vec<f64> {
         let begin = (self.clock)();
-        self.correct(contact);
+        self.set_contact_correction(contact);
         let mut x = b.to_vec();
         self.precondition(&mut x);
-        self.times.1 += (self.clock)() - begin;
+        self.times.solve_s += (self.clock)() - begin;
         x
     }
 
     /// `L⁻¹ b` of the current factor. `None` when there is no usable one, or when it includes contact.
     pub(super) fn forward(&mut self, b: &[f64]) -> Option<Vec<f64>> {
-        if self.whole || !self.serves() {
+        if self.includes_contact || !self.is_usable() {
             return None;
         }
         let begin = (self.clock)();
@@ -252,7 +262,7 @@ impl LinearSolver {
             Preconditioner::Factor { single, .. } => single.forward(b),
             Preconditioner::Vertices(_) => return None,
         };
-        self.times.1 += (self.clock)() - begin;
+        self.times.solve_s += (self.clock)() - begin;
         Some(y)
     }
 
@@ -264,7 +274,7 @@ impl LinearSolver {
             Preconditioner::Factor { single, .. } => single.backward(y),
             Preconditioner::Vertices(_) => y.to_vec(),
         };
-        self.times.1 += (self.clock)() - begin;
+        self.times.solve_s += (self.clock)() - begin;
         x
     }
 
@@ -320,13 +330,14 @@ impl LinearSolver {
     ) -> Result<Work, Indefinite> {
         x.fill(0.0);
         let mut at = Iterate { r: b.to_vec(), start: norm_sq, iterations: 0 };
-        let (mut factorised, mut whole) = (false, false);
+        let mut factorised = false;
+        let mut matrix = if contact.is_empty() { FactorMatrix::Elements } else { FactorMatrix::ElementsOrWhole };
         let begin = (self.clock)();
-        self.correct(contact);
-        self.times.1 += (self.clock)() - begin;
+        self.set_contact_correction(contact);
+        self.times.solve_s += (self.clock)() - begin;
         loop {
             let fresh = factorised;
-            if fresh || (self.serves() && self.lost <= MAX_LOST) {
+            if fresh || (self.is_usable() && self.extra_iterations <= MAX_EXTRA_ITERATIONS) {
                 let limit = match (self.relaxes(), fresh) {
                     (true, _) => MAX_RELAXATIONS,
                     (false, true) => MAX_WITH_NEW,
@@ -334,15 +345,17 @@ impl LinearSolver {
                 };
                 let begin = (self.clock)();
                 let outcome = self.iterate(pattern, values, x, &mut at, tolerance, limit);
-                self.times.1 += (self.clock)() - begin;
+                self.times.solve_s += (self.clock)() - begin;
                 match outcome {
                     Outcome::Solved => {
-                        self.lose(at.iterations.saturating_sub(1));
+                        self.add_loss(at.iterations.saturating_sub(1));
                         return Ok(Work { factorised, cg_iterations: at.iterations });
                     }
                     Outcome::Indefinite => return Err(Indefinite),
                     // The curvature of contact may be too large for the Gauss-Newton terms of the correction.
-                    Outcome::Slow if fresh && !self.whole && !contact.is_empty() => whole = true,
+                    Outcome::Slow if fresh && !self.includes_contact && !contact.is_empty() => {
+                        matrix = FactorMatrix::Whole;
+                    }
                     Outcome::Slow if fresh && self.is_double() => {
                         // A new factor in double precision is the best preconditioner available.
                         return Ok(Work { factorised, cg_iterations: at.iterations });
@@ -352,24 +365,24 @@ impl LinearSolver {
                 }
             }
             let begin = (self.clock)();
-            let done = self.factorise(pattern, values, elastic, whole, !contact.is_empty());
-            self.times.0 += (self.clock)() - begin;
+            let done = self.factorise(pattern, values, elastic, matrix);
+            self.times.factor_s += (self.clock)() - begin;
             done?;
-            self.correct(contact);
+            self.set_contact_correction(contact);
             factorised = true;
-            self.stale = false;
+            self.is_stale = false;
         }
     }
 
     /// Extra iterations so far that were caused by the factor's age.
-    pub(super) fn lost(&self) -> usize {
-        self.lost
+    pub(super) fn extra_iterations(&self) -> usize {
+        self.extra_iterations
     }
 
     /// Adds iterations caused by the factor's age. Once they cost as much as a factorisation, the next system is factorised.
-    pub(super) fn lose(&mut self, iterations: usize) {
-        if !self.relaxes() && !self.whole {
-            self.lost += iterations;
+    pub(super) fn add_loss(&mut self, iterations: usize) {
+        if !self.relaxes() && !self.includes_contact {
+            self.extra_iterations += iterations;
         }
     }
 
@@ -378,11 +391,10 @@ impl LinearSolver {
         pattern: &Pattern,
         values: &[f64],
         elastic: &[f64],
-        whole: bool,
-        touches: bool,
+        matrix: FactorMatrix,
     ) -> Result<(), Indefinite> {
         (self.low_rank, self.compliance) = (None, None);
-        self.lost = 0;
+        self.extra_iterations = 0;
         match &mut self.preconditioner {
             Preconditioner::Factor { symbolic, single, double } => {
                 let mut factorise = |values: &[f64]| {
@@ -396,9 +408,12 @@ impl LinearSolver {
                     }
                     Arc::get_mut(single).ok_or(Indefinite)?.factorise(values)
                 };
-                let of_elements = if whole { Err(Indefinite) } else { factorise(elastic) };
-                self.whole = touches && of_elements.is_err();
-                if self.whole { factorise(values) } else { of_elements }
+                let of_elements = match matrix {
+                    FactorMatrix::Elements | FactorMatrix::ElementsOrWhole => factorise(elastic),
+                    FactorMatrix::Whole => Err(Indefinite),
+                };
+                self.includes_contact = matrix != FactorMatrix::Elements && of_elements.is_err();
+                if self.includes_contact { factorise(values) } else { of_elements }
             }
             Preconditioner::Vertices(inverses) => {
                 *inverses = pattern.inverse_diagonal(values).ok_or(Indefinite)?;
@@ -464,7 +479,10 @@ impl LinearSolver {
             }
             // At this rate the iteration limit would be reached first.
             let rate = (next / begin).powf(1.0 / iteration as f64);
-            if iteration >= 3 && limit < MAX_RELAXATIONS && next * rate.powf((limit - iteration) as f64) > goal {
+            if iteration >= ITERATIONS_FOR_RATE
+                && limit < MAX_RELAXATIONS
+                && next * rate.powf((limit - iteration) as f64) > goal
+            {
                 return Outcome::Slow;
             }
             let beta = next / rz;
@@ -475,9 +493,4 @@ impl LinearSolver {
         }
         Outcome::Slow
     }
-}
-
-/// Sum in index order.
-pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }

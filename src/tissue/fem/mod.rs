@@ -50,6 +50,7 @@
 //! ```
 
 mod assembly;
+mod axes;
 mod cell_states;
 mod checkpoint;
 mod compliance;
@@ -57,32 +58,43 @@ mod condensed;
 mod contact;
 mod diagnosis;
 mod dofs;
+mod dot;
 pub mod element;
 mod equations;
 mod error;
 mod factor;
+mod factor_origin;
+mod failure;
 mod line_search;
 mod linear_solve;
 pub mod material;
 mod memory;
 mod newton;
 mod ordering;
+mod precision;
+mod problem;
 mod quadratic_model;
 mod report;
-mod saved_state;
 mod settings;
 mod setup;
 mod solver;
+mod start_state;
+mod state;
+mod step_report;
+mod substep;
 mod support;
 mod triangular;
+mod tuning;
+mod workspace;
 
-pub use checkpoint::{Checkpoint, FactorOrigin, MotionNumbers, motion_numbers, motion_of_numbers};
+pub use checkpoint::{Checkpoint, MotionNumbers, motion_numbers, motion_of_numbers};
 pub use error::SolveError;
-pub use report::{CellState, IterationRecord, LostEllipticity, PhaseTimes, StepOutcome, StepReport, Sunk};
-pub use saved_state::SavedState;
+pub use factor_origin::FactorOrigin;
+pub use report::{BonePenetration, CellState, IterationRecord, LostEllipticity, PhaseTimes, StepOutcome, StepReport};
 pub use settings::{Boundary, ContactBody, Locking, Model, Preset, SkinElement, SolveSettings, UnstableMaterial};
 pub use setup::Prepared;
 pub use solver::Solver;
+pub use start_state::StartState;
 pub use support::check_support;
 
 #[cfg(test)]

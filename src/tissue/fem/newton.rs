@@ -1,63 +1,22 @@
 //! Newton's method on the total potential energy at fixed positions of the bones.
 
-use super::assembly::{Curvature, Inversion};
-use super::contact::{Touch, penetration};
+use super::assembly::Curvature;
+use super::contact::{ContactPair, penetration};
+use super::dot::dot;
 use super::equations::{Balance, Equations};
-use super::line_search::{self, Cut, Start};
-use super::linear_solve::dot;
-use super::quadratic_model::Bend;
+use super::failure::Failure;
+use super::line_search::{self, NoStep, Start};
+use super::problem::Limits;
+use super::quadratic_model::{CurvatureTerms, Goal, minimise_model};
 use super::report::IterationRecord;
-use prosopon_geometry::control::{Cancelled, Control};
-use prosopon_geometry::{Motion, Point, Vector};
-
-/// Iterations after which the condensed contact solve is no longer used: points that slip over a rim may cycle with it.
-const PATIENCE: usize = 6;
-/// The condensed contact solve also stops once an iteration moves tissue by more than this share of the previous one.
-const CIRCLING: f64 = 0.5;
-/// A step has converged only when the estimated remaining displacement is below this share of the element size: 1e-3 mm for
-/// elements of 4 mm.
-const DISPLACEMENT_TOLERANCE: f64 = 2.5e-4;
-/// The same tolerance while multipliers are still to be updated.
-const COARSE_DISPLACEMENT: f64 = 5e-3;
-/// After a full Newton step shorter than this, mm, the tangent includes the whole curvature of the contact.
-const CURVED_BELOW_MM: f64 = 0.1;
-/// After a full Newton step shorter than this, mm, the tangent includes a share of the curvature. Without it, Newton's method
-/// gains a few per cent in each iteration where a point slides slowly over an edge of the bone.
-const BENT_BELOW_MM: f64 = 0.5;
-/// That share: small enough that the tangent mostly remains positive definite.
-const BENT_SHARE: f64 = 0.75;
-/// Largest last Newton step of the skin at which an equilibrium for display is accepted, mm.
-const VISIBLE_MM: f64 = 0.02;
-/// Bone near contact points moves at most this far in one substep, and no line search lets a point penetrate deeper, mm:
-/// otherwise a point could come out on the other side of a thin wall.
-pub(super) const MAX_CONTACT_MOTION_MM: f64 = 2.0;
-/// Relative residual at which multipliers are updated.
-const COARSE_RESIDUAL: f64 = 1e-2;
-/// Augmented Lagrangian updates before contact fails.
-const MAX_AUGMENTATIONS: usize = 20;
-
-/// Reason why no equilibrium was found.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Failure {
-    Inverted(Inversion),
-    NotConverged { iterations: usize, residual_n: f64, tolerance_n: f64 },
-    Penetration { found_mm: f64 },
-    PassedThrough { body: usize, place: Point },
-    Indefinite,
-    Cancelled,
-}
-
-impl From<Cancelled> for Failure {
-    fn from(_: Cancelled) -> Self {
-        Self::Cancelled
-    }
-}
-
-impl From<Inversion> for Failure {
-    fn from(at: Inversion) -> Self {
-        Self::Inverted(at)
-    }
-}
+use super::state::Purpose;
+use super::tuning::{
+    COARSE_DISPLACEMENT, COARSE_RESIDUAL, CONDENSED_ITERATIONS, CONDENSED_MAX_RATIO, DISPLACEMENT_TOLERANCE,
+    DISPLAY_STEP_MM, FORCING, FORCING_AT_END, FORCING_RANGE, ITERATIONS_WITHOUT_CURVATURE, MAX_MULTIPLIER_UPDATES,
+    PART_CURVATURE_BELOW_MM, PART_CURVATURE_SHARE, POOR_STEP, SLOW_PENETRATION, STIFFER, WHOLE_CURVATURE_BELOW_MM,
+};
+use prosopon_geometry::control::Control;
+use prosopon_geometry::{Motion, Vector};
 
 /// An equilibrium that was reached.
 #[derive(Debug, Clone)]
@@ -67,228 +26,311 @@ pub(super) struct Equilibrium {
     pub(super) relative_residual: f64,
     /// Largest remaining displacement, estimated with the current factor, mm.
     pub(super) remaining_mm: f64,
-    pub(super) touches: Vec<Touch>,
+    /// Active contacts.
+    pub(super) contacts: Vec<ContactPair>,
 }
 
-impl Equations<'_> {
-    /// Iterates `x` to equilibrium. Its held nodes must be in place, and no element may be inverted.
-    pub(super) fn equilibrate(
-        &mut self,
-        x: &mut [Vector],
-        motions: &[Motion],
-        t: f64,
-        control: &Control,
-    ) -> Result<Equilibrium, Failure> {
-        self.failed_at.clear();
-        self.settles = true;
-        let result = self.augmented(x, motions, t, control);
-        if result.is_err() {
-            self.failed_at = x.to_vec();
-        }
-        result
-    }
+/// Motions of the bodies at path parameter `t`, at which equilibrium is sought.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Target<'a> {
+    pub(super) t: f64,
+    pub(super) motions: &'a [Motion],
+}
 
-    /// Outer iteration of the augmented Lagrangian around Newton's method.
-    fn augmented(
-        &mut self,
-        x: &mut [Vector],
-        motions: &[Motion],
-        t: f64,
-        control: &Control,
-    ) -> Result<Equilibrium, Failure> {
-        let mut iterations = 0;
-        let mut last_penetration = f64::INFINITY;
-        let full =
-            if self.rough { self.limits.relative_residual.max(COARSE_RESIDUAL) } else { self.limits.relative_residual };
-        // Multipliers converge to the contact pressure without an exact equilibrium.
-        let mut aim = if self.contact.is_empty() { full } else { full.max(COARSE_RESIDUAL) };
-        for _ in 0..=MAX_AUGMENTATIONS {
-            let found = self.newton(x, motions, t, aim, control)?;
-            iterations += found.iterations;
-            let depth = penetration(&found.touches);
-            if depth > self.limits.penetration_tolerance_mm {
-                self.contact.augment(&found.touches);
-                if depth > 0.25 * last_penetration {
-                    self.contact.stiffen(4.0);
-                }
-                last_penetration = depth;
-            } else if aim > full {
-                aim = full;
-            } else {
-                return Ok(Equilibrium { iterations, ..found });
-            }
-        }
-        Err(Failure::Penetration { found_mm: last_penetration })
-    }
+/// Residual force and its tolerance, N.
+#[derive(Debug, Clone, Copy)]
+struct ResidualTest {
+    residual_n: f64,
+    tolerance_n: f64,
+}
 
-    /// Iterates until the residual is below `aim` relative to the reactions.
-    fn newton(
-        &mut self,
-        x: &mut [Vector],
-        motions: &[Motion],
-        t: f64,
-        aim: f64,
-        control: &Control,
-    ) -> Result<Equilibrium, Failure> {
-        let mut curvature = Curvature::Exact;
-        let (mut bend, mut wait) = (Bend { settled: true, ..Bend::default() }, 0usize);
-        let share = if aim > self.limits.relative_residual { COARSE_DISPLACEMENT } else { DISPLACEMENT_TOLERANCE };
-        let enough = share * self.limits.element_size_mm;
-        let mut last = (f64::INFINITY, 0.0);
-        let mut moved_mm = f64::INFINITY;
-        for iteration in 0..=self.limits.max_iterations {
-            control.check()?;
-            self.settles &= iteration < PATIENCE;
-            let balance = self.balance(x, motions)?;
-            let tolerance = aim * balance.reaction_n.max(self.limits.force_floor_n);
-            last = (balance.residual_n, tolerance);
-            let remaining_mm = if balance.residual_n <= tolerance { self.remaining_change() } else { f64::INFINITY };
-            if remaining_mm <= enough {
-                return Ok(Equilibrium {
-                    iterations: iteration,
-                    remaining_mm,
-                    relative_residual: aim * balance.residual_n / tolerance,
-                    touches: balance.touches,
-                });
+/// What the next quadratic model includes, as the last iterations suggest.
+#[derive(Debug, Clone, Copy)]
+struct ModelChoice {
+    curvature: Curvature,
+    terms: CurvatureTerms,
+    /// Iterations left without the curvature of contact.
+    wait: usize,
+    /// Largest displacement of a node in the last iteration, mm.
+    moved_mm: f64,
+}
+
+/// A descent direction, and the balance at its start.
+struct Direction {
+    d: Vec<f64>,
+    balance: Balance,
+}
+
+/// Iterates `x` to equilibrium. Its held nodes must be in place, and no element may be inverted.
+pub(super) fn equilibrate(
+    equations: &mut Equations<'_>,
+    x: &mut [Vector],
+    target: Target<'_>,
+    control: &Control,
+) -> Result<Equilibrium, Failure> {
+    equations.state.begin_attempt();
+    let result = augmented(equations, x, target, control);
+    if result.is_err() {
+        equations.state.set_failed(x);
+    }
+    result
+}
+
+/// Outer iteration of the augmented Lagrangian around Newton's method.
+fn augmented(
+    equations: &mut Equations<'_>,
+    x: &mut [Vector],
+    target: Target<'_>,
+    control: &Control,
+) -> Result<Equilibrium, Failure> {
+    let limits = *equations.problem.limits();
+    let mut iterations = 0;
+    let mut last_penetration = f64::INFINITY;
+    let full = match equations.state.purpose {
+        Purpose::Measurement => limits.relative_residual,
+        Purpose::Display => limits.relative_residual.max(COARSE_RESIDUAL),
+    };
+    // Multipliers converge to the contact pressure without an exact equilibrium.
+    let mut aim = if equations.state.contact.is_empty() { full } else { full.max(COARSE_RESIDUAL) };
+    for _ in 0..=MAX_MULTIPLIER_UPDATES {
+        let found = newton(equations, x, target, aim, control)?;
+        iterations += found.iterations;
+        let depth = penetration(&found.contacts);
+        if depth > limits.penetration_tolerance_mm {
+            equations.state.contact.augment(&found.contacts);
+            if depth > SLOW_PENETRATION * last_penetration {
+                equations.state.contact.stiffen(STIFFER);
             }
-            if iteration == self.limits.max_iterations {
-                break;
-            }
-            // Inexact Newton: the linear system is solved only as accurately as the next residual needs.
-            let forcing = (0.25 * balance.residual_n / balance.reaction_n.max(self.limits.force_floor_n))
-                .max(0.1 * tolerance / balance.residual_n)
-                .clamp(1e-6, 0.05);
-            let mut record = IterationRecord {
-                t,
-                residual_n: balance.residual_n,
-                reaction_n: balance.reaction_n,
-                active_contacts: balance.touches.len(),
-                ..IterationRecord::default()
-            };
-            let (d, balance) = self.direction(x, motions, balance, &mut curvature, &mut bend, forcing, &mut record)?;
-            let slope = dot(&d, &self.residual);
-            let (begin, before) = ((self.clock)(), self.times().total_s());
-            let taken = line_search::along(
-                self,
-                x,
-                motions,
-                &d,
-                &Start {
-                    energy: balance.energy,
-                    slope,
-                    depth: penetration(&balance.touches),
-                    unstable: record.unstable,
-                },
-            );
-            let others = self.times().total_s() - before;
-            self.times.line_search_s += (self.clock)() - begin - others;
-            match taken {
-                Ok(step) => {
-                    self.dofs.add(step, &d, x);
-                    record.step = step;
-                    record.displacement_mm = step * self.dofs.max_position_change(&d);
-                    self.settles &= record.displacement_mm <= CIRCLING * moved_mm;
-                    moved_mm = record.displacement_mm;
-                    // A short step shows that the quadratic model was poor.
-                    curvature = if step < 0.5 { Curvature::Projected } else { Curvature::Exact };
-                    wait = if record.unstable { 2 } else { wait.saturating_sub(1) };
-                    bend.settled = wait == 0;
-                    bend.share = match record.displacement_mm {
-                        _ if wait > 0 || step < 1.0 => 0.0,
-                        moved if moved < CURVED_BELOW_MM => 1.0,
-                        moved if moved < BENT_BELOW_MM => BENT_SHARE,
-                        _ => 0.0,
-                    };
-                    self.records.push(record);
-                    let remaining_mm = self.dofs.max_visible_change(&d);
-                    if self.rough && step >= 1.0 && remaining_mm <= VISIBLE_MM {
-                        let balance = self.balance(x, motions)?;
-                        let reaction_n = balance.reaction_n.max(self.limits.force_floor_n);
-                        return Ok(Equilibrium {
-                            iterations: iteration + 1,
-                            remaining_mm,
-                            relative_residual: balance.residual_n / reaction_n,
-                            touches: balance.touches,
-                        });
-                    }
-                }
-                Err(cut) => {
-                    self.records.push(record);
-                    if curvature == Curvature::Exact && !self.limits.linear {
-                        curvature = Curvature::Projected;
-                        self.solver.refresh();
-                        continue;
-                    }
-                    return Err(match cut {
-                        Cut::Inverted(at) => Failure::Inverted(at),
-                        Cut::NoDescent => Failure::NotConverged {
-                            iterations: iteration + 1,
-                            residual_n: balance.residual_n,
-                            tolerance_n: tolerance,
-                        },
-                    });
+            last_penetration = depth;
+        } else if aim > full {
+            aim = full;
+        } else {
+            return Ok(Equilibrium { iterations, ..found });
+        }
+    }
+    Err(Failure::Penetration { found_mm: last_penetration })
+}
+
+/// Iterates until the residual is below `aim` relative to the reactions.
+fn newton(
+    equations: &mut Equations<'_>,
+    x: &mut [Vector],
+    target: Target<'_>,
+    aim: f64,
+    control: &Control,
+) -> Result<Equilibrium, Failure> {
+    let limits = *equations.problem.limits();
+    let share = if aim > limits.relative_residual { COARSE_DISPLACEMENT } else { DISPLACEMENT_TOLERANCE };
+    let enough_mm = share * limits.element_size_mm;
+    let mut choice = ModelChoice::first();
+    let mut last = ResidualTest { residual_n: f64::INFINITY, tolerance_n: 0.0 };
+    for iteration in 0..=limits.max_iterations {
+        control.check()?;
+        equations.state.uses_condensed &= iteration < CONDENSED_ITERATIONS;
+        let balance = equations.balance(x, target.motions)?;
+        last = ResidualTest::of(&balance, aim, &limits);
+        let remaining_mm =
+            if last.is_met() { equations.work.remaining_change(&equations.problem) } else { f64::INFINITY };
+        if remaining_mm <= enough_mm {
+            let relative_residual = aim * last.residual_n / last.tolerance_n;
+            let contacts = balance.contacts;
+            return Ok(Equilibrium { iterations: iteration, remaining_mm, relative_residual, contacts });
+        }
+        if iteration == limits.max_iterations {
+            break;
+        }
+        let forcing = forcing(&balance, last, &limits);
+        let mut record = record_of(target.t, &balance);
+        let Direction { d, balance } =
+            direction(equations, x, target.motions, balance, &mut choice, forcing, &mut record)?;
+        match step_along(equations, x, target.motions, &d, &balance, &record) {
+            Ok(step) => {
+                take_step(equations, x, &d, step, &mut record, &mut choice);
+                if let Some(shown) = equilibrium_for_display(equations, x, target.motions, &d, step)? {
+                    return Ok(Equilibrium { iterations: iteration + 1, ..shown });
                 }
             }
-        }
-        let (residual_n, tolerance_n) = last;
-        Err(Failure::NotConverged { iterations: self.limits.max_iterations, residual_n, tolerance_n })
-    }
-
-    /// Displacement that the current factor predicts from the residual, mm; infinite when there is no factor.
-    fn remaining_change(&mut self) -> f64 {
-        if !self.solver.has_factor() {
-            return if self.residual.iter().all(|r| *r == 0.0) { 0.0 } else { f64::INFINITY };
-        }
-        let mut d = self.residual.clone();
-        self.solver.precondition(&mut d);
-        self.dofs.max_position_change(&d)
-    }
-
-    /// A descent direction: the Newton step with the requested tangent, or with the projected one when that tangent is not
-    /// positive definite. Multipliers may grow meanwhile, so the balance at `x` is returned with the updated ones.
-    fn direction(
-        &mut self,
-        x: &[Vector],
-        motions: &[Motion],
-        mut balance: Balance,
-        curvature: &mut Curvature,
-        bend: &mut Bend,
-        forcing: f64,
-        record: &mut IterationRecord,
-    ) -> Result<(Vec<f64>, Balance), Failure> {
-        let mut assembled = None;
-        loop {
-            if assembled != Some(*curvature) {
-                self.tangent(x, *curvature)?;
-                assembled = Some(*curvature);
-            }
-            let mut load = self.forces.clone();
-            self.subtract_loads(&mut load);
-            let found = self.minimise_model(x, motions, &load, bend, forcing, record);
-            if !self.contact.is_empty() {
-                balance = self.weigh(balance.elastic, x, motions);
-            }
-            if let Ok(d) = found {
-                record.projected = *curvature == Curvature::Projected;
-                if dot(&d, &self.residual) < 0.0 {
-                    return Ok((d, balance));
+            Err(no_step) => {
+                equations.state.records.push(record);
+                if choice.curvature == Curvature::Exact && !limits.linear {
+                    choice.curvature = Curvature::Projected;
+                    equations.work.solver_mut().refresh();
+                    continue;
                 }
+                let here = ResidualTest { residual_n: balance.residual_n, ..last };
+                return Err(no_step_failure(no_step, here, iteration + 1));
             }
-            // A projected tangent is positive definite: when its factorisation fails, the precision was too low.
-            if bend.used {
-                *bend = Bend::default();
-                record.unstable = true;
-                continue;
-            }
-            if *curvature == Curvature::Exact && !self.limits.linear {
-                *curvature = Curvature::Projected;
-                record.unstable = true;
-            } else if self.solver.is_double() {
-                return Err(Failure::Indefinite);
-            } else {
-                self.solver.use_double();
-            }
-            self.solver.refresh();
         }
+    }
+    let ResidualTest { residual_n, tolerance_n } = last;
+    Err(Failure::NotConverged { iterations: limits.max_iterations, residual_n, tolerance_n })
+}
+
+impl ResidualTest {
+    fn of(balance: &Balance, aim: f64, limits: &Limits) -> Self {
+        let tolerance_n = aim * balance.reaction_n.max(limits.force_floor_n);
+        Self { residual_n: balance.residual_n, tolerance_n }
+    }
+
+    fn is_met(self) -> bool {
+        self.residual_n <= self.tolerance_n
+    }
+}
+
+impl ModelChoice {
+    /// The choice before the first iteration.
+    fn first() -> Self {
+        let terms = CurvatureTerms { after_condensed: true, ..CurvatureTerms::default() };
+        Self { curvature: Curvature::Exact, terms, wait: 0, moved_mm: f64::INFINITY }
+    }
+
+    /// The choice after the share `step` of a Newton step has been taken.
+    fn update(&mut self, step: f64, record: &IterationRecord) {
+        self.moved_mm = record.displacement_mm;
+        // A short step shows that the quadratic model was poor.
+        self.curvature = if step < POOR_STEP { Curvature::Projected } else { Curvature::Exact };
+        self.wait = if record.unstable { ITERATIONS_WITHOUT_CURVATURE } else { self.wait.saturating_sub(1) };
+        self.terms.after_condensed = self.wait == 0;
+        self.terms.share = match record.displacement_mm {
+            _ if self.wait > 0 || step < 1.0 => 0.0,
+            moved if moved < WHOLE_CURVATURE_BELOW_MM => 1.0,
+            moved if moved < PART_CURVATURE_BELOW_MM => PART_CURVATURE_SHARE,
+            _ => 0.0,
+        };
+    }
+}
+
+/// Relative tolerance of the linear system. Inexact Newton: it is solved only as accurately as the next residual needs.
+fn forcing(balance: &Balance, test: ResidualTest, limits: &Limits) -> f64 {
+    let [least, most] = FORCING_RANGE;
+    (FORCING * balance.residual_n / balance.reaction_n.max(limits.force_floor_n))
+        .max(FORCING_AT_END * test.tolerance_n / balance.residual_n)
+        .clamp(least, most)
+}
+
+fn record_of(t: f64, balance: &Balance) -> IterationRecord {
+    IterationRecord {
+        t,
+        residual_n: balance.residual_n,
+        reaction_n: balance.reaction_n,
+        active_contacts: balance.contacts.len(),
+        ..IterationRecord::default()
+    }
+}
+
+/// Share of the step `d` that the line search takes.
+fn step_along(
+    equations: &mut Equations<'_>,
+    x: &[Vector],
+    motions: &[Motion],
+    d: &[f64],
+    balance: &Balance,
+    record: &IterationRecord,
+) -> Result<f64, NoStep> {
+    let slope = dot(d, equations.work.residual());
+    let (begin, before) = (equations.problem.now(), equations.work.times().total_s());
+    let start =
+        Start { energy: balance.energy, slope, depth: penetration(&balance.contacts), unstable: record.unstable };
+    let taken = line_search::search(equations, x, motions, d, &start);
+    let others = equations.work.times().total_s() - before;
+    equations.work.times_mut().line_search_s += equations.problem.now() - begin - others;
+    taken
+}
+
+/// Moves `x` and records the iteration.
+fn take_step(
+    equations: &mut Equations<'_>,
+    x: &mut [Vector],
+    d: &[f64],
+    step: f64,
+    record: &mut IterationRecord,
+    choice: &mut ModelChoice,
+) {
+    let dofs = equations.problem.dofs();
+    dofs.add(step, d, x);
+    record.step = step;
+    record.displacement_mm = step * dofs.max_position_change(d);
+    equations.state.uses_condensed &= record.displacement_mm <= CONDENSED_MAX_RATIO * choice.moved_mm;
+    choice.update(step, record);
+    equations.state.records.push(*record);
+}
+
+/// The equilibrium after a step that suffices for display, without its number of iterations.
+fn equilibrium_for_display(
+    equations: &mut Equations<'_>,
+    x: &[Vector],
+    motions: &[Motion],
+    d: &[f64],
+    step: f64,
+) -> Result<Option<Equilibrium>, Failure> {
+    let remaining_mm = equations.problem.dofs().max_visible_change(d);
+    let suffices = equations.state.purpose == Purpose::Display && step >= 1.0 && remaining_mm <= DISPLAY_STEP_MM;
+    if !suffices {
+        return Ok(None);
+    }
+    let balance = equations.balance(x, motions)?;
+    let reaction_n = balance.reaction_n.max(equations.problem.limits().force_floor_n);
+    let relative_residual = balance.residual_n / reaction_n;
+    Ok(Some(Equilibrium { iterations: 0, remaining_mm, relative_residual, contacts: balance.contacts }))
+}
+
+fn no_step_failure(
+    no_step: NoStep,
+    ResidualTest { residual_n, tolerance_n }: ResidualTest,
+    iterations: usize,
+) -> Failure {
+    match no_step {
+        NoStep::Inverted(at) => Failure::Inverted(at),
+        NoStep::NoDescent => Failure::NotConverged { iterations, residual_n, tolerance_n },
+    }
+}
+
+/// A descent direction: the Newton step with the requested tangent, or with the projected one when that tangent is not positive
+/// definite. Multipliers may grow meanwhile, so the balance at `x` is returned with the updated ones.
+fn direction(
+    equations: &mut Equations<'_>,
+    x: &[Vector],
+    motions: &[Motion],
+    mut balance: Balance,
+    choice: &mut ModelChoice,
+    forcing: f64,
+    record: &mut IterationRecord,
+) -> Result<Direction, Failure> {
+    let linear = equations.problem.limits().linear;
+    let mut assembled = None;
+    loop {
+        if assembled != Some(choice.curvature) {
+            equations.work.tangent(&equations.problem, x, choice.curvature)?;
+            assembled = Some(choice.curvature);
+        }
+        let mut load = equations.work.forces().to_vec();
+        equations.subtract_loads(&mut load);
+        let goal = Goal { x, motions, load: &load, forcing };
+        let found = minimise_model(equations, goal, &mut choice.terms, record);
+        if !equations.state.contact.is_empty() {
+            balance = equations.balance_of(balance.elastic, x, motions);
+        }
+        if let Ok(d) = found {
+            record.projected = choice.curvature == Curvature::Projected;
+            if dot(&d, equations.work.residual()) < 0.0 {
+                return Ok(Direction { d, balance });
+            }
+        }
+        // A projected tangent is positive definite: when its factorisation fails, the precision was too low.
+        if choice.terms.used {
+            choice.terms = CurvatureTerms::default();
+            record.unstable = true;
+            continue;
+        }
+        let solver = equations.work.solver_mut();
+        if choice.curvature == Curvature::Exact && !linear {
+            choice.curvature = Curvature::Projected;
+            record.unstable = true;
+        } else if solver.is_double() {
+            return Err(Failure::Indefinite);
+        } else {
+            solver.use_double();
+        }
+        solver.refresh();
     }
 }

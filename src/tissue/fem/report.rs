@@ -1,6 +1,7 @@
+use super::tuning::{DEEP_FREE_TISSUE_MM, REPORTED_DEPTH_MM};
 use std::fmt;
 
-use prosopon_geometry::Point;
+use prosopon_geometry::{Point, Warning};
 
 /// Loss of strong ellipticity: equilibrium is not well posed there and depends on the mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -71,6 +72,21 @@ impl StepOutcome {
         }
     }
 
+    /// Warning about an unreliable result; `None` when it is reliable.
+    #[must_use]
+    pub fn warning(&self) -> Option<Warning> {
+        let code = match self {
+            Self::Converged | Self::Stabilised => return None,
+            Self::OutsideEllipticity(_) => "lost-ellipticity",
+            Self::InsideOut { .. } => "inside-out-elements",
+        };
+        let action = match self {
+            Self::InsideOut { .. } => "Use a nonlinear model.",
+            Self::OutsideEllipticity(_) | Self::Converged | Self::Stabilised => "Use stable materials.",
+        };
+        self.fault().map(|fault| Warning::unreliable(code, fault).act(action))
+    }
+
     /// Name in documents: `converged`, `stabilised`, `outside_ellipticity`, `inside_out`.
     #[must_use]
     pub fn name(&self) -> &'static str {
@@ -85,7 +101,7 @@ impl StepOutcome {
 
 /// Boundary points on which contact does not act and that lie deeper in bone than at rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sunk {
+pub struct BonePenetration {
     /// Depth of the deepest point, relative to rest, mm.
     pub depth_mm: f64,
     /// Segment that this point lies in.
@@ -96,20 +112,22 @@ pub struct Sunk {
     pub points: usize,
 }
 
-impl Sunk {
-    /// Smaller depths are not reported, mm: about the gap that an edge of a mesh leaves open.
-    const TOLD_MM: f64 = 0.5;
-
+impl BonePenetration {
     /// Warning about this depth; `None` when it is small.
     #[must_use]
-    pub fn warning(&self) -> Option<String> {
+    pub fn warning(&self) -> Option<Warning> {
         let Self { depth_mm, segment, place, points } = self;
-        (*depth_mm > Self::TOLD_MM).then(|| {
-            format!(
+        (*depth_mm > REPORTED_DEPTH_MM).then(|| {
+            let message = format!(
                 "free tissue lies inside bone at {points} points, up to {depth_mm:.1} mm in bone {segment} near ({:.1}, {:.1}, \
                  {:.1}) mm: contact acts on sliding points only",
                 place.x, place.y, place.z
-            )
+            );
+            if *depth_mm > DEEP_FREE_TISSUE_MM {
+                Warning::check("free-tissue-in-bone", message).act("Let the tissue there slide on the bone.")
+            } else {
+                Warning::info("free-tissue-in-bone", message)
+            }
         })
     }
 }
@@ -118,7 +136,7 @@ impl StepReport {
     /// Largest depth in bone, relative to rest, of any boundary point that no bone holds, mm.
     #[must_use]
     pub fn deepest_mm(&self) -> f64 {
-        self.max_penetration_mm.max(self.sunk.map_or(0.0, |sunk| sunk.depth_mm))
+        self.max_penetration_mm.max(self.bone_penetration.map_or(0.0, |bone_penetration| bone_penetration.depth_mm))
     }
 }
 
@@ -145,7 +163,7 @@ pub struct StepReport {
     /// Largest penetration of a contact point, mm; 0 without active contacts.
     pub max_penetration_mm: f64,
     /// Boundary points without contact that have penetrated bone; `None` when there are none.
-    pub sunk: Option<Sunk>,
+    pub bone_penetration: Option<BonePenetration>,
     /// Number of active contact points.
     pub active_contacts: usize,
     /// For each segment, the total force of its tied nodes and its contact on the tissue, N.
@@ -155,7 +173,7 @@ pub struct StepReport {
     /// Wall time by phase; zeros without a clock.
     pub phases: PhaseTimes,
     /// Warnings for the caller.
-    pub warnings: Vec<String>,
+    pub warnings: Vec<Warning>,
 }
 
 /// Wall time by phase, s. No phase contains another.

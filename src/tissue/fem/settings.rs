@@ -1,7 +1,8 @@
 use super::error::SolveError;
 use super::material::Materials;
+use super::tuning::{EXPECTED_SHEAR_MPA, LOCKED_POISSON, LOCKED_POISSON_SMOOTHED};
 use crate::mesh::{MixedMesh, Tissue};
-use prosopon_geometry::{Implicit, Vector};
+use prosopon_geometry::{Implicit, Vector, Warning};
 
 /// Mechanical model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -129,14 +130,6 @@ impl std::fmt::Debug for ContactBody<'_> {
     }
 }
 
-/// Poisson ratio above which standard linear elements are reported as too stiff. At 0.49, cells of 4 mm over a patch that is
-/// moved by 4 mm are 0.8 to 1.1 mm off (`prosopon bench stability`); at 0.499 the tip of Cook's membrane moves a third of the
-/// correct distance.
-const LOCKED_POISSON: f64 = 0.48;
-/// The same limit for smoothed elements: at 0.4999 that scene is 0.5 mm off; at 0.49 it is 0.3 mm off, which is the error of the
-/// mesh.
-const LOCKED_THOUGH_CURED: f64 = 0.4995;
-
 /// Settings of a solve.
 ///
 /// ```
@@ -198,14 +191,14 @@ impl SolveSettings {
     ///
     /// Soft tissues of the face have small-strain shear moduli of 0.3 kPa (fat) to 1 MPa (skin along its fibres).
     #[must_use]
-    pub fn stiffness_warnings(&self, mesh: &MixedMesh) -> Vec<String> {
-        const EXPECTED_MPA: [f64; 2] = [1e-5, 30.0];
-        let [low, high] = EXPECTED_MPA;
+    pub fn stiffness_warnings(&self, mesh: &MixedMesh) -> Vec<Warning> {
+        let [low, high] = EXPECTED_SHEAR_MPA;
         let warning = |tissue: Tissue| {
             let found = self.materials.of(tissue).shear_modulus();
             (!(low..=high).contains(&found)).then(|| {
                 let name = tissue.name();
-                format!("{name} has a shear modulus of {found:.3e} MPa, expected is {low} to {high}: check the unit")
+                let message = format!("{name} has a shear modulus of {found:.3e} MPa, expected is {low} to {high} MPa");
+                Warning::check("implausible-stiffness", message).act("Check the unit of the material's constants.")
             })
         };
         tissues(mesh).into_iter().filter_map(warning).collect()
@@ -215,7 +208,7 @@ impl SolveSettings {
     ///
     /// Small strain has no such warnings.
     #[must_use]
-    pub fn stability_warnings(&self, mesh: &MixedMesh) -> Vec<String> {
+    pub fn stability_warnings(&self, mesh: &MixedMesh) -> Vec<Warning> {
         if self.model.is_linear() {
             return Vec::new();
         }
@@ -223,22 +216,32 @@ impl SolveSettings {
     }
 
     /// Warning about tissues in `mesh` that are so nearly incompressible that elements lock.
-    pub(super) fn locking_warning(&self, mesh: &MixedMesh) -> Option<String> {
-        let (above, what) = match self.locking {
-            Locking::None => (
-                LOCKED_POISSON,
-                "linear elements are too stiff there, on coarse meshes by a quarter of the movement; use the locking option \
-                 `smoothed`",
-            ),
-            Locking::Smoothed => (
-                LOCKED_THOUGH_CURED,
-                "even smoothed elements are too stiff there, on coarse meshes by an eighth of the movement; use a finer mesh",
-            ),
+    pub(super) fn locking_warning(&self, mesh: &MixedMesh) -> Option<Warning> {
+        let above = match self.locking {
+            Locking::None => LOCKED_POISSON,
+            Locking::Smoothed => LOCKED_POISSON_SMOOTHED,
         };
         let mut locked: Vec<Tissue> = tissues(mesh);
         locked.retain(|t| self.materials.of(*t).poisson_ratio() > above);
+        if locked.is_empty() {
+            return None;
+        }
         let names: Vec<&str> = locked.into_iter().map(Tissue::name).collect();
-        (!names.is_empty()).then(|| format!("the Poisson ratio of {} is above {above}: {what}", names.join(", ")))
+        let found = format!("the Poisson ratio of {} is above {above}", names.join(", "));
+        Some(match self.locking {
+            Locking::None => Warning::info(
+                "stiff-elements",
+                format!("{found}: linear elements are too stiff there, on coarse meshes by a quarter of the movement"),
+            )
+            .act("Use the locking option `smoothed`."),
+            Locking::Smoothed => Warning::check(
+                "stiff-smoothed-elements",
+                format!(
+                    "{found}: even smoothed elements are too stiff there, on coarse meshes by an eighth of the movement"
+                ),
+            )
+            .act("Use a finer mesh."),
+        })
     }
 
     pub(super) fn check(&self) -> Result<(), SolveError> {

@@ -1,31 +1,42 @@
 //! Setup of the equations from mesh and settings.
 
 use super::assembly::{Assembly, Curvature, Law, Part};
-use super::contact::{Contact, Unguarded, contact_nodes, unguarded_points};
+use super::contact::{Contact, NoncontactPoints, contact_nodes, noncontact_points};
 use super::dofs::Dofs;
 use super::element::{self, C1Surface, ElementBlock, MeshCell};
-use super::equations::{Equations, Limits};
+use super::equations::Equations;
 use super::error::SolveError;
 use super::factor::{Factor, Symbolic};
 use super::linear_solve::LinearSolver;
 use super::material::{Material, Materials};
 use super::memory;
+use super::problem::{Limits, Problem};
 use super::report::PhaseTimes;
 use super::settings::{Boundary, ContactBody, Locking, Model, SkinElement, SolveSettings};
+use super::state::PathState;
+use super::tuning::{CONTACT_STIFFNESS, ENERGY_NOISE, FORCE_FLOOR};
 use crate::mesh::{Attachment, MixedMesh, Tissue};
-use prosopon_geometry::Vector;
 use prosopon_geometry::control::Control;
+use prosopon_geometry::{Vector, Warning};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Penalty stiffness in units of the tissue's confined modulus over its mean thickness: a layer compressed by a third of its
-/// thickness penetrates bone by about 0.01 of the thickness before the multipliers take over.
-const CONTACT_STIFFNESS: f64 = 30.0;
-/// Force floor in units of shear modulus times element size squared: a smaller reaction force is replaced by it in the
-/// convergence test.
-const FORCE_FLOOR: f64 = 1e-3;
-
 const TISSUES: [Tissue; 4] = [Tissue::Skin, Tissue::Muscle, Tissue::Fat, Tissue::Mucosa];
+
+/// Times and factorisations of a preparation.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct PreparationWork {
+    pub(super) times: PhaseTimes,
+    pub(super) factorisations: usize,
+}
+
+/// Elements of a mesh before they are assembled.
+struct Elements {
+    blocks: Vec<ElementBlock>,
+    surface: Option<C1Surface>,
+    /// Smoothed elements, when they carry the energy.
+    smoothed: Option<Vec<Part>>,
+}
 
 /// Everything in the equations of a mesh that does not depend on the motion of its bones.
 ///
@@ -36,12 +47,10 @@ const TISSUES: [Tissue; 4] = [Tissue::Skin, Tissue::Muscle, Tissue::Fat, Tissue:
 pub struct Prepared {
     pub(super) surface: Option<Arc<C1Surface>>,
     pub(super) settings: SolveSettings,
-    pub(super) warnings: Vec<String>,
-    /// Time of the phases.
-    times: PhaseTimes,
-    factorisations: usize,
-    /// Whether a solver has reported times and factorisations of the preparation.
-    told: AtomicBool,
+    pub(super) warnings: Vec<Warning>,
+    work: PreparationWork,
+    /// Whether a solver has reported the work of the preparation.
+    reported: AtomicBool,
     dofs: Dofs,
     assembly: Assembly,
     factor: Option<(Arc<Symbolic>, Arc<Factor<f32>>)>,
@@ -49,7 +58,7 @@ pub struct Prepared {
     rest: Arc<Vec<f64>>,
     loads: Vec<Vector>,
     /// Boundary points on which contact does not act.
-    unguarded: Arc<Vec<[u32; 3]>>,
+    noncontact: Arc<Vec<[u32; 3]>>,
     /// MPa/mm.
     contact_stiffness: f64,
     limits: Limits,
@@ -78,83 +87,48 @@ impl Prepared {
         settings.check()?;
         check_mesh(mesh)?;
         check_boundary(mesh, boundary)?;
-        let (blocks, surface) = element_blocks(mesh, &settings)?;
-        let mut warnings = surface.as_ref().map(C1Surface::warnings).unwrap_or_default();
-        warnings.extend(settings.stiffness_warnings(mesh));
-        warnings.extend(settings.stability_warnings(mesh));
-        warnings.extend(settings.locking_warning(mesh));
-        control.check()?;
-        control.report(0.2);
-        let smoothed = match settings.locking {
-            Locking::None => None,
-            Locking::Smoothed => Some(smoothed_parts(mesh, &blocks, &settings)?),
-        };
-        let coupled: Vec<&ElementBlock> = match &smoothed {
-            Some(parts) => parts.iter().map(|p| &p.block).collect(),
-            None => blocks.iter().collect(),
-        };
+        let elements = Elements::new(mesh, &settings, control)?;
+        let warnings = warnings_at_rest(mesh, &settings, elements.surface.as_ref());
+        let coupled = elements.coupled();
         let elements_take = memory::of_elements(&coupled);
         memory::check("the elements", elements_take, control)?;
         // Contact changes in every iteration. Its nodes are eliminated last, so that most of the factor stays valid.
         let relaxes = settings.model == Model::MassTensor;
         let guarded = if touching { contact_nodes(mesh) } else { Vec::new() };
-        let unguarded = if touching { unguarded_points(mesh, &guarded) } else { Vec::new() };
+        let noncontact = if touching { noncontact_points(mesh, &guarded) } else { Vec::new() };
         let last = if relaxes { Vec::new() } else { guarded };
-        let dofs = Dofs::new(mesh, boundary, surface.as_ref(), &coupled, &last)?;
+        let dofs = Dofs::new(mesh, boundary, elements.surface.as_ref(), &coupled, &last)?;
         if dofs.n_unknown() == 0 {
             return Err(problem("no node is free to move: all are fixed or tied to bone".to_owned()));
         }
         control.check()?;
         control.report(0.4);
-        let scale = Scale::new(mesh, &blocks, &settings.materials);
-        let whole = laws(&settings, |m| m)?;
-        let straining = |part: &mut Part| {
-            part.block.retain(|nodes| nodes.iter().any(|n| !dofs.is_still(*n as usize)));
-            part.block.n_elements() > 0
-        };
-        let mut elements: Vec<Part> = blocks.into_iter().map(|block| Part { block, laws: whole.clone() }).collect();
-        elements.retain_mut(straining);
-        let assembly = match smoothed {
-            Some(mut parts) => {
-                parts.retain_mut(straining);
-                Assembly::new(parts, Some(elements), &dofs)?
-            }
-            None => Assembly::new(elements, None, &dofs)?,
-        };
+        let scale = Scale::new(mesh, &elements.blocks, &settings.materials);
+        let Elements { blocks, surface, smoothed } = elements;
+        let assembly = assembly(blocks, smoothed, &settings, &dofs)?;
         control.check()?;
         control.report(0.5);
-        let limits = Limits {
-            relative_residual: settings.relative_residual,
-            max_iterations: settings.max_iterations,
-            penetration_tolerance_mm: settings.penetration_tolerance_mm,
-            force_floor_n: FORCE_FLOOR * scale.shear * scale.element_size_mm.powi(2),
-            element_size_mm: scale.element_size_mm,
-            energy_noise_mj: 1e-13 * scale.shear * scale.volume,
-            linear: settings.model.is_linear(),
-        };
-        let loads =
-            if boundary.loads_n.iter().any(|f| *f != Vector::zeros()) { boundary.loads_n.clone() } else { Vec::new() };
+        let has_loads = boundary.loads_n.iter().any(|f| *f != Vector::zeros());
         let mut prepared = Self {
             surface: surface.map(Arc::new),
             warnings,
-            times: PhaseTimes::default(),
-            factorisations: 0,
-            told: AtomicBool::new(false),
+            work: PreparationWork::default(),
+            reported: AtomicBool::new(false),
             dofs,
             assembly,
             factor: None,
             rest: Arc::default(),
-            loads,
-            unguarded: Arc::new(unguarded),
+            loads: if has_loads { boundary.loads_n.clone() } else { Vec::new() },
+            noncontact: Arc::new(noncontact),
             contact_stiffness: settings.contact_stiffness_factor * CONTACT_STIFFNESS * scale.modulus
                 / scale.thickness_mm,
-            limits,
+            limits: limits(&settings, &scale),
             size: size(mesh),
             estimate_mb: 0.0,
             factor_mb: 0.0,
             settings,
         };
-        prepared.times.setup_s = clock() - begin;
+        prepared.work.times.setup_s = clock() - begin;
         prepared.estimate_mb = 1e-6 * (elements_take + memory::of_matrix(prepared.assembly.pattern()));
         memory::check("elements and matrix", 1e6 * prepared.estimate_mb, control)?;
         if !relaxes {
@@ -182,21 +156,23 @@ impl Prepared {
         let mut values = vec![0.0; self.assembly.pattern().n_values()];
         let mut forces = vec![Vector::zeros(); self.dofs.n_nodes()];
         let rest = self.dofs.rest().to_vec();
-        let stiffness = self.assembly.tangent(&rest, Curvature::Exact, &mut forces, &mut values);
+        let mut buffers = self.assembly.buffers();
+        let stiffness = self.assembly.tangent(&mut buffers, &rest, Curvature::Exact, &mut forces, &mut values);
+        drop(buffers);
         self.assembly.pattern().hold(self.dofs.partly_held(), &mut values);
         control.check()?;
         control.report(0.7);
         let assembled = clock();
         if stiffness.is_ok() {
-            self.factorisations = 1;
+            self.work.factorisations = 1;
             // A matrix that is not positive definite at rest is reported by the first solve.
             let _ = factor.factorise(&values);
             self.rest = Arc::new(values);
         }
         self.factor = Some((symbolic, Arc::new(factor)));
-        self.times.setup_s += analysed - begin;
-        self.times.tangent_s = assembled - analysed;
-        self.times.factor_s = clock() - assembled;
+        self.work.times.setup_s += analysed - begin;
+        self.work.times.tangent_s = assembled - analysed;
+        self.work.times.factor_s = clock() - assembled;
         Ok(())
     }
 
@@ -208,23 +184,23 @@ impl Prepared {
         self.estimate_mb + if own_factor { self.factor_mb } else { 0.0 }
     }
 
-    /// Time and factorisations of the preparation for the first caller; zeros for later ones.
-    pub(super) fn untold_work(&self) -> (PhaseTimes, usize) {
-        if self.told.swap(true, Ordering::Relaxed) { Default::default() } else { (self.times, self.factorisations) }
+    /// Work of the preparation for the first caller; zeros for later ones.
+    pub(super) fn unreported_work(&self) -> PreparationWork {
+        if self.reported.swap(true, Ordering::Relaxed) { PreparationWork::default() } else { self.work }
     }
 
     /// The points of `mesh` on which contact does not act, with their depths in `bodies` at rest.
-    pub(super) fn unguarded(&self, mesh: &MixedMesh, bodies: &[ContactBody<'_>]) -> Unguarded {
-        Unguarded::new(Arc::clone(&self.unguarded), mesh, bodies)
+    pub(super) fn noncontact(&self, mesh: &MixedMesh, bodies: &[ContactBody<'_>]) -> NoncontactPoints {
+        NoncontactPoints::new(Arc::clone(&self.noncontact), mesh, bodies)
     }
 
-    /// Sets up the equations; the second value holds warnings.
+    /// Sets up the equations, with warnings about them.
     pub(super) fn equations<'a>(
         &self,
         mesh: &MixedMesh,
         bodies: Vec<ContactBody<'a>>,
         control: &Control,
-    ) -> Result<(Equations<'a>, Vec<String>), SolveError> {
+    ) -> Result<(Equations<'a>, Vec<Warning>), SolveError> {
         check_bodies(&bodies)?;
         if size(mesh) != self.size {
             return Err(problem("the mesh differs in size from the prepared one".to_owned()));
@@ -234,13 +210,78 @@ impl Prepared {
             None => LinearSolver::relaxation(control.clock()),
         };
         let (contact, overlap) = Contact::new(mesh, bodies, self.contact_stiffness);
-        let (dofs, assembly) = (self.dofs.clone(), self.assembly.clone());
-        let rest = Arc::clone(&self.rest);
-        let equations =
-            Equations::new(dofs, assembly, rest, contact, solver, self.loads.clone(), self.limits, control.clock());
+        let (dofs, assembly, rest) = (self.dofs.clone(), self.assembly.clone(), Arc::clone(&self.rest));
+        let problem = Problem::new(dofs, assembly, rest, self.loads.clone(), self.limits, control.clock());
+        let equations = Equations::new(problem, PathState::new(contact), solver);
         let mut warnings = self.warnings.clone();
         warnings.extend(overlap);
         Ok((equations, warnings))
+    }
+}
+
+impl Elements {
+    fn new(mesh: &MixedMesh, settings: &SolveSettings, control: &Control) -> Result<Self, SolveError> {
+        let (blocks, surface) = element_blocks(mesh, settings)?;
+        control.check()?;
+        control.report(0.2);
+        let smoothed = match settings.locking {
+            Locking::None => None,
+            Locking::Smoothed => Some(smoothed_parts(mesh, &blocks, settings)?),
+        };
+        Ok(Self { blocks, surface, smoothed })
+    }
+
+    /// Elements that carry the energy and so couple their nodes.
+    fn coupled(&self) -> Vec<&ElementBlock> {
+        match &self.smoothed {
+            Some(parts) => parts.iter().map(|p| &p.block).collect(),
+            None => self.blocks.iter().collect(),
+        }
+    }
+}
+
+/// Warnings about mesh and materials before any motion.
+fn warnings_at_rest(mesh: &MixedMesh, settings: &SolveSettings, surface: Option<&C1Surface>) -> Vec<Warning> {
+    let mut warnings = surface.map(C1Surface::warnings).unwrap_or_default();
+    warnings.extend(settings.stiffness_warnings(mesh));
+    warnings.extend(settings.stability_warnings(mesh));
+    warnings.extend(settings.locking_warning(mesh));
+    warnings
+}
+
+/// The elements that can strain, with their laws: those of the mesh, and smoothed ones when they carry the energy.
+fn assembly(
+    blocks: Vec<ElementBlock>,
+    smoothed: Option<Vec<Part>>,
+    settings: &SolveSettings,
+    dofs: &Dofs,
+) -> Result<Assembly, SolveError> {
+    let whole = laws(settings, |m| m)?;
+    // Elements whose nodes all stay at rest have neither stress nor stiffness for any unknown.
+    let can_strain = |part: &mut Part| {
+        part.block.retain(|nodes| nodes.iter().any(|n| !dofs.stays_at_rest(*n as usize)));
+        part.block.n_elements() > 0
+    };
+    let mut elements: Vec<Part> = blocks.into_iter().map(|block| Part { block, laws: whole.clone() }).collect();
+    elements.retain_mut(can_strain);
+    match smoothed {
+        Some(mut parts) => {
+            parts.retain_mut(can_strain);
+            Assembly::new(parts, Some(elements), dofs)
+        }
+        None => Assembly::new(elements, None, dofs),
+    }
+}
+
+fn limits(settings: &SolveSettings, scale: &Scale) -> Limits {
+    Limits {
+        relative_residual: settings.relative_residual,
+        max_iterations: settings.max_iterations,
+        penetration_tolerance_mm: settings.penetration_tolerance_mm,
+        force_floor_n: FORCE_FLOOR * scale.shear * scale.element_size_mm.powi(2),
+        element_size_mm: scale.element_size_mm,
+        energy_noise_mj: ENERGY_NOISE * scale.shear * scale.volume,
+        linear: settings.model.is_linear(),
     }
 }
 

@@ -1,6 +1,6 @@
 use nalgebra::SMatrix;
 
-use super::dofs::{ALL_AXES, axes_in};
+use super::axes::{ALL_AXES, axes_in};
 use super::error::SolveError;
 use crate::mesh::{Attachment, MixedMesh};
 use prosopon_geometry::{Point, Vector};

@@ -3,20 +3,25 @@
 //! The tasks depend on the factor's structure only, and their contributions to the columns above are added in task order: the
 //! bits are the same at any number of threads.
 
-use super::factor::Precision;
+use super::precision::Precision;
+use super::tuning::{LARGEST_SUBTREE, SHARED_ROWS};
 use faer::sparse::linalg::cholesky::supernodal::{SupernodalLltRef, SymbolicSupernodalCholesky};
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Subtrees are divided until none holds more than this share of the factor's entries.
-const LARGEST_SHARE: f64 = 1.0 / 8.0;
 /// Columns that are eliminated together.
 const BLOCK: usize = 4;
 /// Partial sums of a dot product, for SIMD registers.
 const LANES: usize = 16;
-/// Rows below a supernode's diagonal block from which its work is shared by two threads.
-const SHARED_ROWS: usize = 1024;
+
+/// Number of threads that share the work of one supernode.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Threads {
+    One,
+    /// Two, when it has at least [`SHARED_ROWS`] rows below.
+    Two,
+}
 
 /// Division of a triangular solve into tasks.
 #[derive(Debug, Clone)]
@@ -57,7 +62,7 @@ impl Schedule {
                 count[s] += count[c];
             }
         }
-        let limit = LARGEST_SHARE * roots.iter().map(|&r| total[r]).sum::<f64>();
+        let limit = LARGEST_SUBTREE * roots.iter().map(|&r| total[r]).sum::<f64>();
         let (mut subtrees, mut top) = (Vec::new(), Vec::new());
         let mut open = roots;
         while let Some(s) = open.pop() {
@@ -107,7 +112,7 @@ pub(super) fn forward<T: Precision>(l: &SupernodalLltRef<'_, usize, T>, schedule
             for s in nodes {
                 let node = l.supernode(s);
                 let start = node.start() - from;
-                eliminate(l, s, &mut mine[start..], &mut work, false);
+                eliminate(l, s, &mut mine[start..], &mut work, Threads::One);
                 for (&row, &w) in node.pattern().iter().zip(&work) {
                     if row < to {
                         mine[row - from] += w;
@@ -130,7 +135,7 @@ pub(super) fn forward<T: Precision>(l: &SupernodalLltRef<'_, usize, T>, schedule
     let mut work = Vec::new();
     for &s in &schedule.top {
         let node = l.supernode(s);
-        eliminate(l, s, &mut x[node.start()..], &mut work, true);
+        eliminate(l, s, &mut x[node.start()..], &mut work, Threads::Two);
         for (&row, &w) in node.pattern().iter().zip(&work) {
             x[row] += w;
         }
@@ -189,7 +194,7 @@ fn eliminate<T: Precision>(
     s: usize,
     x: &mut [T],
     below: &mut Vec<T>,
-    shared: bool,
+    threads: Threads,
 ) {
     let panel = Panel::of(l, s);
     let x = &mut x[..panel.width];
@@ -197,7 +202,7 @@ fn eliminate<T: Precision>(
     below.resize(panel.rows - panel.width, T::of(0.0));
     let arch = pulp::Arch::new();
     arch.dispatch(Diagonal { panel, x });
-    if shared && below.len() >= SHARED_ROWS {
+    if threads == Threads::Two && below.len() >= SHARED_ROWS {
         let half = below.len() / 2;
         let (a, b) = below.split_at_mut(half);
         rayon::join(

@@ -15,6 +15,7 @@ use super::dofs::Dofs;
 use super::element::{ElementBlock, SMOOTHED_WIDTHS};
 use super::error::SolveError;
 use super::material::Inverted;
+use crate::fem::tuning::BUFFERED_VALUES;
 use crate::mesh::Tissue;
 use kernel::{Element, n_slots};
 use nalgebra::Matrix3;
@@ -60,7 +61,7 @@ pub(in crate::fem) struct ElementState {
     pub(in crate::fem) bulk: f64,
 }
 
-/// All elements, the matrix's pattern, and buffers. Clones share all but the buffers.
+/// All elements and the matrix's pattern. Clones share them.
 #[derive(Debug, Clone)]
 pub(in crate::fem) struct Assembly {
     /// Elements that carry the energy: those of the mesh, or smoothed ones.
@@ -71,9 +72,24 @@ pub(in crate::fem) struct Assembly {
     slots: Arc<pattern::Slots>,
     scatter: Arc<Scatter>,
     force_sources: Arc<ForceSources>,
-    element_forces: Vec<f64>,
+}
+
+/// Buffers for the forces and matrices of elements.
+#[derive(Debug, Clone)]
+pub(in crate::fem) struct ElementBuffers {
+    /// Forces of all elements.
+    forces: Vec<f64>,
     /// Matrices of one chunk of elements.
-    element_blocks: Vec<f64>,
+    matrices: Vec<f64>,
+}
+
+/// Where the first element is inverted along a direction.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(in crate::fem) struct FirstInversion {
+    /// Share of the direction, at most 1.
+    pub(in crate::fem) share: f64,
+    /// The element; `None` when none is inverted.
+    pub(in crate::fem) element: Option<Inversion>,
 }
 
 /// Number of elements evaluated by one task: about the same work for each kind.
@@ -82,12 +98,9 @@ const fn chunk(n_functions: usize, n_points: usize) -> usize {
     if work >= 4096 { 8 } else { 8192 / (work + 1) + 1 }
 }
 
-/// Values of element matrices held at once: about 16 MB.
-const BUFFERED: usize = 1 << 21;
-
 /// Elements of a block whose matrices are computed before they are added to the global matrix.
 fn elements_at_once(block: &ElementBlock) -> usize {
-    (BUFFERED / (9 * n_slots(block.n_functions))).clamp(1, block.n_elements().max(1))
+    (BUFFERED_VALUES / (9 * n_slots(block.n_functions))).clamp(1, block.n_elements().max(1))
 }
 
 /// Calls `$method::<N>` for the block's number of functions; [`Assembly::new`] has refused blocks of other widths.
@@ -132,9 +145,7 @@ impl Assembly {
             return Err(SolveError::Problem { detail });
         }
         let scatter = Scatter::new(&pattern);
-        let buffer = blocks.iter().map(|b| elements_at_once(b) * 9 * n_slots(b.n_functions)).max().unwrap_or(0);
         let force_sources = ForceSources::new(&blocks, dofs.n_nodes());
-        let functions: usize = blocks.iter().map(|b| b.nodes.len()).sum();
         Ok(Self {
             parts: Arc::new(parts),
             geometry: geometry.map(Arc::new),
@@ -142,9 +153,15 @@ impl Assembly {
             slots: Arc::new(slots),
             scatter: Arc::new(scatter),
             force_sources: Arc::new(force_sources),
-            element_forces: vec![0.0; 3 * functions],
-            element_blocks: vec![0.0; buffer],
         })
+    }
+
+    /// Buffers for these elements.
+    pub(in crate::fem) fn buffers(&self) -> ElementBuffers {
+        let blocks = || self.parts.iter().map(|p| &p.block);
+        let functions: usize = blocks().map(|b| b.nodes.len()).sum();
+        let values = blocks().map(|b| elements_at_once(b) * 9 * n_slots(b.n_functions)).max().unwrap_or(0);
+        ElementBuffers { forces: vec![0.0; 3 * functions], matrices: vec![0.0; values] }
     }
 
     pub(in crate::fem) fn pattern(&self) -> &Pattern {
@@ -212,10 +229,15 @@ impl Assembly {
     }
 
     /// Energy (mJ) at `x`, and its gradient by every generalised node in `forces`.
-    pub(in crate::fem) fn forces(&mut self, x: &[Vector], forces: &mut [Vector]) -> Result<f64, Inversion> {
+    pub(in crate::fem) fn forces(
+        &self,
+        buffers: &mut ElementBuffers,
+        x: &[Vector],
+        forces: &mut [Vector],
+    ) -> Result<f64, Inversion> {
         self.check_geometry(x)?;
         let mut total = 0.0;
-        let mut rest = self.element_forces.as_mut_slice();
+        let mut rest = buffers.forces.as_mut_slice();
         for (index, part) in self.parts.iter().enumerate() {
             let (buffer, tail) = rest.split_at_mut(3 * part.block.nodes.len());
             rest = tail;
@@ -225,18 +247,19 @@ impl Assembly {
                 Err(at) => return Err(self.in_mesh(at)),
             }
         }
-        self.force_sources.gather(&self.element_forces, forces);
+        self.force_sources.gather(&buffers.forces, forces);
         Ok(total)
     }
 
     /// First-order change of the forces for a change `dx` of the nodes.
     pub(in crate::fem) fn force_change(
-        &mut self,
+        &self,
+        buffers: &mut ElementBuffers,
         x: &[Vector],
         dx: &[Vector],
         change: &mut [Vector],
     ) -> Result<(), Inversion> {
-        let mut rest = self.element_forces.as_mut_slice();
+        let mut rest = buffers.forces.as_mut_slice();
         for (index, part) in self.parts.iter().enumerate() {
             let (buffer, tail) = rest.split_at_mut(3 * part.block.nodes.len());
             rest = tail;
@@ -245,13 +268,14 @@ impl Assembly {
                 return Err(self.in_mesh(at));
             }
         }
-        self.force_sources.gather(&self.element_forces, change);
+        self.force_sources.gather(&buffers.forces, change);
         Ok(())
     }
 
     /// Forces and stiffness matrix at `x`.
     pub(in crate::fem) fn tangent(
-        &mut self,
+        &self,
+        buffers: &mut ElementBuffers,
         x: &[Vector],
         curvature: Curvature,
         forces: &mut [Vector],
@@ -259,7 +283,7 @@ impl Assembly {
     ) -> Result<(), Inversion> {
         self.check_geometry(x)?;
         values.fill(0.0);
-        let mut rest = self.element_forces.as_mut_slice();
+        let mut rest = buffers.forces.as_mut_slice();
         let mut first_slot = 0;
         for (index, part) in self.parts.iter().enumerate() {
             let (buffer, tail) = rest.split_at_mut(3 * part.block.nodes.len());
@@ -269,7 +293,7 @@ impl Assembly {
             for from in (0..n).step_by(at_once) {
                 let to = n.min(from + at_once);
                 let forces = &mut buffer[3 * from * part.block.n_functions..3 * to * part.block.n_functions];
-                let blocks = &mut self.element_blocks[..9 * slots * (to - from)];
+                let blocks = &mut buffers.matrices[..9 * slots * (to - from)];
                 let done = by_width!(part, part_tangent(index, part, from, curvature, x, forces, blocks));
                 if let Err(at) = done {
                     return Err(self.in_mesh(at));
@@ -279,19 +303,19 @@ impl Assembly {
             }
             first_slot += slots * n;
         }
-        self.force_sources.gather(&self.element_forces, forces);
+        self.force_sources.gather(&buffers.forces, forces);
         Ok(())
     }
 
     /// Share of `dx`, at most 1, at which an element is first inverted, and that element.
-    pub(in crate::fem) fn first_inversion(&self, x: &[Vector], dx: &[Vector]) -> (f64, Option<Inversion>) {
-        let mut least = (1.0, None);
+    pub(in crate::fem) fn first_inversion(&self, x: &[Vector], dx: &[Vector]) -> FirstInversion {
+        let mut least = FirstInversion { share: 1.0, element: None };
         let mut search = |parts: &[Part], in_mesh: &dyn Fn(Inversion) -> Inversion| {
             for (index, part) in parts.iter().enumerate() {
                 let shares = by_width!(part, part_first_inversion(part, x, dx));
                 for (element, share) in shares.into_iter().enumerate() {
-                    if share < least.0 {
-                        least = (share, Some(in_mesh(Inversion { part: index, element })));
+                    if share < least.share {
+                        least = FirstInversion { share, element: Some(in_mesh(Inversion { part: index, element })) };
                     }
                 }
             }

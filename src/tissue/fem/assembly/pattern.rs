@@ -1,7 +1,7 @@
 //! Sparsity pattern of the stiffness matrix, and the position of each element's blocks in it.
 
 use super::kernel::n_slots;
-use crate::fem::dofs::Dofs;
+use crate::fem::dofs::{Dofs, PartlyHeld};
 use crate::fem::element::ElementBlock;
 use nalgebra::Matrix3;
 use prosopon_geometry::Vector;
@@ -65,13 +65,13 @@ impl Pattern {
 
     /// Removes unknowns from the system: sets rows and columns of the axes (bits) of these unknown nodes to zero, except the
     /// diagonal.
-    pub(in crate::fem) fn hold(&self, held: &[(u32, u8)], values: &mut [f64]) {
+    pub(in crate::fem) fn hold(&self, held: &[PartlyHeld], values: &mut [f64]) {
         if held.is_empty() {
             return;
         }
         let mut axes = vec![0u8; self.n_columns()];
-        for &(unknown, bits) in held {
-            axes[unknown as usize] = bits;
+        for held in held {
+            axes[held.unknown as usize] = held.axes;
         }
         for column in 0..self.n_columns() {
             let rows = self.rows(column);

@@ -2,13 +2,9 @@
 
 use super::pattern::{NOWHERE, Pattern};
 use crate::fem::element::ElementBlock;
+use crate::fem::tuning::{MATRIX_PARTS, NODES_PER_TASK};
 use prosopon_geometry::Vector;
 use rayon::prelude::*;
-
-/// Generalised nodes gathered by one task.
-const TASK: usize = 256;
-/// Parts of the matrix that are filled in parallel.
-const RANGES: usize = 8;
 
 /// For each generalised node, the entries in the buffer of element forces that add up to its force.
 #[derive(Debug, Clone)]
@@ -37,7 +33,7 @@ impl ForceSources {
     }
 
     pub(super) fn gather(&self, element_forces: &[f64], forces: &mut [Vector]) {
-        forces.par_iter_mut().enumerate().with_min_len(TASK).for_each(|(node, force)| {
+        forces.par_iter_mut().enumerate().with_min_len(NODES_PER_TASK).for_each(|(node, force)| {
             *force = Vector::zeros();
             for &place in &self.places[self.start[node] as usize..self.start[node + 1] as usize] {
                 let f = &element_forces[3 * place as usize..3 * place as usize + 3];
@@ -60,7 +56,7 @@ pub(super) struct Scatter {
 
 impl Scatter {
     pub(super) fn new(pattern: &Pattern) -> Self {
-        let per_range = pattern.n_blocks().div_ceil(RANGES).max(1);
+        let per_range = pattern.n_blocks().div_ceil(MATRIX_PARTS).max(1);
         let mut ranges = Vec::new();
         let (mut offsets, mut strides) = (Vec::new(), Vec::new());
         let mut from = 0;

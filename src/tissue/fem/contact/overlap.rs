@@ -1,13 +1,7 @@
 //! Contact points that lie inside bone at rest.
 
-use super::LEAST_PASSAGE_MM;
+use crate::fem::tuning::{OVERLAP_SEARCH_DEPTHS, OVERLAP_STEP_MM, OVERLAP_STEPS, PASSAGE_SAMPLE_MM};
 use prosopon_geometry::{Implicit, Point, Vector};
-
-/// Largest number of steps in the search for the surface from a point inside, and the shortest step, mm.
-const SHIFT_STEPS: usize = 100;
-const LEAST_SHIFT_MM: f64 = 0.01;
-/// The surface counts as the one on the tissue's side up to this many depths of the point.
-const LONGEST_SHIFT: f64 = 3.0;
 
 /// Reference from which the gap of a point that overlaps a body at rest is measured.
 #[derive(Debug, Clone, Copy, Default)]
@@ -27,13 +21,13 @@ impl Overlap {
         }
         let outside = inward.try_normalize(0.0).and_then(|n| {
             let (mut way, mut depth) = (0.0, -value);
-            for _ in 0..SHIFT_STEPS {
-                way += depth.max(LEAST_SHIFT_MM);
+            for _ in 0..OVERLAP_STEPS {
+                way += depth.max(OVERLAP_STEP_MM);
                 depth = -solid.value(&(at + n * way));
                 if depth <= 0.0 {
                     return Some(n * way);
                 }
-                if way > LONGEST_SHIFT * -value + LEAST_PASSAGE_MM {
+                if way > OVERLAP_SEARCH_DEPTHS * -value + PASSAGE_SAMPLE_MM {
                     break;
                 }
             }

@@ -1,12 +1,7 @@
 //! Contact points that pass to the other side of a body.
 
-use super::LEAST_PASSAGE_MM;
+use crate::fem::tuning::{DETOURS, LEAST_NORMAL_SUM, PASSAGE_DEPTH_SHARE, PASSAGE_SAMPLE_MM};
 use prosopon_geometry::{Implicit, Point, Vector};
-
-/// Offsets from the middle of a path, in path lengths, at which a detour round a rim is tried.
-const DETOURS: [f64; 3] = [0.25, 0.5, 1.0];
-/// Length of the sum of two unit normals below which they have no common outward direction.
-const LEAST_SUM: f64 = 0.1;
 
 /// A contact point that has passed to the other side of a body.
 #[derive(Debug, Clone, Copy)]
@@ -24,15 +19,16 @@ pub(in crate::fem) struct Passage {
 /// Whether the straight path does not cross the solid.
 pub(super) fn is_clear(solid: &dyn Implicit, from: &Point, to: &Point) -> bool {
     let way = to - from;
-    let samples = (way.norm() / LEAST_PASSAGE_MM).ceil() as usize;
-    (1..=samples).all(|i| solid.value(&(from + way * (i as f64 / samples as f64))) >= -0.25 * LEAST_PASSAGE_MM)
+    let samples = (way.norm() / PASSAGE_SAMPLE_MM).ceil() as usize;
+    (1..=samples)
+        .all(|i| solid.value(&(from + way * (i as f64 / samples as f64))) >= -PASSAGE_DEPTH_SHARE * PASSAGE_SAMPLE_MM)
 }
 
 /// Whether a path that is not much longer leads round the solid. It passes a point beside the middle of the straight path, on the
 /// outward side of both normals (`outward` is their sum).
 pub(super) fn is_round_a_rim(solid: &dyn Implicit, (from, to): (&Point, &Point), outward: &Vector) -> bool {
     let length = (to - from).norm();
-    outward.norm() > LEAST_SUM
+    outward.norm() > LEAST_NORMAL_SUM
         && DETOURS.iter().any(|share| {
             let by = from + (to - from) * 0.5 + outward.normalize() * (share * length);
             is_clear(solid, from, &by) && is_clear(solid, &by, to)

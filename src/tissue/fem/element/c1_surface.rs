@@ -1,9 +1,8 @@
 use super::blended_cubic::BlendedCubic;
 use super::linear::BARYCENTRIC;
 use super::quadrature::TriangleRule;
-use super::rest_shape;
 use crate::mesh::MixedMesh;
-use prosopon_geometry::Vector;
+use prosopon_geometry::{Vector, Warning};
 
 /// C1 outer surface of the skin, with the generalised nodes of C1 prisms.
 ///
@@ -73,45 +72,32 @@ impl Patch {
 }
 
 impl C1Surface {
-    /// Surface with frames from the angle-weighted normals of the outer triangles (Wang 2009, eq. 0.3).
-    ///
-    /// The rest tangents are the tangents of the frames, except at the nodes that [`C1Surface::warnings`] reports.
-    #[must_use]
-    pub fn new(mesh: &MixedMesh) -> Self {
-        Self::with_rule(mesh, TriangleRule::DEFAULT)
-    }
-
-    /// As [`C1Surface::new`], with another quadrature rule.
-    #[must_use]
-    pub fn with_rule(mesh: &MixedMesh, rule: TriangleRule) -> Self {
-        rest_shape::choose(mesh, rule)
-    }
-
     /// Changes made to prevent inverted prisms at rest; empty when none were needed.
     #[must_use]
-    pub fn warnings(&self) -> Vec<String> {
+    pub fn warnings(&self) -> Vec<Warning> {
         let mut warnings = Vec::new();
         if !self.tilted.is_empty() {
-            warnings.push(format!(
+            let message = format!(
                 "the skin is so sharply creased at {} of {} outer nodes that their normals were tilted towards all triangles \
                  there",
                 self.tilted.len(),
                 self.outer_nodes.len()
-            ));
+            );
+            warnings.push(Warning::check("creased-skin", message).act("Smooth the skin surface there."));
         }
         if let Some(least) = self.flattened.iter().map(|f| f.1).min_by(f64::total_cmp) {
-            warnings.push(format!(
+            let message = format!(
                 "the skin surface was flattened at {} of {} outer nodes (tangents shortened by factors down to {least:.2}) so \
                  that no prism is inverted at rest",
                 self.flattened.len(),
                 self.outer_nodes.len()
-            ));
+            );
+            warnings.push(Warning::check("flattened-skin", message).act("Smooth the skin surface there."));
         }
         if !self.plain.is_empty() {
-            warnings.push(format!(
-                "{} prisms at folds of the skin are linear wedges instead of C1 prisms",
-                self.plain.len()
-            ));
+            let message =
+                format!("{} prisms at folds of the skin are linear wedges instead of C1 prisms", self.plain.len());
+            warnings.push(Warning::check("skin-wedges", message).act("Smooth the skin surface there."));
         }
         warnings
     }

@@ -3,21 +3,28 @@
 use super::c1_prism::{quadrature, rest_of};
 use super::c1_surface::C1Surface;
 use super::quadrature::TriangleRule;
+use crate::fem::tuning::{LEAST_COSINE, LEAST_JACOBIAN, SHORTER_TANGENT, TANGENT_ROUNDS};
 use crate::mesh::MixedMesh;
 use nalgebra::Matrix3;
 use prosopon_geometry::Vector;
 
-/// A normal is tilted when its cosine with a triangle's normal is below this.
-const LEAST_COSINE: f64 = 0.3;
-/// Smallest Jacobian determinant accepted at a quadrature point, relative to the smallest one of the linear wedge at the same
-/// points.
-const LEAST_SHARE: f64 = 0.05;
-/// Factor by which rest tangents are shortened, and the largest number of times: much shorter ones would make stiff, narrow
-/// bends.
-const SHORTER: f64 = 0.8;
-const ROUNDS: usize = 8;
+impl C1Surface {
+    /// Surface with frames from the angle-weighted normals of the outer triangles (Wang 2009, eq. 0.3).
+    ///
+    /// The rest tangents are the tangents of the frames, except at the nodes that [`C1Surface::warnings`] reports.
+    #[must_use]
+    pub fn new(mesh: &MixedMesh) -> Self {
+        Self::with_rule(mesh, TriangleRule::DEFAULT)
+    }
 
-pub(super) fn choose(mesh: &MixedMesh, rule: TriangleRule) -> C1Surface {
+    /// As [`C1Surface::new`], with another quadrature rule.
+    #[must_use]
+    pub fn with_rule(mesh: &MixedMesh, rule: TriangleRule) -> Self {
+        choose(mesh, rule)
+    }
+}
+
+fn choose(mesh: &MixedMesh, rule: TriangleRule) -> C1Surface {
     let mut outer_nodes: Vec<u32> = mesh.prisms.iter().flat_map(|p| [p[0], p[1], p[2]]).collect();
     outer_nodes.sort_unstable();
     outer_nodes.dedup();
@@ -104,7 +111,7 @@ fn flatten(mesh: &MixedMesh, surface: &mut C1Surface) -> Vec<u32> {
     let mut share = vec![1.0; surface.outer_nodes.len()];
     let curved: Vec<usize> = (0..mesh.prisms.len()).filter(|&p| !surface.is_plain(p)).collect();
     let mut suspects = curved.clone();
-    for round in 0..=ROUNDS {
+    for round in 0..=TANGENT_ROUNDS {
         let mut shorten = vec![false; share.len()];
         suspects.retain(|&prism| {
             let patch = surface.patch(mesh, prism);
@@ -120,28 +127,28 @@ fn flatten(mesh: &MixedMesh, surface: &mut C1Surface) -> Vec<u32> {
                 .dot(&(0..3).map(|i| corners[i] - corners[3 + i]).sum::<Vector>())
                 / 3.0;
             // A NaN determinant is bad too.
-            let bad = least.is_nan() || flat.is_nan() || least <= LEAST_SHARE * flat;
+            let bad = least.is_nan() || flat.is_nan() || least <= LEAST_JACOBIAN * flat;
             if bad {
                 patch.corners.iter().for_each(|&c| shorten[c] = true);
             }
             bad
         });
-        if suspects.is_empty() || round == ROUNDS {
+        if suspects.is_empty() || round == TANGENT_ROUNDS {
             break;
         }
         for place in (0..share.len()).filter(|&p| shorten[p]) {
-            share[place] *= SHORTER;
+            share[place] *= SHORTER_TANGENT;
             let [_, t1, t2] = surface.frames[place];
             surface.rest_tangents[place] = [t1 * share[place], t2 * share[place]];
         }
         // Prisms that share a changed corner must be checked again.
-        suspects = curved.iter().copied().filter(|&p| touches(mesh, surface, p, &shorten)).collect();
+        suspects = curved.iter().copied().filter(|&p| has_changed_corner(mesh, surface, p, &shorten)).collect();
     }
     surface.flattened = surface.outer_nodes.iter().copied().zip(share).filter(|&(_, s)| s < 1.0).collect();
     suspects.into_iter().map(|p| p as u32).collect()
 }
 
-fn touches(mesh: &MixedMesh, surface: &C1Surface, prism: usize, changed: &[bool]) -> bool {
+fn has_changed_corner(mesh: &MixedMesh, surface: &C1Surface, prism: usize, changed: &[bool]) -> bool {
     mesh.prisms[prism][..3].iter().any(|&n| changed[surface.outer_nodes.partition_point(|&o| o < n)])
 }
 

@@ -38,7 +38,7 @@ impl Material {
 }
 
 fn strongly_elliptic(h: &PrincipalHessian) -> bool {
-    let baker_ericksen = (0..3).all(|k| h.flip[k] + h.twist[k] > 0.0);
+    let baker_ericksen = (0..3).all(|k| h.shear[k] + h.rotation[k] > 0.0);
     // Signs of p up to a common factor.
     let signs = [[1.0, 1.0, 1.0], [-1.0, 1.0, 1.0], [1.0, -1.0, 1.0], [1.0, 1.0, -1.0]];
     baker_ericksen
@@ -47,7 +47,7 @@ fn strongly_elliptic(h: &PrincipalHessian) -> bool {
             for k in 0..3 {
                 let (a, b) = ((k + 1) % 3, (k + 2) % 3);
                 let equal = sign[a] * sign[b] > 0.0;
-                let off = if equal { m[(a, b)] + h.flip[k] } else { h.twist[k] - m[(a, b)] };
+                let off = if equal { m[(a, b)] + h.shear[k] } else { h.rotation[k] - m[(a, b)] };
                 m[(a, b)] = off;
                 m[(b, a)] = off;
             }

@@ -1,20 +1,8 @@
-use nalgebra::{Matrix3, SMatrix, SVector};
+use nalgebra::{Matrix3, SVector};
 
 use super::ogden::Ogden;
 use super::principal::Principal;
-
-/// Second derivative of the energy by `F`, MPa.
-///
-/// Both indices are column-major: `F[(r, c)]` is entry `r + 3 c`.
-pub type Tangent = SMatrix<f64, 9, 9>;
-
-/// The deformation gradient is not admissible: `det F <= 0` or not finite.
-#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
-#[error("det F is {det_f:.3e}, it must be positive")]
-pub struct Inverted {
-    /// The determinant.
-    pub det_f: f64,
-}
+use super::tangent::{Inverted, Tangent};
 
 /// Isochoric part of an energy, a function of `F / J^(1/3)`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -266,6 +254,14 @@ impl Material {
         (3.0 * self.bulk - 2.0 * mu) / (2.0 * (3.0 * self.bulk + mu))
     }
 
+    /// The Ogden energy of this material; `None` for other energies.
+    pub(super) fn ogden_term(&self) -> Option<Ogden> {
+        match self.isochoric {
+            Isochoric::Ogden { mu, alpha } => Some(Ogden { mu, alpha }),
+            Isochoric::MooneyRivlin { .. } | Isochoric::Yeoh { .. } => None,
+        }
+    }
+
     /// Derivatives of the parts that are functions of the invariants: all but [`Ogden`].
     #[inline(always)]
     pub(super) fn derivatives(&self, i1: f64, i2: f64, j: f64) -> Derivatives {
@@ -325,7 +321,7 @@ impl Material {
         let s = State::new(f)?;
         let d = self.derivatives(s.i1, s.i2, s.j);
         let stress = f * (2.0 * d.w1) + s.i2_gradient(f) * d.w2 + s.cofactor * d.wj;
-        Ok(match Ogden::of(self) {
+        Ok(match self.ogden_term() {
             Some(ogden) => stress + ogden.first_piola(&Principal::of(f)),
             None => stress,
         })
@@ -359,7 +355,7 @@ impl Material {
         if d.w2 != 0.0 {
             add_second_derivative_of_i2(&mut t, f, &s, d.w2);
         }
-        if let Some(ogden) = Ogden::of(self) {
+        if let Some(ogden) = self.ogden_term() {
             let axes = Principal::of(f);
             stress += ogden.first_piola(&axes);
             t += ogden.tangent(&axes);

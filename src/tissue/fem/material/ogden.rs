@@ -2,8 +2,8 @@
 
 use nalgebra::{Matrix3, SVector, Vector3};
 
-use super::energy::{Isochoric, Material, Tangent};
 use super::principal::{Principal, PrincipalHessian};
+use super::tangent::Tangent;
 
 /// `2 mu / alpha² (J^(-alpha/3) (s1^alpha + s2^alpha + s3^alpha) - 3)`, without a volumetric part.
 ///
@@ -28,14 +28,6 @@ struct Powers {
 }
 
 impl Ogden {
-    /// The Ogden energy of `material`; `None` for other energies.
-    pub(super) fn of(material: &Material) -> Option<Self> {
-        match material.isochoric {
-            Isochoric::Ogden { mu, alpha } => Some(Self { mu, alpha }),
-            Isochoric::MooneyRivlin { .. } | Isochoric::Yeoh { .. } => None,
-        }
-    }
-
     fn powers(&self, s: &Vector3<f64>) -> Powers {
         let p = s.map(|s| s.powf(self.alpha));
         let factor = 2.0 * self.mu / self.alpha * s.product().powf(-self.alpha / 3.0);
@@ -66,16 +58,16 @@ impl Ogden {
             w.factor * entry / (s[i] * s[k])
         });
         let pair = |k: usize| (s[(k + 1) % 3], s[(k + 2) % 3], gradient[(k + 1) % 3] + gradient[(k + 2) % 3]);
-        let flip = Vector3::from_fn(|k, _| {
+        let shear = Vector3::from_fn(|k, _| {
             let (a, b, _) = pair(k);
             // Divided difference of s^(alpha-1), and of the mean over s.
             w.factor * (power_difference(a, b, alpha - 1.0) + w.mean / (a * b))
         });
-        let twist = Vector3::from_fn(|k, _| {
+        let rotation = Vector3::from_fn(|k, _| {
             let (a, b, sum) = pair(k);
             sum / (a + b)
         });
-        PrincipalHessian { scaling, flip, twist }
+        PrincipalHessian { scaling, shear, rotation }
     }
 
     pub(super) fn first_piola(&self, axes: &Principal) -> Matrix3<f64> {
@@ -95,7 +87,7 @@ impl Ogden {
             }
             let (a, b) = ((i + 1) % 3, (i + 2) % 3);
             let (there, back) = (dyad(a, b), dyad(b, a));
-            for (value, m) in [(h.flip[i], mode(there + back)), (h.twist[i], mode(there - back))] {
+            for (value, m) in [(h.shear[i], mode(there + back)), (h.rotation[i], mode(there - back))] {
                 t.ger(0.5 * value, &m, &m, 1.0);
             }
         }
@@ -113,8 +105,8 @@ fn power_difference(a: f64, b: f64, m: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fem::material::Volumetric;
     use crate::fem::material::principal::tests::admissible_gradients;
+    use crate::fem::material::{Material, Volumetric};
 
     #[test]
     fn exponents_of_two_are_the_two_terms_of_mooney_rivlin() {

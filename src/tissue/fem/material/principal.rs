@@ -1,8 +1,5 @@
 use nalgebra::{Matrix3, Vector3};
 
-use super::energy::{Inverted, Material};
-use super::ogden::Ogden;
-
 /// `F = U diag(stretches) Vᵀ`, by one-sided Jacobi rotations: accurate for small stretches too, and exact for a diagonal `F`.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Principal {
@@ -18,9 +15,9 @@ pub(super) struct PrincipalHessian {
     pub(super) scaling: Matrix3<f64>,
     /// For each axis `k` and the plane of the other two axes `i, j`: `(W_i - W_j) / (s_i - s_j)`, the eigenvalue of a symmetric
     /// shear.
-    pub(super) flip: Vector3<f64>,
+    pub(super) shear: Vector3<f64>,
     /// `(W_i + W_j) / (s_i + s_j)`, the eigenvalue of a rotation.
-    pub(super) twist: Vector3<f64>,
+    pub(super) rotation: Vector3<f64>,
 }
 
 const SWEEPS: usize = 12;
@@ -92,46 +89,6 @@ impl Principal {
             *column /= *stretch;
         }
         Self { u: Matrix3::from_columns(&columns), v: Matrix3::from_columns(&v), stretches }
-    }
-}
-
-impl Material {
-    /// Second derivatives at principal stretches with a positive product. The quotients of [`PrincipalHessian`] are divided out
-    /// analytically, so equal stretches need no limit.
-    pub(super) fn principal_hessian(&self, stretches: &Vector3<f64>) -> Result<PrincipalHessian, Inverted> {
-        let s = stretches;
-        let j = s[0] * s[1] * s[2];
-        if !(j > 0.0 && j.is_finite()) {
-            return Err(Inverted { det_f: j });
-        }
-        let jacobi = Vector3::new(s[1] * s[2], s[2] * s[0], s[0] * s[1]);
-        let d = self.derivatives(s.norm_squared(), jacobi.norm_squared(), j);
-        let sq = s.component_mul(s);
-        let others = Vector3::repeat(sq.sum()) - sq;
-        let i2_gradient = s.component_mul(&others) * 2.0;
-        let half = s * (2.0 * d.w1j) + i2_gradient * d.w2j + jacobi * (0.5 * d.wjj);
-
-        let mut scaling = jacobi * half.transpose();
-        scaling += scaling.transpose();
-        scaling += s * s.transpose() * (4.0 * d.w11);
-        let mut flip = Vector3::zeros();
-        let mut twist = Vector3::zeros();
-        for k in 0..3 {
-            let (a, b) = ((k + 1) % 3, (k + 2) % 3);
-            scaling[(k, k)] += 2.0 * d.w1 + 2.0 * d.w2 * others[k];
-            let mixed = 4.0 * d.w2 * s[a] * s[b] + d.wj * s[k];
-            scaling[(a, b)] += mixed;
-            scaling[(b, a)] += mixed;
-            flip[k] = 2.0 * d.w1 + 2.0 * d.w2 * (sq[k] - s[a] * s[b]) - d.wj * s[k];
-            twist[k] = 2.0 * d.w1 + 2.0 * d.w2 * (sq[k] + s[a] * s[b]) + d.wj * s[k];
-        }
-        if let Some(ogden) = Ogden::of(self) {
-            let h = ogden.hessian(s);
-            scaling += h.scaling;
-            flip += h.flip;
-            twist += h.twist;
-        }
-        Ok(PrincipalHessian { scaling, flip, twist })
     }
 }
 

@@ -1,7 +1,8 @@
 use nalgebra::{Matrix3, SVector};
 
-use super::energy::{Inverted, Material, Tangent};
+use super::energy::Material;
 use super::principal::{Principal, eigen};
+use super::tangent::{Inverted, Tangent};
 
 impl Material {
     /// Stress, projected tangent, and smallest eigenvalue of the tangent before projection, MPa.
@@ -29,7 +30,7 @@ impl Material {
         }
         for k in 0..3 {
             let (a, b) = ((k + 1) % 3, (k + 2) % 3);
-            for (value, sign) in [(hessian.flip[k], 1.0), (hessian.twist[k], -1.0)] {
+            for (value, sign) in [(hessian.shear[k], 1.0), (hessian.rotation[k], -1.0)] {
                 smallest = smallest.min(value);
                 if value < 0.0 {
                     let mode = axes.u.column(a) * axes.v.column(b).transpose()

@@ -2,6 +2,7 @@
 
 use super::energy::Material;
 use nalgebra::{Matrix3, Vector3};
+use prosopon_geometry::Warning;
 
 /// Range of stretches in which materials are checked: from half the length to twice.
 pub const EXPECTED_STRETCH: [f64; 2] = [0.5, 2.0];
@@ -107,7 +108,7 @@ impl Material {
 
     /// Warning about a material of `tissue` that loses ellipticity in the expected range, if it does.
     #[must_use]
-    pub fn stability_warning(&self, tissue: &str) -> Option<String> {
+    pub fn stability_warning(&self, tissue: &str) -> Option<Warning> {
         if self.is_polyconvex() {
             return None;
         }
@@ -118,14 +119,15 @@ impl Material {
             .map(|(test, [low, high])| format!("{low:.3} to {high:.3} {}", test.name()))
             .collect();
         (!ranges.is_empty()).then(|| {
-            format!(
+            let message = format!(
                 "the material of {tissue} is stable only at stretches of {}; expected are stretches of {} to {} and shears \
                  up to {}",
                 ranges.join(", "),
                 EXPECTED_STRETCH[0],
                 EXPECTED_STRETCH[1],
                 EXPECTED_SHEAR[1]
-            )
+            );
+            Warning::check("unstable-material", message).act("Choose a material that is stable at all expected stretches.")
         })
     }
 }
@@ -152,10 +154,8 @@ mod tests {
             let shear = limit - 1.0 / limit;
             assert!((high - shear).abs() < 6e-4 && (low + shear).abs() < 6e-4, "{low} {high} {shear}");
             let warning = material.stability_warning("fat").unwrap();
-            assert!(
-                warning.contains("the material of fat is stable only") && warning.contains("uniaxial"),
-                "{warning}"
-            );
+            assert_eq!(warning.code, "unstable-material");
+            assert!(warning.message.contains("fat") && warning.message.contains("uniaxial"), "{warning}");
         }
     }
 

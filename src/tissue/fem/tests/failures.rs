@@ -9,7 +9,7 @@ use crate::fem::{
 };
 use crate::mesh::{Attachment, MixedMesh};
 use prosopon_geometry::control::Control;
-use prosopon_geometry::{Motion, Point};
+use prosopon_geometry::{Motion, Point, Severity};
 
 fn slab() -> MixedMesh {
     let mut mesh = Slab { cells: [4, 4, 2], origin: [-8.0, -8.0, 0.0], size: [16.0, 16.0, 6.0], skin: 1.5 }.mesh();
@@ -81,7 +81,7 @@ fn a_large_motion_is_reached_in_substeps() {
     let mut solver = Solver::new(&mesh, vec![], settings(), &control).unwrap();
     let report = solver.advance(1.0, &push(30.0), &control).unwrap();
     assert!(report.substeps > 1 && report.min_det_f > 0.0, "{report:?}");
-    assert!(report.warnings.iter().any(|w| w.contains("shortened")), "{report:?}");
+    assert!(report.warnings.iter().any(|w| w.code == "shortened-substeps"), "{report:?}");
 }
 
 #[test]
@@ -113,7 +113,10 @@ fn an_equilibrium_outside_ellipticity_is_no_convergence() {
             panic!("{other:?}")
         }
     }
-    assert!(!beyond.outcome.converged() && beyond.warnings.iter().any(|w| w.contains("is unreliable")));
+    assert!(
+        !beyond.outcome.converged()
+            && beyond.warnings.iter().any(|w| w.code == "lost-ellipticity" && w.severity == Severity::Unreliable)
+    );
 }
 
 /// A layer of 6 mm between two plates is compressed by 9 mm: small strain has a solution, which is meaningless.
@@ -132,23 +135,28 @@ fn a_small_strain_answer_inside_out_is_no_convergence() {
         let beyond = solver.advance(1.0, &push(9.0), &control).unwrap();
         assert!(beyond.min_det_f < 0.0 && !beyond.outcome.converged(), "{beyond:?}");
         assert!(matches!(beyond.outcome, StepOutcome::InsideOut { elements: 1.., .. }), "{beyond:?}");
-        assert!(beyond.warnings.iter().any(|w| w.contains("inside out")), "{:?}", beyond.warnings);
+        assert!(
+            beyond.warnings.iter().any(|w| w.code == "inside-out-elements" && w.severity == Severity::Unreliable),
+            "{:?}",
+            beyond.warnings
+        );
     }
 }
 
 /// A hyperelastic result does not depend on the path: stable materials give the same result as from the start, to the
 /// displacement tolerance (2.5e-4 of an edge).
 #[test]
-fn stable_materials_take_over_only_when_told_to() {
+fn stable_materials_take_over_only_on_request() {
     let (mesh, control) = (slab(), Control::new());
     let published = SolveSettings::new(Model::Mixed, Preset::Wang2009.materials());
-    let told = SolveSettings { unstable_material: UnstableMaterial::Stabilise, ..published };
+    let stabilising = SolveSettings { unstable_material: UnstableMaterial::Stabilise, ..published };
     for locking in [Locking::None, Locking::Smoothed] {
-        let mut solver = Solver::new(&mesh, vec![], SolveSettings { locking, ..told.clone() }, &control).unwrap();
+        let mut solver =
+            Solver::new(&mesh, vec![], SolveSettings { locking, ..stabilising.clone() }, &control).unwrap();
         let report = solver.advance(1.0, &push(4.0), &control).unwrap();
         assert_eq!(report.outcome, StepOutcome::Stabilised);
         assert!(
-            report.warnings.iter().any(|w| w.contains("as asked for") && w.contains("fat")),
+            report.warnings.iter().any(|w| w.code == "materials-replaced" && w.message.contains("fat")),
             "{:?}",
             report.warnings
         );
@@ -162,22 +170,26 @@ fn stable_materials_take_over_only_when_told_to() {
 }
 
 #[test]
-fn a_linear_model_turned_too_far_and_elements_that_lock_are_told() {
+fn too_large_rotations_of_a_linear_model_and_locking_elements_are_reported() {
     let (mesh, control) = (slab(), Control::new());
     let linear = SolveSettings::new(Model::Linear, Preset::Wang2009Stable.materials());
-    let told = |d: f64| {
+    let reports_strain = |d: f64| {
         let mut solver = Solver::new(&mesh, vec![], linear.clone(), &control).unwrap();
-        solver.advance(1.0, &push(d), &control).unwrap().warnings.iter().any(|w| w.contains("leaves out strains"))
+        solver.advance(1.0, &push(d), &control).unwrap().warnings.iter().any(|w| w.code == "neglected-strain")
     };
-    assert!(!told(0.2) && told(4.0));
+    assert!(!reports_strain(0.2) && reports_strain(4.0));
     let mut materials = Preset::Wang2009Stable.materials();
     let mut locks = |poisson: f64, locking: Locking| {
         materials.fat = Material::neo_hookean(0.012, poisson);
         let settings = SolveSettings { locking, ..SolveSettings::new(Model::Mixed, materials) };
         let mut solver = Solver::new(&mesh, vec![], settings, &control).unwrap();
-        solver.advance(0.1, &push(1.0), &control).unwrap().warnings.iter().any(|w| w.contains("fat is above"))
+        let report = solver.advance(0.1, &push(1.0), &control).unwrap();
+        let found = report.warnings.into_iter().find(|w| w.message.contains("of fat is above"));
+        found.map(|w| (w.code, w.severity))
     };
-    assert!(locks(0.499, Locking::None) && !locks(0.499, Locking::Smoothed) && locks(0.4999, Locking::Smoothed));
+    assert_eq!(locks(0.499, Locking::None), Some(("stiff-elements", Severity::Info)));
+    assert_eq!(locks(0.499, Locking::Smoothed), None);
+    assert_eq!(locks(0.4999, Locking::Smoothed), Some(("stiff-smoothed-elements", Severity::Check)));
 }
 
 /// Fails before allocation and gives the estimated size.
@@ -241,12 +253,12 @@ fn any_number_of_threads_gives_the_same_bits() {
 }
 
 #[test]
-fn a_skin_that_had_to_be_changed_at_rest_is_told_with_the_first_step() {
+fn changes_of_the_skin_at_rest_are_reported_with_the_first_step() {
     let mut mesh = slab();
     mesh.positions.iter_mut().for_each(|p| p.z -= 4.0 * p.x.abs());
     let control = Control::new();
     let mut solver = Solver::new(&mesh, vec![], settings(), &control).unwrap();
-    let told = |report: &StepReport| report.warnings.iter().any(|w| w.contains("sharply creased"));
-    assert!(told(&solver.advance(0.5, &|_| Vec::new(), &control).unwrap()));
-    assert!(!told(&solver.advance(1.0, &|_| Vec::new(), &control).unwrap()));
+    let reports_crease = |report: &StepReport| report.warnings.iter().any(|w| w.code == "creased-skin");
+    assert!(reports_crease(&solver.advance(0.5, &|_| Vec::new(), &control).unwrap()));
+    assert!(!reports_crease(&solver.advance(1.0, &|_| Vec::new(), &control).unwrap()));
 }

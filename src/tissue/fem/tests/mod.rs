@@ -10,3 +10,4 @@ mod convergence;
 mod failures;
 mod indented;
 mod locking;
+mod prescribed;

@@ -1,21 +1,18 @@
 //! Free boundary points inside bone. Contact does not act on them, so their penetration is measured separately.
 
+use crate::fem::tuning::{CONTACT_POINTS_PER_TASK, IGNORED_DEPTH_MM};
 use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::TASK;
-use crate::fem::report::Sunk;
+use crate::fem::report::BonePenetration;
 use crate::fem::settings::ContactBody;
 use crate::mesh::{Attachment, MixedMesh, boundary_triangles};
 use prosopon_geometry::{Motion, Point, Vector};
 
-/// Smaller depths are attributed to the mesh and ignored, mm.
-const LEAST_MM: f64 = 0.05;
-
 /// Boundary vertices and barycentres that are neither contact points nor held by bone.
 #[derive(Debug)]
-pub(in crate::fem) struct Unguarded {
+pub(in crate::fem) struct NoncontactPoints {
     /// Three nodes with equal weights; a vertex is listed three times.
     points: Arc<Vec<[u32; 3]>>,
     /// Depth in each body at rest, mm, by point and body.
@@ -27,7 +24,7 @@ fn mean(nodes: &[u32; 3], x: &[Vector]) -> Point {
 }
 
 /// Boundary vertices that neither bone nor contact (`guarded`) holds, and barycentres of boundary triangles with such a corner.
-pub(in crate::fem) fn unguarded_points(mesh: &MixedMesh, guarded: &[bool]) -> Vec<[u32; 3]> {
+pub(in crate::fem) fn noncontact_points(mesh: &MixedMesh, guarded: &[bool]) -> Vec<[u32; 3]> {
     let is_open = |n: &u32| match mesh.attachment[*n as usize] {
         Attachment::Free | Attachment::Sliding => !guarded[*n as usize],
         Attachment::Tied(_) | Attachment::Fixed => false,
@@ -40,8 +37,8 @@ pub(in crate::fem) fn unguarded_points(mesh: &MixedMesh, guarded: &[bool]) -> Ve
     vertices.into_iter().map(|n| [n; 3]).chain(open).collect()
 }
 
-impl Unguarded {
-    /// Measures the [`unguarded_points`] at rest.
+impl NoncontactPoints {
+    /// Measures the [`noncontact_points`] at rest.
     pub(in crate::fem) fn new(points: Arc<Vec<[u32; 3]>>, mesh: &MixedMesh, bodies: &[ContactBody<'_>]) -> Self {
         let rest: Vec<Vector> = mesh.positions.iter().map(|p| p.coords).collect();
         let still = vec![Motion::identity(); bodies.len()];
@@ -50,23 +47,28 @@ impl Unguarded {
     }
 
     /// The deepest point at `x`; `None` where none is deeper than at rest.
-    pub(in crate::fem) fn deepest(&self, x: &[Vector], bodies: &[ContactBody<'_>], motions: &[Motion]) -> Option<Sunk> {
+    pub(in crate::fem) fn deepest(
+        &self,
+        x: &[Vector],
+        bodies: &[ContactBody<'_>],
+        motions: &[Motion],
+    ) -> Option<BonePenetration> {
         let now = depths(&self.points, x, bodies, motions);
-        let mut found: Option<Sunk> = None;
+        let mut found: Option<BonePenetration> = None;
         let mut points = 0;
         for (pair, (now, rest)) in now.iter().zip(&self.rest_mm).enumerate() {
             let depth_mm = now - rest;
-            if depth_mm <= LEAST_MM {
+            if depth_mm <= IGNORED_DEPTH_MM {
                 continue;
             }
             points += 1;
             if found.is_none_or(|f| depth_mm > f.depth_mm) {
                 let (point, body) = (pair / bodies.len(), pair % bodies.len());
                 let segment = bodies[body].segment;
-                found = Some(Sunk { depth_mm, segment, place: mean(&self.points[point], x), points: 0 });
+                found = Some(BonePenetration { depth_mm, segment, place: mean(&self.points[point], x), points: 0 });
             }
         }
-        found.map(|sunk| Sunk { points, ..sunk })
+        found.map(|bone_penetration| BonePenetration { points, ..bone_penetration })
     }
 }
 
@@ -78,5 +80,5 @@ fn depths(points: &[[u32; 3]], x: &[Vector], bodies: &[ContactBody<'_>], motions
             move |(b, m): (&ContactBody<'_>, &Motion)| (-b.solid.value(&m.inverse_transform_point(&at))).max(0.0);
         bodies.iter().zip(motions).map(depth)
     };
-    points.par_iter().with_min_len(TASK).flat_map_iter(of).collect()
+    points.par_iter().with_min_len(CONTACT_POINTS_PER_TASK).flat_map_iter(of).collect()
 }

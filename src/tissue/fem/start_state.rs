@@ -2,12 +2,13 @@
 
 use super::checkpoint::{flags, pairs};
 use super::error::SolveError;
-use super::solver::{Solver, State};
+use super::solver::Solver;
+use super::state::PathPoint;
 use prosopon_geometry::{Motion, Vector};
 
 /// An equilibrium of a mesh under moved bone; the default value has no nodes.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct SavedState {
+pub struct StartState {
     /// Values of the generalised nodes, mm.
     x: Vec<Vector>,
     /// Motion of the moving segments from rest.
@@ -16,7 +17,7 @@ pub struct SavedState {
     released: Vec<u64>,
 }
 
-impl SavedState {
+impl StartState {
     /// Motion of the moving segments from rest.
     #[must_use]
     pub fn motions(&self) -> &[(u32, Motion)] {
@@ -33,9 +34,9 @@ impl SavedState {
 impl Solver<'_> {
     /// The current equilibrium.
     #[must_use]
-    pub fn save(&self) -> SavedState {
-        let released = pairs(self.equations.contact.released());
-        SavedState { x: self.state.x.clone(), motions: self.state.motions.clone(), released }
+    pub fn start_state(&self) -> StartState {
+        let released = pairs(self.equations.state.contact.released());
+        StartState { x: self.reached.x.clone(), motions: self.reached.motions.clone(), released }
     }
 
     /// Starts from an equilibrium of the same mesh and elements, at path parameter 0.
@@ -44,21 +45,21 @@ impl Solver<'_> {
     /// computed anew.
     ///
     /// # Errors
-    /// [`SolveError::Problem`] when `saved` has another number of generalised nodes.
-    pub fn resume(&mut self, saved: &SavedState) -> Result<(), SolveError> {
-        let (found, needed) = (saved.x.len(), self.state.x.len());
+    /// [`SolveError::Problem`] when `start` has another number of generalised nodes.
+    pub fn start_from(&mut self, start: &StartState) -> Result<(), SolveError> {
+        let (found, needed) = (start.x.len(), self.reached.x.len());
         if found != needed {
             let detail = format!("the start state has {found} generalised nodes, the mesh has {needed}");
             return Err(SolveError::Problem { detail });
         }
         // With other attachments there may be other contact points.
-        let known = self.equations.contact.released().len();
-        if let Some(released) = flags(&saved.released, known) {
-            self.equations.contact.set_released(released);
+        let known = self.equations.state.contact.released().len();
+        if let Some(released) = flags(&start.released, known) {
+            self.equations.state.contact.set_released(released);
         }
-        self.state = State { t: 0.0, x: saved.x.clone(), motions: saved.motions.clone() };
+        self.reached = PathPoint { t: 0.0, x: start.x.clone(), motions: start.motions.clone() };
         // The factor at rest is a poor preconditioner here.
-        self.equations.solver.refresh();
+        self.equations.work.solver_mut().refresh();
         Ok(())
     }
 }

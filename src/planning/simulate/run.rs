@@ -8,7 +8,7 @@ use crate::plan::{Plan, PlanError};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Aabb, Point, TriMesh, Vector, Warning};
 use prosopon_tissue::fem::{
-    Boundary, Checkpoint, MotionNumbers, Prepared, SavedState, SolveSettings, Solver, StepReport, motion_numbers,
+    Boundary, Checkpoint, MotionNumbers, Prepared, SolveSettings, Solver, StartState, StepReport, motion_numbers,
     motion_of_numbers,
 };
 use prosopon_tissue::mesh::{Attachment, MixedMesh};
@@ -98,7 +98,7 @@ pub struct Outcome {
     /// Positions of the deformed mesh's nodes, LPS mm.
     pub nodes: Vec<Point>,
     /// State at the end, for the warm start of another path.
-    pub end: SavedState,
+    pub end: StartState,
     /// Tissue that was left out.
     pub left_out: LeftOut,
     /// Numbers of tied, sliding, free and fixed nodes.
@@ -116,7 +116,7 @@ pub struct SolveRequest<'a> {
     ///
     /// Bone moves straight from there to the end of `plan`. Where tissue slides over edges of bone the result may depend
     /// slightly on the start.
-    pub warm_start: Option<&'a SavedState>,
+    pub warm_start: Option<&'a StartState>,
     /// Checkpoint of this path from which to resume, instead of `warm_start`.
     ///
     /// Later steps have the same bits as in an uninterrupted solve.
@@ -226,7 +226,7 @@ pub fn solve_prepared(
         let (motions, part) = (|t| plan.motions(t), path.stage(share(k - 1), share(k)));
         // Intermediate frames are for display; the last one is the result.
         let report = if k < settings.steps {
-            solver.approach(share(k), &motions, &part)?
+            solver.advance_for_display(share(k), &motions, &part)?
         } else {
             solver.advance(share(k), &motions, &part)?
         };
@@ -235,14 +235,14 @@ pub fn solve_prepared(
         let checkpoint = || Some(PathCheckpoint { k, begin: begin.clone(), solver: solver.checkpoint()? });
         on_frame(frame(anatomy, &last, k, share(k), report)?, &checkpoint);
     }
-    warnings.extend(steps.last().and_then(|s: &StepReport| s.sunk?.warning()).map(|text| Warning::check("sunk", text)));
+    warnings.extend(steps.last().and_then(|s: &StepReport| s.bone_penetration?.warning()));
     let FaceRegions { regions: face, from_landmarks } = face_regions(&anatomy.skin, &anatomy.landmarks, None);
     if !from_landmarks {
         let message = "without landmarks the regions of the face are placed by proportions";
         warnings.push(Warning::check("regions-by-proportions", message).act("Add landmarks."));
     }
     let regions = face.iter().filter_map(|region| region_motion(&anatomy.skin, &last, region)).collect();
-    let (nodes, end) = (solver.positions(), solver.save());
+    let (nodes, end) = (solver.positions(), solver.start_state());
     let left_out = LeftOut {
         nodes: prepared.left_out.len(),
         of_nodes: nodes.len(),
@@ -289,7 +289,7 @@ fn start(
             Ok(checkpoint.begin.clone())
         }
         (None, Some(state)) => {
-            solver.resume(state)?;
+            solver.start_from(state)?;
             Ok(Some(state.motions().iter().map(|(segment, m)| (*segment, motion_numbers(m))).collect()))
         }
         (None, None) => Ok(None),

@@ -92,10 +92,9 @@ impl Scene {
             let part = path.stage(share(k - 1), share(k));
             match solver.advance(share(k), &|t| self.plan.motions(t), &part) {
                 Ok(report) => {
-                    for text in &report.warnings {
-                        let warning = Warning::check("solver", text.as_str());
-                        if !warnings.contains(&warning) {
-                            warnings.push(warning);
+                    for warning in &report.warnings {
+                        if !warnings.contains(warning) {
+                            warnings.push(warning.clone());
                         }
                     }
                     let checkpoint = || Some(PathCheckpoint { k, begin: None, solver: solver.checkpoint()? });
@@ -109,8 +108,7 @@ impl Scene {
                 }
             }
         }
-        warnings
-            .extend(steps.last().and_then(|s: &StepReport| s.sunk?.warning()).map(|text| Warning::check("sunk", text)));
+        warnings.extend(steps.last().and_then(|s: &StepReport| s.bone_penetration?.warning()));
         warnings.extend(self.held_inside_bone(&solver.positions(), share(reached)));
         let (tetrahedra, prisms) = solver.cell_states();
         let displacements_mm = solver.positions().iter().zip(&mesh.positions).map(|(x, rest)| x - rest).collect();

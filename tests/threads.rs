@@ -50,7 +50,7 @@ fn a_distance_field() {
         }
         (report, bits)
     });
-    assert!(built[0].0.warnings.iter().any(|w| w.contains("open")));
+    assert!(built[0].0.warnings.iter().any(|w| w.message.contains("open")));
     assert!(built[1] == built[0] && built[2] == built[0]);
 }
 

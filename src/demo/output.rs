@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use super::DemoError;
 use prosopon_formats::import;
 use prosopon_geometry::{TriMesh, Vector};
-use prosopon_planning::evaluate::{Layer, View, moved_along, picture};
+use prosopon_planning::evaluate::{Layer, View, moved_along, render_panels};
 
 /// Names of the results other than the steps.
 const RESULTS: [&str; 6] = [
@@ -48,7 +48,7 @@ const PICTURE_PX: [u32; 2] = [1640, 720];
 pub(super) fn before_after(out: &Path, before_ply: &[u8], after_ply: &[u8]) -> Result<(), DemoError> {
     let before = surface("skin before", before_ply)?;
     let after = surface("skin after", after_ply)?;
-    let (moved, limit) = moved_along(&before, &after, &-Vector::y());
+    let moved = moved_along(&before, &after, &-Vector::y());
     for (name, direction) in [
         ("before_after.png", Vector::new(-0.7, 0.7, 0.0)),
         ("before_after_profile.png", Vector::new(-1.0, 0.0, 0.0)),
@@ -59,9 +59,9 @@ pub(super) fn before_after(out: &Path, before_ply: &[u8], after_ply: &[u8]) -> R
         let panels = [
             ("before", plain(&before)),
             ("after", plain(&after)),
-            ("moved forward", Layer { mesh: &after, values: Some((&moved, limit)) }),
+            ("moved forward", Layer { mesh: &after, values: Some(moved.coloured()) }),
         ];
-        write(out, name, &picture(&panels, &view))?;
+        write(out, name, &render_panels(&panels, &view))?;
     }
     Ok(())
 }

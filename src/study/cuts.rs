@@ -252,7 +252,7 @@ fn judge(kind: String, bone: &Envelope, done: &Result<Osteotomy, PlanError>, wal
                 PlanError::MissesBone { .. } => "misses bone",
                 PlanError::NotParted { .. } => "not parted",
                 PlanError::MissingLandmarks { .. } => "landmarks missing",
-                PlanError::Value { .. } => "refused",
+                PlanError::Cut { .. } | PlanError::Value { .. } => "refused",
                 PlanError::Cancelled(_) => "cancelled",
             };
             // The study never cancels.

@@ -168,7 +168,8 @@ impl Head {
 
     /// For each vertex of the skin, whether it belongs to the face.
     pub(super) fn face(&self) -> Vec<bool> {
-        let (regions, _) = face_regions(&self.anatomy.skin, &self.anatomy.landmarks, self.landmarks.midline_x_mm);
+        let regions =
+            face_regions(&self.anatomy.skin, &self.anatomy.landmarks, self.landmarks.midline_x_mm).regions;
         self.anatomy.skin.positions().iter().map(|p| regions.iter().any(|r| r.bounds.contains(p))).collect()
     }
 

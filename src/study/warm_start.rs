@@ -12,7 +12,7 @@ use prosopon_geometry::control::Control;
 use prosopon_geometry::{Motion, TriMesh};
 use prosopon_planning::plan::{Path as SegmentPath, Plan};
 use prosopon_planning::simulate::{
-    Frame, LEAVE_OUT_BELOW_MM, Milestone, PreparedTissue, RunSettings, Way, displacement_class_mm, solve_prepared,
+    Frame, LEAVE_OUT_BELOW_MM, PathCheckpoint, PreparedTissue, RunSettings, PathStart, displacement_class_mm, solve_prepared,
 };
 use prosopon_tissue::fem::{Model, Preset, StartState, SolveSettings};
 
@@ -130,8 +130,8 @@ fn job(
         None => PreparedTissue::new(&ready.tissue, &ready.bone, plan, &settings, &control)?,
     };
     let mut skin = None;
-    let way = Way { plan, from, after: None };
-    let mut on_frame = |frame: Frame, _: &dyn Fn() -> Option<Milestone>| skin = Some(frame.skin);
+    let way = PathStart { plan, warm_start: from, resume: None };
+    let mut on_frame = |frame: Frame, _: &dyn Fn() -> Option<PathCheckpoint>| skin = Some(frame.skin);
     let found =
         solve_prepared(&head.anatomy, &ready.tissue, &prepared, &ready.bone, way, &settings, &control, &mut on_frame)?;
     let taken = Taken {

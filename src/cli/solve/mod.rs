@@ -165,7 +165,7 @@ fn work(
     let (scene, file, mut warnings) = described.load(path)?;
     let begin = Instant::now();
     let mut steps = Vec::new();
-    let outcome = scene.solve_and_show(None, control, &mut |_, positions, report, _| {
+    let outcome = scene.solve_with_steps(None, control, &mut |_, positions, report, _| {
         steps.push(report.clone());
         if let Ok(mut reached) = reached.lock() {
             *reached = Some(Solved {

@@ -4,19 +4,10 @@ use super::distance::{Nearest, Surface};
 use super::plausible::plausible;
 use super::smoothing::{Neighbourhoods, roughness};
 use super::statistics::vertex_areas;
+use super::tuning::{BIN_MM, HISTOGRAM_LIMIT_MM, OPPOSITE, SMOOTHED_MM, UNREGISTERED_MM};
 use super::{EvaluateError, FaceRegion, Statistics, statistics};
 use prosopon_geometry::control::Control;
-use prosopon_geometry::{TriMesh, Vector};
-
-/// Width of the histogram's bins between plus and minus [`LIMIT_MM`], mm.
-const BIN_MM: f64 = 0.25;
-const LIMIT_MM: f64 = 3.0;
-/// Standard deviation of the Gaussian neighbourhood that [`ErrorMap::smoothed`] averages over, mm.
-const SMOOTHED_MM: f64 = 5.0;
-/// Area-weighted mean cosine between the normals below which the surfaces face opposite ways.
-const OPPOSITE: f64 = -0.2;
-/// Mean distance above which the surfaces are not registered, mm; a prediction's error is smaller.
-const FAR_MM: f64 = 20.0;
+use prosopon_geometry::{TriMesh, Vector, Warning};
 
 /// Signed distance map between two surfaces.
 #[derive(Debug, Clone, PartialEq)]
@@ -48,8 +39,8 @@ pub struct ErrorMap {
     /// Number of masked vertices that are not counted.
     /// Their closest point lies on the reference's open border.
     pub excluded: usize,
-    /// Doubts about the pair of surfaces, one sentence each.
-    pub warnings: Vec<String>,
+    /// Doubts about the pair of surfaces.
+    pub warnings: Vec<Warning>,
 }
 
 /// Distances between corresponding vertices of two surfaces with the same triangles.
@@ -100,15 +91,8 @@ pub fn error_map(
 ) -> Result<ErrorMap, EvaluateError> {
     let input = |detail: String| EvaluateError::Input { detail };
     let n = prediction.positions().len();
-    if let Some(mask) = mask
-        && mask.len() != n
-    {
-        return Err(input(format!("the mask has {} entries, but the prediction has {n} vertices", mask.len())));
-    }
+    check_mask(mask, n)?;
     let chosen = |v: usize| mask.is_none_or(|m| m[v]);
-    if !(0..n).any(chosen) {
-        return Err(input("the mask selects no vertex of the prediction: enlarge the mask".to_owned()));
-    }
     control.check()?;
     let mut warnings = plausible(prediction, reference)?;
     let surface = Surface::new(reference)?;
@@ -141,28 +125,19 @@ pub fn error_map(
     let none =
         || input("no reference vertex projects inside the prediction's border and mask: enlarge the mask".into());
     let backward = statistics(reference, &back, None).ok_or_else(none)?;
-    let by_region = |mesh: &TriMesh, values: &[f32], counted: &dyn Fn(usize) -> bool| {
-        let of = |region: &FaceRegion| {
-            let inside = |(v, p)| counted(v) && region.bounds.contains(p);
-            let inside: Vec<bool> = mesh.positions().iter().enumerate().map(inside).collect();
-            Some((region.name, statistics(mesh, values, Some(&inside))?))
-        };
-        regions.iter().filter_map(of).collect()
-    };
     let mut counted = signed_mm.clone();
     (0..n).filter(|v| !chosen(*v)).for_each(|v| counted[v] = f32::NAN);
     let averaged = Neighbourhoods::new(prediction, SMOOTHED_MM).averaged(&counted);
-    if whole.mean_abs > FAR_MM {
-        warnings.push(format!(
-            "the mean distance is {:.0} mm: the surfaces need registration, or do not show one head in one frame (LPS, mm)",
-            whole.mean_abs
-        ));
+    if whole.mean_abs > UNREGISTERED_MM {
+        let message = format!("the mean distance is {:.0} mm: the surfaces are not registered", whole.mean_abs);
+        let action = "Register them, and check that both show one head in one frame (LPS, mm).";
+        warnings.push(Warning::unreliable("not-registered", message).act(action));
     }
     Ok(ErrorMap {
         excluded: (0..n).filter(|v| chosen(*v) && signed_mm[*v].is_nan()).count(),
         histogram: histogram(&areas, &signed_mm, mask),
-        regions: by_region(prediction, &signed_mm, &chosen),
-        backward_regions: by_region(reference, &back, &|_| true),
+        regions: by_region(regions, prediction, &signed_mm, chosen),
+        backward_regions: by_region(regions, reference, &back, |_| true),
         smoothed: statistics(prediction, &averaged, mask).unwrap_or_else(|| whole.clone()),
         roughness_mm: roughness(prediction, &counted, &averaged),
         correspondence: correspondence(prediction, reference, mask),
@@ -171,6 +146,35 @@ pub fn error_map(
         backward,
         warnings,
     })
+}
+
+/// Refuses a mask that does not fit a surface of `n` vertices or selects none of them.
+fn check_mask(mask: Option<&[bool]>, n: usize) -> Result<(), EvaluateError> {
+    let detail = match mask {
+        Some(mask) if mask.len() != n => {
+            format!("the mask has {} entries, but the prediction has {n} vertices", mask.len())
+        }
+        Some(mask) if !mask.contains(&true) => {
+            "the mask selects no vertex of the prediction: enlarge the mask".to_owned()
+        }
+        Some(_) | None => return Ok(()),
+    };
+    Err(EvaluateError::Input { detail })
+}
+
+/// Statistics of `values` over the vertices of each region that are `counted`; regions without such vertices are omitted.
+fn by_region(
+    regions: &[FaceRegion],
+    mesh: &TriMesh,
+    values: &[f32],
+    counted: impl Fn(usize) -> bool,
+) -> Vec<(&'static str, Statistics)> {
+    let of = |region: &FaceRegion| {
+        let inside = |(v, p)| counted(v) && region.bounds.contains(p);
+        let inside: Vec<bool> = mesh.positions().iter().enumerate().map(inside).collect();
+        Some((region.name, statistics(mesh, values, Some(&inside))?))
+    };
+    regions.iter().filter_map(of).collect()
 }
 
 /// Area-weighted mean cosine between the prediction's normals and those of the reference at the closest points.
@@ -195,14 +199,15 @@ fn correspondence(prediction: &TriMesh, reference: &TriMesh, mask: Option<&[bool
 }
 
 fn histogram(areas: &[f64], values: &[f32], mask: Option<&[bool]>) -> Vec<(f64, f64)> {
-    let inner = (2.0 * LIMIT_MM / BIN_MM) as usize;
-    let mut bins: Vec<(f64, f64)> = (0..inner + 2).map(|i| (-LIMIT_MM + BIN_MM * (i as f64 - 1.0), 0.0)).collect();
+    let inner = (2.0 * HISTOGRAM_LIMIT_MM / BIN_MM) as usize;
+    let mut bins: Vec<(f64, f64)> =
+        (0..inner + 2).map(|i| (-HISTOGRAM_LIMIT_MM + BIN_MM * (i as f64 - 1.0), 0.0)).collect();
     let mut total = 0.0;
     for (v, area) in areas.iter().enumerate() {
         if values[v].is_nan() || mask.is_some_and(|m| !m[v]) {
             continue;
         }
-        let bin = ((f64::from(values[v]) + LIMIT_MM) / BIN_MM).floor() + 1.0;
+        let bin = ((f64::from(values[v]) + HISTOGRAM_LIMIT_MM) / BIN_MM).floor() + 1.0;
         bins[bin.clamp(0.0, (inner + 1) as f64) as usize].1 += area;
         total += area;
     }

@@ -5,10 +5,10 @@
 
 mod colour;
 mod distance;
+mod error;
 mod error_map;
-mod fault;
 mod font;
-mod part;
+mod mask;
 mod picture;
 mod plausible;
 mod png;
@@ -19,16 +19,18 @@ mod register;
 mod sheet;
 mod smoothing;
 mod statistics;
+mod tuning;
 
 pub use colour::diverging;
+pub use error::{EvaluateError, RegistrationFault};
 pub use error_map::{Correspondence, ErrorMap, error_map};
-pub use fault::{EvaluateError, RegistrationFault};
-pub use part::{Mask, Part};
-pub use picture::{Layer, View, moved_along, picture};
+pub use mask::{Mask, MaskRegion};
+pub use picture::{Layer, MovedAlong, View, moved_along, render_panels};
 pub use png::rgb_png;
-pub use regions::{FaceRegion, eyes, face_regions};
+pub use raster::Coloured;
+pub use regions::{FaceRegion, FaceRegions, eyes, face_regions};
 pub use register::{Registration, register};
-pub use sheet::{Sheet, sheet};
+pub use sheet::{Sheet, render_sheet};
 pub use statistics::{Statistics, statistics};
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 use super::colour::diverging;
 use super::font::Font;
 use super::png::rgb_png;
-use super::raster::{Camera, Canvas, draw};
+use super::raster::{Camera, Canvas, Coloured, Shading, draw};
 use prosopon_geometry::{Aabb, Point, TriMesh, Vector};
 
 /// The side lengths of a picture are clamped to this range, pixels.
@@ -28,19 +28,34 @@ pub struct View {
 pub struct Layer<'a> {
     /// Surface to draw, LPS mm.
     pub mesh: &'a TriMesh,
-    /// Values per vertex and the limit of the diverging colour map; `None` draws plain skin colour.
-    /// NaN is drawn grey.
-    pub values: Option<(&'a [f32], f64)>,
+    /// Values by which it is coloured; `None` draws plain skin colour.
+    pub values: Option<Coloured<'a>>,
 }
 
-/// Displacement of each vertex along the unit vector `direction`, mm, and a colour limit, mm.
-/// Displacements against the direction are negative.
+/// Displacements of a surface's vertices along a direction.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MovedAlong {
+    /// Displacement of each vertex, mm; negative against the direction.
+    pub values: Vec<f32>,
+    /// Limit of their colours: the largest magnitude, at least 1, rounded up, mm.
+    pub limit_mm: f64,
+}
+
+impl MovedAlong {
+    /// The displacements as colours of a surface.
+    #[must_use]
+    pub fn coloured(&self) -> Coloured<'_> {
+        Coloured { values: &self.values, limit_mm: self.limit_mm }
+    }
+}
+
+/// Displacement of each vertex along the unit vector `direction`.
 #[must_use]
-pub fn moved_along(before: &TriMesh, after: &TriMesh, direction: &Vector) -> (Vec<f32>, f64) {
+pub fn moved_along(before: &TriMesh, after: &TriMesh, direction: &Vector) -> MovedAlong {
     let pairs = before.positions().iter().zip(after.positions());
     let moved: Vec<f32> = pairs.map(|(before, after)| (after - before).dot(direction) as f32).collect();
     let limit = f64::from(moved.iter().fold(1.0f32, |most, m| most.max(m.abs()))).ceil();
-    (moved, limit)
+    MovedAlong { values: moved, limit_mm: limit }
 }
 
 /// Draws panels side by side, each showing one surface from `view`, and returns a PNG.
@@ -51,10 +66,10 @@ pub fn moved_along(before: &TriMesh, after: &TriMesh, direction: &Vector) -> (Ve
 /// direction is replaced by (0, 1, 0), the view of the face from the front. When `up` is parallel to the direction, z or else y
 /// is used. The side lengths are clamped to 64 to 8192 pixels.
 #[must_use]
-pub fn picture(panels: &[(&str, Layer<'_>)], view: &View) -> Vec<u8> {
+pub fn render_panels(panels: &[(&str, Layer<'_>)], view: &View) -> Vec<u8> {
     let [width, height] = view.size_px.map(|s| s.clamp(SIDE_PX.0, SIDE_PX.1) as usize);
     let mut canvas = Canvas::white(width, height);
-    let limit = panels.iter().find_map(|(_, layer)| layer.values.map(|v| v.1));
+    let limit = panels.iter().find_map(|(_, layer)| layer.values.map(|v| v.limit_mm));
     let scale = (height / 300).clamp(1, 4);
     let font = if scale == 1 { Font::Small } else { Font::Large };
     let title = font.height() + 6 * scale;
@@ -64,7 +79,7 @@ pub fn picture(panels: &[(&str, Layer<'_>)], view: &View) -> Vec<u8> {
         for (i, (name, layer)) in panels.iter().enumerate() {
             // Drawn at twice the size and averaged to smooth jagged edges.
             let mut large = Canvas::white(2 * panel[0], 2 * panel[1]);
-            draw(&mut large, &camera, layer.mesh, layer.values, true);
+            draw(&mut large, &camera, layer.mesh, layer.values, Shading::Lit);
             canvas.paste(&large.halved(), i * panel[0], height - panel[1]);
             let wide = font.width(name);
             let left = i * panel[0] + panel[0].saturating_sub(wide) / 2;
@@ -128,11 +143,23 @@ fn colour_bar(canvas: &mut Canvas, font: Font, [left, top]: [usize; 2], scale: u
 /// Formats a short decimal with its sign.
 pub(super) fn label(value: f64) -> String {
     let digits = if value.abs() >= 100.0 || (value - value.round()).abs() < 1e-9 { 0 } else { 2 };
-    let sign = if value > 0.0 { "+" } else { "" };
-    format!("{sign}{value:.digits$}").replace("-0", if value == 0.0 { "0" } else { "-0" })
+    let text = format!("{value:+.digits$}");
+    // A value that rounds to zero has no sign and no decimals.
+    if text.trim_matches(['+', '-', '0', '.']).is_empty() { "0".to_owned() } else { text }
 }
 
 pub(super) fn encode(canvas: &Canvas) -> Vec<u8> {
     // A canvas always has the stated number of pixels, at least one, so encoding cannot fail.
     rgb_png(canvas.pixels.as_flattened(), canvas.width as u32, canvas.height as u32).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::label;
+
+    #[test]
+    fn labels_are_short_and_zero_has_no_sign() {
+        let labels = [0.0, -0.0, -0.004, 0.004, 3.0, -2.5, -0.5, 150.4, -3.0].map(label);
+        assert_eq!(labels, ["0", "0", "0", "0", "+3", "-2.50", "-0.50", "+150", "-3"]);
+    }
 }

@@ -1,20 +1,14 @@
 //! Checks that two surfaces are comparable before distances between them are computed.
 
 use super::EvaluateError;
-use prosopon_geometry::TriMesh;
-
-/// Surfaces whose bounding boxes differ by more than this factor are in different units; metres and mm differ by 1000.
-const OTHER_UNIT: f64 = 200.0;
-/// Above this factor between the bounding boxes there is a warning about the units.
-const DOUBTFUL: f64 = 5.0;
-/// Surfaces whose bounding boxes lie farther apart than this do not show one head in one frame, mm.
-const APART_MM: f64 = 50.0;
+use super::tuning::{APART_MM, DOUBTFUL_SIZE, OTHER_UNIT};
+use prosopon_geometry::{TriMesh, Warning};
 
 /// Returns warnings about a pair of surfaces: sizes that differ too much, or boxes far apart.
 ///
 /// # Errors
 /// [`EvaluateError::Input`] for a surface without area or extent and for surfaces in different units.
-pub(super) fn plausible(prediction: &TriMesh, reference: &TriMesh) -> Result<Vec<String>, EvaluateError> {
+pub(super) fn plausible(prediction: &TriMesh, reference: &TriMesh) -> Result<Vec<Warning>, EvaluateError> {
     let input = |detail: String| Err(EvaluateError::Input { detail });
     let (a, b) = (prediction.bounds(), reference.bounds());
     for (name, mesh, bounds) in [("prediction", prediction, a), ("reference", reference, b)] {
@@ -31,12 +25,14 @@ pub(super) fn plausible(prediction: &TriMesh, reference: &TriMesh) -> Result<Vec
         ));
     }
     let mut warnings = Vec::new();
-    if ratio > DOUBTFUL {
-        warnings.push(format!("the {large} is {ratio:.1} times as large as the {small}: check that both are in mm"));
+    if ratio > DOUBTFUL_SIZE {
+        let message = format!("the {large} is {ratio:.1} times as large as the {small}");
+        warnings.push(Warning::check("size-mismatch", message).act("Check that both are in mm."));
     }
     let gap = (0..3).map(|i| (a.min[i] - b.max[i]).max(b.min[i] - a.max[i]).max(0.0).powi(2)).sum::<f64>().sqrt();
     if gap > APART_MM {
-        warnings.push(format!("the surfaces lie {gap:.0} mm apart: check that both are in one frame (LPS, mm)"));
+        let message = format!("the surfaces lie {gap:.0} mm apart");
+        warnings.push(Warning::check("surfaces-apart", message).act("Check that both are in one frame (LPS, mm)."));
     }
     Ok(warnings)
 }

@@ -2,13 +2,9 @@
 
 use nalgebra::{Matrix6, SymmetricEigen, Translation3, UnitQuaternion, Vector6};
 
+use super::tuning::{MIN_PAIRS, SOLVABLE};
 use super::{EvaluateError, RegistrationFault};
 use prosopon_geometry::{Motion, Point, Vector};
-
-/// Fewer pairs than the six unknowns cannot determine a motion.
-const LEAST_PAIRS: usize = 6;
-/// Smallest ratio of eigenvalues at which the equations of one step are solved.
-const SOLVABLE: f64 = 1e-9;
 
 /// A point constrained along a normal.
 #[derive(Debug, Clone, Copy)]
@@ -29,12 +25,12 @@ pub(super) struct Pair {
 
 /// Centroid and radius.
 /// Rotations about the centroid are measured at the radius, so that they are in mm like translations.
-struct Frame {
+struct RowFrame {
     centre: Point,
     radius: f64,
 }
 
-impl Frame {
+impl RowFrame {
     fn of<'a>(rows: impl Iterator<Item = &'a Row> + Clone) -> Self {
         let total = rows.clone().map(|r| r.weight).sum::<f64>().max(f64::MIN_POSITIVE);
         let centre = Point::from(rows.clone().map(|r| r.point.coords * r.weight).sum::<Vector>() / total);
@@ -66,28 +62,36 @@ fn ratio(eigen: &SymmetricEigen<f64, nalgebra::U6>) -> f64 {
 
 /// Stiffness of the softest rigid motion of the rows relative to the stiffest one, 0 to 1.
 pub(super) fn stiffness(rows: &[Row]) -> f64 {
-    ratio(&Frame::of(rows.iter()).stiffnesses(rows.iter()))
+    ratio(&RowFrame::of(rows.iter()).stiffnesses(rows.iter()))
 }
 
-/// The small motion that minimises the squared gaps, and the largest movement of a point, mm.
+/// A small motion.
+pub(super) struct Step {
+    pub(super) motion: Motion,
+    /// Largest movement of a point, mm.
+    pub(super) movement_mm: f64,
+}
+
+/// The small motion that minimises the squared gaps.
 ///
 /// # Errors
-/// [`RegistrationFault::NoPartners`] with too few pairs, [`RegistrationFault::Slides`] when the equations are singular.
-pub(super) fn solve(pairs: &[Pair]) -> Result<(Motion, f64), EvaluateError> {
-    if pairs.len() < LEAST_PAIRS {
-        return Err(RegistrationFault::NoPartners { found: pairs.len(), allowed: LEAST_PAIRS }.into());
+/// [`RegistrationFault::TooFewPairs`] with too few pairs, [`RegistrationFault::ShapeUndetermined`] when the equations are singular.
+pub(super) fn solve(pairs: &[Pair]) -> Result<Step, EvaluateError> {
+    if pairs.len() < MIN_PAIRS {
+        return Err(RegistrationFault::TooFewPairs { found: pairs.len(), allowed: MIN_PAIRS }.into());
     }
     let rows = pairs.iter().map(|p| &p.row);
-    let frame = Frame::of(rows.clone());
+    let frame = RowFrame::of(rows.clone());
     let eigen = frame.stiffnesses(rows);
     let stiffness = ratio(&eigen);
     if stiffness <= SOLVABLE {
-        return Err(RegistrationFault::Slides { stiffness, allowed: SOLVABLE }.into());
+        return Err(RegistrationFault::ShapeUndetermined { stiffness, allowed: SOLVABLE }.into());
     }
     let right = -pairs.iter().map(|p| frame.row(&p.row) * (p.gap * p.row.weight)).sum::<Vector6<f64>>();
     let x = eigen.eigenvectors * (eigen.eigenvectors.transpose() * right).component_div(&eigen.eigenvalues);
     let (turn, shift) = (Vector::new(x[0], x[1], x[2]), Vector::new(x[3], x[4], x[5]));
     let rotation = UnitQuaternion::from_scaled_axis(turn / frame.radius);
     let translation = frame.centre.coords - rotation * frame.centre.coords + shift;
-    Ok((Motion::from_parts(Translation3::from(translation), rotation), turn.norm() + shift.norm()))
+    let motion = Motion::from_parts(Translation3::from(translation), rotation);
+    Ok(Step { motion, movement_mm: turn.norm() + shift.norm() })
 }

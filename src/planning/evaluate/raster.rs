@@ -93,20 +93,45 @@ impl Light {
     }
 }
 
+/// Values of a surface's vertices and the range of their colours.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Coloured<'a> {
+    /// Value of each vertex, mm; NaN is drawn grey.
+    pub values: &'a [f32],
+    /// The diverging colour map covers the range from `-limit_mm` to `limit_mm`, mm.
+    pub limit_mm: f64,
+}
+
+/// How surfaces are lit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Shading {
+    /// By the lamp.
+    Lit,
+    /// Not at all: the plain colours.
+    #[cfg(test)]
+    Flat,
+}
+
 /// Draws `mesh` with normals interpolated between the vertices.
-/// `values` are coloured by the diverging map up to their limit; without them the mesh has skin colour. `lit: false` omits the
-/// shading.
-pub(super) fn draw(canvas: &mut Canvas, camera: &Camera, mesh: &TriMesh, values: Option<(&[f32], f64)>, lit: bool) {
+/// `values` are coloured by the diverging map up to their limit; without them the mesh has skin colour.
+pub(super) fn draw(
+    canvas: &mut Canvas,
+    camera: &Camera,
+    mesh: &TriMesh,
+    values: Option<Coloured<'_>>,
+    shading: Shading,
+) {
     let mut depth = vec![f64::INFINITY; canvas.pixels.len()];
     let normals = mesh.vertex_normals();
     let projected: Vec<[f64; 3]> = mesh.positions().iter().map(|p| camera.project(canvas, p)).collect();
     let light = Light::of(camera);
     // A missing or non-finite value is drawn in the colour for "no value".
-    let value_at = |v: u32| values.and_then(|(all, _)| all.get(v as usize)).map_or(f64::NAN, |v| f64::from(*v));
+    let value_at =
+        |v: u32| values.and_then(|coloured| coloured.values.get(v as usize)).map_or(f64::NAN, |v| f64::from(*v));
     for triangle in mesh.triangles() {
         let [a, b, c] = triangle.map(|v| projected[v as usize]);
-        let doubled = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
-        if doubled == 0.0 || !doubled.is_finite() {
+        let twice_area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
+        if twice_area == 0.0 || !twice_area.is_finite() {
             continue;
         }
         let span = |i: usize, size: usize| {
@@ -122,8 +147,8 @@ pub(super) fn draw(canvas: &mut Canvas, camera: &Camera, mesh: &TriMesh, values:
         for y in y0..y1 {
             for x in x0..x1 {
                 let (px, py) = (x as f64 + 0.5, y as f64 + 0.5);
-                let wb = ((px - a[0]) * (c[1] - a[1]) - (py - a[1]) * (c[0] - a[0])) / doubled;
-                let wc = ((b[0] - a[0]) * (py - a[1]) - (b[1] - a[1]) * (px - a[0])) / doubled;
+                let wb = ((px - a[0]) * (c[1] - a[1]) - (py - a[1]) * (c[0] - a[0])) / twice_area;
+                let wc = ((b[0] - a[0]) * (py - a[1]) - (b[1] - a[1]) * (px - a[0])) / twice_area;
                 let w = [1.0 - wb - wc, wb, wc];
                 if w.iter().any(|w| *w < 0.0) {
                     continue;
@@ -137,13 +162,16 @@ pub(super) fn draw(canvas: &mut Canvas, camera: &Camera, mesh: &TriMesh, values:
                 depth[place] = z;
                 let base = match values {
                     None => SKIN,
-                    Some((_, limit)) => {
+                    Some(Coloured { limit_mm, .. }) => {
                         let value = mixed(triple);
-                        if value.is_finite() { diverging(value, limit) } else { NO_VALUE }
+                        if value.is_finite() { diverging(value, limit_mm) } else { NO_VALUE }
                     }
                 };
-                canvas.pixels[place] =
-                    if lit { light.on(base, &(bent[0] * w[0] + bent[1] * w[1] + bent[2] * w[2])) } else { base };
+                canvas.pixels[place] = match shading {
+                    Shading::Lit => light.on(base, &(bent[0] * w[0] + bent[1] * w[1] + bent[2] * w[2])),
+                    #[cfg(test)]
+                    Shading::Flat => base,
+                };
             }
         }
     }
@@ -163,7 +191,7 @@ mod tests {
         let p = vec![Point::new(-4.0, 0.0, -4.0), Point::new(4.0, 0.0, -4.0), Point::new(-4.0, 0.0, 4.0)];
         let mesh = TriMesh::new(p, vec![[0, 1, 2]]).unwrap();
         let mut canvas = Canvas::white(10, 10);
-        draw(&mut canvas, &camera(), &mesh, None, false);
+        draw(&mut canvas, &camera(), &mesh, None, Shading::Flat);
         for y in 0..10 {
             for x in 0..10 {
                 let (px, py) = (x as f64 + 0.5, y as f64 + 0.5);
@@ -181,9 +209,9 @@ mod tests {
         let mesh = TriMesh::new(p, vec![[3, 4, 5], [0, 1, 2]]).unwrap();
         let mut canvas = Canvas::white(10, 10);
         let values = [3.0, 3.0, 3.0, -3.0, -3.0, -3.0];
-        draw(&mut canvas, &camera(), &mesh, Some((&values, 3.0)), false);
+        draw(&mut canvas, &camera(), &mesh, Some(Coloured { values: &values, limit_mm: 3.0 }), Shading::Flat);
         assert_eq!(canvas.pixels[55], diverging(-3.0, 3.0));
-        draw(&mut canvas, &camera(), &mesh, Some((&[f32::NAN; 6], 3.0)), false);
+        draw(&mut canvas, &camera(), &mesh, Some(Coloured { values: &[f32::NAN; 6], limit_mm: 3.0 }), Shading::Flat);
         assert_eq!(canvas.pixels[55], NO_VALUE);
     }
 }

@@ -1,6 +1,6 @@
 //! Named regions of a face.
 
-use super::Part;
+use super::MaskRegion;
 use prosopon_geometry::{Aabb, Point, TriMesh};
 
 /// A named region of the face: an axis-aligned box, LPS mm.
@@ -30,8 +30,16 @@ struct Face {
     scale: f64,
 }
 
+/// The regions of one face.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct FaceRegions {
+    /// The regions; their boxes do not overlap.
+    pub regions: Vec<FaceRegion>,
+    /// Whether landmarks placed them, and not proportions of the skin.
+    pub from_landmarks: bool,
+}
+
 /// Places the regions by landmarks or, without them, by proportions of the skin.
-/// Returns the regions and whether landmarks were used.
 ///
 /// The landmarks are `pronasale`, `ans`, `soft_pogonion`, `menton` and `occlusal_plane`. They are used when `pronasale` and one
 /// of `menton` and `soft_pogonion` are present; the others are then derived from the height between these two. Without them the
@@ -39,26 +47,25 @@ struct Face {
 /// is `None`), and the scale follows from the height of the skin above it. That requires an upright head with its forehead and
 /// a nose in front of everything else. The boxes do not overlap.
 #[must_use]
-pub fn face_regions(
-    skin: &TriMesh,
-    landmarks: &[(String, Point)],
-    midline_x_mm: Option<f64>,
-) -> (Vec<FaceRegion>, bool) {
-    let (face, used) = Face::of(skin, landmarks, midline_x_mm);
-    (face.regions(), used)
+pub fn face_regions(skin: &TriMesh, landmarks: &[(String, Point)], midline_x_mm: Option<f64>) -> FaceRegions {
+    match Face::from_landmarks(landmarks, midline_x_mm) {
+        Some(face) => FaceRegions { regions: face.regions(), from_landmarks: true },
+        None => FaceRegions { regions: Face::from_proportions(skin, midline_x_mm).regions(), from_landmarks: false },
+    }
 }
 
 /// Balls over the eyes, placed like the boxes of [`face_regions`].
 /// Masks exclude them because lids move between two scans of an unchanged face.
 #[must_use]
-pub fn eyes(skin: &TriMesh, landmarks: &[(String, Point)], midline_x_mm: Option<f64>) -> [Part; 2] {
+pub fn eyes(skin: &TriMesh, landmarks: &[(String, Point)], midline_x_mm: Option<f64>) -> [MaskRegion; 2] {
     // Position of an adult's eye relative to the tip of the nose: lateral, backward and upward, mm.
     const CENTRE: [f64; 3] = [32.0, 44.0, 35.0];
     const RADIUS: f64 = 17.0;
-    let face = Face::of(skin, landmarks, midline_x_mm).0;
+    let known = Face::from_landmarks(landmarks, midline_x_mm);
+    let face = known.unwrap_or_else(|| Face::from_proportions(skin, midline_x_mm));
     [-1.0, 1.0].map(|side| {
         let [x, y, z] = CENTRE.map(|c| c * face.scale);
-        Part::Ball {
+        MaskRegion::Ball {
             centre: Point::new(face.midline + side * x, face.nose.y + y, face.nose.z + z),
             radius_mm: RADIUS * face.scale,
         }
@@ -66,14 +73,6 @@ pub fn eyes(skin: &TriMesh, landmarks: &[(String, Point)], midline_x_mm: Option<
 }
 
 impl Face {
-    /// Returns the reference positions and whether landmarks were used.
-    fn of(skin: &TriMesh, landmarks: &[(String, Point)], midline: Option<f64>) -> (Self, bool) {
-        match Self::from_landmarks(landmarks, midline) {
-            Some(face) => (face, true),
-            None => (Self::from_proportions(skin, midline), false),
-        }
-    }
-
     fn from_landmarks(landmarks: &[(String, Point)], midline: Option<f64>) -> Option<Self> {
         let named =
             |name: &str| landmarks.iter().find(|l| l.0 == name && l.1.iter().all(|c| c.is_finite())).map(|l| l.1);
@@ -125,7 +124,7 @@ impl Face {
         let subnasal = self.spine - 3.0 * s;
         let fold = self.lips - 0.5 * (self.lips - self.chin);
         let (front, nose_top) = (self.nose.y - 10.0 * s, self.nose.z + 35.0 * s);
-        let made = |name, x: [f64; 2], y: [f64; 2], z: [f64; 2]| {
+        let region = |name, x: [f64; 2], y: [f64; 2], z: [f64; 2]| {
             let min = Point::new(self.midline + x[0], y[0], z[0]);
             let max = Point::new(self.midline + x[1], y[1], z[1]);
             FaceRegion { name, bounds: Aabb { min, max } }
@@ -137,21 +136,21 @@ impl Face {
         let side_z = [subnasal - 14.0 * s, subnasal + 6.0 * s];
         let cheek_z = [self.lips - 15.0 * s, self.nose.z + 25.0 * s];
         vec![
-            made("nose", middle(wing), depth(40.0), [subnasal, nose_top]),
-            made("paranasal_left", [lip, paranasal], depth(60.0), side_z),
-            made("paranasal_right", [-paranasal, -lip], depth(60.0), side_z),
-            made("upper_lip", middle(lip), depth(50.0), [self.lips, subnasal]),
-            made("lower_lip", middle(mouth), depth(50.0), [fold, self.lips]),
-            made("chin", middle(mouth), chin_depth, [self.menton - 3.0 * s, fold]),
-            made("cheek_left", [paranasal, cheek], depth(90.0), cheek_z),
-            made("cheek_right", [-cheek, -paranasal], depth(90.0), cheek_z),
-            made(
+            region("nose", middle(wing), depth(40.0), [subnasal, nose_top]),
+            region("paranasal_left", [lip, paranasal], depth(60.0), side_z),
+            region("paranasal_right", [-paranasal, -lip], depth(60.0), side_z),
+            region("upper_lip", middle(lip), depth(50.0), [self.lips, subnasal]),
+            region("lower_lip", middle(mouth), depth(50.0), [fold, self.lips]),
+            region("chin", middle(mouth), chin_depth, [self.menton - 3.0 * s, fold]),
+            region("cheek_left", [paranasal, cheek], depth(90.0), cheek_z),
+            region("cheek_right", [-cheek, -paranasal], depth(90.0), cheek_z),
+            region(
                 "submental",
                 middle(mouth),
                 [self.chin_front, self.chin_front + 60.0 * s],
                 [self.menton - 35.0 * s, self.menton - 3.0 * s],
             ),
-            made("forehead", middle(60.0 * s), depth(70.0), [self.nose.z + 48.0 * s, self.nose.z + 110.0 * s]),
+            region("forehead", middle(60.0 * s), depth(70.0), [self.nose.z + 48.0 * s, self.nose.z + 110.0 * s]),
         ]
     }
 }
@@ -191,8 +190,8 @@ mod tests {
     fn balls_cover_the_lids_and_neither_nose_nor_temples() {
         for face in [eyes(&ball(), &landmarks(), Some(6.0)), eyes(&ball(), &[], Some(2.0))] {
             let [right, left] = face.map(|part| match part {
-                Part::Ball { centre, radius_mm } => (centre, radius_mm),
-                Part::Box(_) => panic!("not a ball"),
+                MaskRegion::Ball { centre, radius_mm } => (centre, radius_mm),
+                MaskRegion::Box(_) => panic!("not a ball"),
             });
             assert!((left.0 - right.0 - Vector::new(64.0, 0.0, 0.0)).norm() < 0.5, "{left:?} {right:?}");
         }
@@ -211,7 +210,7 @@ mod tests {
 
     #[test]
     fn landmarks_fall_into_their_regions_and_boxes_do_not_overlap() {
-        let (regions, used) = face_regions(&ball(), &landmarks(), Some(6.0));
+        let FaceRegions { regions, from_landmarks: used } = face_regions(&ball(), &landmarks(), Some(6.0));
         assert!(used);
         assert_eq!(regions.len(), 10);
         let of = |p: [f64; 3]| -> Vec<&str> {
@@ -236,7 +235,7 @@ mod tests {
 
     #[test]
     fn without_landmarks_the_foremost_point_is_the_nose() {
-        let (regions, used) = face_regions(&ball(), &[], None);
+        let FaceRegions { regions, from_landmarks: used } = face_regions(&ball(), &[], None);
         assert!(!used);
         let nose = regions.iter().find(|r| r.name == "nose").unwrap();
         assert!(nose.bounds.contains(&Point::new(2.0, -100.0, 50.0)));
@@ -247,7 +246,7 @@ mod tests {
     fn impossible_landmarks_are_not_used() {
         let mut upside_down = landmarks();
         upside_down[3].1.z = 90.0;
-        assert!(!face_regions(&ball(), &upside_down, None).1);
-        assert!(!face_regions(&ball(), &landmarks()[..2], None).1);
+        assert!(!face_regions(&ball(), &upside_down, None).from_landmarks);
+        assert!(!face_regions(&ball(), &landmarks()[..2], None).from_landmarks);
     }
 }

@@ -7,53 +7,14 @@ use super::plausible::plausible;
 use super::point_to_plane::{Pair, Row, solve, stiffness};
 use super::smoothing::Neighbourhoods;
 use super::statistics::vertex_areas;
+use super::tuning::{
+    ALIGNED_MM, ALIGNED_SHARE, COARSE_ITERATIONS, COARSE_POINTS, FINE_POINTS, GOOD_MM, ITERATIONS, MATCH_MM,
+    MIN_AREA_MM2, MIN_OVERLAP, MIN_STIFFNESS, MIN_VERTICES, NEARLY_STILL_MM, NEARLY_STILL_SHARE, SHAPE_MM, SHAPE_SHARE,
+    START_APART_MM, START_CAP_MM, START_TURN, STILL_MM, TRIM, TRIM_FLOOR_MM, WARN_MOVEMENT_MM, WARN_OVERLAP,
+};
 use super::{EvaluateError, RegistrationFault};
 use prosopon_geometry::control::Control;
-use prosopon_geometry::{Motion, Point, TriMesh, Vector};
-
-/// The fine run uses about this many source vertices, picked evenly by index.
-const POINTS: usize = 5000;
-/// The coarse runs, which choose the start, use about this many.
-const COARSE_POINTS: usize = 500;
-const COARSE_ITERATIONS: usize = 25;
-const ITERATIONS: usize = 120;
-/// Rotation of the alternative starts about each axis, in both senses, rad.
-const START_TURN: f64 = 0.14;
-/// Centroids farther apart than this are also aligned by one of the starts, mm.
-const START_APART_MM: f64 = 15.0;
-/// Cap on the distances that score a start, mm.
-const FAR_MM: f64 = 10.0;
-/// Share of the pairs, the nearest ones, that the alignment phase keeps.
-const SHARE: f64 = 0.6;
-/// The alignment phase ends when no point moves farther than this in one iteration, mm.
-const TOGETHER_MM: f64 = 1e-3;
-/// Later pairs farther apart than this many robust standard deviations are trimmed.
-const TRIM: f64 = 2.5;
-/// Smallest trimming distance, mm: with exact data the robust standard deviation falls to 0 and would trim all pairs.
-const TRIM_FLOOR_MM: f64 = 1e-3;
-/// An update that moves no point farther than this ends the iteration, mm.
-const STILL_MM: f64 = 1e-8;
-/// Movement still accepted when the iterations run out, in mm and as a share of the residual.
-/// Pairs that alternate between kept and trimmed cause it; the movement that one such pair causes grows with the residual.
-const NEARLY_STILL_MM: f64 = 5e-3;
-const NEARLY_STILL_SHARE: f64 = 0.05;
-/// A larger final movement is reported as a warning, mm.
-const TOLD_MM: f64 = 1e-3;
-/// Surfaces whose median distance stays above this do not match, mm.
-const MATCH_MM: f64 = 3.0;
-/// A median distance above this gives a warning, mm.
-const GOOD_MM: f64 = 1.0;
-/// Smallest share of the region's area with kept pairs; below the second value there is a warning.
-const OVERLAP: [f64; 2] = [0.1, 0.5];
-/// Smallest number of vertices and smallest area of a region, mm².
-const LEAST_VERTICES: usize = 30;
-const LEAST_AREA_MM2: f64 = 500.0;
-/// Normals are averaged over this radius before the shape is judged, mm, but over at most this share of the surface's diagonal.
-/// Without the averaging noise would count as shape.
-const SHAPE_MM: f64 = 8.0;
-const SHAPE_SHARE: f64 = 0.04;
-/// Smallest ratio of the softest rigid motion's stiffness to the stiffest one's; below it the region slides along itself.
-const LEAST_STIFFNESS: f64 = 2e-3;
+use prosopon_geometry::{Motion, Point, TriMesh, Vector, Warning};
 
 /// A rigid motion that aligns one surface with another, with measures of its quality.
 #[derive(Debug, Clone, PartialEq)]
@@ -74,8 +35,8 @@ pub struct Registration {
     /// This is the stiffness of the softest rigid motion over that of the stiffest. 0 means that the
     /// region slides along itself, like a plane or a ball. Rotations are measured at the region's radius.
     pub stiffness: f64,
-    /// Doubts about the registration, one sentence each.
-    pub warnings: Vec<String>,
+    /// Doubts about the registration.
+    pub warnings: Vec<Warning>,
 }
 
 /// Registers `source` to `target` by trimmed point-to-plane ICP over the `unaltered` vertices.
@@ -121,40 +82,17 @@ pub fn register(
     let mut warnings = plausible(source, target)?;
     let region = Region::of(source, unaltered)?;
     let stiffness = region.stiffness();
-    if stiffness < LEAST_STIFFNESS {
-        return Err(RegistrationFault::Slides { stiffness, allowed: LEAST_STIFFNESS }.into());
+    if stiffness < MIN_STIFFNESS {
+        return Err(RegistrationFault::ShapeUndetermined { stiffness, allowed: MIN_STIFFNESS }.into());
     }
     let surface = Surface::new(target)?;
     let coarse = region.thinned(COARSE_POINTS);
     let start = best_start(&coarse, &surface, &starts(&region, target), control)?;
-    let fine = region.thinned(POINTS);
+    let fine = region.thinned(FINE_POINTS);
     let found = fitted(&fine, &surface, start, ITERATIONS, &control.stage(0.5, 1.0))?;
     let mirrored = || mirror_fits(&coarse, &surface, found.motion, control);
-    if found.median_mm > MATCH_MM || found.overlap < OVERLAP[0] {
-        let (median_mm, overlap) = (found.median_mm, found.overlap);
-        return Err(
-            RegistrationFault::NoMatch { median_mm, allowed_mm: MATCH_MM, overlap, mirrored: mirrored()? }.into()
-        );
-    }
-    if !found.settled {
-        let (iterations, movement_mm) = (found.iterations, found.movement_mm);
-        return Err(RegistrationFault::NotConverged { iterations, movement_mm, mirrored: mirrored()? }.into());
-    }
-    if found.movement_mm > TOLD_MM {
-        warnings.push(format!(
-            "the registration did not converge fully: after {} iterations points still oscillate by {:.3} mm",
-            found.iterations, found.movement_mm
-        ));
-    }
-    if found.median_mm > GOOD_MM {
-        warnings.push(format!("after registration half of the region is still over {:.1} mm off", found.median_mm));
-    }
-    if found.overlap < OVERLAP[1] {
-        warnings.push(format!("only {:.0} % of the region's area matches the other surface", 100.0 * found.overlap));
-    }
-    if (found.median_mm > GOOD_MM || found.overlap < OVERLAP[1]) && mirrored()? {
-        warnings.push("the mirror image fits better: check whether one surface is mirrored".to_owned());
-    }
+    refuse(&found, &mirrored)?;
+    warnings.extend(doubts(&found, &mirrored)?);
     control.report(1.0);
     Ok(Registration {
         motion: found.motion,
@@ -166,6 +104,48 @@ pub fn register(
         stiffness,
         warnings,
     })
+}
+
+/// Refuses a fine run whose surfaces do not match or that did not converge.
+fn refuse(found: &Fitted, mirrored: &dyn Fn() -> Result<bool, EvaluateError>) -> Result<(), EvaluateError> {
+    if found.median_mm > MATCH_MM || found.overlap < MIN_OVERLAP {
+        let (median_mm, overlap) = (found.median_mm, found.overlap);
+        return Err(
+            RegistrationFault::NoMatch { median_mm, allowed_mm: MATCH_MM, overlap, mirrored: mirrored()? }.into()
+        );
+    }
+    if !found.converged {
+        let (iterations, movement_mm) = (found.iterations, found.movement_mm);
+        return Err(RegistrationFault::NotConverged { iterations, movement_mm, mirrored: mirrored()? }.into());
+    }
+    Ok(())
+}
+
+/// Warnings about a fine run that was not refused.
+fn doubts(found: &Fitted, mirrored: &dyn Fn() -> Result<bool, EvaluateError>) -> Result<Vec<Warning>, EvaluateError> {
+    let action = "Check the region and the registered surfaces.";
+    let mut warnings = Vec::new();
+    if found.movement_mm > WARN_MOVEMENT_MM {
+        let message = format!(
+            "the registration did not converge fully: after {} iterations points still oscillate by {:.3} mm",
+            found.iterations, found.movement_mm
+        );
+        warnings.push(Warning::check("registration-oscillates", message).act(action));
+    }
+    if found.median_mm > GOOD_MM {
+        let message = format!("after registration half of the region is still over {:.1} mm off", found.median_mm);
+        warnings.push(Warning::check("registration-far", message).act(action));
+    }
+    if found.overlap < WARN_OVERLAP {
+        let message = format!("only {:.0} % of the region's area matches the other surface", 100.0 * found.overlap);
+        warnings.push(Warning::check("registration-overlap", message).act(action));
+    }
+    if (found.median_mm > GOOD_MM || found.overlap < WARN_OVERLAP) && mirrored()? {
+        let message = "the mirror image of the surface fits better";
+        let action = "Check whether one surface is mirrored.";
+        warnings.push(Warning::unreliable("registration-mirrored", message).act(action));
+    }
+    Ok(warnings)
 }
 
 /// Sample points of the source.
@@ -204,10 +184,10 @@ impl Region {
         let sample = |v: &usize| Sample { point: source.positions()[*v], weight: areas[*v], normal: normals[*v] };
         let points: Vec<Sample> = vertices.iter().map(sample).collect();
         let area_mm2 = points.iter().map(|p| p.weight).sum::<f64>() + 0.0;
-        if vertices.len() < LEAST_VERTICES || area_mm2 < LEAST_AREA_MM2 {
+        if vertices.len() < MIN_VERTICES || area_mm2 < MIN_AREA_MM2 {
             let vertices = vertices.len();
-            let (least_vertices, least_area_mm2) = (LEAST_VERTICES, LEAST_AREA_MM2);
-            return Err(RegistrationFault::RegionTooSmall { vertices, area_mm2, least_vertices, least_area_mm2 }.into());
+            let (min_vertices, min_area_mm2) = (MIN_VERTICES, MIN_AREA_MM2);
+            return Err(RegistrationFault::RegionTooSmall { vertices, area_mm2, min_vertices, min_area_mm2 }.into());
         }
         Ok(Self { vertices, points: Points(points) })
     }
@@ -274,7 +254,8 @@ fn best_start(
 fn distance(points: &Points, surface: &Surface, motion: &Motion, control: &Control) -> Result<f64, EvaluateError> {
     let moved: Vec<Point> = points.0.iter().map(|s| motion * s.point).collect();
     let hits = surface.all_nearest(&moved, control)?;
-    let size = |hit: &super::distance::Nearest| if hit.on_border { FAR_MM } else { hit.signed.abs().min(FAR_MM) };
+    let size =
+        |hit: &super::distance::Nearest| if hit.on_border { START_CAP_MM } else { hit.signed.abs().min(START_CAP_MM) };
     let (sum, total) =
         hits.iter().zip(&points.0).fold((0.0, 0.0), |(s, t), (hit, p)| (s + p.weight * size(hit), t + p.weight));
     Ok(sum / total)
@@ -302,7 +283,7 @@ struct Fitted {
     motion: Motion,
     iterations: usize,
     /// Whether the iteration converged, and the largest movement of a point in the last iteration.
-    settled: bool,
+    converged: bool,
     movement_mm: f64,
     residual_mm: f64,
     median_mm: f64,
@@ -320,13 +301,13 @@ fn fitted(
     let mut found = Fitted {
         motion: start,
         iterations: 0,
-        settled: false,
+        converged: false,
         movement_mm: f64::INFINITY,
         residual_mm: f64::INFINITY,
         median_mm: f64::INFINITY,
         overlap: 0.0,
     };
-    let mut together = false;
+    let mut aligned = false;
     for iteration in 0..iterations {
         control.check()?;
         control.report(iteration as f64 / iterations as f64);
@@ -334,22 +315,22 @@ fn fitted(
         let mut sizes: Vec<f64> = pairs.iter().map(|p| p.gap.abs()).collect();
         sizes.sort_by(f64::total_cmp);
         found.median_mm = sizes.get(sizes.len() / 2).copied().unwrap_or(f64::INFINITY);
-        let nearest = sizes.get((SHARE * sizes.len() as f64) as usize).copied().unwrap_or(f64::INFINITY);
-        let limit = if together { TRIM * 1.4826 * found.median_mm } else { nearest }.max(TRIM_FLOOR_MM);
+        let nearest = sizes.get((ALIGNED_SHARE * sizes.len() as f64) as usize).copied().unwrap_or(f64::INFINITY);
+        let limit = if aligned { TRIM * 1.4826 * found.median_mm } else { nearest }.max(TRIM_FLOOR_MM);
         let kept: Vec<Pair> = pairs.into_iter().filter(|p| p.gap.abs() <= limit).collect();
         let weight: f64 = kept.iter().map(|p| p.row.weight).sum();
         found.overlap = weight / all;
         found.residual_mm =
             (kept.iter().map(|p| p.row.weight * p.gap * p.gap).sum::<f64>() / weight.max(f64::MIN_POSITIVE)).sqrt();
-        let (update, step) = solve(&kept)?;
-        found.motion = update * found.motion;
-        (found.movement_mm, found.iterations) = (step, iteration + 1);
-        if together && step < STILL_MM {
+        let step = solve(&kept)?;
+        found.motion = step.motion * found.motion;
+        (found.movement_mm, found.iterations) = (step.movement_mm, iteration + 1);
+        if aligned && step.movement_mm < STILL_MM {
             break;
         }
-        together |= step < TOGETHER_MM;
+        aligned |= step.movement_mm < ALIGNED_MM;
     }
-    found.settled = together && found.movement_mm <= NEARLY_STILL_MM.max(NEARLY_STILL_SHARE * found.residual_mm);
+    found.converged = aligned && found.movement_mm <= NEARLY_STILL_MM.max(NEARLY_STILL_SHARE * found.residual_mm);
     Ok(found)
 }
 

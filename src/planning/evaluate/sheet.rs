@@ -3,7 +3,8 @@
 use super::colour::diverging;
 use super::font::Font;
 use super::picture::{BLACK, encode, label};
-use super::raster::{Camera, Canvas, draw};
+use super::raster::{Camera, Canvas, Coloured, Shading, draw};
+use super::tuning::BIN_MM;
 use prosopon_geometry::{Aabb, Point, TriMesh, Vector};
 
 /// Columns and rows of panels, and a panel's size in pixels.
@@ -50,17 +51,18 @@ pub struct Sheet<'a> {
 /// The PNG has 1380 × 1184 pixels. All views have one scale and show the head upright (z up); in the front view the patient's
 /// left is on the right. The surface is shaded with interpolated normals, drawn at twice the size and averaged.
 #[must_use]
-pub fn sheet(sheet: &Sheet<'_>) -> Vec<u8> {
+pub fn render_sheet(sheet: &Sheet<'_>) -> Vec<u8> {
     let cell = [PANEL_PX[0], PANEL_PX[1] + NAME_PX];
     let mut canvas = Canvas::white(GRID[0] * cell[0], TITLE_PX + GRID[1] * cell[1]);
     FONT.write(&mut canvas, sheet.title, 14, 12, BLACK);
     let cameras: Vec<Camera> = VIEWS.iter().map(|view| camera(sheet.mesh, Vector::from(view.1))).collect();
     // All panels have the scale of the view that needs most room.
     let pixels_per_mm = cameras.iter().map(|c| c.pixels_per_mm).fold(f64::INFINITY, f64::min);
+    let coloured = Coloured { values: sheet.values, limit_mm: sheet.limit_mm };
     for (i, (view, camera)) in VIEWS.iter().zip(cameras).enumerate() {
         let (left, top) = (i % GRID[0] * cell[0], TITLE_PX + i / GRID[0] * cell[1]);
         let mut large = Canvas::white(2 * PANEL_PX[0], 2 * PANEL_PX[1]);
-        draw(&mut large, &Camera { pixels_per_mm, ..camera }, sheet.mesh, Some((sheet.values, sheet.limit_mm)), true);
+        draw(&mut large, &Camera { pixels_per_mm, ..camera }, sheet.mesh, Some(coloured), Shading::Lit);
         canvas.paste(&large.halved(), left, top);
         let middle = top + PANEL_PX[1] / 2;
         FONT.write(&mut canvas, view.2, left + 6, middle, GREY);
@@ -121,7 +123,7 @@ fn histogram(canvas: &mut Canvas, sheet: &Sheet<'_>, left: usize, top: usize, wi
         let tall = (share / most * TALL_PX as f64).round() as usize;
         let (x0, x1) = ((bar * place as f64) as usize, (bar * (place + 1) as f64) as usize);
         let open = i == 0 || i == inner + 1;
-        let colour = diverging(from + 0.125, sheet.limit_mm);
+        let colour = diverging(from + 0.5 * BIN_MM, sheet.limit_mm);
         // The open bins are drawn as narrow bars at the edges.
         let (x0, x1) = match (open, i) {
             (false, _) => (x0 + 1, x1),

@@ -2,10 +2,8 @@
 
 use super::distance::{Welded, welded};
 use super::statistics::vertex_areas;
+use super::tuning::MAX_ROUNDS;
 use prosopon_geometry::{TriMesh, Vector};
-
-/// Most averaging rounds; on very fine meshes the averages therefore cover less than the requested radius.
-const MAX_ROUNDS: usize = 200;
 
 /// Repeated averaging over vertex neighbours that approximates a Gaussian of a given standard deviation.
 ///

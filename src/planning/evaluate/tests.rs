@@ -149,9 +149,9 @@ fn a_picture_is_a_png_of_the_asked_size_with_panels_in_order() {
     let view = View { direction: Vector::y(), up: Vector::z(), size_px: [640, 300] };
     let panels = [
         ("Before", Layer { mesh: &ball, values: None }),
-        ("Error", Layer { mesh: &ball, values: Some((&values, 3.0)) }),
+        ("Error", Layer { mesh: &ball, values: Some(Coloured { values: &values, limit_mm: 3.0 }) }),
     ];
-    let bytes = picture(&panels, &view);
+    let bytes = render_panels(&panels, &view);
     let image = Decoded::of(&bytes);
     assert_eq!(image.size, (640, 300));
     // Panels of (640 - 92) / 2 = 274 pixels; in the second, the patient's left (+x, here red) is on the right.
@@ -163,19 +163,19 @@ fn a_picture_is_a_png_of_the_asked_size_with_panels_in_order() {
     assert!(left[2] > left[0] && right[0] > right[2], "{left:?} {right:?}");
     // The colour bar: red at the top.
     let bar = |y| image.pixel(548 + 17, y);
-    assert!(bar(32)[0] > bar(32)[2] && bar(284)[2] > bar(284)[0]);
-    assert_eq!(bytes, picture(&panels, &view));
+    assert!(bar(36)[0] > bar(36)[2] && bar(284)[2] > bar(284)[0]);
+    assert_eq!(bytes, render_panels(&panels, &view));
 }
 
 #[test]
 fn odd_pictures_are_still_pictures() {
     let ball = star(6, |_| 50.0);
-    let layer = Layer { mesh: &ball, values: Some((&[f32::NAN], 0.0)) };
+    let layer = Layer { mesh: &ball, values: Some(Coloured { values: &[f32::NAN], limit_mm: 0.0 }) };
     for size_px in [[0, 0], [64, 9], [9, 500]] {
         for direction in [Vector::zeros(), Vector::z(), Vector::new(f64::NAN, 0.0, 1.0)] {
             let view = View { direction, up: Vector::z(), size_px };
-            Decoded::of(&picture(&[("a title that is far too long", layer)], &view));
-            Decoded::of(&picture(&[], &view));
+            Decoded::of(&render_panels(&[("a title that is far too long", layer)], &view));
+            Decoded::of(&render_panels(&[], &view));
         }
     }
 }

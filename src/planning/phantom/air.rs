@@ -1,8 +1,8 @@
 //! Air inside the head: nasal cavity with the throat, and the mouth.
 
+use super::arches::{LOWER_ARCH, UPPER_ARCH};
 use super::dual::Real;
 use super::shapes::{capsule, ellipsoid, intersection, rounded_box, union};
-use super::skull::{LOWER_ARCH, UPPER_ARCH};
 
 pub(super) fn air<T: Real>(p: [T; 3]) -> T {
     airway(p).min(mouth(p))

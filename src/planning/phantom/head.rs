@@ -44,12 +44,12 @@ impl Implicit for Solid {
 ///
 /// The skull is a closed surface of plausible volume, and the landmark of the nose tip lies on the skin.
 /// ```
-/// use prosopon_geometry::Topology;
+/// use prosopon_geometry::TopologyFaults;
 /// use prosopon_planning::phantom;
 ///
 /// let head = phantom::head();
 /// let skull = phantom::surface_of(head.skull.as_ref(), &head.bounds(), 3.0).ok_or("the box holds no skull")?;
-/// assert!(Topology::of(&skull).is_closed_manifold());
+/// assert!(TopologyFaults::of(&skull).is_closed_manifold());
 /// assert!((600.0..950.0).contains(&(skull.volume() / 1e3))); // cm³
 /// let nose = head.landmarks.point("pronasale").ok_or("no pronasale")?;
 /// assert!(head.skin.value(&nose).abs() < 0.01);

@@ -9,6 +9,7 @@
 //! distances, not of a particular person.
 
 mod air;
+mod arches;
 mod ct;
 #[cfg(test)]
 mod ct_tests;

@@ -1,16 +1,12 @@
 //! Bone and teeth: cranium with the upper jaw, and the separate mandible.
 
 use super::air::airway;
+use super::arches::{LOWER_ARCH, UPPER_ARCH};
 use super::dual::Real;
 use super::shapes::{Arch, capsule, difference, ellipsoid, intersection, mirrored, rounded_box, union};
 
 /// Distance of bone from the air of nose and throat, mm.
 const MUCOSA_MM: f64 = 2.0;
-
-/// Centre line of the upper teeth's crowns.
-pub(super) const UPPER_ARCH: Arch = Arch { half_width: 27.0, depth: 53.0, back_y: -31.0 };
-/// Centre line of the lower teeth's crowns, which gives an overjet of 2 mm.
-pub(super) const LOWER_ARCH: Arch = Arch { half_width: 25.5, depth: 51.0, back_y: -31.0 };
 
 /// Centre lines of the alveolar processes, behind the crowns.
 const UPPER_ALVEOLAR: Arch = Arch { half_width: 26.0, depth: 48.0, back_y: -31.0 };

@@ -5,7 +5,8 @@ use std::fmt;
 use nalgebra::Matrix3;
 use rayon::prelude::*;
 
-use super::parting::{Crossing, OUTSIDE, flood, for_each_neighbour, lattice, strides};
+use super::lattice::{Crossing, OUTSIDE, lattice, strides};
+use super::pieces::{flood, for_each_neighbour};
 use super::{Cut, PlanError, min_cut};
 use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{Point, ScalarGrid, Vector};
@@ -176,13 +177,13 @@ pub(super) fn bridges(grid: &ScalarGrid, cuts: &[Cut], cut: usize, mut open: Vec
     open.sort_unstable();
     open.dedup();
     let mut found: Vec<Bridge> =
-        patches(grid, &open).iter().map(|patch| measure(grid, (cut, cuts[cut].label(cut)), &open, patch)).collect();
+        patches(grid, &open).iter().map(|patch| measure(grid, cut, cuts[cut].label(cut), &open, patch)).collect();
     found.sort_by(|a, b| b.area_mm2.total_cmp(&a.area_mm2));
     found
 }
 
 /// Place and size of a patch of edges; each edge counts as a grid square perpendicular to it.
-fn measure(grid: &ScalarGrid, (cut, label): (usize, String), open: &[Open], patch: &[usize]) -> Bridge {
+fn measure(grid: &ScalarGrid, cut: usize, label: String, open: &[Open], patch: &[usize]) -> Bridge {
     let h = grid.spacing;
     let middle = |e: &Open| {
         let [i, j, k] = lattice(grid, e.node);

@@ -37,10 +37,11 @@ pub struct Clearance {
 /// [`CutShape::FreePart`](super::CutShape::FreePart) cuts nothing and has no entries.
 ///
 /// # Errors
-/// [`PlanError::Value`] for a structure without points or with a coordinate that is not finite.
+/// [`PlanError::Value`] for a structure without points or with a coordinate that is not finite; [`PlanError::Cut`] for a cut
+/// whose distances cannot be computed.
 ///
 /// ```
-/// use prosopon_geometry::{Point, TriMesh, Vector};
+/// use prosopon_geometry::{Point, Vector};
 /// use prosopon_planning::plan::{BoundedPlane, Cut, Osteotomy, Protected, Segment, clearances};
 ///
 /// # let corners = [[0.0, 0.0, 0.0], [40.0, 0.0, 0.0], [0.0, 40.0, 0.0], [0.0, 0.0, 40.0]];
@@ -85,9 +86,9 @@ pub fn clearances(osteotomy: &Osteotomy, protected: &[Protected]) -> Result<Vec<
     };
     let mut found = Vec::new();
     for (index, cut) in osteotomy.cuts.iter().enumerate() {
-        let Some(surface) = cut.surface(&bounds.center(), bounds.diagonal())? else { continue };
-        let corners = surface.positions().iter().map(|p| ParryVector::new(p.x, p.y, p.z)).collect();
-        let Ok(shape) = Shape::new(corners, surface.triangles().to_vec()) else { continue };
+        let Some(surface) = cut.surface(index, &bounds.center(), bounds.diagonal())? else { continue };
+        let shape =
+            shape_of(surface.positions(), surface.triangles()).map_err(|detail| cut.fault(index, "surface", detail))?;
         for (number, p) in protected.iter().enumerate() {
             let nearest = stretches(&p.points).filter_map(|(a, b)| nearest(&shape, &a, &b));
             if let Some((distance, place)) = nearest.min_by(|a, b| a.0.total_cmp(&b.0)) {
@@ -97,6 +98,12 @@ pub fn clearances(osteotomy: &Osteotomy, protected: &[Protected]) -> Result<Vec<
         }
     }
     Ok(found)
+}
+
+/// The surface of a cut, prepared for distances; else why that is not possible.
+fn shape_of(positions: &[Point], triangles: &[[u32; 3]]) -> Result<Shape, String> {
+    let corners = positions.iter().map(|p| ParryVector::new(p.x, p.y, p.z)).collect();
+    Shape::new(corners, triangles.to_vec()).map_err(|e| format!("its clearance cannot be computed: {e}"))
 }
 
 fn stretches(points: &[Point]) -> impl Iterator<Item = (Point, Point)> {
@@ -127,6 +134,14 @@ mod tests {
 
     fn protected(points: &[[f64; 3]]) -> Protected {
         Protected { name: "nerve".into(), points: points.iter().map(|p| Point::from(*p)).collect(), margin_mm: None }
+    }
+
+    #[test]
+    fn a_cut_without_distances_is_reported() {
+        assert!(
+            shape_of(&[Point::origin()], &[])
+                .is_err_and(|detail| detail.starts_with("its clearance cannot be computed: "))
+        );
     }
 
     #[test]

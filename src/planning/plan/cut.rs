@@ -1,83 +1,20 @@
-//! Cutting the bone's envelope into segments.
+//! Parting the bone's envelope into segments.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 
-use super::blade::Blade;
-use super::complete::complete;
-use super::parting::{Crossing, OUTSIDE, Pieces, Sets, blocked_edges, crossings, flood, lattice, strides};
+use super::assign::{Choice, Freed, assign};
+use super::checked_cut::CheckedCut;
+use super::lattice::{Crossing, OUTSIDE, lattice, strides};
+use super::osteotomy::{Osteotomy, Segment};
+use super::part_bridges::part_bridges;
+use super::pieces::{Pieces, blocked_edges, crossings, flood};
 use super::separation::{Saw, Separation};
 use super::shape::{Cut, CutShape, Purpose};
+use super::tuning::{FRAGMENT_MM3, MIN_THICKNESS_SHARE, SAWN_FRAGMENT_MM3};
 use super::{Bridge, Miss, PlanError, bridge, solid};
 use prosopon_field::Envelope;
 use prosopon_geometry::control::Control;
-use prosopon_geometry::{Point, ScalarGrid, TriMesh};
-
-/// Pieces below this volume are fragments, mm³: they join a neighbouring segment.
-const CRUMB_MM3: f64 = 100.0;
-/// A piece of up to this volume is a fragment too when the kerf leaves less than [`CRUMB_MM3`] of it, mm³; of a larger piece
-/// that is an error.
-const SAWN_CRUMB_MM3: f64 = 300.0;
-/// Least thickness of a segment (volume over half its area) as a share of the grid spacing. A thinner one lies between two cuts
-/// in the same place.
-const THINNEST: f64 = 0.2;
-
-/// A piece of bone.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Segment {
-    /// Number: 0 is the skull, which is fixed; the others follow by falling volume.
-    pub id: u32,
-    /// Suggested name, for example `maxilla`; [`super::name_segments`] sets it.
-    pub name: Option<String>,
-    /// Closed surface with caps, LPS mm, at rest.
-    pub surface: TriMesh,
-    /// Volume, mm³.
-    pub volume_mm3: f64,
-    /// Area, mm².
-    pub area_mm2: f64,
-    /// Centroid of the solid, LPS mm, at rest.
-    pub centroid: Point,
-    /// Indices of the cuts that bound it, ascending.
-    pub bounded_by: Vec<usize>,
-}
-
-impl Segment {
-    /// Name of the segment in messages, for example `maxilla (segment 1)`.
-    #[must_use]
-    pub fn label(&self) -> String {
-        self.name
-            .as_ref()
-            .map_or_else(|| format!("segment {}", self.id), |name| format!("{name} (segment {})", self.id))
-    }
-}
-
-/// Bone cut into segments.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Osteotomy {
-    /// The cuts.
-    pub cuts: Vec<Cut>,
-    /// The segments, ascending by number.
-    pub segments: Vec<Segment>,
-    /// Volume of the bone before it was cut, mm³.
-    pub bone_mm3: f64,
-    /// Volume of the fragments that touch no segment and were dropped, mm³.
-    pub dropped_mm3: f64,
-    /// What was dropped or should be checked.
-    pub warnings: Vec<String>,
-}
-
-impl Osteotomy {
-    /// Number of the segment that contains `p` (LPS mm), else of the one with the nearest vertex.
-    ///
-    /// `None` when there are no segments.
-    #[must_use]
-    pub fn segment_near(&self, p: &Point) -> Option<u32> {
-        let nearest =
-            |s: &Segment| s.surface.positions().iter().map(|q| (q - p).norm_squared()).fold(f64::MAX, f64::min);
-        let inside = self.segments.iter().find(|s| solid::contains(&s.surface, p));
-        let best = || self.segments.iter().min_by(|a, b| nearest(a).total_cmp(&nearest(b)));
-        inside.or_else(best).map(|s| s.id)
-    }
-}
+use prosopon_geometry::{Point, ScalarGrid, Warning};
 
 /// Parts the bone envelope by the cuts.
 ///
@@ -94,7 +31,7 @@ impl Osteotomy {
 /// and the bone's surface, are accurate to about half the spacing.
 ///
 /// # Errors
-/// [`PlanError::Value`] for a cut with a value that is not allowed and for a kerf that leaves less than 100 mm³ of a segment,
+/// [`PlanError::Cut`] for a cut with a value that is not allowed and for a kerf that leaves less than 100 mm³ of a segment,
 /// [`PlanError::MissesBone`], [`PlanError::NotParted`], [`PlanError::Cancelled`].
 ///
 /// ```
@@ -123,152 +60,29 @@ impl Osteotomy {
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn cut(bone: &Envelope, cuts: &[Cut], control: &Control) -> Result<Osteotomy, PlanError> {
-    let grid = &bone.grid;
     if cuts.is_empty() {
         return Err(PlanError::Value { what: "cuts".into(), detail: "there are none; give at least one cut".into() });
     }
-    let blades = cuts.iter().enumerate().map(|(i, c)| Blade::new(i, c)).collect::<Result<Vec<_>, _>>()?;
-    let mut crossings = crossings(grid, &blades, control)?;
-    let missed = blades
-        .iter()
-        .enumerate()
-        .filter(|(cut, blade)| !matches!(blade, Blade::None) && !crossings.iter().any(|c| c.cut == *cut && c.in_bone));
-    let missed_by: Vec<Miss> = missed
-        .map(|(cut, blade)| {
-            let distances = blade.distances(bone.surface.positions());
-            Miss { cut, label: cuts[cut].label(cut), distance_mm: distances.into_iter().fold(f64::INFINITY, f64::min) }
-        })
-        .collect();
-    if !missed_by.is_empty() {
-        return Err(PlanError::MissesBone { missed_by });
-    }
-    control.report(0.1);
-    let mut blocked = blocked_edges(grid, &crossings);
-    let mut pieces = flood(grid, &blocked, control)?;
-    let completion = complete(grid, &crossings, &blocked, &pieces, cuts, control)?;
-    let parted_too = completion.map(|c| {
-        crossings.extend(c.crossings);
-        crossings.sort_by_key(|c| (c.node, c.axis, c.cut));
-        c.warning
-    });
-    if parted_too.is_some() {
-        blocked = blocked_edges(grid, &crossings);
-        pieces = flood(grid, &blocked, control)?;
-    }
-    let freed = freed(grid, &pieces, cuts);
+    let (parted, bridges) = PartedBone::new(bone, cuts, control)?;
+    let freed = freed(&bone.grid, &parted.pieces, cuts);
     // How much a kerf leaves of a piece is known only once the segments are built; too small pieces then count as fragments.
     let mut small = BTreeSet::new();
     loop {
-        let Some(mut choice) = assign(grid, &pieces, &crossings, (&freed, &small)) else {
-            return Err(bridge::not_parted(grid, &crossings, &blocked, cuts, control)?);
-        };
-        if let Some((cut, _)) = freed.iter().find(|(_, piece)| choice.segment[*piece] == Some(0)) {
-            let label = cuts[*cut].label(*cut);
-            let detail =
-                format!("the bone at the point of {label} is connected to the skull; add a cut that separates it");
-            return Err(PlanError::Value { what: format!("cuts[{cut}].free_part"), detail });
-        }
+        let choice = parted.choice(&freed, &small, control)?;
         control.report(0.2);
-        choice.warnings.extend(parted_too.clone());
-        let parted = Parted { bone, cuts, blades: &blades, crossings: &crossings, blocked: &blocked, pieces: &pieces };
-        match parted.made(choice, control)? {
-            Made::Done(osteotomy) => return Ok(osteotomy),
-            Made::LeavesCrumbs(found) if found.is_subset(&small) => {
+        match parted.build(choice, bridges.as_ref(), control)? {
+            Built::Done(osteotomy) => return Ok(osteotomy),
+            Built::LeavesFragments(found) if found.is_subset(&small) => {
                 let detail = "leave fragments below 100 mm³; use a smaller kerf or move the cuts apart".to_owned();
                 return Err(PlanError::Value { what: "cuts".into(), detail });
             }
-            Made::LeavesCrumbs(found) => small.extend(found),
+            Built::LeavesFragments(found) => small.extend(found),
         }
-    }
-}
-
-/// Result of building the segments of a [`Choice`].
-enum Made {
-    Done(Osteotomy),
-    /// Pieces of which the kerf leaves less than [`CRUMB_MM3`].
-    LeavesCrumbs(BTreeSet<usize>),
-}
-
-/// Bone with its cuts and the pieces between them.
-struct Parted<'a> {
-    bone: &'a Envelope,
-    cuts: &'a [Cut],
-    blades: &'a [Blade],
-    crossings: &'a [Crossing],
-    blocked: &'a [u8],
-    pieces: &'a Pieces,
-}
-
-impl Parted<'_> {
-    /// Builds the segments of `choice`.
-    fn made(&self, choice: Choice, control: &Control) -> Result<Made, PlanError> {
-        let Self { bone, cuts, blades, crossings, blocked, pieces } = *self;
-        let grid = &bone.grid;
-        let of_piece = |l: u32| if l == OUTSIDE { None } else { choice.segment[l as usize] };
-        let segments: Vec<u32> = pieces.label.iter().map(|l| of_piece(*l).unwrap_or(OUTSIDE)).collect();
-        let saws: Vec<Saw<'_>> =
-            blades.iter().zip(cuts).map(|(blade, cut)| Saw { blade, kerf_mm: cut.kerf_mm }).collect();
-        let parting = Separation::new(grid, &segments, choice.n_segments, crossings, &saws);
-        let mut warnings = choice.warnings;
-        let steps = strides(grid);
-        for cut in 0..cuts.len() {
-            let own = || crossings.iter().filter(|c| c.cut == cut && c.in_bone);
-            let apart = own().filter(|c| segments[c.node] != segments[c.node + steps[c.axis]]).count();
-            // Cuts reach beyond the bone that they part; one that parts little of the bone that it crosses was meant to part
-            // more. Separations may find joints and teeth separate already.
-            if cuts[cut].purpose == Purpose::Osteotomy && 4 * apart < own().count() {
-                let bridges = bridge::of_cut(grid, crossings, blocked, cuts, cut, control)?;
-                let places: Vec<String> = bridges.iter().take(5).map(Bridge::to_string).collect();
-                let share = 100 * apart / own().count().max(1);
-                let what = if apart == 0 { "nothing".to_owned() } else { format!("only {share} % of it") };
-                let left = if places.is_empty() { "fragments".to_owned() } else { places.join("; ") };
-                warnings.push(format!(
-                    "{} crosses bone but parts {what}; extend it where bone remains: {left}",
-                    cuts[cut].label(cut)
-                ));
-            }
-        }
-        let part = control.stage(0.2, 1.0);
-        let found = solid::segments(grid, &segments, &parting, &part)?;
-        for segment in &found {
-            let thickness_mm = 2.0 * segment.volume_mm3 / segment.area_mm2;
-            if let [first, .., last] = *segment.bounded_by.as_slice()
-                && thickness_mm < THINNEST * grid.spacing
-            {
-                let detail = format!(
-                    "leaves a sheet of bone {thickness_mm:.3} mm thick to cut {first}; remove one if they lie on one another"
-                );
-                return Err(PlanError::Value { what: format!("cuts[{last}]"), detail });
-            }
-        }
-        let mut crumbs = BTreeSet::new();
-        for (id, bounds) in parting.bounded_by.iter().enumerate() {
-            let left = found.iter().find(|s| s.id as usize == id).map_or(0.0, |s| s.volume_mm3);
-            let widest = bounds.iter().max_by(|a, b| cuts[**a].kerf_mm.total_cmp(&cuts[**b].kerf_mm));
-            if let Some(cut) = widest.filter(|c| cuts[**c].kerf_mm > 0.0 && left < CRUMB_MM3) {
-                let own: Vec<usize> =
-                    (0..pieces.size.len()).filter(|p| choice.segment[*p] == Some(id as u32)).collect();
-                let whole: f64 = own.iter().map(|p| pieces.size[*p] as f64 * grid.spacing.powi(3)).sum();
-                if whole > SAWN_CRUMB_MM3 {
-                    let detail = format!(
-                        "a kerf of {} mm would leave {left:.0} mm³ of segment {id}; use a smaller kerf or move the cut",
-                        cuts[*cut].kerf_mm
-                    );
-                    return Err(PlanError::Value { what: format!("cuts[{cut}].kerf_mm"), detail });
-                }
-                crumbs.extend(own);
-            }
-        }
-        if !crumbs.is_empty() {
-            return Ok(Made::LeavesCrumbs(crumbs));
-        }
-        let (bone_mm3, dropped_mm3) = (bone.surface.volume(), choice.dropped_mm3);
-        Ok(Made::Done(Osteotomy { cuts: cuts.to_vec(), segments: found, bone_mm3, dropped_mm3, warnings }))
     }
 }
 
 /// Cuts of shape [`CutShape::FreePart`], each with the piece whose node is nearest to its point.
-fn freed(grid: &ScalarGrid, pieces: &Pieces, cuts: &[Cut]) -> Vec<(usize, usize)> {
+fn freed(grid: &ScalarGrid, pieces: &Pieces, cuts: &[Cut]) -> Vec<Freed> {
     let piece_at = |p: &Point| {
         let off = |node: usize| {
             let [i, j, k] = lattice(grid, node);
@@ -279,103 +93,180 @@ fn freed(grid: &ScalarGrid, pieces: &Pieces, cuts: &[Cut]) -> Vec<(usize, usize)
         Some(pieces.label[nearest.1] as usize)
     };
     let of_cut = |(cut, c): (usize, &Cut)| match &c.shape {
-        CutShape::FreePart(p) => Some((cut, piece_at(p)?)),
+        CutShape::FreePart(p) => Some(Freed { cut, piece: piece_at(p)? }),
         CutShape::Plane(_) | CutShape::Polyline { .. } | CutShape::Surface(_) => None,
     };
     cuts.iter().enumerate().filter_map(of_cut).collect()
 }
 
-/// Which segment each piece belongs to.
-struct Choice {
-    /// Segment of each piece; `None` for dropped fragments.
-    segment: Vec<Option<u32>>,
-    n_segments: u32,
-    dropped_mm3: f64,
-    warnings: Vec<String>,
+/// Refuses cuts that cross no bone.
+fn check_hits(
+    bone: &Envelope,
+    cuts: &[Cut],
+    checked_cuts: &[CheckedCut],
+    crossings: &[Crossing],
+) -> Result<(), PlanError> {
+    let crosses = |cut: usize| crossings.iter().any(|c| c.cut == cut && c.in_bone);
+    let missed = checked_cuts
+        .iter()
+        .enumerate()
+        .filter(|(cut, checked_cut)| !matches!(checked_cut, CheckedCut::None) && !crosses(*cut));
+    let missed_by: Vec<Miss> = missed
+        .map(|(cut, checked_cut)| {
+            let distances = checked_cut.distances(bone.surface.positions());
+            Miss { cut, label: cuts[cut].label(cut), distance_mm: distances.into_iter().fold(f64::INFINITY, f64::min) }
+        })
+        .collect();
+    if missed_by.is_empty() { Ok(()) } else { Err(PlanError::MissesBone { missed_by }) }
 }
 
-/// Assigns the pieces to segments; `None` when nothing larger than a fragment comes off.
-///
-/// `freed` holds cuts with the piece that each frees, `small` the pieces that count as fragments whatever their volume. A
-/// fragment joins the neighbour with which it shares most crossed edges.
-fn assign(
-    grid: &ScalarGrid,
-    pieces: &Pieces,
-    crossings: &[Crossing],
-    (freed, small): (&[(usize, usize)], &BTreeSet<usize>),
-) -> Option<Choice> {
-    let n = pieces.size.len();
-    let voxel = grid.spacing.powi(3);
-    let volume = |piece: usize| pieces.size[piece] as f64 * voxel;
-    let is_crumb = |piece: usize| volume(piece) < CRUMB_MM3 || small.contains(&piece);
-    let steps = strides(grid);
-    let mut sets = Sets::new(n);
-    for c in crossings.iter().filter(|c| c.in_bone) {
-        sets.join(pieces.label[c.node], pieces.label[c.node + steps[c.axis]]);
-    }
-    let part: Vec<usize> = (0..n).map(|p| sets.find(p as u32) as usize).collect();
-    let mut part_size = vec![0usize; n];
-    let mut solids = vec![0usize; n];
-    for p in 0..n {
-        part_size[part[p]] += pieces.size[p];
-        solids[part[p]] += usize::from(!is_crumb(p));
-    }
-    // The largest, and of equals the first.
-    let largest = |sizes: &[usize], of: &mut dyn Iterator<Item = usize>| {
-        of.fold(None, |best: Option<usize>, p| best.filter(|b| sizes[*b] >= sizes[p]).or(Some(p)))
-    };
-    let main = largest(&part_size, &mut (0..n))?;
-    let stays = largest(&pieces.size, &mut (0..n).filter(|p| part[*p] == main))?;
+/// Result of building the segments of a [`Choice`].
+enum Built {
+    Done(Osteotomy),
+    /// Pieces of which the kerf leaves less than [`FRAGMENT_MM3`].
+    LeavesFragments(BTreeSet<usize>),
+}
 
-    let divided = |p: usize| solids[part[p]] >= 2;
-    let comes_off = |p: usize| divided(p) || freed.iter().any(|(_, piece)| *piece == p);
-    let mut movable: Vec<usize> = (0..n).filter(|p| *p != stays && comes_off(*p) && !is_crumb(*p)).collect();
-    if movable.is_empty() {
-        return None;
+/// Bone with its cuts and the pieces between them.
+struct PartedBone<'a> {
+    bone: &'a Envelope,
+    cuts: &'a [Cut],
+    checked_cuts: Vec<CheckedCut>,
+    crossings: Vec<Crossing>,
+    blocked: Vec<u8>,
+    pieces: Pieces,
+}
+
+impl<'a> PartedBone<'a> {
+    /// Parts the bone by the cuts, and thin bridges that separations leave; returns a warning about these.
+    fn new(bone: &'a Envelope, cuts: &'a [Cut], control: &Control) -> Result<(Self, Option<Warning>), PlanError> {
+        let grid = &bone.grid;
+        let checked_cuts =
+            cuts.iter().enumerate().map(|(i, c)| CheckedCut::new(i, c)).collect::<Result<Vec<_>, _>>()?;
+        let mut crossings = crossings(grid, &checked_cuts, control)?;
+        check_hits(bone, cuts, &checked_cuts, &crossings)?;
+        control.report(0.1);
+        let mut blocked = blocked_edges(grid, &crossings);
+        let mut pieces = flood(grid, &blocked, control)?;
+        let mut warning = None;
+        if let Some(bridges) = part_bridges(grid, &crossings, &blocked, &pieces, cuts, control)? {
+            crossings.extend(bridges.crossings);
+            crossings.sort_by_key(|c| (c.node, c.axis, c.cut));
+            blocked = blocked_edges(grid, &crossings);
+            pieces = flood(grid, &blocked, control)?;
+            warning = Some(bridges.warning);
+        }
+        Ok((Self { bone, cuts, checked_cuts, crossings, blocked, pieces }, warning))
     }
-    movable.sort_by_key(|p| std::cmp::Reverse(pieces.size[*p]));
-    let mut segment = vec![Some(0); n];
-    for (i, p) in movable.iter().enumerate() {
-        segment[*p] = Some(i as u32 + 1);
-    }
-    let mut crumbs: Vec<usize> = (0..n).filter(|p| divided(*p) && is_crumb(*p)).collect();
-    crumbs.sort_by_key(|p| std::cmp::Reverse(pieces.size[*p]));
-    crumbs.iter().for_each(|p| segment[*p] = None);
-    let mut shared: BTreeMap<(usize, usize), usize> = BTreeMap::new();
-    for c in crossings.iter().filter(|c| c.in_bone) {
-        let [a, b] = [pieces.label[c.node], pieces.label[c.node + steps[c.axis]]].map(|l| l as usize);
-        for pair in [(a, b), (b, a)].into_iter().filter(|_| a != b) {
-            *shared.entry(pair).or_default() += 1;
+
+    /// Which segment each piece belongs to; `small` are the pieces that count as fragments whatever their volume.
+    fn choice(&self, freed: &[Freed], small: &BTreeSet<usize>, control: &Control) -> Result<Choice, PlanError> {
+        let Self { bone, cuts, crossings, blocked, pieces, .. } = self;
+        let Some(choice) = assign(&bone.grid, pieces, crossings, freed, small) else {
+            return Err(bridge::not_parted(&bone.grid, crossings, blocked, cuts, control)?);
+        };
+        match freed.iter().find(|freed| choice.segment[freed.piece] == Some(0)) {
+            Some(freed) => {
+                let detail = "the bone at its point is connected to the skull; add a cut that separates it";
+                Err(cuts[freed.cut].fault(freed.cut, "free_part", detail.to_owned()))
+            }
+            None => Ok(choice),
         }
     }
-    // A fragment that touches only fragments joins a segment in a later round.
-    for _ in 0..crumbs.len() {
-        for crumb in crumbs.iter().copied() {
-            let beside = shared.range((crumb, 0)..(crumb + 1, 0)).filter(|((_, other), _)| segment[*other].is_some());
-            let most = beside.max_by_key(|((_, other), faces)| (**faces, std::cmp::Reverse(*other)));
-            if let (None, Some(((_, other), _))) = (segment[crumb], most) {
-                segment[crumb] = segment[*other];
+
+    /// Builds the segments of `choice`; `bridges` warns of bridges that were parted.
+    fn build(&self, choice: Choice, bridges: Option<&Warning>, control: &Control) -> Result<Built, PlanError> {
+        let Self { bone, cuts, checked_cuts, crossings, pieces, .. } = self;
+        let grid = &bone.grid;
+        let of_piece = |l: u32| if l == OUTSIDE { None } else { choice.segment[l as usize] };
+        let of_node: Vec<u32> = pieces.label.iter().map(|l| of_piece(*l).unwrap_or(OUTSIDE)).collect();
+        let saws: Vec<Saw<'_>> = (checked_cuts.iter().zip(*cuts))
+            .map(|(checked_cut, cut)| Saw { checked_cut, kerf_mm: cut.kerf_mm })
+            .collect();
+        let separation = Separation::new(grid, &of_node, choice.n_segments, crossings, &saws);
+        let idle = self.cuts_that_part_little(&of_node, control)?;
+        let segments = solid::segments(grid, &of_node, &separation, &control.stage(0.2, 1.0))?;
+        self.check_thickness(&segments)?;
+        let fragments = self.sawn_away(&choice, &separation, &segments)?;
+        if !fragments.is_empty() {
+            return Ok(Built::LeavesFragments(fragments));
+        }
+        let warnings = choice.warning.into_iter().chain(bridges.cloned()).chain(idle).collect();
+        let (bone_mm3, dropped_mm3) = (bone.surface.volume(), choice.dropped_mm3);
+        Ok(Built::Done(Osteotomy { cuts: cuts.to_vec(), segments, bone_mm3, dropped_mm3, warnings }))
+    }
+
+    /// Warnings about saw cuts that part little of the bone that they cross; `segment` holds the segment of each node.
+    ///
+    /// Cuts reach beyond the bone that they part; one that parts less than a quarter of what it crosses was meant to part more.
+    /// Separations may find joints and teeth separate already.
+    fn cuts_that_part_little(&self, segment: &[u32], control: &Control) -> Result<Vec<Warning>, PlanError> {
+        let Self { bone, cuts, crossings, blocked, .. } = self;
+        let steps = strides(&bone.grid);
+        let mut warnings = Vec::new();
+        for (cut, given) in cuts.iter().enumerate() {
+            let own = || crossings.iter().filter(|c| c.cut == cut && c.in_bone);
+            let apart = own().filter(|c| segment[c.node] != segment[c.node + steps[c.axis]]).count();
+            if given.purpose == Purpose::Osteotomy && 4 * apart < own().count() {
+                let bridges = bridge::of_cut(&bone.grid, crossings, blocked, cuts, cut, control)?;
+                let places: Vec<String> = bridges.iter().take(5).map(Bridge::to_string).collect();
+                let share = 100 * apart / own().count().max(1);
+                let what = if apart == 0 { "nothing".to_owned() } else { format!("only {share} % of it") };
+                let left = if places.is_empty() { "fragments".to_owned() } else { places.join("; ") };
+                let message = format!("{} crosses bone but parts {what}; what remains: {left}", given.label(cut));
+                warnings.push(Warning::check("cut-parts-little", message).act("Extend the cut where bone remains."));
             }
         }
+        Ok(warnings)
     }
-    let lost = crumbs.iter().filter(|p| segment[**p].is_none());
-    // The sum of no numbers is -0.0.
-    let dropped_mm3 = lost.map(|p| volume(*p)).sum::<f64>() + 0.0;
-    let mut warnings = Vec::new();
-    if let Some(widest) = crumbs.first().copied() {
-        let first = pieces.label.iter().position(|l| *l as usize == widest).unwrap_or(0);
-        let [i, j, k] = lattice(grid, first);
-        let at = grid.position(i, j, k);
-        warnings.push(format!(
-            "{} fragments ({:.0} mm³ together) were joined to the segments that they touch most; the largest has {:.0} mm³ near \
-             ({:.0}, {:.0}, {:.0}) mm: check the cuts there",
-            crumbs.len(),
-            crumbs.iter().map(|p| volume(*p)).sum::<f64>(),
-            volume(widest),
-            at.x,
-            at.y,
-            at.z
-        ));
+
+    /// Refuses segments that are a thin sheet, which two cuts in the same place leave between them.
+    fn check_thickness(&self, segments: &[Segment]) -> Result<(), PlanError> {
+        for segment in segments {
+            let thickness_mm = 2.0 * segment.volume_mm3 / segment.area_mm2;
+            if let [first, .., last] = *segment.bounded_by.as_slice()
+                && thickness_mm < MIN_THICKNESS_SHARE * self.bone.grid.spacing
+            {
+                let detail = format!(
+                    "leaves a sheet of bone {thickness_mm:.3} mm thick to {}; remove one if they lie on one another",
+                    self.cuts[first].label(first)
+                );
+                return Err(self.cuts[last].fault(last, "", detail));
+            }
+        }
+        Ok(())
     }
-    Some(Choice { segment, n_segments: movable.len() as u32 + 1, dropped_mm3, warnings })
+
+    /// Pieces of segments of which the kerf leaves less than [`FRAGMENT_MM3`].
+    ///
+    /// # Errors
+    /// [`PlanError::Cut`] when such a segment had more than [`SAWN_FRAGMENT_MM3`] before it was sawn.
+    fn sawn_away(
+        &self,
+        choice: &Choice,
+        separation: &Separation,
+        segments: &[Segment],
+    ) -> Result<BTreeSet<usize>, PlanError> {
+        let Self { bone, cuts, pieces, .. } = self;
+        let mut fragments = BTreeSet::new();
+        for (id, bounds) in separation.bounded_by.iter().enumerate() {
+            let left = segments.iter().find(|s| s.id as usize == id).map_or(0.0, |s| s.volume_mm3);
+            let widest = bounds.iter().max_by(|a, b| cuts[**a].kerf_mm.total_cmp(&cuts[**b].kerf_mm));
+            if let Some(cut) = widest.filter(|c| cuts[**c].kerf_mm > 0.0 && left < FRAGMENT_MM3) {
+                let own: Vec<usize> =
+                    (0..pieces.size.len()).filter(|p| choice.segment[*p] == Some(id as u32)).collect();
+                let whole: f64 = own.iter().map(|p| pieces.size[*p] as f64 * bone.grid.spacing.powi(3)).sum();
+                if whole > SAWN_FRAGMENT_MM3 {
+                    let detail = format!(
+                        "a kerf of {} mm would leave {left:.0} mm³ of the {whole:.0} mm³ of bone of one segment; use a smaller \
+                         kerf or move the cut",
+                        cuts[*cut].kerf_mm
+                    );
+                    return Err(cuts[*cut].fault(*cut, "kerf_mm", detail));
+                }
+                fragments.extend(own);
+            }
+        }
+        Ok(fragments)
+    }
 }

@@ -149,11 +149,12 @@ fn an_oblique_slot_has_its_width_too() {
 #[test]
 fn a_slot_that_leaves_nothing_is_refused_with_its_cut() {
     let bone = block();
-    let slab = Cut { kerf_mm: 6.0, ..endless([0.0, 0.0, 2.0], [0.0, 0.0, 1.0]).into() };
+    let slab = Cut { kerf_mm: 6.0, ..Cut::from(endless([0.0, 0.0, 2.0], [0.0, 0.0, 1.0])).named("chin") };
     match run_all(&bone, &[slab]) {
-        Err(PlanError::Value { what, detail }) => {
-            assert_eq!(what, "cuts[0].kerf_mm");
-            assert!(detail.contains("segment 1"), "{detail}");
+        Err(PlanError::Cut { cut: 0, label, field: "kerf_mm", detail }) => {
+            assert_eq!(label, "cut `chin`");
+            assert!(detail.starts_with("a kerf of 6 mm would leave 0 mm³ of the "), "{detail}");
+            assert!(detail.contains("mm³ of bone of one segment"), "{detail}");
         }
         other => panic!("{other:?}"),
     }
@@ -176,7 +177,7 @@ fn a_part_that_was_apart_is_freed_at_a_point_and_a_joined_one_is_not() {
     assert_eq!(done.segments.len(), 3);
     assert!(matches!(run_all(&bone, &[free(30.0)]), Err(PlanError::NotParted { .. })));
     match run_all(&bone, &[endless([0.0, 0.0, 25.2], [0.0, 0.0, 1.0]).into(), free(30.0)]) {
-        Err(PlanError::Value { what, .. }) => assert_eq!(what, "cuts[1].free_part"),
+        Err(PlanError::Cut { cut, field, .. }) => assert_eq!((cut, field), (1, "free_part")),
         other => panic!("{other:?}"),
     }
 }
@@ -209,9 +210,16 @@ fn what_separations_leave_is_parted_where_it_is_thin_and_named() {
     let jaw_mm3 = done.segments[1].volume_mm3;
     assert!((11_350.0..11_650.0).contains(&jaw_mm3), "{jaw_mm3}");
     let warning = done.warnings.first().unwrap();
-    assert!(warning.contains("bridges of 32 mm²") && warning.contains("near (12"), "{warning}");
+    assert_eq!(warning.code, "bridges-parted");
+    assert!(warning.message.contains("bridges of 32 mm²") && warning.message.contains("near (12"), "{warning}");
     // A bridge as wide as the neck of a condyle is not parted, nor any bridge when the separation has no `part`.
-    assert!(matches!(run_all(&of(6.0), &cuts), Err(PlanError::Value { .. } | PlanError::NotParted { .. })));
+    assert!(matches!(
+        run_all(&of(6.0), &cuts),
+        Err(PlanError::Value { .. } | PlanError::Cut { .. } | PlanError::NotParted { .. })
+    ));
     let plain = [Cut { part: None, ..joint }, cuts[1].clone()];
-    assert!(matches!(run_all(&of(2.0), &plain), Err(PlanError::Value { .. } | PlanError::NotParted { .. })));
+    assert!(matches!(
+        run_all(&of(2.0), &plain),
+        Err(PlanError::Value { .. } | PlanError::Cut { .. } | PlanError::NotParted { .. })
+    ));
 }

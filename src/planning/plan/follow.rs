@@ -2,15 +2,15 @@
 
 use rayon::prelude::*;
 
-use super::cut_faces::{CutFaces, Solid};
+use super::cut_faces::CutFaces;
+use super::moved_solid::{MovedSolid, Solid, nearest_bone};
+use super::tuning::{
+    BONE_OVERLAP_MM, BONE_OVERLAP_MM3, MAX_SAWN_OVERLAP_MM, MAX_USUAL_MOVE_MM, MAX_USUAL_TURN_DEG, PATH_SAMPLES,
+    PROBES, WIDE_GAP_MM,
+};
 use super::{Osteotomy, Path, Plan, PlanError, Segment, overlap};
 use prosopon_geometry::control::Control;
-use prosopon_geometry::{Motion, Point};
-
-/// Evenly spaced samples along a path, in addition to its waypoints.
-const SAMPLES: usize = 10;
-/// At most about this many vertices of a segment are tested against other bone.
-const PROBES: usize = 6000;
+use prosopon_geometry::{Motion, Point, Warning};
 
 /// Displacements of one segment, and its overlap and gap along its path.
 #[derive(Debug, Clone, PartialEq)]
@@ -25,18 +25,9 @@ pub struct PathReport {
     pub path_length_mm: f64,
     /// Overlap and gap at each sampled t, ascending.
     pub along: Vec<PathSample>,
-    /// Warnings for the surgeon: unusually large motions, overlap with other bone at the end, wide gaps.
-    pub warnings: Vec<String>,
+    /// Unusually large motions, overlap with other bone at the end, wide gaps.
+    pub warnings: Vec<Warning>,
 }
-
-/// Movements above this are warned of, mm: bone is hardly ever moved further.
-const MOST_MOVED_MM: f64 = 20.0;
-/// Rotations above this are warned of, degrees: bone is hardly ever turned further.
-const MOST_TURNED_DEG: f64 = 20.0;
-/// Overlap at the end below this depth (mm) or this volume (mm³) is not warned of: a saw and a file remove as much.
-const OVERLAP: (f64, f64) = (1.0, 100.0);
-/// Mean gap between cut faces above which a graft is needed, mm.
-const WIDE_GAP_MM: f64 = 5.0;
 
 /// Overlap and gap of a segment at one t of its path.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -70,6 +61,33 @@ pub struct PathSample {
 /// [`PlanError::Value`] when a path names a segment that does not exist, segment 0, or one that has a path already;
 /// [`PlanError::Cancelled`].
 pub fn follow(osteotomy: &Osteotomy, plan: &Plan, control: &Control) -> Result<Vec<PathReport>, PlanError> {
+    check_paths(osteotomy, plan)?;
+    if plan.paths.is_empty() {
+        return Ok(Vec::new());
+    }
+    let mut solids = Vec::with_capacity(osteotomy.segments.len());
+    for segment in &osteotomy.segments {
+        control.check()?;
+        if let Some(solid) = Solid::new(segment) {
+            solids.push((segment.id, solid));
+        }
+    }
+    let kerf_mm = osteotomy.cuts.iter().map(|c| c.kerf_mm).fold(0.0, f64::max);
+    let faces = CutFaces::of(&osteotomy.segments, &solids, kerf_mm, control)?;
+    control.report(0.3);
+    let follower = Follower { osteotomy, plan, solids, faces };
+    let mut reports = Vec::with_capacity(plan.paths.len());
+    for (i, path) in plan.paths.iter().enumerate() {
+        if let Some(segment) = osteotomy.segments.iter().find(|s| s.id == path.segment()) {
+            reports.push(follower.report(segment, path, control)?);
+        }
+        control.report(0.3 + 0.7 * (i + 1) as f64 / plan.paths.len() as f64);
+    }
+    Ok(reports)
+}
+
+/// Refuses paths of segments that cannot move, and second paths of a segment.
+fn check_paths(osteotomy: &Osteotomy, plan: &Plan) -> Result<(), PlanError> {
     let n = osteotomy.segments.len();
     for (i, path) in plan.paths.iter().enumerate() {
         let id = path.segment();
@@ -81,137 +99,148 @@ pub fn follow(osteotomy: &Osteotomy, plan: &Plan, control: &Control) -> Result<V
             return fault(format!("segment {id} already has a path; give one path for each segment"));
         }
     }
-    if plan.paths.is_empty() {
-        return Ok(Vec::new());
-    }
-    let mut solids = Vec::with_capacity(n);
-    for segment in &osteotomy.segments {
-        control.check()?;
-        if let Some(solid) = Solid::new(segment) {
-            solids.push((segment.id, solid));
-        }
-    }
-    let kerf_mm = osteotomy.cuts.iter().map(|c| c.kerf_mm).fold(0.0, f64::max);
-    let faces = CutFaces::of(&osteotomy.segments, &solids, kerf_mm, control)?;
-    control.report(0.3);
-    let mut reports = Vec::with_capacity(plan.paths.len());
-    for (i, path) in plan.paths.iter().enumerate() {
-        if let Some(segment) = osteotomy.segments.iter().find(|s| s.id == path.segment()) {
-            reports.push(follow_one(osteotomy, segment, (path, plan), &solids, &faces, control)?);
-        }
-        control.report(0.3 + 0.7 * (i + 1) as f64 / plan.paths.len() as f64);
-    }
-    Ok(reports)
+    Ok(())
 }
 
-fn follow_one(
-    osteotomy: &Osteotomy,
-    segment: &Segment,
-    (path, plan): (&Path, &Plan),
-    solids: &[(u32, Solid)],
-    faces: &CutFaces,
-    control: &Control,
-) -> Result<PathReport, PlanError> {
-    let positions = segment.surface.positions();
-    let stride = positions.len().div_ceil(PROBES).max(1);
-    let probes: Vec<Point> = positions.iter().copied().step_by(stride).collect();
-    let others: Vec<(u32, &Solid)> =
-        solids.iter().filter(|(id, _)| *id != segment.id).map(|(id, solid)| (*id, solid)).collect();
-    let own = solids.iter().find(|(id, _)| *id == segment.id).map(|(_, solid)| solid);
-    let mut samples: Vec<f64> = (0..=SAMPLES).map(|i| i as f64 / SAMPLES as f64).collect();
+/// The segments of an osteotomy on the paths of a plan.
+struct Follower<'a> {
+    osteotomy: &'a Osteotomy,
+    plan: &'a Plan,
+    solids: Vec<(u32, Solid)>,
+    faces: CutFaces,
+}
+
+/// Where a segment lies deepest in another one.
+struct Deepest {
+    /// Number of the other segment.
+    other: u32,
+    /// LPS mm.
+    at: Point,
+}
+
+/// A segment at one t of its path.
+struct Sampled {
+    sample: PathSample,
+    /// `None` when it lies in no other segment.
+    deepest: Option<Deepest>,
+}
+
+impl Follower<'_> {
+    /// Report of one segment along its path.
+    fn report(&self, segment: &Segment, path: &Path, control: &Control) -> Result<PathReport, PlanError> {
+        let positions = segment.surface.positions();
+        let stride = positions.len().div_ceil(PROBES).max(1);
+        let probes: Vec<Point> = positions.iter().copied().step_by(stride).collect();
+        let (mut along, mut deepest) = (Vec::new(), None);
+        for t in samples(path) {
+            control.check()?;
+            // Each sample replaces it, so that the last one, the end of the path, remains.
+            let sampled = self.sample(segment, &probes, t);
+            deepest = sampled.deepest;
+            along.push(sampled.sample);
+        }
+        let end = path.at(1.0);
+        let shift = end * segment.centroid - segment.centroid;
+        let farthest = |m: &Motion| positions.iter().map(|p| (m * p - p).norm()).fold(0.0, f64::max);
+        let reached = |of: &dyn Fn(&Motion) -> f64| path.waypoints().iter().map(|w| of(&w.1)).fold(0.0, f64::max);
+        let turned_deg = reached(&|m| m.rotation.angle()).to_degrees();
+        let mut warnings = motion_warnings(&segment.label(), reached(&farthest), turned_deg);
+        if let Some(end) = along.last() {
+            warnings.extend(deepest.and_then(|deepest| self.overlap_warning(segment, end, &deepest)));
+            warnings.extend(gap_warning(&segment.label(), end));
+        }
+        Ok(PathReport {
+            segment: segment.id,
+            max_displacement_mm: farthest(&end),
+            centroid_displacement_mm: [shift.x, shift.y, shift.z],
+            path_length_mm: path.length_mm(&segment.centroid),
+            warnings,
+            along,
+        })
+    }
+
+    /// Overlap and gap of `segment` at `t`, and where it lies deepest in another segment, if it does.
+    fn sample(&self, segment: &Segment, probes: &[Point], t: f64) -> Sampled {
+        let motions = self.plan.motions(t);
+        let motion_of = |id: u32| motions.iter().find(|m| m.0 == id).map_or_else(Motion::identity, |m| m.1);
+        let motion = motion_of(segment.id);
+        let others: Vec<MovedSolid<'_>> = (self.solids.iter())
+            .filter(|(id, _)| *id != segment.id)
+            .map(|(id, solid)| MovedSolid { segment: *id, solid, own_from_moving: motion_of(*id).inverse() * motion })
+            .collect();
+        let distances: Vec<f64> = probes.par_iter().with_min_len(256).map(|p| nearest_bone(p, &others)).collect();
+        let overlap_mm = distances.iter().fold(0.0f64, |deepest, d| deepest.max(-d));
+        let deepest = probes.iter().zip(&distances).min_by(|a, b| a.1.total_cmp(b.1)).filter(|(_, d)| **d < 0.0);
+        let deepest = deepest.and_then(|(p, _)| {
+            let other = others.iter().min_by(|a, b| a.signed(p).total_cmp(&b.signed(p)))?;
+            Some(Deepest { other: other.segment, at: motion * p })
+        });
+        let own = self.solids.iter().find(|(id, _)| *id == segment.id).map(|(_, solid)| solid);
+        let bounds = segment.surface.bounds();
+        let shared = |own| others.iter().map(|o| overlap::volume(own, o.solid, &o.own_from_moving, &bounds)).sum();
+        let overlap_mm3 = own.map_or(0.0, shared);
+        let gap = self.faces.gap(segment.id, &others);
+        let sample = PathSample { t, overlap_mm, overlap_mm3, gap_mm: gap.mean_mm, gap_mm3: gap.volume_mm3 };
+        Sampled { sample, deepest }
+    }
+
+    /// Warning about a segment that ends inside another one.
+    fn overlap_warning(&self, segment: &Segment, end: &PathSample, deepest: &Deepest) -> Option<Warning> {
+        if end.overlap_mm <= BONE_OVERLAP_MM || end.overlap_mm3 <= BONE_OVERLAP_MM3 {
+            return None;
+        }
+        let found = self.osteotomy.segments.iter().find(|s| s.id == deepest.other);
+        let other = found.map_or_else(|| format!("segment {}", deepest.other), Segment::label);
+        let message = format!(
+            "{} ends {:.1} mm deep in {other} at [{:.1}, {:.1}, {:.1}] mm; {:.0} mm³ of bone would have to be removed",
+            segment.label(),
+            end.overlap_mm,
+            deepest.at.x,
+            deepest.at.y,
+            deepest.at.z,
+            end.overlap_mm3
+        );
+        Some(if end.overlap_mm <= MAX_SAWN_OVERLAP_MM {
+            Warning::info("bone-overlap", message)
+        } else {
+            Warning::check("bone-overlap", message).act("Plan to remove this bone, or change the path.")
+        })
+    }
+}
+
+/// Sampled t of a path, ascending: evenly spaced ones and its waypoints.
+fn samples(path: &Path) -> Vec<f64> {
+    let mut samples: Vec<f64> = (0..=PATH_SAMPLES).map(|i| i as f64 / PATH_SAMPLES as f64).collect();
     samples.extend(path.waypoints().iter().map(|w| w.0));
     samples.sort_by(f64::total_cmp);
     samples.dedup_by(|a, b| (*a - *b).abs() < 1e-9);
-
-    let (mut along, mut overlapped) = (Vec::with_capacity(samples.len()), None);
-    for t in samples {
-        control.check()?;
-        let motions = plan.motions(t);
-        let motion_of = |id: u32| motions.iter().find(|m| m.0 == id).map_or_else(Motion::identity, |m| m.1);
-        let motion = motion_of(segment.id);
-        let frames: Vec<Frame<'_>> =
-            others.iter().map(|(id, solid)| (*id, *solid, motion_of(*id).inverse() * motion)).collect();
-        let distances: Vec<f64> = probes.par_iter().with_min_len(256).map(|p| nearest_bone(p, &frames)).collect();
-        let overlap_mm = distances.iter().fold(0.0f64, |deepest, d| deepest.max(-d));
-        let deepest = probes.iter().zip(&distances).min_by(|a, b| a.1.total_cmp(b.1));
-        // Each sample replaces it, so that the last one, the end of the path, remains.
-        overlapped = deepest.filter(|(_, d)| **d < 0.0).and_then(|(p, _)| {
-            let by = |frame: &&Frame<'_>| frame.1.signed(&(frame.2 * p));
-            let other = frames.iter().min_by(|a, b| by(a).total_cmp(&by(b)))?;
-            Some((other.0, motion * p))
-        });
-        let shared = |own| frames.iter().map(|(_, s, m)| overlap::volume(own, s, m, &segment.surface.bounds())).sum();
-        let overlap_mm3 = own.map_or(0.0, shared);
-        let (gap_mm, gap_mm3) = faces.gap(segment.id, &frames);
-        along.push(PathSample { t, overlap_mm, overlap_mm3, gap_mm, gap_mm3 });
-    }
-    let label = |id: u32| {
-        let found = osteotomy.segments.iter().find(|s| s.id == id);
-        found.map_or_else(|| format!("segment {id}"), Segment::label)
-    };
-    let end = path.at(1.0);
-    let shift = end * segment.centroid - segment.centroid;
-    let max_displacement_mm = positions.iter().map(|p| (end * p - p).norm()).fold(0.0, f64::max);
-    let reached = |most: &dyn Fn(&Motion) -> f64| path.waypoints().iter().map(|w| most(&w.1)).fold(0.0, f64::max);
-    let furthest_mm = reached(&|m| positions.iter().map(|p| (m * p - p).norm()).fold(0.0, f64::max));
-    let turned_deg = reached(&|m| m.rotation.angle()).to_degrees();
-    Ok(PathReport {
-        segment: segment.id,
-        max_displacement_mm,
-        centroid_displacement_mm: [shift.x, shift.y, shift.z],
-        path_length_mm: path.length_mm(&segment.centroid),
-        warnings: doubts(
-            &segment.label(),
-            furthest_mm,
-            turned_deg,
-            along.last(),
-            overlapped.map(|(id, at)| (label(id), at)),
-        ),
-        along,
-    })
+    samples
 }
 
-/// Warnings about the largest movement along a path and about overlap and gap at its end.
-///
-/// - `overlapped`: name of the segment in which this one lies deepest at the end, and the deepest point, LPS mm
-fn doubts(
-    segment: &str,
-    moved_mm: f64,
-    turned_deg: f64,
-    end: Option<&PathSample>,
-    overlapped: Option<(String, Point)>,
-) -> Vec<String> {
-    let mut doubts = Vec::new();
-    if moved_mm > MOST_MOVED_MM {
-        doubts.push(format!(
-            "{segment} moves {moved_mm:.1} mm at its furthest point; more than {MOST_MOVED_MM} mm is unusual, check the path"
-        ));
+/// Warnings about the largest displacement and rotation along a path.
+fn motion_warnings(segment: &str, moved_mm: f64, turned_deg: f64) -> Vec<Warning> {
+    let mut warnings = Vec::new();
+    if moved_mm > MAX_USUAL_MOVE_MM {
+        let message = format!(
+            "{segment} moves {moved_mm:.1} mm at its furthest point; more than {MAX_USUAL_MOVE_MM} mm is unusual"
+        );
+        warnings.push(Warning::check("large-displacement", message).act("Check the path."));
     }
-    if turned_deg > MOST_TURNED_DEG {
-        doubts.push(format!(
-            "{segment} turns by {turned_deg:.1} degrees; more than {MOST_TURNED_DEG} is unusual, check it"
-        ));
+    if turned_deg > MAX_USUAL_TURN_DEG {
+        let message =
+            format!("{segment} turns by {turned_deg:.1} degrees; more than {MAX_USUAL_TURN_DEG} degrees is unusual");
+        warnings.push(Warning::check("large-rotation", message).act("Check the path."));
     }
-    let Some(end) = end else { return doubts };
-    if let Some((other, at)) = overlapped.filter(|_| end.overlap_mm > OVERLAP.0 && end.overlap_mm3 > OVERLAP.1) {
-        doubts.push(format!(
-            "{segment} ends {:.1} mm deep in {other} at [{:.1}, {:.1}, {:.1}] mm; remove {:.0} mm³ of bone or change the path",
-            end.overlap_mm, at.x, at.y, at.z, end.overlap_mm3
-        ));
-    }
-    if end.gap_mm > WIDE_GAP_MM {
-        doubts.push(format!(
-            "the cut faces of {segment} end {:.1} mm apart on average; plan a graft of {:.0} mm³ or change the path",
+    warnings
+}
+
+/// Warning about a wide gap at the cut faces of a segment at the end of its path.
+fn gap_warning(segment: &str, end: &PathSample) -> Option<Warning> {
+    (end.gap_mm > WIDE_GAP_MM).then(|| {
+        let message = format!(
+            "the cut faces of {segment} end {:.1} mm apart on average, with {:.0} mm³ between them",
             end.gap_mm, end.gap_mm3
-        ));
-    }
-    doubts
-}
-
-/// Number and solid of another segment, and the motion from the moving segment's rest frame into the other's.
-pub(super) type Frame<'a> = (u32, &'a Solid, Motion);
-
-/// Signed distance from `p`, in the moving segment's rest frame, to the nearest other bone, mm; infinite without others.
-pub(super) fn nearest_bone(p: &Point, frames: &[Frame<'_>]) -> f64 {
-    frames.iter().map(|(_, solid, motion)| solid.signed(&(motion * p))).fold(f64::INFINITY, f64::min)
+        );
+        Warning::check("wide-gap", message).act("Plan a graft, or change the path.")
+    })
 }

@@ -1,22 +1,14 @@
 //! Minimum cut: the cheapest set of grid edges that separates two sets of nodes.
 
-use super::parting::{OUTSIDE, for_each_neighbour, lattice};
+use super::lattice::{OUTSIDE, lattice};
+use super::pieces::for_each_neighbour;
+use super::tuning::{COARSE_BLOCK, EXTRA_COST, FALL_OFF_MM, FINE_STEPS, MAX_FLOW};
 use prosopon_geometry::ScalarGrid;
 use prosopon_geometry::control::{Cancelled, Control};
 
-/// Flow above which the search stops: so much bone is not a bridge.
-const MOST_FLOW: u64 = 400_000;
-/// Nodes more than `FINE_STEPS` grid steps from the cut are merged in blocks of `BLOCK` nodes along each axis.
-const FINE_STEPS: u32 = 5;
-const BLOCK: usize = 3;
-/// Extra cost of an edge beside the cut, where one far away costs 1; it decays exponentially over `FALL_OFF_MM`, mm. Thin walls
-/// beside the cut are not what holds the bone together.
-const EXTRA_COST: f64 = 7.0;
-const FALL_OFF_MM: f64 = 8.0;
-
 /// For each node, whether it is connected to the sources once the cheapest set of open edges is cut.
 ///
-/// `None` when sources and sinks are already separate, and when the flow exceeds [`MOST_FLOW`].
+/// `None` when sources and sinks are already separate, and when the flow exceeds [`MAX_FLOW`].
 ///
 /// Maximum flow by level graphs (Dinic 1970). Away from sources and sinks, connected nodes of one block are merged.
 pub(super) fn reached(
@@ -34,7 +26,7 @@ pub(super) fn reached(
     let mut total = 0;
     while flow.levels(control)? {
         total += flow.block(control)?;
-        if total > MOST_FLOW {
+        if total > MAX_FLOW {
             return Ok(None);
         }
     }
@@ -74,7 +66,7 @@ fn steps_from<'a>(
 
 /// Group of each node that `steps` reaches, else [`OUTSIDE`], and the number of groups.
 fn groups(grid: &ScalarGrid, blocked: &[u8], steps: &[u32]) -> (Vec<u32>, usize) {
-    let block_of = |node: usize| lattice(grid, node).map(|c| c / BLOCK);
+    let block_of = |node: usize| lattice(grid, node).map(|c| c / COARSE_BLOCK);
     let mut group = vec![OUTSIDE; steps.len()];
     let mut n = 0u32;
     let mut stack = Vec::new();
@@ -100,8 +92,15 @@ fn groups(grid: &ScalarGrid, blocked: &[u8], steps: &[u32]) -> (Vec<u32>, usize)
     (group, n as usize)
 }
 
-/// Costs between neighbouring groups as (smaller group, larger group, cost), sorted.
-fn arcs(grid: &ScalarGrid, blocked: &[u8], steps: &[u32], group: &[u32]) -> Vec<(u32, u32, u32)> {
+/// The cost of separating two groups; the smaller group comes first.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Arc {
+    ends: [u32; 2],
+    cost: u32,
+}
+
+/// Arcs between neighbouring groups, sorted.
+fn arcs(grid: &ScalarGrid, blocked: &[u8], steps: &[u32], group: &[u32]) -> Vec<Arc> {
     let cost = |steps: u32| {
         let mm = f64::from(steps) * grid.spacing;
         1 + (EXTRA_COST * (-mm / FALL_OFF_MM).exp()).round() as u32
@@ -113,15 +112,16 @@ fn arcs(grid: &ScalarGrid, blocked: &[u8], steps: &[u32], group: &[u32]) -> Vec<
         }
         for_each_neighbour(grid, blocked, node, |other| {
             if group[node] < group[other] {
-                arcs.push((group[node], group[other], cost(steps[node].min(steps[other]))));
+                let cost = cost(steps[node].min(steps[other]));
+                arcs.push(Arc { ends: [group[node], group[other]], cost });
             }
         });
     }
     arcs.sort_unstable();
     arcs.dedup_by(|b, a| {
-        let same = (a.0, a.1) == (b.0, b.1);
+        let same = a.ends == b.ends;
         if same {
-            a.2 += b.2;
+            a.cost += b.cost;
         }
         same
     });
@@ -145,9 +145,9 @@ struct Flow {
 }
 
 impl Flow {
-    fn new(arcs: Vec<(u32, u32, u32)>, n: usize, sources: Vec<usize>, sinks: Vec<usize>) -> Self {
+    fn new(arcs: Vec<Arc>, n: usize, sources: Vec<usize>, sinks: Vec<usize>) -> Self {
         let mut first = vec![0u32; n + 1];
-        for (a, b, _) in &arcs {
+        for Arc { ends: [a, b], .. } in &arcs {
             first[*a as usize + 1] += 1;
             first[*b as usize + 1] += 1;
         }
@@ -156,7 +156,7 @@ impl Flow {
         }
         let mut next = first.clone();
         let (mut to, mut back, mut left) = (vec![0; 2 * arcs.len()], vec![0; 2 * arcs.len()], vec![0; 2 * arcs.len()]);
-        for (a, b, cost) in arcs {
+        for Arc { ends: [a, b], cost } in arcs {
             let (i, j) = (next[a as usize], next[b as usize]);
             next[a as usize] += 1;
             next[b as usize] += 1;

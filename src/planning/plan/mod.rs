@@ -2,36 +2,44 @@
 //!
 //! Invariants: segments are closed solids; segment 0 is the skull, which is fixed; paths are rigid motions.
 
+mod assign;
 mod autorotate;
-mod blade;
 mod bridge;
+mod checked_cut;
 mod clearance;
-mod complete;
 mod cut;
 mod cut_faces;
 mod follow;
+mod lattice;
 mod min_cut;
+mod moved_solid;
 mod names;
+mod orient;
+mod osteotomy;
 mod overlap;
-mod parting;
+mod part_bridges;
 mod path;
+mod pieces;
 mod propose;
 mod separation;
 mod shape;
 mod sheet;
 mod solid;
 mod template;
+mod tuning;
 
 pub use autorotate::CondylarAxis;
 pub use bridge::Bridge;
 pub use clearance::{Clearance, Protected, clearances};
-pub use cut::{Osteotomy, Segment, cut};
+pub use cut::cut;
 pub use follow::{PathReport, PathSample, follow};
 pub use names::name_segments;
+pub use osteotomy::{Osteotomy, Segment};
 pub use path::{Path, Plan};
 pub use propose::{Proposal, propose};
 pub use shape::{BoundedPlane, Cut, CutShape, Purpose};
-pub use template::{Landmarks, Template, TemplateCall, TemplateCuts, TemplateFault, le_fort_1};
+pub use template::{Landmarks, Template, TemplateCall, TemplateCuts, TemplateError, le_fort_1};
+pub(crate) use tuning::ASIDE_MM;
 
 use prosopon_geometry::control::Cancelled;
 
@@ -45,7 +53,7 @@ pub enum PlanError {
         missed_by: Vec<Miss>,
     },
     /// The cuts leave the bone in one piece.
-    #[error("the cuts do not part the bone: {}", told(bridges))]
+    #[error("the cuts do not part the bone: {}", remaining(bridges))]
     NotParted {
         /// Bridges that remain, by falling cross-section; empty when only fragments below 100 mm³ come off.
         bridges: Vec<Bridge>,
@@ -57,6 +65,18 @@ pub enum PlanError {
         template: &'static str,
         /// Names of the landmarks.
         missing: Vec<&'static str>,
+    },
+    /// A cut has a value that is not allowed, or cannot be used together with the others.
+    #[error("{label}: {detail}")]
+    Cut {
+        /// Index of the cut in the list of cuts.
+        cut: usize,
+        /// Name of the cut in messages, from [`Cut::label`].
+        label: String,
+        /// Place of the value in the cut, for example `polyline.direction`; empty when it is the cut as a whole.
+        field: &'static str,
+        /// What was found and what is allowed.
+        detail: String,
     },
     /// A value is not allowed.
     #[error("{what}: {detail}")]
@@ -94,7 +114,7 @@ fn missed(missed_by: &[Miss]) -> String {
 }
 
 /// Text of [`PlanError::NotParted`]: each bridge with its size and place.
-fn told(bridges: &[Bridge]) -> String {
+fn remaining(bridges: &[Bridge]) -> String {
     if bridges.is_empty() {
         return "only fragments below 100 mm³ come off; move the cuts deeper into the bone".to_owned();
     }
@@ -108,5 +128,7 @@ fn told(bridges: &[Bridge]) -> String {
 
 #[cfg(test)]
 mod cut_tests;
+#[cfg(test)]
+mod follow_tests;
 #[cfg(test)]
 mod tests;

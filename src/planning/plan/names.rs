@@ -1,9 +1,7 @@
 //! Suggested names of segments.
 
+use super::tuning::ASIDE_MM;
 use super::{CutShape, Landmarks, Osteotomy, Segment};
-
-/// Distance from the midline beyond which a segment belongs to one side, mm.
-const ASIDE_MM: f64 = 18.0;
 
 /// Names the segments by their position and by the template cuts that bound them.
 ///

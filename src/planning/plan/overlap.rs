@@ -2,16 +2,9 @@
 
 use rayon::prelude::*;
 
-use super::cut_faces::Solid;
+use super::moved_solid::Solid;
+use super::tuning::{CELL_EDGE_MM, CELL_EDGE_SHARE, CELL_SAMPLES};
 use prosopon_geometry::{Aabb, Motion, Point, Vector};
-
-/// Edge of the smallest cells as a share of the solid's extent. At edges of a solid, where a cell sees only one of two faces,
-/// larger cells count too much.
-const EDGE_SHARE: f64 = 1.0 / 64.0;
-/// Least and greatest edge of the smallest cells, mm.
-const EDGE_MM: [f64; 2] = [0.125, 1.0];
-/// Samples along the edge of a smallest cell.
-const SAMPLES: usize = 6;
 
 /// Volume that solid `a` shares with solid `b`, mm³; `b_from_a` maps points of `a` into the frame of `b`.
 ///
@@ -19,7 +12,7 @@ const SAMPLES: usize = 6;
 /// edge; in the smallest cells both surfaces are taken to be plane. Faces in contact share no volume.
 pub(super) fn volume(a: &Solid, b: &Solid, b_from_a: &Motion, bounds: &Aabb) -> f64 {
     let extent = bounds.max - bounds.min;
-    let least = (EDGE_SHARE * extent.max()).clamp(EDGE_MM[0], EDGE_MM[1]);
+    let least = (CELL_EDGE_SHARE * extent.max()).clamp(CELL_EDGE_MM[0], CELL_EDGE_MM[1]);
     let levels = (extent.max() / least).max(1.0).log2().ceil() as i32;
     // Threads share cells of up to 16 times the least edge; summed in order, so that the result is the same on any number of
     // threads.
@@ -62,15 +55,15 @@ fn cell(a: &Solid, b: &Solid, b_from_a: &Motion, middle: &Point, edge: f64, leas
     if na == Vector::zeros() || nb == Vector::zeros() {
         return 0.0;
     }
-    let offset = |k: usize| ((k as f64 + 0.5) / SAMPLES as f64 - 0.5) * edge;
+    let offset = |k: usize| ((k as f64 + 0.5) / CELL_SAMPLES as f64 - 0.5) * edge;
     let mut inside = 0;
-    for k in 0..SAMPLES {
-        for j in 0..SAMPLES {
-            for i in 0..SAMPLES {
+    for k in 0..CELL_SAMPLES {
+        for j in 0..CELL_SAMPLES {
+            for i in 0..CELL_SAMPLES {
                 let o = Vector::new(offset(i), offset(j), offset(k));
                 inside += usize::from(da + na.dot(&o) < 0.0 && db + nb.dot(&o) < 0.0);
             }
         }
     }
-    edge.powi(3) * inside as f64 / (SAMPLES.pow(3) as f64)
+    edge.powi(3) * inside as f64 / (CELL_SAMPLES.pow(3) as f64)
 }

@@ -121,7 +121,7 @@ impl Plan {
     ///
     /// Each segment moves by one screw motion. Segments that `now` does not list start at rest.
     #[must_use]
-    pub fn on_from(&self, now: &[(u32, Motion)]) -> Self {
+    pub fn continued_from(&self, now: &[(u32, Motion)]) -> Self {
         let begin = |segment| now.iter().find(|(s, _)| *s == segment).map_or_else(Motion::identity, |(_, m)| *m);
         let straight = |path: &Path| Path {
             segment: path.segment,

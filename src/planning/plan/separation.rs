@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use super::blade::Blade;
-use super::parting::{Crossing, lattice, neighbours, strides};
+use super::checked_cut::CheckedCut;
+use super::lattice::{Crossing, lattice, neighbours, strides};
 use prosopon_geometry::{Point, ScalarGrid};
 
 /// Distances from the separating cuts, and their kerf, at the grid nodes beside them.
@@ -21,7 +21,7 @@ pub(super) struct Separation {
 
 /// A cut with its kerf.
 pub(super) struct Saw<'a> {
-    pub(super) blade: &'a Blade,
+    pub(super) checked_cut: &'a CheckedCut,
     pub(super) kerf_mm: f64,
 }
 
@@ -34,7 +34,7 @@ impl Separation {
         crossings: &[Crossing],
         saws: &[Saw<'_>],
     ) -> Self {
-        let mut parting = Self {
+        let mut separation = Self {
             distance: vec![f32::INFINITY; segment.len()],
             kerf: if saws.iter().any(|s| s.kerf_mm > 0.0) { vec![0.0; segment.len()] } else { Vec::new() },
             beyond: BTreeMap::new(),
@@ -49,8 +49,8 @@ impl Separation {
         let mut beside = Vec::new();
         for c in &between {
             for (node, distance) in ends(c).into_iter().zip(c.distance) {
-                parting.near(node, distance.max(least), saws[c.cut].kerf_mm as f32);
-                if let Some(list) = parting.bounded_by.get_mut(segment[node] as usize) {
+                separation.near(node, distance.max(least), saws[c.cut].kerf_mm as f32);
+                if let Some(list) = separation.bounded_by.get_mut(segment[node] as usize) {
                     beside.push(node);
                     if let Err(place) = list.binary_search(&c.cut) {
                         list.insert(place, c.cut);
@@ -59,10 +59,10 @@ impl Separation {
             }
         }
         for (cut, saw) in saws.iter().enumerate().filter(|(_, s)| s.kerf_mm > 0.0) {
-            parting.widen(grid, saw, between.iter().filter(|c| c.cut == cut).map(ends));
+            separation.widen(grid, saw, between.iter().filter(|c| c.cut == cut).map(ends));
         }
-        parting.round_the_rim(grid, segment, crossings, beside, saws);
-        parting
+        separation.round_the_rim(grid, segment, crossings, beside, saws);
+        separation
     }
 
     fn near(&mut self, node: usize, distance: f32, kerf: f32) {
@@ -93,7 +93,7 @@ impl Separation {
             }
         }
         let positions: Vec<Point> = nodes.iter().map(|n| position(grid, *n)).collect();
-        for (node, distance) in nodes.into_iter().zip(saw.blade.distances(&positions)) {
+        for (node, distance) in nodes.into_iter().zip(saw.checked_cut.distances(&positions)) {
             self.near(node, distance as f32, saw.kerf_mm as f32);
         }
     }

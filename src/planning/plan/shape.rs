@@ -1,14 +1,9 @@
 //! Shapes of cuts: planes, polylines with a sawing direction, surfaces.
 
 use super::PlanError;
+use super::orient::oriented;
+use super::tuning::{MAX_KERF_MM, MAX_POINTS, MAX_TRIANGLES};
 use prosopon_geometry::{Point, TriMesh, Vector};
-
-/// Most points of a polyline.
-const MAX_POINTS: usize = 1000;
-/// Most triangles of a cut's surface.
-const MAX_TRIANGLES: usize = 100_000;
-/// Largest kerf, mm.
-const MAX_KERF_MM: f64 = 10.0;
 
 /// A plane, bounded by a rectangle or endless.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -113,33 +108,35 @@ impl Cut {
     /// An endless plane becomes a square that reaches `reach` mm to each side of its point nearest to `centre` (LPS mm).
     ///
     /// # Errors
-    /// [`PlanError::Value`] for a value that is not allowed, as in [`super::cut`].
-    pub fn surface(&self, centre: &Point, reach: f64) -> Result<Option<TriMesh>, PlanError> {
-        self.check(0)?;
+    /// [`PlanError::Cut`] for a value that is not allowed, as in [`super::cut`]; it calls the cut by its name, or `cut {index}`.
+    pub fn surface(&self, index: usize, centre: &Point, reach: f64) -> Result<Option<TriMesh>, PlanError> {
+        self.check(index)?;
         Ok(match &self.shape {
             CutShape::Plane(plane) => Some(rectangle(plane, centre, reach)),
             CutShape::Polyline { points, direction, depth_mm } => strip(points, direction, *depth_mm),
-            CutShape::Surface(mesh) => Some(super::sheet::oriented(mesh)),
+            CutShape::Surface(mesh) => Some(oriented(mesh)),
             CutShape::FreePart(_) => None,
         })
     }
 
-    /// Checks every value; errors call the cut `cuts[index]`.
+    /// The error of this cut, number `index` of the list of cuts, at `field`.
+    pub(super) fn fault(&self, index: usize, field: &'static str, detail: String) -> PlanError {
+        PlanError::Cut { cut: index, label: self.label(index), field, detail }
+    }
+
+    /// Checks every value; errors call the cut by its name, or `cut {index}`.
     pub(super) fn check(&self, index: usize) -> Result<(), PlanError> {
-        let fault = |name: &str, detail: String| {
-            let what = format!("cuts[{index}].{name}");
-            Err(PlanError::Value { what, detail })
-        };
+        let fault = |field: &'static str, detail: String| Err(self.fault(index, field, format!("`{field}` {detail}")));
         if !(0.0..=MAX_KERF_MM).contains(&self.kerf_mm) {
             return fault("kerf_mm", format!("is {} mm, allowed is 0 to {MAX_KERF_MM} mm", self.kerf_mm));
         }
         match &self.shape {
             CutShape::Plane(plane) => match plane_fault(plane) {
-                Some((name, detail)) => fault(&format!("plane.{name}"), detail.to_owned()),
+                Some((field, detail)) => fault(field, detail.to_owned()),
                 None => Ok(()),
             },
             CutShape::Polyline { points, direction, depth_mm } => match polyline_fault(points, direction, *depth_mm) {
-                Some((name, detail)) => fault(&format!("polyline.{name}"), detail),
+                Some((field, detail)) => fault(field, detail),
                 None => Ok(()),
             },
             CutShape::Surface(mesh) if mesh.triangles().len() > MAX_TRIANGLES => fault(
@@ -166,40 +163,40 @@ fn finite(v: &Vector) -> bool {
 
 fn plane_fault(plane: &BoundedPlane) -> Option<(&'static str, &'static str)> {
     if !finite(&plane.point.coords) {
-        return Some(("point_mm", "is not finite"));
+        return Some(("plane.point_mm", "is not finite"));
     }
-    let Some(normal) = unit(&plane.normal) else { return Some(("normal", "has no length")) };
+    let Some(normal) = unit(&plane.normal) else { return Some(("plane.normal", "has no length")) };
     let (direction, along, across) = plane.bounds?;
     if unit(&direction).and_then(|d| unit(&(d - normal * normal.dot(&d)))).is_none() {
-        return Some(("bounds", "the direction has no part in the plane; it must not be parallel to the normal"));
+        return Some(("plane.bounds", "the direction has no part in the plane; it must not be parallel to the normal"));
     }
     let extent = |e: f64| e > 0.0 && e.is_finite();
-    (!extent(along) || !extent(across)).then_some(("bounds", "half extents must be above 0 mm"))
+    (!extent(along) || !extent(across)).then_some(("plane.bounds", "half extents must be above 0 mm"))
 }
 
 fn polyline_fault(points: &[Point], direction: &Vector, depth_mm: f64) -> Option<(&'static str, String)> {
     if !(2..=MAX_POINTS).contains(&points.len()) {
-        return Some(("points_mm", format!("has {} points, allowed are 2 to {MAX_POINTS}", points.len())));
+        return Some(("polyline.points_mm", format!("has {} points, allowed are 2 to {MAX_POINTS}", points.len())));
     }
     if let Some(i) = points.iter().position(|p| !finite(&p.coords)) {
-        return Some(("points_mm", format!("point {i} has a coordinate that is not finite")));
+        return Some(("polyline.points_mm", format!("point {i} has a coordinate that is not finite")));
     }
-    let Some(direction) = unit(direction) else { return Some(("direction", "has no length".to_owned())) };
+    let Some(direction) = unit(direction) else { return Some(("polyline.direction", "has no length".to_owned())) };
     if !(depth_mm > 0.0 && depth_mm.is_finite()) {
-        return Some(("depth_mm", format!("is {depth_mm} mm, must be above 0 mm")));
+        return Some(("polyline.depth_mm", format!("is {depth_mm} mm, must be above 0 mm")));
     }
     let flat: Vec<Vector> = points.iter().map(|p| p.coords - direction * direction.dot(&p.coords)).collect();
     if let Some(i) = flat.windows(2).position(|w| (w[1] - w[0]).norm() < 1e-6) {
         let detail =
             format!("points {i} and {} lie behind each other in the sawing direction; remove or move one", i + 1);
-        return Some(("points_mm", detail));
+        return Some(("polyline.points_mm", detail));
     }
     let side = direction.cross(&(flat[1] - flat[0])).normalize();
     let along = side.cross(&direction);
     let plane: Vec<[f64; 2]> = flat.iter().map(|p| [along.dot(p), side.dot(p)]).collect();
     let (i, j) = crossing_segments(&plane)?;
     Some((
-        "points_mm",
+        "polyline.points_mm",
         format!("the line crosses itself in the sawing direction: its parts after points {i} and {j} meet"),
     ))
 }
@@ -274,43 +271,51 @@ mod tests {
     #[test]
     fn a_strip_has_the_area_of_its_parallelograms() {
         let cut = polyline(&[[0.0; 3], [10.0, 0.0, 0.0], [10.0, 5.0, 0.0]], [0.0, 0.0, -2.0], 4.0);
-        let mesh = cut.surface(&Point::origin(), 1.0).unwrap().unwrap();
+        let mesh = cut.surface(0, &Point::origin(), 1.0).unwrap().unwrap();
         assert!((mesh.area() - 60.0).abs() < 1e-12);
         let round = polyline(&[[0.0; 3], [3.0, 0.0, 0.0], [0.0, 4.0, 0.0], [0.0; 3]], [0.0, 0.0, 1.0], 2.0);
-        let mesh = round.surface(&Point::origin(), 1.0).unwrap().unwrap();
+        let mesh = round.surface(0, &Point::origin(), 1.0).unwrap().unwrap();
         assert!((mesh.area() - 24.0).abs() < 1e-12 && mesh.positions().len() == 6);
     }
 
     #[test]
     fn an_endless_plane_is_shown_around_the_centre() {
         let plane = BoundedPlane { point: Point::new(500.0, 0.0, 3.0), normal: Vector::z(), bounds: None };
-        let mesh = Cut::from(plane).surface(&Point::new(1.0, 2.0, 90.0), 50.0).unwrap().unwrap();
+        let mesh = Cut::from(plane).surface(0, &Point::new(1.0, 2.0, 90.0), 50.0).unwrap().unwrap();
         assert!((mesh.area() - 1e4).abs() < 1e-9 && (mesh.bounds().center() - Point::new(1.0, 2.0, 3.0)).norm() < 1e-9);
+    }
+
+    #[test]
+    fn a_fault_names_the_cut_and_not_the_first_one() {
+        let plane = BoundedPlane { point: Point::origin(), normal: Vector::zeros(), bounds: None };
+        let message = |cut: Cut| cut.surface(4, &Point::origin(), 1.0).unwrap_err().to_string();
+        assert_eq!(message(plane.into()), "cut 4: `plane.normal` has no length");
+        assert_eq!(message(Cut::from(plane).named("chin")), "cut `chin`: `plane.normal` has no length");
     }
 
     #[test]
     fn hostile_polylines_are_refused_by_name() {
         let what = |cut: Cut| match cut.check(3) {
-            Err(PlanError::Value { what, .. }) => what,
+            Err(PlanError::Cut { cut: 3, field, .. }) => field,
             other => panic!("{other:?}"),
         };
         let (a, b, down) = ([0.0; 3], [9.0, 0.0, 0.0], [0.0, 0.0, -1.0]);
-        assert_eq!(what(polyline(&[], down, 5.0)), "cuts[3].polyline.points_mm");
-        assert_eq!(what(polyline(&[a], down, 5.0)), "cuts[3].polyline.points_mm");
-        assert_eq!(what(polyline(&[a, a], down, 5.0)), "cuts[3].polyline.points_mm");
-        assert_eq!(what(polyline(&[a, [0.0, 0.0, 7.0]], down, 5.0)), "cuts[3].polyline.points_mm");
-        assert_eq!(what(polyline(&[a, [f64::NAN, 0.0, 0.0]], down, 5.0)), "cuts[3].polyline.points_mm");
-        assert_eq!(what(polyline(&vec![a; 1001], down, 5.0)), "cuts[3].polyline.points_mm");
-        assert_eq!(what(polyline(&[a, b], [0.0; 3], 5.0)), "cuts[3].polyline.direction");
-        assert_eq!(what(polyline(&[a, b], [f64::INFINITY, 0.0, 0.0], 5.0)), "cuts[3].polyline.direction");
+        assert_eq!(what(polyline(&[], down, 5.0)), "polyline.points_mm");
+        assert_eq!(what(polyline(&[a], down, 5.0)), "polyline.points_mm");
+        assert_eq!(what(polyline(&[a, a], down, 5.0)), "polyline.points_mm");
+        assert_eq!(what(polyline(&[a, [0.0, 0.0, 7.0]], down, 5.0)), "polyline.points_mm");
+        assert_eq!(what(polyline(&[a, [f64::NAN, 0.0, 0.0]], down, 5.0)), "polyline.points_mm");
+        assert_eq!(what(polyline(&vec![a; 1001], down, 5.0)), "polyline.points_mm");
+        assert_eq!(what(polyline(&[a, b], [0.0; 3], 5.0)), "polyline.direction");
+        assert_eq!(what(polyline(&[a, b], [f64::INFINITY, 0.0, 0.0], 5.0)), "polyline.direction");
         for depth in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-            assert_eq!(what(polyline(&[a, b], down, depth)), "cuts[3].polyline.depth_mm");
+            assert_eq!(what(polyline(&[a, b], down, depth)), "polyline.depth_mm");
         }
         // A bow tie crosses itself, also when its lines lie at different depths.
         let tie = [a, [10.0, 10.0, 1.0], [10.0, 0.0, 2.0], [0.0, 10.0, 3.0]];
-        assert_eq!(what(polyline(&tie, down, 5.0)), "cuts[3].polyline.points_mm");
+        assert_eq!(what(polyline(&tie, down, 5.0)), "polyline.points_mm");
         for kerf_mm in [-1.0, 11.0, f64::NAN] {
-            assert_eq!(what(Cut { kerf_mm, ..polyline(&[a, b], down, 5.0) }), "cuts[3].kerf_mm");
+            assert_eq!(what(Cut { kerf_mm, ..polyline(&[a, b], down, 5.0) }), "kerf_mm");
         }
         assert!(polyline(&[a, b, [9.0, 9.0, 0.0], a], down, 5.0).check(0).is_ok());
     }

@@ -1,7 +1,7 @@
 //! Closed surfaces of segments from the grid nodes that belong to them.
 
-use super::cut::Segment;
-use super::parting::{lattice, neighbours};
+use super::lattice::{lattice, neighbours};
+use super::osteotomy::Segment;
 use super::separation::Separation;
 use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{Point, ScalarGrid, TriMesh, Vector, isosurface};
@@ -10,10 +10,10 @@ use prosopon_geometry::{Point, ScalarGrid, TriMesh, Vector, isosurface};
 pub(super) fn segments(
     grid: &ScalarGrid,
     segment: &[u32],
-    parting: &Separation,
+    separation: &Separation,
     control: &Control,
 ) -> Result<Vec<Segment>, Cancelled> {
-    let n = parting.bounded_by.len();
+    let n = separation.bounded_by.len();
     let boxes = node_boxes(grid, segment, n);
     let mut found = Vec::with_capacity(n);
     for (id, bounds) in boxes.into_iter().enumerate() {
@@ -21,9 +21,9 @@ pub(super) fn segments(
         let Some((low, high)) = bounds else { continue };
         let id = id as u32;
         // A kerf may leave nothing of a segment; the caller reports that.
-        let Some(surface) = isosurface(&segment_grid(grid, segment, parting, id, low, high), 0.0) else { continue };
+        let Some(surface) = isosurface(&segment_grid(grid, segment, separation, id, low, high), 0.0) else { continue };
         let centroid = centroid(&surface);
-        let bounded_by = parting.bounded_by[id as usize].clone();
+        let bounded_by = separation.bounded_by[id as usize].clone();
         let (volume_mm3, area_mm2) = (surface.volume(), surface.area());
         found.push(Segment { id, name: None, surface, volume_mm3, area_mm2, centroid, bounded_by });
         control.report(f64::from(id + 1) / n as f64);
@@ -56,7 +56,7 @@ fn node_boxes(grid: &ScalarGrid, segment: &[u32], n: usize) -> Vec<Option<NodeBo
 fn segment_grid(
     grid: &ScalarGrid,
     segment: &[u32],
-    parting: &Separation,
+    separation: &Separation,
     id: u32,
     low: [usize; 3],
     high: [usize; 3],
@@ -71,12 +71,12 @@ fn segment_grid(
                 let node = grid.index(i, j, k);
                 let value = grid.values[node];
                 values.push(if value >= 0.0 {
-                    let behind_a_cut = parting.beyond.get(&(node, id)).copied().unwrap_or(0.0);
-                    behind_a_cut.max(value * air_scale(grid, segment, parting, id, node))
+                    let behind_a_cut = separation.beyond.get(&(node, id)).copied().unwrap_or(0.0);
+                    behind_a_cut.max(value * air_scale(grid, segment, separation, id, node))
                 } else {
-                    let distance = parting.distance[node];
+                    let distance = separation.distance[node];
                     let own = if distance.is_finite() { distance } else { -value };
-                    if segment[node] == id { -own } else { parting.across(node, -value) }
+                    if segment[node] == id { -own } else { separation.across(node, -value) }
                 });
             }
         }
@@ -85,10 +85,10 @@ fn segment_grid(
 }
 
 /// Mean ratio of new to old value over the segment's own nodes beside the air node `node`; 1 when there are none.
-fn air_scale(grid: &ScalarGrid, segment: &[u32], parting: &Separation, id: u32, node: usize) -> f32 {
+fn air_scale(grid: &ScalarGrid, segment: &[u32], separation: &Separation, id: u32, node: usize) -> f32 {
     let (mut sum, mut count) = (0.0f32, 0u8);
     for other in neighbours(grid, node).filter(|o| segment[*o] == id) {
-        let distance = parting.distance[other];
+        let distance = separation.distance[other];
         sum += if distance.is_finite() { (distance / -grid.values[other]).clamp(0.1, 10.0) } else { 1.0 };
         count += 1;
     }
@@ -106,19 +106,4 @@ fn centroid(surface: &TriMesh) -> Point {
         moment += (a + b + c) * (0.25 * v);
     }
     if volume == 0.0 { o } else { o + moment / volume }
-}
-
-/// Whether `p` lies inside a closed surface: its solid angles then add up to 4π (Van Oosterom & Strackee 1983).
-pub(super) fn contains(surface: &TriMesh, p: &Point) -> bool {
-    if !surface.bounds().contains(p) {
-        return false;
-    }
-    let mut half_angle = 0.0;
-    for t in 0..surface.triangles().len() {
-        let [a, b, c] = surface.corners(t).map(|q| q - p);
-        let (la, lb, lc) = (a.norm(), b.norm(), c.norm());
-        let below = la * lb * lc + a.dot(&b) * lc + b.dot(&c) * la + c.dot(&a) * lb;
-        half_angle += a.dot(&b.cross(&c)).atan2(below);
-    }
-    half_angle > std::f64::consts::PI
 }

@@ -5,9 +5,10 @@ use std::collections::BTreeMap;
 use rayon::prelude::*;
 
 use super::CutBone;
-use crate::evaluate::Part;
-use crate::plan::{CutShape, Segment};
-use prosopon_geometry::{Aabb, Implicit, Point};
+use super::tuning::{CROWN_MM, FREE_CUT_MM, PAINT_REACH_MM, SEAM_MM, STRIPPED_ABOVE_MM, STRIPPED_MM, TIE_GAP_MM};
+use crate::evaluate::MaskRegion;
+use crate::plan::{ASIDE_MM, CutShape, Segment};
+use prosopon_geometry::{Aabb, Implicit, Point, Warning};
 use prosopon_tissue::mesh::{Attachment, MixedMesh, tie};
 
 /// Attachment of a node at bone.
@@ -27,7 +28,7 @@ pub struct Paint {
     /// The class.
     pub class: NodeClass,
     /// The part of space, LPS mm.
-    pub part: Part,
+    pub part: MaskRegion,
 }
 
 /// Classes painted on the skull's vertices; a node at bone takes that of the nearest within 5 mm.
@@ -70,25 +71,6 @@ pub struct Attached {
     pub painted: usize,
 }
 
-/// Gap at rest below which nodes are tied by default, mm.
-const TIE_GAP_MM: f64 = 1.5;
-/// Nodes on bone nearer than this to another segment slide if one of the two moves, mm: the periosteum is stripped there for
-/// the saw, and a tied node would be torn.
-const STRIPPED_MM: f64 = 6.0;
-/// Nodes on fixed bone slide up to this far from a moving upper jaw, mm: a Le Fort I is sawn after the periosteum has been
-/// lifted off the front of the maxilla up to the infraorbital foramen. This does not hold for the teeth below.
-const STRIPPED_ABOVE_MM: f64 = 15.0;
-/// Sliding nodes this near to two segments of which one moves are freed, mm, about an edge of the mesh: the mesh cannot resolve
-/// contact with the sharp rims of a cut, and Newton's method converges slowly where single nodes slip off them.
-const SEAM_MM: f64 = 4.0;
-/// Fixed nodes where the mesh ends in depth are freed within this distance of a moving segment, mm, so that it does not push
-/// against a wall that is not there.
-const FREE_CUT_MM: f64 = 20.0;
-/// Height of the tooth crowns above and below the border of a jaw, mm.
-const CROWN_MM: f64 = 9.0;
-/// A node farther than this from every vertex of the skull takes no class from it, mm.
-const PAINT_REACH_MM: f64 = 5.0;
-
 /// Type of jaw of a segment, from the names of its cuts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Jaw {
@@ -99,9 +81,6 @@ enum Jaw {
     /// A chin or a ramus: no teeth.
     Toothless,
 }
-
-/// Of a sagittal split, a segment farther than this from the middle of the head is a ramus, mm.
-const ASIDE_MM: f64 = 18.0;
 
 fn jaw(bone: &CutBone, segment: &Segment) -> Jaw {
     let cuts = segment.bounded_by.iter().filter_map(|c| bone.osteotomy.cuts.get(*c));
@@ -138,30 +117,94 @@ fn teeth(bone: &CutBone, segment: &Segment) -> Option<Aabb> {
 
 /// Sets the attachment of the mesh's nodes for one osteotomy; `moving` are the segments that the plan moves.
 ///
-/// Returns notes on what was changed, and the numbers of nodes by attachment.
+/// Returns what was changed, and the numbers of nodes by attachment.
 pub(super) fn attach(
     mesh: &mut MixedMesh,
     bone: &CutBone,
     moving: &[u32],
     rules: &AttachmentRules,
-) -> (Vec<String>, Attached) {
+) -> (Vec<Warning>, Attached) {
     let segments = || bone.osteotomy.segments.iter().filter(|s| moving.contains(&s.id));
     let sliding = rules.sliding.clone().unwrap_or_else(|| segments().filter_map(|s| teeth(bone, s)).collect());
     let uppers: Vec<u32> = segments().filter(|s| jaw(bone, s) == Jaw::Upper).map(|s| s.id).collect();
-    let solids = bone.solids();
-    tie(mesh, &solids, rules.tie_gap_mm.unwrap_or(TIE_GAP_MM), &sliding);
-    let nearest = |p: &Point, counts: &dyn Fn(u32) -> bool| {
-        let chosen = solids.iter().filter(|(id, _)| counts(*id));
+    let near = Nearness { solids: bone.solids(), moving };
+    tie(mesh, &near.solids, rules.tie_gap_mm.unwrap_or(TIE_GAP_MM), &sliding);
+    let stripped = strip(mesh, &near, &sliding, &uppers);
+    let seam = free_seams(mesh, &near);
+    let inner = free_inner_cut(mesh, &near);
+    let painted = painted(mesh, rules);
+    let mut warnings = Vec::new();
+    if stripped > 0 {
+        let above = if uppers.is_empty() {
+            String::new()
+        } else {
+            format!(", and within {STRIPPED_ABOVE_MM} mm of a moving upper jaw on the fixed bone above it")
+        };
+        let message = format!(
+            "{stripped} nodes slide instead of being tied where periosteum is stripped: within {STRIPPED_MM} mm of a saw \
+             line{above}"
+        );
+        warnings.push(Warning::info("stripped-nodes", message));
+    }
+    if seam > 0 {
+        let message = format!(
+            "{seam} nodes within {SEAM_MM} mm of a saw line are free: contact with the rims of the cuts is not modelled"
+        );
+        warnings.push(Warning::info("saw-line-nodes", message));
+    }
+    if inner > 0 {
+        let message = format!("{inner} nodes of the inner cut within {FREE_CUT_MM} mm of moving bone are free");
+        warnings.push(Warning::info("inner-cut-nodes", message));
+    }
+    if painted.is_empty() && (rules.skull.is_some() || !rules.paint.is_empty()) {
+        let message = "the painted classes apply to no node: no node at bone lies where they were painted";
+        warnings.push(Warning::check("paint-without-nodes", message).act("Paint where the tissue touches bone."));
+    }
+    for (node, class) in &painted {
+        mesh.attachment[*node] = match class {
+            NodeClass::Tied => nearest_segment(&near.solids, &mesh.positions[*node]),
+            NodeClass::Sliding => Attachment::Sliding,
+            NodeClass::Free => Attachment::Free,
+        };
+    }
+    let attached = count(mesh, painted.len());
+    (warnings, attached)
+}
+
+/// Distances to segments.
+struct Nearness<'a> {
+    solids: Vec<(u32, &'a dyn Implicit)>,
+    moving: &'a [u32],
+}
+
+impl Nearness<'_> {
+    fn moves(&self, segment: u32) -> bool {
+        self.moving.contains(&segment)
+    }
+
+    /// Distance from `p` to the nearest segment that counts, mm; infinite when none counts.
+    fn distance(&self, p: &Point, counts: impl Fn(u32) -> bool) -> f64 {
+        let chosen = self.solids.iter().filter(|(id, _)| counts(*id));
         chosen.map(|(_, solid)| solid.value(p)).fold(f64::INFINITY, f64::min)
-    };
-    let moves = |id: u32| moving.contains(&id);
+    }
+
+    /// Whether `p` lies at two bones of which at least one moves.
+    fn is_at_seam(&self, p: &Point) -> bool {
+        let near: Vec<u32> =
+            self.solids.iter().filter(|(_, solid)| solid.value(p) < SEAM_MM).map(|(id, _)| *id).collect();
+        near.len() > 1 && near.iter().any(|id| self.moves(*id))
+    }
+}
+
+/// Lets tied nodes slide where periosteum is stripped; returns their number.
+fn strip(mesh: &mut MixedMesh, near: &Nearness<'_>, sliding: &[Aabb], uppers: &[u32]) -> usize {
     let mut stripped = 0;
     for (node, p) in mesh.positions.iter().enumerate() {
         let reach = match mesh.attachment[node] {
             Attachment::Tied(own) => {
                 let is_above = !sliding.iter().any(|teeth| p.z < teeth.max.z);
-                nearest(p, &|id| id != own && (moves(own) || moves(id))) < STRIPPED_MM
-                    || (!moves(own) && is_above && nearest(p, &|id| uppers.contains(&id)) < STRIPPED_ABOVE_MM)
+                near.distance(p, |id| id != own && (near.moves(own) || near.moves(id))) < STRIPPED_MM
+                    || (!near.moves(own) && is_above && near.distance(p, |id| uppers.contains(&id)) < STRIPPED_ABOVE_MM)
             }
             Attachment::Free | Attachment::Sliding | Attachment::Fixed => false,
         };
@@ -170,58 +213,33 @@ pub(super) fn attach(
             stripped += 1;
         }
     }
-    // Between two bones of which at least one moves.
-    let is_at_seam = |p: &Point| {
-        let near: Vec<u32> = solids.iter().filter(|(_, solid)| solid.value(p) < SEAM_MM).map(|(id, _)| *id).collect();
-        near.len() > 1 && near.iter().any(|id| moves(*id))
-    };
+    stripped
+}
+
+/// Frees sliding nodes at seams between two bones of which at least one moves; returns their number.
+fn free_seams(mesh: &mut MixedMesh, near: &Nearness<'_>) -> usize {
     let mut seam = 0;
     for (node, p) in mesh.positions.iter().enumerate() {
-        if mesh.attachment[node] == Attachment::Sliding && is_at_seam(p) {
+        if mesh.attachment[node] == Attachment::Sliding && near.is_at_seam(p) {
             mesh.attachment[node] = Attachment::Free;
             seam += 1;
         }
     }
+    seam
+}
+
+/// Frees fixed nodes where the mesh ends in depth near moving bone; returns their number.
+fn free_inner_cut(mesh: &mut MixedMesh, near: &Nearness<'_>) -> usize {
     let mut freed = 0;
     for &node in &mesh.depth_cut_nodes {
         let node = node as usize;
-        if mesh.attachment[node] == Attachment::Fixed && nearest(&mesh.positions[node], &moves) < FREE_CUT_MM {
+        let is_near = || near.distance(&mesh.positions[node], |id| near.moves(id)) < FREE_CUT_MM;
+        if mesh.attachment[node] == Attachment::Fixed && is_near() {
             mesh.attachment[node] = Attachment::Free;
             freed += 1;
         }
     }
-    let painted = painted(mesh, rules);
-    let mut notes = Vec::new();
-    if stripped > 0 {
-        notes.push(format!(
-            "{stripped} nodes slide instead of being tied where periosteum is stripped: within {STRIPPED_MM} mm of a saw line{}",
-            if uppers.is_empty() {
-                String::new()
-            } else {
-                format!(", and within {STRIPPED_ABOVE_MM} mm of a moving upper jaw on the fixed bone above it")
-            }
-        ));
-    }
-    if seam > 0 {
-        notes.push(format!(
-            "{seam} nodes within {SEAM_MM} mm of a saw line are free: contact with the rims of the cuts is not modelled"
-        ));
-    }
-    if freed > 0 {
-        notes.push(format!("{freed} nodes where the mesh ends within {FREE_CUT_MM} mm of moving bone are free"));
-    }
-    if painted.is_empty() && (rules.skull.is_some() || !rules.paint.is_empty()) {
-        notes.push("the painted classes apply to no node: no node at bone lies where they were painted".to_owned());
-    }
-    for (node, class) in &painted {
-        mesh.attachment[*node] = match class {
-            NodeClass::Tied => nearest_segment(&solids, &mesh.positions[*node]),
-            NodeClass::Sliding => Attachment::Sliding,
-            NodeClass::Free => Attachment::Free,
-        };
-    }
-    let attached = count(mesh, painted.len());
-    (notes, attached)
+    freed
 }
 
 /// Nodes of faces on bone that are not fixed, ascending.
@@ -356,8 +374,10 @@ mod tests {
     #[test]
     fn what_is_painted_goes_over_the_rules_and_the_last_one_wins() {
         use Attachment::{Free, Sliding, Tied};
-        let ball =
-            |class, z, radius_mm| Paint { class, part: Part::Ball { centre: Point::new(0.0, -20.0, z), radius_mm } };
+        let ball = |class, z, radius_mm| Paint {
+            class,
+            part: MaskRegion::Ball { centre: Point::new(0.0, -20.0, z), radius_mm },
+        };
         let paint = vec![
             ball(NodeClass::Free, -38.0, 30.0),
             ball(NodeClass::Sliding, -20.0, 5.0),

@@ -3,6 +3,7 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::SimulateError;
+use super::tuning::CONTACT_SPACING;
 use crate::plan::{Cut, Osteotomy, cut};
 use prosopon_field::{Envelope, MethodSettings, SignedField};
 use prosopon_geometry::control::Control;
@@ -38,10 +39,6 @@ impl CutBone {
         Aabb::of(self.osteotomy.segments.iter().filter(|s| s.id != 0).flat_map(|s| s.surface.positions()))
     }
 }
-
-/// Spacing of the fields for ties and contact, in units of that for skin and bone: the cut bone comes from a lattice of similar
-/// spacing, and on the rounded edges of a coarser field Newton's method needs two thirds of the iterations.
-const CONTACT_SPACING: f64 = 2.0;
 
 /// Cuts the bone and builds a field for each segment, at twice the spacing that `settings` names.
 ///

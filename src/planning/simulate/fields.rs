@@ -1,9 +1,10 @@
 use std::sync::Arc;
 
 use super::SimulateError;
+use super::tuning::{OUTSIDE_MM, REFUSED_SHARE};
 use prosopon_field::{Envelope, EnvelopeSettings, FieldReport, MethodSettings, SignedField, envelope};
 use prosopon_geometry::control::Control;
-use prosopon_geometry::{Implicit, Point, ScalarGrid, TriMesh};
+use prosopon_geometry::{Implicit, Point, ScalarGrid, TriMesh, Warning};
 
 /// The surfaces of one patient, LPS mm.
 #[derive(Debug, Clone, PartialEq)]
@@ -36,7 +37,7 @@ pub struct Fields {
     /// Field of the inner air.
     pub air: Option<SignedField>,
     /// What was repaired or should be checked.
-    pub warnings: Vec<String>,
+    pub warnings: Vec<Warning>,
 }
 
 /// Settings of [`build_fields`].
@@ -92,27 +93,19 @@ pub fn build_fields_around(
     );
     let (((skin, skin_report), air), (bone, (bone_field, bone_report))) = (soft?, bone?);
     let mut warnings = bone.warnings.clone();
-    let named = |name: &str, report: &FieldReport| -> Vec<String> {
-        report.warnings.iter().map(|w| format!("{name}: {w}")).collect()
-    };
-    warnings.extend(named("skin", &skin_report));
-    warnings.extend(named("bone envelope", &bone_report));
+    warnings.extend(skin_report.warnings.iter().map(|w| w.clone().about("skin")));
+    warnings.extend(bone_report.warnings.iter().map(|w| w.clone().about("bone envelope")));
     warnings.extend(check_nesting(anatomy, &skin, &bone, &bone_field)?);
     control.report(1.0);
     Ok(Fields { skin, skin_report, bone, bone_field, bone_report, air, warnings })
 }
-
-/// Bone farther outside the skin than this is an error and not an inaccuracy, mm.
-const OUTSIDE_MM: f64 = 2.0;
-/// Share of vertices on the wrong side above which the surfaces cannot belong together.
-const REFUSED_SHARE: f64 = 0.3;
 
 fn check_nesting(
     anatomy: &Anatomy,
     skin: &SignedField,
     bone: &Envelope,
     bone_field: &SignedField,
-) -> Result<Option<String>, SimulateError> {
+) -> Result<Option<Warning>, SimulateError> {
     let share = |points: &[Point], wrong: &dyn Fn(&Point) -> bool| {
         points.iter().filter(|p| wrong(p)).count() as f64 / points.len().max(1) as f64
     };
@@ -132,9 +125,10 @@ fn check_nesting(
     }
     let worst = bare.max(covered);
     Ok((worst > 0.005).then(|| {
-        format!(
-            "skin and bone cross: {:.1} % of the vertices lie more than {OUTSIDE_MM} mm on the wrong side; check both surfaces",
+        let message = format!(
+            "skin and bone cross: {:.1} % of the vertices lie more than {OUTSIDE_MM} mm on the wrong side",
             100.0 * worst
-        )
+        );
+        Warning::check("surfaces-cross", message).act("Check both surfaces.")
     }))
 }

@@ -4,7 +4,6 @@
 
 mod attach;
 mod bone;
-mod carry;
 mod error;
 mod fields;
 mod outer_surface;
@@ -12,7 +11,9 @@ mod reach;
 mod ready_mesh;
 mod run;
 mod scene;
+mod skin_mover;
 mod tissue;
+mod tuning;
 
 pub use attach::{Attached, AttachmentRules, NodeClass, Paint, SkullPaint};
 pub use bone::{CutBone, cut_bone, segment_fields};
@@ -20,10 +21,10 @@ pub use error::SimulateError;
 pub use fields::{Anatomy, Fields, FieldsSettings, build_fields, build_fields_around};
 pub use outer_surface::OuterSurface;
 pub use reach::displacement_class_mm;
-pub use ready_mesh::{CellPlace, READY_MESH_LOCKING, ReadyMesh, ReadyMeshError};
+pub use ready_mesh::{CellIndex, READY_MESH_LOCKING, ReadyMesh, ReadyMeshError};
 pub use run::{
-    Frame, LEAVE_OUT_BELOW_MM, LeftOut, Milestone, OnFrame, Outcome, PreparedTissue, RegionMotion, RunSettings, Way,
-    solve, solve_prepared,
+    Frame, LEAVE_OUT_BELOW_MM, LeftOut, OnFrame, Outcome, PathCheckpoint, PreparedTissue, RegionMotion, RunSettings,
+    PathStart, solve, solve_prepared,
 };
-pub use scene::{Scene, SceneOutcome};
+pub use scene::{OnStep, Scene, SceneOutcome};
 pub use tissue::{TissueModel, TissueSettings, build_tissue, region_warning};

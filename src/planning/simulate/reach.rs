@@ -1,22 +1,12 @@
 //! Estimates which tissue a plan hardly moves.
 
 use super::CutBone;
+use super::tuning::{MAX_REACH_ITERATIONS, PATH_INSTANTS, PUSHED_MM, REACH_ERROR, SHEET_STIFFNESS};
 use crate::plan::Plan;
 use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{Aabb, Point};
 use prosopon_tissue::fem::material::Materials;
 use prosopon_tissue::mesh::{Attachment, MixedMesh, Tissue};
-
-/// Samples of a path from which the largest displacement of bone is taken.
-const INSTANTS: usize = 32;
-/// Sliding nodes nearer than this to a moving segment are taken to move as far as it does, mm.
-const PUSHED_MM: f64 = 3.0;
-/// Stiffness of an incompressible sheet in tension, in units of its shear modulus.
-const SHEET: f64 = 4.0;
-/// Tolerance of the estimate as a share of the bone's displacement.
-const RELATIVE_ERROR: f64 = 1e-5;
-/// Most iterations of conjugate gradients; an estimate that has not converged by then is too small only where it is small.
-const MAX_ITERATIONS: usize = 1000;
 
 /// Bound on how far `plan` displaces bone, rounded up to a power of two, mm; 0 when no bone moves.
 ///
@@ -24,8 +14,8 @@ const MAX_ITERATIONS: usize = 1000;
 #[must_use]
 pub fn displacement_class_mm(bone: &CutBone, plan: &Plan) -> f64 {
     let mut largest = 0.0f64;
-    for k in 1..=INSTANTS {
-        for (segment, motion) in plan.motions(k as f64 / INSTANTS as f64) {
+    for k in 1..=PATH_INSTANTS {
+        for (segment, motion) in plan.motions(k as f64 / PATH_INSTANTS as f64) {
             // The displacement by a rigid motion is convex in the point, so the corners of the box bound it.
             let surfaces = bone.osteotomy.segments.iter().filter(|s| s.id == segment);
             let corners = surfaces.flat_map(|s| corners(&s.surface.bounds()));
@@ -42,7 +32,16 @@ fn corners(b: &Aabb) -> [Point; 8] {
     })
 }
 
-/// Free and sliding nodes that move by less than `least_mm`, by estimate, when the segments `moving` move by `displacement_mm`.
+/// Segments that a plan moves, and a bound on how far.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct BoneMotion<'a> {
+    /// Numbers of the moving segments.
+    pub(super) moving: &'a [u32],
+    /// Class of the displacement, from [`displacement_class_mm`].
+    pub(super) displacement_mm: f64,
+}
+
+/// Free and sliding nodes that move by less than `min_mm`, by estimate.
 ///
 /// The length of the displacement is taken as harmonic between moving and fixed bone, with conductances `G V / l²` on the edges
 /// of the cells. `G` is the shear modulus of the tissue, and four times that of skin: skin is pulled along as a sheet, and an
@@ -50,9 +49,9 @@ fn corners(b: &Aabb) -> [Point; 8] {
 pub(super) fn beyond_reach(
     mesh: &MixedMesh,
     bone: &CutBone,
-    moving: &[u32],
-    displacement_mm: f64,
-    (least_mm, materials): (f64, &Materials),
+    BoneMotion { moving, displacement_mm }: BoneMotion<'_>,
+    min_mm: f64,
+    materials: &Materials,
     control: &Control,
 ) -> Result<Vec<u32>, Cancelled> {
     let solids = bone.solids();
@@ -70,10 +69,10 @@ pub(super) fn beyond_reach(
         .collect();
     let conductances = Conductances::of(mesh, |tissue| {
         let modulus = materials.of(tissue).shear_modulus();
-        if tissue == Tissue::Skin { SHEET * modulus } else { modulus }
+        if tissue == Tissue::Skin { SHEET_STIFFNESS * modulus } else { modulus }
     });
-    let estimate = conductances.harmonic(&held, RELATIVE_ERROR * displacement_mm, control)?;
-    let beyond = (0..held.len()).filter(|&node| held[node].is_none() && estimate[node] < least_mm);
+    let estimate = conductances.harmonic(&held, REACH_ERROR * displacement_mm, control)?;
+    let beyond = (0..held.len()).filter(|&node| held[node].is_none() && estimate[node] < min_mm);
     Ok(beyond.map(|node| node as u32).collect())
 }
 
@@ -140,7 +139,7 @@ impl Conductances {
         let mut direction = vec![0.0; n];
         let mut applied = vec![0.0; n];
         let mut last = 0.0;
-        for iteration in 0..MAX_ITERATIONS {
+        for iteration in 0..MAX_REACH_ITERATIONS {
             control.check()?;
             let scaled = |node: usize| if free[node] { residual[node] / diagonal[node] } else { 0.0 };
             if (0..n).all(|node| scaled(node).abs() <= error) {

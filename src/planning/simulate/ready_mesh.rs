@@ -1,6 +1,6 @@
 //! A ready mesh: a volume mesh that the client brings, in the form that the solver takes.
 
-use prosopon_geometry::{Cell, DataArray, Point, Vector, VolumeMesh};
+use prosopon_geometry::{Cell, DataArray, Point, Vector, VolumeMesh, Warning};
 use prosopon_tissue::fem::{Boundary, Locking, SolveError, check_support};
 use prosopon_tissue::mesh::{Attachment, MixedMesh, Tissue, boundary_of};
 
@@ -57,7 +57,7 @@ pub enum ReadyMeshError {
 
 /// Index of a file's cell in the mesh.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum CellPlace {
+pub enum CellIndex {
     /// A tetrahedron of the mesh.
     Tetrahedron(u32),
     /// A prism of the mesh.
@@ -78,9 +78,9 @@ pub struct ReadyMesh {
     /// Held axes, prescribed displacements and dead loads.
     pub boundary: Boundary,
     /// Index in `mesh` of each cell of the file.
-    pub places: Vec<CellPlace>,
+    pub cell_indices: Vec<CellIndex>,
     /// What was changed or should be checked.
-    pub warnings: Vec<String>,
+    pub warnings: Vec<Warning>,
 }
 
 impl ReadyMesh {
@@ -113,15 +113,15 @@ impl ReadyMesh {
         let x = &volume.points;
         let (mut tetrahedra, mut tetrahedron_tissue) = (Vec::new(), Vec::new());
         let (mut prisms, mut prism_tissue) = (Vec::new(), Vec::new());
-        let mut places = Vec::with_capacity(volume.cells.len());
+        let mut cell_indices = Vec::with_capacity(volume.cells.len());
         let mut turned = 0usize;
         for (cell, (corners, tissue)) in volume.cells.iter().zip(tissue).enumerate() {
             match *corners {
                 Cell::Tetrahedron(corners) => {
-                    let (corners, flipped) = turn_tetrahedron(corners, x).ok_or(ReadyMeshError::Flat { cell })?;
-                    turned += usize::from(flipped);
-                    places.push(CellPlace::Tetrahedron(tetrahedra.len() as u32));
-                    tetrahedra.push(corners);
+                    let oriented = turn_tetrahedron(corners, x).ok_or(ReadyMeshError::Flat { cell })?;
+                    turned += usize::from(oriented.was_inside_out);
+                    cell_indices.push(CellIndex::Tetrahedron(tetrahedra.len() as u32));
+                    tetrahedra.push(oriented.corners);
                     tetrahedron_tissue.push(tissue);
                 }
                 Cell::Wedge(corners) => {
@@ -129,19 +129,20 @@ impl ReadyMesh {
                     if is_twisted(corners, x) {
                         return Err(ReadyMeshError::Twisted { cell, corners: [corners[3], corners[0]] });
                     }
-                    places.push(CellPlace::Prism(prisms.len() as u32));
+                    cell_indices.push(CellIndex::Prism(prisms.len() as u32));
                     prisms.push(corners);
                     prism_tissue.push(tissue);
                 }
             }
         }
         if turned > 0 {
-            warnings.push(format!("{turned} tetrahedra were inside out and were reoriented"));
+            let message = format!("{turned} tetrahedra were inside out and were reoriented");
+            warnings.push(Warning::info("tetrahedra-turned", message));
         }
         let boundary_faces = BoundaryFaces::of(&tetrahedra, &prisms)?;
         boundary_faces.outer_first(&mut prisms, &attachment);
         let bone_faces = bone_faces(&tetrahedra, &prisms, &attachment);
-        warnings.extend(doubled(x, &tetrahedra, &prisms));
+        warnings.extend(coincident_points(x, &tetrahedra, &prisms));
         let mesh = MixedMesh {
             positions: x.clone(),
             tetrahedra,
@@ -152,7 +153,7 @@ impl ReadyMesh {
             attachment,
             depth_cut_nodes: Vec::new(),
         };
-        Ok(Self { mesh, boundary, places, warnings })
+        Ok(Self { mesh, boundary, cell_indices, warnings })
     }
 
     /// Checks that each connected part is held against all six rigid motions.
@@ -196,7 +197,14 @@ impl ReadyMesh {
     }
 }
 
-fn turn_tetrahedron(corners: [u32; 4], x: &[Point]) -> Option<([u32; 4], bool)> {
+/// A tetrahedron of positive volume.
+struct Turned {
+    corners: [u32; 4],
+    was_inside_out: bool,
+}
+
+/// Orients a tetrahedron; `None` when it is flat.
+fn turn_tetrahedron(corners: [u32; 4], x: &[Point]) -> Option<Turned> {
     let [a, b, c, d] = corners.map(|n| x[n as usize]);
     let (p, q, r) = (b - a, c - a, d - a);
     let volume = p.cross(&q).dot(&r);
@@ -205,9 +213,9 @@ fn turn_tetrahedron(corners: [u32; 4], x: &[Point]) -> Option<([u32; 4], bool)> 
     if volume.abs() <= 1e-12 * size || size == 0.0 {
         None
     } else if volume > 0.0 {
-        Some((corners, false))
+        Some(Turned { corners, was_inside_out: false })
     } else {
-        Some(([i, k, j, l], true))
+        Some(Turned { corners: [i, k, j, l], was_inside_out: true })
     }
 }
 
@@ -240,7 +248,7 @@ fn is_twisted(corners: [u32; 6], x: &[Point]) -> bool {
 }
 
 /// Warning about boundary points of different cells in the same place, where tissue is not joined.
-fn doubled(x: &[Point], tetrahedra: &[[u32; 4]], prisms: &[[u32; 6]]) -> Option<String> {
+fn coincident_points(x: &[Point], tetrahedra: &[[u32; 4]], prisms: &[[u32; 6]]) -> Option<Warning> {
     let (faces, _) = boundary_of(tetrahedra, prisms);
     let mut nodes: Vec<u32> = faces.into_iter().flatten().collect();
     nodes.sort_unstable();
@@ -251,16 +259,17 @@ fn doubled(x: &[Point], tetrahedra: &[[u32; 4]], prisms: &[[u32; 6]]) -> Option<
     let same: Vec<&[u32]> = nodes.chunk_by(|a, b| key(a) == key(b)).filter(|same| same.len() > 1).collect();
     let first = same.iter().min_by_key(|same| same[0])?;
     let p = x[first[0] as usize];
-    Some(format!(
+    let message = format!(
         "at {} places points of different cells lie in the same place, the first are {} and {} at ({:.2}, {:.2}, {:.2}) mm: \
-         tissue is not joined there and opens as a slit; merge the points unless a slit is intended",
+         tissue is not joined there and opens as a slit",
         same.len(),
         first[0],
         first[1],
         p.x,
         p.y,
         p.z
-    ))
+    );
+    Some(Warning::check("coincident-points", message).act("Merge the points unless a slit is intended."))
 }
 
 /// Triangles that belong to one cell only, by their sorted corners.
@@ -339,12 +348,12 @@ fn bone_faces(tetrahedra: &[[u32; 4]], prisms: &[[u32; 6]], attachment: &[Attach
     let is_whole = |i: usize, t: &[u32; 3]| {
         t.iter().all(|&n| attachment[n as usize] != Attachment::Free) && (i >= n_outer || t.iter().any(slides))
     };
-    let mut met = vec![false; attachment.len()];
+    let mut covered = vec![false; attachment.len()];
     let whole: Vec<bool> = faces.iter().enumerate().map(|(i, t)| is_whole(i, t)).collect();
     for (t, _) in faces.iter().zip(&whole).filter(|(_, whole)| **whole) {
-        t.iter().for_each(|n| met[*n as usize] = true);
+        t.iter().for_each(|n| covered[*n as usize] = true);
     }
-    let alone = |t: &[u32; 3]| t.iter().any(|n| slides(n) && !met[*n as usize]);
+    let alone = |t: &[u32; 3]| t.iter().any(|n| slides(n) && !covered[*n as usize]);
     faces.iter().zip(&whole).filter(|(t, whole)| **whole || alone(t)).map(|(t, _)| *t).collect()
 }
 
@@ -375,9 +384,10 @@ fn whole_numbers(
     array.values.iter().enumerate().map(number).collect()
 }
 
-fn tissues(volume: &VolumeMesh, warnings: &mut Vec<String>) -> Result<Vec<Tissue>, ReadyMeshError> {
+fn tissues(volume: &VolumeMesh, warnings: &mut Vec<Warning>) -> Result<Vec<Tissue>, ReadyMeshError> {
     let Some(array) = volume.cell_array("tissue") else {
-        warnings.push("there is no cell array `tissue`: wedges are taken as skin, tetrahedra as fat".to_owned());
+        let message = "there is no cell array `tissue`: wedges are taken as skin, tetrahedra as fat";
+        warnings.push(Warning::info("no-tissue-array", message));
         let guess = |cell: &Cell| match cell {
             Cell::Tetrahedron(_) => Tissue::Fat,
             Cell::Wedge(_) => Tissue::Skin,
@@ -394,9 +404,10 @@ fn tissues(volume: &VolumeMesh, warnings: &mut Vec<String>) -> Result<Vec<Tissue
     Ok(numbers.into_iter().map(tissue).collect())
 }
 
-fn attachments(volume: &VolumeMesh, warnings: &mut Vec<String>) -> Result<Vec<Attachment>, ReadyMeshError> {
+fn attachments(volume: &VolumeMesh, warnings: &mut Vec<Warning>) -> Result<Vec<Attachment>, ReadyMeshError> {
     let Some(array) = volume.point_array("attachment") else {
-        warnings.push("there is no point array `attachment`: no point is tied to bone or slides on it".to_owned());
+        let message = "there is no point array `attachment`: no point is tied to bone or slides on it";
+        warnings.push(Warning::info("no-attachment-array", message));
         return Ok(vec![Attachment::Free; volume.points.len()]);
     };
     let numbers = whole_numbers(array, "point", "attachment", -2, i64::from(u32::MAX))?;

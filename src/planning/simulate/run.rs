@@ -1,41 +1,37 @@
 use super::attach::{Attached, attach};
-use super::carry::Carrier;
-use super::reach::{beyond_reach, displacement_class_mm};
+use super::reach::{BoneMotion, beyond_reach, displacement_class_mm};
+use super::skin_mover::SkinMover;
+use super::tuning::{MAX_BORDER_MM, SETUP_SHARE, WARN_BORDER, WARN_BORDER_MM};
 use super::{Anatomy, AttachmentRules, CutBone, SimulateError, TissueModel};
-use crate::evaluate::{FaceRegion, face_regions};
+use crate::evaluate::{FaceRegion, FaceRegions, face_regions};
 use crate::plan::{Plan, PlanError};
 use prosopon_geometry::control::Control;
-use prosopon_geometry::{Aabb, Point, TriMesh, Vector};
+use prosopon_geometry::{Aabb, Point, TriMesh, Vector, Warning};
 use prosopon_tissue::fem::{
-    Boundary, Checkpoint, MotionNumbers, Prepared, StartState, SolveSettings, Solver, StepReport, motion_numbers,
+    Boundary, Checkpoint, MotionNumbers, Prepared, SolveSettings, Solver, StartState, StepReport, motion_numbers,
     motion_of_numbers,
 };
 use prosopon_tissue::mesh::{Attachment, MixedMesh};
 
-/// Share of the work that setting up the equations takes.
-const SETUP_SHARE: f64 = 0.03;
-
 /// Settings of [`solve`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct RunSettings {
-    /// Model, elements, materials, tolerances.
+    /// Model, elements, materials and tolerances.
     pub solver: SolveSettings,
-    /// Streamed steps along the path.
+    /// Number of load steps along the path, at least 1; each yields a [`Frame`].
     pub steps: usize,
-    /// Attachment; the default rule when `None`.
+    /// Attachment of tissue to bone; the default rule when `None`.
     pub attachment: Option<AttachmentRules>,
-    /// Tissue that the plan moves by less than this, by estimate, is left out: its nodes stay where they are, mm. 0 keeps all.
+    /// Tissue that the plan moves by less than this, by estimate, is left out: its nodes are fixed, mm. 0 keeps all tissue.
     pub leave_out_below_mm: f64,
 }
 
-/// Displacement beside tissue that was left out, in units of what was thought to be the largest there, above which that is told.
-const TOLD_BORDER: f64 = 5.0;
-/// It is told above this in any case, mm.
-const TOLD_BORDER_MM: f64 = 0.25;
-/// Default of [`RunSettings::leave_out_below_mm`]: skin is then less than 0.05 mm off the whole tissue's at P99 (`prosopon bench reach`).
+/// Default of [`RunSettings::leave_out_below_mm`], mm.
+///
+/// The skin then differs from the solve of all tissue by less than 0.05 mm at P99 (`prosopon bench reach`).
 pub const LEAVE_OUT_BELOW_MM: f64 = 0.03;
 
-/// One streamed step.
+/// The deformed skin after one load step.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Frame {
     /// Step number, 1 to n.
@@ -46,23 +42,25 @@ pub struct Frame {
     pub skin: TriMesh,
     /// Length of each vertex' displacement, mm.
     pub displacement_mm: Vec<f32>,
-    /// What the solver needed.
+    /// Report of the solver.
     pub report: StepReport,
 }
 
-/// A step after which a path can be gone on with.
+/// A checkpoint: a solved step from which the path can be resumed.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Milestone {
-    /// Its number, 1 to n.
+pub struct PathCheckpoint {
+    /// Number of the step, 1 to n.
     pub k: usize,
-    /// Where the path began, when that was the end of another one: motion of moving segments from rest.
+    /// Motions of the moving segments from rest at the path's start, after a warm start; `None` for a path that starts at rest.
     pub begin: Option<Vec<(u32, MotionNumbers)>>,
-    /// Where the solver stood.
+    /// State of the solver.
     pub solver: Checkpoint,
 }
 
-/// Hands out a step, with what makes a milestone of it where it can be one.
-pub type OnFrame<'a> = dyn FnMut(Frame, &dyn Fn() -> Option<Milestone>) + 'a;
+/// Callback for each step, with a function that makes a checkpoint of it.
+///
+/// The function returns `None` where a checkpoint is not possible.
+pub type OnFrame<'a> = dyn FnMut(Frame, &dyn Fn() -> Option<PathCheckpoint>) + 'a;
 
 /// Movement of a part of the face at the end of the path.
 #[derive(Debug, Clone, PartialEq)]
@@ -77,51 +75,57 @@ pub struct RegionMotion {
     pub left_mm: f64,
 }
 
-/// Tissue that a solve did without, since the plan hardly moves it.
+/// Tissue that a solve leaves out because the plan hardly moves it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct LeftOut {
-    /// Nodes that would else be free.
+    /// Number of nodes that are fixed instead of free or sliding.
     pub nodes: usize,
-    /// Nodes of the mesh.
+    /// Number of nodes of the mesh.
     pub of_nodes: usize,
     /// Largest displacement of a free node beside one that is left out, mm: tissue just beyond would have moved by less.
     pub border_mm: f64,
 }
 
-/// A finished path.
+/// Result of a path that was solved to its end.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Outcome {
-    /// Reports of all steps.
+    /// Reports of the steps that were solved.
     pub steps: Vec<StepReport>,
     /// Mean movement of each region of the face.
     pub regions: Vec<RegionMotion>,
-    /// The regions used.
+    /// The regions of the face.
     pub face: Vec<FaceRegion>,
-    /// Deformed mesh nodes, LPS mm.
+    /// Positions of the deformed mesh's nodes, LPS mm.
     pub nodes: Vec<Point>,
-    /// The end, for another path to begin at.
+    /// State at the end, for the warm start of another path.
     pub end: StartState,
     /// Tissue that was left out.
     pub left_out: LeftOut,
-    /// How many nodes were tied, slid or were free.
+    /// Numbers of tied, sliding, free and fixed nodes.
     pub attached: Attached,
-    /// What a caller should know.
-    pub warnings: Vec<String>,
+    /// Warnings about the inputs and the result.
+    pub warnings: Vec<Warning>,
 }
 
-/// A way for bone.
+/// The paths to solve, and the state from which to start.
 #[derive(Debug, Clone, Copy)]
-pub struct Way<'a> {
+pub struct PathStart<'a> {
     /// Paths of all segments that move.
     pub plan: &'a Plan,
-    /// The end of another plan for the same tissue, bone, segments and elements: bone goes straight from there to the end of `plan`. Where tissue
-    /// slides over edges of bone the result may hang a little on where it came from.
-    pub from: Option<&'a StartState>,
-    /// The step of this way to go on after, in the place of `from`: later steps have the same bits as if all had been solved at a stretch.
-    pub after: Option<&'a Milestone>,
+    /// State at the end of another plan for the same tissue, bone, segments and elements.
+    ///
+    /// Bone moves straight from there to the end of `plan`. Where tissue slides over edges of bone the result may depend
+    /// slightly on the start.
+    pub warm_start: Option<&'a StartState>,
+    /// Checkpoint of this path from which to resume, instead of `warm_start`.
+    ///
+    /// Later steps have the same bits as in an uninterrupted solve.
+    pub resume: Option<&'a PathCheckpoint>,
 }
 
-/// A tissue attached to bone, with what solves along any plan that moves the same segments begin with.
+/// Tissue attached to bone, with equations prepared for a class of plans.
+///
+/// They serve all plans that move the same segments and have the same [`displacement_class_mm`].
 #[derive(Debug)]
 pub struct PreparedTissue {
     mesh: MixedMesh,
@@ -131,7 +135,7 @@ pub struct PreparedTissue {
     /// Nodes that are left out, ascending.
     left_out: Vec<u32>,
     attached: Attached,
-    warnings: Vec<String>,
+    warnings: Vec<Warning>,
 }
 
 impl PreparedTissue {
@@ -152,8 +156,8 @@ impl PreparedTissue {
         let (warnings, attached) = attach(&mut mesh, bone, &moving, &rules);
         let displacement_mm = displacement_class_mm(bone, plan);
         let left_out = if settings.leave_out_below_mm > 0.0 {
-            let least = (settings.leave_out_below_mm, &settings.solver.materials);
-            beyond_reach(&mesh, bone, &moving, displacement_mm, least, control)?
+            let motion = BoneMotion { moving: &moving, displacement_mm };
+            beyond_reach(&mesh, bone, motion, settings.leave_out_below_mm, &settings.solver.materials, control)?
         } else {
             Vec::new()
         };
@@ -164,10 +168,10 @@ impl PreparedTissue {
     }
 }
 
-/// Moves the bone along the plan and hands out each step as soon as it is solved.
+/// Moves the bone along the plan and passes each step to `on_frame` as soon as it is solved.
 ///
 /// # Errors
-/// [`SimulateError`]; frames that were handed out before stay valid.
+/// [`SimulateError`]; frames that were passed on before stay valid.
 pub fn solve(
     anatomy: &Anatomy,
     tissue: &TissueModel,
@@ -177,80 +181,65 @@ pub fn solve(
     control: &Control,
     on_frame: &mut dyn FnMut(Frame),
 ) -> Result<Outcome, SimulateError> {
-    let prepared = PreparedTissue::new(tissue, bone, plan, settings, &control.part(0.0, SETUP_SHARE))?;
-    let control = control.part(SETUP_SHARE, 1.0);
-    let way = Way { plan, from: None, after: None };
-    solve_prepared(anatomy, tissue, &prepared, bone, way, settings, &control, &mut |frame, _| on_frame(frame))
+    let prepared = PreparedTissue::new(tissue, bone, plan, settings, &control.stage(0.0, SETUP_SHARE))?;
+    let control = control.stage(SETUP_SHARE, 1.0);
+    let request = PathStart { plan, warm_start: None, resume: None };
+    solve_prepared(anatomy, tissue, &prepared, bone, request, settings, &control, &mut |frame, _| on_frame(frame))
 }
 
-/// [`solve`] with what was prepared for the same tissue, bone, moving segments, attachment and solver's settings: the same bits. Reports are of
-/// the steps that were solved here.
+/// As [`solve`], with equations that were prepared before; the result has the same bits.
+///
+/// `prepared` must be for the same tissue, bone, moving segments, attachment and solver settings. The outcome holds the reports
+/// of the steps that this call solves.
 ///
 /// # Errors
-/// [`SimulateError`]; frames that were handed out before stay valid.
+/// [`SimulateError`]; frames that were passed on before stay valid.
 pub fn solve_prepared(
     anatomy: &Anatomy,
     tissue: &TissueModel,
     prepared: &PreparedTissue,
     bone: &CutBone,
-    Way { plan, from, after }: Way<'_>,
+    request: PathStart<'_>,
     settings: &RunSettings,
     control: &Control,
     on_frame: &mut OnFrame<'_>,
 ) -> Result<Outcome, SimulateError> {
-    if settings.steps == 0 {
-        let detail = "found 0, allowed is 1 or more".to_owned();
-        return Err(PlanError::Value { what: "steps".to_owned(), detail }.into());
-    }
-    if moving_segments(bone, plan)? != prepared.moving {
-        let detail = "other segments than those that the equations were prepared for".to_owned();
-        return Err(PlanError::Value { what: "paths".to_owned(), detail }.into());
-    }
-    if displacement_class_mm(bone, plan) != prepared.displacement_mm {
-        let detail = "displacements of another size than those that the equations were prepared for".to_owned();
-        return Err(PlanError::Value { what: "paths".to_owned(), detail }.into());
-    }
+    check_prepared(prepared, bone, request.plan, settings)?;
     let mut warnings = prepared.warnings.clone();
-    let mut solver = Solver::over(&prepared.equations, &prepared.mesh, bone.bodies(), &control.part(0.0, SETUP_SHARE))?;
-    let begin = match after {
-        Some(after) => after.begin.clone(),
-        None => from.map(|from| from.motions().iter().map(|(segment, m)| (*segment, motion_numbers(m))).collect()),
-    };
-    match (after, from) {
-        (Some(after), _) => solver.restore(&after.solver)?,
-        (None, Some(from)) => solver.start_from(from)?,
-        (None, None) => {}
-    }
-    let onwards = begin.as_ref().map(|begin: &Vec<_>| {
+    let mut solver =
+        Solver::over(&prepared.equations, &prepared.mesh, bone.bodies(), &control.stage(0.0, SETUP_SHARE))?;
+    let begin = start(&mut solver, request)?;
+    let continued = begin.as_ref().map(|begin| {
         let motions: Vec<_> = begin.iter().map(|(segment, m)| (*segment, motion_of_numbers(*m))).collect();
-        plan.on_from(&motions)
+        request.plan.continued_from(&motions)
     });
-    let plan = onwards.as_ref().unwrap_or(plan);
-    let path = control.part(SETUP_SHARE, 1.0);
+    let plan = continued.as_ref().unwrap_or(request.plan);
+    let path = control.stage(SETUP_SHARE, 1.0);
     let share = |k: usize| k as f64 / settings.steps as f64;
-    let carrier = Carrier::new(&anatomy.skin, &tissue.embedding);
-    warnings.extend(Aabb::of(&prepared.mesh.positions).and_then(|region| carrier.warning(&anatomy.skin, &region)));
+    let skin_mover = SkinMover::new(&anatomy.skin, &tissue.embedding);
+    warnings.extend(Aabb::of(&prepared.mesh.positions).and_then(|region| skin_mover.warning(&anatomy.skin, &region)));
     let mut steps = Vec::with_capacity(settings.steps);
-    let mut last = carrier.displacements(&solver);
-    let done = after.map_or(0, |after| after.k);
+    let mut last = skin_mover.displacements(&solver);
+    let done = request.resume.map_or(0, |checkpoint| checkpoint.k);
     path.report(share(done));
     for k in done + 1..=settings.steps {
-        let (motions, part) = (|t| plan.motions(t), path.part(share(k - 1), share(k)));
-        // Frames on the way are to be looked at; the last one is the result.
+        let (motions, part) = (|t| plan.motions(t), path.stage(share(k - 1), share(k)));
+        // Intermediate frames are for display; the last one is the result.
         let report = if k < settings.steps {
             solver.advance_for_display(share(k), &motions, &part)?
         } else {
             solver.advance(share(k), &motions, &part)?
         };
-        last = carrier.displacements(&solver);
+        last = skin_mover.displacements(&solver);
         steps.push(report.clone());
-        let milestone = || Some(Milestone { k, begin: begin.clone(), solver: solver.checkpoint()? });
-        on_frame(frame(anatomy, &last, k, share(k), report)?, &milestone);
+        let checkpoint = || Some(PathCheckpoint { k, begin: begin.clone(), solver: solver.checkpoint()? });
+        on_frame(frame(anatomy, &last, k, share(k), report)?, &checkpoint);
     }
     warnings.extend(steps.last().and_then(|s: &StepReport| s.bone_penetration?.warning()));
-    let (face, from_landmarks) = face_regions(&anatomy.skin, &anatomy.landmarks, None);
+    let FaceRegions { regions: face, from_landmarks } = face_regions(&anatomy.skin, &anatomy.landmarks, None);
     if !from_landmarks {
-        warnings.push("no landmarks: the regions of the face come from the proportions of the skin's box".to_owned());
+        let message = "without landmarks the regions of the face are placed by proportions";
+        warnings.push(Warning::check("regions-by-proportions", message).act("Add landmarks."));
     }
     let regions = face.iter().filter_map(|region| region_motion(&anatomy.skin, &last, region)).collect();
     let (nodes, end) = (solver.positions(), solver.start_state());
@@ -259,17 +248,71 @@ pub fn solve_prepared(
         of_nodes: nodes.len(),
         border_mm: border_motion_mm(&prepared.mesh, &prepared.left_out, &nodes),
     };
-    let told_mm = (TOLD_BORDER * settings.leave_out_below_mm).min(TOLD_BORDER_MM);
-    if left_out.border_mm > told_mm {
-        warnings.push(format!(
-            "beside tissue that was left out because the plan was thought to move it by less than {} mm, tissue moves by {:.2} mm: a smaller \
-             `leave_out_below_mm` would tell more",
-            settings.leave_out_below_mm, left_out.border_mm
-        ));
-    }
+    warnings.extend(left_out.warning(settings.leave_out_below_mm));
     control.report(1.0);
     let attached = prepared.attached.clone();
     Ok(Outcome { steps, regions, face, nodes, end, left_out, attached, warnings })
+}
+
+/// Refuses a run that `prepared` is not for.
+fn check_prepared(
+    prepared: &PreparedTissue,
+    bone: &CutBone,
+    plan: &Plan,
+    settings: &RunSettings,
+) -> Result<(), SimulateError> {
+    let fault =
+        |what: &str, detail: &str| Err(PlanError::Value { what: what.to_owned(), detail: detail.to_owned() }.into());
+    if settings.steps == 0 {
+        return fault("steps", "is 0, at least 1 is needed");
+    }
+    if moving_segments(bone, plan)? != prepared.moving {
+        return fault("paths", "move other segments than the equations were prepared for; prepare them again");
+    }
+    if displacement_class_mm(bone, plan) != prepared.displacement_mm {
+        return fault(
+            "paths",
+            "move bone by another distance than the equations were prepared for; prepare them again",
+        );
+    }
+    Ok(())
+}
+
+/// Brings the solver to the start of the request; returns the motions from rest after a warm start.
+fn start(
+    solver: &mut Solver<'_>,
+    PathStart { warm_start, resume, .. }: PathStart<'_>,
+) -> Result<Option<Vec<(u32, MotionNumbers)>>, SimulateError> {
+    match (resume, warm_start) {
+        (Some(checkpoint), _) => {
+            solver.restore(&checkpoint.solver)?;
+            Ok(checkpoint.begin.clone())
+        }
+        (None, Some(state)) => {
+            solver.start_from(state)?;
+            Ok(Some(state.motions().iter().map(|(segment, m)| (*segment, motion_numbers(m))).collect()))
+        }
+        (None, None) => Ok(None),
+    }
+}
+
+impl LeftOut {
+    /// Warning about tissue beside the left-out part that moves too far for the estimate, `below_mm`.
+    fn warning(&self, below_mm: f64) -> Option<Warning> {
+        if self.border_mm <= (WARN_BORDER * below_mm).min(WARN_BORDER_MM) {
+            return None;
+        }
+        let message = format!(
+            "beside tissue that was left out because the plan was estimated to move it by less than {below_mm} mm, tissue moves \
+             by {:.2} mm",
+            self.border_mm
+        );
+        Some(if self.border_mm <= MAX_BORDER_MM {
+            Warning::info("left-out-moves", message)
+        } else {
+            Warning::check("left-out-moves", message).act("Solve again with a smaller `leave_out_below_mm`.")
+        })
+    }
 }
 
 /// Largest displacement of a node that shares a cell with one that was `left_out`, mm.
@@ -288,7 +331,7 @@ fn moving_segments(bone: &CutBone, plan: &Plan) -> Result<Vec<u32>, PlanError> {
     match moving.iter().position(|&id| !known(id)) {
         Some(index) => Err(PlanError::Value {
             what: format!("paths[{index}].segment"),
-            detail: format!("segment {} does not exist or is the skull that stays", moving[index]),
+            detail: format!("segment {} cannot move: it does not exist or is the skull", moving[index]),
         }),
         None => Ok(moving),
     }
@@ -327,4 +370,19 @@ fn region_motion(skin: &TriMesh, displacements: &[Vector], region: &FaceRegion) 
         let mean = sum / weight;
         RegionMotion { name: region.name, forward_mm: -mean.y, down_mm: -mean.z, left_mm: mean.x }
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use prosopon_geometry::Severity;
+
+    #[test]
+    fn left_out_tissue_that_moves_is_reported_by_how_far() {
+        let warning = |border_mm| LeftOut { nodes: 1, of_nodes: 9, border_mm }.warning(LEAVE_OUT_BELOW_MM);
+        assert_eq!(warning(0.1), None);
+        let severity = |border_mm| warning(border_mm).map(|w| (w.code, w.severity));
+        assert_eq!(severity(0.32), Some(("left-out-moves", Severity::Info)));
+        assert_eq!(severity(0.7), Some(("left-out-moves", Severity::Check)));
+    }
 }

@@ -2,17 +2,15 @@
 
 use std::sync::Arc;
 
-use super::Milestone;
-use super::ready_mesh::{CellPlace, ReadyMesh};
+use super::PathCheckpoint;
+use super::ready_mesh::{CellIndex, ReadyMesh};
+use super::tuning::HELD_INSIDE_MM;
 use crate::plan::Plan;
 use prosopon_field::SignedField;
 use prosopon_geometry::control::Control;
-use prosopon_geometry::{DataArray, Implicit, Motion, Point, Vector, VolumeMesh};
+use prosopon_geometry::{DataArray, Implicit, Motion, Point, Vector, VolumeMesh, Warning};
 use prosopon_tissue::fem::{CellState, ContactBody, SkinElement, SolveError, SolveSettings, Solver, StepReport};
 use prosopon_tissue::mesh::Attachment;
-
-/// Depth of a held point inside bone above which there is a warning, mm.
-const HELD_INSIDE_MM: f64 = 0.5;
 
 /// Inputs of one solve on a ready mesh.
 #[derive(Debug)]
@@ -43,10 +41,14 @@ pub struct SceneOutcome {
     /// Reports of the steps that this solve reached.
     pub steps: Vec<StepReport>,
     /// Warnings about the inputs and the result.
-    pub warnings: Vec<String>,
+    pub warnings: Vec<Warning>,
     /// Why the path was not finished; `None` when it was.
     pub failure: Option<SolveError>,
 }
+
+/// Callback for each step: its number (from 1), the positions of the nodes (LPS mm), its report, and a function that makes a
+/// checkpoint of it, or `None` where that is not possible.
+pub type OnStep<'a> = dyn FnMut(usize, &[Point], &StepReport, &dyn Fn() -> Option<PathCheckpoint>) + 'a;
 
 impl Scene {
     /// Moves the bones along their paths and raises the loads in proportion.
@@ -54,21 +56,18 @@ impl Scene {
     /// # Errors
     /// [`SolveError`] when the problem cannot be set up; an error on the path is in [`SceneOutcome::failure`].
     pub fn solve(&self, control: &Control) -> Result<SceneOutcome, SolveError> {
-        self.solve_and_show(None, control, &mut |_, _, _, _| {})
+        self.solve_with_steps(None, control, &mut |_, _, _, _| {})
     }
 
     /// As [`Scene::solve`], from a checkpoint of the same scene if given, with a callback for each step.
     ///
-    /// `on_step` takes the step's number (from 1), the positions of the nodes (LPS mm), the report, and a function that makes a
-    /// checkpoint of the step, or `None` where that is not possible.
-    ///
     /// # Errors
     /// As [`Scene::solve`].
-    pub fn solve_and_show(
+    pub fn solve_with_steps(
         &self,
-        after: Option<&Milestone>,
+        resume: Option<&PathCheckpoint>,
         control: &Control,
-        on_step: &mut dyn FnMut(usize, &[Point], &StepReport, &dyn Fn() -> Option<Milestone>),
+        on_step: &mut OnStep<'_>,
     ) -> Result<SceneOutcome, SolveError> {
         let mut warnings = self.check()?;
         let mesh = &self.ready.mesh;
@@ -84,19 +83,22 @@ impl Scene {
         let mut steps = Vec::with_capacity(self.steps);
         let mut failure = None;
         let mut reached = 0;
-        if let Some(after) = after {
-            solver.restore(&after.solver)?;
-            reached = after.k;
+        if let Some(checkpoint) = resume {
+            solver.restore(&checkpoint.solver)?;
+            reached = checkpoint.k;
             path.report(share(reached));
         }
         for k in reached + 1..=self.steps {
             let part = path.stage(share(k - 1), share(k));
             match solver.advance(share(k), &|t| self.plan.motions(t), &part) {
                 Ok(report) => {
-                    warnings
-                        .extend(report.warnings.iter().filter(|w| !warnings.contains(w)).cloned().collect::<Vec<_>>());
-                    let milestone = || Some(Milestone { k, begin: None, solver: solver.checkpoint()? });
-                    on_step(k, &solver.positions(), &report, &milestone);
+                    for warning in &report.warnings {
+                        if !warnings.contains(warning) {
+                            warnings.push(warning.clone());
+                        }
+                    }
+                    let checkpoint = || Some(PathCheckpoint { k, begin: None, solver: solver.checkpoint()? });
+                    on_step(k, &solver.positions(), &report, &checkpoint);
                     steps.push(report);
                     reached = k;
                 }
@@ -124,7 +126,7 @@ impl Scene {
     /// Warnings about held and tied nodes inside the bone of another segment, which contact cannot push out.
     ///
     /// `x` holds the positions of the nodes at `t` of the path.
-    fn held_inside_bone(&self, x: &[Point], t: f64) -> Vec<String> {
+    fn held_inside_bone(&self, x: &[Point], t: f64) -> Vec<Warning> {
         let motions = self.plan.motions(t);
         let attachment = &self.ready.mesh.attachment;
         let held_axes = &self.ready.boundary.held_axes;
@@ -141,17 +143,18 @@ impl Scene {
             });
             let (count, deepest) = depths.fold((0, 0.0f64), |(count, deepest), depth| (count + 1, deepest.max(depth)));
             (count > 0).then(|| {
-                format!(
+                let message = format!(
                     "{count} held points lie up to {deepest:.2} mm inside bone {segment}: contact cannot push them out and \
-                     pushes the points beside them away; hold fewer points there or move the bone"
-                )
+                     pushes the points beside them away"
+                );
+                Warning::check("held-inside-bone", message).act("Hold fewer points there, or move the bone.")
             })
         };
         self.bones.iter().filter_map(inside).collect()
     }
 
     /// Checks that the inputs fit together; returns warnings.
-    fn check(&self) -> Result<Vec<String>, SolveError> {
+    fn check(&self) -> Result<Vec<Warning>, SolveError> {
         let problem = |detail: String| Err(SolveError::Problem { detail });
         if self.steps == 0 {
             return problem("steps is 0, at least 1 is needed".to_owned());
@@ -167,17 +170,20 @@ impl Scene {
         let attachment = &self.ready.mesh.attachment;
         let slides = attachment.contains(&Attachment::Sliding);
         if slides && self.bones.is_empty() {
-            warnings.push("points slide (attachment -2), but there is no bone to slide on; give `bones`".to_owned());
+            let message = "points slide (attachment -2), but there is no bone to slide on";
+            warnings.push(Warning::check("no-bone-to-slide-on", message).act("Give `bones`."));
         }
         if !slides && !self.bones.is_empty() {
-            warnings
-                .push("bones are given, but no point slides (attachment -2): there is no contact with bone".to_owned());
+            let message = "bones are given, but no point slides (attachment -2): there is no contact with bone";
+            warnings.push(Warning::check("no-point-slides", message).act("Let points slide, or leave out `bones`."));
         }
         for path in &self.plan.paths {
             let segment = path.segment();
             let used = attachment.contains(&Attachment::Tied(segment)) || self.bones.iter().any(|(s, _)| *s == segment);
             if !used {
-                warnings.push(format!("segment {segment} moves nothing: no point is tied to it and it has no bone"));
+                let message = format!("segment {segment} moves nothing: no point is tied to it and it has no bone");
+                warnings
+                    .push(Warning::check("segment-moves-nothing", message).act("Tie points to it or give its bone."));
             }
         }
         let mut still: Vec<u32> = (attachment.iter())
@@ -189,9 +195,10 @@ impl Scene {
         still.sort_unstable();
         still.dedup();
         if !still.is_empty() {
-            warnings.push(format!(
-                "points are tied to segments {still:?}, which have no motion: these points stay at rest"
-            ));
+            let message =
+                format!("points are tied to segments {still:?}, which have no path: these points stay at rest");
+            warnings
+                .push(Warning::check("tied-to-still-segment", message).act("Give these segments a path, or tie to 0."));
         }
         Ok(warnings)
     }
@@ -221,12 +228,12 @@ impl Scene {
     #[must_use]
     pub fn solved_mesh(&self, file: &VolumeMesh, outcome: &SceneOutcome) -> VolumeMesh {
         let mesh = &self.ready.mesh;
-        let states: Vec<(&CellState, f64)> = (self.ready.places.iter())
+        let states: Vec<(&CellState, f64)> = (self.ready.cell_indices.iter())
             .map(|place| match *place {
-                CellPlace::Tetrahedron(i) => {
+                CellIndex::Tetrahedron(i) => {
                     (&outcome.tetrahedra[i as usize], f64::from(mesh.tetrahedron_tissue[i as usize] as u8))
                 }
-                CellPlace::Prism(i) => (&outcome.prisms[i as usize], f64::from(mesh.tissue_of_prism(i as usize) as u8)),
+                CellIndex::Prism(i) => (&outcome.prisms[i as usize], f64::from(mesh.tissue_of_prism(i as usize) as u8)),
             })
             .collect();
         let tissue: Vec<f64> = states.iter().map(|(_, tissue)| *tissue).collect();

@@ -1,6 +1,7 @@
+use super::tuning::{BEHIND_BACK_MM, BEHIND_FRONT_MM, EMBED_REACH_MM, REGION_REACH_MM, REGION_SLACK_MM};
 use super::{Anatomy, CutBone, Fields, SimulateError};
 use prosopon_geometry::control::Control;
-use prosopon_geometry::{Aabb, Implicit, Point, Vector};
+use prosopon_geometry::{Aabb, Implicit, Point, Warning};
 use prosopon_tissue::mesh::{Domain, Embedding, MeshReport, MeshSettings, MixedMesh, Region, build, embed};
 
 /// Settings of [`build_tissue`].
@@ -24,18 +25,6 @@ pub struct TissueModel {
     /// Positions of the user's skin vertices in the prisms' outer surface.
     pub embedding: Embedding,
 }
-
-/// Distance around the moving segments within which tissue follows them, along x, y and z, mm; beyond it the face stays at rest.
-const REACH_MM: Vector = Vector::new(45.0, 0.0, 60.0);
-/// How far behind the front of the moving bone the region still reaches, mm.
-const BEHIND_FRONT_MM: f64 = 65.0;
-/// Least distance that the region reaches behind the back of the moving bone, mm: bone that is set back must meet tissue there,
-/// not a wall.
-const BEHIND_BACK_MM: f64 = 7.0;
-/// Moving bone may extend beyond the region by this without a warning, mm: about an edge of the mesh.
-const REGION_SLACK_MM: f64 = 5.0;
-/// A skin vertex farther than this from the prisms does not move with them, mm.
-const EMBED_REACH_MM: f64 = 2.0;
 
 /// Meshes the tissue between skin and bone around the segments that can move.
 ///
@@ -69,7 +58,7 @@ pub fn build_tissue(
 ///
 /// The skin outside the region stays at rest. `None` when the region encloses the segments.
 #[must_use]
-pub fn region_warning(anatomy: &Anatomy, bone: &CutBone, moving: &[u32], settings: &TissueSettings) -> Option<String> {
+pub fn region_warning(anatomy: &Anatomy, bone: &CutBone, moving: &[u32], settings: &TissueSettings) -> Option<Warning> {
     let region = settings.region.unwrap_or_else(|| scene_box(anatomy, None));
     let segments = bone.osteotomy.segments.iter().filter(|s| moving.contains(&s.id));
     let moving = Aabb::of(segments.flat_map(|s| s.surface.positions()))?;
@@ -85,11 +74,12 @@ pub fn region_warning(anatomy: &Anatomy, bone: &CutBone, moving: &[u32], setting
     let lacks = sides.iter().filter(|(mm, _)| *mm > REGION_SLACK_MM).map(|(mm, side)| format!("{mm:.0} mm {side}"));
     let lacks: Vec<String> = lacks.collect();
     (!lacks.is_empty()).then(|| {
-        format!(
+        let message = format!(
             "the tissue mesh was not built for this operation: its region lacks {} of the moving bone, and skin there does \
-             not move; build a mesh for these cuts",
+             not move",
             lacks.join(", ")
-        )
+        );
+        Warning::unreliable("region-lacks-bone", message).act("Build a mesh for these cuts.")
     })
 }
 
@@ -98,7 +88,7 @@ fn scene_box(anatomy: &Anatomy, bone: Option<&CutBone>) -> Aabb {
     let head = anatomy.skin.bounds().grown(5.0);
     match bone.and_then(CutBone::movable_bounds) {
         Some(moving) => {
-            let mut scene = Aabb { min: moving.min - REACH_MM, max: moving.max + REACH_MM };
+            let mut scene = Aabb { min: moving.min - REGION_REACH_MM, max: moving.max + REGION_REACH_MM };
             scene.min.y = head.min.y;
             scene.max.y = (moving.min.y + BEHIND_FRONT_MM).max(moving.max.y + BEHIND_BACK_MM);
             Aabb { min: scene.min.sup(&head.min), max: scene.max.inf(&head.max) }

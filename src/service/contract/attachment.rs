@@ -7,7 +7,7 @@ use super::check::{Check, REACH_MM};
 use super::fault::{Fault, FaultKind};
 use super::bounds::BoxDocument;
 use prosopon_geometry::{Aabb, Point, TriMesh};
-use prosopon_planning::evaluate::Part;
+use prosopon_planning::evaluate::MaskRegion;
 use prosopon_planning::simulate::{Attached, AttachmentRules, NodeClass, Paint, SkullPaint};
 
 /// Boundary condition of a tissue node at bone: `tied`, `sliding` or `free`.
@@ -60,10 +60,10 @@ impl PaintDocument {
     pub fn paint(&self) -> Option<Paint> {
         let part = match (self.min_mm, self.max_mm, self.centre_mm, self.radius_mm) {
             (Some(min), Some(max), None, None) if min.iter().zip(max).all(|(min, max)| *min < max) => {
-                Part::Box(Aabb { min: min.into(), max: max.into() })
+                MaskRegion::Box(Aabb { min: min.into(), max: max.into() })
             }
             (None, None, Some(centre), Some(radius_mm)) if radius_mm > 0.0 => {
-                Part::Ball { centre: Point::from(centre), radius_mm }
+                MaskRegion::Ball { centre: Point::from(centre), radius_mm }
             }
             _ => return None,
         };

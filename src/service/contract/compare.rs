@@ -5,7 +5,7 @@ use uuid::Uuid;
 use super::check::Check;
 use super::fault::Fault;
 use super::region::RegionRequest;
-use prosopon_planning::evaluate::{Mask, Part};
+use prosopon_planning::evaluate::{Mask, MaskRegion};
 use prosopon_store::{JobId, SessionId};
 
 /// A surface of a session.
@@ -158,7 +158,7 @@ pub struct CheckedCompare {
     /// Vertices of the prediction that count.
     pub mask: Mask,
     /// Parts of space that neither statistics nor registration use.
-    pub exclude: Vec<Part>,
+    pub exclude: Vec<MaskRegion>,
     /// Registration before the comparison.
     pub register: Option<RegisterOn>,
 }
@@ -192,6 +192,6 @@ impl CompareRequest {
     }
 }
 
-fn parts(pointer: &str, requests: &[RegionRequest], check: &mut Check) -> Vec<Part> {
+fn parts(pointer: &str, requests: &[RegionRequest], check: &mut Check) -> Vec<MaskRegion> {
     requests.iter().enumerate().filter_map(|(i, p)| p.part(&format!("{pointer}/{i}"), check)).collect()
 }

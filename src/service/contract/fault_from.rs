@@ -124,6 +124,9 @@ impl From<SurfaceError> for Halt {
             SurfaceError::NothingFound { .. } | SurfaceError::Volume { .. } => {
                 Fault::new(FaultKind::VolumeNotUsable, error.to_string()).into()
             }
+            SurfaceError::Setting { name, .. } => {
+                Fault::invalid(vec![FieldFault::new(format!("/{name}"), error.to_string())]).into()
+            }
         }
     }
 }
@@ -194,6 +197,12 @@ impl From<PlanError> for Halt {
                     point => format!("/landmarks/{point}"),
                 };
                 fault.errors = missing.iter().map(|name| FieldFault::new(pointer(name), "is missing")).collect();
+                fault
+            }
+            PlanError::Cut { cut, field, .. } => {
+                let mut fault = Fault::new(FaultKind::PlanNotUsable, detail.clone());
+                let place = if field.is_empty() { format!("cuts[{cut}]") } else { format!("cuts[{cut}].{field}") };
+                fault.errors.push(FieldFault::new(pointer_of(&place), detail));
                 fault
             }
             PlanError::Value { what, .. } => {
@@ -296,8 +305,8 @@ fn registration_fault(error: RegistrationFault) -> Fault {
     let fault = Fault::new(FaultKind::RegistrationFailed, error.to_string()).with("reason", error.reason());
     match error {
         R::RegionTooSmall { vertices, area_mm2, .. } => fault.with("vertices", vertices).with("area_mm2", area_mm2),
-        R::Slides { stiffness, .. } => fault.with("stiffness", stiffness),
-        R::NoPartners { found, .. } => fault.with("vertices", found),
+        R::ShapeUndetermined { stiffness, .. } => fault.with("stiffness", stiffness),
+        R::TooFewPairs { found, .. } => fault.with("vertices", found),
         R::NotConverged { iterations, movement_mm, mirrored } => {
             fault.with("iterations", iterations).with("movement_mm", movement_mm).with("mirrored", mirrored)
         }
@@ -341,6 +350,21 @@ mod tests {
     #[test]
     fn places_become_json_pointers() {
         assert_eq!(pointer_of("paths[1].waypoints[2].t"), "/paths/1/waypoints/2/t");
+    }
+
+    #[test]
+    fn a_bad_setting_of_surfaces_is_the_fault_of_the_request() {
+        let error = SurfaceError::Setting { name: "bone_hu", value: -5.0, min: 100.0, max: 1500.0 };
+        let Halt::Fault(fault) = error.into() else { unreachable!() };
+        assert_eq!((fault.kind, fault.errors[0].pointer.as_str()), (FaultKind::InvalidRequest, "/bone_hu"));
+    }
+
+    #[test]
+    fn a_fault_of_a_cut_has_its_place_in_the_request_and_its_name_in_the_text() {
+        let (label, detail) = ("cut `chin`".to_owned(), "a kerf of 6 mm would leave 83 mm³".to_owned());
+        let Halt::Fault(fault) = PlanError::Cut { cut: 2, label, field: "kerf_mm", detail }.into() else { unreachable!() };
+        assert_eq!(fault.errors[0].pointer, "/cuts/2/kerf_mm");
+        assert_eq!(fault.detail, "cut `chin`: a kerf of 6 mm would leave 83 mm³");
     }
 
     #[test]

@@ -209,7 +209,7 @@ pub struct RegionDocument {
 
 impl From<&RegionsOfKind> for DoubtfulRegionsDocument {
     fn from(r: &RegionsOfKind) -> Self {
-        let doubt = match r.doubt {
+        let doubt = match r.kind {
             RegionKind::Open => DoubtDocument::Open,
             RegionKind::Inverted => DoubtDocument::Inverted,
             RegionKind::Ambiguous => DoubtDocument::Ambiguous,

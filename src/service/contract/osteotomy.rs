@@ -135,8 +135,6 @@ pub struct Cuts {
     pub cuts: Vec<Cut>,
     /// Protected points and curves, whose distance to the cuts is reported.
     pub protected: Vec<Protected>,
-    /// Landmarks that segments are named by.
-    pub landmarks: Landmarks,
 }
 
 impl CreateOsteotomy {
@@ -178,7 +176,7 @@ impl CreateOsteotomy {
         let protected = self.protected.iter().take(32).enumerate();
         let protected = protected.map(|(i, p)| kept_away(&mut check, &format!("/protected/{i}"), p)).collect();
         check.finish()?;
-        Ok((label, Cuts { templates, cuts, protected, landmarks: session }))
+        Ok((label, Cuts { templates, cuts, protected }))
     }
 }
 

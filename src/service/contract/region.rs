@@ -4,7 +4,7 @@ use utoipa::ToSchema;
 use super::bounds::BoxDocument;
 use super::check::{Check, REACH_MM};
 use prosopon_geometry::Point;
-use prosopon_planning::evaluate::Part;
+use prosopon_planning::evaluate::MaskRegion;
 
 /// A region of space: a box (`min_mm` and `max_mm`) or a ball (`centre_mm` and `radius_mm`).
 #[derive(Debug, Clone, Copy, Default, PartialEq, Deserialize, Serialize, ToSchema)]
@@ -26,15 +26,15 @@ pub struct RegionRequest {
 
 impl RegionRequest {
     /// The part of space; reports a fault at `pointer` and gives `None` when it is neither a box nor a ball.
-    pub fn part(&self, pointer: &str, check: &mut Check) -> Option<Part> {
+    pub fn part(&self, pointer: &str, check: &mut Check) -> Option<MaskRegion> {
         match (self.min_mm, self.max_mm, self.centre_mm, self.radius_mm) {
             (Some(min_mm), Some(max_mm), None, None) => {
-                Some(Part::Box((&check.bounds(pointer, BoxDocument { min_mm, max_mm })).into()))
+                Some(MaskRegion::Box((&check.bounds(pointer, BoxDocument { min_mm, max_mm })).into()))
             }
             (None, None, Some(centre), Some(radius_mm)) => {
                 let centre = Point::from(check.vector(&format!("{pointer}/centre_mm"), centre));
                 check.number(&format!("{pointer}/radius_mm"), radius_mm, 0.1, REACH_MM);
-                Some(Part::Ball { centre, radius_mm })
+                Some(MaskRegion::Ball { centre, radius_mm })
             }
             _ => {
                 check.fault(pointer, "must have min_mm and max_mm, or centre_mm and radius_mm");

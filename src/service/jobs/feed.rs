@@ -3,7 +3,7 @@ use std::sync::Arc;
 use tokio::sync::watch;
 
 use super::Service;
-use super::service::end_event;
+use super::events::end_event;
 use prosopon_contract::{Fault, FaultKind};
 use prosopon_store::{EventRecord, JobId, JobState};
 

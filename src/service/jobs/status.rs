@@ -29,7 +29,14 @@ impl JobStatus {
     /// `before` jobs wait before it (`None` unless it waits), and `running` jobs run.
     pub(super) fn waiting(record: JobRecord, before: Option<u32>, running: usize) -> Self {
         let queue_position = before.map(|before| place(before as usize, running));
-        Self { record, steps_done: 0, eta_s: None, queue_position, residuals: Vec::new() }
+        Self {
+            findings: Findings::default(),
+            record,
+            steps_done: 0,
+            eta_s: None,
+            queue_position,
+            residuals: Vec::new(),
+        }
     }
 }
 

@@ -8,6 +8,10 @@ use super::state::{JobEvent, next};
 use prosopon_contract::{Fault, FaultKind};
 use prosopon_store::{JobChange, JobRecord, JobState, StoreError};
 
+/// Time between two attempts after a failure of the store.
+pub(super) const PAUSE: Duration = Duration::from_secs(2);
+
+
 /// The recovery of an unfinished job; `None` for one that waits or has ended.
 pub(super) fn recovery(job: &JobRecord, max_attempts: u32) -> Option<(JobEvent, JobChange)> {
     if job.cancel_requested_at.is_some() {
@@ -70,7 +74,7 @@ pub(super) async fn apply(service: &Service, job: &JobRecord, event: JobEvent, c
     Ok(write(service, job, to, &change).await?)
 }
 
-async fn write(service: &Service, job: &JobRecord, to: JobState, change: &JobChange) -> Result<bool, StoreError> {
+pub(super) async fn write(service: &Service, job: &JobRecord, to: JobState, change: &JobChange) -> Result<bool, StoreError> {
     let changed = match service.store.change_job(job, to, change).await {
         // The last large result exceeds the quota, so the job fails.
         Err(StoreError::QuotaFull { allowed }) => {
@@ -84,7 +88,14 @@ async fn write(service: &Service, job: &JobRecord, to: JobState, change: &JobCha
     Ok(changed)
 }
 
-fn illegal(error: &super::state::Illegal) -> Fault {
+pub(super) fn illegal(error: &super::state::Illegal) -> Fault {
     tracing::error!(%error, "illegal change of a job's state");
     Fault::new(FaultKind::Internal, error.to_string())
+}
+
+pub(super) async fn pause(service: &Service) {
+    tokio::select! {
+        () = tokio::time::sleep(PAUSE) => {}
+        () = service.stop.cancelled() => {}
+    }
 }

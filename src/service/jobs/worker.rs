@@ -8,12 +8,12 @@ use super::Service;
 use super::events::{end_event, panicked, status_event, warning_event};
 use super::lease::keep_lease;
 use super::running::{Running, Worker};
-use super::state::JobEvent;
-use super::transition::{apply, ended, record_end, recovery};
+use super::state::{JobEvent, next};
+use super::transition::{PAUSE, ended, illegal, pause, record_end, recovery, write};
 use super::work::{self, Done};
 use crate::trace;
 use prosopon_contract::{Fault, FaultKind, Halt, WarningDocument, chain, to_json};
-use prosopon_store::{Claim, JobChange, JobFilter, JobRecord, JobState, Lane, StoreError};
+use prosopon_store::{Claim, JobChange, JobRecord, JobState, Lane, StoreError};
 
 /// Shortest time between two progress events.
 const PROGRESS_EVERY: Duration = Duration::from_millis(250);
@@ -23,8 +23,6 @@ const LOOK_EVERY: Duration = Duration::from_secs(5);
 /// The same in a shared store: after it the job left to another worker may be claimed.
 const LOOK_AGAIN: Duration = Claim::HEAD_START.saturating_add(Duration::from_millis(50));
 
-/// Time between two attempts after a failure of the store.
-const PAUSE: Duration = Duration::from_secs(2);
 /// A bucket that takes longer for one small blob counts as unreachable.
 const BUCKET_ANSWERS: Duration = Duration::from_secs(10);
 
@@ -128,13 +126,6 @@ async fn beating<T>(service: &Service, worker: Worker, work: impl Future<Output 
         if let Ok(done) = tokio::time::timeout(PAUSE, &mut work).await {
             return done;
         }
-    }
-}
-
-async fn pause(service: &Service) {
-    tokio::select! {
-        () = tokio::time::sleep(PAUSE) => {}
-        () = service.stop.cancelled() => {}
     }
 }
 

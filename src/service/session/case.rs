@@ -16,6 +16,8 @@ pub struct Case {
     pub key: String,
     /// x of the midline, mm; `None` when unknown.
     pub midline_x_mm: Option<f64>,
+    /// z of the occlusal plane, mm; `None` when unknown.
+    pub occlusal_z_mm: Option<f64>,
 }
 
 /// A tissue mesh of a request.

@@ -1,6 +1,6 @@
 use prosopon_contract::ErrorDocument;
 use prosopon_geometry::TriMesh;
-use prosopon_planning::evaluate::{Sheet, sheet};
+use prosopon_planning::evaluate::{Sheet, render_sheet};
 
 /// Error at which the colours saturate, mm.
 const ERROR_LIMIT_MM: f64 = 3.0;
@@ -9,7 +9,7 @@ const ERROR_LIMIT_MM: f64 = 3.0;
 #[must_use]
 pub fn error_sheet(mesh: &TriMesh, error_mm: &[f32], document: &ErrorDocument) -> Vec<u8> {
     let histogram: Vec<(f64, f64)> = document.histogram.iter().map(|b| (b.from_mm, b.share)).collect();
-    sheet(&Sheet {
+    render_sheet(&Sheet {
         title: &document.title(),
         mesh,
         values: error_mm,

@@ -265,7 +265,8 @@ impl SessionParts {
             anatomy: Arc::new(anatomy),
             fields: (&self.field_settings()?).into(),
             key,
-            midline_x_mm: landmarks.and_then(|l| l.midline_x_mm),
+            midline_x_mm: landmarks.as_ref().and_then(|l| l.midline_x_mm),
+            occlusal_z_mm: landmarks.and_then(|l| l.occlusal_plane_z_mm),
         })
     }
 

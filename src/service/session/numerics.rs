@@ -14,7 +14,7 @@ use prosopon_geometry::control::Control;
 use prosopon_geometry::{Implicit, Point, TriMesh, Vector, Warning};
 use prosopon_planning::evaluate::{self, ErrorMap, FaceRegion, Registration};
 use prosopon_planning::plan::{
-    self, Clearance, Cut, Osteotomy, Path, PathReport, Plan, Proposal, TemplateCuts, TemplateFault,
+    self, Clearance, Cut, Landmarks, Osteotomy, Path, PathReport, Plan, Proposal, TemplateCuts, TemplateError,
 };
 use prosopon_planning::simulate::{self, CutBone, Fields, Outcome, SimulateError, TissueModel};
 use prosopon_planning::surface::{self, CtSettings, CtSurfaces};
@@ -84,13 +84,17 @@ impl Numerics {
         Ok(built)
     }
 
+    /// The osteotomy with the names of its segments.
     fn osteotomy_of(&self, case: &Case, cuts: &[Cut], control: &Control) -> Result<Arc<Osteotomy>, Halt> {
-        let key = bone_key(case, cuts);
+        let (midline_x_mm, occlusal_z_mm) = (case.midline_x_mm, case.occlusal_z_mm);
+        let key = key_of(&[&bone_key(case, cuts), &format!("{midline_x_mm:?} {occlusal_z_mm:?}")]);
         if let Some(found) = self.recent.get(OSTEOTOMIES, &key) {
             return Ok(found);
         }
         let bone = self.envelope_of(case, &control.stage(0.0, 0.5))?;
-        let cut = Arc::new(plan::cut(&bone, cuts, &control.stage(0.5, 1.0))?);
+        let mut cut = plan::cut(&bone, cuts, &control.stage(0.5, 1.0))?;
+        plan::name_segments(&mut cut, &Landmarks { midline_x_mm, occlusal_z_mm, ..Landmarks::default() });
+        let cut = Arc::new(cut);
         let bytes = cut.segments.iter().map(|s| surface_bytes(&s.surface)).sum::<u64>();
         self.recent.put(OSTEOTOMIES, &key, Arc::clone(&cut), bytes);
         Ok(cut)
@@ -133,7 +137,7 @@ fn surface_bytes(surface: &TriMesh) -> u64 {
 }
 
 /// The fault of a template that cannot place its cuts, with the template's position in the request.
-fn template_fault(TemplateFault { index, error }: TemplateFault) -> Halt {
+fn template_fault(TemplateError { index, error }: TemplateError) -> Halt {
     match Halt::from(error) {
         Halt::Cancelled => Halt::Cancelled,
         Halt::Fault(mut fault) => {
@@ -219,7 +223,6 @@ impl Engine for Numerics {
         let mut osteotomy = Osteotomy::clone(&*cut.map_err(|halt| given_cuts(halt, &templates))?);
         let warnings = templates.warnings(&osteotomy);
         osteotomy.warnings.extend(warnings);
-        plan::name_segments(&mut osteotomy, &cuts.landmarks);
         let clearances = plan::clearances(&osteotomy, &cuts.protected)?;
         for near in &clearances {
             let Some(protected) = cuts.protected.get(near.protected) else { continue };
@@ -309,7 +312,8 @@ impl Engine for Numerics {
     }
 
     fn regions(&self, case: &Case) -> (Vec<FaceRegion>, bool) {
-        evaluate::face_regions(&case.anatomy.skin, &case.anatomy.landmarks, case.midline_x_mm)
+        let found = evaluate::face_regions(&case.anatomy.skin, &case.anatomy.landmarks, case.midline_x_mm);
+        (found.regions, found.from_landmarks)
     }
 
     fn error_map(

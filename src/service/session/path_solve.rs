@@ -10,9 +10,9 @@ use prosopon_contract::Halt;
 use prosopon_geometry::control::Control;
 use prosopon_planning::plan::{self, Plan};
 use prosopon_planning::simulate::{
-    self, CutBone, PathCheckpoint, OnFrame, Outcome, PreparedTissue, RunSettings, SimulateError, TissueModel, Way,
+    self, CutBone, PathCheckpoint, OnFrame, Outcome, PreparedTissue, RunSettings, SimulateError, TissueModel, PathStart,
 };
-use prosopon_tissue::fem::{SavedState, SolveError};
+use prosopon_tissue::fem::{StartState, SolveError};
 
 /// Share of a solve's progress for preparing the equations.
 const PREPARING: f64 = 0.05;
@@ -76,7 +76,7 @@ pub(super) fn solve_path(
     let mut control = control.stage(0.0, 1.0);
     let mut from = None;
     if let (Some(earlier), None) = (path.after, path.checkpoint) {
-        from = recent.get::<SavedState>(ENDS, &end_key(ready, earlier.into()));
+        from = recent.get::<StartState>(ENDS, &end_key(ready, earlier.into()));
         if from.is_none() {
             let found = solve_path(recent, ready, earlier.into(), &control.stage(0.0, 0.5), &mut |_, _| ())?;
             control = control.stage(0.5, 1.0);
@@ -95,9 +95,9 @@ pub(super) fn solve_path(
         made
     };
     let control = control.stage(PREPARING, 1.0);
-    let way = Way { plan: path.plan, from: from.as_deref(), after: path.checkpoint };
+    let start = PathStart { plan: path.plan, warm_start: from.as_deref(), resume: path.checkpoint };
     let anatomy = &run.case.anatomy;
-    let outcome = simulate::solve_prepared(anatomy, tissue, &prepared, bone, way, &settings, &control, on_frame);
+    let outcome = simulate::solve_prepared(anatomy, tissue, &prepared, bone, start, &settings, &control, on_frame);
     if let Err(SimulateError::Solve(SolveError::Checkpoint { detail })) = outcome {
         tracing::warn!(detail, "the checkpoint does not match this job; all steps are solved again");
         return solve_path(recent, ready, PathSolve { checkpoint: None, ..path }, &control, on_frame);

@@ -44,7 +44,7 @@ pub(super) fn solve_scene(
     }
     watch.stage("solve");
     let mut solve = |after| {
-        scene.solve_and_show(after, control, &mut |k, nodes, report, checkpoint| {
+        scene.solve_with_steps(after, control, &mut |k, nodes, report, checkpoint| {
             if let Some(frame) = frame(&outside, k, run.steps, nodes, report) {
                 watch.frame(frame, checkpoint);
             }

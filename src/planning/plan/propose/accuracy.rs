@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::Landmarks;
+use super::tuning::UNKNOWN_MM;
 use prosopon_geometry::Point;
 
 /// Largest distance between a proposal and the known landmark over all measured heads, mm, rounded up (`prosopon bench
@@ -30,8 +31,6 @@ const MEASURED_MM: [(&str, f64); 20] = [
     ("subnasale", 3.0),
     ("zygomaxillare", 5.0),
 ];
-/// Accuracy of points without a measurement, mm.
-const UNKNOWN_MM: f64 = 8.0;
 
 /// Accuracy of each point, mm, by name.
 ///

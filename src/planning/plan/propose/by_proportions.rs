@@ -1,11 +1,6 @@
+use super::tuning::{LE_FORT_1_BELOW_NOSE_MM, NOSE_STRIP_MM, OCCLUSAL_BELOW_NOSE_MM};
 use crate::phantom::Landmarks;
 use prosopon_geometry::{Point, TriMesh, Vector};
-
-/// Half-width of the strip around the middle of the head in which the tip of the nose is looked for, mm.
-const NOSE_STRIP_MM: f64 = 20.0;
-/// Adult distances below the tip of the nose, mm: Le Fort I cut, occlusal plane.
-const LE_FORT_1_BELOW_NOSE_MM: f64 = 16.0;
-const OCCLUSAL_BELOW_NOSE_MM: f64 = 37.0;
 
 /// Landmarks estimated from the skin alone, to be checked by a person.
 ///

@@ -1,19 +1,11 @@
 //! The bony ear canal, on a head whose occlusal plane is horizontal.
 
 use super::ramus::Jaw;
-use super::voxels::{VOXEL_MM, steps};
+use super::tuning::{
+    CANAL_ABOVE_MM, CANAL_AREA_MM2, CANAL_BEHIND_MM, CANAL_OUTSIDE_MM, MAX_CANAL_OFF_MM, USUAL_CANAL_MM, VOXEL_MM,
+};
+use super::voxels::steps;
 use prosopon_geometry::Point;
-
-/// Search range of the canal's opening, lateral to the condyle's top, behind it and above it, mm.
-const OUTSIDE_MM: [f64; 2] = [-6.0, 16.0];
-const BEHIND_MM: [f64; 2] = [4.0, 32.0];
-const ABOVE_MM: [f64; 2] = [-22.0, 14.0];
-/// Usual position of the canal's middle, behind and above the condyle's top, mm.
-const USUAL_MM: [f64; 2] = [14.0, -4.0];
-/// Holes farther than this from the usual position are cells of the mastoid, mm.
-const FARTHEST_MM: f64 = 9.0;
-/// Smallest and largest cross-section of a canal, mm².
-const AREA_MM2: [f64; 2] = [12.0, 160.0];
 
 impl Jaw<'_> {
     /// The highest point of the canal's outer opening behind a condyle.
@@ -21,7 +13,7 @@ impl Jaw<'_> {
     /// The canal is a hole in a sagittal section that bone encloses.
     pub(super) fn porion(&self, side: f64, condylion: &Point) -> Option<Point> {
         let from_midline = side * (condylion.x - self.midline);
-        let sections = steps(from_midline + OUTSIDE_MM[0], from_midline + OUTSIDE_MM[1]).rev();
+        let sections = steps(from_midline + CANAL_OUTSIDE_MM[0], from_midline + CANAL_OUTSIDE_MM[1]).rev();
         // The outermost section that shows the canal's bony ring.
         let (d, [y, z]) = sections.filter_map(|d| Some((d, self.canal(side, d, condylion)?))).next()?;
         Some(Point::new(self.midline + side * d, y, z))
@@ -29,10 +21,10 @@ impl Jaw<'_> {
 
     /// The top (y, z) of the closed hole in one sagittal section that lies nearest to the canal's usual position.
     fn canal(&self, side: f64, d: f64, condylion: &Point) -> Option<[f64; 2]> {
-        let n = [BEHIND_MM, ABOVE_MM].map(|[low, high]| ((high - low) / VOXEL_MM) as i32);
+        let n = [CANAL_BEHIND_MM, CANAL_ABOVE_MM].map(|[low, high]| ((high - low) / VOXEL_MM) as i32);
         let at = |i: i32, j: i32| {
             let along = |from: f64, n: i32| from + (f64::from(n) + 0.5) * VOXEL_MM;
-            [condylion.y + along(BEHIND_MM[0], i), condylion.z + along(ABOVE_MM[0], j)]
+            [condylion.y + along(CANAL_BEHIND_MM[0], i), condylion.z + along(CANAL_ABOVE_MM[0], j)]
         };
         let is_air = |i: i32, j: i32| {
             let [y, z] = at(i, j);
@@ -54,13 +46,13 @@ impl Jaw<'_> {
                 open.extend([(i + 1, j), (i - 1, j), (i, j + 1), (i, j - 1)]);
             }
             let count = hole.len() as f64;
-            if !is_closed || !(AREA_MM2[0]..AREA_MM2[1]).contains(&(count * VOXEL_MM * VOXEL_MM)) {
+            if !is_closed || !(CANAL_AREA_MM2[0]..CANAL_AREA_MM2[1]).contains(&(count * VOXEL_MM * VOXEL_MM)) {
                 continue;
             }
             let middle = [0, 1].map(|a| hole.iter().map(|p| p[a]).sum::<f64>() / count);
-            let off = (middle[0] - condylion.y - USUAL_MM[0]).hypot(middle[1] - condylion.z - USUAL_MM[1]);
+            let off = (middle[0] - condylion.y - USUAL_CANAL_MM[0]).hypot(middle[1] - condylion.z - USUAL_CANAL_MM[1]);
             let top = hole.iter().map(|p| p[1]).fold(f64::NEG_INFINITY, f64::max);
-            if off < FARTHEST_MM && best.is_none_or(|b| off < b.0) {
+            if off < MAX_CANAL_OFF_MM && best.is_none_or(|b| off < b.0) {
                 best = Some((off, [middle[0], top + 0.5 * VOXEL_MM]));
             }
         }

@@ -2,21 +2,15 @@
 
 use rayon::prelude::*;
 
-use super::voxels::{VOXEL_MM, Voxels, steps};
-
-/// The median front of the bone is taken over columns between these distances from the midline, without the septum, mm.
-const BESIDE_MM: [f64; 2] = [3.0, 9.0];
-/// The nasal aperture is at least this deep and high, mm.
-const APERTURE_DEPTH_MM: f64 = 8.0;
-const APERTURE_HEIGHT_MM: f64 = 12.0;
-/// Search heights for bone above and below the aperture, mm.
-const ABOVE_MM: f64 = 50.0;
-const BELOW_MM: f64 = 30.0;
+use super::tuning::{
+    APERTURE_ABOVE_MM, APERTURE_BELOW_MM, APERTURE_BESIDE_MM, APERTURE_DEPTH_MM, APERTURE_HEIGHT_MM, VOXEL_MM,
+};
+use super::voxels::{Voxels, steps};
 
 /// z of the nasal aperture's lower and upper end, mm.
 pub(super) fn nasal_aperture(bone: &Voxels, midline: f64) -> Option<[f64; 2]> {
     let [low, high] = bone.range(2);
-    let offsets: Vec<f64> = steps(BESIDE_MM[0], BESIDE_MM[1]).flat_map(|d| [d, -d]).collect();
+    let offsets: Vec<f64> = steps(APERTURE_BESIDE_MM[0], APERTURE_BESIDE_MM[1]).flat_map(|d| [d, -d]).collect();
     let far = bone.range(1)[1];
     let front: Vec<(f64, f64)> = steps(low, high)
         .map(|z| {
@@ -31,7 +25,7 @@ pub(super) fn nasal_aperture(bone: &Voxels, midline: f64) -> Option<[f64; 2]> {
     };
     let middle = 0.5 * (bone.range(1)[0] + far);
     let is_gap = |(z, y): &(f64, f64)| {
-        let (below, above) = (foremost(z - BELOW_MM, *z), foremost(*z, z + ABOVE_MM));
+        let (below, above) = (foremost(z - APERTURE_BELOW_MM, *z), foremost(*z, z + APERTURE_ABOVE_MM));
         // Both walls belong to the face.
         below.max(above) < middle && y - below.max(above) > APERTURE_DEPTH_MM
     };
@@ -140,14 +134,15 @@ pub(super) fn incisal_edge(bone: &Voxels, midline: f64, spine: [f64; 2]) -> Opti
 /// Edge of the lower incisors as (y, z), below the upper one `edge`; `None` where the upper teeth cover it.
 pub(super) fn lower_incisal_edge(bone: &Voxels, midline: f64, edge: [f64; 2]) -> Option<[f64; 2]> {
     /// Widest opening of the mouth, and distance behind the upper edge beyond which teeth are molars, mm.
-    const WIDEST_MM: f64 = 30.0;
+    const MAX_OPENING_MM: f64 = 30.0;
     const BEHIND_MM: f64 = 15.0;
     const STRIP_MM: f64 = 4.0;
     let front = |z: f64| {
         let strip = steps(-STRIP_MM, STRIP_MM).filter_map(|d| bone.front(midline + d, z));
         strip.filter(|y| (y - edge[0]).abs() < BEHIND_MM).min_by(f64::total_cmp)
     };
-    let mut levels = steps(edge[1] - WIDEST_MM, edge[1] + VOXEL_MM).rev().skip_while(|z| front(*z).is_some()).skip(1);
+    let mut levels =
+        steps(edge[1] - MAX_OPENING_MM, edge[1] + VOXEL_MM).rev().skip_while(|z| front(*z).is_some()).skip(1);
     let z = levels.find(|z| front(*z).is_some())?;
     Some([front(z)?, z + 0.5 * VOXEL_MM])
 }

@@ -8,6 +8,7 @@ mod midline;
 mod orbit;
 mod profile;
 mod ramus;
+mod tuning;
 mod voxels;
 
 use std::collections::BTreeMap;
@@ -19,10 +20,8 @@ use midline::midline;
 use profile::Profile;
 use prosopon_geometry::{Motion, Point, TriMesh, Vector};
 use ramus::Jaw;
+use tuning::ABOVE_SPINE_MM;
 use voxels::Voxels;
-
-/// The Le Fort I plane is proposed this far above the anterior nasal spine, mm: above the palate.
-const ABOVE_SPINE_MM: f64 = 1.0;
 
 /// Proposed landmarks, to be checked by a person.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -110,7 +109,7 @@ impl Proposal {
 pub fn propose(skin: &TriMesh, skull: &TriMesh) -> Proposal {
     let midline = midline(skin);
     let mut found = Proposal { midline_x_mm: midline, ..Proposal::default() };
-    let Some((spine, bite)) = upper_jaw(skull, midline) else {
+    let Some(UpperJaw { spine, bite }) = upper_jaw(skull, midline) else {
         return found;
     };
     // From here on the occlusal plane is horizontal.
@@ -174,8 +173,15 @@ pub fn propose(skin: &TriMesh, skull: &TriMesh) -> Proposal {
     found
 }
 
-/// The anterior nasal spine as (y, z), and the occlusal plane below it.
-fn upper_jaw(skull: &TriMesh, midline: f64) -> Option<([f64; 2], Occlusion)> {
+/// What the search starts from.
+struct UpperJaw {
+    /// The anterior nasal spine as (y, z).
+    spine: [f64; 2],
+    /// The occlusal plane below it.
+    bite: Occlusion,
+}
+
+fn upper_jaw(skull: &TriMesh, midline: f64) -> Option<UpperJaw> {
     const NEAR_APERTURE_MM: f64 = 6.0;
     let bone = Voxels::of(skull);
     let [bottom, _] = nasal_aperture(&bone, midline)?;
@@ -187,7 +193,7 @@ fn upper_jaw(skull: &TriMesh, midline: f64) -> Option<([f64; 2], Occlusion)> {
         let at_edge = z - spine[1] - bite.pitch.tan() * (y - spine[0]);
         bite.height = bite.height.min(0.5 * (bite.height + at_edge));
     }
-    Some((spine, bite))
+    Some(UpperJaw { spine, bite })
 }
 
 /// Rotation about the axis along x through `pivot`, radian; positive angles raise points behind it.

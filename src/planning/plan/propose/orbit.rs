@@ -1,7 +1,10 @@
 //! Landmarks of the orbit's rim, on a head whose occlusal plane is horizontal.
 
 use super::ramus::Jaw;
-use super::voxels::{VOXEL_MM, steps};
+use super::tuning::{
+    LATERAL_RIM_MM, MIN_ORBIT_MM, ORBIT_HEIGHTS_MM, ORBIT_MIDDLE_MM, ORBIT_RIM_MM, RIM_DEPTH_MM, SUTURE_SHARE, VOXEL_MM,
+};
+use super::voxels::steps;
 use prosopon_geometry::Point;
 
 /// The lowest point of the orbit's rim, and its lateral rim at the suture of cheek bone and forehead.
@@ -9,20 +12,6 @@ pub(super) struct OrbitPoints {
     pub(super) orbitale: Point,
     pub(super) frontomalare: Option<Point>,
 }
-
-/// Search range of the lower rim, and distance of the orbit's middle, from the midline, mm.
-const RIM_MM: [f64; 2] = [26.0, 42.0];
-const MIDDLE_MM: f64 = 34.0;
-/// Search range of the orbit above the anterior nasal spine, mm.
-const HEIGHTS_MM: [f64; 2] = [8.0, 70.0];
-/// Bone farther than this behind the spine is the orbit's wall and not its rim, mm.
-const RIM_DEPTH_MM: f64 = 38.0;
-/// An opening is at least this high, mm: a sinus that shows through thin bone is lower.
-const LEAST_OPENING_MM: f64 = 18.0;
-/// The suture lies this share of the opening's height above its lower rim.
-const SUTURE_SHARE: f64 = 0.75;
-/// The lateral rim lies within these distances from the midline, mm.
-const LATERAL_MM: [f64; 2] = [38.0, 64.0];
 
 impl Jaw<'_> {
     fn rim_at(&self, side: f64, d: f64, z: f64) -> Option<f64> {
@@ -32,10 +21,10 @@ impl Jaw<'_> {
     /// z of the lower and upper end of the orbit's opening at the distance `d` from the midline.
     fn opening(&self, side: f64, d: f64, spine_z: f64) -> Option<[f64; 2]> {
         let mut begin: Option<f64> = None;
-        for z in steps(spine_z + HEIGHTS_MM[0], spine_z + HEIGHTS_MM[1]) {
+        for z in steps(spine_z + ORBIT_HEIGHTS_MM[0], spine_z + ORBIT_HEIGHTS_MM[1]) {
             match (self.rim_at(side, d, z), begin) {
                 (None, None) => begin = Some(z),
-                (Some(_), Some(low)) if z - low >= LEAST_OPENING_MM => {
+                (Some(_), Some(low)) if z - low >= MIN_ORBIT_MM => {
                     return Some([low - 0.5 * VOXEL_MM, z - 0.5 * VOXEL_MM]);
                 }
                 (Some(_), Some(_)) => begin = None,
@@ -47,13 +36,14 @@ impl Jaw<'_> {
 
     /// Points of one orbit, +1 left, -1 right.
     pub(super) fn orbit(&self, side: f64, spine_z: f64) -> Option<OrbitPoints> {
-        let rims = steps(RIM_MM[0], RIM_MM[1]).filter_map(|d| Some((d, self.opening(side, d, spine_z)?[0])));
+        let rims =
+            steps(ORBIT_RIM_MM[0], ORBIT_RIM_MM[1]).filter_map(|d| Some((d, self.opening(side, d, spine_z)?[0])));
         let (d, z) = rims.min_by(|a, b| a.1.total_cmp(&b.1))?;
         let y = self.rim_at(side, d, z - VOXEL_MM)?;
         let orbitale = Point::new(self.midline + side * d, y, z);
-        let frontomalare = self.opening(side, MIDDLE_MM, spine_z).and_then(|[low, high]| {
+        let frontomalare = self.opening(side, ORBIT_MIDDLE_MM, spine_z).and_then(|[low, high]| {
             let z = low + SUTURE_SHARE * (high - low);
-            let lateral: Vec<(f64, f64)> = steps(LATERAL_MM[0], LATERAL_MM[1])
+            let lateral: Vec<(f64, f64)> = steps(LATERAL_RIM_MM[0], LATERAL_RIM_MM[1])
                 .filter_map(|d| Some((d, self.rim_at(side, d, z).or_else(|| self.deeper(side, d, z))?)))
                 .collect();
             let (d, y) = lateral.into_iter().min_by(|a, b| a.1.total_cmp(&b.1))?;

@@ -1,15 +1,8 @@
 //! Foremost points of a surface along the midline.
 
 use super::samples;
+use super::tuning::{BLUNT_MM, PROFILE_STEP_MM, PROFILE_STRIP_MM};
 use prosopon_geometry::TriMesh;
-
-/// Half width of the strip whose foremost points make a profile, mm.
-const STRIP_MM: f64 = 3.0;
-/// Step of a profile along z, mm.
-const STEP_MM: f64 = 1.0;
-
-/// Depth within which a blunt extremum counts as flat, mm.
-const BLUNT_MM: f64 = 0.5;
 
 /// Foremost y of a surface for each step of z in a strip about the midline.
 pub(super) struct Profile {
@@ -22,10 +15,10 @@ pub(super) struct Profile {
 impl Profile {
     pub(super) fn new(mesh: &TriMesh, midline: f64) -> Self {
         let bounds = mesh.bounds();
-        let n = ((bounds.max.z - bounds.min.z) / STEP_MM) as usize + 1;
+        let n = ((bounds.max.z - bounds.min.z) / PROFILE_STEP_MM) as usize + 1;
         let mut profile = Self { low: bounds.min.z, front: vec![f64::INFINITY; n], strip: Vec::new() };
-        for p in samples(mesh, 1.0).filter(|p| (p.x - midline).abs() < STRIP_MM) {
-            if let Some(y) = profile.front.get_mut(((p.z - bounds.min.z) / STEP_MM) as usize) {
+        for p in samples(mesh, 1.0).filter(|p| (p.x - midline).abs() < PROFILE_STRIP_MM) {
+            if let Some(y) = profile.front.get_mut(((p.z - bounds.min.z) / PROFILE_STEP_MM) as usize) {
                 *y = y.min(p.y);
             }
             profile.strip.push([p.y, p.z]);
@@ -35,7 +28,7 @@ impl Profile {
 
     /// (y, z) of the profile within heights, from below.
     fn within(&self, low: f64, high: f64) -> impl DoubleEndedIterator<Item = [f64; 2]> {
-        let all = self.front.iter().enumerate().map(|(k, y)| [*y, self.low + (k as f64 + 0.5) * STEP_MM]);
+        let all = self.front.iter().enumerate().map(|(k, y)| [*y, self.low + (k as f64 + 0.5) * PROFILE_STEP_MM]);
         all.filter(move |p| p[0].is_finite() && low <= p[1] && p[1] <= high)
     }
 

@@ -1,6 +1,11 @@
 //! Landmarks of the lower jaw's sides and of the chin, on a head whose occlusal plane is horizontal.
 
-use super::voxels::{VOXEL_MM, Voxels, steps};
+use super::tuning::{
+    BESIDE_PLATE_MM, LINGULA_ABOVE_MM, LINGULA_SHARE, MAX_ANGLE_DEPTH_MM, MAX_CONDYLE_MM2, MAX_RAMUS_MM,
+    MAX_RAMUS_THICKNESS_MM, MIN_JOINT_MM, MOLAR_AHEAD_MM, NECK_HALF_MM, RAMUS_DEPTHS_MM, RAMUS_HEIGHTS_MM,
+    RAMUS_LENGTH_MM, SPLIT_MM, VOXEL_MM,
+};
+use super::voxels::{Voxels, steps};
 use prosopon_geometry::Point;
 
 /// Bone and reference positions for the search, mm.
@@ -32,33 +37,21 @@ struct OuterRun {
     medial: f64,
 }
 
-/// Search range of the ramus above the occlusal plane, mm.
-const RAMUS_HEIGHTS_MM: [f64; 2] = [4.0, 15.0];
-/// Search range of the ramus behind the spine, mm.
-const RAMUS_DEPTHS_MM: [f64; 2] = [30.0, 130.0];
-/// A ramus is no thicker than this, mm.
-const THICKEST_MM: f64 = 17.0;
-/// Shortest and longest ramus from front to back, mm.
-const RAMUS_LENGTH_MM: [f64; 2] = [15.0, 60.0];
-/// The lingula lies this share of the ramus's length behind its front, and this far above the occlusal plane, mm.
-const LINGULA_SHARE: f64 = 0.6;
-const LINGULA_ABOVE_MM: f64 = 3.0;
-/// Height below the lingula over which the medial face of the plate is taken, mm.
-const SPLIT_MM: f64 = 22.0;
-/// The second molar lies this far in front of the ramus's front, mm.
-const MOLAR_AHEAD_MM: f64 = 14.0;
+/// The plate of the ramus.
+struct Ramus {
+    /// Depths y at which it begins and ends.
+    front: f64,
+    back: f64,
+    /// Its runs from front to back.
+    runs: Vec<OuterRun>,
+}
 
-/// Half the edge of the square that holds the neck of the condyle, mm.
-const NECK_HALF_MM: f64 = 8.0;
-/// Most bone of the condyle within that square at one level, mm²; more is the skull base.
-const LARGEST_CONDYLE_MM2: f64 = 190.0;
-/// Largest lateral distance between the middles of the condyle and of the ramus, mm.
-const BESIDE_PLATE_MM: f64 = 2.5;
-/// Least height of the condyle's top above the occlusal plane, and greatest above the middle of the ramus's search range, mm.
-const LEAST_JOINT_MM: f64 = 24.0;
-const TALLEST_RAMUS_MM: f64 = 60.0;
-/// Greatest depth of the jaw's angle below the occlusal plane, mm.
-const LOWEST_ANGLE_MM: f64 = 55.0;
+/// Connected bone in one level.
+struct Patch {
+    /// Distance from the midline, and y.
+    middle: [f64; 2],
+    area_mm2: f64,
+}
 
 impl Jaw<'_> {
     fn outermost(&self, side: f64, y: f64, z: f64) -> Option<OuterRun> {
@@ -75,12 +68,11 @@ impl Jaw<'_> {
         median(widths.map(|r| r.lateral).collect())
     }
 
-    /// Depths y at which the ramus begins and ends, and its runs between them.
-    fn ramus(&self, side: f64) -> Option<([f64; 2], Vec<OuterRun>)> {
+    fn ramus(&self, side: f64) -> Option<Ramus> {
         let beyond = self.arch_half_width(side)? + 3.0;
         let levels = || steps(self.occlusal + RAMUS_HEIGHTS_MM[0], self.occlusal + RAMUS_HEIGHTS_MM[1]);
         let of_depth = |y: f64| -> Option<OuterRun> {
-            let is_plate = |r: &OuterRun| r.lateral > beyond && r.lateral - r.medial <= THICKEST_MM;
+            let is_plate = |r: &OuterRun| r.lateral > beyond && r.lateral - r.medial <= MAX_RAMUS_THICKNESS_MM;
             let runs: Vec<OuterRun> = levels().filter_map(|z| self.outermost(side, y, z)).filter(is_plate).collect();
             // Most levels must show the plate.
             (2 * runs.len() > levels().count()).then_some(())?;
@@ -109,12 +101,12 @@ impl Jaw<'_> {
             run.extend(here);
         }
         let (start, runs) = best?;
-        Some(([start, start + runs.len() as f64 * VOXEL_MM], runs))
+        Some(Ramus { front: start, back: start + runs.len() as f64 * VOXEL_MM, runs })
     }
 
     /// Landmarks of one side, +1 left, -1 right.
     pub(super) fn side(&self, side: f64) -> Option<SidePoints> {
-        let ([front, back], runs) = self.ramus(side)?;
+        let Ramus { front, back, runs } = self.ramus(side)?;
         let along = LINGULA_SHARE * (back - front);
         let nearby = (along / VOXEL_MM) as usize;
         let medial = runs.get(nearby.saturating_sub(3)..(nearby + 4).min(runs.len()))?;
@@ -123,7 +115,7 @@ impl Jaw<'_> {
         // The plate leans, and the split goes straight down from here; there may be streaks of metal.
         let around = steps(y - 3.5, y + 3.5).flat_map(|y| steps(z - SPLIT_MM, z).map(move |z| (y, z)));
         let runs = around.filter_map(|(y, z)| self.outermost(side, y, z));
-        let own = runs.filter(|r| r.lateral - r.medial <= THICKEST_MM && (r.medial - plate).abs() < 6.0);
+        let own = runs.filter(|r| r.lateral - r.medial <= MAX_RAMUS_THICKNESS_MM && (r.medial - plate).abs() < 6.0);
         let medial = median(own.map(|r| r.medial).collect()).unwrap_or(plate);
         let lingula = Point::new(self.midline + side * medial, y, z);
         let y = front - MOLAR_AHEAD_MM;
@@ -141,7 +133,7 @@ impl Jaw<'_> {
     /// The hind border of the ramus is followed up to where the condyle ends or joins the skull, and down to where it is farthest
     /// back and down.
     pub(super) fn ends(&self, side: f64) -> Option<RamusEnds> {
-        let ([front, back], runs) = self.ramus(side)?;
+        let Ramus { front, back, runs } = self.ramus(side)?;
         let hindmost = runs.get(runs.len().saturating_sub(6)..)?;
         let plate = median(hindmost.iter().map(|r| 0.5 * (r.lateral + r.medial)).collect())?;
         let start = self.occlusal + 0.5 * (RAMUS_HEIGHTS_MM[0] + RAMUS_HEIGHTS_MM[1]);
@@ -150,10 +142,10 @@ impl Jaw<'_> {
         Some(RamusEnds { condylion, gonion })
     }
 
-    /// Middle (distance from the midline, y) and area (mm²) of the connected bone nearest to a place in one level.
+    /// The connected bone nearest to a place (distance from the midline, y) in one level.
     ///
     /// Only bone in the window of half width `half` around the place counts.
-    fn patch(&self, side: f64, [d, y]: [f64; 2], z: f64, half: f64) -> Option<([f64; 2], f64)> {
+    fn patch(&self, side: f64, [d, y]: [f64; 2], z: f64, half: f64) -> Option<Patch> {
         let n = (2.0 * half / VOXEL_MM) as i32;
         let at =
             |i: i32, j: i32| [d - half + (f64::from(i) + 0.5) * VOXEL_MM, y - half + (f64::from(j) + 0.5) * VOXEL_MM];
@@ -179,7 +171,7 @@ impl Jaw<'_> {
             (sum, count) = ([sum[0] + p[0], sum[1] + p[1]], count + 1.0);
             open.extend([(i + 1, j), (i - 1, j), (i, j + 1), (i, j - 1)]);
         }
-        Some((sum.map(|s| s / count), count * VOXEL_MM * VOXEL_MM))
+        Some(Patch { middle: sum.map(|s| s / count), area_mm2: count * VOXEL_MM * VOXEL_MM })
     }
 
     /// The top of the condyle above `place` (distance from the midline, y) at height `start`.
@@ -187,11 +179,11 @@ impl Jaw<'_> {
         let (plate, mut top) = (place[0], None);
         // The root of the zygomatic arch lies beside the head of the condyle.
         let above_plate = |d: f64| d.clamp(plate - BESIDE_PLATE_MM, plate + BESIDE_PLATE_MM);
-        for z in steps(start, start + TALLEST_RAMUS_MM) {
-            let high_enough = z > self.occlusal + LEAST_JOINT_MM;
+        for z in steps(start, start + MAX_RAMUS_MM) {
+            let high_enough = z > self.occlusal + MIN_JOINT_MM;
             // Below the notch the plate goes on to the coronoid process: only its hind part is looked at.
-            let Some((middle, area)) = self.patch(side, place, z, NECK_HALF_MM) else { break };
-            if high_enough && area > LARGEST_CONDYLE_MM2 {
+            let Some(Patch { middle, area_mm2 }) = self.patch(side, place, z, NECK_HALF_MM) else { break };
+            if high_enough && area_mm2 > MAX_CONDYLE_MM2 {
                 break;
             }
             // The border leans back and the head is wider than its neck: follow it, but not into the coronoid process.
@@ -210,7 +202,7 @@ impl Jaw<'_> {
     fn gonion(&self, side: f64, plate: f64, [front, back]: [f64; 2], start: f64) -> Option<Point> {
         let mut best: Option<(f64, Point)> = None;
         let mut hind = back;
-        for z in steps(self.occlusal - LOWEST_ANGLE_MM, start).rev() {
+        for z in steps(self.occlusal - MAX_ANGLE_DEPTH_MM, start).rev() {
             // The hind border near where it was one level above.
             let near = steps(plate - NECK_HALF_MM, plate + NECK_HALF_MM);
             let depths = steps(front.min(hind - 30.0), hind + 4.0).rev();

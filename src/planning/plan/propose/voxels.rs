@@ -1,13 +1,9 @@
 //! Bone as voxels, filled from a surface that may have defects.
 
+use super::tuning::{MAX_VOXELS, VOXEL_MM};
 use rayon::prelude::*;
 
 use prosopon_geometry::{Point, TriMesh};
-
-/// Edge of a voxel, mm.
-pub(super) const VOXEL_MM: f64 = 1.0;
-/// Most voxels along an axis; bone beyond them is left out.
-const MOST: usize = 320;
 
 /// Voxels whose centre lies in the solid, in columns along y.
 pub(super) struct Voxels {
@@ -24,7 +20,7 @@ impl Voxels {
     /// nested shells and doubled faces do no harm.
     pub(super) fn of(mesh: &TriMesh) -> Self {
         let bounds = mesh.bounds();
-        let count = |a: usize| (((bounds.max[a] - bounds.min[a]) / VOXEL_MM).ceil() as usize + 1).min(MOST);
+        let count = |a: usize| (((bounds.max[a] - bounds.min[a]) / VOXEL_MM).ceil() as usize + 1).min(MAX_VOXELS);
         let dims = [0, 1, 2].map(count);
         let mut crossings: Vec<Vec<(f64, i32)>> = vec![Vec::new(); dims[0] * dims[2]];
         for t in 0..mesh.triangles().len() {

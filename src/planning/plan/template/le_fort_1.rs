@@ -1,28 +1,14 @@
 //! The horizontal osteotomy of the upper jaw.
 
-use super::super::parting::lattice;
+use super::super::lattice::lattice;
 use super::super::shape::{BoundedPlane, Cut};
+use super::tuning::{
+    ARCH_DEPTH_MM, BELOW_ZYGOMA_MM, HALF_WIDTH_ABOVE_MM, HALF_WIDTH_MM, HALF_WIDTH_TEETH_MM, MAX_STEP_SHARE,
+    OVERLAP_MM, STEP_BESIDE_MM,
+};
 use super::{Occlusal, meets};
 use prosopon_field::Envelope;
 use prosopon_geometry::{Point, Vector};
-
-/// Half width of the cuts, mm: wider than a maxilla at its alveolar process (some 65 mm), narrower than the distance
-/// between the rami (some 85 mm).
-const HALF_WIDTH: f64 = 38.0;
-/// Half width of the Le Fort I plane, mm: in front of the tuberosities there is no mandible, but the zygoma may reach down.
-const HALF_WIDTH_ABOVE: f64 = 60.0;
-/// Distance from the midline at which the plane steps down beside the nose, mm.
-const STEP_BESIDE: f64 = 21.0;
-/// The lowered plane passes this far below the cheek bone's lower border, mm.
-const BELOW_ZYGOMA: f64 = 2.0;
-/// Greatest depth of the step as a share of the height above the occlusal plane: it stays above the apices of the molars.
-const LOWEST_STEP: f64 = 0.45;
-/// Half width of the occlusal cut, mm: streaks of dental metal reach beyond the arch.
-const HALF_WIDTH_TEETH: f64 = 45.0;
-/// Neighbouring rectangles overlap by this, mm; a cut that ends in bone leaves no mark there.
-const OVERLAP: f64 = 2.0;
-/// Distance from the foremost alveolar bone back to the end of the tuberosities where the bone does not show it, mm.
-const ARCH_DEPTH: f64 = 48.0;
 
 /// Cuts of a Le Fort I osteotomy: above the apices, behind the tuberosities and between the teeth.
 ///
@@ -46,24 +32,24 @@ pub fn le_fort_1(
     zygomas: [Option<Point>; 2],
     bone: &Envelope,
 ) -> Vec<Cut> {
-    let Some(frame) = Frame::new(plane, midline_x_mm, occlusal_z_mm) else { return Vec::new() };
-    let (front, back) = frame.arch(bone);
+    let Some(axes) = LeFort1Axes::new(plane, midline_x_mm, occlusal_z_mm) else { return Vec::new() };
+    let ArchDepths { front, back } = axes.arch(bone);
     let front = front - 15.0;
-    let middle = 0.5 * (front + back + OVERLAP);
-    let half_depth = 0.5 * (back + OVERLAP - front);
+    let middle = 0.5 * (front + back + OVERLAP_MM);
+    let half_depth = 0.5 * (back + OVERLAP_MM - front);
     let level = |height: f64, half_width: f64| BoundedPlane {
-        point: frame.at(middle, height),
-        normal: frame.up,
-        bounds: Some((frame.left, half_width, half_depth)),
+        point: axes.at(middle, height),
+        normal: axes.up,
+        bounds: Some((axes.left, half_width, half_depth)),
     };
     let behind = BoundedPlane {
-        point: frame.at(back, 0.5 * frame.occlusal),
-        normal: frame.back,
-        bounds: Some((frame.left, HALF_WIDTH, 0.5 * -frame.occlusal + OVERLAP)),
+        point: axes.at(back, 0.5 * axes.occlusal),
+        normal: axes.back,
+        bounds: Some((axes.left, HALF_WIDTH_MM, 0.5 * -axes.occlusal + OVERLAP_MM)),
     };
-    let mut cuts = frame.upper(zygomas, [front, back + OVERLAP]);
+    let mut cuts = axes.upper(zygomas, [front, back + OVERLAP_MM]);
     let behind = Cut::from(behind).named("pterygomaxillary");
-    let teeth = Cut::from(level(frame.occlusal, HALF_WIDTH_TEETH)).named("occlusal").separating();
+    let teeth = Cut::from(level(axes.occlusal, HALF_WIDTH_TEETH_MM)).named("occlusal").separating();
     cuts.extend([behind, teeth].into_iter().filter(|c| meets(bone, c)));
     cuts
 }
@@ -75,13 +61,12 @@ pub(super) fn midsagittal(
     occlusal_z_mm: f64,
     bone: &Envelope,
 ) -> Option<Cut> {
-    let frame = Frame::new(plane, midline_x_mm, occlusal_z_mm)?;
-    let (front, back) = frame.arch(bone);
-    let (front, back) = (front - 15.0, back + OVERLAP);
-    let half_height = 0.5 * -frame.occlusal + OVERLAP;
-    let point = frame.at(0.5 * (front + back), 0.5 * frame.occlusal);
-    let plane =
-        BoundedPlane { point, normal: frame.left, bounds: Some((frame.back, 0.5 * (back - front), half_height)) };
+    let axes = LeFort1Axes::new(plane, midline_x_mm, occlusal_z_mm)?;
+    let ArchDepths { front, back } = axes.arch(bone);
+    let (front, back) = (front - 15.0, back + OVERLAP_MM);
+    let half_height = 0.5 * -axes.occlusal + OVERLAP_MM;
+    let point = axes.at(0.5 * (front + back), 0.5 * axes.occlusal);
+    let plane = BoundedPlane { point, normal: axes.left, bounds: Some((axes.back, 0.5 * (back - front), half_height)) };
     Some(Cut::from(plane).named("midsagittal"))
 }
 
@@ -92,13 +77,19 @@ pub(super) fn tuberosity_y(
     occlusal_z_mm: f64,
     bone: &Envelope,
 ) -> Option<[f64; 2]> {
-    let frame = Frame::new(plane, midline_x_mm, occlusal_z_mm)?;
-    let (front, back) = frame.arch(bone);
-    Some([front, back].map(|depth| frame.at(depth, frame.occlusal).y))
+    let axes = LeFort1Axes::new(plane, midline_x_mm, occlusal_z_mm)?;
+    let ArchDepths { front, back } = axes.arch(bone);
+    Some([front, back].map(|depth| axes.at(depth, axes.occlusal).y))
+}
+
+/// Depths of the foremost alveolar bone and of the end of the tuberosities, behind the origin, mm.
+struct ArchDepths {
+    front: f64,
+    back: f64,
 }
 
 /// Axes of the Le Fort I plane with the origin in the midline.
-pub(super) struct Frame {
+pub(super) struct LeFort1Axes {
     origin: Point,
     left: Vector,
     back: Vector,
@@ -107,7 +98,7 @@ pub(super) struct Frame {
     occlusal: f64,
 }
 
-impl Frame {
+impl LeFort1Axes {
     pub(super) fn new((point, normal): (Point, Vector), midline: f64, occlusal_z: f64) -> Option<Self> {
         let up = normal.try_normalize(1e-9)? * normal.z.signum();
         if up.z.is_nan() || up.z < 0.7 || !point.iter().chain([&midline, &occlusal_z]).all(|c| c.is_finite()) {
@@ -135,21 +126,21 @@ impl Frame {
             bounds: Some((self.left, 0.5 * (to - from), half_depth)),
         };
         let step = |zygoma: Option<Point>| {
-            let below = zygoma.map(|p| self.up.dot(&(p - self.origin)) - BELOW_ZYGOMA);
-            below.filter(|h| *h < -OVERLAP).map(|h| h.max(LOWEST_STEP * self.occlusal))
+            let below = zygoma.map(|p| self.up.dot(&(p - self.origin)) - BELOW_ZYGOMA_MM);
+            below.filter(|h| *h < -OVERLAP_MM).map(|h| h.max(MAX_STEP_SHARE * self.occlusal))
         };
         let steps =
             [(zygomas[0], 1.0, "left"), (zygomas[1], -1.0, "right")].map(|(z, side, name)| (step(z), side, name));
-        let end = |step: Option<f64>| if step.is_some() { STEP_BESIDE } else { HALF_WIDTH_ABOVE };
+        let end = |step: Option<f64>| if step.is_some() { STEP_BESIDE_MM } else { HALF_WIDTH_ABOVE_MM };
         let mut cuts = vec![Cut::from(level(0.0, [-end(steps[1].0), end(steps[0].0)])).named("le_fort_1")];
         for (height, side, name) in steps {
             let Some(height) = height else { continue };
-            let ends = [STEP_BESIDE - OVERLAP, HALF_WIDTH_ABOVE].map(|d| side * d);
+            let ends = [STEP_BESIDE_MM - OVERLAP_MM, HALF_WIDTH_ABOVE_MM].map(|d| side * d);
             let low = level(height, [ends[0].min(ends[1]), ends[0].max(ends[1])]);
             let wall = BoundedPlane {
-                point: self.at(middle, 0.5 * height) + self.left * (side * (STEP_BESIDE - 0.5 * OVERLAP)),
+                point: self.at(middle, 0.5 * height) + self.left * (side * (STEP_BESIDE_MM - 0.5 * OVERLAP_MM)),
                 normal: self.left,
-                bounds: Some((self.back, half_depth, 0.5 * -height + OVERLAP)),
+                bounds: Some((self.back, half_depth, 0.5 * -height + OVERLAP_MM)),
             };
             cuts.push(Cut::from(low).named(&format!("le_fort_1_{name}")));
             cuts.push(Cut::from(wall).named(&format!("le_fort_1_step_{name}")).separating());
@@ -163,7 +154,7 @@ impl Frame {
     }
 
     /// Depths of the foremost alveolar bone and of the end of the tuberosities, behind the origin, mm.
-    fn arch(&self, bone: &Envelope) -> (f64, f64) {
+    fn arch(&self, bone: &Envelope) -> ArchDepths {
         let grid = &bone.grid;
         // The band leaves out the teeth and their streaks below and the floor of the nose above.
         let band = 0.7 * self.occlusal..0.1 * self.occlusal;
@@ -173,7 +164,7 @@ impl Frame {
             let [i, j, k] = lattice(grid, node);
             let d = grid.position(i, j, k) - self.origin;
             let depth = self.back.dot(&d);
-            if band.contains(&self.up.dot(&d)) && self.left.dot(&d).abs() < HALF_WIDTH && depth.abs() < 80.0 {
+            if band.contains(&self.up.dot(&d)) && self.left.dot(&d).abs() < HALF_WIDTH_MM && depth.abs() < 80.0 {
                 area[(depth + reach).round() as usize] += grid.spacing.powi(3);
             }
         }
@@ -181,12 +172,14 @@ impl Frame {
         let n = area.len();
         let mean = |i: usize| area[i.saturating_sub(1)..(i + 2).min(n)].iter().sum::<f64>() / 3.0;
         let section: Vec<f64> = (0..n).map(mean).collect();
-        let Some(first) = section.iter().position(|a| *a > 20.0) else { return (-25.0, ARCH_DEPTH - 25.0) };
+        let Some(first) = section.iter().position(|a| *a > 20.0) else {
+            return ArchDepths { front: -25.0, back: ARCH_DEPTH_MM - 25.0 };
+        };
         let front = first as f64 - reach;
         let window = |from: usize, to: usize| (first + from).min(n)..(first + to).min(n);
         let molars = section[window(25, 40)].iter().copied().fold(0.0, f64::max);
         // A filled mouth or stout pterygoid plates hide the end of the tuberosities.
         let end = window(35, 56).find(|i| section[*i] < 0.25 * molars);
-        (front, end.map_or(front + ARCH_DEPTH, |i| i as f64 - reach))
+        ArchDepths { front, back: end.map_or(front + ARCH_DEPTH_MM, |i| i as f64 - reach) }
     }
 }

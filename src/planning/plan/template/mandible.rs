@@ -1,32 +1,15 @@
 //! Cuts of the mandible, and its separation from the skull.
 
 use super::super::PlanError;
-use super::super::parting::lattice;
+use super::super::lattice::lattice;
 use super::super::shape::{BoundedPlane, Cut, CutShape};
+use super::tuning::{
+    ABOVE_LINGULA_MM, BEHIND_LINGULA_MM, CORTEX_REACH_MM, HALF_BODY_MM, HALF_RAMUS_MM, MANDIBLE_OVERLAP_MM,
+    RAMUS_SLANT, TEETH_FRONT_MM, TO_FRONT_MM, TO_LOWER_BORDER_MM,
+};
 use super::{Landmarks, Occlusal, meets, misplaced};
 use prosopon_field::Envelope;
 use prosopon_geometry::{Point, TriMesh, Vector};
-
-/// Neighbouring cuts overlap by this, mm.
-const OVERLAP_MM: f64 = 1.5;
-/// The medial cut lies this far above the lingula, mm.
-const ABOVE_LINGULA_MM: f64 = 4.0;
-/// The medial cut ends this far behind the lingula (Hunsuck), mm.
-const BEHIND_LINGULA_MM: f64 = 8.0;
-/// From the medial face of the ramus, and from the buccal face of the body, to the middle between the cortices, mm.
-const HALF_RAMUS_MM: f64 = 3.5;
-const HALF_BODY_MM: f64 = 4.5;
-/// From the lingula to the front border of the ramus and beyond, mm.
-const TO_FRONT_MM: f64 = 24.0;
-/// Cuts through one cortex reach this far from the middle of the bone, mm.
-const REACH_MM: f64 = 14.0;
-/// From the molar's buccal face down to below the lower border, mm.
-const TO_LOWER_BORDER_MM: f64 = 32.0;
-/// The occlusal separation reaches this far in front of the rami, mm: over the whole dental arch.
-const TEETH_FRONT_MM: f64 = 60.0;
-
-/// How far the rami converge, per side, for each millimetre towards the front, mm.
-const RAMUS_SLANT: f64 = 0.35;
 
 /// One side of the mandible.
 struct Side {
@@ -44,14 +27,14 @@ struct Side {
 impl Side {
     fn new(side: f64, lingula: &Point, molar: &Point) -> Result<Self, PlanError> {
         let (ramus, body) = (lingula + Vector::x() * side * HALF_RAMUS_MM, molar - Vector::x() * side * HALF_BODY_MM);
-        let way = Vector::new(ramus.x - body.x, ramus.y - body.y, 0.0);
-        if !(12.0..70.0).contains(&way.norm()) || way.y < 8.0 || side * way.x < -10.0 || lingula.z < molar.z {
+        let offset = Vector::new(ramus.x - body.x, ramus.y - body.y, 0.0);
+        if !(12.0..70.0).contains(&offset.norm()) || offset.y < 8.0 || side * offset.x < -10.0 || lingula.z < molar.z {
             let name = Landmarks::side_name(side);
             return Err(misplaced(&format!(
                 "are out of place: lingula_{name} must lie 8 to 70 mm behind molar_{name}, not farther inside and not below"
             )));
         }
-        let back = way.normalize();
+        let back = offset.normalize();
         Ok(Self { side, ramus, body, back, out: side * back.cross(&Vector::z()) })
     }
 
@@ -68,26 +51,31 @@ impl Side {
         let occlusal = occlusal.z(self.body.x, self.body.y);
         let bottom = self.body.z - TO_LOWER_BORDER_MM;
         let hind = self.ramus + self.back * BEHIND_LINGULA_MM;
-        let inward = -self.out * (REACH_MM + OVERLAP_MM);
+        let inward = -self.out * (CORTEX_REACH_MM + MANDIBLE_OVERLAP_MM);
         let length = BEHIND_LINGULA_MM + TO_FRONT_MM;
         // From a little outside the split to inside the ramus's medial face.
-        let middle = hind + self.out * OVERLAP_MM - self.back * (0.5 * length) + inward * 0.5;
-        let bounds = Some((self.back, 0.5 * length + OVERLAP_MM, 0.5 * inward.norm()));
+        let middle = hind + self.out * MANDIBLE_OVERLAP_MM - self.back * (0.5 * length) + inward * 0.5;
+        let bounds = Some((self.back, 0.5 * length + MANDIBLE_OVERLAP_MM, 0.5 * inward.norm()));
         let medial = BoundedPlane { point: Point::new(middle.x, middle.y, top), normal: Vector::z(), bounds };
-        let hind_cut = Self::upright(hind + self.out * OVERLAP_MM, inward, [bottom, top + OVERLAP_MM]);
+        let hind_cut =
+            Self::upright(hind + self.out * MANDIBLE_OVERLAP_MM, inward, [bottom, top + MANDIBLE_OVERLAP_MM]);
         let at = |p: Point, z: f64| Point::new(p.x, p.y, z);
         let line = vec![
-            at(hind + self.back * OVERLAP_MM, top + OVERLAP_MM),
+            at(hind + self.back * MANDIBLE_OVERLAP_MM, top + MANDIBLE_OVERLAP_MM),
             at(
                 self.ramus - self.back * (0.8 * TO_FRONT_MM).min(0.6 * (self.ramus - self.body).dot(&self.back)),
-                top + OVERLAP_MM,
+                top + MANDIBLE_OVERLAP_MM,
             ),
-            at(self.body - self.back * OVERLAP_MM, occlusal + OVERLAP_MM),
+            at(self.body - self.back * MANDIBLE_OVERLAP_MM, occlusal + MANDIBLE_OVERLAP_MM),
         ];
-        let depth_mm = top - bottom + OVERLAP_MM;
+        let depth_mm = top - bottom + MANDIBLE_OVERLAP_MM;
         let split = CutShape::Polyline { points: line, direction: -Vector::z(), depth_mm };
-        let outward = self.out * (REACH_MM + OVERLAP_MM);
-        let buccal = Self::upright(self.body - self.out * OVERLAP_MM, outward, [bottom, occlusal + OVERLAP_MM]);
+        let outward = self.out * (CORTEX_REACH_MM + MANDIBLE_OVERLAP_MM);
+        let buccal = Self::upright(
+            self.body - self.out * MANDIBLE_OVERLAP_MM,
+            outward,
+            [bottom, occlusal + MANDIBLE_OVERLAP_MM],
+        );
         let name = Landmarks::side_name(self.side);
         let cut = |shape: CutShape, what: &str| Cut::from(shape).named(&format!("bsso_{name}_{what}"));
         vec![
@@ -130,26 +118,26 @@ fn jaws(landmarks: &Landmarks, bone: &Envelope) -> Result<Vec<Cut>, PlanError> {
         own.copied().or_else(|| other.and_then(mirrored))
     };
     let (Some(left), Some(right)) = (of("lingula", 1.0), of("lingula", -1.0)) else { return Ok(Vec::new()) };
-    let hind = left.y.max(right.y) + BEHIND_LINGULA_MM + OVERLAP_MM;
-    let ramus_front = left.y.min(right.y) - TO_FRONT_MM + OVERLAP_MM;
+    let hind = left.y.max(right.y) + BEHIND_LINGULA_MM + MANDIBLE_OVERLAP_MM;
+    let ramus_front = left.y.min(right.y) - TO_FRONT_MM + MANDIBLE_OVERLAP_MM;
     let walls = [right.x + 2.0, left.x - 2.0];
     if walls[1] - walls[0] < 20.0 {
         return Err(misplaced("have lingula_left less than 24 mm to the left (+x) of lingula_right; check both"));
     }
     let front = ramus_front - TEETH_FRONT_MM;
-    let top = left.z.max(right.z) + ABOVE_LINGULA_MM + OVERLAP_MM;
+    let top = left.z.max(right.z) + ABOVE_LINGULA_MM + MANDIBLE_OVERLAP_MM;
     let mut cuts = vec![
         Cut::from(occlusal.part([walls[0] - 8.0, walls[1] + 8.0], [front, ramus_front])).named("occlusal"),
-        Cut::from(occlusal.part(walls, [ramus_front - OVERLAP_MM, hind])).named("occlusal_hind"),
+        Cut::from(occlusal.part(walls, [ramus_front - MANDIBLE_OVERLAP_MM, hind])).named("occlusal_hind"),
     ];
     let ends = [ramus_front, hind].map(|y| [walls[0], walls[1]].map(|x| occlusal.z(x, y)));
     let lowest = ends.as_flattened().iter().copied().fold(f64::INFINITY, f64::min);
-    if top > lowest + OVERLAP_MM {
-        let depth = ramus_front - hind - OVERLAP_MM;
+    if top > lowest + MANDIBLE_OVERLAP_MM {
+        let depth = ramus_front - hind - MANDIBLE_OVERLAP_MM;
         for (x, side, name) in [(walls[1], 1.0, "ramus_left"), (walls[0], -1.0, "ramus_right")] {
             // The rami converge towards the front.
-            let way = Vector::new(side * RAMUS_SLANT * depth, depth, 0.0);
-            let wall = Side::upright(Point::new(x, hind, 0.0), way, [lowest - OVERLAP_MM, top]);
+            let offset = Vector::new(side * RAMUS_SLANT * depth, depth, 0.0);
+            let wall = Side::upright(Point::new(x, hind, 0.0), offset, [lowest - MANDIBLE_OVERLAP_MM, top]);
             cuts.push(Cut::from(wall).named(name));
         }
     }

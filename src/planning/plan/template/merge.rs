@@ -4,7 +4,7 @@ use super::{Landmarks, Template};
 use crate::plan::propose::{Proposal, propose, propose_by_proportions};
 use crate::plan::{Cut, CutShape, Osteotomy, PlanError, Purpose};
 use prosopon_field::Envelope;
-use prosopon_geometry::TriMesh;
+use prosopon_geometry::{TriMesh, Warning};
 
 /// A request for the cuts of one template.
 #[derive(Debug, Clone, PartialEq)]
@@ -30,7 +30,7 @@ pub struct TemplateCuts {
 
 /// A template that cannot place its cuts.
 #[derive(Debug)]
-pub struct TemplateFault {
+pub struct TemplateError {
     /// Index of the call.
     pub index: usize,
     /// Why the template cannot place its cuts.
@@ -41,13 +41,13 @@ impl TemplateCuts {
     /// Places the cuts of `calls` on the envelope `bone` of a head with this skin and skull.
     ///
     /// # Errors
-    /// [`TemplateFault`] for the first template whose landmarks are missing or not arranged as in a head.
+    /// [`TemplateError`] for the first template whose landmarks are missing or not arranged as in a head.
     pub fn place(
         calls: &[TemplateCall],
         skin: &TriMesh,
         skull: &TriMesh,
         bone: &Envelope,
-    ) -> Result<Self, TemplateFault> {
+    ) -> Result<Self, TemplateError> {
         let mut merged = Self::default();
         let mut proposal = None;
         // One head has one Le Fort I plane, whichever call gives it.
@@ -56,7 +56,7 @@ impl TemplateCuts {
             let (template, mut landmarks) = (call.template, call.landmarks.clone());
             landmarks.le_fort_1_plane = landmarks.le_fort_1_plane.or(plane);
             merged.proposed.extend(propose_missing(template, &mut landmarks, skin, skull, &mut proposal));
-            let placed = template.cuts(&landmarks, bone).map_err(|error| TemplateFault { index, error })?;
+            let placed = template.cuts(&landmarks, bone).map_err(|error| TemplateError { index, error })?;
             merged.add(call, placed);
         }
         Ok(merged)
@@ -89,26 +89,22 @@ impl TemplateCuts {
 
     /// Warnings about the templates in `osteotomy`, whose first cuts are these.
     #[must_use]
-    pub fn warnings(&self, osteotomy: &Osteotomy) -> Vec<String> {
+    pub fn warnings(&self, osteotomy: &Osteotomy) -> Vec<Warning> {
         let parts = |saws: &[usize]| {
             osteotomy.segments.iter().any(|s| s.id != 0 && s.bounded_by.iter().any(|cut| saws.contains(cut)))
         };
         let idle = self.saws.iter().filter(|(_, saws)| !saws.is_empty() && !parts(saws));
-        let mut warnings: Vec<String> = idle
+        let mut warnings: Vec<Warning> = idle
             .map(|(template, _)| {
-                format!(
-                    "template {} parts nothing: its cuts bound no segment; check its landmarks and the bone in the scan",
-                    template.name()
-                )
+                let message = format!("template {} parts nothing: its cuts bound no segment", template.name());
+                Warning::check("template-idle", message).act("Check its landmarks and the bone in the scan.")
             })
             .collect();
         warnings.extend(self.steps());
         if !self.proposed.is_empty() {
             let names: Vec<&str> = self.proposed.iter().map(String::as_str).collect();
-            warnings.push(format!(
-                "these landmarks were not given and are proposed from the surfaces: {}; check them",
-                names.join(", ")
-            ));
+            let message = format!("landmarks that were not given are proposed from the surfaces: {}", names.join(", "));
+            warnings.push(Warning::check("proposed-landmarks", message).act("Check these landmarks."));
         }
         warnings
     }
@@ -116,7 +112,7 @@ impl TemplateCuts {
 
 impl TemplateCuts {
     /// Warning about a Le Fort I cut whose sides lie lower than its middle.
-    fn steps(&self) -> Option<String> {
+    fn steps(&self) -> Option<Warning> {
         let level = |c: &Cut| {
             let CutShape::Plane(p) = &c.shape else { return None };
             let name = c.name.as_deref().filter(|name| name.starts_with("le_fort_1"))?;
@@ -130,11 +126,12 @@ impl TemplateCuts {
             .map(|(name, z)| format!("{} at z = {z:.0} mm", name.trim_start_matches("le_fort_1_")))
             .collect();
         (!sides.is_empty()).then(|| {
-            format!(
+            let message = format!(
                 "the Le Fort I cut steps down beside the nose to stay below the cheek bones: its middle lies at \
-                 z = {middle:.0} mm, its sides lie lower: {}; moving the plane up raises only the middle",
+                 z = {middle:.0} mm, its sides lie lower: {}",
                 sides.join(", ")
-            )
+            );
+            Warning::info("le-fort-1-steps", message)
         })
     }
 }

@@ -2,21 +2,10 @@
 
 use super::super::PlanError;
 use super::super::shape::{BoundedPlane, Cut, CutShape};
+use super::tuning::{AHEAD_MM, HALF_WIDTH_FACE_MM, HALF_WIDTH_MM, HALF_WIDTH_TEETH_MM, MIN_STEP_MM, OVERLAP_MM};
 use super::{Landmarks, le_fort_1, meets, misplaced};
 use prosopon_field::Envelope;
 use prosopon_geometry::{Point, Vector};
-
-/// Cuts begin this far in front of the face, mm.
-const AHEAD_MM: f64 = 20.0;
-/// Neighbouring cuts overlap by this, mm.
-const OVERLAP_MM: f64 = 2.0;
-/// Least step along x between neighbouring landmarks of the Le Fort II line, mm, so that the line does not cross itself.
-const LEAST_STEP_MM: f64 = 0.5;
-/// Half widths of the plane behind the face, mm: narrow between the rami, wide above the coronoid processes.
-const HALF_WIDTH_MM: f64 = 38.0;
-const HALF_WIDTH_FACE_MM: f64 = 80.0;
-/// Half width of the occlusal separation, mm: streaks of dental metal reach beyond the arch.
-const HALF_WIDTH_TEETH_MM: f64 = 45.0;
 
 /// Positions that the cuts behind the face share, mm.
 struct Back {
@@ -86,9 +75,9 @@ pub(super) fn le_fort_2(landmarks: &Landmarks, bone: &Envelope) -> Result<Vec<Cu
     let line = [cheek_l?, orbit_l?, nasion?, orbit_r?, cheek_r?];
     let nasion = line[2];
     for (pair, name) in line.windows(2).zip(names.windows(2)) {
-        if pair[0].x - pair[1].x < LEAST_STEP_MM {
+        if pair[0].x - pair[1].x < MIN_STEP_MM {
             return Err(misplaced(&format!(
-                "have {} at x = {:.1} mm and {} at x = {:.1} mm; the first must lie at least {LEAST_STEP_MM} mm to the left (+x)",
+                "have {} at x = {:.1} mm and {} at x = {:.1} mm; the first must lie at least {MIN_STEP_MM} mm to the left (+x)",
                 name[0], pair[0].x, name[1], pair[1].x
             )));
         }

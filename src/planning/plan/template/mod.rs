@@ -6,16 +6,17 @@ mod le_fort_1;
 mod mandible;
 mod merge;
 mod midface;
+mod tuning;
 
 use std::collections::BTreeMap;
 
-use le_fort_1::Frame;
+use le_fort_1::LeFort1Axes;
 pub use le_fort_1::le_fort_1;
-pub use merge::{TemplateCall, TemplateCuts, TemplateFault};
+pub use merge::{TemplateCall, TemplateCuts, TemplateError};
 
 use super::PlanError;
-use super::blade::Blade;
-use super::parting::crossings;
+use super::checked_cut::CheckedCut;
+use super::pieces::crossings;
 use super::shape::{BoundedPlane, Cut};
 use prosopon_field::Envelope;
 use prosopon_geometry::control::Control;
@@ -162,9 +163,9 @@ impl Landmarks {
     /// The occlusal plane: parallel to the Le Fort I plane where that plane and the midline are given, else horizontal.
     fn occlusal(&self) -> Result<Occlusal, PlanError> {
         let z = self.occlusal_z_mm.ok_or_else(|| misplaced("lack occlusal_plane_z_mm"))?;
-        let tilted = self.le_fort_1_plane.zip(self.midline_x_mm).and_then(|(plane, x)| Frame::new(plane, x, z));
+        let tilted = self.le_fort_1_plane.zip(self.midline_x_mm).and_then(|(plane, x)| LeFort1Axes::new(plane, x, z));
         let level = Occlusal { point: Point::new(0.0, 0.0, z), left: Vector::x(), up: Vector::z() };
-        Ok(tilted.map_or(level, |frame| frame.occlusal_plane(z)))
+        Ok(tilted.map_or(level, |axes| axes.occlusal_plane(z)))
     }
 
     /// Ending of a landmark's name for a side: +1 left, -1 right.
@@ -224,6 +225,6 @@ fn upper_jaw(template: Template, landmarks: &Landmarks, bone: &Envelope) -> Resu
 
 /// Whether a cut meets bone.
 fn meets(bone: &Envelope, cut: &Cut) -> bool {
-    let Ok(blade) = Blade::new(0, cut) else { return false };
-    crossings(&bone.grid, &[blade], &Control::new()).is_ok_and(|c| c.iter().any(|c| c.in_bone))
+    let Ok(checked_cut) = CheckedCut::new(0, cut) else { return false };
+    crossings(&bone.grid, &[checked_cut], &Control::new()).is_ok_and(|c| c.iter().any(|c| c.in_bone))
 }

@@ -34,14 +34,14 @@ fn a_twisted_wedge_is_refused() {
 }
 
 #[test]
-fn points_at_one_place_are_told_of() {
+fn points_in_one_place_are_reported() {
     let mut torn = volume([0, 1, 2, 3, 4, 5], [7, 8, 9, 6]);
     torn.points.extend_from_within(3..6);
     let ready = ReadyMesh::new(&torn).unwrap();
-    let told = ready.warnings.iter().find(|w| w.contains("in the same place")).unwrap();
-    assert!(told.starts_with("at 3 places") && told.contains("the first are 3 and 7"), "{told}");
+    let found = ready.warnings.iter().find(|w| w.code == "coincident-points").unwrap();
+    assert!(found.message.starts_with("at 3 places") && found.message.contains("the first are 3 and 7"), "{found}");
     let whole = ReadyMesh::new(&volume([0, 1, 2, 3, 4, 5], [3, 4, 5, 6])).unwrap();
-    assert!(!whole.warnings.iter().any(|w| w.contains("in the same place")));
+    assert!(!whole.warnings.iter().any(|w| w.code == "coincident-points"));
 }
 
 #[test]
@@ -80,10 +80,10 @@ fn wedges_of_either_orientation_and_either_triangle_first_become_the_same_prism(
             assert!(a < 3 && rotation == [0, 1, 2], "{wedge:?}: {:?}", ready.mesh.prisms);
             assert_eq!([d, e, f], [a + 3, b + 3, c + 3]);
             assert_eq!(ready.mesh.tetrahedra, [[3, 5, 4, 6]]);
-            assert_eq!(ready.warnings.iter().any(|w| w.contains("1 tetrahedra were inside out")), turned);
+            assert_eq!(ready.warnings.iter().any(|w| w.code == "tetrahedra-turned"), turned);
             assert_eq!(ready.mesh.tissue_of_prism(0), Tissue::Skin);
             assert_eq!(ready.buried_prisms(), 0);
-            assert_eq!(ready.places, [CellPlace::Prism(0), CellPlace::Tetrahedron(0)]);
+            assert_eq!(ready.cell_indices, [CellIndex::Prism(0), CellIndex::Tetrahedron(0)]);
         }
     }
 }

@@ -1,19 +1,11 @@
 //! Locates metal and the streaks it causes in a CT.
 
+use super::depth::Depth;
 use super::distance::Nearest;
-use super::inside::Depth;
+use super::tuning::{MARKER_DEPTH_MM, METAL_HU, STREAK_MM, STREAK_REACH_MM};
 use nalgebra::Matrix3;
 use prosopon_geometry::{Point, ScalarGrid, Volume};
 use rayon::prelude::*;
-
-/// Largest distance from metal at which streaks resemble bone, mm.
-const STREAK_REACH_MM: f64 = 40.0;
-/// Runs shorter than this along S are taken for streaks, mm: streaks fill a few slices, while teeth and ramus fill many.
-const STREAK_MM: f64 = 8.0;
-/// Smallest value of metal, HU. Some enamel exceeds it too but loses little.
-const METAL_HU: i16 = 2800;
-/// Metal nearer to the skin is taken for a skin marker, which causes no streaks, mm.
-const MARKER_DEPTH_MM: f64 = 4.0;
 
 /// Marks the samples near metal.
 pub(super) struct Metal {

@@ -1,32 +1,26 @@
 //! Extracts skin, skull and inner air from a head CT.
 
-mod body;
+mod bone_and_air;
 mod components;
+mod depth;
 mod distance;
-mod inside;
+mod head;
 mod metal;
 mod resample;
 mod soft_tissue;
 #[cfg(test)]
 mod test_masks;
+mod tuning;
 
 use super::SurfaceError;
-use body::Body;
-use inside::Depth;
+use depth::Depth;
+use head::Head;
 use metal::Metal;
 use prosopon_geometry::control::{Cancelled, Control};
 use prosopon_geometry::{
-    ScalarGrid, TriMesh, Volume, decimate_with, drop_small_parts, isosurface, largest_part, smooth,
+    ScalarGrid, TriMesh, Volume, Warning, decimate_with, drop_small_parts, isosurface, largest_part, smooth,
 };
-
-/// Smoothing iterations of the skin: they remove the steps between slices a few mm apart.
-const SKIN_ITERATIONS: usize = 10;
-/// Smoothing iterations of bone and air: fewer than for the skin, because these structures are thin.
-const INNER_ITERATIONS: usize = 5;
-/// Pieces of bone with a smaller bounding-box diagonal are removed, mm.
-const MIN_BONE_MM: f64 = 12.0;
-/// Surfaces are not simplified below this number of triangles.
-const MIN_TRIANGLES: usize = 2000;
+use tuning::{INNER_ITERATIONS, MIN_BONE_MM, MIN_TRIANGLES, SKIN_ITERATIONS};
 
 /// Thresholds and tolerance of [`from_ct`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -56,14 +50,16 @@ pub struct CtSurfaces {
     pub air: Option<TriMesh>,
     /// Local mean of soft tissue on a lattice of about 2 mm, HU; NaN where there is hardly any soft tissue.
     pub soft_tissue: ScalarGrid,
-    /// What was removed, repaired or is doubtful, one sentence each.
-    pub warnings: Vec<String>,
+    /// What was removed, repaired or is doubtful.
+    pub warnings: Vec<Warning>,
 }
 
 /// Smallest and largest skin threshold allowed, HU.
 pub const SKIN_LEVELS_HU: [f64; 2] = [-900.0, 0.0];
 /// Smallest and largest bone threshold allowed, HU.
 pub const BONE_LEVELS_HU: [f64; 2] = [100.0, 1500.0];
+/// Smallest and largest error of the simplification allowed, mm.
+const MAX_ERRORS_MM: [f64; 2] = [0.0, 5.0];
 
 /// Extracts skin, skull and inner air from a head CT, each as a closed two-manifold.
 ///
@@ -87,7 +83,7 @@ pub const BONE_LEVELS_HU: [f64; 2] = [100.0, 1500.0];
 /// A ball of soft tissue (radius 30 mm) around a ball of bone (radius 15 mm), in voxels of 2 mm.
 /// ```
 /// use prosopon_geometry::control::Control;
-/// use prosopon_geometry::{Point, Topology, Vector, Volume};
+/// use prosopon_geometry::{Point, TopologyFaults, Vector, Volume};
 /// use prosopon_planning::surface::{CtSettings, from_ct};
 ///
 /// let dims = [41, 41, 41];
@@ -102,7 +98,7 @@ pub const BONE_LEVELS_HU: [f64; 2] = [100.0, 1500.0];
 /// }
 /// let volume = Volume { dims, origin: Point::new(-40.0, -40.0, -40.0), axes, hu };
 /// let found = from_ct(&volume, &CtSettings::default(), &Control::new())?;
-/// assert!(Topology::of(&found.skin).is_closed_manifold());
+/// assert!(TopologyFaults::of(&found.skin).is_closed_manifold());
 /// // The default levels of -300 and 300 HU lie 0.35 mm inside the skin and 0.55 mm outside the bone.
 /// assert!((found.skin.volume() / 109_000.0 - 1.0).abs() < 0.05);
 /// assert!((found.skull.volume() / 15_700.0 - 1.0).abs() < 0.1);
@@ -112,106 +108,130 @@ pub const BONE_LEVELS_HU: [f64; 2] = [100.0, 1500.0];
 pub fn from_ct(volume: &Volume, settings: &CtSettings, control: &Control) -> Result<CtSurfaces, SurfaceError> {
     resample::check(volume)?;
     check_settings(settings)?;
+    let Fields { skin, bone, air, soft_tissue, mut warnings } = fields(volume, settings, control)?;
+    control.report(0.3);
+    let finish = |field: &ScalarGrid, structure: Structure, progress: &(dyn Fn(f64) + Sync)| {
+        finished(field, structure, settings.max_error_mm, control, progress)
+    };
+    // Only bone reports progress, because it takes longest.
+    let (skin, (skull, air)) = rayon::join(
+        || finish(&skin, Structure::Skin, &|_| {}),
+        || {
+            let skull = finish(&bone, Structure::Bone, &|share| control.report(0.3 + 0.6 * share));
+            (skull, air.map(|field| finish(&field, Structure::Air, &|share| control.report(0.9 + 0.1 * share))))
+        },
+    );
+    let nothing = |what, threshold_hu, reason| SurfaceError::NothingFound { what, threshold_hu, reason };
+    let skin = skin?.ok_or(nothing("skin", settings.skin_hu, "nothing in the volume crosses this level"))?;
+    let no_bone = "nothing inside the skin is as dense over more than a few millimetres";
+    let skull = skull?.ok_or(nothing("bone", settings.bone_hu, no_bone))?;
+    if skin.left_out > 0 {
+        let message = format!("{} separate parts of the skin surface were left out", skin.left_out);
+        warnings.push(Warning::info("skin-parts-dropped", message));
+    }
+    if skull.left_out > 0 {
+        let message =
+            format!("{} pieces and cavities of bone smaller than {MIN_BONE_MM} mm were left out", skull.left_out);
+        warnings.push(Warning::info("bone-pieces-dropped", message));
+    }
+    let air = air.transpose()?.flatten().map(|found| found.mesh);
+    control.report(1.0);
+    Ok(CtSurfaces { skin: skin.mesh, skull: skull.mesh, air, soft_tissue, warnings })
+}
+
+/// Fields whose zero levels are the surfaces, negative inside, and the local mean of soft tissue.
+struct Fields {
+    skin: ScalarGrid,
+    bone: ScalarGrid,
+    air: Option<ScalarGrid>,
+    soft_tissue: ScalarGrid,
+    warnings: Vec<Warning>,
+}
+
+fn fields(volume: &Volume, settings: &CtSettings, control: &Control) -> Result<Fields, SurfaceError> {
     let resampled = resample::resample(volume, settings.skin_hu, &control.stage(0.0, 0.1))?;
     let (hu, mut warnings) = (resampled.grid, resampled.warnings);
-    let nothing = |what, threshold| SurfaceError::NothingFound { what, threshold, unit: "HU" };
-
-    let body = body::body(&hu, settings.skin_hu, &control.stage(0.1, 0.2))?;
-    let Body { skin, removed_mm3 } = body.ok_or(nothing("skin with air around it", settings.skin_hu))?;
+    let Head { skin, removed_mm3 } =
+        head::head(&hu, settings.skin_hu, &control.stage(0.1, 0.2))?.map_err(|reason| SurfaceError::NothingFound {
+            what: "head",
+            threshold_hu: settings.skin_hu,
+            reason: reason.text(),
+        })?;
     if removed_mm3 > 0.0 {
         let cm3 = removed_mm3 / 1e3;
-        warnings.push(format!("{cm3:.1} cm³ beside the head or in sheets were left out (head rest, mask, streaks)"));
+        let message = format!("{cm3:.1} cm³ beside the head or in sheets were left out (head rest, mask, streaks)");
+        warnings.push(Warning::info("removed-beside-head", message));
     }
     let depth = Depth::below(&skin);
     control.check()?;
     let metal = Metal::find(&hu, volume, &depth);
-    let bone = inside::bone(&hu, &depth, metal.as_ref(), settings.bone_hu);
+    let bone = bone_and_air::bone(&hu, &depth, metal.as_ref(), settings.bone_hu);
     if metal.is_some() {
-        warnings.push(
-            "metal makes bone, air and skin in its slices unreliable: check them; flat pieces were left out".into(),
-        );
+        let message = "bone, air and skin are inexact in the slices with metal, and flat pieces there were left out";
+        warnings.push(Warning::check("metal", message).act("Check the surfaces in these slices."));
     }
     if bone.cut_mm3 > 0.0 {
         let cm3 = bone.cut_mm3 / 1e3;
-        warnings.push(format!("{cm3:.2} cm³ as dense as bone were left out: too near the skin, or streaks of metal"));
+        let message = format!("{cm3:.2} cm³ as dense as bone were left out: too near the skin, or streaks of metal");
+        warnings.push(Warning::info("dense-left-out", message));
     }
     control.check()?;
-    let air = inside::air(&hu, &depth, metal.as_ref(), settings.skin_hu);
+    let air = bone_and_air::air(&hu, &depth, metal.as_ref(), settings.skin_hu);
     let soft_tissue = soft_tissue::soft_tissue(&hu);
-    drop((hu, depth, metal));
-    control.report(0.3);
-
-    let finish = |field: &ScalarGrid, part: Part, progress: &(dyn Fn(f64) + Sync)| {
-        finished(field, part, settings.max_error_mm, control, progress)
-    };
-    // Only bone reports progress, because it takes longest.
-    let (skin, (skull, air)) = rayon::join(
-        || finish(&skin, Part::Skin, &|_| {}),
-        || {
-            let skull = finish(&bone.field, Part::Bone, &|share| control.report(0.3 + 0.6 * share));
-            (skull, air.map(|field| finish(&field, Part::Air, &|share| control.report(0.9 + 0.1 * share))))
-        },
-    );
-    let (skin, beside) = skin?.ok_or(nothing("skin", settings.skin_hu))?;
-    let (skull, crumbs) = skull?.ok_or(nothing("bone", settings.bone_hu))?;
-    if beside > 0 {
-        warnings.push(format!("{beside} separate parts of the skin surface were left out"));
-    }
-    if crumbs > 0 {
-        warnings.push(format!("{crumbs} pieces or cavities of bone under {MIN_BONE_MM} mm across were left out"));
-    }
-    let air = air.transpose()?.flatten().map(|(mesh, _)| mesh);
-    control.report(1.0);
-    Ok(CtSurfaces { skin, skull, air, soft_tissue, warnings })
+    Ok(Fields { skin, bone: bone.field, air, soft_tissue, warnings })
 }
 
 fn check_settings(settings: &CtSettings) -> Result<(), SurfaceError> {
     let CtSettings { skin_hu, bone_hu, max_error_mm } = *settings;
-    let ([s0, s1], [b0, b1]) = (SKIN_LEVELS_HU, BONE_LEVELS_HU);
-    if !((s0..=s1).contains(&skin_hu) && (b0..=b1).contains(&bone_hu)) {
-        let detail =
-            format!("levels are {skin_hu} HU for skin ({s0} to {s1} allowed) and {bone_hu} HU for bone ({b0} to {b1})");
-        return Err(SurfaceError::Volume { detail });
+    let checks = [
+        ("skin_hu", skin_hu, SKIN_LEVELS_HU),
+        ("bone_hu", bone_hu, BONE_LEVELS_HU),
+        ("max_error_mm", max_error_mm, MAX_ERRORS_MM),
+    ];
+    match checks.into_iter().find(|(_, value, [min, max])| !(*min..=*max).contains(value)) {
+        Some((name, value, [min, max])) => Err(SurfaceError::Setting { name, value, min, max }),
+        None => Ok(()),
     }
-    if !(0.0..=5.0).contains(&max_error_mm) {
-        return Err(SurfaceError::Volume { detail: format!("max_error_mm is {max_error_mm}, allowed is 0 to 5") });
-    }
-    Ok(())
 }
 
 #[derive(Clone, Copy)]
-enum Part {
+enum Structure {
     Skin,
     Bone,
     Air,
 }
 
+/// A surface and the number of pieces left out of it.
+struct Finished {
+    mesh: TriMesh,
+    left_out: usize,
+}
+
 /// Extracts, cleans, smooths and simplifies the surface of a field.
-/// Also returns the number of pieces removed.
 fn finished(
     field: &ScalarGrid,
-    part: Part,
+    structure: Structure,
     max_error_mm: f64,
     control: &Control,
     progress: impl Fn(f64),
-) -> Result<Option<(TriMesh, usize)>, Cancelled> {
+) -> Result<Option<Finished>, Cancelled> {
     let Some(raw) = isosurface(field, 0.0) else { return Ok(None) };
     control.check()?;
-    let (iterations, (cleaned, left_out)) = match part {
-        Part::Skin => (SKIN_ITERATIONS, largest_part(&raw)),
-        Part::Bone => (INNER_ITERATIONS, drop_small_parts(&raw, MIN_BONE_MM)),
-        Part::Air => (INNER_ITERATIONS, (raw, 0)),
+    let (iterations, (cleaned, left_out)) = match structure {
+        Structure::Skin => (SKIN_ITERATIONS, largest_part(&raw)),
+        Structure::Bone => (INNER_ITERATIONS, drop_small_parts(&raw, MIN_BONE_MM)),
+        Structure::Air => (INNER_ITERATIONS, (raw, 0)),
     };
     let smoothed = smooth(&cleaned, iterations);
     drop(cleaned);
-    let (simplified, _) = decimate_with(&smoothed, max_error_mm, MIN_TRIANGLES, control, progress)?;
-    Ok(Some((simplified, left_out)))
+    let (mesh, _) = decimate_with(&smoothed, max_error_mm, MIN_TRIANGLES, control, progress)?;
+    Ok(Some(Finished { mesh, left_out }))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use prosopon_geometry::{Point, TopologyFaults, Vector};
+    use prosopon_geometry::{Point, Severity, TopologyFaults, Vector};
 
     /// Soft tissue of radius 30 with a shell of bone (16 to 20), an airspace (radius 8) that a tube of radius 4 joins to the
     /// outside, a throat that leaves the volume below, and a sheet beside the ball. Slices are 2 mm apart.
@@ -264,8 +284,9 @@ mod tests {
         // Bone ends 2 mm before the cap. 300 HU lies 0.55 mm outside the shell, with an uncertainty from the slice spacing.
         assert!(found.skull.positions().iter().all(|p| p.z > -20.1 && radius(p) < 21.3 && radius(p) > 14.7));
         assert!(air.positions().iter().all(|p| p.z > -20.6 && radius(p) < 29.0));
-        assert!(found.warnings.iter().any(|w| w.contains("1 airways")), "{:?}", found.warnings);
-        assert!(found.warnings.iter().any(|w| w.contains("left out")), "{:?}", found.warnings);
+        let codes: Vec<&str> = found.warnings.iter().map(|w| w.code).collect();
+        assert!(codes.contains(&"airways-closed") && codes.contains(&"removed-beside-head"), "{:?}", found.warnings);
+        assert!(found.warnings.iter().all(|w| w.severity == Severity::Info), "{:?}", found.warnings);
     }
 
     #[test]
@@ -291,7 +312,11 @@ mod tests {
             let found = run(&volume).unwrap();
             let highest = found.skin.positions().iter().map(|p| p.z).fold(f64::MIN, f64::max);
             assert!((29.0..30.7).contains(&highest), "{highest}");
-            assert!(found.warnings.iter().any(|w| w.contains("1 airways")), "{:?}", found.warnings);
+            assert!(
+                found.warnings.iter().any(|w| w.code == "airways-closed" && w.message.starts_with("1 airways")),
+                "{:?}",
+                found.warnings
+            );
         }
     }
 
@@ -309,7 +334,9 @@ mod tests {
     fn volumes_without_a_head_are_refused() {
         let filled = |hu: i16| Volume { hu: vec![hu; 76 * 80 * 34], ..ball() };
         for hu in [-1000, i16::MIN, 40, i16::MAX] {
-            assert!(matches!(run(&filled(hu)), Err(SurfaceError::NothingFound { .. })), "{hu} HU");
+            let error = run(&filled(hu)).unwrap_err().to_string();
+            let expected = if hu < 0 { "no body" } else { "no air around" };
+            assert!(error.starts_with("no head found at -300 HU: ") && error.contains(expected), "{hu} HU: {error}");
         }
         let no_bone = Volume { hu: ball().hu.iter().map(|v| (*v).min(60)).collect(), ..ball() };
         assert!(matches!(run(&no_bone), Err(SurfaceError::NothingFound { what: "bone", .. })));
@@ -324,12 +351,13 @@ mod tests {
         assert!(refused(Volume { axes: [Vector::x(), Vector::x() * 1.001, Vector::z()], ..ball() }));
         assert!(refused(Volume { axes: [Vector::x(), Vector::y(), Vector::z() * f64::NAN], ..ball() }));
         assert!(refused(Volume { origin: Point::new(f64::INFINITY, 0.0, 0.0), ..ball() }));
-        for settings in [
-            CtSettings { skin_hu: f64::NAN, ..CtSettings::default() },
-            CtSettings { bone_hu: -5.0, ..CtSettings::default() },
-            CtSettings { max_error_mm: -1.0, ..CtSettings::default() },
+        for (settings, message) in [
+            (CtSettings { skin_hu: f64::NAN, ..CtSettings::default() }, "`skin_hu` is NaN, allowed is -900 to 0"),
+            (CtSettings { bone_hu: -5.0, ..CtSettings::default() }, "`bone_hu` is -5, allowed is 100 to 1500"),
+            (CtSettings { max_error_mm: -1.0, ..CtSettings::default() }, "`max_error_mm` is -1, allowed is 0 to 5"),
         ] {
-            assert!(from_ct(&ball(), &settings, &Control::new()).is_err(), "{settings:?}");
+            let error = from_ct(&ball(), &settings, &Control::new()).unwrap_err();
+            assert_eq!(error.to_string(), format!("the setting {message}"));
         }
     }
 }

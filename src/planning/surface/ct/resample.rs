@@ -1,40 +1,20 @@
+use super::tuning::{
+    AIR_HU, AIR_MM, AIRWAY_MM, CUT_SHARE, LID_MM, MAX_HU, MAX_SAMPLES, MAX_SPACING_MM, MIN_HU, MIN_SPACING_MM,
+    TISSUE_HU,
+};
 use crate::surface::SurfaceError;
 use nalgebra::Matrix3;
 use prosopon_geometry::control::{Cancelled, Control};
-use prosopon_geometry::{Aabb, Point, ScalarGrid, Vector, Volume};
+use prosopon_geometry::{Aabb, Point, ScalarGrid, Vector, Volume, Warning};
 use rayon::prelude::*;
 use std::borrow::Cow;
 
 use super::components::Components;
 
-/// A face of the volume with less tissue than this share of the largest parallel slice does not cut the head …
-const CUT_SHARE: f64 = 0.25;
-/// … and is extended by this much air, mm.
-/// The ball that separates outside from inside then fits between head and face; otherwise a crown that nearly touches the last
-/// slice would get a stub.
-const AIR_MM: f64 = 8.0;
-/// Value outside the volume, HU.
-pub(super) const AIR_HU: f32 = -1000.0;
-/// Value of the plugs that close cut airways, HU.
-const TISSUE_HU: i16 = 40;
-/// Depth of these plugs, mm: more than the thickness of the sheets that `body` removes.
-const LID_MM: f64 = 5.0;
-/// Least inward extent of a cut airway, mm.
-/// Shallower air lies between the head and a cover: a mask over the crown encloses air on the last slice.
-const AIRWAY_MM: f64 = 8.0;
-/// Values are clamped to this, because interpolation across the edge of metal would otherwise oscillate by hundreds of HU.
-const MAX_HU: i16 = 2000;
-const MIN_HU: i16 = -1000;
-/// Finest lattice spacing, mm; finer voxels add noise and time but no shape.
-const MIN_SPACING_MM: f64 = 0.8;
-const MAX_SPACING_MM: f64 = 1.5;
-/// Largest number of lattice samples; larger volumes get a wider spacing.
-const MAX_SAMPLES: f64 = 4e7;
-
 /// A CT resampled on a lattice along L, P and S.
 pub(super) struct Resampled {
     pub(super) grid: ScalarGrid,
-    pub(super) warnings: Vec<String>,
+    pub(super) warnings: Vec<Warning>,
 }
 
 /// Checks the properties of the volume that the importer does not guarantee.
@@ -64,7 +44,8 @@ pub(super) fn resample(volume: &Volume, air_below_hu: f64, control: &Control) ->
     let mut warnings = Vec::new();
     let (hu, n_lids) = with_lids(volume, air_below_hu);
     if n_lids > 0 {
-        warnings.push(format!("{n_lids} airways that leave the volume were closed at its faces"));
+        let message = format!("{n_lids} airways that leave the volume were closed at its faces");
+        warnings.push(Warning::info("airways-closed", message));
     }
     let [nx, ny, nz] = volume.dims.map(|d| (d - 1) as f64);
     let corner = |i: f64, j: f64, k: f64| volume.origin + volume.axes[0] * i + volume.axes[1] * j + volume.axes[2] * k;
@@ -84,7 +65,8 @@ pub(super) fn resample(volume: &Volume, air_below_hu: f64, control: &Control) ->
     if samples(spacing) > MAX_SAMPLES {
         let wanted = spacing;
         spacing *= (samples(spacing) / MAX_SAMPLES).cbrt() * 1.01;
-        warnings.push(format!("the volume is large: surfaces are made at {spacing:.2} mm instead of {wanted:.2} mm"));
+        let message = format!("the volume is large: its lattice has {spacing:.2} mm instead of {wanted:.2} mm");
+        warnings.push(Warning::info("coarser-lattice", message));
     }
     let mut grid = ScalarGrid::covering(&bounds, spacing, AIR_HU);
     let dims = grid.dims;

@@ -1,24 +1,14 @@
 //! Local mean of soft tissue in a CT, which distinguishes fat from muscle.
 
+use super::tuning::{MAX_MEAN_HU, MIN_SOFT_SHARE, PASSES, SOFT_HU, SOFT_SPACING_MM};
 use rayon::prelude::*;
 
 use prosopon_geometry::{ScalarGrid, Vector};
 
-/// Approximate spacing of the lattice, mm: at most half an element's edge.
-const SPACING_MM: f64 = 2.0;
-/// Values of soft tissue, HU. Lower values contain air, higher ones bone or metal.
-const SOFT_HU: std::ops::RangeInclusive<f32> = -150.0..=150.0;
-/// Where a smaller share of the surroundings is soft tissue, the mean is NaN.
-const LEAST_SHARE: f32 = 0.2;
-/// Number of passes of (1, 2, 1) / 4 along each axis; two give a standard deviation of one spacing.
-const PASSES: usize = 2;
-/// Means are rounded to whole HU and clamped to this magnitude.
-const LARGEST_HU: f32 = 127.0;
-
 /// Local mean of soft tissue on a lattice of about 2 mm, in whole HU from -127 to 127.
 /// It is NaN where there is hardly any soft tissue. Noise and streaks average out; air and bone do not count.
 pub(super) fn soft_tissue(hu: &ScalarGrid) -> ScalarGrid {
-    let n = ((SPACING_MM / hu.spacing).round() as usize).max(1);
+    let n = ((SOFT_SPACING_MM / hu.spacing).round() as usize).max(1);
     let dims = hu.dims.map(|d| d.div_ceil(n).max(2));
     let plane = dims[0] * dims[1];
     // Sum of values and share of soft tissue in a block of n³ samples.
@@ -46,7 +36,7 @@ pub(super) fn soft_tissue(hu: &ScalarGrid) -> ScalarGrid {
         }
     }
     let mean = |[sum, share]: [f32; 2]| {
-        if share < LEAST_SHARE { f32::NAN } else { (sum / share).round().clamp(-LARGEST_HU, LARGEST_HU) }
+        if share < MIN_SOFT_SHARE { f32::NAN } else { (sum / share).round().clamp(-MAX_MEAN_HU, MAX_MEAN_HU) }
     };
     let middle = Vector::repeat(0.5 * (n - 1) as f64 * hu.spacing);
     ScalarGrid {

@@ -3,7 +3,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
-use prosopon_contract::{Check, check_material};
+use prosopon_contract::{WarningDocument, Check, check_material};
 use prosopon_contract::{D1ReadingName, Fault, MaterialDocument, PresetName};
 use prosopon_tissue::fem::Preset;
 use prosopon_tissue::fem::material::{EXPECTED_SHEAR, EXPECTED_STRETCH, Material, Materials, PathCheck, StandardTest};
@@ -279,7 +279,7 @@ pub struct MaterialCheck {
     pub tests: Vec<TestView>,
     /// Warning that a solve with this material will give; absent if it gives none.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub warning: Option<String>,
+    pub warning: Option<WarningDocument>,
 }
 
 fn criteria(check: &PathCheck) -> [(Criterion, &'static str, &Vec<[f64; 2]>); 4] {
@@ -338,7 +338,7 @@ impl MaterialCheck {
             admissible,
             losses,
             tests: checks.iter().map(test).collect(),
-            warning: material.stability_warning("this tissue"),
+            warning: material.stability_warning("this tissue").map(Into::into),
         }
     }
 }

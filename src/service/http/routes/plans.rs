@@ -7,7 +7,7 @@ use super::osteotomies::fresh_osteotomy;
 use crate::http::dto::{PlanList, PlanView};
 use crate::http::extract::{Creating, Ids};
 use crate::http::{AppState, Problem};
-use prosopon_contract::{CreatePlan, FaultKind, PlanDocument, Segments, from_json, stored_cuts, to_json};
+use prosopon_contract::{CreatePlan, FaultKind, Findings, PlanDocument, Segments, from_json, stored_cuts, to_json};
 use prosopon_jobs::make_plan;
 use prosopon_session::SessionParts;
 use prosopon_store::{OsteotomyId, PlanId, PlanRecord, SessionId, now_rfc3339};

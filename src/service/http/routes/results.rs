@@ -16,9 +16,9 @@ use crate::http::surface_format::SurfaceOutput;
 use crate::http::{AppState, Problem};
 use prosopon_contract::{ErrorDocument, Fault, FaultKind, from_json};
 use prosopon_formats::export::SurfaceView;
-use prosopon_geometry::{TriMesh, Vector};
-use prosopon_jobs::{Service, SkinFrame, read_frame, rest_of};
-use prosopon_planning::evaluate::{Layer, View, moved_along, picture as draw};
+use prosopon_geometry::Vector;
+use prosopon_jobs::{Service, rest_of};
+use prosopon_planning::evaluate::{Layer, View, moved_along, render_panels as draw};
 use prosopon_session::error_sheet;
 use prosopon_store::{JobId, JobRecord, StepRecord};
 
@@ -223,7 +223,7 @@ fn error_of(job: &JobRecord, step: &StepRecord) -> Result<ErrorDocument, Problem
     let Some(error) = &step.error else {
         let detail = "the step has no error map: the session had no target and the job no reference_job with a step at this \
                       path parameter, or the job did not ask for the output error";
-        let warnings: Vec<Value> = job.warnings.iter().filter_map(|w| serde_json::from_str(w).ok()).collect();
+        let warnings: Vec<serde_json::Value> = job.warnings.iter().filter_map(|w| serde_json::from_str(w).ok()).collect();
         let fault = Fault::new(FaultKind::NoReference, detail).with("warnings", warnings);
         return Err(fault.into());
     };
@@ -337,10 +337,10 @@ pub(super) async fn draw_step(
     let (rest, mesh, _) = load(service, job, step).await?;
     let png = service.compute(move |_, _| {
         let (title, direction) = movement.direction();
-        let (moved, limit) = moved_along(&rest, &mesh, &direction);
+        let moved = moved_along(&rest, &mesh, &direction);
         let before = Layer { mesh: &rest, values: None };
         let after = Layer { mesh: &mesh, values: None };
-        let moved = Layer { mesh: &mesh, values: Some((&moved, limit)) };
+        let moved = Layer { mesh: &mesh, values: Some(moved.coloured()) };
         Ok(draw(&[("before", before), ("after", after), (title, moved)], &view()))
     });
     Ok(png.await?)

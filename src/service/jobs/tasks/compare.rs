@@ -3,7 +3,7 @@ use crate::Service;
 use prosopon_contract::{ErrorDocument, Fault, FaultKind, Findings, Halt, RegisterOn, RegistrationDocument};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Point, TriMesh, Warning};
-use prosopon_planning::evaluate::{Mask, Part, eyes, face_regions};
+use prosopon_planning::evaluate::{Mask, MaskRegion, eyes, face_regions};
 use prosopon_session::Engine;
 
 /// A predicted surface.
@@ -35,7 +35,7 @@ pub struct Comparison {
     /// Vertices of the prediction that count.
     pub mask: Mask,
     /// Parts of space that are left out of the comparison and of the registration.
-    pub exclude: Vec<Part>,
+    pub exclude: Vec<MaskRegion>,
     /// Whether the eyes are left out too, when the prediction is a face.
     pub exclude_eyes: bool,
     /// Whether only the parts of the face count when the mask is empty.
@@ -92,7 +92,7 @@ impl Comparison {
         }
         let without: Vec<bool> = Mask { except, ..Mask::default() }.of(&mesh);
         let both = |a: Vec<bool>| -> Vec<bool> { a.into_iter().zip(&without).map(|(a, b)| a && *b).collect() };
-        let (regions, _) = face.map_or_else(Default::default, |(points, midline)| face_regions(rest, &points, midline));
+        let regions = face.map_or_else(Default::default, |(points, midline)| face_regions(rest, &points, midline)).regions;
         let in_face = |p: &Point| regions.iter().any(|r| r.bounds.contains(p));
         let (mask_name, counted) = if !self.mask.is_empty() {
             ("given", self.mask.of(&mesh))

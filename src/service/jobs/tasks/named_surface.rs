@@ -4,7 +4,7 @@ use crate::Service;
 use prosopon_contract::{Fault, FaultKind, LandmarksDocument, SurfaceSource};
 use prosopon_geometry::Point;
 use prosopon_session::{SessionParts, load_mesh};
-use prosopon_store::{JobRecord, PartKind, SessionId};
+use prosopon_store::{PartKind, SessionId};
 
 /// Name, key and session of a stored surface.
 #[derive(Debug, Clone, PartialEq)]

@@ -6,6 +6,7 @@ use crate::Service;
 use prosopon_contract::{CtDocument, Fault, FaultKind, Halt, import_fault, to_json};
 use prosopon_formats::export::nifti_gz;
 use prosopon_formats::import::{ImportError, VolumeFormat, VolumeCheck, VolumeSettings, volume_with};
+use prosopon_geometry::Warning;
 use prosopon_store::{BlobInfo, PartKind, PartRecord, SessionId, now_rfc3339};
 
 /// Bytes that are scanned at once, on a thread for requests.
@@ -99,7 +100,7 @@ async fn read_ct(
     service: &Service,
     key: &str,
     settings: VolumeSettings,
-) -> Result<(Vec<u8>, VolumeFormat, Vec<String>), Fault> {
+) -> Result<(Vec<u8>, VolumeFormat, Vec<Warning>), Fault> {
     let bytes = service.store.blobs().get(key).await?;
     let limits = service.settings.import;
     service

@@ -5,6 +5,7 @@ use super::{Context, Done, changed_meanwhile};
 use crate::requests::ImportRequest;
 use crate::running::Phase;
 use prosopon_contract::{CtDocument, Fault, Halt, SurfaceDocument, SurfaceOrigin, WarningDocument};
+use prosopon_geometry::Warning;
 use prosopon_planning::surface::CtSettings;
 use prosopon_session::{PreparedSurface, SessionParts, read_part, surface_part};
 use prosopon_store::{JobFilter, JobKind, JobState, PartKind, PartRecord, encode_grid, now_rfc3339};
@@ -70,7 +71,8 @@ pub(super) async fn again(
     }
     context.service.persist(|| store.put_parts(context.job.session, &same)).await?;
     tracing::warn!(part = part.kind.as_str(), "a damaged part was made again from the CT");
-    context.running.warn(format!("the stored {} was damaged and was made again from the CT", part.kind.as_str()));
+    let message = format!("the stored {} was damaged and was made again from the CT", part.kind.as_str());
+    context.running.warn(Warning::check("made-again", message).into());
     Ok(Some(context.parts().await?))
 }
 
@@ -79,7 +81,7 @@ async fn make(
     context: &Context,
     parts: &SessionParts,
     request: ImportRequest,
-) -> Result<(Vec<PartRecord>, Vec<String>), Halt> {
+) -> Result<(Vec<PartRecord>, Vec<WarningDocument>), Halt> {
     let ct = parts.require(PartKind::Ct)?;
     if ct.key != request.ct_sha256 {
         return Err(changed_meanwhile().into());

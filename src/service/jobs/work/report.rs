@@ -72,12 +72,10 @@ fn unconfirmed(parts: &SessionParts) -> Result<Vec<String>, Fault> {
     Ok(parts.landmarks()?.map(|landmarks| landmarks.proposed).unwrap_or_default())
 }
 
-fn unconfirmed_warning(names: &[String]) -> Option<String> {
+fn unconfirmed_warning(names: &[String]) -> Option<Warning> {
     (!names.is_empty()).then(|| {
-        format!(
-            "these landmarks were proposed and are not confirmed: {}; check them, since measurements depend on them",
-            names.join(", ")
-        )
+        let message = format!("these landmarks were proposed and are not confirmed: {}", names.join(", "));
+        Warning::check("unconfirmed-landmarks", message).act("Check them, since measurements depend on them.")
     })
 }
 

@@ -4,7 +4,7 @@ use prosopon_geometry::{Aabb, Point, TriMesh};
 
 /// A closed region of space, LPS mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Part {
+pub enum MaskRegion {
     /// Axis-aligned box.
     Box(Aabb),
     /// Ball.
@@ -16,7 +16,7 @@ pub enum Part {
     },
 }
 
-impl Part {
+impl MaskRegion {
     /// Whether `p` lies in the region or on its boundary.
     #[must_use]
     pub fn contains(&self, p: &Point) -> bool {
@@ -31,9 +31,9 @@ impl Part {
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Mask {
     /// A vertex must lie in one of these parts; an empty list admits all vertices.
-    pub only: Vec<Part>,
+    pub only: Vec<MaskRegion>,
     /// A vertex must lie in none of these parts.
-    pub except: Vec<Part>,
+    pub except: Vec<MaskRegion>,
     /// A vertex must be `true` here; one entry per vertex.
     pub vertices: Option<Vec<bool>>,
 }
@@ -49,7 +49,7 @@ impl Mask {
     /// Vertices beyond the end of [`Mask::vertices`] are not selected.
     #[must_use]
     pub fn of(&self, mesh: &TriMesh) -> Vec<bool> {
-        let within = |parts: &[Part], p: &Point| parts.iter().any(|part| part.contains(p));
+        let within = |parts: &[MaskRegion], p: &Point| parts.iter().any(|part| part.contains(p));
         let chosen = |v: usize| self.vertices.as_ref().is_none_or(|m| m.get(v) == Some(&true));
         let passes = |(v, p)| (self.only.is_empty() || within(&self.only, p)) && !within(&self.except, p) && chosen(v);
         mesh.positions().iter().enumerate().map(passes).collect()
@@ -66,9 +66,9 @@ mod tests {
         let mesh = TriMesh::new(p, vec![[0, 1, 2]]).unwrap();
         assert!(Mask::default().is_empty() && Mask::default().of(&mesh).iter().all(|m| *m));
         let bounds = Aabb { min: Point::new(0.5, -1.0, -1.0), max: Point::new(4.0, 1.0, 1.0) };
-        let ball = Part::Ball { centre: Point::new(2.0, 0.0, 0.0), radius_mm: 0.5 };
+        let ball = MaskRegion::Ball { centre: Point::new(2.0, 0.0, 0.0), radius_mm: 0.5 };
         let vertices = Some(vec![true, true, true, false]);
-        let mask = Mask { only: vec![Part::Box(bounds)], except: vec![ball], vertices };
+        let mask = Mask { only: vec![MaskRegion::Box(bounds)], except: vec![ball], vertices };
         assert_eq!(mask.of(&mesh), [false, true, false, false, false]);
     }
 }

@@ -1,36 +1,44 @@
 use super::components::Components;
 use super::distance::{Nearest, to_zero};
+use super::tuning::{AIR_REACH_MM, BALL_MM, BUMP_MM, BUMP_TOLERANCE, HU_PER_MM, SHEET_MM};
 use prosopon_geometry::ScalarGrid;
 use prosopon_geometry::control::{Cancelled, Control};
 use rayon::prelude::*;
 
-/// Sheets thinner than twice this are removed, so that they do not connect the head with its surroundings, mm.
-const SHEET_MM: f64 = 1.5;
-/// Protrusions of the filled head that a ball of this radius cannot enter are removed, mm: strands of a mask, markers, streaks.
-const BUMP_MM: f64 = 3.0;
-/// Error of the lattice distances, in steps; smaller protrusions are not removed.
-const TOLERANCE: f32 = 0.4;
-/// Outside air is the space that a ball of this radius can reach from the border of the volume, mm …
-const BALL_MM: f64 = 5.0;
-/// … and everything within this distance of the positions that the ball's centre reaches, mm. √2 times the radius lets air into
-/// creases of 90° but only a few mm into nostrils and ear canals.
-const REACH_MM: f64 = 7.5;
-/// Slope that converts distances to HU so that both can be combined, HU per mm; about the slope of skin in a CT.
-pub(super) const HU_PER_MM: f64 = 300.0;
-
 /// The head without the objects on and around it, with all inner air filled.
-pub(super) struct Body {
+pub(super) struct Head {
     /// Negative inside the skin. Values near the skin are in HU, so that the surface has subvoxel accuracy.
     pub(super) skin: ScalarGrid,
     /// Volume removed as sheets, mask and streaks, mm³.
     pub(super) removed_mm3: f64,
 }
 
-/// Extracts the head; `None` when there is no body or no air around it.
-pub(super) fn body(hu: &ScalarGrid, skin_hu: f64, control: &Control) -> Result<Option<Body>, Cancelled> {
+/// Why a volume shows no head.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum NoHead {
+    /// Nothing denser than the threshold is thick enough.
+    NoBody,
+    /// No ball of air reaches the volume's border.
+    NoAirAround,
+    /// The body has no part into which a ball fits.
+    OnlyBumps,
+}
+
+impl NoHead {
+    pub(super) fn text(self) -> &'static str {
+        match self {
+            Self::NoBody => "there is no body denser than this and thicker than a sheet",
+            Self::NoAirAround => "there is no air around the body; the volume must reach beyond the head",
+            Self::OnlyBumps => "everything denser than this is thin; check that the volume shows a head in HU",
+        }
+    }
+}
+
+/// Extracts the head.
+pub(super) fn head(hu: &ScalarGrid, skin_hu: f64, control: &Control) -> Result<Result<Head, NoHead>, Cancelled> {
     let (dims, h) = (hu.dims, hu.spacing);
     let tissue: Vec<bool> = hu.values.iter().map(|v| *v > skin_hu as f32).collect();
-    let Some(solid) = without_sheets(&tissue, dims, SHEET_MM / h) else { return Ok(None) };
+    let Some(solid) = without_sheets(&tissue, dims, SHEET_MM / h) else { return Ok(Err(NoHead::NoBody)) };
     control.check()?;
     control.report(0.3);
 
@@ -39,25 +47,25 @@ pub(super) fn body(hu: &ScalarGrid, skin_hu: f64, control: &Control) -> Result<O
     drop(to_solid);
     let components = Components::of(&ball_fits, dims);
     if !components.at_border.iter().any(|b| *b) {
-        return Ok(None);
+        return Ok(Err(NoHead::NoAirAround));
     }
     let ball = components.mask(|c| components.at_border[c]);
-    let to_ball = Nearest::of(|at| ball[at].then_some(0.0), dims, cap(REACH_MM / h));
+    let to_ball = Nearest::of(|at| ball[at].then_some(0.0), dims, cap(AIR_REACH_MM / h));
     drop((ball_fits, ball));
     let mut filled = hu.clone();
     for (at, value) in filled.values.iter_mut().enumerate() {
         let from_tissue = if tissue[at] && !solid[at] { HU_PER_MM * h } else { skin_hu - f64::from(*value) };
         let reached = to_ball.get(at).map_or(f64::MAX, |(d, _)| h * f64::from(d));
-        *value = from_tissue.min(HU_PER_MM * (REACH_MM - reached).max(-REACH_MM)) as f32;
+        *value = from_tissue.min(HU_PER_MM * (AIR_REACH_MM - reached).max(-AIR_REACH_MM)) as f32;
     }
     drop(to_ball);
     control.check()?;
     control.report(0.6);
 
     // Protrusions are removed from the filled head because there the wings of the nose are not thin.
-    let Some(skin) = without_bumps(filled) else { return Ok(None) };
+    let Some(skin) = without_bumps(filled) else { return Ok(Err(NoHead::OnlyBumps)) };
     let removed = tissue.iter().zip(&skin.values).filter(|(t, v)| **t && **v > 0.0).count();
-    Ok(Some(Body { skin, removed_mm3: removed as f64 * h.powi(3) }))
+    Ok(Ok(Head { skin, removed_mm3: removed as f64 * h.powi(3) }))
 }
 
 /// Cap of the distance lattice, in whole steps, that covers distances up to `steps`.
@@ -105,7 +113,7 @@ fn without_bumps(mut solid: ScalarGrid) -> Option<ScalarGrid> {
     let to_core = Nearest::of(offset, dims, cap(BUMP_MM / h + 1.0));
     let scale = (HU_PER_MM * h) as f32;
     solid.values.par_iter_mut().enumerate().for_each(|(at, value)| {
-        let bump = to_core.get(at).map_or(1.0, |(d, offset)| d - offset - radius - TOLERANCE);
+        let bump = to_core.get(at).map_or(1.0, |(d, offset)| d - offset - radius - BUMP_TOLERANCE);
         *value = value.max(scale * bump);
     });
     Some(solid)

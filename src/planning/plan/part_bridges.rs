@@ -3,27 +3,23 @@
 //! Joints, teeth and streaks of metal touch at places that a template cannot know.
 
 use super::bridge::{Bridge, Open, bridges, edge};
-use super::parting::{Crossing, Pieces, for_each_neighbour, lattice, strides};
+use super::lattice::{Crossing, lattice, strides};
+use super::pieces::{Pieces, for_each_neighbour};
+use super::tuning::{MAX_BRIDGE_MM2, MAX_BRIDGES_MM2};
 use super::{Cut, min_cut};
 use prosopon_geometry::control::{Cancelled, Control};
-use prosopon_geometry::{Point, ScalarGrid};
-
-/// Largest cross-section of a bridge that is parted, mm². A larger one is a joint without a cut, or a misplaced cut: the neck
-/// of a condyle has 60 to 100 mm².
-const LARGEST_BRIDGE_MM2: f64 = 60.0;
-/// Largest cross-section of all parted bridges together, mm².
-const MOST_BRIDGES_MM2: f64 = 250.0;
+use prosopon_geometry::{Point, ScalarGrid, Warning};
 
 /// Crossings that part the bridges, with a warning that names their places.
 pub(super) struct Completion {
     pub(super) crossings: Vec<Crossing>,
-    pub(super) warning: String,
+    pub(super) warning: Warning,
 }
 
 /// Crossings that part the bridges between the two sides of all separations with a [`Cut::part`].
 ///
 /// `None` when the two sides are already separate, and when more than thin bridges would have to be parted.
-pub(super) fn complete(
+pub(super) fn part_bridges(
     grid: &ScalarGrid,
     crossings: &[Crossing],
     blocked: &[u8],
@@ -50,7 +46,7 @@ pub(super) fn complete(
     let Some(first) = separations.first().copied() else { return Ok(None) };
     let found = bridges(grid, cuts, first, open.clone());
     let whole: f64 = found.iter().map(|b| b.area_mm2).sum();
-    if whole > MOST_BRIDGES_MM2 || found.iter().any(|b| b.area_mm2 > LARGEST_BRIDGE_MM2) {
+    if whole > MAX_BRIDGES_MM2 || found.iter().any(|b| b.area_mm2 > MAX_BRIDGE_MM2) {
         return Ok(None);
     }
     let half = (0.5 * grid.spacing) as f32;
@@ -66,17 +62,17 @@ pub(super) fn complete(
     Ok(Some(Completion { crossings: further.collect(), warning: warning(&found, whole) }))
 }
 
-fn warning(found: &[Bridge], whole: f64) -> String {
+fn warning(found: &[Bridge], whole: f64) -> Warning {
     let places: Vec<String> = found
         .iter()
         .take(5)
         .map(|b| format!("{:.0} mm² near ({:.0}, {:.0}, {:.0}) mm", b.area_mm2, b.place.x, b.place.y, b.place.z))
         .collect();
-    format!(
-        "the separations left bridges of {whole:.0} mm² between bones that touch; these were parted too: {}; check that no bone \
-         that belongs together is parted there",
+    let message = format!(
+        "the separations left bridges of {whole:.0} mm² between bones that touch, which were parted too: {}",
         places.join(", ")
-    )
+    );
+    Warning::check("bridges-parted", message).act("Check that no bone that belongs together is parted there.")
 }
 
 /// Nodes on the freed side and on the other side of all separations with a [`Cut::part`]; nodes on both sides are left out.

@@ -24,8 +24,8 @@ pub enum EvaluateError {
 pub enum RegistrationFault {
     /// The region used for the registration has too few vertices or too little area.
     #[error(
-        "the unaltered region has {vertices} vertices and {area_mm2:.0} mm², at least {least_vertices} and \
-         {least_area_mm2:.0} mm² are needed: enlarge it"
+        "the unaltered region has {vertices} vertices and {area_mm2:.0} mm², at least {min_vertices} and \
+         {min_area_mm2:.0} mm² are needed: enlarge it"
     )]
     RegionTooSmall {
         /// Number of vertices found.
@@ -33,16 +33,16 @@ pub enum RegistrationFault {
         /// Area found, mm².
         area_mm2: f64,
         /// Smallest number of vertices allowed.
-        least_vertices: usize,
+        min_vertices: usize,
         /// Smallest area allowed, mm².
-        least_area_mm2: f64,
+        min_area_mm2: f64,
     },
     /// The region's shape, for example a plane, ball or cylinder, does not determine the motion.
     #[error(
         "the region is too flat or too round to determine the motion (stiffness {stiffness:.1e}, \
          at least {allowed:.0e} is needed): include more of the face"
     )]
-    Slides {
+    ShapeUndetermined {
         /// Stiffness of the softest rigid motion relative to the stiffest one, 0 to 1.
         stiffness: f64,
         /// Smallest stiffness allowed.
@@ -50,7 +50,7 @@ pub enum RegistrationFault {
     },
     /// Nearly all closest points lie on the border of the reference.
     #[error("only {found} vertices have a closest point inside the reference's border, at least {allowed} are needed")]
-    NoPartners {
+    TooFewPairs {
         /// Number of vertices with a closest point inside the border.
         found: usize,
         /// Smallest number allowed.
@@ -91,8 +91,8 @@ impl RegistrationFault {
     pub fn reason(&self) -> &'static str {
         match self {
             Self::RegionTooSmall { .. } => "region_too_small",
-            Self::Slides { .. } => "slides",
-            Self::NoPartners { .. } => "no_partners",
+            Self::ShapeUndetermined { .. } => "slides",
+            Self::TooFewPairs { .. } => "no_partners",
             Self::NotConverged { .. } => "not_converged",
             Self::NoMatch { .. } => "no_match",
         }

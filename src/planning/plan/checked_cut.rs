@@ -1,15 +1,15 @@
 //! Checked cuts, prepared for intersection with the grid.
 
 use super::PlanError;
+use super::orient::oriented;
 use super::shape::{Cut, CutShape, unit};
-use super::sheet::oriented;
 use prosopon_field::ExactDistance;
 use prosopon_geometry::{Point, ScalarGrid, TriMesh, Vector};
 
 /// A checked cut.
 #[derive(Debug, Clone)]
-pub(super) enum Blade {
-    Plane(PlaneBlade),
+pub(super) enum CheckedCut {
+    Plane(CheckedPlane),
     Sheet(TriMesh),
     /// Cuts nothing.
     None,
@@ -17,14 +17,14 @@ pub(super) enum Blade {
 
 /// A plane with an orthonormal frame.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct PlaneBlade {
+pub(super) struct CheckedPlane {
     point: Point,
     normal: Vector,
     /// Unit directions in the plane and half extents along them, mm.
     sides: Option<[(Vector, f64); 2]>,
 }
 
-impl Blade {
+impl CheckedCut {
     pub(super) fn new(index: usize, cut: &Cut) -> Result<Self, PlanError> {
         cut.check(index)?;
         Ok(match &cut.shape {
@@ -34,9 +34,9 @@ impl Blade {
                     let u = unit(&(direction - normal * normal.dot(&direction)))?;
                     Some([(u, along), (normal.cross(&u), across)])
                 });
-                Self::Plane(PlaneBlade { point: plane.point, normal, sides })
+                Self::Plane(CheckedPlane { point: plane.point, normal, sides })
             }
-            CutShape::Polyline { .. } => match cut.surface(&Point::origin(), 1.0)? {
+            CutShape::Polyline { .. } => match cut.surface(index, &Point::origin(), 1.0)? {
                 Some(strip) => Self::Sheet(strip),
                 None => Self::None,
             },
@@ -58,7 +58,7 @@ impl Blade {
     }
 }
 
-impl PlaneBlade {
+impl CheckedPlane {
     /// Signed distance from the endless plane, mm.
     fn side(&self, p: &Point) -> f64 {
         self.normal.dot(&(p - self.point))

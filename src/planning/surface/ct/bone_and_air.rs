@@ -1,57 +1,10 @@
 //! Extracts bone and inner air below the skin.
 
-use super::body::HU_PER_MM;
 use super::components::Components;
-use super::distance::{Nearest, to_zero};
+use super::depth::Depth;
 use super::metal::Metal;
+use super::tuning::{AIR_DEPTH_MM, BONE_DEPTH_MM, BONE_DEPTH_NEAR_METAL_MM, HU_PER_MM, MIN_AIR_MM3};
 use prosopon_geometry::ScalarGrid;
-
-/// Smallest depth of bone below the skin, mm.
-const BONE_DEPTH_MM: f64 = 2.0;
-/// Smallest depth of bone near metal, mm: streaks of metal reach the lips.
-const BONE_DEPTH_NEAR_METAL_MM: f64 = 4.0;
-/// Smallest depth of air below the skin, mm: it ends before the plugs of nostrils and ears.
-const AIR_DEPTH_MM: f64 = 1.5;
-/// Smallest airspace that is kept, mm³.
-const MIN_AIR_MM3: f64 = 200.0;
-/// Largest amount by which the lattice distances exceed the true depth, in steps.
-const TOLERANCE: f64 = 0.4;
-
-/// Depth below the skin, mm: a lower bound of the true depth, capped.
-pub(super) struct Depth {
-    inside: Vec<bool>,
-    nearest: Nearest,
-    spacing: f64,
-    cap: f64,
-}
-
-impl Depth {
-    pub(super) fn below(skin: &ScalarGrid) -> Self {
-        let dims = skin.dims;
-        // The lattice's border counts as outside, so that bone ends before the caps that close the skin there.
-        let at_border = |at: usize| {
-            let place = [at % dims[0], at / dims[0] % dims[1], at / dims[0] / dims[1]];
-            (0..3).any(|a| place[a] == 0 || place[a] == dims[a] - 1)
-        };
-        let inside: Vec<bool> = skin.values.iter().enumerate().map(|(at, v)| *v < 0.0 && !at_border(at)).collect();
-        let value = |at: usize| if inside[at] || skin.values[at] >= 0.0 { skin.values[at] } else { 1.0 };
-        let cap = ((BONE_DEPTH_NEAR_METAL_MM + 1.0) / skin.spacing).ceil();
-        let nearest = Nearest::of(|at| to_zero(value, dims, at), dims, cap as u16);
-        Self { inside, nearest, spacing: skin.spacing, cap }
-    }
-
-    fn is_inside(&self, index: usize) -> bool {
-        self.inside[index]
-    }
-
-    pub(super) fn at(&self, index: usize) -> f64 {
-        if !self.inside[index] {
-            return -self.spacing;
-        }
-        let steps = self.nearest.get(index).map_or(self.cap, |(d, offset)| f64::from(d + offset));
-        self.spacing * (steps - TOLERANCE)
-    }
-}
 
 /// Bone field, negative inside.
 pub(super) struct Bone {

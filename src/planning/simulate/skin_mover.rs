@@ -1,23 +1,19 @@
-use prosopon_geometry::{Aabb, TriMesh, Vector};
+use super::tuning::{CONVERGED_MM, MAX_OFF_PRISMS_SHARE, MAX_SWEEPS};
+use prosopon_geometry::{Aabb, TriMesh, Vector, Warning};
 use prosopon_tissue::fem::Solver;
 use prosopon_tissue::mesh::Embedding;
-
-/// Most sweeps of the smoothing; holes are about ten vertices wide.
-const MOST_SWEEPS: usize = 200;
-/// Sweeps end when no vertex moves farther than this, mm.
-const SETTLED_MM: f64 = 1e-4;
 
 /// Moves the user's skin with the prisms.
 ///
 /// Vertices without a prism, at folds that could not be meshed and beyond the region, take the mean displacement of their
 /// neighbours. Far from the region that is zero, because the prisms at its edge are fixed.
-pub(super) struct Carrier<'a> {
+pub(super) struct SkinMover<'a> {
     embedding: &'a Embedding,
     /// Vertices without a prism, ascending, with their neighbours.
     loose: Vec<(usize, Vec<u32>)>,
 }
 
-impl<'a> Carrier<'a> {
+impl<'a> SkinMover<'a> {
     pub(super) fn new(skin: &TriMesh, embedding: &'a Embedding) -> Self {
         let mut neighbours = vec![Vec::new(); skin.positions().len()];
         for t in skin.triangles() {
@@ -39,13 +35,20 @@ impl<'a> Carrier<'a> {
     }
 
     /// Warning with the number of skin vertices inside `region` that have no prism.
-    pub(super) fn warning(&self, skin: &TriMesh, region: &Aabb) -> Option<String> {
-        let inside = self.loose.iter().filter(|(v, _)| region.contains(&skin.positions()[*v])).count();
-        (inside > 0).then(|| {
-            format!(
-                "{inside} skin vertices in the region lie on no prism (folds, nostrils, the back); neighbours move them"
-            )
-        })
+    pub(super) fn warning(&self, skin: &TriMesh, region: &Aabb) -> Option<Warning> {
+        let loose = self.loose.iter().filter(|(v, _)| region.contains(&skin.positions()[*v])).count();
+        let all = skin.positions().iter().filter(|p| region.contains(p)).count();
+        let message = format!(
+            "{loose} of {all} vertices of the skin in the region lie on no prism (folds, nostrils, the back); neighbours move \
+             them"
+        );
+        if loose == 0 {
+            None
+        } else if (loose as f64) < MAX_OFF_PRISMS_SHARE * all as f64 {
+            Some(Warning::info("skin-off-prisms", message))
+        } else {
+            Some(Warning::check("skin-off-prisms", message).act("Use a finer mesh, or a larger region."))
+        }
     }
 
     /// Displacement of every vertex of the skin, mm.
@@ -59,7 +62,7 @@ impl<'a> Carrier<'a> {
 
     /// Gives the vertices without a prism the mean of their neighbours.
     fn fill(&self, u: &mut [Vector]) {
-        for sweep in 0..MOST_SWEEPS {
+        for sweep in 0..MAX_SWEEPS {
             let mut largest = 0.0f64;
             for i in 0..self.loose.len() {
                 let (vertex, near) = &self.loose[if sweep % 2 == 0 { i } else { self.loose.len() - 1 - i }];
@@ -67,7 +70,7 @@ impl<'a> Carrier<'a> {
                 largest = largest.max((mean - u[*vertex]).norm());
                 u[*vertex] = mean;
             }
-            if largest < SETTLED_MM {
+            if largest < CONVERGED_MM {
                 break;
             }
         }
@@ -77,7 +80,7 @@ impl<'a> Carrier<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use prosopon_geometry::Point;
+    use prosopon_geometry::{Point, Severity};
 
     const SIDE: usize = 12;
 
@@ -101,24 +104,29 @@ mod tests {
     fn a_hole_takes_a_linear_displacement_from_around_it() {
         let hole = |i: usize, j: usize| (3..9).contains(&i) && (3..9).contains(&j);
         let (skin, embedding) = square(hole);
-        let carrier = Carrier::new(&skin, &embedding);
+        let skin_mover = SkinMover::new(&skin, &embedding);
         let exact = |p: &Point| Vector::new(1.0 + 0.2 * p.x, -0.1 * p.y, 0.3 * p.x - 0.2 * p.y);
         let mut u: Vec<Vector> = (skin.positions().iter().zip(&embedding.anchors))
             .map(|(p, a)| if a.is_some() { exact(p) } else { Vector::zeros() })
             .collect();
-        carrier.fill(&mut u);
+        skin_mover.fill(&mut u);
         for (p, u) in skin.positions().iter().zip(&u) {
             assert!((u - exact(p)).norm() < 1e-2, "{p}: {u}");
         }
-        assert!(carrier.warning(&skin, &skin.bounds()).is_some_and(|w| w.starts_with("36 ")));
+        assert!(skin_mover.warning(&skin, &skin.bounds()).is_some_and(|w| {
+            (w.code, w.severity) == ("skin-off-prisms", Severity::Check) && w.message.starts_with("36 of 144 ")
+        }));
+        let (skin, embedding) = square(|i, j| (i, j) == (5, 5));
+        let few = SkinMover::new(&skin, &embedding).warning(&skin, &skin.bounds());
+        assert!(few.is_some_and(|w| w.severity == Severity::Info));
     }
 
     #[test]
     fn skin_beyond_an_edge_that_stays_does_not_move() {
         let (skin, embedding) = square(|i, _| i > 5);
-        let carrier = Carrier::new(&skin, &embedding);
+        let skin_mover = SkinMover::new(&skin, &embedding);
         let mut u: Vec<Vector> = skin.positions().iter().map(|p| Vector::x() * (5.0 - p.x).max(0.0)).collect();
-        carrier.fill(&mut u);
+        skin_mover.fill(&mut u);
         assert!(skin.positions().iter().zip(&u).all(|(p, u)| p.x < 5.0 || u.norm() == 0.0));
     }
 }

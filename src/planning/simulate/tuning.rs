@@ -1,0 +1,86 @@
+//! Tuning numbers of attachment, meshes and solves.
+
+use prosopon_geometry::Vector;
+
+// Anatomy.
+
+/// Bone farther outside the skin than this is an error and not an inaccuracy, mm.
+pub(super) const OUTSIDE_MM: f64 = 2.0;
+/// Share of vertices on the wrong side above which the surfaces cannot belong together.
+pub(super) const REFUSED_SHARE: f64 = 0.3;
+
+/// Spacing of the fields for ties and contact, in units of that for skin and bone: the cut bone comes from a lattice of similar
+/// spacing, and on the rounded edges of a coarser field Newton's method needs two thirds of the iterations.
+pub(super) const CONTACT_SPACING: f64 = 2.0;
+
+// Region of the mesh.
+
+/// Distance around the moving segments within which tissue follows them, along x, y and z, mm; beyond it the face stays at rest.
+pub(super) const REGION_REACH_MM: Vector = Vector::new(45.0, 0.0, 60.0);
+/// How far behind the front of the moving bone the region still reaches, mm.
+pub(super) const BEHIND_FRONT_MM: f64 = 65.0;
+/// Least distance that the region reaches behind the back of the moving bone, mm: bone that is set back must meet tissue there,
+/// not a wall.
+pub(super) const BEHIND_BACK_MM: f64 = 7.0;
+/// Moving bone may extend beyond the region by this without a warning, mm: about an edge of the mesh.
+pub(super) const REGION_SLACK_MM: f64 = 5.0;
+/// A skin vertex farther than this from the prisms does not move with them, mm.
+pub(super) const EMBED_REACH_MM: f64 = 2.0;
+
+// Attachment.
+
+/// Gap at rest below which nodes are tied by default, mm.
+pub(super) const TIE_GAP_MM: f64 = 1.5;
+/// Nodes on bone nearer than this to another segment slide if one of the two moves, mm: the periosteum is stripped there for
+/// the saw, and a tied node would be torn.
+pub(super) const STRIPPED_MM: f64 = 6.0;
+/// Nodes on fixed bone slide up to this far from a moving upper jaw, mm: a Le Fort I is sawn after the periosteum has been
+/// lifted off the front of the maxilla up to the infraorbital foramen. This does not hold for the teeth below.
+pub(super) const STRIPPED_ABOVE_MM: f64 = 15.0;
+/// Sliding nodes this near to two segments of which one moves are freed, mm, about an edge of the mesh: the mesh cannot resolve
+/// contact with the sharp rims of a cut, and Newton's method converges slowly where single nodes slip off them.
+pub(super) const SEAM_MM: f64 = 4.0;
+/// Fixed nodes where the mesh ends in depth are freed within this distance of a moving segment, mm, so that it does not push
+/// against a wall that is not there.
+pub(super) const FREE_CUT_MM: f64 = 20.0;
+/// Height of the tooth crowns above and below the border of a jaw, mm.
+pub(super) const CROWN_MM: f64 = 9.0;
+/// A node farther than this from every vertex of the skull takes no class from it, mm.
+pub(super) const PAINT_REACH_MM: f64 = 5.0;
+
+// Tissue that is left out.
+
+/// Samples of a path from which the largest displacement of bone is taken.
+pub(super) const PATH_INSTANTS: usize = 32;
+/// Sliding nodes nearer than this to a moving segment are taken to move as far as it does, mm.
+pub(super) const PUSHED_MM: f64 = 3.0;
+/// Stiffness of an incompressible sheet in tension, in units of its shear modulus.
+pub(super) const SHEET_STIFFNESS: f64 = 4.0;
+/// Tolerance of the estimate as a share of the bone's displacement.
+pub(super) const REACH_ERROR: f64 = 1e-5;
+/// Most iterations of conjugate gradients; an estimate that has not converged by then is too small only where it is small.
+pub(super) const MAX_REACH_ITERATIONS: usize = 1000;
+
+/// Displacement beside left-out tissue above which there is a warning, in units of `leave_out_below_mm`.
+pub(super) const WARN_BORDER: f64 = 5.0;
+/// Upper limit of that threshold, mm.
+pub(super) const WARN_BORDER_MM: f64 = 0.25;
+/// Share of the progress for setting up the equations.
+pub(super) const SETUP_SHARE: f64 = 0.03;
+
+// Skin.
+
+/// Most sweeps of the smoothing; holes are about ten vertices wide.
+pub(super) const MAX_SWEEPS: usize = 200;
+/// Sweeps end when no vertex moves farther than this, mm.
+pub(super) const CONVERGED_MM: f64 = 1e-4;
+/// Share of the region's skin vertices on no prism from which the skin should be checked: folds and nostrils have less.
+pub(super) const MAX_OFF_PRISMS_SHARE: f64 = 0.02;
+/// Displacement beside left-out tissue above which the result should be checked, mm: about a third of a voxel, which is the
+/// accuracy of the skin.
+pub(super) const MAX_BORDER_MM: f64 = 0.5;
+
+// Scenes.
+
+/// Depth of a held point inside bone above which there is a warning, mm.
+pub(super) const HELD_INSIDE_MM: f64 = 0.5;

@@ -1,7 +1,7 @@
 //! Tuning numbers of the solver, each with the reason for its value and the test or bench that shows its effect.
 //!
-//! None of them is a setting: callers choose accuracy and limits in [`SolveSettings`](super::SolveSettings). Where no test is
-//! named, none isolates the number. Tests are those of `fem/tests` unless another file is named.
+//! None of them is a setting: callers choose accuracy and limits in [`SolveSettings`](super::SolveSettings). Where neither a test
+//! nor a measurement is named, none is on record. Tests are those of `fem/tests` unless another file is named.
 
 // Newton's method.
 
@@ -88,8 +88,7 @@ pub(super) const DOUBTFUL_MM: f64 = 2.0 * TRUSTED_MM;
 
 /// Largest number of Newton iterations on the condensed energy.
 pub(super) const CONDENSED_MAX_ROUNDS: usize = 40;
-/// The iterations converge when no node moves farther than this share of the element size
-/// (`contact_of_linear_tissue_is_solved_at_once_over_a_curved_body`).
+/// The iterations converge when no node moves farther than this share of the element size.
 pub(super) const CONDENSED_TOLERANCE: f64 = 2.5e-4;
 /// While points still move farther than this, mm, the curvature of the bodies is left out.
 pub(super) const CONDENSED_CURVATURE_BELOW_MM: f64 = 1.0;
@@ -97,7 +96,7 @@ pub(super) const CONDENSED_CURVATURE_BELOW_MM: f64 = 1.0;
 pub(super) const CONDENSED_MAX_MOVE_MM: f64 = 1.0;
 /// Largest number of conjugate gradient iterations in one Newton iteration with curvature.
 pub(super) const CONDENSED_MAX_CG: usize = 40;
-/// Relative reduction of the squared residual norm at which these conjugate gradients end.
+/// Relative reduction of the preconditioned residual norm, squared, at which these conjugate gradients end.
 pub(super) const CONDENSED_CG_GOAL: f64 = 1e-6;
 /// The curvature is dropped when a direction keeps less than this share of its stiffness: the energy is not convex there.
 pub(super) const CONDENSED_CONVEX: f64 = 1e-3;
@@ -123,8 +122,7 @@ pub(super) const CONTACT_STIFFNESS: f64 = 30.0;
 pub(super) const CONTACT_POINTS_PER_TASK: usize = 64;
 /// Contact points farther from a body than this do not limit the substep, mm.
 pub(super) const CONTACT_REACH_MM: f64 = 10.0;
-/// Shorter paths cannot pass through bone, mm; longer ones are sampled in steps of this length
-/// (`a_path_round_a_rim_is_distinguished_from_one_through_bone`).
+/// Shorter paths cannot pass through bone, mm; longer ones are sampled in steps of this length.
 pub(super) const PASSAGE_SAMPLE_MM: f64 = 0.2;
 /// Samples of a path may lie inside bone by this share of their distance.
 pub(super) const PASSAGE_DEPTH_SHARE: f64 = 0.25;

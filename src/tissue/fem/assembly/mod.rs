@@ -3,11 +3,13 @@
 //! Elements are evaluated in parallel into buffers. Each force and each block of the matrix then sums its contributions in the
 //! order of elements, so that the bits are the same at any number of threads.
 
+mod element_state;
 mod kernel;
 mod law;
 mod pattern;
 mod scatter;
 
+pub(in crate::fem) use element_state::{ElementState, FirstInversion, Inversion};
 pub(in crate::fem) use law::{Curvature, Law};
 pub(in crate::fem) use pattern::{Pattern, total_slots};
 
@@ -37,30 +39,6 @@ impl Part {
     }
 }
 
-/// An element that is inverted in a given configuration.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(in crate::fem) struct Inversion {
-    /// Index of the part.
-    pub(in crate::fem) part: usize,
-    /// Index of the element in the part.
-    pub(in crate::fem) element: usize,
-}
-
-/// State of an element, averaged over its quadrature points.
-#[derive(Debug, Clone, Copy)]
-pub(in crate::fem) struct ElementState {
-    /// Volume at rest, mm³.
-    pub(in crate::fem) volume: f64,
-    /// Cauchy stress, MPa.
-    pub(in crate::fem) stress: Matrix3<f64>,
-    /// det F.
-    pub(in crate::fem) ratio: f64,
-    /// Slope of the volumetric energy divided by the bulk modulus, or the trace of the small strain.
-    pub(in crate::fem) dilatation: f64,
-    /// Bulk modulus, MPa.
-    pub(in crate::fem) bulk: f64,
-}
-
 /// All elements and the matrix's pattern. Clones share them.
 #[derive(Debug, Clone)]
 pub(in crate::fem) struct Assembly {
@@ -81,15 +59,6 @@ pub(in crate::fem) struct ElementBuffers {
     forces: Vec<f64>,
     /// Matrices of one chunk of elements.
     matrices: Vec<f64>,
-}
-
-/// Where the first element is inverted along a direction.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(in crate::fem) struct FirstInversion {
-    /// Share of the direction, at most 1.
-    pub(in crate::fem) share: f64,
-    /// The element; `None` when none is inverted.
-    pub(in crate::fem) element: Option<Inversion>,
 }
 
 /// Number of elements evaluated by one task: about the same work for each kind.

@@ -112,7 +112,8 @@ impl CollisionStudy<'_> {
             points.len(),
             bone.triangles().len()
         )?;
-        let mut all = vec![by_hierarchy(&bone, &points, Sign::Pseudonormals)?, by_hierarchy(&bone, &points, Sign::None)?];
+        let mut all =
+            vec![by_hierarchy(&bone, &points, Sign::Pseudonormals)?, by_hierarchy(&bone, &points, Sign::None)?];
         all.push(by_own_hierarchy(&bone, &points));
         let mut cases: Vec<(Method, Option<f64>)> = vec![(Method::Adaptive, None), (Method::Uniform, None)];
         for method in [Method::Hybrid, Method::Frisken] {

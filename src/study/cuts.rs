@@ -244,7 +244,7 @@ fn judge(kind: String, bone: &Envelope, done: &Result<Osteotomy, PlanError>, wal
     match done {
         Ok(o) => {
             let (volume_error, wrong) = check(bone, o);
-            let detail = o.warnings.join("; ");
+            let detail = o.warnings.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ");
             Row { outcome: "parted".into(), segments: o.segments.len(), volume_error, wrong, detail, ..blank }
         }
         Err(error) => {

@@ -11,7 +11,7 @@ use super::files::{read_points, read_surface, write_distances};
 use super::process;
 use prosopon_field::{ExactDistance, MethodSettings, SignedField};
 use prosopon_geometry::control::Control;
-use prosopon_geometry::{Implicit, Point};
+use prosopon_geometry::{Implicit, Point, Warning};
 
 /// Builds shorter than this, s, are repeated twice; the shortest of the three counts.
 const SHORT_S: f64 = 1.0;
@@ -38,7 +38,7 @@ pub(super) struct Timing {
 }
 
 /// A field, its number of bricks and the warnings about its surface.
-type Built = (SignedField, usize, Vec<String>);
+type Built = (SignedField, usize, Vec<Warning>);
 
 /// Builds a field of the surface in `mesh` and writes its distances at the points in `points` to `out`.
 ///

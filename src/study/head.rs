@@ -168,8 +168,7 @@ impl Head {
 
     /// For each vertex of the skin, whether it belongs to the face.
     pub(super) fn face(&self) -> Vec<bool> {
-        let regions =
-            face_regions(&self.anatomy.skin, &self.anatomy.landmarks, self.landmarks.midline_x_mm).regions;
+        let regions = face_regions(&self.anatomy.skin, &self.anatomy.landmarks, self.landmarks.midline_x_mm).regions;
         self.anatomy.skin.positions().iter().map(|p| regions.iter().any(|r| r.bounds.contains(p))).collect()
     }
 

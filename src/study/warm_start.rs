@@ -12,9 +12,10 @@ use prosopon_geometry::control::Control;
 use prosopon_geometry::{Motion, TriMesh};
 use prosopon_planning::plan::{Path as SegmentPath, Plan};
 use prosopon_planning::simulate::{
-    Frame, LEAVE_OUT_BELOW_MM, PathCheckpoint, PreparedTissue, RunSettings, PathStart, displacement_class_mm, solve_prepared,
+    Frame, LEAVE_OUT_BELOW_MM, PathCheckpoint, PathStart, PreparedTissue, RunSettings, displacement_class_mm,
+    solve_prepared,
 };
-use prosopon_tissue::fem::{Model, Preset, StartState, SolveSettings};
+use prosopon_tissue::fem::{Model, Preset, SolveSettings, StartState};
 
 /// Streamed steps from rest, as in `prosopon demo`.
 const STEPS: usize = 6;

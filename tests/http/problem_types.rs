@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
+use prosopon_contract::Halt;
 use prosopon_field::FieldError;
 use prosopon_planning::plan::PlanError;
-use prosopon_contract::Halt;
 use prosopon_tissue::fem::SolveError;
 use serde_json::json;
 

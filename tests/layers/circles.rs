@@ -127,7 +127,11 @@ pub fn circles(imports: &BTreeMap<Module, BTreeSet<Module>>) -> Vec<Vec<String>>
 }
 
 /// The circles of a package whose files lie in `folder`.
-pub fn circles_of(folder: &Path, files: &[std::path::PathBuf], production: impl Fn(&str) -> String) -> Vec<Vec<String>> {
+pub fn circles_of(
+    folder: &Path,
+    files: &[std::path::PathBuf],
+    production: impl Fn(&str) -> String,
+) -> Vec<Vec<String>> {
     let read = |file: &std::path::PathBuf| production(&fs::read_to_string(folder.join(file)).unwrap());
     let texts: Vec<(&Path, String)> = files.iter().map(|f| (f.as_path(), read(f))).collect();
     circles(&imports(&texts))

@@ -247,7 +247,9 @@ fn the_page_of_warnings_lists_every_code() {
     let mut given = BTreeSet::new();
     for package in PACKAGES {
         for file in files_of(package) {
-            given.extend(warning_codes(&production(&fs::read_to_string(root().join(package.folder).join(&file)).unwrap())));
+            given.extend(warning_codes(&production(
+                &fs::read_to_string(root().join(package.folder).join(&file)).unwrap(),
+            )));
         }
     }
     let page = fs::read_to_string(root().join("api/warnings.md")).unwrap();

@@ -12,8 +12,8 @@ use prosopon_contract::{
 };
 use prosopon_field::{FieldSettings, MethodSettings, SignedField};
 use prosopon_formats::import::{Limits, detect_surface, surface, volume_mesh};
-use prosopon_geometry::{VolumeMesh, Warning};
 use prosopon_geometry::control::Control;
+use prosopon_geometry::{VolumeMesh, Warning};
 use prosopon_planning::plan::{Path as SegmentPath, Plan};
 use prosopon_planning::simulate::{READY_MESH_LOCKING, ReadyMesh, Scene};
 use prosopon_service::http::{strict_json, strict_value};

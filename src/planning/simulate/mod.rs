@@ -23,8 +23,8 @@ pub use outer_surface::OuterSurface;
 pub use reach::displacement_class_mm;
 pub use ready_mesh::{CellIndex, READY_MESH_LOCKING, ReadyMesh, ReadyMeshError};
 pub use run::{
-    Frame, LEAVE_OUT_BELOW_MM, LeftOut, OnFrame, Outcome, PathCheckpoint, PreparedTissue, RegionMotion, RunSettings,
-    PathStart, solve, solve_prepared,
+    Frame, LEAVE_OUT_BELOW_MM, LeftOut, OnFrame, Outcome, PathCheckpoint, PathStart, PreparedTissue, RegionMotion,
+    RunSettings, solve, solve_prepared,
 };
 pub use scene::{OnStep, Scene, SceneOutcome};
 pub use tissue::{TissueModel, TissueSettings, build_tissue, region_warning};

@@ -226,10 +226,7 @@ impl ServeConfig {
             !(api && works) && database && self.places.blobs.is_none(),
             "blobs: API and worker processes on one database need a common bucket; name it",
         );
-        faults.add_if(
-            !api && !database,
-            "database: a worker needs the database of the API processes; name it",
-        );
+        faults.add_if(!api && !database, "database: a worker needs the database of the API processes; name it");
         faults.add_if(!api && !works, "worker: a process without API and jobs does nothing; set it to true");
     }
 

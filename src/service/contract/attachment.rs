@@ -3,9 +3,9 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::bounds::BoxDocument;
 use super::check::{Check, REACH_MM};
 use super::fault::{Fault, FaultKind};
-use super::bounds::BoxDocument;
 use prosopon_geometry::{Aabb, Point, TriMesh};
 use prosopon_planning::evaluate::MaskRegion;
 use prosopon_planning::simulate::{Attached, AttachmentRules, NodeClass, Paint, SkullPaint};

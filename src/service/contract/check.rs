@@ -1,5 +1,5 @@
-use super::fault::{Fault, FieldFault};
 use super::bounds::BoxDocument;
+use super::fault::{Fault, FieldFault};
 
 /// Largest magnitude of a coordinate, mm; no scan of a head lies farther from its origin.
 pub const REACH_MM: f64 = 10_000.0;

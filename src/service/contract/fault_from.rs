@@ -362,7 +362,9 @@ mod tests {
     #[test]
     fn a_fault_of_a_cut_has_its_place_in_the_request_and_its_name_in_the_text() {
         let (label, detail) = ("cut `chin`".to_owned(), "a kerf of 6 mm would leave 83 mm³".to_owned());
-        let Halt::Fault(fault) = PlanError::Cut { cut: 2, label, field: "kerf_mm", detail }.into() else { unreachable!() };
+        let Halt::Fault(fault) = PlanError::Cut { cut: 2, label, field: "kerf_mm", detail }.into() else {
+            unreachable!()
+        };
         assert_eq!(fault.errors[0].pointer, "/cuts/2/kerf_mm");
         assert_eq!(fault.detail, "cut `chin`: a kerf of 6 mm would leave 83 mm³");
     }

@@ -5,7 +5,7 @@ use super::check::Check;
 use super::fault::Fault;
 use super::warning::Findings;
 use prosopon_field::{
-    RegionKind, RegionsOfKind, EnvelopeSettings, FieldReport, FieldSettings, Method, MethodSettings, Region, Tolerance,
+    EnvelopeSettings, FieldReport, FieldSettings, Method, MethodSettings, Region, RegionKind, RegionsOfKind, Tolerance,
 };
 use prosopon_planning::simulate::FieldsSettings;
 

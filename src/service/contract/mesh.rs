@@ -2,10 +2,10 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 use uuid::Uuid;
 
+use super::bounds::BoxDocument;
 use super::check::Check;
 use super::cut::CutDocument;
 use super::fault::Fault;
-use super::bounds::BoxDocument;
 use super::warning::Findings;
 use prosopon_geometry::Aabb;
 use prosopon_planning::simulate::TissueSettings;

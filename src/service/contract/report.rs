@@ -3,11 +3,11 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::warning::Findings;
 use super::{
     AttachedDocument, ErrorDocument, FieldDocument, LeftOutDocument, MeshDocument, PlanDocument, RegionMotionDocument,
     StepDocument, TissueDocument,
 };
-use super::warning::Findings;
 
 /// Computing time of each phase, s; all but `solve_s` are from when the parts were made.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, ToSchema)]

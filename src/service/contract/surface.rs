@@ -60,7 +60,11 @@ pub struct SurfaceDocument {
 impl SurfaceDocument {
     /// The document of a measured surface.
     #[must_use]
-    pub fn new(origin: SurfaceOrigin, r: &SurfaceReport, warnings: impl IntoIterator<Item: Into<WarningDocument>>) -> Self {
+    pub fn new(
+        origin: SurfaceOrigin,
+        r: &SurfaceReport,
+        warnings: impl IntoIterator<Item: Into<WarningDocument>>,
+    ) -> Self {
         Self {
             origin,
             vertices: r.vertices,

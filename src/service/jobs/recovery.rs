@@ -25,4 +25,3 @@ async fn recover_one(service: &Service, job: &JobRecord) -> Result<(), Fault> {
     }
     Ok(())
 }
-

@@ -2,7 +2,10 @@
 
 use serde::{Deserialize, Serialize};
 
-use prosopon_contract::{CompareRequest, CutDocument, Fault, FieldSettingsDocument, MeshRequest, PlanDocument, PresetName, SolveRequest, TissueDocument, WarningDocument};
+use prosopon_contract::{
+    CompareRequest, CutDocument, Fault, FieldSettingsDocument, MeshRequest, PlanDocument, PresetName, SolveRequest,
+    TissueDocument, WarningDocument,
+};
 use prosopon_geometry::TriMesh;
 use prosopon_planning::plan::PlanError;
 use prosopon_planning::simulate::RunSettings;

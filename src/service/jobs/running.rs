@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use tracing::Span;
 
 use super::forecast::Forecast;
-use prosopon_contract::{WarningDocument};
+use prosopon_contract::WarningDocument;
 use prosopon_geometry::control::Control;
 use prosopon_store::{JobId, JobRecord, Lane, SessionId};
 

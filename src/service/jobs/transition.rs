@@ -11,7 +11,6 @@ use prosopon_store::{JobChange, JobRecord, JobState, StoreError};
 /// Time between two attempts after a failure of the store.
 pub(super) const PAUSE: Duration = Duration::from_secs(2);
 
-
 /// The recovery of an unfinished job; `None` for one that waits or has ended.
 pub(super) fn recovery(job: &JobRecord, max_attempts: u32) -> Option<(JobEvent, JobChange)> {
     if job.cancel_requested_at.is_some() {
@@ -52,7 +51,12 @@ pub(super) fn ended(state: JobState, fault: Option<&Fault>) -> JobChange {
 /// Stores the end of a job and retries while the database takes no writes.
 ///
 /// Without it the job would seem to run until the next start.
-pub(super) async fn record_end(service: &Service, job: &JobRecord, event: JobEvent, change: &JobChange) -> Result<bool, Fault> {
+pub(super) async fn record_end(
+    service: &Service,
+    job: &JobRecord,
+    event: JobEvent,
+    change: &JobChange,
+) -> Result<bool, Fault> {
     let to = next(job.state, event).map_err(|e| illegal(&e))?;
     loop {
         match write(service, job, to, change).await {
@@ -69,12 +73,22 @@ pub(super) async fn record_end(service: &Service, job: &JobRecord, event: JobEve
 }
 
 /// Changes the state of a job by `event`; false when the job is not in its state any more.
-pub(super) async fn apply(service: &Service, job: &JobRecord, event: JobEvent, change: JobChange) -> Result<bool, Fault> {
+pub(super) async fn apply(
+    service: &Service,
+    job: &JobRecord,
+    event: JobEvent,
+    change: JobChange,
+) -> Result<bool, Fault> {
     let to = next(job.state, event).map_err(|e| illegal(&e))?;
     Ok(write(service, job, to, &change).await?)
 }
 
-pub(super) async fn write(service: &Service, job: &JobRecord, to: JobState, change: &JobChange) -> Result<bool, StoreError> {
+pub(super) async fn write(
+    service: &Service,
+    job: &JobRecord,
+    to: JobState,
+    change: &JobChange,
+) -> Result<bool, StoreError> {
     let changed = match service.store.change_job(job, to, change).await {
         // The last large result exceeds the quota, so the job fails.
         Err(StoreError::QuotaFull { allowed }) => {

@@ -2,12 +2,12 @@ use std::fmt::Debug;
 
 use super::{Case, Run, SceneRun, TissueRequest};
 use prosopon_contract::{Cuts, Halt, Solid};
-use prosopon_field::{FieldReport, CheckedDistance};
+use prosopon_field::{CheckedDistance, FieldReport};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Point, TriMesh, Vector, Warning};
 use prosopon_planning::evaluate::{ErrorMap, FaceRegion, Registration};
 use prosopon_planning::plan::{Clearance, Cut, Osteotomy, PathReport, Plan, Proposal};
-use prosopon_planning::simulate::{Frame, PathCheckpoint, Outcome};
+use prosopon_planning::simulate::{Frame, Outcome, PathCheckpoint};
 use prosopon_planning::surface::{CtSettings, CtSurfaces};
 use prosopon_tissue::mesh::MeshReport;
 
@@ -53,7 +53,13 @@ pub trait Engine: Debug + Send + Sync {
     ///
     /// # Errors
     /// [`Halt`].
-    fn nearest(&self, case: &Case, solid: Solid, points: &[Point], control: &Control) -> Result<Vec<CheckedDistance>, Halt>;
+    fn nearest(
+        &self,
+        case: &Case,
+        solid: Solid,
+        points: &[Point],
+        control: &Control,
+    ) -> Result<Vec<CheckedDistance>, Halt>;
 
     /// Signed distances (mm) and gradients at `points` (LPS mm).
     ///

@@ -17,10 +17,10 @@ mod surface_part;
 mod tissue_file;
 
 pub use case::{Case, Earlier, Run, SceneBones, SceneRun, TissueRequest};
+pub use checkpoint_file::StoredCheckpoint;
 pub use engine::{Engine, RunWatch, SceneSolved};
 pub use error_sheet::error_sheet;
 pub use inputs::{SessionParts, load_mesh, read_part};
 pub use keys::key_of;
-pub use checkpoint_file::StoredCheckpoint;
 pub use numerics::Numerics;
 pub use surface_part::{PreparedSurface, surface_part};

@@ -8,7 +8,7 @@ use super::scene::{bone_fields, solve_scene};
 use super::tissue_file::tissue_file;
 use super::{Case, Engine, Run, RunWatch, SceneBones, SceneRun, SceneSolved, TissueRequest, key_of};
 use prosopon_contract::{Cuts, Fault, FaultKind, Halt, Solid, import_fault};
-use prosopon_field::{Envelope, ExactDistance, FieldReport, CheckedDistance, envelope};
+use prosopon_field::{CheckedDistance, Envelope, ExactDistance, FieldReport, envelope};
 use prosopon_formats::import::{self, Limits};
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Implicit, Point, TriMesh, Vector, Warning};
@@ -202,7 +202,13 @@ impl Engine for Numerics {
         Ok(points.iter().map(|p| field.value_gradient(p)).collect())
     }
 
-    fn nearest(&self, case: &Case, solid: Solid, points: &[Point], control: &Control) -> Result<Vec<CheckedDistance>, Halt> {
+    fn nearest(
+        &self,
+        case: &Case,
+        solid: Solid,
+        points: &[Point],
+        control: &Control,
+    ) -> Result<Vec<CheckedDistance>, Halt> {
         let fields = self.fields_of(case, control)?;
         let (field, surface) = match solid {
             Solid::Skin => (&fields.skin, &case.anatomy.skin),
@@ -233,7 +239,9 @@ impl Engine for Numerics {
                     near.distance_mm,
                     protected.name
                 );
-                osteotomy.warnings.push(Warning::check("below-margin", message).act("Move the cut or accept the distance."));
+                osteotomy
+                    .warnings
+                    .push(Warning::check("below-margin", message).act("Move the cut or accept the distance."));
             }
         }
         Ok((osteotomy, clearances))

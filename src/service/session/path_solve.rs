@@ -10,9 +10,9 @@ use prosopon_contract::Halt;
 use prosopon_geometry::control::Control;
 use prosopon_planning::plan::{self, Plan};
 use prosopon_planning::simulate::{
-    self, CutBone, PathCheckpoint, OnFrame, Outcome, PreparedTissue, RunSettings, SimulateError, TissueModel, PathStart,
+    self, CutBone, OnFrame, Outcome, PathCheckpoint, PathStart, PreparedTissue, RunSettings, SimulateError, TissueModel,
 };
-use prosopon_tissue::fem::{StartState, SolveError};
+use prosopon_tissue::fem::{SolveError, StartState};
 
 /// Share of a solve's progress for preparing the equations.
 const PREPARING: f64 = 0.05;

@@ -1,5 +1,5 @@
 use prosopon_contract::{Fault, FaultKind, SurfaceDocument, SurfaceOrigin, WarningDocument, to_json};
-use prosopon_geometry::{TriMesh, surface_report, not_solid_reason};
+use prosopon_geometry::{TriMesh, not_solid_reason, surface_report};
 use prosopon_store::{PartKind, PartRecord, SessionId, Store, encode_mesh, now_rfc3339};
 
 /// A measured and encoded surface, ready to store. Make it on the CPU pool, because measuring computes.
@@ -14,7 +14,11 @@ impl PreparedSurface {
     ///
     /// # Errors
     /// [`FaultKind::SurfaceNotUsable`].
-    pub fn new(mesh: &TriMesh, origin: SurfaceOrigin, warnings: impl IntoIterator<Item: Into<WarningDocument>>) -> Result<Self, Fault> {
+    pub fn new(
+        mesh: &TriMesh,
+        origin: SurfaceOrigin,
+        warnings: impl IntoIterator<Item: Into<WarningDocument>>,
+    ) -> Result<Self, Fault> {
         let report = surface_report(mesh);
         if let Some(detail) = not_solid_reason(mesh, &report) {
             return Err(Fault::new(FaultKind::SurfaceNotUsable, detail));

@@ -14,8 +14,8 @@ use super::head::{Head, HeadSource};
 use super::model_case::{ModelCase, PHASES, clock, phases_s};
 use super::process;
 use catalogue::{Move, Operation, Pivot};
-use prosopon_geometry::Motion;
 use prosopon_geometry::control::Control;
+use prosopon_geometry::{Motion, Severity, Warning};
 use prosopon_planning::plan::{
     CondylarAxis, Landmarks, Path as SegmentPath, Plan, Segment, Template, TemplateCall, TemplateCuts, name_segments,
     propose,
@@ -211,10 +211,10 @@ impl OperationStudy<'_> {
         }
         row.steps = reports.len();
         let of_cuts = scene.bone.osteotomy.warnings.iter();
-        let warnings: Vec<&String> = of_cuts.chain(reports.iter().flat_map(|r| &r.warnings)).collect();
-        row.warnings = warnings.iter().map(|w| w.as_str()).collect::<Vec<_>>().join(" | ");
+        let warnings: Vec<&Warning> = of_cuts.chain(reports.iter().flat_map(|r| &r.warnings)).collect();
+        row.warnings = warnings.iter().map(ToString::to_string).collect::<Vec<_>>().join(" | ");
         let doubt = reports.iter().rev().find_map(|r| r.outcome.fault());
-        let unreliable = warnings.iter().find(|w| w.contains("is unreliable")).map(|w| w.as_str().to_owned());
+        let unreliable = warnings.iter().find(|w| w.severity == Severity::Unreliable).map(ToString::to_string);
         (row.end, row.detail) = match outcome {
             Err(_) if control.is_overdue() => {
                 (End::Overdue, format!("{:.0} % of the path after {:.0} s", 100.0 * control.progress(), row.solve_s))

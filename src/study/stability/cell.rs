@@ -3,18 +3,15 @@
 use super::method::Method;
 use super::scenes::{Check, HardScene, Setup};
 use crate::slab::moved;
-use prosopon_geometry::Vector;
 use prosopon_geometry::control::Control;
+use prosopon_geometry::{Severity, Vector, Warning};
 use prosopon_tissue::fem::{ContactBody, SolveError, SolveSettings, Solver};
 use prosopon_tissue::mesh::MixedMesh;
 
 /// Difference from finite strain or from a finer mesh that needs a warning, mm: the mean error that the paper aims at.
-const UNTOLD_MM: f64 = 0.5;
+const WARN_ABOVE_MM: f64 = 0.5;
 /// Relative residual (residual over reactions) of the checking solves.
 const TIGHT: f64 = 1e-8;
-
-/// End of the solver's warnings about unreliable results.
-const UNRELIABLE: &str = "is unreliable";
 
 /// Verdict on a method's result.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -24,7 +21,7 @@ pub(super) enum Verdict {
     /// Correct, after shortened steps, other materials or a projected tangent.
     Helped,
     /// A result with a warning that it is wrong or unreliable.
-    Told,
+    Warned,
     /// No result; the error names the reason.
     Refused,
     /// A wrong result without a warning.
@@ -36,7 +33,7 @@ impl Verdict {
         match self {
             Self::Converged => "converged",
             Self::Helped => "helped",
-            Self::Told => "told",
+            Self::Warned => "warned",
             Self::Refused => "refused",
             Self::Wrong => "wrong",
         }
@@ -64,7 +61,7 @@ struct Answer {
     /// Measures that the solver needed to converge.
     help: Vec<String>,
     /// Warnings about the result.
-    told: Vec<String>,
+    warnings: Vec<Warning>,
     /// The outcome, when the result does not count as converged.
     fault: Option<&'static str>,
 }
@@ -158,22 +155,26 @@ fn difference_of_the_model(scene: &HardScene, method: Method, answer: &Answer) -
 fn judged(scene: &HardScene, answer: Answer, numeric: Result<f64, String>, model: Option<Result<f64, String>>) -> Cell {
     let error_mm = numeric.as_ref().ok().copied();
     let model_error_mm = model.as_ref().and_then(|m| m.as_ref().ok()).copied();
-    let told = answer.told.join("; ");
+    let warnings = answer.warnings.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ");
     let (verdict, short, detail) = match (&numeric, &model) {
-        _ if let Some(fault) = answer.fault => (Verdict::Told, fault.replace('_', " "), told),
-        (Err(_), _) if answer.told.iter().any(|warning| warning.ends_with(UNRELIABLE)) => {
-            (Verdict::Told, "warns of contact".to_owned(), told)
+        _ if let Some(fault) = answer.fault => (Verdict::Warned, fault.replace('_', " "), warnings),
+        (Err(_), _) if answer.warnings.iter().any(|warning| warning.severity == Severity::Unreliable) => {
+            (Verdict::Warned, "warns of contact".to_owned(), warnings)
         }
         (Err(why), _) | (_, Some(Err(why))) => (Verdict::Wrong, "unchecked".to_owned(), why.clone()),
-        (Ok(error), _) if *error > scene.within_mm || error.is_nan() => {
-            (Verdict::Wrong, format!("{error:.3} mm off"), format!("differs from the check by {error:.4} mm; {told}"))
-        }
-        (Ok(_), Some(Ok(error))) if *error > UNTOLD_MM && told.is_empty() => {
+        (Ok(error), _) if *error > scene.within_mm || error.is_nan() => (
+            Verdict::Wrong,
+            format!("{error:.3} mm off"),
+            format!("differs from the check by {error:.4} mm; {warnings}"),
+        ),
+        (Ok(_), Some(Ok(error))) if *error > WARN_ABOVE_MM && warnings.is_empty() => {
             (Verdict::Wrong, format!("{error:.2} mm, no warning"), "no warning that the model does not fit".to_owned())
         }
-        (Ok(_), Some(Ok(error))) if *error > UNTOLD_MM => (Verdict::Told, format!("{error:.2} mm, warned"), told),
-        (Ok(error), _) if answer.help.is_empty() => (Verdict::Converged, format!("{error:.4} mm"), told),
-        (Ok(_), _) => (Verdict::Helped, answer.help.join(", "), told),
+        (Ok(_), Some(Ok(error))) if *error > WARN_ABOVE_MM => {
+            (Verdict::Warned, format!("{error:.2} mm, warned"), warnings)
+        }
+        (Ok(error), _) if answer.help.is_empty() => (Verdict::Converged, format!("{error:.4} mm"), warnings),
+        (Ok(_), _) => (Verdict::Helped, answer.help.join(", "), warnings),
     };
     Cell { verdict, short, detail, error_mm, model_error_mm }
 }
@@ -206,24 +207,25 @@ fn solve(setup: &Setup, method: Method, relative_residual: f64) -> Result<Answer
     let control = Control::new();
     let bodies = setup.bodies.iter().map(|(segment, solid)| ContactBody { segment: *segment, solid: solid.as_ref() });
     let mut solver = Solver::with_boundary(&setup.mesh, bodies.collect(), &setup.boundary, settings, &control)?;
-    let mut answer = Answer { moved: Vec::new(), help: Vec::new(), told: Vec::new(), fault: None };
+    let mut answer = Answer { moved: Vec::new(), help: Vec::new(), warnings: Vec::new(), fault: None };
     let mut projected = false;
     for k in 1..=setup.steps {
         let report = solver.advance(k as f64 / setup.steps as f64, &|t| (setup.path)(t), &control)?;
         projected |= solver.iterations().iter().any(|i| i.projected);
         answer.fault = (!report.outcome.converged()).then(|| report.outcome.name());
         for warning in report.warnings {
-            let list = if warning.starts_with("substeps were shortened") || warning.contains("as asked for") {
-                &mut answer.help
-            } else {
-                &mut answer.told
+            let help = match warning.code {
+                "shortened-substeps" => Some(halvings(&warning.message)),
+                "materials-replaced" => Some("stable materials".to_owned()),
+                _ => None,
             };
-            if !list.contains(&warning) {
-                list.push(warning);
+            match help {
+                Some(help) if !answer.help.contains(&help) => answer.help.push(help),
+                None if !answer.warnings.contains(&warning) => answer.warnings.push(warning),
+                Some(_) | None => {}
             }
         }
     }
-    answer.help = answer.help.iter().map(|h| in_short(h)).collect();
     if projected {
         answer.help.push("projected".to_owned());
     }
@@ -231,10 +233,11 @@ fn solve(setup: &Setup, method: Method, relative_residual: f64) -> Result<Answer
     Ok(answer)
 }
 
-fn in_short(help: &str) -> String {
-    match help.strip_prefix("substeps were shortened ").and_then(|rest| rest.split(' ').next()) {
+/// Number of halvings that a warning about shortened substeps gives.
+fn halvings(message: &str) -> String {
+    match message.strip_prefix("substeps were shortened ").and_then(|rest| rest.split(' ').next()) {
         Some("1") => "1 halving".to_owned(),
         Some(times) => format!("{times} halvings"),
-        None => "stable materials".to_owned(),
+        None => "shorter steps".to_owned(),
     }
 }

@@ -17,7 +17,7 @@ fn color(verdict: Verdict) -> RGBColor {
     match verdict {
         Verdict::Converged => RGBColor(190, 225, 205),
         Verdict::Helped => RGBColor(240, 228, 150),
-        Verdict::Told => RGBColor(180, 205, 235),
+        Verdict::Warned => RGBColor(180, 205, 235),
         Verdict::Refused => RGBColor(215, 215, 215),
         Verdict::Wrong => RGBColor(225, 60, 50),
     }
@@ -26,7 +26,7 @@ fn color(verdict: Verdict) -> RGBColor {
 const MEANINGS: [(Verdict, &str); 5] = [
     (Verdict::Converged, "converged: difference from the check on the skin"),
     (Verdict::Helped, "converged with help: which help"),
-    (Verdict::Told, "result with a warning: difference from finite strain or a finer mesh"),
+    (Verdict::Warned, "result with a warning: difference from finite strain or a finer mesh"),
     (Verdict::Refused, "refused with a named error: position on the path, stretch"),
     (Verdict::Wrong, "wrong without a warning"),
 ];

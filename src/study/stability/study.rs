@@ -48,7 +48,7 @@ impl StabilityStudy<'_> {
             rows.push((scene.name.clone(), cells));
         }
         let count = |verdict| rows.iter().flat_map(|r| &r.1).filter(|c| c.verdict == verdict).count();
-        for verdict in [Verdict::Converged, Verdict::Helped, Verdict::Told, Verdict::Refused, Verdict::Wrong] {
+        for verdict in [Verdict::Converged, Verdict::Helped, Verdict::Warned, Verdict::Refused, Verdict::Wrong] {
             writeln!(out, "{}: {}", verdict.name(), count(verdict))?;
         }
         let svg = self.csv.with_extension("svg");

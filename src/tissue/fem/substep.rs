@@ -106,7 +106,7 @@ impl Solver<'_> {
                  affected points, so the result near them may be wrong",
                 place.x, place.y, place.z
             );
-            self.warnings.push(Warning::check(code, message).act("Use shorter steps, or check the bone there."));
+            self.warnings.push(Warning::unreliable(code, message).act("Use shorter steps, or check the bone there."));
         }
     }
 

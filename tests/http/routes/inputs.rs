@@ -122,10 +122,7 @@ async fn a_ct_becomes_skin_skull_and_air() {
     assert_eq!(job["status"], "succeeded");
     let warnings = warnings_of(&job);
     assert!(warnings.contains(&"a head-rest was removed".to_owned()), "{warnings:?}");
-    assert!(
-        warnings[0].contains("5.2 mm across"),
-        "the warning of the upload comes first: {warnings:?}"
-    );
+    assert!(warnings[0].contains("5.2 mm across"), "the warning of the upload comes first: {warnings:?}");
     let parts = app.get(&session).await.ok()["parts"].clone();
     for part in ["ct", "skin", "skull", "air"] {
         assert_eq!(parts[part]["state"], "ready", "{part}");

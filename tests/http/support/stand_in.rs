@@ -5,7 +5,7 @@ use std::sync::{Condvar, Mutex};
 use std::time::Duration;
 
 use prosopon_contract::{Cuts, Fault, FaultKind, Halt, Solid};
-use prosopon_field::{RegionKind, RegionsOfKind, FieldReport, Region, CheckedDistance};
+use prosopon_field::{CheckedDistance, FieldReport, Region, RegionKind, RegionsOfKind};
 use prosopon_formats::import::Limits;
 use prosopon_geometry::control::Control;
 use prosopon_geometry::{Aabb, Motion, Point, ScalarGrid, TriMesh, Vector, Warning};

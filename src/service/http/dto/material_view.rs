@@ -3,7 +3,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
-use prosopon_contract::{WarningDocument, Check, check_material};
+use prosopon_contract::{Check, WarningDocument, check_material};
 use prosopon_contract::{D1ReadingName, Fault, MaterialDocument, PresetName};
 use prosopon_tissue::fem::Preset;
 use prosopon_tissue::fem::material::{EXPECTED_SHEAR, EXPECTED_STRETCH, Material, Materials, PathCheck, StandardTest};

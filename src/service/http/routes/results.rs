@@ -223,7 +223,8 @@ fn error_of(job: &JobRecord, step: &StepRecord) -> Result<ErrorDocument, Problem
     let Some(error) = &step.error else {
         let detail = "the step has no error map: the session had no target and the job no reference_job with a step at this \
                       path parameter, or the job did not ask for the output error";
-        let warnings: Vec<serde_json::Value> = job.warnings.iter().filter_map(|w| serde_json::from_str(w).ok()).collect();
+        let warnings: Vec<serde_json::Value> =
+            job.warnings.iter().filter_map(|w| serde_json::from_str(w).ok()).collect();
         let fault = Fault::new(FaultKind::NoReference, detail).with("warnings", warnings);
         return Err(fault.into());
     };

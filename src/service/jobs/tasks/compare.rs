@@ -92,7 +92,8 @@ impl Comparison {
         }
         let without: Vec<bool> = Mask { except, ..Mask::default() }.of(&mesh);
         let both = |a: Vec<bool>| -> Vec<bool> { a.into_iter().zip(&without).map(|(a, b)| a && *b).collect() };
-        let regions = face.map_or_else(Default::default, |(points, midline)| face_regions(rest, &points, midline)).regions;
+        let regions =
+            face.map_or_else(Default::default, |(points, midline)| face_regions(rest, &points, midline)).regions;
         let in_face = |p: &Point| regions.iter().any(|r| r.bounds.contains(p));
         let (mask_name, counted) = if !self.mask.is_empty() {
             ("given", self.mask.of(&mesh))

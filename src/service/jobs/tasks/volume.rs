@@ -5,7 +5,7 @@ use bytes::Bytes;
 use crate::Service;
 use prosopon_contract::{CtDocument, Fault, FaultKind, Halt, import_fault, to_json};
 use prosopon_formats::export::nifti_gz;
-use prosopon_formats::import::{ImportError, VolumeFormat, VolumeCheck, VolumeSettings, volume_with};
+use prosopon_formats::import::{ImportError, VolumeCheck, VolumeFormat, VolumeSettings, volume_with};
 use prosopon_geometry::Warning;
 use prosopon_store::{BlobInfo, PartKind, PartRecord, SessionId, now_rfc3339};
 
@@ -83,8 +83,12 @@ pub async fn take_ct(
     service.store.blobs().delete(&upload.key).await;
     let (bytes, format, warnings) = read?;
     let stored = service.store.blobs().put(session, bytes).await?;
-    let document =
-        CtDocument { sha256: upload.sha256, bytes: upload.bytes, format: format.name().to_owned(), findings: warnings.into_iter().collect() };
+    let document = CtDocument {
+        sha256: upload.sha256,
+        bytes: upload.bytes,
+        format: format.name().to_owned(),
+        findings: warnings.into_iter().collect(),
+    };
     Ok(PartRecord {
         kind: PartKind::Ct,
         key: stored.sha256,

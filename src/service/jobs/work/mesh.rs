@@ -4,8 +4,8 @@ use super::{Context, Done, changed_meanwhile};
 use crate::requests::MeshTask;
 use crate::running::Phase;
 use prosopon_contract::{D1ReadingName, Halt, MeshDocument, PresetName, to_json};
-use prosopon_store::PartKind;
 use prosopon_geometry::Warning;
+use prosopon_store::PartKind;
 use prosopon_tissue::mesh::Tissue;
 
 /// Stability warnings that a solve on this mesh would have.

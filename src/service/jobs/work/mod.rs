@@ -18,8 +18,8 @@ use std::time::Duration;
 use serde::de::DeserializeOwned;
 
 use super::Service;
-use super::running::Running;
 use super::events::panicked;
+use super::running::Running;
 use prosopon_contract::{Fault, FaultKind, Halt, WarningDocument, from_json};
 use prosopon_geometry::control::Control;
 use prosopon_session::{Case, Engine, SessionParts};

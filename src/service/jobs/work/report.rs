@@ -5,7 +5,10 @@ use serde_json::{Map, Value, json};
 
 use crate::requests::SolveTask;
 use crate::running::step_warning;
-use prosopon_contract::{CtDocument, ErrorDocument, Fault, FieldDocument, Findings, MeshDocument, PhasesDocument, ReportDocument, ReportInput, StepDocument, SurfaceDocument, WarningDocument, from_json};
+use prosopon_contract::{
+    CtDocument, ErrorDocument, Fault, FieldDocument, Findings, MeshDocument, PhasesDocument, ReportDocument,
+    ReportInput, StepDocument, SurfaceDocument, WarningDocument, from_json,
+};
 use prosopon_geometry::Warning;
 use prosopon_planning::simulate::Outcome;
 use prosopon_session::SessionParts;

@@ -10,7 +10,10 @@ use super::steps::{checkpoint, write_steps};
 use super::{Context, Done, changed_meanwhile};
 use crate::requests::SceneTask;
 use crate::running::Phase;
-use prosopon_contract::{Fault, FaultKind, Findings, Halt, PhasesDocument, ReportDocument, WarningDocument, import_fault, stored_cuts, to_json};
+use prosopon_contract::{
+    Fault, FaultKind, Findings, Halt, PhasesDocument, ReportDocument, WarningDocument, import_fault, stored_cuts,
+    to_json,
+};
 use prosopon_formats::import::volume_mesh;
 use prosopon_planning::simulate::{OuterSurface, READY_MESH_LOCKING, ReadyMesh};
 use prosopon_session::{SceneBones, SceneRun, SceneSolved, SessionParts, load_mesh, read_part};

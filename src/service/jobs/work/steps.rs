@@ -97,7 +97,8 @@ async fn write_step(context: &Context, step: FinishedStep) -> Result<(), Halt> {
         sha256: frame.sha256.clone(),
         bytes: frame.bytes,
     };
-    let mut events: Vec<_> = document.findings.iter().filter_map(|w| warning_event(&step_warning(document.k, w))).collect();
+    let mut events: Vec<_> =
+        document.findings.iter().filter_map(|w| warning_event(&step_warning(document.k, w))).collect();
     events.push(("step", event.to_string()));
     context.service.persist(|| store.commit_step(&context.job, &record, &events)).await?;
     tracing::info!(step = document.k, steps = context.job.steps, duration_s = document.wall_s, "step stored");

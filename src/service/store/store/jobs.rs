@@ -163,7 +163,8 @@ impl Store {
             }
             Err(error) => {
                 // An earlier call, whose answer was lost, may have stored this key.
-                let named = |row: Option<JobRecord>| row.and_then(|row| row.checkpoint_blob).as_ref() == Some(&blob.key);
+                let named =
+                    |row: Option<JobRecord>| row.and_then(|row| row.checkpoint_blob).as_ref() == Some(&blob.key);
                 if self.job(job.id).await.is_ok_and(|row| !named(row)) {
                     self.remove_refused(&error, vec![blob.key.clone()]).await;
                 }

@@ -47,7 +47,6 @@ impl VoxelLattice {
     }
 
     /// Checks the size of the box around all voxels.
-    #[expect(clippy::arithmetic_side_effects, reason = "floating point")]
     pub(super) fn check_extent(&self, dims: [usize; 3], warnings: &mut Vec<Warning>) -> Result<(), ImportError> {
         let far = dims.map(|d| d.saturating_sub(1) as f64);
         let corners = (0..8u8).map(|c| {

@@ -5,7 +5,9 @@
 use proptest::prelude::*;
 
 use super::dicom::tests::{Slice, archive, series};
+use super::hounsfield::Packing;
 use super::nifti1::tests::File;
+use super::number::ByteOrder;
 use super::text_volumes_tests::{meta_image, nrrd};
 use super::{ImportError, Limits, SurfaceFormat, detect_surface, surface, volume};
 use prosopon_geometry::Severity;
@@ -75,7 +77,7 @@ pub(super) fn surfaces() -> Vec<(SurfaceFormat, Vec<u8>, bool)> {
 }
 
 pub(super) fn volumes() -> Vec<Vec<u8>> {
-    [false, true].iter().flat_map(|big| [File::new(*big).plain(), File::new(*big).gzipped()]).collect()
+    [ByteOrder::Little, ByteOrder::Big].map(File::new).iter().flat_map(|file| [file.plain(), file.gzipped()]).collect()
 }
 
 /// Volumes in every other format.
@@ -89,12 +91,12 @@ pub(super) fn other_volumes() -> Vec<Vec<u8>> {
     ]
     .map(|syntax| series(&(0..5).map(|k| Slice::near(k, syntax)).collect::<Vec<_>>()));
     let space = ("LPS", 1.0, 1.0);
-    let (head, voxels) = meta_image("LOCAL", false, true);
-    let (apart, raw) = meta_image("v.raw", false, false);
+    let (head, voxels) = meta_image("LOCAL", ByteOrder::Little, Packing::Zlib);
+    let (apart, raw) = meta_image("v.raw", ByteOrder::Little, Packing::Plain);
     let mut all = slices.to_vec();
     all.extend([
-        nrrd("raw", false, space),
-        nrrd("gzip", true, space),
+        nrrd("raw", ByteOrder::Little, space),
+        nrrd("gzip", ByteOrder::Big, space),
         [head, voxels].concat(),
         archive(&[("h.mhd".to_owned(), apart), ("v.raw".to_owned(), raw)]),
         Slice::near(0, "1.2.840.10008.1.2.1").file(),
@@ -246,7 +248,7 @@ fn more_triangles_than_allowed_are_refused_in_every_format() {
 }
 
 #[test]
-fn degenerate_triangles_unused_vertices_and_sizes_are_told_or_refused() {
+fn degenerate_triangles_unused_vertices_and_sizes_give_a_warning_or_are_refused() {
     let obj = |scale: f64, faces: &str| {
         let mut text = String::new();
         for [x, y, z] in [[0., 0., 0.], [1., 0., 0.], [9., 9., 9.], [0., 1., 0.], [0., 0., 1.]] {

@@ -6,6 +6,8 @@ use flate2::Compression;
 use flate2::write::{GzEncoder, ZlibEncoder};
 
 use super::dicom::tests::archive;
+use super::hounsfield::Packing;
+use super::number::ByteOrder;
 use super::{ImportError, Limits, VolumeFormat, volume, volume_with};
 use prosopon_geometry::{Point, Vector, Volume};
 
@@ -18,16 +20,16 @@ fn expected() -> Volume {
     Volume { dims: [3, 4, 5], origin: Point::new(1.5, -2.0, 3.0), axes, hu: hu() }
 }
 
-fn raw(big: bool) -> Vec<u8> {
-    hu().iter().flat_map(|v| if big { v.to_be_bytes() } else { v.to_le_bytes() }).collect()
+fn raw(order: ByteOrder) -> Vec<u8> {
+    hu().iter().flat_map(|v| if order == ByteOrder::Big { v.to_be_bytes() } else { v.to_le_bytes() }).collect()
 }
 
 /// The lattice as an NRRD file; `space` is its name and the signs of its x and y.
-pub(super) fn nrrd(encoding: &str, big: bool, space: (&str, f64, f64)) -> Vec<u8> {
+pub(super) fn nrrd(encoding: &str, order: ByteOrder, space: (&str, f64, f64)) -> Vec<u8> {
     let (name, x, y) = space;
     let vector = |v: [f64; 3]| format!("({},{},{})", v[0] * x, v[1] * y, v[2]);
     let directions = [[0.0, 10.0, 0.0], [-20.0, 0.0, 0.0], [3.0, 0.0, 30.0]].map(vector).join(" ");
-    let endian = if big { "big" } else { "little" };
+    let endian = if order == ByteOrder::Big { "big" } else { "little" };
     let origin = vector([1.5, -2.0, 3.0]);
     let head = format!(
         "NRRD0004\n# made by hand\ntype: short\ndimension: 3\nspace: {name}\nsizes: 3 4 5\nspace directions: {directions}\n\
@@ -35,16 +37,17 @@ pub(super) fn nrrd(encoding: &str, big: bool, space: (&str, f64, f64)) -> Vec<u8
     );
     let voxels = if encoding == "gzip" {
         let mut packer = GzEncoder::new(Vec::new(), Compression::fast());
-        packer.write_all(&raw(big)).unwrap();
+        packer.write_all(&raw(order)).unwrap();
         packer.finish().unwrap()
     } else {
-        raw(big)
+        raw(order)
     };
     [head.into_bytes(), voxels].concat()
 }
 
 /// The lattice as a MetaImage header with its voxels in `file`.
-pub(super) fn meta_image(file: &str, big: bool, packed: bool) -> (Vec<u8>, Vec<u8>) {
+pub(super) fn meta_image(file: &str, order: ByteOrder, packing: Packing) -> (Vec<u8>, Vec<u8>) {
+    let (big, packed) = (order == ByteOrder::Big, packing == Packing::Zlib);
     let head = format!(
         "ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = {big}\nCompressedData = {packed}\n\
          TransformMatrix = 0 1 0 -1 0 0 0.09950371902099893 0 0.9950371902099893\nOffset = 1.5 -2 3\nCenterOfRotation = 0 0 0\n\
@@ -53,8 +56,8 @@ pub(super) fn meta_image(file: &str, big: bool, packed: bool) -> (Vec<u8>, Vec<u
     .replace("true", "True")
     .replace("false", "False");
     let mut packer = ZlibEncoder::new(Vec::new(), Compression::fast());
-    packer.write_all(&raw(big)).unwrap();
-    (head.into_bytes(), if packed { packer.finish().unwrap() } else { raw(big) })
+    packer.write_all(&raw(order)).unwrap();
+    (head.into_bytes(), if packed { packer.finish().unwrap() } else { raw(order) })
 }
 
 fn check(found: &Volume, what: &str) {
@@ -70,8 +73,8 @@ fn check(found: &Volume, what: &str) {
 fn nrrd_in_every_space_and_encoding_is_the_same_volume() {
     for space in [("left-posterior-superior", 1.0, 1.0), ("RAS", -1.0, -1.0), ("left-anterior-superior", 1.0, -1.0)] {
         for encoding in ["raw", "gzip"] {
-            for big in [false, true] {
-                let (found, warnings) = volume(&nrrd(encoding, big, space), &Limits::default()).unwrap();
+            for order in [ByteOrder::Little, ByteOrder::Big] {
+                let (found, warnings) = volume(&nrrd(encoding, order, space), &Limits::default()).unwrap();
                 check(&found, space.0);
                 assert_eq!(warnings, []);
             }
@@ -81,10 +84,12 @@ fn nrrd_in_every_space_and_encoding_is_the_same_volume() {
 
 #[test]
 fn meta_image_attached_and_in_an_archive_is_the_same_volume() {
-    for (big, packed) in [(false, false), (true, false), (false, true)] {
-        let (head, voxels) = meta_image("LOCAL", big, packed);
+    for (order, packing) in
+        [(ByteOrder::Little, Packing::Plain), (ByteOrder::Big, Packing::Plain), (ByteOrder::Little, Packing::Zlib)]
+    {
+        let (head, voxels) = meta_image("LOCAL", order, packing);
         check(&volume(&[head, voxels].concat(), &Limits::default()).unwrap().0, "mha");
-        let (head, voxels) = meta_image("voxels.raw", big, packed);
+        let (head, voxels) = meta_image("voxels.raw", order, packing);
         let apart = volume(&head, &Limits::default()).unwrap_err().to_string();
         assert!(apart.contains("in one zip archive"), "{apart}");
         let zip = archive(&[("a/head.mhd".to_owned(), head), ("a/voxels.raw".to_owned(), voxels)]);
@@ -92,7 +97,7 @@ fn meta_image_attached_and_in_an_archive_is_the_same_volume() {
         assert_eq!(found.format, VolumeFormat::MetaImage);
         check(&found.volume, "mhd");
     }
-    let whole = nrrd("gzip", false, ("LPS", 1.0, 1.0));
+    let whole = nrrd("gzip", ByteOrder::Little, ("LPS", 1.0, 1.0));
     check(&volume(&archive(&[("x.nrrd".to_owned(), whole.clone())]), &Limits::default()).unwrap().0, "zip");
     let two = archive(&[("x.nrrd".to_owned(), whole.clone()), ("y.nrrd".to_owned(), whole)]);
     assert!(volume(&two, &Limits::default()).unwrap_err().to_string().contains("several volumes"));
@@ -100,8 +105,8 @@ fn meta_image_attached_and_in_an_archive_is_the_same_volume() {
 
 #[test]
 fn faults_are_named() {
-    let nrrd = String::from_utf8_lossy(&nrrd("raw", false, ("LPS", 1.0, 1.0))[..300]).into_owned();
-    let meta = String::from_utf8(meta_image("LOCAL", false, false).0).unwrap();
+    let nrrd = String::from_utf8_lossy(&nrrd("raw", ByteOrder::Little, ("LPS", 1.0, 1.0))[..300]).into_owned();
+    let meta = String::from_utf8(meta_image("LOCAL", ByteOrder::Little, Packing::Plain).0).unwrap();
     for (text, from, to, part) in [
         (&nrrd, "dimension: 3", "dimension: 4", "three dimensions"),
         (&nrrd, "sizes: 3 4 5", "sizes: 3 4", "three counts"),
@@ -137,7 +142,7 @@ fn faults_are_named() {
 
 #[test]
 fn the_voxels_may_be_the_last_bytes_of_their_file() {
-    let (head, voxels) = meta_image("LOCAL", false, false);
+    let (head, voxels) = meta_image("LOCAL", ByteOrder::Little, Packing::Plain);
     let head = String::from_utf8(head).unwrap().replacen("NDims = 3", "NDims = 3\nHeaderSize = -1", 1);
     let file = [head.as_bytes(), b"a header of another format", &voxels].concat();
     check(&volume(&file, &Limits::default()).unwrap().0, "HeaderSize = -1");

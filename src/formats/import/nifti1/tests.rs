@@ -3,6 +3,7 @@ use std::io::Write;
 use flate2::Compression;
 use flate2::write::GzEncoder;
 
+use super::super::number::ByteOrder;
 use super::super::{ImportError, Limits, VolumeCheck, volume};
 use prosopon_geometry::{Point, Vector, Volume, Warning};
 
@@ -20,13 +21,13 @@ pub(in crate::import) fn gzip(bytes: &[u8]) -> Vec<u8> {
 #[derive(Clone)]
 pub(in super::super) struct File {
     bytes: Vec<u8>,
-    big: bool,
+    order: ByteOrder,
 }
 
 impl File {
     /// 3 × 4 × 5 voxels of `i16`, spaced 10, 20, 30 mm, in RAS, with air and bone.
-    pub(in super::super) fn new(big: bool) -> Self {
-        let mut file = Self { bytes: vec![0; 352], big };
+    pub(in super::super) fn new(order: ByteOrder) -> Self {
+        let mut file = Self { bytes: vec![0; 352], order };
         file.i32(0, 348);
         file.dims(&[3, 4, 5]);
         file.kind(4, 16);
@@ -50,7 +51,7 @@ impl File {
     }
 
     fn put(&mut self, at: usize, mut little: Vec<u8>) {
-        if self.big {
+        if self.order == ByteOrder::Big {
             little.reverse();
         }
         self.bytes[at..at + little.len()].copy_from_slice(&little);
@@ -96,7 +97,7 @@ impl File {
 
     fn voxels(&mut self, little: impl Iterator<Item = u8>, size: usize) {
         let mut bytes: Vec<u8> = little.collect();
-        if self.big {
+        if self.order == ByteOrder::Big {
             bytes.chunks_mut(size).for_each(<[u8]>::reverse);
         }
         self.bytes.truncate(352);
@@ -106,8 +107,8 @@ impl File {
 
 #[test]
 fn plain_gzipped_and_either_byte_order_give_the_same_volume_in_lps() {
-    for big in [false, true] {
-        let file = File::new(big);
+    for order in [ByteOrder::Little, ByteOrder::Big] {
+        let file = File::new(order);
         let (found, warnings) = read(&file.plain()).unwrap();
         assert_eq!(warnings, []);
         assert_eq!((found.dims, found.origin), ([3, 4, 5], Point::new(-1.0, -2.0, 3.0)));
@@ -128,8 +129,8 @@ fn every_kind_of_number_is_scaled_rounded_and_clamped() {
     let stored = [-100.0, 0.0, 100.0];
     macro_rules! check {
         ($number:ty, $code:expr, $values:expr) => {
-            for big in [false, true] {
-                let mut file = File::new(big);
+            for order in [ByteOrder::Little, ByteOrder::Big] {
+                let mut file = File::new(order);
                 let size = size_of::<$number>();
                 file.kind($code, 8 * size as i16);
                 file.f32(112, 2.0);
@@ -149,7 +150,7 @@ fn every_kind_of_number_is_scaled_rounded_and_clamped() {
     check!(u8, 2, [0.0, 100.0, 200.0]);
     check!(u16, 512, [0.0, 100.0, 200.0]);
 
-    let mut file = File::new(false);
+    let mut file = File::new(ByteOrder::Little);
     file.kind(16, 32);
     file.f32(112, f32::NAN);
     let values = [f32::NAN, f32::INFINITY, -1e9, -1000.4, 99.5];
@@ -162,7 +163,7 @@ fn every_kind_of_number_is_scaled_rounded_and_clamped() {
 
 #[test]
 fn the_qform_turns_and_mirrors() {
-    let mut file = File::new(false);
+    let mut file = File::new(ByteOrder::Little);
     file.i16(254, 0);
     // A quarter turn about z, mirrored along k: i runs to +y, j to -x, k to -z (RAS).
     file.qform(-1.0, [0.0, 0.0, 0.5f32.sqrt()], [7.0, 8.0, 9.0]);
@@ -183,14 +184,14 @@ fn the_qform_turns_and_mirrors() {
 
 #[test]
 fn missing_orientation_and_other_units_give_warnings() {
-    let mut file = File::new(false);
+    let mut file = File::new(ByteOrder::Little);
     file.i16(254, 0);
     file.bytes[123] = 0;
     let (found, warnings) = read(&file.plain()).unwrap();
     assert_eq!(found.axes[1], Vector::new(0.0, -20.0, 0.0));
     assert_eq!(warnings.iter().map(|w| w.code).collect::<Vec<_>>(), ["no-orientation", "no-unit"]);
 
-    let mut metres = File::new(false);
+    let mut metres = File::new(ByteOrder::Little);
     metres.bytes[123] = 1;
     metres.sform([[0.01, 0.0, 0.0, 0.0], [0.0, 0.02, 0.0, 0.0], [0.0, 0.0, 0.03, 0.0]]);
     let (found, warnings) = read(&metres.plain()).unwrap();
@@ -203,7 +204,7 @@ fn missing_orientation_and_other_units_give_warnings() {
 
 #[test]
 fn oblique_and_sheared_axes_stay_as_they_are() {
-    let mut file = File::new(false);
+    let mut file = File::new(ByteOrder::Little);
     file.sform([[10.0, 1.0, 2.0, 1.0], [-3.0, 20.0, 4.0, 2.0], [5.0, 6.0, 30.0, 3.0]]);
     let (found, _) = read(&file.plain()).unwrap();
     let expected = [Vector::new(-10.0, 3.0, 5.0), Vector::new(-1.0, -20.0, 6.0), Vector::new(-2.0, -4.0, 30.0)];
@@ -213,7 +214,7 @@ fn oblique_and_sheared_axes_stay_as_they_are() {
 #[test]
 fn faults_are_named() {
     let check = |change: &dyn Fn(&mut File), part: &str| {
-        let mut file = File::new(false);
+        let mut file = File::new(ByteOrder::Little);
         change(&mut file);
         let error = read(&file.plain()).unwrap_err().to_string();
         assert!(error.contains(part), "expected {part}, found {error}");
@@ -241,26 +242,26 @@ fn faults_are_named() {
 
 #[test]
 fn counts_beyond_the_file_or_the_limit_are_refused_before_reading() {
-    let mut file = File::new(false);
+    let mut file = File::new(ByteOrder::Little);
     file.dims(&[32767, 32767, 32767]);
     assert!(matches!(read(&file.plain()), Err(ImportError::TooLarge { found: 35_181_150_961_663, .. })));
     file.dims(&[800, 800, 800]);
     assert!(matches!(read(&file.plain()), Err(ImportError::Malformed { .. })));
     assert!(matches!(read(&file.gzipped()), Err(ImportError::Malformed { .. })));
     let few = Limits { max_voxels: 59, ..Limits::default() };
-    assert!(matches!(volume(&File::new(false).plain(), &few), Err(ImportError::TooLarge { .. })));
+    assert!(matches!(volume(&File::new(ByteOrder::Little).plain(), &few), Err(ImportError::TooLarge { .. })));
 }
 
 #[test]
 fn a_damaged_or_bloated_gzip_file_is_refused() {
-    let mut zipped = File::new(false).gzipped();
+    let mut zipped = File::new(ByteOrder::Little).gzipped();
     let end = zipped.len();
     zipped[end - 6] ^= 1; // the check sum
     assert!(read(&zipped).unwrap_err().to_string().contains("damaged"));
 
     // 64 MB of zeros after a header that needs 120 bytes: only the header and the voxels are unpacked.
     let mut encoder = GzEncoder::new(Vec::new(), Compression::fast());
-    encoder.write_all(&File::new(false).bytes).unwrap();
+    encoder.write_all(&File::new(ByteOrder::Little).bytes).unwrap();
     for _ in 0..64 {
         encoder.write_all(&[0; 1 << 20]).unwrap();
     }
@@ -284,7 +285,7 @@ fn scan<'a>(pieces: impl Iterator<Item = &'a [u8]>) -> (Result<(), String>, usiz
 
 #[test]
 fn a_scan_takes_what_the_reader_takes_in_pieces_of_any_size() {
-    for file in [File::new(false), File::new(true)] {
+    for file in [File::new(ByteOrder::Little), File::new(ByteOrder::Big)] {
         for bytes in [file.plain(), file.gzipped(), [gzip(&file.bytes[..370]), gzip(&file.bytes[370..])].concat()] {
             for size in [1, 3, 100, 1000] {
                 assert_eq!(scan(bytes.chunks(size)).0, Ok(()));
@@ -299,7 +300,7 @@ fn a_scan_takes_what_the_reader_takes_in_pieces_of_any_size() {
 
 #[test]
 fn a_scan_refuses_a_header_that_cannot_be_before_the_voxels_come() {
-    let mut flat = File::new(false);
+    let mut flat = File::new(ByteOrder::Little);
     flat.dims(&[3, 4]);
     // Stored without compression, so that many bytes follow.
     let mut long = GzEncoder::new(Vec::new(), Compression::none());
@@ -317,7 +318,7 @@ fn a_scan_refuses_a_header_that_cannot_be_before_the_voxels_come() {
 
 #[test]
 fn a_scan_tells_where_the_file_ends_and_unpacks_no_more_than_the_voxels() {
-    let file = File::new(false);
+    let file = File::new(ByteOrder::Little);
     let scanned = |bytes: &[u8]| scan([bytes].into_iter()).0;
     assert!(scanned(&file.plain()[..471]).is_err_and(|e| e.contains("ends at byte 472, but there are 471")));
     let zipped = file.gzipped();

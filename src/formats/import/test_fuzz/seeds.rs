@@ -2,6 +2,7 @@ use crate::import::SurfaceFormat;
 use crate::import::dicom::tests::{Slice, archive};
 use crate::import::malformed_tests::{other_volumes, surfaces, volumes};
 use crate::import::nifti1::tests::{File, gzip};
+use crate::import::number::ByteOrder;
 use crate::import::vtu::legacy_tests;
 use crate::import::vtu::tests::{Encoding, file as vtu};
 
@@ -73,7 +74,7 @@ pub(super) fn seeds() -> Vec<Seed> {
         .collect();
     let whole = volumes().into_iter().chain(other_volumes());
     all.extend(whole.enumerate().map(|(n, bytes)| Seed::new(format!("volume {n}"), Target::Volume, bytes)));
-    let packed = Seed::new("NIfTI in gzip", Target::Volume, File::new(false).plain());
+    let packed = Seed::new("NIfTI in gzip", Target::Volume, File::new(ByteOrder::Little).plain());
     all.push(Seed { wrap: Wrap::Gzip, ..packed });
     for syntax in SYNTAXES {
         let slice = Seed::new(format!("slice in {syntax}"), Target::Volume, Slice::near(0, syntax).file());
@@ -86,7 +87,7 @@ pub(super) fn seeds() -> Vec<Seed> {
         Encoding::RawAppended,
         Encoding::Base64Appended,
     ] {
-        all.push(Seed::new(format!("VTU {encoding:?}"), Target::Mesh, vtu(encoding, true, true)));
+        all.push(Seed::new(format!("VTU {encoding:?}"), Target::Mesh, vtu(encoding, ByteOrder::Little, true)));
     }
     for (is_ascii, version) in [(true, 3), (true, 5), (false, 3), (false, 5)] {
         all.push(Seed::new(format!("VTK {version}"), Target::Mesh, legacy_tests::file(is_ascii, version)));

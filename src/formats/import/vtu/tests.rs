@@ -1,6 +1,7 @@
 use std::io::Write;
 
 use super::*;
+use crate::import::number::ByteOrder;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use proptest::prelude::*;
@@ -20,7 +21,7 @@ pub(in crate::import) enum Encoding {
     Base64Appended,
 }
 
-fn number_bytes(kind: &str, value: f64, little: bool) -> Vec<u8> {
+fn number_bytes(kind: &str, value: f64, order: ByteOrder) -> Vec<u8> {
     let mut bytes = match kind {
         "Float64" => value.to_le_bytes().to_vec(),
         "Float32" => (value as f32).to_le_bytes().to_vec(),
@@ -28,7 +29,7 @@ fn number_bytes(kind: &str, value: f64, little: bool) -> Vec<u8> {
         "Int32" => (value as i32).to_le_bytes().to_vec(),
         _ => vec![value as u8],
     };
-    if !little {
+    if order == ByteOrder::Big {
         bytes.reverse();
     }
     bytes
@@ -41,18 +42,17 @@ fn zlib(bytes: &[u8]) -> Vec<u8> {
 }
 
 /// Two tetrahedra and a wedge, with a triangle among them, as a file.
-pub(in crate::import) fn file(encoding: Encoding, little: bool, wide: bool) -> Vec<u8> {
+pub(in crate::import) fn file(encoding: Encoding, order: ByteOrder, wide: bool) -> Vec<u8> {
     let mut appended: Vec<u8> = Vec::new();
     let count = |n: usize| -> Vec<u8> {
-        match (little, wide) {
-            (true, true) => (n as u64).to_le_bytes().to_vec(),
-            (false, true) => (n as u64).to_be_bytes().to_vec(),
-            (true, false) => (n as u32).to_le_bytes().to_vec(),
-            (false, false) => (n as u32).to_be_bytes().to_vec(),
+        let mut bytes = if wide { (n as u64).to_le_bytes().to_vec() } else { (n as u32).to_le_bytes().to_vec() };
+        if order == ByteOrder::Big {
+            bytes.reverse();
         }
+        bytes
     };
     let mut array = |kind: &str, name: &str, components: usize, values: &[f64]| {
-        let bytes: Vec<u8> = values.iter().flat_map(|v| number_bytes(kind, *v, little)).collect();
+        let bytes: Vec<u8> = values.iter().flat_map(|v| number_bytes(kind, *v, order)).collect();
         let head = format!("<DataArray type=\"{kind}\" Name=\"{name}\" NumberOfComponents=\"{components}\"");
         let with_length = [count(bytes.len()), bytes.clone()].concat();
         match encoding {
@@ -95,10 +95,10 @@ pub(in crate::import) fn file(encoding: Encoding, little: bool, wide: bool) -> V
         array("Int32", "tissue", 1, &[0., 9., 2., 1.]),
         "</CellData>".into(),
     ];
-    let (order, header) = (if little { "LittleEndian" } else { "BigEndian" }, if wide { "UInt64" } else { "UInt32" });
+    let header = if wide { "UInt64" } else { "UInt32" };
     let packer = if matches!(encoding, Encoding::Zlib { .. }) { " compressor=\"vtkZLibDataCompressor\"" } else { "" };
     let mut file = format!(
-        "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"0.1\" byte_order=\"{order}\" header_type=\"{header}\"{packer}>\n\
+        "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"0.1\" byte_order=\"{order:?}Endian\" header_type=\"{header}\"{packer}>\n\
          <!-- a comment --><UnstructuredGrid><Piece NumberOfPoints=\"7\" NumberOfCells=\"4\">{}</Piece></UnstructuredGrid>",
         parts.join("\n")
     )
@@ -125,8 +125,9 @@ const ENCODINGS: [Encoding; 6] = [
 #[test]
 fn every_encoding_gives_the_same_mesh() {
     for encoding in ENCODINGS {
-        for (little, wide) in [(true, true), (true, false), (false, true), (false, false)] {
-            let (mesh, warnings) = volume_mesh(&file(encoding, little, wide), &LIMITS).unwrap();
+        let orders = [ByteOrder::Little, ByteOrder::Big];
+        for (order, wide) in orders.into_iter().flat_map(|order| [(order, true), (order, false)]) {
+            let (mesh, warnings) = volume_mesh(&file(encoding, order, wide), &LIMITS).unwrap();
             assert_eq!(warnings.iter().map(|w| w.code).collect::<Vec<_>>(), ["cells-without-volume"], "{encoding:?}");
             assert_eq!(mesh.points.len(), 7);
             assert_eq!(mesh.points[5], Point::new(0.0, 50.0, 50.5));
@@ -155,7 +156,7 @@ fn what_this_program_writes_is_read_back() {
 
 #[test]
 fn faults_are_named() {
-    let text = String::from_utf8(file(Encoding::Ascii, true, true)).unwrap();
+    let text = String::from_utf8(file(Encoding::Ascii, ByteOrder::Little, true)).unwrap();
     for (from, to, expected) in [
         ("UnstructuredGrid\" version", "PolyData\" version", "expected UnstructuredGrid"),
         ("NumberOfPoints=\"7\"", "NumberOfPoints=\"8\"", "array 0 of Points holds 21 numbers, expected 24"),
@@ -185,7 +186,7 @@ fn faults_are_named() {
 #[test]
 fn files_that_are_cut_off_are_refused() {
     for encoding in ENCODINGS {
-        let whole = file(encoding, true, false);
+        let whole = file(encoding, ByteOrder::Little, false);
         for end in (0..whole.len().saturating_sub(60)).step_by(7) {
             assert!(volume_mesh(&whole[..end], &LIMITS).is_err(), "{encoding:?} {end}");
         }
@@ -195,7 +196,7 @@ fn files_that_are_cut_off_are_refused() {
 proptest! {
     #[test]
     fn changed_bytes_never_panic(which in 0..6usize, changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..12)) {
-        let mut bytes = file(ENCODINGS[which], true, which % 2 == 0);
+        let mut bytes = file(ENCODINGS[which], ByteOrder::Little, which % 2 == 0);
         for (at, value) in changes {
             let at = at.index(bytes.len());
             bytes[at] = value;

@@ -14,7 +14,7 @@ pub(super) const APART_MM: f64 = 50.0;
 /// Width of the histogram's bins between plus and minus [`HISTOGRAM_LIMIT_MM`], mm.
 pub(super) const BIN_MM: f64 = 0.25;
 pub(super) const HISTOGRAM_LIMIT_MM: f64 = 3.0;
-/// Standard deviation of the Gaussian neighbourhood that [`ErrorMap::smoothed`] averages over, mm.
+/// Standard deviation of the Gaussian neighbourhood that `ErrorMap::smoothed` averages over, mm.
 pub(super) const SMOOTHED_MM: f64 = 5.0;
 /// Area-weighted mean cosine between the normals below which the surfaces face opposite ways.
 pub(super) const OPPOSITE: f64 = -0.2;

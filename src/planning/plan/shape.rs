@@ -108,7 +108,7 @@ impl Cut {
     /// An endless plane becomes a square that reaches `reach` mm to each side of its point nearest to `centre` (LPS mm).
     ///
     /// # Errors
-    /// [`PlanError::Cut`] for a value that is not allowed, as in [`super::cut`]; it calls the cut by its name, or `cut {index}`.
+    /// [`PlanError::Cut`] for a value that is not allowed, as in [`cut`](super::cut()); it calls the cut by its name, or `cut {index}`.
     pub fn surface(&self, index: usize, centre: &Point, reach: f64) -> Result<Option<TriMesh>, PlanError> {
         self.check(index)?;
         Ok(match &self.shape {

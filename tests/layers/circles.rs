@@ -84,7 +84,7 @@ fn absolute(module: &Module, path: &[String]) -> Module {
 
 /// The files of a package with the files that each imports, both by module. A name that a module publishes counts for the file
 /// that it comes from.
-pub fn imports(files: &[(&Path, String)]) -> BTreeMap<Module, BTreeSet<Module>> {
+pub(crate) fn imports(files: &[(&Path, String)]) -> BTreeMap<Module, BTreeSet<Module>> {
     let named: BTreeMap<Module, Vec<Named>> =
         files.iter().map(|(file, text)| (module_of(file), paths_named(text))).collect();
     let owner = |path: &Module| (0..=path.len()).rev().map(|n| path[..n].to_vec()).find(|m| named.contains_key(m));
@@ -107,7 +107,7 @@ pub fn imports(files: &[(&Path, String)]) -> BTreeMap<Module, BTreeSet<Module>> 
 }
 
 /// The groups of files that import each other, directly or by others.
-pub fn circles(imports: &BTreeMap<Module, BTreeSet<Module>>) -> Vec<Vec<String>> {
+pub(crate) fn circles(imports: &BTreeMap<Module, BTreeSet<Module>>) -> Vec<Vec<String>> {
     let reach = |from: &Module| {
         let (mut seen, mut waiting) = (BTreeSet::new(), vec![from]);
         while let Some(module) = waiting.pop() {
@@ -127,7 +127,7 @@ pub fn circles(imports: &BTreeMap<Module, BTreeSet<Module>>) -> Vec<Vec<String>>
 }
 
 /// The circles of a package whose files lie in `folder`.
-pub fn circles_of(
+pub(crate) fn circles_of(
     folder: &Path,
     files: &[std::path::PathBuf],
     production: impl Fn(&str) -> String,

@@ -126,7 +126,8 @@ mod tests {
             known_compliance: vec![vec![3, 4], vec![1]],
         };
         let checkpoint = PathCheckpoint { k: 3, begin: Some(vec![(1, motion)]), solver };
-        let stored = StoredCheckpoint::new(checkpoint, (2.5, vec!["told".to_owned()]), "skin".to_owned());
+        let warning: WarningDocument = prosopon_geometry::Warning::check("gap", "a wide gap").into();
+        let stored = StoredCheckpoint::new(checkpoint, (2.5, &[warning.clone()]), "skin".to_owned());
         let bytes = stored.encode().unwrap();
         assert_eq!(StoredCheckpoint::decode(&bytes).unwrap(), stored);
         assert_eq!(StoredCheckpoint::decode(&bytes).unwrap().encode().unwrap(), bytes);

@@ -17,7 +17,7 @@ use prosopon_planning::plan::{
 use prosopon_planning::simulate::{Attached, Frame, LeftOut, Outcome, RegionMotion, SimulateError};
 use prosopon_planning::surface::{CtSettings, CtSurfaces};
 use prosopon_session::{Case, Engine, Numerics, Run, RunWatch, SceneRun, SceneSolved, TissueRequest};
-use prosopon_tissue::fem::{SavedState, SolveSettings, StepOutcome, StepReport};
+use prosopon_tissue::fem::{SolveSettings, StartState, StepOutcome, StepReport};
 use prosopon_tissue::mesh::MeshReport;
 
 use crate::support::shapes::cube;
@@ -147,14 +147,14 @@ impl Engine for StandIn {
         })
     }
 
-    fn fields(&self, case: &Case, control: &Control) -> Result<(FieldReport, FieldReport, Vec<String>), Halt> {
+    fn fields(&self, case: &Case, control: &Control) -> Result<(FieldReport, FieldReport, Vec<Warning>), Halt> {
         control.report(0.5);
         self.planted()?;
         if case.anatomy.skull.area() > case.anatomy.skin.area() {
             let detail = "the skull lies outside the skin".to_owned();
             return Err(SimulateError::Anatomy { detail }.into());
         }
-        Ok((field_report(), field_report(), vec!["the skull has crumbs".to_owned()]))
+        Ok((field_report(), field_report(), vec![Warning::check("stand-in", "the skull has crumbs")]))
     }
 
     fn distances(&self, _: &Case, solid: Solid, points: &[Point], _: &Control) -> Result<Vec<(f64, Vector)>, Halt> {
